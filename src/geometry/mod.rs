@@ -1,0 +1,10 @@
+//! Poses, boxes and planes, in f64 and metres. Transforms are named `tracking_from_sensor`: they take sensor coordinates
+//! and give tracking coordinates, so neighbours in a product share a name.
+
+mod aabb;
+mod plane;
+mod pose;
+
+pub use aabb::Aabb;
+pub use plane::Plane;
+pub use pose::{Pose, PoseError};

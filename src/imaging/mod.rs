@@ -1,0 +1,5 @@
+//! Sweeps and poses → evidence in space.
+
+mod volume;
+
+pub use volume::Volume;

@@ -1,0 +1,13 @@
+//! Sees the room around a VR headset with a 60 GHz radar and warns of obstacles, chaperone-style.
+//!
+//! A121 sweeps and headset poses become observations; the engine images them by synthetic aperture from arbitrary head
+//! motion, finds obstacles and hands on warnings. The rooms below only use rooms further down; ARCHITECTURE.md draws it.
+#![warn(missing_docs)]
+
+pub mod geometry;
+pub mod imaging;
+pub mod obstacles;
+pub mod radar;
+pub mod recording;
+pub mod tracking;
+pub mod warning;

@@ -1,0 +1,199 @@
+//! The beam: how much weaker a reflector appears away from the boresight.
+//!
+//! One figure for both planes: A(θ) is the two-way amplitude factor, which equals the one-way power pattern. No pattern of
+//! the bare A121 is published; the lensless half-power width is that of the A111 (60°), lenses are the means of both planes
+//! of the vendor's lens kit at its shorter focal distance. So it is a setting.
+
+use serde::{Deserialize, Serialize};
+
+/// A beam that cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BeamError {
+    /// No such name.
+    #[error(
+        "beam \"{0}\" is not known: use uniform, thesis, lensless, fresnel, hyperbolic, or a table of [angle_deg, factor]"
+    )]
+    UnknownName(String),
+    /// Too short to interpolate.
+    #[error("beam table has {0} rows: give at least 2 of [angle_deg, factor]")]
+    TooShort(usize),
+    /// A row that makes no sense.
+    #[error("beam table row {row} is [{angle_deg}, {factor}]: angles must rise within 0 to 180, factors lie in 0 to 1")]
+    BadRow {
+        /// Which row, from 0.
+        row: usize,
+        /// Its angle.
+        angle_deg: f64,
+        /// Its factor.
+        factor: f64,
+    },
+}
+
+/// Amplitude against the angle to the boresight.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Written", into = "Written")]
+pub enum Beam {
+    /// A = 1 everywhere.
+    Uniform,
+    /// The thesis' kind: a lens' lobe (half at 20°), total suppression beyond 45°. Its figure 3.3 gives no numbers; the
+    /// lobe's width is read off its text and lens.
+    Thesis,
+    /// No lens: half at 30°, nothing behind the sensor.
+    Lensless,
+    /// Fresnel lens: half at 11.75°, +5.7 dB loop gain.
+    Fresnel,
+    /// Hyperbolic lens: half at 13.75°, +5.8 dB loop gain.
+    Hyperbolic,
+    /// Rows of angle (degrees, rising) and factor (0 to 1), linear between, 0 beyond the last.
+    Table(Vec<[f64; 2]>),
+}
+
+/// How settings and recordings spell a beam.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum Written {
+    Name(String),
+    Table(Vec<[f64; 2]>),
+}
+
+impl TryFrom<Written> for Beam {
+    type Error = BeamError;
+    fn try_from(written: Written) -> Result<Self, BeamError> {
+        match written {
+            Written::Name(name) => Self::named(&name),
+            Written::Table(rows) => Self::from_table(rows),
+        }
+    }
+}
+
+impl From<Beam> for Written {
+    fn from(beam: Beam) -> Self {
+        match beam {
+            Beam::Uniform => Self::Name("uniform".into()),
+            Beam::Thesis => Self::Name("thesis".into()),
+            Beam::Lensless => Self::Name("lensless".into()),
+            Beam::Fresnel => Self::Name("fresnel".into()),
+            Beam::Hyperbolic => Self::Name("hyperbolic".into()),
+            Beam::Table(rows) => Self::Table(rows),
+        }
+    }
+}
+
+impl Beam {
+    /// The beam of that name.
+    ///
+    /// # Errors
+    /// No such beam.
+    pub fn named(name: &str) -> Result<Self, BeamError> {
+        match name {
+            "uniform" => Ok(Self::Uniform),
+            "thesis" => Ok(Self::Thesis),
+            "lensless" => Ok(Self::Lensless),
+            "fresnel" => Ok(Self::Fresnel),
+            "hyperbolic" => Ok(Self::Hyperbolic),
+            other => Err(BeamError::UnknownName(other.into())),
+        }
+    }
+
+    /// A measured beam.
+    ///
+    /// # Errors
+    /// Fewer than two rows, angles that do not rise, values out of bounds or not finite.
+    pub fn from_table(rows: Vec<[f64; 2]>) -> Result<Self, BeamError> {
+        if rows.len() < 2 {
+            return Err(BeamError::TooShort(rows.len()));
+        }
+        for (row, &[angle_deg, factor]) in rows.iter().enumerate() {
+            let rises = row == 0 || angle_deg > rows[row - 1][0];
+            if !rises || !(0.0..=180.0).contains(&angle_deg) || !(0.0..=1.0).contains(&factor) {
+                return Err(BeamError::BadRow { row, angle_deg, factor });
+            }
+        }
+        Ok(Self::Table(rows))
+    }
+
+    /// Two-way amplitude factor at the angle whose cosine is given; 0 beyond the cut-off.
+    pub fn amplitude(&self, cos_off_boresight: f64) -> f64 {
+        let angle_deg = cos_off_boresight.clamp(-1.0, 1.0).acos().to_degrees();
+        let lobe = |half_deg: f64, cut_deg: f64| {
+            if angle_deg > cut_deg { 0.0 } else { 0.5f64.powf((angle_deg / half_deg).powi(2)) }
+        };
+        match self {
+            Self::Uniform => 1.0,
+            Self::Thesis => lobe(20.0, 45.0),
+            Self::Lensless => lobe(30.0, 90.0),
+            Self::Fresnel => lobe(11.75, 90.0),
+            Self::Hyperbolic => lobe(13.75, 90.0),
+            Self::Table(rows) => interpolate(rows, angle_deg),
+        }
+    }
+
+    /// Cosine of the widest angle whose amplitude is at least `floor`, found to 0.05°; −1 if the beam never falls below.
+    pub fn cos_where_amplitude_falls_below(&self, floor: f64) -> f64 {
+        let steps = (0..=3600).map(|i| f64::from(i) * 0.05f64);
+        let widest = steps.take_while(|deg| self.amplitude(deg.to_radians().cos()) >= floor).last();
+        widest.map_or(1.0, |deg| deg.to_radians().cos())
+    }
+
+    /// Loop gain that the lens adds on the axis, dB.
+    pub fn gain_db(&self) -> f64 {
+        match self {
+            Self::Fresnel => 5.7,
+            Self::Hyperbolic => 5.8,
+            Self::Uniform | Self::Thesis | Self::Lensless | Self::Table(_) => 0.0,
+        }
+    }
+}
+
+fn interpolate(rows: &[[f64; 2]], angle_deg: f64) -> f64 {
+    let above = rows.partition_point(|row| row[0] < angle_deg);
+    match above {
+        0 => rows[0][1],
+        n if n == rows.len() => 0.0,
+        n => {
+            let ([a, fa], [b, fb]) = (rows[n - 1], rows[n]);
+            fa + (fb - fa) * (angle_deg - a) / (b - a)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(beam: &Beam, deg: f64) -> f64 {
+        beam.amplitude(deg.to_radians().cos())
+    }
+
+    #[test]
+    fn the_thesis_beam_suppresses_beyond_45_degrees() {
+        assert!(at(&Beam::Thesis, 44.9) > 0.0);
+        assert_eq!(at(&Beam::Thesis, 45.1), 0.0);
+        assert_eq!(at(&Beam::Uniform, 179.0), 1.0);
+        assert!((at(&Beam::Lensless, 30.0) - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_table_is_interpolated_and_ends() {
+        let beam = Beam::from_table(vec![[0.0, 1.0], [20.0, 0.5], [40.0, 0.1]]).unwrap();
+        assert!((at(&beam, 10.0) - 0.75).abs() < 1e-9);
+        assert_eq!(at(&beam, 41.0), 0.0);
+        assert!((beam.cos_where_amplitude_falls_below(0.5).acos().to_degrees() - 20.0).abs() < 0.06);
+    }
+
+    #[test]
+    fn bad_tables_and_names_are_refused() {
+        assert!(matches!(Beam::from_table(vec![[0.0, 1.0]]), Err(BeamError::TooShort(1))));
+        assert!(matches!(Beam::from_table(vec![[0.0, 1.0], [0.0, 0.5]]), Err(BeamError::BadRow { row: 1, .. })));
+        assert!(matches!(Beam::from_table(vec![[0.0, 1.0], [5.0, f64::NAN]]), Err(BeamError::BadRow { row: 1, .. })));
+        assert!(Beam::named("laser").unwrap_err().to_string().contains("lensless"));
+    }
+
+    #[test]
+    fn settings_spell_a_name_or_a_table() {
+        let beam: Beam = serde_json::from_str("\"fresnel\"").unwrap();
+        assert_eq!(beam, Beam::Fresnel);
+        let beam: Beam = serde_json::from_str("[[0, 1], [30, 0.25]]").unwrap();
+        assert_eq!(serde_json::to_string(&beam).unwrap(), "[[0.0,1.0],[30.0,0.25]]");
+    }
+}

@@ -1,0 +1,42 @@
+//! The signal model, eq. 3.3 of the thesis: a point reflector seen by one range point.
+
+use num_complex::Complex64;
+
+use super::{PHASE_RAD_PER_M, Profile};
+
+/// Gaussian amplitude envelope E at a distance from its middle: 1 there, ½ at half the profile's FWHM.
+pub fn envelope(profile: Profile, offset_m: f64) -> f64 {
+    let x = offset_m / profile.envelope_fwhm_m();
+    (-4.0 * std::f64::consts::LN_2 * x * x).exp()
+}
+
+/// Amplitude falloff D(d) = 1/d² (eq. 3.4). Infinite at 0: callers skip ranges at or below 0.
+pub fn distance_falloff(distance_m: f64) -> f64 {
+    1.0 / (distance_m * distance_m)
+}
+
+/// Eq. 3.3: what a point at `range_m` shows of a reflector at `distance_m` and the beam's amplitude factor there.
+/// Phase grows with distance, as measured on the sensor.
+pub fn template(profile: Profile, range_m: f64, distance_m: f64, beam_amplitude: f64) -> Complex64 {
+    let amplitude = envelope(profile, range_m - distance_m) * distance_falloff(distance_m) * beam_amplitude;
+    Complex64::from_polar(amplitude, PHASE_RAD_PER_M * distance_m)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_envelope_halves_at_half_its_width() {
+        for profile in Profile::ALL {
+            assert!((envelope(profile, profile.envelope_fwhm_m() / 2.0) - 0.5).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn half_a_wavelength_of_range_turns_the_phase_once() {
+        let a = template(Profile::P3, 1.0, 1.0, 1.0);
+        let b = template(Profile::P3, 1.0, 1.0 + super::super::WAVELENGTH_M / 2.0, 1.0);
+        assert!((a.arg() - b.arg()).abs() < 1e-9);
+    }
+}

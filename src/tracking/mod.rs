@@ -1,0 +1,10 @@
+//! Where the sensor was: pose history, interpolation to a sweep's own time, mount, time offset between the streams.
+
+mod history;
+mod local_fit;
+mod observer;
+mod sample;
+
+pub use history::{HistorySettings, NoPose, PoseHistory, SmoothPose};
+pub use observer::{Observer, ObserverCounters, ObserverSettings};
+pub use sample::{PoseRefusal, PoseSample, TrackingResult};

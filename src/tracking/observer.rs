@@ -1,0 +1,291 @@
+//! Joins the two streams: frames and poses in, observations out.
+//!
+//! A frame waits until the poses around its sweeps are there (half the smoothing window past its end), then each sweep
+//! gets the sensor's pose at its own time: pose time = sweep time + time offset. Frames that never get poses are counted.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use num_complex::Complex32;
+use serde::{Deserialize, Serialize};
+
+use super::{HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
+use crate::geometry::Pose;
+use crate::radar::{Frame, FrameLayout, Observation, RangeAxis, SensorConfig, Sweep, SweepGeometry};
+
+/// Frames that wait for poses at most: half a second of the fastest ones. The oldest goes first.
+const MAX_WAITING_FRAMES: usize = 256;
+
+/// How the streams are joined.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ObserverSettings {
+    /// How poses become a path.
+    pub history: HistorySettings,
+    /// Where the sensor's phase centre sits on the head, a full rigid transform.
+    pub head_from_sensor: Pose,
+    /// Added to a sweep's time to get the time of its pose, seconds.
+    pub time_offset_s: f64,
+}
+
+/// What came and what was left out, by reason.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ObserverCounters {
+    /// Frames taken in.
+    pub frames: u64,
+    /// Observations given out (sweeps × subsweeps).
+    pub observations: u64,
+    /// Poses taken in.
+    pub poses: u64,
+    /// Poses marked invalid, out of range or not tracking.
+    pub poses_invalid: u64,
+    /// Poses with numbers that make no pose: NaN, infinite, zero quaternion.
+    pub poses_bad_numbers: u64,
+    /// Poses not later than the one before.
+    pub poses_time_not_rising: u64,
+    /// Frames skipped: saturated samples.
+    pub frames_saturated: u64,
+    /// Frames skipped: not as long as the configuration says.
+    pub frames_wrong_length: u64,
+    /// Frames skipped: not later than the one before.
+    pub frames_time_not_rising: u64,
+    /// Frames dropped: too many were waiting for poses.
+    pub frames_dropped_waiting: u64,
+    /// Frames without a pose for any sweep.
+    pub frames_without_pose: u64,
+    /// Sweeps skipped: before the first or after the last pose.
+    pub sweeps_outside_poses: u64,
+    /// Sweeps skipped: in a gap between poses.
+    pub sweeps_in_pose_gap: u64,
+    /// Sweeps skipped: beside an invalid pose.
+    pub sweeps_at_invalid_pose: u64,
+}
+
+/// Joins frames and poses of one configuration.
+#[derive(Debug)]
+pub struct Observer {
+    settings: ObserverSettings,
+    layout: FrameLayout,
+    geometries: Vec<Arc<SweepGeometry>>,
+    history: PoseHistory,
+    waiting: VecDeque<Frame>,
+    last_frame_time_ns: Option<i64>,
+    counters: ObserverCounters,
+}
+
+impl Observer {
+    /// For frames of a sound configuration.
+    pub fn new(config: &SensorConfig, settings: ObserverSettings) -> Self {
+        let layout = FrameLayout::of(config);
+        let geometries = config.subsweeps.iter().zip(&layout.timing().subsweeps).enumerate();
+        let geometries = geometries.map(|(index, (subsweep, &(_, point_period_s)))| {
+            Arc::new(SweepGeometry {
+                subsweep: index,
+                axis: RangeAxis::of(subsweep),
+                profile: subsweep.profile,
+                point_period_s,
+            })
+        });
+        Self {
+            geometries: geometries.collect(),
+            layout,
+            history: PoseHistory::new(settings.history),
+            settings,
+            waiting: VecDeque::new(),
+            last_frame_time_ns: None,
+            counters: ObserverCounters::default(),
+        }
+    }
+
+    /// What was taken and left out so far.
+    pub fn counters(&self) -> &ObserverCounters {
+        &self.counters
+    }
+
+    /// The newest valid pose of the head and its time.
+    pub fn head(&self) -> Option<(i64, Pose)> {
+        self.history.last_pose()
+    }
+
+    /// Takes a pose; a bad one is counted and used no further.
+    pub fn push_pose(&mut self, sample: &PoseSample) {
+        self.counters.poses += 1;
+        match self.history.push(sample) {
+            Ok(()) => {}
+            Err(PoseRefusal::Invalid | PoseRefusal::Result(_)) => self.counters.poses_invalid += 1,
+            Err(PoseRefusal::Numbers(_)) => self.counters.poses_bad_numbers += 1,
+            Err(PoseRefusal::TimeNotRising { .. }) => self.counters.poses_time_not_rising += 1,
+        }
+    }
+
+    /// Takes a frame; a bad one is counted and used no further.
+    pub fn push_frame(&mut self, frame: Frame) {
+        self.counters.frames += 1;
+        if frame.samples.len() != self.layout.samples_per_frame() {
+            self.counters.frames_wrong_length += 1;
+            return;
+        }
+        if self.last_frame_time_ns.is_some_and(|before| frame.host_time_ns <= before) {
+            self.counters.frames_time_not_rising += 1;
+            return;
+        }
+        self.last_frame_time_ns = Some(frame.host_time_ns);
+        if frame.data_saturated {
+            self.counters.frames_saturated += 1;
+            return;
+        }
+        if self.waiting.len() == MAX_WAITING_FRAMES {
+            self.waiting.pop_front();
+            self.counters.frames_dropped_waiting += 1;
+        }
+        self.waiting.push_back(frame);
+    }
+
+    /// Observations of all frames whose poses are complete.
+    pub fn take_ready(&mut self) -> Vec<Observation> {
+        let Some(newest_ns) = self.history.last_time_ns() else { return Vec::new() };
+        // Neighbours up to the allowed gap may still be to come.
+        let settings = &self.settings.history;
+        let ahead_ns = ((settings.smoothing_window_s * 0.5).max(0.02) * 1e9) as i64;
+        let complete_until_ns = newest_ns.saturating_sub(ahead_ns).saturating_sub(self.offset_ns());
+        let mut observations = Vec::new();
+        while self.waiting.front().is_some_and(|f| f.host_time_ns <= complete_until_ns) {
+            if let Some(frame) = self.waiting.pop_front() {
+                self.observe(&frame, &mut observations);
+            }
+        }
+        observations
+    }
+
+    /// Observations of everything still waiting: no more poses will come.
+    pub fn take_rest(&mut self) -> Vec<Observation> {
+        let mut observations = Vec::new();
+        for frame in std::mem::take(&mut self.waiting) {
+            self.observe(&frame, &mut observations);
+        }
+        observations
+    }
+
+    fn offset_ns(&self) -> i64 {
+        (self.settings.time_offset_s * 1e9).round() as i64
+    }
+
+    fn observe(&mut self, frame: &Frame, observations: &mut Vec<Observation>) {
+        let before = observations.len();
+        let offset_ns = self.offset_ns();
+        if let Some(sweeps) = self.layout.sweeps(frame) {
+            for sweep in sweeps {
+                let geometry = &self.geometries[sweep.subsweep];
+                match observe_sweep(&sweep, geometry, &self.history, offset_ns, &self.settings.head_from_sensor) {
+                    Ok(observation) => observations.push(observation),
+                    Err(NoPose::Outside) => self.counters.sweeps_outside_poses += 1,
+                    Err(NoPose::Gap(_)) => self.counters.sweeps_in_pose_gap += 1,
+                    Err(NoPose::Invalid) => self.counters.sweeps_at_invalid_pose += 1,
+                }
+            }
+        }
+        let made = (observations.len() - before) as u64;
+        self.counters.observations += made;
+        self.counters.frames_without_pose += u64::from(made == 0);
+        // Older poses than the window before this frame serve nobody any more.
+        let keep_ns = ((self.settings.history.smoothing_window_s + self.settings.history.max_gap_s + 0.5) * 1e9) as i64;
+        self.history.forget_before((frame.host_time_ns + offset_ns).saturating_sub(keep_ns));
+    }
+}
+
+fn observe_sweep(
+    sweep: &Sweep,
+    geometry: &Arc<SweepGeometry>,
+    history: &PoseHistory,
+    offset_ns: i64,
+    head_from_sensor: &Pose,
+) -> Result<Observation, NoPose> {
+    let half_s = (sweep.samples.len() as f64 - 1.0) * 0.5 * sweep.point_period_s;
+    let mid_time_ns = sweep.first_point_time_ns.saturating_add((half_s * 1e9).round() as i64);
+    let head = history.at(mid_time_ns.saturating_add(offset_ns))?;
+    let arm = head.tracking_from_head.transform_vector(head_from_sensor.translation);
+    Ok(Observation {
+        mid_time_ns,
+        tracking_from_sensor: head.tracking_from_head * *head_from_sensor,
+        velocity_m_per_s: head.velocity_m_per_s + head.angular_velocity_rad_per_s.cross(arm),
+        geometry: Arc::clone(geometry),
+        samples: sweep.samples.iter().map(|s| Complex32::new(f32::from(s.re), f32::from(s.im))).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::radar::preset;
+    use glam::{DQuat, DVec3};
+    use num_complex::Complex;
+
+    const MS: i64 = 1_000_000;
+
+    fn frame(host_time_ns: i64) -> Frame {
+        Frame {
+            tick: host_time_ns / 1000,
+            host_time_ns,
+            temperature_c: 30,
+            data_saturated: false,
+            frame_delayed: false,
+            calibration_needed: false,
+            samples: vec![Complex::new(3, -4); 300],
+        }
+    }
+
+    fn observer(head_from_sensor: Pose, time_offset_s: f64) -> Observer {
+        let settings = ObserverSettings { history: HistorySettings::default(), head_from_sensor, time_offset_s };
+        Observer::new(&preset("fine").unwrap(), settings)
+    }
+
+    #[test]
+    fn the_mount_and_the_offset_are_applied_at_the_sweeps_own_time() {
+        let mount = Pose::new(DVec3::new(0.0, 0.02, -0.1), DQuat::from_rotation_x(-0.2));
+        let mut observer = observer(mount, 0.020);
+        for i in 0..60 {
+            let head = Pose::new(DVec3::new(i as f64 * 0.01, 1.6, 0.0), DQuat::from_rotation_y(0.5));
+            observer.push_pose(&PoseSample::valid(i * 10 * MS, &head));
+        }
+        observer.push_frame(frame(300 * MS));
+        let observed = observer.take_ready();
+        assert_eq!(observed.len(), 1);
+        let observation = &observed[0];
+        let pose_time_s = observation.mid_time_ns as f64 * 1e-9 + 0.020;
+        let head = Pose::new(DVec3::new(pose_time_s, 1.6, 0.0), DQuat::from_rotation_y(0.5));
+        let expected = head * mount;
+        assert!((observation.tracking_from_sensor.translation - expected.translation).length() < 1e-6);
+        assert!((observation.velocity_m_per_s - DVec3::X).length() < 1e-6);
+        assert!(observation.mid_time_ns < 300 * MS);
+    }
+
+    #[test]
+    fn bad_frames_are_counted_and_left_out() {
+        let mut observer = observer(Pose::IDENTITY, 0.0);
+        for i in 0..60 {
+            observer.push_pose(&PoseSample::valid(i * 10 * MS, &Pose::IDENTITY));
+        }
+        observer.push_frame(Frame { samples: vec![], ..frame(100 * MS) });
+        observer.push_frame(Frame { data_saturated: true, ..frame(110 * MS) });
+        observer.push_frame(frame(120 * MS));
+        observer.push_frame(frame(120 * MS));
+        observer.push_frame(frame(90 * MS));
+        observer.push_frame(frame(900 * MS));
+        assert_eq!(observer.take_ready().len(), 1);
+        assert_eq!(observer.take_rest().len(), 0);
+        let counters = observer.counters();
+        assert_eq!(counters.frames_wrong_length, 1);
+        assert_eq!(counters.frames_saturated, 1);
+        assert_eq!(counters.frames_time_not_rising, 2);
+        assert_eq!(counters.frames_without_pose, 1);
+        assert_eq!(counters.sweeps_outside_poses, 1);
+    }
+
+    #[test]
+    fn waiting_frames_are_bounded() {
+        let mut observer = observer(Pose::IDENTITY, 0.0);
+        for i in 0..1000 {
+            observer.push_frame(frame((i + 1) * MS));
+        }
+        assert_eq!(observer.counters().frames_dropped_waiting, 1000 - MAX_WAITING_FRAMES as u64);
+    }
+}

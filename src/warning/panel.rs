@@ -1,0 +1,53 @@
+//! What is drawn for an obstacle: an upright panel at its near side, and its footprint on the floor.
+
+use glam::DVec2;
+
+use crate::geometry::Pose;
+
+/// What a panel stands for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PanelKind {
+    /// An object: its silhouette is drawn into the grid.
+    Object,
+    /// A wall: the grid alone.
+    Wall,
+}
+
+/// An upright quad in the room. Its texture depends on all fields but `alpha`, `distance_m` and the pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Panel {
+    /// The obstacle or wall it warns of.
+    pub id: u64,
+    /// Object or wall.
+    pub kind: PanelKind,
+    /// Middle of the quad; +x to the right and +y up on it, +z out of its front, towards the head.
+    pub tracking_from_panel: Pose,
+    /// Width and height, metres.
+    pub size_m: DVec2,
+    /// Silhouette as discs on the panel: middle (panel x, y, metres from the middle) and radius, metres.
+    pub silhouette: Vec<(DVec2, f64)>,
+    /// Brightness, 0 (not drawn) to 1.
+    pub alpha: f32,
+    /// From the head to the nearest side of the obstacle, metres.
+    pub distance_m: f64,
+}
+
+/// Where an obstacle stands on the floor (y = 0): a convex polygon of x and z, counter-clockwise seen from above (+y), metres.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Footprint {
+    /// The obstacle it belongs to.
+    pub id: u64,
+    /// Corners as (x, z).
+    pub corners_xz_m: Vec<DVec2>,
+    /// Brightness, 0 to 1.
+    pub alpha: f32,
+}
+
+/// Everything to draw for one head pose; brightest first, dark ones left out.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Warnings {
+    /// Panels.
+    pub panels: Vec<Panel>,
+    /// Footprints.
+    pub footprints: Vec<Footprint>,
+}
