@@ -1,0 +1,17 @@
+//! Rooms, motions, tracking error and radar noise → the same frames and poses that the real ones give, with the truth.
+//!
+//! Physics with seeds: it shares constants with the reconstruction (wavelength, pulse widths, loop gains), not its code.
+//! Not simulated: multipath, leakage from transmitter to receiver, timing drift, people.
+
+mod motion;
+mod receiver;
+mod room;
+mod scenario;
+mod scenes;
+mod tracker;
+
+pub use motion::{MOTIONS, Motion, MotionError};
+pub use room::{Room, Scatterer, Thing, WallPanel};
+pub use scenario::{Scenario, ScenarioError, Simulated};
+pub use scenes::{SCENES, Scene, SceneError, scene};
+pub use tracker::TrackingErrors;

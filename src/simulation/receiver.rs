@@ -1,0 +1,183 @@
+//! What the radar's converter puts out: echoes of every scatterer and wall at each point's own sampling time, receiver
+//! noise, 16-bit quantisation, saturation.
+
+use glam::DVec3;
+use num_complex::{Complex, Complex64};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::Room;
+use crate::geometry::Pose;
+use crate::radar::{Beam, CARRIER_HZ, RangeAxis, SPEED_OF_LIGHT_M_PER_S, Subsweep, noise_rms_lsb, snr_db};
+
+/// Echoes below this share of the noise are left out: −40 dB.
+const NEGLIGIBLE_SHARE_OF_NOISE: f64 = 0.01;
+
+/// A subsweep's receiver in a room.
+pub(super) struct Receiver<'a> {
+    pub room: &'a Room,
+    pub subsweep: &'a Subsweep,
+    pub beam: &'a Beam,
+    /// Added to every cross-section, dB.
+    pub rcs_offset_db: f64,
+    /// Receiver noise on or off.
+    pub noise: bool,
+}
+
+/// One echo at the middle of a sweep.
+struct Echo {
+    /// Where it comes from; `None`: the mirror point of a wall.
+    source: Source,
+    /// Amplitude at the envelope's peak, LSB.
+    amplitude: f64,
+    phase_rad: f64,
+    mid_distance_m: f64,
+}
+
+enum Source {
+    Point(DVec3),
+    Mirror(usize),
+}
+
+impl Receiver<'_> {
+    fn amplitude_lsb(&self, rcs_dbsm: f64, distance_m: f64, cos_off_boresight: f64) -> f64 {
+        let snr = snr_db(self.subsweep.profile, self.subsweep.hwaas, rcs_dbsm + self.rcs_offset_db, distance_m)
+            + self.beam.gain_db();
+        noise_rms_lsb(self.subsweep) * 10f64.powf(snr / 20.0) * self.beam.amplitude(cos_off_boresight)
+    }
+
+    fn echoes(&self, sensor: &Pose) -> Vec<Echo> {
+        let mut echoes = Vec::new();
+        let floor = NEGLIGIBLE_SHARE_OF_NOISE * noise_rms_lsb(self.subsweep);
+        for scatterer in self.room.scatterers() {
+            let to = scatterer.position_m - sensor.translation;
+            let distance_m = to.length();
+            if distance_m < 1e-3 {
+                continue;
+            }
+            let direction = to / distance_m;
+            let rcs = scatterer.rcs_towards_dbsm(-direction);
+            let amplitude = self.amplitude_lsb(rcs, distance_m, direction.dot(sensor.forward()));
+            if amplitude > floor {
+                let source = Source::Point(scatterer.position_m);
+                echoes.push(Echo { source, amplitude, phase_rad: scatterer.phase_rad, mid_distance_m: distance_m });
+            }
+        }
+        for (index, wall) in self.room.walls.iter().enumerate() {
+            let distance_m = wall.plane.distance(sensor.translation);
+            if distance_m < 1e-3 || wall.extent.distance(wall.plane.foot(sensor.translation)) > 1e-6 {
+                continue;
+            }
+            let cos = wall.plane.outward.dot(sensor.forward());
+            let amplitude = self.amplitude_lsb(wall.equivalent_rcs_dbsm(distance_m), distance_m, cos);
+            if amplitude > floor {
+                let source = Source::Mirror(index);
+                echoes.push(Echo { source, amplitude, phase_rad: 0.0, mid_distance_m: distance_m });
+            }
+        }
+        echoes
+    }
+
+    fn distance_m(&self, echo: &Echo, position: DVec3) -> f64 {
+        match echo.source {
+            Source::Point(at) => at.distance(position),
+            Source::Mirror(wall) => self.room.walls[wall].plane.distance(position),
+        }
+    }
+
+    /// Appends one sweep's samples; `sensor_at` gives the pose at a time after the sweep's first point, seconds. Returns
+    /// whether a sample saturated.
+    pub fn sweep(
+        &self,
+        sensor_at: impl Fn(f64) -> Pose,
+        point_period_s: f64,
+        rng: &mut ChaCha8Rng,
+        samples: &mut Vec<Complex<i16>>,
+    ) -> bool {
+        let axis = RangeAxis::of(self.subsweep);
+        let last = axis.points.saturating_sub(1) as f64;
+        let (start, end) = (sensor_at(0.0), sensor_at(last * point_period_s));
+        let middle = sensor_at(0.5 * last * point_period_s);
+        let mut signal = vec![Complex64::ZERO; axis.points];
+        let width_m = self.subsweep.profile.envelope_fwhm_m();
+        for echo in self.echoes(&middle) {
+            // Beyond 1.6 widths the pulse is 60 dB down; 2 cm more for what moves within a sweep.
+            let reach_m = 1.6 * width_m + 0.02;
+            let first = axis.point_at(echo.mid_distance_m - reach_m).ceil().max(0.0) as usize;
+            let beyond = (axis.point_at(echo.mid_distance_m + reach_m).floor() + 1.0).clamp(0.0, axis.points as f64);
+            for (n, sample) in signal.iter_mut().enumerate().take(beyond as usize).skip(first) {
+                // Within one sweep (≤ 6 ms) the path is straight.
+                let share = if last > 0.0 { n as f64 / last } else { 0.0 };
+                let distance_m = self.distance_m(&echo, start.translation.lerp(end.translation, share));
+                let off = (axis.range_m(n) - distance_m) / width_m;
+                let amplitude = echo.amplitude * 0.5f64.powf(4.0 * off * off);
+                let turns = 2.0 * distance_m * CARRIER_HZ / SPEED_OF_LIGHT_M_PER_S;
+                *sample += Complex64::from_polar(amplitude, std::f64::consts::TAU * turns.fract() + echo.phase_rad);
+            }
+        }
+        let per_axis = if self.noise { noise_rms_lsb(self.subsweep) / 2f64.sqrt() } else { 0.0 };
+        let mut saturated = false;
+        for value in signal {
+            let mut convert = |v: f64| {
+                let noise: f64 = StandardNormal.sample(rng);
+                let level = (v + per_axis * noise).round();
+                saturated |= !(f64::from(i16::MIN)..=f64::from(i16::MAX)).contains(&level);
+                level as i16
+            };
+            samples.push(Complex::new(convert(value.re), convert(value.im)));
+        }
+        saturated
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Scatterer, Thing};
+    use super::*;
+    use crate::radar::{Profile, WAVELENGTH_M};
+    use rand::SeedableRng;
+
+    fn room(rcs_dbsm: f64, z: f64) -> Room {
+        let scatterer = Scatterer { position_m: DVec3::new(0.0, 0.0, -z), rcs_dbsm, lobe: DVec3::ZERO, phase_rad: 0.0 };
+        Room { things: vec![Thing { name: "point".into(), scatterers: vec![scatterer] }], walls: Vec::new() }
+    }
+
+    fn subsweep() -> Subsweep {
+        Subsweep { num_points: 300, step_length: 4, hwaas: 16, ..Default::default() }
+    }
+
+    fn sweep(room: &Room, noise: bool, seed: u64) -> (Vec<Complex<i16>>, bool) {
+        let subsweep = subsweep();
+        let receiver = Receiver { room, subsweep: &subsweep, beam: &Beam::Uniform, rcs_offset_db: 0.0, noise };
+        let mut samples = Vec::new();
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let saturated = receiver.sweep(|_| Pose::IDENTITY, 1e-5, &mut rng, &mut samples);
+        (samples, saturated)
+    }
+
+    #[test]
+    fn an_echo_has_its_place_strength_and_phase() {
+        let axis = RangeAxis::of(&subsweep());
+        let range = axis.range_m(100);
+        let (samples, saturated) = sweep(&room(0.0, range), false, 1);
+        assert!(!saturated);
+        let power = |s: &Complex<i16>| f64::from(s.re).hypot(f64::from(s.im));
+        let peak = samples.iter().map(power).fold(0.0, f64::max);
+        assert!((power(&samples[100]) - peak).abs() < 1.0);
+        let snr = 20.0 * (peak / noise_rms_lsb(&subsweep())).log10();
+        assert!((snr - snr_db(Profile::P3, 16, 0.0, range)).abs() < 0.01);
+        let phase = f64::from(samples[100].im).atan2(f64::from(samples[100].re));
+        let turns = range / (WAVELENGTH_M / 2.0);
+        let expected = std::f64::consts::TAU * turns.fract();
+        let difference = (phase - expected).rem_euclid(std::f64::consts::TAU);
+        assert!(difference.min(std::f64::consts::TAU - difference) < 0.01, "{phase} {expected}");
+    }
+
+    #[test]
+    fn noise_has_its_rms_and_strong_echoes_saturate() {
+        let (samples, _) = sweep(&Room::default(), true, 2);
+        let mean = samples.iter().map(|s| f64::from(s.re).powi(2) + f64::from(s.im).powi(2)).sum::<f64>() / 300.0;
+        assert!((mean.sqrt() / noise_rms_lsb(&subsweep()) - 1.0).abs() < 0.1);
+        assert!(sweep(&room(30.0, 0.5), true, 3).1);
+    }
+}

@@ -1,0 +1,247 @@
+//! A whole simulated recording: scene, motion, sensor, tracking, receiver → frames, poses, truth.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::receiver::Receiver;
+use super::{Motion, MotionError, Scene, SceneError, TrackingErrors, scene};
+use crate::geometry::Pose;
+use crate::radar::{Beam, ConfigError, Frame, SensorConfig, Subsweep, frame_timing, rcs_dbsm_for_snr};
+use crate::recording::{Truth, TruthObstacle, TruthWall};
+use crate::tracking::PoseSample;
+
+/// Host time at which simulated recordings begin, nanoseconds.
+const START_NS: i64 = 1_000_000_000;
+/// Poses begin before the first sweep and go on after the last, seconds.
+const POSE_MARGIN_S: f64 = 0.2;
+/// "In the beam": two-way amplitude at least this, and at most [`IN_BEAM_M`] away.
+const IN_BEAM_AMPLITUDE: f64 = 0.25;
+const IN_BEAM_M: f64 = 2.3;
+
+/// What to simulate.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    /// Name of the scene, see `SCENES`.
+    pub scene: String,
+    /// Name of the motion, see `MOTIONS`.
+    pub motion: String,
+    /// Length, seconds.
+    pub duration_s: f64,
+    /// Everything random follows from it.
+    pub seed: u64,
+    /// The sensor.
+    pub config: SensorConfig,
+    /// The beam.
+    pub beam: Beam,
+    /// Where the sensor is believed to sit on the head.
+    pub head_from_sensor: Pose,
+    /// What the tracking adds.
+    pub errors: TrackingErrors,
+    /// Power SNR that the strongest scatterer has on the axis at 1 m, dB; `None`: as the radar equation says.
+    pub snr_db: Option<f64>,
+    /// Time of a sweep's pose minus time of the sweep, as written, seconds.
+    pub time_offset_s: f64,
+}
+
+/// Why a scenario cannot be simulated.
+#[derive(Debug, thiserror::Error)]
+pub enum ScenarioError {
+    /// No such scene.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// No such motion.
+    #[error(transparent)]
+    Motion(#[from] MotionError),
+    /// A configuration that the sensor would refuse.
+    #[error("sensor configuration: {0}")]
+    Config(#[from] ConfigError),
+    /// A length that is none.
+    #[error("a duration of {0} s cannot be simulated: give 0.1 to 3600 s")]
+    Duration(f64),
+    /// An SNR that is none.
+    #[error("an SNR of {0} dB cannot be simulated: give −100 to 100 dB")]
+    Snr(f64),
+}
+
+/// A simulated recording.
+#[derive(Debug, Clone)]
+pub struct Simulated {
+    /// Frames in rising time.
+    pub frames: Vec<Frame>,
+    /// Poses in rising time.
+    pub poses: Vec<PoseSample>,
+    /// What is really there.
+    pub truth: Truth,
+}
+
+impl Scenario {
+    /// Default tracking, the default mount (3 cm above, 10 cm before the eyes), the lensless beam.
+    pub fn new(scene: &str, motion: &str, config: SensorConfig, duration_s: f64, seed: u64) -> Self {
+        Self {
+            scene: scene.into(),
+            motion: motion.into(),
+            duration_s,
+            seed,
+            config,
+            beam: Beam::Lensless,
+            head_from_sensor: default_mount(),
+            errors: TrackingErrors::default(),
+            snr_db: None,
+            time_offset_s: 0.0,
+        }
+    }
+
+    /// Makes the recording.
+    ///
+    /// # Errors
+    /// An unknown name, a configuration that breaks a rule, a duration or SNR out of bounds.
+    pub fn run(&self) -> Result<Simulated, ScenarioError> {
+        self.config.validate()?;
+        if !(0.1..=3600.0).contains(&self.duration_s) {
+            return Err(ScenarioError::Duration(self.duration_s));
+        }
+        if let Some(snr) = self.snr_db.filter(|snr| !(-100.0..=100.0).contains(snr)) {
+            return Err(ScenarioError::Snr(snr));
+        }
+        let scene = scene(&self.scene, self.seed)?;
+        let motion = Motion::named(&self.motion, &scene, self.duration_s + POSE_MARGIN_S, self.seed)?;
+        let true_mount = self.errors.true_mount(&self.head_from_sensor, self.seed);
+        let head_at = |t: f64| motion.tracking_from_head(t, &self.head_from_sensor);
+        let span_s = (-POSE_MARGIN_S, self.duration_s + POSE_MARGIN_S);
+        let poses = self.errors.track(head_at, span_s, host_ns, self.seed);
+        let frames = self.frames(&scene, |t| head_at(t) * true_mount);
+        let truth = self.truth(&scene, head_at, |t| head_at(t) * true_mount);
+        Ok(Simulated { frames, poses, truth })
+    }
+
+    fn frames(&self, scene: &Scene, sensor_at: impl Fn(f64) -> Pose + Sync) -> Vec<Frame> {
+        let timing = frame_timing(&self.config);
+        let count = ((self.duration_s - timing.frame_s) / timing.frame_period_s).floor().max(0.0) as usize + 1;
+        let rcs_offset_db = self.rcs_offset_db(scene);
+        (0..count)
+            .into_par_iter()
+            .map(|index| {
+                // Every frame has noise of its own, whatever thread makes it.
+                let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ 0x0CC0_4E12);
+                rng.set_stream(index as u64);
+                let start_s = index as f64 * timing.frame_period_s;
+                let mut samples = Vec::with_capacity(self.config.points_per_frame());
+                let mut data_saturated = false;
+                for sweep in 0..self.config.sweeps_per_frame {
+                    let sweep_s = start_s + f64::from(sweep) * timing.sweep_period_s;
+                    for (subsweep, &(offset_s, period_s)) in self.config.subsweeps.iter().zip(&timing.subsweeps) {
+                        let room = &scene.room;
+                        let receiver = Receiver { room, subsweep, beam: &self.beam, rcs_offset_db, noise: true };
+                        let first_s = sweep_s + offset_s;
+                        data_saturated |= receiver.sweep(|t| sensor_at(first_s + t), period_s, &mut rng, &mut samples);
+                    }
+                }
+                let end_s = start_s + timing.frame_s;
+                Frame {
+                    tick: (end_s * 1e6).round() as i64,
+                    host_time_ns: host_ns(end_s - self.time_offset_s),
+                    temperature_c: 30,
+                    data_saturated,
+                    frame_delayed: false,
+                    calibration_needed: false,
+                    samples,
+                }
+            })
+            .collect()
+    }
+
+    fn rcs_offset_db(&self, scene: &Scene) -> f64 {
+        let strongest = scene.room.scatterers().map(|s| s.rcs_dbsm).fold(f64::NEG_INFINITY, f64::max);
+        match (self.snr_db, self.config.subsweeps.first()) {
+            (Some(snr), Some(Subsweep { profile, hwaas, .. })) if strongest.is_finite() => {
+                rcs_dbsm_for_snr(*profile, *hwaas, snr, 1.0) - strongest
+            }
+            _ => 0.0,
+        }
+    }
+
+    fn truth(&self, scene: &Scene, head_at: impl Fn(f64) -> Pose, sensor_at: impl Fn(f64) -> Pose) -> Truth {
+        const STEP_S: f64 = 0.02;
+        let times: Vec<f64> = (0..(self.duration_s / STEP_S) as usize).map(|i| i as f64 * STEP_S).collect();
+        let obstacles = scene.room.things.iter().map(|thing| {
+            let points_m: Vec<_> = thing.scatterers.iter().map(|s| s.position_m).collect();
+            let nearest = |t: f64| {
+                let head = head_at(t).translation;
+                points_m.iter().map(|p| p.distance(head)).fold(f64::INFINITY, f64::min)
+            };
+            let in_beam = |t: &&f64| {
+                let sensor = sensor_at(**t);
+                points_m.iter().any(|p| {
+                    let to = *p - sensor.translation;
+                    let cos = to.normalize_or_zero().dot(sensor.forward());
+                    to.length() <= IN_BEAM_M && self.beam.amplitude(cos) >= IN_BEAM_AMPLITUDE
+                })
+            };
+            TruthObstacle {
+                name: thing.name.clone(),
+                rcs_dbsm: thing.scatterers.iter().map(|s| s.rcs_dbsm).collect(),
+                closest_approach_m: times.iter().map(|&t| nearest(t)).fold(f64::INFINITY, f64::min),
+                in_beam_s: times.iter().filter(in_beam).count() as f64 * STEP_S,
+                points_m: points_m.clone(),
+            }
+        });
+        let walls = scene.room.walls.iter();
+        Truth {
+            title: format!("{}, {}", self.scene, self.motion),
+            seed: self.seed,
+            obstacles: obstacles.collect(),
+            walls: walls.map(|w| TruthWall { name: w.name.clone(), plane: w.plane, extent: w.extent }).collect(),
+            time_offset_s: self.time_offset_s,
+        }
+    }
+}
+
+/// Where a sensor in the headset's front sits, as far as anyone knows before calibrating.
+fn default_mount() -> Pose {
+    Pose::from_translation(glam::DVec3::new(0.0, 0.03, -0.10))
+}
+
+fn host_ns(time_s: f64) -> i64 {
+    START_NS + (time_s * 1e9).round() as i64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::radar::preset;
+
+    #[test]
+    fn a_seed_gives_the_same_recording_on_any_number_of_threads() {
+        let scenario = Scenario::new("furnished-room", "natural", preset("d16").unwrap(), 0.5, 11);
+        let a = scenario.run().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let b = pool.install(|| scenario.run()).unwrap();
+        assert_eq!(a.frames, b.frames);
+        assert_eq!(a.poses, b.poses);
+        assert_eq!(a.truth, b.truth);
+        assert_eq!(a.frames.len(), 33);
+        assert_eq!(a.frames[0].samples.len(), 800);
+    }
+
+    #[test]
+    fn the_offset_moves_the_written_times() {
+        let config = preset("fine").unwrap();
+        let mut scenario = Scenario::new("corner-reflector", "stationary", config, 0.3, 1);
+        let plain = scenario.run().unwrap();
+        scenario.time_offset_s = 0.02;
+        let moved = scenario.run().unwrap();
+        assert_eq!(plain.frames[3].host_time_ns - moved.frames[3].host_time_ns, 20_000_000);
+        assert_eq!(plain.frames[3].samples, moved.frames[3].samples);
+    }
+
+    #[test]
+    fn bad_scenarios_say_what_is_wrong() {
+        let config = preset("fine").unwrap();
+        let mut scenario = Scenario::new("corner-reflector", "moonwalk", config, 1.0, 1);
+        assert!(scenario.run().unwrap_err().to_string().contains("moonwalk"));
+        scenario.motion = "natural".into();
+        scenario.duration_s = f64::NAN;
+        assert!(scenario.run().unwrap_err().to_string().contains("0.1 to 3600"));
+    }
+}

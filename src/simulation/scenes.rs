@@ -1,0 +1,256 @@
+//! The thesis' scenes and furnished rooms, floor at y = 0. Thesis scenes lie ahead (−z) of where the sensor starts; rooms
+//! have their middle at the origin.
+
+use glam::DVec3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::{Room, Scatterer, Thing, WallPanel};
+use crate::geometry::{Aabb, Plane};
+
+/// Scenes by name.
+pub const SCENES: [&str; 7] =
+    ["corner-reflector", "clothes-hanger", "chair", "two-chairs", "furnished-room", "empty-room", "nothing"];
+
+/// No such scene.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("scene \"{0}\" is not known: use {list}", list = SCENES.join(", "))]
+pub struct SceneError(pub String);
+
+/// A room and where the thesis' motions start in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// What stands in it.
+    pub room: Room,
+    /// Where the sensor starts, metres.
+    pub start_m: DVec3,
+    /// What it is turned to, metres.
+    pub look_at_m: DVec3,
+}
+
+/// The scene of that name; the seed places furniture and draws phases and lobes.
+///
+/// # Errors
+/// No such scene.
+pub fn scene(name: &str, seed: u64) -> Result<Scene, SceneError> {
+    let mut draw = Draw(ChaCha8Rng::seed_from_u64(seed ^ 0x5CE7_E5ED));
+    let standing = DVec3::new(0.0, 1.5, 0.0);
+    let ahead = |things| Scene {
+        room: Room { things, walls: Vec::new() },
+        start_m: standing,
+        look_at_m: standing + DVec3::NEG_Z,
+    };
+    match name {
+        "corner-reflector" => Ok(ahead(vec![corner_reflector(&mut draw, DVec3::new(-0.3, 1.5, -1.0))])),
+        "clothes-hanger" => Ok(ahead(vec![clothes_hanger(&mut draw, DVec3::new(0.1, 1.55, -1.1), 0.3)])),
+        "chair" => Ok(looking_at_things(vec![chair(&mut draw, "chair", DVec3::new(0.0, 0.0, -1.3), 0.4, METAL_CHAIR)])),
+        "two-chairs" => Ok(looking_at_things(vec![
+            chair(&mut draw, "metal chair", DVec3::new(-0.45, 0.0, -1.2), 0.4, METAL_CHAIR),
+            chair(&mut draw, "plastic chair", DVec3::new(0.5, 0.0, -1.45), -0.5, PLASTIC_CHAIR),
+        ])),
+        "furnished-room" => Ok(Scene { room: furnished_room(&mut draw), ..ahead(Vec::new()) }),
+        "empty-room" => {
+            let room = Room { things: Vec::new(), walls: room_walls(4.0, 5.0, 2.5) };
+            Ok(Scene { room, ..ahead(Vec::new()) })
+        }
+        "nothing" => Ok(ahead(Vec::new())),
+        other => Err(SceneError(other.into())),
+    }
+}
+
+/// Things on the floor, seen from a metre up, the sensor turned to their middle.
+fn looking_at_things(things: Vec<Thing>) -> Scene {
+    let room = Room { things, walls: Vec::new() };
+    let middle = Aabb::around(room.scatterers().map(|s| s.position_m)).map_or(DVec3::NEG_Z, |b| b.center());
+    Scene { room, start_m: DVec3::new(0.0, 1.0, 0.0), look_at_m: middle }
+}
+
+fn corner_reflector(draw: &mut Draw, position_m: DVec3) -> Thing {
+    let phase_rad = draw.phase();
+    let scatterer = Scatterer { position_m, rcs_dbsm: -5.0, lobe: DVec3::ZERO, phase_rad };
+    Thing { name: "corner reflector".into(), scatterers: vec![scatterer] }
+}
+
+/// Cross-sections of a chair's parts, dBsm.
+#[derive(Clone, Copy)]
+struct ChairRcs {
+    legs: f64,
+    seat: f64,
+    back: f64,
+}
+
+/// Metal legs, wooden seat and back.
+const METAL_CHAIR: ChairRcs = ChairRcs { legs: -18.0, seat: -24.0, back: -22.0 };
+/// Plastic and fabric: 8 dB less.
+const PLASTIC_CHAIR: ChairRcs = ChairRcs { legs: -26.0, seat: -30.0, back: -28.0 };
+
+struct Draw(ChaCha8Rng);
+
+impl Draw {
+    fn uniform(&mut self, low: f64, high: f64) -> f64 {
+        self.0.random_range(low..high)
+    }
+
+    fn phase(&mut self) -> f64 {
+        self.uniform(0.0, std::f64::consts::TAU)
+    }
+
+    /// A point whose lobe points away from `center`, tilted at random; its strength varies by ±3 dB.
+    fn point(&mut self, position_m: DVec3, center: DVec3, rcs_dbsm: f64) -> Scatterer {
+        let tilt = DVec3::new(self.uniform(-0.7, 0.7), self.uniform(-0.3, 0.7), self.uniform(-0.7, 0.7));
+        let outward = (position_m - center).normalize_or(DVec3::Y);
+        Scatterer {
+            position_m,
+            rcs_dbsm: rcs_dbsm + self.uniform(-3.0, 3.0),
+            lobe: (outward + tilt).normalize_or(DVec3::Y),
+            phase_rad: self.phase(),
+        }
+    }
+
+    fn thing(&mut self, name: &str, center: DVec3, points: &[(DVec3, f64)]) -> Thing {
+        let scatterers = points.iter().map(|&(at, rcs)| self.point(at, center, rcs)).collect();
+        Thing { name: name.into(), scatterers }
+    }
+}
+
+/// Turns a local offset (x right, z back) about +y and puts it at `base`.
+fn placed(base: DVec3, yaw: f64, x: f64, y: f64, z: f64) -> DVec3 {
+    let (sin, cos) = yaw.sin_cos();
+    base + DVec3::new(cos * x + sin * z, y, cos * z - sin * x)
+}
+
+/// A chair whose seat's middle is above `foot` (its y is the floor).
+fn chair(draw: &mut Draw, name: &str, foot: DVec3, yaw: f64, rcs: ChairRcs) -> Thing {
+    let mut points = Vec::new();
+    for (x, z) in [(-0.2, -0.2), (0.2, -0.2), (-0.2, 0.2), (0.2, 0.2)] {
+        points.push((placed(foot, yaw, x, 0.05, z), rcs.legs));
+        points.push((placed(foot, yaw, x, 0.44, z), rcs.seat));
+    }
+    for x in [-0.18, 0.18] {
+        points.push((placed(foot, yaw, x, 0.88, 0.22), rcs.back));
+    }
+    draw.thing(name, placed(foot, yaw, 0.0, 0.4, 0.0), &points)
+}
+
+/// A metal clothes hanger, hook at `hook`: bar, shoulders, hook.
+fn clothes_hanger(draw: &mut Draw, hook: DVec3, yaw: f64) -> Thing {
+    let at = |x: f64, y: f64| placed(hook, yaw, x, y, 0.0);
+    let points = [
+        (at(0.0, 0.0), -14.0),
+        (at(0.0, -0.06), -12.0),
+        (at(-0.1, -0.1), -18.0),
+        (at(0.1, -0.1), -18.0),
+        (at(-0.2, -0.15), -15.0),
+        (at(0.2, -0.15), -15.0),
+        (at(0.0, -0.15), -19.0),
+    ];
+    draw.thing("clothes hanger", at(0.0, -0.1), &points)
+}
+
+fn table(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
+    let mut points = Vec::new();
+    for (x, z) in [(-0.5, -0.3), (0.5, -0.3), (-0.5, 0.3), (0.5, 0.3)] {
+        points.push((placed(foot, yaw, x, 0.74, z), -19.0));
+        points.push((placed(foot, yaw, x * 0.9, 0.05, z * 0.9), -22.0));
+    }
+    draw.thing("table", placed(foot, yaw, 0.0, 0.5, 0.0), &points)
+}
+
+fn shelf(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
+    let mut points = Vec::new();
+    for y in [0.1, 0.6, 1.1, 1.6] {
+        for x in [-0.4, 0.4] {
+            points.push((placed(foot, yaw, x, y, -0.15), -17.0));
+        }
+    }
+    draw.thing("shelf", placed(foot, yaw, 0.0, 0.9, 0.15), &points)
+}
+
+fn sofa(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
+    let mut points = Vec::new();
+    for x in [-0.8, 0.8] {
+        points.push((placed(foot, yaw, x, 0.6, -0.4), -22.0));
+        points.push((placed(foot, yaw, x, 0.1, -0.4), -24.0));
+    }
+    for x in [-0.4, 0.4] {
+        points.push((placed(foot, yaw, x, 0.42, -0.38), -24.0));
+        points.push((placed(foot, yaw, x, 0.85, 0.3), -22.0));
+    }
+    draw.thing("sofa", placed(foot, yaw, 0.0, 0.4, 0.2), &points)
+}
+
+fn lamp(draw: &mut Draw, foot: DVec3) -> Thing {
+    let points = [(0.03, -18.0), (0.5, -23.0), (1.0, -23.0), (1.5, -17.0)];
+    let points: Vec<_> = points.iter().map(|&(y, rcs)| (foot + DVec3::Y * y, rcs)).collect();
+    let mut lamp = draw.thing("lamp", foot, &points);
+    // A round pole looks alike from all sides.
+    for scatterer in &mut lamp.scatterers {
+        scatterer.lobe = DVec3::ZERO;
+    }
+    lamp
+}
+
+fn room_walls(width_m: f64, depth_m: f64, height_m: f64) -> Vec<WallPanel> {
+    let (x, y, z) = (width_m / 2.0, height_m, depth_m / 2.0);
+    let all = Aabb { min: DVec3::new(-x, 0.0, -z), max: DVec3::new(x, y, z) };
+    let wall = |name: &str, outward: DVec3, offset_m: f64, reflection_db: f64| {
+        let on_plane = |corner: DVec3| corner + outward * (offset_m - outward.dot(corner));
+        let extent = Aabb::from_corners(on_plane(all.min), on_plane(all.max));
+        WallPanel { name: name.into(), plane: Plane { outward, offset_m }, extent, reflection_db }
+    };
+    vec![
+        wall("wall −z", DVec3::NEG_Z, z, -10.0),
+        wall("wall +z", DVec3::Z, z, -10.0),
+        wall("wall −x", DVec3::NEG_X, x, -10.0),
+        wall("wall +x", DVec3::X, x, -10.0),
+        wall("floor", DVec3::NEG_Y, 0.0, -8.0),
+        wall("ceiling", DVec3::Y, y, -10.0),
+    ]
+}
+
+/// 4 × 5 m: furniture along the walls and into the room, each jittered by the seed.
+fn furnished_room(draw: &mut Draw) -> Room {
+    let jitter =
+        |draw: &mut Draw, x: f64, z: f64| DVec3::new(x + draw.uniform(-0.12, 0.12), 0.0, z + draw.uniform(-0.12, 0.12));
+    let turn = |draw: &mut Draw, yaw: f64| yaw + draw.uniform(-0.3, 0.3);
+    let (at, yaw) = (jitter(draw, -0.9, -1.1), turn(draw, 0.5));
+    let near_chair = chair(draw, "chair", at, yaw, METAL_CHAIR);
+    let (at, yaw) = (jitter(draw, 1.15, -0.4), turn(draw, -1.4));
+    let side_chair = chair(draw, "side chair", at, yaw, METAL_CHAIR);
+    let (at, yaw) = (jitter(draw, 0.7, -1.75), turn(draw, 0.0));
+    let table = table(draw, at, yaw);
+    let (at, yaw) = (DVec3::new(-1.75, 0.0, 0.3), -std::f64::consts::FRAC_PI_2);
+    let shelf = shelf(draw, at, yaw);
+    let (at, yaw) = (DVec3::new(0.3 + draw.uniform(-0.2, 0.2), 0.0, 1.85), std::f64::consts::PI);
+    let sofa = sofa(draw, at, yaw);
+    let at = jitter(draw, 1.25, 0.95);
+    let lamp = lamp(draw, at);
+    let at = DVec3::new(-1.15 + draw.uniform(-0.1, 0.1), 1.75, 1.1 + draw.uniform(-0.1, 0.1));
+    let hanger = clothes_hanger(draw, at, 0.8);
+    Room { things: vec![near_chair, side_chair, table, shelf, sofa, lamp, hanger], walls: room_walls(4.0, 5.0, 2.5) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_scene_exists_and_is_seeded() {
+        for name in SCENES {
+            assert_eq!(scene(name, 7).unwrap(), scene(name, 7).unwrap());
+        }
+        assert_ne!(scene("furnished-room", 1).unwrap(), scene("furnished-room", 2).unwrap());
+        assert!(scene("moon", 1).unwrap_err().to_string().contains("furnished-room"));
+    }
+
+    #[test]
+    fn furniture_stands_inside_the_walls() {
+        for seed in 0..20 {
+            let room = scene("furnished-room", seed).unwrap().room;
+            assert!(room.scatterers().count() > 40);
+            for wall in &room.walls {
+                assert!(room.scatterers().all(|s| wall.plane.distance(s.position_m) > 0.0), "{}", wall.name);
+            }
+        }
+    }
+}
