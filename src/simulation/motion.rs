@@ -76,7 +76,8 @@ impl Motion {
     }
 }
 
-/// Smooth wandering: a sum of sines in each axis, faded in from zero, scaled to reach its bound and not beyond.
+/// Smooth wandering: a sum of sines in each axis, pressed into a ball that it fills about evenly, faded in from zero, scaled
+/// to reach the ball's surface and not beyond.
 #[derive(Debug, Clone)]
 pub struct Wander {
     /// Amplitude, angular frequency and phase of each sine, for each axis.
@@ -112,7 +113,8 @@ impl Wander {
             .iter()
             .map(|[amplitude, omega, phase]| *amplitude * (*omega * time_s + *phase).map(f64::sin))
             .sum();
-        sum * (self.scale * fade)
+        // Sines add up to about a normal distribution of 0.5 in each axis; this spreads it over the ball.
+        sum * (self.scale * fade / (sum.length_squared() + 0.36).sqrt())
     }
 }
 

@@ -192,6 +192,31 @@ impl Observer {
     }
 }
 
+/// All observations of streams that are at hand as a whole, in time, with the counters.
+pub fn observe_all(
+    config: &SensorConfig,
+    settings: ObserverSettings,
+    frames: &[Frame],
+    poses: &[PoseSample],
+) -> (Vec<Observation>, ObserverCounters) {
+    let mut observer = Observer::new(config, settings);
+    let mut observations = Vec::new();
+    let mut frames = frames.iter().peekable();
+    for pose in poses {
+        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
+            observer.push_frame(frame.clone());
+        }
+        observer.push_pose(pose);
+        observations.append(&mut observer.take_ready());
+    }
+    for frame in frames {
+        observer.push_frame(frame.clone());
+        observations.append(&mut observer.take_ready());
+    }
+    observations.append(&mut observer.take_rest());
+    (observations, *observer.counters())
+}
+
 fn observe_sweep(
     sweep: &Sweep,
     geometry: &Arc<SweepGeometry>,

@@ -1,0 +1,145 @@
+//! One block: its sweeps range-compressed and noise-normalised, positions relative to its middle.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::{BlockSettings, taper};
+use crate::geometry::Pose;
+use crate::imaging::{RangeCompressor, block_noise_rms};
+use crate::radar::{Observation, SweepGeometry};
+
+/// Consecutive sweeps that are summed coherently.
+#[derive(Debug, Clone)]
+pub struct Block {
+    /// Pose of the middle sweep, `tracking_from_sensor`; kernel coordinates are relative to its translation.
+    pub middle: Pose,
+    /// Time of the middle sweep, host nanoseconds.
+    pub mid_time_ns: i64,
+    /// Unit vector along the sensor's way through the block; zero when it stood still.
+    pub motion: DVec3,
+    /// Length of that way, metres.
+    pub aperture_m: f64,
+    /// Noise rms that z is normalised by, LSB.
+    pub noise_rms_lsb: f64,
+    /// Range of the first table entry, and of the last point, metres.
+    pub(super) first_m: f32,
+    pub(super) last_m: f32,
+    /// 1 / distance between table entries.
+    pub(super) entries_per_m: f32,
+    /// Entries of one sweep's table.
+    pub(super) entries: usize,
+    /// A point at range d is sampled `d · time_s_per_m + time_at_zero_s` after the middle of its sweep.
+    pub(super) time_s_per_m: f32,
+    pub(super) time_at_zero_s: f32,
+    pub(super) sweeps: Vec<BlockSweep>,
+    /// z as (re, im), `[sweep][entry]`.
+    pub(super) z: Vec<[f32; 2]>,
+    geometry: Arc<SweepGeometry>,
+}
+
+/// Place, velocity and weight of one sweep.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct BlockSweep {
+    /// Relative to the block's middle, metres.
+    pub position_m: [f32; 3],
+    pub velocity_m_per_s: [f32; 3],
+    pub weight: f32,
+}
+
+impl Block {
+    /// From at least two sweeps of one geometry.
+    fn new(observations: &[Observation], compressor: &RangeCompressor) -> Self {
+        let middle = &observations[observations.len() / 2];
+        let origin = middle.tracking_from_sensor.translation;
+        let noise_rms_lsb = block_noise_rms(observations.iter().map(|o| o.samples.as_slice()));
+        let geometry = Arc::clone(&middle.geometry);
+        let (mut sweeps, mut z) = (Vec::with_capacity(observations.len()), Vec::new());
+        let (mut first_m, mut step_m, mut entries) = (0.0, 1.0, 0);
+        for (k, observation) in observations.iter().enumerate() {
+            let compressed = compressor.compress(&observation.samples, (1.0 / noise_rms_lsb) as f32);
+            (first_m, step_m, entries) = (compressed.first_m, compressed.step_m, compressed.z.len());
+            z.extend(compressed.z.iter().map(|z| [z.re, z.im]));
+            sweeps.push(BlockSweep {
+                position_m: (observation.tracking_from_sensor.translation - origin).as_vec3().to_array(),
+                velocity_m_per_s: observation.velocity_m_per_s.as_vec3().to_array(),
+                weight: taper(k, observations.len()) as f32,
+            });
+        }
+        let way = observations[observations.len() - 1].tracking_from_sensor.translation
+            - observations[0].tracking_from_sensor.translation;
+        Self {
+            middle: middle.tracking_from_sensor,
+            mid_time_ns: middle.mid_time_ns,
+            motion: way.normalize_or_zero(),
+            aperture_m: way.length(),
+            noise_rms_lsb,
+            first_m: first_m as f32,
+            last_m: geometry.axis.last_m() as f32,
+            entries_per_m: (1.0 / step_m) as f32,
+            entries,
+            time_s_per_m: (geometry.point_period_s / geometry.axis.step_m) as f32,
+            time_at_zero_s: middle.point_time_s(geometry.axis.point_at(0.0)) as f32,
+            sweeps,
+            z,
+            geometry,
+        }
+    }
+
+    /// Number of sweeps.
+    pub fn sweep_count(&self) -> usize {
+        self.sweeps.len()
+    }
+
+    /// Range axis, pulse and timing of its sweeps.
+    pub fn geometry(&self) -> &SweepGeometry {
+        &self.geometry
+    }
+
+    /// Distance from its middle to a place, metres.
+    pub fn distance_m(&self, place: DVec3) -> f64 {
+        place.distance(self.middle.translation)
+    }
+}
+
+/// Gathers the sweeps of one subsweep into blocks.
+#[derive(Debug)]
+pub struct BlockBuilder {
+    settings: BlockSettings,
+    compressor: Option<RangeCompressor>,
+    waiting: Vec<Observation>,
+    /// Sweeps that came to lie in no block: too few before a pause.
+    pub dropped_sweeps: u64,
+}
+
+impl BlockBuilder {
+    /// Nothing gathered yet.
+    pub fn new(settings: BlockSettings) -> Self {
+        Self { settings, compressor: None, waiting: Vec::new(), dropped_sweeps: 0 }
+    }
+
+    /// Takes a sweep; gives the block that it closes, if it closes one. All sweeps must share one geometry.
+    pub fn push(&mut self, observation: Observation) -> Option<Block> {
+        let closed = match (self.waiting.first(), self.waiting.last()) {
+            (Some(first), Some(last))
+                if !self.settings.continues(first.mid_time_ns, last.mid_time_ns, observation.mid_time_ns) =>
+            {
+                self.close()
+            }
+            _ => None,
+        };
+        self.waiting.push(observation);
+        closed
+    }
+
+    /// Closes the block at hand.
+    pub fn close(&mut self) -> Option<Block> {
+        let sweeps = std::mem::take(&mut self.waiting);
+        if sweeps.len() < self.settings.min_sweeps.max(2) {
+            self.dropped_sweeps += sweeps.len() as u64;
+            return None;
+        }
+        let compressor = self.compressor.get_or_insert_with(|| RangeCompressor::new(&sweeps[0].geometry));
+        Some(Block::new(&sweeps, compressor))
+    }
+}

@@ -1,0 +1,19 @@
+//! Block scores: coherent inside 50–100 ms, each block against its own incoherent energy, summed over blocks.
+//!
+//! What finds furniture before a wall: power that adds up in phase is compared with power that does not, block by block, so
+//! a strong wall in the same range does not drown a chair.
+
+mod block;
+mod field;
+mod kernel;
+mod planes;
+mod settings;
+
+pub use block::{Block, BlockBuilder};
+pub use field::{Field, Peak};
+pub use kernel::{Coherence, LANES, Planes, Points};
+pub use planes::{PlaneField, PlanePeak};
+pub use settings::{BlockSettings, partition, taper};
+
+/// Mean of ln(1 + m) when m is exponential with mean 1, as noise makes it: e·E₁(1).
+pub const MEAN_LOG_OF_NOISE: f64 = 0.596_347;

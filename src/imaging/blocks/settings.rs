@@ -1,0 +1,102 @@
+//! What a block is, and what it sees.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::Pose;
+use crate::radar::{Beam, Observation};
+
+/// Parameters of the block score.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BlockSettings {
+    /// Length of a block, seconds.
+    pub block_s: f64,
+    /// A block of fewer sweeps is dropped.
+    pub min_sweeps: usize,
+    /// Time in which evidence fades to 1/e as newer comes in, seconds.
+    pub memory_s: f64,
+    /// A place is in the beam from this two-way amplitude on.
+    pub min_amplitude: f64,
+    /// Nearest range looked at, metres.
+    pub min_range_m: f64,
+    /// Farthest range looked at, metres.
+    pub max_range_m: f64,
+    /// Edge of a voxel, metres.
+    pub voxel_m: f64,
+}
+
+impl Default for BlockSettings {
+    fn default() -> Self {
+        Self {
+            block_s: 0.090,
+            min_sweeps: 12,
+            memory_s: 1.5,
+            min_amplitude: 0.25,
+            min_range_m: 0.35,
+            max_range_m: 2.3,
+            voxel_m: 0.05,
+        }
+    }
+}
+
+impl BlockSettings {
+    /// Cosine of the widest angle that counts as in the beam.
+    pub fn min_cos(&self, beam: &Beam) -> f64 {
+        beam.cos_where_amplitude_falls_below(self.min_amplitude)
+    }
+
+    /// Whether a sensor pose has a place in its beam and range.
+    pub fn sees(&self, tracking_from_sensor: &Pose, min_cos: f64, place: DVec3) -> bool {
+        let to = place - tracking_from_sensor.translation;
+        let distance_m = to.length();
+        (self.min_range_m..=self.max_range_m).contains(&distance_m)
+            && to.dot(tracking_from_sensor.forward()) >= min_cos * distance_m
+    }
+
+    /// Whether a sweep at `time_ns` still belongs to a block that began at `first_ns` and whose last sweep was at `last_ns`:
+    /// within the block's length, and after no pause longer than a third of it.
+    pub fn continues(&self, first_ns: i64, last_ns: i64, time_ns: i64) -> bool {
+        let block_ns = self.block_s * 1e9;
+        ((time_ns.saturating_sub(first_ns)) as f64) < block_ns
+            && ((time_ns.saturating_sub(last_ns)) as f64) < block_ns / 3.0
+    }
+}
+
+/// Weight of sweep `k` of `count` in its block: 1 − ½·cos over the block, mean square 1.
+pub fn taper(k: usize, count: usize) -> f64 {
+    let turn = std::f64::consts::TAU * (k as f64 + 0.5) / count as f64;
+    (1.0 - 0.5 * turn.cos()) / 1.125f64.sqrt()
+}
+
+/// Indices of the sweeps of each block, in time; each subsweep has blocks of its own.
+pub fn partition(observations: &[Observation], settings: &BlockSettings) -> Vec<Vec<usize>> {
+    let mut open: std::collections::BTreeMap<usize, Vec<usize>> = Default::default();
+    let mut done = Vec::new();
+    for (index, observation) in observations.iter().enumerate() {
+        let block = open.entry(observation.geometry.subsweep).or_default();
+        if let (Some(&first), Some(&last)) = (block.first(), block.last()) {
+            let time = |i: usize| observations[i].mid_time_ns;
+            if !settings.continues(time(first), time(last), observation.mid_time_ns) {
+                done.push(std::mem::take(block));
+            }
+        }
+        block.push(index);
+    }
+    done.extend(open.into_values());
+    done.retain(|block| block.len() >= settings.min_sweeps);
+    done
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_taper_has_unit_mean_square() {
+        for count in [12, 45, 96] {
+            let mean = (0..count).map(|k| taper(k, count).powi(2)).sum::<f64>() / count as f64;
+            assert!((mean - 1.0).abs() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! Power over range, sweep by sweep: what `ls` sums, with ranges that are already explained left out.
+//!
+//! For a reflector of unknown amplitude and phase in every sweep, Σ |z|²/σ² is the log-likelihood of its place.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::compression::compress_all;
+use super::{CompressedSweep, sweep_noise_rms};
+use crate::radar::{Beam, Observation};
+
+/// A stretch of one sweep's range that a known reflector accounts for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClaimedRange {
+    /// Middle, metres.
+    pub middle_m: f64,
+    /// Half of its length, metres.
+    pub half_m: f64,
+}
+
+/// Noise-normalised, range-compressed sweeps.
+#[derive(Debug)]
+pub struct RangePower<'a> {
+    observations: &'a [Observation],
+    compressed: Vec<CompressedSweep>,
+    beam: &'a Beam,
+    min_range_m: f64,
+    /// `[sweep]`: what is explained.
+    claims: Vec<Vec<ClaimedRange>>,
+}
+
+/// What one sweep says of a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Index of the sweep.
+    pub sweep: usize,
+    /// Distance from the sensor, as its point measured it, metres.
+    pub distance_m: f64,
+    /// |z|²/σ².
+    pub power: f64,
+    /// Derivative of the power by the distance, per metre.
+    pub slope_per_m: f64,
+    /// Curvature that the pulse gives to the log-likelihood there, per m²: 8 ln2 · power / FWHM².
+    pub curvature_per_m2: f64,
+}
+
+impl<'a> RangePower<'a> {
+    /// Compresses sweeps; places nearer than `min_range_m` are not looked at.
+    pub fn new(observations: &'a [Observation], beam: &'a Beam, min_range_m: f64) -> Self {
+        let compressed = compress_all(observations, |o| (1.0 / sweep_noise_rms(&o.samples)) as f32);
+        let claims = vec![Vec::new(); observations.len()];
+        Self { observations, compressed, beam, min_range_m, claims }
+    }
+
+    /// The sweeps it works on.
+    pub fn observations(&self) -> &'a [Observation] {
+        self.observations
+    }
+
+    /// The distance from a sweep to a place, if the sweep counts for it and has it unclaimed.
+    fn distance_m(&self, sweep: usize, place: DVec3) -> Option<f64> {
+        let observation = &self.observations[sweep];
+        let distance_m = observation.distance_m(place);
+        let counts = distance_m >= self.min_range_m
+            && distance_m > 0.0
+            && observation.geometry.axis.contains(distance_m)
+            && self.beam.amplitude(observation.cos_off_boresight(place)) > 0.0;
+        let claimed = |c: &ClaimedRange| (distance_m - c.middle_m).abs() < c.half_m;
+        (counts && !self.claims[sweep].iter().any(claimed)).then_some(distance_m)
+    }
+
+    /// Sum over sweeps of (|z|²/σ² − 1), which noise keeps around 0 with a variance of the count, and the count.
+    pub fn excess(&self, place: DVec3) -> (f64, usize) {
+        let each = (0..self.observations.len())
+            .filter_map(|sweep| self.distance_m(sweep, place).map(|d| self.compressed[sweep].at(d).norm_sqr() - 1.0));
+        each.fold((0.0, 0), |(sum, count), excess| (sum + excess, count + 1))
+    }
+
+    /// What each sweep says of a place.
+    pub fn readings(&self, place: DVec3) -> Vec<Reading> {
+        let reading = |sweep: usize| {
+            let distance_m = self.distance_m(sweep, place)?;
+            let (z, slope) = self.compressed[sweep].value_and_slope(distance_m);
+            let width_m = self.observations[sweep].geometry.profile.envelope_fwhm_m();
+            let power = z.norm_sqr();
+            Some(Reading {
+                sweep,
+                distance_m,
+                power,
+                slope_per_m: 2.0 * (z.conj() * slope).re,
+                curvature_per_m2: 8.0 * std::f64::consts::LN_2 * power / (width_m * width_m),
+            })
+        };
+        (0..self.observations.len()).filter_map(reading).collect()
+    }
+
+    /// The excess at many places, in parallel.
+    pub fn excess_at(&self, places: &[DVec3]) -> Vec<(f64, usize)> {
+        places.par_iter().map(|&place| self.excess(place)).collect()
+    }
+
+    /// Marks the ranges that a reflector at a place explains: as far as its pulse stands out of the noise, and 2 cm.
+    pub fn claim(&mut self, place: DVec3) {
+        for (sweep, observation) in self.observations.iter().enumerate() {
+            let middle_m = observation.distance_m(place);
+            let axis = &observation.geometry.axis;
+            let clamped = middle_m.clamp(axis.first_m, axis.last_m());
+            let power = self.compressed[sweep].at(clamped).norm_sqr();
+            let half_width_m = observation.geometry.profile.envelope_fwhm_m() * 0.5;
+            let half_m = half_width_m * (1.0 + 20.0 * power).log2().sqrt() + 0.02;
+            self.claims[sweep].push(ClaimedRange { middle_m, half_m });
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! Single reflectors from range alone: the `ls` sum over a dense grid, one reflector after the other.
+//!
+//! The place with the greatest excess over noise is refined, its ranges are claimed in every sweep, and the search goes on
+//! in what is left, until nothing stands out. For trials and slow sensors; rooms need blocks, since range-only sums do not
+//! find furniture before a wall.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::{Observed, Obstacle};
+use crate::geometry::Aabb;
+use crate::imaging::{PositionErrors, RangePower, Refined, Volume, farthest_points, refine};
+use crate::radar::{Beam, Observation};
+
+/// Parameters of the search.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ReflectorSettings {
+    /// Edge of the search's voxels, metres; refinement goes on from there.
+    pub voxel_m: f64,
+    /// Sweeps used at most, chosen by farthest point; 0: all.
+    pub max_sweeps: usize,
+    /// Sweeps that the dense search uses at most; refinement uses all chosen.
+    pub search_sweeps: usize,
+    /// Places nearer than this to the sensor are not looked at in a sweep, metres: the antenna's own leakage.
+    pub min_range_m: f64,
+    /// Excess over noise in its standard deviations that a reflector needs.
+    pub threshold_sigma: f64,
+    /// Reflectors reported at most.
+    pub max_reflectors: usize,
+}
+
+impl Default for ReflectorSettings {
+    fn default() -> Self {
+        Self {
+            voxel_m: 0.06,
+            max_sweeps: 0,
+            search_sweeps: 60,
+            min_range_m: 0.15,
+            threshold_sigma: 7.0,
+            max_reflectors: 8,
+        }
+    }
+}
+
+/// A reflector needs at least this share of the sweeps that see its place to be unclaimed, and at least this many.
+const MIN_UNCLAIMED_SHARE: f64 = 0.3;
+const MIN_SWEEPS: usize = 3;
+
+/// Finds reflectors in a region, strongest first. `observations` in time.
+pub fn find_reflectors(
+    observations: &[Observation],
+    beam: &Beam,
+    region: &Aabb,
+    settings: &ReflectorSettings,
+    errors: &PositionErrors,
+) -> Vec<Obstacle> {
+    let chosen = choose(observations, settings.max_sweeps);
+    let searched = choose(&chosen, settings.search_sweeps);
+    let mut power = RangePower::new(&chosen, beam, settings.min_range_m);
+    let mut search = RangePower::new(&searched, beam, settings.min_range_m);
+    let grid = Volume { values: Vec::new(), ..Volume::covering(region, settings.voxel_m) };
+    let places: Vec<DVec3> = (0..grid.size.iter().product()).map(|n| grid.center(grid.voxel(n))).collect();
+    let unclaimed: Vec<usize> = search.excess_at(&places).iter().map(|&(_, count)| count).collect();
+    let mut found: Vec<Obstacle> = Vec::new();
+    while found.len() < settings.max_reflectors {
+        let excess = search.excess_at(&places);
+        let enough = |n: usize| {
+            let (sum, count) = excess[n];
+            count >= MIN_SWEEPS
+                && count as f64 >= MIN_UNCLAIMED_SHARE * unclaimed[n] as f64
+                && sum >= settings.threshold_sigma * (count as f64).sqrt()
+        };
+        let best = (0..places.len()).filter(|&n| enough(n)).max_by(|&a, &b| excess[a].0.total_cmp(&excess[b].0));
+        let Some(refined) = best.and_then(|n| refine(&power, places[n], None, errors)) else { break };
+        let (sum, count) = power.excess(refined.position_m);
+        // Claimed even when the finer look does not confirm it: the search must go on elsewhere.
+        search.claim(refined.position_m);
+        if count >= MIN_SWEEPS && sum >= settings.threshold_sigma * (count as f64).sqrt() {
+            let evidence = sum / (count as f64).sqrt();
+            found.push(obstacle(found.len() as u64 + 1, &refined, evidence, &chosen));
+        } else if best.is_some_and(|n| search.excess(places[n]).1 == excess[n].1) {
+            break;
+        }
+        power.claim(refined.position_m);
+    }
+    found
+}
+
+/// `count` sweeps by farthest point (0: all); subsweeps of one sweep stay together.
+fn choose(observations: &[Observation], count: usize) -> Vec<Observation> {
+    if count == 0 {
+        return observations.to_vec();
+    }
+    let mut sweeps: Vec<&[Observation]> =
+        observations.chunk_by(|a, b| b.geometry.subsweep > a.geometry.subsweep).collect();
+    let positions: Vec<DVec3> = sweeps.iter().map(|s| s[0].tracking_from_sensor.translation).collect();
+    sweeps = farthest_points(&positions, count).into_iter().map(|n| sweeps[n]).collect();
+    sweeps.concat()
+}
+
+fn obstacle(id: u64, refined: &Refined, evidence: f64, observations: &[Observation]) -> Obstacle {
+    let observed = match refined.observed_directions() {
+        2 => Observed::Position,
+        1 => Observed::RangeAndOneDirection,
+        _ => Observed::RangeOnly,
+    };
+    Obstacle {
+        id,
+        position_m: refined.position_m,
+        covariance_m2: refined.covariance_m2,
+        observed,
+        extent_m: DVec3::ZERO,
+        evidence,
+        shape: vec![(refined.position_m, evidence as f32)],
+        first_seen_ns: observations.first().map_or(0, |o| o.mid_time_ns),
+        last_seen_ns: observations.last().map_or(0, |o| o.mid_time_ns),
+    }
+}
