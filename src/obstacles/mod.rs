@@ -1,7 +1,11 @@
 //! What stands in the room: obstacles with position, covariance and extent; walls as planes.
 
+mod explain;
+mod map;
 mod reflectors;
 mod scene;
 
+pub use explain::{ExplainSettings, Explained, Window};
+pub use map::{MapSettings, Sighted, Sightings, same_place, same_plane};
 pub use reflectors::{ReflectorSettings, find_reflectors};
 pub use scene::{Observed, Obstacle, Scene, Wall};

@@ -1,0 +1,230 @@
+//! Explaining away: strong things claim what they account for before weak things are believed.
+//!
+//! Over the last seconds of blocks, planes first, then points by falling score: each is scored again on the blocks in which
+//! nothing stronger claims its range and direction, and if enough is left it claims these itself. A block sees a thing at a
+//! range and at a cosine to the sensor's way; both are known as well as pulse and aperture allow, and that is the claim.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::Plane;
+use crate::imaging::blocks::{Block, BlockSettings, LANES, MEAN_LOG_OF_NOISE, Planes, Points};
+use crate::radar::WAVELENGTH_M;
+
+/// Parameters of explaining away.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExplainSettings {
+    /// Blocks of this last time are explained, seconds.
+    pub window_s: f64,
+    /// Score that is left and still counts as a thing.
+    pub min_score: f64,
+    /// Score of the field from which on a place is looked at.
+    pub min_candidate_score: f64,
+    /// Candidates at most, the strongest.
+    pub max_candidates: usize,
+    /// Blocks that a plane must have been seen in.
+    pub plane_min_blocks: u32,
+    /// Score from which on a plane is believed.
+    pub plane_min_score: f64,
+    /// Least half-length of a claim in range, metres.
+    pub claim_range_m: f64,
+    /// Half-width of a claim in direction, in units of λ/2L, L the block's aperture.
+    pub claim_lobes: f64,
+}
+
+impl Default for ExplainSettings {
+    fn default() -> Self {
+        Self {
+            window_s: 4.0,
+            min_score: 2.5,
+            min_candidate_score: 2.5,
+            max_candidates: 400,
+            plane_min_blocks: 13,
+            plane_min_score: 7.0,
+            claim_range_m: 0.15,
+            claim_lobes: 1.5,
+        }
+    }
+}
+
+/// A thing that was believed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Explained<T> {
+    /// Plane or place.
+    pub thing: T,
+    /// A/√B over the blocks that nothing stronger claimed.
+    pub score: f64,
+    /// Number of these blocks.
+    pub blocks: usize,
+    /// First and last of them, host nanoseconds.
+    pub first_ns: i64,
+    /// See `first_ns`.
+    pub last_ns: i64,
+}
+
+/// What a block says of one thing.
+#[derive(Debug, Clone, Copy)]
+struct View {
+    m: f64,
+    power: f64,
+    range_m: f64,
+    /// Cosine of its direction to the sensor's way.
+    cos: f64,
+}
+
+/// Range and direction in one block that are accounted for.
+#[derive(Debug, Clone, Copy)]
+struct Claim {
+    range_m: f64,
+    half_range_m: f64,
+    cos: f64,
+    half_cos: f64,
+}
+
+/// The blocks of a window and what is claimed in them.
+pub struct Window<'a> {
+    blocks: Vec<&'a Block>,
+    weights: Vec<f64>,
+    claims: Vec<Vec<Claim>>,
+    settings: &'a ExplainSettings,
+    block_settings: &'a BlockSettings,
+    min_cos: f64,
+}
+
+impl<'a> Window<'a> {
+    /// Nothing claimed yet. `blocks` in time; `min_cos`: cosine of the widest angle in the beam.
+    pub fn new(
+        blocks: impl Iterator<Item = &'a Block>,
+        settings: &'a ExplainSettings,
+        block_settings: &'a BlockSettings,
+        min_cos: f64,
+    ) -> Self {
+        let blocks: Vec<_> = blocks.collect();
+        let newest_ns = blocks.last().map_or(0, |b| b.mid_time_ns);
+        let age_s = |b: &&Block| (newest_ns - b.mid_time_ns) as f64 * 1e-9;
+        let weights = blocks.iter().map(|b| (-age_s(b) / block_settings.memory_s).exp()).collect();
+        Self { claims: vec![Vec::new(); blocks.len()], weights, blocks, settings, block_settings, min_cos }
+    }
+
+    /// Believes planes, strongest first.
+    pub fn explain_planes(&mut self, candidates: &[Plane]) -> Vec<Explained<Plane>> {
+        let views: Vec<_> = candidates.par_iter().map(|plane| self.views_of_plane(plane)).collect();
+        self.explain(candidates, &views, self.settings.plane_min_score)
+    }
+
+    /// Believes places, strongest first.
+    pub fn explain_points(&mut self, candidates: &[DVec3]) -> Vec<Explained<DVec3>> {
+        let views = self.views_of_points(candidates);
+        self.explain(candidates, &views, self.settings.min_score)
+    }
+
+    fn explain<T: Copy>(&mut self, things: &[T], views: &[Vec<Option<View>>], min_score: f64) -> Vec<Explained<T>> {
+        let mut explained = Vec::new();
+        let mut open: Vec<usize> = (0..things.len()).collect();
+        loop {
+            // Claims only take away, so scores are taken anew after each.
+            let scored = open.iter().filter_map(|&n| self.left_of(&views[n]).map(|left| (n, left)));
+            let enough = scored.filter(|(_, left)| left.score >= min_score);
+            let Some((best, left)) = enough.max_by(|a, b| a.1.score.total_cmp(&b.1.score).then(b.0.cmp(&a.0))) else {
+                return explained;
+            };
+            explained.push(Explained {
+                thing: things[best],
+                score: left.score,
+                blocks: left.blocks,
+                first_ns: left.first_ns,
+                last_ns: left.last_ns,
+            });
+            self.claim(&views[best]);
+            open.retain(|&n| n != best);
+        }
+    }
+
+    /// The score over the blocks in which nothing claims the thing.
+    fn left_of(&self, views: &[Option<View>]) -> Option<Explained<()>> {
+        let (mut a, mut b, mut blocks) = (0.0, 0.0, 0);
+        let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
+        for (n, view) in views.iter().enumerate() {
+            let Some(view) = view else { continue };
+            let claimed =
+                |c: &Claim| (view.range_m - c.range_m).abs() < c.half_range_m && (view.cos - c.cos).abs() < c.half_cos;
+            if self.claims[n].iter().any(claimed) {
+                continue;
+            }
+            let weight = self.weights[n];
+            a += weight * (view.m.ln_1p() - MEAN_LOG_OF_NOISE);
+            b += weight * weight;
+            blocks += 1;
+            first_ns = first_ns.min(self.blocks[n].mid_time_ns);
+            last_ns = last_ns.max(self.blocks[n].mid_time_ns);
+        }
+        (blocks >= MIN_BLOCKS).then(|| Explained { thing: (), score: a / b.sqrt(), blocks, first_ns, last_ns })
+    }
+
+    fn claim(&mut self, views: &[Option<View>]) {
+        for (n, view) in views.iter().enumerate() {
+            let Some(view) = view else { continue };
+            let block = self.blocks[n];
+            let half_width_m = block.geometry().profile.envelope_fwhm_m() * 0.5;
+            // As far as the pulse's skirt still stands out of the noise.
+            let skirt_m = half_width_m * view.power.max(1.0).log2().sqrt();
+            let half_cos = self.settings.claim_lobes * WAVELENGTH_M / (2.0 * block.aperture_m.max(1e-4));
+            self.claims[n].push(Claim {
+                range_m: view.range_m,
+                half_range_m: skirt_m.max(self.settings.claim_range_m),
+                cos: view.cos,
+                half_cos,
+            });
+        }
+    }
+
+    fn views_of_points(&self, places: &[DVec3]) -> Vec<Vec<Option<View>>> {
+        let chunks = places.par_chunks(LANES).flat_map_iter(|chunk| {
+            let by_block: Vec<_> = self.blocks.iter().map(|block| self.block_views(block, chunk)).collect();
+            (0..chunk.len()).map(move |lane| by_block.iter().map(|views| views[lane]).collect())
+        });
+        chunks.collect()
+    }
+
+    fn block_views(&self, block: &Block, places: &[DVec3]) -> [Option<View>; LANES] {
+        let mut views = [None; LANES];
+        let sees = |place: &DVec3| self.block_settings.sees(&block.middle, self.min_cos, *place);
+        if !places.iter().any(sees) {
+            return views;
+        }
+        let origin = block.middle.translation;
+        let relative: Vec<[f32; 3]> = places.iter().map(|p| (*p - origin).as_vec3().to_array()).collect();
+        let coherence = block.coherence_at_points(&Points::of(&relative));
+        for (lane, place) in places.iter().enumerate().filter(|(_, place)| sees(place)) {
+            let range_m = block.distance_m(*place);
+            let cos = (*place - origin).dot(block.motion) / range_m.max(1e-9);
+            let (m, power) = (f64::from(coherence.m[lane]), f64::from(coherence.power[lane]));
+            views[lane] = Some(View { m, power, range_m, cos });
+        }
+        views
+    }
+
+    fn views_of_plane(&self, plane: &Plane) -> Vec<Option<View>> {
+        let view = |block: &&Block| {
+            let range_m = plane.distance(block.middle.translation);
+            let in_range = range_m >= self.block_settings.min_range_m && range_m <= block.geometry().axis.last_m();
+            if !in_range || plane.outward.dot(block.middle.forward()) < self.min_cos {
+                return None;
+            }
+            let toward = Points::of(&[plane.outward.as_vec3().to_array()]);
+            let coherence = block.coherence_of_planes(&Planes { toward, distance_m: [range_m as f32; LANES] });
+            Some(View {
+                m: f64::from(coherence.m[0]),
+                power: f64::from(coherence.power[0]),
+                range_m,
+                cos: plane.outward.dot(block.motion),
+            })
+        };
+        self.blocks.iter().map(view).collect()
+    }
+}
+
+/// Fewer blocks than this say nothing.
+const MIN_BLOCKS: usize = 3;

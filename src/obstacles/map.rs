@@ -1,0 +1,130 @@
+//! Obstacles over time: confirmed when seen again, kept while unseen.
+
+use std::collections::VecDeque;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::explain::Explained;
+use crate::geometry::Plane;
+
+/// Parameters of the map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MapSettings {
+    /// Score that counts as a sighting.
+    pub confirm_score: f64,
+    /// Sightings among the last four updates that confirm.
+    pub confirm_sightings: usize,
+    /// A sighting this near belongs to a known place, metres.
+    pub match_m: f64,
+}
+
+impl Default for MapSettings {
+    fn default() -> Self {
+        Self { confirm_score: 6.0, confirm_sightings: 2, match_m: 0.15 }
+    }
+}
+
+/// Updates that are looked back on.
+const RECENT_UPDATES: usize = 4;
+/// A place that is not confirmed and not seen in this many updates is forgotten.
+const FORGET_AFTER_UPDATES: u64 = 8;
+
+/// A place that was sighted.
+#[derive(Debug, Clone)]
+pub struct Sighted<T> {
+    /// Stays the same.
+    pub id: u64,
+    /// Where, as its best sighting says.
+    pub thing: T,
+    /// Best score.
+    pub score: f64,
+    /// Seen often enough.
+    pub confirmed: bool,
+    /// First and last sighting, host nanoseconds.
+    pub first_ns: i64,
+    /// See `first_ns`.
+    pub last_ns: i64,
+    recent: VecDeque<bool>,
+    last_update: u64,
+}
+
+/// What was sighted, of one kind.
+#[derive(Debug)]
+pub struct Sightings<T> {
+    known: Vec<Sighted<T>>,
+    update: u64,
+    next_id: u64,
+}
+
+impl<T> Default for Sightings<T> {
+    fn default() -> Self {
+        Self { known: Vec::new(), update: 0, next_id: 0 }
+    }
+}
+
+impl<T: Copy> Sightings<T> {
+    /// Takes one update's sightings, strongest first; `same` tells whether two are the same thing.
+    pub fn update(&mut self, found: &[Explained<T>], settings: &MapSettings, same: impl Fn(&T, &T) -> bool) {
+        self.update += 1;
+        for known in &mut self.known {
+            known.recent.push_back(false);
+            if known.recent.len() > RECENT_UPDATES {
+                known.recent.pop_front();
+            }
+        }
+        for sighting in found.iter().filter(|s| s.score >= settings.confirm_score) {
+            match self.known.iter_mut().find(|k| same(&k.thing, &sighting.thing)) {
+                Some(known) => known.see(sighting, self.update, settings),
+                None => {
+                    self.next_id += 1;
+                    self.known.push(Sighted {
+                        id: self.next_id,
+                        thing: sighting.thing,
+                        score: sighting.score,
+                        confirmed: settings.confirm_sightings <= 1,
+                        first_ns: sighting.first_ns,
+                        last_ns: sighting.last_ns,
+                        recent: VecDeque::from([true]),
+                        last_update: self.update,
+                    });
+                }
+            }
+        }
+        let now = self.update;
+        self.known.retain(|k| k.confirmed || now - k.last_update < FORGET_AFTER_UPDATES);
+    }
+
+    /// The confirmed ones.
+    pub fn confirmed(&self) -> impl Iterator<Item = &Sighted<T>> {
+        self.known.iter().filter(|k| k.confirmed)
+    }
+}
+
+impl<T: Copy> Sighted<T> {
+    fn see(&mut self, sighting: &Explained<T>, update: u64, settings: &MapSettings) {
+        if let Some(newest) = self.recent.back_mut() {
+            *newest = true;
+        }
+        if sighting.score > self.score {
+            (self.score, self.thing) = (sighting.score, sighting.thing);
+        }
+        self.first_ns = self.first_ns.min(sighting.first_ns);
+        self.last_ns = self.last_ns.max(sighting.last_ns);
+        self.last_update = update;
+        self.confirmed |= self.recent.iter().filter(|seen| **seen).count() >= settings.confirm_sightings;
+    }
+}
+
+/// The same place: within the settings' distance.
+pub fn same_place(match_m: f64) -> impl Fn(&DVec3, &DVec3) -> bool {
+    move |a, b| a.distance(*b) <= match_m
+}
+
+/// The same plane: within 8° and 15 cm at a place near the middle of the room.
+pub fn same_plane(middle: DVec3) -> impl Fn(&Plane, &Plane) -> bool {
+    move |a, b| {
+        a.outward.dot(b.outward) > 8f64.to_radians().cos() && (a.distance(middle) - b.distance(middle)).abs() < 0.15
+    }
+}
