@@ -68,3 +68,49 @@ fn check_claims(record: &[u8], whole: bool) -> Result<(), String> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A chunk record with unpacked content.
+    fn chunk(content: &[u8], packed_bytes: u64) -> Vec<u8> {
+        let mut record = vec![0; 16];
+        record.extend((content.len() as u64).to_le_bytes());
+        record.extend([0; 8]);
+        record.extend(packed_bytes.to_le_bytes());
+        record.extend(content);
+        record
+    }
+
+    fn record(opcode: u8, claimed_bytes: u64, content: &[u8]) -> Vec<u8> {
+        [&[opcode], claimed_bytes.to_le_bytes().as_slice(), content].concat()
+    }
+
+    fn unpacked(chunk: &[u8]) -> (Vec<u8>, Result<(), String>) {
+        let mut opcodes = Vec::new();
+        let result = unpack(chunk, chunk.len() as u64, |opcode, _| opcodes.push(opcode));
+        (opcodes, result)
+    }
+
+    #[test]
+    fn unpacked_chunks_are_read_and_lengths_inside_them_are_not_believed() {
+        let two = [record(5, 2, b"ab"), record(9, 0, b"")].concat();
+        assert_eq!(unpacked(&chunk(&two, 20)), (vec![5, 9], Ok(())));
+        let beyond = [record(5, 2, b"ab"), record(9, 1 << 20, b"x")].concat();
+        let (opcodes, result) = unpacked(&chunk(&beyond, beyond.len() as u64));
+        assert_eq!((opcodes, result.is_err()), (vec![5], true));
+        let huge = record(5, u64::MAX, b"x");
+        assert!(unpacked(&chunk(&huge, huge.len() as u64)).1.is_err());
+        for packed_bytes in [0, 5, 21, u64::MAX] {
+            assert!(unpacked(&chunk(&two, packed_bytes)).1.unwrap_err().contains("holds 20"));
+        }
+    }
+
+    #[test]
+    fn other_compressions_are_named() {
+        let mut record = chunk(b"", 0);
+        record.splice(28..32, [3, 0, 0, 0, b'l', b'z', b'4']);
+        assert!(unpacked(&record).1.unwrap_err().contains("\"lz4\""));
+    }
+}

@@ -22,6 +22,8 @@ mod message;
 mod reader;
 mod record;
 mod summary;
+#[cfg(test)]
+mod test_files;
 mod truth;
 mod tum;
 mod vendor_h5;

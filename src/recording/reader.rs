@@ -268,3 +268,228 @@ fn read_header(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+
+    use num_complex::Complex;
+    use proptest::prelude::*;
+
+    use super::super::test_files::{TestFile, assert_same, events, header, recorded};
+    use super::*;
+    use crate::radar::Frame;
+    use crate::tracking::{PoseSample, TrackingResult};
+
+    fn read(bytes: &[u8]) -> Result<(Vec<Event>, Recording), RecordingError> {
+        let file = TestFile::with(bytes);
+        let mut recording = Recording::open(&file.0)?;
+        Ok((recording.by_ref().collect(), recording))
+    }
+
+    #[test]
+    fn everything_comes_back_and_the_header_too() {
+        let written = events(3);
+        let (events, recording) = read(&recorded(&written)).unwrap();
+        assert_same(&events, &written);
+        assert_eq!(recording.header(), &header());
+        assert!(recording.damage().is_none(), "{}", recording.damage());
+    }
+
+    proptest! {
+        #[test]
+        fn any_numbers_come_back_to_the_bit(
+            bits in prop::array::uniform7(any::<u64>()),
+            times in prop::collection::vec(any::<i64>(), 3),
+            flags in any::<[bool; 4]>(),
+            result in 0..4usize,
+            samples in prop::collection::vec(any::<(i16, i16)>(), 0..40),
+            temperature_c in any::<i16>(),
+        ) {
+            let numbers = bits.map(f64::from_bits);
+            let results = [
+                TrackingResult::Ok,
+                TrackingResult::OutOfRange,
+                TrackingResult::RotationOnly,
+                TrackingResult::NotTracking,
+            ];
+            let pose = PoseSample {
+                time_ns: times[0],
+                position_m: [numbers[0], numbers[1], -0.0],
+                quaternion_xyzw: [numbers[3], f64::NAN, numbers[5], numbers[6]],
+                valid: flags[0],
+                result: results[result],
+            };
+            let frame = Frame {
+                tick: times[1],
+                host_time_ns: times[2],
+                temperature_c,
+                data_saturated: flags[1],
+                frame_delayed: flags[2],
+                calibration_needed: flags[3],
+                samples: samples.iter().map(|&(re, im)| Complex::new(re, im)).collect(),
+            };
+            let written = [Event::Pose(pose), Event::Frame(frame), Event::Pose(pose)];
+            let (events, recording) = read(&recorded(&written)).unwrap();
+            assert_same(&events, &written);
+            prop_assert!(recording.damage().is_none());
+        }
+    }
+
+    #[test]
+    fn a_cut_file_gives_what_came_before_the_cut() {
+        let written = events(4);
+        let bytes = recorded(&written);
+        let mut most = 0;
+        for length in (0..bytes.len()).step_by(97) {
+            match read(&bytes[..length]) {
+                Ok((events, recording)) => {
+                    assert!(events.len() >= most, "a longer file gave less");
+                    most = events.len();
+                    assert_same(&events, &written[..events.len()]);
+                    assert!(recording.damage().ended_early.is_some());
+                    assert_eq!(recording.header().config, header().config);
+                }
+                Err(error) => {
+                    assert!(length < 8000, "{length}: {error}");
+                    assert_eq!(most, 0);
+                }
+            }
+        }
+        assert_eq!(most, written.len());
+    }
+
+    #[test]
+    fn a_flipped_byte_costs_a_second_at_most_inside_a_chunk_and_never_a_panic() {
+        let written = events(4);
+        let bytes = recorded(&written);
+        // NaN does not equal itself; its written form does.
+        let known: HashSet<String> = written.iter().map(|event| format!("{event:?}")).collect();
+        let (mut files, mut sound) = (0, 0);
+        for position in (0..bytes.len()).step_by(211) {
+            let mut damaged = bytes.clone();
+            damaged[position] ^= 0x55;
+            files += 1;
+            let Ok((events, recording)) = read(&damaged) else { continue };
+            assert!(events.len() <= written.len());
+            // Framing breaks seldom; mostly one chunk of about 61 events goes.
+            sound += usize::from(events.len() + 62 >= written.len() && !recording.damage().is_none());
+            assert!(events.iter().all(|e| known.contains(&format!("{e:?}"))), "a made-up event, byte {position}");
+        }
+        assert!(sound > files / 2, "{sound} of {files}");
+    }
+
+    #[test]
+    fn a_damaged_chunk_is_left_out_and_the_next_one_is_read() {
+        let written = events(4);
+        let mut bytes = recorded(&written);
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 0xff;
+        let (events, recording) = read(&bytes).unwrap();
+        assert_eq!(recording.damage().chunks_damaged, 1);
+        assert!(recording.damage().ended_early.is_none());
+        assert!(events.len() < written.len() && events.len() + 62 > written.len());
+        assert_same(&events[events.len() - 1..], &written[written.len() - 1..]);
+    }
+
+    /// Where the first top-level record with this opcode has its content, behind `from`.
+    fn content_of(bytes: &[u8], opcode: u8, from: usize) -> usize {
+        let mut at = from;
+        while bytes[at] != opcode {
+            at += 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        }
+        at + 9
+    }
+
+    #[test]
+    fn huge_claims_are_refused_without_taking_memory() {
+        let bytes = recorded(&events(2));
+        let topics = content_of(&bytes, op::CHUNK, 8);
+        let chunk = content_of(&bytes, op::CHUNK, topics - 9 + 9 + chunk_length(&bytes, topics));
+        // A chunk that claims 100 GB when unpacked: left out.
+        let mut bomb = bytes.clone();
+        bomb[chunk + 16..chunk + 24].copy_from_slice(&100_000_000_000u64.to_le_bytes());
+        let (_, recording) = read(&bomb).unwrap();
+        assert!(recording.damage().first_reason.as_ref().unwrap().contains("100000000000 bytes"));
+        // A record that claims 100 GB: reading ends there.
+        let mut long = bytes.clone();
+        long[chunk - 8..chunk].copy_from_slice(&100_000_000_000u64.to_le_bytes());
+        let (events, recording) = read(&long).unwrap();
+        assert!(events.is_empty());
+        assert!(recording.damage().ended_early.as_ref().unwrap().contains("claims 100000000000 bytes"));
+        // A compression name of 4 GB.
+        let mut name = bytes.clone();
+        name[chunk + 28..chunk + 32].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert_eq!(read(&name).unwrap().1.damage().chunks_damaged, 1);
+        // Zeros, as a file system leaves them after a power cut.
+        let mut zeros = bytes[..chunk - 9].to_vec();
+        zeros.extend([0; 5000]);
+        assert!(read(&zeros).unwrap().1.damage().ended_early.as_ref().unwrap().contains("zeros"));
+    }
+
+    fn chunk_length(bytes: &[u8], content: usize) -> usize {
+        u64::from_le_bytes(bytes[content - 8..content].try_into().unwrap()) as usize
+    }
+
+    #[test]
+    fn wrong_messages_are_counted_and_skipped() {
+        let mut content = Content::default();
+        content.topics.insert(1, Topic::Frames);
+        content.topics.insert(2, Topic::Poses);
+        content.topics.insert(3, Topic::Other);
+        content.take_message(1, &[0x3a, 3, 1, 2, 3]);
+        content.take_message(1, &[0x3a, 200]);
+        content.take_message(1, &[0x18, 0x80, 0x80, 0x10]);
+        content.take_message(2, &[]);
+        content.take_message(3, &[1, 2, 3]);
+        content.take_message(4, &[]);
+        content.take_plain(op::MESSAGE, &[1, 0]);
+        assert_eq!(content.damage.messages_skipped, 6);
+        assert!(content.events.is_empty());
+        assert!(content.damage.first_reason.unwrap().contains("3 bytes of samples"));
+    }
+
+    #[test]
+    fn foreign_files_are_refused_with_what_to_do() {
+        let message = |bytes: &[u8]| read(bytes).unwrap_err().to_string();
+        assert!(message(b"").contains("is empty"));
+        assert!(message(b"\x89HDF\r\n\x1a\nrest").contains("radar-chaperone import"));
+        assert!(message(b"timestamp_s tx ty tz").contains("does not begin as an MCAP file"));
+        assert!(message(&mcap::MAGIC[..5]).contains("cut right at its start"));
+        assert!(message(mcap::MAGIC).contains("no radar-chaperone header (the file ends there)"));
+        let mut foreign = Vec::new();
+        let mut writer = mcap::Writer::new(io::Cursor::new(&mut foreign)).unwrap();
+        writer.add_schema("a", "protobuf", &[]).unwrap();
+        writer.finish().unwrap();
+        drop(writer);
+        assert!(message(&foreign).contains("no radar-chaperone header (messages begin without it)"));
+        let missing = Recording::open("/no/such/file.mcap").unwrap_err().to_string();
+        assert!(missing.contains("cannot open /no/such/file.mcap"), "{missing}");
+        assert!(matches!(Recording::open(std::env::temp_dir()), Err(RecordingError::Folder(_))));
+    }
+
+    #[test]
+    fn a_broken_configuration_is_refused_with_its_rule() {
+        let bytes = recorded(&[]);
+        let from = br#""hwaas":16"#;
+        let at = bytes.windows(from.len()).position(|w| w == from).unwrap();
+        let mut broken = bytes;
+        broken[at..at + from.len()].copy_from_slice(br#""hwaas": 0"#);
+        let error = read(&broken).unwrap_err().to_string();
+        assert!(error.contains("subsweeps[0].hwaas is 0"), "{error}");
+    }
+
+    #[test]
+    fn random_bytes_behind_the_header_never_panic() {
+        let bytes = recorded(&[]);
+        let start = content_of(&bytes, op::CHUNK, 8) - 9;
+        proptest!(|(tail in prop::collection::vec(any::<u8>(), 0..300), opcode in 0u8..16, length in 0u64..300)| {
+            let mut file = bytes[..start].to_vec();
+            file.push(opcode);
+            file.extend(length.to_le_bytes());
+            file.extend(tail);
+            let (events, _) = read(&file).unwrap();
+            prop_assert!(events.is_empty());
+        });
+    }
+}

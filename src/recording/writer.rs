@@ -258,3 +258,94 @@ fn write_error(path: &Path, error: McapError) -> RecordingError {
     };
     RecordingError::Io { doing: "write", path: path.to_owned(), source }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec3};
+
+    use super::super::test_files::{TestFile, assert_same, events, header, recorded};
+    use super::super::{Recording, RecordingSummary};
+    use super::*;
+    use crate::obstacles::{Observed, Obstacle};
+
+    fn scene(time_ns: i64) -> Scene {
+        let obstacle = Obstacle {
+            id: 7,
+            position_m: DVec3::new(0.0, 1.0, -2.0),
+            covariance_m2: DMat3::IDENTITY * 1e-4,
+            observed: Observed::Position,
+            extent_m: DVec3::splat(0.3),
+            evidence: 12.0,
+            shape: vec![(DVec3::new(0.0, 1.0, -2.0), 12.0)],
+            first_seen_ns: 0,
+            last_seen_ns: time_ns,
+        };
+        Scene { time_ns, obstacles: vec![obstacle], walls: vec![] }
+    }
+
+    #[test]
+    fn the_same_input_gives_the_same_bytes() {
+        let events = events(2);
+        assert_eq!(recorded(&events), recorded(&events));
+    }
+
+    #[test]
+    fn chunks_last_a_second_at_most_and_stay_small() {
+        let file = TestFile::with(&recorded(&events(5)));
+        let bytes = std::fs::read(&file.0).unwrap();
+        let index = mcap::Summary::read(&bytes).unwrap().unwrap();
+        assert!(index.chunk_indexes.len() >= 6);
+        for chunk in &index.chunk_indexes {
+            assert!(chunk.message_end_time - chunk.message_start_time <= CHUNK_NS as u64);
+            assert!(chunk.uncompressed_size < 2 * CHUNK_BYTES as u64);
+        }
+        assert_eq!(index.metadata_indexes.len(), 2);
+    }
+
+    #[test]
+    fn results_are_written_along_and_do_not_disturb_reading() {
+        let file = TestFile::new();
+        let events = events(1);
+        let mut writer = RecordingWriter::create(&file.0, &header()).unwrap();
+        for event in &events {
+            writer.write(event).unwrap();
+            writer.write_scene(&scene(event.time_ns())).unwrap();
+        }
+        let summary = writer.finish().unwrap();
+        assert_eq!(summary.scenes, events.len() as u64);
+        let mut recording = Recording::open(&file.0).unwrap();
+        assert_same(&recording.by_ref().collect::<Vec<_>>(), &events);
+        assert!(recording.damage().is_none());
+    }
+
+    #[test]
+    fn what_is_flushed_survives_a_crash() {
+        let file = TestFile::new();
+        let events = events(1);
+        let mut writer = RecordingWriter::create(&file.0, &header()).unwrap();
+        for event in &events {
+            writer.write(event).unwrap();
+        }
+        writer.flush().unwrap();
+        let at_crash = TestFile::with(&std::fs::read(&file.0).unwrap());
+        let mut recording = Recording::open(&at_crash.0).unwrap();
+        assert_same(&recording.by_ref().collect::<Vec<_>>(), &events);
+        assert!(recording.damage().ended_early.as_ref().unwrap().contains("without its closing index"));
+    }
+
+    #[test]
+    fn the_writers_summary_is_what_reading_finds() {
+        let file = TestFile::new();
+        let mut writer = RecordingWriter::create(&file.0, &header()).unwrap();
+        for event in &events(3) {
+            writer.write(event).unwrap();
+        }
+        assert_eq!(writer.finish().unwrap(), RecordingSummary::read(&file.0).unwrap());
+    }
+
+    #[test]
+    fn a_place_that_cannot_be_written_is_named() {
+        let error = RecordingWriter::create("/no/such/folder/x.mcap", &header()).err().unwrap().to_string();
+        assert!(error.contains("cannot create /no/such/folder/x.mcap"), "{error}");
+    }
+}
