@@ -40,13 +40,14 @@ impl fmt::Display for Damage {
         let mut parts = Vec::new();
         parts.extend(self.ended_early.clone());
         if self.chunks_damaged > 0 {
-            parts.push(format!("{} damaged chunks left out", self.chunks_damaged));
+            let chunks = if self.chunks_damaged == 1 { "chunk" } else { "chunks" };
+            parts.push(format!("{} {chunks} (a second at most) not or only partly readable", self.chunks_damaged));
         }
         if self.messages_skipped > 0 {
             parts.push(format!("{} messages left out", self.messages_skipped));
         }
         if let Some(reason) = &self.first_reason {
-            parts.push(format!("first because {reason}"));
+            parts.push(format!("first of them: {reason}"));
         }
         write!(f, "{}", parts.join("; "))
     }

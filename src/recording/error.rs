@@ -17,9 +17,9 @@ pub enum RecordingError {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// A folder where a file should be.
-    #[error("{0} is a folder: give the recording's file")]
-    Folder(PathBuf),
+    /// A folder or a device where a file should be.
+    #[error("{0} is a folder or a device: give the recording's file")]
+    NotAFile(PathBuf),
     /// No bytes.
     #[error("{0} is empty: the recording ended before anything was written; record again")]
     Empty(PathBuf),
@@ -74,9 +74,9 @@ pub enum ImportError {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// A folder where a file should be.
-    #[error("{0} is a folder: give the file itself")]
-    Folder(PathBuf),
+    /// A folder or a device where a file should be.
+    #[error("{0} is a folder or a device: give the file itself")]
+    NotAFile(PathBuf),
     /// Larger than anything the vendor's tool records in one go.
     #[error("{path}: {what} is {bytes} bytes, more than the {max} bytes that are imported: record in shorter pieces")]
     TooBig {

@@ -14,6 +14,11 @@ mod wire {
 
 /// The compiled descriptors of proto/radar_chaperone.proto: the schema data of both messages.
 pub(super) const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/radar_chaperone.descriptors"));
+/// Numbers of the topics that every recording has.
+pub(super) const FRAME_CHANNEL: u16 = 1;
+pub(super) const POSE_CHANNEL: u16 = 2;
+pub(super) const HEAD_CHANNEL: u16 = 3;
+pub(super) const MOUNT_CHANNEL: u16 = 4;
 /// How all messages are written.
 pub(super) const MESSAGE_ENCODING: &str = "protobuf";
 /// Topic and schema of frames.

@@ -10,7 +10,10 @@ use std::path::{Path, PathBuf};
 
 use super::chunk::{MAX_RECORD_BYTES, unpack};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
-use super::message::{Event, FRAME_TOPIC, MESSAGE_ENCODING, POSE_TOPIC, decode_frame, decode_pose};
+use super::message::{
+    Event, FRAME_CHANNEL, FRAME_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_TOPIC,
+    decode_frame, decode_pose,
+};
 use super::record::{Fields, channel, message, metadata, op};
 use super::{Damage, RecordingError};
 
@@ -31,7 +34,7 @@ pub struct Recording {
 }
 
 /// What came out of the chunks so far and was not yet fetched.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Content {
     topics: HashMap<u16, Topic>,
     events: VecDeque<Event>,
@@ -75,13 +78,13 @@ impl Recording {
             let path = path.clone();
             move |source| RecordingError::Io { doing, path, source }
         };
-        if std::fs::metadata(&path).map_err(io_error("open"))?.is_dir() {
-            return Err(RecordingError::Folder(path));
+        if !std::fs::metadata(&path).map_err(io_error("open"))?.is_file() {
+            return Err(RecordingError::NotAFile(path));
         }
         let mut input = BufReader::new(File::open(&path).map_err(io_error("open"))?);
         check_magic(&path, &read_up_to(&mut input, 8).map_err(io_error("read"))?)?;
         let mut source = RecordSource { input, offset: 8, record_start: 8 };
-        let mut content = Content::default();
+        let mut content = Content::new();
         let (header, behind) = read_header(&path, &mut source, &mut content.damage)?;
         Ok(Self { path, header, source, pending: Some(behind), content, data_ended: false, ended: false })
     }
@@ -139,6 +142,14 @@ impl Iterator for Recording {
 }
 
 impl Content {
+    /// The topics as the writer numbers them, in case the chunk that declares them is damaged; what the file declares goes
+    /// before.
+    fn new() -> Self {
+        let topics = [(FRAME_CHANNEL, Topic::Frames), (POSE_CHANNEL, Topic::Poses)];
+        let others = [HEAD_CHANNEL, MOUNT_CHANNEL].map(|id| (id, Topic::Other));
+        Self { topics: topics.into_iter().chain(others).collect(), events: VecDeque::new(), damage: Damage::default() }
+    }
+
     /// Takes a top-level record; fewer bytes than claimed make it a cut one.
     fn take(&mut self, opcode: u8, record: &[u8], claimed_bytes: u64) {
         if opcode == op::CHUNK {
@@ -392,6 +403,17 @@ mod tests {
         assert_same(&events[events.len() - 1..], &written[written.len() - 1..]);
     }
 
+    #[test]
+    fn topics_are_known_even_where_their_declaration_is_damaged() {
+        let written = events(2);
+        let mut bytes = recorded(&written);
+        let topics = content_of(&bytes, op::CHUNK, 8);
+        bytes[topics + 100] ^= 0xff;
+        let (events, recording) = read(&bytes).unwrap();
+        assert_same(&events, &written);
+        assert_eq!((recording.damage().chunks_damaged, recording.damage().messages_skipped), (1, 0));
+    }
+
     /// Where the first top-level record with this opcode has its content, behind `from`.
     fn content_of(bytes: &[u8], opcode: u8, from: usize) -> usize {
         let mut at = from;
@@ -433,7 +455,7 @@ mod tests {
 
     #[test]
     fn wrong_messages_are_counted_and_skipped() {
-        let mut content = Content::default();
+        let mut content = Content::new();
         content.topics.insert(1, Topic::Frames);
         content.topics.insert(2, Topic::Poses);
         content.topics.insert(3, Topic::Other);
@@ -442,7 +464,7 @@ mod tests {
         content.take_message(1, &[0x18, 0x80, 0x80, 0x10]);
         content.take_message(2, &[]);
         content.take_message(3, &[1, 2, 3]);
-        content.take_message(4, &[]);
+        content.take_message(40, &[]);
         content.take_plain(op::MESSAGE, &[1, 0]);
         assert_eq!(content.damage.messages_skipped, 6);
         assert!(content.events.is_empty());
@@ -465,7 +487,7 @@ mod tests {
         assert!(message(&foreign).contains("no radar-chaperone header (messages begin without it)"));
         let missing = Recording::open("/no/such/file.mcap").unwrap_err().to_string();
         assert!(missing.contains("cannot open /no/such/file.mcap"), "{missing}");
-        assert!(matches!(Recording::open(std::env::temp_dir()), Err(RecordingError::Folder(_))));
+        assert!(matches!(Recording::open(std::env::temp_dir()), Err(RecordingError::NotAFile(_))));
     }
 
     #[test]

@@ -77,14 +77,22 @@ impl StreamSummary {
         (!sorted.is_empty()).then(|| *sorted.select_nth_unstable(middle).1 as f64 * 1e-9)
     }
 
-    /// Entries a second, at the usual interval.
+    /// Entries a second outside gaps.
     pub fn rate_hz(&self) -> Option<f64> {
-        self.usual_interval_s().map(|interval_s| 1.0 / interval_s)
+        let border_s = self.gap_border_s(0.0);
+        let usual = self.intervals_ns.iter().map(|&ns| ns as f64 * 1e-9).filter(|&s| s <= border_s);
+        let (count, sum_s) = usual.fold((0.0, 0.0), |(count, sum), s| (count + 1.0, sum + s));
+        (sum_s > 0.0).then(|| count / sum_s)
+    }
+
+    /// An interval above this is a gap, seconds.
+    fn gap_border_s(&self, least_s: f64) -> f64 {
+        self.usual_interval_s().map_or(least_s, |usual_s| least_s.max(GAP_FACTOR * usual_s))
     }
 
     /// Number of gaps, and the longest one in seconds: intervals above `least_s` and 2.5 times the usual one.
     pub fn gaps(&self, least_s: f64) -> (usize, f64) {
-        let border_s = self.usual_interval_s().map_or(least_s, |usual_s| least_s.max(GAP_FACTOR * usual_s));
+        let border_s = self.gap_border_s(least_s);
         let gaps_s = self.intervals_ns.iter().map(|&ns| ns as f64 * 1e-9).filter(|&s| s > border_s);
         gaps_s.fold((0, 0.0), |(count, longest), s| (count + 1, f64::max(longest, s)))
     }
@@ -200,7 +208,7 @@ impl RecordingSummary {
 }
 
 fn stream_text(stream: &StreamSummary, least_gap_s: f64) -> String {
-    let mut parts = vec![stream.count.to_string()];
+    let mut parts = vec![format!("{} over {:.2} s", stream.count, stream.duration_s())];
     parts.extend(stream.rate_hz().map(|rate| format!("{rate:.1} a second")));
     let (gaps, longest_s) = stream.gaps(least_gap_s);
     parts.push(match gaps {
@@ -265,4 +273,42 @@ fn truth_text(header: &Header) -> String {
     let names: Vec<&str> = truth.obstacles.iter().map(|o| o.name.as_str()).collect();
     let obstacles = if names.is_empty() { "no obstacles".into() } else { names.join(", ") };
     format!("{}; {obstacles}; {} walls; time offset {:+.4} s", truth.title, truth.walls.len(), truth.time_offset_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_files::{TestFile, events, header, recorded};
+    use super::*;
+
+    #[test]
+    fn a_newcomer_reads_it_at_a_glance() {
+        let mut written = events(4);
+        // A second without poses, and a pose whose time runs backwards.
+        written.retain(|e| !matches!(e, Event::Pose(p) if (1_000_000_000..2_000_000_000).contains(&p.time_ns)));
+        let last = written.iter().rposition(|e| matches!(e, Event::Pose(_))).unwrap();
+        if let Event::Pose(pose) = &mut written[last] {
+            pose.time_ns -= 2_000_000_000;
+        }
+        let file = TestFile::with(&recorded(&written));
+        let text = RecordingSummary::read(&file.0).unwrap().to_string();
+        let expected = "\
+Source     test room, seed 1
+Duration   3.95 s
+Board      simulated, 1000000 ticks a second
+Frames     80 over 3.95 s, 20.0 a second, no gaps, 4 saturated, 6 late
+Sensor     1 sweeps a frame, 50 points a sweep; predicted: 1126.2 sweeps a second inside a frame, 500.0 frames a second at most
+Subsweeps  0.20 to 3.14 m in steps of 60.1 mm (50 points), profile 3 (pulse 140 mm), HWAAS 16, gain 16, PRF 15.6 MHz
+Poses      120 over 3.95 s, 40.0 a second, 1 gaps (longest 1.025 s), 1 not later than the one before, 6 invalid
+Mount      sensor +0.000 m right, +0.031 m up, -0.100 m back of the head's origin, looking along (0.00, -0.20, -0.98)
+Settings   recorded
+Truth      two posts; post; 0 walls; time offset +0.0100 s
+Damage     none";
+        assert_eq!(text, expected);
+    }
+
+    #[test]
+    fn nothing_in_it_is_said_so() {
+        let text = RecordingSummary::new(header()).to_string();
+        assert!(text.contains("Frames     none") && text.contains("Poses      none"), "{text}");
+    }
 }

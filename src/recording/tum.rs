@@ -22,8 +22,8 @@ const MAX_LINE_BYTES: u64 = 4096;
 pub(super) fn read_track(path: &Path) -> Result<Vec<PoseSample>, ImportError> {
     let io_error = |source| ImportError::Io { path: path.to_owned(), source };
     let metadata = std::fs::metadata(path).map_err(io_error)?;
-    if metadata.is_dir() {
-        return Err(ImportError::Folder(path.to_owned()));
+    if !metadata.is_file() {
+        return Err(ImportError::NotAFile(path.to_owned()));
     }
     if metadata.len() > MAX_TRACK_BYTES {
         let (bytes, max) = (metadata.len(), MAX_TRACK_BYTES);

@@ -52,8 +52,8 @@ struct EntryMetadata {
 pub(super) fn read(path: &Path) -> Result<VendorRecording, ImportError> {
     let io_error = |source| ImportError::Io { path: path.to_owned(), source };
     let metadata = std::fs::metadata(path).map_err(io_error)?;
-    if metadata.is_dir() {
-        return Err(ImportError::Folder(path.to_owned()));
+    if !metadata.is_file() {
+        return Err(ImportError::NotAFile(path.to_owned()));
     }
     too_big_unless(metadata.len() <= MAX_BYTES, path, "the file", metadata.len(), MAX_BYTES)?;
     // Read here, so that what the system refuses and what the parser refuses stay apart.
@@ -79,7 +79,7 @@ impl<'a> Reader<'a> {
 
     fn read(&self) -> Result<VendorRecording, ImportError> {
         let session = self.session()?;
-        self.tell_what_is_left_out(&session);
+        self.tell_what_is_left_out(session);
         let server: ServerInfo = self.json("server_info")?;
         if server.ticks_per_second == 0 {
             return Err(self.layout("server_info", "has 0 ticks_per_second"));

@@ -14,7 +14,8 @@ use mcap::{Compression, McapError, McapResult, WriteOptions};
 use super::foxglove_messages::{evidence_points, head_transform, mount_transform, scene_update};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
-    DESCRIPTORS, Event, FRAME_SCHEMA, FRAME_TOPIC, MESSAGE_ENCODING, POSE_SCHEMA, POSE_TOPIC, encode_frame, encode_pose,
+    DESCRIPTORS, Event, FRAME_CHANNEL, FRAME_SCHEMA, FRAME_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL,
+    POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame, encode_pose,
 };
 use super::{RecordingError, RecordingSummary};
 use crate::obstacles::Scene;
@@ -25,6 +26,9 @@ use crate::tracking::PoseSample;
 const CHUNK_NS: i64 = 1_000_000_000;
 /// A chunk ends once it holds this many bytes.
 const CHUNK_BYTES: usize = 1 << 20;
+/// Numbers of the topics that only results have.
+const SCENE_CHANNEL: u16 = 5;
+const POINTS_CHANNEL: u16 = 6;
 /// What the file says wrote it; fixed, so that the bytes depend on the input alone.
 const LIBRARY: &str = "radar-chaperone";
 
@@ -80,10 +84,10 @@ impl RecordingWriter {
         if let Some(metadata) = header.truth_to_fields() {
             output.mcap.write_metadata(&Metadata { name: TRUTH_RECORD.into(), metadata })?;
         }
-        let frames = output.add_channel(FRAME_TOPIC, FRAME_SCHEMA, DESCRIPTORS)?;
-        let raw_poses = output.add_channel(POSE_TOPIC, POSE_SCHEMA, DESCRIPTORS)?;
-        let head = output.add_foxglove_channel::<FrameTransform>("/tracking/head")?;
-        let mount = output.add_foxglove_channel::<FrameTransform>("/tracking/mount")?;
+        let frames = output.add_channel(FRAME_CHANNEL, FRAME_TOPIC, FRAME_SCHEMA, DESCRIPTORS)?;
+        let raw_poses = output.add_channel(POSE_CHANNEL, POSE_TOPIC, POSE_SCHEMA, DESCRIPTORS)?;
+        let head = output.add_foxglove_channel::<FrameTransform>(HEAD_CHANNEL, "/tracking/head")?;
+        let mount = output.add_foxglove_channel::<FrameTransform>(MOUNT_CHANNEL, "/tracking/mount")?;
         // The topics stand in a chunk of their own: a damaged second later on does not take them along.
         output.flush()?;
         let (path, summary) = (path.to_owned(), RecordingSummary::new(header.clone()));
@@ -147,8 +151,8 @@ impl RecordingWriter {
         let (boxes, points) = match &mut self.scenes {
             Some(channels) => channels,
             none => none.insert((
-                self.output.add_foxglove_channel::<SceneUpdate>("/scene")?,
-                self.output.add_foxglove_channel::<PointCloud>("/scene/points")?,
+                self.output.add_foxglove_channel::<SceneUpdate>(SCENE_CHANNEL, "/scene")?,
+                self.output.add_foxglove_channel::<PointCloud>(POINTS_CHANNEL, "/scene/points")?,
             )),
         };
         self.output.foxglove(boxes, scene.time_ns, &scene_update(scene))?;
@@ -197,15 +201,15 @@ impl Output {
         Ok(Self { mcap, chunk: None })
     }
 
-    fn add_channel(&mut self, topic: &str, schema: &str, descriptors: &[u8]) -> McapResult<Channel> {
+    fn add_channel(&mut self, id: u16, topic: &str, schema: &str, descriptors: &[u8]) -> McapResult<Channel> {
         let schema = self.mcap.add_schema(schema, "protobuf", descriptors)?;
-        let id = self.mcap.add_channel(schema, topic, MESSAGE_ENCODING, &BTreeMap::new())?;
+        let id = self.mcap.add_channel_with_id(id, schema, topic, MESSAGE_ENCODING, &BTreeMap::new())?;
         Ok(Channel { id, messages: 0 })
     }
 
-    fn add_foxglove_channel<M: Encode>(&mut self, topic: &str) -> McapResult<Channel> {
+    fn add_foxglove_channel<M: Encode>(&mut self, id: u16, topic: &str) -> McapResult<Channel> {
         match M::get_schema() {
-            Some(schema) => self.add_channel(topic, &schema.name, &schema.data),
+            Some(schema) => self.add_channel(id, topic, &schema.name, &schema.data),
             None => Err(io::Error::other(format!("no schema for {topic}")).into()),
         }
     }
