@@ -44,10 +44,13 @@ pub(super) fn scene_update(scene: &Scene) -> SceneUpdate {
     SceneUpdate { deletions: vec![all], entities: obstacles.chain(walls).collect() }
 }
 
-/// The places with evidence of all obstacles.
+/// The places with evidence of all obstacles; an obstacle without any is its own place. Rerun shows these, not the boxes.
 pub(super) fn evidence_points(scene: &Scene) -> PointCloud {
-    let shapes = scene.obstacles.iter().flat_map(|o| &o.shape);
-    let numbers = shapes.flat_map(|&(place, score)| {
+    let places = scene.obstacles.iter().flat_map(|obstacle| {
+        let alone = obstacle.shape.is_empty().then_some((obstacle.position_m, obstacle.evidence as f32));
+        obstacle.shape.iter().copied().chain(alone)
+    });
+    let numbers = places.flat_map(|(place, score)| {
         let [x, y, z] = place.as_vec3().to_array();
         [x, y, z, score]
     });

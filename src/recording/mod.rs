@@ -11,6 +11,8 @@
 //! | `/tracking/mount` | `foxglove.FrameTransform` | head → sensor, once |
 //! | `/scene` | `foxglove.SceneUpdate` | results: obstacles and walls as boxes |
 //! | `/scene/points` | `foxglove.PointCloud` | results: where the evidence is |
+//!
+//! Foxglove shows all of the last four; Rerun (0.41) shows the transforms and the points, and lists the boxes raw.
 
 mod chunk;
 mod damage;
