@@ -1,5 +1,42 @@
 //! Recordings: MCAP out and in, import of the vendor's .h5 and of pose tracks.
+//!
+//! A file begins with metadata records (the [`Header`]), so that even a cut one can be read; then come chunks of at most
+//! one second with these topics:
+//!
+//! | topic | schema | what |
+//! |---|---|---|
+//! | `/radar/frame` | `radar_chaperone.Frame` | raw frames |
+//! | `/tracking/head_raw` | `radar_chaperone.TrackedPose` | every pose as it came, sound or not |
+//! | `/tracking/head` | `foxglove.FrameTransform` | the sound poses, tracking → head |
+//! | `/tracking/mount` | `foxglove.FrameTransform` | head → sensor, once |
+//! | `/scene` | `foxglove.SceneUpdate` | results: obstacles and walls as boxes |
+//! | `/scene/points` | `foxglove.PointCloud` | results: where the evidence is |
+//!
+//! Foxglove shows all of the last four; Rerun (0.41) shows the transforms and the points, and lists the boxes raw.
 
+mod chunk;
+mod damage;
+mod error;
+mod foxglove_messages;
+mod header;
+mod import;
+mod message;
+mod reader;
+mod record;
+mod summary;
+#[cfg(test)]
+mod test_files;
 mod truth;
+mod tum;
+mod vendor_h5;
+mod writer;
 
+pub use damage::Damage;
+pub use error::{ImportError, RecordingError};
+pub use header::{FORMAT_VERSION, Header, SensorMetadata};
+pub use import::{ImportOptions, Imported, import_h5};
+pub use message::Event;
+pub use reader::Recording;
+pub use summary::{RecordingSummary, StreamSummary};
 pub use truth::{Truth, TruthObstacle, TruthWall};
+pub use writer::RecordingWriter;

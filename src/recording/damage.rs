@@ -1,0 +1,54 @@
+//! What could not be read of a recording.
+
+use std::fmt;
+
+/// Everything readable was given all the same; this says what was not.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Damage {
+    /// Where and why reading stopped before the file's proper end.
+    pub ended_early: Option<String>,
+    /// Chunks (at most a second each) that were given up, wholly or in part.
+    pub chunks_damaged: u64,
+    /// Messages left out: their length or numbers make no frame and no pose.
+    pub messages_skipped: u64,
+    /// Why the first damaged chunk or message was left out.
+    pub first_reason: Option<String>,
+}
+
+impl Damage {
+    /// Whether the file was sound.
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    pub(super) fn chunk(&mut self, reason: impl Into<String>) {
+        self.chunks_damaged += 1;
+        self.first_reason.get_or_insert_with(|| reason.into());
+    }
+
+    pub(super) fn message(&mut self, reason: impl Into<String>) {
+        self.messages_skipped += 1;
+        self.first_reason.get_or_insert_with(|| reason.into());
+    }
+}
+
+impl fmt::Display for Damage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_none() {
+            return write!(f, "none");
+        }
+        let mut parts = Vec::new();
+        parts.extend(self.ended_early.clone());
+        if self.chunks_damaged > 0 {
+            let chunks = if self.chunks_damaged == 1 { "chunk" } else { "chunks" };
+            parts.push(format!("{} {chunks} (a second at most) not or only partly readable", self.chunks_damaged));
+        }
+        if self.messages_skipped > 0 {
+            parts.push(format!("{} messages left out", self.messages_skipped));
+        }
+        if let Some(reason) = &self.first_reason {
+            parts.push(format!("first of them: {reason}"));
+        }
+        write!(f, "{}", parts.join("; "))
+    }
+}

@@ -1,0 +1,107 @@
+//! MCAP records taken apart by hand, from a slice, with no length believed.
+//!
+//! The mcap crate's own `parse_record` reserves as many bytes as a string's length field claims (up to 4 GiB), so it
+//! serves for files one has written oneself, not for any file.
+
+use std::collections::BTreeMap;
+
+/// Opcodes of the records that matter here.
+pub(super) mod op {
+    pub const INVALID: u8 = 0x00;
+    pub const HEADER: u8 = 0x01;
+    pub const FOOTER: u8 = 0x02;
+    pub const CHANNEL: u8 = 0x04;
+    pub const MESSAGE: u8 = 0x05;
+    pub const CHUNK: u8 = 0x06;
+    pub const METADATA: u8 = 0x0C;
+    pub const DATA_END: u8 = 0x0F;
+}
+
+/// Takes little-endian fields off the front of a slice; `None` when it is too short.
+#[derive(Clone, Copy)]
+pub(super) struct Fields<'a>(pub &'a [u8]);
+
+impl<'a> Fields<'a> {
+    pub fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (taken, rest) = self.0.split_at_checked(count)?;
+        self.0 = rest;
+        Some(taken)
+    }
+
+    pub fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (taken, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(*taken)
+    }
+
+    pub fn u16(&mut self) -> Option<u16> {
+        self.array().map(u16::from_le_bytes)
+    }
+
+    pub fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    pub fn u64(&mut self) -> Option<u64> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    /// Bytes whose count stands before them.
+    pub fn sized(&mut self) -> Option<&'a [u8]> {
+        let count = self.u32()?;
+        self.bytes(usize::try_from(count).ok()?)
+    }
+
+    pub fn text(&mut self) -> Option<&'a str> {
+        std::str::from_utf8(self.sized()?).ok()
+    }
+}
+
+/// Name and fields of a metadata record.
+pub(super) fn metadata(record: &[u8]) -> Option<(&str, BTreeMap<String, String>)> {
+    let mut fields = Fields(record);
+    let name = fields.text()?;
+    let mut map = Fields(fields.sized()?);
+    let mut values = BTreeMap::new();
+    while !map.0.is_empty() {
+        values.insert(map.text()?.to_owned(), map.text()?.to_owned());
+    }
+    Some((name, values))
+}
+
+/// Id, topic and message encoding of a channel record.
+pub(super) fn channel(record: &[u8]) -> Option<(u16, &str, &str)> {
+    let mut fields = Fields(record);
+    let (id, _schema) = (fields.u16()?, fields.u16()?);
+    Some((id, fields.text()?, fields.text()?))
+}
+
+/// Channel id and content of a message record.
+pub(super) fn message(record: &[u8]) -> Option<(u16, &[u8])> {
+    let mut fields = Fields(record);
+    let channel = fields.u16()?;
+    let (_sequence, _log_time, _publish_time) = (fields.u32()?, fields.u64()?, fields.u64()?);
+    Some((channel, fields.0))
+}
+
+/// What a chunk says of its content.
+pub(super) struct ChunkClaims<'a> {
+    /// Length of its records when unpacked.
+    pub unpacked_bytes: u64,
+    /// "zstd", or empty.
+    pub compression: &'a str,
+    /// Length of its records as packed.
+    pub packed_bytes: u64,
+    /// The packed records as far as they are there.
+    pub packed: &'a [u8],
+}
+
+/// The claims at a chunk record's start.
+pub(super) fn chunk_claims(record: &[u8]) -> Option<ChunkClaims<'_>> {
+    let mut fields = Fields(record);
+    let (_start, _end) = (fields.u64()?, fields.u64()?);
+    let (unpacked_bytes, _crc) = (fields.u64()?, fields.u32()?);
+    let compression = fields.text()?;
+    let packed_bytes = fields.u64()?;
+    Some(ChunkClaims { unpacked_bytes, compression, packed_bytes, packed: fields.0 })
+}
