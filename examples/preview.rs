@@ -79,7 +79,7 @@ fn main() -> anyhow::Result<()> {
     let folder = std::env::args().nth(1).context("give a folder for the pictures")?;
     let path = |name: &str| std::path::Path::new(&folder).join(name);
     let tracking_from_chair = Pose::new(DVec3::new(-0.1, 0.0, -0.9), DQuat::from_rotation_y(0.5));
-    let truth: Vec<(DVec3, f64)> = chair(tracking_from_chair, 0.015).into_iter().map(|p| (p, 0.006)).collect();
+    let truth: Vec<(DVec3, f64)> = chair(tracking_from_chair, 0.015).into_iter().map(|p| (p, 0.009)).collect();
     let scene = scene(tracking_from_chair);
     let settings = WarningSettings::default();
     let mut renderer = Renderer::new()?;
@@ -94,6 +94,9 @@ fn main() -> anyhow::Result<()> {
     ] {
         let tracking_from_head = Pose::looking_at(head, target, DVec3::Y);
         let warnings = warn(&scene, &tracking_from_head, &settings);
+        let start = Instant::now();
+        let count = renderer.quads(&warnings, &settings)?.len();
+        println!("{name}: {count} quads handed over in {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
         for (eye, view) in ["left", "right"].iter().zip(EyeView::pair(&tracking_from_head, 0.064, 1.75, [960, 960])) {
             let start = Instant::now();
             let picture = renderer.preview(&warnings, &settings, &view, &truth)?;

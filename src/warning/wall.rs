@@ -9,6 +9,7 @@ use super::body::is_place;
 use super::object::upright;
 use super::panel::{Panel, PanelKind};
 use super::settings::WarningSettings;
+use crate::geometry::Plane;
 use crate::obstacles::Wall;
 
 /// A plane leaning more than this is a floor or a ceiling.
@@ -24,9 +25,8 @@ const BEHIND_M: f64 = 0.5;
 
 /// `None` for floors, ceilings, walls too far to warn of, and where the wall was not seen.
 pub(super) fn wall_panel(wall: &Wall, head: DVec3, settings: &WarningSettings) -> Option<Panel> {
-    let plane = wall.plane;
-    let upright_plane = plane.outward.is_normalized() && plane.outward.y.abs() <= MAX_LEAN;
-    if !upright_plane || !is_place(wall.seen_at.min) || !is_place(wall.seen_at.max) {
+    let plane = sound(wall.plane)?;
+    if plane.outward.y.abs() > MAX_LEAN || !is_place(wall.seen_at.min) || !is_place(wall.seen_at.max) {
         return None;
     }
     let outward = DVec3::new(plane.outward.x, 0.0, plane.outward.z).normalize();
@@ -49,6 +49,13 @@ pub(super) fn wall_panel(wall: &Wall, head: DVec3, settings: &WarningSettings) -
         alpha,
         distance_m,
     })
+}
+
+/// The plane with a normal of length 1 exactly; `None` when it was far from that.
+fn sound(plane: Plane) -> Option<Plane> {
+    let length = plane.outward.length();
+    let near_one = (0.9..1.1).contains(&length) && plane.offset_m.is_finite();
+    near_one.then(|| Plane { outward: plane.outward / length, offset_m: plane.offset_m / length })
 }
 
 /// First and last coordinate along `right` to show, at whole lines of the grid; `None` where nothing was seen.

@@ -44,9 +44,9 @@ fn paint(in: Corner) -> @location(0) vec4f {
     let d = polygon(in.place);
     let pixel = fwidth(in.place.x);
     let inside = clamp(0.5 - d / pixel, 0.0, 1.0);
-    let outline = clamp((0.005 - abs(d)) / pixel + 0.5, 0.0, 1.0);
-    var a = inside * (0.14 + 0.26 * exp(min(d, 0.0) / 0.04));
-    a = max(a, (1.0 - inside) * 0.25 * exp(-max(d, 0.0) / 0.02) * smoothstep(0.08, 0.05, d));
-    a += 0.8 * outline * (1.0 - a);
+    let outline = clamp((0.003 - abs(d)) / pixel + 0.5, 0.0, 1.0);
+    var a = inside * (0.10 + 0.14 * exp(min(d, 0.0) / 0.05));
+    a = max(a, (1.0 - inside) * 0.16 * exp(-max(d, 0.0) / 0.02) * smoothstep(0.08, 0.05, d));
+    a += 0.45 * outline * (1.0 - a);
     return vec4f(footprint.color.rgb * a, a);
 }

@@ -41,12 +41,13 @@ fn to_grid(x: f32) -> f32 {
 // Distance to the silhouette's edge, negative inside: the discs' union, its notches rounded (a soft minimum).
 fn silhouette(p: vec2f) -> f32 {
     var sum = 1e-30;
-    let softness = 0.3 * discs[0].z;
+    let softness = 0.55 * discs[0].z;
     for (var i = 0u; i < panel.disc_count; i++) {
         let disc = discs[i];
         sum += exp((disc.z - distance(p, disc.xy)) / softness);
     }
-    return -softness * log(sum);
+    // Overlapping neighbours swell the soft union: two to three at an edge.
+    return softness * (0.9 - log(sum));
 }
 
 fn over(below: f32, above: f32) -> f32 {
@@ -86,10 +87,10 @@ fn paint(in: Corner) -> @location(0) vec4f {
     if shaped {
         let d = silhouette(p);
         let inside = clamp(0.5 - d / pixel, 0.0, 1.0);
-        a = over(a, inside * (0.20 + 0.25 * exp(min(d, 0.0) / 0.05)));
+        a = over(a, inside * (0.24 + 0.16 * exp(min(d, 0.0) / 0.03)));
         // The glow ends before the panel does.
         let rim = smoothstep(0.0, 0.05, min(to_side, to_top));
-        a = over(a, (1.0 - inside) * 0.40 * exp(-max(d, 0.0) / 0.025) * rim);
+        a = over(a, (1.0 - inside) * 0.38 * exp(-max(d, 0.0) / 0.03) * rim);
         let outline = line(d, 0.004, pixel);
         a = over(a, 0.95 * outline);
         white = 0.45 * outline;

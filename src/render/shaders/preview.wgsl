@@ -105,5 +105,5 @@ fn ball(in: DotCorner) -> @location(0) vec4f {
     let covered = clamp((1.0 - from_middle) / soft + 0.5, 0.0, 1.0);
     // A little ball, lit from above.
     let lit = 0.65 + 0.35 * in.on_dot.y - 0.25 * from_middle * from_middle;
-    return vec4f(vec3f(0.16, 0.15, 0.14) * lit * in.light, covered);
+    return vec4f(vec3f(0.10, 0.095, 0.09) * lit * in.light, covered);
 }
