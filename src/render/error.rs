@@ -5,10 +5,10 @@
 pub enum RenderError {
     /// Neither a graphics card nor a software renderer offers Vulkan.
     #[error(
-        "no graphics adapter: {0}. Install a GPU driver with Vulkan, or the software renderer: \
-         apt install mesa-vulkan-drivers libvulkan1"
+        "no graphics adapter offers Vulkan: install a GPU driver, or the software renderer with \
+         `apt install mesa-vulkan-drivers libvulkan1`"
     )]
-    NoAdapter(String),
+    NoAdapter,
     /// The adapter is there but cannot be used.
     #[error("graphics adapter {adapter} gives no device: {cause}")]
     NoDevice {

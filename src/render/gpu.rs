@@ -28,8 +28,7 @@ impl Gpu {
             power_preference: wgpu::PowerPreference::HighPerformance,
             ..Default::default()
         };
-        let adapter = pollster::block_on(instance.request_adapter(&wanted))
-            .map_err(|error| RenderError::NoAdapter(error.to_string()))?;
+        let adapter = pollster::block_on(instance.request_adapter(&wanted)).map_err(|_| RenderError::NoAdapter)?;
         let name = adapter.get_info().name;
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("radar-chaperone"),

@@ -184,6 +184,28 @@ mod tests {
         assert_eq!(warnings.footprints.len(), MAX_PANELS);
     }
 
+    #[test]
+    fn a_swaying_head_hardly_changes_the_texture() {
+        let scene = Scene { obstacles: vec![block(1, 0.0, -0.8)], ..Default::default() };
+        let looks: Vec<_> = (0..90)
+            .map(|k| {
+                let sway = glam::DVec2::from_angle(f64::from(k) / 90.0 * std::f64::consts::TAU) * 0.005;
+                let head = Pose::from_translation(DVec3::new(0.1 + sway.x, 1.6, sway.y));
+                let panel = warn(&scene, &head, &WarningSettings::default()).panels.remove(0);
+                (panel.size_m, panel.silhouette)
+            })
+            .collect();
+        let changes = looks.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        assert!(changes <= 5, "{changes} new textures in one second");
+    }
+
+    #[test]
+    fn a_wall_with_a_normal_not_quite_of_length_one_still_warns() {
+        let outward = DVec3::new(0.94, 0.0, -0.342);
+        assert_eq!(warnings_of(vec![], vec![wall(outward, 0.7)]).panels.len(), 1);
+        assert_eq!(warnings_of(vec![], vec![wall(outward * 3.0, 0.7)]).panels.len(), 0);
+    }
+
     fn any_number() -> impl Strategy<Value = f64> {
         prop_oneof![
             8 => -2.0..2.0f64,
