@@ -9,6 +9,7 @@ pub mod imaging;
 pub mod obstacles;
 pub mod radar;
 pub mod recording;
+pub mod render;
 pub mod simulation;
 pub mod tracking;
 pub mod warning;

@@ -1,5 +1,15 @@
 //! How near, how bright, and the geometry to draw. No GPU here.
 
+mod body;
+mod footprint;
+mod hull;
+mod object;
 mod panel;
+mod settings;
+mod wall;
+mod warn;
 
+pub use hull::convex_hull;
 pub use panel::{Footprint, Panel, PanelKind, Warnings};
+pub use settings::{WarningSettings, WarningSettingsError};
+pub use warn::{MAX_PANELS, warn};

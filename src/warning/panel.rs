@@ -13,7 +13,8 @@ pub enum PanelKind {
     Wall,
 }
 
-/// An upright quad in the room. Its texture depends on all fields but `alpha`, `distance_m` and the pose.
+/// An upright quad in the room. Its texture depends on `kind`, `size_m` and `silhouette` alone; these are rounded to
+/// centimetres, so that it changes seldom.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Panel {
     /// The obstacle or wall it warns of.
@@ -24,11 +25,13 @@ pub struct Panel {
     pub tracking_from_panel: Pose,
     /// Width and height, metres.
     pub size_m: DVec2,
-    /// Silhouette as discs on the panel: middle (panel x, y, metres from the middle) and radius, metres.
+    /// Silhouette as discs on the panel: middle (panel x, y, metres from the middle) and radius, metres. Empty for a wall,
+    /// and for an object of which only the distance is known.
     pub silhouette: Vec<(DVec2, f64)>,
     /// Brightness, 0 (not drawn) to 1.
     pub alpha: f32,
-    /// From the head to the nearest side of the obstacle, metres.
+    /// From the wearer, the vertical line from head to floor, to the nearest side of the obstacle, metres; from the head for
+    /// what is above it.
     pub distance_m: f64,
 }
 

@@ -1,0 +1,113 @@
+//! What each eye sees of a chair 0.9 m ahead and a wall to the right, as PNG files: `cargo run --release --example preview DIR`.
+
+use std::time::Instant;
+
+use anyhow::Context;
+use glam::{DMat3, DQuat, DVec3};
+use radar_chaperone::geometry::{Aabb, Plane, Pose};
+use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
+use radar_chaperone::render::{EyeView, Renderer};
+use radar_chaperone::warning::{WarningSettings, warn};
+
+/// Edge of a voxel, metres.
+const VOXEL_M: f64 = 0.05;
+
+/// Seat, back and legs as boxes: least and greatest corner, metres, the chair's middle on the floor at the origin.
+const CHAIR: [([f64; 3], [f64; 3]); 6] = [
+    ([-0.23, 0.42, -0.23], [0.23, 0.47, 0.23]),
+    ([-0.23, 0.47, -0.23], [0.23, 0.95, -0.18]),
+    ([-0.23, 0.0, -0.23], [-0.18, 0.42, -0.18]),
+    ([0.18, 0.0, -0.23], [0.23, 0.42, -0.18]),
+    ([-0.23, 0.0, 0.18], [-0.18, 0.42, 0.23]),
+    ([0.18, 0.0, 0.18], [0.23, 0.42, 0.23]),
+];
+
+fn chair(tracking_from_chair: Pose, step_m: f64) -> Vec<DVec3> {
+    let mut points = Vec::new();
+    for (least, greatest) in CHAIR {
+        let (least, size) = (DVec3::from(least), DVec3::from(greatest) - DVec3::from(least));
+        let [nx, ny, nz] = (size / step_m).round().max(DVec3::ONE).to_array().map(|n| n as u32);
+        let count = DVec3::new(nx.into(), ny.into(), nz.into());
+        points.extend((0..nx * ny * nz).map(|i| {
+            let cell = DVec3::new((i % nx).into(), (i / nx % ny).into(), (i / (nx * ny)).into());
+            tracking_from_chair.transform_point(least + (cell + 0.5) / count * size)
+        }));
+    }
+    points
+}
+
+/// The middles of the voxels that hold a point: what a radar image would show at best.
+fn voxels(points: &[DVec3]) -> Vec<(DVec3, f32)> {
+    let mut cells: Vec<[i64; 3]> = points.iter().map(|p| (*p / VOXEL_M).floor().to_array().map(|v| v as i64)).collect();
+    cells.sort_unstable();
+    cells.dedup();
+    cells.into_iter().map(|c| ((DVec3::from_array(c.map(|v| v as f64)) + 0.5) * VOXEL_M, 1.0)).collect()
+}
+
+fn scene(tracking_from_chair: Pose) -> Scene {
+    let shape = voxels(&chair(tracking_from_chair, 0.02));
+    let chair = Obstacle {
+        id: 1,
+        position_m: tracking_from_chair.transform_point(DVec3::new(0.0, 0.5, 0.0)),
+        covariance_m2: DMat3::from_diagonal(DVec3::splat(4e-4)),
+        observed: Observed::Position,
+        extent_m: DVec3::new(0.46, 0.95, 0.46),
+        evidence: 20.0,
+        shape,
+        first_seen_ns: 0,
+        last_seen_ns: 0,
+    };
+    let unknown = Obstacle {
+        id: 2,
+        position_m: DVec3::new(-1.1, 0.9, -0.6),
+        observed: Observed::RangeOnly,
+        shape: Vec::new(),
+        ..chair.clone()
+    };
+    let wall = Wall {
+        id: 3,
+        plane: Plane { outward: DVec3::new(0.94, 0.0, -0.342), offset_m: 0.95 },
+        evidence: 9.0,
+        seen_at: Aabb::from_corners(DVec3::new(0.2, 1.5, -1.5), DVec3::new(1.5, 1.7, 1.0)),
+        first_seen_ns: 0,
+        last_seen_ns: 0,
+    };
+    Scene { time_ns: 0, obstacles: vec![chair, unknown], walls: vec![wall] }
+}
+
+fn main() -> anyhow::Result<()> {
+    let folder = std::env::args().nth(1).context("give a folder for the pictures")?;
+    let path = |name: &str| std::path::Path::new(&folder).join(name);
+    let tracking_from_chair = Pose::new(DVec3::new(-0.1, 0.0, -0.9), DQuat::from_rotation_y(0.5));
+    let truth: Vec<(DVec3, f64)> = chair(tracking_from_chair, 0.015).into_iter().map(|p| (p, 0.009)).collect();
+    let scene = scene(tracking_from_chair);
+    let settings = WarningSettings::default();
+    let mut renderer = Renderer::new()?;
+    println!("{}", renderer.adapter_name());
+
+    let head = DVec3::new(0.0, 1.65, 0.0);
+    for (name, target) in [
+        ("ahead", DVec3::new(0.0, 0.9, -1.0)),
+        ("down", DVec3::new(0.0, 0.3, -0.8)),
+        ("side", DVec3::new(0.8, 1.1, -0.9)),
+        ("left", DVec3::new(-0.9, 1.1, -0.9)),
+    ] {
+        let tracking_from_head = Pose::looking_at(head, target, DVec3::Y);
+        let warnings = warn(&scene, &tracking_from_head, &settings);
+        let start = Instant::now();
+        let count = renderer.quads(&warnings, &settings)?.len();
+        println!("{name}: {count} quads handed over in {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
+        for (eye, view) in ["left", "right"].iter().zip(EyeView::pair(&tracking_from_head, 0.064, 1.75, [960, 960])) {
+            let start = Instant::now();
+            let picture = renderer.preview(&warnings, &settings, &view, &truth)?;
+            println!("{name} {eye}: {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
+            picture.save(path(&format!("{name}-{eye}.png")))?;
+        }
+        for quad in renderer.quads(&warnings, &settings)? {
+            let kind = if quad.on_floor { "floor" } else { "panel" };
+            renderer.picture_of(&quad)?.save(path(&format!("{kind}-{}.png", quad.id)))?;
+        }
+    }
+    println!("{} textures drawn", renderer.textures_drawn());
+    Ok(())
+}

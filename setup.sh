@@ -1,0 +1,103 @@
+#!/usr/bin/env bash
+# Installs what building and testing need and this machine lacks. Run it as often as you like: where nothing is missing it
+# takes a second and changes nothing. Debian and Ubuntu; elsewhere it says what to install.
+#
+#   a C compiler                 compresses recordings (zstd)
+#   Vulkan loader and a driver   pictures; Mesa's software renderer serves where there is no graphics card. Without them
+#                                everything else works, and tests that draw say that they were skipped.
+#   Rust                         cargo as new as rust-version in Cargo.toml, with rustfmt and clippy
+set -euo pipefail
+cd "$(dirname "$0")"
+
+rust_bin="${CARGO_HOME:-$HOME/.cargo}/bin"
+rust_wanted=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+say() { echo "setup: $*"; }
+have() { command -v "$1" >/dev/null 2>&1; }
+have_package() { dpkg -s "$1" 2>/dev/null | grep -q '^Status: install ok installed'; }
+have_vulkan_driver() { compgen -G '/usr/share/vulkan/icd.d/*.json' >/dev/null || compgen -G '/etc/vulkan/icd.d/*.json' >/dev/null; }
+
+as_root() {
+    if [ "$(id -u)" = 0 ]; then
+        "$@"
+    elif have sudo; then
+        sudo "$@"
+    else
+        return 1
+    fi
+}
+
+# True when cargo is there and at least as new as wanted.
+rust_is_enough() {
+    local found
+    have cargo || return 1
+    found=$(cargo --version 2>/dev/null | cut -d' ' -f2) || return 1
+    [ -n "$found" ] && [ "$(printf '%s\n' "$rust_wanted" "$found" | sort -V | head -n1)" = "$rust_wanted" ]
+}
+
+install_packages() {
+    local missing=()
+    have cc && have_package libc6-dev || missing+=(gcc libc6-dev)
+    have_package libvulkan1 || missing+=(libvulkan1)
+    have_vulkan_driver || missing+=(mesa-vulkan-drivers)
+    if ! rust_is_enough && ! have rustup; then
+        have curl || missing+=(curl)
+        have_package ca-certificates || missing+=(ca-certificates)
+    fi
+    [ ${#missing[@]} -gt 0 ] || return 0
+    say "installing ${missing[*]}"
+    if ! { as_root apt-get update -q &&
+        as_root env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "${missing[@]}"; }; then
+        say "could not install them. As root: apt-get install ${missing[*]}"
+    fi
+}
+
+install_rust() {
+    rust_is_enough && return 0
+    if have rustup; then
+        say "cargo is older than $rust_wanted: updating Rust for this folder"
+        rustup toolchain install stable --profile minimal --component rustfmt --component clippy
+        rustup override set stable
+        return 0
+    fi
+    say "installing Rust by its official installer"
+    curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs |
+        sh -s -- -y --profile minimal --default-toolchain stable --component rustfmt --component clippy
+    PATH="$rust_bin:$PATH"
+    hash -r
+    link_rust
+}
+
+# Nothing here can change the PATH of the shell that called us; as root, Rust's programs are linked to where it looks.
+link_rust() {
+    if [ "$(id -u)" = 0 ] && [ -d /usr/local/bin ]; then
+        for program in cargo rustc rustdoc rustfmt cargo-fmt cargo-clippy clippy-driver rustup; do
+            [ -e "/usr/local/bin/$program" ] || ln -s "$rust_bin/$program" "/usr/local/bin/$program"
+        done
+    else
+        say "Rust is in $rust_bin: open a new shell, or run: export PATH=\"$rust_bin:\$PATH\""
+    fi
+}
+
+# What cannot be done without, checked at the end.
+check() {
+    local fine=0
+    have cc || { say "missing: a C compiler (cc)"; fine=1; }
+    rust_is_enough || { say "missing: Rust $rust_wanted or newer, see https://rustup.rs"; fine=1; }
+    return $fine
+}
+
+# Rust may be installed without the calling shell knowing of it yet.
+if ! have cargo && [ -x "$rust_bin/cargo" ]; then
+    PATH="$rust_bin:$PATH"
+    link_rust
+fi
+
+if have dpkg && have apt-get; then
+    install_packages
+    install_rust
+elif ! check; then
+    say "on this system please install: a C compiler, Rust $rust_wanted (https://rustup.rs), a Vulkan loader and driver (Mesa)"
+    exit 1
+fi
+check || exit 1
+say "all there"

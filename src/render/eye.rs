@@ -1,0 +1,116 @@
+//! An eye: where it is, and how wide it sees.
+//!
+//! Tangents are as OpenVR's `GetProjectionRaw` gives them: `[left, right, top, bottom]`, each the tangent of the angle from
+//! the eye's −z axis to that edge of the picture, x to the right. Its names for the vertical edges are swapped against what
+//! its values mean with y up (openvr issues 110, 254, 816): `top` is the tangent of the *lower* edge, negative in front of
+//! any headset, and `bottom` that of the *upper* edge, positive. `ComposeProjection` of OpenVR's manual reads them so too.
+
+use glam::{DMat4, DVec2, DVec3, DVec4, Mat4};
+
+use super::error::RenderError;
+use crate::geometry::Pose;
+
+/// Nothing nearer to the eye is drawn, metres.
+const NEAR_M: f64 = 0.03;
+
+/// One eye's view.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EyeView {
+    /// Where the eye is and how it is turned; it looks along −z, +y is up in its picture.
+    pub tracking_from_eye: Pose,
+    /// Left, right, "top" (the lower edge, negative) and "bottom" (the upper edge, positive), as `GetProjectionRaw` gives them.
+    pub tangents: [f64; 4],
+    /// Width and height of its picture, pixels.
+    pub size_px: [u32; 2],
+}
+
+impl EyeView {
+    /// Left and right eye of a head, looking straight ahead side by side. `ipd_m`: the distance between the pupils, 0.064 m for
+    /// most people; `fov_rad`: the full horizontal field of view; the vertical one follows from the picture's shape.
+    pub fn pair(tracking_from_head: &Pose, ipd_m: f64, fov_rad: f64, size_px: [u32; 2]) -> [Self; 2] {
+        let x = (fov_rad / 2.0).tan();
+        let y = x * f64::from(size_px[1]) / f64::from(size_px[0]);
+        [-0.5, 0.5].map(|side| Self {
+            tracking_from_eye: *tracking_from_head * Pose::from_translation(DVec3::new(side * ipd_m, 0.0, 0.0)),
+            tangents: [-x, x, -y, y],
+            size_px,
+        })
+    }
+
+    /// The pixel, from the picture's upper left corner, where a point of the tracking frame appears; `None` behind the eye.
+    pub fn project(&self, point_m: DVec3) -> Option<DVec2> {
+        let in_eye = self.tracking_from_eye.inverse().transform_point(point_m);
+        let clip = self.clip_from_eye() * in_eye.extend(1.0);
+        let ndc = DVec2::new(clip.x, clip.y) / clip.w;
+        let size = DVec2::new(self.size_px[0].into(), self.size_px[1].into());
+        (clip.w > NEAR_M).then(|| (ndc * DVec2::new(0.5, -0.5) + 0.5) * size)
+    }
+
+    /// Left, right, lower and upper tangent, y up.
+    pub(super) fn edges(&self) -> [f64; 4] {
+        self.tangents
+    }
+
+    /// # Errors
+    /// A pose or tangents that make no picture.
+    pub(super) fn check(&self) -> Result<(), RenderError> {
+        let [left, right, lower, upper] = self.edges();
+        let finite = self.tangents.iter().all(|t| t.is_finite());
+        let pose = self.tracking_from_eye.translation.is_finite() && self.tracking_from_eye.rotation.is_normalized();
+        if finite && pose && left < right && lower < upper {
+            return Ok(());
+        }
+        let position_m = self.tracking_from_eye.translation.to_array();
+        Err(RenderError::View { tangents: self.tangents, position_m })
+    }
+
+    /// Perspective with depth 1 at the near plane and 0 at infinity: floats are finest where they are needed.
+    fn clip_from_eye(&self) -> DMat4 {
+        let [left, right, lower, upper] = self.edges();
+        let (width, height) = (right - left, upper - lower);
+        DMat4::from_cols(
+            DVec4::new(2.0 / width, 0.0, 0.0, 0.0),
+            DVec4::new(0.0, 2.0 / height, 0.0, 0.0),
+            DVec4::new((right + left) / width, (upper + lower) / height, 0.0, -1.0),
+            DVec4::new(0.0, 0.0, NEAR_M, 0.0),
+        )
+    }
+
+    /// For places relative to the eye along the tracking frame's axes.
+    pub(super) fn clip_from_place(&self) -> Mat4 {
+        let eye_from_place = DMat4::from_quat(self.tracking_from_eye.rotation.conjugate());
+        (self.clip_from_eye() * eye_from_place).as_mat4()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edges_of_the_picture_are_where_the_tangents_say() {
+        // A Rift's left eye: it sees further down (1.11) than up (0.89) and further left than right.
+        let eye =
+            EyeView { tracking_from_eye: Pose::IDENTITY, tangents: [-0.96, 0.72, -1.11, 0.89], size_px: [1000, 1200] };
+        let close = |point: DVec3, x: f64, y: f64| (eye.project(point).unwrap() - DVec2::new(x, y)).length() < 1e-9;
+        assert!(close(DVec3::new(-0.96, 0.89, -1.0), 0.0, 0.0), "upper left");
+        assert!(close(DVec3::new(0.72, -1.11, -1.0) * 3.0, 1000.0, 1200.0), "lower right");
+        assert_eq!(eye.project(DVec3::Z), None);
+    }
+
+    #[test]
+    fn near_things_stand_further_right_in_the_left_eye() {
+        let [left, right] = EyeView::pair(&Pose::IDENTITY, 0.064, 1.6, [960, 960]);
+        let disparity = |z: f64| left.project(DVec3::Z * z).unwrap().x - right.project(DVec3::Z * z).unwrap().x;
+        assert!(disparity(-0.5) > disparity(-2.0) && disparity(-2.0) > 0.0);
+    }
+
+    #[test]
+    fn views_that_make_no_picture_are_refused() {
+        let [eye, _] = EyeView::pair(&Pose::IDENTITY, 0.064, 1.6, [960, 960]);
+        assert!(eye.check().is_ok());
+        assert!(EyeView { tangents: [1.0, -1.0, -1.0, 1.0], ..eye }.check().is_err());
+        assert!(EyeView { tangents: [-1.0, 1.0, f64::NAN, 1.0], ..eye }.check().is_err());
+        assert!(EyeView { tracking_from_eye: Pose::from_translation(DVec3::NAN), ..eye }.check().is_err());
+    }
+}

@@ -1,0 +1,130 @@
+//! The graphics device: found without a window, or taken over from someone who opened it (SteamVR wants its own extensions).
+
+use std::sync::{Arc, Mutex};
+
+use image::RgbaImage;
+use wgpu::util::DeviceExt;
+
+use super::error::RenderError;
+
+/// Format of every picture: 8 bits a channel, sRGB curve.
+pub(super) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
+
+/// A device, its queue, and the last complaint it made.
+pub(super) struct Gpu {
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    pub name: String,
+    complaint: Arc<Mutex<Option<String>>>,
+}
+
+impl Gpu {
+    /// Opens the fastest Vulkan adapter, a software one if there is no other.
+    pub fn headless() -> Result<Self, RenderError> {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.backends = wgpu::Backends::VULKAN;
+        let instance = wgpu::Instance::new(descriptor);
+        let wanted = wgpu::RequestAdapterOptions {
+            power_preference: wgpu::PowerPreference::HighPerformance,
+            ..Default::default()
+        };
+        let adapter = pollster::block_on(instance.request_adapter(&wanted)).map_err(|_| RenderError::NoAdapter)?;
+        let name = adapter.get_info().name;
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("radar-chaperone"),
+            required_limits: wgpu::Limits::downlevel_defaults().using_resolution(adapter.limits()),
+            ..Default::default()
+        }))
+        .map_err(|error| RenderError::NoDevice { adapter: name.clone(), cause: error.to_string() })?;
+        Ok(Self::of(device, queue, name))
+    }
+
+    /// Takes over an open device.
+    pub fn of(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
+        let complaint = Arc::new(Mutex::new(None));
+        let keep = Arc::clone(&complaint);
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            if let Ok(mut complaint) = keep.lock() {
+                complaint.get_or_insert(error.to_string());
+            }
+        }));
+        Self { device, queue, name, complaint }
+    }
+
+    /// The first complaint since the last call, if any.
+    pub fn check(&self) -> Result<(), RenderError> {
+        let complaint = self.complaint.lock().map_or(None, |mut complaint| complaint.take());
+        complaint.map_or(Ok(()), |cause| Err(RenderError::Device(cause)))
+    }
+
+    /// A buffer that holds these bytes.
+    pub fn buffer(&self, contents: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
+    }
+
+    /// Whether a picture of this size can be made.
+    pub fn check_size(&self, [width, height]: [u32; 2]) -> Result<(), RenderError> {
+        let greatest = self.device.limits().max_texture_dimension_2d;
+        let fits = (1..=greatest).contains(&width) && (1..=greatest).contains(&height);
+        if fits { Ok(()) } else { Err(RenderError::ImageSize { width, height, greatest }) }
+    }
+
+    /// A texture to draw into, with `samples` a pixel.
+    pub fn target(&self, [width, height]: [u32; 2], format: wgpu::TextureFormat, samples: u32) -> wgpu::Texture {
+        self.texture([width, height], format, samples, 1)
+    }
+
+    /// A texture to draw into and, when it has one sample a pixel, to read from.
+    pub fn texture(
+        &self,
+        [width, height]: [u32; 2],
+        format: wgpu::TextureFormat,
+        samples: u32,
+        mip_level_count: u32,
+    ) -> wgpu::Texture {
+        let read = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC;
+        let read = if samples == 1 { read } else { wgpu::TextureUsages::empty() };
+        self.device.create_texture(&wgpu::TextureDescriptor {
+            label: None,
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count,
+            sample_count: samples,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | read,
+            view_formats: &[],
+        })
+    }
+
+    /// The finest level of a texture in [`FORMAT`], as a picture.
+    pub fn read(&self, texture: &wgpu::Texture) -> Result<RgbaImage, RenderError> {
+        let (width, height) = (texture.width(), texture.height());
+        let row = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: u64::from(row) * u64::from(height),
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row), rows_per_image: None },
+            },
+            wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        );
+        self.queue.submit([encoder.finish()]);
+        buffer.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(device_error)?;
+        self.check()?;
+        let mapped = buffer.get_mapped_range(..).map_err(device_error)?;
+        let pixels = mapped.chunks(row as usize).flat_map(|line| &line[..4 * width as usize]).copied().collect();
+        RgbaImage::from_raw(width, height, pixels).ok_or_else(|| RenderError::Device("picture came back short".into()))
+    }
+}
+
+fn device_error(error: impl std::fmt::Display) -> RenderError {
+    RenderError::Device(error.to_string())
+}

@@ -1,0 +1,199 @@
+//! Draws the textures of panels and footprints. Knows nothing of where they stand: the same texture serves the preview and a
+//! SteamVR overlay.
+//!
+//! RGBA, 8 bits, sRGB curve, colour multiplied by alpha; row 0 is the upper edge. All smaller levels are there, so that a
+//! far panel does not shimmer.
+
+use bytemuck::{Pod, Zeroable};
+use glam::DVec2;
+
+use super::gpu::{FORMAT, Gpu};
+use crate::warning::{PanelKind, WarningSettings};
+
+/// Sharpness of a texture: a grid line is two pixels wide.
+const PIXELS_PER_M: f64 = 512.0;
+/// Longest side of a texture; larger panels are drawn less sharp.
+const LONGEST_PX: f64 = 1024.0;
+
+/// What a panel's texture shows.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct PanelLook<'a> {
+    pub kind: PanelKind,
+    pub size_m: DVec2,
+    pub silhouette: &'a [(DVec2, f64)],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct PanelUniform {
+    size: [f32; 2],
+    spacing: f32,
+    grid_from: f32,
+    color: [f32; 3],
+    disc_count: u32,
+    fog: f32,
+    unused: [f32; 3],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct FootprintUniform {
+    size: [f32; 2],
+    corner_count: u32,
+    unused: f32,
+    color: [f32; 4],
+}
+
+/// The pipelines that draw textures.
+pub(super) struct Painter {
+    panel: wgpu::RenderPipeline,
+    footprint: wgpu::RenderPipeline,
+    halve: wgpu::util::TextureBlitter,
+}
+
+impl Painter {
+    pub fn new(gpu: &Gpu) -> Self {
+        let halve =
+            wgpu::util::TextureBlitterBuilder::new(&gpu.device, FORMAT).sample_type(wgpu::FilterMode::Linear).build();
+        Self {
+            panel: pipeline(gpu, wgpu::include_wgsl!("shaders/panel.wgsl")),
+            footprint: pipeline(gpu, wgpu::include_wgsl!("shaders/footprint.wgsl")),
+            halve,
+        }
+    }
+
+    /// The texture of a panel.
+    pub fn panel(&self, gpu: &Gpu, look: &PanelLook, style: &WarningSettings) -> wgpu::Texture {
+        let discs: Vec<[f32; 4]> =
+            look.silhouette.iter().map(|(c, r)| [c.x as f32, c.y as f32, *r as f32, 0.0]).collect();
+        let is_wall = look.kind == PanelKind::Wall;
+        let [red, green, blue, _] = linear(style.color);
+        let uniform = PanelUniform {
+            size: look.size_m.as_vec2().to_array(),
+            spacing: spacing(style),
+            grid_from: if is_wall { -0.5 * look.size_m.x as f32 } else { 0.0 },
+            color: [red, green, blue],
+            disc_count: discs.len() as u32,
+            fog: if is_wall || !discs.is_empty() { 0.0 } else { 1.0 },
+            unused: [0.0; 3],
+        };
+        self.paint(gpu, &self.panel, look.size_m, bytemuck::bytes_of(&uniform), discs)
+    }
+
+    /// The texture of a footprint: corners from the middle, counter-clockwise with y up, metres.
+    pub fn footprint(&self, gpu: &Gpu, size_m: DVec2, corners_m: &[DVec2], style: &WarningSettings) -> wgpu::Texture {
+        let corners: Vec<[f32; 4]> = corners_m.iter().map(|c| [c.x as f32, c.y as f32, 0.0, 0.0]).collect();
+        let uniform = FootprintUniform {
+            size: size_m.as_vec2().to_array(),
+            corner_count: corners.len() as u32,
+            unused: 0.0,
+            color: linear(style.color),
+        };
+        self.paint(gpu, &self.footprint, size_m, bytemuck::bytes_of(&uniform), corners)
+    }
+
+    fn paint(
+        &self,
+        gpu: &Gpu,
+        pipeline: &wgpu::RenderPipeline,
+        size_m: DVec2,
+        uniform: &[u8],
+        mut list: Vec<[f32; 4]>,
+    ) -> wgpu::Texture {
+        // A storage buffer may not be empty.
+        if list.is_empty() {
+            list.push([0.0; 4]);
+        }
+        let uniform = gpu.buffer(uniform, wgpu::BufferUsages::UNIFORM);
+        let list = gpu.buffer(bytemuck::cast_slice(&list), wgpu::BufferUsages::STORAGE);
+        let bound = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 1, resource: list.as_entire_binding() },
+            ],
+        });
+        let size_px = texture_size(size_m);
+        let levels = size_px[0].max(size_px[1]).ilog2() + 1;
+        let texture = gpu.texture(size_px, FORMAT, 1, levels);
+        let views: Vec<_> = (0..levels).map(|level| level_view(&texture, level)).collect();
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: &views[0],
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                ..Default::default()
+            });
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, &bound, &[]);
+            pass.draw(0..3, 0..1);
+        }
+        for pair in views.windows(2) {
+            self.halve.copy(&gpu.device, &mut encoder, &pair[0], &pair[1]);
+        }
+        gpu.queue.submit([encoder.finish()]);
+        texture
+    }
+}
+
+fn level_view(texture: &wgpu::Texture, level: u32) -> wgpu::TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        base_mip_level: level,
+        mip_level_count: Some(1),
+        ..Default::default()
+    })
+}
+
+fn pipeline(gpu: &Gpu, shader: wgpu::ShaderModuleDescriptor) -> wgpu::RenderPipeline {
+    let module = gpu.device.create_shader_module(shader);
+    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: None,
+        layout: None,
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("corner"),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: Default::default(),
+        depth_stencil: None,
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some("paint"),
+            compilation_options: Default::default(),
+            targets: &[Some(FORMAT.into())],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+/// Pixels for a size in metres, 16 at least.
+fn texture_size(size_m: DVec2) -> [u32; 2] {
+    let scale = PIXELS_PER_M.min(LONGEST_PX / size_m.max_element().max(1e-3));
+    (size_m * scale).to_array().map(|v| v.round().clamp(16.0, LONGEST_PX) as u32)
+}
+
+/// The grid's spacing, bounded so that any setting can be drawn.
+fn spacing(style: &WarningSettings) -> f32 {
+    let given = style.grid_spacing_m as f32;
+    if given.is_finite() { given.clamp(0.05, 1.0) } else { 0.2 }
+}
+
+/// Linear red, green, blue of an sRGB colour; fourth 1.
+fn linear(srgb: [u8; 3]) -> [f32; 4] {
+    let [red, green, blue] = srgb.map(|v| {
+        let v = f32::from(v) / 255.0;
+        if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+    });
+    [red, green, blue, 1.0]
+}

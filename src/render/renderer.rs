@@ -1,0 +1,300 @@
+//! The renderer: a device, the painter of textures with its cache, and the preview.
+
+use glam::DVec3;
+use image::RgbaImage;
+
+use super::error::RenderError;
+use super::eye::EyeView;
+use super::gpu::Gpu;
+use super::painter::Painter;
+use super::preview::Previewer;
+use super::quads::{Quad, QuadCache};
+use crate::warning::{WarningSettings, Warnings};
+
+/// Draws warnings, without a window.
+pub struct Renderer {
+    gpu: Gpu,
+    painter: Painter,
+    previewer: Previewer,
+    cache: QuadCache,
+}
+
+impl Renderer {
+    /// Opens a graphics card, or a software renderer where there is none.
+    ///
+    /// # Errors
+    /// [`RenderError::NoAdapter`] when the machine has neither; [`RenderError::NoDevice`] when what it has cannot be used.
+    pub fn new() -> Result<Self, RenderError> {
+        Self::on(Gpu::headless()?)
+    }
+
+    /// On a device that someone else opened: SteamVR wants its own extensions on it. It must allow four samples a pixel and
+    /// one storage buffer in fragment shaders. `name` is for messages.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] when it cannot hold the pipelines.
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue, name: &str) -> Result<Self, RenderError> {
+        Self::on(Gpu::of(device, queue, name.to_owned()))
+    }
+
+    fn on(gpu: Gpu) -> Result<Self, RenderError> {
+        let (painter, previewer) = (Painter::new(&gpu), Previewer::new(&gpu));
+        gpu.check()?;
+        Ok(Self { gpu, painter, previewer, cache: QuadCache::default() })
+    }
+
+    /// Name of the graphics adapter.
+    pub fn adapter_name(&self) -> &str {
+        &self.gpu.name
+    }
+
+    /// Where each warning stands and its texture; only textures whose content changed are drawn. Footprints first, then panels
+    /// in the order given.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] when the device failed since the last call.
+    pub fn quads(&mut self, warnings: &Warnings, style: &WarningSettings) -> Result<Vec<Quad>, RenderError> {
+        let quads = self.cache.quads(&self.gpu, &self.painter, warnings, style);
+        self.gpu.check()?;
+        Ok(quads)
+    }
+
+    /// Number of textures drawn since the start.
+    pub fn textures_drawn(&self) -> u64 {
+        self.cache.drawn
+    }
+
+    /// A quad's texture as a picture: colour multiplied by alpha, row 0 on top.
+    ///
+    /// # Errors
+    /// [`RenderError::Device`] when the device failed.
+    pub fn picture_of(&self, quad: &Quad) -> Result<RgbaImage, RenderError> {
+        self.gpu.read(&quad.texture)
+    }
+
+    /// What an eye sees of the warnings in a dark room with a floor grid of one metre. `truth`: places and radii (metres) of what
+    /// is really there, drawn as dim dots.
+    ///
+    /// # Errors
+    /// [`RenderError::View`] and [`RenderError::ImageSize`] for an eye that makes no picture; [`RenderError::Device`] when the
+    /// device failed.
+    pub fn preview(
+        &mut self,
+        warnings: &Warnings,
+        style: &WarningSettings,
+        view: &EyeView,
+        truth: &[(DVec3, f64)],
+    ) -> Result<RgbaImage, RenderError> {
+        let quads = self.quads(warnings, style)?;
+        self.previewer.draw(&self.gpu, &quads, view, truth)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Mutex, OnceLock};
+
+    use glam::DVec2;
+
+    use super::*;
+    use crate::geometry::Pose;
+    use crate::warning::{Footprint, Panel, PanelKind};
+
+    /// Runs a test on the one renderer of all tests; says so when the machine has no adapter.
+    fn with_renderer(test: impl FnOnce(&mut Renderer)) {
+        static SHARED: OnceLock<Option<Mutex<Renderer>>> = OnceLock::new();
+        let shared = SHARED.get_or_init(|| match Renderer::new() {
+            Ok(renderer) => Some(Mutex::new(renderer)),
+            Err(error @ RenderError::NoAdapter) => {
+                println!("{error}");
+                None
+            }
+            Err(error) => panic!("{error}"),
+        });
+        match shared {
+            Some(renderer) => test(&mut renderer.lock().unwrap_or_else(|poisoned| poisoned.into_inner())),
+            None => println!("skipped: no graphics adapter"),
+        }
+    }
+
+    fn panel(place: DVec3) -> Panel {
+        Panel {
+            id: 1,
+            kind: PanelKind::Object,
+            tracking_from_panel: Pose::from_translation(place),
+            size_m: DVec2::new(0.6, 0.8),
+            silhouette: vec![(DVec2::new(0.0, -0.1), 0.1), (DVec2::new(0.0, -0.25), 0.1)],
+            alpha: 1.0,
+            distance_m: 0.5,
+        }
+    }
+
+    fn only(panel: Panel) -> Warnings {
+        Warnings { panels: vec![panel], footprints: vec![] }
+    }
+
+    fn head() -> Pose {
+        Pose::from_translation(DVec3::new(0.2, 1.5, 0.1))
+    }
+
+    fn eyes() -> [EyeView; 2] {
+        EyeView::pair(&head(), 0.064, 1.6, [320, 320])
+    }
+
+    fn draw(renderer: &mut Renderer, warnings: &Warnings, view: &EyeView) -> RgbaImage {
+        renderer.preview(warnings, &WarningSettings::default(), view, &[]).unwrap()
+    }
+
+    /// Least and greatest x and y of the pixels that differ; `None` when none do.
+    fn changed(a: &RgbaImage, b: &RgbaImage) -> Option<[f64; 4]> {
+        let differs = a.enumerate_pixels().filter(|(x, y, pixel)| {
+            let other = b.get_pixel(*x, *y);
+            (0..3).any(|c| pixel[c].abs_diff(other[c]) > 3)
+        });
+        differs
+            .map(|(x, y, _)| [x.into(), y.into(), f64::from(x) + 1.0, f64::from(y) + 1.0])
+            .reduce(|a: [f64; 4], b| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])])
+    }
+
+    #[test]
+    fn the_panel_appears_where_the_projection_says_in_both_eyes() {
+        with_renderer(|renderer| {
+            let panel = panel(DVec3::new(0.3, 1.3, -0.7));
+            let corner = |x: f64, y: f64| panel.tracking_from_panel.transform_point(DVec3::new(x * 0.3, y * 0.4, 0.0));
+            let mut middles = Vec::new();
+            for view in eyes() {
+                let lit = draw(renderer, &only(panel.clone()), &view);
+                let seen = changed(&lit, &draw(renderer, &Warnings::default(), &view)).unwrap();
+                let left_low = view.project(corner(-1.0, -1.0)).unwrap();
+                let right_high = view.project(corner(1.0, 1.0)).unwrap();
+                assert!(
+                    (seen[0] - left_low.x).abs() < 1.5 && (seen[3] - left_low.y).abs() < 1.5,
+                    "{seen:?} {left_low}"
+                );
+                assert!((seen[2] - right_high.x).abs() < 1.5, "{seen:?} {right_high}");
+                let middle = view.project(panel.tracking_from_panel.translation).unwrap();
+                assert!(((seen[0] + seen[2]) / 2.0 - middle.x).abs() < 1.5);
+                middles.push((seen[0] + seen[2]) / 2.0);
+            }
+            let tangent = 0.064 / 0.8;
+            let expected = tangent * 160.0 / 0.8f64.tan();
+            assert!((middles[0] - middles[1] - expected).abs() < 2.0, "{middles:?}, expected {expected} px apart");
+        });
+    }
+
+    #[test]
+    fn dark_panels_and_panels_behind_draw_nothing() {
+        with_renderer(|renderer| {
+            let [view, _] = eyes();
+            let empty = draw(renderer, &Warnings::default(), &view);
+            let dark = Panel { alpha: 0.0, ..panel(DVec3::new(0.3, 1.3, -0.7)) };
+            assert_eq!(changed(&draw(renderer, &only(dark), &view), &empty), None);
+            let behind = panel(DVec3::new(0.2, 1.3, 1.0));
+            assert_eq!(changed(&draw(renderer, &only(behind), &view), &empty), None);
+        });
+    }
+
+    #[test]
+    fn a_texture_has_transparent_and_lit_pixels_and_is_premultiplied() {
+        with_renderer(|renderer| {
+            let quads = renderer.quads(&only(panel(DVec3::ZERO)), &WarningSettings::default()).unwrap();
+            let picture = renderer.picture_of(&quads[0]).unwrap();
+            assert!(picture.pixels().any(|p| p[3] < 8), "clear at the upper edge");
+            let on_silhouette = picture.get_pixel(picture.width() / 2 + 20, picture.height() * 5 / 8);
+            assert!(on_silhouette[3] > 50 && on_silhouette[2] > on_silhouette[0], "{on_silhouette:?}");
+            let linear = |v: u8| (f64::from(v) / 255.0).powf(2.2);
+            assert!(picture.pixels().all(|p| linear(p[2]) <= f64::from(p[3]) / 255.0 + 0.02));
+        });
+    }
+
+    #[test]
+    fn only_a_changed_shape_draws_a_texture_again() {
+        with_renderer(|renderer| {
+            let style = WarningSettings { color: [255, 128, 1], ..Default::default() };
+            let first = panel(DVec3::ZERO);
+            let before = renderer.textures_drawn();
+            let a = renderer.quads(&only(first.clone()), &style).unwrap();
+            let moved = Panel { alpha: 0.3, tracking_from_panel: head(), ..first.clone() };
+            let b = renderer.quads(&only(moved), &style).unwrap();
+            assert!(std::sync::Arc::ptr_eq(&a[0].texture, &b[0].texture));
+            assert_eq!(renderer.textures_drawn(), before + 1);
+            let other = Panel { silhouette: vec![(DVec2::ZERO, 0.2)], ..first };
+            renderer.quads(&only(other), &style).unwrap();
+            assert_eq!(renderer.textures_drawn(), before + 2);
+        });
+    }
+
+    #[test]
+    fn two_renderers_draw_the_same_bytes() {
+        with_renderer(|renderer| {
+            let [view, _] = eyes();
+            let corners_xz_m = [(0.0, -0.6), (0.4, -0.6), (0.4, -1.0), (0.0, -1.0)].map(DVec2::from).to_vec();
+            let warnings = Warnings {
+                footprints: vec![Footprint { id: 1, corners_xz_m, alpha: 0.7 }],
+                ..only(panel(DVec3::new(0.3, 1.3, -0.7)))
+            };
+            let once = draw(renderer, &warnings, &view);
+            assert_eq!(once, draw(renderer, &warnings, &view));
+            assert_eq!(once, draw(&mut Renderer::new().unwrap(), &warnings, &view));
+        });
+    }
+
+    #[test]
+    fn truth_in_front_hides_the_panel_and_truth_behind_shines_through() {
+        with_renderer(|renderer| {
+            let [view, _] = eyes();
+            let place = DVec3::new(0.2, 1.3, -0.7);
+            let warnings = only(panel(place));
+            let at = |picture: &RgbaImage, point| {
+                let pixel = view.project(point).unwrap();
+                picture.get_pixel(pixel.x as u32, pixel.y as u32).0
+            };
+            let on_silhouette = place - DVec3::new(0.05, 0.15, 0.0);
+            let eye = view.tracking_from_eye.translation;
+            let style = WarningSettings::default();
+            let mut with_dot = |share: f64| {
+                let dot = eye + (on_silhouette - eye) * share;
+                at(&renderer.preview(&warnings, &style, &view, &[(dot, 0.05)]).unwrap(), on_silhouette)
+            };
+            let (before, behind) = (with_dot(0.6), with_dot(1.5));
+            assert!(before[2] < before[0] + 10, "grey: {before:?}");
+            assert!(behind[2] > behind[0] + 40, "cyan: {behind:?}");
+        });
+    }
+
+    #[test]
+    fn a_room_far_from_the_origin_is_as_sharp() {
+        with_renderer(|renderer| {
+            let far = DVec3::new(4096.0, 0.0, -2048.0);
+            let [near_eye, _] = eyes();
+            let mut far_eye = near_eye;
+            far_eye.tracking_from_eye.translation += far;
+            let place = DVec3::new(0.3, 1.3, -0.7);
+            let a = draw(renderer, &only(panel(place)), &near_eye);
+            let b = draw(renderer, &only(panel(place + far)), &far_eye);
+            assert_eq!(changed(&a, &b), None);
+        });
+    }
+
+    #[test]
+    fn pictures_that_cannot_be_are_refused() {
+        with_renderer(|renderer| {
+            let [view, _] = eyes();
+            let none = Warnings::default();
+            let style = WarningSettings::default();
+            let empty = EyeView { size_px: [0, 10], ..view };
+            assert!(matches!(
+                renderer.preview(&none, &style, &empty, &[]),
+                Err(RenderError::ImageSize { width: 0, .. })
+            ));
+            let blind = EyeView { tangents: [0.0; 4], ..view };
+            assert!(matches!(renderer.preview(&none, &style, &blind, &[]), Err(RenderError::View { .. })));
+        });
+    }
+
+    #[test]
+    fn a_missing_adapter_names_the_remedy() {
+        let message = RenderError::NoAdapter.to_string();
+        assert!(message.contains("apt install mesa-vulkan-drivers libvulkan1"), "{message}");
+    }
+}

@@ -1,0 +1,52 @@
+// The texture of a footprint: the area filled faintly, stronger towards its outline. Metres, +y away from the reader's feet.
+
+struct Footprint {
+    size: vec2f,
+    corner_count: u32,
+    unused: f32,
+    // Linear red, green, blue.
+    color: vec4f,
+}
+
+@group(0) @binding(0) var<uniform> footprint: Footprint;
+// Corners x, y from the middle, counter-clockwise; the others are not used.
+@group(0) @binding(1) var<storage, read> corners: array<vec4f>;
+
+struct Corner {
+    @builtin(position) clip: vec4f,
+    @location(0) place: vec2f,
+}
+
+@vertex
+fn corner(@builtin(vertex_index) index: u32) -> Corner {
+    let ndc = vec2f(f32(index & 1u) * 4.0 - 1.0, f32(index >> 1u) * 4.0 - 1.0);
+    return Corner(vec4f(ndc, 0.0, 1.0), ndc * 0.5 * footprint.size);
+}
+
+// Distance to the outline, negative inside: nearest edge, and inside where every edge has the place on its left.
+fn polygon(p: vec2f) -> f32 {
+    var nearest = 1e9;
+    var inside = true;
+    for (var i = 0u; i < footprint.corner_count; i++) {
+        let a = corners[i].xy;
+        let b = corners[(i + 1u) % footprint.corner_count].xy;
+        let edge = b - a;
+        let away = p - a;
+        let on_edge = clamp(dot(away, edge) / max(dot(edge, edge), 1e-12), 0.0, 1.0);
+        nearest = min(nearest, distance(away, edge * on_edge));
+        inside = inside && edge.x * away.y - edge.y * away.x >= 0.0;
+    }
+    return select(nearest, -nearest, inside);
+}
+
+@fragment
+fn paint(in: Corner) -> @location(0) vec4f {
+    let d = polygon(in.place);
+    let pixel = fwidth(in.place.x);
+    let inside = clamp(0.5 - d / pixel, 0.0, 1.0);
+    let outline = clamp((0.003 - abs(d)) / pixel + 0.5, 0.0, 1.0);
+    var a = inside * (0.10 + 0.14 * exp(min(d, 0.0) / 0.05));
+    a = max(a, (1.0 - inside) * 0.16 * exp(-max(d, 0.0) / 0.02) * smoothstep(0.08, 0.05, d));
+    a += 0.45 * outline * (1.0 - a);
+    return vec4f(footprint.color.rgb * a, a);
+}

@@ -1,0 +1,101 @@
+//! An obstacle as the warning sees it: balls where there is evidence, and how far off its place may be.
+//!
+//! The shape's voxels give the balls. Without a shape the box `extent_m` around the position is filled with them. An obstacle
+//! of which only the distance is known is one ball; its direction is then as wide as the beam. Numbers that make no sense
+//! (not finite, beyond a kilometre) are left out; an uncertainty that is none counts as the greatest one.
+
+use glam::DVec3;
+
+use crate::obstacles::{Observed, Obstacle};
+
+/// Farther from the origin than this is no place in a room, metres.
+const FARTHEST_M: f64 = 1000.0;
+/// The direction of something known by its distance alone: half the beam's width, as a tangent (30°).
+const BEAM_TANGENT: f64 = 0.577;
+/// Greatest half width that is drawn for an unknown direction, metres.
+const MAX_SPREAD_M: f64 = 1.0;
+/// An extent beyond this is not believed, metres.
+const MAX_EXTENT_M: f64 = 5.0;
+
+/// Balls of one radius, and the uncertainty of them all together.
+pub(super) struct Body {
+    /// Middles of the balls, tracking frame, metres; never empty.
+    pub points: Vec<DVec3>,
+    /// Radius of each, metres: a little more than half a voxel, so that neighbours overlap.
+    pub radius_m: f64,
+    /// The obstacle's own place: what the panel is laid out from, so that it stays put.
+    pub anchor: DVec3,
+    /// Whether a silhouette says anything: not so when only the distance is known.
+    pub has_shape: bool,
+    covariance_m2: glam::DMat3,
+}
+
+/// Whether a point can be a place in a room.
+pub(super) fn is_place(point: DVec3) -> bool {
+    point.is_finite() && point.abs().max_element() <= FARTHEST_M
+}
+
+impl Body {
+    /// `None` when the obstacle's position is no place.
+    pub fn of(obstacle: &Obstacle) -> Option<Self> {
+        let anchor = obstacle.position_m;
+        if !is_place(anchor) {
+            return None;
+        }
+        let has_shape = obstacle.observed != Observed::RangeOnly;
+        let shape: Vec<DVec3> = obstacle.shape.iter().map(|(p, _)| *p).filter(|p| is_place(*p)).collect();
+        let (points, radius_m) = if !has_shape {
+            (vec![anchor], 0.05)
+        } else if shape.is_empty() {
+            balls_in_box(anchor, obstacle.extent_m)
+        } else {
+            let radius_m = 0.6 * voxel_of(&shape);
+            (shape, radius_m)
+        };
+        Some(Self { points, radius_m, anchor, has_shape, covariance_m2: obstacle.covariance_m2 })
+    }
+
+    /// How far off it may be along a unit direction: two standard deviations, metres, at most `cap_m`.
+    pub fn two_sigma(&self, along: DVec3, cap_m: f64) -> f64 {
+        let variance = along.dot(self.covariance_m2 * along);
+        let two_sigma = 2.0 * variance.max(0.0).sqrt();
+        if variance.is_nan() { cap_m } else { two_sigma.min(cap_m) }
+    }
+
+    /// Half width of the unknown in the direction across the sight, metres.
+    pub fn spread(&self, across: DVec3, distance_m: f64) -> f64 {
+        let known = self.two_sigma(across, MAX_SPREAD_M);
+        if self.has_shape { known } else { known.max(distance_m * BEAM_TANGENT).min(MAX_SPREAD_M) }
+    }
+}
+
+/// Edge of a voxel, from the least step between neighbouring coordinates; 2 to 10 cm, 5 cm when there is only one.
+fn voxel_of(points: &[DVec3]) -> f64 {
+    let mut least = f64::INFINITY;
+    let mut coordinates = Vec::with_capacity(points.len());
+    for axis in 0..3 {
+        coordinates.clear();
+        coordinates.extend(points.iter().map(|p| p[axis]));
+        coordinates.sort_by(f64::total_cmp);
+        for pair in coordinates.windows(2) {
+            let step = pair[1] - pair[0];
+            if step > 1e-4 && step < least {
+                least = step;
+            }
+        }
+    }
+    if least.is_finite() { least.clamp(0.02, 0.1) } else { 0.05 }
+}
+
+/// Fills a box with balls, at most eight along an edge.
+fn balls_in_box(middle: DVec3, extent_m: DVec3) -> (Vec<DVec3>, f64) {
+    let extent = extent_m.to_array().map(|e| if e.is_finite() { e.clamp(0.0, MAX_EXTENT_M) } else { 0.0 });
+    let counts = extent.map(|e| (e / 0.1).ceil().clamp(1.0, 8.0));
+    let cell = DVec3::from_array(extent) / DVec3::from_array(counts);
+    let [nx, ny, nz] = counts.map(|n| n as u32);
+    let lowest = middle - DVec3::from_array(extent) / 2.0;
+    let points = (0..nx * ny * nz)
+        .map(|i| lowest + (DVec3::new((i % nx).into(), (i / nx % ny).into(), (i / (nx * ny)).into()) + 0.5) * cell)
+        .collect();
+    (points, (0.6 * cell.max_element()).max(0.03))
+}

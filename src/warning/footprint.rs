@@ -1,0 +1,28 @@
+//! Where an obstacle stands: the convex hull of its balls seen from above, as wide as its direction is uncertain.
+
+use glam::DVec2;
+
+use super::body::Body;
+use super::hull::convex_hull;
+use super::object::Aspect;
+use super::panel::Footprint;
+
+/// Corners that a ball's circle is drawn with.
+const CORNERS: u32 = 12;
+
+/// The area on the floor.
+pub(super) fn footprint(id: u64, body: &Body, aspect: &Aspect, alpha: f32) -> Footprint {
+    // From above, x runs right and −z up: there the hull is counter-clockwise as it should be.
+    let flat: Vec<DVec2> = body.points.iter().map(|p| DVec2::new(p.x, -p.z)).collect();
+    let aside = DVec2::new(aspect.right.x, -aspect.right.z) * aspect.spread_m;
+    let mut widened = Vec::new();
+    for corner in convex_hull(&flat) {
+        for k in 0..CORNERS {
+            let angle = std::f64::consts::TAU * f64::from(k) / f64::from(CORNERS);
+            let rim = corner + DVec2::from_angle(angle) * body.radius_m;
+            widened.extend([rim + aside, rim - aside]);
+        }
+    }
+    let corners_xz_m = convex_hull(&widened).into_iter().map(|p| DVec2::new(p.x, -p.y)).collect();
+    Footprint { id, corners_xz_m, alpha }
+}

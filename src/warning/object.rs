@@ -1,0 +1,153 @@
+//! The panel of an object: upright, at its near side, turned about the vertical to face the wearer.
+//!
+//! The wearer is the vertical line from the head down to the floor: a stool at the feet is near although it is far from the
+//! eyes. The panel faces from a mean of the nearest points, weighted by nearness, so that noise in single voxels does not
+//! turn it. What its texture depends on is rounded to centimetres, so that a swaying head leaves the texture as it is.
+
+use std::collections::HashSet;
+
+use glam::{DQuat, DVec2, DVec3};
+
+use super::body::Body;
+use super::panel::{Panel, PanelKind};
+
+/// A panel nearer to the eyes than this could not be looked at, metres.
+const NEAREST_PANEL_M: f64 = 0.2;
+/// The near side may be this much nearer than seen at most, however uncertain it is, metres.
+const MAX_RANGE_DOUBT_M: f64 = 0.1;
+/// Room around the silhouette, metres.
+const MARGIN_M: f64 = 0.1;
+/// Half of the greatest width, metres.
+const MAX_HALF_WIDTH_M: f64 = 1.25;
+/// Height of a panel: least and greatest, metres.
+const HEIGHT_M: (f64, f64) = (0.5, 2.4);
+/// Sizes are rounded up to this, metres.
+const SIZE_STEP_M: f64 = 0.05;
+/// Discs are rounded to this, metres.
+const DISC_STEP_M: f64 = 0.01;
+/// Most discs in a silhouette: what a graphics card draws without being noticed.
+const MAX_DISCS: usize = 384;
+
+/// A body seen from a head: where it is nearest and which way the panel faces.
+pub(super) struct Aspect {
+    /// From the wearer to the near side, metres.
+    pub distance_m: f64,
+    /// Horizontal unit vector from the body to the wearer.
+    pub facing: DVec3,
+    /// Horizontal unit vector to the right of one who looks at the panel.
+    pub right: DVec3,
+    /// Half width of the unknown along `right`, metres.
+    pub spread_m: f64,
+    /// From the wearer to the panel, horizontally, metres.
+    panel_distance_m: f64,
+    /// The point the panel is turned to the wearer from.
+    near: DVec3,
+}
+
+impl Aspect {
+    /// `ahead` is the head's own forward direction, for a body that is where the head is.
+    pub fn of(body: &Body, head: DVec3, ahead: DVec3) -> Self {
+        let distances: Vec<f64> = body.points.iter().map(|p| distance_from_wearer(head, *p)).collect();
+        let nearest = distances.iter().copied().fold(f64::INFINITY, f64::min);
+        let level = body.points.iter().map(|p| horizontal(*p - head).length()).fold(f64::INFINITY, f64::min);
+        let near = weighted_mean(&body.points, |i| (-(distances[i] - nearest) / 0.1).exp());
+        let fallback = horizontal(-ahead).try_normalize().unwrap_or(DVec3::Z);
+        let facing = Some(horizontal(head - near)).filter(|v| v.length() > 1e-3).map_or(fallback, DVec3::normalize);
+        let right = DVec3::Y.cross(facing);
+        let before = body.radius_m + body.two_sigma(facing, MAX_RANGE_DOUBT_M);
+        Self {
+            distance_m: (nearest - before).max(0.0),
+            facing,
+            right,
+            spread_m: body.spread(right, level),
+            panel_distance_m: (level - before).max(NEAREST_PANEL_M),
+            near,
+        }
+    }
+}
+
+/// The panel of a body seen so.
+pub(super) fn object_panel(id: u64, body: &Body, aspect: &Aspect, head: DVec3, alpha: f32) -> Panel {
+    let across = |p: DVec3| (p - body.anchor).dot(aspect.right);
+    let middle = across(aspect.near);
+    let border = body.radius_m + aspect.spread_m + MARGIN_M;
+    let (lo, hi) = body.points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), p| {
+        let x = across(*p);
+        (lo.min(x), hi.max(x))
+    });
+    let lo = round_down((lo - border).max(middle - MAX_HALF_WIDTH_M));
+    let hi = -round_down(-(hi + border).min(middle + MAX_HALF_WIDTH_M));
+    let highest = body.points.iter().map(|p| p.y).fold(f64::NEG_INFINITY, f64::max);
+    let doubt = body.two_sigma(DVec3::Y, 0.2);
+    let height = -round_down(-(highest + body.radius_m + doubt + MARGIN_M).clamp(HEIGHT_M.0, HEIGHT_M.1));
+
+    let sideways = (body.anchor - head).dot(aspect.right) + (lo + hi) / 2.0;
+    let level = head - aspect.facing * aspect.panel_distance_m + aspect.right * sideways;
+    let size_m = DVec2::new(hi - lo, height);
+    let place = |p: DVec3| DVec2::new(across(p) - (lo + hi) / 2.0, p.y - height / 2.0);
+    Panel {
+        id,
+        kind: PanelKind::Object,
+        tracking_from_panel: upright(DVec3::new(level.x, height / 2.0, level.z), aspect.facing),
+        size_m,
+        silhouette: silhouette(body, aspect.spread_m, size_m, place),
+        alpha,
+        distance_m: aspect.distance_m,
+    }
+}
+
+/// A pose at `middle` with +y up and +z along the horizontal unit vector `facing`.
+pub(super) fn upright(middle: DVec3, facing: DVec3) -> crate::geometry::Pose {
+    crate::geometry::Pose::new(middle, DQuat::from_rotation_y(facing.x.atan2(facing.z)))
+}
+
+/// Discs where the balls are on the panel, blurred by the doubt across; few enough to draw.
+fn silhouette(body: &Body, spread_m: f64, size_m: DVec2, place: impl Fn(DVec3) -> DVec2) -> Vec<(DVec2, f64)> {
+    if !body.has_shape {
+        return Vec::new();
+    }
+    let mut radius = round(body.radius_m.hypot(spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
+    loop {
+        let cell = 0.6 * radius;
+        let mut taken = HashSet::new();
+        let discs: Vec<_> = body
+            .points
+            .iter()
+            .map(|p| place(*p))
+            .filter(|c| (c.abs() - size_m / 2.0).max_element() < radius)
+            .filter(|c| taken.insert(((c.x / cell).round() as i32, (c.y / cell).round() as i32)))
+            .map(|c| (DVec2::new(round(c.x), round(c.y)), radius))
+            .collect();
+        if discs.len() <= MAX_DISCS {
+            return discs;
+        }
+        radius = round(radius * 1.5 + DISC_STEP_M);
+    }
+}
+
+/// From the vertical line between head and floor to a point; above the head, from the head.
+fn distance_from_wearer(head: DVec3, point: DVec3) -> f64 {
+    let away = point - head;
+    if away.y > 0.0 { away.length() } else { horizontal(away).length() }
+}
+
+fn horizontal(v: DVec3) -> DVec3 {
+    DVec3::new(v.x, 0.0, v.z)
+}
+
+fn weighted_mean(points: &[DVec3], weight: impl Fn(usize) -> f64) -> DVec3 {
+    let (sum, total) = points.iter().enumerate().fold((DVec3::ZERO, 0.0), |(sum, total), (i, p)| {
+        let w = weight(i);
+        (sum + *p * w, total + w)
+    });
+    sum / total
+}
+
+/// Down to a whole step; a hair above one counts as on it.
+fn round_down(v: f64) -> f64 {
+    (v / SIZE_STEP_M + 1e-9).floor() * SIZE_STEP_M
+}
+
+fn round(v: f64) -> f64 {
+    (v / DISC_STEP_M).round() * DISC_STEP_M
+}

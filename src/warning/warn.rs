@@ -1,0 +1,276 @@
+//! From the scene to what is drawn for one head pose. A pure function: the same scene, head and settings give the same warnings.
+
+use glam::DVec3;
+
+use super::body::{Body, is_place};
+use super::footprint::footprint;
+use super::object::{Aspect, object_panel};
+use super::panel::{Footprint, Panel, Warnings};
+use super::settings::WarningSettings;
+use super::wall::wall_panel;
+use crate::geometry::Pose;
+use crate::obstacles::{Obstacle, Scene};
+
+/// Most panels at a time: each is an overlay that the compositor draws.
+pub const MAX_PANELS: usize = 8;
+
+/// Panels and footprints of everything near enough to warn of, brightest first, then nearest. Never panics: a head pose that
+/// is no pose gives nothing, obstacles and walls that are none are left out.
+pub fn warn(scene: &Scene, tracking_from_head: &Pose, settings: &WarningSettings) -> Warnings {
+    let head = tracking_from_head.translation;
+    let ahead = tracking_from_head.forward();
+    if !is_place(head) || !ahead.is_finite() {
+        return Warnings::default();
+    }
+    let objects = scene.obstacles.iter().filter_map(|obstacle| object(obstacle, head, ahead, settings));
+    let walls = scene.walls.iter().filter_map(|wall| Some((wall_panel(wall, head, settings)?, None)));
+    let mut all: Vec<(Panel, Option<Footprint>)> = objects.chain(walls).collect();
+    all.sort_by(|(a, _), (b, _)| {
+        b.alpha.total_cmp(&a.alpha).then(a.distance_m.total_cmp(&b.distance_m)).then(a.id.cmp(&b.id))
+    });
+    all.truncate(MAX_PANELS);
+    let (panels, footprints): (Vec<_>, Vec<_>) = all.into_iter().unzip();
+    Warnings { panels, footprints: footprints.into_iter().flatten().collect() }
+}
+
+fn object(
+    obstacle: &Obstacle,
+    head: DVec3,
+    ahead: DVec3,
+    settings: &WarningSettings,
+) -> Option<(Panel, Option<Footprint>)> {
+    let body = Body::of(obstacle)?;
+    let aspect = Aspect::of(&body, head, ahead);
+    let alpha = settings.alpha(aspect.distance_m);
+    if alpha <= 0.0 {
+        return None;
+    }
+    let panel = object_panel(obstacle.id, &body, &aspect, head, alpha);
+    let area = settings.footprints.then(|| footprint(obstacle.id, &body, &aspect, alpha));
+    Some((panel, area))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Aabb, Plane};
+    use crate::obstacles::{Observed, Wall};
+    use crate::warning::PanelKind;
+    use glam::{DMat3, DQuat};
+    use proptest::prelude::*;
+
+    /// Head at 1.6 m, looking along −z.
+    fn head() -> Pose {
+        Pose::from_translation(DVec3::new(0.0, 1.6, 0.0))
+    }
+
+    /// A block of 0.3 × 0.9 × 0.3 m standing on the floor, its near side at `z`, in voxels of 5 cm.
+    fn block(id: u64, x: f64, z: f64) -> Obstacle {
+        let shape = (0..6 * 18 * 6)
+            .map(|i| DVec3::new((i % 6).into(), (i / 6 % 18).into(), -f64::from(i / 108)))
+            .map(|v| (v * 0.05 + DVec3::new(x - 0.125, 0.025, z - 0.025), 1.0))
+            .collect();
+        Obstacle {
+            id,
+            position_m: DVec3::new(x, 0.45, z - 0.15),
+            covariance_m2: DMat3::from_diagonal(DVec3::splat(1e-4)),
+            observed: Observed::Position,
+            extent_m: DVec3::new(0.3, 0.9, 0.3),
+            evidence: 10.0,
+            shape,
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        }
+    }
+
+    fn wall(outward: DVec3, offset_m: f64) -> Wall {
+        let seen_at = Aabb::from_corners(DVec3::new(-2.0, 1.5, -2.0), DVec3::new(2.0, 1.7, 2.0));
+        let plane = Plane { outward, offset_m };
+        Wall { id: 9, plane, evidence: 5.0, seen_at, first_seen_ns: 0, last_seen_ns: 0 }
+    }
+
+    fn warnings_of(obstacles: Vec<Obstacle>, walls: Vec<Wall>) -> Warnings {
+        warn(&Scene { time_ns: 0, obstacles, walls }, &head(), &WarningSettings::default())
+    }
+
+    #[test]
+    fn the_panel_stands_between_head_and_obstacle_and_faces_the_head() {
+        let panel = &warnings_of(vec![block(1, 0.0, -0.8)], vec![]).panels[0];
+        let place = panel.tracking_from_panel.translation;
+        assert!(place.z < 0.0 && place.z > -0.8 && place.z < -0.7, "{place}");
+        assert!(place.x.abs() < 0.06, "{place}");
+        assert!((panel.tracking_from_panel.rotation * DVec3::Z - DVec3::Z).length() < 0.02);
+        assert!((place.y - panel.size_m.y / 2.0).abs() < 1e-9, "it stands on the floor");
+        assert!(panel.size_m.y >= 0.9 && panel.size_m.y < 1.2 && panel.size_m.x >= 0.3 && panel.size_m.x < 0.7);
+        assert!(!panel.silhouette.is_empty() && panel.silhouette.len() <= 384);
+    }
+
+    #[test]
+    fn near_is_bright_and_far_is_dark() {
+        assert_eq!(warnings_of(vec![block(1, 0.0, -0.3)], vec![]).panels[0].alpha, 1.0);
+        assert_eq!(warnings_of(vec![block(1, 0.0, -1.7)], vec![]), Warnings::default());
+        let alpha = |z| warnings_of(vec![block(1, 0.0, z)], vec![]).panels[0].alpha;
+        assert!(alpha(-0.6) > alpha(-0.9) && alpha(-0.9) > alpha(-1.2));
+    }
+
+    #[test]
+    fn a_stool_at_the_feet_is_near() {
+        let mut stool = block(1, 0.0, -0.35);
+        stool.shape.retain(|(p, _)| p.y < 0.4);
+        assert_eq!(warnings_of(vec![stool], vec![]).panels[0].alpha, 1.0);
+    }
+
+    #[test]
+    fn the_panel_is_as_wide_as_the_direction_is_uncertain() {
+        let width = |sigma_m: f64| {
+            let mut obstacle = block(1, 0.0, -0.8);
+            obstacle.covariance_m2 = DMat3::from_diagonal(DVec3::new(sigma_m * sigma_m, 1e-6, 1e-6));
+            warnings_of(vec![obstacle], vec![]).panels[0].size_m.x
+        };
+        assert!(width(0.1) >= width(0.0) + 0.35);
+        assert!(width(0.3) > width(0.1));
+        assert_eq!(width(1e9), 2.5, "capped");
+        let mut unknown = block(1, 0.0, -0.8);
+        unknown.observed = Observed::RangeOnly;
+        let warnings = warnings_of(vec![unknown], vec![]);
+        assert!(warnings.panels[0].size_m.x > 1.0 && warnings.panels[0].silhouette.is_empty());
+    }
+
+    #[test]
+    fn without_a_shape_the_box_stands_in_for_it() {
+        let mut plain = block(1, 0.0, -0.8);
+        plain.shape.clear();
+        let panel = &warnings_of(vec![plain], vec![]).panels[0];
+        assert!((panel.distance_m - 0.8).abs() < 0.1, "{}", panel.distance_m);
+        assert!(panel.silhouette.len() > 10);
+    }
+
+    #[test]
+    fn the_footprint_runs_counter_clockwise_seen_from_above() {
+        let corners = &warnings_of(vec![block(1, 0.2, -0.8)], vec![]).footprints[0].corners_xz_m;
+        let area: f64 = (0..corners.len())
+            .map(|i| {
+                let (a, b) = (corners[i], corners[(i + 1) % corners.len()]);
+                (a.x * -b.y - -a.y * b.x) / 2.0
+            })
+            .sum();
+        assert!(area > 0.09 && area < 0.15, "{area} m²");
+    }
+
+    #[test]
+    fn a_wall_panel_lies_in_the_wall_and_its_grid_stands_still() {
+        let at = |x: f64| {
+            let head = Pose::from_translation(DVec3::new(x, 1.6, 0.0));
+            let scene = Scene { walls: vec![wall(DVec3::NEG_Z, 0.7)], ..Default::default() };
+            warn(&scene, &head, &WarningSettings::default()).panels[0].clone()
+        };
+        let panel = at(0.0);
+        assert_eq!(panel.kind, PanelKind::Wall);
+        assert!((panel.tracking_from_panel.translation - DVec3::new(0.0, 1.1, -0.7)).length() < 1e-9);
+        assert_eq!(panel.size_m.y, 2.2);
+        assert!((panel.distance_m - 0.7).abs() < 1e-12);
+        assert_eq!(panel.tracking_from_panel, at(0.03).tracking_from_panel);
+        assert!(at(3.0).size_m.x < 1.0, "only what was seen");
+        assert_eq!(warnings_of(vec![], vec![wall(DVec3::NEG_Y, 0.3), wall(DVec3::Y, 2.4)]), Warnings::default());
+    }
+
+    #[test]
+    fn the_nearest_eight_come_first() {
+        let many = (0..12).map(|i| block(i, 0.0, -1.3 + 0.1 * i as f64)).collect();
+        let warnings = warnings_of(many, vec![]);
+        assert_eq!(warnings.panels.len(), MAX_PANELS);
+        assert!(warnings.panels.windows(2).all(|w| w[0].alpha >= w[1].alpha));
+        assert_eq!(warnings.panels[0].id, 11);
+        assert_eq!(warnings.footprints.len(), MAX_PANELS);
+    }
+
+    #[test]
+    fn a_swaying_head_hardly_changes_the_texture() {
+        let scene = Scene { obstacles: vec![block(1, 0.0, -0.8)], ..Default::default() };
+        let looks: Vec<_> = (0..90)
+            .map(|k| {
+                let sway = glam::DVec2::from_angle(f64::from(k) / 90.0 * std::f64::consts::TAU) * 0.005;
+                let head = Pose::from_translation(DVec3::new(0.1 + sway.x, 1.6, sway.y));
+                let panel = warn(&scene, &head, &WarningSettings::default()).panels.remove(0);
+                (panel.size_m, panel.silhouette)
+            })
+            .collect();
+        let changes = looks.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        assert!(changes <= 5, "{changes} new textures in one second");
+    }
+
+    #[test]
+    fn a_wall_with_a_normal_not_quite_of_length_one_still_warns() {
+        let outward = DVec3::new(0.94, 0.0, -0.342);
+        assert_eq!(warnings_of(vec![], vec![wall(outward, 0.7)]).panels.len(), 1);
+        assert_eq!(warnings_of(vec![], vec![wall(outward * 3.0, 0.7)]).panels.len(), 0);
+    }
+
+    fn any_number() -> impl Strategy<Value = f64> {
+        prop_oneof![
+            8 => -2.0..2.0f64,
+            1 => prop::sample::select(vec![0.0, -0.0, 1e-300, 1e300, -1e9, f64::NAN, f64::INFINITY, f64::NEG_INFINITY]),
+        ]
+    }
+
+    fn any_point() -> impl Strategy<Value = DVec3> {
+        prop::array::uniform3(any_number()).prop_map(DVec3::from_array)
+    }
+
+    fn any_obstacle() -> impl Strategy<Value = Obstacle> {
+        let observed =
+            prop::sample::select(vec![Observed::Position, Observed::RangeAndOneDirection, Observed::RangeOnly]);
+        let shape = prop::collection::vec((any_point(), 0.0f32..9.0), 0..12);
+        let covariance = prop::array::uniform9(any_number());
+        (any_point(), covariance, any_point(), observed, shape).prop_map(
+            |(position_m, c, extent_m, observed, shape)| {
+                let covariance_m2 = DMat3::from_cols_array(&c);
+                Obstacle { position_m, covariance_m2, extent_m, observed, shape, ..block(3, 0.0, 0.0) }
+            },
+        )
+    }
+
+    fn any_wall() -> impl Strategy<Value = Wall> {
+        (any_point(), any_number(), any_point(), any_point()).prop_map(|(outward, offset_m, min, max)| {
+            let outward = outward.try_normalize().unwrap_or(outward);
+            Wall { seen_at: Aabb { min, max }, ..wall(outward, offset_m) }
+        })
+    }
+
+    fn is_sound(panel: &Panel) -> bool {
+        panel.tracking_from_panel.translation.is_finite()
+            && panel.tracking_from_panel.rotation.is_normalized()
+            && panel.size_m.is_finite()
+            && panel.size_m.min_element() > 0.0
+            && panel.silhouette.iter().all(|(c, r)| c.is_finite() && *r > 0.0 && r.is_finite())
+            && panel.alpha > 0.0
+            && panel.alpha <= 1.0
+            && panel.distance_m.is_finite()
+    }
+
+    proptest! {
+        #[test]
+        fn no_input_panics_and_what_comes_out_is_sound(
+            obstacles in prop::collection::vec(any_obstacle(), 0..6),
+            walls in prop::collection::vec(any_wall(), 0..3),
+            place in any_point(),
+            turn in prop::array::uniform4(any_number()),
+            (full, fade, grid) in (any_number(), any_number(), any_number()),
+        ) {
+            let settings = WarningSettings {
+                full_distance_m: full,
+                fade_distance_m: fade,
+                grid_spacing_m: grid,
+                ..Default::default()
+            };
+            let head = Pose { translation: place, rotation: DQuat::from_array(turn) };
+            let scene = Scene { time_ns: 0, obstacles, walls };
+            let warnings = warn(&scene, &head, &settings);
+            prop_assert!(warnings.panels.iter().all(is_sound), "{warnings:?}");
+            for footprint in &warnings.footprints {
+                let corners = &footprint.corners_xz_m;
+                prop_assert!(corners.len() >= 3 && corners.iter().all(|c| c.is_finite()));
+            }
+        }
+    }
+}
