@@ -9,5 +9,6 @@ pub mod imaging;
 pub mod obstacles;
 pub mod radar;
 pub mod recording;
+pub mod report;
 pub mod tracking;
 pub mod warning;
