@@ -31,6 +31,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let sections = timed(&folder, "cross_sections", || {
         cross_sections(&volume, "Chair at 1.5 m, accumulated cross-sections", quantity, &marks)
     })?;
+    let room_image = timed(&folder, "room_sections", || {
+        let quantity = "Σ|x| (LSB)";
+        cross_sections(
+            &room_volume(&truth),
+            "A whole room, the thesis' sum",
+            quantity,
+            &Marks { path_m: &walk, ..marks },
+        )
+    })?;
     let cloud =
         timed(&folder, "point_cloud", || point_cloud(&volume, "Chair at 1.5 m, point cloud", quantity, 0.35, &marks))?;
     let room = timed(&folder, "room_map", || room_map(&map))?;
@@ -51,7 +60,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Report::new("Radar chaperone: what the figures look like")
         .intro("All data on this page are made up; it shows how reports look.")
         .section(Section::new("A chair").text("Gaussian blobs along a chair's edges.").figure(sections).figure(cloud))
-        .section(Section::new("A room").figure(room).table(table).preformatted(score.to_string()))
+        .section(Section::new("A room").figure(room).figure(room_image).table(table).preformatted(score.to_string()))
         .section(Section::new("The motion").figure(motion))
         .write(&folder.join("report.html"))?;
     println!("{}", folder.display());
@@ -93,6 +102,19 @@ fn chair_volume(points: &[DVec3]) -> Volume {
         volume.values[index] = (blobs.sum::<f64>() + noise) as f32;
     }
     volume.values[77] = f32::NAN;
+    volume
+}
+
+/// Large values everywhere, and a little more where things are.
+fn room_volume(truth: &Truth) -> Volume {
+    let region = Aabb { min: DVec3::new(-2.0, 0.0, -2.5), max: DVec3::new(2.0, 2.5, 2.5) };
+    let mut volume = Volume::covering(&region, 0.05);
+    let points: Vec<DVec3> = truth.obstacles.iter().flat_map(|thing| thing.points_m.iter().copied()).collect();
+    for index in 0..volume.values.len() {
+        let place = volume.center(volume.voxel(index));
+        let blobs: f64 = points.iter().map(|point| (-0.5 * (place - *point).length_squared() / 0.02).exp()).sum();
+        volume.values[index] = (4000.0 + 2500.0 * blobs + 300.0 * (index * 7919 % 1000) as f64 / 1000.0) as f32;
+    }
     volume
 }
 

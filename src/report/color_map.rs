@@ -21,8 +21,7 @@ pub fn mix(a: Rgb, b: Rgb, share: f64) -> Rgb {
 }
 
 fn interpolate(anchors: &[u32; 9], share: f64) -> Rgb {
-    // NaN becomes 0.
-    let at = share.max(0.0).min(1.0) * 8.0;
+    let at = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) * 8.0 };
     let below = (at as usize).min(7);
     mix(rgb(anchors[below]), rgb(anchors[below + 1]), at - below as f64)
 }

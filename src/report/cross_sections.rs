@@ -7,7 +7,7 @@ use crate::imaging::Volume;
 use super::Picture;
 use super::canvas::{Align, Canvas, Rect};
 use super::color_map::inferno;
-use super::marks::{Marks, legend_row};
+use super::marks::{Marks, Symbol, legend_row};
 use super::plot::{BOTTOM_MARGIN, Plot};
 use super::style::{GRID, INK, LABEL_PX, MUTED, TICK_PX, TITLE_PX, short_number};
 use super::views::{VIEWS, View, plots, with_path};
@@ -58,7 +58,11 @@ pub fn cross_sections(volume: &Volume, title: &str, quantity: &str, marks: &Mark
     let lowest = plots.iter().map(|plot| plot.area.bottom()).fold(0.0, f64::max);
     let mut canvas = Canvas::new(WIDTH as usize, (lowest + BOTTOM_MARGIN + 72.0) as usize);
     canvas.text([18.0, 26.0], Align::Left, title, TITLE_PX, INK);
-    legend_row(&mut canvas, [18.0, 58.0], &marks.legend());
+    let mut legend = marks.legend();
+    if region != volume.region() {
+        legend.push((Symbol::Square(GRID), "outside the image"));
+    }
+    legend_row(&mut canvas, [18.0, 58.0], &legend);
     for (plot, view) in plots.iter().zip(VIEWS) {
         let sums = accumulate(volume, view.along());
         let range = sums.range().unwrap_or([0.0, 0.0]);
@@ -66,7 +70,7 @@ pub fn cross_sections(volume: &Volume, title: &str, quantity: &str, marks: &Mark
         canvas.clipped(plot.area, |canvas| marks.draw(canvas, |place| plot.at(view.project(place))));
         let [heading, x_label, y_label] = view.labels();
         plot.axes(&mut canvas, heading, x_label, y_label);
-        let bar = Rect::new(plot.area.x, lowest + BOTTOM_MARGIN + 10.0, plot.area.width, 12.0);
+        let bar = Rect::new(plot.area.x, plot.area.bottom() + BOTTOM_MARGIN + 10.0, plot.area.width, 12.0);
         color_bar(&mut canvas, bar, range, &format!("{quantity}, Σ over {}", view.along_name()));
     }
     canvas.finish()

@@ -23,7 +23,7 @@ impl Marks<'_> {
         let path: Vec<[f64; 2]> = self.path_m.iter().map(|&p| project(p)).collect();
         draw_path(canvas, &path, PATH);
         for &place in self.truth_m {
-            cross(canvas, project(place), 5.0, TRUTH);
+            cross(canvas, project(place), 4.0, TRUTH);
         }
         for &place in self.found_m {
             ring_mark(canvas, project(place), 8.0, FOUND);
@@ -66,6 +66,8 @@ pub enum Symbol {
     Wall,
     /// Dashed line.
     FoundWall,
+    /// Square of a colour.
+    Square(Rgb),
     /// Line of a colour.
     Line(Rgb),
 }
@@ -82,7 +84,7 @@ pub fn draw_path(canvas: &mut Canvas, points: &[[f64; 2]], color: Rgb) {
 
 /// A diagonal cross with a rim.
 pub fn cross(canvas: &mut Canvas, [x, y]: [f64; 2], arm: f64, color: Rgb) {
-    for (width, color) in [(4.2, [0, 0, 0]), (2.0, color)] {
+    for (width, color) in [(3.8, [0, 0, 0]), (1.8, color)] {
         canvas.line([x - arm, y - arm], [x + arm, y + arm], width, color);
         canvas.line([x - arm, y + arm], [x + arm, y - arm], width, color);
     }
@@ -135,6 +137,7 @@ pub fn legend_entry(canvas: &mut Canvas, [x, y]: [f64; 2], symbol: Symbol, text:
         }
         Symbol::Wall => canvas.line(left, right, 5.0, MUTED),
         Symbol::FoundWall => canvas.dashed(&[left, right], 6.0, 2.4, FOUND_INK),
+        Symbol::Square(color) => canvas.fill(super::canvas::Rect::new(x + 5.0, y - 7.0, 14.0, 14.0), color),
         Symbol::Line(color) => canvas.line(left, right, 2.4, color),
     }
     canvas.text([x + 34.0, y], Align::Left, text, LABEL_PX, INK);

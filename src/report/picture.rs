@@ -30,7 +30,7 @@ impl Picture {
             return Err(failed(image::ImageError::IoError(std::io::Error::other(text))));
         }
         let mut bytes = Vec::new();
-        PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Sub)
+        PngEncoder::new_with_quality(&mut bytes, CompressionType::Level(4), FilterType::Adaptive)
             .write_image(&self.rgb, self.width as u32, self.height as u32, ExtendedColorType::Rgb8)
             .map_err(failed)?;
         Ok(bytes)

@@ -4,7 +4,7 @@ use super::canvas::{Align, Canvas, Rect};
 use super::style::{GRID, HEADING_PX, INK, LABEL_PX, MUTED, TICK_PX, tick_text, ticks};
 
 /// Pixels left of a plot that its numbers and label take.
-pub const LEFT_MARGIN: f64 = 62.0;
+pub const LEFT_MARGIN: f64 = 68.0;
 /// Pixels below a plot that its numbers and label take.
 pub const BOTTOM_MARGIN: f64 = 50.0;
 
@@ -68,12 +68,12 @@ impl Plot {
         }
         let [cx, cy] = self.area.center();
         canvas.text([cx, bottom + 37.0], Align::Center, x_label, LABEL_PX, MUTED);
-        canvas.text_upwards([x - 50.0, cy], Align::Center, y_label, LABEL_PX, MUTED);
+        canvas.text_upwards([x - 56.0, cy], Align::Center, y_label, LABEL_PX, MUTED);
         canvas.text([x, y - 14.0], Align::Left, heading, HEADING_PX, INK);
     }
 
     fn x_ticks(&self) -> Vec<f64> {
-        ticks(self.x[0], self.x[1], (self.area.width / 70.0).clamp(2.0, 8.0) as usize)
+        ticks(self.x[0], self.x[1], (self.area.width / 58.0).clamp(2.0, 8.0) as usize)
     }
 
     fn y_ticks(&self) -> Vec<f64> {

@@ -42,12 +42,10 @@ pub fn point_cloud(volume: &Volume, title: &str, quantity: &str, share: f64, mar
         points.truncate(MOST_POINTS);
     }
     let range = value_range(&points);
-    let camera = Camera::new(volume.region(), marks.path_m);
+    let camera = Camera::new(shown_region(volume, &points, marks), marks.path_m);
     let mut canvas = Canvas::new(WIDTH as usize, HEIGHT as usize);
     canvas.text([18.0, 26.0], Align::Left, title, TITLE_PX, INK);
-    let mut legend = marks.legend();
-    legend.retain(|entry| !entry.1.is_empty());
-    legend_row(&mut canvas, [18.0, 56.0], &legend);
+    legend_row(&mut canvas, [18.0, 56.0], &marks.legend());
     canvas.fill(SCENE, GROUND);
     canvas.clipped(SCENE, |canvas| {
         draw_box(canvas, &camera);
@@ -59,6 +57,16 @@ pub fn point_cloud(volume: &Volume, title: &str, quantity: &str, share: f64, mar
     canvas.text([SCENE.right() - 12.0, SCENE.bottom() - 16.0], Align::Right, &kept, LABEL_PX, LETTERS);
     color_bar(&mut canvas, range, quantity);
     canvas.finish()
+}
+
+/// The part of the volume's box that has points or marks in it, with some air; from the box's bottom up.
+fn shown_region(volume: &Volume, points: &[(DVec3, f32)], marks: &Marks) -> Aabb {
+    let whole = volume.region();
+    let marked = marks.truth_m.iter().chain(marks.found_m).copied().filter(|&place| whole.contains(place));
+    let Some(tight) = Aabb::around(points.iter().map(|point| point.0).chain(marked)) else { return whole };
+    let air = 0.2 * tight.size().max_element().max(5.0 * volume.voxel_m);
+    let min = (tight.min - air).max(whole.min);
+    Aabb { min: DVec3::new(min.x, whole.min.y, min.z), max: (tight.max + air).min(whole.max) }
 }
 
 /// Parallel projection that fits a region into the scene's rectangle.
@@ -86,7 +94,7 @@ impl Camera {
         let high = flat.iter().fold([f64::MIN; 2], |a, p| [a[0].max(p[0]), a[1].max(p[1])]);
         let room = [SCENE.width - 130.0, SCENE.height - 110.0];
         let px_per_m = (room[0] / (high[0] - low[0])).min(room[1] / (high[1] - low[1]));
-        let middle = [SCENE.center()[0] + 8.0, SCENE.center()[1] - 14.0];
+        let middle = [SCENE.center()[0] - 12.0, SCENE.center()[1] - 14.0];
         let offset_px = [0, 1].map(|n| middle[n] - 0.5 * (low[n] + high[n]) * px_per_m);
         Self { region, right, up, back, px_per_m, offset_px }
     }
@@ -144,7 +152,7 @@ fn draw_box(canvas: &mut Canvas, camera: &Camera) {
 }
 
 fn draw_points(canvas: &mut Canvas, camera: &Camera, points: &mut [(DVec3, f32)], [low, high]: [f32; 2], voxel_m: f64) {
-    let full = (0.62 * voxel_m * camera.px_per_m).clamp(1.5, 14.0);
+    let full = (0.75 * voxel_m * camera.px_per_m).clamp(1.5, 14.0);
     for &(place, _) in points.iter() {
         let floor = DVec3::new(place.x, camera.region.min.y, place.z);
         canvas.blend_disc(camera.at(floor), 0.8 * full, [0, 0, 0], 0.16);
@@ -152,29 +160,31 @@ fn draw_points(canvas: &mut Canvas, camera: &Camera, points: &mut [(DVec3, f32)]
     points.sort_by(|a, b| camera.back.dot(a.0).total_cmp(&camera.back.dot(b.0)));
     for &(place, value) in points.iter() {
         let share = if high > low { ((value - low) / (high - low)) as f64 } else { 1.0 };
-        let radius = full * (0.5 + 0.5 * share);
+        let radius = full * (0.6 + 0.4 * share);
         let color = point_color(share);
         let [x, y] = camera.at(place);
-        canvas.disc([x, y], radius, mix(color, [0, 0, 0], 0.45));
-        canvas.disc([x - 0.12 * radius, y - 0.12 * radius], 0.8 * radius, color);
+        // Weak ones let the strong ones behind them shine through.
+        let alpha = 0.45 + 0.5 * share;
+        canvas.blend_disc([x, y], radius, mix(color, [0, 0, 0], 0.45), alpha);
+        canvas.blend_disc([x - 0.12 * radius, y - 0.12 * radius], 0.8 * radius, color, alpha);
     }
 }
 
 /// The darkest colours would not show on dark ground.
 fn point_color(share: f64) -> Rgb {
-    inferno(0.28 + 0.7 * share)
+    inferno(0.36 + 0.62 * share)
 }
 
 fn draw_labels(canvas: &mut Canvas, camera: &Camera) {
     // Each axis is written along an edge of the box's outline as the eye sees it.
     let axes: [(usize, [f64; 3], [f64; 2], &str); 3] = [
         (0, [0.5, 0.0, 1.0], [-0.35, 1.0], "right, x (m)"),
-        (1, [0.0, 0.5, 1.0], [-1.0, 0.0], "up, y (m)"),
+        (1, [1.0, 0.5, 0.0], [1.0, 0.0], "up, y (m)"),
         (2, [1.0, 0.0, 0.5], [0.8, 0.75], "z (m), ahead is −z"),
     ];
     for (axis, middle, [dx, dy], label) in axes {
         let (ticks, step) = camera.axis_ticks(axis);
-        let align = if axis == 2 { Align::Left } else { Align::Right };
+        let align = if axis == 0 { Align::Right } else { Align::Left };
         for tick in ticks {
             let mut place = camera.place(middle);
             place[axis] = tick;
@@ -184,7 +194,7 @@ fn draw_labels(canvas: &mut Canvas, camera: &Camera) {
         }
         let [x, y] = camera.at(camera.place(middle));
         if axis == 1 {
-            canvas.text_upwards([x - 52.0, y], Align::Center, label, LABEL_PX, LETTERS);
+            canvas.text_upwards([x + 58.0, y], Align::Center, label, LABEL_PX, LETTERS);
         } else {
             let align = if axis == 0 { Align::Right } else { Align::Left };
             canvas.text([x + 38.0 * dx, y + 42.0 * dy], align, label, LABEL_PX, LETTERS);

@@ -16,7 +16,7 @@ use super::style::{FALSE_INK, FOUND_INK, INK, LABEL_PX, MUTED, PATH_INK, Rgb, TI
 use super::views::drawable;
 
 const TOP: f64 = 58.0;
-const LEGEND_WIDTH: f64 = 262.0;
+const LEGEND_WIDTH: f64 = 290.0;
 
 /// What the map shows.
 #[derive(Debug, Clone, Copy)]
@@ -190,7 +190,7 @@ fn legend(canvas: &mut Canvas, map: &RoomMap, [x, mut y]: [f64; 2]) {
         (truth, Symbol::Wall, "wall, truth"),
         (truth, Symbol::TruthInk, "scatterers, truth"),
         (!scene.walls.is_empty(), Symbol::FoundWall, "wall, found"),
-        (true, Symbol::FoundInk, "obstacle, found, evidence"),
+        (true, Symbol::FoundInk, "obstacle, found, with its evidence"),
         (true, Symbol::Ellipse, "its place, 2σ"),
         (true, Symbol::Extent, "its extent as seen"),
         (truth, Symbol::FalseInk, "found, but nothing there"),
@@ -232,6 +232,7 @@ impl Labels {
         let side = away + 0.5 * width;
         let over = away + 0.5 * high;
         let spots = [
+            [0.0, 0.0],
             [side, 0.0],
             [-side, 0.0],
             [0.0, -over],

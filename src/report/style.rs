@@ -60,11 +60,11 @@ pub fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
     }
     let rough = span / about.max(1) as f64;
     let decade = 10f64.powf(rough.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].map(|n| n * decade).into_iter().find(|&step| step >= rough * 0.999);
+    let step = [1.0, 2.0, 5.0, 10.0].map(|n| n * decade).into_iter().find(|&step| step >= rough * 0.7);
     let step = step.unwrap_or(10.0 * decade);
     let first = (low / step - 1e-9).ceil();
     let last = (high / step + 1e-9).floor();
-    if !(first.is_finite() && last - first < 1000.0) {
+    if !(0.0..1000.0).contains(&(last - first)) {
         return Vec::new();
     }
     (0..=(last - first) as usize).map(|n| (first + n as f64) * step).collect()

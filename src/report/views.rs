@@ -44,9 +44,9 @@ impl View {
     /// Heading, and the labels of the horizontal and the vertical axis.
     pub fn labels(self) -> [&'static str; 3] {
         match self {
-            Self::Side => ["Side view", "depth −z (m)", "height y (m)"],
-            Self::Top => ["Top view", "depth −z (m)", "width x (m), left is up"],
-            Self::Front => ["Front view", "width x (m)", "height y (m)"],
+            Self::Side => ["Side view, from the right", "depth −z (m)", "height y (m)"],
+            Self::Top => ["Top view, from above", "depth −z (m)", "width x (m), right is down"],
+            Self::Front => ["Front view, from behind", "width x (m)", "height y (m)"],
         }
     }
 
