@@ -10,8 +10,8 @@ use radar_chaperone::imaging::Volume;
 use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
 use radar_chaperone::recording::{Truth, TruthObstacle, TruthWall};
 use radar_chaperone::report::{
-    Figure, Limits, Marks, Picture, Report, RoomMap, Section, Table, VolumeInfo, cross_sections, motion_plot,
-    point_cloud, points_above, room_map, score, write_obstacles_json, write_ply, write_volume,
+    Chart, Figure, Limits, Marks, Picture, Report, RoomMap, Section, Series, Table, VolumeInfo, cross_sections,
+    motion_plot, point_cloud, points_above, room_map, score, write_obstacles_json, write_ply, write_volume,
 };
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -45,6 +45,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let room = timed(&folder, "room_map", || room_map(&map))?;
     let motion = timed(&folder, "motion_plot", || motion_plot(&path, "Head motion, seated, 8 s"))?;
 
+    let trade = timed(&folder, "chart", || run_time_against_error().draw())?;
+    let narrow = narrow_volume();
+    timed(&folder, "narrow", || cross_sections(&narrow, "A narrow box", quantity, &Marks::default()))?;
+
     let score = score(&scene, &truth, &Limits::default());
     println!("{score}");
     let info = VolumeInfo { statistic: "log".into(), updates: 1_234, dense_updates: 216_000, ..VolumeInfo::default() };
@@ -61,6 +65,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .intro("All data on this page are made up; it shows how reports look.")
         .section(Section::new("A chair").text("Gaussian blobs along a chair's edges.").figure(sections).figure(cloud))
         .section(Section::new("A room").figure(room).figure(room_image).table(table).preformatted(score.to_string()))
+        .section(Section::new("Run time").figure(trade))
         .section(Section::new("The motion").figure(motion))
         .write(&folder.join("report.html"))?;
     println!("{}", folder.display());
@@ -116,6 +121,35 @@ fn room_volume(truth: &Truth) -> Volume {
         volume.values[index] = (4000.0 + 2500.0 * blobs + 300.0 * (index * 7919 % 1000) as f64 / 1000.0) as f32;
     }
     volume
+}
+
+fn narrow_volume() -> Volume {
+    let region = Aabb { min: DVec3::new(-0.3, 0.0, -4.0), max: DVec3::new(0.3, 2.0, 0.0) };
+    let mut volume = Volume::covering(&region, 0.1);
+    for (index, value) in volume.values.iter_mut().enumerate() {
+        *value = (index % 17) as f32;
+    }
+    volume
+}
+
+fn run_time_against_error() -> Chart {
+    let curve = |name: &str, best: f64, joined| Series {
+        name: name.into(),
+        points: (0..8).map(|n| 2f64.powi(n)).map(|t| [0.004 * t, best + 0.08 / t]).collect(),
+        joined,
+    };
+    Chart {
+        title: "Position error against run time".into(),
+        x_label: "run time (s)".into(),
+        y_label: "median position error (m)".into(),
+        x_log: true,
+        y_log: false,
+        series: vec![
+            curve("dense, LS", 0.012, true),
+            curve("adaptive, LS", 0.009, true),
+            curve("thesis, eq. 3.2", 0.03, false),
+        ],
+    }
 }
 
 fn head_path() -> Vec<(f64, DVec3)> {

@@ -193,6 +193,12 @@ impl Canvas {
         self.glyphs([x, y], align, text, height_px, color, |[x, y], along, up| [x + along, y + up]);
     }
 
+    /// Text that is made smaller, by no more than a third, where it would be wider than `most_px`.
+    pub fn text_fitted(&mut self, place: [f64; 2], align: Align, text: &str, height_px: f64, most_px: f64, color: Rgb) {
+        let share = most_px / text_width(text, height_px).max(1.0);
+        self.text(place, align, text, height_px * share.clamp(0.67, 1.0), color);
+    }
+
     /// Text that reads from bottom to top; `x` is the middle of its capital letters.
     pub fn text_upwards(&mut self, [x, y]: [f64; 2], align: Align, text: &str, height_px: f64, color: Rgb) {
         self.glyphs([x, y], align, text, height_px, color, |[x, y], along, up| [x + up, y - along]);

@@ -38,14 +38,19 @@ impl Accumulated {
 /// Sums of a volume along axis 0, 1 or 2 (x, y, z; greater counts as 2). Values that are not finite count as 0.
 pub fn accumulate(volume: &Volume, along: usize) -> Accumulated {
     let along = along.min(2);
-    let [first, second] = left_over(along);
-    let size = [volume.size[first], volume.size[second]];
+    let [x_count, y_count, z_count] = volume.size;
+    // Where a step along x, y, z leads in the sums.
+    let (size, [x_step, y_step, z_step]) = match along {
+        0 => ([y_count, z_count], [0, 1, y_count]),
+        1 => ([x_count, z_count], [1, 0, x_count]),
+        _ => ([x_count, y_count], [1, x_count, 0]),
+    };
     let mut sums = vec![0.0; size[0] * size[1]];
-    let voxels = volume.size.iter().product::<usize>();
-    for (index, &value) in volume.values.iter().enumerate().take(voxels) {
-        if value.is_finite() {
-            let voxel = volume.voxel(index);
-            sums[voxel[second] * size[0] + voxel[first]] += value as f64;
+    let rows = volume.values.chunks(x_count.max(1)).take(y_count * z_count).enumerate();
+    for (row, values) in rows {
+        let start = row % y_count * y_step + row / y_count * z_step;
+        for (x, value) in values.iter().take(x_count).enumerate().filter(|(_, value)| value.is_finite()) {
+            sums[start + x * x_step] += *value as f64;
         }
     }
     Accumulated { along, size, sums }
@@ -107,10 +112,6 @@ fn cell((axis, backwards): (usize, bool), share: f64, volume: &Volume) -> (usize
     (axis, ((share * count as f64) as usize).min(count.saturating_sub(1)))
 }
 
-fn left_over(along: usize) -> [usize; 2] {
-    [[1, 2], [0, 2], [0, 1]][along]
-}
-
 /// A horizontal colour scale with the values of its ends, and what they are.
 fn color_bar(canvas: &mut Canvas, bar: Rect, [low, high]: [f64; 2], label: &str) {
     canvas.paint(bar, |u, _| inferno(u));
@@ -118,7 +119,7 @@ fn color_bar(canvas: &mut Canvas, bar: Rect, [low, high]: [f64; 2], label: &str)
     let y = bar.bottom() + 12.0;
     canvas.text([bar.x, y], Align::Left, &short_number(low), TICK_PX, INK);
     canvas.text([bar.right(), y], Align::Right, &short_number(high), TICK_PX, INK);
-    canvas.text([bar.center()[0], y + 19.0], Align::Center, label, LABEL_PX, MUTED);
+    canvas.text_fitted([bar.center()[0], y + 19.0], Align::Center, label, LABEL_PX, bar.width + 60.0, MUTED);
 }
 
 #[cfg(test)]

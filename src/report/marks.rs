@@ -68,6 +68,8 @@ pub enum Symbol {
     FoundWall,
     /// Square of a colour.
     Square(Rgb),
+    /// Dot of a colour.
+    Dot(Rgb),
     /// Line of a colour.
     Line(Rgb),
 }
@@ -138,6 +140,7 @@ pub fn legend_entry(canvas: &mut Canvas, [x, y]: [f64; 2], symbol: Symbol, text:
         Symbol::Wall => canvas.line(left, right, 5.0, MUTED),
         Symbol::FoundWall => canvas.dashed(&[left, right], 6.0, 2.4, FOUND_INK),
         Symbol::Square(color) => canvas.fill(super::canvas::Rect::new(x + 5.0, y - 7.0, 14.0, 14.0), color),
+        Symbol::Dot(color) => canvas.disc(middle, 4.2, color),
         Symbol::Line(color) => canvas.line(left, right, 2.4, color),
     }
     canvas.text([x + 34.0, y], Align::Left, text, LABEL_PX, INK);

@@ -4,6 +4,7 @@
 mod atomic;
 mod base64;
 mod canvas;
+mod chart;
 mod color_map;
 mod cross_sections;
 mod error;
@@ -22,6 +23,7 @@ mod style;
 mod views;
 
 pub use atomic::write_atomically;
+pub use chart::{Chart, Series};
 pub use cross_sections::{Accumulated, accumulate, cross_sections};
 pub use error::ReportError;
 pub use html::{Figure, Report, Section, Table};

@@ -38,12 +38,17 @@ impl Plot {
 
     /// Faint lines at the ticks; to be drawn before the content.
     pub fn grid(&self, canvas: &mut Canvas) {
+        self.grid_where(canvas, [true, true]);
+    }
+
+    /// The same on one axis, the other, or both.
+    pub fn grid_where(&self, canvas: &mut Canvas, [on_x, on_y]: [bool; 2]) {
         let Rect { x, y, .. } = self.area;
-        for tick in self.x_ticks() {
+        for tick in self.x_ticks_where(on_x) {
             let at = self.at([tick, self.y[0]])[0];
             canvas.line([at, y], [at, self.area.bottom()], 1.0, GRID);
         }
-        for tick in self.y_ticks() {
+        for tick in self.y_ticks_where(on_y) {
             let at = self.at([self.x[0], tick])[1];
             canvas.line([x, at], [self.area.right(), at], 1.0, GRID);
         }
@@ -51,32 +56,50 @@ impl Plot {
 
     /// Frame, numbers and labels; to be drawn after the content.
     pub fn axes(&self, canvas: &mut Canvas, heading: &str, x_label: &str, y_label: &str) {
+        self.axes_where(canvas, heading, x_label, y_label, [true, true]);
+    }
+
+    /// The same with numbers on one axis, the other, or both.
+    pub fn axes_where(
+        &self,
+        canvas: &mut Canvas,
+        heading: &str,
+        x_label: &str,
+        y_label: &str,
+        [on_x, on_y]: [bool; 2],
+    ) {
         let Rect { x, y, .. } = self.area;
         let bottom = self.area.bottom();
         canvas.outline(self.area, 1.2, INK);
-        let ticks = self.x_ticks();
+        let ticks = self.x_ticks_where(on_x);
         for &tick in &ticks {
             let at = self.at([tick, self.y[0]])[0];
             canvas.line([at, bottom], [at, bottom + 5.0], 1.2, INK);
             canvas.text([at, bottom + 15.0], Align::Center, &tick_text(tick, step(&ticks)), TICK_PX, INK);
         }
-        let ticks = self.y_ticks();
+        let ticks = self.y_ticks_where(on_y);
         for &tick in &ticks {
             let at = self.at([self.x[0], tick])[1];
             canvas.line([x - 5.0, at], [x, at], 1.2, INK);
             canvas.text([x - 9.0, at], Align::Right, &tick_text(tick, step(&ticks)), TICK_PX, INK);
         }
         let [cx, cy] = self.area.center();
-        canvas.text([cx, bottom + 37.0], Align::Center, x_label, LABEL_PX, MUTED);
+        canvas.text_fitted([cx, bottom + 37.0], Align::Center, x_label, LABEL_PX, self.area.width + 60.0, MUTED);
         canvas.text_upwards([x - 56.0, cy], Align::Center, y_label, LABEL_PX, MUTED);
-        canvas.text([x, y - 14.0], Align::Left, heading, HEADING_PX, INK);
+        canvas.text_fitted([x, y - 14.0], Align::Left, heading, HEADING_PX, self.area.width + 60.0, INK);
     }
 
-    fn x_ticks(&self) -> Vec<f64> {
+    fn x_ticks_where(&self, wanted: bool) -> Vec<f64> {
+        if !wanted {
+            return Vec::new();
+        }
         ticks(self.x[0], self.x[1], (self.area.width / 58.0).clamp(2.0, 8.0) as usize)
     }
 
-    fn y_ticks(&self) -> Vec<f64> {
+    fn y_ticks_where(&self, wanted: bool) -> Vec<f64> {
+        if !wanted {
+            return Vec::new();
+        }
         ticks(self.y[0], self.y[1], (self.area.height / 55.0).clamp(2.0, 8.0) as usize)
     }
 }
