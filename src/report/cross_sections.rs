@@ -119,7 +119,7 @@ fn color_bar(canvas: &mut Canvas, bar: Rect, [low, high]: [f64; 2], label: &str)
     let y = bar.bottom() + 12.0;
     canvas.text([bar.x, y], Align::Left, &short_number(low), TICK_PX, INK);
     canvas.text([bar.right(), y], Align::Right, &short_number(high), TICK_PX, INK);
-    canvas.text_fitted([bar.center()[0], y + 19.0], Align::Center, label, LABEL_PX, bar.width + 60.0, MUTED);
+    canvas.text_fitted([bar.center()[0], y + 19.0], Align::Center, label, LABEL_PX, bar.width + 100.0, MUTED);
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! A rectangle of a figure with two axes: maps values to pixels and draws frame, ticks and labels.
 
-use super::canvas::{Align, Canvas, Rect};
+use super::canvas::{Align, Canvas, Rect, text_width};
 use super::style::{GRID, HEADING_PX, INK, LABEL_PX, MUTED, TICK_PX, tick_text, ticks};
 
 /// Pixels left of a plot that its numbers and label take.
@@ -86,7 +86,9 @@ impl Plot {
         let [cx, cy] = self.area.center();
         canvas.text_fitted([cx, bottom + 37.0], Align::Center, x_label, LABEL_PX, self.area.width + 60.0, MUTED);
         canvas.text_upwards([x - 56.0, cy], Align::Center, y_label, LABEL_PX, MUTED);
-        canvas.text_fitted([x, y - 14.0], Align::Left, heading, HEADING_PX, self.area.width + 60.0, INK);
+        let over = text_width(heading, HEADING_PX) > self.area.width;
+        let (at, align) = if over { (cx, Align::Center) } else { (x, Align::Left) };
+        canvas.text([at, y - 14.0], align, heading, HEADING_PX, INK);
     }
 
     fn x_ticks_where(&self, wanted: bool) -> Vec<f64> {
@@ -100,7 +102,7 @@ impl Plot {
         if !wanted {
             return Vec::new();
         }
-        ticks(self.y[0], self.y[1], (self.area.height / 55.0).clamp(2.0, 8.0) as usize)
+        ticks(self.y[0], self.y[1], (self.area.height / 55.0).clamp(3.0, 8.0) as usize)
     }
 }
 

@@ -8,6 +8,11 @@ use crate::geometry::Aabb;
 use super::canvas::Rect;
 use super::plot::{LEFT_MARGIN, Plot};
 
+/// Pixels between a plot and the next one's labels.
+const GAP: f64 = 16.0;
+/// Pixels that a plot's words need, however narrow it is.
+const LEAST_SLOT: f64 = 180.0;
+
 /// One way to look at space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum View {
@@ -70,16 +75,30 @@ impl View {
 pub fn plots(region: &Aabb, top_left: [f64; 2], width: f64, height: f64) -> [Plot; 3] {
     let region = drawable(region);
     let size = region.size();
-    let room = width - 3.0 * (LEFT_MARGIN + 16.0);
-    let px_per_m = (room / (2.0 * size.z + size.x)).min(height / size.y.max(size.x));
+    let scale = scale([size.z, size.z, size.x], width - 3.0 * (LEFT_MARGIN + GAP));
+    let px_per_m = scale.min(height / size.y.max(size.x));
     let mut left = top_left[0];
     VIEWS.map(|view| {
         let [x, y] = view.ranges(&region);
-        let area =
-            Rect::new(left + LEFT_MARGIN, top_left[1], (x[1] - x[0]).abs() * px_per_m, (y[1] - y[0]).abs() * px_per_m);
-        left = area.right() + 16.0;
+        let plot_width = (x[1] - x[0]).abs() * px_per_m;
+        let slot = plot_width.max(LEAST_SLOT);
+        let x_px = left + LEFT_MARGIN + 0.5 * (slot - plot_width);
+        let area = Rect::new(x_px, top_left[1], plot_width, (y[1] - y[0]).abs() * px_per_m);
+        left += LEFT_MARGIN + slot + GAP;
         Plot::new(area, x, y)
     })
+}
+
+/// Pixels a metre so that plots of these widths (metres), none in less than its least slot, share `room` pixels.
+fn scale(widths_m: [f64; 3], room: f64) -> f64 {
+    let mut px_per_m = room / widths_m.iter().sum::<f64>();
+    for _ in 0..2 {
+        let (narrow, wide): (Vec<f64>, Vec<f64>) = widths_m.iter().partition(|&&w| w * px_per_m < LEAST_SLOT);
+        if !wide.is_empty() {
+            px_per_m = (room - narrow.len() as f64 * LEAST_SLOT) / wide.iter().sum::<f64>();
+        }
+    }
+    px_per_m
 }
 
 /// The region, or one that can be drawn where it is flat, endless or no region at all.
@@ -116,6 +135,9 @@ mod tests {
             assert!(((b[0] - a[0]).abs() - (b[1] - a[1]).abs()).abs() < 1e-9, "{view:?}");
             assert!(plot.area.right() <= 1300.0 && plot.area.height <= 460.5);
         }
+        let narrow = Aabb { min: DVec3::new(0.8, 0.0, -4.0), ..region };
+        let last = super::plots(&narrow, [0.0, 40.0], 1300.0, 460.0)[2].area;
+        assert!(last.right() <= 1300.0);
         assert!(plots[0].at([2.0, 0.0])[0] > plots[0].at([1.0, 0.0])[0], "ahead is to the right");
         assert!(plots[1].at([0.0, 0.5])[1] > plots[1].at([0.0, -0.5])[1], "the right hand is down, seen from above");
     }
