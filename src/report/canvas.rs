@@ -137,8 +137,8 @@ impl Canvas {
 
     /// Lines from point to point; the line is broken at points that are not finite.
     pub fn polyline(&mut self, points: &[[f64; 2]], width_px: f64, color: Rgb) {
-        for pair in points.windows(2) {
-            self.line(pair[0], pair[1], width_px, color);
+        for pair in kept(points).windows(2) {
+            self.line(points[pair[0]], points[pair[1]], width_px, color);
         }
     }
 
@@ -311,6 +311,20 @@ impl Canvas {
     }
 }
 
+/// Indices of the points that matter on the screen: the first, the last, and those more than half a pixel from the one kept
+/// before. Thousands of poses a second fall on the same few pixels.
+pub fn kept(points: &[[f64; 2]]) -> Vec<usize> {
+    let mut kept: Vec<usize> = Vec::new();
+    for (n, point) in points.iter().enumerate() {
+        let moved = kept.last().map_or(f64::NAN, |&k| (point[0] - points[k][0]).hypot(point[1] - points[k][1]));
+        // A distance that is not a number keeps the point: the line is broken there.
+        if n + 1 == points.len() || moved.is_nan() || moved > 0.5 {
+            kept.push(n);
+        }
+    }
+    kept
+}
+
 /// Width of a line of text.
 pub fn text_width(text: &str, height_px: f64) -> f64 {
     font(height_px * S).box_size(text).map_or(0.0, |(width, _)| width as f64 / S)
@@ -368,6 +382,13 @@ mod tests {
         canvas.text([f64::NAN, 1e12], Align::Center, "nowhere", 12.0, INK);
         canvas.clipped(Rect::new(20.0, 20.0, 5.0, 5.0), |c| c.fill(Rect::new(0.0, 0.0, 10.0, 10.0), INK));
         assert!(canvas.finish().rgb.iter().all(|&v| v == 255));
+    }
+
+    #[test]
+    fn points_on_the_same_pixel_are_kept_once_and_breaks_stay_breaks() {
+        assert_eq!(kept(&[[0.0, 0.0], [0.1, 0.0], [0.7, 0.0], [0.8, 0.0]]), [0, 2, 3]);
+        assert_eq!(kept(&[[0.0, 0.0], [f64::NAN, 0.0], [0.1, 0.0], [0.2, 0.0]]), [0, 1, 2, 3]);
+        assert!(kept(&[]).is_empty());
     }
 
     #[test]

@@ -6,7 +6,7 @@ use glam::DVec3;
 use crate::geometry::Aabb;
 
 use super::Picture;
-use super::canvas::{Align, Canvas, Rect};
+use super::canvas::{Align, Canvas, Rect, kept};
 use super::color_map::{mix, viridis};
 use super::marks::{Symbol, legend_entry, legend_width};
 use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
@@ -62,8 +62,8 @@ fn time_color(time: f64, [first, last]: [f64; 2]) -> Rgb {
 }
 
 fn draw_timed(canvas: &mut Canvas, path: &[(f64, DVec3)], points: &[[f64; 2]], times: [f64; 2]) {
-    for (pair, timed) in points.windows(2).zip(path) {
-        canvas.line(pair[0], pair[1], 2.0, time_color(timed.0, times));
+    for pair in kept(points).windows(2) {
+        canvas.line(points[pair[0]], points[pair[1]], 2.0, time_color(path[pair[0]].0, times));
     }
     if let (Some(&first), Some(&last)) = (points.first(), points.last()) {
         canvas.disc(first, 6.0, time_color(times[0], times));
