@@ -10,6 +10,7 @@ pub mod obstacles;
 pub mod radar;
 pub mod recording;
 pub mod render;
+pub mod report;
 pub mod simulation;
 pub mod tracking;
 pub mod warning;

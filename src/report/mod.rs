@@ -1,0 +1,38 @@
+//! Plain data to files: figures, volumes, point clouds, scores, the report. Nothing here computes what it shows; all of it
+//! draws empty, flat or broken data without a panic, and writes files whole or not at all.
+
+mod atomic;
+mod base64;
+mod canvas;
+mod chart;
+mod color_map;
+mod cross_sections;
+mod error;
+mod html;
+mod marks;
+mod motion_plot;
+mod npy;
+mod obstacles_json;
+mod picture;
+mod plot;
+mod ply;
+mod point_cloud;
+mod room_map;
+mod score;
+mod style;
+mod views;
+
+pub use atomic::write_atomically;
+pub use chart::{Chart, Series};
+pub use cross_sections::{Accumulated, accumulate, cross_sections};
+pub use error::ReportError;
+pub use html::{Figure, Report, Section, Table};
+pub use marks::Marks;
+pub use motion_plot::motion_plot;
+pub use npy::{VolumeInfo, read_volume, write_volume};
+pub use obstacles_json::{obstacles_json, write_obstacles_json};
+pub use picture::Picture;
+pub use ply::{ply_bytes, write_ply};
+pub use point_cloud::{point_cloud, points_above};
+pub use room_map::{RoomMap, room_map};
+pub use score::{Limits, ObstacleScore, Score, Verdict, score, verdict};

@@ -1,0 +1,208 @@
+//! A volume as NumPy reads it (NPY format 1.0: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>):
+//! C-ordered little-endian f32, shape `[z][y][x]`, and beside it a .json that says where it is and what it holds.
+
+use std::fs;
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+use crate::imaging::Volume;
+
+use super::{ReportError, write_atomically};
+
+const MAGIC: &[u8] = b"\x93NUMPY\x01\x00";
+/// The data begin at a multiple of this.
+const ALIGNMENT: usize = 64;
+
+/// What the .json beside a volume says besides where it is.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct VolumeInfo {
+    /// Name of the statistic: `thesis`, `ls`, …
+    pub statistic: String,
+    /// Voxel updates done.
+    pub updates: u64,
+    /// Voxel updates that a dense run over the same box would do.
+    pub dense_updates: u64,
+    /// Anything else, appended in the map's order.
+    pub extra: Map<String, Value>,
+}
+
+#[derive(Serialize)]
+struct Header<'a> {
+    origin_m: [f64; 3],
+    voxel_m: f64,
+    shape: [usize; 3],
+    statistic: &'a str,
+    updates: u64,
+    dense_updates: u64,
+    #[serde(flatten)]
+    extra: &'a Map<String, Value>,
+}
+
+/// Writes `path` (.npy) and, beside it, the same name with .json: `origin_m` is the lowest corner of the box (the first
+/// voxel's centre lies half a voxel above it), `shape` is `[z, y, x]`.
+///
+/// # Errors
+/// Sizes that do not fit the values, an origin or voxel edge that is not finite, an extra entry with the name of one of the
+/// file's own, files that cannot be written.
+pub fn write_volume(path: &Path, volume: &Volume, info: &VolumeInfo) -> Result<(), ReportError> {
+    let header = header_bytes(volume, info, path)?;
+    write_atomically(path, &npy_bytes(volume)?)?;
+    write_atomically(&path.with_extension("json"), &header)
+}
+
+/// Reads both files back. `extra` holds what [`VolumeInfo`] has no field for.
+///
+/// # Errors
+/// Files that cannot be read, or are not such as [`write_volume`] writes.
+pub fn read_volume(path: &Path) -> Result<(Volume, VolumeInfo), ReportError> {
+    let read = |path: &Path| fs::read(path).map_err(|source| ReportError::File { path: path.to_owned(), source });
+    let wrong = |reason: &str| ReportError::NotNpy { path: path.to_owned(), reason: reason.to_owned() };
+    let ([z, y, x], values) = parse(&read(path)?).map_err(wrong)?;
+    let beside = path.with_extension("json");
+    let json = |source| ReportError::Json { path: beside.clone(), source };
+    let mut entries: Map<String, Value> = serde_json::from_slice(&read(&beside)?).map_err(json)?;
+    let mut take = |name: &str| entries.remove(name).unwrap_or_default();
+    let origin_m: [f64; 3] = serde_json::from_value(take("origin_m")).map_err(json)?;
+    let voxel_m = serde_json::from_value(take("voxel_m")).map_err(json)?;
+    let statistic = serde_json::from_value(take("statistic")).map_err(json)?;
+    let updates = serde_json::from_value(take("updates")).map_err(json)?;
+    let dense_updates = serde_json::from_value(take("dense_updates")).map_err(json)?;
+    if take("shape") != serde_json::json!([z, y, x]) {
+        return Err(wrong("its shape is not the one in the .json"));
+    }
+    let info = VolumeInfo { statistic, updates, dense_updates, extra: entries };
+    Ok((Volume { origin_m: origin_m.into(), voxel_m, size: [x, y, z], values }, info))
+}
+
+/// The bytes of the .npy file.
+fn npy_bytes(volume: &Volume) -> Result<Vec<u8>, ReportError> {
+    let [x, y, z] = volume.size;
+    if x * y * z != volume.values.len() {
+        return Err(ReportError::VolumeSize { size: volume.size, values: volume.values.len() });
+    }
+    let mut dictionary = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({z}, {y}, {x}), }}");
+    let unpadded = MAGIC.len() + 2 + dictionary.len() + 1;
+    dictionary.extend(std::iter::repeat_n(' ', unpadded.next_multiple_of(ALIGNMENT) - unpadded));
+    dictionary.push('\n');
+    let mut bytes = Vec::with_capacity(MAGIC.len() + 2 + dictionary.len() + 4 * volume.values.len());
+    bytes.extend(MAGIC);
+    bytes.extend((dictionary.len() as u16).to_le_bytes());
+    bytes.extend(dictionary.as_bytes());
+    bytes.extend(volume.values.iter().flat_map(|value| value.to_le_bytes()));
+    Ok(bytes)
+}
+
+fn header_bytes(volume: &Volume, info: &VolumeInfo, path: &Path) -> Result<Vec<u8>, ReportError> {
+    for value in volume.origin_m.to_array().into_iter().chain([volume.voxel_m]) {
+        if !value.is_finite() {
+            return Err(ReportError::NotFinite { what: "origin_m or voxel_m".into(), value });
+        }
+    }
+    const OWN: [&str; 6] = ["origin_m", "voxel_m", "shape", "statistic", "updates", "dense_updates"];
+    if let Some(key) = OWN.into_iter().find(|key| info.extra.contains_key(*key)) {
+        return Err(ReportError::ExtraKey(key.to_owned()));
+    }
+    let [x, y, z] = volume.size;
+    let header = Header {
+        origin_m: volume.origin_m.to_array(),
+        voxel_m: volume.voxel_m,
+        shape: [z, y, x],
+        statistic: &info.statistic,
+        updates: info.updates,
+        dense_updates: info.dense_updates,
+        extra: &info.extra,
+    };
+    let mut bytes = serde_json::to_vec_pretty(&header)
+        .map_err(|source| ReportError::Json { path: path.with_extension("json"), source })?;
+    bytes.push(b'\n');
+    Ok(bytes)
+}
+
+fn parse(bytes: &[u8]) -> Result<([usize; 3], Vec<f32>), &'static str> {
+    let rest = bytes.strip_prefix(MAGIC).ok_or("it does not begin as NPY 1.0")?;
+    let (length, rest) = rest.split_first_chunk::<2>().ok_or("it ends in its header")?;
+    let (header, data) = rest.split_at_checked(u16::from_le_bytes(*length) as usize).ok_or("it ends in its header")?;
+    let header = std::str::from_utf8(header).map_err(|_| "its header is not text")?;
+    if !(header.contains("'descr': '<f4'") && header.contains("'fortran_order': False")) {
+        return Err("its values are not C-ordered little-endian f32");
+    }
+    let shape = header.split_once("'shape': (").and_then(|(_, rest)| rest.split_once(')')).ok_or("it has no shape")?.0;
+    let shape: Vec<usize> = shape.split(',').map(str::trim).filter_map(|n| n.parse().ok()).collect();
+    let shape: [usize; 3] = shape.try_into().map_err(|_| "its shape has not three numbers")?;
+    let wanted = shape.iter().try_fold(4usize, |a, &b| a.checked_mul(b));
+    if wanted != Some(data.len()) {
+        return Err("its length does not fit its shape");
+    }
+    let values = data.chunks_exact(4).map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]]));
+    Ok((shape, values.collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use proptest::prelude::*;
+
+    fn volume(size: [usize; 3]) -> Volume {
+        let values = (0..size.iter().product::<usize>()).map(|n| n as f32 * 0.5 - 1.0).collect();
+        Volume { origin_m: DVec3::new(-1.5, 0.25, -3.0), voxel_m: 0.05, size, values }
+    }
+
+    fn folder(name: &str) -> std::path::PathBuf {
+        std::env::temp_dir().join(format!("report-npy-{name}-{}", std::process::id()))
+    }
+
+    #[test]
+    fn the_header_is_that_of_numpy_and_ends_at_64() {
+        let bytes = npy_bytes(&volume([4, 3, 2])).unwrap();
+        assert_eq!(&bytes[..10], b"\x93NUMPY\x01\x00\x76\x00");
+        let text = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }";
+        assert_eq!(&bytes[10..10 + text.len()], text.as_bytes());
+        assert!(bytes[10 + text.len()..127].iter().all(|&b| b == b' '));
+        assert_eq!(bytes[127], b'\n');
+        assert_eq!(bytes.len(), 128 + 4 * 24);
+        assert_eq!(bytes[128..136], [0, 0, 0x80, 0xbf, 0, 0, 0, 0xbf]);
+    }
+
+    #[test]
+    fn both_files_come_back_as_they_were() {
+        let path = folder("round").join("a.npy");
+        let mut info = VolumeInfo { statistic: "ls".into(), updates: 7, dense_updates: 24, extra: Map::new() };
+        info.extra.insert("sweeps".into(), 120.into());
+        write_volume(&path, &volume([4, 3, 2]), &info).unwrap();
+        assert_eq!(read_volume(&path).unwrap(), (volume([4, 3, 2]), info));
+        fs::remove_dir_all(path.parent().unwrap()).unwrap();
+    }
+
+    #[test]
+    fn what_would_lie_is_refused() {
+        let path = folder("refused").join("a.npy");
+        let wrong_size = Volume { size: [9, 9, 9], ..volume([4, 3, 2]) };
+        let nowhere = Volume { origin_m: DVec3::NAN, ..volume([4, 3, 2]) };
+        let info = VolumeInfo::default();
+        assert!(matches!(write_volume(&path, &wrong_size, &info), Err(ReportError::VolumeSize { values: 24, .. })));
+        assert!(matches!(write_volume(&path, &nowhere, &info), Err(ReportError::NotFinite { .. })));
+        let mut hiding = VolumeInfo::default();
+        hiding.extra.insert("shape".into(), Value::Null);
+        assert!(matches!(write_volume(&path, &volume([4, 3, 2]), &hiding), Err(ReportError::ExtraKey(_))));
+        assert!(!path.exists());
+    }
+
+    proptest! {
+        #[test]
+        fn bytes_and_volumes_are_inverse(x in 0usize..6, y in 0usize..6, z in 0usize..300) {
+            let volume = volume([x, y, z]);
+            let bytes = npy_bytes(&volume).unwrap();
+            prop_assert_eq!((bytes.len() - 4 * x * y * z) % ALIGNMENT, 0);
+            prop_assert_eq!(parse(&bytes).unwrap(), ([z, y, x], volume.values));
+        }
+
+        #[test]
+        fn garbage_is_refused_without_a_panic(bytes in prop::collection::vec(any::<u8>(), 0..200), keep in any::<bool>()) {
+            let bytes = if keep { [MAGIC, &bytes].concat() } else { bytes };
+            prop_assert!(parse(&bytes).is_err());
+        }
+    }
+}

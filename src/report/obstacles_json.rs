@@ -1,0 +1,261 @@
+//! `obstacles.json`: the scene as a file for people and programs. The same scene and counters give the same bytes: keys
+//! have a fixed order, numbers are the shortest that read back as the same f64, and each obstacle has its own line.
+
+use std::io;
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use serde::Serialize;
+use serde_json::Value;
+use serde_json::ser::Formatter;
+
+use crate::obstacles::{Observed, Obstacle, Scene, Wall};
+
+use super::{ReportError, write_atomically};
+
+#[derive(Serialize)]
+struct File<'a> {
+    frame: &'static str,
+    obstacles: Vec<ObstacleEntry>,
+    walls: Vec<WallEntry>,
+    counters: &'a Value,
+    time_offset_s: f64,
+}
+
+#[derive(Serialize)]
+struct ObstacleEntry {
+    position_m: [f64; 3],
+    covariance_m2: [[f64; 3]; 3],
+    extent_m: [f64; 3],
+    evidence: f64,
+    observed: Observed,
+    first_seen_s: f64,
+    last_seen_s: f64,
+}
+
+#[derive(Serialize)]
+struct WallEntry {
+    outward: [f64; 3],
+    offset_m: f64,
+    evidence: f64,
+    seen_at_min_m: [f64; 3],
+    seen_at_max_m: [f64; 3],
+    first_seen_s: f64,
+    last_seen_s: f64,
+}
+
+/// The bytes of the file. Times are seconds of the host's clock; `time_offset_s` is a pose's time minus its sweep's, as
+/// found or corrected.
+///
+/// # Errors
+/// A number of the scene, or the time offset, that is not finite.
+pub fn obstacles_json(scene: &Scene, counters: &Value, time_offset_s: f64) -> Result<Vec<u8>, ReportError> {
+    let entries = scene.obstacles.iter().enumerate().map(|(n, obstacle)| obstacle_entry(n, obstacle));
+    let walls = scene.walls.iter().enumerate().map(|(n, wall)| wall_entry(n, wall));
+    let file = File {
+        frame: "tracking",
+        obstacles: entries.collect::<Result<_, _>>()?,
+        walls: walls.collect::<Result<_, _>>()?,
+        counters,
+        time_offset_s: finite(time_offset_s, || "time_offset_s".into())?,
+    };
+    let mut bytes = Vec::new();
+    let mut serializer = serde_json::Serializer::with_formatter(&mut bytes, LineAnEntry::default());
+    file.serialize(&mut serializer).map_err(|source| ReportError::Json { path: "obstacles.json".into(), source })?;
+    bytes.push(b'\n');
+    Ok(bytes)
+}
+
+/// Writes the file, whole or not at all.
+///
+/// # Errors
+/// As [`obstacles_json`], or a file that cannot be written.
+pub fn write_obstacles_json(
+    path: &Path,
+    scene: &Scene,
+    counters: &Value,
+    time_offset_s: f64,
+) -> Result<(), ReportError> {
+    write_atomically(path, &obstacles_json(scene, counters, time_offset_s)?)
+}
+
+fn obstacle_entry(n: usize, obstacle: &Obstacle) -> Result<ObstacleEntry, ReportError> {
+    let named = |field: &'static str| move || format!("obstacles[{n}].{field}");
+    Ok(ObstacleEntry {
+        position_m: vector(obstacle.position_m, named("position_m"))?,
+        covariance_m2: matrix(obstacle.covariance_m2, named("covariance_m2"))?,
+        extent_m: vector(obstacle.extent_m, named("extent_m"))?,
+        evidence: finite(obstacle.evidence, named("evidence"))?,
+        observed: obstacle.observed,
+        first_seen_s: seconds(obstacle.first_seen_ns),
+        last_seen_s: seconds(obstacle.last_seen_ns),
+    })
+}
+
+fn wall_entry(n: usize, wall: &Wall) -> Result<WallEntry, ReportError> {
+    let named = |field: &'static str| move || format!("walls[{n}].{field}");
+    Ok(WallEntry {
+        outward: vector(wall.plane.outward, named("outward"))?,
+        offset_m: finite(wall.plane.offset_m, named("offset_m"))?,
+        evidence: finite(wall.evidence, named("evidence"))?,
+        seen_at_min_m: vector(wall.seen_at.min, named("seen_at_min_m"))?,
+        seen_at_max_m: vector(wall.seen_at.max, named("seen_at_max_m"))?,
+        first_seen_s: seconds(wall.first_seen_ns),
+        last_seen_s: seconds(wall.last_seen_ns),
+    })
+}
+
+/// Divided, not multiplied by 1e-9, which is no f64: 1.5 s stay 1.5.
+fn seconds(ns: i64) -> f64 {
+    ns as f64 / 1e9
+}
+
+fn finite(value: f64, what: impl FnOnce() -> String) -> Result<f64, ReportError> {
+    if value.is_finite() { Ok(value) } else { Err(ReportError::NotFinite { what: what(), value }) }
+}
+
+fn vector(v: DVec3, what: impl FnOnce() -> String) -> Result<[f64; 3], ReportError> {
+    match v.to_array().into_iter().find(|value| !value.is_finite()) {
+        Some(value) => Err(ReportError::NotFinite { what: what(), value }),
+        None => Ok(v.to_array()),
+    }
+}
+
+/// Row by row.
+fn matrix(m: DMat3, what: impl Fn() -> String + Copy) -> Result<[[f64; 3]; 3], ReportError> {
+    Ok([vector(m.row(0), what)?, vector(m.row(1), what)?, vector(m.row(2), what)?])
+}
+
+/// JSON with a line for each entry of the file, and for each entry of those entries; nothing deeper is broken up.
+#[derive(Default)]
+struct LineAnEntry {
+    depth: usize,
+}
+
+impl LineAnEntry {
+    const BROKEN: usize = 2;
+
+    fn open<W: ?Sized + io::Write>(&mut self, writer: &mut W, bracket: &[u8]) -> io::Result<()> {
+        self.depth += 1;
+        writer.write_all(bracket)
+    }
+
+    fn separate<W: ?Sized + io::Write>(&self, writer: &mut W, first: bool) -> io::Result<()> {
+        writer.write_all(if first { b"" } else { b"," })?;
+        if self.depth <= Self::BROKEN { writer.write_all(b"\n") } else { Ok(()) }
+    }
+
+    fn close<W: ?Sized + io::Write>(&mut self, writer: &mut W, bracket: &[u8]) -> io::Result<()> {
+        writer.write_all(if self.depth <= Self::BROKEN { b"\n" } else { b"" })?;
+        self.depth -= 1;
+        writer.write_all(bracket)
+    }
+}
+
+impl Formatter for LineAnEntry {
+    fn begin_array<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.open(writer, b"[")
+    }
+
+    fn end_array<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.close(writer, b"]")
+    }
+
+    fn begin_array_value<W: ?Sized + io::Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
+        self.separate(writer, first)
+    }
+
+    fn begin_object<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.open(writer, b"{")
+    }
+
+    fn end_object<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
+        self.close(writer, b"}")
+    }
+
+    fn begin_object_key<W: ?Sized + io::Write>(&mut self, writer: &mut W, first: bool) -> io::Result<()> {
+        self.separate(writer, first)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Aabb, Plane};
+    use proptest::prelude::*;
+    use serde_json::json;
+
+    fn scene(x: f64) -> Scene {
+        let obstacle = Obstacle {
+            id: 3,
+            position_m: DVec3::new(x, 0.1 + 0.2, -1e-17),
+            covariance_m2: DMat3::from_cols(
+                DVec3::new(1.0, 2.0, 3.0),
+                DVec3::new(4.0, 5.0, 6.0),
+                DVec3::new(7.0, 8.0, 9.0),
+            ),
+            observed: Observed::RangeAndOneDirection,
+            extent_m: DVec3::new(0.3, 0.4, 0.5),
+            evidence: 41.25,
+            shape: vec![(DVec3::ZERO, 1.0)],
+            first_seen_ns: 1_500_000_000,
+            last_seen_ns: 2_300_000_000,
+        };
+        let wall = Wall {
+            id: 4,
+            plane: Plane { outward: DVec3::NEG_Z, offset_m: 2.5 },
+            evidence: 9.0,
+            seen_at: Aabb { min: DVec3::ZERO, max: DVec3::ONE },
+            first_seen_ns: 0,
+            last_seen_ns: 1,
+        };
+        Scene { time_ns: 0, obstacles: vec![obstacle.clone(), obstacle], walls: vec![wall] }
+    }
+
+    #[test]
+    fn keys_order_and_values_are_as_agreed() {
+        let text = String::from_utf8(obstacles_json(&scene(1.0), &json!({"sweeps": 7}), 0.25).unwrap()).unwrap();
+        let entry = "{\"position_m\":[1.0,0.30000000000000004,-1e-17],\
+             \"covariance_m2\":[[1.0,4.0,7.0],[2.0,5.0,8.0],[3.0,6.0,9.0]],\"extent_m\":[0.3,0.4,0.5],\
+             \"evidence\":41.25,\"observed\":\"range_and_one_direction\",\"first_seen_s\":1.5,\"last_seen_s\":2.3}";
+        let wall = "{\"outward\":[-0.0,-0.0,-1.0],\"offset_m\":2.5,\"evidence\":9.0,\"seen_at_min_m\":[0.0,0.0,0.0],\
+             \"seen_at_max_m\":[1.0,1.0,1.0],\"first_seen_s\":0.0,\"last_seen_s\":1e-9}";
+        let wall = wall.replace("[-0.0,-0.0,-1.0]", &serde_json::to_string(&DVec3::NEG_Z.to_array()).unwrap());
+        let expected = format!(
+            "{{\n\"frame\":\"tracking\",\n\"obstacles\":[\n{entry},\n{entry}\n],\n\"walls\":[\n{wall}\n],\n\
+             \"counters\":{{\n\"sweeps\":7\n}},\n\"time_offset_s\":0.25\n}}\n"
+        );
+        assert_eq!(text, expected);
+    }
+
+    #[test]
+    fn an_empty_scene_is_sound_json() {
+        let bytes = obstacles_json(&Scene::default(), &json!({}), 0.0).unwrap();
+        let value: Value = serde_json::from_slice(&bytes).unwrap();
+        assert_eq!(
+            value,
+            json!({"frame": "tracking", "obstacles": [], "walls": [], "counters": {}, "time_offset_s": 0.0})
+        );
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_refused_by_name() {
+        let mut bad = scene(0.0);
+        bad.obstacles[1].covariance_m2.z_axis.x = f64::NAN;
+        let refused = obstacles_json(&bad, &Value::Null, 0.0).unwrap_err().to_string();
+        assert_eq!(refused, "obstacles[1].covariance_m2 is NaN, which is not a finite number");
+        let refused = obstacles_json(&scene(0.0), &Value::Null, f64::INFINITY).unwrap_err().to_string();
+        assert!(refused.starts_with("time_offset_s is inf"), "{refused}");
+    }
+
+    proptest! {
+        #[test]
+        fn numbers_keep_every_bit_and_bytes_repeat(x in any::<f64>().prop_filter("finite", |x| x.is_finite())) {
+            let bytes = obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), 0.0).unwrap();
+            prop_assert_eq!(&bytes, &obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), 0.0).unwrap());
+            let text = String::from_utf8(bytes).unwrap();
+            let number = text.split_once("\"position_m\":[").unwrap().1.split_once(',').unwrap().0;
+            prop_assert_eq!(number.parse::<f64>().unwrap().to_bits(), x.to_bits());
+        }
+    }
+}

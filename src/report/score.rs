@@ -1,0 +1,340 @@
+//! What was found, held against the truth: which obstacles were found and how near, which reports are of nothing.
+//!
+//! An obstacle of the truth is *due* when the head came near enough to it to need a warning, and *found* when a report lies
+//! within `found_m` of one of its scatterers. A report *matches* within `found_m` of any scatterer, is *near* up to
+//! `false_m`, otherwise *at a wall* within `false_m` of a wall's extent, otherwise *false*.
+
+use std::fmt;
+
+use glam::DVec3;
+use serde::Serialize;
+
+use crate::obstacles::{Scene, Wall};
+use crate::recording::{Truth, TruthObstacle, TruthWall};
+
+/// The distances that decide.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Limits {
+    /// An obstacle is due when the head came this near, metres.
+    pub due_m: f64,
+    /// It is found by a report this near to one of its scatterers, metres.
+    pub found_m: f64,
+    /// A report farther than this from everything is false, metres.
+    pub false_m: f64,
+    /// A wall is found when the normals differ by no more, degrees.
+    pub wall_angle_deg: f64,
+    /// … and the planes by no more at the true wall's middle, metres.
+    pub wall_offset_m: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { due_m: 1.0, found_m: 0.10, false_m: 0.25, wall_angle_deg: 6.0, wall_offset_m: 0.05 }
+    }
+}
+
+/// What a report is worth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Within `found_m` of a scatterer.
+    Match,
+    /// Between `found_m` and `false_m` from the nearest scatterer.
+    Near,
+    /// Of no obstacle, but within `false_m` of a wall.
+    AtWall,
+    /// Of nothing.
+    False,
+}
+
+/// One obstacle of the truth.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ObstacleScore {
+    /// Its name in the truth.
+    pub name: String,
+    /// Least distance from the head during the recording, metres.
+    pub closest_approach_m: f64,
+    /// The head came near enough to need a warning.
+    pub due: bool,
+    /// A report lies near enough.
+    pub found: bool,
+    /// From the nearest report, whatever it is, to the nearest scatterer, metres; `None` without reports.
+    pub nearest_report_m: Option<f64>,
+}
+
+/// The whole.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Score {
+    /// The distances that decided.
+    pub limits: Limits,
+    /// Obstacles that are due, and how many of them were found.
+    pub due: usize,
+    /// See `due`.
+    pub due_found: usize,
+    /// All obstacles of the truth, and how many of them were found.
+    pub present: usize,
+    /// See `present`.
+    pub found: usize,
+    /// All reports.
+    pub reports: usize,
+    /// Reports of nothing.
+    pub false_reports: usize,
+    /// Reports between `found_m` and `false_m` from an obstacle.
+    pub near_reports: usize,
+    /// Reports of no obstacle, but at a wall.
+    pub wall_reports: usize,
+    /// Reports beyond the first whose nearest obstacle, within `false_m`, is the same.
+    pub duplicates: usize,
+    /// Median distance from found obstacles (due or not) to their nearest report, metres; `None` when none was found.
+    pub median_error_m: Option<f64>,
+    /// 90th percentile of the same (linear between neighbours), metres.
+    pub p90_error_m: Option<f64>,
+    /// Walls of the truth, and how many of them were found.
+    pub walls: usize,
+    /// See `walls`.
+    pub walls_found: usize,
+    /// Reported walls that are none of the true ones.
+    pub walls_false: usize,
+    /// Obstacle by obstacle, in the truth's order.
+    pub obstacles: Vec<ObstacleScore>,
+}
+
+/// Holds a scene against the truth.
+pub fn score(scene: &Scene, truth: &Truth, limits: &Limits) -> Score {
+    let reports: Vec<DVec3> = scene.obstacles.iter().map(|obstacle| obstacle.position_m).collect();
+    let obstacles: Vec<ObstacleScore> =
+        truth.obstacles.iter().map(|obstacle| score_obstacle(obstacle, &reports, limits)).collect();
+    let verdicts: Vec<Verdict> = reports.iter().map(|&report| verdict(report, truth, limits)).collect();
+    let count = |wanted: Verdict| verdicts.iter().filter(|&&verdict| verdict == wanted).count();
+    let errors = sorted_errors(&obstacles);
+    let matches = |wall: &TruthWall, found: &Wall| is_same_wall(wall, found, limits);
+    Score {
+        limits: *limits,
+        due: obstacles.iter().filter(|o| o.due).count(),
+        due_found: obstacles.iter().filter(|o| o.due && o.found).count(),
+        present: obstacles.len(),
+        found: errors.len(),
+        reports: reports.len(),
+        false_reports: count(Verdict::False),
+        near_reports: count(Verdict::Near),
+        wall_reports: count(Verdict::AtWall),
+        duplicates: duplicates(&reports, truth, limits),
+        median_error_m: quantile(&errors, 0.5),
+        p90_error_m: quantile(&errors, 0.9),
+        walls: truth.walls.len(),
+        walls_found: truth.walls.iter().filter(|wall| scene.walls.iter().any(|found| matches(wall, found))).count(),
+        walls_false: scene.walls.iter().filter(|found| !truth.walls.iter().any(|wall| matches(wall, found))).count(),
+        obstacles,
+    }
+}
+
+/// What a report at a place (tracking frame, metres) is worth. A place that is not finite is false.
+pub fn verdict(report_m: DVec3, truth: &Truth, limits: &Limits) -> Verdict {
+    let obstacle_m = nearest_obstacle(report_m, truth).map_or(f64::INFINITY, |(_, distance)| distance);
+    let wall_m = truth.walls.iter().map(|wall| wall.extent.distance(report_m)).fold(f64::INFINITY, f64::min);
+    if !report_m.is_finite() {
+        Verdict::False
+    } else if obstacle_m <= limits.found_m {
+        Verdict::Match
+    } else if obstacle_m <= limits.false_m {
+        Verdict::Near
+    } else if wall_m <= limits.false_m {
+        Verdict::AtWall
+    } else {
+        Verdict::False
+    }
+}
+
+fn score_obstacle(obstacle: &TruthObstacle, reports: &[DVec3], limits: &Limits) -> ObstacleScore {
+    let nearest = reports.iter().map(|&report| distance(obstacle, report)).fold(f64::INFINITY, f64::min);
+    ObstacleScore {
+        name: obstacle.name.clone(),
+        closest_approach_m: obstacle.closest_approach_m,
+        due: obstacle.closest_approach_m <= limits.due_m,
+        found: nearest <= limits.found_m,
+        nearest_report_m: nearest.is_finite().then_some(nearest),
+    }
+}
+
+/// From a place to the obstacle's nearest scatterer; infinite without one.
+fn distance(obstacle: &TruthObstacle, place: DVec3) -> f64 {
+    obstacle.points_m.iter().map(|point| point.distance(place)).fold(f64::INFINITY, f64::min)
+}
+
+fn nearest_obstacle(place: DVec3, truth: &Truth) -> Option<(usize, f64)> {
+    let distances = truth.obstacles.iter().map(|obstacle| distance(obstacle, place)).enumerate();
+    distances.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+fn duplicates(reports: &[DVec3], truth: &Truth, limits: &Limits) -> usize {
+    let mut of = vec![0usize; truth.obstacles.len()];
+    for &report in reports {
+        if let Some((index, _)) = nearest_obstacle(report, truth).filter(|nearest| nearest.1 <= limits.false_m) {
+            of[index] += 1;
+        }
+    }
+    of.into_iter().map(|count| count.saturating_sub(1)).sum()
+}
+
+fn is_same_wall(wall: &TruthWall, found: &Wall, limits: &Limits) -> bool {
+    let least_cosine = limits.wall_angle_deg.to_radians().cos();
+    found.plane.outward.dot(wall.plane.outward) >= least_cosine
+        && found.plane.distance(wall.plane.foot(wall.extent.center())).abs() <= limits.wall_offset_m
+}
+
+fn sorted_errors(obstacles: &[ObstacleScore]) -> Vec<f64> {
+    let mut errors: Vec<f64> = obstacles.iter().filter(|o| o.found).filter_map(|o| o.nearest_report_m).collect();
+    errors.sort_by(f64::total_cmp);
+    errors
+}
+
+/// Of rising values, linear between neighbours; `None` of none.
+fn quantile(rising: &[f64], share: f64) -> Option<f64> {
+    let at = share * rising.len().checked_sub(1)? as f64;
+    let (below, above) = (rising[at.floor() as usize], rising[at.ceil() as usize]);
+    Some(below + (above - below) * at.fract())
+}
+
+impl fmt::Display for Score {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let width = self.obstacles.iter().map(|o| o.name.chars().count()).max().unwrap_or(0).max(8);
+        writeln!(f, "{:width$}  closest  due  found  nearest report", "obstacle")?;
+        for o in &self.obstacles {
+            let yes = |is: bool| if is { "yes" } else { "–" };
+            let nearest = o.nearest_report_m.map_or("–".into(), |m| format!("{m:.3} m"));
+            let (due, found) = (yes(o.due), yes(o.found));
+            writeln!(f, "{:width$}  {:5.2} m  {due:>3}  {found:>5}  {nearest:>14}", o.name, o.closest_approach_m)?;
+        }
+        let centimetres = |m: Option<f64>| m.map_or("–".into(), |m| format!("{:.1} cm", 100.0 * m));
+        writeln!(f, "due and found        {} of {}", self.due_found, self.due)?;
+        writeln!(f, "found of all         {} of {}", self.found, self.present)?;
+        writeln!(f, "false reports        {} of {}", self.false_reports, self.reports)?;
+        writeln!(
+            f,
+            "other reports        {} near an obstacle, {} at a wall, {} duplicates",
+            self.near_reports, self.wall_reports, self.duplicates
+        )?;
+        let (median, p90) = (centimetres(self.median_error_m), centimetres(self.p90_error_m));
+        writeln!(f, "position error       median {median}, 90 % within {p90}")?;
+        write!(f, "walls found          {} of {}, false {}", self.walls_found, self.walls, self.walls_false)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Aabb, Plane};
+    use crate::obstacles::{Observed, Obstacle};
+    use glam::DMat3;
+    use proptest::prelude::*;
+
+    fn report(x: f64, y: f64, z: f64) -> Obstacle {
+        Obstacle {
+            id: 0,
+            position_m: DVec3::new(x, y, z),
+            covariance_m2: DMat3::IDENTITY,
+            observed: Observed::Position,
+            extent_m: DVec3::ZERO,
+            evidence: 1.0,
+            shape: Vec::new(),
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        }
+    }
+
+    fn thing(name: &str, closest_approach_m: f64, points_m: Vec<DVec3>) -> TruthObstacle {
+        TruthObstacle {
+            name: name.into(),
+            rcs_dbsm: vec![0.0; points_m.len()],
+            points_m,
+            closest_approach_m,
+            in_beam_s: 1.0,
+        }
+    }
+
+    /// A chair of two points at x = 0 and 0.4, a lamp at x = 2 that the head never came near, a wall at z = −3.
+    fn truth() -> Truth {
+        let wall = TruthWall {
+            name: "wall north".into(),
+            plane: Plane { outward: DVec3::NEG_Z, offset_m: 3.0 },
+            extent: Aabb { min: DVec3::new(-3.0, 0.0, -3.0), max: DVec3::new(3.0, 2.5, -3.0) },
+        };
+        let chair = thing("chair", 0.7, vec![DVec3::ZERO, DVec3::new(0.4, 0.0, 0.0)]);
+        let lamp = thing("lamp", 1.6, vec![DVec3::new(2.0, 1.0, 0.0)]);
+        Truth { obstacles: vec![chair, lamp], walls: vec![wall], ..Truth::default() }
+    }
+
+    fn scored(obstacles: Vec<Obstacle>) -> Score {
+        score(&Scene { obstacles, ..Scene::default() }, &truth(), &Limits::default())
+    }
+
+    #[test]
+    fn nothing_reported_is_all_missed() {
+        let score = scored(Vec::new());
+        assert_eq!((score.due, score.due_found, score.present, score.found), (1, 0, 2, 0));
+        assert_eq!((score.median_error_m, score.obstacles[0].nearest_report_m), (None, None));
+    }
+
+    #[test]
+    fn found_near_false_and_at_a_wall() {
+        let score = scored(vec![
+            report(0.40, 0.06, 0.0), // finds the chair
+            report(0.03, 0.0, 0.0),  // the chair again, nearer
+            report(2.0, 1.0, 0.20),  // near the lamp, does not find it
+            report(0.0, 1.0, -2.80), // at the wall
+            report(-1.5, 0.0, 1.5),  // nothing there
+            report(f64::NAN, 0.0, 0.0),
+        ]);
+        assert_eq!((score.due, score.due_found, score.found, score.reports), (1, 1, 1, 6));
+        assert_eq!((score.false_reports, score.near_reports, score.wall_reports, score.duplicates), (2, 1, 1, 1));
+        assert!((score.median_error_m.unwrap() - 0.03).abs() < 1e-12);
+        assert!((score.obstacles[1].nearest_report_m.unwrap() - 0.20).abs() < 1e-12);
+        assert!(!score.obstacles[1].found);
+    }
+
+    #[test]
+    fn a_wall_is_found_by_direction_and_offset() {
+        let found = |degrees: f64, offset_m: f64| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            let outward = DVec3::new(sin, 0.0, -cos);
+            // Through the true wall's middle, moved along the normal.
+            let plane = Plane { outward, offset_m: outward.dot(DVec3::new(0.0, 1.25, -3.0)) + offset_m };
+            let seen_at = Aabb { min: DVec3::ZERO, max: DVec3::ZERO };
+            let wall = Wall { id: 0, plane, evidence: 1.0, seen_at, first_seen_ns: 0, last_seen_ns: 0 };
+            let scene = Scene { walls: vec![wall], ..Scene::default() };
+            let score = score(&scene, &truth(), &Limits::default());
+            (score.walls_found, score.walls_false)
+        };
+        assert_eq!(found(0.0, 0.0), (1, 0));
+        assert_eq!(found(5.9, 0.049), (1, 0));
+        assert_eq!(found(6.1, 0.0), (0, 1));
+        assert_eq!(found(0.0, -0.051), (0, 1));
+        assert_eq!(found(180.0, 0.0), (0, 1));
+    }
+
+    #[test]
+    fn quantiles_are_linear_between_neighbours() {
+        assert_eq!(quantile(&[], 0.5), None);
+        assert_eq!(quantile(&[3.0], 0.9), Some(3.0));
+        assert_eq!(quantile(&[1.0, 2.0], 0.5), Some(1.5));
+        assert!((quantile(&[0.0, 1.0, 2.0, 3.0, 4.0], 0.9).unwrap() - 3.6).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_table_names_every_obstacle() {
+        let text = scored(vec![report(0.0, 0.0, 0.02)]).to_string();
+        assert!(text.contains("chair") && text.contains("lamp") && text.contains("1 of 1"), "{text}");
+        assert!(text.contains("median 2.0 cm"), "{text}");
+    }
+
+    proptest! {
+        #[test]
+        fn every_report_has_one_verdict(places in prop::collection::vec(prop::array::uniform3(-4.0..4.0f64), 0..12)) {
+            let score = scored(places.iter().map(|p| report(p[0], p[1], p[2])).collect());
+            let matched = places.iter()
+                .filter(|p| verdict(DVec3::from_array(**p), &truth(), &Limits::default()) == Verdict::Match).count();
+            prop_assert_eq!(score.reports, matched + score.near_reports + score.wall_reports + score.false_reports);
+            prop_assert!(score.found <= matched);
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! How all figures look: colours, sizes, fonts, ticks. Colours are from Okabe and Ito's set, which the colour-blind can tell
+//! apart; sizes are pixels of the finished picture.
+
+use std::sync::Once;
+
+use plotters::style::{FontDesc, FontFamily, FontStyle, register_font};
+
+/// Red, green, blue.
+pub type Rgb = [u8; 3];
+
+/// Background of figures.
+pub const PAPER: Rgb = [255, 255, 255];
+/// Titles, numbers, frames.
+pub const INK: Rgb = [28, 36, 48];
+/// Labels and what matters less.
+pub const MUTED: Rgb = [96, 106, 120];
+/// Grid lines and empty ground.
+pub const GRID: Rgb = [226, 230, 236];
+/// What is really there.
+pub const TRUTH: Rgb = [255, 255, 255];
+/// What was found, on dark ground.
+pub const FOUND: Rgb = [64, 224, 255];
+/// The sensor's path, on dark ground.
+pub const PATH: Rgb = [120, 235, 140];
+/// What was found, on white.
+pub const FOUND_INK: Rgb = [0, 114, 178];
+/// Reported, but nothing is there.
+pub const FALSE_INK: Rgb = [213, 60, 0];
+/// The sensor's path, on white.
+pub const PATH_INK: Rgb = [0, 158, 115];
+
+/// Height of a figure's title.
+pub const TITLE_PX: f64 = 23.0;
+/// Height of a panel's title.
+pub const HEADING_PX: f64 = 18.0;
+/// Height of axis labels, legends, annotations.
+pub const LABEL_PX: f64 = 16.0;
+/// Height of the numbers at ticks.
+pub const TICK_PX: f64 = 15.0;
+
+const FAMILY: &str = "radar-chaperone-figures";
+
+/// The figures' font, `height_px` from the lowest descender to the highest ascender.
+pub fn font(height_px: f64) -> FontDesc<'static> {
+    static REGISTERED: Once = Once::new();
+    REGISTERED.call_once(|| {
+        if register_font(FAMILY, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT).is_err() {
+            unreachable!("the font inside the program is a sound font");
+        }
+    });
+    FontDesc::new(FontFamily::Name(FAMILY), height_px, FontStyle::Normal)
+}
+
+/// Round numbers within `[low, high]`, rising, about `about` of them; none for a range that is not finite.
+pub fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
+    let (low, high) = (low.min(high), low.max(high));
+    let span = high - low;
+    if !(span.is_finite() && span > 0.0) {
+        return Vec::new();
+    }
+    let rough = span / about.max(1) as f64;
+    let decade = 10f64.powf(rough.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0].map(|n| n * decade).into_iter().find(|&step| step >= rough * 0.7);
+    let step = step.unwrap_or(10.0 * decade);
+    let first = (low / step - 1e-9).ceil();
+    let last = (high / step + 1e-9).floor();
+    if !(0.0..1000.0).contains(&(last - first)) {
+        return Vec::new();
+    }
+    (0..=(last - first) as usize).map(|n| (first + n as f64) * step).collect()
+}
+
+/// A number of an axis whose ticks are `step` apart: as many decimals as the step needs, a true minus sign.
+pub fn tick_text(value: f64, step: f64) -> String {
+    let decimals = if step > 0.0 { (-(step * 1.001).log10().floor()).clamp(0.0, 6.0) as usize } else { 0 };
+    let value = if value.abs() < step * 1e-6 { 0.0 } else { value };
+    format!("{value:.decimals$}").replace('-', "−")
+}
+
+/// A number in three significant digits: for evidence, colour bars and the like. Powers of ten beyond 1e5 and below 1e-3.
+pub fn short_number(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value}");
+    }
+    let exponent = value.abs().log10().floor();
+    if !(-3.0..5.0).contains(&exponent) {
+        let mantissa = value / 10f64.powf(exponent);
+        return format!("{mantissa:.1}e{exponent}").replace('-', "−");
+    }
+    let decimals = (2.0 - exponent).clamp(0.0, 6.0) as usize;
+    format!("{value:.decimals$}").replace('-', "−")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        assert_eq!(ticks(0.0, 3.0, 6), [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0]);
+        assert_eq!(ticks(2.0, -1.0, 3), [-1.0, 0.0, 1.0, 2.0]);
+        assert!(ticks(1.0, 1.0, 5).is_empty());
+        assert!(ticks(f64::NAN, 1.0, 5).is_empty());
+    }
+
+    #[test]
+    fn numbers_read_as_people_write_them() {
+        assert_eq!(tick_text(-0.5, 0.5), "−0.5");
+        assert_eq!(tick_text(-1e-17, 0.5), "0.0");
+        assert_eq!(tick_text(3.0, 1.0), "3");
+        assert_eq!(short_number(1234.5), "1234");
+        assert_eq!(short_number(0.01234), "0.0123");
+        assert_eq!(short_number(3.2e8), "3.2e8");
+    }
+
+    proptest! {
+        #[test]
+        fn any_range_has_few_ticks(low in -1e6..1e6f64, span in 1e-6..1e6f64, about in 1usize..12) {
+            let ticks = ticks(low, low + span, about);
+            prop_assert!(ticks.len() <= 2 * about + 3);
+            prop_assert!(ticks.iter().all(|&t| t >= low - span * 1e-3 && t <= low + span * 1.001));
+        }
+    }
+}
