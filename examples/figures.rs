@@ -8,11 +8,11 @@ use glam::{DMat3, DVec3};
 use radar_chaperone::geometry::{Aabb, Plane};
 use radar_chaperone::imaging::Volume;
 use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
-use radar_chaperone::recording::{Truth, TruthObstacle, TruthWall};
 use radar_chaperone::report::{
     Chart, Figure, Limits, Marks, Picture, Report, RoomMap, Section, Series, Table, VolumeInfo, cross_sections,
     motion_plot, point_cloud, points_above, room_map, score, write_obstacles_json, write_ply, write_volume,
 };
+use radar_chaperone::truth::{Truth, TruthObstacle, TruthWall};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder =

@@ -13,4 +13,5 @@ pub mod render;
 pub mod report;
 pub mod simulation;
 pub mod tracking;
+pub mod truth;
 pub mod warning;

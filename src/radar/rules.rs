@@ -231,7 +231,7 @@ fn validate_subsweep(index: usize, subsweep: &Subsweep) -> Result<(), ConfigErro
     within(name("hwaas"), subsweep.hwaas.into(), 1, 511)?;
     within(name("receiver_gain"), subsweep.receiver_gain.into(), 0, 23)?;
     let step = subsweep.step_length;
-    if step == 0 || (24 % step != 0 && step % 24 != 0) {
+    if step == 0 || (24 % step != 0 && !step.is_multiple_of(24)) {
         return Err(ConfigError::StepLength { subsweep: index, value: step });
     }
     if subsweep.enable_loopback && subsweep.profile == Profile::P2 {

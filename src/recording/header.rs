@@ -6,9 +6,10 @@ use std::collections::BTreeMap;
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::{RecordingError, Truth};
+use super::RecordingError;
 use crate::geometry::Pose;
 use crate::radar::SensorConfig;
+use crate::truth::Truth;
 
 /// Format that is written; all up to it are read.
 pub const FORMAT_VERSION: u32 = 1;

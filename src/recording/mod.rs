@@ -26,7 +26,6 @@ mod record;
 mod summary;
 #[cfg(test)]
 mod test_files;
-mod truth;
 mod tum;
 mod vendor_h5;
 mod writer;
@@ -38,5 +37,4 @@ pub use import::{ImportOptions, Imported, import_h5};
 pub use message::Event;
 pub use reader::Recording;
 pub use summary::{RecordingSummary, StreamSummary};
-pub use truth::{Truth, TruthObstacle, TruthWall};
 pub use writer::RecordingWriter;

@@ -6,10 +6,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use glam::{DQuat, DVec3};
 use num_complex::Complex;
 
-use super::{Event, Header, RecordingWriter, Truth, TruthObstacle};
+use super::{Event, Header, RecordingWriter};
 use crate::geometry::Pose;
 use crate::radar::{Frame, preset};
 use crate::tracking::{PoseSample, TrackingResult};
+use crate::truth::{Truth, TruthObstacle};
 
 const MS: i64 = 1_000_000;
 

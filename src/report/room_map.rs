@@ -5,7 +5,7 @@ use glam::{DMat2, DVec2, DVec3};
 
 use crate::geometry::{Aabb, Plane};
 use crate::obstacles::{Obstacle, Scene};
-use crate::recording::Truth;
+use crate::truth::Truth;
 
 use super::Picture;
 use super::canvas::{Align, Canvas, Rect, text_width};
@@ -259,7 +259,7 @@ impl Labels {
 mod tests {
     use super::*;
     use crate::obstacles::{Observed, Wall};
-    use crate::recording::{TruthObstacle, TruthWall};
+    use crate::truth::{TruthObstacle, TruthWall};
     use glam::DMat3;
     use proptest::prelude::*;
 

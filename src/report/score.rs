@@ -10,7 +10,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 use crate::obstacles::{Scene, Wall};
-use crate::recording::{Truth, TruthObstacle, TruthWall};
+use crate::truth::{Truth, TruthObstacle, TruthWall};
 
 /// The distances that decide.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -8,8 +8,8 @@ use super::receiver::Receiver;
 use super::{Motion, MotionError, Scene, SceneError, TrackingErrors, scene};
 use crate::geometry::Pose;
 use crate::radar::{Beam, ConfigError, Frame, SensorConfig, Subsweep, frame_timing, rcs_dbsm_for_snr};
-use crate::recording::{Truth, TruthObstacle, TruthWall};
 use crate::tracking::PoseSample;
+use crate::truth::{Truth, TruthObstacle, TruthWall};
 
 /// Host time at which simulated recordings begin, nanoseconds.
 const START_NS: i64 = 1_000_000_000;

@@ -52,8 +52,9 @@ fn solve(mut matrix: [[f64; 4]; 4], size: usize, wanted: usize) -> Option<[f64; 
         right.swap(col, pivot);
         for row in (0..size).filter(|&row| row != col) {
             let factor = matrix[row][col] / matrix[col][col];
-            for k in col..size {
-                matrix[row][k] -= factor * matrix[col][k];
+            let pivot_row = matrix[col];
+            for (value, pivot) in matrix[row][col..size].iter_mut().zip(&pivot_row[col..size]) {
+                *value -= factor * pivot;
             }
             right[row] -= factor * right[col];
         }
