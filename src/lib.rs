@@ -4,6 +4,8 @@
 //! motion, finds obstacles and hands on warnings. The rooms below only use rooms further down; ARCHITECTURE.md draws it.
 #![warn(missing_docs)]
 
+pub mod cli;
+pub mod engine;
 pub mod geometry;
 pub mod imaging;
 pub mod obstacles;

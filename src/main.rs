@@ -1,1 +1,7 @@
-fn main() {}
+//! The program: see `radar-chaperone --help`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    radar_chaperone::cli::run()
+}

@@ -15,7 +15,7 @@ mod statistic;
 mod volume;
 
 pub use compression::{CompressedSweep, RangeCompressor};
-pub use dense::{ls_volume, oracle_volume};
+pub use dense::{blocks_volume, ls_volume, oracle_volume};
 pub use noise::{block_noise_rms, sweep_noise_rms};
 pub use oracle::Oracle;
 pub use range_power::{ClaimedRange, RangePower};

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::compression::compress_all;
 use super::{CompressedSweep, sweep_noise_rms};
+use crate::geometry::Plane;
 use crate::radar::{Beam, Observation};
 
 /// A stretch of one sweep's range that a known reflector accounts for.
@@ -101,8 +102,17 @@ impl<'a> RangePower<'a> {
 
     /// Marks the ranges that a reflector at a place explains: as far as its pulse stands out of the noise, and 2 cm.
     pub fn claim(&mut self, place: DVec3) {
+        self.claim_at(|observation| observation.distance_m(place));
+    }
+
+    /// Marks the ranges that a mirror explains.
+    pub fn claim_plane(&mut self, plane: &Plane) {
+        self.claim_at(|observation| plane.distance(observation.tracking_from_sensor.translation));
+    }
+
+    fn claim_at(&mut self, distance_m: impl Fn(&Observation) -> f64) {
         for (sweep, observation) in self.observations.iter().enumerate() {
-            let middle_m = observation.distance_m(place);
+            let middle_m = distance_m(observation);
             let axis = &observation.geometry.axis;
             let clamped = middle_m.clamp(axis.first_m, axis.last_m());
             let power = self.compressed[sweep].at(clamped).norm_sqr();

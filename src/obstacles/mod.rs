@@ -3,9 +3,11 @@
 mod explain;
 mod map;
 mod reflectors;
+mod rooms;
 mod scene;
 
 pub use explain::{ExplainSettings, Explained, Window};
 pub use map::{MapSettings, Sighted, Sightings, same_place, same_plane};
 pub use reflectors::{ReflectorSettings, find_reflectors};
+pub use rooms::{RoomCounters, RoomSearch, RoomSettings};
 pub use scene::{Observed, Obstacle, Scene, Wall};

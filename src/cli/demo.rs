@@ -1,0 +1,375 @@
+//! `radar-chaperone demo [--out DIR]`: the whole way without hardware.
+//!
+//! Six acts: each is simulated and recorded, replayed from its recording through the pipeline, imaged, scored against the
+//! truth and seen through both eyes. All ends in one self-contained report.html.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result, anyhow};
+use clap::Args;
+use glam::DVec3;
+use indicatif::ProgressBar;
+
+use super::files::read_streams;
+use super::progress;
+use super::replay::{described, obstacle_table, sensor_path, write_obstacles};
+use super::simulate::write_simulated;
+use crate::engine::{Pipeline, Settings, cube_ahead};
+use crate::geometry::{Aabb, Pose};
+use crate::imaging::{Volume, blocks_volume, farthest_points, ls_volume};
+use crate::obstacles::Scene;
+use crate::radar::{Observation, preset};
+use crate::recording::{Event, Header, Recording};
+use crate::render::{EyeView, Renderer};
+use crate::report::{
+    Figure, Limits, Marks, Report, RoomMap, Score, Section, Table, cross_sections, point_cloud, points_above, room_map,
+    score, write_ply,
+};
+use crate::simulation::Scenario;
+use crate::tracking::{ObserverSettings, observe_all};
+use crate::truth::Truth;
+use crate::warning::{Warnings, warn};
+
+/// Shows everything without hardware: simulated rooms, recordings, obstacles, figures, eye previews, report.html
+#[derive(Debug, Args)]
+pub(super) struct Demo {
+    /// Folder for everything that the demo writes
+    #[arg(long, default_value = "demo-out", value_name = "DIR")]
+    out: PathBuf,
+    /// Everything random follows from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// One scene of the demo.
+struct Act {
+    heading: &'static str,
+    text: &'static str,
+    folder: &'static str,
+    scene: &'static str,
+    motion: &'static str,
+    preset: &'static str,
+    duration_s: f64,
+    snr_db: Option<f64>,
+    image: Image,
+}
+
+/// What its volume shows.
+#[derive(Clone, Copy, PartialEq)]
+enum Image {
+    /// Σ |z|² over that many sweeps, in the cube ahead.
+    Ls(usize),
+    /// Block scores of the whole recording, in the cube ahead.
+    Blocks,
+    /// The pipeline's own block scores at the end, in the room.
+    Field,
+}
+
+const ACTS: [Act; 6] = [
+    Act {
+        heading: "Furnished room, natural play",
+        text: "Thirty seconds of standing play in a room of 4 × 5 m with specular walls: chairs, a table, a shelf, a sofa, \
+               a lamp and a clothes hanger. Sensor preset d16, block scores, walls and strong things explained away first.",
+        folder: "furnished-room",
+        scene: "furnished-room",
+        motion: "natural",
+        preset: "d16",
+        duration_s: 30.0,
+        snr_db: None,
+        image: Image::Field,
+    },
+    Act {
+        heading: "Corner reflector, 50 cm sphere",
+        text: "The thesis' test target, 1 m deep and 0.3 m left, 20 dB, by range alone: least squares over 120 sweeps a \
+               second, refined to a continuous place with its covariance.",
+        folder: "corner-reflector",
+        scene: "corner-reflector",
+        motion: "sphere-50cm",
+        preset: "fine",
+        duration_s: 10.0,
+        snr_db: Some(20.0),
+        image: Image::Ls(200),
+    },
+    Act {
+        heading: "Corner reflector, sensor at rest",
+        text: "Without motion only the range can be known. The report says so instead of inventing a direction.",
+        folder: "corner-reflector-at-rest",
+        scene: "corner-reflector",
+        motion: "stationary",
+        preset: "fine",
+        duration_s: 3.0,
+        snr_db: Some(20.0),
+        image: Image::Ls(100),
+    },
+    Act {
+        heading: "Metal clothes hanger",
+        text: "The thesis' hanger from within a 50 cm sphere, block scores.",
+        folder: "clothes-hanger",
+        scene: "clothes-hanger",
+        motion: "sphere-50cm",
+        preset: "d16",
+        duration_s: 8.0,
+        snr_db: None,
+        image: Image::Blocks,
+    },
+    Act {
+        heading: "Chair of metal and wood",
+        text: "Metal legs reflect more than the wooden seat and back.",
+        folder: "chair",
+        scene: "chair",
+        motion: "sphere-50cm",
+        preset: "d16",
+        duration_s: 8.0,
+        snr_db: None,
+        image: Image::Blocks,
+    },
+    Act {
+        heading: "Two chairs of different reflectivity",
+        text: "The plastic chair reflects 8 dB less; the strong one does not drown it.",
+        folder: "two-chairs",
+        scene: "two-chairs",
+        motion: "sphere-50cm",
+        preset: "d16",
+        duration_s: 8.0,
+        snr_db: None,
+        image: Image::Blocks,
+    },
+];
+
+/// Edge of the voxels in the demo's volumes, metres.
+const VOXEL_M: f64 = 0.05;
+/// Side of an eye preview, pixels.
+const PREVIEW_PX: u32 = 640;
+
+/// What one act came to.
+struct Played {
+    section: Section,
+    row: Vec<String>,
+    score: Score,
+}
+
+impl Demo {
+    pub fn run(&self) -> Result<()> {
+        let start = Instant::now();
+        std::fs::create_dir_all(&self.out).with_context(|| format!("cannot make {}", self.out.display()))?;
+        let mut renderer = match Renderer::new() {
+            Ok(renderer) => Some(renderer),
+            Err(error) => {
+                log::warn!("no eye previews: {error}");
+                None
+            }
+        };
+        // Recording, replay, image, figures and previews of each act.
+        let bar = progress::bar(ACTS.len() as u64 * 4, "");
+        let mut played = Vec::new();
+        for act in &ACTS {
+            bar.set_message(act.scene);
+            let one = self.play(act, renderer.as_mut(), &bar);
+            played.push(one.with_context(|| format!("the demo's \"{}\"", act.heading))?);
+        }
+        bar.finish_and_clear();
+        let report = self.out.join("report.html");
+        self.report(&played, renderer.as_ref()).write(&report)?;
+        for (act, one) in ACTS.iter().zip(&played) {
+            let Score { due_found, due, false_reports, .. } = one.score;
+            println!("{:34} {due_found} of {due} found, {false_reports} reported where nothing is", act.heading);
+        }
+        println!("\nDone in {:.1} s. Open {}", start.elapsed().as_secs_f64(), report.display());
+        Ok(())
+    }
+
+    fn report(&self, played: &[Played], renderer: Option<&Renderer>) -> Report {
+        let head = ["scene", "came within 1 m", "found within 10 cm", "median error", "reported where nothing is"];
+        let table = Table {
+            head: head.map(String::from).to_vec(),
+            rows: played.iter().map(|p| p.row.clone()).collect(),
+            caption: "Found against the truth. Where nothing is: more than 25 cm from everything that stands there."
+                .into(),
+        };
+        let drawn_by = renderer.map_or("No graphics adapter: eye previews are left out.".to_owned(), |r| {
+            format!("Eye previews drawn by {}.", r.adapter_name())
+        });
+        let mut report = Report::new("Radar chaperone: demo")
+            .intro(format!(
+                "A simulated 60 GHz radar on a headset (seed {}): every act was recorded, replayed from its recording by the \
+                 same pipeline that runs beside SteamVR, and put beside the truth. {drawn_by}",
+                self.seed
+            ))
+            .section(Section::new("At a glance").table(table));
+        for one in played {
+            report = report.section(one.section.clone());
+        }
+        report
+    }
+
+    fn play(&self, act: &Act, renderer: Option<&mut Renderer>, bar: &ProgressBar) -> Result<Played> {
+        let folder = self.out.join(act.folder);
+        let file = folder.join("recording.mcap");
+        std::fs::create_dir_all(&folder)?;
+        self.record(act, &file)?;
+        bar.inc(1);
+        let (header, settings, pipeline) = replay(&file)?;
+        let scene = pipeline.scene();
+        write_obstacles(&folder.join("obstacles.json"), &scene, &pipeline, &settings)?;
+        let truth = header.truth.clone().ok_or_else(|| anyhow!("the recording lost its truth"))?;
+        bar.inc(1);
+        let image = volume(act.image, &file, &settings, &pipeline, &truth)?;
+        bar.inc(1);
+        let score = score(&scene, &truth, &Limits::default());
+        let mut section = Section::new(act.heading)
+            .text(act.text)
+            .preformatted(&described(&scene, &pipeline))
+            .preformatted(&score.to_string());
+        for figure in figures(act, &folder, &image, &scene, &truth, &pipeline)? {
+            section = section.figure(figure);
+        }
+        if let Some(renderer) = renderer {
+            for figure in eye_previews(renderer, &folder, &scene, &truth, &pipeline, &header, &settings)? {
+                section = section.figure(figure);
+            }
+        }
+        bar.inc(1);
+        let row = vec![
+            act.heading.to_owned(),
+            score.due.to_string(),
+            score.due_found.to_string(),
+            score.median_error_m.map_or("–".into(), |m| format!("{:.1} cm", m * 100.0)),
+            score.false_reports.to_string(),
+        ];
+        Ok(Played { section: section.table(obstacle_table(&scene)), row, score })
+    }
+
+    fn record(&self, act: &Act, file: &Path) -> Result<()> {
+        let config = preset(act.preset).ok_or_else(|| anyhow!("preset {} is gone", act.preset))?;
+        let mut scenario = Scenario::new(act.scene, act.motion, config, act.duration_s, self.seed);
+        scenario.snr_db = act.snr_db;
+        if act.motion == "natural" {
+            scenario.errors.dropouts_per_minute = 4.0;
+        }
+        write_simulated(file, &scenario, &scenario.run()?)?;
+        Ok(())
+    }
+}
+
+/// The recording through the pipeline, as `replay` does it.
+fn replay(file: &Path) -> Result<(Header, Settings, Pipeline)> {
+    let mut recording = Recording::open(file)?;
+    let header = recording.header().clone();
+    let settings = Settings::from_toml(&header.settings, &[])?;
+    let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings);
+    for event in &mut recording {
+        match event {
+            Event::Frame(frame) => pipeline.push_frame(frame),
+            Event::Pose(pose) => pipeline.push_pose(&pose),
+        }
+    }
+    pipeline.finish();
+    Ok((header, settings, pipeline))
+}
+
+/// The evidence in space that an act shows.
+fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, truth: &Truth) -> Result<Volume> {
+    if image == Image::Field {
+        let walls = truth.walls.iter().flat_map(|w| [w.extent.min, w.extent.max]);
+        let room = Aabb::around(walls).unwrap_or_else(|| pipeline.engine().region());
+        return Ok(pipeline.engine().rooms().field().volume(&room));
+    }
+    let (recording, frames, poses) = read_streams(file)?;
+    let header = recording.header();
+    let observer = ObserverSettings {
+        history: settings.tracking.history,
+        head_from_sensor: header.head_from_sensor,
+        time_offset_s: settings.tracking.time_offset_s,
+    };
+    let (observations, _) = observe_all(&header.config, observer, &frames, &poses);
+    let region = cube_ahead(&observations.first().map_or(Pose::IDENTITY, |o| o.tracking_from_sensor));
+    Ok(match image {
+        Image::Ls(sweeps) => ls_volume(&spread(&observations, sweeps), &settings.radar.beam, &region, VOXEL_M),
+        Image::Blocks | Image::Field => {
+            // The whole recording counts alike: what the picture shows has no now.
+            let blocks = crate::imaging::blocks::BlockSettings { memory_s: 100.0, ..settings.rooms.blocks };
+            blocks_volume(&observations, &settings.radar.beam, &blocks, &region, VOXEL_M)
+        }
+    })
+}
+
+fn spread(observations: &[Observation], count: usize) -> Vec<Observation> {
+    let positions: Vec<DVec3> = observations.iter().map(|o| o.tracking_from_sensor.translation).collect();
+    farthest_points(&positions, count).into_iter().map(|n| observations[n].clone()).collect()
+}
+
+/// Cross-sections, point cloud and map, also as files of their own.
+fn figures(
+    act: &Act,
+    folder: &Path,
+    image: &Volume,
+    scene: &Scene,
+    truth: &Truth,
+    pipeline: &Pipeline,
+) -> Result<Vec<Figure>> {
+    let mut image = image.clone();
+    let quantity = match act.image {
+        Image::Ls(_) => "Σ|z|²",
+        Image::Blocks | Image::Field => {
+            // A score below 2 is what noise reaches.
+            image.values.iter_mut().for_each(|v| *v = (*v - 2.0).max(0.0));
+            "block score above 2"
+        }
+    };
+    let truth_m: Vec<DVec3> = truth.obstacles.iter().flat_map(|o| o.points_m.clone()).collect();
+    let found_m: Vec<DVec3> = scene.obstacles.iter().map(|o| o.position_m).collect();
+    let path_m = sensor_path(pipeline);
+    let marks = Marks { truth_m: &truth_m, found_m: &found_m, path_m: &path_m };
+    let sections = cross_sections(&image, act.heading, quantity, &marks);
+    let share = if matches!(act.image, Image::Ls(_)) { 0.7 } else { 0.3 };
+    let cloud = point_cloud(&image, act.heading, quantity, share, &marks);
+    let map = room_map(&RoomMap { title: act.heading, scene, truth: Some(truth), path_m: &path_m });
+    sections.write(&folder.join("cross_sections.png"))?;
+    cloud.write(&folder.join("point_cloud.png"))?;
+    map.write(&folder.join("map.png"))?;
+    write_ply(&folder.join("point_cloud.ply"), &points_above(&image, share))?;
+    Ok(vec![
+        Figure::new(&map, "From above: what was found and what stands there")?,
+        Figure::new(&sections, "Accumulated cross-sections: side, top and front")?,
+        Figure::new(&cloud, format!("Voxels above {:.0} % of the peak", share * 100.0))?,
+    ])
+}
+
+/// What both eyes see where the warnings are brightest ahead of the head.
+fn eye_previews(
+    renderer: &mut Renderer,
+    folder: &Path,
+    scene: &Scene,
+    truth: &Truth,
+    pipeline: &Pipeline,
+    header: &Header,
+    settings: &Settings,
+) -> Result<Vec<Figure>> {
+    let sensor_from_head = header.head_from_sensor.inverse();
+    let heads = pipeline.sensor_path().iter().map(|(_, pose)| *pose * sensor_from_head);
+    let brightness = |head: &Pose| brightness_ahead(&warn(scene, head, &settings.warning), head);
+    let Some(head) = heads.max_by(|a, b| brightness(a).total_cmp(&brightness(b))) else { return Ok(Vec::new()) };
+    let warnings = warn(scene, &head, &settings.warning);
+    let dots: Vec<(DVec3, f64)> = truth.obstacles.iter().flat_map(|o| &o.points_m).map(|p| (*p, 0.02)).collect();
+    let mut figures = Vec::new();
+    let views = EyeView::pair(&head, 0.064, 100f64.to_radians(), [PREVIEW_PX; 2]);
+    for (view, side) in views.iter().zip(["left", "right"]) {
+        let picture = renderer.preview(&warnings, &settings.warning, view, &dots)?;
+        let path = folder.join(format!("eye_{side}.png"));
+        picture.save(&path).with_context(|| format!("cannot write {}", path.display()))?;
+        let png = std::fs::read(&path)?;
+        let caption = format!("What the {side} eye sees; dots: the truth");
+        figures.push(Figure { png, alt: caption.clone(), caption });
+    }
+    Ok(figures)
+}
+
+/// Sum of the panels' brightness, those near the gaze counted most.
+fn brightness_ahead(warnings: &Warnings, head: &Pose) -> f64 {
+    let each = warnings.panels.iter().map(|panel| {
+        let to = (panel.tracking_from_panel.translation - head.translation).normalize_or_zero();
+        f64::from(panel.alpha) * to.dot(head.forward()).max(0.0).powi(4)
+    });
+    each.sum()
+}

@@ -1,0 +1,56 @@
+//! What several commands do with files: settings over a recording, streams read to the end.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::Args;
+
+use crate::engine::Settings;
+use crate::radar::Frame;
+use crate::recording::{Event, Recording};
+use crate::tracking::PoseSample;
+
+/// Settings on the command line.
+#[derive(Debug, Args)]
+pub(super) struct SettingsArguments {
+    /// Settings file (TOML) in place of the recording's own settings
+    #[arg(long, value_name = "FILE")]
+    settings: Option<PathBuf>,
+    /// Changes one setting, for example --set tracking.time_offset_s=0.02; may be repeated
+    #[arg(long = "set", value_name = "NAME=VALUE")]
+    changes: Vec<String>,
+}
+
+impl SettingsArguments {
+    /// The settings file's, else the recording's, with the changes laid over.
+    pub fn over(&self, recorded: &str) -> Result<Settings> {
+        let text = match &self.settings {
+            Some(path) => {
+                std::fs::read_to_string(path).with_context(|| format!("cannot read settings {}", path.display()))?
+            }
+            None => recorded.to_owned(),
+        };
+        Ok(Settings::from_toml(&text, &self.changes)?)
+    }
+}
+
+/// Frames and poses of a recording, each in the order of the file; damage is told once.
+pub(super) fn read_streams(path: &Path) -> Result<(Recording, Vec<Frame>, Vec<PoseSample>)> {
+    let mut recording = Recording::open(path)?;
+    let (mut frames, mut poses) = (Vec::new(), Vec::new());
+    for event in &mut recording {
+        match event {
+            Event::Frame(frame) => frames.push(frame),
+            Event::Pose(pose) => poses.push(pose),
+        }
+    }
+    tell_damage(&recording);
+    Ok((recording, frames, poses))
+}
+
+/// Says what could not be read.
+pub(super) fn tell_damage(recording: &Recording) {
+    if !recording.damage().is_none() {
+        log::warn!("{} is damaged: {}. Everything readable was used.", recording.path().display(), recording.damage());
+    }
+}

@@ -1,0 +1,52 @@
+//! `radar-chaperone import FRAMES.h5 --poses TRACK.tum --out FILE.mcap`: the vendor's recordings, with poses of any tracker.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, anyhow};
+use clap::Args;
+
+use crate::geometry::Pose;
+use crate::recording::{ImportOptions, import_h5};
+
+/// Turns a recording of the vendor's exploration tool and a pose track into a recording
+///
+/// The track is a TUM trajectory: lines of `timestamp_s tx ty tz qx qy qz qw`, seconds since the recording's first tick,
+/// metres; `#` begins a comment. It gives the poses of what the sensor is mounted on; without --mount, of the sensor itself
+/// (looking along −z).
+#[derive(Debug, Args)]
+pub(super) struct Import {
+    /// Recording of the vendor's tool (.h5)
+    frames: PathBuf,
+    /// Pose track (TUM format); without it the recording holds no poses
+    #[arg(long, value_name = "TRACK.tum")]
+    poses: Option<PathBuf>,
+    /// Where the sensor sits on what was tracked: x,y,z in metres, or x,y,z,qx,qy,qz,qw
+    #[arg(long, value_name = "x,y,z[,qx,qy,qz,qw]", allow_hyphen_values = true)]
+    mount: Option<String>,
+    /// Recording to write
+    #[arg(long, value_name = "FILE.mcap")]
+    out: PathBuf,
+}
+
+impl Import {
+    pub fn run(&self) -> Result<()> {
+        let mut options = ImportOptions::default();
+        if let Some(mount) = &self.mount {
+            options.head_from_sensor = parse_mount(mount)?;
+        }
+        let imported = import_h5(&self.frames, self.poses.as_deref(), &options)?;
+        print!("{}", imported.write(&self.out)?);
+        println!("Written to {}", self.out.display());
+        Ok(())
+    }
+}
+
+/// `x,y,z` or `x,y,z,qx,qy,qz,qw`.
+pub(super) fn parse_mount(text: &str) -> Result<Pose> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, z]) => Ok(Pose::try_new([x, y, z], [0.0, 0.0, 0.0, 1.0])?),
+        Some(&[x, y, z, qx, qy, qz, qw]) => Ok(Pose::try_new([x, y, z], [qx, qy, qz, qw])?),
+        _ => Err(anyhow!("\"{text}\" is no mount: give x,y,z or x,y,z,qx,qy,qz,qw, numbers in metres")),
+    }
+}

@@ -1,0 +1,58 @@
+//! The command line: one file a command; a command's head is its manual.
+
+mod demo;
+mod files;
+mod import;
+mod info;
+mod progress;
+mod reconstruct;
+mod recover;
+mod replay;
+mod simulate;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Sees the room around a VR headset with a 60 GHz radar and warns of obstacles.
+///
+/// No hardware is needed to try it: `radar-chaperone demo` simulates a sensor on a headset in a furnished room, finds what
+/// stands there, and writes a report beside the truth.
+#[derive(Debug, Parser)]
+#[command(name = "radar-chaperone", version, arg_required_else_help = true, max_term_width = 110)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Demo(demo::Demo),
+    Simulate(simulate::Simulate),
+    Replay(replay::Replay),
+    Reconstruct(reconstruct::Reconstruct),
+    Import(import::Import),
+    Info(info::Info),
+    Recover(recover::Recover),
+}
+
+/// Runs the program; errors go to standard error with their causes.
+pub fn run() -> ExitCode {
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).format_timestamp(None).init();
+    let done = match Arguments::parse().command {
+        Command::Demo(command) => command.run(),
+        Command::Simulate(command) => command.run(),
+        Command::Replay(command) => command.run(),
+        Command::Reconstruct(command) => command.run(),
+        Command::Import(command) => command.run(),
+        Command::Info(command) => command.run(),
+        Command::Recover(command) => command.run(),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,38 @@
+//! `radar-chaperone recover FILE --out NEW`: saves what is readable of a damaged recording.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use clap::Args;
+
+use crate::recording::{Recording, RecordingWriter};
+
+/// Copies everything readable of a damaged recording into a new, sound one
+#[derive(Debug, Args)]
+pub(super) struct Recover {
+    /// Damaged recording (.mcap)
+    file: PathBuf,
+    /// New recording
+    #[arg(long, value_name = "FILE.mcap")]
+    out: PathBuf,
+}
+
+impl Recover {
+    pub fn run(&self) -> Result<()> {
+        if self.out.exists() && self.out.canonicalize().ok() == self.file.canonicalize().ok() {
+            bail!("{} is the damaged file itself: choose another name for --out", self.out.display());
+        }
+        let mut recording = Recording::open(&self.file)?;
+        let mut writer = RecordingWriter::create(&self.out, recording.header())?;
+        for event in &mut recording {
+            writer.write(&event)?;
+        }
+        let saved = writer.finish()?;
+        match recording.damage().is_none() {
+            true => println!("{} was not damaged.", self.file.display()),
+            false => println!("Damage: {}", recording.damage()),
+        }
+        println!("Saved {} frames and {} poses to {}", saved.frames.count, saved.poses.count, self.out.display());
+        Ok(())
+    }
+}

@@ -1,0 +1,201 @@
+//! `radar-chaperone replay FILE [--out DIR]`: the whole pipeline over a recording.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, bail};
+use clap::Args;
+
+use super::files::{SettingsArguments, tell_damage};
+use super::progress;
+use crate::engine::{Pipeline, Settings};
+use crate::obstacles::{Observed, Scene};
+use crate::recording::{Event, Recording, RecordingSummary};
+use crate::report::{Figure, Limits, Report, RoomMap, Section, Table, room_map, score, write_obstacles_json};
+
+/// Runs the pipeline over a recording and writes what it finds
+///
+/// Prints the obstacles; with --out writes obstacles.json, a map (map.png) and report.html there. The recording's own
+/// settings serve, changed by --settings and --set. The same recording and settings give the same files, byte for byte.
+#[derive(Debug, Args)]
+pub(super) struct Replay {
+    /// Recording (.mcap)
+    file: PathBuf,
+    /// Folder for the results
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Replays at this many times real time; without it as fast as it goes
+    #[arg(long, value_name = "X")]
+    speed: Option<f64>,
+    #[command(flatten)]
+    settings: SettingsArguments,
+}
+
+impl Replay {
+    pub fn run(&self) -> Result<()> {
+        if let Some(speed) = self.speed.filter(|s| !(s.is_finite() && *s > 0.0)) {
+            bail!("--speed {speed}: give a number above 0");
+        }
+        let summary = RecordingSummary::read(&self.file)?;
+        let mut recording = Recording::open(&self.file)?;
+        let settings = self.settings.over(&recording.header().settings)?;
+        let header = recording.header().clone();
+        let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings);
+        self.feed(&mut recording, &mut pipeline, summary.frames.count + summary.poses.count);
+        tell_damage(&recording);
+        let spinner = progress::spinner("looking for obstacles");
+        pipeline.finish();
+        let scene = pipeline.scene();
+        spinner.finish_and_clear();
+        print!("{}", described(&scene, &pipeline));
+        let scored = header.truth.as_ref().map(|truth| score(&scene, truth, &Limits::default()));
+        if let Some(score) = &scored {
+            println!("\nAgainst the truth in the recording:\n{score}");
+        }
+        if let Some(out) = &self.out {
+            write_obstacles(&out.join("obstacles.json"), &scene, &pipeline, &settings)?;
+            let path = sensor_path(&pipeline);
+            let truth = header.truth.as_ref();
+            let map = room_map(&RoomMap { title: &header.source, scene: &scene, truth, path_m: &path });
+            map.write(&out.join("map.png"))?;
+            let mut section = Section::new("What was found")
+                .figure(Figure::new(
+                    &map,
+                    "Seen from above: what was found, the sensor's path, and the truth if known",
+                )?)
+                .table(obstacle_table(&scene));
+            if let Some(score) = &scored {
+                section = section.preformatted(&score.to_string());
+            }
+            let counters = Section::new("What was taken and left out")
+                .preformatted(&serde_json::to_string_pretty(&pipeline.counters())?);
+            let recording = Section::new("The recording").preformatted(&summary.to_string());
+            Report::new(&header.source)
+                .intro("The pipeline's result over one recording.")
+                .section(section)
+                .section(counters)
+                .section(recording)
+                .write(&out.join("report.html"))?;
+            println!("\nWritten to {}", out.display());
+        }
+        Ok(())
+    }
+
+    /// Streams the recording through, at the wanted speed.
+    fn feed(&self, recording: &mut Recording, pipeline: &mut Pipeline, events: u64) {
+        let bar = progress::bar(events, "replaying");
+        let (start, mut first_ns) = (Instant::now(), None);
+        for event in recording {
+            if let Some(speed) = self.speed {
+                let since_ns = event.time_ns().saturating_sub(*first_ns.get_or_insert(event.time_ns()));
+                // A recording whose time leaps is not waited for.
+                let due = Duration::from_secs_f64((since_ns as f64 * 1e-9 / speed).clamp(0.0, 3600.0));
+                std::thread::sleep(due.saturating_sub(start.elapsed()).min(Duration::from_secs(1)));
+            }
+            feed(pipeline, event);
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+    }
+}
+
+/// One event into the pipeline.
+pub(super) fn feed(pipeline: &mut Pipeline, event: Event) {
+    match event {
+        Event::Frame(frame) => pipeline.push_frame(frame),
+        Event::Pose(pose) => pipeline.push_pose(&pose),
+    }
+}
+
+/// Where the sensor was, metres.
+pub(super) fn sensor_path(pipeline: &Pipeline) -> Vec<glam::DVec3> {
+    pipeline.sensor_path().iter().map(|(_, pose)| pose.translation).collect()
+}
+
+/// obstacles.json with all counters.
+pub(super) fn write_obstacles(path: &Path, scene: &Scene, pipeline: &Pipeline, settings: &Settings) -> Result<()> {
+    let counters = serde_json::to_value(pipeline.counters())?;
+    Ok(write_obstacles_json(path, scene, &counters, settings.tracking.time_offset_s)?)
+}
+
+/// What a person reads after a replay.
+pub(super) fn described(scene: &Scene, pipeline: &Pipeline) -> String {
+    use std::fmt::Write;
+    let streams = pipeline.counters().streams;
+    let mut text = format!(
+        "{} frames, {} poses: {} sweeps imaged, {} frames without a pose skipped\n",
+        streams.frames, streams.poses, streams.observations, streams.frames_without_pose
+    );
+    let left_out = [
+        ("frames saturated", streams.frames_saturated),
+        ("frames of wrong length", streams.frames_wrong_length),
+        ("frames not later than the one before", streams.frames_time_not_rising),
+        ("poses marked invalid", streams.poses_invalid),
+        ("poses with impossible numbers", streams.poses_bad_numbers),
+        ("poses not later than the one before", streams.poses_time_not_rising),
+    ];
+    for (what, count) in left_out.iter().filter(|(_, count)| *count > 0) {
+        let _ = writeln!(text, "left out: {count} {what}");
+    }
+    if streams.observations == 0 {
+        text +=
+            "No sweep has a pose, so nothing could be imaged. `radar-chaperone info` tells what the recording holds.\n";
+    }
+    let _ = writeln!(text, "\n{} obstacles, {} walls", scene.obstacles.len(), scene.walls.len());
+    for obstacle in &scene.obstacles {
+        let p = obstacle.position_m;
+        let _ = writeln!(
+            text,
+            "  ({:6.3}, {:6.3}, {:6.3}) m  ± {}  evidence {:.1}  {}",
+            p.x,
+            p.y,
+            p.z,
+            sigmas(obstacle),
+            obstacle.evidence,
+            observed(obstacle.observed)
+        );
+    }
+    for wall in &scene.walls {
+        let n = wall.plane.outward;
+        let _ = writeln!(
+            text,
+            "  wall towards ({:.2}, {:.2}, {:.2}) at {:.2} m  evidence {:.1}",
+            n.x, n.y, n.z, wall.plane.offset_m, wall.evidence
+        );
+    }
+    text
+}
+
+/// 1σ along x, y, z, centimetres.
+fn sigmas(obstacle: &crate::obstacles::Obstacle) -> String {
+    let c = obstacle.covariance_m2;
+    let cm = |variance: f64| format!("{:.1}", variance.max(0.0).sqrt() * 100.0);
+    format!("({}, {}, {}) cm", cm(c.x_axis.x), cm(c.y_axis.y), cm(c.z_axis.z))
+}
+
+fn observed(observed: Observed) -> &'static str {
+    match observed {
+        Observed::Position => "",
+        Observed::RangeAndOneDirection => "one direction was NOT observed",
+        Observed::RangeOnly => "only the range was observed, its direction was NOT",
+    }
+}
+
+/// The obstacles as a table.
+pub(super) fn obstacle_table(scene: &Scene) -> Table {
+    let row = |o: &crate::obstacles::Obstacle| {
+        let (p, e) = (o.position_m, o.extent_m);
+        vec![
+            format!("{:.3}, {:.3}, {:.3}", p.x, p.y, p.z),
+            sigmas(o),
+            format!("{:.2} × {:.2} × {:.2}", e.x, e.y, e.z),
+            format!("{:.1}", o.evidence),
+            observed(o.observed).to_owned(),
+        ]
+    };
+    Table {
+        head: ["position x, y, z (m)", "1σ along x, y, z", "extent (m)", "evidence", ""].map(String::from).to_vec(),
+        rows: scene.obstacles.iter().map(row).collect(),
+        caption: "Obstacles, tracking frame, strongest first".into(),
+    }
+}

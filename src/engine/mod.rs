@@ -1,0 +1,162 @@
+//! The pipeline: observation in, scene out. No clock, no I/O, no threads of its own making; the same observations and
+//! settings give the same scene, byte for byte.
+//!
+//! Stream in: `Observation`s in time (or frames and poses, through [`Pipeline`]). Out: a `Scene` whenever asked.
+
+mod pipeline;
+mod settings;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::{Aabb, Pose};
+use crate::obstacles::{RoomCounters, RoomSearch, Scene, find_reflectors};
+use crate::radar::{Observation, SensorConfig, frame_timing};
+
+pub use pipeline::{Counters, Pipeline};
+pub use settings::{Mode, ProcessingSettings, RadarSettings, Settings, SettingsError, TrackingSettings};
+
+/// Sweeps a second from which on blocks follow the phase: λ/4 a sweep at 0.5 m/s.
+const BLOCKS_FROM_SWEEPS_PER_S: f64 = 400.0;
+/// Edge of the cube that is searched for single reflectors unless told otherwise, metres.
+pub const DEFAULT_CUBE_M: f64 = 3.0;
+/// Observations that a search for single reflectors keeps at most; beyond, every second one goes.
+const MAX_KEPT: usize = 20_000;
+
+/// How a recording is searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Search {
+    /// Blocks, planes, explaining away: furnished rooms, fast sensors.
+    Rooms,
+    /// Range-only sums: single reflectors, slow sensors.
+    Reflectors,
+}
+
+/// What the engine did.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct EngineCounters {
+    /// How it searched.
+    pub search: Search,
+    /// Observations taken in.
+    pub observations: u64,
+    /// Observations thinned out to bound memory (single reflectors alone).
+    pub observations_thinned: u64,
+    /// Blocks and voxels (rooms alone).
+    pub rooms: RoomCounters,
+}
+
+/// Observation in, scene out.
+#[derive(Debug)]
+pub struct Engine {
+    settings: Settings,
+    search: Search,
+    rooms: RoomSearch,
+    kept: Vec<Observation>,
+    first_pose: Option<Pose>,
+    newest_ns: i64,
+    observations: u64,
+    thinned: u64,
+}
+
+impl Engine {
+    /// For sweeps of a sound configuration.
+    pub fn new(config: &SensorConfig, settings: &Settings) -> Self {
+        let sweeps_per_s = f64::from(config.sweeps_per_frame) / frame_timing(config).frame_period_s;
+        let search = match settings.processing.mode {
+            Mode::Rooms => Search::Rooms,
+            Mode::Reflectors => Search::Reflectors,
+            Mode::Auto if sweeps_per_s >= BLOCKS_FROM_SWEEPS_PER_S => Search::Rooms,
+            Mode::Auto => Search::Reflectors,
+        };
+        Self {
+            rooms: RoomSearch::new(settings.rooms, &settings.radar.beam, settings.tracking.errors),
+            settings: settings.clone(),
+            search,
+            kept: Vec::new(),
+            first_pose: None,
+            newest_ns: 0,
+            observations: 0,
+            thinned: 0,
+        }
+    }
+
+    /// How it searches.
+    pub fn search(&self) -> Search {
+        self.search
+    }
+
+    /// The search in rooms, with its scores over space.
+    pub fn rooms(&self) -> &RoomSearch {
+        &self.rooms
+    }
+
+    /// What was done so far.
+    pub fn counters(&self) -> EngineCounters {
+        EngineCounters {
+            search: self.search,
+            observations: self.observations,
+            observations_thinned: self.thinned,
+            rooms: self.rooms.counters(),
+        }
+    }
+
+    /// Takes an observation.
+    pub fn push(&mut self, observation: Observation) {
+        self.observations += 1;
+        self.newest_ns = observation.mid_time_ns;
+        self.first_pose.get_or_insert(observation.tracking_from_sensor);
+        match self.search {
+            Search::Rooms => self.rooms.push(observation),
+            Search::Reflectors => self.keep(observation),
+        }
+    }
+
+    /// Memory stays bounded: when full, every second sweep goes, so that what is kept still spans the whole motion.
+    fn keep(&mut self, observation: Observation) {
+        if self.kept.len() >= MAX_KEPT {
+            let mut sweep = 0;
+            let before = self.kept.len();
+            let mut last_subsweep = None;
+            self.kept.retain(|o| {
+                sweep += usize::from(last_subsweep.is_none_or(|last| o.geometry.subsweep <= last));
+                last_subsweep = Some(o.geometry.subsweep);
+                sweep % 2 == 0
+            });
+            self.thinned += (before - self.kept.len()) as u64;
+        }
+        self.kept.push(observation);
+    }
+
+    /// No more observations will come: what waits is worked off.
+    pub fn finish(&mut self) {
+        if self.search == Search::Rooms {
+            self.rooms.finish();
+        }
+    }
+
+    /// The box searched for single reflectors: the settings', else a cube ahead of the first pose.
+    pub fn region(&self) -> Aabb {
+        self.settings.processing.region.unwrap_or_else(|| cube_ahead(&self.first_pose.unwrap_or(Pose::IDENTITY)))
+    }
+
+    /// What stands in the room, as far as seen. For single reflectors this is where the work is done.
+    pub fn scene(&self) -> Scene {
+        let (obstacles, walls) = match self.search {
+            Search::Rooms => (self.rooms.obstacles(), self.rooms.walls()),
+            Search::Reflectors => {
+                let Settings { radar, tracking, reflectors, .. } = &self.settings;
+                let found = find_reflectors(&self.kept, &radar.beam, &self.region(), reflectors, &tracking.errors);
+                (found, Vec::new())
+            }
+        };
+        Scene { time_ns: self.newest_ns, obstacles, walls }
+    }
+}
+
+/// A 3 m cube along the axes whose middle lies 1.5 m ahead of a sensor.
+pub fn cube_ahead(tracking_from_sensor: &Pose) -> Aabb {
+    let half = DEFAULT_CUBE_M * 0.5;
+    let middle = tracking_from_sensor.translation + tracking_from_sensor.forward() * half;
+    Aabb { min: middle - DVec3::splat(half), max: middle + DVec3::splat(half) }
+}

@@ -1,0 +1,246 @@
+//! All settings, as the TOML file and `--set` spell them.
+
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::{Aabb, Pose};
+use crate::imaging::PositionErrors;
+use crate::obstacles::{ReflectorSettings, RoomSettings};
+use crate::radar::Beam;
+use crate::tracking::HistorySettings;
+use crate::warning::{WarningSettings, WarningSettingsError};
+
+/// Settings that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SettingsError {
+    /// Not TOML, an unknown name, or a value of the wrong kind.
+    #[error("settings: {0}")]
+    Toml(#[from] Box<toml::de::Error>),
+    /// `--set` without a value.
+    #[error("--set {0}: write it as name=value, for example --set tracking.time_offset_s=0.02")]
+    NoValue(String),
+    /// A name that leads through something that is no table.
+    #[error("--set {0}: there is no setting of that name")]
+    NoSuchName(String),
+    /// A value outside its bounds.
+    #[error("setting {name} is {value}: it must lie in {min} to {max}")]
+    OutOfRange {
+        /// Which.
+        name: &'static str,
+        /// What it is.
+        value: f64,
+        /// Least allowed.
+        min: f64,
+        /// Most allowed.
+        max: f64,
+    },
+    /// A warning setting outside its bounds.
+    #[error("settings: {0}")]
+    Warning(#[from] WarningSettingsError),
+    /// A box or mount that is none.
+    #[error("setting {0} has a number that is not finite, or a rotation of length zero")]
+    NotFinite(&'static str),
+}
+
+/// The sensor, as imaging sees it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RadarSettings {
+    /// The beam: uniform, thesis, lensless, fresnel, hyperbolic, or rows of [angle in degrees, two-way amplitude].
+    pub beam: Beam,
+}
+
+impl Default for RadarSettings {
+    fn default() -> Self {
+        Self { beam: Beam::Lensless }
+    }
+}
+
+/// Where the sensor was.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrackingSettings {
+    /// Time of a sweep's pose minus time of the sweep, seconds; positive when sweeps are stamped too early.
+    pub time_offset_s: f64,
+    /// Where the sensor sits on the head; left out: what the recording says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mount: Option<Pose>,
+    /// How poses become a path.
+    pub history: HistorySettings,
+    /// How well the poses are known.
+    pub errors: PositionErrors,
+}
+
+/// How to search.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// Rooms from 400 sweeps a second on, else single reflectors.
+    #[default]
+    Auto,
+    /// Blocks, planes, explaining away.
+    Rooms,
+    /// Range-only sums.
+    Reflectors,
+}
+
+/// What is searched, and how.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ProcessingSettings {
+    /// How to search.
+    pub mode: Mode,
+    /// Box searched for single reflectors; left out: a 3 m cube ahead of the first pose.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub region: Option<Aabb>,
+}
+
+/// All settings.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// The sensor.
+    pub radar: RadarSettings,
+    /// Poses and time.
+    pub tracking: TrackingSettings,
+    /// Which search.
+    pub processing: ProcessingSettings,
+    /// The search in rooms.
+    pub rooms: RoomSettings,
+    /// The search for single reflectors.
+    pub reflectors: ReflectorSettings,
+    /// What is drawn, from where on.
+    pub warning: WarningSettings,
+}
+
+impl Settings {
+    /// From TOML text, with `name=value` changes laid over it, last one first in force.
+    ///
+    /// # Errors
+    /// Text that is no TOML, unknown names, values of the wrong kind or outside their bounds.
+    pub fn from_toml(text: &str, changes: &[String]) -> Result<Self, SettingsError> {
+        let mut table: toml::Table = toml::from_str(text).map_err(Box::new)?;
+        for change in changes {
+            let (name, value) = change.split_once('=').ok_or_else(|| SettingsError::NoValue(change.clone()))?;
+            set(&mut table, change, name.trim(), parsed(value.trim()))?;
+        }
+        let settings: Self = toml::Value::Table(table).try_into().map_err(Box::new)?;
+        settings.check()?;
+        Ok(settings)
+    }
+
+    /// As TOML text.
+    pub fn to_toml(&self) -> String {
+        // Every field is a number, a name, a list or a table of these: TOML has them all.
+        toml::to_string(self).unwrap_or_default()
+    }
+
+    fn check(&self) -> Result<(), SettingsError> {
+        let Self { tracking, rooms, reflectors, processing, .. } = self;
+        let blocks = &rooms.blocks;
+        let bounded = [
+            ("tracking.time_offset_s", tracking.time_offset_s, -10.0, 10.0),
+            ("tracking.history.max_gap_s", tracking.history.max_gap_s, 0.001, 1.0),
+            ("tracking.history.smoothing_window_s", tracking.history.smoothing_window_s, 0.0, 0.5),
+            ("tracking.errors.wander_m", tracking.errors.wander_m, 0.0, 1.0),
+            ("tracking.errors.wander_s", tracking.errors.wander_s, 0.01, 1e4),
+            ("tracking.errors.mount_m", tracking.errors.mount_m, 0.0, 1.0),
+            ("rooms.blocks.block_s", blocks.block_s, 0.01, 0.5),
+            ("rooms.blocks.min_sweeps", blocks.min_sweeps as f64, 2.0, 1e4),
+            ("rooms.blocks.memory_s", blocks.memory_s, 0.1, 100.0),
+            ("rooms.blocks.min_amplitude", blocks.min_amplitude, 0.01, 1.0),
+            ("rooms.blocks.min_range_m", blocks.min_range_m, 0.05, 10.0),
+            ("rooms.blocks.max_range_m", blocks.max_range_m, blocks.min_range_m, 10.0),
+            ("rooms.blocks.voxel_m", blocks.voxel_m, 0.01, 0.5),
+            ("rooms.explain.window_s", rooms.explain.window_s, 0.5, 20.0),
+            ("rooms.explain.max_candidates", rooms.explain.max_candidates as f64, 1.0, 1e4),
+            ("rooms.map.match_m", rooms.map.match_m, 0.01, 1.0),
+            ("reflectors.voxel_m", reflectors.voxel_m, 0.005, 0.5),
+            ("reflectors.min_range_m", reflectors.min_range_m, 0.0, 10.0),
+            ("reflectors.max_reflectors", reflectors.max_reflectors as f64, 1.0, 1000.0),
+            ("reflectors.search_sweeps", reflectors.search_sweeps as f64, 3.0, 1e5),
+        ];
+        for (name, value, min, max) in bounded {
+            if !(min..=max).contains(&value) {
+                return Err(SettingsError::OutOfRange { name, value, min, max });
+            }
+        }
+        if let Some(region) = &processing.region {
+            let sound = region.min.is_finite() && region.max.is_finite() && region.size().min_element() > 0.0;
+            if !sound || region.size().max_element() > 50.0 {
+                return Err(SettingsError::NotFinite("processing.region"));
+            }
+        }
+        if let Some(mount) = &tracking.mount
+            && Pose::try_new(mount.translation.to_array(), mount.rotation.to_array()).is_err()
+        {
+            return Err(SettingsError::NotFinite("tracking.mount"));
+        }
+        Ok(self.warning.check()?)
+    }
+}
+
+/// A TOML value where it is one, else a string: `--set radar.beam=thesis` needs no quotes.
+fn parsed(value: &str) -> toml::Value {
+    let line = format!("v = {value}");
+    let table: Option<toml::Table> = toml::from_str(&line).ok();
+    table.and_then(|mut t| t.remove("v")).unwrap_or_else(|| toml::Value::String(value.into()))
+}
+
+fn set(table: &mut toml::Table, change: &str, name: &str, value: toml::Value) -> Result<(), SettingsError> {
+    match name.split_once('.') {
+        None => {
+            // Whole numbers serve where fractions are wanted.
+            let value = match (&value, table.get(name)) {
+                (toml::Value::Integer(n), Some(toml::Value::Float(_))) => toml::Value::Float(*n as f64),
+                _ => value,
+            };
+            table.insert(name.into(), value);
+            Ok(())
+        }
+        Some((first, rest)) => {
+            let inner = table.entry(first).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+            let inner = inner.as_table_mut().ok_or_else(|| SettingsError::NoSuchName(change.into()))?;
+            set(inner, change, rest, value)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with(change: &str) -> Result<Settings, SettingsError> {
+        Settings::from_toml("", &[change.into()])
+    }
+
+    #[test]
+    fn the_default_survives_its_own_text() {
+        let settings = Settings::default();
+        assert_eq!(Settings::from_toml(&settings.to_toml(), &[]).unwrap(), settings);
+    }
+
+    #[test]
+    fn changes_are_laid_over() {
+        assert_eq!(with("tracking.time_offset_s=0.02").unwrap().tracking.time_offset_s, 0.02);
+        assert_eq!(with("radar.beam=thesis").unwrap().radar.beam, Beam::Thesis);
+        assert_eq!(with("processing.mode=rooms").unwrap().processing.mode, Mode::Rooms);
+        assert_eq!(with("reflectors.max_sweeps=50").unwrap().reflectors.max_sweeps, 50);
+        assert_eq!(with("rooms.blocks.max_range_m=2").unwrap().rooms.blocks.max_range_m, 2.0);
+    }
+
+    #[test]
+    fn wrong_ones_say_what_is_wrong() {
+        for (change, says) in [
+            ("rooms.blocks.voxel_m=0", "rooms.blocks.voxel_m is 0"),
+            ("tracking.time_offset_s=nan", "time_offset_s is NaN"),
+            ("warnings=1", "unknown field `warnings`"),
+            ("radar.beam=laser", "laser"),
+            ("radar.beam", "name=value"),
+            ("warning.fade_distance_m=-1", "fade"),
+            ("tracking.time_offset_s.x=1", "time_offset_s"),
+        ] {
+            let error = with(change).expect_err(change).to_string();
+            assert!(error.contains(says), "{change}: {error}");
+        }
+    }
+}

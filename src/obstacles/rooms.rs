@@ -1,0 +1,328 @@
+//! Obstacles in rooms: sweeps → blocks → scores → explaining away → sightings → obstacles and walls.
+//!
+//! The place that the block score finds is refined by `ls` over the sweeps that saw it, with the ranges of everything else
+//! that was explained left out; both are weighed by their covariances.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    ExplainSettings, Explained, MapSettings, Observed, Obstacle, Sightings, Wall, Window, same_place, same_plane,
+};
+use crate::geometry::{Aabb, Plane};
+use crate::imaging::blocks::{Block, BlockBuilder, BlockSettings, Field, PlaneField};
+use crate::imaging::{PositionErrors, RangePower, Refined, farthest_points, refine};
+use crate::radar::{Beam, Observation};
+
+/// Parameters of the search in rooms.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RoomSettings {
+    /// Blocks and their score.
+    pub blocks: BlockSettings,
+    /// Explaining away.
+    pub explain: ExplainSettings,
+    /// Sightings over time.
+    pub map: MapSettings,
+}
+
+/// Time between two looks at the evidence, nanoseconds of the recording: 4 Hz.
+const UPDATE_NS: i64 = 250_000_000;
+/// Peaks of the field are maxima within this radius, metres.
+const PEAK_RADIUS_M: f64 = 0.15;
+/// Sightings nearer than this to each other are one obstacle, metres.
+const CLUSTER_M: f64 = 0.30;
+/// `ls` uses at most this many of a window's sweeps for one place, by farthest point.
+const REFINE_SWEEPS: usize = 150;
+/// Farthest that `ls` may move a place, metres: a voxel and a half.
+const REFINE_REACH_M: f64 = 0.075;
+
+/// What was done, for the counters.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RoomCounters {
+    /// Blocks imaged.
+    pub blocks: u64,
+    /// Sweeps left out: too few before a pause to make a block.
+    pub sweeps_without_block: u64,
+    /// (voxel, sweep) pairs summed.
+    pub voxel_updates: u64,
+    /// Bricks of 8³ voxels that were ever in the beam.
+    pub bricks: u64,
+    /// Looks at the evidence.
+    pub looks: u64,
+}
+
+/// The place of a sighting, refined.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    position_m: DVec3,
+    covariance_m2: DMat3,
+}
+
+/// Searches a room.
+#[derive(Debug)]
+pub struct RoomSearch {
+    settings: RoomSettings,
+    errors: PositionErrors,
+    beam: Beam,
+    min_cos: f64,
+    builders: BTreeMap<usize, BlockBuilder>,
+    field: Field,
+    planes: PlaneField,
+    window: VecDeque<Block>,
+    /// Sweeps of the window, for refinement.
+    sweeps: VecDeque<Observation>,
+    next_update_ns: Option<i64>,
+    middle: Option<DVec3>,
+    points: Sightings<DVec3>,
+    walls: Sightings<Plane>,
+    /// By sighting: its refined place and the score that it was refined at.
+    places: BTreeMap<u64, (f64, Place)>,
+    /// By wall: feet of the perpendiculars that it was seen at.
+    feet: BTreeMap<u64, Aabb>,
+    counters: RoomCounters,
+}
+
+impl RoomSearch {
+    /// Nothing seen yet.
+    pub fn new(settings: RoomSettings, beam: &Beam, errors: PositionErrors) -> Self {
+        let min_cos = settings.blocks.min_cos(beam);
+        Self {
+            field: Field::new(settings.blocks, min_cos),
+            planes: PlaneField::new(settings.blocks, min_cos),
+            settings,
+            errors,
+            beam: beam.clone(),
+            min_cos,
+            builders: BTreeMap::new(),
+            window: VecDeque::new(),
+            sweeps: VecDeque::new(),
+            next_update_ns: None,
+            middle: None,
+            points: Sightings::default(),
+            walls: Sightings::default(),
+            places: BTreeMap::new(),
+            feet: BTreeMap::new(),
+            counters: RoomCounters::default(),
+        }
+    }
+
+    /// What was done so far.
+    pub fn counters(&self) -> RoomCounters {
+        let dropped = self.builders.values().map(|b| b.dropped_sweeps).sum();
+        RoomCounters {
+            sweeps_without_block: dropped,
+            voxel_updates: self.field.updates,
+            bricks: self.field.brick_count() as u64,
+            ..self.counters
+        }
+    }
+
+    /// Scores over space.
+    pub fn field(&self) -> &Field {
+        &self.field
+    }
+
+    /// Takes a sweep; images the block that it closes and, four times a second, looks at the evidence.
+    pub fn push(&mut self, observation: Observation) {
+        let settings = self.settings.blocks;
+        self.sweeps.push_back(observation.clone());
+        let builder = self.builders.entry(observation.geometry.subsweep).or_insert_with(|| BlockBuilder::new(settings));
+        if let Some(block) = builder.push(observation) {
+            self.take_block(block);
+        }
+    }
+
+    /// Images what is left and looks at the evidence a last time.
+    pub fn finish(&mut self) {
+        let last: Vec<Block> = self.builders.values_mut().filter_map(BlockBuilder::close).collect();
+        for block in last {
+            self.take_block(block);
+        }
+        if !self.window.is_empty() {
+            self.look();
+        }
+    }
+
+    fn take_block(&mut self, block: Block) {
+        self.counters.blocks += 1;
+        self.middle.get_or_insert(block.middle.translation);
+        self.field.add(&block);
+        self.planes.add(&block);
+        let now_ns = block.mid_time_ns;
+        self.window.push_back(block);
+        let since_ns = now_ns - self.window_ns();
+        while self.window.front().is_some_and(|b| b.mid_time_ns < since_ns) {
+            self.window.pop_front();
+        }
+        while self.sweeps.front().is_some_and(|o| o.mid_time_ns < since_ns) {
+            self.sweeps.pop_front();
+        }
+        if now_ns >= *self.next_update_ns.get_or_insert(now_ns) {
+            self.next_update_ns = Some(now_ns + UPDATE_NS);
+            self.look();
+        }
+    }
+
+    fn window_ns(&self) -> i64 {
+        (self.settings.explain.window_s * 1e9) as i64
+    }
+
+    /// One look: candidates, explaining away, sightings, refinement.
+    fn look(&mut self) {
+        self.counters.looks += 1;
+        let Some(now_ns) = self.window.back().map(|b| b.mid_time_ns) else { return };
+        let since_ns = now_ns - self.window_ns();
+        let explain = self.settings.explain;
+        let planes = self.planes.peaks(explain.plane_min_score, explain.plane_min_blocks, since_ns);
+        let planes: Vec<Plane> = planes.iter().map(|p| p.plane).collect();
+        let peaks = self.field.peaks(explain.min_candidate_score, PEAK_RADIUS_M, since_ns);
+        let peaks: Vec<DVec3> = peaks.iter().take(explain.max_candidates).map(|p| p.position_m).collect();
+        let mut window = Window::new(self.window.iter(), &explain, &self.settings.blocks, self.min_cos);
+        let walls = window.explain_planes(&planes);
+        let points = window.explain_points(&peaks);
+        let map = self.settings.map;
+        self.walls.update(&walls, &map, same_plane(self.middle.unwrap_or(DVec3::ZERO)));
+        self.points.update(&points, &map, same_place(map.match_m));
+        self.note_feet();
+        self.refine_new(&walls, &points);
+    }
+
+    /// Where known walls are being seen.
+    fn note_feet(&mut self) {
+        let Some(block) = self.window.back() else { return };
+        for wall in self.walls.confirmed() {
+            let squarely = wall.thing.outward.dot(block.middle.forward()) >= self.min_cos;
+            let range_m = wall.thing.distance(block.middle.translation);
+            if squarely && block.geometry().axis.contains(range_m) {
+                let foot = wall.thing.foot(block.middle.translation);
+                let seen = self.feet.entry(wall.id).or_insert(Aabb { min: foot, max: foot });
+                *seen = Aabb { min: seen.min.min(foot), max: seen.max.max(foot) };
+            }
+        }
+    }
+
+    /// Refines the places of confirmed sightings whose best score is new.
+    fn refine_new(&mut self, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) {
+        let stale: Vec<(u64, DVec3, f64)> = self
+            .points
+            .confirmed()
+            .filter(|s| self.places.get(&s.id).is_none_or(|(score, _)| *score < s.score))
+            .map(|s| (s.id, s.thing, s.score))
+            .collect();
+        for (id, at, score) in stale {
+            let place = self.refined_place(at, walls, points);
+            self.places.insert(id, (score, place));
+        }
+    }
+
+    /// The block score's place and that of `ls`, weighed by their covariances.
+    fn refined_place(&self, at: DVec3, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) -> Place {
+        let block_variance = (self.settings.blocks.voxel_m * 0.5).powi(2);
+        let by_blocks = Place { position_m: at, covariance_m2: DMat3::from_diagonal(DVec3::splat(block_variance)) };
+        let Some(by_ls) = self.refined_by_ls(at, walls, points) else { return by_blocks };
+        let (block_information, ls_information) = (by_blocks.covariance_m2.inverse(), by_ls.covariance_m2.inverse());
+        let covariance_m2 = (block_information + ls_information).inverse();
+        let position_m = covariance_m2 * (block_information * at + ls_information * by_ls.position_m);
+        Place { position_m, covariance_m2: (covariance_m2 + covariance_m2.transpose()) * 0.5 }
+    }
+
+    fn refined_by_ls(&self, at: DVec3, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) -> Option<Refined> {
+        let sees = |o: &&Observation| self.settings.blocks.sees(&o.tracking_from_sensor, self.min_cos, at);
+        let seen: Vec<&Observation> = self.sweeps.iter().filter(sees).collect();
+        let positions: Vec<DVec3> = seen.iter().map(|o| o.tracking_from_sensor.translation).collect();
+        let chosen: Vec<Observation> =
+            farthest_points(&positions, REFINE_SWEEPS).into_iter().map(|n| seen[n].clone()).collect();
+        let mut power = RangePower::new(&chosen, &self.beam, self.settings.blocks.min_range_m);
+        for other in points.iter().filter(|p| p.thing.distance(at) > PEAK_RADIUS_M) {
+            power.claim(other.thing);
+        }
+        for wall in walls {
+            power.claim_plane(&wall.thing);
+        }
+        refine(&power, at, Some(REFINE_REACH_M), &self.errors)
+    }
+
+    /// Confirmed walls, by falling evidence.
+    pub fn walls(&self) -> Vec<Wall> {
+        let wall = |sighted: &super::Sighted<Plane>| {
+            let foot = sighted.thing.foot(self.middle.unwrap_or(DVec3::ZERO));
+            Wall {
+                id: sighted.id,
+                plane: sighted.thing,
+                evidence: sighted.score,
+                seen_at: self.feet.get(&sighted.id).copied().unwrap_or(Aabb { min: foot, max: foot }),
+                first_seen_ns: sighted.first_ns,
+                last_seen_ns: sighted.last_ns,
+            }
+        };
+        let mut walls: Vec<Wall> = self.walls.confirmed().map(wall).collect();
+        walls.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.id.cmp(&b.id)));
+        walls
+    }
+
+    /// Confirmed obstacles, by falling evidence: sightings near each other belong to one, which stands where its strongest
+    /// does.
+    pub fn obstacles(&self) -> Vec<Obstacle> {
+        let mut sighted: Vec<_> = self.points.confirmed().collect();
+        sighted.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
+        let mut obstacles: Vec<Obstacle> = Vec::new();
+        for sighting in sighted {
+            let place = self.places.get(&sighting.id).map(|(_, place)| *place).unwrap_or(Place {
+                position_m: sighting.thing,
+                covariance_m2: DMat3::from_diagonal(DVec3::splat(self.settings.blocks.voxel_m.powi(2))),
+            });
+            let near = |o: &&mut Obstacle| o.position_m.distance(place.position_m) <= CLUSTER_M;
+            match obstacles.iter_mut().find(near) {
+                Some(obstacle) => {
+                    obstacle.shape.push((place.position_m, sighting.score as f32));
+                    obstacle.first_seen_ns = obstacle.first_seen_ns.min(sighting.first_ns);
+                    obstacle.last_seen_ns = obstacle.last_seen_ns.max(sighting.last_ns);
+                }
+                None => obstacles.push(Obstacle {
+                    id: sighting.id,
+                    position_m: place.position_m,
+                    covariance_m2: place.covariance_m2,
+                    observed: Observed::Position,
+                    extent_m: DVec3::ZERO,
+                    evidence: sighting.score,
+                    shape: vec![(place.position_m, sighting.score as f32)],
+                    first_seen_ns: sighting.first_ns,
+                    last_seen_ns: sighting.last_ns,
+                }),
+            }
+        }
+        for obstacle in &mut obstacles {
+            self.add_shape(obstacle);
+        }
+        obstacles
+    }
+
+    /// The voxels around an obstacle's sightings that score at least half as much as they do, and the box around all.
+    fn add_shape(&self, obstacle: &mut Obstacle) {
+        let voxel_m = self.settings.blocks.voxel_m;
+        let mut voxels = Vec::new();
+        for &(place, score) in &obstacle.shape {
+            for n in 0..27 {
+                let offset = DVec3::new(f64::from(n % 3 - 1), f64::from(n / 3 % 3 - 1), f64::from(n / 9 - 1));
+                let center = ((place / voxel_m).floor() + offset + 0.5) * voxel_m;
+                if let Some(here) = self.field.score_at(center).filter(|s| *s >= 0.5 * f64::from(score)) {
+                    voxels.push((center, here as f32));
+                }
+            }
+        }
+        obstacle.shape.append(&mut voxels);
+        obstacle.shape.sort_by(|a, b| {
+            b.1.total_cmp(&a.1)
+                .then(a.0.x.total_cmp(&b.0.x))
+                .then(a.0.y.total_cmp(&b.0.y))
+                .then(a.0.z.total_cmp(&b.0.z))
+        });
+        obstacle.shape.dedup_by(|a, b| a.0 == b.0);
+        if let Some(around) = Aabb::around(obstacle.shape.iter().map(|s| s.0)) {
+            obstacle.extent_m = around.size() + voxel_m;
+        }
+    }
+}
