@@ -35,7 +35,7 @@ impl Import {
             options.head_from_sensor = parse_mount(mount)?;
         }
         let imported = import_h5(&self.frames, self.poses.as_deref(), &options)?;
-        print!("{}", imported.write(&self.out)?);
+        println!("{}", imported.write(&self.out)?);
         println!("Written to {}", self.out.display());
         Ok(())
     }

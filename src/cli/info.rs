@@ -16,7 +16,7 @@ pub(super) struct Info {
 
 impl Info {
     pub fn run(&self) -> Result<()> {
-        print!("{}", RecordingSummary::read(&self.file)?);
+        println!("{}", RecordingSummary::read(&self.file)?);
         Ok(())
     }
 }

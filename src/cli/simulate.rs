@@ -67,7 +67,7 @@ impl Simulate {
         let simulated = scenario.run()?;
         let summary = write_simulated(&self.out, &scenario, &simulated)?;
         spinner.finish_and_clear();
-        print!("{summary}");
+        println!("{summary}");
         println!("Written to {}", self.out.display());
         Ok(())
     }

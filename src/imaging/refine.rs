@@ -41,6 +41,8 @@ pub struct Refined {
     pub cross_range_sigma_m: [f64; 2],
     /// Sweeps that counted.
     pub sweeps: usize,
+    /// Rms of the sweeps' range residuals, weighed by power, in pulse widths: small when the thing stands still.
+    pub residual_widths: f64,
 }
 
 /// A cross-range direction counts as observed when its 1σ is at most this share of the distance (3.4°).
@@ -195,7 +197,8 @@ fn data_covariance(
     let independent = (span_s(power, readings) / errors.wander_s).max(1.0);
     let wander2 = errors.wander_m * errors.wander_m;
     let shift = DMat3::IDENTITY * (wander2 / independent + errors.mount_m * errors.mount_m);
-    let spread = regular_inverse(&geometry);
+    // Below 1e-4 rad of aperture nothing is known; the floor keeps the square below within double precision.
+    let spread = symmetric(&(geometry + DMat3::IDENTITY * 1e-8).inverse());
     // An aperture no wider than the wander itself is none: the second term outweighs the first there.
     let distance_m = readings.iter().map(|r| r.distance_m).sum::<f64>() / readings.len() as f64;
     let false_aperture = (3.0 * wander2 / distance_m).powi(2);
@@ -219,6 +222,7 @@ fn judged(power: &RangePower, place: DVec3, prior: &Prior, errors: &PositionErro
         seen_from_m: prior.seen_from,
         cross_range_sigma_m: cross_range_sigmas(&data, line_of_sight),
         sweeps: readings.len(),
+        residual_widths: residual_widths(&readings),
     };
     if refined.observed_directions() == 1 {
         refined.covariance_m2 += along_the_circle(power, &readings, &refined);
@@ -247,6 +251,18 @@ fn misfit(readings: &[Reading]) -> f64 {
     let strong = readings.iter().filter(|r| r.power > 6.0);
     let squares: Vec<f64> = strong.map(|r| r.slope_per_m * r.slope_per_m / r.curvature_per_m2).collect();
     if squares.len() > 3 { squares.iter().sum::<f64>() / (squares.len() - 3) as f64 } else { 1.0 }
+}
+
+/// Rms range residual in pulse widths, weighed by power. A Gaussian pulse gives a sweep's residual as slope / curvature.
+fn residual_widths(readings: &[Reading]) -> f64 {
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for reading in readings.iter().filter(|r| r.curvature_per_m2 > 0.0) {
+        // Curvature is 8 ln2 · power / width², so this is (residual / width)² · power.
+        let residual_m = reading.slope_per_m / reading.curvature_per_m2;
+        sum += residual_m * residual_m * reading.curvature_per_m2 / (8.0 * std::f64::consts::LN_2);
+        weight += reading.power;
+    }
+    if weight > 0.0 { (sum / weight).sqrt() } else { f64::INFINITY }
 }
 
 fn span_s(power: &RangePower, readings: &[Reading]) -> f64 {

@@ -47,6 +47,18 @@ impl Default for ReflectorSettings {
 const MIN_UNCLAIMED_SHARE: f64 = 0.3;
 const MIN_SWEEPS: usize = 3;
 
+/// Share of the strongest reflector's evidence below which its own skirts and the pose errors cannot be told from others.
+const DYNAMIC_RANGE: f64 = 1e-3;
+/// Rms range residual of something that stands still, without noise, in pulse widths: 17 mm of a 14 cm pulse.
+const STILL_WIDTHS: f64 = 0.12;
+
+/// Whether the ranges of all sweeps agree on one place, as far as their noise allows: what moves with the sensor (its own
+/// housing, a moving thing) leaves them apart. `mean_power`: mean excess of a sweep over noise.
+fn stands_still(refined: &Refined, mean_power: f64) -> bool {
+    let noise2 = 1.0 / (8.0 * std::f64::consts::LN_2 * mean_power.max(1e-9));
+    refined.residual_widths * refined.residual_widths <= STILL_WIDTHS * STILL_WIDTHS + noise2
+}
+
 /// Finds reflectors in a region, strongest first. `observations` in time.
 pub fn find_reflectors(
     observations: &[Observation],
@@ -72,17 +84,25 @@ pub fn find_reflectors(
                 && sum >= settings.threshold_sigma * (count as f64).sqrt()
         };
         let best = (0..places.len()).filter(|&n| enough(n)).max_by(|&a, &b| excess[a].0.total_cmp(&excess[b].0));
-        let Some(refined) = best.and_then(|n| refine(&power, places[n], None, errors)) else { break };
+        let Some((start, refined)) = best.and_then(|n| Some((n, refine(&power, places[n], None, errors)?))) else {
+            break;
+        };
         let (sum, count) = power.excess(refined.position_m);
-        // Claimed even when the finer look does not confirm it: the search must go on elsewhere.
-        search.claim(refined.position_m);
-        if count >= MIN_SWEEPS && sum >= settings.threshold_sigma * (count as f64).sqrt() {
-            let evidence = sum / (count as f64).sqrt();
+        let evidence = sum / (count.max(1) as f64).sqrt();
+        let strongest = found.first().map_or(evidence, |f| f.evidence);
+        let stands_out = count >= MIN_SWEEPS
+            && evidence >= settings.threshold_sigma.max(strongest * DYNAMIC_RANGE)
+            && stands_still(&refined, sum / count as f64);
+        if stands_out {
             found.push(obstacle(found.len() as u64 + 1, &refined, evidence, &chosen));
-        } else if best.is_some_and(|n| search.excess(places[n]).1 == excess[n].1) {
+        }
+        // Claimed in any case: the search must go on elsewhere. Nothing left to claim ends it.
+        let left_before = search.excess(places[start]).1;
+        search.claim(refined.position_m);
+        power.claim(refined.position_m);
+        if !stands_out && (evidence < strongest * DYNAMIC_RANGE || search.excess(places[start]).1 == left_before) {
             break;
         }
-        power.claim(refined.position_m);
     }
     found
 }

@@ -1,7 +1,8 @@
 //! Joins the two streams: frames and poses in, observations out.
 //!
 //! A frame waits until the poses around its sweeps are there (half the smoothing window past its end), then each sweep
-//! gets the sensor's pose at its own time: pose time = sweep time + time offset. Frames that never get poses are counted.
+//! gets the sensor's pose at its own time: pose time = sweep time + time offset. A frame that has waited behind 256 others
+//! makes do with the poses at hand. Frames that never get poses are counted.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -13,7 +14,7 @@ use super::{HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
 use crate::geometry::Pose;
 use crate::radar::{Frame, FrameLayout, Observation, RangeAxis, SensorConfig, Sweep, SweepGeometry};
 
-/// Frames that wait for poses at most: half a second of the fastest ones. The oldest goes first.
+/// Frames that wait for poses at most: half a second of the fastest ones.
 const MAX_WAITING_FRAMES: usize = 256;
 
 /// How the streams are joined.
@@ -48,8 +49,6 @@ pub struct ObserverCounters {
     pub frames_wrong_length: u64,
     /// Frames skipped: not later than the one before.
     pub frames_time_not_rising: u64,
-    /// Frames dropped: too many were waiting for poses.
-    pub frames_dropped_waiting: u64,
     /// Frames without a pose for any sweep.
     pub frames_without_pose: u64,
     /// Sweeps skipped: before the first or after the last pose.
@@ -68,6 +67,7 @@ pub struct Observer {
     geometries: Vec<Arc<SweepGeometry>>,
     history: PoseHistory,
     waiting: VecDeque<Frame>,
+    ready: Vec<Observation>,
     last_frame_time_ns: Option<i64>,
     counters: ObserverCounters,
 }
@@ -91,6 +91,7 @@ impl Observer {
             history: PoseHistory::new(settings.history),
             settings,
             waiting: VecDeque::new(),
+            ready: Vec::new(),
             last_frame_time_ns: None,
             counters: ObserverCounters::default(),
         }
@@ -133,57 +134,54 @@ impl Observer {
             self.counters.frames_saturated += 1;
             return;
         }
-        if self.waiting.len() == MAX_WAITING_FRAMES {
-            self.waiting.pop_front();
-            self.counters.frames_dropped_waiting += 1;
-        }
         self.waiting.push_back(frame);
+        if self.waiting.len() > MAX_WAITING_FRAMES
+            && let Some(oldest) = self.waiting.pop_front()
+        {
+            self.observe(&oldest);
+        }
     }
 
     /// Observations of all frames whose poses are complete.
     pub fn take_ready(&mut self) -> Vec<Observation> {
-        let Some(newest_ns) = self.history.last_time_ns() else { return Vec::new() };
+        let Some(newest_ns) = self.history.last_time_ns() else { return std::mem::take(&mut self.ready) };
         // Neighbours up to the allowed gap may still be to come.
         let settings = &self.settings.history;
         let ahead_ns = ((settings.smoothing_window_s * 0.5).max(0.02) * 1e9) as i64;
         let complete_until_ns = newest_ns.saturating_sub(ahead_ns).saturating_sub(self.offset_ns());
-        let mut observations = Vec::new();
-        while self.waiting.front().is_some_and(|f| f.host_time_ns <= complete_until_ns) {
-            if let Some(frame) = self.waiting.pop_front() {
-                self.observe(&frame, &mut observations);
-            }
+        while let Some(frame) = self.waiting.pop_front_if(|f| f.host_time_ns <= complete_until_ns) {
+            self.observe(&frame);
         }
-        observations
+        std::mem::take(&mut self.ready)
     }
 
     /// Observations of everything still waiting: no more poses will come.
     pub fn take_rest(&mut self) -> Vec<Observation> {
-        let mut observations = Vec::new();
         for frame in std::mem::take(&mut self.waiting) {
-            self.observe(&frame, &mut observations);
+            self.observe(&frame);
         }
-        observations
+        std::mem::take(&mut self.ready)
     }
 
     fn offset_ns(&self) -> i64 {
         (self.settings.time_offset_s * 1e9).round() as i64
     }
 
-    fn observe(&mut self, frame: &Frame, observations: &mut Vec<Observation>) {
-        let before = observations.len();
+    fn observe(&mut self, frame: &Frame) {
+        let before = self.ready.len();
         let offset_ns = self.offset_ns();
         if let Some(sweeps) = self.layout.sweeps(frame) {
             for sweep in sweeps {
                 let geometry = &self.geometries[sweep.subsweep];
                 match observe_sweep(&sweep, geometry, &self.history, offset_ns, &self.settings.head_from_sensor) {
-                    Ok(observation) => observations.push(observation),
+                    Ok(observation) => self.ready.push(observation),
                     Err(NoPose::Outside) => self.counters.sweeps_outside_poses += 1,
                     Err(NoPose::Gap(_)) => self.counters.sweeps_in_pose_gap += 1,
                     Err(NoPose::Invalid) => self.counters.sweeps_at_invalid_pose += 1,
                 }
             }
         }
-        let made = (observations.len() - before) as u64;
+        let made = (self.ready.len() - before) as u64;
         self.counters.observations += made;
         self.counters.frames_without_pose += u64::from(made == 0);
         // Older poses than the window before this frame serve nobody any more.
@@ -306,11 +304,14 @@ mod tests {
     }
 
     #[test]
-    fn waiting_frames_are_bounded() {
+    fn waiting_frames_are_bounded_and_counted() {
         let mut observer = observer(Pose::IDENTITY, 0.0);
         for i in 0..1000 {
             observer.push_frame(frame((i + 1) * MS));
         }
-        assert_eq!(observer.counters().frames_dropped_waiting, 1000 - MAX_WAITING_FRAMES as u64);
+        assert_eq!(observer.waiting.len(), MAX_WAITING_FRAMES);
+        assert_eq!(observer.counters().frames_without_pose, 1000 - MAX_WAITING_FRAMES as u64);
+        assert_eq!(observer.take_rest().len(), 0);
+        assert_eq!(observer.counters().frames_without_pose, 1000);
     }
 }
