@@ -62,8 +62,8 @@ enum Image {
     Ls(usize),
     /// Block scores of the whole recording, in the cube ahead.
     Blocks,
-    /// The pipeline's own block scores at the end, in the room.
-    Field,
+    /// The block scores that belong to what the pipeline found, in the room.
+    Found,
 }
 
 const ACTS: [Act; 6] = [
@@ -77,7 +77,7 @@ const ACTS: [Act; 6] = [
         preset: "d16",
         duration_s: 30.0,
         snr_db: None,
-        image: Image::Field,
+        image: Image::Found,
     },
     Act {
         heading: "Corner reflector, 50 cm sphere",
@@ -214,7 +214,7 @@ impl Demo {
         write_obstacles(&folder.join("obstacles.json"), &scene, &pipeline, &settings)?;
         let truth = header.truth.clone().ok_or_else(|| anyhow!("the recording lost its truth"))?;
         bar.inc(1);
-        let image = volume(act.image, &file, &settings, &pipeline, &truth)?;
+        let image = volume(act.image, &file, &settings, &scene, &truth)?;
         bar.inc(1);
         let score = score(&scene, &truth, &Limits::default());
         let mut section = Section::new(act.heading)
@@ -269,11 +269,11 @@ fn replay(file: &Path) -> Result<(Header, Settings, Pipeline)> {
 }
 
 /// The evidence in space that an act shows.
-fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, truth: &Truth) -> Result<Volume> {
-    if image == Image::Field {
+fn volume(image: Image, file: &Path, settings: &Settings, scene: &Scene, truth: &Truth) -> Result<Volume> {
+    if image == Image::Found {
         let walls = truth.walls.iter().flat_map(|w| [w.extent.min, w.extent.max]);
-        let room = Aabb::around(walls).unwrap_or_else(|| pipeline.engine().region());
-        return Ok(pipeline.engine().rooms().field().volume(&room));
+        let room = Aabb::around(walls).unwrap_or_else(|| cube_ahead(&Pose::IDENTITY));
+        return Ok(found_in(&room, scene));
     }
     let (recording, frames, poses) = read_streams(file)?;
     let header = recording.header();
@@ -286,12 +286,25 @@ fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, t
     let region = cube_ahead(&observations.first().map_or(Pose::IDENTITY, |o| o.tracking_from_sensor));
     Ok(match image {
         Image::Ls(sweeps) => ls_volume(&spread(&observations, sweeps), &settings.radar.beam, &region, VOXEL_M),
-        Image::Blocks | Image::Field => {
+        Image::Blocks | Image::Found => {
             // The whole recording counts alike: what the picture shows has no now.
             let blocks = crate::imaging::blocks::BlockSettings { memory_s: 100.0, ..settings.rooms.blocks };
             blocks_volume(&observations, &settings.radar.beam, &blocks, &region, VOXEL_M)
         }
     })
+}
+
+/// The shapes of what was found.
+fn found_in(room: &Aabb, scene: &Scene) -> Volume {
+    let mut volume = Volume::covering(room, VOXEL_M);
+    for (place, score) in scene.obstacles.iter().flat_map(|o| &o.shape).filter(|(place, _)| room.contains(*place)) {
+        let voxel = ((*place - volume.origin_m) / volume.voxel_m).floor().to_array().map(|n| n.max(0.0) as usize);
+        if (0..3).all(|axis| voxel[axis] < volume.size[axis]) {
+            let index = volume.index(voxel);
+            volume.values[index] = volume.values[index].max(*score);
+        }
+    }
+    volume
 }
 
 fn spread(observations: &[Observation], count: usize) -> Vec<Observation> {
@@ -309,20 +322,20 @@ fn figures(
     pipeline: &Pipeline,
 ) -> Result<Vec<Figure>> {
     let mut image = image.clone();
-    let quantity = match act.image {
-        Image::Ls(_) => "Σ|z|²",
-        Image::Blocks | Image::Field => {
-            // A score below 2 is what noise reaches.
-            image.values.iter_mut().for_each(|v| *v = (*v - 2.0).max(0.0));
-            "block score above 2"
-        }
+    let (quantity, floor) = match act.image {
+        // Range alone gives shells: what makes the place is that they all meet there.
+        Image::Ls(_) => ("Σ|z|² above 70 % of its peak", 0.7 * image.peak().map_or(0.0, |peak| peak.1)),
+        // Noise reaches scores of 2.
+        Image::Blocks => ("block score above 2", 2.0),
+        Image::Found => ("block score of what was found", 0.0),
     };
+    image.values.iter_mut().for_each(|v| *v = (*v - floor).max(0.0));
     let truth_m: Vec<DVec3> = truth.obstacles.iter().flat_map(|o| o.points_m.clone()).collect();
     let found_m: Vec<DVec3> = scene.obstacles.iter().map(|o| o.position_m).collect();
     let path_m = sensor_path(pipeline);
     let marks = Marks { truth_m: &truth_m, found_m: &found_m, path_m: &path_m };
     let sections = cross_sections(&image, act.heading, quantity, &marks);
-    let share = if matches!(act.image, Image::Ls(_)) { 0.7 } else { 0.3 };
+    let share = if act.image == Image::Found { 0.0 } else { 0.3 };
     let cloud = point_cloud(&image, act.heading, quantity, share, &marks);
     let map = room_map(&RoomMap { title: act.heading, scene, truth: Some(truth), path_m: &path_m });
     sections.write(&folder.join("cross_sections.png"))?;
@@ -332,7 +345,7 @@ fn figures(
     Ok(vec![
         Figure::new(&map, "From above: what was found and what stands there")?,
         Figure::new(&sections, "Accumulated cross-sections: side, top and front")?,
-        Figure::new(&cloud, format!("Voxels above {:.0} % of the peak", share * 100.0))?,
+        Figure::new(&cloud, format!("Point cloud: {quantity}"))?,
     ])
 }
 

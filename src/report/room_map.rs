@@ -162,7 +162,7 @@ fn line_within(plane: &Plane, region: &Aabb) -> Option<[DVec2; 2]> {
 }
 
 fn is_false(found: &Obstacle, map: &RoomMap) -> bool {
-    map.truth.is_some_and(|truth| verdict(found.position_m, truth, &Limits::default()) == Verdict::False)
+    map.truth.is_some_and(|truth| verdict(found, truth, &Limits::default()) == Verdict::False)
 }
 
 fn color_of(found: &Obstacle, map: &RoomMap) -> Rgb {

@@ -9,7 +9,7 @@ use std::fmt;
 use glam::DVec3;
 use serde::Serialize;
 
-use crate::obstacles::{Scene, Wall};
+use crate::obstacles::{Observed, Obstacle, Scene, Wall};
 use crate::truth::{Truth, TruthObstacle, TruthWall};
 
 /// The distances that decide.
@@ -43,6 +43,8 @@ pub enum Verdict {
     Near,
     /// Of no obstacle, but within `false_m` of a wall.
     AtWall,
+    /// Of something whose direction it says it does not know: an obstacle lies within 3σ of its widest uncertainty.
+    DirectionUnknown,
     /// Of nothing.
     False,
 }
@@ -83,6 +85,8 @@ pub struct Score {
     pub near_reports: usize,
     /// Reports of no obstacle, but at a wall.
     pub wall_reports: usize,
+    /// Reports that know their direction is unknown, of an obstacle within it.
+    pub direction_unknown_reports: usize,
     /// Reports beyond the first whose nearest obstacle, within `false_m`, is the same.
     pub duplicates: usize,
     /// Median distance from found obstacles (due or not) to their nearest report, metres; `None` when none was found.
@@ -104,7 +108,7 @@ pub fn score(scene: &Scene, truth: &Truth, limits: &Limits) -> Score {
     let reports: Vec<DVec3> = scene.obstacles.iter().map(|obstacle| obstacle.position_m).collect();
     let obstacles: Vec<ObstacleScore> =
         truth.obstacles.iter().map(|obstacle| score_obstacle(obstacle, &reports, limits)).collect();
-    let verdicts: Vec<Verdict> = reports.iter().map(|&report| verdict(report, truth, limits)).collect();
+    let verdicts: Vec<Verdict> = scene.obstacles.iter().map(|report| verdict(report, truth, limits)).collect();
     let count = |wanted: Verdict| verdicts.iter().filter(|&&verdict| verdict == wanted).count();
     let errors = sorted_errors(&obstacles);
     let matches = |wall: &TruthWall, found: &Wall| is_same_wall(wall, found, limits);
@@ -118,6 +122,7 @@ pub fn score(scene: &Scene, truth: &Truth, limits: &Limits) -> Score {
         false_reports: count(Verdict::False),
         near_reports: count(Verdict::Near),
         wall_reports: count(Verdict::AtWall),
+        direction_unknown_reports: count(Verdict::DirectionUnknown),
         duplicates: duplicates(&reports, truth, limits),
         median_error_m: quantile(&errors, 0.5),
         p90_error_m: quantile(&errors, 0.9),
@@ -128,8 +133,9 @@ pub fn score(scene: &Scene, truth: &Truth, limits: &Limits) -> Score {
     }
 }
 
-/// What a report at a place (tracking frame, metres) is worth. A place that is not finite is false.
-pub fn verdict(report_m: DVec3, truth: &Truth, limits: &Limits) -> Verdict {
+/// What a report is worth. A place that is not finite is false.
+pub fn verdict(report: &Obstacle, truth: &Truth, limits: &Limits) -> Verdict {
+    let report_m = report.position_m;
     let obstacle_m = nearest_obstacle(report_m, truth).map_or(f64::INFINITY, |(_, distance)| distance);
     let wall_m = truth.walls.iter().map(|wall| wall.extent.distance(report_m)).fold(f64::INFINITY, f64::min);
     if !report_m.is_finite() {
@@ -140,9 +146,17 @@ pub fn verdict(report_m: DVec3, truth: &Truth, limits: &Limits) -> Verdict {
         Verdict::Near
     } else if wall_m <= limits.false_m {
         Verdict::AtWall
+    } else if report.observed != Observed::Position && obstacle_m <= 3.0 * widest_sigma_m(report) {
+        Verdict::DirectionUnknown
     } else {
         Verdict::False
     }
+}
+
+/// 1σ in the worst direction is at most the root of the covariance's trace.
+fn widest_sigma_m(report: &Obstacle) -> f64 {
+    let c = &report.covariance_m2;
+    (c.x_axis.x + c.y_axis.y + c.z_axis.z).max(0.0).sqrt()
 }
 
 fn score_obstacle(obstacle: &TruthObstacle, reports: &[DVec3], limits: &Limits) -> ObstacleScore {
@@ -211,8 +225,8 @@ impl fmt::Display for Score {
         writeln!(f, "false reports        {} of {}", self.false_reports, self.reports)?;
         writeln!(
             f,
-            "other reports        {} near an obstacle, {} at a wall, {} duplicates",
-            self.near_reports, self.wall_reports, self.duplicates
+            "other reports        {} near an obstacle, {} at a wall, {} of unknown direction, {} duplicates",
+            self.near_reports, self.wall_reports, self.direction_unknown_reports, self.duplicates
         )?;
         let (median, p90) = (centimetres(self.median_error_m), centimetres(self.p90_error_m));
         writeln!(f, "position error       median {median}, 90 % within {p90}")?;
@@ -224,7 +238,6 @@ impl fmt::Display for Score {
 mod tests {
     use super::*;
     use crate::geometry::{Aabb, Plane};
-    use crate::obstacles::{Observed, Obstacle};
     use glam::DMat3;
     use proptest::prelude::*;
 
@@ -293,6 +306,16 @@ mod tests {
     }
 
     #[test]
+    fn an_unknown_direction_is_not_false() {
+        let known = Obstacle { covariance_m2: DMat3::IDENTITY * 0.36, ..report(0.0, 0.0, 1.0) };
+        let unknown = Obstacle { observed: Observed::RangeOnly, ..known.clone() };
+        assert_eq!(verdict(&known, &truth(), &Limits::default()), Verdict::False);
+        assert_eq!(verdict(&unknown, &truth(), &Limits::default()), Verdict::DirectionUnknown);
+        let sure = Obstacle { covariance_m2: DMat3::IDENTITY * 1e-4, ..unknown };
+        assert_eq!(verdict(&sure, &truth(), &Limits::default()), Verdict::False);
+    }
+
+    #[test]
     fn a_wall_is_found_by_direction_and_offset() {
         let found = |degrees: f64, offset_m: f64| {
             let (sin, cos) = degrees.to_radians().sin_cos();
@@ -332,7 +355,7 @@ mod tests {
         fn every_report_has_one_verdict(places in prop::collection::vec(prop::array::uniform3(-4.0..4.0f64), 0..12)) {
             let score = scored(places.iter().map(|p| report(p[0], p[1], p[2])).collect());
             let matched = places.iter()
-                .filter(|p| verdict(DVec3::from_array(**p), &truth(), &Limits::default()) == Verdict::Match).count();
+                .filter(|p| verdict(&report(p[0], p[1], p[2]), &truth(), &Limits::default()) == Verdict::Match).count();
             prop_assert_eq!(score.reports, matched + score.near_reports + score.wall_reports + score.false_reports);
             prop_assert!(score.found <= matched);
         }

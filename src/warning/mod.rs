@@ -2,6 +2,7 @@
 
 mod body;
 mod footprint;
+mod group;
 mod hull;
 mod object;
 mod panel;

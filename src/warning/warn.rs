@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::body::{Body, is_place};
 use super::footprint::footprint;
+use super::group::grouped;
 use super::object::{Aspect, object_panel};
 use super::panel::{Footprint, Panel, Warnings};
 use super::settings::WarningSettings;
@@ -22,7 +23,8 @@ pub fn warn(scene: &Scene, tracking_from_head: &Pose, settings: &WarningSettings
     if !is_place(head) || !ahead.is_finite() {
         return Warnings::default();
     }
-    let objects = scene.obstacles.iter().filter_map(|obstacle| object(obstacle, head, ahead, settings));
+    let things = grouped(&scene.obstacles);
+    let objects = things.iter().filter_map(|obstacle| object(obstacle, head, ahead, settings));
     let walls = scene.walls.iter().filter_map(|wall| Some((wall_panel(wall, head, settings)?, None)));
     let mut all: Vec<(Panel, Option<Footprint>)> = objects.chain(walls).collect();
     all.sort_by(|(a, _), (b, _)| {

@@ -8,8 +8,7 @@ use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
 use super::{Block, BlockSettings, LANES, MEAN_LOG_OF_NOISE, Points};
-use crate::geometry::{Aabb, Pose};
-use crate::imaging::Volume;
+use crate::geometry::Pose;
 
 /// Voxels along a brick's edge.
 const EDGE: usize = 8;
@@ -123,18 +122,6 @@ impl Field {
         let inside = (voxel - key * EDGE as i32).as_uvec3();
         let brick = &self.bricks[*self.index.get(&key.to_array())?];
         brick.voxels[(inside.z as usize * EDGE + inside.y as usize) * EDGE + inside.x as usize].score().map(f64::from)
-    }
-
-    /// The scores in a box, snapped to the field's voxels; 0 where nothing was seen.
-    pub fn volume(&self, region: &Aabb) -> Volume {
-        let voxel_m = self.settings.voxel_m;
-        let snapped = Aabb { min: (region.min / voxel_m).floor() * voxel_m, max: region.max };
-        let mut volume = Volume::covering(&snapped, voxel_m);
-        for n in 0..volume.values.len() {
-            let center = volume.center(volume.voxel(n));
-            volume.values[n] = self.score_at(center).unwrap_or(0.0) as f32;
-        }
-        volume
     }
 
     /// Every voxel seen since a time whose score is at least `min_score`: centre and score, in brick order.
