@@ -247,12 +247,12 @@ mod tests {
 
     #[test]
     fn a_block_in_phase_scores_and_noise_around_it_does_not() {
-        // Twenty sweeps along x, a point 1 m ahead, phase as the sensor shows it.
+        // Twenty sweeps at a slant, a point 1 m ahead, phase as the sensor shows it.
         let axis = RangeAxis { first_m: 0.7, step_m: 0.06, points: 11 };
         let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, profile: Profile::P3, point_period_s: 0.0 });
         let target = DVec3::NEG_Z;
         let sweep = |k: usize| {
-            let p = DVec3::X * (0.002 * k as f64 - 0.02);
+            let p = DVec3::new(1.0, 0.0, 1.0) * (0.002 * k as f64 - 0.02);
             let d = p.distance(target);
             let sample = |n: usize| {
                 let e = envelope(Profile::P3, axis.range_m(n) - d) * 100.0;
