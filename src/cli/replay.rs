@@ -8,9 +8,9 @@ use clap::Args;
 
 use super::files::{SettingsArguments, tell_damage};
 use super::progress;
-use crate::engine::{Pipeline, Settings};
+use crate::engine::{Pipeline, Search, Settings};
 use crate::obstacles::{Observed, Scene};
-use crate::recording::{Event, Recording, RecordingSummary};
+use crate::recording::{Event, Header, Recording, RecordingSummary, RecordingWriter};
 use crate::report::{Figure, Limits, Report, RoomMap, Section, Table, room_map, score, write_obstacles_json};
 
 /// Runs the pipeline over a recording and writes what it finds
@@ -24,6 +24,9 @@ pub(super) struct Replay {
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Writes the recording again with the obstacles in it, once a second and at the end; opens in Foxglove
+    #[arg(long, value_name = "FILE.mcap")]
+    results: Option<PathBuf>,
     /// Replays at this many times real time; without it as fast as it goes
     #[arg(long, value_name = "X")]
     speed: Option<f64>,
@@ -36,16 +39,30 @@ impl Replay {
         if let Some(speed) = self.speed.filter(|s| !(s.is_finite() && *s > 0.0)) {
             bail!("--speed {speed}: give a number above 0");
         }
+        if let Some(results) =
+            self.results.as_ref().filter(|r| r.exists() && r.canonicalize().ok() == self.file.canonicalize().ok())
+        {
+            bail!("{} is the recording itself: choose another name for --results", results.display());
+        }
         let summary = RecordingSummary::read(&self.file)?;
         let mut recording = Recording::open(&self.file)?;
         let settings = self.settings.over(&recording.header().settings)?;
         let header = recording.header().clone();
         let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings);
-        self.feed(&mut recording, &mut pipeline, summary.frames.count + summary.poses.count);
+        let mut results = match &self.results {
+            Some(path) => Some(Results::create(path, &header)?),
+            None => None,
+        };
+        let events = summary.frames.count + summary.poses.count;
+        self.feed(&mut recording, &mut pipeline, events, results.as_mut())?;
         tell_damage(&recording);
         let spinner = progress::spinner("looking for obstacles");
         pipeline.finish();
         let scene = pipeline.scene();
+        if let Some(mut results) = results {
+            results.writer.write_scene(&scene)?;
+            results.writer.finish()?;
+        }
         spinner.finish_and_clear();
         print!("{}", described(&scene, &pipeline));
         let scored = header.truth.as_ref().map(|truth| score(&scene, truth, &Limits::default()));
@@ -82,7 +99,13 @@ impl Replay {
     }
 
     /// Streams the recording through, at the wanted speed.
-    fn feed(&self, recording: &mut Recording, pipeline: &mut Pipeline, events: u64) {
+    fn feed(
+        &self,
+        recording: &mut Recording,
+        pipeline: &mut Pipeline,
+        events: u64,
+        mut results: Option<&mut Results>,
+    ) -> Result<()> {
         let bar = progress::bar(events, "replaying");
         let (start, mut first_ns) = (Instant::now(), None);
         for event in recording {
@@ -92,10 +115,36 @@ impl Replay {
                 let due = Duration::from_secs_f64((since_ns as f64 * 1e-9 / speed).clamp(0.0, 3600.0));
                 std::thread::sleep(due.saturating_sub(start.elapsed()).min(Duration::from_secs(1)));
             }
+            if let Some(results) = results.as_mut() {
+                results.write(&event, pipeline)?;
+            }
             feed(pipeline, event);
             bar.inc(1);
         }
         bar.finish_and_clear();
+        Ok(())
+    }
+}
+
+/// The recording again, with the scene in it once a second.
+struct Results {
+    writer: RecordingWriter,
+    next_scene_ns: Option<i64>,
+}
+
+impl Results {
+    fn create(path: &Path, header: &Header) -> Result<Self> {
+        Ok(Self { writer: RecordingWriter::create(path, header)?, next_scene_ns: None })
+    }
+
+    fn write(&mut self, event: &Event, pipeline: &Pipeline) -> Result<()> {
+        let now_ns = event.time_ns();
+        // Searching for single reflectors is one piece of work for the whole recording: its scene comes at the end.
+        if now_ns >= *self.next_scene_ns.get_or_insert(now_ns) && pipeline.engine().search() == Search::Rooms {
+            self.next_scene_ns = Some(now_ns.saturating_add(1_000_000_000));
+            self.writer.write_scene(&pipeline.scene())?;
+        }
+        Ok(self.writer.write(event)?)
     }
 }
 
