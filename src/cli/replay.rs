@@ -140,7 +140,9 @@ impl Results {
     fn write(&mut self, event: &Event, pipeline: &Pipeline) -> Result<()> {
         let now_ns = event.time_ns();
         // Searching for single reflectors is one piece of work for the whole recording: its scene comes at the end.
-        if now_ns >= *self.next_scene_ns.get_or_insert(now_ns) && pipeline.engine().search() == Search::Rooms {
+        if now_ns >= *self.next_scene_ns.get_or_insert(now_ns.saturating_add(1_000_000_000))
+            && pipeline.engine().search() == Search::Rooms
+        {
             self.next_scene_ns = Some(now_ns.saturating_add(1_000_000_000));
             self.writer.write_scene(&pipeline.scene())?;
         }

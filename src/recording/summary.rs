@@ -262,9 +262,10 @@ fn mount_text(head_from_sensor: &Pose) -> String {
         return "the poses are the sensor's own".into();
     }
     let [x, y, z] = head_from_sensor.translation.to_array();
+    let ahead = -z;
     let [fx, fy, fz] = head_from_sensor.forward().to_array();
     format!(
-        "sensor {x:+.3} m right, {y:+.3} m up, {z:+.3} m back of the head's origin, looking along ({fx:.2}, {fy:.2}, {fz:.2})"
+        "sensor {x:+.3} m right, {y:+.3} m up, {ahead:+.3} m ahead of the head's origin, looking along ({fx:.2}, {fy:.2}, {fz:.2})"
     )
 }
 
@@ -299,7 +300,7 @@ Frames     80 over 3.95 s, 20.0 a second, no gaps, 4 saturated, 6 late
 Sensor     1 sweeps a frame, 50 points a sweep; predicted: 1126.2 sweeps a second inside a frame, 500.0 frames a second at most
 Subsweeps  0.20 to 3.14 m in steps of 60.1 mm (50 points), profile 3 (pulse 140 mm), HWAAS 16, gain 16, PRF 15.6 MHz
 Poses      120 over 3.95 s, 40.0 a second, 1 gaps (longest 1.025 s), 1 not later than the one before, 6 invalid
-Mount      sensor +0.000 m right, +0.031 m up, -0.100 m back of the head's origin, looking along (0.00, -0.20, -0.98)
+Mount      sensor +0.000 m right, +0.031 m up, +0.100 m ahead of the head's origin, looking along (0.00, -0.20, -0.98)
 Settings   recorded
 Truth      two posts; post; 0 walls; time offset +0.0100 s
 Damage     none";
