@@ -313,7 +313,9 @@ impl RoomSearch {
                 }
             }
         }
-        obstacle.shape.append(&mut voxels);
+        if !voxels.is_empty() {
+            obstacle.shape = voxels;
+        }
         obstacle.shape.sort_by(|a, b| {
             b.1.total_cmp(&a.1)
                 .then(a.0.x.total_cmp(&b.0.x))
