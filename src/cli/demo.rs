@@ -219,8 +219,8 @@ impl Demo {
         let score = score(&scene, &truth, &Limits::default());
         let mut section = Section::new(act.heading)
             .text(act.text)
-            .preformatted(&described(&scene, &pipeline))
-            .preformatted(&score.to_string());
+            .preformatted(described(&scene, &pipeline))
+            .preformatted(score.to_string());
         for figure in figures(act, &folder, &image, &scene, &truth, &pipeline)? {
             section = section.figure(figure);
         }

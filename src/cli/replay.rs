@@ -82,11 +82,11 @@ impl Replay {
                 )?)
                 .table(obstacle_table(&scene));
             if let Some(score) = &scored {
-                section = section.preformatted(&score.to_string());
+                section = section.preformatted(score.to_string());
             }
             let counters = Section::new("What was taken and left out")
                 .preformatted(&serde_json::to_string_pretty(&pipeline.counters())?);
-            let recording = Section::new("The recording").preformatted(&summary.to_string());
+            let recording = Section::new("The recording").preformatted(summary.to_string());
             Report::new(&header.source)
                 .intro("The pipeline's result over one recording.")
                 .section(section)

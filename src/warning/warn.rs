@@ -178,11 +178,17 @@ mod tests {
 
     #[test]
     fn the_nearest_eight_come_first() {
-        let many = (0..12).map(|i| block(i, 0.0, -1.3 + 0.1 * i as f64)).collect();
+        // Around the head, too far from each other to be one thing.
+        let many = (0..12).map(|i| {
+            let (sin, cos) = (i as f64 * std::f64::consts::TAU / 12.0).sin_cos();
+            let distance_m = 1.3 - 0.02 * i as f64;
+            block(i, distance_m * sin, -distance_m * cos)
+        });
+        let many = many.collect();
         let warnings = warnings_of(many, vec![]);
         assert_eq!(warnings.panels.len(), MAX_PANELS);
         assert!(warnings.panels.windows(2).all(|w| w[0].alpha >= w[1].alpha));
-        assert_eq!(warnings.panels[0].id, 11);
+        assert!(warnings.panels.windows(2).all(|w| w[0].distance_m <= w[1].distance_m));
         assert_eq!(warnings.footprints.len(), MAX_PANELS);
     }
 
