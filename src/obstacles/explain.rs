@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Plane;
-use crate::imaging::blocks::{Block, BlockSettings, LANES, MEAN_LOG_OF_NOISE, Planes, Points};
+use crate::imaging::blocks::{Block, BlockSettings, MEAN_LOG_OF_NOISE, PlaneAt};
 use crate::radar::WAVELENGTH_M;
 
 /// Parameters of explaining away.
@@ -87,10 +87,18 @@ struct Claim {
 pub struct Window<'a> {
     blocks: Vec<&'a Block>,
     weights: Vec<f64>,
+    /// `[block]`
     claims: Vec<Vec<Claim>>,
     settings: &'a ExplainSettings,
     block_settings: &'a BlockSettings,
     min_cos: f64,
+}
+
+/// Something that may be there, and what each block says of it; views that a claim covers are taken out.
+struct Candidate<T> {
+    thing: T,
+    views: Vec<Option<View>>,
+    left: Option<Explained<T>>,
 }
 
 impl<'a> Window<'a> {
@@ -110,98 +118,93 @@ impl<'a> Window<'a> {
 
     /// Believes planes, strongest first.
     pub fn explain_planes(&mut self, candidates: &[Plane]) -> Vec<Explained<Plane>> {
-        let views: Vec<_> = candidates.par_iter().map(|plane| self.views_of_plane(plane)).collect();
-        self.explain(candidates, &views, self.settings.plane_min_score)
+        let views = candidates.par_iter().map(|plane| self.views_of_plane(plane)).collect();
+        self.explain(candidates, views, self.settings.plane_min_score)
     }
 
     /// Believes places, strongest first.
     pub fn explain_points(&mut self, candidates: &[DVec3]) -> Vec<Explained<DVec3>> {
         let views = self.views_of_points(candidates);
-        self.explain(candidates, &views, self.settings.min_score)
+        self.explain(candidates, views, self.settings.min_score)
     }
 
-    fn explain<T: Copy>(&mut self, things: &[T], views: &[Vec<Option<View>>], min_score: f64) -> Vec<Explained<T>> {
+    fn explain<T: Copy>(&mut self, things: &[T], views: Vec<Vec<Option<View>>>, min_score: f64) -> Vec<Explained<T>> {
+        let new = |(&thing, views): (&T, _)| Candidate { thing, views, left: None };
+        let mut open: Vec<Candidate<T>> = things.iter().zip(views).map(new).collect();
+        for candidate in &mut open {
+            let views = candidate.views.iter_mut().zip(&self.claims);
+            views.for_each(|(view, claims)| claims.iter().for_each(|claim| claim.take(view)));
+            candidate.left = self.left_of(candidate);
+        }
         let mut explained = Vec::new();
-        let mut open: Vec<usize> = (0..things.len()).collect();
         loop {
-            // Claims only take away, so scores are taken anew after each.
-            let scored = open.iter().filter_map(|&n| self.left_of(&views[n]).map(|left| (n, left)));
-            let enough = scored.filter(|(_, left)| left.score >= min_score);
-            let Some((best, left)) = enough.max_by(|a, b| a.1.score.total_cmp(&b.1.score).then(b.0.cmp(&a.0))) else {
-                return explained;
-            };
-            explained.push(Explained {
-                thing: things[best],
-                score: left.score,
-                blocks: left.blocks,
-                first_ns: left.first_ns,
-                last_ns: left.last_ns,
-            });
-            self.claim(&views[best]);
-            open.retain(|&n| n != best);
+            // Claims only take away: what falls short now always will.
+            open.retain(|c| c.left.is_some_and(|left| left.score >= min_score));
+            let score = |c: &Candidate<T>| c.left.map_or(f64::NEG_INFINITY, |left| left.score);
+            let best = (0..open.len()).max_by(|&a, &b| score(&open[a]).total_cmp(&score(&open[b])).then(b.cmp(&a)));
+            let Some(best) = best.map(|n| open.remove(n)) else { return explained };
+            explained.extend(best.left);
+            let claims: Vec<_> = (0..self.blocks.len()).map(|n| best.views[n].map(|v| self.claim_of(n, &v))).collect();
+            for candidate in &mut open {
+                let mut changed = false;
+                for (view, claim) in candidate.views.iter_mut().zip(&claims) {
+                    let had = view.is_some();
+                    claim.iter().for_each(|claim| claim.take(view));
+                    changed |= had && view.is_none();
+                }
+                if changed {
+                    candidate.left = self.left_of(candidate);
+                }
+            }
+            self.claims.iter_mut().zip(claims).for_each(|(all, claim)| all.extend(claim));
         }
     }
 
     /// The score over the blocks in which nothing claims the thing.
-    fn left_of(&self, views: &[Option<View>]) -> Option<Explained<()>> {
+    fn left_of<T: Copy>(&self, candidate: &Candidate<T>) -> Option<Explained<T>> {
         let (mut a, mut b, mut blocks) = (0.0, 0.0, 0);
         let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
-        for (n, view) in views.iter().enumerate() {
+        for (n, view) in candidate.views.iter().enumerate() {
             let Some(view) = view else { continue };
-            let claimed =
-                |c: &Claim| (view.range_m - c.range_m).abs() < c.half_range_m && (view.cos - c.cos).abs() < c.half_cos;
-            if self.claims[n].iter().any(claimed) {
-                continue;
-            }
-            let weight = self.weights[n];
-            a += weight * (view.m.ln_1p() - MEAN_LOG_OF_NOISE);
-            b += weight * weight;
+            a += self.weights[n] * (view.m.ln_1p() - MEAN_LOG_OF_NOISE);
+            b += self.weights[n] * self.weights[n];
             blocks += 1;
             first_ns = first_ns.min(self.blocks[n].mid_time_ns);
             last_ns = last_ns.max(self.blocks[n].mid_time_ns);
         }
-        (blocks >= MIN_BLOCKS).then(|| Explained { thing: (), score: a / b.sqrt(), blocks, first_ns, last_ns })
+        let thing = candidate.thing;
+        (blocks >= MIN_BLOCKS).then(|| Explained { thing, score: a / b.sqrt(), blocks, first_ns, last_ns })
     }
 
-    fn claim(&mut self, views: &[Option<View>]) {
-        for (n, view) in views.iter().enumerate() {
-            let Some(view) = view else { continue };
-            let block = self.blocks[n];
-            let half_width_m = block.geometry().profile.envelope_fwhm_m() * 0.5;
-            // As far as the pulse's skirt still stands out of the noise.
-            let skirt_m = half_width_m * view.power.max(1.0).log2().sqrt();
-            let half_cos = self.settings.claim_lobes * WAVELENGTH_M / (2.0 * block.aperture_m.max(1e-4));
-            self.claims[n].push(Claim {
-                range_m: view.range_m,
-                half_range_m: skirt_m.max(self.settings.claim_range_m),
-                cos: view.cos,
-                half_cos,
-            });
+    fn claim_of(&self, n: usize, view: &View) -> Claim {
+        let block = self.blocks[n];
+        let half_width_m = block.geometry().profile.envelope_fwhm_m() * 0.5;
+        // As far as the pulse's skirt still stands out of the noise.
+        let skirt_m = half_width_m * view.power.max(1.0).log2().sqrt();
+        Claim {
+            range_m: view.range_m,
+            half_range_m: skirt_m.max(self.settings.claim_range_m),
+            cos: view.cos,
+            half_cos: self.settings.claim_lobes * WAVELENGTH_M / (2.0 * block.aperture_m.max(1e-4)),
         }
     }
 
+    /// `[place][block]`
     fn views_of_points(&self, places: &[DVec3]) -> Vec<Vec<Option<View>>> {
-        let chunks = places.par_chunks(LANES).flat_map_iter(|chunk| {
-            let by_block: Vec<_> = self.blocks.iter().map(|block| self.block_views(block, chunk)).collect();
-            (0..chunk.len()).map(move |lane| by_block.iter().map(|views| views[lane]).collect())
-        });
-        chunks.collect()
+        let by_block: Vec<_> = self.blocks.par_iter().map(|block| self.block_views(block, places)).collect();
+        (0..places.len()).map(|n| by_block.iter().map(|views| views[n]).collect()).collect()
     }
 
-    fn block_views(&self, block: &Block, places: &[DVec3]) -> [Option<View>; LANES] {
-        let mut views = [None; LANES];
-        let sees = |place: &DVec3| self.block_settings.sees(&block.middle, self.min_cos, *place);
-        if !places.iter().any(sees) {
-            return views;
-        }
+    fn block_views(&self, block: &Block, places: &[DVec3]) -> Vec<Option<View>> {
         let origin = block.middle.translation;
-        let relative: Vec<[f32; 3]> = places.iter().map(|p| (*p - origin).as_vec3().to_array()).collect();
-        let coherence = block.coherence_at_points(&Points::of(&relative));
-        for (lane, place) in places.iter().enumerate().filter(|(_, place)| sees(place)) {
-            let range_m = block.distance_m(*place);
-            let cos = (*place - origin).dot(block.motion) / range_m.max(1e-9);
-            let (m, power) = (f64::from(coherence.m[lane]), f64::from(coherence.power[lane]));
-            views[lane] = Some(View { m, power, range_m, cos });
+        let sees = |n: &usize| self.block_settings.sees(&block.middle, self.min_cos, places[*n]);
+        let seen: Vec<usize> = (0..places.len()).filter(sees).collect();
+        let relative: Vec<[f32; 3]> = seen.iter().map(|&n| (places[n] - origin).as_vec3().to_array()).collect();
+        let mut views = vec![None; places.len()];
+        for (&n, coherence) in seen.iter().zip(block.coherence_at_points(&relative)) {
+            let range_m = block.distance_m(places[n]);
+            let cos = (places[n] - origin).dot(block.motion) / range_m.max(1e-9);
+            views[n] = Some(View { m: f64::from(coherence.m), power: f64::from(coherence.power), range_m, cos });
         }
         views
     }
@@ -213,16 +216,24 @@ impl<'a> Window<'a> {
             if !in_range || plane.outward.dot(block.middle.forward()) < self.min_cos {
                 return None;
             }
-            let toward = Points::of(&[plane.outward.as_vec3().to_array()]);
-            let coherence = block.coherence_of_planes(&Planes { toward, distance_m: [range_m as f32; LANES] });
-            Some(View {
-                m: f64::from(coherence.m[0]),
-                power: f64::from(coherence.power[0]),
-                range_m,
-                cos: plane.outward.dot(block.motion),
-            })
+            let toward = plane.outward.as_vec3().to_array();
+            let coherence = block.coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
+            let cos = plane.outward.dot(block.motion);
+            Some(View { m: f64::from(coherence.m), power: f64::from(coherence.power), range_m, cos })
         };
         self.blocks.iter().map(view).collect()
+    }
+}
+
+impl Claim {
+    /// Takes a view out that it covers.
+    fn take(&self, view: &mut Option<View>) {
+        let covers = |v: &View| {
+            (v.range_m - self.range_m).abs() < self.half_range_m && (v.cos - self.cos).abs() < self.half_cos
+        };
+        if view.as_ref().is_some_and(covers) {
+            *view = None;
+        }
     }
 }
 

@@ -11,7 +11,7 @@ mod settings;
 
 pub use block::{Block, BlockBuilder};
 pub use field::{Field, Peak};
-pub use kernel::{Coherence, LANES, Planes, Points};
+pub use kernel::{Coherence, PlaneAt};
 pub use planes::{PlaneField, PlanePeak};
 pub use settings::{BlockSettings, partition, taper};
 

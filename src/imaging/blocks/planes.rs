@@ -6,8 +6,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::kernel::Planes;
-use super::{Block, BlockSettings, LANES, MEAN_LOG_OF_NOISE, Points};
+use super::{Block, BlockSettings, MEAN_LOG_OF_NOISE, PlaneAt};
 use crate::geometry::Plane;
 
 /// Directions of upright planes around the compass.
@@ -78,14 +77,11 @@ impl PlaneField {
             let first = index(settings.min_range_m).clamp(0, 2 * OFFSET_HALF + 1) as usize;
             // Walls are strong: they are followed half a metre beyond what obstacles are.
             let beyond = index(settings.max_range_m + 0.5).clamp(0, 2 * OFFSET_HALF + 1) as usize;
-            for start in (first..beyond).step_by(LANES) {
-                let distance_m = std::array::from_fn(|l| (base_m + offset_m((start + l) as i32 - OFFSET_HALF)) as f32);
-                let toward = Points::of(&[toward.as_vec3().to_array()]);
-                let coherence = block.coherence_of_planes(&Planes { toward, distance_m });
-                let end = (start + LANES).min(beyond);
-                for (cell, m) in cells[start..end].iter_mut().zip(coherence.m) {
-                    cell.add(m, now_s, memory_s);
-                }
+            let distance_m = |n: usize| (base_m + offset_m(n as i32 - OFFSET_HALF)) as f32;
+            let toward = toward.as_vec3().to_array();
+            let planes: Vec<_> = (first..beyond).map(|n| PlaneAt { toward, distance_m: distance_m(n) }).collect();
+            for (cell, coherence) in cells[first..].iter_mut().zip(block.coherence_of_planes(&planes)) {
+                cell.add(coherence.m, now_s, memory_s);
             }
         });
     }
