@@ -4,12 +4,12 @@
 //! nothing stronger claims its range and direction, and if enough is left it claims these itself. A block sees a thing at a
 //! range and at a cosine to the sensor's way; both are known as well as pulse and aperture allow, and that is the claim.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Plane;
-use crate::imaging::blocks::{Block, BlockSettings, MEAN_LOG_OF_NOISE, PlaneAt};
+use crate::imaging::blocks::{Block, BlockSettings, Coherence, MEAN_LOG_OF_NOISE, PlaneAt};
 use crate::radar::WAVELENGTH_M;
 
 /// Parameters of explaining away.
@@ -32,6 +32,10 @@ pub struct ExplainSettings {
     pub claim_range_m: f64,
     /// Half-width of a claim in direction, in units of λ/2L, L the block's aperture.
     pub claim_lobes: f64,
+    /// A place is determined when its 1σ is at most this in every direction, metres.
+    pub max_sigma_m: f64,
+    /// A plane is determined when the feet of its perpendiculars spread by at least this, rms, metres.
+    pub min_feet_rms_m: f64,
 }
 
 impl Default for ExplainSettings {
@@ -45,6 +49,8 @@ impl Default for ExplainSettings {
             plane_min_score: 7.0,
             claim_range_m: 0.15,
             claim_lobes: 1.5,
+            max_sigma_m: 0.15,
+            min_feet_rms_m: 0.1,
         }
     }
 }
@@ -58,6 +64,8 @@ pub struct Explained<T> {
     pub score: f64,
     /// Number of these blocks.
     pub blocks: usize,
+    /// These blocks tell it from others like it: a place from the rest of its circle, a plane from a point.
+    pub determined: bool,
     /// First and last of them, host nanoseconds.
     pub first_ns: i64,
     /// See `first_ns`.
@@ -70,7 +78,9 @@ struct View {
     m: f64,
     power: f64,
     range_m: f64,
-    /// Cosine of its direction to the sensor's way.
+    /// Direction towards it, unit length.
+    toward: DVec3,
+    /// Cosine of that to the sensor's way.
     cos: f64,
 }
 
@@ -119,20 +129,35 @@ impl<'a> Window<'a> {
     /// Believes planes, strongest first.
     pub fn explain_planes(&mut self, candidates: &[Plane]) -> Vec<Explained<Plane>> {
         let views = candidates.par_iter().map(|plane| self.views_of_plane(plane)).collect();
-        self.explain(candidates, views, self.settings.plane_min_score)
+        let feet_spread = |views: &[Option<View>]| self.feet_rms_m(views) >= self.settings.min_feet_rms_m;
+        let (explained, claims) = self.explain(candidates, views, self.settings.plane_min_score, feet_spread, true);
+        self.claims = claims;
+        explained
     }
 
     /// Believes places, strongest first.
     pub fn explain_points(&mut self, candidates: &[DVec3]) -> Vec<Explained<DVec3>> {
         let views = self.views_of_points(candidates);
-        self.explain(candidates, views, self.settings.min_score)
+        let placed = |views: &[Option<View>]| self.sigma_m(views) <= self.settings.max_sigma_m;
+        let (explained, claims) = self.explain(candidates, views, self.settings.min_score, placed, false);
+        self.claims = claims;
+        explained
     }
 
-    fn explain<T: Copy>(&mut self, things: &[T], views: Vec<Vec<Option<View>>>, min_score: f64) -> Vec<Explained<T>> {
+    /// What is believed, strongest first, and all claims after it.
+    fn explain<T: Copy>(
+        &self,
+        things: &[T],
+        views: Vec<Vec<Option<View>>>,
+        min_score: f64,
+        determines: impl Fn(&[Option<View>]) -> bool,
+        only_determined: bool,
+    ) -> (Vec<Explained<T>>, Vec<Vec<Claim>>) {
+        let mut claims = self.claims.clone();
         let new = |(&thing, views): (&T, _)| Candidate { thing, views, left: None };
         let mut open: Vec<Candidate<T>> = things.iter().zip(views).map(new).collect();
         for candidate in &mut open {
-            let views = candidate.views.iter_mut().zip(&self.claims);
+            let views = candidate.views.iter_mut().zip(&claims);
             views.for_each(|(view, claims)| claims.iter().for_each(|claim| claim.take(view)));
             candidate.left = self.left_of(candidate);
         }
@@ -142,12 +167,16 @@ impl<'a> Window<'a> {
             open.retain(|c| c.left.is_some_and(|left| left.score >= min_score));
             let score = |c: &Candidate<T>| c.left.map_or(f64::NEG_INFINITY, |left| left.score);
             let best = (0..open.len()).max_by(|&a, &b| score(&open[a]).total_cmp(&score(&open[b])).then(b.cmp(&a)));
-            let Some(best) = best.map(|n| open.remove(n)) else { return explained };
-            explained.extend(best.left);
-            let claims: Vec<_> = (0..self.blocks.len()).map(|n| best.views[n].map(|v| self.claim_of(n, &v))).collect();
+            let Some(best) = best.map(|n| open.remove(n)) else { return (explained, claims) };
+            let determined = determines(&best.views);
+            if only_determined && !determined {
+                continue;
+            }
+            explained.extend(best.left.map(|left| Explained { determined, ..left }));
+            let new: Vec<_> = (0..self.blocks.len()).map(|n| best.views[n].map(|v| self.claim_of(n, &v))).collect();
             for candidate in &mut open {
                 let mut changed = false;
-                for (view, claim) in candidate.views.iter_mut().zip(&claims) {
+                for (view, claim) in candidate.views.iter_mut().zip(&new) {
                     let had = view.is_some();
                     claim.iter().for_each(|claim| claim.take(view));
                     changed |= had && view.is_none();
@@ -156,8 +185,35 @@ impl<'a> Window<'a> {
                     candidate.left = self.left_of(candidate);
                 }
             }
-            self.claims.iter_mut().zip(claims).for_each(|(all, claim)| all.extend(claim));
+            claims.iter_mut().zip(new).for_each(|(all, claim)| all.extend(claim));
         }
+    }
+
+    /// Views that say something, each with its block.
+    fn telling<'v>(&'v self, views: &'v [Option<View>]) -> impl Iterator<Item = (&'a Block, &'v View)> {
+        let seen = self.blocks.iter().zip(views).filter_map(|(block, view)| Some((*block, view.as_ref()?)));
+        seen.filter(|(_, view)| view.m >= TELLING_COHERENCE)
+    }
+
+    /// 1σ of a place, all directions together, from what ranges and directions to the sensor's way can tell apart.
+    fn sigma_m(&self, views: &[Option<View>]) -> f64 {
+        let mut information = DMat3::IDENTITY * 1e-6;
+        for (block, view) in self.telling(views) {
+            let across = (block.motion - view.toward * view.cos) / view.range_m.max(1e-3);
+            let range_sigma_m = block.geometry().profile.envelope_fwhm_m() * 0.5;
+            let cos_sigma = WAVELENGTH_M / (4.0 * block.aperture_m.max(1e-4));
+            information += outer(view.toward) * range_sigma_m.powi(-2) + outer(across) * cos_sigma.powi(-2);
+        }
+        let covariance = information.inverse();
+        (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z).sqrt()
+    }
+
+    /// How far the feet of a plane's perpendiculars spread.
+    fn feet_rms_m(&self, views: &[Option<View>]) -> f64 {
+        let foot = |(block, view): (&Block, &View)| block.middle.translation + view.toward * view.range_m;
+        let count = self.telling(views).count().max(1) as f64;
+        let mean = self.telling(views).map(foot).sum::<DVec3>() / count;
+        (self.telling(views).map(|seen| foot(seen).distance_squared(mean)).sum::<f64>() / count).sqrt()
     }
 
     /// The score over the blocks in which nothing claims the thing.
@@ -172,8 +228,8 @@ impl<'a> Window<'a> {
             first_ns = first_ns.min(self.blocks[n].mid_time_ns);
             last_ns = last_ns.max(self.blocks[n].mid_time_ns);
         }
-        let thing = candidate.thing;
-        (blocks >= MIN_BLOCKS).then(|| Explained { thing, score: a / b.sqrt(), blocks, first_ns, last_ns })
+        let (thing, determined) = (candidate.thing, false);
+        (blocks >= MIN_BLOCKS).then(|| Explained { thing, score: a / b.sqrt(), blocks, determined, first_ns, last_ns })
     }
 
     fn claim_of(&self, n: usize, view: &View) -> Claim {
@@ -203,8 +259,8 @@ impl<'a> Window<'a> {
         let mut views = vec![None; places.len()];
         for (&n, coherence) in seen.iter().zip(block.coherence_at_points(&relative)) {
             let range_m = block.distance_m(places[n]);
-            let cos = (places[n] - origin).dot(block.motion) / range_m.max(1e-9);
-            views[n] = Some(View { m: f64::from(coherence.m), power: f64::from(coherence.power), range_m, cos });
+            let toward = (places[n] - origin) / range_m.max(1e-9);
+            views[n] = Some(View::new(block, coherence, range_m, toward));
         }
         views
     }
@@ -218,10 +274,16 @@ impl<'a> Window<'a> {
             }
             let toward = plane.outward.as_vec3().to_array();
             let coherence = block.coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
-            let cos = plane.outward.dot(block.motion);
-            Some(View { m: f64::from(coherence.m), power: f64::from(coherence.power), range_m, cos })
+            Some(View::new(block, coherence, range_m, plane.outward))
         };
         self.blocks.iter().map(view).collect()
+    }
+}
+
+impl View {
+    fn new(block: &Block, coherence: Coherence, range_m: f64, toward: DVec3) -> Self {
+        let (m, power) = (f64::from(coherence.m), f64::from(coherence.power));
+        Self { m, power, range_m, toward, cos: toward.dot(block.motion) }
     }
 }
 
@@ -239,3 +301,9 @@ impl Claim {
 
 /// Fewer blocks than this say nothing.
 const MIN_BLOCKS: usize = 3;
+/// A view of lower m does not say where something is.
+const TELLING_COHERENCE: f64 = 3.0;
+
+fn outer(v: DVec3) -> DMat3 {
+    DMat3::from_cols(v * v.x, v * v.y, v * v.z)
+}

@@ -65,7 +65,7 @@ impl<T> Default for Sightings<T> {
 }
 
 impl<T: Copy> Sightings<T> {
-    /// Takes one update's sightings, strongest first; `same` tells whether two are the same thing.
+    /// Takes one update's sightings, strongest first; those that are not determined are passed over; `same` tells whether two are the same thing.
     pub fn update(&mut self, found: &[Explained<T>], settings: &MapSettings, same: impl Fn(&T, &T) -> bool) {
         self.update += 1;
         for known in &mut self.known {
@@ -74,7 +74,7 @@ impl<T: Copy> Sightings<T> {
                 known.recent.pop_front();
             }
         }
-        for sighting in found.iter().filter(|s| s.score >= settings.confirm_score) {
+        for sighting in found.iter().filter(|s| s.determined && s.score >= settings.confirm_score) {
             match self.known.iter_mut().find(|k| same(&k.thing, &sighting.thing)) {
                 Some(known) => known.see(sighting, self.update, settings),
                 None => {
