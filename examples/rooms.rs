@@ -116,10 +116,15 @@ fn play(scenario: &Scenario, settings: &Settings, each: bool) -> Outcome {
             let peaks = field.peaks(explain.min_candidate_score, map.match_m, since_ns);
             let peaks: Vec<DVec3> = peaks.iter().map(|p| p.position_m).take(explain.max_candidates).collect();
             let mut window = Window::new(window.iter(), explain, block_settings, min_cos);
-            let planes = window.explain_planes(&planes);
-            let middle = DVec3::new(0.0, 1.2, 0.0);
-            walls.update(&planes, map, same_plane(middle));
-            places.update(&window.explain_points(&peaks), map, same_place(map.match_m));
+            // What is known claims before anything new does.
+            let known_walls: Vec<Plane> = walls.confirmed().map(|w| w.thing).collect();
+            let known_places: Vec<DVec3> = places.confirmed().map(|p| p.thing).collect();
+            let mut believed = window.explain(&known_walls, &known_places);
+            let new = window.explain(&planes, &peaks);
+            believed.planes.extend(new.planes);
+            believed.places.extend(new.places);
+            walls.update(&believed.planes, map, same_plane(DVec3::new(0.0, 1.2, 0.0)));
+            places.update(&believed.places, map, same_place(map.match_m));
         });
     }
     judge(&simulated, &places, &walls, each, &mut outcome);

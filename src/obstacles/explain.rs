@@ -1,8 +1,12 @@
 //! Explaining away: strong things claim what they account for before weak things are believed.
 //!
-//! Over the last seconds of blocks, planes first, then points by falling score: each is scored again on the blocks in which
-//! nothing stronger claims its range and direction, and if enough is left it claims these itself. A block sees a thing at a
-//! range and at a cosine to the sensor's way; both are known as well as pulse and aperture allow, and that is the claim.
+//! Over the last seconds of blocks, planes and places by falling score: each is scored again on the blocks in which nothing
+//! stronger claims its range and direction, and if enough is left it claims these itself. A block sees a thing at a range
+//! and at a cosine to the sensor's way; both are known as well as pulse and aperture allow, and that is the claim.
+//!
+//! What a still head or a straight path sees could lie anywhere on a circle around the path, and did, as most ghosts of the
+//! first experiments. So a place counts only when its blocks tell it from the rest of the circle, and a plane only when its
+//! mirror points have moved; and what is known already claims first, since it is what most of a new circle belongs to.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -46,10 +50,10 @@ impl Default for ExplainSettings {
             min_candidate_score: 2.5,
             max_candidates: 400,
             plane_min_blocks: 13,
-            plane_min_score: 7.0,
+            plane_min_score: 12.0,
             claim_range_m: 0.15,
             claim_lobes: 1.5,
-            max_sigma_m: 0.15,
+            max_sigma_m: 0.1,
             min_feet_rms_m: 0.1,
         }
     }
@@ -104,11 +108,28 @@ pub struct Window<'a> {
     min_cos: f64,
 }
 
+/// What a candidate is.
+#[derive(Debug, Clone, Copy)]
+enum Thing {
+    Plane(Plane),
+    Place(DVec3),
+}
+
 /// Something that may be there, and what each block says of it; views that a claim covers are taken out.
-struct Candidate<T> {
-    thing: T,
+struct Candidate {
+    thing: Thing,
+    /// `[block]`
     views: Vec<Option<View>>,
-    left: Option<Explained<T>>,
+    left: Option<Explained<Thing>>,
+}
+
+/// What is believed, each strongest first.
+#[derive(Debug, Clone, Default)]
+pub struct Believed {
+    /// Walls, floor, ceiling; all of them determined.
+    pub planes: Vec<Explained<Plane>>,
+    /// Places.
+    pub places: Vec<Explained<DVec3>>,
 }
 
 impl<'a> Window<'a> {
@@ -126,67 +147,90 @@ impl<'a> Window<'a> {
         Self { claims: vec![Vec::new(); blocks.len()], weights, blocks, settings, block_settings, min_cos }
     }
 
-    /// Believes planes, strongest first.
+    /// Believes planes alone.
     pub fn explain_planes(&mut self, candidates: &[Plane]) -> Vec<Explained<Plane>> {
-        let views = candidates.par_iter().map(|plane| self.views_of_plane(plane)).collect();
-        let feet_spread = |views: &[Option<View>]| self.feet_rms_m(views) >= self.settings.min_feet_rms_m;
-        let (explained, claims) = self.explain(candidates, views, self.settings.plane_min_score, feet_spread, true);
-        self.claims = claims;
-        explained
+        self.explain(candidates, &[]).planes
     }
 
-    /// Believes places, strongest first.
+    /// Believes places alone.
     pub fn explain_points(&mut self, candidates: &[DVec3]) -> Vec<Explained<DVec3>> {
-        let views = self.views_of_points(candidates);
-        let placed = |views: &[Option<View>]| self.sigma_m(views) <= self.settings.max_sigma_m;
-        let (explained, claims) = self.explain(candidates, views, self.settings.min_score, placed, false);
-        self.claims = claims;
-        explained
+        self.explain(&[], candidates).places
     }
 
-    /// What is believed, strongest first, and all claims after it.
-    fn explain<T: Copy>(
-        &self,
-        things: &[T],
-        views: Vec<Vec<Option<View>>>,
-        min_score: f64,
-        determines: impl Fn(&[Option<View>]) -> bool,
-        only_determined: bool,
-    ) -> (Vec<Explained<T>>, Vec<Vec<Claim>>) {
-        let mut claims = self.claims.clone();
-        let new = |(&thing, views): (&T, _)| Candidate { thing, views, left: None };
-        let mut open: Vec<Candidate<T>> = things.iter().zip(views).map(new).collect();
-        for candidate in &mut open {
-            let views = candidate.views.iter_mut().zip(&claims);
+    /// Believes planes and places by falling score: what explains the same blocks better wins. Claims of earlier calls hold,
+    /// so a call with what is known already gives it precedence.
+    pub fn explain(&mut self, planes: &[Plane], places: &[DVec3]) -> Believed {
+        let of_planes = planes.par_iter().map(|plane| (Thing::Plane(*plane), self.views_of_plane(plane)));
+        let mut open: Vec<(Thing, Vec<Option<View>>)> = of_planes.collect();
+        open.extend(places.iter().map(|place| Thing::Place(*place)).zip(self.views_of_points(places)));
+        let unclaimed = |(thing, views)| {
+            let mut candidate = Candidate { thing, views, left: None };
+            let views = candidate.views.iter_mut().zip(&self.claims);
             views.for_each(|(view, claims)| claims.iter().for_each(|claim| claim.take(view)));
-            candidate.left = self.left_of(candidate);
-        }
-        let mut explained = Vec::new();
-        loop {
-            // Claims only take away: what falls short now always will.
-            open.retain(|c| c.left.is_some_and(|left| left.score >= min_score));
-            let score = |c: &Candidate<T>| c.left.map_or(f64::NEG_INFINITY, |left| left.score);
-            let best = (0..open.len()).max_by(|&a, &b| score(&open[a]).total_cmp(&score(&open[b])).then(b.cmp(&a)));
-            let Some(best) = best.map(|n| open.remove(n)) else { return (explained, claims) };
-            let determined = determines(&best.views);
-            if only_determined && !determined {
-                continue;
-            }
-            explained.extend(best.left.map(|left| Explained { determined, ..left }));
-            let new: Vec<_> = (0..self.blocks.len()).map(|n| best.views[n].map(|v| self.claim_of(n, &v))).collect();
-            for candidate in &mut open {
-                let mut changed = false;
-                for (view, claim) in candidate.views.iter_mut().zip(&new) {
-                    let had = view.is_some();
-                    claim.iter().for_each(|claim| claim.take(view));
-                    changed |= had && view.is_none();
+            candidate.left = self.left_of(&candidate);
+            candidate
+        };
+        let mut open: Vec<Candidate> = open.into_iter().map(unclaimed).collect();
+        let mut believed = Believed::default();
+        while let Some(best) = self.take_best(&mut open) {
+            let Some(left) = best.left else { continue };
+            match best.thing {
+                Thing::Plane(plane) => {
+                    if self.feet_rms_m(&best.views) < self.settings.min_feet_rms_m {
+                        continue;
+                    }
+                    believed.planes.push(left.of(plane, true));
                 }
-                if changed {
-                    candidate.left = self.left_of(candidate);
+                Thing::Place(place) => {
+                    let determined = self.sigma_m(&best.views) <= self.settings.max_sigma_m;
+                    believed.places.push(left.of(place, determined));
                 }
             }
-            claims.iter_mut().zip(new).for_each(|(all, claim)| all.extend(claim));
+            self.claim(&best, &mut open);
         }
+        believed
+    }
+
+    /// The candidate with the greatest score, if that suffices. Claims only take away: what falls short now always will.
+    fn take_best(&self, open: &mut Vec<Candidate>) -> Option<Candidate> {
+        let min_score = |c: &Candidate| match c.thing {
+            Thing::Plane(_) => self.settings.plane_min_score,
+            Thing::Place(_) => self.settings.min_score,
+        };
+        open.retain(|c| c.left.is_some_and(|left| left.score >= min_score(c)));
+        let score = |c: &Candidate| c.left.map_or(f64::NEG_INFINITY, |left| left.score);
+        let best = (0..open.len()).max_by(|&a, &b| score(&open[a]).total_cmp(&score(&open[b])).then(b.cmp(&a)));
+        best.map(|n| open.remove(n))
+    }
+
+    /// Claims what a thing accounts for and takes it from the others.
+    fn claim(&mut self, best: &Candidate, open: &mut [Candidate]) {
+        let claims: Vec<_> = (0..self.blocks.len()).map(|n| best.views[n].map(|v| self.claim_of(n, &v))).collect();
+        for candidate in open {
+            let seen_before = candidate.views.iter().flatten().count();
+            let views = candidate.views.iter_mut().zip(&claims);
+            views.for_each(|(view, claim)| claim.iter().for_each(|claim| claim.take(view)));
+            if candidate.views.iter().flatten().count() < seen_before {
+                candidate.left = self.left_of(candidate);
+            }
+        }
+        self.claims.iter_mut().zip(claims).for_each(|(all, claim)| all.extend(claim));
+    }
+
+    /// The score over the blocks in which nothing claims the thing.
+    fn left_of(&self, candidate: &Candidate) -> Option<Explained<Thing>> {
+        let (mut a, mut b, mut blocks) = (0.0, 0.0, 0);
+        let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
+        for (n, view) in candidate.views.iter().enumerate() {
+            let Some(view) = view else { continue };
+            a += self.weights[n] * (view.m.ln_1p() - MEAN_LOG_OF_NOISE);
+            b += self.weights[n] * self.weights[n];
+            blocks += 1;
+            first_ns = first_ns.min(self.blocks[n].mid_time_ns);
+            last_ns = last_ns.max(self.blocks[n].mid_time_ns);
+        }
+        let (thing, determined) = (candidate.thing, false);
+        (blocks >= MIN_BLOCKS).then(|| Explained { thing, score: a / b.sqrt(), blocks, determined, first_ns, last_ns })
     }
 
     /// Views that say something, each with its block.
@@ -214,22 +258,6 @@ impl<'a> Window<'a> {
         let count = self.telling(views).count().max(1) as f64;
         let mean = self.telling(views).map(foot).sum::<DVec3>() / count;
         (self.telling(views).map(|seen| foot(seen).distance_squared(mean)).sum::<f64>() / count).sqrt()
-    }
-
-    /// The score over the blocks in which nothing claims the thing.
-    fn left_of<T: Copy>(&self, candidate: &Candidate<T>) -> Option<Explained<T>> {
-        let (mut a, mut b, mut blocks) = (0.0, 0.0, 0);
-        let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
-        for (n, view) in candidate.views.iter().enumerate() {
-            let Some(view) = view else { continue };
-            a += self.weights[n] * (view.m.ln_1p() - MEAN_LOG_OF_NOISE);
-            b += self.weights[n] * self.weights[n];
-            blocks += 1;
-            first_ns = first_ns.min(self.blocks[n].mid_time_ns);
-            last_ns = last_ns.max(self.blocks[n].mid_time_ns);
-        }
-        let (thing, determined) = (candidate.thing, false);
-        (blocks >= MIN_BLOCKS).then(|| Explained { thing, score: a / b.sqrt(), blocks, determined, first_ns, last_ns })
     }
 
     fn claim_of(&self, n: usize, view: &View) -> Claim {
@@ -277,6 +305,13 @@ impl<'a> Window<'a> {
             Some(View::new(block, coherence, range_m, plane.outward))
         };
         self.blocks.iter().map(view).collect()
+    }
+}
+
+impl<T> Explained<T> {
+    fn of<U>(self, thing: U, determined: bool) -> Explained<U> {
+        let Self { score, blocks, first_ns, last_ns, .. } = self;
+        Explained { thing, score, blocks, determined, first_ns, last_ns }
     }
 }
 

@@ -5,7 +5,7 @@ mod map;
 mod reflectors;
 mod scene;
 
-pub use explain::{ExplainSettings, Explained, Window};
+pub use explain::{Believed, ExplainSettings, Explained, Window};
 pub use map::{MapSettings, Sighted, Sightings, same_place, same_plane};
 pub use reflectors::{ReflectorSettings, find_reflectors};
 pub use scene::{Observed, Obstacle, Scene, Wall};
