@@ -150,12 +150,16 @@ fn judge(sim: &Simulated, places: &Sightings<DVec3>, walls: &Sightings<Plane>, e
             if each {
                 let at = report.thing.to_array();
                 let times = [report.first_ns, report.last_ns].map(|t| t as f64 * 1e-9);
-                println!("  ghost {at:.2?} score {:.1}, {times:.1?} s, {to_point:.2} m from the nearest point, {to_wall:.2} m from a wall, {to_head:.2} m from the head", report.score);
+                println!(
+                    "  ghost {at:.2?} score {:.1}, {times:.1?} s, {to_point:.2} m from the nearest point, {to_wall:.2} m from a wall, {to_head:.2} m from the head",
+                    report.score
+                );
             }
         }
     }
     for wall in walls.confirmed() {
-        let same = |t: &Plane| t.outward.dot(wall.thing.outward) > 0.99 && (t.offset_m - wall.thing.offset_m).abs() < 0.1;
+        let same =
+            |t: &Plane| t.outward.dot(wall.thing.outward) > 0.99 && (t.offset_m - wall.thing.offset_m).abs() < 0.1;
         let is_true = truth.walls.iter().any(|w| same(&w.plane));
         outcome.true_planes += usize::from(is_true);
         outcome.false_planes += usize::from(!is_true);

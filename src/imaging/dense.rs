@@ -41,3 +41,23 @@ fn fill(region: &Aabb, voxel_m: f64, value: impl Fn(DVec3) -> f64 + Sync) -> Vol
     volume.values = values;
     volume
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::blocks::BlockSettings;
+    use crate::imaging::test_data::{Echo, on_one_thread, sweeps, winding};
+
+    #[test]
+    fn the_fast_sum_agrees_with_the_oracle_on_any_number_of_threads() {
+        let at = DVec3::new(0.1, 0.0, -1.2);
+        let observations = sweeps(0.03, winding, &[(Echo::Point(at), 5.0)], 1);
+        let region = Aabb { min: at - 0.4, max: at + 0.4 };
+        let fast = ls_volume(&observations, &Beam::Lensless, &region, 0.1);
+        let oracle = Oracle::new(&observations, &Beam::Lensless, &BlockSettings::default());
+        let exact = oracle_volume(&oracle, Statistic::Ls, &region, 0.1);
+        let peak = exact.peak().unwrap().1;
+        assert!(fast.values.iter().zip(&exact.values).all(|(a, b)| (a - b).abs() <= 0.01 * peak));
+        assert_eq!(on_one_thread(|| ls_volume(&observations, &Beam::Lensless, &region, 0.1)), fast);
+    }
+}

@@ -12,6 +12,8 @@ mod range_power;
 mod refine;
 mod selection;
 mod statistic;
+#[cfg(test)]
+pub(crate) mod test_data;
 mod volume;
 
 pub use compression::{CompressedSweep, RangeCompressor};

@@ -325,9 +325,8 @@ impl View {
 impl Claim {
     /// Takes a view out that it covers.
     fn take(&self, view: &mut Option<View>) {
-        let covers = |v: &View| {
-            (v.range_m - self.range_m).abs() < self.half_range_m && (v.cos - self.cos).abs() < self.half_cos
-        };
+        let covers =
+            |v: &View| (v.range_m - self.range_m).abs() < self.half_range_m && (v.cos - self.cos).abs() < self.half_cos;
         if view.as_ref().is_some_and(covers) {
             *view = None;
         }
@@ -341,4 +340,60 @@ const TELLING_COHERENCE: f64 = 3.0;
 
 fn outer(v: DVec3) -> DMat3 {
     DMat3::from_cols(v * v.x, v * v.y, v * v.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::blocks::BlockBuilder;
+    use crate::imaging::test_data::{Echo, on_one_thread, sweeps, winding};
+    use crate::radar::Beam;
+
+    const STRONG: DVec3 = DVec3::new(0.2, 0.1, -1.2);
+    const WEAK: DVec3 = DVec3::new(-0.5, -0.2, -1.5);
+    const WALL: Plane = Plane { outward: DVec3::NEG_Z, offset_m: 1.9 };
+
+    fn explained(path: impl Fn(f64) -> DVec3, echoes: &[(Echo, f64)], planes: &[Plane], places: &[DVec3]) -> Believed {
+        let (settings, block_settings) = (ExplainSettings::default(), BlockSettings::default());
+        let mut builder = BlockBuilder::new(block_settings);
+        let blocks: Vec<_> = sweeps(1.5, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
+        let min_cos = block_settings.min_cos(&Beam::Lensless);
+        Window::new(blocks.iter(), &settings, &block_settings, min_cos).explain(planes, places)
+    }
+
+    #[test]
+    fn the_stronger_claims_and_the_weaker_is_still_found() {
+        let beside = STRONG + DVec3::new(0.0, 0.03, 0.0);
+        let echoes = [(Echo::Point(STRONG), 4.0), (Echo::Point(WEAK), 0.7)];
+        let found = explained(winding, &echoes, &[], &[WEAK, beside, STRONG, DVec3::new(0.3, -0.4, -0.8)]).places;
+        let things: Vec<_> = found.iter().map(|e| e.thing).collect();
+        assert_eq!(things, [STRONG, WEAK], "{found:?}");
+        assert!(found.iter().all(|e| e.determined && e.score > 6.0), "{found:?}");
+        let alone = on_one_thread(|| explained(winding, &echoes, &[], &[WEAK, STRONG]).places);
+        assert_eq!(alone, found);
+    }
+
+    #[test]
+    fn a_wall_explains_its_mirror_points_and_a_point_is_no_wall() {
+        let foot = DVec3::new(0.0, 0.0, -1.9);
+        let believed = explained(winding, &[(Echo::Mirror(WALL), 5.0)], &[WALL], &[foot]);
+        assert_eq!((believed.planes.len(), believed.places.len()), (1, 0), "{believed:?}");
+        let believed = explained(winding, &[(Echo::Point(foot), 2.0)], &[WALL], &[foot]);
+        assert_eq!((believed.planes.len(), believed.places.len()), (0, 1), "{believed:?}");
+    }
+
+    #[test]
+    fn a_straight_path_determines_no_place() {
+        let straight = |t: f64| DVec3::X * (0.2 * t);
+        let found = explained(straight, &[(Echo::Point(STRONG), 2.0)], &[], &[STRONG]).places;
+        assert!(found[0].score > 6.0 && !found[0].determined, "{found:?}");
+    }
+
+    #[test]
+    fn noise_is_not_believed_and_nothing_comes_of_nothing() {
+        let believed = explained(winding, &[], &[WALL], &[STRONG, WEAK]);
+        assert!(believed.planes.is_empty() && believed.places.is_empty(), "{believed:?}");
+        let (settings, blocks) = (ExplainSettings::default(), BlockSettings::default());
+        assert!(Window::new([].iter(), &settings, &blocks, 0.5).explain_points(&[STRONG]).is_empty());
+    }
 }

@@ -151,3 +151,30 @@ impl BlockBuilder {
         Some(Block::new(&sweeps, compressor))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::blocks::partition;
+    use crate::imaging::test_data::{sweeps, winding};
+
+    #[test]
+    fn blocks_are_the_oracles_partition() {
+        let mut observations = sweeps(0.5, winding, &[], 1);
+        // A pause, and a rest too short for a block.
+        observations.drain(200..260);
+        observations.drain(265..430);
+        let settings = BlockSettings::default();
+        let mut builder = BlockBuilder::new(settings);
+        let mut blocks: Vec<_> = observations.iter().filter_map(|o| builder.push(o.clone())).collect();
+        blocks.extend(builder.close());
+        let expected = partition(&observations, &settings);
+        let kept: usize = expected.iter().map(Vec::len).sum();
+        assert_eq!(blocks.len(), expected.len());
+        assert_eq!(builder.dropped_sweeps as usize, observations.len() - kept);
+        for (block, indices) in blocks.iter().zip(&expected) {
+            assert_eq!(block.sweep_count(), indices.len());
+            assert_eq!(block.mid_time_ns, observations[indices[indices.len() / 2]].mid_time_ns);
+        }
+    }
+}

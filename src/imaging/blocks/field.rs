@@ -145,7 +145,8 @@ impl Field {
     pub fn peaks(&self, min_score: f64, radius_m: f64, since_ns: i64) -> Vec<Peak> {
         let since_s = self.start_ns.map_or(0.0, |start| (since_ns - start) as f64 * 1e-9) as f32;
         let offsets = ball(radius_m / self.settings.voxel_m);
-        let each = self.bricks.par_iter().flat_map_iter(|brick| self.peaks_of(brick, min_score as f32, &offsets, since_s));
+        let each =
+            self.bricks.par_iter().flat_map_iter(|brick| self.peaks_of(brick, min_score as f32, &offsets, since_s));
         let mut peaks: Vec<Peak> = each.collect();
         // Equal scores fall back to the place, so that the order is always the same.
         peaks.sort_by(|p, q| {
@@ -245,5 +246,85 @@ impl Voxel {
         self.a = rho * self.a + m.ln_1p() - MEAN_LOG_OF_NOISE as f32;
         self.b = rho * rho * self.b + 1.0;
         self.seen_s = now_s;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Plane;
+    use crate::imaging::blocks::BlockBuilder;
+    use crate::imaging::test_data::{Echo, conjugated, on_one_thread, sweeps, winding};
+    use crate::imaging::{Oracle, Statistic};
+    use crate::radar::{Beam, Observation};
+
+    const CHAIR: DVec3 = DVec3::new(0.225, 0.125, -1.175);
+
+    fn blocks(observations: Vec<Observation>) -> Vec<Block> {
+        let mut builder = BlockBuilder::new(BlockSettings::default());
+        let mut blocks: Vec<_> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
+        blocks.extend(builder.close());
+        blocks
+    }
+
+    fn field(observations: Vec<Observation>) -> Field {
+        let settings = BlockSettings::default();
+        let mut field = Field::new(settings, settings.min_cos(&Beam::Lensless));
+        blocks(observations).iter().for_each(|block| field.add(block));
+        field
+    }
+
+    #[test]
+    fn scores_agree_with_the_oracle() {
+        let echoes = [(Echo::Point(CHAIR), 1.0), (Echo::Point(DVec3::new(-0.4, -0.2, -1.6)), 3.0)];
+        let observations = sweeps(0.3, winding, &echoes, 1);
+        let oracle = Oracle::new(&observations, &Beam::Lensless, &BlockSettings::default());
+        let field = field(observations.clone());
+        let peaks = field.peaks(-9.0, 0.15, 0);
+        assert!(peaks.len() > 50);
+        // The field fades when a voxel is seen again, the oracle up to the newest sweep: equal where seen all the time.
+        let most = peaks[0].score;
+        for peak in peaks.iter().take(20).chain(peaks.iter().rev().take(20)) {
+            let exact = oracle.value(Statistic::Blocks, peak.position_m);
+            assert!((peak.score - exact).abs() < 0.02 * most, "{peak:?} {exact}");
+        }
+        assert_eq!(oracle.value(Statistic::Blocks, DVec3::Z), 0.0);
+    }
+
+    #[test]
+    fn any_number_of_threads_gives_the_same_bits() {
+        let observations = sweeps(0.3, winding, &[(Echo::Point(CHAIR), 1.0)], 2);
+        let many = field(observations.clone()).peaks(-9.0, 0.15, 0);
+        assert_eq!(on_one_thread(|| field(observations).peaks(-9.0, 0.15, 0)), many);
+    }
+
+    #[test]
+    fn noise_scores_low_and_conjugated_echoes_are_not_where_the_thing_is() {
+        for seed in 0..3 {
+            let noise = field(sweeps(0.6, winding, &[], seed)).peaks(0.0, 0.15, 0);
+            // Of some thousand voxels the greatest may lie a few standard deviations up.
+            assert!(noise[0].score < 4.5, "{:?}", noise[0]);
+        }
+        let echo = sweeps(0.6, winding, &[(Echo::Point(CHAIR), 1.0)], 4);
+        let (straight, turned) = (field(echo.clone()), field(conjugated(echo)));
+        assert!(straight.score_at(CHAIR).unwrap() > 6.0);
+        assert!(straight.peaks(6.0, 0.15, 0)[0].position_m.distance(CHAIR) < 0.05);
+        assert!(turned.score_at(CHAIR).unwrap() < 3.0);
+    }
+
+    #[test]
+    fn a_wall_twenty_decibels_stronger_hardly_changes_a_chair() {
+        let wall = Plane { outward: DVec3::NEG_Z, offset_m: 1.3 };
+        let score = |wall_snr: f64| {
+            let echoes = [(Echo::Point(CHAIR), 1.0), (Echo::Mirror(wall), wall_snr)];
+            field(sweeps(0.6, winding, &echoes, 5)).score_at(CHAIR).unwrap()
+        };
+        let (weak, strong) = (score(2.0), score(20.0));
+        assert!(weak > 5.0 && strong > 0.6 * weak, "{weak} {strong}");
+    }
+
+    #[test]
+    fn a_place_never_seen_has_no_score() {
+        assert_eq!(field(sweeps(0.2, winding, &[], 1)).score_at(DVec3::Z * 2.0), None);
     }
 }

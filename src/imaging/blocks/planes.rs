@@ -128,3 +128,37 @@ impl Cell {
         self.blocks += 1;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::blocks::BlockBuilder;
+    use crate::imaging::test_data::{Echo, on_one_thread, sweeps, winding};
+    use crate::radar::Beam;
+
+    fn peaks(wall: Option<Plane>, seed: u64) -> Vec<PlanePeak> {
+        let settings = BlockSettings::default();
+        let mut field = PlaneField::new(settings, settings.min_cos(&Beam::Lensless));
+        let mut builder = BlockBuilder::new(settings);
+        let echoes: Vec<_> = wall.map(|wall| (Echo::Mirror(wall), 5.0)).into_iter().collect();
+        let observations = sweeps(1.5, winding, &echoes, seed);
+        observations.into_iter().filter_map(|o| builder.push(o)).for_each(|block| field.add(&block));
+        field.peaks(6.0, 13, 0)
+    }
+
+    #[test]
+    fn a_wall_has_its_offset_and_direction() {
+        let yaw = 0.21f64;
+        let wall = Plane { outward: DVec3::new(yaw.sin(), 0.0, -yaw.cos()), offset_m: 1.83 };
+        let found = peaks(Some(wall), 1);
+        let best = found[0].plane;
+        assert!((best.offset_m - wall.offset_m).abs() < 0.05, "{best:?}");
+        assert!(best.outward.dot(wall.outward) > 6f64.to_radians().cos(), "{best:?}");
+        assert_eq!(on_one_thread(|| peaks(Some(wall), 1)), found);
+    }
+
+    #[test]
+    fn noise_is_no_wall() {
+        assert_eq!(peaks(None, 2), []);
+    }
+}
