@@ -356,7 +356,7 @@ mod tests {
     fn explained(path: impl Fn(f64) -> DVec3, echoes: &[(Echo, f64)], planes: &[Plane], places: &[DVec3]) -> Believed {
         let (settings, block_settings) = (ExplainSettings::default(), BlockSettings::default());
         let mut builder = BlockBuilder::new(block_settings);
-        let blocks: Vec<_> = sweeps(1.5, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
+        let blocks: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
         let min_cos = block_settings.min_cos(&Beam::Lensless);
         Window::new(blocks.iter(), &settings, &block_settings, min_cos).explain(planes, places)
     }
@@ -384,7 +384,7 @@ mod tests {
 
     #[test]
     fn a_straight_path_determines_no_place() {
-        let straight = |t: f64| DVec3::X * (0.2 * t);
+        let straight = |t: f64| DVec3::X * (0.1 * t);
         let found = explained(straight, &[(Echo::Point(STRONG), 2.0)], &[], &[STRONG]).places;
         assert!(found[0].score > 6.0 && !found[0].determined, "{found:?}");
     }

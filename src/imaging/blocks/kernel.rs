@@ -162,9 +162,9 @@ impl Group {
     #[inline(always)]
     fn moved(&self, time_s: f32) -> [Lanes; 3] {
         let mut position_m = self.position_m;
-        for axis in 0..3 {
-            for l in 0..LANES {
-                position_m[axis][l] += self.velocity_m_per_s[axis][l] * time_s;
+        for (positions, velocities) in position_m.iter_mut().zip(&self.velocity_m_per_s) {
+            for (position, velocity) in positions.iter_mut().zip(velocities) {
+                *position += velocity * time_s;
             }
         }
         position_m
@@ -225,6 +225,11 @@ fn sin_quarter(x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::imaging::blocks::{BlockBuilder, BlockSettings, MEAN_LOG_OF_NOISE};
+    use crate::imaging::test_data::{Echo, sweeps, winding};
+    use crate::imaging::{Oracle, Statistic};
+    use crate::radar::{Beam, Observation};
+    use glam::DVec3;
 
     #[test]
     fn sines_are_right_to_1e_5() {
@@ -234,5 +239,41 @@ mod tests {
             let (s, c) = (f64::from(f) * std::f64::consts::TAU).sin_cos();
             assert!((f64::from(cos) - c).abs() < 1e-5 && (f64::from(sin) - s).abs() < 1e-5, "{f}: {cos} {sin}");
         }
+    }
+
+    fn block(observations: &[Observation]) -> Block {
+        let mut builder = BlockBuilder::new(BlockSettings::default());
+        observations.iter().for_each(|o| assert!(builder.push(o.clone()).is_none()));
+        builder.close().unwrap()
+    }
+
+    /// Places around the echo at `AT`, and from a near one on to far ones.
+    fn places() -> Vec<DVec3> {
+        let around = (0..60).map(|n| AT + 0.2 * winding(f64::from(n)));
+        around.chain((0..40).map(|n| DVec3::NEG_Z * (0.5 + 0.04 * f64::from(n)))).collect()
+    }
+
+    const AT: DVec3 = DVec3::new(0.1, -0.2, -1.1);
+
+    #[test]
+    fn coherence_agrees_with_the_oracle() {
+        let fast = |t: f64| winding(2.5 * t);
+        let observations = sweeps(0.089, fast, &[(Echo::Point(AT), 2.0)], 7);
+        let oracle = Oracle::new(&observations, &Beam::Lensless, &BlockSettings::default());
+        let block = block(&observations);
+        let places = places();
+        let relative: Vec<_> = places.iter().map(|p| (*p - block.middle.translation).as_vec3().to_array()).collect();
+        for (place, found) in places.iter().zip(block.coherence_at_points(&relative)) {
+            // The score of a single block is ln(1 + m) less its mean under noise.
+            let exact = (oracle.value(Statistic::Blocks, *place) + MEAN_LOG_OF_NOISE).exp() - 1.0;
+            assert!((f64::from(found.m) - exact).abs() < 0.01 * exact + 0.02, "{place}: {found:?} {exact}");
+        }
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let block = block(&sweeps(0.089, winding, &[(Echo::Point(AT), 2.0)], 8));
+        let relative: Vec<_> = places().iter().map(|p| (*p - block.middle.translation).as_vec3().to_array()).collect();
+        assert_eq!(all(&block, &relative), block.coherence_at_points(&relative));
     }
 }
