@@ -1,9 +1,8 @@
-//! Whole volumes on all cores: `ls` with cubic interpolation, `blocks` by its kernel, any statistic from the oracle.
+//! Whole volumes on all cores: `ls` with cubic interpolation, any statistic from the oracle.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::blocks::{Block, BlockBuilder, BlockSettings, LANES, MEAN_LOG_OF_NOISE, Points};
 use super::compression::compress_all;
 use super::{Oracle, Statistic, Volume};
 use crate::geometry::Aabb;
@@ -43,48 +42,22 @@ fn fill(region: &Aabb, voxel_m: f64, value: impl Fn(DVec3) -> f64 + Sync) -> Vol
     volume
 }
 
-/// Block score A/√B over a whole recording. Agrees with the oracle to 0.02 of the peak and 0.02; needs sweeps of one
-/// subsweep in time, others are left out. Voxels that no block had in its beam are 0.
-pub fn blocks_volume(
-    observations: &[Observation],
-    beam: &Beam,
-    settings: &BlockSettings,
-    region: &Aabb,
-    voxel_m: f64,
-) -> Volume {
-    let Some(first) = observations.first() else { return Volume::covering(region, voxel_m) };
-    let mut builder = BlockBuilder::new(*settings);
-    let one_geometry = observations.iter().filter(|o| o.geometry.subsweep == first.geometry.subsweep);
-    let mut blocks: Vec<Block> = one_geometry.filter_map(|o| builder.push(o.clone())).collect();
-    blocks.extend(builder.close());
-    let newest_ns = observations.iter().map(|o| o.mid_time_ns).max().unwrap_or(0);
-    let min_cos = settings.min_cos(beam);
-    let mut volume = Volume::covering(region, voxel_m);
-    let mut values = std::mem::take(&mut volume.values);
-    // Chunks of voxels are independent, and each sums its blocks in time: the same bits on any number of threads.
-    values.par_chunks_mut(LANES * 16).enumerate().for_each(|(chunk, out)| {
-        let center = |n: usize| volume.center(volume.voxel(chunk * LANES * 16 + n));
-        let centers: Vec<DVec3> = (0..out.len()).map(center).collect();
-        let mut sums = vec![(0.0f64, 0.0f64); out.len()];
-        for block in &blocks {
-            let seen: Vec<usize> =
-                (0..out.len()).filter(|&n| settings.sees(&block.middle, min_cos, centers[n])).collect();
-            let age_s = (newest_ns - block.mid_time_ns) as f64 * 1e-9;
-            let rho = (-age_s / settings.memory_s).exp();
-            for lanes in seen.chunks(LANES) {
-                let relative = |&n: &usize| (centers[n] - block.middle.translation).as_vec3().to_array();
-                let places: Vec<[f32; 3]> = lanes.iter().map(relative).collect();
-                let coherence = block.coherence_at_points(&Points::of(&places));
-                for (&n, m) in lanes.iter().zip(coherence.m) {
-                    sums[n].0 += rho * (f64::from(m).ln_1p() - MEAN_LOG_OF_NOISE);
-                    sums[n].1 += rho * rho;
-                }
-            }
-        }
-        for (value, (a, b)) in out.iter_mut().zip(sums) {
-            *value = if b > 0.0 { (a / b.sqrt()) as f32 } else { 0.0 };
-        }
-    });
-    volume.values = values;
-    volume
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::blocks::BlockSettings;
+    use crate::imaging::test_data::{Echo, on_one_thread, sweeps, winding};
+
+    #[test]
+    fn the_fast_sum_agrees_with_the_oracle_on_any_number_of_threads() {
+        let at = DVec3::new(0.1, 0.0, -1.2);
+        let observations = sweeps(0.03, winding, &[(Echo::Point(at), 5.0)], 1);
+        let region = Aabb { min: at - 0.4, max: at + 0.4 };
+        let fast = ls_volume(&observations, &Beam::Lensless, &region, 0.1);
+        let oracle = Oracle::new(&observations, &Beam::Lensless, &BlockSettings::default());
+        let exact = oracle_volume(&oracle, Statistic::Ls, &region, 0.1);
+        let peak = exact.peak().unwrap().1;
+        assert!(fast.values.iter().zip(&exact.values).all(|(a, b)| (a - b).abs() <= 0.01 * peak));
+        assert_eq!(on_one_thread(|| ls_volume(&observations, &Beam::Lensless, &region, 0.1)), fast);
+    }
 }

@@ -12,10 +12,13 @@ mod range_power;
 mod refine;
 mod selection;
 mod statistic;
+#[cfg(test)]
+pub(crate) mod test_data;
 mod volume;
 
+pub use blocks::blocks_volume;
 pub use compression::{CompressedSweep, RangeCompressor};
-pub use dense::{blocks_volume, ls_volume, oracle_volume};
+pub use dense::{ls_volume, oracle_volume};
 pub use noise::{block_noise_rms, sweep_noise_rms};
 pub use oracle::Oracle;
 pub use range_power::{ClaimedRange, RangePower};

@@ -296,3 +296,44 @@ fn regular_inverse(m: &DMat3) -> DMat3 {
 fn symmetric(m: &DMat3) -> DMat3 {
     (*m + m.transpose()) * 0.5
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::test_data::{Echo, sweeps, winding};
+    use crate::radar::Beam;
+
+    const AT: DVec3 = DVec3::new(0.2, 0.1, -1.2);
+
+    fn refined(path: impl Fn(f64) -> DVec3) -> Refined {
+        let all = sweeps(3.0, path, &[(Echo::Point(AT), 10.0)], 1);
+        let some: Vec<_> = all.into_iter().step_by(30).collect();
+        let power = RangePower::new(&some, &Beam::Lensless, 0.15);
+        refine(&power, AT + DVec3::new(0.03, -0.02, 0.02), None, &PositionErrors::default()).unwrap()
+    }
+
+    #[test]
+    fn a_wide_path_gives_the_place_to_millimetres() {
+        let refined = refined(|t| winding(t) * 3.0);
+        assert_eq!(refined.observed_directions(), 2);
+        assert!(refined.position_m.distance(AT) < 6e-3, "{refined:?}");
+    }
+
+    #[test]
+    fn a_still_sensor_knows_the_range_alone_and_says_so() {
+        let refined = refined(|_| DVec3::ZERO);
+        assert_eq!(refined.observed_directions(), 0);
+        assert!((refined.position_m.length() - AT.length()).abs() < 5e-3, "{refined:?}");
+        // Across the line of sight as wide as the beam; the truth lies within two sigmas.
+        let off = AT - refined.position_m;
+        assert!(off.dot(refined.covariance_m2.inverse() * off) < 8.0);
+        assert!(refined.covariance_m2.x_axis.x.sqrt() > 0.2);
+    }
+
+    #[test]
+    fn too_few_sweeps_determine_nothing() {
+        let two = sweeps(0.002, winding, &[(Echo::Point(AT), 10.0)], 1);
+        let power = RangePower::new(&two, &Beam::Lensless, 0.15);
+        assert_eq!(refine(&power, AT, None, &PositionErrors::default()), None);
+    }
+}

@@ -1,15 +1,19 @@
 //! Explaining away: strong things claim what they account for before weak things are believed.
 //!
-//! Over the last seconds of blocks, planes first, then points by falling score: each is scored again on the blocks in which
-//! nothing stronger claims its range and direction, and if enough is left it claims these itself. A block sees a thing at a
-//! range and at a cosine to the sensor's way; both are known as well as pulse and aperture allow, and that is the claim.
+//! Over the last seconds of blocks, planes and places by falling score: each is scored again on the blocks in which nothing
+//! stronger claims its range and direction, and if enough is left it claims these itself. A block sees a thing at a range
+//! and at a cosine to the sensor's way; both are known as well as pulse and aperture allow, and that is the claim.
+//!
+//! What a still head or a straight path sees could lie anywhere on a circle around the path, and did, as most ghosts of the
+//! first experiments. So a place counts only when its blocks tell it from the rest of the circle, and a plane only when its
+//! mirror points have moved; and what is known already claims first, since it is what most of a new circle belongs to.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Plane;
-use crate::imaging::blocks::{Block, BlockSettings, LANES, MEAN_LOG_OF_NOISE, Planes, Points};
+use crate::imaging::blocks::{Block, BlockSettings, Coherence, MEAN_LOG_OF_NOISE, PlaneAt};
 use crate::radar::WAVELENGTH_M;
 
 /// Parameters of explaining away.
@@ -32,6 +36,10 @@ pub struct ExplainSettings {
     pub claim_range_m: f64,
     /// Half-width of a claim in direction, in units of λ/2L, L the block's aperture.
     pub claim_lobes: f64,
+    /// A place is determined when its 1σ is at most this in every direction, metres.
+    pub max_sigma_m: f64,
+    /// A plane is determined when the feet of its perpendiculars spread by at least this, rms, metres.
+    pub min_feet_rms_m: f64,
 }
 
 impl Default for ExplainSettings {
@@ -42,9 +50,11 @@ impl Default for ExplainSettings {
             min_candidate_score: 2.5,
             max_candidates: 400,
             plane_min_blocks: 13,
-            plane_min_score: 7.0,
+            plane_min_score: 12.0,
             claim_range_m: 0.15,
             claim_lobes: 1.5,
+            max_sigma_m: 0.1,
+            min_feet_rms_m: 0.1,
         }
     }
 }
@@ -58,6 +68,8 @@ pub struct Explained<T> {
     pub score: f64,
     /// Number of these blocks.
     pub blocks: usize,
+    /// These blocks tell it from others like it: a place from the rest of its circle, a plane from a point.
+    pub determined: bool,
     /// First and last of them, host nanoseconds.
     pub first_ns: i64,
     /// See `first_ns`.
@@ -70,7 +82,9 @@ struct View {
     m: f64,
     power: f64,
     range_m: f64,
-    /// Cosine of its direction to the sensor's way.
+    /// Direction towards it, unit length.
+    toward: DVec3,
+    /// Cosine of that to the sensor's way.
     cos: f64,
 }
 
@@ -87,10 +101,35 @@ struct Claim {
 pub struct Window<'a> {
     blocks: Vec<&'a Block>,
     weights: Vec<f64>,
+    /// `[block]`
     claims: Vec<Vec<Claim>>,
     settings: &'a ExplainSettings,
     block_settings: &'a BlockSettings,
     min_cos: f64,
+}
+
+/// What a candidate is.
+#[derive(Debug, Clone, Copy)]
+enum Thing {
+    Plane(Plane),
+    Place(DVec3),
+}
+
+/// Something that may be there, and what each block says of it; views that a claim covers are taken out.
+struct Candidate {
+    thing: Thing,
+    /// `[block]`
+    views: Vec<Option<View>>,
+    left: Option<Explained<Thing>>,
+}
+
+/// What is believed, each strongest first.
+#[derive(Debug, Clone, Default)]
+pub struct Believed {
+    /// Walls, floor, ceiling; all of them determined.
+    pub planes: Vec<Explained<Plane>>,
+    /// Places.
+    pub places: Vec<Explained<DVec3>>,
 }
 
 impl<'a> Window<'a> {
@@ -108,100 +147,148 @@ impl<'a> Window<'a> {
         Self { claims: vec![Vec::new(); blocks.len()], weights, blocks, settings, block_settings, min_cos }
     }
 
-    /// Believes planes, strongest first.
+    /// Believes planes alone.
     pub fn explain_planes(&mut self, candidates: &[Plane]) -> Vec<Explained<Plane>> {
-        let views: Vec<_> = candidates.par_iter().map(|plane| self.views_of_plane(plane)).collect();
-        self.explain(candidates, &views, self.settings.plane_min_score)
+        self.explain(candidates, &[]).planes
     }
 
-    /// Believes places, strongest first.
+    /// Believes places alone.
     pub fn explain_points(&mut self, candidates: &[DVec3]) -> Vec<Explained<DVec3>> {
-        let views = self.views_of_points(candidates);
-        self.explain(candidates, &views, self.settings.min_score)
+        self.explain(&[], candidates).places
     }
 
-    fn explain<T: Copy>(&mut self, things: &[T], views: &[Vec<Option<View>>], min_score: f64) -> Vec<Explained<T>> {
-        let mut explained = Vec::new();
-        let mut open: Vec<usize> = (0..things.len()).collect();
-        loop {
-            // Claims only take away, so scores are taken anew after each.
-            let scored = open.iter().filter_map(|&n| self.left_of(&views[n]).map(|left| (n, left)));
-            let enough = scored.filter(|(_, left)| left.score >= min_score);
-            let Some((best, left)) = enough.max_by(|a, b| a.1.score.total_cmp(&b.1.score).then(b.0.cmp(&a.0))) else {
-                return explained;
-            };
-            explained.push(Explained {
-                thing: things[best],
-                score: left.score,
-                blocks: left.blocks,
-                first_ns: left.first_ns,
-                last_ns: left.last_ns,
-            });
-            self.claim(&views[best]);
-            open.retain(|&n| n != best);
+    /// Believes planes and places by falling score: what explains the same blocks better wins. Claims of earlier calls hold,
+    /// so a call with what is known already gives it precedence.
+    pub fn explain(&mut self, planes: &[Plane], places: &[DVec3]) -> Believed {
+        let of_planes = planes.par_iter().map(|plane| (Thing::Plane(*plane), self.views_of_plane(plane)));
+        let mut open: Vec<(Thing, Vec<Option<View>>)> = of_planes.collect();
+        open.extend(places.iter().map(|place| Thing::Place(*place)).zip(self.views_of_points(places)));
+        let unclaimed = |(thing, views)| {
+            let mut candidate = Candidate { thing, views, left: None };
+            let views = candidate.views.iter_mut().zip(&self.claims);
+            views.for_each(|(view, claims)| claims.iter().for_each(|claim| claim.take(view)));
+            candidate.left = self.left_of(&candidate);
+            candidate
+        };
+        let mut open: Vec<Candidate> = open.into_iter().map(unclaimed).collect();
+        let mut believed = Believed::default();
+        while let Some(best) = self.take_best(&mut open) {
+            let Some(left) = best.left else { continue };
+            match best.thing {
+                Thing::Plane(plane) => {
+                    if self.feet_rms_m(&best.views) < self.settings.min_feet_rms_m {
+                        continue;
+                    }
+                    believed.planes.push(left.of(plane, true));
+                }
+                Thing::Place(place) => {
+                    let determined = self.sigma_m(&best.views) <= self.settings.max_sigma_m;
+                    believed.places.push(left.of(place, determined));
+                }
+            }
+            self.claim(&best, &mut open);
         }
+        believed
+    }
+
+    /// The candidate with the greatest score, if that suffices. Claims only take away: what falls short now always will.
+    fn take_best(&self, open: &mut Vec<Candidate>) -> Option<Candidate> {
+        let min_score = |c: &Candidate| match c.thing {
+            Thing::Plane(_) => self.settings.plane_min_score,
+            Thing::Place(_) => self.settings.min_score,
+        };
+        open.retain(|c| c.left.is_some_and(|left| left.score >= min_score(c)));
+        let score = |c: &Candidate| c.left.map_or(f64::NEG_INFINITY, |left| left.score);
+        let best = (0..open.len()).max_by(|&a, &b| score(&open[a]).total_cmp(&score(&open[b])).then(b.cmp(&a)));
+        best.map(|n| open.remove(n))
+    }
+
+    /// Claims what a thing accounts for and takes it from the others.
+    fn claim(&mut self, best: &Candidate, open: &mut [Candidate]) {
+        let claims: Vec<_> = (0..self.blocks.len()).map(|n| best.views[n].map(|v| self.claim_of(n, &v))).collect();
+        for candidate in open {
+            let seen_before = candidate.views.iter().flatten().count();
+            let views = candidate.views.iter_mut().zip(&claims);
+            views.for_each(|(view, claim)| claim.iter().for_each(|claim| claim.take(view)));
+            if candidate.views.iter().flatten().count() < seen_before {
+                candidate.left = self.left_of(candidate);
+            }
+        }
+        self.claims.iter_mut().zip(claims).for_each(|(all, claim)| all.extend(claim));
     }
 
     /// The score over the blocks in which nothing claims the thing.
-    fn left_of(&self, views: &[Option<View>]) -> Option<Explained<()>> {
+    fn left_of(&self, candidate: &Candidate) -> Option<Explained<Thing>> {
         let (mut a, mut b, mut blocks) = (0.0, 0.0, 0);
         let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
-        for (n, view) in views.iter().enumerate() {
+        for (n, view) in candidate.views.iter().enumerate() {
             let Some(view) = view else { continue };
-            let claimed =
-                |c: &Claim| (view.range_m - c.range_m).abs() < c.half_range_m && (view.cos - c.cos).abs() < c.half_cos;
-            if self.claims[n].iter().any(claimed) {
-                continue;
-            }
-            let weight = self.weights[n];
-            a += weight * (view.m.ln_1p() - MEAN_LOG_OF_NOISE);
-            b += weight * weight;
+            a += self.weights[n] * (view.m.ln_1p() - MEAN_LOG_OF_NOISE);
+            b += self.weights[n] * self.weights[n];
             blocks += 1;
             first_ns = first_ns.min(self.blocks[n].mid_time_ns);
             last_ns = last_ns.max(self.blocks[n].mid_time_ns);
         }
-        (blocks >= MIN_BLOCKS).then(|| Explained { thing: (), score: a / b.sqrt(), blocks, first_ns, last_ns })
+        let (thing, determined) = (candidate.thing, false);
+        (blocks >= MIN_BLOCKS).then(|| Explained { thing, score: a / b.sqrt(), blocks, determined, first_ns, last_ns })
     }
 
-    fn claim(&mut self, views: &[Option<View>]) {
-        for (n, view) in views.iter().enumerate() {
-            let Some(view) = view else { continue };
-            let block = self.blocks[n];
-            let half_width_m = block.geometry().profile.envelope_fwhm_m() * 0.5;
-            // As far as the pulse's skirt still stands out of the noise.
-            let skirt_m = half_width_m * view.power.max(1.0).log2().sqrt();
-            let half_cos = self.settings.claim_lobes * WAVELENGTH_M / (2.0 * block.aperture_m.max(1e-4));
-            self.claims[n].push(Claim {
-                range_m: view.range_m,
-                half_range_m: skirt_m.max(self.settings.claim_range_m),
-                cos: view.cos,
-                half_cos,
-            });
+    /// Views that say something, each with its block.
+    fn telling<'v>(&'v self, views: &'v [Option<View>]) -> impl Iterator<Item = (&'a Block, &'v View)> {
+        let seen = self.blocks.iter().zip(views).filter_map(|(block, view)| Some((*block, view.as_ref()?)));
+        seen.filter(|(_, view)| view.m >= TELLING_COHERENCE)
+    }
+
+    /// 1σ of a place, all directions together, from what ranges and directions to the sensor's way can tell apart.
+    fn sigma_m(&self, views: &[Option<View>]) -> f64 {
+        let mut information = DMat3::IDENTITY * 1e-6;
+        for (block, view) in self.telling(views) {
+            let across = (block.motion - view.toward * view.cos) / view.range_m.max(1e-3);
+            let range_sigma_m = block.geometry().profile.envelope_fwhm_m() * 0.5;
+            let cos_sigma = WAVELENGTH_M / (4.0 * block.aperture_m.max(1e-4));
+            information += outer(view.toward) * range_sigma_m.powi(-2) + outer(across) * cos_sigma.powi(-2);
+        }
+        let covariance = information.inverse();
+        (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z).sqrt()
+    }
+
+    /// How far the feet of a plane's perpendiculars spread.
+    fn feet_rms_m(&self, views: &[Option<View>]) -> f64 {
+        let foot = |(block, view): (&Block, &View)| block.middle.translation + view.toward * view.range_m;
+        let count = self.telling(views).count().max(1) as f64;
+        let mean = self.telling(views).map(foot).sum::<DVec3>() / count;
+        (self.telling(views).map(|seen| foot(seen).distance_squared(mean)).sum::<f64>() / count).sqrt()
+    }
+
+    fn claim_of(&self, n: usize, view: &View) -> Claim {
+        let block = self.blocks[n];
+        let half_width_m = block.geometry().profile.envelope_fwhm_m() * 0.5;
+        // As far as the pulse's skirt still stands out of the noise.
+        let skirt_m = half_width_m * view.power.max(1.0).log2().sqrt();
+        Claim {
+            range_m: view.range_m,
+            half_range_m: skirt_m.max(self.settings.claim_range_m),
+            cos: view.cos,
+            half_cos: self.settings.claim_lobes * WAVELENGTH_M / (2.0 * block.aperture_m.max(1e-4)),
         }
     }
 
+    /// `[place][block]`
     fn views_of_points(&self, places: &[DVec3]) -> Vec<Vec<Option<View>>> {
-        let chunks = places.par_chunks(LANES).flat_map_iter(|chunk| {
-            let by_block: Vec<_> = self.blocks.iter().map(|block| self.block_views(block, chunk)).collect();
-            (0..chunk.len()).map(move |lane| by_block.iter().map(|views| views[lane]).collect())
-        });
-        chunks.collect()
+        let by_block: Vec<_> = self.blocks.par_iter().map(|block| self.block_views(block, places)).collect();
+        (0..places.len()).map(|n| by_block.iter().map(|views| views[n]).collect()).collect()
     }
 
-    fn block_views(&self, block: &Block, places: &[DVec3]) -> [Option<View>; LANES] {
-        let mut views = [None; LANES];
-        let sees = |place: &DVec3| self.block_settings.sees(&block.middle, self.min_cos, *place);
-        if !places.iter().any(sees) {
-            return views;
-        }
+    fn block_views(&self, block: &Block, places: &[DVec3]) -> Vec<Option<View>> {
         let origin = block.middle.translation;
-        let relative: Vec<[f32; 3]> = places.iter().map(|p| (*p - origin).as_vec3().to_array()).collect();
-        let coherence = block.coherence_at_points(&Points::of(&relative));
-        for (lane, place) in places.iter().enumerate().filter(|(_, place)| sees(place)) {
-            let range_m = block.distance_m(*place);
-            let cos = (*place - origin).dot(block.motion) / range_m.max(1e-9);
-            let (m, power) = (f64::from(coherence.m[lane]), f64::from(coherence.power[lane]));
-            views[lane] = Some(View { m, power, range_m, cos });
+        let sees = |n: &usize| self.block_settings.sees(&block.middle, self.min_cos, places[*n]);
+        let seen: Vec<usize> = (0..places.len()).filter(sees).collect();
+        let relative: Vec<[f32; 3]> = seen.iter().map(|&n| (places[n] - origin).as_vec3().to_array()).collect();
+        let mut views = vec![None; places.len()];
+        for (&n, coherence) in seen.iter().zip(block.coherence_at_points(&relative)) {
+            let range_m = block.distance_m(places[n]);
+            let toward = (places[n] - origin) / range_m.max(1e-9);
+            views[n] = Some(View::new(block, coherence, range_m, toward));
         }
         views
     }
@@ -213,18 +300,100 @@ impl<'a> Window<'a> {
             if !in_range || plane.outward.dot(block.middle.forward()) < self.min_cos {
                 return None;
             }
-            let toward = Points::of(&[plane.outward.as_vec3().to_array()]);
-            let coherence = block.coherence_of_planes(&Planes { toward, distance_m: [range_m as f32; LANES] });
-            Some(View {
-                m: f64::from(coherence.m[0]),
-                power: f64::from(coherence.power[0]),
-                range_m,
-                cos: plane.outward.dot(block.motion),
-            })
+            let toward = plane.outward.as_vec3().to_array();
+            let coherence = block.coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
+            Some(View::new(block, coherence, range_m, plane.outward))
         };
         self.blocks.iter().map(view).collect()
     }
 }
 
+impl<T> Explained<T> {
+    fn of<U>(self, thing: U, determined: bool) -> Explained<U> {
+        let Self { score, blocks, first_ns, last_ns, .. } = self;
+        Explained { thing, score, blocks, determined, first_ns, last_ns }
+    }
+}
+
+impl View {
+    fn new(block: &Block, coherence: Coherence, range_m: f64, toward: DVec3) -> Self {
+        let (m, power) = (f64::from(coherence.m), f64::from(coherence.power));
+        Self { m, power, range_m, toward, cos: toward.dot(block.motion) }
+    }
+}
+
+impl Claim {
+    /// Takes a view out that it covers.
+    fn take(&self, view: &mut Option<View>) {
+        let covers =
+            |v: &View| (v.range_m - self.range_m).abs() < self.half_range_m && (v.cos - self.cos).abs() < self.half_cos;
+        if view.as_ref().is_some_and(covers) {
+            *view = None;
+        }
+    }
+}
+
 /// Fewer blocks than this say nothing.
 const MIN_BLOCKS: usize = 3;
+/// A view of lower m does not say where something is.
+const TELLING_COHERENCE: f64 = 3.0;
+
+fn outer(v: DVec3) -> DMat3 {
+    DMat3::from_cols(v * v.x, v * v.y, v * v.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::blocks::BlockBuilder;
+    use crate::imaging::test_data::{Echo, on_one_thread, sweeps, winding};
+    use crate::radar::Beam;
+
+    const STRONG: DVec3 = DVec3::new(0.2, 0.1, -1.2);
+    const WEAK: DVec3 = DVec3::new(-0.5, -0.2, -1.5);
+    const WALL: Plane = Plane { outward: DVec3::NEG_Z, offset_m: 1.9 };
+
+    fn explained(path: impl Fn(f64) -> DVec3, echoes: &[(Echo, f64)], planes: &[Plane], places: &[DVec3]) -> Believed {
+        let (settings, block_settings) = (ExplainSettings::default(), BlockSettings::default());
+        let mut builder = BlockBuilder::new(block_settings);
+        let blocks: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
+        let min_cos = block_settings.min_cos(&Beam::Lensless);
+        Window::new(blocks.iter(), &settings, &block_settings, min_cos).explain(planes, places)
+    }
+
+    #[test]
+    fn the_stronger_claims_and_the_weaker_is_still_found() {
+        let beside = STRONG + DVec3::new(0.0, 0.03, 0.0);
+        let echoes = [(Echo::Point(STRONG), 4.0), (Echo::Point(WEAK), 0.7)];
+        let found = explained(winding, &echoes, &[], &[WEAK, beside, STRONG, DVec3::new(0.3, -0.4, -0.8)]).places;
+        let things: Vec<_> = found.iter().map(|e| e.thing).collect();
+        assert_eq!(things, [STRONG, WEAK], "{found:?}");
+        assert!(found.iter().all(|e| e.determined && e.score > 6.0), "{found:?}");
+        let alone = on_one_thread(|| explained(winding, &echoes, &[], &[WEAK, STRONG]).places);
+        assert_eq!(alone, found);
+    }
+
+    #[test]
+    fn a_wall_explains_its_mirror_points_and_a_point_is_no_wall() {
+        let foot = DVec3::new(0.0, 0.0, -1.9);
+        let believed = explained(winding, &[(Echo::Mirror(WALL), 5.0)], &[WALL], &[foot]);
+        assert_eq!((believed.planes.len(), believed.places.len()), (1, 0), "{believed:?}");
+        let believed = explained(winding, &[(Echo::Point(foot), 2.0)], &[WALL], &[foot]);
+        assert_eq!((believed.planes.len(), believed.places.len()), (0, 1), "{believed:?}");
+    }
+
+    #[test]
+    fn a_straight_path_determines_no_place() {
+        let straight = |t: f64| DVec3::X * (0.1 * t);
+        let found = explained(straight, &[(Echo::Point(STRONG), 2.0)], &[], &[STRONG]).places;
+        assert!(found[0].score > 6.0 && !found[0].determined, "{found:?}");
+    }
+
+    #[test]
+    fn noise_is_not_believed_and_nothing_comes_of_nothing() {
+        let believed = explained(winding, &[], &[WALL], &[STRONG, WEAK]);
+        assert!(believed.planes.is_empty() && believed.places.is_empty(), "{believed:?}");
+        let (settings, blocks) = (ExplainSettings::default(), BlockSettings::default());
+        assert!(Window::new([].iter(), &settings, &blocks, 0.5).explain_points(&[STRONG]).is_empty());
+    }
+}

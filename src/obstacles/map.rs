@@ -65,7 +65,7 @@ impl<T> Default for Sightings<T> {
 }
 
 impl<T: Copy> Sightings<T> {
-    /// Takes one update's sightings, strongest first; `same` tells whether two are the same thing.
+    /// Takes one update's sightings, strongest first; those that are not determined are passed over; `same` tells whether two are the same thing.
     pub fn update(&mut self, found: &[Explained<T>], settings: &MapSettings, same: impl Fn(&T, &T) -> bool) {
         self.update += 1;
         for known in &mut self.known {
@@ -74,7 +74,7 @@ impl<T: Copy> Sightings<T> {
                 known.recent.pop_front();
             }
         }
-        for sighting in found.iter().filter(|s| s.score >= settings.confirm_score) {
+        for sighting in found.iter().filter(|s| s.determined && s.score >= settings.confirm_score) {
             match self.known.iter_mut().find(|k| same(&k.thing, &sighting.thing)) {
                 Some(known) => known.see(sighting, self.update, settings),
                 None => {
@@ -126,5 +126,62 @@ pub fn same_place(match_m: f64) -> impl Fn(&DVec3, &DVec3) -> bool {
 pub fn same_plane(middle: DVec3) -> impl Fn(&Plane, &Plane) -> bool {
     move |a, b| {
         a.outward.dot(b.outward) > 8f64.to_radians().cos() && (a.distance(middle) - b.distance(middle)).abs() < 0.15
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sighting(x: f64, score: f64, determined: bool) -> Explained<DVec3> {
+        Explained { thing: DVec3::X * x, score, blocks: 5, determined, first_ns: 1, last_ns: 2 }
+    }
+
+    fn after(updates: &[&[Explained<DVec3>]]) -> Vec<(u64, f64)> {
+        let mut sightings = Sightings::default();
+        let settings = MapSettings::default();
+        updates.iter().for_each(|found| sightings.update(found, &settings, same_place(settings.match_m)));
+        sightings.confirmed().map(|s| (s.id, s.thing.x)).collect()
+    }
+
+    #[test]
+    fn seen_twice_of_four_confirms_and_the_best_place_stays() {
+        let (good, better) = (&[sighting(0.0, 7.0, true)][..], &[sighting(0.05, 9.0, true)][..]);
+        assert_eq!(after(&[good]), []);
+        assert_eq!(after(&[good, &[], &[], better]), [(1, 0.05)]);
+        assert_eq!(after(&[better, good]), [(1, 0.05)]);
+        // Five updates apart: the first one has left the four.
+        assert_eq!(after(&[good, &[], &[], &[], good]), []);
+    }
+
+    #[test]
+    fn the_confirmed_stay_and_the_others_are_forgotten() {
+        let seen = &[sighting(0.0, 7.0, true)][..];
+        let mut updates = vec![seen, seen];
+        updates.extend(vec![&[][..]; 50]);
+        assert_eq!(after(&updates).len(), 1);
+        let mut once = vec![seen];
+        once.extend(vec![&[][..]; FORGET_AFTER_UPDATES as usize]);
+        once.extend([seen, seen]);
+        // A new id: the first sighting is gone.
+        assert_eq!(after(&once), [(2, 0.0)]);
+    }
+
+    #[test]
+    fn weak_and_undetermined_sightings_do_not_count() {
+        let (weak, open) = (&[sighting(0.0, 5.9, true)][..], &[sighting(0.0, 20.0, false)][..]);
+        assert_eq!(after(&[weak, weak, open, open]), []);
+    }
+
+    #[test]
+    fn planes_are_the_same_by_direction_and_offset_in_the_room() {
+        let same = same_plane(DVec3::Y);
+        let wall = |yaw_deg: f64, offset_m| {
+            let yaw = f64::to_radians(yaw_deg);
+            Plane { outward: DVec3::new(yaw.sin(), 0.0, -yaw.cos()), offset_m }
+        };
+        assert!(same(&wall(0.0, 2.0), &wall(5.0, 2.1)));
+        assert!(!same(&wall(0.0, 2.0), &wall(10.0, 2.0)));
+        assert!(!same(&wall(0.0, 2.0), &wall(0.0, 2.2)));
     }
 }

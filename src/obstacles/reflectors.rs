@@ -137,3 +137,32 @@ fn obstacle(id: u64, refined: &Refined, evidence: f64, observations: &[Observati
         last_seen_ns: observations.last().map_or(0, |o| o.mid_time_ns),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::test_data::{Echo, sweeps, winding};
+
+    fn found(echoes: &[(Echo, f64)], seed: u64) -> Vec<Obstacle> {
+        let all = sweeps(3.0, |t| winding(t) * 3.0, echoes, seed);
+        let observations: Vec<_> = all.into_iter().step_by(60).collect();
+        let region = Aabb { min: DVec3::new(-0.7, -0.7, -2.4), max: DVec3::new(0.7, 0.7, -0.5) };
+        let settings = ReflectorSettings::default();
+        find_reflectors(&observations, &Beam::Lensless, &region, &settings, &PositionErrors::default())
+    }
+
+    #[test]
+    fn noise_is_no_reflector() {
+        for seed in 0..3 {
+            assert_eq!(found(&[], seed), []);
+        }
+    }
+
+    #[test]
+    fn one_reflector_two_metres_away_is_one() {
+        let at = DVec3::new(0.2, -0.1, -2.0);
+        let found = found(&[(Echo::Point(at), 10.0)], 4);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].position_m.distance(at) < 0.02 && found[0].observed == Observed::Position, "{found:?}");
+    }
+}

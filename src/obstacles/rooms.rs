@@ -181,8 +181,13 @@ impl RoomSearch {
         let peaks = self.field.peaks(explain.min_candidate_score, PEAK_RADIUS_M, since_ns);
         let peaks: Vec<DVec3> = peaks.iter().take(explain.max_candidates).map(|p| p.position_m).collect();
         let mut window = Window::new(self.window.iter(), &explain, &self.settings.blocks, self.min_cos);
-        let walls = window.explain_planes(&planes);
-        let points = window.explain_points(&peaks);
+        // What is known claims before anything new does.
+        let known_walls: Vec<Plane> = self.walls.confirmed().map(|w| w.thing).collect();
+        let known_points: Vec<DVec3> = self.points.confirmed().map(|p| p.thing).collect();
+        let known = window.explain(&known_walls, &known_points);
+        let new = window.explain(&planes, &peaks);
+        let walls = [known.planes, new.planes].concat();
+        let points = [known.places, new.places].concat();
         let map = self.settings.map;
         self.walls.update(&walls, &map, same_plane(self.middle.unwrap_or(DVec3::ZERO)));
         self.points.update(&points, &map, same_place(map.match_m));

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::kernel::{Group, LANES, Lanes};
 use super::{BlockSettings, taper};
 use crate::geometry::Pose;
 use crate::imaging::{RangeCompressor, block_noise_rms};
@@ -25,26 +26,20 @@ pub struct Block {
     /// Range of the first table entry, and of the last point, metres.
     pub(super) first_m: f32,
     pub(super) last_m: f32,
-    /// 1 / distance between table entries.
+    /// Distance between table entries, and its inverse.
+    pub(super) entry_step_m: f32,
     pub(super) entries_per_m: f32,
     /// Entries of one sweep's table.
     pub(super) entries: usize,
     /// A point at range d is sampled `d · time_s_per_m + time_at_zero_s` after the middle of its sweep.
     pub(super) time_s_per_m: f32,
     pub(super) time_at_zero_s: f32,
-    pub(super) sweeps: Vec<BlockSweep>,
-    /// z as (re, im), `[sweep][entry]`.
-    pub(super) z: Vec<[f32; 2]>,
+    pub(super) sweep_count: usize,
+    /// Places of the sweeps, sixteen by sixteen.
+    pub(super) groups: Vec<Group>,
+    /// z times the taper, `[entry][group]` then `[re, im][sweep]`; zero where a group has no sweep left.
+    pub(super) z: Vec<[Lanes; 2]>,
     geometry: Arc<SweepGeometry>,
-}
-
-/// Place, velocity and weight of one sweep.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct BlockSweep {
-    /// Relative to the block's middle, metres.
-    pub position_m: [f32; 3],
-    pub velocity_m_per_s: [f32; 3],
-    pub weight: f32,
 }
 
 impl Block {
@@ -54,17 +49,16 @@ impl Block {
         let origin = middle.tracking_from_sensor.translation;
         let noise_rms_lsb = block_noise_rms(observations.iter().map(|o| o.samples.as_slice()));
         let geometry = Arc::clone(&middle.geometry);
-        let (mut sweeps, mut z) = (Vec::with_capacity(observations.len()), Vec::new());
-        let (mut first_m, mut step_m, mut entries) = (0.0, 1.0, 0);
-        for (k, observation) in observations.iter().enumerate() {
-            let compressed = compressor.compress(&observation.samples, (1.0 / noise_rms_lsb) as f32);
-            (first_m, step_m, entries) = (compressed.first_m, compressed.step_m, compressed.z.len());
-            z.extend(compressed.z.iter().map(|z| [z.re, z.im]));
-            sweeps.push(BlockSweep {
-                position_m: (observation.tracking_from_sensor.translation - origin).as_vec3().to_array(),
-                velocity_m_per_s: observation.velocity_m_per_s.as_vec3().to_array(),
-                weight: taper(k, observations.len()) as f32,
-            });
+        let groups: Vec<Group> = observations.chunks(LANES).map(|sweeps| group(sweeps, origin)).collect();
+        let compressed: Vec<_> = observations.iter().map(|o| compressor.compress(&o.samples, 1.0)).collect();
+        let (first_m, step_m, entries) = (compressed[0].first_m, compressed[0].step_m, compressed[0].z.len());
+        let mut z = vec![[[0.0; LANES]; 2]; entries * groups.len()];
+        for (k, sweep) in compressed.iter().enumerate() {
+            let scale = (taper(k, observations.len()) / noise_rms_lsb) as f32;
+            for (entry, value) in sweep.z.iter().enumerate() {
+                let row = &mut z[entry * groups.len() + k / LANES];
+                (row[0][k % LANES], row[1][k % LANES]) = (value.re * scale, value.im * scale);
+            }
         }
         let way = observations[observations.len() - 1].tracking_from_sensor.translation
             - observations[0].tracking_from_sensor.translation;
@@ -76,11 +70,13 @@ impl Block {
             noise_rms_lsb,
             first_m: first_m as f32,
             last_m: geometry.axis.last_m() as f32,
+            entry_step_m: step_m as f32,
             entries_per_m: (1.0 / step_m) as f32,
             entries,
             time_s_per_m: (geometry.point_period_s / geometry.axis.step_m) as f32,
             time_at_zero_s: middle.point_time_s(geometry.axis.point_at(0.0)) as f32,
-            sweeps,
+            sweep_count: observations.len(),
+            groups,
             z,
             geometry,
         }
@@ -88,7 +84,7 @@ impl Block {
 
     /// Number of sweeps.
     pub fn sweep_count(&self) -> usize {
-        self.sweeps.len()
+        self.sweep_count
     }
 
     /// Range axis, pulse and timing of its sweeps.
@@ -99,6 +95,18 @@ impl Block {
     /// Distance from its middle to a place, metres.
     pub fn distance_m(&self, place: DVec3) -> f64 {
         place.distance(self.middle.translation)
+    }
+}
+
+/// Up to sixteen sweeps side by side; the last one fills up.
+fn group(sweeps: &[Observation], origin: DVec3) -> Group {
+    let lanes = |value: &dyn Fn(&Observation) -> DVec3| {
+        let of = |l: usize| value(&sweeps[l.min(sweeps.len() - 1)]).as_vec3().to_array();
+        std::array::from_fn(|axis| std::array::from_fn(|l| of(l)[axis]))
+    };
+    Group {
+        position_m: lanes(&|o| o.tracking_from_sensor.translation - origin),
+        velocity_m_per_s: lanes(&|o| o.velocity_m_per_s),
     }
 }
 
@@ -141,5 +149,32 @@ impl BlockBuilder {
         }
         let compressor = self.compressor.get_or_insert_with(|| RangeCompressor::new(&sweeps[0].geometry));
         Some(Block::new(&sweeps, compressor))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::blocks::partition;
+    use crate::imaging::test_data::{sweeps, winding};
+
+    #[test]
+    fn blocks_are_the_oracles_partition() {
+        let mut observations = sweeps(0.5, winding, &[], 1);
+        // A pause, and a rest too short for a block.
+        observations.drain(200..260);
+        observations.drain(265..430);
+        let settings = BlockSettings::default();
+        let mut builder = BlockBuilder::new(settings);
+        let mut blocks: Vec<_> = observations.iter().filter_map(|o| builder.push(o.clone())).collect();
+        blocks.extend(builder.close());
+        let expected = partition(&observations, &settings);
+        let kept: usize = expected.iter().map(Vec::len).sum();
+        assert_eq!(blocks.len(), expected.len());
+        assert_eq!(builder.dropped_sweeps as usize, observations.len() - kept);
+        for (block, indices) in blocks.iter().zip(&expected) {
+            assert_eq!(block.sweep_count(), indices.len());
+            assert_eq!(block.mid_time_ns, observations[indices[indices.len() / 2]].mid_time_ns);
+        }
     }
 }

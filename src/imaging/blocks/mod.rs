@@ -4,14 +4,16 @@
 //! a strong wall in the same range does not drown a chair.
 
 mod block;
+mod dense;
 mod field;
 mod kernel;
 mod planes;
 mod settings;
 
 pub use block::{Block, BlockBuilder};
+pub use dense::blocks_volume;
 pub use field::{Field, Peak};
-pub use kernel::{Coherence, LANES, Planes, Points};
+pub use kernel::{Coherence, PlaneAt};
 pub use planes::{PlaneField, PlanePeak};
 pub use settings::{BlockSettings, partition, taper};
 

@@ -6,8 +6,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::kernel::Planes;
-use super::{Block, BlockSettings, LANES, MEAN_LOG_OF_NOISE, Points};
+use super::{Block, BlockSettings, MEAN_LOG_OF_NOISE, PlaneAt};
 use crate::geometry::Plane;
 
 /// Directions of upright planes around the compass.
@@ -78,14 +77,11 @@ impl PlaneField {
             let first = index(settings.min_range_m).clamp(0, 2 * OFFSET_HALF + 1) as usize;
             // Walls are strong: they are followed half a metre beyond what obstacles are.
             let beyond = index(settings.max_range_m + 0.5).clamp(0, 2 * OFFSET_HALF + 1) as usize;
-            for start in (first..beyond).step_by(LANES) {
-                let distance_m = std::array::from_fn(|l| (base_m + offset_m((start + l) as i32 - OFFSET_HALF)) as f32);
-                let toward = Points::of(&[toward.as_vec3().to_array()]);
-                let coherence = block.coherence_of_planes(&Planes { toward, distance_m });
-                let end = (start + LANES).min(beyond);
-                for (cell, m) in cells[start..end].iter_mut().zip(coherence.m) {
-                    cell.add(m, now_s, memory_s);
-                }
+            let distance_m = |n: usize| (base_m + offset_m(n as i32 - OFFSET_HALF)) as f32;
+            let toward = toward.as_vec3().to_array();
+            let planes: Vec<_> = (first..beyond).map(|n| PlaneAt { toward, distance_m: distance_m(n) }).collect();
+            for (cell, coherence) in cells[first..].iter_mut().zip(block.coherence_of_planes(&planes)) {
+                cell.add(coherence.m, now_s, memory_s);
             }
         });
     }
@@ -130,5 +126,39 @@ impl Cell {
         self.b = rho * rho * self.b + 1.0;
         self.seen_s = now_s;
         self.blocks += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::blocks::BlockBuilder;
+    use crate::imaging::test_data::{Echo, on_one_thread, sweeps, winding};
+    use crate::radar::Beam;
+
+    fn peaks(wall: Option<Plane>, seed: u64) -> Vec<PlanePeak> {
+        let settings = BlockSettings::default();
+        let mut field = PlaneField::new(settings, settings.min_cos(&Beam::Lensless));
+        let mut builder = BlockBuilder::new(settings);
+        let echoes: Vec<_> = wall.map(|wall| (Echo::Mirror(wall), 5.0)).into_iter().collect();
+        let observations = sweeps(1.5, winding, &echoes, seed);
+        observations.into_iter().filter_map(|o| builder.push(o)).for_each(|block| field.add(&block));
+        field.peaks(6.0, 13, 0)
+    }
+
+    #[test]
+    fn a_wall_has_its_offset_and_direction() {
+        let yaw = 0.21f64;
+        let wall = Plane { outward: DVec3::new(yaw.sin(), 0.0, -yaw.cos()), offset_m: 1.83 };
+        let found = peaks(Some(wall), 1);
+        let best = found[0].plane;
+        assert!((best.offset_m - wall.offset_m).abs() < 0.05, "{best:?}");
+        assert!(best.outward.dot(wall.outward) > 6f64.to_radians().cos(), "{best:?}");
+        assert_eq!(on_one_thread(|| peaks(Some(wall), 1)), found);
+    }
+
+    #[test]
+    fn noise_is_no_wall() {
+        assert_eq!(peaks(None, 2), []);
     }
 }

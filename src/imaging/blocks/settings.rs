@@ -49,9 +49,12 @@ impl BlockSettings {
     /// Whether a sensor pose has a place in its beam and range.
     pub fn sees(&self, tracking_from_sensor: &Pose, min_cos: f64, place: DVec3) -> bool {
         let to = place - tracking_from_sensor.translation;
-        let distance_m = to.length();
-        (self.min_range_m..=self.max_range_m).contains(&distance_m)
-            && to.dot(tracking_from_sensor.forward()) >= min_cos * distance_m
+        let along = to.dot(tracking_from_sensor.forward());
+        // Squares with their sign spare the root.
+        let distance2 = to.length_squared();
+        distance2 >= self.min_range_m * self.min_range_m
+            && distance2 <= self.max_range_m * self.max_range_m
+            && along * along.abs() >= min_cos * min_cos.abs() * distance2
     }
 
     /// Whether a sweep at `time_ns` still belongs to a block that began at `first_ns` and whose last sweep was at `last_ns`:
