@@ -56,6 +56,8 @@ pub struct ObstacleScore {
     pub name: String,
     /// Least distance from the head during the recording, metres.
     pub closest_approach_m: f64,
+    /// Time that it was in the beam, seconds.
+    pub in_beam_s: f64,
     /// The head came near enough to need a warning.
     pub due: bool,
     /// A report lies near enough.
@@ -164,6 +166,7 @@ fn score_obstacle(obstacle: &TruthObstacle, reports: &[DVec3], limits: &Limits) 
     ObstacleScore {
         name: obstacle.name.clone(),
         closest_approach_m: obstacle.closest_approach_m,
+        in_beam_s: obstacle.in_beam_s,
         due: obstacle.closest_approach_m <= limits.due_m,
         found: nearest <= limits.found_m,
         nearest_report_m: nearest.is_finite().then_some(nearest),
@@ -212,12 +215,13 @@ fn quantile(rising: &[f64], share: f64) -> Option<f64> {
 impl fmt::Display for Score {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let width = self.obstacles.iter().map(|o| o.name.chars().count()).max().unwrap_or(0).max(8);
-        writeln!(f, "{:width$}  closest  due  found  nearest report", "obstacle")?;
+        writeln!(f, "{:width$}  closest  in beam  due  found  nearest report", "obstacle")?;
         for o in &self.obstacles {
             let yes = |is: bool| if is { "yes" } else { "–" };
             let nearest = o.nearest_report_m.map_or("–".into(), |m| format!("{m:.3} m"));
             let (due, found) = (yes(o.due), yes(o.found));
-            writeln!(f, "{:width$}  {:5.2} m  {due:>3}  {found:>5}  {nearest:>14}", o.name, o.closest_approach_m)?;
+            let (name, closest_m, beam_s) = (&o.name, o.closest_approach_m, o.in_beam_s);
+            writeln!(f, "{name:width$}  {closest_m:5.2} m  {beam_s:5.1} s  {due:>3}  {found:>5}  {nearest:>14}")?;
         }
         let centimetres = |m: Option<f64>| m.map_or("–".into(), |m| format!("{:.1} cm", 100.0 * m));
         writeln!(f, "due and found        {} of {}", self.due_found, self.due)?;

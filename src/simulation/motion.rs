@@ -166,7 +166,8 @@ impl SensorMotion {
     }
 }
 
-/// Standing play: the head moves from stance to stance, looks about, sways, crouches now and then.
+/// Standing play: the head moves from stance to stance, looks where it steps and about when it stands, sways, crouches now
+/// and then.
 #[derive(Debug, Clone)]
 pub struct HeadPlay {
     stances: Vec<Stance>,
@@ -185,6 +186,8 @@ struct Stance {
 
 /// Half of the play area, metres.
 const PLAY_HALF_M: f64 = 0.8;
+/// From this way over the ground on a player looks where it leads, metres.
+const STEP_M: f64 = 0.25;
 /// Nearest that a player keeps from furniture, metres.
 const CLEARANCE_M: f64 = 0.4;
 
@@ -217,11 +220,17 @@ impl HeadPlay {
                 break;
             }
         }
-        let yaw_rad = last.yaw_rad + rng.random_range(-1.6..1.6);
+        let way = position_m - last.position_m;
+        let way_m = way.length();
+        // People look where they step, give or take; standing, they look about.
+        let turn_rad = match DVec3::new(way.x, 0.0, way.z).length() > STEP_M {
+            true => turn_between(last.yaw_rad, (-way.x).atan2(-way.z)) + rng.random_range(-0.6..0.6),
+            false => rng.random_range(-1.6..1.6),
+        };
+        let yaw_rad = last.yaw_rad + turn_rad;
         let pitch_rad = rng.random_range(-0.75..0.15);
-        let way_m = position_m.distance(last.position_m);
         // About 0.6 m/s over the ground and 90°/s of turning on average.
-        let travel_s = (way_m / 0.6).max((yaw_rad - last.yaw_rad).abs() / 1.6).max(0.4) * rng.random_range(0.9..1.3);
+        let travel_s = (way_m / 0.6).max(turn_rad.abs() / 1.6).max(0.4) * rng.random_range(0.9..1.3);
         let from_s = last.until_s + travel_s;
         Stance { from_s, until_s: from_s + rng.random_range(0.1..0.8), position_m, yaw_rad, pitch_rad }
     }
@@ -236,6 +245,11 @@ impl HeadPlay {
             * DQuat::from_rotation_x(mix(a.pitch_rad, b.pitch_rad) + sway.x * 1.5);
         Pose::new(a.position_m.lerp(b.position_m, share) + sway, rotation)
     }
+}
+
+/// The short way round from one yaw to another, within ±π.
+fn turn_between(from_rad: f64, to_rad: f64) -> f64 {
+    (to_rad - from_rad + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
 }
 
 /// 0 to 1 with no jerk at the ends (10x³ − 15x⁴ + 6x⁵).
