@@ -46,8 +46,7 @@ fn streams_20_ms_apart_are_healed_by_the_setting() {
     let near = |f: &crate::found::Found| f.position_m.distance(CORNER_REFLECTOR_M) < 0.01;
     let apart = obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50");
     assert!(!apart.iter().any(near), "20 ms should do harm");
-    let healed =
-        obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50 --set tracking.time_offset_s=0.02");
+    let healed = obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50 --set tracking.time_offset_s=0.02");
     assert!(near(&only(healed)));
     assert_eq!(folder.json("found/obstacles.json")["time_offset_s"], 0.02);
 }
