@@ -38,8 +38,8 @@ impl Import {
             options.head_from_sensor = parse_mount(mount)?;
         }
         let imported = import_h5(&self.frames, self.poses.as_deref(), &options)?;
-        println!("{}", imported.write(&self.out)?);
-        println!("Written to {}", self.out.display());
+        say!("{}", imported.write(&self.out)?)?;
+        say!("Written to {}", self.out.display())?;
         Ok(())
     }
 }

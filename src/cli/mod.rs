@@ -1,5 +1,19 @@
 //! The command line: one file a command; a command's head is its manual.
 
+/// Prints a line to standard output, as `println!` does, and gives what went wrong: nothing when nobody reads any more
+/// (`… | head`), so that the rest of the work is still done.
+macro_rules! say {
+    ($($text:tt)*) => {{
+        use std::io::Write;
+        match writeln!(std::io::stdout(), $($text)*) {
+            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+                Err(anyhow::Error::new(error).context("cannot write to standard output"))
+            }
+            _ => Ok(()),
+        }
+    }};
+}
+
 mod demo;
 mod files;
 mod import;
@@ -10,6 +24,7 @@ mod recover;
 mod replay;
 mod simulate;
 
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -62,7 +77,8 @@ pub fn run() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", told(&error));
+            // Nobody may be reading; the exit code says it all the same.
+            let _ = writeln!(std::io::stderr(), "error: {}", told(&error));
             ExitCode::FAILURE
         }
     }

@@ -142,16 +142,12 @@ impl Reconstruct {
         let info = VolumeInfo { statistic: statistic.name().into(), updates, dense_updates: updates, extra };
         write_volume(&self.out, volume, &info)?;
         let [nx, ny, nz] = volume.size;
-        println!(
-            "{} over {nz} × {ny} × {nx} voxels [z][y][x] of {} m, {sweeps} sweeps",
-            statistic.name(),
-            self.voxel_m
-        );
+        say!("{} over {nz} × {ny} × {nx} voxels [z][y][x] of {} m, {sweeps} sweeps", statistic.name(), self.voxel_m)?;
         if let Some((index, value)) = volume.peak() {
             let at = volume.center(volume.voxel(index));
-            println!("greatest value {value:.4} at ({:.3}, {:.3}, {:.3}) m", at.x, at.y, at.z);
+            say!("greatest value {value:.4} at ({:.3}, {:.3}, {:.3}) m", at.x, at.y, at.z)?;
         }
-        println!("Written to {} and its .json", self.out.display());
+        say!("Written to {} and its .json", self.out.display())?;
         Ok(())
     }
 }

@@ -28,10 +28,10 @@ impl Recover {
         }
         let saved = writer.finish()?;
         match recording.damage().is_none() {
-            true => println!("{} was not damaged.", self.file.display()),
-            false => println!("Damage: {}", recording.damage()),
+            true => say!("{} was not damaged.", self.file.display())?,
+            false => say!("Damage: {}", recording.damage())?,
         }
-        println!("Saved {} frames and {} poses to {}", saved.frames.count, saved.poses.count, self.out.display());
+        say!("Saved {} frames and {} poses to {}", saved.frames.count, saved.poses.count, self.out.display())?;
         Ok(())
     }
 }

@@ -47,10 +47,10 @@ impl Replay {
         pipeline.finish();
         let scene = pipeline.scene();
         spinner.finish_and_clear();
-        print!("{}", described(&scene, &pipeline));
+        say!("{}", described(&scene, &pipeline).trim_end())?;
         let scored = header.truth.as_ref().map(|truth| score(&scene, truth, &Limits::default()));
         if let Some(score) = &scored {
-            println!("\nAgainst the truth in the recording:\n{score}");
+            say!("\nAgainst the truth in the recording:\n{score}")?;
         }
         if let Some(out) = &self.out {
             write_obstacles(&out.join("obstacles.json"), &scene, &pipeline, &settings)?;
@@ -65,18 +65,18 @@ impl Replay {
                 )?)
                 .table(obstacle_table(&scene));
             if let Some(score) = &scored {
-                section = section.preformatted(&score.to_string());
+                section = section.preformatted(score.to_string());
             }
             let counters = Section::new("What was taken and left out")
-                .preformatted(&serde_json::to_string_pretty(&pipeline.counters())?);
-            let recording = Section::new("The recording").preformatted(&summary.to_string());
+                .preformatted(serde_json::to_string_pretty(&pipeline.counters())?);
+            let recording = Section::new("The recording").preformatted(summary.to_string());
             Report::new(&header.source)
                 .intro("The pipeline's result over one recording.")
                 .section(section)
                 .section(counters)
                 .section(recording)
                 .write(&out.join("report.html"))?;
-            println!("\nWritten to {}", out.display());
+            say!("\nWritten to {}", out.display())?;
         }
         Ok(())
     }

@@ -71,8 +71,8 @@ impl Simulate {
         let simulated = scenario.run()?;
         let summary = write_simulated(&self.out, &scenario, &simulated)?;
         spinner.finish_and_clear();
-        println!("{summary}");
-        println!("Written to {}", self.out.display());
+        say!("{summary}")?;
+        say!("Written to {}", self.out.display())?;
         Ok(())
     }
 

@@ -62,25 +62,46 @@ impl Folder {
 
     /// The same, in a changed environment.
     pub fn run_with(&self, line: &str, environment: &[(&str, &str)]) -> Outcome {
-        let number = self.runs.fetch_add(1, Ordering::Relaxed);
-        let [out, err] = ["out", "err"].map(|stream| self.path.join(format!("streams/{number}.{stream}")));
+        let out = self.stream("out");
+        let outcome = self.run_into(File::create(&out).unwrap().into(), line, environment);
+        Outcome { out: text(&out), ..outcome }
+    }
+
+    /// Runs the program while nobody reads what it prints, as in `… | true`.
+    pub fn run_unread(&self, line: &str) -> Outcome {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        self.run_into(writer.into(), line, &[])
+    }
+
+    fn run_into(&self, out: Stdio, line: &str, environment: &[(&str, &str)]) -> Outcome {
+        let err = self.stream("err");
         let child = Command::new(env!("CARGO_BIN_EXE_radar-chaperone"))
             .args(line.split_whitespace())
             .current_dir(&self.path)
             .env_remove("RUST_LOG")
             .envs(environment.iter().copied())
             .stdin(Stdio::null())
-            .stdout(File::create(&out).unwrap())
+            .stdout(out)
             .stderr(File::create(&err).unwrap())
             .spawn()
             .unwrap();
-        let status = ended(child, line);
-        let text = |path| String::from_utf8(fs::read(path).unwrap()).unwrap();
-        let outcome = Outcome { line: line.to_owned(), code: status.code(), out: text(out), err: text(err) };
+        let code = ended(child, line).code();
+        let outcome = Outcome { line: line.to_owned(), code, out: String::new(), err: text(&err) };
         assert!(!outcome.err.contains("panicked"), "a panic: {outcome:#?}");
         assert!(outcome.code.is_some(), "ended by a signal: {outcome:#?}");
         outcome
     }
+
+    /// A new file for what a run prints.
+    fn stream(&self, name: &str) -> PathBuf {
+        let number = self.runs.fetch_add(1, Ordering::Relaxed);
+        self.path.join(format!("streams/{number}.{name}"))
+    }
+}
+
+fn text(path: &Path) -> String {
+    String::from_utf8(fs::read(path).unwrap()).unwrap()
 }
 
 /// Waits for the end; ends the process itself when that takes too long.

@@ -30,7 +30,7 @@ fn impossible_settings_are_refused() {
         ("--set rooms.map.confirm_score=nan", "setting rooms.map.confirm_score is NaN"),
         ("--set rooms.blocks.max_range_m=0.1", "setting rooms.blocks.max_range_m is 0.1"),
         ("--set tracking.time_offset_s=inf", "setting tracking.time_offset_s is inf: it must lie in -10 to 10"),
-        ("--set tracking.time_offset_s.x=1", "expected f64"),
+        ("--set tracking.time_offset_s.x=1", "--set tracking.time_offset_s.x=1: there is no setting of that name"),
         ("--set tracking.history.smoothing_window_s=9", "smoothing_window_s is 9: it must lie in 0 to 0.5"),
         ("--set radar.beam=laser", "beam \"laser\" is not known: use uniform"),
         ("--set radar.beam=[[0,1],[10,nan]]", "beam table row 1 is [10, NaN]"),
@@ -171,6 +171,22 @@ fn what_cannot_be_written_is_told() {
     ] {
         let outcome = folder.run(line).refused("os error");
         assert_eq!(outcome.err.matches("os error").count(), 1, "said twice: {outcome:#?}");
+    }
+}
+
+#[test]
+fn a_reader_who_leaves_early_loses_no_file() {
+    let folder = folder("unread");
+    for (line, file) in [
+        ("simulate nothing --duration-s 0.2 --out s.mcap", "s.mcap"),
+        ("replay r.mcap --set reflectors.voxel_m=0.2 --out found", "found/report.html"),
+        ("reconstruct r.mcap --voxel-m 0.5 --out v.npy", "v.npy"),
+        ("recover r.mcap --out saved.mcap", "saved.mcap"),
+        ("info r.mcap", "r.mcap"),
+        ("--help", "r.mcap"),
+    ] {
+        folder.run_unread(line).done();
+        assert!(folder.path(file).exists(), "{line}");
     }
 }
 

@@ -133,7 +133,7 @@ fn bad_content_is_counted_and_left_out_of_a_search_in_rooms() {
 fn spoil_each(preset_name: &str, motion: &str) {
     let folder = Folder::new(&format!("bad_content_{preset_name}"));
     let config = preset(preset_name).unwrap();
-    let scenario = Scenario::new("corner-reflector", motion, config, 1.0, 1);
+    let scenario = Scenario::new("corner-reflector", motion, config, 0.6, 1);
     let simulated = scenario.run().unwrap();
     let header = Header::new("a test", scenario.config, scenario.head_from_sensor);
     let sound = Streams { header, frames: simulated.frames, poses: simulated.poses };

@@ -56,7 +56,7 @@ fn noise_alone_is_no_obstacle() {
     let folder = Folder::new("noise");
     for preset in ["fine", "d16"] {
         for seed in 1..=2 {
-            let scenario = format!("nothing --preset {preset} --seed {seed} --duration-s 4");
+            let scenario = format!("nothing --preset {preset} --seed {seed} --duration-s 3");
             folder.run(&format!("simulate {scenario} --out r.mcap")).done();
             folder.run("replay r.mcap").done().says("\n0 obstacles, 0 walls\n");
         }

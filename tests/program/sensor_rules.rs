@@ -42,7 +42,7 @@ fn each_rule_names_field_value_and_bound() {
         (subsweep(json!({"prf": "19_5_MHz"})), "subsweeps[0].prf is 19.5 MHz with profile 3: it needs profile 1"),
         (
             subsweep(json!({"step_length": 24, "num_points": 100})),
-            "subsweeps[0] ends at 6.14 m: prf 15.6 MHz measures to 5.1 m; lower the prf or num_points",
+            "subsweeps[0] ends at 6.15 m: prf 15.6 MHz measures to 5.1 m; lower the prf or num_points",
         ),
         (
             json!({"subsweeps": [{"prf": "8_7_MHz"}, {"prf": "13_0_MHz"}]}),
