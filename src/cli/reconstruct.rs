@@ -60,7 +60,7 @@ impl Reconstruct {
     pub fn run(&self) -> Result<()> {
         let Search::Dense = self.search;
         let statistic: Statistic = self.statistic.parse()?;
-        self.check_numbers()?;
+        self.check_arguments()?;
         keep_inputs(&self.out, &[&self.file])?;
         let (recording, frames, poses) = read_streams(&self.file)?;
         let header = recording.header();
@@ -107,9 +107,12 @@ impl Reconstruct {
         }
     }
 
-    fn check_numbers(&self) -> Result<()> {
+    fn check_arguments(&self) -> Result<()> {
         if !(1e-4..=10.0).contains(&self.voxel_m) {
             bail!("--voxel-m {}: give 0.0001 to 10 metres", self.voxel_m);
+        }
+        if self.out.extension().is_some_and(|extension| extension == "json") {
+            bail!("--out {}: the .json beside the volume takes this name: choose one in .npy", self.out.display());
         }
         if self.sweeps == Some(0) {
             bail!("--sweeps 0: give at least 1, or leave it out for all");

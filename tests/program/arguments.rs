@@ -95,6 +95,7 @@ fn impossible_volumes_are_refused() {
     }
     assert!(!folder.path("v.npy").exists());
     folder.run("reconstruct r.mcap").refused("--out <FILE.npy>");
+    folder.run("reconstruct r.mcap --out v.json").refused("--out v.json: the .json beside the volume takes this name");
 }
 
 #[test]

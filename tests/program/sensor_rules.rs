@@ -48,10 +48,13 @@ fn each_rule_names_field_value_and_bound() {
             json!({"subsweeps": [{"prf": "8_7_MHz"}, {"prf": "13_0_MHz"}]}),
             "subsweeps[1].prf is 13 MHz, above 8.7 MHz before it: it must not rise",
         ),
-        (frame(json!({"sweeps_per_frame": 26})), "4160 points in a frame (160 × 26 sweeps): the sensor holds 4095"),
+        (
+            frame(json!({"sweeps_per_frame": 26})),
+            "num_points × sweeps_per_frame is 160 × 26 = 4160: the sensor holds 4095",
+        ),
         (
             frame(json!({"sweeps_per_frame": 13, "double_buffering": true})),
-            "2080 points in a frame (160 × 13 sweeps): the sensor holds 2047 with double_buffering",
+            "num_points × sweeps_per_frame is 160 × 13 = 2080: the sensor holds 2047 with double_buffering",
         ),
         (frame(json!({"frame_rate": 0.0})), "frame_rate is 0: it must be above 0"),
         (frame(json!({"sweep_rate": -2.5})), "sweep_rate is -2.5: it must be above 0"),
@@ -110,4 +113,30 @@ fn a_sound_configuration_is_simulated() {
         .run("simulate corner-reflector --config sensor.json --duration-s 1 --out r.mcap")
         .done()
         .says("20 points a sweep");
+}
+
+#[test]
+fn the_oddest_configurations_that_keep_the_rules_are_simulated_and_replayed() {
+    let folder = Folder::new("borders");
+    let table = [
+        // One frame in a thousand million seconds; more frames than a sensor can make.
+        config(json!({"frame_rate": 1e-9}), json!({"num_points": 1})),
+        config(json!({"frame_rate": 1e9}), json!({"num_points": 1})),
+        config(json!({"sweep_rate": 1e300}), json!({"num_points": 1, "hwaas": 1})),
+        config(json!({"sweep_rate": 1e-300}), json!({"num_points": 1, "hwaas": 511})),
+        // All points before the antenna.
+        config(json!({"sweeps_per_frame": 4095}), json!({"num_points": 1, "start_point": -275})),
+        json!({"sweeps_per_frame": 10, "subsweeps": [
+            {"num_points": 2, "start_point": -275},
+            {"num_points": 3, "profile": 5, "enable_tx": false},
+        ]}),
+    ];
+    for config in table {
+        println!("{config}");
+        folder.write("sensor.json", config.to_string());
+        folder.run("simulate furnished-room --config sensor.json --duration-s 0.5 --out r.mcap").done();
+        for mode in ["rooms", "reflectors"] {
+            folder.run(&format!("replay r.mcap --set processing.mode={mode} --out found")).done();
+        }
+    }
 }
