@@ -125,7 +125,7 @@ fn the_oddest_configurations_that_keep_the_rules_are_simulated_and_replayed() {
         config(json!({"sweep_rate": 1e300}), json!({"num_points": 1, "hwaas": 1})),
         config(json!({"sweep_rate": 1e-300}), json!({"num_points": 1, "hwaas": 511})),
         // All points before the antenna.
-        config(json!({"sweeps_per_frame": 4095}), json!({"num_points": 1, "start_point": -275})),
+        config(json!({"sweeps_per_frame": 500}), json!({"num_points": 1, "start_point": -275})),
         json!({"sweeps_per_frame": 10, "subsweeps": [
             {"num_points": 2, "start_point": -275},
             {"num_points": 3, "profile": 5, "enable_tx": false},
@@ -134,7 +134,7 @@ fn the_oddest_configurations_that_keep_the_rules_are_simulated_and_replayed() {
     for config in table {
         println!("{config}");
         folder.write("sensor.json", config.to_string());
-        folder.run("simulate furnished-room --config sensor.json --duration-s 0.5 --out r.mcap").done();
+        folder.run("simulate furnished-room --config sensor.json --duration-s 0.3 --out r.mcap").done();
         for mode in ["rooms", "reflectors"] {
             folder.run(&format!("replay r.mcap --set processing.mode={mode} --out found")).done();
         }
