@@ -173,9 +173,9 @@ impl Demo {
         self.report(&played, renderer.as_ref()).write(&report)?;
         for (act, one) in ACTS.iter().zip(&played) {
             let Score { due_found, due, false_reports, .. } = one.score;
-            println!("{:34} {due_found} of {due} found, {false_reports} reported where nothing is", act.heading);
+            say!("{:34} {due_found} of {due} found, {false_reports} reported where nothing is", act.heading)?;
         }
-        println!("\nDone in {:.1} s. Open {}", start.elapsed().as_secs_f64(), report.display());
+        say!("\nDone in {:.1} s. Open {}", start.elapsed().as_secs_f64(), report.display())?;
         Ok(())
     }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use crate::engine::Settings;
@@ -46,6 +46,15 @@ pub(super) fn read_streams(path: &Path) -> Result<(Recording, Vec<Frame>, Vec<Po
     }
     tell_damage(&recording);
     Ok((recording, frames, poses))
+}
+
+/// Refuses to write over a file that is read, by whatever name.
+pub(super) fn keep_inputs(out: &Path, inputs: &[&Path]) -> Result<()> {
+    let same = |input: &&&Path| matches!((out.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
+    match inputs.iter().find(same) {
+        Some(input) => bail!("{} is {} itself: choose another name for --out", out.display(), input.display()),
+        None => Ok(()),
+    }
 }
 
 /// Says what could not be read.

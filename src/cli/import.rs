@@ -1,10 +1,11 @@
 //! `radar-chaperone import FRAMES.h5 --poses TRACK.tum --out FILE.mcap`: the vendor's recordings, with poses of any tracker.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Result, anyhow};
 use clap::Args;
 
+use super::files::keep_inputs;
 use crate::geometry::Pose;
 use crate::recording::{ImportOptions, import_h5};
 
@@ -30,13 +31,15 @@ pub(super) struct Import {
 
 impl Import {
     pub fn run(&self) -> Result<()> {
+        let inputs: Vec<&Path> = std::iter::once(&self.frames).chain(&self.poses).map(PathBuf::as_path).collect();
+        keep_inputs(&self.out, &inputs)?;
         let mut options = ImportOptions::default();
         if let Some(mount) = &self.mount {
             options.head_from_sensor = parse_mount(mount)?;
         }
         let imported = import_h5(&self.frames, self.poses.as_deref(), &options)?;
-        println!("{}", imported.write(&self.out)?);
-        println!("Written to {}", self.out.display());
+        say!("{}", imported.write(&self.out)?)?;
+        say!("Written to {}", self.out.display())?;
         Ok(())
     }
 }

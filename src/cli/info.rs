@@ -16,7 +16,7 @@ pub(super) struct Info {
 
 impl Info {
     pub fn run(&self) -> Result<()> {
-        println!("{}", RecordingSummary::read(&self.file)?);
+        say!("{}", RecordingSummary::read(&self.file)?)?;
         Ok(())
     }
 }

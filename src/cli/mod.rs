@@ -1,5 +1,19 @@
 //! The command line: one file a command; a command's head is its manual.
 
+/// Prints a line to standard output, as `println!` does, and gives what went wrong: nothing when nobody reads any more
+/// (`… | head`), so that the rest of the work is still done.
+macro_rules! say {
+    ($($text:tt)*) => {{
+        use std::io::Write;
+        match writeln!(std::io::stdout(), $($text)*) {
+            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+                Err(anyhow::Error::new(error).context("cannot write to standard output"))
+            }
+            _ => Ok(()),
+        }
+    }};
+}
+
 mod demo;
 mod files;
 mod import;
@@ -10,6 +24,7 @@ mod recover;
 mod replay;
 mod simulate;
 
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -36,6 +51,17 @@ enum Command {
     Recover(recover::Recover),
 }
 
+/// The error and its causes, each thing said once: many errors name their cause in their own words already.
+fn told(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(cause.trim_end()) {
+            text = format!("{text}: {cause}");
+        }
+    }
+    text.trim_end().to_owned()
+}
+
 /// Runs the program; errors go to standard error with their causes.
 pub fn run() -> ExitCode {
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).format_timestamp(None).init();
@@ -51,7 +77,8 @@ pub fn run() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            // Nobody may be reading; the exit code says it all the same.
+            let _ = writeln!(std::io::stderr(), "error: {}", told(&error));
             ExitCode::FAILURE
         }
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 
-use super::files::{SettingsArguments, read_streams};
+use super::files::{SettingsArguments, keep_inputs, read_streams};
 use super::progress;
 use crate::engine::cube_ahead;
 use crate::geometry::{Aabb, Pose};
@@ -60,6 +60,8 @@ impl Reconstruct {
     pub fn run(&self) -> Result<()> {
         let Search::Dense = self.search;
         let statistic: Statistic = self.statistic.parse()?;
+        self.check_arguments()?;
+        keep_inputs(&self.out, &[&self.file])?;
         let (recording, frames, poses) = read_streams(&self.file)?;
         let header = recording.header();
         let settings = self.settings.over(&header.settings)?;
@@ -105,10 +107,23 @@ impl Reconstruct {
         }
     }
 
-    fn check_size(&self, region: &Aabb) -> Result<()> {
-        if !(self.voxel_m.is_finite() && self.voxel_m >= 1e-4) {
-            bail!("--voxel-m {}: give at least 0.0001", self.voxel_m);
+    fn check_arguments(&self) -> Result<()> {
+        if !(1e-4..=10.0).contains(&self.voxel_m) {
+            bail!("--voxel-m {}: give 0.0001 to 10 metres", self.voxel_m);
         }
+        if self.out.extension().is_some_and(|extension| extension == "json") {
+            bail!("--out {}: the .json beside the volume takes this name: choose one in .npy", self.out.display());
+        }
+        if self.sweeps == Some(0) {
+            bail!("--sweeps 0: give at least 1, or leave it out for all");
+        }
+        if !(-10.0..=10.0).contains(&self.time_offset_s) {
+            bail!("--time-offset-s {}: give -10 to 10 seconds", self.time_offset_s);
+        }
+        Ok(())
+    }
+
+    fn check_size(&self, region: &Aabb) -> Result<()> {
         let voxels = (region.size() / self.voxel_m).ceil().to_array().iter().product::<f64>();
         if voxels > MAX_VOXELS {
             bail!("the box holds {voxels:.3e} voxels of {} m: at most {MAX_VOXELS:.0e} fit in memory", self.voxel_m);
@@ -130,16 +145,12 @@ impl Reconstruct {
         let info = VolumeInfo { statistic: statistic.name().into(), updates, dense_updates: updates, extra };
         write_volume(&self.out, volume, &info)?;
         let [nx, ny, nz] = volume.size;
-        println!(
-            "{} over {nz} × {ny} × {nx} voxels [z][y][x] of {} m, {sweeps} sweeps",
-            statistic.name(),
-            self.voxel_m
-        );
+        say!("{} over {nz} × {ny} × {nx} voxels [z][y][x] of {} m, {sweeps} sweeps", statistic.name(), self.voxel_m)?;
         if let Some((index, value)) = volume.peak() {
             let at = volume.center(volume.voxel(index));
-            println!("greatest value {value:.4} at ({:.3}, {:.3}, {:.3}) m", at.x, at.y, at.z);
+            say!("greatest value {value:.4} at ({:.3}, {:.3}, {:.3}) m", at.x, at.y, at.z)?;
         }
-        println!("Written to {} and its .json", self.out.display());
+        say!("Written to {} and its .json", self.out.display())?;
         Ok(())
     }
 }

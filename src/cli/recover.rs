@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::Args;
 
+use super::files::keep_inputs;
 use crate::recording::{Recording, RecordingWriter};
 
 /// Copies everything readable of a damaged recording into a new, sound one
@@ -19,9 +20,7 @@ pub(super) struct Recover {
 
 impl Recover {
     pub fn run(&self) -> Result<()> {
-        if self.out.exists() && self.out.canonicalize().ok() == self.file.canonicalize().ok() {
-            bail!("{} is the damaged file itself: choose another name for --out", self.out.display());
-        }
+        keep_inputs(&self.out, &[&self.file])?;
         let mut recording = Recording::open(&self.file)?;
         let mut writer = RecordingWriter::create(&self.out, recording.header())?;
         for event in &mut recording {
@@ -29,10 +28,10 @@ impl Recover {
         }
         let saved = writer.finish()?;
         match recording.damage().is_none() {
-            true => println!("{} was not damaged.", self.file.display()),
-            false => println!("Damage: {}", recording.damage()),
+            true => say!("{} was not damaged.", self.file.display())?,
+            false => say!("Damage: {}", recording.damage())?,
         }
-        println!("Saved {} frames and {} poses to {}", saved.frames.count, saved.poses.count, self.out.display());
+        say!("Saved {} frames and {} poses to {}", saved.frames.count, saved.poses.count, self.out.display())?;
         Ok(())
     }
 }

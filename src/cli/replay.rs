@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use clap::Args;
 
-use super::files::{SettingsArguments, tell_damage};
+use super::files::{SettingsArguments, keep_inputs, tell_damage};
 use super::progress;
 use crate::engine::{Pipeline, Search, Settings};
 use crate::obstacles::{Observed, Scene};
@@ -39,10 +39,8 @@ impl Replay {
         if let Some(speed) = self.speed.filter(|s| !(s.is_finite() && *s > 0.0)) {
             bail!("--speed {speed}: give a number above 0");
         }
-        if let Some(results) =
-            self.results.as_ref().filter(|r| r.exists() && r.canonicalize().ok() == self.file.canonicalize().ok())
-        {
-            bail!("{} is the recording itself: choose another name for --results", results.display());
+        if let Some(results) = &self.results {
+            keep_inputs(results, &[&self.file])?;
         }
         let summary = RecordingSummary::read(&self.file)?;
         let mut recording = Recording::open(&self.file)?;
@@ -64,10 +62,10 @@ impl Replay {
             results.writer.finish()?;
         }
         spinner.finish_and_clear();
-        print!("{}", described(&scene, &pipeline));
+        say!("{}", described(&scene, &pipeline).trim_end())?;
         let scored = header.truth.as_ref().map(|truth| score(&scene, truth, &Limits::default()));
         if let Some(score) = &scored {
-            println!("\nAgainst the truth in the recording:\n{score}");
+            say!("\nAgainst the truth in the recording:\n{score}")?;
         }
         if let Some(out) = &self.out {
             write_obstacles(&out.join("obstacles.json"), &scene, &pipeline, &settings)?;
@@ -85,7 +83,7 @@ impl Replay {
                 section = section.preformatted(score.to_string());
             }
             let counters = Section::new("What was taken and left out")
-                .preformatted(&serde_json::to_string_pretty(&pipeline.counters())?);
+                .preformatted(serde_json::to_string_pretty(&pipeline.counters())?);
             let recording = Section::new("The recording").preformatted(summary.to_string());
             Report::new(&header.source)
                 .intro("The pipeline's result over one recording.")
@@ -93,7 +91,7 @@ impl Replay {
                 .section(counters)
                 .section(recording)
                 .write(&out.join("report.html"))?;
-            println!("\nWritten to {}", out.display());
+            say!("\nWritten to {}", out.display())?;
         }
         Ok(())
     }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow};
 use clap::Args;
 
+use super::files::keep_inputs;
 use super::import::parse_mount;
 use super::progress;
 use crate::engine::Settings;
@@ -62,13 +63,16 @@ pub(super) struct Simulate {
 
 impl Simulate {
     pub fn run(&self) -> Result<()> {
+        if let Some(config) = &self.config {
+            keep_inputs(&self.out, &[config])?;
+        }
         let scenario = self.scenario()?;
         let spinner = progress::spinner("simulating");
         let simulated = scenario.run()?;
         let summary = write_simulated(&self.out, &scenario, &simulated)?;
         spinner.finish_and_clear();
-        println!("{summary}");
-        println!("Written to {}", self.out.display());
+        say!("{summary}")?;
+        say!("Written to {}", self.out.display())?;
         Ok(())
     }
 

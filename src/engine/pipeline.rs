@@ -64,7 +64,7 @@ impl Pipeline {
         let observations = if rest { self.observer.take_rest() } else { self.observer.take_ready() };
         for observation in observations {
             let time_ns = observation.mid_time_ns;
-            if self.sensor_path.last().is_none_or(|last| time_ns - last.0 >= PATH_STEP_NS) {
+            if self.sensor_path.last().is_none_or(|last| time_ns.saturating_sub(last.0) >= PATH_STEP_NS) {
                 self.sensor_path.push((time_ns, observation.tracking_from_sensor));
             }
             self.engine.push(observation);

@@ -1,13 +1,18 @@
 //! All settings, as the TOML file and `--set` spell them.
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use super::DEFAULT_CUBE_M;
 use crate::geometry::{Aabb, Pose};
 use crate::imaging::PositionErrors;
 use crate::obstacles::{ReflectorSettings, RoomSettings};
 use crate::radar::Beam;
 use crate::tracking::HistorySettings;
 use crate::warning::{WarningSettings, WarningSettingsError};
+
+/// Places that a search for single reflectors looks at, at most: 3 m cubed at 15 mm, or 12 m cubed at 60 mm.
+const MAX_PLACES: f64 = 8e6;
 
 /// Settings that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -36,9 +41,25 @@ pub enum SettingsError {
     /// A warning setting outside its bounds.
     #[error("settings: {0}")]
     Warning(#[from] WarningSettingsError),
-    /// A box or mount that is none.
+    /// A mount that is none.
     #[error("setting {0} has a number that is not finite, or a rotation of length zero")]
     NotFinite(&'static str),
+    /// A box that is none.
+    #[error("setting processing.region is {0:?}: each coordinate of max must lie above min's, by 50 m at most")]
+    Region(Aabb),
+    /// A search that would take hours and all memory.
+    #[error(
+        "processing.region and reflectors.voxel_m {voxel_m} m give {places:.1e} places to search: at most {max:.0e}, \
+             so choose a larger voxel or a smaller region"
+    )]
+    TooManyPlaces {
+        /// Edge of a voxel, metres.
+        voxel_m: f64,
+        /// Voxels in the region.
+        places: f64,
+        /// The bound.
+        max: f64,
+    },
 }
 
 /// The sensor, as imaging sees it.
@@ -149,13 +170,20 @@ impl Settings {
             ("rooms.blocks.memory_s", blocks.memory_s, 0.1, 100.0),
             ("rooms.blocks.min_amplitude", blocks.min_amplitude, 0.01, 1.0),
             ("rooms.blocks.min_range_m", blocks.min_range_m, 0.05, 10.0),
-            ("rooms.blocks.max_range_m", blocks.max_range_m, blocks.min_range_m, 10.0),
-            ("rooms.blocks.voxel_m", blocks.voxel_m, 0.01, 0.5),
+            ("rooms.blocks.max_range_m", blocks.max_range_m, blocks.min_range_m, 5.0),
+            ("rooms.blocks.voxel_m", blocks.voxel_m, 0.02, 0.5),
             ("rooms.explain.window_s", rooms.explain.window_s, 0.5, 20.0),
             ("rooms.explain.max_candidates", rooms.explain.max_candidates as f64, 1.0, 1e4),
+            ("rooms.explain.min_score", rooms.explain.min_score, 0.0, 1e6),
+            ("rooms.explain.min_candidate_score", rooms.explain.min_candidate_score, 0.0, 1e6),
+            ("rooms.explain.plane_min_score", rooms.explain.plane_min_score, 0.0, 1e6),
+            ("rooms.explain.claim_range_m", rooms.explain.claim_range_m, 0.0, 10.0),
+            ("rooms.explain.claim_lobes", rooms.explain.claim_lobes, 0.0, 1e3),
+            ("rooms.map.confirm_score", rooms.map.confirm_score, 0.0, 1e6),
             ("rooms.map.match_m", rooms.map.match_m, 0.01, 1.0),
             ("reflectors.voxel_m", reflectors.voxel_m, 0.005, 0.5),
             ("reflectors.min_range_m", reflectors.min_range_m, 0.0, 10.0),
+            ("reflectors.threshold_sigma", reflectors.threshold_sigma, 0.0, 1e6),
             ("reflectors.max_reflectors", reflectors.max_reflectors as f64, 1.0, 1000.0),
             ("reflectors.search_sweeps", reflectors.search_sweeps as f64, 3.0, 1e5),
         ];
@@ -167,15 +195,26 @@ impl Settings {
         if let Some(region) = &processing.region {
             let sound = region.min.is_finite() && region.max.is_finite() && region.size().min_element() > 0.0;
             if !sound || region.size().max_element() > 50.0 {
-                return Err(SettingsError::NotFinite("processing.region"));
+                return Err(SettingsError::Region(*region));
             }
         }
+        self.check_places()?;
         if let Some(mount) = &tracking.mount
             && Pose::try_new(mount.translation.to_array(), mount.rotation.to_array()).is_err()
         {
             return Err(SettingsError::NotFinite("tracking.mount"));
         }
         Ok(self.warning.check()?)
+    }
+
+    fn check_places(&self) -> Result<(), SettingsError> {
+        let size = self.processing.region.map_or(DVec3::splat(DEFAULT_CUBE_M), |region| region.size());
+        let voxel_m = self.reflectors.voxel_m;
+        let places = (size / voxel_m).ceil().to_array().iter().product::<f64>();
+        match places <= MAX_PLACES {
+            true => Ok(()),
+            false => Err(SettingsError::TooManyPlaces { voxel_m, places, max: MAX_PLACES }),
+        }
     }
 }
 

@@ -53,7 +53,8 @@ const DYNAMIC_RANGE: f64 = 1e-3;
 const STILL_WIDTHS: f64 = 0.12;
 
 /// Whether the ranges of all sweeps agree on one place, as far as their noise allows: what moves with the sensor (its own
-/// housing, a moving thing) leaves them apart. `mean_power`: mean excess of a sweep over noise.
+/// housing, a moving thing) leaves them apart. `mean_power`: mean excess of a sweep over noise. Asked of all but the
+/// strongest, which is reported in any case, its covariance grown by the misfit.
 fn stands_still(refined: &Refined, mean_power: f64) -> bool {
     let noise2 = 1.0 / (8.0 * std::f64::consts::LN_2 * mean_power.max(1e-9));
     refined.residual_widths * refined.residual_widths <= STILL_WIDTHS * STILL_WIDTHS + noise2
@@ -92,7 +93,7 @@ pub fn find_reflectors(
         let strongest = found.first().map_or(evidence, |f| f.evidence);
         let stands_out = count >= MIN_SWEEPS
             && evidence >= settings.threshold_sigma.max(strongest * DYNAMIC_RANGE)
-            && stands_still(&refined, sum / count as f64);
+            && (found.is_empty() || stands_still(&refined, sum / count as f64));
         if stands_out {
             found.push(obstacle(found.len() as u64 + 1, &refined, evidence, &chosen));
         }

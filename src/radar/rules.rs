@@ -115,7 +115,9 @@ pub enum ConfigError {
         sweep: IdleState,
     },
     /// The sensor's memory.
-    #[error("{points} points in a frame ({per_sweep} × {sweeps_per_frame} sweeps): the sensor holds {max}{hint}")]
+    #[error(
+        "num_points × sweeps_per_frame is {per_sweep} × {sweeps_per_frame} = {points}: the sensor holds {max}{hint}"
+    )]
     Buffer {
         /// Points × sweeps.
         points: u64,
@@ -297,7 +299,10 @@ mod tests {
                 }),
                 "subsweeps[1].prf is 15.6 MHz, above 8.7 MHz",
             ),
-            (broken(|c| c.sweeps_per_frame = 26), "4160 points in a frame (160 × 26 sweeps): the sensor holds 4095"),
+            (
+                broken(|c| c.sweeps_per_frame = 26),
+                "num_points × sweeps_per_frame is 160 × 26 = 4160: the sensor holds 4095",
+            ),
             (
                 broken(|c| (c.sweeps_per_frame, c.double_buffering) = (13, true)),
                 "the sensor holds 2047 with double_buffering",

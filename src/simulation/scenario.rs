@@ -62,6 +62,12 @@ pub enum ScenarioError {
     /// An SNR that is none.
     #[error("an SNR of {0} dB cannot be simulated: give −100 to 100 dB")]
     Snr(f64),
+    /// A time between the streams that is none.
+    #[error("a time offset of {0} s cannot be simulated: give −10 to 10 s")]
+    TimeOffset(f64),
+    /// A rate of dropouts that is none.
+    #[error("{0} dropouts a minute cannot be simulated: give 0 to 6000")]
+    Dropouts(f64),
 }
 
 /// A simulated recording.
@@ -95,7 +101,7 @@ impl Scenario {
     /// Makes the recording.
     ///
     /// # Errors
-    /// An unknown name, a configuration that breaks a rule, a duration or SNR out of bounds.
+    /// An unknown name, a configuration that breaks a rule, a duration, SNR, time offset or rate of dropouts out of bounds.
     pub fn run(&self) -> Result<Simulated, ScenarioError> {
         self.config.validate()?;
         if !(0.1..=3600.0).contains(&self.duration_s) {
@@ -103,6 +109,12 @@ impl Scenario {
         }
         if let Some(snr) = self.snr_db.filter(|snr| !(-100.0..=100.0).contains(snr)) {
             return Err(ScenarioError::Snr(snr));
+        }
+        if !(-10.0..=10.0).contains(&self.time_offset_s) {
+            return Err(ScenarioError::TimeOffset(self.time_offset_s));
+        }
+        if !(0.0..=6000.0).contains(&self.errors.dropouts_per_minute) {
+            return Err(ScenarioError::Dropouts(self.errors.dropouts_per_minute));
         }
         let scene = scene(&self.scene, self.seed)?;
         let motion = Motion::named(&self.motion, &scene, self.duration_s + POSE_MARGIN_S, self.seed)?;

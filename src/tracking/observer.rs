@@ -186,7 +186,7 @@ impl Observer {
         self.counters.frames_without_pose += u64::from(made == 0);
         // Older poses than the window before this frame serve nobody any more.
         let keep_ns = ((self.settings.history.smoothing_window_s + self.settings.history.max_gap_s + 0.5) * 1e9) as i64;
-        self.history.forget_before((frame.host_time_ns + offset_ns).saturating_sub(keep_ns));
+        self.history.forget_before(frame.host_time_ns.saturating_add(offset_ns).saturating_sub(keep_ns));
     }
 }
 

@@ -1,0 +1,160 @@
+//! Runs the program as a person does, in a folder of its own, and checks what holds for every run: it ends by itself within
+//! a minute, and it never panics.
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// A run that takes longer counts as a hang.
+const LONGEST_RUN: Duration = Duration::from_secs(60);
+
+/// An empty folder for one test. Command lines name the files in it without a path.
+pub struct Folder {
+    path: PathBuf,
+    runs: AtomicU32,
+}
+
+impl Folder {
+    /// Named after the test; emptied of what an earlier run left.
+    pub fn new(test: &str) -> Self {
+        let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("program").join(test);
+        let _ = fs::remove_dir_all(&path);
+        fs::create_dir_all(path.join("streams")).unwrap();
+        Self { path, runs: AtomicU32::new(0) }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
+        fs::write(self.path(name), bytes).unwrap();
+    }
+
+    pub fn read(&self, name: &str) -> Vec<u8> {
+        fs::read(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    pub fn json(&self, name: &str) -> Value {
+        serde_json::from_slice(&self.read(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    /// Copies one of the real recordings here. `None`, and a line that says so, where they are not at hand.
+    pub fn copy_real(&self, name: &str) -> Option<()> {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/recordings").join(name);
+        let Ok(bytes) = fs::read(path) else {
+            println!("skipped: needs ../shared/recordings");
+            return None;
+        };
+        self.write(name, bytes);
+        Some(())
+    }
+
+    /// Runs the program; arguments are parted by blanks.
+    pub fn run(&self, line: &str) -> Outcome {
+        self.run_with(line, &[])
+    }
+
+    /// The same, in a changed environment.
+    pub fn run_with(&self, line: &str, environment: &[(&str, &str)]) -> Outcome {
+        let out = self.stream("out");
+        let outcome = self.run_into(File::create(&out).unwrap().into(), line, environment);
+        Outcome { out: text(&out), ..outcome }
+    }
+
+    /// Runs the program while nobody reads what it prints, as in `… | true`.
+    pub fn run_unread(&self, line: &str) -> Outcome {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        self.run_into(writer.into(), line, &[])
+    }
+
+    fn run_into(&self, out: Stdio, line: &str, environment: &[(&str, &str)]) -> Outcome {
+        let err = self.stream("err");
+        let child = Command::new(env!("CARGO_BIN_EXE_radar-chaperone"))
+            .args(line.split_whitespace())
+            .current_dir(&self.path)
+            .env_remove("RUST_LOG")
+            .envs(environment.iter().copied())
+            .stdin(Stdio::null())
+            .stdout(out)
+            .stderr(File::create(&err).unwrap())
+            .spawn()
+            .unwrap();
+        let code = ended(child, line).code();
+        let outcome = Outcome { line: line.to_owned(), code, out: String::new(), err: text(&err) };
+        assert!(!outcome.err.contains("panicked"), "a panic: {outcome:#?}");
+        assert!(outcome.code.is_some(), "ended by a signal: {outcome:#?}");
+        outcome
+    }
+
+    /// A new file for what a run prints.
+    fn stream(&self, name: &str) -> PathBuf {
+        let number = self.runs.fetch_add(1, Ordering::Relaxed);
+        self.path.join(format!("streams/{number}.{name}"))
+    }
+}
+
+fn text(path: &Path) -> String {
+    String::from_utf8(fs::read(path).unwrap()).unwrap()
+}
+
+/// Waits for the end; ends the process itself when that takes too long.
+fn ended(mut child: Child, line: &str) -> ExitStatus {
+    let start = Instant::now();
+    loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            return status;
+        }
+        if start.elapsed() > LONGEST_RUN {
+            child.kill().unwrap();
+            child.wait().unwrap();
+            panic!("`{line}` did not end within {LONGEST_RUN:?}");
+        }
+        sleep(Duration::from_millis(3));
+    }
+}
+
+/// What a run of the program left.
+#[derive(Debug)]
+pub struct Outcome {
+    pub line: String,
+    /// `None`: ended by a signal.
+    pub code: Option<i32>,
+    pub out: String,
+    pub err: String,
+}
+
+impl Outcome {
+    /// The run did what was asked, without a complaint.
+    pub fn done(self) -> Self {
+        assert_eq!(self.code, Some(0), "{self:#?}");
+        assert!(!self.err.contains("error:"), "`{}`: {self:#?}", self.line);
+        self
+    }
+
+    /// The run refused, and the error says so.
+    pub fn refused(self, says: &str) -> Self {
+        assert!(!self.ended_well(), "should be refused: {self:#?}");
+        assert!(self.err.contains(says), "should say \"{says}\": {self:#?}");
+        self
+    }
+
+    /// Whether the run did what was asked; if not, checks that there is an error.
+    pub fn ended_well(&self) -> bool {
+        let well = self.code == Some(0);
+        assert!(well || self.err.starts_with("error: ") || self.err.contains("\nerror: "), "no error: {self:#?}");
+        well
+    }
+
+    /// Standard output has this in it.
+    pub fn says(self, text: &str) -> Self {
+        assert!(self.out.contains(text), "should say \"{text}\": {self:#?}");
+        self
+    }
+}

@@ -1,0 +1,173 @@
+//! Recordings that are sound as files and hold what no sensor or headset should send: each bad frame or pose is counted
+//! and left out, and the rest serves.
+
+use num_complex::Complex;
+use radar_chaperone::radar::{Frame, preset};
+use radar_chaperone::recording::{Header, RecordingWriter};
+use radar_chaperone::simulation::Scenario;
+use radar_chaperone::tracking::{PoseSample, TrackingResult};
+
+use crate::common::Folder;
+use crate::found::counter;
+
+/// Frames and poses to spoil.
+#[derive(Clone)]
+struct Streams {
+    header: Header,
+    frames: Vec<Frame>,
+    poses: Vec<PoseSample>,
+}
+
+/// What is done to them, and what replay says of it.
+struct Case {
+    name: &'static str,
+    spoil: fn(&mut Streams),
+    says: &'static str,
+}
+
+/// The bad ones stand in the second half, so that something is left to image.
+fn late<T>(all: &mut [T]) -> impl Iterator<Item = &mut T> {
+    let half = all.len() / 2;
+    all[half..].iter_mut()
+}
+
+fn each_pose(streams: &mut Streams, spoil: fn(&mut PoseSample)) {
+    late(&mut streams.poses).step_by(7).take(5).for_each(spoil);
+}
+
+fn each_frame(streams: &mut Streams, spoil: fn(&mut Frame)) {
+    late(&mut streams.frames).step_by(7).take(5).for_each(spoil);
+}
+
+const NUMBERS: &str = "left out: 5 poses with impossible numbers";
+const LENGTH: &str = "left out: 5 frames of wrong length";
+const NO_POSE: &str = "No sweep has a pose";
+const CASES: [Case; 27] = [
+    Case { name: "nothing amiss", spoil: |_| {}, says: " 0 frames without a pose skipped\n\n" },
+    Case { name: "position NaN", spoil: |s| each_pose(s, |p| p.position_m[1] = f64::NAN), says: NUMBERS },
+    Case { name: "position infinite", spoil: |s| each_pose(s, |p| p.position_m[2] = f64::INFINITY), says: NUMBERS },
+    Case { name: "rotation NaN", spoil: |s| each_pose(s, |p| p.quaternion_xyzw[0] = f64::NAN), says: NUMBERS },
+    Case {
+        name: "rotation infinite",
+        spoil: |s| each_pose(s, |p| p.quaternion_xyzw[3] = -f64::INFINITY),
+        says: NUMBERS,
+    },
+    Case { name: "rotation zero", spoil: |s| each_pose(s, |p| p.quaternion_xyzw = [0.0; 4]), says: NUMBERS },
+    Case { name: "rotation tiny", spoil: |s| each_pose(s, |p| p.quaternion_xyzw = [1e-300; 4]), says: NUMBERS },
+    Case { name: "rotation huge", spoil: |s| each_pose(s, |p| p.quaternion_xyzw = [1e300; 4]), says: "obstacles" },
+    Case { name: "poses far out", spoil: |s| each_pose(s, |p| p.position_m = [1e6, -1e6, 1e6]), says: "obstacles" },
+    Case {
+        name: "poses at the end of numbers",
+        spoil: |s| each_pose(s, |p| p.position_m = [1e300; 3]),
+        says: "obstacles",
+    },
+    Case { name: "all far out", spoil: |s| s.poses.iter_mut().for_each(|p| p.position_m[0] += 1e9), says: "obstacles" },
+    Case {
+        name: "all at the end of numbers",
+        spoil: |s| s.poses.iter_mut().for_each(|p| p.position_m = [1e300; 3]),
+        says: "obstacles",
+    },
+    Case {
+        name: "marked invalid",
+        spoil: |s| each_pose(s, |p| p.valid = false),
+        says: "left out: 5 poses marked invalid",
+    },
+    Case {
+        name: "rotation only",
+        spoil: |s| each_pose(s, |p| p.result = TrackingResult::RotationOnly),
+        says: "left out: 5 poses marked invalid",
+    },
+    Case { name: "all marked invalid", spoil: |s| s.poses.iter_mut().for_each(|p| p.valid = false), says: NO_POSE },
+    Case {
+        name: "pose times leap back",
+        spoil: |s| each_pose(s, |p| p.time_ns -= 500_000_000),
+        says: "left out: 5 poses not later than the one before",
+    },
+    Case {
+        name: "pose times run backwards",
+        spoil: |s| s.poses.reverse(),
+        says: "poses not later than the one before",
+    },
+    Case {
+        name: "pose times at the end of numbers",
+        spoil: |s| (s.poses[0].time_ns, s.poses[1].time_ns) = (i64::MIN, i64::MAX),
+        says: "poses not later than the one before",
+    },
+    Case {
+        name: "frame times leap back",
+        spoil: |s| each_frame(s, |f| f.host_time_ns -= 500_000_000),
+        says: "left out: 5 frames not later than the one before",
+    },
+    Case {
+        name: "frame times run backwards",
+        spoil: |s| s.frames.reverse(),
+        says: "frames not later than the one before",
+    },
+    Case {
+        name: "frame times at the end of numbers",
+        spoil: |s| (s.frames[0].host_time_ns, s.frames[1].host_time_ns) = (i64::MIN, i64::MAX),
+        says: "frames not later than the one before",
+    },
+    Case { name: "frames cut", spoil: |s| each_frame(s, |f| f.samples.truncate(17)), says: LENGTH },
+    Case { name: "frames too long", spoil: |s| each_frame(s, |f| f.samples.push(Complex::new(1, 1))), says: LENGTH },
+    Case {
+        name: "frames saturated",
+        spoil: |s| each_frame(s, |f| f.data_saturated = true),
+        says: "left out: 5 frames saturated",
+    },
+    Case { name: "no poses", spoil: |s| s.poses.clear(), says: NO_POSE },
+    Case { name: "no frames", spoil: |s| s.frames.clear(), says: NO_POSE },
+    Case { name: "nothing at all", spoil: |s| (s.frames, s.poses) = Default::default(), says: NO_POSE },
+];
+
+#[test]
+fn bad_content_is_counted_and_left_out_of_a_search_for_reflectors() {
+    spoil_each("fine", "sphere-10cm");
+}
+
+#[test]
+fn bad_content_is_counted_and_left_out_of_a_search_in_rooms() {
+    spoil_each("c16", "natural");
+}
+
+fn spoil_each(preset_name: &str, motion: &str) {
+    let folder = Folder::new(&format!("bad_content_{preset_name}"));
+    let config = preset(preset_name).unwrap();
+    let scenario = Scenario::new("corner-reflector", motion, config, 0.6, 1);
+    let simulated = scenario.run().unwrap();
+    let header = Header::new("a test", scenario.config, scenario.head_from_sensor);
+    let sound = Streams { header, frames: simulated.frames, poses: simulated.poses };
+    for case in CASES {
+        println!("{}", case.name);
+        let mut streams = sound.clone();
+        (case.spoil)(&mut streams);
+        write(&folder, &streams);
+        check_commands(&folder, &streams, case.says);
+    }
+}
+
+/// Both streams side by side, whatever their times say.
+fn write(folder: &Folder, streams: &Streams) {
+    let mut writer = RecordingWriter::create(folder.path("r.mcap"), &streams.header).unwrap();
+    let (frames, poses) = (&streams.frames, &streams.poses);
+    let mut written = 0;
+    for (index, frame) in frames.iter().enumerate() {
+        let until = poses.len() * index / frames.len();
+        poses[written..until].iter().for_each(|pose| writer.write_pose(pose).unwrap());
+        written = until;
+        writer.write_frame(frame).unwrap();
+    }
+    poses[written..].iter().for_each(|pose| writer.write_pose(pose).unwrap());
+    writer.finish().unwrap();
+}
+
+fn check_commands(folder: &Folder, streams: &Streams, says: &str) {
+    folder.run("info r.mcap").done().says("Damage     none");
+    folder.run("replay r.mcap --out found --set reflectors.voxel_m=0.2").done().says(says);
+    assert_eq!(counter(folder, "frames"), streams.frames.len() as u64);
+    assert_eq!(counter(folder, "poses"), streams.poses.len() as u64);
+    let outcome = folder.run("reconstruct r.mcap --voxel-m 0.2 --sweeps 10 --out v.npy");
+    assert!(outcome.ended_well() || outcome.err.contains("no sweep of r.mcap has a pose"), "{outcome:#?}");
+    folder.run("recover r.mcap --out saved.mcap").done().says("r.mcap was not damaged");
+    assert!(folder.read("saved.mcap") == folder.read("r.mcap"));
+}

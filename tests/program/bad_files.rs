@@ -1,0 +1,194 @@
+//! Files that are not what a command wants: missing, empty, foreign, cut, damaged.
+
+use crate::common::Folder;
+
+/// The commands that read a recording. `FILE` stands for it.
+const READERS: [&str; 4] = [
+    "info FILE",
+    "replay FILE --out found --set reflectors.voxel_m=0.2",
+    "reconstruct FILE --voxel-m 0.2 --sweeps 10 --out v.npy",
+    "recover FILE --out saved.mcap",
+];
+
+/// Three and a half seconds, so that there are several chunks.
+fn write_recording(folder: &Folder) -> Vec<u8> {
+    folder.write("sensor.json", r#"{"subsweeps": [{"num_points": 80, "step_length": 6}], "frame_rate": 20.0}"#);
+    let scenario = "corner-reflector --motion sphere-50cm --config sensor.json --duration-s 3.5 --snr-db 20";
+    folder.run(&format!("simulate {scenario} --out sound.mcap")).done();
+    folder.read("sound.mcap")
+}
+
+fn write_foreign_files(folder: &Folder) {
+    folder.write("empty", "");
+    folder.write("text", "timestamp_s tx ty tz qx qy qz qw\n0 0 0 0 0 0 0 1\n");
+    folder.write("picture", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01\x08\x02\0\0\0");
+    // MCAP, but the records are another program's.
+    folder.write("mcap", b"\x89MCAP0\r\n");
+    std::fs::create_dir(folder.path("folder")).unwrap();
+}
+
+#[test]
+fn what_is_no_recording_is_refused_with_a_reason() {
+    let folder = Folder::new("no_recording");
+    write_foreign_files(&folder);
+    for command in READERS {
+        for (file, says) in [
+            ("missing", "cannot open missing: No such file or directory"),
+            ("folder", "folder is a folder or a device: give the recording's file"),
+            ("empty", "empty is empty: the recording ended before anything was written; record again"),
+            ("text", "text is not a recording: it does not begin as an MCAP file"),
+            ("picture", "picture is not a recording: it does not begin as an MCAP file"),
+            ("mcap", "mcap is an MCAP file, but holds no radar-chaperone header"),
+        ] {
+            folder.run(&command.replace("FILE", file)).refused(says);
+            let left = ["saved.mcap", "v.npy", "found/obstacles.json"].map(|name| folder.path(name).exists());
+            assert_eq!(left, [false; 3], "{command} of {file} left a file");
+        }
+    }
+}
+
+#[test]
+fn what_is_no_vendor_file_is_refused_with_a_reason() {
+    let folder = Folder::new("no_vendor_file");
+    write_foreign_files(&folder);
+    folder.run("simulate nothing --preset c16 --duration-s 0.2 --out mcap").done();
+    for (file, says) in [
+        ("missing", "cannot read missing: No such file or directory"),
+        ("folder", "folder is a folder or a device: give the file itself"),
+        ("empty", "empty cannot be read as HDF5"),
+        ("text", "text cannot be read as HDF5"),
+        ("picture", "picture cannot be read as HDF5"),
+        ("mcap", "mcap cannot be read as HDF5"),
+    ] {
+        folder.run(&format!("import {file} --out r.mcap")).refused(says);
+        assert!(!folder.path("r.mcap").exists());
+    }
+}
+
+#[test]
+fn a_cut_recording_gives_what_came_before_the_cut() {
+    let folder = Folder::new("cut");
+    let bytes = write_recording(&folder);
+    let mut most = 0;
+    for share in [1, 2, 5, 20, 40, 60, 80, 95, 99] {
+        folder.write("cut.mcap", &bytes[..bytes.len() * share / 100]);
+        for command in READERS {
+            let outcome = folder.run(&command.replace("FILE", "cut.mcap"));
+            let refused_rightly = |says: &[&str]| says.iter().any(|s| outcome.err.contains(s));
+            assert!(
+                outcome.ended_well() || refused_rightly(&["cut right at its start", "no sweep of cut.mcap has a pose"]),
+                "{share} %: {outcome:#?}"
+            );
+            if outcome.ended_well() && command.starts_with("recover") {
+                let saved: usize = saved_frames(&outcome.out);
+                assert!(saved >= most, "{share} %: {saved} frames, fewer than of a shorter piece");
+                most = saved;
+                folder.run("info saved.mcap").done().says("Damage     none");
+            }
+        }
+    }
+    // All but the closing index is there.
+    assert_eq!(most, 70);
+}
+
+fn saved_frames(text: &str) -> usize {
+    text.split("Saved ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().parse().unwrap()
+}
+
+#[test]
+fn flipped_bytes_are_counted_or_refused_and_never_break_a_command() {
+    let folder = Folder::new("flipped");
+    let bytes = write_recording(&folder);
+    let mut damage_seen = 0;
+    for position in (0..bytes.len()).step_by(bytes.len() / 31) {
+        let mut damaged = bytes.clone();
+        damaged[position] ^= 0xff;
+        folder.write("damaged.mcap", damaged);
+        for command in READERS {
+            let outcome = folder.run(&command.replace("FILE", "damaged.mcap"));
+            if outcome.ended_well() && command.starts_with("info") {
+                damage_seen += usize::from(!outcome.out.contains("Damage     none"));
+            }
+        }
+    }
+    assert!(damage_seen > 15, "damage was told {damage_seen} times");
+}
+
+#[test]
+fn a_damaged_second_costs_that_second_alone() {
+    let folder = Folder::new("second");
+    let mut bytes = write_recording(&folder);
+    let chunk = chunks(&bytes)[2].clone();
+    bytes[chunk.start + chunk.len() / 2] ^= 0xff;
+    folder.write("damaged.mcap", bytes);
+    folder.run("info damaged.mcap").done().says("Damage     1 chunk");
+    let recovered = folder.run("recover damaged.mcap --out saved.mcap").done().says("Damage: 1 chunk");
+    let saved = saved_frames(&recovered.out);
+    assert!((48..=52).contains(&saved), "{saved} of 70 frames at 20 Hz");
+    folder.run("info saved.mcap").done().says(&format!("Frames     {saved} over")).says("Damage     none");
+    let replayed = folder.run("replay damaged.mcap --out found").done().says(&format!("{saved} frames"));
+    assert!(replayed.err.contains("damaged.mcap is damaged: 1 chunk"), "{replayed:#?}");
+}
+
+/// Where the chunks stand in an MCAP file: records of one byte of kind, eight of length, then the content.
+fn chunks(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
+    const CHUNK: u8 = 6;
+    let mut chunks = Vec::new();
+    let mut at = 8;
+    while at + 9 < bytes.len() {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+        if bytes[at] == CHUNK {
+            chunks.push(at + 9..at + 9 + length);
+        }
+        at += 9 + length;
+    }
+    chunks
+}
+
+#[test]
+fn a_bad_track_is_refused_with_its_line() {
+    let folder = Folder::new("track");
+    if folder.copy_real("input.h5").is_none() {
+        return;
+    }
+    write_foreign_files(&folder);
+    for (line, says) in [
+        ("1 2 3", "line 2: 3 columns instead of 8"),
+        ("0 0 0 zero 0 0 0 1", "line 2: \"zero\" is not a number"),
+        ("1e300 0 0 0 0 0 0 1", "line 2: a time of"),
+    ] {
+        folder.write("track.tum", format!("# a track\n{line}\n"));
+        folder.run("import input.h5 --poses track.tum --out r.mcap").refused(says);
+    }
+    for (file, says) in [
+        ("missing", "cannot read missing"),
+        ("folder", "folder is a folder"),
+        ("picture", "picture, line 1: not text"),
+        ("text", "text, line 1: \"timestamp_s\" is not a number"),
+    ] {
+        folder.run(&format!("import input.h5 --poses {file} --out r.mcap")).refused(says);
+    }
+    folder.run("import input.h5 --poses empty --out r.mcap").done();
+    folder.run("replay r.mcap").done().says("No sweep has a pose");
+}
+
+#[test]
+fn a_damaged_vendor_file_is_imported_whole_or_refused() {
+    let folder = Folder::new("damaged_vendor_file");
+    if folder.copy_real("input.h5").is_none() {
+        return;
+    }
+    let bytes = folder.read("input.h5");
+    for length in (0..bytes.len()).step_by(bytes.len() / 9) {
+        folder.write("cut.h5", &bytes[..length]);
+        folder.run("import cut.h5 --out r.mcap").refused("cut.h5 cannot be read as HDF5");
+    }
+    for position in (0..bytes.len()).step_by(bytes.len() / 41) {
+        let mut damaged = bytes.clone();
+        damaged[position] ^= 0xff;
+        folder.write("damaged.h5", damaged);
+        if folder.run("import damaged.h5 --out r.mcap").ended_well() {
+            folder.run("info r.mcap").done().says("Damage     none");
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! The whole program, run as a person runs it: every command over sound, damaged, foreign and impossible input, and the
+//! physics from simulation or real recording to obstacle.
+
+mod arguments;
+mod bad_content;
+mod bad_files;
+#[path = "../common/mod.rs"]
+mod common;
+mod found;
+mod physics;
+mod real_recordings;
+mod round_trip;
+mod sensor_rules;
+mod vendor_file;

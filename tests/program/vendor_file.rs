@@ -1,0 +1,75 @@
+//! A file as the vendor's exploration tool writes it, and a pose track beside it, made from a simulation: the way that
+//! real data take, with a known truth.
+
+use std::fmt::Write;
+
+use glam::DVec3;
+use hdf5_pure::{CompoundTypeBuilder, FileBuilder, GroupBuilder};
+use radar_chaperone::radar::{Frame, SensorConfig, preset};
+use radar_chaperone::simulation::{Scenario, Simulated};
+
+use crate::common::Folder;
+use crate::found::{obstacles_of, only};
+
+#[test]
+fn an_imported_recording_of_a_corner_reflector_is_as_good_as_the_simulations_own() {
+    let folder = Folder::new("vendor_file");
+    let config = preset("fine").unwrap();
+    let mut scenario = Scenario::new("corner-reflector", "sphere-50cm", config, 10.0, 1);
+    scenario.snr_db = Some(20.0);
+    let simulated = scenario.run().unwrap();
+    folder.write("frames.h5", h5(&scenario.config, &simulated.frames));
+    folder.write("track.tum", track(&scenario, &simulated));
+    folder.run("import frames.h5 --poses track.tum --out r.mcap").done().says("Frames     1200 over 9.99 s");
+    let found = only(obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50"));
+    let error_m = found.position_m.distance(DVec3::new(-0.3, 1.5, -1.0));
+    assert!(error_m <= 0.010, "{error_m} m");
+}
+
+/// The sensor's poses as TUM text, seconds since the first frame.
+fn track(scenario: &Scenario, simulated: &Simulated) -> String {
+    let mut text = String::from("# timestamp_s tx ty tz qx qy qz qw\n");
+    for sample in &simulated.poses {
+        let pose = sample.tracking_from_head().unwrap() * scenario.head_from_sensor;
+        let time_s = (sample.time_ns - simulated.frames[0].host_time_ns) as f64 * 1e-9;
+        let (p, q) = (pose.translation, pose.rotation);
+        writeln!(text, "{time_s:.9} {} {} {} {} {} {} {}", p.x, p.y, p.z, q.x, q.y, q.z, q.w).unwrap();
+    }
+    text
+}
+
+/// The parts of the vendor's layout that an import reads.
+fn h5(config: &SensorConfig, frames: &[Frame]) -> Vec<u8> {
+    let mut file = FileBuilder::new();
+    let server = r#"{"ticks_per_second": 1000000, "rss_version": "simulated", "hardware_name": "simulated"}"#;
+    file.create_dataset("server_info").with_vlen_strings(&[server]);
+    let mut session = file.create_group("session");
+    let session_config = serde_json::json!({"groups": [{"1": config}]}).to_string();
+    session.create_dataset("session_config").with_vlen_strings(&[&session_config]);
+    let mut group = session.create_group("group_0");
+    let mut entry = group.create_group("entry_0");
+    entry.create_dataset("sensor_id").with_i64_data(&[1]);
+    entry.create_dataset("metadata").with_vlen_strings(&[r#"{"base_step_length_m": 0.0025}"#]);
+    let mut result = entry.create_group("result");
+    fill_result(&mut result, config, frames);
+    entry.add_group(result.finish());
+    group.add_group(entry.finish());
+    session.add_group(group.finish());
+    file.add_group(session.finish());
+    file.finish().unwrap()
+}
+
+fn fill_result(result: &mut GroupBuilder, config: &SensorConfig, frames: &[Frame]) {
+    let complex = CompoundTypeBuilder::new().i16_field("real").i16_field("imag").build().unwrap();
+    let samples = frames.iter().flat_map(|f| &f.samples);
+    let bytes: Vec<u8> = samples.flat_map(|s| [s.re.to_le_bytes(), s.im.to_le_bytes()].concat()).collect();
+    let count = frames.len() as u64;
+    let shape = [count, config.sweeps_per_frame.into(), config.points_per_sweep() as u64];
+    result.create_dataset("frame").with_compound_data(complex, bytes, count * shape[1] * shape[2]).with_shape(&shape);
+    let ticks: Vec<i64> = frames.iter().map(|f| f.tick).collect();
+    result.create_dataset("tick").with_i64_data(&ticks);
+    result.create_dataset("temperature").with_i64_data(&vec![30; frames.len()]);
+    for flag in ["data_saturated", "frame_delayed", "calibration_needed"] {
+        result.create_dataset(flag).with_u8_data(&vec![0; frames.len()]);
+    }
+}
