@@ -70,6 +70,8 @@ pub struct Explained<T> {
     pub blocks: usize,
     /// These blocks tell it from others like it: a place from the rest of its circle, a plane from a point.
     pub determined: bool,
+    /// 1σ of a place, all directions together, as far as ranges and directions can tell it from others, metres; 0 of a plane.
+    pub sigma_m: f64,
     /// First and last of them, host nanoseconds.
     pub first_ns: i64,
     /// See `first_ns`.
@@ -163,32 +165,59 @@ impl<'a> Window<'a> {
         let of_planes = planes.par_iter().map(|plane| (Thing::Plane(*plane), self.views_of_plane(plane)));
         let mut open: Vec<(Thing, Vec<Option<View>>)> = of_planes.collect();
         open.extend(places.iter().map(|place| Thing::Place(*place)).zip(self.views_of_points(places)));
-        let unclaimed = |(thing, views)| {
-            let mut candidate = Candidate { thing, views, left: None };
-            let views = candidate.views.iter_mut().zip(&self.claims);
-            views.for_each(|(view, claims)| claims.iter().for_each(|claim| claim.take(view)));
-            candidate.left = self.left_of(&candidate);
-            candidate
-        };
-        let mut open: Vec<Candidate> = open.into_iter().map(unclaimed).collect();
+        let mut open: Vec<Candidate> = open.into_iter().map(|(thing, views)| self.unclaimed(thing, views)).collect();
         let mut believed = Believed::default();
-        while let Some(best) = self.take_best(&mut open) {
+        while let Some(mut best) = self.take_best(&mut open) {
+            self.climb(&mut best);
             let Some(left) = best.left else { continue };
             match best.thing {
                 Thing::Plane(plane) => {
                     if self.feet_rms_m(&best.views) < self.settings.min_feet_rms_m {
                         continue;
                     }
-                    believed.planes.push(left.of(plane, true));
+                    believed.planes.push(left.of(plane, true, 0.0));
                 }
                 Thing::Place(place) => {
-                    let determined = self.sigma_m(&best.views) <= self.settings.max_sigma_m;
-                    believed.places.push(left.of(place, determined));
+                    let sigma_m = self.sigma_m(&best.views);
+                    believed.places.push(left.of(place, sigma_m <= self.settings.max_sigma_m, sigma_m));
                 }
             }
             self.claim(&best, &mut open);
         }
         believed
+    }
+
+    /// A candidate with what is claimed already taken out.
+    fn unclaimed(&self, thing: Thing, views: Vec<Option<View>>) -> Candidate {
+        let mut candidate = Candidate { thing, views, left: None };
+        let views = candidate.views.iter_mut().zip(&self.claims);
+        views.for_each(|(view, claims)| claims.iter().for_each(|claim| claim.take(view)));
+        candidate.left = self.left_of(&candidate);
+        candidate
+    }
+
+    /// Moves a strong place uphill between the voxels, in ever smaller steps: a claim from beside the maximum would leave
+    /// some of the thing unexplained.
+    fn climb(&self, candidate: &mut Candidate) {
+        let score = |c: &Candidate| c.left.map_or(f64::NEG_INFINITY, |left| left.score);
+        let Thing::Place(start) = candidate.thing else { return };
+        if score(candidate) < CLIMB_FROM_SCORE {
+            return;
+        }
+        let mut step_m = self.block_settings.voxel_m * 0.8;
+        while step_m > self.block_settings.voxel_m * 0.15 {
+            let Thing::Place(here) = candidate.thing else { return };
+            let around =
+                (0..27).filter(|n| *n != 13).map(|n| DVec3::new((n % 3) as f64, (n / 3 % 3) as f64, (n / 9) as f64));
+            let around: Vec<DVec3> = around.map(|n| here + (n - 1.0) * step_m).collect();
+            let near: Vec<DVec3> = around.into_iter().filter(|p| p.distance(start) <= CLIMB_REACH_M).collect();
+            let views = self.views_of_points(&near).into_iter();
+            let moved = near.iter().zip(views).map(|(place, views)| self.unclaimed(Thing::Place(*place), views));
+            match moved.max_by(|a, b| score(a).total_cmp(&score(b))) {
+                Some(best) if score(&best) > score(candidate) => *candidate = best,
+                _ => step_m *= 0.5,
+            }
+        }
     }
 
     /// The candidate with the greatest score, if that suffices. Claims only take away: what falls short now always will.
@@ -229,8 +258,9 @@ impl<'a> Window<'a> {
             first_ns = first_ns.min(self.blocks[n].mid_time_ns);
             last_ns = last_ns.max(self.blocks[n].mid_time_ns);
         }
-        let (thing, determined) = (candidate.thing, false);
-        (blocks >= MIN_BLOCKS).then(|| Explained { thing, score: a / b.sqrt(), blocks, determined, first_ns, last_ns })
+        let (thing, determined, sigma_m) = (candidate.thing, false, 0.0);
+        let score = a / b.sqrt();
+        (blocks >= MIN_BLOCKS).then_some(Explained { thing, score, blocks, determined, sigma_m, first_ns, last_ns })
     }
 
     /// Views that say something, each with its block.
@@ -309,9 +339,9 @@ impl<'a> Window<'a> {
 }
 
 impl<T> Explained<T> {
-    fn of<U>(self, thing: U, determined: bool) -> Explained<U> {
+    fn of<U>(self, thing: U, determined: bool, sigma_m: f64) -> Explained<U> {
         let Self { score, blocks, first_ns, last_ns, .. } = self;
-        Explained { thing, score, blocks, determined, first_ns, last_ns }
+        Explained { thing, score, blocks, determined, sigma_m, first_ns, last_ns }
     }
 }
 
@@ -333,6 +363,9 @@ impl Claim {
     }
 }
 
+/// Places from this score on are moved uphill before they claim, at most by this much, metres.
+const CLIMB_FROM_SCORE: f64 = 5.0;
+const CLIMB_REACH_M: f64 = 0.12;
 /// Fewer blocks than this say nothing.
 const MIN_BLOCKS: usize = 3;
 /// A view of lower m does not say where something is.

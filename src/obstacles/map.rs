@@ -31,6 +31,9 @@ const RECENT_UPDATES: usize = 4;
 /// A place that is not confirmed and not seen in this many updates is forgotten.
 const FORGET_AFTER_UPDATES: u64 = 8;
 
+/// No sighting is taken as better determined than this, metres.
+const FINEST_SIGMA_M: f64 = 0.02;
+
 /// A place that was sighted.
 #[derive(Debug, Clone)]
 pub struct Sighted<T> {
@@ -40,6 +43,8 @@ pub struct Sighted<T> {
     pub thing: T,
     /// Best score.
     pub score: f64,
+    /// Of the sighting that `thing` comes from: score over 1σ, per metre. A better one moves the thing.
+    pub quality: f64,
     /// Seen often enough.
     pub confirmed: bool,
     /// First and last sighting, host nanoseconds.
@@ -83,6 +88,7 @@ impl<T: Copy> Sightings<T> {
                         id: self.next_id,
                         thing: sighting.thing,
                         score: sighting.score,
+                        quality: quality(sighting),
                         confirmed: settings.confirm_sightings <= 1,
                         first_ns: sighting.first_ns,
                         last_ns: sighting.last_ns,
@@ -107,14 +113,20 @@ impl<T: Copy> Sighted<T> {
         if let Some(newest) = self.recent.back_mut() {
             *newest = true;
         }
-        if sighting.score > self.score {
-            (self.score, self.thing) = (sighting.score, sighting.thing);
+        self.score = self.score.max(sighting.score);
+        if quality(sighting) > self.quality {
+            (self.quality, self.thing) = (quality(sighting), sighting.thing);
         }
         self.first_ns = self.first_ns.min(sighting.first_ns);
         self.last_ns = self.last_ns.max(sighting.last_ns);
         self.last_update = update;
         self.confirmed |= self.recent.iter().filter(|seen| **seen).count() >= settings.confirm_sightings;
     }
+}
+
+/// Strong evidence from many sides says best where a thing is.
+fn quality<T>(sighting: &Explained<T>) -> f64 {
+    sighting.score / sighting.sigma_m.max(FINEST_SIGMA_M)
 }
 
 /// The same place: within the settings' distance.
@@ -134,7 +146,7 @@ mod tests {
     use super::*;
 
     fn sighting(x: f64, score: f64, determined: bool) -> Explained<DVec3> {
-        Explained { thing: DVec3::X * x, score, blocks: 5, determined, first_ns: 1, last_ns: 2 }
+        Explained { thing: DVec3::X * x, score, blocks: 5, determined, sigma_m: 0.05, first_ns: 1, last_ns: 2 }
     }
 
     fn after(updates: &[&[Explained<DVec3>]]) -> Vec<(u64, f64)> {

@@ -78,7 +78,7 @@ pub struct RoomSearch {
     middle: Option<DVec3>,
     points: Sightings<DVec3>,
     walls: Sightings<Plane>,
-    /// By sighting: its refined place and the score that it was refined at.
+    /// By sighting: its refined place and the quality that it was refined at.
     places: BTreeMap<u64, (f64, Place)>,
     /// By wall: feet of the perpendiculars that it was seen at.
     feet: BTreeMap<u64, Aabb>,
@@ -209,17 +209,17 @@ impl RoomSearch {
         }
     }
 
-    /// Refines the places of confirmed sightings whose best score is new.
+    /// Refines the places of confirmed sightings that moved.
     fn refine_new(&mut self, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) {
         let stale: Vec<(u64, DVec3, f64)> = self
             .points
             .confirmed()
-            .filter(|s| self.places.get(&s.id).is_none_or(|(score, _)| *score < s.score))
-            .map(|s| (s.id, s.thing, s.score))
+            .filter(|s| self.places.get(&s.id).is_none_or(|(quality, _)| *quality < s.quality))
+            .map(|s| (s.id, s.thing, s.quality))
             .collect();
-        for (id, at, score) in stale {
+        for (id, at, quality) in stale {
             let place = self.refined_place(at, walls, points);
-            self.places.insert(id, (score, place));
+            self.places.insert(id, (quality, place));
         }
     }
 
