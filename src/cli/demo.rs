@@ -172,8 +172,12 @@ impl Demo {
         let report = self.out.join("report.html");
         self.report(&played, renderer.as_ref()).write(&report)?;
         for (act, one) in ACTS.iter().zip(&played) {
-            let Score { due_found, due, false_reports, .. } = one.score;
-            say!("{:34} {due_found} of {due} found, {false_reports} reported where nothing is", act.heading)?;
+            let Score { due_found, due, false_reports, direction_unknown_reports, .. } = one.score;
+            let found = match direction_unknown_reports {
+                0 => format!("{due_found} of {due} found that came within 1 m"),
+                _ => "its distance found, its direction reported as not observed".into(),
+            };
+            say!("{:37} {found}; {false_reports} reported where nothing is", act.heading)?;
         }
         say!("\nDone in {:.1} s. Open {}", start.elapsed().as_secs_f64(), report.display())?;
         Ok(())
@@ -192,8 +196,8 @@ impl Demo {
         });
         let mut report = Report::new("Radar chaperone: demo")
             .intro(format!(
-                "A simulated 60 GHz radar on a headset (seed {}): every act was recorded, replayed from its recording by the \
-                 same pipeline that runs beside SteamVR, and put beside the truth. {drawn_by}",
+                "A simulated 60 GHz radar on a headset (seed {}): every act was recorded, replayed from its recording \
+                 through the pipeline, and put beside the truth. {drawn_by}",
                 self.seed
             ))
             .section(Section::new("At a glance").table(table));

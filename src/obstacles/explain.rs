@@ -53,7 +53,7 @@ impl Default for ExplainSettings {
             plane_min_score: 12.0,
             claim_range_m: 0.15,
             claim_lobes: 1.5,
-            max_sigma_m: 0.1,
+            max_sigma_m: 0.2,
             min_feet_rms_m: 0.1,
         }
     }

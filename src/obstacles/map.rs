@@ -22,7 +22,7 @@ pub struct MapSettings {
 
 impl Default for MapSettings {
     fn default() -> Self {
-        Self { confirm_score: 6.0, confirm_sightings: 2, match_m: 0.15 }
+        Self { confirm_score: 5.0, confirm_sightings: 3, match_m: 0.15 }
     }
 }
 
@@ -151,7 +151,7 @@ mod tests {
 
     fn after(updates: &[&[Explained<DVec3>]]) -> Vec<(u64, f64)> {
         let mut sightings = Sightings::default();
-        let settings = MapSettings::default();
+        let settings = MapSettings { confirm_score: 6.0, confirm_sightings: 2, ..Default::default() };
         updates.iter().for_each(|found| sightings.update(found, &settings, same_place(settings.match_m)));
         sightings.confirmed().map(|s| (s.id, s.thing.x)).collect()
     }

@@ -24,7 +24,8 @@ pub struct Obstacle {
     pub id: u64,
     /// Most likely place of its strongest reflection, tracking frame, metres.
     pub position_m: DVec3,
-    /// Covariance of the position, m²; honest about directions that were not observed.
+    /// Covariance of the position, m²; honest about directions that were not observed. Where only the range is known it is
+    /// that of the tangent plane: the place lies on the sphere of that range, within the width that the covariance gives.
     pub covariance_m2: DMat3,
     /// What the data determine.
     pub observed: Observed,

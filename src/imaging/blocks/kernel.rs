@@ -142,7 +142,8 @@ fn coherence(block: &Block, place: impl Place) -> Coherence {
         let distance = place.distances_m(&group.moved(middle_m * block.time_s_per_m + block.time_at_zero_s));
         let (re, im) = block.look_up(g, middle_m, &distance);
         for l in 0..LANES {
-            let turns = distance[l] * turns_per_m;
+            // Within 100 m and a number, so that what counts for nothing adds zero and not NaN.
+            let turns = distance[l].abs().min(100.0) * turns_per_m;
             let (cos, sin) = cos_sin_of_turns(turns - ((turns + ROUNDER) - ROUNDER));
             // z · e^(−j·2π·turns)
             sum_re[l] += re[l] * cos + im[l] * sin;
@@ -175,7 +176,9 @@ impl Block {
     /// z of a group's sweeps, each at its own distance; zero outside the axis.
     #[inline(always)]
     fn look_up(&self, group: usize, middle_m: f32, distance: &Lanes) -> (Lanes, Lanes) {
-        let at = ((middle_m - self.first_m) * self.entries_per_m + 0.5).clamp(1.0, (self.entries - 2) as f32) as i32;
+        let at = (middle_m - self.first_m) * self.entries_per_m + 0.5;
+        // Written so that a distance that is no number lands on the first entry; it counts for nothing below.
+        let at = if at >= 1.0 { at.min((self.entries - 2) as f32) } else { 1.0 } as i32;
         let entry_m = self.first_m + at as f32 * self.entry_step_m;
         let at = at as usize;
         let row = |entry: usize| &self.z[entry * self.groups.len() + group];
@@ -183,8 +186,9 @@ impl Block {
         let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
         for l in 0..LANES {
             let u = (distance[l] - entry_m) * self.entries_per_m;
-            let inside = (distance[l] >= self.first_m) & (distance[l] <= self.last_m);
-            let inside = if inside { 1.0 } else { 0.0 };
+            // Sixteen sweeps share an entry: one that was elsewhere by more than four entries was no part of their motion.
+            let inside = (distance[l] >= self.first_m) & (distance[l] <= self.last_m) & (u.abs() <= 4.0);
+            let (u, inside) = if inside { (u, 1.0) } else { (0.0, 0.0) };
             let (low, middle, high) = (0.5 * (u * u - u) * inside, (1.0 - u * u) * inside, 0.5 * (u * u + u) * inside);
             re[l] = before[0][l] * low + here[0][l] * middle + after[0][l] * high;
             im[l] = before[1][l] * low + here[1][l] * middle + after[1][l] * high;
