@@ -17,15 +17,15 @@ fn at_height(path: &str) -> RgbImage {
 }
 
 fn main() {
-    let folder = std::env::args().nth(1).unwrap_or("demo-out".into()) + "/two-chairs";
+    let folder = std::env::args().nth(1).unwrap_or("demo-out".into()) + "/furnished-room";
     let (eye, map) = (at_height(&format!("{folder}/eye_left.png")), at_height(&format!("{folder}/map.png")));
     let mut both = RgbImage::new(eye.width() + map.width(), HEIGHT);
     imageops::replace(&mut both, &eye, 0, 0);
     imageops::replace(&mut both, &map, i64::from(eye.width()), 0);
     // The two lowest bits are noise that nobody sees and that costs half of the file.
     both.iter_mut().for_each(|channel| *channel |= 3);
-    let file = File::create("docs/two-chairs.png").expect("docs/two-chairs.png");
+    let file = File::create("docs/furnished-room.png").expect("docs/furnished-room.png");
     PngEncoder::new_with_quality(BufWriter::new(file), CompressionType::Best, FilterType::Adaptive)
         .write_image(&both, both.width(), both.height(), ExtendedColorType::Rgb8)
-        .expect("docs/two-chairs.png");
+        .expect("docs/furnished-room.png");
 }

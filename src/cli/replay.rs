@@ -190,7 +190,9 @@ pub(super) fn described(scene: &Scene, pipeline: &Pipeline) -> String {
         text +=
             "No sweep has a pose, so nothing could be imaged. `radar-chaperone info` tells what the recording holds.\n";
     }
-    let _ = writeln!(text, "\n{} obstacles, {} walls", scene.obstacles.len(), scene.walls.len());
+    let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
+    let (obstacles, walls) = (counted(scene.obstacles.len(), "obstacle"), counted(scene.walls.len(), "wall"));
+    let _ = writeln!(text, "\n{obstacles}, {walls}");
     for obstacle in &scene.obstacles {
         let p = obstacle.position_m;
         let _ = writeln!(
