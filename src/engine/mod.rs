@@ -86,11 +86,6 @@ impl Engine {
         self.search
     }
 
-    /// The search in rooms, with its scores over space.
-    pub fn rooms(&self) -> &RoomSearch {
-        &self.rooms
-    }
-
     /// What was done so far.
     pub fn counters(&self) -> EngineCounters {
         EngineCounters {

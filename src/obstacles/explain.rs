@@ -149,11 +149,6 @@ impl<'a> Window<'a> {
         Self { claims: vec![Vec::new(); blocks.len()], weights, blocks, settings, block_settings, min_cos }
     }
 
-    /// Believes planes alone.
-    pub fn explain_planes(&mut self, candidates: &[Plane]) -> Vec<Explained<Plane>> {
-        self.explain(candidates, &[]).planes
-    }
-
     /// Believes places alone.
     pub fn explain_points(&mut self, candidates: &[DVec3]) -> Vec<Explained<DVec3>> {
         self.explain(&[], candidates).places

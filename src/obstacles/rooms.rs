@@ -120,11 +120,6 @@ impl RoomSearch {
         }
     }
 
-    /// Scores over space.
-    pub fn field(&self) -> &Field {
-        &self.field
-    }
-
     /// Takes a sweep; images the block that it closes and, four times a second, looks at the evidence.
     pub fn push(&mut self, observation: Observation) {
         let settings = self.settings.blocks;
