@@ -12,18 +12,25 @@ use crate::common::Folder;
 use crate::found::{obstacles_of, only};
 
 #[test]
-fn an_imported_recording_of_a_corner_reflector_is_as_good_as_the_simulations_own() {
+fn imported_recordings_of_a_corner_reflector_are_as_good_as_the_simulations_own() {
     let folder = Folder::new("vendor_file");
+    // Five seeds keep the test short; `examples/ls_accuracy.rs` has the median over twenty: 3.5 mm.
+    let mut errors_m: Vec<f64> = (1..=5).map(|seed| error_of_import_m(&folder, seed)).collect();
+    errors_m.sort_by(f64::total_cmp);
+    assert!(errors_m[2] <= 0.005 && errors_m[4] <= 0.012, "{errors_m:?} m");
+}
+
+/// Simulated, written as the vendor's file and a track, imported, replayed with 50 sweeps: distance to the truth.
+fn error_of_import_m(folder: &Folder, seed: u64) -> f64 {
     let config = preset("fine").unwrap();
-    let mut scenario = Scenario::new("corner-reflector", "sphere-50cm", config, 10.0, 1);
+    let mut scenario = Scenario::new("corner-reflector", "sphere-50cm", config, 10.0, seed);
     scenario.snr_db = Some(20.0);
     let simulated = scenario.run().unwrap();
     folder.write("frames.h5", h5(&scenario.config, &simulated.frames));
     folder.write("track.tum", track(&scenario, &simulated));
     folder.run("import frames.h5 --poses track.tum --out r.mcap").done().says("Frames     1200 over 9.99 s");
-    let found = only(obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50"));
-    let error_m = found.position_m.distance(DVec3::new(-0.3, 1.5, -1.0));
-    assert!(error_m <= 0.010, "{error_m} m");
+    let found = only(obstacles_of(folder, "r.mcap --set reflectors.max_sweeps=50"));
+    found.position_m.distance(DVec3::new(-0.3, 1.5, -1.0))
 }
 
 /// The sensor's poses as TUM text, seconds since the first frame.
