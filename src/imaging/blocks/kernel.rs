@@ -46,7 +46,14 @@ pub struct PlaneAt {
 /// What has a distance: a point (relative to the block's middle) or a plane.
 trait Place: Copy {
     fn distance_m(self, from: [f32; 3]) -> f32;
-    fn distances_m(self, from: &[Lanes; 3]) -> Lanes;
+    #[inline(always)]
+    fn distances_m(self, from: &[Lanes; 3]) -> Lanes {
+        let mut distances = [0.0; LANES];
+        for l in 0..LANES {
+            distances[l] = self.distance_m([from[0][l], from[1][l], from[2][l]]);
+        }
+        distances
+    }
 }
 
 impl Place for [f32; 3] {
@@ -55,15 +62,6 @@ impl Place for [f32; 3] {
         let (x, y, z) = (self[0] - from[0], self[1] - from[1], self[2] - from[2]);
         (x * x + y * y + z * z).sqrt()
     }
-
-    #[inline(always)]
-    fn distances_m(self, from: &[Lanes; 3]) -> Lanes {
-        let mut distances = [0.0; LANES];
-        for l in 0..LANES {
-            distances[l] = self.distance_m([from[0][l], from[1][l], from[2][l]]);
-        }
-        distances
-    }
 }
 
 impl Place for PlaneAt {
@@ -71,15 +69,6 @@ impl Place for PlaneAt {
     fn distance_m(self, from: [f32; 3]) -> f32 {
         let u = self.toward;
         self.distance_m - (u[0] * from[0] + u[1] * from[1] + u[2] * from[2])
-    }
-
-    #[inline(always)]
-    fn distances_m(self, from: &[Lanes; 3]) -> Lanes {
-        let mut distances = [0.0; LANES];
-        for l in 0..LANES {
-            distances[l] = self.distance_m([from[0][l], from[1][l], from[2][l]]);
-        }
-        distances
     }
 }
 
