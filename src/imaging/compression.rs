@@ -15,13 +15,17 @@ const TABLE_STEP_M: f64 = 0.010_1;
 /// Template values below this are left out of the sum.
 const NEGLIGIBLE_ENVELOPE: f64 = 1e-4;
 
-/// The matched filter of one range axis, ready to use.
+/// The matched filter of one range axis, ready to use: a polyphase filter, one phase for each table entry of a step.
 #[derive(Debug, Clone)]
 pub struct RangeCompressor {
     first_m: f64,
     step_m: f64,
-    /// For each table entry: first sample, and the template's values from there, normalised.
-    rows: Vec<(usize, Vec<f32>)>,
+    points: usize,
+    /// `[phase][tap]`: the template at the samples around, the first tap `reach` samples before the entry's own.
+    taps: Vec<Vec<f32>>,
+    reach: usize,
+    /// `[entry]`: 1 / √Σ E² over the samples that there are.
+    norms: Vec<f32>,
 }
 
 /// z over range for one sweep.
@@ -36,33 +40,83 @@ pub struct CompressedSweep {
 }
 
 impl RangeCompressor {
-    /// For sweeps of a geometry.
+    /// For sweeps of a geometry, with the default table: a value at least every 10 mm.
     pub fn new(geometry: &SweepGeometry) -> Self {
-        let axis = &geometry.axis;
-        let finer = (axis.step_m / TABLE_STEP_M).ceil().max(1.0);
-        let step_m = axis.step_m / finer;
-        // Axes of fewer than four points are tabulated as if they went on: interpolation needs four.
-        let entries = ((axis.points.saturating_sub(1) as f64 * finer) as usize + 1).max(4);
-        let row = |entry: usize| {
-            let range_m = axis.first_m + entry as f64 * step_m;
-            let full: Vec<f64> =
-                (0..axis.points).map(|n| envelope(geometry.profile, axis.range_m(n) - range_m)).collect();
-            let norm = full.iter().map(|e| e * e).sum::<f64>().sqrt();
-            let first = full.iter().position(|&e| e >= NEGLIGIBLE_ENVELOPE).unwrap_or(0);
-            let kept = full[first..].iter().take_while(|&&e| e >= NEGLIGIBLE_ENVELOPE);
-            (first, kept.map(|e| if norm > 0.0 { (e / norm) as f32 } else { 0.0 }).collect())
-        };
-        Self { first_m: axis.first_m, step_m, rows: (0..entries).map(row).collect() }
+        Self::with_step(geometry, TABLE_STEP_M)
     }
 
-    /// Compresses one sweep, each value times `scale` (1 / noise rms makes it noise-normalised).
-    pub fn compress(&self, samples: &[Complex32], scale: f32) -> CompressedSweep {
-        let value = |(first, template): &(usize, Vec<f32>)| {
-            let tail = samples.get(*first..).unwrap_or_default();
-            let sum: Complex32 = tail.iter().zip(template).map(|(x, e)| x * e).sum();
-            sum * scale
+    /// For sweeps of a geometry; table steps are a whole part of the axis' step, at most `widest_step_m` wide.
+    pub fn with_step(geometry: &SweepGeometry, widest_step_m: f64) -> Self {
+        let axis = &geometry.axis;
+        let phases = (axis.step_m / widest_step_m).ceil().max(1.0) as usize;
+        let step_m = axis.step_m / phases as f64;
+        // Axes of fewer than four points are tabulated as if they went on: interpolation needs four.
+        let entries = (axis.points.saturating_sub(1) * phases + 1).max(4);
+        let template = |offset_m: f64| Some(envelope(geometry.profile, offset_m)).filter(|e| *e >= NEGLIGIBLE_ENVELOPE);
+        let reach = (0..axis.points).take_while(|&n| template(n as f64 * axis.step_m).is_some()).count();
+        let tap = |phase: usize, tap: usize| {
+            let samples = tap as f64 - reach as f64 - phase as f64 / phases as f64;
+            template(samples * axis.step_m).unwrap_or(0.0) as f32
         };
-        CompressedSweep { first_m: self.first_m, step_m: self.step_m, z: self.rows.iter().map(value).collect() }
+        let norm = |entry: usize| {
+            let range_m = axis.first_m + entry as f64 * step_m;
+            let energy: f64 = (0..axis.points).filter_map(|n| template(axis.range_m(n) - range_m)).map(|e| e * e).sum();
+            if energy > 0.0 { (1.0 / energy.sqrt()) as f32 } else { 0.0 }
+        };
+        Self {
+            first_m: axis.first_m,
+            step_m,
+            points: axis.points,
+            taps: (0..phases).map(|phase| (0..2 * reach + 2).map(|k| tap(phase, k)).collect()).collect(),
+            reach,
+            norms: (0..entries).map(norm).collect(),
+        }
+    }
+
+    /// Range of the first entry, metres.
+    pub fn first_m(&self) -> f64 {
+        self.first_m
+    }
+
+    /// Distance between entries, metres.
+    pub fn step_m(&self) -> f64 {
+        self.step_m
+    }
+
+    /// Entries of a table.
+    pub fn entries(&self) -> usize {
+        self.norms.len()
+    }
+
+    /// Compresses one sweep, each value times `scale` (1 / noise rms makes it noise-normalised). Samples that are missing
+    /// count as zero, those beyond the axis are left out.
+    pub fn compress(&self, samples: &[Complex32], scale: f32) -> CompressedSweep {
+        let mut z = vec![Complex32::ZERO; self.entries()];
+        let (re, im) = (self.filtered(samples, |x| x.re), self.filtered(samples, |x| x.im));
+        let phases = self.taps.len();
+        for (entry, (value, norm)) in z.iter_mut().zip(&self.norms).enumerate() {
+            let at = (entry % phases) * (self.points + 3) + entry / phases;
+            *value = Complex32::new(re[at], im[at]) * (norm * scale);
+        }
+        CompressedSweep { first_m: self.first_m, step_m: self.step_m, z }
+    }
+
+    /// One part of the samples through every phase: `[phase][sample]`, three samples longer than the axis.
+    fn filtered(&self, samples: &[Complex32], part: impl Fn(&Complex32) -> f32) -> Vec<f32> {
+        let long = self.points + 3;
+        let mut padded = vec![0.0f32; long + 2 * self.reach + 2];
+        for (to, from) in padded[self.reach..].iter_mut().zip(samples.iter().take(self.points)) {
+            *to = part(from);
+        }
+        let mut out = vec![0.0f32; long * self.taps.len()];
+        for (out, taps) in out.chunks_exact_mut(long).zip(&self.taps) {
+            for (k, tap) in taps.iter().enumerate().filter(|(_, tap)| **tap != 0.0) {
+                for (sum, x) in out.iter_mut().zip(&padded[k..]) {
+                    *sum += tap * x;
+                }
+            }
+        }
+        out
     }
 }
 

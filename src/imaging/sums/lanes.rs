@@ -1,0 +1,572 @@
+//! Sixteen values side by side, on the widest vector unit that the processor has.
+//!
+//! Kernels are written once against [`Lanes`] and compiled for AVX-512, for AVX2 with FMA, and for any processor. Every
+//! operation is an IEEE one (fused multiply-add included), so all three give the same bits. A value of [`Avx512`] or
+//! [`Avx2`] exists only where the processor was asked: it is the proof that makes the instructions allowed.
+
+/// Values handled at once.
+pub(super) const LANES: usize = 16;
+/// Entries that [`Lanes::look_up`] chooses from.
+pub(super) const WINDOW: usize = 32;
+
+/// Vector operations, lane by lane.
+pub(super) trait Lanes: Copy {
+    /// Sixteen f32.
+    type F: Copy;
+    /// Sixteen i32.
+    type I: Copy;
+    /// Sixteen yes or no.
+    type M: Copy;
+
+    fn splat(self, value: f32) -> Self::F;
+    fn load(self, values: &[f32; LANES]) -> Self::F;
+    fn store(self, values: Self::F) -> [f32; LANES];
+    fn add(self, a: Self::F, b: Self::F) -> Self::F;
+    fn sub(self, a: Self::F, b: Self::F) -> Self::F;
+    fn mul(self, a: Self::F, b: Self::F) -> Self::F;
+    fn div(self, a: Self::F, b: Self::F) -> Self::F;
+    /// a · b + c, rounded once.
+    fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
+    /// c − a · b, rounded once.
+    fn neg_mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
+    fn sqrt(self, a: Self::F) -> Self::F;
+    /// The lesser; `b` when either is no number.
+    fn min(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The greater; `b` when either is no number.
+    fn max(self, a: Self::F, b: Self::F) -> Self::F;
+    fn abs(self, a: Self::F) -> Self::F;
+    /// The nearest whole number, halves to even.
+    fn round(self, a: Self::F) -> Self::F;
+    fn floor(self, a: Self::F) -> Self::F;
+    /// Whether a ≤ b.
+    fn at_most(self, a: Self::F, b: Self::F) -> Self::M;
+    fn and(self, a: Self::M, b: Self::M) -> Self::M;
+    fn or(self, a: Self::M, b: Self::M) -> Self::M;
+    /// Bit l is lane l.
+    fn bits(self, mask: Self::M) -> u16;
+    fn or_zero(self, mask: Self::M, a: Self::F) -> Self::F;
+    /// The nearest i32, halves to even; only for values within ±2³⁰.
+    fn to_int(self, a: Self::F) -> Self::I;
+    fn splat_int(self, value: i32) -> Self::I;
+    fn load_int(self, values: &[i32; LANES]) -> Self::I;
+    fn store_int(self, values: Self::I) -> [i32; LANES];
+    fn add_int(self, a: Self::I, b: Self::I) -> Self::I;
+    fn max_int(self, a: Self::I, b: Self::I) -> Self::I;
+    fn min_int(self, a: Self::I, b: Self::I) -> Self::I;
+    /// `window[index]`; the index counts modulo 32.
+    fn look_up(self, window: &[f32; WINDOW], index: Self::I) -> Self::F;
+    /// `table[index]`; an index outside the table takes its nearest end. The table must not be empty.
+    fn gather(self, table: &[f32], index: Self::I) -> Self::F;
+    /// The same for whole numbers.
+    fn gather_int(self, table: &[i32], index: Self::I) -> Self::I;
+}
+
+/// Any processor, lane after lane.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Plain;
+
+fn each<T: Copy, U>(a: [T; LANES], f: impl Fn(T) -> U) -> [U; LANES] {
+    a.map(f)
+}
+
+#[inline(always)]
+fn pairs<T: Copy, U>(a: [T; LANES], b: [T; LANES], f: impl Fn(T, T) -> U) -> [U; LANES] {
+    std::array::from_fn(|l| f(a[l], b[l]))
+}
+
+impl Lanes for Plain {
+    type F = [f32; LANES];
+    type I = [i32; LANES];
+    type M = [bool; LANES];
+
+    #[inline(always)]
+    fn splat(self, value: f32) -> Self::F {
+        [value; LANES]
+    }
+    #[inline(always)]
+    fn load(self, values: &[f32; LANES]) -> Self::F {
+        *values
+    }
+    #[inline(always)]
+    fn store(self, values: Self::F) -> [f32; LANES] {
+        values
+    }
+    #[inline(always)]
+    fn add(self, a: Self::F, b: Self::F) -> Self::F {
+        pairs(a, b, |a, b| a + b)
+    }
+    #[inline(always)]
+    fn sub(self, a: Self::F, b: Self::F) -> Self::F {
+        pairs(a, b, |a, b| a - b)
+    }
+    #[inline(always)]
+    fn mul(self, a: Self::F, b: Self::F) -> Self::F {
+        pairs(a, b, |a, b| a * b)
+    }
+    #[inline(always)]
+    fn div(self, a: Self::F, b: Self::F) -> Self::F {
+        pairs(a, b, |a, b| a / b)
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
+        std::array::from_fn(|l| a[l].mul_add(b[l], c[l]))
+    }
+    #[inline(always)]
+    fn neg_mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
+        std::array::from_fn(|l| (-a[l]).mul_add(b[l], c[l]))
+    }
+    #[inline(always)]
+    fn sqrt(self, a: Self::F) -> Self::F {
+        each(a, f32::sqrt)
+    }
+    #[inline(always)]
+    fn min(self, a: Self::F, b: Self::F) -> Self::F {
+        pairs(a, b, |a, b| if a < b { a } else { b })
+    }
+    #[inline(always)]
+    fn max(self, a: Self::F, b: Self::F) -> Self::F {
+        pairs(a, b, |a, b| if a > b { a } else { b })
+    }
+    #[inline(always)]
+    fn abs(self, a: Self::F) -> Self::F {
+        each(a, f32::abs)
+    }
+    #[inline(always)]
+    fn round(self, a: Self::F) -> Self::F {
+        each(a, f32::round_ties_even)
+    }
+    #[inline(always)]
+    fn floor(self, a: Self::F) -> Self::F {
+        each(a, f32::floor)
+    }
+    #[inline(always)]
+    fn at_most(self, a: Self::F, b: Self::F) -> Self::M {
+        pairs(a, b, |a, b| a <= b)
+    }
+    #[inline(always)]
+    fn and(self, a: Self::M, b: Self::M) -> Self::M {
+        pairs(a, b, |a, b| a & b)
+    }
+    #[inline(always)]
+    fn or(self, a: Self::M, b: Self::M) -> Self::M {
+        pairs(a, b, |a, b| a | b)
+    }
+    #[inline(always)]
+    fn bits(self, mask: Self::M) -> u16 {
+        mask.iter().enumerate().fold(0, |bits, (l, yes)| bits | u16::from(*yes) << l)
+    }
+    #[inline(always)]
+    fn or_zero(self, mask: Self::M, a: Self::F) -> Self::F {
+        std::array::from_fn(|l| if mask[l] { a[l] } else { 0.0 })
+    }
+    #[inline(always)]
+    fn to_int(self, a: Self::F) -> Self::I {
+        each(a, |a| a.round_ties_even() as i32)
+    }
+    #[inline(always)]
+    fn splat_int(self, value: i32) -> Self::I {
+        [value; LANES]
+    }
+    #[inline(always)]
+    fn load_int(self, values: &[i32; LANES]) -> Self::I {
+        *values
+    }
+    #[inline(always)]
+    fn store_int(self, values: Self::I) -> [i32; LANES] {
+        values
+    }
+    #[inline(always)]
+    fn add_int(self, a: Self::I, b: Self::I) -> Self::I {
+        pairs(a, b, i32::wrapping_add)
+    }
+    #[inline(always)]
+    fn max_int(self, a: Self::I, b: Self::I) -> Self::I {
+        pairs(a, b, i32::max)
+    }
+    #[inline(always)]
+    fn min_int(self, a: Self::I, b: Self::I) -> Self::I {
+        pairs(a, b, i32::min)
+    }
+    #[inline(always)]
+    fn look_up(self, window: &[f32; WINDOW], index: Self::I) -> Self::F {
+        each(index, |n| window[(n & 31) as usize])
+    }
+    #[inline(always)]
+    fn gather(self, table: &[f32], index: Self::I) -> Self::F {
+        each(index, |n| table[(n.max(0) as usize).min(table.len() - 1)])
+    }
+    #[inline(always)]
+    fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
+        each(index, |n| table[(n.max(0) as usize).min(table.len() - 1)])
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+pub(super) use x86::{Avx2, Avx512};
+
+/// Each call of an instruction in here is sound because the token exists only where the processor has it.
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use std::arch::x86_64::*;
+
+    use super::{LANES, Lanes, WINDOW};
+
+    /// AVX-512 F and VL.
+    #[derive(Debug, Clone, Copy)]
+    pub(in super::super) struct Avx512(());
+
+    impl Avx512 {
+        /// `None` where the processor has not got it.
+        pub(in super::super) fn detect() -> Option<Self> {
+            (is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl")).then_some(Self(()))
+        }
+    }
+
+    macro_rules! wide {
+        ($call:expr) => {
+            // SAFETY: `self` is the proof that the processor has AVX-512.
+            unsafe { $call }
+        };
+    }
+
+    impl Lanes for Avx512 {
+        type F = __m512;
+        type I = __m512i;
+        type M = __mmask16;
+
+        #[inline(always)]
+        fn splat(self, value: f32) -> Self::F {
+            wide!(_mm512_set1_ps(value))
+        }
+        #[inline(always)]
+        fn load(self, values: &[f32; LANES]) -> Self::F {
+            // Sixteen values are read from a reference to sixteen.
+            wide!(_mm512_loadu_ps(values.as_ptr()))
+        }
+        #[inline(always)]
+        fn store(self, values: Self::F) -> [f32; LANES] {
+            let mut out = [0.0; LANES];
+            wide!(_mm512_storeu_ps(out.as_mut_ptr(), values));
+            out
+        }
+        #[inline(always)]
+        fn add(self, a: Self::F, b: Self::F) -> Self::F {
+            wide!(_mm512_add_ps(a, b))
+        }
+        #[inline(always)]
+        fn sub(self, a: Self::F, b: Self::F) -> Self::F {
+            wide!(_mm512_sub_ps(a, b))
+        }
+        #[inline(always)]
+        fn mul(self, a: Self::F, b: Self::F) -> Self::F {
+            wide!(_mm512_mul_ps(a, b))
+        }
+        #[inline(always)]
+        fn div(self, a: Self::F, b: Self::F) -> Self::F {
+            wide!(_mm512_div_ps(a, b))
+        }
+        #[inline(always)]
+        fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
+            wide!(_mm512_fmadd_ps(a, b, c))
+        }
+        #[inline(always)]
+        fn neg_mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
+            wide!(_mm512_fnmadd_ps(a, b, c))
+        }
+        #[inline(always)]
+        fn sqrt(self, a: Self::F) -> Self::F {
+            wide!(_mm512_sqrt_ps(a))
+        }
+        #[inline(always)]
+        fn min(self, a: Self::F, b: Self::F) -> Self::F {
+            wide!(_mm512_min_ps(a, b))
+        }
+        #[inline(always)]
+        fn max(self, a: Self::F, b: Self::F) -> Self::F {
+            wide!(_mm512_max_ps(a, b))
+        }
+        #[inline(always)]
+        fn abs(self, a: Self::F) -> Self::F {
+            wide!(_mm512_abs_ps(a))
+        }
+        #[inline(always)]
+        fn round(self, a: Self::F) -> Self::F {
+            wide!(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(a))
+        }
+        #[inline(always)]
+        fn floor(self, a: Self::F) -> Self::F {
+            wide!(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(a))
+        }
+        #[inline(always)]
+        fn at_most(self, a: Self::F, b: Self::F) -> Self::M {
+            wide!(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(a, b))
+        }
+        #[inline(always)]
+        fn and(self, a: Self::M, b: Self::M) -> Self::M {
+            a & b
+        }
+        #[inline(always)]
+        fn or(self, a: Self::M, b: Self::M) -> Self::M {
+            a | b
+        }
+        #[inline(always)]
+        fn bits(self, mask: Self::M) -> u16 {
+            mask
+        }
+        #[inline(always)]
+        fn or_zero(self, mask: Self::M, a: Self::F) -> Self::F {
+            wide!(_mm512_maskz_mov_ps(mask, a))
+        }
+        #[inline(always)]
+        fn to_int(self, a: Self::F) -> Self::I {
+            wide!(_mm512_cvtps_epi32(a))
+        }
+        #[inline(always)]
+        fn splat_int(self, value: i32) -> Self::I {
+            wide!(_mm512_set1_epi32(value))
+        }
+        #[inline(always)]
+        fn load_int(self, values: &[i32; LANES]) -> Self::I {
+            // Sixteen values are read from a reference to sixteen.
+            wide!(_mm512_loadu_si512(values.as_ptr().cast()))
+        }
+        #[inline(always)]
+        fn store_int(self, values: Self::I) -> [i32; LANES] {
+            let mut out = [0; LANES];
+            wide!(_mm512_storeu_si512(out.as_mut_ptr().cast(), values));
+            out
+        }
+        #[inline(always)]
+        fn add_int(self, a: Self::I, b: Self::I) -> Self::I {
+            wide!(_mm512_add_epi32(a, b))
+        }
+        #[inline(always)]
+        fn max_int(self, a: Self::I, b: Self::I) -> Self::I {
+            wide!(_mm512_max_epi32(a, b))
+        }
+        #[inline(always)]
+        fn min_int(self, a: Self::I, b: Self::I) -> Self::I {
+            wide!(_mm512_min_epi32(a, b))
+        }
+        #[inline(always)]
+        fn look_up(self, window: &[f32; WINDOW], index: Self::I) -> Self::F {
+            // The window is thirty-two values long; the permute takes the index modulo 32.
+            wide!({
+                let low = _mm512_loadu_ps(window.as_ptr());
+                let high = _mm512_loadu_ps(window.as_ptr().add(LANES));
+                _mm512_permutex2var_ps(low, index, high)
+            })
+        }
+        #[inline(always)]
+        fn gather(self, table: &[f32], index: Self::I) -> Self::F {
+            assert!(!table.is_empty());
+            let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
+            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
+            // Every index lies within the table.
+            wide!(_mm512_i32gather_ps::<4>(index, table.as_ptr()))
+        }
+        #[inline(always)]
+        fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
+            assert!(!table.is_empty());
+            let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
+            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
+            // Every index lies within the table.
+            wide!(_mm512_i32gather_epi32::<4>(index, table.as_ptr()))
+        }
+    }
+
+    /// AVX2 and FMA.
+    #[derive(Debug, Clone, Copy)]
+    pub(in super::super) struct Avx2(());
+
+    impl Avx2 {
+        /// `None` where the processor has not got it.
+        pub(in super::super) fn detect() -> Option<Self> {
+            (is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")).then_some(Self(()))
+        }
+    }
+
+    macro_rules! both {
+        ($f:expr, $a:expr) => {{
+            // SAFETY: `self` is the proof that the processor has AVX2 and FMA.
+            unsafe { [$f($a[0]), $f($a[1])] }
+        }};
+        ($f:expr, $a:expr, $b:expr) => {{
+            // SAFETY: as above.
+            unsafe { [$f($a[0], $b[0]), $f($a[1], $b[1])] }
+        }};
+        ($f:expr, $a:expr, $b:expr, $c:expr) => {{
+            // SAFETY: as above.
+            unsafe { [$f($a[0], $b[0], $c[0]), $f($a[1], $b[1], $c[1])] }
+        }};
+    }
+
+    macro_rules! halves {
+        ($call:expr) => {
+            // SAFETY: `self` is the proof that the processor has AVX2 and FMA.
+            unsafe { $call }
+        };
+    }
+
+    impl Lanes for Avx2 {
+        type F = [__m256; 2];
+        type I = [__m256i; 2];
+        type M = [__m256; 2];
+
+        #[inline(always)]
+        fn splat(self, value: f32) -> Self::F {
+            halves!([_mm256_set1_ps(value); 2])
+        }
+        #[inline(always)]
+        fn load(self, values: &[f32; LANES]) -> Self::F {
+            // Two times eight values are read from a reference to sixteen.
+            halves!([_mm256_loadu_ps(values.as_ptr()), _mm256_loadu_ps(values.as_ptr().add(8))])
+        }
+        #[inline(always)]
+        fn store(self, values: Self::F) -> [f32; LANES] {
+            let mut out = [0.0; LANES];
+            halves!({
+                _mm256_storeu_ps(out.as_mut_ptr(), values[0]);
+                _mm256_storeu_ps(out.as_mut_ptr().add(8), values[1]);
+            });
+            out
+        }
+        #[inline(always)]
+        fn add(self, a: Self::F, b: Self::F) -> Self::F {
+            both!(_mm256_add_ps, a, b)
+        }
+        #[inline(always)]
+        fn sub(self, a: Self::F, b: Self::F) -> Self::F {
+            both!(_mm256_sub_ps, a, b)
+        }
+        #[inline(always)]
+        fn mul(self, a: Self::F, b: Self::F) -> Self::F {
+            both!(_mm256_mul_ps, a, b)
+        }
+        #[inline(always)]
+        fn div(self, a: Self::F, b: Self::F) -> Self::F {
+            both!(_mm256_div_ps, a, b)
+        }
+        #[inline(always)]
+        fn mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
+            both!(_mm256_fmadd_ps, a, b, c)
+        }
+        #[inline(always)]
+        fn neg_mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
+            both!(_mm256_fnmadd_ps, a, b, c)
+        }
+        #[inline(always)]
+        fn sqrt(self, a: Self::F) -> Self::F {
+            both!(_mm256_sqrt_ps, a)
+        }
+        #[inline(always)]
+        fn min(self, a: Self::F, b: Self::F) -> Self::F {
+            both!(_mm256_min_ps, a, b)
+        }
+        #[inline(always)]
+        fn max(self, a: Self::F, b: Self::F) -> Self::F {
+            both!(_mm256_max_ps, a, b)
+        }
+        #[inline(always)]
+        fn abs(self, a: Self::F) -> Self::F {
+            let sign = self.splat(-0.0);
+            both!(_mm256_andnot_ps, sign, a)
+        }
+        #[inline(always)]
+        fn round(self, a: Self::F) -> Self::F {
+            both!(_mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>, a)
+        }
+        #[inline(always)]
+        fn floor(self, a: Self::F) -> Self::F {
+            both!(_mm256_floor_ps, a)
+        }
+        #[inline(always)]
+        fn at_most(self, a: Self::F, b: Self::F) -> Self::M {
+            both!(_mm256_cmp_ps::<_CMP_LE_OQ>, a, b)
+        }
+        #[inline(always)]
+        fn and(self, a: Self::M, b: Self::M) -> Self::M {
+            both!(_mm256_and_ps, a, b)
+        }
+        #[inline(always)]
+        fn or(self, a: Self::M, b: Self::M) -> Self::M {
+            both!(_mm256_or_ps, a, b)
+        }
+        #[inline(always)]
+        fn bits(self, mask: Self::M) -> u16 {
+            let [low, high] = both!(_mm256_movemask_ps, mask);
+            low as u16 | (high as u16) << 8
+        }
+        #[inline(always)]
+        fn or_zero(self, mask: Self::M, a: Self::F) -> Self::F {
+            both!(_mm256_and_ps, mask, a)
+        }
+        #[inline(always)]
+        fn to_int(self, a: Self::F) -> Self::I {
+            both!(_mm256_cvtps_epi32, a)
+        }
+        #[inline(always)]
+        fn splat_int(self, value: i32) -> Self::I {
+            halves!([_mm256_set1_epi32(value); 2])
+        }
+        #[inline(always)]
+        fn load_int(self, values: &[i32; LANES]) -> Self::I {
+            // Two times eight values are read from a reference to sixteen.
+            let at = values.as_ptr();
+            halves!([_mm256_loadu_si256(at.cast()), _mm256_loadu_si256(at.add(8).cast())])
+        }
+        #[inline(always)]
+        fn store_int(self, values: Self::I) -> [i32; LANES] {
+            let mut out = [0; LANES];
+            halves!({
+                _mm256_storeu_si256(out.as_mut_ptr().cast(), values[0]);
+                _mm256_storeu_si256(out.as_mut_ptr().add(8).cast(), values[1]);
+            });
+            out
+        }
+        #[inline(always)]
+        fn add_int(self, a: Self::I, b: Self::I) -> Self::I {
+            both!(_mm256_add_epi32, a, b)
+        }
+        #[inline(always)]
+        fn max_int(self, a: Self::I, b: Self::I) -> Self::I {
+            both!(_mm256_max_epi32, a, b)
+        }
+        #[inline(always)]
+        fn min_int(self, a: Self::I, b: Self::I) -> Self::I {
+            both!(_mm256_min_epi32, a, b)
+        }
+        #[inline(always)]
+        fn look_up(self, window: &[f32; WINDOW], index: Self::I) -> Self::F {
+            let within = self.splat_int(WINDOW as i32 - 1);
+            let index = both!(_mm256_and_si256, index, within);
+            // Every index lies within the window.
+            halves!([
+                _mm256_i32gather_ps::<4>(window.as_ptr(), index[0]),
+                _mm256_i32gather_ps::<4>(window.as_ptr(), index[1])
+            ])
+        }
+        #[inline(always)]
+        fn gather(self, table: &[f32], index: Self::I) -> Self::F {
+            assert!(!table.is_empty());
+            let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
+            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
+            // Every index lies within the table.
+            halves!([
+                _mm256_i32gather_ps::<4>(table.as_ptr(), index[0]),
+                _mm256_i32gather_ps::<4>(table.as_ptr(), index[1])
+            ])
+        }
+        #[inline(always)]
+        fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
+            assert!(!table.is_empty());
+            let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
+            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
+            // Every index lies within the table.
+            halves!([
+                _mm256_i32gather_epi32::<4>(table.as_ptr(), index[0]),
+                _mm256_i32gather_epi32::<4>(table.as_ptr(), index[1])
+            ])
+        }
+    }
+}
