@@ -60,7 +60,8 @@ impl RangeCompressor {
         };
         let norm = |entry: usize| {
             let range_m = axis.first_m + entry as f64 * step_m;
-            let energy: f64 = (0..axis.points).filter_map(|n| template(axis.range_m(n) - range_m)).map(|e| e * e).sum();
+            let nearby = (entry / phases).saturating_sub(reach)..(entry / phases + reach + 2).min(axis.points);
+            let energy: f64 = nearby.filter_map(|n| template(axis.range_m(n) - range_m)).map(|e| e * e).sum();
             if energy > 0.0 { (1.0 / energy.sqrt()) as f32 } else { 0.0 }
         };
         Self {
@@ -101,8 +102,15 @@ impl RangeCompressor {
         CompressedSweep { first_m: self.first_m, step_m: self.step_m, z }
     }
 
+    /// Σ_n a[n] E(r_n − r) at every entry, not normalised: real values spread over the pulse.
+    pub(super) fn spread(&self, values: &[f32]) -> Vec<f32> {
+        let filtered = self.filtered(values, |a| *a);
+        let phases = self.taps.len();
+        (0..self.entries()).map(|n| filtered[(n % phases) * (self.points + 3) + n / phases]).collect()
+    }
+
     /// One part of the samples through every phase: `[phase][sample]`, three samples longer than the axis.
-    fn filtered(&self, samples: &[Complex32], part: impl Fn(&Complex32) -> f32) -> Vec<f32> {
+    fn filtered<T>(&self, samples: &[T], part: impl Fn(&T) -> f32) -> Vec<f32> {
         let long = self.points + 3;
         let mut padded = vec![0.0f32; long + 2 * self.reach + 2];
         for (to, from) in padded[self.reach..].iter_mut().zip(samples.iter().take(self.points)) {

@@ -12,6 +12,7 @@ mod range_power;
 mod refine;
 mod selection;
 mod statistic;
+pub mod sums;
 #[cfg(test)]
 pub(crate) mod test_data;
 mod volume;

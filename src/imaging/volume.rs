@@ -20,8 +20,13 @@ pub struct Volume {
 impl Volume {
     /// All zero, over a box; the last voxels may reach beyond it.
     pub fn covering(region: &Aabb, voxel_m: f64) -> Self {
-        let size = (region.size() / voxel_m - 1e-9).ceil().max(DVec3::ONE).to_array().map(|n| n as usize);
+        let size = Self::size_covering(region, voxel_m);
         Self { origin_m: region.min, voxel_m, size, values: vec![0.0; size.iter().product()] }
+    }
+
+    /// Number of voxels along x, y, z that cover a box; the last ones may reach beyond it.
+    pub fn size_covering(region: &Aabb, voxel_m: f64) -> [usize; 3] {
+        (region.size() / voxel_m - 1e-9).ceil().max(DVec3::ONE).to_array().map(|n| n as usize)
     }
 
     /// Index into `values` of voxel (i, j, k).

@@ -1,0 +1,91 @@
+//! The beam's amplitude over the cosine to the boresight, as kernels look it up.
+
+use crate::radar::Beam;
+
+/// Steps of the table over cosines −1 to 1; linear between them, within 1e-4 of every beam that has a name.
+const STEPS: usize = 4096;
+
+/// A(cos) between −1 and 1, and from which cosine on it counts.
+#[derive(Debug, Clone)]
+pub(super) struct BeamTable {
+    /// Places at a smaller cosine are out of the beam.
+    pub cut_cos: f32,
+    /// Every place within the cut is in the beam; otherwise an amplitude of 0 is out of it too.
+    pub whole: bool,
+    /// The same amplitude everywhere: nothing to look up.
+    pub uniform: bool,
+    /// A at `index · 2 / STEPS − 1`; beyond the cut the amplitude goes on, so that lookups beside it are right.
+    pub amplitudes: Vec<f32>,
+}
+
+/// Table entries per unit of cosine.
+pub(super) const ENTRIES_PER_COS: f32 = STEPS as f32 * 0.5;
+
+impl BeamTable {
+    pub(super) fn new(beam: &Beam) -> Self {
+        let step = 2.0 / STEPS as f64;
+        let exact: Vec<f64> = (0..=STEPS).map(|n| beam.amplitude(n as f64 * step - 1.0)).collect();
+        let first_in = exact.iter().position(|&a| a > 0.0).unwrap_or(STEPS);
+        let cut_cos = cut(beam, first_in as f64 * step - 1.0, step);
+        let at_cut = beam.amplitude(cut_cos);
+        let amplitudes: Vec<f32> =
+            exact.iter().enumerate().map(|(n, &a)| if n < first_in { at_cut as f32 } else { a as f32 }).collect();
+        Self {
+            cut_cos: cut_cos as f32,
+            whole: amplitudes.iter().all(|&a| a > 0.0),
+            uniform: *beam == Beam::Uniform,
+            amplitudes,
+        }
+    }
+
+    /// The greatest amplitude over a stretch of cosines.
+    pub(super) fn greatest(&self, from_cos: f32, to_cos: f32) -> f32 {
+        let at = |cos: f32| ((cos.clamp(-1.0, 1.0) + 1.0) * ENTRIES_PER_COS) as usize;
+        let (from, to) = (at(from_cos.min(to_cos)), (at(to_cos.max(from_cos)) + 1).min(STEPS));
+        self.amplitudes[from..=to].iter().copied().fold(0.0, f32::max)
+    }
+}
+
+/// The least cosine in the beam, to 1e-12, between the entry found and the one before.
+fn cut(beam: &Beam, found: f64, step: f64) -> f64 {
+    if found <= -1.0 {
+        return -1.0;
+    }
+    let (mut out, mut inside) = (found - step, found);
+    while inside - out > 1e-12 {
+        let middle = 0.5 * (out + inside);
+        if beam.amplitude(middle) > 0.0 { inside = middle } else { out = middle }
+    }
+    inside.min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cut_is_where_the_beam_ends() {
+        let cut = |beam: &Beam| BeamTable::new(beam).cut_cos;
+        assert_eq!(cut(&Beam::Uniform), -1.0);
+        assert!((cut(&Beam::Thesis) - 0.5f32.sqrt()).abs() < 1e-6);
+        assert!(cut(&Beam::Lensless).abs() < 1e-6);
+        let hollow = Beam::from_table(vec![[0.0, 0.0], [10.0, 0.0], [20.0, 1.0], [30.0, 0.5]]).unwrap();
+        assert!((cut(&hollow) - 30f32.to_radians().cos()).abs() < 1e-6);
+        assert!(!BeamTable::new(&hollow).whole && BeamTable::new(&Beam::Thesis).whole);
+    }
+
+    #[test]
+    fn lookups_are_close_to_every_named_beam() {
+        for beam in [Beam::Uniform, Beam::Thesis, Beam::Lensless, Beam::Fresnel, Beam::Hyperbolic] {
+            let table = BeamTable::new(&beam);
+            for i in 1..9000 {
+                let cos = f64::from(table.cut_cos) + (1.0 - f64::from(table.cut_cos)) * f64::from(i) / 9000.0;
+                let at = (cos + 1.0) * f64::from(ENTRIES_PER_COS);
+                let (n, w) = (at.floor() as usize, at.fract() as f32);
+                let near = table.amplitudes[n] * (1.0 - w) + table.amplitudes[(n + 1).min(STEPS)] * w;
+                assert!((f64::from(near) - beam.amplitude(cos)).abs() < 1e-4, "{beam:?} {cos}");
+                assert!(table.greatest(cos as f32, cos as f32) >= near * 0.9999);
+            }
+        }
+    }
+}

@@ -1,0 +1,17 @@
+//! Sums over sweeps, as fast as the machine goes: dense, adaptive and rolling, all from the same bricks.
+//!
+//! A [`SweepStack`] holds the sweeps, a [`BrickGrid`] the voxels.
+
+mod beam_table;
+mod dense;
+mod dispatch;
+mod grid;
+mod lanes;
+mod power;
+mod sight;
+mod stack;
+mod weighted;
+
+pub use dense::{DenseVolume, dense_volume};
+pub use grid::BrickGrid;
+pub use stack::{SweepRefusal, SweepStack, ls_step};

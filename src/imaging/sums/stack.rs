@@ -1,0 +1,373 @@
+//! Sweeps as kernels want them: sixteen side by side, places relative to one origin, and for each sweep its tables over
+//! range.
+//!
+//! A table holds what the statistic needs as a function of range alone (fast time), in steps of at most 5 mm, with the slope
+//! to the next entry beside it: linear interpolation of |z|² is then within 0.1 % of its peak. What sums whole numbers (`ls`,
+//! `log`) is scaled so that a step of 1 is a small part of the noise. A stack has slots that can be filled again, so that a
+//! window of sweeps can roll.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use num_complex::Complex32;
+
+use super::beam_table::BeamTable;
+use super::lanes::{LANES, WINDOW};
+use crate::imaging::{RangeCompressor, Statistic, sweep_noise_rms};
+use crate::radar::{Beam, Observation, SweepGeometry, distance_falloff};
+
+/// Widest step of the tables, metres.
+const TABLE_STEP_M: f64 = 0.005;
+/// `log` counts in parts of this size.
+const LOG_STEP: f64 = 1.0 / 4096.0;
+/// Greatest value of an entry, in steps: one sweep alone never overflows.
+const MAX_STEPS: f32 = (1 << 30) as f32;
+
+/// A sweep that no sum takes in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum SweepRefusal {
+    /// A sample, the pose or the velocity is NaN or infinite.
+    #[error("the sweep has a number that is not finite")]
+    NotFinite,
+    /// More or fewer samples than its axis has points.
+    #[error("the sweep has {samples} samples, its axis {points} points")]
+    WrongLength {
+        /// Samples given.
+        samples: usize,
+        /// Points expected.
+        points: usize,
+    },
+    /// The stack was not made for sweeps of this geometry.
+    #[error("the sweep's range axis is not one of those that the image was made for")]
+    UnknownGeometry,
+}
+
+/// Sixteen sweeps; a lane without a sweep has an empty range.
+#[derive(Debug, Clone)]
+pub(super) struct Group {
+    /// `[axis][lane]`, metres from the stack's origin.
+    pub position_m: [[f32; LANES]; 3],
+    pub velocity_m_per_s: [[f32; LANES]; 3],
+    /// Unit vector of the boresight.
+    pub forward: [[f32; LANES]; 3],
+    /// First and last range, metres.
+    pub first_m: [f32; LANES],
+    pub last_m: [f32; LANES],
+    /// Table entries per metre.
+    pub entries_per_m: [f32; LANES],
+    /// A point at range d is sampled `d · time_s_per_m + time_at_zero_s` after the pose's time.
+    pub time_s_per_m: [f32; LANES],
+    pub time_at_zero_s: [f32; LANES],
+}
+
+impl Group {
+    const EMPTY: Self = Self {
+        position_m: [[0.0; LANES]; 3],
+        velocity_m_per_s: [[0.0; LANES]; 3],
+        forward: [[0.0; LANES]; 3],
+        first_m: [f32::MAX; LANES],
+        last_m: [f32::MIN; LANES],
+        entries_per_m: [1.0; LANES],
+        time_s_per_m: [0.0; LANES],
+        time_at_zero_s: [0.0; LANES],
+    };
+}
+
+/// A geometry with its filter and falloff tables.
+#[derive(Debug, Clone)]
+struct Axis {
+    geometry: Arc<SweepGeometry>,
+    compressor: RangeCompressor,
+    /// D at each entry; held below one step, where it would go to infinity.
+    falloff: Vec<f32>,
+}
+
+/// Sweeps with their tables, for one statistic.
+#[derive(Debug, Clone)]
+pub struct SweepStack {
+    statistic: Statistic,
+    origin_m: DVec3,
+    pub(super) beam: BeamTable,
+    axes: Vec<Axis>,
+    /// What one step of a summed whole number is worth (`ls`, `log`).
+    step: f64,
+    pub(super) groups: Vec<Group>,
+    filled: Vec<bool>,
+    pub(super) planes: usize,
+    pub(super) stride: usize,
+    tables: Vec<f32>,
+    /// Greatest whole number that each slot can add to a place.
+    greatest: Vec<i64>,
+}
+
+/// What one step of `ls` is worth, LSB²: a power of two, about a 16th to a 32nd of the noise's power, unless samples of the
+/// given size would not fit then.
+pub fn ls_step(noise_rms_lsb: f64, greatest_sample_lsb: f64) -> f64 {
+    let fine = (noise_rms_lsb * noise_rms_lsb / 16.0).max(1e-12).log2().floor().exp2();
+    // |z|² is at most (Σ E)²/Σ E² times the greatest |x|²: 21 on a 10 mm axis, 84 on a 2.5 mm one.
+    let coarse = (greatest_sample_lsb * greatest_sample_lsb * 100.0 / f64::from(MAX_STEPS)).max(1e-12).log2().ceil().exp2();
+    fine.max(coarse)
+}
+
+impl SweepStack {
+    /// Room for `slots` sweeps of the given geometries, none filled yet. `step`: of `ls` (see [`ls_step`]), ignored by the
+    /// other statistics.
+    pub fn new(
+        statistic: Statistic,
+        beam: &Beam,
+        geometries: &[Arc<SweepGeometry>],
+        origin_m: DVec3,
+        slots: usize,
+        step: f64,
+    ) -> Self {
+        let axes: Vec<Axis> = geometries.iter().map(axis).collect();
+        let entries = axes.iter().map(|a| a.compressor.entries()).max().unwrap_or(0);
+        let planes = match statistic {
+            Statistic::Coherent => 3,
+            Statistic::Glrt => 2,
+            _ => 1,
+        };
+        let stride = (entries + WINDOW + LANES).next_multiple_of(LANES);
+        let groups = slots.div_ceil(LANES);
+        Self {
+            statistic,
+            origin_m,
+            beam: BeamTable::new(beam),
+            axes,
+            step: if statistic == Statistic::Log { LOG_STEP } else { step },
+            groups: vec![Group::EMPTY; groups],
+            filled: vec![false; groups * LANES],
+            planes,
+            stride,
+            tables: vec![0.0; groups * LANES * planes * 2 * stride],
+            greatest: vec![0; groups * LANES],
+        }
+    }
+
+    /// All the sweeps that can be used, and how many cannot. The step of `ls` follows their median noise.
+    pub fn of(statistic: Statistic, beam: &Beam, observations: &[Observation], origin_m: DVec3) -> (Self, usize) {
+        let mut geometries: Vec<Arc<SweepGeometry>> = Vec::new();
+        for observation in observations {
+            if !geometries.iter().any(|g| Arc::ptr_eq(g, &observation.geometry)) {
+                geometries.push(Arc::clone(&observation.geometry));
+            }
+        }
+        let step = if statistic == Statistic::Ls { step_for(observations) } else { 1.0 };
+        let mut stack = Self::new(statistic, beam, &geometries, origin_m, observations.len(), step);
+        let refused = (0..observations.len()).filter(|&n| stack.fill(n, &observations[n]).is_err()).count();
+        (stack, refused)
+    }
+
+    /// Which sum.
+    pub fn statistic(&self) -> Statistic {
+        self.statistic
+    }
+
+    /// What places are relative to, tracking frame, metres.
+    pub fn origin_m(&self) -> DVec3 {
+        self.origin_m
+    }
+
+    /// What one step of a summed whole number is worth.
+    pub fn step(&self) -> f64 {
+        self.step
+    }
+
+    /// Whether it sums whole numbers of steps (`ls`, `log`).
+    pub fn sums_whole_numbers(&self) -> bool {
+        matches!(self.statistic, Statistic::Ls | Statistic::Log)
+    }
+
+    /// A sum of steps as the statistic's value.
+    pub(super) fn value_of(&self, sum: i64) -> f32 {
+        (sum as f64 * self.step) as f32
+    }
+
+    /// Slots in all.
+    pub fn slots(&self) -> usize {
+        self.filled.len()
+    }
+
+    /// Sweeps in it.
+    pub fn sweeps(&self) -> usize {
+        self.filled.iter().filter(|filled| **filled).count()
+    }
+
+    /// Narrowest table step, metres.
+    pub(super) fn entry_step_m(&self) -> f64 {
+        self.axes.iter().map(|a| a.compressor.step_m()).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Values of one plane of a slot's tables, then, `stride` further on, their slopes.
+    #[inline(always)]
+    pub(super) fn table(&self, slot: usize, plane: usize) -> &[f32] {
+        let at = (slot * self.planes + plane) * 2 * self.stride;
+        &self.tables[at..at + 2 * self.stride]
+    }
+
+    /// Greatest whole number that a slot can add to a place; 0 when empty.
+    pub(super) fn greatest(&self, slot: usize) -> i64 {
+        self.greatest[slot]
+    }
+
+    /// Puts a sweep into a slot.
+    ///
+    /// # Errors
+    /// Numbers that are not finite, a wrong length, an unknown geometry: the slot is then empty.
+    pub fn fill(&mut self, slot: usize, observation: &Observation) -> Result<(), SweepRefusal> {
+        self.empty(slot);
+        let axis = check(observation, &self.axes)?;
+        let (values, greatest) = self.values(&self.axes[axis], observation);
+        let group = &mut self.groups[slot / LANES];
+        group.put(slot % LANES, observation, &self.axes[axis].compressor, self.origin_m);
+        let at = slot * self.planes * 2 * self.stride;
+        for (plane, of_plane) in values.iter().enumerate() {
+            let table = &mut self.tables[at + plane * 2 * self.stride..][..2 * self.stride];
+            let (value, slope) = table.split_at_mut(self.stride);
+            of_plane.write(value, slope);
+        }
+        self.greatest[slot] = greatest;
+        self.filled[slot] = true;
+        Ok(())
+    }
+
+    /// Takes a sweep out.
+    pub fn empty(&mut self, slot: usize) {
+        let (group, l) = (&mut self.groups[slot / LANES], slot % LANES);
+        (group.first_m[l], group.last_m[l]) = (f32::MAX, f32::MIN);
+        self.filled[slot] = false;
+        self.greatest[slot] = 0;
+    }
+
+    /// The tables of one sweep, and the greatest entry where they are whole numbers.
+    fn values(&self, axis: &Axis, observation: &Observation) -> (Vec<Values>, i64) {
+        let compress = || axis.compressor.compress(&observation.samples, 1.0).z;
+        let lerp = |f: &dyn Fn(usize) -> f32| Values::Continuous((0..axis.falloff.len()).map(f).collect());
+        let d = &axis.falloff;
+        let planes = match self.statistic {
+            Statistic::Ls | Statistic::Blocks => {
+                let (z, per) = (compress(), (1.0 / self.step) as f32);
+                vec![lerp(&|n| (z[n].norm_sqr() * per).min(MAX_STEPS))]
+            }
+            Statistic::Log => {
+                let (z, noise) = (compress(), sweep_noise_rms(&observation.samples));
+                let (per2, per) = ((1.0 / (noise * noise)) as f32, (1.0 / LOG_STEP) as f32);
+                vec![lerp(&|n| (z[n].norm_sqr() * per2).ln_1p() * per)]
+            }
+            Statistic::Glrt => {
+                let z = compress();
+                vec![lerp(&|n| z[n].norm() * d[n]), lerp(&|n| d[n] * d[n])]
+            }
+            Statistic::Coherent => {
+                let z = compress();
+                vec![lerp(&|n| z[n].re * d[n]), lerp(&|n| z[n].im * d[n]), lerp(&|n| d[n] * d[n])]
+            }
+            Statistic::ThesisFull => {
+                let magnitudes: Vec<f32> = observation.samples.iter().map(|x| x.norm()).collect();
+                let spread = axis.compressor.spread(&magnitudes);
+                vec![lerp(&|n| spread[n] * d[n])]
+            }
+            Statistic::Thesis => vec![nearest(&observation.samples, axis)],
+        };
+        let greatest = match (&planes[0], self.statistic) {
+            (Values::Continuous(v), Statistic::Ls | Statistic::Log) => v.iter().copied().fold(0.0, f32::max) as i64 + 1,
+            _ => 0,
+        };
+        (planes, greatest)
+    }
+}
+
+/// From the median noise and the greatest sample, numbers that are none left out.
+fn step_for(observations: &[Observation]) -> f64 {
+    let mut noise: Vec<f64> = observations.iter().map(|o| sweep_noise_rms(&o.samples)).collect();
+    noise.sort_by(f64::total_cmp);
+    let finite = observations.iter().flat_map(|o| &o.samples).map(|x| x.norm()).filter(|a| a.is_finite());
+    let median = noise.get(noise.len() / 2).copied().filter(|n| n.is_finite());
+    ls_step(median.unwrap_or(1.0), f64::from(finite.fold(0.0, f32::max)))
+}
+
+/// One plane before it is laid out.
+enum Values {
+    /// Linear from entry to entry.
+    Continuous(Vec<f32>),
+    /// Each stretch between entries has a start and an end of its own.
+    Stretches(Vec<[f32; 2]>),
+}
+
+impl Values {
+    fn write(&self, value: &mut [f32], slope: &mut [f32]) {
+        value.fill(0.0);
+        slope.fill(0.0);
+        match self {
+            Self::Continuous(v) => {
+                for n in 0..v.len() {
+                    (value[n], slope[n]) = (v[n], v.get(n + 1).map_or(0.0, |next| next - v[n]));
+                }
+            }
+            Self::Stretches(stretches) => {
+                for (n, [from, to]) in stretches.iter().enumerate() {
+                    (value[n], slope[n]) = (*from, to - from);
+                }
+            }
+        }
+    }
+}
+
+/// |x of the nearest point| · D: it jumps halfway between points, where the tables have entries.
+fn nearest(samples: &[Complex32], axis: &Axis) -> Values {
+    let phases = axis.geometry.axis.step_m / axis.compressor.step_m();
+    let stretch = |n: usize| {
+        let sample = ((n as f64 + 0.5) / phases).round() as usize;
+        let magnitude = samples[sample.min(samples.len() - 1)].norm();
+        [magnitude * axis.falloff[n], magnitude * axis.falloff[(n + 1).min(axis.falloff.len() - 1)]]
+    };
+    Values::Stretches((0..axis.falloff.len()).map(stretch).collect())
+}
+
+fn axis(geometry: &Arc<SweepGeometry>) -> Axis {
+    let step_m = geometry.axis.step_m;
+    // Halfway between points there must be an entry.
+    let phases = 2.0 * (step_m / (2.0 * TABLE_STEP_M) - 1e-9).ceil().max(1.0);
+    let compressor = RangeCompressor::with_step(geometry, step_m / phases * (1.0 + 1e-9));
+    let falloff = (0..compressor.entries())
+        .map(|n| compressor.first_m() + n as f64 * compressor.step_m())
+        .map(|range_m| distance_falloff(range_m.max(compressor.step_m())) as f32);
+    Axis { falloff: falloff.collect(), compressor, geometry: Arc::clone(geometry) }
+}
+
+fn check(observation: &Observation, axes: &[Axis]) -> Result<usize, SweepRefusal> {
+    let known = |a: &Axis| Arc::ptr_eq(&a.geometry, &observation.geometry) || a.geometry == observation.geometry;
+    let axis = axes.iter().position(known).ok_or(SweepRefusal::UnknownGeometry)?;
+    let (samples, points) = (observation.samples.len(), observation.geometry.axis.points);
+    if samples != points || points == 0 {
+        return Err(SweepRefusal::WrongLength { samples, points });
+    }
+    let pose = &observation.tracking_from_sensor;
+    let finite = pose.translation.is_finite()
+        && pose.rotation.is_finite()
+        && observation.velocity_m_per_s.is_finite()
+        && observation.samples.iter().all(|x| x.re.is_finite() && x.im.is_finite());
+    if finite { Ok(axis) } else { Err(SweepRefusal::NotFinite) }
+}
+
+impl Group {
+    fn put(&mut self, l: usize, observation: &Observation, compressor: &RangeCompressor, origin_m: DVec3) {
+        let pose = &observation.tracking_from_sensor;
+        let vectors = [
+            (&mut self.position_m, pose.translation - origin_m),
+            (&mut self.velocity_m_per_s, observation.velocity_m_per_s),
+            (&mut self.forward, pose.forward()),
+        ];
+        for (lanes, vector) in vectors {
+            for (lane, value) in lanes.iter_mut().zip(vector.as_vec3().to_array()) {
+                lane[l] = value;
+            }
+        }
+        let axis = &observation.geometry.axis;
+        self.first_m[l] = axis.first_m as f32;
+        self.last_m[l] = axis.last_m() as f32;
+        self.entries_per_m[l] = (1.0 / compressor.step_m()) as f32;
+        self.time_s_per_m[l] = (observation.geometry.point_period_s / axis.step_m) as f32;
+        self.time_at_zero_s[l] = observation.point_time_s(axis.point_at(0.0)) as f32;
+    }
+}
