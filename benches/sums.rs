@@ -30,7 +30,9 @@ fn sweeps(count: usize) -> Vec<Observation> {
             tracking_from_sensor: Pose::new(place, DQuat::from_rotation_arc(DVec3::NEG_Z, look)),
             velocity_m_per_s: DVec3::ZERO,
             geometry: Arc::clone(&geometry),
-            samples: (0..321).map(|_| Complex32::new(rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5))).collect(),
+            samples: (0..321)
+                .map(|_| Complex32::new(rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5)))
+                .collect(),
         }
     };
     (0..count).map(sweep).collect()

@@ -21,7 +21,7 @@ pub struct DenseVolume {
 
 /// The statistic of all of a stack's sweeps at every voxel. The same bits on any number of threads and any processor.
 ///
-/// Agrees with the oracle to 0.5 % of the volume's peak, but for voxels within 0.1 mm of an edge of range or beam, which
+/// Agrees with the oracle to 0.5 % of the volume's peak (and, for `ls` and `log`, the rounding of each sweep to whole steps), but for voxels within 0.1 mm of an edge of range or beam, which
 /// may count where the oracle's do not.
 pub fn dense_volume(stack: &SweepStack, grid: &BrickGrid) -> DenseVolume {
     let bricks = Bricks::new(stack, grid);
@@ -124,7 +124,11 @@ mod tests {
             let turned = |deg: f64| beam.amplitude((cos.acos() + deg.to_radians()).min(3.1415).cos()) > 0.0;
             let jump = (axis.point_at(d) - 0.5).round() + 0.5;
             let jumps = statistic == Statistic::Thesis && edge(d, axis.first_m + jump * axis.step_m);
-            jumps || edge(d, axis.first_m) || edge(d, axis.last_m()) || d < 2e-3 || if hollow { turned(-0.5) != turned(0.5) } else { turned(-0.05) != turned(0.05) }
+            jumps
+                || edge(d, axis.first_m)
+                || edge(d, axis.last_m())
+                || d < 2e-3
+                || if hollow { turned(-0.5) != turned(0.5) } else { turned(-0.05) != turned(0.05) }
         })
     }
 
@@ -134,7 +138,10 @@ mod tests {
         let oracle = Oracle::new(&observations, beam, &BlockSettings::default());
         let grid = BrickGrid::covering(&region, voxel_m);
         for statistic in Statistic::ALL.into_iter().filter(|s| *s != Statistic::Blocks) {
-            let fast = volume(statistic, beam, &observations, &grid).volume;
+            let (stack, _) = SweepStack::of(statistic, beam, &observations, grid.middle_m());
+            let fast = dense_volume(&stack, &grid).volume;
+            let rounding =
+                if stack.sums_whole_numbers() { stack.step() * (observations.len() as f64).sqrt() } else { 0.0 };
             let mut peak = 0.0f64;
             let mut worst = (0.0f64, DVec3::ZERO, 0.0, 0.0);
             for (index, value) in fast.values.iter().enumerate() {
@@ -150,7 +157,7 @@ mod tests {
                 }
                 assert!(value.is_finite());
             }
-            assert!(worst.0 <= share * peak, "{} {beam:?}: {worst:?}, peak {peak}", statistic.name());
+            assert!(worst.0 <= share * peak + 2.0 * rounding, "{} {beam:?}: {worst:?}, peak {peak}", statistic.name());
         }
     }
 

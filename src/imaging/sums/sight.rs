@@ -99,7 +99,8 @@ impl Sight {
 
         // Whether some voxel may count: by the ball around the brick, which holds near and far.
         let wide = s.add(radius, slack);
-        let mut some = s.and(s.at_most(range_first, s.add(distance, wide)), s.at_most(s.sub(distance, wide), range_last));
+        let mut some =
+            s.and(s.at_most(range_first, s.add(distance, wide)), s.at_most(s.sub(distance, wide), range_last));
         if stack.beam.cut_cos > -1.0 {
             // The direction to a voxel differs from the centre's by at most 2ρ/(2d − ρ).
             let room = s.sub(s.add(pose_distance, pose_distance), radius);

@@ -100,12 +100,13 @@ pub struct SweepStack {
     greatest: Vec<i64>,
 }
 
-/// What one step of `ls` is worth, LSB²: a power of two, about a 16th to a 32nd of the noise's power, unless samples of the
+/// What one step of `ls` is worth, LSB²: a power of two, a 64th to a 128th of the noise's power, unless samples of the
 /// given size would not fit then.
 pub fn ls_step(noise_rms_lsb: f64, greatest_sample_lsb: f64) -> f64 {
-    let fine = (noise_rms_lsb * noise_rms_lsb / 16.0).max(1e-12).log2().floor().exp2();
+    let fine = (noise_rms_lsb * noise_rms_lsb / 64.0).max(1e-12).log2().floor().exp2();
     // |z|² is at most (Σ E)²/Σ E² times the greatest |x|²: 21 on a 10 mm axis, 84 on a 2.5 mm one.
-    let coarse = (greatest_sample_lsb * greatest_sample_lsb * 100.0 / f64::from(MAX_STEPS)).max(1e-12).log2().ceil().exp2();
+    let coarse =
+        (greatest_sample_lsb * greatest_sample_lsb * 100.0 / f64::from(MAX_STEPS)).max(1e-12).log2().ceil().exp2();
     fine.max(coarse)
 }
 
