@@ -51,6 +51,8 @@ pub(super) trait Lanes: Copy {
     fn load_int(self, values: &[i32; LANES]) -> Self::I;
     fn store_int(self, values: Self::I) -> [i32; LANES];
     fn add_int(self, a: Self::I, b: Self::I) -> Self::I;
+    fn sub_int(self, a: Self::I, b: Self::I) -> Self::I;
+    fn to_float(self, a: Self::I) -> Self::F;
     fn max_int(self, a: Self::I, b: Self::I) -> Self::I;
     fn min_int(self, a: Self::I, b: Self::I) -> Self::I;
     /// `window[index]`; the index counts modulo 32.
@@ -178,6 +180,14 @@ impl Lanes for Plain {
     #[inline(always)]
     fn add_int(self, a: Self::I, b: Self::I) -> Self::I {
         pairs(a, b, i32::wrapping_add)
+    }
+    #[inline(always)]
+    fn sub_int(self, a: Self::I, b: Self::I) -> Self::I {
+        pairs(a, b, i32::wrapping_sub)
+    }
+    #[inline(always)]
+    fn to_float(self, a: Self::I) -> Self::F {
+        each(a, |a| a as f32)
     }
     #[inline(always)]
     fn max_int(self, a: Self::I, b: Self::I) -> Self::I {
@@ -339,6 +349,14 @@ mod x86 {
         #[inline(always)]
         fn add_int(self, a: Self::I, b: Self::I) -> Self::I {
             wide!(_mm512_add_epi32(a, b))
+        }
+        #[inline(always)]
+        fn sub_int(self, a: Self::I, b: Self::I) -> Self::I {
+            wide!(_mm512_sub_epi32(a, b))
+        }
+        #[inline(always)]
+        fn to_float(self, a: Self::I) -> Self::F {
+            wide!(_mm512_cvtepi32_ps(a))
         }
         #[inline(always)]
         fn max_int(self, a: Self::I, b: Self::I) -> Self::I {
@@ -527,6 +545,14 @@ mod x86 {
         #[inline(always)]
         fn add_int(self, a: Self::I, b: Self::I) -> Self::I {
             both!(_mm256_add_epi32, a, b)
+        }
+        #[inline(always)]
+        fn sub_int(self, a: Self::I, b: Self::I) -> Self::I {
+            both!(_mm256_sub_epi32, a, b)
+        }
+        #[inline(always)]
+        fn to_float(self, a: Self::I) -> Self::F {
+            both!(_mm256_cvtepi32_ps, a)
         }
         #[inline(always)]
         fn max_int(self, a: Self::I, b: Self::I) -> Self::I {

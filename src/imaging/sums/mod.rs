@@ -3,15 +3,18 @@
 //! A [`SweepStack`] holds the sweeps, a [`BrickGrid`] the voxels.
 
 mod beam_table;
+mod bounds;
 mod dense;
 mod dispatch;
 mod grid;
 mod lanes;
 mod power;
+mod search;
 mod sight;
 mod stack;
 mod weighted;
 
 pub use dense::{DenseVolume, dense_volume};
 pub use grid::BrickGrid;
+pub use search::{Found, SearchWork, Threshold, search};
 pub use stack::{SweepRefusal, SweepStack, ls_step};

@@ -155,7 +155,11 @@ impl SweepStack {
         }
         let step = if statistic == Statistic::Ls { step_for(observations) } else { 1.0 };
         let mut stack = Self::new(statistic, beam, &geometries, origin_m, observations.len(), step);
-        let refused = (0..observations.len()).filter(|&n| stack.fill(n, &observations[n]).is_err()).count();
+        // Neighbours in time go to different groups, so that each group of sixteen has seen the whole motion: bounds over the
+        // first groups then say most.
+        let groups = stack.groups.len().max(1);
+        let slot = |n: usize| n % groups * LANES + n / groups;
+        let refused = (0..observations.len()).filter(|&n| stack.fill(slot(n), &observations[n]).is_err()).count();
         (stack, refused)
     }
 
@@ -187,6 +191,11 @@ impl SweepStack {
     /// Slots in all.
     pub fn slots(&self) -> usize {
         self.filled.len()
+    }
+
+    /// Whether a slot holds a sweep.
+    pub(super) fn is_filled(&self, slot: usize) -> bool {
+        self.filled[slot]
     }
 
     /// Sweeps in it.

@@ -1,0 +1,264 @@
+//! The most that a sweep can add anywhere in a box: what lets a search skip empty space and miss nothing.
+//!
+//! The box's distances from the sensor lie between those of its nearest point and its farthest corner, widened by what the
+//! kernels' distances may be off. The greatest table value over that stretch comes from a sparse table of range maxima
+//! (two overlapping stretches of 2^n entries), times the greatest amplitude that the beam has over the box where the
+//! statistic weighs by it. Bounds are whole numbers, rounded up, so their sums are exact and can roll. `glrt` and `coherent`
+//! are bounded through Σ |z|² (Cauchy and Schwarz): each is at most its root.
+
+use glam::DVec3;
+
+use super::grid::BrickGrid;
+use super::lanes::{LANES, Lanes};
+use super::sight::{dot, load3, scale3, splat3, sub3};
+use super::stack::{Group, SweepStack};
+use crate::imaging::Statistic;
+
+/// Widest error of a kernel's distance, metres, twice over.
+const DISTANCE_ERROR_M: f32 = 1e-4;
+/// Greatest bound of one sweep where the unit can be chosen.
+const FINE_STEPS: f64 = (1 << 22) as f64;
+
+/// Range maxima of every sweep of a stack.
+#[derive(Debug, Clone)]
+pub(super) struct RangeMaxima {
+    levels: usize,
+    stride: usize,
+    /// `[slot][level][entry]`: greatest whole number over 2^level stretches from the entry on.
+    maxima: Vec<i32>,
+    /// For a number of stretches: where its level's row begins, and how many stretches the level spans.
+    row: Vec<i32>,
+    span: Vec<i32>,
+    /// What one step of a bound is worth.
+    unit: f64,
+    /// What f32 sums of so many sweeps may be off.
+    slack: f64,
+    /// The beam's amplitude grows with the cosine, so that its greatest value over a box is at the greatest cosine.
+    monotone: bool,
+    weighs_beam: bool,
+}
+
+impl RangeMaxima {
+    /// Of all sweeps that a stack holds.
+    pub(super) fn of(stack: &SweepStack) -> Self {
+        let stride = stack.stride;
+        let levels = stride.ilog2() as usize + 1;
+        let level = |count: usize| count.max(1).ilog2();
+        let amplitudes = &stack.beam.amplitudes;
+        let mut all = Self {
+            levels,
+            stride,
+            maxima: vec![0; stack.slots() * levels * stride],
+            row: (0..=stride).map(|count| (level(count) as usize * stride) as i32).collect(),
+            span: (0..=stride).map(|count| 1 << level(count)).collect(),
+            unit: 1.0,
+            slack: 1.001 + 1e-7 * (stack.sweeps() as f64).powf(1.5),
+            monotone: amplitudes.windows(2).all(|two| two[0] <= two[1]),
+            weighs_beam: matches!(stack.statistic(), Statistic::Thesis | Statistic::ThesisFull),
+        };
+        if !stack.sums_whole_numbers() {
+            let greatest = (0..stack.slots()).filter(|&slot| stack.is_filled(slot));
+            let greatest = greatest.flat_map(|slot| stretches(stack, slot)).fold(0.0f64, f64::max);
+            all.unit = (greatest / FINE_STEPS).max(1e-30);
+        }
+        (0..stack.slots()).filter(|&slot| stack.is_filled(slot)).for_each(|slot| all.fill(stack, slot));
+        all
+    }
+
+    /// Takes over a slot's tables.
+    pub(super) fn fill(&mut self, stack: &SweepStack, slot: usize) {
+        let (stride, unit) = (self.stride, self.unit);
+        let rows = &mut self.maxima[slot * self.levels * stride..][..self.levels * stride];
+        for (to, value) in rows.iter_mut().zip(stretches(stack, slot)) {
+            *to = (value / unit).ceil() as i32 + 1;
+        }
+        for level in 1..self.levels {
+            let (below, row) = rows[(level - 1) * stride..].split_at_mut(stride);
+            let half = 1 << (level - 1);
+            for n in 0..stride {
+                row[n] = below[n].max(below[(n + half).min(stride - 1)]);
+            }
+        }
+    }
+
+    /// The least value that a statistic with such a sum of bounds cannot exceed.
+    pub(super) fn value_of(&self, stack: &SweepStack, bound: i64) -> f32 {
+        if stack.sums_whole_numbers() {
+            return stack.value_of(bound);
+        }
+        let bound = bound as f64 * self.unit;
+        let value = if self.weighs_beam { bound } else { bound.sqrt() };
+        (value * self.slack) as f32
+    }
+}
+
+/// What each stretch between entries adds at most to the bounded sum: steps for `ls` and `log`, |z|² for `glrt` and
+/// `coherent`, |x|·D for the thesis' sums.
+fn stretches(stack: &SweepStack, slot: usize) -> impl Iterator<Item = f64> {
+    let plane = move |plane: usize| stack.table(slot, plane.min(stack.planes - 1)).split_at(stack.stride);
+    let ((a, slopes), (b, _), (c, _)) = (plane(0), plane(1), plane(2));
+    let statistic = stack.statistic();
+    // Entries beyond the axis hold zeros: no D² there.
+    let power = move |n: usize| match statistic {
+        Statistic::Glrt if b[n] > 0.0 => f64::from(a[n]).powi(2) / f64::from(b[n]),
+        Statistic::Coherent if c[n] > 0.0 => (f64::from(a[n]).powi(2) + f64::from(b[n]).powi(2)) / f64::from(c[n]),
+        _ => 0.0,
+    };
+    (0..stack.stride).map(move |n| match statistic {
+        Statistic::Glrt | Statistic::Coherent => power(n).max(power((n + 1).min(stack.stride - 1))),
+        _ => f64::from(a[n].max(a[n] + slopes[n])).max(0.0),
+    })
+}
+
+/// A box of voxel centres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct VoxelBox {
+    /// From the stack's origin, metres.
+    pub center_m: [f32; 3],
+    /// Half of its edges, metres; a little more than exact.
+    pub half_m: [f32; 3],
+}
+
+impl VoxelBox {
+    /// The voxels of a cube of 2^level bricks, as far as they lie in the grid; `None` when none does.
+    pub(super) fn of(grid: &BrickGrid, origin_m: DVec3, level: u32, cube: [usize; 3]) -> Option<Self> {
+        let (mut center_m, mut half_m) = ([0.0; 3], [0.0; 3]);
+        let base = (grid.origin_m - origin_m).to_array();
+        for axis in 0..3 {
+            let edge = super::sight::EDGE << level;
+            let first = cube[axis] * edge;
+            let last = (first + edge).min(grid.size[axis]);
+            if first >= last {
+                return None;
+            }
+            center_m[axis] = (base[axis] + (first + last) as f64 * 0.5 * grid.voxel_m) as f32;
+            half_m[axis] = ((last - first - 1) as f64 * 0.5 * grid.voxel_m) as f32 + 1e-6;
+        }
+        Some(Self { center_m, half_m })
+    }
+}
+
+/// Sweeps, one a lane or the same in all.
+pub(super) struct SweepLanes<S: Lanes> {
+    pub position: [S::F; 3],
+    pub velocity: [S::F; 3],
+    pub forward: [S::F; 3],
+    pub first: S::F,
+    pub last: S::F,
+    pub per_m: S::F,
+    pub time_per_m: S::F,
+    pub time_at_zero: S::F,
+    /// Where each sweep's range maxima begin.
+    pub maxima: S::I,
+}
+
+impl<S: Lanes> SweepLanes<S> {
+    /// The sixteen sweeps of a group.
+    #[inline(always)]
+    pub(super) fn group(s: S, group: &Group, index: usize, maxima: &RangeMaxima) -> Self {
+        let mut begin = [0i32; LANES];
+        for (l, begin) in begin.iter_mut().enumerate() {
+            *begin = ((index * LANES + l) * maxima.levels * maxima.stride) as i32;
+        }
+        Self {
+            position: load3(s, &group.position_m),
+            velocity: load3(s, &group.velocity_m_per_s),
+            forward: load3(s, &group.forward),
+            first: s.load(&group.first_m),
+            last: s.load(&group.last_m),
+            per_m: s.load(&group.entries_per_m),
+            time_per_m: s.load(&group.time_s_per_m),
+            time_at_zero: s.load(&group.time_at_zero_s),
+            maxima: s.load_int(&begin),
+        }
+    }
+
+    /// One sweep in every lane.
+    #[inline(always)]
+    pub(super) fn one(s: S, group: &Group, slot: usize, maxima: &RangeMaxima) -> Self {
+        let l = slot % LANES;
+        let of = super::sight::lane3;
+        Self {
+            position: of(s, &group.position_m, l),
+            velocity: of(s, &group.velocity_m_per_s, l),
+            forward: of(s, &group.forward, l),
+            first: s.splat(group.first_m[l]),
+            last: s.splat(group.last_m[l]),
+            per_m: s.splat(group.entries_per_m[l]),
+            time_per_m: s.splat(group.time_s_per_m[l]),
+            time_at_zero: s.splat(group.time_at_zero_s[l]),
+            maxima: s.splat_int((slot * maxima.levels * maxima.stride) as i32),
+        }
+    }
+}
+
+/// The most that sweeps can add in boxes, lane by lane; 0 where none of a box is in range and beam.
+#[inline(always)]
+pub(super) fn bounds<S: Lanes>(
+    s: S,
+    stack: &SweepStack,
+    maxima: &RangeMaxima,
+    sweep: &SweepLanes<S>,
+    center: [S::F; 3],
+    half: [S::F; 3],
+) -> [i32; LANES] {
+    let zero = s.splat(0.0);
+    let from_pose = sub3(s, center, sweep.position);
+    let pose_distance = s.sqrt(dot(s, from_pose, from_pose));
+    let time = s.mul_add(pose_distance, sweep.time_per_m, sweep.time_at_zero);
+    let offset = sub3(s, from_pose, scale3(s, sweep.velocity, time));
+    let radius = s.sqrt(dot(s, half, half));
+    // Points of other ranges are sampled from elsewhere: by the speed, the time between them, and what the time's own first
+    // step was off.
+    let speed = s.sqrt(dot(s, sweep.velocity, sweep.velocity));
+    let drift = s.mul(speed, s.abs(sweep.time_per_m));
+    let late = s.mul(speed, s.abs(time));
+    let wide = s.mul(s.add(s.add(radius, late), s.add(radius, late)), drift);
+    let slack = s.add(wide, s.mul_add(pose_distance, s.splat(1e-6), s.splat(DISTANCE_ERROR_M)));
+
+    let (mut near, mut far) = ([zero; 3], [zero; 3]);
+    for axis in 0..3 {
+        let off = s.abs(offset[axis]);
+        near[axis] = s.max(s.sub(off, half[axis]), zero);
+        far[axis] = s.add(off, half[axis]);
+    }
+    let least = s.max(s.sub(s.sqrt(dot(s, near, near)), slack), sweep.first);
+    let most = s.min(s.add(s.sqrt(dot(s, far, far)), slack), sweep.last);
+    let mut some = s.at_most(least, most);
+    let cos = s.div(dot(s, from_pose, sweep.forward), s.max(pose_distance, s.splat(1e-6)));
+    let room = s.sub(s.add(pose_distance, pose_distance), radius);
+    let turn = s.add(s.div(s.add(radius, radius), s.max(room, s.splat(1e-6))), s.splat(1e-5));
+    if stack.beam.cut_cos > -1.0 {
+        let near = s.at_most(pose_distance, s.add(radius, radius));
+        some = s.and(some, s.or(near, s.at_most(s.splat(stack.beam.cut_cos), s.add(cos, turn))));
+    }
+    if s.bits(some) == 0 {
+        return [0; LANES];
+    }
+
+    let entry = s.splat(maxima.stride as f32 - 1.0);
+    let low = s.min(s.max(s.floor(s.mul(s.sub(least, sweep.first), sweep.per_m)), zero), entry);
+    let high = s.min(s.max(s.floor(s.mul(s.sub(most, sweep.first), sweep.per_m)), low), entry);
+    let count = s.to_int(s.add(s.sub(high, low), s.splat(1.0)));
+    let row = s.add_int(sweep.maxima, s.gather_int(&maxima.row, count));
+    let span = s.gather_int(&maxima.span, count);
+    let low = s.add_int(row, s.to_int(low));
+    let high = s.add_int(row, s.sub_int(s.to_int(s.add(high, s.splat(1.0))), span));
+    let mut greatest = s.max_int(s.gather_int(&maxima.maxima, low), s.gather_int(&maxima.maxima, high));
+    if maxima.weighs_beam && maxima.monotone && !stack.beam.uniform {
+        let best = s.min(s.max(s.add(cos, turn), s.splat(-1.0)), s.splat(1.0));
+        let amplitude = s.mul(super::weighted::amplitude(s, &stack.beam, best), s.splat(1.001));
+        greatest = s.to_int(s.mul_add(s.to_float(greatest), amplitude, s.splat(1.0)));
+    }
+    let (mut out, some) = (s.store_int(greatest), s.bits(some));
+    for (l, bound) in out.iter_mut().enumerate() {
+        *bound *= i32::from(some >> l & 1);
+    }
+    out
+}
+
+/// A box's centre and half edges in every lane.
+#[inline(always)]
+pub(super) fn box_lanes<S: Lanes>(s: S, of: &VoxelBox) -> ([S::F; 3], [S::F; 3]) {
+    (splat3(s, of.center_m), splat3(s, of.half_m))
+}
