@@ -71,6 +71,15 @@ impl<'a> Bricks<'a> {
         }
     }
 
+    /// Adds one group of sweeps to a brick's sums of whole numbers; returns the updates.
+    pub(super) fn add_group(&self, brick: [usize; 3], group: usize, sums: &mut [i64; VOXELS]) -> u64 {
+        let center = self.grid.brick_center(brick, self.stack.origin_m());
+        let slots = &self.slots[group..=group];
+        let found = AddPower { stack: self.stack, shape: self.shape, center, slots }.sums();
+        sums.iter_mut().zip(found.sums).for_each(|(sum, more)| *sum += more);
+        found.updates
+    }
+
     /// Writes a brick's values into its slab of four layers, row by row; what reaches beyond the box is left out.
     fn put(&self, values: &[f32; VOXELS], [x, y]: [usize; 2], slab: &mut [f32]) {
         let [nx, ny, _] = self.grid.size;

@@ -147,19 +147,38 @@ impl Searcher<'_> {
     fn open(&self, cube: &Cube, limit: f32) -> Opened {
         let Reverse((level, at)) = cube.at;
         let mut opened = Opened::default();
+        let rest = self.rests(level, at, &mut opened.worked.bounds);
         if level == 0 {
-            let (values, updates) = self.bricks.values(at);
-            let wanted = self.grid.voxels_of(at).map(|(n, index)| (index, values[n])).filter(|v| v.1 >= limit);
-            opened.values.extend(wanted);
-            (opened.worked.updates, opened.worked.bricks) = (updates.max(VOXELS as u64), 1);
+            let (values, updates) = self.brick(at, limit, &rest);
+            opened.worked.updates = updates;
+            opened.worked.bricks = 1;
+            let wanted = |values: [f32; VOXELS]| self.grid.voxels_of(at).map(move |(n, index)| (index, values[n]));
+            opened.values.extend(values.into_iter().flat_map(wanted).filter(|v| v.1 >= limit));
             return opened;
         }
-        let rest = self.rests(level, at, &mut opened.worked.bounds);
         for child in 0..8 {
             let at = [at[0] * 2 + child % 2, at[1] * 2 + child / 2 % 2, at[2] * 2 + child / 4];
             opened.children.extend(self.bounded(level - 1, at, limit, Some(&rest), &mut opened.worked.bounds));
         }
         opened
+    }
+
+    /// A brick's values, unless none can reach the limit, and the updates. Whole numbers are summed group by group and given
+    /// up as soon as what the rest can add does not suffice for any voxel.
+    fn brick(&self, at: [usize; 3], limit: f32, rest: &[i64]) -> (Option<[f32; VOXELS]>, u64) {
+        if !self.stack.sums_whole_numbers() {
+            let (values, updates) = self.bricks.values(at);
+            return (Some(values), updates);
+        }
+        let (mut sums, mut updates) = ([0i64; VOXELS], 0);
+        for (group, rest) in rest[1..].iter().enumerate() {
+            updates += self.bricks.add_group(at, group, &mut sums);
+            let most = sums.iter().copied().fold(0, i64::max) + rest;
+            if self.stack.value_of(most) < limit {
+                return (None, updates);
+            }
+        }
+        (Some(sums.map(|sum| self.stack.value_of(sum))), updates)
     }
 
     /// A cube with its bound, unless it lies beyond the grid or cannot reach the limit.
