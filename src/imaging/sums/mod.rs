@@ -9,6 +9,7 @@ mod dispatch;
 mod grid;
 mod lanes;
 mod power;
+mod rolling;
 mod search;
 mod sight;
 mod stack;
@@ -16,5 +17,6 @@ mod weighted;
 
 pub use dense::{DenseVolume, dense_volume};
 pub use grid::BrickGrid;
+pub use rolling::{RollingError, RollingImage, RollingSettings, RollingWork};
 pub use search::{Found, SearchWork, Threshold, search};
 pub use stack::{SweepRefusal, SweepStack, ls_step};

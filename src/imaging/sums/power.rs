@@ -91,7 +91,7 @@ fn widen<S: Lanes>(s: S, sums: &mut [S::I; EDGE], into: &mut [i64; VOXELS]) {
 
 /// All voxels within range and beam: the window of the table in registers.
 #[inline(always)]
-fn add_inside<S: Lanes>(
+pub(super) fn add_inside<S: Lanes>(
     s: S,
     sight: &Sight,
     l: usize,

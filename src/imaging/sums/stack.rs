@@ -91,6 +91,8 @@ pub struct SweepStack {
     axes: Vec<Axis>,
     /// What one step of a summed whole number is worth (`ls`, `log`).
     step: f64,
+    /// Greatest value of a table's entry, in steps.
+    most_steps: f32,
     pub(super) groups: Vec<Group>,
     filled: Vec<bool>,
     pub(super) planes: usize,
@@ -136,6 +138,7 @@ impl SweepStack {
             beam: BeamTable::new(beam),
             axes,
             step: if statistic == Statistic::Log { LOG_STEP } else { step },
+            most_steps: MAX_STEPS,
             groups: vec![Group::EMPTY; groups],
             filled: vec![false; groups * LANES],
             planes,
@@ -161,6 +164,11 @@ impl SweepStack {
         let slot = |n: usize| n % groups * LANES + n / groups;
         let refused = (0..observations.len()).filter(|&n| stack.fill(slot(n), &observations[n]).is_err()).count();
         (stack, refused)
+    }
+
+    /// Holds sweeps filled in from now on to so many steps at a place.
+    pub(super) fn hold_to(&mut self, most_steps: i32) {
+        self.most_steps = (most_steps as f32).min(MAX_STEPS);
     }
 
     /// Which sum.
@@ -257,12 +265,12 @@ impl SweepStack {
         let planes = match self.statistic {
             Statistic::Ls | Statistic::Blocks => {
                 let (z, per) = (compress(), (1.0 / self.step) as f32);
-                vec![lerp(&|n| (z[n].norm_sqr() * per).min(MAX_STEPS))]
+                vec![lerp(&|n| (z[n].norm_sqr() * per).min(self.most_steps))]
             }
             Statistic::Log => {
                 let (z, noise) = (compress(), sweep_noise_rms(&observation.samples));
                 let (per2, per) = ((1.0 / (noise * noise)) as f32, (1.0 / LOG_STEP) as f32);
-                vec![lerp(&|n| (z[n].norm_sqr() * per2).ln_1p() * per)]
+                vec![lerp(&|n| ((z[n].norm_sqr() * per2).ln_1p() * per).min(self.most_steps))]
             }
             Statistic::Glrt => {
                 let z = compress();

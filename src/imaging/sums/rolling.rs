@@ -1,0 +1,698 @@
+//! A rolling image: the newest sweeps of a window over a fine grid, kept only where something is.
+//!
+//! Each new sweep is added and the one that leaves is taken out, on what is alive: an octree in which every cube carries the
+//! sum of its sweeps' bounds, and bricks of voxels where that sum reaches the threshold. All are whole numbers, so after any
+//! number of sweeps they equal a fresh sum over the window, bit for bit. A cube that may reach the threshold is opened, one
+//! that cannot any more is dropped. Opening is bounded for each sweep; what is not opened yet is carried over and counted.
+//! While nothing waits, the voxels at or above the threshold are exactly those of the dense image of the window.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap, VecDeque};
+use std::sync::Arc;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::bounds::{RangeMaxima, SweepLanes, VoxelBox, bounds, box_lanes};
+use super::dispatch::{Kernel, on_widest};
+use super::grid::BrickGrid;
+use super::lanes::{LANES, Lanes};
+use super::power::{AddPower, add_inside, power_shape};
+use super::sight::{BrickShape, EDGE, Offsets, Sight, VOXELS, load3};
+use super::stack::{SweepRefusal, SweepStack, ls_step};
+use crate::imaging::Statistic;
+use crate::imaging::blocks::MEAN_LOG_OF_NOISE;
+use crate::radar::{Beam, Observation, SweepGeometry};
+
+/// How an image rolls.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RollingSettings {
+    /// `ls` or `log`.
+    pub statistic: Statistic,
+    /// Sweeps in the window.
+    pub window: usize,
+    /// Sweeps that it takes before anything is looked at.
+    pub min_sweeps: usize,
+    /// Voxels from this share of the greatest value on are kept,
+    pub share_of_peak: f64,
+    /// and at least this many standard deviations above what noise sums to.
+    pub min_sigma: f64,
+    /// A cube is dropped when its bound falls below this share of the threshold.
+    pub drop_share: f64,
+    /// (place, sweep) pairs at most for opening cubes, each sweep.
+    pub max_opening: u64,
+    /// Bricks alive at most.
+    pub max_bricks: usize,
+    /// Noise of a sample, rms, LSB.
+    pub noise_rms_lsb: f64,
+}
+
+impl Default for RollingSettings {
+    fn default() -> Self {
+        Self {
+            statistic: Statistic::Ls,
+            window: 200,
+            min_sweeps: 100,
+            share_of_peak: 0.5,
+            min_sigma: 7.0,
+            drop_share: 0.85,
+            max_opening: 4_000_000,
+            max_bricks: 200_000,
+            noise_rms_lsb: 20.0,
+        }
+    }
+}
+
+/// What a rolling image cannot be made of.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum RollingError {
+    /// A statistic whose sum is no sum of whole numbers.
+    #[error("{} cannot roll: use ls or log", .0.name())]
+    Statistic(Statistic),
+    /// An empty window, or one that no memory holds.
+    #[error("a window of {0} sweeps cannot roll: use 1 to {MAX_WINDOW}")]
+    Window(usize),
+}
+
+/// Sweeps in a window at most: their tables and range maxima take 40 kB each.
+const MAX_WINDOW: usize = 4096;
+
+/// What was done so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct RollingWork {
+    /// Sweeps taken in.
+    pub sweeps: u64,
+    /// Sweeps refused: numbers that are none, unknown geometry.
+    pub refused: u64,
+    /// (voxel, sweep) pairs added or taken out.
+    pub updates: u64,
+    /// (cube, sweep) pairs bounded.
+    pub bounds: u64,
+    /// Bricks opened.
+    pub opened: u64,
+    /// Bricks dropped again.
+    pub dropped: u64,
+    /// Cubes that waited to be opened, summed over sweeps.
+    pub carried_over: u64,
+}
+
+/// Cubes of eight children each; a cube's place tells what it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Place {
+    level: u32,
+    at: [u32; 3],
+}
+
+impl Place {
+    fn children(self) -> impl Iterator<Item = Place> {
+        (0..8u32).map(move |n| Place {
+            level: self.level - 1,
+            at: [self.at[0] * 2 + n % 2, self.at[1] * 2 + n / 2 % 2, self.at[2] * 2 + n / 4],
+        })
+    }
+}
+
+#[derive(Debug, Clone)]
+struct Cube {
+    place: Place,
+    of: VoxelBox,
+    bound: i64,
+    open: bool,
+}
+
+#[derive(Debug, Clone)]
+struct Brick {
+    place: Place,
+    center: [f32; 3],
+    /// Bit n: voxel n lies within the grid.
+    within: u64,
+    /// Steps, layer by layer.
+    sums: [[i32; LANES]; EDGE],
+}
+
+impl Brick {
+    fn greatest(&self) -> i32 {
+        let each = self.sums.as_flattened().iter().enumerate();
+        each.map(|(n, sum)| if self.within >> n & 1 == 1 { *sum } else { 0 }).fold(0, i32::max)
+    }
+}
+
+/// Things found by their place, in no order that matters.
+#[derive(Debug)]
+struct Placed<T> {
+    all: Vec<T>,
+    index: BTreeMap<Place, usize>,
+}
+
+impl<T> Placed<T> {
+    fn new() -> Self {
+        Self { all: Vec::new(), index: BTreeMap::new() }
+    }
+
+    fn insert(&mut self, place: Place, thing: T) {
+        self.index.insert(place, self.all.len());
+        self.all.push(thing);
+    }
+
+    fn remove(&mut self, place: Place, place_of: impl Fn(&T) -> Place) -> Option<T> {
+        let at = self.index.remove(&place)?;
+        let thing = self.all.swap_remove(at);
+        if let Some(moved) = self.all.get(at) {
+            self.index.insert(place_of(moved), at);
+        }
+        Some(thing)
+    }
+}
+
+/// Cubes or bricks that one thread works on at a time.
+const CUBES: usize = 512;
+const BRICKS: usize = 64;
+/// Cubes opened side by side; a number, so that nothing depends on the number of threads.
+const BATCH: usize = 64;
+
+/// The image.
+#[derive(Debug)]
+pub struct RollingImage {
+    settings: RollingSettings,
+    grid: BrickGrid,
+    shape: BrickShape,
+    stack: SweepStack,
+    maxima: RangeMaxima,
+    /// Slots in use, oldest first, and free ones.
+    slots: VecDeque<usize>,
+    free: Vec<usize>,
+    cubes: Placed<Cube>,
+    bricks: Placed<Brick>,
+    threshold: i64,
+    waiting: usize,
+    work: RollingWork,
+}
+
+impl RollingImage {
+    /// Nothing in the window yet. `geometries`: of all sweeps that will come.
+    ///
+    /// # Errors
+    /// A statistic that cannot roll, a window that is none.
+    pub fn new(
+        settings: RollingSettings,
+        beam: &Beam,
+        geometries: &[Arc<SweepGeometry>],
+        grid: &BrickGrid,
+    ) -> Result<Self, RollingError> {
+        if !matches!(settings.statistic, Statistic::Ls | Statistic::Log) {
+            return Err(RollingError::Statistic(settings.statistic));
+        }
+        if !(1..=MAX_WINDOW).contains(&settings.window) {
+            return Err(RollingError::Window(settings.window));
+        }
+        let step = ls_step(settings.noise_rms_lsb, 0.0);
+        // One slot more than the window: the new sweep comes before the old one goes.
+        let slots = settings.window + 1;
+        let mut stack = SweepStack::new(settings.statistic, beam, geometries, grid.middle_m(), slots, step);
+        stack.hold_to(i32::MAX / slots as i32 - 1);
+        Ok(Self {
+            settings,
+            grid: *grid,
+            shape: power_shape(grid.voxel_m),
+            maxima: RangeMaxima::of(&stack),
+            stack,
+            slots: VecDeque::new(),
+            free: (0..slots).rev().collect(),
+            cubes: Placed::new(),
+            bricks: Placed::new(),
+            threshold: 0,
+            waiting: 0,
+            work: RollingWork::default(),
+        })
+    }
+
+    /// Takes a sweep in, and the oldest one out when the window is full.
+    ///
+    /// # Errors
+    /// A sweep that cannot be used; it is counted and changes nothing.
+    pub fn push(&mut self, observation: &Observation) -> Result<(), SweepRefusal> {
+        let Some(&new) = self.free.last() else { return Ok(()) };
+        if let Err(refusal) = self.stack.fill(new, observation) {
+            self.work.refused += 1;
+            return Err(refusal);
+        }
+        self.free.pop();
+        self.maxima.fill(&self.stack, new);
+        self.slots.push_back(new);
+        self.work.sweeps += 1;
+        let old = if self.slots.len() > self.settings.window { self.slots.pop_front() } else { None };
+        let greatest = self.roll(new, old);
+        if let Some(old) = old {
+            self.stack.empty(old);
+            self.free.push(old);
+        }
+        self.threshold = self.threshold_for(greatest);
+        if self.slots.len() >= self.settings.min_sweeps.min(self.settings.window) {
+            self.drop_what_is_too_low();
+            self.open_what_may_reach();
+        }
+        Ok(())
+    }
+
+    /// Adds one sweep to everything alive and takes another out; returns the greatest sum.
+    fn roll(&mut self, new: usize, old: Option<usize>) -> i32 {
+        let (stack, maxima, shape) = (&self.stack, &self.maxima, self.shape);
+        let roll = |cubes: &mut [Cube]| on_widest(RollCubes { stack, maxima, cubes, new, old });
+        self.cubes.all.par_chunks_mut(CUBES).for_each(roll);
+        let roll = |bricks: &mut [Brick]| on_widest(RollBricks { stack, shape, bricks, new, old });
+        let each = self.bricks.all.par_chunks_mut(BRICKS).map(roll);
+        let (updates, greatest) = each.reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1.max(b.1)));
+        self.work.updates += updates;
+        self.work.bounds += (self.cubes.all.len() * (1 + usize::from(old.is_some()))) as u64;
+        greatest
+    }
+
+    /// The share of the peak, but no lower than what noise may reach.
+    fn threshold_for(&self, greatest: i32) -> i64 {
+        let sweeps = self.slots.len() as f64;
+        // Mean and spread of one sweep's term under noise: |z|²/σ² is exponential.
+        let (mean, spread) = match self.settings.statistic {
+            Statistic::Log => (MEAN_LOG_OF_NOISE, 0.5),
+            _ => (self.settings.noise_rms_lsb.powi(2), self.settings.noise_rms_lsb.powi(2)),
+        };
+        let floor = (mean * sweeps + self.settings.min_sigma * spread * sweeps.sqrt()) / self.stack.step();
+        let share = (f64::from(greatest) * self.settings.share_of_peak).ceil();
+        floor.max(share).max(1.0) as i64
+    }
+
+    fn drop_what_is_too_low(&mut self) {
+        let limit = (self.threshold as f64 * self.settings.drop_share) as i64;
+        let mut low: Vec<Place> = self.cubes.all.iter().filter(|c| c.open && c.bound < limit).map(|c| c.place).collect();
+        low.sort();
+        low.into_iter().for_each(|place| self.close(place));
+    }
+
+    /// Forgets what lies within a cube, but not the cube.
+    fn close(&mut self, place: Place) {
+        let Some(&at) = self.cubes.index.get(&place) else { return };
+        if !std::mem::take(&mut self.cubes.all[at].open) {
+            return;
+        }
+        if place.level == 0 {
+            self.work.dropped += u64::from(self.bricks.remove(place, |b| b.place).is_some());
+            return;
+        }
+        for child in place.children() {
+            self.close(child);
+            self.cubes.remove(child, |c| c.place);
+        }
+    }
+
+    /// Opens cubes that may hold a voxel at the threshold, the most promising first, as far as the work allows.
+    fn open_what_may_reach(&mut self) {
+        let mut left = self.settings.max_opening;
+        if self.cubes.all.is_empty() {
+            self.insert_root();
+        }
+        let promises = |c: &Cube, threshold: i64| !c.open && c.bound >= threshold;
+        let closed = self.cubes.all.iter().filter(|c| promises(c, self.threshold));
+        let mut heap: BinaryHeap<(i64, Reverse<Place>)> = closed.map(|c| (c.bound, Reverse(c.place))).collect();
+        while !heap.is_empty() && left > 0 && self.bricks.all.len() < self.settings.max_bricks {
+            let batch: Vec<Place> = std::iter::from_fn(|| heap.pop()).take(BATCH).map(|(_, place)| place.0).collect();
+            let opened: Vec<Inside> = batch.par_iter().map(|&place| self.inside(place)).collect();
+            let mut greatest = 0;
+            for (place, inside) in batch.into_iter().zip(opened) {
+                left = left.saturating_sub(inside.updates + inside.bounds);
+                self.work.updates += inside.updates;
+                self.work.bounds += inside.bounds;
+                if let Some(&at) = self.cubes.index.get(&place) {
+                    self.cubes.all[at].open = true;
+                }
+                for child in inside.cubes {
+                    heap.extend(promises(&child, self.threshold).then_some((child.bound, Reverse(child.place))));
+                    self.cubes.insert(child.place, child);
+                }
+                for brick in inside.bricks {
+                    greatest = greatest.max(brick.greatest());
+                    self.work.opened += 1;
+                    self.bricks.insert(brick.place, brick);
+                }
+            }
+            // A new peak may leave the rest of the heap below the threshold.
+            self.threshold = self.threshold.max(self.threshold_for(greatest));
+            while heap.peek().is_some_and(|most| most.0 < self.threshold) {
+                heap.pop();
+            }
+        }
+        self.waiting = heap.len();
+        self.work.carried_over += heap.len() as u64;
+    }
+
+    fn insert_root(&mut self) {
+        let most = self.grid.bricks().into_iter().max().unwrap_or(1);
+        let place = Place { level: most.next_power_of_two().ilog2(), at: [0; 3] };
+        if let Some(root) = self.fresh_cube(place) {
+            self.cubes.insert(place, root);
+        }
+    }
+
+    fn fresh_cube(&self, place: Place) -> Option<Cube> {
+        let of = VoxelBox::of(&self.grid, self.stack.origin_m(), place.level, place.at.map(|n| n as usize))?;
+        let bound = on_widest(SumBounds { stack: &self.stack, maxima: &self.maxima, of });
+        Some(Cube { place, of, bound, open: false })
+    }
+
+    /// What lies within a cube, summed afresh over the window.
+    fn inside(&self, place: Place) -> Inside {
+        let mut inside = Inside::default();
+        if place.level > 0 {
+            inside.cubes.extend(place.children().filter_map(|child| self.fresh_cube(child)));
+            inside.bounds = (inside.cubes.len() * self.slots.len()) as u64;
+            return inside;
+        }
+        let at = place.at.map(|n| n as usize);
+        let center = self.grid.brick_center(at, self.stack.origin_m());
+        let slots: Vec<(usize, u16)> = (0..self.stack.groups.len()).map(|group| (group, u16::MAX)).collect();
+        let found = AddPower { stack: &self.stack, shape: self.shape, center, slots: &slots }.sums();
+        let within = self.grid.voxels_of(at).fold(0u64, |bits, (n, _)| bits | 1 << n);
+        inside.updates = found.updates;
+        let mut sums = [[0; LANES]; EDGE];
+        // Each sweep is held to its part of what 32 bit can hold.
+        sums.as_flattened_mut().iter_mut().zip(found.sums).for_each(|(to, sum)| *to = sum as i32);
+        inside.bricks.push(Brick { place, center, within, sums });
+        inside
+    }
+
+    /// The voxels at or above the threshold: index into a volume's values and value, by rising index.
+    pub fn voxels(&self) -> Vec<(usize, f32)> {
+        let mut voxels: Vec<(usize, f32)> = Vec::new();
+        for brick in &self.bricks.all {
+            let of_brick = self.grid.voxels_of(brick.place.at.map(|n| n as usize));
+            let with_sum = of_brick.map(|(n, index)| (index, i64::from(brick.sums[n / LANES][n % LANES])));
+            let above = with_sum.filter(|v| v.1 >= self.threshold);
+            voxels.extend(above.map(|(index, sum)| (index, self.stack.value_of(sum))));
+        }
+        voxels.sort_unstable_by_key(|v| v.0);
+        voxels
+    }
+
+    /// The greatest voxel's centre and value, the first of equals; `None` when nothing reaches the threshold.
+    pub fn peak(&self) -> Option<(DVec3, f32)> {
+        let best = self.voxels().into_iter().reduce(|best, v| if v.1 > best.1 { v } else { best })?;
+        let [nx, ny, _] = self.grid.size;
+        let voxel = [best.0 % nx, best.0 / nx % ny, best.0 / (nx * ny)].map(|n| n as f64 + 0.5);
+        Some((self.grid.origin_m + DVec3::from_array(voxel) * self.grid.voxel_m, best.1))
+    }
+
+    /// The threshold as a value of the statistic.
+    pub fn threshold(&self) -> f32 {
+        self.stack.value_of(self.threshold)
+    }
+
+    /// Whether nothing waits to be opened: the voxels are then those of the dense image.
+    pub fn is_complete(&self) -> bool {
+        self.waiting == 0
+    }
+
+    /// What was done so far.
+    pub fn work(&self) -> RollingWork {
+        self.work
+    }
+
+    /// Cubes and bricks alive.
+    pub fn alive(&self) -> (usize, usize) {
+        (self.cubes.all.len(), self.bricks.all.len())
+    }
+
+    /// The window's sweeps, for a dense image of the same.
+    pub fn stack(&self) -> &SweepStack {
+        &self.stack
+    }
+}
+
+/// What opening a cube brings.
+#[derive(Default)]
+struct Inside {
+    cubes: Vec<Cube>,
+    bricks: Vec<Brick>,
+    updates: u64,
+    bounds: u64,
+}
+
+/// Adds one sweep to each brick and takes another out; gives the updates and the greatest sum.
+struct RollBricks<'a> {
+    stack: &'a SweepStack,
+    shape: BrickShape,
+    bricks: &'a mut [Brick],
+    new: usize,
+    old: Option<usize>,
+}
+
+impl Kernel for RollBricks<'_> {
+    type Out = (u64, i32);
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) -> (u64, i32) {
+        let Self { stack, shape, bricks, new, old } = self;
+        let offsets = Offsets::new(s, &shape);
+        let (mut updates, mut greatest) = (0, 0);
+        for sixteen in bricks.chunks_mut(LANES) {
+            let comes = one_before_bricks(s, stack, &shape, sixteen, new);
+            let goes = one_before_bricks(s, stack, &shape, sixteen, old.unwrap_or(new));
+            for (l, brick) in sixteen.iter_mut().enumerate() {
+                let mut more = [s.splat_int(0); EDGE];
+                updates += add_one(s, stack, &shape, &comes, l, new, brick.center, &offsets, &mut more);
+                let mut less = [s.splat_int(0); EDGE];
+                if let Some(old) = old {
+                    updates += add_one(s, stack, &shape, &goes, l, old, brick.center, &offsets, &mut less);
+                }
+                let mut most = s.splat_int(0);
+                for layer in 0..EDGE {
+                    let sum = s.add_int(s.load_int(&brick.sums[layer]), s.sub_int(more[layer], less[layer]));
+                    brick.sums[layer] = s.store_int(sum);
+                    most = s.max_int(most, sum);
+                }
+                if brick.within == u64::MAX {
+                    for lane in s.store_int(most) {
+                        greatest = greatest.max(lane);
+                    }
+                } else {
+                    greatest = greatest.max(brick.greatest());
+                }
+            }
+        }
+        (updates, greatest)
+    }
+}
+
+/// How one sweep sees sixteen bricks: the same as sixteen sweeps, each as far from one brick as this one is from each.
+#[inline(always)]
+fn one_before_bricks<S: Lanes>(s: S, stack: &SweepStack, shape: &BrickShape, bricks: &[Brick], slot: usize) -> Sight {
+    let (group, of) = (&stack.groups[slot / LANES], slot % LANES);
+    let mut sixteen = group.clone();
+    for l in 0..LANES {
+        let center = bricks[l.min(bricks.len() - 1)].center;
+        for axis in 0..3 {
+            sixteen.position_m[axis][l] = group.position_m[axis][of] - center[axis];
+            sixteen.velocity_m_per_s[axis][l] = group.velocity_m_per_s[axis][of];
+            sixteen.forward[axis][l] = group.forward[axis][of];
+        }
+        sixteen.first_m[l] = group.first_m[of];
+        sixteen.last_m[l] = group.last_m[of];
+        sixteen.entries_per_m[l] = group.entries_per_m[of];
+        sixteen.time_s_per_m[l] = group.time_s_per_m[of];
+        sixteen.time_at_zero_s[l] = group.time_at_zero_s[of];
+    }
+    Sight::new(s, stack, &sixteen, [0.0; 3], shape)
+}
+
+/// Adds one sweep to brick `l` of sixteen; returns the updates.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn add_one<S: Lanes>(
+    s: S,
+    stack: &SweepStack,
+    shape: &BrickShape,
+    sight: &Sight,
+    l: usize,
+    slot: usize,
+    center: [f32; 3],
+    offsets: &Offsets<S>,
+    sums: &mut [S::I; EDGE],
+) -> u64 {
+    if sight.inside >> l & 1 == 1 {
+        add_inside(s, sight, l, stack.table(slot, 0), stack.stride, offsets, sums);
+        return VOXELS as u64;
+    }
+    if sight.edge >> l & 1 == 1 {
+        let slots = [(slot / LANES, 1 << (slot % LANES))];
+        let found = AddPower { stack, shape: *shape, center, slots: &slots }.sums();
+        for layer in 0..EDGE {
+            let mut lanes = [0; LANES];
+            for (lane, sum) in lanes.iter_mut().zip(&found.sums[layer * LANES..]) {
+                *lane = *sum as i32;
+            }
+            sums[layer] = s.load_int(&lanes);
+        }
+        return found.updates;
+    }
+    0
+}
+
+/// Adds one sweep's bound to each cube's and takes another's out.
+struct RollCubes<'a> {
+    stack: &'a SweepStack,
+    maxima: &'a RangeMaxima,
+    cubes: &'a mut [Cube],
+    new: usize,
+    old: Option<usize>,
+}
+
+impl Kernel for RollCubes<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) {
+        let Self { stack, maxima, cubes, new, old } = self;
+        for sixteen in cubes.chunks_mut(LANES) {
+            let (mut center, mut half) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+            for (l, cube) in sixteen.iter().enumerate() {
+                for axis in 0..3 {
+                    center[axis][l] = cube.of.center_m[axis];
+                    half[axis][l] = cube.of.half_m[axis];
+                }
+            }
+            let (center, half) = (load3(s, &center), load3(s, &half));
+            let sweep = SweepLanes::one(s, &stack.groups[new / LANES], new, maxima);
+            let more = bounds(s, stack, maxima, &sweep, center, half);
+            let mut less = [0; LANES];
+            if let Some(old) = old {
+                let sweep = SweepLanes::one(s, &stack.groups[old / LANES], old, maxima);
+                less = bounds(s, stack, maxima, &sweep, center, half);
+            }
+            for (l, cube) in sixteen.iter_mut().enumerate() {
+                cube.bound += i64::from(more[l]) - i64::from(less[l]);
+            }
+        }
+    }
+}
+
+/// The sum of all sweeps' bounds for a box.
+struct SumBounds<'a> {
+    stack: &'a SweepStack,
+    maxima: &'a RangeMaxima,
+    of: VoxelBox,
+}
+
+impl Kernel for SumBounds<'_> {
+    type Out = i64;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) -> i64 {
+        let (center, half) = box_lanes(s, &self.of);
+        let mut sum = 0i64;
+        for (index, group) in self.stack.groups.iter().enumerate() {
+            let sweeps = SweepLanes::group(s, group, index, self.maxima);
+            for of_sweep in bounds(s, self.stack, self.maxima, &sweeps, center, half) {
+                sum += i64::from(of_sweep);
+            }
+        }
+        sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Aabb;
+    use crate::imaging::sums::dense_volume;
+    use crate::imaging::test_data::{Echo, on_one_thread, sweeps, winding};
+
+    const AT: DVec3 = DVec3::new(0.1, 0.0, -1.2);
+
+    fn settings(statistic: Statistic) -> RollingSettings {
+        RollingSettings { statistic, window: 40, min_sweeps: 20, ..Default::default() }
+    }
+
+    /// A moving sensor before a reflector that jumps halfway, with bursts of 10⁴ times the amplitude.
+    fn observations(seed: u64) -> Vec<Observation> {
+        let path = |t: f64| winding(3.0 * t) * 1.5;
+        let mut all = sweeps(3.0, path, &[(Echo::Point(AT), 12.0)], seed);
+        let beside = sweeps(3.0, path, &[(Echo::Point(AT + DVec3::new(-0.4, 0.3, 0.2)), 12.0)], seed);
+        all.splice(1500.., beside.into_iter().skip(1500));
+        let mut some: Vec<_> = all.into_iter().step_by(20).collect();
+        for n in [31, 77, 78, 110] {
+            some[n].samples.iter_mut().for_each(|x| *x *= 1e4);
+        }
+        some
+    }
+
+    fn image(observations: &[Observation], settings: RollingSettings) -> RollingImage {
+        let grid = BrickGrid::covering(&Aabb { min: DVec3::new(-0.9, -0.7, -2.0), max: DVec3::new(0.8, 0.8, -0.3) }, 0.03);
+        RollingImage::new(settings, &Beam::Lensless, &[Arc::clone(&observations[0].geometry)], &grid).unwrap()
+    }
+
+    #[test]
+    fn the_rolling_image_is_the_dense_image_of_its_window_bit_for_bit() {
+        for statistic in [Statistic::Ls, Statistic::Log] {
+            let observations = observations(1);
+            let mut image = image(&observations, settings(statistic));
+            for (n, observation) in observations.iter().enumerate() {
+                image.push(observation).unwrap();
+                if n < 20 || n % 13 != 0 {
+                    continue;
+                }
+                assert!(image.is_complete());
+                let dense = dense_volume(image.stack(), &image.grid).volume;
+                let all = dense.values.iter().copied().enumerate();
+                let wanted: Vec<_> = all.filter(|v| v.1 >= image.threshold()).collect();
+                assert_eq!(image.voxels(), wanted, "{n}");
+                // Every cube alive carries the bound that a fresh one has.
+                for cube in &image.cubes.all {
+                    assert_eq!(Some(cube.bound), image.fresh_cube(cube.place).map(|fresh| fresh.bound));
+                }
+            }
+            assert!(image.work().dropped > 0, "{:?}", image.work());
+        }
+    }
+
+    #[test]
+    fn bounded_opening_is_carried_over_and_comes_to_the_same() {
+        let observations = observations(2);
+        let mut free = image(&observations, settings(Statistic::Ls));
+        let mut tight = image(&observations, RollingSettings { max_opening: 40_000, ..settings(Statistic::Ls) });
+        for observation in &observations {
+            free.push(observation).unwrap();
+            tight.push(observation).unwrap();
+        }
+        assert!(tight.work().carried_over > 2 * free.work().carried_over, "{:?} {:?}", tight.work(), free.work());
+        assert!(tight.is_complete());
+        assert_eq!(tight.voxels(), free.voxels());
+    }
+
+    #[test]
+    fn threads_do_not_matter_and_noise_opens_nothing() {
+        let run = || {
+            let observations = observations(3);
+            let mut image = image(&observations, settings(Statistic::Log));
+            observations.iter().for_each(|o| image.push(o).unwrap());
+            (image.voxels(), image.work(), image.alive())
+        };
+        assert_eq!(on_one_thread(run), run());
+        let noise: Vec<_> = sweeps(3.0, |t| winding(3.0 * t), &[], 4).into_iter().step_by(20).collect();
+        let mut image = image(&noise, settings(Statistic::Ls));
+        noise.iter().for_each(|o| image.push(o).unwrap());
+        assert_eq!(image.voxels(), []);
+        let bricks = image.grid.bricks().into_iter().product::<usize>();
+        assert!(image.alive().1 < bricks / 4, "{:?} of {bricks}", image.alive());
+    }
+
+    #[test]
+    fn bad_sweeps_and_settings_are_refused() {
+        let mut observations = observations(5);
+        let mut image = image(&observations, settings(Statistic::Ls));
+        observations[0].samples[3].im = f32::INFINITY;
+        assert_eq!(image.push(&observations[0]), Err(SweepRefusal::NotFinite));
+        assert_eq!((image.work().refused, image.work().sweeps), (1, 0));
+        let geometry = [Arc::clone(&observations[0].geometry)];
+        let new = |settings| RollingImage::new(settings, &Beam::Uniform, &geometry, &image.grid).map(|_| ());
+        let coherent = RollingSettings { statistic: Statistic::Coherent, ..Default::default() };
+        assert_eq!(new(coherent), Err(RollingError::Statistic(Statistic::Coherent)));
+        assert_eq!(new(RollingSettings { window: 0, ..Default::default() }), Err(RollingError::Window(0)));
+    }
+}
