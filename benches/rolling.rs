@@ -16,7 +16,7 @@ use radar_chaperone::simulation::Scenario;
 use radar_chaperone::tracking::{HistorySettings, ObserverSettings, observe_all};
 
 fn main() {
-    for (statistic, voxel_m) in [(Statistic::Ls, 0.01), (Statistic::Ls, 0.005), (Statistic::Log, 0.005)] {
+    for (statistic, voxel_m) in [(Statistic::Ls, 0.005)] {
         let mut scenario = Scenario::new("corner-reflector", "sphere-50cm", preset("fine").expect("a preset"), 30.0, 1);
         scenario.snr_db = Some(20.0);
         let simulated = scenario.run().expect("a known scene and motion");
@@ -33,19 +33,25 @@ fn main() {
             RollingImage::new(settings, &Beam::Lensless, &[all[0].geometry.clone()], &grid).expect("sound settings");
         let mut times_ms = Vec::new();
         let (mut cubes, mut bricks) = (0, 0);
+        let cpu_before_s = cpu_s();
         for observation in &all {
             let start = Instant::now();
             image.push(observation).expect("sound sweeps");
             times_ms.push(start.elapsed().as_secs_f64() * 1e3);
+            if times_ms.len() % 200 == 0 && std::env::var("EACH").is_ok() {
+                let w = image.work();
+                println!("{} alive {:?} set {} opened {} dropped {} carried {} thr {} upd {} bounds {}", times_ms.len(), image.alive(), image.voxels().len(), w.opened, w.dropped, w.carried_over, image.threshold(), w.updates, w.bounds);
+            }
             (cubes, bricks) = (cubes.max(image.alive().0), bricks.max(image.alive().1));
         }
         let work = image.work();
+        let cpu_ms = (cpu_s() - cpu_before_s) * 1e3 / all.len() as f64;
         let rate = work.updates as f64 / times_ms.iter().sum::<f64>() * 1e-3;
         times_ms.sort_by(f64::total_cmp);
         let at = |share: f64| times_ms[(times_ms.len() as f64 * share) as usize];
         let fresh = search(image.stack(), &grid, Threshold::Value(image.threshold()));
         println!(
-            "sums/rolling/{}/{}^3x200: median {:.2} ms, p99 {:.2} ms, greatest {:.2} ms a sweep; at most {cubes} cubes, {bricks} \
+            "sums/rolling/{}/{}^3x200: median {:.2} ms, p99 {:.2} ms, greatest {:.2} ms, {cpu_ms:.2} ms of one core a sweep; at most {cubes} cubes, {bricks} \
              bricks; {:.0} M updates/s; carried over {}; complete {}, equal to fresh {}; peak memory {} MB",
             statistic.name(),
             grid.size[0],
@@ -59,6 +65,14 @@ fn main() {
             peak_memory_mb(),
         );
     }
+}
+
+/// Processor time of the whole process, seconds; 0 where the system does not tell.
+fn cpu_s() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let after_name = stat.rsplit(')').next().unwrap_or_default();
+    let ticks = after_name.split_whitespace().skip(11).take(2).filter_map(|n| n.parse::<f64>().ok());
+    ticks.sum::<f64>() / 100.0
 }
 
 /// Of the whole process, as the system tells; 0 where it does not.
