@@ -40,7 +40,18 @@ fn main() {
             times_ms.push(start.elapsed().as_secs_f64() * 1e3);
             if times_ms.len() % 200 == 0 && std::env::var("EACH").is_ok() {
                 let w = image.work();
-                println!("{} alive {:?} set {} opened {} dropped {} carried {} thr {} upd {} bounds {}", times_ms.len(), image.alive(), image.voxels().len(), w.opened, w.dropped, w.carried_over, image.threshold(), w.updates, w.bounds);
+                println!(
+                    "{} alive {:?} set {} opened {} dropped {} carried {} thr {} upd {} bounds {}",
+                    times_ms.len(),
+                    image.alive(),
+                    image.voxels().len(),
+                    w.opened,
+                    w.dropped,
+                    w.carried_over,
+                    image.threshold(),
+                    w.updates,
+                    w.bounds
+                );
             }
             (cubes, bricks) = (cubes.max(image.alive().0), bricks.max(image.alive().1));
         }

@@ -17,7 +17,8 @@ use super::replay::{described, obstacle_table, sensor_path, write_obstacles};
 use super::simulate::write_simulated;
 use crate::engine::{Pipeline, Settings, cube_ahead};
 use crate::geometry::{Aabb, Pose};
-use crate::imaging::{Volume, blocks_volume, farthest_points, ls_volume};
+use crate::imaging::sums::{BrickGrid, SweepStack, dense_volume};
+use crate::imaging::{Statistic, Volume, blocks_volume, farthest_points};
 use crate::obstacles::Scene;
 use crate::radar::{Observation, preset};
 use crate::recording::{Event, Header, Recording};
@@ -289,7 +290,11 @@ fn volume(image: Image, file: &Path, settings: &Settings, scene: &Scene, truth: 
     let (observations, _) = observe_all(&header.config, observer, &frames, &poses);
     let region = cube_ahead(&observations.first().map_or(Pose::IDENTITY, |o| o.tracking_from_sensor));
     Ok(match image {
-        Image::Ls(sweeps) => ls_volume(&spread(&observations, sweeps), &settings.radar.beam, &region, VOXEL_M),
+        Image::Ls(sweeps) => {
+            let (sweeps, grid) = (spread(&observations, sweeps), BrickGrid::covering(&region, VOXEL_M));
+            let (stack, _) = SweepStack::of(Statistic::Ls, &settings.radar.beam, &sweeps, grid.middle_m());
+            dense_volume(&stack, &grid).volume
+        }
         Image::Blocks | Image::Found => {
             // The whole recording counts alike: what the picture shows has no now.
             let blocks = crate::imaging::blocks::BlockSettings { memory_s: 100.0, ..settings.rooms.blocks };

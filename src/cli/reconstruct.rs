@@ -4,20 +4,24 @@ use std::path::PathBuf;
 
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
+use serde_json::{Map, Value};
 
 use super::files::{SettingsArguments, keep_inputs, read_streams};
 use super::progress;
-use crate::engine::cube_ahead;
+use crate::engine::{Settings, cube_ahead};
 use crate::geometry::{Aabb, Pose};
-use crate::imaging::{Oracle, Statistic, Volume, blocks_volume, farthest_points, ls_volume, oracle_volume};
+use crate::imaging::sums::{BrickGrid, DenseVolume, SweepStack, Threshold, dense_volume, search};
+use crate::imaging::{Statistic, Volume, blocks_volume, farthest_points};
 use crate::radar::Observation;
 use crate::report::{VolumeInfo, write_volume};
 use crate::tracking::{ObserverSettings, observe_all};
 
 /// Computes one statistic over a box of voxels: a NumPy volume [z][y][x] and a .json beside it
 ///
-/// Statistics: thesis-full (eq. 3.1), thesis (eq. 3.2), ls, log, glrt, coherent, blocks. `ls` and `blocks` have fast ways;
-/// the others are summed place by place in double precision, so give them small boxes or few sweeps.
+/// Statistics: thesis-full (eq. 3.1), thesis (eq. 3.2), ls, log, glrt, coherent, blocks.
+///
+/// `--search adaptive` finds the voxels at or above `--threshold-share` of the greatest value, the same voxels with the same
+/// values as `dense`, from a small part of its work; the others are 0 in the volume. It serves all statistics but blocks.
 #[derive(Debug, Args)]
 pub(super) struct Reconstruct {
     /// Recording (.mcap)
@@ -37,6 +41,9 @@ pub(super) struct Reconstruct {
     /// How space is searched
     #[arg(long, value_enum, default_value_t = Search::Dense)]
     search: Search,
+    /// Adaptive: voxels from this share of the greatest value on
+    #[arg(long, default_value_t = 0.5)]
+    threshold_share: f32,
     /// Time of a sweep's pose minus time of the sweep, seconds
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     time_offset_s: f64,
@@ -51,14 +58,27 @@ pub(super) struct Reconstruct {
 enum Search {
     /// Every voxel
     Dense,
+    /// The voxels above a threshold, by branch and bound
+    Adaptive,
+}
+
+/// What was computed, and how.
+struct Computed {
+    volume: Volume,
+    /// (voxel, sweep) pairs worked on.
+    updates: u64,
+    /// What the search tells besides.
+    extra: Map<String, Value>,
 }
 
 /// Voxels at most: 2 GiB of volume.
 const MAX_VOXELS: f64 = 512e6;
+/// Sweeps at most: their tables take 5 to 16 kB each, an adaptive search's 30 kB more.
+const MAX_SWEEPS_DENSE: usize = 60_000;
+const MAX_SWEEPS_ADAPTIVE: usize = 20_000;
 
 impl Reconstruct {
     pub fn run(&self) -> Result<()> {
-        let Search::Dense = self.search;
         let statistic: Statistic = self.statistic.parse()?;
         self.check_arguments()?;
         keep_inputs(&self.out, &[&self.file])?;
@@ -84,14 +104,45 @@ impl Reconstruct {
         self.check_size(&region)?;
         let chosen = self.choose(observations);
         let spinner = progress::spinner("reconstructing");
-        let beam = &settings.radar.beam;
-        let volume = match statistic {
-            Statistic::Ls => ls_volume(&chosen, beam, &region, self.voxel_m),
-            Statistic::Blocks => blocks_volume(&chosen, beam, &settings.rooms.blocks, &region, self.voxel_m),
-            _ => oracle_volume(&Oracle::new(&chosen, beam, &settings.rooms.blocks), statistic, &region, self.voxel_m),
-        };
+        let computed = self.compute(statistic, &chosen, &settings, &region)?;
         spinner.finish_and_clear();
-        self.write(&volume, statistic, chosen.len())
+        self.write(computed, statistic, chosen.len())
+    }
+
+    fn compute(
+        &self,
+        statistic: Statistic,
+        sweeps: &[Observation],
+        settings: &Settings,
+        region: &Aabb,
+    ) -> Result<Computed> {
+        let beam = &settings.radar.beam;
+        let (mut extra, adaptive) = (Map::new(), matches!(self.search, Search::Adaptive));
+        extra.insert("sweeps".into(), sweeps.len().into());
+        extra.insert("search".into(), if adaptive { "adaptive" } else { "dense" }.into());
+        if statistic == Statistic::Blocks {
+            if adaptive {
+                bail!("--search adaptive does not serve blocks: leave it out");
+            }
+            let volume = blocks_volume(sweeps, beam, &settings.rooms.blocks, region, self.voxel_m);
+            let updates = (volume.values.len() * sweeps.len()) as u64;
+            return Ok(Computed { volume, updates, extra });
+        }
+        let most = if adaptive { MAX_SWEEPS_ADAPTIVE } else { MAX_SWEEPS_DENSE };
+        if sweeps.len() > most {
+            bail!("{} sweeps are more than fit in memory: choose at most {most} with --sweeps", sweeps.len());
+        }
+        let grid = BrickGrid::covering(region, self.voxel_m);
+        let (stack, _) = SweepStack::of(statistic, beam, sweeps, grid.middle_m());
+        if !adaptive {
+            let DenseVolume { volume, updates } = dense_volume(&stack, &grid);
+            return Ok(Computed { volume, updates, extra });
+        }
+        let found = search(&stack, &grid, Threshold::ShareOfPeak(self.threshold_share));
+        extra.insert("threshold".into(), f64::from(found.threshold).into());
+        extra.insert("voxels".into(), found.voxels.len().into());
+        extra.insert("bounds".into(), found.work.bounds.into());
+        Ok(Computed { volume: found.volume(&grid), updates: found.work.updates, extra })
     }
 
     fn region(&self, first_pose: &Pose) -> Result<Aabb> {
@@ -113,6 +164,9 @@ impl Reconstruct {
         }
         if self.out.extension().is_some_and(|extension| extension == "json") {
             bail!("--out {}: the .json beside the volume takes this name: choose one in .npy", self.out.display());
+        }
+        if !(self.threshold_share > 0.0 && self.threshold_share <= 1.0) {
+            bail!("--threshold-share {}: give a share above 0, at most 1", self.threshold_share);
         }
         if self.sweeps == Some(0) {
             bail!("--sweeps 0: give at least 1, or leave it out for all");
@@ -137,15 +191,19 @@ impl Reconstruct {
         farthest_points(&positions, count).into_iter().map(|n| observations[n].clone()).collect()
     }
 
-    fn write(&self, volume: &Volume, statistic: Statistic, sweeps: usize) -> Result<()> {
-        let updates = (volume.values.len() * sweeps) as u64;
-        let mut extra = serde_json::Map::new();
-        extra.insert("sweeps".into(), sweeps.into());
-        extra.insert("search".into(), "dense".into());
-        let info = VolumeInfo { statistic: statistic.name().into(), updates, dense_updates: updates, extra };
-        write_volume(&self.out, volume, &info)?;
+    fn write(&self, computed: Computed, statistic: Statistic, sweeps: usize) -> Result<()> {
+        let Computed { volume, updates, extra } = computed;
+        let dense_updates = (volume.values.len() * sweeps) as u64;
+        let found = extra.get("voxels").and_then(Value::as_u64);
+        let bounds = extra.get("bounds").and_then(Value::as_u64).unwrap_or(0);
+        let info = VolumeInfo { statistic: statistic.name().into(), updates, dense_updates, extra };
+        write_volume(&self.out, &volume, &info)?;
         let [nx, ny, nz] = volume.size;
         say!("{} over {nz} × {ny} × {nx} voxels [z][y][x] of {} m, {sweeps} sweeps", statistic.name(), self.voxel_m)?;
+        if let Some(found) = found {
+            let share = (updates + bounds) as f64 / dense_updates.max(1) as f64 * 100.0;
+            say!("{found} voxels above the threshold, with {share:.2} % of the work of every voxel")?;
+        }
         if let Some((index, value)) = volume.peak() {
             let at = volume.center(volume.voxel(index));
             say!("greatest value {value:.4} at ({:.3}, {:.3}, {:.3}) m", at.x, at.y, at.z)?;

@@ -5,9 +5,9 @@
 pub mod blocks;
 mod compression;
 mod cubic;
-mod dense;
 mod noise;
 mod oracle;
+mod oracle_volume;
 mod range_power;
 mod refine;
 mod selection;
@@ -19,9 +19,9 @@ mod volume;
 
 pub use blocks::blocks_volume;
 pub use compression::{CompressedSweep, RangeCompressor};
-pub use dense::{ls_volume, oracle_volume};
 pub use noise::{block_noise_rms, sweep_noise_rms};
 pub use oracle::Oracle;
+pub use oracle_volume::oracle_volume;
 pub use range_power::{ClaimedRange, RangePower};
 pub use refine::{PositionErrors, Refined, refine};
 pub use selection::farthest_points;

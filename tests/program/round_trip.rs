@@ -83,6 +83,31 @@ fn reconstruct_writes_a_volume_and_what_it_is_for_every_statistic() {
 }
 
 #[test]
+fn the_adaptive_search_writes_the_dense_volumes_peak() {
+    let folder = Folder::new("adaptive");
+    folder.run("simulate corner-reflector --motion sphere-50cm --snr-db 20 --duration-s 5 --out r.mcap").done();
+    for statistic in ["thesis-full", "thesis", "ls", "log", "glrt", "coherent"] {
+        let line = format!("reconstruct r.mcap --statistic {statistic} --voxel-m 0.05 --sweeps 40");
+        folder.run(&format!("{line} --out dense.npy")).done();
+        folder
+            .run(&format!("{line} --search adaptive --threshold-share 0.8 --out found.npy"))
+            .done()
+            .says("of the work");
+        let (dense, found) = (folder.read("dense.npy"), folder.read("found.npy"));
+        let values = |bytes: &[u8]| -> Vec<f32> {
+            bytes[bytes.len() - 60 * 60 * 60 * 4..]
+                .chunks(4)
+                .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
+                .collect()
+        };
+        let (dense, found) = (values(&dense), values(&found));
+        let limit = folder.json("found.json")["threshold"].as_f64().unwrap() as f32;
+        let wanted: Vec<f32> = dense.iter().map(|&v| if v >= limit { v } else { 0.0 }).collect();
+        assert!(limit > 0.0 && found == wanted, "{statistic}");
+    }
+}
+
+#[test]
 fn the_peak_of_a_volume_lies_at_the_reflector() {
     let folder = Folder::new("peak");
     folder.run("simulate corner-reflector --motion sphere-50cm --snr-db 20 --duration-s 10 --out r.mcap").done();

@@ -656,7 +656,8 @@ mod tests {
     }
 
     fn image(observations: &[Observation], settings: RollingSettings) -> RollingImage {
-        let grid = BrickGrid::covering(&Aabb { min: DVec3::new(-0.9, -0.7, -2.0), max: DVec3::new(0.8, 0.8, -0.3) }, 0.03);
+        let grid =
+            BrickGrid::covering(&Aabb { min: DVec3::new(-0.9, -0.7, -2.0), max: DVec3::new(0.8, 0.8, -0.3) }, 0.03);
         RollingImage::new(settings, &Beam::Lensless, &[Arc::clone(&observations[0].geometry)], &grid).unwrap()
     }
 
