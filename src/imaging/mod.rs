@@ -14,6 +14,7 @@ mod selection;
 mod statistic;
 #[cfg(test)]
 pub(crate) mod test_data;
+mod time_offset;
 mod volume;
 
 pub use blocks::blocks_volume;
@@ -25,4 +26,5 @@ pub use range_power::{ClaimedRange, RangePower};
 pub use refine::{PositionErrors, Refined, refine};
 pub use selection::farthest_points;
 pub use statistic::{Statistic, UnknownStatistic};
+pub use time_offset::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 pub use volume::Volume;

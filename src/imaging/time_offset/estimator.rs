@@ -1,0 +1,136 @@
+//! The estimate while data come in: tracks are fitted when they end, those that go on whenever it is asked for.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::echoes::EchoReader;
+use super::fit::{REACH_S, TrackFit, fit};
+use super::path::SensorPath;
+use super::tracks::{Track, Tracks};
+use crate::imaging::PositionErrors;
+use crate::radar::Observation;
+
+/// Time from which tracks count, seconds: slow drifts of the offset are followed.
+const MEMORY_S: f64 = 20.0;
+/// A track whose ranges leave more than this unexplained follows nothing that stands still, metres.
+const MAX_EXCESS_M: f64 = 0.008;
+/// Nearest range read, metres: the antenna's own leakage lies below.
+const MIN_RANGE_M: f64 = 0.2;
+/// Tracks that disagree by more than this many of their standard deviations are left out.
+const MAX_DEVIATION: f64 = 3.0;
+/// From this 1σ on an offset counts as not observed, seconds: it would heal nothing.
+const OBSERVED_S: f64 = 5e-3;
+/// Ended tracks that wait for the path's end, at most.
+const MAX_WAITING: usize = 256;
+
+/// Where the offset is looked for, and what is known of the poses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TimeOffsetSettings {
+    /// Middle of the search, pose time minus sweep time, seconds; it reaches 0.1 s to both sides.
+    pub middle_s: f64,
+    /// How well the poses are known.
+    pub errors: PositionErrors,
+}
+
+/// The offset as far as the data tell it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TimeOffset {
+    /// Time of a sweep's pose minus time of the sweep, seconds.
+    pub offset_s: f64,
+    /// Its 1σ, seconds.
+    pub sigma_s: f64,
+    /// Whether the motion told the offset apart from everything else, to 5 ms or better.
+    pub observable: bool,
+    /// Tracks that it rests on.
+    pub tracks: usize,
+    /// Tracks that were left out: what they follow moves, or they contradict the others.
+    pub tracks_left_out: usize,
+}
+
+/// Estimates the offset from sweeps and the sensor's path.
+#[derive(Debug)]
+pub struct TimeOffsetEstimator {
+    settings: TimeOffsetSettings,
+    path: SensorPath,
+    subsweeps: BTreeMap<usize, (EchoReader, Tracks)>,
+    waiting: VecDeque<Track>,
+    fits: VecDeque<TrackFit>,
+}
+
+impl TimeOffsetEstimator {
+    /// Nothing known yet.
+    pub fn new(settings: TimeOffsetSettings) -> Self {
+        Self {
+            settings,
+            path: SensorPath::default(),
+            subsweeps: BTreeMap::new(),
+            waiting: VecDeque::new(),
+            fits: VecDeque::new(),
+        }
+    }
+
+    /// Takes the sensor's place and velocity at a time of the pose stream, about every 5 ms, in rising time.
+    pub fn push_path(&mut self, time_ns: i64, position_m: DVec3, velocity_m_per_s: DVec3) {
+        self.path.push(time_ns, position_m, velocity_m_per_s);
+    }
+
+    /// Takes a sweep; of its pose only the boresight serves, so an offset in it does no harm.
+    pub fn push_sweep(&mut self, observation: &Observation) {
+        let geometry = &observation.geometry;
+        let new = || (EchoReader::new(geometry, MIN_RANGE_M), Tracks::default());
+        let (reader, tracks) = self.subsweeps.entry(geometry.subsweep).or_insert_with(new);
+        if let Some(echoes) = reader.push(observation) {
+            let done = tracks.push(&echoes, observation.mid_time_ns, &observation.tracking_from_sensor);
+            self.waiting.extend(done);
+            while self.waiting.len() > MAX_WAITING {
+                self.waiting.pop_front();
+            }
+        }
+    }
+
+    /// The offset from what came so far; `None` while no track tells anything.
+    pub fn estimate(&mut self) -> Option<TimeOffset> {
+        let TimeOffsetSettings { middle_s, errors } = self.settings;
+        let end_ns = self.path.end_ns()?;
+        let late_ns = ((middle_s + REACH_S) * 1e9) as i64;
+        while let Some(track) = self.waiting.pop_front_if(|t| t.last_ns().saturating_add(late_ns) < end_ns) {
+            self.fits.extend(fit(&track, &self.path, middle_s, &errors));
+        }
+        let since_ns = end_ns.saturating_sub((MEMORY_S * 1e9) as i64);
+        self.fits.retain(|f| f.last_ns >= since_ns);
+        let open = self.subsweeps.values().flat_map(|(_, tracks)| tracks.open()).chain(&self.waiting);
+        let mut fits: Vec<TrackFit> = open.clone().filter_map(|t| fit(t, &self.path, middle_s, &errors)).collect();
+        fits.extend(&self.fits);
+        let oldest_ns = open.map(Track::first_ns).min().unwrap_or(end_ns);
+        let early_ns = ((middle_s - REACH_S) * 1e9) as i64;
+        self.path.forget_before(oldest_ns.saturating_add(early_ns).min(end_ns).saturating_sub(100_000_000));
+        combined(&fits)
+    }
+}
+
+/// The mean of what stands still, weighed by variance; tracks that contradict the others go, the worst first.
+fn combined(fits: &[TrackFit]) -> Option<TimeOffset> {
+    let mut kept: Vec<&TrackFit> = fits.iter().filter(|f| f.excess_m <= MAX_EXCESS_M).collect();
+    loop {
+        let weight: f64 = kept.iter().map(|f| 1.0 / f.variance_s2).sum();
+        let offset_s = kept.iter().map(|f| f.offset_s / f.variance_s2).sum::<f64>() / weight;
+        let deviation2 = |f: &TrackFit| (f.offset_s - offset_s).powi(2) / f.variance_s2;
+        let worst = (0..kept.len()).max_by(|&a, &b| deviation2(kept[a]).total_cmp(&deviation2(kept[b])))?;
+        if kept.len() > 2 && deviation2(kept[worst]) > MAX_DEVIATION * MAX_DEVIATION {
+            kept.remove(worst);
+            continue;
+        }
+        let freedom = (kept.len() as f64 - 1.0).max(1.0);
+        let spread = (kept.iter().map(|f| deviation2(f)).sum::<f64>() / freedom).max(1.0);
+        let sigma_s = (spread / weight).sqrt();
+        return Some(TimeOffset {
+            offset_s,
+            sigma_s,
+            observable: sigma_s <= OBSERVED_S,
+            tracks: kept.len(),
+            tracks_left_out: fits.len() - kept.len(),
+        });
+    }
+}

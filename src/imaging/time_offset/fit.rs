@@ -1,0 +1,379 @@
+//! One track against the path: what returned it, a point or a mirror, and the offset, by Gauss–Newton.
+//!
+//! Range i = |s − p(t_i + τ)| (point) or r₀ − n·(p(t_i + τ) − p̄) (mirror), plus a slow error of the poses along the line
+//! of sight. That error is estimated along: bumps whose sum has the correlation exp(−Δt²/T²) and the wander's size. So the
+//! 1σ of τ holds what wander can feign. Where the data cannot tell τ from depth, the 1σ stays near its prior.
+
+use glam::DVec3;
+
+use super::least_squares::NormalEquations;
+use super::path::SensorPath;
+use super::tracks::Track;
+use crate::imaging::PositionErrors;
+
+/// Farthest that the offset may lie from where it is looked for, seconds.
+pub(super) const REACH_S: f64 = 0.1;
+/// The coarse search begins at offsets this far apart, seconds, and at directions this far off the boresight, tangent.
+const COARSE_STEP_S: f64 = 0.05;
+const COARSE_TANGENT: f64 = 0.6;
+/// Echoes that it uses.
+const COARSE_ECHOES: usize = 40;
+/// Explanations of a track that are followed, the best ones.
+const MAX_EXPLANATIONS: usize = 4;
+/// What is known beforehand, 1σ: the offset, seconds, and the direction off the boresight, rad.
+const OFFSET_PRIOR_S: f64 = 0.1;
+const DIRECTION_PRIOR_RAD: f64 = 0.6;
+/// Jitter of the smoothed path, metres.
+const JITTER_M: f64 = 0.15e-3;
+/// Tracks of fewer echoes, or shorter, say nothing.
+const MIN_ECHOES: usize = 25;
+const MIN_SPAN_S: f64 = 0.25;
+/// Residuals within this time are taken as one when judging how alike they are, seconds.
+const ALIKE_S: f64 = 0.1;
+/// Residuals beyond this many of their spread count less (Huber).
+const OUTLIER: f64 = 2.5;
+const MAX_STEPS: usize = 25;
+const MAX_KNOTS: usize = 20;
+
+/// What one track says of the offset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct TrackFit {
+    /// Pose time minus sweep time, seconds.
+    pub offset_s: f64,
+    /// Its variance, s².
+    pub variance_s2: f64,
+    /// Rms of the range residuals that noise does not explain, metres.
+    pub excess_m: f64,
+    /// When the track ended, host nanoseconds.
+    pub last_ns: i64,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Kind {
+    Point,
+    Mirror,
+}
+
+/// What returns the echo, seen from the middle of the path.
+#[derive(Debug, Clone, Copy)]
+struct Source {
+    kind: Kind,
+    pivot_m: DVec3,
+    direction: DVec3,
+    range_m: f64,
+}
+
+impl Source {
+    /// Range from a place, and the unit vector towards the source.
+    fn seen_from(&self, place: DVec3) -> (f64, DVec3) {
+        let to = self.pivot_m + self.direction * self.range_m - place;
+        match self.kind {
+            Kind::Point => (to.length(), to.normalize_or(self.direction)),
+            Kind::Mirror => (self.direction.dot(to), self.direction),
+        }
+    }
+
+    /// Derivatives of the range from a place by range and by turns about the two axes across.
+    fn derivatives(&self, place: DVec3, towards: DVec3) -> [f64; 3] {
+        let (a, b) = self.direction.any_orthonormal_pair();
+        match self.kind {
+            Kind::Point => [towards.dot(self.direction), self.range_m * towards.dot(a), self.range_m * towards.dot(b)],
+            Kind::Mirror => {
+                let from = self.pivot_m - place;
+                [1.0, from.dot(a), from.dot(b)]
+            }
+        }
+    }
+
+    fn moved(&self, step: &[f64]) -> Self {
+        let (a, b) = self.direction.any_orthonormal_pair();
+        let turn = (a * step[1] + b * step[2]).clamp_length_max(0.3);
+        let range_m = (self.range_m + step[0].clamp(-0.2, 0.2)).max(0.02);
+        Self { direction: (self.direction + turn).normalize(), range_m, ..*self }
+    }
+}
+
+/// A measured range, its time, its variance and the slow error's bumps at that time.
+struct Row {
+    time_ns: i64,
+    range_m: f64,
+    variance_m2: f64,
+    bumps: Vec<f64>,
+}
+
+#[derive(Debug, Clone)]
+struct Unknowns {
+    source: Source,
+    offset_s: f64,
+    /// Weights of the bumps, metres.
+    drift_m: Vec<f64>,
+}
+
+impl Unknowns {
+    /// Whether both will settle in one place: one kind, within 3 ms and 3°.
+    fn is_near(&self, other: &Self) -> bool {
+        let same_kind = matches!(self.source.kind, Kind::Point) == matches!(other.source.kind, Kind::Point);
+        let turn = self.source.direction.distance(other.source.direction);
+        same_kind && (self.offset_s - other.offset_s).abs() < 3e-3 && turn < 0.05
+    }
+}
+
+/// Which unknown the offset is.
+const OFFSET: usize = 3;
+
+struct Problem<'a> {
+    path: &'a SensorPath,
+    forward: DVec3,
+    middle_s: f64,
+    rows: Vec<Row>,
+    bump_variance_m2: f64,
+}
+
+/// Fits a track; `None` when it is too short, or the path around it is not whole.
+pub(super) fn fit(track: &Track, path: &SensorPath, middle_s: f64, errors: &PositionErrors) -> Option<TrackFit> {
+    let problem = Problem::of(track, path, middle_s, errors)?;
+    let start = problem.start()?;
+    let mut coarse: Vec<(Unknowns, f64)> =
+        [Kind::Point, Kind::Mirror].into_iter().flat_map(|kind| problem.coarse(Source { kind, ..start })).collect();
+    coarse.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let mut apart: Vec<Unknowns> = Vec::new();
+    for (found, _) in coarse {
+        if apart.len() < MAX_EXPLANATIONS && apart.iter().all(|known| !known.is_near(&found)) {
+            apart.push(found);
+        }
+    }
+    let fits = apart.into_iter().filter_map(|found| problem.refined(found, track.last_ns()));
+    mixed(&fits.collect::<Vec<_>>())
+}
+
+/// Several explanations of one track as one: each counts by its likelihood, and what they disagree about is not known.
+fn mixed(fits: &[(TrackFit, f64)]) -> Option<TrackFit> {
+    let best = fits.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let weight = |cost: f64| (-0.5 * (cost - best.1)).exp();
+    let total: f64 = fits.iter().map(|f| weight(f.1)).sum();
+    let offset_s = fits.iter().map(|f| weight(f.1) * f.0.offset_s).sum::<f64>() / total;
+    let square = |f: &TrackFit| f.variance_s2 + (f.offset_s - offset_s).powi(2);
+    let variance_s2 = fits.iter().map(|f| weight(f.1) * square(&f.0)).sum::<f64>() / total;
+    Some(TrackFit { offset_s, variance_s2, ..best.0 })
+}
+
+fn seconds(ns: i64) -> f64 {
+    ns as f64 * 1e-9
+}
+
+fn nanoseconds(s: f64) -> i64 {
+    (s * 1e9).round() as i64
+}
+
+impl<'a> Problem<'a> {
+    fn of(track: &Track, path: &'a SensorPath, middle_s: f64, errors: &PositionErrors) -> Option<Self> {
+        let (early_ns, late_ns) = (nanoseconds(middle_s - REACH_S), nanoseconds(middle_s + REACH_S));
+        let end_ns = path.end_ns()?;
+        let echoes = track.echoes.iter().filter(|e| e.time_ns.saturating_add(late_ns) < end_ns);
+        let (first_ns, last_ns) = (track.first_ns(), echoes.clone().last()?.time_ns);
+        let whole = path.covers(first_ns.saturating_add(early_ns), last_ns.saturating_add(late_ns));
+        if !whole || echoes.clone().count() < MIN_ECHOES || seconds(last_ns - first_ns) < MIN_SPAN_S {
+            return None;
+        }
+        let bumps = Bumps::over(first_ns, last_ns, errors);
+        let row = |e: &super::echoes::Echo| Row {
+            time_ns: e.time_ns,
+            range_m: e.range_m,
+            variance_m2: e.variance_m2 + JITTER_M * JITTER_M,
+            bumps: bumps.at(e.time_ns),
+        };
+        let rows = echoes.map(row).collect();
+        let forward = track.forward.normalize_or(DVec3::NEG_Z);
+        Some(Self { path, forward, middle_s, rows, bump_variance_m2: bumps.variance_m2 })
+    }
+
+    /// Straight ahead of the middle of the path, at the mean range.
+    fn start(&self) -> Option<Source> {
+        let count = self.rows.len() as f64;
+        let middle_ns = nanoseconds(self.middle_s);
+        let places: Option<Vec<DVec3>> =
+            self.rows.iter().map(|r| Some(self.path.at(r.time_ns + middle_ns)?.0)).collect();
+        Some(Source {
+            kind: Kind::Point,
+            pivot_m: places?.into_iter().sum::<DVec3>() / count,
+            direction: self.forward,
+            range_m: self.rows.iter().map(|r| r.range_m).sum::<f64>() / count,
+        })
+    }
+
+    /// Least costs over the source alone, at offsets all over the reach and from directions all over the beam.
+    fn coarse(&self, start: Source) -> Vec<(Unknowns, f64)> {
+        let thinned = self.rows.len().div_ceil(COARSE_ECHOES);
+        let some: Vec<f64> = (0..self.rows.len()).map(|n| if n % thinned == 0 { 1.0 } else { 0.0 }).collect();
+        let steps = (REACH_S / COARSE_STEP_S).round() as i32;
+        let offsets = (-steps..=steps).map(|step| self.middle_s + f64::from(step) * COARSE_STEP_S);
+        let (a, b) = start.direction.any_orthonormal_pair();
+        let directions = [DVec3::ZERO, a, -a, b, -b].map(|d| (start.direction + d * COARSE_TANGENT).normalize());
+        let found = offsets.flat_map(|offset_s| directions.map(|direction| (offset_s, direction)));
+        let found = found.filter_map(|(offset_s, direction)| {
+            let from = Unknowns { source: Source { direction, ..start }, offset_s, drift_m: Vec::new() };
+            self.descend(from, &some, OFFSET + 1)
+        });
+        found.collect()
+    }
+
+    /// Everything together, over all rows, and the cost.
+    fn refined(&self, coarse: Unknowns, last_ns: i64) -> Option<(TrackFit, f64)> {
+        let start = Unknowns { drift_m: vec![0.0; self.rows[0].bumps.len()], ..coarse };
+        let size = OFFSET + 1 + start.drift_m.len();
+        let (unknowns, _) = self.descend(start, &vec![1.0; self.rows.len()], size)?;
+        let weights = self.robust_weights(&unknowns)?;
+        let (unknowns, cost) = self.descend(unknowns, &weights, size)?;
+        let (fit, misfit) = self.judged(&unknowns, &weights, last_ns)?;
+        Some((fit, cost / misfit))
+    }
+
+    /// Levenberg–Marquardt over the first `size` unknowns.
+    fn descend(&self, start: Unknowns, weights: &[f64], size: usize) -> Option<(Unknowns, f64)> {
+        let mut at = start;
+        let mut equations = self.equations(&at, weights, size)?;
+        let mut damping = 1e-4;
+        for _ in 0..MAX_STEPS {
+            let Some(step) = equations.step(damping) else { break };
+            let next = self.moved(&at, &step);
+            match self.equations(&next, weights, size).filter(|e| e.cost <= equations.cost) {
+                Some(better) => {
+                    let gained = equations.cost - better.cost;
+                    (at, equations) = (next, better);
+                    damping = (damping * 0.1).max(1e-9);
+                    if gained <= 1e-6 * equations.cost.max(1e-3) {
+                        break;
+                    }
+                }
+                None if damping > 1e4 => break,
+                None => damping *= 10.0,
+            }
+        }
+        Some((at, equations.cost))
+    }
+
+    fn moved(&self, at: &Unknowns, step: &[f64]) -> Unknowns {
+        let mut next = Unknowns { source: at.source.moved(step), ..at.clone() };
+        if let Some(offset_step) = step.get(OFFSET) {
+            next.offset_s = (at.offset_s + offset_step).clamp(self.middle_s - REACH_S, self.middle_s + REACH_S);
+        }
+        next.drift_m.iter_mut().zip(step.iter().skip(OFFSET + 1)).for_each(|(value, step)| *value += step);
+        next
+    }
+
+    /// Measured minus modelled range, and its derivatives by the unknowns.
+    fn residual(&self, row: &Row, at: &Unknowns, derivatives: &mut Vec<f64>) -> Option<f64> {
+        let (place, velocity) = self.path.at(row.time_ns + nanoseconds(at.offset_s))?;
+        let (range_m, towards) = at.source.seen_from(place);
+        derivatives.clear();
+        derivatives.extend(at.source.derivatives(place, towards));
+        derivatives.push(-towards.dot(velocity));
+        derivatives.extend(&row.bumps);
+        let drift_m: f64 = at.drift_m.iter().zip(&row.bumps).map(|(a, b)| a * b).sum();
+        Some(row.range_m - range_m - drift_m)
+    }
+
+    fn equations(&self, at: &Unknowns, weights: &[f64], size: usize) -> Option<NormalEquations> {
+        let mut equations = NormalEquations::new(size);
+        let mut derivatives = Vec::new();
+        for (row, weight) in self.rows.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
+            let residual = self.residual(row, at, &mut derivatives)?;
+            equations.add(&derivatives[..size], residual, weight / row.variance_m2);
+        }
+        let (a, b) = at.source.direction.any_orthonormal_pair();
+        for (unknown, axis) in [(1, a), (2, b)] {
+            equations.expect(unknown, self.forward.dot(axis), DIRECTION_PRIOR_RAD.powi(-2));
+        }
+        if size > OFFSET {
+            equations.expect(OFFSET, self.middle_s - at.offset_s, OFFSET_PRIOR_S.powi(-2));
+        }
+        for (n, drift_m) in at.drift_m.iter().enumerate().take(size.saturating_sub(OFFSET + 1)) {
+            equations.expect(OFFSET + 1 + n, -drift_m, 1.0 / self.bump_variance_m2);
+        }
+        Some(equations)
+    }
+
+    /// Residuals of all rows, in standard deviations of their noise.
+    fn residuals(&self, at: &Unknowns) -> Option<Vec<f64>> {
+        let mut unused = Vec::new();
+        self.rows.iter().map(|row| Some(self.residual(row, at, &mut unused)? / row.variance_m2.sqrt())).collect()
+    }
+
+    /// Less weight for what lies beyond the others' spread.
+    fn robust_weights(&self, at: &Unknowns) -> Option<Vec<f64>> {
+        let residuals: Vec<f64> = self.residuals(at)?.into_iter().map(f64::abs).collect();
+        let mut sorted = residuals.clone();
+        sorted.sort_by(f64::total_cmp);
+        let spread = (sorted[sorted.len() / 2] * 1.483).max(1.0);
+        Some(residuals.iter().map(|r| (OUTLIER * spread / r.max(1e-9)).min(1.0)).collect())
+    }
+
+    /// The offset with its variance: as noise and wander give it, grown by the misfit, or by how alike neighbouring
+    /// residuals are, whichever says more.
+    fn judged(&self, at: &Unknowns, weights: &[f64], last_ns: i64) -> Option<(TrackFit, f64)> {
+        let size = OFFSET + 1 + at.drift_m.len();
+        let equations = self.equations(at, weights, size)?;
+        let inverse = equations.inverse_row(OFFSET)?;
+        let residuals = self.residuals(at)?;
+        let count = residuals.len() as f64;
+        let weighed = residuals.iter().zip(weights).map(|(r, w)| w * r * r).sum::<f64>();
+        let misfit = (weighed / (count - 4.0)).max(1.0);
+        let noise_m2 = self.rows.iter().map(|r| r.variance_m2).sum::<f64>() / count;
+        let fit = TrackFit {
+            offset_s: at.offset_s,
+            variance_s2: (inverse[OFFSET] * misfit).max(self.variance_when_alike(at, weights, &inverse)?),
+            excess_m: (noise_m2 * (misfit - 1.0)).sqrt(),
+            last_ns,
+        };
+        Some((fit, misfit))
+    }
+
+    /// Variance of the offset from the residuals themselves, those of [`ALIKE_S`] summed before they are squared.
+    fn variance_when_alike(&self, at: &Unknowns, weights: &[f64], inverse: &[f64]) -> Option<f64> {
+        let mut derivatives = Vec::new();
+        let (mut sum, mut here, mut bin) = (0.0, 0.0, 0);
+        for (row, weight) in self.rows.iter().zip(weights) {
+            let residual = self.residual(row, at, &mut derivatives)?;
+            let influence: f64 = inverse.iter().zip(&derivatives).map(|(c, d)| c * d).sum();
+            let now = (row.time_ns - self.rows[0].time_ns) / nanoseconds(ALIKE_S);
+            if now != bin {
+                sum += here * here;
+                (here, bin) = (0.0, now);
+            }
+            here += influence * residual * weight / row.variance_m2;
+        }
+        Some(sum + here * here)
+    }
+}
+
+/// Bumps over time whose random sum has the wander's size and correlation.
+struct Bumps {
+    first_ns: i64,
+    spacing_s: f64,
+    width_s: f64,
+    count: usize,
+    variance_m2: f64,
+}
+
+impl Bumps {
+    fn over(first_ns: i64, last_ns: i64, errors: &PositionErrors) -> Self {
+        let span_s = seconds(last_ns - first_ns);
+        // Wander faster than a sixth of the track is as good as noise.
+        let width_s = errors.wander_s.max(span_s / 6.0);
+        let spacing_s = width_s / 2.0;
+        let count = (((span_s + 2.0 * width_s) / spacing_s).ceil() as usize + 1).min(MAX_KNOTS);
+        // Σ exp(−4u²/T²) over the bumps is T√π/2 a spacing.
+        let variance_m2 = errors.wander_m.powi(2) * 2.0 * spacing_s / (width_s * std::f64::consts::PI.sqrt());
+        let count = if variance_m2 > 0.0 { count } else { 0 };
+        Self { first_ns: first_ns.saturating_sub(nanoseconds(width_s)), spacing_s, width_s, count, variance_m2 }
+    }
+
+    fn at(&self, time_ns: i64) -> Vec<f64> {
+        let time_s = seconds(time_ns.saturating_sub(self.first_ns));
+        let bump = |n: usize| {
+            let off = (time_s - n as f64 * self.spacing_s) / self.width_s;
+            (-2.0 * off * off).exp()
+        };
+        (0..self.count).map(bump).collect()
+    }
+}
