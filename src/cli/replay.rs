@@ -198,7 +198,6 @@ pub(super) fn described(scene: &Scene, pipeline: &Pipeline) -> String {
         text +=
             "No sweep has a pose, so nothing could be imaged. `radar-chaperone info` tells what the recording holds.\n";
     }
-    let _ = writeln!(text, "{}", time_offset(pipeline));
     let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
     let (obstacles, walls) = (counted(scene.obstacles.len(), "obstacle"), counted(scene.walls.len(), "wall"));
     let _ = writeln!(text, "\n{obstacles}, {walls}");
@@ -223,6 +222,7 @@ pub(super) fn described(scene: &Scene, pipeline: &Pipeline) -> String {
             n.x, n.y, n.z, wall.plane.offset_m, wall.evidence
         );
     }
+    let _ = writeln!(text, "{}", time_offset(pipeline));
     text
 }
 
