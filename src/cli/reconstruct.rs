@@ -9,7 +9,9 @@ use super::files::{SettingsArguments, keep_inputs, read_streams};
 use super::progress;
 use crate::engine::cube_ahead;
 use crate::geometry::{Aabb, Pose};
-use crate::imaging::{Oracle, Statistic, Volume, blocks_volume, farthest_points, ls_volume, oracle_volume};
+use crate::imaging::{
+    Oracle, Preselection, Preselector, Selection, Statistic, Volume, blocks_volume, ls_volume, oracle_volume,
+};
 use crate::radar::Observation;
 use crate::report::{VolumeInfo, write_volume};
 use crate::tracking::{ObserverSettings, observe_all};
@@ -31,9 +33,21 @@ pub(super) struct Reconstruct {
     /// Box in the tracking frame, metres; without it a 3 m cube ahead of the first pose
     #[arg(long = "box", value_name = "x0,y0,z0,x1,y1,z1", allow_hyphen_values = true)]
     region: Option<String>,
-    /// Number of sweeps, chosen by farthest point; without it all that have a pose
+    /// Number of sweeps; without it all that have a pose
     #[arg(long)]
     sweeps: Option<usize>,
+    /// How they are chosen: random, threshold, thesis-hull, farthest-point, d-optimal (for the middle of the box)
+    #[arg(long, default_value = "farthest-point")]
+    selection: String,
+    /// What a chance selection draws follows from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Leaves out sweeps whose greatest power stays below this many times the noise's (which reaches 5 to 10)
+    #[arg(long, default_value_t = 0.0)]
+    min_peak_power: f64,
+    /// Leaves out sweeps from less than this way from the last one kept, metres; at rest ten a second stay
+    #[arg(long, default_value_t = 0.0)]
+    min_move_m: f64,
     /// How space is searched
     #[arg(long, value_enum, default_value_t = Search::Dense)]
     search: Search,
@@ -60,6 +74,7 @@ impl Reconstruct {
     pub fn run(&self) -> Result<()> {
         let Search::Dense = self.search;
         let statistic: Statistic = self.statistic.parse()?;
+        let selection: Selection = self.selection.parse()?;
         self.check_arguments()?;
         keep_inputs(&self.out, &[&self.file])?;
         let (recording, frames, poses) = read_streams(&self.file)?;
@@ -82,7 +97,7 @@ impl Reconstruct {
         };
         let region = self.region(&first.tracking_from_sensor)?;
         self.check_size(&region)?;
-        let chosen = self.choose(observations);
+        let chosen = self.choose(observations, selection, &region)?;
         let spinner = progress::spinner("reconstructing");
         let beam = &settings.radar.beam;
         let volume = match statistic {
@@ -114,6 +129,9 @@ impl Reconstruct {
         if self.out.extension().is_some_and(|extension| extension == "json") {
             bail!("--out {}: the .json beside the volume takes this name: choose one in .npy", self.out.display());
         }
+        if !(0.0..=1e9).contains(&self.min_peak_power) || !(0.0..=10.0).contains(&self.min_move_m) {
+            bail!("give --min-peak-power 0 to 1e9 and --min-move-m 0 to 10 metres");
+        }
         if self.sweeps == Some(0) {
             bail!("--sweeps 0: give at least 1, or leave it out for all");
         }
@@ -131,10 +149,23 @@ impl Reconstruct {
         Ok(())
     }
 
-    fn choose(&self, observations: Vec<Observation>) -> Vec<Observation> {
-        let Some(count) = self.sweeps else { return observations };
-        let positions: Vec<_> = observations.iter().map(|o| o.tracking_from_sensor.translation).collect();
-        farthest_points(&positions, count).into_iter().map(|n| observations[n].clone()).collect()
+    fn choose(
+        &self,
+        mut observations: Vec<Observation>,
+        selection: Selection,
+        region: &Aabb,
+    ) -> Result<Vec<Observation>> {
+        let mut preselector =
+            Preselector::new(Preselection { min_peak_power: self.min_peak_power, min_move_m: self.min_move_m });
+        observations.retain(|observation| preselector.keeps(observation));
+        let left_out = preselector.counters();
+        if left_out != Default::default() {
+            let (signal, motion) = (left_out.without_signal, left_out.without_motion);
+            say!("left out: {signal} sweeps without signal, {motion} without motion")?;
+        }
+        let Some(count) = self.sweeps else { return Ok(observations) };
+        let chosen = selection.choose(&observations, count, region.center(), self.seed);
+        Ok(chosen.into_iter().map(|n| observations[n].clone()).collect())
     }
 
     fn write(&self, volume: &Volume, statistic: Statistic, sweeps: usize) -> Result<()> {

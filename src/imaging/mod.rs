@@ -24,7 +24,10 @@ pub use noise::{block_noise_rms, sweep_noise_rms};
 pub use oracle::Oracle;
 pub use range_power::{ClaimedRange, RangePower};
 pub use refine::{PositionErrors, Refined, refine};
-pub use selection::farthest_points;
+pub use selection::{
+    Preselection, PreselectionCounters, Preselector, Selection, THRESHOLD_COEFFICIENT, UnknownSelection,
+    above_threshold, d_optimal, farthest_points, hull_above_threshold, hull_vertices, random,
+};
 pub use statistic::{Statistic, UnknownStatistic};
 pub use time_offset::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 pub use volume::Volume;
