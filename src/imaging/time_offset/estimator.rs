@@ -134,3 +134,84 @@ fn combined(fits: &[TrackFit]) -> Option<TimeOffset> {
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Plane;
+    use crate::imaging::test_data::{Echo, sweeps, winding};
+
+    const AT: DVec3 = DVec3::new(0.2, 0.1, -1.2);
+    const POINT: [(Echo, f64); 1] = [(Echo::Point(AT), 8.0)];
+
+    /// Sweeps along one path, poses along another that are stamped later by the offset.
+    fn estimated(
+        seen: impl Fn(f64) -> DVec3,
+        told: impl Fn(f64) -> DVec3,
+        echoes: &[(Echo, f64)],
+        offset_s: f64,
+    ) -> Option<TimeOffset> {
+        let errors = PositionErrors::default();
+        let mut estimator = TimeOffsetEstimator::new(TimeOffsetSettings { middle_s: 0.0, errors });
+        for step in -60..500 {
+            let time_s = f64::from(step) * 5e-3;
+            let velocity = (told(time_s + 1e-4) - told(time_s - 1e-4)) / 2e-4;
+            estimator.push_path(1_000_000_000 + ((time_s + offset_s) * 1e9) as i64, told(time_s), velocity);
+        }
+        sweeps(2.0, seen, echoes, 1).iter().for_each(|sweep| estimator.push_sweep(sweep));
+        estimator.estimate()
+    }
+
+    fn is_right(estimate: Option<TimeOffset>, offset_s: f64) -> bool {
+        estimate.is_some_and(|e| e.observable && (e.offset_s - offset_s).abs() < 3.0 * e.sigma_s && e.sigma_s < 2e-3)
+    }
+
+    #[test]
+    fn a_point_and_a_mirror_tell_the_offset() {
+        let plane = Plane { outward: DVec3::new(0.36, 0.48, -0.8), offset_m: 1.3 };
+        for echoes in [POINT, [(Echo::Mirror(plane), 8.0)]] {
+            for offset_s in [-0.07, 0.0, 0.02] {
+                let estimate = estimated(winding, winding, &echoes, offset_s);
+                assert!(is_right(estimate, offset_s), "{offset_s}: {estimate:?} of {echoes:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_straight_approach_does_not_tell_offset_from_depth() {
+        let approach = |t: f64| DVec3::new(0.0, 0.0, -0.3 * t);
+        let estimate = estimated(approach, approach, &POINT, 0.02);
+        assert!(estimate.is_none_or(|e| !e.observable && e.sigma_s > 0.01), "{estimate:?}");
+        let estimate = estimated(|_| DVec3::ZERO, |_| DVec3::ZERO, &POINT, 0.02);
+        assert!(estimate.is_none_or(|e| !e.observable), "{estimate:?}");
+    }
+
+    #[test]
+    fn what_moves_gives_no_confident_wrong_value() {
+        // That the thing swings by 6 cm is as if the sensor swung the other way.
+        let swinging = |t: f64| winding(t) - 0.06 * DVec3::new((5.0 * t).sin(), 0.0, (4.0 * t).cos());
+        let estimate = estimated(swinging, winding, &POINT, 0.0);
+        assert!(estimate.is_none_or(|e| !e.observable || e.offset_s.abs() < 3.0 * e.sigma_s), "{estimate:?}");
+    }
+
+    #[test]
+    fn noise_tells_nothing() {
+        assert_eq!(estimated(winding, winding, &[], 0.02), None);
+    }
+
+    fn track(offset_ms: f64, sigma_ms: f64) -> TrackFit {
+        TrackFit { offset_s: offset_ms * 1e-3, variance_s2: (sigma_ms * 1e-3).powi(2), excess_m: 0.0, last_ns: 0 }
+    }
+
+    #[test]
+    fn tracks_are_weighed_and_the_contradicting_one_goes() {
+        let fits = [track(20.0, 1.0), track(21.0, 1.0), track(-30.0, 2.0), track(19.0, 1.0)];
+        let all = combined(&fits).unwrap();
+        assert!((all.offset_s - 0.020).abs() < 1e-9 && (all.sigma_s - 1e-3 / 3f64.sqrt()).abs() < 1e-9, "{all:?}");
+        assert_eq!((all.tracks, all.tracks_left_out), (3, 1));
+        // Two that contradict each other: nobody knows which is right.
+        let two = combined(&[track(20.0, 1.0), track(-20.0, 1.0)]).unwrap();
+        assert!(!two.observable, "{two:?}");
+        assert_eq!(combined(&[TrackFit { excess_m: 0.02, ..track(5.0, 0.1) }]), None);
+    }
+}
