@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use num_complex::Complex32;
 
-use crate::imaging::{RangeCompressor, block_noise_rms, sweep_noise_rms};
+use crate::imaging::{CompressedSweep, RangeCompressor, block_noise_rms, sweep_noise_rms};
 use crate::radar::{Observation, SweepGeometry};
 
 /// Sweeps of this time are read as one, nanoseconds: at 1 m/s a thing moves by a twentieth of the pulse.
@@ -27,6 +27,9 @@ pub(super) struct Echo {
     pub range_m: f64,
     /// Variance that noise gives the range, m².
     pub variance_m2: f64,
+    /// Phase of the sweep in the middle of the group there, rad, and when its point was measured.
+    pub phase_rad: f64,
+    pub phase_time_ns: i64,
 }
 
 /// Reads the echoes of one subsweep.
@@ -67,13 +70,13 @@ impl EchoReader {
             true => block_noise_rms(self.group.iter().map(|(_, samples)| samples.as_slice())),
             false => self.group.iter().map(|(_, samples)| sweep_noise_rms(samples)).sum::<f64>() / sweeps,
         };
-        let (mut power, mut first_m, mut step_m) = (Vec::new(), 0.0, 1.0);
-        for (_, samples) in &self.group {
-            let sweep = self.compressor.compress(samples, (1.0 / noise_rms) as f32);
-            power.resize(sweep.z.len(), 0.0);
-            power.iter_mut().zip(&sweep.z).for_each(|(sum, z)| *sum += f64::from(z.norm_sqr()) / sweeps);
-            (first_m, step_m) = (sweep.first_m, sweep.step_m);
-        }
+        let compress = |samples: &Vec<Complex32>| self.compressor.compress(samples, (1.0 / noise_rms) as f32);
+        let compressed: Vec<CompressedSweep> = self.group.iter().map(|(_, samples)| compress(samples)).collect();
+        let middle = self.group.len() / 2;
+        let CompressedSweep { first_m, step_m, ref z } = compressed[middle];
+        let mean_power =
+            |entry: usize| compressed.iter().map(|c| f64::from(c.z[entry].norm_sqr())).sum::<f64>() / sweeps;
+        let power: Vec<f64> = (0..z.len()).map(mean_power).collect();
         let geometry = &self.geometry;
         let pulse_curvature = 8.0 * std::f64::consts::LN_2 / geometry.profile.envelope_fwhm_m().powi(2);
         let echo = |around: usize| {
@@ -85,10 +88,13 @@ impl EchoReader {
                 && range_m >= self.min_range_m
                 && geometry.axis.contains(range_m);
             let point = geometry.axis.point_at(range_m) - (geometry.axis.points as f64 - 1.0) / 2.0;
+            let point_ns = (point * geometry.point_period_s * 1e9).round() as i64;
             sound.then(|| Echo {
-                time_ns: mean_ns + (point * geometry.point_period_s * 1e9).round() as i64,
+                time_ns: mean_ns + point_ns,
                 range_m,
                 variance_m2: 1.0 / (pulse_curvature * peak * sweeps),
+                phase_rad: compressed[middle].at(range_m).arg(),
+                phase_time_ns: self.group[middle].0 + point_ns,
             })
         };
         (1..power.len().saturating_sub(1)).filter_map(echo).collect()

@@ -4,12 +4,15 @@
 //! of sight. That error is estimated along: bumps whose sum has the correlation exp(−Δt²/T²) and the wander's size. So the
 //! 1σ of τ holds what wander can feign. Where the data cannot tell τ from depth, the 1σ stays near its prior.
 
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 
 use super::least_squares::NormalEquations;
 use super::path::SensorPath;
 use super::tracks::Track;
 use crate::imaging::PositionErrors;
+use crate::radar::{PHASE_RAD_PER_M, WAVELENGTH_M};
 
 /// Farthest that the offset may lie from where it is looked for, seconds.
 pub(super) const REACH_S: f64 = 0.1;
@@ -32,6 +35,16 @@ const MIN_SPAN_S: f64 = 0.25;
 const ALIKE_S: f64 = 0.1;
 /// Residuals beyond this many of their spread count less (Huber).
 const OUTLIER: f64 = 2.5;
+/// Phases are carried on from echo to echo within this time, seconds, while they turn by no more than this share of half a
+/// wavelength beyond what the fit expects.
+const CARRY_S: f64 = 0.03;
+const CARRY_SHARE: f64 = 0.3;
+/// Carried phases of fewer echoes are left alone.
+const MIN_CARRIED: usize = 12;
+/// Error of a carried phase, metres: the jitter's, which is alike over the eleven poses that are smoothed together.
+const PHASE_ERROR_M: f64 = 0.5e-3;
+/// What an echo counts whose phase the fit cannot carry.
+const UNCARRIED_COST: f64 = 4.0;
 const MAX_STEPS: usize = 25;
 const MAX_KNOTS: usize = 20;
 
@@ -98,8 +111,14 @@ struct Row {
     time_ns: i64,
     range_m: f64,
     variance_m2: f64,
+    /// Range by phase, up to whole half wavelengths, and its time.
+    phase_m: f64,
+    phase_time_ns: i64,
     bumps: Vec<f64>,
 }
+
+/// Ranges by phase that were carried on without a break: row and range, up to one constant for all.
+type Carried = Vec<(usize, f64)>;
 
 #[derive(Debug, Clone)]
 struct Unknowns {
@@ -180,6 +199,8 @@ impl<'a> Problem<'a> {
             time_ns: e.time_ns,
             range_m: e.range_m,
             variance_m2: e.variance_m2 + JITTER_M * JITTER_M,
+            phase_m: e.phase_rad / PHASE_RAD_PER_M,
+            phase_time_ns: e.phase_time_ns,
             bumps: bumps.at(e.time_ns),
         };
         let rows = echoes.map(row).collect();
@@ -212,31 +233,65 @@ impl<'a> Problem<'a> {
         let found = offsets.flat_map(|offset_s| directions.map(|direction| (offset_s, direction)));
         let found = found.filter_map(|(offset_s, direction)| {
             let from = Unknowns { source: Source { direction, ..start }, offset_s, drift_m: Vec::new() };
-            self.descend(from, &some, OFFSET + 1)
+            self.descend(from, &some, &[], OFFSET + 1)
         });
         found.collect()
     }
 
-    /// Everything together, over all rows, and the cost.
+    /// Everything together, over all rows, by range and then by phase as well, and the cost.
     fn refined(&self, coarse: Unknowns, last_ns: i64) -> Option<(TrackFit, f64)> {
         let start = Unknowns { drift_m: vec![0.0; self.rows[0].bumps.len()], ..coarse };
         let size = OFFSET + 1 + start.drift_m.len();
-        let (unknowns, _) = self.descend(start, &vec![1.0; self.rows.len()], size)?;
+        let (unknowns, _) = self.descend(start, &vec![1.0; self.rows.len()], &[], size)?;
         let weights = self.robust_weights(&unknowns)?;
-        let (unknowns, cost) = self.descend(unknowns, &weights, size)?;
-        let (fit, misfit) = self.judged(&unknowns, &weights, last_ns)?;
-        Some((fit, cost / misfit))
+        let (mut unknowns, mut cost) = self.descend(unknowns, &weights, &[], size)?;
+        let mut carried = Vec::new();
+        // Twice: what the phases sharpen lets more of them be carried.
+        for _ in 0..2 {
+            carried = self.carried(&unknowns)?;
+            (unknowns, cost) = self.descend(unknowns, &weights, &carried, size)?;
+        }
+        let left = self.rows.len() - carried.iter().map(Vec::len).sum::<usize>();
+        let (fit, misfit) = self.judged(&unknowns, &weights, &carried, last_ns)?;
+        Some((fit, (cost + left as f64 * UNCARRIED_COST) / misfit))
+    }
+
+    /// Ranges by phase, carried on from echo to echo by what the fit expects between them.
+    fn carried(&self, at: &Unknowns) -> Option<Vec<Carried>> {
+        let half_m = WAVELENGTH_M / 2.0;
+        let mut all: Vec<Carried> = Vec::new();
+        let mut before: Option<(i64, f64)> = None;
+        for (n, row) in self.rows.iter().enumerate() {
+            let model_m = self.modelled(row, row.phase_time_ns, at, &mut Vec::new())?;
+            let off_m = row.phase_m - model_m;
+            // The whole half wavelengths that bring it nearest to the one before.
+            let carried = before.map(|(before_ns, before_m)| {
+                let near_m = off_m + ((before_m - off_m) / half_m).round() * half_m;
+                let pause_s = seconds(row.phase_time_ns - before_ns);
+                (near_m, pause_s <= CARRY_S && (near_m - before_m).abs() <= CARRY_SHARE * half_m)
+            });
+            let (near_m, goes_on) = carried.unwrap_or((off_m, false));
+            if !goes_on {
+                all.push(Vec::new());
+            }
+            if let Some(piece) = all.last_mut() {
+                piece.push((n, model_m + near_m));
+            }
+            before = Some((row.phase_time_ns, near_m));
+        }
+        all.retain(|piece| piece.len() >= MIN_CARRIED);
+        Some(all)
     }
 
     /// Levenberg–Marquardt over the first `size` unknowns.
-    fn descend(&self, start: Unknowns, weights: &[f64], size: usize) -> Option<(Unknowns, f64)> {
+    fn descend(&self, start: Unknowns, weights: &[f64], carried: &[Carried], size: usize) -> Option<(Unknowns, f64)> {
         let mut at = start;
-        let mut equations = self.equations(&at, weights, size)?;
+        let mut equations = self.equations(&at, weights, carried, size)?;
         let mut damping = 1e-4;
         for _ in 0..MAX_STEPS {
             let Some(step) = equations.step(damping) else { break };
             let next = self.moved(&at, &step);
-            match self.equations(&next, weights, size).filter(|e| e.cost <= equations.cost) {
+            match self.equations(&next, weights, carried, size).filter(|e| e.cost <= equations.cost) {
                 Some(better) => {
                     let gained = equations.cost - better.cost;
                     (at, equations) = (next, better);
@@ -261,24 +316,52 @@ impl<'a> Problem<'a> {
         next
     }
 
-    /// Measured minus modelled range, and its derivatives by the unknowns.
-    fn residual(&self, row: &Row, at: &Unknowns, derivatives: &mut Vec<f64>) -> Option<f64> {
-        let (place, velocity) = self.path.at(row.time_ns + nanoseconds(at.offset_s))?;
+    /// The range that a row's echo should have at a time, and its derivatives by the unknowns.
+    fn modelled(&self, row: &Row, time_ns: i64, at: &Unknowns, derivatives: &mut Vec<f64>) -> Option<f64> {
+        let (place, velocity) = self.path.at(time_ns + nanoseconds(at.offset_s))?;
         let (range_m, towards) = at.source.seen_from(place);
         derivatives.clear();
         derivatives.extend(at.source.derivatives(place, towards));
         derivatives.push(-towards.dot(velocity));
         derivatives.extend(&row.bumps);
         let drift_m: f64 = at.drift_m.iter().zip(&row.bumps).map(|(a, b)| a * b).sum();
-        Some(row.range_m - range_m - drift_m)
+        Some(range_m + drift_m)
     }
 
-    fn equations(&self, at: &Unknowns, weights: &[f64], size: usize) -> Option<NormalEquations> {
+    /// Measured minus modelled range, and the derivatives.
+    fn residual(&self, row: &Row, at: &Unknowns, derivatives: &mut Vec<f64>) -> Option<f64> {
+        Some(row.range_m - self.modelled(row, row.time_ns, at, derivatives)?)
+    }
+
+    /// The same for ranges by phase, each less the mean of its piece: so the constant falls out. With the rows' times.
+    fn phase_residuals(&self, piece: &Carried, at: &Unknowns) -> Option<Vec<(i64, f64, Vec<f64>)>> {
+        let mut all = Vec::with_capacity(piece.len());
+        for &(n, range_m) in piece {
+            let (row, mut derivatives) = (&self.rows[n], Vec::new());
+            let residual = range_m - self.modelled(row, row.phase_time_ns, at, &mut derivatives)?;
+            all.push((row.phase_time_ns, residual, derivatives));
+        }
+        let count = all.len() as f64;
+        let mean = all.iter().map(|(_, residual, _)| residual).sum::<f64>() / count;
+        let means: Vec<f64> = (0..all[0].2.len()).map(|k| all.iter().map(|a| a.2[k]).sum::<f64>() / count).collect();
+        for (_, residual, derivatives) in &mut all {
+            *residual -= mean;
+            derivatives.iter_mut().zip(&means).for_each(|(d, mean)| *d -= mean);
+        }
+        Some(all)
+    }
+
+    fn equations(&self, at: &Unknowns, weights: &[f64], carried: &[Carried], size: usize) -> Option<NormalEquations> {
         let mut equations = NormalEquations::new(size);
         let mut derivatives = Vec::new();
         for (row, weight) in self.rows.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
             let residual = self.residual(row, at, &mut derivatives)?;
             equations.add(&derivatives[..size], residual, weight / row.variance_m2);
+        }
+        for piece in carried {
+            for (_, residual, derivatives) in self.phase_residuals(piece, at)? {
+                equations.add(&derivatives[..size], residual, PHASE_ERROR_M.powi(-2));
+            }
         }
         let (a, b) = at.source.direction.any_orthonormal_pair();
         for (unknown, axis) in [(1, a), (2, b)] {
@@ -310,39 +393,43 @@ impl<'a> Problem<'a> {
 
     /// The offset with its variance: as noise and wander give it, grown by the misfit, or by how alike neighbouring
     /// residuals are, whichever says more.
-    fn judged(&self, at: &Unknowns, weights: &[f64], last_ns: i64) -> Option<(TrackFit, f64)> {
+    fn judged(&self, at: &Unknowns, weights: &[f64], carried: &[Carried], last_ns: i64) -> Option<(TrackFit, f64)> {
         let size = OFFSET + 1 + at.drift_m.len();
-        let equations = self.equations(at, weights, size)?;
-        let inverse = equations.inverse_row(OFFSET)?;
-        let residuals = self.residuals(at)?;
-        let count = residuals.len() as f64;
-        let weighed = residuals.iter().zip(weights).map(|(r, w)| w * r * r).sum::<f64>();
-        let misfit = (weighed / (count - 4.0)).max(1.0);
+        let inverse = self.equations(at, weights, carried, size)?.inverse_row(OFFSET)?;
+        // Time, residual over its variance, derivatives, and the residual's square over its variance, of everything.
+        let mut pulls: Vec<(i64, f64)> = Vec::new();
+        let influence = |derivatives: &[f64]| inverse.iter().zip(derivatives).map(|(c, d)| c * d).sum::<f64>();
+        let (mut derivatives, mut by_range, mut by_phase) = (Vec::new(), 0.0, 0.0);
+        for (row, weight) in self.rows.iter().zip(weights) {
+            let residual = self.residual(row, at, &mut derivatives)?;
+            by_range += weight * residual * residual / row.variance_m2;
+            pulls.push((row.time_ns, influence(&derivatives) * residual * weight / row.variance_m2));
+        }
+        for (time_ns, residual, derivatives) in carried.iter().filter_map(|p| self.phase_residuals(p, at)).flatten() {
+            by_phase += residual * residual / PHASE_ERROR_M.powi(2);
+            pulls.push((time_ns, influence(&derivatives) * residual / PHASE_ERROR_M.powi(2)));
+        }
+        let count = self.rows.len() as f64;
+        let misfit = (by_range / (count - 4.0)).max(1.0);
+        let all_misfit = ((by_range + by_phase) / (pulls.len() as f64 - 4.0)).max(1.0);
         let noise_m2 = self.rows.iter().map(|r| r.variance_m2).sum::<f64>() / count;
         let fit = TrackFit {
             offset_s: at.offset_s,
-            variance_s2: (inverse[OFFSET] * misfit).max(self.variance_when_alike(at, weights, &inverse)?),
+            variance_s2: (inverse[OFFSET] * all_misfit).max(self.variance_when_alike(&pulls)),
             excess_m: (noise_m2 * (misfit - 1.0)).sqrt(),
             last_ns,
         };
-        Some((fit, misfit))
+        Some((fit, all_misfit))
     }
 
-    /// Variance of the offset from the residuals themselves, those of [`ALIKE_S`] summed before they are squared.
-    fn variance_when_alike(&self, at: &Unknowns, weights: &[f64], inverse: &[f64]) -> Option<f64> {
-        let mut derivatives = Vec::new();
-        let (mut sum, mut here, mut bin) = (0.0, 0.0, 0);
-        for (row, weight) in self.rows.iter().zip(weights) {
-            let residual = self.residual(row, at, &mut derivatives)?;
-            let influence: f64 = inverse.iter().zip(&derivatives).map(|(c, d)| c * d).sum();
-            let now = (row.time_ns - self.rows[0].time_ns) / nanoseconds(ALIKE_S);
-            if now != bin {
-                sum += here * here;
-                (here, bin) = (0.0, now);
-            }
-            here += influence * residual * weight / row.variance_m2;
+    /// Variance of the offset from what each residual pulls it by, those of [`ALIKE_S`] summed before they are squared.
+    fn variance_when_alike(&self, pulls: &[(i64, f64)]) -> f64 {
+        let mut together: BTreeMap<i64, f64> = BTreeMap::new();
+        for (time_ns, pull) in pulls {
+            let bin = (time_ns - self.rows[0].time_ns).div_euclid(nanoseconds(ALIKE_S));
+            *together.entry(bin).or_default() += pull;
         }
-        Some(sum + here * here)
+        together.values().map(|pull| pull * pull).sum()
     }
 }
 

@@ -95,7 +95,8 @@ mod tests {
     use super::*;
 
     fn echo(step: i64, range_m: f64) -> Echo {
-        Echo { time_ns: step * 8_000_000, range_m, variance_m2: 1e-6 }
+        let time_ns = step * 8_000_000;
+        Echo { time_ns, range_m, variance_m2: 1e-6, phase_rad: 0.0, phase_time_ns: time_ns }
     }
 
     #[test]
