@@ -14,8 +14,13 @@ use crate::radar::Observation;
 
 /// Time from which tracks count, seconds: slow drifts of the offset are followed.
 const MEMORY_S: f64 = 20.0;
-/// A track whose ranges leave more than this unexplained follows nothing that stands still, metres.
-const MAX_EXCESS_M: f64 = 0.008;
+/// A track follows one thing that stands still when the fit carries this share of its phases and leaves no more of them
+/// than this, metres; interference may then pull its ranges by so much, metres.
+const COHERENT_SHARE: f64 = 0.8;
+const COHERENT_RMS_M: f64 = 0.3e-3;
+const COHERENT_EXCESS_M: f64 = 0.015;
+/// Or, without phases, when its ranges leave no more than this unexplained, metres.
+const INCOHERENT_EXCESS_M: f64 = 0.004;
 /// Nearest range read, metres: the antenna's own leakage lies below.
 const MIN_RANGE_M: f64 = 0.2;
 /// Tracks that disagree by more than this many of their standard deviations are left out.
@@ -110,9 +115,15 @@ impl TimeOffsetEstimator {
     }
 }
 
+/// Whether a track's phases, or its ranges, agree on one thing that does not move.
+fn stands_still(fit: &TrackFit) -> bool {
+    let coherent = fit.carried_share >= COHERENT_SHARE && fit.phase_rms_m <= COHERENT_RMS_M;
+    fit.excess_m <= if coherent { COHERENT_EXCESS_M } else { INCOHERENT_EXCESS_M }
+}
+
 /// The mean of what stands still, weighed by variance; tracks that contradict the others go, the worst first.
 fn combined(fits: &[TrackFit]) -> Option<TimeOffset> {
-    let mut kept: Vec<&TrackFit> = fits.iter().filter(|f| f.excess_m <= MAX_EXCESS_M).collect();
+    let mut kept: Vec<&TrackFit> = fits.iter().filter(|f| stands_still(f)).collect();
     loop {
         let weight: f64 = kept.iter().map(|f| 1.0 / f.variance_s2).sum();
         let offset_s = kept.iter().map(|f| f.offset_s / f.variance_s2).sum::<f64>() / weight;
@@ -200,7 +211,14 @@ mod tests {
     }
 
     fn track(offset_ms: f64, sigma_ms: f64) -> TrackFit {
-        TrackFit { offset_s: offset_ms * 1e-3, variance_s2: (sigma_ms * 1e-3).powi(2), excess_m: 0.0, last_ns: 0 }
+        TrackFit {
+            offset_s: offset_ms * 1e-3,
+            variance_s2: (sigma_ms * 1e-3).powi(2),
+            excess_m: 0.005,
+            carried_share: 0.9,
+            phase_rms_m: 0.2e-3,
+            last_ns: 0,
+        }
     }
 
     #[test]
@@ -213,5 +231,6 @@ mod tests {
         let two = combined(&[track(20.0, 1.0), track(-20.0, 1.0)]).unwrap();
         assert!(!two.observable, "{two:?}");
         assert_eq!(combined(&[TrackFit { excess_m: 0.02, ..track(5.0, 0.1) }]), None);
+        assert_eq!(combined(&[TrackFit { phase_rms_m: 0.001, ..track(5.0, 0.1) }]), None);
     }
 }

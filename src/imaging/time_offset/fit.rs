@@ -31,6 +31,8 @@ const JITTER_M: f64 = 0.15e-3;
 /// Tracks of fewer echoes, or shorter, say nothing.
 const MIN_ECHOES: usize = 25;
 const MIN_SPAN_S: f64 = 0.25;
+/// T of the wander's correlation exp(−Δt²/T²), in times over which it stays alike.
+const WANDER_WIDTH: f64 = 0.75;
 /// Residuals within this time are taken as one when judging how alike they are, seconds.
 const ALIKE_S: f64 = 0.1;
 /// Residuals beyond this many of their spread count less (Huber).
@@ -57,6 +59,9 @@ pub(super) struct TrackFit {
     pub variance_s2: f64,
     /// Rms of the range residuals that noise does not explain, metres.
     pub excess_m: f64,
+    /// Share of the echoes whose phase the fit carries on, and the rms of what it leaves of them, metres.
+    pub carried_share: f64,
+    pub phase_rms_m: f64,
     /// When the track ended, host nanoseconds.
     pub last_ns: i64,
 }
@@ -412,11 +417,14 @@ impl<'a> Problem<'a> {
         let count = self.rows.len() as f64;
         let misfit = (by_range / (count - 4.0)).max(1.0);
         let all_misfit = ((by_range + by_phase) / (pulls.len() as f64 - 4.0)).max(1.0);
+        let in_phase = pulls.len() as f64 - count;
         let noise_m2 = self.rows.iter().map(|r| r.variance_m2).sum::<f64>() / count;
         let fit = TrackFit {
             offset_s: at.offset_s,
             variance_s2: (inverse[OFFSET] * all_misfit).max(self.variance_when_alike(&pulls)),
             excess_m: (noise_m2 * (misfit - 1.0)).sqrt(),
+            carried_share: in_phase / count,
+            phase_rms_m: PHASE_ERROR_M * (by_phase / in_phase.max(1.0)).sqrt(),
             last_ns,
         };
         Some((fit, all_misfit))
@@ -445,8 +453,8 @@ struct Bumps {
 impl Bumps {
     fn over(first_ns: i64, last_ns: i64, errors: &PositionErrors) -> Self {
         let span_s = seconds(last_ns - first_ns);
-        // Wander faster than a sixth of the track is as good as noise.
-        let width_s = errors.wander_s.max(span_s / 6.0);
+        // Wander faster than a seventh of the track is as good as noise.
+        let width_s = (WANDER_WIDTH * errors.wander_s).max(span_s / 7.0);
         let spacing_s = width_s / 2.0;
         let count = (((span_s + 2.0 * width_s) / spacing_s).ceil() as usize + 1).min(MAX_KNOTS);
         // Σ exp(−4u²/T²) over the bumps is T√π/2 a spacing.
