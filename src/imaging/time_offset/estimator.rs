@@ -19,8 +19,9 @@ const MEMORY_S: f64 = 20.0;
 const COHERENT_SHARE: f64 = 0.8;
 const COHERENT_RMS_M: f64 = 0.3e-3;
 const COHERENT_EXCESS_M: f64 = 0.015;
-/// Or, without phases, when its ranges leave no more than this unexplained, metres.
+/// Or, without phases, when its ranges leave no more than this unexplained, metres; not when phases contradict by this.
 const INCOHERENT_EXCESS_M: f64 = 0.004;
+const CONTRADICTING_RMS_M: f64 = 0.6e-3;
 /// Nearest range read, metres: the antenna's own leakage lies below.
 const MIN_RANGE_M: f64 = 0.2;
 /// Tracks that disagree by more than this many of their standard deviations are left out.
@@ -117,8 +118,12 @@ impl TimeOffsetEstimator {
 
 /// Whether a track's phases, or its ranges, agree on one thing that does not move.
 fn stands_still(fit: &TrackFit) -> bool {
-    let coherent = fit.carried_share >= COHERENT_SHARE && fit.phase_rms_m <= COHERENT_RMS_M;
-    fit.excess_m <= if coherent { COHERENT_EXCESS_M } else { INCOHERENT_EXCESS_M }
+    let carried = fit.carried_share >= COHERENT_SHARE;
+    match carried && fit.phase_rms_m <= COHERENT_RMS_M {
+        true => fit.excess_m <= COHERENT_EXCESS_M,
+        false if carried && fit.phase_rms_m > CONTRADICTING_RMS_M => false,
+        false => fit.excess_m <= INCOHERENT_EXCESS_M,
+    }
 }
 
 /// The mean of what stands still, weighed by variance; tracks that contradict the others go, the worst first.

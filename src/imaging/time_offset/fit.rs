@@ -22,7 +22,7 @@ const COARSE_TANGENT: f64 = 0.6;
 /// Echoes that it uses.
 const COARSE_ECHOES: usize = 40;
 /// Explanations of a track that are followed, the best ones.
-const MAX_EXPLANATIONS: usize = 4;
+const MAX_EXPLANATIONS: usize = 5;
 /// What is known beforehand, 1σ: the offset, seconds, and the direction off the boresight, rad.
 const OFFSET_PRIOR_S: f64 = 0.1;
 const DIRECTION_PRIOR_RAD: f64 = 0.6;
@@ -133,13 +133,13 @@ struct Unknowns {
     drift_m: Vec<f64>,
 }
 
-impl Unknowns {
-    /// Whether both will settle in one place: one kind, within 3 ms and 3°.
-    fn is_near(&self, other: &Self) -> bool {
-        let same_kind = matches!(self.source.kind, Kind::Point) == matches!(other.source.kind, Kind::Point);
-        let turn = self.source.direction.distance(other.source.direction);
-        same_kind && (self.offset_s - other.offset_s).abs() < 3e-3 && turn < 0.05
-    }
+/// Whether two explanations, with their costs, will settle in one offset: one kind, within 3 ms, and either within 3° or
+/// as good as each other (the circle around a straight path).
+fn are_near(a: &(Unknowns, f64), b: &(Unknowns, f64)) -> bool {
+    let (first, second) = (&a.0.source, &b.0.source);
+    let same_kind = matches!(first.kind, Kind::Point) == matches!(second.kind, Kind::Point);
+    let alike = first.direction.distance(second.direction) < 0.05 || (a.1 - b.1).abs() < 0.05 * a.1.min(b.1) + 1.0;
+    same_kind && alike && (a.0.offset_s - b.0.offset_s).abs() < 3e-3
 }
 
 /// Which unknown the offset is.
@@ -160,13 +160,13 @@ pub(super) fn fit(track: &Track, path: &SensorPath, middle_s: f64, errors: &Posi
     let mut coarse: Vec<(Unknowns, f64)> =
         [Kind::Point, Kind::Mirror].into_iter().flat_map(|kind| problem.coarse(Source { kind, ..start })).collect();
     coarse.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let mut apart: Vec<Unknowns> = Vec::new();
-    for (found, _) in coarse {
-        if apart.len() < MAX_EXPLANATIONS && apart.iter().all(|known| !known.is_near(&found)) {
+    let mut apart: Vec<(Unknowns, f64)> = Vec::new();
+    for found in coarse {
+        if apart.len() < MAX_EXPLANATIONS && !apart.iter().any(|known| are_near(known, &found)) {
             apart.push(found);
         }
     }
-    let fits = apart.into_iter().filter_map(|found| problem.refined(found, track.last_ns()));
+    let fits = apart.into_iter().filter_map(|(found, _)| problem.refined(found, track.last_ns()));
     mixed(&fits.collect::<Vec<_>>())
 }
 
