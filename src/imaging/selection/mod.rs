@@ -61,7 +61,7 @@ impl Selection {
     /// serves); chance follows from `seed` alone.
     pub fn choose(self, observations: &[Observation], count: usize, place: DVec3, seed: u64) -> Vec<usize> {
         let positions: Vec<DVec3> = observations.iter().map(|o| o.tracking_from_sensor.translation).collect();
-        let amplitudes = || observations.iter().map(|o| peak_amplitude(o)).collect::<Vec<f64>>();
+        let amplitudes = || observations.iter().map(peak_amplitude).collect::<Vec<f64>>();
         let any_of = |from: Vec<usize>| random(from.len(), count, seed).into_iter().map(|n| from[n]).collect();
         match self {
             Self::Random => random(observations.len(), count, seed),

@@ -178,6 +178,11 @@ mod tests {
         estimator.estimate()
     }
 
+    /// 60 cm across.
+    fn wide(time_s: f64) -> DVec3 {
+        winding(time_s) * 2.0
+    }
+
     fn is_right(estimate: Option<TimeOffset>, offset_s: f64) -> bool {
         estimate.is_some_and(|e| e.observable && (e.offset_s - offset_s).abs() < 3.0 * e.sigma_s && e.sigma_s < 2e-3)
     }
@@ -187,7 +192,7 @@ mod tests {
         let plane = Plane { outward: DVec3::new(0.36, 0.48, -0.8), offset_m: 1.3 };
         for echoes in [POINT, [(Echo::Mirror(plane), 8.0)]] {
             for offset_s in [-0.07, 0.0, 0.02] {
-                let estimate = estimated(winding, winding, &echoes, offset_s);
+                let estimate = estimated(wide, wide, &echoes, offset_s);
                 assert!(is_right(estimate, offset_s), "{offset_s}: {estimate:?} of {echoes:?}");
             }
         }
@@ -198,7 +203,9 @@ mod tests {
         let approach = |t: f64| DVec3::new(0.0, 0.0, -0.3 * t);
         let estimate = estimated(approach, approach, &POINT, 0.02);
         assert!(estimate.is_none_or(|e| !e.observable && e.sigma_s > 0.01), "{estimate:?}");
-        let estimate = estimated(|_| DVec3::ZERO, |_| DVec3::ZERO, &POINT, 0.02);
+        // At rest the poses' jitter is no motion.
+        let jitter = |t: f64| 0.12e-3 * DVec3::new((61.0 * t).sin(), (53.0 * t).cos(), (57.0 * t).sin());
+        let estimate = estimated(|_| DVec3::ZERO, jitter, &POINT, 0.02);
         assert!(estimate.is_none_or(|e| !e.observable), "{estimate:?}");
     }
 

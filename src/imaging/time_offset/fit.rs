@@ -16,6 +16,8 @@ use crate::radar::{PHASE_RAD_PER_M, WAVELENGTH_M};
 
 /// Farthest that the offset may lie from where it is looked for, seconds.
 pub(super) const REACH_S: f64 = 0.1;
+/// A phase's time differs from its range's by less than this, seconds.
+const GROUP_S: f64 = 0.01;
 /// The coarse search begins at offsets this far apart, seconds, and at directions this far off the boresight, tangent.
 const COARSE_STEP_S: f64 = 0.05;
 const COARSE_TANGENT: f64 = 0.6;
@@ -28,6 +30,8 @@ const OFFSET_PRIOR_S: f64 = 0.1;
 const DIRECTION_PRIOR_RAD: f64 = 0.6;
 /// Jitter of the smoothed path, metres.
 const JITTER_M: f64 = 0.15e-3;
+/// Speed that 0.3 mm of jitter feigns in the smoothed path, m/s (0.23 of it a pose's period), with a little to spare.
+const SPEED_ERROR_M_PER_S: f64 = 0.01;
 /// Tracks of fewer echoes, or shorter, say nothing.
 const MIN_ECHOES: usize = 25;
 const MIN_SPAN_S: f64 = 0.25;
@@ -170,10 +174,11 @@ pub(super) fn fit(track: &Track, path: &SensorPath, middle_s: f64, errors: &Posi
     mixed(&fits.collect::<Vec<_>>())
 }
 
-/// Several explanations of one track as one: each counts by its likelihood, and what they disagree about is not known.
-fn mixed(fits: &[(TrackFit, f64)]) -> Option<TrackFit> {
+/// Several explanations of one track as one, each with its cost and misfit: each counts by its likelihood, the noise as
+/// large as the best one finds it, and what they disagree about is not known.
+fn mixed(fits: &[(TrackFit, f64, f64)]) -> Option<TrackFit> {
     let best = fits.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let weight = |cost: f64| (-0.5 * (cost - best.1)).exp();
+    let weight = |cost: f64| (-0.5 * (cost - best.1) / best.2).exp();
     let total: f64 = fits.iter().map(|f| weight(f.1)).sum();
     let offset_s = fits.iter().map(|f| weight(f.1) * f.0.offset_s).sum::<f64>() / total;
     let square = |f: &TrackFit| f.variance_s2 + (f.offset_s - offset_s).powi(2);
@@ -191,10 +196,11 @@ fn nanoseconds(s: f64) -> i64 {
 
 impl<'a> Problem<'a> {
     fn of(track: &Track, path: &'a SensorPath, middle_s: f64, errors: &PositionErrors) -> Option<Self> {
-        let (early_ns, late_ns) = (nanoseconds(middle_s - REACH_S), nanoseconds(middle_s + REACH_S));
+        let reach_s = REACH_S + GROUP_S;
+        let (early_ns, late_ns) = (nanoseconds(middle_s - reach_s), nanoseconds(middle_s + reach_s));
         let end_ns = path.end_ns()?;
         let echoes = track.echoes.iter().filter(|e| e.time_ns.saturating_add(late_ns) < end_ns);
-        let (first_ns, last_ns) = (track.first_ns(), echoes.clone().last()?.time_ns);
+        let (first_ns, last_ns) = (track.first_ns(), echoes.clone().next_back()?.time_ns);
         let whole = path.covers(first_ns.saturating_add(early_ns), last_ns.saturating_add(late_ns));
         if !whole || echoes.clone().count() < MIN_ECHOES || seconds(last_ns - first_ns) < MIN_SPAN_S {
             return None;
@@ -243,8 +249,8 @@ impl<'a> Problem<'a> {
         found.collect()
     }
 
-    /// Everything together, over all rows, by range and then by phase as well, and the cost.
-    fn refined(&self, coarse: Unknowns, last_ns: i64) -> Option<(TrackFit, f64)> {
+    /// Everything together, over all rows, by range and then by phase as well; with the cost and the misfit.
+    fn refined(&self, coarse: Unknowns, last_ns: i64) -> Option<(TrackFit, f64, f64)> {
         let start = Unknowns { drift_m: vec![0.0; self.rows[0].bumps.len()], ..coarse };
         let size = OFFSET + 1 + start.drift_m.len();
         let (unknowns, _) = self.descend(start, &vec![1.0; self.rows.len()], &[], size)?;
@@ -258,7 +264,7 @@ impl<'a> Problem<'a> {
         }
         let left = self.rows.len() - carried.iter().map(Vec::len).sum::<usize>();
         let (fit, misfit) = self.judged(&unknowns, &weights, &carried, last_ns)?;
-        Some((fit, (cost + left as f64 * UNCARRIED_COST) / misfit))
+        Some((fit, cost + left as f64 * UNCARRIED_COST, misfit))
     }
 
     /// Ranges by phase, carried on from echo to echo by what the fit expects between them.
@@ -419,9 +425,14 @@ impl<'a> Problem<'a> {
         let all_misfit = ((by_range + by_phase) / (pulls.len() as f64 - 4.0)).max(1.0);
         let in_phase = pulls.len() as f64 - count;
         let noise_m2 = self.rows.iter().map(|r| r.variance_m2).sum::<f64>() / count;
+        let variance_s2 = (inverse[OFFSET] * all_misfit).max(self.variance_when_alike(&pulls));
+        // Rms speed along the line of sight that nothing but the offset accounts for; jitter of the path is none of it.
+        let told: f64 = self.rows.iter().zip(weights).map(|(r, w)| w / r.variance_m2).sum::<f64>()
+            + in_phase * PHASE_ERROR_M.powi(-2);
+        let false_share = SPEED_ERROR_M_PER_S.powi(2) * inverse[OFFSET] * told;
         let fit = TrackFit {
             offset_s: at.offset_s,
-            variance_s2: (inverse[OFFSET] * all_misfit).max(self.variance_when_alike(&pulls)),
+            variance_s2: variance_s2 / (1.0 - false_share).max(1e-6),
             excess_m: (noise_m2 * (misfit - 1.0)).sqrt(),
             carried_share: in_phase / count,
             phase_rms_m: PHASE_ERROR_M * (by_phase / in_phase.max(1.0)).sqrt(),
