@@ -178,9 +178,9 @@ mod tests {
         estimator.estimate()
     }
 
-    /// 60 cm across.
+    /// 90 cm across.
     fn wide(time_s: f64) -> DVec3 {
-        winding(time_s) * 2.0
+        winding(time_s) * 3.0
     }
 
     fn is_right(estimate: Option<TimeOffset>, offset_s: f64) -> bool {

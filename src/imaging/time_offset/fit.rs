@@ -30,8 +30,8 @@ const OFFSET_PRIOR_S: f64 = 0.1;
 const DIRECTION_PRIOR_RAD: f64 = 0.6;
 /// Jitter of the smoothed path, metres.
 const JITTER_M: f64 = 0.15e-3;
-/// Speed that 0.3 mm of jitter feigns in the smoothed path, m/s (0.23 of it a pose's period), with a little to spare.
-const SPEED_ERROR_M_PER_S: f64 = 0.01;
+/// Speed that 0.3 mm of jitter feigns in the smoothed path (0.23 of it a pose's period: 8 mm/s), with room to spare, m/s.
+const SPEED_ERROR_M_PER_S: f64 = 0.015;
 /// Tracks of fewer echoes, or shorter, say nothing.
 const MIN_ECHOES: usize = 25;
 const MIN_SPAN_S: f64 = 0.25;
