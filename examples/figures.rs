@@ -9,8 +9,9 @@ use radar_chaperone::geometry::{Aabb, Plane};
 use radar_chaperone::imaging::Volume;
 use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
 use radar_chaperone::report::{
-    Chart, Figure, Limits, Marks, Picture, Report, RoomMap, Section, Series, Table, VolumeInfo, cross_sections,
-    motion_plot, point_cloud, points_above, room_map, score, write_obstacles_json, write_ply, write_volume,
+    Chart, Figure, Limits, Marks, Picture, Report, RoomMap, Section, Series, StreamOffset, Table, VolumeInfo,
+    cross_sections, motion_plot, point_cloud, points_above, room_map, score, write_obstacles_json, write_ply,
+    write_volume,
 };
 use radar_chaperone::truth::{Truth, TruthObstacle, TruthWall};
 
@@ -54,7 +55,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let info = VolumeInfo { statistic: "log".into(), updates: 1_234, dense_updates: 216_000, ..VolumeInfo::default() };
     write_volume(&folder.join("chair.npy"), &volume, &info)?;
     write_ply(&folder.join("chair.ply"), &points_above(&volume, 0.35))?;
-    write_obstacles_json(&folder.join("obstacles.json"), &scene, &serde_json::json!({"sweeps": 9600}), 0.012)?;
+    let offset = StreamOffset { offset_s: 0.012, sigma_s: Some(0.000_4), observable: true };
+    write_obstacles_json(&folder.join("obstacles.json"), &scene, &serde_json::json!({"sweeps": 9600}), &offset)?;
     let row = |cells: [&str; 3]| cells.map(str::to_owned).to_vec();
     let table = Table {
         head: row(["obstacle", "nearest report (cm)", "evidence"]),

@@ -216,10 +216,10 @@ impl Demo {
         bar.inc(1);
         let (header, settings, pipeline) = replay(&file)?;
         let scene = pipeline.scene();
-        write_obstacles(&folder.join("obstacles.json"), &scene, &pipeline, &settings)?;
+        write_obstacles(&folder.join("obstacles.json"), &scene, &pipeline)?;
         let truth = header.truth.clone().ok_or_else(|| anyhow!("the recording lost its truth"))?;
         bar.inc(1);
-        let image = volume(act.image, &file, &settings, &scene, &truth)?;
+        let image = volume(act.image, &file, &settings, &pipeline, &truth)?;
         bar.inc(1);
         let score = score(&scene, &truth, &Limits::default());
         let mut section = Section::new(act.heading)
@@ -274,18 +274,18 @@ fn replay(file: &Path) -> Result<(Header, Settings, Pipeline)> {
 }
 
 /// The evidence in space that an act shows.
-fn volume(image: Image, file: &Path, settings: &Settings, scene: &Scene, truth: &Truth) -> Result<Volume> {
+fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, truth: &Truth) -> Result<Volume> {
     if image == Image::Found {
         let walls = truth.walls.iter().flat_map(|w| [w.extent.min, w.extent.max]);
         let room = Aabb::around(walls).unwrap_or_else(|| cube_ahead(&Pose::IDENTITY));
-        return Ok(found_in(&room, scene));
+        return Ok(found_in(&room, &pipeline.scene()));
     }
     let (recording, frames, poses) = read_streams(file)?;
     let header = recording.header();
     let observer = ObserverSettings {
         history: settings.tracking.history,
         head_from_sensor: header.head_from_sensor,
-        time_offset_s: settings.tracking.time_offset_s,
+        time_offset_s: pipeline.time_offset_s(),
     };
     let (observations, _) = observe_all(&header.config, observer, &frames, &poses);
     let region = cube_ahead(&observations.first().map_or(Pose::IDENTITY, |o| o.tracking_from_sensor));

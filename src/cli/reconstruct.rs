@@ -11,7 +11,7 @@ use super::progress;
 use crate::engine::{Settings, cube_ahead};
 use crate::geometry::{Aabb, Pose};
 use crate::imaging::sums::{BrickGrid, DenseVolume, SweepStack, Threshold, dense_volume, search};
-use crate::imaging::{Statistic, Volume, blocks_volume, farthest_points};
+use crate::imaging::{Preselection, Preselector, Selection, Statistic, Volume, blocks_volume};
 use crate::radar::Observation;
 use crate::report::{VolumeInfo, write_volume};
 use crate::tracking::{ObserverSettings, observe_all};
@@ -35,9 +35,21 @@ pub(super) struct Reconstruct {
     /// Box in the tracking frame, metres; without it a 3 m cube ahead of the first pose
     #[arg(long = "box", value_name = "x0,y0,z0,x1,y1,z1", allow_hyphen_values = true)]
     region: Option<String>,
-    /// Number of sweeps, chosen by farthest point; without it all that have a pose
+    /// Number of sweeps; without it all that have a pose
     #[arg(long)]
     sweeps: Option<usize>,
+    /// How they are chosen: random, threshold, thesis-hull, farthest-point, d-optimal (for the middle of the box)
+    #[arg(long, default_value = "farthest-point")]
+    selection: String,
+    /// What a chance selection draws follows from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Leaves out sweeps whose greatest power stays below this many times the noise's (which reaches 5 to 10)
+    #[arg(long, default_value_t = 0.0)]
+    min_peak_power: f64,
+    /// Leaves out sweeps from less than this way from the last one kept, metres; at rest ten a second stay
+    #[arg(long, default_value_t = 0.0)]
+    min_move_m: f64,
     /// How space is searched
     #[arg(long, value_enum, default_value_t = Search::Dense)]
     search: Search,
@@ -80,6 +92,7 @@ const MAX_SWEEPS_ADAPTIVE: usize = 20_000;
 impl Reconstruct {
     pub fn run(&self) -> Result<()> {
         let statistic: Statistic = self.statistic.parse()?;
+        let selection: Selection = self.selection.parse()?;
         self.check_arguments()?;
         keep_inputs(&self.out, &[&self.file])?;
         let (recording, frames, poses) = read_streams(&self.file)?;
@@ -102,7 +115,7 @@ impl Reconstruct {
         };
         let region = self.region(&first.tracking_from_sensor)?;
         self.check_size(&region)?;
-        let chosen = self.choose(observations);
+        let chosen = self.choose(observations, selection, &region)?;
         let spinner = progress::spinner("reconstructing");
         let computed = self.compute(statistic, &chosen, &settings, &region)?;
         spinner.finish_and_clear();
@@ -119,6 +132,7 @@ impl Reconstruct {
         let beam = &settings.radar.beam;
         let (mut extra, adaptive) = (Map::new(), matches!(self.search, Search::Adaptive));
         extra.insert("sweeps".into(), sweeps.len().into());
+        extra.insert("selection".into(), self.sweeps.map(|_| self.selection.clone()).into());
         extra.insert("search".into(), if adaptive { "adaptive" } else { "dense" }.into());
         if statistic == Statistic::Blocks {
             if adaptive {
@@ -168,6 +182,9 @@ impl Reconstruct {
         if !(self.threshold_share > 0.0 && self.threshold_share <= 1.0) {
             bail!("--threshold-share {}: give a share above 0, at most 1", self.threshold_share);
         }
+        if !(0.0..=1e9).contains(&self.min_peak_power) || !(0.0..=10.0).contains(&self.min_move_m) {
+            bail!("give --min-peak-power 0 to 1e9 and --min-move-m 0 to 10 metres");
+        }
         if self.sweeps == Some(0) {
             bail!("--sweeps 0: give at least 1, or leave it out for all");
         }
@@ -185,10 +202,23 @@ impl Reconstruct {
         Ok(())
     }
 
-    fn choose(&self, observations: Vec<Observation>) -> Vec<Observation> {
-        let Some(count) = self.sweeps else { return observations };
-        let positions: Vec<_> = observations.iter().map(|o| o.tracking_from_sensor.translation).collect();
-        farthest_points(&positions, count).into_iter().map(|n| observations[n].clone()).collect()
+    fn choose(
+        &self,
+        mut observations: Vec<Observation>,
+        selection: Selection,
+        region: &Aabb,
+    ) -> Result<Vec<Observation>> {
+        let mut preselector =
+            Preselector::new(Preselection { min_peak_power: self.min_peak_power, min_move_m: self.min_move_m });
+        observations.retain(|observation| preselector.keeps(observation));
+        let left_out = preselector.counters();
+        if left_out != Default::default() {
+            let (signal, motion) = (left_out.without_signal, left_out.without_motion);
+            say!("left out: {signal} sweeps without signal, {motion} without motion")?;
+        }
+        let Some(count) = self.sweeps else { return Ok(observations) };
+        let chosen = selection.choose(&observations, count, region.center(), self.seed);
+        Ok(chosen.into_iter().map(|n| observations[n].clone()).collect())
     }
 
     fn write(&self, computed: Computed, statistic: Statistic, sweeps: usize) -> Result<()> {

@@ -8,10 +8,12 @@ use clap::Args;
 
 use super::files::{SettingsArguments, keep_inputs, tell_damage};
 use super::progress;
-use crate::engine::{Pipeline, Search, Settings};
+use crate::engine::{Pipeline, Search};
 use crate::obstacles::{Observed, Scene};
 use crate::recording::{Event, Header, Recording, RecordingSummary, RecordingWriter};
-use crate::report::{Figure, Limits, Report, RoomMap, Section, Table, room_map, score, write_obstacles_json};
+use crate::report::{
+    Figure, Limits, Report, RoomMap, Section, StreamOffset, Table, room_map, score, write_obstacles_json,
+};
 
 /// Runs the pipeline over a recording and writes what it finds
 ///
@@ -68,7 +70,7 @@ impl Replay {
             say!("\nAgainst the truth in the recording:\n{score}")?;
         }
         if let Some(out) = &self.out {
-            write_obstacles(&out.join("obstacles.json"), &scene, &pipeline, &settings)?;
+            write_obstacles(&out.join("obstacles.json"), &scene, &pipeline)?;
             let path = sensor_path(&pipeline);
             let truth = header.truth.as_ref();
             let map = room_map(&RoomMap { title: &header.source, scene: &scene, truth, path_m: &path });
@@ -162,9 +164,15 @@ pub(super) fn sensor_path(pipeline: &Pipeline) -> Vec<glam::DVec3> {
 }
 
 /// obstacles.json with all counters.
-pub(super) fn write_obstacles(path: &Path, scene: &Scene, pipeline: &Pipeline, settings: &Settings) -> Result<()> {
+pub(super) fn write_obstacles(path: &Path, scene: &Scene, pipeline: &Pipeline) -> Result<()> {
     let counters = serde_json::to_value(pipeline.counters())?;
-    Ok(write_obstacles_json(path, scene, &counters, settings.tracking.time_offset_s)?)
+    let estimate = pipeline.time_offset_estimate();
+    let offset = StreamOffset {
+        offset_s: pipeline.time_offset_s(),
+        sigma_s: estimate.map(|e| e.sigma_s),
+        observable: estimate.is_some_and(|e| e.observable),
+    };
+    Ok(write_obstacles_json(path, scene, &counters, &offset)?)
 }
 
 /// What a person reads after a replay.
@@ -214,7 +222,20 @@ pub(super) fn described(scene: &Scene, pipeline: &Pipeline) -> String {
             n.x, n.y, n.z, wall.plane.offset_m, wall.evidence
         );
     }
+    let _ = writeln!(text, "{}", time_offset(pipeline));
     text
+}
+
+/// The time between the streams, in force and as the data tell it.
+fn time_offset(pipeline: &Pipeline) -> String {
+    let in_force = format!("{:+.1} ms", pipeline.time_offset_s() * 1e3);
+    let found = match pipeline.time_offset_estimate() {
+        Some(e) if e.observable => format!("the data say {:+.1} ± {:.1} ms", e.offset_s * 1e3, e.sigma_s * 1e3),
+        Some(_) => "not observable: this motion does not tell it from depth".into(),
+        None if pipeline.counters().time_offset.estimates > 0 => "the data tell nothing of it".into(),
+        None => "as set".into(),
+    };
+    format!("time offset {in_force}; {found}")
 }
 
 /// 1σ along x, y, z, centimetres.

@@ -13,7 +13,7 @@ use crate::geometry::{Aabb, Pose};
 use crate::obstacles::{RoomCounters, RoomSearch, Scene, find_reflectors};
 use crate::radar::{Observation, SensorConfig, frame_timing};
 
-pub use pipeline::{Counters, Pipeline};
+pub use pipeline::{Counters, Pipeline, TimeOffsetCounters};
 pub use settings::{Mode, ProcessingSettings, RadarSettings, Settings, SettingsError, TrackingSettings};
 
 /// Sweeps a second from which on blocks follow the phase: λ/4 a sweep at 0.5 m/s.
@@ -22,6 +22,10 @@ const BLOCKS_FROM_SWEEPS_PER_S: f64 = 400.0;
 pub const DEFAULT_CUBE_M: f64 = 3.0;
 /// Observations that a search for single reflectors keeps at most; beyond, every second one goes.
 const MAX_KEPT: usize = 20_000;
+/// A change of the time offset that ruins what a room's search has summed so far, seconds: 3 ms do no harm, 10 ms do.
+const RUINOUS_S: f64 = 4e-3;
+/// Poses are kept for this long for observations that are kept for good, seconds.
+const KEPT_FOR_GOOD_S: f64 = 1e5;
 
 /// How a recording is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -42,6 +46,12 @@ pub struct EngineCounters {
     pub observations: u64,
     /// Observations thinned out to bound memory (single reflectors alone).
     pub observations_thinned: u64,
+    /// Observations that got a new pose by a new time offset.
+    pub observations_reposed: u64,
+    /// Observations that the new time offset left without a pose.
+    pub observations_lost: u64,
+    /// Times that the search in rooms began again since its poses had been wrong.
+    pub searches_begun_again: u64,
     /// Blocks and voxels (rooms alone).
     pub rooms: RoomCounters,
 }
@@ -57,6 +67,9 @@ pub struct Engine {
     newest_ns: i64,
     observations: u64,
     thinned: u64,
+    reposed: u64,
+    lost: u64,
+    begun_again: u64,
 }
 
 impl Engine {
@@ -78,6 +91,9 @@ impl Engine {
             newest_ns: 0,
             observations: 0,
             thinned: 0,
+            reposed: 0,
+            lost: 0,
+            begun_again: 0,
         }
     }
 
@@ -92,6 +108,9 @@ impl Engine {
             search: self.search,
             observations: self.observations,
             observations_thinned: self.thinned,
+            observations_reposed: self.reposed,
+            observations_lost: self.lost,
+            searches_begun_again: self.begun_again,
             rooms: self.rooms.counters(),
         }
     }
@@ -121,6 +140,40 @@ impl Engine {
             self.thinned += (before - self.kept.len()) as u64;
         }
         self.kept.push(observation);
+    }
+
+    /// How long observations are kept, seconds, so that they can get new poses.
+    pub fn kept_s(&self) -> f64 {
+        match self.search {
+            Search::Rooms => self.settings.rooms.explain.window_s + 1.0,
+            Search::Reflectors => KEPT_FOR_GOOD_S,
+        }
+    }
+
+    /// Gives what is kept the poses of a new time offset; those that have none any more go. `change_s` is how far the
+    /// offset moved, `sensor_at` the pose and velocity of a sweep's middle. The search in rooms keeps sums, not sweeps:
+    /// when the change ruins them it begins again with the sweeps of its window.
+    pub fn repose(&mut self, change_s: f64, sensor_at: impl Fn(i64) -> Option<(Pose, DVec3)>) {
+        let (mut reposed, mut lost) = (0, 0);
+        let mut repose = |observation: &mut Observation| {
+            let sensor = sensor_at(observation.mid_time_ns);
+            if let Some((tracking_from_sensor, velocity_m_per_s)) = sensor {
+                observation.tracking_from_sensor = tracking_from_sensor;
+                observation.velocity_m_per_s = velocity_m_per_s;
+            }
+            (reposed, lost) = (reposed + u64::from(sensor.is_some()), lost + u64::from(sensor.is_none()));
+            sensor.is_some()
+        };
+        match self.search {
+            Search::Reflectors => self.kept.retain_mut(repose),
+            Search::Rooms if change_s.abs() >= RUINOUS_S => {
+                self.rooms.begin_again(&mut repose);
+                self.begun_again += 1;
+            }
+            Search::Rooms => {}
+        }
+        self.reposed += reposed;
+        self.lost += lost;
     }
 
     /// No more observations will come: what waits is worked off.

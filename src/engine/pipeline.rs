@@ -1,9 +1,14 @@
 //! Frames and poses in, scene out: the observer and the engine in one, as replay, demo and the headset use them.
+//!
+//! Once a second the time offset between the streams is estimated. When it is known well and differs, sweeps from then on
+//! get their poses by it, and what the engine keeps gets new poses.
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::{Engine, EngineCounters, Settings};
 use crate::geometry::Pose;
+use crate::imaging::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 use crate::obstacles::Scene;
 use crate::radar::{Frame, SensorConfig};
 use crate::tracking::{Observer, ObserverCounters, ObserverSettings, PoseSample};
@@ -15,6 +20,21 @@ pub struct Counters {
     pub streams: ObserverCounters,
     /// The engine.
     pub engine: EngineCounters,
+    /// The time between the streams.
+    pub time_offset: TimeOffsetCounters,
+}
+
+/// What was done about the time between the streams.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TimeOffsetCounters {
+    /// Estimates made.
+    pub estimates: u64,
+    /// Times that the offset in force was changed.
+    pub changes: u64,
+    /// Tracks that the last estimate rests on, and tracks that it left out.
+    pub tracks: u64,
+    /// Tracks left out of the last estimate: they moved, or contradicted the others.
+    pub tracks_left_out: u64,
 }
 
 /// The whole way from raw streams to the scene.
@@ -23,23 +43,52 @@ pub struct Pipeline {
     observer: Observer,
     engine: Engine,
     sensor_path: Vec<(i64, Pose)>,
+    estimator: Option<TimeOffsetEstimator>,
+    max_sigma_s: f64,
+    next_estimate_ns: Option<i64>,
+    estimate: Option<TimeOffset>,
+    /// 1σ of the estimate that is in force; `None`: the settings' offset is.
+    applied_sigma_s: Option<f64>,
+    time_offset: TimeOffsetCounters,
 }
 
 /// Time between two noted places of the sensor, nanoseconds.
 const PATH_STEP_NS: i64 = 20_000_000;
+/// Time between two estimates of the offset, nanoseconds.
+const ESTIMATE_NS: i64 = 1_000_000_000;
+/// The offset is changed when it is wrong by this many 1σ, and by this much, seconds.
+const SIGNIFICANT: f64 = 3.0;
+const MIN_CHANGE_S: f64 = 0.5e-3;
+/// An offset in force is also sharpened once its 1σ has fallen to this share: a bounded number of times.
+const SHARPER: f64 = 0.5;
 
 impl Pipeline {
     /// For a sound configuration. The settings' mount goes before the one given.
     pub fn new(config: &SensorConfig, head_from_sensor: &Pose, settings: &Settings) -> Self {
-        let observer = ObserverSettings {
-            history: settings.tracking.history,
-            head_from_sensor: settings.tracking.mount.unwrap_or(*head_from_sensor),
-            time_offset_s: settings.tracking.time_offset_s,
-        };
+        let tracking = &settings.tracking;
+        let mut observer = Observer::new(
+            config,
+            ObserverSettings {
+                history: tracking.history,
+                head_from_sensor: tracking.mount.unwrap_or(*head_from_sensor),
+                time_offset_s: tracking.time_offset_s,
+            },
+        );
+        let engine = Engine::new(config, settings);
+        let estimator = tracking.estimate_time_offset.then(|| {
+            observer.keep_poses_s(engine.kept_s());
+            TimeOffsetEstimator::new(TimeOffsetSettings { middle_s: tracking.time_offset_s, errors: tracking.errors })
+        });
         Self {
-            observer: Observer::new(config, observer),
-            engine: Engine::new(config, settings),
+            observer,
+            engine,
             sensor_path: Vec::new(),
+            estimator,
+            max_sigma_s: tracking.max_time_offset_sigma_s,
+            next_estimate_ns: None,
+            estimate: None,
+            applied_sigma_s: None,
+            time_offset: TimeOffsetCounters::default(),
         }
     }
 
@@ -47,6 +96,15 @@ impl Pipeline {
     pub fn push_pose(&mut self, sample: &PoseSample) {
         self.observer.push_pose(sample);
         self.work_off(false);
+        let now_ns = sample.time_ns;
+        if self.next_estimate_ns.is_none_or(|next_ns| now_ns >= next_ns) {
+            // The first one has nothing to go by; a leap in time does not bring a burst of them.
+            let first = self.next_estimate_ns.is_none();
+            self.next_estimate_ns = Some(now_ns.saturating_add(ESTIMATE_NS));
+            if !first {
+                self.estimate_time_offset();
+            }
+        }
     }
 
     /// Takes a frame.
@@ -57,11 +115,19 @@ impl Pipeline {
     /// Both streams have ended.
     pub fn finish(&mut self) {
         self.work_off(true);
+        self.estimate_time_offset();
         self.engine.finish();
     }
 
     fn work_off(&mut self, rest: bool) {
+        let path = self.observer.take_path();
         let observations = if rest { self.observer.take_rest() } else { self.observer.take_ready() };
+        if let Some(estimator) = &mut self.estimator {
+            for sensor in path {
+                estimator.push_path(sensor.time_ns, sensor.tracking_from_sensor.translation, sensor.velocity_m_per_s);
+            }
+            observations.iter().for_each(|observation| estimator.push_sweep(observation));
+        }
         for observation in observations {
             let time_ns = observation.mid_time_ns;
             if self.sensor_path.last().is_none_or(|last| time_ns.saturating_sub(last.0) >= PATH_STEP_NS) {
@@ -71,9 +137,55 @@ impl Pipeline {
         }
     }
 
+    fn estimate_time_offset(&mut self) {
+        let Some(estimator) = &mut self.estimator else { return };
+        self.estimate = estimator.estimate();
+        self.time_offset.estimates += 1;
+        let Some(estimate) = self.estimate else { return };
+        self.time_offset.tracks = estimate.tracks as u64;
+        self.time_offset.tracks_left_out = estimate.tracks_left_out as u64;
+        if self.is_better(&estimate) {
+            self.apply(&estimate);
+        }
+    }
+
+    /// Whether an estimate should replace the offset in force.
+    fn is_better(&self, estimate: &TimeOffset) -> bool {
+        let wrong_s = (estimate.offset_s - self.observer.time_offset_s()).abs();
+        let sharper = self.applied_sigma_s.is_some_and(|sigma_s| estimate.sigma_s <= SHARPER * sigma_s);
+        estimate.observable
+            && estimate.sigma_s <= self.max_sigma_s
+            && wrong_s >= MIN_CHANGE_S
+            && (wrong_s >= SIGNIFICANT * estimate.sigma_s || sharper)
+    }
+
+    /// Sweeps from now on, and those that the engine keeps, get their poses by the estimate.
+    fn apply(&mut self, estimate: &TimeOffset) {
+        let change_s = estimate.offset_s - self.observer.time_offset_s();
+        self.observer.set_time_offset_s(estimate.offset_s);
+        self.applied_sigma_s = Some(estimate.sigma_s);
+        self.time_offset.changes += 1;
+        let offset_ns = (estimate.offset_s * 1e9).round() as i64;
+        let sensor_at = |time_ns: i64| -> Option<(Pose, DVec3)> {
+            let sensor = self.observer.sensor_at(time_ns.saturating_add(offset_ns)).ok()?;
+            Some((sensor.tracking_from_sensor, sensor.velocity_m_per_s))
+        };
+        self.engine.repose(change_s, sensor_at);
+    }
+
     /// The engine.
     pub fn engine(&self) -> &Engine {
         &self.engine
+    }
+
+    /// The time offset in force: time of a sweep's pose minus time of the sweep, seconds.
+    pub fn time_offset_s(&self) -> f64 {
+        self.observer.time_offset_s()
+    }
+
+    /// The last estimate of the time offset, in force or not; `None` when the data told nothing or nobody asked.
+    pub fn time_offset_estimate(&self) -> Option<TimeOffset> {
+        self.estimate
     }
 
     /// The newest valid pose of the head and its time.
@@ -93,6 +205,6 @@ impl Pipeline {
 
     /// What was taken, left out and done so far.
     pub fn counters(&self) -> Counters {
-        Counters { streams: *self.observer.counters(), engine: self.engine.counters() }
+        Counters { streams: *self.observer.counters(), engine: self.engine.counters(), time_offset: self.time_offset }
     }
 }

@@ -77,11 +77,15 @@ impl Default for RadarSettings {
 }
 
 /// Where the sensor was.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackingSettings {
     /// Time of a sweep's pose minus time of the sweep, seconds; positive when sweeps are stamped too early.
     pub time_offset_s: f64,
+    /// Whether the time offset is estimated from the data, within 0.1 s of the one given, and applied.
+    pub estimate_time_offset: bool,
+    /// An estimate is applied when its 1σ is at most this, seconds.
+    pub max_time_offset_sigma_s: f64,
     /// Where the sensor sits on the head; left out: what the recording says.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mount: Option<Pose>,
@@ -89,6 +93,19 @@ pub struct TrackingSettings {
     pub history: HistorySettings,
     /// How well the poses are known.
     pub errors: PositionErrors,
+}
+
+impl Default for TrackingSettings {
+    fn default() -> Self {
+        Self {
+            time_offset_s: 0.0,
+            estimate_time_offset: true,
+            max_time_offset_sigma_s: 3e-3,
+            mount: None,
+            history: HistorySettings::default(),
+            errors: PositionErrors::default(),
+        }
+    }
 }
 
 /// How to search.
@@ -160,6 +177,7 @@ impl Settings {
         let blocks = &rooms.blocks;
         let bounded = [
             ("tracking.time_offset_s", tracking.time_offset_s, -10.0, 10.0),
+            ("tracking.max_time_offset_sigma_s", tracking.max_time_offset_sigma_s, 0.0, 0.005),
             ("tracking.history.max_gap_s", tracking.history.max_gap_s, 0.001, 1.0),
             ("tracking.history.smoothing_window_s", tracking.history.smoothing_window_s, 0.0, 0.5),
             ("tracking.errors.wander_m", tracking.errors.wander_m, 0.0, 1.0),

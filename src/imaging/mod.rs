@@ -15,6 +15,7 @@ mod statistic;
 pub mod sums;
 #[cfg(test)]
 pub(crate) mod test_data;
+mod time_offset;
 mod volume;
 
 pub use blocks::blocks_volume;
@@ -24,6 +25,10 @@ pub use oracle::Oracle;
 pub use oracle_volume::oracle_volume;
 pub use range_power::{ClaimedRange, RangePower};
 pub use refine::{PositionErrors, Refined, refine};
-pub use selection::farthest_points;
+pub use selection::{
+    Preselection, PreselectionCounters, Preselector, Selection, THRESHOLD_COEFFICIENT, UnknownSelection,
+    above_threshold, d_optimal, farthest_points, hull_above_threshold, hull_vertices, random,
+};
 pub use statistic::{Statistic, UnknownStatistic};
+pub use time_offset::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 pub use volume::Volume;

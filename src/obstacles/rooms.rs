@@ -83,6 +83,8 @@ pub struct RoomSearch {
     /// By wall: feet of the perpendiculars that it was seen at.
     feet: BTreeMap<u64, Aabb>,
     counters: RoomCounters,
+    /// What was done before the search began again.
+    before: RoomCounters,
 }
 
 impl RoomSearch {
@@ -106,17 +108,31 @@ impl RoomSearch {
             places: BTreeMap::new(),
             feet: BTreeMap::new(),
             counters: RoomCounters::default(),
+            before: RoomCounters::default(),
+        }
+    }
+
+    /// Forgets everything but the sweeps of the window, which `keep` may change or drop, and searches those again.
+    pub fn begin_again(&mut self, mut keep: impl FnMut(&mut Observation) -> bool) {
+        let before = self.counters();
+        let sweeps = std::mem::take(&mut self.sweeps);
+        *self = Self { before, ..Self::new(self.settings, &self.beam, self.errors) };
+        for mut sweep in sweeps {
+            if keep(&mut sweep) {
+                self.push(sweep);
+            }
         }
     }
 
     /// What was done so far.
     pub fn counters(&self) -> RoomCounters {
-        let dropped = self.builders.values().map(|b| b.dropped_sweeps).sum();
+        let dropped: u64 = self.builders.values().map(|b| b.dropped_sweeps).sum();
         RoomCounters {
-            sweeps_without_block: dropped,
-            voxel_updates: self.field.updates,
-            bricks: self.field.brick_count() as u64,
-            ..self.counters
+            blocks: self.before.blocks + self.counters.blocks,
+            sweeps_without_block: self.before.sweeps_without_block + dropped,
+            voxel_updates: self.before.voxel_updates + self.field.updates,
+            bricks: self.before.bricks + self.field.brick_count() as u64,
+            looks: self.before.looks + self.counters.looks,
         }
     }
 

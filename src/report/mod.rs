@@ -30,7 +30,7 @@ pub use html::{Figure, Report, Section, Table};
 pub use marks::Marks;
 pub use motion_plot::motion_plot;
 pub use npy::{VolumeInfo, read_volume, write_volume};
-pub use obstacles_json::{obstacles_json, write_obstacles_json};
+pub use obstacles_json::{StreamOffset, obstacles_json, write_obstacles_json};
 pub use picture::Picture;
 pub use ply::{ply_bytes, write_ply};
 pub use point_cloud::{point_cloud, points_above};

@@ -20,6 +20,19 @@ struct File<'a> {
     walls: Vec<WallEntry>,
     counters: &'a Value,
     time_offset_s: f64,
+    time_offset_sigma_s: Option<f64>,
+    time_offset_observable: bool,
+}
+
+/// The time between the streams, as the file states it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct StreamOffset {
+    /// Time of a sweep's pose minus time of the sweep, as the poses were taken, seconds.
+    pub offset_s: f64,
+    /// 1σ of the offset that the data tell, seconds; `None` when they tell none.
+    pub sigma_s: Option<f64>,
+    /// Whether the motion told the offset apart from everything else.
+    pub observable: bool,
 }
 
 #[derive(Serialize)]
@@ -44,20 +57,22 @@ struct WallEntry {
     last_seen_s: f64,
 }
 
-/// The bytes of the file. Times are seconds of the host's clock; `time_offset_s` is a pose's time minus its sweep's, as
-/// found or corrected.
+/// The bytes of the file. Times are seconds of the host's clock.
 ///
 /// # Errors
 /// A number of the scene, or the time offset, that is not finite.
-pub fn obstacles_json(scene: &Scene, counters: &Value, time_offset_s: f64) -> Result<Vec<u8>, ReportError> {
+pub fn obstacles_json(scene: &Scene, counters: &Value, time_offset: &StreamOffset) -> Result<Vec<u8>, ReportError> {
     let entries = scene.obstacles.iter().enumerate().map(|(n, obstacle)| obstacle_entry(n, obstacle));
     let walls = scene.walls.iter().enumerate().map(|(n, wall)| wall_entry(n, wall));
+    let sigma_s = time_offset.sigma_s.map(|sigma_s| finite(sigma_s, || "time_offset_sigma_s".into()));
     let file = File {
         frame: "tracking",
         obstacles: entries.collect::<Result<_, _>>()?,
         walls: walls.collect::<Result<_, _>>()?,
         counters,
-        time_offset_s: finite(time_offset_s, || "time_offset_s".into())?,
+        time_offset_s: finite(time_offset.offset_s, || "time_offset_s".into())?,
+        time_offset_sigma_s: sigma_s.transpose()?,
+        time_offset_observable: time_offset.observable,
     };
     let mut bytes = Vec::new();
     let mut serializer = serde_json::Serializer::with_formatter(&mut bytes, LineAnEntry::default());
@@ -74,9 +89,9 @@ pub fn write_obstacles_json(
     path: &Path,
     scene: &Scene,
     counters: &Value,
-    time_offset_s: f64,
+    time_offset: &StreamOffset,
 ) -> Result<(), ReportError> {
-    write_atomically(path, &obstacles_json(scene, counters, time_offset_s)?)
+    write_atomically(path, &obstacles_json(scene, counters, time_offset)?)
 }
 
 fn obstacle_entry(n: usize, obstacle: &Obstacle) -> Result<ObstacleEntry, ReportError> {
@@ -214,7 +229,8 @@ mod tests {
 
     #[test]
     fn keys_order_and_values_are_as_agreed() {
-        let text = String::from_utf8(obstacles_json(&scene(1.0), &json!({"sweeps": 7}), 0.25).unwrap()).unwrap();
+        let known = StreamOffset { offset_s: 0.25, sigma_s: Some(0.5), observable: true };
+        let text = String::from_utf8(obstacles_json(&scene(1.0), &json!({"sweeps": 7}), &known).unwrap()).unwrap();
         let entry = "{\"position_m\":[1.0,0.30000000000000004,-1e-17],\
              \"covariance_m2\":[[1.0,4.0,7.0],[2.0,5.0,8.0],[3.0,6.0,9.0]],\"extent_m\":[0.3,0.4,0.5],\
              \"evidence\":41.25,\"observed\":\"range_and_one_direction\",\"first_seen_s\":1.5,\"last_seen_s\":2.3}";
@@ -223,18 +239,27 @@ mod tests {
         let wall = wall.replace("[-0.0,-0.0,-1.0]", &serde_json::to_string(&DVec3::NEG_Z.to_array()).unwrap());
         let expected = format!(
             "{{\n\"frame\":\"tracking\",\n\"obstacles\":[\n{entry},\n{entry}\n],\n\"walls\":[\n{wall}\n],\n\
-             \"counters\":{{\n\"sweeps\":7\n}},\n\"time_offset_s\":0.25\n}}\n"
+             \"counters\":{{\n\"sweeps\":7\n}},\n\"time_offset_s\":0.25,\n\"time_offset_sigma_s\":0.5,\n\
+             \"time_offset_observable\":true\n}}\n"
         );
         assert_eq!(text, expected);
     }
 
     #[test]
     fn an_empty_scene_is_sound_json() {
-        let bytes = obstacles_json(&Scene::default(), &json!({}), 0.0).unwrap();
+        let bytes = obstacles_json(&Scene::default(), &json!({}), &StreamOffset::default()).unwrap();
         let value: Value = serde_json::from_slice(&bytes).unwrap();
         assert_eq!(
             value,
-            json!({"frame": "tracking", "obstacles": [], "walls": [], "counters": {}, "time_offset_s": 0.0})
+            json!({
+                "frame": "tracking",
+                "obstacles": [],
+                "walls": [],
+                "counters": {},
+                "time_offset_s": 0.0,
+                "time_offset_sigma_s": null,
+                "time_offset_observable": false
+            })
         );
     }
 
@@ -242,17 +267,18 @@ mod tests {
     fn numbers_that_are_none_are_refused_by_name() {
         let mut bad = scene(0.0);
         bad.obstacles[1].covariance_m2.z_axis.x = f64::NAN;
-        let refused = obstacles_json(&bad, &Value::Null, 0.0).unwrap_err().to_string();
+        let refused = obstacles_json(&bad, &Value::Null, &StreamOffset::default()).unwrap_err().to_string();
         assert_eq!(refused, "obstacles[1].covariance_m2 is NaN, which is not a finite number");
-        let refused = obstacles_json(&scene(0.0), &Value::Null, f64::INFINITY).unwrap_err().to_string();
+        let endless = StreamOffset { offset_s: f64::INFINITY, ..Default::default() };
+        let refused = obstacles_json(&scene(0.0), &Value::Null, &endless).unwrap_err().to_string();
         assert!(refused.starts_with("time_offset_s is inf"), "{refused}");
     }
 
     proptest! {
         #[test]
         fn numbers_keep_every_bit_and_bytes_repeat(x in any::<f64>().prop_filter("finite", |x| x.is_finite())) {
-            let bytes = obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), 0.0).unwrap();
-            prop_assert_eq!(&bytes, &obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), 0.0).unwrap());
+            let bytes = obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), &StreamOffset::default()).unwrap();
+            prop_assert_eq!(&bytes, &obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), &StreamOffset::default()).unwrap());
             let text = String::from_utf8(bytes).unwrap();
             let number = text.split_once("\"position_m\":[").unwrap().1.split_once(',').unwrap().0;
             prop_assert_eq!(number.parse::<f64>().unwrap().to_bits(), x.to_bits());

@@ -101,6 +101,13 @@ impl PoseHistory {
         }
     }
 
+    /// Forgets the oldest entries beyond a number.
+    pub fn forget_beyond(&mut self, count: usize) {
+        while self.entries.len() > count {
+            self.entries.pop_front();
+        }
+    }
+
     /// Number of entries held.
     pub fn len(&self) -> usize {
         self.entries.len()

@@ -6,5 +6,5 @@ mod observer;
 mod sample;
 
 pub use history::{HistorySettings, NoPose, PoseHistory, SmoothPose};
-pub use observer::{Observer, ObserverCounters, ObserverSettings, observe_all};
+pub use observer::{Observer, ObserverCounters, ObserverSettings, SensorState, observe_all};
 pub use sample::{PoseRefusal, PoseSample, TrackingResult};

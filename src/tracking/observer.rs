@@ -7,6 +7,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use glam::DVec3;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
 
@@ -16,6 +17,12 @@ use crate::radar::{Frame, FrameLayout, Observation, RangeAxis, SensorConfig, Swe
 
 /// Frames that wait for poses at most: half a second of the fastest ones.
 const MAX_WAITING_FRAMES: usize = 256;
+/// Step of the sensor's path, nanoseconds.
+const PATH_STEP_NS: i64 = 5_000_000;
+/// The path is not drawn across pauses longer than this, nanoseconds; poses are not joined across them either.
+const MAX_PATH_PAUSE_NS: i64 = 2_000_000_000;
+/// Poses kept at most: 14 minutes at 120 Hz.
+const MAX_POSES: usize = 100_000;
 
 /// How the streams are joined.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,6 +33,17 @@ pub struct ObserverSettings {
     pub head_from_sensor: Pose,
     /// Added to a sweep's time to get the time of its pose, seconds.
     pub time_offset_s: f64,
+}
+
+/// Where the sensor was at a time of the pose stream.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SensorState {
+    /// Time of the pose stream, host nanoseconds.
+    pub time_ns: i64,
+    /// Pose of the phase centre, `tracking_from_sensor`.
+    pub tracking_from_sensor: Pose,
+    /// Velocity of the phase centre, tracking frame, m/s.
+    pub velocity_m_per_s: DVec3,
 }
 
 /// What came and what was left out, by reason.
@@ -69,6 +87,8 @@ pub struct Observer {
     waiting: VecDeque<Frame>,
     ready: Vec<Observation>,
     last_frame_time_ns: Option<i64>,
+    next_path_ns: Option<i64>,
+    keep_s: f64,
     counters: ObserverCounters,
 }
 
@@ -93,6 +113,9 @@ impl Observer {
             waiting: VecDeque::new(),
             ready: Vec::new(),
             last_frame_time_ns: None,
+            next_path_ns: None,
+            // Older poses than the window before a frame serve nobody, unless asked for.
+            keep_s: settings.history.smoothing_window_s + settings.history.max_gap_s + 0.5,
             counters: ObserverCounters::default(),
         }
     }
@@ -107,6 +130,41 @@ impl Observer {
         self.history.last_pose()
     }
 
+    /// Keeps poses for this long behind the newest frame, seconds (within a bound of their number): for
+    /// [`sensor_at`](Self::sensor_at).
+    pub fn keep_poses_s(&mut self, keep_s: f64) {
+        self.keep_s = self.keep_s.max(keep_s);
+    }
+
+    /// Time of a sweep's pose minus time of the sweep, seconds.
+    pub fn time_offset_s(&self) -> f64 {
+        self.settings.time_offset_s
+    }
+
+    /// Changes the time offset for all frames that still wait and those to come.
+    pub fn set_time_offset_s(&mut self, time_offset_s: f64) {
+        self.settings.time_offset_s = time_offset_s;
+    }
+
+    /// The sensor at a time of the pose stream, as sweeps get it.
+    ///
+    /// # Errors
+    /// Outside the poses still kept, in a gap, or beside an invalid pose.
+    pub fn sensor_at(&self, time_ns: i64) -> Result<SensorState, NoPose> {
+        sensor_at(&self.history, time_ns, &self.settings.head_from_sensor)
+    }
+
+    /// The sensor's path since the last call, every 5 ms, as far as its poses are complete.
+    pub fn take_path(&mut self) -> Vec<SensorState> {
+        let Some(until_ns) = self.complete_until_ns() else { return Vec::new() };
+        let first_ns = self.next_path_ns.unwrap_or(i64::MIN).max(until_ns.saturating_sub(MAX_PATH_PAUSE_NS));
+        let first_step = first_ns.div_euclid(PATH_STEP_NS) + i64::from(first_ns.rem_euclid(PATH_STEP_NS) > 0);
+        let times = (first_step..=until_ns.div_euclid(PATH_STEP_NS)).map(|step| step * PATH_STEP_NS);
+        let path = times.filter_map(|time_ns| self.sensor_at(time_ns).ok()).collect();
+        self.next_path_ns = Some(first_ns.max(until_ns.saturating_add(1)));
+        path
+    }
+
     /// Takes a pose; a bad one is counted and used no further.
     pub fn push_pose(&mut self, sample: &PoseSample) {
         self.counters.poses += 1;
@@ -116,6 +174,7 @@ impl Observer {
             Err(PoseRefusal::Numbers(_)) => self.counters.poses_bad_numbers += 1,
             Err(PoseRefusal::TimeNotRising { .. }) => self.counters.poses_time_not_rising += 1,
         }
+        self.history.forget_beyond(MAX_POSES);
     }
 
     /// Takes a frame; a bad one is counted and used no further.
@@ -144,11 +203,8 @@ impl Observer {
 
     /// Observations of all frames whose poses are complete.
     pub fn take_ready(&mut self) -> Vec<Observation> {
-        let Some(newest_ns) = self.history.last_time_ns() else { return std::mem::take(&mut self.ready) };
-        // Neighbours up to the allowed gap may still be to come.
-        let settings = &self.settings.history;
-        let ahead_ns = ((settings.smoothing_window_s * 0.5).max(0.02) * 1e9) as i64;
-        let complete_until_ns = newest_ns.saturating_sub(ahead_ns).saturating_sub(self.offset_ns());
+        let Some(until_ns) = self.complete_until_ns() else { return std::mem::take(&mut self.ready) };
+        let complete_until_ns = until_ns.saturating_sub(self.offset_ns());
         while let Some(frame) = self.waiting.pop_front_if(|f| f.host_time_ns <= complete_until_ns) {
             self.observe(&frame);
         }
@@ -161,6 +217,13 @@ impl Observer {
             self.observe(&frame);
         }
         std::mem::take(&mut self.ready)
+    }
+
+    /// Time of the pose stream up to which no later pose will change the path.
+    fn complete_until_ns(&self) -> Option<i64> {
+        // Neighbours up to the allowed gap may still be to come.
+        let ahead_ns = ((self.settings.history.smoothing_window_s * 0.5).max(0.02) * 1e9) as i64;
+        Some(self.history.last_time_ns()?.saturating_sub(ahead_ns))
     }
 
     fn offset_ns(&self) -> i64 {
@@ -184,8 +247,7 @@ impl Observer {
         let made = (self.ready.len() - before) as u64;
         self.counters.observations += made;
         self.counters.frames_without_pose += u64::from(made == 0);
-        // Older poses than the window before this frame serve nobody any more.
-        let keep_ns = ((self.settings.history.smoothing_window_s + self.settings.history.max_gap_s + 0.5) * 1e9) as i64;
+        let keep_ns = (self.keep_s * 1e9) as i64;
         self.history.forget_before(frame.host_time_ns.saturating_add(offset_ns).saturating_sub(keep_ns));
     }
 }
@@ -224,14 +286,23 @@ fn observe_sweep(
 ) -> Result<Observation, NoPose> {
     let half_s = (sweep.samples.len() as f64 - 1.0) * 0.5 * sweep.point_period_s;
     let mid_time_ns = sweep.first_point_time_ns.saturating_add((half_s * 1e9).round() as i64);
-    let head = history.at(mid_time_ns.saturating_add(offset_ns))?;
-    let arm = head.tracking_from_head.transform_vector(head_from_sensor.translation);
+    let sensor = sensor_at(history, mid_time_ns.saturating_add(offset_ns), head_from_sensor)?;
     Ok(Observation {
         mid_time_ns,
-        tracking_from_sensor: head.tracking_from_head * *head_from_sensor,
-        velocity_m_per_s: head.velocity_m_per_s + head.angular_velocity_rad_per_s.cross(arm),
+        tracking_from_sensor: sensor.tracking_from_sensor,
+        velocity_m_per_s: sensor.velocity_m_per_s,
         geometry: Arc::clone(geometry),
         samples: sweep.samples.iter().map(|s| Complex32::new(f32::from(s.re), f32::from(s.im))).collect(),
+    })
+}
+
+fn sensor_at(history: &PoseHistory, time_ns: i64, head_from_sensor: &Pose) -> Result<SensorState, NoPose> {
+    let head = history.at(time_ns)?;
+    let arm = head.tracking_from_head.transform_vector(head_from_sensor.translation);
+    Ok(SensorState {
+        time_ns,
+        tracking_from_sensor: head.tracking_from_head * *head_from_sensor,
+        velocity_m_per_s: head.velocity_m_per_s + head.angular_velocity_rad_per_s.cross(arm),
     })
 }
 
@@ -239,7 +310,7 @@ fn observe_sweep(
 mod tests {
     use super::*;
     use crate::radar::preset;
-    use glam::{DQuat, DVec3};
+    use glam::DQuat;
     use num_complex::Complex;
 
     const MS: i64 = 1_000_000;

@@ -39,16 +39,26 @@ fn a_sensor_that_stands_still_knows_the_distance_and_says_that_it_knows_no_direc
 }
 
 #[test]
-fn streams_20_ms_apart_are_healed_by_the_setting() {
+fn streams_20_ms_apart_do_harm_until_the_offset_is_set_or_estimated() {
     let folder = Folder::new("time_offset");
     let scenario = "corner-reflector --motion sphere-50cm --snr-db 20 --time-offset-s 0.02";
     folder.run(&format!("simulate {scenario} --out r.mcap")).done().says("time offset +0.0200 s");
     let near = |f: &crate::found::Found| f.position_m.distance(CORNER_REFLECTOR_M) < 0.01;
-    let apart = obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50");
+    let replay = "r.mcap --set reflectors.max_sweeps=50 --set tracking.estimate_time_offset=false";
+    let apart = obstacles_of(&folder, replay);
     assert!(!apart.iter().any(near), "20 ms should do harm");
-    let healed = obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50 --set tracking.time_offset_s=0.02");
+    assert!(folder.json("found/obstacles.json")["time_offset_sigma_s"].is_null());
+    let healed = obstacles_of(&folder, &format!("{replay} --set tracking.time_offset_s=0.02"));
     assert!(near(&only(healed)));
     assert_eq!(folder.json("found/obstacles.json")["time_offset_s"], 0.02);
+    let healed = obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50");
+    assert!(near(&only(healed)));
+    let file = folder.json("found/obstacles.json");
+    let (offset_s, sigma_s) = (&file["time_offset_s"], &file["time_offset_sigma_s"]);
+    assert!((offset_s.as_f64().unwrap() - 0.02).abs() < 0.002 && sigma_s.as_f64().unwrap() < 0.001, "{offset_s}");
+    // Every sweep has the pose of the new offset, also those that came before it was known.
+    assert_eq!(file["counters"]["engine"]["observations_lost"], 0);
+    assert_eq!(file["time_offset_observable"], true);
 }
 
 #[test]

@@ -1,9 +1,9 @@
-//! Which sweeps to keep when all are too many: farthest point.
-//!
-//! Starts with the sweep nearest to the middle of all sensor positions, then takes again and again the one whose nearest
-//! chosen neighbour is farthest. Spreads the aperture as widely as it goes; of equals the oldest wins.
+//! Farthest point: starts with the sweep nearest to the middle of all sensor positions, then takes again and again the
+//! one whose nearest chosen neighbour is farthest. Spreads the aperture as widely as it goes; of equals the oldest wins.
 
 use glam::DVec3;
+
+use super::first_best;
 
 /// Indices of `count` positions, in rising order; all when there are no more.
 pub fn farthest_points(positions: &[DVec3], count: usize) -> Vec<usize> {
@@ -28,10 +28,6 @@ pub fn farthest_points(positions: &[DVec3], count: usize) -> Vec<usize> {
     }
     chosen.sort_unstable();
     chosen
-}
-
-fn first_best(values: impl Iterator<Item = f64>) -> usize {
-    values.enumerate().fold((0, f64::NEG_INFINITY), |best, (i, v)| if v > best.1 { (i, v) } else { best }).0
 }
 
 #[cfg(test)]

@@ -1,0 +1,127 @@
+//! Echoes that follow each other over time.
+
+use glam::DVec3;
+
+use super::echoes::Echo;
+use crate::geometry::Pose;
+
+/// A track without an echo for this long has ended, nanoseconds.
+const MAX_PAUSE_NS: i64 = 40_000_000;
+/// A track that has lasted this long ends, so that work on it stays bounded, nanoseconds.
+const MAX_SPAN_NS: i64 = 5_000_000_000;
+/// Echoes lie within this of where a track goes on, metres and metres a second.
+const GATE_M: f64 = 0.02;
+const GATE_M_PER_S: f64 = 0.8;
+/// Weight of a new echo in the track's speed.
+const SPEED_GAIN: f64 = 0.15;
+/// Fastest that a range changes, m/s.
+const MAX_SPEED_M_PER_S: f64 = 3.0;
+/// Tracks open at a time.
+const MAX_OPEN: usize = 24;
+
+/// What one thing returned while it was followed.
+#[derive(Debug, Clone)]
+pub(super) struct Track {
+    pub echoes: Vec<Echo>,
+    /// Sum of the sensor's boresights, for where the thing may be.
+    pub forward: DVec3,
+    speed_m_per_s: f64,
+}
+
+impl Track {
+    fn new(echo: Echo) -> Self {
+        Self { echoes: vec![echo], forward: DVec3::ZERO, speed_m_per_s: 0.0 }
+    }
+
+    pub fn first_ns(&self) -> i64 {
+        self.echoes.first().map_or(0, |e| e.time_ns)
+    }
+
+    pub fn last_ns(&self) -> i64 {
+        self.echoes.last().map_or(0, |e| e.time_ns)
+    }
+
+    /// How far an echo lies from where the track goes on, when it may belong to it.
+    fn distance_m(&self, echo: &Echo) -> Option<f64> {
+        let last = self.echoes.last()?;
+        let pause_s = (echo.time_ns - last.time_ns) as f64 * 1e-9;
+        let off_m = (echo.range_m - last.range_m - self.speed_m_per_s * pause_s).abs();
+        (pause_s > 0.0 && off_m <= GATE_M + GATE_M_PER_S * pause_s).then_some(off_m)
+    }
+
+    fn push(&mut self, echo: Echo) {
+        if let Some(last) = self.echoes.last() {
+            let speed = (echo.range_m - last.range_m) / ((echo.time_ns - last.time_ns) as f64 * 1e-9);
+            self.speed_m_per_s += SPEED_GAIN * (speed - self.speed_m_per_s);
+            self.speed_m_per_s = self.speed_m_per_s.clamp(-MAX_SPEED_M_PER_S, MAX_SPEED_M_PER_S);
+        }
+        self.echoes.push(echo);
+    }
+}
+
+/// Links the echoes of one subsweep.
+#[derive(Debug, Default)]
+pub(super) struct Tracks {
+    open: Vec<Track>,
+}
+
+impl Tracks {
+    /// Takes the echoes of one moment; gives the tracks that ended.
+    pub fn push(&mut self, echoes: &[Echo], now_ns: i64, sensor: &Pose) -> Vec<Track> {
+        let mut free: Vec<Echo> = echoes.to_vec();
+        // The longest track chooses first: a newcomer must not steal its echo.
+        for track in &mut self.open {
+            let distances = free.iter().enumerate().filter_map(|(n, e)| Some((n, track.distance_m(e)?)));
+            if let Some((nearest, _)) = distances.min_by(|a, b| a.1.total_cmp(&b.1)) {
+                track.push(free.remove(nearest));
+                track.forward += sensor.forward();
+            }
+        }
+        let ended = |t: &mut Track| now_ns - t.last_ns() > MAX_PAUSE_NS || t.last_ns() - t.first_ns() >= MAX_SPAN_NS;
+        let done = self.open.extract_if(.., ended).collect();
+        let room = MAX_OPEN.saturating_sub(self.open.len());
+        self.open.extend(free.into_iter().take(room).map(Track::new));
+        done
+    }
+
+    /// Tracks that go on.
+    pub fn open(&self) -> &[Track] {
+        &self.open
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn echo(step: i64, range_m: f64) -> Echo {
+        let time_ns = step * 8_000_000;
+        Echo { time_ns, range_m, variance_m2: 1e-6, phase_rad: 0.0, phase_time_ns: time_ns }
+    }
+
+    #[test]
+    fn crossing_ranges_are_followed_through_and_pauses_end_tracks() {
+        let mut tracks = Tracks::default();
+        let mut done = Vec::new();
+        for step in 0..100 {
+            let t = step as f64 * 0.008;
+            // Two things pass each other in range; near each other one of them is not seen.
+            let (a, b) = (1.0 + t, 1.9 - t);
+            let echoes = if (a - b).abs() < 0.02 { vec![echo(step, a)] } else { vec![echo(step, a), echo(step, b)] };
+            done.extend(tracks.push(&echoes, step * 8_000_000, &Pose::IDENTITY));
+        }
+        assert!(done.is_empty());
+        let ends: Vec<f64> = tracks.open().iter().map(|t| t.echoes[t.echoes.len() - 1].range_m).collect();
+        assert!(ends.len() == 2 && (ends[0] - 1.792).abs() < 1e-9 && (ends[1] - 1.108).abs() < 1e-9, "{ends:?}");
+        let done = tracks.push(&[], 99 * 8_000_000 + MAX_PAUSE_NS + 1, &Pose::IDENTITY);
+        assert!(done.len() == 2 && tracks.open().is_empty());
+    }
+
+    #[test]
+    fn tracks_are_bounded() {
+        let mut tracks = Tracks::default();
+        let many: Vec<Echo> = (0..100).map(|n| echo(0, 0.2 + 0.2 * f64::from(n))).collect();
+        tracks.push(&many, 0, &Pose::IDENTITY);
+        assert_eq!(tracks.open().len(), MAX_OPEN);
+    }
+}
