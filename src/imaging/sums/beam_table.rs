@@ -1,5 +1,7 @@
 //! The beam's amplitude over the cosine to the boresight, as kernels look it up.
 
+use std::sync::{Arc, OnceLock};
+
 use crate::radar::Beam;
 
 /// Steps of the table over cosines −1 to 1; linear between them, within 1e-4 of every beam that has a name.
@@ -21,8 +23,23 @@ pub(super) struct BeamTable {
 /// Table entries per unit of cosine.
 pub(super) const ENTRIES_PER_COS: f32 = STEPS as f32 * 0.5;
 
+/// Tables of the beams that have a name, made once: four thousand arc cosines each.
+static NAMED: [OnceLock<Arc<BeamTable>>; 5] = [const { OnceLock::new() }; 5];
+
 impl BeamTable {
-    pub(super) fn new(beam: &Beam) -> Self {
+    pub(super) fn of(beam: &Beam) -> Arc<Self> {
+        let named = match beam {
+            Beam::Uniform => 0,
+            Beam::Thesis => 1,
+            Beam::Lensless => 2,
+            Beam::Fresnel => 3,
+            Beam::Hyperbolic => 4,
+            Beam::Table(_) => return Arc::new(Self::new(beam)),
+        };
+        Arc::clone(NAMED[named].get_or_init(|| Arc::new(Self::new(beam))))
+    }
+
+    fn new(beam: &Beam) -> Self {
         let step = 2.0 / STEPS as f64;
         let exact: Vec<f64> = (0..=STEPS).map(|n| beam.amplitude(n as f64 * step - 1.0)).collect();
         let first_in = exact.iter().position(|&a| a > 0.0).unwrap_or(STEPS);

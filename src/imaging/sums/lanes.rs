@@ -5,12 +5,12 @@
 //! [`Avx2`] exists only where the processor was asked: it is the proof that makes the instructions allowed.
 
 /// Values handled at once.
-pub(super) const LANES: usize = 16;
+pub(in crate::imaging) const LANES: usize = 16;
 /// Entries that [`Lanes::look_up`] chooses from.
 pub(super) const WINDOW: usize = 32;
 
 /// Vector operations, lane by lane.
-pub(super) trait Lanes: Copy {
+pub(in crate::imaging) trait Lanes: Copy {
     /// Sixteen f32.
     type F: Copy;
     /// Sixteen i32.
@@ -42,11 +42,14 @@ pub(super) trait Lanes: Copy {
     fn at_most(self, a: Self::F, b: Self::F) -> Self::M;
     fn and(self, a: Self::M, b: Self::M) -> Self::M;
     fn or(self, a: Self::M, b: Self::M) -> Self::M;
+    /// Lane l from bit l.
+    fn mask(self, bits: u16) -> Self::M;
     /// Bit l is lane l.
     fn bits(self, mask: Self::M) -> u16;
     fn or_zero(self, mask: Self::M, a: Self::F) -> Self::F;
     /// The nearest i32, halves to even; only for values within ±2³⁰.
     fn to_int(self, a: Self::F) -> Self::I;
+    fn to_float(self, a: Self::I) -> Self::F;
     fn splat_int(self, value: i32) -> Self::I;
     fn load_int(self, values: &[i32; LANES]) -> Self::I;
     fn store_int(self, values: Self::I) -> [i32; LANES];
@@ -57,14 +60,15 @@ pub(super) trait Lanes: Copy {
     fn look_up(self, window: &[f32; WINDOW], index: Self::I) -> Self::F;
     /// `table[index]`; an index outside the table takes its nearest end. The table must not be empty.
     fn gather(self, table: &[f32], index: Self::I) -> Self::F;
-    /// The same for whole numbers.
-    fn gather_int(self, table: &[i32], index: Self::I) -> Self::I;
+    /// `table[index]` and `table[index + 1]`; an index outside takes the nearest pair. The table has at least two entries.
+    fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F);
 }
 
 /// Any processor, lane after lane.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plain;
 
+#[inline(always)]
 fn each<T: Copy, U>(a: [T; LANES], f: impl Fn(T) -> U) -> [U; LANES] {
     a.map(f)
 }
@@ -152,6 +156,10 @@ impl Lanes for Plain {
         pairs(a, b, |a, b| a | b)
     }
     #[inline(always)]
+    fn mask(self, bits: u16) -> Self::M {
+        std::array::from_fn(|l| bits >> l & 1 == 1)
+    }
+    #[inline(always)]
     fn bits(self, mask: Self::M) -> u16 {
         mask.iter().enumerate().fold(0, |bits, (l, yes)| bits | u16::from(*yes) << l)
     }
@@ -162,6 +170,10 @@ impl Lanes for Plain {
     #[inline(always)]
     fn to_int(self, a: Self::F) -> Self::I {
         each(a, |a| a.round_ties_even() as i32)
+    }
+    #[inline(always)]
+    fn to_float(self, a: Self::I) -> Self::F {
+        each(a, |a| a as f32)
     }
     #[inline(always)]
     fn splat_int(self, value: i32) -> Self::I {
@@ -196,8 +208,9 @@ impl Lanes for Plain {
         each(index, |n| table[(n.max(0) as usize).min(table.len() - 1)])
     }
     #[inline(always)]
-    fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
-        each(index, |n| table[(n.max(0) as usize).min(table.len() - 1)])
+    fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
+        let first = each(index, |n| (n.max(0) as usize).min(table.len() - 2));
+        (each(first, |n| table[n]), each(first, |n| table[n + 1]))
     }
 }
 
@@ -310,6 +323,10 @@ mod x86 {
             a | b
         }
         #[inline(always)]
+        fn mask(self, bits: u16) -> Self::M {
+            bits
+        }
+        #[inline(always)]
         fn bits(self, mask: Self::M) -> u16 {
             mask
         }
@@ -320,6 +337,10 @@ mod x86 {
         #[inline(always)]
         fn to_int(self, a: Self::F) -> Self::I {
             wide!(_mm512_cvtps_epi32(a))
+        }
+        #[inline(always)]
+        fn to_float(self, a: Self::I) -> Self::F {
+            wide!(_mm512_cvtepi32_ps(a))
         }
         #[inline(always)]
         fn splat_int(self, value: i32) -> Self::I {
@@ -366,12 +387,34 @@ mod x86 {
             wide!(_mm512_i32gather_ps::<4>(index, table.as_ptr()))
         }
         #[inline(always)]
-        fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
-            assert!(!table.is_empty());
-            let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
-            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
-            // Every index lies within the table.
-            wide!(_mm512_i32gather_epi32::<4>(index, table.as_ptr()))
+        fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
+            assert!(table.len() >= 2);
+            let last = self.splat_int((table.len() - 2).min(i32::MAX as usize) as i32);
+            let n = self.store_int(self.min_int(self.max_int(index, self.splat_int(0)), last));
+            let at = table.as_ptr();
+            // Every pair lies within the table. Loads of 64 bit: two thirds of the time of one gather for both values.
+            wide!({
+                let (a, b) = (four_pairs(at, n[0], n[1], n[4], n[5]), four_pairs(at, n[8], n[9], n[12], n[13]));
+                let (c, d) = (four_pairs(at, n[2], n[3], n[6], n[7]), four_pairs(at, n[10], n[11], n[14], n[15]));
+                let low = _mm512_castpd_ps(_mm512_insertf64x4::<1>(_mm512_castpd256_pd512(a), b));
+                let high = _mm512_castpd_ps(_mm512_insertf64x4::<1>(_mm512_castpd256_pd512(c), d));
+                (_mm512_shuffle_ps::<0x88>(low, high), _mm512_shuffle_ps::<0xdd>(low, high))
+            })
+        }
+    }
+
+    /// Pairs of values as one f64 each.
+    ///
+    /// # Safety
+    /// The processor has AVX, and two values lie at each of the four indices.
+    #[inline(always)]
+    unsafe fn four_pairs(table: *const f32, a: i32, b: i32, c: i32, d: i32) -> __m256d {
+        // SAFETY: by contract; the loads ask for no alignment.
+        unsafe {
+            let at = |n: i32| table.add(n as usize).cast::<f64>();
+            let low = _mm_loadh_pd(_mm_load_sd(at(a)), at(b));
+            let high = _mm_loadh_pd(_mm_load_sd(at(c)), at(d));
+            _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(low), high)
         }
     }
 
@@ -406,6 +449,27 @@ mod x86 {
             // SAFETY: `self` is the proof that the processor has AVX2 and FMA.
             unsafe { $call }
         };
+    }
+
+    /// Bit l in lane l.
+    const LANE_BITS: [i32; LANES] = {
+        let mut bits = [0; LANES];
+        let mut l = 0;
+        while l < LANES {
+            bits[l] = 1 << l;
+            l += 1;
+        }
+        bits
+    };
+
+    /// All bits where the value is above 0.
+    ///
+    /// # Safety
+    /// The processor has AVX2.
+    #[inline(always)]
+    unsafe fn as_mask(value: __m256i) -> __m256 {
+        // SAFETY: by contract.
+        unsafe { _mm256_castsi256_ps(_mm256_cmpgt_epi32(value, _mm256_setzero_si256())) }
     }
 
     impl Lanes for Avx2 {
@@ -493,6 +557,11 @@ mod x86 {
             both!(_mm256_or_ps, a, b)
         }
         #[inline(always)]
+        fn mask(self, bits: u16) -> Self::M {
+            let own = both!(_mm256_and_si256, self.splat_int(i32::from(bits)), self.load_int(&LANE_BITS));
+            both!(as_mask, own)
+        }
+        #[inline(always)]
         fn bits(self, mask: Self::M) -> u16 {
             let [low, high] = both!(_mm256_movemask_ps, mask);
             low as u16 | (high as u16) << 8
@@ -504,6 +573,10 @@ mod x86 {
         #[inline(always)]
         fn to_int(self, a: Self::F) -> Self::I {
             both!(_mm256_cvtps_epi32, a)
+        }
+        #[inline(always)]
+        fn to_float(self, a: Self::I) -> Self::F {
+            both!(_mm256_cvtepi32_ps, a)
         }
         #[inline(always)]
         fn splat_int(self, value: i32) -> Self::I {
@@ -558,15 +631,21 @@ mod x86 {
             ])
         }
         #[inline(always)]
-        fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
-            assert!(!table.is_empty());
-            let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
-            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
-            // Every index lies within the table.
-            halves!([
-                _mm256_i32gather_epi32::<4>(table.as_ptr(), index[0]),
-                _mm256_i32gather_epi32::<4>(table.as_ptr(), index[1])
-            ])
+        fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
+            assert!(table.len() >= 2);
+            let last = self.splat_int((table.len() - 2).min(i32::MAX as usize) as i32);
+            let n = self.store_int(self.min_int(self.max_int(index, self.splat_int(0)), last));
+            let at = table.as_ptr();
+            // Every pair lies within the table.
+            halves!({
+                let (a, b) = (four_pairs(at, n[0], n[1], n[4], n[5]), four_pairs(at, n[8], n[9], n[12], n[13]));
+                let (c, d) = (four_pairs(at, n[2], n[3], n[6], n[7]), four_pairs(at, n[10], n[11], n[14], n[15]));
+                let (low, high) =
+                    ([_mm256_castpd_ps(a), _mm256_castpd_ps(b)], [_mm256_castpd_ps(c), _mm256_castpd_ps(d)]);
+                let first = [_mm256_shuffle_ps::<0x88>(low[0], high[0]), _mm256_shuffle_ps::<0x88>(low[1], high[1])];
+                let next = [_mm256_shuffle_ps::<0xdd>(low[0], high[0]), _mm256_shuffle_ps::<0xdd>(low[1], high[1])];
+                (first, next)
+            })
         }
     }
 }

@@ -4,9 +4,9 @@
 
 mod beam_table;
 mod dense;
-mod dispatch;
+pub(in crate::imaging) mod dispatch;
 mod grid;
-mod lanes;
+pub(in crate::imaging) mod lanes;
 mod power;
 mod sight;
 mod stack;
