@@ -38,6 +38,8 @@ pub(in crate::imaging) trait Lanes: Copy {
     /// The nearest whole number, halves to even.
     fn round(self, a: Self::F) -> Self::F;
     fn floor(self, a: Self::F) -> Self::F;
+    /// −a in lanes whose number has bit 5 (32) set.
+    fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F;
     /// Whether a ≤ b.
     fn at_most(self, a: Self::F, b: Self::F) -> Self::M;
     fn and(self, a: Self::M, b: Self::M) -> Self::M;
@@ -142,6 +144,10 @@ impl Lanes for Plain {
     #[inline(always)]
     fn floor(self, a: Self::F) -> Self::F {
         each(a, f32::floor)
+    }
+    #[inline(always)]
+    fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F {
+        std::array::from_fn(|l| if n[l] & 32 != 0 { -a[l] } else { a[l] })
     }
     #[inline(always)]
     fn at_most(self, a: Self::F, b: Self::F) -> Self::M {
@@ -309,6 +315,14 @@ mod x86 {
         #[inline(always)]
         fn floor(self, a: Self::F) -> Self::F {
             wide!(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(a))
+        }
+        #[inline(always)]
+        fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F {
+            // a ^ (n·2²⁶ & sign)
+            wide!({
+                let (bits, sign) = (_mm512_castps_si512(a), _mm512_set1_epi32(i32::MIN));
+                _mm512_castsi512_ps(_mm512_ternarylogic_epi32::<0x78>(bits, _mm512_slli_epi32::<26>(n), sign))
+            })
         }
         #[inline(always)]
         fn at_most(self, a: Self::F, b: Self::F) -> Self::M {
@@ -543,6 +557,11 @@ mod x86 {
         #[inline(always)]
         fn floor(self, a: Self::F) -> Self::F {
             both!(_mm256_floor_ps, a)
+        }
+        #[inline(always)]
+        fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F {
+            let sign = both!(_mm256_and_si256, both!(_mm256_slli_epi32::<26>, n), self.splat_int(i32::MIN));
+            both!(_mm256_xor_ps, a, both!(_mm256_castsi256_ps, sign))
         }
         #[inline(always)]
         fn at_most(self, a: Self::F, b: Self::F) -> Self::M {

@@ -37,6 +37,13 @@ impl BrickShape {
             nearest_m: nearest_m.max(2.0 * radius_m) as f32,
         }
     }
+
+    /// Voxel centres along an axis from the brick's centre, metres.
+    #[inline(always)]
+    pub(super) fn heights(&self) -> [f32; EDGE] {
+        let v = self.voxel_m;
+        [-1.5 * v, -0.5 * v, 0.5 * v, 1.5 * v]
+    }
 }
 
 /// What sixteen sweeps need to know of a brick. Lanes are sweeps.
@@ -190,8 +197,7 @@ pub(super) struct Offsets<S: Lanes> {
 impl<S: Lanes> Offsets<S> {
     #[inline(always)]
     pub(super) fn new(s: S, shape: &BrickShape) -> Self {
-        let v = shape.voxel_m;
-        let along = [-1.5 * v, -0.5 * v, 0.5 * v, 1.5 * v];
+        let along = shape.heights();
         let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
         for l in 0..LANES {
             (x[l], y[l]) = (along[l % EDGE], along[l / EDGE]);
