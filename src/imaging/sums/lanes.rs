@@ -404,33 +404,22 @@ mod x86 {
         fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
             assert!(table.len() >= 2);
             let last = self.splat_int((table.len() - 2).min(i32::MAX as usize) as i32);
-            let n = self.store_int(self.min_int(self.max_int(index, self.splat_int(0)), last));
-            let at = table.as_ptr();
-            // Every pair lies within the table. Loads of 64 bit: two thirds of the time of one gather for both values.
+            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
+            // Every pair lies within the table. Two gathers of 64 bit take as long as one of the first values alone.
             wide!({
-                let (a, b) = (four_pairs(at, n[0], n[1], n[4], n[5]), four_pairs(at, n[8], n[9], n[12], n[13]));
-                let (c, d) = (four_pairs(at, n[2], n[3], n[6], n[7]), four_pairs(at, n[10], n[11], n[14], n[15]));
-                let low = _mm512_castpd_ps(_mm512_insertf64x4::<1>(_mm512_castpd256_pd512(a), b));
-                let high = _mm512_castpd_ps(_mm512_insertf64x4::<1>(_mm512_castpd256_pd512(c), d));
-                (_mm512_shuffle_ps::<0x88>(low, high), _mm512_shuffle_ps::<0xdd>(low, high))
+                let (low, high) = (_mm512_castsi512_si256(index), _mm512_extracti64x4_epi64::<1>(index));
+                let low = _mm512_castpd_ps(_mm512_i32gather_pd::<4>(low, table.as_ptr().cast()));
+                let high = _mm512_castpd_ps(_mm512_i32gather_pd::<4>(high, table.as_ptr().cast()));
+                let first = _mm512_loadu_si512(FIRST_OF_PAIRS.as_ptr().cast());
+                let next = _mm512_loadu_si512(NEXT_OF_PAIRS.as_ptr().cast());
+                (_mm512_permutex2var_ps(low, first, high), _mm512_permutex2var_ps(low, next, high))
             })
         }
     }
 
-    /// Pairs of values as one f64 each.
-    ///
-    /// # Safety
-    /// The processor has AVX, and two values lie at each of the four indices.
-    #[inline(always)]
-    unsafe fn four_pairs(table: *const f32, a: i32, b: i32, c: i32, d: i32) -> __m256d {
-        // SAFETY: by contract; the loads ask for no alignment.
-        unsafe {
-            let at = |n: i32| table.add(n as usize).cast::<f64>();
-            let low = _mm_loadh_pd(_mm_load_sd(at(a)), at(b));
-            let high = _mm_loadh_pd(_mm_load_sd(at(c)), at(d));
-            _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(low), high)
-        }
-    }
+    /// Which of thirty-two values are the first, and the second, of their pairs.
+    const FIRST_OF_PAIRS: [i32; LANES] = [0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30];
+    const NEXT_OF_PAIRS: [i32; LANES] = [1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31];
 
     /// AVX2 and FMA.
     #[derive(Debug, Clone, Copy)]
@@ -653,18 +642,30 @@ mod x86 {
         fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
             assert!(table.len() >= 2);
             let last = self.splat_int((table.len() - 2).min(i32::MAX as usize) as i32);
-            let n = self.store_int(self.min_int(self.max_int(index, self.splat_int(0)), last));
-            let at = table.as_ptr();
+            let index = both!(_mm256_permutevar8x32_epi32, self.min_int(self.max_int(index, self.splat_int(0)), last), {
+                // Within each eight 0, 1, 4, 5, then 2, 3, 6, 7: as the shuffles put them right.
+                self.load_int(&[0, 1, 4, 5, 2, 3, 6, 7, 0, 1, 4, 5, 2, 3, 6, 7])
+            });
             // Every pair lies within the table.
-            halves!({
-                let (a, b) = (four_pairs(at, n[0], n[1], n[4], n[5]), four_pairs(at, n[8], n[9], n[12], n[13]));
-                let (c, d) = (four_pairs(at, n[2], n[3], n[6], n[7]), four_pairs(at, n[10], n[11], n[14], n[15]));
-                let (low, high) =
-                    ([_mm256_castpd_ps(a), _mm256_castpd_ps(b)], [_mm256_castpd_ps(c), _mm256_castpd_ps(d)]);
-                let first = [_mm256_shuffle_ps::<0x88>(low[0], high[0]), _mm256_shuffle_ps::<0x88>(low[1], high[1])];
-                let next = [_mm256_shuffle_ps::<0xdd>(low[0], high[0]), _mm256_shuffle_ps::<0xdd>(low[1], high[1])];
-                (first, next)
-            })
+            let gathered = halves!([
+                four_pairs(table.as_ptr(), _mm256_castsi256_si128(index[0])),
+                four_pairs(table.as_ptr(), _mm256_extracti128_si256::<1>(index[0])),
+                four_pairs(table.as_ptr(), _mm256_castsi256_si128(index[1])),
+                four_pairs(table.as_ptr(), _mm256_extracti128_si256::<1>(index[1]))
+            ]);
+            let [a, b, c, d] = gathered;
+            let (low, high) = ([a, c], [b, d]);
+            (both!(_mm256_shuffle_ps::<0x88>, low, high), both!(_mm256_shuffle_ps::<0xdd>, low, high))
         }
+    }
+
+    /// Four pairs of values.
+    ///
+    /// # Safety
+    /// The processor has AVX2, and two values lie at each index.
+    #[inline(always)]
+    unsafe fn four_pairs(table: *const f32, index: __m128i) -> __m256 {
+        // SAFETY: by contract; gathers ask for no alignment.
+        unsafe { _mm256_castpd_ps(_mm256_i32gather_pd::<4>(table.cast(), index)) }
     }
 }

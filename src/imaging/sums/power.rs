@@ -197,7 +197,9 @@ fn add_edge<S: Lanes>(
 ) {
     let values = &stack.table(group * LANES + l, 0)[..stack.stride];
     let sweeps = &stack.groups[group];
-    for (layer, sum) in sums.iter_mut().enumerate() {
+    // First where each layer's values lie, then the values: the processor waits for no single one.
+    let mut places = [(s.splat_int(0), s.splat(0.0), s.mask(0)); EDGE];
+    for (layer, place) in places.iter_mut().enumerate() {
         let seen = AtEdge::new(s, stack, group, sight, l, offsets, layer);
         let mut counts = seen.counts;
         if !stack.beam.whole {
@@ -206,8 +208,11 @@ fn add_edge<S: Lanes>(
         }
         let at = s.mul(s.sub(seen.distance, s.splat(sweeps.first_m[l])), s.splat(sweeps.entries_per_m[l]));
         let whole = s.floor(at);
-        let (here, next) = s.gather_pairs(values, s.to_int(s.or_zero(counts, whole)));
-        let value = s.mul_add(s.sub(at, whole), s.sub(next, here), here);
+        *place = (s.to_int(s.or_zero(counts, whole)), s.sub(at, whole), counts);
+    }
+    for (sum, (n, rest, counts)) in sums.iter_mut().zip(places) {
+        let (here, next) = s.gather_pairs(values, n);
+        let value = s.mul_add(rest, s.sub(next, here), here);
         *sum = s.add_int(*sum, s.to_int(s.or_zero(counts, value)));
     }
 }

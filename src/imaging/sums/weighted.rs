@@ -28,10 +28,21 @@ pub(super) fn weighted_shape(voxel_m: f64) -> BrickShape {
 /// The beam's amplitude at a cosine, linear between its table's entries.
 #[inline(always)]
 pub(super) fn amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
+    amplitude_at(s, beam, beam_place(s, cos))
+}
+
+/// Entry of the beam's table, and how far from it to the next.
+#[inline(always)]
+fn beam_place<S: Lanes>(s: S, cos: S::F) -> (S::I, S::F) {
     let at = s.mul(s.add(cos, s.splat(1.0)), s.splat(ENTRIES_PER_COS));
     let whole = s.floor(at);
-    let (here, next) = s.gather_pairs(&beam.amplitudes, s.to_int(whole));
-    s.mul_add(s.sub(at, whole), s.sub(next, here), here)
+    (s.to_int(whole), s.sub(at, whole))
+}
+
+#[inline(always)]
+fn amplitude_at<S: Lanes>(s: S, beam: &BeamTable, (n, rest): (S::I, S::F)) -> S::F {
+    let (here, next) = s.gather_pairs(&beam.amplitudes, n);
+    s.mul_add(rest, s.sub(next, here), here)
 }
 
 /// The statistic over the voxels of one brick, all sweeps of a stack.
@@ -176,43 +187,60 @@ impl AddWeighted<'_> {
         let center = s.splat(sight.distance_m[l]);
         let center_parts = s.splat(phase.center_parts[l]);
         let jumps = self.stack.statistic() == Statistic::Thesis;
-        for layer in 0..EDGE {
+        let (none, zero) = (s.splat_int(0), s.splat(0.0));
+        // First where each layer's values lie, then the values: the processor waits for no single one.
+        let mut places = [Place::<S> { n: none, rest: zero, counts: s.mask(0), beam: (none, zero), parts: zero }; EDGE];
+        for (layer, place) in places.iter_mut().enumerate() {
             let seen = AtEdge::new(s, self.stack, group, sight, l, offsets, layer);
             let at = s.mul(s.sub(seen.distance, s.splat(sweeps.first_m[l])), s.splat(sweeps.entries_per_m[l]));
             let whole = s.floor(at);
             let n = s.to_int(s.or_zero(seen.counts, whole));
-            let rest = s.sub(at, whole);
+            let beam = if self.stack.beam.uniform { (none, zero) } else { beam_place(s, seen.cos(s)) };
+            let parts = s.mul_add(s.sub(seen.distance, center), s.splat(PARTS_PER_M as f32), center_parts);
+            *place = Place { n, rest: s.sub(at, whole), counts: seen.counts, beam, parts: s.or_zero(seen.counts, parts) };
+        }
+        for (layer, place) in places.into_iter().enumerate() {
+            let Place { n, rest, counts, beam, parts } = place;
             // What does not count may be no number; it must not reach the sums.
-            let mut planes = [s.splat(0.0); 3];
+            let mut planes = [zero; 3];
             if jumps {
                 let (value, slope) = s.gather_pairs(self.stack.table(slot, 1), s.add_int(n, n));
-                planes[0] = s.or_zero(seen.counts, s.mul_add(rest, slope, value));
+                planes[0] = s.or_zero(counts, s.mul_add(rest, slope, value));
             } else {
                 for (plane, value) in planes[..PLANES].iter_mut().enumerate() {
                     let values = &self.stack.table(slot, plane)[..self.stack.stride];
                     let (here, next) = s.gather_pairs(values, n);
-                    *value = s.or_zero(seen.counts, s.mul_add(rest, s.sub(next, here), here));
+                    *value = s.or_zero(counts, s.mul_add(rest, s.sub(next, here), here));
                 }
             }
-            let mut amplitudes = s.splat(1.0);
+            let mut amplitude = s.splat(1.0);
             if !self.stack.beam.uniform {
-                amplitudes = s.or_zero(seen.counts, amplitude(s, &self.stack.beam, seen.cos(s)));
+                amplitude = s.or_zero(counts, amplitude_at(s, &self.stack.beam, beam));
             }
             if PLANES == 3 {
-                let parts = s.mul_add(s.sub(seen.distance, center), s.splat(PARTS_PER_M as f32), center_parts);
-                let parts = s.or_zero(seen.counts, parts);
                 let sums = [gathered.re[layer], gathered.im[layer]];
                 (gathered.re[layer], gathered.im[layer]) =
-                    add_turned(s, [planes[0], planes[1]], amplitudes, parts, sums);
+                    add_turned(s, [planes[0], planes[1]], amplitude, parts, sums);
             } else {
-                gathered.re[layer] = s.mul_add(planes[0], amplitudes, gathered.re[layer]);
+                gathered.re[layer] = s.mul_add(planes[0], amplitude, gathered.re[layer]);
             }
             if PLANES > 1 {
-                let squared = s.mul(amplitudes, amplitudes);
-                weights[layer] = s.mul_add(planes[PLANES - 1], squared, weights[layer]);
+                weights[layer] = s.mul_add(planes[PLANES - 1], s.mul(amplitude, amplitude), weights[layer]);
             }
         }
     }
+}
+
+/// Where a layer's values lie in the tables.
+#[derive(Clone, Copy)]
+struct Place<S: Lanes> {
+    n: S::I,
+    rest: S::F,
+    counts: S::M,
+    /// In the beam's table.
+    beam: (S::I, S::F),
+    /// Phase.
+    parts: S::F,
 }
 
 /// One sweep that sees the whole brick.
