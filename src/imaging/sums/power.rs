@@ -5,7 +5,7 @@
 //! are equal bit for bit. Sums of 32 bit are moved to 64 bit before they could overflow.
 
 use super::dispatch::{Kernel, on_widest};
-use super::lanes::{LANES, Lanes, WINDOW};
+use super::lanes::{LANES, Lanes, WIDE_WINDOW, WINDOW};
 use super::sight::{BrickShape, EDGE, Offsets, Sight, VOXELS, add3, dot, lane3, scale3, splat3, sub3};
 use super::stack::SweepStack;
 
@@ -184,6 +184,32 @@ impl<S: Lanes> AtEdge<S> {
     }
 }
 
+/// Windows of two tables that hold all the entries that a brick needs.
+pub(super) struct WidePairs<'a> {
+    first: i32,
+    windows: [&'a [f32; WIDE_WINDOW]; 2],
+}
+
+impl<'a> WidePairs<'a> {
+    /// `None` where the brick spans too many entries.
+    #[inline(always)]
+    pub(super) fn new(sight: &Sight, l: usize, one: &'a [f32], other: &'a [f32]) -> Option<Self> {
+        if sight.wide >> l & 1 == 0 {
+            return None;
+        }
+        // Moved down where the tables end.
+        let first = (sight.window[l] as usize).min(one.len().min(other.len()).checked_sub(WIDE_WINDOW)?);
+        let windows = [one.get(first..)?.first_chunk()?, other.get(first..)?.first_chunk()?];
+        Some(Self { first: first as i32, windows })
+    }
+
+    #[inline(always)]
+    pub(super) fn at<S: Lanes>(&self, s: S, n: S::I) -> (S::F, S::F) {
+        let n = s.add_int(n, s.splat_int(-self.first));
+        (s.look_up_wide(self.windows[0], n), s.look_up_wide(self.windows[1], n))
+    }
+}
+
 /// Some voxels may be out of range or beam: each by itself.
 #[inline(always)]
 fn add_edge<S: Lanes>(
@@ -210,8 +236,12 @@ fn add_edge<S: Lanes>(
         let whole = s.floor(at);
         *place = (s.to_int(s.or_zero(counts, whole)), s.sub(at, whole), counts);
     }
+    let wide = WidePairs::new(sight, l, values, values.get(1..).unwrap_or_default());
     for (sum, (n, rest, counts)) in sums.iter_mut().zip(places) {
-        let (here, next) = s.gather_pairs(values, n);
+        let (here, next) = match &wide {
+            Some(wide) => wide.at(s, n),
+            None => s.gather_pairs(values, n),
+        };
         let value = s.mul_add(rest, s.sub(next, here), here);
         *sum = s.add_int(*sum, s.to_int(s.or_zero(counts, value)));
     }

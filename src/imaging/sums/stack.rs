@@ -124,7 +124,7 @@ impl SweepStack {
         slots: usize,
         step: f64,
     ) -> Self {
-        let axes: Vec<Axis> = geometries.iter().map(axis).collect();
+        let axes: Vec<Axis> = geometries.iter().map(|geometry| axis(geometry, statistic)).collect();
         let entries = axes.iter().map(|a| a.compressor.entries()).max().unwrap_or(0);
         let planes = match statistic {
             Statistic::Coherent => 3,
@@ -375,10 +375,12 @@ fn greatest_power(samples: &[Complex32]) -> f64 {
     powers.filter(|power| power.is_finite()).fold(0.0, f64::max)
 }
 
-fn axis(geometry: &Arc<SweepGeometry>) -> Axis {
+fn axis(geometry: &Arc<SweepGeometry>, statistic: Statistic) -> Axis {
     let step_m = geometry.axis.step_m;
-    // Halfway between points there must be an entry.
-    let phases = 2.0 * (step_m / (2.0 * TABLE_STEP_M) - 1e-9).ceil().max(1.0);
+    let least = |widest_m: f64| (step_m / widest_m - 1e-9).ceil().max(1.0);
+    // Of `thesis` there must be an entry halfway between points.
+    let halves = statistic == Statistic::Thesis;
+    let phases = if halves { 2.0 * least(2.0 * TABLE_STEP_M) } else { least(TABLE_STEP_M) };
     let compressor = RangeCompressor::with_step(geometry, step_m / phases * (1.0 + 1e-9));
     let falloff = (0..compressor.entries())
         .map(|n| compressor.first_m() + n as f64 * compressor.step_m())

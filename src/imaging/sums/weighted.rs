@@ -8,7 +8,7 @@
 use super::beam_table::{BeamTable, ENTRIES_PER_COS};
 use super::dispatch::{Kernel, on_widest};
 use super::lanes::{LANES, Lanes, WINDOW};
-use super::power::{AtEdge, window};
+use super::power::{AtEdge, WidePairs, window};
 use super::sight::{BrickShape, EDGE, Offsets, Sight, VOXELS, dot, lane3, load3, scale3, sub3};
 use super::stack::{Group, SweepStack};
 use crate::imaging::Statistic;
@@ -199,12 +199,17 @@ impl AddWeighted<'_> {
             let parts = s.mul_add(s.sub(seen.distance, center), s.splat(PARTS_PER_M as f32), center_parts);
             *place = Place { n, rest: s.sub(at, whole), counts: seen.counts, beam, parts: s.or_zero(seen.counts, parts) };
         }
+        let (values, slopes) = self.stack.table(slot, 0).split_at(self.stack.stride);
+        let wide = if jumps { WidePairs::new(sight, l, values, slopes) } else { None };
         for (layer, place) in places.into_iter().enumerate() {
             let Place { n, rest, counts, beam, parts } = place;
             // What does not count may be no number; it must not reach the sums.
             let mut planes = [zero; 3];
             if jumps {
-                let (value, slope) = s.gather_pairs(self.stack.table(slot, 1), s.add_int(n, n));
+                let (value, slope) = match &wide {
+                    Some(wide) => wide.at(s, n),
+                    None => s.gather_pairs(self.stack.table(slot, 1), s.add_int(n, n)),
+                };
                 planes[0] = s.or_zero(counts, s.mul_add(rest, slope, value));
             } else {
                 for (plane, value) in planes[..PLANES].iter_mut().enumerate() {
