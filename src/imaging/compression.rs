@@ -132,7 +132,7 @@ impl RangeCompressor {
     /// Two parts of the samples through every phase: `[part][phase · long + sample]`.
     fn filtered(&self, samples: impl Iterator<Item = [f32; 2]>) -> [Vec<f32>; 2] {
         let long = self.long();
-        let mut padded = [0; 2].map(|_| vec![0.0f32; long + 2 * self.reach + 2 + LANES]);
+        let mut padded = [0; 2].map(|_| vec![0.0f32; long + 2 * self.reach + 2 + 3 * LANES]);
         let [re, im] = &mut padded;
         let at = re[self.reach..].iter_mut().zip(&mut im[self.reach..]).take(self.points);
         for ((re, im), sample) in at.zip(samples) {
@@ -146,11 +146,9 @@ impl RangeCompressor {
             let [taps, taps_next] = taps else { continue };
             on_widest(Filter { samples: &padded, taps: [taps, taps_next], out: [[re, im], [re_next, im_next]] });
         }
-        if self.taps.len() % 2 == 1 {
-            let (last, mut no) = (long * (self.taps.len() - 1), [vec![0.0f32; long], vec![0.0f32; long]]);
-            let ([no_re, no_im], taps) = (&mut no, &self.taps[self.taps.len() - 1]);
-            let out = [[&mut re[last..], &mut im[last..]], [no_re.as_mut_slice(), no_im.as_mut_slice()]];
-            on_widest(Filter { samples: &padded, taps: [taps, taps], out });
+        if let [taps] = self.taps.chunks_exact(2).remainder() {
+            let last = long * (self.taps.len() - 1);
+            on_widest(FilterOne { samples: &padded, taps, out: [&mut re[last..], &mut im[last..]] });
         }
         out
     }
@@ -185,6 +183,38 @@ impl Kernel for Filter<'_> {
             im.copy_from_slice(&s.store(b));
             re_next.copy_from_slice(&s.store(c));
             im_next.copy_from_slice(&s.store(d));
+        }
+    }
+}
+
+/// One phase of the filter over both parts of the samples, thirty-two at once.
+struct FilterOne<'a> {
+    samples: &'a [Vec<f32>; 2],
+    taps: &'a [f32],
+    out: [&'a mut [f32]; 2],
+}
+
+impl Kernel for FilterOne<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) {
+        let ([re, im], [all_x, all_y]) = (self.out, self.samples);
+        for (n, (re, im)) in re.chunks_mut(2 * LANES).zip(im.chunks_mut(2 * LANES)).enumerate() {
+            let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
+            let (x, y) = (&all_x[2 * n * LANES..], &all_y[2 * n * LANES..]);
+            let here = x.array_windows().zip(y.array_windows());
+            let next = x[LANES..].array_windows().zip(y[LANES..].array_windows());
+            for ((tap, here), next) in self.taps.iter().zip(here).zip(next) {
+                let tap = s.splat(*tap);
+                (a, b) = (s.mul_add(s.load(here.0), tap, a), s.mul_add(s.load(here.1), tap, b));
+                (c, d) = (s.mul_add(s.load(next.0), tap, c), s.mul_add(s.load(next.1), tap, d));
+            }
+            for (out, sums) in [(re, [a, c]), (im, [b, d])] {
+                for (out, sum) in out.chunks_exact_mut(LANES).zip(sums) {
+                    out.copy_from_slice(&s.store(sum));
+                }
+            }
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
+use super::lanes::WIDE_WINDOW;
 use crate::radar::Beam;
 
 /// Steps of the table over cosines −1 to 1; linear between them, within 1e-4 of every beam that has a name.
@@ -18,6 +19,38 @@ pub(super) struct BeamTable {
     pub uniform: bool,
     /// A at `index · 2 / STEPS − 1`; beyond the cut the amplitude goes on, so that lookups beside it are right.
     pub amplitudes: Vec<f32>,
+    /// A table that fits registers, where that is good enough.
+    pub short: Option<Box<ShortTable>>,
+}
+
+/// A at equal steps from the cut to the axis, and at the step after each; linear between them.
+#[derive(Debug, Clone)]
+pub(super) struct ShortTable {
+    pub amplitudes: [f32; WIDE_WINDOW],
+    pub next: [f32; WIDE_WINDOW],
+    pub entries_per_cos: f32,
+}
+
+/// Largest error that a short table may have.
+const SHORT_TABLE_ERROR: f64 = 5e-4;
+
+impl ShortTable {
+    /// `None` where its error would be too large halfway between two entries.
+    fn of(beam: &Beam, cut_cos: f64) -> Option<Box<Self>> {
+        let step = (1.0 - cut_cos) / WIDE_WINDOW as f64;
+        let at = |entry: f64| beam.amplitude((cut_cos + entry * step).clamp(cut_cos, 1.0));
+        let mut table =
+            Self { amplitudes: [0.0; WIDE_WINDOW], next: [0.0; WIDE_WINDOW], entries_per_cos: (1.0 / step) as f32 };
+        for n in 0..WIDE_WINDOW {
+            let (here, next) = (at(n as f64), at((n + 1) as f64));
+            let off = [0.25, 0.5, 0.75].map(|part| (at(n as f64 + part) - here - (next - here) * part).abs());
+            if off.iter().any(|off| *off > SHORT_TABLE_ERROR) {
+                return None;
+            }
+            (table.amplitudes[n], table.next[n]) = (here as f32, next as f32);
+        }
+        (step > 0.0).then(|| Box::new(table))
+    }
 }
 
 /// Table entries per unit of cosine.
@@ -47,9 +80,11 @@ impl BeamTable {
         let at_cut = beam.amplitude(cut_cos);
         let amplitudes: Vec<f32> =
             exact.iter().enumerate().map(|(n, &a)| if n < first_in { at_cut as f32 } else { a as f32 }).collect();
+        let whole = amplitudes.iter().all(|&a| a > 0.0);
         Self {
+            short: if whole { ShortTable::of(beam, cut_cos) } else { None },
             cut_cos: cut_cos as f32,
-            whole: amplitudes.iter().all(|&a| a > 0.0),
+            whole,
             uniform: *beam == Beam::Uniform,
             amplitudes,
         }
@@ -89,6 +124,22 @@ mod tests {
         let hollow = Beam::from_table(vec![[0.0, 0.0], [10.0, 0.0], [20.0, 1.0], [30.0, 0.5]]).unwrap();
         assert!((cut(&hollow) - 30f32.to_radians().cos()).abs() < 1e-6);
         assert!(!BeamTable::new(&hollow).whole && BeamTable::new(&Beam::Thesis).whole);
+    }
+
+    #[test]
+    fn short_tables_are_close_where_there_are_any() {
+        assert!(BeamTable::new(&Beam::Fresnel).short.is_none());
+        for beam in [Beam::Thesis, Beam::Lensless] {
+            let table = BeamTable::new(&beam);
+            let short = table.short.unwrap();
+            for i in 1..3000 {
+                let at = WIDE_WINDOW as f64 * f64::from(i) / 3000.0;
+                let (n, w) = (at.floor() as usize, at.fract() as f32);
+                let near = short.amplitudes[n] * (1.0 - w) + short.next[n] * w;
+                let cos = f64::from(table.cut_cos) + at / f64::from(short.entries_per_cos);
+                assert!((f64::from(near) - beam.amplitude(cos)).abs() < 6e-4, "{beam:?} {cos}");
+            }
+        }
     }
 
     #[test]

@@ -412,16 +412,10 @@ mod x86 {
                 let (g, h) = (_mm512_loadu_ps(at.add(6 * LANES)), _mm512_loadu_ps(at.add(7 * LANES)));
                 let bit_5 = _mm512_test_epi32_mask(index, _mm512_set1_epi32(32));
                 let bit_6 = _mm512_test_epi32_mask(index, _mm512_set1_epi32(64));
-                let low = _mm512_mask_mov_ps(
-                    _mm512_permutex2var_ps(a, index, b),
-                    bit_5,
-                    _mm512_permutex2var_ps(c, index, d),
-                );
-                let high = _mm512_mask_mov_ps(
-                    _mm512_permutex2var_ps(e, index, f),
-                    bit_5,
-                    _mm512_permutex2var_ps(g, index, h),
-                );
+                let low =
+                    _mm512_mask_mov_ps(_mm512_permutex2var_ps(a, index, b), bit_5, _mm512_permutex2var_ps(c, index, d));
+                let high =
+                    _mm512_mask_mov_ps(_mm512_permutex2var_ps(e, index, f), bit_5, _mm512_permutex2var_ps(g, index, h));
                 _mm512_mask_mov_ps(low, bit_6, high)
             })
         }
@@ -685,10 +679,11 @@ mod x86 {
         fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
             assert!(table.len() >= 2);
             let last = self.splat_int((table.len() - 2).min(i32::MAX as usize) as i32);
-            let index = both!(_mm256_permutevar8x32_epi32, self.min_int(self.max_int(index, self.splat_int(0)), last), {
-                // Within each eight 0, 1, 4, 5, then 2, 3, 6, 7: as the shuffles put them right.
-                self.load_int(&[0, 1, 4, 5, 2, 3, 6, 7, 0, 1, 4, 5, 2, 3, 6, 7])
-            });
+            let index =
+                both!(_mm256_permutevar8x32_epi32, self.min_int(self.max_int(index, self.splat_int(0)), last), {
+                    // Within each eight 0, 1, 4, 5, then 2, 3, 6, 7: as the shuffles put them right.
+                    self.load_int(&[0, 1, 4, 5, 2, 3, 6, 7, 0, 1, 4, 5, 2, 3, 6, 7])
+                });
             // Every pair lies within the table.
             let gathered = halves!([
                 four_pairs(table.as_ptr(), _mm256_castsi256_si128(index[0])),
