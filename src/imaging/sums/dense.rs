@@ -122,7 +122,8 @@ mod tests {
             let cos = o.cos_off_boresight(place);
             // The hole in a hollow beam is as fine as the beam's table.
             let hollow = beam.amplitude(1.0) == 0.0;
-            let turned = |deg: f64| beam.amplitude((cos.acos() + deg.to_radians()).min(3.1415).cos()) > 0.0;
+            let turned =
+                |deg: f64| beam.amplitude((cos.acos() + deg.to_radians()).min(std::f64::consts::PI - 1e-4).cos()) > 0.0;
             let jump = (axis.point_at(d) - 0.5).round() + 0.5;
             let jumps = statistic == Statistic::Thesis && edge(d, axis.first_m + jump * axis.step_m);
             jumps

@@ -67,6 +67,8 @@ pub(in crate::imaging) trait Lanes: Copy {
     fn look_up_wide(self, window: &[f32; WIDE_WINDOW], index: Self::I) -> Self::F;
     /// `table[index]`; an index outside the table takes its nearest end. The table must not be empty.
     fn gather(self, table: &[f32], index: Self::I) -> Self::F;
+    /// The same for whole numbers.
+    fn gather_int(self, table: &[i32], index: Self::I) -> Self::I;
     /// `table[index]` and `table[index + 1]`; an index outside takes the nearest pair. The table has at least two entries.
     fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F);
 }
@@ -220,6 +222,10 @@ impl Lanes for Plain {
     }
     #[inline(always)]
     fn gather(self, table: &[f32], index: Self::I) -> Self::F {
+        each(index, |n| table[(n.max(0) as usize).min(table.len() - 1)])
+    }
+    #[inline(always)]
+    fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
         each(index, |n| table[(n.max(0) as usize).min(table.len() - 1)])
     }
     #[inline(always)]
@@ -428,6 +434,14 @@ mod x86 {
             wide!(_mm512_i32gather_ps::<4>(index, table.as_ptr()))
         }
         #[inline(always)]
+        fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
+            assert!(!table.is_empty());
+            let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
+            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
+            // Every index lies within the table.
+            wide!(_mm512_i32gather_epi32::<4>(index, table.as_ptr()))
+        }
+        #[inline(always)]
         fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
             assert!(table.len() >= 2);
             let last = self.splat_int((table.len() - 2).min(i32::MAX as usize) as i32);
@@ -576,8 +590,10 @@ mod x86 {
         }
         #[inline(always)]
         fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F {
-            let sign = both!(_mm256_and_si256, both!(_mm256_slli_epi32::<26>, n), self.splat_int(i32::MIN));
-            both!(_mm256_xor_ps, a, both!(_mm256_castsi256_ps, sign))
+            let (bit, sign) = (both!(_mm256_slli_epi32::<26>, n), self.splat_int(i32::MIN));
+            let sign = both!(_mm256_and_si256, bit, sign);
+            let sign = both!(_mm256_castsi256_ps, sign);
+            both!(_mm256_xor_ps, a, sign)
         }
         #[inline(always)]
         fn at_most(self, a: Self::F, b: Self::F) -> Self::M {
@@ -593,7 +609,8 @@ mod x86 {
         }
         #[inline(always)]
         fn mask(self, bits: u16) -> Self::M {
-            let own = both!(_mm256_and_si256, self.splat_int(i32::from(bits)), self.load_int(&LANE_BITS));
+            let (all, lanes) = (self.splat_int(i32::from(bits)), self.load_int(&LANE_BITS));
+            let own = both!(_mm256_and_si256, all, lanes);
             both!(as_mask, own)
         }
         #[inline(always)]
@@ -676,14 +693,24 @@ mod x86 {
             ])
         }
         #[inline(always)]
+        fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
+            assert!(!table.is_empty());
+            let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
+            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
+            // Every index lies within the table.
+            halves!([
+                _mm256_i32gather_epi32::<4>(table.as_ptr(), index[0]),
+                _mm256_i32gather_epi32::<4>(table.as_ptr(), index[1])
+            ])
+        }
+        #[inline(always)]
         fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
             assert!(table.len() >= 2);
             let last = self.splat_int((table.len() - 2).min(i32::MAX as usize) as i32);
-            let index =
-                both!(_mm256_permutevar8x32_epi32, self.min_int(self.max_int(index, self.splat_int(0)), last), {
-                    // Within each eight 0, 1, 4, 5, then 2, 3, 6, 7: as the shuffles put them right.
-                    self.load_int(&[0, 1, 4, 5, 2, 3, 6, 7, 0, 1, 4, 5, 2, 3, 6, 7])
-                });
+            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
+            // Within each eight 0, 1, 4, 5, then 2, 3, 6, 7: as the shuffles put them right.
+            let order = self.load_int(&[0, 1, 4, 5, 2, 3, 6, 7, 0, 1, 4, 5, 2, 3, 6, 7]);
+            let index = both!(_mm256_permutevar8x32_epi32, index, order);
             // Every pair lies within the table.
             let gathered = halves!([
                 four_pairs(table.as_ptr(), _mm256_castsi256_si128(index[0])),

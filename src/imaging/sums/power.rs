@@ -114,14 +114,14 @@ fn add_inside<S: Lanes>(
     let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
     let (half, half2) = (s.splat(sight.half_per_m[l]), s.splat(sight.half_per_m2[l]));
     let (per_m, entry) = (s.splat(sight.entries_per_m[l]), s.splat(sight.entry[l]));
-    for layer in 0..EDGE {
+    for (layer, sum) in sums.iter_mut().enumerate() {
         let q = s.mul_add(offsets.z[layer], uz, flat);
         let deviation = s.mul_add(s.neg_mul_add(q, q, offsets.squared[layer]), s.neg_mul_add(q, half2, half), q);
         let at = s.mul_add(deviation, per_m, entry);
         let whole = s.floor(at);
         let n = s.to_int(whole);
         let value = s.mul_add(s.sub(at, whole), s.look_up(slopes, n), s.look_up(values, n));
-        sums[layer] = s.add_int(sums[layer], s.to_int(value));
+        *sum = s.add_int(*sum, s.to_int(value));
     }
 }
 

@@ -210,8 +210,8 @@ impl<S: Lanes> Offsets<S> {
         let (x, y) = (s.load(&x), s.load(&y));
         let flat = s.mul_add(x, x, s.mul(y, y));
         let mut offsets = Self { x, y, z: [flat; EDGE], squared: [flat; EDGE] };
-        for layer in 0..EDGE {
-            let z = s.splat(along[layer]);
+        for (layer, height) in along.into_iter().enumerate() {
+            let z = s.splat(height);
             offsets.z[layer] = z;
             offsets.squared[layer] = s.mul_add(z, z, flat);
         }
