@@ -1,9 +1,11 @@
 //! Dense sums, updates (voxel, sweep) per second: the workload of tuned near-field backprojection.
 //!
-//!     cargo bench --bench sums
+//!     cargo bench --bench sums [-- <part of a name>]
 //!
-//! A box of 0.8 m in front of the sensor, sweeps of 321 points 5 mm apart from 0.2 m on, from a winding path, looking about.
-//! Minimum over repetitions of about a second; tables are made beforehand and timed by themselves.
+//! `box/…`: a box of 0.8 m in front of the sensor, sweeps of 321 points 5 mm apart from 0.2 m on, from a winding path,
+//! looking about. `room/…`: the thesis' job, a cube of 3 m in voxels of 10 cm, with 300 points 10 mm apart as well.
+//! Minimum over repetitions of about a second: wall time, and on Linux the processors' own time, which neighbours on the same
+//! machine disturb less. `tables` is from observations to a stack, `in all` from observations to the volume.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -17,8 +19,13 @@ use radar_chaperone::radar::{Beam, Observation, Profile, RangeAxis, SweepGeometr
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-fn sweeps(count: usize) -> Vec<Observation> {
-    let axis = RangeAxis { first_m: 0.2, step_m: 0.005, points: 321 };
+const SHORT_STEPS: RangeAxis = RangeAxis { first_m: 0.2, step_m: 0.005, points: 321 };
+const FINE_PRESET: RangeAxis = RangeAxis { first_m: 0.2, step_m: 0.010, points: 300 };
+
+const STATISTICS: [Statistic; 6] =
+    [Statistic::Ls, Statistic::Log, Statistic::Thesis, Statistic::ThesisFull, Statistic::Glrt, Statistic::Coherent];
+
+fn sweeps(axis: RangeAxis, count: usize) -> Vec<Observation> {
     let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, profile: Profile::P3, point_period_s: 0.0 });
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let sweep = |i: usize| {
@@ -30,7 +37,7 @@ fn sweeps(count: usize) -> Vec<Observation> {
             tracking_from_sensor: Pose::new(place, DQuat::from_rotation_arc(DVec3::NEG_Z, look)),
             velocity_m_per_s: DVec3::ZERO,
             geometry: Arc::clone(&geometry),
-            samples: (0..321)
+            samples: (0..axis.points)
                 .map(|_| Complex32::new(rng.random_range(-0.5..0.5), rng.random_range(-0.5..0.5)))
                 .collect(),
         }
@@ -39,42 +46,65 @@ fn sweeps(count: usize) -> Vec<Observation> {
 }
 
 fn main() {
-    let region = Aabb { min: DVec3::new(0.5, -0.4, -0.4), max: DVec3::new(1.3, 0.4, 0.4) };
-    for (voxels, count) in [(128, 100), (30, 50)] {
-        let observations = sweeps(count);
-        let grid = BrickGrid::covering(&region, 0.8 / f64::from(voxels));
-        for statistic in [
-            Statistic::Ls,
-            Statistic::Log,
-            Statistic::Thesis,
-            Statistic::ThesisFull,
-            Statistic::Glrt,
-            Statistic::Coherent,
-        ] {
-            let make = || SweepStack::of(statistic, &Beam::Lensless, &observations, grid.middle_m()).0;
-            let tables_s = least(&mut || drop(make()));
-            let stack = make();
-            let updates = dense_volume(&stack, &grid).updates;
-            let least_s = least(&mut || drop(dense_volume(&stack, &grid)));
-            println!(
-                "sums/dense/{}/{voxels}^3x{count}: {:.3} ms, {:.0} M updates/s, tables {:.3} ms",
-                statistic.name(),
-                least_s * 1e3,
-                updates as f64 / least_s * 1e-6,
-                tables_s * 1e3,
-            );
+    let part = std::env::args().skip(1).find(|a| !a.starts_with('-')).unwrap_or_default();
+    let near = Aabb { min: DVec3::new(0.5, -0.4, -0.4), max: DVec3::new(1.3, 0.4, 0.4) };
+    let room = Aabb { min: DVec3::new(0.2, -1.5, -1.5), max: DVec3::new(3.2, 1.5, 1.5) };
+    job("box", &near, 128, &sweeps(SHORT_STEPS, 100), &part);
+    job("box", &near, 30, &sweeps(SHORT_STEPS, 50), &part);
+    job("room/fine-preset", &room, 30, &sweeps(FINE_PRESET, 50), &part);
+    job("room/321-points", &room, 30, &sweeps(SHORT_STEPS, 50), &part);
+}
+
+fn job(place: &str, region: &Aabb, voxels: u32, observations: &[Observation], part: &str) {
+    let grid = BrickGrid::covering(region, region.size().x / f64::from(voxels));
+    for statistic in STATISTICS {
+        let name = format!("sums/dense/{}/{place}/{voxels}^3x{}", statistic.name(), observations.len());
+        if !name.contains(part) {
+            continue;
         }
+        let make = || SweepStack::of(statistic, &Beam::Lensless, observations, grid.middle_m()).0;
+        let stack = make();
+        let updates = dense_volume(&stack, &grid).updates;
+        let sums = least(&mut || drop(dense_volume(&stack, &grid)));
+        let rate = |seconds: f64| updates as f64 / seconds * 1e-6;
+        println!("{name}: {sums}, {:.0} ({:.0}) M updates/s", rate(sums.wall_s), rate(sums.processor_s));
+        let tables = least(&mut || drop(make()));
+        let all = least(&mut || drop(dense_volume(&make(), &grid)));
+        println!("    tables {tables}, in all {all}");
     }
 }
 
-fn least(work: &mut dyn FnMut()) -> f64 {
+/// The least of many repetitions.
+struct Least {
+    wall_s: f64,
+    processor_s: f64,
+}
+
+impl std::fmt::Display for Least {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:.3} ms (processors {:.3})", self.wall_s * 1e3, self.processor_s * 1e3)
+    }
+}
+
+fn least(work: &mut dyn FnMut()) -> Least {
     work();
     let begin = Instant::now();
-    let mut least = f64::INFINITY;
-    while begin.elapsed().as_secs_f64() < 1.0 {
-        let start = Instant::now();
+    let mut least = Least { wall_s: f64::INFINITY, processor_s: f64::INFINITY };
+    while begin.elapsed().as_secs_f64() < 0.7 {
+        let (start, processor_start_s) = (Instant::now(), processor_s());
         work();
-        least = least.min(start.elapsed().as_secs_f64());
+        least.wall_s = least.wall_s.min(start.elapsed().as_secs_f64());
+        least.processor_s = least.processor_s.min(processor_s() - processor_start_s);
     }
     least
+}
+
+/// Time that all threads of this process have run, seconds; not a number where the system does not tell.
+fn processor_s() -> f64 {
+    let Ok(threads) = std::fs::read_dir("/proc/self/task") else { return f64::NAN };
+    let of_thread = |path: std::path::PathBuf| {
+        let text = std::fs::read_to_string(path.join("schedstat")).ok()?;
+        text.split_whitespace().next()?.parse::<f64>().ok()
+    };
+    threads.flatten().filter_map(|thread| of_thread(thread.path())).sum::<f64>() * 1e-9
 }

@@ -8,6 +8,8 @@ use std::sync::Arc;
 use num_complex::Complex32;
 
 use super::cubic;
+use super::sums::dispatch::{Kernel, on_widest};
+use super::sums::lanes::{LANES, Lanes};
 use crate::radar::{Observation, SweepGeometry, envelope};
 
 /// Widest step of the table, metres (a little above four base steps).
@@ -56,21 +58,26 @@ impl RangeCompressor {
         let reach = (0..axis.points).take_while(|&n| template(n as f64 * axis.step_m).is_some()).count();
         let tap = |phase: usize, tap: usize| {
             let samples = tap as f64 - reach as f64 - phase as f64 / phases as f64;
-            template(samples * axis.step_m).unwrap_or(0.0) as f32
+            template(samples * axis.step_m).unwrap_or(0.0)
         };
+        let taps: Vec<Vec<f64>> =
+            (0..phases).map(|phase| (0..2 * reach + 2).map(|k| tap(phase, k)).collect()).collect();
+        let energies: Vec<Vec<f64>> = taps.iter().map(|taps| sums_of_squares(taps)).collect();
         let norm = |entry: usize| {
-            let range_m = axis.first_m + entry as f64 * step_m;
-            let nearby = (entry / phases).saturating_sub(reach)..(entry / phases + reach + 2).min(axis.points);
-            let energy: f64 = nearby.filter_map(|n| template(axis.range_m(n) - range_m)).map(|e| e * e).sum();
+            // The taps that meet a sample: the first lies `reach` samples before the entry's own.
+            let (sums, at) = (&energies[entry % phases], entry / phases);
+            let first = reach.saturating_sub(at).min(sums.len() - 1);
+            let end = (axis.points + reach).saturating_sub(at).min(sums.len() - 1);
+            let energy = sums[end.max(first)] - sums[first];
             if energy > 0.0 { (1.0 / energy.sqrt()) as f32 } else { 0.0 }
         };
         Self {
             first_m: axis.first_m,
             step_m,
             points: axis.points,
-            taps: (0..phases).map(|phase| (0..2 * reach + 2).map(|k| tap(phase, k)).collect()).collect(),
-            reach,
             norms: (0..entries).map(norm).collect(),
+            taps: taps.iter().map(|taps| taps.iter().map(|tap| *tap as f32).collect()).collect(),
+            reach,
         }
     }
 
@@ -93,39 +100,132 @@ impl RangeCompressor {
     /// count as zero, those beyond the axis are left out.
     pub fn compress(&self, samples: &[Complex32], scale: f32) -> CompressedSweep {
         let mut z = vec![Complex32::ZERO; self.entries()];
-        let (re, im) = (self.filtered(samples, |x| x.re), self.filtered(samples, |x| x.im));
-        let phases = self.taps.len();
-        for (entry, (value, norm)) in z.iter_mut().zip(&self.norms).enumerate() {
-            let at = (entry % phases) * (self.points + 3) + entry / phases;
-            *value = Complex32::new(re[at], im[at]) * (norm * scale);
+        let [re, im] = self.filtered(samples.iter().map(|x| [x.re, x.im]));
+        let (phases, long) = (self.taps.len(), self.long());
+        for phase in 0..phases {
+            let filtered = re[phase * long..].iter().zip(&im[phase * long..]);
+            let at = z.iter_mut().zip(&self.norms).skip(phase).step_by(phases);
+            for ((value, norm), (re, im)) in at.zip(filtered) {
+                *value = Complex32::new(*re, *im) * (norm * scale);
+            }
         }
         CompressedSweep { first_m: self.first_m, step_m: self.step_m, z }
     }
 
     /// Σ_n a[n] E(r_n − r) at every entry, not normalised: real values spread over the pulse.
     pub(super) fn spread(&self, values: &[f32]) -> Vec<f32> {
-        let filtered = self.filtered(values, |a| *a);
-        let phases = self.taps.len();
-        (0..self.entries()).map(|n| filtered[(n % phases) * (self.points + 3) + n / phases]).collect()
+        let [filtered, _] = self.filtered(values.iter().map(|a| [*a, 0.0]));
+        let (phases, long) = (self.taps.len(), self.long());
+        let mut spread = vec![0.0; self.entries()];
+        for phase in 0..phases {
+            let at = spread.iter_mut().skip(phase).step_by(phases);
+            at.zip(&filtered[phase * long..]).for_each(|(value, from)| *value = *from);
+        }
+        spread
     }
 
-    /// One part of the samples through every phase: `[phase][sample]`, three samples longer than the axis.
-    fn filtered<T>(&self, samples: &[T], part: impl Fn(&T) -> f32) -> Vec<f32> {
-        let long = self.points + 3;
-        let mut padded = vec![0.0f32; long + 2 * self.reach + 2];
-        for (to, from) in padded[self.reach..].iter_mut().zip(samples.iter().take(self.points)) {
-            *to = part(from);
+    /// Values of one phase: three more than the axis has, in whole vectors.
+    fn long(&self) -> usize {
+        (self.points + 3).next_multiple_of(LANES)
+    }
+
+    /// Two parts of the samples through every phase: `[part][phase · long + sample]`.
+    fn filtered(&self, samples: impl Iterator<Item = [f32; 2]>) -> [Vec<f32>; 2] {
+        let long = self.long();
+        let mut padded = [0; 2].map(|_| vec![0.0f32; long + 2 * self.reach + 2 + 3 * LANES]);
+        let [re, im] = &mut padded;
+        let at = re[self.reach..].iter_mut().zip(&mut im[self.reach..]).take(self.points);
+        for ((re, im), sample) in at.zip(samples) {
+            (*re, *im) = (sample[0], sample[1]);
         }
-        let mut out = vec![0.0f32; long * self.taps.len()];
-        for (out, taps) in out.chunks_exact_mut(long).zip(&self.taps) {
-            for (k, tap) in taps.iter().enumerate().filter(|(_, tap)| **tap != 0.0) {
-                for (sum, x) in out.iter_mut().zip(&padded[k..]) {
-                    *sum += tap * x;
-                }
-            }
+        let mut out = [0; 2].map(|_| vec![0.0f32; long * self.taps.len()]);
+        let [re, im] = &mut out;
+        let of_phases = re.chunks_exact_mut(2 * long).zip(im.chunks_exact_mut(2 * long));
+        for ((re, im), taps) in of_phases.zip(self.taps.chunks_exact(2)) {
+            let ((re, re_next), (im, im_next)) = (re.split_at_mut(long), im.split_at_mut(long));
+            let [taps, taps_next] = taps else { continue };
+            on_widest(Filter { samples: &padded, taps: [taps, taps_next], out: [[re, im], [re_next, im_next]] });
+        }
+        if let [taps] = self.taps.chunks_exact(2).remainder() {
+            let last = long * (self.taps.len() - 1);
+            on_widest(FilterOne { samples: &padded, taps, out: [&mut re[last..], &mut im[last..]] });
         }
         out
     }
+}
+
+/// Two phases of the filter over both parts of the samples.
+struct Filter<'a> {
+    samples: &'a [Vec<f32>; 2],
+    taps: [&'a [f32]; 2],
+    /// `[phase][part]`.
+    out: [[&'a mut [f32]; 2]; 2],
+}
+
+impl Kernel for Filter<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) {
+        let [[re, im], [re_next, im_next]] = self.out;
+        let out = re.chunks_exact_mut(LANES).zip(im.chunks_exact_mut(LANES));
+        let out_next = re_next.chunks_exact_mut(LANES).zip(im_next.chunks_exact_mut(LANES));
+        for (n, ((re, im), (re_next, im_next))) in out.zip(out_next).enumerate() {
+            let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
+            let samples =
+                self.samples[0][n * LANES..].array_windows().zip(self.samples[1][n * LANES..].array_windows());
+            for ((x, y), (tap, tap_next)) in samples.zip(self.taps[0].iter().zip(self.taps[1])) {
+                let (x, y, tap, tap_next) = (s.load(x), s.load(y), s.splat(*tap), s.splat(*tap_next));
+                (a, b) = (s.mul_add(x, tap, a), s.mul_add(y, tap, b));
+                (c, d) = (s.mul_add(x, tap_next, c), s.mul_add(y, tap_next, d));
+            }
+            re.copy_from_slice(&s.store(a));
+            im.copy_from_slice(&s.store(b));
+            re_next.copy_from_slice(&s.store(c));
+            im_next.copy_from_slice(&s.store(d));
+        }
+    }
+}
+
+/// One phase of the filter over both parts of the samples, thirty-two at once.
+struct FilterOne<'a> {
+    samples: &'a [Vec<f32>; 2],
+    taps: &'a [f32],
+    out: [&'a mut [f32]; 2],
+}
+
+impl Kernel for FilterOne<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) {
+        let ([re, im], [all_x, all_y]) = (self.out, self.samples);
+        for (n, (re, im)) in re.chunks_mut(2 * LANES).zip(im.chunks_mut(2 * LANES)).enumerate() {
+            let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
+            let (x, y) = (&all_x[2 * n * LANES..], &all_y[2 * n * LANES..]);
+            let here = x.array_windows().zip(y.array_windows());
+            let next = x[LANES..].array_windows().zip(y[LANES..].array_windows());
+            for ((tap, here), next) in self.taps.iter().zip(here).zip(next) {
+                let tap = s.splat(*tap);
+                (a, b) = (s.mul_add(s.load(here.0), tap, a), s.mul_add(s.load(here.1), tap, b));
+                (c, d) = (s.mul_add(s.load(next.0), tap, c), s.mul_add(s.load(next.1), tap, d));
+            }
+            for (out, sums) in [(re, [a, c]), (im, [b, d])] {
+                for (out, sum) in out.chunks_exact_mut(LANES).zip(sums) {
+                    out.copy_from_slice(&s.store(sum));
+                }
+            }
+        }
+    }
+}
+
+/// Σ of the squares of the first 0, 1, 2, … values.
+fn sums_of_squares(values: &[f64]) -> Vec<f64> {
+    let mut sums = vec![0.0];
+    for value in values {
+        sums.push(sums[sums.len() - 1] + value * value);
+    }
+    sums
 }
 
 /// Compresses sweeps, each by its own geometry's filter and times its own scale.

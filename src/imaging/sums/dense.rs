@@ -8,7 +8,7 @@ use super::power::{AddPower, power_shape};
 use super::sight::{BrickShape, EDGE, VOXELS};
 use super::stack::SweepStack;
 use super::weighted::{AddWeighted, weighted_shape};
-use crate::imaging::Volume;
+use crate::imaging::{Statistic, Volume};
 
 /// A volume and what it took.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,7 +54,8 @@ pub(super) struct Bricks<'a> {
 
 impl<'a> Bricks<'a> {
     pub(super) fn new(stack: &'a SweepStack, grid: &BrickGrid) -> Self {
-        let shape = if stack.sums_whole_numbers() { power_shape(grid.voxel_m) } else { weighted_shape(grid.voxel_m) };
+        let phases = stack.statistic() == Statistic::Coherent;
+        let shape = if phases { weighted_shape(grid.voxel_m) } else { power_shape(grid.voxel_m) };
         Self { stack, grid: *grid, shape, slots: (0..stack.groups.len()).map(|group| (group, u16::MAX)).collect() }
     }
 
@@ -99,10 +100,10 @@ mod tests {
 
     use super::*;
     use crate::geometry::{Aabb, Pose};
+    use crate::imaging::Oracle;
     use crate::imaging::blocks::BlockSettings;
     use crate::imaging::sums::dispatch::tests::on_each;
     use crate::imaging::test_data::{Echo, on_one_thread, sweeps, winding};
-    use crate::imaging::{Oracle, Statistic};
     use crate::radar::{Beam, Observation};
 
     const AT: DVec3 = DVec3::new(0.1, 0.0, -1.2);
@@ -130,7 +131,8 @@ mod tests {
             let cos = o.cos_off_boresight(place);
             // The hole in a hollow beam is as fine as the beam's table.
             let hollow = beam.amplitude(1.0) == 0.0;
-            let turned = |deg: f64| beam.amplitude((cos.acos() + deg.to_radians()).min(3.1415).cos()) > 0.0;
+            let turned =
+                |deg: f64| beam.amplitude((cos.acos() + deg.to_radians()).min(std::f64::consts::PI - 1e-4).cos()) > 0.0;
             let jump = (axis.point_at(d) - 0.5).round() + 0.5;
             let jumps = statistic == Statistic::Thesis && edge(d, axis.first_m + jump * axis.step_m);
             jumps

@@ -4,14 +4,14 @@ use super::lanes::{Lanes, Plain};
 
 /// A kernel, written once for any width. `run` must be `#[inline(always)]`, so that it is compiled for the caller's
 /// instructions.
-pub(super) trait Kernel {
+pub(in crate::imaging) trait Kernel {
     /// What it gives.
     type Out;
     fn run<S: Lanes>(self, s: S) -> Self::Out;
 }
 
 /// Runs it. Every choice gives the same bits.
-pub(super) fn on_widest<K: Kernel>(kernel: K) -> K::Out {
+pub(in crate::imaging) fn on_widest<K: Kernel>(kernel: K) -> K::Out {
     #[cfg(target_arch = "x86_64")]
     {
         use super::lanes::{Avx2, Avx512};

@@ -5,12 +5,15 @@
 //! [`Avx2`] exists only where the processor was asked: it is the proof that makes the instructions allowed.
 
 /// Values handled at once.
-pub(super) const LANES: usize = 16;
+pub(in crate::imaging) const LANES: usize = 16;
 /// Entries that [`Lanes::look_up`] chooses from.
 pub(super) const WINDOW: usize = 32;
 
+/// Entries that [`Lanes::look_up_wide`] chooses from.
+pub(super) const WIDE_WINDOW: usize = 128;
+
 /// Vector operations, lane by lane.
-pub(super) trait Lanes: Copy {
+pub(in crate::imaging) trait Lanes: Copy {
     /// Sixteen f32.
     type F: Copy;
     /// Sixteen i32.
@@ -38,10 +41,14 @@ pub(super) trait Lanes: Copy {
     /// The nearest whole number, halves to even.
     fn round(self, a: Self::F) -> Self::F;
     fn floor(self, a: Self::F) -> Self::F;
+    /// −a in lanes whose number has bit 5 (32) set.
+    fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F;
     /// Whether a ≤ b.
     fn at_most(self, a: Self::F, b: Self::F) -> Self::M;
     fn and(self, a: Self::M, b: Self::M) -> Self::M;
     fn or(self, a: Self::M, b: Self::M) -> Self::M;
+    /// Lane l from bit l.
+    fn mask(self, bits: u16) -> Self::M;
     /// Bit l is lane l.
     fn bits(self, mask: Self::M) -> u16;
     fn or_zero(self, mask: Self::M, a: Self::F) -> Self::F;
@@ -57,16 +64,21 @@ pub(super) trait Lanes: Copy {
     fn min_int(self, a: Self::I, b: Self::I) -> Self::I;
     /// `window[index]`; the index counts modulo 32.
     fn look_up(self, window: &[f32; WINDOW], index: Self::I) -> Self::F;
+    /// `window[index]`; the index counts modulo 128.
+    fn look_up_wide(self, window: &[f32; WIDE_WINDOW], index: Self::I) -> Self::F;
     /// `table[index]`; an index outside the table takes its nearest end. The table must not be empty.
     fn gather(self, table: &[f32], index: Self::I) -> Self::F;
     /// The same for whole numbers.
     fn gather_int(self, table: &[i32], index: Self::I) -> Self::I;
+    /// `table[index]` and `table[index + 1]`; an index outside takes the nearest pair. The table has at least two entries.
+    fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F);
 }
 
 /// Any processor, lane after lane.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plain;
 
+#[inline(always)]
 fn each<T: Copy, U>(a: [T; LANES], f: impl Fn(T) -> U) -> [U; LANES] {
     a.map(f)
 }
@@ -142,6 +154,10 @@ impl Lanes for Plain {
         each(a, f32::floor)
     }
     #[inline(always)]
+    fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F {
+        std::array::from_fn(|l| if n[l] & 32 != 0 { -a[l] } else { a[l] })
+    }
+    #[inline(always)]
     fn at_most(self, a: Self::F, b: Self::F) -> Self::M {
         pairs(a, b, |a, b| a <= b)
     }
@@ -152,6 +168,10 @@ impl Lanes for Plain {
     #[inline(always)]
     fn or(self, a: Self::M, b: Self::M) -> Self::M {
         pairs(a, b, |a, b| a | b)
+    }
+    #[inline(always)]
+    fn mask(self, bits: u16) -> Self::M {
+        std::array::from_fn(|l| bits >> l & 1 == 1)
     }
     #[inline(always)]
     fn bits(self, mask: Self::M) -> u16 {
@@ -202,12 +222,21 @@ impl Lanes for Plain {
         each(index, |n| window[(n & 31) as usize])
     }
     #[inline(always)]
+    fn look_up_wide(self, window: &[f32; WIDE_WINDOW], index: Self::I) -> Self::F {
+        each(index, |n| window[(n & 127) as usize])
+    }
+    #[inline(always)]
     fn gather(self, table: &[f32], index: Self::I) -> Self::F {
         each(index, |n| table[(n.max(0) as usize).min(table.len() - 1)])
     }
     #[inline(always)]
     fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
         each(index, |n| table[(n.max(0) as usize).min(table.len() - 1)])
+    }
+    #[inline(always)]
+    fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
+        let first = each(index, |n| (n.max(0) as usize).min(table.len() - 2));
+        (each(first, |n| table[n]), each(first, |n| table[n + 1]))
     }
 }
 
@@ -219,7 +248,7 @@ pub(super) use x86::{Avx2, Avx512};
 mod x86 {
     use std::arch::x86_64::*;
 
-    use super::{LANES, Lanes, WINDOW};
+    use super::{LANES, Lanes, WIDE_WINDOW, WINDOW};
 
     /// AVX-512 F and VL.
     #[derive(Debug, Clone, Copy)]
@@ -308,6 +337,14 @@ mod x86 {
             wide!(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(a))
         }
         #[inline(always)]
+        fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F {
+            // a ^ (n·2²⁶ & sign)
+            wide!({
+                let (bits, sign) = (_mm512_castps_si512(a), _mm512_set1_epi32(i32::MIN));
+                _mm512_castsi512_ps(_mm512_ternarylogic_epi32::<0x78>(bits, _mm512_slli_epi32::<26>(n), sign))
+            })
+        }
+        #[inline(always)]
         fn at_most(self, a: Self::F, b: Self::F) -> Self::M {
             wide!(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(a, b))
         }
@@ -318,6 +355,10 @@ mod x86 {
         #[inline(always)]
         fn or(self, a: Self::M, b: Self::M) -> Self::M {
             a | b
+        }
+        #[inline(always)]
+        fn mask(self, bits: u16) -> Self::M {
+            bits
         }
         #[inline(always)]
         fn bits(self, mask: Self::M) -> u16 {
@@ -376,6 +417,24 @@ mod x86 {
             })
         }
         #[inline(always)]
+        fn look_up_wide(self, window: &[f32; WIDE_WINDOW], index: Self::I) -> Self::F {
+            // Eight times sixteen values; each permute takes the index modulo 32, bits 5 and 6 choose among four.
+            wide!({
+                let at = window.as_ptr();
+                let (a, b) = (_mm512_loadu_ps(at), _mm512_loadu_ps(at.add(LANES)));
+                let (c, d) = (_mm512_loadu_ps(at.add(2 * LANES)), _mm512_loadu_ps(at.add(3 * LANES)));
+                let (e, f) = (_mm512_loadu_ps(at.add(4 * LANES)), _mm512_loadu_ps(at.add(5 * LANES)));
+                let (g, h) = (_mm512_loadu_ps(at.add(6 * LANES)), _mm512_loadu_ps(at.add(7 * LANES)));
+                let bit_5 = _mm512_test_epi32_mask(index, _mm512_set1_epi32(32));
+                let bit_6 = _mm512_test_epi32_mask(index, _mm512_set1_epi32(64));
+                let low =
+                    _mm512_mask_mov_ps(_mm512_permutex2var_ps(a, index, b), bit_5, _mm512_permutex2var_ps(c, index, d));
+                let high =
+                    _mm512_mask_mov_ps(_mm512_permutex2var_ps(e, index, f), bit_5, _mm512_permutex2var_ps(g, index, h));
+                _mm512_mask_mov_ps(low, bit_6, high)
+            })
+        }
+        #[inline(always)]
         fn gather(self, table: &[f32], index: Self::I) -> Self::F {
             assert!(!table.is_empty());
             let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
@@ -391,7 +450,26 @@ mod x86 {
             // Every index lies within the table.
             wide!(_mm512_i32gather_epi32::<4>(index, table.as_ptr()))
         }
+        #[inline(always)]
+        fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
+            assert!(table.len() >= 2);
+            let last = self.splat_int((table.len() - 2).min(i32::MAX as usize) as i32);
+            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
+            // Every pair lies within the table. Two gathers of 64 bit take as long as one of the first values alone.
+            wide!({
+                let (low, high) = (_mm512_castsi512_si256(index), _mm512_extracti64x4_epi64::<1>(index));
+                let low = _mm512_castpd_ps(_mm512_i32gather_pd::<4>(low, table.as_ptr().cast()));
+                let high = _mm512_castpd_ps(_mm512_i32gather_pd::<4>(high, table.as_ptr().cast()));
+                let first = _mm512_loadu_si512(FIRST_OF_PAIRS.as_ptr().cast());
+                let next = _mm512_loadu_si512(NEXT_OF_PAIRS.as_ptr().cast());
+                (_mm512_permutex2var_ps(low, first, high), _mm512_permutex2var_ps(low, next, high))
+            })
+        }
     }
+
+    /// Which of thirty-two values are the first, and the second, of their pairs.
+    const FIRST_OF_PAIRS: [i32; LANES] = [0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30];
+    const NEXT_OF_PAIRS: [i32; LANES] = [1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31];
 
     /// AVX2 and FMA.
     #[derive(Debug, Clone, Copy)]
@@ -424,6 +502,27 @@ mod x86 {
             // SAFETY: `self` is the proof that the processor has AVX2 and FMA.
             unsafe { $call }
         };
+    }
+
+    /// Bit l in lane l.
+    const LANE_BITS: [i32; LANES] = {
+        let mut bits = [0; LANES];
+        let mut l = 0;
+        while l < LANES {
+            bits[l] = 1 << l;
+            l += 1;
+        }
+        bits
+    };
+
+    /// All bits where the value is above 0.
+    ///
+    /// # Safety
+    /// The processor has AVX2.
+    #[inline(always)]
+    unsafe fn as_mask(value: __m256i) -> __m256 {
+        // SAFETY: by contract.
+        unsafe { _mm256_castsi256_ps(_mm256_cmpgt_epi32(value, _mm256_setzero_si256())) }
     }
 
     impl Lanes for Avx2 {
@@ -499,6 +598,13 @@ mod x86 {
             both!(_mm256_floor_ps, a)
         }
         #[inline(always)]
+        fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F {
+            let (bit, sign) = (both!(_mm256_slli_epi32::<26>, n), self.splat_int(i32::MIN));
+            let sign = both!(_mm256_and_si256, bit, sign);
+            let sign = both!(_mm256_castsi256_ps, sign);
+            both!(_mm256_xor_ps, a, sign)
+        }
+        #[inline(always)]
         fn at_most(self, a: Self::F, b: Self::F) -> Self::M {
             both!(_mm256_cmp_ps::<_CMP_LE_OQ>, a, b)
         }
@@ -509,6 +615,12 @@ mod x86 {
         #[inline(always)]
         fn or(self, a: Self::M, b: Self::M) -> Self::M {
             both!(_mm256_or_ps, a, b)
+        }
+        #[inline(always)]
+        fn mask(self, bits: u16) -> Self::M {
+            let (all, lanes) = (self.splat_int(i32::from(bits)), self.load_int(&LANE_BITS));
+            let own = both!(_mm256_and_si256, all, lanes);
+            both!(as_mask, own)
         }
         #[inline(always)]
         fn bits(self, mask: Self::M) -> u16 {
@@ -573,6 +685,16 @@ mod x86 {
             ])
         }
         #[inline(always)]
+        fn look_up_wide(self, window: &[f32; WIDE_WINDOW], index: Self::I) -> Self::F {
+            let within = self.splat_int(WIDE_WINDOW as i32 - 1);
+            let index = both!(_mm256_and_si256, index, within);
+            // Every index lies within the window.
+            halves!([
+                _mm256_i32gather_ps::<4>(window.as_ptr(), index[0]),
+                _mm256_i32gather_ps::<4>(window.as_ptr(), index[1])
+            ])
+        }
+        #[inline(always)]
         fn gather(self, table: &[f32], index: Self::I) -> Self::F {
             assert!(!table.is_empty());
             let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
@@ -594,5 +716,34 @@ mod x86 {
                 _mm256_i32gather_epi32::<4>(table.as_ptr(), index[1])
             ])
         }
+        #[inline(always)]
+        fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F) {
+            assert!(table.len() >= 2);
+            let last = self.splat_int((table.len() - 2).min(i32::MAX as usize) as i32);
+            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
+            // Within each eight 0, 1, 4, 5, then 2, 3, 6, 7: as the shuffles put them right.
+            let order = self.load_int(&[0, 1, 4, 5, 2, 3, 6, 7, 0, 1, 4, 5, 2, 3, 6, 7]);
+            let index = both!(_mm256_permutevar8x32_epi32, index, order);
+            // Every pair lies within the table.
+            let gathered = halves!([
+                four_pairs(table.as_ptr(), _mm256_castsi256_si128(index[0])),
+                four_pairs(table.as_ptr(), _mm256_extracti128_si256::<1>(index[0])),
+                four_pairs(table.as_ptr(), _mm256_castsi256_si128(index[1])),
+                four_pairs(table.as_ptr(), _mm256_extracti128_si256::<1>(index[1]))
+            ]);
+            let [a, b, c, d] = gathered;
+            let (low, high) = ([a, c], [b, d]);
+            (both!(_mm256_shuffle_ps::<0x88>, low, high), both!(_mm256_shuffle_ps::<0xdd>, low, high))
+        }
+    }
+
+    /// Four pairs of values.
+    ///
+    /// # Safety
+    /// The processor has AVX2, and two values lie at each index.
+    #[inline(always)]
+    unsafe fn four_pairs(table: *const f32, index: __m128i) -> __m256 {
+        // SAFETY: by contract; gathers ask for no alignment.
+        unsafe { _mm256_castpd_ps(_mm256_i32gather_pd::<4>(table.cast(), index)) }
     }
 }

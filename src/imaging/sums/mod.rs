@@ -5,9 +5,9 @@
 mod beam_table;
 mod bounds;
 mod dense;
-mod dispatch;
+pub(in crate::imaging) mod dispatch;
 mod grid;
-mod lanes;
+pub(in crate::imaging) mod lanes;
 mod power;
 mod rolling;
 mod search;

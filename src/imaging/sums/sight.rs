@@ -5,7 +5,7 @@
 //! all its ranges fit the window of table entries that is held in registers. Where an edge of range or beam crosses the brick,
 //! or the sensor is near or within it, each voxel is taken by itself, with a root and a test.
 
-use super::lanes::{LANES, Lanes, WINDOW};
+use super::lanes::{LANES, Lanes, WIDE_WINDOW, WINDOW};
 use super::stack::{Group, SweepStack};
 
 /// Voxels along a brick's edge.
@@ -37,6 +37,13 @@ impl BrickShape {
             nearest_m: nearest_m.max(2.0 * radius_m) as f32,
         }
     }
+
+    /// Voxel centres along an axis from the brick's centre, metres.
+    #[inline(always)]
+    pub(super) fn heights(&self) -> [f32; EDGE] {
+        let v = self.voxel_m;
+        [-1.5 * v, -0.5 * v, 0.5 * v, 1.5 * v]
+    }
 }
 
 /// What sixteen sweeps need to know of a brick. Lanes are sweeps.
@@ -44,6 +51,8 @@ pub(super) struct Sight {
     /// Sweeps that see every voxel, and those of which an edge may cross the brick.
     pub inside: u16,
     pub edge: u16,
+    /// Those whose table entries over the brick fit a wide window.
+    pub wide: u16,
     /// Unit vector from the sensor to the brick's centre, and from the pose in the middle of the sweep.
     pub toward: [[f32; LANES]; 3],
     /// The brick's centre from the pose in the middle of the sweep.
@@ -93,7 +102,9 @@ impl Sight {
         let most = s.add(s.add(distance, reach), s.add(bend, slack));
         let (range_first, range_last) = (s.load(&group.first_m), s.load(&group.last_m));
         let per_entry = s.load(&group.entries_per_m);
-        let fits = s.at_most(s.mul(s.sub(most, least), per_entry), s.splat(WINDOW as f32 - 3.0));
+        let span = s.mul(s.sub(most, least), per_entry);
+        let fits = s.at_most(span, s.splat(WINDOW as f32 - 3.0));
+        let fits_wide = s.at_most(span, s.splat(WIDE_WINDOW as f32 - 4.0));
         let mut inside = s.and(s.at_most(range_first, least), s.at_most(most, range_last));
         inside = s.and(inside, s.and(fits, s.at_most(s.splat(shape.nearest_m), distance)));
 
@@ -119,6 +130,7 @@ impl Sight {
         Self {
             inside,
             edge: s.bits(some) & !inside,
+            wide: s.bits(fits_wide),
             toward: store3(s, toward),
             offset_from_pose_m: store3(s, from_pose),
             distance_m: s.store(distance),
@@ -190,8 +202,7 @@ pub(super) struct Offsets<S: Lanes> {
 impl<S: Lanes> Offsets<S> {
     #[inline(always)]
     pub(super) fn new(s: S, shape: &BrickShape) -> Self {
-        let v = shape.voxel_m;
-        let along = [-1.5 * v, -0.5 * v, 0.5 * v, 1.5 * v];
+        let along = shape.heights();
         let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
         for l in 0..LANES {
             (x[l], y[l]) = (along[l % EDGE], along[l / EDGE]);
@@ -199,8 +210,8 @@ impl<S: Lanes> Offsets<S> {
         let (x, y) = (s.load(&x), s.load(&y));
         let flat = s.mul_add(x, x, s.mul(y, y));
         let mut offsets = Self { x, y, z: [flat; EDGE], squared: [flat; EDGE] };
-        for layer in 0..EDGE {
-            let z = s.splat(along[layer]);
+        for (layer, height) in along.into_iter().enumerate() {
+            let z = s.splat(height);
             offsets.z[layer] = z;
             offsets.squared[layer] = s.mul_add(z, z, flat);
         }

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use num_complex::Complex32;
+use rayon::prelude::*;
 
 use super::beam_table::BeamTable;
 use super::lanes::{LANES, WINDOW};
@@ -20,6 +21,8 @@ use crate::radar::{Beam, Observation, SweepGeometry, distance_falloff};
 const TABLE_STEP_M: f64 = 0.005;
 /// `log` counts in parts of this size.
 const LOG_STEP: f64 = 1.0 / 4096.0;
+/// Sweeps whose tables one task makes, at least.
+const SWEEPS_AT_ONCE: usize = 4;
 /// Greatest value of an entry, in steps: one sweep alone never overflows.
 const MAX_STEPS: f32 = (1 << 30) as f32;
 
@@ -87,7 +90,7 @@ struct Axis {
 pub struct SweepStack {
     statistic: Statistic,
     origin_m: DVec3,
-    pub(super) beam: BeamTable,
+    pub(super) beam: Arc<BeamTable>,
     axes: Vec<Axis>,
     /// What one step of a summed whole number is worth (`ls`, `log`).
     step: f64,
@@ -123,11 +126,11 @@ impl SweepStack {
         slots: usize,
         step: f64,
     ) -> Self {
-        let axes: Vec<Axis> = geometries.iter().map(axis).collect();
+        let axes: Vec<Axis> = geometries.iter().map(|geometry| axis(geometry, statistic)).collect();
         let entries = axes.iter().map(|a| a.compressor.entries()).max().unwrap_or(0);
         let planes = match statistic {
             Statistic::Coherent => 3,
-            Statistic::Glrt => 2,
+            Statistic::Glrt | Statistic::Thesis => 2,
             _ => 1,
         };
         let stride = (entries + WINDOW + LANES).next_multiple_of(LANES);
@@ -135,7 +138,7 @@ impl SweepStack {
         Self {
             statistic,
             origin_m,
-            beam: BeamTable::new(beam),
+            beam: BeamTable::of(beam),
             axes,
             step: if statistic == Statistic::Log { LOG_STEP } else { step },
             most_steps: MAX_STEPS,
@@ -158,11 +161,7 @@ impl SweepStack {
         }
         let step = if statistic == Statistic::Ls { step_for(observations) } else { 1.0 };
         let mut stack = Self::new(statistic, beam, &geometries, origin_m, observations.len(), step);
-        // Neighbours in time go to different groups, so that each group of sixteen has seen the whole motion: bounds over the
-        // first groups then say most.
-        let groups = stack.groups.len().max(1);
-        let slot = |n: usize| n % groups * LANES + n / groups;
-        let refused = (0..observations.len()).filter(|&n| stack.fill(slot(n), &observations[n]).is_err()).count();
+        let refused = stack.fill_all(observations);
         (stack, refused)
     }
 
@@ -211,11 +210,6 @@ impl SweepStack {
         self.filled.iter().filter(|filled| **filled).count()
     }
 
-    /// Narrowest table step, metres.
-    pub(super) fn entry_step_m(&self) -> f64 {
-        self.axes.iter().map(|a| a.compressor.step_m()).fold(f64::INFINITY, f64::min)
-    }
-
     /// Values of one plane of a slot's tables, then, `stride` further on, their slopes.
     #[inline(always)]
     pub(super) fn table(&self, slot: usize, plane: usize) -> &[f32] {
@@ -235,18 +229,46 @@ impl SweepStack {
     pub fn fill(&mut self, slot: usize, observation: &Observation) -> Result<(), SweepRefusal> {
         self.empty(slot);
         let axis = check(observation, &self.axes)?;
-        let (values, greatest) = self.values(&self.axes[axis], observation);
-        let group = &mut self.groups[slot / LANES];
-        group.put(slot % LANES, observation, &self.axes[axis].compressor, self.origin_m);
-        let at = slot * self.planes * 2 * self.stride;
-        for (plane, of_plane) in values.iter().enumerate() {
-            let table = &mut self.tables[at + plane * 2 * self.stride..][..2 * self.stride];
-            let (value, slope) = table.split_at_mut(self.stride);
-            of_plane.write(value, slope);
+        let long = self.table_len();
+        let greatest = self.maker().write(&self.axes[axis], observation, &mut self.tables[slot * long..][..long]);
+        self.put(slot, observation, axis, greatest);
+        Ok(())
+    }
+
+    /// Fills a new stack on all cores; how many sweeps are refused. Neighbours in time go to different groups, so that each
+    /// group of sixteen has seen the whole motion: bounds over the first groups then say most.
+    fn fill_all(&mut self, observations: &[Observation]) -> usize {
+        let (long, maker, axes) = (self.table_len().max(1), self.maker(), &self.axes);
+        let groups = self.groups.len();
+        let of_slot = |slot: usize| observations.get(slot / LANES + slot % LANES * groups);
+        let write = |(slot, table): (usize, &mut [f32])| {
+            let observation = of_slot(slot)?;
+            let axis = check(observation, axes).ok()?;
+            Some((axis, maker.write(&axes[axis], observation, table)))
+        };
+        let tables = self.tables.par_chunks_mut(long).enumerate().with_min_len(SWEEPS_AT_ONCE);
+        let written: Vec<Option<(usize, i64)>> = tables.map(write).collect();
+        for (slot, written) in written.iter().enumerate() {
+            if let (Some((axis, greatest)), Some(observation)) = (*written, of_slot(slot)) {
+                self.put(slot, observation, axis, greatest);
+            }
         }
+        observations.len() - written.iter().flatten().count()
+    }
+
+    /// Numbers of all tables of a slot.
+    fn table_len(&self) -> usize {
+        self.planes * 2 * self.stride
+    }
+
+    fn maker(&self) -> TableMaker {
+        TableMaker { statistic: self.statistic, step: self.step, most_steps: self.most_steps, stride: self.stride }
+    }
+
+    fn put(&mut self, slot: usize, observation: &Observation, axis: usize, greatest: i64) {
+        self.groups[slot / LANES].put(slot % LANES, observation, &self.axes[axis].compressor, self.origin_m);
         self.greatest[slot] = greatest;
         self.filled[slot] = true;
-        Ok(())
     }
 
     /// Takes a sweep out.
@@ -256,96 +278,122 @@ impl SweepStack {
         self.filled[slot] = false;
         self.greatest[slot] = 0;
     }
+}
 
-    /// The tables of one sweep, and the greatest entry where they are whole numbers.
-    fn values(&self, axis: &Axis, observation: &Observation) -> (Vec<Values>, i64) {
-        let compress = || axis.compressor.compress(&observation.samples, 1.0).z;
-        let lerp = |f: &dyn Fn(usize) -> f32| Values::Continuous((0..axis.falloff.len()).map(f).collect());
+/// Makes the tables of one sweep.
+#[derive(Debug, Clone, Copy)]
+struct TableMaker {
+    statistic: Statistic,
+    step: f64,
+    most_steps: f32,
+    stride: usize,
+}
+
+impl TableMaker {
+    /// The greatest entry where they are whole numbers.
+    fn write(self, axis: &Axis, observation: &Observation, tables: &mut [f32]) -> i64 {
+        let samples = &observation.samples;
+        let compress = || axis.compressor.compress(samples, 1.0).z;
+        let mut planes = tables.chunks_exact_mut(2 * self.stride);
+        let (first, second, third) =
+            (planes.next().unwrap_or_default(), planes.next().unwrap_or_default(), planes.next().unwrap_or_default());
         let d = &axis.falloff;
-        let planes = match self.statistic {
+        match self.statistic {
             Statistic::Ls | Statistic::Blocks => {
-                let (z, per) = (compress(), (1.0 / self.step) as f32);
-                vec![lerp(&|n| (z[n].norm_sqr() * per).min(self.most_steps))]
+                let per = (1.0 / self.step) as f32;
+                return 1 + write(first, compress().iter().map(|z| (z.norm_sqr() * per).min(self.most_steps))) as i64;
             }
             Statistic::Log => {
-                let (z, noise) = (compress(), sweep_noise_rms(&observation.samples));
+                let noise = sweep_noise_rms(samples);
                 let (per2, per) = ((1.0 / (noise * noise)) as f32, (1.0 / LOG_STEP) as f32);
-                vec![lerp(&|n| ((z[n].norm_sqr() * per2).ln_1p() * per).min(self.most_steps))]
+                return 1 + write(first, compress().iter().map(|z| ((z.norm_sqr() * per2).ln_1p() * per).min(self.most_steps))) as i64;
             }
             Statistic::Glrt => {
-                let z = compress();
-                vec![lerp(&|n| z[n].norm() * d[n]), lerp(&|n| d[n] * d[n])]
+                write(first, compress().iter().zip(d).map(|(z, d)| magnitude(z) * d));
+                write(second, d.iter().map(|d| d * d));
             }
             Statistic::Coherent => {
                 let z = compress();
-                vec![lerp(&|n| z[n].re * d[n]), lerp(&|n| z[n].im * d[n]), lerp(&|n| d[n] * d[n])]
+                write(first, z.iter().zip(d).map(|(z, d)| z.re * d));
+                write(second, z.iter().zip(d).map(|(z, d)| z.im * d));
+                write(third, d.iter().map(|d| d * d));
             }
             Statistic::ThesisFull => {
-                let magnitudes: Vec<f32> = observation.samples.iter().map(|x| x.norm()).collect();
-                let spread = axis.compressor.spread(&magnitudes);
-                vec![lerp(&|n| spread[n] * d[n])]
+                let magnitudes: Vec<f32> = samples.iter().map(magnitude).collect();
+                write(first, axis.compressor.spread(&magnitudes).iter().zip(d).map(|(a, d)| a * d));
             }
-            Statistic::Thesis => vec![nearest(&observation.samples, axis)],
-        };
-        let greatest = match (&planes[0], self.statistic) {
-            (Values::Continuous(v), Statistic::Ls | Statistic::Log) => v.iter().copied().fold(0.0, f32::max) as i64 + 1,
-            _ => 0,
-        };
-        (planes, greatest)
+            Statistic::Thesis => write_nearest(samples, axis, first, second),
+        }
+        0
     }
+}
+
+/// |x|, whose square need not fit f32.
+fn magnitude(x: &Complex32) -> f32 {
+    let (re, im) = (f64::from(x.re), f64::from(x.im));
+    (re * re + im * im).sqrt() as f32
+}
+
+/// Writes a plane that is linear from entry to entry; its greatest value.
+fn write(plane: &mut [f32], values: impl Iterator<Item = f32>) -> f32 {
+    let (value, slope) = plane.split_at_mut(plane.len() / 2);
+    let (mut entries, mut greatest) = (0, 0.0f32);
+    for (to, from) in value.iter_mut().zip(values) {
+        (*to, entries, greatest) = (from, entries + 1, greatest.max(from));
+    }
+    value[entries..].fill(0.0);
+    for (to, two) in slope.iter_mut().zip(value[..entries].array_windows::<2>()) {
+        *to = two[1] - two[0];
+    }
+    slope[entries.saturating_sub(1)..].fill(0.0);
+    greatest
+}
+
+/// |x of the nearest point| · D: it jumps halfway between points, where the tables have entries. The second plane has the
+/// same as pairs of value and slope.
+fn write_nearest(samples: &[Complex32], axis: &Axis, plane: &mut [f32], pairs: &mut [f32]) {
+    let (value, slope) = plane.split_at_mut(plane.len() / 2);
+    let phases = (axis.geometry.axis.step_m / axis.compressor.step_m()).round() as usize;
+    let falloff = &axis.falloff;
+    let (mut sample, mut left) = (0, phases / 2);
+    let last = falloff.len() - 1;
+    for n in 0..=last {
+        if left == 0 {
+            (sample, left) = ((sample + 1).min(samples.len() - 1), phases);
+        }
+        left -= 1;
+        let magnitude = magnitude(&samples[sample]);
+        let (from, to) = (magnitude * falloff[n], magnitude * falloff[(n + 1).min(last)]);
+        (value[n], slope[n]) = (from, to - from);
+        (pairs[2 * n], pairs[2 * n + 1]) = (from, to - from);
+    }
+    value[last + 1..].fill(0.0);
+    slope[last + 1..].fill(0.0);
+    pairs[2 * last + 2..].fill(0.0);
 }
 
 /// From the median noise and the greatest sample, numbers that are none left out.
 fn step_for(observations: &[Observation]) -> f64 {
-    let mut noise: Vec<f64> = observations.iter().map(|o| sweep_noise_rms(&o.samples)).collect();
+    let of_sweep = |o: &Observation| (sweep_noise_rms(&o.samples), greatest_power(&o.samples));
+    let sweeps = observations.par_iter().with_min_len(SWEEPS_AT_ONCE).map(of_sweep);
+    let (mut noise, powers): (Vec<f64>, Vec<f64>) = sweeps.collect::<Vec<_>>().into_iter().unzip();
     noise.sort_by(f64::total_cmp);
-    let finite = observations.iter().flat_map(|o| &o.samples).map(|x| x.norm()).filter(|a| a.is_finite());
     let median = noise.get(noise.len() / 2).copied().filter(|n| n.is_finite());
-    ls_step(median.unwrap_or(1.0), f64::from(finite.fold(0.0, f32::max)))
+    ls_step(median.unwrap_or(1.0), powers.into_iter().fold(0.0, f64::max).sqrt())
 }
 
-/// One plane before it is laid out.
-enum Values {
-    /// Linear from entry to entry.
-    Continuous(Vec<f32>),
-    /// Each stretch between entries has a start and an end of its own.
-    Stretches(Vec<[f32; 2]>),
+/// The greatest |x|², numbers that are none left out.
+fn greatest_power(samples: &[Complex32]) -> f64 {
+    let powers = samples.iter().map(|x| f64::from(x.re) * f64::from(x.re) + f64::from(x.im) * f64::from(x.im));
+    powers.filter(|power| power.is_finite()).fold(0.0, f64::max)
 }
 
-impl Values {
-    fn write(&self, value: &mut [f32], slope: &mut [f32]) {
-        value.fill(0.0);
-        slope.fill(0.0);
-        match self {
-            Self::Continuous(v) => {
-                for n in 0..v.len() {
-                    (value[n], slope[n]) = (v[n], v.get(n + 1).map_or(0.0, |next| next - v[n]));
-                }
-            }
-            Self::Stretches(stretches) => {
-                for (n, [from, to]) in stretches.iter().enumerate() {
-                    (value[n], slope[n]) = (*from, to - from);
-                }
-            }
-        }
-    }
-}
-
-/// |x of the nearest point| · D: it jumps halfway between points, where the tables have entries.
-fn nearest(samples: &[Complex32], axis: &Axis) -> Values {
-    let phases = axis.geometry.axis.step_m / axis.compressor.step_m();
-    let stretch = |n: usize| {
-        let sample = ((n as f64 + 0.5) / phases).round() as usize;
-        let magnitude = samples[sample.min(samples.len() - 1)].norm();
-        [magnitude * axis.falloff[n], magnitude * axis.falloff[(n + 1).min(axis.falloff.len() - 1)]]
-    };
-    Values::Stretches((0..axis.falloff.len()).map(stretch).collect())
-}
-
-fn axis(geometry: &Arc<SweepGeometry>) -> Axis {
+fn axis(geometry: &Arc<SweepGeometry>, statistic: Statistic) -> Axis {
     let step_m = geometry.axis.step_m;
-    // Halfway between points there must be an entry.
-    let phases = 2.0 * (step_m / (2.0 * TABLE_STEP_M) - 1e-9).ceil().max(1.0);
+    let least = |widest_m: f64| (step_m / widest_m - 1e-9).ceil().max(1.0);
+    // Of `thesis` there must be an entry halfway between points.
+    let halves = statistic == Statistic::Thesis;
+    let phases = if halves { 2.0 * least(2.0 * TABLE_STEP_M) } else { least(TABLE_STEP_M) };
     let compressor = RangeCompressor::with_step(geometry, step_m / phases * (1.0 + 1e-9));
     let falloff = (0..compressor.entries())
         .map(|n| compressor.first_m() + n as f64 * compressor.step_m())

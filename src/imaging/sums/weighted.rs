@@ -1,23 +1,26 @@
 //! Sums of amplitudes times w = D·A over a brick: `thesis-full`, `thesis`, `glrt` and `coherent`.
 //!
-//! D is in the tables, A comes from a parabola in the cosine to the boresight about the brick's centre where that is good
-//! enough, else from the beam's table voxel by voxel. Voxels are summed in the order of the sweeps, in f32.
+//! D is in the tables. Inside, A comes from a parabola in the cosine to the boresight, expanded to second order about the
+//! brick's centre, where that is good enough; so does Σ w², summed over all such sweeps as ten coefficients and evaluated
+//! once a brick. Else A comes from the beam's table voxel by voxel. Voxels are summed in f32, group by group of sixteen
+//! sweeps, in the order of the sweeps, those at an edge after the others.
 
 use super::beam_table::{BeamTable, ENTRIES_PER_COS};
 use super::dispatch::{Kernel, on_widest};
-use super::lanes::{LANES, Lanes, WINDOW};
-use super::power::{at_edge, window};
-use super::sight::{BrickShape, EDGE, Offsets, Sight, VOXELS, lane3, splat3};
+use super::lanes::{LANES, Lanes, WIDE_WINDOW, WINDOW};
+use super::power::{AtEdge, WidePairs, window};
+use super::sight::{BrickShape, EDGE, Offsets, Sight, VOXELS, dot, lane3, load3, scale3, sub3};
 use super::stack::{Group, SweepStack};
 use crate::imaging::Statistic;
 use crate::radar::WAVELENGTH_M;
 
 /// Largest error of a distance, metres: 1 % of a radian of phase.
 const DISTANCE_ERROR_M: f64 = 4e-6;
-/// Largest error of the beam's amplitude that a parabola may leave.
-const AMPLITUDE_ERROR: f32 = 1e-3;
+/// Largest error of the beam's amplitude that its expansion may leave, and the same as a share of the amplitude.
+const AMPLITUDE_ERROR: f32 = 2e-3;
+const AMPLITUDE_ERROR_SHARE: f32 = 2e-2;
 
-/// A shape that is good enough for these sums.
+/// A shape that is good enough for sums with phase; without, [`super::power::power_shape`] is.
 pub(super) fn weighted_shape(voxel_m: f64) -> BrickShape {
     BrickShape::new(voxel_m, DISTANCE_ERROR_M)
 }
@@ -25,11 +28,38 @@ pub(super) fn weighted_shape(voxel_m: f64) -> BrickShape {
 /// The beam's amplitude at a cosine, linear between its table's entries.
 #[inline(always)]
 pub(super) fn amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
+    amplitude_at(s, beam, beam_place(s, cos))
+}
+
+/// Entry of the beam's table, and how far from it to the next.
+#[inline(always)]
+fn beam_place<S: Lanes>(s: S, cos: S::F) -> (S::I, S::F) {
     let at = s.mul(s.add(cos, s.splat(1.0)), s.splat(ENTRIES_PER_COS));
     let whole = s.floor(at);
-    let n = s.to_int(whole);
-    let (here, next) = (s.gather(&beam.amplitudes, n), s.gather(&beam.amplitudes, s.add_int(n, s.splat_int(1))));
-    s.mul_add(s.sub(at, whole), s.sub(next, here), here)
+    (s.to_int(whole), s.sub(at, whole))
+}
+
+#[inline(always)]
+fn amplitude_at<S: Lanes>(s: S, beam: &BeamTable, (n, rest): (S::I, S::F)) -> S::F {
+    let (here, next) = s.gather_pairs(&beam.amplitudes, n);
+    s.mul_add(rest, s.sub(next, here), here)
+}
+
+/// The same for voxels at an edge: in the beam's short table where it has one.
+#[inline(always)]
+fn edge_place<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> (S::I, S::F) {
+    let Some(short) = &beam.short else { return beam_place(s, cos) };
+    let at = s.mul(s.sub(cos, s.splat(beam.cut_cos)), s.splat(short.entries_per_cos));
+    let at = s.max(at, s.splat(0.0));
+    let whole = s.floor(s.min(at, s.splat((WIDE_WINDOW - 1) as f32)));
+    (s.to_int(whole), s.sub(at, whole))
+}
+
+#[inline(always)]
+fn edge_amplitude<S: Lanes>(s: S, beam: &BeamTable, (n, rest): (S::I, S::F)) -> S::F {
+    let Some(short) = &beam.short else { return amplitude_at(s, beam, (n, rest)) };
+    let (here, next) = (s.look_up_wide(&short.amplitudes, n), s.look_up_wide(&short.next, n));
+    s.mul_add(rest, s.sub(next, here), here)
 }
 
 /// The statistic over the voxels of one brick, all sweeps of a stack.
@@ -55,18 +85,18 @@ impl AddWeighted<'_> {
     }
 }
 
-/// What a layer of voxels has gathered: the sum (or its real part), the imaginary part, Σ w².
+/// What the voxels have gathered: the sum (or its real part) and the imaginary part.
 struct Gathered<S: Lanes> {
     re: [S::F; EDGE],
     im: [S::F; EDGE],
-    weights: [S::F; EDGE],
 }
 
-/// One sweep's terms for one layer: distance, its deviation from the brick's centre in turns of phase, A.
-struct Terms<S: Lanes> {
-    table: [S::F; 3],
-    turns: S::F,
-    amplitude: S::F,
+impl<S: Lanes> Gathered<S> {
+    #[inline(always)]
+    fn none(s: S) -> Self {
+        let zero = [s.splat(0.0); EDGE];
+        Self { re: zero, im: zero }
+    }
 }
 
 impl Kernel for AddWeighted<'_> {
@@ -83,32 +113,42 @@ impl Kernel for AddWeighted<'_> {
 }
 
 impl AddWeighted<'_> {
+    /// `PLANES`: 1 sums amplitudes, 2 sums Σ w² too, 3 sums both parts with their phase.
     #[inline(always)]
     fn sums<S: Lanes, const PLANES: usize>(&self, s: S) -> WeightedValues {
         let offsets = Offsets::new(s, &self.shape);
-        let zero = [s.splat(0.0); EDGE];
-        let mut gathered = Gathered::<S> { re: zero, im: zero, weights: zero };
+        // Sums of the two paths by themselves: those of the inside stay in registers.
+        let (mut gathered, mut at_edge) = (Gathered::none(s), Gathered::none(s));
+        let (mut weights, mut edge_weights) = (WeightSum::none(s), [s.splat(0.0); EDGE]);
         let mut updates = 0;
         for (group, sweeps) in self.stack.groups.iter().enumerate() {
             let sight = Sight::new(s, self.stack, sweeps, self.center, &self.shape);
-            let beam = BeamParabola::new(s, &self.stack.beam, &sight, &self.shape);
-            let inside = sight.inside & beam.good;
-            let mut left = sight.inside | sight.edge;
-            updates += u64::from(left.count_ones()) * VOXELS as u64;
-            while left != 0 {
-                let l = left.trailing_zeros() as usize;
-                left &= left - 1;
-                if inside >> l & 1 == 1 {
-                    self.add_inside::<S, PLANES>(s, group, &sight, &beam, l, &offsets, &mut gathered);
-                } else {
-                    self.add_edge::<S, PLANES>(s, group, &sight, l, &offsets, &mut gathered);
-                }
+            let beam = BeamExpansion::new(s, &self.stack.beam, sweeps, &sight, &self.shape);
+            let phase = Phase::new(s, &sight);
+            let mut inside = sight.inside & beam.good;
+            let mut edge = (sight.inside | sight.edge) & !inside;
+            updates += u64::from((sight.inside | sight.edge).count_ones()) * VOXELS as u64;
+            if PLANES > 1 {
+                weights.add(s, inside, &sight, &beam);
+            }
+            while inside != 0 {
+                let l = inside.trailing_zeros() as usize;
+                inside &= inside - 1;
+                self.add_inside::<S, PLANES>(s, group, &sight, &beam, &phase, l, &offsets, &mut gathered);
+            }
+            while edge != 0 {
+                let l = edge.trailing_zeros() as usize;
+                edge &= edge - 1;
+                self.add_edge::<S, PLANES>(s, group, &sight, &phase, l, &offsets, &mut at_edge, &mut edge_weights);
             }
         }
+        let terms = weights.total(s);
         let mut values = [0.0; VOXELS];
-        for layer in 0..EDGE {
-            let value = gathered.value::<PLANES>(s, layer);
-            values[layer * LANES..][..LANES].copy_from_slice(&s.store(value));
+        for (layer, values) in values.chunks_exact_mut(LANES).enumerate() {
+            let re = s.add(gathered.re[layer], at_edge.re[layer]);
+            let im = s.add(gathered.im[layer], at_edge.im[layer]);
+            let weights = s.add(at(s, &terms, &offsets, layer), edge_weights[layer]);
+            values.copy_from_slice(&s.store(value::<S, PLANES>(s, re, im, weights)));
         }
         WeightedValues { values, updates }
     }
@@ -120,203 +160,439 @@ impl AddWeighted<'_> {
         s: S,
         group: usize,
         sight: &Sight,
-        beam: &BeamParabola,
+        beam: &BeamExpansion,
+        phase: &Phase,
         l: usize,
         offsets: &Offsets<S>,
         gathered: &mut Gathered<S>,
     ) {
         let (slot, first) = (group * LANES + l, sight.window[l] as usize);
-        let sweeps = &self.stack.groups[group];
-        let mut windows = [(&[0.0; WINDOW], &[0.0; WINDOW]); PLANES];
-        for plane in 0..PLANES {
+        let parts = if PLANES == 3 { 2 } else { 1 };
+        let mut windows = [(&[0.0; WINDOW], &[0.0; WINDOW]); 2];
+        for (plane, of_plane) in windows[..parts].iter_mut().enumerate() {
             let (values, slopes) = self.stack.table(slot, plane).split_at(self.stack.stride);
             let (Some(values), Some(slopes)) = (window(values, first), window(slopes, first)) else { return };
-            windows[plane] = (values, slopes);
+            *of_plane = (values, slopes);
         }
-        let [ux, uy, uz] = lane3(s, &sight.toward, l);
+        let [ux, uy, _] = lane3(s, &sight.toward, l);
+        let [gx, gy, _] = lane3(s, &beam.gradient_per_m, l);
         let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
-        let (half, half2) = (s.splat(sight.half_per_m[l]), s.splat(sight.half_per_m2[l]));
-        let (per_m, entry) = (s.splat(sight.entries_per_m[l]), s.splat(sight.entry[l]));
-        // The boresight in units of the distance, so that the products are deviations of the cosine.
-        let per_distance = 1.0 / sight.pose_distance_m[l];
-        let [bx, by, bz] = sweeps_forward(s, sweeps, l, per_distance);
-        let flat_cos = s.mul_add(offsets.x, bx, s.mul(offsets.y, by));
-        let (cos, per_distance) = (s.splat(sight.cos[l]), s.splat(per_distance));
-        let [a0, a1, a2] = lane3(s, &beam.terms, l);
-        let (center_turns, turns_per_m) = turns_of(sight, l);
-        let (center_turns, turns_per_m) = (s.splat(center_turns), s.splat(turns_per_m));
-        for layer in 0..EDGE {
-            let q = s.mul_add(offsets.z[layer], uz, flat);
-            let bend = s.mul(s.neg_mul_add(q, q, offsets.squared[layer]), s.neg_mul_add(q, half2, half));
-            let deviation = s.add(q, bend);
-            let at = s.mul_add(deviation, per_m, entry);
-            let whole = s.floor(at);
-            let (n, rest) = (s.to_int(whole), s.sub(at, whole));
-            let mut table = [s.splat(0.0); 3];
-            for plane in 0..PLANES {
-                let (values, slopes) = windows[plane];
-                table[plane] = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
-            }
-            let amplitude = if self.stack.beam.uniform {
-                s.splat(1.0)
-            } else {
-                // Δcos = (δ·b − cos·ε)/(1 + ε) with b and the deviation ε in units of the distance.
-                let off = s.mul(deviation, per_distance);
-                let along = s.mul_add(offsets.z[layer], bz, flat_cos);
-                let inverse = s.mul_add(s.sub(off, s.splat(1.0)), off, s.splat(1.0));
-                let turn = s.mul(s.neg_mul_add(cos, off, along), inverse);
-                s.mul_add(s.mul_add(a2, turn, a1), turn, a0)
-            };
-            let turns = s.mul_add(deviation, turns_per_m, center_turns);
-            gathered.add::<PLANES>(s, layer, Terms { table, turns, amplitude });
-        }
+        let flat_g = s.mul_add(offsets.x, gx, s.mul(offsets.y, gy));
+        let ray = Ray { sight, beam, phase, l, windows, flat, flat_g };
+        // Four times the same, so that the sums have names and stay in registers.
+        let Gathered { re, im } = gathered;
+        (re[0], im[0]) = ray.add::<PLANES>(s, offsets, 0, re[0], im[0]);
+        (re[1], im[1]) = ray.add::<PLANES>(s, offsets, 1, re[1], im[1]);
+        (re[2], im[2]) = ray.add::<PLANES>(s, offsets, 2, re[2], im[2]);
+        (re[3], im[3]) = ray.add::<PLANES>(s, offsets, 3, re[3], im[3]);
     }
 
     #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
     fn add_edge<S: Lanes, const PLANES: usize>(
         &self,
         s: S,
         group: usize,
         sight: &Sight,
+        phase: &Phase,
         l: usize,
         offsets: &Offsets<S>,
         gathered: &mut Gathered<S>,
+        weights: &mut [S::F; EDGE],
     ) {
         let (slot, sweeps) = (group * LANES + l, &self.stack.groups[group]);
         let center = s.splat(sight.distance_m[l]);
-        let (center_turns, _) = turns_of(sight, l);
-        for layer in 0..EDGE {
-            let (distance, counts, cos) = at_edge(s, self.stack, group, sight, l, offsets, layer);
-            let at = s.mul(s.sub(distance, s.splat(sweeps.first_m[l])), s.splat(sweeps.entries_per_m[l]));
+        let center_parts = s.splat(phase.center_parts[l]);
+        let jumps = self.stack.statistic() == Statistic::Thesis;
+        let (none, zero) = (s.splat_int(0), s.splat(0.0));
+        // First where each layer's values lie, then the values: the processor waits for no single one.
+        let mut places = [Place::<S> { n: none, rest: zero, counts: s.mask(0), beam: (none, zero), parts: zero }; EDGE];
+        for (layer, place) in places.iter_mut().enumerate() {
+            let seen = AtEdge::new(s, self.stack, group, sight, l, offsets, layer);
+            let at = s.mul(s.sub(seen.distance, s.splat(sweeps.first_m[l])), s.splat(sweeps.entries_per_m[l]));
             let whole = s.floor(at);
-            let n = s.to_int(s.or_zero(counts, whole));
-            // What does not count may be no number; it must not reach the sums.
-            let mut table = [s.splat(0.0); 3];
-            for plane in 0..PLANES {
-                let (values, slopes) = self.stack.table(slot, plane).split_at(self.stack.stride);
-                let value = s.mul_add(s.sub(at, whole), s.gather(slopes, n), s.gather(values, n));
-                table[plane] = s.or_zero(counts, value);
+            let n = s.to_int(s.or_zero(seen.counts, whole));
+            let beam =
+                if self.stack.beam.uniform { (none, zero) } else { edge_place(s, &self.stack.beam, seen.cos(s)) };
+            let parts = s.mul_add(s.sub(seen.distance, center), s.splat(PARTS_PER_M as f32), center_parts);
+            *place =
+                Place { n, rest: s.sub(at, whole), counts: seen.counts, beam, parts: s.or_zero(seen.counts, parts) };
+        }
+        let mut wide = [const { None }; PLANES];
+        for (plane, wide) in wide.iter_mut().enumerate() {
+            let (values, slopes) = self.stack.table(slot, plane).split_at(self.stack.stride);
+            *wide = WidePairs::new(sight, l, values, if jumps { slopes } else { values.get(1..).unwrap_or_default() });
+        }
+        for (layer, place) in places.into_iter().enumerate() {
+            let Place { n, rest, counts, beam, parts } = place;
+            let mut planes = [zero; 3];
+            for (plane, value) in planes[..PLANES].iter_mut().enumerate() {
+                let (here, next) = match &wide[plane] {
+                    Some(wide) => wide.at(s, n),
+                    None if jumps => s.gather_pairs(self.stack.table(slot, 1), s.add_int(n, n)),
+                    None => s.gather_pairs(&self.stack.table(slot, plane)[..self.stack.stride], n),
+                };
+                let slope = if jumps { next } else { s.sub(next, here) };
+                // What does not count may be no number; it must not reach the sums.
+                *value = s.or_zero(counts, s.mul_add(rest, slope, here));
             }
-            let amplitude = if self.stack.beam.uniform { s.splat(1.0) } else { amplitude(s, &self.stack.beam, cos) };
-            let turns = s.mul_add(s.sub(distance, center), s.splat(TURNS_PER_M), s.splat(center_turns));
-            let amplitude = s.or_zero(counts, amplitude);
-            gathered.add::<PLANES>(s, layer, Terms { table, turns: s.or_zero(counts, turns), amplitude });
+            let mut amplitude = s.splat(1.0);
+            if !self.stack.beam.uniform {
+                amplitude = s.or_zero(counts, edge_amplitude(s, &self.stack.beam, beam));
+            }
+            if PLANES == 3 {
+                let sums = [gathered.re[layer], gathered.im[layer]];
+                (gathered.re[layer], gathered.im[layer]) =
+                    add_turned(s, [planes[0], planes[1]], amplitude, parts, sums);
+            } else {
+                gathered.re[layer] = s.mul_add(planes[0], amplitude, gathered.re[layer]);
+            }
+            if PLANES > 1 {
+                weights[layer] = s.mul_add(planes[PLANES - 1], s.mul(amplitude, amplitude), weights[layer]);
+            }
         }
     }
 }
 
-/// A sweep's boresight, scaled.
-#[inline(always)]
-fn sweeps_forward<S: Lanes>(s: S, sweeps: &Group, l: usize, by: f32) -> [S::F; 3] {
-    let [x, y, z] = &sweeps.forward;
-    splat3(s, [x[l] * by, y[l] * by, z[l] * by])
+/// Where a layer's values lie in the tables.
+#[derive(Clone, Copy)]
+struct Place<S: Lanes> {
+    n: S::I,
+    rest: S::F,
+    counts: S::M,
+    /// In the beam's table.
+    beam: (S::I, S::F),
+    /// Phase.
+    parts: S::F,
 }
 
-/// Turns of phase per metre of distance: there and back.
-const TURNS_PER_M: f32 = (2.0 / WAVELENGTH_M) as f32;
-
-/// The centre's phase in turns, whole ones left out, and turns per metre of deviation.
-#[inline(always)]
-fn turns_of(sight: &Sight, l: usize) -> (f32, f32) {
-    let turns = f64::from(sight.distance_m[l]) * (2.0 / WAVELENGTH_M);
-    ((turns - turns.floor()) as f32, TURNS_PER_M * sight.stretch[l])
+/// One sweep that sees the whole brick.
+struct Ray<'a, S: Lanes> {
+    sight: &'a Sight,
+    beam: &'a BeamExpansion,
+    phase: &'a Phase,
+    l: usize,
+    /// Values and slopes of the table, for each part.
+    windows: [(&'a [f32; WINDOW], &'a [f32; WINDOW]); 2],
+    /// Of the layer through the centre: along the line of sight, and what the cosine follows.
+    flat: S::F,
+    flat_g: S::F,
 }
 
-impl<S: Lanes> Gathered<S> {
+impl<S: Lanes> Ray<'_, S> {
+    /// The sums of a layer with this sweep in them.
     #[inline(always)]
-    fn add<const PLANES: usize>(&mut self, s: S, layer: usize, terms: Terms<S>) {
-        let Terms { table, turns, amplitude } = terms;
+    fn add<const PLANES: usize>(&self, s: S, offsets: &Offsets<S>, layer: usize, re: S::F, im: S::F) -> (S::F, S::F) {
+        let (sight, beam, phase, l) = (self.sight, self.beam, self.phase, self.l);
+        let q = s.add(self.flat, s.splat(beam.up[layer][l]));
+        let across = s.neg_mul_add(q, q, offsets.squared[layer]);
+        let bend_per_m2 = s.neg_mul_add(q, s.splat(sight.half_per_m2[l]), s.splat(sight.half_per_m[l]));
+        let deviation = s.mul_add(across, bend_per_m2, q);
+        let at = s.mul_add(deviation, s.splat(sight.entries_per_m[l]), s.splat(sight.entry[l]));
+        let whole = s.floor(at);
+        let (n, rest) = (s.to_int(whole), s.sub(at, whole));
+        let g = s.add(self.flat_g, s.splat(beam.up_g[layer][l]));
+        let slope = s.mul_add(q, s.splat(beam.along_per_m[l]), s.splat(beam.terms[1][l]));
+        let slope = s.mul_add(g, s.splat(beam.terms[2][l]), slope);
+        let amplitude = s.mul_add(across, s.splat(beam.across_per_m2[l]), s.splat(beam.terms[0][l]));
+        let amplitude = s.mul_add(g, slope, amplitude);
+        let (values, slopes) = self.windows[0];
+        let real = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
         if PLANES < 3 {
-            self.re[layer] = s.mul_add(table[0], amplitude, self.re[layer]);
-            if PLANES == 2 {
-                self.weights[layer] = s.mul_add(table[1], s.mul(amplitude, amplitude), self.weights[layer]);
-            }
-            return;
+            return (s.mul_add(real, amplitude, re), im);
         }
-        // z · e^(−j·2π·turns)
-        let (cos, sin) = cos_sin(s, turns);
-        let (re, im) = (s.mul(table[0], amplitude), s.mul(table[1], amplitude));
-        self.re[layer] = s.mul_add(im, sin, s.mul_add(re, cos, self.re[layer]));
-        self.im[layer] = s.neg_mul_add(re, sin, s.mul_add(im, cos, self.im[layer]));
-        self.weights[layer] = s.mul_add(table[2], s.mul(amplitude, amplitude), self.weights[layer]);
+        let (values, slopes) = self.windows[1];
+        let imaginary = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
+        let parts = s.mul_add(deviation, s.splat(phase.parts_per_m[l]), s.splat(phase.center_parts[l]));
+        add_turned(s, [real, imaginary], amplitude, parts, [re, im])
     }
+}
 
+/// Phases count in parts of a turn.
+const PARTS: usize = 64;
+/// Parts of phase per metre of distance, there and back, and what f32 cannot hold of it.
+const PARTS_PER_M: f64 = 2.0 * PARTS as f64 / WAVELENGTH_M;
+const PARTS_PER_M_REST: f32 = (PARTS_PER_M - PARTS_PER_M as f32 as f64) as f32;
+/// Radians of a part.
+const PART_RAD: f32 = std::f32::consts::TAU / PARTS as f32;
+/// Sine of each part of three quarters of a turn.
+const SINES: [f32; PARTS / 4 * 3] = sines();
+
+const fn sines() -> [f32; PARTS / 4 * 3] {
+    let mut sines = [0.0; PARTS / 4 * 3];
+    let mut n = 0;
+    while n < sines.len() {
+        // By its series: 1e-12 at three quarters of a turn.
+        let x = std::f64::consts::TAU * n as f64 / PARTS as f64;
+        let (mut term, mut sum, mut k) = (x, x, 1.0);
+        while k < 40.0 {
+            term *= -x * x / ((k + 1.0) * (k + 2.0));
+            sum += term;
+            k += 2.0;
+        }
+        sines[n] = sum as f32;
+        n += 1;
+    }
+    sines
+}
+
+/// Phases at a brick's centre, for each of sixteen sweeps.
+struct Phase {
+    /// Whole turns left out.
+    center_parts: [f32; LANES],
+    parts_per_m: [f32; LANES],
+}
+
+impl Phase {
     #[inline(always)]
-    fn value<const PLANES: usize>(&self, s: S, layer: usize) -> S::F {
-        let (re, im, weights) = (self.re[layer], self.im[layer], self.weights[layer]);
-        let some = s.at_most(s.splat(f32::MIN_POSITIVE), weights);
-        match PLANES {
-            1 => re,
-            2 => s.or_zero(some, s.div(re, s.sqrt(weights))),
-            _ => s.or_zero(some, s.div(s.sqrt(s.mul_add(re, re, s.mul(im, im))), s.sqrt(weights))),
+    fn new<S: Lanes>(s: S, sight: &Sight) -> Self {
+        let (distance, per_m) = (s.load(&sight.distance_m), s.splat(PARTS_PER_M as f32));
+        let parts = s.mul(distance, per_m);
+        // What the product lost by rounding: d·k − rounded(d·k) is exact in one operation.
+        let lost = s.sub(s.splat(0.0), s.neg_mul_add(distance, per_m, parts));
+        let lost = s.mul_add(distance, s.splat(PARTS_PER_M_REST), lost);
+        let turns = s.mul(s.floor(s.mul(parts, s.splat(1.0 / PARTS as f32))), s.splat(PARTS as f32));
+        Self {
+            center_parts: s.store(s.add(s.sub(parts, turns), lost)),
+            parts_per_m: s.store(s.mul(s.load(&sight.stretch), per_m)),
         }
     }
 }
 
-/// cos and sin of 2π·turns, to 1e-5: half turns are taken off and decide the sign, the rest goes through short polynomials.
+/// Adds A·(re + j·im)·e^(−jφ) to a sum; φ in parts. The nearest whole part comes from a table in registers, the rest, at most
+/// 0.05 rad, turns to first order: to 1e-3 of the amplitude and 5e-5 rad.
 #[inline(always)]
-pub(super) fn cos_sin<S: Lanes>(s: S, turns: S::F) -> (S::F, S::F) {
-    let twice = s.add(turns, turns);
-    let whole = s.round(twice);
-    let f = s.sub(twice, whole);
-    // 1 for even half turns, −1 for odd ones: 1 − 2·(whole mod 2).
-    let half = s.mul(whole, s.splat(0.5));
-    let odd = s.abs(s.sub(half, s.round(half)));
-    let sign = s.neg_mul_add(odd, s.splat(4.0), s.splat(1.0));
-    let x2 = s.mul(f, f);
-    // Chebyshev fits of sin(πf)/f and cos(πf) over |f| ≤ ½.
-    let sin = s.mul_add(x2, s.splat(-0.559_462_45), s.splat(2.544_010_5));
-    let sin = s.mul_add(x2, sin, s.splat(-5.167_406_7));
-    let sin = s.mul_add(x2, sin, s.splat(3.141_590_3));
-    let cos = s.mul_add(x2, s.splat(-1.222_031_8), s.splat(4.041_248));
-    let cos = s.mul_add(x2, cos, s.splat(-4.933_934_7));
-    let cos = s.mul_add(x2, cos, s.splat(0.999_993_25));
-    (s.mul(cos, sign), s.mul(s.mul(sin, f), sign))
+fn add_turned<S: Lanes>(s: S, [re, im]: [S::F; 2], amplitude: S::F, parts: S::F, sums: [S::F; 2]) -> (S::F, S::F) {
+    let (Some(sines), Some(cosines)) = (SINES.first_chunk(), SINES.last_chunk()) else { return (sums[0], sums[1]) };
+    let n = s.to_int(parts);
+    let rest = s.mul(s.sub(parts, s.to_float(n)), s.splat(PART_RAD));
+    let (cos, sin) = (s.look_up(cosines, n), s.look_up(sines, n));
+    // The tables hold half a turn; the other half has the other sign.
+    let amplitude = s.negate_where_bit_5(amplitude, n);
+    let a = s.mul_add(im, sin, s.mul(re, cos));
+    let b = s.neg_mul_add(re, sin, s.mul(im, cos));
+    let sum_re = s.mul_add(amplitude, s.mul_add(b, rest, a), sums[0]);
+    let sum_im = s.mul_add(amplitude, s.neg_mul_add(a, rest, b), sums[1]);
+    (sum_re, sum_im)
 }
 
-/// A ≈ a0 + Δcos·(a1 + Δcos·a2) about a brick's centre, for each of sixteen sweeps.
-struct BeamParabola {
+/// The statistic from its sums.
+#[inline(always)]
+fn value<S: Lanes, const PLANES: usize>(s: S, re: S::F, im: S::F, weights: S::F) -> S::F {
+    let some = s.at_most(s.splat(f32::MIN_POSITIVE), weights);
+    match PLANES {
+        1 => re,
+        2 => s.or_zero(some, s.div(re, s.sqrt(weights))),
+        _ => s.or_zero(some, s.div(s.sqrt(s.mul_add(re, re, s.mul(im, im))), s.sqrt(weights))),
+    }
+}
+
+/// A about a brick's centre, for each of sixteen sweeps, to second order in a voxel's offset δ from it:
+/// A ≈ a0 + g·(a1 + a2·g − a1·q/d) − a1·cos·(|δ|² − q²)/2d², with q along the line of sight and g = δ·(b − cos·u)/d.
+struct BeamExpansion {
+    /// A and its slopes by the cosine to the boresight.
     terms: [[f32; LANES]; 3],
+    /// (b − cos·u)/d: what g is made of.
+    gradient_per_m: [[f32; LANES]; 3],
+    /// How much each layer adds to q and to g.
+    up: [[f32; LANES]; EDGE],
+    up_g: [[f32; LANES]; EDGE],
+    /// −a1/d and −a1·cos/2d².
+    along_per_m: [f32; LANES],
+    across_per_m2: [f32; LANES],
     /// Sweeps for which it is good enough over the whole brick.
     good: u16,
 }
 
-impl BeamParabola {
+impl BeamExpansion {
     #[inline(always)]
-    fn new<S: Lanes>(s: S, beam: &BeamTable, sight: &Sight, shape: &BrickShape) -> Self {
+    fn new<S: Lanes>(s: S, beam: &BeamTable, sweeps: &Group, sight: &Sight, shape: &BrickShape) -> Self {
+        let heights = shape.heights();
+        let toward = load3(s, &sight.toward);
+        let up = steps(s, toward[2], heights);
         if beam.uniform {
-            return Self { terms: [[0.0; LANES]; 3], good: u16::MAX };
+            let none = [0.0; LANES];
+            return Self {
+                terms: [[1.0; LANES], none, none],
+                gradient_per_m: [none; 3],
+                up,
+                up_g: [none; EDGE],
+                along_per_m: none,
+                across_per_m2: none,
+                good: u16::MAX,
+            };
         }
-        // The cosine changes by at most ρ/d, and a little for the bend.
-        let distance = s.max(s.load(&sight.pose_distance_m), s.splat(1e-6));
-        let width = s.min(s.div(s.splat(shape.radius_m * 1.1), distance), s.splat(0.25));
-        let width = s.max(width, s.splat(2.0 / ENTRIES_PER_COS));
         let cos = s.load(&sight.cos);
-        // Three points `width` apart, the highest at most 1: near the axis they move to the side that there is.
-        let high = s.min(width, s.sub(s.splat(1.0), cos));
-        let [a_low, a_middle, a_high] = [
-            below(s, beam, cos, high, width, 2.0),
-            below(s, beam, cos, high, width, 1.0),
-            below(s, beam, cos, high, width, 0.0),
-        ];
-        let per_width = s.div(s.splat(1.0), width);
-        let slope = s.mul(s.sub(a_high, a_middle), per_width);
-        let slope_low = s.mul(s.sub(a_middle, a_low), per_width);
-        let a2 = s.mul(s.mul(s.sub(slope, slope_low), per_width), s.splat(0.5));
-        let middle = s.sub(high, width);
-        let a1 = s.neg_mul_add(a2, s.add(high, middle), slope);
-        let a0 = s.add(s.neg_mul_add(slope, high, a_high), s.mul(a2, s.mul(high, middle)));
-        // Checked halfway between the points.
-        let (x, far) = (s.neg_mul_add(width, s.splat(0.5), high), s.neg_mul_add(width, s.splat(1.5), high));
-        let off = s.sub(below(s, beam, cos, high, width, 0.5), s.mul_add(s.mul_add(a2, x, a1), x, a0));
-        let off_far = s.sub(below(s, beam, cos, high, width, 1.5), s.mul_add(s.mul_add(a2, far, a1), far, a0));
-        let good = s.at_most(s.max(s.abs(off), s.abs(off_far)), s.splat(AMPLITUDE_ERROR));
-        Self { terms: [s.store(a0), s.store(a1), s.store(a2)], good: s.bits(good) }
+        let per_m = s.div(s.splat(1.0), s.max(s.load(&sight.pose_distance_m), s.splat(1e-6)));
+        // The cosine changes by at most ρ/d, and a little for the bend.
+        let turn = s.mul(s.splat(shape.radius_m * 1.1), per_m);
+        let ([a0, a1, a2], mut good) = parabola(s, beam, cos, turn);
+        // Terms of third order are left out: g·e² is at most 0.4 ρ³/d³, across and along the line of sight.
+        let left_out = s.mul(s.mul(s.abs(a1), s.splat(0.4)), s.mul(turn, s.mul(turn, turn)));
+        good = s.and(good, s.at_most(left_out, tolerance(s, a0)));
+        let gradient = scale3(s, sub3(s, load3(s, &sweeps.forward), scale3(s, toward, cos)), per_m);
+        let along = s.mul(s.mul(a1, per_m), s.splat(-1.0));
+        let across = s.mul(s.mul(along, s.mul(cos, per_m)), s.splat(0.5));
+        Self {
+            terms: [s.store(a0), s.store(a1), s.store(a2)],
+            gradient_per_m: [s.store(gradient[0]), s.store(gradient[1]), s.store(gradient[2])],
+            up,
+            up_g: steps(s, gradient[2], heights),
+            along_per_m: s.store(along),
+            across_per_m2: s.store(across),
+            good: s.bits(good),
+        }
     }
+}
+
+/// A slope along z as what each layer adds.
+#[inline(always)]
+fn steps<S: Lanes>(s: S, slope: S::F, heights: [f32; EDGE]) -> [[f32; LANES]; EDGE] {
+    let mut steps = [[0.0; LANES]; EDGE];
+    for (step, height) in steps.iter_mut().zip(heights) {
+        *step = s.store(s.mul(slope, s.splat(height)));
+    }
+    steps
+}
+
+/// How far an amplitude may be off.
+#[inline(always)]
+fn tolerance<S: Lanes>(s: S, amplitude: S::F) -> S::F {
+    s.min(s.splat(AMPLITUDE_ERROR), s.mul(amplitude, s.splat(AMPLITUDE_ERROR_SHARE)))
+}
+
+/// A ≈ a0 + Δcos·(a1 + Δcos·a2) for cosines within `turn` of one, and where that is good enough.
+#[inline(always)]
+fn parabola<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, turn: S::F) -> ([S::F; 3], S::M) {
+    let width = s.max(s.min(turn, s.splat(0.25)), s.splat(2.0 / ENTRIES_PER_COS));
+    // Three points `width` apart, the highest at most 1: near the axis they move to the side that there is.
+    let high = s.min(width, s.sub(s.splat(1.0), cos));
+    let [a_low, a_middle, a_high] = [
+        below(s, beam, cos, high, width, 2.0),
+        below(s, beam, cos, high, width, 1.0),
+        below(s, beam, cos, high, width, 0.0),
+    ];
+    let per_width = s.div(s.splat(1.0), width);
+    let slope = s.mul(s.sub(a_high, a_middle), per_width);
+    let slope_low = s.mul(s.sub(a_middle, a_low), per_width);
+    let a2 = s.mul(s.mul(s.sub(slope, slope_low), per_width), s.splat(0.5));
+    let middle = s.sub(high, width);
+    let a1 = s.neg_mul_add(a2, s.add(high, middle), slope);
+    let a0 = s.add(s.neg_mul_add(slope, high, a_high), s.mul(a2, s.mul(high, middle)));
+    // Checked halfway between the points.
+    let (x, far) = (s.neg_mul_add(width, s.splat(0.5), high), s.neg_mul_add(width, s.splat(1.5), high));
+    let off = s.sub(below(s, beam, cos, high, width, 0.5), s.mul_add(s.mul_add(a2, x, a1), x, a0));
+    let off_far = s.sub(below(s, beam, cos, high, width, 1.5), s.mul_add(s.mul_add(a2, far, a1), far, a0));
+    ([a0, a1, a2], s.at_most(s.max(s.abs(off), s.abs(off_far)), tolerance(s, a0)))
 }
 
 /// A at some widths below the highest point.
 #[inline(always)]
 fn below<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, high: S::F, width: S::F, widths: f32) -> S::F {
     amplitude(s, beam, s.add(cos, s.neg_mul_add(width, s.splat(widths), high)))
+}
+
+/// Coefficients of 1, x, y, z, x², y², z², xy, xz, yz.
+const TERMS: usize = 10;
+
+/// Σ w² of the sweeps that see the whole brick, to second order in a voxel's offset from its centre. Lanes are sweeps.
+struct WeightSum<S: Lanes> {
+    terms: [S::F; TERMS],
+}
+
+impl<S: Lanes> WeightSum<S> {
+    #[inline(always)]
+    fn none(s: S) -> Self {
+        Self { terms: [s.splat(0.0); TERMS] }
+    }
+
+    /// w² = A²/d⁴ with A from its expansion, 1/d⁴ ≈ (1 − 4e + 12e² − 2|δ|²/d²)/d₀⁴ and e = q/d₀.
+    #[inline(always)]
+    fn add(&mut self, s: S, inside: u16, sight: &Sight, beam: &BeamExpansion) {
+        let mask = s.mask(inside);
+        let [a0, a1, a2] = load3(s, &beam.terms);
+        let per_m = s.mul(s.load(&sight.half_per_m), s.splat(2.0));
+        let per_m2 = s.mul(per_m, per_m);
+        let per_m4 = s.mul(per_m2, per_m2);
+        let ([gx, gy, gz], u) = (load3(s, &beam.gradient_per_m), load3(s, &sight.toward));
+        let [ux, uy, uz] = scale3(s, u, per_m);
+        let (a00, a01) = (s.mul(s.mul(a0, a0), per_m4), s.mul(s.mul(a0, a1), per_m4));
+        let bent = s.mul(a01, s.load(&sight.cos));
+        let gg = s.mul(s.mul_add(s.add(a0, a0), a2, s.mul(a1, a1)), per_m4);
+        let gu = s.mul(a01, s.splat(-10.0));
+        let uu = s.mul_add(a00, s.splat(12.0), bent);
+        let dd = s.mul(s.mul_add(a00, s.splat(-2.0), s.sub(s.splat(0.0), bent)), per_m2);
+        let (g1, u1) = (s.add(a01, a01), s.mul(a00, s.splat(-4.0)));
+        let square = Products { gg, gu, uu };
+        let terms = [
+            a00,
+            s.mul_add(g1, gx, s.mul(u1, ux)),
+            s.mul_add(g1, gy, s.mul(u1, uy)),
+            s.mul_add(g1, gz, s.mul(u1, uz)),
+            s.add(dd, square.of(s, [gx, ux], [gx, ux])),
+            s.add(dd, square.of(s, [gy, uy], [gy, uy])),
+            s.add(dd, square.of(s, [gz, uz], [gz, uz])),
+            s.mul(s.splat(2.0), square.of(s, [gx, ux], [gy, uy])),
+            s.mul(s.splat(2.0), square.of(s, [gx, ux], [gz, uz])),
+            s.mul(s.splat(2.0), square.of(s, [gy, uy], [gz, uz])),
+        ];
+        for (sum, term) in self.terms.iter_mut().zip(terms) {
+            *sum = s.add(*sum, s.or_zero(mask, term));
+        }
+    }
+
+    /// The sum over the lanes.
+    #[inline(always)]
+    fn total(&self, s: S) -> [f32; TERMS] {
+        let mut total = [0.0; TERMS];
+        for (total, terms) in total.iter_mut().zip(self.terms) {
+            *total = s.store(terms).iter().sum();
+        }
+        total
+    }
+}
+
+/// A quadratic form of the gradients g and u: gg·g² + gu·g·u + uu·u².
+struct Products<S: Lanes> {
+    gg: S::F,
+    gu: S::F,
+    uu: S::F,
+}
+
+impl<S: Lanes> Products<S> {
+    /// Its part for two axes, the same both ways.
+    #[inline(always)]
+    fn of(&self, s: S, [ga, ua]: [S::F; 2], [gb, ub]: [S::F; 2]) -> S::F {
+        let mixed = s.mul(s.mul(self.gu, s.splat(0.5)), s.mul_add(ga, ub, s.mul(gb, ua)));
+        s.mul_add(s.mul(self.gg, ga), gb, s.mul_add(s.mul(self.uu, ua), ub, mixed))
+    }
+}
+
+/// The expansion at a layer's voxels.
+#[inline(always)]
+fn at<S: Lanes>(s: S, terms: &[f32; TERMS], offsets: &Offsets<S>, layer: usize) -> S::F {
+    let [one, x, y, z, xx, yy, zz, xy, xz, yz] = *terms;
+    let [dx, dy, dz] = offsets.layer(layer);
+    let along_x = s.mul_add(dx, s.splat(xx), s.mul_add(dy, s.splat(xy), s.mul_add(dz, s.splat(xz), s.splat(x))));
+    let along_y = s.mul_add(dy, s.splat(yy), s.mul_add(dz, s.splat(yz), s.splat(y)));
+    let along_z = s.mul_add(dz, s.splat(zz), s.splat(z));
+    s.add(s.splat(one), dot(s, [dx, dy, dz], [along_x, along_y, along_z]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::sums::lanes::Plain;
+
+    #[test]
+    fn phases_are_turned_back() {
+        for n in -2000..2000 {
+            let (parts, s) = (n as f32 * 0.037, Plain);
+            let z = [s.splat(0.3), s.splat(-0.4)];
+            let (re, im) = add_turned(s, z, s.splat(2.0), s.splat(parts), [s.splat(2.0), s.splat(3.0)]);
+            let (sin, cos) = (f64::from(parts) * std::f64::consts::TAU / PARTS as f64).sin_cos();
+            assert!((f64::from(re[0]) - 2.0 - (0.6 * cos - 0.8 * sin)).abs() < 1.3e-3);
+            assert!((f64::from(im[0]) - 3.0 - (-0.8 * cos - 0.6 * sin)).abs() < 1.3e-3);
+        }
+    }
 }
