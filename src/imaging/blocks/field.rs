@@ -1,19 +1,32 @@
 //! Block scores of all voxels that were ever in the beam, in bricks of 8 × 8 × 8.
 //!
-//! Each voxel keeps A, B and when it was last seen; its score is A/√B. A voxel that is not looked at keeps its score.
+//! Each voxel keeps A, B and when it was last seen; its score is A/√B. A voxel that is not looked at keeps its score. Evidence
+//! fades by weighing what is new: block b counts g = e^(t/memory) times as much as one at time 0 would, which leaves A/√B as
+//! if all older ones had faded. So that g stays small time is cut into epochs in which it grows 256-fold; from epoch to
+//! epoch A and B are divided by powers of two, which rounds nothing. What a voxel holds is therefore a function of the blocks
+//! that had it in the beam and of nothing else: not of when the field began, nor of blocks that passed it by. A field built
+//! anew from the same blocks is the same, bit for bit.
 
 use std::collections::BTreeMap;
 
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
+use super::brick::{MAX_LAYERS, Scratch, VoxelBox};
+use super::lanes::{LANES, Lanes, ln_1p};
 use super::{Block, BlockSettings, MEAN_LOG_OF_NOISE};
-use crate::geometry::Pose;
 
 /// Voxels along a brick's edge.
 const EDGE: usize = 8;
 /// Voxels in a brick.
 const VOXELS: usize = EDGE * EDGE * EDGE;
+/// Layers of 4 × 4 voxels in a brick; four on top of each other are a tile, and a brick's voxels are stored tile by tile.
+const LAYERS: usize = VOXELS / LANES;
+const TILE_LAYERS: usize = 4;
+/// A grows by 2 to this power in an epoch.
+const EPOCH_DOUBLINGS: i32 = 8;
+/// Ticks in an epoch, as a power of two.
+const TICKS_LOG2: u32 = 16;
 
 /// A local maximum of the score.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,19 +37,28 @@ pub struct Peak {
     pub score: f64,
 }
 
-#[derive(Debug, Clone, Copy, Default)]
-struct Voxel {
-    a: f32,
-    b: f32,
-    /// Seconds since the field began.
-    seen_s: f32,
+/// Sixteen voxels' evidence.
+#[derive(Debug, Clone, Copy)]
+struct Layer {
+    a: Lanes,
+    b: Lanes,
+    /// Ticks of the field's clock; negative when never seen.
+    seen: [i32; LANES],
 }
 
 #[derive(Debug)]
 struct Brick {
     /// Brick coordinates: its lowest voxel is `key · EDGE`.
     key: IVec3,
-    voxels: Box<[Voxel; VOXELS]>,
+    layers: Box<[Layer; LAYERS]>,
+}
+
+/// When a block was, for fading.
+#[derive(Debug, Clone, Copy)]
+struct Moment {
+    ticks: i32,
+    /// e^(time since the epoch began / memory).
+    weight: f32,
 }
 
 /// Scores over space.
@@ -44,7 +66,8 @@ struct Brick {
 pub struct Field {
     settings: BlockSettings,
     min_cos: f64,
-    start_ns: Option<i64>,
+    /// Epoch of the first block: ticks count from its beginning.
+    first_epoch: Option<i64>,
     bricks: Vec<Brick>,
     index: BTreeMap<[i32; 3], usize>,
     /// (voxel, sweep) pairs summed so far.
@@ -54,7 +77,7 @@ pub struct Field {
 impl Field {
     /// Empty. `min_cos`: cosine of the widest angle in the beam.
     pub fn new(settings: BlockSettings, min_cos: f64) -> Self {
-        Self { settings, min_cos, start_ns: None, bricks: Vec::new(), index: BTreeMap::new(), updates: 0 }
+        Self { settings, min_cos, first_epoch: None, bricks: Vec::new(), index: BTreeMap::new(), updates: 0 }
     }
 
     /// Number of bricks that were ever in the beam.
@@ -64,48 +87,54 @@ impl Field {
 
     /// Adds a block to every voxel that it had in the beam. The same bits on any number of threads: voxels are independent.
     pub fn add(&mut self, block: &Block) {
-        let start_ns = *self.start_ns.get_or_insert(block.mid_time_ns);
-        let now_s = ((block.mid_time_ns - start_ns) as f64 * 1e-9) as f32;
+        let moment = self.moment(block.mid_time_ns);
+        let view = View::new(block, &self.settings, self.min_cos);
         let mut in_reach = vec![false; self.bricks.len()];
-        for key in self.keys_in_reach(&block.middle) {
+        for key in self.keys_in_reach(&view) {
             let next = self.bricks.len();
             let at = *self.index.entry(key.to_array()).or_insert(next);
             if at == next {
-                self.bricks.push(Brick { key, voxels: Box::new([Voxel::default(); VOXELS]) });
+                self.bricks.push(Brick::new(key));
                 in_reach.push(true);
             } else {
                 in_reach[at] = true;
             }
         }
-        let (settings, min_cos) = (&self.settings, self.min_cos);
         let visited: usize = self
             .bricks
             .par_iter_mut()
             .zip(&in_reach)
             .filter(|(_, reach)| **reach)
-            .map(|(brick, _)| brick.add(block, settings, min_cos, now_s))
+            .map_init(Scratch::default, |scratch, (brick, _)| brick.add(&view, moment, scratch))
             .sum();
         self.updates += (visited * block.sweep_count()) as u64;
     }
 
+    fn epoch_ns(&self) -> f64 {
+        self.settings.memory_s * std::f64::consts::LN_2 * f64::from(EPOCH_DOUBLINGS) * 1e9
+    }
+
+    fn moment(&mut self, time_ns: i64) -> Moment {
+        let epochs = time_ns as f64 / self.epoch_ns();
+        let first_epoch = *self.first_epoch.get_or_insert(epochs.floor() as i64);
+        let weight = ((epochs - epochs.floor()) * f64::from(EPOCH_DOUBLINGS)).exp2() as f32;
+        Moment { ticks: ticks(epochs, first_epoch), weight }
+    }
+
+    /// Ticks at a time.
+    fn ticks_at(&self, time_ns: i64) -> i32 {
+        self.first_epoch.map_or(0, |first_epoch| ticks(time_ns as f64 / self.epoch_ns(), first_epoch))
+    }
+
     /// Bricks that may have a voxel in the beam.
-    fn keys_in_reach(&self, sensor: &Pose) -> Vec<IVec3> {
+    fn keys_in_reach(&self, view: &View) -> Vec<IVec3> {
         let edge_m = self.settings.voxel_m * EDGE as f64;
         let around_m = edge_m * 3f64.sqrt() * 0.5;
+        let sensor = &view.block.middle;
         let reach = DVec3::splat(self.settings.max_range_m);
         let low = ((sensor.translation - reach) / edge_m).floor().as_ivec3();
         let high = ((sensor.translation + reach) / edge_m).floor().as_ivec3();
-        let may_see = |key: &IVec3| {
-            let to = (key.as_dvec3() + 0.5) * edge_m - sensor.translation;
-            let distance_m = to.length();
-            if distance_m > self.settings.max_range_m + around_m || distance_m + around_m < self.settings.min_range_m {
-                return false;
-            }
-            // The brick's ball against the cone, by the angle that the ball fills.
-            let half_angle = (around_m / distance_m.max(around_m)).asin();
-            let off = (to.dot(sensor.forward()) / distance_m.max(1e-9)).clamp(-1.0, 1.0).acos();
-            distance_m <= around_m || off - half_angle <= self.min_cos.acos()
-        };
+        let may_see = |key: &IVec3| view.of_ball((key.as_dvec3() + 0.5) * edge_m, around_m) != Seen::None;
         let range = |a: i32, b: i32| a..=b;
         range(low.z, high.z)
             .flat_map(|z| {
@@ -120,22 +149,18 @@ impl Field {
         let voxel = (place / self.settings.voxel_m).floor().as_ivec3();
         let key = voxel.map(|n| n.div_euclid(EDGE as i32));
         let brick = &self.bricks[*self.index.get(&key.to_array())?];
-        brick.voxels[index_in_brick(voxel - key * EDGE as i32)].score().map(f64::from)
+        brick.score(index_in_brick(voxel - key * EDGE as i32)).map(f64::from)
     }
 
     /// Every voxel seen since a time whose score is at least `min_score`: centre and score, in brick order.
     pub fn above(&self, min_score: f64, since_ns: i64) -> Vec<Peak> {
-        let since_s = self.start_ns.map_or(0.0, |start| (since_ns - start) as f64 * 1e-9) as f32;
+        let since = self.ticks_at(since_ns);
         let voxel_m = self.settings.voxel_m;
         let mut found = Vec::new();
         for brick in self.index.values().map(|&at| &self.bricks[at]) {
-            for (n, voxel) in brick.voxels.iter().enumerate() {
-                if voxel.seen_s >= since_s
-                    && let Some(score) = voxel.score().map(f64::from)
-                    && score >= min_score
-                {
-                    found.push(Peak { position_m: brick.center(n, voxel_m), score });
-                }
+            for n in brick.strong(min_score as f32, since) {
+                let score = f64::from(brick.score(n).unwrap_or(0.0));
+                found.push(Peak { position_m: brick.center(n, voxel_m), score });
             }
         }
         found
@@ -143,10 +168,10 @@ impl Field {
 
     /// Local maxima: voxels of [`Field::above`] with no greater one within `radius_m`, by falling score.
     pub fn peaks(&self, min_score: f64, radius_m: f64, since_ns: i64) -> Vec<Peak> {
-        let since_s = self.start_ns.map_or(0.0, |start| (since_ns - start) as f64 * 1e-9) as f32;
+        let since = self.ticks_at(since_ns);
         let offsets = ball(radius_m / self.settings.voxel_m);
         let each =
-            self.bricks.par_iter().flat_map_iter(|brick| self.peaks_of(brick, min_score as f32, &offsets, since_s));
+            self.bricks.par_iter().flat_map_iter(|brick| self.peaks_of(brick, min_score as f32, &offsets, since));
         let mut peaks: Vec<Peak> = each.collect();
         // Equal scores fall back to the place, so that the order is always the same.
         peaks.sort_by(|p, q| {
@@ -157,30 +182,39 @@ impl Field {
         peaks
     }
 
-    fn peaks_of(&self, brick: &Brick, min_score: f32, offsets: &[IVec3], since_s: f32) -> Vec<Peak> {
+    fn peaks_of(&self, brick: &Brick, min_score: f32, offsets: &[IVec3], since: i32) -> Vec<Peak> {
+        let strong = brick.strong(min_score, since);
+        if strong.is_empty() {
+            return Vec::new();
+        }
         let neighbor = |n: i32| self.index.get(&(brick.key + cube(n)).to_array()).map(|&at| &self.bricks[at]);
         let around: [Option<&Brick>; 27] = std::array::from_fn(|n| neighbor(n as i32));
         let score = |voxel: IVec3| {
             let block = (voxel + EDGE as i32) / EDGE as i32;
             let brick = around[(block.z * 9 + block.y * 3 + block.x) as usize]?;
-            let voxel = &brick.voxels[index_in_brick(voxel - (block - 1) * EDGE as i32)];
-            voxel.score().filter(|_| voxel.seen_s >= since_s)
+            let n = index_in_brick(voxel - (block - 1) * EDGE as i32);
+            brick.score(n).filter(|_| brick.seen(n) >= since)
         };
         let is_peak = |&n: &usize| {
-            let here = IVec3::new((n % EDGE) as i32, (n / EDGE % EDGE) as i32, (n / (EDGE * EDGE)) as i32);
+            let here = in_brick(n);
             let mine = score(here).unwrap_or(f32::NEG_INFINITY);
             // Of equal neighbours the one that comes first counts as the greater.
             let greater = |offset: &IVec3| {
                 score(here + *offset).is_some_and(|other| other > mine || (other == mine && comes_first(*offset)))
             };
-            mine >= min_score && !offsets.iter().any(greater)
+            !offsets.iter().any(greater)
         };
         let peak = |n: usize| Peak {
             position_m: brick.center(n, self.settings.voxel_m),
-            score: f64::from(brick.voxels[n].score().unwrap_or(0.0)),
+            score: f64::from(brick.score(n).unwrap_or(0.0)),
         };
-        (0..VOXELS).filter(is_peak).map(peak).collect()
+        strong.into_iter().filter(is_peak).map(peak).collect()
     }
+}
+
+/// Ticks since the beginning of an epoch; as many as there are at most from some months on.
+fn ticks(epochs: f64, first_epoch: i64) -> i32 {
+    ((epochs - first_epoch as f64) * f64::from(1u32 << TICKS_LOG2)).floor().clamp(0.0, f64::from(i32::MAX)) as i32
 }
 
 /// Offset of neighbour `n` of 27, each axis −1 to 1.
@@ -203,49 +237,216 @@ fn comes_first(offset: IVec3) -> bool {
     (offset.z, offset.y, offset.x) < (0, 0, 0)
 }
 
+/// Where a voxel of a brick is stored: tile, layer, row, column.
 fn index_in_brick(voxel: IVec3) -> usize {
-    (voxel.z as usize * EDGE + voxel.y as usize) * EDGE + voxel.x as usize
+    let [x, y, z] = voxel.to_array().map(|n| n as usize);
+    ((z / 4 * 2 + y / 4) * 2 + x / 4) * 64 + z % 4 * 16 + y % 4 * 4 + x % 4
 }
 
-impl Voxel {
-    fn score(&self) -> Option<f32> {
-        (self.b > 0.0).then(|| self.a / self.b.sqrt())
+/// The voxel that is stored there.
+fn in_brick(n: usize) -> IVec3 {
+    let (tile, n) = (n / 64, n % 64);
+    IVec3::new((tile % 2 * 4 + n % 4) as i32, (tile / 2 % 2 * 4 + n / 4 % 4) as i32, (tile / 4 * 4 + n / 16) as i32)
+}
+
+impl Layer {
+    const EMPTY: Self = Self { a: [0.0; LANES], b: [0.0; LANES], seen: [-1; LANES] };
+
+    /// Adds m to the lanes that were seen.
+    #[inline(always)]
+    fn add(&mut self, m: &Lanes, seen: &[bool; LANES], now: Moment) {
+        for l in 0..LANES {
+            // 2^(−doublings · epochs since), which is exact, or nothing.
+            let epochs = (now.ticks >> TICKS_LOG2) - (self.seen[l] >> TICKS_LOG2);
+            let exponent = (127 - EPOCH_DOUBLINGS * epochs.min(16)).max(0);
+            let faded = f32::from_bits((exponent as u32) << 23);
+            let log = ln_1p(m[l]) - MEAN_LOG_OF_NOISE as f32;
+            let a = now.weight.mul_add(log, self.a[l] * faded);
+            let b = now.weight.mul_add(now.weight, self.b[l] * (faded * faded));
+            let ticks = now.ticks.max(self.seen[l]);
+            (self.a[l], self.b[l], self.seen[l]) =
+                if seen[l] { (a, b, ticks) } else { (self.a[l], self.b[l], self.seen[l]) };
+        }
+    }
+}
+
+/// Adds m to layers, each with the lanes that were seen and its number.
+fn add_layers(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+    #[inline(always)]
+    fn all(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+        seen.iter().zip(m).for_each(|((mask, layer), m)| layers[*layer].add(m, mask, now));
+    }
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,fma")]
+        fn avx512(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+            all(layers, seen, m, now);
+        }
+        #[target_feature(enable = "avx2,fma")]
+        fn avx2(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+            all(layers, seen, m, now);
+        }
+        if is_x86_feature_detected!("avx512dq") && is_x86_feature_detected!("avx512vl") && is_x86_feature_detected!("fma") {
+            // SAFETY: the processor has the instructions that this copy of the code is compiled for.
+            return unsafe { avx512(layers, seen, m, now) };
+        }
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            // SAFETY: as above.
+            return unsafe { avx2(layers, seen, m, now) };
+        }
+    }
+    all(layers, seen, m, now);
+}
+
+/// How much of a ball a block has in its beam.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Seen {
+    None,
+    Some,
+    All,
+}
+
+/// A block and what it has in its beam.
+struct View<'a> {
+    block: &'a Block,
+    settings: &'a BlockSettings,
+    min_cos: f64,
+    /// Sine of the widest angle in the beam.
+    max_sin: f64,
+    forward: DVec3,
+}
+
+impl<'a> View<'a> {
+    fn new(block: &'a Block, settings: &'a BlockSettings, min_cos: f64) -> Self {
+        let max_sin = (1.0 - min_cos * min_cos).max(0.0).sqrt();
+        Self { block, settings, min_cos, max_sin, forward: block.middle.forward() }
+    }
+
+    /// Never says `None` or `All` wrongly.
+    fn of_ball(&self, middle: DVec3, radius_m: f64) -> Seen {
+        let radius_m = radius_m + 1e-9;
+        let to = middle - self.block.middle.translation;
+        let (distance_m, along_m) = (to.length(), to.dot(self.forward));
+        let across_m = (distance_m * distance_m - along_m * along_m).max(0.0).sqrt();
+        // How far outside the beam's cone, by its surface.
+        let outside_m = across_m * self.min_cos - along_m * self.max_sin;
+        let BlockSettings { min_range_m, max_range_m, .. } = *self.settings;
+        if outside_m > radius_m || distance_m > max_range_m + radius_m || distance_m + radius_m < min_range_m {
+            Seen::None
+        } else if outside_m < -radius_m && distance_m + radius_m < max_range_m && distance_m - radius_m > min_range_m {
+            Seen::All
+        } else {
+            Seen::Some
+        }
     }
 }
 
 impl Brick {
+    fn new(key: IVec3) -> Self {
+        Self { key, layers: Box::new([Layer::EMPTY; LAYERS]) }
+    }
+
     fn center(&self, n: usize, voxel_m: f64) -> DVec3 {
-        let inside = DVec3::new((n % EDGE) as f64, (n / EDGE % EDGE) as f64, (n / (EDGE * EDGE)) as f64);
-        (self.key.as_dvec3() * EDGE as f64 + inside + 0.5) * voxel_m
+        (self.key.as_dvec3() * EDGE as f64 + in_brick(n).as_dvec3() + 0.5) * voxel_m
+    }
+
+    fn score(&self, n: usize) -> Option<f32> {
+        let layer = &self.layers[n / LANES];
+        let (a, b) = (layer.a[n % LANES], layer.b[n % LANES]);
+        (b > 0.0).then(|| a / b.sqrt())
+    }
+
+    fn seen(&self, n: usize) -> i32 {
+        self.layers[n / LANES].seen[n % LANES]
+    }
+
+    /// Voxels with at least that score, seen since then.
+    fn strong(&self, min_score: f32, since: i32) -> Vec<usize> {
+        let mut found = Vec::new();
+        for (n, layer) in self.layers.iter().enumerate() {
+            let mut strong = [false; LANES];
+            for l in 0..LANES {
+                let score = layer.a[l] / layer.b[l].sqrt();
+                strong[l] = (layer.b[l] > 0.0) & (score >= min_score) & (layer.seen[l] >= since);
+            }
+            if strong.contains(&true) {
+                found.extend((0..LANES).filter(|&l| strong[l]).map(|l| n * LANES + l));
+            }
+        }
+        found
     }
 
     /// Adds a block to the voxels in its beam; returns how many there were.
-    fn add(&mut self, block: &Block, settings: &BlockSettings, min_cos: f64, now_s: f32) -> usize {
-        let mut seen = [0usize; VOXELS];
+    fn add(&mut self, view: &View, moment: Moment, scratch: &mut Scratch) -> usize {
+        let tiles = tiles_in_box(view.block.box_reach_m(), view.settings.voxel_m);
+        (0..LAYERS / TILE_LAYERS).step_by(tiles).map(|tile| self.add_to_box(view, moment, scratch, tile, tiles)).sum()
+    }
+
+    /// Adds to the tiles from `first` on, as one box.
+    fn add_to_box(&mut self, view: &View, moment: Moment, scratch: &mut Scratch, first: usize, tiles: usize) -> usize {
+        let voxel_m = view.settings.voxel_m;
+        let (low, high) = (self.center(first * 64, voxel_m), self.center((first + tiles) * 64 - 1, voxel_m));
+        let (middle, radius_m) = ((low + high) * 0.5, low.distance(high) * 0.5);
+        let of_box = view.of_ball(middle, radius_m);
+        if of_box == Seen::None {
+            return 0;
+        }
+        let mut seen = [([true; LANES], 0usize); MAX_LAYERS];
+        let mut corners = [[0.0f32; 3]; MAX_LAYERS];
         let mut count = 0;
-        let mut places = [[0.0f32; 3]; VOXELS];
-        for n in 0..VOXELS {
-            let center = self.center(n, settings.voxel_m);
-            if settings.sees(&block.middle, min_cos, center) {
-                seen[count] = n;
-                places[count] = (center - block.middle.translation).as_vec3().to_array();
-                count += 1;
+        let mut visited = 0;
+        for layer in first * TILE_LAYERS..(first + tiles) * TILE_LAYERS {
+            let corner = self.center(layer * LANES, voxel_m);
+            let mask = if of_box == Seen::All { [true; LANES] } else { view.of_layer(corner) };
+            let lanes = mask.iter().filter(|seen| **seen).count();
+            if lanes > 0 {
+                (seen[count], corners[count]) = ((mask, layer), (corner - middle).as_vec3().to_array());
+                (count, visited) = (count + 1, visited + lanes);
             }
         }
-        let coherences = block.coherence_at_points(&places[..count]);
-        for (&n, coherence) in seen.iter().zip(coherences) {
-            self.voxels[n].add(coherence.m, now_s, settings.memory_s as f32);
+        if count == 0 {
+            return 0;
         }
-        count
+        let mut m = [[0.0; LANES]; MAX_LAYERS];
+        let distance_m = middle.distance(view.block.middle.translation);
+        let nearest_m = (distance_m - radius_m).max(view.settings.min_range_m);
+        let farthest_m = (distance_m + radius_m).min(view.settings.max_range_m);
+        let middle_m = (middle - view.block.middle.translation).as_vec3().to_array();
+        if radius_m as f32 <= view.block.box_reach_m() && view.block.covers(nearest_m as f32, farthest_m as f32) {
+            let layers_m = &corners[..count];
+            let voxels = VoxelBox { middle_m, voxel_m: voxel_m as f32, radius_m: radius_m as f32, layers_m };
+            view.block.coherence_in_box(&voxels, scratch, &mut m[..count]);
+        } else {
+            for ((_, layer), m) in seen[..count].iter().zip(&mut m) {
+                let place = |l: usize| self.center(layer * LANES + l, voxel_m) - view.block.middle.translation;
+                let places: [_; LANES] = std::array::from_fn(|l| place(l).as_vec3().to_array());
+                *m = std::array::from_fn(|_| 0.0);
+                m.iter_mut().zip(view.block.coherence_at_points(&places)).for_each(|(m, c)| *m = c.m);
+            }
+        }
+        add_layers(&mut self.layers[..], &seen[..count], &m, moment);
+        visited
     }
 }
 
-impl Voxel {
-    fn add(&mut self, m: f32, now_s: f32, memory_s: f32) {
-        let rho = (-(now_s - self.seen_s) / memory_s).exp();
-        self.a = rho * self.a + m.ln_1p() - MEAN_LOG_OF_NOISE as f32;
-        self.b = rho * rho * self.b + 1.0;
-        self.seen_s = now_s;
+/// Tiles of 4³ voxels that one box may hold: all eight, the four of a storey, or one.
+fn tiles_in_box(reach_m: f32, voxel_m: f64) -> usize {
+    let radius = |x: f64, y: f64, z: f64| (DVec3::new(x, y, z) * voxel_m * 0.5).length() as f32 * 1.000_01;
+    if radius(7.0, 7.0, 7.0) <= reach_m {
+        8
+    } else if radius(7.0, 7.0, 3.0) <= reach_m {
+        4
+    } else {
+        1
+    }
+}
+
+impl View<'_> {
+    /// Which voxels of a layer are in the beam, lane 0 at `corner`.
+    fn of_layer(&self, corner: DVec3) -> [bool; LANES] {
+        let voxel_m = self.settings.voxel_m;
+        let lane = |l: usize| corner + DVec3::new((l % 4) as f64, (l / 4) as f64, 0.0) * voxel_m;
+        std::array::from_fn(|l| self.settings.sees(&self.block.middle, self.min_cos, lane(l)))
     }
 }
 

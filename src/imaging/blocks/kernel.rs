@@ -8,13 +8,8 @@
 //! before the sine. Against the oracle m agrees to 1 % of itself plus 0.02.
 
 use super::Block;
+use super::lanes::{LANES, Lanes, ROUNDER};
 use crate::radar::WAVELENGTH_M;
-
-/// Sweeps handled at once.
-pub(super) const LANES: usize = 16;
-/// 1.5 · 2²³: adding and subtracting it rounds an f32 below 2²² to the nearest integer.
-const ROUNDER: f32 = 12_582_912.0;
-pub(super) type Lanes = [f32; LANES];
 
 /// Where sixteen consecutive sweeps were measured, relative to the block's middle; the last ones may repeat a sweep.
 #[derive(Debug, Clone, Copy)]

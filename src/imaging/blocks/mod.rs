@@ -4,11 +4,14 @@
 //! a strong wall in the same range does not drown a chair.
 
 mod block;
+mod brick;
 mod dense;
 mod field;
 mod kernel;
+mod lanes;
 mod planes;
 mod settings;
+mod subapertures;
 
 pub use block::{Block, BlockBuilder};
 pub use dense::blocks_volume;
