@@ -13,7 +13,7 @@
 
 use super::Block;
 use super::lanes::{LANES, Lanes, Portable, ROUNDER, Vector};
-use super::subapertures::{Subaperture, dot};
+use super::subapertures::{Subaperture, dot, minus};
 use crate::radar::{PHASE_RAD_PER_M, WAVELENGTH_M};
 
 /// Entries of a box's tables.
@@ -164,10 +164,7 @@ fn all<V: Vector>(block: &Block, voxels: &VoxelBox, scratch: &mut Scratch, m: &m
         let (re, im, energy) = (V::load(re), V::load(im), V::load(energy));
         let power = re.mul_add(re, im.mul(im)).div(count);
         let rest = energy.sub(power).div(rest_count);
-        let mut lanes = [0.0; LANES];
-        rest.store(&mut lanes);
-        let rest = V::load(&lanes.map(|rest| if rest > 1.0 { rest } else { 1.0 }));
-        power.div(rest).store(m);
+        power.div(rest.at_least(V::splat(1.0))).store(m);
     }
 }
 
@@ -194,14 +191,16 @@ fn turn_back<V: Vector>(block: &Block, middle_m: [f32; 3], scratch: &mut Scratch
     scratch.sin.resize(count, 0.0);
     let last = rows.starts.len() - 2;
     for (g, group) in block.groups.iter().enumerate() {
-        let axes: [_; 3] = std::array::from_fn(|axis| {
+        // Nothing here is a closure: those would not be compiled for the wider instructions.
+        let mut axes = [(V::splat(0.0), V::splat(0.0)); 3];
+        for axis in 0..3 {
             let position = V::load(&group.position_m[axis]);
-            (V::splat(middle_m[axis]).sub(position), V::load(&group.velocity_m_per_s[axis]))
-        });
-        let length = |v: [V; 3]| v[0].mul_add(v[0], v[1].mul_add(v[1], v[2].mul(v[2]))).sqrt();
-        let resting = length(axes.map(|(away, _)| away));
+            axes[axis] = (V::splat(middle_m[axis]).sub(position), V::load(&group.velocity_m_per_s[axis]));
+        }
+        let [(x, vx), (y, vy), (z, vz)] = axes;
+        let resting = length([x, y, z]);
         let time = resting.mul_add(V::splat(block.time_s_per_m), V::splat(block.time_at_zero_s));
-        let distance = length(axes.map(|(away, velocity)| velocity.neg_mul_add(time, away)));
+        let distance = length([vx.neg_mul_add(time, x), vy.neg_mul_add(time, y), vz.neg_mul_add(time, z)]);
         let half_turns = distance.mul(V::splat(HALF_TURNS_PER_M));
         let (cos, sin) = half_turns.cos_sin_of_half_turns();
         let at = distance.mul_add(V::splat(rows.entries_per_m), V::splat(rows.entry_at_zero));
@@ -221,6 +220,15 @@ fn turn_back<V: Vector>(block: &Block, middle_m: [f32; 3], scratch: &mut Scratch
         }
     }
 }
+
+#[inline(always)]
+fn length<V: Vector>([x, y, z]: [V; 3]) -> V {
+    x.mul_add(x, y.mul_add(y, z.mul(z))).sqrt()
+}
+
+/// Where in a layer of 4 × 4 a lane lies.
+const COLUMN: Lanes = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
+const ROW: Lanes = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
 
 const HALF_TURNS_PER_M: f32 = (4.0 / WAVELENGTH_M) as f32;
 
@@ -247,12 +255,12 @@ fn tabulate<V: Vector, const ORDER: usize>(
     let (mut first, mut second) = ([zero; 2], [zero; 2]);
     for k in run.first..run.end {
         let row = &rows.values[k * rows.sweep_len..(k + 1) * rows.sweep_len];
-        let sixteen = |at: usize| V::load(row[at..].first_chunk().unwrap_or(&[0.0; LANES]));
         let (here, next) = (scratch.start[k] as usize, scratch.next_start[k] as usize);
         let share = V::splat(scratch.share[k]);
-        let between = |from: V, to: V| share.mul_add(to.sub(from), from);
-        let re = between(sixteen(here), sixteen(next));
-        let im = between(sixteen(here + rows.row_len), sixteen(next + rows.row_len));
+        let (from, to) = (sixteen::<V>(row, here), sixteen::<V>(row, next));
+        let re = share.mul_add(to.sub(from), from);
+        let (from, to) = (sixteen::<V>(row, here + rows.row_len), sixteen::<V>(row, next + rows.row_len));
+        let im = share.mul_add(to.sub(from), from);
         energy = re.mul_add(re, im.mul_add(im, energy));
         let (cos, sin) = (V::splat(scratch.cos[k]), V::splat(scratch.sin[k]));
         // z · e^(−jκd)
@@ -274,16 +282,40 @@ fn tabulate<V: Vector, const ORDER: usize>(
         energy: quadratics(energy),
         re: quadratics(sum[0]),
         im: quadratics(sum[1]),
-        first: first.map(lines),
-        second: second.map(lines),
+        first: [lines(first[0]), lines(first[1])],
+        second: [lines(second[0]), lines(second[1])],
+    }
+}
+
+/// Sixteen values from there on; zeros at the end of a row that is too short for them.
+#[inline(always)]
+fn sixteen<V: Vector>(row: &[f32], at: usize) -> V {
+    match row.get(at..at + LANES) {
+        Some(lanes) => match lanes.first_chunk() {
+            Some(lanes) => V::load(lanes),
+            None => V::splat(0.0),
+        },
+        None => V::splat(0.0),
     }
 }
 
 /// Entry before and after each.
 #[inline(always)]
 fn neighbors<V: Vector>(table: V) -> (V, V) {
-    let at = |shift: usize| V::load(&std::array::from_fn(|l| ROUNDER + ((l + shift) % LANES) as f32));
-    (table.look_up(at(LANES - 1)), table.look_up(at(1)))
+    (table.look_up(V::load(&LANE_BEFORE)), table.look_up(V::load(&LANE_AFTER)))
+}
+
+/// Each lane's neighbours, round the ends, as look-ups take them.
+const LANE_BEFORE: Lanes = lane_plus(LANES - 1);
+const LANE_AFTER: Lanes = lane_plus(1);
+
+const fn lane_plus(shift: usize) -> Lanes {
+    let (mut lanes, mut l) = ([0.0; LANES], 0);
+    while l < LANES {
+        lanes[l] = ROUNDER + ((l + shift) % LANES) as f32;
+        l += 1;
+    }
+    lanes
 }
 
 /// Value, slope and curvature: what the quartic through five entries is within half an entry of the middle one, economised to
@@ -317,6 +349,17 @@ fn lines<V: Vector>(table: V) -> [V; 2] {
 }
 
 #[inline(always)]
+fn quadratic<V: Vector>(table: &[V; 3], at: V, u: V) -> V {
+    let slope = table[2].look_up(at).mul_add(u, table[1].look_up(at));
+    slope.mul_add(u, table[0].look_up(at))
+}
+
+#[inline(always)]
+fn line<V: Vector>(table: &[V; 2], at: V, u: V) -> V {
+    table[1].look_up(at).mul_add(u, table[0].look_up(at))
+}
+
+#[inline(always)]
 fn add_run<V: Vector, const ORDER: usize>(
     block: &Block,
     voxels: &VoxelBox,
@@ -328,9 +371,10 @@ fn add_run<V: Vector, const ORDER: usize>(
 ) {
     let tables = tabulate::<V, ORDER>(block, scratch, run, offset_m, cosine_spread);
     // From where the run's middle was when the box's middle was sampled.
-    let resting: [f32; 3] = std::array::from_fn(|axis| voxels.middle_m[axis] - run.position_m[axis]);
+    let resting = minus(voxels.middle_m, run.position_m);
     let time_s = dot(resting, resting).sqrt() * block.time_s_per_m + block.time_at_zero_s;
-    let away: [f32; 3] = std::array::from_fn(|axis| resting[axis] - run.velocity_m_per_s[axis] * time_s);
+    let [vx, vy, vz] = run.velocity_m_per_s;
+    let away = minus(resting, [vx * time_s, vy * time_s, vz * time_s]);
     let middle2 = dot(away, away);
     let middle_m = middle2.sqrt().max(1e-6);
     // Places beyond the middle were sampled later, by when the sensor had moved on.
@@ -341,32 +385,26 @@ fn add_run<V: Vector, const ORDER: usize>(
     let along_middle_m = dot(run.along, away);
     let middle_cosine = V::splat(along_middle_m / middle_m);
 
-    let column: Lanes = std::array::from_fn(|l| (l % 4) as f32 * voxels.voxel_m);
-    let row: Lanes = std::array::from_fn(|l| (l / 4) as f32 * voxels.voxel_m);
-    let (column, row) = (V::load(&column), V::load(&row));
+    let voxel_m = V::splat(voxels.voxel_m);
+    let (column, row) = (V::load(&COLUMN).mul(voxel_m), V::load(&ROW).mul(voxel_m));
     let distance2_in_layer = column.mul(column).add(row.mul(row));
     for (corner, sums) in voxels.layers_m.iter().zip(sums) {
         // |away + corner + in-layer|², lane 0's part and the rest.
-        let from: [f32; 3] = std::array::from_fn(|axis| away[axis] + corner[axis]);
+        let from = [away[0] + corner[0], away[1] + corner[1], away[2] + corner[2]];
         let cross = column.mul_add(V::splat(2.0 * from[0]), row.mul(V::splat(2.0 * from[1])));
         let distance = distance2_in_layer.add(cross).add(V::splat(dot(from, from))).sqrt();
         let entry = distance.mul_add(V::splat(entries_per_m), V::splat(entry_at_zero));
         let (whole, at) = entry.rounded();
         let u = entry.sub(whole);
-        let quadratic = |t: &[V; 3]| {
-            let slope = t[2].look_up(at).mul_add(u, t[1].look_up(at));
-            slope.mul_add(u, t[0].look_up(at))
-        };
-        let line = |t: &[V; 2]| t[1].look_up(at).mul_add(u, t[0].look_up(at));
-        let (mut re, mut im) = (quadratic(&tables.re), quadratic(&tables.im));
+        let (mut re, mut im) = (quadratic(&tables.re, at, u), quadratic(&tables.im, at, u));
         if ORDER >= 1 {
             let along = column.mul_add(V::splat(run.along[0]), row.mul(V::splat(run.along[1])));
             let cosine = along.add(V::splat(dot(run.along, from))).div(distance);
             let x = cosine.sub(middle_cosine);
-            let (mut slope_re, mut slope_im) = (line(&tables.first[0]), line(&tables.first[1]));
+            let (mut slope_re, mut slope_im) = (line(&tables.first[0], at, u), line(&tables.first[1], at, u));
             if ORDER >= 2 {
-                slope_re = line(&tables.second[0]).mul_add(x, slope_re);
-                slope_im = line(&tables.second[1]).mul_add(x, slope_im);
+                slope_re = line(&tables.second[0], at, u).mul_add(x, slope_re);
+                slope_im = line(&tables.second[1], at, u).mul_add(x, slope_im);
             }
             re = slope_re.mul_add(x, re);
             im = slope_im.mul_add(x, im);
@@ -376,7 +414,7 @@ fn add_run<V: Vector, const ORDER: usize>(
         let [sum_re, sum_im, sum_energy] = sums;
         re.mul_add(cos, im.mul_add(sin, V::load(sum_re))).store(sum_re);
         im.mul_add(cos, re.neg_mul_add(sin, V::load(sum_im))).store(sum_im);
-        quadratic(&tables.energy).add(V::load(sum_energy)).store(sum_energy);
+        quadratic(&tables.energy, at, u).add(V::load(sum_energy)).store(sum_energy);
     }
 }
 

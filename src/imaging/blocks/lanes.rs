@@ -30,6 +30,9 @@ pub(super) trait Vector: Copy {
     /// Changes the sign where the lowest bit of `odd` is set.
     fn negate_where_odd(self, odd: Self) -> Self;
 
+    /// The greater of both; `least` where a lane is no number.
+    fn at_least(self, least: Self) -> Self;
+
     /// The nearest integer, as a number and as low bits; for values below 2²².
     #[inline(always)]
     fn rounded(self) -> (Self, Self) {
@@ -105,6 +108,10 @@ impl Vector for Portable {
         Self::each(|l| (-self.0[l]).mul_add(factor.0[l], minus.0[l]))
     }
     #[inline(always)]
+    fn at_least(self, least: Self) -> Self {
+        Self::each(|l| if self.0[l] > least.0[l] { self.0[l] } else { least.0[l] })
+    }
+    #[inline(always)]
     fn look_up(self, at: Self) -> Self {
         Self::each(|l| self.0[(at.0[l].to_bits() % LANES as u32) as usize])
     }
@@ -172,6 +179,10 @@ mod x86 {
             Self(unsafe { _mm512_fnmadd_ps(self.0, factor.0, minus.0) })
         }
         #[inline(always)]
+        fn at_least(self, least: Self) -> Self {
+            Self(unsafe { _mm512_max_ps(self.0, least.0) })
+        }
+        #[inline(always)]
         fn look_up(self, at: Self) -> Self {
             Self(unsafe { _mm512_permutexvar_ps(_mm512_castps_si512(at.0), self.0) })
         }
@@ -187,13 +198,6 @@ mod x86 {
     /// Two 256-bit registers.
     #[derive(Clone, Copy)]
     pub(crate) struct Avx2(__m256, __m256);
-
-    impl Avx2 {
-        #[inline(always)]
-        fn both(self, other: Self, f: impl Fn(__m256, __m256) -> __m256) -> Self {
-            Self(f(self.0, other.0), f(self.1, other.1))
-        }
-    }
 
     // SAFETY, for every block below: called only where AVX2 and FMA are there (see above); loads and stores stay in the array.
     impl Vector for Avx2 {
@@ -215,19 +219,19 @@ mod x86 {
         }
         #[inline(always)]
         fn add(self, other: Self) -> Self {
-            self.both(other, |a, b| unsafe { _mm256_add_ps(a, b) })
+            unsafe { Self(_mm256_add_ps(self.0, other.0), _mm256_add_ps(self.1, other.1)) }
         }
         #[inline(always)]
         fn sub(self, other: Self) -> Self {
-            self.both(other, |a, b| unsafe { _mm256_sub_ps(a, b) })
+            unsafe { Self(_mm256_sub_ps(self.0, other.0), _mm256_sub_ps(self.1, other.1)) }
         }
         #[inline(always)]
         fn mul(self, other: Self) -> Self {
-            self.both(other, |a, b| unsafe { _mm256_mul_ps(a, b) })
+            unsafe { Self(_mm256_mul_ps(self.0, other.0), _mm256_mul_ps(self.1, other.1)) }
         }
         #[inline(always)]
         fn div(self, other: Self) -> Self {
-            self.both(other, |a, b| unsafe { _mm256_div_ps(a, b) })
+            unsafe { Self(_mm256_div_ps(self.0, other.0), _mm256_div_ps(self.1, other.1)) }
         }
         #[inline(always)]
         fn sqrt(self) -> Self {
@@ -242,22 +246,36 @@ mod x86 {
             unsafe { Self(_mm256_fnmadd_ps(self.0, factor.0, minus.0), _mm256_fnmadd_ps(self.1, factor.1, minus.1)) }
         }
         #[inline(always)]
+        fn at_least(self, least: Self) -> Self {
+            unsafe { Self(_mm256_max_ps(self.0, least.0), _mm256_max_ps(self.1, least.1)) }
+        }
+        #[inline(always)]
         fn look_up(self, at: Self) -> Self {
-            let half = |at: __m256| unsafe {
-                let index = _mm256_castps_si256(at);
-                let (low, high) =
-                    (_mm256_permutevar8x32_ps(self.0, index), _mm256_permutevar8x32_ps(self.1, index));
-                // Bit 3 tells the half; blending looks at the sign bit.
-                _mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index)))
-            };
-            Self(half(at.0), half(at.1))
+            unsafe { Self(half_look_up(self, at.0), half_look_up(self, at.1)) }
         }
         #[inline(always)]
         fn negate_where_odd(self, odd: Self) -> Self {
-            self.both(odd, |a, b| unsafe {
-                let sign = _mm256_slli_epi32::<31>(_mm256_castps_si256(b));
-                _mm256_castsi256_ps(_mm256_xor_si256(_mm256_castps_si256(a), sign))
-            })
+            unsafe { Self(half_negate(self.0, odd.0), half_negate(self.1, odd.1)) }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn half_look_up(table: Avx2, at: __m256) -> __m256 {
+        // SAFETY: as above.
+        unsafe {
+            let index = _mm256_castps_si256(at);
+            let (low, high) = (_mm256_permutevar8x32_ps(table.0, index), _mm256_permutevar8x32_ps(table.1, index));
+            // Bit 3 tells the half; blending looks at the sign bit.
+            _mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index)))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn half_negate(value: __m256, odd: __m256) -> __m256 {
+        // SAFETY: as above.
+        unsafe {
+            let sign = _mm256_slli_epi32::<31>(_mm256_castps_si256(odd));
+            _mm256_castsi256_ps(_mm256_xor_si256(_mm256_castps_si256(value), sign))
         }
     }
 }
@@ -306,7 +324,7 @@ mod tests {
         let (cos, sin) = b.cos_sin_of_half_turns();
         let all = [
             a.add(b), a.sub(b), a.mul(b), a.div(b), b.sqrt(), a.mul_add(b, a), a.neg_mul_add(b, a), whole,
-            a.look_up(bits), a.negate_where_odd(bits), cos, sin, V::splat(2.5),
+            a.look_up(bits), a.negate_where_odd(bits), cos, sin, V::splat(2.5), b.div(b.sub(b)).sub(b.div(b.sub(b))).at_least(a), a.at_least(b),
         ];
         let mut found = vec![[0.0; LANES]; all.len()];
         all.iter().zip(&mut found).for_each(|(vector, lanes)| vector.store(lanes));

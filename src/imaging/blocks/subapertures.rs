@@ -103,10 +103,12 @@ fn mean(vectors: &[[f32; 3]]) -> [f32; 3] {
     std::array::from_fn(|axis| vectors.iter().map(|v| v[axis]).sum::<f32>() / count)
 }
 
-fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+#[inline(always)]
+pub(super) fn minus(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+#[inline(always)]
 pub(super) fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
