@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ExplainSettings, Explained, MapSettings, Observed, Obstacle, Sightings, Wall, Window, same_place, same_plane,
+    ExplainSettings, Explained, MapSettings, Observed, Obstacle, Sightings, Wall, Window, ViewMemory, same_place, same_plane,
 };
 use crate::geometry::{Aabb, Plane};
 use crate::imaging::blocks::{Block, BlockBuilder, BlockSettings, Field, PlaneField};
@@ -72,6 +72,7 @@ pub struct RoomSearch {
     field: Field,
     planes: PlaneField,
     window: VecDeque<Block>,
+    view_memory: ViewMemory,
     /// Sweeps of the window, for refinement.
     sweeps: VecDeque<Observation>,
     next_update_ns: Option<i64>,
@@ -98,6 +99,7 @@ impl RoomSearch {
             min_cos,
             builders: BTreeMap::new(),
             window: VecDeque::new(),
+            view_memory: ViewMemory::default(),
             sweeps: VecDeque::new(),
             next_update_ns: None,
             middle: None,
@@ -175,7 +177,8 @@ impl RoomSearch {
         let planes: Vec<Plane> = planes.iter().map(|p| p.plane).collect();
         let peaks = self.field.peaks(explain.min_candidate_score, PEAK_RADIUS_M, since_ns);
         let peaks: Vec<DVec3> = peaks.iter().take(explain.max_candidates).map(|p| p.position_m).collect();
-        let mut window = Window::new(self.window.iter(), &explain, &self.settings.blocks, self.min_cos);
+        let (blocks, memory) = (&self.settings.blocks, &mut self.view_memory);
+        let mut window = Window::new(self.window.iter(), &explain, blocks, self.min_cos, memory);
         // What is known claims before anything new does.
         let known_walls: Vec<Plane> = self.walls.confirmed().map(|w| w.thing).collect();
         let known_points: Vec<DVec3> = self.points.confirmed().map(|p| p.thing).collect();
@@ -183,6 +186,7 @@ impl RoomSearch {
         let new = window.explain(&planes, &peaks);
         let walls = [known.planes, new.planes].concat();
         let points = [known.places, new.places].concat();
+        drop(window);
         let map = self.settings.map;
         self.walls.update(&walls, &map, same_plane(self.middle.unwrap_or(DVec3::ZERO)));
         self.points.update(&points, &map, same_place(map.match_m));

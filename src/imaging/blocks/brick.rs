@@ -25,7 +25,7 @@ const REACH_ENTRIES: f32 = MIDDLE - 0.5;
 /// Distance of table entries, in widths of the pulse: quadratics between them are right to 1e-3.
 const ENTRY_WIDTHS: f64 = 0.15;
 /// Greatest κ·s·x.
-const MAX_PHASE_RAD: f32 = 0.7;
+const MAX_PHASE_RAD: f32 = 0.5;
 /// Below this the second order is left out, and below that the first.
 const SECOND_ORDER_FROM_RAD: f32 = 0.1;
 const FIRST_ORDER_FROM_RAD: f32 = 0.004;
