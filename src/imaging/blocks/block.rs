@@ -46,6 +46,8 @@ pub struct Block {
     pub(super) rows: Rows,
     /// No sweep was measured farther from the middle than this, metres.
     pub(super) reach_m: f32,
+    /// In each group of sixteen sweeps all lie within some table entries of the middle one.
+    pub(super) is_smooth: bool,
     /// By greatest half-length, made when first asked for.
     partitions: [OnceLock<Partition>; PARTITIONS],
     geometry: Arc<SweepGeometry>,
@@ -55,6 +57,8 @@ pub struct Block {
 const SHORTEST_HALF_LENGTH_M: f32 = 1e-4;
 const LENGTH_RATIO: f32 = 1.3;
 const PARTITIONS: usize = 24;
+/// Farthest that the parabola through three table entries is asked for.
+const SMOOTH_ENTRIES: f32 = 3.5;
 
 impl Block {
     /// From at least two sweeps of one geometry.
@@ -96,6 +100,7 @@ impl Block {
             time_s_per_m: (geometry.point_period_s / geometry.axis.step_m) as f32,
             time_at_zero_s: middle.point_time_s(geometry.axis.point_at(0.0)) as f32,
             sweep_count: observations.len(),
+            is_smooth: groups.iter().all(|group| group.reach_m() <= SMOOTH_ENTRIES * step_m as f32),
             groups,
             z,
             rows,
@@ -145,6 +150,16 @@ fn group(sweeps: &[Observation], origin: DVec3) -> Group {
     Group {
         position_m: lanes(&|o| o.tracking_from_sensor.translation - origin),
         velocity_m_per_s: lanes(&|o| o.velocity_m_per_s),
+    }
+}
+
+impl Group {
+    /// Farthest that a sweep lies from the middle one, metres.
+    fn reach_m(&self) -> f32 {
+        let from_middle = |l: usize| -> f32 {
+            self.position_m.iter().map(|axis| (axis[l] - axis[LANES / 2]).powi(2)).sum::<f32>().sqrt()
+        };
+        (0..LANES).map(from_middle).fold(0.0, f32::max)
     }
 }
 

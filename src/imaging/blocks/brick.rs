@@ -469,38 +469,74 @@ mod tests {
         })
     }
 
+    /// Greatest and rms difference between boxes and the exact kernel, in units of 1 % + 0.02.
+    fn differences(path: impl Fn(f64) -> DVec3, snr: f64) -> (f32, f32) {
+        let block = block(&sweeps(0.089, path, &[(Echo::Point(AT), snr), (Echo::Point(NEAR), snr)], 7));
+        let (mut worst, mut squares, mut count) = (0.0f32, 0.0, 0);
+        for voxel_m in [0.05, 0.025, 0.01] {
+            let near = [AT, NEAR].map(|p| (p - block.middle.translation).as_vec3().to_array());
+            for middle in middles().chain(near) {
+                let (places, fast) = in_box(&block, middle, voxel_m);
+                for (found, exact) in fast.iter().zip(block.coherence_at_points(&places)) {
+                    let off = (found - exact.m).abs() / (0.01 * exact.m + 0.02);
+                    assert!(off.is_finite(), "{found} {exact:?}");
+                    (worst, squares, count) = (worst.max(off), squares + off * off, count + 1);
+                }
+            }
+        }
+        (worst, (squares / count as f32).sqrt())
+    }
+
     #[test]
     fn boxes_agree_with_the_exact_kernel() {
+        let fast = |t: f64| winding(2.5 * t);
         let straight = |t: f64| DVec3::new(1.2 * t, 0.0, 0.0);
-        let turning = |t: f64| DVec3::new(0.02 * (60.0 * t).cos(), 0.02 * (60.0 * t).sin(), 0.3 * t);
-        let paths: [(&str, &dyn Fn(f64) -> DVec3); 5] = [
-            ("natural", &winding),
-            ("fast", &|t: f64| winding(2.5 * t)),
-            ("straight", &straight),
-            ("turning", &turning),
-            ("still", &|_| DVec3::ZERO),
-        ];
-        for (name, path) in paths {
-            for snr in [0.5, 3.0, 30.0] {
-                let echoes = [(Echo::Point(AT), snr), (Echo::Point(NEAR), snr)];
-                let block = block(&sweeps(0.089, path, &echoes, 7));
-                let (mut worst, mut worst_at) = (0.0f32, String::new());
-                let mut squares = 0.0;
-                for voxel_m in [0.05, 0.025, 0.01] {
-                    let near = [AT, NEAR].map(|p| (p - block.middle.translation).as_vec3().to_array());
-                    for middle in middles().chain(near) {
-                        let (places, fast) = in_box(&block, middle, voxel_m);
-                        for (place, (found, exact)) in places.iter().zip(fast.iter().zip(block.coherence_at_points(&places))) {
-                            let off = (found - exact.m).abs() / (0.01 * exact.m + 0.02);
-                            squares += off * off;
-                            if !(off <= worst) {
-                                (worst, worst_at) = (off, format!("{place:?} {found} {exact:?} voxel {voxel_m}"));
-                            }
-                        }
-                    }
-                }
-                println!("{name} {snr}: worst {worst:.2} of the tolerance, rms {:.3}, {worst_at}", (squares / (62.0 * 64.0 * 3.0)).sqrt());
+        let still = |_: f64| DVec3::ZERO;
+        // 72 m/s²: no head does that.
+        let whirling = |t: f64| DVec3::new(0.02 * (60.0 * t).cos(), 0.02 * (60.0 * t).sin(), 0.3 * t);
+        let paths: [(&str, &dyn Fn(f64) -> DVec3, f32); 5] =
+            [("natural", &winding, 1.0), ("fast", &fast, 1.0), ("straight", &straight, 1.0), ("still", &still, 1.2), ("whirling", &whirling, 3.0)];
+        for (name, path, most) in paths {
+            for snr in [0.5, 3.0] {
+                let (worst, rms) = differences(path, snr);
+                assert!(worst <= most && rms <= 0.35, "{name}, {snr}: {worst} {rms}");
             }
+            // In the skirts of an echo 30 dB above the noise what does not add up is a difference of large numbers.
+            let (worst, rms) = differences(path, 30.0);
+            assert!(worst <= 6.0 && rms <= 0.8, "{name}, strong: {worst} {rms}");
+        }
+    }
+
+    #[test]
+    fn boxes_agree_with_the_oracle() {
+        let fast = |t: f64| winding(2.5 * t);
+        let observations = sweeps(0.089, fast, &[(Echo::Point(AT), 2.0)], 7);
+        let oracle = Oracle::new(&observations, &Beam::Lensless, &BlockSettings::default());
+        let block = block(&observations);
+        for middle in middles().step_by(6).chain([(AT - block.middle.translation).as_vec3().to_array()]) {
+            let (places, found) = in_box(&block, middle, 0.05);
+            for (place, found) in places.iter().zip(found).step_by(5) {
+                let place = block.middle.translation + DVec3::from_array(place.map(f64::from));
+                let score = oracle.value(Statistic::Blocks, place);
+                if score != 0.0 {
+                    // The score of a single block is ln(1 + m) less its mean under noise.
+                    let exact = (score + MEAN_LOG_OF_NOISE).exp() - 1.0;
+                    assert!((f64::from(found) - exact).abs() < 0.01 * exact + 0.02, "{place}: {found} {exact}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let block = block(&sweeps(0.089, |t| winding(2.0 * t), &[(Echo::Point(AT), 2.0)], 8));
+        let (layers_m, radius_m) = cube(0.05);
+        for middle_m in middles().chain([[0.0; 3], [0.01, 0.0, -0.1]]) {
+            let voxels = VoxelBox { middle_m, voxel_m: 0.05, radius_m, layers_m: &layers_m };
+            let (mut dispatched, mut portable) = ([[0.0; LANES]; 4], [[0.0; LANES]; 4]);
+            block.coherence_in_box(&voxels, &mut Scratch::default(), &mut dispatched);
+            all::<Portable>(&block, &voxels, &mut Scratch::default(), &mut portable);
+            assert_eq!(dispatched.map(|m| m.map(f32::to_bits)), portable.map(|m| m.map(f32::to_bits)));
         }
     }
 }

@@ -18,6 +18,7 @@ use super::{Block, BlockSettings, MEAN_LOG_OF_NOISE};
 
 /// Voxels along a brick's edge.
 const EDGE: usize = 8;
+const EDGE_LOG2: i32 = 3;
 /// Voxels in a brick.
 const VOXELS: usize = EDGE * EDGE * EDGE;
 /// Layers of 4 × 4 voxels in a brick; four on top of each other are a tile, and a brick's voxels are stored tile by tile.
@@ -158,9 +159,9 @@ impl Field {
         let voxel_m = self.settings.voxel_m;
         let mut found = Vec::new();
         for brick in self.index.values().map(|&at| &self.bricks[at]) {
-            for n in brick.strong(min_score as f32, since) {
-                let score = f64::from(brick.score(n).unwrap_or(0.0));
-                found.push(Peak { position_m: brick.center(n, voxel_m), score });
+            let Some(scores) = brick.strong_scores(min_score as f32, since) else { continue };
+            for (n, &score) in scores.iter().enumerate().filter(|(_, score)| **score > f32::NEG_INFINITY) {
+                found.push(Peak { position_m: brick.center(n, voxel_m), score: f64::from(score) });
             }
         }
         found
@@ -170,8 +171,13 @@ impl Field {
     pub fn peaks(&self, min_score: f64, radius_m: f64, since_ns: i64) -> Vec<Peak> {
         let since = self.ticks_at(since_ns);
         let offsets = ball(radius_m / self.settings.voxel_m);
-        let each =
-            self.bricks.par_iter().flat_map_iter(|brick| self.peaks_of(brick, min_score as f32, &offsets, since));
+        // Only what is strong enough itself can be greater than what is: bricks without any need no second look.
+        let strong: Vec<Option<Strong>> =
+            self.bricks.par_iter().map(|brick| brick.strong_scores(min_score as f32, since)).collect();
+        let each = strong.par_iter().zip(&self.bricks).flat_map_iter(|(scores, brick)| match scores {
+            Some(scores) => self.peaks_of(brick, scores, &strong, &offsets),
+            None => Vec::new(),
+        });
         let mut peaks: Vec<Peak> = each.collect();
         // Equal scores fall back to the place, so that the order is always the same.
         peaks.sort_by(|p, q| {
@@ -182,35 +188,35 @@ impl Field {
         peaks
     }
 
-    fn peaks_of(&self, brick: &Brick, min_score: f32, offsets: &[IVec3], since: i32) -> Vec<Peak> {
-        let strong = brick.strong(min_score, since);
-        if strong.is_empty() {
-            return Vec::new();
-        }
-        let neighbor = |n: i32| self.index.get(&(brick.key + cube(n)).to_array()).map(|&at| &self.bricks[at]);
-        let around: [Option<&Brick>; 27] = std::array::from_fn(|n| neighbor(n as i32));
-        let score = |voxel: IVec3| {
-            let block = (voxel + EDGE as i32) / EDGE as i32;
-            let brick = around[(block.z * 9 + block.y * 3 + block.x) as usize]?;
-            let n = index_in_brick(voxel - (block - 1) * EDGE as i32);
-            brick.score(n).filter(|_| brick.seen(n) >= since)
+    fn peaks_of(&self, brick: &Brick, mine: &Strong, strong: &[Option<Strong>], offsets: &[IVec3]) -> Vec<Peak> {
+        let neighbor = |n: i32| {
+            let at = *self.index.get(&(brick.key + cube(n)).to_array())?;
+            strong[at].as_deref()
         };
-        let is_peak = |&n: &usize| {
+        let around: [Option<&[f32; VOXELS]>; 27] = std::array::from_fn(|n| neighbor(n as i32));
+        let mut peaks = Vec::new();
+        for (n, &score) in mine.iter().enumerate().filter(|(_, score)| **score > f32::NEG_INFINITY) {
             let here = in_brick(n);
-            let mine = score(here).unwrap_or(f32::NEG_INFINITY);
             // Of equal neighbours the one that comes first counts as the greater.
             let greater = |offset: &IVec3| {
-                score(here + *offset).is_some_and(|other| other > mine || (other == mine && comes_first(*offset)))
+                let voxel = here + *offset;
+                // −1, 0 or 1 along each axis: reaches stay within a brick's edge.
+                let [x, y, z] = voxel.to_array().map(|n| n >> EDGE_LOG2);
+                around[((z + 1) * 9 + (y + 1) * 3 + x + 1) as usize].is_some_and(|scores| {
+                    let other = scores[index_in_brick(IVec3::from_array(voxel.to_array().map(|n| n & (EDGE as i32 - 1))))];
+                    other > score || (other == score && comes_first(*offset))
+                })
             };
-            !offsets.iter().any(greater)
-        };
-        let peak = |n: usize| Peak {
-            position_m: brick.center(n, self.settings.voxel_m),
-            score: f64::from(brick.score(n).unwrap_or(0.0)),
-        };
-        strong.into_iter().filter(is_peak).map(peak).collect()
+            if !offsets.iter().any(greater) {
+                peaks.push(Peak { position_m: brick.center(n, self.settings.voxel_m), score: f64::from(score) });
+            }
+        }
+        peaks
     }
 }
+
+/// Scores of a brick's voxels; −∞ below what is asked for.
+type Strong = Box<[f32; VOXELS]>;
 
 /// Ticks since the beginning of an epoch; as many as there are at most from some months on.
 fn ticks(epochs: f64, first_epoch: i64) -> i32 {
@@ -356,24 +362,19 @@ impl Brick {
         (b > 0.0).then(|| a / b.sqrt())
     }
 
-    fn seen(&self, n: usize) -> i32 {
-        self.layers[n / LANES].seen[n % LANES]
-    }
-
-    /// Voxels with at least that score, seen since then.
-    fn strong(&self, min_score: f32, since: i32) -> Vec<usize> {
-        let mut found = Vec::new();
-        for (n, layer) in self.layers.iter().enumerate() {
-            let mut strong = [false; LANES];
+    /// Scores of at least that much, seen since then; `None` without any.
+    fn strong_scores(&self, min_score: f32, since: i32) -> Option<Strong> {
+        let mut scores = [f32::NEG_INFINITY; VOXELS];
+        let mut any = false;
+        for (layer, scores) in self.layers.iter().zip(scores.chunks_exact_mut(LANES)) {
             for l in 0..LANES {
                 let score = layer.a[l] / layer.b[l].sqrt();
-                strong[l] = (layer.b[l] > 0.0) & (score >= min_score) & (layer.seen[l] >= since);
-            }
-            if strong.contains(&true) {
-                found.extend((0..LANES).filter(|&l| strong[l]).map(|l| n * LANES + l));
+                let strong = (layer.b[l] > 0.0) & (score >= min_score) & (layer.seen[l] >= since);
+                scores[l] = if strong { score } else { f32::NEG_INFINITY };
+                any |= strong;
             }
         }
-        found
+        any.then(|| Box::new(scores))
     }
 
     /// Adds a block to the voxels in its beam; returns how many there were.
