@@ -456,7 +456,8 @@ mod tests {
         let mut builder = BlockBuilder::new(block_settings);
         let blocks: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
         let min_cos = block_settings.min_cos(&Beam::Lensless);
-        Window::new(blocks.iter(), &settings, &block_settings, min_cos, &mut ViewMemory::default()).explain(planes, places)
+        Window::new(blocks.iter(), &settings, &block_settings, min_cos, &mut ViewMemory::default())
+            .explain(planes, places)
     }
 
     #[test]
@@ -512,6 +513,10 @@ mod tests {
         let believed = explained(winding, &[], &[WALL], &[STRONG, WEAK]);
         assert!(believed.planes.is_empty() && believed.places.is_empty(), "{believed:?}");
         let (settings, blocks) = (ExplainSettings::default(), BlockSettings::default());
-        assert!(Window::new([].iter(), &settings, &blocks, 0.5, &mut ViewMemory::default()).explain_points(&[STRONG]).is_empty());
+        assert!(
+            Window::new([].iter(), &settings, &blocks, 0.5, &mut ViewMemory::default())
+                .explain_points(&[STRONG])
+                .is_empty()
+        );
     }
 }

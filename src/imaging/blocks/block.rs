@@ -137,7 +137,10 @@ impl Block {
 
 /// How far from a place any point of a sweep was measured.
 fn farthest_m(observation: &Observation, origin: DVec3) -> f64 {
-    let half_s = observation.point_time_s(0.0).abs().max(observation.point_time_s(observation.geometry.axis.point_at(0.0)).abs());
+    let half_s = observation
+        .point_time_s(0.0)
+        .abs()
+        .max(observation.point_time_s(observation.geometry.axis.point_at(0.0)).abs());
     observation.tracking_from_sensor.translation.distance(origin) + observation.velocity_m_per_s.length() * half_s
 }
 

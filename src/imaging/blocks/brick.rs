@@ -82,6 +82,7 @@ impl Rows {
 pub(super) struct VoxelBox<'a> {
     /// Relative to the block's middle, metres.
     pub middle_m: [f32; 3],
+    /// Edge of a voxel.
     pub voxel_m: f32,
     /// Farthest voxel from the middle, metres.
     pub radius_m: f32,
@@ -111,42 +112,56 @@ impl Block {
     }
 
     /// m of the layers' voxels. Needs a radius of at most [`Block::box_reach_m`]; where voxels lie outside the range axes
-    /// ([`Block::covers`]) the values there are finite and mean nothing.
+    /// ([`Block::covers`]) the values there mean nothing.
     pub(super) fn coherence_in_box(&self, voxels: &VoxelBox, scratch: &mut Scratch, m: &mut [Lanes]) {
+        let mut sums = [[[0.0; LANES]; 3]; MAX_LAYERS];
+        let sums = &mut sums[..voxels.layers_m.len()];
+        self.sums_in_box(voxels, scratch, sums);
+        let count = self.sweep_count as f32;
+        for ([re, im, energy], m) in sums.iter().zip(m) {
+            for l in 0..LANES {
+                let power = (re[l] * re[l] + im[l] * im[l]) / count;
+                let rest = (energy[l] - power) / (count - 1.0);
+                m[l] = power / if rest > 1.0 { rest } else { 1.0 };
+            }
+        }
+    }
+
+    /// The sums themselves, Σ w z e^(−jκd) and Σ w² abs(z)², under the same conditions.
+    pub(super) fn sums_in_box(&self, voxels: &VoxelBox, scratch: &mut Scratch, sums: &mut [Sums]) {
         #[cfg(target_arch = "x86_64")]
         {
             use super::lanes::{Avx2, Avx512};
             #[target_feature(enable = "avx512f")]
-            fn avx512(block: &Block, voxels: &VoxelBox, scratch: &mut Scratch, m: &mut [Lanes]) {
-                all::<Avx512>(block, voxels, scratch, m);
+            fn avx512(block: &Block, voxels: &VoxelBox, scratch: &mut Scratch, sums: &mut [Sums]) {
+                all::<Avx512>(block, voxels, scratch, sums);
             }
             #[target_feature(enable = "avx2,fma")]
-            fn avx2(block: &Block, voxels: &VoxelBox, scratch: &mut Scratch, m: &mut [Lanes]) {
-                all::<Avx2>(block, voxels, scratch, m);
+            fn avx2(block: &Block, voxels: &VoxelBox, scratch: &mut Scratch, sums: &mut [Sums]) {
+                all::<Avx2>(block, voxels, scratch, sums);
             }
             if is_x86_feature_detected!("avx512f") {
                 // SAFETY: the processor has the instructions that this copy of the code is compiled for.
-                return unsafe { avx512(self, voxels, scratch, m) };
+                return unsafe { avx512(self, voxels, scratch, sums) };
             }
             if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
                 // SAFETY: as above.
-                return unsafe { avx2(self, voxels, scratch, m) };
+                return unsafe { avx2(self, voxels, scratch, sums) };
             }
         }
-        all::<Portable>(self, voxels, scratch, m);
+        all::<Portable>(self, voxels, scratch, sums);
     }
 }
 
-/// Real, imaginary, energy.
-type Sums = [Lanes; 3];
+/// Real, imaginary, energy of sixteen voxels.
+pub(super) type Sums = [Lanes; 3];
 
 #[inline(always)]
-fn all<V: Vector>(block: &Block, voxels: &VoxelBox, scratch: &mut Scratch, m: &mut [Lanes]) {
+fn all<V: Vector>(block: &Block, voxels: &VoxelBox, scratch: &mut Scratch, sums: &mut [Sums]) {
+    sums.fill([[0.0; LANES]; 3]);
     turn_back::<V>(block, voxels.middle_m, scratch);
     let cosine_spread = block.cosine_spread(voxels);
     let partition = block.partition(MAX_PHASE_RAD / (PHASE_RAD_PER_M as f32 * cosine_spread));
-    let mut sums = [[[0.0; LANES]; 3]; MAX_LAYERS];
-    let sums = &mut sums[..voxels.layers_m.len()];
     for run in &partition.runs {
         let phase_rad = PHASE_RAD_PER_M as f32 * run.half_length_m * cosine_spread;
         let offset_m = &partition.offset_m;
@@ -157,14 +172,6 @@ fn all<V: Vector>(block: &Block, voxels: &VoxelBox, scratch: &mut Scratch, m: &m
         } else {
             add_run::<V, 0>(block, voxels, scratch, run, offset_m, cosine_spread, sums);
         }
-    }
-    let count = V::splat(block.sweep_count as f32);
-    let rest_count = V::splat(block.sweep_count as f32 - 1.0);
-    for ([re, im, energy], m) in sums.iter().zip(m) {
-        let (re, im, energy) = (V::load(re), V::load(im), V::load(energy));
-        let power = re.mul_add(re, im.mul(im)).div(count);
-        let rest = energy.sub(power).div(rest_count);
-        power.div(rest.at_least(V::splat(1.0))).store(m);
     }
 }
 
@@ -494,8 +501,13 @@ mod tests {
         let still = |_: f64| DVec3::ZERO;
         // 72 m/s²: no head does that.
         let whirling = |t: f64| DVec3::new(0.02 * (60.0 * t).cos(), 0.02 * (60.0 * t).sin(), 0.3 * t);
-        let paths: [(&str, &dyn Fn(f64) -> DVec3, f32); 5] =
-            [("natural", &winding, 1.0), ("fast", &fast, 1.0), ("straight", &straight, 1.0), ("still", &still, 1.2), ("whirling", &whirling, 3.0)];
+        let paths: [(&str, &dyn Fn(f64) -> DVec3, f32); 5] = [
+            ("natural", &winding, 1.0),
+            ("fast", &fast, 1.0),
+            ("straight", &straight, 1.0),
+            ("still", &still, 1.2),
+            ("whirling", &whirling, 3.0),
+        ];
         for (name, path, most) in paths {
             for snr in [0.5, 3.0] {
                 let (worst, rms) = differences(path, snr);
@@ -533,10 +545,11 @@ mod tests {
         let (layers_m, radius_m) = cube(0.05);
         for middle_m in middles().chain([[0.0; 3], [0.01, 0.0, -0.1]]) {
             let voxels = VoxelBox { middle_m, voxel_m: 0.05, radius_m, layers_m: &layers_m };
-            let (mut dispatched, mut portable) = ([[0.0; LANES]; 4], [[0.0; LANES]; 4]);
-            block.coherence_in_box(&voxels, &mut Scratch::default(), &mut dispatched);
+            let (mut dispatched, mut portable) = ([[[0.0; LANES]; 3]; 4], [[[0.0; LANES]; 3]; 4]);
+            block.sums_in_box(&voxels, &mut Scratch::default(), &mut dispatched);
             all::<Portable>(&block, &voxels, &mut Scratch::default(), &mut portable);
-            assert_eq!(dispatched.map(|m| m.map(f32::to_bits)), portable.map(|m| m.map(f32::to_bits)));
+            let bits = |sums: [Sums; 4]| sums.map(|of| of.map(|lanes| lanes.map(f32::to_bits)));
+            assert_eq!(bits(dispatched), bits(portable));
         }
     }
 }

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use super::brick::{MAX_LAYERS, Scratch, VoxelBox};
 use super::lanes::{LANES, Lanes, ln_1p};
 use super::{Block, BlockSettings, MEAN_LOG_OF_NOISE};
+use crate::geometry::Aabb;
 
 /// Voxels along a brick's edge.
 const EDGE: usize = 8;
@@ -111,6 +112,74 @@ impl Field {
         self.updates += (visited * block.sweep_count()) as u64;
     }
 
+    /// Adds a block to bricks that are there already, and makes none.
+    pub(super) fn add_to_known(&mut self, block: &Block) {
+        let moment = self.moment(block.mid_time_ns);
+        let view = View::new(block, &self.settings, self.min_cos);
+        let each = self.bricks.par_iter_mut();
+        let visited: usize = each.map_init(Scratch::default, |scratch, brick| brick.add(&view, moment, scratch)).sum();
+        self.updates += (visited * block.sweep_count()) as u64;
+    }
+
+    /// Makes bricks and adds blocks to them, in time.
+    pub(super) fn open(&mut self, keys: &[IVec3], blocks: &[&Block]) {
+        let moments: Vec<Moment> = blocks.iter().map(|block| self.moment(block.mid_time_ns)).collect();
+        let views: Vec<View> = blocks.iter().map(|block| View::new(block, &self.settings, self.min_cos)).collect();
+        let new: Vec<IVec3> = keys.iter().copied().filter(|key| !self.index.contains_key(&key.to_array())).collect();
+        let filled = new.into_par_iter().map_init(Scratch::default, |scratch, key| {
+            let mut brick = Brick::new(key);
+            let each = views.iter().zip(&moments);
+            let updates: usize =
+                each.map(|(view, now)| brick.add(view, *now, scratch) * view.block.sweep_count()).sum();
+            (brick, updates)
+        });
+        let filled: Vec<(Brick, usize)> = filled.collect();
+        for (brick, updates) in filled {
+            self.index.insert(brick.key.to_array(), self.bricks.len());
+            self.bricks.push(brick);
+            self.updates += updates as u64;
+        }
+    }
+
+    /// Drops bricks.
+    pub(super) fn close(&mut self, keys: &[[i32; 3]]) {
+        for key in keys {
+            if let Some(at) = self.index.remove(key) {
+                self.bricks.swap_remove(at);
+                if let Some(moved) = self.bricks.get(at) {
+                    self.index.insert(moved.key.to_array(), at);
+                }
+            }
+        }
+    }
+
+    /// Bricks that a box touches.
+    pub(super) fn keys_around(&self, region: &Aabb) -> Vec<IVec3> {
+        let edge_m = self.settings.voxel_m * EDGE as f64;
+        let (low, high) = ((region.min / edge_m).floor().as_ivec3(), (region.max / edge_m).floor().as_ivec3());
+        let mut keys = Vec::new();
+        for z in low.z..=high.z {
+            for y in low.y..=high.y {
+                keys.extend((low.x..=high.x).map(|x| IVec3::new(x, y, z)));
+            }
+        }
+        keys
+    }
+
+    /// Voxels in a box with at least that score, in brick order.
+    pub(super) fn above_within(&self, region: &Aabb, min_score: f64) -> Vec<Peak> {
+        let mut found = Vec::new();
+        for key in self.keys_around(region) {
+            let Some(&at) = self.index.get(&key.to_array()) else { continue };
+            let brick = &self.bricks[at];
+            let center = |n: usize| brick.center(n, self.settings.voxel_m);
+            let strong = (0..VOXELS).filter_map(|n| Some((center(n), f64::from(brick.score(n)?))));
+            let wanted = strong.filter(|(at, score)| *score >= min_score && region.contains(*at));
+            found.extend(wanted.map(|(position_m, score)| Peak { position_m, score }));
+        }
+        found
+    }
+
     fn epoch_ns(&self) -> f64 {
         self.settings.memory_s * std::f64::consts::LN_2 * f64::from(EPOCH_DOUBLINGS) * 1e9
     }
@@ -203,7 +272,8 @@ impl Field {
                 // −1, 0 or 1 along each axis: reaches stay within a brick's edge.
                 let [x, y, z] = voxel.to_array().map(|n| n >> EDGE_LOG2);
                 around[((z + 1) * 9 + (y + 1) * 3 + x + 1) as usize].is_some_and(|scores| {
-                    let other = scores[index_in_brick(IVec3::from_array(voxel.to_array().map(|n| n & (EDGE as i32 - 1))))];
+                    let other =
+                        scores[index_in_brick(IVec3::from_array(voxel.to_array().map(|n| n & (EDGE as i32 - 1))))];
                     other > score || (other == score && comes_first(*offset))
                 })
             };
@@ -292,7 +362,10 @@ fn add_layers(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes]
         fn avx2(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
             all(layers, seen, m, now);
         }
-        if is_x86_feature_detected!("avx512dq") && is_x86_feature_detected!("avx512vl") && is_x86_feature_detected!("fma") {
+        if is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512vl")
+            && is_x86_feature_detected!("fma")
+        {
             // SAFETY: the processor has the instructions that this copy of the code is compiled for.
             return unsafe { avx512(layers, seen, m, now) };
         }
@@ -554,6 +627,70 @@ mod tests {
         };
         let (weak, strong) = (score(2.0), score(20.0));
         assert!(weak > 5.0 && strong > 0.6 * weak, "{weak} {strong}");
+    }
+
+    #[test]
+    fn a_rolling_field_is_a_fresh_one_of_what_saw_the_voxel() {
+        // Head turned away for a while, over several epochs; another field begins in the middle of it.
+        let settings = BlockSettings { memory_s: 0.02, ..BlockSettings::default() };
+        let new = || Field::new(settings, settings.min_cos(&Beam::Lensless));
+        let blocks = blocks(sweeps(1.5, winding, &[(Echo::Point(CHAIR), 1.0)], 6));
+        let mut away = blocks.clone();
+        away.iter_mut().for_each(|b| b.middle.rotation = glam::DQuat::from_rotation_y(std::f64::consts::PI));
+        let (mut rolling, mut fresh) = (new(), new());
+        for n in 0..blocks.len() {
+            if (5..10).contains(&n) {
+                rolling.add(&away[n]);
+            } else {
+                rolling.add(&blocks[n]);
+                fresh.add(&blocks[n]);
+            }
+        }
+        let ahead = Aabb { min: CHAIR - 0.3, max: CHAIR + 0.3 };
+        let found = rolling.above_within(&ahead, -99.0);
+        assert!(found.len() > 1000);
+        assert_eq!(found, fresh.above_within(&ahead, -99.0));
+        // What lies before the head began to look there is forgotten, and does not matter.
+        let mut late = new();
+        blocks[8..].iter().for_each(|block| late.add(block));
+        let mut anew = new();
+        anew.open(&late.keys_around(&ahead), &blocks[8..].iter().collect::<Vec<_>>());
+        assert_eq!(late.above_within(&ahead, -99.0), anew.above_within(&ahead, -99.0));
+    }
+
+    #[test]
+    fn a_hundred_thousand_blocks_with_bursts_agree_with_f64() {
+        let mut field = Field::new(BlockSettings::default(), 0.5);
+        let mut layer = Layer::EMPTY;
+        let (mut a, mut b, mut before_ns) = ([0.0f64; LANES], [0.0f64; LANES], 0i64);
+        let mut state = 1u64;
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f64 / (1u64 << 24) as f64
+        };
+        let mut time_ns = 3_000_000_000_000;
+        for n in 0..200_000u64 {
+            // 90 ms, now and then a pause of minutes; m exponential, with bursts.
+            time_ns += if n % 5000 == 4999 { 200_000_000_000 } else { 90_909_091 };
+            let burst = if n % 977 < 3 { 1e4 } else { 1.0 };
+            let m: Lanes = std::array::from_fn(|_| (-(1.0 - uniform()).ln() * burst) as f32);
+            layer.add(&m, &[true; LANES], field.moment(time_ns));
+            let rho = (-((time_ns - before_ns) as f64 * 1e-9) / field.settings.memory_s).exp();
+            before_ns = time_ns;
+            for l in 0..LANES {
+                a[l] = rho * a[l] + f64::from(m[l]).ln_1p() - MEAN_LOG_OF_NOISE;
+                b[l] = rho * rho * b[l] + 1.0;
+                if n % 97 == 0 {
+                    let (score, exact) = (f64::from(layer.a[l] / layer.b[l].sqrt()), a[l] / b[l].sqrt());
+                    assert!((score - exact).abs() < 3e-5, "block {n}: {score} {exact}");
+                }
+            }
+        }
+        // What is no number never reaches a sum.
+        let held = layer.a;
+        layer.add(&[f32::NAN; LANES], &[true; LANES], field.moment(time_ns));
+        let expected = held.map(|a| a - MEAN_LOG_OF_NOISE as f32 * field.moment(time_ns).weight);
+        assert!(layer.a.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3 * b.abs().max(1.0)));
     }
 
     #[test]

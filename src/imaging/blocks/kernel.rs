@@ -62,7 +62,8 @@ impl Place for [f32; 3] {
     }
     #[inline(always)]
     fn distances<V: Vector>(self, from: [V; 3]) -> V {
-        let [x, y, z] = [V::splat(self[0]).sub(from[0]), V::splat(self[1]).sub(from[1]), V::splat(self[2]).sub(from[2])];
+        let [x, y, z] =
+            [V::splat(self[0]).sub(from[0]), V::splat(self[1]).sub(from[1]), V::splat(self[2]).sub(from[2])];
         x.mul_add(x, y.mul_add(y, z.mul(z))).sqrt()
     }
 }

@@ -30,9 +30,6 @@ pub(super) trait Vector: Copy {
     /// Changes the sign where the lowest bit of `odd` is set.
     fn negate_where_odd(self, odd: Self) -> Self;
 
-    /// The greater of both; `least` where a lane is no number.
-    fn at_least(self, least: Self) -> Self;
-
     /// The nearest integer, as a number and as low bits; for values below 2²².
     #[inline(always)]
     fn rounded(self) -> (Self, Self) {
@@ -108,10 +105,6 @@ impl Vector for Portable {
         Self::each(|l| (-self.0[l]).mul_add(factor.0[l], minus.0[l]))
     }
     #[inline(always)]
-    fn at_least(self, least: Self) -> Self {
-        Self::each(|l| if self.0[l] > least.0[l] { self.0[l] } else { least.0[l] })
-    }
-    #[inline(always)]
     fn look_up(self, at: Self) -> Self {
         Self::each(|l| self.0[(at.0[l].to_bits() % LANES as u32) as usize])
     }
@@ -179,10 +172,6 @@ mod x86 {
             Self(unsafe { _mm512_fnmadd_ps(self.0, factor.0, minus.0) })
         }
         #[inline(always)]
-        fn at_least(self, least: Self) -> Self {
-            Self(unsafe { _mm512_max_ps(self.0, least.0) })
-        }
-        #[inline(always)]
         fn look_up(self, at: Self) -> Self {
             Self(unsafe { _mm512_permutexvar_ps(_mm512_castps_si512(at.0), self.0) })
         }
@@ -244,10 +233,6 @@ mod x86 {
         #[inline(always)]
         fn neg_mul_add(self, factor: Self, minus: Self) -> Self {
             unsafe { Self(_mm256_fnmadd_ps(self.0, factor.0, minus.0), _mm256_fnmadd_ps(self.1, factor.1, minus.1)) }
-        }
-        #[inline(always)]
-        fn at_least(self, least: Self) -> Self {
-            unsafe { Self(_mm256_max_ps(self.0, least.0), _mm256_max_ps(self.1, least.1)) }
         }
         #[inline(always)]
         fn look_up(self, at: Self) -> Self {
@@ -323,8 +308,19 @@ mod tests {
         let (whole, bits) = b.rounded();
         let (cos, sin) = b.cos_sin_of_half_turns();
         let all = [
-            a.add(b), a.sub(b), a.mul(b), a.div(b), b.sqrt(), a.mul_add(b, a), a.neg_mul_add(b, a), whole,
-            a.look_up(bits), a.negate_where_odd(bits), cos, sin, V::splat(2.5), b.div(b.sub(b)).sub(b.div(b.sub(b))).at_least(a), a.at_least(b),
+            a.add(b),
+            a.sub(b),
+            a.mul(b),
+            a.div(b),
+            b.sqrt(),
+            a.mul_add(b, a),
+            a.neg_mul_add(b, a),
+            whole,
+            a.look_up(bits),
+            a.negate_where_odd(bits),
+            cos,
+            sin,
+            V::splat(2.5),
         ];
         let mut found = vec![[0.0; LANES]; all.len()];
         all.iter().zip(&mut found).for_each(|(vector, lanes)| vector.store(lanes));
