@@ -53,6 +53,8 @@ struct Brick {
     /// Brick coordinates: its lowest voxel is `key · EDGE`.
     key: IVec3,
     layers: Box<[Layer; LAYERS]>,
+    /// When any of its voxels was last seen.
+    newest: i32,
 }
 
 /// When a block was, for fading.
@@ -422,7 +424,7 @@ impl<'a> View<'a> {
 
 impl Brick {
     fn new(key: IVec3) -> Self {
-        Self { key, layers: Box::new([Layer::EMPTY; LAYERS]) }
+        Self { key, layers: Box::new([Layer::EMPTY; LAYERS]), newest: -1 }
     }
 
     fn center(&self, n: usize, voxel_m: f64) -> DVec3 {
@@ -437,9 +439,24 @@ impl Brick {
 
     /// Scores of at least that much, seen since then; `None` without any.
     fn strong_scores(&self, min_score: f32, since: i32) -> Option<Strong> {
+        if self.newest < since {
+            return None;
+        }
+        // Without root and division first: few layers have a strong voxel.
+        let least2 = min_score * min_score.abs();
+        let may_be = |layer: &Layer| {
+            let mut any = false;
+            for l in 0..LANES {
+                let (a, b) = (layer.a[l], layer.b[l]);
+                let slack = 1e-5 * (a * a + least2.abs() * b);
+                any |= (b > 0.0) & (a * a.abs() + slack >= least2 * b);
+            }
+            any
+        };
         let mut scores = [f32::NEG_INFINITY; VOXELS];
         let mut any = false;
-        for (layer, scores) in self.layers.iter().zip(scores.chunks_exact_mut(LANES)) {
+        for (layer, scores) in self.layers.iter().zip(scores.chunks_exact_mut(LANES)).filter(|(layer, _)| may_be(layer))
+        {
             for l in 0..LANES {
                 let score = layer.a[l] / layer.b[l].sqrt();
                 let strong = (layer.b[l] > 0.0) & (score >= min_score) & (layer.seen[l] >= since);
@@ -499,6 +516,7 @@ impl Brick {
             }
         }
         add_layers(&mut self.layers[..], &seen[..count], &m, moment);
+        self.newest = self.newest.max(moment.ticks);
         visited
     }
 }
