@@ -208,9 +208,10 @@ impl RoomSearch {
         self.refine_new(&walls, &points);
     }
 
-    /// Keeps the fine field around what is known and around what may soon be: places that were believed.
+    /// Keeps the fine field around what is known and around what may soon be: places that were believed and are determined.
     fn look_finely(&mut self, believed: &[Explained<DVec3>]) {
-        let strong = believed.iter().filter(|p| p.score >= self.settings.fine.min_score).map(|p| p.thing);
+        let strong =
+            believed.iter().filter(|p| p.determined && p.score >= self.settings.fine.min_score).map(|p| p.thing);
         let places: Vec<DVec3> = self.points.confirmed().map(|p| p.thing).chain(strong).collect();
         let blocks: Vec<&Block> = self.window.iter().collect();
         self.fine.ask_for(&places, FINE_EDGE_M, &blocks);

@@ -90,15 +90,20 @@ pub(super) struct VoxelBox<'a> {
     pub layers_m: &'a [[f32; 3]],
 }
 
-/// What one sweep contributes to a box's tables, for all sweeps of a block; kept from box to box.
-#[derive(Debug, Default)]
-pub(super) struct Scratch {
-    start: Vec<u32>,
-    next_start: Vec<u32>,
-    share: Vec<f32>,
-    cos: Vec<f32>,
-    sin: Vec<f32>,
+/// Where a sweep's table for a box starts among all values, how far the box's entries lie towards the next ones, and the
+/// turn that undoes its phase at the box's middle.
+#[derive(Debug, Default, Clone, Copy)]
+struct Turned {
+    start: u32,
+    next_start: u32,
+    share: f32,
+    cos: f32,
+    sin: f32,
 }
+
+/// The sweeps of a block as a box sees them; kept from box to box for its memory.
+#[derive(Debug, Default)]
+pub(super) struct Scratch(Vec<Turned>);
 
 impl Block {
     /// Farthest that a voxel may lie from its box's middle, metres.
@@ -190,12 +195,7 @@ impl Block {
 #[inline(always)]
 fn turn_back<V: Vector>(block: &Block, middle_m: [f32; 3], scratch: &mut Scratch) {
     let rows = &block.rows;
-    let count = block.groups.len() * LANES;
-    scratch.start.resize(count, 0);
-    scratch.next_start.resize(count, 0);
-    scratch.share.resize(count, 0.0);
-    scratch.cos.resize(count, 0.0);
-    scratch.sin.resize(count, 0.0);
+    scratch.0.resize(block.groups.len() * LANES, Turned::default());
     let last = rows.starts.len() - 2;
     for (g, group) in block.groups.iter().enumerate() {
         // Nothing here is a closure: those would not be compiled for the wider instructions.
@@ -212,18 +212,17 @@ fn turn_back<V: Vector>(block: &Block, middle_m: [f32; 3], scratch: &mut Scratch
         let (cos, sin) = half_turns.cos_sin_of_half_turns();
         let at = distance.mul_add(V::splat(rows.entries_per_m), V::splat(rows.entry_at_zero));
         let (whole, bits) = at.sub(V::splat(0.5)).rounded();
-        let range = g * LANES..(g + 1) * LANES;
-        let mut lanes = [0.0; LANES];
-        at.sub(whole).store(&mut lanes);
-        scratch.share[range.clone()].copy_from_slice(&lanes);
-        cos.store(&mut lanes);
-        scratch.cos[range.clone()].copy_from_slice(&lanes);
-        sin.store(&mut lanes);
-        scratch.sin[range.clone()].copy_from_slice(&lanes);
-        bits.store(&mut lanes);
-        for (k, bits) in range.zip(lanes) {
-            let entry = (bits.to_bits().wrapping_sub(ROUNDER.to_bits()) as i32).clamp(0, last as i32) as usize;
-            (scratch.start[k], scratch.next_start[k]) = (rows.starts[entry], rows.starts[entry + 1]);
+        let mut lanes = [[0.0; LANES]; 4];
+        at.sub(whole).store(&mut lanes[0]);
+        cos.store(&mut lanes[1]);
+        sin.store(&mut lanes[2]);
+        bits.store(&mut lanes[3]);
+        for (l, turned) in scratch.0[g * LANES..(g + 1) * LANES].iter_mut().enumerate() {
+            let entry = (lanes[3][l].to_bits().wrapping_sub(ROUNDER.to_bits()) as i32).clamp(0, last as i32) as usize;
+            // The last group's lanes beyond the last sweep point nowhere, and nobody asks for them.
+            let sweep = ((g * LANES + l) * rows.sweep_len) as u32;
+            let [start, next_start] = [rows.starts[entry] + sweep, rows.starts[entry + 1] + sweep];
+            *turned = Turned { start, next_start, share: lanes[0][l], cos: lanes[1][l], sin: lanes[2][l] };
         }
     }
 }
@@ -260,27 +259,29 @@ fn tabulate<V: Vector, const ORDER: usize>(
     let zero = V::splat(0.0);
     let (mut energy, mut sum) = (zero, [zero; 2]);
     let (mut first, mut second) = ([zero; 2], [zero; 2]);
-    for k in run.first..run.end {
-        let row = &rows.values[k * rows.sweep_len..(k + 1) * rows.sweep_len];
-        let (here, next) = (scratch.start[k] as usize, scratch.next_start[k] as usize);
-        let share = V::splat(scratch.share[k]);
-        let (from, to) = (sixteen::<V>(row, here), sixteen::<V>(row, next));
+    let sweeps = &scratch.0[run.first..run.end];
+    for (turned, &offset_m) in sweeps.iter().zip(&offset_m[run.first..run.end]) {
+        let (here, next) = (turned.start as usize, turned.next_start as usize);
+        let share = V::splat(turned.share);
+        let (from, to) = (sixteen::<V>(&rows.values, here), sixteen::<V>(&rows.values, next));
         let re = share.mul_add(to.sub(from), from);
-        let (from, to) = (sixteen::<V>(row, here + rows.row_len), sixteen::<V>(row, next + rows.row_len));
+        let (from, to) =
+            (sixteen::<V>(&rows.values, here + rows.row_len), sixteen::<V>(&rows.values, next + rows.row_len));
         let im = share.mul_add(to.sub(from), from);
         energy = re.mul_add(re, im.mul_add(im, energy));
-        let (cos, sin) = (V::splat(scratch.cos[k]), V::splat(scratch.sin[k]));
+        let (cos, sin) = (V::splat(turned.cos), V::splat(turned.sin));
         // z · e^(−jκd)
         let (re, im) = (re.mul_add(cos, im.mul(sin)), re.neg_mul_add(sin, im.mul(cos)));
         sum = [sum[0].add(re), sum[1].add(im)];
         if ORDER >= 1 {
             // e^(jφ) ≈ 1 + jφ(1 − φm²/8) − ½φ²(1 − φm²/12) for φ within ±φm.
-            let phase = PHASE_RAD_PER_M as f32 * offset_m[k];
-            let greatest2 = (phase * cosine_spread).powi(2);
-            let linear = V::splat(phase * (1.0 - greatest2 / 8.0));
+            let phase = PHASE_RAD_PER_M as f32 * offset_m;
+            let greatest = phase * cosine_spread;
+            let greatest2 = greatest * greatest;
+            let linear = V::splat(phase * (1.0 - greatest2 * (1.0 / 8.0)));
             first = [linear.neg_mul_add(im, first[0]), linear.mul_add(re, first[1])];
             if ORDER >= 2 {
-                let square = V::splat(0.5 * phase * phase * (1.0 - greatest2 / 12.0));
+                let square = V::splat(0.5 * phase * phase * (1.0 - greatest2 * (1.0 / 12.0)));
                 second = [square.neg_mul_add(re, second[0]), square.neg_mul_add(im, second[1])];
             }
         }
