@@ -477,6 +477,8 @@ mod tests {
         })
     }
 
+    type Path<'a> = &'a dyn Fn(f64) -> DVec3;
+
     /// Greatest and rms difference between boxes and the exact kernel, in units of 1 % + 0.02.
     fn differences(path: impl Fn(f64) -> DVec3, snr: f64) -> (f32, f32) {
         let block = block(&sweeps(0.089, path, &[(Echo::Point(AT), snr), (Echo::Point(NEAR), snr)], 7));
@@ -502,7 +504,7 @@ mod tests {
         let still = |_: f64| DVec3::ZERO;
         // 72 m/s²: no head does that.
         let whirling = |t: f64| DVec3::new(0.02 * (60.0 * t).cos(), 0.02 * (60.0 * t).sin(), 0.3 * t);
-        let paths: [(&str, &dyn Fn(f64) -> DVec3, f32); 5] = [
+        let paths: [(&str, Path, f32); 5] = [
             ("natural", &winding, 1.0),
             ("fast", &fast, 1.0),
             ("straight", &straight, 1.0),

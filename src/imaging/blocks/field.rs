@@ -457,11 +457,11 @@ impl Brick {
         let mut any = false;
         for (layer, scores) in self.layers.iter().zip(scores.chunks_exact_mut(LANES)).filter(|(layer, _)| may_be(layer))
         {
-            for l in 0..LANES {
+            for (l, held) in scores.iter_mut().enumerate() {
                 let score = layer.a[l] / layer.b[l].sqrt();
-                let strong = (layer.b[l] > 0.0) & (score >= min_score) & (layer.seen[l] >= since);
-                scores[l] = if strong { score } else { f32::NEG_INFINITY };
-                any |= strong;
+                if (layer.b[l] > 0.0) & (score >= min_score) & (layer.seen[l] >= since) {
+                    (*held, any) = (score, true);
+                }
             }
         }
         any.then(|| Box::new(scores))

@@ -43,7 +43,7 @@ pub(super) trait Vector: Copy {
         let (whole, bits) = self.rounded();
         let x = self.sub(whole);
         let x2 = x.mul(x);
-        let sin = x2.mul_add(Self::splat(2.299_547_3), Self::splat(-5.136_905_3));
+        let sin = x2.mul_add(Self::splat(2.299_547_3), Self::splat(-5.136_905));
         let sin = x2.mul_add(sin, Self::splat(3.140_64)).mul(x);
         let cos = x2.mul_add(Self::splat(-1.222_127_1), Self::splat(4.041_283_8));
         let cos = x2.mul_add(cos, Self::splat(-4.933_938));
