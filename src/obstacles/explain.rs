@@ -8,6 +8,8 @@
 //! first experiments. So a place counts only when its blocks tell it from the rest of the circle, and a plane only when its
 //! mirror points have moved; and what is known already claims first, since it is what most of a new circle belongs to.
 
+use std::collections::BTreeMap;
+
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -82,6 +84,8 @@ pub struct Explained<T> {
 #[derive(Debug, Clone, Copy)]
 struct View {
     m: f64,
+    /// ln(1 + m) less its mean under noise.
+    evidence: f64,
     power: f64,
     range_m: f64,
     /// Direction towards it, unit length.
@@ -99,6 +103,25 @@ struct Claim {
     half_cos: f64,
 }
 
+/// What blocks said of places, from one look to the next: most candidates and most blocks are the same as the last time.
+#[derive(Debug, Default)]
+pub struct ViewMemory {
+    /// By place: its views and the blocks that they are of, in time.
+    views: BTreeMap<[u64; 3], Vec<(BlockName, Option<View>)>>,
+    /// (place, block) pairs that were looked up, and computed.
+    pub remembered: u64,
+    /// See `remembered`.
+    pub computed: u64,
+}
+
+/// Time and subsweep tell a block.
+type BlockName = (i64, usize);
+
+/// A place as a key.
+fn key(place: DVec3) -> [u64; 3] {
+    place.to_array().map(f64::to_bits)
+}
+
 /// The blocks of a window and what is claimed in them.
 pub struct Window<'a> {
     blocks: Vec<&'a Block>,
@@ -108,6 +131,9 @@ pub struct Window<'a> {
     settings: &'a ExplainSettings,
     block_settings: &'a BlockSettings,
     min_cos: f64,
+    memory: &'a mut ViewMemory,
+    /// What was asked for in this look; all else is forgotten with it.
+    asked: BTreeMap<[u64; 3], Vec<(BlockName, Option<View>)>>,
 }
 
 /// What a candidate is.
@@ -141,12 +167,14 @@ impl<'a> Window<'a> {
         settings: &'a ExplainSettings,
         block_settings: &'a BlockSettings,
         min_cos: f64,
+        memory: &'a mut ViewMemory,
     ) -> Self {
         let blocks: Vec<_> = blocks.collect();
         let newest_ns = blocks.last().map_or(0, |b| b.mid_time_ns);
         let age_s = |b: &&Block| (newest_ns - b.mid_time_ns) as f64 * 1e-9;
         let weights = blocks.iter().map(|b| (-age_s(b) / block_settings.memory_s).exp()).collect();
-        Self { claims: vec![Vec::new(); blocks.len()], weights, blocks, settings, block_settings, min_cos }
+        let (claims, asked) = (vec![Vec::new(); blocks.len()], BTreeMap::new());
+        Self { claims, weights, blocks, settings, block_settings, min_cos, memory, asked }
     }
 
     /// Believes places alone.
@@ -159,7 +187,7 @@ impl<'a> Window<'a> {
     pub fn explain(&mut self, planes: &[Plane], places: &[DVec3]) -> Believed {
         let of_planes = planes.par_iter().map(|plane| (Thing::Plane(*plane), self.views_of_plane(plane)));
         let mut open: Vec<(Thing, Vec<Option<View>>)> = of_planes.collect();
-        open.extend(places.iter().map(|place| Thing::Place(*place)).zip(self.views_of_points(places)));
+        open.extend(places.iter().map(|place| Thing::Place(*place)).zip(self.remembered_views(places)));
         let mut open: Vec<Candidate> = open.into_iter().map(|(thing, views)| self.unclaimed(thing, views)).collect();
         let mut believed = Believed::default();
         while let Some(mut best) = self.take_best(&mut open) {
@@ -247,7 +275,7 @@ impl<'a> Window<'a> {
         let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
         for (n, view) in candidate.views.iter().enumerate() {
             let Some(view) = view else { continue };
-            a += self.weights[n] * (view.m.ln_1p() - MEAN_LOG_OF_NOISE);
+            a += self.weights[n] * view.evidence;
             b += self.weights[n] * self.weights[n];
             blocks += 1;
             first_ns = first_ns.min(self.blocks[n].mid_time_ns);
@@ -298,6 +326,41 @@ impl<'a> Window<'a> {
         }
     }
 
+    /// `[place][block]`: what is remembered, and the rest computed and remembered.
+    fn remembered_views(&mut self, places: &[DVec3]) -> Vec<Vec<Option<View>>> {
+        let names: Vec<BlockName> = self.blocks.iter().map(|b| (b.mid_time_ns, b.geometry().subsweep)).collect();
+        // `[place][block]`, the outer option for what must be computed.
+        let mut known: Vec<Vec<Option<Option<View>>>> = Vec::with_capacity(places.len());
+        for &place in places {
+            let mut before = self.memory.views.remove(&key(place)).or_else(|| self.asked.remove(&key(place)));
+            let mut before = before.iter_mut().flatten().peekable();
+            let mut find = |name: &BlockName| {
+                // Both lie in time, and blocks only ever leave at the beginning.
+                while before.next_if(|(known, _)| known.0 < name.0).is_some() {}
+                before.next_if(|(known, _)| known == name).map(|(_, view)| *view)
+            };
+            known.push(names.iter().map(&mut find).collect());
+        }
+        let compute = |b: usize| {
+            let missing: Vec<usize> = (0..places.len()).filter(|&n| known[n][b].is_none()).collect();
+            let places: Vec<DVec3> = missing.iter().map(|&n| places[n]).collect();
+            let views = self.block_views(self.blocks[b], &places);
+            missing.into_iter().zip(views).collect::<Vec<_>>()
+        };
+        let computed: Vec<Vec<(usize, Option<View>)>> = (0..names.len()).into_par_iter().map(compute).collect();
+        self.memory.computed += computed.iter().map(Vec::len).sum::<usize>() as u64;
+        self.memory.remembered += known.iter().flatten().flatten().count() as u64;
+        let mut views: Vec<Vec<Option<View>>> =
+            known.into_iter().map(|of_place| of_place.into_iter().map(Option::flatten).collect()).collect();
+        for (b, of_block) in computed.into_iter().enumerate() {
+            of_block.into_iter().for_each(|(n, view)| views[n][b] = view);
+        }
+        for (place, views) in places.iter().zip(&views) {
+            self.asked.insert(key(*place), names.iter().copied().zip(views.iter().copied()).collect());
+        }
+        views
+    }
+
     /// `[place][block]`
     fn views_of_points(&self, places: &[DVec3]) -> Vec<Vec<Option<View>>> {
         let by_block: Vec<_> = self.blocks.par_iter().map(|block| self.block_views(block, places)).collect();
@@ -343,7 +406,8 @@ impl<T> Explained<T> {
 impl View {
     fn new(block: &Block, coherence: Coherence, range_m: f64, toward: DVec3) -> Self {
         let (m, power) = (f64::from(coherence.m), f64::from(coherence.power));
-        Self { m, power, range_m, toward, cos: toward.dot(block.motion) }
+        let evidence = m.ln_1p() - MEAN_LOG_OF_NOISE;
+        Self { m, evidence, power, range_m, toward, cos: toward.dot(block.motion) }
     }
 }
 
@@ -355,6 +419,12 @@ impl Claim {
         if view.as_ref().is_some_and(covers) {
             *view = None;
         }
+    }
+}
+
+impl Drop for Window<'_> {
+    fn drop(&mut self) {
+        self.memory.views = std::mem::take(&mut self.asked);
     }
 }
 
@@ -386,7 +456,8 @@ mod tests {
         let mut builder = BlockBuilder::new(block_settings);
         let blocks: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
         let min_cos = block_settings.min_cos(&Beam::Lensless);
-        Window::new(blocks.iter(), &settings, &block_settings, min_cos).explain(planes, places)
+        Window::new(blocks.iter(), &settings, &block_settings, min_cos, &mut ViewMemory::default())
+            .explain(planes, places)
     }
 
     #[test]
@@ -418,10 +489,34 @@ mod tests {
     }
 
     #[test]
+    fn what_is_remembered_changes_nothing() {
+        let (settings, block_settings) = (ExplainSettings::default(), BlockSettings::default());
+        let mut builder = BlockBuilder::new(block_settings);
+        let observations = sweeps(2.5, winding, &[(Echo::Point(STRONG), 2.0), (Echo::Point(WEAK), 1.0)], 4);
+        let blocks: Vec<_> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
+        let min_cos = block_settings.min_cos(&Beam::Lensless);
+        let places = [STRONG, WEAK, DVec3::new(0.3, -0.4, -0.8)];
+        let look = |range: std::ops::Range<usize>, memory: &mut ViewMemory, places: &[DVec3]| {
+            Window::new(blocks[range].iter(), &settings, &block_settings, min_cos, memory).explain_points(places)
+        };
+        let mut memory = ViewMemory::default();
+        // Blocks come and go, and so do places.
+        for (range, places) in [(0..12, &places[..]), (3..15, &places[1..]), (3..18, &places), (9..24, &places)] {
+            let found = look(range.clone(), &mut memory, places);
+            assert_eq!(found, look(range, &mut ViewMemory::default(), places));
+        }
+        assert_eq!((memory.computed, memory.remembered), (36 + 6 + 6 + 15 + 18, 18 + 24 + 27));
+    }
+
+    #[test]
     fn noise_is_not_believed_and_nothing_comes_of_nothing() {
         let believed = explained(winding, &[], &[WALL], &[STRONG, WEAK]);
         assert!(believed.planes.is_empty() && believed.places.is_empty(), "{believed:?}");
         let (settings, blocks) = (ExplainSettings::default(), BlockSettings::default());
-        assert!(Window::new([].iter(), &settings, &blocks, 0.5).explain_points(&[STRONG]).is_empty());
+        assert!(
+            Window::new([].iter(), &settings, &blocks, 0.5, &mut ViewMemory::default())
+                .explain_points(&[STRONG])
+                .is_empty()
+        );
     }
 }

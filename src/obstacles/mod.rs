@@ -6,7 +6,7 @@ mod reflectors;
 mod rooms;
 mod scene;
 
-pub use explain::{Believed, ExplainSettings, Explained, Window};
+pub use explain::{Believed, ExplainSettings, Explained, ViewMemory, Window};
 pub use map::{MapSettings, Sighted, Sightings, same_place, same_plane};
 pub use reflectors::{ReflectorSettings, find_reflectors};
 pub use rooms::{RoomCounters, RoomSearch, RoomSettings};

@@ -9,10 +9,13 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ExplainSettings, Explained, MapSettings, Observed, Obstacle, Sightings, Wall, Window, same_place, same_plane,
+    ExplainSettings, Explained, MapSettings, Observed, Obstacle, Sightings, ViewMemory, Wall, Window, same_place,
+    same_plane,
 };
 use crate::geometry::{Aabb, Plane};
-use crate::imaging::blocks::{Block, BlockBuilder, BlockSettings, Field, PlaneField};
+use crate::imaging::blocks::{
+    Block, BlockBuilder, BlockSettings, Field, FineCounters, FineField, FineSettings, PlaneField,
+};
 use crate::imaging::{PositionErrors, RangePower, Refined, farthest_points, refine};
 use crate::radar::{Beam, Observation};
 
@@ -26,12 +29,16 @@ pub struct RoomSettings {
     pub explain: ExplainSettings,
     /// Sightings over time.
     pub map: MapSettings,
+    /// Fine voxels wherever something is.
+    pub fine: FineSettings,
 }
 
 /// Time between two looks at the evidence, nanoseconds of the recording: 4 Hz.
 const UPDATE_NS: i64 = 250_000_000;
 /// Peaks of the field are maxima within this radius, metres.
 const PEAK_RADIUS_M: f64 = 0.15;
+/// Edge of the cube around a strong place that is looked at finely, metres.
+const FINE_EDGE_M: f64 = 0.1;
 /// Sightings nearer than this to each other are one obstacle, metres.
 const CLUSTER_M: f64 = 0.30;
 /// `ls` uses at most this many of a window's sweeps for one place, by farthest point.
@@ -52,6 +59,8 @@ pub struct RoomCounters {
     pub bricks: u64,
     /// Looks at the evidence.
     pub looks: u64,
+    /// The fine field.
+    pub fine: FineCounters,
 }
 
 /// The place of a sighting, refined.
@@ -70,8 +79,10 @@ pub struct RoomSearch {
     min_cos: f64,
     builders: BTreeMap<usize, BlockBuilder>,
     field: Field,
+    fine: FineField,
     planes: PlaneField,
     window: VecDeque<Block>,
+    view_memory: ViewMemory,
     /// Sweeps of the window, for refinement.
     sweeps: VecDeque<Observation>,
     next_update_ns: Option<i64>,
@@ -93,6 +104,7 @@ impl RoomSearch {
         let min_cos = settings.blocks.min_cos(beam);
         Self {
             field: Field::new(settings.blocks, min_cos),
+            fine: FineField::new(settings.fine, settings.blocks, min_cos),
             planes: PlaneField::new(settings.blocks, min_cos),
             settings,
             errors,
@@ -100,6 +112,7 @@ impl RoomSearch {
             min_cos,
             builders: BTreeMap::new(),
             window: VecDeque::new(),
+            view_memory: ViewMemory::default(),
             sweeps: VecDeque::new(),
             next_update_ns: None,
             middle: None,
@@ -133,6 +146,7 @@ impl RoomSearch {
             voxel_updates: self.before.voxel_updates + self.field.updates,
             bricks: self.before.bricks + self.field.brick_count() as u64,
             looks: self.before.looks + self.counters.looks,
+            fine: self.before.fine.and(&self.fine.counters()),
         }
     }
 
@@ -161,6 +175,7 @@ impl RoomSearch {
         self.counters.blocks += 1;
         self.middle.get_or_insert(block.middle.translation);
         self.field.add(&block);
+        self.fine.add(&block);
         self.planes.add(&block);
         let now_ns = block.mid_time_ns;
         self.window.push_back(block);
@@ -191,7 +206,8 @@ impl RoomSearch {
         let planes: Vec<Plane> = planes.iter().map(|p| p.plane).collect();
         let peaks = self.field.peaks(explain.min_candidate_score, PEAK_RADIUS_M, since_ns);
         let peaks: Vec<DVec3> = peaks.iter().take(explain.max_candidates).map(|p| p.position_m).collect();
-        let mut window = Window::new(self.window.iter(), &explain, &self.settings.blocks, self.min_cos);
+        let (blocks, memory) = (&self.settings.blocks, &mut self.view_memory);
+        let mut window = Window::new(self.window.iter(), &explain, blocks, self.min_cos, memory);
         // What is known claims before anything new does.
         let known_walls: Vec<Plane> = self.walls.confirmed().map(|w| w.thing).collect();
         let known_points: Vec<DVec3> = self.points.confirmed().map(|p| p.thing).collect();
@@ -199,11 +215,29 @@ impl RoomSearch {
         let new = window.explain(&planes, &peaks);
         let walls = [known.planes, new.planes].concat();
         let points = [known.places, new.places].concat();
+        drop(window);
         let map = self.settings.map;
         self.walls.update(&walls, &map, same_plane(self.middle.unwrap_or(DVec3::ZERO)));
         self.points.update(&points, &map, same_place(map.match_m));
+        self.look_finely(&points);
         self.note_feet();
         self.refine_new(&walls, &points);
+    }
+
+    /// Keeps the fine field around what is known and around what may soon be: places that were believed and are determined.
+    fn look_finely(&mut self, believed: &[Explained<DVec3>]) {
+        let strong =
+            believed.iter().filter(|p| p.determined && p.score >= self.settings.fine.min_score).map(|p| p.thing);
+        let places: Vec<DVec3> = self.points.confirmed().map(|p| p.thing).chain(strong).collect();
+        let blocks: Vec<&Block> = self.window.iter().collect();
+        self.fine.ask_for(&places, FINE_EDGE_M, &blocks);
+    }
+
+    /// The greatest fine voxel around a place, when the place is looked at finely.
+    fn fine_peak(&self, at: DVec3) -> Option<DVec3> {
+        let around = Aabb { min: at - FINE_EDGE_M * 0.5, max: at + FINE_EDGE_M * 0.5 };
+        let voxels = self.fine.above_within(&around, 0.0);
+        voxels.into_iter().reduce(|a, b| if b.score > a.score { b } else { a }).map(|peak| peak.position_m)
     }
 
     /// Where known walls are being seen.
@@ -229,6 +263,7 @@ impl RoomSearch {
             .map(|s| (s.id, s.thing, s.quality))
             .collect();
         for (id, at, quality) in stale {
+            let at = self.fine_peak(at).unwrap_or(at);
             let place = self.refined_place(at, walls, points);
             self.places.insert(id, (quality, place));
         }

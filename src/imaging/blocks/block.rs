@@ -1,10 +1,13 @@
 //! One block: its sweeps range-compressed and noise-normalised, positions relative to its middle.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 
-use super::kernel::{Group, LANES, Lanes};
+use super::brick::Rows;
+use super::kernel::Group;
+use super::lanes::{LANES, Lanes};
+use super::subapertures::{Partition, partition};
 use super::{BlockSettings, taper};
 use crate::geometry::Pose;
 use crate::imaging::{RangeCompressor, block_noise_rms};
@@ -39,8 +42,23 @@ pub struct Block {
     pub(super) groups: Vec<Group>,
     /// z times the taper, `[entry][group]` then `[re, im][sweep]`; zero where a group has no sweep left.
     pub(super) z: Vec<[Lanes; 2]>,
+    /// The same sweep by sweep.
+    pub(super) rows: Rows,
+    /// No sweep was measured farther from the middle than this, metres.
+    pub(super) reach_m: f32,
+    /// In each group of sixteen sweeps all lie within some table entries of the middle one.
+    pub(super) is_smooth: bool,
+    /// By greatest half-length, made when first asked for.
+    partitions: [OnceLock<Partition>; PARTITIONS],
     geometry: Arc<SweepGeometry>,
 }
+
+/// Partitions are made for half-lengths from this on, each so many times the one before.
+const SHORTEST_HALF_LENGTH_M: f32 = 1e-4;
+const LENGTH_RATIO: f32 = 1.3;
+const PARTITIONS: usize = 24;
+/// Farthest that the parabola through three table entries is asked for.
+const SMOOTH_ENTRIES: f32 = 3.5;
 
 impl Block {
     /// From at least two sweeps of one geometry.
@@ -53,9 +71,15 @@ impl Block {
         let compressed: Vec<_> = observations.iter().map(|o| compressor.compress(&o.samples, 1.0)).collect();
         let (first_m, step_m, entries) = (compressed[0].first_m, compressed[0].step_m, compressed[0].z.len());
         let mut z = vec![[[0.0; LANES]; 2]; entries * groups.len()];
+        let mut rows = Rows::new(observations.len(), entries, first_m, step_m, geometry.profile.envelope_fwhm_m());
         for (k, sweep) in compressed.iter().enumerate() {
             let scale = (taper(k, observations.len()) / noise_rms_lsb) as f32;
             for (entry, value) in sweep.z.iter().enumerate() {
+                // Straight lines between entries lie inside the curve; entries moved out by the mean of that even it out.
+                let (before, after) = (entry.saturating_sub(1), (entry + 1).min(entries - 1));
+                let inside = (sweep.z[before] + sweep.z[after] - value * 2.0) / 12.0;
+                let evened = (value - inside) * scale;
+                rows.set(k, entry, evened.re, evened.im);
                 let row = &mut z[entry * groups.len() + k / LANES];
                 (row[0][k % LANES], row[1][k % LANES]) = (value.re * scale, value.im * scale);
             }
@@ -76,10 +100,23 @@ impl Block {
             time_s_per_m: (geometry.point_period_s / geometry.axis.step_m) as f32,
             time_at_zero_s: middle.point_time_s(geometry.axis.point_at(0.0)) as f32,
             sweep_count: observations.len(),
+            is_smooth: groups.iter().all(|group| group.reach_m() <= SMOOTH_ENTRIES * step_m as f32),
             groups,
             z,
+            rows,
+            reach_m: observations.iter().map(|o| farthest_m(o, origin)).fold(0.0, f64::max) as f32 * 1.001,
+            partitions: Default::default(),
             geometry,
         }
+    }
+
+    /// Its sweeps in runs of at most that half-length, or of the shortest there are.
+    pub(super) fn partition(&self, half_length_m: f32) -> &Partition {
+        let (mut at, mut bound_m) = (0, SHORTEST_HALF_LENGTH_M);
+        while at + 1 < PARTITIONS && bound_m * LENGTH_RATIO <= half_length_m {
+            (at, bound_m) = (at + 1, bound_m * LENGTH_RATIO);
+        }
+        self.partitions[at].get_or_init(|| partition(&self.groups, self.sweep_count, bound_m))
     }
 
     /// Number of sweeps.
@@ -98,6 +135,15 @@ impl Block {
     }
 }
 
+/// How far from a place any point of a sweep was measured.
+fn farthest_m(observation: &Observation, origin: DVec3) -> f64 {
+    let half_s = observation
+        .point_time_s(0.0)
+        .abs()
+        .max(observation.point_time_s(observation.geometry.axis.point_at(0.0)).abs());
+    observation.tracking_from_sensor.translation.distance(origin) + observation.velocity_m_per_s.length() * half_s
+}
+
 /// Up to sixteen sweeps side by side; the last one fills up.
 fn group(sweeps: &[Observation], origin: DVec3) -> Group {
     let lanes = |value: &dyn Fn(&Observation) -> DVec3| {
@@ -107,6 +153,16 @@ fn group(sweeps: &[Observation], origin: DVec3) -> Group {
     Group {
         position_m: lanes(&|o| o.tracking_from_sensor.translation - origin),
         velocity_m_per_s: lanes(&|o| o.velocity_m_per_s),
+    }
+}
+
+impl Group {
+    /// Farthest that a sweep lies from the middle one, metres.
+    fn reach_m(&self) -> f32 {
+        let from_middle = |l: usize| -> f32 {
+            self.position_m.iter().map(|axis| (axis[l] - axis[LANES / 2]).powi(2)).sum::<f32>().sqrt()
+        };
+        (0..LANES).map(from_middle).fold(0.0, f32::max)
     }
 }
 

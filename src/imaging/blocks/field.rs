@@ -1,19 +1,34 @@
 //! Block scores of all voxels that were ever in the beam, in bricks of 8 × 8 × 8.
 //!
-//! Each voxel keeps A, B and when it was last seen; its score is A/√B. A voxel that is not looked at keeps its score.
+//! Each voxel keeps A, B and when it was last seen; its score is A/√B. A voxel that is not looked at keeps its score. Evidence
+//! fades by weighing what is new: block b counts g = e^(t/memory) times as much as one at time 0 would, which leaves A/√B as
+//! if all older ones had faded. So that g stays small time is cut into epochs in which it grows 256-fold; from epoch to
+//! epoch A and B are divided by powers of two, which rounds nothing. What a voxel holds is therefore a function of the blocks
+//! that had it in the beam and of nothing else: not of when the field began, nor of blocks that passed it by. A field built
+//! anew from the same blocks is the same, bit for bit.
 
 use std::collections::BTreeMap;
 
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
+use super::brick::{MAX_LAYERS, Scratch, VoxelBox};
+use super::lanes::{LANES, Lanes, ln_1p};
 use super::{Block, BlockSettings, MEAN_LOG_OF_NOISE};
-use crate::geometry::Pose;
+use crate::geometry::Aabb;
 
 /// Voxels along a brick's edge.
 const EDGE: usize = 8;
+const EDGE_LOG2: i32 = 3;
 /// Voxels in a brick.
 const VOXELS: usize = EDGE * EDGE * EDGE;
+/// Layers of 4 × 4 voxels in a brick; four on top of each other are a tile, and a brick's voxels are stored tile by tile.
+const LAYERS: usize = VOXELS / LANES;
+const TILE_LAYERS: usize = 4;
+/// A grows by 2 to this power in an epoch.
+const EPOCH_DOUBLINGS: i32 = 8;
+/// Ticks in an epoch, as a power of two.
+const TICKS_LOG2: u32 = 16;
 
 /// A local maximum of the score.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,19 +39,30 @@ pub struct Peak {
     pub score: f64,
 }
 
-#[derive(Debug, Clone, Copy, Default)]
-struct Voxel {
-    a: f32,
-    b: f32,
-    /// Seconds since the field began.
-    seen_s: f32,
+/// Sixteen voxels' evidence.
+#[derive(Debug, Clone, Copy)]
+struct Layer {
+    a: Lanes,
+    b: Lanes,
+    /// Ticks of the field's clock; negative when never seen.
+    seen: [i32; LANES],
 }
 
 #[derive(Debug)]
 struct Brick {
     /// Brick coordinates: its lowest voxel is `key · EDGE`.
     key: IVec3,
-    voxels: Box<[Voxel; VOXELS]>,
+    layers: Box<[Layer; LAYERS]>,
+    /// When any of its voxels was last seen.
+    newest: i32,
+}
+
+/// When a block was, for fading.
+#[derive(Debug, Clone, Copy)]
+struct Moment {
+    ticks: i32,
+    /// e^(time since the epoch began / memory).
+    weight: f32,
 }
 
 /// Scores over space.
@@ -44,7 +70,8 @@ struct Brick {
 pub struct Field {
     settings: BlockSettings,
     min_cos: f64,
-    start_ns: Option<i64>,
+    /// Epoch of the first block: ticks count from its beginning.
+    first_epoch: Option<i64>,
     bricks: Vec<Brick>,
     index: BTreeMap<[i32; 3], usize>,
     /// (voxel, sweep) pairs summed so far.
@@ -54,7 +81,7 @@ pub struct Field {
 impl Field {
     /// Empty. `min_cos`: cosine of the widest angle in the beam.
     pub fn new(settings: BlockSettings, min_cos: f64) -> Self {
-        Self { settings, min_cos, start_ns: None, bricks: Vec::new(), index: BTreeMap::new(), updates: 0 }
+        Self { settings, min_cos, first_epoch: None, bricks: Vec::new(), index: BTreeMap::new(), updates: 0 }
     }
 
     /// Number of bricks that were ever in the beam.
@@ -64,48 +91,122 @@ impl Field {
 
     /// Adds a block to every voxel that it had in the beam. The same bits on any number of threads: voxels are independent.
     pub fn add(&mut self, block: &Block) {
-        let start_ns = *self.start_ns.get_or_insert(block.mid_time_ns);
-        let now_s = ((block.mid_time_ns - start_ns) as f64 * 1e-9) as f32;
+        let moment = self.moment(block.mid_time_ns);
+        let view = View::new(block, &self.settings, self.min_cos);
         let mut in_reach = vec![false; self.bricks.len()];
-        for key in self.keys_in_reach(&block.middle) {
+        for key in self.keys_in_reach(&view) {
             let next = self.bricks.len();
             let at = *self.index.entry(key.to_array()).or_insert(next);
             if at == next {
-                self.bricks.push(Brick { key, voxels: Box::new([Voxel::default(); VOXELS]) });
+                self.bricks.push(Brick::new(key));
                 in_reach.push(true);
             } else {
                 in_reach[at] = true;
             }
         }
-        let (settings, min_cos) = (&self.settings, self.min_cos);
         let visited: usize = self
             .bricks
             .par_iter_mut()
             .zip(&in_reach)
             .filter(|(_, reach)| **reach)
-            .map(|(brick, _)| brick.add(block, settings, min_cos, now_s))
+            .map_init(Scratch::default, |scratch, (brick, _)| brick.add(&view, moment, scratch))
             .sum();
         self.updates += (visited * block.sweep_count()) as u64;
     }
 
+    /// Adds a block to bricks that are there already, and makes none.
+    pub(super) fn add_to_known(&mut self, block: &Block) {
+        let moment = self.moment(block.mid_time_ns);
+        let view = View::new(block, &self.settings, self.min_cos);
+        let each = self.bricks.par_iter_mut();
+        let visited: usize = each.map_init(Scratch::default, |scratch, brick| brick.add(&view, moment, scratch)).sum();
+        self.updates += (visited * block.sweep_count()) as u64;
+    }
+
+    /// Makes bricks and adds blocks to them, in time.
+    pub(super) fn open(&mut self, keys: &[IVec3], blocks: &[&Block]) {
+        let moments: Vec<Moment> = blocks.iter().map(|block| self.moment(block.mid_time_ns)).collect();
+        let views: Vec<View> = blocks.iter().map(|block| View::new(block, &self.settings, self.min_cos)).collect();
+        let new: Vec<IVec3> = keys.iter().copied().filter(|key| !self.index.contains_key(&key.to_array())).collect();
+        let filled = new.into_par_iter().map_init(Scratch::default, |scratch, key| {
+            let mut brick = Brick::new(key);
+            let each = views.iter().zip(&moments);
+            let updates: usize =
+                each.map(|(view, now)| brick.add(view, *now, scratch) * view.block.sweep_count()).sum();
+            (brick, updates)
+        });
+        let filled: Vec<(Brick, usize)> = filled.collect();
+        for (brick, updates) in filled {
+            self.index.insert(brick.key.to_array(), self.bricks.len());
+            self.bricks.push(brick);
+            self.updates += updates as u64;
+        }
+    }
+
+    /// Drops bricks.
+    pub(super) fn close(&mut self, keys: &[[i32; 3]]) {
+        for key in keys {
+            if let Some(at) = self.index.remove(key) {
+                self.bricks.swap_remove(at);
+                if let Some(moved) = self.bricks.get(at) {
+                    self.index.insert(moved.key.to_array(), at);
+                }
+            }
+        }
+    }
+
+    /// Bricks that a box touches.
+    pub(super) fn keys_around(&self, region: &Aabb) -> Vec<IVec3> {
+        let edge_m = self.settings.voxel_m * EDGE as f64;
+        let (low, high) = ((region.min / edge_m).floor().as_ivec3(), (region.max / edge_m).floor().as_ivec3());
+        let mut keys = Vec::new();
+        for z in low.z..=high.z {
+            for y in low.y..=high.y {
+                keys.extend((low.x..=high.x).map(|x| IVec3::new(x, y, z)));
+            }
+        }
+        keys
+    }
+
+    /// Voxels in a box with at least that score, in brick order.
+    pub(super) fn above_within(&self, region: &Aabb, min_score: f64) -> Vec<Peak> {
+        let mut found = Vec::new();
+        for key in self.keys_around(region) {
+            let Some(&at) = self.index.get(&key.to_array()) else { continue };
+            let brick = &self.bricks[at];
+            let center = |n: usize| brick.center(n, self.settings.voxel_m);
+            let strong = (0..VOXELS).filter_map(|n| Some((center(n), f64::from(brick.score(n)?))));
+            let wanted = strong.filter(|(at, score)| *score >= min_score && region.contains(*at));
+            found.extend(wanted.map(|(position_m, score)| Peak { position_m, score }));
+        }
+        found
+    }
+
+    fn epoch_ns(&self) -> f64 {
+        self.settings.memory_s * std::f64::consts::LN_2 * f64::from(EPOCH_DOUBLINGS) * 1e9
+    }
+
+    fn moment(&mut self, time_ns: i64) -> Moment {
+        let epochs = time_ns as f64 / self.epoch_ns();
+        let first_epoch = *self.first_epoch.get_or_insert(epochs.floor() as i64);
+        let weight = ((epochs - epochs.floor()) * f64::from(EPOCH_DOUBLINGS)).exp2() as f32;
+        Moment { ticks: ticks(epochs, first_epoch), weight }
+    }
+
+    /// Ticks at a time.
+    fn ticks_at(&self, time_ns: i64) -> i32 {
+        self.first_epoch.map_or(0, |first_epoch| ticks(time_ns as f64 / self.epoch_ns(), first_epoch))
+    }
+
     /// Bricks that may have a voxel in the beam.
-    fn keys_in_reach(&self, sensor: &Pose) -> Vec<IVec3> {
+    fn keys_in_reach(&self, view: &View) -> Vec<IVec3> {
         let edge_m = self.settings.voxel_m * EDGE as f64;
         let around_m = edge_m * 3f64.sqrt() * 0.5;
+        let sensor = &view.block.middle;
         let reach = DVec3::splat(self.settings.max_range_m);
         let low = ((sensor.translation - reach) / edge_m).floor().as_ivec3();
         let high = ((sensor.translation + reach) / edge_m).floor().as_ivec3();
-        let may_see = |key: &IVec3| {
-            let to = (key.as_dvec3() + 0.5) * edge_m - sensor.translation;
-            let distance_m = to.length();
-            if distance_m > self.settings.max_range_m + around_m || distance_m + around_m < self.settings.min_range_m {
-                return false;
-            }
-            // The brick's ball against the cone, by the angle that the ball fills.
-            let half_angle = (around_m / distance_m.max(around_m)).asin();
-            let off = (to.dot(sensor.forward()) / distance_m.max(1e-9)).clamp(-1.0, 1.0).acos();
-            distance_m <= around_m || off - half_angle <= self.min_cos.acos()
-        };
+        let may_see = |key: &IVec3| view.of_ball((key.as_dvec3() + 0.5) * edge_m, around_m) != Seen::None;
         let range = |a: i32, b: i32| a..=b;
         range(low.z, high.z)
             .flat_map(|z| {
@@ -120,22 +221,18 @@ impl Field {
         let voxel = (place / self.settings.voxel_m).floor().as_ivec3();
         let key = voxel.map(|n| n.div_euclid(EDGE as i32));
         let brick = &self.bricks[*self.index.get(&key.to_array())?];
-        brick.voxels[index_in_brick(voxel - key * EDGE as i32)].score().map(f64::from)
+        brick.score(index_in_brick(voxel - key * EDGE as i32)).map(f64::from)
     }
 
     /// Every voxel seen since a time whose score is at least `min_score`: centre and score, in brick order.
     pub fn above(&self, min_score: f64, since_ns: i64) -> Vec<Peak> {
-        let since_s = self.start_ns.map_or(0.0, |start| (since_ns - start) as f64 * 1e-9) as f32;
+        let since = self.ticks_at(since_ns);
         let voxel_m = self.settings.voxel_m;
         let mut found = Vec::new();
         for brick in self.index.values().map(|&at| &self.bricks[at]) {
-            for (n, voxel) in brick.voxels.iter().enumerate() {
-                if voxel.seen_s >= since_s
-                    && let Some(score) = voxel.score().map(f64::from)
-                    && score >= min_score
-                {
-                    found.push(Peak { position_m: brick.center(n, voxel_m), score });
-                }
+            let Some(scores) = brick.strong_scores(min_score as f32, since) else { continue };
+            for (n, &score) in scores.iter().enumerate().filter(|(_, score)| **score > f32::NEG_INFINITY) {
+                found.push(Peak { position_m: brick.center(n, voxel_m), score: f64::from(score) });
             }
         }
         found
@@ -143,10 +240,15 @@ impl Field {
 
     /// Local maxima: voxels of [`Field::above`] with no greater one within `radius_m`, by falling score.
     pub fn peaks(&self, min_score: f64, radius_m: f64, since_ns: i64) -> Vec<Peak> {
-        let since_s = self.start_ns.map_or(0.0, |start| (since_ns - start) as f64 * 1e-9) as f32;
+        let since = self.ticks_at(since_ns);
         let offsets = ball(radius_m / self.settings.voxel_m);
-        let each =
-            self.bricks.par_iter().flat_map_iter(|brick| self.peaks_of(brick, min_score as f32, &offsets, since_s));
+        // Only what is strong enough itself can be greater than what is: bricks without any need no second look.
+        let strong: Vec<Option<Strong>> =
+            self.bricks.par_iter().map(|brick| brick.strong_scores(min_score as f32, since)).collect();
+        let each = strong.par_iter().zip(&self.bricks).flat_map_iter(|(scores, brick)| match scores {
+            Some(scores) => self.peaks_of(brick, scores, &strong, &offsets),
+            None => Vec::new(),
+        });
         let mut peaks: Vec<Peak> = each.collect();
         // Equal scores fall back to the place, so that the order is always the same.
         peaks.sort_by(|p, q| {
@@ -157,30 +259,40 @@ impl Field {
         peaks
     }
 
-    fn peaks_of(&self, brick: &Brick, min_score: f32, offsets: &[IVec3], since_s: f32) -> Vec<Peak> {
-        let neighbor = |n: i32| self.index.get(&(brick.key + cube(n)).to_array()).map(|&at| &self.bricks[at]);
-        let around: [Option<&Brick>; 27] = std::array::from_fn(|n| neighbor(n as i32));
-        let score = |voxel: IVec3| {
-            let block = (voxel + EDGE as i32) / EDGE as i32;
-            let brick = around[(block.z * 9 + block.y * 3 + block.x) as usize]?;
-            let voxel = &brick.voxels[index_in_brick(voxel - (block - 1) * EDGE as i32)];
-            voxel.score().filter(|_| voxel.seen_s >= since_s)
+    fn peaks_of(&self, brick: &Brick, mine: &Strong, strong: &[Option<Strong>], offsets: &[IVec3]) -> Vec<Peak> {
+        let neighbor = |n: i32| {
+            let at = *self.index.get(&(brick.key + cube(n)).to_array())?;
+            strong[at].as_deref()
         };
-        let is_peak = |&n: &usize| {
-            let here = IVec3::new((n % EDGE) as i32, (n / EDGE % EDGE) as i32, (n / (EDGE * EDGE)) as i32);
-            let mine = score(here).unwrap_or(f32::NEG_INFINITY);
+        let around: [Option<&[f32; VOXELS]>; 27] = std::array::from_fn(|n| neighbor(n as i32));
+        let mut peaks = Vec::new();
+        for (n, &score) in mine.iter().enumerate().filter(|(_, score)| **score > f32::NEG_INFINITY) {
+            let here = in_brick(n);
             // Of equal neighbours the one that comes first counts as the greater.
             let greater = |offset: &IVec3| {
-                score(here + *offset).is_some_and(|other| other > mine || (other == mine && comes_first(*offset)))
+                let voxel = here + *offset;
+                // −1, 0 or 1 along each axis: reaches stay within a brick's edge.
+                let [x, y, z] = voxel.to_array().map(|n| n >> EDGE_LOG2);
+                around[((z + 1) * 9 + (y + 1) * 3 + x + 1) as usize].is_some_and(|scores| {
+                    let other =
+                        scores[index_in_brick(IVec3::from_array(voxel.to_array().map(|n| n & (EDGE as i32 - 1))))];
+                    other > score || (other == score && comes_first(*offset))
+                })
             };
-            mine >= min_score && !offsets.iter().any(greater)
-        };
-        let peak = |n: usize| Peak {
-            position_m: brick.center(n, self.settings.voxel_m),
-            score: f64::from(brick.voxels[n].score().unwrap_or(0.0)),
-        };
-        (0..VOXELS).filter(is_peak).map(peak).collect()
+            if !offsets.iter().any(greater) {
+                peaks.push(Peak { position_m: brick.center(n, self.settings.voxel_m), score: f64::from(score) });
+            }
+        }
+        peaks
     }
+}
+
+/// Scores of a brick's voxels; −∞ below what is asked for.
+type Strong = Box<[f32; VOXELS]>;
+
+/// Ticks since the beginning of an epoch; as many as there are at most from some months on.
+fn ticks(epochs: f64, first_epoch: i64) -> i32 {
+    ((epochs - first_epoch as f64) * f64::from(1u32 << TICKS_LOG2)).floor().clamp(0.0, f64::from(i32::MAX)) as i32
 }
 
 /// Offset of neighbour `n` of 27, each axis −1 to 1.
@@ -203,51 +315,262 @@ fn comes_first(offset: IVec3) -> bool {
     (offset.z, offset.y, offset.x) < (0, 0, 0)
 }
 
+/// Where a voxel of a brick is stored: tile, layer, row, column.
 fn index_in_brick(voxel: IVec3) -> usize {
-    (voxel.z as usize * EDGE + voxel.y as usize) * EDGE + voxel.x as usize
+    let [x, y, z] = voxel.to_array().map(|n| n as usize);
+    ((z / 4 * 2 + y / 4) * 2 + x / 4) * 64 + z % 4 * 16 + y % 4 * 4 + x % 4
 }
 
-impl Voxel {
-    fn score(&self) -> Option<f32> {
-        (self.b > 0.0).then(|| self.a / self.b.sqrt())
+/// The voxel that is stored there.
+fn in_brick(n: usize) -> IVec3 {
+    let (tile, n) = (n / 64, n % 64);
+    IVec3::new((tile % 2 * 4 + n % 4) as i32, (tile / 2 % 2 * 4 + n / 4 % 4) as i32, (tile / 4 * 4 + n / 16) as i32)
+}
+
+impl Layer {
+    const EMPTY: Self = Self { a: [0.0; LANES], b: [0.0; LANES], seen: [-1; LANES] };
+
+    /// Adds m to the lanes that were seen.
+    #[inline(always)]
+    fn add(&mut self, m: &Lanes, seen: &[bool; LANES], now: Moment) {
+        for l in 0..LANES {
+            // 2^(−doublings · epochs since), which is exact, or nothing.
+            let epochs = (now.ticks >> TICKS_LOG2) - (self.seen[l] >> TICKS_LOG2);
+            let exponent = (127 - EPOCH_DOUBLINGS * epochs.min(16)).max(0);
+            let faded = f32::from_bits((exponent as u32) << 23);
+            let log = ln_1p(m[l]) - MEAN_LOG_OF_NOISE as f32;
+            let a = now.weight.mul_add(log, self.a[l] * faded);
+            let b = now.weight.mul_add(now.weight, self.b[l] * (faded * faded));
+            let ticks = now.ticks.max(self.seen[l]);
+            (self.a[l], self.b[l], self.seen[l]) =
+                if seen[l] { (a, b, ticks) } else { (self.a[l], self.b[l], self.seen[l]) };
+        }
+    }
+}
+
+/// Adds m to layers, each with the lanes that were seen and its number.
+fn add_layers(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+    #[inline(always)]
+    fn all(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+        seen.iter().zip(m).for_each(|((mask, layer), m)| layers[*layer].add(m, mask, now));
+    }
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,fma")]
+        fn avx512(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+            all(layers, seen, m, now);
+        }
+        #[target_feature(enable = "avx2,fma")]
+        fn avx2(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+            all(layers, seen, m, now);
+        }
+        if is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512vl")
+            && is_x86_feature_detected!("fma")
+        {
+            // SAFETY: the processor has the instructions that this copy of the code is compiled for.
+            return unsafe { avx512(layers, seen, m, now) };
+        }
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            // SAFETY: as above.
+            return unsafe { avx2(layers, seen, m, now) };
+        }
+    }
+    all(layers, seen, m, now);
+}
+
+/// How much of a ball a block has in its beam.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Seen {
+    None,
+    Some,
+    All,
+}
+
+/// A block and what it has in its beam.
+struct View<'a> {
+    block: &'a Block,
+    settings: &'a BlockSettings,
+    min_cos: f64,
+    /// Sine of the widest angle in the beam.
+    max_sin: f64,
+    forward: DVec3,
+}
+
+impl<'a> View<'a> {
+    fn new(block: &'a Block, settings: &'a BlockSettings, min_cos: f64) -> Self {
+        let max_sin = (1.0 - min_cos * min_cos).max(0.0).sqrt();
+        Self { block, settings, min_cos, max_sin, forward: block.middle.forward() }
+    }
+
+    /// Never says `None` or `All` wrongly.
+    fn of_ball(&self, middle: DVec3, radius_m: f64) -> Seen {
+        let radius_m = radius_m + 1e-9;
+        let to = middle - self.block.middle.translation;
+        let (distance_m, along_m) = (to.length(), to.dot(self.forward));
+        let across_m = (distance_m * distance_m - along_m * along_m).max(0.0).sqrt();
+        // How far outside the beam's cone, by its surface.
+        let outside_m = across_m * self.min_cos - along_m * self.max_sin;
+        let BlockSettings { min_range_m, max_range_m, .. } = *self.settings;
+        if outside_m > radius_m || distance_m > max_range_m + radius_m || distance_m + radius_m < min_range_m {
+            Seen::None
+        } else if outside_m < -radius_m && distance_m + radius_m < max_range_m && distance_m - radius_m > min_range_m {
+            Seen::All
+        } else {
+            Seen::Some
+        }
     }
 }
 
 impl Brick {
+    fn new(key: IVec3) -> Self {
+        Self { key, layers: Box::new([Layer::EMPTY; LAYERS]), newest: -1 }
+    }
+
     fn center(&self, n: usize, voxel_m: f64) -> DVec3 {
-        let inside = DVec3::new((n % EDGE) as f64, (n / EDGE % EDGE) as f64, (n / (EDGE * EDGE)) as f64);
-        (self.key.as_dvec3() * EDGE as f64 + inside + 0.5) * voxel_m
+        (self.key.as_dvec3() * EDGE as f64 + in_brick(n).as_dvec3() + 0.5) * voxel_m
+    }
+
+    fn score(&self, n: usize) -> Option<f32> {
+        let layer = &self.layers[n / LANES];
+        let (a, b) = (layer.a[n % LANES], layer.b[n % LANES]);
+        (b > 0.0).then(|| a / b.sqrt())
+    }
+
+    /// Scores of at least that much, seen since then; `None` without any.
+    fn strong_scores(&self, min_score: f32, since: i32) -> Option<Strong> {
+        if self.newest < since {
+            return None;
+        }
+        // Without root and division first: few layers have a strong voxel.
+        let least2 = min_score * min_score.abs();
+        let may_be = |layer: &Layer| {
+            let mut any = false;
+            for l in 0..LANES {
+                let (a, b) = (layer.a[l], layer.b[l]);
+                let slack = 1e-5 * (a * a + least2.abs() * b);
+                any |= (b > 0.0) & (a * a.abs() + slack >= least2 * b);
+            }
+            any
+        };
+        let mut scores = [f32::NEG_INFINITY; VOXELS];
+        let mut any = false;
+        for (layer, scores) in self.layers.iter().zip(scores.chunks_exact_mut(LANES)).filter(|(layer, _)| may_be(layer))
+        {
+            for (l, held) in scores.iter_mut().enumerate() {
+                let score = layer.a[l] / layer.b[l].sqrt();
+                if (layer.b[l] > 0.0) & (score >= min_score) & (layer.seen[l] >= since) {
+                    (*held, any) = (score, true);
+                }
+            }
+        }
+        any.then(|| Box::new(scores))
     }
 
     /// Adds a block to the voxels in its beam; returns how many there were.
-    fn add(&mut self, block: &Block, settings: &BlockSettings, min_cos: f64, now_s: f32) -> usize {
-        let mut seen = [0usize; VOXELS];
+    fn add(&mut self, view: &View, moment: Moment, scratch: &mut Scratch) -> usize {
+        let tiles = tiles_in_box(view.block.box_reach_m(), view.settings.voxel_m);
+        (0..LAYERS / TILE_LAYERS).step_by(tiles).map(|tile| self.add_to_box(view, moment, scratch, tile, tiles)).sum()
+    }
+
+    /// Adds to the tiles from `first` on, as one box.
+    fn add_to_box(&mut self, view: &View, moment: Moment, scratch: &mut Scratch, first: usize, tiles: usize) -> usize {
+        let voxel_m = view.settings.voxel_m;
+        let (low, high) = (self.center(first * 64, voxel_m), self.center((first + tiles) * 64 - 1, voxel_m));
+        let (middle, radius_m) = ((low + high) * 0.5, low.distance(high) * 0.5);
+        let of_box = view.of_ball(middle, radius_m);
+        if of_box == Seen::None {
+            return 0;
+        }
+        let mut seen = [([true; LANES], 0usize); MAX_LAYERS];
+        let mut corners = [[0.0f32; 3]; MAX_LAYERS];
         let mut count = 0;
-        let mut places = [[0.0f32; 3]; VOXELS];
-        for n in 0..VOXELS {
-            let center = self.center(n, settings.voxel_m);
-            if settings.sees(&block.middle, min_cos, center) {
-                seen[count] = n;
-                places[count] = (center - block.middle.translation).as_vec3().to_array();
-                count += 1;
+        let mut visited = 0;
+        for layer in first * TILE_LAYERS..(first + tiles) * TILE_LAYERS {
+            let corner = self.center(layer * LANES, voxel_m);
+            let mask = if of_box == Seen::All { [true; LANES] } else { view.of_layer(corner) };
+            let lanes = mask.iter().filter(|seen| **seen).count();
+            if lanes > 0 {
+                (seen[count], corners[count]) = ((mask, layer), (corner - middle).as_vec3().to_array());
+                (count, visited) = (count + 1, visited + lanes);
             }
         }
-        let coherences = block.coherence_at_points(&places[..count]);
-        for (&n, coherence) in seen.iter().zip(coherences) {
-            self.voxels[n].add(coherence.m, now_s, settings.memory_s as f32);
+        if count == 0 {
+            return 0;
         }
-        count
+        let mut m = [[0.0; LANES]; MAX_LAYERS];
+        let distance_m = middle.distance(view.block.middle.translation);
+        let nearest_m = (distance_m - radius_m).max(view.settings.min_range_m);
+        let farthest_m = (distance_m + radius_m).min(view.settings.max_range_m);
+        let middle_m = (middle - view.block.middle.translation).as_vec3().to_array();
+        if radius_m as f32 <= view.block.box_reach_m() && view.block.covers(nearest_m as f32, farthest_m as f32) {
+            let layers_m = &corners[..count];
+            let voxels = VoxelBox { middle_m, voxel_m: voxel_m as f32, radius_m: radius_m as f32, layers_m };
+            view.block.coherence_in_box(&voxels, scratch, &mut m[..count]);
+        } else {
+            for ((_, layer), m) in seen[..count].iter().zip(&mut m) {
+                let place = |l: usize| self.center(layer * LANES + l, voxel_m) - view.block.middle.translation;
+                let places: [_; LANES] = std::array::from_fn(|l| place(l).as_vec3().to_array());
+                *m = std::array::from_fn(|_| 0.0);
+                m.iter_mut().zip(view.block.coherence_at_points(&places)).for_each(|(m, c)| *m = c.m);
+            }
+        }
+        add_layers(&mut self.layers[..], &seen[..count], &m, moment);
+        self.newest = self.newest.max(moment.ticks);
+        visited
     }
 }
 
-impl Voxel {
-    fn add(&mut self, m: f32, now_s: f32, memory_s: f32) {
-        let rho = (-(now_s - self.seen_s) / memory_s).exp();
-        self.a = rho * self.a + m.ln_1p() - MEAN_LOG_OF_NOISE as f32;
-        self.b = rho * rho * self.b + 1.0;
-        self.seen_s = now_s;
+/// Tiles of 4³ voxels that one box may hold: all eight, the four of a storey, or one.
+fn tiles_in_box(reach_m: f32, voxel_m: f64) -> usize {
+    let radius = |x: f64, y: f64, z: f64| (DVec3::new(x, y, z) * voxel_m * 0.5).length() as f32 * 1.000_01;
+    if radius(7.0, 7.0, 7.0) <= reach_m {
+        8
+    } else if radius(7.0, 7.0, 3.0) <= reach_m {
+        4
+    } else {
+        1
     }
 }
+
+impl View<'_> {
+    /// Which voxels of a layer are in the beam, lane 0 at `corner`: [`BlockSettings::sees`] sixteen at a time.
+    #[inline(always)]
+    fn lanes_seen(&self, corner: DVec3) -> [bool; LANES] {
+        let BlockSettings { voxel_m, min_range_m, max_range_m, .. } = *self.settings;
+        let (forward, to) = (self.forward, corner - self.block.middle.translation);
+        let (min2, max2) = (min_range_m * min_range_m, max_range_m * max_range_m);
+        let cos2 = self.min_cos * self.min_cos.abs();
+        let mut seen = [false; LANES];
+        for l in 0..LANES {
+            let (x, y) = (to.x + COLUMN[l] * voxel_m, to.y + ROW[l] * voxel_m);
+            let along = x * forward.x + y * forward.y + to.z * forward.z;
+            let distance2 = x * x + y * y + to.z * to.z;
+            seen[l] = (distance2 >= min2) & (distance2 <= max2) & (along * along.abs() >= cos2 * distance2);
+        }
+        seen
+    }
+
+    /// The same, compiled for what the processor has.
+    fn of_layer(&self, corner: DVec3) -> [bool; LANES] {
+        #[cfg(target_arch = "x86_64")]
+        {
+            #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq")]
+            fn avx512(view: &View, corner: DVec3) -> [bool; LANES] {
+                view.lanes_seen(corner)
+            }
+            if is_x86_feature_detected!("avx512dq") && is_x86_feature_detected!("avx512vl") {
+                // SAFETY: the processor has the instructions that this copy of the code is compiled for.
+                return unsafe { avx512(self, corner) };
+            }
+        }
+        self.lanes_seen(corner)
+    }
+}
+
+/// Where in a layer of 4 × 4 a lane lies.
+const COLUMN: [f64; LANES] = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
+const ROW: [f64; LANES] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
 
 #[cfg(test)]
 mod tests {
@@ -322,6 +645,70 @@ mod tests {
         };
         let (weak, strong) = (score(2.0), score(20.0));
         assert!(weak > 5.0 && strong > 0.6 * weak, "{weak} {strong}");
+    }
+
+    #[test]
+    fn a_rolling_field_is_a_fresh_one_of_what_saw_the_voxel() {
+        // Head turned away for a while, over several epochs; another field begins in the middle of it.
+        let settings = BlockSettings { memory_s: 0.02, ..BlockSettings::default() };
+        let new = || Field::new(settings, settings.min_cos(&Beam::Lensless));
+        let blocks = blocks(sweeps(1.5, winding, &[(Echo::Point(CHAIR), 1.0)], 6));
+        let mut away = blocks.clone();
+        away.iter_mut().for_each(|b| b.middle.rotation = glam::DQuat::from_rotation_y(std::f64::consts::PI));
+        let (mut rolling, mut fresh) = (new(), new());
+        for n in 0..blocks.len() {
+            if (5..10).contains(&n) {
+                rolling.add(&away[n]);
+            } else {
+                rolling.add(&blocks[n]);
+                fresh.add(&blocks[n]);
+            }
+        }
+        let ahead = Aabb { min: CHAIR - 0.3, max: CHAIR + 0.3 };
+        let found = rolling.above_within(&ahead, -99.0);
+        assert!(found.len() > 1000);
+        assert_eq!(found, fresh.above_within(&ahead, -99.0));
+        // What lies before the head began to look there is forgotten, and does not matter.
+        let mut late = new();
+        blocks[8..].iter().for_each(|block| late.add(block));
+        let mut anew = new();
+        anew.open(&late.keys_around(&ahead), &blocks[8..].iter().collect::<Vec<_>>());
+        assert_eq!(late.above_within(&ahead, -99.0), anew.above_within(&ahead, -99.0));
+    }
+
+    #[test]
+    fn a_hundred_thousand_blocks_with_bursts_agree_with_f64() {
+        let mut field = Field::new(BlockSettings::default(), 0.5);
+        let mut layer = Layer::EMPTY;
+        let (mut a, mut b, mut before_ns) = ([0.0f64; LANES], [0.0f64; LANES], 0i64);
+        let mut state = 1u64;
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f64 / (1u64 << 24) as f64
+        };
+        let mut time_ns = 3_000_000_000_000;
+        for n in 0..200_000u64 {
+            // 90 ms, now and then a pause of minutes; m exponential, with bursts.
+            time_ns += if n % 5000 == 4999 { 200_000_000_000 } else { 90_909_091 };
+            let burst = if n % 977 < 3 { 1e4 } else { 1.0 };
+            let m: Lanes = std::array::from_fn(|_| (-(1.0 - uniform()).ln() * burst) as f32);
+            layer.add(&m, &[true; LANES], field.moment(time_ns));
+            let rho = (-((time_ns - before_ns) as f64 * 1e-9) / field.settings.memory_s).exp();
+            before_ns = time_ns;
+            for l in 0..LANES {
+                a[l] = rho * a[l] + f64::from(m[l]).ln_1p() - MEAN_LOG_OF_NOISE;
+                b[l] = rho * rho * b[l] + 1.0;
+                if n % 97 == 0 {
+                    let (score, exact) = (f64::from(layer.a[l] / layer.b[l].sqrt()), a[l] / b[l].sqrt());
+                    assert!((score - exact).abs() < 3e-5, "block {n}: {score} {exact}");
+                }
+            }
+        }
+        // What is no number never reaches a sum.
+        let held = layer.a;
+        layer.add(&[f32::NAN; LANES], &[true; LANES], field.moment(time_ns));
+        let expected = held.map(|a| a - MEAN_LOG_OF_NOISE as f32 * field.moment(time_ns).weight);
+        assert!(layer.a.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3 * b.abs().max(1.0)));
     }
 
     #[test]

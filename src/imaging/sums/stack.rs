@@ -306,7 +306,10 @@ impl TableMaker {
             Statistic::Log => {
                 let noise = sweep_noise_rms(samples);
                 let (per2, per) = ((1.0 / (noise * noise)) as f32, (1.0 / LOG_STEP) as f32);
-                return 1 + write(first, compress().iter().map(|z| ((z.norm_sqr() * per2).ln_1p() * per).min(self.most_steps))) as i64;
+                return 1 + write(
+                    first,
+                    compress().iter().map(|z| ((z.norm_sqr() * per2).ln_1p() * per).min(self.most_steps)),
+                ) as i64;
             }
             Statistic::Glrt => {
                 write(first, compress().iter().zip(d).map(|(z, d)| magnitude(z) * d));
