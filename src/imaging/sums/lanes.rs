@@ -38,8 +38,6 @@ pub(in crate::imaging) trait Lanes: Copy {
     /// The greater; `b` when either is no number.
     fn max(self, a: Self::F, b: Self::F) -> Self::F;
     fn abs(self, a: Self::F) -> Self::F;
-    /// The nearest whole number, halves to even.
-    fn round(self, a: Self::F) -> Self::F;
     fn floor(self, a: Self::F) -> Self::F;
     /// −a in lanes whose number has bit 5 (32) set.
     fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F;
@@ -66,8 +64,6 @@ pub(in crate::imaging) trait Lanes: Copy {
     fn look_up(self, window: &[f32; WINDOW], index: Self::I) -> Self::F;
     /// `window[index]`; the index counts modulo 128.
     fn look_up_wide(self, window: &[f32; WIDE_WINDOW], index: Self::I) -> Self::F;
-    /// `table[index]`; an index outside the table takes its nearest end. The table must not be empty.
-    fn gather(self, table: &[f32], index: Self::I) -> Self::F;
     /// The same for whole numbers.
     fn gather_int(self, table: &[i32], index: Self::I) -> Self::I;
     /// `table[index]` and `table[index + 1]`; an index outside takes the nearest pair. The table has at least two entries.
@@ -146,10 +142,6 @@ impl Lanes for Plain {
         each(a, f32::abs)
     }
     #[inline(always)]
-    fn round(self, a: Self::F) -> Self::F {
-        each(a, f32::round_ties_even)
-    }
-    #[inline(always)]
     fn floor(self, a: Self::F) -> Self::F {
         each(a, f32::floor)
     }
@@ -224,10 +216,6 @@ impl Lanes for Plain {
     #[inline(always)]
     fn look_up_wide(self, window: &[f32; WIDE_WINDOW], index: Self::I) -> Self::F {
         each(index, |n| window[(n & 127) as usize])
-    }
-    #[inline(always)]
-    fn gather(self, table: &[f32], index: Self::I) -> Self::F {
-        each(index, |n| table[(n.max(0) as usize).min(table.len() - 1)])
     }
     #[inline(always)]
     fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
@@ -327,10 +315,6 @@ mod x86 {
         #[inline(always)]
         fn abs(self, a: Self::F) -> Self::F {
             wide!(_mm512_abs_ps(a))
-        }
-        #[inline(always)]
-        fn round(self, a: Self::F) -> Self::F {
-            wide!(_mm512_roundscale_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(a))
         }
         #[inline(always)]
         fn floor(self, a: Self::F) -> Self::F {
@@ -433,14 +417,6 @@ mod x86 {
                     _mm512_mask_mov_ps(_mm512_permutex2var_ps(e, index, f), bit_5, _mm512_permutex2var_ps(g, index, h));
                 _mm512_mask_mov_ps(low, bit_6, high)
             })
-        }
-        #[inline(always)]
-        fn gather(self, table: &[f32], index: Self::I) -> Self::F {
-            assert!(!table.is_empty());
-            let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
-            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
-            // Every index lies within the table.
-            wide!(_mm512_i32gather_ps::<4>(index, table.as_ptr()))
         }
         #[inline(always)]
         fn gather_int(self, table: &[i32], index: Self::I) -> Self::I {
@@ -590,10 +566,6 @@ mod x86 {
             both!(_mm256_andnot_ps, sign, a)
         }
         #[inline(always)]
-        fn round(self, a: Self::F) -> Self::F {
-            both!(_mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>, a)
-        }
-        #[inline(always)]
         fn floor(self, a: Self::F) -> Self::F {
             both!(_mm256_floor_ps, a)
         }
@@ -692,17 +664,6 @@ mod x86 {
             halves!([
                 _mm256_i32gather_ps::<4>(window.as_ptr(), index[0]),
                 _mm256_i32gather_ps::<4>(window.as_ptr(), index[1])
-            ])
-        }
-        #[inline(always)]
-        fn gather(self, table: &[f32], index: Self::I) -> Self::F {
-            assert!(!table.is_empty());
-            let last = self.splat_int((table.len() - 1).min(i32::MAX as usize) as i32);
-            let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
-            // Every index lies within the table.
-            halves!([
-                _mm256_i32gather_ps::<4>(table.as_ptr(), index[0]),
-                _mm256_i32gather_ps::<4>(table.as_ptr(), index[1])
             ])
         }
         #[inline(always)]
