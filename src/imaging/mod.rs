@@ -3,6 +3,7 @@
 //! `oracle` is the slow, obvious f64 computation of every statistic; everything else here is tested against it.
 
 pub mod blocks;
+mod bound;
 mod compression;
 mod cubic;
 mod dense;
@@ -17,6 +18,7 @@ pub(crate) mod test_data;
 mod volume;
 
 pub use blocks::blocks_volume;
+pub use bound::{BoundSight, cramer_rao_bound};
 pub use compression::{CompressedSweep, RangeCompressor};
 pub use dense::{ls_volume, oracle_volume};
 pub use noise::{block_noise_rms, sweep_noise_rms};

@@ -3,12 +3,13 @@
 //! For a reflector of unknown amplitude and phase in every sweep, Σ |z|²/σ² is the log-likelihood of its place.
 
 use glam::DVec3;
+use num_complex::{Complex32, Complex64};
 use rayon::prelude::*;
 
 use super::compression::compress_all;
 use super::{CompressedSweep, sweep_noise_rms};
 use crate::geometry::Plane;
-use crate::radar::{Beam, Observation};
+use crate::radar::{Beam, Observation, PHASE_RAD_PER_M};
 
 /// A stretch of one sweep's range that a known reflector accounts for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,12 +44,14 @@ pub struct Reading {
     pub slope_per_m: f64,
     /// Curvature that the pulse gives to the log-likelihood there, per m²: 8 ln2 · power / FWHM².
     pub curvature_per_m2: f64,
+    /// What the phase shows beyond the distance, metres, within ±λ/4 and up to an offset that all sweeps share.
+    pub phase_off_m: f64,
 }
 
 impl<'a> RangePower<'a> {
     /// Compresses sweeps; places nearer than `min_range_m` are not looked at.
     pub fn new(observations: &'a [Observation], beam: &'a Beam, min_range_m: f64) -> Self {
-        let compressed = compress_all(observations, |o| (1.0 / sweep_noise_rms(&o.samples)) as f32);
+        let compressed = compress_all(observations, |o| (1.0 / quiet_noise_rms(o)) as f32);
         let claims = vec![Vec::new(); observations.len()];
         Self { observations, compressed, beam, min_range_m, claims }
     }
@@ -90,6 +93,7 @@ impl<'a> RangePower<'a> {
                 power,
                 slope_per_m: 2.0 * (z.conj() * slope).re,
                 curvature_per_m2: 8.0 * std::f64::consts::LN_2 * power / (width_m * width_m),
+                phase_off_m: (z * Complex64::from_polar(1.0, -PHASE_RAD_PER_M * distance_m)).arg() / PHASE_RAD_PER_M,
             })
         };
         (0..self.observations.len()).filter_map(reading).collect()
@@ -122,3 +126,28 @@ impl<'a> RangePower<'a> {
         }
     }
 }
+
+/// Complex noise rms of a sweep without what echoes in it: the median again, over the points that lie a pulse away from all
+/// that stands out of the first one. The plain median while less than half of the points are left.
+fn quiet_noise_rms(observation: &Observation) -> f64 {
+    let samples = &observation.samples;
+    let plain = sweep_noise_rms(samples);
+    // Noise alone exceeds this in one sweep of thirty.
+    let loud = STANDS_OUT * plain * plain;
+    let geometry = &observation.geometry;
+    let near = (geometry.profile.envelope_fwhm_m() / geometry.axis.step_m).ceil() as usize;
+    let mut last_loud: Option<usize> = None;
+    let mut lit = vec![false; samples.len()];
+    for (n, sample) in samples.iter().enumerate() {
+        if f64::from(sample.norm_sqr()) > loud {
+            lit[n.saturating_sub(near)..n].fill(true);
+            last_loud = Some(n);
+        }
+        lit[n] |= last_loud.is_some_and(|last| n - last <= near);
+    }
+    let quiet: Vec<Complex32> = samples.iter().zip(&lit).filter(|(_, lit)| !**lit).map(|(x, _)| *x).collect();
+    if 2 * quiet.len() >= samples.len() { sweep_noise_rms(&quiet) } else { plain }
+}
+
+/// Power over noise that noise itself reaches in one of 10 000 points.
+const STANDS_OUT: f64 = 9.2;

@@ -1,32 +1,28 @@
-//! From a voxel to a place: the continuous maximum of Σ |z|²/σ², and how sure it is.
+//! From a voxel to a place: the continuous maximum of Σ |z|²/σ², what the poses' errors leave of it, and how sure it is.
 //!
-//! Newton steps on the log-likelihood, whose curvature is Σ c u uᵀ (u: direction to the place, c: what pulse and SNR give
-//! to one range). The covariance adds what the data cannot show: slow tracking wander, which moves many sweeps alike, and
-//! the mount's error. Directions that the path did not observe are held by the beam alone: the place then stays near the
-//! boresight and the covariance says so.
+//! 1. `climb`: damped Newton steps on the log-likelihood, every sweep by itself. Finds the maximum, errors ignored.
+//! 2. `weigh`: around it each sweep is a measured range. Tracking wander moves neighbouring sweeps alike and the mount's
+//!    error turns with the head: generalised least squares, a filter along the path (`path_filter`), gives place and
+//!    covariance together.
+//! 3. `follow_phase`: where all directions were observed and the phase can be followed from sweep to sweep, it measures
+//!    changes of range a hundred times more finely than the pulse does; where it cannot, it is left alone (`phase`).
+//!
+//! Directions that the path did not observe are held by the beam alone: the place then stays near the boresight and the
+//! covariance says so.
+
+mod errors;
+mod path_filter;
+mod phase;
+mod sights;
 
 use glam::{DMat3, DVec3};
-use serde::{Deserialize, Serialize};
+
+pub use errors::PositionErrors;
+use sights::{Measured, measured};
 
 use super::range_power::{RangePower, Reading};
-
-/// How well the poses are known; what good lighthouse tracking shows.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PositionErrors {
-    /// Slow drift in each axis, rms, metres.
-    pub wander_m: f64,
-    /// Time over which the drift stays alike, seconds.
-    pub wander_s: f64,
-    /// Error of the mount's offset, metres.
-    pub mount_m: f64,
-}
-
-impl Default for PositionErrors {
-    fn default() -> Self {
-        Self { wander_m: 1e-3, wander_s: 1.0, mount_m: 2e-3 }
-    }
-}
+#[cfg(test)]
+pub(in crate::imaging) use path_filter::{JITTER_S, PathFilter, Sight, matern};
 
 /// A refined place.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,22 +60,36 @@ const MAX_STEPS: usize = 60;
 const MAX_STEP_M: f64 = 0.05;
 /// Fewer sweeps determine nothing.
 const MIN_SWEEPS: usize = 3;
+/// Steps of generalised least squares at most; they converge like Newton's.
+const MAX_WEIGHINGS: usize = 12;
+/// A step this short ends them, metres.
+const STAYS_M: f64 = 2e-5;
+/// Rounds of following the phase at most.
+const PHASE_ROUNDS: usize = 4;
+/// Squared normalised distance that the phase may move a place; chi-square of 3 exceeds it once in 10 000.
+const AGREES: f64 = 21.0;
 
-/// Climbs from `start` to the nearest maximum; stays within `reach_m` of it when given. `None` when too few sweeps see it.
+/// Climbs from `start` to the nearest maximum and weighs it; stays within `reach_m` of `start` when given, and then uses no
+/// phase. `None` when too few sweeps see it.
 pub fn refine(power: &RangePower, start: DVec3, reach_m: Option<f64>, errors: &PositionErrors) -> Option<Refined> {
     let readings = power.readings(start);
     if readings.len() < MIN_SWEEPS {
         return None;
     }
     let prior = Prior::from(power, &readings, start);
-    let place = climb(power, start, reach_m, &prior);
-    let refined = judged(power, place, &prior, errors)?;
-    if reach_m.is_some() || refined.observed_directions() == 2 {
+    let top = climb(power, start, reach_m, &prior);
+    let weighed = weigh(power, top, reach_m.map(|reach| (start, reach)), &prior, errors)?;
+    let refined = judged(power, &weighed, &prior);
+    if reach_m.is_some() {
         return Some(refined);
     }
-    let prior = prior.moved_to_range(place);
-    let settled = settle(power, &prior, errors);
-    judged(power, settled, &prior.moved_to_range(settled), errors)
+    if refined.observed_directions() == 2 {
+        return Some(follow_phase(power, &weighed, &prior, errors).unwrap_or(refined));
+    }
+    // An open direction: from the beam's middle, so that noise cannot drag the place along it.
+    let prior = prior.moved_to_range(weighed.place);
+    let settled = weigh(power, prior.at, None, &prior, errors)?;
+    Some(judged(power, &settled, &prior.moved_to_range(settled.place)))
 }
 
 /// Damped Newton steps on the log-likelihood.
@@ -116,25 +126,81 @@ fn climb(power: &RangePower, start: DVec3, reach_m: Option<f64>, prior: &Prior) 
     place
 }
 
-/// The place when a direction is open: from the beam's middle at the measured range, Newton steps weighed by what the data
-/// are worth with their pose errors against the beam. Noise alone cannot drag it along the open direction.
-fn settle(power: &RangePower, prior: &Prior, errors: &PositionErrors) -> DVec3 {
-    let mut place = prior.at;
-    for _ in 0..MAX_STEPS {
-        let readings = power.readings(place);
+/// A place with what the data say of it.
+#[derive(Debug, Clone)]
+struct Weighed {
+    place: DVec3,
+    readings: Vec<Reading>,
+    /// Covariance as the data alone give it, m².
+    data_m2: DMat3,
+    /// With the beam's prior, m².
+    covariance_m2: DMat3,
+}
+
+/// Steps of generalised least squares until the place stays; within a reach of a start when given.
+fn weigh(
+    power: &RangePower,
+    from: DVec3,
+    reach: Option<(DVec3, f64)>,
+    prior: &Prior,
+    errors: &PositionErrors,
+) -> Option<Weighed> {
+    let mut place = from;
+    let mut readings = power.readings(place);
+    for _ in 0..MAX_WEIGHINGS {
         if readings.len() < MIN_SWEEPS {
-            return prior.at;
+            break;
         }
-        let (gradient, information) = slope_and_information(power, &readings, place);
-        let worth = regular_inverse(&data_covariance(power, &readings, place, &information, errors));
-        let pull = worth * (regular_inverse(&information) * gradient) - prior.information() * (place - prior.at);
-        let step = ((worth + prior.information()).inverse() * pull).clamp_length_max(MAX_STEP_M) * 0.7;
-        place += step;
-        if step.length() < 1e-6 {
+        let fit = sights::fit_ranges(&measured(power, &readings, place), errors);
+        let step = fit.step(prior, place).clamp_length_max(MAX_STEP_M);
+        let next = match reach {
+            Some((start, reach_m)) => start + (place + step - start).clamp_length_max(reach_m),
+            None => place + step,
+        };
+        let moved_m = next.distance(place);
+        place = next;
+        readings = power.readings(place);
+        if moved_m < STAYS_M {
             break;
         }
     }
-    place
+    if readings.len() < MIN_SWEEPS {
+        (place, readings) = (from, power.readings(from));
+    }
+    if readings.len() < MIN_SWEEPS {
+        return None;
+    }
+    let fit = sights::fit_ranges(&measured(power, &readings, place), errors);
+    let data_m2 = fit.covariance_m2() + false_aperture(power, &readings, place, errors);
+    let covariance_m2 = regular_inverse(&(regular_inverse(&data_m2) + prior.information()));
+    Some(Weighed { place, readings, data_m2, covariance_m2 })
+}
+
+/// The place with the phase's help; `None` where the phase cannot be followed or does not agree with the ranges.
+fn follow_phase(power: &RangePower, ranged: &Weighed, prior: &Prior, errors: &PositionErrors) -> Option<Refined> {
+    let mut weighed = ranged.clone();
+    for _ in 0..PHASE_ROUNDS {
+        let all: Vec<Measured> = measured(power, &weighed.readings, weighed.place);
+        let unwrapped = phase::unwrap(&all, weighed.place - ranged.place, &ranged.covariance_m2, errors)?;
+        let fit = sights::fit_ranges_and_phases(&all, &unwrapped, errors)?;
+        let step = fit.step(prior, weighed.place);
+        let place = weighed.place + step;
+        let readings = power.readings(place);
+        if readings.len() < MIN_SWEEPS {
+            return None;
+        }
+        let data_m2 = fit.covariance_m2() + false_aperture(power, &readings, place, errors);
+        let covariance_m2 = regular_inverse(&(regular_inverse(&data_m2) + prior.information()));
+        weighed = Weighed { place, readings, data_m2, covariance_m2 };
+        if step.length() < STAYS_M {
+            break;
+        }
+    }
+    // What the phase adds must lie where the ranges allow it.
+    let moved = weighed.place - ranged.place;
+    let allowed = ranged.covariance_m2 - weighed.covariance_m2 + ranged.covariance_m2 * 0.05;
+    let agrees = moved.dot(regular_inverse(&allowed) * moved) <= AGREES;
+    agrees.then(|| judged(power, &weighed, prior))
 }
 
 /// What is known before any range: the direction lies somewhere in the beam.
@@ -184,50 +250,30 @@ fn slope_and_information(power: &RangePower, readings: &[Reading], place: DVec3)
     })
 }
 
-/// Covariance as the data give it: noise, misfit, wander that moves many sweeps alike, the mount.
-fn data_covariance(
-    power: &RangePower,
-    readings: &[Reading],
-    place: DVec3,
-    information: &DMat3,
-    errors: &PositionErrors,
-) -> DMat3 {
-    let geometry = readings.iter().map(|r| outer(direction(power, r, place))).fold(DMat3::ZERO, |a, b| a + b)
-        * (1.0 / readings.len() as f64);
-    let independent = (span_s(power, readings) / errors.wander_s).max(1.0);
-    let wander2 = errors.wander_m * errors.wander_m;
-    let shift = DMat3::IDENTITY * (wander2 / independent + errors.mount_m * errors.mount_m);
+/// An aperture no wider than the wander itself is none, though the poses say so: what that may feign.
+fn false_aperture(power: &RangePower, readings: &[Reading], place: DVec3, errors: &PositionErrors) -> DMat3 {
+    let count = readings.len() as f64;
+    let geometry = readings.iter().map(|r| outer(direction(power, r, place))).fold(DMat3::ZERO, |a, b| a + b) / count;
     // Below 1e-4 rad of aperture nothing is known; the floor keeps the square below within double precision.
     let spread = symmetric(&(geometry + DMat3::IDENTITY * 1e-8).inverse());
-    // An aperture no wider than the wander itself is none: the second term outweighs the first there.
-    let distance_m = readings.iter().map(|r| r.distance_m).sum::<f64>() / readings.len() as f64;
-    let false_aperture = (3.0 * wander2 / distance_m).powi(2);
-    regular_inverse(information) * misfit(readings).max(1.0)
-        + spread * (wander2 / independent)
-        + spread * spread * false_aperture
-        + shift
+    let distance_m = readings.iter().map(|r| r.distance_m).sum::<f64>() / count;
+    spread * spread * (3.0 * errors.slow_variance_m2() / distance_m).powi(2)
 }
 
-fn judged(power: &RangePower, place: DVec3, prior: &Prior, errors: &PositionErrors) -> Option<Refined> {
-    let readings = power.readings(place);
-    if readings.len() < MIN_SWEEPS {
-        return None;
-    }
-    let (_, information) = slope_and_information(power, &readings, place);
-    let data = data_covariance(power, &readings, place, &information, errors);
-    let line_of_sight = (place - prior.seen_from).normalize_or(prior.forward);
+fn judged(power: &RangePower, weighed: &Weighed, prior: &Prior) -> Refined {
+    let line_of_sight = (weighed.place - prior.seen_from).normalize_or(prior.forward);
     let mut refined = Refined {
-        position_m: place,
-        covariance_m2: regular_inverse(&(regular_inverse(&data) + prior.information())),
+        position_m: weighed.place,
+        covariance_m2: weighed.covariance_m2,
         seen_from_m: prior.seen_from,
-        cross_range_sigma_m: cross_range_sigmas(&data, line_of_sight),
-        sweeps: readings.len(),
-        residual_widths: residual_widths(&readings),
+        cross_range_sigma_m: cross_range_sigmas(&weighed.data_m2, line_of_sight),
+        sweeps: weighed.readings.len(),
+        residual_widths: residual_widths(&weighed.readings),
     };
     if refined.observed_directions() == 1 {
-        refined.covariance_m2 += along_the_circle(power, &readings, &refined);
+        refined.covariance_m2 += along_the_circle(power, &weighed.readings, &refined);
     }
-    Some(refined)
+    refined
 }
 
 /// A path that is nearly a line leaves a circle around itself open. The tangent's variance is in the covariance already;
@@ -246,13 +292,6 @@ fn along_the_circle(power: &RangePower, readings: &[Reading], refined: &Refined)
     outer(radius.normalize_or_zero() * bend_m)
 }
 
-/// Mean square of each sweep's range residual against what noise allows; 1 when the model fits.
-fn misfit(readings: &[Reading]) -> f64 {
-    let strong = readings.iter().filter(|r| r.power > 6.0);
-    let squares: Vec<f64> = strong.map(|r| r.slope_per_m * r.slope_per_m / r.curvature_per_m2).collect();
-    if squares.len() > 3 { squares.iter().sum::<f64>() / (squares.len() - 3) as f64 } else { 1.0 }
-}
-
 /// Rms range residual in pulse widths, weighed by power. A Gaussian pulse gives a sweep's residual as slope / curvature.
 fn residual_widths(readings: &[Reading]) -> f64 {
     let (mut sum, mut weight) = (0.0, 0.0);
@@ -263,12 +302,6 @@ fn residual_widths(readings: &[Reading]) -> f64 {
         weight += reading.power;
     }
     if weight > 0.0 { (sum / weight).sqrt() } else { f64::INFINITY }
-}
-
-fn span_s(power: &RangePower, readings: &[Reading]) -> f64 {
-    let time = |r: &Reading| power.observations()[r.sweep].mid_time_ns;
-    let (first, last) = (readings.iter().map(time).min(), readings.iter().map(time).max());
-    first.zip(last).map_or(0.0, |(a, b)| (b - a) as f64 * 1e-9)
 }
 
 /// 1σ across a line of sight, greater first.
