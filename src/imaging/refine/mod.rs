@@ -18,7 +18,7 @@ mod sights;
 use glam::{DMat3, DVec3};
 
 pub use errors::PositionErrors;
-use sights::{Measured, measured};
+use sights::{Fit, Measured, measured};
 
 use super::range_power::{RangePower, Reading};
 #[cfg(test)]
@@ -60,6 +60,8 @@ const MAX_STEPS: usize = 60;
 const MAX_STEP_M: f64 = 0.05;
 /// Fewer sweeps determine nothing.
 const MIN_SWEEPS: usize = 3;
+/// Share of a step that is taken along an open direction.
+const OPEN_SHARE: f64 = 0.7;
 /// Steps of generalised least squares at most; they converge like Newton's.
 const MAX_WEIGHINGS: usize = 12;
 /// A step this short ends them, metres.
@@ -78,7 +80,7 @@ pub fn refine(power: &RangePower, start: DVec3, reach_m: Option<f64>, errors: &P
     }
     let prior = Prior::from(power, &readings, start);
     let top = climb(power, start, reach_m, &prior);
-    let weighed = weigh(power, top, reach_m.map(|reach| (start, reach)), &prior, errors)?;
+    let weighed = weigh(power, top, reach_m.map_or(Leash::None, |reach| Leash::Reach(start, reach)), &prior, errors)?;
     let refined = judged(power, &weighed, &prior);
     if reach_m.is_some() {
         return Some(refined);
@@ -88,7 +90,7 @@ pub fn refine(power: &RangePower, start: DVec3, reach_m: Option<f64>, errors: &P
     }
     // An open direction: from the beam's middle, so that noise cannot drag the place along it.
     let prior = prior.moved_to_range(weighed.place);
-    let settled = weigh(power, prior.at, None, &prior, errors)?;
+    let settled = weigh(power, prior.at, Leash::Open, &prior, errors)?;
     Some(judged(power, &settled, &prior.moved_to_range(settled.place)))
 }
 
@@ -137,25 +139,39 @@ struct Weighed {
     covariance_m2: DMat3,
 }
 
-/// Steps of generalised least squares until the place stays; within a reach of a start when given.
-fn weigh(
-    power: &RangePower,
-    from: DVec3,
-    reach: Option<(DVec3, f64)>,
-    prior: &Prior,
-    errors: &PositionErrors,
-) -> Option<Weighed> {
+impl Weighed {
+    fn new(place: DVec3, readings: Vec<Reading>, data_m2: DMat3, prior: &Prior) -> Self {
+        let covariance_m2 = regular_inverse(&(regular_inverse(&data_m2) + prior.information()));
+        Self { place, readings, data_m2, covariance_m2 }
+    }
+}
+
+/// How far the steps of generalised least squares may go.
+#[derive(Debug, Clone, Copy)]
+enum Leash {
+    /// Around a maximum that the data determine.
+    None,
+    /// Within a reach of a start, metres.
+    Reach(DVec3, f64),
+    /// Along an open direction: smaller steps, since the range bends away from every one of them, and more of them.
+    Open,
+}
+
+/// Steps of generalised least squares until the place stays.
+fn weigh(power: &RangePower, from: DVec3, leash: Leash, prior: &Prior, errors: &PositionErrors) -> Option<Weighed> {
+    let (steps, share) = if matches!(leash, Leash::Open) { (MAX_STEPS, OPEN_SHARE) } else { (MAX_WEIGHINGS, 1.0) };
     let mut place = from;
     let mut readings = power.readings(place);
-    for _ in 0..MAX_WEIGHINGS {
+    for _ in 0..steps {
         if readings.len() < MIN_SWEEPS {
             break;
         }
         let fit = sights::fit_ranges(&measured(power, &readings, place), errors);
-        let step = fit.step(prior, place).clamp_length_max(MAX_STEP_M);
-        let next = match reach {
-            Some((start, reach_m)) => start + (place + step - start).clamp_length_max(reach_m),
-            None => place + step,
+        let data_m2 = data_covariance(power, &fit, &readings, place, errors);
+        let wanted = place + fit.step(&data_m2, prior, place).clamp_length_max(MAX_STEP_M) * share;
+        let next = match leash {
+            Leash::Reach(start, reach_m) => start + (wanted - start).clamp_length_max(reach_m),
+            Leash::None | Leash::Open => wanted,
         };
         let moved_m = next.distance(place);
         place = next;
@@ -171,9 +187,8 @@ fn weigh(
         return None;
     }
     let fit = sights::fit_ranges(&measured(power, &readings, place), errors);
-    let data_m2 = fit.covariance_m2() + false_aperture(power, &readings, place, errors);
-    let covariance_m2 = regular_inverse(&(regular_inverse(&data_m2) + prior.information()));
-    Some(Weighed { place, readings, data_m2, covariance_m2 })
+    let data_m2 = data_covariance(power, &fit, &readings, place, errors);
+    Some(Weighed::new(place, readings, data_m2, prior))
 }
 
 /// The place with the phase's help; `None` where the phase cannot be followed or does not agree with the ranges.
@@ -183,15 +198,14 @@ fn follow_phase(power: &RangePower, ranged: &Weighed, prior: &Prior, errors: &Po
         let all: Vec<Measured> = measured(power, &weighed.readings, weighed.place);
         let unwrapped = phase::unwrap(&all, weighed.place - ranged.place, &ranged.covariance_m2, errors)?;
         let fit = sights::fit_ranges_and_phases(&all, &unwrapped, errors)?;
-        let step = fit.step(prior, weighed.place);
+        let data_m2 = data_covariance(power, &fit, &weighed.readings, weighed.place, errors);
+        let step = fit.step(&data_m2, prior, weighed.place);
         let place = weighed.place + step;
         let readings = power.readings(place);
         if readings.len() < MIN_SWEEPS {
             return None;
         }
-        let data_m2 = fit.covariance_m2() + false_aperture(power, &readings, place, errors);
-        let covariance_m2 = regular_inverse(&(regular_inverse(&data_m2) + prior.information()));
-        weighed = Weighed { place, readings, data_m2, covariance_m2 };
+        weighed = Weighed::new(place, readings, data_m2, prior);
         if step.length() < STAYS_M {
             break;
         }
@@ -250,14 +264,21 @@ fn slope_and_information(power: &RangePower, readings: &[Reading], place: DVec3)
     })
 }
 
-/// An aperture no wider than the wander itself is none, though the poses say so: what that may feign.
-fn false_aperture(power: &RangePower, readings: &[Reading], place: DVec3, errors: &PositionErrors) -> DMat3 {
+/// Covariance as the data give it: the filter's, and what an aperture no wider than the wander itself may feign. Such a one
+/// is none, though the poses say so.
+fn data_covariance(
+    power: &RangePower,
+    fit: &Fit,
+    readings: &[Reading],
+    place: DVec3,
+    errors: &PositionErrors,
+) -> DMat3 {
     let count = readings.len() as f64;
     let geometry = readings.iter().map(|r| outer(direction(power, r, place))).fold(DMat3::ZERO, |a, b| a + b) / count;
     // Below 1e-4 rad of aperture nothing is known; the floor keeps the square below within double precision.
     let spread = symmetric(&(geometry + DMat3::IDENTITY * 1e-8).inverse());
     let distance_m = readings.iter().map(|r| r.distance_m).sum::<f64>() / count;
-    spread * spread * (3.0 * errors.slow_variance_m2() / distance_m).powi(2)
+    fit.covariance_m2() + spread * spread * (3.0 * errors.slow_variance_m2() / distance_m).powi(2)
 }
 
 fn judged(power: &RangePower, weighed: &Weighed, prior: &Prior) -> Refined {

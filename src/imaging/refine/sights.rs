@@ -77,10 +77,11 @@ impl Fit {
         Self { pull: information * filter.place_m(), information: information - open, misfit }
     }
 
-    /// The step to the most likely place, the beam's prior in it.
-    pub fn step(&self, prior: &Prior, place: DVec3) -> DVec3 {
-        let worth = self.information * (1.0 / self.misfit);
-        let pull = self.pull * (1.0 / self.misfit) + prior.information() * (prior.at - place);
+    /// The step to the most likely place, the beam's prior in it. `data_m2`: the data's covariance with all that the filter
+    /// does not know.
+    pub fn step(&self, data_m2: &DMat3, prior: &Prior, place: DVec3) -> DVec3 {
+        let worth = regular_inverse(data_m2);
+        let pull = worth * (regular_inverse(&self.information) * self.pull) + prior.information() * (prior.at - place);
         regular_inverse(&(worth + prior.information())) * pull
     }
 
