@@ -60,8 +60,12 @@ pub fn cramer_rao_bound(sights: &[BoundSight], poses_m2: impl Fn(f64) -> f64, mo
         DMat3::ZERO
     };
     let bound = (by_place - lost).inverse();
-    bound.is_finite().then_some(bound)
+    let largest_m2 = bound.x_axis.x.max(bound.y_axis.y).max(bound.z_axis.z);
+    (bound.is_finite() && largest_m2 <= NO_PLACE_M2).then_some(bound)
 }
+
+/// A variance beyond this says nothing of a place in a room.
+const NO_PLACE_M2: f64 = 1e4;
 
 /// Cholesky's factor in place of a symmetric matrix's lower half; `None` when it is not positive.
 fn factor(lower: &mut [Vec<f64>]) -> Option<()> {

@@ -24,7 +24,7 @@ pub use dense::{ls_volume, oracle_volume};
 pub use noise::{block_noise_rms, sweep_noise_rms};
 pub use oracle::Oracle;
 pub use range_power::{ClaimedRange, RangePower};
-pub use refine::{PositionErrors, Refined, refine};
+pub use refine::{JointFit, PositionErrors, Refined, best_pair, refine, split};
 pub use selection::farthest_points;
 pub use statistic::{Statistic, UnknownStatistic};
 pub use volume::Volume;

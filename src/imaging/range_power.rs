@@ -56,6 +56,25 @@ impl<'a> RangePower<'a> {
         Self { observations, compressed, beam, min_range_m, claims }
     }
 
+    /// The same sweeps with the phase taken out that the sensor's own motion turns, between the points of a sweep, on an echo
+    /// from a place: at 1 m/s it is a radian over a pulse of 14 cm. Echoes from near there then have a flat phase.
+    pub(super) fn stilled(&self, place: DVec3) -> Self {
+        let stilled = self.observations.iter().map(|observation| {
+            let from_mid = place - observation.tracking_from_sensor.translation;
+            let seen_m = observation.distance_m(place);
+            let turned = |(n, sample): (usize, &Complex32)| {
+                let moved_m = (from_mid - observation.velocity_m_per_s * observation.point_time_s(n as f64)).length();
+                let turn = Complex64::from_polar(1.0, -PHASE_RAD_PER_M * (moved_m - seen_m));
+                sample * Complex32::new(turn.re as f32, turn.im as f32)
+            };
+            Observation { samples: observation.samples.iter().enumerate().map(turned).collect(), ..observation.clone() }
+        });
+        let stilled: Vec<Observation> = stilled.collect();
+        // A turned sample is as loud as before, so the noise is that of the sweep as it came.
+        let compressed = compress_all(&stilled, |o| (1.0 / quiet_noise_rms(o)) as f32);
+        Self { compressed, claims: self.claims.clone(), ..*self }
+    }
+
     /// The sweeps it works on.
     pub fn observations(&self) -> &'a [Observation] {
         self.observations
@@ -80,11 +99,17 @@ impl<'a> RangePower<'a> {
         each.fold((0.0, 0), |(sum, count), excess| (sum + excess, count + 1))
     }
 
+    /// A sweep's distance to a place, z/σ there and its derivative by the distance, if the sweep counts for it.
+    pub(super) fn echo(&self, sweep: usize, place: DVec3) -> Option<(f64, Complex64, Complex64)> {
+        let distance_m = self.distance_m(sweep, place)?;
+        let (z, slope) = self.compressed[sweep].value_and_slope(distance_m);
+        Some((distance_m, z, slope))
+    }
+
     /// What each sweep says of a place.
     pub fn readings(&self, place: DVec3) -> Vec<Reading> {
         let reading = |sweep: usize| {
-            let distance_m = self.distance_m(sweep, place)?;
-            let (z, slope) = self.compressed[sweep].value_and_slope(distance_m);
+            let (distance_m, z, slope) = self.echo(sweep, place)?;
             let width_m = self.observations[sweep].geometry.profile.envelope_fwhm_m();
             let power = z.norm_sqr();
             Some(Reading {

@@ -11,6 +11,8 @@
 //! covariance says so.
 
 mod errors;
+mod joint;
+mod pair;
 mod path_filter;
 mod phase;
 mod sights;
@@ -18,6 +20,7 @@ mod sights;
 use glam::{DMat3, DVec3};
 
 pub use errors::PositionErrors;
+pub use pair::{JointFit, best_pair, split};
 use sights::{Fit, Measured, measured};
 
 use super::range_power::{RangePower, Reading};
@@ -60,6 +63,8 @@ const MAX_STEPS: usize = 60;
 const MAX_STEP_M: f64 = 0.05;
 /// Fewer sweeps determine nothing.
 const MIN_SWEEPS: usize = 3;
+/// 1σ across a direction whose whole aperture the poses' errors may have feigned, in distances: nothing is known.
+const FEIGNED_SIGMA: f64 = 3.0;
 /// Share of a step that is taken along an open direction.
 const OPEN_SHARE: f64 = 0.7;
 /// Steps of generalised least squares at most; they converge like Newton's.
@@ -275,10 +280,14 @@ fn data_covariance(
 ) -> DMat3 {
     let count = readings.len() as f64;
     let geometry = readings.iter().map(|r| outer(direction(power, r, place))).fold(DMat3::ZERO, |a, b| a + b) / count;
-    // Below 1e-4 rad of aperture nothing is known; the floor keeps the square below within double precision.
-    let spread = symmetric(&(geometry + DMat3::IDENTITY * 1e-8).inverse());
     let distance_m = readings.iter().map(|r| r.distance_m).sum::<f64>() / count;
-    fit.covariance_m2() + spread * spread * (3.0 * errors.slow_variance_m2() / distance_m).powi(2)
+    // Below 1e-4 rad of aperture nothing is known; the floor keeps the powers below within double precision.
+    let spread = symmetric(&(geometry + DMat3::IDENTITY * 1e-8).inverse());
+    // Share of each direction's aperture that errors of two sigmas make up. It counts where it is large, hence the powers.
+    let errors_m2 = errors.slow_variance_m2() + errors.jitter_m.powi(2);
+    let feigned = spread * (4.0 * errors_m2 / (distance_m * distance_m));
+    let steep = symmetric(&(feigned * feigned));
+    fit.covariance_m2() + symmetric(&(steep * steep)) * (FEIGNED_SIGMA * distance_m).powi(2)
 }
 
 fn judged(power: &RangePower, weighed: &Weighed, prior: &Prior) -> Refined {

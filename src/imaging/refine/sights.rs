@@ -21,13 +21,18 @@ pub(super) struct Measured {
 
 /// |z|²/σ² from which on a sweep has a range, and from which on a phase.
 const MIN_RANGE_POWER: f64 = 1.5;
-const MIN_PHASE_POWER: f64 = 12.0;
+pub(super) const MIN_PHASE_POWER: f64 = 12.0;
 /// What a reflector's phase wanders by itself as it is seen from elsewhere, 1σ, metres.
 const PHASE_FLOOR_M: f64 = 0.03e-3;
 /// 1σ of a place of which nothing is known, metres.
 const OPEN_M: f64 = 10.0;
 /// Mean normalised square of the phases' innovations beyond which they do not follow the model.
 const MAX_PHASE_MISFIT: f64 = 2.0;
+
+/// Variance of the length that a phase shows, with the power over the noise.
+pub(super) fn phase_variance_m2(power: f64) -> f64 {
+    0.5 / (power * PHASE_RAD_PER_M * PHASE_RAD_PER_M) + PHASE_FLOOR_M * PHASE_FLOOR_M
+}
 
 /// Readings as lengths, in time.
 pub(super) fn measured(power: &RangePower, readings: &[Reading], place: DVec3) -> Vec<Measured> {
@@ -45,14 +50,12 @@ pub(super) fn measured(power: &RangePower, readings: &[Reading], place: DVec3) -
             };
             // Of |z|² one part is noise: signal is power − 1, and the slope's variance is that of power, not of signal.
             let signal = (reading.power - 1.0) / reading.power;
-            let phase_variance_m2 =
-                0.5 / (reading.power * PHASE_RAD_PER_M * PHASE_RAD_PER_M) + PHASE_FLOOR_M * PHASE_FLOOR_M;
             Measured {
                 sight,
                 range_off_m: reading.slope_per_m / (reading.curvature_per_m2 * signal),
                 range_variance_m2: 1.0 / (reading.curvature_per_m2 * signal * signal),
                 phase_off_m: reading.phase_off_m,
-                phase_variance_m2: (reading.power >= MIN_PHASE_POWER).then_some(phase_variance_m2),
+                phase_variance_m2: (reading.power >= MIN_PHASE_POWER).then(|| phase_variance_m2(reading.power)),
             }
         })
         .collect();
