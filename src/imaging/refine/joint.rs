@@ -19,6 +19,8 @@ pub(super) struct JointReading {
     pub amplitudes: [Complex64; 2],
     /// Variance of an amplitude.
     pub amplitude_variance: f64,
+    /// The information that the true amplitudes have: theirs is less than what the noisy ones show.
+    pub true_information_per_m2: [[f64; 2]; 2],
 }
 
 /// Distance, z/σ and its derivative at each of two places; `width_m`: the envelope's FWHM.
@@ -40,13 +42,22 @@ pub(super) fn joint_reading(echoes: &[(f64, Complex64, Complex64); 2], width_m: 
     let lost = rho_slope * rho_slope / determinant;
     let kept = (c - own * lost).max(0.0);
     let shared = -rho_curvature - rho * lost;
-    let between = 2.0 * shared.clamp(-kept, kept) * (a1.conj() * a2).re;
+    let shared = shared.clamp(-kept, kept);
+    let between = 2.0 * shared * (a1.conj() * a2).re;
+    // Noise in the amplitudes is C⁻¹: it adds to their powers and, negative, to their product.
+    let amplitude_variance = own / determinant;
+    let true_power = |a: Complex64| (a.norm_sqr() - amplitude_variance).max(0.0);
+    let true_between = 2.0 * shared * ((a1.conj() * a2).re + rho / determinant);
     JointReading {
         excess: explained - by_noise,
         slope_per_m: [2.0 * (a1.conj() * slope1).re - cross, 2.0 * (a2.conj() * slope2).re + cross],
         information_per_m2: [[2.0 * kept * a1.norm_sqr(), between], [between, 2.0 * kept * a2.norm_sqr()]],
         amplitudes,
-        amplitude_variance: own / determinant,
+        amplitude_variance,
+        true_information_per_m2: [
+            [2.0 * kept * true_power(a1), true_between],
+            [true_between, 2.0 * kept * true_power(a2)],
+        ],
     }
 }
 

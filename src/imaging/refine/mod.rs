@@ -215,11 +215,14 @@ fn follow_phase(power: &RangePower, ranged: &Weighed, prior: &Prior, errors: &Po
             break;
         }
     }
-    // What the phase adds must lie where the ranges allow it.
-    let moved = weighed.place - ranged.place;
-    let allowed = ranged.covariance_m2 - weighed.covariance_m2 + ranged.covariance_m2 * 0.05;
-    let agrees = moved.dot(regular_inverse(&allowed) * moved) <= AGREES;
-    agrees.then(|| judged(power, &weighed, prior))
+    agrees(ranged, &weighed).then(|| judged(power, &weighed, prior))
+}
+
+/// Whether what the phase adds lies where the ranges allow it.
+fn agrees(ranged: &Weighed, phased: &Weighed) -> bool {
+    let moved = phased.place - ranged.place;
+    let allowed = ranged.covariance_m2 - phased.covariance_m2 + ranged.covariance_m2 * 0.05;
+    moved.dot(regular_inverse(&allowed) * moved) <= AGREES
 }
 
 /// What is known before any range: the direction lies somewhere in the beam.

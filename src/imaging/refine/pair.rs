@@ -14,12 +14,10 @@ use super::joint::{JointReading, joint_reading, solve_six};
 use super::path_filter::Sight;
 use super::sights::Measured;
 use super::{
-    Fit, MAX_WEIGHINGS, MIN_SWEEPS, PositionErrors, Prior, Refined, STAYS_M, Weighed, data_covariance, judged, phase,
-    regular_inverse, sights,
+    MIN_SWEEPS, PositionErrors, Prior, Refined, STAYS_M, Weighed, data_covariance, judged, regular_inverse, sights,
 };
 use crate::imaging::farthest_points;
-use crate::imaging::range_power::{RangePower, Reading};
-use crate::radar::PHASE_RAD_PER_M;
+use crate::imaging::range_power::RangePower;
 
 /// A second reflector must explain this many times the share of the first one's power that wrong poses leave unexplained.
 const GATE_POSES: f64 = 4.0;
@@ -41,8 +39,8 @@ const MAX_STEPS: usize = 60;
 const MAX_STEP_M: f64 = 0.04;
 /// Farther apart than this many widths they are found one after the other.
 const FAR_WIDTHS: f64 = 4.0;
-/// Nearer than this many widths in range a sweep tells no phases apart.
-const PHASE_APART_WIDTHS: f64 = 0.15;
+/// Power of both amplitudes over their noise from which on a sweep tells their ranges apart.
+const MIN_AMPLITUDE_POWER: f64 = 6.0;
 
 /// Two places fitted jointly, whatever they are worth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,7 +83,7 @@ pub fn split(power: &RangePower, single: &Refined, errors: &PositionErrors) -> O
     if !fit.passes(single, width_m, errors) {
         return None;
     }
-    let pair = weigh_both(&stilled, &fit, errors)?;
+    let pair = judge_both(&stilled, &fit, errors)?;
     let apart = pair[0].position_m - pair[1].position_m;
     let covariance_m2 = pair[0].covariance_m2 + pair[1].covariance_m2;
     let told_apart = apart.dot(regular_inverse(&covariance_m2) * apart) > 9.0;
@@ -177,7 +175,6 @@ struct Evaluated {
 struct Look {
     sweep: usize,
     toward: [DVec3; 2],
-    distances_m: [f64; 2],
     reading: JointReading,
 }
 
@@ -188,7 +185,7 @@ impl Joint<'_, '_> {
         let sensor = observation.tracking_from_sensor.translation;
         let reading = joint_reading(&echoes, observation.geometry.profile.envelope_fwhm_m(), self.ridge);
         let toward = places.map(|place| (place - sensor).normalize_or_zero());
-        Some(Look { sweep, toward, distances_m: [echoes[0].0, echoes[1].0], reading })
+        Some(Look { sweep, toward, reading })
     }
 
     /// `None` when too few sweeps see both.
@@ -253,52 +250,24 @@ impl Joint<'_, '_> {
     }
 }
 
-/// Both places weighed with the poses' errors, each by the lengths that the joint fit leaves it.
-fn weigh_both(power: &RangePower, fit: &JointFit, errors: &PositionErrors) -> Option<[Refined; 2]> {
+/// Both places with the covariance that noise and the poses' errors leave them. The places stay where the joint fit puts
+/// them: its sums are free of the bias that sweeps with nearly equal ranges give to single lengths.
+fn judge_both(power: &RangePower, fit: &JointFit, errors: &PositionErrors) -> Option<[Refined; 2]> {
     let mean_power = fit.single / fit.sweeps.max(1) as f64;
     let sweeps = (0..power.observations().len()).collect();
     let joint = Joint { power, single: fit.places_m[0], sweeps, ridge: 1.0 / mean_power.max(1.0) };
-    let mut both = fit.places_m;
-    let mut weighed = None;
-    for _ in 0..MAX_WEIGHINGS {
-        let looks: Vec<Look> = joint.sweeps.iter().filter_map(|&sweep| joint.look(sweep, &both)).collect();
-        let one = weigh_one(power, &looks, 0, both[0], errors)?;
-        let other = weigh_one(power, &looks, 1, both[1], errors)?;
-        let moved_m = one.0.place.distance(both[0]).max(other.0.place.distance(both[1]));
-        both = [one.0.place, other.0.place];
-        weighed = Some([one, other]);
-        if moved_m < STAYS_M {
-            break;
+    let looks: Vec<Look> = joint.sweeps.iter().filter_map(|&sweep| joint.look(sweep, &fit.places_m)).collect();
+    let judge_one = |which: usize| {
+        let place = fit.places_m[which];
+        let (all, readings) = (lengths(power, &looks, which), power.readings(place));
+        if all.len() < MIN_SWEEPS || readings.len() < MIN_SWEEPS {
+            return None;
         }
-    }
-    weighed.map(|each| each.map(|(weighed, prior)| judged(power, &weighed, &prior)))
-}
-
-/// One of the two: a step of generalised least squares, with its phase where that can be followed.
-fn weigh_one(
-    power: &RangePower,
-    looks: &[Look],
-    which: usize,
-    place: DVec3,
-    errors: &PositionErrors,
-) -> Option<(Weighed, Prior)> {
-    let all = lengths(power, looks, which);
-    let readings: Vec<Reading> = power.readings(place);
-    if all.len() < MIN_SWEEPS || readings.len() < MIN_SWEEPS {
-        return None;
-    }
-    let prior = Prior::from(power, &readings, place);
-    let by_ranges = sights::fit_ranges(&all, errors);
-    let ranged_m2 = data_covariance(power, &by_ranges, &readings, place, errors);
-    let step = by_ranges.step(&ranged_m2, &prior, place).clamp_length_max(MAX_STEP_M);
-    let with_phase = phase::unwrap(&all, -step, &ranged_m2, errors)
-        .and_then(|unwrapped| sights::fit_ranges_and_phases(&all, &unwrapped, errors));
-    let stepped = |fit: &Fit| {
-        let data_m2 = data_covariance(power, fit, &readings, place, errors);
-        (place + fit.step(&data_m2, &prior, place).clamp_length_max(MAX_STEP_M), data_m2)
+        let prior = Prior::from(power, &readings, place);
+        let data_m2 = data_covariance(power, &sights::fit_ranges(&all, errors), &readings, place, errors);
+        Some(judged(power, &Weighed::new(place, readings, data_m2, &prior), &prior))
     };
-    let (place, data_m2) = stepped(with_phase.as_ref().unwrap_or(&by_ranges));
-    Some((Weighed::new(place, readings, data_m2, &prior), prior))
+    Some([judge_one(0)?, judge_one(1)?])
 }
 
 /// Lengths to one of the two places as the joint reading leaves them, the other's range unknown.
@@ -309,21 +278,24 @@ fn lengths(power: &RangePower, looks: &[Look], which: usize) -> Vec<Measured> {
         .filter_map(|look| {
             let observation = &power.observations()[look.sweep];
             let width_m = observation.geometry.profile.envelope_fwhm_m();
-            let JointReading { slope_per_m: slope, information_per_m2: info, amplitudes, amplitude_variance, .. } =
-                look.reading;
-            let determinant = info[0][0] * info[1][1] - info[0][1] * info[1][0];
+            let JointReading { slope_per_m: slope, amplitudes, amplitude_variance, .. } = look.reading;
+            let (true_info, info) = (look.reading.true_information_per_m2, look.reading.information_per_m2);
+            let signal = amplitudes.map(|a| a.norm_sqr() / amplitude_variance);
+            if signal[0].min(signal[1]) < MIN_AMPLITUDE_POWER {
+                return None;
+            }
+            let determinant = true_info[0][0] * true_info[1][1] - true_info[0][1] * true_info[1][0];
             let other = 1 - which;
-            let variance_m2 = info[other][other] / determinant;
-            let off_m = (info[other][other] * slope[which] - info[0][1] * slope[other]) / determinant;
+            // This row of the inverse turns slopes into ranges; the slopes vary as the noisy amplitudes say.
+            let (own, across) = (true_info[other][other] / determinant, -true_info[0][1] / determinant);
+            let off_m = own * slope[which] + across * slope[other];
+            let variance_m2 =
+                own * own * info[which][which] + 2.0 * own * across * info[0][1] + across * across * info[other][other];
             // A range that may lie a third of a pulse away is none.
-            if !(variance_m2 > 0.0 && variance_m2 < width_m * width_m / 9.0) {
+            if !(determinant > 0.0 && variance_m2 > 0.0 && variance_m2 < width_m * width_m / 9.0) {
                 return None;
             }
             let toward = look.toward[which];
-            let apart_m = (look.distances_m[0] - look.distances_m[1]).abs();
-            let signal = amplitudes[which].norm_sqr() / amplitude_variance;
-            let has_phase = apart_m > PHASE_APART_WIDTHS * width_m && signal >= sights::MIN_PHASE_POWER;
-            let turned = amplitudes[which].arg() - PHASE_RAD_PER_M * look.distances_m[which];
             Some(Measured {
                 sight: Sight {
                     time_s: (observation.mid_time_ns - start_ns) as f64 * 1e-9,
@@ -332,8 +304,8 @@ fn lengths(power: &RangePower, looks: &[Look], which: usize) -> Vec<Measured> {
                 },
                 range_off_m: off_m,
                 range_variance_m2: variance_m2,
-                phase_off_m: turned / PHASE_RAD_PER_M,
-                phase_variance_m2: has_phase.then(|| sights::phase_variance_m2(signal)),
+                phase_off_m: 0.0,
+                phase_variance_m2: None,
             })
         })
         .collect();

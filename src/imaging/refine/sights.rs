@@ -21,7 +21,7 @@ pub(super) struct Measured {
 
 /// |z|²/σ² from which on a sweep has a range, and from which on a phase.
 const MIN_RANGE_POWER: f64 = 1.5;
-pub(super) const MIN_PHASE_POWER: f64 = 12.0;
+const MIN_PHASE_POWER: f64 = 12.0;
 /// What a reflector's phase wanders by itself as it is seen from elsewhere, 1σ, metres.
 const PHASE_FLOOR_M: f64 = 0.03e-3;
 /// 1σ of a place of which nothing is known, metres.
@@ -30,7 +30,7 @@ const OPEN_M: f64 = 10.0;
 const MAX_PHASE_MISFIT: f64 = 2.0;
 
 /// Variance of the length that a phase shows, with the power over the noise.
-pub(super) fn phase_variance_m2(power: f64) -> f64 {
+fn phase_variance_m2(power: f64) -> f64 {
     0.5 / (power * PHASE_RAD_PER_M * PHASE_RAD_PER_M) + PHASE_FLOOR_M * PHASE_FLOOR_M
 }
 
