@@ -176,3 +176,35 @@ fn quiet_noise_rms(observation: &Observation) -> f64 {
 
 /// Power over noise that noise itself reaches in one of 10 000 points.
 const STANDS_OUT: f64 = 9.2;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::test_data::{Echo, sweeps};
+
+    const AT: DVec3 = DVec3::new(0.1, 0.0, -1.3);
+
+    #[test]
+    fn an_echo_does_not_raise_the_noise() {
+        // Points every 6 cm: a strong pulse lights a tenth of them. The data's noise is 20 LSB.
+        let lit = sweeps(0.2, |_| DVec3::ZERO, &[(Echo::Point(AT), 200.0)], 5);
+        let mean = |rms: fn(&Observation) -> f64| lit.iter().map(|o| rms(o).powi(2)).sum::<f64>() / lit.len() as f64;
+        let (plain, quiet) = (mean(|o| sweep_noise_rms(&o.samples)).sqrt(), mean(quiet_noise_rms).sqrt());
+        assert!(plain > 21.0 && (quiet / 20.0 - 1.0).abs() < 0.04, "{plain} {quiet}");
+    }
+
+    #[test]
+    fn a_stilled_echo_has_a_flat_phase() {
+        // 2 m/s towards it: between two points 6 cm apart the sensor moves by 36 µm.
+        let fast = sweeps(0.02, |t| DVec3::NEG_Z * 2.0 * t, &[(Echo::Point(AT), 1000.0)], 5);
+        let power = RangePower::new(&fast, &Beam::Lensless, 0.15);
+        let turning = |power: &RangePower| {
+            let (_, z, slope) = power.echo(10, AT).unwrap();
+            (slope / z).im
+        };
+        // Half of k·v·(time a metre): the matched filter sees half of the ramp.
+        let expected = 0.5 * PHASE_RAD_PER_M * 2.0 * 1.8e-5 / 0.06;
+        assert!((turning(&power).abs() / expected - 1.0).abs() < 0.1, "{} {expected}", turning(&power));
+        assert!(turning(&power.stilled(AT)).abs() < 0.1 * expected);
+    }
+}

@@ -169,4 +169,14 @@ mod tests {
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].position_m.distance(at) < 0.02 && found[0].observed == Observed::Position, "{found:?}");
     }
+
+    #[test]
+    fn two_within_a_pulse_are_two() {
+        let (left, right) = (DVec3::new(-0.1, 0.0, -1.2), DVec3::new(0.1, 0.0, -1.2));
+        let found = found(&[(Echo::Point(left), 25.0), (Echo::Point(right), 25.0)], 6);
+        assert_eq!(found.len(), 2, "{found:?}");
+        for truth in [left, right] {
+            assert!(found.iter().any(|f| f.position_m.distance(truth) < 0.015), "{found:?}");
+        }
+    }
 }

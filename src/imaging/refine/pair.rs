@@ -312,3 +312,58 @@ fn lengths(power: &RangePower, looks: &[Look], which: usize) -> Vec<Measured> {
     all.sort_by(|a, b| a.sight.time_s.total_cmp(&b.sight.time_s));
     all
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::refine::refine;
+    use crate::imaging::test_data::{Echo, sweeps, winding};
+    use crate::radar::{Beam, Observation};
+
+    const LEFT: DVec3 = DVec3::new(-0.1, 0.0, -1.1);
+    const RIGHT: DVec3 = DVec3::new(0.1, 0.0, -1.1);
+
+    fn some(echoes: &[(Echo, f64)], seed: u64) -> Vec<Observation> {
+        sweeps(4.0, |t| winding(t) * 3.0, echoes, seed).into_iter().step_by(40).collect()
+    }
+
+    fn halves(observations: &[Observation], errors: &PositionErrors) -> Option<[Refined; 2]> {
+        let power = RangePower::new(observations, &Beam::Lensless, 0.15);
+        split(&power, &refine(&power, (LEFT + RIGHT) * 0.5, None, errors)?, errors)
+    }
+
+    #[test]
+    fn two_across_range_are_told_apart_with_their_covariance() {
+        for seed in 0..3 {
+            let both = some(&[(Echo::Point(LEFT), 20.0), (Echo::Point(RIGHT), 20.0)], seed);
+            let mut found = halves(&both, &PositionErrors::none()).expect("two");
+            found.sort_by(|a, b| a.position_m.x.total_cmp(&b.position_m.x));
+            for (one, truth) in found.iter().zip([LEFT, RIGHT]) {
+                let off = one.position_m - truth;
+                assert!(off.length() < 0.012, "{one:?}");
+                assert!(off.dot(one.covariance_m2.inverse() * off) < 16.0, "{one:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_with_wrong_poses_and_fast_motion_stays_one() {
+        for seed in 0..4 {
+            let mut one = some(&[(Echo::Point(LEFT), 60.0)], seed);
+            for observation in &mut one {
+                let t = observation.mid_time_ns as f64 * 1e-9;
+                observation.tracking_from_sensor.translation +=
+                    DVec3::new((1.3 * t).sin(), (2.9 * t).sin(), (2.1 * t).sin()) * 1.4e-3;
+            }
+            assert_eq!(halves(&one, &PositionErrors::default()), None);
+        }
+    }
+
+    #[test]
+    fn noise_and_too_few_sweeps_have_no_halves() {
+        let errors = PositionErrors::default();
+        assert_eq!(halves(&some(&[], 1), &errors), None);
+        let two = &some(&[(Echo::Point(LEFT), 20.0), (Echo::Point(RIGHT), 20.0)], 2)[..2];
+        assert_eq!(halves(two, &errors), None);
+    }
+}

@@ -141,10 +141,9 @@ impl PathFilter {
         self.covariance[OFFSET][OFFSET] = OPEN_OFFSET_M * OPEN_OFFSET_M;
     }
 
-    /// How a measured length would fare; `phase`: it has the unknown offset.
-    pub fn expect(&self, sight: &Sight, phase: bool, off_m: f64, variance_m2: f64) -> Innovation {
-        let (_, innovation) = self.weigh(sight, phase, off_m, variance_m2);
-        innovation
+    /// How a phase's length would fare.
+    pub fn expect(&self, sight: &Sight, off_m: f64, variance_m2: f64) -> Innovation {
+        self.weigh(sight, true, off_m, variance_m2).1
     }
 
     fn weigh(&self, sight: &Sight, phase: bool, off_m: f64, variance_m2: f64) -> ([f64; STATES], Innovation) {
@@ -163,7 +162,8 @@ impl PathFilter {
         (shared, innovation)
     }
 
-    /// Takes a measured length, its offset from the length that the sight was taken at. Outliers are held back.
+    /// Takes a measured length, its offset from the length that the sight was taken at; `phase`: it has the unknown offset.
+    /// Outliers are held back.
     pub fn take(&mut self, sight: &Sight, phase: bool, off_m: f64, variance_m2: f64) -> Innovation {
         let (shared, innovation) = self.weigh(sight, phase, off_m, variance_m2);
         let sigmas = innovation.normalised().sqrt();

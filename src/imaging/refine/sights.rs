@@ -124,7 +124,7 @@ pub(super) fn fit_ranges(all: &[Measured], errors: &PositionErrors) -> Fit {
 
 /// A sweep's phase made continuous with those before it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Unwrapped {
+pub(super) struct Phase {
     pub off_m: f64,
     pub variance_m2: f64,
     /// Nothing joins it to what was before: a new offset.
@@ -134,7 +134,7 @@ pub(super) struct Unwrapped {
 /// From ranges and phases together; `None` when the phases do not follow the model.
 pub(super) fn fit_ranges_and_phases(
     all: &[Measured],
-    phases: &[Option<Unwrapped>],
+    phases: &[Option<Phase>],
     errors: &PositionErrors,
 ) -> Option<Fit> {
     let mut filter = open_start(errors);
