@@ -77,7 +77,7 @@ fn factor(lower: &mut [Vec<f64>]) -> Option<()> {
             row[j] = (row[j] - sum) / other[j];
         }
         let rest = row[i] - row[..i].iter().map(|a| a * a).sum::<f64>();
-        if !(rest > 0.0) {
+        if rest.is_nan() || rest <= 0.0 {
             return None;
         }
         row[i] = rest.sqrt();

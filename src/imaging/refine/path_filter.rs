@@ -68,10 +68,8 @@ impl PathFilter {
         let wander = Matern::new(errors.slow_variance_m2(), errors.wander_s);
         let jitter_variance_m2 = errors.jitter_m * errors.jitter_m;
         let mut covariance = [[0.0; STATES]; STATES];
-        for row in 0..3 {
-            for col in 0..3 {
-                covariance[row][col] = place_covariance_m2.col(col)[row];
-            }
+        for (row, place) in place_covariance_m2.to_cols_array_2d().iter().enumerate() {
+            covariance[row][..3].copy_from_slice(place);
             covariance[MOUNT + row][MOUNT + row] = errors.mount_variance_m2();
             covariance[JITTER + row][JITTER + row] = jitter_variance_m2;
             let at = WANDER + 3 * row;
