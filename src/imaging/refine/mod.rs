@@ -197,28 +197,40 @@ fn weigh(power: &RangePower, from: DVec3, leash: Leash, prior: &Prior, errors: &
 }
 
 /// The place with the phase's help; `None` where the phase cannot be followed or does not agree with the ranges. Whole
-/// numbers are decided from the place that the ranges give, then once more from each better one.
+/// numbers are decided from the place that the ranges give, then once more from each better one, as long as that goes well.
 fn follow_phase(power: &RangePower, ranged: &Weighed, prior: &Prior, errors: &PositionErrors) -> Option<Refined> {
-    let mut weighed = ranged.clone();
+    let mut best: Option<Weighed> = None;
     for _ in 0..PHASE_ROUNDS {
-        let all: Vec<Measured> = measured(power, &weighed.readings, weighed.place);
-        let unwrapped = phase::unwrap(&all, &weighed.covariance_m2, errors)?;
-        let fit = sights::fit_ranges_and_phases(&all, &unwrapped.phases, errors)?;
-        // A wrong whole number leaves no more than the ranges give.
-        let risk_m2 = ranged.data_m2 * unwrapped.risk;
-        let data_m2 = data_covariance(power, &fit, &weighed.readings, weighed.place, errors);
-        let step = fit.step(&data_m2, prior, weighed.place);
-        let place = weighed.place + step;
-        let readings = power.readings(place);
-        if readings.len() < MIN_SWEEPS {
-            return None;
-        }
-        weighed = Weighed::new(place, readings, data_m2 + risk_m2, prior);
-        if step.length() < STAYS_M {
+        let from = best.as_ref().unwrap_or(ranged);
+        let Some(next) = phase_round(power, ranged, from, prior, errors).filter(|next| agrees(ranged, next)) else {
+            break;
+        };
+        let moved_m = next.place.distance(from.place);
+        best = Some(next);
+        if moved_m < STAYS_M {
             break;
         }
     }
-    agrees(ranged, &weighed).then(|| judged(power, &weighed, prior))
+    best.map(|weighed| judged(power, &weighed, prior))
+}
+
+/// Whole numbers decided from a place, and what ranges and phases together say then.
+fn phase_round(
+    power: &RangePower,
+    ranged: &Weighed,
+    from: &Weighed,
+    prior: &Prior,
+    errors: &PositionErrors,
+) -> Option<Weighed> {
+    let all: Vec<Measured> = measured(power, &from.readings, from.place);
+    let unwrapped = phase::unwrap(&all, &from.covariance_m2, errors)?;
+    let fit = sights::fit_ranges_and_phases(&all, &unwrapped.phases, errors)?;
+    // A wrong whole number leaves no more than the ranges give.
+    let risk_m2 = ranged.data_m2 * unwrapped.risk;
+    let data_m2 = data_covariance(power, &fit, &from.readings, from.place, errors);
+    let place = from.place + fit.step(&data_m2, prior, from.place);
+    let readings = power.readings(place);
+    (readings.len() >= MIN_SWEEPS).then(|| Weighed::new(place, readings, data_m2 + risk_m2, prior))
 }
 
 /// Whether what the phase adds lies where the ranges allow it.
