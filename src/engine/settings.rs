@@ -183,6 +183,8 @@ impl Settings {
             ("tracking.errors.wander_m", tracking.errors.wander_m, 0.0, 1.0),
             ("tracking.errors.wander_s", tracking.errors.wander_s, 0.01, 1e4),
             ("tracking.errors.mount_m", tracking.errors.mount_m, 0.0, 1.0),
+            ("tracking.errors.jitter_m", tracking.errors.jitter_m, 0.0, 1.0),
+            ("tracking.errors.rotation_deg", tracking.errors.rotation_deg, 0.0, 90.0),
             ("rooms.blocks.block_s", blocks.block_s, 0.01, 0.5),
             ("rooms.blocks.min_sweeps", blocks.min_sweeps as f64, 2.0, 1e4),
             ("rooms.blocks.memory_s", blocks.memory_s, 0.1, 100.0),

@@ -3,6 +3,7 @@
 //! `oracle` is the slow, obvious f64 computation of every statistic; everything else here is tested against it.
 
 pub mod blocks;
+mod bound;
 mod compression;
 mod cubic;
 mod noise;
@@ -19,12 +20,13 @@ mod time_offset;
 mod volume;
 
 pub use blocks::blocks_volume;
+pub use bound::{BoundSight, cramer_rao_bound};
 pub use compression::{CompressedSweep, RangeCompressor};
 pub use noise::{block_noise_rms, sweep_noise_rms};
 pub use oracle::Oracle;
 pub use oracle_volume::oracle_volume;
 pub use range_power::{ClaimedRange, RangePower};
-pub use refine::{PositionErrors, Refined, refine};
+pub use refine::{JointFit, PositionErrors, Refined, best_pair, refine, split};
 pub use selection::{
     Preselection, PreselectionCounters, Preselector, Selection, THRESHOLD_COEFFICIENT, UnknownSelection,
     above_threshold, d_optimal, farthest_points, hull_above_threshold, hull_vertices, random,

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Observed, Obstacle};
 use crate::geometry::Aabb;
-use crate::imaging::{PositionErrors, RangePower, Refined, Volume, farthest_points, refine};
+use crate::imaging::{PositionErrors, RangePower, Refined, Volume, farthest_points, refine, split};
 use crate::radar::{Beam, Observation};
 
 /// Parameters of the search.
@@ -91,17 +91,20 @@ pub fn find_reflectors(
         let (sum, count) = power.excess(refined.position_m);
         let evidence = sum / (count.max(1) as f64).sqrt();
         let strongest = found.first().map_or(evidence, |f| f.evidence);
-        let stands_out = count >= MIN_SWEEPS
-            && evidence >= settings.threshold_sigma.max(strongest * DYNAMIC_RANGE)
-            && (found.is_empty() || stands_still(&refined, sum / count as f64));
-        if stands_out {
-            found.push(obstacle(found.len() as u64 + 1, &refined, evidence, &chosen));
-        }
+        let stands_out = count >= MIN_SWEEPS && evidence >= settings.threshold_sigma.max(strongest * DYNAMIC_RANGE);
+        let pair = if stands_out { split(&power, &refined, errors) } else { None };
+        let stands = stands_out && (pair.is_some() || found.is_empty() || stands_still(&refined, sum / count as f64));
+        let parts = pair.map_or(vec![refined], Vec::from);
         // Claimed in any case: the search must go on elsewhere. Nothing left to claim ends it.
         let left_before = search.excess(places[start]).1;
-        search.claim(refined.position_m);
-        power.claim(refined.position_m);
-        if !stands_out && (evidence < strongest * DYNAMIC_RANGE || search.excess(places[start]).1 == left_before) {
+        for part in &parts {
+            if stands && found.len() < settings.max_reflectors {
+                found.push(obstacle(found.len() as u64 + 1, part, evidence, &chosen));
+            }
+            search.claim(part.position_m);
+            power.claim(part.position_m);
+        }
+        if !stands && (evidence < strongest * DYNAMIC_RANGE || search.excess(places[start]).1 == left_before) {
             break;
         }
     }
@@ -165,5 +168,15 @@ mod tests {
         let found = found(&[(Echo::Point(at), 10.0)], 4);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].position_m.distance(at) < 0.02 && found[0].observed == Observed::Position, "{found:?}");
+    }
+
+    #[test]
+    fn two_within_a_pulse_are_two() {
+        let (left, right) = (DVec3::new(-0.1, 0.0, -1.2), DVec3::new(0.1, 0.0, -1.2));
+        let found = found(&[(Echo::Point(left), 25.0), (Echo::Point(right), 25.0)], 6);
+        assert_eq!(found.len(), 2, "{found:?}");
+        for truth in [left, right] {
+            assert!(found.iter().any(|f| f.position_m.distance(truth) < 0.015), "{found:?}");
+        }
     }
 }

@@ -9,8 +9,8 @@ use super::{Room, Scatterer, Thing, WallPanel};
 use crate::geometry::{Aabb, Plane};
 
 /// Scenes by name.
-pub const SCENES: [&str; 7] =
-    ["corner-reflector", "clothes-hanger", "chair", "two-chairs", "furnished-room", "empty-room", "nothing"];
+pub const SCENES: [&str; 8] =
+    ["corner-reflector", "pair", "clothes-hanger", "chair", "two-chairs", "furnished-room", "empty-room", "nothing"];
 
 /// No such scene.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -42,6 +42,7 @@ pub fn scene(name: &str, seed: u64) -> Result<Scene, SceneError> {
     };
     match name {
         "corner-reflector" => Ok(ahead(vec![corner_reflector(&mut draw, DVec3::new(-0.3, 1.5, -1.0))])),
+        "pair" => Ok(ahead(pair(&mut draw, DVec3::new(-0.3, 1.5, -1.0), standing).into())),
         "clothes-hanger" => Ok(ahead(vec![clothes_hanger(&mut draw, DVec3::new(0.1, 1.55, -1.1), 0.3)])),
         "chair" => Ok(looking_at_things(vec![chair(&mut draw, "chair", DVec3::new(0.0, 0.0, -1.3), 0.4, METAL_CHAIR)])),
         "two-chairs" => Ok(looking_at_things(vec![
@@ -69,6 +70,16 @@ fn corner_reflector(draw: &mut Draw, position_m: DVec3) -> Thing {
     let phase_rad = draw.phase();
     let scatterer = Scatterer { position_m, rcs_dbsm: -5.0, lobe: DVec3::ZERO, phase_rad };
     Thing { name: "corner reflector".into(), scatterers: vec![scatterer] }
+}
+
+/// Two equal corner reflectors 20 cm apart, level, across the line of sight from `seen_from` to their middle.
+fn pair(draw: &mut Draw, middle: DVec3, seen_from: DVec3) -> [Thing; 2] {
+    let across = (middle - seen_from).cross(DVec3::Y).normalize() * 0.1;
+    let named = |name: &str, thing: Thing| Thing { name: name.into(), ..thing };
+    [
+        named("left corner reflector", corner_reflector(draw, middle - across)),
+        named("right corner reflector", corner_reflector(draw, middle + across)),
+    ]
 }
 
 /// Cross-sections of a chair's parts, dBsm.
@@ -241,6 +252,17 @@ mod tests {
         }
         assert_ne!(scene("furnished-room", 1).unwrap(), scene("furnished-room", 2).unwrap());
         assert!(scene("moon", 1).unwrap_err().to_string().contains("furnished-room"));
+    }
+
+    #[test]
+    fn a_pair_is_two_equals_20_cm_apart_across_range() {
+        let scene = scene("pair", 3).unwrap();
+        let both: Vec<_> = scene.room.scatterers().collect();
+        assert_eq!((both.len(), both[0].rcs_dbsm), (2, both[1].rcs_dbsm));
+        assert!((both[0].position_m.distance(both[1].position_m) - 0.2).abs() < 1e-9);
+        assert!((both[0].position_m.distance(scene.start_m) - both[1].position_m.distance(scene.start_m)).abs() < 1e-9);
+        // Left of the boresight's left: the first named.
+        assert!(both[0].position_m.x < both[1].position_m.x);
     }
 
     #[test]
