@@ -104,47 +104,49 @@ struct Place {
 }
 
 impl Place {
-    fn child(self, n: u32) -> Place {
-        Place {
-            level: self.level - 1,
-            at: [self.at[0] * 2 + n % 2, self.at[1] * 2 + n / 2 % 2, self.at[2] * 2 + n / 4],
-        }
-    }
-
     fn brick(self) -> [usize; 3] {
         self.at.map(|n| n as usize)
     }
 }
 
-/// What a cube has been opened to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Opened {
-    /// Not opened: its bound says enough.
-    No,
-    /// Eight cubes, from this index on.
-    Cubes(u32),
-    /// The brick of this index.
-    Brick(u32),
-}
+/// Not opened: the cube's bound says enough.
+const CLOSED: u32 = u32::MAX;
 
+/// Eight cubes that fill a larger one, side by side as the kernel takes them. Cube `n` of eight `e` has the index 8·e + n.
 #[derive(Debug, Clone)]
-struct Cube {
-    place: Place,
-    of: VoxelBox,
-    bound: i64,
-    opened: Opened,
-    /// False for a slot that waits to be used again, and for a child beyond the grid.
-    alive: bool,
+struct Eight {
+    /// Of the cubes.
+    level: u32,
+    /// Of the larger cube.
+    at: [u32; 3],
+    /// Bit n: cube n lies in the grid and is in use.
+    alive: u8,
+    /// `[axis][cube]`, see [`VoxelBox`].
+    center_m: [[f32; 8]; 3],
+    half_m: [[f32; 8]; 3],
+    bound: [i64; 8],
+    /// What each has been opened to: an eight, or at level 0 a brick.
+    opened: [u32; 8],
 }
 
-impl Cube {
-    const DEAD: Self = Self {
-        place: Place { level: 0, at: [0; 3] },
-        of: VoxelBox { center_m: [0.0; 3], half_m: [0.0; 3] },
-        bound: 0,
-        opened: Opened::No,
-        alive: false,
-    };
+impl Eight {
+    fn new(level: u32, at: [u32; 3]) -> Self {
+        let (center_m, half_m) = ([[0.0; 8]; 3], [[0.0; 8]; 3]);
+        Self { level, at, alive: 0, center_m, half_m, bound: [0; 8], opened: [CLOSED; 8] }
+    }
+
+    fn place(&self, n: usize) -> Place {
+        let bits = [n & 1, n >> 1 & 1, n >> 2];
+        Place { level: self.level, at: std::array::from_fn(|axis| self.at[axis] * 2 + bits[axis] as u32) }
+    }
+
+    fn put(&mut self, n: usize, of: &VoxelBox, bound: i64) {
+        self.alive |= 1 << n;
+        self.bound[n] = bound;
+        for axis in 0..3 {
+            (self.center_m[axis][n], self.half_m[axis][n]) = (of.center_m[axis], of.half_m[axis]);
+        }
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -155,20 +157,23 @@ struct Brick {
     center: [f32; 3],
     /// Bit n: voxel n lies within the grid.
     within: u64,
-    /// Steps, layer by layer.
-    sums: [[i32; LANES]; EDGE],
 }
 
-impl Brick {
-    fn greatest(&self) -> i32 {
-        let each = self.sums.as_flattened().iter().enumerate();
-        each.map(|(n, sum)| if self.within >> n & 1 == 1 { *sum } else { 0 }).fold(0, i32::max)
+/// A brick's steps, layer by layer; apart from the rest, so that rolling streams through them.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+struct Sums([[i32; LANES]; EDGE]);
+
+impl Sums {
+    fn greatest(&self, within: u64) -> i32 {
+        let each = self.0.as_flattened().iter().enumerate();
+        each.map(|(n, sum)| if within >> n & 1 == 1 { *sum } else { 0 }).fold(0, i32::max)
     }
 }
 
-/// Cubes or bricks that one thread works on at a time.
-const CUBES: usize = 4096;
-const BRICKS: usize = 512;
+/// Eights of cubes, or bricks, that one thread works on at a time.
+const EIGHTS: usize = 512;
+const BRICKS: usize = 1024;
 /// Cubes opened side by side; a number, so that nothing depends on the number of threads.
 const BATCH: usize = 256;
 
@@ -185,11 +190,12 @@ pub struct RollingImage {
     free: Vec<usize>,
     /// All groups with all their lanes.
     every_slot: Vec<(usize, u16)>,
-    /// The root, then children by eights, in no order that matters.
-    cubes: Vec<Cube>,
-    /// Where eight dead ones stand side by side.
+    /// The root alone in the first, then in no order that matters.
+    eights: Vec<Eight>,
+    /// Eights that wait to be used again.
     free_eights: Vec<u32>,
     bricks: Vec<Brick>,
+    sums: Vec<Sums>,
     threshold: i64,
     waiting: usize,
     work: RollingWork,
@@ -226,9 +232,10 @@ impl RollingImage {
             stack,
             slots: VecDeque::new(),
             free: (0..slots).rev().collect(),
-            cubes: Vec::new(),
+            eights: Vec::new(),
             free_eights: Vec::new(),
             bricks: Vec::new(),
+            sums: Vec::new(),
             threshold: 0,
             waiting: 0,
             work: RollingWork::default(),
@@ -250,30 +257,59 @@ impl RollingImage {
         self.slots.push_back(new);
         self.work.sweeps += 1;
         let old = if self.slots.len() > self.settings.window { self.slots.pop_front() } else { None };
-        let greatest = self.roll(new, old);
+        let greatest = self.roll_bricks(new, old);
+        self.threshold = self.threshold_for(greatest);
+        let (low, promising) = self.roll_cubes(new, old);
         if let Some(old) = old {
             self.stack.empty(old);
             self.free.push(old);
         }
-        self.threshold = self.threshold_for(greatest);
         if self.slots.len() >= self.settings.min_sweeps.min(self.settings.window) {
-            self.drop_what_is_too_low();
-            self.open_what_may_reach();
+            low.into_iter().for_each(|cube| self.close(cube));
+            let alive = |cube: u32| self.eights[cube as usize / 8].alive >> (cube % 8) & 1 == 1;
+            self.open(promising.into_iter().filter(|promise| alive(promise.2)).collect());
         }
         Ok(())
     }
 
-    /// Adds one sweep to everything alive and takes another out; returns the greatest sum.
-    fn roll(&mut self, new: usize, old: Option<usize>) -> i32 {
-        let (stack, maxima, shape) = (&self.stack, &self.maxima, self.shape);
-        let roll = |cubes: &mut [Cube]| on_widest(RollCubes { stack, maxima, cubes, new, old });
-        self.cubes.par_chunks_mut(CUBES).for_each(roll);
-        let roll = |bricks: &mut [Brick]| on_widest(RollBricks { stack, shape, bricks, new, old });
-        let each = self.bricks.par_chunks_mut(BRICKS).map(roll);
+    /// Adds one sweep to every brick and takes another out; returns the greatest sum.
+    fn roll_bricks(&mut self, new: usize, old: Option<usize>) -> i32 {
+        let (stack, shape) = (&self.stack, self.shape);
+        let parts = self.bricks.par_chunks(BRICKS).zip(self.sums.par_chunks_mut(BRICKS));
+        let each = parts.map(|(bricks, sums)| on_widest(RollBricks { stack, shape, bricks, sums, new, old }));
         let (updates, greatest) = each.reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1.max(b.1)));
         self.work.updates += updates;
-        self.work.bounds += (self.cubes.len() * (1 + usize::from(old.is_some()))) as u64;
         greatest
+    }
+
+    /// Adds one sweep's bounds to every cube and takes another's out; returns the open cubes that are too low now and the
+    /// closed ones that may hold a voxel at the threshold.
+    fn roll_cubes(&mut self, new: usize, old: Option<usize>) -> (Vec<u32>, Vec<Promise>) {
+        let (stack, maxima, threshold) = (&self.stack, &self.maxima, self.threshold);
+        let limit = (threshold as f64 * self.settings.drop_share) as i64;
+        let roll = |(part, eights): (usize, &mut [Eight])| {
+            let cubes = on_widest(RollCubes { stack, maxima, eights: &mut *eights, new, old });
+            let (mut low, mut promising) = (Vec::new(), Vec::new());
+            for (e, eight) in eights.iter().enumerate().filter(|(_, eight)| eight.alive != 0) {
+                for n in (0..8).filter(|n| eight.alive >> n & 1 == 1) {
+                    let cube = ((part * EIGHTS + e) * 8 + n) as u32;
+                    if eight.opened[n] == CLOSED && eight.bound[n] >= threshold {
+                        promising.push((eight.bound[n], Reverse(eight.place(n)), cube));
+                    } else if eight.opened[n] != CLOSED && eight.bound[n] < limit {
+                        low.push(cube);
+                    }
+                }
+            }
+            (cubes, low, promising)
+        };
+        let parts: Vec<_> = self.eights.par_chunks_mut(EIGHTS).enumerate().map(roll).collect();
+        let (mut low, mut promising) = (Vec::new(), Vec::new());
+        for (cubes, of_part, promising_of_part) in parts {
+            self.work.bounds += cubes * (1 + u64::from(old.is_some()));
+            low.extend(of_part);
+            promising.extend(promising_of_part);
+        }
+        (low, promising)
     }
 
     /// The share of the peak, but no lower than what noise may reach.
@@ -289,56 +325,45 @@ impl RollingImage {
         floor.max(share).max(1.0) as i64
     }
 
-    fn drop_what_is_too_low(&mut self) {
-        let limit = (self.threshold as f64 * self.settings.drop_share) as i64;
-        for at in 0..self.cubes.len() {
-            let cube = &self.cubes[at];
-            if cube.alive && cube.opened != Opened::No && cube.bound < limit {
-                self.close(at);
-            }
-        }
-    }
-
     /// Forgets what lies within a cube, but not the cube.
-    fn close(&mut self, at: usize) {
-        match std::mem::replace(&mut self.cubes[at].opened, Opened::No) {
-            Opened::No => {}
-            Opened::Cubes(first) => {
-                for child in first as usize..first as usize + 8 {
-                    self.close(child);
-                    self.cubes[child].alive = false;
-                }
-                self.free_eights.push(first);
-            }
-            Opened::Brick(brick) => {
-                self.work.dropped += 1;
-                self.bricks.swap_remove(brick as usize);
-                if let Some(moved) = self.bricks.get(brick as usize) {
-                    self.cubes[moved.cube as usize].opened = Opened::Brick(brick);
-                }
-            }
+    fn close(&mut self, cube: u32) {
+        let (e, n) = (cube as usize / 8, cube as usize % 8);
+        let level = self.eights[e].level;
+        let within = std::mem::replace(&mut self.eights[e].opened[n], CLOSED);
+        if within == CLOSED {
+            return;
+        }
+        if level > 0 {
+            (0..8).for_each(|n| self.close(within * 8 + n));
+            self.eights[within as usize].alive = 0;
+            self.free_eights.push(within);
+            return;
+        }
+        self.work.dropped += 1;
+        self.bricks.swap_remove(within as usize);
+        self.sums.swap_remove(within as usize);
+        if let Some(moved) = self.bricks.get(within as usize) {
+            self.eights[moved.cube as usize / 8].opened[moved.cube as usize % 8] = within;
         }
     }
 
     /// Opens cubes that may hold a voxel at the threshold, the most promising first, as far as the work allows.
-    fn open_what_may_reach(&mut self) {
-        if self.cubes.is_empty() {
-            self.insert_root();
+    fn open(&mut self, promising: Vec<Promise>) {
+        let mut heap = BinaryHeap::from(promising);
+        if self.eights.is_empty() {
+            self.insert_root(&mut heap);
         }
         let mut left = self.settings.max_opening;
-        let closed = self.cubes.iter().enumerate().filter(|(_, c)| c.alive && c.opened == Opened::No);
-        let promising = closed.filter(|(_, c)| c.bound >= self.threshold);
-        let mut heap: BinaryHeap<Promise> = promising.map(|(at, c)| (c.bound, Reverse(c.place), at)).collect();
         while !heap.is_empty() && left > 0 && self.bricks.len() < self.settings.max_bricks {
-            let batch: Vec<usize> = std::iter::from_fn(|| heap.pop()).take(BATCH).map(|promise| promise.2).collect();
-            let opened: Vec<Inside> = batch.par_iter().map(|&at| self.inside(self.cubes[at].place)).collect();
+            let batch: Vec<Promise> = std::iter::from_fn(|| heap.pop()).take(BATCH).collect();
+            let opened: Vec<Inside> = batch.par_iter().map(|(_, place, _)| self.inside(place.0)).collect();
             let mut greatest = 0;
-            for (at, inside) in batch.into_iter().zip(opened) {
+            for ((_, _, cube), inside) in batch.into_iter().zip(opened) {
                 left = left.saturating_sub(inside.updates + inside.bounds);
                 self.work.updates += inside.updates;
                 self.work.bounds += inside.bounds;
-                greatest = greatest.max(inside.brick.as_ref().map_or(0, Brick::greatest));
-                self.put_inside(at, inside, &mut heap);
+                greatest = greatest.max(inside.brick.as_ref().map_or(0, |(brick, sums)| sums.greatest(brick.within)));
+                self.put_inside(cube, inside, &mut heap);
             }
             // A new peak may leave the rest of the heap below the threshold.
             self.threshold = self.threshold.max(self.threshold_for(greatest));
@@ -350,65 +375,70 @@ impl RollingImage {
         self.work.carried_over += heap.len() as u64;
     }
 
-    fn put_inside(&mut self, at: usize, inside: Inside, heap: &mut BinaryHeap<Promise>) {
-        if let Some(brick) = inside.brick {
-            self.cubes[at].opened = Opened::Brick(self.bricks.len() as u32);
-            self.bricks.push(Brick { cube: at as u32, ..brick });
+    fn put_inside(&mut self, cube: u32, inside: Inside, heap: &mut BinaryHeap<Promise>) {
+        let (e, n) = (cube as usize / 8, cube as usize % 8);
+        if let Some((brick, sums)) = inside.brick {
+            self.eights[e].opened[n] = self.bricks.len() as u32;
+            self.bricks.push(Brick { cube, ..brick });
+            self.sums.push(sums);
             self.work.opened += 1;
-            return;
         }
-        let first = self.free_eights.pop().unwrap_or_else(|| {
-            let first = self.cubes.len();
-            self.cubes.resize(first + 8, Cube::DEAD);
-            first as u32
-        });
-        self.cubes[at].opened = Opened::Cubes(first);
-        for (to, child) in (first as usize..).zip(inside.cubes) {
-            let child = child.unwrap_or(Cube::DEAD);
-            if child.alive && child.bound >= self.threshold {
-                heap.push((child.bound, Reverse(child.place), to));
+        if let Some(eight) = inside.eight {
+            let at = self.free_eights.pop().unwrap_or(self.eights.len() as u32);
+            self.eights[e].opened[n] = at;
+            let promises = (0..8).filter(|&n| eight.alive >> n & 1 == 1 && eight.bound[n] >= self.threshold);
+            heap.extend(promises.map(|n| (eight.bound[n], Reverse(eight.place(n)), at * 8 + n as u32)));
+            match self.eights.get_mut(at as usize) {
+                Some(free) => *free = eight,
+                None => self.eights.push(eight),
             }
-            self.cubes[to] = child;
         }
     }
 
-    fn insert_root(&mut self) {
+    fn insert_root(&mut self, heap: &mut BinaryHeap<Promise>) {
         let most = self.grid.bricks().into_iter().max().unwrap_or(1);
-        let root = self.fresh_cube(Place { level: most.next_power_of_two().ilog2(), at: [0; 3] });
-        self.cubes.extend(root);
+        let mut root = Eight::new(most.next_power_of_two().ilog2(), [0; 3]);
+        if let Some((of, bound)) = self.bounded(root.place(0)) {
+            root.put(0, &of, bound);
+            heap.push((bound, Reverse(root.place(0)), 0));
+            self.eights.push(root);
+        }
     }
 
-    fn fresh_cube(&self, place: Place) -> Option<Cube> {
+    /// A cube's box and its bound over the window; `None` beyond the grid.
+    fn bounded(&self, place: Place) -> Option<(VoxelBox, i64)> {
         let of = VoxelBox::of(&self.grid, self.stack.origin_m(), place.level, place.brick())?;
-        let bound = on_widest(SumBounds { stack: &self.stack, maxima: &self.maxima, of });
-        Some(Cube { place, of, bound, opened: Opened::No, alive: true })
+        Some((of, on_widest(SumBounds { stack: &self.stack, maxima: &self.maxima, of })))
     }
 
     /// What lies within a cube, summed afresh over the window.
     fn inside(&self, place: Place) -> Inside {
-        let mut inside = Inside::default();
         if place.level > 0 {
-            inside.cubes = std::array::from_fn(|n| self.fresh_cube(place.child(n as u32)));
-            inside.bounds = (inside.cubes.iter().flatten().count() * self.slots.len()) as u64;
-            return inside;
+            let mut eight = Eight::new(place.level - 1, place.at);
+            for n in 0..8 {
+                if let Some((of, bound)) = self.bounded(eight.place(n)) {
+                    eight.put(n, &of, bound);
+                }
+            }
+            let bounds = u64::from(eight.alive.count_ones()) * self.slots.len() as u64;
+            return Inside { eight: Some(eight), brick: None, updates: 0, bounds };
         }
         let center = self.grid.brick_center(place.brick(), self.stack.origin_m());
         let found = AddPower { stack: &self.stack, shape: self.shape, center, slots: &self.every_slot }.sums();
         let within = self.grid.voxels_of(place.brick()).fold(0u64, |bits, (n, _)| bits | 1 << n);
-        inside.updates = found.updates;
-        let mut sums = [[0; LANES]; EDGE];
+        let mut sums = Sums([[0; LANES]; EDGE]);
         // Each sweep is held to its part of what 32 bit can hold.
-        sums.as_flattened_mut().iter_mut().zip(found.sums).for_each(|(to, sum)| *to = sum as i32);
-        inside.brick = Some(Brick { place, cube: 0, center, within, sums });
-        inside
+        sums.0.as_flattened_mut().iter_mut().zip(found.sums).for_each(|(to, sum)| *to = sum as i32);
+        let brick = Brick { place, cube: 0, center, within };
+        Inside { eight: None, brick: Some((brick, sums)), updates: found.updates, bounds: 0 }
     }
 
     /// The voxels at or above the threshold: index into a volume's values and value, by rising index.
     pub fn voxels(&self) -> Vec<(usize, f32)> {
         let mut voxels: Vec<(usize, f32)> = Vec::new();
-        for brick in &self.bricks {
+        for (brick, sums) in self.bricks.iter().zip(&self.sums) {
             let of_brick = self.grid.voxels_of(brick.place.brick());
-            let with_sum = of_brick.map(|(n, index)| (index, i64::from(brick.sums[n / LANES][n % LANES])));
+            let with_sum = of_brick.map(|(n, index)| (index, i64::from(sums.0[n / LANES][n % LANES])));
             let above = with_sum.filter(|v| v.1 >= self.threshold);
             voxels.extend(above.map(|(index, sum)| (index, self.stack.value_of(sum))));
         }
@@ -441,7 +471,8 @@ impl RollingImage {
 
     /// Cubes and bricks alive.
     pub fn alive(&self) -> (usize, usize) {
-        (self.cubes.len() - 8 * self.free_eights.len(), self.bricks.len())
+        let cubes = self.eights.iter().map(|eight| eight.alive.count_ones() as usize).sum();
+        (cubes, self.bricks.len())
     }
 
     /// The window's sweeps, for a dense image of the same.
@@ -451,22 +482,22 @@ impl RollingImage {
 }
 
 /// What opening a cube brings.
-#[derive(Default)]
 struct Inside {
-    cubes: [Option<Cube>; 8],
-    brick: Option<Brick>,
+    eight: Option<Eight>,
+    brick: Option<(Brick, Sums)>,
     updates: u64,
     bounds: u64,
 }
 
 /// A cube that may hold a voxel at the threshold: bound, place, index.
-type Promise = (i64, Reverse<Place>, usize);
+type Promise = (i64, Reverse<Place>, u32);
 
 /// Adds one sweep to each brick and takes another out; gives the updates and the greatest sum.
 struct RollBricks<'a> {
     stack: &'a SweepStack,
     shape: BrickShape,
-    bricks: &'a mut [Brick],
+    bricks: &'a [Brick],
+    sums: &'a mut [Sums],
     new: usize,
     old: Option<usize>,
 }
@@ -476,14 +507,14 @@ impl Kernel for RollBricks<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) -> (u64, i32) {
-        let Self { stack, shape, bricks, new, old } = self;
+        let Self { stack, shape, bricks, sums, new, old } = self;
         let offsets = Offsets::new(s, &shape);
         let (mut updates, mut greatest) = (0, 0);
         let mut most = s.splat_int(0);
-        for sixteen in bricks.chunks_mut(LANES) {
+        for (sixteen, sums) in bricks.chunks(LANES).zip(sums.chunks_mut(LANES)) {
             let comes = one_before_bricks(s, stack, &shape, sixteen, new);
             let goes = one_before_bricks(s, stack, &shape, sixteen, old.unwrap_or(new));
-            for (l, brick) in sixteen.iter_mut().enumerate() {
+            for (l, (brick, sums)) in sixteen.iter().zip(sums).enumerate() {
                 let mut more = [s.splat_int(0); EDGE];
                 updates += add_one(s, stack, &shape, &comes, l, new, brick.center, &offsets, &mut more);
                 let mut less = [s.splat_int(0); EDGE];
@@ -492,14 +523,14 @@ impl Kernel for RollBricks<'_> {
                 }
                 let mut most_here = most;
                 for layer in 0..EDGE {
-                    let sum = s.add_int(s.load_int(&brick.sums[layer]), s.sub_int(more[layer], less[layer]));
-                    brick.sums[layer] = s.store_int(sum);
+                    let sum = s.add_int(s.load_int(&sums.0[layer]), s.sub_int(more[layer], less[layer]));
+                    sums.0[layer] = s.store_int(sum);
                     most_here = s.max_int(most_here, sum);
                 }
                 if brick.within == u64::MAX {
                     most = most_here;
                 } else {
-                    greatest = greatest.max(brick.greatest());
+                    greatest = greatest.max(sums.greatest(brick.within));
                 }
             }
         }
@@ -564,30 +595,32 @@ fn add_one<S: Lanes>(
     0
 }
 
-/// Adds one sweep's bound to each cube's and takes another's out.
+/// Adds one sweep's bound to each cube's and takes another's out; gives the number of cubes.
 struct RollCubes<'a> {
     stack: &'a SweepStack,
     maxima: &'a RangeMaxima,
-    cubes: &'a mut [Cube],
+    eights: &'a mut [Eight],
     new: usize,
     old: Option<usize>,
 }
 
 impl Kernel for RollCubes<'_> {
-    type Out = ();
+    type Out = u64;
 
     #[inline(always)]
-    fn run<S: Lanes>(self, s: S) {
-        let Self { stack, maxima, cubes, new, old } = self;
-        for sixteen in cubes.chunks_mut(LANES) {
-            if !sixteen.iter().any(|cube| cube.alive) {
+    fn run<S: Lanes>(self, s: S) -> u64 {
+        let Self { stack, maxima, eights, new, old } = self;
+        let mut cubes = 0;
+        for two in eights.chunks_mut(2) {
+            if two.iter().fold(0, |alive, eight| alive | eight.alive) == 0 {
                 continue;
             }
             let (mut center, mut half) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
-            for (l, cube) in sixteen.iter().enumerate() {
+            for (k, eight) in two.iter().enumerate() {
+                cubes += u64::from(eight.alive.count_ones());
                 for axis in 0..3 {
-                    center[axis][l] = cube.of.center_m[axis];
-                    half[axis][l] = cube.of.half_m[axis];
+                    center[axis][k * 8..k * 8 + 8].copy_from_slice(&eight.center_m[axis]);
+                    half[axis][k * 8..k * 8 + 8].copy_from_slice(&eight.half_m[axis]);
                 }
             }
             let (center, half) = (load3(s, &center), load3(s, &half));
@@ -598,10 +631,13 @@ impl Kernel for RollCubes<'_> {
                 let sweep = SweepLanes::one(s, &stack.groups[old / LANES], old, maxima);
                 less = bounds(s, stack, maxima, &sweep, center, half);
             }
-            for (l, cube) in sixteen.iter_mut().enumerate() {
-                cube.bound += i64::from(more[l]) - i64::from(less[l]);
+            for (k, eight) in two.iter_mut().enumerate() {
+                for n in 0..8 {
+                    eight.bound[n] += i64::from(more[k * 8 + n]) - i64::from(less[k * 8 + n]);
+                }
             }
         }
+        cubes
     }
 }
 
@@ -677,8 +713,10 @@ mod tests {
                 let wanted: Vec<_> = all.filter(|v| v.1 >= image.threshold()).collect();
                 assert_eq!(image.voxels(), wanted, "{n}");
                 // Every cube alive carries the bound that a fresh one has.
-                for cube in image.cubes.iter().filter(|cube| cube.alive) {
-                    assert_eq!(Some(cube.bound), image.fresh_cube(cube.place).map(|fresh| fresh.bound));
+                for eight in &image.eights {
+                    for n in (0..8).filter(|n| eight.alive >> n & 1 == 1) {
+                        assert_eq!(Some(eight.bound[n]), image.bounded(eight.place(n)).map(|fresh| fresh.1));
+                    }
                 }
             }
             assert!(image.work().dropped > 0, "{:?}", image.work());
