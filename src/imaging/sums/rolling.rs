@@ -548,8 +548,8 @@ fn one_before_bricks<S: Lanes>(s: S, stack: &SweepStack, shape: &BrickShape, bri
     let mut sixteen = group.clone();
     for l in 0..LANES {
         let center = bricks[l.min(bricks.len() - 1)].center;
-        for axis in 0..3 {
-            sixteen.position_m[axis][l] = group.position_m[axis][of] - center[axis];
+        for (axis, center) in center.into_iter().enumerate() {
+            sixteen.position_m[axis][l] = group.position_m[axis][of] - center;
             sixteen.velocity_m_per_s[axis][l] = group.velocity_m_per_s[axis][of];
             sixteen.forward[axis][l] = group.forward[axis][of];
         }
@@ -583,12 +583,12 @@ fn add_one<S: Lanes>(
     if sight.edge >> l & 1 == 1 {
         let slots = [(slot / LANES, 1 << (slot % LANES))];
         let found = AddPower { stack, shape: *shape, center, slots: &slots }.sums();
-        for layer in 0..EDGE {
+        for (layer, sums) in sums.iter_mut().enumerate() {
             let mut lanes = [0; LANES];
             for (lane, sum) in lanes.iter_mut().zip(&found.sums[layer * LANES..]) {
                 *lane = *sum as i32;
             }
-            sums[layer] = s.load_int(&lanes);
+            *sums = s.load_int(&lanes);
         }
         return found.updates;
     }
