@@ -35,7 +35,10 @@ impl BenchmarkCommand {
         self.check_targets()?;
         let benchmark = Benchmark::new(if self.quick { Plan::quick() } else { Plan::full() })?;
         let bar = progress::bar(benchmark.cases() as u64, "measuring");
-        let rows = benchmark.run(|done| bar.set_position(done as u64))?;
+        let rows = benchmark.run(|row| {
+            log::info!("{}: {:.3} ms, {:.1} mm", row.case.name(), row.median_s * 1e3, row.error_m * 1e3);
+            bar.inc(1);
+        })?;
         bar.finish_and_clear();
         let (threads, instructions) = (rayon::current_num_threads(), instruction_set());
         let machine = format!("{threads} threads, {instructions}");

@@ -98,8 +98,8 @@ pub struct Plan {
 const STATISTICS: [Statistic; 5] =
     [Statistic::Thesis, Statistic::Ls, Statistic::Log, Statistic::Glrt, Statistic::Coherent];
 /// Dense volumes with more updates are left out, except for those of `ls`, up to the second number.
-const MOST_DENSE_UPDATES: f64 = 4e8;
-const MOST_DENSE_UPDATES_LS: f64 = 3.2e9;
+const MOST_DENSE_UPDATES: f64 = 1e8;
+const MOST_DENSE_UPDATES_LS: f64 = 8e8;
 /// Edge of the cube, metres.
 pub(super) const CUBE_M: f64 = 3.0;
 
