@@ -94,11 +94,11 @@ pub struct Plan {
     pub rolling_seeds: u64,
 }
 
-/// The statistics that everything is measured for.
+/// The statistics that everything is measured for. `blocks` is none of them: it needs a faster sensor.
 const STATISTICS: [Statistic; 5] =
     [Statistic::Thesis, Statistic::Ls, Statistic::Log, Statistic::Glrt, Statistic::Coherent];
 /// Dense volumes with more updates are left out, except for those of `ls`, up to the second number.
-const MOST_DENSE_UPDATES: f64 = 1e8;
+const MOST_DENSE_UPDATES: f64 = 5e7;
 const MOST_DENSE_UPDATES_LS: f64 = 8e8;
 /// Edge of the cube, metres.
 pub(super) const CUBE_M: f64 = 3.0;
@@ -117,8 +117,6 @@ impl Plan {
     /// Everything.
     pub fn full() -> Self {
         let mut cases = vec![Case { voxel_m: 0.1, sweeps: 20, search: Search::Oracle, ..BASE }];
-        let blocks = Case { statistic: Statistic::Blocks, sweeps: 0, search: Search::Dense, ..BASE };
-        cases.extend([0.1, 0.05].map(|voxel_m| Case { voxel_m, ..blocks }));
         for statistic in STATISTICS {
             cases.extend(grid_of(statistic, &[0.1, 0.05, 0.024, 0.012], &[20, 50, 200]));
             cases.extend([50, 200].map(|sweeps| Case { statistic, sweeps, refined: true, ..BASE }));
@@ -139,7 +137,7 @@ impl Plan {
         for voxel_m in [0.024, 0.012] {
             cases.extend([Search::Window, Search::Rolling].map(|search| Case { voxel_m, sweeps: 200, search, ..BASE }));
         }
-        Self { cases: each_once(cases), seeds: 16, oracle_seeds: 4, rolling_seeds: 4 }
+        Self { cases: each_once(cases), seeds: 12, oracle_seeds: 3, rolling_seeds: 3 }
     }
 
     /// A little of everything, in seconds.

@@ -4,7 +4,6 @@ use serde_json::{Value, json};
 
 use super::plan::{Case, Search};
 use super::row::Row;
-use crate::imaging::Statistic;
 use crate::report::{Table, TradeMark, TradeOff, TradePoint};
 
 /// One row a case; those on the front have a star.
@@ -128,7 +127,7 @@ fn described(case: &Case) -> String {
         "all" | "newest" | "farthest-point" => String::new(),
         other => format!(" by {other}"),
     };
-    let search = if case.statistic == Statistic::Blocks { "dense" } else { case.search.name() };
+    let search = case.search.name();
     let refined = if case.refined { ", refined" } else { "" };
     format!("{statistic}, {voxel_cm} cm, {sweeps} sweeps{chosen}, {search}{refined}")
 }

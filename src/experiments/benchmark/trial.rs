@@ -10,7 +10,7 @@ use super::row::{Sample, Samples};
 use crate::geometry::Aabb;
 use crate::imaging::blocks::BlockSettings;
 use crate::imaging::sums::{BrickGrid, SweepStack, Threshold, dense_volume, search};
-use crate::imaging::{Oracle, PositionErrors, RangePower, Statistic, blocks_volume, oracle_volume, refine};
+use crate::imaging::{Oracle, PositionErrors, RangePower, oracle_volume, refine};
 use crate::radar::{Beam, Observation};
 
 pub(super) const BEAM: Beam = Beam::Lensless;
@@ -86,10 +86,6 @@ fn search_place(case: &Case, sweeps: &[Observation], region: &Aabb) -> Imaged {
     if case.search == Search::Oracle {
         let oracle = Oracle::new(sweeps, &BEAM, &BlockSettings::default());
         let volume = oracle_volume(&oracle, case.statistic, region, case.voxel_m);
-        return Imaged { place_m: peak(&volume.values, &grid), updates: dense_updates, bounds: 0 };
-    }
-    if case.statistic == Statistic::Blocks {
-        let volume = blocks_volume(sweeps, &BEAM, &BlockSettings::default(), region, case.voxel_m);
         return Imaged { place_m: peak(&volume.values, &grid), updates: dense_updates, bounds: 0 };
     }
     let (stack, _) = SweepStack::of(case.statistic, &BEAM, sweeps, grid.middle_m());
