@@ -6,6 +6,7 @@
 
 pub mod cli;
 pub mod engine;
+pub mod experiments;
 pub mod geometry;
 pub mod imaging;
 pub mod obstacles;

@@ -14,6 +14,7 @@ macro_rules! say {
     }};
 }
 
+mod benchmark;
 mod demo;
 mod files;
 mod import;
@@ -49,6 +50,7 @@ enum Command {
     Import(import::Import),
     Info(info::Info),
     Recover(recover::Recover),
+    Benchmark(benchmark::BenchmarkCommand),
 }
 
 /// The error and its causes, each thing said once: many errors name their cause in their own words already.
@@ -73,6 +75,7 @@ pub fn run() -> ExitCode {
         Command::Import(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Recover(command) => command.run(),
+        Command::Benchmark(command) => command.run(),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -7,7 +7,8 @@ use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
 use super::style::{FALSE_INK, FOUND_INK, GRID, INK, LABEL_PX, MUTED, PATH_INK, Rgb, TICK_PX, TITLE_PX, short_number};
 
 const SIZE: [f64; 2] = [900.0, 540.0];
-const COLORS: [Rgb; 7] = [FOUND_INK, FALSE_INK, PATH_INK, [204, 121, 167], [230, 159, 0], [86, 180, 233], [70, 76, 88]];
+pub(super) const COLORS: [Rgb; 7] =
+    [FOUND_INK, FALSE_INK, PATH_INK, [204, 121, 167], [230, 159, 0], [86, 180, 233], [70, 76, 88]];
 
 /// What one curve shows.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -113,7 +114,7 @@ impl Chart {
 }
 
 /// The range of all points on one axis with some air; from 0 on a linear axis whose values are all above it.
-fn range(curves: &[Vec<[f64; 2]>], axis: usize, log: bool) -> [f64; 2] {
+pub(super) fn range(curves: &[Vec<[f64; 2]>], axis: usize, log: bool) -> [f64; 2] {
     let values = || curves.iter().flatten().map(|p| p[axis]);
     let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
     if low > high {
@@ -125,7 +126,7 @@ fn range(curves: &[Vec<[f64; 2]>], axis: usize, log: bool) -> [f64; 2] {
 }
 
 /// 1, 2 and 5 of each decade within a range of logarithms; the decades alone where those would be too many.
-fn log_ticks([low, high]: [f64; 2]) -> Vec<f64> {
+pub(super) fn log_ticks([low, high]: [f64; 2]) -> Vec<f64> {
     let decades = high - low;
     let (leads, every): (&[f64], usize) = match decades {
         d if d < 2.5 => (&[1.0, 2.0, 5.0], 1),
@@ -137,7 +138,7 @@ fn log_ticks([low, high]: [f64; 2]) -> Vec<f64> {
     all.filter(|tick| (low..=high).contains(&tick.log10())).collect()
 }
 
-fn plain(tick: f64) -> String {
+pub(super) fn plain(tick: f64) -> String {
     if (1e-3..1e5).contains(&tick) { format!("{}", (tick * 1e6).round() / 1e6) } else { short_number(tick) }
 }
 

@@ -4,6 +4,7 @@
 mod arguments;
 mod bad_content;
 mod bad_files;
+mod benchmark;
 #[path = "../common/mod.rs"]
 mod common;
 mod found;

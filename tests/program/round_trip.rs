@@ -123,7 +123,7 @@ fn the_peak_of_a_volume_lies_at_the_reflector() {
 fn every_command_has_help() {
     let folder = Folder::new("help");
     let text = folder.run("--help").done().out;
-    for command in ["demo", "simulate", "replay", "reconstruct", "import", "info", "recover"] {
+    for command in ["demo", "simulate", "replay", "reconstruct", "import", "info", "recover", "benchmark"] {
         assert!(text.contains(&format!("\n  {command} ")), "{command} is not listed");
         folder.run(&format!("{command} --help")).done().says(&format!("Usage: radar-chaperone {command}"));
     }

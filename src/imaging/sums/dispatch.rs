@@ -27,6 +27,21 @@ pub(in crate::imaging) fn on_widest<K: Kernel>(kernel: K) -> K::Out {
     kernel.run(Plain)
 }
 
+/// The instructions that sums run on, on this machine.
+pub fn instruction_set() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use super::lanes::{Avx2, Avx512};
+        if Avx512::detect().is_some() {
+            return "AVX-512";
+        }
+        if Avx2::detect().is_some() {
+            return "AVX2";
+        }
+    }
+    "plain instructions"
+}
+
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vl,fma")]
 fn avx512<K: Kernel>(s: super::lanes::Avx512, kernel: K) -> K::Out {

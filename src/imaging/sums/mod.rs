@@ -16,6 +16,7 @@ mod stack;
 mod weighted;
 
 pub use dense::{DenseVolume, dense_volume};
+pub use dispatch::instruction_set;
 pub use grid::BrickGrid;
 pub use rolling::{RollingError, RollingImage, RollingSettings, RollingWork};
 pub use search::{Found, SearchWork, Threshold, search};

@@ -1,0 +1,68 @@
+//! A table as text: aligned for a terminal, or in Markdown.
+
+use super::Table;
+
+impl Table {
+    /// Columns side by side, numbers to the right, one row a line.
+    pub fn aligned(&self) -> String {
+        let widths = self.widths();
+        let line = |row: &Vec<String>| {
+            let cells = row.iter().enumerate().map(|(n, cell)| {
+                let width = widths.get(n).copied().unwrap_or(0);
+                if self.is_numeric(n) { format!("{cell:>width$}") } else { format!("{cell:<width$}") }
+            });
+            cells.collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
+        };
+        std::iter::once(&self.head).chain(&self.rows).map(line).collect()
+    }
+
+    /// As Markdown, with the source aligned too.
+    pub fn markdown(&self) -> String {
+        let widths = self.widths();
+        let line = |row: &Vec<String>| {
+            let cells = row.iter().enumerate().map(|(n, cell)| {
+                let (cell, width) = (cell.replace('|', "\\|"), widths.get(n).copied().unwrap_or(0));
+                if self.is_numeric(n) { format!("{cell:>width$}") } else { format!("{cell:<width$}") }
+            });
+            format!("| {} |\n", cells.collect::<Vec<_>>().join(" | "))
+        };
+        let rule = widths
+            .iter()
+            .enumerate()
+            .map(|(n, width)| if self.is_numeric(n) { "-".repeat(width + 1) + ":" } else { "-".repeat(width + 2) });
+        let rule = format!("|{}|\n", rule.collect::<Vec<_>>().join("|"));
+        line(&self.head) + &rule + &self.rows.iter().map(line).collect::<String>()
+    }
+
+    fn widths(&self) -> Vec<usize> {
+        let width = |n: usize| {
+            let cells = std::iter::once(&self.head).chain(&self.rows).filter_map(|row| row.get(n));
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+        };
+        (0..self.head.len()).map(width).collect()
+    }
+
+    /// Whether every cell of a column is a number, a dash or empty, and some are numbers.
+    fn is_numeric(&self, column: usize) -> bool {
+        let cells = || self.rows.iter().filter_map(|row| row.get(column));
+        let number = |cell: &&String| cell.parse::<f64>().is_ok();
+        cells().any(|cell| number(&cell))
+            && cells().all(|cell| number(&cell) || matches!(cell.as_str(), "" | "–" | "all"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_line_up_and_numbers_stand_right() {
+        let row = |cells: [&str; 2]| cells.map(str::to_owned).to_vec();
+        let rows = vec![row(["a", "1.0"]), row(["long", "10.0"]), row(["–", "all"])];
+        let table = Table { head: row(["name", "n"]), rows, caption: String::new() };
+        assert_eq!(table.aligned(), "name     n\na      1.0\nlong  10.0\n–      all\n");
+        assert_eq!(table.markdown().lines().nth(1), Some("|------|-----:|"));
+        assert!(table.markdown().lines().all(|line| line.chars().count() == 15), "{}", table.markdown());
+        assert_eq!(Table::default().aligned(), "\n");
+    }
+}
