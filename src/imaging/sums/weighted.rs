@@ -14,7 +14,8 @@ use crate::radar::WAVELENGTH_M;
 
 /// Largest error of a distance, metres: 1 % of a radian of phase.
 const DISTANCE_ERROR_M: f64 = 4e-6;
-/// Largest error of the beam's amplitude that a parabola may leave.
+/// Largest error of the beam's amplitude that a parabola may leave, as a share of the greatest among the sixteen sweeps: far
+/// off every boresight all amplitudes are small, and only their ratio counts.
 const AMPLITUDE_ERROR: f32 = 1e-3;
 
 /// A shape that is good enough for these sums.
@@ -310,7 +311,11 @@ impl BeamParabola {
         let (x, far) = (s.neg_mul_add(width, s.splat(0.5), high), s.neg_mul_add(width, s.splat(1.5), high));
         let off = s.sub(below(s, beam, cos, high, width, 0.5), s.mul_add(s.mul_add(a2, x, a1), x, a0));
         let off_far = s.sub(below(s, beam, cos, high, width, 1.5), s.mul_add(s.mul_add(a2, far, a1), far, a0));
-        let good = s.at_most(s.max(s.abs(off), s.abs(off_far)), s.splat(AMPLITUDE_ERROR));
+        let seen = sight.inside | sight.edge;
+        let centers = s.store(amplitude(s, beam, cos)).into_iter().enumerate();
+        let most =
+            centers.filter(|(l, _)| seen >> l & 1 == 1).fold(0.0, |most, (_, a)| if a > most { a } else { most });
+        let good = s.at_most(s.max(s.abs(off), s.abs(off_far)), s.splat(AMPLITUDE_ERROR * most));
         Self { terms: [s.store(a0), s.store(a1), s.store(a2)], good: s.bits(good) }
     }
 }
