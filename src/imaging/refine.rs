@@ -9,6 +9,7 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::range_power::{RangePower, Reading};
+use super::symmetric::inverse_above;
 
 /// How well the poses are known; what good lighthouse tracking shows.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -198,7 +199,7 @@ fn data_covariance(
     let wander2 = errors.wander_m * errors.wander_m;
     let shift = DMat3::IDENTITY * (wander2 / independent + errors.mount_m * errors.mount_m);
     // Below 1e-4 rad of aperture nothing is known; the floor keeps the square below within double precision.
-    let spread = symmetric(&(geometry + DMat3::IDENTITY * 1e-8).inverse());
+    let spread = inverse_above(&geometry, 1e-8);
     // An aperture no wider than the wander itself is none: the second term outweighs the first there.
     let distance_m = readings.iter().map(|r| r.distance_m).sum::<f64>() / readings.len() as f64;
     let false_aperture = (3.0 * wander2 / distance_m).powi(2);
@@ -289,12 +290,7 @@ fn trace(m: &DMat3) -> f64 {
 
 /// Inverse of a symmetric, possibly singular matrix: directions without information get a very large variance.
 fn regular_inverse(m: &DMat3) -> DMat3 {
-    let floor = (trace(m) * 1e-12).max(1e-12);
-    symmetric(&(*m + DMat3::IDENTITY * floor).inverse())
-}
-
-fn symmetric(m: &DMat3) -> DMat3 {
-    (*m + m.transpose()) * 0.5
+    inverse_above(m, (trace(m) * 1e-12).max(1e-12))
 }
 
 #[cfg(test)]
