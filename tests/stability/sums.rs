@@ -33,10 +33,12 @@ fn at_an_edge(place: DVec3, observations: &[Observation], beam: &Beam, statistic
     })
 }
 
-/// What D's linear pieces may be off at a place, as a share of its value: ¾·(step/d)² at the nearest sensor.
-fn near_share(place: DVec3, observations: &[Observation]) -> f64 {
+/// What the linear pieces of D, or of the D² that a sum is divided by, may be off at a place, as a share of its value:
+/// ¾·(step/d)² or 1¼·(step/d)² at the nearest sensor.
+fn near_share(place: DVec3, observations: &[Observation], statistic: Statistic) -> f64 {
+    let bend = if matches!(statistic, Statistic::Glrt | Statistic::Coherent) { 1.3 } else { 0.8 };
     let nearest = observations.iter().map(|o| o.distance_m(place)).fold(f64::INFINITY, f64::min);
-    0.8 * (TABLE_STEP_M / nearest).powi(2)
+    bend * (TABLE_STEP_M / nearest).powi(2)
 }
 
 /// One statistic of one case along one path, everywhere: what is off comes back as text.
@@ -66,7 +68,7 @@ fn check(case: &Case, path: &Path, observations: &[Observation], statistic: Stat
         if at_an_edge(place(index), &sound, &case.beam, statistic) {
             continue;
         }
-        let allowed = SHARE * peak + near_share(place(index), &sound) * exact + rounding + least;
+        let allowed = SHARE * peak + near_share(place(index), &sound, statistic) * exact + rounding + least;
         let off = (f64::from(*value) - exact).abs() / allowed;
         if off > worst.0 {
             worst = (off, format!("{what} at {}: {value}, oracle {exact}, peak {peak}", place(index)));
