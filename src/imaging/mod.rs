@@ -14,6 +14,7 @@ mod refine;
 mod selection;
 mod statistic;
 pub mod sums;
+mod symmetric;
 #[cfg(test)]
 pub(crate) mod test_data;
 mod time_offset;

@@ -24,6 +24,7 @@ pub use pair::{JointFit, best_pair, split};
 use sights::{Fit, Measured, measured};
 
 use super::range_power::{RangePower, Reading};
+use super::symmetric::inverse_above;
 #[cfg(test)]
 pub(in crate::imaging) use path_filter::{JITTER_S, PathFilter, Sight, matern};
 
@@ -302,7 +303,7 @@ fn data_covariance(
     // Share of each direction's aperture that errors of two sigmas make up. It counts where it is large, hence the powers.
     let errors_m2 = errors.slow_variance_m2() + errors.jitter_m.powi(2);
     let share = (4.0 * errors_m2 / (distance_m * distance_m)).max(1e-12);
-    let feigned = symmetric(&((geometry + DMat3::IDENTITY * share).inverse() * share));
+    let feigned = inverse_above(&geometry, share) * share;
     let steep = symmetric(&(feigned * feigned));
     fit.covariance_m2() + symmetric(&(steep * steep)) * (FEIGNED_SIGMA * distance_m).powi(2)
 }
@@ -370,7 +371,7 @@ fn trace(m: &DMat3) -> f64 {
 /// Inverse of a symmetric, possibly singular matrix: directions without information get a very large variance.
 fn regular_inverse(m: &DMat3) -> DMat3 {
     let floor = (trace(m) * 1e-12).max(1e-12);
-    symmetric(&(*m + DMat3::IDENTITY * floor).inverse())
+    inverse_above(m, floor)
 }
 
 fn symmetric(m: &DMat3) -> DMat3 {

@@ -139,7 +139,7 @@ impl VoxelBox {
 }
 
 /// Sweeps, one a lane or the same in all.
-pub(super) struct SweepLanes<S: Lanes> {
+pub(super) struct SweepLanes<'a, S: Lanes> {
     pub position: [S::F; 3],
     pub velocity: [S::F; 3],
     pub forward: [S::F; 3],
@@ -148,17 +148,20 @@ pub(super) struct SweepLanes<S: Lanes> {
     pub per_m: S::F,
     pub time_per_m: S::F,
     pub time_at_zero: S::F,
-    /// Where each sweep's range maxima begin.
+    /// Range maxima of these sweeps alone, so that indices stay small however many sweeps there are.
+    pub rows: &'a [i32],
+    /// Where each sweep's begin.
     pub maxima: S::I,
 }
 
-impl<S: Lanes> SweepLanes<S> {
+impl<'a, S: Lanes> SweepLanes<'a, S> {
     /// The sixteen sweeps of a group.
     #[inline(always)]
-    pub(super) fn group(s: S, group: &Group, index: usize, maxima: &RangeMaxima) -> Self {
+    pub(super) fn group(s: S, group: &Group, index: usize, maxima: &'a RangeMaxima) -> Self {
+        let of_sweep = maxima.levels * maxima.stride;
         let mut begin = [0i32; LANES];
         for (l, begin) in begin.iter_mut().enumerate() {
-            *begin = ((index * LANES + l) * maxima.levels * maxima.stride) as i32;
+            *begin = (l * of_sweep) as i32;
         }
         Self {
             position: load3(s, &group.position_m),
@@ -169,14 +172,15 @@ impl<S: Lanes> SweepLanes<S> {
             per_m: s.load(&group.entries_per_m),
             time_per_m: s.load(&group.time_s_per_m),
             time_at_zero: s.load(&group.time_at_zero_s),
+            rows: &maxima.maxima[index * LANES * of_sweep..][..LANES * of_sweep],
             maxima: s.load_int(&begin),
         }
     }
 
     /// One sweep in every lane.
     #[inline(always)]
-    pub(super) fn one(s: S, group: &Group, slot: usize, maxima: &RangeMaxima) -> Self {
-        let l = slot % LANES;
+    pub(super) fn one(s: S, group: &Group, slot: usize, maxima: &'a RangeMaxima) -> Self {
+        let (l, of_sweep) = (slot % LANES, maxima.levels * maxima.stride);
         let of = super::sight::lane3;
         Self {
             position: of(s, &group.position_m, l),
@@ -187,7 +191,8 @@ impl<S: Lanes> SweepLanes<S> {
             per_m: s.splat(group.entries_per_m[l]),
             time_per_m: s.splat(group.time_s_per_m[l]),
             time_at_zero: s.splat(group.time_at_zero_s[l]),
-            maxima: s.splat_int((slot * maxima.levels * maxima.stride) as i32),
+            rows: &maxima.maxima[slot * of_sweep..][..of_sweep],
+            maxima: s.splat_int(0),
         }
     }
 }
@@ -198,7 +203,7 @@ pub(super) fn bounds<S: Lanes>(
     s: S,
     stack: &SweepStack,
     maxima: &RangeMaxima,
-    sweep: &SweepLanes<S>,
+    sweep: &SweepLanes<'_, S>,
     center: [S::F; 3],
     half: [S::F; 3],
 ) -> [i32; LANES] {
@@ -244,7 +249,7 @@ pub(super) fn bounds<S: Lanes>(
     let span = s.gather_int(&maxima.span, count);
     let low = s.add_int(row, s.to_int(low));
     let high = s.add_int(row, s.sub_int(s.to_int(s.add(high, s.splat(1.0))), span));
-    let mut greatest = s.max_int(s.gather_int(&maxima.maxima, low), s.gather_int(&maxima.maxima, high));
+    let mut greatest = s.max_int(s.gather_int(sweep.rows, low), s.gather_int(sweep.rows, high));
     if maxima.weighs_beam && maxima.monotone && !stack.beam.uniform {
         let best = s.min(s.max(s.add(cos, turn), s.splat(-1.0)), s.splat(1.0));
         let amplitude = s.mul(super::weighted::amplitude(s, &stack.beam, best), s.splat(1.001));
