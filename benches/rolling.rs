@@ -31,28 +31,14 @@ fn main() {
         let settings = RollingSettings { statistic, ..Default::default() };
         let mut image =
             RollingImage::new(settings, &Beam::Lensless, &[all[0].geometry.clone()], &grid).expect("sound settings");
-        let mut times_ms = Vec::new();
+        let (mut times_ms, mut complete) = (Vec::new(), 0);
         let (mut cubes, mut bricks) = (0, 0);
         let cpu_before_s = cpu_s();
         for observation in &all {
             let start = Instant::now();
             image.push(observation).expect("sound sweeps");
             times_ms.push(start.elapsed().as_secs_f64() * 1e3);
-            if times_ms.len() % 200 == 0 && std::env::var("EACH").is_ok() {
-                let w = image.work();
-                println!(
-                    "{} alive {:?} set {} opened {} dropped {} carried {} thr {} upd {} bounds {}",
-                    times_ms.len(),
-                    image.alive(),
-                    image.voxels().len(),
-                    w.opened,
-                    w.dropped,
-                    w.carried_over,
-                    image.threshold(),
-                    w.updates,
-                    w.bounds
-                );
-            }
+            complete += usize::from(image.is_complete());
             (cubes, bricks) = (cubes.max(image.alive().0), bricks.max(image.alive().1));
         }
         let work = image.work();
@@ -63,7 +49,7 @@ fn main() {
         let fresh = search(image.stack(), &grid, Threshold::Value(image.threshold()));
         println!(
             "sums/rolling/{}/{}^3x200: median {:.2} ms, p99 {:.2} ms, greatest {:.2} ms, {cpu_ms:.2} ms of one core a sweep; at most {cubes} cubes, {bricks} \
-             bricks; {:.0} M updates/s; carried over {}; complete {}, equal to fresh {}; peak memory {} MB",
+             bricks; {:.0} M updates/s; carried over {}; complete after {complete} of {} sweeps and at the end {}, equal to fresh {}; peak memory {} MB",
             statistic.name(),
             grid.size[0],
             at(0.5),
@@ -71,6 +57,7 @@ fn main() {
             times_ms[times_ms.len() - 1],
             rate,
             work.carried_over,
+            all.len(),
             image.is_complete(),
             fresh.voxels == image.voxels(),
             peak_memory_mb(),

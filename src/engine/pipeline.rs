@@ -54,8 +54,9 @@ pub struct Pipeline {
 
 /// Time between two noted places of the sensor, nanoseconds.
 const PATH_STEP_NS: i64 = 20_000_000;
-/// Time between two estimates of the offset, nanoseconds.
+/// Time between two estimates of the offset, nanoseconds; and while the one in force holds good.
 const ESTIMATE_NS: i64 = 1_000_000_000;
+const SETTLED_ESTIMATE_NS: i64 = 5_000_000_000;
 /// The offset is changed when it is wrong by this many 1σ, and by this much, seconds.
 const SIGNIFICANT: f64 = 3.0;
 const MIN_CHANGE_S: f64 = 0.5e-3;
@@ -100,10 +101,11 @@ impl Pipeline {
         if self.next_estimate_ns.is_none_or(|next_ns| now_ns >= next_ns) {
             // The first one has nothing to go by; a leap in time does not bring a burst of them.
             let first = self.next_estimate_ns.is_none();
-            self.next_estimate_ns = Some(now_ns.saturating_add(ESTIMATE_NS));
             if !first {
                 self.estimate_time_offset();
             }
+            let wait_ns = if self.is_settled() { SETTLED_ESTIMATE_NS } else { ESTIMATE_NS };
+            self.next_estimate_ns = Some(now_ns.saturating_add(wait_ns));
         }
     }
 
@@ -147,6 +149,17 @@ impl Pipeline {
         if self.is_better(&estimate) {
             self.apply(&estimate);
         }
+    }
+
+    /// Whether the last estimate is well known and agrees with the offset in force: it need not be looked at so often then.
+    fn is_settled(&self) -> bool {
+        let agrees = |estimate: &TimeOffset| {
+            let wrong_s = (estimate.offset_s - self.observer.time_offset_s()).abs();
+            estimate.observable
+                && estimate.sigma_s <= 0.5 * self.max_sigma_s
+                && wrong_s <= MIN_CHANGE_S.max(estimate.sigma_s)
+        };
+        self.estimate.as_ref().is_some_and(agrees)
     }
 
     /// Whether an estimate should replace the offset in force.
