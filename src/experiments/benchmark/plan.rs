@@ -98,8 +98,8 @@ pub struct Plan {
 const STATISTICS: [Statistic; 5] =
     [Statistic::Thesis, Statistic::Ls, Statistic::Log, Statistic::Glrt, Statistic::Coherent];
 /// Dense volumes with more updates are left out, except for those of `ls`, up to the second number.
-const MOST_DENSE_UPDATES: f64 = 5e7;
-const MOST_DENSE_UPDATES_LS: f64 = 8e8;
+const MOST_DENSE_UPDATES: f64 = 3e7;
+const MOST_DENSE_UPDATES_LS: f64 = 4e8;
 /// Edge of the cube, metres.
 pub(super) const CUBE_M: f64 = 3.0;
 
@@ -137,7 +137,7 @@ impl Plan {
         for voxel_m in [0.024, 0.012] {
             cases.extend([Search::Window, Search::Rolling].map(|search| Case { voxel_m, sweeps: 200, search, ..BASE }));
         }
-        Self { cases: each_once(cases), seeds: 12, oracle_seeds: 3, rolling_seeds: 3 }
+        Self { cases: each_once(cases), seeds: 6, oracle_seeds: 2, rolling_seeds: 1 }
     }
 
     /// A little of everything, in seconds.
