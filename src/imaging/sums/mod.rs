@@ -2,6 +2,7 @@
 //!
 //! A [`SweepStack`] holds the sweeps, a [`BrickGrid`] the voxels.
 
+mod alive;
 mod beam_table;
 mod bounds;
 mod dense;
