@@ -1,15 +1,18 @@
-//! What a rolling image keeps alive (cubes with their bounds, bricks with their sums), and how one sweep is added to all of
-//! them while another is taken out: sixteen cubes or bricks before one sweep at a time.
+//! The octree of a rolling image: cubes with the most that they can hold, which says enough until it reaches the threshold.
+//!
+//! Each cube carries the sum of its sweeps' bounds; one sweep at a time comes to all cubes and another goes. A brick at rest
+//! has a second bound: the greatest sum that it had, and what has come since at most. The lesser of the two counts. What
+//! every sweep changes lies by itself and takes 96 bytes for eight cubes: the time goes into streaming through it.
 
-use super::bounds::{RangeMaxima, SweepLanes, VoxelBox, bounds, box_lanes};
+use super::bounds::{BoxLanes, RangeMaxima, SweepLanes, bounds};
 use super::dispatch::Kernel;
+use super::grid::BrickGrid;
 use super::lanes::{LANES, Lanes};
-use super::power::{AddPower, add_inside};
-use super::sight::{BrickShape, EDGE, Offsets, Sight, VOXELS, load3};
+use super::sight::EDGE;
 use super::stack::SweepStack;
 
 /// Where a cube of 2^level bricks lies: its number along each axis.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Place {
     pub(super) level: u32,
     pub(super) at: [u32; 3],
@@ -19,32 +22,38 @@ impl Place {
     pub(super) fn brick(self) -> [usize; 3] {
         self.at.map(|n| n as usize)
     }
+
+    /// Whether some voxel of the grid lies in it.
+    fn is_within(self, grid: &BrickGrid) -> bool {
+        (0..3).all(|axis| ((self.at[axis] as usize) << self.level) * EDGE < grid.size[axis])
+    }
 }
 
 /// Not opened: the cube's bound says enough.
 pub(super) const CLOSED: u32 = u32::MAX;
+/// The bound of a cube whose sums were never known.
+const UNKNOWN: i32 = i32::MAX;
 
-/// Eight cubes that fill a larger one, side by side as the kernel takes them. Cube `n` of eight `e` has the index 8·e + n.
+/// Eight cubes that fill a larger one. Cube `n` of eight `e` has the index 8·e + n.
 #[derive(Debug, Clone)]
 pub(super) struct Eight {
     /// Of the cubes.
-    pub(super) level: u32,
+    level: u32,
     /// Of the larger cube.
-    pub(super) at: [u32; 3],
-    /// Bit n: cube n lies in the grid and is in use.
-    pub(super) alive: u8,
-    /// `[axis][cube]`, see [`VoxelBox`].
-    pub(super) center_m: [[f32; 8]; 3],
-    pub(super) half_m: [[f32; 8]; 3],
-    pub(super) bound: [i64; 8],
+    at: [u32; 3],
+    /// Index of the larger cube; [`CLOSED`] for the root's.
+    pub(super) larger: u32,
     /// What each has been opened to: an eight, or at level 0 a brick.
     pub(super) opened: [u32; 8],
 }
 
 impl Eight {
-    pub(super) fn new(level: u32, at: [u32; 3]) -> Self {
-        let (center_m, half_m) = ([[0.0; 8]; 3], [[0.0; 8]; 3]);
-        Self { level, at, alive: 0, center_m, half_m, bound: [0; 8], opened: [CLOSED; 8] }
+    pub(super) fn new(level: u32, at: [u32; 3], larger: u32) -> Self {
+        Self { level, at, larger, opened: [CLOSED; 8] }
+    }
+
+    pub(super) fn level(&self) -> u32 {
+        self.level
     }
 
     pub(super) fn place(&self, n: usize) -> Place {
@@ -52,146 +61,111 @@ impl Eight {
         Place { level: self.level, at: std::array::from_fn(|axis| self.at[axis] * 2 + bits[axis] as u32) }
     }
 
-    pub(super) fn put(&mut self, n: usize, of: &VoxelBox, bound: i64) {
-        self.alive |= 1 << n;
-        self.bound[n] = bound;
-        for axis in 0..3 {
-            (self.center_m[axis][n], self.half_m[axis][n]) = (of.center_m[axis], of.half_m[axis]);
-        }
+    /// None of the cubes has been opened.
+    pub(super) fn is_bare(&self) -> bool {
+        self.opened == [CLOSED; 8]
     }
 }
 
+/// The bounds of eight cubes.
 #[derive(Debug, Clone)]
-pub(super) struct Brick {
-    pub(super) place: Place,
-    /// Index of the cube that it fills.
-    pub(super) cube: u32,
-    pub(super) center: [f32; 3],
-    /// Bit n: voxel n lies within the grid.
-    pub(super) within: u64,
+#[repr(align(32))]
+pub(super) struct Bounds {
+    /// The sum of the window's bounds. Each sweep's is held to its part of what 32 bit can hold.
+    sum: [i32; 8],
+    /// What a brick at rest can hold at most by its own sums.
+    most: [i32; 8],
+    /// Of the larger cube, metres from the stack's origin.
+    center_m: [f32; 3],
+    /// From it to the centres of the eight along an axis, metres.
+    apart_m: f32,
+    /// Half of an edge between the outermost voxel centres of a cube, metres; a little more than exact.
+    half_m: f32,
+    /// The greatest bound that was watched when the last sweep came, or 0.
+    pub(super) greatest: i32,
+    /// Bit n: cube n lies in the grid and is in use.
+    alive: u8,
+    /// Bit n: cube n is neither opened nor rolled with every sweep, so that its bound has to be watched.
+    watched: u8,
 }
 
-/// A brick's steps, layer by layer; apart from the rest, so that rolling streams through them.
-#[derive(Debug, Clone, Copy)]
-#[repr(align(64))]
-pub(super) struct Sums(pub(super) [[i32; LANES]; EDGE]);
+impl Bounds {
+    /// Of an eight that nothing has come to yet.
+    pub(super) fn new(eight: &Eight, grid: &BrickGrid, stack: &SweepStack) -> Self {
+        let edge_m = (EDGE << eight.level) as f64 * grid.voxel_m;
+        let middle = glam::DVec3::from_array(eight.at.map(|n| (f64::from(n) + 0.5) * 2.0 * edge_m));
+        let within = (0..8).filter(|&n| eight.place(n).is_within(grid)).fold(0, |bits, n| bits | 1 << n);
+        Self {
+            sum: [0; 8],
+            most: [UNKNOWN; 8],
+            center_m: (grid.origin_m - stack.origin_m() + middle).as_vec3().to_array(),
+            apart_m: (0.5 * edge_m) as f32,
+            half_m: (0.5 * (edge_m - grid.voxel_m)) as f32 + 1e-6,
+            greatest: 0,
+            alive: within,
+            watched: within,
+        }
+    }
 
-impl Sums {
-    pub(super) fn greatest(&self, within: u64) -> i32 {
-        let each = self.0.as_flattened().iter().enumerate();
-        each.map(|(n, sum)| if within >> n & 1 == 1 { *sum } else { 0 }).fold(0, i32::max)
+    /// An unused eight's.
+    pub(super) fn retire(&mut self) {
+        (self.alive, self.watched, self.greatest) = (0, 0, 0);
+    }
+
+    fn is_in_use(&self) -> bool {
+        self.alive != 0
+    }
+
+    /// Watches cube 0 alone.
+    pub(super) fn only_the_first(&mut self) {
+        (self.alive, self.watched) = (1, 1);
+    }
+
+    pub(super) fn is_watched(&self, n: usize) -> bool {
+        self.watched >> n & 1 == 1
+    }
+
+    /// The most that cube `n` can hold.
+    pub(super) fn bound(&self, n: usize) -> i32 {
+        self.sum[n].min(self.most[n])
+    }
+
+    /// Watches cube `n` from now on; `most`: what its sums allow.
+    pub(super) fn watch(&mut self, n: usize, most: Option<i32>) {
+        self.watched |= 1 << n;
+        self.most[n] = most.unwrap_or(UNKNOWN);
+    }
+
+    /// Cube `n` is followed by what it was opened to.
+    pub(super) fn leave(&mut self, n: usize) {
+        self.watched &= !(1 << n);
     }
 }
 
-/// Adds one sweep to each brick and takes another out; gives the updates and the greatest sum.
-pub(super) struct RollBricks<'a> {
-    pub(super) stack: &'a SweepStack,
-    pub(super) shape: BrickShape,
-    pub(super) bricks: &'a [Brick],
-    pub(super) sums: &'a mut [Sums],
-    pub(super) new: usize,
-    pub(super) old: Option<usize>,
-}
-
-impl Kernel for RollBricks<'_> {
-    type Out = (u64, i32);
-
-    #[inline(always)]
-    fn run<S: Lanes>(self, s: S) -> (u64, i32) {
-        let Self { stack, shape, bricks, sums, new, old } = self;
-        let offsets = Offsets::new(s, &shape);
-        let (mut updates, mut greatest) = (0, 0);
-        let mut most = s.splat_int(0);
-        for (sixteen, sums) in bricks.chunks(LANES).zip(sums.chunks_mut(LANES)) {
-            let comes = one_before_bricks(s, stack, &shape, sixteen, new);
-            let goes = one_before_bricks(s, stack, &shape, sixteen, old.unwrap_or(new));
-            for (l, (brick, sums)) in sixteen.iter().zip(sums).enumerate() {
-                let mut more = [s.splat_int(0); EDGE];
-                updates += add_one(s, stack, &shape, &comes, l, new, brick.center, &offsets, &mut more);
-                let mut less = [s.splat_int(0); EDGE];
-                if let Some(old) = old {
-                    updates += add_one(s, stack, &shape, &goes, l, old, brick.center, &offsets, &mut less);
-                }
-                let mut most_here = most;
-                for layer in 0..EDGE {
-                    let sum = s.add_int(s.load_int(&sums.0[layer]), s.sub_int(more[layer], less[layer]));
-                    sums.0[layer] = s.store_int(sum);
-                    most_here = s.max_int(most_here, sum);
-                }
-                if brick.within == u64::MAX {
-                    most = most_here;
-                } else {
-                    greatest = greatest.max(sums.greatest(brick.within));
-                }
+/// On which side of the larger cube's centre each of eight cubes lies, twice.
+const SIDES: [[f32; LANES]; 3] = {
+    let mut sides = [[-1.0; LANES]; 3];
+    let mut n = 0;
+    while n < LANES {
+        let mut axis = 0;
+        while axis < 3 {
+            if n >> axis & 1 == 1 {
+                sides[axis][n] = 1.0;
             }
+            axis += 1;
         }
-        for lane in s.store_int(most) {
-            greatest = greatest.max(lane);
-        }
-        (updates, greatest)
+        n += 1;
     }
-}
+    sides
+};
 
-/// How one sweep sees sixteen bricks: the same as sixteen sweeps, each as far from one brick as this one is from each.
-#[inline(always)]
-fn one_before_bricks<S: Lanes>(s: S, stack: &SweepStack, shape: &BrickShape, bricks: &[Brick], slot: usize) -> Sight {
-    let (group, of) = (&stack.groups[slot / LANES], slot % LANES);
-    let mut sixteen = group.clone();
-    for l in 0..LANES {
-        let center = bricks[l.min(bricks.len() - 1)].center;
-        for (axis, center) in center.into_iter().enumerate() {
-            sixteen.position_m[axis][l] = group.position_m[axis][of] - center;
-            sixteen.velocity_m_per_s[axis][l] = group.velocity_m_per_s[axis][of];
-            sixteen.forward[axis][l] = group.forward[axis][of];
-        }
-        sixteen.first_m[l] = group.first_m[of];
-        sixteen.last_m[l] = group.last_m[of];
-        sixteen.entries_per_m[l] = group.entries_per_m[of];
-        sixteen.time_s_per_m[l] = group.time_s_per_m[of];
-        sixteen.time_at_zero_s[l] = group.time_at_zero_s[of];
-    }
-    Sight::new(s, stack, &sixteen, [0.0; 3], shape)
-}
-
-/// Adds one sweep to brick `l` of sixteen; returns the updates.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn add_one<S: Lanes>(
-    s: S,
-    stack: &SweepStack,
-    shape: &BrickShape,
-    sight: &Sight,
-    l: usize,
-    slot: usize,
-    center: [f32; 3],
-    offsets: &Offsets<S>,
-    sums: &mut [S::I; EDGE],
-) -> u64 {
-    if sight.inside >> l & 1 == 1 {
-        add_inside(s, sight, l, stack.table(slot, 0), stack.stride, offsets, sums);
-        return VOXELS as u64;
-    }
-    if sight.edge >> l & 1 == 1 {
-        let slots = [(slot / LANES, 1 << (slot % LANES))];
-        let found = AddPower { stack, shape: *shape, center, slots: &slots }.sums();
-        for (layer, sums) in sums.iter_mut().enumerate() {
-            let mut lanes = [0; LANES];
-            for (lane, sum) in lanes.iter_mut().zip(&found.sums[layer * LANES..]) {
-                *lane = *sum as i32;
-            }
-            *sums = s.load_int(&lanes);
-        }
-        return found.updates;
-    }
-    0
-}
-
-/// Adds one sweep's bound to each cube's and takes another's out; gives the number of cubes.
+/// Adds sweeps' bounds to those of cubes and takes another sweep's out; gives the (cube, sweep) pairs.
 pub(super) struct RollCubes<'a> {
     pub(super) stack: &'a SweepStack,
     pub(super) maxima: &'a RangeMaxima,
-    pub(super) eights: &'a mut [Eight],
-    pub(super) new: usize,
+    pub(super) eights: &'a mut [Bounds],
+    /// Sweep after sweep, since the tables of one stay at hand then.
+    pub(super) new: &'a [usize],
     pub(super) old: Option<usize>,
 }
 
@@ -201,57 +175,55 @@ impl Kernel for RollCubes<'_> {
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) -> u64 {
         let Self { stack, maxima, eights, new, old } = self;
-        let mut cubes = 0;
-        for two in eights.chunks_mut(2) {
-            if two.iter().fold(0, |alive, eight| alive | eight.alive) == 0 {
-                continue;
-            }
-            let (mut center, mut half) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
-            for (k, eight) in two.iter().enumerate() {
-                cubes += u64::from(eight.alive.count_ones());
-                for axis in 0..3 {
-                    center[axis][k * 8..k * 8 + 8].copy_from_slice(&eight.center_m[axis]);
-                    half[axis][k * 8..k * 8 + 8].copy_from_slice(&eight.half_m[axis]);
-                }
-            }
-            let (center, half) = (load3(s, &center), load3(s, &half));
-            let sweep = SweepLanes::one(s, &stack.groups[new / LANES], new, maxima);
-            let more = bounds(s, stack, maxima, &sweep, center, half);
-            let mut less = [0; LANES];
-            if let Some(old) = old {
-                let sweep = SweepLanes::one(s, &stack.groups[old / LANES], old, maxima);
-                less = bounds(s, stack, maxima, &sweep, center, half);
-            }
-            for (k, eight) in two.iter_mut().enumerate() {
-                for n in 0..8 {
-                    eight.bound[n] += i64::from(more[k * 8 + n]) - i64::from(less[k * 8 + n]);
+        let mut pairs = 0;
+        for slot in new {
+            let sweep = SweepLanes::one(s, &stack.groups[slot / LANES], *slot, maxima);
+            for two in eights.chunks_mut(2).filter(|two| two.iter().any(Bounds::is_in_use)) {
+                let come = s.store_int(bounds(s, stack, maxima, &sweep, &two_eights(s, two)));
+                for (eight, come) in two.iter_mut().zip(come.as_chunks::<8>().0) {
+                    pairs += u64::from(eight.alive.count_ones());
+                    for n in 0..8 {
+                        eight.sum[n] += come[n];
+                        eight.most[n] += come[n].min(UNKNOWN - eight.most[n]);
+                    }
                 }
             }
         }
-        cubes
-    }
-}
-
-/// The sum of all sweeps' bounds for a box.
-pub(super) struct SumBounds<'a> {
-    pub(super) stack: &'a SweepStack,
-    pub(super) maxima: &'a RangeMaxima,
-    pub(super) of: VoxelBox,
-}
-
-impl Kernel for SumBounds<'_> {
-    type Out = i64;
-
-    #[inline(always)]
-    fn run<S: Lanes>(self, s: S) -> i64 {
-        let (center, half) = box_lanes(s, &self.of);
-        let mut sum = 0i64;
-        for (index, group) in self.stack.groups.iter().enumerate() {
-            let sweeps = SweepLanes::group(s, group, index, self.maxima);
-            for of_sweep in bounds(s, self.stack, self.maxima, &sweeps, center, half) {
-                sum += i64::from(of_sweep);
+        if let Some(old) = old {
+            let sweep = SweepLanes::one(s, &stack.groups[old / LANES], old, maxima);
+            for two in eights.chunks_mut(2).filter(|two| two.iter().any(Bounds::is_in_use)) {
+                let go = s.store_int(bounds(s, stack, maxima, &sweep, &two_eights(s, two)));
+                for (eight, go) in two.iter_mut().zip(go.as_chunks::<8>().0) {
+                    pairs += u64::from(eight.alive.count_ones());
+                    for n in 0..8 {
+                        eight.sum[n] -= go[n];
+                    }
+                }
             }
         }
-        sum
+        for eight in eights {
+            eight.greatest = 0;
+            for n in 0..8 {
+                let watched = i32::from(eight.watched >> n & 1);
+                eight.greatest = eight.greatest.max(eight.sum[n].min(eight.most[n]) * watched);
+            }
+        }
+        pairs
     }
+}
+
+/// The cubes of two eights, or those of one twice.
+#[inline(always)]
+fn two_eights<S: Lanes>(s: S, two: &[Bounds]) -> BoxLanes<S> {
+    let (a, b) = (&two[0], &two[two.len() - 1]);
+    let apart = s.splat_two(a.apart_m, b.apart_m);
+    let (x, y, z) = (&SIDES[0], &SIDES[1], &SIDES[2]);
+    let center = [
+        s.mul_add(apart, s.load(x), s.splat_two(a.center_m[0], b.center_m[0])),
+        s.mul_add(apart, s.load(y), s.splat_two(a.center_m[1], b.center_m[1])),
+        s.mul_add(apart, s.load(z), s.splat_two(a.center_m[2], b.center_m[2])),
+    ];
+    let half = s.splat_two(a.half_m, b.half_m);
+    // A little more than the root of three.
+    BoxLanes { center, half: [half; 3], radius: s.mul(half, s.splat(1.732_051)) }
 }

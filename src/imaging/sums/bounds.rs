@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use super::grid::BrickGrid;
 use super::lanes::{LANES, Lanes};
-use super::sight::{dot, load3, scale3, splat3, sub3};
+use super::sight::{Sweeps, dot, scale3, splat3, sub3};
 use super::stack::{Group, SweepStack};
 use crate::imaging::Statistic;
 
@@ -26,9 +26,6 @@ pub(super) struct RangeMaxima {
     stride: usize,
     /// `[slot][level][entry]`: greatest whole number over 2^level stretches from the entry on.
     maxima: Vec<i32>,
-    /// For a number of stretches: where its level's row begins, and how many stretches the level spans.
-    row: Vec<i32>,
-    span: Vec<i32>,
     /// What one step of a bound is worth.
     unit: f64,
     /// What f32 sums of so many sweeps may be off.
@@ -43,14 +40,11 @@ impl RangeMaxima {
     pub(super) fn of(stack: &SweepStack) -> Self {
         let stride = stack.stride;
         let levels = stride.ilog2() as usize + 1;
-        let level = |count: usize| count.max(1).ilog2();
         let amplitudes = &stack.beam.amplitudes;
         let mut all = Self {
             levels,
             stride,
             maxima: vec![0; stack.slots() * levels * stride],
-            row: (0..=stride).map(|count| (level(count) as usize * stride) as i32).collect(),
-            span: (0..=stride).map(|count| 1 << level(count)).collect(),
             unit: 1.0,
             slack: 1.001 + 1e-7 * (stack.sweeps() as f64).powf(1.5),
             monotone: amplitudes.windows(2).all(|two| two[0] <= two[1]),
@@ -138,20 +132,16 @@ impl VoxelBox {
     }
 }
 
-/// Sweeps, one a lane or the same in all.
+/// Sweeps in lanes with their range maxima.
 pub(super) struct SweepLanes<'a, S: Lanes> {
-    pub position: [S::F; 3],
-    pub velocity: [S::F; 3],
-    pub forward: [S::F; 3],
-    pub first: S::F,
-    pub last: S::F,
-    pub per_m: S::F,
-    pub time_per_m: S::F,
-    pub time_at_zero: S::F,
+    sweeps: Sweeps<S>,
+    /// How fast the sensor moves, and how far it gets while range goes by a metre.
+    speed: S::F,
+    drift: S::F,
     /// Range maxima of these sweeps alone, so that indices stay small however many sweeps there are.
-    pub rows: &'a [i32],
+    rows: &'a [i32],
     /// Where each sweep's begin.
-    pub maxima: S::I,
+    maxima: S::I,
 }
 
 impl<'a, S: Lanes> SweepLanes<'a, S> {
@@ -163,37 +153,23 @@ impl<'a, S: Lanes> SweepLanes<'a, S> {
         for (l, begin) in begin.iter_mut().enumerate() {
             *begin = (l * of_sweep) as i32;
         }
-        Self {
-            position: load3(s, &group.position_m),
-            velocity: load3(s, &group.velocity_m_per_s),
-            forward: load3(s, &group.forward),
-            first: s.load(&group.first_m),
-            last: s.load(&group.last_m),
-            per_m: s.load(&group.entries_per_m),
-            time_per_m: s.load(&group.time_s_per_m),
-            time_at_zero: s.load(&group.time_at_zero_s),
-            rows: &maxima.maxima[index * LANES * of_sweep..][..LANES * of_sweep],
-            maxima: s.load_int(&begin),
-        }
+        let rows = &maxima.maxima[index * LANES * of_sweep..][..LANES * of_sweep];
+        Self::new(s, Sweeps::sixteen(s, group), rows, s.load_int(&begin))
     }
 
     /// One sweep in every lane.
     #[inline(always)]
     pub(super) fn one(s: S, group: &Group, slot: usize, maxima: &'a RangeMaxima) -> Self {
-        let (l, of_sweep) = (slot % LANES, maxima.levels * maxima.stride);
-        let of = super::sight::lane3;
-        Self {
-            position: of(s, &group.position_m, l),
-            velocity: of(s, &group.velocity_m_per_s, l),
-            forward: of(s, &group.forward, l),
-            first: s.splat(group.first_m[l]),
-            last: s.splat(group.last_m[l]),
-            per_m: s.splat(group.entries_per_m[l]),
-            time_per_m: s.splat(group.time_s_per_m[l]),
-            time_at_zero: s.splat(group.time_at_zero_s[l]),
-            rows: &maxima.maxima[slot * of_sweep..][..of_sweep],
-            maxima: s.splat_int(0),
-        }
+        let of_sweep = maxima.levels * maxima.stride;
+        let rows = &maxima.maxima[slot * of_sweep..][..of_sweep];
+        Self::new(s, Sweeps::one(s, group, slot % LANES), rows, s.splat_int(0))
+    }
+
+    #[inline(always)]
+    fn new(s: S, sweeps: Sweeps<S>, rows: &'a [i32], maxima: S::I) -> Self {
+        let speed = s.sqrt(dot(s, sweeps.velocity, sweeps.velocity));
+        let drift = s.mul(speed, s.abs(sweeps.time_per_m));
+        Self { sweeps, speed, drift, rows, maxima }
     }
 }
 
@@ -203,22 +179,20 @@ pub(super) fn bounds<S: Lanes>(
     s: S,
     stack: &SweepStack,
     maxima: &RangeMaxima,
-    sweep: &SweepLanes<'_, S>,
-    center: [S::F; 3],
-    half: [S::F; 3],
-) -> [i32; LANES] {
+    lanes: &SweepLanes<'_, S>,
+    boxes: &BoxLanes<S>,
+) -> S::I {
+    let sweep = &lanes.sweeps;
     let zero = s.splat(0.0);
-    let from_pose = sub3(s, center, sweep.position);
+    let (half, radius) = (&boxes.half, boxes.radius);
+    let from_pose = sub3(s, boxes.center, sweep.position);
     let pose_distance = s.sqrt(dot(s, from_pose, from_pose));
     let time = s.mul_add(pose_distance, sweep.time_per_m, sweep.time_at_zero);
     let offset = sub3(s, from_pose, scale3(s, sweep.velocity, time));
-    let radius = s.sqrt(dot(s, half, half));
     // Points of other ranges are sampled from elsewhere: by the speed, the time between them, and what the time's own first
     // step was off.
-    let speed = s.sqrt(dot(s, sweep.velocity, sweep.velocity));
-    let drift = s.mul(speed, s.abs(sweep.time_per_m));
-    let late = s.mul(speed, s.abs(time));
-    let wide = s.mul(s.add(s.add(radius, late), s.add(radius, late)), drift);
+    let late = s.mul(lanes.speed, s.abs(time));
+    let wide = s.mul(s.add(s.add(radius, late), s.add(radius, late)), lanes.drift);
     let slack = s.add(wide, s.mul_add(pose_distance, s.splat(1e-6), s.splat(DISTANCE_ERROR_M)));
 
     let (mut near, mut far) = ([zero; 3], [zero; 3]);
@@ -230,40 +204,52 @@ pub(super) fn bounds<S: Lanes>(
     let least = s.max(s.sub(s.sqrt(dot(s, near, near)), slack), sweep.first);
     let most = s.min(s.add(s.sqrt(dot(s, far, far)), slack), sweep.last);
     let mut some = s.at_most(least, most);
-    let cos = s.div(dot(s, from_pose, sweep.forward), s.max(pose_distance, s.splat(1e-6)));
-    let room = s.sub(s.add(pose_distance, pose_distance), radius);
-    let turn = s.add(s.div(s.add(radius, radius), s.max(room, s.splat(1e-6))), s.splat(1e-5));
+    let along = dot(s, from_pose, sweep.forward);
+    // The direction to a voxel differs from the centre's by at most 2ρ/(2d − ρ), which is 4ρ/3d or less from 2ρ on.
+    let across = s.mul_add(radius, s.splat(4.0 / 3.0), s.mul(pose_distance, s.splat(1e-5)));
     if stack.beam.cut_cos > -1.0 {
         let near = s.at_most(pose_distance, s.add(radius, radius));
-        some = s.and(some, s.or(near, s.at_most(s.splat(stack.beam.cut_cos), s.add(cos, turn))));
+        let within = s.at_most(s.mul(pose_distance, s.splat(stack.beam.cut_cos)), s.add(along, across));
+        some = s.and(some, s.or(near, within));
     }
     if s.bits(some) == 0 {
-        return [0; LANES];
+        return s.splat_int(0);
     }
 
     let entry = s.splat(maxima.stride as f32 - 1.0);
     let low = s.min(s.max(s.floor(s.mul(s.sub(least, sweep.first), sweep.per_m)), zero), entry);
     let high = s.min(s.max(s.floor(s.mul(s.sub(most, sweep.first), sweep.per_m)), low), entry);
-    let count = s.to_int(s.add(s.sub(high, low), s.splat(1.0)));
-    let row = s.add_int(sweep.maxima, s.gather_int(&maxima.row, count));
-    let span = s.gather_int(&maxima.span, count);
-    let low = s.add_int(row, s.to_int(low));
-    let high = s.add_int(row, s.sub_int(s.to_int(s.add(high, s.splat(1.0))), span));
-    let mut greatest = s.max_int(s.gather_int(sweep.rows, low), s.gather_int(sweep.rows, high));
+    // The two stretches of a power of two that cover them all.
+    let (span, level) = s.octave(s.add(s.sub(high, low), s.splat(1.0)));
+    let row = s.mul(s.to_float(level), s.splat(maxima.stride as f32));
+    let from_low = s.add_int(lanes.maxima, s.to_int(s.add(row, low)));
+    let to_high = s.add_int(lanes.maxima, s.to_int(s.add(row, s.sub(s.add(high, s.splat(1.0)), span))));
+    let mut greatest = s.max_int(s.gather_int(lanes.rows, from_low), s.gather_int(lanes.rows, to_high));
     if maxima.weighs_beam && maxima.monotone && !stack.beam.uniform {
+        let room = s.sub(s.add(pose_distance, pose_distance), radius);
+        let turn = s.add(s.div(s.add(radius, radius), s.max(room, s.splat(1e-6))), s.splat(1e-5));
+        let cos = s.div(along, s.max(pose_distance, s.splat(1e-6)));
         let best = s.min(s.max(s.add(cos, turn), s.splat(-1.0)), s.splat(1.0));
         let amplitude = s.mul(super::weighted::amplitude(s, &stack.beam, best), s.splat(1.001));
         greatest = s.to_int(s.mul_add(s.to_float(greatest), amplitude, s.splat(1.0)));
     }
-    let (mut out, some) = (s.store_int(greatest), s.bits(some));
-    for (l, bound) in out.iter_mut().enumerate() {
-        *bound *= i32::from(some >> l & 1);
-    }
-    out
+    s.or_zero_int(some, greatest)
 }
 
-/// A box's centre and half edges in every lane.
-#[inline(always)]
-pub(super) fn box_lanes<S: Lanes>(s: S, of: &VoxelBox) -> ([S::F; 3], [S::F; 3]) {
-    (splat3(s, of.center_m), splat3(s, of.half_m))
+/// Boxes of voxel centres in lanes, metres from the stack's origin.
+pub(super) struct BoxLanes<S: Lanes> {
+    pub center: [S::F; 3],
+    /// Half of their edges; a little more than exact.
+    pub half: [S::F; 3],
+    /// From the centre to the corners.
+    pub radius: S::F,
+}
+
+impl<S: Lanes> BoxLanes<S> {
+    /// One box in every lane.
+    #[inline(always)]
+    pub(super) fn one(s: S, of: &VoxelBox) -> Self {
+        let half = splat3(s, of.half_m);
+        Self { center: splat3(s, of.center_m), half, radius: s.sqrt(dot(s, half, half)) }
+    }
 }

@@ -12,6 +12,9 @@ pub(super) const WINDOW: usize = 32;
 /// Entries that [`Lanes::look_up_wide`] chooses from.
 pub(super) const WIDE_WINDOW: usize = 128;
 
+/// Where an f32 has its exponent.
+const EXPONENT_BITS: i32 = 0x7f80_0000;
+
 /// Vector operations, lane by lane.
 pub(in crate::imaging) trait Lanes: Copy {
     /// Sixteen f32.
@@ -23,6 +26,8 @@ pub(in crate::imaging) trait Lanes: Copy {
 
     fn splat(self, value: f32) -> Self::F;
     fn load(self, values: &[f32; LANES]) -> Self::F;
+    /// One value in the first eight lanes, another in the last.
+    fn splat_two(self, first: f32, last: f32) -> Self::F;
     fn store(self, values: Self::F) -> [f32; LANES];
     fn add(self, a: Self::F, b: Self::F) -> Self::F;
     fn sub(self, a: Self::F, b: Self::F) -> Self::F;
@@ -39,6 +44,8 @@ pub(in crate::imaging) trait Lanes: Copy {
     fn max(self, a: Self::F, b: Self::F) -> Self::F;
     fn abs(self, a: Self::F) -> Self::F;
     fn floor(self, a: Self::F) -> Self::F;
+    /// The greatest power of two that is not above a value from 1 on, and its exponent.
+    fn octave(self, a: Self::F) -> (Self::F, Self::I);
     /// −a in lanes whose number has bit 5 (32) set.
     fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F;
     /// Whether a ≤ b.
@@ -50,6 +57,7 @@ pub(in crate::imaging) trait Lanes: Copy {
     /// Bit l is lane l.
     fn bits(self, mask: Self::M) -> u16;
     fn or_zero(self, mask: Self::M, a: Self::F) -> Self::F;
+    fn or_zero_int(self, mask: Self::M, a: Self::I) -> Self::I;
     /// The nearest i32, halves to even; only for values within ±2³⁰.
     fn to_int(self, a: Self::F) -> Self::I;
     fn splat_int(self, value: i32) -> Self::I;
@@ -98,6 +106,14 @@ impl Lanes for Plain {
         *values
     }
     #[inline(always)]
+    fn splat_two(self, first: f32, last: f32) -> Self::F {
+        std::array::from_fn(|l| if l < LANES / 2 { first } else { last })
+    }
+    #[inline(always)]
+    fn or_zero_int(self, mask: Self::M, a: Self::I) -> Self::I {
+        std::array::from_fn(|l| if mask[l] { a[l] } else { 0 })
+    }
+    #[inline(always)]
     fn store(self, values: Self::F) -> [f32; LANES] {
         values
     }
@@ -140,6 +156,11 @@ impl Lanes for Plain {
     #[inline(always)]
     fn abs(self, a: Self::F) -> Self::F {
         each(a, f32::abs)
+    }
+    #[inline(always)]
+    fn octave(self, a: Self::F) -> (Self::F, Self::I) {
+        let power = each(a, |a| f32::from_bits(a.to_bits() & EXPONENT_BITS as u32));
+        (power, each(a, |a| (a.to_bits() >> 23) as i32 - 127))
     }
     #[inline(always)]
     fn floor(self, a: Self::F) -> Self::F {
@@ -236,7 +257,7 @@ pub(super) use x86::{Avx2, Avx512};
 mod x86 {
     use std::arch::x86_64::*;
 
-    use super::{LANES, Lanes, WIDE_WINDOW, WINDOW};
+    use super::{EXPONENT_BITS, LANES, Lanes, WIDE_WINDOW, WINDOW};
 
     /// AVX-512 F and VL.
     #[derive(Debug, Clone, Copy)]
@@ -269,6 +290,17 @@ mod x86 {
         fn load(self, values: &[f32; LANES]) -> Self::F {
             // Sixteen values are read from a reference to sixteen.
             wide!(_mm512_loadu_ps(values.as_ptr()))
+        }
+        #[inline(always)]
+        fn splat_two(self, first: f32, last: f32) -> Self::F {
+            wide!({
+                let first = _mm512_castps_pd(_mm512_set1_ps(first));
+                _mm512_castpd_ps(_mm512_insertf64x4::<1>(first, _mm256_castps_pd(_mm256_set1_ps(last))))
+            })
+        }
+        #[inline(always)]
+        fn or_zero_int(self, mask: Self::M, a: Self::I) -> Self::I {
+            wide!(_mm512_maskz_mov_epi32(mask, a))
         }
         #[inline(always)]
         fn store(self, values: Self::F) -> [f32; LANES] {
@@ -315,6 +347,15 @@ mod x86 {
         #[inline(always)]
         fn abs(self, a: Self::F) -> Self::F {
             wide!(_mm512_abs_ps(a))
+        }
+        #[inline(always)]
+        fn octave(self, a: Self::F) -> (Self::F, Self::I) {
+            wide!({
+                let bits = _mm512_castps_si512(a);
+                let exponent = _mm512_sub_epi32(_mm512_srli_epi32::<23>(bits), _mm512_set1_epi32(127));
+                let power = _mm512_and_si512(bits, _mm512_set1_epi32(EXPONENT_BITS));
+                (_mm512_castsi512_ps(power), exponent)
+            })
         }
         #[inline(always)]
         fn floor(self, a: Self::F) -> Self::F {
@@ -516,6 +557,15 @@ mod x86 {
             halves!([_mm256_loadu_ps(values.as_ptr()), _mm256_loadu_ps(values.as_ptr().add(8))])
         }
         #[inline(always)]
+        fn splat_two(self, first: f32, last: f32) -> Self::F {
+            halves!([_mm256_set1_ps(first), _mm256_set1_ps(last)])
+        }
+        #[inline(always)]
+        fn or_zero_int(self, mask: Self::M, a: Self::I) -> Self::I {
+            let mask = both!(_mm256_castps_si256, mask);
+            both!(_mm256_and_si256, mask, a)
+        }
+        #[inline(always)]
         fn store(self, values: Self::F) -> [f32; LANES] {
             let mut out = [0.0; LANES];
             halves!({
@@ -564,6 +614,13 @@ mod x86 {
         fn abs(self, a: Self::F) -> Self::F {
             let sign = self.splat(-0.0);
             both!(_mm256_andnot_ps, sign, a)
+        }
+        #[inline(always)]
+        fn octave(self, a: Self::F) -> (Self::F, Self::I) {
+            let bits = both!(_mm256_castps_si256, a);
+            let power = both!(_mm256_and_si256, bits, self.splat_int(EXPONENT_BITS));
+            let exponent = self.sub_int(both!(_mm256_srli_epi32::<23>, bits), self.splat_int(127));
+            (both!(_mm256_castsi256_ps, power), exponent)
         }
         #[inline(always)]
         fn floor(self, a: Self::F) -> Self::F {

@@ -5,6 +5,7 @@
 mod alive;
 mod beam_table;
 mod bounds;
+mod bricks;
 mod dense;
 pub(in crate::imaging) mod dispatch;
 mod grid;
@@ -14,11 +15,12 @@ mod rolling;
 mod search;
 mod sight;
 mod stack;
+mod waiting;
 mod weighted;
 
 pub use dense::{DenseVolume, dense_volume};
 pub use dispatch::instruction_set;
 pub use grid::BrickGrid;
-pub use rolling::{RollingError, RollingImage, RollingSettings, RollingWork};
+pub use rolling::{RollingError, RollingImage, RollingSettings, RollingSize, RollingWork};
 pub use search::{Found, SearchWork, Threshold, search};
 pub use stack::{SweepRefusal, SweepStack, ls_step};

@@ -1,26 +1,28 @@
 //! A rolling image: the newest sweeps of a window over a fine grid, kept only where something is.
 //!
-//! Each new sweep is added and the one that leaves is taken out, on what is alive: an octree in which every cube carries the
-//! sum of its sweeps' bounds, and bricks of voxels where that sum reaches the threshold. All are whole numbers, so after any
-//! number of sweeps they equal a fresh sum over the window, bit for bit. A cube that may reach the threshold is opened, one
-//! that cannot any more is dropped. Opening is bounded for each sweep; what is not opened yet is carried over and counted.
-//! While nothing waits, the voxels at or above the threshold are exactly those of the dense image of the window.
+//! Each new sweep is added and the one that leaves is taken out, on the bricks of voxels that may reach the threshold. All
+//! else is an octree of cubes and of bricks at rest, each with a bound that says enough until it reaches the threshold. Then
+//! a brick is caught up with, or a cube bounded afresh and, if it may still hold such a voxel, opened. Sums and bounds are
+//! whole numbers, so after any number of sweeps a sum equals a fresh one over the window, bit for bit. What is looked into is
+//! bounded for each sweep; what waits is carried over and counted. While nothing waits, the voxels at or above the threshold
+//! are exactly those of the dense image of the window.
 
-use std::cmp::Reverse;
-use std::collections::{BinaryHeap, VecDeque};
+use std::ops::Range;
 use std::sync::Arc;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::alive::{Brick, CLOSED, Eight, Place, RollBricks, RollCubes, SumBounds, Sums};
-use super::bounds::{RangeMaxima, VoxelBox};
+use super::alive::{Bounds, CLOSED, Eight, RollCubes};
+use super::bounds::RangeMaxima;
+use super::bricks::{Brick, RollBricks, Sums};
 use super::dispatch::on_widest;
 use super::grid::BrickGrid;
 use super::lanes::LANES;
 use super::power::{AddPower, power_shape};
-use super::sight::{BrickShape, EDGE};
+use super::sight::{BrickShape, VOXELS};
 use super::stack::{SweepRefusal, SweepStack, ls_step};
+use super::waiting::{Promise, Waiting, promises_of};
 use crate::imaging::Statistic;
 use crate::imaging::blocks::MEAN_LOG_OF_NOISE;
 use crate::radar::{Beam, Observation, SweepGeometry};
@@ -38,11 +40,11 @@ pub struct RollingSettings {
     pub share_of_peak: f64,
     /// and at least this many standard deviations above what noise sums to.
     pub min_sigma: f64,
-    /// A cube is dropped when its bound falls below this share of the threshold.
+    /// A brick rests, and opened cubes are closed, when they fall below this share of the threshold.
     pub drop_share: f64,
-    /// (place, sweep) pairs at most for opening cubes, each sweep.
+    /// (voxel, sweep) pairs at most for catching up and opening, each sweep; a (cube, sweep) pair counts as four.
     pub max_opening: u64,
-    /// Bricks alive at most.
+    /// Bricks in memory at most, rolling and at rest: 300 bytes each.
     pub max_bricks: usize,
     /// Noise of a sample, rms, LSB.
     pub noise_rms_lsb: f64,
@@ -91,17 +93,23 @@ pub struct RollingWork {
     pub bounds: u64,
     /// Bricks opened.
     pub opened: u64,
-    /// Bricks dropped again.
+    /// Bricks at rest that were caught up with.
+    pub caught_up: u64,
+    /// Bricks forgotten.
     pub dropped: u64,
-    /// Cubes that waited to be opened, summed over sweeps.
+    /// Cubes and bricks that waited to be looked into, summed over sweeps.
     pub carried_over: u64,
 }
 
 /// Eights of cubes, or bricks, that one thread works on at a time.
 const EIGHTS: usize = 512;
-const BRICKS: usize = 1024;
-/// Cubes opened side by side; a number, so that nothing depends on the number of threads.
-const BATCH: usize = 256;
+const BRICKS: usize = 512;
+/// Bricks that one thread sums at a time.
+const SIDE_BY_SIDE: usize = 16;
+/// Updates that cost about as much as one bound.
+const BOUND_UPDATES: u64 = 4;
+/// Of the bricks at rest, one in so many is looked at each sweep, whether it has rested too long to be caught up with.
+const REST_ROUNDS: usize = 32;
 
 /// The image.
 #[derive(Debug)]
@@ -109,19 +117,24 @@ pub struct RollingImage {
     settings: RollingSettings,
     grid: BrickGrid,
     shape: BrickShape,
+    /// The window's sweeps, sweep n in slot n modulo the number of slots.
     stack: SweepStack,
     maxima: RangeMaxima,
-    /// Slots in use, oldest first, and free ones.
-    slots: VecDeque<usize>,
-    free: Vec<usize>,
-    /// All groups with all their lanes.
+    /// Sweeps that left last, for bricks that still hold them: the n-th that left in slot n modulo the number of slots.
+    past: SweepStack,
+    /// All groups of the window with all their lanes.
     every_slot: Vec<(usize, u16)>,
     /// The root alone in the first, then in no order that matters.
     eights: Vec<Eight>,
+    bounds: Vec<Bounds>,
     /// Eights that wait to be used again.
     free_eights: Vec<u32>,
+    /// The first `rolling` hold all sweeps of the window, the rest as many as had come when they were laid to rest.
     bricks: Vec<Brick>,
     sums: Vec<Sums>,
+    rolling: usize,
+    /// The brick at rest to be looked at next.
+    next_at_rest: usize,
     threshold: i64,
     waiting: usize,
     work: RollingWork,
@@ -147,21 +160,26 @@ impl RollingImage {
         let step = ls_step(settings.noise_rms_lsb, 0.0);
         // One slot more than the window: the new sweep comes before the old one goes.
         let slots = settings.window + 1;
-        let mut stack = SweepStack::new(settings.statistic, beam, geometries, grid.middle_m(), slots, step);
-        stack.hold_to(i32::MAX / slots as i32 - 1);
+        let stack_of = |slots| SweepStack::new(settings.statistic, beam, geometries, grid.middle_m(), slots, step);
+        let mut stack = stack_of(slots);
+        // Sums of bounds, rounded up, still fit 32 bit.
+        stack.hold_to((f64::from(i32::MAX / slots as i32) * 0.9999) as i32 - 4);
+        let past = stack_of(patience(&settings) as usize);
         Ok(Self {
             settings,
             grid: *grid,
             shape: power_shape(grid.voxel_m),
             maxima: RangeMaxima::of(&stack),
+            past,
             every_slot: (0..stack.groups.len()).map(|group| (group, u16::MAX)).collect(),
             stack,
-            slots: VecDeque::new(),
-            free: (0..slots).rev().collect(),
             eights: Vec::new(),
+            bounds: Vec::new(),
             free_eights: Vec::new(),
             bricks: Vec::new(),
             sums: Vec::new(),
+            rolling: 0,
+            next_at_rest: 0,
             threshold: 0,
             waiting: 0,
             work: RollingWork::default(),
@@ -173,74 +191,54 @@ impl RollingImage {
     /// # Errors
     /// A sweep that cannot be used; it is counted and changes nothing.
     pub fn push(&mut self, observation: &Observation) -> Result<(), SweepRefusal> {
-        let Some(&new) = self.free.last() else { return Ok(()) };
+        let number = self.work.sweeps + 1;
+        let new = slot(number, self.settings.window + 1);
         if let Err(refusal) = self.stack.fill(new, observation) {
             self.work.refused += 1;
             return Err(refusal);
         }
-        self.free.pop();
         self.maxima.fill(&self.stack, new);
-        self.slots.push_back(new);
-        self.work.sweeps += 1;
-        let old = if self.slots.len() > self.settings.window { self.slots.pop_front() } else { None };
-        let greatest = self.roll_bricks(new, old);
+        self.work.sweeps = number;
+        let old = (self.left(number) > 0).then(|| slot(self.left(number), self.settings.window + 1));
+        let greatest = self.roll(new, old);
         self.threshold = self.threshold_for(greatest);
-        let (low, promising) = self.roll_cubes(new, old);
+        self.lay_to_rest();
+        let promising = self.roll_cubes(new, old);
         if let Some(old) = old {
+            let in_past = slot(self.left(number), patience(&self.settings) as usize);
+            self.past.take_over(in_past, &self.stack, old);
             self.stack.empty(old);
-            self.free.push(old);
         }
-        if self.slots.len() >= self.settings.min_sweeps.min(self.settings.window) {
-            low.into_iter().for_each(|cube| self.close(cube));
-            let alive = |cube: u32| self.eights[cube as usize / 8].alive >> (cube % 8) & 1 == 1;
-            self.open(promising.into_iter().filter(|promise| alive(promise.2)).collect());
+        self.forget_the_long_rested();
+        if self.in_window() >= self.settings.min_sweeps.min(self.settings.window) {
+            self.look_into(promising);
         }
         Ok(())
     }
 
-    /// Adds one sweep to every brick and takes another out; returns the greatest sum.
-    fn roll_bricks(&mut self, new: usize, old: Option<usize>) -> i32 {
-        let (stack, shape) = (&self.stack, self.shape);
-        let parts = self.bricks.par_chunks(BRICKS).zip(self.sums.par_chunks_mut(BRICKS));
-        let each = parts.map(|(bricks, sums)| on_widest(RollBricks { stack, shape, bricks, sums, new, old }));
+    /// How many sweeps had left when sweep `number` had come.
+    fn left(&self, number: u64) -> u64 {
+        number.saturating_sub(self.settings.window as u64)
+    }
+
+    fn in_window(&self) -> usize {
+        (self.work.sweeps - self.left(self.work.sweeps)) as usize
+    }
+
+    /// Adds one sweep to every rolling brick and takes another out; returns the greatest sum.
+    fn roll(&mut self, new: usize, old: Option<usize>) -> i32 {
+        let (stack, shape, number) = (&self.stack, self.shape, self.work.sweeps);
+        let bricks = self.bricks[..self.rolling].par_chunks_mut(BRICKS);
+        let parts = bricks.zip(self.sums[..self.rolling].par_chunks_mut(BRICKS));
+        let each = parts.map(|(bricks, sums)| on_widest(RollBricks { stack, shape, bricks, sums, new, old, number }));
         let (updates, greatest) = each.reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1.max(b.1)));
         self.work.updates += updates;
         greatest
     }
 
-    /// Adds one sweep's bounds to every cube and takes another's out; returns the open cubes that are too low now and the
-    /// closed ones that may hold a voxel at the threshold.
-    fn roll_cubes(&mut self, new: usize, old: Option<usize>) -> (Vec<u32>, Vec<Promise>) {
-        let (stack, maxima, threshold) = (&self.stack, &self.maxima, self.threshold);
-        let limit = (threshold as f64 * self.settings.drop_share) as i64;
-        let roll = |(part, eights): (usize, &mut [Eight])| {
-            let cubes = on_widest(RollCubes { stack, maxima, eights: &mut *eights, new, old });
-            let (mut low, mut promising) = (Vec::new(), Vec::new());
-            for (e, eight) in eights.iter().enumerate().filter(|(_, eight)| eight.alive != 0) {
-                for n in (0..8).filter(|n| eight.alive >> n & 1 == 1) {
-                    let cube = ((part * EIGHTS + e) * 8 + n) as u32;
-                    if eight.opened[n] == CLOSED && eight.bound[n] >= threshold {
-                        promising.push((eight.bound[n], Reverse(eight.place(n)), cube));
-                    } else if eight.opened[n] != CLOSED && eight.bound[n] < limit {
-                        low.push(cube);
-                    }
-                }
-            }
-            (cubes, low, promising)
-        };
-        let parts: Vec<_> = self.eights.par_chunks_mut(EIGHTS).enumerate().map(roll).collect();
-        let (mut low, mut promising) = (Vec::new(), Vec::new());
-        for (cubes, of_part, promising_of_part) in parts {
-            self.work.bounds += cubes * (1 + u64::from(old.is_some()));
-            low.extend(of_part);
-            promising.extend(promising_of_part);
-        }
-        (low, promising)
-    }
-
     /// The share of the peak, but no lower than what noise may reach.
     fn threshold_for(&self, greatest: i32) -> i64 {
-        let sweeps = self.slots.len() as f64;
+        let sweeps = self.in_window() as f64;
         // Mean and spread of one sweep's term under noise: |z|²/σ² is exponential.
         let (mean, spread) = match self.settings.statistic {
             Statistic::Log => (MEAN_LOG_OF_NOISE, 0.5),
@@ -251,133 +249,269 @@ impl RollingImage {
         floor.max(share).max(1.0) as i64
     }
 
-    /// Forgets what lies within a cube, but not the cube.
-    fn close(&mut self, cube: u32) {
-        let (e, n) = (cube as usize / 8, cube as usize % 8);
-        let level = self.eights[e].level;
-        let within = std::mem::replace(&mut self.eights[e].opened[n], CLOSED);
-        if within == CLOSED {
-            return;
+    /// What falls below this need not be followed from sweep to sweep.
+    fn drop_below(&self) -> i64 {
+        (self.threshold as f64 * self.settings.drop_share) as i64
+    }
+
+    /// Rolling bricks that are too low now rest.
+    fn lay_to_rest(&mut self) {
+        let limit = self.drop_below();
+        for brick in (0..self.rolling).rev() {
+            if i64::from(self.bricks[brick].greatest) < limit {
+                self.rolling -= 1;
+                self.swap_bricks(brick, self.rolling);
+                self.watch_at_rest(self.rolling);
+            }
         }
-        if level > 0 {
-            (0..8).for_each(|n| self.close(within * 8 + n));
-            self.eights[within as usize].alive = 0;
-            self.free_eights.push(within);
-            return;
+    }
+
+    fn watch_at_rest(&mut self, brick: usize) {
+        let Brick { cube, greatest, .. } = self.bricks[brick];
+        self.bounds[cube as usize / 8].watch(cube as usize % 8, Some(greatest));
+    }
+
+    fn swap_bricks(&mut self, a: usize, b: usize) {
+        self.bricks.swap(a, b);
+        self.sums.swap(a, b);
+        for at in [a, b] {
+            let cube = self.bricks[at].cube as usize;
+            self.eights[cube / 8].opened[cube % 8] = at as u32;
         }
+    }
+
+    /// Some bricks at rest in turn: those that it would cost more to catch up with than to sum afresh go. Their bounds stay.
+    fn forget_the_long_rested(&mut self) {
+        for _ in 0..(self.bricks.len() - self.rolling).div_ceil(REST_ROUNDS) {
+            let at = self.turn_at_rest();
+            if self.work.sweeps - self.bricks[at].sweep > patience(&self.settings) {
+                self.forget(at);
+            } else {
+                self.next_at_rest += 1;
+            }
+        }
+    }
+
+    /// The brick at rest whose turn it is.
+    fn turn_at_rest(&mut self) -> usize {
+        if !(self.rolling..self.bricks.len()).contains(&self.next_at_rest) {
+            self.next_at_rest = self.rolling;
+        }
+        self.next_at_rest
+    }
+
+    /// Drops a brick at rest, but not its bound.
+    fn forget(&mut self, brick: usize) {
+        let cube = self.bricks[brick].cube as usize;
+        self.swap_bricks(brick, self.bricks.len() - 1);
+        self.eights[cube / 8].opened[cube % 8] = CLOSED;
+        self.bricks.pop();
+        self.sums.pop();
         self.work.dropped += 1;
-        self.bricks.swap_remove(within as usize);
-        self.sums.swap_remove(within as usize);
-        if let Some(moved) = self.bricks.get(within as usize) {
-            self.eights[moved.cube as usize / 8].opened[moved.cube as usize % 8] = within;
-        }
     }
 
-    /// Opens cubes that may hold a voxel at the threshold, the most promising first, as far as the work allows.
-    fn open(&mut self, promising: Vec<Promise>) {
-        let mut heap = BinaryHeap::from(promising);
-        if self.eights.is_empty() {
-            self.insert_root(&mut heap);
-        }
-        let mut left = self.settings.max_opening;
-        while !heap.is_empty() && left > 0 && self.bricks.len() < self.settings.max_bricks {
-            let batch: Vec<Promise> = std::iter::from_fn(|| heap.pop()).take(BATCH).collect();
-            let opened: Vec<Inside> = batch.par_iter().map(|(_, place, _)| self.inside(place.0)).collect();
-            let mut greatest = 0;
-            for ((_, _, cube), inside) in batch.into_iter().zip(opened) {
-                left = left.saturating_sub(inside.updates + inside.bounds);
-                self.work.updates += inside.updates;
-                self.work.bounds += inside.bounds;
-                greatest = greatest.max(inside.brick.as_ref().map_or(0, |(brick, sums)| sums.greatest(brick.within)));
-                self.put_inside(cube, inside, &mut heap);
-            }
-            // A new peak may leave the rest of the heap below the threshold.
-            self.threshold = self.threshold.max(self.threshold_for(greatest));
-            while heap.peek().is_some_and(|most| most.0 < self.threshold) {
-                heap.pop();
-            }
-        }
-        self.waiting = heap.len();
-        self.work.carried_over += heap.len() as u64;
-    }
-
-    fn put_inside(&mut self, cube: u32, inside: Inside, heap: &mut BinaryHeap<Promise>) {
-        let (e, n) = (cube as usize / 8, cube as usize % 8);
-        if let Some((brick, sums)) = inside.brick {
-            self.eights[e].opened[n] = self.bricks.len() as u32;
-            self.bricks.push(Brick { cube, ..brick });
-            self.sums.push(sums);
-            self.work.opened += 1;
-        }
-        if let Some(eight) = inside.eight {
-            let at = self.free_eights.pop().unwrap_or(self.eights.len() as u32);
-            self.eights[e].opened[n] = at;
-            let promises = (0..8).filter(|&n| eight.alive >> n & 1 == 1 && eight.bound[n] >= self.threshold);
-            heap.extend(promises.map(|n| (eight.bound[n], Reverse(eight.place(n)), at * 8 + n as u32)));
-            match self.eights.get_mut(at as usize) {
-                Some(free) => *free = eight,
-                None => self.eights.push(eight),
-            }
-        }
-    }
-
-    fn insert_root(&mut self, heap: &mut BinaryHeap<Promise>) {
-        let most = self.grid.bricks().into_iter().max().unwrap_or(1);
-        let mut root = Eight::new(most.next_power_of_two().ilog2(), [0; 3]);
-        if let Some((of, bound)) = self.bounded(root.place(0)) {
-            root.put(0, &of, bound);
-            heap.push((bound, Reverse(root.place(0)), 0));
-            self.eights.push(root);
-        }
-    }
-
-    /// A cube's box and its bound over the window; `None` beyond the grid.
-    fn bounded(&self, place: Place) -> Option<(VoxelBox, i64)> {
-        let of = VoxelBox::of(&self.grid, self.stack.origin_m(), place.level, place.brick())?;
-        Some((of, on_widest(SumBounds { stack: &self.stack, maxima: &self.maxima, of })))
-    }
-
-    /// What lies within a cube, summed afresh over the window.
-    fn inside(&self, place: Place) -> Inside {
-        if place.level > 0 {
-            let mut eight = Eight::new(place.level - 1, place.at);
-            for n in 0..8 {
-                if let Some((of, bound)) = self.bounded(eight.place(n)) {
-                    eight.put(n, &of, bound);
+    /// Adds one sweep's bounds to every cube and takes another's out, and closes cubes that are hopeless; returns those that
+    /// may hold a voxel at the threshold.
+    fn roll_cubes(&mut self, new: usize, old: Option<usize>) -> Vec<Promise> {
+        let (stack, maxima, threshold, limit) = (&self.stack, &self.maxima, self.threshold, self.drop_below());
+        let eights = &self.eights;
+        let roll = |(part, of_eights): (usize, &mut [Bounds])| {
+            let pairs = on_widest(RollCubes { stack, maxima, eights: &mut *of_eights, new: &[new], old });
+            let (mut bare, mut promising) = (Vec::new(), Vec::new());
+            for (e, of_eight) in of_eights.iter().enumerate() {
+                let (e, greatest) = (part * EIGHTS + e, i64::from(of_eight.greatest));
+                if greatest >= threshold {
+                    promising.extend(promises_of(e as u32, of_eight, threshold));
+                } else if greatest < limit && eights[e].is_bare() && eights[e].larger != CLOSED {
+                    bare.push(e);
                 }
             }
-            let bounds = u64::from(eight.alive.count_ones()) * self.slots.len() as u64;
-            return Inside { eight: Some(eight), brick: None, updates: 0, bounds };
+            (pairs, bare, promising)
+        };
+        let parts: Vec<_> = self.bounds.par_chunks_mut(EIGHTS).enumerate().map(roll).collect();
+        let mut promising = Vec::new();
+        for (pairs, bare, of_part) in parts {
+            self.work.bounds += pairs;
+            bare.into_iter().for_each(|eight| self.close(eight));
+            promising.extend(of_part);
         }
-        let center = self.grid.brick_center(place.brick(), self.stack.origin_m());
-        let found = AddPower { stack: &self.stack, shape: self.shape, center, slots: &self.every_slot }.sums();
-        let within = self.grid.voxels_of(place.brick()).fold(0u64, |bits, (n, _)| bits | 1 << n);
-        let mut sums = Sums([[0; LANES]; EDGE]);
-        // Each sweep is held to its part of what 32 bit can hold.
-        sums.0.as_flattened_mut().iter_mut().zip(found.sums).for_each(|(to, sum)| *to = sum as i32);
-        let brick = Brick { place, cube: 0, center, within };
-        Inside { eight: None, brick: Some((brick, sums)), updates: found.updates, bounds: 0 }
+        promising
+    }
+
+    /// Eight cubes become the one again that they fill.
+    fn close(&mut self, eight: usize) {
+        let larger = std::mem::replace(&mut self.eights[eight].larger, CLOSED) as usize;
+        self.bounds[eight].retire();
+        self.free_eights.push(eight as u32);
+        self.eights[larger / 8].opened[larger % 8] = CLOSED;
+        self.bounds[larger / 8].watch(larger % 8, None);
+    }
+
+    /// Looks into what may hold a voxel at the threshold, the most promising first, as far as the work allows.
+    fn look_into(&mut self, promising: Vec<Promise>) {
+        let mut waiting = Waiting::new(self.threshold);
+        promising.into_iter().for_each(|promise| waiting.put(promise));
+        if self.eights.is_empty() {
+            self.insert_root();
+            promises_of(0, &self.bounds[0], self.threshold).for_each(|root| waiting.put(root));
+        }
+        let mut left = self.settings.max_opening;
+        while left > 0 && self.rolling < self.settings.max_bricks {
+            let batch = waiting.most_promising(self.threshold);
+            if batch.is_empty() {
+                break;
+            }
+            let (bricks, cubes): (Vec<_>, Vec<_>) =
+                batch.into_iter().map(|promise| promise.cube()).partition(|cube| self.eights[cube.0].level() == 0);
+            let sums: Vec<_> = bricks.par_iter().with_min_len(SIDE_BY_SIDE).map(|&cube| self.sums_of(cube)).collect();
+            let eights: Vec<_> =
+                cubes.par_chunks(opened_together(cubes.len())).map(|cubes| self.within(cubes)).collect();
+            for (cube, (sums, updates)) in bricks.into_iter().zip(sums) {
+                left = left.saturating_sub(updates);
+                self.work.updates += updates;
+                self.take_sums(cube, sums);
+            }
+            for (eights, bounds, pairs) in eights {
+                left = left.saturating_sub(pairs * BOUND_UPDATES);
+                self.work.bounds += pairs;
+                let both = eights.into_iter().zip(bounds);
+                both.for_each(|(eight, bounds)| self.take_eight(eight, bounds, &mut waiting));
+            }
+        }
+        self.waiting = waiting.count(self.threshold);
+        self.work.carried_over += self.waiting as u64;
+    }
+
+    /// A brick's sums over the window, from what they were if it is at rest, and the updates that it took.
+    fn sums_of(&self, (e, n): (usize, usize)) -> (Sums, u64) {
+        let sum = |stack, center, slots: &[_]| AddPower { stack, shape: self.shape, center, slots }.sums();
+        let at_rest = (self.eights[e].opened[n] != CLOSED).then(|| self.eights[e].opened[n] as usize);
+        let now = self.work.sweeps;
+        match at_rest.map(|brick| (&self.bricks[brick], &self.sums[brick])) {
+            Some((&Brick { center, sweep, .. }, sums)) if now - sweep <= patience(&self.settings) => {
+                let came = lanes_of(sweep + 1..now + 1, self.settings.window + 1);
+                let went = lanes_of(self.left(sweep) + 1..self.left(now) + 1, patience(&self.settings) as usize);
+                let (came, went) = (sum(&self.stack, center, &came), sum(&self.past, center, &went));
+                (sums.caught_up(&came.sums, &went.sums), came.updates + went.updates)
+            }
+            _ => {
+                let place = self.eights[e].place(n).brick();
+                let center = self.grid.brick_center(place, self.stack.origin_m());
+                let all = sum(&self.stack, center, &self.every_slot);
+                (Sums::of(&all.sums), all.updates)
+            }
+        }
+    }
+
+    /// The eight cubes within each of some cubes, their bounds over the window, and how many (cube, sweep) pairs that took.
+    fn within(&self, cubes: &[(usize, usize)]) -> (Vec<Eight>, Vec<Bounds>, u64) {
+        let open = |&(e, n): &(usize, usize)| {
+            let place = self.eights[e].place(n);
+            Eight::new(place.level - 1, place.at, (e * 8 + n) as u32)
+        };
+        let eights: Vec<Eight> = cubes.iter().map(open).collect();
+        let (bounds, pairs) = self.bounded(&eights);
+        (eights, bounds, pairs)
+    }
+
+    /// The bounds of cubes, summed afresh over the window.
+    fn bounded(&self, eights: &[Eight]) -> (Vec<Bounds>, u64) {
+        let numbers = self.left(self.work.sweeps) + 1..self.work.sweeps + 1;
+        let all: Vec<usize> = numbers.map(|number| slot(number, self.settings.window + 1)).collect();
+        let mut bounds: Vec<_> = eights.iter().map(|eight| Bounds::new(eight, &self.grid, &self.stack)).collect();
+        let (stack, maxima) = (&self.stack, &self.maxima);
+        let pairs = on_widest(RollCubes { stack, maxima, eights: &mut bounds, new: &all, old: None });
+        (bounds, pairs)
+    }
+
+    fn take_eight(&mut self, eight: Eight, bounds: Bounds, waiting: &mut Waiting) {
+        let at = self.free_eights.pop().unwrap_or(self.eights.len() as u32);
+        let larger = eight.larger as usize;
+        self.eights[larger / 8].opened[larger % 8] = at;
+        self.bounds[larger / 8].leave(larger % 8);
+        promises_of(at, &bounds, self.threshold).for_each(|promise| waiting.put(promise));
+        if at as usize == self.eights.len() {
+            self.eights.push(eight);
+            self.bounds.push(bounds);
+        } else {
+            (self.eights[at as usize], self.bounds[at as usize]) = (eight, bounds);
+        }
+    }
+
+    fn take_sums(&mut self, (e, n): (usize, usize), sums: Sums) {
+        let at = match self.eights[e].opened[n] {
+            CLOSED => self.new_brick((e, n)),
+            at => {
+                self.work.caught_up += 1;
+                at as usize
+            }
+        };
+        let greatest = sums.greatest(self.bricks[at].within);
+        self.sums[at] = sums;
+        (self.bricks[at].sweep, self.bricks[at].greatest) = (self.work.sweeps, greatest);
+        self.threshold = self.threshold.max(self.threshold_for(greatest));
+        if i64::from(greatest) < self.drop_below() {
+            self.watch_at_rest(at);
+            return;
+        }
+        self.bounds[e].leave(n);
+        self.swap_bricks(at, self.rolling);
+        self.rolling += 1;
+    }
+
+    /// Room for one more brick, at rest.
+    fn new_brick(&mut self, (e, n): (usize, usize)) -> usize {
+        if self.bricks.len() >= self.settings.max_bricks && self.bricks.len() > self.rolling {
+            let oldest = self.turn_at_rest();
+            self.forget(oldest);
+        }
+        let place = self.eights[e].place(n).brick();
+        let within = self.grid.voxels_of(place).fold(0u64, |bits, (n, _)| bits | 1 << n);
+        let center = self.grid.brick_center(place, self.stack.origin_m());
+        self.bricks.push(Brick { center, cube: (e * 8 + n) as u32, within, sweep: self.work.sweeps, greatest: 0 });
+        self.sums.push(Sums::of(&[0; VOXELS]));
+        self.work.opened += 1;
+        let at = self.bricks.len() - 1;
+        self.eights[e].opened[n] = at as u32;
+        at
+    }
+
+    fn insert_root(&mut self) {
+        let most = self.grid.bricks().into_iter().max().unwrap_or(1);
+        let root = Eight::new(most.next_power_of_two().ilog2(), [0; 3], CLOSED);
+        let (mut bounds, _) = self.bounded(std::slice::from_ref(&root));
+        bounds[0].only_the_first();
+        self.eights.push(root);
+        self.bounds.append(&mut bounds);
+    }
+
+    /// The voxels of rolling bricks with their sums: index into a volume's values and sum.
+    fn rolling_voxels(&self, least: i64) -> impl Iterator<Item = (usize, i64)> {
+        let rolling = self.bricks[..self.rolling].iter().zip(&self.sums);
+        let high = rolling.filter(move |(brick, _)| i64::from(brick.greatest) >= least);
+        high.flat_map(move |(brick, sums)| {
+            let (e, n) = (brick.cube as usize / 8, brick.cube as usize % 8);
+            let of_brick = self.grid.voxels_of(self.eights[e].place(n).brick());
+            let with_sum = of_brick.map(|(n, index)| (index, i64::from(sums.0[n / LANES][n % LANES])));
+            with_sum.filter(move |v| v.1 >= least)
+        })
     }
 
     /// The voxels at or above the threshold: index into a volume's values and value, by rising index.
     pub fn voxels(&self) -> Vec<(usize, f32)> {
-        let mut voxels: Vec<(usize, f32)> = Vec::new();
-        for (brick, sums) in self.bricks.iter().zip(&self.sums) {
-            let of_brick = self.grid.voxels_of(brick.place.brick());
-            let with_sum = of_brick.map(|(n, index)| (index, i64::from(sums.0[n / LANES][n % LANES])));
-            let above = with_sum.filter(|v| v.1 >= self.threshold);
-            voxels.extend(above.map(|(index, sum)| (index, self.stack.value_of(sum))));
-        }
+        let above = self.rolling_voxels(self.threshold).map(|(index, sum)| (index, self.stack.value_of(sum)));
+        let mut voxels: Vec<(usize, f32)> = above.collect();
         voxels.sort_unstable_by_key(|v| v.0);
         voxels
     }
 
     /// The greatest voxel's centre and value, the first of equals; `None` when nothing reaches the threshold.
     pub fn peak(&self) -> Option<(DVec3, f32)> {
-        let best = self.voxels().into_iter().reduce(|best, v| if v.1 > best.1 { v } else { best })?;
+        let greatest = self.bricks[..self.rolling].iter().map(|brick| i64::from(brick.greatest)).max()?;
+        let (index, sum) = self.rolling_voxels(greatest.max(self.threshold)).min()?;
         let [nx, ny, _] = self.grid.size;
-        let voxel = [best.0 % nx, best.0 / nx % ny, best.0 / (nx * ny)].map(|n| n as f64 + 0.5);
-        Some((self.grid.origin_m + DVec3::from_array(voxel) * self.grid.voxel_m, best.1))
+        let voxel = [index % nx, index / nx % ny, index / (nx * ny)].map(|n| n as f64 + 0.5);
+        Some((self.grid.origin_m + DVec3::from_array(voxel) * self.grid.voxel_m, self.stack.value_of(sum)))
     }
 
     /// The threshold as a value of the statistic.
@@ -385,9 +519,10 @@ impl RollingImage {
         self.stack.value_of(self.threshold)
     }
 
-    /// Whether nothing waits to be opened: the voxels are then those of the dense image.
+    /// Whether nothing waits to be looked into: the voxels are then those of the dense image. Never before so many sweeps
+    /// have come that anything is looked at.
     pub fn is_complete(&self) -> bool {
-        self.waiting == 0
+        self.waiting == 0 && !self.eights.is_empty()
     }
 
     /// What was done so far.
@@ -395,10 +530,13 @@ impl RollingImage {
         self.work
     }
 
-    /// Cubes and bricks alive.
-    pub fn alive(&self) -> (usize, usize) {
-        let cubes = self.eights.iter().map(|eight| eight.alive.count_ones() as usize).sum();
-        (cubes, self.bricks.len())
+    /// What is kept.
+    pub fn kept(&self) -> RollingSize {
+        RollingSize {
+            cubes: (self.eights.len() - self.free_eights.len()) * 8,
+            rolling_bricks: self.rolling,
+            resting_bricks: self.bricks.len() - self.rolling,
+        }
     }
 
     /// The window's sweeps, for a dense image of the same.
@@ -407,21 +545,51 @@ impl RollingImage {
     }
 }
 
-/// What opening a cube brings.
-struct Inside {
-    eight: Option<Eight>,
-    brick: Option<(Brick, Sums)>,
-    updates: u64,
-    bounds: u64,
+/// What a rolling image keeps.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct RollingSize {
+    /// Cubes of the octree.
+    pub cubes: usize,
+    /// Bricks that follow every sweep.
+    pub rolling_bricks: usize,
+    /// Bricks that are caught up with when they may reach the threshold again.
+    pub resting_bricks: usize,
 }
 
-/// A cube that may hold a voxel at the threshold: bound, place, index.
-type Promise = (i64, Reverse<Place>, u32);
+/// Sweeps that a brick may have missed and still be caught up with: more cost as much as all of the window.
+fn patience(settings: &RollingSettings) -> u64 {
+    (settings.window as u64 / 2).max(1)
+}
+
+/// Cubes that one thread opens at a time: many spare it fetching every sweep's range maxima again, few keep all threads busy.
+fn opened_together(cubes: usize) -> usize {
+    (cubes / 16).clamp(8, 64)
+}
+
+/// Where the sweep with a number is.
+fn slot(number: u64, slots: usize) -> usize {
+    (number % slots as u64) as usize
+}
+
+/// Slots of sweeps with these numbers, as groups with masks of their lanes.
+fn lanes_of(numbers: Range<u64>, slots: usize) -> Vec<(usize, u16)> {
+    let mut groups: Vec<(usize, u16)> = Vec::new();
+    for slot in numbers.map(|number| slot(number, slots)) {
+        match groups.last_mut() {
+            Some((group, lanes)) if *group == slot / LANES => *lanes |= 1 << (slot % LANES),
+            _ => groups.push((slot / LANES, 1 << (slot % LANES))),
+        }
+    }
+    groups
+}
 
 #[cfg(test)]
 mod tests {
+    use super::super::alive::Place;
+    use super::super::sight::EDGE;
     use super::*;
     use crate::geometry::Aabb;
+    use crate::imaging::Volume;
     use crate::imaging::sums::dense_volume;
     use crate::imaging::test_data::{Echo, on_one_thread, sweeps, winding};
 
@@ -450,6 +618,24 @@ mod tests {
         RollingImage::new(settings, &Beam::Lensless, &[Arc::clone(&observations[0].geometry)], &grid).unwrap()
     }
 
+    /// The greatest value of a cube's voxels.
+    fn greatest_in(dense: &Volume, grid: &BrickGrid, place: Place) -> f32 {
+        let edge = EDGE << place.level;
+        let range = |axis: usize| {
+            let first = place.at[axis] as usize * edge;
+            first..(first + edge).min(grid.size[axis])
+        };
+        let mut most = 0.0f32;
+        for z in range(2) {
+            for y in range(1) {
+                for x in range(0) {
+                    most = most.max(dense.values[(z * grid.size[1] + y) * grid.size[0] + x]);
+                }
+            }
+        }
+        most
+    }
+
     #[test]
     fn the_rolling_image_is_the_dense_image_of_its_window_bit_for_bit() {
         for statistic in [Statistic::Ls, Statistic::Log] {
@@ -458,6 +644,7 @@ mod tests {
             for (n, observation) in observations.iter().enumerate() {
                 image.push(observation).unwrap();
                 if n < 20 || n % 13 != 0 {
+                    assert!(n >= 19 || !image.is_complete());
                     continue;
                 }
                 assert!(image.is_complete());
@@ -465,14 +652,17 @@ mod tests {
                 let all = dense.values.iter().copied().enumerate();
                 let wanted: Vec<_> = all.filter(|v| v.1 >= image.threshold()).collect();
                 assert_eq!(image.voxels(), wanted, "{n}");
-                // Every cube alive carries the bound that a fresh one has.
-                for eight in &image.eights {
-                    for n in (0..8).filter(|n| eight.alive >> n & 1 == 1) {
-                        assert_eq!(Some(eight.bound[n]), image.bounded(eight.place(n)).map(|fresh| fresh.1));
+                // No bound is below any voxel of its cube.
+                for (eight, bounds) in image.eights.iter().zip(&image.bounds) {
+                    for n in (0..8).filter(|&n| bounds.is_watched(n)) {
+                        let most = greatest_in(&dense, &image.grid, eight.place(n));
+                        let bound = image.stack.value_of(i64::from(bounds.bound(n)));
+                        assert!(bound >= most, "{:?}: {bound} {most}", eight.place(n));
                     }
                 }
             }
-            assert!(image.work().dropped > 0, "{:?}", image.work());
+            let work = image.work();
+            assert!(work.caught_up > 0, "{work:?}");
         }
     }
 
@@ -496,7 +686,7 @@ mod tests {
             let observations = observations(3);
             let mut image = image(&observations, settings(Statistic::Log));
             observations.iter().for_each(|o| image.push(o).unwrap());
-            (image.voxels(), image.work(), image.alive())
+            (image.voxels(), image.work(), image.kept())
         };
         assert_eq!(on_one_thread(run), run());
         let noise: Vec<_> = sweeps(3.0, |t| winding(3.0 * t), &[], 4).into_iter().step_by(20).collect();
@@ -504,7 +694,8 @@ mod tests {
         noise.iter().for_each(|o| image.push(o).unwrap());
         assert_eq!(image.voxels(), []);
         let bricks = image.grid.bricks().into_iter().product::<usize>();
-        assert!(image.alive().1 < bricks / 4, "{:?} of {bricks}", image.alive());
+        let kept = image.kept();
+        assert!(kept.rolling_bricks + kept.resting_bricks < bricks / 4, "{kept:?} of {bricks}");
     }
 
     #[test]

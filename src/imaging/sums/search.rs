@@ -10,7 +10,7 @@ use std::collections::BinaryHeap;
 
 use rayon::prelude::*;
 
-use super::bounds::{RangeMaxima, SweepLanes, VoxelBox, bounds, box_lanes};
+use super::bounds::{BoxLanes, RangeMaxima, SweepLanes, VoxelBox, bounds};
 use super::dense::Bricks;
 use super::dispatch::{Kernel, on_widest};
 use super::grid::BrickGrid;
@@ -220,11 +220,11 @@ impl Kernel for BoundBox<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) -> (Option<i64>, usize) {
-        let (center, half) = box_lanes(s, &self.of);
+        let boxes = BoxLanes::one(s, &self.of);
         let mut bound = 0i64;
         for (index, group) in self.stack.groups.iter().enumerate() {
             let sweeps = SweepLanes::group(s, group, index, self.maxima);
-            for of_sweep in bounds(s, self.stack, self.maxima, &sweeps, center, half) {
+            for of_sweep in s.store_int(bounds(s, self.stack, self.maxima, &sweeps, &boxes)) {
                 bound += i64::from(of_sweep);
             }
             let last = index + 1 == self.stack.groups.len();
@@ -251,12 +251,12 @@ impl Kernel for BoundGroups<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) -> Vec<i64> {
-        let (center, half) = box_lanes(s, &self.of);
+        let boxes = BoxLanes::one(s, &self.of);
         let mut sums = Vec::with_capacity(self.stack.groups.len() + 1);
         for (index, group) in self.stack.groups.iter().enumerate() {
             let sweeps = SweepLanes::group(s, group, index, self.maxima);
             let mut sum = 0i64;
-            for of_sweep in bounds(s, self.stack, self.maxima, &sweeps, center, half) {
+            for of_sweep in s.store_int(bounds(s, self.stack, self.maxima, &sweeps, &boxes)) {
                 sum += i64::from(of_sweep);
             }
             sums.push(sum);

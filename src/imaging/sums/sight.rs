@@ -46,7 +46,51 @@ impl BrickShape {
     }
 }
 
-/// What sixteen sweeps need to know of a brick. Lanes are sweeps.
+/// Sweeps in lanes: sixteen, or one in all of them.
+pub(super) struct Sweeps<S: Lanes> {
+    pub position: [S::F; 3],
+    pub velocity: [S::F; 3],
+    pub forward: [S::F; 3],
+    pub first: S::F,
+    pub last: S::F,
+    pub per_m: S::F,
+    pub time_per_m: S::F,
+    pub time_at_zero: S::F,
+}
+
+impl<S: Lanes> Sweeps<S> {
+    /// The sixteen sweeps of a group.
+    #[inline(always)]
+    pub(super) fn sixteen(s: S, group: &Group) -> Self {
+        Self {
+            position: load3(s, &group.position_m),
+            velocity: load3(s, &group.velocity_m_per_s),
+            forward: load3(s, &group.forward),
+            first: s.load(&group.first_m),
+            last: s.load(&group.last_m),
+            per_m: s.load(&group.entries_per_m),
+            time_per_m: s.load(&group.time_s_per_m),
+            time_at_zero: s.load(&group.time_at_zero_s),
+        }
+    }
+
+    /// Sweep `l` of a group in every lane.
+    #[inline(always)]
+    pub(super) fn one(s: S, group: &Group, l: usize) -> Self {
+        Self {
+            position: lane3(s, &group.position_m, l),
+            velocity: lane3(s, &group.velocity_m_per_s, l),
+            forward: lane3(s, &group.forward, l),
+            first: s.splat(group.first_m[l]),
+            last: s.splat(group.last_m[l]),
+            per_m: s.splat(group.entries_per_m[l]),
+            time_per_m: s.splat(group.time_s_per_m[l]),
+            time_at_zero: s.splat(group.time_at_zero_s[l]),
+        }
+    }
+}
+
+/// How sweeps and bricks see each other, lane by lane: sixteen sweeps before one brick, or one sweep before sixteen.
 pub(super) struct Sight {
     /// Sweeps that see every voxel, and those of which an edge may cross the brick.
     pub inside: u16,
@@ -75,14 +119,26 @@ pub(super) struct Sight {
 }
 
 impl Sight {
-    /// Of a brick whose centre is given relative to the stack's origin.
+    /// Sixteen sweeps before a brick whose centre is given relative to the stack's origin.
     #[inline(always)]
     pub(super) fn new<S: Lanes>(s: S, stack: &SweepStack, group: &Group, center: [f32; 3], shape: &BrickShape) -> Self {
+        Self::between(s, stack, &Sweeps::sixteen(s, group), splat3(s, center), shape)
+    }
+
+    /// Lane by lane.
+    #[inline(always)]
+    pub(super) fn between<S: Lanes>(
+        s: S,
+        stack: &SweepStack,
+        sweeps: &Sweeps<S>,
+        center: [S::F; 3],
+        shape: &BrickShape,
+    ) -> Self {
         let radius = s.splat(shape.radius_m);
-        let velocity = load3(s, &group.velocity_m_per_s);
-        let from_pose = sub3(s, splat3(s, center), load3(s, &group.position_m));
+        let velocity = sweeps.velocity;
+        let from_pose = sub3(s, center, sweeps.position);
         let pose_distance = s.sqrt(dot(s, from_pose, from_pose));
-        let (time_per_m, time_at_zero) = (s.load(&group.time_s_per_m), s.load(&group.time_at_zero_s));
+        let (time_per_m, time_at_zero) = (sweeps.time_per_m, sweeps.time_at_zero);
         let time = s.mul_add(pose_distance, time_per_m, time_at_zero);
         let first = sub3(s, from_pose, scale3(s, velocity, time));
         let time = s.mul_add(s.sqrt(dot(s, first, first)), time_per_m, time_at_zero);
@@ -91,7 +147,7 @@ impl Sight {
         let per_m = s.div(s.splat(1.0), s.max(distance, s.splat(1e-6)));
         let toward = scale3(s, offset, per_m);
         let stretch = s.neg_mul_add(dot(s, toward, velocity), time_per_m, s.splat(1.0));
-        let cos = s.div(dot(s, from_pose, load3(s, &group.forward)), s.max(pose_distance, s.splat(1e-6)));
+        let cos = s.div(dot(s, from_pose, sweeps.forward), s.max(pose_distance, s.splat(1e-6)));
 
         // Ranges of the voxels: at least the tangent plane's, at most that and the bend.
         let half = s.splat(shape.half_m);
@@ -100,8 +156,7 @@ impl Sight {
         let least = s.sub(s.sub(distance, reach), slack);
         let bend = s.mul(s.mul(radius, radius), s.mul(per_m, s.splat(0.5)));
         let most = s.add(s.add(distance, reach), s.add(bend, slack));
-        let (range_first, range_last) = (s.load(&group.first_m), s.load(&group.last_m));
-        let per_entry = s.load(&group.entries_per_m);
+        let (range_first, range_last, per_entry) = (sweeps.first, sweeps.last, sweeps.per_m);
         let span = s.mul(s.sub(most, least), per_entry);
         let fits = s.at_most(span, s.splat(WINDOW as f32 - 3.0));
         let fits_wide = s.at_most(span, s.splat(WIDE_WINDOW as f32 - 4.0));

@@ -279,6 +279,15 @@ impl SweepStack {
         self.filled[slot] = true;
     }
 
+    /// Puts the sweep in another stack's slot, which is made for the same sweeps, into one of this one's.
+    pub(super) fn take_over(&mut self, slot: usize, other: &Self, from: usize) {
+        let long = self.table_len();
+        self.tables[slot * long..][..long].copy_from_slice(&other.tables[from * long..][..long]);
+        self.groups[slot / LANES].copy_lane(slot % LANES, &other.groups[from / LANES], from % LANES);
+        self.greatest[slot] = other.greatest[from];
+        self.filled[slot] = other.filled[from];
+    }
+
     /// Takes a sweep out.
     pub fn empty(&mut self, slot: usize) {
         let (group, l) = (&mut self.groups[slot / LANES], slot % LANES);
@@ -434,6 +443,19 @@ fn check(observation: &Observation, axes: &[Axis]) -> Result<usize, SweepRefusal
 }
 
 impl Group {
+    fn copy_lane(&mut self, to: usize, other: &Self, from: usize) {
+        for axis in 0..3 {
+            self.position_m[axis][to] = other.position_m[axis][from];
+            self.velocity_m_per_s[axis][to] = other.velocity_m_per_s[axis][from];
+            self.forward[axis][to] = other.forward[axis][from];
+        }
+        self.first_m[to] = other.first_m[from];
+        self.last_m[to] = other.last_m[from];
+        self.entries_per_m[to] = other.entries_per_m[from];
+        self.time_s_per_m[to] = other.time_s_per_m[from];
+        self.time_at_zero_s[to] = other.time_at_zero_s[from];
+    }
+
     fn put(&mut self, l: usize, observation: &Observation, compressor: &RangeCompressor, origin_m: DVec3) {
         let pose = &observation.tracking_from_sensor;
         let vectors = [
