@@ -29,8 +29,6 @@ const MAX_PHASE_RAD: f32 = 0.5;
 /// Below this the second order is left out, and below that the first.
 const SECOND_ORDER_FROM_RAD: f32 = 0.1;
 const FIRST_ORDER_FROM_RAD: f32 = 0.004;
-/// Layers of 4 × 4 voxels in a box at most.
-pub(super) const MAX_LAYERS: usize = 32;
 
 /// z of all sweeps, laid out so that every `stride`-th entry is in a row.
 #[derive(Debug, Clone)]
@@ -86,7 +84,7 @@ pub(super) struct VoxelBox<'a> {
     pub voxel_m: f32,
     /// Farthest voxel from the middle, metres.
     pub radius_m: f32,
-    /// Lane 0 of each layer, relative to the box's middle, metres; at most [`MAX_LAYERS`].
+    /// Lane 0 of each layer, relative to the box's middle, metres.
     pub layers_m: &'a [[f32; 3]],
 }
 
@@ -101,9 +99,9 @@ struct Turned {
     sin: f32,
 }
 
-/// The sweeps of a block as a box sees them; kept from box to box for its memory.
+/// The sweeps of a block as a box sees them, and the box's sums; kept from box to box for its memory.
 #[derive(Debug, Default)]
-pub(super) struct Scratch(Vec<Turned>);
+pub(super) struct Scratch(Vec<Turned>, Vec<Sums>);
 
 impl Block {
     /// Farthest that a voxel may lie from its box's middle, metres.
@@ -119,9 +117,9 @@ impl Block {
     /// m of the layers' voxels. Needs a radius of at most [`Block::box_reach_m`]; where voxels lie outside the range axes
     /// ([`Block::covers`]) the values there mean nothing.
     pub(super) fn coherence_in_box(&self, voxels: &VoxelBox, scratch: &mut Scratch, m: &mut [Lanes]) {
-        let mut sums = [[[0.0; LANES]; 3]; MAX_LAYERS];
-        let sums = &mut sums[..voxels.layers_m.len()];
-        self.sums_in_box(voxels, scratch, sums);
+        let mut sums = std::mem::take(&mut scratch.1);
+        sums.resize(voxels.layers_m.len(), [[0.0; LANES]; 3]);
+        self.sums_in_box(voxels, scratch, &mut sums);
         let count = self.sweep_count as f32;
         for ([re, im, energy], m) in sums.iter().zip(m) {
             for l in 0..LANES {
@@ -130,6 +128,7 @@ impl Block {
                 m[l] = power / if rest > 1.0 { rest } else { 1.0 };
             }
         }
+        scratch.1 = sums;
     }
 
     /// The sums themselves, Σ w z e^(−jκd) and Σ w² abs(z)², under the same conditions.

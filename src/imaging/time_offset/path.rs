@@ -49,9 +49,23 @@ impl SensorPath {
         first > 0 && last < self.samples.len() && (first..=last).all(unbroken)
     }
 
+    /// Number of samples before a time: where it would be if samples came evenly, or else searched for.
+    fn first_from(&self, time_ns: i64) -> usize {
+        let search = || self.samples.partition_point(|s| s.time_ns < time_ns);
+        let (Some(first), Some(last)) = (self.samples.front(), self.samples.back()) else { return 0 };
+        if time_ns <= first.time_ns || time_ns > last.time_ns {
+            return search();
+        }
+        let share = (time_ns - first.time_ns) as f64 / (last.time_ns - first.time_ns) as f64;
+        let guess = (share * (self.samples.len() - 1) as f64).ceil() as usize;
+        let near = guess.saturating_sub(1).max(1)..(guess + 2).min(self.samples.len());
+        let is_it = |n: &usize| self.samples[n - 1].time_ns < time_ns && time_ns <= self.samples[*n].time_ns;
+        near.into_iter().find(is_it).unwrap_or_else(search)
+    }
+
     /// Place and velocity at a time; `None` outside and in gaps.
     pub fn at(&self, time_ns: i64) -> Option<(DVec3, DVec3)> {
-        let later = self.samples.partition_point(|s| s.time_ns < time_ns).max(1);
+        let later = self.first_from(time_ns).max(1);
         let (a, b) = (self.samples.get(later - 1)?, self.samples.get(later)?);
         if b.time_ns - a.time_ns > MAX_STEP_NS || time_ns < a.time_ns {
             return None;
