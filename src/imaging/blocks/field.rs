@@ -9,6 +9,7 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
@@ -77,6 +78,8 @@ pub struct Field {
     first_epoch: Option<i64>,
     bricks: Vec<Brick>,
     index: BTreeMap<[i32; 3], usize>,
+    /// Radius, voxels, and every voxel's neighbours within it, as first asked for.
+    neighbors: OnceLock<(f64, Vec<Neighbor>)>,
     /// (voxel, sweep) pairs summed so far.
     pub updates: u64,
 }
@@ -84,7 +87,8 @@ pub struct Field {
 impl Field {
     /// Empty. `min_cos`: cosine of the widest angle in the beam.
     pub fn new(settings: BlockSettings, min_cos: f64) -> Self {
-        Self { settings, min_cos, first_epoch: None, bricks: Vec::new(), index: BTreeMap::new(), updates: 0 }
+        let (bricks, index, neighbors) = (Vec::new(), BTreeMap::new(), OnceLock::new());
+        Self { settings, min_cos, first_epoch: None, bricks, index, neighbors, updates: 0 }
     }
 
     /// Number of bricks that were ever in the beam.
@@ -248,12 +252,15 @@ impl Field {
     /// Local maxima: voxels of [`Field::above`] with no greater one within `radius_m`, by falling score.
     pub fn peaks(&self, min_score: f64, radius_m: f64, since_ns: i64) -> Vec<Peak> {
         let since = self.ticks_at(since_ns);
-        let offsets = ball(radius_m / self.settings.voxel_m);
+        let radius = radius_m / self.settings.voxel_m;
+        let (kept_radius, kept) = self.neighbors.get_or_init(|| (radius, neighbors(&ball(radius))));
+        let others = (*kept_radius != radius).then(|| neighbors(&ball(radius)));
+        let neighbors = others.as_ref().unwrap_or(kept);
         // Only what is strong enough itself can be greater than what is: bricks without any need no second look.
         let strong: Vec<Option<Strong>> =
             self.bricks.par_iter().map(|brick| brick.strong_scores(min_score as f32, since)).collect();
         let each = strong.par_iter().zip(&self.bricks).flat_map_iter(|(scores, brick)| match scores {
-            Some(scores) => self.peaks_of(brick, scores, &strong, &offsets),
+            Some(scores) => self.peaks_of(brick, scores, &strong, neighbors),
             None => Vec::new(),
         });
         let mut peaks: Vec<Peak> = each.collect();
@@ -266,27 +273,23 @@ impl Field {
         peaks
     }
 
-    fn peaks_of(&self, brick: &Brick, mine: &Strong, strong: &[Option<Strong>], offsets: &[IVec3]) -> Vec<Peak> {
-        let neighbor = |n: i32| {
+    fn peaks_of(&self, brick: &Brick, mine: &Strong, strong: &[Option<Strong>], neighbors: &[Neighbor]) -> Vec<Peak> {
+        let brick_around = |n: i32| {
             let at = *self.index.get(&(brick.key + cube(n)).to_array())?;
             strong[at].as_deref()
         };
-        let around: [Option<&[f32; VOXELS]>; 27] = std::array::from_fn(|n| neighbor(n as i32));
+        let around: [Option<&[f32; VOXELS]>; 27] = std::array::from_fn(|n| brick_around(n as i32));
         let mut peaks = Vec::new();
         for (n, &score) in mine.iter().enumerate().filter(|(_, score)| **score > f32::NEG_INFINITY) {
-            let here = in_brick(n);
             // Of equal neighbours the one that comes first counts as the greater.
-            let greater = |offset: &IVec3| {
-                let voxel = here + *offset;
-                // −1, 0 or 1 along each axis: reaches stay within a brick's edge.
-                let [x, y, z] = voxel.to_array().map(|n| n >> EDGE_LOG2);
-                around[((z + 1) * 9 + (y + 1) * 3 + x + 1) as usize].is_some_and(|scores| {
-                    let other =
-                        scores[index_in_brick(IVec3::from_array(voxel.to_array().map(|n| n & (EDGE as i32 - 1))))];
-                    other > score || (other == score && comes_first(*offset))
+            let greater = |neighbor: &Neighbor| {
+                around[usize::from(neighbor.brick)].is_some_and(|scores| {
+                    let other = scores[usize::from(neighbor.voxel)];
+                    other > score || (other == score && neighbor.comes_first)
                 })
             };
-            if !offsets.iter().any(greater) {
+            let around_here = neighbors.len() / VOXELS;
+            if !neighbors[n * around_here..(n + 1) * around_here].iter().any(greater) {
                 peaks.push(Peak { position_m: brick.center(n, self.settings.voxel_m), score: f64::from(score) });
             }
         }
@@ -320,6 +323,30 @@ fn ball(radius: f64) -> Vec<IVec3> {
 
 fn comes_first(offset: IVec3) -> bool {
     (offset.z, offset.y, offset.x) < (0, 0, 0)
+}
+
+/// A voxel near another: in which of the 27 bricks around (as [`cube`] numbers them), where there, and whether it comes first.
+#[derive(Debug, Clone, Copy)]
+struct Neighbor {
+    brick: u8,
+    voxel: u16,
+    comes_first: bool,
+}
+
+/// For every voxel of a brick, in the order in which they are stored: those at these offsets, each within a brick's edge.
+fn neighbors(offsets: &[IVec3]) -> Vec<Neighbor> {
+    let neighbor = |n: usize, offset: IVec3| {
+        let voxel = (in_brick(n) + offset).to_array();
+        // −1, 0 or 1 along each axis.
+        let [x, y, z] = voxel.map(|n| n >> EDGE_LOG2);
+        let inside = IVec3::from_array(voxel.map(|n| n & (EDGE as i32 - 1)));
+        Neighbor {
+            brick: ((z + 1) * 9 + (y + 1) * 3 + x + 1) as u8,
+            voxel: index_in_brick(inside) as u16,
+            comes_first: comes_first(offset),
+        }
+    };
+    (0..VOXELS).flat_map(|n| offsets.iter().map(move |offset| neighbor(n, *offset))).collect()
 }
 
 /// Where a voxel of a brick is stored: tile, layer, row, column.
@@ -362,7 +389,15 @@ impl Layer {
             let score2 = self.a[l] * self.a[l].abs() / self.b[l];
             scores2[l] = if self.b[l] > 0.0 { score2 } else { f32::NEG_INFINITY };
         }
-        scores2.into_iter().fold(f32::NEG_INFINITY, f32::max)
+        // By halves: whole vectors, where one after the other would be one lane at a time.
+        let mut half = LANES / 2;
+        while half > 0 {
+            for l in 0..half {
+                scores2[l] = if scores2[l] > scores2[l + half] { scores2[l] } else { scores2[l + half] };
+            }
+            half /= 2;
+        }
+        scores2[0]
     }
 }
 

@@ -52,6 +52,9 @@ const PHASE_ERROR_M: f64 = 0.5e-3;
 /// What an echo counts whose phase the fit cannot carry.
 const UNCARRIED_COST: f64 = 4.0;
 const MAX_STEPS: usize = 25;
+/// Share of the cost that a step must gain to be followed by another: where the result is but a start for more, and at the end.
+const COARSE_GAIN: f64 = 1e-3;
+const FINE_GAIN: f64 = 1e-6;
 const MAX_KNOTS: usize = 20;
 
 /// What one track says of the offset.
@@ -184,14 +187,23 @@ pub(super) fn fit(track: &Track, path: &SensorPath, middle_s: f64, errors: &Posi
     let mut coarse: Vec<(Unknowns, f64)> =
         [Kind::Point, Kind::Mirror].into_iter().flat_map(|kind| problem.coarse(Source { kind, ..start })).collect();
     coarse.sort_by(|a, b| a.1.total_cmp(&b.1));
+    // Explanations that come to the same once all rows count need not be followed further twice.
+    let mut by_range: Vec<(Unknowns, f64)> =
+        apart(coarse).into_iter().filter_map(|(found, _)| problem.by_range(found)).collect();
+    by_range.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let fits = apart(by_range).into_iter().filter_map(|(found, _)| problem.by_phase(found, track.last_ns()));
+    mixed(&fits.collect::<Vec<_>>())
+}
+
+/// The best explanations that are not near a better one.
+fn apart(sorted: Vec<(Unknowns, f64)>) -> Vec<(Unknowns, f64)> {
     let mut apart: Vec<(Unknowns, f64)> = Vec::new();
-    for found in coarse {
+    for found in sorted {
         if apart.len() < MAX_EXPLANATIONS && !apart.iter().any(|known| are_near(known, &found)) {
             apart.push(found);
         }
     }
-    let fits = apart.into_iter().filter_map(|(found, _)| problem.refined(found, track.last_ns()));
-    mixed(&fits.collect::<Vec<_>>())
+    apart
 }
 
 /// Several explanations of one track as one, each with its cost and misfit: each counts by its likelihood, the noise as
@@ -265,23 +277,29 @@ impl<'a> Problem<'a> {
         let data = self.data(&some, &[], HEAD);
         let found = found.filter_map(|(offset_s, direction)| {
             let from = Unknowns { source: Source { direction, ..start }, offset_s, drift_m: Vec::new() };
-            self.descend(from, &data)
+            self.descend(from, &data, COARSE_GAIN)
         });
         found.collect()
     }
 
-    /// Everything together, over all rows, by range and then by phase as well; with the cost and the misfit.
-    fn refined(&self, coarse: Unknowns, last_ns: i64) -> Option<(TrackFit, f64, f64)> {
+    /// Everything together, over all rows, by range.
+    fn by_range(&self, coarse: Unknowns) -> Option<(Unknowns, f64)> {
         let start = Unknowns { drift_m: vec![0.0; self.rows[0].bumps.len()], ..coarse };
         let size = HEAD + start.drift_m.len();
-        let (unknowns, _) = self.descend(start, &self.data(&vec![1.0; self.rows.len()], &[], size))?;
+        let (unknowns, _) = self.descend(start, &self.data(&vec![1.0; self.rows.len()], &[], size), COARSE_GAIN)?;
         let weights = self.robust_weights(&unknowns)?;
-        let (mut unknowns, mut cost) = self.descend(unknowns, &self.data(&weights, &[], size))?;
-        let mut carried = Vec::new();
+        self.descend(unknowns, &self.data(&weights, &[], size), FINE_GAIN)
+    }
+
+    /// By phase as well; with the cost and the misfit.
+    fn by_phase(&self, by_range: Unknowns, last_ns: i64) -> Option<(TrackFit, f64, f64)> {
+        let size = HEAD + by_range.drift_m.len();
+        let weights = self.robust_weights(&by_range)?;
+        let (mut unknowns, mut cost, mut carried) = (by_range, 0.0, Vec::new());
         // Twice: what the phases sharpen lets more of them be carried.
         for _ in 0..2 {
             carried = self.carried(&unknowns)?;
-            (unknowns, cost) = self.descend(unknowns, &self.data(&weights, &carried, size))?;
+            (unknowns, cost) = self.descend(unknowns, &self.data(&weights, &carried, size), FINE_GAIN)?;
         }
         let left = self.rows.len() - carried.iter().map(Vec::len).sum::<usize>();
         let (fit, misfit) = self.judged(&unknowns, &self.data(&weights, &carried, size), last_ns)?;
@@ -336,8 +354,8 @@ impl<'a> Problem<'a> {
         Data { weights, carried, constant }
     }
 
-    /// Levenberg–Marquardt.
-    fn descend(&self, start: Unknowns, data: &Data) -> Option<(Unknowns, f64)> {
+    /// Levenberg–Marquardt, until a step gains less than that share of the cost.
+    fn descend(&self, start: Unknowns, data: &Data, least_gain: f64) -> Option<(Unknowns, f64)> {
         let mut at = start;
         let mut equations = self.equations(&at, data)?;
         let mut damping = 1e-4;
@@ -349,7 +367,7 @@ impl<'a> Problem<'a> {
                     let gained = equations.cost - better.cost;
                     (at, equations) = (next, better);
                     damping = (damping * 0.1).max(1e-9);
-                    if gained <= 1e-6 * equations.cost.max(1e-3) {
+                    if gained <= least_gain * equations.cost.max(1e-3) {
                         break;
                     }
                 }
