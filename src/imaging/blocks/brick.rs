@@ -95,20 +95,18 @@ pub(super) struct VoxelBox<'a> {
     pub layers_m: &'a [[f32; 3]],
 }
 
-/// Where a sweep's table for a box starts among all values, how far the box's entries lie towards the next ones, and the
-/// turn that undoes its phase at the box's middle.
-#[derive(Debug, Default, Clone, Copy)]
-struct Turned {
-    start: u32,
-    next_start: u32,
-    share: f32,
-    cos: f32,
-    sin: f32,
-}
-
-/// The sweeps of a block as a box sees them, and the box's sums; kept from box to box for its memory.
+/// The sweeps of a block as a box sees them, sweep by sweep, and the box's sums; kept from box to box for its memory.
 #[derive(Debug, Default)]
-pub(super) struct Scratch(Vec<Turned>, Vec<Sums>);
+pub(super) struct Scratch {
+    /// Where a sweep's table for the box starts among all values, and where one that lies an entry farther on does.
+    starts: Vec<[u32; 2]>,
+    /// How far the box's entries lie from the one towards the other.
+    share: Vec<f32>,
+    /// The turn that undoes the sweep's phase at the box's middle.
+    cos: Vec<f32>,
+    sin: Vec<f32>,
+    sums: Vec<Sums>,
+}
 
 impl Block {
     /// Farthest that a voxel may lie from its box's middle, metres.
@@ -124,11 +122,11 @@ impl Block {
     /// m of the layers' voxels. Needs a radius of at most [`Block::box_reach_m`]; where voxels lie outside the range axes
     /// ([`Block::covers`]) the values there mean nothing.
     pub(super) fn coherence_in_box(&self, voxels: &VoxelBox, scratch: &mut Scratch, m: &mut [Lanes]) {
-        let mut sums = std::mem::take(&mut scratch.1);
+        let mut sums = std::mem::take(&mut scratch.sums);
         sums.resize(voxels.layers_m.len(), [[0.0; LANES]; 3]);
         self.sums_in_box(voxels, scratch, &mut sums);
         coherences(&sums, self.sweep_count as f32, m);
-        scratch.1 = sums;
+        scratch.sums = sums;
     }
 
     /// The sums themselves, Σ w z e^(−jκd) and Σ w² abs(z)², under the same conditions.
@@ -164,10 +162,11 @@ pub(super) type Sums = [Lanes; 3];
 fn coherences(sums: &[Sums], count: f32, m: &mut [Lanes]) {
     #[inline(always)]
     fn each(sums: &[Sums], count: f32, m: &mut [Lanes]) {
+        let (share, rest_share) = (1.0 / count, 1.0 / (count - 1.0));
         for ([re, im, energy], m) in sums.iter().zip(m) {
             for l in 0..LANES {
-                let power = (re[l] * re[l] + im[l] * im[l]) / count;
-                let rest = (energy[l] - power) / (count - 1.0);
+                let power = (re[l] * re[l] + im[l] * im[l]) * share;
+                let rest = (energy[l] - power) * rest_share;
                 m[l] = power / if rest > 1.0 { rest } else { 1.0 };
             }
         }
@@ -228,7 +227,11 @@ impl Block {
 #[inline(always)]
 fn turn_back<V: Vector>(block: &Block, middle_m: [f32; 3], scratch: &mut Scratch) {
     let rows = &block.rows;
-    scratch.0.resize(block.groups.len() * LANES, Turned::default());
+    let room = block.groups.len() * LANES;
+    scratch.starts.resize(room, [0; 2]);
+    for values in [&mut scratch.share, &mut scratch.cos, &mut scratch.sin] {
+        values.resize(room, 0.0);
+    }
     let last = rows.starts.len() - 2;
     for (g, group) in block.groups.iter().enumerate() {
         // Nothing here is a closure: those would not be compiled for the wider instructions.
@@ -245,18 +248,26 @@ fn turn_back<V: Vector>(block: &Block, middle_m: [f32; 3], scratch: &mut Scratch
         let (cos, sin) = half_turns.cos_sin_of_half_turns();
         let at = distance.mul_add(V::splat(rows.entries_per_m), V::splat(rows.entry_at_zero));
         let (whole, bits) = at.sub(V::splat(0.5)).rounded();
-        let mut lanes = [[0.0; LANES]; 4];
-        at.sub(whole).store(&mut lanes[0]);
-        cos.store(&mut lanes[1]);
-        sin.store(&mut lanes[2]);
-        bits.store(&mut lanes[3]);
-        for (l, turned) in scratch.0[g * LANES..(g + 1) * LANES].iter_mut().enumerate() {
-            let entry = (lanes[3][l].to_bits().wrapping_sub(ROUNDER.to_bits()) as i32).clamp(0, last as i32) as usize;
+        let first = g * LANES;
+        store(at.sub(whole), &mut scratch.share[first..]);
+        store(cos, &mut scratch.cos[first..]);
+        store(sin, &mut scratch.sin[first..]);
+        let mut lanes = [0.0; LANES];
+        bits.store(&mut lanes);
+        for (l, starts) in scratch.starts[first..first + LANES].iter_mut().enumerate() {
+            let entry = (lanes[l].to_bits().wrapping_sub(ROUNDER.to_bits()) as i32).clamp(0, last as i32) as usize;
             // The last group's lanes beyond the last sweep point nowhere, and nobody asks for them.
-            let sweep = ((g * LANES + l) * rows.sweep_len) as u32;
-            let [start, next_start] = [rows.starts[entry] + sweep, rows.starts[entry + 1] + sweep];
-            *turned = Turned { start, next_start, share: lanes[0][l], cos: lanes[1][l], sin: lanes[2][l] };
+            let sweep = ((first + l) * rows.sweep_len) as u32;
+            *starts = [rows.starts[entry] + sweep, rows.starts[entry + 1] + sweep];
         }
+    }
+}
+
+/// Into the first sixteen values.
+#[inline(always)]
+fn store<V: Vector>(vector: V, values: &mut [f32]) {
+    if let Some(lanes) = values.first_chunk_mut() {
+        vector.store(lanes);
     }
 }
 
@@ -292,17 +303,19 @@ fn tabulate<V: Vector, const ORDER: usize>(
     let zero = V::splat(0.0);
     let (mut energy, mut sum) = (zero, [zero; 2]);
     let (mut first, mut second) = ([zero; 2], [zero; 2]);
-    let sweeps = &scratch.0[run.first..run.end];
-    for (turned, &offset_m) in sweeps.iter().zip(&offset_m[run.first..run.end]) {
-        let (here, next) = (turned.start as usize, turned.next_start as usize);
-        let share = V::splat(turned.share);
+    let sweeps = run.first..run.end;
+    let turns = scratch.cos[sweeps.clone()].iter().zip(&scratch.sin[sweeps.clone()]);
+    let tables = scratch.starts[sweeps.clone()].iter().zip(&scratch.share[sweeps.clone()]);
+    for (((&[here, next], &share), (&cos, &sin)), &offset_m) in tables.zip(turns).zip(&offset_m[sweeps]) {
+        let (here, next) = (here as usize, next as usize);
+        let share = V::splat(share);
         let (from, to) = (sixteen::<V>(&rows.values, here), sixteen::<V>(&rows.values, next));
         let re = share.mul_add(to.sub(from), from);
         let (from, to) =
             (sixteen::<V>(&rows.values, here + rows.row_len), sixteen::<V>(&rows.values, next + rows.row_len));
         let im = share.mul_add(to.sub(from), from);
         energy = re.mul_add(re, im.mul_add(im, energy));
-        let (cos, sin) = (V::splat(turned.cos), V::splat(turned.sin));
+        let (cos, sin) = (V::splat(cos), V::splat(sin));
         // z · e^(−jκd)
         let (re, im) = (re.mul_add(cos, im.mul(sin)), re.neg_mul_add(sin, im.mul(cos)));
         sum = [sum[0].add(re), sum[1].add(im)];

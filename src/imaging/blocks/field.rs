@@ -7,6 +7,7 @@
 //! that had it in the beam and of nothing else: not of when the field began, nor of blocks that passed it by. A field built
 //! anew from the same blocks is the same, bit for bit.
 
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -274,16 +275,18 @@ impl Field {
     }
 
     fn peaks_of(&self, brick: &Brick, mine: &Strong, strong: &[Option<Strong>], neighbors: &[Neighbor]) -> Vec<Peak> {
-        let brick_around = |n: i32| {
-            let at = *self.index.get(&(brick.key + cube(n)).to_array())?;
+        let brick_around = |n: u8| {
+            let at = *self.index.get(&(brick.key + cube(i32::from(n))).to_array())?;
             strong[at].as_deref()
         };
-        let around: [Option<&[f32; VOXELS]>; 27] = std::array::from_fn(|n| brick_around(n as i32));
+        // Most voxels have a greater one in their own brick: the others are looked up when first needed.
+        let around: [OnceCell<Option<&[f32; VOXELS]>>; 27] = std::array::from_fn(|_| OnceCell::new());
         let mut peaks = Vec::new();
         for (n, &score) in mine.iter().enumerate().filter(|(_, score)| **score > f32::NEG_INFINITY) {
             // Of equal neighbours the one that comes first counts as the greater.
             let greater = |neighbor: &Neighbor| {
-                around[usize::from(neighbor.brick)].is_some_and(|scores| {
+                let scores = around[usize::from(neighbor.brick)].get_or_init(|| brick_around(neighbor.brick));
+                scores.is_some_and(|scores| {
                     let other = scores[usize::from(neighbor.voxel)];
                     other > score || (other == score && neighbor.comes_first)
                 })
