@@ -47,7 +47,8 @@ fn main() {
         }
     }
     println!("{:40}{:>8}{:>16}{:>10}{:>8}{:>12}", "", "after", "|error| ms", "1σ ms", "nees", "observable");
-    let wanted = |trial: &Trial| names.is_empty() || names.iter().any(|name| [trial.0, trial.1].contains(&name.as_str()));
+    let wanted =
+        |trial: &Trial| names.is_empty() || names.iter().any(|name| [trial.0, trial.1].contains(&name.as_str()));
     for (scene, motion, preset, times_s) in TRIALS.into_iter().filter(wanted) {
         let mut results = times_s.map(|_| Vec::new());
         for (offset_s, seed) in OFFSETS_S.iter().flat_map(|o| seeds.clone().map(move |s| (*o, s))) {

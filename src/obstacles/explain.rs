@@ -107,7 +107,7 @@ struct Claim {
 #[derive(Debug, Default)]
 pub struct ViewMemory {
     /// By place: looks since it was last asked for; its views and the blocks that they are of, in time.
-    views: BTreeMap<[u64; 3], (u32, Vec<(BlockName, Option<View>)>)>,
+    views: BTreeMap<[u64; 3], (u32, Remembered)>,
     /// (place, block) pairs that were looked up, and computed.
     pub remembered: u64,
     /// See `remembered`.
@@ -116,6 +116,9 @@ pub struct ViewMemory {
 
 /// Time and subsweep tell a block.
 type BlockName = (i64, usize);
+
+/// What blocks said of a place, in time.
+type Remembered = Vec<(BlockName, Option<View>)>;
 
 /// A place as a key.
 fn key(place: DVec3) -> [u64; 3] {
@@ -133,7 +136,7 @@ pub struct Window<'a> {
     min_cos: f64,
     memory: &'a mut ViewMemory,
     /// What was asked for in this look.
-    asked: BTreeMap<[u64; 3], Vec<(BlockName, Option<View>)>>,
+    asked: BTreeMap<[u64; 3], Remembered>,
 }
 
 /// What a candidate is.

@@ -395,8 +395,9 @@ impl Layer {
         // By halves: whole vectors, where one after the other would be one lane at a time.
         let mut half = LANES / 2;
         while half > 0 {
-            for l in 0..half {
-                scores2[l] = if scores2[l] > scores2[l + half] { scores2[l] } else { scores2[l + half] };
+            let (low, high) = scores2.split_at_mut(half);
+            for (a, b) in low.iter_mut().zip(high) {
+                *a = if *a > *b { *a } else { *b };
             }
             half /= 2;
         }

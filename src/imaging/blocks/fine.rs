@@ -239,7 +239,9 @@ mod tests {
                 fine.comes(block);
                 match n {
                     2 => fine.ask_for(&[CHAIR], 0.1),
-                    4 => assert!(fine.above_within(&around(CHAIR), -9.0, &blocks[..=n].iter().collect::<Vec<_>>()).is_some()),
+                    4 => assert!(
+                        fine.above_within(&around(CHAIR), -9.0, &blocks[..=n].iter().collect::<Vec<_>>()).is_some()
+                    ),
                     5 => fine.ask_for(&[CHAIR, LAMP], 0.1),
                     6 => blocks[..2].iter().for_each(|block| fine.goes(block)),
                     _ => {}
