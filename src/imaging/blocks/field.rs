@@ -388,9 +388,9 @@ impl Layer {
     #[inline(always)]
     fn greatest2(&self) -> f32 {
         let mut scores2 = [f32::NEG_INFINITY; LANES];
-        for l in 0..LANES {
-            let score2 = self.a[l] * self.a[l].abs() / self.b[l];
-            scores2[l] = if self.b[l] > 0.0 { score2 } else { f32::NEG_INFINITY };
+        for ((score2, a), b) in scores2.iter_mut().zip(&self.a).zip(&self.b) {
+            let of_seen = a * a.abs() / b;
+            *score2 = if *b > 0.0 { of_seen } else { f32::NEG_INFINITY };
         }
         // By halves: whole vectors, where one after the other would be one lane at a time.
         let mut half = LANES / 2;
