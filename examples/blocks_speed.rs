@@ -1,44 +1,64 @@
 //! Where the time goes when a room is imaged with preset d16: CPU seconds per second of data, as a share of one core.
 //!
-//!     cargo run --release --example blocks_speed -- [SECONDS] [SEED] [rooms.blocks.memory_s=2 …]
+//!     cargo run --release --example blocks_speed -- [SECONDS] [SEED] [SCENE …] [whole] [rooms.blocks.memory_s=2 …]
 //!
 //! Simulates a furnished and an empty room (natural play, 10 s unless told otherwise), then times each stage by itself, in
 //! CPU time of all threads (Linux; elsewhere wall time): joining the streams, blocks (range compression and tables), the
-//! field at 5 cm and 2.5 cm, planes, and the whole pipeline; what the pipeline takes beyond its stages are the looks. Each
-//! stage is repeated and the least counts. Updates are (voxel in the beam, sweep) pairs.
+//! field at 5 cm and 2.5 cm, planes, the time offset's estimate once a second, the fine field of 1 cm wherever the search
+//! looks finely, brought up to date four times a second, and the whole pipeline, without and with the estimate of the time
+//! offset; what it takes beyond its stages are the looks. (In the pipeline most fine bricks are never read, and so never
+//! computed.) Each stage is repeated and the least counts. Updates are (voxel in the beam, sweep) pairs. At last the fine field
+//! is held against a dense one of 1 cm voxels. With `whole` the pipeline alone.
 
 use std::time::Instant;
 
-use radar_chaperone::engine::{Pipeline, Settings};
-use radar_chaperone::imaging::blocks::{Block, BlockBuilder, BlockSettings, Field, PlaneField};
+use radar_chaperone::engine::{Counters, Pipeline, Settings};
+use radar_chaperone::imaging::blocks::{
+    Block, BlockBuilder, BlockSettings, Field, FineField, FineSettings, PlaneField,
+};
+use radar_chaperone::imaging::{TimeOffsetEstimator, TimeOffsetSettings};
+use radar_chaperone::obstacles::RoomSearch;
 use radar_chaperone::radar::{Observation, preset};
 use radar_chaperone::simulation::{Scenario, Simulated};
-use radar_chaperone::tracking::{Observer, ObserverSettings};
+use radar_chaperone::tracking::{Observer, ObserverSettings, SensorState};
 
 const REPETITIONS: usize = 3;
 
 fn main() {
     let (mut numbers, mut changes) = (Vec::new(), Vec::new());
+    let (mut scenes, mut whole_alone) = (Vec::new(), false);
     for argument in std::env::args().skip(1) {
         match argument.parse::<f64>() {
             Ok(number) => numbers.push(number),
-            Err(_) => changes.push(argument),
+            Err(_) if argument.contains('=') => changes.push(argument),
+            Err(_) if argument == "whole" => whole_alone = true,
+            Err(_) => scenes.push(argument),
         }
+    }
+    if scenes.is_empty() {
+        scenes = ["furnished-room", "empty-room"].map(String::from).to_vec();
     }
     let settings = Settings::from_toml("", &changes).unwrap_or_else(|error| panic!("{error}"));
     let duration_s = numbers.first().copied().unwrap_or(10.0);
     let seed = numbers.get(1).map_or(500, |n| *n as u64);
-    for scene in ["furnished-room", "empty-room"] {
-        let scenario = Scenario::new(scene, "natural", preset("d16").expect("d16 exists"), duration_s, seed);
+    for scene in scenes {
+        let scenario = Scenario::new(&scene, "natural", preset("d16").expect("d16 exists"), duration_s, seed);
         let simulated = scenario.run().unwrap_or_else(|error| panic!("{error}"));
         println!("{scene}, {duration_s} s, seed {seed}");
-        stages(&scenario, &simulated, &settings, duration_s);
+        if !whole_alone {
+            stages(&scenario, &simulated, &settings, duration_s);
+        }
+        pipelines(&scenario, &simulated, &settings, duration_s);
     }
 }
 
+fn line(name: &str, cpu_s: f64, duration_s: f64) {
+    println!("  {name:<44}{:>7.2} % of a core", cpu_s / duration_s * 100.0);
+}
+
 fn stages(scenario: &Scenario, simulated: &Simulated, settings: &Settings, duration_s: f64) {
-    let line = |name: &str, cpu_s: f64| println!("  {name:<44}{:>7.2} % of a core", cpu_s / duration_s * 100.0);
-    let (join_s, observations) = timed(|| joined(scenario, simulated, settings));
+    let line = |name: &str, cpu_s: f64| line(name, cpu_s, duration_s);
+    let (join_s, (observations, path)) = timed(|| joined(scenario, simulated, settings));
     line("joining the streams", join_s);
     let (copy_s, _) = timed(|| observations.to_vec());
     let (build_s, blocks) = timed(|| blocks(&observations, settings.rooms.blocks));
@@ -58,12 +78,23 @@ fn stages(scenario: &Scenario, simulated: &Simulated, settings: &Settings, durat
         blocks.iter().for_each(|block| planes.add(block));
     });
     line("planes", planes_s);
-    let (whole_s, counters) = timed(|| whole(scenario, simulated, settings));
-    line("the whole pipeline", whole_s);
-    println!("      {counters:?}");
+    let (offset_s, _) = timed(|| time_offset(&observations, &path, settings));
+    line("time offset, estimated once a second", offset_s);
+    fine(&observations, &blocks, settings, duration_s);
 }
 
-fn joined(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> Vec<Observation> {
+fn pipelines(scenario: &Scenario, simulated: &Simulated, settings: &Settings, duration_s: f64) {
+    let mut as_set = settings.clone();
+    as_set.tracking.estimate_time_offset = false;
+    let (whole_s, _) = timed(|| whole(scenario, simulated, &as_set));
+    line("the whole pipeline, time offset as set", whole_s, duration_s);
+    let (whole_s, counters) = timed(|| whole(scenario, simulated, settings));
+    line("the whole pipeline", whole_s, duration_s);
+    println!("      {:?}", counters.engine.rooms);
+    println!("      {:?}", counters.time_offset);
+}
+
+fn joined(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> (Vec<Observation>, Vec<SensorState>) {
     let observer = ObserverSettings {
         history: settings.tracking.history,
         head_from_sensor: scenario.head_from_sensor,
@@ -71,16 +102,118 @@ fn joined(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> Ve
     };
     let mut observer = Observer::new(&scenario.config, observer);
     let mut frames = simulated.frames.iter().peekable();
-    let mut observations = Vec::new();
+    let (mut observations, mut path) = (Vec::new(), Vec::new());
     for pose in &simulated.poses {
         while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
             observer.push_frame(frame.clone());
         }
         observer.push_pose(pose);
         observations.extend(observer.take_ready());
+        path.extend(observer.take_path());
     }
     observations.extend(observer.take_rest());
-    observations
+    (observations, path)
+}
+
+fn time_offset(observations: &[Observation], path: &[SensorState], settings: &Settings) {
+    let errors = settings.tracking.errors;
+    let mut estimator =
+        TimeOffsetEstimator::new(TimeOffsetSettings { middle_s: settings.tracking.time_offset_s, errors });
+    let mut path = path.iter().peekable();
+    let mut next_ns = observations.first().map_or(0, |o| o.mid_time_ns) + 1_000_000_000;
+    for observation in observations {
+        estimator.push_sweep(observation);
+        while let Some(at) = path.next_if(|at| at.time_ns <= observation.mid_time_ns) {
+            estimator.push_path(at.time_ns, at.tracking_from_sensor.translation, at.velocity_m_per_s);
+        }
+        if observation.mid_time_ns >= next_ns {
+            next_ns += 1_000_000_000;
+            estimator.estimate();
+        }
+    }
+}
+
+/// One look: number of the last block before it, and the middles of the bricks that were open after it.
+type Look = (usize, Vec<glam::DVec3>);
+
+/// The fine field as the search opens it, all of it brought up to date at every look; then held against a dense one.
+fn fine(observations: &[Observation], blocks: &[Block], settings: &Settings, duration_s: f64) {
+    let looks = looks(observations, settings);
+    let (fine_s, fine) = timed(|| followed(blocks, &looks, settings, usize::MAX));
+    line("fine field, 1 cm wherever something is", fine_s, duration_s);
+    let open = looks.iter().map(|(_, bricks)| bricks.len()).sum::<usize>() / looks.len().max(1);
+    println!("      {open} bricks open in the mean, {:.2} G updates", fine.counters().updates as f64 * 1e-9);
+    // The look that opened most, late enough for a full window; compared a second later.
+    let new = |n: &usize| looks[*n].1.iter().filter(|brick| !looks[n - 1].1.contains(brick)).count();
+    let full = |n: &usize| window(blocks, looks[*n].0, settings).start > 0;
+    let Some(at) = (1..looks.len().saturating_sub(4)).filter(full).max_by_key(new) else { return };
+    let opened: Vec<glam::DVec3> =
+        looks[at].1.iter().filter(|b| !looks[at - 1].1.contains(b) && looks[at + 4].1.contains(b)).copied().collect();
+    let (first, last) = (window(blocks, looks[at].0, settings).start, looks[at + 4].0);
+    let voxel_m = settings.rooms.fine.voxel_m;
+    let with_voxel = BlockSettings { voxel_m, ..settings.rooms.blocks };
+    let mut dense = Field::new(with_voxel, with_voxel.min_cos(&settings.radar.beam));
+    let start = cpu_s();
+    blocks[first..=last].iter().for_each(|block| dense.add(block));
+    let dense_s = cpu_s().zip(start).map_or(f64::NAN, |(end, start)| end - start);
+    let span_s = (blocks[last].mid_time_ns - blocks[first].mid_time_ns) as f64 * 1e-9;
+    line("dense field, 1 cm", dense_s / span_s * duration_s, duration_s);
+    let dense_updates = dense.updates as f64 / span_s * duration_s;
+    let share = fine.counters().updates as f64 / dense_updates * 100.0;
+    println!("      {:.2} G updates; the fine field's are {share:.2} % of them", dense_updates * 1e-9);
+    let fine = followed(blocks, &looks, settings, at + 4);
+    let (mut equal, mut different) = (0, 0);
+    for voxel in opened.iter().flat_map(|brick| voxels(*brick, voxel_m)) {
+        match fine.field().score_at(voxel) == dense.score_at(voxel) {
+            true => equal += 1,
+            false => different += 1,
+        }
+    }
+    println!("      {} bricks opened together, a second later: {equal} voxels equal, {different} not", opened.len());
+}
+
+/// What the search opens, look by look.
+fn looks(observations: &[Observation], settings: &Settings) -> Vec<Look> {
+    let mut search = RoomSearch::new(settings.rooms, &settings.radar.beam, settings.tracking.errors);
+    let mut looks: Vec<Look> = Vec::new();
+    for observation in observations {
+        search.push(observation.clone());
+        if search.counters().looks as usize > looks.len() {
+            looks.push((search.counters().blocks as usize - 1, search.fine().open_bricks()));
+        }
+    }
+    looks
+}
+
+/// A fine field with just these bricks open after each look, up to a look.
+fn followed(blocks: &[Block], looks: &[Look], settings: &Settings, last_look: usize) -> FineField {
+    let follow = FineSettings { max_opened: usize::MAX, max_bricks: usize::MAX, keep_looks: 0, ..settings.rooms.fine };
+    let rooms = &settings.rooms;
+    let mut fine = FineField::new(follow, rooms.blocks, rooms.blocks.min_cos(&settings.radar.beam));
+    let (mut next, mut first) = (0, 0);
+    for (last, bricks) in looks.iter().take(last_look.saturating_add(1)) {
+        while next <= *last {
+            fine.comes(&blocks[next]);
+            let at_hand = window(blocks, next, settings);
+            blocks[first..at_hand.start].iter().for_each(|block| fine.goes(block));
+            (next, first) = (next + 1, at_hand.start);
+        }
+        fine.ask_for(bricks, 1e-6);
+        fine.read_all(&blocks[first..next].iter().collect::<Vec<_>>());
+    }
+    fine
+}
+
+/// The blocks at hand when one has come.
+fn window(blocks: &[Block], last: usize, settings: &Settings) -> std::ops::Range<usize> {
+    let since_ns = blocks[last].mid_time_ns - (settings.rooms.explain.window_s * 1e9) as i64;
+    blocks[..last].partition_point(|block| block.mid_time_ns < since_ns)..last + 1
+}
+
+/// Middles of a brick's voxels.
+fn voxels(brick: glam::DVec3, voxel_m: f64) -> impl Iterator<Item = glam::DVec3> {
+    let along = |n: usize| (n % 8) as f64 - 3.5;
+    (0..512).map(move |n| brick + glam::DVec3::new(along(n), along(n / 8), along(n / 64)) * voxel_m)
 }
 
 fn blocks(observations: &[Observation], settings: BlockSettings) -> Vec<Block> {
@@ -90,7 +223,7 @@ fn blocks(observations: &[Observation], settings: BlockSettings) -> Vec<Block> {
     blocks
 }
 
-fn whole(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> radar_chaperone::obstacles::RoomCounters {
+fn whole(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> Counters {
     let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, settings);
     let mut frames = simulated.frames.iter().peekable();
     for pose in &simulated.poses {
@@ -100,7 +233,7 @@ fn whole(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> rad
         pipeline.push_pose(pose);
     }
     pipeline.finish();
-    pipeline.counters().engine.rooms
+    pipeline.counters()
 }
 
 /// Least CPU time of some repetitions, and what came out.

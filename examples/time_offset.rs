@@ -1,11 +1,13 @@
 //! How well the time between the pose stream and the sweep stream is found from the data, and what correcting it brings.
 //!
-//!     cargo run --release --example time_offset -- [FIRST..END] [rooms]
+//!     cargo run --release --example time_offset -- [FIRST..END] [SCENE or MOTION …] [rooms]
 //!
 //! First table: a corner reflector (20 dB at 1 m, 120 sweeps a second, default tracking errors), −20, 0 and +20 ms between
 //! the streams, seeds 100..120. For each motion and each time since the recording began: median / 95th percentile of the
 //! error, median of the stated 1σ, the normalised squared error (error/1σ)², which is 1 in the mean when the 1σ is honest,
-//! and the share of recordings in which the offset is reported as observable; errors of unobservable ones count too.
+//! and the share of recordings in which the offset is reported as observable; errors of unobservable ones count too. With names,
+//! only the rows of those scenes or motions. straight-0.3 goes straight ahead at one speed, approach-1.0 speeds up and brakes
+//! on its way: the one must not be observable, the other is.
 //! Furnished rooms and single things (preset d16) below. Second table: the reflector's error with 20 ms between the
 //! streams, left alone and estimated, and with none. With `rooms`, the same for furnished rooms of 30 s (minutes).
 
@@ -17,11 +19,13 @@ use radar_chaperone::simulation::{Scenario, Simulated};
 
 /// Scene, motion, preset, and times at which the estimate is read, seconds.
 type Trial = (&'static str, &'static str, &'static str, [f64; 3]);
-const TRIALS: [Trial; 10] = [
+const TRIALS: [Trial; 12] = [
     ("corner-reflector", "sphere-50cm", "fine", [1.0, 2.0, 5.0]),
     ("corner-reflector", "sphere-10cm", "fine", [1.0, 2.0, 5.0]),
     ("corner-reflector", "x-50cm", "fine", [1.0, 2.0, 5.0]),
     ("corner-reflector", "approach-1.0", "fine", [0.5, 1.0, 2.0]),
+    ("corner-reflector", "straight-0.3", "fine", [0.5, 1.0, 2.0]),
+    ("corner-reflector", "straight-0.3", "d16", [0.5, 1.0, 2.0]),
     ("corner-reflector", "stationary", "fine", [1.0, 2.0, 5.0]),
     ("furnished-room", "natural", "d16", [2.0, 4.0, 8.0]),
     ("empty-room", "natural", "d16", [2.0, 4.0, 8.0]),
@@ -34,15 +38,18 @@ const OFFSETS_S: [f64; 3] = [-0.02, 0.0, 0.02];
 const POSES_BEHIND_S: f64 = 0.15;
 
 fn main() {
-    let (mut seeds, mut rooms) = (100..120, false);
+    let (mut seeds, mut rooms, mut names) = (100..120, false, Vec::new());
     for argument in std::env::args().skip(1) {
         match argument.split_once("..") {
             Some((first, end)) => seeds = first.parse().expect("a seed")..end.parse().expect("a seed"),
-            None => rooms = argument == "rooms",
+            None if argument == "rooms" => rooms = true,
+            None => names.push(argument),
         }
     }
     println!("{:40}{:>8}{:>16}{:>10}{:>8}{:>12}", "", "after", "|error| ms", "1σ ms", "nees", "observable");
-    for (scene, motion, preset, times_s) in TRIALS {
+    let wanted =
+        |trial: &Trial| names.is_empty() || names.iter().any(|name| [trial.0, trial.1].contains(&name.as_str()));
+    for (scene, motion, preset, times_s) in TRIALS.into_iter().filter(wanted) {
         let mut results = times_s.map(|_| Vec::new());
         for (offset_s, seed) in OFFSETS_S.iter().flat_map(|o| seeds.clone().map(move |s| (*o, s))) {
             let (scenario, simulated) = simulated(scene, motion, preset, 10.0, offset_s, seed);
@@ -51,8 +58,11 @@ fn main() {
             }
         }
         for (time_s, result) in times_s.iter().zip(&results) {
-            println!("{:40}{:>6} s{}", format!("{scene}, {motion}"), time_s, row(result));
+            println!("{:40}{:>6} s{}", format!("{scene}, {motion}, {preset}"), time_s, row(result));
         }
+    }
+    if !names.is_empty() {
+        return;
     }
     println!("\ncorner-reflector, sphere-50cm, 10 s: error of its place, median / p95");
     for (offset_s, estimate) in [(0.0, false), (0.02, false), (0.02, true)] {

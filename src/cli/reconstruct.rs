@@ -110,7 +110,10 @@ impl Reconstruct {
                 self.file.display(),
                 counters.frames,
                 counters.poses,
-                counters.poses_invalid + counters.poses_bad_numbers + counters.poses_time_not_rising
+                counters.poses_invalid
+                    + counters.poses_bad_numbers
+                    + counters.poses_time_not_rising
+                    + counters.poses_time_leapt
             );
         };
         let region = self.region(&first.tracking_from_sensor)?;

@@ -140,6 +140,8 @@ impl Results {
     fn write(&mut self, event: &Event, pipeline: &Pipeline) -> Result<()> {
         let now_ns = event.time_ns();
         // Searching for single reflectors is one piece of work for the whole recording: its scene comes at the end.
+        // One stamp far in the future must not put off all the scenes to come.
+        self.next_scene_ns.take_if(|next_ns| next_ns.saturating_sub(now_ns) > 1_000_000_000);
         if now_ns >= *self.next_scene_ns.get_or_insert(now_ns.saturating_add(1_000_000_000))
             && pipeline.engine().search() == Search::Rooms
         {
@@ -187,6 +189,8 @@ pub(super) fn described(scene: &Scene, pipeline: &Pipeline) -> String {
         ("frames saturated", streams.frames_saturated),
         ("frames of wrong length", streams.frames_wrong_length),
         ("frames not later than the one before", streams.frames_time_not_rising),
+        ("frames far ahead in time", streams.frames_time_leapt),
+        ("poses far ahead in time", streams.poses_time_leapt),
         ("poses marked invalid", streams.poses_invalid),
         ("poses with impossible numbers", streams.poses_bad_numbers),
         ("poses not later than the one before", streams.poses_time_not_rising),

@@ -97,7 +97,9 @@ impl Pipeline {
     pub fn push_pose(&mut self, sample: &PoseSample) {
         self.observer.push_pose(sample);
         self.work_off(false);
-        let now_ns = sample.time_ns;
+        let Some(now_ns) = self.observer.newest_pose_ns() else { return };
+        // A time that was taken back, being wrong, must not put the next estimate off.
+        self.next_estimate_ns.take_if(|next_ns| next_ns.saturating_sub(now_ns) > SETTLED_ESTIMATE_NS);
         if self.next_estimate_ns.is_none_or(|next_ns| now_ns >= next_ns) {
             // The first one has nothing to go by; a leap in time does not bring a burst of them.
             let first = self.next_estimate_ns.is_none();

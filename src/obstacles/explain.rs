@@ -106,8 +106,8 @@ struct Claim {
 /// What blocks said of places, from one look to the next: most candidates and most blocks are the same as the last time.
 #[derive(Debug, Default)]
 pub struct ViewMemory {
-    /// By place: its views and the blocks that they are of, in time.
-    views: BTreeMap<[u64; 3], Vec<(BlockName, Option<View>)>>,
+    /// By place: looks since it was last asked for; its views and the blocks that they are of, in time.
+    views: BTreeMap<[u64; 3], (u32, Remembered)>,
     /// (place, block) pairs that were looked up, and computed.
     pub remembered: u64,
     /// See `remembered`.
@@ -116,6 +116,9 @@ pub struct ViewMemory {
 
 /// Time and subsweep tell a block.
 type BlockName = (i64, usize);
+
+/// What blocks said of a place, in time.
+type Remembered = Vec<(BlockName, Option<View>)>;
 
 /// A place as a key.
 fn key(place: DVec3) -> [u64; 3] {
@@ -132,8 +135,8 @@ pub struct Window<'a> {
     block_settings: &'a BlockSettings,
     min_cos: f64,
     memory: &'a mut ViewMemory,
-    /// What was asked for in this look; all else is forgotten with it.
-    asked: BTreeMap<[u64; 3], Vec<(BlockName, Option<View>)>>,
+    /// What was asked for in this look.
+    asked: BTreeMap<[u64; 3], Remembered>,
 }
 
 /// What a candidate is.
@@ -332,7 +335,8 @@ impl<'a> Window<'a> {
         // `[place][block]`, the outer option for what must be computed.
         let mut known: Vec<Vec<Option<Option<View>>>> = Vec::with_capacity(places.len());
         for &place in places {
-            let mut before = self.memory.views.remove(&key(place)).or_else(|| self.asked.remove(&key(place)));
+            let remembered = self.memory.views.remove(&key(place)).map(|(_, views)| views);
+            let mut before = remembered.or_else(|| self.asked.remove(&key(place)));
             let mut before = before.iter_mut().flatten().peekable();
             let mut find = |name: &BlockName| {
                 // Both lie in time, and blocks only ever leave at the beginning.
@@ -424,10 +428,17 @@ impl Claim {
 
 impl Drop for Window<'_> {
     fn drop(&mut self) {
-        self.memory.views = std::mem::take(&mut self.asked);
+        let views = &mut self.memory.views;
+        views.retain(|_, (looks, _)| {
+            *looks += 1;
+            *looks <= REMEMBERED_LOOKS
+        });
+        views.extend(std::mem::take(&mut self.asked).into_iter().map(|(place, views)| (place, (0, views))));
     }
 }
 
+/// A place that was not asked for is remembered for so many looks: maxima move to the voxel beside and back again.
+const REMEMBERED_LOOKS: u32 = 4;
 /// Places from this score on are moved uphill before they claim, at most by this much, metres.
 const CLIMB_FROM_SCORE: f64 = 5.0;
 const CLIMB_REACH_M: f64 = 0.12;
@@ -505,7 +516,7 @@ mod tests {
             let found = look(range.clone(), &mut memory, places);
             assert_eq!(found, look(range, &mut ViewMemory::default(), places));
         }
-        assert_eq!((memory.computed, memory.remembered), (36 + 6 + 6 + 15 + 18, 18 + 24 + 27));
+        assert_eq!((memory.computed, memory.remembered), (36 + 6 + 6 + 6 + 18, 18 + 33 + 27));
     }
 
     #[test]

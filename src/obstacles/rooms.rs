@@ -150,13 +150,19 @@ impl RoomSearch {
         }
     }
 
+    /// The score on fine voxels, where something is.
+    pub fn fine(&self) -> &FineField {
+        &self.fine
+    }
+
     /// Takes a sweep; images the block that it closes and, four times a second, looks at the evidence.
     pub fn push(&mut self, observation: Observation) {
         let settings = self.settings.blocks;
         self.sweeps.push_back(observation.clone());
         let builder = self.builders.entry(observation.geometry.subsweep).or_insert_with(|| BlockBuilder::new(settings));
         if let Some(block) = builder.push(observation) {
-            self.take_block(block);
+            // All of a block's parallel loops from within the pool: one hand-over instead of one for each loop.
+            rayon::scope(|_| self.take_block(block));
         }
     }
 
@@ -175,13 +181,13 @@ impl RoomSearch {
         self.counters.blocks += 1;
         self.middle.get_or_insert(block.middle.translation);
         self.field.add(&block);
-        self.fine.add(&block);
+        self.fine.comes(&block);
         self.planes.add(&block);
         let now_ns = block.mid_time_ns;
         self.window.push_back(block);
         let since_ns = now_ns - self.window_ns();
-        while self.window.front().is_some_and(|b| b.mid_time_ns < since_ns) {
-            self.window.pop_front();
+        while let Some(old) = self.window.pop_front_if(|b| b.mid_time_ns < since_ns) {
+            self.fine.goes(&old);
         }
         while self.sweeps.front().is_some_and(|o| o.mid_time_ns < since_ns) {
             self.sweeps.pop_front();
@@ -229,14 +235,13 @@ impl RoomSearch {
         let strong =
             believed.iter().filter(|p| p.determined && p.score >= self.settings.fine.min_score).map(|p| p.thing);
         let places: Vec<DVec3> = self.points.confirmed().map(|p| p.thing).chain(strong).collect();
-        let blocks: Vec<&Block> = self.window.iter().collect();
-        self.fine.ask_for(&places, FINE_EDGE_M, &blocks);
+        self.fine.ask_for(&places, FINE_EDGE_M);
     }
 
     /// The greatest fine voxel around a place, when the place is looked at finely.
-    fn fine_peak(&self, at: DVec3) -> Option<DVec3> {
+    fn fine_peak(&mut self, at: DVec3) -> Option<DVec3> {
         let around = Aabb { min: at - FINE_EDGE_M * 0.5, max: at + FINE_EDGE_M * 0.5 };
-        let voxels = self.fine.above_within(&around, 0.0);
+        let voxels = self.fine.above_within(&around, 0.0, &self.window.iter().collect::<Vec<_>>())?;
         voxels.into_iter().reduce(|a, b| if b.score > a.score { b } else { a }).map(|peak| peak.position_m)
     }
 

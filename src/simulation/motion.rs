@@ -10,7 +10,7 @@ use super::Scene;
 use crate::geometry::Pose;
 
 /// Motions by name: the thesis' (3.5.5, 3.5.6), and natural play.
-pub const MOTIONS: [&str; 9] = [
+pub const MOTIONS: [&str; 10] = [
     "stationary",
     "sphere-10cm",
     "sphere-50cm",
@@ -19,6 +19,7 @@ pub const MOTIONS: [&str; 9] = [
     "approach-1.0",
     "approach-1.5",
     "approach-2.5",
+    "straight-0.3",
     "natural",
 ];
 
@@ -53,6 +54,7 @@ impl Motion {
             "approach-1.0" => Shape::Approach { speed_m_per_s: 1.0 },
             "approach-1.5" => Shape::Approach { speed_m_per_s: 1.5 },
             "approach-2.5" => Shape::Approach { speed_m_per_s: 2.5 },
+            "straight-0.3" => Shape::Straight { speed_m_per_s: 0.3 },
             other => return Err(MotionError(other.into())),
         };
         // Hand-held wandering turns the sensor by a few degrees; the other trials keep it straight.
@@ -127,6 +129,10 @@ enum Shape {
     Approach {
         speed_m_per_s: f64,
     },
+    /// Straight ahead at one speed, before the recording begins and for as long as it lasts.
+    Straight {
+        speed_m_per_s: f64,
+    },
 }
 
 /// Length of the approach, metres.
@@ -142,6 +148,7 @@ impl Shape {
         match self {
             Self::Still => DVec3::ZERO,
             Self::Wander(wander) => wander.at(time_s),
+            Self::Straight { speed_m_per_s } => DVec3::NEG_Z * (speed_m_per_s * time_s),
             // A sine whose greatest speed is the wanted one.
             Self::Approach { speed_m_per_s } => {
                 let omega = 2.0 * speed_m_per_s / APPROACH_M;
@@ -290,6 +297,12 @@ mod tests {
         let speed = |t: f64| at(&approach, t + 1e-4).translation.distance(at(&approach, t).translation) / 1e-4;
         let fastest = (0..1000).map(|i| speed(f64::from(i) * 1e-3)).fold(0.0, f64::max);
         assert!((fastest - 2.5).abs() < 0.01, "{fastest}");
+        let straight = Motion::named("straight-0.3", &scene, 10.0, 3).unwrap();
+        let place = |t: f64| at(&straight, t).translation;
+        assert!((-2..50).all(|i| {
+            let step = place(0.1 * f64::from(i) + 0.1) - place(0.1 * f64::from(i));
+            (step - at(&straight, 0.0).forward() * 0.03).length() < 1e-9
+        }));
     }
 
     #[test]

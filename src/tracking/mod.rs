@@ -4,6 +4,7 @@ mod history;
 mod local_fit;
 mod observer;
 mod sample;
+mod stamps;
 
 pub use history::{HistorySettings, NoPose, PoseHistory, SmoothPose};
 pub use observer::{Observer, ObserverCounters, ObserverSettings, SensorState, observe_all};

@@ -11,6 +11,7 @@ use glam::DVec3;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
 
+use super::stamps::{Stamp, Stamps};
 use super::{HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
 use crate::geometry::Pose;
 use crate::radar::{Frame, FrameLayout, Observation, RangeAxis, SensorConfig, Sweep, SweepGeometry};
@@ -61,12 +62,16 @@ pub struct ObserverCounters {
     pub poses_bad_numbers: u64,
     /// Poses not later than the one before.
     pub poses_time_not_rising: u64,
+    /// Poses far ahead in time of the one before, with no other pose to confirm it; or a first one that none confirmed.
+    pub poses_time_leapt: u64,
     /// Frames skipped: saturated samples.
     pub frames_saturated: u64,
     /// Frames skipped: not as long as the configuration says.
     pub frames_wrong_length: u64,
     /// Frames skipped: not later than the one before.
     pub frames_time_not_rising: u64,
+    /// Frames skipped: far ahead in time of the one before, with no other to confirm it; or a first one that none confirmed.
+    pub frames_time_leapt: u64,
     /// Frames without a pose for any sweep.
     pub frames_without_pose: u64,
     /// Sweeps skipped: before the first or after the last pose.
@@ -86,7 +91,8 @@ pub struct Observer {
     history: PoseHistory,
     waiting: VecDeque<Frame>,
     ready: Vec<Observation>,
-    last_frame_time_ns: Option<i64>,
+    frame_stamps: Stamps,
+    pose_stamps: Stamps,
     next_path_ns: Option<i64>,
     keep_s: f64,
     counters: ObserverCounters,
@@ -112,7 +118,8 @@ impl Observer {
             settings,
             waiting: VecDeque::new(),
             ready: Vec::new(),
-            last_frame_time_ns: None,
+            frame_stamps: Stamps::default(),
+            pose_stamps: Stamps::default(),
             next_path_ns: None,
             // Older poses than the window before a frame serve nobody, unless asked for.
             keep_s: settings.history.smoothing_window_s + settings.history.max_gap_s + 0.5,
@@ -128,6 +135,11 @@ impl Observer {
     /// The newest valid pose of the head and its time.
     pub fn head(&self) -> Option<(i64, Pose)> {
         self.history.last_pose()
+    }
+
+    /// Time of the newest pose whose time was believed, valid or not.
+    pub fn newest_pose_ns(&self) -> Option<i64> {
+        self.history.last_time_ns()
     }
 
     /// Keeps poses for this long behind the newest frame, seconds (within a bound of their number): for
@@ -168,6 +180,16 @@ impl Observer {
     /// Takes a pose; a bad one is counted and used no further.
     pub fn push_pose(&mut self, sample: &PoseSample) {
         self.counters.poses += 1;
+        match self.pose_stamps.judge(sample.time_ns) {
+            Stamp::Next => {}
+            Stamp::NotRising => return self.counters.poses_time_not_rising += 1,
+            Stamp::Leap => return self.counters.poses_time_leapt += 1,
+            Stamp::Anew => {
+                self.counters.poses_time_leapt += 1;
+                self.history.forget_beyond(0);
+                self.next_path_ns = None;
+            }
+        }
         match self.history.push(sample) {
             Ok(()) => {}
             Err(PoseRefusal::Invalid | PoseRefusal::Result(_)) => self.counters.poses_invalid += 1,
@@ -184,11 +206,15 @@ impl Observer {
             self.counters.frames_wrong_length += 1;
             return;
         }
-        if self.last_frame_time_ns.is_some_and(|before| frame.host_time_ns <= before) {
-            self.counters.frames_time_not_rising += 1;
-            return;
+        match self.frame_stamps.judge(frame.host_time_ns) {
+            Stamp::Next => {}
+            Stamp::NotRising => return self.counters.frames_time_not_rising += 1,
+            Stamp::Leap => return self.counters.frames_time_leapt += 1,
+            Stamp::Anew => {
+                self.counters.frames_time_leapt += 1;
+                self.waiting.clear();
+            }
         }
-        self.last_frame_time_ns = Some(frame.host_time_ns);
         if frame.data_saturated {
             self.counters.frames_saturated += 1;
             return;
@@ -372,6 +398,35 @@ mod tests {
         assert_eq!(counters.frames_time_not_rising, 2);
         assert_eq!(counters.frames_without_pose, 1);
         assert_eq!(counters.sweeps_outside_poses, 1);
+    }
+
+    #[test]
+    fn single_stamps_far_in_the_future_block_nothing() {
+        let far = 86_400_000 * MS;
+        for (bad_pose, bad_frame) in [(0, 0), (30, 25), (0, 25), (30, 0)] {
+            let mut observer = observer(Pose::IDENTITY, 0.0);
+            let (mut observed, mut path) = (0, 0);
+            for i in 0..60 {
+                if i == bad_frame {
+                    observer.push_frame(frame(far));
+                }
+                if i == bad_pose {
+                    observer.push_pose(&PoseSample::valid(far + MS, &Pose::IDENTITY));
+                    observed += observer.take_ready().len();
+                    path += observer.take_path().len();
+                }
+                observer.push_frame(frame(1000 * MS + i * 10 * MS));
+                observer.push_pose(&PoseSample::valid(1000 * MS + i * 10 * MS, &Pose::IDENTITY));
+                observed += observer.take_ready().len();
+                path += observer.take_path().len();
+            }
+            observed += observer.take_rest().len();
+            let counters = observer.counters();
+            assert_eq!((counters.frames_time_leapt, counters.poses_time_leapt), (1, 1), "{counters:?}");
+            // The first frame begins before the first pose, and the second before the second.
+            assert_eq!(observed, if bad_pose == 0 { 58 } else { 59 }, "{bad_pose} {bad_frame} {counters:?}");
+            assert!(path > 100, "{path}");
+        }
     }
 
     #[test]

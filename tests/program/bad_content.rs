@@ -42,7 +42,7 @@ fn each_frame(streams: &mut Streams, spoil: fn(&mut Frame)) {
 const NUMBERS: &str = "left out: 5 poses with impossible numbers";
 const LENGTH: &str = "left out: 5 frames of wrong length";
 const NO_POSE: &str = "No sweep has a pose";
-const CASES: [Case; 27] = [
+const CASES: [Case; 29] = [
     Case { name: "nothing amiss", spoil: |_| {}, says: " 0 frames without a pose skipped\n\n" },
     Case { name: "position NaN", spoil: |s| each_pose(s, |p| p.position_m[1] = f64::NAN), says: NUMBERS },
     Case { name: "position infinite", spoil: |s| each_pose(s, |p| p.position_m[2] = f64::INFINITY), says: NUMBERS },
@@ -91,7 +91,7 @@ const CASES: [Case; 27] = [
     Case {
         name: "pose times at the end of numbers",
         spoil: |s| (s.poses[0].time_ns, s.poses[1].time_ns) = (i64::MIN, i64::MAX),
-        says: "poses not later than the one before",
+        says: "left out: 2 poses far ahead in time",
     },
     Case {
         name: "frame times leap back",
@@ -106,7 +106,17 @@ const CASES: [Case; 27] = [
     Case {
         name: "frame times at the end of numbers",
         spoil: |s| (s.frames[0].host_time_ns, s.frames[1].host_time_ns) = (i64::MIN, i64::MAX),
-        says: "frames not later than the one before",
+        says: "left out: 2 frames far ahead in time",
+    },
+    Case {
+        name: "one pose of another day",
+        spoil: |s| s.poses[20].time_ns += 86_400_000_000_000,
+        says: "left out: 1 poses far ahead in time",
+    },
+    Case {
+        name: "the first frame of another day",
+        spoil: |s| s.frames[0].host_time_ns += 86_400_000_000_000,
+        says: "left out: 1 frames far ahead in time",
     },
     Case { name: "frames cut", spoil: |s| each_frame(s, |f| f.samples.truncate(17)), says: LENGTH },
     Case { name: "frames too long", spoil: |s| each_frame(s, |f| f.samples.push(Complex::new(1, 1))), says: LENGTH },

@@ -178,7 +178,7 @@ const DAMAGES: [(&str, Damage, Tells); 23] = [
     (
         "a frame at the end of time",
         |n, e| frame(usize::from(n < 150), e, 2, |f| f.host_time_ns = i64::MAX),
-        Some(|c| c.frames_time_not_rising),
+        Some(|c| c.frames_time_leapt),
     ),
     (
         "a frame before time",
@@ -199,7 +199,7 @@ const DAMAGES: [(&str, Damage, Tells); 23] = [
     (
         "a pose at the end of time",
         |n, e| pose(usize::from(n < 170), e, 2, |p| p.time_ns = i64::MAX),
-        Some(|c| c.poses_time_not_rising),
+        Some(|c| c.poses_time_leapt),
     ),
     ("a pose before time", |n, e| pose(n, e, 91, |p| p.time_ns = i64::MIN), Some(|c| c.poses_time_not_rising)),
     ("leaps of 100 m", |n, e| pose(n, e, 41, |p| p.position_m[0] += 100.0), None),

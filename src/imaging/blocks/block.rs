@@ -3,6 +3,7 @@
 use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
+use num_complex::Complex32;
 
 use super::brick::Rows;
 use super::kernel::Group;
@@ -72,17 +73,18 @@ impl Block {
         let (first_m, step_m, entries) = (compressed[0].first_m, compressed[0].step_m, compressed[0].z.len());
         let mut z = vec![[[0.0; LANES]; 2]; entries * groups.len()];
         let mut rows = Rows::new(observations.len(), entries, first_m, step_m, geometry.profile.envelope_fwhm_m());
+        let mut evened = vec![Complex32::ZERO; entries];
         for (k, sweep) in compressed.iter().enumerate() {
             let scale = (taper(k, observations.len()) / noise_rms_lsb) as f32;
             for (entry, value) in sweep.z.iter().enumerate() {
                 // Straight lines between entries lie inside the curve; entries moved out by the mean of that even it out.
                 let (before, after) = (entry.saturating_sub(1), (entry + 1).min(entries - 1));
                 let inside = (sweep.z[before] + sweep.z[after] - value * 2.0) / 12.0;
-                let evened = (value - inside) * scale;
-                rows.set(k, entry, evened.re, evened.im);
+                evened[entry] = (value - inside) * scale;
                 let row = &mut z[entry * groups.len() + k / LANES];
                 (row[0][k % LANES], row[1][k % LANES]) = (value.re * scale, value.im * scale);
             }
+            rows.set(k, &evened);
         }
         let way = observations[observations.len() - 1].tracking_from_sensor.translation
             - observations[0].tracking_from_sensor.translation;

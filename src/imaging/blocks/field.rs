@@ -7,12 +7,15 @@
 //! that had it in the beam and of nothing else: not of when the field began, nor of blocks that passed it by. A field built
 //! anew from the same blocks is the same, bit for bit.
 
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::OnceLock;
 
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
-use super::brick::{MAX_LAYERS, Scratch, VoxelBox};
+use super::brick::{Scratch, VoxelBox};
 use super::lanes::{LANES, Lanes, ln_1p};
 use super::{Block, BlockSettings, MEAN_LOG_OF_NOISE};
 use crate::geometry::Aabb;
@@ -53,6 +56,8 @@ struct Brick {
     /// Brick coordinates: its lowest voxel is `key · EDGE`.
     key: IVec3,
     layers: Box<[Layer; LAYERS]>,
+    /// Each layer's greatest score, squared with its sign; −∞ when never seen.
+    greatest2: [f32; LAYERS],
     /// When any of its voxels was last seen.
     newest: i32,
 }
@@ -74,6 +79,8 @@ pub struct Field {
     first_epoch: Option<i64>,
     bricks: Vec<Brick>,
     index: BTreeMap<[i32; 3], usize>,
+    /// Radius, voxels, and every voxel's neighbours within it, as first asked for.
+    neighbors: OnceLock<(f64, Vec<Neighbor>)>,
     /// (voxel, sweep) pairs summed so far.
     pub updates: u64,
 }
@@ -81,7 +88,8 @@ pub struct Field {
 impl Field {
     /// Empty. `min_cos`: cosine of the widest angle in the beam.
     pub fn new(settings: BlockSettings, min_cos: f64) -> Self {
-        Self { settings, min_cos, first_epoch: None, bricks: Vec::new(), index: BTreeMap::new(), updates: 0 }
+        let (bricks, index, neighbors) = (Vec::new(), BTreeMap::new(), OnceLock::new());
+        Self { settings, min_cos, first_epoch: None, bricks, index, neighbors, updates: 0 }
     }
 
     /// Number of bricks that were ever in the beam.
@@ -114,33 +122,32 @@ impl Field {
         self.updates += (visited * block.sweep_count()) as u64;
     }
 
-    /// Adds a block to bricks that are there already, and makes none.
-    pub(super) fn add_to_known(&mut self, block: &Block) {
-        let moment = self.moment(block.mid_time_ns);
-        let view = View::new(block, &self.settings, self.min_cos);
-        let each = self.bricks.par_iter_mut();
-        let visited: usize = each.map_init(Scratch::default, |scratch, brick| brick.add(&view, moment, scratch)).sum();
-        self.updates += (visited * block.sweep_count()) as u64;
+    /// Takes note of a block that is to be added later: ticks count from the first one.
+    pub(super) fn note(&mut self, block: &Block) {
+        self.moment(block.mid_time_ns);
     }
 
-    /// Makes bricks and adds blocks to them, in time.
-    pub(super) fn open(&mut self, keys: &[IVec3], blocks: &[&Block]) {
+    /// Makes empty bricks; those that are there stay as they are.
+    pub(super) fn make(&mut self, keys: &[IVec3]) {
+        for &key in keys {
+            let next = self.bricks.len();
+            if *self.index.entry(key.to_array()).or_insert(next) == next {
+                self.bricks.push(Brick::new(key));
+            }
+        }
+    }
+
+    /// Adds to every brick there is those of the blocks (in time, all noted) that it lacks, by its key.
+    pub(super) fn add_lacking(&mut self, blocks: &[&Block], lacks: impl Fn(&[i32; 3]) -> Range<usize> + Sync) {
         let moments: Vec<Moment> = blocks.iter().map(|block| self.moment(block.mid_time_ns)).collect();
         let views: Vec<View> = blocks.iter().map(|block| View::new(block, &self.settings, self.min_cos)).collect();
-        let new: Vec<IVec3> = keys.iter().copied().filter(|key| !self.index.contains_key(&key.to_array())).collect();
-        let filled = new.into_par_iter().map_init(Scratch::default, |scratch, key| {
-            let mut brick = Brick::new(key);
-            let each = views.iter().zip(&moments);
-            let updates: usize =
-                each.map(|(view, now)| brick.add(view, *now, scratch) * view.block.sweep_count()).sum();
-            (brick, updates)
-        });
-        let filled: Vec<(Brick, usize)> = filled.collect();
-        for (brick, updates) in filled {
-            self.index.insert(brick.key.to_array(), self.bricks.len());
-            self.bricks.push(brick);
-            self.updates += updates as u64;
-        }
+        let add = |scratch: &mut Scratch, brick: &mut Brick| -> usize {
+            let lacking = lacks(&brick.key.to_array());
+            let each = views[lacking.clone()].iter().zip(&moments[lacking]);
+            each.map(|(view, now)| brick.add(view, *now, scratch) * view.block.sweep_count()).sum()
+        };
+        let updates: usize = self.bricks.par_iter_mut().map_init(Scratch::default, add).sum();
+        self.updates += updates as u64;
     }
 
     /// Drops bricks.
@@ -155,9 +162,14 @@ impl Field {
         }
     }
 
+    /// Edge of a brick, metres.
+    pub(super) fn brick_edge_m(&self) -> f64 {
+        self.settings.voxel_m * EDGE as f64
+    }
+
     /// Bricks that a box touches.
     pub(super) fn keys_around(&self, region: &Aabb) -> Vec<IVec3> {
-        let edge_m = self.settings.voxel_m * EDGE as f64;
+        let edge_m = self.brick_edge_m();
         let (low, high) = ((region.min / edge_m).floor().as_ivec3(), (region.max / edge_m).floor().as_ivec3());
         let mut keys = Vec::new();
         for z in low.z..=high.z {
@@ -200,7 +212,7 @@ impl Field {
 
     /// Bricks that may have a voxel in the beam.
     fn keys_in_reach(&self, view: &View) -> Vec<IVec3> {
-        let edge_m = self.settings.voxel_m * EDGE as f64;
+        let edge_m = self.brick_edge_m();
         let around_m = edge_m * 3f64.sqrt() * 0.5;
         let sensor = &view.block.middle;
         let reach = DVec3::splat(self.settings.max_range_m);
@@ -241,12 +253,15 @@ impl Field {
     /// Local maxima: voxels of [`Field::above`] with no greater one within `radius_m`, by falling score.
     pub fn peaks(&self, min_score: f64, radius_m: f64, since_ns: i64) -> Vec<Peak> {
         let since = self.ticks_at(since_ns);
-        let offsets = ball(radius_m / self.settings.voxel_m);
+        let radius = radius_m / self.settings.voxel_m;
+        let (kept_radius, kept) = self.neighbors.get_or_init(|| (radius, neighbors(&ball(radius))));
+        let others = (*kept_radius != radius).then(|| neighbors(&ball(radius)));
+        let neighbors = others.as_ref().unwrap_or(kept);
         // Only what is strong enough itself can be greater than what is: bricks without any need no second look.
         let strong: Vec<Option<Strong>> =
             self.bricks.par_iter().map(|brick| brick.strong_scores(min_score as f32, since)).collect();
         let each = strong.par_iter().zip(&self.bricks).flat_map_iter(|(scores, brick)| match scores {
-            Some(scores) => self.peaks_of(brick, scores, &strong, &offsets),
+            Some(scores) => self.peaks_of(brick, scores, &strong, neighbors),
             None => Vec::new(),
         });
         let mut peaks: Vec<Peak> = each.collect();
@@ -259,27 +274,25 @@ impl Field {
         peaks
     }
 
-    fn peaks_of(&self, brick: &Brick, mine: &Strong, strong: &[Option<Strong>], offsets: &[IVec3]) -> Vec<Peak> {
-        let neighbor = |n: i32| {
-            let at = *self.index.get(&(brick.key + cube(n)).to_array())?;
+    fn peaks_of(&self, brick: &Brick, mine: &Strong, strong: &[Option<Strong>], neighbors: &[Neighbor]) -> Vec<Peak> {
+        let brick_around = |n: u8| {
+            let at = *self.index.get(&(brick.key + cube(i32::from(n))).to_array())?;
             strong[at].as_deref()
         };
-        let around: [Option<&[f32; VOXELS]>; 27] = std::array::from_fn(|n| neighbor(n as i32));
+        // Most voxels have a greater one in their own brick: the others are looked up when first needed.
+        let around: [OnceCell<Option<&[f32; VOXELS]>>; 27] = std::array::from_fn(|_| OnceCell::new());
         let mut peaks = Vec::new();
         for (n, &score) in mine.iter().enumerate().filter(|(_, score)| **score > f32::NEG_INFINITY) {
-            let here = in_brick(n);
             // Of equal neighbours the one that comes first counts as the greater.
-            let greater = |offset: &IVec3| {
-                let voxel = here + *offset;
-                // −1, 0 or 1 along each axis: reaches stay within a brick's edge.
-                let [x, y, z] = voxel.to_array().map(|n| n >> EDGE_LOG2);
-                around[((z + 1) * 9 + (y + 1) * 3 + x + 1) as usize].is_some_and(|scores| {
-                    let other =
-                        scores[index_in_brick(IVec3::from_array(voxel.to_array().map(|n| n & (EDGE as i32 - 1))))];
-                    other > score || (other == score && comes_first(*offset))
+            let greater = |neighbor: &Neighbor| {
+                let scores = around[usize::from(neighbor.brick)].get_or_init(|| brick_around(neighbor.brick));
+                scores.is_some_and(|scores| {
+                    let other = scores[usize::from(neighbor.voxel)];
+                    other > score || (other == score && neighbor.comes_first)
                 })
             };
-            if !offsets.iter().any(greater) {
+            let around_here = neighbors.len() / VOXELS;
+            if !neighbors[n * around_here..(n + 1) * around_here].iter().any(greater) {
                 peaks.push(Peak { position_m: brick.center(n, self.settings.voxel_m), score: f64::from(score) });
             }
         }
@@ -315,6 +328,30 @@ fn comes_first(offset: IVec3) -> bool {
     (offset.z, offset.y, offset.x) < (0, 0, 0)
 }
 
+/// A voxel near another: in which of the 27 bricks around (as [`cube`] numbers them), where there, and whether it comes first.
+#[derive(Debug, Clone, Copy)]
+struct Neighbor {
+    brick: u8,
+    voxel: u16,
+    comes_first: bool,
+}
+
+/// For every voxel of a brick, in the order in which they are stored: those at these offsets, each within a brick's edge.
+fn neighbors(offsets: &[IVec3]) -> Vec<Neighbor> {
+    let neighbor = |n: usize, offset: IVec3| {
+        let voxel = (in_brick(n) + offset).to_array();
+        // −1, 0 or 1 along each axis.
+        let [x, y, z] = voxel.map(|n| n >> EDGE_LOG2);
+        let inside = IVec3::from_array(voxel.map(|n| n & (EDGE as i32 - 1)));
+        Neighbor {
+            brick: ((z + 1) * 9 + (y + 1) * 3 + x + 1) as u8,
+            voxel: index_in_brick(inside) as u16,
+            comes_first: comes_first(offset),
+        }
+    };
+    (0..VOXELS).flat_map(|n| offsets.iter().map(move |offset| neighbor(n, *offset))).collect()
+}
+
 /// Where a voxel of a brick is stored: tile, layer, row, column.
 fn index_in_brick(voxel: IVec3) -> usize {
     let [x, y, z] = voxel.to_array().map(|n| n as usize);
@@ -346,37 +383,61 @@ impl Layer {
                 if seen[l] { (a, b, ticks) } else { (self.a[l], self.b[l], self.seen[l]) };
         }
     }
+
+    /// The greatest score, squared with its sign; −∞ when never seen.
+    #[inline(always)]
+    fn greatest2(&self) -> f32 {
+        let mut scores2 = [f32::NEG_INFINITY; LANES];
+        for ((score2, a), b) in scores2.iter_mut().zip(&self.a).zip(&self.b) {
+            let of_seen = a * a.abs() / b;
+            *score2 = if *b > 0.0 { of_seen } else { f32::NEG_INFINITY };
+        }
+        // By halves: whole vectors, where one after the other would be one lane at a time.
+        let mut half = LANES / 2;
+        while half > 0 {
+            let (low, high) = scores2.split_at_mut(half);
+            for (a, b) in low.iter_mut().zip(high) {
+                *a = if *a > *b { *a } else { *b };
+            }
+            half /= 2;
+        }
+        scores2[0]
+    }
 }
 
-/// Adds m to layers, each with the lanes that were seen and its number.
-fn add_layers(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+/// Adds m to a brick's layers, each with the lanes that were seen and its number.
+fn add_layers(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
     #[inline(always)]
-    fn all(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
-        seen.iter().zip(m).for_each(|((mask, layer), m)| layers[*layer].add(m, mask, now));
+    fn all(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+        for ((mask, at), m) in seen.iter().zip(m) {
+            let layer = &mut brick.layers[*at];
+            layer.add(m, mask, now);
+            brick.greatest2[*at] = layer.greatest2();
+        }
     }
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq,fma")]
-        fn avx512(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
-            all(layers, seen, m, now);
+        fn avx512(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+            all(brick, seen, m, now);
         }
         #[target_feature(enable = "avx2,fma")]
-        fn avx2(layers: &mut [Layer], seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
-            all(layers, seen, m, now);
+        fn avx2(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
+            all(brick, seen, m, now);
         }
         if is_x86_feature_detected!("avx512dq")
             && is_x86_feature_detected!("avx512vl")
             && is_x86_feature_detected!("fma")
         {
             // SAFETY: the processor has the instructions that this copy of the code is compiled for.
-            return unsafe { avx512(layers, seen, m, now) };
+            return unsafe { avx512(brick, seen, m, now) };
         }
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
             // SAFETY: as above.
-            return unsafe { avx2(layers, seen, m, now) };
+            return unsafe { avx2(brick, seen, m, now) };
         }
     }
-    all(layers, seen, m, now);
+    all(brick, seen, m, now);
 }
 
 /// How much of a ball a block has in its beam.
@@ -424,7 +485,7 @@ impl<'a> View<'a> {
 
 impl Brick {
     fn new(key: IVec3) -> Self {
-        Self { key, layers: Box::new([Layer::EMPTY; LAYERS]), newest: -1 }
+        Self { key, layers: Box::new([Layer::EMPTY; LAYERS]), greatest2: [f32::NEG_INFINITY; LAYERS], newest: -1 }
     }
 
     fn center(&self, n: usize, voxel_m: f64) -> DVec3 {
@@ -442,21 +503,16 @@ impl Brick {
         if self.newest < since {
             return None;
         }
-        // Without root and division first: few layers have a strong voxel.
+        // Few layers have a strong voxel; the others' voxels are not even read.
         let least2 = min_score * min_score.abs();
-        let may_be = |layer: &Layer| {
-            let mut any = false;
-            for l in 0..LANES {
-                let (a, b) = (layer.a[l], layer.b[l]);
-                let slack = 1e-5 * (a * a + least2.abs() * b);
-                any |= (b > 0.0) & (a * a.abs() + slack >= least2 * b);
-            }
-            any
-        };
+        let may_be = |greatest2: f32| greatest2 + 1e-5 * (greatest2.abs() + least2.abs()) >= least2;
+        if !self.greatest2.iter().any(|greatest2| may_be(*greatest2)) {
+            return None;
+        }
         let mut scores = [f32::NEG_INFINITY; VOXELS];
         let mut any = false;
-        for (layer, scores) in self.layers.iter().zip(scores.chunks_exact_mut(LANES)).filter(|(layer, _)| may_be(layer))
-        {
+        let layers = self.layers.iter().zip(&self.greatest2).zip(scores.chunks_exact_mut(LANES));
+        for ((layer, _), scores) in layers.filter(|((_, greatest2), _)| may_be(**greatest2)) {
             for (l, held) in scores.iter_mut().enumerate() {
                 let score = layer.a[l] / layer.b[l].sqrt();
                 if (layer.b[l] > 0.0) & (score >= min_score) & (layer.seen[l] >= since) {
@@ -470,23 +526,37 @@ impl Brick {
     /// Adds a block to the voxels in its beam; returns how many there were.
     fn add(&mut self, view: &View, moment: Moment, scratch: &mut Scratch) -> usize {
         let tiles = tiles_in_box(view.block.box_reach_m(), view.settings.voxel_m);
-        (0..LAYERS / TILE_LAYERS).step_by(tiles).map(|tile| self.add_to_box(view, moment, scratch, tile, tiles)).sum()
+        let each = (0..LAYERS / TILE_LAYERS).step_by(tiles);
+        match tiles {
+            1 => each.map(|tile| self.add_to_box::<TILE_LAYERS>(view, moment, scratch, tile)).sum(),
+            4 => each.map(|tile| self.add_to_box::<{ 4 * TILE_LAYERS }>(view, moment, scratch, tile)).sum(),
+            _ => each.map(|tile| self.add_to_box::<LAYERS>(view, moment, scratch, tile)).sum(),
+        }
     }
 
-    /// Adds to the tiles from `first` on, as one box.
-    fn add_to_box(&mut self, view: &View, moment: Moment, scratch: &mut Scratch, first: usize, tiles: usize) -> usize {
+    /// Adds to `N` layers from tile `first` on, as one box. (For each `N` a copy of its own: most boxes have few layers, and
+    /// room for many would be cleared for nothing.)
+    fn add_to_box<const N: usize>(
+        &mut self,
+        view: &View,
+        moment: Moment,
+        scratch: &mut Scratch,
+        first: usize,
+    ) -> usize {
         let voxel_m = view.settings.voxel_m;
-        let (low, high) = (self.center(first * 64, voxel_m), self.center((first + tiles) * 64 - 1, voxel_m));
+        let first_layer = first * TILE_LAYERS;
+        let low = self.center(first_layer * LANES, voxel_m);
+        let high = self.center((first_layer + N) * LANES - 1, voxel_m);
         let (middle, radius_m) = ((low + high) * 0.5, low.distance(high) * 0.5);
         let of_box = view.of_ball(middle, radius_m);
         if of_box == Seen::None {
             return 0;
         }
-        let mut seen = [([true; LANES], 0usize); MAX_LAYERS];
-        let mut corners = [[0.0f32; 3]; MAX_LAYERS];
+        let mut seen = [([true; LANES], 0usize); N];
+        let mut corners = [[0.0f32; 3]; N];
         let mut count = 0;
         let mut visited = 0;
-        for layer in first * TILE_LAYERS..(first + tiles) * TILE_LAYERS {
+        for layer in first_layer..first_layer + N {
             let corner = self.center(layer * LANES, voxel_m);
             let mask = if of_box == Seen::All { [true; LANES] } else { view.of_layer(corner) };
             let lanes = mask.iter().filter(|seen| **seen).count();
@@ -498,7 +568,7 @@ impl Brick {
         if count == 0 {
             return 0;
         }
-        let mut m = [[0.0; LANES]; MAX_LAYERS];
+        let mut m = [[0.0; LANES]; N];
         let distance_m = middle.distance(view.block.middle.translation);
         let nearest_m = (distance_m - radius_m).max(view.settings.min_range_m);
         let farthest_m = (distance_m + radius_m).min(view.settings.max_range_m);
@@ -515,7 +585,7 @@ impl Brick {
                 m.iter_mut().zip(view.block.coherence_at_points(&places)).for_each(|(m, c)| *m = c.m);
             }
         }
-        add_layers(&mut self.layers[..], &seen[..count], &m, moment);
+        add_layers(self, &seen[..count], &m, moment);
         self.newest = self.newest.max(moment.ticks);
         visited
     }
@@ -672,7 +742,9 @@ mod tests {
         let mut late = new();
         blocks[8..].iter().for_each(|block| late.add(block));
         let mut anew = new();
-        anew.open(&late.keys_around(&ahead), &blocks[8..].iter().collect::<Vec<_>>());
+        anew.make(&late.keys_around(&ahead));
+        anew.note(&blocks[8]);
+        anew.add_lacking(&blocks[8..].iter().collect::<Vec<_>>(), |_| 0..blocks.len() - 8);
         assert_eq!(late.above_within(&ahead, -99.0), anew.above_within(&ahead, -99.0));
     }
 

@@ -1,9 +1,10 @@
 //! The block score on fine voxels wherever something is.
 //!
-//! A second field, of 1 cm, holds the bricks alone that are asked for: those around strong places and
-//! around what is known. Every new block is added to them; a brick that is newly asked for is computed from the blocks at
-//! hand, so that it holds what a dense fine field of those blocks holds, bit for bit. A look opens so many bricks at most;
-//! the others wait, and are counted. Bricks that nobody asked for in a while go.
+//! A second field, of 1 cm, holds the bricks alone that are asked for: those around strong places and around what is known.
+//! A brick is worth what the blocks at hand when it was asked for and all since then say, bit for bit as in a dense fine field
+//! of those blocks. But a block is added to it only when somebody reads the brick, or when the block is about to be gone:
+//! most bricks that are asked for are dropped again before anybody read them, and those cost next to nothing. A look opens so
+//! many bricks at most and reads so many; the others wait, and are counted. Bricks that nobody asked for in a while go.
 
 use std::collections::BTreeMap;
 
@@ -21,7 +22,7 @@ pub struct FineSettings {
     pub voxel_m: f64,
     /// Score that is left of a place from which on it is looked at finely.
     pub min_score: f64,
-    /// Bricks of 8³ voxels that one look opens at most.
+    /// Bricks of 8³ voxels that one look opens at most, and brings up to date at most.
     pub max_opened: usize,
     /// Bricks held at most.
     pub max_bricks: usize,
@@ -42,7 +43,7 @@ pub struct FineCounters {
     pub opened: u64,
     /// Bricks dropped.
     pub dropped: u64,
-    /// Bricks that a look asked for and left for a later one, summed over the looks.
+    /// Bricks that a look asked for, or wanted to read, and left for a later one, summed over the looks.
     pub put_off: u64,
     /// Bricks asked for that would not have fitted, summed over the looks.
     pub refused: u64,
@@ -63,13 +64,26 @@ impl FineCounters {
     }
 }
 
+/// A brick that is open.
+#[derive(Debug, Clone, Copy)]
+struct Open {
+    /// Looks since it was last asked for.
+    idle: u32,
+    /// Number of the first block that it lacks.
+    lacks: u64,
+}
+
 /// The score on fine voxels, where it was asked for.
 #[derive(Debug)]
 pub struct FineField {
     settings: FineSettings,
     field: Field,
-    /// By brick: looks since it was last asked for.
-    idle: BTreeMap<[i32; 3], u32>,
+    open: BTreeMap<[i32; 3], Open>,
+    /// Blocks that came so far and that are gone again; those between are at hand.
+    came: u64,
+    gone: u64,
+    /// Bricks that may still be brought up to date in this look.
+    may_read: usize,
     counters: FineCounters,
 }
 
@@ -77,7 +91,8 @@ impl FineField {
     /// Empty. `min_cos`: cosine of the widest angle in the beam.
     pub fn new(settings: FineSettings, blocks: BlockSettings, min_cos: f64) -> Self {
         let field = Field::new(BlockSettings { voxel_m: settings.voxel_m, ..blocks }, min_cos);
-        Self { settings, field, idle: BTreeMap::new(), counters: FineCounters::default() }
+        let (open, counters) = (BTreeMap::new(), FineCounters::default());
+        Self { settings, field, open, came: 0, gone: 0, may_read: settings.max_opened, counters }
     }
 
     /// What was done so far.
@@ -90,47 +105,92 @@ impl FineField {
         &self.field
     }
 
-    /// Adds a block to the bricks that are open.
-    pub fn add(&mut self, block: &Block) {
-        self.field.add_to_known(block);
+    /// A block has come and is at hand from now on. Blocks come in time.
+    pub fn comes(&mut self, block: &Block) {
+        self.field.note(block);
+        self.came += 1;
     }
 
-    /// Asks for places, each a cube of `edge_m`, the most important first; opens what is new as far as the settings go, from
-    /// the blocks at hand (in time, the newest already added to what was open), and drops what was not asked for in a while.
-    pub fn ask_for(&mut self, places: &[DVec3], edge_m: f64, blocks: &[&Block]) {
-        self.idle.values_mut().for_each(|looks| *looks += 1);
+    /// The oldest block at hand goes: bricks that lack it get it.
+    pub fn goes(&mut self, block: &Block) {
+        let number = self.gone;
+        self.gone += 1;
+        let open = &self.open;
+        let lacks = |key: &[i32; 3]| usize::from(open.get(key).is_none_or(|o| o.lacks > number))..1;
+        self.field.add_lacking(&[block], lacks);
+        self.open.values_mut().for_each(|o| o.lacks = o.lacks.max(self.gone));
+    }
+
+    /// Asks for places, each a cube of `edge_m`, the most important first; opens what is new as far as the settings go and
+    /// drops what was not asked for in a while. Begins a look.
+    pub fn ask_for(&mut self, places: &[DVec3], edge_m: f64) {
+        self.may_read = self.settings.max_opened;
+        self.open.values_mut().for_each(|o| o.idle += 1);
         let mut wanted: Vec<IVec3> = Vec::new();
         let mut waiting: BTreeMap<[i32; 3], ()> = BTreeMap::new();
         for place in places {
             let around = Aabb { min: *place - edge_m * 0.5, max: *place + edge_m * 0.5 };
             for key in self.field.keys_around(&around) {
-                match self.idle.get_mut(&key.to_array()) {
-                    Some(looks) => *looks = 0,
+                match self.open.get_mut(&key.to_array()) {
+                    Some(open) => open.idle = 0,
                     None if waiting.insert(key.to_array(), ()).is_none() => wanted.push(key),
                     None => {}
                 }
             }
         }
         let keep = self.settings.keep_looks;
-        let gone: Vec<[i32; 3]> = self.idle.iter().filter(|(_, looks)| **looks > keep).map(|(key, _)| *key).collect();
-        gone.iter().for_each(|key| {
-            self.idle.remove(key);
+        let dropped: Vec<[i32; 3]> = self.open.iter().filter(|(_, o)| o.idle > keep).map(|(key, _)| *key).collect();
+        dropped.iter().for_each(|key| {
+            self.open.remove(key);
         });
-        self.field.close(&gone);
-        let room = self.settings.max_bricks.saturating_sub(self.idle.len());
-        self.counters.dropped += gone.len() as u64;
+        self.field.close(&dropped);
+        let room = self.settings.max_bricks.saturating_sub(self.open.len());
+        self.counters.dropped += dropped.len() as u64;
         self.counters.refused += wanted.len().saturating_sub(room) as u64;
         wanted.truncate(room);
         self.counters.put_off += wanted.len().saturating_sub(self.settings.max_opened) as u64;
         wanted.truncate(self.settings.max_opened);
         self.counters.opened += wanted.len() as u64;
-        self.field.open(&wanted, blocks);
-        self.idle.extend(wanted.iter().map(|key| (key.to_array(), 0)));
+        self.field.make(&wanted);
+        self.open.extend(wanted.iter().map(|key| (key.to_array(), Open { idle: 0, lacks: self.gone })));
     }
 
-    /// Fine voxels within a box of at least that score, in brick order.
-    pub fn above_within(&self, region: &Aabb, min_score: f64) -> Vec<Peak> {
-        self.field.above_within(region, min_score)
+    /// Open voxels within a box of at least that score, in brick order; `at_hand`: all blocks at hand, in time. `None` when
+    /// too many bricks were read in this look already.
+    pub fn above_within(&mut self, region: &Aabb, min_score: f64, at_hand: &[&Block]) -> Option<Vec<Peak>> {
+        debug_assert_eq!(at_hand.len() as u64, self.came - self.gone);
+        let keys = self.field.keys_around(region).into_iter().map(|key| key.to_array());
+        let lacking = |key: &[i32; 3]| self.open.get(key).map(|o| o.lacks).filter(|lacks| *lacks < self.came);
+        let behind: BTreeMap<[i32; 3], u64> = keys.filter_map(|key| Some((key, lacking(&key)?))).collect();
+        let Some(may_read) = self.may_read.checked_sub(behind.len()) else {
+            self.counters.put_off += behind.len() as u64;
+            return None;
+        };
+        self.may_read = may_read;
+        self.catch_up(&behind, at_hand);
+        Some(self.field.above_within(region, min_score))
+    }
+
+    /// Brings every open brick up to date, however many there are.
+    pub fn read_all(&mut self, at_hand: &[&Block]) {
+        let behind = self.open.iter().filter(|(_, o)| o.lacks < self.came).map(|(key, o)| (*key, o.lacks)).collect();
+        self.catch_up(&behind, at_hand);
+    }
+
+    /// Gives bricks the blocks from that number on.
+    fn catch_up(&mut self, behind: &BTreeMap<[i32; 3], u64>, at_hand: &[&Block]) {
+        let all = at_hand.len();
+        let lacks = |key: &[i32; 3]| behind.get(key).map_or(all, |lacks| (lacks - self.gone) as usize)..all;
+        self.field.add_lacking(at_hand, lacks);
+        for (key, open) in &mut self.open {
+            open.lacks = if behind.contains_key(key) { self.came } else { open.lacks };
+        }
+    }
+
+    /// Middles of the bricks that are open.
+    pub fn open_bricks(&self) -> Vec<DVec3> {
+        let edge_m = self.field.brick_edge_m();
+        self.open.keys().map(|key| (IVec3::from_array(*key).as_dvec3() + 0.5) * edge_m).collect()
     }
 }
 
@@ -173,51 +233,78 @@ mod tests {
         blocks.iter().for_each(|block| dense.add(block));
         let run = || {
             let mut fine = fine(FineSettings::default());
-            // One place from the third block on, the other from the sixth.
+            // One place from the third block on, the other from the sixth; the first is read in between, and the first two
+            // blocks go before the end.
             for (n, block) in blocks.iter().enumerate() {
-                fine.add(block);
-                let seen: Vec<&Block> = blocks[..=n].iter().collect();
+                fine.comes(block);
                 match n {
-                    2 => fine.ask_for(&[CHAIR], 0.1, &seen),
-                    5 => fine.ask_for(&[CHAIR, LAMP], 0.1, &seen),
+                    2 => fine.ask_for(&[CHAIR], 0.1),
+                    4 => assert!(
+                        fine.above_within(&around(CHAIR), -9.0, &blocks[..=n].iter().collect::<Vec<_>>()).is_some()
+                    ),
+                    5 => fine.ask_for(&[CHAIR, LAMP], 0.1),
+                    6 => blocks[..2].iter().for_each(|block| fine.goes(block)),
                     _ => {}
                 }
             }
-            fine
+            let at_hand: Vec<&Block> = blocks[2..].iter().collect();
+            [CHAIR, LAMP].map(|at| fine.above_within(&around(at), -9.0, &at_hand).unwrap())
         };
-        let fine = run();
-        for at in [CHAIR, LAMP] {
-            let (found, exact) = (fine.above_within(&around(at), -9.0), dense.above_within(&around(at), -9.0));
+        let found = run();
+        for (at, found) in [CHAIR, LAMP].into_iter().zip(&found) {
+            let exact = &dense.above_within(&around(at), -9.0);
             assert!(found.len() == 1000, "{}", found.len());
             assert_eq!(found, exact);
             let volume = blocks_volume(&observations(), &Beam::Lensless, &settings, &around(at), 0.01);
             let peak = f64::from(volume.peak().unwrap().1);
-            for voxel in &found {
+            for voxel in found {
                 let at = ((voxel.position_m - volume.origin_m) / 0.01).floor().to_array().map(|n| n as usize);
                 assert!(volume.center(at).distance(voxel.position_m) < 1e-9);
                 let other = f64::from(volume.values[volume.index(at)]);
                 assert!((voxel.score - other).abs() < 0.01 * peak, "{voxel:?} {other}");
             }
         }
-        assert_eq!(on_one_thread(run).above_within(&around(LAMP), -9.0), fine.above_within(&around(LAMP), -9.0));
+        assert_eq!(on_one_thread(run), found);
     }
 
     #[test]
     fn work_is_bounded_carried_over_and_counted() {
         let blocks = blocks();
-        let seen: Vec<&Block> = blocks.iter().collect();
         let mut fine = fine(FineSettings { max_opened: 5, max_bricks: 12, keep_looks: 1, ..FineSettings::default() });
-        let asked = fine.field().keys_around(&Aabb { min: CHAIR - 0.05, max: CHAIR + 0.05 }).len() as u64;
+        blocks.iter().for_each(|block| fine.comes(block));
+        let cube = Aabb { min: CHAIR - 0.05, max: CHAIR + 0.05 };
+        let asked = fine.field().keys_around(&cube).len() as u64;
         assert!(asked >= 8);
-        fine.ask_for(&[CHAIR], 0.1, &seen);
+        fine.ask_for(&[CHAIR], 0.1);
         assert_eq!((fine.counters().opened, fine.counters().put_off), (5, asked.min(12) - 5));
-        fine.ask_for(&[CHAIR], 0.1, &seen);
-        fine.ask_for(&[CHAIR], 0.1, &seen);
+        fine.ask_for(&[CHAIR], 0.1);
+        fine.ask_for(&[CHAIR], 0.1);
         assert_eq!(fine.counters().opened, asked.min(12));
+        assert_eq!(fine.open_bricks().len() as u64, asked.min(12));
+        // Nobody has read anything yet, and more than five bricks are not read at once.
+        assert_eq!(fine.counters().updates, 0);
+        let at_hand: Vec<&Block> = blocks.iter().collect();
+        assert_eq!(fine.above_within(&cube, 0.0, &at_hand), None);
+        assert!(fine.above_within(&Aabb { min: CHAIR, max: CHAIR }, 0.0, &at_hand).is_some());
+        assert!(fine.counters().updates > 0);
         // Nobody asks any more: after two looks all of it goes.
-        fine.ask_for(&[], 0.1, &seen);
+        fine.ask_for(&[], 0.1);
         assert_eq!(fine.counters().dropped, 0);
-        fine.ask_for(&[], 0.1, &seen);
+        fine.ask_for(&[], 0.1);
         assert_eq!((fine.counters().dropped, fine.field().brick_count()), (asked.min(12), 0));
+    }
+
+    #[test]
+    fn what_nobody_reads_costs_nothing_until_its_blocks_go() {
+        let blocks = blocks();
+        let mut fine = fine(FineSettings { keep_looks: 0, ..FineSettings::default() });
+        blocks.iter().for_each(|block| fine.comes(block));
+        fine.ask_for(&[CHAIR], 0.1);
+        fine.goes(&blocks[0]);
+        let of_one = fine.counters().updates;
+        assert!(of_one > 0);
+        fine.ask_for(&[], 0.1);
+        blocks[1..].iter().for_each(|block| fine.goes(block));
+        assert_eq!(fine.counters().updates, of_one);
     }
 }

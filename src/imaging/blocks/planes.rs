@@ -92,8 +92,11 @@ impl PlaneField {
         let mut found = Vec::new();
         for (cells, &outward) in self.cells.iter().zip(&self.directions) {
             for (n, cell) in cells.iter().enumerate() {
+                if cell.blocks < min_blocks || cell.seen_s < since_s {
+                    continue;
+                }
                 let score = if cell.b > 0.0 { f64::from(cell.a / cell.b.sqrt()) } else { 0.0 };
-                if score >= min_score && cell.blocks >= min_blocks && cell.seen_s >= since_s {
+                if score >= min_score {
                     let offset_m = outward.dot(self.origin) + offset_m(n as i32 - OFFSET_HALF);
                     let plane = Plane { outward, offset_m };
                     found.push(PlanePeak { plane, score, blocks: cell.blocks });

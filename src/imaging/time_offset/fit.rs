@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::least_squares::NormalEquations;
+use super::least_squares::{HEAD, NormalEquations};
 use super::path::SensorPath;
 use super::tracks::Track;
 use crate::imaging::PositionErrors;
@@ -52,6 +52,9 @@ const PHASE_ERROR_M: f64 = 0.5e-3;
 /// What an echo counts whose phase the fit cannot carry.
 const UNCARRIED_COST: f64 = 4.0;
 const MAX_STEPS: usize = 25;
+/// Share of the cost that a step must gain to be followed by another: where the result is but a start for more, and at the end.
+const COARSE_GAIN: f64 = 1e-3;
+const FINE_GAIN: f64 = 1e-6;
 const MAX_KNOTS: usize = 20;
 
 /// What one track says of the offset.
@@ -96,8 +99,7 @@ impl Source {
     }
 
     /// Derivatives of the range from a place by range and by turns about the two axes across.
-    fn derivatives(&self, place: DVec3, towards: DVec3) -> [f64; 3] {
-        let (a, b) = self.direction.any_orthonormal_pair();
+    fn derivatives(&self, (a, b): (DVec3, DVec3), place: DVec3, towards: DVec3) -> [f64; 3] {
         match self.kind {
             Kind::Point => [towards.dot(self.direction), self.range_m * towards.dot(a), self.range_m * towards.dot(b)],
             Kind::Mirror => {
@@ -126,8 +128,29 @@ struct Row {
     bumps: Vec<f64>,
 }
 
-/// Ranges by phase that were carried on without a break: row and range, up to one constant for all.
-type Carried = Vec<(usize, f64)>;
+/// A range by phase that was carried on from the one before: its row, the range up to one constant for the whole piece, and
+/// the bumps less their mean over the piece.
+struct Carried {
+    row: usize,
+    range_m: f64,
+    bumps: Vec<f64>,
+}
+
+/// What a fit is held against: weights of the rows, ranges by phase piece by piece, and what these add to the equations
+/// whatever the unknowns are.
+struct Data<'a> {
+    weights: &'a [f64],
+    carried: &'a [Vec<Carried>],
+    constant: NormalEquations,
+}
+
+/// One range by phase: time, measured minus modelled less the piece's mean, derivatives less theirs.
+struct PhaseResidual<'a> {
+    time_ns: i64,
+    residual_m: f64,
+    head: [f64; HEAD],
+    bumps: &'a [f64],
+}
 
 #[derive(Debug, Clone)]
 struct Unknowns {
@@ -147,7 +170,7 @@ fn are_near(a: &(Unknowns, f64), b: &(Unknowns, f64)) -> bool {
 }
 
 /// Which unknown the offset is.
-const OFFSET: usize = 3;
+const OFFSET: usize = HEAD - 1;
 
 struct Problem<'a> {
     path: &'a SensorPath,
@@ -164,14 +187,23 @@ pub(super) fn fit(track: &Track, path: &SensorPath, middle_s: f64, errors: &Posi
     let mut coarse: Vec<(Unknowns, f64)> =
         [Kind::Point, Kind::Mirror].into_iter().flat_map(|kind| problem.coarse(Source { kind, ..start })).collect();
     coarse.sort_by(|a, b| a.1.total_cmp(&b.1));
+    // Explanations that come to the same once all rows count need not be followed further twice.
+    let mut by_range: Vec<(Unknowns, f64)> =
+        apart(coarse).into_iter().filter_map(|(found, _)| problem.by_range(found)).collect();
+    by_range.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let fits = apart(by_range).into_iter().filter_map(|(found, _)| problem.by_phase(found, track.last_ns()));
+    mixed(&fits.collect::<Vec<_>>())
+}
+
+/// The best explanations that are not near a better one.
+fn apart(sorted: Vec<(Unknowns, f64)>) -> Vec<(Unknowns, f64)> {
     let mut apart: Vec<(Unknowns, f64)> = Vec::new();
-    for found in coarse {
+    for found in sorted {
         if apart.len() < MAX_EXPLANATIONS && !apart.iter().any(|known| are_near(known, &found)) {
             apart.push(found);
         }
     }
-    let fits = apart.into_iter().filter_map(|(found, _)| problem.refined(found, track.last_ns()));
-    mixed(&fits.collect::<Vec<_>>())
+    apart
 }
 
 /// Several explanations of one track as one, each with its cost and misfit: each counts by its likelihood, the noise as
@@ -242,38 +274,46 @@ impl<'a> Problem<'a> {
         let (a, b) = start.direction.any_orthonormal_pair();
         let directions = [DVec3::ZERO, a, -a, b, -b].map(|d| (start.direction + d * COARSE_TANGENT).normalize());
         let found = offsets.flat_map(|offset_s| directions.map(|direction| (offset_s, direction)));
+        let data = self.data(&some, &[], HEAD);
         let found = found.filter_map(|(offset_s, direction)| {
             let from = Unknowns { source: Source { direction, ..start }, offset_s, drift_m: Vec::new() };
-            self.descend(from, &some, &[], OFFSET + 1)
+            self.descend(from, &data, COARSE_GAIN)
         });
         found.collect()
     }
 
-    /// Everything together, over all rows, by range and then by phase as well; with the cost and the misfit.
-    fn refined(&self, coarse: Unknowns, last_ns: i64) -> Option<(TrackFit, f64, f64)> {
+    /// Everything together, over all rows, by range.
+    fn by_range(&self, coarse: Unknowns) -> Option<(Unknowns, f64)> {
         let start = Unknowns { drift_m: vec![0.0; self.rows[0].bumps.len()], ..coarse };
-        let size = OFFSET + 1 + start.drift_m.len();
-        let (unknowns, _) = self.descend(start, &vec![1.0; self.rows.len()], &[], size)?;
+        let size = HEAD + start.drift_m.len();
+        let (unknowns, _) = self.descend(start, &self.data(&vec![1.0; self.rows.len()], &[], size), COARSE_GAIN)?;
         let weights = self.robust_weights(&unknowns)?;
-        let (mut unknowns, mut cost) = self.descend(unknowns, &weights, &[], size)?;
-        let mut carried = Vec::new();
+        self.descend(unknowns, &self.data(&weights, &[], size), FINE_GAIN)
+    }
+
+    /// By phase as well; with the cost and the misfit.
+    fn by_phase(&self, by_range: Unknowns, last_ns: i64) -> Option<(TrackFit, f64, f64)> {
+        let size = HEAD + by_range.drift_m.len();
+        let weights = self.robust_weights(&by_range)?;
+        let (mut unknowns, mut cost, mut carried) = (by_range, 0.0, Vec::new());
         // Twice: what the phases sharpen lets more of them be carried.
         for _ in 0..2 {
             carried = self.carried(&unknowns)?;
-            (unknowns, cost) = self.descend(unknowns, &weights, &carried, size)?;
+            (unknowns, cost) = self.descend(unknowns, &self.data(&weights, &carried, size), FINE_GAIN)?;
         }
         let left = self.rows.len() - carried.iter().map(Vec::len).sum::<usize>();
-        let (fit, misfit) = self.judged(&unknowns, &weights, &carried, last_ns)?;
+        let (fit, misfit) = self.judged(&unknowns, &self.data(&weights, &carried, size), last_ns)?;
         Some((fit, cost + left as f64 * UNCARRIED_COST, misfit))
     }
 
     /// Ranges by phase, carried on from echo to echo by what the fit expects between them.
-    fn carried(&self, at: &Unknowns) -> Option<Vec<Carried>> {
+    fn carried(&self, at: &Unknowns) -> Option<Vec<Vec<Carried>>> {
         let half_m = WAVELENGTH_M / 2.0;
-        let mut all: Vec<Carried> = Vec::new();
+        let mut all: Vec<Vec<Carried>> = Vec::new();
         let mut before: Option<(i64, f64)> = None;
+        let model = Model::new(self.path, at);
         for (n, row) in self.rows.iter().enumerate() {
-            let model_m = self.modelled(row, row.phase_time_ns, at, &mut Vec::new())?;
+            let model_m = model.range_m(row.phase_time_ns)? + drift_m(at, &row.bumps);
             let off_m = row.phase_m - model_m;
             // The whole half wavelengths that bring it nearest to the one before.
             let carried = before.map(|(before_ns, before_m)| {
@@ -286,28 +326,48 @@ impl<'a> Problem<'a> {
                 all.push(Vec::new());
             }
             if let Some(piece) = all.last_mut() {
-                piece.push((n, model_m + near_m));
+                piece.push(Carried { row: n, range_m: model_m + near_m, bumps: row.bumps.clone() });
             }
             before = Some((row.phase_time_ns, near_m));
         }
         all.retain(|piece| piece.len() >= MIN_CARRIED);
+        for piece in &mut all {
+            for k in 0..self.rows[0].bumps.len() {
+                let mean = piece.iter().map(|c| c.bumps[k]).sum::<f64>() / piece.len() as f64;
+                piece.iter_mut().for_each(|c| c.bumps[k] -= mean);
+            }
+        }
         Some(all)
     }
 
-    /// Levenberg–Marquardt over the first `size` unknowns.
-    fn descend(&self, start: Unknowns, weights: &[f64], carried: &[Carried], size: usize) -> Option<(Unknowns, f64)> {
+    /// What a fit of that many unknowns is held against.
+    fn data<'d>(&self, weights: &'d [f64], carried: &'d [Vec<Carried>], size: usize) -> Data<'d> {
+        let mut constant = NormalEquations::new(size);
+        if size > HEAD {
+            for (row, weight) in self.rows.iter().zip(weights) {
+                constant.add_rest(&row.bumps, weight / row.variance_m2);
+            }
+            for carried in carried.iter().flatten() {
+                constant.add_rest(&carried.bumps, PHASE_ERROR_M.powi(-2));
+            }
+        }
+        Data { weights, carried, constant }
+    }
+
+    /// Levenberg–Marquardt, until a step gains less than that share of the cost.
+    fn descend(&self, start: Unknowns, data: &Data, least_gain: f64) -> Option<(Unknowns, f64)> {
         let mut at = start;
-        let mut equations = self.equations(&at, weights, carried, size)?;
+        let mut equations = self.equations(&at, data)?;
         let mut damping = 1e-4;
         for _ in 0..MAX_STEPS {
             let Some(step) = equations.step(damping) else { break };
             let next = self.moved(&at, &step);
-            match self.equations(&next, weights, carried, size).filter(|e| e.cost <= equations.cost) {
+            match self.equations(&next, data).filter(|e| e.cost <= equations.cost) {
                 Some(better) => {
                     let gained = equations.cost - better.cost;
                     (at, equations) = (next, better);
                     damping = (damping * 0.1).max(1e-9);
-                    if gained <= 1e-6 * equations.cost.max(1e-3) {
+                    if gained <= least_gain * equations.cost.max(1e-3) {
                         break;
                     }
                 }
@@ -323,74 +383,58 @@ impl<'a> Problem<'a> {
         if let Some(offset_step) = step.get(OFFSET) {
             next.offset_s = (at.offset_s + offset_step).clamp(self.middle_s - REACH_S, self.middle_s + REACH_S);
         }
-        next.drift_m.iter_mut().zip(step.iter().skip(OFFSET + 1)).for_each(|(value, step)| *value += step);
+        next.drift_m.iter_mut().zip(step.iter().skip(HEAD)).for_each(|(value, step)| *value += step);
         next
     }
 
-    /// The range that a row's echo should have at a time, and its derivatives by the unknowns.
-    fn modelled(&self, row: &Row, time_ns: i64, at: &Unknowns, derivatives: &mut Vec<f64>) -> Option<f64> {
-        let (place, velocity) = self.path.at(time_ns + nanoseconds(at.offset_s))?;
-        let (range_m, towards) = at.source.seen_from(place);
-        derivatives.clear();
-        derivatives.extend(at.source.derivatives(place, towards));
-        derivatives.push(-towards.dot(velocity));
-        derivatives.extend(&row.bumps);
-        let drift_m: f64 = at.drift_m.iter().zip(&row.bumps).map(|(a, b)| a * b).sum();
-        Some(range_m + drift_m)
-    }
-
-    /// Measured minus modelled range, and the derivatives.
-    fn residual(&self, row: &Row, at: &Unknowns, derivatives: &mut Vec<f64>) -> Option<f64> {
-        Some(row.range_m - self.modelled(row, row.time_ns, at, derivatives)?)
-    }
-
-    /// The same for ranges by phase, each less the mean of its piece: so the constant falls out. With the rows' times.
-    fn phase_residuals(&self, piece: &Carried, at: &Unknowns) -> Option<Vec<(i64, f64, Vec<f64>)>> {
+    /// Measured minus modelled ranges by phase, each less the mean of its piece: so the constant falls out.
+    fn phase_residuals<'c>(&self, piece: &'c [Carried], at: &Unknowns) -> Option<Vec<PhaseResidual<'c>>> {
         let mut all = Vec::with_capacity(piece.len());
-        for &(n, range_m) in piece {
-            let (row, mut derivatives) = (&self.rows[n], Vec::new());
-            let residual = range_m - self.modelled(row, row.phase_time_ns, at, &mut derivatives)?;
-            all.push((row.phase_time_ns, residual, derivatives));
+        let model = Model::new(self.path, at);
+        for Carried { row, range_m, bumps } in piece {
+            let time_ns = self.rows[*row].phase_time_ns;
+            let (modelled_m, head) = model.range_and_derivatives(time_ns)?;
+            all.push(PhaseResidual { time_ns, residual_m: range_m - modelled_m, head, bumps });
         }
         let count = all.len() as f64;
-        let mean = all.iter().map(|(_, residual, _)| residual).sum::<f64>() / count;
-        let means: Vec<f64> = (0..all[0].2.len()).map(|k| all.iter().map(|a| a.2[k]).sum::<f64>() / count).collect();
-        for (_, residual, derivatives) in &mut all {
-            *residual -= mean;
-            derivatives.iter_mut().zip(&means).for_each(|(d, mean)| *d -= mean);
+        let mean_m = all.iter().map(|a| a.residual_m).sum::<f64>() / count;
+        let means: [f64; HEAD] = std::array::from_fn(|k| all.iter().map(|a| a.head[k]).sum::<f64>() / count);
+        for PhaseResidual { residual_m, head, bumps, .. } in &mut all {
+            *residual_m -= mean_m + drift_m(at, bumps);
+            head.iter_mut().zip(&means).for_each(|(d, mean)| *d -= mean);
         }
         Some(all)
     }
 
-    fn equations(&self, at: &Unknowns, weights: &[f64], carried: &[Carried], size: usize) -> Option<NormalEquations> {
-        let mut equations = NormalEquations::new(size);
-        let mut derivatives = Vec::new();
-        for (row, weight) in self.rows.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
-            let residual = self.residual(row, at, &mut derivatives)?;
-            equations.add(&derivatives[..size], residual, weight / row.variance_m2);
+    fn equations(&self, at: &Unknowns, data: &Data) -> Option<NormalEquations> {
+        let mut equations = data.constant.clone();
+        let model = Model::new(self.path, at);
+        for (row, weight) in self.rows.iter().zip(data.weights).filter(|(_, weight)| **weight > 0.0) {
+            let (range_m, head) = model.range_and_derivatives(row.time_ns)?;
+            let bumps = &row.bumps[..at.drift_m.len()];
+            equations.add(&head, bumps, row.range_m - range_m - drift_m(at, bumps), weight / row.variance_m2);
         }
-        for piece in carried {
-            for (_, residual, derivatives) in self.phase_residuals(piece, at)? {
-                equations.add(&derivatives[..size], residual, PHASE_ERROR_M.powi(-2));
+        for piece in data.carried {
+            for phase in self.phase_residuals(piece, at)? {
+                equations.add(&phase.head, phase.bumps, phase.residual_m, PHASE_ERROR_M.powi(-2));
             }
         }
         let (a, b) = at.source.direction.any_orthonormal_pair();
         for (unknown, axis) in [(1, a), (2, b)] {
             equations.expect(unknown, self.forward.dot(axis), DIRECTION_PRIOR_RAD.powi(-2));
         }
-        if size > OFFSET {
-            equations.expect(OFFSET, self.middle_s - at.offset_s, OFFSET_PRIOR_S.powi(-2));
-        }
-        for (n, drift_m) in at.drift_m.iter().enumerate().take(size.saturating_sub(OFFSET + 1)) {
-            equations.expect(OFFSET + 1 + n, -drift_m, 1.0 / self.bump_variance_m2);
+        equations.expect(OFFSET, self.middle_s - at.offset_s, OFFSET_PRIOR_S.powi(-2));
+        for (n, drift_m) in at.drift_m.iter().enumerate() {
+            equations.expect(HEAD + n, -drift_m, 1.0 / self.bump_variance_m2);
         }
         Some(equations)
     }
 
     /// Residuals of all rows, in standard deviations of their noise.
     fn residuals(&self, at: &Unknowns) -> Option<Vec<f64>> {
-        let mut unused = Vec::new();
-        self.rows.iter().map(|row| Some(self.residual(row, at, &mut unused)? / row.variance_m2.sqrt())).collect()
+        let model = Model::new(self.path, at);
+        let residual_m = |row: &Row| Some(row.range_m - model.range_m(row.time_ns)? - drift_m(at, &row.bumps));
+        self.rows.iter().map(|row| Some(residual_m(row)? / row.variance_m2.sqrt())).collect()
     }
 
     /// Less weight for what lies beyond the others' spread.
@@ -404,21 +448,26 @@ impl<'a> Problem<'a> {
 
     /// The offset with its variance: as noise and wander give it, grown by the misfit, or by how alike neighbouring
     /// residuals are, whichever says more.
-    fn judged(&self, at: &Unknowns, weights: &[f64], carried: &[Carried], last_ns: i64) -> Option<(TrackFit, f64)> {
-        let size = OFFSET + 1 + at.drift_m.len();
-        let inverse = self.equations(at, weights, carried, size)?.inverse_row(OFFSET)?;
+    fn judged(&self, at: &Unknowns, data: &Data, last_ns: i64) -> Option<(TrackFit, f64)> {
+        let inverse = self.equations(at, data)?.inverse_row(OFFSET)?;
         // Time, residual over its variance, derivatives, and the residual's square over its variance, of everything.
         let mut pulls: Vec<(i64, f64)> = Vec::new();
-        let influence = |derivatives: &[f64]| inverse.iter().zip(derivatives).map(|(c, d)| c * d).sum::<f64>();
-        let (mut derivatives, mut by_range, mut by_phase) = (Vec::new(), 0.0, 0.0);
-        for (row, weight) in self.rows.iter().zip(weights) {
-            let residual = self.residual(row, at, &mut derivatives)?;
-            by_range += weight * residual * residual / row.variance_m2;
-            pulls.push((row.time_ns, influence(&derivatives) * residual * weight / row.variance_m2));
+        let influence = |head: &[f64; HEAD], bumps: &[f64]| -> f64 {
+            inverse.iter().zip(head.iter().chain(bumps)).map(|(c, d)| c * d).sum()
+        };
+        let (mut by_range, mut by_phase) = (0.0, 0.0);
+        let model = Model::new(self.path, at);
+        for (row, weight) in self.rows.iter().zip(data.weights) {
+            let (range_m, head) = model.range_and_derivatives(row.time_ns)?;
+            let residual_m = row.range_m - range_m - drift_m(at, &row.bumps);
+            by_range += weight * residual_m * residual_m / row.variance_m2;
+            pulls.push((row.time_ns, influence(&head, &row.bumps) * residual_m * weight / row.variance_m2));
         }
-        for (time_ns, residual, derivatives) in carried.iter().filter_map(|p| self.phase_residuals(p, at)).flatten() {
-            by_phase += residual * residual / PHASE_ERROR_M.powi(2);
-            pulls.push((time_ns, influence(&derivatives) * residual / PHASE_ERROR_M.powi(2)));
+        for PhaseResidual { time_ns, residual_m, head, bumps } in
+            data.carried.iter().filter_map(|p| self.phase_residuals(p, at)).flatten()
+        {
+            by_phase += residual_m * residual_m / PHASE_ERROR_M.powi(2);
+            pulls.push((time_ns, influence(&head, bumps) * residual_m / PHASE_ERROR_M.powi(2)));
         }
         let count = self.rows.len() as f64;
         let misfit = (by_range / (count - 4.0)).max(1.0);
@@ -427,7 +476,7 @@ impl<'a> Problem<'a> {
         let noise_m2 = self.rows.iter().map(|r| r.variance_m2).sum::<f64>() / count;
         let variance_s2 = (inverse[OFFSET] * all_misfit).max(self.variance_when_alike(&pulls));
         // Rms speed along the line of sight that nothing but the offset accounts for; jitter of the path is none of it.
-        let told: f64 = self.rows.iter().zip(weights).map(|(r, w)| w / r.variance_m2).sum::<f64>()
+        let told: f64 = self.rows.iter().zip(data.weights).map(|(r, w)| w / r.variance_m2).sum::<f64>()
             + in_phase * PHASE_ERROR_M.powi(-2);
         let false_share = SPEED_ERROR_M_PER_S.powi(2) * inverse[OFFSET] * told;
         let fit = TrackFit {
@@ -450,6 +499,40 @@ impl<'a> Problem<'a> {
         }
         together.values().map(|pull| pull * pull).sum()
     }
+}
+
+/// What the unknowns say of ranges, the slow error apart.
+struct Model<'a> {
+    path: &'a SensorPath,
+    source: Source,
+    /// Two directions across the source's.
+    across: (DVec3, DVec3),
+    offset_ns: i64,
+}
+
+impl<'a> Model<'a> {
+    fn new(path: &'a SensorPath, at: &Unknowns) -> Self {
+        let across = at.source.direction.any_orthonormal_pair();
+        Self { path, source: at.source, across, offset_ns: nanoseconds(at.offset_s) }
+    }
+
+    /// The range that an echo of that time should have.
+    fn range_m(&self, time_ns: i64) -> Option<f64> {
+        Some(self.source.seen_from(self.path.at(time_ns.saturating_add(self.offset_ns))?.0).0)
+    }
+
+    /// The same, with the derivatives by the source's range and direction and by the offset.
+    fn range_and_derivatives(&self, time_ns: i64) -> Option<(f64, [f64; HEAD])> {
+        let (place, velocity) = self.path.at(time_ns.saturating_add(self.offset_ns))?;
+        let (range_m, towards) = self.source.seen_from(place);
+        let [by_range, by_a, by_b] = self.source.derivatives(self.across, place, towards);
+        Some((range_m, [by_range, by_a, by_b, -towards.dot(velocity)]))
+    }
+}
+
+/// The slow error where the bumps are so great.
+fn drift_m(at: &Unknowns, bumps: &[f64]) -> f64 {
+    at.drift_m.iter().zip(bumps).map(|(a, b)| a * b).sum()
 }
 
 /// Bumps over time whose random sum has the wander's size and correlation.

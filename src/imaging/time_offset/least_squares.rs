@@ -1,4 +1,10 @@
 //! Normal equations of a few unknowns: gathered row by row, solved by Cholesky.
+//!
+//! The first [`HEAD`] unknowns may enter the model in any way; the rest enters it linearly, so that the derivatives by it never
+//! change and their part of the matrix is gathered once for all iterations.
+
+/// Unknowns whose derivatives change from iteration to iteration.
+pub(super) const HEAD: usize = 4;
 
 /// Σ w j jᵀ and Σ w j r over rows j with residuals r, and Σ w r².
 #[derive(Debug, Clone)]
@@ -12,19 +18,40 @@ pub(super) struct NormalEquations {
 }
 
 impl NormalEquations {
+    /// Of at least [`HEAD`] unknowns.
     pub fn new(size: usize) -> Self {
         Self { size, matrix: vec![0.0; size * size], right: vec![0.0; size], cost: 0.0 }
     }
 
-    /// Adds a row: derivatives of the model by the unknowns, measured minus model, weight.
-    pub fn add(&mut self, row: &[f64], residual: f64, weight: f64) {
-        for (i, a) in row.iter().enumerate() {
+    /// Adds a row, but for what [`add_rest`](Self::add_rest) adds: derivatives of the model by the unknowns, measured minus
+    /// model, weight.
+    pub fn add(&mut self, head: &[f64; HEAD], rest: &[f64], residual: f64, weight: f64) {
+        let size = self.size;
+        for (i, a) in head.iter().enumerate() {
             self.right[i] += weight * a * residual;
-            for (j, b) in row[..=i].iter().enumerate() {
-                self.matrix[i * self.size + j] += weight * a * b;
+            for (sum, b) in self.matrix[i * size..].iter_mut().zip(&head[..=i]) {
+                *sum += weight * a * b;
+            }
+        }
+        let rows = self.matrix[HEAD * size..].chunks_exact_mut(size).zip(&mut self.right[HEAD..]);
+        for ((row, right), a) in rows.zip(rest) {
+            let weighted = weight * a;
+            *right += weighted * residual;
+            for (sum, b) in row.iter_mut().zip(head) {
+                *sum += weighted * b;
             }
         }
         self.cost += weight * residual * residual;
+    }
+
+    /// Adds the part of a row that does not change: the products of the linear unknowns' derivatives.
+    pub fn add_rest(&mut self, rest: &[f64], weight: f64) {
+        let rows = self.matrix[HEAD * self.size..].chunks_exact_mut(self.size);
+        for (i, (row, a)) in rows.zip(rest).enumerate() {
+            for (sum, b) in row[HEAD..].iter_mut().zip(&rest[..=i]) {
+                *sum += weight * a * b;
+            }
+        }
     }
 
     /// Adds what is known of one unknown beforehand: its distance from there, and 1/variance.
@@ -87,22 +114,26 @@ mod tests {
 
     #[test]
     fn a_line_is_fitted_with_its_covariance() {
-        let mut equations = NormalEquations::new(2);
+        let mut equations = NormalEquations::new(HEAD + 1);
         for x in 0..5 {
             let x = f64::from(x);
-            equations.add(&[1.0, x], 3.0 - 0.5 * x, 4.0);
+            // The constant among the unknowns of the head, the slope at the end; the others serve for nothing.
+            equations.add(&[1.0, 0.0, 0.0, 0.0], &[x], 3.0 - 0.5 * x, 4.0);
+            equations.add_rest(&[x], 4.0);
         }
+        (1..HEAD).for_each(|unused| equations.expect(unused, 0.0, 1.0));
         let step = equations.step(0.0).unwrap();
-        assert!((step[0] - 3.0).abs() < 1e-12 && (step[1] + 0.5).abs() < 1e-12);
+        assert!((step[0] - 3.0).abs() < 1e-12 && (step[HEAD] + 0.5).abs() < 1e-12);
         // Var(slope) = σ² / Σ(x − x̄)² = 0.25 / 10.
-        assert!((equations.inverse_row(1).unwrap()[1] - 0.025).abs() < 1e-12);
+        assert!((equations.inverse_row(HEAD).unwrap()[HEAD] - 0.025).abs() < 1e-12);
     }
 
     #[test]
     fn what_nothing_determines_is_refused() {
-        let mut equations = NormalEquations::new(2);
-        equations.add(&[1.0, 2.0], 1.0, 1.0);
-        equations.add(&[2.0, 4.0], 1.0, 1.0);
+        let mut equations = NormalEquations::new(HEAD);
+        equations.add(&[1.0, 2.0, 0.0, 0.0], &[], 1.0, 1.0);
+        equations.add(&[2.0, 4.0, 0.0, 0.0], &[], 1.0, 1.0);
+        (2..HEAD).for_each(|unused| equations.expect(unused, 0.0, 1.0));
         assert_eq!(equations.step(0.0), None);
         equations.expect(1, 0.0, 1.0);
         assert!(equations.step(0.0).is_some());

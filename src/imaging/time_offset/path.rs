@@ -1,7 +1,5 @@
 //! The sensor's way over time, between even samples of it: what a fit of the offset moves its readings along.
 
-use std::collections::VecDeque;
-
 use glam::DVec3;
 
 /// Samples farther apart than this are not joined, nanoseconds.
@@ -17,28 +15,27 @@ struct Sample {
 /// Places and velocities in rising time; cubic between neighbours, nothing across a gap.
 #[derive(Debug, Clone, Default)]
 pub(super) struct SensorPath {
-    samples: VecDeque<Sample>,
+    samples: Vec<Sample>,
 }
 
 impl SensorPath {
     /// Takes the next sample; one that is not later than the last is left out.
     pub fn push(&mut self, time_ns: i64, position_m: DVec3, velocity_m_per_s: DVec3) {
-        let rises = self.samples.back().is_none_or(|last| time_ns > last.time_ns);
+        let rises = self.samples.last().is_none_or(|last| time_ns > last.time_ns);
         if rises && position_m.is_finite() && velocity_m_per_s.is_finite() {
-            self.samples.push_back(Sample { time_ns, position_m, velocity_m_per_s });
+            self.samples.push(Sample { time_ns, position_m, velocity_m_per_s });
         }
     }
 
     /// Time of the newest sample.
     pub fn end_ns(&self) -> Option<i64> {
-        self.samples.back().map(|s| s.time_ns)
+        self.samples.last().map(|s| s.time_ns)
     }
 
     /// Forgets what is older.
     pub fn forget_before(&mut self, time_ns: i64) {
-        while self.samples.front().is_some_and(|s| s.time_ns < time_ns) {
-            self.samples.pop_front();
-        }
+        let old = self.samples.partition_point(|s| s.time_ns < time_ns);
+        self.samples.drain(..old);
     }
 
     /// Whether the path is unbroken from one time to the other.
@@ -49,9 +46,26 @@ impl SensorPath {
         first > 0 && last < self.samples.len() && (first..=last).all(unbroken)
     }
 
+    /// Number of samples before a time: where it would be if samples came evenly, or else searched for.
+    fn first_from(&self, time_ns: i64) -> usize {
+        if let [first, second, ..] = self.samples[..]
+            && time_ns > first.time_ns
+        {
+            let steps = (time_ns - first.time_ns - 1) as u64 / (second.time_ns - first.time_ns) as u64;
+            let guess = steps as usize + 1;
+            if let Some([before, after]) = self.samples.get(guess - 1..=guess)
+                && before.time_ns < time_ns
+                && time_ns <= after.time_ns
+            {
+                return guess;
+            }
+        }
+        self.samples.partition_point(|s| s.time_ns < time_ns)
+    }
+
     /// Place and velocity at a time; `None` outside and in gaps.
     pub fn at(&self, time_ns: i64) -> Option<(DVec3, DVec3)> {
-        let later = self.samples.partition_point(|s| s.time_ns < time_ns).max(1);
+        let later = self.first_from(time_ns).max(1);
         let (a, b) = (self.samples.get(later - 1)?, self.samples.get(later)?);
         if b.time_ns - a.time_ns > MAX_STEP_NS || time_ns < a.time_ns {
             return None;
