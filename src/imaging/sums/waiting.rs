@@ -3,9 +3,9 @@
 
 use super::alive::Bounds;
 
-/// Classes for each doubling of the bound.
-const PER_DOUBLING: f32 = 4.0;
-const CLASSES: usize = 32;
+/// Classes: sixteen for each doubling of the bound, by the first bits of its mantissa.
+const CLASSES: usize = 128;
+const MANTISSA_BITS_DROPPED: u32 = 23 - 4;
 /// Cubes looked into side by side at most; a number, so that nothing depends on the number of threads.
 const BATCH: usize = 512;
 
@@ -33,6 +33,7 @@ pub(super) fn promises_of(index: u32, eight: &Bounds, threshold: i64) -> impl It
 }
 
 /// Cubes by classes; within a class last come, first served.
+#[derive(Debug)]
 pub(super) struct Waiting {
     /// Where the first class begins.
     threshold: i64,
@@ -40,23 +41,32 @@ pub(super) struct Waiting {
 }
 
 impl Waiting {
-    pub(super) fn new(threshold: i64) -> Self {
-        Self { threshold, classes: [const { Vec::new() }; CLASSES] }
+    /// Nobody waits.
+    pub(super) fn new() -> Self {
+        Self { threshold: 0, classes: [const { Vec::new() }; CLASSES] }
+    }
+
+    /// Sends all away; from now on those come that may reach a threshold.
+    pub(super) fn clear(&mut self, threshold: i64) {
+        self.threshold = threshold;
+        self.classes.iter_mut().for_each(Vec::clear);
     }
 
     /// Puts a cube in, if it may reach the threshold.
     pub(super) fn put(&mut self, promise: Promise) {
         if promise.bound >= self.threshold {
-            let doublings = (promise.bound as f32 / self.threshold as f32).log2();
-            self.classes[((doublings * PER_DOUBLING) as usize).min(CLASSES - 1)].push(promise);
+            let bits = |bound: i64| ((bound as f32).to_bits() >> MANTISSA_BITS_DROPPED) as usize;
+            let class = bits(promise.bound) - bits(self.threshold);
+            self.classes[class.min(CLASSES - 1)].push(promise);
         }
     }
 
-    /// Takes some out that may reach a threshold no lower than before, those with the greatest bounds; none when none is left.
-    pub(super) fn most_promising(&mut self, threshold: i64) -> Vec<Promise> {
+    /// Takes up to so many out that may reach a threshold no lower than before, those with the greatest bounds; none when none
+    /// is left.
+    pub(super) fn most_promising(&mut self, threshold: i64, count: usize) -> Vec<Promise> {
         let mut most = Vec::new();
         for class in self.classes.iter_mut().rev() {
-            while most.len() < BATCH {
+            while most.len() < count.min(BATCH) {
                 let Some(promise) = class.pop() else { break };
                 if promise.bound >= threshold {
                     most.push(promise);
@@ -69,8 +79,9 @@ impl Waiting {
         most
     }
 
-    /// How many may reach the threshold.
-    pub(super) fn count(&self, threshold: i64) -> usize {
-        self.classes.iter().flatten().filter(|promise| promise.bound >= threshold).count()
+    /// How many may reach the threshold, and the greatest bound of them.
+    pub(super) fn left(&self, threshold: i64) -> (usize, Option<i64>) {
+        let bounds = self.classes.iter().flatten().map(|promise| promise.bound).filter(|bound| *bound >= threshold);
+        bounds.fold((0, None), |(count, greatest), bound| (count + 1, greatest.max(Some(bound))))
     }
 }
