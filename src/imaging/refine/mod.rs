@@ -16,6 +16,7 @@ mod pair;
 mod path_filter;
 mod phase;
 mod sights;
+mod wander;
 
 use glam::{DMat3, DVec3};
 
@@ -26,7 +27,9 @@ use sights::{Fit, Measured, measured};
 use super::range_power::{RangePower, Reading};
 use super::symmetric::inverse_above;
 #[cfg(test)]
-pub(in crate::imaging) use path_filter::{JITTER_S, PathFilter, Sight, matern};
+pub(in crate::imaging) use path_filter::{JITTER_S, PathFilter, Sight};
+#[cfg(test)]
+pub(in crate::imaging) use wander::correlation;
 
 /// A refined place.
 #[derive(Debug, Clone, Copy, PartialEq)]

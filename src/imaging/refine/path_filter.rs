@@ -2,21 +2,22 @@
 //! err alike.
 //!
 //! A sweep's range is |s − p| plus u·(R m + b + j): s the place, u the direction to it, m the mount's error (turns with the
-//! sensor's rotation R), b slow wander (a Matérn-5/2 process in each axis), j what jitter the smoothing leaves (an
-//! Ornstein–Uhlenbeck process in each axis). A phase reads the same length with an offset that nobody knows. The filter
+//! sensor's rotation R), b slow wander (noise through a steep low-pass in each axis, see `wander`), j what jitter the
+//! smoothing leaves (an Ornstein–Uhlenbeck process in each axis). A phase reads the same length with an offset that nobody knows. The filter
 //! carries all of them jointly, so the place's covariance is right by construction, at a cost linear in the sweeps. Tested
 //! against the same sum with dense matrices in `bound`.
 
 use glam::{DMat3, DVec3};
 
 use super::PositionErrors;
+use super::wander::{Step, WANDER_STATES, Wander};
 
-/// Place 0..3, mount 3..6, phase offset 6, wander (value, rate, change of rate) 7..16, jitter 16..19.
-const STATES: usize = 19;
+/// Place 0..3, mount 3..6, phase offset 6, jitter 7..10, then the states of the wander, axis by axis.
+const STATES: usize = WANDER + 3 * WANDER_STATES;
 const MOUNT: usize = 3;
 const OFFSET: usize = 6;
-const WANDER: usize = 7;
-const JITTER: usize = 16;
+const JITTER: usize = 7;
+const WANDER: usize = 10;
 
 /// Time over which the error of a smoothed pose stays alike, seconds: a fifth of the smoothing's window.
 pub(in crate::imaging) const JITTER_S: f64 = 0.02;
@@ -41,7 +42,7 @@ pub(in crate::imaging) struct Sight {
 pub(in crate::imaging) struct PathFilter {
     state: [f64; STATES],
     covariance: [[f64; STATES]; STATES],
-    wander: Matern,
+    wander: Wander,
     jitter_variance_m2: f64,
     time_s: Option<f64>,
 }
@@ -65,16 +66,16 @@ impl Innovation {
 impl PathFilter {
     /// Before the first sweep: the place lies at 0 with this covariance.
     pub fn new(place_covariance_m2: &DMat3, errors: &PositionErrors) -> Self {
-        let wander = Matern::new(errors.slow_variance_m2(), errors.wander_s);
+        let wander = Wander::new(errors);
         let jitter_variance_m2 = errors.jitter_m * errors.jitter_m;
         let mut covariance = [[0.0; STATES]; STATES];
         for (row, place) in place_covariance_m2.to_cols_array_2d().iter().enumerate() {
             covariance[row][..3].copy_from_slice(place);
             covariance[MOUNT + row][MOUNT + row] = errors.mount_variance_m2();
             covariance[JITTER + row][JITTER + row] = jitter_variance_m2;
-            let at = WANDER + 3 * row;
+            let at = WANDER + WANDER_STATES * row;
             for (i, stationary) in wander.stationary.iter().enumerate() {
-                covariance[at + i][at..at + 3].copy_from_slice(stationary);
+                covariance[at + i][at..at + WANDER_STATES].copy_from_slice(stationary);
             }
         }
         covariance[OFFSET][OFFSET] = OPEN_OFFSET_M * OPEN_OFFSET_M;
@@ -98,33 +99,21 @@ impl PathFilter {
         if passed_s <= 0.0 {
             return;
         }
-        let (step, added) = self.wander.step(passed_s);
+        let step = self.wander.step(passed_s);
         let keep = (-passed_s / JITTER_S).exp();
-        for axis in 0..3 {
-            let at = WANDER + 3 * axis;
-            for row in &mut self.covariance {
-                let old = [row[at], row[at + 1], row[at + 2]];
-                row[at..at + 3].copy_from_slice(&times(&step, &old));
-                row[JITTER + axis] *= keep;
-            }
-            let old = [self.state[at], self.state[at + 1], self.state[at + 2]];
-            self.state[at..at + 3].copy_from_slice(&times(&step, &old));
-            self.state[JITTER + axis] *= keep;
+        advance_row(&mut self.state, &step, keep);
+        for row in &mut self.covariance {
+            advance_row(row, &step, keep);
         }
         for axis in 0..3 {
-            let at = WANDER + 3 * axis;
-            for col in 0..STATES {
-                let old = [0, 1, 2].map(|i| self.covariance[at + i][col]);
-                for (i, value) in times(&step, &old).into_iter().enumerate() {
-                    self.covariance[at + i][col] = value;
-                }
-                self.covariance[JITTER + axis][col] *= keep;
-            }
-            for (i, added) in added.iter().enumerate() {
-                for (j, value) in added.iter().enumerate() {
-                    self.covariance[at + i][at + j] += value;
+            let at = WANDER + WANDER_STATES * axis;
+            step.turn_rows(&mut self.covariance[at..at + WANDER_STATES]);
+            for (row, added) in self.covariance[at..].iter_mut().zip(&step.added) {
+                for (value, added) in row[at..].iter_mut().zip(added) {
+                    *value += added;
                 }
             }
+            self.covariance[JITTER + axis].iter_mut().for_each(|value| *value *= keep);
             self.covariance[JITTER + axis][JITTER + axis] += self.jitter_variance_m2 * (1.0 - keep * keep);
         }
     }
@@ -150,7 +139,10 @@ impl PathFilter {
         for axis in 0..3 {
             reads[axis] = toward[axis];
             reads[MOUNT + axis] = in_sensor[axis];
-            reads[WANDER + 3 * axis] = toward[axis];
+            let at = WANDER + WANDER_STATES * axis;
+            for (read, share) in reads[at..].iter_mut().zip(&self.wander.reads) {
+                *read = toward[axis] * share;
+            }
             reads[JITTER + axis] = toward[axis];
         }
         reads[OFFSET] = if phase { 1.0 } else { 0.0 };
@@ -177,67 +169,12 @@ impl PathFilter {
     }
 }
 
-/// A Matérn process of order 5/2 as three states: value, rate, change of rate.
-#[derive(Debug, Clone, Copy)]
-struct Matern {
-    /// √5 / length, per second.
-    rate: f64,
-    stationary: [[f64; 3]; 3],
-}
-
-/// Covariance of two moments of wander with unit variance.
-#[cfg(test)]
-pub(in crate::imaging) fn matern(apart_s: f64, length_s: f64) -> f64 {
-    let a = 5f64.sqrt() * apart_s.abs() / length_s;
-    (1.0 + a + a * a / 3.0) * (-a).exp()
-}
-
-impl Matern {
-    fn new(variance: f64, length_s: f64) -> Self {
-        let rate = 5f64.sqrt() / length_s;
-        let middle = rate * rate * variance / 3.0;
-        let last = rate.powi(4) * variance;
-        Self { rate, stationary: [[variance, 0.0, -middle], [0.0, middle, 0.0], [-middle, 0.0, last]] }
-    }
-
-    /// Transition over a time, and the covariance that it adds.
-    fn step(&self, passed_s: f64) -> ([[f64; 3]; 3], [[f64; 3]; 3]) {
-        let (l, t) = (self.rate, passed_s);
-        // The drift matrix plus l·1 is nilpotent, so its exponential ends with the square.
-        let n = [[l, 1.0, 0.0], [0.0, l, 1.0], [-l * l * l, -3.0 * l * l, -2.0 * l]];
-        let n2 = product(&n, &n);
-        let fade = (-l * t).exp();
-        let mut step = [[0.0; 3]; 3];
-        for (row, values) in step.iter_mut().enumerate() {
-            for (col, value) in values.iter_mut().enumerate() {
-                let one = if row == col { 1.0 } else { 0.0 };
-                *value = fade * (one + n[row][col] * t + n2[row][col] * t * t * 0.5);
-            }
-        }
-        let kept = product(&product(&step, &self.stationary), &transposed(&step));
-        let mut added = self.stationary;
-        for (row, kept) in added.iter_mut().zip(&kept) {
-            for (value, kept) in row.iter_mut().zip(kept) {
-                *value -= kept;
-            }
-        }
-        (step, added)
-    }
+/// A row of the covariance, or the state, after some time: what is measured along it.
+fn advance_row(row: &mut [f64; STATES], step: &Step, keep: f64) {
+    row[JITTER..JITTER + 3].iter_mut().for_each(|value| *value *= keep);
+    row[WANDER..].chunks_exact_mut(WANDER_STATES).for_each(|axis| step.turn_row(axis));
 }
 
 fn dot(a: &[f64; STATES], b: &[f64; STATES]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-fn times(m: &[[f64; 3]; 3], v: &[f64; 3]) -> [f64; 3] {
-    m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
-}
-
-fn transposed(m: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
-    [0, 1, 2].map(|col| [m[0][col], m[1][col], m[2][col]])
-}
-
-fn product(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
-    let columns = transposed(b).map(|column| times(a, &column));
-    transposed(&columns)
 }

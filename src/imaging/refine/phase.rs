@@ -17,7 +17,7 @@ const PERIOD_M: f64 = WAVELENGTH_M * 0.5;
 const PLAIN_SIGMAS: f64 = 4.0;
 /// How much wider than expected the poses' errors may spread when the risk of a wrong number is told: nobody knows their
 /// spectrum. Chosen over seeds 0..100 of 50 sweeps of the 10 cm sphere, where numbers are least plain.
-const RISK_SPREAD: f64 = 1.45;
+const RISK_SPREAD: f64 = 1.0;
 
 /// Phases made continuous.
 #[derive(Debug, Clone)]
