@@ -124,9 +124,9 @@ mod tests {
                 toward_in_sensor: one.rotation.conjugate() * one.toward,
             };
             filter.advance(&sight);
-            filter.take(&sight, false, 0.0, one.range_variance_m2);
+            filter.take(&filter.expect(&sight, false, one.range_variance_m2), &[0.0], 0);
             if let Some(variance_m2) = one.phase_variance_m2 {
-                filter.take(&sight, true, 0.0, variance_m2);
+                filter.take(&filter.expect(&sight, true, variance_m2), &[0.0], 0);
             }
         }
         filter.place_covariance_m2()

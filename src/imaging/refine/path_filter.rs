@@ -37,30 +37,26 @@ pub(in crate::imaging) struct Sight {
     pub toward_in_sensor: DVec3,
 }
 
-/// The filter, after the sweeps so far.
+/// The filter, after the sweeps so far. It may carry several states, guesses that differ in what they take measurements to
+/// be: the covariance does not depend on that and is the same for all.
 #[derive(Debug, Clone)]
 pub(in crate::imaging) struct PathFilter {
-    state: [f64; STATES],
+    states: Vec<[f64; STATES]>,
     covariance: [[f64; STATES]; STATES],
     wander: Wander,
     jitter_variance_m2: f64,
     time_s: Option<f64>,
 }
 
-/// How one measurement fared.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A measurement about to be taken.
+#[derive(Debug, Clone)]
 pub(in crate::imaging) struct Innovation {
-    /// Measured minus expected, metres.
-    pub off_m: f64,
-    /// Variance that it was expected to have, m².
+    /// What each guess expects it to be, metres.
+    pub expected_m: Vec<f64>,
+    /// Variance of what is measured around that, m².
     pub variance_m2: f64,
-}
-
-impl Innovation {
-    /// Its square in units of its variance.
-    pub fn normalised(&self) -> f64 {
-        self.off_m * self.off_m / self.variance_m2
-    }
+    /// Covariance of it with the state.
+    shared: [f64; STATES],
 }
 
 impl PathFilter {
@@ -79,15 +75,26 @@ impl PathFilter {
             }
         }
         covariance[OFFSET][OFFSET] = OPEN_OFFSET_M * OPEN_OFFSET_M;
-        Self { state: [0.0; STATES], covariance, wander, jitter_variance_m2, time_s: None }
+        Self { states: vec![[0.0; STATES]], covariance, wander, jitter_variance_m2, time_s: None }
     }
 
-    /// The place's offset from where the sights were taken, metres.
-    pub fn place_m(&self) -> DVec3 {
-        DVec3::new(self.state[0], self.state[1], self.state[2])
+    /// The same, the place not at 0 but there, metres.
+    pub fn starting_at(mut self, place_m: DVec3) -> Self {
+        self.states.iter_mut().for_each(|state| state[..3].copy_from_slice(&place_m.to_array()));
+        self
     }
 
-    /// The place's covariance, m².
+    /// Each guess' offset of the place from where the sights were taken, metres.
+    pub fn places_m(&self) -> impl Iterator<Item = DVec3> {
+        self.states.iter().map(|state| DVec3::new(state[0], state[1], state[2]))
+    }
+
+    /// Guesses that go on: by number, any number any number of times.
+    pub fn branch(&mut self, from: impl Iterator<Item = usize>) {
+        self.states = from.map(|n| self.states[n]).collect();
+    }
+
+    /// The place's covariance in each guess, m².
     pub fn place_covariance_m2(&self) -> DMat3 {
         DMat3::from_cols_array_2d(&[0, 1, 2].map(|col| [0, 1, 2].map(|row| self.covariance[row][col])))
     }
@@ -101,8 +108,7 @@ impl PathFilter {
         }
         let step = self.wander.step(passed_s);
         let keep = (-passed_s / JITTER_S).exp();
-        advance_row(&mut self.state, &step, keep);
-        for row in &mut self.covariance {
+        for row in self.states.iter_mut().chain(&mut self.covariance) {
             advance_row(row, &step, keep);
         }
         for axis in 0..3 {
@@ -124,16 +130,11 @@ impl PathFilter {
             self.covariance[OFFSET][other] = 0.0;
             self.covariance[other][OFFSET] = 0.0;
         }
-        self.state[OFFSET] = 0.0;
+        self.states.iter_mut().for_each(|state| state[OFFSET] = 0.0);
         self.covariance[OFFSET][OFFSET] = OPEN_OFFSET_M * OPEN_OFFSET_M;
     }
-
-    /// How a phase's length would fare.
-    pub fn expect(&self, sight: &Sight, off_m: f64, variance_m2: f64) -> Innovation {
-        self.weigh(sight, true, off_m, variance_m2).1
-    }
-
-    fn weigh(&self, sight: &Sight, phase: bool, off_m: f64, variance_m2: f64) -> ([f64; STATES], Innovation) {
+    /// How a measured length would fare; `phase`: it has the unknown offset.
+    pub fn expect(&self, sight: &Sight, phase: bool, variance_m2: f64) -> Innovation {
         let mut reads = [0.0; STATES];
         let (toward, in_sensor) = (sight.toward.to_array(), sight.toward_in_sensor.to_array());
         for axis in 0..3 {
@@ -147,25 +148,28 @@ impl PathFilter {
         }
         reads[OFFSET] = if phase { 1.0 } else { 0.0 };
         let shared = self.covariance.map(|row| dot(&row, &reads));
-        let innovation =
-            Innovation { off_m: off_m - dot(&reads, &self.state), variance_m2: dot(&reads, &shared) + variance_m2 };
-        (shared, innovation)
+        let expected_m = self.states.iter().map(|state| dot(&reads, state)).collect();
+        Innovation { expected_m, variance_m2: dot(&reads, &shared) + variance_m2, shared }
     }
 
-    /// Takes a measured length, its offset from the length that the sight was taken at; `phase`: it has the unknown offset.
-    /// Outliers are held back.
-    pub fn take(&mut self, sight: &Sight, phase: bool, off_m: f64, variance_m2: f64) -> Innovation {
-        let (shared, innovation) = self.weigh(sight, phase, off_m, variance_m2);
-        let sigmas = innovation.normalised().sqrt();
+    /// Takes a measured length: for each guess, its offset from the length that the sight was taken at. Held back where it is an
+    /// outlier to the guess `likeliest`. Returns each guess' square of what was not expected over its variance.
+    pub fn take(&mut self, innovation: &Innovation, off_m: &[f64], likeliest: usize) -> Vec<f64> {
+        let surprises_m: Vec<f64> =
+            off_m.iter().zip(&innovation.expected_m).map(|(off, expected)| off - expected).collect();
+        let sigmas = surprises_m[likeliest].abs() / innovation.variance_m2.sqrt();
         let variance_m2 = innovation.variance_m2 * (sigmas / OUTLIER_SIGMA).max(1.0);
-        for (row, mine) in shared.iter().enumerate() {
-            let gain = mine / variance_m2;
-            self.state[row] += gain * innovation.off_m;
-            for (value, other) in self.covariance[row].iter_mut().zip(&shared) {
-                *value -= gain * other;
+        for (state, surprise_m) in self.states.iter_mut().zip(&surprises_m) {
+            for (value, shared) in state.iter_mut().zip(&innovation.shared) {
+                *value += shared * (surprise_m / variance_m2);
             }
         }
-        innovation
+        for (row, mine) in self.covariance.iter_mut().zip(&innovation.shared) {
+            for (value, other) in row.iter_mut().zip(&innovation.shared) {
+                *value -= mine / variance_m2 * other;
+            }
+        }
+        surprises_m.iter().map(|surprise_m| surprise_m * surprise_m / innovation.variance_m2).collect()
     }
 }
 
