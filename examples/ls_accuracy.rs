@@ -108,16 +108,6 @@ fn row(asked: &Asked, motion: &str, sweeps: usize, snr_db: f64) {
             errors_mm.push(off.length() * 1e3);
             normalised.push(off.dot(best.covariance_m2.inverse() * off));
             by_direction.push(along_axes(&best.covariance_m2, off));
-            if std::env::var("EACH").is_ok() {
-                let d = by_direction.last().unwrap();
-                println!(
-                    "  seed {seed} nees {:.2} sig {:.2?} err {:.2?} off {:.1?}",
-                    normalised.last().unwrap(),
-                    d.map(|x| x.0 * 1e3),
-                    d.map(|x| x.1 * 1e3),
-                    (off * 1e3).to_array()
-                );
-            }
         }
         if sweeps > 0 || by_ranges.len() < BOUND_SEEDS {
             by_ranges.extend(trial.bound_mm2(sweeps, snr_db, false));
@@ -222,28 +212,6 @@ impl Trial {
         let chosen = farthest_points(&positions, count);
         let sights: Vec<BoundSight> =
             chosen.into_iter().map(|n| sight(&self.observations[n], self.truth, snr_db, phases)).collect();
-        if let (Ok(f), true) = (std::env::var("DUMP"), phases) {
-            use std::io::Write;
-            let mut f = std::fs::OpenOptions::new().append(true).create(true).open(f).unwrap();
-            writeln!(f, "# {}", sights.len()).unwrap();
-            for s in &sights {
-                let i = s.rotation.conjugate() * s.toward;
-                writeln!(
-                    f,
-                    "{:.6} {} {} {} {} {} {} {:e} {:e}",
-                    s.time_s,
-                    s.toward.x,
-                    s.toward.y,
-                    s.toward.z,
-                    i.x,
-                    i.y,
-                    i.z,
-                    s.range_variance_m2,
-                    s.phase_variance_m2.unwrap()
-                )
-                .unwrap();
-            }
-        }
         let bound = cramer_rao_bound(&sights, |apart_s| self.poses_m2(apart_s), self.errors.mount_m.powi(2) / 3.0)?;
         let diagonal = bound.x_axis.x + bound.y_axis.y + bound.z_axis.z;
         Some(diagonal * 1e6)
