@@ -1,21 +1,21 @@
 //! How well a single reflector is placed, beside the Cramér–Rao bound, and how honest its covariance is.
 //!
 //!     cargo run --release --example ls_accuracy -- [seeds=FIRST..END] [motion=NAME] [sweeps=N] [snr=DB]
-//!                                                  [without=jitter|wander|rotation|mount|all] [near]
+//!                                                  [without=jitter|wander|rotation|mount|all] [near] [detail]
 //!
 //! Each row: a motion, the number of sweeps used, SNR at 1 m on the axis. Columns, mm: median and 95th percentile of the
 //! distance to the truth; rms; the bound's rms with free phases (what ranges allow) and with phases whose whole numbers are
 //! known; rms over each. `split`: seeds in which more than one reflector is reported. NEES: normalised squared error
 //! dᵀ C⁻¹ d, whose mean is 3 when the covariance is honest, with the 95 % band of that mean for that many seeds.
 //! Defaults: seeds 100..120. `without` takes a kind of tracking error out. `near` searches 0.8 m around the truth instead of
-//! the 3 m cube: quicker, the same places.
+//! the 3 m cube: quicker, the same places. `detail` adds the same along each axis of the covariance.
 
 use std::f64::consts::{LN_2, TAU};
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use radar_chaperone::geometry::Aabb;
-use radar_chaperone::imaging::{BoundSight, PositionErrors, cramer_rao_bound, farthest_points};
+use radar_chaperone::imaging::{BoundSight, PositionErrors, cramer_rao_bound, eigen, farthest_points};
 use radar_chaperone::obstacles::{Obstacle, ReflectorSettings, find_reflectors};
 use radar_chaperone::radar::{Beam, Observation, PHASE_RAD_PER_M, envelope, preset};
 use radar_chaperone::simulation::{Scenario, TrackingErrors};
@@ -49,11 +49,19 @@ struct Asked {
     snr: Option<f64>,
     without: String,
     near: bool,
+    detail: bool,
 }
 
 fn asked() -> Asked {
-    let mut asked =
-        Asked { seeds: 100..120, motion: None, sweeps: None, snr: None, without: String::new(), near: false };
+    let mut asked = Asked {
+        seeds: 100..120,
+        motion: None,
+        sweeps: None,
+        snr: None,
+        without: String::new(),
+        near: false,
+        detail: false,
+    };
     for argument in std::env::args().skip(1) {
         match argument.split_once('=') {
             Some(("seeds", range)) => {
@@ -65,6 +73,7 @@ fn asked() -> Asked {
             Some(("snr", db)) => asked.snr = Some(db.parse().expect("decibels")),
             Some(("without", what)) => asked.without = what.into(),
             _ if argument == "near" => asked.near = true,
+            _ if argument == "detail" => asked.detail = true,
             _ => panic!("{argument}: see the head of this file"),
         }
     }
@@ -88,6 +97,7 @@ fn main() {
 
 fn row(asked: &Asked, motion: &str, sweeps: usize, snr_db: f64) {
     let (mut errors_mm, mut normalised, mut split) = (Vec::new(), Vec::new(), 0);
+    let mut by_direction: Vec<[(f64, f64); 3]> = Vec::new();
     let (mut by_ranges, mut by_phases) = (Vec::new(), Vec::new());
     for seed in asked.seeds.clone() {
         let trial = Trial::new(asked, motion, snr_db, seed);
@@ -97,6 +107,7 @@ fn row(asked: &Asked, motion: &str, sweeps: usize, snr_db: f64) {
             let off = best.position_m - trial.truth;
             errors_mm.push(off.length() * 1e3);
             normalised.push(off.dot(best.covariance_m2.inverse() * off));
+            by_direction.push(along_axes(&best.covariance_m2, off));
         }
         if sweeps > 0 || by_ranges.len() < BOUND_SEEDS {
             by_ranges.extend(trial.bound_mm2(sweeps, snr_db, false));
@@ -123,6 +134,29 @@ fn row(asked: &Asked, motion: &str, sweeps: usize, snr_db: f64) {
         3.0 - half_band,
         3.0 + half_band,
     );
+    if asked.detail {
+        detail(&by_direction);
+    }
+}
+
+/// Along each axis of the covariance, widest first: mean normalised square (1 when honest), rms of 1σ and of the error, mm.
+fn detail(seeds: &[[(f64, f64); 3]]) {
+    let each = (0..3).map(|axis| {
+        let mean =
+            |value: fn((f64, f64)) -> f64| seeds.iter().map(|s| value(s[axis])).sum::<f64>() / seeds.len() as f64;
+        let square = mean(|(sigma, off)| (off / sigma).powi(2));
+        let (sigma, off) = (mean(|(sigma, _)| sigma * sigma).sqrt(), mean(|(_, off)| off * off).sqrt());
+        format!("{square:.2} (1σ {:.2}, off {:.2})", sigma * 1e3, off * 1e3)
+    });
+    println!("              widest to narrowest: {}", each.collect::<Vec<_>>().join(", "));
+}
+
+/// 1σ and error along a covariance's axes, widest first, metres.
+fn along_axes(covariance_m2: &DMat3, off: DVec3) -> [(f64, f64); 3] {
+    let (variances_m2, axes) = eigen(covariance_m2);
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| variances_m2[b].total_cmp(&variances_m2[a]));
+    order.map(|n| (variances_m2[n].sqrt(), off.dot(axes.col(n))))
 }
 
 /// One simulated recording as observations.

@@ -96,7 +96,7 @@ fn solve_lower(lower: &[Vec<f64>], mut right: Vec<f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::super::PositionErrors;
-    use super::super::refine::{JITTER_S, PathFilter, Sight, matern};
+    use super::super::refine::{JITTER_S, PathFilter, Sight, correlation};
     use super::*;
 
     fn sights(phase: bool) -> Vec<BoundSight> {
@@ -124,9 +124,9 @@ mod tests {
                 toward_in_sensor: one.rotation.conjugate() * one.toward,
             };
             filter.advance(&sight);
-            filter.take(&sight, false, 0.0, one.range_variance_m2);
+            filter.take(&filter.expect(&sight, false, one.range_variance_m2), &[0.0], 0);
             if let Some(variance_m2) = one.phase_variance_m2 {
-                filter.take(&sight, true, 0.0, variance_m2);
+                filter.take(&filter.expect(&sight, true, variance_m2), &[0.0], 0);
             }
         }
         filter.place_covariance_m2()
@@ -136,7 +136,7 @@ mod tests {
     fn the_filter_along_the_path_reaches_the_bound_of_its_own_model() {
         let errors = PositionErrors { jitter_m: 0.4e-3, ..Default::default() };
         let poses_m2 = |apart: f64| {
-            errors.slow_variance_m2() * matern(apart, errors.wander_s)
+            errors.slow_variance_m2() * correlation(apart, errors.wander_s)
                 + errors.jitter_m.powi(2) * (-apart / JITTER_S).exp()
         };
         for phase in [false, true] {

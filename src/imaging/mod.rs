@@ -33,5 +33,6 @@ pub use selection::{
     above_threshold, d_optimal, farthest_points, hull_above_threshold, hull_vertices, random,
 };
 pub use statistic::{Statistic, UnknownStatistic};
+pub use symmetric::eigen;
 pub use time_offset::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 pub use volume::Volume;

@@ -16,8 +16,8 @@ pub(super) fn inverse_above(m: &DMat3, floor: f64) -> DMat3 {
     (0..3).fold(DMat3::ZERO, |sum, n| sum + outer(vectors.col(n)) * (1.0 / (values[n].max(0.0) + floor)))
 }
 
-/// Eigenvalues and, in the same order, eigenvectors as columns.
-fn eigen(m: &DMat3) -> ([f64; 3], DMat3) {
+/// Eigenvalues and, in the same order, eigenvectors as columns, of a symmetric matrix.
+pub fn eigen(m: &DMat3) -> ([f64; 3], DMat3) {
     let mut a = (*m + m.transpose()) * 0.5;
     let mut vectors = DMat3::IDENTITY;
     for _ in 0..ROUNDS {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct PositionErrors {
     /// Slow drift in each axis, rms, metres.
     pub wander_m: f64,
-    /// Time over which the drift stays alike (to one half), seconds.
+    /// Time over which the drift stays alike, seconds: half a period of its fastest part. 1 s: drift up to 0.5 Hz.
     pub wander_s: f64,
     /// Length of the error of the mount's offset, rms, metres. It turns with the head.
     pub mount_m: f64,

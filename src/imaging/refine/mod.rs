@@ -16,6 +16,7 @@ mod pair;
 mod path_filter;
 mod phase;
 mod sights;
+mod wander;
 
 use glam::{DMat3, DVec3};
 
@@ -26,7 +27,9 @@ use sights::{Fit, Measured, measured};
 use super::range_power::{RangePower, Reading};
 use super::symmetric::inverse_above;
 #[cfg(test)]
-pub(in crate::imaging) use path_filter::{JITTER_S, PathFilter, Sight, matern};
+pub(in crate::imaging) use path_filter::{JITTER_S, PathFilter, Sight};
+#[cfg(test)]
+pub(in crate::imaging) use wander::correlation;
 
 /// A refined place.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -197,8 +200,8 @@ fn weigh(power: &RangePower, from: DVec3, leash: Leash, prior: &Prior, errors: &
     Some(Weighed::new(place, readings, data_m2, prior))
 }
 
-/// The place with the phase's help; `None` where the phase cannot be followed or does not agree with the ranges. Whole
-/// numbers are decided from the place that the ranges give, then once more from each better one, as long as that goes well.
+/// The place with the phase's help; `None` where the phase cannot be followed or does not agree with the ranges. Lengths are
+/// taken at the place that the ranges give, then once more at each better one, as long as that goes well.
 fn follow_phase(power: &RangePower, ranged: &Weighed, prior: &Prior, errors: &PositionErrors) -> Option<Refined> {
     let mut best: Option<Weighed> = None;
     for _ in 0..PHASE_ROUNDS {
@@ -215,7 +218,7 @@ fn follow_phase(power: &RangePower, ranged: &Weighed, prior: &Prior, errors: &Po
     best.map(|weighed| judged(power, &weighed, prior))
 }
 
-/// Whole numbers decided from a place, and what ranges and phases together say then.
+/// Lengths taken at a place, whole numbers from what the ranges know, and what ranges and phases together say then.
 fn phase_round(
     power: &RangePower,
     ranged: &Weighed,
@@ -224,14 +227,12 @@ fn phase_round(
     errors: &PositionErrors,
 ) -> Option<Weighed> {
     let all: Vec<Measured> = measured(power, &from.readings, from.place);
-    let unwrapped = phase::unwrap(&all, &from.covariance_m2, errors)?;
-    let fit = sights::fit_ranges_and_phases(&all, &unwrapped.phases, errors)?;
-    // A wrong whole number leaves no more than the ranges give.
-    let risk_m2 = ranged.data_m2 * unwrapped.risk;
+    let unwrapped = phase::unwrap(&all, ranged.place - from.place, &ranged.covariance_m2, errors)?;
+    let fit = sights::fit_ranges_and_phases(&all, &unwrapped, errors)?;
     let data_m2 = data_covariance(power, &fit, &from.readings, from.place, errors);
     let place = from.place + fit.step(&data_m2, prior, from.place);
     let readings = power.readings(place);
-    (readings.len() >= MIN_SWEEPS).then(|| Weighed::new(place, readings, data_m2 + risk_m2, prior))
+    (readings.len() >= MIN_SWEEPS).then(|| Weighed::new(place, readings, data_m2, prior))
 }
 
 /// Whether what the phase adds lies where the ranges allow it.

@@ -2,21 +2,22 @@
 //! err alike.
 //!
 //! A sweep's range is |s − p| plus u·(R m + b + j): s the place, u the direction to it, m the mount's error (turns with the
-//! sensor's rotation R), b slow wander (a Matérn-5/2 process in each axis), j what jitter the smoothing leaves (an
-//! Ornstein–Uhlenbeck process in each axis). A phase reads the same length with an offset that nobody knows. The filter
+//! sensor's rotation R), b slow wander (noise through a steep low-pass in each axis, see `wander`), j what jitter the
+//! smoothing leaves (an Ornstein–Uhlenbeck process in each axis). A phase reads the same length with an offset that nobody knows. The filter
 //! carries all of them jointly, so the place's covariance is right by construction, at a cost linear in the sweeps. Tested
 //! against the same sum with dense matrices in `bound`.
 
 use glam::{DMat3, DVec3};
 
 use super::PositionErrors;
+use super::wander::{Step, WANDER_STATES, Wander};
 
-/// Place 0..3, mount 3..6, phase offset 6, wander (value, rate, change of rate) 7..16, jitter 16..19.
-const STATES: usize = 19;
+/// Place 0..3, mount 3..6, phase offset 6, jitter 7..10, then the states of the wander, axis by axis.
+const STATES: usize = WANDER + 3 * WANDER_STATES;
 const MOUNT: usize = 3;
 const OFFSET: usize = 6;
-const WANDER: usize = 7;
-const JITTER: usize = 16;
+const JITTER: usize = 7;
+const WANDER: usize = 10;
 
 /// Time over which the error of a smoothed pose stays alike, seconds: a fifth of the smoothing's window.
 pub(in crate::imaging) const JITTER_S: f64 = 0.02;
@@ -36,57 +37,64 @@ pub(in crate::imaging) struct Sight {
     pub toward_in_sensor: DVec3,
 }
 
-/// The filter, after the sweeps so far.
+/// The filter, after the sweeps so far. It may carry several states, guesses that differ in what they take measurements to
+/// be: the covariance does not depend on that and is the same for all.
 #[derive(Debug, Clone)]
 pub(in crate::imaging) struct PathFilter {
-    state: [f64; STATES],
+    states: Vec<[f64; STATES]>,
     covariance: [[f64; STATES]; STATES],
-    wander: Matern,
+    wander: Wander,
     jitter_variance_m2: f64,
     time_s: Option<f64>,
 }
 
-/// How one measurement fared.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A measurement about to be taken.
+#[derive(Debug, Clone)]
 pub(in crate::imaging) struct Innovation {
-    /// Measured minus expected, metres.
-    pub off_m: f64,
-    /// Variance that it was expected to have, m².
+    /// What each guess expects it to be, metres.
+    pub expected_m: Vec<f64>,
+    /// Variance of what is measured around that, m².
     pub variance_m2: f64,
-}
-
-impl Innovation {
-    /// Its square in units of its variance.
-    pub fn normalised(&self) -> f64 {
-        self.off_m * self.off_m / self.variance_m2
-    }
+    /// Covariance of it with the state.
+    shared: [f64; STATES],
 }
 
 impl PathFilter {
     /// Before the first sweep: the place lies at 0 with this covariance.
     pub fn new(place_covariance_m2: &DMat3, errors: &PositionErrors) -> Self {
-        let wander = Matern::new(errors.slow_variance_m2(), errors.wander_s);
+        let wander = Wander::new(errors);
         let jitter_variance_m2 = errors.jitter_m * errors.jitter_m;
         let mut covariance = [[0.0; STATES]; STATES];
         for (row, place) in place_covariance_m2.to_cols_array_2d().iter().enumerate() {
             covariance[row][..3].copy_from_slice(place);
             covariance[MOUNT + row][MOUNT + row] = errors.mount_variance_m2();
             covariance[JITTER + row][JITTER + row] = jitter_variance_m2;
-            let at = WANDER + 3 * row;
+            let at = WANDER + WANDER_STATES * row;
             for (i, stationary) in wander.stationary.iter().enumerate() {
-                covariance[at + i][at..at + 3].copy_from_slice(stationary);
+                covariance[at + i][at..at + WANDER_STATES].copy_from_slice(stationary);
             }
         }
         covariance[OFFSET][OFFSET] = OPEN_OFFSET_M * OPEN_OFFSET_M;
-        Self { state: [0.0; STATES], covariance, wander, jitter_variance_m2, time_s: None }
+        Self { states: vec![[0.0; STATES]], covariance, wander, jitter_variance_m2, time_s: None }
     }
 
-    /// The place's offset from where the sights were taken, metres.
-    pub fn place_m(&self) -> DVec3 {
-        DVec3::new(self.state[0], self.state[1], self.state[2])
+    /// The same, the place not at 0 but there, metres.
+    pub fn starting_at(mut self, place_m: DVec3) -> Self {
+        self.states.iter_mut().for_each(|state| state[..3].copy_from_slice(&place_m.to_array()));
+        self
     }
 
-    /// The place's covariance, m².
+    /// Each guess' offset of the place from where the sights were taken, metres.
+    pub fn places_m(&self) -> impl Iterator<Item = DVec3> {
+        self.states.iter().map(|state| DVec3::new(state[0], state[1], state[2]))
+    }
+
+    /// Guesses that go on: by number, any number any number of times.
+    pub fn branch(&mut self, from: impl Iterator<Item = usize>) {
+        self.states = from.map(|n| self.states[n]).collect();
+    }
+
+    /// The place's covariance in each guess, m².
     pub fn place_covariance_m2(&self) -> DMat3 {
         DMat3::from_cols_array_2d(&[0, 1, 2].map(|col| [0, 1, 2].map(|row| self.covariance[row][col])))
     }
@@ -98,33 +106,20 @@ impl PathFilter {
         if passed_s <= 0.0 {
             return;
         }
-        let (step, added) = self.wander.step(passed_s);
+        let step = self.wander.step(passed_s);
         let keep = (-passed_s / JITTER_S).exp();
-        for axis in 0..3 {
-            let at = WANDER + 3 * axis;
-            for row in &mut self.covariance {
-                let old = [row[at], row[at + 1], row[at + 2]];
-                row[at..at + 3].copy_from_slice(&times(&step, &old));
-                row[JITTER + axis] *= keep;
-            }
-            let old = [self.state[at], self.state[at + 1], self.state[at + 2]];
-            self.state[at..at + 3].copy_from_slice(&times(&step, &old));
-            self.state[JITTER + axis] *= keep;
+        for row in self.states.iter_mut().chain(&mut self.covariance) {
+            advance_row(row, &step, keep);
         }
         for axis in 0..3 {
-            let at = WANDER + 3 * axis;
-            for col in 0..STATES {
-                let old = [0, 1, 2].map(|i| self.covariance[at + i][col]);
-                for (i, value) in times(&step, &old).into_iter().enumerate() {
-                    self.covariance[at + i][col] = value;
-                }
-                self.covariance[JITTER + axis][col] *= keep;
-            }
-            for (i, added) in added.iter().enumerate() {
-                for (j, value) in added.iter().enumerate() {
-                    self.covariance[at + i][at + j] += value;
+            let at = WANDER + WANDER_STATES * axis;
+            step.turn_rows(&mut self.covariance[at..at + WANDER_STATES]);
+            for (row, added) in self.covariance[at..].iter_mut().zip(&step.added) {
+                for (value, added) in row[at..].iter_mut().zip(added) {
+                    *value += added;
                 }
             }
+            self.covariance[JITTER + axis].iter_mut().for_each(|value| *value *= keep);
             self.covariance[JITTER + axis][JITTER + axis] += self.jitter_variance_m2 * (1.0 - keep * keep);
         }
     }
@@ -135,109 +130,55 @@ impl PathFilter {
             self.covariance[OFFSET][other] = 0.0;
             self.covariance[other][OFFSET] = 0.0;
         }
-        self.state[OFFSET] = 0.0;
+        self.states.iter_mut().for_each(|state| state[OFFSET] = 0.0);
         self.covariance[OFFSET][OFFSET] = OPEN_OFFSET_M * OPEN_OFFSET_M;
     }
-
-    /// How a phase's length would fare.
-    pub fn expect(&self, sight: &Sight, off_m: f64, variance_m2: f64) -> Innovation {
-        self.weigh(sight, true, off_m, variance_m2).1
-    }
-
-    fn weigh(&self, sight: &Sight, phase: bool, off_m: f64, variance_m2: f64) -> ([f64; STATES], Innovation) {
+    /// How a measured length would fare; `phase`: it has the unknown offset.
+    pub fn expect(&self, sight: &Sight, phase: bool, variance_m2: f64) -> Innovation {
         let mut reads = [0.0; STATES];
         let (toward, in_sensor) = (sight.toward.to_array(), sight.toward_in_sensor.to_array());
         for axis in 0..3 {
             reads[axis] = toward[axis];
             reads[MOUNT + axis] = in_sensor[axis];
-            reads[WANDER + 3 * axis] = toward[axis];
+            let at = WANDER + WANDER_STATES * axis;
+            for (read, share) in reads[at..].iter_mut().zip(&self.wander.reads) {
+                *read = toward[axis] * share;
+            }
             reads[JITTER + axis] = toward[axis];
         }
         reads[OFFSET] = if phase { 1.0 } else { 0.0 };
         let shared = self.covariance.map(|row| dot(&row, &reads));
-        let innovation =
-            Innovation { off_m: off_m - dot(&reads, &self.state), variance_m2: dot(&reads, &shared) + variance_m2 };
-        (shared, innovation)
+        let expected_m = self.states.iter().map(|state| dot(&reads, state)).collect();
+        Innovation { expected_m, variance_m2: dot(&reads, &shared) + variance_m2, shared }
     }
 
-    /// Takes a measured length, its offset from the length that the sight was taken at; `phase`: it has the unknown offset.
-    /// Outliers are held back.
-    pub fn take(&mut self, sight: &Sight, phase: bool, off_m: f64, variance_m2: f64) -> Innovation {
-        let (shared, innovation) = self.weigh(sight, phase, off_m, variance_m2);
-        let sigmas = innovation.normalised().sqrt();
+    /// Takes a measured length: for each guess, its offset from the length that the sight was taken at. Held back where it is an
+    /// outlier to the guess `likeliest`. Returns each guess' square of what was not expected over its variance.
+    pub fn take(&mut self, innovation: &Innovation, off_m: &[f64], likeliest: usize) -> Vec<f64> {
+        let surprises_m: Vec<f64> =
+            off_m.iter().zip(&innovation.expected_m).map(|(off, expected)| off - expected).collect();
+        let sigmas = surprises_m[likeliest].abs() / innovation.variance_m2.sqrt();
         let variance_m2 = innovation.variance_m2 * (sigmas / OUTLIER_SIGMA).max(1.0);
-        for (row, mine) in shared.iter().enumerate() {
-            let gain = mine / variance_m2;
-            self.state[row] += gain * innovation.off_m;
-            for (value, other) in self.covariance[row].iter_mut().zip(&shared) {
-                *value -= gain * other;
+        for (state, surprise_m) in self.states.iter_mut().zip(&surprises_m) {
+            for (value, shared) in state.iter_mut().zip(&innovation.shared) {
+                *value += shared * (surprise_m / variance_m2);
             }
         }
-        innovation
+        for (row, mine) in self.covariance.iter_mut().zip(&innovation.shared) {
+            for (value, other) in row.iter_mut().zip(&innovation.shared) {
+                *value -= mine / variance_m2 * other;
+            }
+        }
+        surprises_m.iter().map(|surprise_m| surprise_m * surprise_m / innovation.variance_m2).collect()
     }
 }
 
-/// A Matérn process of order 5/2 as three states: value, rate, change of rate.
-#[derive(Debug, Clone, Copy)]
-struct Matern {
-    /// √5 / length, per second.
-    rate: f64,
-    stationary: [[f64; 3]; 3],
-}
-
-/// Covariance of two moments of wander with unit variance.
-#[cfg(test)]
-pub(in crate::imaging) fn matern(apart_s: f64, length_s: f64) -> f64 {
-    let a = 5f64.sqrt() * apart_s.abs() / length_s;
-    (1.0 + a + a * a / 3.0) * (-a).exp()
-}
-
-impl Matern {
-    fn new(variance: f64, length_s: f64) -> Self {
-        let rate = 5f64.sqrt() / length_s;
-        let middle = rate * rate * variance / 3.0;
-        let last = rate.powi(4) * variance;
-        Self { rate, stationary: [[variance, 0.0, -middle], [0.0, middle, 0.0], [-middle, 0.0, last]] }
-    }
-
-    /// Transition over a time, and the covariance that it adds.
-    fn step(&self, passed_s: f64) -> ([[f64; 3]; 3], [[f64; 3]; 3]) {
-        let (l, t) = (self.rate, passed_s);
-        // The drift matrix plus l·1 is nilpotent, so its exponential ends with the square.
-        let n = [[l, 1.0, 0.0], [0.0, l, 1.0], [-l * l * l, -3.0 * l * l, -2.0 * l]];
-        let n2 = product(&n, &n);
-        let fade = (-l * t).exp();
-        let mut step = [[0.0; 3]; 3];
-        for (row, values) in step.iter_mut().enumerate() {
-            for (col, value) in values.iter_mut().enumerate() {
-                let one = if row == col { 1.0 } else { 0.0 };
-                *value = fade * (one + n[row][col] * t + n2[row][col] * t * t * 0.5);
-            }
-        }
-        let kept = product(&product(&step, &self.stationary), &transposed(&step));
-        let mut added = self.stationary;
-        for (row, kept) in added.iter_mut().zip(&kept) {
-            for (value, kept) in row.iter_mut().zip(kept) {
-                *value -= kept;
-            }
-        }
-        (step, added)
-    }
+/// A row of the covariance, or the state, after some time: what is measured along it.
+fn advance_row(row: &mut [f64; STATES], step: &Step, keep: f64) {
+    row[JITTER..JITTER + 3].iter_mut().for_each(|value| *value *= keep);
+    row[WANDER..].chunks_exact_mut(WANDER_STATES).for_each(|axis| step.turn_row(axis));
 }
 
 fn dot(a: &[f64; STATES], b: &[f64; STATES]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-fn times(m: &[[f64; 3]; 3], v: &[f64; 3]) -> [f64; 3] {
-    m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
-}
-
-fn transposed(m: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
-    [0, 1, 2].map(|col| [m[0][col], m[1][col], m[2][col]])
-}
-
-fn product(a: &[[f64; 3]; 3], b: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
-    let columns = transposed(b).map(|column| times(a, &column));
-    transposed(&columns)
 }

@@ -1,10 +1,12 @@
 //! Following the phase from sweep to sweep: which whole number of half wavelengths each one hides.
 //!
-//! A filter that starts from what is known of the place, and then hears phases alone, expects each next phase. Where it
-//! expects it to well within half a wavelength the whole number is plain; where not, a new stretch with a new offset begins.
-//! Ranges are not heard again here: they went into the start already.
+//! A filter that starts from what ranges know of the place, and then hears phases alone, expects each next phase. Every whole
+//! number that it cannot rule out makes a guess of its own; guesses fall behind by how badly later phases fit them, and the
+//! hopeless ones end. Where the next phase is expected so loosely that it says nothing, a new stretch with a new offset
+//! begins. All guesses that are left go into the place, each as far as all ranges and phases together make it likely, so the
+//! doubt is in the covariance.
 
-use glam::DMat3;
+use glam::{DMat3, DVec3};
 
 use super::PositionErrors;
 use super::path_filter::PathFilter;
@@ -13,62 +15,97 @@ use crate::radar::WAVELENGTH_M;
 
 /// The phase repeats with this length.
 const PERIOD_M: f64 = WAVELENGTH_M * 0.5;
-/// A whole number is plain when half a period is this many sigmas.
-const PLAIN_SIGMAS: f64 = 4.0;
-/// How much wider than expected the poses' errors may spread when the risk of a wrong number is told: nobody knows their
-/// spectrum. Chosen over seeds 0..100 of 50 sweeps of the 10 cm sphere, where numbers are least plain.
-const RISK_SPREAD: f64 = 1.45;
+/// A phase is followed when half a period is this many sigmas; else one in three would go to the next whole number.
+const FOLLOWED_SIGMAS: f64 = 1.0;
+/// Whole numbers farther than this many sigmas from what is expected are no guess.
+const WIDEST_SIGMAS: f64 = 4.0;
+/// A guess ends that is e to this many times less likely than the likeliest.
+const HOPELESS: f64 = 12.0;
+/// Guesses at most.
+const MAX_GUESSES: usize = 64;
+
+/// One way of making phases continuous.
+#[derive(Debug, Clone)]
+struct Guess {
+    /// Minus the logarithm of its likelihood.
+    cost: f64,
+    /// One for each sweep; 0 where it has no phase.
+    off_m: Vec<f64>,
+}
 
 /// Phases made continuous.
 #[derive(Debug, Clone)]
 pub(super) struct Unwrapped {
     /// One for each sweep; `None` where it has none.
     pub phases: Vec<Option<Phase>>,
-    /// Chance that any whole number is wrong, at most 1.
-    pub risk: f64,
+    /// Lengths that the phases show, one for each sweep, in each way that they may be continuous; the likeliest first.
+    pub guesses: Vec<Vec<f64>>,
 }
 
-/// Phases of sweeps in time, made continuous from what is known of the place; `None` where no two join.
-pub(super) fn unwrap(all: &[Measured], covariance_m2: &DMat3, errors: &PositionErrors) -> Option<Unwrapped> {
-    let mut filter = PathFilter::new(covariance_m2, errors);
-    let mut stretch_open = false;
-    let mut joins = 0;
-    let mut risk = 0.0;
-    let mut phase = |one: &Measured| {
+/// Phases of sweeps in time, made continuous from what is known of the place: its offset from where sights were taken, and
+/// covariance. `None` where no two join.
+pub(super) fn unwrap(
+    all: &[Measured],
+    place_m: DVec3,
+    covariance_m2: &DMat3,
+    errors: &PositionErrors,
+) -> Option<Unwrapped> {
+    let mut filter = PathFilter::new(covariance_m2, errors).starting_at(place_m);
+    let mut guesses = vec![Guess { cost: 0.0, off_m: Vec::with_capacity(all.len()) }];
+    let (mut phases, mut joins, mut stretch_open) = (Vec::with_capacity(all.len()), 0, false);
+    for one in all {
         filter.advance(&one.sight);
-        let variance_m2 = one.phase_variance_m2?;
-        let expected = filter.expect(&one.sight, one.phase_off_m, variance_m2);
-        let sigmas = PERIOD_M * 0.5 / expected.variance_m2.sqrt();
-        let begins = !(stretch_open && sigmas >= PLAIN_SIGMAS);
+        let Some(variance_m2) = one.phase_variance_m2 else {
+            phases.push(None);
+            guesses.iter_mut().for_each(|guess| guess.off_m.push(0.0));
+            continue;
+        };
+        let mut expected = filter.expect(&one.sight, true, variance_m2);
+        let begins = !(stretch_open && PERIOD_M * 0.5 >= FOLLOWED_SIGMAS * expected.variance_m2.sqrt());
         stretch_open = true;
+        phases.push(Some(Phase { variance_m2, begins }));
         if begins {
             filter.open_offset();
+            guesses.iter_mut().for_each(|guess| guess.off_m.push(one.phase_off_m));
         } else {
             joins += 1;
-            risk += both_tails(sigmas / RISK_SPREAD);
+            let (from, next) = branched(&guesses, one.phase_off_m, &expected.expected_m, expected.variance_m2);
+            filter.branch(from.into_iter());
+            guesses = next;
         }
-        let whole = if begins { 0.0 } else { (expected.off_m / PERIOD_M).round() };
-        let off_m = one.phase_off_m - whole * PERIOD_M;
-        filter.take(&one.sight, true, off_m, variance_m2);
-        Some(Phase { off_m, variance_m2, begins })
-    };
-    let phases = all.iter().map(&mut phase).collect();
-    (joins > 0).then_some(Unwrapped { phases, risk: risk.min(1.0) })
+        expected = filter.expect(&one.sight, true, variance_m2);
+        let off_m: Vec<f64> = guesses.iter().filter_map(|guess| guess.off_m.last().copied()).collect();
+        filter.take(&expected, &off_m, 0);
+    }
+    let guesses = guesses.into_iter().map(|guess| guess.off_m).collect();
+    (joins > 0).then_some(Unwrapped { phases, guesses })
 }
 
-/// Share of a normal distribution beyond ± so many sigmas, from 2 on, a little above the true one.
-fn both_tails(sigmas: f64) -> f64 {
-    (2.0 / std::f64::consts::PI).sqrt() / sigmas * (-0.5 * sigmas * sigmas).exp()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tails_are_those_of_the_normal_distribution() {
-        for (sigmas, share) in [(2.0, 0.0455), (3.0, 0.0027), (4.0, 6.33e-5)] {
-            assert!((1.0..1.2).contains(&(both_tails(sigmas) / share)), "{sigmas}: {}", both_tails(sigmas));
+/// Every guess with every whole number that is likely enough: which guess each comes from, and they themselves, the
+/// likeliest first.
+fn branched(guesses: &[Guess], phase_off_m: f64, expected_m: &[f64], variance_m2: f64) -> (Vec<usize>, Vec<Guess>) {
+    let sigma_m = variance_m2.sqrt();
+    let mut next: Vec<(f64, usize, f64)> = Vec::new();
+    for (n, (guess, expected_m)) in guesses.iter().zip(expected_m).enumerate() {
+        let periods = (phase_off_m - expected_m) / PERIOD_M;
+        let nearest = periods.round();
+        let reach = (WIDEST_SIGMAS * sigma_m / PERIOD_M - 0.5).max(0.0).ceil() as i32;
+        for whole in (-reach..=reach).map(|more| nearest + f64::from(more)) {
+            let surprise_m = (periods - whole) * PERIOD_M;
+            if whole == nearest || surprise_m.abs() <= WIDEST_SIGMAS * sigma_m {
+                let cost = guess.cost + 0.5 * surprise_m * surprise_m / variance_m2;
+                next.push((cost, n, phase_off_m - whole * PERIOD_M));
+            }
         }
     }
+    next.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.total_cmp(&b.2)));
+    let worst = next.first().map_or(0.0, |best| best.0 + HOPELESS);
+    next.truncate(MAX_GUESSES);
+    next.retain(|(cost, ..)| *cost <= worst);
+    let of = |&(cost, n, off_m): &(f64, usize, f64)| {
+        let mut all = guesses[n].off_m.clone();
+        all.push(off_m);
+        Guess { cost, off_m: all }
+    };
+    (next.iter().map(|(_, n, _)| *n).collect(), next.iter().map(of).collect())
 }

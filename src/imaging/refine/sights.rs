@@ -3,7 +3,8 @@
 use glam::{DMat3, DVec3};
 
 use super::path_filter::{PathFilter, Sight};
-use super::{PositionErrors, Prior, direction, regular_inverse};
+use super::phase::Unwrapped;
+use super::{PositionErrors, Prior, direction, outer, regular_inverse};
 use crate::imaging::range_power::{RangePower, Reading};
 use crate::radar::PHASE_RAD_PER_M;
 
@@ -73,11 +74,15 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    fn of(filter: &PathFilter, misfit: f64) -> Self {
+    /// `likely`: how likely each of the filter's guesses is; they sum to 1.
+    fn of(filter: &PathFilter, likely: &[f64], misfit: f64) -> Self {
         let open = DMat3::IDENTITY * (1.0 / (OPEN_M * OPEN_M));
-        let information = regular_inverse(&filter.place_covariance_m2());
+        let guesses = || filter.places_m().zip(likely);
+        let mean_m = guesses().map(|(place, share)| place * *share).sum::<DVec3>();
+        let spread_m2 = guesses().fold(DMat3::ZERO, |sum, (place, share)| sum + outer(place - mean_m) * *share);
+        let information = regular_inverse(&(filter.place_covariance_m2() + spread_m2));
         // The open start pulls towards 0, so it adds to the information alone.
-        Self { pull: information * filter.place_m(), information: information - open, misfit }
+        Self { pull: information * mean_m, information: information - open, misfit }
     }
 
     /// The step to the most likely place, the beam's prior in it. `data_m2`: the data's covariance with all that the filter
@@ -116,42 +121,60 @@ pub(super) fn fit_ranges(all: &[Measured], errors: &PositionErrors) -> Fit {
     let mut squares = Vec::with_capacity(all.len());
     for one in all {
         filter.advance(&one.sight);
-        let innovation = filter.take(&one.sight, false, one.range_off_m, one.range_variance_m2);
-        squares.push(innovation.normalised());
+        let expected = filter.expect(&one.sight, false, one.range_variance_m2);
+        squares.extend(filter.take(&expected, &[one.range_off_m], 0));
     }
-    Fit::of(&filter, misfit(&squares))
+    Fit::of(&filter, &[1.0], misfit(&squares))
 }
 
-/// A sweep's phase made continuous with those before it.
+/// A sweep's phase.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Phase {
-    pub off_m: f64,
     pub variance_m2: f64,
     /// Nothing joins it to what was before: a new offset.
     pub begins: bool,
 }
 
-/// From ranges and phases together; `None` when the phases do not follow the model.
-pub(super) fn fit_ranges_and_phases(
-    all: &[Measured],
-    phases: &[Option<Phase>],
-    errors: &PositionErrors,
-) -> Option<Fit> {
+/// From ranges and phases together, every way that phases may be continuous weighed by its likelihood; `None` when the
+/// phases do not follow the model.
+pub(super) fn fit_ranges_and_phases(all: &[Measured], unwrapped: &Unwrapped, errors: &PositionErrors) -> Option<Fit> {
     let mut filter = open_start(errors);
-    let (mut ranges, mut joined) = (Vec::with_capacity(all.len()), Vec::new());
-    for (one, phase) in all.iter().zip(phases) {
+    let count = unwrapped.guesses.len();
+    filter.branch(std::iter::repeat_n(0, count));
+    let (mut costs, mut joined, mut joins) = (vec![0.0; count], vec![0.0; count], 0);
+    let mut ranges = vec![Vec::with_capacity(all.len()); count];
+    for (n, (one, phase)) in all.iter().zip(&unwrapped.phases).enumerate() {
         filter.advance(&one.sight);
-        ranges.push(filter.take(&one.sight, false, one.range_off_m, one.range_variance_m2).normalised());
-        if let Some(phase) = phase {
-            if phase.begins {
-                filter.open_offset();
-            }
-            let innovation = filter.take(&one.sight, true, phase.off_m, phase.variance_m2);
-            if !phase.begins {
-                joined.push(innovation.normalised());
+        let expected = filter.expect(&one.sight, false, one.range_variance_m2);
+        let squares = filter.take(&expected, &vec![one.range_off_m; count], least(&costs));
+        for ((range, cost), square) in ranges.iter_mut().zip(&mut costs).zip(squares) {
+            range.push(square);
+            *cost += 0.5 * square;
+        }
+        let Some(phase) = phase else { continue };
+        if phase.begins {
+            filter.open_offset();
+        }
+        let off_m: Vec<f64> = unwrapped.guesses.iter().map(|guess| guess[n]).collect();
+        let expected = filter.expect(&one.sight, true, phase.variance_m2);
+        let squares = filter.take(&expected, &off_m, least(&costs));
+        if !phase.begins {
+            joins += 1;
+            for ((sum, cost), square) in joined.iter_mut().zip(&mut costs).zip(squares) {
+                *sum += square;
+                *cost += 0.5 * square;
             }
         }
     }
-    let follows = joined.is_empty() || joined.iter().sum::<f64>() <= MAX_PHASE_MISFIT * joined.len() as f64;
-    follows.then(|| Fit::of(&filter, misfit(&ranges)))
+    let best = least(&costs);
+    let weights: Vec<f64> = costs.iter().map(|cost| (costs[best] - cost).exp()).collect();
+    let whole: f64 = weights.iter().sum();
+    let likely: Vec<f64> = weights.iter().map(|weight| weight / whole).collect();
+    let follows = joined[best] <= MAX_PHASE_MISFIT * f64::from(joins.max(1));
+    follows.then(|| Fit::of(&filter, &likely, misfit(&ranges[best])))
+}
+
+/// Where the least is.
+fn least(costs: &[f64]) -> usize {
+    (0..costs.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0)
 }
