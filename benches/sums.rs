@@ -46,6 +46,11 @@ fn sweeps(axis: RangeAxis, count: usize) -> Vec<Observation> {
 }
 
 fn main() {
+    // On a thread of the pool: from outside each parallel loop would wait until one of them is awake.
+    rayon::scope(|_| jobs());
+}
+
+fn jobs() {
     let part = std::env::args().skip(1).find(|a| !a.starts_with('-')).unwrap_or_default();
     let near = Aabb { min: DVec3::new(0.5, -0.4, -0.4), max: DVec3::new(1.3, 0.4, 0.4) };
     let room = Aabb { min: DVec3::new(0.2, -1.5, -1.5), max: DVec3::new(3.2, 1.5, 1.5) };
@@ -70,7 +75,14 @@ fn job(place: &str, region: &Aabb, voxels: u32, observations: &[Observation], pa
         println!("{name}: {sums}, {:.0} ({:.0}) M updates/s", rate(sums.wall_s), rate(sums.processor_s));
         let tables = least(&mut || drop(make()));
         let all = least(&mut || drop(dense_volume(&make(), &grid)));
-        println!("    tables {tables}, in all {all}");
+        println!("    from nothing: tables {tables}, in all {all}");
+        let (mut kept, middle) = (make(), grid.middle_m());
+        let tables = least(&mut || assert_eq!(kept.refill(observations, middle), 0));
+        let all = least(&mut || {
+            kept.refill(observations, middle);
+            drop(dense_volume(&kept, &grid));
+        });
+        println!("    in a stack that is there: tables {tables}, in all {all}");
     }
 }
 
