@@ -5,7 +5,7 @@
 //! are equal bit for bit. Sums of 32 bit are moved to 64 bit before they could overflow.
 
 use super::dispatch::{Kernel, on_widest};
-use super::lanes::{LANES, Lanes, WIDE_WINDOW, WINDOW};
+use super::lanes::{HALF_WINDOW, LANES, Lanes, WIDE_WINDOW, WINDOW};
 use super::sight::{BrickShape, EDGE, Offsets, Sight, VOXELS, add3, dot, lane3, load3, scale3, splat3, sub3};
 use super::stack::SweepStack;
 
@@ -57,7 +57,7 @@ impl Kernel for AddPower<'_> {
             let (mut inside, mut edge) = (sight.inside & lanes, sight.edge & lanes);
             out.updates += u64::from(inside.count_ones() + edge.count_ones()) * VOXELS as u64;
             let mut whole = 0;
-            if edge & sight.wide != 0 && self.stack.stride >= WIDE_WINDOW {
+            if edge & sight.wide != 0 {
                 whole = edge & sight.wide & seen_whole(s, self.stack, group, &sight, &self.shape);
                 edge &= !whole;
             }
@@ -81,8 +81,8 @@ impl Kernel for AddPower<'_> {
                     widen(s, &mut edge_sums, &mut out.sums);
                     edge_greatest = self.stack.greatest(slot);
                 }
-                let values = &self.stack.table(slot, 0)[..self.stack.stride];
-                add_whole(s, &sight, l, values, &offsets, heights, &mut edge_sums);
+                let (halves, greatest) = (self.stack.table(slot, 1), self.stack.greatest(slot));
+                add_whole(s, &sight, l, halves, &offsets, heights, greatest, &mut edge_sums);
             }
             while edge != 0 {
                 let l = edge.trailing_zeros() as usize;
@@ -358,8 +358,9 @@ pub(super) fn from_sensor(sight: &Sight, l: usize) -> [f32; 3] {
     [x * distance, y * distance, z * distance]
 }
 
-/// All voxels within range and beam, each with its own root, in a wide window of the table.
+/// All voxels within range and beam, each with its own root, in the table of every other entry.
 #[inline(always)]
+#[allow(clippy::too_many_arguments)]
 fn add_whole<S: Lanes>(
     s: S,
     sight: &Sight,
@@ -367,22 +368,34 @@ fn add_whole<S: Lanes>(
     table: &[f32],
     offsets: &Offsets<S>,
     heights: [f32; EDGE],
+    greatest: i64,
     sums: &mut [S::I; EDGE],
 ) {
-    let Some((first, window)) = wide_window(table, sight, l) else { return };
+    let (start, apart) = (sight.window[l] as usize, table.len() / 4);
+    let (Some(values), Some(slopes), Some(turns)) =
+        (half(table, start / 2), half(table, apart + start / 2), half(table, 2 * apart + start / 2))
+    else {
+        return;
+    };
     let exact = Exact::new(s, from_sensor(sight, l), offsets, heights);
-    let (per_m, one) = (sight.entries_per_m[l], s.splat_int(1));
-    let start = sight.entry[l] + (sight.window[l] - first) as f32;
-    let (entry, per_m) = (s.splat((-per_m).mul_add(sight.distance_m[l], start)), s.splat(per_m));
+    let per_m = 0.5 * sight.entries_per_m[l];
+    let entry = 0.5 * (sight.entry[l] + (start % 2) as f32);
+    let (entry, per_m) = (s.splat((-per_m).mul_add(sight.distance_m[l], entry)), s.splat(per_m));
+    let (middle, zero, most) = (s.splat(0.5), s.splat(0.0), s.splat(greatest as f32));
     for (layer, sum) in sums.iter_mut().enumerate() {
-        let distance = s.sqrt(exact.squares(s, layer));
-        let at = s.mul_add(distance, per_m, entry);
+        let at = s.mul_add(s.sqrt(exact.squares(s, layer)), per_m, entry);
         let whole = s.floor(at);
-        let n = s.to_int(whole);
-        let (here, next) = (s.look_up_wide(window, n), s.look_up_wide(window, s.add_int(n, one)));
-        let value = s.mul_add(s.sub(at, whole), s.sub(next, here), here);
-        *sum = s.add_int(*sum, s.to_int(value));
+        let (n, rest) = (s.to_int(whole), s.sub(at, whole));
+        let value = s.mul_add(rest, s.look_up_half(slopes, n), s.look_up_half(values, n));
+        let value = s.mul_add(s.max(s.sub(rest, middle), zero), s.look_up_half(turns, n), value);
+        // Rounding alone leaves the table's bounds.
+        *sum = s.add_int(*sum, s.to_int(s.max(s.min(value, most), zero)));
     }
+}
+
+#[inline(always)]
+fn half(table: &[f32], first: usize) -> Option<&[f32; HALF_WINDOW]> {
+    table.get(first..)?.first_chunk()
 }
 
 /// Some voxels may be out of range or beam: each by itself.

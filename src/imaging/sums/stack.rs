@@ -30,6 +30,8 @@ const MAX_SAMPLE_LSB: f32 = 1e9;
 const LOG_STEP: f64 = 1.0 / 4096.0;
 /// Sweeps whose tables one task makes, at least.
 const SWEEPS_AT_ONCE: usize = 4;
+/// So that a half window from any entry on lies within the tables of short axes too.
+const LEAST_STRIDE: usize = 96;
 /// Greatest value of an entry, in steps: one sweep alone never overflows.
 const MAX_STEPS: f32 = (1 << 30) as f32;
 
@@ -156,10 +158,10 @@ impl SweepStack {
         let entries = axes.iter().map(|a| a.compressor.entries()).max().unwrap_or(0);
         let planes = match statistic {
             Statistic::Coherent => 3,
-            Statistic::Glrt | Statistic::Thesis => 2,
+            Statistic::Glrt | Statistic::Thesis | Statistic::Ls | Statistic::Log | Statistic::Blocks => 2,
             _ => 1,
         };
-        let stride = (entries + WINDOW + LANES).next_multiple_of(LANES);
+        let stride = (entries + WINDOW + LANES).max(LEAST_STRIDE).next_multiple_of(LANES);
         let groups = slots.div_ceil(LANES);
         Self {
             statistic,
@@ -398,6 +400,7 @@ impl Kernel for WriteTables<'_> {
                     *to = ((re * re + im * im) * per).min(most_steps);
                 }
                 finish(first, entries);
+                write_halves(&first[..entries + 2], others);
                 return 1 + greatest(&first[..entries]) as i64;
             }
             Statistic::Log => {
@@ -407,6 +410,7 @@ impl Kernel for WriteTables<'_> {
                     *to = (((re * re + im * im) * per2).ln_1p() * per).min(most_steps);
                 }
                 finish(first, entries);
+                write_halves(&first[..entries + 2], others);
                 return 1 + greatest(&first[..entries]) as i64;
             }
             Statistic::Glrt => {
@@ -460,6 +464,26 @@ fn finish(plane: &mut [f32], entries: usize) {
         *to = next - here;
     }
     slope[entries - 1..].fill(0.0);
+}
+
+/// The same function with every other entry: its value, the slope from there, and by how much the slope changes halfway to
+/// the next, where the entry lies that is left out. Half as many entries are to be looked up for coarse voxels.
+#[inline(always)]
+fn write_halves(values: &[f32], halves: &mut [f32]) {
+    let apart = halves.len() / 4;
+    let (value, others) = halves.split_at_mut(apart);
+    let (slope, turn) = others.split_at_mut(apart);
+    let (pairs, next) = (values.chunks_exact(2), values[1..].chunks_exact(2));
+    let mut count = 0;
+    for ((((value, slope), turn), pair), next) in value.iter_mut().zip(&mut *slope).zip(&mut *turn).zip(pairs).zip(next)
+    {
+        let rises = 2.0 * (pair[1] - pair[0]);
+        (*value, *slope, *turn) = (pair[0], rises, 2.0 * (next[1] - next[0]) - rises);
+        count += 1;
+    }
+    value[count..].fill(0.0);
+    slope[count..].fill(0.0);
+    turn[count..].fill(0.0);
 }
 
 /// The greatest of values that are not negative: their bits rise with them.
