@@ -179,7 +179,7 @@ impl SweepStack {
         }
     }
 
-    /// All the sweeps that can be used, and how many cannot. The step of `ls` follows their median noise.
+    /// All the sweeps that can be used, and how many cannot. The step of `ls` follows the median noise of nine of them.
     pub fn of(statistic: Statistic, beam: &Beam, observations: &[Observation], origin_m: DVec3) -> (Self, usize) {
         Self::of_beam(statistic, BeamTable::of(beam), observations, origin_m)
     }
