@@ -100,29 +100,34 @@ impl RangeCompressor {
     /// Compresses one sweep, each value times `scale` (1 / noise rms makes it noise-normalised). Samples that are missing
     /// count as zero, those beyond the axis are left out.
     pub fn compress(&self, samples: &[Complex32], scale: f32) -> CompressedSweep {
-        let mut z = vec![Complex32::ZERO; self.entries()];
-        let [re, im] = self.filtered(samples.iter().map(|x| [x.re, x.im]));
-        let (phases, long) = (self.taps.len(), self.long());
-        for phase in 0..phases {
-            let filtered = re[phase * long..].iter().zip(&im[phase * long..]);
-            let at = z.iter_mut().zip(&self.norms).skip(phase).step_by(phases);
-            for ((value, norm), (re, im)) in at.zip(filtered) {
-                *value = Complex32::new(*re, *im) * (norm * scale);
-            }
-        }
+        let mut room = CompressionRoom::default();
+        self.compress_in(samples, scale, &mut room);
+        let z = room.re.iter().zip(&room.im).map(|(re, im)| Complex32::new(*re, *im)).collect();
         CompressedSweep { first_m: self.first_m, step_m: self.step_m, z }
     }
 
-    /// Σ_n a[n] E(r_n − r) at every entry, not normalised: real values spread over the pulse.
-    pub(super) fn spread(&self, values: &[f32]) -> Vec<f32> {
-        let [filtered, _] = self.filtered(values.iter().map(|a| [*a, 0.0]));
-        let (phases, long) = (self.taps.len(), self.long());
-        let mut spread = vec![0.0; self.entries()];
-        for phase in 0..phases {
-            let at = spread.iter_mut().skip(phase).step_by(phases);
-            at.zip(&filtered[phase * long..]).for_each(|(value, from)| *value = *from);
+    /// The same into room that is kept from sweep to sweep.
+    pub(super) fn compress_in(&self, samples: &[Complex32], scale: f32, room: &mut CompressionRoom) {
+        let long = self.pad(room);
+        on_widest(Part { samples, points: self.points, reach: self.reach, padded: &mut room.padded });
+        self.filter(room);
+        for part in [&mut room.re, &mut room.im] {
+            part.resize(self.entries(), 0.0);
         }
-        spread
+        for (part, filtered) in [&mut room.re, &mut room.im].into_iter().zip(&room.filtered) {
+            on_widest(Interleave { filtered, long, norms: &self.norms, scale, out: part });
+        }
+    }
+
+    /// Σ_n a[n] E(r_n − r) at every entry, not normalised: real values spread over the pulse.
+    pub(super) fn spread_in(&self, values: &[f32], room: &mut CompressionRoom) {
+        let long = self.pad(room);
+        let padded = room.padded[0][self.reach..].iter_mut().take(self.points);
+        padded.zip(values).for_each(|(to, from)| *to = *from);
+        self.filter(room);
+        room.re.clear();
+        let phases = self.taps.len();
+        room.re.extend((0..self.entries()).map(|n| room.filtered[0][n % phases * long + n / phases]));
     }
 
     /// Values of one phase: three more than the axis has, in whole vectors.
@@ -130,28 +135,109 @@ impl RangeCompressor {
         (self.points + 3).next_multiple_of(LANES)
     }
 
-    /// Two parts of the samples through every phase: `[part][phase · long + sample]`.
-    fn filtered(&self, samples: impl Iterator<Item = [f32; 2]>) -> [Vec<f32>; 2] {
+    /// Makes the room large enough, with zeros for samples; values of one phase.
+    fn pad(&self, room: &mut CompressionRoom) -> usize {
         let long = self.long();
-        let mut padded = [0; 2].map(|_| vec![0.0f32; long + 2 * self.reach + 2 + 3 * LANES]);
-        let [re, im] = &mut padded;
-        let at = re[self.reach..].iter_mut().zip(&mut im[self.reach..]).take(self.points);
-        for ((re, im), sample) in at.zip(samples) {
-            (*re, *im) = (sample[0], sample[1]);
+        for padded in &mut room.padded {
+            padded.clear();
+            padded.resize(long + 2 * self.reach + 2 + 3 * LANES, 0.0);
         }
-        let mut out = [0; 2].map(|_| vec![0.0f32; long * self.taps.len()]);
-        let [re, im] = &mut out;
+        for filtered in &mut room.filtered {
+            filtered.resize(long * self.taps.len(), 0.0);
+        }
+        long
+    }
+
+    /// Two parts of the padded samples through every phase: `[part][phase · long + sample]`.
+    fn filter(&self, room: &mut CompressionRoom) {
+        let long = self.long();
+        let (padded, [re, im]) = (&room.padded, &mut room.filtered);
         let of_phases = re.chunks_exact_mut(2 * long).zip(im.chunks_exact_mut(2 * long));
         for ((re, im), taps) in of_phases.zip(self.taps.chunks_exact(2)) {
             let ((re, re_next), (im, im_next)) = (re.split_at_mut(long), im.split_at_mut(long));
             let [taps, taps_next] = taps else { continue };
-            on_widest(Filter { samples: &padded, taps: [taps, taps_next], out: [[re, im], [re_next, im_next]] });
+            on_widest(Filter { samples: padded, taps: [taps, taps_next], out: [[re, im], [re_next, im_next]] });
         }
         if let [taps] = self.taps.chunks_exact(2).remainder() {
             let last = long * (self.taps.len() - 1);
-            on_widest(FilterOne { samples: &padded, taps, out: [&mut re[last..], &mut im[last..]] });
+            let (re, im) = (&mut re[last..], &mut im[last..]);
+            on_widest(FilterOne { samples: padded, taps, out: [re, im] });
         }
-        out
+    }
+}
+
+/// Memory that compression works in; what lies in it afterwards is `re` and `im`.
+#[derive(Debug, Default)]
+pub(super) struct CompressionRoom {
+    /// Both parts of z, entry after entry.
+    pub(super) re: Vec<f32>,
+    pub(super) im: Vec<f32>,
+    padded: [Vec<f32>; 2],
+    filtered: [Vec<f32>; 2],
+}
+
+/// Parts samples into real and imaginary ones.
+struct Part<'a> {
+    samples: &'a [Complex32],
+    points: usize,
+    reach: usize,
+    padded: &'a mut [Vec<f32>; 2],
+}
+
+impl Kernel for Part<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, _: S) {
+        let [re, im] = self.padded;
+        let points = self.points.min(self.samples.len());
+        let (re, im) = (&mut re[self.reach..][..points], &mut im[self.reach..][..points]);
+        for ((sample, re), im) in self.samples[..points].iter().zip(re).zip(im) {
+            (*re, *im) = (sample.re, sample.im);
+        }
+    }
+}
+
+/// Puts the phases' values side by side, each times its norm.
+struct Interleave<'a> {
+    filtered: &'a [f32],
+    long: usize,
+    norms: &'a [f32],
+    scale: f32,
+    out: &'a mut [f32],
+}
+
+impl Kernel for Interleave<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, _: S) {
+        let Self { filtered, long, norms, scale, out } = self;
+        match filtered.len() / long {
+            1 => {
+                for ((out, norm), value) in out.iter_mut().zip(norms).zip(filtered) {
+                    *out = value * (norm * scale);
+                }
+            }
+            2 => {
+                // One entry more than twice the samples but one.
+                let (even, odd) = filtered.split_at(long);
+                let pairs = out.chunks_exact_mut(2).zip(norms.chunks_exact(2));
+                for (((out, norm), even), odd) in pairs.zip(even).zip(odd) {
+                    (out[0], out[1]) = (even * (norm[0] * scale), odd * (norm[1] * scale));
+                }
+                let last = out.len() - 1;
+                out[last] = filtered[last % 2 * long + last / 2] * (norms[last] * scale);
+            }
+            phases => {
+                for (phase, values) in filtered.chunks_exact(long).enumerate() {
+                    let at = out.iter_mut().zip(norms).skip(phase).step_by(phases);
+                    for ((out, norm), value) in at.zip(values) {
+                        *out = value * (norm * scale);
+                    }
+                }
+            }
+        }
     }
 }
 

@@ -2,7 +2,6 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::lanes::WIDE_WINDOW;
 use crate::radar::Beam;
 
 /// Steps of the table over cosines −1 to 1; linear between them, within 1e-4 of every beam that has a name.
@@ -19,37 +18,53 @@ pub(super) struct BeamTable {
     pub uniform: bool,
     /// A at `index · 2 / STEPS − 1`; beyond the cut the amplitude goes on, so that lookups beside it are right.
     pub amplitudes: Vec<f32>,
-    /// A table that fits registers, where that is good enough.
-    pub short: Option<Box<ShortTable>>,
+    /// A without a table, where that is good enough.
+    pub polynomial: Option<Polynomial>,
 }
 
-/// A at equal steps from the cut to the axis, and at the step after each; linear between them.
-#[derive(Debug, Clone)]
-pub(super) struct ShortTable {
-    pub amplitudes: [f32; WIDE_WINDOW],
-    pub next: [f32; WIDE_WINDOW],
-    pub entries_per_cos: f32,
+/// A between the cut and the axis as a polynomial: no lookup at all.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Polynomial {
+    /// Of 1, t, t², …, where t = cos · `per_cos` + `at_zero` runs from −1 to 1.
+    pub coefficients: [f32; COEFFICIENTS],
+    pub per_cos: f32,
+    pub at_zero: f32,
 }
 
-/// Largest error that a short table may have.
-const SHORT_TABLE_ERROR: f64 = 5e-4;
+const COEFFICIENTS: usize = 9;
 
-impl ShortTable {
-    /// `None` where its error would be too large halfway between two entries.
-    fn of(beam: &Beam, cut_cos: f64) -> Option<Box<Self>> {
-        let step = (1.0 - cut_cos) / WIDE_WINDOW as f64;
-        let at = |entry: f64| beam.amplitude((cut_cos + entry * step).clamp(cut_cos, 1.0));
-        let mut table =
-            Self { amplitudes: [0.0; WIDE_WINDOW], next: [0.0; WIDE_WINDOW], entries_per_cos: (1.0 / step) as f32 };
-        for n in 0..WIDE_WINDOW {
-            let (here, next) = (at(n as f64), at((n + 1) as f64));
-            let off = [0.25, 0.5, 0.75].map(|part| (at(n as f64 + part) - here - (next - here) * part).abs());
-            if off.iter().any(|off| *off > SHORT_TABLE_ERROR) {
-                return None;
-            }
-            (table.amplitudes[n], table.next[n]) = (here as f32, next as f32);
+/// Largest error that a polynomial may have, as a share of the amplitude; bounds allow for twice as much.
+const POLYNOMIAL_ERROR: f64 = 5e-4;
+
+impl Polynomial {
+    /// Through the zeros of the next Chebyshev polynomial; `None` where the beam is no such smooth curve.
+    fn of(beam: &Beam, cut_cos: f64) -> Option<Self> {
+        let half = 0.5 * (1.0 - cut_cos);
+        let at = |t: f64| beam.amplitude((cut_cos + half * (t + 1.0)).clamp(cut_cos, 1.0));
+        let angle = |i: usize| std::f64::consts::PI * (i as f64 + 0.5) / COEFFICIENTS as f64;
+        let part = |k: usize| {
+            let sum: f64 = (0..COEFFICIENTS).map(|i| at(angle(i).cos()) * (k as f64 * angle(i)).cos()).sum();
+            sum * if k == 0 { 1.0 } else { 2.0 } / COEFFICIENTS as f64
+        };
+        // Chebyshev polynomials by powers of t, each from the two before.
+        let (mut sum, mut before, mut now) = ([0.0; COEFFICIENTS], [0.0; COEFFICIENTS], [0.0; COEFFICIENTS]);
+        (before[1], now[0]) = (1.0, 1.0);
+        for k in 0..COEFFICIENTS {
+            let part = part(k);
+            sum.iter_mut().zip(now).for_each(|(sum, power)| *sum += part * power);
+            let next = std::array::from_fn(|n| if n > 0 { 2.0 * now[n - 1] } else { 0.0 } - before[n]);
+            (before, now) = (now, next);
         }
-        (step > 0.0).then(|| Box::new(table))
+        let fits = |n: i32| {
+            let (t, value) = (f64::from(n) / 500.0, at(f64::from(n) / 500.0));
+            (sum.iter().rev().fold(0.0, |sum, c| sum * t + c) - value).abs() <= POLYNOMIAL_ERROR * value
+        };
+        let polynomial = Self {
+            coefficients: sum.map(|c| c as f32),
+            per_cos: (1.0 / half) as f32,
+            at_zero: (-cut_cos / half - 1.0) as f32,
+        };
+        (half > 0.0 && (-500..=500).all(fits)).then_some(polynomial)
     }
 }
 
@@ -82,7 +97,7 @@ impl BeamTable {
             exact.iter().enumerate().map(|(n, &a)| if n < first_in { at_cut as f32 } else { a as f32 }).collect();
         let whole = amplitudes.iter().all(|&a| a > 0.0);
         Self {
-            short: if whole { ShortTable::of(beam, cut_cos) } else { None },
+            polynomial: if whole { Polynomial::of(beam, cut_cos) } else { None },
             cut_cos: cut_cos as f32,
             whole,
             uniform: *beam == Beam::Uniform,
@@ -120,17 +135,20 @@ mod tests {
     }
 
     #[test]
-    fn short_tables_are_close_where_there_are_any() {
-        assert!(BeamTable::new(&Beam::Fresnel).short.is_none());
+    fn polynomials_are_close_where_there_are_any() {
+        assert!(BeamTable::new(&Beam::Fresnel).polynomial.is_none());
+        let bent = Beam::from_table(vec![[0.0, 1.0], [10.0, 0.9], [20.0, 0.3], [30.0, 0.2]]).unwrap();
+        assert!(BeamTable::new(&bent).polynomial.is_none());
         for beam in [Beam::Thesis, Beam::Lensless] {
             let table = BeamTable::new(&beam);
-            let short = table.short.unwrap();
-            for i in 1..3000 {
-                let at = WIDE_WINDOW as f64 * f64::from(i) / 3000.0;
-                let (n, w) = (at.floor() as usize, at.fract() as f32);
-                let near = short.amplitudes[n] * (1.0 - w) + short.next[n] * w;
-                let cos = f64::from(table.cut_cos) + at / f64::from(short.entries_per_cos);
-                assert!((f64::from(near) - beam.amplitude(cos)).abs() < 6e-4, "{beam:?} {cos}");
+            let polynomial = table.polynomial.unwrap();
+            for i in 0..=3000 {
+                let cos = table.cut_cos + (1.0 - table.cut_cos) * i as f32 / 3000.0;
+                let t = cos * polynomial.per_cos + polynomial.at_zero;
+                let near = polynomial.coefficients.iter().rev().fold(0.0, |sum, c| sum * t + c);
+                // The cut itself as f32 may lie out of the beam.
+                let exact = beam.amplitude(f64::from(cos) + 1e-7);
+                assert!((f64::from(near) - exact).abs() < 6e-4 * exact, "{beam:?} {cos} {near} {exact}");
             }
         }
     }

@@ -224,6 +224,23 @@ mod tests {
     }
 
     #[test]
+    fn a_stack_filled_again_is_a_new_one() {
+        let grid = BrickGrid::covering(&Aabb { min: AT - 0.5, max: AT + 0.5 }, 0.08);
+        for statistic in Statistic::ALL.into_iter().filter(|s| *s != Statistic::Blocks) {
+            let (before, mut after) = (observations(4), observations(5));
+            let (mut kept, _) = SweepStack::of(statistic, &Beam::Lensless, &before, DVec3::ZERO);
+            after[3].samples[2].im = f32::INFINITY;
+            for sweeps in [&after[..], &after[..3], &before] {
+                let sweeps: Vec<_> =
+                    sweeps.iter().map(|o| Observation { geometry: before[0].geometry.clone(), ..o.clone() }).collect();
+                let (new, refused) = SweepStack::of(statistic, &Beam::Lensless, &sweeps, grid.middle_m());
+                assert_eq!(kept.refill(&sweeps, grid.middle_m()), refused);
+                assert_eq!(dense_volume(&kept, &grid), dense_volume(&new, &grid), "{}", statistic.name());
+            }
+        }
+    }
+
+    #[test]
     fn sweeps_that_are_no_numbers_are_refused() {
         let mut observations = observations(3);
         let sound = observations.len() - 3;

@@ -9,6 +9,9 @@ pub(in crate::imaging) const LANES: usize = 16;
 /// Entries that [`Lanes::look_up`] chooses from.
 pub(super) const WINDOW: usize = 32;
 
+/// Entries that [`Lanes::look_up_half`] chooses from.
+pub(super) const HALF_WINDOW: usize = 64;
+
 /// Entries that [`Lanes::look_up_wide`] chooses from.
 pub(super) const WIDE_WINDOW: usize = 128;
 
@@ -70,6 +73,8 @@ pub(in crate::imaging) trait Lanes: Copy {
     fn min_int(self, a: Self::I, b: Self::I) -> Self::I;
     /// `window[index]`; the index counts modulo 32.
     fn look_up(self, window: &[f32; WINDOW], index: Self::I) -> Self::F;
+    /// `window[index]`; the index counts modulo 64.
+    fn look_up_half(self, window: &[f32; HALF_WINDOW], index: Self::I) -> Self::F;
     /// `window[index]`; the index counts modulo 128.
     fn look_up_wide(self, window: &[f32; WIDE_WINDOW], index: Self::I) -> Self::F;
     /// The same for whole numbers.
@@ -235,6 +240,10 @@ impl Lanes for Plain {
         each(index, |n| window[(n & 31) as usize])
     }
     #[inline(always)]
+    fn look_up_half(self, window: &[f32; HALF_WINDOW], index: Self::I) -> Self::F {
+        each(index, |n| window[(n & 63) as usize])
+    }
+    #[inline(always)]
     fn look_up_wide(self, window: &[f32; WIDE_WINDOW], index: Self::I) -> Self::F {
         each(index, |n| window[(n & 127) as usize])
     }
@@ -257,7 +266,7 @@ pub(super) use x86::{Avx2, Avx512};
 mod x86 {
     use std::arch::x86_64::*;
 
-    use super::{EXPONENT_BITS, LANES, Lanes, WIDE_WINDOW, WINDOW};
+    use super::{EXPONENT_BITS, HALF_WINDOW, LANES, Lanes, WIDE_WINDOW, WINDOW};
 
     /// AVX-512 F and VL.
     #[derive(Debug, Clone, Copy)]
@@ -439,6 +448,17 @@ mod x86 {
                 let low = _mm512_loadu_ps(window.as_ptr());
                 let high = _mm512_loadu_ps(window.as_ptr().add(LANES));
                 _mm512_permutex2var_ps(low, index, high)
+            })
+        }
+        #[inline(always)]
+        fn look_up_half(self, window: &[f32; HALF_WINDOW], index: Self::I) -> Self::F {
+            // Four times sixteen values; bit 5 chooses between two permutes.
+            wide!({
+                let at = window.as_ptr();
+                let (a, b) = (_mm512_loadu_ps(at), _mm512_loadu_ps(at.add(LANES)));
+                let (c, d) = (_mm512_loadu_ps(at.add(2 * LANES)), _mm512_loadu_ps(at.add(3 * LANES)));
+                let bit_5 = _mm512_test_epi32_mask(index, _mm512_set1_epi32(32));
+                _mm512_mask_mov_ps(_mm512_permutex2var_ps(a, index, b), bit_5, _mm512_permutex2var_ps(c, index, d))
             })
         }
         #[inline(always)]
@@ -706,6 +726,16 @@ mod x86 {
         #[inline(always)]
         fn look_up(self, window: &[f32; WINDOW], index: Self::I) -> Self::F {
             let within = self.splat_int(WINDOW as i32 - 1);
+            let index = both!(_mm256_and_si256, index, within);
+            // Every index lies within the window.
+            halves!([
+                _mm256_i32gather_ps::<4>(window.as_ptr(), index[0]),
+                _mm256_i32gather_ps::<4>(window.as_ptr(), index[1])
+            ])
+        }
+        #[inline(always)]
+        fn look_up_half(self, window: &[f32; HALF_WINDOW], index: Self::I) -> Self::F {
+            let within = self.splat_int(HALF_WINDOW as i32 - 1);
             let index = both!(_mm256_and_si256, index, within);
             // Every index lies within the window.
             halves!([

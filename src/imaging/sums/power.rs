@@ -5,8 +5,8 @@
 //! are equal bit for bit. Sums of 32 bit are moved to 64 bit before they could overflow.
 
 use super::dispatch::{Kernel, on_widest};
-use super::lanes::{LANES, Lanes, WIDE_WINDOW, WINDOW};
-use super::sight::{BrickShape, EDGE, Offsets, Sight, VOXELS, add3, dot, lane3, scale3, splat3, sub3};
+use super::lanes::{HALF_WINDOW, LANES, Lanes, WIDE_WINDOW, WINDOW};
+use super::sight::{BrickShape, EDGE, Offsets, Sight, VOXELS, add3, dot, lane3, load3, scale3, splat3, sub3};
 use super::stack::SweepStack;
 
 /// Largest error of a distance, metres: a ten-thousandth of a table step's worth of slope.
@@ -47,7 +47,7 @@ impl Kernel for AddPower<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) -> PowerSums {
-        let offsets = Offsets::new(s, &self.shape);
+        let (offsets, heights) = (Offsets::new(s, &self.shape), self.shape.heights());
         let mut out = PowerSums { sums: [0; VOXELS], updates: 0 };
         // Sums of the two paths by themselves: those of the inside stay in registers.
         let (mut sums, mut greatest) = ([s.splat_int(0); EDGE], 0i64);
@@ -56,6 +56,11 @@ impl Kernel for AddPower<'_> {
             let sight = Sight::new(s, self.stack, &self.stack.groups[group], self.center, &self.shape);
             let (mut inside, mut edge) = (sight.inside & lanes, sight.edge & lanes);
             out.updates += u64::from(inside.count_ones() + edge.count_ones()) * VOXELS as u64;
+            let mut whole = 0;
+            if edge & sight.wide != 0 {
+                whole = edge & sight.wide & seen_whole(s, self.stack, group, &sight, &self.shape);
+                edge &= !whole;
+            }
             while inside != 0 {
                 let l = inside.trailing_zeros() as usize;
                 inside &= inside - 1;
@@ -67,6 +72,18 @@ impl Kernel for AddPower<'_> {
                 }
                 add_inside(s, &sight, l, self.stack.table(slot, 0), self.stack.stride, &offsets, &mut sums);
             }
+            while whole != 0 {
+                let l = whole.trailing_zeros() as usize;
+                whole &= whole - 1;
+                let slot = group * LANES + l;
+                edge_greatest += self.stack.greatest(slot);
+                if edge_greatest > i64::from(i32::MAX) {
+                    widen(s, &mut edge_sums, &mut out.sums);
+                    edge_greatest = self.stack.greatest(slot);
+                }
+                let (halves, greatest) = (self.stack.table(slot, 1), self.stack.greatest(slot));
+                add_whole(s, &sight, l, halves, &offsets, heights, greatest, &mut edge_sums);
+            }
             while edge != 0 {
                 let l = edge.trailing_zeros() as usize;
                 edge &= edge - 1;
@@ -76,7 +93,7 @@ impl Kernel for AddPower<'_> {
                     widen(s, &mut edge_sums, &mut out.sums);
                     edge_greatest = self.stack.greatest(slot);
                 }
-                add_edge(s, self.stack, group, &sight, l, &offsets, &mut edge_sums);
+                add_edge(s, self.stack, group, &sight, l, &offsets, heights, &mut edge_sums);
             }
         }
         widen(s, &mut sums, &mut out.sums);
@@ -130,6 +147,70 @@ pub(super) fn window(table: &[f32], first: usize) -> Option<&[f32; WINDOW]> {
     table.get(first..)?.first_chunk()
 }
 
+/// How one sweep sees a brick's voxels, each by itself.
+pub(super) struct Edges<'a, S: Lanes> {
+    stack: &'a SweepStack,
+    from_pose: Exact<S>,
+    along: Along<S>,
+    first: S::F,
+    last: S::F,
+    /// Where the sensor moves while it samples: the centre from its pose, its velocity, and when it samples.
+    moving: Option<([f32; 3], [f32; 3], [f32; 2])>,
+}
+
+impl<'a, S: Lanes> Edges<'a, S> {
+    #[inline(always)]
+    pub(super) fn new(
+        s: S,
+        stack: &'a SweepStack,
+        group: usize,
+        sight: &Sight,
+        l: usize,
+        offsets: &Offsets<S>,
+        heights: [f32; EDGE],
+    ) -> Self {
+        let sweeps = &stack.groups[group];
+        let from_pose = of_lane(&sight.offset_from_pose_m, l);
+        let velocity = of_lane(&sweeps.velocity_m_per_s, l);
+        let mut moving = None;
+        if velocity != [0.0; 3] {
+            moving = Some((from_pose, velocity, [sweeps.time_s_per_m[l], sweeps.time_at_zero_s[l]]));
+        }
+        Self {
+            stack,
+            from_pose: Exact::new(s, from_pose, offsets, heights),
+            along: Along::new(s, from_pose, of_lane(&sweeps.forward, l), offsets, heights),
+            // A place at the sensor itself has no direction and does not count.
+            first: s.splat(sweeps.first_m[l].max(f32::MIN_POSITIVE)),
+            last: s.splat(sweeps.last_m[l]),
+            moving,
+        }
+    }
+
+    /// One layer.
+    #[inline(always)]
+    pub(super) fn layer(&self, s: S, offsets: &Offsets<S>, layer: usize) -> AtEdge<S> {
+        let pose_distance = s.sqrt(self.from_pose.squares(s, layer));
+        let mut distance = pose_distance;
+        if let Some(([x, y, z], velocity, [time_per_m, time_at_zero])) = self.moving {
+            // When points at about this range were sampled, and how far the sensor had moved by then.
+            let time = s.mul_add(pose_distance, s.splat(time_per_m), s.splat(time_at_zero));
+            let from_pose = add3(s, offsets.layer(layer), splat3(s, [x, y, z]));
+            let from = sub3(s, from_pose, scale3(s, splat3(s, velocity), time));
+            distance = s.sqrt(dot(s, from, from));
+        }
+        let mut counts = s.and(s.at_most(self.first, distance), s.at_most(distance, self.last));
+        let mut along = pose_distance;
+        if !self.stack.beam.uniform {
+            along = self.along.at(s, layer);
+            if self.stack.beam.cut_cos > -1.0 {
+                counts = s.and(counts, s.at_most(s.mul(pose_distance, s.splat(self.stack.beam.cut_cos)), along));
+            }
+        }
+        AtEdge { distance, pose_distance, along, counts }
+    }
+}
+
 /// One layer's voxels as a sweep saw them, each by itself.
 pub(super) struct AtEdge<S: Lanes> {
     /// Distance from where the sensor was when it sampled points at about this range.
@@ -142,40 +223,6 @@ pub(super) struct AtEdge<S: Lanes> {
 }
 
 impl<S: Lanes> AtEdge<S> {
-    #[inline(always)]
-    pub(super) fn new(
-        s: S,
-        stack: &SweepStack,
-        group: usize,
-        sight: &Sight,
-        l: usize,
-        offsets: &Offsets<S>,
-        layer: usize,
-    ) -> Self {
-        let sweeps = &stack.groups[group];
-        let from_pose = add3(s, offsets.layer(layer), lane3(s, &sight.offset_from_pose_m, l));
-        let pose_distance = s.sqrt(dot(s, from_pose, from_pose));
-        let [vx, vy, vz] = &sweeps.velocity_m_per_s;
-        let mut distance = pose_distance;
-        if [vx[l], vy[l], vz[l]] != [0.0; 3] {
-            // When points at about this range were sampled, and how far the sensor had moved by then.
-            let time = s.mul_add(pose_distance, s.splat(sweeps.time_s_per_m[l]), s.splat(sweeps.time_at_zero_s[l]));
-            let from = sub3(s, from_pose, scale3(s, splat3(s, [vx[l], vy[l], vz[l]]), time));
-            distance = s.sqrt(dot(s, from, from));
-        }
-        // A place at the sensor itself has no direction and does not count.
-        let first = s.splat(sweeps.first_m[l].max(f32::MIN_POSITIVE));
-        let mut counts = s.and(s.at_most(first, distance), s.at_most(distance, s.splat(sweeps.last_m[l])));
-        let mut along = pose_distance;
-        if !stack.beam.uniform {
-            along = dot(s, from_pose, lane3(s, &sweeps.forward, l));
-            if stack.beam.cut_cos > -1.0 {
-                counts = s.and(counts, s.at_most(s.mul(pose_distance, s.splat(stack.beam.cut_cos)), along));
-            }
-        }
-        Self { distance, pose_distance, along, counts }
-    }
-
     /// Cosine to the boresight.
     #[inline(always)]
     pub(super) fn cos(&self, s: S) -> S::F {
@@ -184,34 +231,176 @@ impl<S: Lanes> AtEdge<S> {
     }
 }
 
-/// Windows of two tables that hold all the entries that a brick needs.
-pub(super) struct WidePairs<'a> {
-    first: i32,
-    windows: [&'a [f32; WIDE_WINDOW]; 2],
+/// Where in a table the voxels of the four layers lie: the entry before, and how far on.
+pub(super) type Places<S> = [(<S as Lanes>::I, <S as Lanes>::F); EDGE];
+
+/// A table's values there, linear between entries.
+#[inline(always)]
+pub(super) fn read<S: Lanes>(s: S, table: &[f32], sight: &Sight, l: usize, places: &Places<S>) -> [S::F; EDGE] {
+    let mut values = [s.splat(0.0); EDGE];
+    if let Some((first, window)) = wide_window(table, sight, l) {
+        // One window for all lookups: it stays in registers.
+        let (here, next) = (s.splat_int(-first), s.splat_int(1 - first));
+        for (value, &(n, rest)) in values.iter_mut().zip(places) {
+            let (here, next) = (s.add_int(n, here), s.add_int(n, next));
+            let (here, next) = (s.look_up_wide(window, here), s.look_up_wide(window, next));
+            *value = s.mul_add(rest, s.sub(next, here), here);
+        }
+        return values;
+    }
+    for (value, &(n, rest)) in values.iter_mut().zip(places) {
+        let (here, next) = s.gather_pairs(table, n);
+        *value = s.mul_add(rest, s.sub(next, here), here);
+    }
+    values
 }
 
-impl<'a> WidePairs<'a> {
-    /// `None` where the brick spans too many entries.
+/// The window that holds all entries that a brick needs, and its first; `None` where the brick spans too many.
+#[inline(always)]
+fn wide_window<'a>(table: &'a [f32], sight: &Sight, l: usize) -> Option<(i32, &'a [f32; WIDE_WINDOW])> {
+    if sight.wide >> l & 1 == 0 {
+        return None;
+    }
+    // Moved down where the table ends.
+    let first = (sight.window[l] as usize).min(table.len().checked_sub(WIDE_WINDOW)?);
+    Some((first as i32, table.get(first..)?.first_chunk()?))
+}
+
+/// Sweeps at an edge of nothing, of which each voxel counts: the brick is but too large or too near for the expansion. As long as
+/// the direction from which it is seen stays the same within it, as far as the sensor's motion matters.
+#[inline(always)]
+pub(super) fn seen_whole<S: Lanes>(s: S, stack: &SweepStack, group: usize, sight: &Sight, shape: &BrickShape) -> u16 {
+    if !stack.beam.whole {
+        return 0;
+    }
+    let sweeps = &stack.groups[group];
+    let (distance, pose_distance) = (s.load(&sight.distance_m), s.load(&sight.pose_distance_m));
+    let (radius, half) = (s.splat(shape.radius_m), s.splat(shape.half_m));
+    // Ranges: at least the tangent plane's, at most that and the bend.
+    let slack = s.mul_add(s.abs(s.sub(s.load(&sight.stretch), s.splat(1.0))), radius, s.splat(1e-5));
+    let reach = s.mul_add(extent(s, load3(s, &sight.toward)), half, slack);
+    let bend = s.mul(s.mul(radius, radius), s.load(&sight.half_per_m));
+    let (near, far) = (s.sub(distance, reach), s.add(distance, s.add(reach, bend)));
+    let mut whole = s.and(s.at_most(s.load(&sweeps.first_m), near), s.at_most(far, s.load(&sweeps.last_m)));
+    whole = s.and(whole, s.at_most(s.splat(1e-3), near));
+    // Over the brick the direction turns by ρ/d, and what the motion adds to the distance by as much of itself.
+    let speed = extent(s, load3(s, &sweeps.velocity_m_per_s));
+    let moved = s.mul(speed, s.mul(s.load(&sweeps.time_s_per_m), s.splat(shape.radius_m * shape.radius_m)));
+    whole = s.and(whole, s.at_most(moved, s.mul(distance, s.splat(DISTANCE_ERROR_M as f32))));
+    if stack.beam.cut_cos > -1.0 {
+        // What lies along the boresight, against the cut's share of the distance: the one least, the other greatest.
+        let reach = s.mul_add(extent(s, load3(s, &sweeps.forward)), half, s.splat(1e-5));
+        let along = s.sub(s.mul(s.load(&sight.cos), pose_distance), reach);
+        let least = s.mul(s.splat(stack.beam.cut_cos), s.add(pose_distance, s.splat(shape.radius_m + 1e-5)));
+        whole = s.and(whole, s.at_most(s.max(least, s.splat(0.0)), along));
+    }
+    s.bits(whole)
+}
+
+/// |x| + |y| + |z|: how far a box of unit halves reaches along a unit vector.
+#[inline(always)]
+pub(super) fn extent<S: Lanes>(s: S, [x, y, z]: [S::F; 3]) -> S::F {
+    s.add(s.add(s.abs(x), s.abs(y)), s.abs(z))
+}
+
+/// Distances of a brick's voxels from a place, without expansion: |p + δ|², layer by layer.
+pub(super) struct Exact<S: Lanes> {
+    flat: S::F,
+    up: [f32; EDGE],
+}
+
+impl<S: Lanes> Exact<S> {
+    /// Of a brick whose centre lies at `from` from the place.
     #[inline(always)]
-    pub(super) fn new(sight: &Sight, l: usize, one: &'a [f32], other: &'a [f32]) -> Option<Self> {
-        if sight.wide >> l & 1 == 0 {
-            return None;
-        }
-        // Moved down where the tables end.
-        let first = (sight.window[l] as usize).min(one.len().min(other.len()).checked_sub(WIDE_WINDOW)?);
-        let windows = [one.get(first..)?.first_chunk()?, other.get(first..)?.first_chunk()?];
-        Some(Self { first: first as i32, windows })
+    pub(super) fn new(s: S, [x, y, z]: [f32; 3], offsets: &Offsets<S>, heights: [f32; EDGE]) -> Self {
+        let (x, y) = (s.add(offsets.x, s.splat(x)), s.add(offsets.y, s.splat(y)));
+        let [a, b, c, d] = [heights[0] + z, heights[1] + z, heights[2] + z, heights[3] + z];
+        Self { flat: s.mul_add(x, x, s.mul(y, y)), up: [a * a, b * b, c * c, d * d] }
+    }
+
+    /// The squares of a layer's distances.
+    #[inline(always)]
+    pub(super) fn squares(&self, s: S, layer: usize) -> S::F {
+        s.add(self.flat, s.splat(self.up[layer]))
+    }
+}
+
+/// What adds up along a direction, layer by layer: (p + δ)·b.
+struct Along<S: Lanes> {
+    flat: S::F,
+    up: [f32; EDGE],
+}
+
+impl<S: Lanes> Along<S> {
+    #[inline(always)]
+    fn new(s: S, [x, y, z]: [f32; 3], [bx, by, bz]: [f32; 3], offsets: &Offsets<S>, heights: [f32; EDGE]) -> Self {
+        let (x, y) = (s.add(offsets.x, s.splat(x)), s.add(offsets.y, s.splat(y)));
+        let [a, b, c, d] = [heights[0] + z, heights[1] + z, heights[2] + z, heights[3] + z];
+        Self { flat: s.mul_add(x, s.splat(bx), s.mul(y, s.splat(by))), up: [a * bz, b * bz, c * bz, d * bz] }
     }
 
     #[inline(always)]
-    pub(super) fn at<S: Lanes>(&self, s: S, n: S::I) -> (S::F, S::F) {
-        let n = s.add_int(n, s.splat_int(-self.first));
-        (s.look_up_wide(self.windows[0], n), s.look_up_wide(self.windows[1], n))
+    fn at(&self, s: S, layer: usize) -> S::F {
+        s.add(self.flat, s.splat(self.up[layer]))
     }
+}
+
+/// One lane of three.
+#[inline(always)]
+pub(super) fn of_lane(v: &[[f32; LANES]; 3], l: usize) -> [f32; 3] {
+    [v[0][l], v[1][l], v[2][l]]
+}
+
+/// The brick's centre from where the sensor was when it sampled points at its range.
+#[inline(always)]
+pub(super) fn from_sensor(sight: &Sight, l: usize) -> [f32; 3] {
+    let ([x, y, z], distance) = (of_lane(&sight.toward, l), sight.distance_m[l]);
+    [x * distance, y * distance, z * distance]
+}
+
+/// All voxels within range and beam, each with its own root, in the table of every other entry.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn add_whole<S: Lanes>(
+    s: S,
+    sight: &Sight,
+    l: usize,
+    table: &[f32],
+    offsets: &Offsets<S>,
+    heights: [f32; EDGE],
+    greatest: i64,
+    sums: &mut [S::I; EDGE],
+) {
+    let (start, apart) = (sight.window[l] as usize, table.len() / 4);
+    let (Some(values), Some(slopes), Some(turns)) =
+        (half(table, start / 2), half(table, apart + start / 2), half(table, 2 * apart + start / 2))
+    else {
+        return;
+    };
+    let exact = Exact::new(s, from_sensor(sight, l), offsets, heights);
+    let per_m = 0.5 * sight.entries_per_m[l];
+    let entry = 0.5 * (sight.entry[l] + (start % 2) as f32);
+    let (entry, per_m) = (s.splat((-per_m).mul_add(sight.distance_m[l], entry)), s.splat(per_m));
+    let (middle, zero, most) = (s.splat(0.5), s.splat(0.0), s.splat(greatest as f32));
+    for (layer, sum) in sums.iter_mut().enumerate() {
+        let at = s.mul_add(s.sqrt(exact.squares(s, layer)), per_m, entry);
+        let whole = s.floor(at);
+        let (n, rest) = (s.to_int(whole), s.sub(at, whole));
+        let value = s.mul_add(rest, s.look_up_half(slopes, n), s.look_up_half(values, n));
+        let value = s.mul_add(s.max(s.sub(rest, middle), zero), s.look_up_half(turns, n), value);
+        // Rounding alone leaves the table's bounds.
+        *sum = s.add_int(*sum, s.to_int(s.max(s.min(value, most), zero)));
+    }
+}
+
+#[inline(always)]
+fn half(table: &[f32], first: usize) -> Option<&[f32; HALF_WINDOW]> {
+    table.get(first..)?.first_chunk()
 }
 
 /// Some voxels may be out of range or beam: each by itself.
 #[inline(always)]
+#[allow(clippy::too_many_arguments)]
 fn add_edge<S: Lanes>(
     s: S,
     stack: &SweepStack,
@@ -219,14 +408,16 @@ fn add_edge<S: Lanes>(
     sight: &Sight,
     l: usize,
     offsets: &Offsets<S>,
+    heights: [f32; EDGE],
     sums: &mut [S::I; EDGE],
 ) {
-    let values = &stack.table(group * LANES + l, 0)[..stack.stride];
     let sweeps = &stack.groups[group];
+    let edges = Edges::new(s, stack, group, sight, l, offsets, heights);
     // First where each layer's values lie, then the values: the processor waits for no single one.
-    let mut places = [(s.splat_int(0), s.splat(0.0), s.mask(0)); EDGE];
-    for (layer, place) in places.iter_mut().enumerate() {
-        let seen = AtEdge::new(s, stack, group, sight, l, offsets, layer);
+    let mut places = [(s.splat_int(0), s.splat(0.0)); EDGE];
+    let mut counting = [s.mask(0); EDGE];
+    for (layer, (place, counting)) in places.iter_mut().zip(&mut counting).enumerate() {
+        let seen = edges.layer(s, offsets, layer);
         let mut counts = seen.counts;
         if !stack.beam.whole {
             let amplitude = super::weighted::amplitude(s, &stack.beam, seen.cos(s));
@@ -234,15 +425,11 @@ fn add_edge<S: Lanes>(
         }
         let at = s.mul(s.sub(seen.distance, s.splat(sweeps.first_m[l])), s.splat(sweeps.entries_per_m[l]));
         let whole = s.floor(at);
-        *place = (s.to_int(s.or_zero(counts, whole)), s.sub(at, whole), counts);
+        *place = (s.to_int(s.or_zero(counts, whole)), s.sub(at, whole));
+        *counting = counts;
     }
-    let wide = WidePairs::new(sight, l, values, values.get(1..).unwrap_or_default());
-    for (sum, (n, rest, counts)) in sums.iter_mut().zip(places) {
-        let (here, next) = match &wide {
-            Some(wide) => wide.at(s, n),
-            None => s.gather_pairs(values, n),
-        };
-        let value = s.mul_add(rest, s.sub(next, here), here);
+    let values = read(s, &stack.table(group * LANES + l, 0)[..stack.stride], sight, l, &places);
+    for (sum, (value, counts)) in sums.iter_mut().zip(values.into_iter().zip(counting)) {
         *sum = s.add_int(*sum, s.to_int(s.or_zero(counts, value)));
     }
 }

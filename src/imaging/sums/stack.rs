@@ -13,7 +13,9 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 
 use super::beam_table::BeamTable;
-use super::lanes::{LANES, WINDOW};
+use super::dispatch::{Kernel, on_widest};
+use super::lanes::{LANES, Lanes, WINDOW};
+use crate::imaging::compression::CompressionRoom;
 use crate::imaging::{RangeCompressor, Statistic, sweep_noise_rms};
 use crate::radar::{Beam, Observation, SweepGeometry, distance_falloff};
 
@@ -28,6 +30,8 @@ const MAX_SAMPLE_LSB: f32 = 1e9;
 const LOG_STEP: f64 = 1.0 / 4096.0;
 /// Sweeps whose tables one task makes, at least.
 const SWEEPS_AT_ONCE: usize = 4;
+/// So that a half window from any entry on lies within the tables of short axes too.
+const LEAST_STRIDE: usize = 96;
 /// Greatest value of an entry, in steps: one sweep alone never overflows.
 const MAX_STEPS: f32 = (1 << 30) as f32;
 
@@ -66,6 +70,9 @@ pub(super) struct Group {
     pub last_m: [f32; LANES],
     /// Table entries per metre.
     pub entries_per_m: [f32; LANES],
+    /// Points of the axis per metre, and table entries from one to the next.
+    pub points_per_m: [f32; LANES],
+    pub entries_per_point: [i32; LANES],
     /// A point at range d is sampled `d · time_s_per_m + time_at_zero_s` after the pose's time.
     pub time_s_per_m: [f32; LANES],
     pub time_at_zero_s: [f32; LANES],
@@ -79,6 +86,8 @@ impl Group {
         first_m: [f32::MAX; LANES],
         last_m: [f32::MIN; LANES],
         entries_per_m: [1.0; LANES],
+        points_per_m: [1.0; LANES],
+        entries_per_point: [1; LANES],
         time_s_per_m: [0.0; LANES],
         time_at_zero_s: [0.0; LANES],
     };
@@ -134,19 +143,30 @@ impl SweepStack {
         slots: usize,
         step: f64,
     ) -> Self {
+        Self::with_beam(statistic, BeamTable::of(beam), geometries, origin_m, slots, step)
+    }
+
+    fn with_beam(
+        statistic: Statistic,
+        beam: Arc<BeamTable>,
+        geometries: &[Arc<SweepGeometry>],
+        origin_m: DVec3,
+        slots: usize,
+        step: f64,
+    ) -> Self {
         let axes: Vec<Axis> = geometries.iter().map(|geometry| axis(geometry, statistic)).collect();
         let entries = axes.iter().map(|a| a.compressor.entries()).max().unwrap_or(0);
         let planes = match statistic {
             Statistic::Coherent => 3,
-            Statistic::Glrt | Statistic::Thesis => 2,
+            Statistic::Glrt | Statistic::Thesis | Statistic::Ls | Statistic::Log | Statistic::Blocks => 2,
             _ => 1,
         };
-        let stride = (entries + WINDOW + LANES).next_multiple_of(LANES);
+        let stride = (entries + WINDOW + LANES).max(LEAST_STRIDE).next_multiple_of(LANES);
         let groups = slots.div_ceil(LANES);
         Self {
             statistic,
             origin_m,
-            beam: BeamTable::of(beam),
+            beam,
             axes,
             step: if statistic == Statistic::Log { LOG_STEP } else { step },
             most_steps: MAX_STEPS,
@@ -159,18 +179,41 @@ impl SweepStack {
         }
     }
 
-    /// All the sweeps that can be used, and how many cannot. The step of `ls` follows their median noise.
+    /// All the sweeps that can be used, and how many cannot. The step of `ls` follows the median noise of nine of them.
     pub fn of(statistic: Statistic, beam: &Beam, observations: &[Observation], origin_m: DVec3) -> (Self, usize) {
+        Self::of_beam(statistic, BeamTable::of(beam), observations, origin_m)
+    }
+
+    fn of_beam(
+        statistic: Statistic,
+        beam: Arc<BeamTable>,
+        observations: &[Observation],
+        origin_m: DVec3,
+    ) -> (Self, usize) {
         let mut geometries: Vec<Arc<SweepGeometry>> = Vec::new();
         for observation in observations {
             if !geometries.iter().any(|g| Arc::ptr_eq(g, &observation.geometry)) {
                 geometries.push(Arc::clone(&observation.geometry));
             }
         }
-        let step = if statistic == Statistic::Ls { step_for(observations) } else { 1.0 };
-        let mut stack = Self::new(statistic, beam, &geometries, origin_m, observations.len(), step);
+        let mut stack = Self::with_beam(statistic, beam, &geometries, origin_m, observations.len(), 1.0);
         let refused = stack.fill_all(observations);
         (stack, refused)
+    }
+
+    /// The same as [`SweepStack::of`] with this stack's statistic and beam, in the memory that it has: for as many sweeps of
+    /// the same geometries nothing is allocated or computed anew but their tables. How many sweeps cannot be used.
+    pub fn refill(&mut self, observations: &[Observation], origin_m: DVec3) -> usize {
+        let known = |o: &Observation| self.axes.iter().any(|axis| Arc::ptr_eq(&axis.geometry, &o.geometry));
+        if observations.len().div_ceil(LANES) != self.groups.len() || !observations.iter().all(known) {
+            let refused;
+            (*self, refused) = Self::of_beam(self.statistic, Arc::clone(&self.beam), observations, origin_m);
+            return refused;
+        }
+        self.origin_m = origin_m;
+        self.most_steps = MAX_STEPS;
+        (0..self.slots()).for_each(|slot| self.empty(slot));
+        self.fill_all(observations)
     }
 
     /// Holds sweeps filled in from now on to so many steps at a place.
@@ -225,6 +268,12 @@ impl SweepStack {
         &self.tables[at..at + 2 * self.stride]
     }
 
+    /// |x| of the points of a slot's sweep (`thesis`), zeros beyond.
+    #[inline(always)]
+    pub(super) fn points(&self, slot: usize) -> &[f32] {
+        self.table(slot, 1)
+    }
+
     /// Greatest whole number that a slot can add to a place; 0 when empty.
     pub(super) fn greatest(&self, slot: usize) -> i64 {
         self.greatest[slot]
@@ -236,32 +285,44 @@ impl SweepStack {
     /// Numbers that are not finite, a wrong length, an unknown geometry: the slot is then empty.
     pub fn fill(&mut self, slot: usize, observation: &Observation) -> Result<(), SweepRefusal> {
         self.empty(slot);
-        let axis = check(observation, &self.axes)?;
+        let axis = check(observation, extent(observation), &self.axes)?;
         let long = self.table_len();
-        let greatest = self.maker().write(&self.axes[axis], observation, &mut self.tables[slot * long..][..long]);
+        let (maker, table) = (self.maker(), &mut self.tables[slot * long..][..long]);
+        let greatest = maker.write(&self.axes[axis], observation, table, &mut CompressionRoom::default());
         self.put(slot, observation, axis, greatest);
         Ok(())
     }
 
-    /// Fills a new stack on all cores; how many sweeps are refused. Neighbours in time go to different groups, so that each
+    /// Fills an empty stack on all cores; how many sweeps are refused. Neighbours in time go to different groups, so that each
     /// group of sixteen has seen the whole motion: bounds over the first groups then say most.
     fn fill_all(&mut self, observations: &[Observation]) -> usize {
-        let (long, maker, axes) = (self.table_len().max(1), self.maker(), &self.axes);
+        let extents: Vec<Extent> = observations.iter().map(extent).collect();
+        let check = |(o, extent): (&Observation, &Extent)| check(o, *extent, &self.axes).ok();
+        let axes: Vec<Option<usize>> = observations.iter().zip(&extents).map(check).collect();
+        if self.statistic == Statistic::Ls {
+            let sound = observations.iter().zip(&extents).zip(&axes).filter(|(_, axis)| axis.is_some());
+            self.step = step_for(sound.map(|((sweep, _), _)| sweep));
+        }
         let groups = self.groups.len();
-        let of_slot = |slot: usize| observations.get(slot / LANES + slot % LANES * groups);
-        let write = |(slot, table): (usize, &mut [f32])| {
-            let observation = of_slot(slot)?;
-            let axis = check(observation, axes).ok()?;
-            Some((axis, maker.write(&axes[axis], observation, table)))
+        let of_slot = |slot: usize| {
+            let n = slot / LANES + slot % LANES * groups;
+            let axis = (*axes.get(n)?)?;
+            Some((&observations[n], axis))
         };
-        let tables = self.tables.par_chunks_mut(long).enumerate().with_min_len(SWEEPS_AT_ONCE);
-        let written: Vec<Option<(usize, i64)>> = tables.map(write).collect();
-        for (slot, written) in written.iter().enumerate() {
-            if let (Some((axis, greatest)), Some(observation)) = (*written, of_slot(slot)) {
-                self.put(slot, observation, axis, greatest);
+        let (long, maker, of_axis) = (self.table_len().max(1), self.maker(), &self.axes);
+        let write = |room: &mut CompressionRoom, (slot, (table, greatest)): (usize, (&mut [f32], &mut i64))| {
+            if let Some((observation, axis)) = of_slot(slot) {
+                *greatest = maker.write(&of_axis[axis], observation, table, room);
+            }
+        };
+        let tables = self.tables.par_chunks_mut(long).zip(&mut self.greatest).enumerate().with_min_len(SWEEPS_AT_ONCE);
+        tables.for_each_init(CompressionRoom::default, write);
+        for slot in 0..self.slots() {
+            if let Some((observation, axis)) = of_slot(slot) {
+                self.put(slot, observation, axis, self.greatest[slot]);
             }
         }
-        observations.len() - written.iter().flatten().count()
+        axes.iter().filter(|axis| axis.is_none()).count()
     }
 
     /// Numbers of all tables of a slot.
@@ -308,104 +369,221 @@ struct TableMaker {
 
 impl TableMaker {
     /// The greatest entry where they are whole numbers.
-    fn write(self, axis: &Axis, observation: &Observation, tables: &mut [f32]) -> i64 {
+    fn write(self, axis: &Axis, observation: &Observation, tables: &mut [f32], room: &mut CompressionRoom) -> i64 {
         let samples = &observation.samples;
-        let compress = || axis.compressor.compress(samples, 1.0).z;
-        let mut planes = tables.chunks_exact_mut(2 * self.stride);
-        let (first, second, third) =
-            (planes.next().unwrap_or_default(), planes.next().unwrap_or_default(), planes.next().unwrap_or_default());
-        let d = &axis.falloff;
         match self.statistic {
+            Statistic::Thesis => {}
+            Statistic::ThesisFull => {
+                let magnitudes: Vec<f32> = samples.iter().map(magnitude).collect();
+                axis.compressor.spread_in(&magnitudes, room);
+            }
+            _ => axis.compressor.compress_in(samples, 1.0, room),
+        }
+        on_widest(WriteTables { maker: self, axis, samples, re: &room.re, im: &room.im, tables })
+    }
+}
+
+/// Writes a sweep's tables from its compressed values; compiled for the widest instructions.
+struct WriteTables<'a> {
+    maker: TableMaker,
+    axis: &'a Axis,
+    samples: &'a [Complex32],
+    re: &'a [f32],
+    im: &'a [f32],
+    tables: &'a mut [f32],
+}
+
+impl Kernel for WriteTables<'_> {
+    type Out = i64;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, _: S) -> i64 {
+        let Self { maker, axis, samples, re, im, tables } = self;
+        let TableMaker { statistic, step, most_steps, stride } = maker;
+        let (falloff, entries) = (axis.falloff.as_slice(), axis.falloff.len());
+        let (first, others) = tables.split_at_mut(2 * stride);
+        match statistic {
             Statistic::Ls | Statistic::Blocks => {
-                let per = (1.0 / self.step) as f32;
-                return 1 + write(first, compress().iter().map(|z| (z.norm_sqr() * per).min(self.most_steps))) as i64;
+                let per = (1.0 / step) as f32;
+                for ((to, re), im) in first[..entries].iter_mut().zip(re).zip(im) {
+                    *to = ((re * re + im * im) * per).min(most_steps);
+                }
+                finish(first, entries);
+                write_halves(&first[..entries + 2], others);
+                return 1 + greatest(&first[..entries]) as i64;
             }
             Statistic::Log => {
                 let noise = sweep_noise_rms(samples);
                 let (per2, per) = ((1.0 / (noise * noise)) as f32, (1.0 / LOG_STEP) as f32);
-                return 1 + write(
-                    first,
-                    compress().iter().map(|z| ((z.norm_sqr() * per2).ln_1p() * per).min(self.most_steps)),
-                ) as i64;
+                for ((to, re), im) in first[..entries].iter_mut().zip(re).zip(im) {
+                    *to = (((re * re + im * im) * per2).ln_1p() * per).min(most_steps);
+                }
+                finish(first, entries);
+                write_halves(&first[..entries + 2], others);
+                return 1 + greatest(&first[..entries]) as i64;
             }
             Statistic::Glrt => {
-                write(first, compress().iter().zip(d).map(|(z, d)| magnitude(z) * d));
-                write(second, d.iter().map(|d| d * d));
+                for (((to, re), im), d) in first[..entries].iter_mut().zip(re).zip(im).zip(falloff) {
+                    *to = magnitude(&Complex32::new(*re, *im)) * d;
+                }
+                finish(first, entries);
+                multiply(others, falloff, falloff);
             }
             Statistic::Coherent => {
-                let z = compress();
-                write(first, z.iter().zip(d).map(|(z, d)| z.re * d));
-                write(second, z.iter().zip(d).map(|(z, d)| z.im * d));
-                write(third, d.iter().map(|d| d * d));
+                let (second, third) = others.split_at_mut(2 * stride);
+                multiply(first, re, falloff);
+                multiply(second, im, falloff);
+                multiply(third, falloff, falloff);
             }
-            Statistic::ThesisFull => {
-                let magnitudes: Vec<f32> = samples.iter().map(magnitude).collect();
-                write(first, axis.compressor.spread(&magnitudes).iter().zip(d).map(|(a, d)| a * d));
+            Statistic::ThesisFull => multiply(first, re, falloff),
+            Statistic::Thesis => {
+                for (to, sample) in others.iter_mut().zip(samples) {
+                    *to = magnitude(sample);
+                }
+                others[samples.len()..].fill(0.0);
+                write_nearest(&others[..samples.len()], axis, first);
             }
-            Statistic::Thesis => write_nearest(samples, axis, first, second),
         }
         0
     }
 }
 
 /// |x|, whose square need not fit f32.
+#[inline(always)]
 fn magnitude(x: &Complex32) -> f32 {
     let (re, im) = (f64::from(x.re), f64::from(x.im));
     (re * re + im * im).sqrt() as f32
 }
 
-/// Writes a plane that is linear from entry to entry; its greatest value.
-fn write(plane: &mut [f32], values: impl Iterator<Item = f32>) -> f32 {
-    let (value, slope) = plane.split_at_mut(plane.len() / 2);
-    let (mut entries, mut greatest) = (0, 0.0f32);
-    for (to, from) in value.iter_mut().zip(values) {
-        (*to, entries, greatest) = (from, entries + 1, greatest.max(from));
+/// A plane of products, linear from entry to entry.
+#[inline(always)]
+fn multiply(plane: &mut [f32], a: &[f32], b: &[f32]) {
+    for ((to, a), b) in plane.iter_mut().zip(a).zip(b) {
+        *to = a * b;
     }
-    value[entries..].fill(0.0);
-    for (to, two) in slope.iter_mut().zip(value[..entries].array_windows::<2>()) {
-        *to = two[1] - two[0];
-    }
-    slope[entries.saturating_sub(1)..].fill(0.0);
-    greatest
+    finish(plane, b.len());
 }
 
-/// |x of the nearest point| · D: it jumps halfway between points, where the tables have entries. The second plane has the
-/// same as pairs of value and slope.
-fn write_nearest(samples: &[Complex32], axis: &Axis, plane: &mut [f32], pairs: &mut [f32]) {
+/// The slopes of a plane whose values are written; zeros beyond its entries.
+#[inline(always)]
+fn finish(plane: &mut [f32], entries: usize) {
+    let (value, slope) = plane.split_at_mut(plane.len() / 2);
+    value[entries..].fill(0.0);
+    for ((to, here), next) in slope.iter_mut().zip(&value[..entries]).zip(&value[1..entries]) {
+        *to = next - here;
+    }
+    slope[entries - 1..].fill(0.0);
+}
+
+/// The same function with every other entry: its value, the slope from there, and by how much the slope changes halfway to
+/// the next, where the entry lies that is left out. Half as many entries are to be looked up for coarse voxels.
+#[inline(always)]
+fn write_halves(values: &[f32], halves: &mut [f32]) {
+    let apart = halves.len() / 4;
+    let (value, others) = halves.split_at_mut(apart);
+    let (slope, turn) = others.split_at_mut(apart);
+    let (pairs, next) = (values.chunks_exact(2), values[1..].chunks_exact(2));
+    let mut count = 0;
+    for ((((value, slope), turn), pair), next) in value.iter_mut().zip(&mut *slope).zip(&mut *turn).zip(pairs).zip(next)
+    {
+        let rises = 2.0 * (pair[1] - pair[0]);
+        (*value, *slope, *turn) = (pair[0], rises, 2.0 * (next[1] - next[0]) - rises);
+        count += 1;
+    }
+    value[count..].fill(0.0);
+    slope[count..].fill(0.0);
+    turn[count..].fill(0.0);
+}
+
+/// The greatest of values that are not negative: their bits rise with them.
+#[inline(always)]
+fn greatest(values: &[f32]) -> f32 {
+    let mut most = 0;
+    for value in values {
+        most = most.max(value.to_bits());
+    }
+    f32::from_bits(most)
+}
+
+/// |x of the nearest point| · D: it jumps halfway between points, where the tables have entries.
+#[inline(always)]
+fn write_nearest(magnitudes: &[f32], axis: &Axis, plane: &mut [f32]) {
     let (value, slope) = plane.split_at_mut(plane.len() / 2);
     let phases = (axis.geometry.axis.step_m / axis.compressor.step_m()).round() as usize;
     let falloff = &axis.falloff;
-    let (mut sample, mut left) = (0, phases / 2);
     let last = falloff.len() - 1;
-    for n in 0..=last {
-        if left == 0 {
-            (sample, left) = ((sample + 1).min(samples.len() - 1), phases);
+    let (mut begin, mut end) = (0, phases / 2);
+    for magnitude in magnitudes {
+        let here = end.min(last).saturating_sub(begin);
+        let d = falloff[begin..].iter().zip(&falloff[begin + 1..]).take(here);
+        for ((value, slope), (d, next)) in value[begin..].iter_mut().zip(&mut slope[begin..]).zip(d) {
+            (*value, *slope) = (magnitude * d, magnitude * (next - d));
         }
-        left -= 1;
-        let magnitude = magnitude(&samples[sample]);
-        let (from, to) = (magnitude * falloff[n], magnitude * falloff[(n + 1).min(last)]);
-        (value[n], slope[n]) = (from, to - from);
-        (pairs[2 * n], pairs[2 * n + 1]) = (from, to - from);
+        (begin, end) = (begin + here, end + phases);
     }
-    value[last + 1..].fill(0.0);
-    slope[last + 1..].fill(0.0);
-    pairs[2 * last + 2..].fill(0.0);
+    value[begin..].fill(0.0);
+    slope[begin..].fill(0.0);
+    if let Some(magnitude) = magnitudes.last() {
+        value[last] = magnitude * falloff[last];
+    }
 }
 
-/// From the median noise and the greatest sample, those that are refused left out.
-fn step_for(observations: &[Observation]) -> f64 {
-    let of_sweep = |o: &Observation| (sweep_noise_rms(&o.samples), greatest_power(&o.samples));
-    let sweeps = observations.par_iter().with_min_len(SWEEPS_AT_ONCE).map(of_sweep);
-    let (mut noise, powers): (Vec<f64>, Vec<f64>) = sweeps.collect::<Vec<_>>().into_iter().unzip();
+/// Sweeps whose noise is looked at to choose a step.
+const SWEEPS_FOR_STEP: usize = 9;
+
+/// From the greatest sample and the median noise of sweeps from all over the time.
+fn step_for<'a>(sweeps: impl Iterator<Item = &'a Observation> + Clone) -> f64 {
+    let count = sweeps.clone().count();
+    let some = sweeps.clone().step_by(count.div_ceil(SWEEPS_FOR_STEP).max(1));
+    let mut noise: Vec<f64> = some.map(|sweep| sweep_noise_rms(&sweep.samples)).collect();
     noise.sort_by(f64::total_cmp);
     let median = noise.get(noise.len() / 2).copied().filter(|n| n.is_finite());
-    ls_step(median.unwrap_or(1.0), powers.into_iter().fold(0.0, f64::max).sqrt())
+    let power = |sweep: &Observation| on_widest(GreatestPower { samples: &sweep.samples });
+    ls_step(median.unwrap_or(1.0), f64::from(sweeps.map(power).fold(0.0, f32::max)).sqrt())
 }
 
-/// The greatest |x|², samples that are refused left out.
-fn greatest_power(samples: &[Complex32]) -> f64 {
-    let powers = samples.iter().map(|x| f64::from(x.re) * f64::from(x.re) + f64::from(x.im) * f64::from(x.im));
-    powers.filter(|power| power.sqrt() <= 2.0 * f64::from(MAX_SAMPLE_LSB)).fold(0.0, f64::max)
+/// The greatest |x|² of samples that are not refused.
+struct GreatestPower<'a> {
+    samples: &'a [Complex32],
+}
+
+impl Kernel for GreatestPower<'_> {
+    type Out = f32;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, _: S) -> f32 {
+        let mut most = 0;
+        for sample in self.samples {
+            most = most.max((sample.re * sample.re + sample.im * sample.im).to_bits());
+        }
+        f32::from_bits(most)
+    }
+}
+
+/// The greatest part of a sweep's samples, without its sign; no number when one of them is none.
+#[derive(Debug, Clone, Copy)]
+struct Extent(f32);
+
+fn extent(observation: &Observation) -> Extent {
+    on_widest(FindExtent { samples: &observation.samples })
+}
+
+struct FindExtent<'a> {
+    samples: &'a [Complex32],
+}
+
+impl Kernel for FindExtent<'_> {
+    type Out = Extent;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, _: S) -> Extent {
+        // Without their signs numbers rise with their bits; the infinite and what is no number come last.
+        let mut most = 0;
+        for sample in self.samples {
+            most = most.max(sample.re.abs().to_bits()).max(sample.im.abs().to_bits());
+        }
+        Extent(f32::from_bits(most))
+    }
 }
 
 fn axis(geometry: &Arc<SweepGeometry>, statistic: Statistic) -> Axis {
@@ -422,7 +600,7 @@ fn axis(geometry: &Arc<SweepGeometry>, statistic: Statistic) -> Axis {
     Axis { falloff: falloff.collect(), compressor, geometry: Arc::clone(geometry) }
 }
 
-fn check(observation: &Observation, axes: &[Axis]) -> Result<usize, SweepRefusal> {
+fn check(observation: &Observation, extent: Extent, axes: &[Axis]) -> Result<usize, SweepRefusal> {
     let known = |a: &Axis| Arc::ptr_eq(&a.geometry, &observation.geometry) || a.geometry == observation.geometry;
     let axis = axes.iter().position(known).ok_or(SweepRefusal::UnknownGeometry)?;
     let (samples, points) = (observation.samples.len(), observation.geometry.axis.points);
@@ -433,8 +611,8 @@ fn check(observation: &Observation, axes: &[Axis]) -> Result<usize, SweepRefusal
     let finite = pose.translation.is_finite()
         && pose.rotation.is_finite()
         && observation.velocity_m_per_s.is_finite()
-        && observation.samples.iter().all(|x| x.re.is_finite() && x.im.is_finite());
-    let small = observation.samples.iter().all(|x| x.re.abs().max(x.im.abs()) <= MAX_SAMPLE_LSB);
+        && extent.0.is_finite();
+    let small = extent.0 <= MAX_SAMPLE_LSB;
     match (finite, small) {
         (false, _) => Err(SweepRefusal::NotFinite),
         (true, false) => Err(SweepRefusal::TooLarge),
@@ -472,6 +650,8 @@ impl Group {
         self.first_m[l] = axis.first_m as f32;
         self.last_m[l] = axis.last_m() as f32;
         self.entries_per_m[l] = (1.0 / compressor.step_m()) as f32;
+        self.points_per_m[l] = (1.0 / axis.step_m) as f32;
+        self.entries_per_point[l] = (axis.step_m / compressor.step_m()).round() as i32;
         self.time_s_per_m[l] = (observation.geometry.point_period_s / axis.step_m) as f32;
         self.time_at_zero_s[l] = observation.point_time_s(axis.point_at(0.0)) as f32;
     }

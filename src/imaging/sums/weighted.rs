@@ -7,8 +7,8 @@
 
 use super::beam_table::{BeamTable, ENTRIES_PER_COS};
 use super::dispatch::{Kernel, on_widest};
-use super::lanes::{LANES, Lanes, WIDE_WINDOW, WINDOW};
-use super::power::{AtEdge, WidePairs, window};
+use super::lanes::{HALF_WINDOW, LANES, Lanes, WIDE_WINDOW, WINDOW};
+use super::power::{AtEdge, Edges, Exact, extent, from_sensor, read, seen_whole, window};
 use super::sight::{BrickShape, EDGE, Offsets, Sight, VOXELS, dot, lane3, load3, scale3, sub3};
 use super::stack::{Group, SweepStack};
 use crate::imaging::Statistic;
@@ -20,6 +20,11 @@ const DISTANCE_ERROR_M: f64 = 4e-6;
 const AMPLITUDE_ERROR: f32 = 2e-3;
 const AMPLITUDE_ERROR_SHARE: f32 = 2e-2;
 
+/// How far a sensor may have moved from its pose for one distance to serve for range, beam and falloff, as a share of it.
+const MOVED_SHARE: f32 = 2e-4;
+/// Nearer than the widest table step D is held.
+const HELD_M: f32 = 5e-3;
+
 /// A shape that is good enough for sums with phase; without, [`super::power::power_shape`] is.
 pub(super) fn weighted_shape(voxel_m: f64) -> BrickShape {
     BrickShape::new(voxel_m, DISTANCE_ERROR_M)
@@ -28,38 +33,22 @@ pub(super) fn weighted_shape(voxel_m: f64) -> BrickShape {
 /// The beam's amplitude at a cosine, linear between its table's entries.
 #[inline(always)]
 pub(super) fn amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
-    amplitude_at(s, beam, beam_place(s, cos))
-}
-
-/// Entry of the beam's table, and how far from it to the next.
-#[inline(always)]
-fn beam_place<S: Lanes>(s: S, cos: S::F) -> (S::I, S::F) {
     let at = s.mul(s.add(cos, s.splat(1.0)), s.splat(ENTRIES_PER_COS));
     let whole = s.floor(at);
-    (s.to_int(whole), s.sub(at, whole))
+    let (here, next) = s.gather_pairs(&beam.amplitudes, s.to_int(whole));
+    s.mul_add(s.sub(at, whole), s.sub(next, here), here)
 }
 
+/// The same for voxels by themselves: by the beam's polynomial where it has one.
 #[inline(always)]
-fn amplitude_at<S: Lanes>(s: S, beam: &BeamTable, (n, rest): (S::I, S::F)) -> S::F {
-    let (here, next) = s.gather_pairs(&beam.amplitudes, n);
-    s.mul_add(rest, s.sub(next, here), here)
-}
-
-/// The same for voxels at an edge: in the beam's short table where it has one.
-#[inline(always)]
-fn edge_place<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> (S::I, S::F) {
-    let Some(short) = &beam.short else { return beam_place(s, cos) };
-    let at = s.mul(s.sub(cos, s.splat(beam.cut_cos)), s.splat(short.entries_per_cos));
-    let at = s.max(at, s.splat(0.0));
-    let whole = s.floor(s.min(at, s.splat((WIDE_WINDOW - 1) as f32)));
-    (s.to_int(whole), s.sub(at, whole))
-}
-
-#[inline(always)]
-fn edge_amplitude<S: Lanes>(s: S, beam: &BeamTable, (n, rest): (S::I, S::F)) -> S::F {
-    let Some(short) = &beam.short else { return amplitude_at(s, beam, (n, rest)) };
-    let (here, next) = (s.look_up_wide(&short.amplitudes, n), s.look_up_wide(&short.next, n));
-    s.mul_add(rest, s.sub(next, here), here)
+fn edge_amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
+    let Some(polynomial) = &beam.polynomial else { return amplitude(s, beam, cos) };
+    let t = s.mul_add(cos, s.splat(polynomial.per_cos), s.splat(polynomial.at_zero));
+    let mut sum = s.splat(0.0);
+    for coefficient in polynomial.coefficients.iter().rev() {
+        sum = s.mul_add(sum, t, s.splat(*coefficient));
+    }
+    sum
 }
 
 /// The statistic over the voxels of one brick, all sweeps of a stack.
@@ -121,10 +110,15 @@ impl AddWeighted<'_> {
         let (mut gathered, mut at_edge) = (Gathered::none(s), Gathered::none(s));
         let (mut weights, mut edge_weights) = (WeightSum::none(s), [s.splat(0.0); EDGE]);
         let mut updates = 0;
+        let jumps = PLANES == 1 && self.stack.statistic() == Statistic::Thesis;
         for (group, sweeps) in self.stack.groups.iter().enumerate() {
             let sight = Sight::new(s, self.stack, sweeps, self.center, &self.shape);
-            let beam = BeamExpansion::new(s, &self.stack.beam, sweeps, &sight, &self.shape);
+            let mut beam = BeamExpansion::FLAT;
+            if sight.inside != 0 {
+                beam = BeamExpansion::new(s, &self.stack.beam, sweeps, &sight, &self.shape);
+            }
             let phase = Phase::new(s, &sight);
+            let whole = if jumps { self.seen_whole(s, group, &sight) } else { 0 };
             let mut inside = sight.inside & beam.good;
             let mut edge = (sight.inside | sight.edge) & !inside;
             updates += u64::from((sight.inside | sight.edge).count_ones()) * VOXELS as u64;
@@ -139,7 +133,13 @@ impl AddWeighted<'_> {
             while edge != 0 {
                 let l = edge.trailing_zeros() as usize;
                 edge &= edge - 1;
-                self.add_edge::<S, PLANES>(s, group, &sight, &phase, l, &offsets, &mut at_edge, &mut edge_weights);
+                if jumps && whole >> l & 1 == 1 {
+                    self.add_whole_nearest(s, group, &sight, l, &offsets, &mut at_edge.re);
+                } else if jumps {
+                    self.add_edge_nearest(s, group, &sight, l, &offsets, &mut at_edge.re);
+                } else {
+                    self.add_edge::<S, PLANES>(s, group, &sight, &phase, l, &offsets, &mut at_edge, &mut edge_weights);
+                }
             }
         }
         let terms = weights.total(s);
@@ -203,65 +203,172 @@ impl AddWeighted<'_> {
         let (slot, sweeps) = (group * LANES + l, &self.stack.groups[group]);
         let center = s.splat(sight.distance_m[l]);
         let center_parts = s.splat(phase.center_parts[l]);
-        let jumps = self.stack.statistic() == Statistic::Thesis;
-        let (none, zero) = (s.splat_int(0), s.splat(0.0));
+        let zero = s.splat(0.0);
+        let edges = Edges::new(s, self.stack, group, sight, l, offsets, self.shape.heights());
         // First where each layer's values lie, then the values: the processor waits for no single one.
-        let mut places = [Place::<S> { n: none, rest: zero, counts: s.mask(0), beam: (none, zero), parts: zero }; EDGE];
-        for (layer, place) in places.iter_mut().enumerate() {
-            let seen = AtEdge::new(s, self.stack, group, sight, l, offsets, layer);
+        let mut places = [(s.splat_int(0), zero); EDGE];
+        let mut seens = [Seen::<S> { counts: s.mask(0), amplitude: zero, parts: zero }; EDGE];
+        for (layer, (place, of_layer)) in places.iter_mut().zip(&mut seens).enumerate() {
+            let seen = edges.layer(s, offsets, layer);
             let at = s.mul(s.sub(seen.distance, s.splat(sweeps.first_m[l])), s.splat(sweeps.entries_per_m[l]));
             let whole = s.floor(at);
-            let n = s.to_int(s.or_zero(seen.counts, whole));
-            let beam =
-                if self.stack.beam.uniform { (none, zero) } else { edge_place(s, &self.stack.beam, seen.cos(s)) };
+            *place = (s.to_int(s.or_zero(seen.counts, whole)), s.sub(at, whole));
             let parts = s.mul_add(s.sub(seen.distance, center), s.splat(PARTS_PER_M as f32), center_parts);
-            *place =
-                Place { n, rest: s.sub(at, whole), counts: seen.counts, beam, parts: s.or_zero(seen.counts, parts) };
+            let amplitude = self.edge_amplitude(s, &seen);
+            *of_layer = Seen { counts: seen.counts, amplitude, parts: s.or_zero(seen.counts, parts) };
         }
-        let mut wide = [const { None }; PLANES];
-        for (plane, wide) in wide.iter_mut().enumerate() {
-            let (values, slopes) = self.stack.table(slot, plane).split_at(self.stack.stride);
-            *wide = WidePairs::new(sight, l, values, if jumps { slopes } else { values.get(1..).unwrap_or_default() });
+        let mut planes = [[zero; EDGE]; PLANES];
+        for (plane, values) in planes.iter_mut().enumerate() {
+            *values = read(s, &self.stack.table(slot, plane)[..self.stack.stride], sight, l, &places);
         }
-        for (layer, place) in places.into_iter().enumerate() {
-            let Place { n, rest, counts, beam, parts } = place;
-            let mut planes = [zero; 3];
-            for (plane, value) in planes[..PLANES].iter_mut().enumerate() {
-                let (here, next) = match &wide[plane] {
-                    Some(wide) => wide.at(s, n),
-                    None if jumps => s.gather_pairs(self.stack.table(slot, 1), s.add_int(n, n)),
-                    None => s.gather_pairs(&self.stack.table(slot, plane)[..self.stack.stride], n),
-                };
-                let slope = if jumps { next } else { s.sub(next, here) };
-                // What does not count may be no number; it must not reach the sums.
-                *value = s.or_zero(counts, s.mul_add(rest, slope, here));
-            }
-            let mut amplitude = s.splat(1.0);
-            if !self.stack.beam.uniform {
-                amplitude = s.or_zero(counts, edge_amplitude(s, &self.stack.beam, beam));
+        for (layer, Seen { counts, amplitude, parts }) in seens.into_iter().enumerate() {
+            // What does not count may be no number; it must not reach the sums.
+            for values in &mut planes {
+                values[layer] = s.or_zero(counts, values[layer]);
             }
             if PLANES == 3 {
                 let sums = [gathered.re[layer], gathered.im[layer]];
                 (gathered.re[layer], gathered.im[layer]) =
-                    add_turned(s, [planes[0], planes[1]], amplitude, parts, sums);
+                    add_turned(s, [planes[0][layer], planes[1][layer]], amplitude, parts, sums);
             } else {
-                gathered.re[layer] = s.mul_add(planes[0], amplitude, gathered.re[layer]);
+                gathered.re[layer] = s.mul_add(planes[0][layer], amplitude, gathered.re[layer]);
             }
             if PLANES > 1 {
-                weights[layer] = s.mul_add(planes[PLANES - 1], s.mul(amplitude, amplitude), weights[layer]);
+                weights[layer] = s.mul_add(planes[PLANES - 1][layer], s.mul(amplitude, amplitude), weights[layer]);
+            }
+        }
+    }
+
+    /// A of voxels by themselves, 0 where they do not count.
+    #[inline(always)]
+    fn edge_amplitude<S: Lanes>(&self, s: S, seen: &AtEdge<S>) -> S::F {
+        if self.stack.beam.uniform {
+            return s.or_zero(seen.counts, s.splat(1.0));
+        }
+        s.or_zero(seen.counts, edge_amplitude(s, &self.stack.beam, seen.cos(s)))
+    }
+
+    /// `thesis`, voxels by themselves: |x| of the nearest point, D and A as they are.
+    #[inline(always)]
+    fn add_edge_nearest<S: Lanes>(
+        &self,
+        s: S,
+        group: usize,
+        sight: &Sight,
+        l: usize,
+        offsets: &Offsets<S>,
+        sums: &mut [S::F; EDGE],
+    ) {
+        let sweeps = &self.stack.groups[group];
+        let per_m = s.splat(sweeps.points_per_m[l]);
+        let least = s.splat(1.0 / sweeps.entries_per_m[l]);
+        let edges = Edges::new(s, self.stack, group, sight, l, offsets, self.shape.heights());
+        let mut places = [(s.splat_int(0), s.splat(0.0)); EDGE];
+        for (layer, (place, weight)) in places.iter_mut().enumerate() {
+            let seen = edges.layer(s, offsets, layer);
+            let at = s.mul_add(s.sub(seen.distance, s.splat(sweeps.first_m[l])), per_m, s.splat(0.5));
+            *place = s.to_int(s.or_zero(seen.counts, s.floor(at)));
+            let held = s.max(seen.distance, least);
+            *weight = s.div(self.edge_amplitude(s, &seen), s.mul(held, held));
+        }
+        self.add_points(s, group, sight, l, &places, sums);
+    }
+
+    /// Sweeps of which [`Self::add_whole_nearest`] may take all voxels at once: the sensor hardly moves while it samples.
+    #[inline(always)]
+    fn seen_whole<S: Lanes>(&self, s: S, group: usize, sight: &Sight) -> u16 {
+        if self.stack.beam.polynomial.is_none() {
+            return 0;
+        }
+        let sweeps = &self.stack.groups[group];
+        let speed = extent(s, load3(s, &sweeps.velocity_m_per_s));
+        let distance = s.load(&sight.distance_m);
+        let time = s.mul_add(distance, s.load(&sweeps.time_s_per_m), s.load(&sweeps.time_at_zero_s));
+        let still = s.at_most(s.mul(speed, s.abs(time)), s.mul(distance, s.splat(MOVED_SHARE)));
+        let beyond_first = s.at_most(s.splat(self.shape.radius_m * 1.1 + HELD_M), distance);
+        s.bits(s.and(still, beyond_first)) & seen_whole(s, self.stack, group, sight, &self.shape)
+    }
+
+    /// The same where each voxel counts and the sensor stands still: one distance is enough.
+    #[inline(always)]
+    fn add_whole_nearest<S: Lanes>(
+        &self,
+        s: S,
+        group: usize,
+        sight: &Sight,
+        l: usize,
+        offsets: &Offsets<S>,
+        sums: &mut [S::F; EDGE],
+    ) {
+        let Some(polynomial) = &self.stack.beam.polynomial else { return };
+        let (sweeps, heights) = (&self.stack.groups[group], self.shape.heights());
+        let exact = Exact::new(s, from_sensor(sight, l), offsets, heights);
+        let [forward, from_pose] = [lane3(s, &sweeps.forward, l), lane3(s, &sight.offset_from_pose_m, l)];
+        // t of the beam's polynomial is `along` over the distance and `at_zero`.
+        let along = dot(s, from_pose, forward);
+        let along = s.mul_add(offsets.x, forward[0], s.mul_add(offsets.y, forward[1], along));
+        let (per_cos, at_zero) = (s.splat(polynomial.per_cos), s.splat(polynomial.at_zero));
+        let along = s.mul(along, per_cos);
+        let up = sweeps.forward[2][l] * polynomial.per_cos;
+        let (per_m, stretch) = (sweeps.points_per_m[l], sight.stretch[l]);
+        let first = sight.distance_m[l] * (1.0 - stretch) - sweeps.first_m[l];
+        let (first, per_m) = (s.splat(per_m.mul_add(first, 0.5)), s.splat(per_m * stretch));
+        let mut places = [(s.splat_int(0), s.splat(0.0)); EDGE];
+        for (layer, (place, weight)) in places.iter_mut().enumerate() {
+            let square = exact.squares(s, layer);
+            let distance = s.sqrt(square);
+            *place = s.to_int(s.floor(s.mul_add(distance, per_m, first)));
+            let inverse = s.div(s.splat(1.0), distance);
+            let along = s.add(along, s.splat(up * heights[layer]));
+            let mut amplitude = s.splat(0.0);
+            let t = s.mul_add(along, inverse, at_zero);
+            for coefficient in polynomial.coefficients.iter().rev() {
+                amplitude = s.mul_add(amplitude, t, s.splat(*coefficient));
+            }
+            *weight = s.mul(amplitude, s.mul(inverse, inverse));
+        }
+        self.add_points(s, group, sight, l, &places, sums);
+    }
+
+    /// Adds |x| of points, each with its weight.
+    #[inline(always)]
+    fn add_points<S: Lanes>(
+        &self,
+        s: S,
+        group: usize,
+        sight: &Sight,
+        l: usize,
+        places: &[(S::I, S::F); EDGE],
+        sums: &mut [S::F; EDGE],
+    ) {
+        let (sweeps, points) = (&self.stack.groups[group], self.stack.points(group * LANES + l));
+        // The window's first point: as far from the first as the first entry.
+        let first = sight.window[l] / sweeps.entries_per_point[l];
+        let from = if sight.wide >> l & 1 == 1 { points.get(first as usize..).unwrap_or_default() } else { &[] };
+        let offset = s.splat_int(-first);
+        // A brick that spans so few entries spans half as many points.
+        let halves = if sweeps.entries_per_point[l] >= 2 { from } else { &[] };
+        if let Some(window) = halves.first_chunk::<HALF_WINDOW>() {
+            for (sum, &(n, weight)) in sums.iter_mut().zip(places) {
+                *sum = s.mul_add(s.look_up_half(window, s.add_int(n, offset)), weight, *sum);
+            }
+        } else if let Some(window) = from.first_chunk::<WIDE_WINDOW>() {
+            for (sum, &(n, weight)) in sums.iter_mut().zip(places) {
+                *sum = s.mul_add(s.look_up_wide(window, s.add_int(n, offset)), weight, *sum);
+            }
+        } else {
+            for (sum, &(n, weight)) in sums.iter_mut().zip(places) {
+                *sum = s.mul_add(s.gather_pairs(points, n).0, weight, *sum);
             }
         }
     }
 }
 
-/// Where a layer's values lie in the tables.
+/// How a layer's voxels were seen.
 #[derive(Clone, Copy)]
-struct Place<S: Lanes> {
-    n: S::I,
-    rest: S::F,
+struct Seen<S: Lanes> {
     counts: S::M,
-    /// In the beam's table.
-    beam: (S::I, S::F),
+    amplitude: S::F,
     /// Phase.
     parts: S::F,
 }
@@ -405,22 +512,24 @@ struct BeamExpansion {
 }
 
 impl BeamExpansion {
+    /// A = 1, before it is known how the layers lie.
+    const FLAT: Self = Self {
+        terms: [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
+        gradient_per_m: [[0.0; LANES]; 3],
+        up: [[0.0; LANES]; EDGE],
+        up_g: [[0.0; LANES]; EDGE],
+        along_per_m: [0.0; LANES],
+        across_per_m2: [0.0; LANES],
+        good: u16::MAX,
+    };
+
     #[inline(always)]
     fn new<S: Lanes>(s: S, beam: &BeamTable, sweeps: &Group, sight: &Sight, shape: &BrickShape) -> Self {
         let heights = shape.heights();
         let toward = load3(s, &sight.toward);
         let up = steps(s, toward[2], heights);
         if beam.uniform {
-            let none = [0.0; LANES];
-            return Self {
-                terms: [[1.0; LANES], none, none],
-                gradient_per_m: [none; 3],
-                up,
-                up_g: [none; EDGE],
-                along_per_m: none,
-                across_per_m2: none,
-                good: u16::MAX,
-            };
+            return Self { up, ..Self::FLAT };
         }
         let cos = s.load(&sight.cos);
         let per_m = s.div(s.splat(1.0), s.max(s.load(&sight.pose_distance_m), s.splat(1e-6)));
