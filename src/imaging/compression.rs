@@ -255,22 +255,30 @@ impl Kernel for Filter<'_> {
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) {
         let [[re, im], [re_next, im_next]] = self.out;
-        let out = re.chunks_exact_mut(LANES).zip(im.chunks_exact_mut(LANES));
-        let out_next = re_next.chunks_exact_mut(LANES).zip(im_next.chunks_exact_mut(LANES));
-        for (n, ((re, im), (re_next, im_next))) in out.zip(out_next).enumerate() {
+        let [taps, taps_next] = self.taps;
+        // Indices: iterators over windows would not be compiled for the kernel's instructions.
+        for at in (0..re.len()).step_by(LANES) {
             let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
-            let samples =
-                self.samples[0][n * LANES..].array_windows().zip(self.samples[1][n * LANES..].array_windows());
-            for ((x, y), (tap, tap_next)) in samples.zip(self.taps[0].iter().zip(self.taps[1])) {
-                let (x, y, tap, tap_next) = (s.load(x), s.load(y), s.splat(*tap), s.splat(*tap_next));
+            for k in 0..taps.len().min(taps_next.len()) {
+                let (x, y) = (sixteen(s, &self.samples[0], at + k), sixteen(s, &self.samples[1], at + k));
+                let (tap, tap_next) = (s.splat(taps[k]), s.splat(taps_next[k]));
                 (a, b) = (s.mul_add(x, tap, a), s.mul_add(y, tap, b));
                 (c, d) = (s.mul_add(x, tap_next, c), s.mul_add(y, tap_next, d));
             }
-            re.copy_from_slice(&s.store(a));
-            im.copy_from_slice(&s.store(b));
-            re_next.copy_from_slice(&s.store(c));
-            im_next.copy_from_slice(&s.store(d));
+            re[at..at + LANES].copy_from_slice(&s.store(a));
+            im[at..at + LANES].copy_from_slice(&s.store(b));
+            re_next[at..at + LANES].copy_from_slice(&s.store(c));
+            im_next[at..at + LANES].copy_from_slice(&s.store(d));
         }
+    }
+}
+
+/// Sixteen values from an index on, which all exist.
+#[inline(always)]
+fn sixteen<S: Lanes>(s: S, values: &[f32], at: usize) -> S::F {
+    match values[at..].first_chunk() {
+        Some(values) => s.load(values),
+        None => s.splat(0.0),
     }
 }
 
@@ -286,21 +294,20 @@ impl Kernel for FilterOne<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, s: S) {
-        let ([re, im], [all_x, all_y]) = (self.out, self.samples);
-        for (n, (re, im)) in re.chunks_mut(2 * LANES).zip(im.chunks_mut(2 * LANES)).enumerate() {
+        let ([re, im], [x, y]) = (self.out, self.samples);
+        for at in (0..re.len()).step_by(2 * LANES) {
             let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
-            let (x, y) = (&all_x[2 * n * LANES..], &all_y[2 * n * LANES..]);
-            let here = x.array_windows().zip(y.array_windows());
-            let next = x[LANES..].array_windows().zip(y[LANES..].array_windows());
-            for ((tap, here), next) in self.taps.iter().zip(here).zip(next) {
+            for (k, tap) in self.taps.iter().enumerate() {
                 let tap = s.splat(*tap);
-                (a, b) = (s.mul_add(s.load(here.0), tap, a), s.mul_add(s.load(here.1), tap, b));
-                (c, d) = (s.mul_add(s.load(next.0), tap, c), s.mul_add(s.load(next.1), tap, d));
+                (a, b) = (s.mul_add(sixteen(s, x, at + k), tap, a), s.mul_add(sixteen(s, y, at + k), tap, b));
+                let next = at + LANES + k;
+                (c, d) = (s.mul_add(sixteen(s, x, next), tap, c), s.mul_add(sixteen(s, y, next), tap, d));
             }
-            for (out, sums) in [(re, [a, c]), (im, [b, d])] {
-                for (out, sum) in out.chunks_exact_mut(LANES).zip(sums) {
-                    out.copy_from_slice(&s.store(sum));
-                }
+            re[at..at + LANES].copy_from_slice(&s.store(a));
+            im[at..at + LANES].copy_from_slice(&s.store(b));
+            if re.len() >= at + 2 * LANES {
+                re[at + LANES..at + 2 * LANES].copy_from_slice(&s.store(c));
+                im[at + LANES..at + 2 * LANES].copy_from_slice(&s.store(d));
             }
         }
     }
