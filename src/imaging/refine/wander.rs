@@ -113,9 +113,10 @@ fn poles() -> [Complex64; PAIRS] {
     })
 }
 
-/// Where the spectrum ends: the drift's fastest half period is the time over which it stays alike.
+/// Where the spectrum ends: the drift's fastest half period is the time over which it stays alike. A twentieth beyond, since
+/// at its edge the low-pass lets only half of the power through.
 fn edge_hz(wander_s: f64) -> f64 {
-    0.5 / wander_s
+    0.525 / wander_s
 }
 
 fn dot(a: &[f64; WANDER_STATES], b: &[f64; WANDER_STATES]) -> f64 {
