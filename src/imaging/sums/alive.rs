@@ -182,9 +182,9 @@ impl Kernel for RollCubes<'_> {
                 let come = s.store_int(bounds(s, stack, maxima, &sweep, &two_eights(s, two)));
                 for (eight, come) in two.iter_mut().zip(come.as_chunks::<8>().0) {
                     pairs += u64::from(eight.alive.count_ones());
-                    for n in 0..8 {
-                        eight.sum[n] += come[n];
-                        eight.most[n] += come[n].min(UNKNOWN - eight.most[n]);
+                    for ((sum, most), come) in eight.sum.iter_mut().zip(&mut eight.most).zip(come) {
+                        *sum += come;
+                        *most += (*come).min(UNKNOWN - *most);
                     }
                 }
             }
@@ -195,8 +195,8 @@ impl Kernel for RollCubes<'_> {
                 let go = s.store_int(bounds(s, stack, maxima, &sweep, &two_eights(s, two)));
                 for (eight, go) in two.iter_mut().zip(go.as_chunks::<8>().0) {
                     pairs += u64::from(eight.alive.count_ones());
-                    for n in 0..8 {
-                        eight.sum[n] -= go[n];
+                    for (sum, go) in eight.sum.iter_mut().zip(go) {
+                        *sum -= go;
                     }
                 }
             }
