@@ -16,7 +16,7 @@ use radar_chaperone::simulation::Scenario;
 use radar_chaperone::tracking::{HistorySettings, ObserverSettings, observe_all};
 
 /// Share of the peak, (voxel, sweep) pairs that may be opened a sweep.
-const TRIALS: [(f64, u64); 4] = [(0.5, 1_500_000), (0.5, 6_000_000), (0.7, 1_500_000), (0.7, 6_000_000)];
+const TRIALS: [(f64, u64); 4] = [(0.5, 1_200_000), (0.5, 6_000_000), (0.7, 1_200_000), (0.7, 6_000_000)];
 
 fn main() {
     let mut scenario = Scenario::new("corner-reflector", "sphere-50cm", preset("fine").expect("a preset"), 30.0, 1);

@@ -60,7 +60,7 @@ impl Default for RollingSettings {
             share_of_peak: 0.5,
             min_sigma: 7.0,
             drop_share: 0.85,
-            max_opening: 1_500_000,
+            max_opening: 1_200_000,
             max_bricks: 250_000,
             noise_rms_lsb: 20.0,
         }
