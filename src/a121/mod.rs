@@ -1,0 +1,18 @@
+//! The A121 behind its exploration server: the protocol, its clock, its session; pure, no I/O.
+//!
+//! Bytes and host times in, bytes to send and events out. The server stamps frames in ticks and checks nothing on the line, so
+//! what a fault may look like is part of every file here.
+
+mod command;
+mod layout;
+mod parser;
+mod reply;
+#[cfg(test)]
+mod test_stream;
+mod version;
+
+pub use command::{Calibration, Command, SensorSetup, Setup};
+pub use layout::ResultLayout;
+pub use parser::{MAX_LINE_BYTES, Message, Parser, Received, ResultMessage, StreamCounters};
+pub use reply::{LogLine, Reply, ResultInfo, SensorInfo, SensorMetadata, SetupReply, SystemInfo};
+pub use version::Version;
