@@ -3,16 +3,21 @@
 //! Bytes and host times in, bytes to send and events out. The server stamps frames in ticks and checks nothing on the line, so
 //! what a fault may look like is part of every file here.
 
+mod clock;
 mod command;
 mod layout;
 mod parser;
 mod reply;
+mod steady;
 #[cfg(test)]
 mod test_stream;
+mod ticks;
 mod version;
 
+pub use clock::{Clock, ClockReport};
 pub use command::{Calibration, Command, SensorSetup, Setup};
 pub use layout::ResultLayout;
 pub use parser::{MAX_LINE_BYTES, Message, Parser, Received, ResultMessage, StreamCounters};
 pub use reply::{LogLine, Reply, ResultInfo, SensorInfo, SensorMetadata, SetupReply, SystemInfo};
+pub use ticks::{TickVerdict, Ticks};
 pub use version::Version;
