@@ -5,9 +5,11 @@
 
 mod clock;
 mod command;
+mod error;
 mod layout;
 mod parser;
 mod reply;
+mod session;
 mod steady;
 #[cfg(test)]
 mod test_stream;
@@ -16,8 +18,10 @@ mod version;
 
 pub use clock::{Clock, ClockReport};
 pub use command::{Calibration, Command, SensorSetup, Setup};
+pub use error::SessionError;
 pub use layout::ResultLayout;
 pub use parser::{MAX_LINE_BYTES, Message, Parser, Received, ResultMessage, StreamCounters};
 pub use reply::{LogLine, Reply, ResultInfo, SensorInfo, SensorMetadata, SetupReply, SystemInfo};
+pub use session::{Action, Event, FIRST_BAUD, Link, MAX_SENSORS, SensorFrame, Session, SessionCounters};
 pub use ticks::{TickVerdict, Ticks};
 pub use version::Version;

@@ -170,7 +170,8 @@ impl Parser {
 
     /// Whether [`Self::settle`] would hand something on.
     pub fn has_unsettled(&self) -> bool {
-        self.payload_end().is_some_and(|end| end == self.buffer.len())
+        // A payload that ends as a line begins waits for more, however quiet it is.
+        self.payload_end().is_some_and(|end| end == self.buffer.len()) && !ends_as_a_line_begins(&self.buffer)
     }
 
     fn payload_end(&self) -> Option<usize> {

@@ -2,8 +2,8 @@
 //!
 //! Lines have no checksum, so a damaged digit makes another tick of it. Told by this file: a step shorter than a frame's
 //! measurement, a leap beyond a pause's length, and, where frames have been regular, one off their beat. A tick that is not
-//! believed waits for a witness: when the next goes on from it, the sensor's clock did jump, and both are right. The first
-//! tick waits likewise. So one wrong tick costs its own result, and a true jump costs one result.
+//! believed waits for a witness: when the next goes on from it, as far as it arrived after it, the sensor's clock did jump, and
+//! both are right. The first tick waits likewise. So one wrong tick costs its own result, and a true jump costs one result.
 //!
 //! Not told: a wrong tick within the beat's tolerance (3 % of the period, 2 ticks at least), or, before frames have been
 //! regular for a while, anywhere a frame may lie. [`super::Clock`] then refuses what would have come before it was measured.
@@ -14,6 +14,8 @@ const REGULAR_STEPS: u32 = 16;
 const BEAT_TOLERANCE: f64 = 0.03;
 /// Off the beat, ticks: one for each end of a step.
 const BEAT_TOLERANCE_TICKS: f64 = 2.0;
+/// A witness' step may differ this much from that of the arrivals, seconds: they come in bursts.
+const WITNESS_TOLERANCE_S: f64 = 0.06;
 /// How much of a new step goes into the period.
 const PERIOD_GAIN: f64 = 1.0 / 32.0;
 
@@ -43,7 +45,8 @@ pub struct Ticks {
     max_step: u32,
     last: Option<i64>,
     /// One that was not believed.
-    doubted: Option<u32>,
+    doubted: Option<(u32, i64)>,
+    tick_s: f64,
     period: f64,
     regular: u32,
 }
@@ -55,17 +58,18 @@ impl Ticks {
         // The timing model holds to 4 %.
         let min_step = ((frame_s * 0.9 * rate).floor() - 1.0).clamp(1.0, 1e9) as u32;
         let max_step = ((1.0 + 4.0 * period_s) * rate).clamp(f64::from(min_step), 2e9) as u32;
-        Self { min_step, max_step, last: None, doubted: None, period: 0.0, regular: 0 }
+        Self { min_step, max_step, last: None, doubted: None, tick_s: 1.0 / rate.max(1.0), period: 0.0, regular: 0 }
     }
 
-    /// Judges the next tick; `is_possible` is asked of the unwrapped tick before it is believed.
-    pub fn judge(&mut self, tick: u32, is_possible: impl FnOnce(i64) -> bool) -> TickVerdict {
-        let steps = self.min_step..=self.max_step;
+    /// Judges the next tick, whose result arrived at a host time; `is_possible` is asked of the unwrapped tick before it is
+    /// believed.
+    pub fn judge(&mut self, tick: u32, arrival_ns: i64, is_possible: impl FnOnce(i64) -> bool) -> TickVerdict {
         let Some(last) = self.last else {
-            let Some(step) = self.doubted.replace(tick).map(|first| tick.wrapping_sub(first)) else {
+            let Some(first) = self.doubted.replace((tick, arrival_ns)) else {
                 return TickVerdict::First;
             };
-            if !steps.contains(&step) {
+            let step = tick.wrapping_sub(first.0);
+            if !self.witnesses(first, tick, arrival_ns) {
                 return if step < self.min_step { TickVerdict::TooSoon } else { TickVerdict::Leap };
             }
             self.believe(i64::from(tick), None);
@@ -85,15 +89,23 @@ impl Ticks {
             self.believe(unwrapped, Some(step));
             return TickVerdict::Next(unwrapped);
         };
-        let witnessed = self.doubted.replace(tick).is_some_and(|doubted| {
-            let step = tick.wrapping_sub(doubted);
-            steps.contains(&step) && self.is_on_beat(step)
+        let doubted = self.doubted.replace((tick, arrival_ns));
+        let witnessed = doubted.is_some_and(|doubted| {
+            self.witnesses(doubted, tick, arrival_ns) && self.is_on_beat(tick.wrapping_sub(doubted.0))
         });
         if witnessed {
             self.believe(unwrapped, None);
             return TickVerdict::Jumped(unwrapped);
         }
         refusal
+    }
+
+    /// Whether a tick goes on from a doubted one.
+    fn witnesses(&self, doubted: (u32, i64), tick: u32, arrival_ns: i64) -> bool {
+        let step = tick.wrapping_sub(doubted.0);
+        let arrivals_s = arrival_ns.saturating_sub(doubted.1) as f64 * 1e-9;
+        let off_s = f64::from(step) * self.tick_s - arrivals_s;
+        (self.min_step..=self.max_step).contains(&step) && off_s.abs() <= WITNESS_TOLERANCE_S + 0.01 * arrivals_s.abs()
     }
 
     fn believe(&mut self, unwrapped: i64, step: Option<u32>) {
@@ -134,7 +146,9 @@ mod tests {
     }
 
     fn judged(ticks: &mut Ticks, values: impl IntoIterator<Item = u32>) -> Vec<TickVerdict> {
-        values.into_iter().map(|tick| ticks.judge(tick, |_| true)).collect()
+        let first_ns = ticks.last.map_or(0, |last| last * 1000);
+        let arrivals_ns = (1..).map(|k| first_ns + 15_152_000 * k);
+        values.into_iter().zip(arrivals_ns).map(|(tick, at)| ticks.judge(tick, at, |_| true)).collect()
     }
 
     fn regular(first: u32) -> Ticks {
@@ -170,8 +184,8 @@ mod tests {
             assert_eq!(judged(&mut ticks, [wrong, next(41), next(42)]), expected, "{wrong}");
         }
         let mut ticks = regular(5_000_000);
-        assert_eq!(ticks.judge(next(44), |_| false), Impossible);
-        assert_eq!(ticks.judge(next(41), |_| true), Next(i64::from(next(41))));
+        assert_eq!(ticks.judge(next(44), 0, |_| false), Impossible);
+        assert_eq!(ticks.judge(next(41), 0, |_| true), Next(i64::from(next(41))));
     }
 
     #[test]
@@ -197,7 +211,7 @@ mod tests {
         let verdicts: Vec<_> = (0..200u32)
             .map(|k| {
                 tick += 8 + k * k % 11;
-                ticks.judge(tick, |_| true)
+                ticks.judge(tick, i64::from(tick) * 1_000_000, |_| true)
             })
             .collect();
         assert!(verdicts[1..].iter().all(|v| matches!(v, Next(_))), "{verdicts:?}");
