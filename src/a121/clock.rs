@@ -1,10 +1,11 @@
 //! Host time of ticks, from when results arrived.
 //!
-//! A result arrives late by the time on the line, then by whatever keeps bytes waiting: USB, a busy board, a late reader.
-//! That is never less than nothing, so the earliest arrivals tell the clock: arrival minus tick lies above a line, whose slope
-//! is the drift of the two clocks. Delays are taken as exponential above it, drift as normal about none, and the line is the
-//! likeliest below all arrivals of the last 30 s, lowered by what the earliest of so many still was late. After Moon, Skelly and
-//! Towsley, "Estimation and removal of clock skew from network delay measurements", 1999, with the drift's prior added.
+//! A result arrives late by the time on the line, then by whatever keeps bytes waiting: USB, a busy board, a late
+//! reader. That is never less than nothing, so the earliest arrivals tell the clock: arrival minus tick lies above a
+//! line, whose slope is the drift of the two clocks. Delays are taken as exponential above it, drift as normal about
+//! none, and the line is the likeliest below all arrivals of the last 30 s, lowered by what the earliest of so many
+//! still was late. After Moon, Skelly and Towsley, "Estimation and removal of clock skew from network delay
+//! measurements", 1999, with the drift's prior added.
 //!
 //! What no one-way measurement tells is a delay that all results share. The time that their bytes take on the line is
 //! given and taken off; the rest is part of the offset that [`crate::radar`]'s users estimate between sweeps and poses.
@@ -56,7 +57,8 @@ struct Line {
     /// Arrival minus sensor's time there, seconds.
     level_s: f64,
     drift: f64,
-    /// How late the earliest arrivals of the stretches are on average, over their number: what the line is uncertain by.
+    /// How late the earliest arrivals of the stretches are on average, over their number: what the line is uncertain
+    /// by.
     lateness_s: f64,
     drift_sigma: f64,
 }
@@ -100,7 +102,8 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// For a board's ticks, frames every `period_s` by the configuration, and results that take `transfer_s` on the line.
+    /// For a board's ticks, frames every `period_s` by the configuration, and results that take `transfer_s` on the
+    /// line.
     pub fn new(ticks_per_second: u32, period_s: f64, transfer_s: f64) -> Self {
         let rate = f64::from(ticks_per_second.max(1));
         let steady = (1.0 / rate > FINE_TICK_S).then(|| SteadyTicks::new(period_s * rate, rate));
@@ -131,7 +134,8 @@ impl Clock {
         behind_s - self.line.at(sensor_s) > -(EARLY_S + 2.0 * self.tick_s + 4.0 * self.line.lateness_s)
     }
 
-    /// The host time, nanoseconds, of the end of the measurement with this tick, whose result arrived at that time. Ticks rise.
+    /// The host time, nanoseconds, of the end of the measurement with this tick, whose result arrived at that time.
+    /// Ticks rise.
     pub fn time_ns(&mut self, tick: i64, arrival_ns: i64) -> i64 {
         let reference = *self.reference.get_or_insert((tick, arrival_ns));
         let beat = self.steady.as_mut().map(|steady| steady.add(tick));
@@ -233,59 +237,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
+    use super::super::clock_world::{Reader, TRANSFER_S, World};
     use super::*;
-
-    /// How results come to the reader.
-    #[derive(Clone, Copy, PartialEq)]
-    enum Reader {
-        /// 1 ms polls, and one time in ten a stall of 30 ms.
-        Stalls,
-        /// All bytes in bursts, one every 30 ms give or take a tenth.
-        Bursts,
-    }
-
-    /// Truth and arrival of frames: 40 ppm of drift that creeps as a board warms up, frames regular to 10 µs.
-    struct World {
-        rng: ChaCha8Rng,
-        frame_rate: f64,
-        ticks_per_second: f64,
-        reader: Reader,
-        next_read_s: f64,
-        stalled_until_s: f64,
-    }
-
-    const TRANSFER_S: f64 = 3e-4;
-
-    impl World {
-        fn new(seed: u64, frame_rate: f64, ticks_per_second: f64, reader: Reader) -> Self {
-            let rng = ChaCha8Rng::seed_from_u64(seed);
-            Self { rng, frame_rate, ticks_per_second, reader, next_read_s: 0.0, stalled_until_s: 0.0 }
-        }
-
-        /// End of frame k, its tick, its arrival.
-        fn frame(&mut self, k: u64) -> (f64, i64, f64) {
-            let phase = 0.377 / self.frame_rate;
-            let end_s = 5.0 + phase + k as f64 / self.frame_rate + self.rng.random_range(-1e-5..1e-5);
-            let warming = 5e-6 * 60.0 * (1.0 - (-end_s / 60.0).exp());
-            let board_s = 100.0 + end_s * (1.0 - 40e-6) + warming;
-            // Time on the line, then the board's and the bus' own.
-            let ready_s = end_s + TRANSFER_S - 1e-4 * (1.0 - self.rng.random_range(0.0f64..1.0)).ln();
-            (end_s, (board_s * self.ticks_per_second) as i64, self.read(ready_s))
-        }
-
-        fn read(&mut self, ready_s: f64) -> f64 {
-            if self.reader == Reader::Bursts {
-                while self.next_read_s < ready_s {
-                    self.next_read_s += self.rng.random_range(0.027..0.033);
-                }
-                return self.next_read_s;
-            }
-            if ready_s > self.stalled_until_s && self.rng.random_bool(0.1) {
-                self.stalled_until_s = ready_s + 0.03 * self.rng.random_range(0.0..1.0);
-            }
-            (ready_s + self.rng.random_range(0.0..1e-3)).max(self.stalled_until_s)
-        }
-    }
 
     /// Rms error of the times from `from_s` to `to_s` after the start, seconds, and the clock in the end.
     fn rms_error_s(world: &mut World, from_s: f64, to_s: f64) -> (f64, Clock) {

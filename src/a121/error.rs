@@ -40,7 +40,8 @@ pub enum SessionError {
     UpdateRate(f64),
     /// No answer.
     #[error(
-        "no answer to {asked} within {seconds:.1} s: is it the board's right port, and is flow control as it needs it? {hint}"
+        "no answer to {asked} within {seconds:.1} s: is it the board's right port, and is flow control as it needs \
+         it? {hint}"
     )]
     NoAnswer {
         /// Which command.
@@ -83,7 +84,8 @@ pub enum SessionError {
     },
     /// Too old for the configuration.
     #[error(
-        "the board's version {found} does not know prf {prf_mhz} MHz ({needed} does): flash a newer one or choose another prf"
+        "the board's version {found} does not know prf {prf_mhz} MHz ({needed} does): flash a newer one or choose \
+         another prf"
     )]
     TooOldForPrf {
         /// What it has.
@@ -98,7 +100,8 @@ pub enum SessionError {
     NoTicks,
     /// No sensor where one should be.
     #[error(
-        "no sensor is connected at place {sensor_id} ({connected}): check the flat cable, both ends, contacts facing the board"
+        "no sensor is connected at place {sensor_id} ({connected}): check the flat cable, both ends, contacts \
+         facing the board"
     )]
     NotConnected {
         /// Where it should be.

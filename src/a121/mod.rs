@@ -1,9 +1,11 @@
 //! The A121 behind its exploration server: the protocol, its clock, its session; pure, no I/O.
 //!
-//! Bytes and host times in, bytes to send and events out. The server stamps frames in ticks and checks nothing on the line, so
-//! what a fault may look like is part of every file here.
+//! Bytes and host times in, bytes to send and events out. The server stamps frames in ticks and checks nothing on the
+//! line, so what a fault may look like is part of every file here.
 
 mod clock;
+#[cfg(test)]
+mod clock_world;
 mod command;
 mod error;
 mod layout;

@@ -1,16 +1,17 @@
 //! From bytes to messages, and back into step after every fault.
 //!
-//! The stream is a JSON line, then as many raw bytes as it announces, and nothing that checks either. So nothing is taken out of
-//! the buffer until it is believed: a line must parse with every field a result has, announce exactly the payload that was set
-//! up, and its payload must be followed by the beginning of a line. What fails is given up one byte at a time until a line
-//! begins, so a fault costs the messages that it touched.
+//! The stream is a JSON line, then as many raw bytes as it announces, and nothing that checks either. So nothing is
+//! taken out of the buffer until it is believed: a line must parse with every field a result has, announce exactly the
+//! payload that was set up, and its payload must be followed by the beginning of a line. What fails is given up one
+//! byte at a time until a line begins, so a fault costs the messages that it touched.
 //!
-//! Whether a payload is followed by a line is known when more comes. Streams pause between frames, so a complete payload
-//! waits until then, or until [`Parser::settle`] is told that the line has been quiet, unless it ends as a line begins.
+//! Whether a payload is followed by a line is known when more comes. Streams pause between frames, so a complete
+//! payload waits until then, or until [`Parser::settle`] is told that the line has been quiet, unless it ends as a line
+//! begins.
 //!
-//! What cannot be told here: a flipped bit of a sample, of a temperature, or of a tick (see [`super::Ticks`] for that). A doubled
-//! byte in a payload of which the last byte comes only after `settle`; it is counted as `doubtful`, too late. One byte lost
-//! and another gained in one payload.
+//! What cannot be told here: a flipped bit of a sample, of a temperature, or of a tick (see [`super::Ticks`] for that).
+//! A doubled byte in a payload of which the last byte comes only after `settle`; it is counted as `doubtful`, too late.
+//! One byte lost and another gained in one payload.
 //!
 //! Memory: a line has at most [`MAX_LINE_BYTES`], a payload is what was set up; nothing longer is ever held.
 
@@ -81,7 +82,7 @@ pub struct StreamCounters {
     pub stale_results: u64,
     /// Payloads with bytes lost or gained.
     pub damaged_payloads: u64,
-    /// Results handed on after which the stream was out of step: the last of them may have been damaged.
+    /// Results handed on by [`Parser::settle`] that no line followed: they may have been damaged.
     pub doubtful: u64,
     /// Results handed on.
     pub results: u64,
@@ -146,7 +147,8 @@ impl Parser {
         self.buffer.len() - self.start
     }
 
-    /// Takes bytes received at a host time and appends what they complete. How a stream is split changes nothing but the times.
+    /// Takes bytes received at a host time and appends what they complete. How a stream is split changes nothing but
+    /// the times.
     pub fn push(&mut self, bytes: &[u8], now_ns: i64, out: &mut Vec<Received>) {
         self.counters.bytes += bytes.len() as u64;
         for piece in bytes.chunks(PIECE_BYTES) {
@@ -189,6 +191,7 @@ impl Parser {
         }
         if data[0] != b'{' {
             let count = data.iter().position(|&byte| byte == b'{').unwrap_or(data.len());
+            self.counters.doubtful += u64::from(self.settled);
             self.skip(count);
             return true;
         }
@@ -272,7 +275,6 @@ impl Parser {
     fn skip(&mut self, bytes: usize) {
         self.counters.skipped_bytes += bytes as u64;
         self.counters.resyncs += u64::from(!self.out_of_step);
-        self.counters.doubtful += u64::from(self.settled);
         (self.out_of_step, self.settled) = (true, false);
         self.advance(bytes);
     }
@@ -292,8 +294,8 @@ impl Parser {
     }
 }
 
-/// The end of the line at the start of `data`, of which `scanned` bytes are known to hold none. Control characters, which
-/// noise is full of, stand in no line.
+/// The end of the line at the start of `data`, of which `scanned` bytes are known to hold none. Control characters,
+/// which noise is full of, stand in no line.
 fn line_end(data: &[u8], scanned: usize) -> LineEnd {
     if data.get(1).is_some_and(|&byte| byte != b'"' && byte != b' ') {
         return LineEnd::NoLine;
@@ -450,7 +452,8 @@ mod tests {
         assert!(out.is_empty());
     }
 
-    /// One fault in a stream: what may be lost is what it touched, and what is handed on is right but for what cannot be told.
+    /// One fault in a stream: what may be lost is what it touched, and what is handed on is right but for what cannot
+    /// be told.
     fn check_fault(stream: &Stream, at: usize, kind: usize, flip: u8) -> StreamCounters {
         let mut bytes = stream.bytes.clone();
         match kind {
@@ -481,7 +484,8 @@ mod tests {
         }
         for index in left {
             let range = &stream.results[index].0;
-            // A second brace at a line's start looks like a payload's last byte doubled: the result before it is given up.
+            // A second brace at a line's start looks like a payload's last byte doubled: the result before it is given
+            // up.
             let brace_after = bytes.get(range.end..range.end + 2) == Some(b"{{");
             assert!(range.contains(&at) || brace_after && at <= range.end + 1, "fault {kind} at {at} cost {range:?}");
         }
@@ -596,7 +600,8 @@ mod tests {
                 let (piece, later) = rest.split_at(rest.len().min(*sizes.next().unwrap()));
                 got.extend(parsed(&mut split, piece));
                 rest = later;
-                prop_assert!(split.held_bytes() <= MAX_LINE_BYTES + ResultLayout::of(&small_setup()).payload_bytes() + 8);
+                let payload_bytes = ResultLayout::of(&small_setup()).payload_bytes();
+                prop_assert!(split.held_bytes() <= MAX_LINE_BYTES + payload_bytes + 8);
             }
             prop_assert_eq!(&got, &expected);
             prop_assert_eq!(split.counters(), whole.counters());

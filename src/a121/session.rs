@@ -1,8 +1,10 @@
-//! From an open line to timed frames, and back after every fault. Pure: bytes and host times in, actions and events out.
+//! From an open line to timed frames, and back after every fault. Pure: bytes and host times in, actions and events
+//! out.
 //!
-//! Way: break (serial) → system → sensors → baud rate (serial) → set-up → start → streaming → stop and drain. Whatever goes
-//! wrong on it is told as an event; what another try may cure is tried again from the break, after a pause that doubles up to
-//! 8 s. A board that asks for calibration is stopped and set up anew. Calibrations are used again after faults.
+//! Way: break (serial) → system → sensors → baud rate (serial) → set-up → start → streaming → stop and drain. Whatever
+//! goes wrong on it is told as an event; what another try may cure is tried again from the break, after a pause that
+//! doubles up to 8 s. A board that asks for calibration is stopped and set up anew. Calibrations are used again after
+//! faults.
 //!
 //! The caller writes what [`Session::next_action`] says, gives what it reads to [`Session::receive`], and calls
 //! [`Session::poll`] when [`Session::next_deadline_ns`] has come.

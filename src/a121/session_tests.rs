@@ -158,7 +158,8 @@ fn ticks_wrap_without_a_frame_lost() {
     assert!(bench.frames().last().unwrap().tick > 1 << 32);
 }
 
-/// A thousand and more faults of one kind in one session: frames lost are frames struck, none is wrong but where nothing tells.
+/// A thousand and more faults of one kind in one session: frames lost are frames struck, none is wrong but where
+/// nothing tells.
 fn thousand_faults(kind: fn(&mut ChaCha8Rng) -> Fault) {
     let mut bench = Bench::serial();
     bench.run_s(3.0);
@@ -263,7 +264,8 @@ fn refusals_tell_what_to_do() {
         bench.run_s(3.0);
         (bench.session.is_over(), bench.troubles().first().map(|e| e.to_string()).unwrap_or_default())
     };
-    let cases: [(fn(&mut TestBoard), bool, &str); 6] = [
+    type Case = (fn(&mut TestBoard), bool, &'static str);
+    let cases: [Case; 6] = [
         (|b| b.rss_version = "a121-v0.2.0".into(), true, "version 0.2.0 is too old"),
         (|b| b.rss_version = "banana".into(), true, "\"banana\" is not understood"),
         (|b| b.rss_version = "a121-v0.7.0".into(), true, "does not know prf 15.6 MHz (0.7.1.dev37 does)"),
@@ -365,7 +367,8 @@ proptest! {
                 prop::collection::vec(any::<u8>(), 0..300),
                 prop::sample::select(vec![
                     "{\"status\":\"ok\"}\n", "{\"status\":\"start\"}\n", "{\"status\":\"stop\"}\n",
-                    "{\"status\":\"error\",\"message\":\"x\"}\n", "{\"status\":\"ok\",\"result_info\":[],\"payload_size\":0}\n",
+                    "{\"status\":\"error\",\"message\":\"x\"}\n",
+                    "{\"status\":\"ok\",\"result_info\":[],\"payload_size\":0}\n",
                     "{\"status\":\"ok\",\"sensor_info\":[]}\n",
                     "{\"status\":\"ok\",\"tick_period\":0,\"metadata\":[[]]}\n",
                     "{\"status\":\"ok\",\"result_info\":[[]],\"payload_size\":0}\n",

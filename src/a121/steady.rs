@@ -1,9 +1,9 @@
 //! Finer times than the ticks tell, where frames are regular: a straight line through the ticks of the last 30 s.
 //!
-//! A tick of 1 ms says when a frame ended to within 1 ms. Frames that follow the sensor's own timer fall on different parts of
-//! the tick, so a line that passes through every frame's tick, as far from their edges as it can, tells far more. Every time
-//! stays inside its tick, so an irregular stream loses nothing. Frames nearly locked to the tick teach where in it they lie
-//! only when they slip; until then that is a constant, which arrivals tell.
+//! A tick of 1 ms says when a frame ended to within 1 ms. Frames that follow the sensor's own timer fall on different
+//! parts of the tick, so a line that passes through every frame's tick, as far from their edges as it can, tells far
+//! more. Every time stays inside its tick, so an irregular stream loses nothing. Frames nearly locked to the tick teach
+//! where in it they lie only when they slip; until then that is a constant, which arrivals tell.
 
 use std::collections::VecDeque;
 
@@ -148,7 +148,8 @@ impl SteadyTicks {
         let (mut below, mut above) = (self.period * (1.0 - tolerance), self.period * (1.0 + tolerance));
         if ends.len() > 2 {
             let widest = greatest_of_concave(margin, below, above);
-            // All lines that pass through every tick are as good: the one in their middle. None does: the one that misses least.
+            // All lines that pass through every tick are as good: the one in their middle. None does: the one that
+            // misses least.
             below = last_where(|slope| margin(slope) >= 0.0, widest, below);
             above = last_where(|slope| margin(slope) >= 0.0, widest, above);
             // What older frames told of the period is kept, but for what temperature may have changed since.
@@ -163,7 +164,8 @@ impl SteadyTicks {
     }
 }
 
-/// How far from `from` towards `to` a test that holds on one stretch goes on holding; `from` when it does not hold there.
+/// How far from `from` towards `to` a test that holds on one stretch goes on holding; `from` when it does not hold
+/// there.
 fn last_where(holds: impl Fn(f64) -> bool, from: f64, to: f64) -> f64 {
     let (mut inside, mut outside) = (from, to);
     if !holds(from) || holds(to) {

@@ -6,7 +6,7 @@ use crate::radar::{SensorConfig, Subsweep, preset};
 /// Forty samples a frame, otherwise as the default preset.
 pub(super) fn small_setup() -> Setup {
     let d16 = preset("d16").expect("a preset");
-    let subsweeps = vec![Subsweep { num_points: 10, ..d16.subsweeps[0].clone() }];
+    let subsweeps = vec![Subsweep { num_points: 10, ..d16.subsweeps[0] }];
     Setup::single(1, SensorConfig { sweeps_per_frame: 4, subsweeps, ..d16 })
 }
 
@@ -114,7 +114,8 @@ impl TestBoard {
                 self.max_baudrate.map_or(String::new(), |max| format!(",\"max_baudrate\":{max}"))
             ),
             "get_sensor_info" => format!(
-                "{{\"status\":\"ok\",\"sensor_info\":[{{\"connected\":{},\"serial\":null}},{{\"connected\":false}}]}}\n",
+                "{{\"status\":\"ok\",\"sensor_info\":[{{\"connected\":{},\"serial\":null}},\
+                 {{\"connected\":false}}]}}\n",
                 self.connected
             ),
             "set_uart_baudrate" => "{\"status\":\"ok\"}\n".into(),
@@ -124,7 +125,8 @@ impl TestBoard {
                 let points = config["subsweeps"][0]["num_points"].as_u64().expect("points");
                 let sweeps = config["sweeps_per_frame"].as_u64().expect("sweeps");
                 format!(
-                    "{{\"status\":\"ok\",\"tick_period\":0,\"payload_size\":0,\"metadata\":[[{{\"frame_data_length\":{},\
+                    "{{\"status\":\"ok\",\"tick_period\":0,\"payload_size\":0,\"metadata\":[[{{\
+                     \"frame_data_length\":{},\
                      \"sweep_data_length\":{points}}}]],\"calibration_info\":[{{\"sensor_id\":1,\"temperature\":25,\
                      \"data\":\"cal{}\"}}]}}\n",
                     points * sweeps,

@@ -1,12 +1,14 @@
 //! Which ticks to believe: unwrapped to 64 bits, and judged by what the sensor can do.
 //!
-//! Lines have no checksum, so a damaged digit makes another tick of it. Told by this file: a step shorter than a frame's
-//! measurement, a leap beyond a pause's length, and, where frames have been regular, one off their beat. A tick that is not
-//! believed waits for a witness: when the next goes on from it, as far as it arrived after it, the sensor's clock did jump, and
-//! both are right. The first tick waits likewise. So one wrong tick costs its own result, and a true jump costs one result.
+//! Lines have no checksum, so a damaged digit makes another tick of it. Told by this file: a step shorter than a
+//! frame's measurement, a leap beyond a pause's length, and, where frames have been regular, one off their beat. A tick
+//! that is not believed waits for a witness: when the next goes on from it, as far as it arrived after it, the sensor's
+//! clock did jump, and both are right. The first tick waits likewise. So one wrong tick costs its own result, and a
+//! true jump costs one result.
 //!
-//! Not told: a wrong tick within the beat's tolerance (3 % of the period, 2 ticks at least), or, before frames have been
-//! regular for a while, anywhere a frame may lie. [`super::Clock`] then refuses what would have come before it was measured.
+//! Not told: a wrong tick within the beat's tolerance (3 % of the period, 2 ticks at least), or, before frames have
+//! been regular for a while, anywhere a frame may lie. [`super::Clock`] then refuses what would have come before it was
+//! measured.
 
 /// Regular steps in a row until steps off the beat are refused.
 const REGULAR_STEPS: u32 = 16;
@@ -61,8 +63,8 @@ impl Ticks {
         Self { min_step, max_step, last: None, doubted: None, tick_s: 1.0 / rate.max(1.0), period: 0.0, regular: 0 }
     }
 
-    /// Judges the next tick, whose result arrived at a host time; `is_possible` is asked of the unwrapped tick before it is
-    /// believed.
+    /// Judges the next tick, whose result arrived at a host time; `is_possible` is asked of the unwrapped tick before
+    /// it is believed.
     pub fn judge(&mut self, tick: u32, arrival_ns: i64, is_possible: impl FnOnce(i64) -> bool) -> TickVerdict {
         let Some(last) = self.last else {
             let Some(first) = self.doubted.replace((tick, arrival_ns)) else {

@@ -1,7 +1,8 @@
 //! Versions of the sensor's software, as boards name them, in their order.
 //!
-//! `a121-v1.12.0` is 1.12.0. `a121-v1.2.0-4-gc500451b56` was built 4 commits after 1.2.0, on the way to the next: it reads as
-//! 1.2.1.dev4, which comes before 1.2.1. A release candidate, `v1.2.0-rc1`, comes before 1.2.0 and after its own dev builds.
+//! `a121-v1.12.0` is 1.12.0. `a121-v1.2.0-4-gc500451b56` was built 4 commits after 1.2.0, on the way to the next: it
+//! reads as 1.2.1.dev4, which comes before 1.2.1. A release candidate, `v1.2.0-rc1`, comes before 1.2.0 and after its
+//! own dev builds.
 
 use std::fmt;
 
