@@ -8,7 +8,10 @@
 //! measurements", 1999, with the drift's prior added.
 //!
 //! What no one-way measurement tells is a delay that all results share. The time that their bytes take on the line is
-//! given and taken off; the rest is part of the offset that [`crate::radar`]'s users estimate between sweeps and poses.
+//! given and taken off; the rest is part of the time offset between sweeps and poses, which imaging estimates. Where
+//! nothing ever comes but in bursts, the earliest of them is late itself: `examples/a121_clock.rs` says by how much.
+//!
+//! Of several sensors the first one's ticks lead: results wait for the last, which is one more delay that all share.
 
 use std::collections::VecDeque;
 
