@@ -4,6 +4,7 @@
 //! motion, finds obstacles and hands on warnings. The rooms below only use rooms further down; ARCHITECTURE.md draws it.
 #![warn(missing_docs)]
 
+pub mod a121;
 pub mod cli;
 pub mod engine;
 pub mod experiments;

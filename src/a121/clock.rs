@@ -1,0 +1,336 @@
+//! Host time of ticks, from when results arrived.
+//!
+//! A result arrives late by the time on the line, then by whatever keeps bytes waiting: USB, a busy board, a late
+//! reader. That is never less than nothing, so the earliest arrivals tell the clock: arrival minus tick lies above a
+//! line, whose slope is the drift of the two clocks. Delays are taken as exponential above it, drift as normal about
+//! none, and the line is the likeliest below all arrivals of the last 30 s, lowered by what the earliest of so many
+//! still was late. After Moon, Skelly and Towsley, "Estimation and removal of clock skew from network delay
+//! measurements", 1999, with the drift's prior added.
+//!
+//! What no one-way measurement tells is a delay that all results share. The time that their bytes take on the line is
+//! given and taken off; the rest is part of the time offset between sweeps and poses, which imaging estimates. Where
+//! nothing ever comes but in bursts, the earliest of them is late itself: `examples/a121_clock.rs` says by how much.
+//!
+//! Of several sensors the first one's ticks lead: results wait for the last, which is one more delay that all share.
+
+use std::collections::VecDeque;
+
+use super::steady::{Beat, SteadyTicks};
+
+/// Arrivals are remembered this long, seconds.
+const MEMORY_S: f64 = 30.0;
+/// The earliest of each of these stretches is kept, seconds.
+const BIN_S: f64 = 0.1;
+/// Drift between two boards' clocks that is nothing special, 1σ.
+const DRIFT_SIGMA: f64 = 50e-6;
+/// Drift beyond which no line is looked for.
+const MAX_DRIFT: f64 = 1e-3;
+/// Ticks finer than this need no smoothing, seconds.
+const FINE_TICK_S: f64 = 50e-6;
+/// Stretches until the clock refuses what comes too early.
+const BINS_TO_REFUSE: usize = 5;
+/// Too early by less than this is a faster line, seconds.
+const EARLY_S: f64 = 1.5e-3;
+/// Least mean delay, seconds: no reader's clock is better.
+const MIN_LATENESS_S: f64 = 1e-6;
+
+/// The earliest arrival of a stretch.
+#[derive(Debug, Clone, Copy)]
+struct Earliest {
+    bin: i64,
+    tick: i64,
+    beat: Option<Beat>,
+    /// Arrival since the reference, seconds.
+    arrival_s: f64,
+    /// Sensor's time since the reference, seconds, as ticks tell it by now.
+    sensor_s: f64,
+}
+
+impl Earliest {
+    fn behind_s(&self) -> f64 {
+        self.arrival_s - self.sensor_s
+    }
+}
+
+/// The line below all arrivals.
+#[derive(Debug, Clone, Copy, Default)]
+struct Line {
+    /// Where its level is held, sensor seconds.
+    middle_s: f64,
+    /// Arrival minus sensor's time there, seconds.
+    level_s: f64,
+    drift: f64,
+    /// How late the earliest arrivals of the stretches are on average, over their number: what the line is uncertain
+    /// by.
+    lateness_s: f64,
+    drift_sigma: f64,
+}
+
+impl Line {
+    fn at(&self, sensor_s: f64) -> f64 {
+        self.level_s + self.drift * (sensor_s - self.middle_s)
+    }
+}
+
+/// How good the times are.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ClockReport {
+    /// Results that times were told for since the clock began.
+    pub results: u64,
+    /// How much faster the host's clock runs than the sensor's, parts per million.
+    pub drift_ppm: f64,
+    /// What the times are uncertain by, 1σ, seconds, but for a delay that all results share.
+    pub sigma_s: f64,
+    /// Rms, over the last 30 s about, of the steps by which new knowledge moved the times, seconds.
+    pub jitter_s: f64,
+    /// Mean delay of results behind the earliest, over the last 30 s about, seconds.
+    pub mean_delay_s: f64,
+    /// Greatest delay behind the earliest since the clock began, seconds.
+    pub max_delay_s: f64,
+}
+
+/// Tells the host time of ticks.
+#[derive(Debug, Clone)]
+pub struct Clock {
+    tick_s: f64,
+    transfer_s: f64,
+    steady: Option<SteadyTicks>,
+    /// First tick and arrival: everything is counted from them.
+    reference: Option<(i64, i64)>,
+    earliest: VecDeque<Earliest>,
+    line: Line,
+    last_ns: i64,
+    steps_s2: f64,
+    report: ClockReport,
+}
+
+impl Clock {
+    /// For a board's ticks, frames every `period_s` by the configuration, and results that take `transfer_s` on the
+    /// line.
+    pub fn new(ticks_per_second: u32, period_s: f64, transfer_s: f64) -> Self {
+        let rate = f64::from(ticks_per_second.max(1));
+        let steady = (1.0 / rate > FINE_TICK_S).then(|| SteadyTicks::new(period_s * rate, rate));
+        Self {
+            tick_s: 1.0 / rate,
+            transfer_s,
+            steady,
+            reference: None,
+            earliest: VecDeque::new(),
+            line: Line::default(),
+            last_ns: i64::MIN,
+            steps_s2: 0.0,
+            report: ClockReport::default(),
+        }
+    }
+
+    /// Forgets all: the sensor's clock jumped. Times go on rising.
+    pub fn reset(&mut self) {
+        (self.reference, self.line, self.steps_s2) = (None, Line::default(), 0.0);
+        self.earliest.clear();
+    }
+
+    /// Whether a result of this tick may have arrived at this time: not before it was measured.
+    pub fn is_possible(&self, tick: i64, arrival_ns: i64) -> bool {
+        let Some(reference) = self.reference.filter(|_| self.earliest.len() >= BINS_TO_REFUSE) else { return true };
+        let sensor_s = self.tick_s * (tick.saturating_sub(reference.0) as f64);
+        let behind_s = arrival_ns.saturating_sub(reference.1) as f64 * 1e-9 - sensor_s;
+        behind_s - self.line.at(sensor_s) > -(EARLY_S + 2.0 * self.tick_s + 4.0 * self.line.lateness_s)
+    }
+
+    /// The host time, nanoseconds, of the end of the measurement with this tick, whose result arrived at that time.
+    /// Ticks rise.
+    pub fn time_ns(&mut self, tick: i64, arrival_ns: i64) -> i64 {
+        let reference = *self.reference.get_or_insert((tick, arrival_ns));
+        let beat = self.steady.as_mut().map(|steady| steady.add(tick));
+        let arrival_s = arrival_ns.saturating_sub(reference.1) as f64 * 1e-9;
+        let sensor_s = self.sensor_s(tick, beat);
+        let bin = (sensor_s / BIN_S).floor() as i64;
+        self.learn(Earliest { bin, tick, beat, arrival_s, sensor_s });
+        let since_s = sensor_s + self.line.at(sensor_s) - self.transfer_s;
+        let time_ns = reference.1.saturating_add((since_s * 1e9).round() as i64);
+        self.last_ns = time_ns.max(self.last_ns.saturating_add(1));
+        self.last_ns
+    }
+
+    /// How good the times are now.
+    pub fn report(&self) -> ClockReport {
+        let newest_s = self.earliest.back().map_or(0.0, |e| e.sensor_s);
+        let by_drift_s = self.line.drift_sigma * (newest_s - self.line.middle_s);
+        let unsmoothed_s = if self.steady.is_some() { 0.1 * self.tick_s } else { 0.3 * self.tick_s };
+        let sigma_s = (self.line.lateness_s.powi(2) + by_drift_s.powi(2) + unsmoothed_s.powi(2)).sqrt();
+        ClockReport { drift_ppm: self.line.drift * 1e6, sigma_s, jitter_s: self.steps_s2.sqrt(), ..self.report }
+    }
+
+    /// Sensor's time of the end of a measurement since the reference.
+    fn sensor_s(&self, tick: i64, beat: Option<Beat>) -> f64 {
+        let within = self.steady.as_ref().zip(beat).map_or(0.5, |(steady, beat)| steady.within_tick(beat, tick));
+        self.tick_s * (self.reference.map_or(0.0, |(first, _)| tick.saturating_sub(first) as f64) + within)
+    }
+
+    fn learn(&mut self, new: Earliest) {
+        let delay_s = new.behind_s() - self.line.at(new.sensor_s);
+        let above_drift = |e: &Earliest| e.behind_s() - self.line.drift * e.sensor_s;
+        let is_new_bin = self.earliest.back().is_none_or(|e| e.bin != new.bin);
+        match self.earliest.back_mut() {
+            Some(known) if !is_new_bin && above_drift(&new) < above_drift(known) => *known = new,
+            Some(_) if !is_new_bin => {}
+            _ => self.earliest.push_back(new),
+        }
+        while self.earliest.front().is_some_and(|e| new.sensor_s - e.sensor_s > MEMORY_S) {
+            self.earliest.pop_front();
+        }
+        if is_new_bin || delay_s < self.line.lateness_s {
+            self.draw_line(new.sensor_s);
+        }
+        let delay_s = (new.behind_s() - self.line.at(new.sensor_s)).max(0.0);
+        self.report.results += 1;
+        self.report.mean_delay_s += (delay_s - self.report.mean_delay_s) / self.report.results.min(1000) as f64;
+        self.report.max_delay_s = self.report.max_delay_s.max(delay_s);
+    }
+
+    fn draw_line(&mut self, now_s: f64) {
+        // Ticks may be known better than when they came.
+        for index in 0..self.earliest.len() {
+            let Earliest { tick, beat, .. } = self.earliest[index];
+            self.earliest[index].sensor_s = self.sensor_s(tick, beat);
+        }
+        let before_s = self.line.at(now_s);
+        self.line = line_below(self.earliest.make_contiguous());
+        let step_s = if self.report.results == 0 { 0.0 } else { self.line.at(now_s) - before_s };
+        self.steps_s2 += (step_s * step_s - self.steps_s2) * BIN_S / MEMORY_S;
+    }
+}
+
+/// The likeliest line below all points, see the file's head.
+fn line_below(points: &[Earliest]) -> Line {
+    let count = points.len() as f64;
+    let middle_s = points.iter().map(|p| p.sensor_s).sum::<f64>() / count;
+    let mean_behind_s = points.iter().map(|p| p.behind_s()).sum::<f64>() / count;
+    let variance_s2 = points.iter().map(|p| (p.sensor_s - middle_s).powi(2)).sum::<f64>() / count;
+    let level = |drift: f64| {
+        points.iter().map(|p| p.behind_s() - drift * (p.sensor_s - middle_s)).fold(f64::INFINITY, f64::min)
+    };
+    let mut drift = 0.0;
+    let mut lateness_s = 0.0;
+    // How sharply delays fall off is told by the line, and the line by that: three rounds settle it.
+    for _ in 0..3 {
+        lateness_s = ((mean_behind_s - level(drift)) / count).max(MIN_LATENESS_S / count);
+        let likelihood = |drift: f64| level(drift) / lateness_s - 0.5 * (drift / DRIFT_SIGMA).powi(2);
+        drift = greatest_of_concave(likelihood, -MAX_DRIFT, MAX_DRIFT);
+    }
+    let by_points = if variance_s2 > 0.0 { lateness_s / variance_s2.sqrt() } else { f64::INFINITY };
+    let drift_sigma = (by_points.powi(-2) + DRIFT_SIGMA.powi(-2)).powf(-0.5);
+    Line { middle_s, level_s: level(drift) - lateness_s, drift, lateness_s, drift_sigma }
+}
+
+/// Where a concave function is greatest, by thirds.
+pub(super) fn greatest_of_concave(value: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
+    for _ in 0..50 {
+        let third = (high - low) / 3.0;
+        match value(low + third) < value(high - third) {
+            true => low += third,
+            false => high -= third,
+        }
+    }
+    0.5 * (low + high)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::super::clock_world::{Reader, TRANSFER_S, World};
+    use super::*;
+
+    /// Rms error of the times from `from_s` to `to_s` after the start, seconds, and the clock in the end.
+    fn rms_error_s(world: &mut World, from_s: f64, to_s: f64) -> (f64, Clock) {
+        let mut clock = Clock::new(world.ticks_per_second as u32, 1.0 / world.frame_rate, TRANSFER_S);
+        let (mut sum, mut count, mut last_ns) = (0.0, 0.0, i64::MIN);
+        for k in 0..(to_s * world.frame_rate) as u64 {
+            let (end_s, tick, arrival_s) = world.frame(k);
+            let arrival_ns = (arrival_s * 1e9) as i64;
+            assert!(clock.is_possible(tick, arrival_ns), "frame {k}");
+            let time_ns = clock.time_ns(tick, arrival_ns);
+            assert!(time_ns > last_ns);
+            last_ns = time_ns;
+            if k as f64 >= from_s * world.frame_rate {
+                sum += (time_ns as f64 * 1e-9 - end_s).powi(2);
+                count += 1.0;
+            }
+        }
+        ((sum / count).sqrt(), clock)
+    }
+
+    /// Rms over six seeds, from 2 s on.
+    fn rms_of_seeds_s(frame_rate: f64, ticks_per_second: f64, reader: Reader, to_s: f64) -> f64 {
+        let worlds = (0..6).map(|seed| World::new(seed, frame_rate, ticks_per_second, reader));
+        let squares: f64 = worlds.map(|mut world| rms_error_s(&mut world, 2.0, to_s).0.powi(2)).sum();
+        (squares / 6.0).sqrt()
+    }
+
+    #[test]
+    fn ticks_of_1_ms_and_bursts_of_30_ms_give_times_to_half_a_millisecond() {
+        for reader in [Reader::Stalls, Reader::Bursts] {
+            // d16, an XM125 that runs free, the thesis'; and frames nearly locked to the tick, over some slips.
+            for (frame_rate, to_s) in [(66.0, 20.0), (86.3, 20.0), (120.0, 20.0), (500.0, 60.0)] {
+                let rms_s = rms_of_seeds_s(frame_rate, 1e3, reader, to_s);
+                assert!(rms_s < 0.5e-3, "{frame_rate} Hz: {rms_s}");
+            }
+        }
+    }
+
+    #[test]
+    fn ticks_of_1_us_and_stalls_of_30_ms_give_times_to_a_tenth() {
+        for frame_rate in [66.0, 120.0, 500.0] {
+            let rms_s = rms_of_seeds_s(frame_rate, 1e6, Reader::Stalls, 20.0);
+            assert!(rms_s < 0.1e-3, "{frame_rate} Hz: {rms_s}");
+        }
+        // Where nothing ever comes but in bursts, the earliest of a second's 33 tell no more than this.
+        assert!(rms_of_seeds_s(500.0, 1e6, Reader::Bursts, 20.0) < 0.1e-3);
+        assert!(rms_of_seeds_s(120.0, 1e6, Reader::Bursts, 20.0) < 0.2e-3);
+    }
+
+    #[test]
+    fn the_report_tells_drift_delay_and_jitter() {
+        let mut world = World::new(3, 66.0, 1e6, Reader::Stalls);
+        let (_, clock) = rms_error_s(&mut world, 2.0, 60.0);
+        let report = clock.report();
+        // The board loses 40 ppm, and wins some of them back as it warms up.
+        assert!((report.drift_ppm - 37.5).abs() < 2.0, "{report:?}");
+        assert!(report.jitter_s < 0.05e-3 && report.sigma_s < 0.05e-3, "{report:?}");
+        assert!((0.029..0.035).contains(&report.max_delay_s) && report.mean_delay_s > 1e-3, "{report:?}");
+        assert_eq!(report.results, 3960);
+    }
+
+    #[test]
+    fn what_arrives_before_it_was_measured_is_impossible() {
+        let mut clock = Clock::new(1_000_000, 0.015, 0.0);
+        for k in 0..200i64 {
+            clock.time_ns(15_000 * k, 1_000_000_000 + 15_000_000 * k);
+        }
+        let arrival_ns = 1_000_000_000 + 15_000_000 * 200;
+        assert!(clock.is_possible(15_000 * 200, arrival_ns) && clock.is_possible(15_000 * 199 + 1, arrival_ns));
+        assert!(!clock.is_possible(15_000 * 200 + 2_000, arrival_ns));
+        clock.reset();
+        assert!(clock.is_possible(1 << 40, arrival_ns));
+        let before_ns = clock.time_ns(5, arrival_ns - 1_000_000_000);
+        assert!(clock.time_ns(15_005, arrival_ns) > before_ns);
+    }
+
+    #[test]
+    fn no_input_panics_and_times_rise() {
+        let mut rng = ChaCha8Rng::seed_from_u64(9);
+        for ticks_per_second in [0, 1, 1000, u32::MAX] {
+            let mut clock = Clock::new(ticks_per_second, f64::NAN, 0.0);
+            let mut last_ns = i64::MIN;
+            for _ in 0..300 {
+                let (tick, arrival_ns): (i64, i64) = (rng.random(), rng.random());
+                clock.is_possible(tick, arrival_ns);
+                let time_ns = clock.time_ns(tick, arrival_ns);
+                assert!(time_ns > last_ns || time_ns == i64::MAX);
+                last_ns = time_ns;
+            }
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! The A121 behind its exploration server: the protocol, its clock, its session; pure, no I/O.
+//!
+//! Bytes and host times in, bytes to send and events out. The server stamps frames in ticks and checks nothing on the
+//! line, so what a fault may look like is part of every file here.
+
+mod clock;
+#[cfg(test)]
+mod clock_world;
+mod command;
+mod error;
+mod layout;
+mod parser;
+mod reply;
+mod session;
+mod steady;
+#[cfg(test)]
+mod test_stream;
+mod ticks;
+mod version;
+
+pub use clock::{Clock, ClockReport};
+pub use command::{Calibration, Command, SensorSetup, Setup};
+pub use error::SessionError;
+pub use layout::ResultLayout;
+pub use parser::{MAX_LINE_BYTES, Message, Parser, Received, ResultMessage, StreamCounters};
+pub use reply::{LogLine, Reply, ResultInfo, SensorInfo, SensorMetadata, SetupReply, SystemInfo};
+pub use session::{Action, Event, FIRST_BAUD, Link, MAX_SENSORS, SensorFrame, Session, SessionCounters};
+pub use ticks::{TickVerdict, Ticks};
+pub use version::Version;

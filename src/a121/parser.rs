@@ -1,0 +1,614 @@
+//! From bytes to messages, and back into step after every fault.
+//!
+//! The stream is a JSON line, then as many raw bytes as it announces, and nothing that checks either. So nothing is
+//! taken out of the buffer until it is believed: a line must parse with every field a result has, announce exactly the
+//! payload that was set up, and its payload must be followed by the beginning of a line. What fails is given up one
+//! byte at a time until a line begins, so a fault costs the messages that it touched.
+//!
+//! Whether a payload is followed by a line is known when more comes. Streams pause between frames, so a complete
+//! payload waits until then, or until [`Parser::settle`] is told that the line has been quiet, unless it ends as a line
+//! begins.
+//!
+//! What cannot be told here: a flipped bit of a sample, of a temperature, or of a tick (see [`super::Ticks`] for that).
+//! A doubled byte in a payload of which the last byte comes only after `settle`; it is counted as `doubtful`, too late.
+//! One byte lost and another gained in one payload.
+//!
+//! Memory: a line has at most [`MAX_LINE_BYTES`], a payload is what was set up; nothing longer is ever held.
+
+use num_complex::Complex;
+
+use super::reply::Header;
+use super::{Reply, ResultInfo, ResultLayout};
+
+/// Longest line, bytes. A result's has some 170 for each sensor; answers to a set-up with calibrations are the longest.
+pub const MAX_LINE_BYTES: usize = 16 << 10;
+/// Bytes looked at in one go.
+const PIECE_BYTES: usize = 4096;
+/// Keys that lines begin with: where one stands in a payload, bytes were lost before it.
+const KEYS: [&[u8]; 8] = [
+    b"\"result_info\"",
+    b"\"status\"",
+    b"\"payload_size\"",
+    b"\"level\"",
+    b"\"timestamp\"",
+    b"\"module\"",
+    b"\"log\"",
+    b"\"message\"",
+];
+
+/// A result: what was said of its frames, and their samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResultMessage {
+    /// One for each sensor, group by group.
+    pub infos: Vec<ResultInfo>,
+    /// One for each sensor, group by group; `[sweep][point]`, subsweeps concatenated inside each sweep.
+    pub frames: Vec<Vec<Complex<i16>>>,
+}
+
+/// What came.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Message {
+    /// An answer, a line of the log, an error.
+    Reply(Reply),
+    /// A result of the layout set.
+    Result(ResultMessage),
+    /// A result while none is expected, or of another set-up; its payload is skipped.
+    StaleResult,
+}
+
+/// A message and when its last byte came, host nanoseconds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Received {
+    /// What came.
+    pub message: Message,
+    /// When the piece with its last byte was received.
+    pub arrival_ns: i64,
+}
+
+/// What the stream has been like.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct StreamCounters {
+    /// All bytes.
+    pub bytes: u64,
+    /// Bytes of no message.
+    pub skipped_bytes: u64,
+    /// Times that the stream fell out of step and was skipped to the next line.
+    pub resyncs: u64,
+    /// Lines that begin like one and are none of the protocol's.
+    pub damaged_lines: u64,
+    /// Results with another shape or length than was set up.
+    pub misfit_results: u64,
+    /// Results that came while none was expected.
+    pub stale_results: u64,
+    /// Payloads with bytes lost or gained.
+    pub damaged_payloads: u64,
+    /// Results handed on by [`Parser::settle`] that no line followed: they may have been damaged.
+    pub doubtful: u64,
+    /// Results handed on.
+    pub results: u64,
+}
+
+/// What a complete payload is followed by.
+enum Follow {
+    Line,
+    Damage,
+    TooShortToTell,
+}
+
+/// How far a line at the buffer's start has come.
+enum LineEnd {
+    At(usize),
+    NoLine,
+    NotYet,
+}
+
+/// A result's line that was believed and waits for its payload.
+struct Announced {
+    infos: Vec<ResultInfo>,
+    line_bytes: usize,
+}
+
+/// Takes a stream apart. See the file's head for what it believes.
+#[derive(Default)]
+pub struct Parser {
+    buffer: Vec<u8>,
+    start: usize,
+    /// Bytes of the line at the start that are known to hold no end.
+    scanned: usize,
+    announced: Option<Announced>,
+    /// Where pieces end in the buffer, and when they came.
+    pieces: std::collections::VecDeque<(usize, i64)>,
+    layout: Option<ResultLayout>,
+    out_of_step: bool,
+    /// A payload has been handed on by `settle`, so what follows it was not seen.
+    settled: bool,
+    counters: StreamCounters,
+}
+
+impl Parser {
+    /// Results of this layout are expected from now on; `None`: none are.
+    pub fn expect_results(&mut self, layout: Option<ResultLayout>) {
+        self.announced = None;
+        self.layout = layout;
+    }
+
+    /// Forgets what it holds: the line was closed or flushed. Counters go on.
+    pub fn clear(&mut self) {
+        *self = Self { layout: self.layout.take(), counters: self.counters, ..Default::default() };
+    }
+
+    /// What the stream has been like so far.
+    pub fn counters(&self) -> &StreamCounters {
+        &self.counters
+    }
+
+    /// Bytes held back for want of more.
+    pub fn held_bytes(&self) -> usize {
+        self.buffer.len() - self.start
+    }
+
+    /// Takes bytes received at a host time and appends what they complete. How a stream is split changes nothing but
+    /// the times.
+    pub fn push(&mut self, bytes: &[u8], now_ns: i64, out: &mut Vec<Received>) {
+        self.counters.bytes += bytes.len() as u64;
+        for piece in bytes.chunks(PIECE_BYTES) {
+            self.buffer.extend_from_slice(piece);
+            match self.pieces.back_mut() {
+                Some((end, time_ns)) if *time_ns == now_ns => *end = self.buffer.len(),
+                _ => self.pieces.push_back((self.buffer.len(), now_ns)),
+            }
+            while self.step(false, out) {}
+            self.compact();
+        }
+    }
+
+    /// The line has been quiet for longer than a pause inside a message: a payload that is complete is handed on.
+    pub fn settle(&mut self, out: &mut Vec<Received>) {
+        if self.step(true, out) {
+            while self.step(false, out) {}
+            self.compact();
+        }
+    }
+
+    /// Whether [`Self::settle`] would hand something on.
+    pub fn has_unsettled(&self) -> bool {
+        // A payload that ends as a line begins waits for more, however quiet it is.
+        self.payload_end().is_some_and(|end| end == self.buffer.len()) && !ends_as_a_line_begins(&self.buffer)
+    }
+
+    fn payload_end(&self) -> Option<usize> {
+        Some(self.start + self.announced.as_ref()?.line_bytes + self.layout.as_ref()?.payload_bytes())
+    }
+
+    /// One decision; false when more bytes are needed.
+    fn step(&mut self, is_quiet: bool, out: &mut Vec<Received>) -> bool {
+        if self.announced.is_some() {
+            return self.step_payload(is_quiet, out);
+        }
+        let data = &self.buffer[self.start..];
+        if data.is_empty() {
+            return false;
+        }
+        if data[0] != b'{' {
+            let count = data.iter().position(|&byte| byte == b'{').unwrap_or(data.len());
+            self.counters.doubtful += u64::from(self.settled);
+            self.skip(count);
+            return true;
+        }
+        match line_end(data, self.scanned) {
+            LineEnd::NotYet => {
+                self.scanned = data.len();
+                false
+            }
+            LineEnd::NoLine => {
+                self.skip(1);
+                true
+            }
+            LineEnd::At(end) => {
+                self.step_line(end, out);
+                true
+            }
+        }
+    }
+
+    fn step_line(&mut self, end: usize, out: &mut Vec<Received>) {
+        let line = &self.buffer[self.start..self.start + end];
+        let Some(header) = Header::parse(line) else {
+            // Only what could be a line counts as a damaged one: noise has braces, too.
+            self.counters.damaged_lines += u64::from(line.starts_with(b"{\"") && line.len() > 8);
+            return self.skip(1);
+        };
+        match (header, &self.layout) {
+            (Header::Reply(reply), _) => self.hand_on(Message::Reply(reply), end + 1, out),
+            (Header::Result(..), None) => {
+                self.counters.stale_results += 1;
+                self.hand_on(Message::StaleResult, end + 1, out);
+                // Its payload has to be skipped, which is no fault.
+                self.out_of_step = true;
+            }
+            (Header::Result(infos, bytes), Some(layout)) if layout.fits(&infos, bytes) => {
+                self.announced = Some(Announced { infos: infos.concat(), line_bytes: end + 1 });
+            }
+            (Header::Result(..), Some(_)) => {
+                self.counters.misfit_results += 1;
+                self.skip(1);
+            }
+        }
+    }
+
+    fn step_payload(&mut self, is_quiet: bool, out: &mut Vec<Received>) -> bool {
+        let (Some(end), Some(announced)) = (self.payload_end(), &self.announced) else { return false };
+        if self.buffer.len() < end {
+            return false;
+        }
+        let (payload, rest) = (&self.buffer[self.start + announced.line_bytes..end], &self.buffer[end..]);
+        match follow(payload, rest) {
+            Follow::Damage => {
+                self.counters.damaged_payloads += 1;
+                self.announced = None;
+                self.skip(1);
+                return true;
+            }
+            Follow::TooShortToTell if !(is_quiet && rest.is_empty() && !ends_as_a_line_begins(payload)) => {
+                return false;
+            }
+            Follow::TooShortToTell | Follow::Line => {}
+        }
+        let settled = rest.is_empty();
+        let frames = self.layout.as_ref().map(|layout| layout.cut(payload)).unwrap_or_default();
+        let Some(Announced { infos, .. }) = self.announced.take() else { return false };
+        self.counters.results += 1;
+        self.hand_on(Message::Result(ResultMessage { infos, frames }), end - self.start, out);
+        self.settled = settled;
+        true
+    }
+
+    fn hand_on(&mut self, message: Message, bytes: usize, out: &mut Vec<Received>) {
+        let end = self.start + bytes;
+        let piece = self.pieces.iter().find(|(piece_end, _)| *piece_end >= end);
+        let arrival_ns = piece.map_or(0, |&(_, time_ns)| time_ns);
+        self.advance(bytes);
+        (self.out_of_step, self.settled) = (false, false);
+        out.push(Received { message, arrival_ns });
+    }
+
+    fn skip(&mut self, bytes: usize) {
+        self.counters.skipped_bytes += bytes as u64;
+        self.counters.resyncs += u64::from(!self.out_of_step);
+        (self.out_of_step, self.settled) = (true, false);
+        self.advance(bytes);
+    }
+
+    fn advance(&mut self, bytes: usize) {
+        self.start += bytes;
+        self.scanned = 0;
+    }
+
+    fn compact(&mut self) {
+        self.buffer.drain(..self.start);
+        let start = std::mem::take(&mut self.start);
+        while self.pieces.front().is_some_and(|&(end, _)| end <= start) {
+            self.pieces.pop_front();
+        }
+        self.pieces.iter_mut().for_each(|(end, _)| *end -= start);
+    }
+}
+
+/// The end of the line at the start of `data`, of which `scanned` bytes are known to hold none. Control characters,
+/// which noise is full of, stand in no line.
+fn line_end(data: &[u8], scanned: usize) -> LineEnd {
+    if data.get(1).is_some_and(|&byte| byte != b'"' && byte != b' ') {
+        return LineEnd::NoLine;
+    }
+    let control = |&byte: &u8| byte < b' ' && byte != b'\t' && byte != b'\r';
+    match data[scanned..].iter().position(control).map(|at| scanned + at) {
+        Some(at) if data[at] == b'\n' && at <= MAX_LINE_BYTES => LineEnd::At(at),
+        None if data.len() <= MAX_LINE_BYTES => LineEnd::NotYet,
+        _ => LineEnd::NoLine,
+    }
+}
+
+/// Whether a line follows a payload, or the payload lost or gained bytes.
+fn follow(payload: &[u8], rest: &[u8]) -> Follow {
+    if holds_a_key(payload) {
+        return Follow::Damage;
+    }
+    let is_letter = |byte: u8| byte.is_ascii_lowercase();
+    match *rest {
+        [] | [b'{'] => Follow::TooShortToTell,
+        // A payload that ends with a brace and gained a byte, or a brace doubled: cannot be told apart.
+        [b'{', b'{', ..] => Follow::Damage,
+        [b'{', _, ..] => Follow::Line,
+        // The line's own brace lost, or the payload's last byte.
+        [b'"', ..] if payload.last() == Some(&b'{') => Follow::Damage,
+        [b'"', letter, ..] if is_letter(letter) => Follow::Line,
+        // The line's own brace flipped.
+        [_, b'"', letter, ..] if is_letter(letter) => Follow::Line,
+        [_] | [_, b'"'] => Follow::TooShortToTell,
+        _ => Follow::Damage,
+    }
+}
+
+fn holds_a_key(payload: &[u8]) -> bool {
+    let quotes = payload.iter().enumerate().filter(|(_, byte)| **byte == b'"');
+    quotes.into_iter().any(|(at, _)| KEYS.iter().any(|key| payload[at..].starts_with(key)))
+}
+
+/// Whether the last bytes could be the beginning of the next line: `{`, `{"`, `{"res`.
+fn ends_as_a_line_begins(payload: &[u8]) -> bool {
+    let longest = KEYS.iter().map(|key| key.len()).max().unwrap_or(0) + 1;
+    let tail = &payload[payload.len().saturating_sub(longest)..];
+    let Some(brace) = tail.iter().rposition(|&byte| byte == b'{') else { return false };
+    let (_, begun) = tail.split_at(brace + 1);
+    KEYS.iter().any(|key| key.starts_with(begun))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use proptest::prelude::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::super::test_stream::{result_bytes, small_setup};
+    use super::*;
+
+    const RESULTS: u32 = 12;
+
+    /// A stream of results with lines of the log between some, and where each result's bytes lie.
+    struct Stream {
+        bytes: Vec<u8>,
+        results: Vec<(std::ops::Range<usize>, ResultMessage)>,
+    }
+
+    fn stream(seed: u64) -> Stream {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (mut bytes, mut results) = (Vec::new(), Vec::new());
+        for index in 0..RESULTS {
+            let info = ResultInfo {
+                tick: 1_000_000 + 15_151 * index,
+                data_saturated: rng.random_bool(0.3),
+                temperature: rng.random_range(-20..60),
+                calibration_needed: rng.random_bool(0.3),
+                frame_delayed: rng.random_bool(0.3),
+            };
+            // Full range: braces, quotes and line ends are as likely as any byte.
+            let payload: Vec<u8> =
+                (0..ResultLayout::of(&small_setup()).payload_bytes()).map(|_| rng.random()).collect();
+            let begin = bytes.len();
+            bytes.extend(result_bytes(&info, &payload));
+            let frames = ResultLayout::of(&small_setup()).cut(&payload);
+            results.push((begin..bytes.len(), ResultMessage { infos: vec![info], frames }));
+            if index % 4 == 3 {
+                let log =
+                    b"{\"status\":\"log\",\"level\":\"info\",\"timestamp\":7,\"module\":\"m\",\"log\":\"{ok}\"}\n";
+                bytes.extend_from_slice(log);
+            }
+        }
+        bytes.extend_from_slice(b"{\"status\":\"stop\"}\n");
+        Stream { bytes, results }
+    }
+
+    fn parser() -> Parser {
+        let mut parser = Parser::default();
+        parser.expect_results(Some(ResultLayout::of(&small_setup())));
+        parser
+    }
+
+    fn parsed(parser: &mut Parser, bytes: &[u8]) -> Vec<Message> {
+        let mut out = Vec::new();
+        parser.push(bytes, 0, &mut out);
+        out.into_iter().map(|received| received.message).collect()
+    }
+
+    fn results(messages: &[Message]) -> Vec<ResultMessage> {
+        let result = |m: &Message| if let Message::Result(result) = m { Some(result.clone()) } else { None };
+        messages.iter().filter_map(result).collect()
+    }
+
+    #[test]
+    fn a_sound_stream_is_taken_apart_without_a_byte_skipped() {
+        let stream = stream(1);
+        let mut parser = parser();
+        let messages = parsed(&mut parser, &stream.bytes);
+        assert_eq!(results(&messages), stream.results.iter().map(|(_, r)| r.clone()).collect::<Vec<_>>());
+        assert_eq!(messages.last(), Some(&Message::Reply(Reply::Stopped)));
+        let counters = parser.counters();
+        assert_eq!((counters.skipped_bytes, counters.resyncs, counters.damaged_lines), (0, 0, 0));
+        assert_eq!((parser.held_bytes(), counters.results), (0, u64::from(RESULTS)));
+    }
+
+    #[test]
+    fn results_carry_the_time_of_their_last_byte() {
+        let stream = stream(2);
+        let (mut parser, mut out) = (parser(), Vec::new());
+        for (index, &byte) in stream.bytes.iter().enumerate() {
+            parser.push(&[byte], index as i64, &mut out);
+        }
+        let times = out.iter().filter(|r| matches!(r.message, Message::Result(_))).map(|r| r.arrival_ns);
+        assert!(times.eq(stream.results.iter().map(|(range, _)| range.end as i64 - 1)));
+    }
+
+    #[test]
+    fn a_quiet_line_hands_on_what_is_complete_and_only_that() {
+        let stream = stream(3);
+        let (range, result) = &stream.results[0];
+        let (mut parser, mut out) = (parser(), Vec::new());
+        parser.push(&stream.bytes[..range.end - 1], 0, &mut out);
+        parser.settle(&mut out);
+        assert!(out.is_empty() && !parser.has_unsettled());
+        parser.push(&stream.bytes[range.end - 1..range.end], 5, &mut out);
+        assert!(out.is_empty() && parser.has_unsettled());
+        parser.settle(&mut out);
+        assert_eq!(out, [Received { message: Message::Result(result.clone()), arrival_ns: 5 }]);
+        // One byte lost, and the next line's brace stands for it: quiet proves nothing.
+        let mut short = stream.bytes[..range.end].to_vec();
+        short.remove(range.end - 9);
+        short.push(b'{');
+        out.clear();
+        parser.push(&short, 9, &mut out);
+        parser.settle(&mut out);
+        assert!(out.is_empty());
+    }
+
+    /// One fault in a stream: what may be lost is what it touched, and what is handed on is right but for what cannot
+    /// be told.
+    fn check_fault(stream: &Stream, at: usize, kind: usize, flip: u8) -> StreamCounters {
+        let mut bytes = stream.bytes.clone();
+        match kind {
+            0 => drop(bytes.remove(at)),
+            1 => bytes.insert(at, bytes[at]),
+            _ => bytes[at] ^= flip,
+        }
+        let mut parser = parser();
+        let got = results(&parsed(&mut parser, &bytes));
+        let mut left: BTreeSet<usize> = (0..stream.results.len()).collect();
+        let payload_bytes = ResultLayout::of(&small_setup()).payload_bytes();
+        for result in &got {
+            let exact = stream.results.iter().position(|(_, original)| original == result);
+            let index = exact.unwrap_or_else(|| {
+                // Not as sent: a flip in a payload, or a digit of a line's tick or temperature.
+                let touched = stream.results.iter().position(|(range, _)| range.contains(&at)).expect("in a result");
+                let (range, original) = &stream.results[touched];
+                if at >= range.end - payload_bytes {
+                    assert_eq!((kind, &original.infos), (2, &result.infos), "byte {at}");
+                } else {
+                    let (tick, temperature) = (result.infos[0].tick, result.infos[0].temperature);
+                    let known = ResultInfo { tick, temperature, ..original.infos[0] };
+                    assert_eq!((&vec![known], &original.frames), (&result.infos, &result.frames), "byte {at}");
+                }
+                touched
+            });
+            assert!(left.remove(&index), "result {index} twice");
+        }
+        for index in left {
+            let range = &stream.results[index].0;
+            // A second brace at a line's start looks like a payload's last byte doubled: the result before it is given
+            // up.
+            let brace_after = bytes.get(range.end..range.end + 2) == Some(b"{{");
+            assert!(range.contains(&at) || brace_after && at <= range.end + 1, "fault {kind} at {at} cost {range:?}");
+        }
+        *parser.counters()
+    }
+
+    #[test]
+    fn a_lost_doubled_or_flipped_byte_costs_what_it_touched_and_nothing_wrong_is_handed_on() {
+        for kind in 0..3 {
+            let mut rng = ChaCha8Rng::seed_from_u64(4 + kind as u64);
+            let (mut told, mut cost) = (0, 0);
+            for trial in 0..1500 {
+                let stream = stream(trial % 7);
+                let end = stream.bytes.len() - 20;
+                // Every third fault strikes a line: they are short.
+                let at = match trial % 3 {
+                    0 => stream.results[rng.random_range(0..RESULTS as usize)].0.start + rng.random_range(0..130),
+                    _ => rng.random_range(0..end),
+                };
+                let counters = check_fault(&stream, at, kind, 1 << rng.random_range(0..8));
+                let faults = counters.damaged_lines + counters.damaged_payloads + counters.misfit_results;
+                told += u32::from(faults + counters.resyncs > 0);
+                cost += u64::from(RESULTS) - counters.results;
+            }
+            // What a byte lost or gained changes is told, but for the digits of ticks and temperatures.
+            assert!(told > if kind == 2 { 200 } else { 1400 }, "{kind}: {told} told");
+            assert!(cost <= 1500, "{kind}: {cost} results lost");
+        }
+    }
+
+    #[test]
+    fn every_place_of_one_line_and_of_the_next_withstands_every_flip() {
+        let stream = stream(11);
+        let next = stream.results[4].0.start;
+        for at in (stream.results[3].0.start..stream.results[3].0.start + 130).chain(next - 3..next + 20) {
+            (0..8).for_each(|bit| _ = check_fault(&stream, at, 2, 1 << bit));
+            (0..2).for_each(|kind| _ = check_fault(&stream, at, kind, 0));
+        }
+    }
+
+    #[test]
+    fn results_that_nobody_expects_are_skipped_without_their_size_being_believed() {
+        let mut bytes = stream(5).bytes;
+        let mut parser = Parser::default();
+        let messages = parsed(&mut parser, &bytes);
+        assert_eq!(messages.iter().filter(|m| **m == Message::StaleResult).count(), RESULTS as usize);
+        assert_eq!(messages.last(), Some(&Message::Reply(Reply::Stopped)));
+        // A size beyond all memory is a misfit.
+        let mut expecting = super::tests::parser();
+        let info = stream(5).results[0].1.infos[0];
+        bytes = result_bytes(&info, &[]);
+        let text =
+            String::from_utf8(bytes).unwrap().replace("\"payload_size\":0", "\"payload_size\":18446744073709551615");
+        assert!(parsed(&mut expecting, text.as_bytes()).is_empty());
+        assert_eq!((expecting.counters().misfit_results, expecting.held_bytes()), (1, 0));
+    }
+
+    #[test]
+    fn a_line_without_end_is_given_up_and_memory_stays_bounded() {
+        let mut parser = parser();
+        for _ in 0..50 {
+            assert!(parsed(&mut parser, &[b"{\"".to_vec(), vec![b'a'; 5000]].concat()).is_empty());
+            assert!(parser.held_bytes() <= MAX_LINE_BYTES + PIECE_BYTES);
+        }
+        // Many beginnings, each of which has to be looked into.
+        for text in ["{\"", "{\"a\":", "{\"a\":[{\"b\":1},", "[[{\"tick\":"] {
+            assert!(parsed(&mut parser, text.repeat(20_000).as_bytes()).is_empty());
+        }
+        assert!(parsed(&mut parser, b"\n{\"status\":\"stop\"}\n").contains(&Message::Reply(Reply::Stopped)));
+    }
+
+    /// Bytes as noise, and pieces that lines are made of, in any order.
+    fn any_stream() -> impl Strategy<Value = Vec<u8>> {
+        let info = ResultInfo {
+            tick: 77,
+            data_saturated: false,
+            temperature: 20,
+            calibration_needed: false,
+            frame_delayed: false,
+        };
+        let payload = vec![b'{'; ResultLayout::of(&small_setup()).payload_bytes()];
+        let whole = result_bytes(&info, &payload);
+        let part = prop_oneof![
+            prop::collection::vec(any::<u8>(), 0..200),
+            Just(whole.clone()),
+            (0..whole.len()).prop_map(move |n| whole[n..].to_vec()),
+            prop::sample::select(vec![
+                "{",
+                "\"",
+                "\n",
+                "{\"status\":\"",
+                "ok\"}\n",
+                "{\"status\":\"start\"}\n",
+                "[[{\"tick\":1"
+            ])
+            .prop_map(|text| text.as_bytes().to_vec()),
+        ];
+        prop::collection::vec(part, 0..20).prop_map(|parts| parts.concat())
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_split_anyhow_give_the_same_messages(
+            bytes in any_stream(),
+            splits in prop::collection::vec(1usize..300, 1..40),
+        ) {
+            let mut whole = parser();
+            let expected = parsed(&mut whole, &bytes);
+            let mut split = parser();
+            let (mut got, mut rest, mut sizes) = (Vec::new(), &bytes[..], splits.iter().cycle());
+            while !rest.is_empty() {
+                let (piece, later) = rest.split_at(rest.len().min(*sizes.next().unwrap()));
+                got.extend(parsed(&mut split, piece));
+                rest = later;
+                let payload_bytes = ResultLayout::of(&small_setup()).payload_bytes();
+                prop_assert!(split.held_bytes() <= MAX_LINE_BYTES + payload_bytes + 8);
+            }
+            prop_assert_eq!(&got, &expected);
+            prop_assert_eq!(split.counters(), whole.counters());
+            // Whatever came before, the next line is understood once noise ends the last.
+            let mut after = vec![0u8; 2 * ResultLayout::of(&small_setup()).payload_bytes()];
+            after.extend_from_slice(b"{\"status\":\"stop\"}\n");
+            prop_assert!(parsed(&mut whole, &after).contains(&Message::Reply(Reply::Stopped)));
+        }
+    }
+}

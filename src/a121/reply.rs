@@ -1,0 +1,238 @@
+//! What the server says: the JSON line before every payload, taken apart.
+
+use serde::Deserialize;
+
+use super::Calibration;
+
+/// The board and its software.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct SystemInfo {
+    /// The software's version, see [`super::Version::parse`].
+    pub rss_version: String,
+    /// Which sensor it speaks to: `a121`.
+    pub sensor: Option<String>,
+    /// Sensors that the board may have.
+    pub sensor_count: u32,
+    /// Ticks of the board's clock in a second.
+    pub ticks_per_second: u32,
+    /// The board, `xc120`.
+    pub hw: Option<String>,
+    /// Fastest speed of the serial line, where it has one.
+    pub max_baudrate: Option<u32>,
+}
+
+/// A place for a sensor.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct SensorInfo {
+    /// Whether a sensor answers there.
+    pub connected: bool,
+    /// Its serial number.
+    pub serial: Option<String>,
+}
+
+/// What the server makes of one sensor's configuration.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct SensorMetadata {
+    /// Samples in a frame.
+    pub frame_data_length: u64,
+    /// Samples in a sweep.
+    pub sweep_data_length: u64,
+    /// Chip temperature at calibration, °C.
+    pub calibration_temperature: Option<f64>,
+    /// Metres between points at step 1.
+    pub base_step_length_m: Option<f64>,
+    /// Fastest sweeps a second, as the server reckons.
+    pub max_sweep_rate: Option<f64>,
+    /// The sensor's high-speed mode is in use.
+    pub high_speed_mode: Option<bool>,
+}
+
+/// The answer to a set-up.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SetupReply {
+    /// Ticks between results, 0 without an update rate.
+    pub tick_period: u32,
+    /// `[group][sensor]`, in the order of the set-up.
+    pub metadata: Vec<Vec<SensorMetadata>>,
+    /// Calibrations, to be used again.
+    pub calibrations: Vec<Calibration>,
+}
+
+/// What one sensor says of one frame. Every field is asked for, so that a damaged name is noticed.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+pub struct ResultInfo {
+    /// The board's clock at the END of the measurement; wraps.
+    pub tick: u32,
+    /// Some sample hit the converter's limit.
+    pub data_saturated: bool,
+    /// Chip temperature, °C.
+    pub temperature: i16,
+    /// The sensor asks to be calibrated again.
+    pub calibration_needed: bool,
+    /// The sensor could not keep its rate.
+    pub frame_delayed: bool,
+}
+
+/// A line of the server's log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LogLine {
+    /// Its weight: `error`, `warning`, `info` …
+    pub level: String,
+    /// The part of the server that speaks.
+    pub module: String,
+    /// What it says.
+    pub text: String,
+}
+
+/// Anything but a result.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Reply {
+    /// To `get_system_info`.
+    System(SystemInfo),
+    /// To `get_sensor_info`; index 0 is sensor 1.
+    Sensors(Vec<SensorInfo>),
+    /// To `setup`.
+    Setup(SetupReply),
+    /// To a command without an answer of its own.
+    Ok,
+    /// Streaming began.
+    Started,
+    /// Streaming ended.
+    Stopped,
+    /// A line of the log, between anything.
+    Log(LogLine),
+    /// The server refuses, in its words.
+    Error(String),
+    /// The server ended the session by itself.
+    SessionEnded,
+}
+
+/// A line taken apart.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Header {
+    Reply(Reply),
+    /// `[group][sensor]`, and the bytes of payload that follow.
+    Result(Vec<Vec<ResultInfo>>, u64),
+}
+
+/// The line as it stands; which fields there are says what it is.
+#[derive(Deserialize)]
+struct Line {
+    status: String,
+    #[serde(default)]
+    payload_size: u64,
+    result_info: Option<Vec<Vec<ResultInfo>>>,
+    system_info: Option<SystemInfo>,
+    sensor_info: Option<Vec<SensorInfo>>,
+    tick_period: Option<u32>,
+    metadata: Option<Vec<Vec<SensorMetadata>>>,
+    calibration_info: Option<Vec<Calibration>>,
+    message: Option<String>,
+    level: Option<String>,
+    module: Option<String>,
+    log: Option<String>,
+}
+
+impl Header {
+    /// Takes a line without its end apart; `None` when it is none of the protocol's.
+    pub fn parse(line: &[u8]) -> Option<Self> {
+        let line: Line = serde_json::from_slice(line).ok()?;
+        if line.status == "ok"
+            && let Some(info) = line.result_info
+        {
+            let ended = info.is_empty() && line.payload_size == 0;
+            return Some(if ended { Self::Reply(Reply::SessionEnded) } else { Self::Result(info, line.payload_size) });
+        }
+        // Nothing else has a payload.
+        (line.payload_size == 0).then_some(())?;
+        let reply = match line.status.as_str() {
+            "ok" => match (line.system_info, line.sensor_info, line.metadata) {
+                (Some(info), None, None) => Reply::System(info),
+                (None, Some(sensors), None) => Reply::Sensors(sensors),
+                (None, None, Some(metadata)) => Reply::Setup(SetupReply {
+                    tick_period: line.tick_period?,
+                    metadata,
+                    calibrations: line.calibration_info.unwrap_or_default(),
+                }),
+                (None, None, None) => Reply::Ok,
+                _ => return None,
+            },
+            "start" => Reply::Started,
+            "stop" => Reply::Stopped,
+            "log" => Reply::Log(LogLine {
+                level: line.level.unwrap_or_default(),
+                module: line.module.unwrap_or_default(),
+                text: line.log.unwrap_or_default(),
+            }),
+            "error" => Reply::Error(line.message.unwrap_or_default()),
+            _ => return None,
+        };
+        Some(Self::Reply(reply))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reply(line: &str) -> Reply {
+        match Header::parse(line.as_bytes()) {
+            Some(Header::Reply(reply)) => reply,
+            other => panic!("{line}: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn each_answer_is_told_from_the_others() {
+        let system = r#"{"status":"ok","system_info":{"rss_version":"a121-v1.12.0","sensor":"a121","sensor_count":5,
+            "ticks_per_second":1000000,"hw":"xc120","max_baudrate":3000000}}"#;
+        assert!(matches!(reply(system), Reply::System(info) if info.max_baudrate == Some(3_000_000)));
+        let old = r#"{"status":"ok","system_info":{"rss_version":"a121-v0.4.1","sensor":"a121","sensor_count":1,
+            "ticks_per_second":1000},"unknown":[1,{}]}"#;
+        assert!(matches!(reply(old), Reply::System(info) if info.hw.is_none() && info.ticks_per_second == 1000));
+        let sensors = r#"{"status":"ok","sensor_info":[{"connected":true,"serial":"X1"},{"connected":false}]}"#;
+        assert!(matches!(reply(sensors), Reply::Sensors(s) if s.len() == 2 && s[0].connected && !s[1].connected));
+        let setup = r#"{"status":"ok","tick_period":0,"payload_size":0,"metadata":[[{"frame_data_length":800,
+            "sweep_data_length":50,"subsweep_data_offset":[0],"subsweep_data_length":[50],"calibration_temperature":25,
+            "base_step_length_m":0.0025,"max_sweep_rate":1120.5}]],
+            "calibration_info":[{"sensor_id":1,"temperature":25,"data":"00ff"}]}"#;
+        let Reply::Setup(setup) = reply(setup) else { panic!() };
+        assert_eq!((setup.metadata[0][0].frame_data_length, setup.calibrations[0].data.as_str()), (800, "00ff"));
+        assert_eq!(reply(r#"{"status":"ok"}"#), Reply::Ok);
+        assert_eq!(reply(r#"{"status":"start"}"#), Reply::Started);
+        assert_eq!(reply(r#"{"status":"stop","payload_size":0}"#), Reply::Stopped);
+        assert_eq!(reply(r#"{"status":"error","message":"no"}"#), Reply::Error("no".into()));
+        assert_eq!(reply(r#"{"status":"ok","result_info":[],"payload_size":0}"#), Reply::SessionEnded);
+        let log = r#"{"status":"log","level":"info","timestamp":12,"module":"m","log":"l"}"#;
+        assert_eq!(reply(log), Reply::Log(LogLine { level: "info".into(), module: "m".into(), text: "l".into() }));
+    }
+
+    #[test]
+    fn lines_that_are_none_of_the_protocols_are_refused() {
+        let result = r#"{"result_info":[[{"tick":5,"data_saturated":false,"temperature":-3,"calibration_needed":false,
+            "frame_delayed":true}]],"status":"ok","payload_size":4}"#;
+        assert!(
+            matches!(Header::parse(result.as_bytes()), Some(Header::Result(info, 4)) if info[0][0].temperature == -3)
+        );
+        let replacements = [
+            ("\"tick\"", "\"tock\""),
+            ("5,", "4294967296,"),
+            ("5,", "-5,"),
+            ("-3", "-40000"),
+            ("true", "ture"),
+            ("frame_delayed", "frame_delayfd"),
+            ("\"ok\"", "\"oj\""),
+            ("\"payload_size\":4", "\"payload_size\":-4"),
+            ("\"payload_size\":4", "\"payload_size\":4,\"payload_size\":4"),
+            ("result_info", "resultinfo"),
+        ];
+        for (old, new) in replacements {
+            let damaged = result.replacen(old, new, 1);
+            assert_ne!(damaged, result);
+            assert_eq!(Header::parse(damaged.as_bytes()), None, "{damaged}");
+        }
+        assert_eq!(Header::parse(br#"{"status":"stop","payload_size":9}"#), None);
+        assert_eq!(Header::parse(b"{}"), None);
+        assert_eq!(Header::parse("[".repeat(10_000).as_bytes()), None);
+    }
+}

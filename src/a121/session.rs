@@ -1,0 +1,692 @@
+//! From an open line to timed frames, and back after every fault. Pure: bytes and host times in, actions and events
+//! out.
+//!
+//! Way: break (serial) → system → sensors → baud rate (serial) → set-up → start → streaming → stop and drain. Whatever
+//! goes wrong on it is told as an event; what another try may cure is tried again from the break, after a pause that
+//! doubles up to 8 s. A board that asks for calibration is stopped and set up anew. Calibrations are used again after
+//! faults.
+//!
+//! The caller writes what [`Session::next_action`] says, gives what it reads to [`Session::receive`], and calls
+//! [`Session::poll`] when [`Session::next_deadline_ns`] has come.
+
+use std::collections::VecDeque;
+
+use super::{
+    Calibration, Clock, ClockReport, Command, LogLine, Message, Parser, Received, Reply, ResultLayout, ResultMessage,
+    SensorInfo, SessionError, Setup, SetupReply, StreamCounters, SystemInfo, TickVerdict, Ticks, Version,
+};
+use crate::radar::{Frame, FrameTiming, Prf, frame_timing};
+
+/// Sensors that a board may have.
+pub const MAX_SENSORS: u32 = 5;
+/// Every session begins at this speed.
+pub const FIRST_BAUD: u32 = 115_200;
+
+const S: i64 = 1_000_000_000;
+/// After a break the server needs this long.
+const BREAK_NS: i64 = S;
+/// An answer is waited for this long.
+const ANSWER_NS: i64 = 2 * S;
+/// Stopping may take this much longer.
+const STOP_EXTRA_NS: i64 = S;
+/// A line quiet for this long has ended a payload.
+const SETTLE_NS: i64 = 300_000;
+/// Pauses between tries.
+const PAUSES_NS: (i64, i64) = (S / 2, 8 * S);
+/// A board that asks for calibration again sooner than this is left alone.
+const RECALIBRATE_NS: i64 = 10 * S;
+/// Events kept for a caller that does not fetch them.
+const MAX_EVENTS: usize = 4096;
+/// Bytes of a result's line, about: with the payload, what a slow line takes its time for.
+const LINE_BYTES: f64 = 170.0;
+
+/// Versions up to this one are not understood.
+const TOO_OLD: Version = Version::release(0, 2, 0);
+const CALIBRATION_REUSE_SINCE: Version = Version::development(0, 4, 3, 280);
+const PRF_5_2_SINCE: Version = Version::development(0, 4, 3, 310);
+const PRF_15_6_SINCE: Version = Version::development(0, 7, 1, 37);
+
+/// How the board is reached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Link {
+    /// A serial port; the speed to switch to, `None`: the board's fastest.
+    Serial {
+        /// Bits a second.
+        baud: Option<u32>,
+    },
+    /// A socket of the Raspberry Pi's server.
+    Tcp,
+}
+
+/// What the caller has to do with the line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Action {
+    /// Write these bytes.
+    Send(Vec<u8>),
+    /// Send a break.
+    SendBreak,
+    /// Throw away what was received and not yet given to the session.
+    FlushInput,
+    /// Switch the local port to this speed.
+    SetBaud(u32),
+    /// Close the socket, open it again, and call [`Session::line_opened`].
+    Reopen,
+}
+
+/// One sensor's frame, with its time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorFrame {
+    /// Group of the set-up.
+    pub group: usize,
+    /// Sensor on the board, from 1.
+    pub sensor_id: u32,
+    /// The frame; its host time is the end of its measurement.
+    pub frame: Frame,
+}
+
+/// What happened.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Event {
+    /// The board answered.
+    Connected(SystemInfo, Vec<SensorInfo>),
+    /// The sensors are set up.
+    SetUp(SetupReply),
+    /// Frames will come.
+    Streaming,
+    /// The frames of one result, group by group.
+    Frames(Vec<SensorFrame>),
+    /// A line of the board's log.
+    Log(LogLine),
+    /// A sensor asked for calibration: everything is set up anew.
+    Recalibrating,
+    /// Something went wrong; the session tries again by itself.
+    Trouble(SessionError),
+    /// Something went wrong that no other try cures; the session is over.
+    Failed(SessionError),
+    /// Stopped as asked.
+    Stopped,
+}
+
+/// What a session has been through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SessionCounters {
+    /// The stream's.
+    pub stream: StreamCounters,
+    /// Results handed on as frames.
+    pub results: u64,
+    /// Results that only served to witness the first tick.
+    pub unwitnessed: u64,
+    /// Results refused for their tick.
+    pub refused_ticks: u64,
+    /// Times that the sensor's clock jumped.
+    pub tick_jumps: u64,
+    /// Tries to connect.
+    pub connects: u64,
+    /// Answers that did not come.
+    pub unanswered: u64,
+    /// Times that frames stopped.
+    pub silences: u64,
+    /// Answers that nobody asked for.
+    pub unexpected_replies: u64,
+    /// Times that a sensor asked for calibration and was set up anew.
+    pub recalibrations: u64,
+    /// Events that nobody fetched.
+    pub dropped_events: u64,
+}
+
+/// Where a session stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    /// Between tries.
+    Pausing,
+    /// The line is closed.
+    Closed,
+    Breaking,
+    Asked(Asked),
+    Streaming,
+    /// Stopping: to end, or to be set up anew.
+    Stopping {
+        ends: bool,
+    },
+    Over,
+}
+
+/// What an answer is awaited to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Asked {
+    System,
+    Sensors,
+    Baud(u32),
+    Setup,
+    Start,
+}
+
+impl Asked {
+    fn name(self) -> &'static str {
+        match self {
+            Self::System => "get_system_info",
+            Self::Sensors => "get_sensor_info",
+            Self::Baud(_) => "set_uart_baudrate",
+            Self::Setup => "setup",
+            Self::Start => "start_streaming",
+        }
+    }
+}
+
+/// What is known of the board that answered.
+#[derive(Debug, Clone)]
+struct Board {
+    info: SystemInfo,
+    version: Version,
+    /// Speed of the line where it is a true one, bits a second.
+    baud: Option<u32>,
+}
+
+/// A session with one board. See the file's head.
+pub struct Session {
+    setup: Setup,
+    link: Link,
+    timings: Vec<FrameTiming>,
+    parser: Parser,
+    received: Vec<Received>,
+    state: State,
+    deadline_ns: i64,
+    last_bytes_ns: i64,
+    pause_ns: i64,
+    board: Option<Board>,
+    calibrations: Vec<Calibration>,
+    recalibrated_ns: Option<i64>,
+    told_to_stop: bool,
+    ticks: Vec<Ticks>,
+    clock: Option<Clock>,
+    actions: VecDeque<Action>,
+    events: VecDeque<Event>,
+    counters: SessionCounters,
+}
+
+impl Session {
+    /// A session on a line that is open, begun at once.
+    ///
+    /// # Errors
+    /// A set-up that breaks a rule.
+    pub fn new(setup: Setup, link: Link, now_ns: i64) -> Result<Self, SessionError> {
+        check(&setup)?;
+        let timings = setup.sensors().map(|s| frame_timing(&s.config)).collect();
+        let mut session = Self {
+            calibrations: setup.calibrations.clone(),
+            setup,
+            link,
+            timings,
+            parser: Parser::default(),
+            received: Vec::new(),
+            state: State::Closed,
+            deadline_ns: i64::MAX,
+            last_bytes_ns: now_ns,
+            pause_ns: PAUSES_NS.0,
+            board: None,
+            recalibrated_ns: None,
+            told_to_stop: false,
+            ticks: Vec::new(),
+            clock: None,
+            actions: VecDeque::new(),
+            events: VecDeque::new(),
+            counters: SessionCounters::default(),
+        };
+        session.connect(now_ns);
+        Ok(session)
+    }
+
+    /// What to do next with the line, in order.
+    pub fn next_action(&mut self) -> Option<Action> {
+        self.actions.pop_front()
+    }
+
+    /// What happened next.
+    pub fn next_event(&mut self) -> Option<Event> {
+        self.events.pop_front()
+    }
+
+    /// When [`Self::poll`] has something to do, host nanoseconds.
+    pub fn next_deadline_ns(&self) -> i64 {
+        match self.parser.has_unsettled() && self.state != State::Over {
+            true => self.deadline_ns.min(self.last_bytes_ns.saturating_add(SETTLE_NS)),
+            false => self.deadline_ns,
+        }
+    }
+
+    /// Whether the session is over: stopped or failed.
+    pub fn is_over(&self) -> bool {
+        self.state == State::Over
+    }
+
+    /// What it has been through.
+    pub fn counters(&self) -> SessionCounters {
+        SessionCounters { stream: *self.parser.counters(), ..self.counters }
+    }
+
+    /// How good the times are; `None` before streaming.
+    pub fn clock_report(&self) -> Option<ClockReport> {
+        self.clock.as_ref().map(Clock::report)
+    }
+
+    /// Bytes that were read at a host time.
+    pub fn receive(&mut self, bytes: &[u8], now_ns: i64) {
+        if matches!(self.state, State::Over | State::Closed | State::Breaking) {
+            return;
+        }
+        self.last_bytes_ns = now_ns;
+        let mut received = std::mem::take(&mut self.received);
+        self.parser.push(bytes, now_ns, &mut received);
+        self.handle_all(&mut received, now_ns);
+    }
+
+    /// Does what is due at a host time.
+    pub fn poll(&mut self, now_ns: i64) {
+        if self.parser.has_unsettled() && now_ns.saturating_sub(self.last_bytes_ns) >= SETTLE_NS {
+            let mut received = std::mem::take(&mut self.received);
+            self.parser.settle(&mut received);
+            self.handle_all(&mut received, now_ns);
+        }
+        if now_ns >= self.deadline_ns {
+            self.time_out(now_ns);
+        }
+    }
+
+    /// Asks for the end: what is on its way is still handed on, then [`Event::Stopped`] comes.
+    pub fn stop(&mut self, now_ns: i64) {
+        match self.state {
+            State::Over => {}
+            State::Streaming | State::Asked(Asked::Start) => self.stop_streaming(true, now_ns),
+            State::Stopping { .. } => self.state = State::Stopping { ends: true },
+            _ => self.finish(Event::Stopped),
+        }
+    }
+
+    /// The line broke: unplugged, or closed by the other side.
+    pub fn line_lost(&mut self, reason: &str) {
+        self.actions.clear();
+        if self.state == (State::Stopping { ends: true }) {
+            self.finish(Event::Stopped);
+        } else if !matches!(self.state, State::Over | State::Closed) {
+            self.enter(State::Closed, i64::MAX);
+            self.tell(Event::Trouble(SessionError::LineLost(reason.to_owned())));
+        }
+    }
+
+    /// The line is open again.
+    pub fn line_opened(&mut self, now_ns: i64) {
+        if self.state != State::Over {
+            self.connect(now_ns);
+        }
+    }
+
+    fn tell(&mut self, event: Event) {
+        if self.events.len() >= MAX_EVENTS {
+            self.events.pop_front();
+            self.counters.dropped_events += 1;
+        }
+        self.events.push_back(event);
+    }
+
+    fn enter(&mut self, state: State, deadline_ns: i64) {
+        (self.state, self.deadline_ns) = (state, deadline_ns);
+    }
+
+    fn connect(&mut self, now_ns: i64) {
+        self.counters.connects += 1;
+        self.board = None;
+        self.told_to_stop = false;
+        self.parser.expect_results(None);
+        self.parser.clear();
+        match self.link {
+            Link::Serial { .. } => {
+                self.actions.extend([Action::SetBaud(FIRST_BAUD), Action::SendBreak]);
+                self.enter(State::Breaking, now_ns.saturating_add(BREAK_NS));
+            }
+            Link::Tcp => self.ask(Asked::System, now_ns),
+        }
+    }
+
+    fn ask(&mut self, asked: Asked, now_ns: i64) {
+        let version = self.board.as_ref().map_or(TOO_OLD, |board| board.version);
+        let bytes = match asked {
+            Asked::System => Command::GetSystemInfo.to_bytes(),
+            Asked::Sensors => Command::GetSensorInfo.to_bytes(),
+            Asked::Baud(baud) => Command::SetUartBaudrate(baud).to_bytes(),
+            Asked::Setup => {
+                let reuse = version >= CALIBRATION_REUSE_SINCE;
+                self.setup.calibrations = if reuse { self.calibrations.clone() } else { Vec::new() };
+                Command::Setup(&self.setup, version).to_bytes()
+            }
+            Asked::Start => Command::StartStreaming.to_bytes(),
+        };
+        self.actions.push_back(Action::Send(bytes));
+        let extra_ns = if asked == Asked::Start { self.frame_patience_ns() } else { ANSWER_NS };
+        self.enter(State::Asked(asked), now_ns.saturating_add(extra_ns));
+    }
+
+    /// How long the next frame may take.
+    fn frame_patience_ns(&self) -> i64 {
+        let period_s = match self.setup.update_rate_hz {
+            Some(rate) => 1.0 / rate,
+            None => self.timings.iter().map(|t| t.frame_period_s).fold(0.0, f64::max),
+        };
+        ANSWER_NS.max(((1.5 * period_s + 1.0).min(1e6) * 1e9) as i64)
+    }
+
+    fn time_out(&mut self, now_ns: i64) {
+        match self.state {
+            State::Pausing if self.link == Link::Tcp => {
+                self.actions.push_back(Action::Reopen);
+                self.enter(State::Closed, i64::MAX);
+            }
+            State::Pausing => self.connect(now_ns),
+            State::Breaking => {
+                self.actions.push_back(Action::FlushInput);
+                self.parser.clear();
+                self.ask(Asked::System, now_ns);
+            }
+            State::Asked(asked) => {
+                self.counters.unanswered += 1;
+                let waited_ns = if asked == Asked::Start { self.frame_patience_ns() } else { ANSWER_NS };
+                let hint = match (asked, self.link) {
+                    (Asked::System, Link::Serial { .. }) => {
+                        "XE125: use the port named Enhanced. SparkFun: flow control off"
+                    }
+                    (Asked::System, Link::Tcp) => "Is the exploration server running?",
+                    _ => "A slower baud rate may help",
+                };
+                let seconds = waited_ns as f64 * 1e-9;
+                self.try_again(SessionError::NoAnswer { asked: asked.name(), seconds, hint }, now_ns);
+            }
+            State::Streaming => {
+                self.counters.silences += 1;
+                self.try_again(SessionError::Silent { seconds: self.frame_patience_ns() as f64 * 1e-9 }, now_ns);
+            }
+            // It was asked to stop and says nothing more: as good as stopped.
+            State::Stopping { ends: true } => self.finish(Event::Stopped),
+            State::Stopping { ends: false } => {
+                self.counters.unanswered += 1;
+                let seconds = (self.frame_patience_ns() + STOP_EXTRA_NS) as f64 * 1e-9;
+                let hint = "A slower baud rate may help";
+                self.try_again(SessionError::NoAnswer { asked: "stop_streaming", seconds, hint }, now_ns);
+            }
+            State::Closed | State::Over => self.deadline_ns = i64::MAX,
+        }
+    }
+
+    fn try_again(&mut self, error: SessionError, now_ns: i64) {
+        self.tell(Event::Trouble(error));
+        self.parser.expect_results(None);
+        self.enter(State::Pausing, now_ns.saturating_add(self.pause_ns));
+        self.pause_ns = (2 * self.pause_ns).min(PAUSES_NS.1);
+    }
+
+    fn finish(&mut self, event: Event) {
+        self.enter(State::Over, i64::MAX);
+        self.tell(event);
+    }
+
+    fn handle_all(&mut self, received: &mut Vec<Received>, now_ns: i64) {
+        for Received { message, arrival_ns } in received.drain(..) {
+            match message {
+                Message::Reply(Reply::Log(line)) => self.tell(Event::Log(line)),
+                Message::Reply(reply) => self.handle(reply, now_ns),
+                Message::Result(result) => self.handle_result(result, arrival_ns, now_ns),
+                Message::StaleResult => self.handle_stale(now_ns),
+            }
+        }
+        self.received = std::mem::take(received);
+    }
+
+    fn handle(&mut self, reply: Reply, now_ns: i64) {
+        match (self.state, reply) {
+            (State::Asked(Asked::System), Reply::System(info)) => self.meet_board(info, now_ns),
+            (State::Asked(Asked::Sensors), Reply::Sensors(sensors)) => self.meet_sensors(sensors, now_ns),
+            (State::Asked(Asked::Baud(baud)), Reply::Ok) => {
+                self.actions.push_back(Action::SetBaud(baud));
+                self.ask(Asked::Setup, now_ns);
+            }
+            (State::Asked(Asked::Setup), Reply::Setup(reply)) => self.be_set_up(reply, now_ns),
+            (State::Asked(Asked::Start), Reply::Started) => self.begin_streaming(now_ns),
+            (State::Stopping { ends: true }, Reply::Stopped | Reply::SessionEnded) => self.finish(Event::Stopped),
+            (State::Stopping { ends: false }, Reply::Stopped) => {
+                self.parser.expect_results(None);
+                self.ask(Asked::Setup, now_ns);
+            }
+            // An older session's stream was stopped: its board listens now.
+            (State::Asked(Asked::System), Reply::Stopped) => self.ask(Asked::System, now_ns),
+            (State::Asked(_) | State::Streaming, Reply::SessionEnded | Reply::Stopped) => {
+                self.try_again(SessionError::EndedByServer, now_ns);
+            }
+            (State::Asked(Asked::Setup), Reply::Error(message)) => {
+                // A calibration that does not fit may be why: without any, the next refusal is about the configuration.
+                let error = SessionError::Refused { asked: "setup", message };
+                match std::mem::take(&mut self.calibrations).is_empty() {
+                    true => self.finish(Event::Failed(error)),
+                    false => self.try_again(error, now_ns),
+                }
+            }
+            (State::Asked(asked), Reply::Error(message)) => {
+                self.try_again(SessionError::Refused { asked: asked.name(), message }, now_ns);
+            }
+            (State::Streaming, Reply::Error(message)) => {
+                self.try_again(SessionError::Refused { asked: "to stream on", message }, now_ns);
+            }
+            _ => self.counters.unexpected_replies += 1,
+        }
+    }
+
+    fn meet_board(&mut self, info: SystemInfo, now_ns: i64) {
+        match self.check_board(&info) {
+            Ok(version) => {
+                let baud = info.max_baudrate.map(|_| FIRST_BAUD).filter(|_| self.link != Link::Tcp);
+                self.board = Some(Board { info, version, baud });
+                self.ask(Asked::Sensors, now_ns);
+            }
+            Err(error) => self.finish(Event::Failed(error)),
+        }
+    }
+
+    fn check_board(&self, info: &SystemInfo) -> Result<Version, SessionError> {
+        if let Some(sensor) = info.sensor.as_ref().filter(|sensor| *sensor != "a121") {
+            return Err(SessionError::WrongSensor(sensor.clone()));
+        }
+        let found =
+            Version::parse(&info.rss_version).ok_or_else(|| SessionError::UnknownVersion(info.rss_version.clone()))?;
+        if found <= TOO_OLD {
+            return Err(SessionError::TooOld { found, needed: Version::release(0, 2, 1) });
+        }
+        if info.ticks_per_second == 0 {
+            return Err(SessionError::NoTicks);
+        }
+        for subsweep in self.setup.sensors().flat_map(|s| &s.config.subsweeps) {
+            let needed = match subsweep.prf {
+                Prf::Mhz5_2 => PRF_5_2_SINCE,
+                Prf::Mhz15_6 => PRF_15_6_SINCE,
+                _ => continue,
+            };
+            if found < needed {
+                return Err(SessionError::TooOldForPrf { found, needed, prf_mhz: subsweep.prf.hz() / 1e6 });
+            }
+        }
+        match (self.link, info.max_baudrate) {
+            (Link::Serial { baud: Some(asked) }, Some(max)) if !(FIRST_BAUD..=max).contains(&asked) => {
+                Err(SessionError::Baud { asked, max })
+            }
+            _ => Ok(found),
+        }
+    }
+
+    fn meet_sensors(&mut self, sensors: Vec<SensorInfo>, now_ns: i64) {
+        let is_connected = |id: u32| sensors.get(id as usize - 1).is_some_and(|sensor| sensor.connected);
+        let missing = self.setup.sensors().map(|s| s.sensor_id).find(|&id| !is_connected(id));
+        if let Some(sensor_id) = missing {
+            let connected: Vec<String> =
+                (1..=sensors.len() as u32).filter(|&id| is_connected(id)).map(|id| id.to_string()).collect();
+            let connected = match connected.is_empty() {
+                true => "none is connected anywhere".to_owned(),
+                false => format!("connected: {}", connected.join(", ")),
+            };
+            return self.try_again(SessionError::NotConnected { sensor_id, connected }, now_ns);
+        }
+        let Some(board) = &mut self.board else { return };
+        let next = match (self.link, board.info.max_baudrate) {
+            (Link::Serial { baud }, Some(max)) if baud.unwrap_or(max) != FIRST_BAUD => {
+                board.baud = Some(baud.unwrap_or(max));
+                Asked::Baud(baud.unwrap_or(max))
+            }
+            _ => Asked::Setup,
+        };
+        let info = board.info.clone();
+        self.tell(Event::Connected(info, sensors));
+        self.ask(next, now_ns);
+    }
+
+    fn be_set_up(&mut self, reply: SetupReply, now_ns: i64) {
+        let layout = ResultLayout::of(&self.setup);
+        if !layout.agrees_with(&reply) {
+            return self.finish(Event::Failed(SessionError::OtherFrames));
+        }
+        let Some(board) = &self.board else { return };
+        let rate = board.info.ticks_per_second;
+        let update_period_s = self.setup.update_rate_hz.map_or(0.0, |rate| 1.0 / rate);
+        let period_s = self.timings.iter().map(|t| t.frame_period_s).fold(update_period_s, f64::max);
+        self.ticks = self.timings.iter().map(|t| Ticks::new(t.frame_s, period_s, rate)).collect();
+        let bits = 10.0 * (LINE_BYTES * self.timings.len() as f64 + layout.payload_bytes() as f64);
+        let transfer_s = board.baud.map_or(0.0, |baud| bits / f64::from(baud));
+        self.clock = Some(Clock::new(rate, period_s, transfer_s));
+        self.calibrations.clone_from(&reply.calibrations);
+        self.parser.expect_results(Some(layout));
+        self.tell(Event::SetUp(reply));
+        self.ask(Asked::Start, now_ns);
+    }
+
+    fn begin_streaming(&mut self, now_ns: i64) {
+        self.enter(State::Streaming, now_ns.saturating_add(self.frame_patience_ns()));
+        self.tell(Event::Streaming);
+    }
+
+    fn stop_streaming(&mut self, ends: bool, now_ns: i64) {
+        self.actions.push_back(Action::Send(Command::StopStreaming.to_bytes()));
+        self.enter(State::Stopping { ends }, now_ns.saturating_add(self.frame_patience_ns() + STOP_EXTRA_NS));
+    }
+
+    /// A board that still streams for somebody who is gone.
+    fn handle_stale(&mut self, now_ns: i64) {
+        if self.state == State::Asked(Asked::System) && !std::mem::replace(&mut self.told_to_stop, true) {
+            self.actions.push_back(Action::Send(Command::StopStreaming.to_bytes()));
+            self.deadline_ns = now_ns.saturating_add(ANSWER_NS + STOP_EXTRA_NS);
+        }
+    }
+
+    fn handle_result(&mut self, result: ResultMessage, arrival_ns: i64, now_ns: i64) {
+        // The line that says so was lost.
+        if self.state == State::Asked(Asked::Start) {
+            self.begin_streaming(now_ns);
+        }
+        if !matches!(self.state, State::Streaming | State::Stopping { .. }) {
+            return;
+        }
+        let Some(ticks) = self.believed_ticks(&result, arrival_ns) else { return };
+        if self.state == State::Streaming {
+            self.deadline_ns = now_ns.saturating_add(self.frame_patience_ns());
+        }
+        self.pause_ns = PAUSES_NS.0;
+        self.counters.results += 1;
+        let asks_for_calibration = result.infos.iter().any(|info| info.calibration_needed);
+        let frames = self.timed_frames(result, &ticks, arrival_ns);
+        self.tell(Event::Frames(frames));
+        let is_due = self.recalibrated_ns.is_none_or(|at| now_ns.saturating_sub(at) > RECALIBRATE_NS);
+        if asks_for_calibration && self.state == State::Streaming && is_due {
+            self.recalibrated_ns = Some(now_ns);
+            self.counters.recalibrations += 1;
+            self.calibrations.clear();
+            self.tell(Event::Recalibrating);
+            self.stop_streaming(false, now_ns);
+        }
+    }
+
+    /// The unwrapped ticks of all sensors, when all are believed.
+    fn believed_ticks(&mut self, result: &ResultMessage, arrival_ns: i64) -> Option<Vec<i64>> {
+        let (mut believed, mut is_first, mut has_jumped) = (Vec::new(), false, false);
+        for (index, (ticks, info)) in self.ticks.iter_mut().zip(&result.infos).enumerate() {
+            // The clock follows the first sensor's ticks.
+            let clock = self.clock.as_ref().filter(|_| index == 0);
+            let is_possible = |tick| clock.is_none_or(|clock| clock.is_possible(tick, arrival_ns));
+            match ticks.judge(info.tick, arrival_ns, is_possible) {
+                TickVerdict::Next(tick) => believed.push(tick),
+                TickVerdict::Jumped(tick) => {
+                    has_jumped |= index == 0;
+                    believed.push(tick);
+                }
+                TickVerdict::First => is_first = true,
+                _ => {}
+            }
+        }
+        if has_jumped && let Some(clock) = &mut self.clock {
+            self.counters.tick_jumps += 1;
+            clock.reset();
+        }
+        if believed.len() != result.infos.len() {
+            let counter = if is_first { &mut self.counters.unwitnessed } else { &mut self.counters.refused_ticks };
+            *counter += 1;
+            return None;
+        }
+        Some(believed)
+    }
+
+    fn timed_frames(&mut self, result: ResultMessage, ticks: &[i64], arrival_ns: i64) -> Vec<SensorFrame> {
+        let (Some(clock), Some(&first)) = (&mut self.clock, ticks.first()) else { return Vec::new() };
+        let rate = self.board.as_ref().map_or(1.0, |board| f64::from(board.info.ticks_per_second));
+        let first_ns = clock.time_ns(first, arrival_ns);
+        let places =
+            self.setup.groups.iter().enumerate().flat_map(|(group, s)| s.iter().map(move |s| (group, s.sensor_id)));
+        let parts = places.zip(ticks).zip(result.infos.iter().zip(result.frames));
+        let frame =
+            |(((group, sensor_id), &tick), (info, samples)): (((usize, u32), &i64), (&super::ResultInfo, _))| {
+                let after_ns = (f64::from((tick as u32).wrapping_sub(first as u32) as i32) / rate * 1e9).round() as i64;
+                let frame = Frame {
+                    tick,
+                    host_time_ns: first_ns.saturating_add(after_ns),
+                    temperature_c: info.temperature,
+                    data_saturated: info.data_saturated,
+                    frame_delayed: info.frame_delayed,
+                    calibration_needed: info.calibration_needed,
+                    samples,
+                };
+                SensorFrame { group, sensor_id, frame }
+            };
+        parts.map(frame).collect()
+    }
+}
+
+/// Whether a set-up keeps all rules that are known before a board is.
+fn check(setup: &Setup) -> Result<(), SessionError> {
+    if setup.groups.is_empty() || setup.groups.iter().any(Vec::is_empty) {
+        return Err(SessionError::NoSensors);
+    }
+    for group in &setup.groups {
+        for (index, sensor) in group.iter().enumerate() {
+            let sensor_id = sensor.sensor_id;
+            if !(1..=MAX_SENSORS).contains(&sensor_id) {
+                return Err(SessionError::SensorId(sensor_id));
+            }
+            if group[..index].iter().any(|other| other.sensor_id == sensor_id) {
+                return Err(SessionError::SensorTwice(sensor_id));
+            }
+            sensor.config.validate().map_err(|source| SessionError::Config { sensor_id, source })?;
+            if let (Some(update_rate_hz), Some(frame_rate_hz)) = (setup.update_rate_hz, sensor.config.frame_rate) {
+                return Err(SessionError::BothRates { update_rate_hz, frame_rate_hz, sensor_id });
+            }
+        }
+    }
+    match setup.update_rate_hz.filter(|rate| !(rate.is_finite() && *rate > 0.0)) {
+        Some(rate) => Err(SessionError::UpdateRate(rate)),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+#[path = "session_tests.rs"]
+mod tests;

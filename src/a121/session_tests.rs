@@ -1,0 +1,392 @@
+//! Sessions with a board made for tests, in simulated time.
+
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::super::test_stream::{Fault, Sent, TestBoard, small_setup};
+use super::*;
+
+/// Time in the system, nanoseconds; on the line, bytes take theirs.
+const DELAY_NS: i64 = 100_000;
+
+/// A session, its board, and the line between them.
+struct Bench {
+    session: Session,
+    board: TestBoard,
+    rng: ChaCha8Rng,
+    now_ns: i64,
+    port_baud: u32,
+    on_the_way: VecDeque<(i64, Vec<u8>)>,
+    events: Vec<Event>,
+    actions: Vec<Action>,
+    /// Faults of this kind strike one frame in eight.
+    faults: Option<fn(&mut ChaCha8Rng) -> Fault>,
+}
+
+impl Bench {
+    fn new(board: TestBoard, link: Link) -> Self {
+        let session = Session::new(small_setup(), link, 0).unwrap();
+        Self {
+            session,
+            board,
+            rng: ChaCha8Rng::seed_from_u64(1),
+            now_ns: 0,
+            port_baud: 0,
+            on_the_way: VecDeque::new(),
+            events: Vec::new(),
+            actions: Vec::new(),
+            faults: None,
+        }
+    }
+
+    fn serial() -> Self {
+        Self::new(TestBoard::new(), Link::Serial { baud: None })
+    }
+
+    fn run_s(&mut self, seconds: f64) {
+        let end_ns = self.now_ns + (seconds * 1e9) as i64;
+        loop {
+            self.act();
+            let arrival_ns = self.on_the_way.front().map_or(i64::MAX, |(at, _)| *at);
+            let next_ns = arrival_ns.min(self.board.next_frame_ns).min(self.session.next_deadline_ns());
+            if next_ns > end_ns {
+                self.events.extend(std::iter::from_fn(|| self.session.next_event()));
+                self.now_ns = end_ns;
+                return;
+            }
+            self.now_ns = self.now_ns.max(next_ns);
+            if self.board.next_frame_ns <= self.now_ns {
+                self.send_frame();
+            }
+            while self.on_the_way.front().is_some_and(|(at, _)| *at <= self.now_ns) {
+                let (_, bytes) = self.on_the_way.pop_front().unwrap();
+                self.session.receive(&bytes, self.now_ns);
+            }
+            self.session.poll(self.now_ns);
+            self.events.extend(std::iter::from_fn(|| self.session.next_event()));
+        }
+    }
+
+    fn act(&mut self) {
+        while let Some(action) = self.session.next_action() {
+            self.actions.push(action.clone());
+            match action {
+                Action::Send(bytes) if self.port_baud == self.board.baud || self.session.link == Link::Tcp => {
+                    let answer = self.board.answer(&bytes, self.now_ns);
+                    self.on_the_way.push_back((self.now_ns + DELAY_NS, answer));
+                }
+                Action::Send(_) => {}
+                Action::SendBreak => self.board.reset(),
+                Action::FlushInput => self.on_the_way.clear(),
+                Action::SetBaud(baud) => self.port_baud = baud,
+                Action::Reopen => self.session.line_opened(self.now_ns),
+            }
+        }
+    }
+
+    fn send_frame(&mut self) {
+        let faults = self.faults.filter(|_| self.rng.random_bool(0.125));
+        let rng = &mut self.rng;
+        let bytes = self.board.frame(|length| faults.map(|kind| (kind(rng), rng.random_range(0..length))));
+        if self.board.dead {
+            return;
+        }
+        // In two pieces, 50 µs apart.
+        let (first, second) = bytes.split_at(self.rng.random_range(0..bytes.len()));
+        let ready_ns =
+            self.now_ns + DELAY_NS + (bytes.len() as f64 * 1e10 / f64::from(self.port_baud.max(1_000_000))) as i64;
+        self.on_the_way.push_back((ready_ns - 50_000, first.to_vec()));
+        self.on_the_way.push_back((ready_ns, second.to_vec()));
+        if self.rng.random_bool(0.1) {
+            let log = b"{\"status\":\"log\",\"level\":\"info\",\"timestamp\":1,\"module\":\"m\",\"log\":\"l\"}\n";
+            self.on_the_way.push_back((ready_ns + 10_000, log.to_vec()));
+        }
+    }
+
+    fn frames(&self) -> Vec<&Frame> {
+        let frames = self.events.iter().filter_map(|event| if let Event::Frames(f) = event { Some(f) } else { None });
+        frames.map(|frames| &frames[0].frame).collect()
+    }
+
+    fn troubles(&self) -> Vec<&SessionError> {
+        let troubles = self.events.iter().filter_map(|event| match event {
+            Event::Trouble(error) | Event::Failed(error) => Some(error),
+            _ => None,
+        });
+        troubles.collect()
+    }
+
+    fn commands(&self) -> Vec<&str> {
+        self.board.commands.iter().map(|command| command["cmd"].as_str().unwrap()).collect()
+    }
+}
+
+#[test]
+fn a_session_streams_at_the_boards_speed_and_stops() {
+    let mut bench = Bench::serial();
+    bench.run_s(4.0);
+    let opening = ["get_system_info", "get_sensor_info", "set_uart_baudrate", "setup", "start_streaming"];
+    assert_eq!(bench.commands(), opening);
+    assert_eq!(bench.actions[..3], [Action::SetBaud(115_200), Action::SendBreak, Action::FlushInput]);
+    assert_eq!((bench.board.baud, bench.port_baud), (2_000_000, 2_000_000));
+    bench.session.stop(bench.now_ns);
+    bench.run_s(1.0);
+    assert_eq!(bench.events.last(), Some(&Event::Stopped));
+    assert!(bench.session.is_over() && bench.troubles().is_empty());
+    // All but the first, which waits for its witness; each with its samples, flags and time.
+    let (frames, sent) = (bench.frames(), &bench.board.frames[1..]);
+    assert_eq!(frames.len(), sent.len());
+    assert!(sent.len() > 190);
+    for (frame, sent) in frames.iter().zip(sent) {
+        assert_eq!((frame.tick as u32, frame.temperature_c), (sent.info.tick, sent.info.temperature));
+        assert_eq!(frame.data_saturated, sent.info.data_saturated);
+        assert!(sent.payload.chunks(4).zip(&frame.samples).all(|(bytes, s)| bytes[..2] == s.re.to_le_bytes()));
+        assert!((frame.host_time_ns - sent.end_ns).abs() < 500_000);
+    }
+    assert_eq!(bench.session.counters().unwitnessed, 1);
+    assert_eq!(bench.session.counters().stream.skipped_bytes, 0);
+}
+
+#[test]
+fn ticks_wrap_without_a_frame_lost() {
+    let mut bench = Bench::serial();
+    bench.board.first_tick = (1 << 32) - 3_000_000;
+    bench.run_s(6.0);
+    assert_eq!(bench.session.counters().results + 1, bench.board.frames.len() as u64);
+    assert!(bench.frames().windows(2).all(|f| f[1].tick > f[0].tick && f[1].host_time_ns > f[0].host_time_ns));
+    assert!(bench.frames().last().unwrap().tick > 1 << 32);
+}
+
+/// A thousand and more faults of one kind in one session: frames lost are frames struck, none is wrong but where
+/// nothing tells.
+fn thousand_faults(kind: fn(&mut ChaCha8Rng) -> Fault) {
+    let mut bench = Bench::serial();
+    bench.run_s(3.0);
+    bench.faults = Some(kind);
+    bench.run_s(130.0);
+    bench.faults = None;
+    bench.run_s(0.5);
+    let struck: Vec<&Sent> = bench.board.frames.iter().filter(|sent| sent.fault.is_some()).collect();
+    assert!(struck.len() > 1000, "{}", struck.len());
+    assert_eq!((bench.session.counters().connects, bench.troubles().len()), (1, 0));
+    let (frames, mut next, mut wrong) = (bench.frames(), 0, 0);
+    for sent in &bench.board.frames[1..] {
+        let length = super::super::test_stream::result_bytes(&sent.info, &sent.payload).len();
+        let Some(frame) = frames.get(next).filter(|f| (f.host_time_ns - sent.end_ns).abs() < 5_000_000) else {
+            assert!(sent.fault.is_some(), "lost without a fault: {sent:?}");
+            continue;
+        };
+        next += 1;
+        let samples: Vec<u8> =
+            frame.samples.iter().flat_map(|s| [s.re.to_le_bytes(), s.im.to_le_bytes()].concat()).collect();
+        let in_line = sent.fault.is_some_and(|(_, at)| at < length - sent.payload.len());
+        let is_flipped = matches!(sent.fault, Some((Fault::Flip(_), _)));
+        wrong += u32::from(sent.fault.is_some());
+        assert!(samples == sent.payload || is_flipped && !in_line, "{sent:?}");
+        let tick_error = (frame.tick as u32).wrapping_sub(sent.info.tick) as i32;
+        assert!(tick_error == 0 || in_line && tick_error.abs() <= 455, "{tick_error} at {sent:?}");
+        assert!(frame.temperature_c == sent.info.temperature || in_line, "{sent:?}");
+        assert!(frame.data_saturated == sent.info.data_saturated && !frame.calibration_needed, "{sent:?}");
+    }
+    assert_eq!(next, frames.len());
+    println!("{} struck, {wrong} handed on, {:?}", struck.len(), bench.session.counters());
+}
+
+#[test]
+fn a_thousand_lost_bytes_cost_what_they_touched() {
+    thousand_faults(|_| Fault::Lose);
+}
+
+#[test]
+fn a_thousand_doubled_bytes_cost_what_they_touched() {
+    thousand_faults(|_| Fault::Double);
+}
+
+#[test]
+fn a_thousand_flipped_bits_cost_what_they_touched() {
+    thousand_faults(|rng| Fault::Flip(1 << rng.random_range(0..8)));
+}
+
+#[test]
+fn a_silent_board_is_noticed_and_set_up_again_with_its_calibration() {
+    let mut bench = Bench::serial();
+    bench.run_s(4.0);
+    bench.board.dead = true;
+    bench.run_s(2.1);
+    assert!(matches!(bench.troubles()[..], [SessionError::Silent { seconds }] if *seconds == 2.0));
+    bench.run_s(20.0);
+    let missed = bench.troubles().iter().filter(|e| matches!(e, SessionError::NoAnswer { .. })).count();
+    assert!((2..8).contains(&missed), "{missed}");
+    bench.board.dead = false;
+    let before = bench.session.counters().results;
+    bench.run_s(13.0);
+    assert!(bench.session.counters().results > before + 60);
+    let last_setup = bench.board.commands.iter().rev().find(|c| c["cmd"] == "setup").unwrap();
+    assert_eq!(last_setup["calibration_info"][0]["data"], "cal1");
+    assert_eq!(bench.session.counters().silences, 1);
+}
+
+#[test]
+fn a_line_that_breaks_is_taken_up_again() {
+    let mut bench = Bench::serial();
+    bench.run_s(3.0);
+    bench.session.line_lost("unplugged");
+    bench.board.reset();
+    bench.run_s(5.0);
+    assert!(matches!(bench.troubles()[..], [SessionError::LineLost(_)]));
+    let before = bench.session.counters().results;
+    bench.session.line_opened(bench.now_ns);
+    bench.run_s(2.0);
+    assert!(bench.session.counters().results > before + 50);
+    // Times go on rising through it all.
+    assert!(bench.frames().windows(2).all(|f| f[1].host_time_ns > f[0].host_time_ns));
+}
+
+#[test]
+fn a_board_that_restarts_its_clock_costs_one_frame() {
+    let mut bench = Bench::serial();
+    bench.run_s(4.0);
+    bench.board.first_tick = 900_000_000;
+    bench.run_s(2.0);
+    let counters = bench.session.counters();
+    assert_eq!((counters.tick_jumps, counters.refused_ticks, counters.connects), (1, 1, 1));
+    assert_eq!(counters.results + 2, bench.board.frames.len() as u64);
+    assert!(bench.frames().windows(2).all(|f| f[1].host_time_ns - f[0].host_time_ns < 31_000_000));
+}
+
+#[test]
+fn refusals_tell_what_to_do() {
+    let failed = |change: fn(&mut TestBoard)| {
+        let mut board = TestBoard::new();
+        change(&mut board);
+        let mut bench = Bench::new(board, Link::Serial { baud: None });
+        bench.run_s(3.0);
+        (bench.session.is_over(), bench.troubles().first().map(|e| e.to_string()).unwrap_or_default())
+    };
+    type Case = (fn(&mut TestBoard), bool, &'static str);
+    let cases: [Case; 6] = [
+        (|b| b.rss_version = "a121-v0.2.0".into(), true, "version 0.2.0 is too old"),
+        (|b| b.rss_version = "banana".into(), true, "\"banana\" is not understood"),
+        (|b| b.rss_version = "a121-v0.7.0".into(), true, "does not know prf 15.6 MHz (0.7.1.dev37 does)"),
+        (|b| b.ticks_per_second = 0, true, "no ticks"),
+        (|b| b.connected = false, false, "no sensor is connected at place 1 (none is connected anywhere)"),
+        (|b| b.refuses = Some("setup"), true, "refuses setup: I do not want to"),
+    ];
+    for (change, is_over, text) in cases {
+        let (over, message) = failed(change);
+        assert_eq!(over, is_over, "{message}");
+        assert!(message.contains(text), "{message}");
+    }
+    let mut bench = Bench::new(TestBoard::new(), Link::Serial { baud: Some(3_000_000) });
+    bench.run_s(3.0);
+    assert_eq!(bench.troubles(), [&SessionError::Baud { asked: 3_000_000, max: 2_000_000 }]);
+}
+
+#[test]
+fn slow_ports_stay_at_the_first_speed() {
+    let mut bench = Bench::new(TestBoard::new(), Link::Serial { baud: Some(115_200) });
+    bench.run_s(3.0);
+    assert!(!bench.commands().contains(&"set_uart_baudrate") && !bench.frames().is_empty());
+}
+
+#[test]
+fn a_server_that_still_streams_for_somebody_else_is_stopped_first() {
+    let mut bench = Bench::new(TestBoard::new(), Link::Tcp);
+    (bench.board.streaming, bench.board.next_frame_ns, bench.board.refuses) =
+        (true, 1_000_000, Some("get_system_info"));
+    bench.board.refuses = None;
+    bench.board.dead = false;
+    // Its answer to the first question is lost in the stream.
+    bench.act();
+    bench.on_the_way.clear();
+    bench.run_s(3.0);
+    assert_eq!(bench.commands()[..3], ["get_system_info", "stop_streaming", "get_system_info"]);
+    assert!(bench.frames().len() > 100 && bench.troubles().is_empty());
+    assert!(!bench.actions.iter().any(|a| matches!(a, Action::SendBreak | Action::SetBaud(_))));
+}
+
+#[test]
+fn a_sensor_that_asks_for_calibration_is_set_up_anew_once() {
+    let mut bench = Bench::serial();
+    bench.run_s(3.0);
+    bench.board.calibration_needed = true;
+    bench.run_s(0.1);
+    bench.board.calibration_needed = false;
+    bench.run_s(1.0);
+    assert_eq!((bench.board.setups, bench.session.counters().recalibrations), (2, 1));
+    assert!(bench.board.commands.iter().rev().find(|c| c["cmd"] == "setup").unwrap().get("calibration_info").is_none());
+    assert!(bench.events.contains(&Event::Recalibrating) && bench.troubles().is_empty());
+    // One that goes on asking is not set up without end.
+    bench.board.calibration_needed = true;
+    bench.run_s(35.0);
+    assert!((3..=6).contains(&bench.board.setups), "{}", bench.board.setups);
+}
+
+#[test]
+fn setups_that_break_a_rule_are_refused() {
+    let sound = small_setup();
+    let refused = |change: fn(&mut Setup)| {
+        let mut setup = sound.clone();
+        change(&mut setup);
+        Session::new(setup, Link::Tcp, 0).err()
+    };
+    assert_eq!(refused(|_| {}), None);
+    assert_eq!(refused(|s| s.groups.clear()), Some(SessionError::NoSensors));
+    assert_eq!(refused(|s| s.groups.push(vec![])), Some(SessionError::NoSensors));
+    assert_eq!(refused(|s| s.groups[0][0].sensor_id = 0), Some(SessionError::SensorId(0)));
+    assert_eq!(refused(|s| s.groups[0][0].sensor_id = 6), Some(SessionError::SensorId(6)));
+    assert_eq!(
+        refused(|s| s.groups[0] = [s.groups[0].clone(), s.groups[0].clone()].concat()),
+        Some(SessionError::SensorTwice(1))
+    );
+    assert!(matches!(refused(|s| s.update_rate_hz = Some(5.0)), Some(SessionError::BothRates { .. })));
+    assert!(matches!(refused(|s| s.groups[0][0].config.subsweeps.clear()), Some(SessionError::Config { .. })));
+    let unset = |s: &mut Setup| s.groups[0][0].config.frame_rate = None;
+    let mut setup = sound.clone();
+    unset(&mut setup);
+    setup.update_rate_hz = Some(f64::NAN);
+    assert!(matches!(Session::new(setup, Link::Tcp, 0), Err(SessionError::UpdateRate(_))));
+}
+
+#[test]
+fn events_that_nobody_fetches_are_bounded_and_counted() {
+    let mut bench = Bench::serial();
+    bench.run_s(3.0);
+    for _ in 0..MAX_EVENTS + 10 {
+        bench.session.tell(Event::Streaming);
+    }
+    assert_eq!((bench.session.events.len(), bench.session.counters().dropped_events), (MAX_EVENTS, 10));
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_and_no_times_panic(
+        pieces in prop::collection::vec(
+            (prop_oneof![
+                prop::collection::vec(any::<u8>(), 0..300),
+                prop::sample::select(vec![
+                    "{\"status\":\"ok\"}\n", "{\"status\":\"start\"}\n", "{\"status\":\"stop\"}\n",
+                    "{\"status\":\"error\",\"message\":\"x\"}\n",
+                    "{\"status\":\"ok\",\"result_info\":[],\"payload_size\":0}\n",
+                    "{\"status\":\"ok\",\"sensor_info\":[]}\n",
+                    "{\"status\":\"ok\",\"tick_period\":0,\"metadata\":[[]]}\n",
+                    "{\"status\":\"ok\",\"result_info\":[[]],\"payload_size\":0}\n",
+                ]).prop_map(|text| text.as_bytes().to_vec()),
+            ], any::<i64>(), 0u8..6),
+            0..40),
+        tcp in any::<bool>(),
+    ) {
+        let mut bench = Bench::new(TestBoard::new(), if tcp { Link::Tcp } else { Link::Serial { baud: None } });
+        bench.run_s(1.2);
+        for (bytes, time_ns, what) in pieces {
+            match what {
+                0 => bench.session.poll(time_ns),
+                1 => bench.session.receive(&bytes, time_ns),
+                2 => bench.session.line_opened(bench.now_ns),
+                _ => bench.session.receive(&bytes, bench.now_ns),
+            }
+            bench.act();
+        }
+    }
+}
