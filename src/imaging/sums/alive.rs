@@ -181,6 +181,10 @@ impl Kernel for RollCubes<'_> {
             for two in eights.chunks_mut(2).filter(|two| two.iter().any(Bounds::is_in_use)) {
                 let come = s.store_int(bounds(s, stack, maxima, &sweep, &two_eights(s, two)));
                 for (eight, come) in two.iter_mut().zip(come.as_chunks::<8>().0) {
+                    // What is not in use would drift: it misses sweeps.
+                    if !eight.is_in_use() {
+                        continue;
+                    }
                     pairs += u64::from(eight.alive.count_ones());
                     for ((sum, most), come) in eight.sum.iter_mut().zip(&mut eight.most).zip(come) {
                         *sum += come;
@@ -194,6 +198,10 @@ impl Kernel for RollCubes<'_> {
             for two in eights.chunks_mut(2).filter(|two| two.iter().any(Bounds::is_in_use)) {
                 let go = s.store_int(bounds(s, stack, maxima, &sweep, &two_eights(s, two)));
                 for (eight, go) in two.iter_mut().zip(go.as_chunks::<8>().0) {
+                    // What is not in use would drift: it misses sweeps.
+                    if !eight.is_in_use() {
+                        continue;
+                    }
                     pairs += u64::from(eight.alive.count_ones());
                     for (sum, go) in eight.sum.iter_mut().zip(go) {
                         *sum -= go;
