@@ -46,6 +46,8 @@ pub struct Pipeline {
     estimator: Option<TimeOffsetEstimator>,
     max_sigma_s: f64,
     next_estimate_ns: Option<i64>,
+    /// Sweeps from then on are listened to for the next estimate.
+    listen_from_ns: i64,
     estimate: Option<TimeOffset>,
     /// 1σ of the estimate that is in force; `None`: the settings' offset is.
     applied_sigma_s: Option<f64>,
@@ -57,6 +59,8 @@ const PATH_STEP_NS: i64 = 20_000_000;
 /// Time between two estimates of the offset, nanoseconds; and while the one in force holds good.
 const ESTIMATE_NS: i64 = 1_000_000_000;
 const SETTLED_ESTIMATE_NS: i64 = 5_000_000_000;
+/// Then only the sweeps of so long before an estimate are listened to.
+const SETTLED_LISTEN_NS: i64 = 2_000_000_000;
 /// The offset is changed when it is wrong by this many 1σ, and by this much, seconds.
 const SIGNIFICANT: f64 = 3.0;
 const MIN_CHANGE_S: f64 = 0.5e-3;
@@ -87,6 +91,7 @@ impl Pipeline {
             estimator,
             max_sigma_s: tracking.max_time_offset_sigma_s,
             next_estimate_ns: None,
+            listen_from_ns: i64::MIN,
             estimate: None,
             applied_sigma_s: None,
             time_offset: TimeOffsetCounters::default(),
@@ -106,8 +111,10 @@ impl Pipeline {
             if !first {
                 self.estimate_time_offset();
             }
-            let wait_ns = if self.is_settled() { SETTLED_ESTIMATE_NS } else { ESTIMATE_NS };
-            self.next_estimate_ns = Some(now_ns.saturating_add(wait_ns));
+            let settled = self.is_settled();
+            let next_ns = now_ns.saturating_add(if settled { SETTLED_ESTIMATE_NS } else { ESTIMATE_NS });
+            self.listen_from_ns = if settled { next_ns.saturating_sub(SETTLED_LISTEN_NS) } else { i64::MIN };
+            self.next_estimate_ns = Some(next_ns);
         }
     }
 
@@ -130,7 +137,8 @@ impl Pipeline {
             for sensor in path {
                 estimator.push_path(sensor.time_ns, sensor.tracking_from_sensor.translation, sensor.velocity_m_per_s);
             }
-            observations.iter().for_each(|observation| estimator.push_sweep(observation));
+            let listened = observations.iter().filter(|observation| observation.mid_time_ns >= self.listen_from_ns);
+            listened.for_each(|observation| estimator.push_sweep(observation));
         }
         for observation in observations {
             let time_ns = observation.mid_time_ns;

@@ -230,10 +230,13 @@ impl Kernel for Interleave<'_> {
                 out[last] = filtered[last % 2 * long + last / 2] * (norms[last] * scale);
             }
             phases => {
-                for (phase, values) in filtered.chunks_exact(long).enumerate() {
-                    let at = out.iter_mut().zip(norms).skip(phase).step_by(phases);
-                    for ((out, norm), value) in at.zip(values) {
-                        *out = value * (norm * scale);
+                // Indices: stepping iterators would not be compiled for the kernel's instructions.
+                for phase in 0..phases {
+                    let values = &filtered[phase * long..(phase + 1) * long];
+                    let entries = out.len().min(norms.len()).saturating_sub(phase).div_ceil(phases);
+                    for (at, value) in values[..entries].iter().enumerate() {
+                        let entry = at * phases + phase;
+                        out[entry] = value * (norms[entry] * scale);
                     }
                 }
             }

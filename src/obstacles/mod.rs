@@ -5,9 +5,11 @@ mod map;
 mod reflectors;
 mod rooms;
 mod scene;
+mod views;
 
-pub use explain::{Believed, ExplainSettings, Explained, ViewMemory, Window};
+pub use explain::{Believed, ExplainSettings, Explained, Window};
 pub use map::{MapSettings, Sighted, Sightings, same_place, same_plane};
 pub use reflectors::{ReflectorSettings, find_reflectors};
 pub use rooms::{RoomCounters, RoomSearch, RoomSettings};
 pub use scene::{Observed, Obstacle, Scene, Wall};
+pub use views::ViewMemory;

@@ -11,6 +11,7 @@ use super::lanes::{LANES, Lanes};
 use super::subapertures::{Partition, partition};
 use super::{BlockSettings, taper};
 use crate::geometry::Pose;
+use crate::imaging::compression::CompressionRoom;
 use crate::imaging::{RangeCompressor, block_noise_rms};
 use crate::radar::{Observation, SweepGeometry};
 
@@ -63,23 +64,24 @@ const SMOOTH_ENTRIES: f32 = 3.5;
 
 impl Block {
     /// From at least two sweeps of one geometry.
-    fn new(observations: &[Observation], compressor: &RangeCompressor) -> Self {
+    fn new(observations: &[Observation], compressor: &RangeCompressor, room: &mut CompressionRoom) -> Self {
         let middle = &observations[observations.len() / 2];
         let origin = middle.tracking_from_sensor.translation;
         let noise_rms_lsb = block_noise_rms(observations.iter().map(|o| o.samples.as_slice()));
         let geometry = Arc::clone(&middle.geometry);
         let groups: Vec<Group> = observations.chunks(LANES).map(|sweeps| group(sweeps, origin)).collect();
-        let compressed: Vec<_> = observations.iter().map(|o| compressor.compress(&o.samples, 1.0)).collect();
-        let (first_m, step_m, entries) = (compressed[0].first_m, compressed[0].step_m, compressed[0].z.len());
+        let (first_m, step_m, entries) = (compressor.first_m(), compressor.step_m(), compressor.entries());
         let mut z = vec![[[0.0; LANES]; 2]; entries * groups.len()];
         let mut rows = Rows::new(observations.len(), entries, first_m, step_m, geometry.profile.envelope_fwhm_m());
         let mut evened = vec![Complex32::ZERO; entries];
-        for (k, sweep) in compressed.iter().enumerate() {
+        for (k, observation) in observations.iter().enumerate() {
+            compressor.compress_in(&observation.samples, 1.0, room);
             let scale = (taper(k, observations.len()) / noise_rms_lsb) as f32;
-            for (entry, value) in sweep.z.iter().enumerate() {
+            let at = |entry: usize| Complex32::new(room.re[entry], room.im[entry]);
+            for entry in 0..entries {
                 // Straight lines between entries lie inside the curve; entries moved out by the mean of that even it out.
-                let (before, after) = (entry.saturating_sub(1), (entry + 1).min(entries - 1));
-                let inside = (sweep.z[before] + sweep.z[after] - value * 2.0) / 12.0;
+                let (before, value, after) = (at(entry.saturating_sub(1)), at(entry), at((entry + 1).min(entries - 1)));
+                let inside = (before + after - value * 2.0) / 12.0;
                 evened[entry] = (value - inside) * scale;
                 let row = &mut z[entry * groups.len() + k / LANES];
                 (row[0][k % LANES], row[1][k % LANES]) = (value.re * scale, value.im * scale);
@@ -173,6 +175,7 @@ impl Group {
 pub struct BlockBuilder {
     settings: BlockSettings,
     compressor: Option<RangeCompressor>,
+    room: CompressionRoom,
     waiting: Vec<Observation>,
     /// Sweeps that came to lie in no block: too few before a pause.
     pub dropped_sweeps: u64,
@@ -181,7 +184,7 @@ pub struct BlockBuilder {
 impl BlockBuilder {
     /// Nothing gathered yet.
     pub fn new(settings: BlockSettings) -> Self {
-        Self { settings, compressor: None, waiting: Vec::new(), dropped_sweeps: 0 }
+        Self { settings, compressor: None, room: CompressionRoom::default(), waiting: Vec::new(), dropped_sweeps: 0 }
     }
 
     /// Takes a sweep; gives the block that it closes, if it closes one. All sweeps must share one geometry.
@@ -206,7 +209,7 @@ impl BlockBuilder {
             return None;
         }
         let compressor = self.compressor.get_or_insert_with(|| RangeCompressor::new(&sweeps[0].geometry));
-        Some(Block::new(&sweeps, compressor))
+        Some(Block::new(&sweeps, compressor, &mut self.room))
     }
 }
 

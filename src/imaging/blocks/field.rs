@@ -7,10 +7,8 @@
 //! that had it in the beam and of nothing else: not of when the field began, nor of blocks that passed it by. A field built
 //! anew from the same blocks is the same, bit for bit.
 
-use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::sync::OnceLock;
 
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
@@ -28,6 +26,8 @@ const VOXELS: usize = EDGE * EDGE * EDGE;
 /// Layers of 4 × 4 voxels in a brick; four on top of each other are a tile, and a brick's voxels are stored tile by tile.
 const LAYERS: usize = VOXELS / LANES;
 const TILE_LAYERS: usize = 4;
+/// Voxels of a layer's row, which lie one after the other.
+const COLUMNS: usize = 4;
 /// A grows by 2 to this power in an epoch.
 const EPOCH_DOUBLINGS: i32 = 8;
 /// Ticks in an epoch, as a power of two.
@@ -60,6 +60,37 @@ struct Brick {
     greatest2: [f32; LAYERS],
     /// When any of its voxels was last seen.
     newest: i32,
+    /// What was found in it when somebody last looked for maxima.
+    found: Found,
+}
+
+/// Strong voxels and maxima of a brick, kept from one look to the next: a score changes only when a block adds to it.
+#[derive(Debug, Default)]
+struct Found {
+    /// Nothing was added since.
+    is_current: bool,
+    /// Scores of at least the least score asked for, seen since the time asked for; `None` without any.
+    strong: Option<Strong>,
+    /// When the strong voxel was seen that was not seen for longest.
+    oldest: i32,
+    /// `strong` is not what it was in the look before.
+    has_changed: bool,
+    peaks: Vec<Peak>,
+}
+
+/// What maxima were looked for.
+#[derive(Debug, Clone, Copy)]
+struct Asked {
+    min_score: f64,
+    radius_m: f64,
+    since: i32,
+}
+
+impl Asked {
+    /// What was found for the one asked before can serve.
+    fn follows(&self, before: &Self) -> bool {
+        self.min_score == before.min_score && self.radius_m == before.radius_m && self.since >= before.since
+    }
 }
 
 /// When a block was, for fading.
@@ -79,8 +110,11 @@ pub struct Field {
     first_epoch: Option<i64>,
     bricks: Vec<Brick>,
     index: BTreeMap<[i32; 3], usize>,
-    /// Radius, voxels, and every voxel's neighbours within it, as first asked for.
-    neighbors: OnceLock<(f64, Vec<Neighbor>)>,
+    /// Maxima that were last looked for, and every voxel's neighbours within their radius.
+    asked: Option<Asked>,
+    neighbors: Vec<Neighbor>,
+    /// Voxels that the radius reaches along an axis.
+    reach: i32,
     /// (voxel, sweep) pairs summed so far.
     pub updates: u64,
 }
@@ -88,8 +122,9 @@ pub struct Field {
 impl Field {
     /// Empty. `min_cos`: cosine of the widest angle in the beam.
     pub fn new(settings: BlockSettings, min_cos: f64) -> Self {
-        let (bricks, index, neighbors) = (Vec::new(), BTreeMap::new(), OnceLock::new());
-        Self { settings, min_cos, first_epoch: None, bricks, index, neighbors, updates: 0 }
+        let (bricks, index) = (Vec::new(), BTreeMap::new());
+        let (asked, neighbors, reach) = (None, Vec::new(), 0);
+        Self { settings, min_cos, first_epoch: None, bricks, index, asked, neighbors, reach, updates: 0 }
     }
 
     /// Number of bricks that were ever in the beam.
@@ -242,7 +277,7 @@ impl Field {
         let voxel_m = self.settings.voxel_m;
         let mut found = Vec::new();
         for brick in self.index.values().map(|&at| &self.bricks[at]) {
-            let Some(scores) = brick.strong_scores(min_score as f32, since) else { continue };
+            let Some((scores, _)) = brick.strong_scores(min_score as f32, since) else { continue };
             for (n, &score) in scores.iter().enumerate().filter(|(_, score)| **score > f32::NEG_INFINITY) {
                 found.push(Peak { position_m: brick.center(n, voxel_m), score: f64::from(score) });
             }
@@ -250,21 +285,26 @@ impl Field {
         found
     }
 
-    /// Local maxima: voxels of [`Field::above`] with no greater one within `radius_m`, by falling score.
-    pub fn peaks(&self, min_score: f64, radius_m: f64, since_ns: i64) -> Vec<Peak> {
+    /// Local maxima: voxels of [`Field::above`] with no greater one within `radius_m`, by falling score. Bricks around which
+    /// nothing changed since they were last asked for are not looked through again.
+    pub fn peaks(&mut self, min_score: f64, radius_m: f64, since_ns: i64) -> Vec<Peak> {
         let since = self.ticks_at(since_ns);
-        let radius = radius_m / self.settings.voxel_m;
-        let (kept_radius, kept) = self.neighbors.get_or_init(|| (radius, neighbors(&ball(radius))));
-        let others = (*kept_radius != radius).then(|| neighbors(&ball(radius)));
-        let neighbors = others.as_ref().unwrap_or(kept);
-        // Only what is strong enough itself can be greater than what is: bricks without any need no second look.
-        let strong: Vec<Option<Strong>> =
-            self.bricks.par_iter().map(|brick| brick.strong_scores(min_score as f32, since)).collect();
-        let each = strong.par_iter().zip(&self.bricks).flat_map_iter(|(scores, brick)| match scores {
-            Some(scores) => self.peaks_of(brick, scores, &strong, neighbors),
-            None => Vec::new(),
-        });
-        let mut peaks: Vec<Peak> = each.collect();
+        let asked = Asked { min_score, radius_m, since };
+        if !self.asked.replace(asked).is_some_and(|before| asked.follows(&before)) {
+            let offsets = ball(radius_m / self.settings.voxel_m);
+            self.neighbors = neighbors(&offsets);
+            self.reach = offsets.iter().map(|offset| offset.x).max().unwrap_or(0);
+            self.bricks.iter_mut().for_each(|brick| brick.found = Found::default());
+        }
+        self.bricks.par_iter_mut().for_each(|brick| brick.find_strong(min_score as f32, since));
+        let new: Vec<Option<Vec<Peak>>> = self.bricks.par_iter().map(|brick| self.new_peaks(brick)).collect();
+        let mut peaks: Vec<Peak> = Vec::new();
+        for (brick, new) in self.bricks.iter_mut().zip(new) {
+            if let Some(new) = new {
+                brick.found.peaks = new;
+            }
+            peaks.extend(&brick.found.peaks);
+        }
         // Equal scores fall back to the place, so that the order is always the same.
         peaks.sort_by(|p, q| {
             let (a, b) = (p.position_m, q.position_m);
@@ -274,25 +314,47 @@ impl Field {
         peaks
     }
 
-    fn peaks_of(&self, brick: &Brick, mine: &Strong, strong: &[Option<Strong>], neighbors: &[Neighbor]) -> Vec<Peak> {
-        let brick_around = |n: u8| {
-            let at = *self.index.get(&(brick.key + cube(i32::from(n))).to_array())?;
-            strong[at].as_deref()
+    fn brick_at(&self, key: IVec3) -> Option<&Brick> {
+        Some(&self.bricks[*self.index.get(&key.to_array())?])
+    }
+
+    /// The brick's maxima, if they may be others than before.
+    fn new_peaks(&self, brick: &Brick) -> Option<Vec<Peak>> {
+        let Some(strong) = &brick.found.strong else {
+            return (!brick.found.peaks.is_empty()).then(Vec::new);
         };
-        // Most voxels have a greater one in their own brick: the others are looked up when first needed.
-        let around: [OnceCell<Option<&[f32; VOXELS]>>; 27] = std::array::from_fn(|_| OnceCell::new());
+        let around: [Option<&Brick>; 27] = std::array::from_fn(|n| self.brick_at(brick.key + cube(n as i32)));
+        around.iter().flatten().any(|brick| brick.found.has_changed).then(|| self.peaks_of(brick, strong, &around))
+    }
+
+    fn peaks_of(&self, brick: &Brick, mine: &Strong, around: &[Option<&Brick>; 27]) -> Vec<Peak> {
+        let around = around.map(|brick| brick?.found.strong.as_deref());
+        let around_each = self.neighbors.len() / VOXELS;
         let mut peaks = Vec::new();
-        for (n, &score) in mine.iter().enumerate().filter(|(_, score)| **score > f32::NEG_INFINITY) {
+        // Of voxels in a row that lie within the radius of each other only the greatest can be a maximum.
+        let row = match self.reach {
+            0 => 1,
+            1 | 2 => COLUMNS / 2,
+            _ => COLUMNS,
+        };
+        for first in (0..VOXELS).step_by(row) {
+            let (mut n, mut score) = (first, mine[first]);
+            for (at, &other) in mine[..first + row].iter().enumerate().skip(first + 1) {
+                if other > score {
+                    (n, score) = (at, other);
+                }
+            }
+            if score == f32::NEG_INFINITY {
+                continue;
+            }
             // Of equal neighbours the one that comes first counts as the greater.
             let greater = |neighbor: &Neighbor| {
-                let scores = around[usize::from(neighbor.brick)].get_or_init(|| brick_around(neighbor.brick));
-                scores.is_some_and(|scores| {
+                around[usize::from(neighbor.brick)].is_some_and(|scores| {
                     let other = scores[usize::from(neighbor.voxel)];
                     other > score || (other == score && neighbor.comes_first)
                 })
             };
-            let around_here = neighbors.len() / VOXELS;
-            if !neighbors[n * around_here..(n + 1) * around_here].iter().any(greater) {
+            if !self.neighbors[n * around_each..(n + 1) * around_each].iter().any(greater) {
                 peaks.push(Peak { position_m: brick.center(n, self.settings.voxel_m), score: f64::from(score) });
             }
         }
@@ -315,7 +377,7 @@ fn cube(n: i32) -> IVec3 {
 
 /// Voxel offsets within a radius (at most a brick's edge), nearest first.
 fn ball(radius: f64) -> Vec<IVec3> {
-    let reach = radius.floor().min(EDGE as f64) as i32;
+    let reach = (radius + 1e-9).floor().min(EDGE as f64) as i32;
     let axis = || -reach..=reach;
     let all = axis().flat_map(|z| axis().flat_map(move |y| axis().map(move |x| IVec3::new(x, y, z))));
     let inside = |o: &IVec3| *o != IVec3::ZERO && f64::from(o.length_squared()) <= radius * radius + 1e-9;
@@ -485,7 +547,8 @@ impl<'a> View<'a> {
 
 impl Brick {
     fn new(key: IVec3) -> Self {
-        Self { key, layers: Box::new([Layer::EMPTY; LAYERS]), greatest2: [f32::NEG_INFINITY; LAYERS], newest: -1 }
+        let (layers, greatest2) = (Box::new([Layer::EMPTY; LAYERS]), [f32::NEG_INFINITY; LAYERS]);
+        Self { key, layers, greatest2, newest: -1, found: Found::default() }
     }
 
     fn center(&self, n: usize, voxel_m: f64) -> DVec3 {
@@ -498,8 +561,21 @@ impl Brick {
         (b > 0.0).then(|| a / b.sqrt())
     }
 
-    /// Scores of at least that much, seen since then; `None` without any.
-    fn strong_scores(&self, min_score: f32, since: i32) -> Option<Strong> {
+    /// Brings the strong voxels up to date.
+    fn find_strong(&mut self, min_score: f32, since: i32) {
+        let holds = self.found.is_current && (self.found.strong.is_none() || self.found.oldest >= since);
+        self.found.has_changed = false;
+        if !holds {
+            let found = self.strong_scores(min_score, since);
+            self.found.has_changed = found.is_some() || self.found.strong.is_some();
+            (self.found.strong, self.found.oldest) = found.map_or((None, 0), |(strong, oldest)| (Some(strong), oldest));
+            self.found.is_current = true;
+        }
+    }
+
+    /// Scores of at least that much, seen since then, and when the one was seen that was not seen for longest; `None` without
+    /// any.
+    fn strong_scores(&self, min_score: f32, since: i32) -> Option<(Strong, i32)> {
         if self.newest < since {
             return None;
         }
@@ -510,17 +586,18 @@ impl Brick {
             return None;
         }
         let mut scores = [f32::NEG_INFINITY; VOXELS];
-        let mut any = false;
+        let mut oldest = None;
         let layers = self.layers.iter().zip(&self.greatest2).zip(scores.chunks_exact_mut(LANES));
         for ((layer, _), scores) in layers.filter(|((_, greatest2), _)| may_be(**greatest2)) {
             for (l, held) in scores.iter_mut().enumerate() {
                 let score = layer.a[l] / layer.b[l].sqrt();
                 if (layer.b[l] > 0.0) & (score >= min_score) & (layer.seen[l] >= since) {
-                    (*held, any) = (score, true);
+                    *held = score;
+                    oldest = Some(oldest.map_or(layer.seen[l], |oldest: i32| oldest.min(layer.seen[l])));
                 }
             }
         }
-        any.then(|| Box::new(scores))
+        oldest.map(|oldest| (Box::new(scores), oldest))
     }
 
     /// Adds a block to the voxels in its beam; returns how many there were.
@@ -587,6 +664,7 @@ impl Brick {
         }
         add_layers(self, &seen[..count], &m, moment);
         self.newest = self.newest.max(moment.ticks);
+        self.found.is_current = false;
         visited
     }
 }
@@ -672,7 +750,7 @@ mod tests {
         let echoes = [(Echo::Point(CHAIR), 1.0), (Echo::Point(DVec3::new(-0.4, -0.2, -1.6)), 3.0)];
         let observations = sweeps(0.3, winding, &echoes, 1);
         let oracle = Oracle::new(&observations, &Beam::Lensless, &BlockSettings::default());
-        let field = field(observations.clone());
+        let mut field = field(observations.clone());
         let peaks = field.peaks(-9.0, 0.15, 0);
         assert!(peaks.len() > 50);
         // The field fades when a voxel is seen again, the oracle up to the newest sweep: equal where seen all the time.
@@ -682,6 +760,50 @@ mod tests {
             assert!((peak.score - exact).abs() < 0.02 * most, "{peak:?} {exact}");
         }
         assert_eq!(oracle.value(Statistic::Blocks, DVec3::Z), 0.0);
+    }
+
+    #[test]
+    fn maxima_found_look_by_look_are_those_of_a_first_look() {
+        let blocks = blocks(sweeps(3.0, winding, &[(Echo::Point(CHAIR), 1.0), (Echo::Point(DVec3::NEG_Z), 0.5)], 5));
+        let settings = BlockSettings::default();
+        let new = || Field::new(settings, settings.min_cos(&Beam::Lensless));
+        let mut field = new();
+        let mut found = 0;
+        for n in 0..blocks.len() {
+            field.add(&blocks[n]);
+            // Now and then two blocks between looks; what was seen long ago counts no more; other questions in between.
+            if n % 3 == 1 {
+                continue;
+            }
+            let since_ns = blocks[n].mid_time_ns - 800_000_000;
+            let mut fresh = new();
+            blocks[..=n].iter().for_each(|block| fresh.add(block));
+            for (min_score, radius_m) in [(1.5, 0.15), (2.5, 0.2), (1.5, 0.05)].into_iter().take(1 + 2 * (n / 10 % 2)) {
+                let peaks = field.peaks(min_score, radius_m, since_ns);
+                let slow = slow_peaks(&fresh, min_score, radius_m, since_ns);
+                assert_eq!(peaks, slow, "block {n}, from {min_score}, {radius_m} m");
+                found += peaks.len();
+            }
+        }
+        assert!(found > 500, "{found}");
+    }
+
+    /// Maxima by their definition.
+    fn slow_peaks(field: &Field, min_score: f64, radius_m: f64, since_ns: i64) -> Vec<Peak> {
+        let above = field.above(min_score, since_ns);
+        let before = |a: DVec3, b: DVec3| (a.z, a.y, a.x) < (b.z, b.y, b.x);
+        let greater = |p: &Peak, q: &Peak| {
+            let apart_m = p.position_m.distance(q.position_m);
+            let comes_first = before((q.position_m / 0.01).round(), (p.position_m / 0.01).round());
+            (apart_m < radius_m + 1e-6 && apart_m > 0.0) && (q.score > p.score || (q.score == p.score && comes_first))
+        };
+        let is_peak = |p: &&Peak| !above.iter().any(|q| greater(p, q));
+        let mut peaks: Vec<Peak> = above.iter().filter(is_peak).copied().collect();
+        peaks.sort_by(|p, q| {
+            let key = |p: &Peak| (p.position_m.x, p.position_m.y, p.position_m.z);
+            q.score.total_cmp(&p.score).then_with(|| key(p).partial_cmp(&key(q)).unwrap())
+        });
+        peaks
     }
 
     #[test]
@@ -699,7 +821,7 @@ mod tests {
             assert!(noise[0].score < 4.5, "{:?}", noise[0]);
         }
         let echo = sweeps(0.6, winding, &[(Echo::Point(CHAIR), 1.0)], 4);
-        let (straight, turned) = (field(echo.clone()), field(conjugated(echo)));
+        let (mut straight, turned) = (field(echo.clone()), field(conjugated(echo)));
         assert!(straight.score_at(CHAIR).unwrap() > 6.0);
         assert!(straight.peaks(6.0, 0.15, 0)[0].position_m.distance(CHAIR) < 0.05);
         assert!(turned.score_at(CHAIR).unwrap() < 3.0);

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use num_complex::Complex32;
 
+use crate::imaging::compression::CompressionRoom;
 use crate::imaging::{CompressedSweep, RangeCompressor, block_noise_rms, sweep_noise_rms};
 use crate::radar::{Observation, SweepGeometry};
 
@@ -38,6 +39,7 @@ pub(super) struct EchoReader {
     geometry: Arc<SweepGeometry>,
     compressor: RangeCompressor,
     group: Vec<(i64, Vec<Complex32>)>,
+    room: CompressionRoom,
     min_range_m: f64,
 }
 
@@ -47,6 +49,7 @@ impl EchoReader {
             geometry: Arc::clone(geometry),
             compressor: RangeCompressor::new(geometry),
             group: Vec::new(),
+            room: CompressionRoom::default(),
             min_range_m,
         }
     }
@@ -62,7 +65,7 @@ impl EchoReader {
         echoes
     }
 
-    fn echoes(&self) -> Vec<Echo> {
+    fn echoes(&mut self) -> Vec<Echo> {
         let sweeps = self.group.len() as f64;
         let first_ns = self.group[0].0;
         let mean_ns = first_ns + self.group.iter().map(|(t, _)| t - first_ns).sum::<i64>() / self.group.len() as i64;
@@ -70,13 +73,9 @@ impl EchoReader {
             true => block_noise_rms(self.group.iter().map(|(_, samples)| samples.as_slice())),
             false => self.group.iter().map(|(_, samples)| sweep_noise_rms(samples)).sum::<f64>() / sweeps,
         };
-        let compress = |samples: &Vec<Complex32>| self.compressor.compress(samples, (1.0 / noise_rms) as f32);
-        let compressed: Vec<CompressedSweep> = self.group.iter().map(|(_, samples)| compress(samples)).collect();
         let middle = self.group.len() / 2;
-        let CompressedSweep { first_m, step_m, ref z } = compressed[middle];
-        let mean_power =
-            |entry: usize| compressed.iter().map(|c| f64::from(c.z[entry].norm_sqr())).sum::<f64>() / sweeps;
-        let power: Vec<f64> = (0..z.len()).map(mean_power).collect();
+        let (power, middle_sweep) = self.mean_power((1.0 / noise_rms) as f32, middle);
+        let CompressedSweep { first_m, step_m, .. } = middle_sweep;
         let geometry = &self.geometry;
         let pulse_curvature = 8.0 * std::f64::consts::LN_2 / geometry.profile.envelope_fwhm_m().powi(2);
         let echo = |around: usize| {
@@ -93,11 +92,28 @@ impl EchoReader {
                 time_ns: mean_ns + point_ns,
                 range_m,
                 variance_m2: 1.0 / (pulse_curvature * peak * sweeps),
-                phase_rad: compressed[middle].at(range_m).arg(),
+                phase_rad: middle_sweep.at(range_m).arg(),
                 phase_time_ns: self.group[middle].0 + point_ns,
             })
         };
         (1..power.len().saturating_sub(1)).filter_map(echo).collect()
+    }
+
+    /// Mean |z|² of the group over range, and its middle sweep, each times `scale` before.
+    fn mean_power(&mut self, scale: f32, middle: usize) -> (Vec<f64>, CompressedSweep) {
+        let Self { compressor, group, room, .. } = self;
+        let (mut power, mut middle_z) = (vec![0.0; compressor.entries()], Vec::new());
+        for (n, (_, samples)) in group.iter().enumerate() {
+            compressor.compress_in(samples, scale, room);
+            for (sum, (re, im)) in power.iter_mut().zip(room.re.iter().zip(&room.im)) {
+                *sum += f64::from(re * re + im * im);
+            }
+            if n == middle {
+                middle_z = room.re.iter().zip(&room.im).map(|(re, im)| Complex32::new(*re, *im)).collect();
+            }
+        }
+        power.iter_mut().for_each(|sum| *sum /= group.len() as f64);
+        (power, CompressedSweep { first_m: compressor.first_m(), step_m: compressor.step_m(), z: middle_z })
     }
 }
 

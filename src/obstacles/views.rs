@@ -1,0 +1,117 @@
+//! What blocks say of places, remembered from one look to the next: most places and most blocks are the same as the last
+//! time. A place that is not remembered is asked for block by block, many places of a block at once.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::imaging::blocks::{Block, Coherence, MEAN_LOG_OF_NOISE};
+
+/// A place that was not asked for is remembered for so many looks: maxima move to the voxel beside and back again.
+const REMEMBERED_LOOKS: u32 = 4;
+
+/// What a block says of one thing.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct View {
+    pub m: f64,
+    /// ln(1 + m) less its mean under noise.
+    pub evidence: f64,
+    pub power: f64,
+    pub range_m: f64,
+    /// Direction towards it, unit length.
+    pub toward: DVec3,
+    /// Cosine of that to the sensor's way.
+    pub cos: f64,
+}
+
+impl View {
+    pub fn new(block: &Block, coherence: Coherence, range_m: f64, toward: DVec3) -> Self {
+        let (m, power) = (f64::from(coherence.m), f64::from(coherence.power));
+        let evidence = m.ln_1p() - MEAN_LOG_OF_NOISE;
+        Self { m, evidence, power, range_m, toward, cos: toward.dot(block.motion) }
+    }
+}
+
+/// What a block says of a place: a view, or nothing since the place is not in its beam; `None`: not asked.
+pub(super) type Said = Option<Option<View>>;
+
+/// Time and subsweep tell a block.
+type BlockName = (i64, usize);
+
+/// What blocks said of a place, from the block of a number on.
+#[derive(Debug, Default)]
+struct Row {
+    looks_unasked: u32,
+    first: u64,
+    said: Vec<Said>,
+}
+
+/// What blocks said of places.
+#[derive(Debug, Default)]
+pub struct ViewMemory {
+    /// The blocks at hand, in time, and the number of the first: blocks leave at the beginning and come at the end.
+    names: VecDeque<BlockName>,
+    first: u64,
+    rows: BTreeMap<[u64; 3], Row>,
+    /// (place, block) pairs that were looked up, and computed.
+    pub remembered: u64,
+    /// See `remembered`.
+    pub computed: u64,
+}
+
+/// A place as a key.
+fn key(place: DVec3) -> [u64; 3] {
+    place.to_array().map(f64::to_bits)
+}
+
+impl ViewMemory {
+    /// A new look at these blocks, in time.
+    pub(super) fn begin(&mut self, blocks: &[&Block]) {
+        let names: VecDeque<BlockName> = blocks.iter().map(|b| (b.mid_time_ns, b.geometry().subsweep)).collect();
+        let gone = self.names.iter().take_while(|name| names.front() != Some(name)).count();
+        let stay = self.names.len() - gone;
+        if self.names.range(gone..).ne(names.range(..stay.min(names.len()))) {
+            self.rows.clear();
+        }
+        self.first += gone as u64;
+        self.names = names;
+        self.rows.retain(|_, row| {
+            row.looks_unasked += 1;
+            row.looks_unasked <= REMEMBERED_LOOKS
+        });
+    }
+
+    /// What was said of a place, block by block; nothing before [`Self::ask`].
+    pub(super) fn said(&self, place: DVec3) -> &[Said] {
+        self.rows.get(&key(place)).map_or(&[], |row| &row.said)
+    }
+
+    /// Asks all blocks for all places. `look`: what a block, by its place in the window, says of some.
+    pub(super) fn ask(&mut self, places: &[DVec3], look: impl Fn(usize, &[DVec3]) -> Vec<Said> + Sync) {
+        let mut rows: Vec<Row> = places.iter().map(|&place| self.take(place)).collect();
+        let missing: Vec<Vec<usize>> = (0..self.names.len())
+            .map(|block| (0..rows.len()).filter(|&n| rows[n].said[block].is_none()).collect())
+            .collect();
+        let ask = |(block, missing): (usize, &Vec<usize>)| match missing.is_empty() {
+            true => Vec::new(),
+            false => look(block, &missing.iter().map(|&n| places[n]).collect::<Vec<_>>()),
+        };
+        let answers: Vec<Vec<Said>> = missing.par_iter().enumerate().map(ask).collect();
+        self.remembered += (rows.len() * missing.len() - missing.iter().map(Vec::len).sum::<usize>()) as u64;
+        for (block, (missing, said)) in missing.iter().zip(answers).enumerate() {
+            self.computed += said.iter().flatten().count() as u64;
+            missing.iter().zip(said).for_each(|(&n, said)| rows[n].said[block] = said);
+        }
+        self.rows.extend(places.iter().map(|place| key(*place)).zip(rows));
+    }
+
+    /// The row of a place, as long as there are blocks.
+    fn take(&mut self, place: DVec3) -> Row {
+        let mut row = self.rows.remove(&key(place)).unwrap_or_default();
+        let gone = self.first.saturating_sub(row.first).min(row.said.len() as u64);
+        row.said.drain(..gone as usize);
+        row.said.resize(self.names.len(), None);
+        Row { looks_unasked: 0, first: self.first, ..row }
+    }
+}
