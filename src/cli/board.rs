@@ -140,7 +140,7 @@ mod tests {
         assert_eq!(table.lines().count(), 1 + PRESETS.len());
         let row = |name: &str| table.lines().find(|line| line.starts_with(name)).unwrap();
         assert!(table.lines().next().unwrap().contains("carried by 2000000 baud"), "{table}");
-        assert!(row("d16").contains("no: ") && row("c16").contains("if sent while measuring, else 365"), "{table}");
+        assert!(row("d16").contains("no: ") && row("c16").contains("if sent while measuring, else 360"), "{table}");
         assert!(row("slow-link").contains("yes, 5 % of it"), "{table}");
         assert!(preset_table(None).contains("not known yet"));
         let config = SensorConfig { frame_rate: Some(1000.0), ..preset("thesis").unwrap() };

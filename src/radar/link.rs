@@ -160,10 +160,10 @@ mod tests {
         assert_eq!(need("d16").on(LineSpeed::Usb).carried, Carried::Yes);
         assert_eq!(need("d16").on(LineSpeed::Network).carried, Carried::Yes);
         assert_eq!(need("d16").on(LineSpeed::Uart(2_000_000)).carried, Carried::No);
-        // 92 % of the line: whether the board measures while it sends decides between 365 and 500 a second.
+        // 92 % of the line: whether the board measures while it sends decides between 360 and 500 a second.
         let c16 = need("c16").on(LineSpeed::Uart(2_000_000));
         assert!(c16.carried == Carried::IfAtOnce && (c16.load - 0.925).abs() < 0.001, "{c16:?}");
-        assert!((c16.in_turn_hz - 365.0).abs() < 5.0, "{c16:?}");
+        assert!((c16.in_turn_hz - 360.0).abs() < 1.0, "{c16:?}");
         assert_eq!(need("slow-link").on(LineSpeed::Uart(115_200)).carried, Carried::Yes);
         assert_eq!(need("c16").on(LineSpeed::Uart(115_200)).carried, Carried::No);
     }
