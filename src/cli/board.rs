@@ -4,6 +4,7 @@ use anyhow::Result;
 use clap::Args;
 
 use crate::a121::find::{Candidate, choose, list_ports};
+use crate::a121::{Link, SystemInfo};
 use crate::live::StreamCounters;
 use crate::radar::{Carried, LineSpeed, LinkNeed, PRESETS, SensorConfig, preset, preset_purpose};
 use crate::report::Table;
@@ -29,10 +30,17 @@ impl BoardArguments {
     }
 }
 
-/// What carries the bytes once the board has told its fastest speed.
-pub(super) fn line_speed(place: &Candidate, baud: Option<u32>, max_baud: Option<u32>) -> Option<LineSpeed> {
-    let known = place.board.line_speed(baud);
-    known.or_else(|| max_baud.map(LineSpeed::Uart))
+/// What carries the bytes, by what the board told of itself once it did.
+pub(super) fn line_speed(place: &Candidate, baud: Option<u32>, told: Option<&SystemInfo>) -> Option<LineSpeed> {
+    let expected = place.board.line_speed(baud);
+    let Some(info) = told.filter(|_| !matches!(expected, Some(LineSpeed::Usb | LineSpeed::Network))) else {
+        return expected;
+    };
+    if info.hw.as_deref().is_some_and(|hw| hw.eq_ignore_ascii_case("xc120")) {
+        return Some(LineSpeed::Usb);
+    }
+    let fastest = info.max_baudrate.filter(|_| place.link(baud) == Link::Serial { baud: None });
+    fastest.map(LineSpeed::Uart).or(expected)
 }
 
 /// What all presets need and what a line makes of them.
@@ -133,6 +141,30 @@ pub(super) fn told_counters(counters: &StreamCounters, lost: u64) -> Vec<String>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::a121::find::Board;
+
+    #[test]
+    fn what_the_board_tells_is_better_than_what_was_expected() {
+        let info = |hw: &str, max_baudrate| SystemInfo {
+            rss_version: "a121-v1.12.0".into(),
+            sensor: None,
+            sensor_count: 1,
+            ticks_per_second: 1000,
+            hw: Some(hw.into()),
+            max_baudrate,
+        };
+        let place = choose(Some("/dev/ttyNONE7"), &[]).unwrap();
+        assert_eq!(line_speed(&place, None, None), None);
+        assert_eq!(line_speed(&place, None, Some(&info("XC120", Some(3_000_000)))), Some(LineSpeed::Usb));
+        let slow = info("xm125", Some(921_600));
+        assert_eq!(line_speed(&place, None, Some(&slow)), Some(LineSpeed::Uart(921_600)));
+        assert_eq!(line_speed(&place, Some(230_400), Some(&slow)), Some(LineSpeed::Uart(230_400)));
+        let xe125 = Candidate { board: Board::Xe125, ..place.clone() };
+        assert_eq!(line_speed(&xe125, None, None), Some(LineSpeed::Uart(2_000_000)));
+        assert_eq!(line_speed(&xe125, None, Some(&slow)), Some(LineSpeed::Uart(921_600)));
+        let ch340 = Candidate { board: Board::SparkfunXm125, ..place };
+        assert_eq!(line_speed(&ch340, None, Some(&slow)), Some(LineSpeed::Uart(115_200)));
+    }
 
     #[test]
     fn the_table_says_what_each_line_carries() {

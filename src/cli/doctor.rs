@@ -112,7 +112,7 @@ impl Doctor {
         let connected: Vec<String> =
             (1..).zip(&heard.sensors).filter(|(_, s)| s.connected).map(|(n, _)| n.to_string()).collect();
         findings.ok("Sensors", &format!("connected: {} of {}", connected.join(", "), info.sensor_count))?;
-        let line = line_speed(place, self.board.baud, info.max_baudrate);
+        let line = line_speed(place, self.board.baud, Some(info));
         let max = info
             .max_baudrate
             .map_or("the board names no speeds".to_owned(), |max| format!("the board's fastest is {max}"));

@@ -186,7 +186,8 @@ impl Recorder<'_> {
                 let board = self.place.board.name();
                 let source = format!("{board} on {}", self.place.address);
                 self.file.begin(source, &sensor.config, self.mount, info, board, &reply)?;
-                if let Some(path) = self.calibration.filter(|_| reply.calibrations != self.setup.calibrations) {
+                let is_new = !reply.calibrations.is_empty() && reply.calibrations != self.setup.calibrations;
+                if let Some(path) = self.calibration.filter(|_| is_new) {
                     write_calibrations(path, &reply.calibrations)?;
                 }
             }
@@ -209,8 +210,9 @@ impl Recorder<'_> {
         let Some(sensor) = self.setup.sensors().next().filter(|_| self.info.is_none()) else { return Ok(()) };
         let board = info.hw.as_deref().unwrap_or(self.place.board.name());
         say!("{board}, software {}, {} ticks a second", info.rss_version, info.ticks_per_second)?;
-        if self.place.board.line_speed(self.baud).is_none()
-            && let Some(line) = line_speed(self.place, self.baud, info.max_baudrate)
+        let line = line_speed(self.place, self.baud, Some(info));
+        if line != line_speed(self.place, self.baud, None)
+            && let Some(line) = line
         {
             say!("Carried by {line}: {}", verdict(&LinkNeed::of(&sensor.config), line))?;
         }
