@@ -164,9 +164,7 @@ pub fn discover(ports: &[PortDescription]) -> Discovery {
         Board::Xe125 => 2,
         _ => 3,
     };
-    discovery
-        .candidates
-        .sort_by(|a, b| (rank(a.board), a.address.to_string()).cmp(&(rank(b.board), b.address.to_string())));
+    discovery.candidates.sort_by_key(|candidate| (rank(candidate.board), candidate.address.to_string()));
     discovery
 }
 

@@ -15,7 +15,7 @@ pub fn thread_cpu_ns() -> i64 {
 
 #[cfg(unix)]
 fn nanoseconds(time: rustix::time::Timespec) -> i64 {
-    (time.tv_sec as i64).saturating_mul(1_000_000_000).saturating_add(time.tv_nsec as i64)
+    time.tv_sec.saturating_mul(1_000_000_000).saturating_add(time.tv_nsec)
 }
 
 /// Nanoseconds since the program first asked: here, stamps of other programs do not compare.

@@ -74,7 +74,7 @@ mod tests {
     fn presets_see_and_follow_what_their_head_says() {
         // Name, first and last point in metres, fastest motion whose phase is followed in m/s.
         for (name, first_m, last_m, speed_m_per_s) in
-            [("d16", 0.20, 3.14, 1.31), ("close", 0.15, 0.61, 1.48), ("far", 0.40, 6.53, 0.54)]
+            [("d16", 0.20, 3.143, 1.31), ("close", 0.15, 0.61, 1.48), ("far", 0.40, 6.53, 0.54)]
         {
             let config = preset(name).unwrap();
             let axis = RangeAxis::of(&config.subsweeps[0]);
