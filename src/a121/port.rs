@@ -422,6 +422,13 @@ mod tests {
         assert!(opened_err(&serial("/dev/ttyNONE7")).to_string().contains("there is no port /dev/ttyNONE7"));
         assert!(matches!(opened_err(&serial("/dev/null")), PortError::NotAPort(_)));
         assert!(matches!(opened_err(&serial("/tmp")), PortError::NotAPort(_)));
+        let refused =
+            serialport::Error::new(serialport::ErrorKind::Io(ErrorKind::PermissionDenied), "Permission denied");
+        let error = told("/dev/ttyNONE7", &refused).to_string();
+        assert!(
+            error.starts_with("no permission to open /dev/ttyNONE7: ") && error.contains("sudo usermod -aG"),
+            "{error}"
+        );
         let (_board, path) = terminal();
         let _first = Line::open(&serial(&path)).unwrap();
         let error = opened_err(&serial(&path));

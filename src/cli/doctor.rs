@@ -95,7 +95,8 @@ impl Doctor {
             Ok(stream) => stream,
             Err(error) => return findings.mend("Opens", &error.to_string()),
         };
-        findings.ok("Opens", "115200 baud, 8 bits, exclusive")?;
+        let opened = if let Address::Tcp(_) = place.address { "connected" } else { "115200 baud, 8 bits, exclusive" };
+        findings.ok("Opens", opened)?;
         let heard = hear(&stream);
         self.tell_board(findings, &place, &heard)?;
         if let Some(trouble) = &heard.trouble {
@@ -168,7 +169,7 @@ fn hear(stream: &SensorStream) -> Heard {
                 Event::Frames(frames) => {
                     heard.first_frame.get_or_insert_with(Instant::now);
                     heard.frames += frames.len() as u64;
-                    frames.iter().for_each(|frame| heard.losses.push(frame.frame.host_time_ns));
+                    frames.iter().for_each(|frame| heard.losses.push(frame.frame.tick));
                 }
                 Event::Trouble(error) | Event::Failed(error) => heard.trouble = Some(error.to_string()),
                 _ => {}

@@ -172,7 +172,7 @@ impl Recorder<'_> {
                 for frame in frames {
                     self.frames += 1;
                     self.first_frame.get_or_insert_with(Instant::now);
-                    self.losses.push(frame.frame.host_time_ns);
+                    self.losses.push(frame.frame.tick);
                     self.file.push(recording::Event::Frame(frame.frame));
                 }
             }
@@ -275,10 +275,18 @@ impl Recorder<'_> {
     }
 }
 
-/// Set by Ctrl-C or by being told to end; a second Ctrl-C ends the program at once.
+/// What ends a recording properly: Ctrl-C, being told to end, and the terminal's closing.
+#[cfg(unix)]
+const ENDING_SIGNALS: [i32; 3] =
+    [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
+/// What ends a recording properly.
+#[cfg(not(unix))]
+const ENDING_SIGNALS: [i32; 2] = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM];
+
+/// Set by the first signal to end; the second ends the program at once.
 fn stop_flag() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+    for signal in ENDING_SIGNALS {
         signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&stop))?;
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }

@@ -1,43 +1,58 @@
-//! Frames that should have come and did not: a pause of several usual intervals has lost the frames between.
+//! Frames that should have come and did not: a pause of several usual intervals has lost the frames between. By the
+//! sensor's ticks, since host times still move while the clock learns.
 
 use std::collections::VecDeque;
 
-/// Intervals that the usual one is the median of.
+/// Intervals that the usual one is known by.
 const REMEMBERED: usize = 63;
 /// Intervals until it is known.
 const LEAST: usize = 8;
+/// A longer pause, in usual intervals, is a jump of the sensor's clock.
+const LONGEST_PAUSE: f64 = 1000.0;
 
-/// Counts lost frames by the frames' own times.
+/// Counts lost frames by the frames' ticks.
 #[derive(Debug, Clone, Default)]
 pub struct Losses {
-    last_ns: Option<i64>,
-    intervals_ns: VecDeque<i64>,
+    last: Option<i64>,
+    intervals: VecDeque<i64>,
     lost: u64,
 }
 
 impl Losses {
     /// The stream began anew: what is between was not to come.
     pub fn begin(&mut self) {
-        self.last_ns = None;
+        self.last = None;
     }
 
-    /// A frame of this time, host nanoseconds.
-    pub fn push(&mut self, time_ns: i64) {
-        let Some(last_ns) = self.last_ns.replace(time_ns) else { return };
-        let interval_ns = time_ns.saturating_sub(last_ns);
-        if interval_ns <= 0 {
+    /// A frame of this tick, unwrapped.
+    pub fn push(&mut self, tick: i64) {
+        let Some(last) = self.last.replace(tick) else { return };
+        let interval = tick.saturating_sub(last);
+        if interval <= 0 {
             return;
         }
-        if self.intervals_ns.len() >= LEAST {
-            let mut sorted: Vec<i64> = self.intervals_ns.iter().copied().collect();
-            let middle = sorted.len() / 2;
-            let usual_ns = *sorted.select_nth_unstable(middle).1;
-            self.lost += ((interval_ns as f64 / usual_ns as f64).round() as u64).saturating_sub(1);
+        if self.intervals.len() >= LEAST {
+            // Ticks of 1 ms round an interval up by one.
+            let intervals = ((interval - 1) as f64 / self.usual()).round();
+            if intervals > LONGEST_PAUSE {
+                return;
+            }
+            self.lost += (intervals as u64).saturating_sub(1);
         }
-        if self.intervals_ns.len() == REMEMBERED {
-            self.intervals_ns.pop_front();
+        if self.intervals.len() == REMEMBERED {
+            self.intervals.pop_front();
         }
-        self.intervals_ns.push_back(interval_ns);
+        self.intervals.push_back(interval);
+    }
+
+    /// The usual interval: the mean of those that are about as long as the median, since ticks may be coarse.
+    fn usual(&self) -> f64 {
+        let mut sorted: Vec<i64> = self.intervals.iter().copied().collect();
+        let middle = sorted.len() / 2;
+        let median = *sorted.select_nth_unstable(middle).1;
+        let alike = self.intervals.iter().filter(|&&interval| interval <= median.saturating_mul(3) / 2 + 1);
+        let (sum, count) = alike.fold((0.0, 0.0), |(sum, count), &interval| (sum + interval as f64, count + 1.0));
+        sum / count
     }
 
     /// Frames lost so far.
@@ -50,20 +65,29 @@ impl Losses {
 mod tests {
     use super::*;
 
-    #[test]
-    fn pauses_are_counted_in_frames_and_jitter_is_not() {
+    /// Losses of 1000 frames of a period in ticks, three missing after each hundred.
+    fn lost(period: f64) -> u64 {
         let mut losses = Losses::default();
-        let mut time_ns = 0;
         for n in 0..1000i64 {
-            // 2 ms, give or take 0.4; three frames missing here and there.
-            time_ns += 2_000_000 + 400_000 * (n % 3 - 1) + if n % 100 == 99 { 6_000_000 } else { 0 };
-            losses.push(time_ns);
+            losses.push(((n + 3 * (n / 100)) as f64 * period) as i64);
         }
-        assert_eq!(losses.lost(), 30);
+        losses.lost()
+    }
+
+    #[test]
+    fn pauses_are_counted_in_frames_and_rounding_is_not() {
+        // d16 and c16, each in ticks of 1 µs and of 1 ms.
+        for period in [15_151.5, 2000.0, 15.1515, 2.0, 2.3] {
+            assert_eq!(lost(period), 27, "{period}");
+        }
+    }
+
+    #[test]
+    fn what_was_not_to_come_is_not_lost() {
+        let mut losses = Losses::default();
+        (0..20).for_each(|n| losses.push(100 * n));
         losses.begin();
-        losses.push(time_ns + 1_000_000_000_000);
-        losses.push(5);
-        losses.push(i64::MAX);
-        assert!(losses.lost() > 30);
+        [1_000_000, 1_000_100, 5, i64::MAX, i64::MIN, 7].into_iter().for_each(|tick| losses.push(tick));
+        assert_eq!(losses.lost(), 0);
     }
 }

@@ -127,6 +127,21 @@ fn ports_that_cannot_be_opened_say_why() {
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn a_port_that_another_program_has_says_which() {
+    use radar_chaperone::a121::{Address, Line};
+    let folder = Folder::new("record_busy");
+    let (_board, ours) = serialport::TTYPort::pair().unwrap();
+    let path = serialport::SerialPort::name(&ours).unwrap();
+    drop(ours);
+    let _held = Line::open(&Address::Serial { path: path.clone(), flow_control: true }).unwrap();
+    let says = format!("{path} is in use by ");
+    let outcome = folder.run(&format!("record --out r.mcap --port {path}")).refused(&says);
+    assert!(outcome.err.contains(&format!("(process {})", std::process::id())), "{outcome:#?}");
+    folder.run(&format!("doctor --port {path}")).refused("one thing must be mended").says(&says);
+}
+
+#[test]
 fn a_board_is_recorded_with_poses_and_calibration() {
     let folder = Folder::new("record_board");
     let port = board();
@@ -143,7 +158,7 @@ fn a_board_is_recorded_with_poses_and_calibration() {
     let info = folder.run("info r.mcap").done().says("Raspberry Pi on tcp:").says("Damage     none");
     let info = info.says("Board      tiny, software a121-v1.12.0, 1000000 ticks").says("+0.100 m ahead");
     assert!(info.out.lines().any(|l| l.starts_with("Frames ") && l.ends_with("no gaps")), "{info:#?}");
-    assert!(info.out.contains("Poses      2") && info.out.contains("all valid"), "{info:#?}");
+    assert!(info.out.contains("100.0 a second, no gaps, all valid"), "{info:#?}");
     assert_eq!(folder.json("c.json")[0]["data"], "00ff");
     folder.run(&format!("record --port {port} --out 2.mcap --duration-s 0.2 --calibration c.json")).done();
     folder.run("replay r.mcap --out replayed").done();
@@ -164,7 +179,7 @@ fn doctor_finds_a_sound_board_sound() {
 #[cfg(unix)]
 fn being_told_to_end_ends_the_recording_properly() {
     let folder = Folder::new("record_signal");
-    for signal in ["-INT", "-TERM"] {
+    for signal in ["-INT", "-TERM", "-HUP"] {
         let out = format!("r{signal}.mcap");
         let mut child = Command::new(env!("CARGO_BIN_EXE_radar-chaperone"))
             .args(["record", "--port", &board(), "--out", &out])
