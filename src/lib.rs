@@ -10,6 +10,7 @@ pub mod engine;
 pub mod experiments;
 pub mod geometry;
 pub mod imaging;
+pub mod live;
 pub mod obstacles;
 pub mod radar;
 pub mod recording;

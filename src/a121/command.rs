@@ -162,7 +162,8 @@ mod tests {
             let message = sent(Command::Setup(&Setup::single(1, config.clone()), NEW));
             let mut said = message["groups"][0][0]["config"].clone();
             assert_eq!(message["groups"][0][0]["sensor_id"], 1);
-            assert_eq!(said["subsweeps"][0]["prf"], "15_6_MHz");
+            let prf = if name == "far" { "13_0_MHz" } else { "15_6_MHz" };
+            assert_eq!(said["subsweeps"][0]["prf"], prf);
             assert_eq!(said["inter_frame_idle_state"], "ready");
             assert_eq!(said["subsweeps"][0].as_object().unwrap().len(), 11);
             assert_eq!(said["sweep_rate"], 0.0);

@@ -15,12 +15,16 @@ macro_rules! say {
 }
 
 mod benchmark;
+mod board;
 mod demo;
+mod doctor;
 mod files;
 mod import;
 mod info;
 mod progress;
 mod reconstruct;
+mod record;
+mod record_file;
 mod recover;
 mod replay;
 mod simulate;
@@ -45,6 +49,8 @@ struct Arguments {
 enum Command {
     Demo(demo::Demo),
     Simulate(simulate::Simulate),
+    Doctor(doctor::Doctor),
+    Record(record::Record),
     Replay(replay::Replay),
     Reconstruct(reconstruct::Reconstruct),
     Import(import::Import),
@@ -70,6 +76,8 @@ pub fn run() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Demo(command) => command.run(),
         Command::Simulate(command) => command.run(),
+        Command::Doctor(command) => command.run(),
+        Command::Record(command) => command.run(),
         Command::Replay(command) => command.run(),
         Command::Reconstruct(command) => command.run(),
         Command::Import(command) => command.run(),

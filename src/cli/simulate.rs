@@ -100,7 +100,8 @@ impl Simulate {
     }
 }
 
-fn read_config(path: &Path) -> Result<SensorConfig> {
+/// A sensor configuration from a file, sound.
+pub(super) fn read_config(path: &Path) -> Result<SensorConfig> {
     let text =
         std::fs::read_to_string(path).with_context(|| format!("cannot read configuration {}", path.display()))?;
     let config: SensorConfig =

@@ -48,8 +48,11 @@ pub(super) fn read_track(path: &Path) -> Result<Vec<PoseSample>, ImportError> {
     Ok(poses)
 }
 
-/// The pose on a line; `None` for comments and blank lines.
-fn parse_line(line: &str, previous_ns: i64) -> Result<Option<PoseSample>, String> {
+/// The pose on a line of a track; `None` for comments and blank lines. A time that is NaN becomes the one before.
+///
+/// # Errors
+/// Why it is none.
+pub fn parse_line(line: &str, previous_ns: i64) -> Result<Option<PoseSample>, String> {
     let content = line.trim_start_matches('\u{feff}').split('#').next().unwrap_or_default();
     let words: Vec<&str> = content.split_whitespace().collect();
     if words.is_empty() {

@@ -10,6 +10,7 @@ mod common;
 mod found;
 mod physics;
 mod real_recordings;
+mod record;
 mod round_trip;
 mod sensor_rules;
 mod vendor_file;

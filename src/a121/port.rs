@@ -1,0 +1,463 @@
+//! A line that is open: a serial port, or a socket of the Raspberry Pi's server. This file and `find` are the only ones
+//! of this room that do I/O.
+//!
+//! Reading waits with the precision of the system's timers (`ppoll`), since a payload counts as ended when the line was
+//! quiet for 300 µs. Nothing here waits without end: a board that holds its flow control stops a write, a break and
+//! even closing, so output is written in pieces that the driver has room for and thrown away before break and closing.
+
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::path::Path;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use serialport::{ClearBuffer, DataBits, FlowControl, Parity, SerialPort, StopBits};
+
+use super::{Action, FIRST_BAUD, find, remedy};
+
+/// Port of the Raspberry Pi's server.
+pub const TCP_PORT: u16 = 6110;
+/// A command that is not written by then is not going to be.
+const WRITE_TIME: Duration = Duration::from_secs(1);
+/// A server that does not answer by then is not there.
+const CONNECT_TIME: Duration = Duration::from_secs(2);
+/// How long a break lasts.
+const BREAK_TIME: Duration = Duration::from_millis(250);
+/// Bytes written at once: a driver that has room has room for these.
+const WRITE_BYTES: usize = 64;
+/// Longest single wait.
+const LONGEST_WAIT: Duration = Duration::from_secs(60);
+
+/// Where a board is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Address {
+    /// A serial port.
+    Serial {
+        /// `/dev/ttyACM0`, `COM3`.
+        path: String,
+        /// RTS/CTS; off for boards with a CH340.
+        flow_control: bool,
+    },
+    /// A socket, `host:port`.
+    Tcp(String),
+}
+
+impl std::fmt::Display for Address {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Serial { path, .. } => f.write_str(path),
+            Self::Tcp(host) => write!(f, "tcp:{host}"),
+        }
+    }
+}
+
+/// Why a line cannot be opened, or broke.
+#[derive(Debug, thiserror::Error)]
+pub enum PortError {
+    /// No port of that name.
+    #[error("there is no port {path}: {there}")]
+    NotFound {
+        /// What was asked for.
+        path: String,
+        /// What there is instead.
+        there: String,
+    },
+    /// No board at all.
+    #[error(
+        "no A121 board is found: {there}. Plug one in, or name its port with --port (a path, or tcp:HOST[:PORT] for a \
+         Raspberry Pi)"
+    )]
+    NoBoard {
+        /// What there is instead.
+        there: String,
+    },
+    /// The user may not.
+    #[error("no permission to open {path}: {remedy}")]
+    Permission {
+        /// Which.
+        path: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// Somebody else has it.
+    #[error("{path} is in use by {holder}: {remedy}")]
+    Busy {
+        /// Which.
+        path: String,
+        /// Who has it, where that can be seen.
+        holder: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// Something that is no serial port.
+    #[error("{0} is no serial port: give the board's port, such as /dev/ttyACM0, or tcp:HOST[:PORT]")]
+    NotAPort(String),
+    /// Not an address.
+    #[error("\"{0}\" is no address: write tcp:HOST or tcp:HOST:PORT")]
+    Address(String),
+    /// Nobody listens.
+    #[error("{address} refuses the connection: start the exploration server there, and check host and port")]
+    Refused {
+        /// Which.
+        address: String,
+    },
+    /// Nobody is there.
+    #[error("{address} cannot be reached ({reason}): check host, port and network")]
+    Unreachable {
+        /// Which.
+        address: String,
+        /// The system's words.
+        reason: String,
+    },
+    /// Gone while open.
+    #[error("{address} is gone ({reason}): unplugged, or without power")]
+    Gone {
+        /// Which.
+        address: String,
+        /// The system's words.
+        reason: String,
+    },
+    /// A command could not be written.
+    #[error("{address} takes no bytes: the board holds its flow control; is it the board's right port?")]
+    Stuck {
+        /// Which.
+        address: String,
+    },
+    /// Anything else.
+    #[error("cannot {doing} {address}: {reason}")]
+    Other {
+        /// "open", "set the speed of" …
+        doing: &'static str,
+        /// Which.
+        address: String,
+        /// The system's words.
+        reason: String,
+    },
+}
+
+/// The open end.
+enum End {
+    Serial(Box<dyn SerialPort>),
+    Tcp(TcpStream),
+}
+
+/// A line that is open.
+pub struct Line {
+    address: Address,
+    end: End,
+}
+
+impl Line {
+    /// Opens a line; a serial port with 115200 8N1, exclusive.
+    ///
+    /// # Errors
+    /// Not found, no permission, in use, refused: each with what to do.
+    pub fn open(address: &Address) -> Result<Self, PortError> {
+        let end = match address {
+            Address::Serial { path, flow_control } => End::Serial(open_serial(path, *flow_control)?),
+            Address::Tcp(host) => End::Tcp(open_tcp(host)?),
+        };
+        Ok(Self { address: address.clone(), end })
+    }
+
+    /// Where it leads.
+    pub fn address(&self) -> &Address {
+        &self.address
+    }
+
+    /// Reads what is there, waiting for the first byte at most so long; 0: nothing came.
+    ///
+    /// # Errors
+    /// The line is gone.
+    pub fn read(&mut self, buffer: &mut [u8], patience: Duration) -> Result<usize, PortError> {
+        let patience = patience.min(LONGEST_WAIT);
+        let read = match &mut self.end {
+            End::Serial(port) => {
+                let _ = port.set_timeout(patience);
+                port.read(buffer)
+            }
+            End::Tcp(socket) => read_socket(socket, buffer, patience),
+        };
+        match read {
+            // A hung-up terminal and a closed socket are at their end.
+            Ok(0) => Err(self.gone("closed by the other side")),
+            Ok(count) => Ok(count),
+            Err(error) if is_nothing_yet(error.kind()) => Ok(0),
+            Err(error) => Err(self.gone(&error.to_string())),
+        }
+    }
+
+    /// Does what a session asks for, but for [`Action::Reopen`], which is up to who owns the line.
+    ///
+    /// # Errors
+    /// The line is gone or takes nothing.
+    pub fn perform(&mut self, action: &Action) -> Result<(), PortError> {
+        match action {
+            Action::Send(bytes) => self.write(bytes),
+            Action::SendBreak => {
+                self.send_break();
+                Ok(())
+            }
+            Action::FlushInput => self.flush_input(),
+            Action::SetBaud(baud) => self.set_baud(*baud),
+            Action::Reopen => Ok(()),
+        }
+    }
+
+    /// Writes all bytes.
+    fn write(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        let start = Instant::now();
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let patience = WRITE_TIME.saturating_sub(start.elapsed()).max(Duration::from_millis(1));
+            let written = match &mut self.end {
+                End::Serial(port) => {
+                    let _ = port.set_timeout(patience);
+                    port.write(&rest[..rest.len().min(WRITE_BYTES)])
+                }
+                End::Tcp(socket) => socket.set_write_timeout(Some(patience)).and_then(|()| socket.write(rest)),
+            };
+            match written {
+                Ok(count) => rest = &rest[count..],
+                Err(error) if !is_nothing_yet(error.kind()) => return Err(self.gone(&error.to_string())),
+                Err(_) => {}
+            }
+            if start.elapsed() >= WRITE_TIME && !rest.is_empty() {
+                return Err(PortError::Stuck { address: self.address.to_string() });
+            }
+        }
+        Ok(())
+    }
+
+    /// A break. Boards that know none (a pseudo-terminal, some USB firmware) are asked all the same: what they stream is
+    /// noticed and stopped by the session.
+    fn send_break(&mut self) {
+        let End::Serial(port) = &mut self.end else { return };
+        // The system lets output drain first, which a board may never do.
+        let _ = port.clear(ClearBuffer::Output);
+        if port.set_break().is_ok() {
+            sleep(BREAK_TIME);
+            let _ = port.clear_break();
+        }
+    }
+
+    fn flush_input(&mut self) -> Result<(), PortError> {
+        if let End::Serial(port) = &self.end {
+            return port.clear(ClearBuffer::Input).map_err(|error| self.gone(&error.to_string()));
+        }
+        let mut thrown_away = [0; 4096];
+        while self.read(&mut thrown_away, Duration::ZERO)? > 0 {}
+        Ok(())
+    }
+
+    fn set_baud(&mut self, baud: u32) -> Result<(), PortError> {
+        let End::Serial(port) = &mut self.end else { return Ok(()) };
+        port.set_baud_rate(baud).map_err(|error| match error.kind() {
+            serialport::ErrorKind::InvalidInput => PortError::Other {
+                doing: "set the speed of",
+                address: self.address.to_string(),
+                reason: format!("{baud} baud is not possible here"),
+            },
+            _ => self.gone(&error.to_string()),
+        })
+    }
+
+    fn gone(&self, reason: &str) -> PortError {
+        PortError::Gone { address: self.address.to_string(), reason: reason.to_owned() }
+    }
+}
+
+impl Drop for Line {
+    /// Closing waits half a minute for output that a board does not take.
+    fn drop(&mut self) {
+        if let End::Serial(port) = &self.end {
+            let _ = port.clear(ClearBuffer::Output);
+        }
+    }
+}
+
+fn is_nothing_yet(kind: ErrorKind) -> bool {
+    matches!(kind, ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
+}
+
+fn open_serial(path: &str, flow_control: bool) -> Result<Box<dyn SerialPort>, PortError> {
+    let flow_control = if flow_control { FlowControl::Hardware } else { FlowControl::None };
+    let builder = serialport::new(path, FIRST_BAUD)
+        .data_bits(DataBits::Eight)
+        .parity(Parity::None)
+        .stop_bits(StopBits::One)
+        .flow_control(flow_control);
+    builder.open().map_err(|error| told(path, &error))
+}
+
+/// The error for people.
+fn told(path: &str, error: &serialport::Error) -> PortError {
+    let path = path.to_owned();
+    match error.kind() {
+        serialport::ErrorKind::Io(ErrorKind::NotFound) => {
+            PortError::NotFound { path, there: find::what_is_there(&find::list_ports()) }
+        }
+        serialport::ErrorKind::Io(ErrorKind::PermissionDenied) => {
+            let remedy = remedy::permission(&path);
+            PortError::Permission { path, remedy }
+        }
+        serialport::ErrorKind::NoDevice if Path::new(&path).exists() => {
+            let (holder, remedy) = remedy::holder_and_what_to_do(&path);
+            PortError::Busy { path, holder, remedy }
+        }
+        serialport::ErrorKind::NoDevice => {
+            PortError::NotFound { path, there: find::what_is_there(&find::list_ports()) }
+        }
+        _ if std::fs::metadata(&path).is_ok_and(|m| m.is_file() || m.is_dir()) => PortError::NotAPort(path),
+        _ => match error.description.as_str() {
+            "Not a typewriter" => PortError::NotAPort(path),
+            reason => PortError::Other { doing: "open", address: path, reason: reason.to_owned() },
+        },
+    }
+}
+
+fn open_tcp(host: &str) -> Result<TcpStream, PortError> {
+    let unreachable = |reason: String| PortError::Unreachable { address: format!("tcp:{host}"), reason };
+    let addresses = host.to_socket_addrs().map_err(|error| unreachable(error.to_string()))?;
+    let mut failed = unreachable("the name stands for no address".into());
+    for address in addresses {
+        match TcpStream::connect_timeout(&address, CONNECT_TIME) {
+            Ok(socket) => {
+                // Commands are small and waited for.
+                let _ = socket.set_nodelay(true);
+                return Ok(socket);
+            }
+            Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
+                failed = PortError::Refused { address: format!("tcp:{host}") };
+            }
+            Err(error) => failed = unreachable(error.to_string()),
+        }
+    }
+    Err(failed)
+}
+
+/// Sockets' own time-outs are as coarse as the system's tick.
+#[cfg(unix)]
+fn read_socket(socket: &mut TcpStream, buffer: &mut [u8], patience: Duration) -> io::Result<usize> {
+    use rustix::event::{PollFd, PollFlags, Timespec, poll};
+    let patience = Timespec { tv_sec: patience.as_secs() as i64, tv_nsec: patience.subsec_nanos().into() };
+    if poll(&mut [PollFd::new(&*socket, PollFlags::IN)], Some(&patience))? == 0 {
+        return Err(ErrorKind::TimedOut.into());
+    }
+    socket.read(buffer)
+}
+
+#[cfg(not(unix))]
+fn read_socket(socket: &mut TcpStream, buffer: &mut [u8], patience: Duration) -> io::Result<usize> {
+    socket.set_read_timeout(Some(patience.max(Duration::from_millis(1))))?;
+    socket.read(buffer)
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::net::TcpListener;
+
+    use serialport::TTYPort;
+
+    use super::*;
+
+    const SHORT: Duration = Duration::from_millis(50);
+
+    fn serial(path: &str) -> Address {
+        Address::Serial { path: path.into(), flow_control: true }
+    }
+
+    /// A pseudo-terminal: its board's end, and the path of ours.
+    fn terminal() -> (TTYPort, String) {
+        let (board, ours) = TTYPort::pair().unwrap();
+        let path = ours.name().unwrap();
+        (board, path)
+    }
+
+    fn opened_err(address: &Address) -> PortError {
+        Line::open(address).err().expect("must not open")
+    }
+
+    #[test]
+    fn bytes_go_both_ways_through_a_terminal_and_its_end_is_noticed() {
+        let (mut board, path) = terminal();
+        let mut line = Line::open(&serial(&path)).unwrap();
+        line.perform(&Action::SetBaud(2_000_000)).unwrap();
+        line.perform(&Action::SendBreak).unwrap();
+        let command: Vec<u8> = (0..1000).map(|n| b'a' + (n % 26) as u8).collect();
+        line.perform(&Action::Send(command.clone())).unwrap();
+        let mut got = vec![0; 1000];
+        board.read_exact(&mut got).unwrap();
+        assert_eq!(got, command);
+        let raw: Vec<u8> = (0..=255).collect();
+        board.write_all(&raw).unwrap();
+        let mut buffer = [0; 4096];
+        let (start, mut received) = (Instant::now(), Vec::new());
+        while received.len() < 256 && start.elapsed() < WRITE_TIME {
+            let count = line.read(&mut buffer, SHORT).unwrap();
+            received.extend_from_slice(&buffer[..count]);
+        }
+        assert_eq!(received, raw);
+        assert_eq!(line.read(&mut buffer, Duration::from_micros(300)).unwrap(), 0);
+        board.write_all(b"stale").unwrap();
+        line.perform(&Action::FlushInput).unwrap();
+        assert_eq!(line.read(&mut buffer, SHORT).unwrap(), 0);
+        drop(board);
+        assert!(matches!(line.read(&mut buffer, SHORT), Err(PortError::Gone { .. })));
+        assert!(matches!(line.write(b"x"), Err(PortError::Gone { .. })));
+    }
+
+    #[test]
+    fn a_board_that_takes_nothing_does_not_hold_us() {
+        let (_board, path) = terminal();
+        let mut line = Line::open(&serial(&path)).unwrap();
+        let start = Instant::now();
+        assert!(matches!(line.write(&vec![b'x'; 1 << 20]), Err(PortError::Stuck { .. })));
+        drop(line);
+        assert!(start.elapsed() < 3 * WRITE_TIME, "{:?}", start.elapsed());
+    }
+
+    #[test]
+    fn what_cannot_be_opened_says_why() {
+        assert!(opened_err(&serial("/dev/ttyNONE7")).to_string().contains("there is no port /dev/ttyNONE7"));
+        assert!(matches!(opened_err(&serial("/dev/null")), PortError::NotAPort(_)));
+        assert!(matches!(opened_err(&serial("/tmp")), PortError::NotAPort(_)));
+        let refused =
+            serialport::Error::new(serialport::ErrorKind::Io(ErrorKind::PermissionDenied), "Permission denied");
+        let error = told("/dev/ttyNONE7", &refused).to_string();
+        assert!(
+            error.starts_with("no permission to open /dev/ttyNONE7: ") && error.contains("sudo usermod -aG"),
+            "{error}"
+        );
+        let (_board, path) = terminal();
+        let _first = Line::open(&serial(&path)).unwrap();
+        let error = opened_err(&serial(&path));
+        assert!(matches!(error, PortError::Busy { .. }), "{error}");
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = Address::Tcp(listener.local_addr().unwrap().to_string());
+        drop(Line::open(&address).unwrap());
+        drop(listener);
+        let error = opened_err(&address);
+        assert!(matches!(error, PortError::Refused { .. }), "{error}");
+    }
+
+    #[test]
+    fn a_socket_waits_as_long_as_it_should_and_its_end_is_noticed() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let mut line = Line::open(&Address::Tcp(listener.local_addr().unwrap().to_string())).unwrap();
+        let (mut board, _) = listener.accept().unwrap();
+        let mut buffer = [0; 64];
+        let patience = Duration::from_micros(300);
+        let start = Instant::now();
+        assert_eq!(line.read(&mut buffer, patience).unwrap(), 0);
+        assert!(start.elapsed() >= patience);
+        board.write_all(b"stale").unwrap();
+        std::thread::sleep(SHORT);
+        line.perform(&Action::FlushInput).unwrap();
+        line.perform(&Action::SetBaud(9600)).unwrap();
+        board.write_all(b"fresh").unwrap();
+        assert_eq!(line.read(&mut buffer, SHORT).unwrap(), 5);
+        drop(board);
+        assert!(matches!(line.read(&mut buffer, SHORT), Err(PortError::Gone { .. })));
+    }
+}

@@ -1,0 +1,198 @@
+//! `radar-chaperone doctor`: what stands between this computer and a sensor, one line each, with what to do.
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, anyhow, bail};
+use clap::Args;
+
+use super::board::{BoardArguments, line_speed, preset_table, told_counters};
+use crate::a121::find::{Candidate, discover, list_ports};
+use crate::a121::remedy::{MODEM_MANAGER_REMEDY, modem_manager_runs, owning_group};
+use crate::a121::{Address, Event, SensorInfo, Setup, SystemInfo};
+use crate::live::{Losses, Received, SensorStream, StreamEvent, StreamOptions};
+use crate::radar::preset;
+
+/// How long frames are measured.
+const MEASURED: Duration = Duration::from_secs(2);
+/// A board that is not streaming by then never will.
+const PATIENCE: Duration = Duration::from_secs(15);
+/// One result in a hundred may take so long to be handed over.
+const MAX_P99_S: f64 = 5e-3;
+
+/// Checks port, permissions, board, sensor and link, and says what to do
+///
+/// Ends with 1 when something must be mended. Without a sensor, `radar-chaperone simulate … --serve tcp:127.0.0.1:6110`
+/// makes one to try: `radar-chaperone doctor --port tcp:127.0.0.1`.
+#[derive(Debug, Args)]
+pub(super) struct Doctor {
+    #[command(flatten)]
+    board: BoardArguments,
+}
+
+/// Tells each finding and counts those to be mended.
+#[derive(Default)]
+struct Findings {
+    to_mend: u32,
+}
+
+impl Findings {
+    fn ok(&self, what: &str, text: &str) -> Result<()> {
+        say!("ok       {what:<12} {text}")
+    }
+
+    fn warn(&self, what: &str, text: &str) -> Result<()> {
+        say!("warning  {what:<12} {text}")
+    }
+
+    fn mend(&mut self, what: &str, text: &str) -> Result<()> {
+        self.to_mend += 1;
+        say!("mend     {what:<12} {text}")
+    }
+}
+
+/// What the board told on the way to its first frames.
+#[derive(Default)]
+struct Heard {
+    info: Option<SystemInfo>,
+    sensors: Vec<SensorInfo>,
+    frames: u64,
+    first_frame: Option<Instant>,
+    losses: Losses,
+    trouble: Option<String>,
+}
+
+impl Doctor {
+    pub fn run(&self) -> Result<()> {
+        let mut findings = Findings::default();
+        self.look(&mut findings)?;
+        match findings.to_mend {
+            0 => Ok(()),
+            1 => bail!("one thing must be mended"),
+            count => bail!("{count} things must be mended"),
+        }
+    }
+
+    fn look(&self, findings: &mut Findings) -> Result<()> {
+        tell_ports(findings)?;
+        let place = match self.board.choose() {
+            Ok(place) => place,
+            Err(error) => {
+                findings.mend("Board", &error.to_string())?;
+                say!(
+                    "\nWithout a sensor: `radar-chaperone simulate furnished-room --serve tcp:127.0.0.1:6110` makes one,"
+                )?;
+                say!("then `radar-chaperone doctor --port tcp:127.0.0.1`.\n\nWhat presets need:")?;
+                return say!("{}", preset_table(None).trim_end());
+            }
+        };
+        findings.ok("Board", &format!("{} on {}", place.board.name(), place.address))?;
+        place.warnings.iter().try_for_each(|warning| findings.warn("Board", warning))?;
+        tell_access(findings, &place)?;
+        let name = place.board.default_preset();
+        let config = preset(name).ok_or_else(|| anyhow!("preset \"{name}\" is not known"))?;
+        let options = StreamOptions { baud: self.board.baud, ..Default::default() };
+        let stream = match SensorStream::open(Setup::single(self.board.sensor, config), &place, &options) {
+            Ok(stream) => stream,
+            Err(error) => return findings.mend("Opens", &error.to_string()),
+        };
+        let opened = if let Address::Tcp(_) = place.address { "connected" } else { "115200 baud, 8 bits, exclusive" };
+        findings.ok("Opens", opened)?;
+        let heard = hear(&stream);
+        self.tell_board(findings, &place, &heard)?;
+        if let Some(trouble) = &heard.trouble {
+            return findings.mend(if heard.info.is_some() { "Sensor" } else { "Answers" }, trouble);
+        }
+        tell_stream(findings, stream, &heard, name)
+    }
+
+    fn tell_board(&self, findings: &Findings, place: &Candidate, heard: &Heard) -> Result<()> {
+        let Some(info) = &heard.info else { return Ok(()) };
+        let board = info.hw.as_deref().unwrap_or(place.board.name());
+        findings.ok("Answers", &format!("{board}, {} ticks a second", info.ticks_per_second))?;
+        findings.ok("Version", &format!("{}, new enough", info.rss_version))?;
+        let connected: Vec<String> =
+            (1..).zip(&heard.sensors).filter(|(_, s)| s.connected).map(|(n, _)| n.to_string()).collect();
+        findings.ok("Sensors", &format!("connected: {} of {}", connected.join(", "), info.sensor_count))?;
+        let line = line_speed(place, self.board.baud, Some(info));
+        let max = info
+            .max_baudrate
+            .map_or("the board names no speeds".to_owned(), |max| format!("the board's fastest is {max}"));
+        match line {
+            Some(line) => findings.ok("Speed", &format!("{line}; {max}"))?,
+            None => findings.warn("Speed", &format!("{max}: what the line carries is not known"))?,
+        }
+        say!("\n{}", preset_table(line))
+    }
+}
+
+fn tell_ports(findings: &Findings) -> Result<()> {
+    let ports = list_ports();
+    let found = discover(&ports);
+    if ports.iter().all(|port| port.usb.is_none()) {
+        findings.warn(
+            "Ports",
+            "there is no serial port on USB: is the board plugged in, with a cable that carries data?",
+        )?;
+    }
+    for candidate in &found.candidates {
+        let port = ports.iter().find(|port| port.path == candidate.address.to_string());
+        findings
+            .ok("Ports", &format!("{}: {}", port.map_or(String::new(), ToString::to_string), candidate.board.name()))?;
+    }
+    for (port, reason) in found.left_out.iter().filter(|(port, _)| port.usb.is_some()) {
+        findings.ok("Ports", &format!("{port}: left out, {reason}"))?;
+    }
+    Ok(())
+}
+
+fn tell_access(findings: &Findings, place: &Candidate) -> Result<()> {
+    let Address::Serial { path, .. } = &place.address else { return Ok(()) };
+    if let Some(group) = owning_group(path) {
+        findings.ok("Access", &format!("{path} belongs to group {group}"))?;
+    }
+    match modem_manager_runs() {
+        true => findings.warn("ModemManager", &format!("is running. {MODEM_MANAGER_REMEDY}")),
+        false => findings.ok("ModemManager", "is not running"),
+    }
+}
+
+/// Listens until enough was measured or something is wrong.
+fn hear(stream: &SensorStream) -> Heard {
+    let (start, mut heard) = (Instant::now(), Heard::default());
+    while heard.trouble.is_none() && heard.first_frame.is_none_or(|first| first.elapsed() < MEASURED) {
+        if heard.first_frame.is_none() && start.elapsed() > PATIENCE {
+            heard.trouble = Some(format!("no frame within {} s", PATIENCE.as_secs()));
+        }
+        match stream.recv_timeout(Duration::from_millis(100)) {
+            Received::Event(StreamEvent::Session(event)) => match event {
+                Event::Connected(info, sensors) => (heard.info, heard.sensors) = (Some(info), sensors),
+                Event::Frames(frames) => {
+                    heard.first_frame.get_or_insert_with(Instant::now);
+                    heard.frames += frames.len() as u64;
+                    frames.iter().for_each(|frame| heard.losses.push(frame.frame.tick));
+                }
+                Event::Trouble(error) | Event::Failed(error) => heard.trouble = Some(error.to_string()),
+                _ => {}
+            },
+            Received::Event(_) | Received::TimedOut => {}
+            Received::Over => {
+                heard.trouble.get_or_insert_with(|| "the reader ended".to_owned());
+            }
+        }
+    }
+    heard
+}
+
+fn tell_stream(findings: &mut Findings, stream: SensorStream, heard: &Heard, preset: &str) -> Result<()> {
+    let counters = stream.finish();
+    let seconds = heard.first_frame.map_or(0.0, |first| first.elapsed().as_secs_f64()).min(MEASURED.as_secs_f64());
+    let text = format!("preset {preset}: {} frames in {seconds:.1} s, {} lost", heard.frames, heard.losses.lost());
+    match heard.losses.lost() {
+        0 => findings.ok("Stream", &text)?,
+        _ => findings.warn("Stream", &format!("{text}: try a slower preset, or a port that is the board's alone"))?,
+    }
+    if counters.latency.p99_s > MAX_P99_S {
+        findings.warn("Stream", "frames are handed over late: this computer is busy")?;
+    }
+    told_counters(&counters, heard.losses.lost()).into_iter().try_for_each(|line| say!("         {line}"))
+}

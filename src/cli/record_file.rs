@@ -1,0 +1,145 @@
+//! The recording that `record` writes: begun when the board has told what it is, in the order of time, with a second on
+//! the disk at most a second later.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::Result;
+
+use crate::a121::{SetupReply, SystemInfo};
+use crate::geometry::Pose;
+use crate::live::{Merge, PoseTail, now_ns};
+use crate::radar::SensorConfig;
+use crate::recording::{Event, Header, RecordingSummary, RecordingWriter, SensorMetadata};
+
+/// Poses are written by a program of their own, in its own time: frames wait so long for them.
+const HOLD: Duration = Duration::from_millis(500);
+/// Between two looks at the track.
+const TAIL_NS: i64 = 50_000_000;
+/// Between two times that all is handed to the system.
+const FLUSH_NS: i64 = 1_000_000_000;
+/// Poses farther from now than this are of another clock.
+const OTHER_CLOCK_NS: i64 = 10_000_000_000;
+
+/// The recording, once there is one, and what goes into it.
+pub(super) struct RecordFile {
+    path: PathBuf,
+    writer: Option<RecordingWriter>,
+    sensor: Option<SensorMetadata>,
+    merge: Merge,
+    poses: Option<PoseTail>,
+    flushed_ns: i64,
+    tailed_ns: i64,
+    has_warned: bool,
+}
+
+impl RecordFile {
+    pub fn new(path: &Path, poses: Option<&Path>) -> Self {
+        let now_ns = now_ns();
+        let hold_ns = if poses.is_some() { HOLD.as_nanos() as i64 } else { 0 };
+        Self {
+            path: path.to_owned(),
+            writer: None,
+            sensor: None,
+            merge: Merge::new(hold_ns),
+            poses: poses.map(|path| PoseTail::new(path, now_ns)),
+            flushed_ns: now_ns,
+            tailed_ns: now_ns,
+            has_warned: false,
+        }
+    }
+
+    /// Begins the file, the first time that the board is set up.
+    pub fn begin(
+        &mut self,
+        source: String,
+        config: &SensorConfig,
+        mount: Pose,
+        info: &SystemInfo,
+        board: &str,
+        reply: &SetupReply,
+    ) -> Result<()> {
+        let sensor = SensorMetadata {
+            ticks_per_second: Some(info.ticks_per_second),
+            base_step_length_m: reply.metadata.iter().flatten().find_map(|metadata| metadata.base_step_length_m),
+            board: Some(info.hw.clone().unwrap_or_else(|| board.to_owned())),
+            rss_version: Some(info.rss_version.clone()),
+        };
+        match &self.sensor {
+            None => {
+                let header = Header { sensor: sensor.clone(), ..Header::new(source, config.clone(), mount) };
+                self.writer = Some(RecordingWriter::create(&self.path, &header)?);
+                self.sensor = Some(sensor);
+            }
+            Some(before) if *before != sensor => {
+                log::warn!("another board answers now: the recording's header tells of the first one");
+            }
+            Some(_) => {}
+        }
+        Ok(())
+    }
+
+    /// Whether there is a file.
+    pub fn is_begun(&self) -> bool {
+        self.writer.is_some()
+    }
+
+    pub fn push(&mut self, event: Event) {
+        self.merge.push(event);
+    }
+
+    /// Takes what the track has and writes what has waited long enough.
+    pub fn write_due(&mut self) -> Result<()> {
+        let now_ns = now_ns();
+        if let Some(tail) = self.poses.as_mut().filter(|_| now_ns.saturating_sub(self.tailed_ns) >= TAIL_NS) {
+            self.tailed_ns = now_ns;
+            for pose in tail.read() {
+                self.merge.push(Event::Pose(pose));
+            }
+            let away_ns = tail.counters().newest_ns.map_or(0, |newest_ns| now_ns.saturating_sub(newest_ns));
+            if away_ns.saturating_abs() > OTHER_CLOCK_NS && !std::mem::replace(&mut self.has_warned, true) {
+                log::warn!(
+                    "the newest pose of the track is {:.1} s away from now: its times must be seconds of this computer's \
+                     monotonic clock (CLOCK_MONOTONIC), now {:.3}",
+                    away_ns as f64 * 1e-9,
+                    now_ns as f64 * 1e-9
+                );
+            }
+        }
+        let Some(writer) = &mut self.writer else { return Ok(()) };
+        while let Some(event) = self.merge.next_due(now_ns) {
+            writer.write(&event)?;
+        }
+        if now_ns.saturating_sub(self.flushed_ns) >= FLUSH_NS {
+            self.flushed_ns = now_ns;
+            writer.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Writes all that waits and ends the file; `None`: there never was one.
+    pub fn finish(mut self) -> Result<Option<(RecordingSummary, Option<String>)>> {
+        let Some(mut writer) = self.writer.take() else { return Ok(None) };
+        if let Some(tail) = &mut self.poses {
+            tail.read().into_iter().for_each(|pose| self.merge.push(Event::Pose(pose)));
+        }
+        while let Some(event) = self.merge.take() {
+            writer.write(&event)?;
+        }
+        let summary = writer.finish()?;
+        Ok(Some((summary, self.told_track())))
+    }
+
+    /// What the track was like.
+    fn told_track(&self) -> Option<String> {
+        let (tail, late) = (self.poses.as_ref()?, self.merge.late());
+        let counters = tail.counters();
+        Some(match tail.is_open() {
+            true => format!(
+                "Track      {} poses, {} lines that are none, {} from before the recording, {late} events out of order",
+                counters.poses, counters.bad_lines, counters.before
+            ),
+            false => "Track      never was there".to_owned(),
+        })
+    }
+}

@@ -1,0 +1,58 @@
+//! The host's monotonic clock in nanoseconds, the one that other programs' stamps are on, and the time that a thread
+//! spent on the processor. `Instant` reads the same clock and hides where it begins.
+
+/// Host's monotonic clock, nanoseconds (`CLOCK_MONOTONIC`).
+#[cfg(unix)]
+pub fn now_ns() -> i64 {
+    nanoseconds(rustix::time::clock_gettime(rustix::time::ClockId::Monotonic))
+}
+
+/// Processor time of the calling thread, nanoseconds; 0 where the system does not tell.
+#[cfg(unix)]
+pub fn thread_cpu_ns() -> i64 {
+    nanoseconds(rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime))
+}
+
+#[cfg(unix)]
+fn nanoseconds(time: rustix::time::Timespec) -> i64 {
+    time.tv_sec.saturating_mul(1_000_000_000).saturating_add(time.tv_nsec)
+}
+
+/// Nanoseconds since the program first asked: here, stamps of other programs do not compare.
+#[cfg(not(unix))]
+pub fn now_ns() -> i64 {
+    static START: std::sync::OnceLock<std::time::Instant> = std::sync::OnceLock::new();
+    START.get_or_init(std::time::Instant::now).elapsed().as_nanos() as i64
+}
+
+/// Processor time of the calling thread, nanoseconds; 0 where the system does not tell.
+#[cfg(not(unix))]
+pub fn thread_cpu_ns() -> i64 {
+    0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_passes_and_work_is_counted() {
+        let (start_ns, cpu_ns) = (now_ns(), thread_cpu_ns());
+        let mut state = 1u64;
+        for _ in 0..1_000_000 {
+            state = std::hint::black_box(state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1));
+        }
+        assert!(now_ns() > start_ns && thread_cpu_ns() >= cpu_ns);
+        assert!(cfg!(not(unix)) || thread_cpu_ns() > cpu_ns);
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn it_is_the_clock_that_the_system_tells_others() {
+        // Seconds since the start of the system without what it slept: never more than the time it was up.
+        let text = std::fs::read_to_string("/proc/uptime").unwrap();
+        let up_s: f64 = text.split(' ').next().unwrap().parse().unwrap();
+        let now_s = now_ns() as f64 * 1e-9;
+        assert!(now_s > 0.0 && now_s <= up_s + 1.0, "{now_s} {up_s}");
+    }
+}

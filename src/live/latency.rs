@@ -1,0 +1,107 @@
+//! How long things took, in fixed memory: sixteen steps an octave, so a quantile is told to 5 %; the greatest exactly.
+
+/// Steps an octave: 2^4.
+const STEP_BITS: u32 = 4;
+/// Enough for all of 63 bits.
+const STEPS: usize = (64 - STEP_BITS as usize) << STEP_BITS;
+
+/// A histogram of durations.
+#[derive(Clone)]
+pub struct Latency {
+    counts: Box<[u64; STEPS]>,
+    count: u64,
+    max_ns: i64,
+}
+
+/// What a [`Latency`] tells; all in seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LatencyReport {
+    /// How many there were.
+    pub count: u64,
+    /// Half took longer.
+    pub median_s: f64,
+    /// One in a hundred took longer.
+    pub p99_s: f64,
+    /// The longest.
+    pub max_s: f64,
+}
+
+impl Default for Latency {
+    fn default() -> Self {
+        Self { counts: Box::new([0; STEPS]), count: 0, max_ns: 0 }
+    }
+}
+
+impl Latency {
+    /// Counts one; below 0 is 0.
+    pub fn push(&mut self, duration_ns: i64) {
+        let duration_ns = duration_ns.max(0);
+        self.counts[step(duration_ns as u64)] += 1;
+        self.count += 1;
+        self.max_ns = self.max_ns.max(duration_ns);
+    }
+
+    /// What there was so far.
+    pub fn report(&self) -> LatencyReport {
+        let at = |part: f64| {
+            let rank = (part * self.count as f64).ceil() as u64;
+            let mut below = 0;
+            let step = self.counts.iter().position(|&count| {
+                below += count;
+                below >= rank
+            });
+            (step.map_or(0.0, upper_ns).min(self.max_ns as f64)) * 1e-9
+        };
+        match self.count {
+            0 => LatencyReport::default(),
+            count => LatencyReport { count, median_s: at(0.5), p99_s: at(0.99), max_s: self.max_ns as f64 * 1e-9 },
+        }
+    }
+}
+
+/// Which step a duration belongs to: its octave, and the bits behind the leading one.
+fn step(duration_ns: u64) -> usize {
+    let octave = (63 - (duration_ns | 1).leading_zeros()).saturating_sub(STEP_BITS);
+    let within = duration_ns >> octave;
+    ((octave << STEP_BITS) as usize + within as usize).min(STEPS - 1)
+}
+
+/// Where a step ends, nanoseconds.
+fn upper_ns(step: usize) -> f64 {
+    let (octave, within) = match step >> STEP_BITS {
+        0 | 1 => (0, step),
+        octaves => (octaves - 1, step - ((octaves - 1) << STEP_BITS)),
+    };
+    (within as f64 + 1.0) * 2f64.powi(octave as i32) - 1.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_those_of_a_sorted_list() {
+        let mut latency = Latency::default();
+        assert_eq!(latency.report(), LatencyReport::default());
+        let mut all: Vec<i64> = (0..5000i64).map(|n| (n * n * n) % 3_000_017 + n).collect();
+        all.iter().for_each(|&ns| latency.push(ns));
+        all.sort_unstable();
+        let report = latency.report();
+        for (told_s, rank) in [(report.median_s, 2499), (report.p99_s, 4949)] {
+            let true_s = all[rank] as f64 * 1e-9;
+            assert!(told_s >= true_s && told_s <= true_s * 1.07, "{told_s} {true_s}");
+        }
+        assert_eq!((report.max_s, report.count), (all[4999] as f64 * 1e-9, 5000));
+    }
+
+    #[test]
+    fn steps_rise_without_gaps_to_the_ends_of_time() {
+        for ns in (0..100_000u64).chain([1 << 40, u64::MAX >> 1]) {
+            let step = step(ns);
+            assert!(upper_ns(step) >= ns as f64 && (step == 0 || upper_ns(step - 1) < ns as f64 + 0.5), "{ns} {step}");
+        }
+        let mut latency = Latency::default();
+        [i64::MIN, -1, 0, i64::MAX].into_iter().for_each(|ns| latency.push(ns));
+        assert_eq!(latency.report().count, 4);
+    }
+}

@@ -1,0 +1,93 @@
+//! Frames that should have come and did not: a pause of several usual intervals has lost the frames between. By the
+//! sensor's ticks, since host times still move while the clock learns.
+
+use std::collections::VecDeque;
+
+/// Intervals that the usual one is known by.
+const REMEMBERED: usize = 63;
+/// Intervals until it is known.
+const LEAST: usize = 8;
+/// A longer pause, in usual intervals, is a jump of the sensor's clock.
+const LONGEST_PAUSE: f64 = 1000.0;
+
+/// Counts lost frames by the frames' ticks.
+#[derive(Debug, Clone, Default)]
+pub struct Losses {
+    last: Option<i64>,
+    intervals: VecDeque<i64>,
+    lost: u64,
+}
+
+impl Losses {
+    /// The stream began anew: what is between was not to come.
+    pub fn begin(&mut self) {
+        self.last = None;
+    }
+
+    /// A frame of this tick, unwrapped.
+    pub fn push(&mut self, tick: i64) {
+        let Some(last) = self.last.replace(tick) else { return };
+        let interval = tick.saturating_sub(last);
+        if interval <= 0 {
+            return;
+        }
+        if self.intervals.len() >= LEAST {
+            // Ticks of 1 ms round an interval up by one.
+            let intervals = ((interval - 1) as f64 / self.usual()).round();
+            if intervals > LONGEST_PAUSE {
+                return;
+            }
+            self.lost += (intervals as u64).saturating_sub(1);
+        }
+        if self.intervals.len() == REMEMBERED {
+            self.intervals.pop_front();
+        }
+        self.intervals.push_back(interval);
+    }
+
+    /// The usual interval: the mean of those that are about as long as the median, since ticks may be coarse.
+    fn usual(&self) -> f64 {
+        let mut sorted: Vec<i64> = self.intervals.iter().copied().collect();
+        let middle = sorted.len() / 2;
+        let median = *sorted.select_nth_unstable(middle).1;
+        let alike = self.intervals.iter().filter(|&&interval| interval <= median.saturating_mul(3) / 2 + 1);
+        let (sum, count) = alike.fold((0.0, 0.0), |(sum, count), &interval| (sum + interval as f64, count + 1.0));
+        sum / count
+    }
+
+    /// Frames lost so far.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Losses of 1000 frames of a period in ticks, three missing after each hundred.
+    fn lost(period: f64) -> u64 {
+        let mut losses = Losses::default();
+        for n in 0..1000i64 {
+            losses.push(((n + 3 * (n / 100)) as f64 * period) as i64);
+        }
+        losses.lost()
+    }
+
+    #[test]
+    fn pauses_are_counted_in_frames_and_rounding_is_not() {
+        // d16 and c16, each in ticks of 1 µs and of 1 ms.
+        for period in [15_151.5, 2000.0, 15.1515, 2.0, 2.3] {
+            assert_eq!(lost(period), 27, "{period}");
+        }
+    }
+
+    #[test]
+    fn what_was_not_to_come_is_not_lost() {
+        let mut losses = Losses::default();
+        (0..20).for_each(|n| losses.push(100 * n));
+        losses.begin();
+        [1_000_000, 1_000_100, 5, i64::MAX, i64::MIN, 7].into_iter().for_each(|tick| losses.push(tick));
+        assert_eq!(losses.lost(), 0);
+    }
+}

@@ -1,0 +1,19 @@
+//! Threads and clocks around what is pure: the sensor's reader thread, the host's clock, poses that grow in a file.
+
+mod host_clock;
+mod latency;
+mod losses;
+mod merge;
+mod pose_tail;
+mod queue;
+mod sensor;
+#[cfg(all(test, unix))]
+mod test_board;
+
+pub use host_clock::{now_ns, thread_cpu_ns};
+pub use latency::{Latency, LatencyReport};
+pub use losses::Losses;
+pub use merge::{MAX_WAITING, Merge};
+pub use pose_tail::{PoseTail, PoseTailCounters};
+pub use queue::{Dropped, Received};
+pub use sensor::{SensorStream, StreamCounters, StreamError, StreamEvent, StreamOptions};

@@ -1,0 +1,339 @@
+//! One thread that owns the line to the board and its session: reads so that the port never fills, waits for bytes or
+//! for the session's next deadline, and hands events over through a queue that never holds it up.
+//!
+//! A line that is lost is tried again every half second, by the same USB device where it is known, since a board that is
+//! plugged in again may have another path.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{Builder, JoinHandle, sleep};
+use std::time::Duration;
+
+use super::queue::{Kind, Queue};
+use super::{Dropped, Latency, LatencyReport, Received, now_ns, thread_cpu_ns};
+use crate::a121::find::{Candidate, find_again, list_ports};
+use crate::a121::{
+    Action, Address, ClockReport, Event, Line, PortError, Session, SessionCounters, SessionError, Setup,
+};
+
+/// Longest wait for bytes: how soon being asked to stop is noticed.
+const LONGEST_WAIT_NS: i64 = 20_000_000;
+/// Between tries to open a lost line.
+const RETRY_NS: i64 = 500_000_000;
+/// A line that is lost for longer is told of, with the reason.
+const TELL_AFTER_NS: i64 = 2_000_000_000;
+/// A board that has not stopped by then is left as it is.
+const STOP_NS: i64 = 5_000_000_000;
+/// Counters are renewed this often.
+const PUBLISH_NS: i64 = 100_000_000;
+/// Bytes read at once: more than a port holds.
+const READ_BYTES: usize = 1 << 16;
+
+/// How a stream is handed over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StreamOptions {
+    /// Results that wait for a slow reader; beyond, the oldest are dropped and counted.
+    pub max_results: usize,
+    /// Speed of a serial line, bits a second; `None`: the fastest that serves.
+    pub baud: Option<u32>,
+}
+
+impl Default for StreamOptions {
+    /// Some 15 s of the default preset.
+    fn default() -> Self {
+        Self { max_results: 1024, baud: None }
+    }
+}
+
+/// What a stream gives.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StreamEvent {
+    /// What the session tells.
+    Session(Event),
+    /// A lost line is open again, at this address.
+    Reopened(String),
+    /// A lost line stays lost, and why; told once.
+    Waiting(String),
+}
+
+/// Why no stream begins.
+#[derive(Debug, thiserror::Error)]
+pub enum StreamError {
+    /// The line does not open.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// A set-up that breaks a rule.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// No thread.
+    #[error("cannot start the reader's thread: {0}")]
+    Thread(std::io::Error),
+}
+
+/// What a stream has been through.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct StreamCounters {
+    /// The session's.
+    pub session: SessionCounters,
+    /// How good the times are; `None` before streaming.
+    pub clock: Option<ClockReport>,
+    /// What nobody fetched in time.
+    pub dropped: Dropped,
+    /// Times that the line was lost.
+    pub losses: u64,
+    /// Times that it was opened again.
+    pub reopenings: u64,
+    /// From the bytes that completed a result to its hand-over.
+    pub latency: LatencyReport,
+    /// Processor time of the reader's thread, seconds.
+    pub cpu_s: f64,
+    /// How long it has been running, seconds.
+    pub running_s: f64,
+}
+
+struct Shared {
+    queue: Queue<StreamEvent>,
+    counters: Mutex<StreamCounters>,
+    stop: AtomicBool,
+}
+
+/// A board's stream. Dropping it stops the board and waits for that, at most some seconds.
+pub struct SensorStream {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl SensorStream {
+    /// Opens the line and begins.
+    ///
+    /// # Errors
+    /// The line does not open; a set-up breaks a rule.
+    pub fn open(setup: Setup, place: &Candidate, options: &StreamOptions) -> Result<Self, StreamError> {
+        let line = Line::open(&place.address)?;
+        let session = Session::new(setup, place.link(options.baud), now_ns())?;
+        let shared = Arc::new(Shared {
+            queue: Queue::new(options.max_results),
+            counters: Mutex::default(),
+            stop: AtomicBool::new(false),
+        });
+        let reader = Reader {
+            session,
+            line: Some(line),
+            place: place.clone(),
+            shared: Arc::clone(&shared),
+            buffer: vec![0; READ_BYTES],
+            start_ns: now_ns(),
+            last_read_ns: 0,
+            next_try_ns: 0,
+            lost_ns: None,
+            stop_by_ns: None,
+            published_ns: 0,
+            latency: Latency::default(),
+            counters: StreamCounters::default(),
+        };
+        let thread = Builder::new().name("a121 reader".into()).spawn(|| reader.run()).map_err(StreamError::Thread)?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    /// The next event, waiting at most so long.
+    pub fn recv_timeout(&self, patience: Duration) -> Received<StreamEvent> {
+        self.shared.queue.receive(patience)
+    }
+
+    /// What it has been through, as of a tenth of a second ago at most.
+    pub fn counters(&self) -> StreamCounters {
+        let counters = *self.shared.counters.lock().unwrap_or_else(PoisonError::into_inner);
+        StreamCounters { dropped: self.shared.queue.dropped(), ..counters }
+    }
+
+    /// Asks the board to stop; what is on its way still comes, then [`Received::Over`].
+    pub fn stop(&self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Stops, and waits for the thread's end: at most some seconds.
+    pub fn finish(mut self) -> StreamCounters {
+        self.end();
+        self.counters()
+    }
+
+    fn end(&mut self) {
+        self.stop();
+        if let Some(thread) = self.thread.take() {
+            // A panic of its own has been printed.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for SensorStream {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+/// Tells the receiver that nothing comes any more, however the thread ends.
+struct EndOfQueue(Arc<Shared>);
+
+impl Drop for EndOfQueue {
+    fn drop(&mut self) {
+        self.0.queue.end();
+    }
+}
+
+/// What the thread owns.
+struct Reader {
+    session: Session,
+    line: Option<Line>,
+    place: Candidate,
+    shared: Arc<Shared>,
+    buffer: Vec<u8>,
+    start_ns: i64,
+    last_read_ns: i64,
+    next_try_ns: i64,
+    /// Since when the line is lost, until that was told.
+    lost_ns: Option<i64>,
+    stop_by_ns: Option<i64>,
+    published_ns: i64,
+    latency: Latency,
+    counters: StreamCounters,
+}
+
+impl Reader {
+    fn run(mut self) {
+        let _end = EndOfQueue(Arc::clone(&self.shared));
+        while !self.is_over() {
+            self.heed_stop();
+            match self.line.is_some() {
+                true => self.serve(),
+                false => self.reopen_when_due(),
+            }
+            self.hand_over();
+            self.publish(PUBLISH_NS);
+        }
+        self.line = None;
+        self.publish(0);
+    }
+
+    fn is_over(&self) -> bool {
+        self.session.is_over() || self.stop_by_ns.is_some_and(|by_ns| now_ns() >= by_ns)
+    }
+
+    fn heed_stop(&mut self) {
+        if self.stop_by_ns.is_none() && self.shared.stop.load(Ordering::Relaxed) {
+            let now_ns = now_ns();
+            self.session.stop(now_ns);
+            self.stop_by_ns = Some(now_ns.saturating_add(STOP_NS));
+        }
+    }
+
+    /// Does what the session asks for, then waits for bytes or its next deadline.
+    fn serve(&mut self) {
+        let Some(line) = &mut self.line else { return };
+        while let Some(action) = self.session.next_action() {
+            if action == Action::Reopen {
+                (self.line, self.next_try_ns, self.lost_ns) = (None, 0, Some(now_ns()));
+                return;
+            }
+            if let Err(error) = line.perform(&action) {
+                return self.lose(&error);
+            }
+        }
+        let wait_ns = self.session.next_deadline_ns().saturating_sub(now_ns()).clamp(0, LONGEST_WAIT_NS);
+        // What came is read before the session judges how late it is.
+        match line.read(&mut self.buffer, Duration::from_nanos(wait_ns as u64)) {
+            Ok(0) => {}
+            Ok(count) => {
+                self.last_read_ns = now_ns();
+                self.session.receive(&self.buffer[..count], self.last_read_ns);
+            }
+            Err(error) => return self.lose(&error),
+        }
+        self.session.poll(now_ns());
+    }
+
+    fn lose(&mut self, error: &PortError) {
+        let reason = match error {
+            PortError::Gone { reason, .. } => reason.clone(),
+            other => other.to_string(),
+        };
+        self.session.line_lost(&reason);
+        let now_ns = now_ns();
+        (self.line, self.next_try_ns, self.lost_ns) = (None, now_ns.saturating_add(RETRY_NS), Some(now_ns));
+        self.counters.losses += 1;
+    }
+
+    fn reopen_when_due(&mut self) {
+        let now_ns = now_ns();
+        if now_ns < self.next_try_ns {
+            let wait_ns = (self.next_try_ns - now_ns).min(LONGEST_WAIT_NS);
+            return sleep(Duration::from_nanos(wait_ns as u64));
+        }
+        match self.address_now().and_then(|address| Line::open(&address)) {
+            Ok(line) => {
+                self.shared.queue.push(Kind::Other, StreamEvent::Reopened(line.address().to_string()));
+                self.line = Some(line);
+                self.counters.reopenings += 1;
+                self.session.line_opened(self::now_ns());
+            }
+            Err(error) => {
+                self.next_try_ns = now_ns.saturating_add(RETRY_NS);
+                // A board that was just plugged in may not be ours to open for a moment.
+                if self.lost_ns.is_some_and(|lost_ns| now_ns.saturating_sub(lost_ns) > TELL_AFTER_NS) {
+                    self.lost_ns = None;
+                    self.shared.queue.push(Kind::Other, StreamEvent::Waiting(error.to_string()));
+                }
+            }
+        }
+    }
+
+    /// Where the board is by now.
+    fn address_now(&mut self) -> Result<Address, PortError> {
+        if let (Some(usb), Address::Serial { path, .. }) = (&self.place.usb, &mut self.place.address) {
+            match find_again(&list_ports(), usb, path) {
+                Some(port) => path.clone_from(&port.path),
+                None => {
+                    let there = "the board is not plugged in".to_owned();
+                    return Err(PortError::NotFound { path: path.clone(), there });
+                }
+            }
+        }
+        Ok(self.place.address.clone())
+    }
+
+    fn hand_over(&mut self) {
+        while let Some(event) = self.session.next_event() {
+            let kind = match event {
+                Event::Frames(_) => Kind::Frames,
+                Event::Log(_) => Kind::Log,
+                _ => Kind::Other,
+            };
+            self.shared.queue.push(kind, StreamEvent::Session(event));
+            if kind == Kind::Frames {
+                self.latency.push(now_ns().saturating_sub(self.last_read_ns));
+            }
+        }
+    }
+
+    /// Renews the counters that others see, when they are older than this.
+    fn publish(&mut self, age_ns: i64) {
+        let now_ns = now_ns();
+        if now_ns.saturating_sub(self.published_ns) < age_ns {
+            return;
+        }
+        self.published_ns = now_ns;
+        self.counters = StreamCounters {
+            session: self.session.counters(),
+            clock: self.session.clock_report(),
+            latency: self.latency.report(),
+            cpu_s: thread_cpu_ns() as f64 * 1e-9,
+            running_s: now_ns.saturating_sub(self.start_ns) as f64 * 1e-9,
+            ..self.counters
+        };
+        *self.shared.counters.lock().unwrap_or_else(PoisonError::into_inner) = self.counters;
+    }
+}
+
+#[cfg(all(test, unix))]
+#[path = "sensor_tests.rs"]
+mod tests;

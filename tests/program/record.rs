@@ -1,0 +1,199 @@
+//! `record` and `doctor`: what they refuse and say without any hardware, and against a tiny board on a socket.
+
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::process::{Command, Stdio};
+use std::thread::{sleep, spawn};
+use std::time::{Duration, Instant};
+
+use radar_chaperone::a121::find::{discover, list_ports};
+use radar_chaperone::live::now_ns;
+use serde_json::Value;
+
+use crate::common::Folder;
+
+/// A board that answers one client after the other, for as long as the tests run; its address.
+fn board() -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    spawn(move || listener.incoming().flatten().for_each(serve));
+    format!("tcp:{address}")
+}
+
+fn serve(mut socket: TcpStream) {
+    socket.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
+    let (mut line, mut buffer, mut samples) = (Vec::new(), [0; 4096], 0);
+    let (mut period, mut next, mut count) = (Duration::ZERO, None::<Instant>, 0u32);
+    loop {
+        match socket.read(&mut buffer) {
+            Ok(0) => return,
+            Ok(read) => line.extend_from_slice(&buffer[..read]),
+            Err(error) if error.kind() == std::io::ErrorKind::ConnectionReset => return,
+            Err(_) => {}
+        }
+        while let Some(end) = line.iter().position(|&byte| byte == b'\n') {
+            let command: Value = serde_json::from_slice(&line.drain(..=end).collect::<Vec<u8>>()).unwrap();
+            let config = &command["groups"][0][0]["config"];
+            let answer = match command["cmd"].as_str().unwrap() {
+                "get_system_info" => r#"{"status":"ok","system_info":{"rss_version":"a121-v1.12.0","sensor":"a121",
+                    "sensor_count":1,"ticks_per_second":1000000,"hw":"tiny"}}"#
+                    .replace('\n', " "),
+                "get_sensor_info" => r#"{"status":"ok","sensor_info":[{"connected":true}]}"#.to_owned(),
+                "setup" => {
+                    let points = config["subsweeps"][0]["num_points"].as_u64().unwrap();
+                    period = Duration::from_secs_f64(1.0 / config["frame_rate"].as_f64().unwrap());
+                    samples = points * config["sweeps_per_frame"].as_u64().unwrap();
+                    format!(
+                        "{{\"status\":\"ok\",\"tick_period\":0,\"metadata\":[[{{\"frame_data_length\":{samples},\
+                         \"sweep_data_length\":{points},\"base_step_length_m\":0.0025}}]],\"calibration_info\":\
+                         [{{\"sensor_id\":1,\"temperature\":25,\"data\":\"00ff\"}}]}}"
+                    )
+                }
+                "start_streaming" => {
+                    next = Some(Instant::now());
+                    r#"{"status":"start"}"#.to_owned()
+                }
+                _ => {
+                    next = None;
+                    r#"{"status":"stop"}"#.to_owned()
+                }
+            };
+            let _ = socket.write_all((answer + "\n").as_bytes());
+        }
+        if next.is_some_and(|at| Instant::now() >= at) {
+            next = next.map(|at| at + period);
+            count += 1;
+            let head = format!(
+                "{{\"result_info\":[[{{\"tick\":{},\"data_saturated\":false,\"temperature\":25,\
+                 \"calibration_needed\":false,\"frame_delayed\":false}}]],\"status\":\"ok\",\"payload_size\":{}}}\n",
+                count * period.as_micros() as u32,
+                4 * samples
+            );
+            let payload: Vec<u8> = (0..2 * samples).flat_map(|n| (n as i16).to_le_bytes()).collect();
+            let _ = socket.write_all(&[head.as_bytes(), &payload].concat());
+        }
+    }
+}
+
+#[test]
+fn impossible_arguments_are_refused_before_anything_is_opened() {
+    let folder = Folder::new("record_arguments");
+    folder.write("there.mcap", "precious");
+    folder.write("no.json", "{\"hwaas\":}");
+    folder.write("rule.json", "{\"sweeps_per_frame\": 0}");
+    for (arguments, says) in [
+        ("--out there.mcap", "there.mcap is there already: choose another name"),
+        ("--out none/r.mcap", "there is no folder none: make it"),
+        ("--out r.mcap --duration-s 0", "--duration-s 0: give seconds above 0"),
+        ("--out r.mcap --duration-s nan", "--duration-s NaN: give seconds above 0"),
+        ("--out r.mcap --preset d17", "invalid value 'd17' for '--preset"),
+        ("--out r.mcap --preset d16 --config rule.json", "cannot be used with"),
+        ("--out r.mcap --config none.json", "cannot read configuration none.json"),
+        ("--out r.mcap --config no.json", "no.json is no sensor configuration"),
+        ("--out r.mcap --config rule.json", "sweeps_per_frame is 0"),
+        ("--out r.mcap --baud 9600", "9600 is not in 115200.."),
+        ("--out r.mcap --sensor 6", "6 is not in 1..=5"),
+        ("--out r.mcap --mount left", "\"left\" is no mount"),
+        ("--out r.mcap --poses .", ". is a folder or a device"),
+        ("--out r.mcap --calibration no.json", "no.json is no calibration"),
+        ("--out r.mcap --calibration .", "cannot read calibration ."),
+    ] {
+        folder.run(&format!("record --port /dev/ttyNONE7 {arguments}")).refused(says);
+    }
+    assert_eq!(folder.read("there.mcap"), b"precious");
+    assert!(!folder.path("r.mcap").exists());
+}
+
+#[test]
+fn ports_that_cannot_be_opened_say_why() {
+    let folder = Folder::new("record_ports");
+    for (port, says) in [
+        ("/dev/ttyNONE7", "there is no port /dev/ttyNONE7: there is"),
+        ("/dev/null", "/dev/null is no serial port"),
+        ("tcp:", "\"tcp:\" is no address: write tcp:HOST or tcp:HOST:PORT"),
+        ("tcp:127.0.0.1:1", "tcp:127.0.0.1:1 refuses the connection: start the exploration server there"),
+    ] {
+        folder.run(&format!("record --out r.mcap --port {port}")).refused(says);
+        let doctor = folder.run(&format!("doctor --port {port}")).refused("one thing must be mended");
+        assert!(doctor.out.contains("mend ") && doctor.out.contains(says), "{doctor:#?}");
+    }
+    assert!(!folder.path("r.mcap").exists());
+    if discover(&list_ports()).candidates.is_empty() {
+        folder.run("record --out r.mcap").refused("no A121 board is found: there is");
+        let doctor = folder.run("doctor").refused("one thing must be mended").says("no A121 board is found");
+        let doctor = doctor.says("simulate furnished-room --serve").says("carried by line").says("not known yet");
+        assert!(doctor.out.contains("slow-link      6.63        25        25    9.2"), "{doctor:#?}");
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_port_that_another_program_has_says_which() {
+    use radar_chaperone::a121::{Address, Line};
+    let folder = Folder::new("record_busy");
+    let (_board, ours) = serialport::TTYPort::pair().unwrap();
+    let path = serialport::SerialPort::name(&ours).unwrap();
+    drop(ours);
+    let _held = Line::open(&Address::Serial { path: path.clone(), flow_control: true }).unwrap();
+    let says = format!("{path} is in use by ");
+    let outcome = folder.run(&format!("record --out r.mcap --port {path}")).refused(&says);
+    assert!(outcome.err.contains(&format!("(process {})", std::process::id())), "{outcome:#?}");
+    folder.run(&format!("doctor --port {path}")).refused("one thing must be mended").says(&says);
+}
+
+#[test]
+fn a_board_is_recorded_with_poses_and_calibration() {
+    let folder = Folder::new("record_board");
+    let port = board();
+    let now_s = now_ns() as f64 * 1e-9;
+    let poses =
+        (-50..2000).map(|n| format!("{:.4} 0 1.5 {} 0 0 0 1\n", now_s + f64::from(n) * 0.01, f64::from(n) * 1e-4));
+    folder.write("t.tum", "# a track\nnonsense\n".to_owned() + &poses.collect::<String>());
+    let outcome = folder.run(&format!(
+        "record --port {port} --out r.mcap --duration-s 1 --poses t.tum --mount 0,0.03,-0.1 --calibration c.json"
+    ));
+    let outcome = outcome.done().says("Raspberry Pi on tcp:").says("yes, 2 % of it").says("Faults     none");
+    let outcome = outcome.says("0 frames lost").says("1 lines that are none").says("Written to r.mcap");
+    assert!(outcome.out.contains("tiny, software a121-v1.12.0, 1000000 ticks a second"), "{outcome:#?}");
+    let info = folder.run("info r.mcap").done().says("Raspberry Pi on tcp:").says("Damage     none");
+    let info = info.says("Board      tiny, software a121-v1.12.0, 1000000 ticks").says("+0.100 m ahead");
+    assert!(info.out.lines().any(|l| l.starts_with("Frames ") && l.ends_with("no gaps")), "{info:#?}");
+    assert!(info.out.contains("100.0 a second, no gaps, all valid"), "{info:#?}");
+    assert_eq!(folder.json("c.json")[0]["data"], "00ff");
+    folder.run(&format!("record --port {port} --out 2.mcap --duration-s 0.2 --calibration c.json")).done();
+    folder.run("replay r.mcap --out replayed").done();
+}
+
+#[test]
+fn doctor_finds_a_sound_board_sound() {
+    let folder = Folder::new("doctor_board");
+    let outcome = folder.run(&format!("doctor --port {}", board())).done();
+    for says in ["ok       Board", "ok       Opens", "ok       Answers", "ok       Sensors      connected: 1 of 1"] {
+        assert!(outcome.out.contains(says), "{says}: {outcome:#?}");
+    }
+    assert!(outcome.out.contains("carried by network") && !outcome.out.contains("mend "), "{outcome:#?}");
+    assert!(outcome.out.contains("Stream       preset d16: ") && outcome.out.contains(" 0 lost"), "{outcome:#?}");
+}
+
+#[test]
+#[cfg(unix)]
+fn being_told_to_end_ends_the_recording_properly() {
+    let folder = Folder::new("record_signal");
+    for signal in ["-INT", "-TERM", "-HUP"] {
+        let out = format!("r{signal}.mcap");
+        let mut child = Command::new(env!("CARGO_BIN_EXE_radar-chaperone"))
+            .args(["record", "--port", &board(), "--out", &out])
+            .current_dir(folder.path(""))
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        let start = Instant::now();
+        while std::fs::metadata(folder.path(&out)).map_or(0, |metadata| metadata.len()) < 100_000 {
+            assert!(start.elapsed() < Duration::from_secs(30), "nothing is recorded");
+            sleep(Duration::from_millis(20));
+        }
+        assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+        assert_eq!(child.wait().unwrap().code(), Some(0));
+        folder.run(&format!("info {out}")).done().says("Damage     none").says("no gaps");
+    }
+}
