@@ -7,6 +7,7 @@ mod clock;
 #[cfg(test)]
 mod clock_world;
 mod command;
+pub mod device;
 mod error;
 mod layout;
 mod parser;
