@@ -126,7 +126,8 @@ impl Bench {
 fn a_session_streams_at_the_boards_speed_and_stops() {
     let mut bench = Bench::serial();
     bench.run_s(4.0);
-    let opening = ["get_system_info", "get_sensor_info", "set_uart_baudrate", "setup", "start_streaming"];
+    let opening =
+        ["get_system_info", "get_system_info", "get_sensor_info", "set_uart_baudrate", "setup", "start_streaming"];
     assert_eq!(bench.commands(), opening);
     assert_eq!(bench.actions[..3], [Action::SetBaud(115_200), Action::SendBreak, Action::FlushInput]);
     assert_eq!((bench.board.baud, bench.port_baud), (2_000_000, 2_000_000));

@@ -42,8 +42,8 @@ pub(super) struct Line {
     sent_of_first: usize,
     free_ns: i64,
     is_blocked: bool,
-    /// Pieces that left the board, and when they reach the reader.
-    on_the_way: VecDeque<(i64, Vec<u8>)>,
+    /// Pieces that left the board, at which speed, and when they reach the reader.
+    on_the_way: VecDeque<(i64, Option<u32>, Vec<u8>)>,
     held_until_ns: i64,
     /// Until when bytes reach the reader only at whole multiples of a time.
     bursts: Option<(i64, i64)>,
@@ -87,7 +87,7 @@ impl Line {
 
     /// When [`Self::leave`] or [`Self::arrive`] has something.
     pub fn next_ns(&self) -> i64 {
-        let arrives_ns = self.on_the_way.front().map_or(i64::MAX, |(at, _)| *at);
+        let arrives_ns = self.on_the_way.front().map_or(i64::MAX, |(at, ..)| *at);
         self.next_leaves_ns().min(arrives_ns)
     }
 
@@ -119,7 +119,7 @@ impl Line {
             self.sent_of_first = 0;
         }
         if !piece.is_empty() {
-            self.on_the_way.push_back((self.arrival_ns(left_ns), piece));
+            self.on_the_way.push_back((self.arrival_ns(left_ns), self.baud, piece));
         }
         if let (true, Then::Baud(baud)) = (is_last, then) {
             self.baud = self.baud.map(|_| baud);
@@ -135,12 +135,12 @@ impl Line {
             }
             _ => held_ns,
         };
-        self.on_the_way.back().map_or(burst_ns, |(last_ns, _)| burst_ns.max(*last_ns))
+        self.on_the_way.back().map_or(burst_ns, |(last_ns, ..)| burst_ns.max(*last_ns))
     }
 
-    /// The next piece, when it has reached the reader by now.
-    pub fn arrive(&mut self, now_ns: i64) -> Option<Vec<u8>> {
-        self.on_the_way.pop_front_if(|(at, _)| *at <= now_ns).map(|(_, piece)| piece)
+    /// The next piece, when it has reached the reader by now, and the speed it was sent at.
+    pub fn arrive(&mut self, now_ns: i64) -> Option<(Option<u32>, Vec<u8>)> {
+        self.on_the_way.pop_front_if(|(at, ..)| *at <= now_ns).map(|(_, baud, piece)| (baud, piece))
     }
 }
 
@@ -161,7 +161,7 @@ mod tests {
         while line.next_ns() < i64::MAX {
             let now_ns = line.next_ns();
             while line.leave(now_ns).is_some() {}
-            while let Some(piece) = line.arrive(now_ns) {
+            while let Some((_, piece)) = line.arrive(now_ns) {
                 out.push((now_ns, piece.len()));
             }
         }

@@ -57,7 +57,12 @@ const BURSTS_NS: (i64, i64) = (1_000_000_000, 30_000_000);
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Output {
     /// Bytes reach the reader.
-    Bytes(Vec<u8>),
+    Bytes {
+        /// As sent.
+        bytes: Vec<u8>,
+        /// At this speed: a reader at another one gets noise; `None`: the line has no speed of its own.
+        baud: Option<u32>,
+    },
     /// The plug is pulled.
     Unplugged,
     /// It is plugged in again.
@@ -207,8 +212,8 @@ impl Device {
     /// Does what is due at a host time and appends what reaches the reader.
     pub fn poll(&mut self, now_ns: i64, out: &mut Vec<Output>) {
         loop {
-            while let Some(piece) = self.line.arrive(now_ns) {
-                out.push(Output::Bytes(piece));
+            while let Some((baud, bytes)) = self.line.arrive(now_ns) {
+                out.push(Output::Bytes { bytes, baud });
             }
             if let Some(fault) = self.schedule.take(now_ns) {
                 self.inject(fault, now_ns, out);
