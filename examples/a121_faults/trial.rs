@@ -16,8 +16,8 @@ const LINE_BYTES: i64 = 170;
 const LONGEST_NS: i64 = 120 * S;
 /// It is back when no frame was missed for this long.
 const STEADY_NS: i64 = 2 * S;
-/// Once the clock has had this long, times are held to so many of the sigmas that it states, and to what the board's own
-/// delays differ by, seconds; before, to the longest that anything was held back.
+/// Once the clock has had this long, times are held to so many of the sigmas that it states, or to their tick where that is
+/// longer, and to what the board's own delays differ by, seconds; before, to the longest that anything was held back.
 const SETTLED_NS: i64 = 2 * S;
 const SIGMAS: f64 = 5.0;
 const SHARED_S: f64 = 0.1e-3;
@@ -58,12 +58,12 @@ pub struct Outcome {
 struct World {
     device: Device,
     session: Session,
-    link: Link,
     rng: ChaCha8Rng,
     now_ns: i64,
     port_baud: u32,
     is_plugged: bool,
     period_s: f64,
+    tick_s: f64,
     sent: VecDeque<SentResult>,
     first_frame_ns: Option<i64>,
     /// Since when the session's clock has counted, and the end of the last frame accepted.
@@ -121,12 +121,12 @@ impl World {
         Self {
             device,
             session,
-            link,
             rng,
             now_ns,
             port_baud: 0,
             is_plugged: true,
             period_s,
+            tick_s: 1.0 / f64::from(board.ticks_per_second()),
             sent: VecDeque::new(),
             first_frame_ns: None,
             streaming_since_ns: 0,
@@ -282,7 +282,7 @@ impl World {
 
     fn check_times(&mut self, frames: &[SensorFrame], sent: &SentResult, is_exact: bool) {
         let assumed = LINE_BYTES * frames.len() as i64;
-        let byte_ns = self.device.baud().map_or(0, |baud| 10 * S / i64::from(baud));
+        let byte_ns = self.device.baud().map_or(0, |_| 10 * S / i64::from(self.port_baud));
         // Results wait for the last sensor.
         let waits_ns = sent.ends_ns.iter().max().map_or(0, |last| last - sent.ends_ns[0]);
         let shared_ns = READING_NS + waits_ns + (sent.line_bytes as i64 - assumed) * byte_ns;
@@ -296,7 +296,7 @@ impl World {
                 self.outcome.worst_error_s = self.outcome.worst_error_s.max(error_s.abs());
             }
             let sigma_s = self.session.clock_report().map_or(0.0, |report| report.sigma_s);
-            let bound_s = if is_settled { SIGMAS * sigma_s + SHARED_S } else { FIRST_S };
+            let bound_s = if is_settled { self.tick_s.max(SIGMAS * sigma_s) + SHARED_S } else { FIRST_S };
             if error_s.abs() > bound_s {
                 let since_s = (self.now_ns - self.streaming_since_ns) as f64 * 1e-9;
                 let text =
@@ -377,6 +377,5 @@ pub fn run(fault: Fault, trial: u64, seed: u64) -> Outcome {
         world.outcome.lost = 0;
     }
     world.outcome.counters = world.session.counters();
-    let _ = world.link;
     world.outcome
 }

@@ -23,6 +23,7 @@ mod progress;
 mod reconstruct;
 mod recover;
 mod replay;
+mod serve;
 mod simulate;
 
 use std::io::Write;

@@ -1,5 +1,5 @@
 //! A simulated board: the server's side of the protocol, pure. Bytes and host times in, bytes with the times at which
-//! they reach the reader out; whatever is wanted goes wrong.
+//! they reach the reader out; whatever is wanted goes wrong. [`Server`] alone has a clock and a port.
 //!
 //! Written from the protocol and from what boards are known to do. Inferred, where nothing is known: answers take 2 ms
 //! and calibration 200 ms; while it streams, a board refuses all commands but the one to stop; a board keeps two
@@ -13,7 +13,9 @@ mod faults;
 mod line;
 mod protocol;
 mod samples;
+mod serve;
 mod stream;
+mod wire;
 
 use std::collections::BTreeMap;
 
@@ -25,7 +27,9 @@ use serde_json::Value;
 pub use board::Board;
 pub use faults::{Fault, FaultPlan, FaultPlanError, MAX_FAULTS_PER_MINUTE};
 pub use samples::{FrameRequest, NoiseOfTick, SampleSource};
+pub use serve::{Server, monotonic_ns};
 pub use stream::SentInfo;
+pub use wire::{Place, ServeError};
 
 use board::BoardClock;
 use faults::Schedule;
