@@ -33,6 +33,8 @@ const BINS_TO_REFUSE: usize = 5;
 const EARLY_S: f64 = 1.5e-3;
 /// So many medians late is a fault: of exponential delays one in a thousand is.
 const MEDIANS: f64 = 10.0;
+/// Stretches until that is asked.
+const BINS_TO_TELL_FAULTS: usize = 20;
 /// Least mean delay, seconds: no reader's clock is better.
 const MIN_LATENESS_S: f64 = 1e-6;
 
@@ -226,11 +228,13 @@ fn line_below(points: &[Earliest]) -> Line {
     Line { middle_s, level_s: level(drift) - lateness_s, drift, lateness_s, drift_sigma }
 }
 
-/// Mean of delays, in which one that is no delay but a fault (a board that hung for seconds) weighs no more than a late one.
+/// Mean of delays, in which one that is no delay but a fault (a board that hung for seconds) weighs no more than a late one,
+/// once there are enough to tell them apart.
 fn mean_delay_s(mut delays_s: Vec<f64>) -> f64 {
-    let middle = delays_s.len() / 2;
+    let (count, middle) = (delays_s.len(), delays_s.len() / 2);
     let (_, median_s, _) = delays_s.select_nth_unstable_by(middle, f64::total_cmp);
-    let most_s = (MEDIANS * *median_s).max(MIN_LATENESS_S);
+    let enough = count >= BINS_TO_TELL_FAULTS;
+    let most_s = if enough { (MEDIANS * *median_s).max(MIN_LATENESS_S) } else { f64::INFINITY };
     delays_s.iter().map(|delay_s| delay_s.min(most_s)).sum::<f64>() / delays_s.len() as f64
 }
 

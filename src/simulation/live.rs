@@ -64,7 +64,7 @@ mod tests {
     use crate::radar::{frame_timing, preset};
 
     #[test]
-    fn frames_and_poses_are_those_of_a_recording_and_go_on_after_its_end() {
+    fn frames_are_those_of_a_recording_and_go_on_after_its_end() {
         let config = preset("d16").unwrap();
         let scenario = Scenario::new("furnished-room", "natural", config.clone(), 0.5, 7);
         let recorded = scenario.run().unwrap();

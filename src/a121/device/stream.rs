@@ -104,7 +104,7 @@ pub(super) fn result_bytes(groups: &[Vec<SensorEntry>], result: &Measured) -> (V
         }
         line.push(']');
     }
-    let _ = write!(line, "],\"status\":\"ok\",\"payload_size\":{}}}\n", 4 * result.samples.len());
+    let _ = writeln!(line, "],\"status\":\"ok\",\"payload_size\":{}}}", 4 * result.samples.len());
     let line_bytes = line.len();
     let mut bytes = line.into_bytes();
     bytes.reserve_exact(4 * result.samples.len());
