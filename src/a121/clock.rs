@@ -31,6 +31,10 @@ const FINE_TICK_S: f64 = 50e-6;
 const BINS_TO_REFUSE: usize = 5;
 /// Too early by less than this is a faster line, seconds.
 const EARLY_S: f64 = 1.5e-3;
+/// So many medians late is a fault: of exponential delays one in a thousand is.
+const MEDIANS: f64 = 10.0;
+/// Stretches until that is asked.
+const BINS_TO_TELL_FAULTS: usize = 20;
 /// Least mean delay, seconds: no reader's clock is better.
 const MIN_LATENESS_S: f64 = 1e-6;
 
@@ -205,7 +209,6 @@ impl Clock {
 fn line_below(points: &[Earliest]) -> Line {
     let count = points.len() as f64;
     let middle_s = points.iter().map(|p| p.sensor_s).sum::<f64>() / count;
-    let mean_behind_s = points.iter().map(|p| p.behind_s()).sum::<f64>() / count;
     let variance_s2 = points.iter().map(|p| (p.sensor_s - middle_s).powi(2)).sum::<f64>() / count;
     let level = |drift: f64| {
         points.iter().map(|p| p.behind_s() - drift * (p.sensor_s - middle_s)).fold(f64::INFINITY, f64::min)
@@ -214,13 +217,25 @@ fn line_below(points: &[Earliest]) -> Line {
     let mut lateness_s = 0.0;
     // How sharply delays fall off is told by the line, and the line by that: three rounds settle it.
     for _ in 0..3 {
-        lateness_s = ((mean_behind_s - level(drift)) / count).max(MIN_LATENESS_S / count);
+        let level_s = level(drift);
+        let delays_s = points.iter().map(|p| p.behind_s() - drift * (p.sensor_s - middle_s) - level_s);
+        lateness_s = (mean_delay_s(delays_s.collect()) / count).max(MIN_LATENESS_S / count);
         let likelihood = |drift: f64| level(drift) / lateness_s - 0.5 * (drift / DRIFT_SIGMA).powi(2);
         drift = greatest_of_concave(likelihood, -MAX_DRIFT, MAX_DRIFT);
     }
     let by_points = if variance_s2 > 0.0 { lateness_s / variance_s2.sqrt() } else { f64::INFINITY };
     let drift_sigma = (by_points.powi(-2) + DRIFT_SIGMA.powi(-2)).powf(-0.5);
     Line { middle_s, level_s: level(drift) - lateness_s, drift, lateness_s, drift_sigma }
+}
+
+/// Mean of delays, in which one that is no delay but a fault (a board that hung for seconds) weighs no more than a late one,
+/// once there are enough to tell them apart.
+fn mean_delay_s(mut delays_s: Vec<f64>) -> f64 {
+    let (count, middle) = (delays_s.len(), delays_s.len() / 2);
+    let (_, median_s, _) = delays_s.select_nth_unstable_by(middle, f64::total_cmp);
+    let enough = count >= BINS_TO_TELL_FAULTS;
+    let most_s = if enough { (MEDIANS * *median_s).max(MIN_LATENESS_S) } else { f64::INFINITY };
+    delays_s.iter().map(|delay_s| delay_s.min(most_s)).sum::<f64>() / delays_s.len() as f64
 }
 
 /// Where a concave function is greatest, by thirds.
@@ -242,6 +257,8 @@ mod tests {
 
     use super::super::clock_world::{Reader, TRANSFER_S, World};
     use super::*;
+
+    const S: i64 = 1_000_000_000;
 
     /// Rms error of the times from `from_s` to `to_s` after the start, seconds, and the clock in the end.
     fn rms_error_s(world: &mut World, from_s: f64, to_s: f64) -> (f64, Clock) {
@@ -301,6 +318,21 @@ mod tests {
         assert!(report.jitter_s < 0.05e-3 && report.sigma_s < 0.05e-3, "{report:?}");
         assert!((0.029..0.035).contains(&report.max_delay_s) && report.mean_delay_s > 1e-3, "{report:?}");
         assert_eq!(report.results, 3960);
+    }
+
+    #[test]
+    fn one_result_seconds_late_moves_no_other_ones_time() {
+        let mut clock = Clock::new(1_000_000, 0.015, 0.0);
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut worst_ns = 0;
+        for k in 0..400i64 {
+            // The board hung for 5 s in the middle of the 200th.
+            let end_ns = k * 15_000_000 + i64::from(k > 200) * 5 * S;
+            let late_ns = i64::from(k == 200) * 5 * S;
+            let time_ns = clock.time_ns(end_ns / 1000, end_ns + late_ns + rng.random_range(0..100_000));
+            worst_ns = worst_ns.max(if k > 100 { (time_ns - end_ns).abs() } else { 0 });
+        }
+        assert!(worst_ns < 50_000, "{worst_ns}");
     }
 
     #[test]

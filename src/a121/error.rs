@@ -51,6 +51,9 @@ pub enum SessionError {
         /// What else to look at.
         hint: &'static str,
     },
+    /// No two answers were the same.
+    #[error("the board never says the same twice of itself: check its cable, or try a slower baud rate")]
+    AnswersDiffer,
     /// Frames stopped.
     #[error("no frame for {seconds:.1} s: the sensor is set up again; if this repeats, check its cable and power")]
     Silent {

@@ -8,6 +8,7 @@ mod clock;
 #[cfg(test)]
 mod clock_world;
 mod command;
+pub mod device;
 mod error;
 pub mod find;
 mod layout;

@@ -3,7 +3,8 @@
 //!
 //! Way: break (serial) → system → sensors → baud rate (serial) → set-up → start → streaming → stop and drain. Whatever
 //! goes wrong on it is told as an event; what another try may cure is tried again from the break, after a pause that
-//! doubles up to 8 s. A board that asks for calibration is stopped and set up anew. Calibrations are used again after
+//! doubles up to 8 s. Nothing checks an answer on the line: what the system says is asked until two answers agree, and
+//! what ends a session over its set-up has to be said twice. A board that asks for calibration is stopped and set up anew. Calibrations are used again after
 //! faults.
 //!
 //! The caller writes what [`Session::next_action`] says, gives what it reads to [`Session::receive`], and calls
@@ -29,8 +30,12 @@ const BREAK_NS: i64 = S;
 const ANSWER_NS: i64 = 2 * S;
 /// Stopping may take this much longer.
 const STOP_EXTRA_NS: i64 = S;
-/// A line quiet for this long has ended a payload.
+/// A line quiet for this long has ended a payload: one without a speed of its own, and a serial one, of which
+/// converters hand the bytes on in pieces, one every millisecond.
 const SETTLE_NS: i64 = 300_000;
+const SETTLE_SERIAL_NS: i64 = 2_000_000;
+/// Different answers to the first question until the line is given up for now.
+const MAX_ANSWERS: usize = 6;
 /// Pauses between tries.
 const PAUSES_NS: (i64, i64) = (S / 2, 8 * S);
 /// A board that asks for calibration again sooner than this is left alone.
@@ -193,7 +198,11 @@ pub struct Session {
     deadline_ns: i64,
     last_bytes_ns: i64,
     pause_ns: i64,
+    /// What boards said of themselves since the last break.
+    heard: Vec<SystemInfo>,
     board: Option<Board>,
+    /// Why the set-up failed the last time.
+    doubted: Option<SessionError>,
     calibrations: Vec<Calibration>,
     recalibrated_ns: Option<i64>,
     told_to_stop: bool,
@@ -223,7 +232,9 @@ impl Session {
             deadline_ns: i64::MAX,
             last_bytes_ns: now_ns,
             pause_ns: PAUSES_NS.0,
+            heard: Vec::new(),
             board: None,
+            doubted: None,
             recalibrated_ns: None,
             told_to_stop: false,
             ticks: Vec::new(),
@@ -249,7 +260,7 @@ impl Session {
     /// When [`Self::poll`] has something to do, host nanoseconds.
     pub fn next_deadline_ns(&self) -> i64 {
         match self.parser.has_unsettled() && self.state != State::Over {
-            true => self.deadline_ns.min(self.last_bytes_ns.saturating_add(SETTLE_NS)),
+            true => self.deadline_ns.min(self.last_bytes_ns.saturating_add(self.settle_ns())),
             false => self.deadline_ns,
         }
     }
@@ -282,7 +293,7 @@ impl Session {
 
     /// Does what is due at a host time.
     pub fn poll(&mut self, now_ns: i64) {
-        if self.parser.has_unsettled() && now_ns.saturating_sub(self.last_bytes_ns) >= SETTLE_NS {
+        if self.parser.has_unsettled() && now_ns.saturating_sub(self.last_bytes_ns) >= self.settle_ns() {
             let mut received = std::mem::take(&mut self.received);
             self.parser.settle(&mut received);
             self.handle_all(&mut received, now_ns);
@@ -320,6 +331,11 @@ impl Session {
         }
     }
 
+    fn settle_ns(&self) -> i64 {
+        let has_speed = self.board.as_ref().is_some_and(|board| board.baud.is_some());
+        if has_speed { SETTLE_SERIAL_NS } else { SETTLE_NS }
+    }
+
     fn tell(&mut self, event: Event) {
         if self.events.len() >= MAX_EVENTS {
             self.events.pop_front();
@@ -335,6 +351,7 @@ impl Session {
     fn connect(&mut self, now_ns: i64) {
         self.counters.connects += 1;
         self.board = None;
+        self.heard.clear();
         self.told_to_stop = false;
         self.parser.expect_results(None);
         self.parser.clear();
@@ -422,6 +439,15 @@ impl Session {
         self.pause_ns = (2 * self.pause_ns).min(PAUSES_NS.1);
     }
 
+    /// What no other try cures ends the session, when it is said again: the line may have made it up.
+    fn fail(&mut self, error: SessionError, now_ns: i64) {
+        if self.doubted.as_ref() == Some(&error) {
+            return self.finish(Event::Failed(error));
+        }
+        self.doubted = Some(error.clone());
+        self.try_again(error, now_ns);
+    }
+
     fn finish(&mut self, event: Event) {
         self.enter(State::Over, i64::MAX);
         self.tell(event);
@@ -463,7 +489,7 @@ impl Session {
                 // A calibration that does not fit may be why: without any, the next refusal is about the configuration.
                 let error = SessionError::Refused { asked: "setup", message };
                 match std::mem::take(&mut self.calibrations).is_empty() {
-                    true => self.finish(Event::Failed(error)),
+                    true => self.fail(error, now_ns),
                     false => self.try_again(error, now_ns),
                 }
             }
@@ -478,6 +504,13 @@ impl Session {
     }
 
     fn meet_board(&mut self, info: SystemInfo, now_ns: i64) {
+        if !self.heard.contains(&info) {
+            self.heard.push(info);
+            return match self.heard.len() < MAX_ANSWERS {
+                true => self.ask(Asked::System, now_ns),
+                false => self.try_again(SessionError::AnswersDiffer, now_ns),
+            };
+        }
         match self.check_board(&info) {
             Ok(version) => {
                 let baud = info.max_baudrate.map(|_| FIRST_BAUD).filter(|_| self.link != Link::Tcp);
@@ -546,7 +579,7 @@ impl Session {
     fn be_set_up(&mut self, reply: SetupReply, now_ns: i64) {
         let layout = ResultLayout::of(&self.setup);
         if !layout.agrees_with(&reply) {
-            return self.finish(Event::Failed(SessionError::OtherFrames));
+            return self.fail(SessionError::OtherFrames, now_ns);
         }
         let Some(board) = &self.board else { return };
         let rate = board.info.ticks_per_second;
@@ -593,6 +626,7 @@ impl Session {
             self.deadline_ns = now_ns.saturating_add(self.frame_patience_ns());
         }
         self.pause_ns = PAUSES_NS.0;
+        self.doubted = None;
         self.counters.results += 1;
         let asks_for_calibration = result.infos.iter().any(|info| info.calibration_needed);
         let frames = self.timed_frames(result, &ticks, arrival_ns);

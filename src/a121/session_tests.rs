@@ -126,7 +126,8 @@ impl Bench {
 fn a_session_streams_at_the_boards_speed_and_stops() {
     let mut bench = Bench::serial();
     bench.run_s(4.0);
-    let opening = ["get_system_info", "get_sensor_info", "set_uart_baudrate", "setup", "start_streaming"];
+    let opening =
+        ["get_system_info", "get_system_info", "get_sensor_info", "set_uart_baudrate", "setup", "start_streaming"];
     assert_eq!(bench.commands(), opening);
     assert_eq!(bench.actions[..3], [Action::SetBaud(115_200), Action::SendBreak, Action::FlushInput]);
     assert_eq!((bench.board.baud, bench.port_baud), (2_000_000, 2_000_000));
@@ -281,6 +282,60 @@ fn refusals_tell_what_to_do() {
     let mut bench = Bench::new(TestBoard::new(), Link::Serial { baud: Some(3_000_000) });
     bench.run_s(3.0);
     assert_eq!(bench.troubles(), [&SessionError::Baud { asked: 3_000_000, max: 2_000_000 }]);
+}
+
+#[test]
+fn a_set_up_refused_once_is_tried_again() {
+    let mut bench = Bench::serial();
+    bench.board.refuses = Some("setup");
+    bench.run_s(1.4);
+    bench.board.refuses = None;
+    bench.run_s(2.0);
+    assert!(matches!(bench.troubles()[..], [SessionError::Refused { asked: "setup", .. }]));
+    assert!(!bench.session.is_over() && !bench.frames().is_empty());
+}
+
+#[test]
+fn what_a_damaged_answer_says_of_the_board_is_not_believed() {
+    for (ticks, version) in [(1_100_000, "a121-v1.12.0"), (1_000_000, "banana"), (1_000_000, "a121-v0.2.0")] {
+        let mut bench = Bench::serial();
+        bench.run_s(0.999);
+        (bench.board.ticks_per_second, bench.board.rss_version) = (ticks, version.into());
+        // Until the first answer is on its way.
+        while bench.board.commands.is_empty() {
+            bench.run_s(1e-4);
+        }
+        let sound = TestBoard::new();
+        (bench.board.ticks_per_second, bench.board.rss_version) = (sound.ticks_per_second, sound.rss_version);
+        bench.run_s(2.0);
+        assert!(bench.troubles().is_empty() && bench.frames().len() > 50, "{ticks} {version}");
+        assert_eq!(bench.session.board.as_ref().unwrap().info.ticks_per_second, 1_000_000);
+    }
+    // A board that goes on saying something else is given up for the time being.
+    let mut bench = Bench::serial();
+    for step in 0..30_000 {
+        bench.board.ticks_per_second = 1_000_000 + step;
+        bench.run_s(1e-4);
+    }
+    assert!(bench.troubles().contains(&&SessionError::AnswersDiffer) && bench.frames().is_empty());
+}
+
+#[test]
+fn a_byte_doubled_in_a_payload_that_comes_in_pieces_is_noticed() {
+    let mut bench = Bench::serial();
+    bench.run_s(3.0);
+    let before = bench.frames().len();
+    // All but the last byte, which comes a millisecond later, as converters do it.
+    let bytes = bench.board.frame(|length| Some((Fault::Double, length - 50)));
+    let (first, second) = bytes.split_at(bytes.len() - 1);
+    bench.on_the_way.push_back((bench.now_ns, first.to_vec()));
+    bench.on_the_way.push_back((bench.now_ns + 1_000_000, second.to_vec()));
+    bench.run_s(0.008);
+    let counters = bench.session.counters().stream;
+    assert_eq!((bench.frames().len(), counters.doubtful), (before, 0));
+    bench.run_s(0.5);
+    assert_eq!(bench.session.counters().stream.damaged_payloads, 1);
+    assert!(bench.frames().len() > before + 20);
 }
 
 #[test]

@@ -27,6 +27,7 @@ mod record;
 mod record_file;
 mod recover;
 mod replay;
+mod serve;
 mod simulate;
 
 use std::io::Write;

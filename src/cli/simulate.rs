@@ -1,4 +1,5 @@
 //! `radar-chaperone simulate ROOM --motion M --out FILE.mcap`: a recording without hardware, with its truth.
+//! `… --serve PLACE`: the sensor itself without hardware.
 
 use std::path::{Path, PathBuf};
 
@@ -8,16 +9,17 @@ use clap::Args;
 use super::files::keep_inputs;
 use super::import::parse_mount;
 use super::progress;
+use super::serve::Serve;
 use crate::engine::Settings;
 use crate::radar::{Beam, PRESETS, SensorConfig, preset};
 use crate::recording::{Header, RecordingSummary, RecordingWriter, SensorMetadata};
 use crate::simulation::{MOTIONS, SCENES, Scenario, Simulated, TrackingErrors};
 use crate::tracking::PoseSample;
 
-/// Simulates a sensor on a headset in a room and records it, with the truth
+/// Simulates a sensor on a headset in a room and records it, with the truth, or serves it live
 ///
 /// Rooms: corner-reflector, clothes-hanger, chair, two-chairs (the thesis' scenes), furnished-room, empty-room, nothing.
-/// The same seed gives the same file.
+/// The same seed gives the same file. With --serve, whatever speaks the A121's protocol can try it as if it were a board.
 #[derive(Debug, Args)]
 pub(super) struct Simulate {
     /// What stands there
@@ -35,9 +37,9 @@ pub(super) struct Simulate {
     /// Sensor configuration (JSON, named as in the vendor's protocol) in place of a preset
     #[arg(long, value_name = "FILE.json", conflicts_with = "preset")]
     config: Option<PathBuf>,
-    /// Length, seconds
-    #[arg(long, default_value_t = 10.0)]
-    duration_s: f64,
+    /// Length, seconds; without it 10, or, with --serve, until Ctrl-C
+    #[arg(long)]
+    duration_s: Option<f64>,
     /// Power SNR of the strongest scatterer on the axis at 1 m, dB; without it the radar equation says
     #[arg(long, allow_hyphen_values = true)]
     snr_db: Option<f64>,
@@ -57,22 +59,27 @@ pub(super) struct Simulate {
     #[arg(long, default_value_t = 0.0)]
     dropouts_per_minute: f64,
     /// Recording to write
-    #[arg(long, value_name = "FILE.mcap")]
-    out: PathBuf,
+    #[arg(long, value_name = "FILE.mcap", required_unless_present = "serve")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    live: Serve,
 }
 
 impl Simulate {
     pub fn run(&self) -> Result<()> {
+        let Some(out) = self.out.as_ref().filter(|_| !self.live.is_asked()) else {
+            return self.live.run(self.scenario()?, self.duration_s);
+        };
         if let Some(config) = &self.config {
-            keep_inputs(&self.out, &[config])?;
+            keep_inputs(out, &[config])?;
         }
         let scenario = self.scenario()?;
         let spinner = progress::spinner("simulating");
         let simulated = scenario.run()?;
-        let summary = write_simulated(&self.out, &scenario, &simulated)?;
+        let summary = write_simulated(out, &scenario, &simulated)?;
         spinner.finish_and_clear();
         say!("{summary}")?;
-        say!("Written to {}", self.out.display())?;
+        say!("Written to {}", out.display())?;
         Ok(())
     }
 
@@ -85,7 +92,7 @@ impl Simulate {
                 preset(name).ok_or_else(|| anyhow!("preset \"{name}\" is not known: use {}", PRESETS.join(", ")))?
             }
         };
-        let mut scenario = Scenario::new(&self.room, &self.motion, config, self.duration_s, self.seed);
+        let mut scenario = Scenario::new(&self.room, &self.motion, config, self.duration_s.unwrap_or(10.0), self.seed);
         scenario.beam = Beam::named(&self.beam)?;
         if let Some(mount) = &self.mount {
             scenario.head_from_sensor = parse_mount(mount)?;

@@ -3,6 +3,7 @@
 //! Physics with seeds: it shares constants with the reconstruction (wavelength, pulse widths, loop gains), not its code.
 //! Not simulated: multipath, leakage from transmitter to receiver, timing drift, people.
 
+mod live;
 mod motion;
 mod receiver;
 mod room;
@@ -10,6 +11,7 @@ mod scenario;
 mod scenes;
 mod tracker;
 
+pub use live::LiveScenario;
 pub use motion::{MOTIONS, Motion, MotionError};
 pub use room::{Room, Scatterer, Thing, WallPanel};
 pub use scenario::{Scenario, ScenarioError, Simulated};

@@ -1,11 +1,12 @@
 //! A whole simulated recording: scene, motion, sensor, tracking, receiver → frames, poses, truth.
 
+use num_complex::Complex;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::receiver::Receiver;
-use super::{Motion, MotionError, Scene, SceneError, TrackingErrors, scene};
+use super::{LiveScenario, Motion, MotionError, Scene, SceneError, TrackingErrors, scene};
 use crate::geometry::Pose;
 use crate::radar::{Beam, ConfigError, Frame, SensorConfig, Subsweep, frame_timing, rcs_dbsm_for_snr};
 use crate::tracking::PoseSample;
@@ -103,6 +104,24 @@ impl Scenario {
     /// # Errors
     /// An unknown name, a configuration that breaks a rule, a duration, SNR, time offset or rate of dropouts out of bounds.
     pub fn run(&self) -> Result<Simulated, ScenarioError> {
+        let stage = self.stage()?;
+        let head_at = |t: f64| stage.head_at(t);
+        let span_s = (-POSE_MARGIN_S, self.duration_s + POSE_MARGIN_S);
+        let poses = self.errors.track(head_at, span_s, host_ns, self.seed);
+        let frames = self.frames(&stage);
+        let truth = self.truth(&stage.scene, head_at, |t| stage.sensor_at(t));
+        Ok(Simulated { frames, poses, truth })
+    }
+
+    /// The same room and motion for as long as wanted; the motion is as long as the scenario, there and back again.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn live(&self) -> Result<LiveScenario, ScenarioError> {
+        Ok(LiveScenario::new(self.stage()?))
+    }
+
+    fn stage(&self) -> Result<Stage, ScenarioError> {
         self.config.validate()?;
         if !(0.1..=3600.0).contains(&self.duration_s) {
             return Err(ScenarioError::Duration(self.duration_s));
@@ -119,36 +138,19 @@ impl Scenario {
         let scene = scene(&self.scene, self.seed)?;
         let motion = Motion::named(&self.motion, &scene, self.duration_s + POSE_MARGIN_S, self.seed)?;
         let true_mount = self.errors.true_mount(&self.head_from_sensor, self.seed);
-        let head_at = |t: f64| motion.tracking_from_head(t, &self.head_from_sensor);
-        let span_s = (-POSE_MARGIN_S, self.duration_s + POSE_MARGIN_S);
-        let poses = self.errors.track(head_at, span_s, host_ns, self.seed);
-        let frames = self.frames(&scene, |t| head_at(t) * true_mount);
-        let truth = self.truth(&scene, head_at, |t| head_at(t) * true_mount);
-        Ok(Simulated { frames, poses, truth })
+        Ok(Stage { scenario: self.clone(), scene, motion, true_mount })
     }
 
-    fn frames(&self, scene: &Scene, sensor_at: impl Fn(f64) -> Pose + Sync) -> Vec<Frame> {
+    fn frames(&self, stage: &Stage) -> Vec<Frame> {
         let timing = frame_timing(&self.config);
         let count = ((self.duration_s - timing.frame_s) / timing.frame_period_s).floor().max(0.0) as usize + 1;
-        let rcs_offset_db = self.rcs_offset_db(scene);
         (0..count)
             .into_par_iter()
             .map(|index| {
-                // Every frame has noise of its own, whatever thread makes it.
-                let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ 0x0CC0_4E12);
-                rng.set_stream(index as u64);
                 let start_s = index as f64 * timing.frame_period_s;
                 let mut samples = Vec::with_capacity(self.config.points_per_frame());
-                let mut data_saturated = false;
-                for sweep in 0..self.config.sweeps_per_frame {
-                    let sweep_s = start_s + f64::from(sweep) * timing.sweep_period_s;
-                    for (subsweep, &(offset_s, period_s)) in self.config.subsweeps.iter().zip(&timing.subsweeps) {
-                        let room = &scene.room;
-                        let receiver = Receiver { room, subsweep, beam: &self.beam, rcs_offset_db, noise: true };
-                        let first_s = sweep_s + offset_s;
-                        data_saturated |= receiver.sweep(|t| sensor_at(first_s + t), period_s, &mut rng, &mut samples);
-                    }
-                }
+                let sensor_at = |t: f64| stage.sensor_at(t);
+                let data_saturated = stage.frame(&self.config, index as u64, start_s, sensor_at, &mut samples);
                 let end_s = start_s + timing.frame_s;
                 Frame {
                     tick: (end_s * 1e6).round() as i64,
@@ -161,16 +163,6 @@ impl Scenario {
                 }
             })
             .collect()
-    }
-
-    fn rcs_offset_db(&self, scene: &Scene) -> f64 {
-        let strongest = scene.room.scatterers().map(|s| s.rcs_dbsm).fold(f64::NEG_INFINITY, f64::max);
-        match (self.snr_db, self.config.subsweeps.first()) {
-            (Some(snr), Some(Subsweep { profile, hwaas, .. })) if strongest.is_finite() => {
-                rcs_dbsm_for_snr(*profile, *hwaas, snr, 1.0) - strongest
-            }
-            _ => 0.0,
-        }
     }
 
     fn truth(&self, scene: &Scene, head_at: impl Fn(f64) -> Pose, sensor_at: impl Fn(f64) -> Pose) -> Truth {
@@ -205,6 +197,62 @@ impl Scenario {
             obstacles: obstacles.collect(),
             walls: walls.map(|w| TruthWall { name: w.name.clone(), plane: w.plane, extent: w.extent }).collect(),
             time_offset_s: self.time_offset_s,
+        }
+    }
+}
+
+/// A scenario with its room furnished and its path drawn.
+#[derive(Debug, Clone)]
+pub(super) struct Stage {
+    pub scenario: Scenario,
+    pub scene: Scene,
+    motion: Motion,
+    true_mount: Pose,
+}
+
+impl Stage {
+    pub fn head_at(&self, time_s: f64) -> Pose {
+        self.motion.tracking_from_head(time_s, &self.scenario.head_from_sensor)
+    }
+
+    pub fn sensor_at(&self, time_s: f64) -> Pose {
+        self.head_at(time_s) * self.true_mount
+    }
+
+    /// Appends the samples of a frame whose measurement starts at a time; says whether one saturated. Every frame has
+    /// noise of its own, by its number, whatever thread makes it.
+    pub fn frame(
+        &self,
+        config: &SensorConfig,
+        number: u64,
+        start_s: f64,
+        sensor_at: impl Fn(f64) -> Pose,
+        samples: &mut Vec<Complex<i16>>,
+    ) -> bool {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.scenario.seed ^ 0x0CC0_4E12);
+        rng.set_stream(number);
+        let timing = frame_timing(config);
+        let rcs_offset_db = self.rcs_offset_db(config);
+        let mut data_saturated = false;
+        for sweep in 0..config.sweeps_per_frame {
+            let sweep_s = start_s + f64::from(sweep) * timing.sweep_period_s;
+            for (subsweep, &(offset_s, period_s)) in config.subsweeps.iter().zip(&timing.subsweeps) {
+                let (room, beam) = (&self.scene.room, &self.scenario.beam);
+                let receiver = Receiver { room, subsweep, beam, rcs_offset_db, noise: true };
+                let first_s = sweep_s + offset_s;
+                data_saturated |= receiver.sweep(|t| sensor_at(first_s + t), period_s, &mut rng, samples);
+            }
+        }
+        data_saturated
+    }
+
+    fn rcs_offset_db(&self, config: &SensorConfig) -> f64 {
+        let strongest = self.scene.room.scatterers().map(|s| s.rcs_dbsm).fold(f64::NEG_INFINITY, f64::max);
+        match (self.scenario.snr_db, config.subsweeps.first()) {
+            (Some(snr), Some(Subsweep { profile, hwaas, .. })) if strongest.is_finite() => {
+                rcs_dbsm_for_snr(*profile, *hwaas, snr, 1.0) - strongest
+            }
+            _ => 0.0,
         }
     }
 }

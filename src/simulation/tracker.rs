@@ -64,27 +64,49 @@ impl TrackingErrors {
         time_ns: impl Fn(f64) -> i64,
         seed: u64,
     ) -> Vec<PoseSample> {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x7124_C4E2);
-        let drift = Drift::new(self.wander_m, &mut rng);
-        let turn = Drift::new(self.rotation_deg.to_radians(), &mut rng);
+        let mut tracker = Tracker::new(*self, seed);
         let steps = ((last_s - first_s) * self.rate_hz).floor() as usize;
-        let mut lost_until_s = f64::NEG_INFINITY;
         let sample = |i: usize| {
             let time_s = first_s + i as f64 / self.rate_hz;
-            let pose = path(time_s);
-            let jitter = normal_vector(&mut rng) * self.jitter_m;
-            let measured = Pose::new(
-                pose.translation + drift.at(time_s) + jitter,
-                DQuat::from_scaled_axis(turn.at(time_s)) * pose.rotation,
-            );
-            let starts = rng.random_range(0.0..1.0) < self.dropouts_per_minute / 60.0 / self.rate_hz;
-            let lasts_s = rng.random_range(0.05..0.3);
-            if starts {
-                lost_until_s = time_s + lasts_s;
-            }
-            PoseSample { valid: time_s >= lost_until_s, ..PoseSample::valid(time_ns(time_s), &measured) }
+            let (measured, valid) = tracker.measure(time_s, &path(time_s));
+            PoseSample { valid, ..PoseSample::valid(time_ns(time_s), &measured) }
         };
         (0..=steps).map(sample).collect()
+    }
+}
+
+/// Tracking under way: asked for one pose after the other.
+#[derive(Debug, Clone)]
+pub(super) struct Tracker {
+    errors: TrackingErrors,
+    rng: ChaCha8Rng,
+    drift: Drift,
+    turn: Drift,
+    lost_until_s: f64,
+}
+
+impl Tracker {
+    pub fn new(errors: TrackingErrors, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x7124_C4E2);
+        let drift = Drift::new(errors.wander_m, &mut rng);
+        let turn = Drift::new(errors.rotation_deg.to_radians(), &mut rng);
+        Self { errors, rng, drift, turn, lost_until_s: f64::NEG_INFINITY }
+    }
+
+    /// What the tracking makes of the pose at a time, and whether it vouches for it.
+    pub fn measure(&mut self, time_s: f64, pose: &Pose) -> (Pose, bool) {
+        let TrackingErrors { rate_hz, jitter_m, dropouts_per_minute, .. } = self.errors;
+        let jitter = normal_vector(&mut self.rng) * jitter_m;
+        let measured = Pose::new(
+            pose.translation + self.drift.at(time_s) + jitter,
+            DQuat::from_scaled_axis(self.turn.at(time_s)) * pose.rotation,
+        );
+        let starts = self.rng.random_range(0.0..1.0) < dropouts_per_minute / 60.0 / rate_hz;
+        let lasts_s = self.rng.random_range(0.05..0.3);
+        if starts {
+            self.lost_until_s = time_s + lasts_s;
+        }
+        (measured, time_s >= self.lost_until_s)
     }
 }
 
@@ -93,6 +115,7 @@ fn normal_vector(rng: &mut ChaCha8Rng) -> DVec3 {
 }
 
 /// Slow drift of a given rms: five sines in each axis.
+#[derive(Debug, Clone)]
 struct Drift([[DVec3; 3]; 5]);
 
 impl Drift {

@@ -7,10 +7,12 @@ mod bad_files;
 mod benchmark;
 #[path = "../common/mod.rs"]
 mod common;
+mod faults;
 mod found;
 mod physics;
 mod real_recordings;
 mod record;
 mod round_trip;
 mod sensor_rules;
+mod serve;
 mod vendor_file;

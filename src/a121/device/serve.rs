@@ -1,0 +1,129 @@
+//! Serves a simulated board in real time, on one thread that sleeps until something is due.
+
+use rustix::time::{ClockId, clock_gettime};
+
+use super::wire::{Heard, Wire, sleep};
+use super::{Device, FIRST_BAUD, Output, Place, ServeError};
+
+/// What a real port holds for a reader that is late, bytes; a pseudo terminal holds 12 kB itself.
+const PORT_BYTES: usize = 64 << 10;
+/// What every session begins with.
+const FIRST_QUESTION: &[u8] = b"{\"cmd\":\"get_system_info\"";
+
+/// The host's monotonic clock, nanoseconds.
+pub fn monotonic_ns() -> i64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec * 1_000_000_000 + now.tv_nsec as i64
+}
+
+/// A board at a place.
+pub struct Server {
+    place: Place,
+    device: Device,
+    wire: Option<Wire>,
+    /// What the other side has not taken yet.
+    unsent: Vec<u8>,
+    clients: u64,
+}
+
+impl Server {
+    /// Opens the place.
+    ///
+    /// # Errors
+    /// It cannot be opened.
+    pub fn open(place: Place, device: Device) -> Result<Self, ServeError> {
+        let wire = Some(place.open()?);
+        Ok(Self { place, device, wire, unsent: Vec::new(), clients: 0 })
+    }
+
+    /// The board.
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    /// How often somebody came.
+    pub fn clients(&self) -> u64 {
+        self.clients
+    }
+
+    /// Serves until a host time at most, or until something happened that may change what is due.
+    ///
+    /// # Errors
+    /// The system refuses to go on, or to open the place again after an unplugging.
+    pub fn turn(&mut self, until_ns: i64) -> Result<(), ServeError> {
+        let mut out = Vec::new();
+        self.device.poll(monotonic_ns(), &mut out);
+        for output in out {
+            match output {
+                Output::Bytes { bytes, baud } => self.send(bytes, baud),
+                Output::Unplugged => {
+                    self.wire = None;
+                    self.unsent.clear();
+                }
+                Output::Plugged => self.wire = Some(self.place.open()?),
+            }
+        }
+        self.flush();
+        let due_ns = self.device.next_ns().min(until_ns);
+        let timeout_ns = due_ns.saturating_sub(monotonic_ns());
+        let mut heard = Vec::new();
+        let waited = match &mut self.wire {
+            Some(wire) => wire.wait(timeout_ns, !self.unsent.is_empty(), &mut heard),
+            None => sleep(&mut [], timeout_ns),
+        };
+        waited.map_err(|source| ServeError::Io { place: self.place.port(), source })?;
+        heard.into_iter().for_each(|heard| self.hear(heard));
+        Ok(())
+    }
+
+    fn send(&mut self, bytes: Vec<u8>, baud: Option<u32>) {
+        let Some(wire) = self.wire.as_ref().filter(|wire| wire.is_open()) else { return };
+        let host_baud = baud.and_then(|_| wire.baud());
+        match (baud, host_baud) {
+            (Some(baud), Some(host)) if host != baud => {
+                if host == FIRST_BAUD {
+                    self.device.receive_break();
+                }
+                self.unsent.extend(noise(&bytes));
+            }
+            _ => self.unsent.extend(bytes),
+        }
+    }
+
+    fn flush(&mut self) {
+        if let Some(wire) = self.wire.as_mut().filter(|_| !self.unsent.is_empty()) {
+            let taken = wire.write(&self.unsent);
+            self.unsent.drain(..taken);
+        }
+        self.device.set_blocked(self.unsent.len() > PORT_BYTES, monotonic_ns());
+    }
+
+    fn hear(&mut self, heard: Heard) {
+        match heard {
+            Heard::Somebody(came) => {
+                self.clients += u64::from(came);
+                self.unsent.clear();
+                self.device.receive_break();
+            }
+            Heard::Bytes(bytes) => {
+                let host_baud = self.wire.as_ref().and_then(Wire::baud);
+                let is_pty = host_baud.is_some();
+                let board_baud = self.device.baud().filter(|_| is_pty);
+                let differs = board_baud.is_some() && board_baud != host_baud;
+                if (differs && host_baud == Some(FIRST_BAUD))
+                    || (is_pty && self.device.is_streaming() && bytes.starts_with(FIRST_QUESTION))
+                {
+                    self.device.receive_break();
+                } else if differs {
+                    return self.device.receive(&noise(&bytes), monotonic_ns());
+                }
+                self.device.receive(&bytes, monotonic_ns());
+            }
+        }
+    }
+}
+
+/// What bytes look like at another speed.
+fn noise(bytes: &[u8]) -> Vec<u8> {
+    bytes.iter().map(|byte| byte.rotate_left(3) ^ 0xA5).collect()
+}

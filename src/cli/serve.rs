@@ -1,0 +1,179 @@
+//! `simulate … --serve`: the simulated sensor behind a port, for any program that speaks the A121's protocol.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
+use num_complex::Complex;
+
+use crate::a121::device::{
+    Board, Device, DeviceCounters, FaultPlan, FrameRequest, Place, SampleSource, Server, monotonic_ns,
+};
+use crate::geometry::Pose;
+use crate::simulation::{LiveScenario, Scenario};
+
+/// Length of the way that the head goes there and back, seconds.
+const PATH_S: f64 = 3600.0;
+/// Longest that is served, seconds: a year.
+const LONGEST_S: f64 = 3.2e7;
+
+/// Serving in place of recording.
+#[derive(Debug, Args)]
+pub(super) struct Serve {
+    /// Serves the sensor live in place of writing a recording: pty:PATH, or tcp:127.0.0.1:6110. Its configuration comes
+    /// from whoever connects
+    #[arg(long, value_name = "PLACE", conflicts_with_all = ["out", "preset", "config"])]
+    serve: Option<String>,
+    /// Which board it is like
+    #[arg(long, default_value = "xc120", requires = "serve",
+          value_parser = clap::builder::PossibleValuesParser::new(Board::ALL.map(Board::name)))]
+    board: String,
+    /// What goes wrong, times a minute: drop, double, flip, garbage, stall, delay, burst, error, refuse, saturate,
+    /// calibrate, wrap, jump, unplug, reboot, banner
+    #[arg(long, value_name = "KIND=RATE,…", requires = "serve")]
+    faults: Option<String>,
+    /// Writes the head's poses as they are tracked: TUM format, times in seconds of this computer's monotonic clock
+    #[arg(long, value_name = "TRACK.tum", requires = "serve")]
+    poses_out: Option<PathBuf>,
+    /// Lets other computers connect
+    #[arg(long, requires = "serve")]
+    any_address: bool,
+}
+
+impl Serve {
+    pub fn is_asked(&self) -> bool {
+        self.serve.is_some()
+    }
+
+    /// Serves until Ctrl-C, or for a time; `scenario.duration_s` is taken from there.
+    pub fn run(&self, mut scenario: Scenario, duration_s: Option<f64>) -> Result<()> {
+        if let Some(seconds) = duration_s.filter(|s| !(0.1..=LONGEST_S).contains(s)) {
+            bail!("a duration of {seconds} s cannot be served: give 0.1 to {LONGEST_S} s, or leave it out");
+        }
+        scenario.duration_s = PATH_S;
+        let place = Place::parse(self.serve.as_deref().unwrap_or_default(), self.any_address)?;
+        let board = Board::named(&self.board).ok_or_else(|| anyhow!("no board \"{}\"", self.board))?;
+        let plan = FaultPlan::parse(self.faults.as_deref().unwrap_or_default())?;
+        let live = scenario.live()?;
+        let stopped = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+            // A second one ends the program at once.
+            signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stopped))?;
+            signal_hook::flag::register(signal, Arc::clone(&stopped))?;
+        }
+        let origin_ns = monotonic_ns();
+        let source = RoomSamples { live: live.clone(), origin_ns };
+        let device = Device::new(board, Box::new(source), plan, scenario.seed, origin_ns);
+        let mut server = Server::open(place.clone(), device)?;
+        let mut track = self.poses_out.as_deref().map(Track::create).transpose()?;
+        self.say_how(&place, &scenario, board)?;
+        let end_ns = duration_s.map_or(i64::MAX, |seconds| origin_ns + (seconds * 1e9) as i64);
+        let mut poses = Poses { live, origin_ns, offset_ns: (scenario.time_offset_s * 1e9) as i64 };
+        while monotonic_ns() < end_ns && !stopped.load(Ordering::Relaxed) {
+            let next_pose_ns = match &mut track {
+                Some(track) => poses.write_due(track)?,
+                None => i64::MAX,
+            };
+            server.turn(next_pose_ns.min(end_ns))?;
+        }
+        say!("{}", counted(&server.device().counters(), server.clients(), track.as_ref().map(|t| t.poses)))
+    }
+
+    fn say_how(&self, place: &Place, scenario: &Scenario, board: Board) -> Result<()> {
+        let port = place.port();
+        say!(
+            "{}, {}, seed {}, as a board {}, at {port}",
+            scenario.scene,
+            scenario.motion,
+            scenario.seed,
+            board.name()
+        )?;
+        let poses = self.poses_out.as_ref().map_or(String::new(), |path| format!(" --poses {}", path.display()));
+        say!("Try: radar-chaperone record --port {port}{poses} --out FILE.mcap")?;
+        say!("Ctrl-C ends it")?;
+        Ok(std::io::stdout().flush()?)
+    }
+}
+
+fn counted(counters: &DeviceCounters, clients: u64, poses: Option<u64>) -> String {
+    let DeviceCounters { results, delayed, lost, bytes, commands, faults } = counters;
+    let faults: Vec<String> = faults.iter().map(|(fault, count)| format!("{} {count}", fault.name())).collect();
+    let faults = if faults.is_empty() { "none".to_owned() } else { faults.join(", ") };
+    let poses = poses.map_or(String::new(), |poses| format!("\nPoses    {poses}"));
+    format!(
+        "Clients  {clients}, {commands} commands\nSent     {results} results, {bytes} bytes; {delayed} late, {lost} \
+         lost inside the board\nFaults   {faults}{poses}"
+    )
+}
+
+/// Samples of the simulated room.
+struct RoomSamples {
+    live: LiveScenario,
+    origin_ns: i64,
+}
+
+impl SampleSource for RoomSamples {
+    fn frame(&mut self, request: &FrameRequest, samples: &mut Vec<Complex<i16>>) -> bool {
+        let end_s = request.end_ns.saturating_sub(self.origin_ns) as f64 * 1e-9;
+        // Every frame's noise is its own, after a new start, too.
+        let number = (request.end_ns as u64) << 3 | u64::from(request.sensor_id);
+        self.live.frame(request.config, number, end_s, samples)
+    }
+}
+
+/// Poses as they are tracked.
+struct Poses {
+    live: LiveScenario,
+    origin_ns: i64,
+    offset_ns: i64,
+}
+
+impl Poses {
+    /// Writes all that are due and says when the next one is.
+    fn write_due(&mut self, track: &mut Track) -> Result<i64> {
+        loop {
+            let at_ns = self.origin_ns + (self.live.next_pose_s() * 1e9).round() as i64;
+            if at_ns > monotonic_ns() {
+                return Ok(at_ns);
+            }
+            // A pose that tracking does not vouch for cannot be said in this format.
+            if let Some(pose) = self.live.next_pose() {
+                track.write(at_ns + self.offset_ns, &pose)?;
+            }
+        }
+    }
+}
+
+/// A track in the TUM format, each line handed to the system as it is written.
+struct Track {
+    file: File,
+    path: PathBuf,
+    poses: u64,
+}
+
+impl Track {
+    fn create(path: &Path) -> Result<Self> {
+        let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+        let mut track = Self { file, path: path.to_owned(), poses: 0 };
+        track.put("# time_s x y z qx qy qz qw, of the monotonic clock\n")?;
+        Ok(track)
+    }
+
+    fn put(&mut self, line: &str) -> Result<()> {
+        self.file.write_all(line.as_bytes()).with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    fn write(&mut self, time_ns: i64, pose: &Pose) -> Result<()> {
+        let (seconds, rest) = (time_ns.div_euclid(1_000_000_000), time_ns.rem_euclid(1_000_000_000));
+        let (p, q) = (pose.translation, pose.rotation);
+        self.poses += 1;
+        self.put(&format!(
+            "{seconds}.{rest:09} {:.6} {:.6} {:.6} {:.8} {:.8} {:.8} {:.8}\n",
+            p.x, p.y, p.z, q.x, q.y, q.z, q.w
+        ))
+    }
+}

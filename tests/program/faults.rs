@@ -1,0 +1,32 @@
+//! Every fault on the sensor's line, some times each, as `examples/a121_faults` does a thousand times.
+
+#[path = "../../examples/a121_faults/trial.rs"]
+mod trial;
+
+use radar_chaperone::a121::device::Fault;
+use trial::Phase;
+
+#[test]
+fn sessions_come_back_from_every_fault_and_hand_on_nothing_that_was_not_sent() {
+    const TIMES: u64 = 40;
+    let (mut accepted, mut phases) = (0, [0, 0, 0]);
+    for fault in Fault::ALL {
+        for index in 0..TIMES {
+            let outcome = trial::run(fault, index, 99);
+            assert!(outcome.failures.is_empty(), "{} {index}: {:?}", fault.name(), outcome.failures);
+            // What is off for longer than it takes to notice and to begin anew.
+            assert!(outcome.recovery_s < 15.0, "{} {index}: {} s", fault.name(), outcome.recovery_s);
+            let bytes_alone = matches!(fault, Fault::Drop | Fault::Double | Fault::Flip | Fault::Garbage);
+            assert!(outcome.lost <= 3 || !bytes_alone, "{} {index}: {} lost", fault.name(), outcome.lost);
+            assert!(outcome.untold == 0 || bytes_alone, "{} {index}", fault.name());
+            assert!(outcome.counters.dropped_events == 0 && outcome.worst_error_s < 0.05);
+            accepted += outcome.accepted;
+            phases[match outcome.phase {
+                Phase::Opening => 0,
+                Phase::Streaming => 1,
+                Phase::Stopping => 2,
+            }] += 1;
+        }
+    }
+    assert!(accepted > 100 * TIMES && phases.iter().all(|count| *count > 10), "{accepted} {phases:?}");
+}
