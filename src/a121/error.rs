@@ -95,6 +95,9 @@ pub enum SessionError {
         /// What was asked for.
         prf_mhz: f64,
     },
+    /// What the board says of itself changes.
+    #[error("the board's answers to get_system_info differ from one to the next: check the cable and its plugs")]
+    Unsteady,
     /// A clock without ticks.
     #[error("the board says that its clock makes no ticks: flash the A121 exploration server anew")]
     NoTicks,

@@ -13,9 +13,9 @@ use std::collections::VecDeque;
 
 use super::{
     Calibration, Clock, ClockReport, Command, LogLine, Message, Parser, Received, Reply, ResultLayout, ResultMessage,
-    SensorInfo, SessionError, Setup, SetupReply, StreamCounters, SystemInfo, TickVerdict, Ticks, Version,
+    SensorInfo, SensorSetup, SessionError, Setup, SetupReply, StreamCounters, SystemInfo, TickVerdict, Ticks, Version,
 };
-use crate::radar::{Frame, FrameTiming, Prf, frame_timing};
+use crate::radar::{Frame, FrameTiming, Prf, SensorConfig, frame_timing};
 
 /// Sensors that a board may have.
 pub const MAX_SENSORS: u32 = 5;
@@ -37,6 +37,10 @@ const PAUSES_NS: (i64, i64) = (S / 2, 8 * S);
 const RECALIBRATE_NS: i64 = 10 * S;
 /// Events kept for a caller that does not fetch them.
 const MAX_EVENTS: usize = 4096;
+/// Ticks in a second that boards are known to make. Any other number may be a damaged one of these.
+const USUAL_TICKS_PER_SECOND: [u32; 2] = [1_000_000, 1_000];
+/// Set-ups refused in a row until the refusal is believed.
+const REFUSALS: u32 = 2;
 /// Bytes of a result's line, about: with the payload, what a slow line takes its time for.
 const LINE_BYTES: f64 = 170.0;
 
@@ -197,6 +201,12 @@ pub struct Session {
     calibrations: Vec<Calibration>,
     recalibrated_ns: Option<i64>,
     told_to_stop: bool,
+    /// What was told to stop has not said yet that it did.
+    stop_is_owed: bool,
+    /// What a board said of itself that a sound one would not; believed when it is said again.
+    odd_board: Option<SystemInfo>,
+    asked_again: bool,
+    refused_setups: u32,
     ticks: Vec<Ticks>,
     clock: Option<Clock>,
     actions: VecDeque<Action>,
@@ -226,6 +236,10 @@ impl Session {
             board: None,
             recalibrated_ns: None,
             told_to_stop: false,
+            stop_is_owed: false,
+            odd_board: None,
+            asked_again: false,
+            refused_setups: 0,
             ticks: Vec::new(),
             clock: None,
             actions: VecDeque::new(),
@@ -335,7 +349,7 @@ impl Session {
     fn connect(&mut self, now_ns: i64) {
         self.counters.connects += 1;
         self.board = None;
-        self.told_to_stop = false;
+        (self.told_to_stop, self.stop_is_owed, self.asked_again) = (false, false, false);
         self.parser.expect_results(None);
         self.parser.clear();
         match self.link {
@@ -367,11 +381,17 @@ impl Session {
 
     /// How long the next frame may take.
     fn frame_patience_ns(&self) -> i64 {
-        let period_s = match self.setup.update_rate_hz {
-            Some(rate) => 1.0 / rate,
-            None => self.timings.iter().map(|t| t.frame_period_s).fold(0.0, f64::max),
+        ANSWER_NS.max(((1.5 * self.result_period_s() + 1.0).min(1e6) * 1e9) as i64)
+    }
+
+    /// From result to result, seconds: as the rates say, but no faster than groups can measure one after the other.
+    fn result_period_s(&self) -> f64 {
+        let busy_s = |s: &SensorSetup| {
+            frame_timing(&SensorConfig { frame_rate: None, ..s.config.clone() }).frame_period_s
         };
-        ANSWER_NS.max(((1.5 * period_s + 1.0).min(1e6) * 1e9) as i64)
+        let groups_s: f64 = self.setup.groups.iter().map(|g| g.iter().map(busy_s).fold(0.0, f64::max)).sum();
+        let update_s = self.setup.update_rate_hz.map_or(0.0, |rate| 1.0 / rate);
+        self.timings.iter().map(|t| t.frame_period_s).fold(groups_s.max(update_s), f64::max)
     }
 
     fn time_out(&mut self, now_ns: i64) {
@@ -429,6 +449,9 @@ impl Session {
 
     fn handle_all(&mut self, received: &mut Vec<Received>, now_ns: i64) {
         for Received { message, arrival_ns } in received.drain(..) {
+            if self.is_over() {
+                break;
+            }
             match message {
                 Message::Reply(Reply::Log(line)) => self.tell(Event::Log(line)),
                 Message::Reply(reply) => self.handle(reply, now_ns),
@@ -454,18 +477,21 @@ impl Session {
                 self.parser.expect_results(None);
                 self.ask(Asked::Setup, now_ns);
             }
-            // An older session's stream was stopped: its board listens now.
-            (State::Asked(Asked::System), Reply::Stopped) => self.ask(Asked::System, now_ns),
+            // An older session's stream was stopped: its board listens now, and may not have before.
+            (State::Asked(asked), Reply::Stopped) if self.stop_is_owed => {
+                self.stop_is_owed = false;
+                if let Asked::System | Asked::Sensors = asked {
+                    self.ask(asked, now_ns);
+                }
+            }
+            (State::Asked(Asked::System), Reply::Stopped) => self.counters.unexpected_replies += 1,
             (State::Asked(_) | State::Streaming, Reply::SessionEnded | Reply::Stopped) => {
                 self.try_again(SessionError::EndedByServer, now_ns);
             }
             (State::Asked(Asked::Setup), Reply::Error(message)) => {
                 // A calibration that does not fit may be why: without any, the next refusal is about the configuration.
-                let error = SessionError::Refused { asked: "setup", message };
-                match std::mem::take(&mut self.calibrations).is_empty() {
-                    true => self.finish(Event::Failed(error)),
-                    false => self.try_again(error, now_ns),
-                }
+                let had_calibrations = !std::mem::take(&mut self.calibrations).is_empty();
+                self.be_refused(SessionError::Refused { asked: "setup", message }, had_calibrations, now_ns);
             }
             (State::Asked(asked), Reply::Error(message)) => {
                 self.try_again(SessionError::Refused { asked: asked.name(), message }, now_ns);
@@ -478,7 +504,17 @@ impl Session {
     }
 
     fn meet_board(&mut self, info: SystemInfo, now_ns: i64) {
-        match self.check_board(&info) {
+        let verdict = self.check_board(&info);
+        // Nothing later would tell a damaged byte here from a board that cannot serve, or has another clock.
+        let is_odd = verdict.is_err() || !USUAL_TICKS_PER_SECOND.contains(&info.ticks_per_second);
+        if is_odd && self.odd_board.as_ref() != Some(&info) {
+            self.odd_board = Some(info);
+            return match std::mem::replace(&mut self.asked_again, true) {
+                false => self.ask(Asked::System, now_ns),
+                true => self.try_again(SessionError::Unsteady, now_ns),
+            };
+        }
+        match verdict {
             Ok(version) => {
                 let baud = info.max_baudrate.map(|_| FIRST_BAUD).filter(|_| self.link != Link::Tcp);
                 self.board = Some(Board { info, version, baud });
@@ -510,7 +546,7 @@ impl Session {
                 return Err(SessionError::TooOldForPrf { found, needed, prf_mhz: subsweep.prf.hz() / 1e6 });
             }
         }
-        match (self.link, info.max_baudrate) {
+        match (self.link, info.max_baudrate.map(|max| max.max(FIRST_BAUD))) {
             (Link::Serial { baud: Some(asked) }, Some(max)) if !(FIRST_BAUD..=max).contains(&asked) => {
                 Err(SessionError::Baud { asked, max })
             }
@@ -531,7 +567,7 @@ impl Session {
             return self.try_again(SessionError::NotConnected { sensor_id, connected }, now_ns);
         }
         let Some(board) = &mut self.board else { return };
-        let next = match (self.link, board.info.max_baudrate) {
+        let next = match (self.link, board.info.max_baudrate.map(|max| max.max(FIRST_BAUD))) {
             (Link::Serial { baud }, Some(max)) if baud.unwrap_or(max) != FIRST_BAUD => {
                 board.baud = Some(baud.unwrap_or(max));
                 Asked::Baud(baud.unwrap_or(max))
@@ -546,12 +582,12 @@ impl Session {
     fn be_set_up(&mut self, reply: SetupReply, now_ns: i64) {
         let layout = ResultLayout::of(&self.setup);
         if !layout.agrees_with(&reply) {
-            return self.finish(Event::Failed(SessionError::OtherFrames));
+            return self.be_refused(SessionError::OtherFrames, false, now_ns);
         }
+        self.refused_setups = 0;
         let Some(board) = &self.board else { return };
         let rate = board.info.ticks_per_second;
-        let update_period_s = self.setup.update_rate_hz.map_or(0.0, |rate| 1.0 / rate);
-        let period_s = self.timings.iter().map(|t| t.frame_period_s).fold(update_period_s, f64::max);
+        let period_s = self.result_period_s();
         self.ticks = self.timings.iter().map(|t| Ticks::new(t.frame_s, period_s, rate)).collect();
         let bits = 10.0 * (LINE_BYTES * self.timings.len() as f64 + layout.payload_bytes() as f64);
         let transfer_s = board.baud.map_or(0.0, |baud| bits / f64::from(baud));
@@ -560,6 +596,15 @@ impl Session {
         self.parser.expect_results(Some(layout));
         self.tell(Event::SetUp(reply));
         self.ask(Asked::Start, now_ns);
+    }
+
+    /// A set-up that did not come about. One damaged byte, of the command or of the answer, can be why.
+    fn be_refused(&mut self, error: SessionError, is_curable: bool, now_ns: i64) {
+        self.refused_setups += 1;
+        match is_curable || self.refused_setups < REFUSALS {
+            true => self.try_again(error, now_ns),
+            false => self.finish(Event::Failed(error)),
+        }
     }
 
     fn begin_streaming(&mut self, now_ns: i64) {
@@ -575,6 +620,7 @@ impl Session {
     /// A board that still streams for somebody who is gone.
     fn handle_stale(&mut self, now_ns: i64) {
         if self.state == State::Asked(Asked::System) && !std::mem::replace(&mut self.told_to_stop, true) {
+            self.stop_is_owed = true;
             self.actions.push_back(Action::Send(Command::StopStreaming.to_bytes()));
             self.deadline_ns = now_ns.saturating_add(ANSWER_NS + STOP_EXTRA_NS);
         }
@@ -645,9 +691,11 @@ impl Session {
         let parts = places.zip(ticks).zip(result.infos.iter().zip(result.frames));
         let frame =
             |(((group, sensor_id), &tick), (info, samples)): (((usize, u32), &i64), (&super::ResultInfo, _))| {
-                let after_ns = (f64::from((tick as u32).wrapping_sub(first as u32) as i32) / rate * 1e9).round() as i64;
+                // Each sensor's ticks were unwrapped from its own first one, which may lie beyond a wrap.
+                let after = (tick as u32).wrapping_sub(first as u32) as i32;
+                let after_ns = (f64::from(after) / rate * 1e9).round() as i64;
                 let frame = Frame {
-                    tick,
+                    tick: first.saturating_add(i64::from(after)),
                     host_time_ns: first_ns.saturating_add(after_ns),
                     temperature_c: info.temperature,
                     data_saturated: info.data_saturated,

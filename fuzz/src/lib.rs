@@ -1,0 +1,6 @@
+//! What the targets share: a count of the memory that the code under test takes, a file to hand bytes over in, a board.
+
+pub mod board;
+pub mod file;
+pub mod memory;
+pub mod script;
