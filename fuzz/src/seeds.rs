@@ -1,4 +1,4 @@
-//! `seeds TARGET FOLDER`: what a target's corpus begins with, made by the program's own writers.
+//! What a target's corpus begins with, made by the program's own writers.
 
 use std::path::Path;
 
@@ -9,12 +9,13 @@ use radar_chaperone::geometry::Pose;
 use radar_chaperone::radar::{Frame, SensorConfig, Subsweep};
 use radar_chaperone::recording::{Event, Header, RecordingWriter};
 use radar_chaperone::tracking::PoseSample;
-use radar_chaperone_fuzz::board::{Board, result, setup};
 
-fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [target, folder] = arguments.as_slice() else { panic!("usage: seeds TARGET FOLDER") };
-    let seeds = match target.as_str() {
+use crate::board::{Board, result, setup};
+
+/// Writes a target's seeds into the folder that the environment's `SEEDS` names, if it names one.
+pub fn write(target: &str) {
+    let Some(folder) = std::env::var_os("SEEDS") else { return };
+    let seeds = match target {
         "parser" => parser(),
         "session" => sessions(),
         "recording" => recordings(),
@@ -24,7 +25,7 @@ fn main() {
         _ => panic!("no target {target}"),
     };
     for (index, seed) in seeds.iter().enumerate() {
-        std::fs::write(Path::new(folder).join(format!("seed-{index}")), seed).expect("the corpus can be written");
+        std::fs::write(Path::new(&folder).join(format!("seed-{index}")), seed).expect("the corpus can be written");
     }
 }
 

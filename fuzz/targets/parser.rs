@@ -6,12 +6,12 @@
 
 use libfuzzer_sys::fuzz_target;
 use radar_chaperone::a121::{MAX_LINE_BYTES, Message, Parser, Received, Reply, ResultLayout};
-use radar_chaperone_fuzz::{board, memory, script::Script};
+use radar_chaperone_fuzz::{board, memory, script::Script, seeds};
 
 /// Largest request: the lists that a longest line may spell, grown by doubling.
 const LARGEST_BYTES: usize = 1 << 20;
 
-fuzz_target!(|data: &[u8]| {
+fuzz_target!(init: seeds::write("parser"), |data: &[u8]| {
     let mut script = Script(data);
     let (choice, mut seed) = (script.u8(), u32::from(script.u8()) + 1);
     let setup = board::setup(choice);

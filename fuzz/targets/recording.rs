@@ -5,13 +5,13 @@
 
 use libfuzzer_sys::fuzz_target;
 use radar_chaperone::recording::Recording;
-use radar_chaperone_fuzz::{file, memory};
+use radar_chaperone_fuzz::{file, memory, seeds};
 
 /// A record of 32 MiB, unpacked, and what it holds.
 const PEAK_BYTES: usize = 256 << 20;
 const LARGEST_BYTES: usize = 64 << 20;
 
-fuzz_target!(|data: &[u8]| {
+fuzz_target!(init: seeds::write("recording"), |data: &[u8]| {
     let path = file::holding(data);
     let read = || {
         let mut recording = Recording::open(path).ok()?;

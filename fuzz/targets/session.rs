@@ -8,7 +8,7 @@
 use libfuzzer_sys::fuzz_target;
 use radar_chaperone::a121::{Action, Event, Link, Session, SessionError};
 use radar_chaperone_fuzz::board::{self, Board, TICKS_PER_SECOND};
-use radar_chaperone_fuzz::{memory, script::Script};
+use radar_chaperone_fuzz::{memory, script::Script, seeds};
 
 const S: i64 = 1_000_000_000;
 const PERIOD_NS: i64 = S / 20;
@@ -48,7 +48,7 @@ struct Bench {
     newest: Option<(i64, i64)>,
 }
 
-fuzz_target!(|data: &[u8]| {
+fuzz_target!(init: seeds::write("session"), |data: &[u8]| {
     // Log lines of 16 kB that nobody fetches are the most that events can hold; here they are fetched.
     memory::bounded((1 << 23) + 64 * data.len(), (1 << 20) + 64 * data.len(), || run(Script(data)));
 });
@@ -231,7 +231,7 @@ impl Bench {
         while !self.session.is_over() && self.frames < before + 3 {
             self.hear_all();
             self.settle();
-            if !self.on_the_way.is_empty() {
+            if !self.on_the_way.is_empty() || self.session.is_over() {
                 continue;
             }
             let next_ns = match self.board.streaming {

@@ -5,9 +5,9 @@
 
 use libfuzzer_sys::fuzz_target;
 use radar_chaperone::engine::Settings;
-use radar_chaperone_fuzz::memory;
+use radar_chaperone_fuzz::{memory, seeds};
 
-fuzz_target!(|data: &[u8]| {
+fuzz_target!(init: seeds::write("settings"), |data: &[u8]| {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let (text, changes) = text.split_once("\n%\n").unwrap_or((text, ""));
     let changes: Vec<String> = changes.lines().map(str::to_owned).collect();

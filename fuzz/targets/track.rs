@@ -5,9 +5,9 @@
 
 use libfuzzer_sys::fuzz_target;
 use radar_chaperone::recording::read_track;
-use radar_chaperone_fuzz::{file, memory};
+use radar_chaperone_fuzz::{file, memory, seeds};
 
-fuzz_target!(|data: &[u8]| {
+fuzz_target!(init: seeds::write("track"), |data: &[u8]| {
     let path = file::holding(data);
     let poses = memory::bounded((1 << 20) + 64 * data.len(), (1 << 20) + 64 * data.len(), || read_track(path));
     let lines = data.split(|&byte| byte == b'\n').count();

@@ -5,13 +5,16 @@
 
 use libfuzzer_sys::fuzz_target;
 use radar_chaperone::recording::{ImportOptions, import_h5};
-use radar_chaperone_fuzz::{file, memory};
+use radar_chaperone_fuzz::{file, memory, seeds};
 
 const PEAK_BYTES: usize = 1 << 30;
 
 fuzz_target!(
     // The importer catches what the foreign reader throws; the fuzzer's own hook would end the run before it can.
-    init: std::panic::set_hook(Box::new(|_| {})),
+    init: {
+        seeds::write("vendor_h5");
+        std::panic::set_hook(Box::new(|_| {}));
+    },
     |data: &[u8]| {
         let path = file::holding(data);
         let options = ImportOptions::default();

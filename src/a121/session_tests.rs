@@ -418,7 +418,7 @@ fn a_stop_that_is_due_disturbs_nothing_and_stops_without_end_are_no_conversation
     // The board still streamed for somebody, and answered at once all the same.
     let stale = "{\"result_info\":[[{\"tick\":5,\"data_saturated\":false,\"temperature\":3,\
                  \"calibration_needed\":false,\"frame_delayed\":false}]],\"status\":\"ok\",\"payload_size\":0}\n";
-    let mut session = told(small_setup(), &[stale, SYSTEM, "{\"status\":\"stop\"}\n", SENSORS]);
+    let session = told(small_setup(), &[stale, SYSTEM, "{\"status\":\"stop\"}\n", SENSORS]);
     assert_eq!(session.state, State::Asked(Asked::Setup));
     // A board that says nothing else is not asked without end, and its silence is noticed.
     let mut session = told(small_setup(), &["{\"status\":\"stop\"}\n"; 500]);
