@@ -19,7 +19,9 @@ pub fn write(target: &str) {
         "parser" => parser(),
         "session" => sessions(),
         "recording" => recordings(),
-        "track" => vec![b"# timestamp_s tx ty tz qx qy qz qw\n0.5 1 2 3 0 0 0 1\n1e0 -1 nan 3e-1 0 0 0.6 0.8 # c\n".to_vec()],
+        "track" => {
+            vec![b"# timestamp_s tx ty tz qx qy qz qw\n0.5 1 2 3 0 0 0 1\n1e0 -1 nan 3e-1 0 0 0.6 0.8 # c\n".to_vec()]
+        }
         "settings" => settings(),
         "vendor_h5" => vec![vendor_h5(3), vendor_h5(0)],
         _ => panic!("no target {target}"),
@@ -40,7 +42,8 @@ fn parser() -> Vec<Vec<u8>> {
         }
         for (tick, flags, fill) in [(77, 0, 0), (4_294_967_295, 7, b'{'), (15_000, 2, b'"'), (30_000, 0, b'\n')] {
             bytes.extend(result(&setup, tick, flags, fill));
-            bytes.extend(b"{\"status\":\"log\",\"level\":\"info\",\"timestamp\":7,\"module\":\"m\",\"log\":\"{ok}\"}\n");
+            bytes
+                .extend(b"{\"status\":\"log\",\"level\":\"info\",\"timestamp\":7,\"module\":\"m\",\"log\":\"{ok}\"}\n");
         }
         bytes.extend(b"{\"status\":\"error\",\"message\":\"no\"}\n{\"status\":\"stop\",\"payload_size\":0}\n");
         bytes

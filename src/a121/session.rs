@@ -386,9 +386,8 @@ impl Session {
 
     /// From result to result, seconds: as the rates say, but no faster than groups can measure one after the other.
     fn result_period_s(&self) -> f64 {
-        let busy_s = |s: &SensorSetup| {
-            frame_timing(&SensorConfig { frame_rate: None, ..s.config.clone() }).frame_period_s
-        };
+        let busy_s =
+            |s: &SensorSetup| frame_timing(&SensorConfig { frame_rate: None, ..s.config.clone() }).frame_period_s;
         let groups_s: f64 = self.setup.groups.iter().map(|g| g.iter().map(busy_s).fold(0.0, f64::max)).sum();
         let update_s = self.setup.update_rate_hz.map_or(0.0, |rate| 1.0 / rate);
         self.timings.iter().map(|t| t.frame_period_s).fold(groups_s.max(update_s), f64::max)

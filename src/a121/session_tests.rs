@@ -377,7 +377,8 @@ const SENSORS: &str = "{\"status\":\"ok\",\"sensor_info\":[{\"connected\":true},
 #[test]
 fn a_damaged_answer_about_the_board_ends_no_session_and_makes_no_other_clock() {
     // One byte of the first answer changed: the version, the sensor's name, the rate of its clock.
-    let changes = [("v1.12.0", "v1.1x.0"), ("\"a121\"", "\"a131\""), ("1000000,", "1800000,"), ("1000000,", "1000001,")];
+    let changes =
+        [("v1.12.0", "v1.1x.0"), ("\"a121\"", "\"a131\""), ("1000000,", "1800000,"), ("1000000,", "1000001,")];
     for (right, wrong) in changes {
         let right_info = SYSTEM.replace("1000000}", "1000000,\"max_baudrate\":2000000}");
         let wrong_info = right_info.replacen(right, wrong, 1);

@@ -27,9 +27,13 @@ fn neighbours() -> Vec<(&'static str, Change, Change)> {
         ("num_points is 4096", |c| buffer(c, 4095, 1), |c| buffer(c, 4096, 1)),
         ("hwaas is 0", |c| first(c).hwaas = 1, |c| first(c).hwaas = 0),
         ("hwaas is 512: it must lie in 1 to 511", |c| first(c).hwaas = 511, |c| first(c).hwaas = 512),
-        ("receiver_gain is 24: it must lie in 0 to 23", |c| first(c).receiver_gain = 23, |c| {
-            first(c).receiver_gain = 24;
-        }),
+        (
+            "receiver_gain is 24: it must lie in 0 to 23",
+            |c| first(c).receiver_gain = 23,
+            |c| {
+                first(c).receiver_gain = 24;
+            },
+        ),
         ("step_length is 0", |c| first(c).step_length = 1, |c| first(c).step_length = 0),
         ("step_length is 5", |c| first(c).step_length = 6, |c| first(c).step_length = 5),
         ("step_length is 25", |c| points(c, 2, 24), |c| points(c, 2, 25)),
@@ -64,11 +68,7 @@ fn neighbours() -> Vec<(&'static str, Change, Change)> {
         ("sweep_rate is inf", |c| c.sweep_rate = Some(1e6), |c| c.sweep_rate = Some(f64::INFINITY)),
         ("it must be above 0", |c| c.sweep_rate = Some(1e-37), |c| c.sweep_rate = Some(1e-39)),
         ("it may be 50 at most", |c| rates(c, 50.0), |c| rates(c, 50.001)),
-        (
-            "less deep",
-            |c| idle(c, IdleState::Sleep, IdleState::Sleep),
-            |c| idle(c, IdleState::Ready, IdleState::Sleep),
-        ),
+        ("less deep", |c| idle(c, IdleState::Sleep, IdleState::Sleep), |c| idle(c, IdleState::Ready, IdleState::Sleep)),
         ("leave frame_rate out", continuous, |c| (continuous(c), c.frame_rate = Some(9.0)).1),
         ("set sweep_rate", continuous, |c| (continuous(c), c.sweep_rate = None).1),
         ("make them equal", continuous, |c| (continuous(c), c.inter_frame_idle_state = IdleState::Sleep).1),
@@ -208,8 +208,7 @@ fn is_within_limits(config: &SensorConfig) -> bool {
         sweep_rate.is_none_or(is_rate) && frame_rate.is_none_or(is_rate),
         sweep_rate.is_none_or(|sweep| frame_rate.is_none_or(|frame| frame <= sweep / f64::from(*sweeps_per_frame))),
         frame_depth >= sweep_depth,
-        !config.continuous_sweep_mode
-            || frame_rate.is_none() && sweep_rate.is_some() && frame_depth == sweep_depth,
+        !config.continuous_sweep_mode || frame_rate.is_none() && sweep_rate.is_some() && frame_depth == sweep_depth,
     ];
     all.into_iter().all(|holds| holds)
 }
