@@ -59,8 +59,14 @@ fn neighbours() -> Vec<(&'static str, Change, Change)> {
         ("is 4096 × 1 = 4096: the sensor holds 4095", |c| two_subsweeps(c, 4094), |c| two_subsweeps(c, 4095)),
         (
             "the sensor holds 2047 with double_buffering",
-            |c| (buffer(c, 2047, 1), c.double_buffering = true).1,
-            |c| (buffer(c, 2048, 1), c.double_buffering = true).1,
+            |c| {
+                buffer(c, 2047, 1);
+                c.double_buffering = true;
+            },
+            |c| {
+                buffer(c, 2048, 1);
+                c.double_buffering = true;
+            },
         ),
         ("frame_rate is 0", |c| c.frame_rate = Some(1e-3), |c| c.frame_rate = Some(0.0)),
         ("frame_rate is -1", |c| c.frame_rate = Some(1.0), |c| c.frame_rate = Some(-1.0)),
@@ -69,9 +75,18 @@ fn neighbours() -> Vec<(&'static str, Change, Change)> {
         ("it must be above 0", |c| c.sweep_rate = Some(1e-37), |c| c.sweep_rate = Some(1e-39)),
         ("it may be 50 at most", |c| rates(c, 50.0), |c| rates(c, 50.001)),
         ("less deep", |c| idle(c, IdleState::Sleep, IdleState::Sleep), |c| idle(c, IdleState::Ready, IdleState::Sleep)),
-        ("leave frame_rate out", continuous, |c| (continuous(c), c.frame_rate = Some(9.0)).1),
-        ("set sweep_rate", continuous, |c| (continuous(c), c.sweep_rate = None).1),
-        ("make them equal", continuous, |c| (continuous(c), c.inter_frame_idle_state = IdleState::Sleep).1),
+        ("leave frame_rate out", continuous, |c| {
+            continuous(c);
+            c.frame_rate = Some(9.0);
+        }),
+        ("set sweep_rate", continuous, |c| {
+            continuous(c);
+            c.sweep_rate = None;
+        }),
+        ("make them equal", continuous, |c| {
+            continuous(c);
+            c.inter_frame_idle_state = IdleState::Sleep;
+        }),
     ]
 }
 
