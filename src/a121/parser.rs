@@ -116,7 +116,7 @@ struct Announced {
 pub struct Parser {
     buffer: Vec<u8>,
     start: usize,
-    /// Bytes of the line at the start that are known to hold no end.
+    /// Bytes from the start on that are known to hold no control character, so no line's end.
     scanned: usize,
     announced: Option<Announced>,
     /// Where pieces end in the buffer, and when they came.
@@ -126,6 +126,9 @@ pub struct Parser {
     /// A payload has been handed on by `settle`, so what follows it was not seen.
     settled: bool,
     counters: StreamCounters,
+    /// Bytes looked through for a line's end.
+    #[cfg(test)]
+    looked_at: u64,
 }
 
 impl Parser {
@@ -198,11 +201,8 @@ impl Parser {
             self.skip(count);
             return true;
         }
-        match line_end(data, self.scanned) {
-            LineEnd::NotYet => {
-                self.scanned = data.len();
-                false
-            }
+        match self.line_end() {
+            LineEnd::NotYet => false,
             LineEnd::NoLine => {
                 self.skip(1);
                 true
@@ -211,6 +211,26 @@ impl Parser {
                 self.step_line(end, out);
                 true
             }
+        }
+    }
+
+    /// The end of the line at the start. Control characters, which noise is full of, stand in no line. Noise may seem to
+    /// begin a line at every other byte: no byte is looked at twice all the same.
+    fn line_end(&mut self) -> LineEnd {
+        let data = &self.buffer[self.start..];
+        if data.get(1).is_some_and(|&byte| byte != b'"' && byte != b' ') {
+            return LineEnd::NoLine;
+        }
+        let control = |&byte: &u8| byte < b' ' && byte != b'\t' && byte != b'\r';
+        let found = data[self.scanned..].iter().position(control).map(|at| self.scanned + at);
+        let scanned = found.unwrap_or(data.len());
+        #[cfg(test)]
+        (self.looked_at += (scanned - self.scanned) as u64);
+        self.scanned = scanned;
+        match found {
+            Some(at) if data[at] == b'\n' && at <= MAX_LINE_BYTES => LineEnd::At(at),
+            None if data.len() <= MAX_LINE_BYTES => LineEnd::NotYet,
+            _ => LineEnd::NoLine,
         }
     }
 
@@ -284,30 +304,19 @@ impl Parser {
 
     fn advance(&mut self, bytes: usize) {
         self.start += bytes;
-        self.scanned = 0;
+        self.scanned = self.scanned.saturating_sub(bytes);
     }
 
     fn compact(&mut self) {
+        if self.start == 0 {
+            return;
+        }
         self.buffer.drain(..self.start);
         let start = std::mem::take(&mut self.start);
         while self.pieces.front().is_some_and(|&(end, _)| end <= start) {
             self.pieces.pop_front();
         }
         self.pieces.iter_mut().for_each(|(end, _)| *end -= start);
-    }
-}
-
-/// The end of the line at the start of `data`, of which `scanned` bytes are known to hold none. Control characters,
-/// which noise is full of, stand in no line.
-fn line_end(data: &[u8], scanned: usize) -> LineEnd {
-    if data.get(1).is_some_and(|&byte| byte != b'"' && byte != b' ') {
-        return LineEnd::NoLine;
-    }
-    let control = |&byte: &u8| byte < b' ' && byte != b'\t' && byte != b'\r';
-    match data[scanned..].iter().position(control).map(|at| scanned + at) {
-        Some(at) if data[at] == b'\n' && at <= MAX_LINE_BYTES => LineEnd::At(at),
-        None if data.len() <= MAX_LINE_BYTES => LineEnd::NotYet,
-        _ => LineEnd::NoLine,
     }
 }
 
@@ -577,6 +586,16 @@ mod tests {
             String::from_utf8(bytes).unwrap().replace("\"payload_size\":0", "\"payload_size\":18446744073709551615");
         assert!(parsed(&mut expecting, text.as_bytes()).is_empty());
         assert_eq!((expecting.counters().misfit_results, expecting.held_bytes()), (1, 0));
+    }
+
+    #[test]
+    fn bytes_are_looked_through_for_a_lines_end_once_however_many_lines_they_seem_to_begin() {
+        for end in ["", "\n", "\u{1}"] {
+            let mut parser = parser();
+            let text = [&"{\"".repeat(12_000), end].concat().repeat(4);
+            text.as_bytes().chunks(700).for_each(|piece| _ = parsed(&mut parser, piece));
+            assert!(parser.looked_at <= text.len() as u64 + 50_000, "{} of {}", parser.looked_at, text.len());
+        }
     }
 
     #[test]

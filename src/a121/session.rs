@@ -14,9 +14,9 @@ use std::collections::VecDeque;
 
 use super::{
     Calibration, Clock, ClockReport, Command, LogLine, Message, Parser, Received, Reply, ResultLayout, ResultMessage,
-    SensorInfo, SessionError, Setup, SetupReply, StreamCounters, SystemInfo, TickVerdict, Ticks, Version,
+    SensorInfo, SensorSetup, SessionError, Setup, SetupReply, StreamCounters, SystemInfo, TickVerdict, Ticks, Version,
 };
-use crate::radar::{Frame, FrameTiming, Prf, frame_timing};
+use crate::radar::{Frame, FrameTiming, Prf, SensorConfig, frame_timing};
 
 /// Sensors that a board may have.
 pub const MAX_SENSORS: u32 = 5;
@@ -206,6 +206,8 @@ pub struct Session {
     calibrations: Vec<Calibration>,
     recalibrated_ns: Option<i64>,
     told_to_stop: bool,
+    /// What was told to stop has not said yet that it did.
+    stop_is_owed: bool,
     ticks: Vec<Ticks>,
     clock: Option<Clock>,
     actions: VecDeque<Action>,
@@ -237,6 +239,7 @@ impl Session {
             doubted: None,
             recalibrated_ns: None,
             told_to_stop: false,
+            stop_is_owed: false,
             ticks: Vec::new(),
             clock: None,
             actions: VecDeque::new(),
@@ -352,7 +355,7 @@ impl Session {
         self.counters.connects += 1;
         self.board = None;
         self.heard.clear();
-        self.told_to_stop = false;
+        (self.told_to_stop, self.stop_is_owed) = (false, false);
         self.parser.expect_results(None);
         self.parser.clear();
         match self.link {
@@ -384,11 +387,16 @@ impl Session {
 
     /// How long the next frame may take.
     fn frame_patience_ns(&self) -> i64 {
-        let period_s = match self.setup.update_rate_hz {
-            Some(rate) => 1.0 / rate,
-            None => self.timings.iter().map(|t| t.frame_period_s).fold(0.0, f64::max),
-        };
-        ANSWER_NS.max(((1.5 * period_s + 1.0).min(1e6) * 1e9) as i64)
+        ANSWER_NS.max(((1.5 * self.result_period_s() + 1.0).min(1e6) * 1e9) as i64)
+    }
+
+    /// From result to result, seconds: as the rates say, but no faster than groups can measure one after the other.
+    fn result_period_s(&self) -> f64 {
+        let busy_s =
+            |s: &SensorSetup| frame_timing(&SensorConfig { frame_rate: None, ..s.config.clone() }).frame_period_s;
+        let groups_s: f64 = self.setup.groups.iter().map(|g| g.iter().map(busy_s).fold(0.0, f64::max)).sum();
+        let update_s = self.setup.update_rate_hz.map_or(0.0, |rate| 1.0 / rate);
+        self.timings.iter().map(|t| t.frame_period_s).fold(groups_s.max(update_s), f64::max)
     }
 
     fn time_out(&mut self, now_ns: i64) {
@@ -455,6 +463,9 @@ impl Session {
 
     fn handle_all(&mut self, received: &mut Vec<Received>, now_ns: i64) {
         for Received { message, arrival_ns } in received.drain(..) {
+            if self.is_over() {
+                break;
+            }
             match message {
                 Message::Reply(Reply::Log(line)) => self.tell(Event::Log(line)),
                 Message::Reply(reply) => self.handle(reply, now_ns),
@@ -480,8 +491,14 @@ impl Session {
                 self.parser.expect_results(None);
                 self.ask(Asked::Setup, now_ns);
             }
-            // An older session's stream was stopped: its board listens now.
-            (State::Asked(Asked::System), Reply::Stopped) => self.ask(Asked::System, now_ns),
+            // An older session's stream was stopped: its board listens now, and may not have before.
+            (State::Asked(asked), Reply::Stopped) if self.stop_is_owed => {
+                self.stop_is_owed = false;
+                if let Asked::System | Asked::Sensors = asked {
+                    self.ask(asked, now_ns);
+                }
+            }
+            (State::Asked(Asked::System), Reply::Stopped) => self.counters.unexpected_replies += 1,
             (State::Asked(_) | State::Streaming, Reply::SessionEnded | Reply::Stopped) => {
                 self.try_again(SessionError::EndedByServer, now_ns);
             }
@@ -543,7 +560,7 @@ impl Session {
                 return Err(SessionError::TooOldForPrf { found, needed, prf_mhz: subsweep.prf.hz() / 1e6 });
             }
         }
-        match (self.link, info.max_baudrate) {
+        match (self.link, info.max_baudrate.map(|max| max.max(FIRST_BAUD))) {
             (Link::Serial { baud: Some(asked) }, Some(max)) if !(FIRST_BAUD..=max).contains(&asked) => {
                 Err(SessionError::Baud { asked, max })
             }
@@ -564,7 +581,7 @@ impl Session {
             return self.try_again(SessionError::NotConnected { sensor_id, connected }, now_ns);
         }
         let Some(board) = &mut self.board else { return };
-        let next = match (self.link, board.info.max_baudrate) {
+        let next = match (self.link, board.info.max_baudrate.map(|max| max.max(FIRST_BAUD))) {
             (Link::Serial { baud }, Some(max)) if baud.unwrap_or(max) != FIRST_BAUD => {
                 board.baud = Some(baud.unwrap_or(max));
                 Asked::Baud(baud.unwrap_or(max))
@@ -583,8 +600,7 @@ impl Session {
         }
         let Some(board) = &self.board else { return };
         let rate = board.info.ticks_per_second;
-        let update_period_s = self.setup.update_rate_hz.map_or(0.0, |rate| 1.0 / rate);
-        let period_s = self.timings.iter().map(|t| t.frame_period_s).fold(update_period_s, f64::max);
+        let period_s = self.result_period_s();
         self.ticks = self.timings.iter().map(|t| Ticks::new(t.frame_s, period_s, rate)).collect();
         let bits = 10.0 * (LINE_BYTES * self.timings.len() as f64 + layout.payload_bytes() as f64);
         let transfer_s = board.baud.map_or(0.0, |baud| bits / f64::from(baud));
@@ -608,6 +624,7 @@ impl Session {
     /// A board that still streams for somebody who is gone.
     fn handle_stale(&mut self, now_ns: i64) {
         if self.state == State::Asked(Asked::System) && !std::mem::replace(&mut self.told_to_stop, true) {
+            self.stop_is_owed = true;
             self.actions.push_back(Action::Send(Command::StopStreaming.to_bytes()));
             self.deadline_ns = now_ns.saturating_add(ANSWER_NS + STOP_EXTRA_NS);
         }
@@ -679,9 +696,11 @@ impl Session {
         let parts = places.zip(ticks).zip(result.infos.iter().zip(result.frames));
         let frame =
             |(((group, sensor_id), &tick), (info, samples)): (((usize, u32), &i64), (&super::ResultInfo, _))| {
-                let after_ns = (f64::from((tick as u32).wrapping_sub(first as u32) as i32) / rate * 1e9).round() as i64;
+                // Each sensor's ticks were unwrapped from its own first one, which may lie beyond a wrap.
+                let after = (tick as u32).wrapping_sub(first as u32) as i32;
+                let after_ns = (f64::from(after) / rate * 1e9).round() as i64;
                 let frame = Frame {
-                    tick,
+                    tick: first.saturating_add(i64::from(after)),
                     host_time_ns: first_ns.saturating_add(after_ns),
                     temperature_c: info.temperature,
                     data_saturated: info.data_saturated,

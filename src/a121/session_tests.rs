@@ -414,6 +414,153 @@ fn events_that_nobody_fetches_are_bounded_and_counted() {
     assert_eq!((bench.session.events.len(), bench.session.counters().dropped_events), (MAX_EVENTS, 10));
 }
 
+/// A session over TCP that was told these lines, one at a time.
+fn told(setup: Setup, lines: &[&str]) -> Session {
+    let mut session = Session::new(setup, Link::Tcp, 0).unwrap();
+    lines.iter().for_each(|line| session.receive(line.as_bytes(), 1_000_000));
+    session
+}
+
+fn commands_of(session: &mut Session) -> usize {
+    std::iter::from_fn(|| session.next_action()).filter(|action| matches!(action, Action::Send(_))).count()
+}
+
+const SYSTEM: &str = "{\"status\":\"ok\",\"system_info\":{\"rss_version\":\"a121-v1.12.0\",\"sensor\":\"a121\",\
+                      \"sensor_count\":5,\"ticks_per_second\":1000000}}\n";
+const SENSORS: &str = "{\"status\":\"ok\",\"sensor_info\":[{\"connected\":true},{\"connected\":true}]}\n";
+
+#[test]
+fn a_damaged_answer_about_the_board_ends_no_session_and_makes_no_other_clock() {
+    // One byte of the first answer changed: the version, the sensor's name, the rate of its clock.
+    let changes =
+        [("v1.12.0", "v1.1x.0"), ("\"a121\"", "\"a131\""), ("1000000,", "1800000,"), ("1000000,", "1000001,")];
+    for (right, wrong) in changes {
+        let right_info = SYSTEM.replace("1000000}", "1000000,\"max_baudrate\":2000000}");
+        let wrong_info = right_info.replacen(right, wrong, 1);
+        assert_ne!(wrong_info, right_info);
+        let mut session = told(small_setup(), &[&wrong_info]);
+        assert_eq!(commands_of(&mut session), 2, "asked again after {wrong}");
+        (0..2).for_each(|_| session.receive(right_info.as_bytes(), 2_000_000));
+        session.receive(SENSORS.as_bytes(), 3_000_000);
+        assert_eq!(session.board.as_ref().unwrap().info.ticks_per_second, 1_000_000, "{wrong}");
+        assert!(matches!(session.next_event(), Some(Event::Connected(..))));
+        // Said twice, it is so.
+        let mut session = told(small_setup(), &[&wrong_info, &wrong_info]);
+        assert_eq!(commands_of(&mut session), if wrong.starts_with('1') { 3 } else { 2 });
+    }
+    // Another one each time: told, and tried again from the start.
+    let odd = |n: u32| SYSTEM.replace("1000000", &n.to_string());
+    let lines: Vec<String> = (1..=MAX_ANSWERS as u32).map(odd).collect();
+    let mut session = told(small_setup(), &lines.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!(session.next_event(), Some(Event::Trouble(SessionError::AnswersDiffer)));
+    assert_eq!((commands_of(&mut session), session.is_over()), (MAX_ANSWERS, false));
+}
+
+#[test]
+fn a_damaged_answer_to_a_set_up_ends_no_session() {
+    let other = "{\"status\":\"ok\",\"tick_period\":0,\"metadata\":[[{\"frame_data_length\":41,\
+                 \"sweep_data_length\":10}]]}\n";
+    for wrong in [other, "{\"status\":\"error\",\"message\":\"what?\"}\n"] {
+        let mut session = told(small_setup(), &[SYSTEM, SYSTEM, SENSORS, wrong]);
+        assert!(!session.is_over(), "{wrong}");
+        session.poll(2 * S);
+        session.line_opened(3 * S);
+        [SYSTEM, SYSTEM, SENSORS, wrong].iter().for_each(|line| session.receive(line.as_bytes(), 3 * S));
+        assert!(session.is_over(), "said twice: {wrong}");
+    }
+}
+
+#[test]
+fn a_stop_that_is_due_disturbs_nothing_and_stops_without_end_are_no_conversation() {
+    // The board still streamed for somebody, and answered at once all the same.
+    let stale = "{\"result_info\":[[{\"tick\":5,\"data_saturated\":false,\"temperature\":3,\
+                 \"calibration_needed\":false,\"frame_delayed\":false}]],\"status\":\"ok\",\"payload_size\":0}\n";
+    let session = told(small_setup(), &[stale, SYSTEM, SYSTEM, "{\"status\":\"stop\"}\n", SENSORS]);
+    assert_eq!(session.state, State::Asked(Asked::Setup));
+    // A board that says nothing else is not asked without end, and its silence is noticed.
+    let mut session = told(small_setup(), &["{\"status\":\"stop\"}\n"; 500]);
+    assert!(commands_of(&mut session) <= 2);
+    session.poll(3 * S);
+    assert!(matches!(session.next_event(), Some(Event::Trouble(SessionError::NoAnswer { .. }))));
+}
+
+#[test]
+fn a_board_that_offers_no_speed_stays_at_the_first() {
+    for max in [0, 9600, 115_199] {
+        let mut board = TestBoard::new();
+        board.max_baudrate = Some(max);
+        let mut bench = Bench::new(board, Link::Serial { baud: None });
+        bench.run_s(2.0);
+        assert!(!bench.commands().contains(&"set_uart_baudrate"), "{max}");
+        assert!(bench.frames().iter().all(|frame| (0..2 * S).contains(&frame.host_time_ns)), "{max}");
+        assert!(!bench.frames().is_empty());
+    }
+}
+
+#[test]
+fn nothing_is_told_after_the_end() {
+    let mut bench = Bench::serial();
+    bench.run_s(3.0);
+    bench.session.stop(bench.now_ns);
+    let late = "{\"status\":\"stop\"}\n{\"status\":\"log\",\"level\":\"info\",\"module\":\"m\",\"log\":\"bye\"}\n";
+    bench.session.receive(late.as_bytes(), bench.now_ns);
+    let events: Vec<Event> = std::iter::from_fn(|| bench.session.next_event()).collect();
+    assert_eq!(events.last(), Some(&Event::Stopped));
+}
+
+/// Two groups: sensors 1 and 2 together, then sensor 1 again.
+fn two_groups() -> Setup {
+    let sensor = |sensor_id| SensorSetup { sensor_id, ..small_setup().groups[0][0].clone() };
+    let mut setup = Setup { groups: vec![vec![sensor(1), sensor(2)], vec![sensor(1)]], ..Default::default() };
+    setup.groups.iter_mut().flatten().for_each(|s| s.config.frame_rate = None);
+    setup
+}
+
+#[test]
+fn sensors_and_groups_keep_one_time_over_the_wrap_of_their_ticks() {
+    let frame = "{\"frame_data_length\":40,\"sweep_data_length\":10}";
+    let set_up = format!("{{\"status\":\"ok\",\"tick_period\":0,\"metadata\":[[{frame},{frame}],[{frame}]]}}\n");
+    let mut session = told(two_groups(), &[SYSTEM, SENSORS, &set_up, "{\"status\":\"start\"}\n"]);
+    let mut results = Vec::new();
+    for k in 0..60u32 {
+        let info = |after: u32| {
+            let tick = (u32::MAX - 100).wrapping_add(20_000 * k + after);
+            format!(
+                "{{\"tick\":{tick},\"data_saturated\":false,\"temperature\":3,\"calibration_needed\":false,\
+                 \"frame_delayed\":false}}"
+            )
+        };
+        // The second group ends 300 µs after the first, whose sensors end 2 µs apart: over the wrap in the first result.
+        let (a, b, c) = (info(0), info(2), info(300));
+        let line = format!("{{\"result_info\":[[{a},{b}],[{c}]],\"status\":\"ok\",\"payload_size\":480}}\n");
+        let now_ns = S + 20_000_000 * i64::from(k);
+        session.receive(&[line.as_bytes(), &[7; 480]].concat(), now_ns);
+        session.poll(now_ns + SETTLE_NS);
+        results.extend(std::iter::from_fn(|| session.next_event()));
+    }
+    let frames = results.iter().filter_map(|e| if let Event::Frames(f) = e { Some(f) } else { None });
+    let frames: Vec<_> = frames.collect();
+    assert_eq!(frames.len(), 59);
+    for result in frames {
+        let [first, second, third] = &result[..] else { panic!() };
+        assert_eq!((second.frame.tick - first.frame.tick, third.frame.tick - first.frame.tick), (2, 300));
+        assert_eq!(third.frame.host_time_ns - first.frame.host_time_ns, 300_000);
+        assert_eq!((first.group, second.sensor_id, third.group), (0, 2, 1));
+    }
+}
+
+#[test]
+fn slow_groups_are_waited_for_one_after_the_other() {
+    let mut setup = two_groups();
+    setup.groups.iter_mut().flatten().for_each(|s| s.config.sweep_rate = Some(0.3));
+    // Four sweeps of two groups: 2 · 3 / 0.3 s and a little.
+    let session = Session::new(setup.clone(), Link::Tcp, 0).unwrap();
+    assert!(session.frame_patience_ns() > 31 * S, "{}", session.frame_patience_ns());
+    // A server that should be faster than its sensors is not.
+    setup.update_rate_hz = Some(10.0);
+    assert!(Session::new(setup, Link::Tcp, 0).unwrap().frame_patience_ns() > 31 * S);
+}
+
 proptest! {
     #[test]
     fn no_bytes_and_no_times_panic(

@@ -184,7 +184,8 @@ impl SensorConfig {
 
     fn validate_rates(&self) -> Result<(), ConfigError> {
         for (field, rate) in [("sweep_rate", self.sweep_rate), ("frame_rate", self.frame_rate)] {
-            if let Some(value) = rate.filter(|v| !(v.is_finite() && *v > 0.0)) {
+            // Servers keep rates as 32-bit floats: what is 0 or endless there is no rate, however it is spelt.
+            if let Some(value) = rate.filter(|v| !((*v as f32).is_normal() && *v > 0.0)) {
                 return Err(ConfigError::Rate { field, value });
             }
         }
@@ -255,113 +256,5 @@ fn validate_subsweep(index: usize, subsweep: &Subsweep) -> Result<(), ConfigErro
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::{PRESETS, preset};
-    use super::*;
-
-    fn broken(change: impl FnOnce(&mut SensorConfig)) -> ConfigError {
-        let mut config = SensorConfig::default();
-        config.validate().expect("the default is sound");
-        change(&mut config);
-        config.validate().expect_err("must be refused")
-    }
-
-    #[test]
-    fn every_preset_is_sound() {
-        for name in PRESETS {
-            preset(name).unwrap().validate().unwrap_or_else(|e| panic!("{name}: {e}"));
-        }
-    }
-
-    #[test]
-    fn each_rule_has_a_refused_example() {
-        let cases: Vec<(ConfigError, &str)> = vec![
-            (broken(|c| c.subsweeps.clear()), "subsweeps is empty"),
-            (broken(|c| c.subsweeps = vec![Subsweep::default(); 5]), "5 entries"),
-            (broken(|c| c.sweeps_per_frame = 0), "sweeps_per_frame is 0: it must lie in 1 to"),
-            (broken(|c| c.subsweeps[0].start_point = -276), "start_point is -276: it must lie in -275"),
-            (broken(|c| c.subsweeps[0].num_points = 0), "num_points is 0"),
-            (broken(|c| c.subsweeps[0].hwaas = 512), "hwaas is 512: it must lie in 1 to 511"),
-            (broken(|c| c.subsweeps[0].hwaas = 0), "hwaas is 0"),
-            (broken(|c| c.subsweeps[0].receiver_gain = 24), "receiver_gain is 24: it must lie in 0 to 23"),
-            (broken(|c| c.subsweeps[0].step_length = 5), "step_length is 5"),
-            (broken(|c| c.subsweeps[0].step_length = 36), "step_length is 36"),
-            (broken(|c| c.subsweeps[0].step_length = 0), "step_length is 0"),
-            (
-                broken(|c| (c.subsweeps[0].profile, c.subsweeps[0].enable_loopback) = (Profile::P2, true)),
-                "enable_loopback is true with profile 2",
-            ),
-            (broken(|c| c.subsweeps[0].prf = Prf::Mhz19_5), "prf is 19.5 MHz with profile 3"),
-            (broken(|c| c.subsweeps[0].step_length = 24), "ends at"),
-            (
-                broken(|c| {
-                    c.subsweeps = vec![Subsweep { prf: Prf::Mhz8_7, ..Default::default() }, Subsweep::default()];
-                }),
-                "subsweeps[1].prf is 15.6 MHz, above 8.7 MHz",
-            ),
-            (
-                broken(|c| c.sweeps_per_frame = 26),
-                "num_points × sweeps_per_frame is 160 × 26 = 4160: the sensor holds 4095",
-            ),
-            (
-                broken(|c| (c.sweeps_per_frame, c.double_buffering) = (13, true)),
-                "the sensor holds 2047 with double_buffering",
-            ),
-            (broken(|c| c.frame_rate = Some(0.0)), "frame_rate is 0"),
-            (broken(|c| c.sweep_rate = Some(f64::NAN)), "sweep_rate is NaN"),
-            (
-                broken(|c| {
-                    (c.frame_rate, c.sweep_rate, c.sweeps_per_frame) = (Some(60.0), Some(100.0), 2);
-                }),
-                "it may be 50 at most",
-            ),
-            (
-                broken(|c| (c.inter_frame_idle_state, c.inter_sweep_idle_state) = (IdleState::Ready, IdleState::Sleep)),
-                "less deep",
-            ),
-            (
-                broken(|c| (c.continuous_sweep_mode, c.sweep_rate, c.frame_rate) = (true, Some(100.0), Some(9.0))),
-                "leave frame_rate out",
-            ),
-            (broken(|c| c.continuous_sweep_mode = true), "set sweep_rate"),
-            (broken(|c| (c.continuous_sweep_mode, c.sweep_rate) = (true, Some(100.0))), "make them equal"),
-        ];
-        for (error, expected) in cases {
-            assert!(error.to_string().contains(expected), "{error} should say {expected}");
-        }
-    }
-
-    #[test]
-    fn borders_are_allowed() {
-        let mut config = SensorConfig::default();
-        config.subsweeps[0].num_points = 4095;
-        config.subsweeps[0].prf = Prf::Mhz8_7;
-        config.validate().unwrap();
-        config.subsweeps[0] = Subsweep {
-            start_point: -275,
-            hwaas: 511,
-            receiver_gain: 23,
-            step_length: 24,
-            num_points: 90,
-            ..Default::default()
-        };
-        config.validate().unwrap();
-        config.subsweeps[0] =
-            Subsweep { profile: Profile::P1, prf: Prf::Mhz19_5, enable_loopback: true, ..Default::default() };
-        config.validate().unwrap();
-        config.continuous_sweep_mode = true;
-        config.sweep_rate = Some(200.0);
-        config.inter_frame_idle_state = IdleState::Ready;
-        config.validate().unwrap();
-    }
-
-    #[test]
-    fn both_spellings_of_the_vendor_are_read() {
-        let session = r#"{"profile": "PROFILE_5", "prf": "PRF_8_7_MHz", "num_points": 53}"#;
-        let protocol = r#"{"profile": 5, "prf": "8_7_MHz", "num_points": 53}"#;
-        let a: Subsweep = serde_json::from_str(session).unwrap();
-        assert_eq!(a, serde_json::from_str(protocol).unwrap());
-        assert_eq!(a.profile, Profile::P5);
-        assert!(serde_json::from_str::<Subsweep>(r#"{"profile": 6}"#).unwrap_err().to_string().contains("1 to 5"));
-    }
-}
+#[path = "rules_tests.rs"]
+mod tests;

@@ -37,5 +37,5 @@ pub use import::{ImportOptions, Imported, import_h5};
 pub use message::Event;
 pub use reader::Recording;
 pub use summary::{RecordingSummary, StreamSummary};
-pub use tum::parse_line as parse_track_line;
+pub use tum::{parse_line as parse_track_line, read_track};
 pub use writer::RecordingWriter;

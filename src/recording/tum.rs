@@ -19,7 +19,7 @@ const MAX_LINE_BYTES: u64 = 4096;
 /// # Errors
 /// A file that cannot be read; a line with too few or too many columns, with a word that is no number, or with a time
 /// beyond ±292 years.
-pub(super) fn read_track(path: &Path) -> Result<Vec<PoseSample>, ImportError> {
+pub fn read_track(path: &Path) -> Result<Vec<PoseSample>, ImportError> {
     let io_error = |source| ImportError::Io { path: path.to_owned(), source };
     let metadata = std::fs::metadata(path).map_err(io_error)?;
     if !metadata.is_file() {

@@ -1,4 +1,10 @@
 //! The vendor's real recordings, where they are at hand.
+//!
+//! What first and last frames hold was read with another HDF5 library, h5py 3.16 over HDF5 2.0: `frame[i]` as
+//! little-endian i16, real before imaginary, through `zlib.crc32`; tick, temperature and flags as they stand.
+
+use radar_chaperone::radar::Frame;
+use radar_chaperone::recording::{Event, Recording};
 
 use crate::common::Folder;
 use crate::found::{counter, obstacles_of, only};
@@ -32,4 +38,69 @@ fn recordings_without_poses_are_imported_and_replay_says_what_is_missing() {
         folder.run("info r.mcap").done().says(&format!("import of {name}.h5"));
         folder.run("replay r.mcap").done().says("No sweep has a pose").says("\n0 obstacles, 0 walls\n");
     }
+}
+
+/// A frame as another reader gives it.
+struct Known {
+    tick: i64,
+    temperature_c: i16,
+    samples: usize,
+    crc32: u32,
+}
+
+const fn known(tick: i64, temperature_c: i16, samples: usize, crc32: u32) -> Known {
+    Known { tick, temperature_c, samples, crc32 }
+}
+
+/// File, number of frames, ticks in a second, first and last frame. None of them has a flag set.
+const FIRST_AND_LAST: [(&str, usize, f64, Known, Known); 5] = [
+    ("medium_tank", 1740, 1e3, known(67_977, 28, 287, 0x9199_6de3), known(88_100, 30, 287, 0xfd6f_2e96)),
+    ("corner-reflector", 113, 1e3, known(7_092, 33, 74, 0xdd0c_3641), known(9_332, 32, 74, 0x66a6_9039)),
+    (
+        "distance_fixed_strength",
+        93,
+        1e6,
+        known(223_351_035, 33, 33, 0x26d4_d8fc),
+        known(241_751_030, 31, 33, 0xd3af_aac8),
+    ),
+    ("input", 10, 1e6, known(98_889_705, 32, 160, 0xf19e_f8bd), known(98_914_457, 34, 160, 0x375c_b92f)),
+    ("fr10Hz-spf4", 10, 1e6, known(231_901_480, 37, 640, 0xd17a_ae4d), known(232_807_237, 36, 640, 0x87a9_022f)),
+];
+
+#[test]
+fn first_and_last_frames_are_those_of_another_reader() {
+    let folder = Folder::new("first_and_last");
+    for (name, count, ticks_per_second, first, last) in FIRST_AND_LAST {
+        if folder.copy_real(&format!("{name}.h5")).is_none() {
+            return;
+        }
+        folder.run(&format!("import {name}.h5 --out r.mcap")).done();
+        let mut recording = Recording::open(folder.path("r.mcap")).unwrap();
+        let frame = |event| if let Event::Frame(frame) = event { Some(frame) } else { None };
+        let frames: Vec<Frame> = recording.by_ref().filter_map(frame).collect();
+        assert_eq!((frames.len(), recording.damage().is_none()), (count, true), "{name}");
+        assert_is(&frames[0], &first, name);
+        assert_is(&frames[count - 1], &last, name);
+        // Times count from the first tick.
+        let after_ns = (last.tick - first.tick) as f64 / ticks_per_second * 1e9;
+        assert_eq!((frames[0].host_time_ns, frames[count - 1].host_time_ns), (0, after_ns.round() as i64), "{name}");
+    }
+}
+
+fn assert_is(frame: &Frame, known: &Known, name: &str) {
+    let bytes = frame.samples.iter().flat_map(|s| [s.re.to_le_bytes(), s.im.to_le_bytes()]).flatten();
+    assert_eq!((frame.samples.len(), crc32(bytes)), (known.samples, known.crc32), "{name} at tick {}", known.tick);
+    assert_eq!((frame.tick, frame.temperature_c), (known.tick, known.temperature_c), "{name}");
+    assert!(!(frame.data_saturated || frame.frame_delayed || frame.calibration_needed), "{name}");
+}
+
+/// CRC-32 as zlib's, bit by bit.
+fn crc32(bytes: impl Iterator<Item = u8>) -> u32 {
+    let shifted = |crc: u32| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 };
+    !bytes.fold(u32::MAX, |crc, byte| (0..8).fold(crc ^ u32::from(byte), |crc, _| shifted(crc)))
+}
+
+#[test]
+fn the_checksum_is_the_usual_one() {
+    assert_eq!(crc32(b"123456789".iter().copied()), 0xcbf4_3926);
 }

@@ -1,0 +1,63 @@
+//! Counts what the code under test takes from the allocator, so that a target can hold it to a bound.
+//!
+//! libFuzzer's own limits need a sanitizer's hooks. Its own memory is C++'s and is not counted here.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+/// A single request beyond this ends the run at once, with the place that made it on the stack.
+const ABSURD_BYTES: usize = 1 << 30;
+
+static LIVE: AtomicUsize = AtomicUsize::new(0);
+static PEAK: AtomicUsize = AtomicUsize::new(0);
+static LARGEST: AtomicUsize = AtomicUsize::new(0);
+
+struct Counting;
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn taken(bytes: usize) {
+    if bytes > ABSURD_BYTES {
+        std::process::abort();
+    }
+    LARGEST.fetch_max(bytes, Relaxed);
+    PEAK.fetch_max(LIVE.fetch_add(bytes, Relaxed) + bytes, Relaxed);
+}
+
+// SAFETY: every call is the system allocator's, with the same arguments.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        taken(layout.size());
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        taken(layout.size());
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        LIVE.fetch_sub(layout.size(), Relaxed);
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, bytes: usize) -> *mut u8 {
+        taken(bytes);
+        LIVE.fetch_sub(layout.size(), Relaxed);
+        unsafe { System.realloc(pointer, layout, bytes) }
+    }
+}
+
+/// Runs code under test; panics when it held more than `peak_bytes` at once or asked for more than `largest_bytes` in
+/// one go.
+pub fn bounded<T>(peak_bytes: usize, largest_bytes: usize, run: impl FnOnce() -> T) -> T {
+    let before = LIVE.load(Relaxed);
+    PEAK.store(before, Relaxed);
+    LARGEST.store(0, Relaxed);
+    let result = run();
+    let (peak, largest) = (PEAK.load(Relaxed).saturating_sub(before), LARGEST.load(Relaxed));
+    assert!(peak <= peak_bytes, "{peak} bytes held at once, {peak_bytes} allowed");
+    assert!(largest <= largest_bytes, "{largest} bytes asked for in one go, {largest_bytes} allowed");
+    result
+}

@@ -1,0 +1,15 @@
+//! Pose tracks in the TUM format: any bytes as a file.
+//!
+//! Held: no panic; memory in step with the file; no more poses than lines.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use radar_chaperone::recording::read_track;
+use radar_chaperone_fuzz::{file, memory, seeds};
+
+fuzz_target!(init: seeds::write("track"), |data: &[u8]| {
+    let path = file::holding(data);
+    let poses = memory::bounded((1 << 20) + 64 * data.len(), (1 << 20) + 64 * data.len(), || read_track(path));
+    let lines = data.split(|&byte| byte == b'\n').count();
+    assert!(poses.map_or(0, |poses| poses.len()) <= lines);
+});

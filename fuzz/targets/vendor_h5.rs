@@ -1,0 +1,27 @@
+//! Recordings of the vendor's tool: any bytes as a file.
+//!
+//! Held: no panic gets out, no hang, memory bounded, frames as long as their configuration says.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use radar_chaperone::recording::{ImportOptions, import_h5};
+use radar_chaperone_fuzz::{file, memory, seeds};
+
+const PEAK_BYTES: usize = 1 << 30;
+
+fuzz_target!(
+    // The importer catches what the foreign reader throws; the fuzzer's own hook would end the run before it can.
+    init: {
+        seeds::write("vendor_h5");
+        std::panic::set_hook(Box::new(|_| {}));
+    },
+    |data: &[u8]| {
+        let path = file::holding(data);
+        let options = ImportOptions::default();
+        let read = || import_h5(path, None, &options);
+        if let Ok(imported) = memory::bounded(PEAK_BYTES, PEAK_BYTES, read) {
+            let samples = imported.header.config.points_per_frame();
+            assert!(imported.frames.iter().all(|frame| frame.samples.len() == samples));
+        }
+    }
+);
