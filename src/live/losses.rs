@@ -32,8 +32,8 @@ impl Losses {
             return;
         }
         if self.intervals.len() >= LEAST {
-            // Ticks of 1 ms round an interval up by one.
-            let intervals = ((interval - 1) as f64 / self.usual()).round();
+            // Coarse ticks round an interval up by as much as one.
+            let intervals = ((interval as f64 - 0.5) / self.usual()).round();
             if intervals > LONGEST_PAUSE {
                 return;
             }

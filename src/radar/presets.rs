@@ -8,7 +8,7 @@
 //! - `close`: 0.15–0.61 m, for what nearly touches the head. Profile 1: its 4 cm pulse is over before echoes from 0.15 m
 //!   come back, and parts what longer pulses blur; points every 20 mm. 1200 sweeps a second follow 1.48 m/s.
 //! - `far`: 0.4–6.5 m, for halls. Profile 5 hears most (21.6 dB) and its 32 cm envelope needs a sample only every
-//!   120 mm; 13 MHz measures to 7 m. 440 sweeps a second follow 0.54 m/s. 102 kB/s.
+//!   120 mm; 13 MHz measures to 7 m. 440 sweeps a second follow 0.54 m/s. 101 kB/s.
 //! - `fine`: 10 mm points to 3.2 m, 120 sweeps a second, for single reflectors and range-only sums.
 //! - `thesis`: Table 3.1 of the thesis, 0.20–1.00 m at 2.5 mm, 120 sweeps a second.
 
