@@ -92,7 +92,11 @@ impl Serve {
             scenario.seed,
             board.name()
         )?;
-        let poses = self.poses_out.as_ref().map_or(String::new(), |path| format!(" --poses {}", path.display()));
+        // The poses are the head's: who uses them has to know where the sensor sits on it.
+        let (p, q) = (scenario.head_from_sensor.translation, scenario.head_from_sensor.rotation);
+        let mount = format!("{},{},{},{},{},{},{}", p.x, p.y, p.z, q.x, q.y, q.z, q.w);
+        let poses = |path: &PathBuf| format!(" --poses {} --mount {mount}", path.display());
+        let poses = self.poses_out.as_ref().map_or(String::new(), poses);
         say!("Try: radar-chaperone record --port {port}{poses} --out FILE.mcap")?;
         say!("Ctrl-C ends it")?;
         Ok(std::io::stdout().flush()?)
