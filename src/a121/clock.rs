@@ -34,7 +34,7 @@ const EARLY_S: f64 = 1.5e-3;
 /// So many medians late is a fault: of exponential delays one in a thousand is.
 const MEDIANS: f64 = 10.0;
 /// Stretches until that is asked.
-const BINS_TO_TELL_FAULTS: usize = 20;
+const BINS_TO_TELL_FAULTS: usize = 10;
 /// Least mean delay, seconds: no reader's clock is better.
 const MIN_LATENESS_S: f64 = 1e-6;
 

@@ -28,25 +28,38 @@ pub(super) struct Serve {
     /// from whoever connects
     #[arg(long, value_name = "PLACE", conflicts_with_all = ["out", "preset", "config"])]
     serve: Option<String>,
-    /// Which board it is like
-    #[arg(long, default_value = "xc120", requires = "serve",
-          value_parser = clap::builder::PossibleValuesParser::new(Board::ALL.map(Board::name)))]
-    board: String,
+    /// Which board it is like; without it xc120
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(Board::ALL.map(Board::name)))]
+    board: Option<String>,
     /// What goes wrong, times a minute: drop, double, flip, garbage, stall, delay, burst, error, refuse, saturate,
     /// calibrate, wrap, jump, unplug, reboot, banner
-    #[arg(long, value_name = "KIND=RATE,…", requires = "serve")]
+    #[arg(long, value_name = "KIND=RATE,…")]
     faults: Option<String>,
     /// Writes the head's poses as they are tracked: TUM format, times in seconds of this computer's monotonic clock
-    #[arg(long, value_name = "TRACK.tum", requires = "serve")]
+    #[arg(long, value_name = "TRACK.tum")]
     poses_out: Option<PathBuf>,
     /// Lets other computers connect
-    #[arg(long, requires = "serve")]
+    #[arg(long)]
     any_address: bool,
 }
 
 impl Serve {
     pub fn is_asked(&self) -> bool {
         self.serve.is_some()
+    }
+
+    /// Refuses what makes no sense without a place to serve at.
+    pub fn refuse_alone(&self) -> Result<()> {
+        let given = [
+            ("--board", self.board.is_some()),
+            ("--faults", self.faults.is_some()),
+            ("--poses-out", self.poses_out.is_some()),
+            ("--any-address", self.any_address),
+        ];
+        match given.iter().find(|(_, is_given)| *is_given) {
+            Some((name, _)) => bail!("{name} is for serving: give --serve PLACE in place of --out"),
+            None => Ok(()),
+        }
     }
 
     /// Serves until Ctrl-C, or for a time; `scenario.duration_s` is taken from there.
@@ -56,7 +69,8 @@ impl Serve {
         }
         scenario.duration_s = PATH_S;
         let place = Place::parse(self.serve.as_deref().unwrap_or_default(), self.any_address)?;
-        let board = Board::named(&self.board).ok_or_else(|| anyhow!("no board \"{}\"", self.board))?;
+        let name = self.board.as_deref().unwrap_or(Board::Xc120.name());
+        let board = Board::named(name).ok_or_else(|| anyhow!("board \"{name}\" is not known"))?;
         let plan = FaultPlan::parse(self.faults.as_deref().unwrap_or_default())?;
         let live = scenario.live()?;
         let stopped = Arc::new(AtomicBool::new(false));
@@ -92,7 +106,11 @@ impl Serve {
             scenario.seed,
             board.name()
         )?;
-        let poses = self.poses_out.as_ref().map_or(String::new(), |path| format!(" --poses {}", path.display()));
+        // The poses are the head's: who uses them has to know where the sensor sits on it.
+        let (p, q) = (scenario.head_from_sensor.translation, scenario.head_from_sensor.rotation);
+        let mount = format!("{},{},{},{},{},{},{}", p.x, p.y, p.z, q.x, q.y, q.z, q.w);
+        let poses = |path: &PathBuf| format!(" --poses {} --mount {mount}", path.display());
+        let poses = self.poses_out.as_ref().map_or(String::new(), poses);
         say!("Try: radar-chaperone record --port {port}{poses} --out FILE.mcap")?;
         say!("Ctrl-C ends it")?;
         Ok(std::io::stdout().flush()?)

@@ -70,6 +70,7 @@ impl Simulate {
         let Some(out) = self.out.as_ref().filter(|_| !self.live.is_asked()) else {
             return self.live.run(self.scenario()?, self.duration_s);
         };
+        self.live.refuse_alone()?;
         if let Some(config) = &self.config {
             keep_inputs(out, &[config])?;
         }

@@ -199,7 +199,7 @@ fn a_client_streams_over_a_terminal_again_and_again() {
         tcsetattr(&client.port, OptionalActions::Now, &modes).unwrap();
         assert_eq!(client.ask(json!({"cmd": "start_streaming"}))["message"], "not set up");
     }
-    drop(serving);
+    serving.end(&folder);
     let serving = Serving::start(&folder, "simulate nothing --serve pty:board");
     until(|| std::fs::metadata(&path).ok());
     let mut client = Client::new(open_terminal(&path, 115_200));
@@ -241,7 +241,8 @@ fn places_that_cannot_be_served_are_refused() {
         ("--serve pty:board --out x.mcap", "cannot be used with"),
         ("--serve pty:board --preset d16", "cannot be used with"),
         ("--serve pty:board --poses-out missing/p.tum", "cannot write missing/p.tum"),
-        ("--out x.mcap --faults flip=1", "--serve <PLACE>"),
+        ("--out x.mcap --faults flip=1", "--faults is for serving: give --serve PLACE in place of --out"),
+        ("--out x.mcap --board xm125", "--board is for serving"),
     ] {
         folder.run(&format!("simulate nothing {arguments}")).refused(says);
     }

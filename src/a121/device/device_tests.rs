@@ -89,7 +89,7 @@ fn commands_are_answered_as_the_protocol_says() {
     assert_eq!(reply["metadata"][0][0]["frame_data_length"], 40);
     assert_eq!(reply["calibration_info"][0]["sensor_id"], 1);
     assert_eq!(bench.start()["status"], "start");
-    assert_eq!(bench.ask(json!({"cmd": "get_system_info"}))["status"], "ok");
+    assert_eq!(bench.ask(json!({"cmd": "get_system_info"}))["message"], "streaming");
     bench.device.receive_break();
     assert!(!bench.device.is_streaming() && bench.device.baud() == Some(115_200));
     let none = Bench::new(Board::Xc120).ask(json!({"cmd": "get_system_info"}));

@@ -208,12 +208,11 @@ impl Wire {
                 let mut look = [PollFd::new(client, events), PollFd::new(listener, PollFlags::IN)];
                 sleep(&mut look, timeout_ns)?;
                 let (of_client, of_listener) = (look[0].revents(), look[1].revents());
-                if of_listener.contains(PollFlags::IN) {
-                    // One at a time: whoever else comes is sent away.
-                    drop(listener.accept());
-                }
                 if of_client.intersects(PollFlags::IN | PollFlags::HUP | PollFlags::ERR) {
                     read(&*client, heard);
+                } else if of_listener.contains(PollFlags::IN) {
+                    // One at a time: whoever else comes is sent away, unless this one may be going.
+                    drop(listener.accept());
                 }
             }
         }
