@@ -4,8 +4,8 @@
 //! Way: break (serial) → system → sensors → baud rate (serial) → set-up → start → streaming → stop and drain. Whatever
 //! goes wrong on it is told as an event; what another try may cure is tried again from the break, after a pause that
 //! doubles up to 8 s. Nothing checks an answer on the line: what the system says is asked until two answers agree, and
-//! what ends a session over its set-up has to be said twice. A board that asks for calibration is stopped and set up anew. Calibrations are used again after
-//! faults.
+//! what ends a session over its set-up has to be said twice. A board that asks for calibration is stopped and set up
+//! anew. Calibrations are used again after faults.
 //!
 //! The caller writes what [`Session::next_action`] says, gives what it reads to [`Session::receive`], and calls
 //! [`Session::poll`] when [`Session::next_deadline_ns`] has come.
@@ -24,8 +24,8 @@ pub const MAX_SENSORS: u32 = 5;
 pub const FIRST_BAUD: u32 = 115_200;
 
 const S: i64 = 1_000_000_000;
-/// After a break the server needs this long.
-const BREAK_NS: i64 = S;
+/// After a break the server needs a second; sending the break takes a quarter of one, and is asked for at its beginning.
+const BREAK_NS: i64 = S + S / 4;
 /// An answer is waited for this long.
 const ANSWER_NS: i64 = 2 * S;
 /// Stopping may take this much longer.

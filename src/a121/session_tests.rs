@@ -125,7 +125,7 @@ impl Bench {
 #[test]
 fn a_session_streams_at_the_boards_speed_and_stops() {
     let mut bench = Bench::serial();
-    bench.run_s(4.0);
+    bench.run_s(4.25);
     let opening =
         ["get_system_info", "get_system_info", "get_sensor_info", "set_uart_baudrate", "setup", "start_streaming"];
     assert_eq!(bench.commands(), opening);
@@ -238,7 +238,7 @@ fn a_line_that_breaks_is_taken_up_again() {
     assert!(matches!(bench.troubles()[..], [SessionError::LineLost(_)]));
     let before = bench.session.counters().results;
     bench.session.line_opened(bench.now_ns);
-    bench.run_s(2.0);
+    bench.run_s(2.25);
     assert!(bench.session.counters().results > before + 50);
     // Times go on rising through it all.
     assert!(bench.frames().windows(2).all(|f| f[1].host_time_ns > f[0].host_time_ns));
@@ -262,7 +262,7 @@ fn refusals_tell_what_to_do() {
         let mut board = TestBoard::new();
         change(&mut board);
         let mut bench = Bench::new(board, Link::Serial { baud: None });
-        bench.run_s(3.0);
+        bench.run_s(4.0);
         (bench.session.is_over(), bench.troubles().first().map(|e| e.to_string()).unwrap_or_default())
     };
     type Case = (fn(&mut TestBoard), bool, &'static str);
@@ -520,7 +520,7 @@ fn two_groups() -> Setup {
 fn sensors_and_groups_keep_one_time_over_the_wrap_of_their_ticks() {
     let frame = "{\"frame_data_length\":40,\"sweep_data_length\":10}";
     let set_up = format!("{{\"status\":\"ok\",\"tick_period\":0,\"metadata\":[[{frame},{frame}],[{frame}]]}}\n");
-    let mut session = told(two_groups(), &[SYSTEM, SENSORS, &set_up, "{\"status\":\"start\"}\n"]);
+    let mut session = told(two_groups(), &[SYSTEM, SYSTEM, SENSORS, &set_up, "{\"status\":\"start\"}\n"]);
     let mut results = Vec::new();
     for k in 0..60u32 {
         let info = |after: u32| {
