@@ -85,7 +85,7 @@ bit, and its time against the true end of its measurement.
   boards want after a break, 0.2 s of calibration, two frames. *Stop*: from a fault at the end to the end.
 - *Untold*: frames handed on with a flipped bit in a sample, or another digit in a temperature or, within 3 % of a period,
   in a tick: the protocol has no checksum, and nothing can tell.
-- *Time*: greatest error of a frame's time from 2 s of streaming on, milliseconds, but for the delay that all share.
+- *Time*: greatest error of a frame's time once 2 s of frames have come, milliseconds, but for the delay that all share.
 ";
 
 fn main() -> ExitCode {
