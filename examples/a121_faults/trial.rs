@@ -16,9 +16,9 @@ const LINE_BYTES: i64 = 170;
 const LONGEST_NS: i64 = 120 * S;
 /// It is back when no frame was missed for this long.
 const STEADY_NS: i64 = 2 * S;
-/// Once the clock has had this long, times are held to so many of the sigmas that it states, or to their tick where that is
+/// Once the clock has had frames of this long, seconds, times are held to so many of the sigmas that it states, or to their tick where that is
 /// longer, and to what the board's own delays differ by, seconds; before, to the longest that anything was held back.
-const SETTLED_NS: i64 = 2 * S;
+const SETTLED_S: f64 = 2.0;
 const SIGMAS: f64 = 5.0;
 const SHARED_S: f64 = 0.1e-3;
 const FIRST_S: f64 = 0.25;
@@ -66,9 +66,11 @@ struct World {
     tick_s: f64,
     sent: VecDeque<SentResult>,
     first_frame_ns: Option<i64>,
-    /// Since when the session's clock has counted, and the end of the last frame accepted.
+    /// Since when the session's clock has counted, and how many frames.
     streaming_since_ns: i64,
+    frames_since: u64,
     tick_jumps: u64,
+    /// The end of the last frame accepted.
     last_end_ns: Option<i64>,
     /// Arrival of the last frame before which one was missed, or of the first after the fault.
     back_ns: Option<i64>,
@@ -130,6 +132,7 @@ impl World {
             sent: VecDeque::new(),
             first_frame_ns: None,
             streaming_since_ns: 0,
+            frames_since: 0,
             tick_jumps: 0,
             last_end_ns: None,
             back_ns: None,
@@ -211,7 +214,7 @@ impl World {
     fn take(&mut self, event: Event) {
         match event {
             Event::Frames(frames) => self.check(&frames),
-            Event::Streaming => self.streaming_since_ns = self.now_ns,
+            Event::Streaming => (self.streaming_since_ns, self.frames_since) = (self.now_ns, 0),
             Event::Stopped => self.ended = Some(event),
             Event::Failed(ref error) => {
                 self.outcome.failures.push(format!("given up: {error}"));
@@ -228,8 +231,9 @@ impl World {
         let jumps = self.session.counters().tick_jumps;
         if jumps > std::mem::replace(&mut self.tick_jumps, jumps) {
             // The session's clock began anew.
-            self.streaming_since_ns = self.now_ns;
+            (self.streaming_since_ns, self.frames_since) = (self.now_ns, 0);
         }
+        self.frames_since += 1;
         let Some((index, is_exact)) = self.matching(frames) else {
             let struck: Vec<_> = self.sent.iter().rev().take(3).map(|sent| &sent.struck).collect();
             return self.outcome.failures.push(format!("a frame that was not sent so; last: {struck:?}"));
@@ -286,7 +290,7 @@ impl World {
         // Results wait for the last sensor.
         let waits_ns = sent.ends_ns.iter().max().map_or(0, |last| last - sent.ends_ns[0]);
         let shared_ns = READING_NS + waits_ns + (sent.line_bytes as i64 - assumed) * byte_ns;
-        let is_settled = self.now_ns - self.streaming_since_ns > SETTLED_NS;
+        let is_settled = self.frames_since as f64 * self.period_s > SETTLED_S;
         for (SensorFrame { frame, .. }, end_ns) in frames.iter().zip(&sent.ends_ns) {
             let error_s = (frame.host_time_ns - end_ns - shared_ns) as f64 * 1e-9;
             if !is_exact && error_s.abs() < UNTOLD_TICK * self.period_s + 2e-3 {

@@ -661,12 +661,23 @@ impl Session {
     /// The unwrapped ticks of all sensors, when all are believed.
     fn believed_ticks(&mut self, result: &ResultMessage, arrival_ns: i64) -> Option<Vec<i64>> {
         let (mut believed, mut is_first, mut has_jumped) = (Vec::new(), false, false);
+        let mut of_first = None;
         for (index, (ticks, info)) in self.ticks.iter_mut().zip(&result.infos).enumerate() {
-            // The clock follows the first sensor's ticks.
-            let clock = self.clock.as_ref().filter(|_| index == 0);
-            let is_possible = |tick| clock.is_none_or(|clock| clock.is_possible(tick, arrival_ns));
+            // The clock follows the first sensor's ticks; the others' are of the same board.
+            let since_first = info.tick.wrapping_sub(result.infos[0].tick) as i32;
+            let is_possible = |tick| {
+                let on_clock = if index == 0 {
+                    Some(tick)
+                } else {
+                    of_first.map(|at: i64| at.saturating_add(i64::from(since_first)))
+                };
+                self.clock.as_ref().zip(on_clock).is_none_or(|(clock, tick)| clock.is_possible(tick, arrival_ns))
+            };
             match ticks.judge(info.tick, arrival_ns, is_possible) {
-                TickVerdict::Next(tick) => believed.push(tick),
+                TickVerdict::Next(tick) => {
+                    of_first = of_first.or((index == 0).then_some(tick));
+                    believed.push(tick);
+                }
                 TickVerdict::Jumped(tick) => {
                     has_jumped |= index == 0;
                     believed.push(tick);

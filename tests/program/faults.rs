@@ -30,3 +30,11 @@ fn sessions_come_back_from_every_fault_and_hand_on_nothing_that_was_not_sent() {
     }
     assert!(accepted > 100 * TIMES && phases.iter().all(|count| *count > 10), "{accepted} {phases:?}");
 }
+
+#[test]
+fn a_flipped_digit_of_another_sensors_tick_that_hits_the_beat_is_refused() {
+    // A second later to the tick: 50 results ahead.
+    let outcome = trial::run(Fault::Flip, 979, 2);
+    assert!(outcome.failures.is_empty(), "{:?}", outcome.failures);
+    assert_eq!(outcome.counters.refused_ticks, 1);
+}
