@@ -7,6 +7,10 @@
 //! still was late. After Moon, Skelly and Towsley, "Estimation and removal of clock skew from network delay
 //! measurements", 1999, with the drift's prior added.
 //!
+//! Where everything comes in bursts, any delay up to a burst's pause is as likely as any other, and the earliest says
+//! little. But what had not come with the result before was not ready then, so (next tick, arrival before) lies below
+//! the line: the likeliest line between both is taken, each bound softened by the board's own delays.
+//!
 //! What no one-way measurement tells is a delay that all results share. The time that their bytes take on the line is
 //! given and taken off; the rest is part of the time offset between sweeps and poses, which imaging estimates. Where
 //! nothing ever comes but in bursts, the earliest of them is late itself: `examples/a121_clock.rs` says by how much.
@@ -35,6 +39,11 @@ const EARLY_S: f64 = 1.5e-3;
 const MEDIANS: f64 = 10.0;
 /// Stretches until that is asked.
 const BINS_TO_TELL_FAULTS: usize = 10;
+/// Mean of boards' own delays, and of noting the time, by which bursts' bounds are softened, seconds.
+const SOFT_S: f64 = 0.1e-3;
+/// Levels that are tried between bursts' bounds, and rounds in which the drift between them is found.
+const LEVELS: usize = 32;
+const DRIFT_ROUNDS: usize = 22;
 /// Least mean delay, seconds: no reader's clock is better.
 const MIN_LATENESS_S: f64 = 1e-6;
 
@@ -48,6 +57,8 @@ struct Earliest {
     arrival_s: f64,
     /// Sensor's time since the reference, seconds, as ticks tell it by now.
     sensor_s: f64,
+    /// It came together with the result before.
+    is_in_burst: bool,
 }
 
 impl Earliest {
@@ -64,8 +75,7 @@ struct Line {
     /// Arrival minus sensor's time there, seconds.
     level_s: f64,
     drift: f64,
-    /// How late the earliest arrivals of the stretches are on average, over their number: what the line is uncertain
-    /// by.
+    /// What the earliest arrivals of all stretches are late by, and the line is uncertain by.
     lateness_s: f64,
     drift_sigma: f64,
 }
@@ -102,6 +112,9 @@ pub struct Clock {
     /// First tick and arrival: everything is counted from them.
     reference: Option<(i64, i64)>,
     earliest: VecDeque<Earliest>,
+    /// Of each stretch the latest that a result had not come yet: its tick, with the arrival of the one before.
+    not_yet: VecDeque<Earliest>,
+    last_arrival_s: Option<f64>,
     line: Line,
     last_ns: i64,
     steps_s2: f64,
@@ -120,6 +133,8 @@ impl Clock {
             steady,
             reference: None,
             earliest: VecDeque::new(),
+            not_yet: VecDeque::new(),
+            last_arrival_s: None,
             line: Line::default(),
             last_ns: i64::MIN,
             steps_s2: 0.0,
@@ -131,6 +146,8 @@ impl Clock {
     pub fn reset(&mut self) {
         (self.reference, self.line, self.steps_s2) = (None, Line::default(), 0.0);
         self.earliest.clear();
+        self.not_yet.clear();
+        self.last_arrival_s = None;
     }
 
     /// Whether a result of this tick may have arrived at this time: not before it was measured.
@@ -149,7 +166,12 @@ impl Clock {
         let arrival_s = arrival_ns.saturating_sub(reference.1) as f64 * 1e-9;
         let sensor_s = self.sensor_s(tick, beat);
         let bin = (sensor_s / BIN_S).floor() as i64;
-        self.learn(Earliest { bin, tick, beat, arrival_s, sensor_s });
+        let before_s = self.last_arrival_s.replace(arrival_s);
+        let new = Earliest { bin, tick, beat, arrival_s, sensor_s, is_in_burst: before_s == Some(arrival_s) };
+        if let Some(before_s) = before_s.filter(|before_s| *before_s < arrival_s) {
+            self.learn_not_yet(Earliest { arrival_s: before_s, ..new });
+        }
+        self.learn(new);
         let since_s = sensor_s + self.line.at(sensor_s) - self.transfer_s;
         let time_ns = reference.1.saturating_add((since_s * 1e9).round() as i64);
         self.last_ns = time_ns.max(self.last_ns.saturating_add(1));
@@ -169,6 +191,18 @@ impl Clock {
     fn sensor_s(&self, tick: i64, beat: Option<Beat>) -> f64 {
         let within = self.steady.as_ref().zip(beat).map_or(0.5, |(steady, beat)| steady.within_tick(beat, tick));
         self.tick_s * (self.reference.map_or(0.0, |(first, _)| tick.saturating_sub(first) as f64) + within)
+    }
+
+    fn learn_not_yet(&mut self, new: Earliest) {
+        let above_drift = |e: &Earliest| e.behind_s() - self.line.drift * e.sensor_s;
+        match self.not_yet.back_mut() {
+            Some(known) if known.bin == new.bin && above_drift(&new) > above_drift(known) => *known = new,
+            Some(known) if known.bin == new.bin => {}
+            _ => self.not_yet.push_back(new),
+        }
+        while self.not_yet.front().is_some_and(|e| new.sensor_s - e.sensor_s > MEMORY_S) {
+            self.not_yet.pop_front();
+        }
     }
 
     fn learn(&mut self, new: Earliest) {
@@ -194,38 +228,127 @@ impl Clock {
 
     fn draw_line(&mut self, now_s: f64) {
         // Ticks may be known better than when they came.
-        for index in 0..self.earliest.len() {
-            let Earliest { tick, beat, .. } = self.earliest[index];
-            self.earliest[index].sensor_s = self.sensor_s(tick, beat);
-        }
+        let mut not_yet = std::mem::take(&mut self.not_yet);
+        let mut earliest = std::mem::take(&mut self.earliest);
+        earliest.iter_mut().chain(&mut not_yet).for_each(|e| e.sensor_s = self.sensor_s(e.tick, e.beat));
         let before_s = self.line.at(now_s);
-        self.line = line_below(self.earliest.make_contiguous());
+        self.line = line_of(earliest.make_contiguous(), not_yet.make_contiguous());
+        (self.earliest, self.not_yet) = (earliest, not_yet);
         let step_s = if self.report.results == 0 { 0.0 } else { self.line.at(now_s) - before_s };
         self.steps_s2 += (step_s * step_s - self.steps_s2) * BIN_S / MEMORY_S;
     }
 }
 
-/// The likeliest line below all points, see the file's head.
+/// The line, by how results came; see the file's head.
+fn line_of(points: &[Earliest], not_yet: &[Earliest]) -> Line {
+    let in_bursts = points.iter().filter(|p| p.is_in_burst).count();
+    match 2 * in_bursts > points.len() && !not_yet.is_empty() {
+        true => line_between(points, not_yet),
+        false => line_below(points),
+    }
+}
+
+/// Arrivals behind the sensor, over the sensor's time from their middle on.
+struct Heights {
+    middle_s: f64,
+    spread_s: f64,
+    points: Vec<(f64, f64)>,
+}
+
+impl Heights {
+    fn new(points: &[Earliest]) -> Self {
+        let count = points.len() as f64;
+        let middle_s = points.iter().map(|p| p.sensor_s).sum::<f64>() / count;
+        let variance_s2 = points.iter().map(|p| (p.sensor_s - middle_s).powi(2)).sum::<f64>() / count;
+        Self { middle_s, spread_s: variance_s2.sqrt(), points: about(points, middle_s) }
+    }
+
+    /// Height of the highest line of a drift below all.
+    fn upper(&self, drift: f64) -> f64 {
+        self.points.iter().map(|(at_s, behind_s)| behind_s - drift * at_s).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The line of a drift so far below the highest, uncertain by so much.
+    fn line(&self, drift: f64, below_s: f64, uncertain_s: f64) -> Line {
+        let by_points = if self.spread_s > 0.0 { uncertain_s / self.spread_s } else { f64::INFINITY };
+        let drift_sigma = (by_points.powi(-2) + DRIFT_SIGMA.powi(-2)).powf(-0.5);
+        let level_s = self.upper(drift) - below_s;
+        Line { middle_s: self.middle_s, level_s, drift, lateness_s: uncertain_s, drift_sigma }
+    }
+}
+
+fn about(points: &[Earliest], middle_s: f64) -> Vec<(f64, f64)> {
+    points.iter().map(|p| (p.sensor_s - middle_s, p.behind_s())).collect()
+}
+
+/// The likeliest line below all arrivals when delays are exponential.
 fn line_below(points: &[Earliest]) -> Line {
-    let count = points.len() as f64;
-    let middle_s = points.iter().map(|p| p.sensor_s).sum::<f64>() / count;
-    let variance_s2 = points.iter().map(|p| (p.sensor_s - middle_s).powi(2)).sum::<f64>() / count;
-    let level = |drift: f64| {
-        points.iter().map(|p| p.behind_s() - drift * (p.sensor_s - middle_s)).fold(f64::INFINITY, f64::min)
-    };
-    let mut drift = 0.0;
-    let mut lateness_s = 0.0;
+    let (heights, count) = (Heights::new(points), points.len() as f64);
+    let (mut drift, mut lateness_s) = (0.0, 0.0);
     // How sharply delays fall off is told by the line, and the line by that: three rounds settle it.
     for _ in 0..3 {
-        let level_s = level(drift);
-        let delays_s = points.iter().map(|p| p.behind_s() - drift * (p.sensor_s - middle_s) - level_s);
+        let upper_s = heights.upper(drift);
+        let delays_s = heights.points.iter().map(|(at_s, behind_s)| behind_s - drift * at_s - upper_s);
         lateness_s = (mean_delay_s(delays_s.collect()) / count).max(MIN_LATENESS_S / count);
-        let likelihood = |drift: f64| level(drift) / lateness_s - 0.5 * (drift / DRIFT_SIGMA).powi(2);
+        let likelihood = |drift: f64| heights.upper(drift) / lateness_s - 0.5 * (drift / DRIFT_SIGMA).powi(2);
         drift = greatest_of_concave(likelihood, -MAX_DRIFT, MAX_DRIFT);
     }
-    let by_points = if variance_s2 > 0.0 { lateness_s / variance_s2.sqrt() } else { f64::INFINITY };
-    let drift_sigma = (by_points.powi(-2) + DRIFT_SIGMA.powi(-2)).powf(-0.5);
-    Line { middle_s, level_s: level(drift) - lateness_s, drift, lateness_s, drift_sigma }
+    heights.line(drift, lateness_s, lateness_s)
+}
+
+/// The likeliest line between the arrivals and what had not come yet.
+fn line_between(points: &[Earliest], not_yet: &[Earliest]) -> Line {
+    let heights = Heights::new(points);
+    let bounds = Bounds { not_yet: about(not_yet, heights.middle_s), arrived: &heights };
+    let likelihood = |drift: f64| bounds.levels(drift).log_likelihood - 0.5 * (drift / DRIFT_SIGMA).powi(2);
+    let drift = greatest_in_rounds(likelihood, -MAX_DRIFT, MAX_DRIFT, DRIFT_ROUNDS);
+    let Levels { below_s, sigma_s, .. } = bounds.levels(drift);
+    heights.line(drift, below_s, sigma_s)
+}
+
+/// What bursts say of the line.
+struct Bounds<'a> {
+    arrived: &'a Heights,
+    not_yet: Vec<(f64, f64)>,
+}
+
+/// How likely levels of a line of one drift are.
+struct Levels {
+    /// Of the drift, over all levels.
+    log_likelihood: f64,
+    /// Mean and standard deviation of how far the line lies below the highest, seconds.
+    below_s: f64,
+    sigma_s: f64,
+}
+
+impl Bounds<'_> {
+    fn levels(&self, drift: f64) -> Levels {
+        let upper_s = self.arrived.upper(drift);
+        let height_s = |(at_s, behind_s): &(f64, f64)| behind_s - drift * at_s - upper_s;
+        let lower_s = self.not_yet.iter().map(height_s).fold(-1.0, f64::max);
+        let depth_s = 5.0 * SOFT_S - lower_s.min(0.0);
+        // Points farther from every level than this are as sure as can be.
+        let near: Vec<f64> = self.arrived.points.iter().map(height_s).filter(|h| *h < 8.0 * SOFT_S).collect();
+        let above: Vec<f64> = self.not_yet.iter().map(height_s).filter(|h| *h > -depth_s).collect();
+        let below_s = |level: usize| (level as f64 + 0.5) / LEVELS as f64 * depth_s;
+        let log_likelihood = |level: usize| {
+            let below_s = below_s(level);
+            // A result that arrived was ready: its own delay was at most what is left. One that had not come had more.
+            let arrived: f64 = near.iter().map(|h| (-(-(h + below_s) / SOFT_S).exp()).ln_1p()).sum();
+            let not_come: f64 = above.iter().map(|h| (h + below_s).max(0.0) / SOFT_S).sum();
+            arrived - not_come
+        };
+        let logs: [f64; LEVELS] = std::array::from_fn(log_likelihood);
+        let greatest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let weights = logs.map(|log| (log - greatest).exp());
+        let sum: f64 = weights.iter().sum();
+        let mean = |value: &dyn Fn(f64) -> f64| {
+            weights.iter().enumerate().map(|(level, w)| w * value(below_s(level))).sum::<f64>() / sum
+        };
+        let mean_s = mean(&|below_s| below_s);
+        let sigma_s = mean(&|below_s| (below_s - mean_s).powi(2)).sqrt().max(depth_s / LEVELS as f64);
+        Levels { log_likelihood: greatest + (sum * depth_s).ln(), below_s: mean_s, sigma_s }
+    }
 }
 
 /// Mean of delays, in which one that is no delay but a fault (a board that hung for seconds) weighs no more than a late one,
@@ -239,8 +362,12 @@ fn mean_delay_s(mut delays_s: Vec<f64>) -> f64 {
 }
 
 /// Where a concave function is greatest, by thirds.
-pub(super) fn greatest_of_concave(value: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
-    for _ in 0..50 {
+pub(super) fn greatest_of_concave(value: impl Fn(f64) -> f64, low: f64, high: f64) -> f64 {
+    greatest_in_rounds(value, low, high, 50)
+}
+
+fn greatest_in_rounds(value: impl Fn(f64) -> f64, mut low: f64, mut high: f64, rounds: usize) -> f64 {
+    for _ in 0..rounds {
         let third = (high - low) / 3.0;
         match value(low + third) < value(high - third) {
             true => low += third,
@@ -298,14 +425,15 @@ mod tests {
     }
 
     #[test]
-    fn ticks_of_1_us_and_stalls_of_30_ms_give_times_to_a_tenth() {
+    fn ticks_of_1_us_with_stalls_or_bursts_of_30_ms_give_times_to_a_tenth() {
         for frame_rate in [66.0, 120.0, 500.0] {
             let rms_s = rms_of_seeds_s(frame_rate, 1e6, Reader::Stalls, 20.0);
             assert!(rms_s < 0.1e-3, "{frame_rate} Hz: {rms_s}");
         }
-        // Where nothing ever comes but in bursts, the earliest of a second's 33 tell no more than this.
-        assert!(rms_of_seeds_s(500.0, 1e6, Reader::Bursts, 20.0) < 0.1e-3);
-        assert!(rms_of_seeds_s(120.0, 1e6, Reader::Bursts, 20.0) < 0.2e-3);
+        for frame_rate in [120.0, 500.0] {
+            let rms_s = rms_of_seeds_s(frame_rate, 1e6, Reader::Bursts, 20.0);
+            assert!(rms_s < 0.1e-3, "{frame_rate} Hz, bursts: {rms_s}");
+        }
     }
 
     #[test]

@@ -27,6 +27,7 @@ mod record;
 mod record_file;
 mod recover;
 mod replay;
+#[cfg_attr(not(unix), path = "serve_elsewhere.rs")]
 mod serve;
 mod simulate;
 

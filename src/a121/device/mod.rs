@@ -13,8 +13,10 @@ mod faults;
 mod line;
 mod protocol;
 mod samples;
+#[cfg(unix)]
 mod serve;
 mod stream;
+#[cfg(unix)]
 mod wire;
 
 use std::collections::BTreeMap;
@@ -27,8 +29,10 @@ use serde_json::Value;
 pub use board::Board;
 pub use faults::{Fault, FaultPlan, FaultPlanError, MAX_FAULTS_PER_MINUTE};
 pub use samples::{FrameRequest, NoiseOfTick, SampleSource};
+#[cfg(unix)]
 pub use serve::{Server, monotonic_ns};
 pub use stream::SentInfo;
+#[cfg(unix)]
 pub use wire::{Place, ServeError};
 
 use board::BoardClock;

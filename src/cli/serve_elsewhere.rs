@@ -1,0 +1,28 @@
+//! `simulate … --serve` where there are no pseudo-terminals and no `poll`: says so.
+
+use anyhow::{Result, bail};
+use clap::Args;
+
+use crate::simulation::Scenario;
+
+/// Serving in place of recording.
+#[derive(Debug, Args)]
+pub(super) struct Serve {
+    /// Serves the sensor live in place of writing a recording: on Linux and macOS alone
+    #[arg(long, value_name = "PLACE", conflicts_with_all = ["out", "preset", "config"])]
+    serve: Option<String>,
+}
+
+impl Serve {
+    pub fn is_asked(&self) -> bool {
+        self.serve.is_some()
+    }
+
+    pub fn refuse_alone(&self) -> Result<()> {
+        Ok(())
+    }
+
+    pub fn run(&self, _scenario: Scenario, _duration_s: Option<f64>) -> Result<()> {
+        bail!("a simulated sensor is served on Linux and macOS alone: record a simulation with --out instead")
+    }
+}
