@@ -81,8 +81,8 @@ come, one in ten with the end. Every frame that is handed on is held against wha
 bit, and its time against the true end of its measurement.
 
 - *Recovery*, while frames come: from the fault to the frame from which on none is missed, seconds; *lost*: frames missed.
-- *Opening*: from a fault before streaming to the first frame, seconds; without one it takes up to 1.4 s: the second that
-  boards want after a break, 0.2 s of calibration, two frames. *Stop*: from a fault at the end to the end.
+- *Opening*: from a fault before streaming to the first frame, seconds; without one it takes up to 1.7 s: the break
+  and the second of quiet that boards want after it, 0.2 s of calibration, two frames. *Stop*: from a fault at the end to the end.
 - *Untold*: frames handed on with a flipped bit in a sample, or another digit in a temperature or, within 3 % of a period,
   in a tick: the protocol has no checksum, and nothing can tell.
 - *Time*: greatest error of a frame's time once 2 s of frames have come, milliseconds, but for the delay that all share.

@@ -69,7 +69,7 @@ pub enum ConfigError {
         before_mhz: f64,
     },
     /// A rate that is no rate.
-    #[error("{field} is {value}: it must be above 0, or left out for as fast as possible")]
+    #[error("{field} is {value:?}: it must be above 0 and below 3e38, or left out for as fast as possible")]
     Rate {
         /// `frame_rate` or `sweep_rate`.
         field: &'static str,

@@ -122,8 +122,8 @@ fn the_oddest_configurations_that_keep_the_rules_are_simulated_and_replayed() {
         // One frame in a thousand million seconds; more frames than a sensor can make.
         config(json!({"frame_rate": 1e-9}), json!({"num_points": 1})),
         config(json!({"frame_rate": 1e9}), json!({"num_points": 1})),
-        config(json!({"sweep_rate": 1e300}), json!({"num_points": 1, "hwaas": 1})),
-        config(json!({"sweep_rate": 1e-300}), json!({"num_points": 1, "hwaas": 511})),
+        config(json!({"sweep_rate": 1e38}), json!({"num_points": 1, "hwaas": 1})),
+        config(json!({"sweep_rate": 1e-37}), json!({"num_points": 1, "hwaas": 511})),
         // All points before the antenna.
         config(json!({"sweeps_per_frame": 500}), json!({"num_points": 1, "start_point": -275})),
         json!({"sweeps_per_frame": 10, "subsweeps": [

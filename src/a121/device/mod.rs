@@ -479,7 +479,7 @@ impl Device {
                 Fault::Flip => bytes[at] ^= 1 << self.schedule.rng.random_range(0..8),
                 Fault::Garbage => {
                     let count = self.schedule.rng.random_range(1..=64);
-                    let noise: Vec<u8> = (0..count).map(|_| self.schedule.rng.random()).collect();
+                    let noise: Vec<u8> = (0..count).map(|_| self.schedule.rng.random::<u8>()).collect();
                     drop(bytes.splice(at..at, noise));
                 }
                 Fault::Stall => (parcel_ends, stall_ns) = (Some(at), self.schedule.seconds(0.05, 5.0)),

@@ -3,7 +3,6 @@
 use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
-use num_complex::Complex32;
 
 use super::brick::Rows;
 use super::kernel::Group;
@@ -73,20 +72,25 @@ impl Block {
         let (first_m, step_m, entries) = (compressor.first_m(), compressor.step_m(), compressor.entries());
         let mut z = vec![[[0.0; LANES]; 2]; entries * groups.len()];
         let mut rows = Rows::new(observations.len(), entries, first_m, step_m, geometry.profile.envelope_fwhm_m());
-        let mut evened = vec![Complex32::ZERO; entries];
-        for (k, observation) in observations.iter().enumerate() {
-            compressor.compress_in(&observation.samples, 1.0, room);
-            let scale = (taper(k, observations.len()) / noise_rms_lsb) as f32;
-            let at = |entry: usize| Complex32::new(room.re[entry], room.im[entry]);
-            for entry in 0..entries {
-                // Straight lines between entries lie inside the curve; entries moved out by the mean of that even it out.
-                let (before, value, after) = (at(entry.saturating_sub(1)), at(entry), at((entry + 1).min(entries - 1)));
-                let inside = (before + after - value * 2.0) / 12.0;
-                evened[entry] = (value - inside) * scale;
-                let row = &mut z[entry * groups.len() + k / LANES];
-                (row[0][k % LANES], row[1][k % LANES]) = (value.re * scale, value.im * scale);
+        let mut evened = [vec![0.0; entries], vec![0.0; entries]];
+        let mut sixteen = [vec![0.0; entries * LANES], vec![0.0; entries * LANES]];
+        for (g, sweeps) in observations.chunks(LANES).enumerate() {
+            for (l, observation) in sweeps.iter().enumerate() {
+                compressor.compress_in(&observation.samples, 1.0, room);
+                let k = g * LANES + l;
+                let scale = (taper(k, observations.len()) / noise_rms_lsb) as f32;
+                for (part, values) in [&room.re, &room.im].into_iter().enumerate() {
+                    even_out(values, scale, &mut evened[part]);
+                    let scaled = sixteen[part][l * entries..][..entries].iter_mut().zip(values);
+                    scaled.for_each(|(scaled, value)| *scaled = value * scale);
+                }
+                rows.set(k, &evened[0], &evened[1]);
             }
-            rows.set(k, &evened);
+            for (entry, row) in z.iter_mut().skip(g).step_by(groups.len()).enumerate() {
+                for (row, values) in row.iter_mut().zip(&sixteen) {
+                    (0..sweeps.len()).for_each(|l| row[l] = values[l * entries + entry]);
+                }
+            }
         }
         let way = observations[observations.len() - 1].tracking_from_sensor.translation
             - observations[0].tracking_from_sensor.translation;
@@ -137,6 +141,17 @@ impl Block {
     pub fn distance_m(&self, place: DVec3) -> f64 {
         place.distance(self.middle.translation)
     }
+}
+
+/// Straight lines between entries lie inside the curve; entries moved out by the mean of that even it out.
+fn even_out(values: &[f32], scale: f32, evened: &mut [f32]) {
+    let last = values.len() - 1;
+    let evened_at = |before: f32, value: f32, after: f32| (value - (before + after - value * 2.0) / 12.0) * scale;
+    for (evened, three) in evened[1..last].iter_mut().zip(values.windows(3)) {
+        *evened = evened_at(three[0], three[1], three[2]);
+    }
+    evened[0] = evened_at(values[0], values[0], values[1]);
+    evened[last] = evened_at(values[last - 1], values[last], values[last]);
 }
 
 /// How far from a place any point of a sweep was measured.

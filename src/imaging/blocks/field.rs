@@ -26,6 +26,8 @@ const VOXELS: usize = EDGE * EDGE * EDGE;
 /// Layers of 4 × 4 voxels in a brick; four on top of each other are a tile, and a brick's voxels are stored tile by tile.
 const LAYERS: usize = VOXELS / LANES;
 const TILE_LAYERS: usize = 4;
+/// Neighbours that share a face.
+const NEAREST: usize = 6;
 /// Voxels of a layer's row, which lie one after the other.
 const COLUMNS: usize = 4;
 /// A grows by 2 to this power in an epoch.
@@ -112,9 +114,7 @@ pub struct Field {
     index: BTreeMap<[i32; 3], usize>,
     /// Maxima that were last looked for, and every voxel's neighbours within their radius.
     asked: Option<Asked>,
-    neighbors: Vec<Neighbor>,
-    /// Voxels that the radius reaches along an axis.
-    reach: i32,
+    neighbors: Neighbors,
     /// (voxel, sweep) pairs summed so far.
     pub updates: u64,
 }
@@ -123,8 +123,8 @@ impl Field {
     /// Empty. `min_cos`: cosine of the widest angle in the beam.
     pub fn new(settings: BlockSettings, min_cos: f64) -> Self {
         let (bricks, index) = (Vec::new(), BTreeMap::new());
-        let (asked, neighbors, reach) = (None, Vec::new(), 0);
-        Self { settings, min_cos, first_epoch: None, bricks, index, asked, neighbors, reach, updates: 0 }
+        let (asked, neighbors) = (None, Neighbors::default());
+        Self { settings, min_cos, first_epoch: None, bricks, index, asked, neighbors, updates: 0 }
     }
 
     /// Number of bricks that were ever in the beam.
@@ -291,9 +291,7 @@ impl Field {
         let since = self.ticks_at(since_ns);
         let asked = Asked { min_score, radius_m, since };
         if !self.asked.replace(asked).is_some_and(|before| asked.follows(&before)) {
-            let offsets = ball(radius_m / self.settings.voxel_m);
-            self.neighbors = neighbors(&offsets);
-            self.reach = offsets.iter().map(|offset| offset.x).max().unwrap_or(0);
+            self.neighbors = Neighbors::at(&ball(radius_m / self.settings.voxel_m));
             self.bricks.iter_mut().for_each(|brick| brick.found = Found::default());
         }
         self.bricks.par_iter_mut().for_each(|brick| brick.find_strong(min_score as f32, since));
@@ -329,24 +327,8 @@ impl Field {
 
     fn peaks_of(&self, brick: &Brick, mine: &Strong, around: &[Option<&Brick>; 27]) -> Vec<Peak> {
         let around = around.map(|brick| brick?.found.strong.as_deref());
-        let around_each = self.neighbors.len() / VOXELS;
         let mut peaks = Vec::new();
-        // Of voxels in a row that lie within the radius of each other only the greatest can be a maximum.
-        let row = match self.reach {
-            0 => 1,
-            1 | 2 => COLUMNS / 2,
-            _ => COLUMNS,
-        };
-        for first in (0..VOXELS).step_by(row) {
-            let (mut n, mut score) = (first, mine[first]);
-            for (at, &other) in mine[..first + row].iter().enumerate().skip(first + 1) {
-                if other > score {
-                    (n, score) = (at, other);
-                }
-            }
-            if score == f32::NEG_INFINITY {
-                continue;
-            }
+        let mut test = |n: usize, score: f32| {
             // Of equal neighbours the one that comes first counts as the greater.
             let greater = |neighbor: &Neighbor| {
                 around[usize::from(neighbor.brick)].is_some_and(|scores| {
@@ -354,11 +336,32 @@ impl Field {
                     other > score || (other == score && neighbor.comes_first)
                 })
             };
-            if !self.neighbors[n * around_each..(n + 1) * around_each].iter().any(greater) {
+            if !self.neighbors.nearest[n].iter().any(greater) && !self.neighbors.others[n].iter().any(greater) {
                 peaks.push(Peak { position_m: brick.center(n, self.settings.voxel_m), score: f64::from(score) });
             }
+        };
+        match self.neighbors.hold_cubes {
+            true => greatest_of_cubes(mine, test),
+            false => mine.iter().enumerate().filter(|(_, s)| **s > f32::NEG_INFINITY).for_each(|(n, s)| test(n, *s)),
         }
         peaks
+    }
+}
+
+/// The greatest voxel of each 2 × 2 × 2 of a brick, of equal ones the first: no other can be a maximum over more than that.
+fn greatest_of_cubes(scores: &[f32; VOXELS], mut each: impl FnMut(usize, f32)) {
+    for (pair, layers) in scores.chunks_exact(2 * LANES).enumerate() {
+        let (low, high) = layers.split_at(LANES);
+        let of_both: Lanes = std::array::from_fn(|l| if low[l] > high[l] { low[l] } else { high[l] });
+        for corner in [0, 2, 2 * COLUMNS, 2 * COLUMNS + 2] {
+            let four = [0, 1, COLUMNS, COLUMNS + 1].map(|l| corner + l);
+            let greatest = four.iter().fold(f32::NEG_INFINITY, |a, l| if of_both[*l] > a { of_both[*l] } else { a });
+            if greatest > f32::NEG_INFINITY {
+                let mut eight = four.into_iter().chain(four.map(|l| LANES + l));
+                let at = eight.find(|l| layers[*l] == greatest).unwrap_or(corner);
+                each(pair * 2 * LANES + at, greatest);
+            }
+        }
     }
 }
 
@@ -398,20 +401,41 @@ struct Neighbor {
     comes_first: bool,
 }
 
-/// For every voxel of a brick, in the order in which they are stored: those at these offsets, each within a brick's edge.
-fn neighbors(offsets: &[IVec3]) -> Vec<Neighbor> {
-    let neighbor = |n: usize, offset: IVec3| {
-        let voxel = (in_brick(n) + offset).to_array();
-        // −1, 0 or 1 along each axis.
-        let [x, y, z] = voxel.map(|n| n >> EDGE_LOG2);
-        let inside = IVec3::from_array(voxel.map(|n| n & (EDGE as i32 - 1)));
-        Neighbor {
-            brick: ((z + 1) * 9 + (y + 1) * 3 + x + 1) as u8,
-            voxel: index_in_brick(inside) as u16,
-            comes_first: comes_first(offset),
+/// Those near every voxel of a brick, in the order in which voxels are stored.
+#[derive(Debug, Default)]
+struct Neighbors {
+    /// The nearest, apart from the others: most voxels have a greater one among them, and these few stay in the cache.
+    nearest: Vec<[Neighbor; NEAREST]>,
+    others: Vec<Vec<Neighbor>>,
+    /// All of 2 × 2 × 2 voxels are neighbours of each other.
+    hold_cubes: bool,
+}
+
+impl Neighbors {
+    /// Those at these offsets, nearest first, each within a brick's edge; where there are too few, the voxel itself, which
+    /// is not greater than itself.
+    fn at(offsets: &[IVec3]) -> Self {
+        let of = |n: usize| offsets.iter().map(move |offset| neighbor(n, *offset));
+        let nearest = |n: usize| std::array::from_fn(|k| of(n).nth(k).unwrap_or_else(|| neighbor(n, IVec3::ZERO)));
+        Self {
+            nearest: (0..VOXELS).map(nearest).collect(),
+            others: (0..VOXELS).map(|n| of(n).skip(NEAREST).collect()).collect(),
+            hold_cubes: offsets.contains(&IVec3::ONE),
         }
-    };
-    (0..VOXELS).flat_map(|n| offsets.iter().map(move |offset| neighbor(n, *offset))).collect()
+    }
+}
+
+/// What lies at an offset of a voxel.
+fn neighbor(n: usize, offset: IVec3) -> Neighbor {
+    let voxel = (in_brick(n) + offset).to_array();
+    // −1, 0 or 1 along each axis.
+    let [x, y, z] = voxel.map(|n| n >> EDGE_LOG2);
+    let inside = IVec3::from_array(voxel.map(|n| n & (EDGE as i32 - 1)));
+    Neighbor {
+        brick: ((z + 1) * 9 + (y + 1) * 3 + x + 1) as u8,
+        voxel: index_in_brick(inside) as u16,
+        comes_first: comes_first(offset),
+    }
 }
 
 /// Where a voxel of a brick is stored: tile, layer, row, column.
