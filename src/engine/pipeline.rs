@@ -58,9 +58,9 @@ pub struct Pipeline {
 const PATH_STEP_NS: i64 = 20_000_000;
 /// Time between two estimates of the offset, nanoseconds; and while the one in force holds good.
 const ESTIMATE_NS: i64 = 1_000_000_000;
-const SETTLED_ESTIMATE_NS: i64 = 5_000_000_000;
+const SETTLED_ESTIMATE_NS: i64 = 10_000_000_000;
 /// Then only the sweeps of so long before an estimate are listened to.
-const SETTLED_LISTEN_NS: i64 = 2_000_000_000;
+const SETTLED_LISTEN_NS: i64 = 2_500_000_000;
 /// The offset is changed when it is wrong by this many 1σ, and by this much, seconds.
 const SIGNIFICANT: f64 = 3.0;
 const MIN_CHANGE_S: f64 = 0.5e-3;

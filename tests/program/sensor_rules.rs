@@ -56,7 +56,7 @@ fn each_rule_names_field_value_and_bound() {
             frame(json!({"sweeps_per_frame": 13, "double_buffering": true})),
             "num_points × sweeps_per_frame is 160 × 13 = 2080: the sensor holds 2047 with double_buffering",
         ),
-        (frame(json!({"frame_rate": 0.0})), "frame_rate is 0: it must be above 0"),
+        (frame(json!({"frame_rate": 0.0})), "frame_rate is 0.0: it must be above 0"),
         (frame(json!({"sweep_rate": -2.5})), "sweep_rate is -2.5: it must be above 0"),
         (
             frame(json!({"frame_rate": 60.0, "sweep_rate": 100.0, "sweeps_per_frame": 2})),
