@@ -7,6 +7,9 @@
 //! that had it in the beam and of nothing else: not of when the field began, nor of blocks that passed it by. A field built
 //! anew from the same blocks is the same, bit for bit.
 
+mod maxima;
+mod view;
+
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -18,6 +21,10 @@ use super::lanes::{LANES, Lanes, ln_1p};
 use super::{Block, BlockSettings, MEAN_LOG_OF_NOISE};
 use crate::geometry::Aabb;
 
+pub use maxima::Peak;
+use maxima::{Asked, Found, Neighbors};
+use view::{Seen, View};
+
 /// Voxels along a brick's edge.
 const EDGE: usize = 8;
 const EDGE_LOG2: i32 = 3;
@@ -26,23 +33,10 @@ const VOXELS: usize = EDGE * EDGE * EDGE;
 /// Layers of 4 × 4 voxels in a brick; four on top of each other are a tile, and a brick's voxels are stored tile by tile.
 const LAYERS: usize = VOXELS / LANES;
 const TILE_LAYERS: usize = 4;
-/// Neighbours that share a face.
-const NEAREST: usize = 6;
-/// Voxels of a layer's row, which lie one after the other.
-const COLUMNS: usize = 4;
 /// A grows by 2 to this power in an epoch.
 const EPOCH_DOUBLINGS: i32 = 8;
 /// Ticks in an epoch, as a power of two.
 const TICKS_LOG2: u32 = 16;
-
-/// A local maximum of the score.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Peak {
-    /// Voxel centre, tracking frame, metres.
-    pub position_m: DVec3,
-    /// A/√B.
-    pub score: f64,
-}
 
 /// Sixteen voxels' evidence.
 #[derive(Debug, Clone, Copy)]
@@ -64,35 +58,6 @@ struct Brick {
     newest: i32,
     /// What was found in it when somebody last looked for maxima.
     found: Found,
-}
-
-/// Strong voxels and maxima of a brick, kept from one look to the next: a score changes only when a block adds to it.
-#[derive(Debug, Default)]
-struct Found {
-    /// Nothing was added since.
-    is_current: bool,
-    /// Scores of at least the least score asked for, seen since the time asked for; `None` without any.
-    strong: Option<Strong>,
-    /// When the strong voxel was seen that was not seen for longest.
-    oldest: i32,
-    /// `strong` is not what it was in the look before.
-    has_changed: bool,
-    peaks: Vec<Peak>,
-}
-
-/// What maxima were looked for.
-#[derive(Debug, Clone, Copy)]
-struct Asked {
-    min_score: f64,
-    radius_m: f64,
-    since: i32,
-}
-
-impl Asked {
-    /// What was found for the one asked before can serve.
-    fn follows(&self, before: &Self) -> bool {
-        self.min_score == before.min_score && self.radius_m == before.radius_m && self.since >= before.since
-    }
 }
 
 /// When a block was, for fading.
@@ -187,6 +152,8 @@ impl Field {
 
     /// Drops bricks.
     pub(super) fn close(&mut self, keys: &[[i32; 3]]) {
+        // Maxima beside what goes are others then.
+        self.asked = None;
         for key in keys {
             if let Some(at) = self.index.remove(key) {
                 self.bricks.swap_remove(at);
@@ -284,158 +251,11 @@ impl Field {
         }
         found
     }
-
-    /// Local maxima: voxels of [`Field::above`] with no greater one within `radius_m`, by falling score. Bricks around which
-    /// nothing changed since they were last asked for are not looked through again.
-    pub fn peaks(&mut self, min_score: f64, radius_m: f64, since_ns: i64) -> Vec<Peak> {
-        let since = self.ticks_at(since_ns);
-        let asked = Asked { min_score, radius_m, since };
-        if !self.asked.replace(asked).is_some_and(|before| asked.follows(&before)) {
-            self.neighbors = Neighbors::at(&ball(radius_m / self.settings.voxel_m));
-            self.bricks.iter_mut().for_each(|brick| brick.found = Found::default());
-        }
-        self.bricks.par_iter_mut().for_each(|brick| brick.find_strong(min_score as f32, since));
-        let new: Vec<Option<Vec<Peak>>> = self.bricks.par_iter().map(|brick| self.new_peaks(brick)).collect();
-        let mut peaks: Vec<Peak> = Vec::new();
-        for (brick, new) in self.bricks.iter_mut().zip(new) {
-            if let Some(new) = new {
-                brick.found.peaks = new;
-            }
-            peaks.extend(&brick.found.peaks);
-        }
-        // Equal scores fall back to the place, so that the order is always the same.
-        peaks.sort_by(|p, q| {
-            let (a, b) = (p.position_m, q.position_m);
-            let by_place = || a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
-            q.score.total_cmp(&p.score).then_with(by_place)
-        });
-        peaks
-    }
-
-    fn brick_at(&self, key: IVec3) -> Option<&Brick> {
-        Some(&self.bricks[*self.index.get(&key.to_array())?])
-    }
-
-    /// The brick's maxima, if they may be others than before.
-    fn new_peaks(&self, brick: &Brick) -> Option<Vec<Peak>> {
-        let Some(strong) = &brick.found.strong else {
-            return (!brick.found.peaks.is_empty()).then(Vec::new);
-        };
-        let around: [Option<&Brick>; 27] = std::array::from_fn(|n| self.brick_at(brick.key + cube(n as i32)));
-        around.iter().flatten().any(|brick| brick.found.has_changed).then(|| self.peaks_of(brick, strong, &around))
-    }
-
-    fn peaks_of(&self, brick: &Brick, mine: &Strong, around: &[Option<&Brick>; 27]) -> Vec<Peak> {
-        let around = around.map(|brick| brick?.found.strong.as_deref());
-        let mut peaks = Vec::new();
-        let mut test = |n: usize, score: f32| {
-            // Of equal neighbours the one that comes first counts as the greater.
-            let greater = |neighbor: &Neighbor| {
-                around[usize::from(neighbor.brick)].is_some_and(|scores| {
-                    let other = scores[usize::from(neighbor.voxel)];
-                    other > score || (other == score && neighbor.comes_first)
-                })
-            };
-            if !self.neighbors.nearest[n].iter().any(greater) && !self.neighbors.others[n].iter().any(greater) {
-                peaks.push(Peak { position_m: brick.center(n, self.settings.voxel_m), score: f64::from(score) });
-            }
-        };
-        match self.neighbors.hold_cubes {
-            true => greatest_of_cubes(mine, test),
-            false => mine.iter().enumerate().filter(|(_, s)| **s > f32::NEG_INFINITY).for_each(|(n, s)| test(n, *s)),
-        }
-        peaks
-    }
 }
-
-/// The greatest voxel of each 2 × 2 × 2 of a brick, of equal ones the first: no other can be a maximum over more than that.
-fn greatest_of_cubes(scores: &[f32; VOXELS], mut each: impl FnMut(usize, f32)) {
-    for (pair, layers) in scores.chunks_exact(2 * LANES).enumerate() {
-        let (low, high) = layers.split_at(LANES);
-        let of_both: Lanes = std::array::from_fn(|l| if low[l] > high[l] { low[l] } else { high[l] });
-        for corner in [0, 2, 2 * COLUMNS, 2 * COLUMNS + 2] {
-            let four = [0, 1, COLUMNS, COLUMNS + 1].map(|l| corner + l);
-            let greatest = four.iter().fold(f32::NEG_INFINITY, |a, l| if of_both[*l] > a { of_both[*l] } else { a });
-            if greatest > f32::NEG_INFINITY {
-                let mut eight = four.into_iter().chain(four.map(|l| LANES + l));
-                let at = eight.find(|l| layers[*l] == greatest).unwrap_or(corner);
-                each(pair * 2 * LANES + at, greatest);
-            }
-        }
-    }
-}
-
-/// Scores of a brick's voxels; −∞ below what is asked for.
-type Strong = Box<[f32; VOXELS]>;
 
 /// Ticks since the beginning of an epoch; as many as there are at most from some months on.
 fn ticks(epochs: f64, first_epoch: i64) -> i32 {
     ((epochs - first_epoch as f64) * f64::from(1u32 << TICKS_LOG2)).floor().clamp(0.0, f64::from(i32::MAX)) as i32
-}
-
-/// Offset of neighbour `n` of 27, each axis −1 to 1.
-fn cube(n: i32) -> IVec3 {
-    IVec3::new(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1)
-}
-
-/// Voxel offsets within a radius (at most a brick's edge), nearest first.
-fn ball(radius: f64) -> Vec<IVec3> {
-    let reach = (radius + 1e-9).floor().min(EDGE as f64) as i32;
-    let axis = || -reach..=reach;
-    let all = axis().flat_map(|z| axis().flat_map(move |y| axis().map(move |x| IVec3::new(x, y, z))));
-    let inside = |o: &IVec3| *o != IVec3::ZERO && f64::from(o.length_squared()) <= radius * radius + 1e-9;
-    let mut offsets: Vec<_> = all.filter(inside).collect();
-    offsets.sort_by_key(|o| o.length_squared());
-    offsets
-}
-
-fn comes_first(offset: IVec3) -> bool {
-    (offset.z, offset.y, offset.x) < (0, 0, 0)
-}
-
-/// A voxel near another: in which of the 27 bricks around (as [`cube`] numbers them), where there, and whether it comes first.
-#[derive(Debug, Clone, Copy)]
-struct Neighbor {
-    brick: u8,
-    voxel: u16,
-    comes_first: bool,
-}
-
-/// Those near every voxel of a brick, in the order in which voxels are stored.
-#[derive(Debug, Default)]
-struct Neighbors {
-    /// The nearest, apart from the others: most voxels have a greater one among them, and these few stay in the cache.
-    nearest: Vec<[Neighbor; NEAREST]>,
-    others: Vec<Vec<Neighbor>>,
-    /// All of 2 × 2 × 2 voxels are neighbours of each other.
-    hold_cubes: bool,
-}
-
-impl Neighbors {
-    /// Those at these offsets, nearest first, each within a brick's edge; where there are too few, the voxel itself, which
-    /// is not greater than itself.
-    fn at(offsets: &[IVec3]) -> Self {
-        let of = |n: usize| offsets.iter().map(move |offset| neighbor(n, *offset));
-        let nearest = |n: usize| std::array::from_fn(|k| of(n).nth(k).unwrap_or_else(|| neighbor(n, IVec3::ZERO)));
-        Self {
-            nearest: (0..VOXELS).map(nearest).collect(),
-            others: (0..VOXELS).map(|n| of(n).skip(NEAREST).collect()).collect(),
-            hold_cubes: offsets.contains(&IVec3::ONE),
-        }
-    }
-}
-
-/// What lies at an offset of a voxel.
-fn neighbor(n: usize, offset: IVec3) -> Neighbor {
-    let voxel = (in_brick(n) + offset).to_array();
-    // −1, 0 or 1 along each axis.
-    let [x, y, z] = voxel.map(|n| n >> EDGE_LOG2);
-    let inside = IVec3::from_array(voxel.map(|n| n & (EDGE as i32 - 1)));
-    Neighbor {
-        brick: ((z + 1) * 9 + (y + 1) * 3 + x + 1) as u8,
-        voxel: index_in_brick(inside) as u16,
-        comes_first: comes_first(offset),
-    }
 }
 
 /// Where a voxel of a brick is stored: tile, layer, row, column.
@@ -526,49 +346,6 @@ fn add_layers(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], n
     all(brick, seen, m, now);
 }
 
-/// How much of a ball a block has in its beam.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Seen {
-    None,
-    Some,
-    All,
-}
-
-/// A block and what it has in its beam.
-struct View<'a> {
-    block: &'a Block,
-    settings: &'a BlockSettings,
-    min_cos: f64,
-    /// Sine of the widest angle in the beam.
-    max_sin: f64,
-    forward: DVec3,
-}
-
-impl<'a> View<'a> {
-    fn new(block: &'a Block, settings: &'a BlockSettings, min_cos: f64) -> Self {
-        let max_sin = (1.0 - min_cos * min_cos).max(0.0).sqrt();
-        Self { block, settings, min_cos, max_sin, forward: block.middle.forward() }
-    }
-
-    /// Never says `None` or `All` wrongly.
-    fn of_ball(&self, middle: DVec3, radius_m: f64) -> Seen {
-        let radius_m = radius_m + 1e-9;
-        let to = middle - self.block.middle.translation;
-        let (distance_m, along_m) = (to.length(), to.dot(self.forward));
-        let across_m = (distance_m * distance_m - along_m * along_m).max(0.0).sqrt();
-        // How far outside the beam's cone, by its surface.
-        let outside_m = across_m * self.min_cos - along_m * self.max_sin;
-        let BlockSettings { min_range_m, max_range_m, .. } = *self.settings;
-        if outside_m > radius_m || distance_m > max_range_m + radius_m || distance_m + radius_m < min_range_m {
-            Seen::None
-        } else if outside_m < -radius_m && distance_m + radius_m < max_range_m && distance_m - radius_m > min_range_m {
-            Seen::All
-        } else {
-            Seen::Some
-        }
-    }
-}
-
 impl Brick {
     fn new(key: IVec3) -> Self {
         let (layers, greatest2) = (Box::new([Layer::EMPTY; LAYERS]), [f32::NEG_INFINITY; LAYERS]);
@@ -583,45 +360,6 @@ impl Brick {
         let layer = &self.layers[n / LANES];
         let (a, b) = (layer.a[n % LANES], layer.b[n % LANES]);
         (b > 0.0).then(|| a / b.sqrt())
-    }
-
-    /// Brings the strong voxels up to date.
-    fn find_strong(&mut self, min_score: f32, since: i32) {
-        let holds = self.found.is_current && (self.found.strong.is_none() || self.found.oldest >= since);
-        self.found.has_changed = false;
-        if !holds {
-            let found = self.strong_scores(min_score, since);
-            self.found.has_changed = found.is_some() || self.found.strong.is_some();
-            (self.found.strong, self.found.oldest) = found.map_or((None, 0), |(strong, oldest)| (Some(strong), oldest));
-            self.found.is_current = true;
-        }
-    }
-
-    /// Scores of at least that much, seen since then, and when the one was seen that was not seen for longest; `None` without
-    /// any.
-    fn strong_scores(&self, min_score: f32, since: i32) -> Option<(Strong, i32)> {
-        if self.newest < since {
-            return None;
-        }
-        // Few layers have a strong voxel; the others' voxels are not even read.
-        let least2 = min_score * min_score.abs();
-        let may_be = |greatest2: f32| greatest2 + 1e-5 * (greatest2.abs() + least2.abs()) >= least2;
-        if !self.greatest2.iter().any(|greatest2| may_be(*greatest2)) {
-            return None;
-        }
-        let mut scores = [f32::NEG_INFINITY; VOXELS];
-        let mut oldest = None;
-        let layers = self.layers.iter().zip(&self.greatest2).zip(scores.chunks_exact_mut(LANES));
-        for ((layer, _), scores) in layers.filter(|((_, greatest2), _)| may_be(**greatest2)) {
-            for (l, held) in scores.iter_mut().enumerate() {
-                let score = layer.a[l] / layer.b[l].sqrt();
-                if (layer.b[l] > 0.0) & (score >= min_score) & (layer.seen[l] >= since) {
-                    *held = score;
-                    oldest = Some(oldest.map_or(layer.seen[l], |oldest: i32| oldest.min(layer.seen[l])));
-                }
-            }
-        }
-        oldest.map(|oldest| (Box::new(scores), oldest))
     }
 
     /// Adds a block to the voxels in its beam; returns how many there were.
@@ -704,45 +442,6 @@ fn tiles_in_box(reach_m: f32, voxel_m: f64) -> usize {
         1
     }
 }
-
-impl View<'_> {
-    /// Which voxels of a layer are in the beam, lane 0 at `corner`: [`BlockSettings::sees`] sixteen at a time.
-    #[inline(always)]
-    fn lanes_seen(&self, corner: DVec3) -> [bool; LANES] {
-        let BlockSettings { voxel_m, min_range_m, max_range_m, .. } = *self.settings;
-        let (forward, to) = (self.forward, corner - self.block.middle.translation);
-        let (min2, max2) = (min_range_m * min_range_m, max_range_m * max_range_m);
-        let cos2 = self.min_cos * self.min_cos.abs();
-        let mut seen = [false; LANES];
-        for l in 0..LANES {
-            let (x, y) = (to.x + COLUMN[l] * voxel_m, to.y + ROW[l] * voxel_m);
-            let along = x * forward.x + y * forward.y + to.z * forward.z;
-            let distance2 = x * x + y * y + to.z * to.z;
-            seen[l] = (distance2 >= min2) & (distance2 <= max2) & (along * along.abs() >= cos2 * distance2);
-        }
-        seen
-    }
-
-    /// The same, compiled for what the processor has.
-    fn of_layer(&self, corner: DVec3) -> [bool; LANES] {
-        #[cfg(target_arch = "x86_64")]
-        {
-            #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq")]
-            fn avx512(view: &View, corner: DVec3) -> [bool; LANES] {
-                view.lanes_seen(corner)
-            }
-            if is_x86_feature_detected!("avx512dq") && is_x86_feature_detected!("avx512vl") {
-                // SAFETY: the processor has the instructions that this copy of the code is compiled for.
-                return unsafe { avx512(self, corner) };
-            }
-        }
-        self.lanes_seen(corner)
-    }
-}
-
-/// Where in a layer of 4 × 4 a lane lies.
-const COLUMN: [f64; LANES] = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
-const ROW: [f64; LANES] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
 
 #[cfg(test)]
 mod tests {

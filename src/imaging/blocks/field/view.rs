@@ -1,0 +1,88 @@
+//! What a block has in its beam: balls at a glance, layers of voxels one by one.
+
+use glam::DVec3;
+
+use super::super::lanes::LANES;
+use super::super::{Block, BlockSettings};
+
+/// How much of a ball a block has in its beam.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Seen {
+    None,
+    Some,
+    All,
+}
+
+/// A block and what it has in its beam.
+pub(super) struct View<'a> {
+    pub block: &'a Block,
+    pub settings: &'a BlockSettings,
+    min_cos: f64,
+    /// Sine of the widest angle in the beam.
+    max_sin: f64,
+    forward: DVec3,
+}
+
+impl<'a> View<'a> {
+    pub fn new(block: &'a Block, settings: &'a BlockSettings, min_cos: f64) -> Self {
+        let max_sin = (1.0 - min_cos * min_cos).max(0.0).sqrt();
+        Self { block, settings, min_cos, max_sin, forward: block.middle.forward() }
+    }
+
+    /// Never says `None` or `All` wrongly.
+    pub fn of_ball(&self, middle: DVec3, radius_m: f64) -> Seen {
+        let radius_m = radius_m + 1e-9;
+        let to = middle - self.block.middle.translation;
+        let (distance_m, along_m) = (to.length(), to.dot(self.forward));
+        let across_m = (distance_m * distance_m - along_m * along_m).max(0.0).sqrt();
+        // How far outside the beam's cone, by its surface.
+        let outside_m = across_m * self.min_cos - along_m * self.max_sin;
+        let BlockSettings { min_range_m, max_range_m, .. } = *self.settings;
+        if outside_m > radius_m || distance_m > max_range_m + radius_m || distance_m + radius_m < min_range_m {
+            Seen::None
+        } else if outside_m < -radius_m && distance_m + radius_m < max_range_m && distance_m - radius_m > min_range_m {
+            Seen::All
+        } else {
+            Seen::Some
+        }
+    }
+}
+
+impl View<'_> {
+    /// Which voxels of a layer are in the beam, lane 0 at `corner`: [`BlockSettings::sees`] sixteen at a time.
+    #[inline(always)]
+    fn lanes_seen(&self, corner: DVec3) -> [bool; LANES] {
+        let BlockSettings { voxel_m, min_range_m, max_range_m, .. } = *self.settings;
+        let (forward, to) = (self.forward, corner - self.block.middle.translation);
+        let (min2, max2) = (min_range_m * min_range_m, max_range_m * max_range_m);
+        let cos2 = self.min_cos * self.min_cos.abs();
+        let mut seen = [false; LANES];
+        for l in 0..LANES {
+            let (x, y) = (to.x + COLUMN[l] * voxel_m, to.y + ROW[l] * voxel_m);
+            let along = x * forward.x + y * forward.y + to.z * forward.z;
+            let distance2 = x * x + y * y + to.z * to.z;
+            seen[l] = (distance2 >= min2) & (distance2 <= max2) & (along * along.abs() >= cos2 * distance2);
+        }
+        seen
+    }
+
+    /// The same, compiled for what the processor has.
+    pub fn of_layer(&self, corner: DVec3) -> [bool; LANES] {
+        #[cfg(target_arch = "x86_64")]
+        {
+            #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq")]
+            fn avx512(view: &View, corner: DVec3) -> [bool; LANES] {
+                view.lanes_seen(corner)
+            }
+            if is_x86_feature_detected!("avx512dq") && is_x86_feature_detected!("avx512vl") {
+                // SAFETY: the processor has the instructions that this copy of the code is compiled for.
+                return unsafe { avx512(self, corner) };
+            }
+        }
+        self.lanes_seen(corner)
+    }
+}
+
+/// Where in a layer of 4 × 4 a lane lies.
+const COLUMN: [f64; LANES] = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
+const ROW: [f64; LANES] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
