@@ -1,16 +1,99 @@
-//! Compiles proto/: Rust types for prost, and the descriptors that every recording carries as its schemas.
-//! protox is a compiler written in Rust, so nobody has to install protoc.
+//! Makes what is not written by hand: Rust types for the messages in proto/, with the descriptors that every recording
+//! carries as its schemas (protox is a compiler written in Rust, so nobody has to install protoc); and Rust types for
+//! SteamVR's interfaces, from Valve's C header.
 
+use std::env;
 use std::error::Error;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
-fn main() -> Result<(), Box<dyn Error>> {
+type Result<T> = std::result::Result<T, Box<dyn Error>>;
+
+/// Names another place of Valve's `openvr_capi.h`.
+const HEADER_VARIABLE: &str = "OPENVR_CAPI_H";
+/// The interfaces that are used; all that they mention comes with them.
+const INTERFACES: &str = "VR_IVR(System|Overlay|Compositor|Applications|Chaperone|Settings)_FnTable";
+/// Types that no function names, being behind pointers and numbers without one.
+const UNNAMED: &str = "VRVulkanTextureData_t|EVREventType|EVRInitError|EVRApplicationType";
+/// Constants: names of interfaces, sections and keys, and their bounds.
+const CONSTANTS: &str =
+    "IVR(System|Overlay|Compositor|Applications|Chaperone|Settings)_Version|k_pch_CollisionBounds_.*|k_un.*";
+/// The header needs these and nothing else of a C library, so that none has to be installed.
+const SHIMS: [(&str, &str); 2] = [
+    ("stdbool.h", "#define bool _Bool\n#define true 1\n#define false 0\n"),
+    (
+        "stdint.h",
+        "typedef signed char int8_t; typedef short int16_t; typedef int int32_t; typedef long long int64_t;\n\
+         typedef unsigned char uint8_t; typedef unsigned short uint16_t; typedef unsigned int uint32_t;\n\
+         typedef unsigned long long uint64_t; typedef __INTPTR_TYPE__ intptr_t; typedef __UINTPTR_TYPE__ uintptr_t;\n",
+    ),
+];
+
+fn main() -> Result<()> {
     println!("cargo::rerun-if-changed=build.rs");
+    let out = PathBuf::from(env::var("OUT_DIR")?);
+    compile_messages(&out)?;
+    bind_openvr(&out)
+}
+
+fn compile_messages(out: &Path) -> Result<()> {
     println!("cargo::rerun-if-changed=proto");
-    let out = PathBuf::from(std::env::var("OUT_DIR")?);
     let mut compiler = protox::Compiler::new(["proto"])?;
     compiler.include_imports(true).open_file("radar_chaperone.proto")?;
     std::fs::write(out.join("radar_chaperone.descriptors"), compiler.encode_file_descriptor_set())?;
     prost_build::Config::new().out_dir(out).compile_fds(compiler.file_descriptor_set())?;
     Ok(())
+}
+
+/// Writes `openvr.rs`.
+fn bind_openvr(out: &Path) -> Result<()> {
+    println!("cargo::rerun-if-env-changed={HEADER_VARIABLE}");
+    let header = openvr_header()?;
+    println!("cargo::rerun-if-changed={}", header.display());
+    let shims = out.join("shims");
+    std::fs::create_dir_all(&shims)?;
+    for (name, text) in SHIMS {
+        std::fs::write(shims.join(name), text)?;
+    }
+    // The header looks for a C++ compiler on Windows by __WIN32 and for a library to link by OPENVR_API_NODLL.
+    let bindings = bindgen::builder()
+        .header(header.display().to_string())
+        .clang_args(["-nostdinc", "-DOPENVR_API_NODLL", "-U__WIN32"])
+        .clang_arg(format!("-I{}", shims.display()))
+        .allowlist_type(INTERFACES)
+        .allowlist_type(UNNAMED)
+        .allowlist_var(CONSTANTS)
+        .prepend_enum_name(false)
+        .generate_comments(false)
+        .generate_cstr(true)
+        .formatter(bindgen::Formatter::None)
+        .generate()?;
+    Ok(bindings.write_to_file(out.join("openvr.rs"))?)
+}
+
+/// Valve's header in the package `openvr_sys`, which is downloaded and checked with the other packages and never compiled.
+fn openvr_header() -> Result<PathBuf> {
+    if let Some(header) = env::var_os(HEADER_VARIABLE) {
+        return Ok(header.into());
+    }
+    // What is not needed to build here is not downloaded by then; asking without --offline downloads it.
+    let manifest = match manifest_path("openvr_sys", &["--offline"]) {
+        Ok(manifest) if manifest.exists() => manifest,
+        _ => manifest_path("openvr_sys", &[])?,
+    };
+    Ok(manifest.with_file_name("openvr").join("headers").join("openvr_capi.h"))
+}
+
+/// Where `cargo metadata` says that a package's Cargo.toml is.
+fn manifest_path(package: &str, arguments: &[&str]) -> Result<PathBuf> {
+    let output = Command::new(env::var("CARGO")?)
+        .args(["metadata", "--format-version=1", "--locked", "--manifest-path"])
+        .arg(Path::new(&env::var("CARGO_MANIFEST_DIR")?).join("Cargo.toml"))
+        .args(arguments)
+        .output()?;
+    let said = || format!("where is {package}? set {HEADER_VARIABLE}. {}", String::from_utf8_lossy(&output.stderr));
+    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).map_err(|_| said())?;
+    let mut packages = metadata["packages"].as_array().ok_or_else(said)?.iter();
+    let found = packages.find(|found| found["name"] == package).ok_or_else(said)?;
+    Ok(PathBuf::from(found["manifest_path"].as_str().ok_or_else(said)?))
 }

@@ -3,6 +3,7 @@
 # takes a second and changes nothing. Debian and Ubuntu; elsewhere it says what to install.
 #
 #   a C compiler                 compresses recordings (zstd)
+#   libclang                     reads SteamVR's C header while building
 #   Vulkan loader and a driver   pictures; Mesa's software renderer serves where there is no graphics card. Without them
 #                                everything else works, and tests that draw say that they were skipped.
 #   Rust                         cargo as new as rust-version in Cargo.toml, with rustfmt and clippy
@@ -14,6 +15,9 @@ rust_wanted=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
 say() { echo "setup: $*"; }
 have() { command -v "$1" >/dev/null 2>&1; }
 have_package() { dpkg -s "$1" 2>/dev/null | grep -q '^Status: install ok installed'; }
+have_libclang() {
+    [ -n "${LIBCLANG_PATH:-}" ] || ldconfig -p 2>/dev/null | grep -q 'libclang[-.0-9]*\.so' || compgen -G '/usr/lib/llvm-*/lib/libclang[.-][.0-9s]*' >/dev/null
+}
 have_vulkan_driver() { compgen -G '/usr/share/vulkan/icd.d/*.json' >/dev/null || compgen -G '/etc/vulkan/icd.d/*.json' >/dev/null; }
 
 as_root() {
@@ -34,9 +38,17 @@ rust_is_enough() {
     [ -n "$found" ] && [ "$(printf '%s\n' "$rust_wanted" "$found" | sort -V | head -n1)" = "$rust_wanted" ]
 }
 
+# A libclang1-N that there is, the one tried here if possible: the plain name is no package everywhere.
+libclang_package() {
+    { apt-cache show libclang1-14 >/dev/null 2>&1 && echo libclang1-14; } ||
+        apt-cache search --names-only "^libclang1-[0-9]+\$" 2>/dev/null | cut -d" " -f1 | sort -V | tail -n1 | grep . ||
+        echo libclang1-14
+}
+
 install_packages() {
     local missing=()
     have cc && have_package libc6-dev || missing+=(gcc libc6-dev)
+    have_libclang || missing+=(libclang)
     have_package libvulkan1 || missing+=(libvulkan1)
     have_vulkan_driver || missing+=(mesa-vulkan-drivers)
     if ! rust_is_enough && ! have rustup; then
@@ -45,7 +57,7 @@ install_packages() {
     fi
     [ ${#missing[@]} -gt 0 ] || return 0
     say "installing ${missing[*]}"
-    if ! { as_root apt-get update -q &&
+    if ! { as_root apt-get update -q && missing=("${missing[@]/#libclang/$(libclang_package)}") &&
         as_root env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends "${missing[@]}"; }; then
         say "could not install them. As root: apt-get install ${missing[*]}"
     fi
@@ -96,7 +108,7 @@ if have dpkg && have apt-get; then
     install_packages
     install_rust
 elif ! check; then
-    say "on this system please install: a C compiler, Rust $rust_wanted (https://rustup.rs), a Vulkan loader and driver (Mesa)"
+    say "on this system please install: a C compiler, libclang, Rust $rust_wanted (https://rustup.rs), a Vulkan loader and driver (Mesa)"
     exit 1
 fi
 check || exit 1

@@ -17,6 +17,7 @@ pub mod recording;
 pub mod render;
 pub mod report;
 pub mod simulation;
+pub mod steamvr;
 pub mod tracking;
 pub mod truth;
 pub mod warning;

@@ -1,0 +1,3 @@
+//! SteamVR: bindings, the runtime's loader, a session with it. Foreign types never leave this room.
+
+mod sys;
