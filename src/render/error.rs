@@ -37,7 +37,16 @@ pub enum RenderError {
         /// Where the eye is.
         position_m: [f64; 3],
     },
-    /// The device refused work or was lost.
+    /// The device is gone: the driver was reset or updated, or the card was pulled. Nothing on it can be used any more; a new
+    /// renderer on a new device can.
+    #[error("graphics adapter {adapter} lost its device: {cause}")]
+    DeviceLost {
+        /// Its name.
+        adapter: String,
+        /// What it said.
+        cause: String,
+    },
+    /// The device refused work.
     #[error("the graphics device failed: {0}")]
     Device(String),
 }

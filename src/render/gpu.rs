@@ -1,6 +1,6 @@
 //! The graphics device: found without a window, or taken over from someone who opened it (SteamVR wants its own extensions).
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use image::RgbaImage;
 use wgpu::util::DeviceExt;
@@ -10,12 +10,25 @@ use super::error::RenderError;
 /// Format of every picture: 8 bits a channel, sRGB curve.
 pub(super) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
 
-/// A device, its queue, and the last complaint it made.
+/// The limits that a device must have been opened with to serve a renderer, of those that its adapter offers.
+pub fn needed_limits(offered: &wgpu::Limits) -> wgpu::Limits {
+    wgpu::Limits::downlevel_defaults().using_resolution(offered.clone())
+}
+
+/// A device, its queue, and what it complained of.
 pub(super) struct Gpu {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub name: String,
-    complaint: Arc<Mutex<Option<String>>>,
+    complaints: Arc<Mutex<Complaints>>,
+}
+
+#[derive(Default)]
+struct Complaints {
+    /// The first error since the last check.
+    error: Option<String>,
+    /// Why the device was lost; it stays so.
+    lost: Option<String>,
 }
 
 impl Gpu {
@@ -32,7 +45,7 @@ impl Gpu {
         let name = adapter.get_info().name;
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("radar-chaperone"),
-            required_limits: wgpu::Limits::downlevel_defaults().using_resolution(adapter.limits()),
+            required_limits: needed_limits(&adapter.limits()),
             ..Default::default()
         }))
         .map_err(|error| RenderError::NoDevice { adapter: name.clone(), cause: error.to_string() })?;
@@ -41,20 +54,30 @@ impl Gpu {
 
     /// Takes over an open device.
     pub fn of(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
-        let complaint = Arc::new(Mutex::new(None));
-        let keep = Arc::clone(&complaint);
+        let complaints = Arc::new(Mutex::new(Complaints::default()));
+        let keep = Arc::clone(&complaints);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-            if let Ok(mut complaint) = keep.lock() {
-                complaint.get_or_insert(error.to_string());
-            }
+            hold(&keep).error.get_or_insert(error.to_string());
         }));
-        Self { device, queue, name, complaint }
+        let keep = Arc::clone(&complaints);
+        device.set_device_lost_callback(move |reason, message| {
+            let why = if message.is_empty() { format!("{reason:?}").to_lowercase() } else { message };
+            hold(&keep).lost.get_or_insert(why);
+        });
+        Self { device, queue, name, complaints }
     }
 
-    /// The first complaint since the last call, if any.
+    /// Whether the device still works: its first complaint since the last call, if any. Also lets it free what it is done with.
     pub fn check(&self) -> Result<(), RenderError> {
-        let complaint = self.complaint.lock().map_or(None, |mut complaint| complaint.take());
-        complaint.map_or(Ok(()), |cause| Err(RenderError::Device(cause)))
+        let polled = self.device.poll(wgpu::PollType::Poll);
+        let mut complaints = hold(&self.complaints);
+        if let Some(cause) = &complaints.lost {
+            return Err(RenderError::DeviceLost { adapter: self.name.clone(), cause: cause.clone() });
+        }
+        if let Some(cause) = complaints.error.take() {
+            return Err(RenderError::Device(cause));
+        }
+        polled.map(|_| ()).map_err(device_error)
     }
 
     /// A buffer that holds these bytes.
@@ -117,12 +140,17 @@ impl Gpu {
         );
         self.queue.submit([encoder.finish()]);
         buffer.map_async(wgpu::MapMode::Read, .., |_| {});
-        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(device_error)?;
+        let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
         self.check()?;
+        waited.map_err(device_error)?;
         let mapped = buffer.get_mapped_range(..).map_err(device_error)?;
         let pixels = mapped.chunks(row as usize).flat_map(|line| &line[..4 * width as usize]).copied().collect();
         RgbaImage::from_raw(width, height, pixels).ok_or_else(|| RenderError::Device("picture came back short".into()))
     }
+}
+
+fn hold(complaints: &Mutex<Complaints>) -> MutexGuard<'_, Complaints> {
+    complaints.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn device_error(error: impl std::fmt::Display) -> RenderError {

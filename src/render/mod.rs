@@ -14,5 +14,6 @@ mod renderer;
 
 pub use error::RenderError;
 pub use eye::EyeView;
+pub use gpu::needed_limits;
 pub use quads::Quad;
 pub use renderer::Renderer;

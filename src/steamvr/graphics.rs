@@ -18,7 +18,8 @@ impl Runtime {
         let Some(compositor) = self.compositor else {
             return Err(VulkanError::NoVulkan("the VR runtime has no compositor".to_owned()));
         };
-        let on_instance = extensions(|text, length| call!(compositor, GetVulkanInstanceExtensionsRequired(text, length)));
+        let on_instance =
+            extensions(|text, length| call!(compositor, GetVulkanInstanceExtensionsRequired(text, length)));
         let on_device = |physical_device: u64| {
             let device = physical_device as usize as *mut sys::VkPhysicalDevice_T;
             extensions(|text, length| call!(compositor, GetVulkanDeviceExtensionsRequired(device, text, length)))

@@ -22,9 +22,7 @@ pub(super) fn pose(matrix: &HmdMatrix34_t) -> Option<Pose> {
 /// The matrix of a pose.
 pub(super) fn matrix(pose: &Pose) -> HmdMatrix34_t {
     let turn = DMat3::from_quat(pose.rotation);
-    let row = |r: usize| {
-        [turn.x_axis[r], turn.y_axis[r], turn.z_axis[r], pose.translation[r]].map(|v| v as f32)
-    };
+    let row = |r: usize| [turn.x_axis[r], turn.y_axis[r], turn.z_axis[r], pose.translation[r]].map(|v| v as f32);
     HmdMatrix34_t { m: [row(0), row(1), row(2)] }
 }
 

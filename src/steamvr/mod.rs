@@ -27,4 +27,4 @@ pub use overlay::{EyeSide, Overlay};
 pub use place::RuntimePlace;
 pub use poses::{DevicePose, Hands, Poses, TrackingState, Universe};
 pub use runtime::{Role, Runtime};
-pub use vulkan::{VulkanDevice, VulkanError, VulkanTexture};
+pub use vulkan::{VulkanDevice, VulkanError, VulkanNeeds, VulkanTexture, open};

@@ -48,10 +48,8 @@ impl Overlay {
         let text = |text: &str| CString::new(text).unwrap_or_default();
         let (key, name) = (text(key), text(name));
         let mut handle = 0;
-        let error = call!(
-            runtime.overlay,
-            CreateOverlay(key.as_ptr().cast_mut(), name.as_ptr().cast_mut(), &mut handle)
-        );
+        let error =
+            call!(runtime.overlay, CreateOverlay(key.as_ptr().cast_mut(), name.as_ptr().cast_mut(), &mut handle));
         done(runtime, "to make an overlay", error)?;
         let overlay = Self {
             runtime: Arc::clone(runtime),
@@ -89,10 +87,8 @@ impl Overlay {
             return Ok(());
         }
         let mut place = matrix(pose);
-        let error = call!(
-            self.runtime.overlay,
-            SetOverlayTransformAbsolute(self.handle, universe.origin(), &mut place)
-        );
+        let error =
+            call!(self.runtime.overlay, SetOverlayTransformAbsolute(self.handle, universe.origin(), &mut place));
         done(&self.runtime, "the place of an overlay", error)?;
         self.place.set(Some((universe, *pose)));
         Ok(())
@@ -112,8 +108,7 @@ impl Overlay {
     ) -> Result<(), SteamVrError> {
         let mut place = matrix(pose);
         let [left, right, top, bottom] = tangents.map(|t| t as f32);
-        let mut projection =
-            sys::VROverlayProjection_t { fLeft: left, fRight: right, fTop: top, fBottom: bottom };
+        let mut projection = sys::VROverlayProjection_t { fLeft: left, fRight: right, fTop: top, fBottom: bottom };
         let eye = match side {
             EyeSide::Left => sys::EVREye_Eye_Left,
             EyeSide::Right => sys::EVREye_Eye_Right,

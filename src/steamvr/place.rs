@@ -10,8 +10,13 @@ use super::error::SteamVrError;
 /// No list of runtimes is longer.
 const MAX_REGISTRY_BYTES: u64 = 1 << 20;
 /// The library within a runtime.
-const LIBRARY: &str =
-    if cfg!(windows) { r"bin\vrclient_x64.dll" } else if cfg!(target_os = "macos") { "bin/vrclient.dylib" } else { "bin/linux64/vrclient.so" };
+const LIBRARY: &str = if cfg!(windows) {
+    r"bin\vrclient_x64.dll"
+} else if cfg!(target_os = "macos") {
+    "bin/vrclient.dylib"
+} else {
+    "bin/linux64/vrclient.so"
+};
 
 /// A runtime on this computer.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -81,7 +86,8 @@ impl Registry {
             file => file.map_err(|error| bad(error.to_string()))?,
         };
         let mut text = String::new();
-        let length = file.take(MAX_REGISTRY_BYTES + 1).read_to_string(&mut text).map_err(|error| bad(error.to_string()))?;
+        let length =
+            file.take(MAX_REGISTRY_BYTES + 1).read_to_string(&mut text).map_err(|error| bad(error.to_string()))?;
         if length as u64 > MAX_REGISTRY_BYTES {
             return Err(bad(format!("it is longer than {MAX_REGISTRY_BYTES} bytes")));
         }
@@ -113,8 +119,10 @@ mod tests {
     #[test]
     #[cfg(unix)]
     fn the_first_runtime_of_the_list_is_taken() {
-        let (folder, variable) =
-            installed("first", "\u{feff}{\"runtime\": [\"FOLDER/SteamVR\", \"/other\"], \"config\": [\"/c\"], \"version\": 1}");
+        let (folder, variable) = installed(
+            "first",
+            "\u{feff}{\"runtime\": [\"FOLDER/SteamVR\", \"/other\"], \"config\": [\"/c\"], \"version\": 1}",
+        );
         let place = RuntimePlace::find_by(variable).unwrap();
         assert_eq!(place.runtime, folder.join("SteamVR"));
         assert_eq!(place.config, Some(PathBuf::from("/c")));
@@ -127,7 +135,8 @@ mod tests {
         let (folder, variable) = installed("other", "{\"runtime\": [\"/nowhere\"]}");
         assert_eq!(RuntimePlace::find_by(&variable), Err(SteamVrError::NoLibrary(Path::new("/nowhere").join(LIBRARY))));
         let own = folder.join("SteamVR");
-        let chosen = |name: &str| if name == "VR_OVERRIDE" { Some(own.clone().into_os_string()) } else { variable(name) };
+        let chosen =
+            |name: &str| if name == "VR_OVERRIDE" { Some(own.clone().into_os_string()) } else { variable(name) };
         assert_eq!(RuntimePlace::find_by(chosen).unwrap().runtime, own);
         // Without the list, config and log have to be named as well.
         let alone = |name: &str| (name == "VR_OVERRIDE").then(|| own.clone().into_os_string());

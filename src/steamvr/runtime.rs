@@ -120,7 +120,8 @@ impl Runtime {
         let system: &'static sys::VR_IVRSystem_FnTable = table(core, sys::IVRSystem_Version)?;
         let [major, minor, build] = SDK_VERSION;
         let error = call!(system, SetSDKVersion(major, minor, build));
-        let known = [sys::EVRInitError_VRInitError_None, sys::EVRInitError_VRInitError_Init_ClientVersionAlreadyProvided];
+        let known =
+            [sys::EVRInitError_VRInitError_None, sys::EVRInitError_VRInitError_Init_ClientVersionAlreadyProvided];
         if !known.contains(&error) {
             return Err(refusal(core, error));
         }
@@ -210,9 +211,8 @@ fn table<T>(core: *mut Core, version: &CStr) -> Result<&'static T, SteamVrError>
 fn refusal(core: *mut Core, error: sys::EVRInitError) -> SteamVrError {
     match error {
         sys::EVRInitError_VRInitError_Init_NoServerForBackgroundApp => SteamVrError::NotRunning,
-        sys::EVRInitError_VRInitError_Init_HmdNotFound | sys::EVRInitError_VRInitError_Init_HmdNotFoundPresenceFailed => {
-            SteamVrError::NoHeadset
-        }
+        sys::EVRInitError_VRInitError_Init_HmdNotFound
+        | sys::EVRInitError_VRInitError_Init_HmdNotFoundPresenceFailed => SteamVrError::NoHeadset,
         _ => {
             let functions = functions(core);
             // SAFETY: the core is alive; it gives a constant text or null.
