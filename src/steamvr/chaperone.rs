@@ -38,7 +38,7 @@ impl Runtime {
 
     fn play_area_m(&self) -> Option<[f64; 2]> {
         let (mut x, mut z) = (0.0f32, 0.0f32);
-        let is_told = call!(self.chaperone, GetPlayAreaSize(&mut x, &mut z));
+        let is_told = call!(self.chaperone?, GetPlayAreaSize(&mut x, &mut z));
         let is_sound = [x, z].iter().all(|side| side.is_finite() && (0.1..=100.0).contains(side));
         (is_told && is_sound).then(|| [f64::from(x), f64::from(z)])
     }

@@ -53,7 +53,8 @@ impl Runtime {
     /// Waits for the next frame, at most so long; false when it did not come or the runtime cannot tell.
     pub fn wait_frame(&self, patience: Duration) -> bool {
         let timeout_ms = patience.as_millis().clamp(1, 1000) as u32;
-        call!(self.overlay, WaitFrameSync(timeout_ms)) == sys::EVROverlayError_VROverlayError_None
+        let Some(overlay) = self.overlay else { return false };
+        call!(overlay, WaitFrameSync(timeout_ms)) == sys::EVROverlayError_VROverlayError_None
     }
 
     /// Left and right eye; `None` where the runtime gives what is none.

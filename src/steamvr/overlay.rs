@@ -28,7 +28,9 @@ pub enum EyeSide {
 
 /// An overlay; destroyed when dropped.
 pub struct Overlay {
-    runtime: Arc<Runtime>,
+    /// Keeps the table alive.
+    _runtime: Arc<Runtime>,
+    table: &'static sys::VR_IVROverlay_FnTable,
     handle: sys::VROverlayHandle_t,
     is_shown: Cell<bool>,
     width_m: Cell<f64>,
@@ -47,12 +49,14 @@ impl Overlay {
     pub fn new(runtime: &Arc<Runtime>, key: &str, name: &str) -> Result<Self, SteamVrError> {
         let text = |text: &str| CString::new(text).unwrap_or_default();
         let (key, name) = (text(key), text(name));
+        let missing = || SteamVrError::Interface(sys::IVROverlay_Version.to_string_lossy().into_owned());
+        let table = runtime.overlay.ok_or_else(missing)?;
         let mut handle = 0;
-        let error =
-            call!(runtime.overlay, CreateOverlay(key.as_ptr().cast_mut(), name.as_ptr().cast_mut(), &mut handle));
-        done(runtime, "to make an overlay", error)?;
+        let error = call!(table, CreateOverlay(key.as_ptr().cast_mut(), name.as_ptr().cast_mut(), &mut handle));
+        done(table, "to make an overlay", error)?;
         let overlay = Self {
-            runtime: Arc::clone(runtime),
+            _runtime: Arc::clone(runtime),
+            table,
             handle,
             is_shown: Cell::new(false),
             width_m: Cell::new(f64::NAN),
@@ -74,8 +78,8 @@ impl Overlay {
     }
 
     fn set_flag(&self, flag: sys::VROverlayFlags) -> Result<(), SteamVrError> {
-        let error = call!(self.runtime.overlay, SetOverlayFlag(self.handle, flag, true));
-        done(&self.runtime, "a flag of an overlay", error)
+        let error = call!(self.table, SetOverlayFlag(self.handle, flag, true));
+        done(self.table, "a flag of an overlay", error)
     }
 
     /// Where it stands: `universe_from_overlay`, its middle, +x to the right and +y up on it, +z towards who looks.
@@ -87,9 +91,8 @@ impl Overlay {
             return Ok(());
         }
         let mut place = matrix(pose);
-        let error =
-            call!(self.runtime.overlay, SetOverlayTransformAbsolute(self.handle, universe.origin(), &mut place));
-        done(&self.runtime, "the place of an overlay", error)?;
+        let error = call!(self.table, SetOverlayTransformAbsolute(self.handle, universe.origin(), &mut place));
+        done(self.table, "the place of an overlay", error)?;
         self.place.set(Some((universe, *pose)));
         Ok(())
     }
@@ -114,11 +117,11 @@ impl Overlay {
             EyeSide::Right => sys::EVREye_Eye_Right,
         };
         let error = call!(
-            self.runtime.overlay,
+            self.table,
             SetOverlayTransformProjection(self.handle, universe.origin(), &mut place, &mut projection, eye)
         );
         self.place.set(None);
-        done(&self.runtime, "the projection of an overlay", error)
+        done(self.table, "the projection of an overlay", error)
     }
 
     /// Its width, metres; the height follows from the picture's shape.
@@ -129,8 +132,8 @@ impl Overlay {
         if self.width_m.get() == width_m {
             return Ok(());
         }
-        let error = call!(self.runtime.overlay, SetOverlayWidthInMeters(self.handle, width_m as f32));
-        done(&self.runtime, "the width of an overlay", error)?;
+        let error = call!(self.table, SetOverlayWidthInMeters(self.handle, width_m as f32));
+        done(self.table, "the width of an overlay", error)?;
         self.width_m.set(width_m);
         Ok(())
     }
@@ -143,8 +146,8 @@ impl Overlay {
         if self.alpha.get() == alpha {
             return Ok(());
         }
-        let error = call!(self.runtime.overlay, SetOverlayAlpha(self.handle, alpha));
-        done(&self.runtime, "the brightness of an overlay", error)?;
+        let error = call!(self.table, SetOverlayAlpha(self.handle, alpha));
+        done(self.table, "the brightness of an overlay", error)?;
         self.alpha.set(alpha);
         Ok(())
     }
@@ -157,8 +160,8 @@ impl Overlay {
         if self.sort_order.get() == order {
             return Ok(());
         }
-        let error = call!(self.runtime.overlay, SetOverlaySortOrder(self.handle, order));
-        done(&self.runtime, "the order of an overlay", error)?;
+        let error = call!(self.table, SetOverlaySortOrder(self.handle, order));
+        done(self.table, "the order of an overlay", error)?;
         self.sort_order.set(order);
         Ok(())
     }
@@ -187,8 +190,8 @@ impl Overlay {
             eType: sys::ETextureType_TextureType_Vulkan,
             eColorSpace: sys::EColorSpace_ColorSpace_Auto,
         };
-        let error = call!(self.runtime.overlay, SetOverlayTexture(self.handle, &mut handed));
-        done(&self.runtime, "the picture of an overlay", error)
+        let error = call!(self.table, SetOverlayTexture(self.handle, &mut handed));
+        done(self.table, "the picture of an overlay", error)
     }
 
     /// Shows it.
@@ -199,7 +202,7 @@ impl Overlay {
         if self.is_shown.get() {
             return Ok(());
         }
-        done(&self.runtime, "to show an overlay", call!(self.runtime.overlay, ShowOverlay(self.handle)))?;
+        done(self.table, "to show an overlay", call!(self.table, ShowOverlay(self.handle)))?;
         self.is_shown.set(true);
         Ok(())
     }
@@ -212,7 +215,7 @@ impl Overlay {
         if !self.is_shown.get() {
             return Ok(());
         }
-        done(&self.runtime, "to hide an overlay", call!(self.runtime.overlay, HideOverlay(self.handle)))?;
+        done(self.table, "to hide an overlay", call!(self.table, HideOverlay(self.handle)))?;
         self.is_shown.set(false);
         Ok(())
     }
@@ -225,7 +228,7 @@ impl Overlay {
     /// Whether the runtime still knows it: it does not when it has gone away without a word.
     pub fn is_known(&self) -> bool {
         let mut alpha = 0.0;
-        let error = call!(self.runtime.overlay, GetOverlayAlpha(self.handle, &mut alpha));
+        let error = call!(self.table, GetOverlayAlpha(self.handle, &mut alpha));
         error == sys::EVROverlayError_VROverlayError_None
     }
 }
@@ -233,14 +236,18 @@ impl Overlay {
 impl Drop for Overlay {
     fn drop(&mut self) {
         // A runtime that is gone has forgotten it already.
-        call!(self.runtime.overlay, DestroyOverlay(self.handle));
+        call!(self.table, DestroyOverlay(self.handle));
     }
 }
 
-fn done(runtime: &Runtime, call: &'static str, error: sys::EVROverlayError) -> Result<(), SteamVrError> {
+fn done(
+    table: &sys::VR_IVROverlay_FnTable,
+    call: &'static str,
+    error: sys::EVROverlayError,
+) -> Result<(), SteamVrError> {
     if error == sys::EVROverlayError_VROverlayError_None {
         return Ok(());
     }
-    let name = text_of(call!(runtime.overlay, GetOverlayErrorNameFromEnum(error)));
+    let name = text_of(call!(table, GetOverlayErrorNameFromEnum(error)));
     Err(SteamVrError::Call { call, name: format!("{name} ({error})") })
 }

@@ -54,11 +54,12 @@ struct CoreFunctions {
 pub struct Runtime {
     core: *mut Core,
     pub(super) system: &'static sys::VR_IVRSystem_FnTable,
-    pub(super) overlay: &'static sys::VR_IVROverlay_FnTable,
-    pub(super) compositor: Option<&'static sys::VR_IVRCompositor_FnTable>,
     pub(super) applications: &'static sys::VR_IVRApplications_FnTable,
-    pub(super) chaperone: &'static sys::VR_IVRChaperone_FnTable,
     pub(super) settings: &'static sys::VR_IVRSettings_FnTable,
+    /// The following are not there for [`Role::Utility`].
+    pub(super) overlay: Option<&'static sys::VR_IVROverlay_FnTable>,
+    pub(super) compositor: Option<&'static sys::VR_IVRCompositor_FnTable>,
+    pub(super) chaperone: Option<&'static sys::VR_IVRChaperone_FnTable>,
 }
 
 // SAFETY: the interfaces may be called from any thread; the runtime locks within (Valve's manual, "API overview"; SetOverlayTexture alone is
@@ -125,15 +126,15 @@ impl Runtime {
         if !known.contains(&error) {
             return Err(refusal(core, error));
         }
+        let draws = role != Role::Utility;
         let runtime = Self {
             core,
             system,
-            overlay: table(core, sys::IVROverlay_Version)?,
-            // Not there for programs that install.
-            compositor: table(core, sys::IVRCompositor_Version).ok(),
             applications: table(core, sys::IVRApplications_Version)?,
-            chaperone: table(core, sys::IVRChaperone_Version)?,
             settings: table(core, sys::IVRSettings_Version)?,
+            overlay: draws.then(|| table(core, sys::IVROverlay_Version)).transpose()?,
+            compositor: draws.then(|| table(core, sys::IVRCompositor_Version)).transpose()?,
+            chaperone: draws.then(|| table(core, sys::IVRChaperone_Version)).transpose()?,
         };
         std::mem::forget(guard);
         Ok(runtime)
