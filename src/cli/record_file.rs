@@ -2,6 +2,7 @@
 //! the disk at most a second later.
 
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
 use anyhow::Result;
@@ -11,6 +12,7 @@ use crate::geometry::Pose;
 use crate::live::{Merge, PoseTail, now_ns};
 use crate::radar::SensorConfig;
 use crate::recording::{Event, Header, RecordingSummary, RecordingWriter, SensorMetadata};
+use crate::tracking::PoseSample;
 
 /// Poses are written by a program of their own, in its own time: frames wait so long for them.
 const HOLD: Duration = Duration::from_millis(500);
@@ -21,6 +23,16 @@ const FLUSH_NS: i64 = 1_000_000_000;
 /// Poses farther from now than this are of another clock.
 const OTHER_CLOCK_NS: i64 = 10_000_000_000;
 
+/// Where poses come from.
+pub(super) enum PoseSource {
+    /// Nowhere.
+    None,
+    /// From a file that another program writes.
+    Track(PathBuf),
+    /// From this program.
+    Live(Receiver<PoseSample>),
+}
+
 /// The recording, once there is one, and what goes into it.
 pub(super) struct RecordFile {
     path: PathBuf,
@@ -28,21 +40,28 @@ pub(super) struct RecordFile {
     sensor: Option<SensorMetadata>,
     merge: Merge,
     poses: Option<PoseTail>,
+    live_poses: Option<Receiver<PoseSample>>,
     flushed_ns: i64,
     tailed_ns: i64,
     has_warned: bool,
 }
 
 impl RecordFile {
-    pub fn new(path: &Path, poses: Option<&Path>) -> Self {
+    pub fn new(path: &Path, poses: PoseSource) -> Self {
         let now_ns = now_ns();
-        let hold_ns = if poses.is_some() { HOLD.as_nanos() as i64 } else { 0 };
+        let hold_ns = if let PoseSource::None = poses { 0 } else { HOLD.as_nanos() as i64 };
+        let (poses, live_poses) = match poses {
+            PoseSource::None => (None, None),
+            PoseSource::Track(path) => (Some(PoseTail::new(&path, now_ns)), None),
+            PoseSource::Live(receiver) => (None, Some(receiver)),
+        };
         Self {
             path: path.to_owned(),
             writer: None,
             sensor: None,
             merge: Merge::new(hold_ns),
-            poses: poses.map(|path| PoseTail::new(path, now_ns)),
+            poses,
+            live_poses,
             flushed_ns: now_ns,
             tailed_ns: now_ns,
             has_warned: false,
@@ -79,6 +98,11 @@ impl RecordFile {
         Ok(())
     }
 
+    /// The file's path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Whether there is a file.
     pub fn is_begun(&self) -> bool {
         self.writer.is_some()
@@ -91,6 +115,7 @@ impl RecordFile {
     /// Takes what the track has and writes what has waited long enough.
     pub fn write_due(&mut self) -> Result<()> {
         let now_ns = now_ns();
+        self.take_live_poses();
         if let Some(tail) = self.poses.as_mut().filter(|_| now_ns.saturating_sub(self.tailed_ns) >= TAIL_NS) {
             self.tailed_ns = now_ns;
             for pose in tail.read() {
@@ -120,6 +145,7 @@ impl RecordFile {
     /// Writes all that waits and ends the file; `None`: there never was one.
     pub fn finish(mut self) -> Result<Option<(RecordingSummary, Option<String>)>> {
         let Some(mut writer) = self.writer.take() else { return Ok(None) };
+        self.take_live_poses();
         if let Some(tail) = &mut self.poses {
             tail.read().into_iter().for_each(|pose| self.merge.push(Event::Pose(pose)));
         }
@@ -128,6 +154,11 @@ impl RecordFile {
         }
         let summary = writer.finish()?;
         Ok(Some((summary, self.told_track())))
+    }
+
+    fn take_live_poses(&mut self) {
+        let waiting = self.live_poses.iter().flat_map(Receiver::try_iter);
+        waiting.for_each(|pose| self.merge.push(Event::Pose(pose)));
     }
 
     /// What the track was like.

@@ -14,7 +14,10 @@ use crate::obstacles::{RoomCounters, RoomSearch, Scene, find_reflectors};
 use crate::radar::{Observation, SensorConfig, frame_timing};
 
 pub use pipeline::{Counters, Pipeline, TimeOffsetCounters};
-pub use settings::{Mode, ProcessingSettings, RadarSettings, Settings, SettingsError, TrackingSettings};
+pub use settings::{
+    Display, HeadsetSettings, Mode, ProcessingSettings, ProjectionMatrix, RadarSettings, Settings, SettingsError,
+    TrackingSettings,
+};
 
 /// Sweeps a second from which on blocks follow the phase: λ/4 a sweep at 0.5 m/s.
 const BLOCKS_FROM_SWEEPS_PER_S: f64 = 400.0;

@@ -132,6 +132,58 @@ pub struct ProcessingSettings {
     pub region: Option<Aabb>,
 }
 
+/// How warnings are shown in the headset.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Display {
+    /// Rectangles standing in the room, drawn again only when their picture changes: right on every runtime.
+    #[default]
+    Panels,
+    /// Rectangles as windows, with a picture for each eye of what stands behind them, drawn every frame.
+    Stereo,
+    /// A picture for each eye over all of its view, drawn every frame.
+    Projection,
+}
+
+/// What a runtime takes the matrix of a projection to be; its manual does not say.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ProjectionMatrix {
+    /// From the tracking universe to the eye.
+    #[default]
+    EyeFromTracking,
+    /// Where the eye is.
+    TrackingFromEye,
+}
+
+/// Beside SteamVR.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HeadsetSettings {
+    /// How warnings are shown.
+    pub display: Display,
+    /// For the display `projection`.
+    pub projection_matrix: ProjectionMatrix,
+    /// Poses read between frames, a second; 0: at frames alone.
+    pub poses_hz: f64,
+    /// Whether SteamVR's colour, fade distance and play area serve where these settings do not name their own.
+    pub follow_chaperone: bool,
+    /// Threads of the reconstruction; 0: the processors but one.
+    pub threads: usize,
+}
+
+impl Default for HeadsetSettings {
+    fn default() -> Self {
+        Self {
+            display: Display::Panels,
+            projection_matrix: ProjectionMatrix::EyeFromTracking,
+            poses_hz: 250.0,
+            follow_chaperone: true,
+            threads: 0,
+        }
+    }
+}
+
 /// All settings.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -148,6 +200,8 @@ pub struct Settings {
     pub reflectors: ReflectorSettings,
     /// What is drawn, from where on.
     pub warning: WarningSettings,
+    /// Beside SteamVR.
+    pub headset: HeadsetSettings,
 }
 
 impl Settings {
@@ -156,7 +210,16 @@ impl Settings {
     /// # Errors
     /// Text that is no TOML, unknown names, values of the wrong kind or outside their bounds.
     pub fn from_toml(text: &str, changes: &[String]) -> Result<Self, SettingsError> {
-        let mut table: toml::Table = toml::from_str(text).map_err(Box::new)?;
+        Self::from_layers(toml::Table::new(), text, changes)
+    }
+
+    /// The same over values that serve where neither text nor changes name their own.
+    ///
+    /// # Errors
+    /// As [`Settings::from_toml`].
+    pub fn from_layers(below: toml::Table, text: &str, changes: &[String]) -> Result<Self, SettingsError> {
+        let mut table = below;
+        lay_over(&mut table, toml::from_str(text).map_err(Box::new)?);
         for change in changes {
             let (name, value) = change.split_once('=').ok_or_else(|| SettingsError::NoValue(change.clone()))?;
             set(&mut table, change, name.trim(), parsed(value.trim()))?;
@@ -210,6 +273,8 @@ impl Settings {
             ("reflectors.threshold_sigma", reflectors.threshold_sigma, 0.0, 1e6),
             ("reflectors.max_reflectors", reflectors.max_reflectors as f64, 1.0, 1000.0),
             ("reflectors.search_sweeps", reflectors.search_sweeps as f64, 3.0, 1e5),
+            ("headset.poses_hz", self.headset.poses_hz, 0.0, 1000.0),
+            ("headset.threads", self.headset.threads as f64, 0.0, 256.0),
         ];
         for (name, value, min, max) in bounded {
             if !(min..=max).contains(&value) {
@@ -238,6 +303,16 @@ impl Settings {
         match places <= MAX_PLACES {
             true => Ok(()),
             false => Err(SettingsError::TooManyPlaces { voxel_m, places, max: MAX_PLACES }),
+        }
+    }
+}
+
+/// Lays one table over another, key by key in tables within.
+fn lay_over(table: &mut toml::Table, above: toml::Table) {
+    for (key, value) in above {
+        match (table.get_mut(&key), value) {
+            (Some(toml::Value::Table(inner)), toml::Value::Table(above)) => lay_over(inner, above),
+            (_, value) => drop(table.insert(key, value)),
         }
     }
 }
@@ -289,6 +364,15 @@ mod tests {
         assert_eq!(with("processing.mode=rooms").unwrap().processing.mode, Mode::Rooms);
         assert_eq!(with("reflectors.max_sweeps=50").unwrap().reflectors.max_sweeps, 50);
         assert_eq!(with("rooms.blocks.max_range_m=2").unwrap().rooms.blocks.max_range_m, 2.0);
+    }
+
+    #[test]
+    fn what_lies_below_serves_where_nothing_else_is_named() {
+        let below: toml::Table = toml::from_str("[warning]\ncolor = [1, 2, 3]\nfade_distance_m = 0.7").unwrap();
+        let text = "[warning]\nfade_distance_m = 2.0";
+        let settings = Settings::from_layers(below, text, &["warning.brightness=0.5".into()]).unwrap();
+        let warning = settings.warning;
+        assert_eq!((warning.color, warning.fade_distance_m, warning.brightness), ([1, 2, 3], 2.0, 0.5));
     }
 
     #[test]

@@ -22,6 +22,8 @@ pub struct LatencyReport {
     pub median_s: f64,
     /// One in a hundred took longer.
     pub p99_s: f64,
+    /// One in a thousand took longer.
+    pub p999_s: f64,
     /// The longest.
     pub max_s: f64,
 }
@@ -54,7 +56,13 @@ impl Latency {
         };
         match self.count {
             0 => LatencyReport::default(),
-            count => LatencyReport { count, median_s: at(0.5), p99_s: at(0.99), max_s: self.max_ns as f64 * 1e-9 },
+            count => LatencyReport {
+                count,
+                median_s: at(0.5),
+                p99_s: at(0.99),
+                p999_s: at(0.999),
+                max_s: self.max_ns as f64 * 1e-9,
+            },
         }
     }
 }

@@ -35,6 +35,7 @@ pub struct Overlay {
     is_shown: Cell<bool>,
     width_m: Cell<f64>,
     alpha: Cell<f32>,
+    texel_aspect: Cell<f64>,
     sort_order: Cell<u32>,
     place: Cell<Option<(Universe, Pose)>>,
     /// Neither sent to another thread nor shared with one.
@@ -61,6 +62,7 @@ impl Overlay {
             is_shown: Cell::new(false),
             width_m: Cell::new(f64::NAN),
             alpha: Cell::new(f32::NAN),
+            texel_aspect: Cell::new(1.0),
             sort_order: Cell::new(0),
             place: Cell::new(None),
             thread: PhantomData,
@@ -135,6 +137,20 @@ impl Overlay {
         let error = call!(self.table, SetOverlayWidthInMeters(self.handle, width_m as f32));
         done(self.table, "the width of an overlay", error)?;
         self.width_m.set(width_m);
+        Ok(())
+    }
+
+    /// Width of a pixel of its picture over its height; its height is what width and picture make of this.
+    ///
+    /// # Errors
+    /// The runtime refuses.
+    pub fn set_texel_aspect(&self, aspect: f64) -> Result<(), SteamVrError> {
+        if self.texel_aspect.get() == aspect {
+            return Ok(());
+        }
+        let error = call!(self.table, SetOverlayTexelAspect(self.handle, aspect as f32));
+        done(self.table, "the shape of an overlay's pixels", error)?;
+        self.texel_aspect.set(aspect);
         Ok(())
     }
 

@@ -1,0 +1,313 @@
+//! What `record` and `run` share: the sensor on the command line, and its stream taken up, told of and recorded.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, anyhow, bail};
+use clap::Args;
+use indicatif::ProgressBar;
+
+use super::board::{BoardArguments, config_table, line_speed, told_counters, verdict};
+use super::import::parse_mount;
+use super::progress;
+use super::record_file::RecordFile;
+use super::simulate::read_config;
+use crate::a121::find::Candidate;
+use crate::a121::{Calibration, Event, LogLine, Setup, SystemInfo};
+use crate::geometry::Pose;
+use crate::live::{Losses, Received, SensorStream, StreamEvent, StreamOptions};
+use crate::radar::{Frame, LinkNeed, PRESETS, SensorConfig, preset};
+use crate::recording;
+
+/// A board that sends no frame by then never will.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// How often the track is looked at and what is due is written.
+const TURN: Duration = Duration::from_millis(50);
+/// Longest file of calibrations.
+const MAX_CALIBRATION_BYTES: u64 = 1 << 20;
+
+/// The sensor on the command line.
+#[derive(Debug, Clone, Args)]
+pub(super) struct SensorArguments {
+    #[command(flatten)]
+    board: BoardArguments,
+    /// Sensor preset; without it d16 on XC120 and Raspberry Pi, c16 on XE125, slow-link on boards with a CH340
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(PRESETS))]
+    preset: Option<String>,
+    /// Sensor configuration (JSON, named as in the vendor's protocol) in place of a preset
+    #[arg(long, value_name = "FILE.json", conflicts_with = "preset")]
+    pub config: Option<PathBuf>,
+    /// Where the sensor sits on what is tracked: x,y,z in metres, or x,y,z,qx,qy,qz,qw
+    #[arg(long, value_name = "x,y,z[,qx,qy,qz,qw]", allow_hyphen_values = true)]
+    mount: Option<String>,
+    /// Calibration to use again; written anew when the sensor was calibrated
+    #[arg(long, value_name = "FILE.json")]
+    pub calibration: Option<PathBuf>,
+}
+
+/// A sensor that was chosen, and how it is set up.
+pub(super) struct ChosenSensor {
+    place: Candidate,
+    name: String,
+    setup: Setup,
+    mount: Pose,
+    baud: Option<u32>,
+    calibration: Option<PathBuf>,
+}
+
+impl SensorArguments {
+    /// `head_from_sensor`.
+    pub fn mount(&self) -> Result<Pose> {
+        self.mount.as_deref().map_or(Ok(Pose::IDENTITY), parse_mount)
+    }
+
+    /// The board asked for, else the likeliest, with the configuration asked for, else the board's own.
+    pub fn choose(&self) -> Result<ChosenSensor> {
+        let mount = self.mount()?;
+        let place = self.board.choose()?;
+        let (name, config) = self.config_for(&place)?;
+        let mut setup = Setup::single(self.board.sensor, config);
+        setup.calibrations = self.calibration.as_deref().map_or(Ok(Vec::new()), read_calibrations)?;
+        let calibration = self.calibration.clone();
+        Ok(ChosenSensor { place, name, setup, mount, baud: self.board.baud, calibration })
+    }
+
+    /// The configuration asked for, else the board's default, with its name.
+    fn config_for(&self, place: &Candidate) -> Result<(String, SensorConfig)> {
+        if let Some(path) = &self.config {
+            return Ok((path.display().to_string(), read_config(path)?));
+        }
+        let name = self.preset.as_deref().unwrap_or(place.board.default_preset());
+        let config = preset(name).ok_or_else(|| anyhow!("preset \"{name}\" is not known"))?;
+        Ok((name.to_owned(), config))
+    }
+}
+
+impl ChosenSensor {
+    /// What is measured.
+    pub fn config(&self) -> Result<&SensorConfig> {
+        let sensor = self.setup.sensors().next().map(|sensor| &sensor.config);
+        sensor.ok_or_else(|| anyhow!("the set-up has no sensor"))
+    }
+
+    /// `head_from_sensor`.
+    pub fn mount(&self) -> Pose {
+        self.mount
+    }
+
+    /// Says which board it is, what is measured, and what looks wrong.
+    pub fn tell(&self) -> Result<()> {
+        say!("{} on {}", self.place.board.name(), self.place.address)?;
+        let line = line_speed(&self.place, self.baud, None);
+        say!("{}", config_table(&self.name, self.config()?, line).trim_end())?;
+        self.place.warnings.iter().for_each(|warning| log::warn!("{warning}"));
+        Ok(())
+    }
+
+    /// Opens the line and begins.
+    pub fn open(&self) -> Result<SensorStream> {
+        let options = StreamOptions { baud: self.baud, ..Default::default() };
+        Ok(SensorStream::open(self.setup.clone(), &self.place, &options)?)
+    }
+}
+
+/// A stream that is taken up: frames handed on and recorded, what goes wrong told.
+pub(super) struct Intake<'a> {
+    sensor: &'a ChosenSensor,
+    file: Option<RecordFile>,
+    /// Every frame goes there too.
+    on_frame: &'a dyn Fn(&Frame),
+    info: Option<SystemInfo>,
+    frames: u64,
+    losses: Losses,
+    first_frame: Option<Instant>,
+    progress: ProgressBar,
+}
+
+/// When an intake is over.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Until {
+    /// So long after the first frame, which has to come soon; `None`: when asked to stop.
+    Recorded(Option<Duration>),
+    /// When asked to stop.
+    Stopped,
+}
+
+impl<'a> Intake<'a> {
+    pub fn new(sensor: &'a ChosenSensor, file: Option<RecordFile>, on_frame: &'a dyn Fn(&Frame)) -> Self {
+        let progress = progress::spinner("waiting for the board");
+        let losses = Losses::default();
+        Self { sensor, file, on_frame, info: None, frames: 0, losses, first_frame: None, progress }
+    }
+
+    /// Takes the stream until it is over or asked to stop. `tell` adds to the line of progress.
+    pub fn run(
+        &mut self,
+        stream: &SensorStream,
+        stop: &AtomicBool,
+        until: Until,
+        tell: &dyn Fn() -> String,
+    ) -> Result<()> {
+        let (start, mut told) = (Instant::now(), Instant::now());
+        while !stop.load(Ordering::Relaxed) {
+            match stream.recv_timeout(TURN) {
+                Received::Event(event) => self.take(event)?,
+                Received::TimedOut => {}
+                Received::Over => return Ok(()),
+            }
+            self.file.as_mut().map_or(Ok(()), RecordFile::write_due)?;
+            if told.elapsed() >= Duration::from_secs(1) {
+                told = Instant::now();
+                self.tell_progress(stream, &tell());
+            }
+            match (self.first_frame, until) {
+                (None, Until::Recorded(_)) if start.elapsed() > PATIENCE => {
+                    bail!("no frame within {} s: `radar-chaperone doctor` looks for the reason", PATIENCE.as_secs())
+                }
+                (Some(first), Until::Recorded(Some(duration))) if first.elapsed() >= duration => return Ok(()),
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, event: StreamEvent) -> Result<()> {
+        match event {
+            StreamEvent::Session(Event::Frames(frames)) => {
+                for frame in frames {
+                    self.frames += 1;
+                    self.first_frame.get_or_insert_with(Instant::now);
+                    self.losses.push(frame.frame.tick);
+                    (self.on_frame)(&frame.frame);
+                    if let Some(file) = &mut self.file {
+                        file.push(recording::Event::Frame(frame.frame));
+                    }
+                }
+            }
+            StreamEvent::Session(Event::Connected(info, _)) => {
+                self.tell_link(&info)?;
+                self.info = Some(info);
+            }
+            StreamEvent::Session(Event::SetUp(reply)) => {
+                let Some(info) = &self.info else { return Ok(()) };
+                let ChosenSensor { place, setup, mount, calibration, .. } = self.sensor;
+                if let Some(file) = &mut self.file {
+                    let board = place.board.name();
+                    let source = format!("{board} on {}", place.address);
+                    file.begin(source, self.sensor.config()?, *mount, info, board, &reply)?;
+                }
+                let is_new = !reply.calibrations.is_empty() && reply.calibrations != setup.calibrations;
+                if let Some(path) = calibration.as_deref().filter(|_| is_new) {
+                    write_calibrations(path, &reply.calibrations)?;
+                }
+            }
+            StreamEvent::Session(Event::Streaming) => self.losses.begin(),
+            StreamEvent::Session(Event::Failed(error)) => bail!(error),
+            StreamEvent::Session(Event::Trouble(error)) => self.warn(&error.to_string()),
+            StreamEvent::Session(Event::Recalibrating) => {
+                self.warn("the sensor asks for calibration, its temperature has changed: it is set up anew");
+            }
+            StreamEvent::Session(Event::Log(line)) => self.tell_log(&line),
+            StreamEvent::Session(Event::Stopped) => {}
+            StreamEvent::Reopened(address) => self.warn(&format!("the board is back on {address}")),
+            StreamEvent::Waiting(reason) => self.warn(&format!("still waiting for the board: {reason}")),
+        }
+        Ok(())
+    }
+
+    /// The board has told its speed: says so where it was not known, or does not carry the configuration.
+    fn tell_link(&self, info: &SystemInfo) -> Result<()> {
+        if self.info.is_some() {
+            return Ok(());
+        }
+        let ChosenSensor { place, baud, .. } = self.sensor;
+        let board = info.hw.as_deref().unwrap_or(place.board.name());
+        say!("{board}, software {}, {} ticks a second", info.rss_version, info.ticks_per_second)?;
+        let line = line_speed(place, *baud, Some(info));
+        if line != line_speed(place, *baud, None)
+            && let Some(line) = line
+        {
+            say!("Carried by {line}: {}", verdict(&LinkNeed::of(self.sensor.config()?), line))?;
+        }
+        Ok(())
+    }
+
+    fn warn(&self, text: &str) {
+        self.progress.suspend(|| log::warn!("{text}"));
+    }
+
+    fn tell_log(&self, line: &LogLine) {
+        let is_grave = ["error", "warning", "ERROR", "WARNING"].contains(&line.level.as_str());
+        let level = if is_grave { log::Level::Warn } else { log::Level::Debug };
+        self.progress.suspend(|| log::log!(level, "the board says ({}): {}", line.module, line.text));
+    }
+
+    fn tell_progress(&self, stream: &SensorStream, more: &str) {
+        let Some(first) = self.first_frame else { return };
+        let counters = stream.counters();
+        let clock = counters.clock.unwrap_or_default();
+        self.progress.set_message(format!(
+            "{:.0} s  {} frames  {:.1}/s  {} lost  clock ±{:.0} µs, jitter {:.0} µs{more}",
+            first.elapsed().as_secs_f64(),
+            self.frames,
+            self.frames as f64 / first.elapsed().as_secs_f64().max(1e-3),
+            self.losses.lost(),
+            clock.sigma_s * 1e6,
+            clock.jitter_s * 1e6
+        ));
+    }
+
+    /// Stops the board, takes what was on its way, ends the file, and tells; whatever went wrong, what there is is kept.
+    pub fn end(mut self, stream: SensorStream, done: Result<()>) -> Result<()> {
+        stream.stop();
+        let mut done = done;
+        while let Received::Event(event) = stream.recv_timeout(PATIENCE) {
+            // The first fault is the one to tell.
+            let taken = self.take(event);
+            done = done.and(taken);
+        }
+        let counters = stream.finish();
+        self.progress.finish_and_clear();
+        let told = told_counters(&counters, self.losses.lost());
+        let Some(file) = self.file.take() else {
+            told.into_iter().try_for_each(|line| say!("{line}"))?;
+            return done;
+        };
+        let (is_begun, out) = (file.is_begun(), file.path().to_owned());
+        match file.finish() {
+            Ok(Some((summary, track))) => {
+                say!("{summary}")?;
+                track.map_or(Ok(()), |track| say!("{track}"))?;
+                told.into_iter().try_for_each(|line| say!("{line}"))?;
+                say!("Written to {}", out.display())?;
+            }
+            Ok(None) if done.is_ok() => say!("Nothing was recorded: it ended before the sensor was set up")?,
+            Ok(None) => {}
+            Err(error) => done = done.and(Err(error)),
+        }
+        done.with_context(|| match is_begun {
+            true => format!("the recording ended early; what was recorded is in {}", out.display()),
+            false => "nothing was recorded".to_owned(),
+        })
+    }
+}
+
+/// Calibrations of an earlier recording; none where there is no file yet.
+fn read_calibrations(path: &Path) -> Result<Vec<Calibration>> {
+    let about = || format!("cannot read calibration {}", path.display());
+    match std::fs::metadata(path) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Ok(metadata) if metadata.len() > MAX_CALIBRATION_BYTES => {
+            bail!("{} is no calibration: too long", path.display())
+        }
+        metadata => metadata.with_context(about)?,
+    };
+    let text = std::fs::read_to_string(path).with_context(about)?;
+    serde_json::from_str(&text).with_context(|| format!("{} is no calibration", path.display()))
+}
+
+fn write_calibrations(path: &Path, calibrations: &[Calibration]) -> Result<()> {
+    let text = serde_json::to_string_pretty(calibrations)?;
+    std::fs::write(path, text).with_context(|| format!("cannot write calibration {}", path.display()))
+}

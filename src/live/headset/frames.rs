@@ -1,0 +1,418 @@
+//! The frame loop. See the room's head (`mod.rs`).
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use super::anchor::{Anchor, LeapWatch, Moved};
+use super::graphics::{Graphics, GraphicsError, Retry};
+use super::meter::{FrameMeter, FrameReport};
+use super::pose_thread::{SharedFrame, read_poses};
+use super::samples::{poses_now, sample};
+use super::slots::Slots;
+use super::vitals::Vitals;
+use crate::engine::Settings;
+use crate::geometry::Pose;
+use crate::live::{Reconstruction, now_ns, thread_cpu_ns};
+use crate::obstacles::Scene;
+use crate::render::RenderError;
+use crate::steamvr::{Chaperone, DisplayTiming, Event, Hands, Poses, Runtime, SteamVrError, Universe};
+use crate::tracking::PoseSample;
+use crate::warning::warn;
+
+/// Takes every pose of the head, in the session's frame; must not wait for anything.
+pub type PoseSink<'a> = &'a (dyn Fn(&PoseSample) + Sync);
+/// Gives the settings in force over what the user has set for SteamVR's chaperone.
+pub type SettingsSource<'a> = &'a dyn Fn(&Chaperone) -> Settings;
+
+/// Between two looks at where the standing universe is, nanoseconds; events bring one forward.
+const LOOK_NS: i64 = 100_000_000;
+/// Where the head was last is good for drawing for so long, nanoseconds; what stands in the room stays where it is.
+const HEAD_KEPT_NS: i64 = 1_000_000_000;
+/// Between two renewals of what others see of the loop, nanoseconds.
+const TELL_NS: i64 = 250_000_000;
+
+/// Why the loop ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// This program was asked to end.
+    Asked,
+    /// SteamVR ends.
+    SteamVrQuit,
+    /// SteamVR went away without a word.
+    SteamVrGone,
+}
+
+/// Why there is no loop.
+#[derive(Debug, thiserror::Error)]
+pub enum HeadsetError {
+    /// SteamVR.
+    #[error(transparent)]
+    SteamVr(#[from] SteamVrError),
+    /// The graphics device.
+    #[error(transparent)]
+    Graphics(#[from] GraphicsError),
+}
+
+/// What the loop is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct HeadsetStatus {
+    /// Frames and what they cost.
+    pub frames: FrameReport,
+    /// Whether the head is tracked.
+    pub is_tracked: bool,
+    /// Overlays shown.
+    pub overlays_shown: usize,
+    /// To the nearest obstacle that is warned of, metres.
+    pub nearest_m: Option<f64>,
+    /// Pictures handed over so far.
+    pub pictures: u64,
+    /// Times that the user recentred.
+    pub recentred: u64,
+    /// Times that the room was another and everything was forgotten.
+    pub forgotten: u64,
+    /// Times that the graphics device was lost.
+    pub devices_lost: u64,
+    /// Calls that the runtime refused.
+    pub refused: u64,
+    /// Poses that took too long to read to tell when they were.
+    pub poses_untimed: u64,
+}
+
+/// The loop when it has ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeadsetReport {
+    /// Why it ended.
+    pub ending: Ending,
+    /// What it did.
+    pub status: HeadsetStatus,
+}
+
+/// What the loop works with.
+pub struct FrameLoop<'a> {
+    /// The session.
+    pub runtime: &'a Arc<Runtime>,
+    /// The reconstruction, once there is one.
+    pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
+    /// Length of a sensor's frame, nanoseconds, for the age of sweeps.
+    pub sensor_period_ns: &'a (dyn Fn() -> i64 + Sync),
+    /// Where poses go.
+    pub pose_sink: PoseSink<'a>,
+    /// Settings.
+    pub settings: SettingsSource<'a>,
+    /// Ends the loop.
+    pub stop: &'a AtomicBool,
+    /// What others see; renewed four times a second.
+    pub status: &'a Mutex<HeadsetStatus>,
+}
+
+impl FrameLoop<'_> {
+    /// Runs until asked to end, or SteamVR ends or is gone. All overlays are gone when it returns; the graphics device is given back, for the
+    /// caller to drop it after the session.
+    ///
+    /// # Errors
+    /// No graphics device that the runtime accepts, no overlays: another instance may have them.
+    pub fn run(&self) -> Result<(HeadsetReport, impl Sized), HeadsetError> {
+        let graphics = Graphics::open(self.runtime)?;
+        log::info!("drawing on {}", graphics.device.name);
+        let frame = SharedFrame::new(None);
+        let done = AtomicBool::new(false);
+        let mut state = State::new(self, graphics, &frame)?;
+        let poses_hz = state.settings.headset.poses_hz;
+        let ending = std::thread::scope(|scope| {
+            if poses_hz > 0.0 {
+                let (runtime, frame, sink, done) = (self.runtime, &frame, self.pose_sink, &done);
+                scope.spawn(move || read_poses(runtime, frame, poses_hz, sink, done));
+            }
+            let ending = state.run();
+            done.store(true, Ordering::Relaxed);
+            ending
+        });
+        let (status, rest) = state.end();
+        Ok((HeadsetReport { ending, status }, rest))
+    }
+}
+
+struct State<'a> {
+    with: &'a FrameLoop<'a>,
+    /// `None` while the device is lost.
+    graphics: Option<Graphics>,
+    retry: Retry,
+    slots: Slots,
+    shared_frame: &'a SharedFrame,
+    anchor: Option<Anchor>,
+    leap: LeapWatch,
+    looked_ns: i64,
+    vitals: Vitals,
+    settings: Settings,
+    timing: DisplayTiming,
+    hands: Hands,
+    /// Where the head was last, in the standing universe, and when.
+    head: Option<(i64, Pose)>,
+    scene: PlacedScene,
+    meter: FrameMeter,
+    status: HeadsetStatus,
+    told_ns: i64,
+}
+
+impl<'a> State<'a> {
+    fn new(with: &'a FrameLoop<'a>, graphics: Graphics, shared_frame: &'a SharedFrame) -> Result<Self, HeadsetError> {
+        let timing = with.runtime.display_timing();
+        Ok(Self {
+            with,
+            graphics: Some(graphics),
+            retry: Retry::default(),
+            slots: Slots::new(with.runtime)?,
+            shared_frame,
+            anchor: None,
+            leap: LeapWatch::default(),
+            looked_ns: i64::MIN,
+            vitals: Vitals::default(),
+            settings: (with.settings)(&with.runtime.chaperone()),
+            timing,
+            hands: with.runtime.hands(),
+            head: None,
+            scene: PlacedScene::default(),
+            meter: FrameMeter::new(timing.frame_hz),
+            status: HeadsetStatus::default(),
+            told_ns: 0,
+        })
+    }
+
+    fn run(&mut self) -> Ending {
+        let period = Duration::from_secs_f64(1.0 / self.timing.frame_hz);
+        let mut last_ns = now_ns();
+        loop {
+            self.wait(period, last_ns);
+            let (start_ns, cpu_ns) = (now_ns(), thread_cpu_ns());
+            last_ns = start_ns;
+            if self.with.stop.load(Ordering::Relaxed) {
+                return Ending::Asked;
+            }
+            if self.take_events() {
+                return Ending::SteamVrQuit;
+            }
+            if self.vitals.is_due(start_ns) && self.vitals.looked(start_ns, self.slots.are_known()) {
+                return Ending::SteamVrGone;
+            }
+            self.take_poses(start_ns);
+            self.show(start_ns);
+            let end_ns = now_ns();
+            self.meter.frame(start_ns, end_ns, thread_cpu_ns() - cpu_ns);
+            self.tell(end_ns);
+        }
+    }
+
+    /// Until the next frame begins; by our own clock where the runtime does not say.
+    fn wait(&self, period: Duration, last_ns: i64) {
+        if !self.with.runtime.wait_frame(2 * period) {
+            let since_ns = now_ns().saturating_sub(last_ns).max(0);
+            std::thread::sleep(period.saturating_sub(Duration::from_nanos(since_ns as u64)));
+        }
+    }
+
+    /// Whether SteamVR ends.
+    fn take_events(&mut self) -> bool {
+        while let Some(event) = self.with.runtime.next_event() {
+            match event {
+                Event::Quit => {
+                    self.with.runtime.acknowledge_quit();
+                    return true;
+                }
+                Event::UniverseMoved => self.looked_ns = i64::MIN,
+                Event::ChaperoneChanged => self.settings = (self.with.settings)(&self.with.runtime.chaperone()),
+                Event::DevicesChanged => self.hands = self.with.runtime.hands(),
+                Event::Standby | Event::Awake | Event::Other => {}
+            }
+        }
+        false
+    }
+
+    fn take_poses(&mut self, now_ns: i64) {
+        if now_ns.saturating_sub(self.looked_ns) >= LOOK_NS {
+            self.looked_ns = now_ns;
+            self.look_around();
+        }
+        let Some((time_ns, poses)) = poses_now(self.with.runtime, self.hands) else {
+            self.status.poses_untimed += 1;
+            return;
+        };
+        self.watch_for_leaps(time_ns, &poses);
+        let Some(anchor) = self.anchor else { return };
+        if self.settings.headset.poses_hz <= 0.0 {
+            (self.with.pose_sink)(&sample(time_ns, &poses.head, &anchor.session_from_raw()));
+        }
+        self.status.is_tracked = poses.head.trusted().is_some();
+    }
+
+    /// Where the standing universe is now.
+    fn look_around(&mut self) {
+        let runtime = self.with.runtime;
+        let Some(standing_from_raw) = runtime.standing_from_raw() else { return };
+        let universe = runtime.universe_id();
+        let Some(anchor) = &mut self.anchor else {
+            let anchor = Anchor::new(standing_from_raw, universe);
+            self.share_frame(&anchor);
+            self.anchor = Some(anchor);
+            return;
+        };
+        match anchor.look(standing_from_raw, universe) {
+            Moved::No => {}
+            Moved::Recentred => self.status.recentred += 1,
+            Moved::Elsewhere => {
+                let anchor = *anchor;
+                self.forget(&anchor, "this is another room for the tracking system");
+            }
+        }
+    }
+
+    fn watch_for_leaps(&mut self, time_ns: i64, poses: &Poses) {
+        match poses.head.trusted() {
+            None => self.leap.lost(),
+            Some(head) if self.leap.push(time_ns, head) => {
+                let Some(anchor) = &mut self.anchor else { return };
+                anchor.renew();
+                let anchor = *anchor;
+                self.forget(&anchor, "the tracking system has moved the room");
+            }
+            Some(_) => {}
+        }
+    }
+
+    /// The places of before mean nothing any more.
+    fn forget(&mut self, anchor: &Anchor, why: &str) {
+        log::warn!("{why}: the map begins anew");
+        // No pose of the new frame may reach what is forgotten, none of the old one what begins.
+        if let Some(reconstruction) = (self.with.reconstruction)() {
+            self.scene.epoch = reconstruction.forget();
+        }
+        self.share_frame(anchor);
+        self.scene.clear();
+        self.meter.forget_sweeps();
+        self.head = None;
+        self.status.forgotten += 1;
+    }
+
+    fn share_frame(&self, anchor: &Anchor) {
+        // Written a few times a session; its reader holds it for as long as a pose is copied.
+        *self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner) = Some(anchor.session_from_raw());
+    }
+
+    fn show(&mut self, now_ns: i64) {
+        let Some(anchor) = self.anchor else { return };
+        let newest = self.take_scene(&anchor);
+        let shown = self.show_warnings(now_ns, &anchor);
+        if let Err(error) = shown {
+            self.status.refused += 1;
+            if self.status.refused == 1 {
+                log::warn!("{error}");
+            }
+        }
+        if let Some((newest_sweep_ns, sensor_period_ns)) = newest {
+            self.meter.shown(newest_sweep_ns, self::now_ns(), sensor_period_ns);
+        }
+    }
+
+    /// The newest scene in the standing universe; gives the end of the newest sweep behind it.
+    fn take_scene(&mut self, anchor: &Anchor) -> Option<(i64, i64)> {
+        let published = (self.with.reconstruction)()?.latest();
+        self.scene.place(&published.scene, published.epoch, &anchor.standing_from_session());
+        (published.newest_sweep_ns > 0).then(|| (published.newest_sweep_ns, (self.with.sensor_period_ns)()))
+    }
+
+    fn show_warnings(&mut self, now_ns: i64, anchor: &Anchor) -> Result<(), SteamVrError> {
+        let ahead_s = self.with.runtime.photons_ahead_s(&self.timing);
+        let poses = self.with.runtime.poses(Universe::Raw, ahead_s, self.hands);
+        if let Some(raw_from_head) = poses.head.trusted() {
+            self.head = Some((now_ns, anchor.raw_from_standing().inverse() * raw_from_head));
+        }
+        let head = self.head.filter(|(seen_ns, _)| now_ns.saturating_sub(*seen_ns) < HEAD_KEPT_NS);
+        let warnings = head.map(|(_, head)| warn(&self.scene.scene, &head, &self.settings.warning)).unwrap_or_default();
+        self.status.nearest_m = warnings.panels.iter().map(|panel| panel.distance_m).min_by(f64::total_cmp);
+        if warnings.panels.is_empty() && warnings.footprints.is_empty() {
+            return self.slots.hide();
+        }
+        let Some(graphics) = self.graphics_now(now_ns) else { return self.slots.hide() };
+        let drawn_before = graphics.renderer.textures_drawn();
+        let quads = match graphics.renderer.quads(&warnings, &self.settings.warning) {
+            Ok(quads) => quads,
+            Err(error) => return self.lose_device(&error),
+        };
+        if graphics.renderer.textures_drawn() != drawn_before {
+            // Lets go of what the queue is done with.
+            let _ = graphics.device.device.poll(wgpu::PollType::Poll);
+        }
+        self.status.pictures += self.slots.show(&graphics.device, &quads, &anchor.raw_from_standing())?;
+        Ok(())
+    }
+
+    /// What draws; opened again after it was lost.
+    fn graphics_now(&mut self, now_ns: i64) -> Option<&mut Graphics> {
+        if self.graphics.is_none() && self.retry.is_due(now_ns) {
+            match Graphics::open(self.with.runtime) {
+                Ok(graphics) => self.graphics = Some(graphics),
+                Err(error) => log::warn!("no warnings can be drawn: {error}"),
+            }
+        }
+        self.graphics.as_mut()
+    }
+
+    fn lose_device(&mut self, error: &RenderError) -> Result<(), SteamVrError> {
+        log::warn!("{error}; the graphics device is opened again");
+        self.status.devices_lost += 1;
+        self.slots.forget_pictures();
+        self.graphics = None;
+        self.slots.hide()
+    }
+
+    fn tell(&mut self, now_ns: i64) {
+        if now_ns.saturating_sub(self.told_ns) < TELL_NS {
+            return;
+        }
+        // Whoever reads it right now will see the next.
+        if let Ok(mut seen) = self.with.status.try_lock() {
+            self.told_ns = now_ns;
+            *seen = self.status_now();
+        }
+    }
+
+    fn status_now(&self) -> HeadsetStatus {
+        HeadsetStatus { frames: self.meter.report(), overlays_shown: self.slots.shown(), ..self.status }
+    }
+
+    /// Overlays go now; pictures and device after the session, which may still copy from them.
+    fn end(self) -> (HeadsetStatus, impl Sized) {
+        let status = self.status_now();
+        let Self { mut slots, graphics, .. } = self;
+        // A runtime that is gone refuses; there is nothing to hide then.
+        let _ = slots.hide();
+        (status, (slots.end(), graphics))
+    }
+}
+
+/// The newest scene, moved into the standing universe of now; moved again only when either changes.
+#[derive(Default)]
+struct PlacedScene {
+    from: Option<(Arc<Scene>, Pose)>,
+    scene: Scene,
+    /// Scenes of before are of another room.
+    epoch: u64,
+}
+
+impl PlacedScene {
+    fn place(&mut self, scene: &Arc<Scene>, epoch: u64, standing_from_session: &Pose) {
+        if epoch < self.epoch {
+            return;
+        }
+        self.epoch = epoch;
+        let is_placed = |(placed, by): &(Arc<Scene>, Pose)| Arc::ptr_eq(placed, scene) && by == standing_from_session;
+        if !self.from.as_ref().is_some_and(is_placed) {
+            self.scene = scene.moved(standing_from_session);
+            self.from = Some((Arc::clone(scene), *standing_from_session));
+        }
+    }
+
+    fn clear(&mut self) {
+        (self.from, self.scene) = (None, Scene::default());
+    }
+}

@@ -1,0 +1,74 @@
+//! The head's poses alone, for a recording without a frame loop.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use super::anchor::{Anchor, LeapWatch, Moved};
+use super::frames::PoseSink;
+use super::samples::{poses_now, sample};
+use crate::live::now_ns;
+use crate::steamvr::{Hands, Runtime};
+
+/// Between two looks at where the standing universe is, nanoseconds.
+const LOOK_NS: i64 = 250_000_000;
+
+/// Reads the head's poses in the standing universe as it was at the first one.
+pub struct HeadPoses<'a> {
+    runtime: &'a Runtime,
+    anchor: Option<Anchor>,
+    leap: LeapWatch,
+    looked_ns: i64,
+}
+
+impl<'a> HeadPoses<'a> {
+    /// Nothing is read yet.
+    pub fn new(runtime: &'a Runtime) -> Self {
+        Self { runtime, anchor: None, leap: LeapWatch::default(), looked_ns: i64::MIN }
+    }
+
+    /// Reads so many poses a second until told to stop.
+    pub fn read(mut self, rate_hz: f64, sink: PoseSink, stop: &AtomicBool) {
+        let period = Duration::from_secs_f64(1.0 / rate_hz);
+        while !stop.load(Ordering::Relaxed) {
+            let start_ns = now_ns();
+            self.look_around(start_ns);
+            self.read_one(sink);
+            // SteamVR's events are of no use here, but they must not pile up.
+            while self.runtime.next_event().is_some() {}
+            let took = Duration::from_nanos(now_ns().saturating_sub(start_ns).max(0) as u64);
+            std::thread::sleep(period.saturating_sub(took));
+        }
+    }
+
+    fn read_one(&mut self, sink: PoseSink) {
+        let (Some(anchor), Some((time_ns, poses))) = (&mut self.anchor, poses_now(self.runtime, Hands::NONE)) else {
+            return;
+        };
+        match poses.head.trusted() {
+            None => self.leap.lost(),
+            Some(head) if self.leap.push(time_ns, head) => {
+                anchor.renew();
+                log::warn!("the tracking system has moved the room: places before and after do not agree");
+            }
+            Some(_) => {}
+        }
+        sink(&sample(time_ns, &poses.head, &anchor.session_from_raw()));
+    }
+
+    fn look_around(&mut self, now_ns: i64) {
+        if now_ns.saturating_sub(self.looked_ns) < LOOK_NS {
+            return;
+        }
+        self.looked_ns = now_ns;
+        let Some(standing_from_raw) = self.runtime.standing_from_raw() else { return };
+        let universe = self.runtime.universe_id();
+        match &mut self.anchor {
+            None => self.anchor = Some(Anchor::new(standing_from_raw, universe)),
+            Some(anchor) => {
+                if anchor.look(standing_from_raw, universe) == Moved::Elsewhere {
+                    log::warn!("this is another room for the tracking system: places before and after do not agree");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,19 @@
+//! The frame loop beside SteamVR: poses in, warnings out, every frame.
+//!
+//! The loop waits for the runtime's next frame and for nothing else: poses go into the reconstruction's queue, the newest
+//! scene is taken from where it lies, pictures are drawn only when they change. It owns graphics device and overlays, which belong to
+//! one thread. Poses between frames are read by a thread of their own, since the loop sleeps in the runtime then.
+
+mod anchor;
+mod frames;
+mod graphics;
+mod head_poses;
+mod meter;
+mod pose_thread;
+mod samples;
+mod slots;
+mod vitals;
+
+pub use frames::{Ending, FrameLoop, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink, SettingsSource};
+pub use head_poses::HeadPoses;
+pub use meter::FrameReport;

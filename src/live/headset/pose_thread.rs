@@ -1,0 +1,34 @@
+//! Poses between frames: the radar's sweeps come a thousand times a second, and a head's path is known the better the more often it is
+//! asked for. A thread of its own, since the frame loop sleeps in the runtime meanwhile.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use super::frames::PoseSink;
+use super::samples::{poses_now, sample};
+use crate::geometry::Pose;
+use crate::live::now_ns;
+use crate::steamvr::{Hands, Runtime};
+
+/// The session's frame, for the thread; `None` before it is laid.
+pub(super) type SharedFrame = Mutex<Option<Pose>>;
+
+/// Reads the head's pose so many times a second until told to stop. Only with this thread; a pose that took too long to read is left
+/// out, as is the one before the session's frame is known.
+pub(super) fn read_poses(runtime: &Runtime, session_from_raw: &SharedFrame, rate_hz: f64, sink: PoseSink, stop: &AtomicBool) {
+    let period_ns = (1e9 / rate_hz) as i64;
+    let mut next_ns = now_ns();
+    while !stop.load(Ordering::Relaxed) {
+        let wait_ns = next_ns.saturating_sub(now_ns());
+        if wait_ns > 0 {
+            std::thread::sleep(Duration::from_nanos(wait_ns as u64));
+        }
+        // Where this thread was put aside for long, there is nothing to catch up with.
+        next_ns = (next_ns + period_ns).max(now_ns());
+        let frame = *session_from_raw.lock().unwrap_or_else(PoisonError::into_inner);
+        if let (Some(frame), Some((time_ns, poses))) = (frame, poses_now(runtime, Hands::NONE)) {
+            sink(&sample(time_ns, &poses.head, &frame));
+        }
+    }
+}

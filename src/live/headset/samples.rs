@@ -1,0 +1,32 @@
+//! The head's poses for the radar: where the head is now, not where it will be when a frame is seen, with the time at which it
+//! was there.
+
+use crate::geometry::Pose;
+use crate::live::now_ns;
+use crate::steamvr::{DevicePose, Hands, Poses, Runtime, TrackingState, Universe};
+use crate::tracking::{PoseSample, TrackingResult};
+
+/// A call that took longer tells no time: this thread was put aside in the middle of it, nanoseconds.
+const LONGEST_CALL_NS: i64 = 1_000_000;
+
+/// Poses and when they held, host nanoseconds; `None` when there is no telling when.
+pub(super) fn poses_now(runtime: &Runtime, hands: Hands) -> Option<(i64, Poses)> {
+    let start_ns = now_ns();
+    let poses = runtime.poses(Universe::Raw, 0.0, hands);
+    let took_ns = now_ns() - start_ns;
+    (took_ns <= LONGEST_CALL_NS).then_some((start_ns + took_ns / 2, poses))
+}
+
+/// The sample of a head, in the session's frame.
+pub(super) fn sample(time_ns: i64, head: &DevicePose, session_from_raw: &Pose) -> PoseSample {
+    let result = match head.state {
+        TrackingState::Ok => TrackingResult::Ok,
+        TrackingState::OutOfRange => TrackingResult::OutOfRange,
+        TrackingState::RotationOnly => TrackingResult::RotationOnly,
+        TrackingState::NotTracking => TrackingResult::NotTracking,
+    };
+    let pose = head.pose.map_or(Pose::IDENTITY, |raw_from_head| *session_from_raw * raw_from_head);
+    // Numbers that make no pose are as good as none.
+    let valid = head.connected && head.valid && head.pose.is_some();
+    PoseSample { valid, result, ..PoseSample::valid(time_ns, &pose) }
+}

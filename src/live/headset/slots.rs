@@ -1,0 +1,163 @@
+//! Quads onto overlays: a few overlays that live as long as the session, each lent to an obstacle for as long as it is warned of.
+//!
+//! An obstacle keeps its overlay, so that nothing jumps from one to another; an overlay is hidden, not destroyed, when its
+//! obstacle goes. A picture is handed over only when it is another one. The runtime copies it on our queue after we have
+//! forgotten it, so the last few stay alive.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use crate::geometry::Pose;
+use crate::render::Quad;
+use crate::steamvr::{Overlay, Runtime, SteamVrError, Universe, VulkanDevice};
+
+/// Overlays in all: the runtime's compositor draws each of them for each eye.
+pub(super) const SLOTS: usize = 8;
+/// Pictures of an overlay kept alive after they were replaced.
+const KEPT: usize = 2;
+/// What lies on the floor is drawn before what stands on it.
+const FLOOR_ORDER: u32 = 0;
+const PANEL_ORDER: u32 = 1;
+
+/// What tells one quad from another: its obstacle, and whether it lies on the floor.
+type Key = (u64, bool);
+
+struct Slot {
+    overlay: Overlay,
+    lent_to: Option<Key>,
+    texture: Option<Arc<wgpu::Texture>>,
+    replaced: VecDeque<Arc<wgpu::Texture>>,
+}
+
+/// The overlays of the display `panels`.
+pub(super) struct Slots {
+    slots: Vec<Slot>,
+}
+
+impl Slots {
+    /// # Errors
+    /// The runtime refuses an overlay.
+    pub fn new(runtime: &Arc<Runtime>) -> Result<Self, SteamVrError> {
+        let slot = |index| {
+            let overlay =
+                Overlay::new(runtime, &format!("radar-chaperone.{index}"), &format!("Radar chaperone {index}"))?;
+            Ok(Slot { overlay, lent_to: None, texture: None, replaced: VecDeque::new() })
+        };
+        Ok(Self { slots: (1..=SLOTS).map(slot).collect::<Result<_, _>>()? })
+    }
+
+    /// Whether the runtime still knows them.
+    pub fn are_known(&self) -> bool {
+        self.slots.iter().any(|slot| slot.overlay.is_known())
+    }
+
+    /// Shows these quads, whose places are in the standing universe, and nothing else; says how many pictures were handed over.
+    ///
+    /// # Errors
+    /// The runtime refuses something; what could be shown is shown.
+    pub fn show(
+        &mut self,
+        device: &VulkanDevice,
+        quads: &[Quad],
+        raw_from_standing: &Pose,
+    ) -> Result<u64, SteamVrError> {
+        let wanted: Vec<Key> = quads.iter().map(|quad| (quad.id, quad.on_floor)).take(SLOTS).collect();
+        let held: Vec<Option<Key>> = self.slots.iter().map(|slot| slot.lent_to).collect();
+        let (mut handed, mut refused) = (0, None);
+        let lent = assign(&held, &wanted);
+        for (slot, _) in self.slots.iter_mut().zip(&lent).filter(|(_, quad)| quad.is_none()) {
+            refused = slot.give_back().err().or(refused);
+        }
+        for (slot, quad) in self.slots.iter_mut().zip(&lent) {
+            let Some(quad) = quad.and_then(|index| quads.get(index)) else { continue };
+            match slot.lend(device, quad, raw_from_standing) {
+                Ok(is_new) => handed += u64::from(is_new),
+                Err(error) => refused = Some(error),
+            }
+        }
+        refused.map_or(Ok(handed), Err)
+    }
+
+    /// Hides all.
+    ///
+    /// # Errors
+    /// The runtime refuses.
+    pub fn hide(&mut self) -> Result<(), SteamVrError> {
+        self.slots.iter_mut().map(Slot::give_back).fold(Ok(()), Result::and)
+    }
+
+    /// The device that drew the pictures is gone.
+    pub fn forget_pictures(&mut self) {
+        for slot in &mut self.slots {
+            slot.texture = None;
+            slot.replaced.clear();
+        }
+    }
+
+    /// Destroys the overlays. Their pictures come back: the runtime may still copy them until the session is over.
+    pub fn end(self) -> Vec<Arc<wgpu::Texture>> {
+        self.slots.into_iter().flat_map(|slot| slot.texture.into_iter().chain(slot.replaced)).collect()
+    }
+
+    /// How many are shown.
+    pub fn shown(&self) -> usize {
+        self.slots.iter().filter(|slot| slot.overlay.is_shown()).count()
+    }
+}
+
+impl Slot {
+    fn give_back(&mut self) -> Result<(), SteamVrError> {
+        self.lent_to = None;
+        self.overlay.hide()
+    }
+
+    /// Shows a quad; says whether its picture was handed over.
+    fn lend(&mut self, device: &VulkanDevice, quad: &Quad, raw_from_standing: &Pose) -> Result<bool, SteamVrError> {
+        self.lent_to = Some((quad.id, quad.on_floor));
+        let is_new = !self.texture.as_ref().is_some_and(|texture| Arc::ptr_eq(texture, &quad.texture));
+        if is_new && let Some(texture) = device.handover(&quad.texture) {
+            self.overlay.set_texture(&texture)?;
+            self.replaced.extend(self.texture.replace(Arc::clone(&quad.texture)));
+            while self.replaced.len() > KEPT {
+                self.replaced.pop_front();
+            }
+        }
+        let pixels = [quad.texture.width(), quad.texture.height()].map(f64::from);
+        self.overlay.set_texel_aspect((quad.size_m.x / pixels[0]) / (quad.size_m.y / pixels[1]))?;
+        self.overlay.set_width_m(quad.size_m.x)?;
+        self.overlay.set_place(Universe::Raw, &(*raw_from_standing * quad.tracking_from_quad))?;
+        self.overlay.set_alpha(quad.alpha)?;
+        self.overlay.set_sort_order(if quad.on_floor { FLOOR_ORDER } else { PANEL_ORDER })?;
+        self.overlay.show()?;
+        Ok(is_new)
+    }
+}
+
+/// Which of the wanted each slot shows: its own when that is still wanted, else one that has none yet, in order.
+fn assign(held: &[Option<Key>], wanted: &[Key]) -> Vec<Option<usize>> {
+    let own = |key: &Option<Key>| key.and_then(|key| wanted.iter().position(|wanted| *wanted == key));
+    let mut lent: Vec<Option<usize>> = held.iter().map(own).collect();
+    let mut rest: VecDeque<usize> = (0..wanted.len()).filter(|index| !lent.contains(&Some(*index))).collect();
+    for slot in lent.iter_mut().filter(|slot| slot.is_none()) {
+        *slot = rest.pop_front();
+    }
+    lent
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_obstacle_keeps_its_overlay() {
+        let (chair, table, wall) = ((1, false), (2, false), (3, false));
+        assert_eq!(assign(&[None; 3], &[chair, table]), [Some(0), Some(1), None]);
+        // The table is nearer now and comes first; a wall takes the place that is free.
+        assert_eq!(assign(&[Some(chair), Some(table), None], &[table, chair, wall]), [Some(1), Some(0), Some(2)]);
+        assert_eq!(assign(&[Some(chair), Some(table), None], &[wall]), [Some(0), None, None]);
+        // A footprint is not its panel.
+        assert_eq!(assign(&[Some(chair), None], &[(1, true)]), [Some(0), None]);
+        assert_eq!(assign(&[Some(chair)], &[table, wall]), [Some(0)], "what does not fit is left out");
+        assert_eq!(assign(&[Some(table), Some(chair)], &[]), [None, None]);
+    }
+}
