@@ -68,6 +68,7 @@ pub struct Engine {
     kept: Vec<Observation>,
     first_pose: Option<Pose>,
     newest_ns: i64,
+    newest_end_ns: Option<i64>,
     observations: u64,
     thinned: u64,
     reposed: u64,
@@ -92,6 +93,7 @@ impl Engine {
             kept: Vec::new(),
             first_pose: None,
             newest_ns: 0,
+            newest_end_ns: None,
             observations: 0,
             thinned: 0,
             reposed: 0,
@@ -122,6 +124,7 @@ impl Engine {
     pub fn push(&mut self, observation: Observation) {
         self.observations += 1;
         self.newest_ns = observation.mid_time_ns;
+        self.newest_end_ns = Some(observation.end_ns());
         self.first_pose.get_or_insert(observation.tracking_from_sensor);
         match self.search {
             Search::Rooms => self.rooms.push(observation),
@@ -143,6 +146,20 @@ impl Engine {
             self.thinned += (before - self.kept.len()) as u64;
         }
         self.kept.push(observation);
+    }
+
+    /// End of the newest sweep taken in, host nanoseconds.
+    pub fn newest_sweep_ns(&self) -> Option<i64> {
+        self.newest_end_ns
+    }
+
+    /// End of the newest sweep that [`scene`](Self::scene) rests on, host nanoseconds: of the last look at a room, or of the
+    /// newest sweep where every scene is a search by itself.
+    pub fn evidence_ns(&self) -> Option<i64> {
+        match self.search {
+            Search::Rooms => self.rooms.evidence_ns(),
+            Search::Reflectors => self.newest_end_ns,
+        }
     }
 
     /// How long observations are kept, seconds, so that they can get new poses.

@@ -123,6 +123,16 @@ impl Pipeline {
         self.observer.push_frame(frame);
     }
 
+    /// Works off frames that came after the poses they waited for. Who pushes in the order of time needs it not.
+    pub fn work_off_late(&mut self) {
+        self.work_off(false);
+    }
+
+    /// Forgets where the sensor was up to now: for who runs for hours and does not draw it.
+    pub fn forget_sensor_path(&mut self) {
+        self.sensor_path.clear();
+    }
+
     /// Both streams have ended.
     pub fn finish(&mut self) {
         self.work_off(true);

@@ -1,11 +1,15 @@
-//! Threads and clocks around what is pure: the sensor's reader thread, the host's clock, poses that grow in a file.
+//! Threads and clocks around what is pure: the sensor's reader thread, the host's clock, poses that grow in a file, the
+//! reconstruction beside the frame loop.
 
+mod freshness;
 mod host_clock;
 mod latency;
 mod losses;
 mod merge;
 mod pose_tail;
+mod priority;
 mod queue;
+mod reconstruction;
 mod sensor;
 #[cfg(all(test, unix))]
 mod test_board;
@@ -15,5 +19,9 @@ pub use latency::{Latency, LatencyReport};
 pub use losses::Losses;
 pub use merge::{MAX_WAITING, Merge};
 pub use pose_tail::{PoseTail, PoseTailCounters};
+pub use priority::lower_priority_of_this_thread;
 pub use queue::{Dropped, Received};
+pub use reconstruction::{
+    Published, Reconstruction, ReconstructionCounters, ReconstructionError, ReconstructionOptions,
+};
 pub use sensor::{SensorStream, StreamCounters, StreamError, StreamEvent, StreamOptions};

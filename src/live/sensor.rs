@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle, sleep};
 use std::time::Duration;
 
-use super::queue::{Kind, Queue};
+use super::queue::Queue;
 use super::{Dropped, Latency, LatencyReport, Received, now_ns, thread_cpu_ns};
 use crate::a121::find::{Candidate, find_again, list_ports};
 use crate::a121::{
@@ -26,6 +26,13 @@ const TELL_AFTER_NS: i64 = 2_000_000_000;
 const STOP_NS: i64 = 5_000_000_000;
 /// Counters are renewed this often.
 const PUBLISH_NS: i64 = 100_000_000;
+/// Lines of the board's log, and other events, that wait for a slow reader.
+const MAX_LOGS: usize = 256;
+const MAX_OTHERS: usize = 1024;
+/// Shelves of the queue.
+const FRAMES: usize = 0;
+const LOGS: usize = 1;
+const OTHERS: usize = 2;
 /// Bytes read at once: more than a port holds.
 const READ_BYTES: usize = 1 << 16;
 
@@ -92,7 +99,7 @@ pub struct StreamCounters {
 }
 
 struct Shared {
-    queue: Queue<StreamEvent>,
+    queue: Queue<StreamEvent, 3>,
     counters: Mutex<StreamCounters>,
     stop: AtomicBool,
 }
@@ -112,7 +119,7 @@ impl SensorStream {
         let line = Line::open(&place.address)?;
         let session = Session::new(setup, place.link(options.baud), now_ns())?;
         let shared = Arc::new(Shared {
-            queue: Queue::new(options.max_results),
+            queue: Queue::new([options.max_results, MAX_LOGS, MAX_OTHERS]),
             counters: Mutex::default(),
             stop: AtomicBool::new(false),
         });
@@ -143,7 +150,8 @@ impl SensorStream {
     /// What it has been through, as of a tenth of a second ago at most.
     pub fn counters(&self) -> StreamCounters {
         let counters = *self.shared.counters.lock().unwrap_or_else(PoisonError::into_inner);
-        StreamCounters { dropped: self.shared.queue.dropped(), ..counters }
+        let [frames, logs, others] = self.shared.queue.dropped();
+        StreamCounters { dropped: Dropped { frames, logs, others }, ..counters }
     }
 
     /// Asks the board to stop; what is on its way still comes, then [`Received::Over`].
@@ -271,7 +279,7 @@ impl Reader {
         }
         match self.address_now().and_then(|address| Line::open(&address)) {
             Ok(line) => {
-                self.shared.queue.push(Kind::Other, StreamEvent::Reopened(line.address().to_string()));
+                self.shared.queue.push(OTHERS, StreamEvent::Reopened(line.address().to_string()));
                 self.line = Some(line);
                 self.counters.reopenings += 1;
                 self.session.line_opened(self::now_ns());
@@ -281,7 +289,7 @@ impl Reader {
                 // A board that was just plugged in may not be ours to open for a moment.
                 if self.lost_ns.is_some_and(|lost_ns| now_ns.saturating_sub(lost_ns) > TELL_AFTER_NS) {
                     self.lost_ns = None;
-                    self.shared.queue.push(Kind::Other, StreamEvent::Waiting(error.to_string()));
+                    self.shared.queue.push(OTHERS, StreamEvent::Waiting(error.to_string()));
                 }
             }
         }
@@ -303,13 +311,13 @@ impl Reader {
 
     fn hand_over(&mut self) {
         while let Some(event) = self.session.next_event() {
-            let kind = match event {
-                Event::Frames(_) => Kind::Frames,
-                Event::Log(_) => Kind::Log,
-                _ => Kind::Other,
+            let shelf = match event {
+                Event::Frames(_) => FRAMES,
+                Event::Log(_) => LOGS,
+                _ => OTHERS,
             };
-            self.shared.queue.push(kind, StreamEvent::Session(event));
-            if kind == Kind::Frames {
+            self.shared.queue.push(shelf, StreamEvent::Session(event));
+            if shelf == FRAMES {
                 self.latency.push(now_ns().saturating_sub(self.last_read_ns));
             }
         }

@@ -93,6 +93,8 @@ pub struct RoomSearch {
     places: BTreeMap<u64, (f64, Place)>,
     /// By wall: feet of the perpendiculars that it was seen at.
     feet: BTreeMap<u64, Aabb>,
+    /// End of the newest sweep of the last look's blocks, host nanoseconds.
+    evidence_ns: Option<i64>,
     counters: RoomCounters,
     /// What was done before the search began again.
     before: RoomCounters,
@@ -120,6 +122,7 @@ impl RoomSearch {
             walls: Sightings::default(),
             places: BTreeMap::new(),
             feet: BTreeMap::new(),
+            evidence_ns: None,
             counters: RoomCounters::default(),
             before: RoomCounters::default(),
         }
@@ -148,6 +151,11 @@ impl RoomSearch {
             looks: self.before.looks + self.counters.looks,
             fine: self.before.fine.and(&self.fine.counters()),
         }
+    }
+
+    /// End of the newest sweep that obstacles and walls rest on, host nanoseconds.
+    pub fn evidence_ns(&self) -> Option<i64> {
+        self.evidence_ns
     }
 
     /// The score on fine voxels, where something is.
@@ -205,7 +213,9 @@ impl RoomSearch {
     /// One look: candidates, explaining away, sightings, refinement.
     fn look(&mut self) {
         self.counters.looks += 1;
-        let Some(now_ns) = self.window.back().map(|b| b.mid_time_ns) else { return };
+        let Some(newest) = self.window.back() else { return };
+        let now_ns = newest.mid_time_ns;
+        self.evidence_ns = Some(newest.end_ns);
         let since_ns = now_ns - self.window_ns();
         let explain = self.settings.explain;
         let planes = self.planes.peaks(explain.plane_min_score, explain.plane_min_blocks, since_ns);

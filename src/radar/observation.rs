@@ -43,6 +43,12 @@ impl Observation {
         (point - (self.geometry.axis.points as f64 - 1.0) / 2.0) * self.geometry.point_period_s
     }
 
+    /// When its last point was measured, host nanoseconds.
+    pub fn end_ns(&self) -> i64 {
+        let half_s = self.point_time_s(self.geometry.axis.points as f64 - 1.0);
+        self.mid_time_ns.saturating_add((half_s * 1e9).round() as i64)
+    }
+
     /// Distance to a place as the point that saw it measured it, metres: the sensor moves during a sweep, so the distance
     /// is taken from where the sensor was when the point at that range was sampled. Two steps of the fixed point suffice
     /// below 100 m/s.

@@ -21,6 +21,8 @@ pub struct Block {
     pub middle: Pose,
     /// Time of the middle sweep, host nanoseconds.
     pub mid_time_ns: i64,
+    /// End of its last sweep, host nanoseconds.
+    pub end_ns: i64,
     /// Unit vector along the sensor's way through the block; zero when it stood still.
     pub motion: DVec3,
     /// Length of that way, metres.
@@ -97,6 +99,7 @@ impl Block {
         Self {
             middle: middle.tracking_from_sensor,
             mid_time_ns: middle.mid_time_ns,
+            end_ns: observations[observations.len() - 1].end_ns(),
             motion: way.normalize_or_zero(),
             aperture_m: way.length(),
             noise_rms_lsb,

@@ -1,0 +1,135 @@
+//! The reconstruction's thread: the pipeline's scene and nothing else, bounded queues, forgetting, ending.
+
+use std::time::{Duration, Instant};
+
+use radar_chaperone::engine::{Pipeline, Settings};
+use radar_chaperone::live::{Reconstruction, ReconstructionOptions};
+use radar_chaperone::obstacles::Scene;
+use radar_chaperone::radar::preset;
+use radar_chaperone::simulation::{Scenario, Simulated};
+
+const PATIENCE: Duration = Duration::from_secs(120);
+
+fn room(duration_s: f64) -> (Scenario, Simulated) {
+    let scenario = Scenario::new("furnished-room", "natural", preset("d16").unwrap(), duration_s, 3);
+    let simulated = scenario.run().unwrap();
+    (scenario, simulated)
+}
+
+/// Without the estimate of the time offset, when what is applied depends on nothing but the data.
+fn settings() -> Settings {
+    Settings::from_toml("", &["tracking.estimate_time_offset=false".into()]).unwrap()
+}
+
+fn start(scenario: &Scenario, settings: &Settings, options: &ReconstructionOptions) -> Reconstruction {
+    Reconstruction::start(&scenario.config, &scenario.head_from_sensor, settings, options).unwrap()
+}
+
+fn replayed(scenario: &Scenario, simulated: &Simulated) -> Scene {
+    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings());
+    let mut frames = simulated.frames.iter().peekable();
+    for pose in &simulated.poses {
+        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
+            pipeline.push_frame(frame.clone());
+        }
+        pipeline.push_pose(pose);
+    }
+    pipeline.finish();
+    pipeline.scene()
+}
+
+fn until(mut there: impl FnMut() -> bool) {
+    let begin = Instant::now();
+    while !there() {
+        assert!(begin.elapsed() < PATIENCE, "it does not come");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+fn worked_off(reconstruction: &Reconstruction, last_ns: i64) -> impl FnMut() -> bool {
+    move || reconstruction.latest().newest_sweep_ns > last_ns - 1_000_000
+}
+
+#[test]
+fn two_streams_from_two_threads_give_the_scene_of_a_replay() {
+    let (scenario, simulated) = room(3.5);
+    let expected = replayed(&scenario, &simulated);
+    assert!(!expected.obstacles.is_empty());
+    let reconstruction =
+        start(&scenario, &settings(), &ReconstructionOptions { threads: Some(2), ..Default::default() });
+    std::thread::scope(|scope| {
+        scope.spawn(|| simulated.frames.iter().for_each(|frame| reconstruction.push_frame(frame.clone())));
+        scope.spawn(|| simulated.poses.iter().for_each(|pose| reconstruction.push_pose(*pose)));
+    });
+    let last_ns = simulated.frames.last().unwrap().host_time_ns;
+    until(worked_off(&reconstruction, last_ns));
+    let newest = reconstruction.latest();
+    assert!(newest.number > 10 && newest.epoch == 0);
+    let (counters, scene) = reconstruction.finish();
+    assert_eq!(*scene, expected);
+    let frames = simulated.frames.len() as u64;
+    assert_eq!((counters.frames_dropped, counters.poses_dropped, counters.outdated), (0, 0, 0));
+    assert_eq!((counters.pipeline.streams.frames, counters.worked_off.count), (frames, frames));
+    assert!(counters.scenes >= 8 && counters.scenes <= counters.published, "{counters:?}");
+    // Simulated stamps lie long before now: ages are nonsense, but each frame has one.
+    assert!((frames - 8..=frames).contains(&counters.evidence_age.count), "{counters:?}");
+}
+
+#[test]
+fn what_was_before_forgetting_does_not_come_back() {
+    let (scenario, simulated) = room(3.0);
+    let reconstruction = start(&scenario, &settings(), &ReconstructionOptions::default());
+    let push = |simulated: &Simulated| {
+        simulated.poses.iter().for_each(|pose| reconstruction.push_pose(*pose));
+        simulated.frames.iter().for_each(|frame| reconstruction.push_frame(frame.clone()));
+    };
+    let last_ns = simulated.frames.last().unwrap().host_time_ns;
+    push(&simulated);
+    until(worked_off(&reconstruction, last_ns));
+    assert!(!reconstruction.latest().scene.obstacles.is_empty() || !reconstruction.latest().scene.walls.is_empty());
+    // These wait, or are being worked off, when everything is forgotten.
+    push(&simulated);
+    assert_eq!(reconstruction.forget(), 1);
+    let newest = reconstruction.latest();
+    assert_eq!((newest.epoch, newest.scene.as_ref(), newest.newest_sweep_ns), (1, &Scene::default(), 0));
+    // Only what comes now counts: the same stamps again are taken, since nobody remembers them.
+    push(&simulated);
+    until(worked_off(&reconstruction, last_ns));
+    let (counters, scene) = reconstruction.finish();
+    assert_eq!((counters.epoch, *scene == replayed(&scenario, &simulated)), (1, true));
+    assert!(counters.outdated > 0, "{counters:?}");
+    assert_eq!(counters.pipeline.streams.frames, simulated.frames.len() as u64);
+}
+
+#[test]
+fn a_flood_costs_the_oldest_and_is_counted() {
+    let (scenario, simulated) = room(0.5);
+    let options = ReconstructionOptions { max_frames: 8, max_poses: 8, ..Default::default() };
+    let reconstruction = start(&scenario, &settings(), &options);
+    for _ in 0..2000 {
+        simulated.frames.iter().for_each(|frame| reconstruction.push_frame(frame.clone()));
+        simulated.poses.iter().for_each(|pose| reconstruction.push_pose(*pose));
+    }
+    let begin = Instant::now();
+    let (counters, _) = reconstruction.finish();
+    assert!(begin.elapsed() < PATIENCE);
+    let frames = counters.pipeline.streams.frames + counters.frames_dropped;
+    let poses = counters.pipeline.streams.poses + counters.poses_dropped;
+    let (all_frames, all_poses) = (simulated.frames.len() as u64 * 2000, simulated.poses.len() as u64 * 2000);
+    assert!(counters.frames_dropped > 0 && counters.poses_dropped > 0, "{counters:?}");
+    assert_eq!((frames, poses), (all_frames, all_poses));
+}
+
+#[test]
+fn it_ends_when_dropped_and_when_nothing_ever_came() {
+    let (scenario, simulated) = room(0.2);
+    for n in 0..20 {
+        let reconstruction = start(&scenario, &Settings::default(), &ReconstructionOptions::default());
+        assert!(reconstruction.is_alive());
+        simulated.poses.iter().take(n).for_each(|pose| reconstruction.push_pose(*pose));
+        match n % 2 {
+            0 => drop(reconstruction),
+            _ => assert_eq!(*reconstruction.finish().1, Scene::default()),
+        }
+    }
+}
