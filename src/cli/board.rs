@@ -10,7 +10,7 @@ use crate::radar::{Carried, LineSpeed, LinkNeed, PRESETS, SensorConfig, preset, 
 use crate::report::Table;
 
 /// The board on the command line.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(super) struct BoardArguments {
     /// Port of the board, or tcp:HOST[:PORT] for a Raspberry Pi; without it the likeliest is taken
     #[arg(long, value_name = "PORT")]

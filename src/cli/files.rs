@@ -13,7 +13,7 @@ use crate::tracking::PoseSample;
 /// Settings on the command line.
 #[derive(Debug, Args)]
 pub(super) struct SettingsArguments {
-    /// Settings file (TOML) in place of the recording's own settings
+    /// Settings file (TOML); without it the recording's own settings, or the user's file where there is no recording
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
     /// Changes one setting, for example --set tracking.time_offset_s=0.02; may be repeated
@@ -32,6 +32,36 @@ impl SettingsArguments {
         };
         Ok(Settings::from_toml(&text, &self.changes)?)
     }
+
+    /// The settings file's, else the user's own file's where there is one, with the changes laid over; `below` serves where
+    /// none names its own.
+    pub fn live(&self, below: toml::Table) -> Result<Settings> {
+        let path = self.settings.clone().or_else(|| user_settings().filter(|path| path.is_file()));
+        let text = match &path {
+            Some(path) => {
+                std::fs::read_to_string(path).with_context(|| format!("cannot read settings {}", path.display()))?
+            }
+            None => String::new(),
+        };
+        let about = || path.map_or("settings".to_owned(), |path| format!("settings {}", path.display()));
+        Settings::from_layers(below, &text, &self.changes).with_context(about)
+    }
+}
+
+/// Where the user's own settings are looked for.
+pub(super) fn user_settings() -> Option<PathBuf> {
+    user_folder("XDG_CONFIG_HOME", ".config").map(|folder| folder.join("settings.toml"))
+}
+
+/// This program's folder among the user's, by the desktop's rules.
+pub(super) fn user_folder(variable: &str, below_home: &str) -> Option<PathBuf> {
+    let named = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let folder = if cfg!(windows) {
+        named("LOCALAPPDATA")
+    } else {
+        named(variable).or_else(|| named("HOME").map(|home| home.join(below_home)))
+    };
+    folder.map(|folder| folder.join("radar-chaperone"))
 }
 
 /// Frames and poses of a recording, each in the order of the file; damage is told once.

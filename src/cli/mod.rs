@@ -21,15 +21,22 @@ mod doctor;
 mod files;
 mod import;
 mod info;
+mod install;
+mod instance;
 mod progress;
 mod reconstruct;
 mod record;
 mod record_file;
 mod recover;
 mod replay;
+mod run;
+mod run_feed;
+mod run_report;
+mod sensor;
 #[cfg_attr(not(unix), path = "serve_elsewhere.rs")]
 mod serve;
 mod simulate;
+mod stop;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -49,9 +56,12 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Run(run::Run),
     Demo(demo::Demo),
     Simulate(simulate::Simulate),
     Doctor(doctor::Doctor),
+    Install(install::Install),
+    Uninstall(install::Uninstall),
     Record(record::Record),
     Replay(replay::Replay),
     Reconstruct(reconstruct::Reconstruct),
@@ -76,9 +86,12 @@ fn told(error: &anyhow::Error) -> String {
 pub fn run() -> ExitCode {
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).format_timestamp(None).init();
     let done = match Arguments::parse().command {
+        Command::Run(command) => command.run(),
         Command::Demo(command) => command.run(),
         Command::Simulate(command) => command.run(),
         Command::Doctor(command) => command.run(),
+        Command::Install(command) => command.run(),
+        Command::Uninstall(command) => command.run(),
         Command::Record(command) => command.run(),
         Command::Replay(command) => command.run(),
         Command::Reconstruct(command) => command.run(),

@@ -69,7 +69,9 @@ impl Record {
         let until = Until::Recorded(self.duration_s.map(Duration::from_secs_f64));
         let over = AtomicBool::new(false);
         // What nobody fetches in time is left out: the file's own writer must be slower than the disk for that.
-        let sink = move |sample: &PoseSample| drop(sender.try_send(*sample));
+        let sink = move |sample: &PoseSample| {
+            let _ = sender.try_send(*sample);
+        };
         std::thread::scope(|scope| {
             if let Some(runtime) = &runtime {
                 scope.spawn(|| HeadPoses::new(runtime).read(POSES_HZ, &sink, &over));

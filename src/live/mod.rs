@@ -1,7 +1,8 @@
 //! Threads and clocks around what is pure: the sensor's reader thread, the host's clock, poses that grow in a file, the
-//! reconstruction beside the frame loop.
+//! reconstruction beside the frame loop, and the frame loop beside SteamVR.
 
 mod freshness;
+mod headset;
 mod host_clock;
 mod latency;
 mod losses;
@@ -14,6 +15,10 @@ mod sensor;
 #[cfg(all(test, unix))]
 mod test_board;
 
+pub use headset::{
+    Drawn, Ending, FrameLoop, FrameReport, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink,
+    SettingsSource,
+};
 pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};
 pub use losses::Losses;

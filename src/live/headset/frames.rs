@@ -88,6 +88,12 @@ pub struct HeadsetReport {
     pub status: HeadsetStatus,
 }
 
+/// What was drawn and drawn with: to be dropped when the session is over, since the runtime may copy from it until then.
+pub struct Drawn {
+    _pictures: Vec<Arc<wgpu::Texture>>,
+    _graphics: Option<Graphics>,
+}
+
 /// What the loop works with.
 pub struct FrameLoop<'a> {
     /// The session.
@@ -112,7 +118,7 @@ impl FrameLoop<'_> {
     ///
     /// # Errors
     /// No graphics device that the runtime accepts, no overlays: another instance may have them.
-    pub fn run(&self) -> Result<(HeadsetReport, impl Sized), HeadsetError> {
+    pub fn run(&self) -> Result<(HeadsetReport, Drawn), HeadsetError> {
         let graphics = Graphics::open(self.runtime)?;
         log::info!("drawing on {}", graphics.device.name);
         let frame = SharedFrame::new(None);
@@ -133,13 +139,13 @@ impl FrameLoop<'_> {
     }
 }
 
-struct State<'a> {
-    with: &'a FrameLoop<'a>,
+struct State<'s, 'a> {
+    with: &'s FrameLoop<'a>,
     /// `None` while the device is lost.
     graphics: Option<Graphics>,
     retry: Retry,
     slots: Slots,
-    shared_frame: &'a SharedFrame,
+    shared_frame: &'s SharedFrame,
     anchor: Option<Anchor>,
     leap: LeapWatch,
     looked_ns: i64,
@@ -155,8 +161,8 @@ struct State<'a> {
     told_ns: i64,
 }
 
-impl<'a> State<'a> {
-    fn new(with: &'a FrameLoop<'a>, graphics: Graphics, shared_frame: &'a SharedFrame) -> Result<Self, HeadsetError> {
+impl<'s, 'a> State<'s, 'a> {
+    fn new(with: &'s FrameLoop<'a>, graphics: Graphics, shared_frame: &'s SharedFrame) -> Result<Self, HeadsetError> {
         let timing = with.runtime.display_timing();
         Ok(Self {
             with,
@@ -332,7 +338,8 @@ impl<'a> State<'a> {
         if warnings.panels.is_empty() && warnings.footprints.is_empty() {
             return self.slots.hide();
         }
-        let Some(graphics) = self.graphics_now(now_ns) else { return self.slots.hide() };
+        self.open_graphics(now_ns);
+        let Some(graphics) = &mut self.graphics else { return self.slots.hide() };
         let drawn_before = graphics.renderer.textures_drawn();
         let quads = match graphics.renderer.quads(&warnings, &self.settings.warning) {
             Ok(quads) => quads,
@@ -346,15 +353,14 @@ impl<'a> State<'a> {
         Ok(())
     }
 
-    /// What draws; opened again after it was lost.
-    fn graphics_now(&mut self, now_ns: i64) -> Option<&mut Graphics> {
+    /// Opens what draws again when it was lost and it is time.
+    fn open_graphics(&mut self, now_ns: i64) {
         if self.graphics.is_none() && self.retry.is_due(now_ns) {
             match Graphics::open(self.with.runtime) {
                 Ok(graphics) => self.graphics = Some(graphics),
                 Err(error) => log::warn!("no warnings can be drawn: {error}"),
             }
         }
-        self.graphics.as_mut()
     }
 
     fn lose_device(&mut self, error: &RenderError) -> Result<(), SteamVrError> {
@@ -381,12 +387,12 @@ impl<'a> State<'a> {
     }
 
     /// Overlays go now; pictures and device after the session, which may still copy from them.
-    fn end(self) -> (HeadsetStatus, impl Sized) {
+    fn end(self) -> (HeadsetStatus, Drawn) {
         let status = self.status_now();
         let Self { mut slots, graphics, .. } = self;
         // A runtime that is gone refuses; there is nothing to hide then.
         let _ = slots.hide();
-        (status, (slots.end(), graphics))
+        (status, Drawn { _pictures: slots.end(), _graphics: graphics })
     }
 }
 
@@ -407,7 +413,7 @@ impl PlacedScene {
         self.epoch = epoch;
         let is_placed = |(placed, by): &(Arc<Scene>, Pose)| Arc::ptr_eq(placed, scene) && by == standing_from_session;
         if !self.from.as_ref().is_some_and(is_placed) {
-            self.scene = scene.moved(standing_from_session);
+            self.scene = (**scene).clone();
             self.from = Some((Arc::clone(scene), *standing_from_session));
         }
     }

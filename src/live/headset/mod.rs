@@ -14,6 +14,6 @@ mod samples;
 mod slots;
 mod vitals;
 
-pub use frames::{Ending, FrameLoop, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink, SettingsSource};
+pub use frames::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink, SettingsSource};
 pub use head_poses::HeadPoses;
 pub use meter::FrameReport;

@@ -16,7 +16,13 @@ pub(super) type SharedFrame = Mutex<Option<Pose>>;
 
 /// Reads the head's pose so many times a second until told to stop. Only with this thread; a pose that took too long to read is left
 /// out, as is the one before the session's frame is known.
-pub(super) fn read_poses(runtime: &Runtime, session_from_raw: &SharedFrame, rate_hz: f64, sink: PoseSink, stop: &AtomicBool) {
+pub(super) fn read_poses(
+    runtime: &Runtime,
+    session_from_raw: &SharedFrame,
+    rate_hz: f64,
+    sink: PoseSink,
+    stop: &AtomicBool,
+) {
     let period_ns = (1e9 / rate_hz) as i64;
     let mut next_ns = now_ns();
     while !stop.load(Ordering::Relaxed) {

@@ -1,0 +1,120 @@
+//! `radar-chaperone install` and `uninstall`: whether SteamVR starts this program.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+
+use super::files::user_folder;
+use crate::steamvr::{Registration, Role, Runtime, RuntimePlace, manifest};
+
+/// Has SteamVR start this program with the headset
+///
+/// Writes a manifest into the user's folder and tells SteamVR of it; SteamVR then starts `radar-chaperone run`. Do it again when
+/// the program was moved. `radar-chaperone doctor` says whether it holds; SteamVR shows the switch under Settings, Startup /
+/// Shutdown, Choose Startup Overlay Apps.
+#[derive(Debug, Args)]
+pub(super) struct Install {
+    /// Tells SteamVR of the program without having it started
+    #[arg(long)]
+    no_autolaunch: bool,
+    /// What `run` is started with, for example -- --port /dev/ttyUSB0
+    #[arg(last = true, value_name = "ARGUMENTS")]
+    arguments: Vec<String>,
+}
+
+/// Has SteamVR forget this program
+#[derive(Debug, Args)]
+pub(super) struct Uninstall {}
+
+impl Install {
+    pub fn run(&self) -> Result<()> {
+        let place = RuntimePlace::find()?;
+        let binary = own_path()?;
+        let path = manifest_path()?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        std::fs::write(&path, manifest(&binary, &self.run_arguments()))
+            .with_context(|| format!("cannot write {}", path.display()))?;
+        let runtime = Runtime::start(&place, Role::Utility)?;
+        runtime.register(&path)?;
+        runtime.set_starts_by_itself(!self.no_autolaunch)?;
+        let registration = runtime.registration();
+        say!("Manifest  {}", path.display())?;
+        say!("Program   {}", binary.display())?;
+        if !registration.is_known {
+            bail!("SteamVR took the manifest and does not know the program: start SteamVR once, then do this again");
+        }
+        match (self.no_autolaunch, registration.starts_by_itself) {
+            (true, _) => say!("SteamVR knows it and does not start it"),
+            (false, true) => say!("SteamVR starts it with the headset"),
+            (false, false) => {
+                say!(
+                    "SteamVR knows it. It does not confirm that it will start it: look under Settings, Startup / Shutdown,"
+                )?;
+                say!("Choose Startup Overlay Apps")
+            }
+        }
+    }
+
+    /// As one line, the way that the manifest wants it.
+    fn run_arguments(&self) -> String {
+        let quoted = |word: &String| match word.contains(char::is_whitespace) {
+            true => format!("\"{word}\""),
+            false => word.clone(),
+        };
+        [vec!["run".to_owned()], self.arguments.iter().map(quoted).collect()].concat().join(" ")
+    }
+}
+
+impl Uninstall {
+    pub fn run(&self) -> Result<()> {
+        let path = manifest_path()?;
+        let place = RuntimePlace::find()?;
+        let runtime = Runtime::start(&place, Role::Utility)?;
+        let was_known = runtime.registration().is_known;
+        if was_known {
+            // Its switch would outlive the manifest and be on again with the next one.
+            if let Err(error) = runtime.set_starts_by_itself(false) {
+                log::warn!("{error}");
+            }
+            runtime.unregister(&path)?;
+        }
+        let had_file = path.exists();
+        if had_file {
+            std::fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
+        }
+        match was_known || had_file {
+            true => say!("SteamVR does not know this program any more; {} is gone", path.display()),
+            false => say!("SteamVR did not know this program: nothing to do"),
+        }
+    }
+}
+
+/// What is wrong with SteamVR's knowledge of this program, if anything, in words with what to do.
+pub(super) fn registration_trouble(registration: &Registration) -> Option<String> {
+    let Registration { is_known, binary, .. } = registration;
+    if !is_known {
+        return None;
+    }
+    let binary = binary.as_ref()?;
+    let again = "`radar-chaperone install` mends it";
+    if !binary.exists() {
+        return Some(format!("SteamVR would start {}, which is not there: {again}", binary.display()));
+    }
+    let same = |own: PathBuf| binary.canonicalize().ok() == own.canonicalize().ok();
+    match own_path().is_ok_and(same) {
+        true => None,
+        false => Some(format!("SteamVR starts another copy of this program, {}: {again}", binary.display())),
+    }
+}
+
+fn own_path() -> Result<PathBuf> {
+    std::env::current_exe().context("cannot tell where this program is")
+}
+
+/// Where the manifest is kept.
+pub(super) fn manifest_path() -> Result<PathBuf> {
+    let folder = user_folder("XDG_DATA_HOME", ".local/share").context("there is no home folder: set HOME")?;
+    Ok(folder.join("manifest.vrmanifest"))
+}

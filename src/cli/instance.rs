@@ -1,0 +1,36 @@
+//! One instance at a time: two would fight over the sensor's line and the overlays.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+
+use super::files::user_folder;
+
+/// Held as long as this program may run beside SteamVR. The system lets go of it however the program ends.
+pub(super) struct Instance {
+    _lock: File,
+}
+
+impl Instance {
+    /// # Errors
+    /// Another instance runs.
+    pub fn claim() -> Result<Self> {
+        let path = lock_path()?;
+        let about = || format!("cannot write {}", path.display());
+        let lock = OpenOptions::new().create(true).truncate(false).write(true).open(&path).with_context(about)?;
+        match lock.try_lock() {
+            Ok(()) => Ok(Self { _lock: lock }),
+            Err(TryLockError::WouldBlock) => {
+                bail!("another radar-chaperone runs beside SteamVR already: end that one first")
+            }
+            Err(TryLockError::Error(error)) => Err(error).with_context(about),
+        }
+    }
+}
+
+fn lock_path() -> Result<PathBuf> {
+    let folder = user_folder("XDG_STATE_HOME", ".local/state").context("there is no home folder: set HOME")?;
+    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    Ok(folder.join("run.lock"))
+}

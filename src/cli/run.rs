@@ -1,0 +1,204 @@
+//! `radar-chaperone run`: beside SteamVR, with warnings in the headset. What the manifest starts.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Receiver;
+use std::time::Duration;
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+
+use super::files::SettingsArguments;
+use super::install::registration_trouble;
+use super::instance::Instance;
+use super::record::check_new_file;
+use super::run_feed::{Feed, FeedPlan};
+use super::run_report::{RunReport, tell};
+use super::sensor::SensorArguments;
+use super::stop::stop_flag;
+use crate::engine::Settings;
+use crate::live::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, SettingsSource};
+use crate::steamvr::{Chaperone, Role, Runtime, RuntimePlace, SteamVrError};
+
+/// Between two looks for SteamVR.
+const LOOK_AGAIN: Duration = Duration::from_secs(1);
+/// How soon being asked to stop is noticed meanwhile.
+const NOTICE: Duration = Duration::from_millis(50);
+/// A board that does not stop in this time is left as it is, when nothing is recorded.
+const PATIENCE: Duration = Duration::from_millis(600);
+/// What is on its way into a recording is waited for.
+const RECORDING_PATIENCE: Duration = Duration::from_secs(40);
+
+/// Runs beside SteamVR and warns of obstacles in the headset
+///
+/// Reads the headset's poses and the sensor's sweeps, reconstructs the room and draws warnings where obstacles are. Ends with
+/// SteamVR, or by Ctrl-C. A sensor that is not there is waited for. `radar-chaperone install` has SteamVR start it.
+#[derive(Debug, Args)]
+pub(super) struct Run {
+    /// Waits for SteamVR where it does not run yet, and again after it has ended
+    #[arg(long)]
+    wait: bool,
+    /// Records frames and poses beside; must not be there yet
+    #[arg(long, value_name = "FILE.mcap")]
+    record: Option<PathBuf>,
+    /// Writes what was done and what it cost, when it ends
+    #[arg(long, value_name = "FILE.json")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    sensor: SensorArguments,
+    #[command(flatten)]
+    settings: SettingsArguments,
+}
+
+impl Run {
+    pub fn run(&self) -> Result<()> {
+        if let Some(out) = &self.record {
+            check_new_file(out, &[&self.sensor.config, &self.sensor.calibration])?;
+        }
+        self.sensor.mount()?;
+        self.settings.live(toml::Table::new())?;
+        let _instance = Instance::claim()?;
+        let stop = stop_flag()?;
+        loop {
+            let Some(runtime) = self.connect(&stop)? else { return Ok(()) };
+            let ending = self.beside(runtime, &stop)?;
+            // A recording is of one session.
+            let is_again = self.wait && self.record.is_none() && ending != Ending::Asked;
+            match ending {
+                _ if is_again => say!("SteamVR has ended: waiting for it")?,
+                Ending::SteamVrGone => bail!("SteamVR went away without a word: it was killed, or has crashed"),
+                Ending::SteamVrQuit => return say!("SteamVR has ended"),
+                Ending::Asked => return Ok(()),
+            }
+        }
+    }
+
+    /// A session with SteamVR; `None`: asked to stop while waiting. SteamVR is never started: a session of the kind that draws would.
+    fn connect(&self, stop: &AtomicBool) -> Result<Option<Runtime>> {
+        let mut told = None;
+        while !stop.load(Ordering::Relaxed) {
+            let place = RuntimePlace::find()?;
+            let there = Runtime::start(&place, Role::Background).map(drop);
+            match there.and_then(|()| Runtime::start(&place, Role::Overlay)) {
+                Ok(runtime) => return Ok(Some(runtime)),
+                Err(error) if !(self.wait && may_pass(&error)) => return Err(error.into()),
+                Err(error) if told.as_ref() != Some(&error) => {
+                    say!("Waiting for SteamVR: {error}")?;
+                    told = Some(error);
+                }
+                Err(_) => {}
+            }
+            let mut waited = Duration::ZERO;
+            while waited < LOOK_AGAIN && !stop.load(Ordering::Relaxed) {
+                std::thread::sleep(NOTICE);
+                waited += NOTICE;
+            }
+        }
+        Ok(None)
+    }
+
+    /// One session, from beginning to end. The order of the end: overlays, session, graphics, sensor.
+    fn beside(&self, runtime: Runtime, stop: &AtomicBool) -> Result<Ending> {
+        say!("SteamVR {}, {}", runtime.version(), runtime.headset_name())?;
+        check_registration(&runtime);
+        let runtime = Arc::new(runtime);
+        let settings = self.settings_over(&runtime.chaperone())?;
+        let plan = FeedPlan::new(&self.sensor, &settings, self.record.clone());
+        let (feed, is_over) = Feed::start(plan)?;
+        let in_force = |chaperone: &Chaperone| {
+            // What was right at the start and is not now was edited meanwhile.
+            self.settings_over(chaperone).unwrap_or_else(|error| {
+                log::warn!("{error:#}: the settings of the start stay in force");
+                settings.clone()
+            })
+        };
+        let done = self.draw(&runtime, &feed, &in_force, stop);
+        feed.stop.store(true, Ordering::Relaxed);
+        // The session ends before what it may still copy from is let go.
+        drop(runtime);
+        let (report, drawn) = done?;
+        drop(drawn);
+        self.end(&feed, &is_over, report)
+    }
+
+    fn draw(
+        &self,
+        runtime: &Arc<Runtime>,
+        feed: &Feed,
+        settings: SettingsSource,
+        stop: &AtomicBool,
+    ) -> Result<(HeadsetReport, Drawn), HeadsetError> {
+        let with = FrameLoop {
+            runtime,
+            reconstruction: &|| feed.reconstruction(),
+            sensor_period_ns: &|| feed.sensor_period_ns(),
+            pose_sink: &|sample| feed.push_pose(sample),
+            settings,
+            stop,
+            status: &feed.status,
+        };
+        with.run()
+    }
+
+    /// The sensor's end, and what is told.
+    fn end(&self, feed: &Feed, is_over: &Receiver<Result<()>>, done: HeadsetReport) -> Result<Ending> {
+        let patience = if self.record.is_some() { RECORDING_PATIENCE } else { PATIENCE };
+        let fed = match is_over.recv_timeout(patience) {
+            Ok(fed) => fed,
+            Err(_) => {
+                log::warn!("the sensor does not stop: it is left as it is");
+                Ok(())
+            }
+        };
+        let report = RunReport::new(&done, feed.reconstruction());
+        tell(&report)?;
+        if let Some(path) = &self.report {
+            report.write(path)?;
+        }
+        fed.map(|()| done.ending)
+    }
+
+    /// The user's settings over what SteamVR says of its chaperone.
+    fn settings_over(&self, chaperone: &Chaperone) -> Result<Settings> {
+        let own = self.settings.live(toml::Table::new())?;
+        match own.headset.follow_chaperone {
+            true => self.settings.live(below(chaperone, &own)).context("with SteamVR's own chaperone below"),
+            false => Ok(own),
+        }
+    }
+}
+
+/// SteamVR's chaperone as settings. A warning is at its full brightness before the fade begins.
+fn below(chaperone: &Chaperone, own: &Settings) -> toml::Table {
+    let mut warning = toml::Table::new();
+    if let Some(color) = chaperone.color {
+        warning.insert("color".into(), color.map(i64::from).to_vec().into());
+    }
+    if let Some(fade_m) = chaperone.fade_distance_m {
+        warning.insert("fade_distance_m".into(), fade_m.into());
+        warning.insert("full_distance_m".into(), own.warning.full_distance_m.min(fade_m / 2.0).into());
+    }
+    if let Some([x, z]) = chaperone.play_area_m {
+        warning.insert("play_area_m".into(), vec![x, z].into());
+    }
+    toml::Table::from_iter([("warning".to_owned(), warning.into())])
+}
+
+/// Whether waiting may help.
+fn may_pass(error: &SteamVrError) -> bool {
+    matches!(error, SteamVrError::NotRunning | SteamVrError::NoHeadset | SteamVrError::Refused { .. })
+}
+
+/// SteamVR starts what its manifest names, which may have been moved since.
+fn check_registration(runtime: &Runtime) {
+    let registration = runtime.registration();
+    if let Some(trouble) = registration_trouble(&registration) {
+        log::warn!("{trouble}");
+    }
+    if registration.is_known
+        && let Err(error) = runtime.identify()
+    {
+        log::info!("{error}");
+    }
+}

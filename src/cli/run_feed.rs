@@ -1,0 +1,154 @@
+//! The sensor's side of `run`: a thread that looks for the board, takes its frames, hands them to the reconstruction and records
+//! them. A board that is not there is waited for.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::mpsc::{self, Receiver, SyncSender};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+
+use super::record_file::{PoseSource, RecordFile};
+use super::sensor::{ChosenSensor, Intake, SensorArguments, Until};
+use crate::engine::Settings;
+use crate::live::{HeadsetStatus, Reconstruction, ReconstructionOptions};
+use crate::radar::{Frame, frame_timing};
+use crate::tracking::PoseSample;
+
+/// Between two looks for a board.
+const LOOK_AGAIN: Duration = Duration::from_secs(2);
+/// How soon being asked to stop is noticed meanwhile.
+const NOTICE: Duration = Duration::from_millis(50);
+
+/// What the sensor's thread and the frame loop share.
+pub(super) struct Feed {
+    /// There once there is a sensor.
+    reconstruction: OnceLock<Reconstruction>,
+    sensor_period_ns: AtomicI64,
+    /// Ends the thread.
+    pub stop: AtomicBool,
+    /// What the frame loop does.
+    pub status: Mutex<HeadsetStatus>,
+    /// Poses for the recording.
+    recorded_poses: Option<SyncSender<PoseSample>>,
+}
+
+/// What the thread works with.
+pub(super) struct FeedPlan {
+    pub sensor: SensorArguments,
+    pub settings: Settings,
+    pub record: Option<PathBuf>,
+    poses: Option<Receiver<PoseSample>>,
+}
+
+impl FeedPlan {
+    pub fn new(sensor: &SensorArguments, settings: &Settings, record: Option<PathBuf>) -> Self {
+        Self { sensor: sensor.clone(), settings: settings.clone(), record, poses: None }
+    }
+}
+
+impl Feed {
+    /// Starts the thread; the receiver is told when it is over.
+    ///
+    /// # Errors
+    /// The system gives no thread.
+    pub fn start(mut plan: FeedPlan) -> Result<(Arc<Self>, Receiver<Result<()>>)> {
+        let mut recorded_poses = None;
+        if plan.record.is_some() {
+            let (sender, receiver) = mpsc::sync_channel(super::record::MAX_WAITING_POSES);
+            (recorded_poses, plan.poses) = (Some(sender), Some(receiver));
+        }
+        let feed = Arc::new(Self {
+            reconstruction: OnceLock::new(),
+            sensor_period_ns: AtomicI64::new(0),
+            stop: AtomicBool::new(false),
+            status: Mutex::default(),
+            recorded_poses,
+        });
+        let (over, is_over) = mpsc::sync_channel(1);
+        let own = Arc::clone(&feed);
+        let work = move || drop(over.send(own.run(plan)));
+        std::thread::Builder::new().name("sensor feed".into()).spawn(work).context("cannot start a thread")?;
+        Ok((feed, is_over))
+    }
+
+    /// The reconstruction, once there is a sensor.
+    pub fn reconstruction(&self) -> Option<&Reconstruction> {
+        self.reconstruction.get()
+    }
+
+    /// Length of a sensor's frame, nanoseconds.
+    pub fn sensor_period_ns(&self) -> i64 {
+        self.sensor_period_ns.load(Ordering::Relaxed)
+    }
+
+    /// Takes a pose of the head; never waits.
+    pub fn push_pose(&self, sample: &PoseSample) {
+        if let Some(reconstruction) = self.reconstruction() {
+            reconstruction.push_pose(*sample);
+        }
+        if let Some(recorded) = &self.recorded_poses {
+            // A disk that is four seconds behind loses poses, not the frame loop's time.
+            let _ = recorded.try_send(*sample);
+        }
+    }
+
+    fn run(&self, mut plan: FeedPlan) -> Result<()> {
+        let Some(sensor) = self.wait_for_sensor(&plan.sensor) else { return Ok(()) };
+        sensor.tell()?;
+        let threads = Some(plan.settings.headset.threads).filter(|threads| *threads > 0);
+        let options = ReconstructionOptions { threads, ..Default::default() };
+        let reconstruction = Reconstruction::start(sensor.config()?, &sensor.mount(), &plan.settings, &options)?;
+        let period_s = frame_timing(sensor.config()?).frame_period_s;
+        self.sensor_period_ns.store((period_s * 1e9) as i64, Ordering::Relaxed);
+        let reconstruction = self.reconstruction.get_or_init(|| reconstruction);
+        let source = plan.poses.take().map_or(PoseSource::None, PoseSource::Live);
+        let file = plan.record.as_deref().map(|path| RecordFile::new(path, source));
+        let hand_on = |frame: &Frame| reconstruction.push_frame(frame.clone());
+        let mut intake = Intake::new(&sensor, file, &hand_on);
+        let Some(stream) = self.open(&sensor) else { return Ok(()) };
+        let done = intake.run(&stream, &self.stop, Until::Stopped, &|| self.told_status());
+        intake.end(stream, done)
+    }
+
+    fn wait_for_sensor(&self, arguments: &SensorArguments) -> Option<ChosenSensor> {
+        self.until_there(|| arguments.choose(), "no sensor yet")
+    }
+
+    fn open(&self, sensor: &ChosenSensor) -> Option<crate::live::SensorStream> {
+        self.until_there(|| sensor.open(), "the sensor's line does not open yet")
+    }
+
+    /// Tries until it succeeds or the program ends; says what is missing once.
+    fn until_there<T>(&self, attempt: impl Fn() -> Result<T>, missing: &str) -> Option<T> {
+        let mut told = String::new();
+        while !self.stop.load(Ordering::Relaxed) {
+            match attempt() {
+                Ok(found) => return Some(found),
+                Err(error) => {
+                    let text = format!("{error:#}");
+                    if text != told {
+                        log::warn!("{missing}: {text}. It is looked for again every {} s", LOOK_AGAIN.as_secs());
+                        told = text;
+                    }
+                }
+            }
+            let mut waited = Duration::ZERO;
+            while waited < LOOK_AGAIN && !self.stop.load(Ordering::Relaxed) {
+                std::thread::sleep(NOTICE);
+                waited += NOTICE;
+            }
+        }
+        None
+    }
+
+    /// What the frame loop does, for the line of progress.
+    fn told_status(&self) -> String {
+        let status = *self.status.lock().unwrap_or_else(PoisonError::into_inner);
+        let tracked = if status.is_tracked { "" } else { "  head not tracked" };
+        let nearest = status.nearest_m.map_or(String::new(), |m| format!("  nearest {m:.2} m"));
+        let missed = status.frames.missed_by_us + status.frames.missed_elsewhere;
+        format!("  {} display frames, {missed} missed{tracked}{nearest}", status.frames.frames)
+    }
+}

@@ -1,0 +1,111 @@
+//! What a session beside SteamVR did and cost, in words and as JSON.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde_json::{Value, json};
+
+use crate::live::{Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters};
+
+/// A session's figures.
+pub(super) struct RunReport {
+    ending: Ending,
+    headset: HeadsetStatus,
+    reconstruction: Option<ReconstructionCounters>,
+    obstacles: usize,
+    time_offset_s: f64,
+    time_offset_sigma_s: Option<f64>,
+}
+
+impl RunReport {
+    pub fn new(done: &HeadsetReport, reconstruction: Option<&Reconstruction>) -> Self {
+        let newest = reconstruction.map(Reconstruction::latest);
+        Self {
+            ending: done.ending,
+            headset: done.status,
+            reconstruction: reconstruction.map(Reconstruction::counters),
+            obstacles: newest.as_ref().map_or(0, |newest| newest.scene.obstacles.len()),
+            time_offset_s: newest.as_ref().map_or(0.0, |newest| newest.time_offset_s),
+            time_offset_sigma_s: newest.and_then(|newest| newest.time_offset_sigma_s),
+        }
+    }
+
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let HeadsetStatus { frames, .. } = self.headset;
+        let reconstruction = self.reconstruction.map(|counters| {
+            json!({
+                "worked_off": latency(&counters.worked_off),
+                "evidence_age": latency(&counters.evidence_age),
+                "step": latency(&counters.step),
+                "cpu_s": counters.cpu_s,
+                "running_s": counters.running_s,
+                "frames_dropped": counters.frames_dropped,
+                "poses_dropped": counters.poses_dropped,
+                "outdated": counters.outdated,
+                "counters": counters.pipeline,
+            })
+        });
+        let report = json!({
+            "ending": format!("{:?}", self.ending),
+            "frames": frames.frames,
+            "frames_missed_by_us": frames.missed_by_us,
+            "frames_missed_elsewhere": frames.missed_elsewhere,
+            "frame_cpu": latency(&frames.cpu),
+            "frame_wall": latency(&frames.wall),
+            "sweep_to_warning": latency(&frames.sweep_to_warning),
+            "pictures": self.headset.pictures,
+            "recentred": self.headset.recentred,
+            "forgotten": self.headset.forgotten,
+            "devices_lost": self.headset.devices_lost,
+            "calls_refused": self.headset.refused,
+            "poses_untimed": self.headset.poses_untimed,
+            "obstacles": self.obstacles,
+            "time_offset_s": self.time_offset_s,
+            "time_offset_sigma_s": self.time_offset_sigma_s,
+            "reconstruction": reconstruction,
+        });
+        std::fs::write(path, format!("{report:#}\n")).with_context(|| format!("cannot write {}", path.display()))
+    }
+}
+
+fn latency(report: &LatencyReport) -> Value {
+    json!({
+        "count": report.count,
+        "median_s": report.median_s,
+        "p99_s": report.p99_s,
+        "p999_s": report.p999_s,
+        "max_s": report.max_s,
+    })
+}
+
+/// Says it.
+pub(super) fn tell(report: &RunReport) -> Result<()> {
+    let HeadsetStatus { frames, pictures, recentred, forgotten, devices_lost, refused, .. } = report.headset;
+    let ms = |seconds: f64| seconds * 1e3;
+    say!(
+        "Frames    {} seen, {} missed by this program, {} elsewhere; {:.2} ms of processor each (one in a thousand {:.2}, longest {:.2})",
+        frames.frames,
+        frames.missed_by_us,
+        frames.missed_elsewhere,
+        ms(frames.cpu.median_s),
+        ms(frames.cpu.p999_s),
+        ms(frames.cpu.max_s)
+    )?;
+    let age = frames.sweep_to_warning;
+    if age.count > 0 {
+        let (median, p99, max) = (ms(age.median_s), ms(age.p99_s), ms(age.max_s));
+        say!("Sweeps    {median:.1} ms from sweep to warning (one in a hundred {p99:.1}, longest {max:.1})")?;
+    }
+    if let Some(counters) = &report.reconstruction {
+        let share = 100.0 * counters.cpu_s / counters.running_s.max(1e-3);
+        let dropped = counters.frames_dropped + counters.poses_dropped;
+        say!("Imaging   {} obstacles, {share:.1} % of a core, {dropped} frames and poses dropped", report.obstacles)?;
+    }
+    if let Some(sigma_s) = report.time_offset_sigma_s {
+        say!("Time      offset {:.1} ± {:.1} ms in force", ms(report.time_offset_s), ms(sigma_s))?;
+    }
+    say!(
+        "Overlays  {pictures} pictures handed over; recentred {recentred} times, map begun anew {forgotten}, graphics device \
+         lost {devices_lost}, calls refused {refused}"
+    )
+}
