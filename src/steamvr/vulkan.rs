@@ -130,8 +130,8 @@ pub fn open(needs: &VulkanNeeds) -> Result<VulkanDevice, VulkanError> {
         ..Default::default()
     };
     // SAFETY: the device was opened from this adapter with the limits and features described.
-    let (device, queue) = unsafe { adapter.create_device_from_hal(opened, &described) }
-        .map_err(|error| no_device(error.to_string()))?;
+    let (device, queue) =
+        unsafe { adapter.create_device_from_hal(opened, &described) }.map_err(|error| no_device(error.to_string()))?;
     let handles = handles_of(&device, raw_instance).ok_or_else(|| no_device("it is no Vulkan device".into()))?;
     Ok(VulkanDevice { device, queue, name, handles })
 }
@@ -322,7 +322,11 @@ mod tests {
             view_formats: &[],
         });
         let handed = device.handover(&texture).unwrap();
-        assert!([handed.image, handed.instance, handed.physical_device, handed.device, handed.queue].iter().all(|h| *h != 0));
+        assert!(
+            [handed.image, handed.instance, handed.physical_device, handed.device, handed.queue]
+                .iter()
+                .all(|h| *h != 0)
+        );
         // VK_FORMAT_R8G8B8A8_SRGB.
         assert_eq!((handed.width, handed.height, handed.format, handed.samples), (64, 32, 43, 1));
         assert_eq!(handed, device.handover(&texture).unwrap());
@@ -353,10 +357,15 @@ mod tests {
         }
         let instance = VulkanNeeds { instance_extensions: vec![c"VK_XX_nothing".into()], ..needs() };
         assert_eq!(open(&instance).unwrap_err(), VulkanError::InstanceExtensions(vec!["VK_XX_nothing".into()]));
-        let device =
-            VulkanNeeds { device_extensions: &|_| vec![c"VK_KHR_external_memory".into(), c"VK_XX_none".into()], ..needs() };
+        let device = VulkanNeeds {
+            device_extensions: &|_| vec![c"VK_KHR_external_memory".into(), c"VK_XX_none".into()],
+            ..needs()
+        };
         let error = open(&device).unwrap_err();
-        assert!(matches!(&error, VulkanError::DeviceExtensions { missing, .. } if missing == &["VK_XX_none"]), "{error}");
+        assert!(
+            matches!(&error, VulkanError::DeviceExtensions { missing, .. } if missing == &["VK_XX_none"]),
+            "{error}"
+        );
         assert!(error.to_string().contains("VK_XX_none"), "{error}");
     }
 
