@@ -1,8 +1,9 @@
 //! Draws the textures of panels and footprints. Knows nothing of where they stand: the same texture serves the preview and a
 //! SteamVR overlay.
 //!
-//! RGBA, 8 bits, sRGB curve, colour multiplied by alpha; row 0 is the upper edge. All smaller levels are there, so that a
-//! far panel does not shimmer.
+//! RGBA, 8 bits, sRGB curve, colour multiplied by alpha; row 0 is the upper edge. A runtime copies the finest level alone. The
+//! smaller ones, which keep a far panel from shimmering, are drawn when one of our own views first needs them. A new
+//! texture is left ready to be copied.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec2;
@@ -115,14 +116,13 @@ impl Painter {
             ],
         });
         let size_px = texture_size(size_m);
-        let levels = size_px[0].max(size_px[1]).ilog2() + 1;
-        let texture = gpu.texture(size_px, FORMAT, 1, levels);
-        let views: Vec<_> = (0..levels).map(|level| level_view(&texture, level)).collect();
+        let texture = gpu.texture(size_px, FORMAT, 1, size_px[0].max(size_px[1]).ilog2() + 1);
+        let finest = level_view(&texture, 0);
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                    view: &views[0],
+                    view: &finest,
                     depth_slice: None,
                     resolve_target: None,
                     ops: wgpu::Operations {
@@ -136,12 +136,24 @@ impl Painter {
             pass.set_bind_group(0, &bound, &[]);
             pass.draw(0..3, 0..1);
         }
-        for pair in views.windows(2) {
-            self.halve.copy(&gpu.device, &mut encoder, &pair[0], &pair[1]);
-        }
+        ready_to_copy(&mut encoder, [&texture].into_iter());
         gpu.queue.submit([encoder.finish()]);
         texture
     }
+
+    /// Draws a texture's smaller levels, each from the one before.
+    pub fn smaller_levels(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, texture: &wgpu::Texture) {
+        let views: Vec<_> = (0..texture.mip_level_count()).map(|level| level_view(texture, level)).collect();
+        for pair in views.windows(2) {
+            self.halve.copy(&gpu.device, encoder, &pair[0], &pair[1]);
+        }
+    }
+}
+
+/// Leaves textures in the layout that a runtime takes them over in (Vulkan's `TRANSFER_SRC_OPTIMAL`).
+pub(super) fn ready_to_copy<'t>(encoder: &mut wgpu::CommandEncoder, textures: impl Iterator<Item = &'t wgpu::Texture>) {
+    let ready = |texture| wgpu::TextureTransition { texture, selector: None, state: wgpu::TextureUses::COPY_SRC };
+    encoder.transition_resources(std::iter::empty(), textures.map(ready));
 }
 
 fn level_view(texture: &wgpu::Texture, level: u32) -> wgpu::TextureView {
@@ -190,7 +202,7 @@ fn spacing(style: &WarningSettings) -> f32 {
 }
 
 /// Linear red, green, blue of an sRGB colour; fourth 1.
-fn linear(srgb: [u8; 3]) -> [f32; 4] {
+pub(super) fn linear(srgb: [u8; 3]) -> [f32; 4] {
     let [red, green, blue] = srgb.map(|v| {
         let v = f32::from(v) / 255.0;
         if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }

@@ -1,10 +1,6 @@
-//! The preview: what an eye sees of the warnings, over a dark room with a floor grid of one metre.
-//!
-//! Order of drawing: backdrop; the true places as opaque dots that fill the depth buffer; footprints; panels from far to
-//! near, tested against the dots' depth and blended. Four samples a pixel. Places reach the GPU relative to the eye: the
-//! difference is taken in f64, so a room far from the origin is as sharp as one at it.
+//! The preview: what an eye sees of the warnings, over a dark room with a floor grid of one metre, with dots where things
+//! truly are.
 
-use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
 use image::RgbaImage;
 
@@ -12,297 +8,26 @@ use super::error::RenderError;
 use super::eye::EyeView;
 use super::gpu::{FORMAT, Gpu};
 use super::quads::Quad;
+use super::viewer::{Viewer, begin};
 
-const SAMPLES: u32 = 4;
-const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-
-#[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
-struct EyeUniform {
-    clip_from_place: [f32; 16],
-    right: [f32; 4],
-    up: [f32; 4],
-    back: [f32; 4],
-    tangents: [f32; 4],
-    on_floor: [f32; 2],
-    height: f32,
-    pixel: f32,
-}
-
-#[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
-struct QuadCorner {
-    place: [f32; 3],
-    uv: [f32; 2],
-    alpha: f32,
-}
-
-/// The pipelines of the preview.
-pub(super) struct Previewer {
-    backdrop: wgpu::RenderPipeline,
-    dots: wgpu::RenderPipeline,
-    quads: wgpu::RenderPipeline,
-    eye_layout: wgpu::BindGroupLayout,
-    image_layout: wgpu::BindGroupLayout,
-    sampler: wgpu::Sampler,
-}
-
-impl Previewer {
-    pub fn new(gpu: &Gpu) -> Self {
-        let eye_layout = eye_layout(gpu);
-        let image_layout = image_layout(gpu);
-        let module = gpu.device.create_shader_module(wgpu::include_wgsl!("shaders/preview.wgsl"));
-        let part = |part| pipeline(gpu, &module, &[Some(&eye_layout), Some(&image_layout)], part);
-        let corner = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x2, 2 => Float32];
-        let dot = wgpu::vertex_attr_array![0 => Float32x4];
-        let backdrop = part(Part {
-            entries: ["backdrop_corner", "backdrop"],
-            vertices: None,
-            depth: (false, wgpu::CompareFunction::Always),
-            blend: None,
-            alpha_to_coverage: false,
-        });
-        let dots = part(Part {
-            entries: ["dot_corner", "ball"],
-            vertices: Some(layout::<[f32; 4]>(wgpu::VertexStepMode::Instance, &dot)),
-            depth: (true, wgpu::CompareFunction::Greater),
-            blend: None,
-            alpha_to_coverage: true,
-        });
-        let quads = part(Part {
-            entries: ["quad_corner", "quad"],
-            vertices: Some(layout::<QuadCorner>(wgpu::VertexStepMode::Vertex, &corner)),
-            depth: (false, wgpu::CompareFunction::Greater),
-            blend: Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
-            alpha_to_coverage: false,
-        });
-        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            mipmap_filter: wgpu::MipmapFilterMode::Linear,
-            anisotropy_clamp: 8,
-            ..Default::default()
-        });
-        Self { backdrop, dots, quads, eye_layout, image_layout, sampler }
-    }
-
-    /// The picture of one eye. `truth`: places and radii, metres.
-    pub fn draw(
-        &self,
-        gpu: &Gpu,
-        quads: &[Quad],
-        view: &EyeView,
-        truth: &[(DVec3, f64)],
-    ) -> Result<RgbaImage, RenderError> {
-        view.check()?;
-        gpu.check_size(view.size_px)?;
-        let eye = self.bind_eye(gpu, view);
-        let order = far_to_near(quads, view);
-        let corners: Vec<QuadCorner> = order.iter().flat_map(|quad| quad_corners(quad, view)).collect();
-        let images: Vec<_> = order.iter().map(|quad| self.bind_image(gpu, &quad.texture)).collect();
-        let dots = dots(truth, view);
-        let corner_buffer = gpu.buffer(bytemuck::cast_slice(&corners), wgpu::BufferUsages::VERTEX);
-        let dot_buffer = gpu.buffer(bytemuck::cast_slice(&dots), wgpu::BufferUsages::VERTEX);
-
-        let picture = gpu.target(view.size_px, FORMAT, 1);
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = begin(gpu, &mut encoder, &picture);
-            pass.set_bind_group(0, &eye, &[]);
-            pass.set_pipeline(&self.backdrop);
-            pass.draw(0..3, 0..1);
-            if !dots.is_empty() {
-                pass.set_pipeline(&self.dots);
-                pass.set_vertex_buffer(0, dot_buffer.slice(..));
-                pass.draw(0..4, 0..dots.len() as u32);
-            }
-            if !corners.is_empty() {
-                pass.set_pipeline(&self.quads);
-                pass.set_vertex_buffer(0, corner_buffer.slice(..));
-            }
-            for (first, image) in (0..).step_by(4).zip(&images) {
-                pass.set_bind_group(1, image, &[]);
-                pass.draw(first..first + 4, 0..1);
-            }
-        }
-        gpu.queue.submit([encoder.finish()]);
-        gpu.read(&picture)
-    }
-
-    fn bind_eye(&self, gpu: &Gpu, view: &EyeView) -> wgpu::BindGroup {
-        let axis = |v: DVec3| view.tracking_from_eye.transform_vector(v).as_vec3().extend(0.0).to_array();
-        let at = view.tracking_from_eye.translation;
-        let [left, right, ..] = view.edges();
-        let uniform = EyeUniform {
-            clip_from_place: view.clip_from_place().to_cols_array(),
-            right: axis(DVec3::X),
-            up: axis(DVec3::Y),
-            back: axis(DVec3::Z),
-            tangents: view.edges().map(|t| t as f32),
-            on_floor: [(at.x - at.x.floor()) as f32, (at.z - at.z.floor()) as f32],
-            height: at.y as f32,
-            pixel: ((right - left) / f64::from(view.size_px[0])) as f32,
-        };
-        let buffer = gpu.buffer(bytemuck::bytes_of(&uniform), wgpu::BufferUsages::UNIFORM);
-        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: None,
-            layout: &self.eye_layout,
-            entries: &[wgpu::BindGroupEntry { binding: 0, resource: buffer.as_entire_binding() }],
-        })
-    }
-
-    fn bind_image(&self, gpu: &Gpu, texture: &wgpu::Texture) -> wgpu::BindGroup {
-        let view = texture.create_view(&Default::default());
-        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: None,
-            layout: &self.image_layout,
-            entries: &[
-                wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&view) },
-                wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Sampler(&self.sampler) },
-            ],
-        })
-    }
-}
-
-/// A pass over a new multisampled picture and depth buffer, resolved into `picture`.
-fn begin<'e>(gpu: &Gpu, encoder: &'e mut wgpu::CommandEncoder, picture: &wgpu::Texture) -> wgpu::RenderPass<'e> {
-    let size = [picture.width(), picture.height()];
-    let samples = gpu.target(size, FORMAT, SAMPLES).create_view(&Default::default());
-    let depth = gpu.target(size, DEPTH, SAMPLES).create_view(&Default::default());
-    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-            view: &samples,
-            depth_slice: None,
-            resolve_target: Some(&picture.create_view(&Default::default())),
-            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::BLACK), store: wgpu::StoreOp::Discard },
-        })],
-        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-            view: &depth,
-            depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
-            stencil_ops: None,
-        }),
-        ..Default::default()
-    })
-}
-
-/// Those on the floor first, then by falling distance from the eye.
-fn far_to_near<'q>(quads: &'q [Quad], view: &EyeView) -> Vec<&'q Quad> {
-    let eye = view.tracking_from_eye.translation;
-    let distance = |quad: &Quad| quad.tracking_from_quad.translation.distance(eye);
-    let mut order: Vec<&Quad> = quads.iter().filter(|quad| quad.alpha > 0.0).collect();
-    order.sort_by(|a, b| b.on_floor.cmp(&a.on_floor).then(distance(b).total_cmp(&distance(a))));
-    order
-}
-
-/// Corners in the order of a triangle strip.
-fn quad_corners(quad: &Quad, view: &EyeView) -> [QuadCorner; 4] {
-    [[0.0, 1.0], [1.0, 1.0], [0.0, 0.0], [1.0, 0.0]].map(|uv: [f64; 2]| {
-        let on_quad = DVec3::new((uv[0] - 0.5) * quad.size_m.x, (0.5 - uv[1]) * quad.size_m.y, 0.0);
-        let place = quad.tracking_from_quad.transform_point(on_quad) - view.tracking_from_eye.translation;
-        QuadCorner { place: place.as_vec3().to_array(), uv: uv.map(|v| v as f32), alpha: quad.alpha }
-    })
-}
-
-/// Places relative to the eye and radii, of those that are places.
-fn dots(truth: &[(DVec3, f64)], view: &EyeView) -> Vec<[f32; 4]> {
-    let eye = view.tracking_from_eye.translation;
-    let sound = truth.iter().filter(|(place, radius)| place.is_finite() && radius.is_finite() && *radius >= 0.0);
-    sound.map(|(place, radius)| (*place - eye).as_vec3().extend(*radius as f32).to_array()).collect()
-}
-
-fn layout<T>(step_mode: wgpu::VertexStepMode, attributes: &[wgpu::VertexAttribute]) -> wgpu::VertexBufferLayout<'_> {
-    wgpu::VertexBufferLayout { array_stride: size_of::<T>() as u64, step_mode, attributes }
-}
-
-/// What tells one pipeline from another.
-struct Part<'a> {
-    /// Vertex and fragment entry points.
-    entries: [&'a str; 2],
-    vertices: Option<wgpu::VertexBufferLayout<'a>>,
-    /// Whether it writes depth, and the test.
-    depth: (bool, wgpu::CompareFunction),
-    blend: Option<wgpu::BlendState>,
-    alpha_to_coverage: bool,
-}
-
-fn pipeline(
+/// The picture of one eye. `truth`: places and radii, metres.
+pub(super) fn preview(
     gpu: &Gpu,
-    module: &wgpu::ShaderModule,
-    groups: &[Option<&wgpu::BindGroupLayout>],
-    part: Part,
-) -> wgpu::RenderPipeline {
-    let bind_group_layouts = if part.blend.is_some() { groups } else { &groups[..1] };
-    let layout =
-        gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor { bind_group_layouts, ..Default::default() });
-    let topology = if part.vertices.is_some() {
-        wgpu::PrimitiveTopology::TriangleStrip
-    } else {
-        wgpu::PrimitiveTopology::TriangleList
-    };
-    let buffers: Vec<_> = part.vertices.into_iter().map(Some).collect();
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: None,
-        layout: Some(&layout),
-        vertex: wgpu::VertexState {
-            module,
-            entry_point: Some(part.entries[0]),
-            compilation_options: Default::default(),
-            buffers: &buffers,
-        },
-        primitive: wgpu::PrimitiveState { topology, ..Default::default() },
-        depth_stencil: Some(wgpu::DepthStencilState {
-            format: DEPTH,
-            depth_write_enabled: Some(part.depth.0),
-            depth_compare: Some(part.depth.1),
-            stencil: Default::default(),
-            bias: Default::default(),
-        }),
-        multisample: wgpu::MultisampleState {
-            count: SAMPLES,
-            mask: !0,
-            alpha_to_coverage_enabled: part.alpha_to_coverage,
-        },
-        fragment: Some(wgpu::FragmentState {
-            module,
-            entry_point: Some(part.entries[1]),
-            compilation_options: Default::default(),
-            targets: &[Some(wgpu::ColorTargetState {
-                format: FORMAT,
-                blend: part.blend,
-                write_mask: wgpu::ColorWrites::ALL,
-            })],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
-}
-
-fn eye_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
-    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: None,
-        entries: &[wgpu::BindGroupLayoutEntry {
-            binding: 0,
-            visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,
-            ty: wgpu::BindingType::Buffer {
-                ty: wgpu::BufferBindingType::Uniform,
-                has_dynamic_offset: false,
-                min_binding_size: None,
-            },
-            count: None,
-        }],
-    })
-}
-
-fn image_layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
-    let entry =
-        |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::FRAGMENT, ty, count: None };
-    let texture = wgpu::BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension: wgpu::TextureViewDimension::D2,
-        multisampled: false,
-    };
-    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: None,
-        entries: &[entry(0, texture), entry(1, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering))],
-    })
+    viewer: &Viewer,
+    quads: &[Quad],
+    view: &EyeView,
+    truth: &[(DVec3, f64)],
+) -> Result<RgbaImage, RenderError> {
+    view.check()?;
+    gpu.check_size(view.size_px)?;
+    let sight = viewer.sight(gpu, view, truth, &[], &quads.iter().collect::<Vec<_>>());
+    let picture = gpu.target(view.size_px, FORMAT, 1);
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    {
+        let mut pass = begin(gpu, &mut encoder, &picture);
+        viewer.draw_backdrop(&mut pass, &sight);
+        viewer.draw_things(&mut pass, &sight);
+    }
+    gpu.queue.submit([encoder.finish()]);
+    gpu.read(&picture)
 }

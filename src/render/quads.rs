@@ -1,7 +1,8 @@
 //! Warnings as textured quads standing in the room, each with a texture that is drawn again only when its content changes.
 //!
 //! The key of a texture is its content, rounded to half a millimetre; brightness and pose are no part of it. Textures that
-//! nothing showed for a while are dropped.
+//! nothing showed for a while are dropped, the longest unused first when there are many. One that was shown within the last few
+//! frames never is: a VR runtime may still be copying it, and no one tells us when it is done.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -9,12 +10,16 @@ use std::sync::Arc;
 use glam::{DQuat, DVec2, DVec3};
 
 use super::gpu::Gpu;
-use super::painter::{Painter, PanelLook};
+use super::painter::{Painter, PanelLook, ready_to_copy};
 use crate::geometry::Pose;
 use crate::warning::{Footprint, Panel, PanelKind, WarningSettings, Warnings};
 
-/// A texture is dropped after so many uses of the cache without it.
-const KEPT_FOR: u64 = 90;
+/// A texture is dropped after so many uses of the cache without it: ten seconds of frames.
+const KEPT_FOR: u64 = 900;
+/// More textures than this are not kept, but for those in flight.
+const MOST_KEPT: usize = 48;
+/// A texture used so few uses ago may still be in flight.
+const IN_FLIGHT: u64 = 4;
 /// Room around a footprint for its glow, metres.
 const GLOW_M: f64 = 0.08;
 /// Footprints lie this far above the floor, metres.
@@ -22,9 +27,22 @@ const ABOVE_FLOOR_M: f64 = 0.003;
 /// Corners of a footprint are rounded to this, metres.
 const CORNER_STEP_M: f64 = 0.005;
 
+/// What a quad shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum QuadKind {
+    /// An object's panel.
+    Object,
+    /// A wall's panel.
+    Wall,
+    /// The area where an object stands.
+    Footprint,
+}
+
 /// A rectangle in the room with a picture on it.
 #[derive(Debug, Clone)]
 pub struct Quad {
+    /// What it shows.
+    pub kind: QuadKind,
     /// The obstacle or wall it warns of.
     pub id: u64,
     /// Whether it lies on the floor.
@@ -39,11 +57,24 @@ pub struct Quad {
     pub texture: Arc<wgpu::Texture>,
 }
 
+impl Quad {
+    /// What stays the same from frame to frame while the same thing is shown. Who holds a slot for each quad, an overlay for
+    /// example, leaves a quad in the slot of its key: nothing but its pose, size and brightness then changes from frame to
+    /// frame, and its picture seldom. Keys of one frame differ.
+    pub fn key(&self) -> (QuadKind, u64) {
+        (self.kind, self.id)
+    }
+}
+
 type Key = Vec<i32>;
 
 struct Kept {
     texture: Arc<wgpu::Texture>,
     last_used: u64,
+    /// Whether its smaller levels are drawn.
+    has_levels: bool,
+    /// Whether it was left in the layout in which a runtime takes it over.
+    is_ready: bool,
 }
 
 /// Textures by content.
@@ -64,9 +95,50 @@ impl QuadCache {
         let panels =
             warnings.panels.iter().filter(|p| p.alpha > 0.0 && p.size_m.is_finite() && p.size_m.min_element() > 0.0);
         quads.extend(panels.map(|p| self.panel(gpu, painter, p, style)));
+        self.drop_unused();
+        quads
+    }
+
+    /// Before our own views sample these quads: their smaller levels are drawn, and they will not be ready to be copied.
+    pub fn before_sampling(&mut self, gpu: &Gpu, painter: &Painter, quads: &[Quad]) {
+        let mut encoder = None;
+        for kept in self.textures.values_mut().filter(|kept| is_among(&kept.texture, quads)) {
+            kept.is_ready = false;
+            if !std::mem::replace(&mut kept.has_levels, true) {
+                let encoder = encoder.get_or_insert_with(|| gpu.device.create_command_encoder(&Default::default()));
+                painter.smaller_levels(gpu, encoder, &kept.texture);
+            }
+        }
+        gpu.queue.submit(encoder.map(wgpu::CommandEncoder::finish));
+    }
+
+    /// Makes the textures of these quads ready to be copied by a runtime; submits nothing when they are.
+    pub fn hand_over(&mut self, gpu: &Gpu, quads: &[Quad]) {
+        let sampled = self.textures.values_mut().filter(|kept| !kept.is_ready && is_among(&kept.texture, quads));
+        let textures: Vec<_> = sampled
+            .map(|kept| {
+                kept.is_ready = true;
+                Arc::clone(&kept.texture)
+            })
+            .collect();
+        if !textures.is_empty() {
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            ready_to_copy(&mut encoder, textures.iter().map(Arc::as_ref));
+            gpu.queue.submit([encoder.finish()]);
+        }
+    }
+
+    fn drop_unused(&mut self) {
         let uses = self.uses;
         self.textures.retain(|_, kept| kept.last_used + KEPT_FOR >= uses);
-        quads
+        let excess = self.textures.len().saturating_sub(MOST_KEPT);
+        if excess > 0 {
+            // Each use stamps a handful of textures, so one stamp more or less to drop makes no difference.
+            let mut stamps: Vec<u64> = self.textures.values().map(|kept| kept.last_used).collect();
+            stamps.sort_unstable();
+            let oldest = stamps[excess - 1].min(uses.saturating_sub(IN_FLIGHT));
+            self.textures.retain(|_, kept| kept.last_used > oldest);
+        }
     }
 
     fn panel(&mut self, gpu: &Gpu, painter: &Painter, panel: &Panel, style: &WarningSettings) -> Quad {
@@ -75,6 +147,7 @@ impl QuadCache {
         let kind = if panel.kind == PanelKind::Wall { 0 } else { 1 };
         let key = key(kind, style, [panel.size_m.x, panel.size_m.y].into_iter().chain(discs));
         Quad {
+            kind: if panel.kind == PanelKind::Wall { QuadKind::Wall } else { QuadKind::Object },
             id: panel.id,
             on_floor: false,
             tracking_from_quad: panel.tracking_from_panel,
@@ -94,6 +167,7 @@ impl QuadCache {
         let key = key(2, style, [size_m.x, size_m.y].into_iter().chain(corners.iter().flat_map(|c| c.to_array())));
         let place = DVec3::new(middle.x, ABOVE_FLOOR_M, -middle.y);
         Quad {
+            kind: QuadKind::Footprint,
             id: area.id,
             on_floor: true,
             tracking_from_quad: Pose::new(place, DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2)),
@@ -107,11 +181,15 @@ impl QuadCache {
         let (uses, drawn) = (self.uses, &mut self.drawn);
         let kept = self.textures.entry(key).or_insert_with(|| {
             *drawn += 1;
-            Kept { texture: Arc::new(draw()), last_used: uses }
+            Kept { texture: Arc::new(draw()), last_used: uses, has_levels: false, is_ready: true }
         });
         kept.last_used = uses;
         Arc::clone(&kept.texture)
     }
+}
+
+fn is_among(texture: &Arc<wgpu::Texture>, quads: &[Quad]) -> bool {
+    quads.iter().any(|quad| Arc::ptr_eq(&quad.texture, texture))
 }
 
 fn key(kind: i32, style: &WarningSettings, lengths_m: impl Iterator<Item = f64>) -> Key {

@@ -1,4 +1,6 @@
-//! The renderer: a device, the painter of textures with its cache, and the preview.
+//! The renderer: a device, the painter of textures with its cache, the preview, and pictures in space.
+
+use std::sync::Arc;
 
 use glam::DVec3;
 use image::RgbaImage;
@@ -7,16 +9,19 @@ use super::error::RenderError;
 use super::eye::EyeView;
 use super::gpu::Gpu;
 use super::painter::Painter;
-use super::preview::Previewer;
+use super::preview::preview;
 use super::quads::{Quad, QuadCache};
+use super::scenery::{Scenery, Screens, Window};
+use super::viewer::Viewer;
 use crate::warning::{WarningSettings, Warnings};
 
 /// Draws warnings, without a window.
 pub struct Renderer {
     gpu: Gpu,
     painter: Painter,
-    previewer: Previewer,
+    viewer: Viewer,
     cache: QuadCache,
+    screens: Screens,
 }
 
 impl Renderer {
@@ -28,19 +33,19 @@ impl Renderer {
         Self::on(Gpu::headless()?)
     }
 
-    /// On a device that someone else opened: SteamVR wants its own extensions on it. It must allow four samples a pixel and
-    /// one storage buffer in fragment shaders. `name` is for messages.
+    /// On a device that someone else opened, with [`super::needed_limits`]: SteamVR wants its own extensions on it. The renderer
+    /// takes the device's callbacks for errors and for its loss. `name` is for messages.
     ///
     /// # Errors
-    /// [`RenderError::Device`] when it cannot hold the pipelines.
+    /// [`RenderError::Device`] when it cannot hold the pipelines, [`RenderError::DeviceLost`] when it is gone.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue, name: &str) -> Result<Self, RenderError> {
         Self::on(Gpu::of(device, queue, name.to_owned()))
     }
 
     fn on(gpu: Gpu) -> Result<Self, RenderError> {
-        let (painter, previewer) = (Painter::new(&gpu), Previewer::new(&gpu));
+        let (painter, viewer) = (Painter::new(&gpu), Viewer::new(&gpu));
         gpu.check()?;
-        Ok(Self { gpu, painter, previewer, cache: QuadCache::default() })
+        Ok(Self { gpu, painter, viewer, cache: QuadCache::default(), screens: Screens::default() })
     }
 
     /// Name of the graphics adapter.
@@ -49,10 +54,10 @@ impl Renderer {
     }
 
     /// Where each warning stands and its texture; only textures whose content changed are drawn. Footprints first, then panels
-    /// in the order given.
+    /// in the order given. New textures are ready to be handed to a runtime.
     ///
     /// # Errors
-    /// [`RenderError::Device`] when the device failed since the last call.
+    /// [`RenderError::Device`] when the device failed since the last call, [`RenderError::DeviceLost`] when it is gone.
     pub fn quads(&mut self, warnings: &Warnings, style: &WarningSettings) -> Result<Vec<Quad>, RenderError> {
         let quads = self.cache.quads(&self.gpu, &self.painter, warnings, style);
         self.gpu.check()?;
@@ -86,7 +91,57 @@ impl Renderer {
         truth: &[(DVec3, f64)],
     ) -> Result<RgbaImage, RenderError> {
         let quads = self.quads(warnings, style)?;
-        self.previewer.draw(&self.gpu, &quads, view, truth)
+        self.cache.before_sampling(&self.gpu, &self.painter, &quads);
+        preview(&self.gpu, &self.viewer, &quads, view, truth)
+    }
+
+    /// Makes the textures of these quads ready for a runtime, which copies them on our queue: needed after anything else looked
+    /// at them, a preview or [`Self::window`]; nothing is submitted otherwise. Textures stay alive for some frames
+    /// after they were last shown; whoever drops the renderer sees to it that the runtime is done first.
+    ///
+    /// # Errors
+    /// As [`Self::quads`].
+    pub fn hand_over(&mut self, quads: &[Quad]) -> Result<(), RenderError> {
+        self.cache.hand_over(&self.gpu, quads);
+        self.gpu.check()
+    }
+
+    /// What both eyes (left, right; tracking frame, metres) see through a window of the obstacle it belongs to: left and right
+    /// half of one texture, each of `half_px`. Transparent where there is nothing, colour multiplied by alpha, ready to be handed
+    /// to a runtime; drawn over after two more calls for this window.
+    ///
+    /// # Errors
+    /// [`RenderError::ImageSize`], and as [`Self::quads`].
+    pub fn window(
+        &mut self,
+        scenery: &Scenery,
+        window: &Window,
+        eyes_m: [DVec3; 2],
+        half_px: [u32; 2],
+    ) -> Result<Arc<wgpu::Texture>, RenderError> {
+        self.cache.before_sampling(&self.gpu, &self.painter, scenery.quads);
+        let texture = self.screens.window(&self.gpu, &self.viewer, scenery, window, eyes_m, half_px)?;
+        self.gpu.check()?;
+        Ok(texture)
+    }
+
+    /// All that one eye sees (`side`: 0 left, 1 right); otherwise as [`Self::window`].
+    ///
+    /// # Errors
+    /// [`RenderError::View`] and [`RenderError::ImageSize`] for an eye that makes no picture, and as [`Self::quads`].
+    pub fn eye(&mut self, scenery: &Scenery, side: usize, view: &EyeView) -> Result<Arc<wgpu::Texture>, RenderError> {
+        self.cache.before_sampling(&self.gpu, &self.painter, scenery.quads);
+        let texture = self.screens.eye(&self.gpu, &self.viewer, scenery, side, view)?;
+        self.gpu.check()?;
+        Ok(texture)
+    }
+
+    /// A texture of [`Self::window`] or [`Self::eye`] as a picture: colour multiplied by alpha, row 0 on top.
+    ///
+    /// # Errors
+    /// As [`Self::picture_of`].
+    pub fn picture_of_texture(&self, texture: &wgpu::Texture) -> Result<RgbaImage, RenderError> {
+        self.gpu.read(texture)
     }
 }
 

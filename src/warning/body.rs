@@ -4,6 +4,8 @@
 //! of which only the distance is known is one ball; its direction is then as wide as the beam. Numbers that make no sense
 //! (not finite, beyond a kilometre) are left out; an uncertainty that is none counts as the greatest one.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use crate::obstacles::{Observed, Obstacle};
@@ -18,9 +20,12 @@ const MAX_SPREAD_M: f64 = 1.0;
 const MAX_EXTENT_M: f64 = 5.0;
 
 /// Balls of one radius, and the uncertainty of them all together.
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Body {
+    /// The obstacle.
+    pub id: u64,
     /// Middles of the balls, tracking frame, metres; never empty.
-    pub points: Vec<DVec3>,
+    pub points: Arc<[DVec3]>,
     /// Radius of each, metres: a little more than half a voxel, so that neighbours overlap.
     pub radius_m: f64,
     /// The obstacle's own place: what the panel is laid out from, so that it stays put.
@@ -52,7 +57,14 @@ impl Body {
             let radius_m = 0.6 * voxel_of(&shape);
             (shape, radius_m)
         };
-        Some(Self { points, radius_m, anchor, has_shape, covariance_m2: obstacle.covariance_m2 })
+        Some(Self {
+            id: obstacle.id,
+            points: points.into(),
+            radius_m,
+            anchor,
+            has_shape,
+            covariance_m2: obstacle.covariance_m2,
+        })
     }
 
     /// How far off it may be along a unit direction: two standard deviations, metres, at most `cap_m`.

@@ -11,10 +11,10 @@ use super::panel::Footprint;
 const CORNERS: u32 = 12;
 
 /// The area on the floor.
-pub(super) fn footprint(id: u64, body: &Body, aspect: &Aspect, alpha: f32) -> Footprint {
+pub(super) fn footprint(body: &Body, aspect: &Aspect, alpha: f32) -> Footprint {
     // From above, x runs right and −z up: there the hull is counter-clockwise as it should be.
     let flat: Vec<DVec2> = body.points.iter().map(|p| DVec2::new(p.x, -p.z)).collect();
-    let aside = DVec2::new(aspect.right.x, -aspect.right.z) * aspect.spread_m;
+    let aside = DVec2::new(aspect.laid_right.x, -aspect.laid_right.z) * aspect.spread_m;
     let mut widened = Vec::new();
     for corner in convex_hull(&flat) {
         for k in 0..CORNERS {
@@ -24,5 +24,5 @@ pub(super) fn footprint(id: u64, body: &Body, aspect: &Aspect, alpha: f32) -> Fo
         }
     }
     let corners_xz_m = convex_hull(&widened).into_iter().map(|p| DVec2::new(p.x, -p.y)).collect();
-    Footprint { id, corners_xz_m, alpha }
+    Footprint { id: body.id, corners_xz_m, alpha }
 }

@@ -1,7 +1,8 @@
 //! One panel for one thing: obstacles that lie close together are drawn as one.
 //!
-//! A chair gives several strong reflections, each an obstacle of its own in the scene. By falling evidence, each joins the
-//! first group whose box is near enough, as long as the group stays no wider than a piece of furniture.
+//! A chair gives several strong reflections, each an obstacle of its own in the scene. In the order in which they were found,
+//! each joins the first group whose box is near enough, as long as the group stays no wider than a piece of furniture. Evidence
+//! goes up and down and plays no part, so that groups stay what they are.
 
 use crate::geometry::Aabb;
 use crate::obstacles::{Observed, Obstacle};
@@ -11,11 +12,13 @@ const GAP_M: f64 = 0.3;
 /// Widest that a group may become over the floor, metres.
 const WIDEST_M: f64 = 1.2;
 
-/// Groups, strongest first; each stands where its strongest member does and has all their shapes. What is known by its
-/// distance alone stays by itself.
+/// Groups in the order of their first members; each has its first member's id and place and the shapes of all. What is known by
+/// its distance alone stays by itself.
 pub(super) fn grouped(obstacles: &[Obstacle]) -> Vec<Obstacle> {
+    let mut by_age: Vec<&Obstacle> = obstacles.iter().collect();
+    by_age.sort_by_key(|obstacle| obstacle.id);
     let mut groups: Vec<(Obstacle, Aabb)> = Vec::new();
-    for obstacle in obstacles {
+    for obstacle in by_age {
         let places = obstacle.shape.iter().map(|s| s.0).chain([obstacle.position_m]);
         let Some(around) = Aabb::around(places.filter(|p| p.is_finite())) else { continue };
         let joins = |(group, so_far): &&mut (Obstacle, Aabb)| {

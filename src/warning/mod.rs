@@ -9,8 +9,10 @@ mod panel;
 mod settings;
 mod wall;
 mod warn;
+mod watch;
 
 pub use hull::convex_hull;
-pub use panel::{Footprint, Panel, PanelKind, Warnings};
+pub use panel::{Footprint, Panel, PanelKind, Shape, Warnings};
 pub use settings::{WarningSettings, WarningSettingsError};
-pub use warn::{MAX_PANELS, warn};
+pub use warn::{MAX_QUADS, warn};
+pub use watch::Watch;

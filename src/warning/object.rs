@@ -2,7 +2,12 @@
 //!
 //! The wearer is the vertical line from the head down to the floor: a stool at the feet is near although it is far from the
 //! eyes. The panel faces from a mean of the nearest points, weighted by nearness, so that noise in single voxels does not
-//! turn it. What its texture depends on is rounded to centimetres, so that a swaying head leaves the texture as it is.
+//! turn it.
+//!
+//! The panel turns smoothly, its content does not: what is drawn on it is the body as seen from the nearest of 24 directions,
+//! with lengths rounded to centimetres. So a head may sway, come nearer and turn, and the picture stays the same; when it has
+//! gone a 24th around the body, the next one is drawn. A silhouette is then wrong by 8° at most, less than a radar's image
+//! is.
 
 use std::collections::HashSet;
 
@@ -23,6 +28,12 @@ const MAX_HALF_WIDTH_M: f64 = 1.25;
 const HEIGHT_M: (f64, f64) = (0.5, 2.4);
 /// Sizes are rounded up to this, metres.
 const SIZE_STEP_M: f64 = 0.05;
+/// Directions that a body's picture is laid out for.
+const DIRECTIONS: f64 = 24.0;
+/// The width of what is unknown is rounded up to this, metres.
+const SPREAD_STEP_M: f64 = 0.1;
+/// The middle of what is shown of something very wide is rounded to this, metres.
+const MIDDLE_STEP_M: f64 = 0.25;
 /// Discs are rounded to this, metres.
 const DISC_STEP_M: f64 = 0.01;
 /// Most discs in a silhouette: what a graphics card draws without being noticed.
@@ -34,9 +45,9 @@ pub(super) struct Aspect {
     pub distance_m: f64,
     /// Horizontal unit vector from the body to the wearer.
     pub facing: DVec3,
-    /// Horizontal unit vector to the right of one who looks at the panel.
-    pub right: DVec3,
-    /// Half width of the unknown along `right`, metres.
+    /// Horizontal unit vector to the right in the picture: to the right of one who looks from the direction it is laid out for.
+    pub laid_right: DVec3,
+    /// Half width of the unknown along `laid_right`, metres.
     pub spread_m: f64,
     /// From the wearer to the panel, horizontally, metres.
     panel_distance_m: f64,
@@ -53,13 +64,16 @@ impl Aspect {
         let near = weighted_mean(&body.points, |i| (-(distances[i] - nearest) / 0.1).exp());
         let fallback = horizontal(-ahead).try_normalize().unwrap_or(DVec3::Z);
         let facing = Some(horizontal(head - near)).filter(|v| v.length() > 1e-3).map_or(fallback, DVec3::normalize);
-        let right = DVec3::Y.cross(facing);
+        let laid_right = DVec3::Y.cross(nearest_direction(facing));
+        let spread_m = body.spread(laid_right, level);
+        // What is known to be small stays as small; what grows with the distance does so in steps.
+        let spread_m = if body.has_shape { spread_m } else { -round_down_to(-spread_m, SPREAD_STEP_M) };
         let before = body.radius_m + body.two_sigma(facing, MAX_RANGE_DOUBT_M);
         Self {
             distance_m: (nearest - before).max(0.0),
             facing,
-            right,
-            spread_m: body.spread(right, level),
+            laid_right,
+            spread_m,
             panel_distance_m: (level - before).max(NEAREST_PANEL_M),
             near,
         }
@@ -67,9 +81,9 @@ impl Aspect {
 }
 
 /// The panel of a body seen so.
-pub(super) fn object_panel(id: u64, body: &Body, aspect: &Aspect, head: DVec3, alpha: f32) -> Panel {
-    let across = |p: DVec3| (p - body.anchor).dot(aspect.right);
-    let middle = across(aspect.near);
+pub(super) fn object_panel(body: &Body, aspect: &Aspect, head: DVec3, alpha: f32) -> Panel {
+    let across = |p: DVec3| (p - body.anchor).dot(aspect.laid_right);
+    let middle = (across(aspect.near) / MIDDLE_STEP_M).round() * MIDDLE_STEP_M;
     let border = body.radius_m + aspect.spread_m + MARGIN_M;
     let (lo, hi) = body.points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), p| {
         let x = across(*p);
@@ -81,12 +95,13 @@ pub(super) fn object_panel(id: u64, body: &Body, aspect: &Aspect, head: DVec3, a
     let doubt = body.two_sigma(DVec3::Y, 0.2);
     let height = -round_down(-(highest + body.radius_m + doubt + MARGIN_M).clamp(HEIGHT_M.0, HEIGHT_M.1));
 
-    let sideways = (body.anchor - head).dot(aspect.right) + (lo + hi) / 2.0;
-    let level = head - aspect.facing * aspect.panel_distance_m + aspect.right * sideways;
+    let right = DVec3::Y.cross(aspect.facing);
+    let sideways = (body.anchor - head).dot(right) + (lo + hi) / 2.0;
+    let level = head - aspect.facing * aspect.panel_distance_m + right * sideways;
     let size_m = DVec2::new(hi - lo, height);
     let place = |p: DVec3| DVec2::new(across(p) - (lo + hi) / 2.0, p.y - height / 2.0);
     Panel {
-        id,
+        id: body.id,
         kind: PanelKind::Object,
         tracking_from_panel: upright(DVec3::new(level.x, height / 2.0, level.z), aspect.facing),
         size_m,
@@ -143,9 +158,20 @@ fn weighted_mean(points: &[DVec3], weight: impl Fn(usize) -> f64) -> DVec3 {
     sum / total
 }
 
-/// Down to a whole step; a hair above one counts as on it.
+/// The nearest of the directions that pictures are laid out for.
+fn nearest_direction(facing: DVec3) -> DVec3 {
+    let step = std::f64::consts::TAU / DIRECTIONS;
+    let (sin, cos) = ((facing.x.atan2(facing.z) / step).round().rem_euclid(DIRECTIONS) * step).sin_cos();
+    DVec3::new(sin, 0.0, cos)
+}
+
+/// Down to a whole step of a panel's size; a hair above one counts as on it.
 fn round_down(v: f64) -> f64 {
-    (v / SIZE_STEP_M + 1e-9).floor() * SIZE_STEP_M
+    round_down_to(v, SIZE_STEP_M)
+}
+
+fn round_down_to(v: f64, step: f64) -> f64 {
+    (v / step + 1e-9).floor() * step
 }
 
 fn round(v: f64) -> f64 {

@@ -1,6 +1,8 @@
-//! What is drawn for an obstacle: an upright panel at its near side, and its footprint on the floor.
+//! What is drawn for an obstacle: an upright panel at its near side, its footprint on the floor, and its shape.
 
-use glam::DVec2;
+use std::sync::Arc;
+
+use glam::{DVec2, DVec3};
 
 use crate::geometry::Pose;
 
@@ -46,6 +48,19 @@ pub struct Footprint {
     pub alpha: f32,
 }
 
+/// What is known of an obstacle's shape, as balls of one size: for displays that show it in space.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shape {
+    /// The obstacle it belongs to.
+    pub id: u64,
+    /// Middles of the balls, tracking frame, metres.
+    pub points_m: Arc<[DVec3]>,
+    /// Radius of each, metres.
+    pub radius_m: f64,
+    /// Brightness, 0 to 1.
+    pub alpha: f32,
+}
+
 /// Everything to draw for one head pose; brightest first, dark ones left out.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Warnings {
@@ -53,4 +68,14 @@ pub struct Warnings {
     pub panels: Vec<Panel>,
     /// Footprints.
     pub footprints: Vec<Footprint>,
+}
+
+impl Warnings {
+    /// Those that are shown where at most `most` quads can be: panels in their order, then, if there is room, footprints.
+    /// A panel says more than a footprint, and the brightest more than the rest.
+    pub fn at_most(mut self, most: usize) -> Self {
+        self.panels.truncate(most);
+        self.footprints.truncate(most - self.panels.len());
+        self
+    }
 }

@@ -1,5 +1,5 @@
-// What an eye sees: a dark room with a floor grid of one metre, dots where things truly are, and the warnings. Places are
-// relative to the eye, along the tracking frame's axes.
+// What an eye sees: a dark room with a floor grid of one metre, dots where things truly are, the shapes of obstacles, and the
+// warnings. Places are relative to the eye, along the tracking frame's axes.
 
 struct Eye {
     clip_from_place: mat4x4f,
@@ -106,4 +106,51 @@ fn ball(in: DotCorner) -> @location(0) vec4f {
     // A little ball, lit from above.
     let lit = 0.65 + 0.35 * in.on_dot.y - 0.25 * from_middle * from_middle;
     return vec4f(vec3f(0.10, 0.095, 0.09) * lit * in.light, covered);
+}
+
+// ---- shapes of obstacles: balls that hide each other, each shaded as a ball and deep as one
+
+struct BallCorner {
+    @builtin(position) clip: vec4f,
+    @location(0) on_ball: vec2f,
+    @location(1) @interpolate(flat) color: vec4f,
+    // Depth times distance, distance of the middle along the sight, radius.
+    @location(2) @interpolate(flat) deep: vec3f,
+}
+
+@vertex
+fn ball_corner(
+    @builtin(vertex_index) index: u32,
+    @location(0) ball: vec4f,
+    @location(1) color: vec4f,
+) -> BallCorner {
+    let on_ball = vec2f(f32(index & 1u) * 2.0 - 1.0, f32(index >> 1u) * 2.0 - 1.0);
+    // Turned to the eye, not to the picture: seen slantwise through a window a ball stays round.
+    let away = max(length(ball.xyz), 1e-6);
+    let to_eye = -ball.xyz / away;
+    let aside = cross(eye.up.xyz, to_eye);
+    let right = select(eye.right.xyz, normalize(aside), dot(aside, aside) > 1e-6);
+    let up = cross(to_eye, right);
+    let clip = eye.clip_from_place * vec4f(ball.xyz + (right * on_ball.x + up * on_ball.y) * ball.w, 1.0);
+    let middle = eye.clip_from_place * vec4f(ball.xyz, 1.0);
+    return BallCorner(clip, on_ball, color, vec3f(middle.z, middle.w, ball.w));
+}
+
+struct BallPixel {
+    @location(0) color: vec4f,
+    @builtin(frag_depth) depth: f32,
+    @builtin(sample_mask) samples: u32,
+}
+
+@fragment
+fn shape_ball(in: BallCorner) -> BallPixel {
+    let from_middle = length(in.on_ball);
+    let soft = fwidth(from_middle);
+    let covered = clamp((1.0 - from_middle) / soft + 0.5, 0.0, 1.0);
+    let samples = (1u << u32(covered * 4.0 + 0.5)) - 1u;
+    let bulge = sqrt(max(0.0, 1.0 - from_middle * from_middle));
+    let depth = in.deep.x / max(in.deep.y - in.deep.z * bulge, in.deep.x);
+    // Lit from the eye and a little from above.
+    let lit = 0.45 + 0.4 * bulge + 0.15 * in.on_ball.y;
+    return BallPixel(vec4f(in.color.rgb * lit, in.color.a), clamp(depth, 0.0, 1.0), samples);
 }
