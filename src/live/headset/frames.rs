@@ -5,11 +5,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use super::anchor::{Anchor, LeapWatch, Moved};
+use super::display::{ShowError, Shown, Viewpoint};
 use super::graphics::{Graphics, GraphicsError, Retry};
 use super::meter::{FrameMeter, FrameReport};
 use super::pose_thread::{SharedFrame, read_poses};
 use super::samples::{poses_now, sample};
-use super::slots::Slots;
 use super::vitals::Vitals;
 use crate::engine::Settings;
 use crate::geometry::Pose;
@@ -18,7 +18,7 @@ use crate::obstacles::Scene;
 use crate::render::RenderError;
 use crate::steamvr::{Chaperone, DisplayTiming, Event, Hands, Poses, Runtime, SteamVrError, Universe};
 use crate::tracking::PoseSample;
-use crate::warning::warn;
+use crate::warning::Watch;
 
 /// Takes every pose of the head, in the session's frame; must not wait for anything.
 pub type PoseSink<'a> = &'a (dyn Fn(&PoseSample) + Sync);
@@ -144,7 +144,7 @@ struct State<'s, 'a> {
     /// `None` while the device is lost.
     graphics: Option<Graphics>,
     retry: Retry,
-    slots: Slots,
+    shown: Shown,
     shared_frame: &'s SharedFrame,
     anchor: Option<Anchor>,
     leap: LeapWatch,
@@ -164,17 +164,18 @@ struct State<'s, 'a> {
 impl<'s, 'a> State<'s, 'a> {
     fn new(with: &'s FrameLoop<'a>, graphics: Graphics, shared_frame: &'s SharedFrame) -> Result<Self, HeadsetError> {
         let timing = with.runtime.display_timing();
+        let settings = (with.settings)(&with.runtime.chaperone());
         Ok(Self {
             with,
             graphics: Some(graphics),
             retry: Retry::default(),
-            slots: Slots::new(with.runtime)?,
+            shown: Shown::new(with.runtime, &settings)?,
             shared_frame,
             anchor: None,
             leap: LeapWatch::default(),
             looked_ns: i64::MIN,
             vitals: Vitals::default(),
-            settings: (with.settings)(&with.runtime.chaperone()),
+            settings,
             timing,
             hands: with.runtime.hands(),
             head: None,
@@ -198,7 +199,7 @@ impl<'s, 'a> State<'s, 'a> {
             if self.take_events() {
                 return Ending::SteamVrQuit;
             }
-            if self.vitals.is_due(start_ns) && self.vitals.looked(start_ns, self.slots.are_known()) {
+            if self.vitals.is_due(start_ns) && self.vitals.looked(start_ns, self.shown.are_known()) {
                 return Ending::SteamVrGone;
             }
             self.take_poses(start_ns);
@@ -326,30 +327,27 @@ impl<'s, 'a> State<'s, 'a> {
         (published.newest_sweep_ns > 0).then(|| (published.newest_sweep_ns, (self.with.sensor_period_ns)()))
     }
 
-    fn show_warnings(&mut self, now_ns: i64, anchor: &Anchor) -> Result<(), SteamVrError> {
+    fn show_warnings(&mut self, now_ns: i64, anchor: &Anchor) -> Result<(), ShowError> {
         let ahead_s = self.with.runtime.photons_ahead_s(&self.timing);
         let poses = self.with.runtime.poses(Universe::Raw, ahead_s, self.hands);
         if let Some(raw_from_head) = poses.head.trusted() {
             self.head = Some((now_ns, anchor.raw_from_standing().inverse() * raw_from_head));
         }
         let head = self.head.filter(|(seen_ns, _)| now_ns.saturating_sub(*seen_ns) < HEAD_KEPT_NS);
-        let warnings = head.map(|(_, head)| warn(&self.scene.scene, &head, &self.settings.warning)).unwrap_or_default();
+        let Some((_, standing_from_head)) = head else { return Ok(self.shown.hide()?) };
+        let warnings = self.scene.watch.warn(&standing_from_head, &self.settings.warning);
         self.status.nearest_m = warnings.panels.iter().map(|panel| panel.distance_m).min_by(f64::total_cmp);
         if warnings.panels.is_empty() && warnings.footprints.is_empty() {
-            return self.slots.hide();
+            return Ok(self.shown.hide()?);
         }
         self.open_graphics(now_ns);
-        let Some(graphics) = &mut self.graphics else { return self.slots.hide() };
-        let drawn_before = graphics.renderer.textures_drawn();
-        let quads = match graphics.renderer.quads(&warnings, &self.settings.warning) {
-            Ok(quads) => quads,
-            Err(error) => return self.lose_device(&error),
-        };
-        if graphics.renderer.textures_drawn() != drawn_before {
-            // Lets go of what the queue is done with.
-            let _ = graphics.device.device.poll(wgpu::PollType::Poll);
+        let Some(graphics) = &mut self.graphics else { return Ok(self.shown.hide()?) };
+        let from = Viewpoint { standing_from_head, raw_from_standing: anchor.raw_from_standing() };
+        let shown = self.shown.show(graphics, &self.scene.watch, &warnings, &self.settings, &from);
+        if let Err(ShowError::Render(error)) = &shown {
+            return self.lose_device(error);
         }
-        self.status.pictures += self.slots.show(&graphics.device, &quads, &anchor.raw_from_standing())?;
+        self.status.pictures += shown?;
         Ok(())
     }
 
@@ -363,12 +361,12 @@ impl<'s, 'a> State<'s, 'a> {
         }
     }
 
-    fn lose_device(&mut self, error: &RenderError) -> Result<(), SteamVrError> {
+    fn lose_device(&mut self, error: &RenderError) -> Result<(), ShowError> {
         log::warn!("{error}; the graphics device is opened again");
         self.status.devices_lost += 1;
-        self.slots.forget_pictures();
+        self.shown.forget_pictures();
         self.graphics = None;
-        self.slots.hide()
+        Ok(self.shown.hide()?)
     }
 
     fn tell(&mut self, now_ns: i64) {
@@ -383,24 +381,24 @@ impl<'s, 'a> State<'s, 'a> {
     }
 
     fn status_now(&self) -> HeadsetStatus {
-        HeadsetStatus { frames: self.meter.report(), overlays_shown: self.slots.shown(), ..self.status }
+        HeadsetStatus { frames: self.meter.report(), overlays_shown: self.shown.count(), ..self.status }
     }
 
     /// Overlays go now; pictures and device after the session, which may still copy from them.
     fn end(self) -> (HeadsetStatus, Drawn) {
         let status = self.status_now();
-        let Self { mut slots, graphics, .. } = self;
+        let Self { mut shown, graphics, .. } = self;
         // A runtime that is gone refuses; there is nothing to hide then.
-        let _ = slots.hide();
-        (status, Drawn { _pictures: slots.end(), _graphics: graphics })
+        let _ = shown.hide();
+        (status, Drawn { _pictures: shown.end(), _graphics: graphics })
     }
 }
 
-/// The newest scene, moved into the standing universe of now; moved again only when either changes.
+/// The newest scene as it is watched, in the standing universe of now; moved again only when either changes.
 #[derive(Default)]
 struct PlacedScene {
     from: Option<(Arc<Scene>, Pose)>,
-    scene: Scene,
+    watch: Watch,
     /// Scenes of before are of another room.
     epoch: u64,
 }
@@ -411,14 +409,20 @@ impl PlacedScene {
             return;
         }
         self.epoch = epoch;
-        let is_placed = |(placed, by): &(Arc<Scene>, Pose)| Arc::ptr_eq(placed, scene) && by == standing_from_session;
-        if !self.from.as_ref().is_some_and(is_placed) {
-            self.scene = (**scene).clone();
-            self.from = Some((Arc::clone(scene), *standing_from_session));
+        if let Some((placed, by)) = &self.from {
+            if Arc::ptr_eq(placed, scene) && by == standing_from_session {
+                return;
+            }
+            if by != standing_from_session {
+                // What it holds on to stands elsewhere in the play area now.
+                self.watch.forget();
+            }
         }
+        self.watch.see(scene);
+        self.from = Some((Arc::clone(scene), *standing_from_session));
     }
 
     fn clear(&mut self) {
-        (self.from, self.scene) = (None, Scene::default());
+        (self.from, self.watch) = (None, Watch::new());
     }
 }

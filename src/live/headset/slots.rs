@@ -1,4 +1,4 @@
-//! Quads onto overlays: a few overlays that live as long as the session, each lent to an obstacle for as long as it is warned of.
+//! Quads onto overlays, for the displays `panels` and `stereo`: a few overlays that live as long as the session, each lent to an obstacle for as long as it is warned of.
 //!
 //! An obstacle keeps its overlay, so that nothing jumps from one to another; an overlay is hidden, not destroyed, when its
 //! obstacle goes. A picture is handed over only when it is another one. The runtime copies it on our queue after we have
@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use crate::geometry::Pose;
-use crate::render::Quad;
+use crate::render::{Quad, QuadKind};
 use crate::steamvr::{Overlay, Runtime, SteamVrError, Universe, VulkanDevice};
 
 /// Overlays in all: the runtime's compositor draws each of them for each eye.
@@ -19,8 +19,8 @@ const KEPT: usize = 2;
 const FLOOR_ORDER: u32 = 0;
 const PANEL_ORDER: u32 = 1;
 
-/// What tells one quad from another: its obstacle, and whether it lies on the floor.
-type Key = (u64, bool);
+/// What tells one quad from another.
+type Key = (QuadKind, u64);
 
 struct Slot {
     overlay: Overlay,
@@ -29,21 +29,26 @@ struct Slot {
     replaced: VecDeque<Arc<wgpu::Texture>>,
 }
 
-/// The overlays of the display `panels`.
+/// A few overlays.
 pub(super) struct Slots {
     slots: Vec<Slot>,
+    /// Pictures of two halves, one for each eye.
+    is_stereo: bool,
 }
 
 impl Slots {
     /// # Errors
     /// The runtime refuses an overlay.
-    pub fn new(runtime: &Arc<Runtime>) -> Result<Self, SteamVrError> {
+    pub fn new(runtime: &Arc<Runtime>, is_stereo: bool) -> Result<Self, SteamVrError> {
         let slot = |index| {
             let overlay =
                 Overlay::new(runtime, &format!("radar-chaperone.{index}"), &format!("Radar chaperone {index}"))?;
+            if is_stereo {
+                overlay.set_side_by_side()?;
+            }
             Ok(Slot { overlay, lent_to: None, texture: None, replaced: VecDeque::new() })
         };
-        Ok(Self { slots: (1..=SLOTS).map(slot).collect::<Result<_, _>>()? })
+        Ok(Self { slots: (1..=SLOTS).map(slot).collect::<Result<_, _>>()?, is_stereo })
     }
 
     /// Whether the runtime still knows them.
@@ -61,7 +66,7 @@ impl Slots {
         quads: &[Quad],
         raw_from_standing: &Pose,
     ) -> Result<u64, SteamVrError> {
-        let wanted: Vec<Key> = quads.iter().map(|quad| (quad.id, quad.on_floor)).take(SLOTS).collect();
+        let wanted: Vec<Key> = quads.iter().map(Quad::key).take(SLOTS).collect();
         let held: Vec<Option<Key>> = self.slots.iter().map(|slot| slot.lent_to).collect();
         let (mut handed, mut refused) = (0, None);
         let lent = assign(&held, &wanted);
@@ -70,7 +75,7 @@ impl Slots {
         }
         for (slot, quad) in self.slots.iter_mut().zip(&lent) {
             let Some(quad) = quad.and_then(|index| quads.get(index)) else { continue };
-            match slot.lend(device, quad, raw_from_standing) {
+            match slot.lend(device, quad, raw_from_standing, self.is_stereo) {
                 Ok(is_new) => handed += u64::from(is_new),
                 Err(error) => refused = Some(error),
             }
@@ -112,8 +117,14 @@ impl Slot {
     }
 
     /// Shows a quad; says whether its picture was handed over.
-    fn lend(&mut self, device: &VulkanDevice, quad: &Quad, raw_from_standing: &Pose) -> Result<bool, SteamVrError> {
-        self.lent_to = Some((quad.id, quad.on_floor));
+    fn lend(
+        &mut self,
+        device: &VulkanDevice,
+        quad: &Quad,
+        raw_from_standing: &Pose,
+        is_stereo: bool,
+    ) -> Result<bool, SteamVrError> {
+        self.lent_to = Some(quad.key());
         let is_new = !self.texture.as_ref().is_some_and(|texture| Arc::ptr_eq(texture, &quad.texture));
         if is_new && let Some(texture) = device.handover(&quad.texture) {
             self.overlay.set_texture(&texture)?;
@@ -122,8 +133,10 @@ impl Slot {
                 self.replaced.pop_front();
             }
         }
-        let pixels = [quad.texture.width(), quad.texture.height()].map(f64::from);
-        self.overlay.set_texel_aspect((quad.size_m.x / pixels[0]) / (quad.size_m.y / pixels[1]))?;
+        // Of two halves the runtime takes one for the shape.
+        let width_px = f64::from(quad.texture.width()) / if is_stereo { 2.0 } else { 1.0 };
+        let height_px = f64::from(quad.texture.height());
+        self.overlay.set_texel_aspect((quad.size_m.x / width_px) / (quad.size_m.y / height_px))?;
         self.overlay.set_width_m(quad.size_m.x)?;
         self.overlay.set_place(Universe::Raw, &(*raw_from_standing * quad.tracking_from_quad))?;
         self.overlay.set_alpha(quad.alpha)?;
@@ -150,13 +163,14 @@ mod tests {
 
     #[test]
     fn an_obstacle_keeps_its_overlay() {
-        let (chair, table, wall) = ((1, false), (2, false), (3, false));
+        let [chair, table] = [1, 2].map(|id| (QuadKind::Object, id));
+        let wall = (QuadKind::Wall, 3);
         assert_eq!(assign(&[None; 3], &[chair, table]), [Some(0), Some(1), None]);
         // The table is nearer now and comes first; a wall takes the place that is free.
         assert_eq!(assign(&[Some(chair), Some(table), None], &[table, chair, wall]), [Some(1), Some(0), Some(2)]);
         assert_eq!(assign(&[Some(chair), Some(table), None], &[wall]), [Some(0), None, None]);
         // A footprint is not its panel.
-        assert_eq!(assign(&[Some(chair), None], &[(1, true)]), [Some(0), None]);
+        assert_eq!(assign(&[Some(chair), None], &[(QuadKind::Footprint, 1)]), [Some(0), None]);
         assert_eq!(assign(&[Some(chair)], &[table, wall]), [Some(0)], "what does not fit is left out");
         assert_eq!(assign(&[Some(table), Some(chair)], &[]), [None, None]);
     }

@@ -1,0 +1,228 @@
+//! The three ways to show warnings. `panels`: quads that stand in the room. `stereo`: windows at the obstacles with a picture for each eye of what is behind
+//! them. `projection`: a picture for each eye over all of its view.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::frames::HeadsetError;
+use super::graphics::{Graphics, GraphicsError};
+use super::slots::{SLOTS, Slots};
+use crate::engine::{Display, ProjectionMatrix, Settings};
+use crate::geometry::Pose;
+use crate::render::{EyeView, Quad, RenderError, Scenery, Window};
+use crate::steamvr::{EyeSide, HeadsetEye, Overlay, Runtime, SteamVrError, Universe};
+use crate::warning::{Warnings, Watch};
+
+/// Sharpness of a window, pixels a metre and at most, for each eye.
+const WINDOW_PX_PER_M: f64 = 512.0;
+const WINDOW_MOST_PX: f64 = 1024.0;
+/// A picture over all of an eye's view: lines and discs need no more, pixels.
+const EYE_MOST_PX: u32 = 1024;
+/// Pictures of an eye kept alive after they were replaced.
+const KEPT: usize = 3;
+
+/// Where what is shown is to be seen from, in the standing universe, and what turns places of that into the runtime's.
+pub(super) struct Viewpoint {
+    pub standing_from_head: Pose,
+    pub raw_from_standing: Pose,
+}
+
+/// Why a frame shows nothing new.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum ShowError {
+    #[error(transparent)]
+    SteamVr(#[from] SteamVrError),
+    #[error(transparent)]
+    Render(#[from] RenderError),
+}
+
+/// The overlays of one of the displays.
+pub(super) struct Shown {
+    kind: Kind,
+    eyes: Option<[HeadsetEye; 2]>,
+}
+
+enum Kind {
+    Panels(Slots),
+    Stereo(Slots),
+    Projection { overlays: [Overlay; 2], matrix: ProjectionMatrix, pictures: Vec<Arc<wgpu::Texture>> },
+}
+
+impl Shown {
+    /// # Errors
+    /// The runtime refuses an overlay, or does not tell where the eyes are.
+    pub fn new(runtime: &Arc<Runtime>, settings: &Settings) -> Result<Self, HeadsetError> {
+        let eyes = runtime.eyes();
+        let no_eyes = || SteamVrError::Call { call: "the eyes", name: "they make no picture".to_owned() };
+        let kind = match settings.headset.display {
+            Display::Panels => Kind::Panels(Slots::new(runtime, false)?),
+            Display::Stereo => {
+                eyes.ok_or_else(no_eyes)?;
+                Kind::Stereo(Slots::new(runtime, true)?)
+            }
+            Display::Projection => {
+                eyes.ok_or_else(no_eyes)?;
+                let overlay = |side| {
+                    Overlay::new(runtime, &format!("radar-chaperone.{side}"), &format!("Radar chaperone, {side} eye"))
+                };
+                let overlays = [overlay("left")?, overlay("right")?];
+                Kind::Projection { overlays, matrix: settings.headset.projection_matrix, pictures: Vec::new() }
+            }
+        };
+        Ok(Self { kind, eyes })
+    }
+
+    /// Whether the runtime still knows the overlays.
+    pub fn are_known(&self) -> bool {
+        match &self.kind {
+            Kind::Panels(slots) | Kind::Stereo(slots) => slots.are_known(),
+            Kind::Projection { overlays, .. } => overlays.iter().any(Overlay::is_known),
+        }
+    }
+
+    /// Shows warnings; says how many pictures were handed over.
+    ///
+    /// # Errors
+    /// The runtime refuses something, or the device fails.
+    pub fn show(
+        &mut self,
+        graphics: &mut Graphics,
+        watch: &Watch,
+        warnings: &Warnings,
+        settings: &Settings,
+        from: &Viewpoint,
+    ) -> Result<u64, ShowError> {
+        let drawn_before = graphics.renderer.textures_drawn();
+        let quads = graphics.renderer.quads(warnings, &settings.warning)?;
+        if graphics.renderer.textures_drawn() != drawn_before {
+            // Lets go of what the queue is done with.
+            let _ = graphics.device.device.poll(wgpu::PollType::Poll);
+        }
+        let scene = Scene3d { quads: &quads, watch, warnings, settings };
+        match (&mut self.kind, &self.eyes) {
+            (Kind::Panels(slots), _) => Ok(slots.show(&graphics.device, &quads, &from.raw_from_standing)?),
+            (Kind::Stereo(slots), Some(eyes)) => {
+                let windows = windows(graphics, &scene, eyes, from)?;
+                Ok(slots.show(&graphics.device, &windows, &from.raw_from_standing)?)
+            }
+            (Kind::Projection { overlays, matrix, pictures }, Some(eyes)) => {
+                for (side, (overlay, eye)) in overlays.iter().zip(eyes).enumerate() {
+                    let picture = project(graphics, &scene, overlay, side, eye, from, *matrix)?;
+                    pictures.push(picture);
+                }
+                let outdated = pictures.len().saturating_sub(2 * KEPT);
+                pictures.drain(..outdated);
+                Ok(2)
+            }
+            (_, None) => Ok(0),
+        }
+    }
+
+    /// Hides all.
+    ///
+    /// # Errors
+    /// The runtime refuses.
+    pub fn hide(&mut self) -> Result<(), SteamVrError> {
+        match &mut self.kind {
+            Kind::Panels(slots) | Kind::Stereo(slots) => slots.hide(),
+            Kind::Projection { overlays, .. } => overlays.iter().map(Overlay::hide).fold(Ok(()), Result::and),
+        }
+    }
+
+    /// The device that drew the pictures is gone.
+    pub fn forget_pictures(&mut self) {
+        match &mut self.kind {
+            Kind::Panels(slots) | Kind::Stereo(slots) => slots.forget_pictures(),
+            Kind::Projection { pictures, .. } => pictures.clear(),
+        }
+    }
+
+    /// How many overlays are shown.
+    pub fn count(&self) -> usize {
+        match &self.kind {
+            Kind::Panels(slots) | Kind::Stereo(slots) => slots.shown(),
+            Kind::Projection { overlays, .. } => overlays.iter().filter(|overlay| overlay.is_shown()).count(),
+        }
+    }
+
+    /// Destroys the overlays. Their pictures come back: the runtime may still copy them until the session is over.
+    pub fn end(self) -> Vec<Arc<wgpu::Texture>> {
+        match self.kind {
+            Kind::Panels(slots) | Kind::Stereo(slots) => slots.end(),
+            Kind::Projection { pictures, .. } => pictures,
+        }
+    }
+}
+
+/// What is to be seen in space.
+struct Scene3d<'a> {
+    quads: &'a [Quad],
+    watch: &'a Watch,
+    warnings: &'a Warnings,
+    settings: &'a Settings,
+}
+
+impl Scene3d<'_> {
+    fn with_scenery<T>(&self, draw: impl FnOnce(&Scenery) -> T) -> T {
+        let shapes = self.watch.shapes(self.warnings);
+        draw(&Scenery { quads: self.quads, shapes: &shapes, color: self.settings.warning.color })
+    }
+}
+
+/// A window for each panel with what both eyes see through it, as quads: brightness is in the pictures already.
+fn windows(
+    graphics: &mut Graphics,
+    scene: &Scene3d,
+    eyes: &[HeadsetEye; 2],
+    from: &Viewpoint,
+) -> Result<Vec<Quad>, RenderError> {
+    let eyes_m: [DVec3; 2] = eyes.map(|eye| (from.standing_from_head * eye.head_from_eye).translation);
+    let panels = scene.quads.iter().filter(|quad| !quad.on_floor && quad.alpha > 0.0);
+    let windows = Window::of_panels(scene.quads).into_iter().zip(panels).take(SLOTS);
+    let draw = |(window, panel): (Window, &Quad)| {
+        let pixels = |m: f64| (m * WINDOW_PX_PER_M).clamp(16.0, WINDOW_MOST_PX) as u32;
+        let half_px = [pixels(window.size_m.x), pixels(window.size_m.y)];
+        let texture = scene.with_scenery(|scenery| graphics.renderer.window(scenery, &window, eyes_m, half_px))?;
+        let (tracking_from_quad, size_m) = (window.tracking_from_window, window.size_m);
+        Ok(Quad { tracking_from_quad, size_m, alpha: 1.0, texture, ..panel.clone() })
+    };
+    windows.map(draw).collect()
+}
+
+/// Shows all that an eye sees; gives the picture, to be kept.
+fn project(
+    graphics: &mut Graphics,
+    scene: &Scene3d,
+    overlay: &Overlay,
+    side: usize,
+    eye: &HeadsetEye,
+    from: &Viewpoint,
+    matrix: ProjectionMatrix,
+) -> Result<Arc<wgpu::Texture>, ShowError> {
+    let tracking_from_eye = from.standing_from_head * eye.head_from_eye;
+    let [left, right, lower, upper] = eye.tangents;
+    let height_px = f64::from(EYE_MOST_PX) * (upper - lower) / (right - left);
+    let size_px = [EYE_MOST_PX, height_px.round().clamp(16.0, 2.0 * f64::from(EYE_MOST_PX)) as u32];
+    let view = EyeView { tracking_from_eye, tangents: eye.tangents, size_px };
+    let picture = scene.with_scenery(|scenery| graphics.renderer.eye(scenery, side, &view))?;
+    if let Some(texture) = graphics.device.handover(&picture) {
+        overlay.set_texture(&texture)?;
+    }
+    let raw_from_eye = from.raw_from_standing * tracking_from_eye;
+    let told = match matrix {
+        ProjectionMatrix::EyeFromTracking => raw_from_eye.inverse(),
+        ProjectionMatrix::TrackingFromEye => raw_from_eye,
+    };
+    let side = if side == 0 { EyeSide::Left } else { EyeSide::Right };
+    overlay.set_projection(Universe::Raw, &told, eye.tangents, side)?;
+    overlay.set_alpha(1.0)?;
+    overlay.show()?;
+    Ok(picture)
+}
+
+impl From<RenderError> for HeadsetError {
+    fn from(error: RenderError) -> Self {
+        GraphicsError::from(error).into()
+    }
+}
