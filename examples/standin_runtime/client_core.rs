@@ -1,0 +1,146 @@
+//! What the library exports: the object that Valve's loader and ours ask for, with C++'s layout: its first word points to
+//! a table of functions, each of which takes the object first.
+
+use std::ffi::{CStr, c_char, c_int, c_void};
+use std::sync::LazyLock;
+
+use crate::memory::{read_text, write};
+use crate::table::text;
+use crate::{applications, chaperone, compositor, overlay_table, settings, sys, system, world};
+
+const NONE: u32 = sys::EVRInitError_VRInitError_None;
+const NOT_FOUND: u32 = sys::EVRInitError_VRInitError_Init_InterfaceNotFound;
+/// Functions of IVRSystem_026; the last one is SetSDKVersion.
+const SYSTEM_FUNCTIONS: usize = size_of::<sys::VR_IVRSystem_FnTable>() / size_of::<usize>();
+
+#[repr(C)]
+struct ClientCoreTable {
+    init: unsafe extern "C" fn(*mut c_void, u32, *const c_char) -> u32,
+    cleanup: unsafe extern "C" fn(*mut c_void),
+    is_interface_version_valid: unsafe extern "C" fn(*mut c_void, *const c_char) -> u32,
+    get_generic_interface: unsafe extern "C" fn(*mut c_void, *const c_char, *mut u32) -> *mut c_void,
+    is_hmd_present: unsafe extern "C" fn(*mut c_void) -> bool,
+    error_text: unsafe extern "C" fn(*mut c_void, u32) -> *const c_char,
+    error_name: unsafe extern "C" fn(*mut c_void, u32) -> *const c_char,
+}
+
+static CLIENT_CORE_TABLE: ClientCoreTable = ClientCoreTable {
+    init,
+    cleanup,
+    is_interface_version_valid,
+    get_generic_interface,
+    is_hmd_present,
+    error_text,
+    error_name,
+};
+static CLIENT_CORE: &ClientCoreTable = &CLIENT_CORE_TABLE;
+
+/// The tables by interface, made when first asked for and kept, as clients keep pointers into them.
+static TABLES: LazyLock<[(&'static CStr, usize); 6]> = LazyLock::new(|| {
+    [
+        (sys::IVRSystem_Version, system::new_table()),
+        (sys::IVROverlay_Version, overlay_table::new_table()),
+        (sys::IVRCompositor_Version, compositor::new_table()),
+        (sys::IVRApplications_Version, applications::new_table()),
+        (sys::IVRChaperone_Version, chaperone::new_table()),
+        (sys::IVRSettings_Version, settings::new_table()),
+    ]
+});
+
+/// IVRSystem for C++: Valve's loader calls SetSDKVersion through it.
+static SYSTEM_OBJECT: LazyLock<usize> = LazyLock::new(|| {
+    let mut functions = [cpp_refused as *const () as usize; SYSTEM_FUNCTIONS];
+    functions[SYSTEM_FUNCTIONS - 1] = cpp_set_sdk_version as *const () as usize;
+    let functions = Box::leak(Box::new(functions));
+    std::ptr::from_mut(Box::leak(Box::new(functions.as_ptr()))) as usize
+});
+
+/// Gives the client core.
+///
+/// # Safety
+/// `name` is null or a text that ends with zero, `error` null or room for a number.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn VRClientCoreFactory(name: *const c_char, error: *mut c_int) -> *mut c_void {
+    if read_text(name) == Some("IVRClientCore_003") {
+        write(error, NONE as c_int);
+        return std::ptr::from_ref(&CLIENT_CORE).cast_mut().cast();
+    }
+    write(error, NOT_FOUND as c_int);
+    std::ptr::null_mut()
+}
+
+unsafe extern "C" fn init(_this: *mut c_void, application_type: u32, _startup_info: *const c_char) -> u32 {
+    match world::init(application_type) {
+        Ok(()) => NONE,
+        Err((code, why)) => {
+            eprintln!("stand-in: Init: {why}");
+            code
+        }
+    }
+}
+
+unsafe extern "C" fn cleanup(_this: *mut c_void) {
+    world::cleanup();
+}
+
+fn find(name: &str) -> Option<usize> {
+    let known = |version: &CStr| version.to_str().is_ok_and(|version| version == name);
+    TABLES.iter().find(|(version, _)| known(version)).map(|(_, table)| *table)
+}
+
+unsafe extern "C" fn is_interface_version_valid(_this: *mut c_void, name: *const c_char) -> u32 {
+    let found = read_text(name).and_then(find);
+    if found.is_some() { NONE } else { NOT_FOUND }
+}
+
+unsafe extern "C" fn get_generic_interface(_this: *mut c_void, name: *const c_char, error: *mut u32) -> *mut c_void {
+    let name = read_text(name).unwrap_or_default();
+    let found = match name.strip_prefix("FnTable:") {
+        Some(version) => find(version),
+        None => (find(name) == find("IVRSystem_026") && find(name).is_some()).then(|| *SYSTEM_OBJECT),
+    };
+    write(error, if found.is_some() { NONE } else { NOT_FOUND });
+    if found.is_none() {
+        eprintln!("stand-in: there is no interface {name:?}");
+    }
+    found.map_or(std::ptr::null_mut(), |address| address as *mut c_void)
+}
+
+unsafe extern "C" fn is_hmd_present(_this: *mut c_void) -> bool {
+    true
+}
+
+/// Name and text of the errors that the stand-in gives.
+fn error(code: u32) -> (&'static CStr, &'static CStr) {
+    match code {
+        NONE => (c"VRInitError_None", c"No Error (0)"),
+        sys::EVRInitError_VRInitError_Init_NoServerForBackgroundApp => {
+            (c"VRInitError_Init_NoServerForBackgroundApp", c"VR server is not running (121)")
+        }
+        sys::EVRInitError_VRInitError_IPC_ServerInitFailed => {
+            (c"VRInitError_IPC_ServerInitFailed", c"VR server could not be started (300)")
+        }
+        sys::EVRInitError_VRInitError_Init_NoConfigPath => {
+            (c"VRInitError_Init_NoConfigPath", c"VR configuration could not be read (111)")
+        }
+        NOT_FOUND => (c"VRInitError_Init_InterfaceNotFound", c"Interface Not Found (105)"),
+        _ => (c"VRInitError_Unknown", c"Unknown error"),
+    }
+}
+
+unsafe extern "C" fn error_text(_this: *mut c_void, code: u32) -> *const c_char {
+    text(error(code).1)
+}
+
+unsafe extern "C" fn error_name(_this: *mut c_void, code: u32) -> *const c_char {
+    text(error(code).0)
+}
+
+unsafe extern "C" fn cpp_refused(_this: *mut c_void) -> usize {
+    world::refused("IVRSystem as a C++ object");
+    0
+}
+
+unsafe extern "C" fn cpp_set_sdk_version(_this: *mut c_void, major: u32, minor: u32, build: u32) -> u32 {
+    system::sdk_version([major, minor, build])
+}

@@ -1,0 +1,51 @@
+//! The monotonic clock and the display's frames by it.
+
+use std::time::Duration;
+
+use rustix::time::{ClockId, clock_gettime};
+
+/// The host's monotonic clock.
+pub fn now_ns() -> i64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec * 1_000_000_000 + now.tv_nsec
+}
+
+/// Frames of the display: number n begins `n` periods after the first one.
+#[derive(Debug, Clone, Copy)]
+pub struct Frames {
+    first_ns: i64,
+    period_ns: i64,
+}
+
+impl Frames {
+    /// Frames from now on.
+    pub fn new(first_ns: i64, frequency_hz: f64) -> Self {
+        Self { first_ns, period_ns: (1e9 / frequency_hz).round() as i64 }
+    }
+
+    /// The frame that runs at a time.
+    pub fn at(&self, time_ns: i64) -> i64 {
+        (time_ns - self.first_ns).div_euclid(self.period_ns)
+    }
+
+    /// When a frame begins.
+    pub fn start_ns(&self, frame: i64) -> i64 {
+        self.first_ns + frame * self.period_ns
+    }
+
+    /// Length of a frame.
+    pub fn period_ns(&self) -> i64 {
+        self.period_ns
+    }
+}
+
+/// Sleeps until a time of the monotonic clock.
+pub fn sleep_until(time_ns: i64) {
+    loop {
+        let left_ns = time_ns - now_ns();
+        if left_ns <= 0 {
+            return;
+        }
+        std::thread::sleep(Duration::from_nanos(left_ns as u64));
+    }
+}

@@ -1,0 +1,149 @@
+//! A thread of the stand-in's own: carries out the script and the commands, takes pictures, and writes the report.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use crate::clock::now_ns;
+use crate::commands::{Command, TimedCommand};
+use crate::report::write_whole;
+use crate::world::{World, lock};
+
+/// How often it looks.
+const TICK: Duration = Duration::from_millis(20);
+/// How often the report is written when nothing urgent happens.
+const REPORT_NS: i64 = 1_000_000_000;
+/// Ticks from one look at the file of commands to the next.
+const COMMANDS_TICKS: u64 = 5;
+/// Longest stretch of the file of commands that is read at a time.
+const LONGEST_READ: u64 = 1 << 20;
+
+/// The thread.
+pub struct Handle {
+    stop: Sender<()>,
+    thread: JoinHandle<()>,
+}
+
+impl Handle {
+    /// Ends it, once what it has begun is done.
+    pub fn finish(self) {
+        let _ = self.stop.send(());
+        if self.thread.join().is_err() {
+            eprintln!("stand-in: its thread panicked");
+        }
+    }
+}
+
+/// Starts it.
+pub fn start() -> Handle {
+    let (stop, stopped) = channel();
+    let thread = std::thread::spawn(move || run(&stopped));
+    Handle { stop, thread }
+}
+
+fn run(stopped: &Receiver<()>) {
+    let mut commands = None;
+    let mut report_due_ns = i64::MIN;
+    for tick in 0u64.. {
+        if stopped.recv_timeout(TICK) != Err(RecvTimeoutError::Timeout) {
+            return;
+        }
+        let chores = {
+            let mut guard = lock();
+            let Some(world) = guard.as_mut() else { return };
+            let tail = commands.get_or_insert_with(|| CommandTail::new(world.place.commands()));
+            let new = if tick % COMMANDS_TICKS == 0 { tail.new_lines() } else { Vec::new() };
+            work(world, &new, &mut report_due_ns)
+        };
+        chores.into_iter().for_each(Chore::write);
+    }
+}
+
+/// What is done outside the lock.
+struct Chore {
+    path: PathBuf,
+    bytes: Vec<u8>,
+}
+
+impl Chore {
+    fn write(self) {
+        if let Err(error) = write_whole(&self.path, &self.bytes) {
+            eprintln!("stand-in: {}: {error}", self.path.display());
+        }
+    }
+}
+
+fn work(world: &mut World, lines: &[String], report_due_ns: &mut i64) -> Option<Chore> {
+    let now_ns = now_ns();
+    for line in lines {
+        match TimedCommand::parse(line) {
+            Ok(command) => world.schedule(command),
+            Err(error) => eprintln!("stand-in: commands.jsonl: {error}"),
+        }
+    }
+    if world.server.alive(now_ns) {
+        for command in world.due(now_ns) {
+            match &command {
+                Command::Shot { .. } => {}
+                other => world.perform(other, now_ns),
+            }
+        }
+    }
+    let due = world.report.urgent || now_ns >= *report_due_ns;
+    due.then(|| {
+        *report_due_ns = now_ns + REPORT_NS;
+        Chore { path: world.report_path(), bytes: world.report_json(now_ns) }
+    })
+}
+
+/// The lines that are appended to the file of commands from now on.
+struct CommandTail {
+    path: PathBuf,
+    read_to: u64,
+    /// A line without its end yet.
+    rest: Vec<u8>,
+}
+
+impl CommandTail {
+    fn new(path: PathBuf) -> Self {
+        let read_to = std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
+        Self { path, read_to, rest: Vec::new() }
+    }
+
+    fn new_lines(&mut self) -> Vec<String> {
+        let length = std::fs::metadata(&self.path).map_or(0, |metadata| metadata.len());
+        if length < self.read_to {
+            // The file was begun anew.
+            self.read_to = 0;
+            self.rest.clear();
+        }
+        if length > self.read_to {
+            match self.read() {
+                Ok(read) => self.read_to += read as u64,
+                Err(error) => eprintln!("stand-in: {}: {error}", self.path.display()),
+            }
+        }
+        self.take_lines()
+    }
+
+    fn read(&mut self) -> std::io::Result<usize> {
+        let mut file = File::open(&self.path)?;
+        file.seek(SeekFrom::Start(self.read_to))?;
+        file.take(LONGEST_READ).read_to_end(&mut self.rest)
+    }
+
+    fn take_lines(&mut self) -> Vec<String> {
+        let Some(end) = self.rest.iter().rposition(|byte| *byte == b'\n') else {
+            if self.rest.len() as u64 > LONGEST_READ {
+                self.rest.clear();
+            }
+            return Vec::new();
+        };
+        let whole: Vec<u8> = self.rest.drain(..=end).collect();
+        let text = String::from_utf8_lossy(&whole);
+        text.lines().filter(|line| !line.trim().is_empty()).map(str::to_owned).collect()
+    }
+}

@@ -1,0 +1,116 @@
+//! Function tables without a null pointer: what the stand-in gives, and for all else a function of the right type that
+//! records a violation and returns an error.
+
+use std::ffi::c_char;
+
+use crate::{sys, world};
+
+/// A function's name, as a type.
+pub trait Named {
+    /// The interface's and the function's name.
+    const NAME: &'static str;
+}
+
+/// What a function returns that cannot do what it was asked for.
+pub trait Failure {
+    /// The value; `code` where the type is a number of errors.
+    fn failure(code: u32) -> Self;
+}
+
+impl Failure for () {
+    fn failure(_: u32) {}
+}
+
+impl Failure for u32 {
+    fn failure(code: u32) -> u32 {
+        code
+    }
+}
+
+impl<T> Failure for *mut T {
+    fn failure(_: u32) -> Self {
+        std::ptr::null_mut()
+    }
+}
+
+macro_rules! failures {
+    ($($type:ty => $value:expr),* $(,)?) => {
+        $(impl Failure for $type {
+            fn failure(_: u32) -> Self {
+                $value
+            }
+        })*
+    };
+}
+
+failures! {
+    bool => false,
+    i32 => 0,
+    u64 => 0,
+    f32 => 0.0,
+    sys::HmdMatrix34_t => sys::HmdMatrix34_t { m: [[0.0; 4]; 3] },
+    sys::HmdMatrix44_t => sys::HmdMatrix44_t { m: [[0.0; 4]; 4] },
+    sys::HmdColor_t => sys::HmdColor_t { r: 0.0, g: 0.0, b: 0.0, a: 0.0 },
+    sys::HiddenAreaMesh_t => sys::HiddenAreaMesh_t { pVertexData: std::ptr::null_mut(), unTriangleCount: 0 },
+}
+
+/// Function pointers for which there is a function that refuses.
+pub trait Refusable {
+    /// A function that records a violation and returns the failure `CODE`.
+    fn refused<N: Named, const CODE: u32>() -> Self;
+}
+
+macro_rules! refusable {
+    ($($argument:ident)*) => {
+        impl<R: Failure, $($argument),*> Refusable for unsafe extern "C" fn($($argument),*) -> R {
+            fn refused<N: Named, const CODE: u32>() -> Self {
+                unsafe extern "C" fn refuse<N: Named, const CODE: u32, R: Failure, $($argument),*>(
+                    $(_: $argument),*
+                ) -> R {
+                    world::refused(N::NAME);
+                    R::failure(CODE)
+                }
+                refuse::<N, CODE, R, $($argument),*>
+            }
+        }
+    };
+}
+
+refusable!();
+refusable!(A);
+refusable!(A B);
+refusable!(A B C);
+refusable!(A B C D);
+refusable!(A B C D E);
+refusable!(A B C D E F);
+refusable!(A B C D E F G);
+refusable!(A B C D E F G H);
+refusable!(A B C D E F G H I);
+
+/// A table: `field: function` for what is given, then lists of fields that fail with a code.
+macro_rules! table {
+    ($table:ident, $interface:literal; given { $($given:ident: $function:path),* $(,)? }
+     $(fails($code:expr) { $($refused:ident),* $(,)? })*) => {
+        $crate::sys::$table {
+            $($given: Some($function),)*
+            $($($refused: Some({
+                struct Name;
+                impl $crate::table::Named for Name {
+                    const NAME: &'static str = concat!($interface, "::", stringify!($refused));
+                }
+                $crate::table::Refusable::refused::<Name, { $code }>()
+            }),)*)*
+        }
+    };
+}
+pub(crate) use table;
+
+/// A table for ever, as clients keep the pointer.
+pub fn leaked<T>(table: T) -> usize {
+    std::ptr::from_mut(Box::leak(Box::new(table))) as usize
+}
+
+/// A constant text as C wants it.
+pub fn text(text: &'static std::ffi::CStr) -> *mut c_char {
+    text.as_ptr().cast_mut()
+}

@@ -1,0 +1,69 @@
+//! The tracking universes. Devices move in the world, which never changes; raw, standing and seated lie in it and may be
+//! moved: recentring moves standing or seated, a change of universe moves raw.
+
+use radar_chaperone::geometry::Pose;
+
+use crate::config::Config;
+use crate::sys;
+
+/// Where the universes lie. The world is the standing universe at the start.
+#[derive(Debug, Clone, Copy)]
+pub struct Universes {
+    raw_from_world: Pose,
+    raw_from_standing: Pose,
+    raw_from_seated: Pose,
+    /// Names the raw universe.
+    pub id: u64,
+}
+
+impl Universes {
+    /// As configured.
+    pub fn new(config: &Config) -> Self {
+        let raw_from_standing = config.raw_from_standing.pose();
+        let raw_from_seated = config.raw_from_seated.pose();
+        Self { raw_from_world: raw_from_standing, raw_from_standing, raw_from_seated, id: config.universe_id }
+    }
+
+    /// The asked universe's pose in raw; `None` for a number that names none.
+    fn raw_from(&self, origin: sys::ETrackingUniverseOrigin) -> Option<Pose> {
+        match origin {
+            sys::ETrackingUniverseOrigin_TrackingUniverseSeated => Some(self.raw_from_seated),
+            sys::ETrackingUniverseOrigin_TrackingUniverseStanding => Some(self.raw_from_standing),
+            sys::ETrackingUniverseOrigin_TrackingUniverseRawAndUncalibrated => Some(Pose::IDENTITY),
+            _ => None,
+        }
+    }
+
+    /// From the world to a universe; `None` for a number that names none.
+    pub fn from_world(&self, origin: sys::ETrackingUniverseOrigin) -> Option<Pose> {
+        Some(self.raw_from(origin)?.inverse() * self.raw_from_world)
+    }
+
+    /// From the world to the standing universe.
+    pub fn standing_from_world(&self) -> Pose {
+        self.raw_from_standing.inverse() * self.raw_from_world
+    }
+
+    /// From raw to standing.
+    pub fn standing_from_raw(&self) -> Pose {
+        self.raw_from_standing.inverse()
+    }
+
+    /// From seated to standing.
+    pub fn standing_from_seated(&self) -> Pose {
+        self.raw_from_standing.inverse() * self.raw_from_seated
+    }
+
+    /// Moves the standing (or seated) universe to a pose that is given in it as it was.
+    pub fn recenter(&mut self, seated: bool, old_from_new: Pose) {
+        let moved = if seated { &mut self.raw_from_seated } else { &mut self.raw_from_standing };
+        *moved = *moved * old_from_new;
+    }
+
+    /// Another raw universe, at a pose in the old one. Standing and seated keep their poses in raw, so they move in the
+    /// world, as they do when the base stations are set up anew.
+    pub fn change(&mut self, old_raw_from_new: Pose) {
+        self.raw_from_world = old_raw_from_new.inverse() * self.raw_from_world;
+        self.id += 1;
+    }
+}

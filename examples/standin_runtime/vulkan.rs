@@ -1,0 +1,308 @@
+//! The client's textures: each is copied into host memory on the client's own queue, as SteamVR copies it, and read only
+//! when a picture is wanted. Nothing here waits for the GPU while the client hands a texture over.
+
+use std::ffi::CStr;
+use std::sync::Arc;
+
+use ash::vk;
+use ash::vk::Handle;
+
+use crate::sys;
+
+/// Copies there may be at a time, under way or kept.
+const MOST_SLOTS: usize = 160;
+/// From so many on, those of another size go before a new one is made.
+const KEPT_SLOTS: usize = 48;
+/// Longest wait for a copy, when a picture is wanted or at the end.
+const LONGEST_WAIT_NS: u64 = 2_000_000_000;
+
+/// Loads Vulkan's library, which the client has loaded already.
+fn entry() -> Result<ash::Entry, String> {
+    // SAFETY: the system's Vulkan loader, as the client uses it.
+    unsafe { ash::Entry::load() }.map_err(|error| format!("libvulkan: {error}"))
+}
+
+/// The functions of the client's instance.
+fn load_instance(entry: &ash::Entry, instance: *mut sys::VkInstance_T) -> Result<ash::Instance, String> {
+    if instance.is_null() {
+        return Err("the instance is null".into());
+    }
+    // SAFETY: the client promises a living instance, as with SteamVR.
+    Ok(unsafe { ash::Instance::load(entry.static_fn(), vk::Instance::from_raw(instance as u64)) })
+}
+
+/// The physical device that drives the headset: the first one, or the first whose name holds `wanted`.
+///
+/// # Errors
+/// Why there is none.
+pub fn output_device(instance: *mut sys::VkInstance_T, wanted: Option<&str>) -> Result<u64, String> {
+    let instance = load_instance(&entry()?, instance)?;
+    // SAFETY: a living instance.
+    let devices = unsafe { instance.enumerate_physical_devices() }.map_err(|error| error.to_string())?;
+    let matches = |device: &vk::PhysicalDevice| {
+        // SAFETY: a device of that instance; its name is a text of Vulkan's that ends with zero.
+        let properties = unsafe { instance.get_physical_device_properties(*device) };
+        let name = properties.device_name_as_c_str().map(CStr::to_string_lossy).unwrap_or_default();
+        wanted.is_none_or(|wanted| name.contains(wanted))
+    };
+    let found = devices.into_iter().find(matches).ok_or_else(|| format!("no device named {wanted:?}"))?;
+    Ok(found.as_raw())
+}
+
+/// What a client says of a texture, checked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Image {
+    pub image: vk::Image,
+    pub width: u32,
+    pub height: u32,
+    pub format: vk::Format,
+}
+
+/// The client's handles, which must stay the same.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Handles {
+    instance: *mut sys::VkInstance_T,
+    physical_device: *mut sys::VkPhysicalDevice_T,
+    device: *mut sys::VkDevice_T,
+    queue: *mut sys::VkQueue_T,
+    queue_family: u32,
+}
+
+impl Handles {
+    /// Those of a texture.
+    pub fn of(data: &sys::VRVulkanTextureData_t) -> Self {
+        Self {
+            instance: data.m_pInstance,
+            physical_device: data.m_pPhysicalDevice,
+            device: data.m_pDevice,
+            queue: data.m_pQueue,
+            queue_family: data.m_nQueueFamilyIndex,
+        }
+    }
+
+    /// Whether one of them is null.
+    pub fn any_null(&self) -> bool {
+        self.instance.is_null() || self.physical_device.is_null() || self.device.is_null() || self.queue.is_null()
+    }
+}
+
+/// Host memory that a texture is copied into, and how far the copy is.
+pub struct Slot {
+    device: ash::Device,
+    buffer: vk::Buffer,
+    memory: vk::DeviceMemory,
+    mapped: *const u8,
+    capacity: u64,
+    commands: vk::CommandBuffer,
+    fence: vk::Fence,
+}
+
+// SAFETY: handles, which any thread may use, and memory that is written by the GPU alone and read once its fence says so.
+unsafe impl Send for Slot {}
+// SAFETY: as above; nothing is written through a shared slot.
+unsafe impl Sync for Slot {}
+
+/// A texture and the copy of it.
+#[derive(Clone)]
+pub struct Copied {
+    pub image: Image,
+    slot: Arc<Slot>,
+}
+
+impl Copied {
+    /// The pixels, row by row; waits for the copy.
+    ///
+    /// # Errors
+    /// When the copy does not end.
+    pub fn read(&self) -> Result<Vec<u8>, String> {
+        let Slot { device, fence, mapped, .. } = &*self.slot;
+        // SAFETY: the device lives until Cleanup, which waits for whoever reads.
+        unsafe { device.wait_for_fences(&[*fence], true, LONGEST_WAIT_NS) }.map_err(|error| error.to_string())?;
+        let bytes = bytes_of(&self.image) as usize;
+        // SAFETY: the memory is mapped, has at least as many bytes, and the GPU has ended writing.
+        Ok(unsafe { std::slice::from_raw_parts(*mapped, bytes) }.to_vec())
+    }
+}
+
+fn bytes_of(image: &Image) -> u64 {
+    u64::from(image.width) * u64::from(image.height) * 4
+}
+
+/// Copies textures of one device.
+pub struct Copier {
+    handles: Handles,
+    device: ash::Device,
+    queue: vk::Queue,
+    memory: vk::PhysicalDeviceMemoryProperties,
+    pool: vk::CommandPool,
+    slots: Vec<Arc<Slot>>,
+}
+
+// SAFETY: the handles are only compared; what they name is used under the world's lock.
+unsafe impl Send for Copier {}
+
+impl Copier {
+    /// For a client's device.
+    ///
+    /// # Errors
+    /// What Vulkan refuses.
+    pub fn new(handles: Handles) -> Result<Self, String> {
+        let instance = load_instance(&entry()?, handles.instance)?;
+        let physical_device = vk::PhysicalDevice::from_raw(handles.physical_device as u64);
+        // SAFETY: the client promises living handles that belong together, as with SteamVR.
+        let (device, memory) = unsafe {
+            let device = ash::Device::load(instance.fp_v1_0(), vk::Device::from_raw(handles.device as u64));
+            (device, instance.get_physical_device_memory_properties(physical_device))
+        };
+        let info = vk::CommandPoolCreateInfo::default()
+            .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER)
+            .queue_family_index(handles.queue_family);
+        // SAFETY: a living device and one of its queue families.
+        let pool = unsafe { device.create_command_pool(&info, None) }.map_err(|error| error.to_string())?;
+        let queue = vk::Queue::from_raw(handles.queue as u64);
+        Ok(Self { handles, device, queue, memory, pool, slots: Vec::new() })
+    }
+
+    /// Whose device it is.
+    pub fn handles(&self) -> Handles {
+        self.handles
+    }
+
+    /// Begins to copy an image that lies in TRANSFER_SRC_OPTIMAL; `None` when too much is under way.
+    ///
+    /// # Errors
+    /// What Vulkan refuses.
+    pub fn copy(&mut self, image: Image) -> Result<Option<Copied>, String> {
+        let Some(slot) = self.free_slot(bytes_of(&image)).map_err(|error| error.to_string())? else {
+            return Ok(None);
+        };
+        self.submit(&slot, &image).map_err(|error| error.to_string())?;
+        Ok(Some(Copied { image, slot }))
+    }
+
+    /// A slot that nobody holds and the GPU has done with, large enough.
+    fn free_slot(&mut self, bytes: u64) -> Result<Option<Arc<Slot>>, vk::Result> {
+        let free = |slot: &Arc<Slot>| {
+            // SAFETY: a fence of that device.
+            Arc::strong_count(slot) == 1 && unsafe { self.device.get_fence_status(slot.fence) } == Ok(true)
+        };
+        let fits = |slot: &Arc<Slot>| slot.capacity >= bytes && slot.capacity <= 4 * bytes.max(1 << 16);
+        if let Some(slot) = self.slots.iter().find(|slot| fits(slot) && free(slot)) {
+            return Ok(Some(slot.clone()));
+        }
+        if self.slots.len() >= KEPT_SLOTS
+            && let Some(index) = self.slots.iter().position(free)
+        {
+            let slot = self.slots.swap_remove(index);
+            self.destroy(&slot);
+        }
+        if self.slots.len() >= MOST_SLOTS {
+            return Ok(None);
+        }
+        let slot = Arc::new(self.new_slot(bytes)?);
+        self.slots.push(slot.clone());
+        Ok(Some(slot))
+    }
+
+    fn new_slot(&self, bytes: u64) -> Result<Slot, vk::Result> {
+        let device = self.device.clone();
+        let buffer_info = vk::BufferCreateInfo::default().size(bytes).usage(vk::BufferUsageFlags::TRANSFER_DST);
+        let commands_info = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
+        // SAFETY: a living device; everything is made for it, and freed by `destroy`.
+        unsafe {
+            let buffer = device.create_buffer(&buffer_info, None)?;
+            let needs = device.get_buffer_memory_requirements(buffer);
+            let memory_info = vk::MemoryAllocateInfo::default()
+                .allocation_size(needs.size)
+                .memory_type_index(self.memory_type(needs.memory_type_bits)?);
+            let memory = device.allocate_memory(&memory_info, None)?;
+            device.bind_buffer_memory(buffer, memory, 0)?;
+            let mapped = device.map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty())?;
+            let commands = device.allocate_command_buffers(&commands_info)?[0];
+            let fence = device.create_fence(&vk::FenceCreateInfo::default(), None)?;
+            Ok(Slot { device, buffer, memory, mapped: mapped.cast(), capacity: bytes, commands, fence })
+        }
+    }
+
+    /// Memory that the host sees without flushing, cached where there is such.
+    fn memory_type(&self, allowed: u32) -> Result<u32, vk::Result> {
+        let visible = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
+        let types = self.memory.memory_types_as_slice();
+        let find = |wanted: vk::MemoryPropertyFlags| {
+            (0..types.len()).find(|i| allowed & (1 << i) != 0 && types[*i].property_flags.contains(wanted))
+        };
+        let found = find(visible | vk::MemoryPropertyFlags::HOST_CACHED).or_else(|| find(visible));
+        found.map(|index| index as u32).ok_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY)
+    }
+
+    fn submit(&self, slot: &Slot, image: &Image) -> Result<(), vk::Result> {
+        let commands = [slot.commands];
+        let submit = vk::SubmitInfo::default().command_buffers(&commands);
+        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the slot is free (its fence is signalled or new) and the client's thread, which calls us, submits to
+        // the queue, so nobody else does.
+        unsafe {
+            self.device.begin_command_buffer(slot.commands, &begin)?;
+            self.record(slot, image);
+            self.device.end_command_buffer(slot.commands)?;
+            self.device.reset_fences(&[slot.fence])?;
+            self.device.queue_submit(self.queue, &[submit], slot.fence)
+        }
+    }
+
+    /// After everything before it in the queue, copies, and makes the bytes visible to the host.
+    ///
+    /// # Safety
+    /// The slot's command buffer is being recorded; the image lives until it was executed.
+    unsafe fn record(&self, slot: &Slot, image: &Image) {
+        let layers = vk::ImageSubresourceLayers {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            layer_count: 1,
+            ..Default::default()
+        };
+        let before = vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
+            .dst_access_mask(vk::AccessFlags::TRANSFER_READ);
+        let region = vk::BufferImageCopy {
+            image_subresource: layers,
+            image_extent: vk::Extent3D { width: image.width, height: image.height, depth: 1 },
+            ..Default::default()
+        };
+        let after = vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::TRANSFER_WRITE)
+            .dst_access_mask(vk::AccessFlags::HOST_READ);
+        let (all, transfer, host) =
+            (vk::PipelineStageFlags::ALL_COMMANDS, vk::PipelineStageFlags::TRANSFER, vk::PipelineStageFlags::HOST);
+        let (layout, none) = (vk::ImageLayout::TRANSFER_SRC_OPTIMAL, vk::DependencyFlags::empty());
+        // SAFETY: as the caller promises.
+        unsafe {
+            self.device.cmd_pipeline_barrier(slot.commands, all, transfer, none, &[before], &[], &[]);
+            self.device.cmd_copy_image_to_buffer(slot.commands, image.image, layout, slot.buffer, &[region]);
+            self.device.cmd_pipeline_barrier(slot.commands, transfer, host, none, &[after], &[], &[]);
+        }
+    }
+
+    fn destroy(&self, slot: &Slot) {
+        // SAFETY: nobody holds the slot and the GPU has done with it.
+        unsafe {
+            self.device.destroy_fence(slot.fence, None);
+            self.device.free_command_buffers(self.pool, &[slot.commands]);
+            self.device.destroy_buffer(slot.buffer, None);
+            self.device.free_memory(slot.memory, None);
+        }
+    }
+
+    /// Waits for what is under way and frees everything. The client's device must still live.
+    pub fn free(self) {
+        for slot in &self.slots {
+            // SAFETY: a fence of that device.
+            if let Err(error) = unsafe { self.device.wait_for_fences(&[slot.fence], true, LONGEST_WAIT_NS) } {
+                eprintln!("stand-in: a copy did not end: {error}");
+                return;
+            }
+        }
+        self.slots.iter().for_each(|slot| self.destroy(slot));
+        // SAFETY: its command buffers are freed.
+        unsafe { self.device.destroy_command_pool(self.pool, None) };
+    }
+}

@@ -1,0 +1,108 @@
+//! The folders of a stand-in and what lies in them.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use serde_json::{Value, json};
+
+/// Where things are.
+pub struct Folders {
+    root: PathBuf,
+}
+
+impl Folders {
+    /// Under a root, which is made.
+    pub fn new(root: &Path) -> Result<Self> {
+        fs::create_dir_all(root).with_context(|| format!("{} cannot be made", root.display()))?;
+        Ok(Self { root: root.canonicalize()? })
+    }
+
+    fn runtime(&self) -> PathBuf {
+        self.root.join("runtime")
+    }
+
+    /// The file that `VR_PATHREG_OVERRIDE` is to name.
+    pub fn registry(&self) -> PathBuf {
+        self.root.join("openvrpaths.vrpath")
+    }
+
+    /// Locked while the server lives.
+    pub fn server_lock(&self) -> PathBuf {
+        self.runtime().join("server.lock")
+    }
+
+    /// Locked, shared, by clients.
+    pub fn clients_lock(&self) -> PathBuf {
+        self.runtime().join("clients.lock")
+    }
+
+    /// Applications that clients registered.
+    pub fn applications(&self) -> PathBuf {
+        self.runtime().join("applications.json")
+    }
+
+    /// Makes folders, configuration and registry file.
+    pub fn make(&self, config: &Value, library: &Path) -> Result<()> {
+        let binaries = self.runtime().join("bin").join("linux64");
+        for folder in [&binaries, &self.root.join("config"), &self.root.join("logs")] {
+            fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+        }
+        link(library, &binaries.join("vrclient.so"))?;
+        fs::write(self.runtime().join("standin.json"), serde_json::to_vec_pretty(config)?)?;
+        self.forget_temporary()?;
+        let registry = json!({
+            "config": [self.root.join("config")],
+            "external_drivers": null,
+            "jsonid": "vrpathreg",
+            "log": [self.root.join("logs")],
+            "runtime": [self.runtime()],
+            "version": 1,
+        });
+        Ok(fs::write(self.registry(), serde_json::to_vec_pretty(&registry)?)?)
+    }
+
+    /// Applications that were registered for the time of one server go with it.
+    fn forget_temporary(&self) -> Result<()> {
+        let Ok(bytes) = fs::read(self.applications()) else { return Ok(()) };
+        let mut applications: serde_json::Map<String, Value> =
+            serde_json::from_slice(&bytes).with_context(|| format!("{} is damaged", self.applications().display()))?;
+        applications.retain(|_, application| application["temporary"] != true);
+        Ok(fs::write(self.applications(), serde_json::to_vec_pretty(&applications)?)?)
+    }
+
+    /// Gives a command to the clients that run.
+    pub fn command(&self, line: &str) -> Result<()> {
+        let path = self.root.join("commands.jsonl");
+        let mut file = fs::File::options().create(true).append(true).open(&path)?;
+        writeln!(file, "{line}").with_context(|| format!("{} cannot be written", path.display()))
+    }
+}
+
+/// A symbolic link, in place of whatever link or file is there.
+fn link(to: &Path, at: &Path) -> Result<()> {
+    if at.symlink_metadata().is_ok() {
+        fs::remove_file(at)?;
+    }
+    std::os::unix::fs::symlink(to, at).with_context(|| format!("{} cannot be linked", at.display()))
+}
+
+/// The configuration: the given file's, with the tracks of the command line.
+pub fn config(file: Option<&Path>, track: Option<&Path>, controllers: &[PathBuf]) -> Result<Value> {
+    let mut config = match file {
+        Some(file) => {
+            let text = fs::read_to_string(file).with_context(|| format!("{} cannot be read", file.display()))?;
+            serde_json::from_str(&text).with_context(|| format!("{} is no JSON", file.display()))?
+        }
+        None => json!({}),
+    };
+    let full = |path: &Path| path.canonicalize().with_context(|| format!("no track {}", path.display()));
+    if let Some(track) = track {
+        config["track"] = json!(full(track)?);
+    }
+    if !controllers.is_empty() {
+        config["controllers"] = json!(controllers.iter().map(|path| full(path)).collect::<Result<Vec<_>>>()?);
+    }
+    Ok(config)
+}
