@@ -43,8 +43,11 @@ impl SettingsArguments {
             }
             None => String::new(),
         };
-        let about = || path.map_or("settings".to_owned(), |path| format!("settings {}", path.display()));
-        Settings::from_layers(below, &text, &self.changes).with_context(about)
+        let read = Settings::from_layers(below, &text, &self.changes);
+        match path {
+            Some(path) => read.with_context(|| path.display().to_string()),
+            None => Ok(read?),
+        }
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use clap::Args;
 
 use super::files::SettingsArguments;
@@ -163,7 +163,7 @@ impl Run {
     fn settings_over(&self, chaperone: &Chaperone) -> Result<Settings> {
         let own = self.settings.live(toml::Table::new())?;
         match own.headset.follow_chaperone {
-            true => self.settings.live(below(chaperone, &own)).context("with SteamVR's own chaperone below"),
+            true => self.settings.live(below(chaperone, &own)),
             false => Ok(own),
         }
     }

@@ -1,5 +1,6 @@
 //! What the player may change about warnings: how near they begin, and how they look.
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// A setting that cannot be used, with its value.
@@ -16,6 +17,14 @@ pub enum WarningSettingsError {
     /// A grid too fine or too wide to read.
     #[error("grid_spacing_m = {0} must be from 0.05 to 1 m")]
     GridSpacing(f64),
+    /// An area without a size, or a margin that is none.
+    #[error("play_area_m = {area_m:?} and play_area_margin_m = {margin_m} must be lengths from 0 to 100 m")]
+    PlayArea {
+        /// `play_area_m` as given.
+        area_m: Option<[f64; 2]>,
+        /// `play_area_margin_m` as given.
+        margin_m: f64,
+    },
     /// Brighter than the display, or negative.
     #[error("brightness = {0} must be from 0 to 1")]
     Brightness(f32),
@@ -37,6 +46,11 @@ pub struct WarningSettings {
     pub grid_spacing_m: f64,
     /// Whether obstacles are also drawn as areas on the floor.
     pub footprints: bool,
+    /// The area the player keeps to: width (x) and depth (z) around the origin of the tracking frame, metres; left out: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub play_area_m: Option<[f64; 2]>,
+    /// What lies wholly farther than this outside the play area is not warned of, metres.
+    pub play_area_margin_m: f64,
 }
 
 impl Default for WarningSettings {
@@ -48,6 +62,8 @@ impl Default for WarningSettings {
             brightness: 1.0,
             grid_spacing_m: 0.2,
             footprints: true,
+            play_area_m: None,
+            play_area_margin_m: 1.0,
         }
     }
 }
@@ -68,7 +84,20 @@ impl WarningSettings {
         if !(0.0..=1.0).contains(&self.brightness) {
             return Err(WarningSettingsError::Brightness(self.brightness));
         }
+        let (area_m, margin_m) = (self.play_area_m, self.play_area_margin_m);
+        let lengths = area_m.into_iter().flatten().chain([margin_m]);
+        if !lengths.into_iter().all(|length| (0.0..=100.0).contains(&length)) {
+            return Err(WarningSettingsError::PlayArea { area_m, margin_m });
+        }
         Ok(())
+    }
+
+    /// Whether a player who keeps to the play area can come near a place.
+    pub(super) fn is_in_reach(&self, place: DVec3) -> bool {
+        self.play_area_m.is_none_or(|[width_m, depth_m]| {
+            let margin_m = self.play_area_margin_m;
+            place.x.abs() <= width_m / 2.0 + margin_m && place.z.abs() <= depth_m / 2.0 + margin_m
+        })
     }
 
     /// Brightness at a distance: full up to `full_distance_m`, then falling smoothly to 0 at `fade_distance_m`; 0 when a
@@ -119,6 +148,8 @@ mod tests {
         assert_eq!(turned.check(), Err(WarningSettingsError::Distances { full_m: 2.0, fade_m: 1.5 }));
         let fine = WarningSettings { grid_spacing_m: 0.001, ..Default::default() };
         assert_eq!(fine.check(), Err(WarningSettingsError::GridSpacing(0.001)));
+        let area = WarningSettings { play_area_m: Some([2.0, -1.0]), ..Default::default() };
+        assert!(area.check().unwrap_err().to_string().contains("play_area_m = Some([2.0, -1.0])"));
         assert!(WarningSettings::default().check().is_ok());
     }
 }

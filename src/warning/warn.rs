@@ -40,7 +40,9 @@ pub(super) fn warn_of<'b>(
         return Warnings::default();
     }
     let objects = bodies.filter_map(|body| object(body, head, ahead, settings));
-    let walls = walls.iter().filter_map(|wall| Some((wall_panel(wall, head, settings)?, None)));
+    let walls = walls.iter().filter_map(|wall| wall_panel(wall, head, settings));
+    let walls = walls.filter(|panel| settings.is_in_reach(panel.tracking_from_panel.translation));
+    let walls = walls.map(|panel| (panel, None));
     let mut all: Vec<(Panel, Option<Footprint>)> = objects.chain(walls).collect();
     all.sort_by(|(a, _), (b, _)| {
         b.alpha.total_cmp(&a.alpha).then(a.distance_m.total_cmp(&b.distance_m)).then(a.id.cmp(&b.id))
@@ -50,6 +52,9 @@ pub(super) fn warn_of<'b>(
 }
 
 fn object(body: &Body, head: DVec3, ahead: DVec3, settings: &WarningSettings) -> Option<(Panel, Option<Footprint>)> {
+    if !body.points.iter().any(|point| settings.is_in_reach(*point)) {
+        return None;
+    }
     let aspect = Aspect::of(body, head, ahead);
     let alpha = settings.alpha(aspect.distance_m);
     if alpha <= 0.0 {
@@ -113,6 +118,18 @@ mod tests {
         assert!((place.y - panel.size_m.y / 2.0).abs() < 1e-9, "it stands on the floor");
         assert!(panel.size_m.y >= 0.9 && panel.size_m.y < 1.2 && panel.size_m.x >= 0.3 && panel.size_m.x < 0.7);
         assert!(!panel.silhouette.is_empty() && panel.silhouette.len() <= 384);
+    }
+
+    #[test]
+    fn what_a_player_in_the_play_area_cannot_reach_is_left_out() {
+        let shown = |area_m: [f64; 2], obstacles: Vec<Obstacle>, walls: Vec<Wall>| {
+            let settings = WarningSettings { play_area_m: Some(area_m), play_area_margin_m: 0.2, ..Default::default() };
+            !warn(&Scene { time_ns: 0, obstacles, walls }, &head(), &settings).panels.is_empty()
+        };
+        assert!(shown([2.0, 1.4], vec![block(1, 0.0, -0.8)], vec![]), "its near side is 0.1 m outside");
+        assert!(!shown([2.0, 1.0], vec![block(1, 0.0, -0.8)], vec![]));
+        assert!(shown([2.0, 1.2], vec![], vec![wall(DVec3::NEG_Z, 0.7)]));
+        assert!(!shown([2.0, 0.8], vec![], vec![wall(DVec3::NEG_Z, 0.7)]));
     }
 
     #[test]
