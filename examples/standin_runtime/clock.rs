@@ -32,11 +32,6 @@ impl Frames {
     pub fn start_ns(&self, frame: i64) -> i64 {
         self.first_ns + frame * self.period_ns
     }
-
-    /// Length of a frame.
-    pub fn period_ns(&self) -> i64 {
-        self.period_ns
-    }
 }
 
 /// Sleeps until a time of the monotonic clock.

@@ -1,4 +1,4 @@
-//! A thread of the stand-in's own: carries out the script and the commands, takes pictures, and writes the report.
+//! A thread of the stand-in's own: carries out the script and the commands, has pictures drawn, and writes the report.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -9,6 +9,8 @@ use std::time::Duration;
 
 use crate::clock::now_ns;
 use crate::commands::{Command, TimedCommand};
+use crate::painter::{Painter, is_name};
+use crate::place::Place;
 use crate::report::write_whole;
 use crate::world::{World, lock};
 
@@ -38,28 +40,25 @@ impl Handle {
 }
 
 /// Starts it.
-pub fn start() -> Handle {
+pub fn start(place: Place) -> Handle {
     let (stop, stopped) = channel();
-    let thread = std::thread::spawn(move || run(&stopped));
+    let thread = std::thread::spawn(move || run(&place, &stopped));
     Handle { stop, thread }
 }
 
-fn run(stopped: &Receiver<()>) {
-    let mut commands = None;
+fn run(place: &Place, stopped: &Receiver<()>) {
+    let painter = Painter::start(place.shots());
+    let mut commands = CommandTail::new(place.commands());
     let mut report_due_ns = i64::MIN;
     for tick in 0u64.. {
         if stopped.recv_timeout(TICK) != Err(RecvTimeoutError::Timeout) {
-            return;
+            break;
         }
-        let chores = {
-            let mut guard = lock();
-            let Some(world) = guard.as_mut() else { return };
-            let tail = commands.get_or_insert_with(|| CommandTail::new(world.place.commands()));
-            let new = if tick % COMMANDS_TICKS == 0 { tail.new_lines() } else { Vec::new() };
-            work(world, &new, &mut report_due_ns)
-        };
-        chores.into_iter().for_each(Chore::write);
+        let lines = if tick % COMMANDS_TICKS == 0 { commands.new_lines() } else { Vec::new() };
+        let chore = lock().as_mut().and_then(|world| work(world, &painter, &lines, &mut report_due_ns));
+        chore.into_iter().for_each(Chore::write);
     }
+    painter.finish();
 }
 
 /// What is done outside the lock.
@@ -76,7 +75,7 @@ impl Chore {
     }
 }
 
-fn work(world: &mut World, lines: &[String], report_due_ns: &mut i64) -> Option<Chore> {
+fn work(world: &mut World, painter: &Painter, lines: &[String], report_due_ns: &mut i64) -> Option<Chore> {
     let now_ns = now_ns();
     for line in lines {
         match TimedCommand::parse(line) {
@@ -87,7 +86,8 @@ fn work(world: &mut World, lines: &[String], report_due_ns: &mut i64) -> Option<
     if world.server.alive(now_ns) {
         for command in world.due(now_ns) {
             match &command {
-                Command::Shot { .. } => {}
+                // What does not show anything has nothing to take a picture of.
+                Command::Shot { name } if world.is_overlay_client() => take_picture(world, painter, name, now_ns),
                 other => world.perform(other, now_ns),
             }
         }
@@ -97,6 +97,16 @@ fn work(world: &mut World, lines: &[String], report_due_ns: &mut i64) -> Option<
         *report_due_ns = now_ns + REPORT_NS;
         Chore { path: world.report_path(), bytes: world.report_json(now_ns) }
     })
+}
+
+fn take_picture(world: &mut World, painter: &Painter, name: &str, now_ns: i64) {
+    let taken = match is_name(name) {
+        true => world.snapshot(name, now_ns).and_then(|snapshot| painter.draw(snapshot)),
+        false => Err(format!("{name:?} cannot be a file's name: letters, digits, '-', '_' and '.'")),
+    };
+    if let Err(why) = taken {
+        world.report.shot_failed(why);
+    }
 }
 
 /// The lines that are appended to the file of commands from now on.

@@ -4,6 +4,7 @@ use std::ffi::{c_char, c_void};
 
 use ash::vk;
 use ash::vk::Handle;
+use radar_chaperone::geometry::Pose;
 
 use crate::clock::{now_ns, sleep_until};
 use crate::eyes::Edges;
@@ -337,8 +338,8 @@ unsafe extern "C" fn set_bounds(handle: u64, bounds: *mut sys::VRTextureBounds_t
 
 unsafe extern "C" fn get_bounds(handle: u64, bounds: *mut sys::VRTextureBounds_t) -> u32 {
     get("GetOverlayTextureBounds", handle, bounds, |overlay| {
-        let [uMin, vMin, uMax, vMax] = overlay.bounds;
-        sys::VRTextureBounds_t { uMin, vMin, uMax, vMax }
+        let [u_min, v_min, u_max, v_max] = overlay.bounds;
+        sys::VRTextureBounds_t { uMin: u_min, vMin: v_min, uMax: u_max, vMax: v_max }
     })
 }
 
@@ -360,8 +361,6 @@ fn checked_pose(report: &mut Report, name: &str, from: *const sys::HmdMatrix34_t
         BAD_PARAMETER
     })
 }
-
-use radar_chaperone::geometry::Pose;
 
 fn checked_origin(report: &mut Report, name: &str, origin: u32) -> Outcome {
     if origin > sys::ETrackingUniverseOrigin_TrackingUniverseRawAndUncalibrated {

@@ -38,6 +38,11 @@ impl World {
         if self.config.track_is_relative { time_ns - self.start_ns } else { time_ns }
     }
 
+    /// Where a device really is in the world, whether tracking sees it or not; `None` in a gap of its track.
+    pub fn device_in_world(&self, device: usize, time_ns: i64) -> Option<Pose> {
+        Some(self.devices.get(device)?.at(self.track_time_ns(time_ns))?.pose)
+    }
+
     /// How a device moves in the world; `None` where tracking has lost it.
     pub fn motion(&self, device: usize, time_ns: i64) -> Option<Motion> {
         let lost = crate::clock::now_ns() < self.invalid_until_ns;

@@ -93,6 +93,13 @@ impl Report {
         self.urgent = true;
     }
 
+    /// Counts a picture that could not be taken.
+    pub fn shot_failed(&mut self, why: String) {
+        eprintln!("stand-in: no picture: {why}");
+        self.shots_failed += 1;
+        self.shot_error.get_or_insert(why);
+    }
+
     /// As JSON.
     pub fn to_json(&self) -> Vec<u8> {
         serde_json::to_vec_pretty(self).unwrap_or_default()

@@ -92,7 +92,7 @@ pub fn init(application_type: u32) -> Result<(), (sys::EVRInitError, String)> {
     }
     let before = guard.take().map(|world| world.report).unwrap_or_default();
     let mut world = World::connect(application_type, before)?;
-    world.housekeeper = Some(housekeeper::start());
+    world.housekeeper = Some(housekeeper::start(world.place.clone()));
     *guard = Some(world);
     Ok(())
 }

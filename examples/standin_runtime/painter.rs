@@ -1,0 +1,147 @@
+//! A thread that draws snapshots and writes them: `NAME_left.png`, `NAME_right.png`, and last `NAME.json`.
+
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+
+use image::{ImageFormat, Rgb, RgbImage};
+
+use crate::eye_picture::{Layer, Paint, Surface, draw};
+use crate::pyramid::{Pyramid, Reading, srgb_byte};
+use crate::report::write_whole;
+use crate::snapshot::{Eye, Item, Snapshot};
+use crate::sys;
+use crate::world::lock;
+
+/// Snapshots that wait at most.
+const MOST_WAITING: usize = 8;
+
+/// The thread.
+pub struct Painter {
+    wanted: SyncSender<Snapshot>,
+    thread: JoinHandle<()>,
+}
+
+impl Painter {
+    /// Starts it; pictures go to that folder.
+    pub fn start(folder: PathBuf) -> Self {
+        let (wanted, snapshots) = sync_channel(MOST_WAITING);
+        let thread = std::thread::spawn(move || run(&folder, &snapshots));
+        Self { wanted, thread }
+    }
+
+    /// Draws it some time.
+    ///
+    /// # Errors
+    /// When too many wait.
+    pub fn draw(&self, snapshot: Snapshot) -> Result<(), String> {
+        self.wanted.try_send(snapshot).map_err(|error| match error {
+            TrySendError::Full(_) => format!("{MOST_WAITING} pictures wait already"),
+            TrySendError::Disconnected(_) => "the painter is gone".into(),
+        })
+    }
+
+    /// Ends it, once what was wanted is drawn.
+    pub fn finish(self) {
+        drop(self.wanted);
+        if self.thread.join().is_err() {
+            eprintln!("stand-in: the painter panicked");
+        }
+    }
+}
+
+fn run(folder: &Path, snapshots: &Receiver<Snapshot>) {
+    for snapshot in snapshots {
+        let outcome = paint(folder, &snapshot);
+        if let Some(world) = lock().as_mut() {
+            match outcome {
+                Ok(()) => world.report.shots += 1,
+                Err(why) => world.report.shot_failed(why),
+            }
+        }
+    }
+}
+
+/// The pyramids of an overlay: one for both eyes, or one for each.
+fn pyramids(item: &Item) -> Result<Vec<Pyramid>, String> {
+    let Some(texture) = &item.overlay.texture else { return Ok(Vec::new()) };
+    let copied = texture.copied.as_ref().ok_or_else(|| format!("{}: its texture was not copied", item.overlay.key))?;
+    let bytes = copied.read()?;
+    let color_space = match item.overlay.color_space {
+        sys::EColorSpace_ColorSpace_Auto => texture.color_space,
+        chosen => chosen,
+    };
+    let reading = Reading {
+        format: copied.image.format,
+        linear: color_space == sys::EColorSpace_ColorSpace_Linear,
+        premultiplied: item.overlay.has(sys::VROverlayFlags_IsPremultiplied),
+        ignore_alpha: item.overlay.has(sys::VROverlayFlags_IgnoreTextureAlpha),
+    };
+    let width = copied.image.width as usize;
+    let part = |columns| Pyramid::new(&bytes, width, columns, reading);
+    Ok(match item.left_half_first() {
+        None => vec![part([0, width])],
+        Some(_) if width < 2 => return Err(format!("{}: no halves in a texture 1 pixel wide", item.overlay.key)),
+        Some(_) => vec![part([0, width / 2]), part([width / 2, width / 2 * 2])],
+    })
+}
+
+/// What an eye sees of an overlay.
+fn layer<'a>(snapshot: &Snapshot, item: &'a Item, pyramids: &'a [Pyramid], eye: &Eye) -> Option<Layer<'a>> {
+    let size_m = [f64::from(item.overlay.width_m), item.height_m()?];
+    let surface = Surface::new(item.shape, size_m, eye)?;
+    let half = item.left_half_first().map_or(0, |left_first| usize::from(eye.is_left != left_first));
+    let paint = if surface.faces_eye() {
+        Paint::Texture { pyramid: pyramids.get(half)?, bounds: item.overlay.bounds.map(f64::from) }
+    } else if snapshot.backs && !item.overlay.has(sys::VROverlayFlags_NoBackside) {
+        Paint::Back
+    } else {
+        return None;
+    };
+    Some(Layer { surface, paint, alpha: item.overlay.alpha, color: item.overlay.color })
+}
+
+/// An eye's layers in the order in which they are drawn.
+fn layers<'a>(snapshot: &'a Snapshot, pyramids: &'a [Vec<Pyramid>], eye: &Eye) -> Vec<Layer<'a>> {
+    let items = snapshot.items.iter().zip(pyramids);
+    let mut layers: Vec<_> = items
+        .filter_map(|(item, pyramids)| Some((item.overlay.sort_order, layer(snapshot, item, pyramids, eye)?)))
+        .collect();
+    layers.sort_by(|(a, left), (b, right)| {
+        let far_first = right.surface.distance_m().total_cmp(&left.surface.distance_m());
+        a.cmp(b).then(far_first)
+    });
+    layers.into_iter().map(|(_, layer)| layer).collect()
+}
+
+fn paint(folder: &Path, snapshot: &Snapshot) -> Result<(), String> {
+    let said = |path: &Path, error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
+    std::fs::create_dir_all(folder).map_err(|error| said(folder, &error))?;
+    let pyramids = snapshot.items.iter().map(pyramids).collect::<Result<Vec<_>, _>>()?;
+    for eye in &snapshot.eyes {
+        let picture = draw(snapshot, eye, &layers(snapshot, &pyramids, eye));
+        let side = if eye.is_left { "left" } else { "right" };
+        let path = folder.join(format!("{}_{side}.png", snapshot.name));
+        write_whole(&path, &png(&picture, snapshot.size)?).map_err(|error| said(&path, &error))?;
+    }
+    let path = folder.join(format!("{}.json", snapshot.name));
+    let json = serde_json::to_vec_pretty(&snapshot.to_json()).map_err(|error| said(&path, &error))?;
+    write_whole(&path, &json).map_err(|error| said(&path, &error))
+}
+
+fn png(picture: &[[f32; 3]], [width, height]: [u32; 2]) -> Result<Vec<u8>, String> {
+    let mut image = RgbImage::new(width, height);
+    for (pixel, light) in image.pixels_mut().zip(picture) {
+        *pixel = Rgb(light.map(srgb_byte));
+    }
+    let mut bytes = Cursor::new(Vec::new());
+    image.write_to(&mut bytes, ImageFormat::Png).map_err(|error| error.to_string())?;
+    Ok(bytes.into_inner())
+}
+
+/// Whether a name can be part of a file's name here.
+pub fn is_name(name: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    (1..=100).contains(&name.len()) && !name.starts_with('.') && name.chars().all(plain)
+}

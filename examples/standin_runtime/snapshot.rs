@@ -1,0 +1,184 @@
+//! What the eyes would see at a moment: the head, the eyes and the visible overlays, all in the standing universe, with
+//! the textures still where the GPU puts them. Taken under the lock, drawn outside it.
+
+use radar_chaperone::geometry::Pose;
+use serde_json::{Value, json};
+
+use crate::config::ProjectionMatrix;
+use crate::eyes::Edges;
+use crate::overlay::{Overlay, Transform};
+use crate::sys;
+use crate::world::World;
+
+/// Where an overlay is drawn.
+#[derive(Debug, Clone, Copy)]
+pub enum Shape {
+    /// A quad in the room, facing its +z; the height follows from the texture.
+    Quad { standing_from_overlay: Pose },
+    /// Over one eye's view: what lies in a direction from where the client drew it.
+    View { standing_from_view: Pose, edges: Edges, is_left: bool },
+}
+
+/// An overlay to draw.
+pub struct Item {
+    pub overlay: Overlay,
+    pub shape: Shape,
+}
+
+impl Item {
+    /// Whether each eye has its half of the texture; which half is the left eye's.
+    pub fn left_half_first(&self) -> Option<bool> {
+        let parallel = self.overlay.has(sys::VROverlayFlags_SideBySide_Parallel);
+        (parallel || self.overlay.has(sys::VROverlayFlags_SideBySide_Crossed)).then_some(parallel)
+    }
+
+    /// The quad's height: that of the part of the texture that one eye sees, at the quad's width.
+    pub fn height_m(&self) -> Option<f64> {
+        let [width, height] = self.overlay.texture.as_ref()?.size.map(f64::from);
+        let eyes = if self.left_half_first().is_some() { 2.0 } else { 1.0 };
+        let [u_min, v_min, u_max, v_max] = self.overlay.bounds.map(f64::from);
+        let aspect = (height * (v_max - v_min)).abs() / (width / eyes * (u_max - u_min)).abs();
+        Some(f64::from(self.overlay.width_m) * aspect / f64::from(self.overlay.texel_aspect))
+    }
+}
+
+/// An eye.
+#[derive(Debug, Clone, Copy)]
+pub struct Eye {
+    pub standing_from_eye: Pose,
+    pub edges: Edges,
+    pub is_left: bool,
+}
+
+/// A moment.
+pub struct Snapshot {
+    pub name: String,
+    /// When the light of the picture leaves the display.
+    pub time_ns: i64,
+    pub standing_from_head: Pose,
+    /// The room as it was at the start, for the grid on its floor.
+    pub standing_from_world: Pose,
+    pub eyes: [Eye; 2],
+    pub size: [u32; 2],
+    pub background: [f32; 3],
+    pub floor_grid: bool,
+    /// Quads have a back where the client was built with SDK 2.15 or later, unless they say otherwise.
+    pub backs: bool,
+    pub universe_id: u64,
+    pub items: Vec<Item>,
+}
+
+impl World {
+    /// The present moment: the next frame's light, and what is shown now.
+    ///
+    /// # Errors
+    /// When nobody knows where the head is.
+    pub fn snapshot(&self, name: &str, now_ns: i64) -> Result<Snapshot, String> {
+        let display = &self.config.display;
+        let vsync_ns = self.frames.start_ns(self.frames.at(now_ns) + 1);
+        let time_ns = vsync_ns + (display.vsync_to_photons_s * 1e9) as i64;
+        let standing_from_world = self.universes.standing_from_world();
+        let head = self.device_in_world(0, time_ns).ok_or("a gap in the head's track")?;
+        let standing_from_head = standing_from_world * head;
+        let eye = |is_left| Eye {
+            standing_from_eye: standing_from_head * self.head_from_eye(is_left),
+            edges: self.eye_edges(is_left),
+            is_left,
+        };
+        let item = |overlay: &Overlay| {
+            let shape = self.shape(overlay.transform, time_ns)?;
+            Some(Item { overlay: overlay.clone(), shape })
+        };
+        Ok(Snapshot {
+            name: name.to_owned(),
+            time_ns,
+            standing_from_head,
+            standing_from_world,
+            eyes: [eye(true), eye(false)],
+            size: display.shot_size,
+            background: display.background,
+            floor_grid: display.floor_grid,
+            backs: self.report.sdk_version.is_some_and(|[major, minor, _]| (major, minor) >= (2, 15)),
+            universe_id: self.universes.id,
+            items: self.overlays.visible().filter_map(item).collect(),
+        })
+    }
+
+    /// Where a transform puts an overlay; `None` where it has none, or its device is not there.
+    fn shape(&self, transform: Transform, time_ns: i64) -> Option<Shape> {
+        let standing_from_world = self.universes.standing_from_world();
+        let standing_from = |origin| Some(standing_from_world * self.universes.from_world(origin)?.inverse());
+        Some(match transform {
+            Transform::Unset => return None,
+            Transform::Absolute { origin, universe_from_overlay } => {
+                Shape::Quad { standing_from_overlay: standing_from(origin)? * universe_from_overlay }
+            }
+            Transform::Device { device, device_from_overlay } => {
+                let standing_from_device = standing_from_world * self.device_in_world(device as usize, time_ns)?;
+                Shape::Quad { standing_from_overlay: standing_from_device * device_from_overlay }
+            }
+            Transform::Projection { origin, matrix, edges, is_left } => {
+                let universe_from_view = match self.config.projection_matrix {
+                    ProjectionMatrix::TrackingFromEye => matrix,
+                    ProjectionMatrix::EyeFromTracking => matrix.inverse(),
+                };
+                Shape::View { standing_from_view: standing_from(origin)? * universe_from_view, edges, is_left }
+            }
+        })
+    }
+}
+
+fn pose_json(pose: &Pose) -> Value {
+    json!({ "position_m": pose.translation.to_array(), "quaternion_xyzw": pose.rotation.to_array() })
+}
+
+fn edges_json(edges: Edges) -> Value {
+    json!({ "left": edges.left, "right": edges.right, "up": edges.up, "down": edges.down })
+}
+
+impl Item {
+    fn to_json(&self) -> Value {
+        let overlay = &self.overlay;
+        let mut json = json!({
+            "key": overlay.key,
+            "name": overlay.name,
+            "alpha": overlay.alpha,
+            "color": overlay.color,
+            "width_m": overlay.width_m,
+            "height_m": self.height_m(),
+            "texture_size": overlay.texture.as_ref().map(|texture| texture.size),
+            "texture_bounds": overlay.bounds,
+            "texel_aspect": overlay.texel_aspect,
+            "flags": overlay.flags,
+            "sort_order": overlay.sort_order,
+        });
+        match self.shape {
+            Shape::Quad { standing_from_overlay } => {
+                json["tracking_from_overlay"] = pose_json(&standing_from_overlay);
+            }
+            Shape::View { standing_from_view, edges, is_left } => {
+                json["tracking_from_view"] = pose_json(&standing_from_view);
+                json["view_tangents"] = edges_json(edges);
+                json["eye"] = json!(if is_left { "left" } else { "right" });
+            }
+        }
+        json
+    }
+}
+
+impl Snapshot {
+    /// What is beside the pictures. `tracking` is the standing universe.
+    pub fn to_json(&self) -> Value {
+        let eye = |eye: &Eye| json!({ "tracking_from_eye": pose_json(&eye.standing_from_eye), "tangents": edges_json(eye.edges) });
+        json!({
+            "name": self.name,
+            "time_ns": self.time_ns,
+            "size": self.size,
+            "universe_id": self.universe_id,
+            "tracking_from_head": pose_json(&self.standing_from_head),
+            "left": eye(&self.eyes[0]),
+            "right": eye(&self.eyes[1]),
+            "overlays": self.items.iter().map(Item::to_json).collect::<Vec<_>>(),
+        })
+    }
+}
