@@ -109,7 +109,9 @@ impl QuadCache {
                 painter.smaller_levels(gpu, encoder, &kept.texture);
             }
         }
-        gpu.queue.submit(encoder.map(wgpu::CommandEncoder::finish));
+        if let Some(encoder) = encoder {
+            gpu.queue.submit([encoder.finish()]);
+        }
     }
 
     /// Makes the textures of these quads ready to be copied by a runtime; submits nothing when they are.
@@ -126,6 +128,18 @@ impl QuadCache {
             ready_to_copy(&mut encoder, textures.iter().map(Arc::as_ref));
             gpu.queue.submit([encoder.finish()]);
         }
+    }
+
+    /// Number of textures kept.
+    #[cfg(test)]
+    pub fn len(&self) -> usize {
+        self.textures.len()
+    }
+
+    /// Whether all of these could be handed over as they are.
+    #[cfg(test)]
+    pub fn all_ready(&self, quads: &[Quad]) -> bool {
+        self.textures.values().filter(|kept| is_among(&kept.texture, quads)).all(|kept| kept.is_ready)
     }
 
     fn drop_unused(&mut self) {

@@ -146,7 +146,7 @@ impl Renderer {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::sync::{Mutex, OnceLock};
 
     use glam::DVec2;
@@ -156,7 +156,7 @@ mod tests {
     use crate::warning::{Footprint, Panel, PanelKind};
 
     /// Runs a test on the one renderer of all tests; says so when the machine has no adapter.
-    fn with_renderer(test: impl FnOnce(&mut Renderer)) {
+    pub fn with_renderer(test: impl FnOnce(&mut Renderer)) {
         static SHARED: OnceLock<Option<Mutex<Renderer>>> = OnceLock::new();
         let shared = SHARED.get_or_init(|| match Renderer::new() {
             Ok(renderer) => Some(Mutex::new(renderer)),
@@ -351,5 +351,70 @@ mod tests {
     fn a_missing_adapter_names_the_remedy() {
         let message = RenderError::NoAdapter.to_string();
         assert!(message.contains("apt install mesa-vulkan-drivers libvulkan1"), "{message}");
+    }
+
+    #[test]
+    fn what_a_preview_looked_at_is_handed_over_again_and_nothing_else_is() {
+        with_renderer(|renderer| {
+            let mut tick = 0.0;
+            let mut fresh = || {
+                tick += 0.01;
+                only(Panel { size_m: DVec2::new(0.61 + tick, 0.83), ..panel(DVec3::new(0.3, 1.3, -0.7)) })
+            };
+            let style = WarningSettings::default();
+            let warnings = fresh();
+            let quads = renderer.quads(&warnings, &style).unwrap();
+            assert!(renderer.cache.all_ready(&quads), "a new texture is ready");
+            renderer.preview(&warnings, &style, &eyes()[0], &[]).unwrap();
+            assert!(!renderer.cache.all_ready(&quads));
+            renderer.hand_over(&quads).unwrap();
+            assert!(renderer.cache.all_ready(&quads));
+            let picture = renderer.picture_of(&quads[0]).unwrap();
+            let others = renderer.quads(&fresh(), &style).unwrap();
+            renderer.hand_over(&[quads, others].concat()).unwrap();
+            assert!(picture.pixels().any(|p| p[3] > 50), "and it still shows the panel");
+        });
+    }
+
+    #[test]
+    fn however_much_is_shown_few_textures_are_kept_and_none_in_flight_is_dropped() {
+        with_renderer(|renderer| {
+            let style = WarningSettings::default();
+            let mut shown = std::collections::VecDeque::new();
+            for k in 0..200 {
+                let of_its_own = Panel { size_m: DVec2::new(0.05 + 0.001 * f64::from(k), 0.05), ..panel(DVec3::ZERO) };
+                let quads = renderer.quads(&only(of_its_own), &style).unwrap();
+                shown.push_back(std::sync::Arc::downgrade(&quads[0].texture));
+                drop(quads);
+                if shown.len() > 4 {
+                    shown.pop_front();
+                }
+                assert!(shown.iter().all(|texture| texture.strong_count() > 0), "frame {k}");
+            }
+            assert!(renderer.cache.len() <= 50, "{}", renderer.cache.len());
+        });
+    }
+
+    #[test]
+    fn a_lost_device_is_told_from_other_errors_and_another_renderer_goes_on() {
+        with_renderer(|_| {
+            let gpu = Gpu::headless().unwrap();
+            let device = gpu.device.clone();
+            let mut renderer = Renderer::on(gpu).unwrap();
+            let (warnings, style) = (only(panel(DVec3::ZERO)), WarningSettings::default());
+            let quads = renderer.quads(&warnings, &style).unwrap();
+            device.destroy();
+            for _ in 0..2 {
+                assert!(matches!(renderer.quads(&warnings, &style), Err(RenderError::DeviceLost { .. })));
+                assert!(matches!(renderer.hand_over(&quads), Err(RenderError::DeviceLost { .. })));
+                let other = only(Panel { size_m: DVec2::ONE, ..panel(DVec3::ZERO) });
+                assert!(matches!(renderer.quads(&other, &style), Err(RenderError::DeviceLost { .. })));
+                assert!(matches!(
+                    renderer.preview(&other, &style, &eyes()[0], &[]),
+                    Err(RenderError::DeviceLost { .. })
+                ));
+            }
+            assert!(Renderer::new().unwrap().quads(&warnings, &style).is_ok());
+        });
     }
 }

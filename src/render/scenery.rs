@@ -207,3 +207,195 @@ fn balls<'s>(shapes: impl Iterator<Item = &'s Shape>, eye_m: DVec3, color: [u8; 
     }
     balls
 }
+
+#[cfg(test)]
+mod tests {
+    use image::RgbaImage;
+
+    use super::*;
+    use crate::render::Renderer;
+    use crate::render::renderer::tests::with_renderer;
+    use crate::warning::{Panel, PanelKind, WarningSettings, Warnings};
+
+    const HALF_PX: [u32; 2] = [400, 500];
+    const EYES: [DVec3; 2] = [DVec3::new(-0.032, 1.6, 0.0), DVec3::new(0.032, 1.6, 0.0)];
+
+    /// One metre wide, standing on the floor a metre ahead, turned a little.
+    fn window() -> Window {
+        let pose = Pose::new(DVec3::new(0.1, 0.7, -1.0), glam::DQuat::from_rotation_y(0.2));
+        Window { key: (QuadKind::Object, 1), tracking_from_window: pose, size_m: DVec2::new(1.2, 1.5) }
+    }
+
+    fn ball(place_m: DVec3, alpha: f32) -> Shape {
+        Shape { id: 1, points_m: [place_m].into(), radius_m: 0.03, alpha }
+    }
+
+    fn drawn(renderer: &mut Renderer, shapes: &[Shape], eyes: [DVec3; 2]) -> RgbaImage {
+        let scenery = Scenery { quads: &[], shapes, color: [64, 224, 255] };
+        let texture = renderer.window(&scenery, &window(), eyes, HALF_PX).unwrap();
+        renderer.picture_of_texture(&texture).unwrap()
+    }
+
+    /// Middle of what is lit between two columns, weighed by alpha, pixels from the left of the texture.
+    fn middle_of(picture: &RgbaImage, columns: std::ops::Range<u32>) -> Option<DVec2> {
+        let (mut sum, mut weight) = (DVec2::ZERO, 0.0);
+        for (x, y, pixel) in picture.enumerate_pixels().filter(|(x, ..)| columns.contains(x)) {
+            let alpha = f64::from(pixel[3]);
+            sum += DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) * alpha;
+            weight += alpha;
+        }
+        (weight > 0.0).then(|| sum / weight)
+    }
+
+    /// Where the ray from an eye to a point crosses the window, in pixels of that eye's half: by intersecting, without any matrix.
+    fn crossing_px(eye: DVec3, point: DVec3) -> DVec2 {
+        let window = window();
+        let normal = window.tracking_from_window.rotation * DVec3::Z;
+        let middle = window.tracking_from_window.translation;
+        let along = (middle - eye).dot(normal) / (point - eye).dot(normal);
+        let on_plane = eye + (point - eye) * along - middle;
+        let right = window.tracking_from_window.rotation * DVec3::X;
+        let share = DVec2::new(on_plane.dot(right) / window.size_m.x, -on_plane.y / window.size_m.y) + 0.5;
+        share * DVec2::new(HALF_PX[0].into(), HALF_PX[1].into())
+    }
+
+    #[test]
+    fn a_point_appears_where_the_ray_from_each_eye_crosses_the_window() {
+        with_renderer(|renderer| {
+            for point in [DVec3::new(0.0, 0.9, -1.3), DVec3::new(0.25, 0.5, -1.6), DVec3::new(0.2, 1.1, -1.1)] {
+                let picture = drawn(renderer, &[ball(point, 1.0)], EYES);
+                for (eye, left) in EYES.into_iter().zip([0, HALF_PX[0]]) {
+                    let seen = middle_of(&picture, left..left + HALF_PX[0]).unwrap() - DVec2::new(left.into(), 0.0);
+                    let wanted = crossing_px(eye, point);
+                    assert!((seen - wanted).length() < 0.6, "{point}: {seen} for {wanted}");
+                }
+            }
+        });
+    }
+
+    #[test]
+    fn what_is_in_the_windows_plane_stays_put_when_the_head_moves_after_drawing() {
+        with_renderer(|renderer| {
+            let at = |depth_m: f64| window().tracking_from_window.transform_point(DVec3::new(0.1, 0.2, -depth_m));
+            let moved = EYES.map(|eye| eye + DVec3::new(0.05, 0.02, -0.05));
+            let shift = |renderer: &mut Renderer, depth_m| {
+                let [then, now] = [EYES, moved]
+                    .map(|eyes| middle_of(&drawn(renderer, &[ball(at(depth_m), 1.0)], eyes), 0..400).unwrap());
+                (then - now).length()
+            };
+            assert!(shift(renderer, 0.0) < 0.5, "no shift in its plane");
+            let (near, far) = (shift(renderer, 0.1), shift(renderer, 0.5));
+            assert!(near > 1.0 && far > 2.0 * near, "{near} px a little behind, {far} px far behind");
+        });
+    }
+
+    #[test]
+    fn the_nearer_ball_hides_the_farther_whatever_their_order() {
+        with_renderer(|renderer| {
+            let eye = EYES[0];
+            let near_m = DVec3::new(0.0, 0.9, -1.2);
+            let far_m = eye + (near_m - eye) * 1.5;
+            let (near, far) = (ball(near_m, 1.0), ball(far_m, 0.3));
+            let both = drawn(renderer, &[near.clone(), far.clone()], [eye; 2]);
+            assert_eq!(both, drawn(renderer, &[far.clone(), near], [eye; 2]));
+            let at = crossing_px(eye, near_m).as_uvec2();
+            let alone = drawn(renderer, &[far], [eye; 2]);
+            assert!(alone.get_pixel(at.x, at.y)[3] > 20, "the far one is there");
+            assert!(both.get_pixel(at.x, at.y)[3] > 2 * alone.get_pixel(at.x, at.y)[3]);
+        });
+    }
+
+    #[test]
+    fn an_empty_scene_is_transparent_and_colour_is_multiplied_by_alpha() {
+        with_renderer(|renderer| {
+            assert!(drawn(renderer, &[], EYES).pixels().all(|p| p.0 == [0; 4]));
+            let dark = ball(DVec3::new(0.0, 0.9, -1.3), 0.0);
+            assert!(drawn(renderer, &[dark], EYES).pixels().all(|p| p.0 == [0; 4]));
+            let behind = EYES.map(|eye| eye - DVec3::Z * 2.0);
+            let lit = ball(DVec3::new(0.0, 0.9, -1.3), 1.0);
+            assert!(drawn(renderer, &[lit.clone()], behind).pixels().all(|p| p.0 == [0; 4]), "eyes behind the window");
+            let linear = |v: u8| (f64::from(v) / 255.0).powf(2.2);
+            let picture = drawn(renderer, &[lit], EYES);
+            assert!(picture.pixels().any(|p| p[2] > 50));
+            assert!(picture.pixels().all(|p| linear(p[2]) <= f64::from(p[3]) / 255.0 + 0.02));
+        });
+    }
+
+    #[test]
+    fn a_window_shows_its_own_obstacle_alone() {
+        with_renderer(|renderer| {
+            let other = Shape { id: 2, ..ball(DVec3::new(0.0, 0.9, -1.3), 1.0) };
+            assert!(drawn(renderer, &[other], EYES).pixels().all(|p| p.0 == [0; 4]));
+        });
+    }
+
+    fn a_panel() -> Warnings {
+        let panel = Panel {
+            id: 1,
+            kind: PanelKind::Object,
+            tracking_from_panel: Pose::from_translation(DVec3::new(0.1, 0.6, -0.9)),
+            size_m: DVec2::new(0.6, 1.2),
+            silhouette: vec![(DVec2::ZERO, 0.1)],
+            alpha: 1.0,
+            distance_m: 0.6,
+        };
+        Warnings { panels: vec![panel], footprints: vec![] }
+    }
+
+    #[test]
+    fn a_panel_in_its_own_window_is_the_panel() {
+        with_renderer(|renderer| {
+            let style = WarningSettings::default();
+            let quads = renderer.quads(&a_panel(), &style).unwrap();
+            let windows = Window::of_panels(&quads);
+            assert_eq!((windows.len(), windows[0].key), (1, quads[0].key()));
+            let scenery = Scenery { quads: &quads, shapes: &[], color: style.color };
+            // As many pixels a metre as the panel's texture has, and whole pixels of margin.
+            let scale = f64::from(quads[0].texture.width()) / quads[0].size_m.x;
+            let half_px = (windows[0].size_m * scale).round().as_uvec2().to_array();
+            let texture = renderer.window(&scenery, &windows[0], EYES, half_px).unwrap();
+            let (drawn, original) =
+                (renderer.picture_of_texture(&texture).unwrap(), renderer.picture_of(&quads[0]).unwrap());
+            let mean = |picture: &RgbaImage, columns: std::ops::Range<u32>| {
+                let lit: u64 = picture
+                    .enumerate_pixels()
+                    .filter(|(x, ..)| columns.contains(x))
+                    .map(|(.., p)| u64::from(p[3]))
+                    .sum();
+                lit as f64
+            };
+            let whole = mean(&original, 0..original.width());
+            for left in [0, half_px[0]] {
+                let half = mean(&drawn, left..left + half_px[0]);
+                assert!((half / whole - 1.0).abs() < 0.03, "{half} of {whole}");
+            }
+        });
+    }
+
+    #[test]
+    fn an_eyes_picture_has_a_point_where_the_eye_sees_it() {
+        with_renderer(|renderer| {
+            let head = Pose::from_translation(DVec3::new(0.2, 1.5, 0.1));
+            let point = DVec3::new(0.3, 1.3, -0.7);
+            for (side, view) in EyeView::pair(&head, 0.064, 1.6, [320, 280]).iter().enumerate() {
+                let scenery = Scenery { quads: &[], shapes: &[ball(point, 1.0)], color: [255; 3] };
+                let texture = renderer.eye(&scenery, side, view).unwrap();
+                let seen = middle_of(&renderer.picture_of_texture(&texture).unwrap(), 0..320).unwrap();
+                assert!((seen - view.project(point).unwrap()).length() < 0.6, "{seen}");
+            }
+        });
+    }
+
+    #[test]
+    fn three_textures_take_turns() {
+        with_renderer(|renderer| {
+            let scenery = Scenery { quads: &[], shapes: &[], color: [255; 3] };
+            let textures: Vec<_> =
+                (0..6).map(|_| renderer.window(&scenery, &window(), EYES, HALF_PX).unwrap()).collect();
+            for (k, texture) in textures.iter().enumerate() {
+                let same = textures.iter().position(|other| Arc::ptr_eq(other, texture)).unwrap();
+                assert_eq!(same, k % 3);
+            }
+        });
+    }
+}
