@@ -1,4 +1,4 @@
-//! `radar-chaperone doctor`: what stands between this computer and a sensor, one line each, with what to do.
+//! `radar-chaperone doctor`: what stands between this computer and warnings in the headset, one line each, with what to do.
 
 use std::time::{Duration, Instant};
 
@@ -6,6 +6,7 @@ use anyhow::{Result, anyhow, bail};
 use clap::Args;
 
 use super::board::{BoardArguments, line_speed, preset_table, told_counters};
+use super::doctor_steamvr::tell_steamvr;
 use crate::a121::find::{Candidate, discover, list_ports};
 use crate::a121::remedy::{MODEM_MANAGER_REMEDY, modem_manager_runs, owning_group};
 use crate::a121::{Address, Event, SensorInfo, Setup, SystemInfo};
@@ -19,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(15);
 /// One result in a hundred may take so long to be handed over.
 const MAX_P99_S: f64 = 5e-3;
 
-/// Checks port, permissions, board, sensor and link, and says what to do
+/// Checks SteamVR, headset, graphics card, port, permissions, board, sensor and link, and says what to do
 ///
 /// Ends with 1 when something must be mended. Without a sensor, `radar-chaperone simulate … --serve tcp:127.0.0.1:6110`
 /// makes one to try: `radar-chaperone doctor --port tcp:127.0.0.1`.
@@ -31,20 +32,20 @@ pub(super) struct Doctor {
 
 /// Tells each finding and counts those to be mended.
 #[derive(Default)]
-struct Findings {
+pub(super) struct Findings {
     to_mend: u32,
 }
 
 impl Findings {
-    fn ok(&self, what: &str, text: &str) -> Result<()> {
+    pub fn ok(&self, what: &str, text: &str) -> Result<()> {
         say!("ok       {what:<12} {text}")
     }
 
-    fn warn(&self, what: &str, text: &str) -> Result<()> {
+    pub fn warn(&self, what: &str, text: &str) -> Result<()> {
         say!("warning  {what:<12} {text}")
     }
 
-    fn mend(&mut self, what: &str, text: &str) -> Result<()> {
+    pub fn mend(&mut self, what: &str, text: &str) -> Result<()> {
         self.to_mend += 1;
         say!("mend     {what:<12} {text}")
     }
@@ -73,6 +74,7 @@ impl Doctor {
     }
 
     fn look(&self, findings: &mut Findings) -> Result<()> {
+        tell_steamvr(findings)?;
         tell_ports(findings)?;
         let place = match self.board.choose() {
             Ok(place) => place,

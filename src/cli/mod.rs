@@ -18,6 +18,7 @@ mod benchmark;
 mod board;
 mod demo;
 mod doctor;
+mod doctor_steamvr;
 mod files;
 mod import;
 mod info;

@@ -1,0 +1,78 @@
+//! The part of `doctor` that looks at SteamVR: installed, running, headset, graphics card, and whether it starts this program.
+
+use anyhow::Result;
+
+use super::doctor::Findings;
+use super::install::registration_trouble;
+use crate::steamvr::{Registration, Role, Runtime, RuntimePlace, SteamVrError, Universe};
+
+/// Tells what stands between this program and SteamVR. A computer without SteamVR has nothing to mend: it records and replays.
+pub(super) fn tell_steamvr(findings: &mut Findings) -> Result<()> {
+    let place = match RuntimePlace::find() {
+        Ok(place) => place,
+        Err(error @ SteamVrError::NotInstalled(_)) => {
+            return findings.warn("SteamVR", &format!("{error}; for recording and replay it is not needed"));
+        }
+        Err(error) => return findings.mend("SteamVR", &error.to_string()),
+    };
+    findings.ok("SteamVR", &format!("in {}", place.runtime.display()))?;
+    tell_registration(findings, &place)?;
+    match Runtime::start(&place, Role::Background) {
+        Ok(runtime) => tell_running(findings, &runtime),
+        Err(error @ SteamVrError::NotRunning) => findings.warn("Running", &error.to_string()),
+        Err(error) => findings.mend("Running", &error.to_string()),
+    }
+}
+
+fn tell_registration(findings: &mut Findings, place: &RuntimePlace) -> Result<()> {
+    let registration = match Runtime::start(place, Role::Utility) {
+        Ok(runtime) => runtime.registration(),
+        Err(error) => {
+            return findings.warn("Manifest", &format!("SteamVR does not tell whether it starts this program: {error}"));
+        }
+    };
+    match (&registration, registration_trouble(&registration)) {
+        (_, Some(trouble)) => findings.mend("Manifest", &trouble),
+        (Registration { is_known: false, .. }, _) => {
+            findings.warn("Manifest", "SteamVR does not know this program: `radar-chaperone install` has it started with the headset")
+        }
+        (Registration { starts_by_itself: true, .. }, _) => findings.ok("Manifest", "SteamVR starts this program with the headset"),
+        (Registration { .. }, _) => findings.warn(
+            "Manifest",
+            "SteamVR knows this program and does not start it: switch it on under Settings, Startup / Shutdown, Choose Startup \
+             Overlay Apps",
+        ),
+    }
+}
+
+fn tell_running(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
+    findings.ok("Running", &format!("SteamVR {}", runtime.version()))?;
+    let timing = runtime.display_timing();
+    findings.ok("Headset", &format!("{}, {:.0} frames a second", runtime.headset_name(), timing.frame_hz))?;
+    let poses = runtime.poses(Universe::Standing, 0.0, runtime.hands());
+    match poses.head.trusted() {
+        Some(head) => {
+            let [x, y, z] = head.translation.to_array();
+            findings.ok("Tracking", &format!("the head is at {x:.2}, {y:.2}, {z:.2} m"))?;
+        }
+        None => findings
+            .warn("Tracking", "the headset is not tracked: is it switched on, and seen by its base stations?")?,
+    }
+    let hands = poses.hands.iter().filter(|hand| hand.trusted().is_some()).count();
+    findings.ok("Controllers", &format!("{hands} tracked"))?;
+    tell_chaperone(findings, runtime)?;
+    match runtime.open_device() {
+        Ok(device) => findings.ok("Graphics", &format!("{}, as SteamVR wants it", device.name)),
+        Err(error) => findings.mend("Graphics", &error.to_string()),
+    }
+}
+
+fn tell_chaperone(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
+    let chaperone = runtime.chaperone();
+    let area = match chaperone.play_area_m {
+        Some([x, z]) => format!("play area {x:.1} by {z:.1} m"),
+        None => "no play area is set up: obstacles are warned of wherever they are".to_owned(),
+    };
+    let fade = chaperone.fade_distance_m.map_or(String::new(), |m| format!(", fades in at {m:.1} m"));
+    findings.ok("Chaperone", &format!("{area}{fade}"))
+}
