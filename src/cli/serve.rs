@@ -20,6 +20,8 @@ use crate::simulation::{LiveScenario, Scenario};
 const PATH_S: f64 = 3600.0;
 /// Longest that is served, seconds: a year.
 const LONGEST_S: f64 = 3.2e7;
+/// Longest time that the motion may be asked to wait, seconds.
+const LONGEST_START_S: f64 = 3600.0;
 
 /// Serving in place of recording.
 #[derive(Debug, Args)]
@@ -38,6 +40,13 @@ pub(super) struct Serve {
     /// Writes the head's poses as they are tracked: TUM format, times in seconds of this computer's monotonic clock
     #[arg(long, value_name = "TRACK.tum")]
     poses_out: Option<PathBuf>,
+    /// Writes the whole of that track before serving begins, for who plays the headset and has to look ahead; needs
+    /// --duration-s, an hour at most
+    #[arg(long, value_name = "TRACK.tum")]
+    track_out: Option<PathBuf>,
+    /// The motion begins so many seconds after the program does, so that others can be ready; until then the head rests
+    #[arg(long, value_name = "S")]
+    start_in_s: Option<f64>,
     /// Lets other computers connect
     #[arg(long)]
     any_address: bool,
@@ -54,6 +63,8 @@ impl Serve {
             ("--board", self.board.is_some()),
             ("--faults", self.faults.is_some()),
             ("--poses-out", self.poses_out.is_some()),
+            ("--track-out", self.track_out.is_some()),
+            ("--start-in-s", self.start_in_s.is_some()),
             ("--any-address", self.any_address),
         ];
         match given.iter().find(|(_, is_given)| *is_given) {
@@ -67,6 +78,12 @@ impl Serve {
         if let Some(seconds) = duration_s.filter(|s| !(0.1..=LONGEST_S).contains(s)) {
             bail!("a duration of {seconds} s cannot be served: give 0.1 to {LONGEST_S} s, or leave it out");
         }
+        if let Some(seconds) = self.start_in_s.filter(|s| !(0.0..=LONGEST_START_S).contains(s)) {
+            bail!("--start-in-s {seconds}: give 0 to {LONGEST_START_S}");
+        }
+        if self.track_out.is_some() && duration_s.is_none_or(|s| s > PATH_S) {
+            bail!("--track-out writes the whole track beforehand: give --duration-s, at most {PATH_S} s");
+        }
         scenario.duration_s = PATH_S;
         let place = Place::parse(self.serve.as_deref().unwrap_or_default(), self.any_address)?;
         let name = self.board.as_deref().unwrap_or(Board::Xc120.name());
@@ -79,14 +96,20 @@ impl Serve {
             signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stopped))?;
             signal_hook::flag::register(signal, Arc::clone(&stopped))?;
         }
-        let origin_ns = monotonic_ns();
+        let origin_ns = monotonic_ns() + (self.start_in_s.unwrap_or(0.0) * 1e9) as i64;
+        let offset_ns = (scenario.time_offset_s * 1e9) as i64;
+        let poses = Poses { live: live.clone(), origin_ns, offset_ns };
+        if let (Some(path), Some(duration_s)) = (&self.track_out, duration_s) {
+            let text = poses.clone().whole_track(duration_s);
+            std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        }
         let source = RoomSamples { live: live.clone(), origin_ns };
-        let device = Device::new(board, Box::new(source), plan, scenario.seed, origin_ns);
+        let device = Device::new(board, Box::new(source), plan, scenario.seed, monotonic_ns());
         let mut server = Server::open(place.clone(), device)?;
         let mut track = self.poses_out.as_deref().map(Track::create).transpose()?;
-        self.say_how(&place, &scenario, board)?;
+        self.say_how(&place, &scenario, board, origin_ns)?;
         let end_ns = duration_s.map_or(i64::MAX, |seconds| origin_ns + (seconds * 1e9) as i64);
-        let mut poses = Poses { live, origin_ns, offset_ns: (scenario.time_offset_s * 1e9) as i64 };
+        let mut poses = poses;
         while monotonic_ns() < end_ns && !stopped.load(Ordering::Relaxed) {
             let next_pose_ns = match &mut track {
                 Some(track) => poses.write_due(track)?,
@@ -97,7 +120,7 @@ impl Serve {
         say!("{}", counted(&server.device().counters(), server.clients(), track.as_ref().map(|t| t.poses)))
     }
 
-    fn say_how(&self, place: &Place, scenario: &Scenario, board: Board) -> Result<()> {
+    fn say_how(&self, place: &Place, scenario: &Scenario, board: Board, origin_ns: i64) -> Result<()> {
         let port = place.port();
         say!(
             "{}, {}, seed {}, as a board {}, at {port}",
@@ -112,6 +135,7 @@ impl Serve {
         let poses = |path: &PathBuf| format!(" --poses {} --mount {mount}", path.display());
         let poses = self.poses_out.as_ref().map_or(String::new(), poses);
         say!("Try: radar-chaperone record --port {port}{poses} --out FILE.mcap")?;
+        say!("The motion begins at {} s of this computer's monotonic clock", seconds(origin_ns))?;
         say!("Ctrl-C ends it")?;
         Ok(std::io::stdout().flush()?)
     }
@@ -144,6 +168,7 @@ impl SampleSource for RoomSamples {
 }
 
 /// Poses as they are tracked.
+#[derive(Clone)]
 struct Poses {
     live: LiveScenario,
     origin_ns: i64,
@@ -164,6 +189,18 @@ impl Poses {
             }
         }
     }
+
+    /// All of them for so long, as a track; where tracking is lost there is a gap.
+    fn whole_track(mut self, duration_s: f64) -> String {
+        let mut text = HEAD_LINE.to_owned();
+        while self.live.next_pose_s() <= duration_s {
+            let at_ns = self.origin_ns + (self.live.next_pose_s() * 1e9).round() as i64;
+            if let Some(pose) = self.live.next_pose() {
+                text += &track_line(at_ns + self.offset_ns, &pose);
+            }
+        }
+        text
+    }
 }
 
 /// A track in the TUM format, each line handed to the system as it is written.
@@ -177,7 +214,7 @@ impl Track {
     fn create(path: &Path) -> Result<Self> {
         let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
         let mut track = Self { file, path: path.to_owned(), poses: 0 };
-        track.put("# time_s x y z qx qy qz qw, of the monotonic clock\n")?;
+        track.put(HEAD_LINE)?;
         Ok(track)
     }
 
@@ -186,12 +223,20 @@ impl Track {
     }
 
     fn write(&mut self, time_ns: i64, pose: &Pose) -> Result<()> {
-        let (seconds, rest) = (time_ns.div_euclid(1_000_000_000), time_ns.rem_euclid(1_000_000_000));
-        let (p, q) = (pose.translation, pose.rotation);
         self.poses += 1;
-        self.put(&format!(
-            "{seconds}.{rest:09} {:.6} {:.6} {:.6} {:.8} {:.8} {:.8} {:.8}\n",
-            p.x, p.y, p.z, q.x, q.y, q.z, q.w
-        ))
+        self.put(&track_line(time_ns, pose))
     }
+}
+
+/// First line of a track.
+const HEAD_LINE: &str = "# time_s x y z qx qy qz qw, of the monotonic clock\n";
+
+fn track_line(time_ns: i64, pose: &Pose) -> String {
+    let (p, q) = (pose.translation, pose.rotation);
+    format!("{} {:.6} {:.6} {:.6} {:.8} {:.8} {:.8} {:.8}\n", seconds(time_ns), p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+}
+
+/// Seconds with all nine digits.
+fn seconds(time_ns: i64) -> String {
+    format!("{}.{:09}", time_ns.div_euclid(1_000_000_000), time_ns.rem_euclid(1_000_000_000))
 }

@@ -2,7 +2,7 @@
 //! other.
 //!
 //! A motion is drawn for the scenario's length, so memory is bounded; what goes on longer goes the same way back, and
-//! there again.
+//! there again. Before its time nothing moves.
 
 use num_complex::Complex;
 
@@ -47,11 +47,11 @@ impl LiveScenario {
         valid.then_some(measured)
     }
 
-    /// There and back again.
+    /// At rest where it begins, then there and back again.
     fn on_the_path_s(&self, time_s: f64) -> f64 {
         let length_s = self.stage.scenario.duration_s;
-        if (0.0..=length_s).contains(&time_s) {
-            return time_s;
+        if time_s <= length_s {
+            return time_s.max(0.0);
         }
         let within_s = time_s.rem_euclid(2.0 * length_s);
         within_s.min(2.0 * length_s - within_s)

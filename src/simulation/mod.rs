@@ -9,6 +9,7 @@ mod receiver;
 mod room;
 mod scenario;
 mod scenes;
+mod strokes;
 mod tracker;
 
 pub use live::LiveScenario;
@@ -16,4 +17,5 @@ pub use motion::{MOTIONS, Motion, MotionError};
 pub use room::{Room, Scatterer, Thing, WallPanel};
 pub use scenario::{Scenario, ScenarioError, Simulated};
 pub use scenes::{SCENES, Scene, SceneError, scene};
+pub use strokes::{ChairWalk, ToAndFro};
 pub use tracker::TrackingErrors;

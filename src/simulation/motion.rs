@@ -7,10 +7,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::Scene;
+use super::strokes::{ChairWalk, ToAndFro};
 use crate::geometry::Pose;
 
-/// Motions by name: the thesis' (3.5.5, 3.5.6), and natural play.
-pub const MOTIONS: [&str; 10] = [
+/// Motions by name: the thesis' (3.5.4 to 3.5.6), natural play, and a walk up to a chair.
+pub const MOTIONS: [&str; 12] = [
     "stationary",
     "sphere-10cm",
     "sphere-50cm",
@@ -20,13 +21,21 @@ pub const MOTIONS: [&str; 10] = [
     "approach-1.5",
     "approach-2.5",
     "straight-0.3",
+    "to-and-fro",
     "natural",
+    "approach-chair",
 ];
 
-/// No such motion.
+/// Why there is no such motion.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("motion \"{0}\" is not known: use {list}", list = MOTIONS.join(", "))]
-pub struct MotionError(pub String);
+pub enum MotionError {
+    /// No motion of that name.
+    #[error("motion \"{0}\" is not known: use {list}", list = MOTIONS.join(", "))]
+    Unknown(String),
+    /// A walk up to a chair, and none there.
+    #[error("motion \"approach-chair\" needs a chair to walk up to: use it in chair, two-chairs or furnished-room")]
+    NoChair,
+}
 
 /// A path through space.
 #[derive(Debug, Clone)]
@@ -35,17 +44,23 @@ pub enum Motion {
     OfSensor(SensorMotion),
     /// Play: `tracking_from_head`.
     OfHead(HeadPlay),
+    /// A walk: `tracking_from_head`.
+    OfWalk(ChairWalk),
 }
 
 impl Motion {
     /// The motion of that name through a scene, for a recording of that length.
     ///
     /// # Errors
-    /// No such motion.
+    /// No such motion, or no chair where one is walked up to.
     pub fn named(name: &str, scene: &Scene, duration_s: f64, seed: u64) -> Result<Self, MotionError> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0070_710A);
         let kind = match name {
             "natural" => return Ok(Self::OfHead(HeadPlay::new(scene, duration_s, &mut rng))),
+            "approach-chair" => {
+                return ChairWalk::new(scene, duration_s, &mut rng).map(Self::OfWalk).ok_or(MotionError::NoChair);
+            }
+            "to-and-fro" => Shape::ToAndFro(ToAndFro::new(duration_s, &mut rng)),
             "stationary" => Shape::Still,
             "sphere-10cm" => Shape::wander(0.10, DVec3::ONE, duration_s, &mut rng),
             "sphere-50cm" => Shape::wander(0.50, DVec3::ONE, duration_s, &mut rng),
@@ -55,7 +70,7 @@ impl Motion {
             "approach-1.5" => Shape::Approach { speed_m_per_s: 1.5 },
             "approach-2.5" => Shape::Approach { speed_m_per_s: 2.5 },
             "straight-0.3" => Shape::Straight { speed_m_per_s: 0.3 },
-            other => return Err(MotionError(other.into())),
+            other => return Err(MotionError::Unknown(other.into())),
         };
         // Hand-held wandering turns the sensor by a few degrees; the other trials keep it straight.
         let gaze = match name.starts_with("sphere") {
@@ -74,6 +89,7 @@ impl Motion {
         match self {
             Self::OfSensor(motion) => motion.at(time_s) * head_from_sensor.inverse(),
             Self::OfHead(play) => play.at(time_s),
+            Self::OfWalk(walk) => walk.at(time_s),
         }
     }
 }
@@ -95,7 +111,8 @@ impl Wander {
         Self { sines: Vec::new(), scale: 0.0 }
     }
 
-    fn new(reach: f64, axes: DVec3, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+    /// Reaches so far, along the axes given.
+    pub(super) fn new(reach: f64, axes: DVec3, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
         let sines = [0.13, 0.29, 0.47, 0.83].map(|middle_hz: f64| {
             let mut each = |low: f64, high: f64| DVec3::from_array([(); 3].map(|()| rng.random_range(low..high)));
             let hz = each(0.8, 1.25) * middle_hz;
@@ -108,7 +125,8 @@ impl Wander {
         wander
     }
 
-    fn at(&self, time_s: f64) -> DVec3 {
+    /// The offset at a time.
+    pub(super) fn at(&self, time_s: f64) -> DVec3 {
         let fade = smoothstep(time_s / FADE_IN_S);
         let sum: DVec3 = self
             .sines
@@ -125,6 +143,7 @@ impl Wander {
 enum Shape {
     Still,
     Wander(Wander),
+    ToAndFro(ToAndFro),
     /// Straight ahead and back: 0.6 m at the given speed, easing at the ends.
     Approach {
         speed_m_per_s: f64,
@@ -148,6 +167,7 @@ impl Shape {
         match self {
             Self::Still => DVec3::ZERO,
             Self::Wander(wander) => wander.at(time_s),
+            Self::ToAndFro(strokes) => strokes.offset_m(time_s),
             Self::Straight { speed_m_per_s } => DVec3::NEG_Z * (speed_m_per_s * time_s),
             // A sine whose greatest speed is the wanted one.
             Self::Approach { speed_m_per_s } => {
@@ -260,7 +280,7 @@ fn turn_between(from_rad: f64, to_rad: f64) -> f64 {
 }
 
 /// 0 to 1 with no jerk at the ends (10x³ − 15x⁴ + 6x⁵).
-fn smoothstep(x: f64) -> f64 {
+pub(super) fn smoothstep(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * x * (10.0 + x * (6.0 * x - 15.0))
 }

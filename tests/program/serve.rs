@@ -210,6 +210,35 @@ fn a_client_streams_over_a_terminal_again_and_again() {
 }
 
 #[test]
+fn the_whole_track_is_there_beforehand_and_is_what_is_written_meanwhile() {
+    let folder = Folder::new("serve_track");
+    let serving = Serving::start(
+        &folder,
+        "simulate furnished-room --motion approach-chair --serve pty:board --duration-s 60 --start-in-s 0.5 \
+         --track-out track.tum --poses-out poses.tum --dropouts-per-minute 300",
+    );
+    let path = folder.path("board");
+    until(|| std::fs::metadata(&path).ok().filter(|there| there.file_type().is_char_device()));
+    let times = |text: &str| -> Vec<f64> {
+        text.lines().skip(1).map(|line| line.split(' ').next().unwrap().parse().unwrap()).collect()
+    };
+    let track = String::from_utf8(folder.read("track.tum")).unwrap();
+    let written = || String::from_utf8(folder.read("poses.tum")).unwrap();
+    until(|| Some(()).filter(|()| written().lines().count() > 100));
+    let out = serving.end(&folder);
+    let origin = out.lines().find_map(|line| line.strip_prefix("The motion begins at ")).unwrap();
+    let origin_s: f64 = origin.split(' ').next().unwrap().parse().unwrap();
+    let all = times(&track);
+    assert!((all[0] - origin_s).abs() < 1.0 && (all[all.len() - 1] - origin_s - 60.0).abs() < 1.0);
+    assert!(all.iter().map(|t| (t - origin_s) * 120.0).all(|n| (n - n.round()).abs() < 1e-4));
+    // Lost tracking is a gap.
+    assert!(all.len() < 7000 && all.windows(2).any(|t| t[1] - t[0] > 0.05), "{}", all.len());
+    let meanwhile = written();
+    let complete = meanwhile.lines().count() - 1;
+    assert!(meanwhile.lines().take(complete).eq(track.lines().take(complete)));
+}
+
+#[test]
 fn an_unplugged_board_comes_back_under_its_name() {
     let folder = Folder::new("serve_unplug");
     let serving =
@@ -242,6 +271,11 @@ fn places_that_cannot_be_served_are_refused() {
         ("--serve pty:board --preset d16", "cannot be used with"),
         ("--serve pty:board --poses-out missing/p.tum", "cannot write missing/p.tum"),
         ("--out x.mcap --faults flip=1", "--faults is for serving: give --serve PLACE in place of --out"),
+        ("--serve pty:board --track-out t.tum", "--track-out writes the whole track beforehand: give --duration-s"),
+        ("--serve pty:board --track-out t.tum --duration-s 4000", "give --duration-s, at most 3600 s"),
+        ("--serve pty:board --start-in-s -1", "unexpected argument"),
+        ("--serve pty:board --start-in-s=-1", "--start-in-s -1: give 0 to 3600"),
+        ("--serve pty:board --motion approach-chair", "needs a chair to walk up to"),
         ("--out x.mcap --board xm125", "--board is for serving"),
     ] {
         folder.run(&format!("simulate nothing {arguments}")).refused(says);

@@ -1,0 +1,62 @@
+//! A person walks up to a chair: it is found, and warned of where it stands, before they are at 0.8 m, on the first way there.
+
+use glam::DVec3;
+use radar_chaperone::engine::{Pipeline, Settings};
+use radar_chaperone::geometry::Pose;
+use radar_chaperone::radar::preset;
+use radar_chaperone::simulation::Scenario;
+use radar_chaperone::truth::TruthObstacle;
+use radar_chaperone::warning::{PanelKind, warn};
+
+/// Time that the first way there takes, the rest before it included, seconds.
+const THERE_S: f64 = 6.0;
+
+fn level(v: DVec3) -> DVec3 {
+    DVec3::new(v.x, 0.0, v.z)
+}
+
+fn away_m(chair: &TruthObstacle, at: DVec3) -> f64 {
+    chair.points_m.iter().map(|p| level(*p - at).length()).fold(f64::INFINITY, f64::min)
+}
+
+/// Horizontal distance of the head from the chair when a panel first stands before it.
+fn warned_from_m(scene: &str, seed: u64) -> Option<f64> {
+    let scenario = Scenario::new(scene, "approach-chair", preset("d16").unwrap(), THERE_S, seed);
+    let simulated = scenario.run().unwrap();
+    let chair = simulated.truth.obstacles.iter().find(|thing| thing.name.contains("chair")).unwrap();
+    let settings = Settings::default();
+    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings);
+    let mut frames = simulated.frames.iter().peekable();
+    let mut looked = 0;
+    for pose in &simulated.poses {
+        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
+            pipeline.push_frame(frame.clone());
+        }
+        pipeline.push_pose(pose);
+        let looks = pipeline.counters().engine.rooms.looks;
+        if std::mem::replace(&mut looked, looks) == looks {
+            continue;
+        }
+        let head = pose.tracking_from_head().unwrap();
+        if stands_before(&pipeline, &head, chair, &settings) {
+            return Some(away_m(chair, head.translation));
+        }
+    }
+    None
+}
+
+/// Whether a bright enough panel stands by the chair.
+fn stands_before(pipeline: &Pipeline, head: &Pose, chair: &TruthObstacle, settings: &Settings) -> bool {
+    let warnings = warn(&pipeline.scene(), head, &settings.warning);
+    let objects = warnings.panels.iter().filter(|panel| panel.kind == PanelKind::Object && panel.alpha > 0.02);
+    objects.into_iter().any(|panel| away_m(chair, panel.tracking_from_panel.translation) < 0.25)
+}
+
+#[test]
+fn the_chair_is_warned_of_before_the_head_is_at_80_cm() {
+    for (scene, seed) in [("furnished-room", 1), ("furnished-room", 2), ("furnished-room", 3), ("chair", 1)] {
+        let from_m = warned_from_m(scene, seed);
+        println!("{scene} {seed}: warned from {from_m:?} m on");
+        assert!(from_m.is_some_and(|m| m > 0.8), "{scene} {seed}: {from_m:?}");
+    }
+}
