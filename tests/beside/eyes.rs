@@ -1,0 +1,68 @@
+//! What an eye saw: a picture of the stand-in's, and where things of the room are in it.
+
+use std::path::Path;
+
+use glam::{DQuat, DVec2, DVec3};
+use image::RgbaImage;
+use serde_json::Value;
+
+/// Brighter than the stand-in's background by so much counts as lit, of 255.
+const LIT: i32 = 24;
+
+pub struct Eye {
+    place: DVec3,
+    turn: DQuat,
+    /// Tangents of left, right, lower and upper edge.
+    edges: [f64; 4],
+    pub picture: RgbaImage,
+}
+
+impl Eye {
+    /// Left and right eye of a shot.
+    pub fn both(folder: &Path, name: &str, shot: &Value) -> [Self; 2] {
+        ["left", "right"].map(|side| Self::of(folder, name, side, &shot[side]))
+    }
+
+    fn of(folder: &Path, name: &str, side: &str, eye: &Value) -> Self {
+        let number = |value: &Value| value.as_f64().unwrap();
+        let pose = &eye["tracking_from_eye"];
+        let [x, y, z] = [0, 1, 2].map(|i| number(&pose["position_m"][i]));
+        let [qx, qy, qz, qw] = [0, 1, 2, 3].map(|i| number(&pose["quaternion_xyzw"][i]));
+        let edges = ["left", "right", "down", "up"].map(|edge| number(&eye["tangents"][edge]));
+        let picture = image::open(folder.join(format!("{name}_{side}.png"))).unwrap().to_rgba8();
+        Self { place: DVec3::new(x, y, z), turn: DQuat::from_xyzw(qx, qy, qz, qw).normalize(), edges, picture }
+    }
+
+    /// Tangents right and up of where a place is seen; `None` behind the eye.
+    pub fn tangents(&self, place: DVec3) -> Option<DVec2> {
+        let seen = self.turn.conjugate() * (place - self.place);
+        (seen.z < -0.01).then(|| DVec2::new(seen.x / -seen.z, seen.y / -seen.z))
+    }
+
+    /// The direction of a pixel's middle.
+    fn direction_of(&self, x: u32, y: u32) -> DVec3 {
+        let [left, right, lower, upper] = self.edges;
+        let share = |at: u32, of: u32| (f64::from(at) + 0.5) / f64::from(of);
+        let right = left + (right - left) * share(x, self.picture.width());
+        let up = upper - (upper - lower) * share(y, self.picture.height());
+        DVec3::new(right, up, -1.0).normalize()
+    }
+
+    /// The direction of a place.
+    pub fn direction(&self, place: DVec3) -> Option<DVec3> {
+        self.tangents(place).map(|t| DVec3::new(t.x, t.y, -1.0).normalize())
+    }
+
+    /// How much brighter than the background each pixel is, with its direction; dark ones are left out.
+    pub fn lit(&self) -> Vec<(DVec3, i32)> {
+        let background = *self.picture.get_pixel(0, 0);
+        let over = |pixel: &image::Rgba<u8>| (0..3).map(|c| i32::from(pixel[c]) - i32::from(background[c])).max().unwrap_or(0);
+        let pixels = self.picture.enumerate_pixels().map(|(x, y, pixel)| (x, y, over(pixel)));
+        pixels.filter(|(.., over)| *over > LIT).map(|(x, y, over)| (self.direction_of(x, y), over)).collect()
+    }
+}
+
+/// Mean direction, weighed.
+pub fn mean(directions: &[(DVec3, i32)]) -> DVec3 {
+    directions.iter().map(|(direction, weight)| *direction * f64::from(*weight)).sum::<DVec3>().normalize()
+}

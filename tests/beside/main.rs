@@ -1,0 +1,10 @@
+//! The program beside the stand-in for SteamVR, with the simulated sensor on a pseudo terminal: everything as a user has it, but for
+//! the hardware. These tests live in real time and need the machine to themselves, so they run one after the other.
+#![cfg(target_os = "linux")]
+
+mod eyes;
+mod install;
+mod life;
+mod rig;
+mod room;
+mod warnings;

@@ -1,0 +1,255 @@
+//! A stand-in for SteamVR, a simulated sensor, and the program between them, in a folder and a home of their own.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::{Value, json};
+
+/// Whatever is waited for comes sooner, even on a slow machine.
+pub const PATIENCE: Duration = Duration::from_secs(40);
+/// A program that was asked to end has ended by then: ten times as long as it may take on a machine that is free.
+const END_PATIENCE: Duration = Duration::from_secs(10);
+
+static ALONE: Mutex<()> = Mutex::new(());
+
+pub struct Rig {
+    folder: PathBuf,
+    steamvr: Option<Child>,
+    sensor: Option<Child>,
+    _alone: MutexGuard<'static, ()>,
+}
+
+/// The program, running.
+pub struct Program {
+    child: Child,
+    out: PathBuf,
+    err: PathBuf,
+}
+
+/// The program, when it has ended.
+#[derive(Debug)]
+pub struct Ended {
+    pub code: Option<i32>,
+    pub out: String,
+    pub err: String,
+}
+
+impl Rig {
+    /// Named after the test.
+    pub fn new(test: &str) -> Self {
+        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("beside").join(test);
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(folder.join("home")).unwrap();
+        Self { folder, steamvr: None, sensor: None, _alone: alone }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// In an environment of its own: nothing of this user's is seen or touched.
+    pub fn command(&self, program: impl AsRef<std::ffi::OsStr>) -> Command {
+        let mut command = Command::new(program);
+        command.current_dir(&self.folder).stdin(Stdio::null()).env("HOME", self.path("home"));
+        for variable in ["XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "VR_OVERRIDE", "RUST_LOG"] {
+            command.env_remove(variable);
+        }
+        // Graphics libraries complain on standard error where there is none.
+        command.env("XDG_RUNTIME_DIR", &self.folder);
+        command.env("VR_PATHREG_OVERRIDE", self.path("vr/openvrpaths.vrpath"));
+        command
+    }
+
+    fn spawn(&self, program: impl AsRef<std::ffi::OsStr>, arguments: &[&str], log: &str) -> Child {
+        let log = File::create(self.path(log)).unwrap();
+        let mut command = self.command(program);
+        command.args(arguments).stdout(log.try_clone().unwrap()).stderr(log).spawn().unwrap()
+    }
+
+    /// Starts the stand-in; `configuration` is its own, `track` whether the head moves as the simulated sensor does.
+    pub fn start_steamvr(&mut self, configuration: &Value, has_track: bool) {
+        fs::write(self.path("standin.json"), configuration.to_string()).unwrap();
+        let _ = fs::remove_file(self.path("vr/report.json"));
+        let mut arguments = vec!["--dir", "vr", "--config", "standin.json"];
+        if has_track {
+            arguments.extend(["--track", "track.tum"]);
+        }
+        let server = examples().join("standin_server");
+        assert!(server.is_file(), "{} is not built: cargo test builds it, --test alone does not", server.display());
+        self.steamvr = Some(self.spawn(server, &arguments, "steamvr.log"));
+        self.wait_for("the stand-in", || fs::read_to_string(self.path("steamvr.log")).ok().filter(|log| !log.is_empty()));
+    }
+
+    /// Ends it as a user does.
+    pub fn end_steamvr(&mut self) {
+        if let Some(mut child) = self.steamvr.take() {
+            signal(&child, Signal::INT);
+            wait(&mut child, END_PATIENCE);
+        }
+    }
+
+    /// Kills it.
+    pub fn kill_steamvr(&mut self) {
+        if let Some(mut child) = self.steamvr.take() {
+            child.kill().unwrap();
+            child.wait().unwrap();
+        }
+    }
+
+    /// Serves the sensor; the head's track is written first.
+    pub fn start_sensor(&mut self, scene: &str, motion: &str, seed: u64, duration_s: u32) {
+        let (seed, duration) = (seed.to_string(), duration_s.to_string());
+        let arguments = [
+            "simulate", scene, "--motion", motion, "--seed", &seed, "--duration-s", &duration, "--serve", "pty:sensor",
+            "--track-out", "track.tum",
+        ];
+        self.sensor = Some(self.spawn(env!("CARGO_BIN_EXE_radar-chaperone"), &arguments, "sensor.log"));
+        self.wait_for("the sensor", || self.path("sensor").exists().then_some(()));
+        self.wait_for("the track", || fs::metadata(self.path("track.tum")).ok().filter(|m| m.len() > 0));
+    }
+
+    /// Starts the program.
+    pub fn start(&self, arguments: &[&str]) -> Program {
+        static NUMBER: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
+        let number = NUMBER.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let [out, err] = ["out", "err"].map(|stream| self.path(&format!("{number}.{stream}")));
+        let mut command = self.command(env!("CARGO_BIN_EXE_radar-chaperone"));
+        command.args(arguments).stdout(File::create(&out).unwrap()).stderr(File::create(&err).unwrap());
+        Program { child: command.spawn().unwrap(), out, err }
+    }
+
+    /// `run` with the simulated sensor.
+    pub fn start_run(&self, more: &[&str]) -> Program {
+        let arguments = ["run", "--port", "sensor", "--preset", "d16", "--mount", MOUNT];
+        self.start(&[&arguments[..], more].concat())
+    }
+
+    /// Runs the program to its end.
+    pub fn run(&self, arguments: &[&str]) -> Ended {
+        self.start(arguments).ended()
+    }
+
+    /// Has the stand-in do something now.
+    pub fn tell_steamvr(&self, what: &Value) {
+        let mut file = OpenOptions::new().create(true).append(true).open(self.path("vr/commands.jsonl")).unwrap();
+        writeln!(file, "{what}").unwrap();
+    }
+
+    /// What the stand-in has counted.
+    pub fn report(&self) -> Value {
+        self.wait_for("the stand-in's report", || {
+            serde_json::from_slice(&fs::read(self.path("vr/report.json")).ok()?).ok()
+        })
+    }
+
+    /// Waits until the stand-in has counted what is wanted.
+    pub fn wait_report(&self, what: &str, is_there: impl Fn(&Value) -> bool) -> Value {
+        self.wait_for(what, || Some(self.report()).filter(&is_there))
+    }
+
+    /// What both eyes see now.
+    pub fn shoot(&self, name: &str) -> Value {
+        self.tell_steamvr(&json!({"do": "shot", "name": name}));
+        self.shot(name)
+    }
+
+    /// What both eyes saw.
+    pub fn shot(&self, name: &str) -> Value {
+        let path = self.path(&format!("vr/shots/{name}.json"));
+        self.wait_for("the picture", || serde_json::from_slice(&fs::read(&path).ok()?).ok())
+    }
+
+    pub fn wait_for<T>(&self, what: &str, there: impl Fn() -> Option<T>) -> T {
+        let begin = Instant::now();
+        loop {
+            if let Some(found) = there() {
+                return found;
+            }
+            assert!(begin.elapsed() < PATIENCE, "{what} did not come; look into {}", self.folder.display());
+            sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+/// Where the simulated sensor sits on the head.
+pub const MOUNT: &str = "0,0.03,-0.10";
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        for child in [&mut self.steamvr, &mut self.sensor].into_iter().flatten() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+impl Program {
+    /// Ctrl-C, and how it ended.
+    pub fn interrupt(self) -> Ended {
+        signal(&self.child, Signal::INT);
+        self.ended()
+    }
+
+    /// How long it takes to end after Ctrl-C.
+    pub fn interrupt_timed(self) -> (Ended, Duration) {
+        let begin = Instant::now();
+        let ended = self.interrupt();
+        (ended, begin.elapsed())
+    }
+
+    pub fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// Waits for its end.
+    pub fn ended(mut self) -> Ended {
+        let code = wait(&mut self.child, PATIENCE);
+        Ended { code, out: self.out(), err: self.err() }
+    }
+
+    pub fn out(&self) -> String {
+        fs::read_to_string(&self.out).unwrap()
+    }
+
+    pub fn err(&self) -> String {
+        fs::read_to_string(&self.err).unwrap()
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn examples() -> PathBuf {
+    // Tests are in target/PROFILE/deps.
+    std::env::current_exe().unwrap().parent().unwrap().parent().unwrap().join("examples")
+}
+
+fn signal(child: &Child, which: Signal) {
+    kill_process(Pid::from_child(child), which).unwrap();
+}
+
+fn wait(child: &mut Child, patience: Duration) -> Option<i32> {
+    let begin = Instant::now();
+    loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            return status.code();
+        }
+        if begin.elapsed() > patience {
+            child.kill().unwrap();
+            panic!("does not end");
+        }
+        sleep(Duration::from_millis(2));
+    }
+}
