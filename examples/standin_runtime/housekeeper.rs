@@ -42,13 +42,14 @@ impl Handle {
 /// Starts it.
 pub fn start(place: Place) -> Handle {
     let (stop, stopped) = channel();
-    let thread = std::thread::spawn(move || run(&place, &stopped));
+    // Here, so that a command that is given right after Init is not taken for an old one.
+    let commands = CommandTail::new(place.commands());
+    let thread = std::thread::spawn(move || run(&place, commands, &stopped));
     Handle { stop, thread }
 }
 
-fn run(place: &Place, stopped: &Receiver<()>) {
+fn run(place: &Place, mut commands: CommandTail, stopped: &Receiver<()>) {
     let painter = Painter::start(place.shots());
-    let mut commands = CommandTail::new(place.commands());
     let mut report_due_ns = i64::MIN;
     for tick in 0u64.. {
         if stopped.recv_timeout(TICK) != Err(RecvTimeoutError::Timeout) {

@@ -224,8 +224,8 @@ unsafe extern "C" fn error_name(error: u32) -> *mut c_char {
 
 unsafe extern "C" fn set_flag(handle: u64, flag: u32, enabled: bool) -> u32 {
     on("SetOverlayFlag", handle, |overlay, report| {
-        if !flag.is_power_of_two() || flag > sys::VROverlayFlags_NoBackside || flag < sys::VROverlayFlags_NoDashboardTab
-        {
+        let known = sys::VROverlayFlags_NoDashboardTab..=sys::VROverlayFlags_NoBackside;
+        if !flag.is_power_of_two() || !known.contains(&flag) {
             report.violation("no such flag", format!("{flag:#x}"));
             return Err(BAD_PARAMETER);
         }
@@ -555,7 +555,7 @@ fn checked_image(report: &mut Report, data: &sys::VRVulkanTextureData_t) -> Resu
 }
 
 /// The copier of the client's device, made at its first texture.
-fn copier<'a>(world: &'a mut World, handles: Handles) -> Result<&'a mut Copier, u32> {
+fn copier(world: &mut World, handles: Handles) -> Result<&mut Copier, u32> {
     let overlays = &mut world.overlays;
     if let Some(before) = overlays.copier.as_ref().map(Copier::handles).filter(|before| *before != handles) {
         world.report.violation("handles change from texture to texture", format!("{before:?}, now {handles:?}"));

@@ -107,7 +107,7 @@ impl World {
     /// Where a transform puts an overlay; `None` where it has none, or its device is not there.
     fn shape(&self, transform: Transform, time_ns: i64) -> Option<Shape> {
         let standing_from_world = self.universes.standing_from_world();
-        let standing_from = |origin| Some(standing_from_world * self.universes.from_world(origin)?.inverse());
+        let standing_from = |origin| Some(standing_from_world * self.universes.universe_from_world(origin)?.inverse());
         Some(match transform {
             Transform::Unset => return None,
             Transform::Absolute { origin, universe_from_overlay } => {

@@ -72,7 +72,7 @@ unsafe extern "C" fn poses(origin: u32, ahead_s: f32, poses: *mut sys::TrackedDe
         if !ahead_s.is_finite() || ahead_s.abs() > 10.0 {
             return world.report.violation("poses asked for too far ahead", format!("{ahead_s} s"));
         }
-        let Some(from_world) = world.universes.from_world(origin) else {
+        let Some(from_world) = world.universes.universe_from_world(origin) else {
             return world.report.violation("no such universe", format!("{origin}"));
         };
         let time_ns = now_ns() + (f64::from(ahead_s) * 1e9) as i64;
@@ -257,7 +257,7 @@ unsafe extern "C" fn poll_event_with_pose(
     pose: *mut sys::TrackedDevicePose_t,
 ) -> bool {
     call("PollNextEventWithPose", 0, |world| {
-        let from_world = world.universes.from_world(origin).unwrap_or(Pose::IDENTITY);
+        let from_world = world.universes.universe_from_world(origin).unwrap_or(Pose::IDENTITY);
         let head = world.tracked_pose(0, now_ns(), &from_world);
         let found = next_event(world, event, room);
         if found {

@@ -35,7 +35,7 @@ impl Universes {
     }
 
     /// From the world to a universe; `None` for a number that names none.
-    pub fn from_world(&self, origin: sys::ETrackingUniverseOrigin) -> Option<Pose> {
+    pub fn universe_from_world(&self, origin: sys::ETrackingUniverseOrigin) -> Option<Pose> {
         Some(self.raw_from(origin)?.inverse() * self.raw_from_world)
     }
 

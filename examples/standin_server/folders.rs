@@ -28,9 +28,10 @@ impl Folders {
         self.root.join("openvrpaths.vrpath")
     }
 
-    /// Locked while the server lives.
-    pub fn server_lock(&self) -> PathBuf {
-        self.runtime().join("server.lock")
+    /// Locked while the server lives; its folder is made.
+    pub fn server_lock(&self) -> Result<PathBuf> {
+        fs::create_dir_all(self.runtime()).with_context(|| format!("{} cannot be made", self.runtime().display()))?;
+        Ok(self.runtime().join("server.lock"))
     }
 
     /// Locked, shared, by clients.

@@ -51,13 +51,14 @@ fn main() -> Result<()> {
     let arguments = Arguments::parse();
     let folders = Folders::new(&arguments.dir)?;
     let config = folders::config(arguments.config.as_deref(), arguments.track.as_deref(), &arguments.controllers)?;
-    folders.make(&config, &library(arguments.library.as_deref())?)?;
+    let library = library(arguments.library.as_deref())?;
+    // Held until the process ends, however it does.
+    let _lock = lock(&folders.server_lock()?)?;
+    folders.make(&config, &library)?;
     let end = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, end.clone())?;
     }
-    // Held until the process ends, however it does.
-    let _lock = lock(&folders.server_lock())?;
     println!("VR_PATHREG_OVERRIDE={}", folders.registry().display());
     let mut children = if arguments.autolaunch { autolaunch::start(&folders)? } else { Vec::new() };
     while !end.load(Ordering::Relaxed) {

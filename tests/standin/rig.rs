@@ -1,0 +1,165 @@
+//! A server with its folder, and a test that runs in a process of its own: the library has one world a process, and finds
+//! it through the environment.
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+const TEST: &str = "STANDIN_TEST";
+const FOLDER: &str = "STANDIN_FOLDER";
+const SERVER: &str = "STANDIN_SERVER";
+/// What is waited for comes at once, but on a machine that has much else to do.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// What a test's process has.
+pub struct Rig {
+    pub folder: PathBuf,
+    server: i32,
+}
+
+/// A server that ends with the value.
+pub struct Server {
+    child: Child,
+    pub folder: PathBuf,
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// A program beside this one, which `cargo test` builds with it.
+fn example(name: &str) -> PathBuf {
+    let deps = std::env::current_exe().unwrap();
+    let path = deps.parent().unwrap().parent().unwrap().join("examples").join(name);
+    assert!(path.exists(), "{} is missing: cargo build --release --examples", path.display());
+    path
+}
+
+/// A folder of that name, empty.
+pub fn folder(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("standin-{}-{}", std::process::id(), name.replace(':', "-")));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// The server's program, for a folder.
+pub fn server_command(folder: &Path) -> Command {
+    let mut command = Command::new(example("standin_server"));
+    command.arg("--dir").arg(folder);
+    command
+}
+
+impl Server {
+    /// Starts one with that configuration.
+    pub fn start(folder: PathBuf, config: &Value, arguments: &[&str]) -> Self {
+        let file = folder.join("given.json");
+        std::fs::write(&file, serde_json::to_vec(config).unwrap()).unwrap();
+        let mut command = server_command(&folder);
+        command.arg("--config").arg(&file).args(arguments).stdout(Stdio::piped());
+        let mut server = Self { child: command.spawn().unwrap(), folder };
+        let mut line = String::new();
+        BufReader::new(server.child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        assert_eq!(line.trim(), format!("VR_PATHREG_OVERRIDE={}", server.registry().display()));
+        server
+    }
+
+    fn registry(&self) -> PathBuf {
+        self.folder.canonicalize().unwrap().join("openvrpaths.vrpath")
+    }
+}
+
+/// Runs a test's body in a process of its own, beside a server with that configuration. `name` is the test's full one.
+pub fn alone(name: &str, config: &Value, body: fn(&Rig)) {
+    if std::env::var(TEST).is_ok_and(|running| running == name) {
+        let folder = PathBuf::from(std::env::var_os(FOLDER).unwrap());
+        let server = std::env::var(SERVER).unwrap().parse().unwrap();
+        body(&Rig { folder: folder.clone(), server });
+        return std::fs::write(folder.join("done"), name).unwrap();
+    }
+    let server = Server::start(folder(name), config, &[]);
+    let run = Command::new(std::env::current_exe().unwrap())
+        .args([name, "--exact", "--nocapture"])
+        .env(TEST, name)
+        .env(FOLDER, &server.folder)
+        .env(SERVER, server.child.id().to_string())
+        .env("VR_PATHREG_OVERRIDE", server.registry())
+        .output()
+        .unwrap();
+    let said = format!("{}{}", String::from_utf8_lossy(&run.stdout), String::from_utf8_lossy(&run.stderr));
+    assert!(run.status.success(), "{name} in a process of its own: {}\n{said}", run.status);
+    // A name that is none would run nothing and succeed.
+    assert!(server.folder.join("done").exists(), "{name} did not run:\n{said}");
+}
+
+/// Waits until something is there.
+pub fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    let begun = Instant::now();
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(begun.elapsed() < PATIENCE, "{what} did not come");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+impl Rig {
+    /// Sends the server a signal.
+    fn signal(&self, signal: rustix::process::Signal) {
+        let server = rustix::process::Pid::from_raw(self.server).unwrap();
+        rustix::process::kill_process(server, signal).unwrap();
+    }
+
+    /// Kills the server without a warning, and waits until its lock is free.
+    pub fn kill_server(&self) {
+        self.signal(rustix::process::Signal::KILL);
+        let lock = std::fs::File::open(self.folder.join("runtime/server.lock")).unwrap();
+        until("the lock", || lock.try_lock_shared().ok());
+        lock.unlock().unwrap();
+    }
+
+    /// Tells the server to end.
+    pub fn end_server(&self) {
+        self.signal(rustix::process::Signal::TERM);
+    }
+
+    /// Gives the library a command.
+    pub fn command(&self, command: &Value) {
+        let path = self.folder.join("commands.jsonl");
+        let mut file = std::fs::File::options().create(true).append(true).open(path).unwrap();
+        writeln!(file, "{command}").unwrap();
+    }
+
+    /// What the library wrote about this process.
+    pub fn report(&self) -> Value {
+        read_json(&self.folder.join("report.json"))
+    }
+
+    /// Has a picture taken and reads what belongs to it.
+    pub fn shot(&self, name: &str) -> (Value, [image::RgbImage; 2]) {
+        self.command(&serde_json::json!({ "do": "shot", "name": name }));
+        let shots = self.folder.join("shots");
+        let json = shots.join(format!("{name}.json"));
+        until("the picture", || {
+            if self.folder.join("report.json").exists() {
+                assert_eq!(self.report()["shots_failed"], 0, "{}", self.report());
+            }
+            json.exists().then_some(())
+        });
+        let eye = |side: &str| image::open(shots.join(format!("{name}_{side}.png"))).unwrap().to_rgb8();
+        (read_json(&json), [eye("left"), eye("right")])
+    }
+}
+
+/// A file of JSON.
+pub fn read_json(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}

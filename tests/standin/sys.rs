@@ -1,0 +1,6 @@
+//! SteamVR's C interfaces, as the program under test has them.
+
+#![allow(non_upper_case_globals, non_camel_case_types, non_snake_case, dead_code, missing_docs)]
+#![allow(clippy::all, clippy::pedantic)]
+
+include!(concat!(env!("OUT_DIR"), "/openvr.rs"));
