@@ -107,7 +107,8 @@ fn main() -> anyhow::Result<()> {
             println!("{name} {eye}: {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
             picture.save(path(&format!("{name}-{eye}.png")))?;
         }
-        let (quads, shapes) = (renderer.quads(&warnings, &settings)?, watch.shapes(&warnings));
+        let shapes = watch.shapes(&warnings);
+        let quads = renderer.quads(&warnings.clone().without_silhouettes(), &settings)?;
         let scenery = Scenery { quads: &quads, shapes: &shapes, color: settings.color };
         for (side, view) in views.iter().enumerate() {
             let start = Instant::now();
@@ -115,11 +116,10 @@ fn main() -> anyhow::Result<()> {
             println!("{name} eye {side}: {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
             renderer.picture_of_texture(&texture)?.save(path(&format!("{name}-eye-{side}.png")))?;
         }
-        for window in Window::of_panels(&quads) {
+        let eyes_m = views.map(|view| view.tracking_from_eye.translation);
+        for window in Window::of_panels(&scenery, eyes_m) {
             let start = Instant::now();
-            let eyes_m = views.map(|view| view.tracking_from_eye.translation);
-            let half_px = (window.size_m * 512.0).round().as_uvec2().to_array();
-            let texture = renderer.window(&scenery, &window, eyes_m, half_px)?;
+            let texture = renderer.window(&scenery, &window, eyes_m, window.half_px())?;
             println!("{name} window {:?}: {:.0} ms", window.key, start.elapsed().as_secs_f64() * 1e3);
             let file = format!("{name}-window-{:?}-{}.png", window.key.0, window.key.1).to_lowercase();
             renderer.picture_of_texture(&texture)?.save(path(&file))?;

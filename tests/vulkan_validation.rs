@@ -144,7 +144,7 @@ fn everything() {
         let shapes = watch.shapes(&warnings);
         let scenery = Scenery { quads: &quads, shapes: &shapes, color: style.color };
         let eyes_m = views.map(|view| view.tracking_from_eye.translation);
-        for window in Window::of_panels(&quads) {
+        for window in Window::of_panels(&scenery, eyes_m) {
             let texture = renderer.window(&scenery, &window, eyes_m, [150, 120]).unwrap();
             let picture = renderer.picture_of_texture(&texture).unwrap();
             assert_eq!(taken_over(&device, &texture), picture.into_raw());
