@@ -1,4 +1,5 @@
-//! What each eye sees of a chair 0.9 m ahead and a wall to the right, as PNG files: `cargo run --release --example preview DIR`.
+//! What each eye sees of a chair 0.9 m ahead and a wall to the right, as PNG files: panels in a dark room, the windows of the display
+//! `stereo`, and the eyes' pictures of the display `projection`. `cargo run --release --example preview DIR`.
 
 use std::time::Instant;
 
@@ -6,8 +7,8 @@ use anyhow::Context;
 use glam::{DMat3, DQuat, DVec3};
 use radar_chaperone::geometry::{Aabb, Plane, Pose};
 use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
-use radar_chaperone::render::{EyeView, Renderer};
-use radar_chaperone::warning::{WarningSettings, warn};
+use radar_chaperone::render::{EyeView, Renderer, Scenery, Window};
+use radar_chaperone::warning::{WarningSettings, Watch};
 
 /// Edge of a voxel, metres.
 const VOXEL_M: f64 = 0.05;
@@ -85,6 +86,8 @@ fn main() -> anyhow::Result<()> {
     let mut renderer = Renderer::new()?;
     println!("{}", renderer.adapter_name());
 
+    let mut watch = Watch::new();
+    watch.see(&scene);
     let head = DVec3::new(0.0, 1.65, 0.0);
     for (name, target) in [
         ("ahead", DVec3::new(0.0, 0.9, -1.0)),
@@ -93,15 +96,33 @@ fn main() -> anyhow::Result<()> {
         ("left", DVec3::new(-0.9, 1.1, -0.9)),
     ] {
         let tracking_from_head = Pose::looking_at(head, target, DVec3::Y);
-        let warnings = warn(&scene, &tracking_from_head, &settings);
+        let warnings = watch.warn(&tracking_from_head, &settings);
         let start = Instant::now();
         let count = renderer.quads(&warnings, &settings)?.len();
         println!("{name}: {count} quads handed over in {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
-        for (eye, view) in ["left", "right"].iter().zip(EyeView::pair(&tracking_from_head, 0.064, 1.75, [960, 960])) {
+        let views = EyeView::pair(&tracking_from_head, 0.064, 1.75, [960, 960]);
+        for (eye, view) in ["left", "right"].iter().zip(&views) {
             let start = Instant::now();
-            let picture = renderer.preview(&warnings, &settings, &view, &truth)?;
+            let picture = renderer.preview(&warnings, &settings, view, &truth)?;
             println!("{name} {eye}: {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
             picture.save(path(&format!("{name}-{eye}.png")))?;
+        }
+        let shapes = watch.shapes(&warnings);
+        let quads = renderer.quads(&warnings.clone().without_silhouettes(), &settings)?;
+        let scenery = Scenery { quads: &quads, shapes: &shapes, color: settings.color };
+        for (side, view) in views.iter().enumerate() {
+            let start = Instant::now();
+            let texture = renderer.eye(&scenery, side, view)?;
+            println!("{name} eye {side}: {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
+            renderer.picture_of_texture(&texture)?.save(path(&format!("{name}-eye-{side}.png")))?;
+        }
+        let eyes_m = views.map(|view| view.tracking_from_eye.translation);
+        for window in Window::of_panels(&scenery, eyes_m) {
+            let start = Instant::now();
+            let texture = renderer.window(&scenery, &window, eyes_m, window.half_px())?;
+            println!("{name} window {:?}: {:.0} ms", window.key, start.elapsed().as_secs_f64() * 1e3);
+            let file = format!("{name}-window-{:?}-{}.png", window.key.0, window.key.1).to_lowercase();
+            renderer.picture_of_texture(&texture)?.save(path(&file))?;
         }
         for quad in renderer.quads(&warnings, &settings)? {
             let kind = if quad.on_floor { "floor" } else { "panel" };

@@ -33,7 +33,8 @@ struct PanelUniform {
     color: [f32; 3],
     disc_count: u32,
     fog: f32,
-    unused: [f32; 3],
+    border: f32,
+    unused: [f32; 2],
 }
 
 #[repr(C)]
@@ -68,6 +69,7 @@ impl Painter {
         let discs: Vec<[f32; 4]> =
             look.silhouette.iter().map(|(c, r)| [c.x as f32, c.y as f32, *r as f32, 0.0]).collect();
         let is_wall = look.kind == PanelKind::Wall;
+        let is_fog = look.kind == PanelKind::Object && discs.is_empty();
         let [red, green, blue, _] = linear(style.color);
         let uniform = PanelUniform {
             size: look.size_m.as_vec2().to_array(),
@@ -75,8 +77,9 @@ impl Painter {
             grid_from: if is_wall { -0.5 * look.size_m.x as f32 } else { 0.0 },
             color: [red, green, blue],
             disc_count: discs.len() as u32,
-            fog: if is_wall || !discs.is_empty() { 0.0 } else { 1.0 },
-            unused: [0.0; 3],
+            fog: f32::from(u8::from(is_fog)),
+            border: f32::from(u8::from(!is_wall && !is_fog)),
+            unused: [0.0; 2],
         };
         self.paint(gpu, &self.panel, look.size_m, bytemuck::bytes_of(&uniform), discs)
     }

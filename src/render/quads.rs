@@ -158,7 +158,11 @@ impl QuadCache {
     fn panel(&mut self, gpu: &Gpu, painter: &Painter, panel: &Panel, style: &WarningSettings) -> Quad {
         let look = PanelLook { kind: panel.kind, size_m: panel.size_m, silhouette: &panel.silhouette };
         let discs = look.silhouette.iter().flat_map(|(c, r)| [c.x, c.y, *r]);
-        let kind = if panel.kind == PanelKind::Wall { 0 } else { 1 };
+        let kind = match panel.kind {
+            PanelKind::Wall => 0,
+            PanelKind::Object => 1,
+            PanelKind::Pane => 3,
+        };
         let key = key(kind, style, [panel.size_m.x, panel.size_m.y].into_iter().chain(discs));
         Quad {
             kind: if panel.kind == PanelKind::Wall { QuadKind::Wall } else { QuadKind::Object },

@@ -403,6 +403,8 @@ pub(super) mod tests {
             let mut renderer = Renderer::on(gpu).unwrap();
             let (warnings, style) = (only(panel(DVec3::ZERO)), WarningSettings::default());
             let quads = renderer.quads(&warnings, &style).unwrap();
+            // A device that still works is not told to be lost before it is done.
+            device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
             device.destroy();
             for _ in 0..2 {
                 assert!(matches!(renderer.quads(&warnings, &style), Err(RenderError::DeviceLost { .. })));

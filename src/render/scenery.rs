@@ -30,7 +30,14 @@ const KEPT_FOR: u64 = 2000;
 /// An eye nearer to a window's plane than this does not see through it, metres.
 const NEAREST_EYE_M: f64 = 0.05;
 /// Room around what a window shows, metres.
-const MARGIN_M: f64 = 0.1;
+const MARGIN_M: f64 = 0.05;
+/// Sides of a window are multiples of this, metres, so that its texture keeps its size for a while.
+const SIDE_STEP_M: f64 = 0.25;
+/// No edge of a window is farther than this from the panel's middle, metres.
+const FARTHEST_EDGE_M: f64 = 2.5;
+/// Sharpness of a window's picture, and its greatest side.
+const PIXELS_PER_M: f64 = 512.0;
+const LONGEST_PX: f64 = 1024.0;
 /// How much of the light behind it a ball takes away, at full brightness.
 const BALL_ALPHA: f32 = 0.55;
 /// Balls this much farther than the nearest have half their brightness, metres.
@@ -59,16 +66,46 @@ pub struct Window {
 }
 
 impl Window {
-    /// The window for each panel: in the panel's plane, with room around it.
-    pub fn of_panels(quads: &[Quad]) -> Vec<Self> {
-        let panels = quads.iter().filter(|quad| !quad.on_floor && quad.alpha > 0.0);
-        panels
-            .map(|quad| Self {
-                key: quad.key(),
-                tracking_from_window: quad.tracking_from_quad,
-                size_m: quad.size_m + 2.0 * MARGIN_M,
-            })
-            .collect()
+    /// The window for each panel: in the panel's plane, as large as needed to see the panel and the obstacle's shape from between
+    /// the eyes.
+    pub fn of_panels(scenery: &Scenery, eyes_m: [DVec3; 2]) -> Vec<Self> {
+        let eye_m = (eyes_m[0] + eyes_m[1]) / 2.0;
+        let panels = scenery.quads.iter().filter(|quad| !quad.on_floor && quad.alpha > 0.0);
+        panels.map(|quad| Self::around(quad, scenery.shapes, eye_m)).collect()
+    }
+
+    fn around(panel: &Quad, shapes: &[Shape], eye_m: DVec3) -> Self {
+        let panel_from_tracking = panel.tracking_from_quad.inverse();
+        let eye = panel_from_tracking.transform_point(eye_m);
+        let mut greatest = panel.size_m / 2.0;
+        let mut least = -greatest;
+        let own = shapes.iter().filter(|shape| panel.key() == (QuadKind::Object, shape.id));
+        for (point_m, radius_m) in own.flat_map(|shape| shape.points_m.iter().map(|p| (*p, shape.radius_m))) {
+            let to = panel_from_tracking.transform_point(point_m) - eye;
+            // Where the sight crosses the plane; what is beside the eye or behind it is not seen through it.
+            let share = eye.z / -to.z;
+            if eye.z > NEAREST_EYE_M && to.z < -NEAREST_EYE_M && share.is_finite() {
+                let crossing = (eye + to * share).truncate();
+                least = least.min(crossing - radius_m * share.max(1.0));
+                greatest = greatest.max(crossing + radius_m * share.max(1.0));
+            }
+        }
+        let outward = |edge: DVec2| {
+            ((edge + MARGIN_M) / SIDE_STEP_M).ceil().min(DVec2::splat(FARTHEST_EDGE_M / SIDE_STEP_M)) * SIDE_STEP_M
+        };
+        let (greatest, least) = (outward(greatest), -outward(-least));
+        let middle = ((greatest + least) / 2.0).extend(0.0);
+        Self {
+            key: panel.key(),
+            tracking_from_window: panel.tracking_from_quad * Pose::from_translation(middle),
+            size_m: greatest - least,
+        }
+    }
+
+    /// Width and height of each half of its texture that show it as sharp as panels are.
+    pub fn half_px(&self) -> [u32; 2] {
+        let scale = PIXELS_PER_M.min(LONGEST_PX / self.size_m.max_element().max(1e-3));
+        (self.size_m * scale).to_array().map(|v| v.round().clamp(16.0, LONGEST_PX) as u32)
     }
 
     /// What an eye sees through it, as a view whose picture is the window; `None` for an eye behind it or in its plane.
@@ -347,9 +384,9 @@ mod tests {
         with_renderer(|renderer| {
             let style = WarningSettings::default();
             let quads = renderer.quads(&a_panel(), &style).unwrap();
-            let windows = Window::of_panels(&quads);
-            assert_eq!((windows.len(), windows[0].key), (1, quads[0].key()));
             let scenery = Scenery { quads: &quads, shapes: &[], color: style.color };
+            let windows = Window::of_panels(&scenery, EYES);
+            assert_eq!((windows.len(), windows[0].key), (1, quads[0].key()));
             // As many pixels a metre as the panel's texture has, and whole pixels of margin.
             let scale = f64::from(quads[0].texture.width()) / quads[0].size_m.x;
             let half_px = (windows[0].size_m * scale).round().as_uvec2().to_array();
@@ -369,6 +406,25 @@ mod tests {
                 let half = mean(&drawn, left..left + half_px[0]);
                 assert!((half / whole - 1.0).abs() < 0.03, "{half} of {whole}");
             }
+        });
+    }
+
+    #[test]
+    fn a_window_is_large_enough_for_what_is_seen_through_it_and_keeps_its_size_while_the_head_sways() {
+        with_renderer(|renderer| {
+            let quads = renderer.quads(&a_panel(), &WarningSettings::default()).unwrap();
+            let high = ball(DVec3::new(0.2, 1.3, -1.4), 1.0);
+            let scenery = Scenery { quads: &quads, shapes: &[high.clone()], color: [255; 3] };
+            let at = |x: f64| Window::of_panels(&scenery, EYES.map(|eye| eye + DVec3::X * x))[0];
+            for eye in EYES {
+                let pixel = at(0.0).view(eye, HALF_PX).unwrap().project(high.points_m[0]).unwrap();
+                assert!(pixel.cmpgt(DVec2::splat(4.0)).all() && pixel.cmplt(DVec2::new(396.0, 496.0)).all(), "{pixel}");
+            }
+            let sizes: Vec<_> = (0..100).map(|k| at((f64::from(k) * 0.3).sin() * 0.01).size_m).collect();
+            assert!(sizes.iter().all(|size| *size == sizes[0]), "{sizes:?}");
+            let beside = ball(DVec3::new(0.2, 1.3, 0.0), 1.0);
+            let scenery = Scenery { shapes: &[beside], ..scenery };
+            assert!(Window::of_panels(&scenery, EYES)[0].size_m.max_element() <= 2.0 * FARTHEST_EDGE_M);
         });
     }
 

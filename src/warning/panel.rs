@@ -13,6 +13,8 @@ pub enum PanelKind {
     Object,
     /// A wall: the grid alone.
     Wall,
+    /// An object whose shape is shown in space, behind the panel: grid and border.
+    Pane,
 }
 
 /// An upright quad in the room. Its texture depends on `kind`, `size_m` and `silhouette` alone; these are rounded to
@@ -76,6 +78,16 @@ impl Warnings {
     pub fn at_most(mut self, most: usize) -> Self {
         self.panels.truncate(most);
         self.footprints.truncate(most - self.panels.len());
+        self
+    }
+
+    /// For displays that show shapes in space: panels without silhouettes, which would be seen beside the shapes. Something of
+    /// unknown direction has no shape, and its panel stays as it is.
+    pub fn without_silhouettes(mut self) -> Self {
+        for panel in self.panels.iter_mut().filter(|panel| !panel.silhouette.is_empty()) {
+            panel.kind = PanelKind::Pane;
+            panel.silhouette.clear();
+        }
         self
     }
 }

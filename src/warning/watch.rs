@@ -63,7 +63,7 @@ impl Watch {
 
     /// The shapes of the obstacles that panels warn of, in the panels' order.
     pub fn shapes(&self, warnings: &Warnings) -> Vec<Shape> {
-        let objects = warnings.panels.iter().filter(|panel| panel.kind == PanelKind::Object);
+        let objects = warnings.panels.iter().filter(|panel| panel.kind != PanelKind::Wall);
         let shape = |panel: &super::Panel| {
             let body = self.held.iter().map(|held| &held.body).find(|body| body.id == panel.id && body.has_shape)?;
             let points_m = body.points.clone();
@@ -206,5 +206,8 @@ mod tests {
         let shapes = watch.shapes(&warnings);
         assert_eq!((shapes.len(), shapes[0].id, shapes[0].points_m.len()), (1, 1, 200));
         assert_eq!(shapes[0].alpha, warnings.panels[0].alpha);
+        let bare = warnings.without_silhouettes();
+        assert_eq!((bare.panels[0].kind, bare.panels[0].silhouette.len()), (PanelKind::Pane, 0));
+        assert_eq!(watch.shapes(&bare), shapes);
     }
 }

@@ -11,6 +11,8 @@ struct Panel {
     disc_count: u32,
     // 1 when the panel stands for something of unknown direction: a soft fog in place of a silhouette.
     fog: f32,
+    // 1 when its sides have a border; else they end softly.
+    border: f32,
 }
 
 @group(0) @binding(0) var<uniform> panel: Panel;
@@ -63,6 +65,7 @@ fn paint(in: Corner) -> @location(0) vec4f {
     let to_floor = p.y + half.y;
     let to_side = half.x - abs(p.x);
     let shaped = panel.disc_count > 0u;
+    let bordered = panel.border > 0.5;
 
     // The grid, with a faint halo around each line, on a breath of tint that makes a surface of it.
     let across = to_grid(p.x - panel.grid_from);
@@ -73,8 +76,8 @@ fn paint(in: Corner) -> @location(0) vec4f {
     a = over(a, 0.55 * max(line(across, 0.0018, pixel), line(up, 0.0018, pixel)));
 
     // Ends: an object's panel has a border, a wall and a fog just end softly.
-    let side_fade = select(smoothstep(0.0, min(0.3, 0.3 * panel.size.x), to_side), 1.0, shaped);
-    if shaped {
+    let side_fade = select(smoothstep(0.0, min(0.3, 0.3 * panel.size.x), to_side), 1.0, bordered);
+    if bordered {
         a = over(a, 0.75 * line(to_side - 0.003, 0.003, pixel));
     }
     let fog = panel.fog * 0.30 * exp(-4.0 * (p.x * p.x) / (half.x * half.x));

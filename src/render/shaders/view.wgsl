@@ -112,7 +112,8 @@ fn ball(in: DotCorner) -> @location(0) vec4f {
 
 struct BallCorner {
     @builtin(position) clip: vec4f,
-    @location(0) on_ball: vec2f,
+    // For each sample: the rim is as smooth as the picture's samples, and hides no more than them.
+    @location(0) @interpolate(perspective, sample) on_ball: vec2f,
     @location(1) @interpolate(flat) color: vec4f,
     // Depth times distance, distance of the middle along the sight, radius.
     @location(2) @interpolate(flat) deep: vec3f,
@@ -139,18 +140,17 @@ fn ball_corner(
 struct BallPixel {
     @location(0) color: vec4f,
     @builtin(frag_depth) depth: f32,
-    @builtin(sample_mask) samples: u32,
 }
 
 @fragment
 fn shape_ball(in: BallCorner) -> BallPixel {
-    let from_middle = length(in.on_ball);
-    let soft = fwidth(from_middle);
-    let covered = clamp((1.0 - from_middle) / soft + 0.5, 0.0, 1.0);
-    let samples = (1u << u32(covered * 4.0 + 0.5)) - 1u;
-    let bulge = sqrt(max(0.0, 1.0 - from_middle * from_middle));
+    let outside = dot(in.on_ball, in.on_ball);
+    if outside > 1.0 {
+        discard;
+    }
+    let bulge = sqrt(1.0 - outside);
     let depth = in.deep.x / max(in.deep.y - in.deep.z * bulge, in.deep.x);
     // Lit from the eye and a little from above.
     let lit = 0.45 + 0.4 * bulge + 0.15 * in.on_ball.y;
-    return BallPixel(vec4f(in.color.rgb * lit, in.color.a), clamp(depth, 0.0, 1.0), samples);
+    return BallPixel(vec4f(in.color.rgb * lit, in.color.a), clamp(depth, 0.0, 1.0));
 }

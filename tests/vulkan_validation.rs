@@ -1,0 +1,212 @@
+//! Everything the renderer does, under Vulkan's validation layer (Debian: `vulkan-validationlayers`): no message from it.
+//!
+//! The work is done in a process of its own, this test program started again with the layer turned on, because the layer is chosen by
+//! the environment. It takes textures over as a VR runtime does: a copy of its own on our queue, from the layout that was agreed.
+//! One run does so without the hand-over: the layer must complain then, or it is not watching.
+#![cfg(unix)]
+
+use std::path::Path;
+use std::process::Command;
+
+use ash::vk::{self, Handle};
+use glam::{DMat3, DVec3};
+use radar_chaperone::geometry::{Aabb, Plane, Pose};
+use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
+use radar_chaperone::render::{EyeView, Quad, Renderer, Scenery, Window};
+use radar_chaperone::steamvr::{VulkanDevice, VulkanNeeds, VulkanTexture, open};
+use radar_chaperone::warning::{WarningSettings, Watch};
+
+const LAYER: &str = "VK_LAYER_KHRONOS_validation";
+const MANIFESTS: [&str; 2] = ["/usr/share/vulkan/explicit_layer.d", "/etc/vulkan/explicit_layer.d"];
+
+/// A block, something of unknown direction, and a wall.
+fn scene() -> Scene {
+    let shape = (0..500).map(|i| (DVec3::new((i % 5).into(), (i / 5 % 20).into(), (i / 100).into()) * 0.05, 1.0));
+    let block = Obstacle {
+        id: 1,
+        position_m: DVec3::new(0.1, 0.5, -0.8),
+        covariance_m2: DMat3::IDENTITY * 1e-4,
+        observed: Observed::Position,
+        extent_m: DVec3::ZERO,
+        evidence: 9.0,
+        shape: shape.map(|(p, score)| (p + DVec3::new(0.0, 0.0, -1.0), score)).collect(),
+        first_seen_ns: 0,
+        last_seen_ns: 0,
+    };
+    let unknown = Obstacle {
+        id: 2,
+        position_m: DVec3::new(-0.9, 0.9, 0.2),
+        observed: Observed::RangeOnly,
+        shape: vec![],
+        ..block.clone()
+    };
+    let wall = Wall {
+        id: 1,
+        plane: Plane { outward: DVec3::X, offset_m: 0.9 },
+        evidence: 5.0,
+        seen_at: Aabb::from_corners(DVec3::new(0.8, 1.0, -1.0), DVec3::new(1.0, 1.6, 1.0)),
+        first_seen_ns: 0,
+        last_seen_ns: 0,
+    };
+    Scene { time_ns: 0, obstacles: vec![block, unknown], walls: vec![wall] }
+}
+
+fn device() -> VulkanDevice {
+    open(&VulkanNeeds {
+        instance_extensions: vec![c"VK_KHR_external_memory_capabilities".into()],
+        device_extensions: &|_| vec![c"VK_KHR_external_memory".into()],
+        adapter: &|_| None,
+    })
+    .unwrap()
+}
+
+/// Copies a texture to the host as a runtime would: on our queue, with commands that wgpu knows nothing of.
+fn taken_over(device: &VulkanDevice, texture: &wgpu::Texture) -> Vec<u8> {
+    // SAFETY: the device outlives this function, every object made here is destroyed here after the queue has finished with
+    // it, and nothing else submits meanwhile.
+    unsafe {
+        let hal = device.device.as_hal::<wgpu::hal::vulkan::Api>().unwrap();
+        let handed: VulkanTexture = device.handover(texture).unwrap();
+        let (vulkan, queue) = (hal.raw_device(), vk::Queue::from_raw(handed.queue));
+        let size = u64::from(handed.width) * u64::from(handed.height) * 4;
+        let described = vk::BufferCreateInfo::default().size(size).usage(vk::BufferUsageFlags::TRANSFER_DST);
+        let buffer = vulkan.create_buffer(&described, None).unwrap();
+        let needs = vulkan.get_buffer_memory_requirements(buffer);
+        let kinds =
+            hal.shared_instance().raw_instance().get_physical_device_memory_properties(hal.raw_physical_device());
+        let wanted = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
+        let suits = |i: &u32| {
+            needs.memory_type_bits >> i & 1 == 1 && kinds.memory_types[*i as usize].property_flags.contains(wanted)
+        };
+        let kind = (0..kinds.memory_type_count).find(suits).unwrap();
+        let memory = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(kind);
+        let memory = vulkan.allocate_memory(&memory, None).unwrap();
+        vulkan.bind_buffer_memory(buffer, memory, 0).unwrap();
+
+        let pool = vk::CommandPoolCreateInfo::default().queue_family_index(handed.queue_family);
+        let pool = vulkan.create_command_pool(&pool, None).unwrap();
+        let commands = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
+        let commands = vulkan.allocate_command_buffers(&commands).unwrap();
+        vulkan.begin_command_buffer(commands[0], &vk::CommandBufferBeginInfo::default()).unwrap();
+        let color = vk::ImageSubresourceLayers::default().aspect_mask(vk::ImageAspectFlags::COLOR).layer_count(1);
+        let extent = vk::Extent3D { width: handed.width, height: handed.height, depth: 1 };
+        vulkan.cmd_copy_image_to_buffer(
+            commands[0],
+            vk::Image::from_raw(handed.image),
+            vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+            buffer,
+            &[vk::BufferImageCopy::default().image_subresource(color).image_extent(extent)],
+        );
+        vulkan.end_command_buffer(commands[0]).unwrap();
+        vulkan.queue_submit(queue, &[vk::SubmitInfo::default().command_buffers(&commands)], vk::Fence::null()).unwrap();
+        vulkan.queue_wait_idle(queue).unwrap();
+
+        let mapped = vulkan.map_memory(memory, 0, size, vk::MemoryMapFlags::empty()).unwrap();
+        let pixels = std::slice::from_raw_parts(mapped.cast::<u8>(), size as usize).to_vec();
+        vulkan.unmap_memory(memory);
+        vulkan.destroy_command_pool(pool, None);
+        vulkan.destroy_buffer(buffer, None);
+        vulkan.free_memory(memory, None);
+        pixels
+    }
+}
+
+fn take_over_all(device: &VulkanDevice, renderer: &Renderer, quads: &[Quad]) {
+    for quad in quads {
+        assert_eq!(
+            taken_over(device, &quad.texture),
+            renderer.picture_of(quad).unwrap().into_raw(),
+            "{:?}",
+            quad.key()
+        );
+    }
+}
+
+/// Not a test by itself: what `the_layer_has_nothing_to_say` starts under the layer.
+#[test]
+#[ignore = "started by the_layer_has_nothing_to_say"]
+fn everything() {
+    let device = device();
+    let mut renderer = Renderer::from_device(device.device.clone(), device.queue.clone(), &device.name).unwrap();
+    let style = WarningSettings::default();
+    let mut watch = Watch::new();
+    watch.see(&scene());
+    for step in 0..8 {
+        let head = Pose::from_translation(DVec3::new(0.05 * f64::from(step), 1.6, -0.02 * f64::from(step)));
+        let warnings = watch.warn(&head, &style);
+        let views = EyeView::pair(&head, 0.064, 1.6, [200 + 3 * step, 160]);
+        let quads = renderer.quads(&warnings, &style).unwrap();
+        assert!(quads.len() >= 4, "{} quads", quads.len());
+        take_over_all(&device, &renderer, &quads);
+        renderer.preview(&warnings, &style, &views[0], &[(DVec3::new(0.0, 1.0, -1.0), 0.03)]).unwrap();
+        renderer.hand_over(&quads).unwrap();
+        take_over_all(&device, &renderer, &quads);
+        let shapes = watch.shapes(&warnings);
+        let scenery = Scenery { quads: &quads, shapes: &shapes, color: style.color };
+        let eyes_m = views.map(|view| view.tracking_from_eye.translation);
+        for window in Window::of_panels(&scenery, eyes_m) {
+            let texture = renderer.window(&scenery, &window, eyes_m, [150, 120]).unwrap();
+            let picture = renderer.picture_of_texture(&texture).unwrap();
+            assert_eq!(taken_over(&device, &texture), picture.into_raw());
+        }
+        for (side, view) in views.iter().enumerate() {
+            let texture = renderer.eye(&scenery, side, view).unwrap();
+            assert_eq!(taken_over(&device, &texture), renderer.picture_of_texture(&texture).unwrap().into_raw());
+        }
+        renderer.hand_over(&quads).unwrap();
+        take_over_all(&device, &renderer, &quads);
+    }
+}
+
+/// Not a test by itself either: what a preview looked at is copied without having been handed over.
+#[test]
+#[ignore = "started by the_layer_has_nothing_to_say"]
+fn everything_but_the_hand_over() {
+    let device = device();
+    let mut renderer = Renderer::from_device(device.device.clone(), device.queue.clone(), &device.name).unwrap();
+    let (style, head) = (WarningSettings::default(), Pose::from_translation(DVec3::Y * 1.6));
+    let mut watch = Watch::new();
+    watch.see(&scene());
+    let warnings = watch.warn(&head, &style);
+    let quads = renderer.quads(&warnings, &style).unwrap();
+    renderer.preview(&warnings, &style, &EyeView::pair(&head, 0.064, 1.6, [200, 160])[0], &[]).unwrap();
+    taken_over(&device, &quads[0].texture);
+}
+
+/// What the layer says while one of the functions above runs.
+fn said_during(function: &str, folder: &Path) -> String {
+    let (log, settings) = (folder.join(format!("{function}.log")), folder.join(format!("{function}.txt")));
+    let lines = [
+        "khronos_validation.debug_action = VK_DBG_LAYER_ACTION_LOG_MSG".to_owned(),
+        "khronos_validation.report_flags = error,warn,perf".to_owned(),
+        "khronos_validation.enables = VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT".to_owned(),
+        "khronos_validation.enable_message_limit = false".to_owned(),
+        format!("khronos_validation.log_filename = {}", log.display()),
+    ];
+    std::fs::write(&settings, lines.join("\n")).unwrap();
+    let ran = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", function, "--ignored", "--nocapture"])
+        .env("VK_INSTANCE_LAYERS", LAYER)
+        .env("VK_LAYER_SETTINGS_PATH", &settings)
+        .output()
+        .unwrap();
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    std::fs::read_to_string(&log).unwrap_or_default()
+}
+
+#[test]
+fn the_layer_has_nothing_to_say() {
+    if let Err(error) = Renderer::new() {
+        return println!("skipped: {error}");
+    }
+    if !MANIFESTS.iter().any(|folder| Path::new(folder).join("VkLayer_khronos_validation.json").exists()) {
+        return println!("skipped: no validation layer; `apt install vulkan-validationlayers` brings it");
+    }
+    let folder = std::env::temp_dir().join(format!("radar-chaperone-validation-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let watched = said_during("everything_but_the_hand_over", &folder);
+    let said = said_during("everything", &folder);
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(watched.contains("TRANSFER_SRC_OPTIMAL"), "the layer does not watch: {watched:?}");
+    assert!(said.trim().is_empty(), "{said}");
+}
