@@ -173,6 +173,7 @@ impl Snapshot {
         json!({
             "name": self.name,
             "time_ns": self.time_ns,
+            "tracking_from_world": pose_json(&self.standing_from_world),
             "size": self.size,
             "universe_id": self.universe_id,
             "tracking_from_head": pose_json(&self.standing_from_head),

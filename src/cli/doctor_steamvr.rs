@@ -28,7 +28,8 @@ fn tell_registration(findings: &mut Findings, place: &RuntimePlace) -> Result<()
     let registration = match Runtime::start(place, Role::Utility) {
         Ok(runtime) => runtime.registration(),
         Err(error) => {
-            return findings.warn("Manifest", &format!("SteamVR does not tell whether it starts this program: {error}"));
+            return findings
+                .warn("Manifest", &format!("SteamVR does not tell whether it starts this program: {error}"));
         }
     };
     match (&registration, registration_trouble(&registration)) {

@@ -14,13 +14,13 @@ pub struct Eye {
     turn: DQuat,
     /// Tangents of left, right, lower and upper edge.
     edges: [f64; 4],
-    pub picture: RgbaImage,
+    picture: RgbaImage,
 }
 
 impl Eye {
     /// Left and right eye of a shot.
-    pub fn both(folder: &Path, name: &str, shot: &Value) -> [Self; 2] {
-        ["left", "right"].map(|side| Self::of(folder, name, side, &shot[side]))
+    pub fn both(folder: &Path, name: &Path, shot: &Value) -> [Self; 2] {
+        ["left", "right"].map(|side| Self::of(folder, &name.to_string_lossy(), side, &shot[side]))
     }
 
     fn of(folder: &Path, name: &str, side: &str, eye: &Value) -> Self {
@@ -34,7 +34,7 @@ impl Eye {
     }
 
     /// Tangents right and up of where a place is seen; `None` behind the eye.
-    pub fn tangents(&self, place: DVec3) -> Option<DVec2> {
+    fn tangents(&self, place: DVec3) -> Option<DVec2> {
         let seen = self.turn.conjugate() * (place - self.place);
         (seen.z < -0.01).then(|| DVec2::new(seen.x / -seen.z, seen.y / -seen.z))
     }
@@ -53,16 +53,24 @@ impl Eye {
         self.tangents(place).map(|t| DVec3::new(t.x, t.y, -1.0).normalize())
     }
 
+    /// Mean angle to the right of these directions, weighed by their brightness.
+    pub fn mean_right_rad(&self, lit: &[(DVec3, i32)]) -> f64 {
+        let sum: DVec3 = lit.iter().map(|(at, weight)| *at * f64::from(*weight)).sum();
+        sum.x.atan2(-sum.z)
+    }
+
     /// How much brighter than the background each pixel is, with its direction; dark ones are left out.
     pub fn lit(&self) -> Vec<(DVec3, i32)> {
         let background = *self.picture.get_pixel(0, 0);
-        let over = |pixel: &image::Rgba<u8>| (0..3).map(|c| i32::from(pixel[c]) - i32::from(background[c])).max().unwrap_or(0);
+        let over =
+            |pixel: &image::Rgba<u8>| (0..3).map(|c| i32::from(pixel[c]) - i32::from(background[c])).max().unwrap_or(0);
         let pixels = self.picture.enumerate_pixels().map(|(x, y, pixel)| (x, y, over(pixel)));
         pixels.filter(|(.., over)| *over > LIT).map(|(x, y, over)| (self.direction_of(x, y), over)).collect()
     }
 }
 
-/// Mean direction, weighed.
-pub fn mean(directions: &[(DVec3, i32)]) -> DVec3 {
-    directions.iter().map(|(direction, weight)| *direction * f64::from(*weight)).sum::<DVec3>().normalize()
+/// How much further right the left eye sees a place than the right eye.
+pub fn disparity_rad(left: &Eye, right: &Eye, place: DVec3) -> f64 {
+    let right_rad = |eye: &Eye| eye.tangents(place).map_or(f64::NAN, |t| t.x.atan());
+    right_rad(left) - right_rad(right)
 }

@@ -1,1 +1,79 @@
-//! Under way.
+//! SteamVR's list of programs: installed, started by SteamVR, moved, uninstalled; and what `doctor` says of it.
+
+use std::fs;
+
+use serde_json::json;
+
+use crate::rig::Rig;
+
+const MANIFEST: &str = "home/.local/share/radar-chaperone/manifest.vrmanifest";
+
+#[test]
+fn installed_and_uninstalled() {
+    let mut rig = Rig::new("install");
+    rig.start_steamvr(&json!({}), false);
+    let before = rig.run(&["uninstall"]);
+    assert_eq!((before.code, before.out.contains("nothing to do")), (Some(0), true), "{before:?}");
+
+    let installed = rig.run(&["install", "--", "--port", "a b", "--preset", "c16"]);
+    assert_eq!(installed.code, Some(0), "{}", installed.err);
+    assert!(installed.out.contains("SteamVR starts it with the headset"), "{}", installed.out);
+    let manifest: serde_json::Value = serde_json::from_slice(&fs::read(rig.path(MANIFEST)).unwrap()).unwrap();
+    let application = &manifest["applications"][0];
+    assert_eq!(application["binary_path_linux"], env!("CARGO_BIN_EXE_radar-chaperone"));
+    assert_eq!(application["arguments"], "run --port \"a b\" --preset c16");
+    assert!(rig.run(&["install"]).code == Some(0), "again does no harm");
+    assert!(doctor(&rig).contains("SteamVR starts this program with the headset"));
+
+    let removed = rig.run(&["uninstall"]);
+    assert_eq!(removed.code, Some(0), "{}", removed.err);
+    assert!(!rig.path(MANIFEST).exists());
+    assert!(doctor(&rig).contains("SteamVR does not know this program"));
+}
+
+#[test]
+fn a_program_that_was_moved_is_noticed() {
+    let mut rig = Rig::new("moved");
+    rig.start_steamvr(&json!({}), false);
+    let copy = rig.path("copy");
+    fs::copy(env!("CARGO_BIN_EXE_radar-chaperone"), &copy).unwrap();
+    assert!(rig.command(&copy).arg("install").status().unwrap().success());
+    assert!(doctor(&rig).contains("another copy of this program"));
+    fs::remove_file(&copy).unwrap();
+    let said = doctor(&rig);
+    assert!(said.contains("mend") && said.contains("which is not there: `radar-chaperone install` mends it"), "{said}");
+    let program = rig.start_run(&[]);
+    rig.wait_for("its word", || program.err().contains("`radar-chaperone install` mends it").then_some(()));
+    assert_eq!(program.interrupt().code, Some(0));
+}
+
+#[test]
+fn steamvr_starts_it() {
+    let mut rig = Rig::new("autolaunch");
+    rig.start_steamvr(&json!({}), false);
+    assert_eq!(rig.run(&["install"]).code, Some(0));
+    rig.end_steamvr();
+    rig.start_steamvr_with(&json!({}), &["--autolaunch"]);
+    rig.wait_report("frames", |report| report["frames"].as_u64() > Some(20));
+    rig.end_steamvr();
+    let report = rig.wait_report("its end", |report| report["cleanup_s"].is_number());
+    assert_eq!(report["left_at_cleanup"], 0);
+}
+
+#[test]
+fn doctor_looks_at_headset_and_graphics() {
+    let mut rig = Rig::new("doctor");
+    assert!(doctor(&rig).contains("SteamVR is not installed"));
+    rig.start_steamvr(&json!({}), false);
+    let said = doctor(&rig);
+    for word in ["Stand-in headset", "90 frames a second", "the head is at 0.00, 1.60, 0.00 m", "play area"] {
+        assert!(said.contains(word), "{word} is not in: {said}");
+    }
+    assert!(said.contains("as SteamVR wants it") || said.contains("graphics"), "{said}");
+    rig.end_steamvr();
+    assert!(doctor(&rig).contains("SteamVR is not running"));
+}
+
+fn doctor(rig: &Rig) -> String {
+    rig.run(&["doctor"]).out
+}

@@ -73,18 +73,21 @@ impl Rig {
         command.args(arguments).stdout(log.try_clone().unwrap()).stderr(log).spawn().unwrap()
     }
 
-    /// Starts the stand-in; `configuration` is its own, `track` whether the head moves as the simulated sensor does.
+    /// Starts the stand-in; `configuration` is its own, `has_track`: the head moves as the simulated sensor does.
     pub fn start_steamvr(&mut self, configuration: &Value, has_track: bool) {
+        self.start_steamvr_with(configuration, if has_track { &["--track", "track.tum"] } else { &[] });
+    }
+
+    pub fn start_steamvr_with(&mut self, configuration: &Value, more: &[&str]) {
         fs::write(self.path("standin.json"), configuration.to_string()).unwrap();
         let _ = fs::remove_file(self.path("vr/report.json"));
-        let mut arguments = vec!["--dir", "vr", "--config", "standin.json"];
-        if has_track {
-            arguments.extend(["--track", "track.tum"]);
-        }
+        let arguments = [&["--dir", "vr", "--config", "standin.json"], more].concat();
         let server = examples().join("standin_server");
         assert!(server.is_file(), "{} is not built: cargo test builds it, --test alone does not", server.display());
         self.steamvr = Some(self.spawn(server, &arguments, "steamvr.log"));
-        self.wait_for("the stand-in", || fs::read_to_string(self.path("steamvr.log")).ok().filter(|log| !log.is_empty()));
+        self.wait_for("the stand-in", || {
+            fs::read_to_string(self.path("steamvr.log")).ok().filter(|log| !log.is_empty())
+        });
     }
 
     /// Ends it as a user does.
@@ -107,8 +110,18 @@ impl Rig {
     pub fn start_sensor(&mut self, scene: &str, motion: &str, seed: u64, duration_s: u32) {
         let (seed, duration) = (seed.to_string(), duration_s.to_string());
         let arguments = [
-            "simulate", scene, "--motion", motion, "--seed", &seed, "--duration-s", &duration, "--serve", "pty:sensor",
-            "--track-out", "track.tum",
+            "simulate",
+            scene,
+            "--motion",
+            motion,
+            "--seed",
+            &seed,
+            "--duration-s",
+            &duration,
+            "--serve",
+            "pty:sensor",
+            "--track-out",
+            "track.tum",
         ];
         self.sensor = Some(self.spawn(env!("CARGO_BIN_EXE_radar-chaperone"), &arguments, "sensor.log"));
         self.wait_for("the sensor", || self.path("sensor").exists().then_some(()));

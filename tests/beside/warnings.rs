@@ -1,42 +1,118 @@
 //! A person walks up to a chair in a furnished room, and away again.
 
-use glam::DVec3;
+use std::path::Path;
+
+use glam::{DVec2, DVec3};
 use radar_chaperone::radar::preset;
 use radar_chaperone::simulation::Scenario;
+use radar_chaperone::truth::TruthObstacle;
 use serde_json::{Value, json};
 
-use crate::eyes::{Eye, mean};
+use crate::eyes::{Eye, disparity_rad};
 use crate::rig::Rig;
+
+const SEED: u64 = 1;
+/// Looks at what the eyes see, one a second.
+const SHOTS: u32 = 14;
+/// The head is at the chair when it is nearer than this, and away from it when farther than that, metres.
+const THERE_M: f64 = 0.5;
+const AWAY_M: f64 = 1.7;
+
+/// One look.
+struct Look {
+    eyes: [Eye; 2],
+    /// From the head to the nearest part of the chair, along the floor, metres.
+    away_m: f64,
+    /// Brightness of the chair's panel; 0 without one.
+    alpha: f64,
+    /// Where that panel stands.
+    panel_m: Option<DVec3>,
+}
 
 #[test]
 fn the_chair_is_warned_of_in_both_eyes_where_it_is() {
     let mut rig = Rig::new("chair");
-    rig.start_sensor("furnished-room", "approach-chair", 1, 40);
-    let shots: Vec<Value> = (0..16).map(|i| json!({"at_s": 1.0 + f64::from(i), "do": "shot", "name": format!("{i}")})).collect();
+    rig.start_sensor("furnished-room", "approach-chair", SEED, 60);
+    let shots: Vec<Value> =
+        (1..=SHOTS).map(|second| json!({"at_s": second, "do": "shot", "name": second.to_string()})).collect();
     rig.start_steamvr(&json!({"events": shots}), true);
-    let program = rig.start_run(&["--report", "run.json"]);
-    let scenario = Scenario::new("furnished-room", "approach-chair", preset("d16").unwrap(), 1.0, 1);
-    let truth = scenario.run().unwrap().truth;
-    let chair = truth.obstacles.iter().find(|thing| thing.name == "chair").unwrap();
-    for i in 0..16 {
-        let name = format!("{i}");
-        let shot = rig.shot(&name);
-        let eyes = Eye::both(&rig.path("vr/shots"), &name, &shot);
-        let head = &shot["tracking_from_head"]["position_m"];
-        let head = DVec3::new(head[0].as_f64().unwrap(), head[1].as_f64().unwrap(), head[2].as_f64().unwrap());
-        let away = chair.points_m.iter().map(|p| (DVec3::new(p.x, 0.0, p.z) - DVec3::new(head.x, 0.0, head.z)).length()).fold(f64::INFINITY, f64::min);
-        println!("{i}: away {away:.2}");
-        for eye in &eyes {
-            let lit = eye.lit();
-            let seen: Vec<(DVec3, i32)> = chair.points_m.iter().filter_map(|p| eye.direction(*p)).map(|d| (d, 1)).collect();
-            if lit.is_empty() || seen.is_empty() { println!("   lit {} seen {}", lit.len(), seen.len()); continue }
-            let max = lit.iter().map(|l| l.1).max().unwrap();
-            let deg = |a: DVec3, b: DVec3| a.angle_between(b).to_degrees();
-            let near: Vec<f64> = seen.iter().map(|s| lit.iter().filter(|l| l.1 > max / 3).map(|l| deg(l.0, s.0)).fold(f64::INFINITY, f64::min)).collect();
-            println!("   lit {} max {max} means {:.1} deg apart; points to lit {:.1?}", lit.len(), deg(mean(&lit), mean(&seen)), near);
-        }
-        for o in shot["overlays"].as_array().unwrap() { println!("     {} {}", o["key"], o["alpha"]); }
+    let program = rig.start_run(&[]);
+    let chair = chair();
+    let looks: Vec<Look> = (1..=SHOTS).map(|second| look(&rig, &second.to_string(), &chair)).collect();
+    let ended = program.interrupt();
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+
+    let near: Vec<&Look> = looks.iter().filter(|look| look.away_m < THERE_M).collect();
+    assert!(near.len() >= 2, "the head never came near");
+    for look in &near {
+        assert!(look.alpha > 0.9, "dark at {:.2} m: {}", look.away_m, look.alpha);
+        let panel = look.panel_m.unwrap();
+        stands_where_the_chair_is(look, panel, &chair);
     }
-    println!("{:?}", program.interrupt());
-    println!("{:#}", rig.report());
+    let first_m = looks.iter().find(|look| look.alpha > 0.0).map(|look| look.away_m).unwrap();
+    println!("warned of from {first_m:.2} m on, by looks of one second");
+    // On the way back it grows darker, and goes.
+    let leaving: Vec<&Look> = looks.iter().skip_while(|look| look.away_m > THERE_M).collect();
+    let between = leaving.iter().find(|look| (0.55..1.3).contains(&look.away_m));
+    assert!(between.is_none_or(|look| look.alpha < 0.9), "as bright as near");
+    let gone = leaving.iter().filter(|look| look.away_m > AWAY_M);
+    assert!(gone.clone().count() > 0, "the head never went away");
+    gone.for_each(|look| assert_eq!(look.alpha, 0.0, "still there at {:.2} m", look.away_m));
+
+    let report = rig.report();
+    assert_eq!(report["violations"], json!({}));
+    assert_eq!(report["left_at_cleanup"], 0);
+    assert!(report["most_visible"].as_u64().unwrap() <= 8);
+}
+
+/// Within a degree, in both eyes, and as far away.
+fn stands_where_the_chair_is(look: &Look, panel: DVec3, chair: &TruthObstacle) {
+    let lit = look.eyes.each_ref().map(Eye::lit);
+    // The nearest parts: what the panel stands for. What lies behind them may be hidden from the radar.
+    let level = |v: DVec3| DVec2::new(v.x, v.z);
+    let mut parts = chair.points_m.clone();
+    parts.sort_by(|a, b| level(*a - panel).length().total_cmp(&level(*b - panel).length()));
+    for part in &parts[..2] {
+        for (eye, lit) in look.eyes.iter().zip(&lit) {
+            let seen = eye.direction(*part).unwrap();
+            let nearest = lit.iter().map(|(at, _)| at.angle_between(seen)).fold(f64::INFINITY, f64::min).to_degrees();
+            assert!(nearest < 1.0, "{part} is {nearest:.1} degrees from what is lit");
+        }
+    }
+    // The panel's own picture lies this much further right for the left eye than for the right one.
+    let [left, right] = &look.eyes;
+    let expected = disparity_rad(left, right, panel).to_degrees();
+    let around = |eye: &Eye, lit: &[(DVec3, i32)]| {
+        let middle = eye.direction(panel).unwrap();
+        let own: Vec<_> = lit.iter().filter(|(at, _)| at.angle_between(middle).to_degrees() < 12.0).copied().collect();
+        eye.mean_right_rad(&own)
+    };
+    let shown = (around(left, &lit[0]) - around(right, &lit[1])).to_degrees();
+    assert!(expected > 1.0 && (shown - expected).abs() < 1.0, "disparity {shown:.2} degrees, {expected:.2} expected");
+}
+
+/// Where the chair really is.
+fn chair() -> TruthObstacle {
+    let scenario = Scenario::new("furnished-room", "approach-chair", preset("d16").unwrap(), 0.5, SEED);
+    let truth = scenario.run().unwrap().truth;
+    truth.obstacles.into_iter().find(|thing| thing.name == "chair").unwrap()
+}
+
+fn look(rig: &Rig, name: &str, chair: &TruthObstacle) -> Look {
+    let shot = rig.shot(name);
+    let eyes = Eye::both(&rig.path("vr/shots"), Path::new(name), &shot);
+    let head = place(&shot["tracking_from_head"]);
+    let level = |v: DVec3| DVec2::new(v.x, v.z);
+    let to_chair = |at: DVec3| chair.points_m.iter().map(|p| level(*p - at).length()).fold(f64::INFINITY, f64::min);
+    let overlays = shot["overlays"].as_array().unwrap();
+    // Panels stand upright: what lies on the floor is a footprint.
+    let panels = overlays.iter().filter(|overlay| overlay["sort_order"] == 1);
+    let own = panels.map(|overlay| (place(&overlay["tracking_from_overlay"]), overlay["alpha"].as_f64().unwrap()));
+    let own = own.filter(|(at, _)| to_chair(*at) < 0.3).max_by(|a, b| a.1.total_cmp(&b.1));
+    Look { eyes, away_m: to_chair(head), alpha: own.map_or(0.0, |own| own.1), panel_m: own.map(|own| own.0) }
+}
+
+fn place(pose: &Value) -> DVec3 {
+    let [x, y, z] = [0, 1, 2].map(|i| pose["position_m"][i].as_f64().unwrap());
+    DVec3::new(x, y, z)
 }

@@ -12,11 +12,8 @@ use crate::engine::{Display, ProjectionMatrix, Settings};
 use crate::geometry::Pose;
 use crate::render::{EyeView, Quad, RenderError, Scenery, Window};
 use crate::steamvr::{EyeSide, HeadsetEye, Overlay, Runtime, SteamVrError, Universe};
-use crate::warning::{Warnings, Watch};
+use crate::warning::{Shape, Warnings, Watch};
 
-/// Sharpness of a window, pixels a metre and at most, for each eye.
-const WINDOW_PX_PER_M: f64 = 512.0;
-const WINDOW_MOST_PX: f64 = 1024.0;
 /// A picture over all of an eye's view: lines and discs need no more, pixels.
 const EYE_MOST_PX: u32 = 1024;
 /// Pictures of an eye kept alive after they were replaced.
@@ -164,9 +161,8 @@ struct Scene3d<'a> {
 }
 
 impl Scene3d<'_> {
-    fn with_scenery<T>(&self, draw: impl FnOnce(&Scenery) -> T) -> T {
-        let shapes = self.watch.shapes(self.warnings);
-        draw(&Scenery { quads: self.quads, shapes: &shapes, color: self.settings.warning.color })
+    fn scenery<'s>(&'s self, shapes: &'s [Shape]) -> Scenery<'s> {
+        Scenery { quads: self.quads, shapes, color: self.settings.warning.color }
     }
 }
 
@@ -178,16 +174,14 @@ fn windows(
     from: &Viewpoint,
 ) -> Result<Vec<Quad>, RenderError> {
     let eyes_m: [DVec3; 2] = eyes.map(|eye| (from.standing_from_head * eye.head_from_eye).translation);
-    let panels = scene.quads.iter().filter(|quad| !quad.on_floor && quad.alpha > 0.0);
-    let windows = Window::of_panels(scene.quads).into_iter().zip(panels).take(SLOTS);
-    let draw = |(window, panel): (Window, &Quad)| {
-        let pixels = |m: f64| (m * WINDOW_PX_PER_M).clamp(16.0, WINDOW_MOST_PX) as u32;
-        let half_px = [pixels(window.size_m.x), pixels(window.size_m.y)];
-        let texture = scene.with_scenery(|scenery| graphics.renderer.window(scenery, &window, eyes_m, half_px))?;
-        let (tracking_from_quad, size_m) = (window.tracking_from_window, window.size_m);
-        Ok(Quad { tracking_from_quad, size_m, alpha: 1.0, texture, ..panel.clone() })
+    let shapes = scene.watch.shapes(scene.warnings);
+    let scenery = scene.scenery(&shapes);
+    let draw = |window: Window| {
+        let texture = graphics.renderer.window(&scenery, &window, eyes_m, window.half_px())?;
+        let (tracking_from_quad, size_m, (kind, id)) = (window.tracking_from_window, window.size_m, window.key);
+        Ok(Quad { kind, id, on_floor: false, tracking_from_quad, size_m, alpha: 1.0, texture })
     };
-    windows.map(draw).collect()
+    Window::of_panels(&scenery, eyes_m).into_iter().take(SLOTS).map(draw).collect()
 }
 
 /// Shows all that an eye sees; gives the picture, to be kept.
@@ -205,7 +199,8 @@ fn project(
     let height_px = f64::from(EYE_MOST_PX) * (upper - lower) / (right - left);
     let size_px = [EYE_MOST_PX, height_px.round().clamp(16.0, 2.0 * f64::from(EYE_MOST_PX)) as u32];
     let view = EyeView { tracking_from_eye, tangents: eye.tangents, size_px };
-    let picture = scene.with_scenery(|scenery| graphics.renderer.eye(scenery, side, &view))?;
+    let shapes = scene.watch.shapes(scene.warnings);
+    let picture = graphics.renderer.eye(&scene.scenery(&shapes), side, &view)?;
     if let Some(texture) = graphics.device.handover(&picture) {
         overlay.set_texture(&texture)?;
     }
