@@ -3,7 +3,6 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use image::RgbaImage;
-use wgpu::util::DeviceExt;
 
 use super::error::RenderError;
 
@@ -80,9 +79,18 @@ impl Gpu {
         polled.map(|_| ()).map_err(device_error)
     }
 
-    /// A buffer that holds these bytes.
+    /// A buffer that holds these bytes, a multiple of four. Written by the queue: to map a new buffer of a lost device panics.
     pub fn buffer(&self, contents: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
-        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: contents.len() as u64,
+            usage: usage | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        if !contents.is_empty() {
+            self.queue.write_buffer(&buffer, 0, contents);
+        }
+        buffer
     }
 
     /// Whether a picture of this size can be made.

@@ -350,7 +350,10 @@ mod tests {
             assert!(drawn(renderer, &[dark], EYES).pixels().all(|p| p.0 == [0; 4]));
             let behind = EYES.map(|eye| eye - DVec3::Z * 2.0);
             let lit = ball(DVec3::new(0.0, 0.9, -1.3), 1.0);
-            assert!(drawn(renderer, &[lit.clone()], behind).pixels().all(|p| p.0 == [0; 4]), "eyes behind the window");
+            assert!(
+                drawn(renderer, std::slice::from_ref(&lit), behind).pixels().all(|p| p.0 == [0; 4]),
+                "eyes behind the window"
+            );
             let linear = |v: u8| (f64::from(v) / 255.0).powf(2.2);
             let picture = drawn(renderer, &[lit], EYES);
             assert!(picture.pixels().any(|p| p[2] > 50));
@@ -414,7 +417,7 @@ mod tests {
         with_renderer(|renderer| {
             let quads = renderer.quads(&a_panel(), &WarningSettings::default()).unwrap();
             let high = ball(DVec3::new(0.2, 1.3, -1.4), 1.0);
-            let scenery = Scenery { quads: &quads, shapes: &[high.clone()], color: [255; 3] };
+            let scenery = Scenery { quads: &quads, shapes: std::slice::from_ref(&high), color: [255; 3] };
             let at = |x: f64| Window::of_panels(&scenery, EYES.map(|eye| eye + DVec3::X * x))[0];
             for eye in EYES {
                 let pixel = at(0.0).view(eye, HALF_PX).unwrap().project(high.points_m[0]).unwrap();
