@@ -16,6 +16,7 @@ macro_rules! say {
 
 mod benchmark;
 mod board;
+mod calibrate;
 mod demo;
 mod doctor;
 mod doctor_steamvr;
@@ -66,6 +67,7 @@ enum Command {
     Record(record::Record),
     Replay(replay::Replay),
     Reconstruct(reconstruct::Reconstruct),
+    Calibrate(calibrate::Calibrate),
     Import(import::Import),
     Info(info::Info),
     Recover(recover::Recover),
@@ -96,6 +98,7 @@ pub fn run() -> ExitCode {
         Command::Record(command) => command.run(),
         Command::Replay(command) => command.run(),
         Command::Reconstruct(command) => command.run(),
+        Command::Calibrate(command) => command.run(),
         Command::Import(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Recover(command) => command.run(),

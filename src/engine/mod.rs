@@ -5,6 +5,7 @@
 
 mod pipeline;
 mod settings;
+mod synchronisation;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -18,6 +19,7 @@ pub use settings::{
     Display, HeadsetSettings, Mode, ProcessingSettings, ProjectionMatrix, RadarSettings, Settings, SettingsError,
     TrackingSettings,
 };
+pub use synchronisation::{OffsetWindow, RateOffset, StartLag, Synchronisation, SynchronisationError, synchronisation};
 
 /// Sweeps a second from which on blocks follow the phase: λ/4 a sweep at 0.5 m/s.
 const BLOCKS_FROM_SWEEPS_PER_S: f64 = 400.0;
@@ -74,6 +76,7 @@ pub struct Engine {
     reposed: u64,
     lost: u64,
     begun_again: u64,
+    is_deferred: bool,
 }
 
 impl Engine {
@@ -99,7 +102,23 @@ impl Engine {
             reposed: 0,
             lost: 0,
             begun_again: 0,
+            is_deferred: false,
         }
+    }
+
+    /// From now on sweeps are only taken; what they set off is left to [`work`](Self::work).
+    pub fn defer(&mut self) {
+        self.is_deferred = true;
+    }
+
+    /// Does a part of what the sweeps set off; false when nothing is left to do.
+    pub fn work(&mut self) -> bool {
+        self.rooms.work()
+    }
+
+    /// Whether [`work`](Self::work) has something to do.
+    pub fn has_work(&self) -> bool {
+        self.rooms.has_work()
     }
 
     /// How it searches.
@@ -127,6 +146,7 @@ impl Engine {
         self.newest_end_ns = Some(observation.end_ns());
         self.first_pose.get_or_insert(observation.tracking_from_sensor);
         match self.search {
+            Search::Rooms if self.is_deferred => self.rooms.take(observation),
             Search::Rooms => self.rooms.push(observation),
             Search::Reflectors => self.keep(observation),
         }
@@ -188,6 +208,7 @@ impl Engine {
             Search::Reflectors => self.kept.retain_mut(repose),
             Search::Rooms if change_s.abs() >= RUINOUS_S => {
                 self.rooms.begin_again(&mut repose);
+                while !self.is_deferred && self.rooms.work() {}
                 self.begun_again += 1;
             }
             Search::Rooms => {}

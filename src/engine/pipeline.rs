@@ -52,6 +52,8 @@ pub struct Pipeline {
     /// 1σ of the estimate that is in force; `None`: the settings' offset is.
     applied_sigma_s: Option<f64>,
     time_offset: TimeOffsetCounters,
+    is_deferred: bool,
+    is_estimate_due: bool,
 }
 
 /// Time between two noted places of the sensor, nanoseconds.
@@ -95,7 +97,34 @@ impl Pipeline {
             estimate: None,
             applied_sigma_s: None,
             time_offset: TimeOffsetCounters::default(),
+            is_deferred: false,
+            is_estimate_due: false,
         }
+    }
+
+    /// From now on poses and frames are only taken, so that the stream is never held up for long; what they set off is left
+    /// to [`work`](Self::work). The scene comes to the same, but for estimates of the time offset, which may come later.
+    pub fn defer(&mut self) {
+        self.is_deferred = true;
+        self.engine.defer();
+    }
+
+    /// Does a part of what poses and frames set off; false when nothing is left to do.
+    pub fn work(&mut self) -> bool {
+        if self.engine.work() {
+            return true;
+        }
+        let is_due = std::mem::take(&mut self.is_estimate_due);
+        if is_due {
+            self.estimate_time_offset();
+            self.schedule_estimate(self.observer.newest_pose_ns().unwrap_or(i64::MIN));
+        }
+        is_due
+    }
+
+    /// Whether [`work`](Self::work) has something to do.
+    pub fn has_work(&self) -> bool {
+        self.engine.has_work() || self.is_estimate_due
     }
 
     /// Takes a pose of the head.
@@ -108,14 +137,19 @@ impl Pipeline {
         if self.next_estimate_ns.is_none_or(|next_ns| now_ns >= next_ns) {
             // The first one has nothing to go by; a leap in time does not bring a burst of them.
             let first = self.next_estimate_ns.is_none();
-            if !first {
+            self.is_estimate_due |= self.is_deferred && !first;
+            if !first && !self.is_deferred {
                 self.estimate_time_offset();
             }
-            let settled = self.is_settled();
-            let next_ns = now_ns.saturating_add(if settled { SETTLED_ESTIMATE_NS } else { ESTIMATE_NS });
-            self.listen_from_ns = if settled { next_ns.saturating_sub(SETTLED_LISTEN_NS) } else { i64::MIN };
-            self.next_estimate_ns = Some(next_ns);
+            self.schedule_estimate(now_ns);
         }
+    }
+
+    fn schedule_estimate(&mut self, now_ns: i64) {
+        let settled = self.is_settled();
+        let next_ns = now_ns.saturating_add(if settled { SETTLED_ESTIMATE_NS } else { ESTIMATE_NS });
+        self.listen_from_ns = if settled { next_ns.saturating_sub(SETTLED_LISTEN_NS) } else { i64::MIN };
+        self.next_estimate_ns = Some(next_ns);
     }
 
     /// Takes a frame.

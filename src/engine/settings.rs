@@ -243,6 +243,7 @@ impl Settings {
             ("tracking.max_time_offset_sigma_s", tracking.max_time_offset_sigma_s, 0.0, 0.005),
             ("tracking.history.max_gap_s", tracking.history.max_gap_s, 0.001, 1.0),
             ("tracking.history.smoothing_window_s", tracking.history.smoothing_window_s, 0.0, 0.5),
+            ("tracking.history.max_ahead_s", tracking.history.max_ahead_s, 0.0, 0.5),
             ("tracking.errors.wander_m", tracking.errors.wander_m, 0.0, 1.0),
             ("tracking.errors.wander_s", tracking.errors.wander_s, 0.01, 1e4),
             ("tracking.errors.mount_m", tracking.errors.mount_m, 0.0, 1.0),

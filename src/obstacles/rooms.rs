@@ -1,5 +1,9 @@
 //! Obstacles in rooms: sweeps → blocks → scores → explaining away → sightings → obstacles and walls.
 //!
+//! What a block sets off is done in stages, so that a stream need not wait for all of it: a block's imaging, and of a look at
+//! the evidence the candidates, explaining away, the places. Whenever the stages are worked off, before the next block, the
+//! result is the same.
+//!
 //! The place that the block score finds is refined by `ls` over the sweeps that saw it, with the ranges of everything else
 //! that was explained left out; both are weighed by their covariances.
 
@@ -70,6 +74,19 @@ struct Place {
     covariance_m2: DMat3,
 }
 
+/// What is to be done next.
+#[derive(Debug)]
+enum Stage {
+    /// A block is imaged.
+    Image(Box<Block>),
+    /// A look begins: what may be there.
+    Candidates,
+    /// What is there.
+    Explain { planes: Vec<Plane>, peaks: Vec<DVec3> },
+    /// Where it is.
+    Places { walls: Vec<Explained<Plane>>, points: Vec<Explained<DVec3>> },
+}
+
 /// Searches a room.
 #[derive(Debug)]
 pub struct RoomSearch {
@@ -93,6 +110,11 @@ pub struct RoomSearch {
     places: BTreeMap<u64, (f64, Place)>,
     /// By wall: feet of the perpendiculars that it was seen at.
     feet: BTreeMap<u64, Aabb>,
+    /// The next stage of what the last block set off, and how many sweeps were taken since.
+    pending: Option<Stage>,
+    sweeps_since: usize,
+    /// Sweeps that are to be taken first, when the search began again.
+    backlog: VecDeque<Observation>,
     /// End of the newest sweep of the last look's blocks, host nanoseconds.
     evidence_ns: Option<i64>,
     counters: RoomCounters,
@@ -122,22 +144,23 @@ impl RoomSearch {
             walls: Sightings::default(),
             places: BTreeMap::new(),
             feet: BTreeMap::new(),
+            pending: None,
+            sweeps_since: 0,
+            backlog: VecDeque::new(),
             evidence_ns: None,
             counters: RoomCounters::default(),
             before: RoomCounters::default(),
         }
     }
 
-    /// Forgets everything but the sweeps of the window, which `keep` may change or drop, and searches those again.
+    /// Forgets everything but the sweeps of the window, which `keep` may change or drop; those are searched again by
+    /// [`work`](Self::work), before any that come.
     pub fn begin_again(&mut self, mut keep: impl FnMut(&mut Observation) -> bool) {
         let before = self.counters();
-        let sweeps = std::mem::take(&mut self.sweeps);
-        *self = Self { before, ..Self::new(self.settings, &self.beam, self.errors) };
-        for mut sweep in sweeps {
-            if keep(&mut sweep) {
-                self.push(sweep);
-            }
-        }
+        let mut backlog = std::mem::take(&mut self.sweeps);
+        backlog.append(&mut self.backlog);
+        backlog.retain_mut(|sweep| keep(sweep));
+        *self = Self { before, backlog, ..Self::new(self.settings, &self.beam, self.errors) };
     }
 
     /// What was done so far.
@@ -165,27 +188,78 @@ impl RoomSearch {
 
     /// Takes a sweep; images the block that it closes and, four times a second, looks at the evidence.
     pub fn push(&mut self, observation: Observation) {
+        self.take(observation);
+        while self.work() {}
+    }
+
+    /// Takes a sweep and leaves what it sets off to [`work`](Self::work).
+    pub fn take(&mut self, observation: Observation) {
+        match self.backlog.is_empty() {
+            true => self.take_next(observation),
+            false => self.backlog.push_back(observation),
+        }
+    }
+
+    fn take_next(&mut self, observation: Observation) {
         let settings = self.settings.blocks;
         self.sweeps.push_back(observation.clone());
+        self.sweeps_since += 1;
         let builder = self.builders.entry(observation.geometry.subsweep).or_insert_with(|| BlockBuilder::new(settings));
         if let Some(block) = builder.push(observation) {
-            // All of a block's parallel loops from within the pool: one hand-over instead of one for each loop.
-            rayon::scope(|_| self.take_block(block));
+            while self.work_on_block() {}
+            (self.pending, self.sweeps_since) = (Some(Stage::Image(Box::new(block))), 0);
         }
+    }
+
+    /// Does a part of what is to be done; false when nothing is.
+    pub fn work(&mut self) -> bool {
+        while self.pending.is_none()
+            && let Some(sweep) = self.backlog.pop_front()
+        {
+            self.take_next(sweep);
+        }
+        self.work_on_block()
+    }
+
+    /// Does the next stage of what the last block set off; false when there is none.
+    fn work_on_block(&mut self) -> bool {
+        let Some(stage) = self.pending.take() else { return false };
+        // All of a stage's parallel loops from within the pool: one hand-over instead of one for each loop.
+        self.pending = rayon::scope(|_| self.done(stage));
+        true
+    }
+
+    /// Whether [`work`](Self::work) has something to do.
+    pub fn has_work(&self) -> bool {
+        self.pending.is_some() || !self.backlog.is_empty()
     }
 
     /// Images what is left and looks at the evidence a last time.
     pub fn finish(&mut self) {
+        while self.work() {}
         let last: Vec<Block> = self.builders.values_mut().filter_map(BlockBuilder::close).collect();
-        for block in last {
-            self.take_block(block);
-        }
-        if !self.window.is_empty() {
-            self.look();
+        let last_stages = last.into_iter().map(|block| Stage::Image(Box::new(block)));
+        for stage in last_stages.chain([Stage::Candidates]) {
+            self.pending = Some(stage);
+            while self.work_on_block() {}
         }
     }
 
-    fn take_block(&mut self, block: Block) {
+    /// Does a stage and gives the next.
+    fn done(&mut self, stage: Stage) -> Option<Stage> {
+        match stage {
+            Stage::Image(block) => self.take_block(*block).then_some(Stage::Candidates),
+            Stage::Candidates => self.candidates(),
+            Stage::Explain { planes, peaks } => Some(self.explain(&planes, &peaks)),
+            Stage::Places { walls, points } => {
+                self.find_places(&walls, &points);
+                None
+            }
+        }
+    }
+
+    /// Images a block; says whether it is time for a look.
+    fn take_block(&mut self, block: Block) -> bool {
         self.counters.blocks += 1;
         self.middle.get_or_insert(block.middle.translation);
         self.field.add(&block);
@@ -200,44 +274,54 @@ impl RoomSearch {
         while self.sweeps.front().is_some_and(|o| o.mid_time_ns < since_ns) {
             self.sweeps.pop_front();
         }
-        if now_ns >= *self.next_update_ns.get_or_insert(now_ns) {
+        let is_due = now_ns >= *self.next_update_ns.get_or_insert(now_ns);
+        if is_due {
             self.next_update_ns = Some(now_ns + UPDATE_NS);
-            self.look();
         }
+        is_due
     }
 
     fn window_ns(&self) -> i64 {
         (self.settings.explain.window_s * 1e9) as i64
     }
 
-    /// One look: candidates, explaining away, sightings, refinement.
-    fn look(&mut self) {
+    /// A look begins: planes and places that may be there.
+    fn candidates(&mut self) -> Option<Stage> {
+        let since_ns = self.window.back()?.mid_time_ns - self.window_ns();
         self.counters.looks += 1;
-        let Some(newest) = self.window.back() else { return };
-        let now_ns = newest.mid_time_ns;
-        self.evidence_ns = Some(newest.end_ns);
-        let since_ns = now_ns - self.window_ns();
         let explain = self.settings.explain;
         let planes = self.planes.peaks(explain.plane_min_score, explain.plane_min_blocks, since_ns);
         let planes: Vec<Plane> = planes.iter().map(|p| p.plane).collect();
         let peaks = self.field.peaks(explain.min_candidate_score, PEAK_RADIUS_M, since_ns);
         let peaks: Vec<DVec3> = peaks.iter().take(explain.max_candidates).map(|p| p.position_m).collect();
+        Some(Stage::Explain { planes, peaks })
+    }
+
+    /// Explains the window's blocks, and takes the sightings.
+    fn explain(&mut self, planes: &[Plane], peaks: &[DVec3]) -> Stage {
+        let explain = self.settings.explain;
         let (blocks, memory) = (&self.settings.blocks, &mut self.view_memory);
         let mut window = Window::new(self.window.iter(), &explain, blocks, self.min_cos, memory);
         // What is known claims before anything new does.
         let known_walls: Vec<Plane> = self.walls.confirmed().map(|w| w.thing).collect();
         let known_points: Vec<DVec3> = self.points.confirmed().map(|p| p.thing).collect();
         let known = window.explain(&known_walls, &known_points);
-        let new = window.explain(&planes, &peaks);
+        let new = window.explain(planes, peaks);
         let walls = [known.planes, new.planes].concat();
         let points = [known.places, new.places].concat();
         drop(window);
         let map = self.settings.map;
         self.walls.update(&walls, &map, same_plane(self.middle.unwrap_or(DVec3::ZERO)));
         self.points.update(&points, &map, same_place(map.match_m));
-        self.look_finely(&points);
+        Stage::Places { walls, points }
+    }
+
+    /// The look ends: where things are.
+    fn find_places(&mut self, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) {
+        self.look_finely(points);
         self.note_feet();
-        self.refine_new(&walls, &points);
+        self.refine_new(walls, points);
+        self.evidence_ns = self.window.back().map(|block| block.end_ns);
     }
 
     /// Keeps the fine field around what is known and around what may soon be: places that were believed and are determined.
@@ -297,7 +381,8 @@ impl RoomSearch {
 
     fn refined_by_ls(&self, at: DVec3, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) -> Option<Refined> {
         let sees = |o: &&Observation| self.settings.blocks.sees(&o.tracking_from_sensor, self.min_cos, at);
-        let seen: Vec<&Observation> = self.sweeps.iter().filter(sees).collect();
+        let sweeps = self.sweeps.iter().take(self.sweeps.len() - self.sweeps_since.min(self.sweeps.len()));
+        let seen: Vec<&Observation> = sweeps.filter(sees).collect();
         let positions: Vec<DVec3> = seen.iter().map(|o| o.tracking_from_sensor.translation).collect();
         let chosen: Vec<Observation> =
             farthest_points(&positions, REFINE_SWEEPS).into_iter().map(|n| seen[n].clone()).collect();

@@ -21,6 +21,7 @@ mod point_cloud;
 mod room_map;
 mod score;
 mod style;
+mod synchronisation;
 mod text_table;
 mod views;
 
@@ -39,3 +40,4 @@ pub use ply::{ply_bytes, write_ply};
 pub use point_cloud::{point_cloud, points_above};
 pub use room_map::{RoomMap, room_map};
 pub use score::{Limits, ObstacleScore, Score, Verdict, score, verdict};
+pub use synchronisation::{OffsetMark, OffsetSpan, SynchronisationPlot, synchronisation_plot};

@@ -17,12 +17,26 @@ pub struct HistorySettings {
     pub max_gap_s: f64,
     /// Width of the local cubic fit that smooths the path, seconds; 0 joins neighbours by straight lines.
     pub smoothing_window_s: f64,
+    /// How long after a sweep its poses may come, seconds: the fit takes no later ones, but for the next. Half the window is
+    /// as good as any more; less has sweeps earlier and less smooth.
+    pub max_ahead_s: f64,
 }
 
 impl Default for HistorySettings {
     /// 50 ms are four to six frames of a headset; 92 ms are eleven poses at 120 Hz.
     fn default() -> Self {
-        Self { max_gap_s: 0.05, smoothing_window_s: 0.092 }
+        Self { max_gap_s: 0.05, smoothing_window_s: 0.092, max_ahead_s: 0.046 }
+    }
+}
+
+/// Least time after a sweep that poses are waited for where the settings allow it, seconds.
+const LEAST_AHEAD_S: f64 = 0.02;
+
+impl HistorySettings {
+    /// So long after a time no pose changes the path there any more, but for the next one, nanoseconds.
+    pub(super) fn ahead_ns(&self) -> i64 {
+        let ahead_s = (self.smoothing_window_s * 0.5).max(LEAST_AHEAD_S).min(self.max_ahead_s);
+        (ahead_s * 1e9).round() as i64
     }
 }
 
@@ -160,7 +174,7 @@ impl PoseHistory {
         }
         while last + 1 < self.entries.len()
             && self.joined(last + 1).is_ok()
-            && self.entries[last + 1].time_ns - time_ns <= half_ns
+            && self.entries[last + 1].time_ns - time_ns <= half_ns.min(self.settings.ahead_ns())
         {
             last += 1;
         }
@@ -228,6 +242,27 @@ mod tests {
 
     fn pose(x: f64, yaw: f64) -> Pose {
         Pose::new(DVec3::new(x, 1.6, 0.0), DQuat::from_rotation_y(yaw))
+    }
+
+    #[test]
+    fn poses_beyond_what_is_waited_for_change_nothing() {
+        let mut at = Vec::new();
+        for max_ahead_s in [0.0, 0.012, 0.046] {
+            let settings = HistorySettings { max_ahead_s, ..Default::default() };
+            let mut history = PoseHistory::new(settings);
+            let x = |i: i64| 0.1 * (i as f64 * 0.2).sin() + if i % 2 == 0 { 1e-3 } else { 0.0 };
+            let mut seen = None;
+            for i in 0..30i64 {
+                history.push(&PoseSample::valid(i * 8 * MS, &pose(x(i), 0.0))).unwrap();
+                let complete = i * 8 * MS - settings.ahead_ns() >= 101 * MS;
+                if complete {
+                    let now = history.at(101 * MS).unwrap().tracking_from_head.translation;
+                    assert_eq!(*seen.get_or_insert(now), now, "{max_ahead_s}");
+                }
+            }
+            at.push(seen.unwrap().x);
+        }
+        assert!(at[0] != at[1] && at[1] != at[2] && at.iter().all(|x| (x - at[2]).abs() < 3e-3), "{at:?}");
     }
 
     fn history(smoothing_window_s: f64) -> PoseHistory {

@@ -1,6 +1,6 @@
 //! Joins the two streams: frames and poses in, observations out.
 //!
-//! A frame waits until the poses around its sweeps are there (half the smoothing window past its end), then each sweep
+//! A frame waits until the poses around its sweeps are there (half the smoothing window past its end, or less by the settings), then each sweep
 //! gets the sensor's pose at its own time: pose time = sweep time + time offset. A frame that has waited behind 256 others
 //! makes do with the poses at hand. Frames that never get poses are counted.
 
@@ -247,9 +247,7 @@ impl Observer {
 
     /// Time of the pose stream up to which no later pose will change the path.
     fn complete_until_ns(&self) -> Option<i64> {
-        // Neighbours up to the allowed gap may still be to come.
-        let ahead_ns = ((self.settings.history.smoothing_window_s * 0.5).max(0.02) * 1e9) as i64;
-        Some(self.history.last_time_ns()?.saturating_sub(ahead_ns))
+        Some(self.history.last_time_ns()?.saturating_sub(self.settings.history.ahead_ns()))
     }
 
     fn offset_ns(&self) -> i64 {

@@ -5,6 +5,7 @@ mod arguments;
 mod bad_content;
 mod bad_files;
 mod benchmark;
+mod calibrate;
 #[path = "../common/mod.rs"]
 mod common;
 mod faults;

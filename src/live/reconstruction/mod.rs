@@ -14,7 +14,7 @@ use std::thread::{Builder, JoinHandle};
 
 use super::queue::{Feeder, Queue};
 use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
-use crate::engine::{Counters, Pipeline, Settings};
+use crate::engine::{Counters, Settings};
 use crate::geometry::Pose;
 use crate::obstacles::Scene;
 use crate::radar::{Frame, SensorConfig};
@@ -26,7 +26,7 @@ const FRAMES: usize = 0;
 const POSES: usize = 1;
 
 /// How the reconstruction is run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReconstructionOptions {
     /// Threads of its pool; `None`: the processors but one, and at least one.
     pub threads: Option<usize>,
@@ -36,12 +36,15 @@ pub struct ReconstructionOptions {
     pub max_frames: usize,
     /// Poses that wait at most; the same.
     pub max_poses: usize,
+    /// How long after a sweep its poses may come, seconds, where the settings would wait longer: see
+    /// [`HistorySettings::max_ahead_s`](crate::tracking::HistorySettings::max_ahead_s).
+    pub max_ahead_s: f64,
 }
 
 impl Default for ReconstructionOptions {
-    /// Some four seconds of the default preset and of poses.
+    /// Some four seconds of the default preset and of poses; sweeps wait for the next pose alone.
     fn default() -> Self {
-        Self { threads: None, nice: 5, max_frames: 256, max_poses: 1024 }
+        Self { threads: None, nice: 5, max_frames: 256, max_poses: 1024, max_ahead_s: 0.0 }
     }
 }
 
@@ -103,13 +106,13 @@ pub struct ReconstructionCounters {
     pub published: u64,
     /// Scenes among it.
     pub scenes: u64,
-    /// From a frame's arrival until its sweeps are worked off and that is published: the wait for the pose after them, for
-    /// the work before them, and their own.
+    /// From a frame's arrival until its sweeps have their poses and are part of the search, and that is published: the wait for
+    /// the pose after them and for the work before them.
     pub worked_off: LatencyReport,
     /// From a frame's end to the first published scene that rests on it: evidence is taken in by blocks and looked at four times
     /// a second, so this is bounded by a block's length and the time between two looks, on top of the above.
     pub evidence_age: LatencyReport,
-    /// What one frame or pose set off.
+    /// How long a frame or pose, or a part of what they set off, kept the next from being taken.
     pub step: LatencyReport,
     /// Processor time of all its threads, seconds.
     pub cpu_s: f64,
@@ -161,11 +164,14 @@ impl Reconstruction {
         settings: &Settings,
         options: &ReconstructionOptions,
     ) -> Result<Self, ReconstructionError> {
-        let pipeline = Pipeline::new(config, head_from_sensor, settings);
+        let mut settings = settings.clone();
+        let history = &mut settings.tracking.history;
+        history.max_ahead_s = history.max_ahead_s.min(options.max_ahead_s);
+        let begin = Begin { config: config.clone(), head_from_sensor: *head_from_sensor, settings };
+        let pipeline = begin.pipeline();
         let shared = Arc::new(Shared::new(pipeline.counters()));
         let queue = Arc::new(Queue::new([options.max_frames, options.max_poses]));
         let pool = pool(options)?;
-        let begin = Begin { config: config.clone(), head_from_sensor: *head_from_sensor, settings: settings.clone() };
         let worker = Worker::new(pipeline, begin, Arc::clone(&shared), Arc::clone(&queue));
         let (told, nice) = (Arc::clone(&shared), options.nice);
         let run = move || {
@@ -318,6 +324,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::Pipeline;
     use crate::radar::preset;
 
     #[test]

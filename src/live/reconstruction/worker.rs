@@ -28,6 +28,15 @@ pub(super) struct Begin {
     pub settings: Settings,
 }
 
+impl Begin {
+    /// A fresh one, whose work waits until nothing else does.
+    pub fn pipeline(&self) -> Pipeline {
+        let mut pipeline = Pipeline::new(&self.config, &self.head_from_sensor, &self.settings);
+        pipeline.defer();
+        pipeline
+    }
+}
+
 /// What the thread owns.
 pub(super) struct Worker {
     pipeline: Pipeline,
@@ -71,11 +80,12 @@ impl Worker {
     /// Works until asked to stop, or until nothing comes any more. To be called inside the pool.
     pub fn run(mut self) {
         while !self.shared.stop.load(Ordering::SeqCst) && !self.is_late() {
-            let received = self.queue.receive(TURN);
+            // What came goes before what it set off: a look at the evidence holds up no sweep.
+            let received = self.queue.receive(if self.pipeline.has_work() { Duration::ZERO } else { TURN });
             self.heed_epoch();
             match received {
                 Received::Event(input) => self.take(input),
-                Received::TimedOut => {}
+                Received::TimedOut => self.work(),
                 Received::Over => break,
             }
             self.count(COUNT_NS);
@@ -99,8 +109,7 @@ impl Worker {
             return;
         }
         self.epoch = epoch;
-        let Begin { config, head_from_sensor, settings } = &self.begin;
-        self.pipeline = Pipeline::new(config, head_from_sensor, settings);
+        self.pipeline = self.begin.pipeline();
         self.freshness.forget();
         self.evidence_ns = None;
         self.hand_over(Published { number: self.published.number, ..Published::nothing(epoch) });
@@ -116,6 +125,15 @@ impl Worker {
         self.freshness.without_pose(self.without_pose() - without_pose);
         self.publish(false);
         self.step.push(now_ns().saturating_sub(begin_ns));
+    }
+
+    /// A part of what was set off.
+    fn work(&mut self) {
+        let begin_ns = now_ns();
+        if self.pipeline.work() {
+            self.publish(false);
+            self.step.push(now_ns().saturating_sub(begin_ns));
+        }
     }
 
     fn take_frame(&mut self, frame: Frame, arrived_ns: i64) {

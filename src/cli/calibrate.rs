@@ -1,0 +1,135 @@
+//! `radar-chaperone calibrate FILE [--out DIR]`: the time between poses and sweeps of a recording.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::Args;
+
+use super::files::{SettingsArguments, read_streams};
+use super::progress;
+use crate::engine::{OffsetWindow, Synchronisation, synchronisation};
+use crate::report::{OffsetSpan, SynchronisationPlot, Table, synchronisation_plot, write_atomically};
+
+/// Enlarged in the figure: from so long before the first window to its end and as long after, seconds.
+const ENLARGED_S: f64 = 0.5;
+
+/// Tells the time between poses and sweeps of a recording, at its start and later
+///
+/// Move the sensor towards a strong reflector and back, several times, beginning at rest. The offset is told over the whole
+/// recording, over the first two seconds of motion and over the rest window by window, by ranges and phases and, as a check,
+/// by rates of change. With --out writes calibration.json and synchronisation.png there. Where a motion does not tell the
+/// offset, this says so.
+#[derive(Debug, Args)]
+pub(super) struct Calibrate {
+    /// Recording (.mcap)
+    file: PathBuf,
+    /// Folder for calibration.json and the figure
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    settings: SettingsArguments,
+}
+
+impl Calibrate {
+    pub fn run(&self) -> Result<()> {
+        let spinner = progress::spinner("reading and comparing");
+        let (recording, frames, poses) = read_streams(&self.file)?;
+        let header = recording.header();
+        let settings = self.settings.over(&header.settings)?;
+        let trial = synchronisation(&header.config, &header.head_from_sensor, &settings, &frames, &poses)
+            .with_context(|| self.file.display().to_string())?;
+        spinner.finish_and_clear();
+        say!("{}", told(&trial).trim_end())?;
+        if let Some(out) = &self.out {
+            let json = serde_json::to_vec_pretty(&trial)?;
+            write_atomically(&out.join("calibration.json"), &json)?;
+            let title = format!("Poses and radar over time: {}", header.source);
+            figure(&trial, &title).write(&out.join("synchronisation.png"))?;
+            say!("\nWritten to {}", out.display())?;
+        }
+        Ok(())
+    }
+}
+
+fn figure(trial: &Synchronisation, title: &str) -> crate::report::Picture {
+    let observed = |w: &OffsetWindow| w.estimate.filter(|e| e.observable).map(|e| (e.offset_s, e.sigma_s));
+    let span = |w: &OffsetWindow| OffsetSpan {
+        span_s: [w.from_s, w.to_s],
+        by_phases: observed(w),
+        by_rates: w.by_rates.map(|r| (r.offset_s, r.sigma_s)),
+    };
+    let offsets: Vec<OffsetSpan> = trial.windows.iter().map(span).collect();
+    let first_s = trial.windows.first().map_or([0.0, 1.0], |first| [first.from_s, first.to_s]);
+    synchronisation_plot(&SynchronisationPlot {
+        title,
+        radar_m: &trial.radar_range_m,
+        poses_m: &trial.pose_range_m,
+        offset_s: observed(&trial.whole).map(|(offset_s, _)| offset_s),
+        offsets: &offsets,
+        enlarged_s: [(first_s[0] - ENLARGED_S).max(0.0), first_s[1] + ENLARGED_S],
+    })
+}
+
+/// What a person reads.
+fn told(trial: &Synchronisation) -> String {
+    let p = trial.reflector_m;
+    let mut text = format!(
+        "Reflector at ({:.3}, {:.3}, {:.3}) m, its range read {} times\n\n",
+        p.x,
+        p.y,
+        p.z,
+        trial.radar_range_m.len()
+    );
+    text += &table(trial).aligned();
+    text += "\nOffset: time of a sweep's pose minus time of the sweep, as stamped.\n";
+    text += &verdict(trial);
+    text
+}
+
+fn table(trial: &Synchronisation) -> Table {
+    let names = ["first 2 s of motion".to_owned()].into_iter().chain(std::iter::repeat(String::new()));
+    let windows = names.zip(&trial.windows);
+    let rows =
+        std::iter::once(("whole".to_owned(), &trial.whole)).chain(windows).map(|(name, window)| row(&name, window));
+    let head = ["", "from s", "to s", "offset ms", "1σ ms", "tracks", "by rates ms", "1σ ms", "correlation"];
+    Table { head: head.map(String::from).to_vec(), rows: rows.collect(), caption: String::new() }
+}
+
+fn row(name: &str, window: &OffsetWindow) -> Vec<String> {
+    let ms = |s: f64| format!("{:+.2}", s * 1e3);
+    let sigma_ms = |s: f64| format!("{:.2}", s * 1e3);
+    let estimate = window.estimate.filter(|e| e.observable);
+    let estimate =
+        estimate.map_or(["–"; 3].map(String::from), |e| [ms(e.offset_s), sigma_ms(e.sigma_s), e.tracks.to_string()]);
+    let rates = window.by_rates.map_or(["–"; 3].map(String::from), |r| {
+        [ms(r.offset_s), sigma_ms(r.sigma_s), format!("{:.3}", r.correlation)]
+    });
+    let span = [name.to_owned(), format!("{:.1}", window.from_s), format!("{:.1}", window.to_s)];
+    span.into_iter().chain(estimate).chain(rates).collect()
+}
+
+fn verdict(trial: &Synchronisation) -> String {
+    let mut text = match trial.whole.estimate {
+        Some(e) if e.observable => {
+            let change = format!("--set tracking.time_offset_s={:.5}", e.offset_s);
+            let away = (e.offset_s - trial.set_offset_s).abs() > (3.0 * e.sigma_s).max(0.5e-3);
+            let advice = if away { format!("; {change} sets it") } else { "; as it is set".to_owned() };
+            format!("Offset     {:+.2} ± {:.2} ms{advice}\n", e.offset_s * 1e3, e.sigma_s * 1e3)
+        }
+        _ => "Offset     not observable: this motion does not tell it from depth\n".to_owned(),
+    };
+    text += &match trial.start_lag {
+        Some(lag) => format!(
+            "At start   {:+.2} ± {:.2} ms against the rest: {}\n",
+            lag.lag_s * 1e3,
+            lag.sigma_s * 1e3,
+            if lag.is_significant { "a LAG in the first seconds" } else { "no lag" }
+        ),
+        None => "At start   not observable\n".to_owned(),
+    };
+    text += &format!("Residual   radar minus poses {:.1} mm rms as set", trial.rms_as_set_m * 1e3);
+    if let Some(rms_m) = trial.rms_corrected_m {
+        text += &format!(", {:.1} mm with the offset found", rms_m * 1e3);
+    }
+    text + "\n"
+}

@@ -1,0 +1,154 @@
+//! The offset by how fast two distances change: where their rates correlate best.
+//!
+//! Rates are slopes of straight lines over a tenth of a second, the same for both, so that what the slopes smooth cancels. A
+//! reflector that is a little elsewhere than thought changes the rates little, and a constant error of range not at all.
+
+use super::RateOffset;
+use super::ranges::value_at;
+
+/// A slope is told from what lies within this, nanoseconds.
+const HALF_NS: i64 = 50_000_000;
+/// Entries that a slope needs, and how much of the time they must span.
+const LEAST_ENTRIES: usize = 4;
+const LEAST_SPAN_NS: i64 = HALF_NS;
+/// Offsets are tried this far to both sides, in these steps, nanoseconds.
+const REACH_NS: i64 = 1_000_000_000;
+const STEP_NS: i64 = 2_000_000;
+/// Share of a window's rates that must have one of the other series.
+const LEAST_SHARE: f64 = 0.6;
+/// Rates fewer or slower than this, rms, say nothing, m/s.
+const LEAST_RATES: usize = 30;
+const LEAST_RATE_M_PER_S: f64 = 0.05;
+/// Rates that correlate less say nothing.
+const LEAST_CORRELATION: f64 = 0.5;
+
+/// Rates of a distance over time: nanoseconds, m/s.
+pub(super) struct RateSeries(Vec<(i64, f64)>);
+
+impl RateSeries {
+    pub fn of(series: &[(i64, f64)]) -> Self {
+        let (mut first, mut end) = (0, 0);
+        let slope_at = |(time_ns, _): &(i64, f64)| {
+            first += series[first..].partition_point(|(t, _)| *t < time_ns - HALF_NS);
+            end = end.max(first) + series[end.max(first)..].partition_point(|(t, _)| *t <= time_ns + HALF_NS);
+            slope(&series[first..end])
+        };
+        Self(series.iter().filter_map(slope_at).collect())
+    }
+}
+
+/// Slope of the line through entries, at their mean time.
+fn slope(entries: &[(i64, f64)]) -> Option<(i64, f64)> {
+    let (first, last) = (entries.first()?, entries.last()?);
+    if entries.len() < LEAST_ENTRIES || last.0 - first.0 < LEAST_SPAN_NS {
+        return None;
+    }
+    let count = entries.len() as f64;
+    let mean_ns = entries.iter().map(|(t, _)| t - first.0).sum::<i64>() / entries.len() as i64;
+    let mean = entries.iter().map(|(_, value)| value).sum::<f64>() / count;
+    let time_s = |t: i64| (t - first.0 - mean_ns) as f64 * 1e-9;
+    let above: f64 = entries.iter().map(|(t, value)| time_s(*t) * (value - mean)).sum();
+    let below: f64 = entries.iter().map(|(t, _)| time_s(*t).powi(2)).sum();
+    (below > 0.0).then(|| (first.0 + mean_ns, above / below))
+}
+
+/// How much later the poses' rates come than the radar's, of the radar's rates from and to a time.
+pub(super) fn correlated(
+    radar: &RateSeries,
+    poses: &RateSeries,
+    (from_ns, to_ns): (i64, i64),
+    middle_s: f64,
+) -> Option<RateOffset> {
+    let first = radar.0.partition_point(|(t, _)| *t < from_ns);
+    let end = radar.0.partition_point(|(t, _)| *t <= to_ns);
+    let window = radar.0.get(first..end)?;
+    let moving = window.iter().map(|(_, rate)| rate * rate).sum::<f64>() / window.len().max(1) as f64;
+    if window.len() < LEAST_RATES || moving.sqrt() < LEAST_RATE_M_PER_S {
+        return None;
+    }
+    let middle_ns = (middle_s * 1e9).round() as i64;
+    let at = |step: i64| middle_ns + step * STEP_NS;
+    let steps = REACH_NS / STEP_NS;
+    let tried: Vec<f64> = (-steps..=steps).map(|step| correlation(window, poses, at(step))).collect();
+    let best = (0..tried.len()).max_by(|&a, &b| tried[a].total_cmp(&tried[b]))?;
+    if tried[best] < LEAST_CORRELATION || best == 0 || best + 1 == tried.len() {
+        return None;
+    }
+    let [a, b, c] = [tried[best - 1], tried[best], tried[best + 1]];
+    let vertex = if a.min(c) >= 0.0 { (0.5 * (c - a) / (2.0 * b - a - c)).clamp(-1.0, 1.0) } else { 0.0 };
+    let offset_ns = at(best as i64 - steps) + (vertex * STEP_NS as f64).round() as i64;
+    Some(RateOffset { offset_s: offset_ns as f64 * 1e-9, sigma_s: sigma_s(window, poses, offset_ns), correlation: b })
+}
+
+/// Pairs of a radar's rate and the poses' that much later.
+fn pairs<'a>(
+    window: &'a [(i64, f64)],
+    poses: &'a RateSeries,
+    offset_ns: i64,
+) -> impl Iterator<Item = (i64, f64, f64)> + 'a {
+    window.iter().filter_map(move |(t, rate)| Some((*t, *rate, value_at(&poses.0, t.saturating_add(offset_ns))?)))
+}
+
+/// Of −1 to 1; −1 when too few meet.
+fn correlation(window: &[(i64, f64)], poses: &RateSeries, offset_ns: i64) -> f64 {
+    let (mut count, mut both, mut ours, mut theirs) = (0.0, 0.0, 0.0, 0.0);
+    for (_, rate, other) in pairs(window, poses, offset_ns) {
+        count += 1.0;
+        both += rate * other;
+        ours += rate * rate;
+        theirs += other * other;
+    }
+    let correlation = both / (ours * theirs).sqrt();
+    if count >= LEAST_SHARE * window.len() as f64 && correlation.is_finite() { correlation } else { -1.0 }
+}
+
+/// What the misfit of the rates makes of the offset: neighbours within a slope's time are one.
+fn sigma_s(window: &[(i64, f64)], poses: &RateSeries, offset_ns: i64) -> f64 {
+    let step_ns = HALF_NS / 5;
+    let (mut count, mut misfit, mut steep) = (0.0, 0.0, 0.0);
+    for (t, rate, other) in pairs(window, poses, offset_ns) {
+        let near = |by_ns: i64| value_at(&poses.0, t.saturating_add(offset_ns).saturating_add(by_ns));
+        let (Some(before), Some(after)) = (near(-step_ns), near(step_ns)) else { continue };
+        count += 1.0;
+        misfit += (rate - other).powi(2);
+        steep += ((after - before) / (2.0 * step_ns as f64 * 1e-9)).powi(2);
+    }
+    let span_s = window.last().zip(window.first()).map_or(0.0, |(last, first)| (last.0 - first.0) as f64 * 1e-9);
+    let independent = (span_s / (2.0 * HALF_NS as f64 * 1e-9)).clamp(1.0, f64::max(count, 1.0));
+    (misfit / steep.max(1e-12) / independent).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A distance every `step_ms`, read this much later than it was.
+    fn series(step_ms: f64, late_s: f64) -> Vec<(i64, f64)> {
+        let distance = |t: f64| 0.8 + 0.2 * (3.1 * t).sin() + 0.1 * (5.3 * t + 1.0).cos();
+        (0..(6000.0 / step_ms) as i64)
+            .map(|n| n as f64 * step_ms * 1e-3)
+            .map(|t| ((t * 1e9) as i64, distance(t - late_s)))
+            .collect()
+    }
+
+    #[test]
+    fn rates_tell_by_how_much_one_series_is_later() {
+        for late_s in [-0.45, -0.02, 0.0, 0.0123, 0.8] {
+            let [radar, poses] = [series(8.0, 0.0), series(5.0, late_s)].map(|s| RateSeries::of(&s));
+            let found = correlated(&radar, &poses, (1_500_000_000, 4_500_000_000), 0.0).unwrap();
+            assert!((found.offset_s - late_s).abs() < 0.2e-3, "{late_s}: {found:?}");
+            assert!(found.correlation > 0.999 && found.sigma_s < 1e-3, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn rest_and_nothing_say_nothing() {
+        let still: Vec<(i64, f64)> = (0..800).map(|n| (n * 5_000_000, 0.8)).collect();
+        let moving = RateSeries::of(&series(5.0, 0.0));
+        let all = (0, 6_000_000_000);
+        assert!(correlated(&RateSeries::of(&still), &moving, all, 0.0).is_none());
+        assert!(correlated(&moving, &RateSeries::of(&still), all, 0.0).is_none());
+        assert!(correlated(&RateSeries::of(&[]), &moving, all, 0.0).is_none());
+        assert!(correlated(&moving, &moving, (7_000_000_000, 9_000_000_000), 0.0).is_none());
+    }
+}

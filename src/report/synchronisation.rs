@@ -1,0 +1,185 @@
+//! Poses and radar laid over each other in time (thesis, figures 4.10 and 5.1): the distance of a reflector by both, the
+//! start of the motion enlarged, and the time offset window by window.
+
+use super::Picture;
+use super::canvas::{Align, Canvas, Rect};
+use super::marks::{Symbol, legend_entry, legend_width};
+use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
+use super::style::{FALSE_INK, FOUND_INK, INK, LABEL_PX, MUTED, PATH_INK, Rgb, TITLE_PX};
+
+const WIDTH: f64 = 1200.0;
+const LEFT: f64 = 6.0 + LEFT_MARGIN;
+const HEIGHTS: [f64; 3] = [220.0, 220.0, 190.0];
+const TOP: f64 = 118.0;
+/// Between a panel's lower margin and the next one's frame.
+const GAP: f64 = 44.0;
+const POSES: Rgb = [230, 159, 0];
+
+/// An offset as one method has it: value and 1σ, seconds.
+pub type OffsetMark = Option<(f64, f64)>;
+
+/// The offset of a part of the recording.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OffsetSpan {
+    /// From and to, seconds.
+    pub span_s: [f64; 2],
+    /// By ranges and phases.
+    pub by_phases: OffsetMark,
+    /// By rates.
+    pub by_rates: OffsetMark,
+}
+
+/// What the figure shows. Times are seconds since the first sweep; entries that are not finite are left out.
+#[derive(Debug, Clone, Copy)]
+pub struct SynchronisationPlot<'a> {
+    /// Title of the figure.
+    pub title: &'a str,
+    /// Range by radar: time and metres.
+    pub radar_m: &'a [[f64; 2]],
+    /// Distance by poses, at the times that they are stamped with.
+    pub poses_m: &'a [[f64; 2]],
+    /// Time of a sweep's pose minus time of the sweep, when it was found.
+    pub offset_s: Option<f64>,
+    /// The offset over time.
+    pub offsets: &'a [OffsetSpan],
+    /// The part that is enlarged, seconds.
+    pub enlarged_s: [f64; 2],
+}
+
+/// Draws it.
+pub fn synchronisation_plot(plot: &SynchronisationPlot) -> Picture {
+    let height = TOP + HEIGHTS.iter().sum::<f64>() + 3.0 * BOTTOM_MARGIN + 2.0 * GAP + 6.0;
+    let mut canvas = Canvas::new(WIDTH as usize, height as usize);
+    canvas.text_fitted([18.0, 26.0], Align::Left, plot.title, TITLE_PX, WIDTH - 36.0, INK);
+    legend(&mut canvas, plot);
+    let area = |n: usize| {
+        let above: f64 = HEIGHTS[..n].iter().sum::<f64>() + n as f64 * (BOTTOM_MARGIN + GAP);
+        Rect::new(LEFT, TOP + above, WIDTH - LEFT - 28.0, HEIGHTS[n])
+    };
+    let all_s = span(plot.radar_m.iter().map(|p| p[0]));
+    ranges(&mut canvas, plot, area(0), all_s, "Distance of the reflector");
+    ranges(&mut canvas, plot, area(1), plot.enlarged_s, "The start of the motion");
+    offsets(&mut canvas, plot, area(2), all_s);
+    canvas.finish()
+}
+
+fn legend(canvas: &mut Canvas, plot: &SynchronisationPlot) {
+    let mut entries = vec![(Symbol::Dot(FOUND_INK), "radar"), (Symbol::Line(POSES), "poses, as stamped")];
+    if plot.offset_s.is_some() {
+        entries.push((Symbol::Line(PATH_INK), "poses, corrected"));
+    }
+    entries.push((Symbol::Square(FOUND_INK), "offset by ranges and phases, ±1σ"));
+    entries.push((Symbol::Dot(FALSE_INK), "offset by rates, ±1σ"));
+    let mut x = 18.0;
+    for (symbol, text) in entries {
+        legend_entry(canvas, [x, 60.0], symbol, text);
+        x += legend_width(text);
+    }
+}
+
+fn ranges(canvas: &mut Canvas, shown: &SynchronisationPlot, area: Rect, time_s: [f64; 2], heading: &str) {
+    let within = |point: &&[f64; 2]| point.iter().all(|v| v.is_finite()) && (time_s[0]..=time_s[1]).contains(&point[0]);
+    let offset_s = shown.offset_s.filter(|offset_s| offset_s.is_finite()).unwrap_or(0.0);
+    let radar: Vec<[f64; 2]> = shown.radar_m.iter().filter(within).copied().collect();
+    let poses: Vec<[f64; 2]> = shown.poses_m.iter().filter(within).copied().collect();
+    let corrected: Vec<[f64; 2]> = shown.poses_m.iter().map(|[t, m]| [t - offset_s, *m]).collect();
+    let corrected: Vec<[f64; 2]> = corrected.iter().filter(within).copied().collect();
+    let values = span(radar.iter().chain(&poses).map(|p| p[1]));
+    let air = 0.08 * (values[1] - values[0]).max(0.01);
+    let plot = Plot::new(area, time_s, [values[0] - air, values[1] + air]);
+    plot.grid(canvas);
+    canvas.clipped(area, |canvas| {
+        joined(canvas, &plot, &poses, POSES);
+        if shown.offset_s.is_some() {
+            joined(canvas, &plot, &corrected, PATH_INK);
+        }
+        for point in plot.all_at(radar.iter().copied()) {
+            canvas.disc(point, 2.0, FOUND_INK);
+        }
+    });
+    plot.axes(canvas, heading, "time since the first sweep (s)", "distance (m)");
+    if radar.is_empty() {
+        canvas.text(area.center(), Align::Center, "no echo was read", LABEL_PX, MUTED);
+    }
+}
+
+/// Lines between neighbours, but not across pauses.
+fn joined(canvas: &mut Canvas, plot: &Plot, points: &[[f64; 2]], color: Rgb) {
+    const PAUSE_S: f64 = 0.1;
+    let mut rest = points;
+    while !rest.is_empty() {
+        let end = rest.windows(2).position(|pair| pair[1][0] - pair[0][0] > PAUSE_S).map_or(rest.len(), |n| n + 1);
+        canvas.polyline(&plot.all_at(rest[..end].iter().copied()), 1.8, color);
+        rest = &rest[end..];
+    }
+}
+
+fn offsets(canvas: &mut Canvas, shown: &SynchronisationPlot, area: Rect, time_s: [f64; 2]) {
+    const MS: f64 = 1e3;
+    let marks = |of: fn(&OffsetSpan) -> OffsetMark| {
+        let marks = shown.offsets.iter().filter_map(move |o| Some((0.5 * (o.span_s[0] + o.span_s[1]), of(o)?)));
+        marks.map(|(t, (value, sigma))| (t, value * MS, sigma * MS)).filter(|m| (m.0 + m.1 + m.2).is_finite())
+    };
+    let both: [Vec<(f64, f64, f64)>; 2] = [marks(|o| o.by_phases).collect(), marks(|o| o.by_rates).collect()];
+    // The error bars of what is hardly known must not flatten all the rest.
+    let least = |(_, value, sigma): &(f64, f64, f64)| [value - sigma.min(5.0), value + sigma.min(5.0)];
+    let values = span(both.iter().flatten().flat_map(least).chain(shown.offset_s.map(|s| s * MS)));
+    let air = (0.12 * (values[1] - values[0])).max(0.5);
+    let plot = Plot::new(area, time_s, [values[0] - air, values[1] + air]);
+    plot.grid(canvas);
+    canvas.clipped(area, |canvas| {
+        if let Some(offset_s) = shown.offset_s {
+            let ends = [plot.at([time_s[0], offset_s * MS]), plot.at([time_s[1], offset_s * MS])];
+            canvas.dashed(&ends, 7.0, 1.6, PATH_INK);
+        }
+        for (n, (marks, color)) in both.iter().zip([FOUND_INK, FALSE_INK]).enumerate() {
+            for &(t, value, sigma) in marks {
+                let aside = if n == 0 { -4.0 } else { 4.0 };
+                let [x, y] = plot.at([t, value]);
+                let bar = [plot.at([t, value - sigma])[1], plot.at([t, value + sigma])[1]];
+                canvas.line([x + aside, bar[0]], [x + aside, bar[1]], 1.8, color);
+                match n {
+                    0 => canvas.fill(Rect::new(x + aside - 4.5, y - 4.5, 9.0, 9.0), color),
+                    _ => canvas.disc([x + aside, y], 4.2, color),
+                }
+            }
+        }
+    });
+    plot.axes(canvas, "Time offset: pose time minus sweep time", "time since the first sweep (s)", "offset (ms)");
+    if both.iter().all(Vec::is_empty) {
+        canvas.text(area.center(), Align::Center, "the motion does not tell it", LABEL_PX, MUTED);
+    }
+}
+
+/// Least and greatest; 0 to 1 without any.
+fn span(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let finite = values.filter(|v| v.is_finite());
+    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+    if low <= high { [low, high] } else { [0.0, 1.0] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn degenerate_data_are_drawn_without_a_panic() {
+        let bad = [[f64::NAN, 1.0], [0.0, f64::INFINITY], [1e300, -1e300], [1.0, 1.0], [2.0, 1.0]];
+        let offset = |value| OffsetSpan { span_s: [0.0, f64::NAN], by_phases: Some((value, 1.0)), by_rates: None };
+        let offsets = [offset(0.02), offset(f64::NAN), OffsetSpan { span_s: [1.0, 3.0], ..offset(1e300) }];
+        for (points, offset_s) in [(&[][..], None), (&bad[..], Some(f64::NAN)), (&bad[3..], Some(1e9))] {
+            for enlarged_s in [[0.0, 3.0], [f64::NAN, 1.0], [5.0, 5.0]] {
+                let plot = SynchronisationPlot {
+                    title: "a",
+                    radar_m: points,
+                    poses_m: points,
+                    offset_s,
+                    offsets: &offsets,
+                    enlarged_s,
+                };
+                synchronisation_plot(&plot);
+                synchronisation_plot(&SynchronisationPlot { offsets: &[], ..plot });
+            }
+        }
+    }
+}

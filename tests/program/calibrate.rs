@@ -1,0 +1,100 @@
+//! `calibrate`: known offsets come back, a lag at the start shows, what is not observable is called so.
+
+use radar_chaperone::engine::{Settings, Synchronisation, SynchronisationError, synchronisation};
+use radar_chaperone::radar::preset;
+use radar_chaperone::simulation::{Scenario, Simulated};
+
+use crate::common::Folder;
+
+fn trial(motion: &str, offset_s: f64, seed: u64) -> (Scenario, Simulated) {
+    let mut scenario = Scenario::new("corner-reflector", motion, preset("fine").unwrap(), 10.0, seed);
+    scenario.time_offset_s = offset_s;
+    scenario.snr_db = Some(20.0);
+    let simulated = scenario.run().unwrap();
+    (scenario, simulated)
+}
+
+fn held(scenario: &Scenario, simulated: &Simulated) -> Result<Synchronisation, SynchronisationError> {
+    let Simulated { frames, poses, .. } = simulated;
+    synchronisation(&scenario.config, &scenario.head_from_sensor, &Settings::default(), frames, poses)
+}
+
+#[test]
+fn known_offsets_come_back_by_both_ways() {
+    for (offset_s, seed) in [(-0.02, 1), (0.0, 2), (0.035, 3)] {
+        let (scenario, simulated) = trial("to-and-fro", offset_s, seed);
+        let told = held(&scenario, &simulated).unwrap();
+        let whole = told.whole.estimate.unwrap();
+        assert!(whole.observable && (whole.offset_s - offset_s).abs() < 0.7e-3, "{offset_s}: {whole:?}");
+        assert!((whole.offset_s - offset_s).abs() < 4.0 * whole.sigma_s, "{offset_s}: {whole:?}");
+        let rates = told.whole.by_rates.unwrap();
+        assert!((rates.offset_s - offset_s).abs() < 2e-3 && rates.correlation > 0.98, "{offset_s}: {rates:?}");
+        let first = told.windows[0];
+        assert!(first.from_s > 0.9 && first.from_s < 1.4 && (first.to_s - first.from_s - 2.0).abs() < 1e-6);
+        assert!((first.estimate.unwrap().offset_s - offset_s).abs() < 2e-3, "{offset_s}: {first:?}");
+        assert!(!told.start_lag.unwrap().is_significant, "{offset_s}: {:?}", told.start_lag);
+        assert!(told.rms_corrected_m.unwrap() < 4e-3, "{told:?}");
+        if offset_s != 0.0 {
+            assert!(told.rms_as_set_m > 2.0 * told.rms_corrected_m.unwrap());
+        }
+        let error_m = told.reflector_m.distance(simulated.truth.obstacles[0].points_m[0]);
+        // The way is straight: across it, the place is hardly known.
+        assert!(error_m < 0.5, "{error_m}");
+    }
+}
+
+#[test]
+fn a_lag_at_the_start_shows_in_the_first_window() {
+    for (lag_s, seed) in [(0.03, 4), (0.4, 5)] {
+        let (scenario, mut simulated) = trial("to-and-fro", 0.0, seed);
+        let until_ns = simulated.frames[0].host_time_ns + 3_300_000_000;
+        let lag_ns = (lag_s * 1e9) as i64;
+        // Sweeps of the first seconds are stamped late: their poses were earlier.
+        for frame in simulated.frames.iter_mut().filter(|frame| frame.host_time_ns < until_ns) {
+            frame.host_time_ns += lag_ns;
+        }
+        let mut last_ns = i64::MIN;
+        simulated.frames.retain(|frame| {
+            let is_later = frame.host_time_ns > last_ns;
+            last_ns = last_ns.max(frame.host_time_ns);
+            is_later
+        });
+        let told = held(&scenario, &simulated).unwrap();
+        let lag = told.start_lag.unwrap();
+        assert!(lag.is_significant && (lag.lag_s + lag_s).abs() < 3e-3, "{lag_s}: {lag:?} {:?}", told.windows);
+        let later = told.windows.last().unwrap().estimate.unwrap();
+        assert!(later.offset_s.abs() < 2e-3, "{later:?}");
+    }
+}
+
+#[test]
+fn what_is_not_observable_is_called_so() {
+    let (scenario, simulated) = trial("straight-0.3", 0.02, 6);
+    let told = held(&scenario, &simulated);
+    assert!(told.as_ref().map_or(true, |t| t.whole.estimate.is_none_or(|e| !e.observable)), "{told:?}");
+    let still = trial("stationary", 0.02, 7);
+    let told = held(&still.0, &still.1).unwrap();
+    assert!(told.whole.by_rates.is_none() && told.start_lag.is_none(), "{told:?}");
+    assert!(told.whole.estimate.is_none_or(|e| !e.observable), "{told:?}");
+    let mut empty = still.1.clone();
+    empty.poses.clear();
+    assert!(matches!(held(&still.0, &empty), Err(SynchronisationError::NoPoses)));
+}
+
+#[test]
+fn the_command_tells_it_and_writes_the_figure() {
+    let folder = Folder::new("calibrate");
+    folder
+        .run("simulate corner-reflector --motion to-and-fro --time-offset-s 0.035 --snr-db 20 --duration-s 8 --out a.mcap")
+        .done();
+    let out = folder.run("calibrate a.mcap --out found").done().out;
+    assert!(out.contains("tracking.time_offset_s=0.03") && out.contains("no lag"), "{out}");
+    let json = folder.json("found/calibration.json");
+    let offset_s = json["whole"]["estimate"]["offset_s"].as_f64().unwrap();
+    assert!((offset_s - 0.035).abs() < 0.7e-3, "{offset_s}");
+    assert!(json["windows"].as_array().unwrap().len() >= 3, "{json}");
+    assert_eq!(&folder.read("found/synchronisation.png")[1..4], b"PNG");
+    folder.run("calibrate missing.mcap").refused("missing.mcap");
+    folder.run("simulate nothing --motion to-and-fro --duration-s 2 --out b.mcap").done();
+    folder.run("calibrate b.mcap").refused("nothing that stands still was found");
+}
