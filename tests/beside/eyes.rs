@@ -59,6 +59,11 @@ impl Eye {
         sum.x.atan2(-sum.z)
     }
 
+    /// Greatest red and green of any pixel.
+    pub fn brightest_red_and_green(&self) -> [u8; 2] {
+        [0, 1].map(|channel| self.picture.pixels().map(|pixel| pixel[channel]).max().unwrap_or(0))
+    }
+
     /// How much brighter than the background each pixel is, with its direction; dark ones are left out.
     pub fn lit(&self) -> Vec<(DVec3, i32)> {
         let background = *self.picture.get_pixel(0, 0);

@@ -2,9 +2,11 @@
 //! the hardware. These tests live in real time and need the machine to themselves, so they run one after the other.
 #![cfg(target_os = "linux")]
 
+mod displays;
 mod eyes;
 mod install;
 mod life;
+mod recorded;
 mod rig;
 mod room;
 mod warnings;

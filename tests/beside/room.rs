@@ -26,6 +26,8 @@ fn end(rig: &Rig, program: crate::rig::Program) -> Value {
 fn recentring_moves_no_warning_in_the_room() {
     let mut rig = Rig::new("recentre");
     let program = warning(&mut rig);
+    // The head stays at the chair from the fifth second to the eighth.
+    rig.wait_report("the way to the chair", |report| report["frames"].as_u64() > Some(500));
     let before = rig.shoot("before");
     rig.tell_steamvr(&json!({"do": "recenter", "x": 0.4, "z": -0.3, "yaw_deg": 50.0}));
     // The command is carried out a few times a second; the program looks ten times a second.

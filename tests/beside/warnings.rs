@@ -96,7 +96,7 @@ fn stands_where_the_chair_is(look: &Look, panel: DVec3, chair: &TruthObstacle) {
 }
 
 /// Where the chair really is.
-fn chair() -> TruthObstacle {
+pub fn chair() -> TruthObstacle {
     let scenario = Scenario::new("furnished-room", "approach-chair", preset("d16").unwrap(), 0.5, SEED);
     let truth = scenario.run().unwrap().truth;
     truth.obstacles.into_iter().find(|thing| thing.name == "chair").unwrap()

@@ -1,0 +1,82 @@
+//! The other two displays, and the chaperone's colour.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::eyes::Eye;
+use crate::rig::{Program, Rig};
+
+/// Starts with these settings, and shoots when the head is at the chair.
+fn at_the_chair(rig: &mut Rig, configuration: &Value, settings: &[&str]) -> (Program, [Eye; 2], Value) {
+    rig.start_sensor("furnished-room", "approach-chair", 1, 60);
+    let mut configuration = configuration.clone();
+    configuration["events"] = json!([{"at_s": 6.5, "do": "shot", "name": "near"}]);
+    rig.start_steamvr(&configuration, true);
+    let program = rig.start_run(settings);
+    let shot = rig.shot("near");
+    let eyes = Eye::both(&rig.path("vr/shots"), Path::new("near"), &shot);
+    (program, eyes, shot)
+}
+
+fn end(rig: &Rig, program: Program) {
+    let ended = program.interrupt();
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let report = rig.report();
+    assert_eq!((&report["violations"], &report["left_at_cleanup"]), (&json!({}), &json!(0)));
+}
+
+/// The chair's parts are lit in both eyes, most of them within a degree.
+fn shows_the_chair(eyes: &[Eye; 2]) {
+    let chair = crate::warnings::chair();
+    for eye in eyes {
+        let lit = eye.lit();
+        assert!(!lit.is_empty(), "dark");
+        let from_lit = |part: &glam::DVec3| {
+            let seen = eye.direction(*part).unwrap();
+            lit.iter().map(|(at, _)| at.angle_between(seen)).fold(f64::INFINITY, f64::min).to_degrees()
+        };
+        let mut all: Vec<f64> = chair.points_m.iter().map(from_lit).collect();
+        all.sort_by(f64::total_cmp);
+        assert!(all[all.len() / 2] < 1.0, "{all:.1?} degrees from what is lit");
+    }
+}
+
+#[test]
+fn windows_show_each_eye_its_own_picture() {
+    let mut rig = Rig::new("stereo");
+    let (program, eyes, shot) = at_the_chair(&mut rig, &json!({}), &["--set", "headset.display=stereo"]);
+    shows_the_chair(&eyes);
+    let side_by_side = 1 << 10;
+    for overlay in shot["overlays"].as_array().unwrap() {
+        assert_ne!(overlay["flags"].as_u64().unwrap() & side_by_side, 0, "{overlay}");
+    }
+    end(&rig, program);
+}
+
+#[test]
+fn projections_fit_a_runtime_of_either_kind() {
+    for matrix in ["eye_from_tracking", "tracking_from_eye"] {
+        let mut rig = Rig::new(&format!("projection-{matrix}"));
+        let set = format!("headset.projection_matrix={matrix}");
+        let settings = ["--set", "headset.display=projection", "--set", &set];
+        let (program, eyes, shot) = at_the_chair(&mut rig, &json!({"projection_matrix": matrix}), &settings);
+        shows_the_chair(&eyes);
+        assert_eq!(shot["overlays"].as_array().unwrap().len(), 2);
+        end(&rig, program);
+    }
+}
+
+#[test]
+fn the_users_own_colour_and_distance_serve_unless_the_settings_name_others() {
+    for (settings, is_red) in [(&[][..], true), (&["--set", "warning.color=[0,255,0]"][..], false)] {
+        let mut rig = Rig::new(if is_red { "red" } else { "green" });
+        let configuration = json!({"settings": {"collisionBounds": {
+            "CollisionBoundsColorGammaR": 255, "CollisionBoundsColorGammaG": 0, "CollisionBoundsColorGammaB": 0
+        }}});
+        let (program, [eye, _], _) = at_the_chair(&mut rig, &configuration, settings);
+        let [red, green] = eye.brightest_red_and_green();
+        assert_eq!((red > 2 * green, green > 2 * red), (is_red, !is_red), "{red} {green}");
+        end(&rig, program);
+    }
+}
