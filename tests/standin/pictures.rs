@@ -445,3 +445,23 @@ fn many_textures_are_copied_without_growing() {
         assert_eq!(report["violations"], json!({}));
     });
 }
+
+#[test]
+fn another_device_in_the_middle_is_told_and_goes_on() {
+    alone("pictures::another_device_in_the_middle_is_told_and_goes_on", &config("device"), |rig| {
+        let Some(first) = Gpu::open() else { return };
+        let runtime = Runtime::connected();
+        let quad = ahead(0.8, 0.8, 1.6);
+        let handle = overlay(&runtime, c"test.quad", &quad);
+        let texture = plain(&first, RED);
+        assert_eq!(first.show(&runtime, handle, &texture), 0);
+        let second = Gpu::open().unwrap();
+        let texture = plain(&second, BLUE);
+        assert_eq!(second.show(&runtime, handle, &texture), 0);
+        let (_, pictures) = rig.shot("second");
+        let at = eyes(&runtime)[0].pixel(quad.point(0.5, 0.5));
+        assert_color(&pictures[0], at, over_background(BLUE, 1.0));
+        runtime.cleanup();
+        assert_eq!(rig.report()["violations"]["handles change from texture to texture"]["count"], 1);
+    });
+}

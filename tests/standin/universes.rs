@@ -76,6 +76,30 @@ fn in_a_gap_the_pose_is_invalid_and_at_the_ends_it_rests() {
     std::fs::remove_file(&file).unwrap();
 }
 
+#[test]
+fn a_track_that_loops_goes_there_and_back() {
+    let file = std::env::temp_dir().join(format!("standin-loop-{}.tum", std::process::id()));
+    let lines: String =
+        (0..=10).map(|i| format!("{:.2} {:.2} 1 0 0 0 0 1\n", f64::from(i) * 0.01, f64::from(i) * 0.1)).collect();
+    std::fs::write(&file, lines).unwrap();
+    let config = json!({ "track": file, "track_is_relative": true, "track_loops": true });
+    alone("universes::a_track_that_loops_goes_there_and_back", &config, |_| {
+        let runtime = Runtime::connected();
+        let (mut there, mut back, mut before) = (false, false, runtime.head(STANDING).w_axis.x);
+        until("both directions", || {
+            let pose = runtime.poses(STANDING, 0.0)[0];
+            let x = from_matrix(&pose.mDeviceToAbsoluteTracking).w_axis.x;
+            assert!(pose.bPoseIsValid && (-1e-6..=1.0 + 1e-6).contains(&x), "{x}");
+            there |= x > before;
+            back |= x < before;
+            before = x;
+            (there && back).then_some(())
+        });
+        runtime.cleanup();
+    });
+    std::fs::remove_file(&file).unwrap();
+}
+
 const CONFIG: &str = r#"{"raw_from_standing": {"position_m": [0.3, -0.05, 0.2], "yaw_deg": 30},
     "raw_from_seated": {"position_m": [1, 2, 3], "yaw_deg": -40}, "universe_id": 77,
     "universe_change": {"position_m": [0.5, 0, -1], "yaw_deg": 90}}"#;
