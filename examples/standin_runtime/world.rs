@@ -83,6 +83,11 @@ pub fn refused(name: &'static str) {
     }
 }
 
+/// Whether a client is connected.
+pub fn is_running() -> bool {
+    lock().as_ref().is_some_and(|world| world.running)
+}
+
 /// Connects.
 ///
 /// # Errors
@@ -93,7 +98,8 @@ pub fn init(application_type: u32) -> Result<(), (sys::EVRInitError, String)> {
         world.report.violation("Init without Cleanup", format!("as application type {application_type}"));
         return Err((sys::EVRInitError_VRInitError_Init_Internal, "Init without Cleanup".into()));
     }
-    let before = guard.take().map(|world| world.report).unwrap_or_default();
+    // What was counted before stays, whether this works or not.
+    let before = guard.as_ref().map(|world| world.report.clone()).unwrap_or_default();
     let mut world = World::connect(application_type, before)?;
     world.housekeeper = Some(housekeeper::start(world.place.clone()));
     *guard = Some(world);

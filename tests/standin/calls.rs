@@ -283,6 +283,18 @@ fn no_table_has_a_hole() {
 }
 
 #[test]
+fn the_version_of_the_sdk_is_told_in_c_and_in_cpp() {
+    alone("calls::the_version_of_the_sdk_is_told_in_c_and_in_cpp", &json!({}), |rig| {
+        let runtime = Runtime::connected();
+        assert_eq!(runtime.set_sdk_version_in_cpp([2, 14, 3]), 0);
+        until("the report", || (rig.try_report()?["sdk_version"] == json!([2, 14, 3])).then_some(()));
+        assert_eq!(call!(runtime.system, SetSDKVersion, 2, 15, 6), 0);
+        runtime.cleanup();
+        assert_eq!(rig.report()["sdk_version"], json!([2, 15, 6]));
+    });
+}
+
+#[test]
 fn frames_come_one_by_one_and_missed_ones_are_counted() {
     alone("calls::frames_come_one_by_one_and_missed_ones_are_counted", &json!({}), |rig| {
         let runtime = Runtime::connected();
