@@ -10,6 +10,7 @@ use crate::{applications, chaperone, compositor, overlay_table, settings, sys, s
 
 const NONE: u32 = sys::EVRInitError_VRInitError_None;
 const NOT_FOUND: u32 = sys::EVRInitError_VRInitError_Init_InterfaceNotFound;
+const NOT_INITIALIZED: u32 = sys::EVRInitError_VRInitError_Init_NotInitialized;
 /// Functions of IVRSystem_026; the last one is SetSDKVersion.
 const SYSTEM_FUNCTIONS: usize = size_of::<sys::VR_IVRSystem_FnTable>() / size_of::<usize>();
 
@@ -95,6 +96,11 @@ unsafe extern "C" fn is_interface_version_valid(_this: *mut c_void, name: *const
 
 unsafe extern "C" fn get_generic_interface(_this: *mut c_void, name: *const c_char, error: *mut u32) -> *mut c_void {
     let name = read_text(name).unwrap_or_default();
+    if !world::is_running() {
+        eprintln!("stand-in: violation: {name:?} was asked for without Init");
+        write(error, NOT_INITIALIZED);
+        return std::ptr::null_mut();
+    }
     let found = match name.strip_prefix("FnTable:") {
         Some(version) => find(version),
         None => (find(name) == find("IVRSystem_026") && find(name).is_some()).then(|| *SYSTEM_OBJECT),
@@ -124,6 +130,7 @@ fn error(code: u32) -> (&'static CStr, &'static CStr) {
             (c"VRInitError_Init_NoConfigPath", c"VR configuration could not be read (111)")
         }
         NOT_FOUND => (c"VRInitError_Init_InterfaceNotFound", c"Interface Not Found (105)"),
+        NOT_INITIALIZED => (c"VRInitError_Init_NotInitialized", c"Not Initialized (109)"),
         _ => (c"VRInitError_Unknown", c"Unknown error"),
     }
 }

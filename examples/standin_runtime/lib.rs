@@ -5,6 +5,8 @@
 //! program's textures, alphas, flags and transforms. `standin_server` makes its folders and stands for SteamVR's server.
 //! docs/stand-in.md is the manual.
 
+#![cfg(unix)]
+
 mod applications;
 mod chaperone;
 mod client_core;

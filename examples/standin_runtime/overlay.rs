@@ -90,6 +90,11 @@ impl Overlay {
     }
 }
 
+/// The key of a dashboard tab's thumbnail.
+pub fn thumbnail_key(key: &str) -> String {
+    format!("{key}.thumbnail")
+}
+
 /// All overlays, and how their textures are copied.
 #[derive(Default)]
 pub struct Overlays {
@@ -134,9 +139,11 @@ impl Overlays {
         self.by_handle.get_mut(&handle).ok_or(why)
     }
 
-    /// Destroys one that there is.
+    /// Destroys one that there is, a tab of the dashboard with its thumbnail.
     pub fn destroy(&mut self, handle: u64) {
-        self.by_handle.remove(&handle);
+        if let Some(overlay) = self.by_handle.remove(&handle).filter(|overlay| overlay.dashboard) {
+            self.by_handle.retain(|_, other| !(other.dashboard && other.key == thumbnail_key(&overlay.key)));
+        }
     }
 
     /// Forgets all copies without touching them: their device may be gone.

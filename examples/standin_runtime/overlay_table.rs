@@ -9,7 +9,7 @@ use radar_chaperone::geometry::Pose;
 use crate::clock::{now_ns, sleep_until};
 use crate::eyes::Edges;
 use crate::memory::{read, read_text, write, write_part, write_text};
-use crate::overlay::{MOST, Overlay, Texture, Transform};
+use crate::overlay::{MOST, Overlay, Texture, Transform, thumbnail_key};
 use crate::poses::{matrix, pose};
 use crate::report::Report;
 use crate::table::{table, text};
@@ -144,7 +144,7 @@ unsafe extern "C" fn create_dashboard_overlay(
         let created = created.and_then(|handle| {
             let overlay = world.overlays.get(handle).map_err(|_| FAILED)?;
             overlay.dashboard = true;
-            let (key, name) = (format!("{}.thumbnail", overlay.key), overlay.name.clone());
+            let (key, name) = (thumbnail_key(&overlay.key), overlay.name.clone());
             let thumb = world.overlays.create(&key, &name);
             world.overlays.get(thumb).map_err(|_| FAILED)?.dashboard = true;
             write(main, handle);

@@ -13,6 +13,8 @@ use crate::{sys, table};
 const NONE: u32 = sys::EVRSettingsError_VRSettingsError_None;
 const UNSET: u32 = sys::EVRSettingsError_VRSettingsError_UnsetSettingHasNoDefault;
 const READ_FAILED: u32 = sys::EVRSettingsError_VRSettingsError_ReadFailed;
+/// Settings that a client may add to those there are.
+const MOST: usize = 1000;
 const BOUNDS: &str = "collisionBounds";
 const BOUNDS_COLOR: [&str; 4] = [
     "CollisionBoundsColorGammaR",
@@ -47,6 +49,10 @@ impl Settings {
     /// Sets one.
     pub fn set(&mut self, section: &str, key: &str, value: Value) {
         self.sections.entry(section.to_owned()).or_default().insert(key.to_owned(), value);
+    }
+
+    fn len(&self) -> usize {
+        self.sections.values().map(BTreeMap::len).sum()
     }
 
     fn get(&self, section: &str, key: &str) -> Option<&Value> {
@@ -100,6 +106,9 @@ fn set(name: &'static str, section: *const c_char, key: *const c_char, error: *m
             world.report.violation("null pointer", name);
             return write(error, sys::EVRSettingsError_VRSettingsError_WriteFailed);
         };
+        if world.settings.get(section, key).is_none() && world.settings.len() >= MOST {
+            return write(error, sys::EVRSettingsError_VRSettingsError_WriteFailed);
+        }
         world.settings.set(section, key, value);
         write(error, NONE);
     });

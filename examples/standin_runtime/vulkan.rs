@@ -130,6 +130,8 @@ fn bytes_of(image: &Image) -> u64 {
 
 /// Copies textures of one device.
 pub struct Copier {
+    /// Keeps Vulkan's library loaded.
+    _entry: ash::Entry,
     handles: Handles,
     device: ash::Device,
     queue: vk::Queue,
@@ -147,7 +149,8 @@ impl Copier {
     /// # Errors
     /// What Vulkan refuses.
     pub fn new(handles: Handles) -> Result<Self, String> {
-        let instance = load_instance(&entry()?, handles.instance)?;
+        let entry = entry()?;
+        let instance = load_instance(&entry, handles.instance)?;
         let physical_device = vk::PhysicalDevice::from_raw(handles.physical_device as u64);
         // SAFETY: the client promises living handles that belong together, as with SteamVR.
         let (device, memory) = unsafe {
@@ -160,7 +163,7 @@ impl Copier {
         // SAFETY: a living device and one of its queue families.
         let pool = unsafe { device.create_command_pool(&info, None) }.map_err(|error| error.to_string())?;
         let queue = vk::Queue::from_raw(handles.queue as u64);
-        Ok(Self { handles, device, queue, memory, pool, slots: Vec::new() })
+        Ok(Self { _entry: entry, handles, device, queue, memory, pool, slots: Vec::new() })
     }
 
     /// Whose device it is.
@@ -176,7 +179,12 @@ impl Copier {
         let Some(slot) = self.free_slot(bytes_of(&image)).map_err(|error| error.to_string())? else {
             return Ok(None);
         };
-        self.submit(&slot, &image).map_err(|error| error.to_string())?;
+        if let Err(error) = self.submit(&slot, &image) {
+            // Its fence may never be signalled, and the GPU has nothing to do with it.
+            self.slots.retain(|other| !Arc::ptr_eq(other, &slot));
+            self.destroy(&slot);
+            return Err(error.to_string());
+        }
         Ok(Some(Copied { image, slot }))
     }
 
@@ -296,9 +304,9 @@ impl Copier {
     pub fn free(self) {
         for slot in &self.slots {
             // SAFETY: a fence of that device.
-            if let Err(error) = unsafe { self.device.wait_for_fences(&[slot.fence], true, LONGEST_WAIT_NS) } {
-                eprintln!("stand-in: a copy did not end: {error}");
-                return;
+            match unsafe { self.device.wait_for_fences(&[slot.fence], true, LONGEST_WAIT_NS) } {
+                Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST) => {}
+                Err(error) => return eprintln!("stand-in: a copy did not end, what it uses is left: {error}"),
             }
         }
         self.slots.iter().for_each(|slot| self.destroy(slot));

@@ -22,6 +22,9 @@ use crate::table::Failure;
 use crate::track::Track;
 use crate::universes::Universes;
 
+/// Commands that may wait for their time.
+const LONGEST_SCRIPT: usize = 10_000;
+
 static WORLD: Mutex<Option<World>> = Mutex::new(None);
 
 /// What there is between Init and Cleanup, and after it the report.
@@ -80,6 +83,11 @@ pub fn refused(name: &'static str) {
     }
 }
 
+/// Whether a client is connected.
+pub fn is_running() -> bool {
+    lock().as_ref().is_some_and(|world| world.running)
+}
+
 /// Connects.
 ///
 /// # Errors
@@ -90,7 +98,8 @@ pub fn init(application_type: u32) -> Result<(), (sys::EVRInitError, String)> {
         world.report.violation("Init without Cleanup", format!("as application type {application_type}"));
         return Err((sys::EVRInitError_VRInitError_Init_Internal, "Init without Cleanup".into()));
     }
-    let before = guard.take().map(|world| world.report).unwrap_or_default();
+    // What was counted before stays, whether this works or not.
+    let before = guard.as_ref().map(|world| world.report.clone()).unwrap_or_default();
     let mut world = World::connect(application_type, before)?;
     world.housekeeper = Some(housekeeper::start(world.place.clone()));
     *guard = Some(world);
@@ -207,6 +216,9 @@ impl World {
 
     /// Adds a command to the script: at once where its time is past.
     pub fn schedule(&mut self, command: TimedCommand) {
+        if self.script.len() >= LONGEST_SCRIPT {
+            return eprintln!("stand-in: more than {LONGEST_SCRIPT} commands wait: {command:?} is left out");
+        }
         let place = self.script.partition_point(|other| other.at_s > command.at_s);
         self.script.insert(place, command);
     }

@@ -89,21 +89,34 @@ fn link(to: &Path, at: &Path) -> Result<()> {
     std::os::unix::fs::symlink(to, at).with_context(|| format!("{} cannot be linked", at.display()))
 }
 
-/// The configuration: the given file's, with the tracks of the command line.
+/// The configuration: the given file's, with the tracks of the command line. Tracks that the file names lie beside it.
 pub fn config(file: Option<&Path>, track: Option<&Path>, controllers: &[PathBuf]) -> Result<Value> {
-    let mut config = match file {
-        Some(file) => {
-            let text = fs::read_to_string(file).with_context(|| format!("{} cannot be read", file.display()))?;
-            serde_json::from_str(&text).with_context(|| format!("{} is no JSON", file.display()))?
-        }
-        None => json!({}),
-    };
-    let full = |path: &Path| path.canonicalize().with_context(|| format!("no track {}", path.display()));
+    let mut config = file.map_or_else(|| Ok(json!({})), read_config)?;
     if let Some(track) = track {
         config["track"] = json!(full(track)?);
     }
     if !controllers.is_empty() {
         config["controllers"] = json!(controllers.iter().map(|path| full(path)).collect::<Result<Vec<_>>>()?);
+    }
+    Ok(config)
+}
+
+fn full(track: &Path) -> Result<PathBuf> {
+    track.canonicalize().with_context(|| format!("no track {}", track.display()))
+}
+
+fn read_config(file: &Path) -> Result<Value> {
+    let text = fs::read_to_string(file).with_context(|| format!("{} cannot be read", file.display()))?;
+    let mut config: Value = serde_json::from_str(&text).with_context(|| format!("{} is no JSON", file.display()))?;
+    anyhow::ensure!(config.is_object(), "{} is no JSON object", file.display());
+    let folder = file.parent().unwrap_or(Path::new("."));
+    let tracks = config["controllers"].as_array().cloned().unwrap_or_default();
+    let beside = |track: &Value| full(&folder.join(track.as_str().context("a track is no text")?));
+    if !config["track"].is_null() {
+        config["track"] = json!(beside(&config["track"])?);
+    }
+    if !tracks.is_empty() {
+        config["controllers"] = json!(tracks.iter().map(beside).collect::<Result<Vec<_>>>()?);
     }
     Ok(config)
 }

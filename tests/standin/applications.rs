@@ -38,8 +38,7 @@ fn binary_path(runtime: &Runtime) -> (String, u32) {
 #[test]
 fn applications_stay_from_session_to_session() {
     alone("applications::applications_stay_from_session_to_session", &json!({}), |rig| {
-        let runtime = Runtime::load();
-        assert_eq!(runtime.init_as(sys::EVRApplicationType_VRApplication_Utility), 0);
+        let runtime = Runtime::connected_as(sys::EVRApplicationType_VRApplication_Utility);
         let table = runtime.applications;
         let path = write(&rig.folder.join("test.vrmanifest"), &manifest("bin/program", "run --now"));
         assert!(!call!(table, IsApplicationInstalled, text(KEY)));

@@ -226,6 +226,40 @@ fn a_projection_wants_both_eyes_and_overlays_have_a_limit() {
     });
 }
 
+#[test]
+fn textures_come_from_one_thread() {
+    alone("calls::textures_come_from_one_thread", &json!({}), |rig| {
+        let runtime = Runtime::connected();
+        let handle = runtime.create(c"test.panel");
+        let table = runtime.overlay;
+        let submit = move || call!(table, SetOverlayTexture, handle, std::ptr::null_mut());
+        assert_eq!(submit(), BAD_PARAMETER);
+        assert_eq!(std::thread::spawn(submit).join().unwrap(), BAD_PARAMETER);
+        assert_eq!(submit(), BAD_PARAMETER);
+        runtime.cleanup();
+        let violations = rig.report()["violations"].clone();
+        assert_eq!(violations["SetOverlayTexture from more than one thread"]["count"], 1, "{violations:#}");
+        assert_eq!(violations["null pointer"]["count"], 3);
+    });
+}
+
+#[test]
+fn a_tab_of_the_dashboard_has_a_thumbnail_and_goes_with_it() {
+    alone("calls::a_tab_of_the_dashboard_has_a_thumbnail_and_goes_with_it", &json!({}), |rig| {
+        let runtime = Runtime::connected();
+        let (mut main, mut thumbnail) = (0, 0);
+        let key = text(c"test.tab");
+        let table = runtime.overlay;
+        assert_eq!(call!(table, CreateDashboardOverlay, key, key, &mut main, &mut thumbnail), 0);
+        assert!(main != 0 && thumbnail != 0 && main != thumbnail);
+        assert_eq!(call!(table, SetOverlayInputMethod, main, 1), 0);
+        assert_eq!(call!(table, DestroyOverlay, main), 0);
+        assert_eq!(call!(table, SetOverlayWidthInMeters, thumbnail, 1.0), UNKNOWN);
+        runtime.cleanup();
+        assert_eq!(rig.report()["left_at_cleanup"], 0);
+    });
+}
+
 /// Whether a table of functions has no null pointer.
 fn is_whole<T>(table: &T) -> bool {
     let words = size_of::<T>() / size_of::<usize>();
@@ -245,6 +279,18 @@ fn no_table_has_a_hole() {
         assert_eq!(error, sys::EVRCompositorError_VRCompositorError_RequestFailed);
         runtime.cleanup();
         assert_eq!(rig.report()["violations"]["not in the stand-in: IVRCompositor::WaitGetPoses"]["count"], 1);
+    });
+}
+
+#[test]
+fn the_version_of_the_sdk_is_told_in_c_and_in_cpp() {
+    alone("calls::the_version_of_the_sdk_is_told_in_c_and_in_cpp", &json!({}), |rig| {
+        let runtime = Runtime::connected();
+        assert_eq!(runtime.set_sdk_version_in_cpp([2, 14, 3]), 0);
+        until("the report", || (rig.try_report()?["sdk_version"] == json!([2, 14, 3])).then_some(()));
+        assert_eq!(call!(runtime.system, SetSDKVersion, 2, 15, 6), 0);
+        runtime.cleanup();
+        assert_eq!(rig.report()["sdk_version"], json!([2, 15, 6]));
     });
 }
 

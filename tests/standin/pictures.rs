@@ -20,12 +20,14 @@ const BLUE: [u8; 3] = [0, 0, 255];
 const GREY: [u8; 3] = [128, 128, 128];
 
 /// A small picture, and a head at rest that is turned and tilted.
-fn config(name: &str) -> Value {
-    let track = std::env::temp_dir().join(format!("standin-rest-{}-{name}.tum", std::process::id()));
+fn config() -> Value {
     let turn = glam::DQuat::from_rotation_y(0.3) * glam::DQuat::from_rotation_x(-0.2);
     let [x, y, z, w] = turn.to_array();
-    std::fs::write(&track, format!("0 0.2 1.5 0.4 {x} {y} {z} {w}\n")).unwrap();
-    json!({ "track": track, "display": { "shot_size": SIZE } })
+    let track = format!(
+        "0 0.2 1.5 0.4 {x} {y} {z} {w}
+"
+    );
+    json!({ "files": { "rest.tum": track }, "track": "rest.tum", "display": { "shot_size": SIZE } })
 }
 
 /// An eye, by the interface's matrices.
@@ -170,7 +172,7 @@ fn assert_quarters(picture: &RgbImage, quad: &Quad, eye: &Eye, alpha: f64) {
 #[test]
 fn a_quad_is_seen_where_it_stands_and_moves_with_its_universe() {
     let name = "pictures::a_quad_is_seen_where_it_stands_and_moves_with_its_universe";
-    alone(name, &config("quad"), |rig| {
+    alone(name, &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         let quad = ahead(1.2, 0.6, 1.8);
@@ -224,7 +226,7 @@ fn a_thing_at_a_distance_has_its_disparity() {
 
 #[test]
 fn halves_go_to_their_eyes_and_bounds_cut() {
-    alone("pictures::halves_go_to_their_eyes_and_bounds_cut", &config("halves"), |rig| {
+    alone("pictures::halves_go_to_their_eyes_and_bounds_cut", &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         // 64 × 32 for both eyes: each has a square half, and texels twice as wide as high make it half as high.
@@ -260,7 +262,7 @@ fn halves_go_to_their_eyes_and_bounds_cut() {
 #[test]
 fn nearer_quads_cover_farther_ones_unless_the_order_says_otherwise() {
     let name = "pictures::nearer_quads_cover_farther_ones_unless_the_order_says_otherwise";
-    alone(name, &config("order"), |rig| {
+    alone(name, &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         let (near, far) = (ahead(0.4, 0.4, 1.2), ahead(0.8, 0.8, 1.8));
@@ -288,7 +290,7 @@ fn nearer_quads_cover_farther_ones_unless_the_order_says_otherwise() {
 
 #[test]
 fn alpha_is_premultiplied_or_not_as_the_flag_says() {
-    alone("pictures::alpha_is_premultiplied_or_not_as_the_flag_says", &config("alpha"), |rig| {
+    alone("pictures::alpha_is_premultiplied_or_not_as_the_flag_says", &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         let quad = ahead(0.8, 0.8, 1.6);
@@ -321,7 +323,7 @@ fn alpha_is_premultiplied_or_not_as_the_flag_says() {
 #[test]
 fn the_back_of_a_quad_is_grey_for_new_clients_unless_they_say_otherwise() {
     let name = "pictures::the_back_of_a_quad_is_grey_for_new_clients_unless_they_say_otherwise";
-    alone(name, &config("back"), |rig| {
+    alone(name, &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         let front = ahead(0.8, 0.8, 1.6);
@@ -388,14 +390,14 @@ fn projection(rig: &Rig, direction: &str) {
 
 #[test]
 fn projections_are_seen_in_their_directions() {
-    alone("pictures::projections_are_seen_in_their_directions", &config("projection"), |rig| {
+    alone("pictures::projections_are_seen_in_their_directions", &config(), |rig| {
         projection(rig, "eye_from_tracking");
     });
 }
 
 #[test]
 fn the_matrix_of_a_projection_can_go_the_other_way() {
-    let mut config = config("projection2");
+    let mut config = config();
     config["projection_matrix"] = json!("tracking_from_eye");
     alone("pictures::the_matrix_of_a_projection_can_go_the_other_way", &config, |rig| {
         projection(rig, "tracking_from_eye");
@@ -424,7 +426,7 @@ fn the_gpu_that_drives_the_headset_is_named() {
 
 #[test]
 fn many_textures_are_copied_without_growing() {
-    alone("pictures::many_textures_are_copied_without_growing", &config("many"), |rig| {
+    alone("pictures::many_textures_are_copied_without_growing", &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         let quad = ahead(0.8, 0.8, 1.6);
@@ -443,5 +445,25 @@ fn many_textures_are_copied_without_growing() {
         let report = rig.report();
         assert_eq!((&report["textures"], &report["textures_not_copied"]), (&json!(800), &json!(0)));
         assert_eq!(report["violations"], json!({}));
+    });
+}
+
+#[test]
+fn another_device_in_the_middle_is_told_and_goes_on() {
+    alone("pictures::another_device_in_the_middle_is_told_and_goes_on", &config(), |rig| {
+        let Some(first) = Gpu::open() else { return };
+        let runtime = Runtime::connected();
+        let quad = ahead(0.8, 0.8, 1.6);
+        let handle = overlay(&runtime, c"test.quad", &quad);
+        let texture = plain(&first, RED);
+        assert_eq!(first.show(&runtime, handle, &texture), 0);
+        let second = Gpu::open().unwrap();
+        let texture = plain(&second, BLUE);
+        assert_eq!(second.show(&runtime, handle, &texture), 0);
+        let (_, pictures) = rig.shot("second");
+        let at = eyes(&runtime)[0].pixel(quad.point(0.5, 0.5));
+        assert_color(&pictures[0], at, over_background(BLUE, 1.0));
+        runtime.cleanup();
+        assert_eq!(rig.report()["violations"]["handles change from texture to texture"]["count"], 1);
     });
 }

@@ -58,10 +58,15 @@ pub fn server_command(folder: &Path) -> Command {
 }
 
 impl Server {
-    /// Starts one with that configuration.
+    /// Starts one with that configuration; `files` in it, texts by name, are written beside it.
     pub fn start(folder: PathBuf, config: &Value, arguments: &[&str]) -> Self {
+        let mut config = config.clone();
+        for (name, text) in config["files"].take().as_object().into_iter().flatten() {
+            std::fs::write(folder.join(name), text.as_str().unwrap()).unwrap();
+        }
+        config.as_object_mut().unwrap().remove("files");
         let file = folder.join("given.json");
-        std::fs::write(&file, serde_json::to_vec(config).unwrap()).unwrap();
+        std::fs::write(&file, serde_json::to_vec(&config).unwrap()).unwrap();
         let mut command = server_command(&folder);
         command.arg("--config").arg(&file).args(arguments).stdout(Stdio::piped());
         let mut server = Self { child: command.spawn().unwrap(), folder };
@@ -140,7 +145,13 @@ impl Rig {
 
     /// What the library wrote about this process.
     pub fn report(&self) -> Value {
-        read_json(&self.folder.join("report.json"))
+        self.try_report().unwrap()
+    }
+
+    /// The same, if it was written yet.
+    pub fn try_report(&self) -> Option<Value> {
+        let path = self.folder.join("report.json");
+        path.exists().then(|| read_json(&path))
     }
 
     /// Has a picture taken and reads what belongs to it.
@@ -149,8 +160,8 @@ impl Rig {
         let shots = self.folder.join("shots");
         let json = shots.join(format!("{name}.json"));
         until("the picture", || {
-            if self.folder.join("report.json").exists() {
-                assert_eq!(self.report()["shots_failed"], 0, "{}", self.report());
+            if let Some(report) = self.try_report() {
+                assert_eq!(report["shots_failed"], 0, "{report:#}");
             }
             json.exists().then_some(())
         });

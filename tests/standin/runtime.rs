@@ -53,20 +53,42 @@ fn table<T>(core: *mut c_void, version: &CStr) -> &'static T {
     }
 }
 
+/// Loads the library from where the registry file says; its client core.
+fn load() -> *mut c_void {
+    let registry = crate::rig::read_json(std::env::var("VR_PATHREG_OVERRIDE").unwrap().as_ref());
+    let path = format!("{}/bin/linux64/vrclient.so", registry["runtime"][0].as_str().unwrap());
+    let mut error = -1;
+    // SAFETY: the stand-in's library, which is never unloaded; the factory takes a text and room for a number.
+    let core = unsafe {
+        let library = Box::leak(Box::new(libloading::Library::new(path).unwrap()));
+        let factory = library.get::<Factory>(b"VRClientCoreFactory\0").unwrap();
+        assert!(factory(c"IVRClientCore_999".as_ptr(), &mut error).is_null());
+        factory(c"IVRClientCore_003".as_ptr(), &mut error)
+    };
+    assert!(!core.is_null() && error == 0);
+    core
+}
+
+fn init(core: *mut c_void, kind: sys::EVRApplicationType) -> u32 {
+    // SAFETY: a living core; no startup info.
+    unsafe { (core_table(core).init)(core, kind, std::ptr::null()) }
+}
+
+/// Without Init there is nothing to ask for.
+fn assert_nothing_before_init(core: *mut c_void) {
+    let mut error = 0;
+    let name = c"FnTable:IVRSystem_026".as_ptr();
+    // SAFETY: a living core, a text, room for a number.
+    let found = unsafe { (core_table(core).get_generic_interface)(core, name, &mut error) };
+    assert_eq!((found.is_null(), error), (true, sys::EVRInitError_VRInitError_Init_NotInitialized));
+}
+
 impl Runtime {
-    /// Loads it from where the registry file says, and asks for the tables.
-    pub fn load() -> Self {
-        let registry = crate::rig::read_json(std::env::var("VR_PATHREG_OVERRIDE").unwrap().as_ref());
-        let path = format!("{}/bin/linux64/vrclient.so", registry["runtime"][0].as_str().unwrap());
-        let mut error = -1;
-        // SAFETY: the stand-in's library, which is never unloaded; the factory takes a text and room for a number.
-        let core = unsafe {
-            let library = Box::leak(Box::new(libloading::Library::new(path).unwrap()));
-            let factory = library.get::<Factory>(b"VRClientCoreFactory\0").unwrap();
-            assert!(factory(c"IVRClientCore_999".as_ptr(), &mut error).is_null());
-            factory(c"IVRClientCore_003".as_ptr(), &mut error)
-        };
-        assert!(!core.is_null() && error == 0);
+    /// Loads it, connects as something, and asks for the tables.
+    pub fn connected_as(kind: sys::EVRApplicationType) -> Self {
+        let core = load();
+        assert_nothing_before_init(core);
+        assert_eq!(init(core, kind), 0);
         Self {
             core,
             system: table(core, sys::IVRSystem_Version),
@@ -78,17 +100,28 @@ impl Runtime {
         }
     }
 
-    /// Connects as something; the error.
-    pub fn init_as(&self, kind: sys::EVRApplicationType) -> u32 {
-        // SAFETY: a living core; no startup info.
-        unsafe { (core_table(self.core).init)(self.core, kind, std::ptr::null()) }
-    }
-
     /// Loads it and connects as an overlay.
     pub fn connected() -> Self {
-        let runtime = Self::load();
-        assert_eq!(runtime.init_as(sys::EVRApplicationType_VRApplication_Overlay), 0);
-        runtime
+        Self::connected_as(sys::EVRApplicationType_VRApplication_Overlay)
+    }
+
+    /// Connects again; the error.
+    pub fn init_as(&self, kind: sys::EVRApplicationType) -> u32 {
+        init(self.core, kind)
+    }
+
+    /// Tells the SDK's version through IVRSystem as a C++ object, as Valve's loader does; the error.
+    pub fn set_sdk_version_in_cpp(&self, [major, minor, build]: [u32; 3]) -> u32 {
+        type SetSdkVersion = unsafe extern "C" fn(*mut c_void, u32, u32, u32) -> u32;
+        // The last one of the class.
+        let last = size_of::<sys::VR_IVRSystem_FnTable>() / size_of::<usize>() - 1;
+        let (mut error, name) = (u32::MAX, sys::IVRSystem_Version.as_ptr());
+        // SAFETY: the first word of a C++ object points to its functions, each of which takes the object first.
+        unsafe {
+            let object = (core_table(self.core).get_generic_interface)(self.core, name, &mut error);
+            assert_eq!((object.is_null(), error), (false, 0));
+            (*(*object.cast::<*const SetSdkVersion>()).add(last))(object, major, minor, build)
+        }
     }
 
     /// Disconnects.

@@ -33,9 +33,8 @@ fn poses_follow_the_track_to_the_time_that_was_asked_for() {
         writeln!(track, "{:.6} {:.6} 1.5 0 0 {sin:.9} 0 {cos:.9}", begin_s + t, 0.5 * t).unwrap();
     }
     writeln!(track, "{:.6} 1000 1.5 0 0 0 0 1", begin_s + 605.0).unwrap();
-    let file = std::env::temp_dir().join(format!("standin-track-{}.tum", std::process::id()));
-    std::fs::write(&file, track).unwrap();
-    alone("universes::poses_follow_the_track_to_the_time_that_was_asked_for", &json!({ "track": file }), |rig| {
+    let config = json!({ "files": { "head.tum": track }, "track": "head.tum" });
+    alone("universes::poses_follow_the_track_to_the_time_that_was_asked_for", &config, |rig| {
         let runtime = Runtime::connected();
         let given = crate::rig::read_json(&rig.folder.join("runtime/standin.json"));
         let text = std::fs::read_to_string(given["track"].as_str().unwrap()).unwrap();
@@ -52,7 +51,6 @@ fn poses_follow_the_track_to_the_time_that_was_asked_for() {
         }
         runtime.cleanup();
     });
-    std::fs::remove_file(&file).unwrap();
 }
 
 #[test]
@@ -60,9 +58,7 @@ fn in_a_gap_the_pose_is_invalid_and_at_the_ends_it_rests() {
     let begin_s = now_s();
     let lines = [(-1.0, 1.0), (-0.99, 2.0), (600.0, 3.0), (600.01, 4.0)];
     let text = lines.map(|(t, x)| format!("{:.6} {x} 0 0 0 0 0 1\n", begin_s + t)).concat();
-    let file = std::env::temp_dir().join(format!("standin-gap-{}.tum", std::process::id()));
-    std::fs::write(&file, text).unwrap();
-    let config = json!({ "track": file, "controllers": [file] });
+    let config = json!({ "files": { "gap.tum": text }, "track": "gap.tum", "controllers": ["gap.tum"] });
     alone("universes::in_a_gap_the_pose_is_invalid_and_at_the_ends_it_rests", &config, |_| {
         let runtime = Runtime::connected();
         let [head, controller, none] = runtime.poses(STANDING, 0.0);
@@ -73,7 +69,28 @@ fn in_a_gap_the_pose_is_invalid_and_at_the_ends_it_rests() {
         assert!(!none.bPoseIsValid && !none.bDeviceIsConnected);
         runtime.cleanup();
     });
-    std::fs::remove_file(&file).unwrap();
+}
+
+#[test]
+fn a_track_that_loops_goes_there_and_back() {
+    let lines: String =
+        (0..=10).map(|i| format!("{:.2} {:.2} 1 0 0 0 0 1\n", f64::from(i) * 0.01, f64::from(i) * 0.1)).collect();
+    let config =
+        json!({ "files": { "loop.tum": lines }, "track": "loop.tum", "track_is_relative": true, "track_loops": true });
+    alone("universes::a_track_that_loops_goes_there_and_back", &config, |_| {
+        let runtime = Runtime::connected();
+        let (mut there, mut back, mut before) = (false, false, runtime.head(STANDING).w_axis.x);
+        until("both directions", || {
+            let pose = runtime.poses(STANDING, 0.0)[0];
+            let x = from_matrix(&pose.mDeviceToAbsoluteTracking).w_axis.x;
+            assert!(pose.bPoseIsValid && (-1e-6..=1.0 + 1e-6).contains(&x), "{x}");
+            there |= x > before;
+            back |= x < before;
+            before = x;
+            (there && back).then_some(())
+        });
+        runtime.cleanup();
+    });
 }
 
 const CONFIG: &str = r#"{"raw_from_standing": {"position_m": [0.3, -0.05, 0.2], "yaw_deg": 30},
