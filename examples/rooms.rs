@@ -1,6 +1,6 @@
 //! How well furniture is found in simulated rooms, and how much is reported where nothing is.
 //!
-//!     cargo run --release --example rooms -- [FIRST..END] [SCENE] [--each] [rooms.explain.min_score=3 …]
+//!     cargo run --release --example rooms -- [FIRST..END] [SCENE] [--each] [--poses-hz=250] [rooms.explain.min_score=3 …]
 //!
 //! Plays 30 s with preset d16 for every seed through the whole pipeline and holds the scene against the truth, as `replay`
 //! does. Things that came within 1 m are due; found: a report within 10 cm of one of their points; false: a report farther
@@ -19,9 +19,11 @@ const SEEN_S: f64 = 0.75;
 
 fn main() {
     let (mut seeds, mut scene, mut each, mut changes) = (0..4, "furnished-room".to_string(), false, Vec::new());
+    let mut poses_hz = None;
     for argument in std::env::args().skip(1) {
         match argument.split_once("..") {
             Some((first, end)) => seeds = first.parse().expect("a seed")..end.parse().expect("a seed"),
+            None if argument.starts_with("--poses-hz=") => poses_hz = argument[11..].parse().ok(),
             None if argument.contains('=') => changes.push(argument),
             None if argument == "--each" => each = true,
             None => scene = argument,
@@ -30,7 +32,7 @@ fn main() {
     let settings = Settings::from_toml("", &changes).unwrap_or_else(|error| panic!("{error}"));
     let (mut scores, start) = (Vec::new(), Instant::now());
     for seed in seeds {
-        let score = play(&scene, seed, &settings);
+        let score = play(&scene, seed, poses_hz, &settings);
         println!("seed {seed}: {}", line(std::slice::from_ref(&score)));
         if each {
             println!("{score}\n");
@@ -40,8 +42,9 @@ fn main() {
     println!("all: {}, {:.1} s a run", line(&scores), start.elapsed().as_secs_f64() / scores.len().max(1) as f64);
 }
 
-fn play(scene: &str, seed: u64, settings: &Settings) -> Score {
-    let scenario = Scenario::new(scene, "natural", preset("d16").expect("d16 exists"), DURATION_S, seed);
+fn play(scene: &str, seed: u64, poses_hz: Option<f64>, settings: &Settings) -> Score {
+    let mut scenario = Scenario::new(scene, "natural", preset("d16").expect("d16 exists"), DURATION_S, seed);
+    scenario.errors.rate_hz = poses_hz.unwrap_or(scenario.errors.rate_hz);
     let simulated = scenario.run().unwrap_or_else(|error| panic!("{error}"));
     let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, settings);
     let mut frames = simulated.frames.into_iter().peekable();

@@ -16,9 +16,11 @@ fn room(duration_s: f64) -> (Scenario, Simulated) {
     (scenario, simulated)
 }
 
-/// Without the estimate of the time offset, when what is applied depends on nothing but the data.
+/// Without the estimate of the time offset, when what is applied depends on nothing but the data; and with poses waited for
+/// as beside a headset.
 fn settings() -> Settings {
-    Settings::from_toml("", &["tracking.estimate_time_offset=false".into()]).unwrap()
+    let changes = ["tracking.estimate_time_offset=false".into(), "tracking.history.max_ahead_s=0".into()];
+    Settings::from_toml("", &changes).unwrap()
 }
 
 fn start(scenario: &Scenario, settings: &Settings, options: &ReconstructionOptions) -> Reconstruction {

@@ -127,9 +127,9 @@ fn verdict(trial: &Synchronisation) -> String {
         ),
         None => "At start   not observable\n".to_owned(),
     };
-    text += &format!("Residual   radar minus poses {:.1} mm rms as set", trial.rms_as_set_m * 1e3);
-    if let Some(rms_m) = trial.rms_corrected_m {
-        text += &format!(", {:.1} mm with the offset found", rms_m * 1e3);
+    text += &format!("Residual   radar minus poses ±{:.1} mm as set", trial.spread_as_set_m * 1e3);
+    if let Some(spread_m) = trial.spread_corrected_m {
+        text += &format!(", ±{:.1} mm with the offset found", spread_m * 1e3);
     }
     text + "\n"
 }

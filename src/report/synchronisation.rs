@@ -13,6 +13,7 @@ const HEIGHTS: [f64; 3] = [220.0, 220.0, 190.0];
 const TOP: f64 = 118.0;
 /// Between a panel's lower margin and the next one's frame.
 const GAP: f64 = 44.0;
+const RADAR: Rgb = [86, 180, 233];
 const POSES: Rgb = [230, 159, 0];
 
 /// An offset as one method has it: value and 1σ, seconds.
@@ -64,7 +65,7 @@ pub fn synchronisation_plot(plot: &SynchronisationPlot) -> Picture {
 }
 
 fn legend(canvas: &mut Canvas, plot: &SynchronisationPlot) {
-    let mut entries = vec![(Symbol::Dot(FOUND_INK), "radar"), (Symbol::Line(POSES), "poses, as stamped")];
+    let mut entries = vec![(Symbol::Dot(RADAR), "radar"), (Symbol::Line(POSES), "poses, as stamped")];
     if plot.offset_s.is_some() {
         entries.push((Symbol::Line(PATH_INK), "poses, corrected"));
     }
@@ -89,12 +90,13 @@ fn ranges(canvas: &mut Canvas, shown: &SynchronisationPlot, area: Rect, time_s: 
     let plot = Plot::new(area, time_s, [values[0] - air, values[1] + air]);
     plot.grid(canvas);
     canvas.clipped(area, |canvas| {
+        for point in plot.all_at(radar.iter().copied()) {
+            canvas.disc(point, 2.6, RADAR);
+        }
+        // Over the dots, which are so many that they would hide the lines.
         joined(canvas, &plot, &poses, POSES);
         if shown.offset_s.is_some() {
             joined(canvas, &plot, &corrected, PATH_INK);
-        }
-        for point in plot.all_at(radar.iter().copied()) {
-            canvas.disc(point, 2.0, FOUND_INK);
         }
     });
     plot.axes(canvas, heading, "time since the first sweep (s)", "distance (m)");

@@ -33,9 +33,9 @@ fn known_offsets_come_back_by_both_ways() {
         assert!(first.from_s > 0.9 && first.from_s < 1.4 && (first.to_s - first.from_s - 2.0).abs() < 1e-6);
         assert!((first.estimate.unwrap().offset_s - offset_s).abs() < 2e-3, "{offset_s}: {first:?}");
         assert!(!told.start_lag.unwrap().is_significant, "{offset_s}: {:?}", told.start_lag);
-        assert!(told.rms_corrected_m.unwrap() < 4e-3, "{told:?}");
+        assert!(told.spread_corrected_m.unwrap() < 4e-3, "{told:?}");
         if offset_s != 0.0 {
-            assert!(told.rms_as_set_m > 2.0 * told.rms_corrected_m.unwrap());
+            assert!(told.spread_as_set_m > 2.0 * told.spread_corrected_m.unwrap());
         }
         let error_m = told.reflector_m.distance(simulated.truth.obstacles[0].points_m[0]);
         // The way is straight: across it, the place is hardly known.

@@ -28,6 +28,8 @@ const WINDOW_S: f64 = 2.0;
 const MAX_WINDOWS: f64 = 20.0;
 /// Estimates of the whole are made of parts of at most this length, seconds: the estimator's memory.
 const PART_S: f64 = 20.0;
+/// Things that are tried as the reflector.
+const MAX_REFLECTORS: usize = 6;
 /// Faster than this is motion, m/s.
 const MOVING_M_PER_S: f64 = 0.1;
 /// The path around a window that its sweeps may belong to, seconds.
@@ -103,10 +105,10 @@ pub struct Synchronisation {
     pub windows: Vec<OffsetWindow>,
     /// The first window against the others; `None`: not both tell.
     pub start_lag: Option<StartLag>,
-    /// Rms of radar range minus pose distance, less its mean, with the offset set and with the one found, metres.
-    pub rms_as_set_m: f64,
-    /// See `rms_as_set_m`; `None`: none was found.
-    pub rms_corrected_m: Option<f64>,
+    /// Spread of radar range minus pose distance, as a standard deviation, with the offset set and with the one found, metres.
+    pub spread_as_set_m: f64,
+    /// See `spread_as_set_m`; `None`: none was found.
+    pub spread_corrected_m: Option<f64>,
     /// Range of the reflector by radar: seconds since the first sweep, metres.
     #[serde(skip)]
     pub radar_range_m: Vec<[f64; 2]>,
@@ -137,13 +139,12 @@ pub fn synchronisation(
         return Err(SynchronisationError::NoPoses);
     };
     let (start_ns, end_ns) = (first.mid_time_ns, last.mid_time_ns);
-    let place = reflector(config, head_from_sensor, settings, frames, poses)?;
-    let radar = RangeReader::new(place, settings).read(&joined.observations);
+    let places = reflectors(config, head_from_sensor, settings, frames, poses);
+    let reflector = best_followed(&places, &joined, settings).ok_or(SynchronisationError::NoReflector)?;
+    let Followed { place, radar, by_poses } = reflector;
     if radar.len() < ranges::LEAST {
         return Err(SynchronisationError::FewRanges(radar.len()));
     }
-    let by_poses = joined.path.iter().map(|at| (at.time_ns, at.tracking_from_sensor.translation.distance(place)));
-    let by_poses: Vec<(i64, f64)> = by_poses.collect();
     let rates = [RateSeries::of(&radar), RateSeries::of(&by_poses)];
     let set_s = settings.tracking.time_offset_s;
     let spans = spans(&joined.path, start_ns, end_ns);
@@ -165,8 +166,8 @@ pub fn synchronisation(
         start_lag: start_lag(&windows),
         windows,
         whole,
-        rms_as_set_m: ranges::rms_m(&radar, &by_poses, set_s),
-        rms_corrected_m: found_s.map(|offset_s| ranges::rms_m(&radar, &by_poses, offset_s)),
+        spread_as_set_m: ranges::spread_m(&radar, &by_poses, set_s),
+        spread_corrected_m: found_s.map(|offset_s| ranges::spread_m(&radar, &by_poses, offset_s)),
         radar_range_m: since(&radar),
         pose_range_m: since(&by_poses),
     })
@@ -203,14 +204,35 @@ fn joined(
     joined
 }
 
-/// The strongest thing that the pipeline finds.
-fn reflector(
+/// A place, its range by radar and its distance by poses.
+struct Followed {
+    place: DVec3,
+    radar: Vec<(i64, f64)>,
+    by_poses: Vec<(i64, f64)>,
+}
+
+/// The place whose strongest echo follows its distance most often: what stands out from all around it.
+fn best_followed(places: &[DVec3], joined: &Joined, settings: &Settings) -> Option<Followed> {
+    let followed = |place: &DVec3| {
+        let distance_m = |at: &SensorState| (at.time_ns, at.tracking_from_sensor.translation.distance(*place));
+        let by_poses: Vec<(i64, f64)> = joined.path.iter().map(distance_m).collect();
+        let radar = RangeReader::new(*place, settings).read(&joined.observations);
+        let count = ranges::following(&radar, &by_poses, settings.tracking.time_offset_s);
+        (count, Followed { place: *place, radar, by_poses })
+    };
+    // Of equals the first, which is the strongest.
+    let best = places.iter().map(followed).reduce(|best, next| if next.0 > best.0 { next } else { best });
+    best.map(|(_, followed)| followed)
+}
+
+/// The strongest things that the pipeline finds.
+fn reflectors(
     config: &SensorConfig,
     head_from_sensor: &Pose,
     settings: &Settings,
     frames: &[Frame],
     poses: &[PoseSample],
-) -> Result<DVec3, SynchronisationError> {
+) -> Vec<DVec3> {
     let mut pipeline = Pipeline::new(config, head_from_sensor, settings);
     let mut frames = frames.iter().peekable();
     for pose in poses {
@@ -221,8 +243,8 @@ fn reflector(
     }
     frames.for_each(|frame| pipeline.push_frame(frame.clone()));
     pipeline.finish();
-    let strongest = pipeline.scene().obstacles.into_iter().max_by(|a, b| a.evidence.total_cmp(&b.evidence));
-    strongest.map(|obstacle| obstacle.position_m).ok_or(SynchronisationError::NoReflector)
+    // By falling evidence.
+    pipeline.scene().obstacles.iter().take(MAX_REFLECTORS).map(|obstacle| obstacle.position_m).collect()
 }
 
 /// A part of the recording, in the sweeps' time.

@@ -96,15 +96,35 @@ fn vertex(three: &[f64]) -> f64 {
     (0.5 * (c - a) / (2.0 * b - a - c)).clamp(-0.5, 0.5)
 }
 
-/// Rms of range minus distance, less its mean, when poses are this much later than sweeps; NaN when they never meet.
-pub(super) fn rms_m(radar: &[(i64, f64)], by_poses: &[(i64, f64)], offset_s: f64) -> f64 {
+/// Ranges this near to their median difference from the distances follow the place, metres.
+const FOLLOWS_M: f64 = 0.03;
+
+/// How many ranges follow the distances.
+pub(super) fn following(radar: &[(i64, f64)], by_poses: &[(i64, f64)], offset_s: f64) -> usize {
+    let residuals = residuals(radar, by_poses, offset_s);
+    let middle = median(&residuals);
+    residuals.iter().filter(|r| (*r - middle).abs() <= FOLLOWS_M).count()
+}
+
+/// Spread of range minus distance when poses are this much later than sweeps, as a standard deviation: 1.48 times the median
+/// of what is left without the median, so that other echoes do not count; NaN when they never meet.
+pub(super) fn spread_m(radar: &[(i64, f64)], by_poses: &[(i64, f64)], offset_s: f64) -> f64 {
+    let residuals = residuals(radar, by_poses, offset_s);
+    let middle = median(&residuals);
+    1.4826 * median(&residuals.iter().map(|r| (r - middle).abs()).collect::<Vec<f64>>())
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+fn residuals(radar: &[(i64, f64)], by_poses: &[(i64, f64)], offset_s: f64) -> Vec<f64> {
     let offset_ns = (offset_s * 1e9).round() as i64;
     let residual =
         |(time_ns, range_m): &(i64, f64)| Some(range_m - value_at(by_poses, time_ns.saturating_add(offset_ns))?);
-    let residuals: Vec<f64> = radar.iter().filter_map(residual).collect();
-    let count = residuals.len() as f64;
-    let mean = residuals.iter().sum::<f64>() / count;
-    (residuals.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / count).sqrt()
+    radar.iter().filter_map(residual).collect()
 }
 
 /// A series between its entries, never across a pause.

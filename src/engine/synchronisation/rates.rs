@@ -19,8 +19,9 @@ const LEAST_SHARE: f64 = 0.6;
 /// Rates fewer or slower than this, rms, say nothing, m/s.
 const LEAST_RATES: usize = 30;
 const LEAST_RATE_M_PER_S: f64 = 0.05;
-/// Rates that correlate less say nothing.
-const LEAST_CORRELATION: f64 = 0.5;
+/// Rates that correlate less, or tell the offset less well than this 1σ, seconds, say nothing.
+const LEAST_CORRELATION: f64 = 0.8;
+const WORST_SIGMA_S: f64 = 0.02;
 
 /// Rates of a distance over time: nanoseconds, m/s.
 pub(super) struct RateSeries(Vec<(i64, f64)>);
@@ -77,7 +78,8 @@ pub(super) fn correlated(
     let [a, b, c] = [tried[best - 1], tried[best], tried[best + 1]];
     let vertex = if a.min(c) >= 0.0 { (0.5 * (c - a) / (2.0 * b - a - c)).clamp(-1.0, 1.0) } else { 0.0 };
     let offset_ns = at(best as i64 - steps) + (vertex * STEP_NS as f64).round() as i64;
-    Some(RateOffset { offset_s: offset_ns as f64 * 1e-9, sigma_s: sigma_s(window, poses, offset_ns), correlation: b })
+    let sigma_s = sigma_s(window, poses, offset_ns);
+    (sigma_s <= WORST_SIGMA_S).then_some(RateOffset { offset_s: offset_ns as f64 * 1e-9, sigma_s, correlation: b })
 }
 
 /// Pairs of a radar's rate and the poses' that much later.
