@@ -57,7 +57,7 @@ fn load(path: &Path) -> Applications {
 fn on<T>(name: &'static str, failed: T, body: impl FnOnce(&mut World, &mut Applications) -> T) -> T {
     let mut value = None;
     call(name, NO_CONTACT, |world| {
-        if world.server.alive(now_ns()) {
+        if world.is_utility() || world.server.alive(now_ns()) {
             let path = world.place.applications();
             let mut applications = load(&path);
             let before = serde_json::to_vec_pretty(&applications).unwrap_or_default();

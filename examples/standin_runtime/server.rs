@@ -15,10 +15,11 @@ pub struct Server {
 }
 
 impl Server {
-    /// The server whose lock is that file; `None` where there is none alive.
-    pub fn connect(lock: &Path, now_ns: i64) -> Option<Self> {
+    /// The server whose lock is that file, alive or dead; `None` where there never was one.
+    pub fn find(lock: &Path, now_ns: i64) -> Option<Self> {
         let mut server = Self { lock: File::open(lock).ok()?, asked_ns: i64::MIN / 2, alive: true };
-        server.alive(now_ns).then_some(server)
+        server.alive(now_ns);
+        Some(server)
     }
 
     /// Whether it lives. Once dead it stays so: another server knows nothing of this client.

@@ -144,7 +144,12 @@ impl World {
         let no_path = |why| (sys::EVRInitError_VRInitError_Init_NoConfigPath, why);
         let place = Place::find().map_err(no_path)?;
         let config = Config::read(&place.config()).map_err(no_path)?;
-        let server = Server::connect(&place.server_lock(), now_ns).ok_or_else(|| no_server(application_type))?;
+        let mut server = Server::find(&place.server_lock(), now_ns).ok_or_else(|| no_server(application_type))?;
+        // Utilities, which register applications, do without.
+        let is_utility = application_type == sys::EVRApplicationType_VRApplication_Utility;
+        if !is_utility && !server.alive(now_ns) {
+            return Err(no_server(application_type));
+        }
         let clients_lock = connect_client(&place).map_err(|error| {
             (sys::EVRInitError_VRInitError_Init_Internal, format!("{}: {error}", place.clients_lock().display()))
         })?;
@@ -297,6 +302,11 @@ impl World {
             sys::EVRApplicationType_VRApplication_Utility => "report_utility.json",
             _ => "report.json",
         })
+    }
+
+    /// Whether the client may work with applications without a server.
+    pub fn is_utility(&self) -> bool {
+        self.report.application_type == sys::EVRApplicationType_VRApplication_Utility
     }
 
     /// Whether the client shows something: what is drawn and asked to quit is meant for it.

@@ -60,6 +60,19 @@ fn applications_stay_from_session_to_session() {
 }
 
 #[test]
+fn a_utility_registers_without_a_server() {
+    alone("applications::a_utility_registers_without_a_server", &json!({}), |rig| {
+        rig.kill_server();
+        let runtime = Runtime::connected_as(sys::EVRApplicationType_VRApplication_Utility);
+        let path = write(&rig.folder.join("test.vrmanifest"), &manifest("program", ""));
+        assert_eq!(call!(runtime.applications, AddApplicationManifest, text(&path), false), 0);
+        assert!(call!(runtime.applications, IsApplicationInstalled, text(KEY)));
+        assert!(!runtime.poses(sys::ETrackingUniverseOrigin_TrackingUniverseStanding, 0.0)[0].bDeviceIsConnected);
+        runtime.cleanup();
+    });
+}
+
+#[test]
 fn bad_manifests_are_refused() {
     alone("applications::bad_manifests_are_refused", &json!({}), |rig| {
         let runtime = Runtime::connected();

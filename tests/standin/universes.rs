@@ -179,9 +179,10 @@ fn a_change_of_universe_has_another_name_and_moves_everything() {
 fn tracking_is_lost_and_found_and_the_headset_taken_off() {
     alone("universes::tracking_is_lost_and_found_and_the_headset_taken_off", &json!({}), |rig| {
         let runtime = Runtime::connected();
-        rig.command(&json!({ "do": "invalid", "for_s": 0.3 }));
+        rig.command(&json!({ "do": "invalid", "for_s": 3600 }));
         until("a lost pose", || (!runtime.poses(STANDING, 0.0)[0].bPoseIsValid).then_some(()));
         assert!(runtime.poses(STANDING, 0.0)[0].bDeviceIsConnected);
+        rig.command(&json!({ "do": "invalid", "for_s": 0 }));
         until("a pose again", || runtime.poses(STANDING, 0.0)[0].bPoseIsValid.then_some(()));
         rig.command(&json!({ "do": "standby" }));
         event(&runtime, sys::EVREventType_VREvent_EnterStandbyMode);
