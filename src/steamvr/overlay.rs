@@ -68,6 +68,8 @@ impl Overlay {
             thread: PhantomData,
         };
         overlay.set_flag(sys::VROverlayFlags_IsPremultiplied)?;
+        // Warnings are to be seen from behind as well, by one who stands in what they warn of; not a backing.
+        overlay.set_flag(sys::VROverlayFlags_NoBackside)?;
         Ok(overlay)
     }
 
