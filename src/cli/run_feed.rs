@@ -97,19 +97,33 @@ impl Feed {
     fn run(&self, mut plan: FeedPlan) -> Result<()> {
         let Some(sensor) = self.wait_for_sensor(&plan.sensor) else { return Ok(()) };
         sensor.tell()?;
-        let threads = Some(plan.settings.headset.threads).filter(|threads| *threads > 0);
+        let reconstruction = self.begin(&sensor, &plan.settings)?;
+        let source = plan.poses.take().map_or(PoseSource::None, PoseSource::Live);
+        let mut file = plan.record.as_deref().map(|path| RecordFile::new(path, source));
+        while let Some(stream) = self.open(&sensor) {
+            let hand_on = |frame: &Frame| reconstruction.push_frame(frame.clone());
+            // A recording ends with the stream that it was begun with.
+            let is_recording = file.is_some();
+            let mut intake = Intake::new(&sensor, file.take(), &hand_on);
+            let taken = intake.run(&stream, &self.stop, Until::Stopped, &|| self.told_status());
+            let done = intake.end(stream, taken);
+            if self.stop.load(Ordering::Relaxed) || is_recording {
+                return done;
+            }
+            let why = done.err().map_or("it ended".to_owned(), |error| format!("{error:#}"));
+            log::warn!("the sensor's stream: {why}. It is taken up again in {} s", LOOK_AGAIN.as_secs());
+            self.rest();
+        }
+        Ok(())
+    }
+
+    fn begin(&self, sensor: &ChosenSensor, settings: &Settings) -> Result<&Reconstruction> {
+        let threads = Some(settings.headset.threads).filter(|threads| *threads > 0);
         let options = ReconstructionOptions { threads, ..Default::default() };
-        let reconstruction = Reconstruction::start(sensor.config()?, &sensor.mount(), &plan.settings, &options)?;
+        let reconstruction = Reconstruction::start(sensor.config()?, &sensor.mount(), settings, &options)?;
         let period_s = frame_timing(sensor.config()?).frame_period_s;
         self.sensor_period_ns.store((period_s * 1e9) as i64, Ordering::Relaxed);
-        let reconstruction = self.reconstruction.get_or_init(|| reconstruction);
-        let source = plan.poses.take().map_or(PoseSource::None, PoseSource::Live);
-        let file = plan.record.as_deref().map(|path| RecordFile::new(path, source));
-        let hand_on = |frame: &Frame| reconstruction.push_frame(frame.clone());
-        let mut intake = Intake::new(&sensor, file, &hand_on);
-        let Some(stream) = self.open(&sensor) else { return Ok(()) };
-        let done = intake.run(&stream, &self.stop, Until::Stopped, &|| self.told_status());
-        intake.end(stream, done)
+        Ok(self.reconstruction.get_or_init(|| reconstruction))
     }
 
     fn wait_for_sensor(&self, arguments: &SensorArguments) -> Option<ChosenSensor> {
@@ -134,13 +148,18 @@ impl Feed {
                     }
                 }
             }
-            let mut waited = Duration::ZERO;
-            while waited < LOOK_AGAIN && !self.stop.load(Ordering::Relaxed) {
-                std::thread::sleep(NOTICE);
-                waited += NOTICE;
-            }
+            self.rest();
         }
         None
+    }
+
+    /// Until it is time to look again, or to end.
+    fn rest(&self) {
+        let mut waited = Duration::ZERO;
+        while waited < LOOK_AGAIN && !self.stop.load(Ordering::Relaxed) {
+            std::thread::sleep(NOTICE);
+            waited += NOTICE;
+        }
     }
 
     /// What the frame loop does, for the line of progress.
