@@ -1,4 +1,4 @@
-//! How often panels are drawn again, and what warnings cost a frame, while somebody plays in the demo's furnished room:
+//! How often panels are drawn again, and what each display's drawing costs a frame (the thread's own time), while somebody plays in the demo's furnished room:
 //! `cargo run --release --example redraws [SECONDS]`.
 
 use std::collections::BTreeMap;
@@ -8,7 +8,7 @@ use radar_chaperone::geometry::Pose;
 use radar_chaperone::live::thread_cpu_ns;
 use radar_chaperone::obstacles::Scene;
 use radar_chaperone::radar::preset;
-use radar_chaperone::render::Renderer;
+use radar_chaperone::render::{EyeView, Renderer, Scenery, Window};
 use radar_chaperone::simulation::{Scenario, Simulated};
 use radar_chaperone::warning::Watch;
 
@@ -59,7 +59,7 @@ fn main() -> anyhow::Result<()> {
     for (name, last_scene_alone) in [("as found while playing", false), ("all known from the start", true)] {
         play(name, &frames, last_scene_alone, &settings)?;
     }
-    Ok(())
+    play_in_space(&frames, &settings)
 }
 
 fn play(name: &str, frames: &[(Pose, Option<Scene>)], last_alone: bool, settings: &Settings) -> anyhow::Result<()> {
@@ -97,5 +97,34 @@ fn play(name: &str, frames: &[(Pose, Option<Scene>)], last_alone: bool, settings
     println!("  see, for {} new scenes: {}", see_ns.len(), described(&mut see_ns));
     println!("  warn: {}", described(&mut warn_ns));
     println!("  quads: {}", described(&mut quads_ns));
+    Ok(())
+}
+
+/// Every tenth frame as the displays in space show it.
+fn play_in_space(frames: &[(Pose, Option<Scene>)], settings: &Settings) -> anyhow::Result<()> {
+    let mut renderer = Renderer::new()?;
+    let mut watch = Watch::new();
+    watch.see(&frames.iter().rev().find_map(|(_, scene)| scene.clone()).unwrap_or_default());
+    let (mut windows_ns, mut eyes_ns) = (Vec::new(), Vec::new());
+    for (head, _) in frames.iter().step_by(10) {
+        let warnings = watch.warn(head, &settings.warning);
+        let quads = renderer.quads(&warnings.clone().without_silhouettes(), &settings.warning)?;
+        let views = EyeView::pair(head, 0.064, 1.75, [1024, 1024]);
+        let start = thread_cpu_ns();
+        let shapes = watch.shapes(&warnings);
+        let scenery = Scenery { quads: &quads, shapes: &shapes, color: settings.warning.color };
+        let eyes_m = views.map(|view| view.tracking_from_eye.translation);
+        for window in Window::of_panels(&scenery, eyes_m) {
+            renderer.window(&scenery, &window, eyes_m, window.half_px())?;
+        }
+        let between = thread_cpu_ns();
+        for (side, view) in views.iter().enumerate() {
+            renderer.eye(&scenery, side, view)?;
+        }
+        windows_ns.push((between - start) as u64);
+        eyes_ns.push((thread_cpu_ns() - between) as u64);
+    }
+    println!("all windows of a frame: {}", described(&mut windows_ns));
+    println!("both eyes' pictures of a frame: {}", described(&mut eyes_ns));
     Ok(())
 }

@@ -8,7 +8,7 @@ use super::error::RenderError;
 use super::eye::EyeView;
 use super::gpu::{FORMAT, Gpu};
 use super::quads::Quad;
-use super::viewer::{Viewer, begin};
+use super::viewer::{Canvas, Viewer};
 
 /// The picture of one eye. `truth`: places and radii, metres.
 pub(super) fn preview(
@@ -24,7 +24,7 @@ pub(super) fn preview(
     let picture = gpu.target(view.size_px, FORMAT, 1);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     {
-        let mut pass = begin(gpu, &mut encoder, &picture);
+        let mut pass = Canvas::new(gpu, view.size_px).begin(&mut encoder, &picture);
         viewer.draw_backdrop(&mut pass, &sight);
         viewer.draw_things(&mut pass, &sight);
     }

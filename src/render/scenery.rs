@@ -19,12 +19,14 @@ use super::eye::EyeView;
 use super::gpu::{FORMAT, Gpu};
 use super::painter::{linear, ready_to_copy};
 use super::quads::{Quad, QuadKind};
-use super::viewer::{Ball, Sight, Viewer, begin};
+use super::viewer::{Ball, Canvas, Sight, Viewer};
 use crate::geometry::Pose;
 use crate::warning::Shape;
 
 /// Textures that take turns.
 const TURNS: usize = 3;
+/// Canvases of as many sizes are kept.
+const CANVASES: usize = 3;
 /// A window's textures are dropped after so many drawings of others: some seconds.
 const KEPT_FOR: u64 = 2000;
 /// An eye nearer to a window's plane than this does not see through it, metres.
@@ -147,6 +149,8 @@ struct Turns {
 pub(super) struct Screens {
     screens: BTreeMap<Screen, Turns>,
     uses: u64,
+    /// With their sizes, the last used last.
+    canvases: Vec<([u32; 2], Canvas)>,
 }
 
 impl Screens {
@@ -174,7 +178,7 @@ impl Screens {
         }
         let (kind, id) = window.key;
         let texture = self.turn(gpu, Screen::Window(kind, id), size_px);
-        draw(gpu, viewer, &texture, &sights, half_px);
+        draw(gpu, viewer, self.canvas(gpu, size_px), &texture, &sights, half_px);
         Ok(texture)
     }
 
@@ -193,8 +197,23 @@ impl Screens {
         let quads: Vec<&Quad> = scenery.quads.iter().collect();
         let sight = viewer.sight(gpu, view, &[], &balls, &quads);
         let texture = self.turn(gpu, Screen::Eye(side.min(1)), view.size_px);
-        draw(gpu, viewer, &texture, &[(sight, 0)], view.size_px);
+        draw(gpu, viewer, self.canvas(gpu, view.size_px), &texture, &[(sight, 0)], view.size_px);
         Ok(texture)
+    }
+
+    /// The canvas of that size: the same one for all pictures, which are drawn one after the other.
+    fn canvas(&mut self, gpu: &Gpu, size_px: [u32; 2]) -> &Canvas {
+        match self.canvases.iter().position(|(size, _)| *size == size_px) {
+            Some(at) => self.canvases[at..].rotate_left(1),
+            None => {
+                if self.canvases.len() >= CANVASES {
+                    self.canvases.remove(0);
+                }
+                self.canvases.push((size_px, Canvas::new(gpu, size_px)));
+            }
+        }
+        let last = self.canvases.len() - 1;
+        &self.canvases[last].1
     }
 
     /// The texture whose turn it is; a new one when its size is another. It was handed out three drawings ago.
@@ -214,10 +233,17 @@ impl Screens {
 }
 
 /// Draws what each eye sees into its part of a texture, `(sight, left edge)`, and leaves it ready to be copied.
-fn draw(gpu: &Gpu, viewer: &Viewer, texture: &wgpu::Texture, sights: &[(Sight, u32)], part_px: [u32; 2]) {
+fn draw(
+    gpu: &Gpu,
+    viewer: &Viewer,
+    canvas: &Canvas,
+    texture: &wgpu::Texture,
+    sights: &[(Sight, u32)],
+    part_px: [u32; 2],
+) {
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     {
-        let mut pass = begin(gpu, &mut encoder, texture);
+        let mut pass = canvas.begin(&mut encoder, texture);
         for (sight, left_px) in sights {
             let [x, width, height] = [*left_px, part_px[0], part_px[1]].map(|v| v as f32);
             pass.set_viewport(x, 0.0, width, height, 0.0, 1.0);

@@ -68,8 +68,8 @@ pub(super) struct Viewer {
 /// What is drawn for one eye, on the GPU.
 pub(super) struct Sight {
     eye: wgpu::BindGroup,
-    dots: (wgpu::Buffer, u32),
-    balls: (wgpu::Buffer, u32),
+    dots: Option<(wgpu::Buffer, u32)>,
+    balls: Option<(wgpu::Buffer, u32)>,
     corners: wgpu::Buffer,
     images: Vec<wgpu::BindGroup>,
 }
@@ -130,8 +130,8 @@ impl Viewer {
         let vertices = |bytes| gpu.buffer(bytes, wgpu::BufferUsages::VERTEX);
         Sight {
             eye: self.bind_eye(gpu, view),
-            dots: (vertices(bytemuck::cast_slice(&dots)), dots.len() as u32),
-            balls: (vertices(bytemuck::cast_slice(&balls)), balls.len() as u32),
+            dots: (!dots.is_empty()).then(|| (vertices(bytemuck::cast_slice(&dots)), dots.len() as u32)),
+            balls: (!balls.is_empty()).then(|| (vertices(bytemuck::cast_slice(&balls)), balls.len() as u32)),
             corners: vertices(bytemuck::cast_slice(&corners)),
             images: order.iter().map(|quad| self.bind_image(gpu, &quad.texture)).collect(),
         }
@@ -147,8 +147,8 @@ impl Viewer {
     /// Dots, balls and quads.
     pub fn draw_things(&self, pass: &mut wgpu::RenderPass, sight: &Sight) {
         pass.set_bind_group(0, &sight.eye, &[]);
-        for (pipeline, (instances, count)) in [(&self.dots, &sight.dots), (&self.balls, &sight.balls)] {
-            if *count > 0 {
+        for (pipeline, instances) in [(&self.dots, &sight.dots), (&self.balls, &sight.balls)] {
+            if let Some((instances, count)) = instances {
                 pass.set_pipeline(pipeline);
                 pass.set_vertex_buffer(0, instances.slice(..));
                 pass.draw(0..4, 0..*count);
@@ -199,32 +199,36 @@ impl Viewer {
     }
 }
 
-/// A pass over a new multisampled picture and depth buffer, resolved into `picture`.
-pub(super) fn begin<'e>(
-    gpu: &Gpu,
-    encoder: &'e mut wgpu::CommandEncoder,
-    picture: &wgpu::Texture,
-) -> wgpu::RenderPass<'e> {
-    let size = [picture.width(), picture.height()];
-    let samples = gpu.target(size, FORMAT, SAMPLES).create_view(&Default::default());
-    let depth = gpu.target(size, DEPTH, SAMPLES).create_view(&Default::default());
-    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-            view: &samples,
-            depth_slice: None,
-            resolve_target: Some(&picture.create_view(&Default::default())),
-            ops: wgpu::Operations {
-                load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
-                store: wgpu::StoreOp::Discard,
-            },
-        })],
-        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-            view: &depth,
-            depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
-            stencil_ops: None,
-        }),
-        ..Default::default()
-    })
+/// The multisampled picture and depth buffer of one size that are drawn on before a picture is resolved from them.
+pub(super) struct Canvas {
+    samples: wgpu::TextureView,
+    depth: wgpu::TextureView,
+}
+
+impl Canvas {
+    pub fn new(gpu: &Gpu, size_px: [u32; 2]) -> Self {
+        let view = |format| gpu.target(size_px, format, SAMPLES).create_view(&Default::default());
+        Self { samples: view(FORMAT), depth: view(DEPTH) }
+    }
+
+    /// A pass that begins transparent and ends up in `picture`, which is of the canvas' size.
+    pub fn begin<'e>(&self, encoder: &'e mut wgpu::CommandEncoder, picture: &wgpu::Texture) -> wgpu::RenderPass<'e> {
+        let nothing = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
+        encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: &self.samples,
+                depth_slice: None,
+                resolve_target: Some(&picture.create_view(&Default::default())),
+                ops: wgpu::Operations { load: nothing, store: wgpu::StoreOp::Discard },
+            })],
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &self.depth,
+                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
+                stencil_ops: None,
+            }),
+            ..Default::default()
+        })
+    }
 }
 
 /// Those on the floor first, then by falling distance from the eye.
