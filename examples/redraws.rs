@@ -114,9 +114,7 @@ fn play_in_space(frames: &[(Pose, Option<Scene>)], settings: &Settings) -> anyho
         let shapes = watch.shapes(&warnings);
         let scenery = Scenery { quads: &quads, shapes: &shapes, color: settings.warning.color };
         let eyes_m = views.map(|view| view.tracking_from_eye.translation);
-        for window in Window::of_panels(&scenery, eyes_m) {
-            renderer.window(&scenery, &window, eyes_m, window.half_px())?;
-        }
+        renderer.windows(&scenery, &Window::of_panels(&scenery, eyes_m), eyes_m)?;
         let between = thread_cpu_ns();
         for (side, view) in views.iter().enumerate() {
             renderer.eye(&scenery, side, view)?;

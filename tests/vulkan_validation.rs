@@ -149,6 +149,9 @@ fn everything() {
             let picture = renderer.picture_of_texture(&texture).unwrap();
             assert_eq!(taken_over(&device, &texture), picture.into_raw());
         }
+        for texture in renderer.windows(&scenery, &Window::of_panels(&scenery, eyes_m), eyes_m).unwrap() {
+            assert_eq!(taken_over(&device, &texture), renderer.picture_of_texture(&texture).unwrap().into_raw());
+        }
         for (side, view) in views.iter().enumerate() {
             let texture = renderer.eye(&scenery, side, view).unwrap();
             assert_eq!(taken_over(&device, &texture), renderer.picture_of_texture(&texture).unwrap().into_raw());

@@ -119,10 +119,34 @@ impl Renderer {
         eyes_m: [DVec3; 2],
         half_px: [u32; 2],
     ) -> Result<Arc<wgpu::Texture>, RenderError> {
+        let mut textures = self.sized_windows(scenery, &[(*window, half_px)], eyes_m)?;
+        textures.pop().ok_or_else(|| RenderError::Device("a window was not drawn".into()))
+    }
+
+    /// [`Self::window`] for several windows in one go, which costs less than one by one; each has [`Window::half_px`].
+    ///
+    /// # Errors
+    /// As [`Self::window`].
+    pub fn windows(
+        &mut self,
+        scenery: &Scenery,
+        windows: &[Window],
+        eyes_m: [DVec3; 2],
+    ) -> Result<Vec<Arc<wgpu::Texture>>, RenderError> {
+        let sized: Vec<_> = windows.iter().map(|window| (*window, window.half_px())).collect();
+        self.sized_windows(scenery, &sized, eyes_m)
+    }
+
+    fn sized_windows(
+        &mut self,
+        scenery: &Scenery,
+        windows: &[(Window, [u32; 2])],
+        eyes_m: [DVec3; 2],
+    ) -> Result<Vec<Arc<wgpu::Texture>>, RenderError> {
         self.cache.before_sampling(&self.gpu, &self.painter, scenery.quads);
-        let texture = self.screens.window(&self.gpu, &self.viewer, scenery, window, eyes_m, half_px)?;
+        let textures = self.screens.windows(&self.gpu, &self.viewer, scenery, windows, eyes_m)?;
         self.gpu.check()?;
-        Ok(texture)
+        Ok(textures)
     }
 
     /// All that one eye sees (`side`: 0 left, 1 right); otherwise as [`Self::window`].

@@ -154,32 +154,34 @@ pub(super) struct Screens {
 }
 
 impl Screens {
-    /// Both eyes' halves of a window, each of `half_px`.
-    pub fn window(
+    /// Both eyes' halves of each window, with the size of a half in pixels; all in one submission.
+    pub fn windows(
         &mut self,
         gpu: &Gpu,
         viewer: &Viewer,
         scenery: &Scenery,
-        window: &Window,
+        windows: &[(Window, [u32; 2])],
         eyes_m: [DVec3; 2],
-        half_px: [u32; 2],
-    ) -> Result<Arc<wgpu::Texture>, RenderError> {
-        let size_px = [half_px[0].saturating_mul(2), half_px[1]];
-        gpu.check_size(half_px)?;
-        gpu.check_size(size_px)?;
-        let quads: Vec<&Quad> = scenery.quads.iter().filter(|quad| window.shows(quad)).collect();
-        let shapes = scenery.shapes.iter().filter(|shape| window.shows_shape(shape));
-        let balls = balls(shapes, (eyes_m[0] + eyes_m[1]) / 2.0, scenery.color);
-        let mut sights = Vec::new();
-        for (view, left_px) in eyes_m.map(|eye_m| window.view(eye_m, half_px)).into_iter().zip([0, half_px[0]]) {
-            if let Some(view) = view.filter(|view| view.check().is_ok()) {
-                sights.push((viewer.sight(gpu, &view, &[], &balls, &quads), left_px));
-            }
+    ) -> Result<Vec<Arc<wgpu::Texture>>, RenderError> {
+        for (_, half_px) in windows {
+            gpu.check_size(*half_px)?;
+            gpu.check_size(of_two(*half_px))?;
         }
-        let (kind, id) = window.key;
-        let texture = self.turn(gpu, Screen::Window(kind, id), size_px);
-        draw(gpu, viewer, self.canvas(gpu, size_px), &texture, &sights, half_px);
-        Ok(texture)
+        if windows.is_empty() {
+            return Ok(Vec::new());
+        }
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        let mut textures = Vec::new();
+        for (window, half_px) in windows {
+            let sights = sights(gpu, viewer, scenery, window, eyes_m, *half_px);
+            let (kind, id) = window.key;
+            let texture = self.turn(gpu, Screen::Window(kind, id), of_two(*half_px));
+            draw(&mut encoder, viewer, self.canvas(gpu, of_two(*half_px)), &texture, &sights, *half_px);
+            textures.push(texture);
+        }
+        ready_to_copy(&mut encoder, textures.iter().map(Arc::as_ref));
+        gpu.queue.submit([encoder.finish()]);
+        Ok(textures)
     }
 
     /// What one eye sees; `side`: 0 left, 1 right.
@@ -197,7 +199,10 @@ impl Screens {
         let quads: Vec<&Quad> = scenery.quads.iter().collect();
         let sight = viewer.sight(gpu, view, &[], &balls, &quads);
         let texture = self.turn(gpu, Screen::Eye(side.min(1)), view.size_px);
-        draw(gpu, viewer, self.canvas(gpu, view.size_px), &texture, &[(sight, 0)], view.size_px);
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        draw(&mut encoder, viewer, self.canvas(gpu, view.size_px), &texture, &[(sight, 0)], view.size_px);
+        ready_to_copy(&mut encoder, [texture.as_ref()].into_iter());
+        gpu.queue.submit([encoder.finish()]);
         Ok(texture)
     }
 
@@ -232,27 +237,44 @@ impl Screens {
     }
 }
 
-/// Draws what each eye sees into its part of a texture, `(sight, left edge)`, and leaves it ready to be copied.
-fn draw(
+/// The size of two halves side by side.
+fn of_two([width, height]: [u32; 2]) -> [u32; 2] {
+    [width.saturating_mul(2), height]
+}
+
+/// What each eye sees through a window, and the left edge of its half; nothing for an eye behind it.
+fn sights(
     gpu: &Gpu,
+    viewer: &Viewer,
+    scenery: &Scenery,
+    window: &Window,
+    eyes_m: [DVec3; 2],
+    half_px: [u32; 2],
+) -> Vec<(Sight, u32)> {
+    let quads: Vec<&Quad> = scenery.quads.iter().filter(|quad| window.shows(quad)).collect();
+    let shapes = scenery.shapes.iter().filter(|shape| window.shows_shape(shape));
+    let balls = balls(shapes, (eyes_m[0] + eyes_m[1]) / 2.0, scenery.color);
+    let views = eyes_m.map(|eye_m| window.view(eye_m, half_px).filter(|view| view.check().is_ok()));
+    let halves = views.into_iter().zip([0, half_px[0]]).filter_map(|(view, left_px)| Some((view?, left_px)));
+    halves.map(|(view, left_px)| (viewer.sight(gpu, &view, &[], &balls, &quads), left_px)).collect()
+}
+
+/// Draws what each eye sees into its part of a texture, `(sight, left edge)`.
+fn draw(
+    encoder: &mut wgpu::CommandEncoder,
     viewer: &Viewer,
     canvas: &Canvas,
     texture: &wgpu::Texture,
     sights: &[(Sight, u32)],
     part_px: [u32; 2],
 ) {
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    {
-        let mut pass = canvas.begin(&mut encoder, texture);
-        for (sight, left_px) in sights {
-            let [x, width, height] = [*left_px, part_px[0], part_px[1]].map(|v| v as f32);
-            pass.set_viewport(x, 0.0, width, height, 0.0, 1.0);
-            pass.set_scissor_rect(*left_px, 0, part_px[0], part_px[1]);
-            viewer.draw_things(&mut pass, sight);
-        }
+    let mut pass = canvas.begin(encoder, texture);
+    for (sight, left_px) in sights {
+        let [x, width, height] = [*left_px, part_px[0], part_px[1]].map(|v| v as f32);
+        pass.set_viewport(x, 0.0, width, height, 0.0, 1.0);
+        pass.set_scissor_rect(*left_px, 0, part_px[0], part_px[1]);
+        viewer.draw_things(&mut pass, sight);
     }
-    ready_to_copy(&mut encoder, [texture].into_iter());
-    gpu.queue.submit([encoder.finish()]);
 }
 
 /// The balls of shapes, in falling light from the nearest to the farthest.
@@ -384,6 +406,23 @@ mod tests {
             let picture = drawn(renderer, &[lit], EYES);
             assert!(picture.pixels().any(|p| p[2] > 50));
             assert!(picture.pixels().all(|p| linear(p[2]) <= f64::from(p[3]) / 255.0 + 0.02));
+        });
+    }
+
+    #[test]
+    fn windows_in_one_go_are_those_drawn_one_by_one() {
+        with_renderer(|renderer| {
+            let shapes =
+                [ball(DVec3::new(0.0, 0.9, -1.3), 1.0), Shape { id: 2, ..ball(DVec3::new(0.2, 0.5, -1.4), 0.5) }];
+            let scenery = Scenery { quads: &[], shapes: &shapes, color: [64, 224, 255] };
+            let other = Window { key: (QuadKind::Object, 2), size_m: DVec2::new(0.9, 1.1), ..window() };
+            let textures = renderer.windows(&scenery, &[window(), other], EYES).unwrap();
+            for (window, texture) in [window(), other].into_iter().zip(textures) {
+                let alone = renderer.window(&scenery, &window, EYES, window.half_px()).unwrap();
+                let alone = renderer.picture_of_texture(&alone).unwrap();
+                assert!(alone.pixels().any(|p| p[3] > 50));
+                assert_eq!(renderer.picture_of_texture(&texture).unwrap(), alone);
+            }
         });
     }
 

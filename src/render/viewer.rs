@@ -68,9 +68,12 @@ pub(super) struct Viewer {
 /// What is drawn for one eye, on the GPU.
 pub(super) struct Sight {
     eye: wgpu::BindGroup,
-    dots: Option<(wgpu::Buffer, u32)>,
-    balls: Option<(wgpu::Buffer, u32)>,
-    corners: wgpu::Buffer,
+    /// Dots, balls and corners of quads, one after the other; where the latter two begin, bytes.
+    vertices: wgpu::Buffer,
+    balls_at: u64,
+    corners_at: u64,
+    dot_count: u32,
+    ball_count: u32,
     images: Vec<wgpu::BindGroup>,
 }
 
@@ -127,12 +130,15 @@ impl Viewer {
         let corners: Vec<QuadCorner> = order.iter().flat_map(|quad| quad_corners(quad, view)).collect();
         let dots = dot_instances(dots, view);
         let balls = ball_instances(balls, view);
-        let vertices = |bytes| gpu.buffer(bytes, wgpu::BufferUsages::VERTEX);
+        let (dot_bytes, ball_bytes) = (bytemuck::cast_slice(&dots), bytemuck::cast_slice(&balls));
+        let bytes: Vec<u8> = [dot_bytes, ball_bytes, bytemuck::cast_slice(&corners)].concat();
         Sight {
             eye: self.bind_eye(gpu, view),
-            dots: (!dots.is_empty()).then(|| (vertices(bytemuck::cast_slice(&dots)), dots.len() as u32)),
-            balls: (!balls.is_empty()).then(|| (vertices(bytemuck::cast_slice(&balls)), balls.len() as u32)),
-            corners: vertices(bytemuck::cast_slice(&corners)),
+            vertices: gpu.buffer(&bytes, wgpu::BufferUsages::VERTEX),
+            balls_at: dot_bytes.len() as u64,
+            corners_at: (dot_bytes.len() + ball_bytes.len()) as u64,
+            dot_count: dots.len() as u32,
+            ball_count: balls.len() as u32,
             images: order.iter().map(|quad| self.bind_image(gpu, &quad.texture)).collect(),
         }
     }
@@ -147,16 +153,15 @@ impl Viewer {
     /// Dots, balls and quads.
     pub fn draw_things(&self, pass: &mut wgpu::RenderPass, sight: &Sight) {
         pass.set_bind_group(0, &sight.eye, &[]);
-        for (pipeline, instances) in [(&self.dots, &sight.dots), (&self.balls, &sight.balls)] {
-            if let Some((instances, count)) = instances {
-                pass.set_pipeline(pipeline);
-                pass.set_vertex_buffer(0, instances.slice(..));
-                pass.draw(0..4, 0..*count);
-            }
+        let instances = [(&self.dots, 0, sight.dot_count), (&self.balls, sight.balls_at, sight.ball_count)];
+        for (pipeline, at, count) in instances.into_iter().filter(|(.., count)| *count > 0) {
+            pass.set_pipeline(pipeline);
+            pass.set_vertex_buffer(0, sight.vertices.slice(at..));
+            pass.draw(0..4, 0..count);
         }
         if !sight.images.is_empty() {
             pass.set_pipeline(&self.quads);
-            pass.set_vertex_buffer(0, sight.corners.slice(..));
+            pass.set_vertex_buffer(0, sight.vertices.slice(sight.corners_at..));
         }
         for (first, image) in (0..).step_by(4).zip(&sight.images) {
             pass.set_bind_group(1, image, &[]);
