@@ -6,6 +6,7 @@
 #   libclang                     reads SteamVR's C header while building
 #   Vulkan loader and a driver   pictures; Mesa's software renderer serves where there is no graphics card. Without them
 #                                everything else works, and tests that draw say that they were skipped.
+#   Vulkan's validation layer    optional, with WITH_VALIDATION=1: one test runs the renderer under it
 #   Rust                         cargo as new as rust-version in Cargo.toml, with rustfmt and clippy
 set -euo pipefail
 cd "$(dirname "$0")"
@@ -51,6 +52,7 @@ install_packages() {
     have_libclang || missing+=(libclang)
     have_package libvulkan1 || missing+=(libvulkan1)
     have_vulkan_driver || missing+=(mesa-vulkan-drivers)
+    [ "${WITH_VALIDATION:-}" != 1 ] || have_package vulkan-validationlayers || missing+=(vulkan-validationlayers)
     if ! rust_is_enough && ! have rustup; then
         have curl || missing+=(curl)
         have_package ca-certificates || missing+=(ca-certificates)

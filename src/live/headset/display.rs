@@ -90,12 +90,11 @@ impl Shown {
         settings: &Settings,
         from: &Viewpoint,
     ) -> Result<u64, ShowError> {
-        let drawn_before = graphics.renderer.textures_drawn();
-        let quads = graphics.renderer.quads(warnings, &settings.warning)?;
-        if graphics.renderer.textures_drawn() != drawn_before {
-            // Lets go of what the queue is done with.
-            let _ = graphics.device.device.poll(wgpu::PollType::Poll);
-        }
+        let quads = match self.kind {
+            Kind::Panels(_) => graphics.renderer.quads(warnings, &settings.warning)?,
+            // The shapes themselves are there to be seen.
+            _ => graphics.renderer.quads(&warnings.clone().without_silhouettes(), &settings.warning)?,
+        };
         let scene = Scene3d { quads: &quads, watch, warnings, settings };
         match (&mut self.kind, &self.eyes) {
             (Kind::Panels(slots), _) => Ok(slots.show(&graphics.device, &quads, &from.raw_from_standing)?),
@@ -176,12 +175,13 @@ fn windows(
     let eyes_m: [DVec3; 2] = eyes.map(|eye| (from.standing_from_head * eye.head_from_eye).translation);
     let shapes = scene.watch.shapes(scene.warnings);
     let scenery = scene.scenery(&shapes);
-    let draw = |window: Window| {
-        let texture = graphics.renderer.window(&scenery, &window, eyes_m, window.half_px())?;
+    let windows: Vec<Window> = Window::of_panels(&scenery, eyes_m).into_iter().take(SLOTS).collect();
+    let pictures = graphics.renderer.windows(&scenery, &windows, eyes_m)?;
+    let quad = |(window, texture): (Window, Arc<wgpu::Texture>)| {
         let (tracking_from_quad, size_m, (kind, id)) = (window.tracking_from_window, window.size_m, window.key);
-        Ok(Quad { kind, id, on_floor: false, tracking_from_quad, size_m, alpha: 1.0, texture })
+        Quad { kind, id, on_floor: false, tracking_from_quad, size_m, alpha: 1.0, texture }
     };
-    Window::of_panels(&scenery, eyes_m).into_iter().take(SLOTS).map(draw).collect()
+    Ok(windows.into_iter().zip(pictures).map(quad).collect())
 }
 
 /// Shows all that an eye sees; gives the picture, to be kept.
