@@ -68,7 +68,7 @@ impl Overlay {
             thread: PhantomData,
         };
         overlay.set_flag(sys::VROverlayFlags_IsPremultiplied)?;
-        // Warnings are to be seen from behind as well, by one who stands in what they warn of; not a backing.
+        // Otherwise SteamVR draws a plain backing for who looks from behind.
         overlay.set_flag(sys::VROverlayFlags_NoBackside)?;
         Ok(overlay)
     }

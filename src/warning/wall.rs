@@ -43,7 +43,11 @@ pub(super) fn wall_panel(wall: &Wall, head: DVec3, settings: &WarningSettings) -
     Some(Panel {
         id: wall.id,
         kind: PanelKind::Wall,
-        tracking_from_panel: upright(DVec3::new(middle.x, HEIGHT_M / 2.0, middle.z), -outward),
+        // Overlays are seen from their front alone, and one who has walked into the wall needs it most.
+        tracking_from_panel: upright(
+            DVec3::new(middle.x, HEIGHT_M / 2.0, middle.z),
+            if ahead_m < 0.0 { outward } else { -outward },
+        ),
         size_m: DVec2::new(to - from, HEIGHT_M),
         silhouette: Vec::new(),
         alpha,

@@ -198,6 +198,11 @@ mod tests {
         assert!((panel.distance_m - 0.7).abs() < 1e-12);
         assert_eq!(panel.tracking_from_panel, at(0.03).tracking_from_panel);
         assert!(at(3.0).size_m.x < 1.0, "only what was seen");
+        let beyond = Pose::from_translation(DVec3::new(0.0, 1.6, -0.9));
+        let scene = Scene { walls: vec![wall(DVec3::NEG_Z, 0.7)], ..Default::default() };
+        let behind = warn(&scene, &beyond, &WarningSettings::default()).panels[0].clone();
+        assert!((behind.tracking_from_panel.rotation * DVec3::Z - DVec3::NEG_Z).length() < 1e-9, "it faces the head");
+        assert_eq!(behind.alpha, 1.0);
         assert_eq!(warnings_of(vec![], vec![wall(DVec3::NEG_Y, 0.3), wall(DVec3::Y, 2.4)]), Warnings::default());
     }
 
