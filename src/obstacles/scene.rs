@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::Plane;
+use crate::geometry::{Aabb, Plane, Pose};
 
 /// How much of an obstacle's place the data determine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,7 +51,7 @@ pub struct Wall {
     /// Score of the plane statistic.
     pub evidence: f64,
     /// The feet of the perpendiculars it was seen at: least and greatest corner, metres.
-    pub seen_at: crate::geometry::Aabb,
+    pub seen_at: Aabb,
     /// First and last sweep that gave evidence, host nanoseconds.
     pub first_seen_ns: i64,
     /// See `first_seen_ns`.
@@ -67,4 +67,98 @@ pub struct Scene {
     pub obstacles: Vec<Obstacle>,
     /// Walls, by falling evidence.
     pub walls: Vec<Wall>,
+}
+
+impl Scene {
+    /// The same in another frame: `to_from` takes coordinates of this one's. Boxes are those around the turned boxes, so they grow
+    /// when turned.
+    pub fn moved(&self, to_from: &Pose) -> Self {
+        let obstacles = self.obstacles.iter().map(|obstacle| obstacle.moved(to_from)).collect();
+        let walls = self.walls.iter().map(|wall| wall.moved(to_from)).collect();
+        Self { time_ns: self.time_ns, obstacles, walls }
+    }
+}
+
+impl Obstacle {
+    fn moved(&self, to_from: &Pose) -> Self {
+        let turn = DMat3::from_quat(to_from.rotation);
+        Self {
+            position_m: to_from.transform_point(self.position_m),
+            covariance_m2: turn * self.covariance_m2 * turn.transpose(),
+            extent_m: turn.abs() * self.extent_m,
+            shape: self.shape.iter().map(|(place, score)| (to_from.transform_point(*place), *score)).collect(),
+            ..self.clone()
+        }
+    }
+}
+
+impl Wall {
+    fn moved(&self, to_from: &Pose) -> Self {
+        let outward = to_from.transform_vector(self.plane.outward);
+        let offset_m = self.plane.offset_m + outward.dot(to_from.translation);
+        let middle = to_from.transform_point(self.seen_at.center());
+        let half = DMat3::from_quat(to_from.rotation).abs() * (self.seen_at.size() * 0.5);
+        let seen_at = Aabb { min: middle - half, max: middle + half };
+        Self { plane: Plane { outward, offset_m }, seen_at, ..self.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    fn scene() -> Scene {
+        let obstacle = Obstacle {
+            id: 3,
+            position_m: DVec3::new(0.5, 0.4, -1.0),
+            covariance_m2: DMat3::from_diagonal(DVec3::new(1e-4, 4e-4, 9e-4)),
+            observed: Observed::Position,
+            extent_m: DVec3::new(0.3, 0.9, 0.2),
+            evidence: 8.0,
+            shape: vec![(DVec3::new(0.5, 0.1, -1.0), 4.0), (DVec3::new(0.5, 0.8, -1.1), 5.0)],
+            first_seen_ns: 1,
+            last_seen_ns: 2,
+        };
+        let plane = Plane { outward: DVec3::NEG_Z, offset_m: 2.0 };
+        let seen_at = Aabb::from_corners(DVec3::new(-1.0, 1.5, -2.0), DVec3::new(1.0, 1.7, -2.0));
+        let wall = Wall { id: 4, plane, evidence: 20.0, seen_at, first_seen_ns: 1, last_seen_ns: 2 };
+        Scene { time_ns: 9, obstacles: vec![obstacle], walls: vec![wall] }
+    }
+
+    #[test]
+    fn moved_there_and_back_it_is_the_same() {
+        // A quarter of a turn: boxes along the axes stay so.
+        let to_from = Pose::new(DVec3::new(0.3, -0.1, 2.0), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2));
+        let (before, moved) = (scene(), scene().moved(&to_from));
+        let back = moved.moved(&to_from.inverse());
+        let (obstacle, wall) = (&back.obstacles[0], &back.walls[0]);
+        assert!((obstacle.position_m - before.obstacles[0].position_m).length() < 1e-12);
+        assert!(
+            (obstacle.covariance_m2 - before.obstacles[0].covariance_m2)
+                .to_cols_array()
+                .iter()
+                .all(|v| v.abs() < 1e-15)
+        );
+        assert!((obstacle.extent_m - before.obstacles[0].extent_m).length() < 1e-12);
+        assert!((obstacle.shape[1].0 - before.obstacles[0].shape[1].0).length() < 1e-12);
+        assert!((wall.plane.outward - DVec3::NEG_Z).length() < 1e-12 && (wall.plane.offset_m - 2.0).abs() < 1e-12);
+        assert!((wall.seen_at.min - before.walls[0].seen_at.min).length() < 1e-12);
+        assert_eq!((obstacle.id, wall.id, back.time_ns), (3, 4, 9));
+    }
+
+    #[test]
+    fn distances_and_uncertainties_go_along() {
+        let to_from = Pose::new(DVec3::new(0.3, -0.1, 2.0), DQuat::from_scaled_axis(DVec3::new(0.2, 1.1, -0.3)));
+        let (before, moved) = (scene(), scene().moved(&to_from));
+        let head = DVec3::new(0.1, 1.6, 0.2);
+        let (wall, there) = (&before.walls[0], &moved.walls[0]);
+        assert!((there.plane.distance(to_from.transform_point(head)) - wall.plane.distance(head)).abs() < 1e-12);
+        assert!(there.seen_at.contains(to_from.transform_point(wall.seen_at.center())));
+        let along = DVec3::new(0.6, 0.0, 0.8);
+        let variance = |obstacle: &Obstacle, v: DVec3| v.dot(obstacle.covariance_m2 * v);
+        let turned = to_from.transform_vector(along);
+        let error = variance(&moved.obstacles[0], turned) - variance(&before.obstacles[0], along);
+        assert!(error.abs() < 1e-15);
+    }
 }

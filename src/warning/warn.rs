@@ -133,6 +133,22 @@ mod tests {
     }
 
     #[test]
+    fn panels_move_with_the_room() {
+        let scene = Scene { time_ns: 0, obstacles: vec![block(1, 0.1, -0.8)], walls: vec![wall(DVec3::NEG_Z, 0.9)] };
+        let to_from = Pose::new(DVec3::new(0.7, 0.0, -0.4), DQuat::from_rotation_y(0.9));
+        let settings = WarningSettings::default();
+        let before = warn(&scene, &head(), &settings);
+        let moved = warn(&scene.moved(&to_from), &(to_from * head()), &settings);
+        assert_eq!(before.panels.len(), moved.panels.len());
+        for (was, is) in before.panels.iter().zip(&moved.panels) {
+            let expected = to_from.transform_point(was.tracking_from_panel.translation);
+            // Sizes and a wall's edges keep to steps, which lie elsewhere in a turned frame.
+            assert!(is.tracking_from_panel.translation.distance(expected) < 0.15, "{:?}", is.kind);
+            assert!((is.distance_m - was.distance_m).abs() < 1e-9 && (is.alpha - was.alpha).abs() < 1e-6);
+        }
+    }
+
+    #[test]
     fn near_is_bright_and_far_is_dark() {
         assert_eq!(warnings_of(vec![block(1, 0.0, -0.3)], vec![]).panels[0].alpha, 1.0);
         assert_eq!(warnings_of(vec![block(1, 0.0, -1.7)], vec![]), Warnings::default());

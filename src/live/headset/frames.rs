@@ -418,7 +418,7 @@ impl PlacedScene {
                 self.watch.forget();
             }
         }
-        self.watch.see(scene);
+        self.watch.see(&scene.moved(standing_from_session));
         self.from = Some((Arc::clone(scene), *standing_from_session));
     }
 
