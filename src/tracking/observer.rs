@@ -163,7 +163,18 @@ impl Observer {
     /// # Errors
     /// Outside the poses still kept, in a gap, or beside an invalid pose.
     pub fn sensor_at(&self, time_ns: i64) -> Result<SensorState, NoPose> {
-        sensor_at(&self.history, time_ns, &self.settings.head_from_sensor)
+        sensor_at(&self.history, time_ns, &self.settings.head_from_sensor, i64::MIN)
+    }
+
+    /// The sensor at the time of a sweep, by the poses that are known since another sweep, later, has its own: smoother than
+    /// the sweep had it when poses are not waited for long.
+    ///
+    /// # Errors
+    /// As [`sensor_at`](Self::sensor_at).
+    pub fn sensor_since(&self, sweep_ns: i64, later_sweep_ns: i64) -> Result<SensorState, NoPose> {
+        let [at_ns, later_ns] = [sweep_ns, later_sweep_ns].map(|time_ns| time_ns.saturating_add(self.offset_ns()));
+        let known_until_ns = later_ns.saturating_add(self.settings.history.ahead_ns());
+        sensor_at(&self.history, at_ns, &self.settings.head_from_sensor, known_until_ns)
     }
 
     /// The sensor's path since the last call, every 5 ms, as far as its poses are complete.
@@ -310,7 +321,7 @@ fn observe_sweep(
 ) -> Result<Observation, NoPose> {
     let half_s = (sweep.samples.len() as f64 - 1.0) * 0.5 * sweep.point_period_s;
     let mid_time_ns = sweep.first_point_time_ns.saturating_add((half_s * 1e9).round() as i64);
-    let sensor = sensor_at(history, mid_time_ns.saturating_add(offset_ns), head_from_sensor)?;
+    let sensor = sensor_at(history, mid_time_ns.saturating_add(offset_ns), head_from_sensor, i64::MIN)?;
     Ok(Observation {
         mid_time_ns,
         tracking_from_sensor: sensor.tracking_from_sensor,
@@ -320,8 +331,13 @@ fn observe_sweep(
     })
 }
 
-fn sensor_at(history: &PoseHistory, time_ns: i64, head_from_sensor: &Pose) -> Result<SensorState, NoPose> {
-    let head = history.at(time_ns)?;
+fn sensor_at(
+    history: &PoseHistory,
+    time_ns: i64,
+    head_from_sensor: &Pose,
+    known_until_ns: i64,
+) -> Result<SensorState, NoPose> {
+    let head = history.at_by(time_ns, known_until_ns)?;
     let arm = head.tracking_from_head.transform_vector(head_from_sensor.translation);
     Ok(SensorState {
         time_ns,
