@@ -40,8 +40,13 @@ impl HistorySettings {
 
     /// So long after a time no pose changes the path there any more, but for the next one, nanoseconds.
     pub(super) fn ahead_ns(&self) -> i64 {
-        let ahead_s = (self.smoothing_window_s * 0.5).max(LEAST_AHEAD_S).min(self.max_ahead_s);
-        (ahead_s * 1e9).round() as i64
+        let most_ns = (self.max_ahead_s * 1e9).round() as i64;
+        self.smooth_ns().min(most_ns)
+    }
+
+    /// So long after a time no pose makes the path there smoother, nanoseconds.
+    pub(super) fn smooth_ns(&self) -> i64 {
+        ((self.smoothing_window_s * 0.5).max(LEAST_AHEAD_S) * 1e9).round() as i64
     }
 }
 

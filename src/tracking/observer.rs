@@ -177,13 +177,19 @@ impl Observer {
         sensor_at(&self.history, at_ns, &self.settings.head_from_sensor, known_until_ns)
     }
 
-    /// The sensor's path since the last call, every 5 ms, as far as its poses are complete.
+    /// The sensor's path since the last call, every 5 ms, as far as it is as smooth as it will be, however early sweeps have
+    /// their poses.
     pub fn take_path(&mut self) -> Vec<SensorState> {
-        let Some(until_ns) = self.complete_until_ns() else { return Vec::new() };
+        let smooth_ns = self.settings.history.smooth_ns();
+        let Some(last_ns) = self.history.last_time_ns() else { return Vec::new() };
+        let until_ns = last_ns.saturating_sub(smooth_ns);
         let first_ns = self.next_path_ns.unwrap_or(i64::MIN).max(until_ns.saturating_sub(MAX_PATH_PAUSE_NS));
         let first_step = first_ns.div_euclid(PATH_STEP_NS) + i64::from(first_ns.rem_euclid(PATH_STEP_NS) > 0);
         let times = (first_step..=until_ns.div_euclid(PATH_STEP_NS)).map(|step| step * PATH_STEP_NS);
-        let path = times.filter_map(|time_ns| self.sensor_at(time_ns).ok()).collect();
+        let smooth = |time_ns: i64| {
+            sensor_at(&self.history, time_ns, &self.settings.head_from_sensor, time_ns.saturating_add(smooth_ns)).ok()
+        };
+        let path = times.filter_map(smooth).collect();
         self.next_path_ns = Some(first_ns.max(until_ns.saturating_add(1)));
         path
     }
