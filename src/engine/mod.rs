@@ -182,6 +182,14 @@ impl Engine {
         }
     }
 
+    /// When an observation to come closes a block: gives that block's sweeps the places that `sensor_at` has for them, which
+    /// knows more poses than there were when each came.
+    pub fn settle_before(&mut self, next: &Observation, sensor_at: impl Fn(i64) -> Option<(Pose, DVec3)>) {
+        if self.search == Search::Rooms {
+            self.rooms.settle_before(next, sensor_at);
+        }
+    }
+
     /// How long observations are kept, seconds, so that they can get new poses.
     pub fn kept_s(&self) -> f64 {
         match self.search {

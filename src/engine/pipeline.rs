@@ -54,6 +54,8 @@ pub struct Pipeline {
     time_offset: TimeOffsetCounters,
     is_deferred: bool,
     is_estimate_due: bool,
+    /// Sweeps have their poses before these are as smooth as they will be.
+    is_early: bool,
 }
 
 /// Time between two noted places of the sensor, nanoseconds.
@@ -99,6 +101,7 @@ impl Pipeline {
             time_offset: TimeOffsetCounters::default(),
             is_deferred: false,
             is_estimate_due: false,
+            is_early: tracking.history.is_early(),
         }
     }
 
@@ -188,6 +191,14 @@ impl Pipeline {
             let time_ns = observation.mid_time_ns;
             if self.sensor_path.last().is_none_or(|last| time_ns.saturating_sub(last.0) >= PATH_STEP_NS) {
                 self.sensor_path.push((time_ns, observation.tracking_from_sensor));
+            }
+            if self.is_early {
+                let observer = &self.observer;
+                let sensor_at = |sweep_ns: i64| -> Option<(Pose, DVec3)> {
+                    let sensor = observer.sensor_since(sweep_ns, time_ns).ok()?;
+                    Some((sensor.tracking_from_sensor, sensor.velocity_m_per_s))
+                };
+                self.engine.settle_before(&observation, sensor_at);
             }
             self.engine.push(observation);
         }

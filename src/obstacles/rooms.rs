@@ -16,7 +16,7 @@ use super::{
     ExplainSettings, Explained, MapSettings, Observed, Obstacle, Sightings, ViewMemory, Wall, Window, same_place,
     same_plane,
 };
-use crate::geometry::{Aabb, Plane};
+use crate::geometry::{Aabb, Plane, Pose};
 use crate::imaging::blocks::{
     Block, BlockBuilder, BlockSettings, Field, FineCounters, FineField, FineSettings, PlaneField,
 };
@@ -197,6 +197,22 @@ impl RoomSearch {
         match self.backlog.is_empty() {
             true => self.take_next(observation),
             false => self.backlog.push_back(observation),
+        }
+    }
+
+    /// When a sweep would close the block at hand: gives that block's sweeps the places that `sensor_at` has for their times.
+    /// To be called before the sweep is taken.
+    pub fn settle_before(&mut self, next: &Observation, sensor_at: impl Fn(i64) -> Option<(Pose, DVec3)>) {
+        let subsweep = next.geometry.subsweep;
+        let builder = self.builders.get_mut(&subsweep).filter(|builder| builder.is_closed_by(next.mid_time_ns));
+        let Some(sweeps) = builder.filter(|_| self.backlog.is_empty()).map(BlockBuilder::sweeps_mut) else { return };
+        let Some(first_ns) = sweeps.first().map(|sweep| sweep.mid_time_ns) else { return };
+        // Those kept for refinement are copies of them.
+        let kept = self.sweeps.iter_mut().rev().take_while(|sweep| sweep.mid_time_ns >= first_ns);
+        for sweep in sweeps.iter_mut().chain(kept.filter(|sweep| sweep.geometry.subsweep == subsweep)) {
+            if let Some((tracking_from_sensor, velocity_m_per_s)) = sensor_at(sweep.mid_time_ns) {
+                (sweep.tracking_from_sensor, sweep.velocity_m_per_s) = (tracking_from_sensor, velocity_m_per_s);
+            }
         }
     }
 

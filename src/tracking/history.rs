@@ -33,10 +33,20 @@ impl Default for HistorySettings {
 const LEAST_AHEAD_S: f64 = 0.02;
 
 impl HistorySettings {
+    /// Whether poses are waited for less long than the smoothing would take them.
+    pub fn is_early(&self) -> bool {
+        self.max_ahead_s < self.smoothing_window_s * 0.5
+    }
+
     /// So long after a time no pose changes the path there any more, but for the next one, nanoseconds.
     pub(super) fn ahead_ns(&self) -> i64 {
-        let ahead_s = (self.smoothing_window_s * 0.5).max(LEAST_AHEAD_S).min(self.max_ahead_s);
-        (ahead_s * 1e9).round() as i64
+        let most_ns = (self.max_ahead_s * 1e9).round() as i64;
+        self.smooth_ns().min(most_ns)
+    }
+
+    /// So long after a time no pose makes the path there smoother, nanoseconds.
+    pub(super) fn smooth_ns(&self) -> i64 {
+        ((self.smoothing_window_s * 0.5).max(LEAST_AHEAD_S) * 1e9).round() as i64
     }
 }
 
@@ -147,6 +157,14 @@ impl PoseHistory {
     /// # Errors
     /// Outside the poses, in a gap, or beside an invalid pose.
     pub fn at(&self, time_ns: i64) -> Result<SmoothPose, NoPose> {
+        self.at_by(time_ns, i64::MIN)
+    }
+
+    /// The pose at a time by the poses up to another, or as [`at`](Self::at) has it where that takes more.
+    ///
+    /// # Errors
+    /// As [`at`](Self::at).
+    pub fn at_by(&self, time_ns: i64, known_until_ns: i64) -> Result<SmoothPose, NoPose> {
         let later = self.entries.partition_point(|e| e.time_ns < time_ns);
         if self.entries.is_empty() || later == self.entries.len() {
             return Err(NoPose::Outside);
@@ -159,13 +177,14 @@ impl PoseHistory {
         } else if self.entries[later].pose.is_none() {
             return Err(NoPose::Invalid);
         }
-        let (first, last) = self.run_around(time_ns, later);
+        let (first, last) = self.run_around(time_ns, later, known_until_ns);
         self.fit(time_ns, first, last).ok_or(NoPose::Outside)
     }
 
-    /// First and last entry (inclusive) around `later` that the fit may use: unbroken, within the smoothing window, and
-    /// at least the two neighbours.
-    fn run_around(&self, time_ns: i64, later: usize) -> (usize, usize) {
+    /// First and last entry (inclusive) around `later` that the fit may use: unbroken, within the smoothing window, not
+    /// beyond what is waited for or known, and at least the two neighbours.
+    fn run_around(&self, time_ns: i64, later: usize, known_until_ns: i64) -> (usize, usize) {
+        let until_ns = known_until_ns.max(time_ns.saturating_add(self.settings.ahead_ns()));
         let half_ns = (self.settings.smoothing_window_s * 0.5e9) as i64;
         let (mut first, mut last) =
             if self.entries[later].time_ns == time_ns { (later, later) } else { (later - 1, later) };
@@ -174,7 +193,8 @@ impl PoseHistory {
         }
         while last + 1 < self.entries.len()
             && self.joined(last + 1).is_ok()
-            && self.entries[last + 1].time_ns - time_ns <= half_ns.min(self.settings.ahead_ns())
+            && self.entries[last + 1].time_ns - time_ns <= half_ns
+            && self.entries[last + 1].time_ns <= until_ns
         {
             last += 1;
         }
@@ -263,6 +283,23 @@ mod tests {
             at.push(seen.unwrap().x);
         }
         assert!(at[0] != at[1] && at[1] != at[2] && at.iter().all(|x| (x - at[2]).abs() < 3e-3), "{at:?}");
+    }
+
+    #[test]
+    fn poses_that_are_known_by_then_make_an_early_path_the_smooth_one() {
+        let at = |max_ahead_s: f64, known_until_ns: i64| {
+            let mut history = PoseHistory::new(HistorySettings { max_ahead_s, ..Default::default() });
+            for i in 0..30i64 {
+                let jitter = if i % 2 == 0 { 1e-3 } else { 0.0 };
+                history
+                    .push(&PoseSample::valid(i * 8 * MS, &pose(0.1 * (i as f64 * 0.2).sin() + jitter, 0.0)))
+                    .unwrap();
+            }
+            history.at_by(101 * MS, known_until_ns).unwrap().tracking_from_head.translation
+        };
+        assert_eq!(at(0.0, 147 * MS), at(0.046, i64::MIN));
+        assert_eq!(at(0.0, i64::MAX), at(0.046, i64::MAX));
+        assert_ne!(at(0.0, 120 * MS), at(0.0, i64::MIN));
     }
 
     fn history(smoothing_window_s: f64) -> PoseHistory {

@@ -163,16 +163,33 @@ impl Observer {
     /// # Errors
     /// Outside the poses still kept, in a gap, or beside an invalid pose.
     pub fn sensor_at(&self, time_ns: i64) -> Result<SensorState, NoPose> {
-        sensor_at(&self.history, time_ns, &self.settings.head_from_sensor)
+        sensor_at(&self.history, time_ns, &self.settings.head_from_sensor, i64::MIN)
     }
 
-    /// The sensor's path since the last call, every 5 ms, as far as its poses are complete.
+    /// The sensor at the time of a sweep, by the poses that are known since another sweep, later, has its own: smoother than
+    /// the sweep had it when poses are not waited for long.
+    ///
+    /// # Errors
+    /// As [`sensor_at`](Self::sensor_at).
+    pub fn sensor_since(&self, sweep_ns: i64, later_sweep_ns: i64) -> Result<SensorState, NoPose> {
+        let [at_ns, later_ns] = [sweep_ns, later_sweep_ns].map(|time_ns| time_ns.saturating_add(self.offset_ns()));
+        let known_until_ns = later_ns.saturating_add(self.settings.history.ahead_ns());
+        sensor_at(&self.history, at_ns, &self.settings.head_from_sensor, known_until_ns)
+    }
+
+    /// The sensor's path since the last call, every 5 ms, as far as it is as smooth as it will be, however early sweeps have
+    /// their poses.
     pub fn take_path(&mut self) -> Vec<SensorState> {
-        let Some(until_ns) = self.complete_until_ns() else { return Vec::new() };
+        let smooth_ns = self.settings.history.smooth_ns();
+        let Some(last_ns) = self.history.last_time_ns() else { return Vec::new() };
+        let until_ns = last_ns.saturating_sub(smooth_ns);
         let first_ns = self.next_path_ns.unwrap_or(i64::MIN).max(until_ns.saturating_sub(MAX_PATH_PAUSE_NS));
         let first_step = first_ns.div_euclid(PATH_STEP_NS) + i64::from(first_ns.rem_euclid(PATH_STEP_NS) > 0);
         let times = (first_step..=until_ns.div_euclid(PATH_STEP_NS)).map(|step| step * PATH_STEP_NS);
-        let path = times.filter_map(|time_ns| self.sensor_at(time_ns).ok()).collect();
+        let smooth = |time_ns: i64| {
+            sensor_at(&self.history, time_ns, &self.settings.head_from_sensor, time_ns.saturating_add(smooth_ns)).ok()
+        };
+        let path = times.filter_map(smooth).collect();
         self.next_path_ns = Some(first_ns.max(until_ns.saturating_add(1)));
         path
     }
@@ -310,7 +327,7 @@ fn observe_sweep(
 ) -> Result<Observation, NoPose> {
     let half_s = (sweep.samples.len() as f64 - 1.0) * 0.5 * sweep.point_period_s;
     let mid_time_ns = sweep.first_point_time_ns.saturating_add((half_s * 1e9).round() as i64);
-    let sensor = sensor_at(history, mid_time_ns.saturating_add(offset_ns), head_from_sensor)?;
+    let sensor = sensor_at(history, mid_time_ns.saturating_add(offset_ns), head_from_sensor, i64::MIN)?;
     Ok(Observation {
         mid_time_ns,
         tracking_from_sensor: sensor.tracking_from_sensor,
@@ -320,8 +337,13 @@ fn observe_sweep(
     })
 }
 
-fn sensor_at(history: &PoseHistory, time_ns: i64, head_from_sensor: &Pose) -> Result<SensorState, NoPose> {
-    let head = history.at(time_ns)?;
+fn sensor_at(
+    history: &PoseHistory,
+    time_ns: i64,
+    head_from_sensor: &Pose,
+    known_until_ns: i64,
+) -> Result<SensorState, NoPose> {
+    let head = history.at_by(time_ns, known_until_ns)?;
     let arm = head.tracking_from_head.transform_vector(head_from_sensor.translation);
     Ok(SensorState {
         time_ns,

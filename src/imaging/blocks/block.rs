@@ -205,16 +205,22 @@ impl BlockBuilder {
         Self { settings, compressor: None, room: CompressionRoom::default(), waiting: Vec::new(), dropped_sweeps: 0 }
     }
 
+    /// Whether a sweep of that time would close the block at hand.
+    pub fn is_closed_by(&self, mid_time_ns: i64) -> bool {
+        match (self.waiting.first(), self.waiting.last()) {
+            (Some(first), Some(last)) => !self.settings.continues(first.mid_time_ns, last.mid_time_ns, mid_time_ns),
+            _ => false,
+        }
+    }
+
+    /// The sweeps of the block at hand, to be changed.
+    pub fn sweeps_mut(&mut self) -> &mut [Observation] {
+        &mut self.waiting
+    }
+
     /// Takes a sweep; gives the block that it closes, if it closes one. All sweeps must share one geometry.
     pub fn push(&mut self, observation: Observation) -> Option<Block> {
-        let closed = match (self.waiting.first(), self.waiting.last()) {
-            (Some(first), Some(last))
-                if !self.settings.continues(first.mid_time_ns, last.mid_time_ns, observation.mid_time_ns) =>
-            {
-                self.close()
-            }
-            _ => None,
-        };
+        let closed = if self.is_closed_by(observation.mid_time_ns) { self.close() } else { None };
         self.waiting.push(observation);
         closed
     }
