@@ -6,6 +6,7 @@
 
 use std::collections::HashMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::{DQuat, DVec2, DVec3};
 
@@ -17,7 +18,7 @@ use crate::warning::{Footprint, Panel, PanelKind, WarningSettings, Warnings};
 /// A texture is dropped after so many uses of the cache without it: ten seconds of frames.
 const KEPT_FOR: u64 = 900;
 /// More textures than this are not kept, but for those in flight.
-const MOST_KEPT: usize = 48;
+const MOST_KEPT: usize = 24;
 /// A texture used so few uses ago may still be in flight.
 const IN_FLIGHT: u64 = 4;
 /// Room around a footprint for its glow, metres.
@@ -55,6 +56,9 @@ pub struct Quad {
     pub alpha: f32,
     /// The picture; the same `Arc` as long as it is the same picture.
     pub texture: Arc<wgpu::Texture>,
+    /// Set when the graphics card has drawn the picture. A runtime may be given it before: its copy waits on the card. A software renderer
+    /// makes the caller wait, a hundred milliseconds and more.
+    pub is_drawn: Arc<AtomicBool>,
 }
 
 impl Quad {
@@ -70,6 +74,7 @@ type Key = Vec<i32>;
 
 struct Kept {
     texture: Arc<wgpu::Texture>,
+    is_drawn: Arc<AtomicBool>,
     last_used: u64,
     /// Whether its smaller levels are drawn.
     has_levels: bool,
@@ -164,6 +169,7 @@ impl QuadCache {
             PanelKind::Pane => 3,
         };
         let key = key(kind, style, [panel.size_m.x, panel.size_m.y].into_iter().chain(discs));
+        let (texture, is_drawn) = self.texture(gpu, key, || painter.panel(gpu, &look, style));
         Quad {
             kind: if panel.kind == PanelKind::Wall { QuadKind::Wall } else { QuadKind::Object },
             id: panel.id,
@@ -171,7 +177,8 @@ impl QuadCache {
             tracking_from_quad: panel.tracking_from_panel,
             size_m: panel.size_m,
             alpha: panel.alpha,
-            texture: self.texture(key, || painter.panel(gpu, &look, style)),
+            texture,
+            is_drawn,
         }
     }
 
@@ -184,6 +191,7 @@ impl QuadCache {
         let corners: Vec<DVec2> = flat.iter().map(|c| ((c - middle) / CORNER_STEP_M).round() * CORNER_STEP_M).collect();
         let key = key(2, style, [size_m.x, size_m.y].into_iter().chain(corners.iter().flat_map(|c| c.to_array())));
         let place = DVec3::new(middle.x, ABOVE_FLOOR_M, -middle.y);
+        let (texture, is_drawn) = self.texture(gpu, key, || painter.footprint(gpu, size_m, &corners, style));
         Quad {
             kind: QuadKind::Footprint,
             id: area.id,
@@ -191,18 +199,27 @@ impl QuadCache {
             tracking_from_quad: Pose::new(place, DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2)),
             size_m,
             alpha: area.alpha,
-            texture: self.texture(key, || painter.footprint(gpu, size_m, &corners, style)),
+            texture,
+            is_drawn,
         }
     }
 
-    fn texture(&mut self, key: Key, draw: impl FnOnce() -> wgpu::Texture) -> Arc<wgpu::Texture> {
+    fn texture(
+        &mut self,
+        gpu: &Gpu,
+        key: Key,
+        draw: impl FnOnce() -> wgpu::Texture,
+    ) -> (Arc<wgpu::Texture>, Arc<AtomicBool>) {
         let (uses, drawn) = (self.uses, &mut self.drawn);
         let kept = self.textures.entry(key).or_insert_with(|| {
             *drawn += 1;
-            Kept { texture: Arc::new(draw()), last_used: uses, has_levels: false, is_ready: true }
+            let (texture, is_drawn) = (Arc::new(draw()), Arc::new(AtomicBool::new(false)));
+            let tell = Arc::clone(&is_drawn);
+            gpu.queue.on_submitted_work_done(move || tell.store(true, Ordering::Release));
+            Kept { texture, is_drawn, last_used: uses, has_levels: false, is_ready: true }
         });
         kept.last_used = uses;
-        Arc::clone(&kept.texture)
+        (Arc::clone(&kept.texture), Arc::clone(&kept.is_drawn))
     }
 }
 
