@@ -56,9 +56,6 @@ pub struct Quad {
     pub alpha: f32,
     /// The picture; the same `Arc` as long as it is the same picture.
     pub texture: Arc<wgpu::Texture>,
-    /// Set when the graphics card has drawn the picture. A runtime may be given it before: its copy waits on the card. A software renderer
-    /// makes the caller wait, a hundred milliseconds and more.
-    pub is_drawn: Arc<AtomicBool>,
 }
 
 impl Quad {
@@ -70,7 +67,8 @@ impl Quad {
     }
 }
 
-type Key = Vec<i32>;
+/// What a picture shows, in whole numbers.
+type Content = Vec<i32>;
 
 struct Kept {
     texture: Arc<wgpu::Texture>,
@@ -85,23 +83,65 @@ struct Kept {
 /// Textures by content.
 #[derive(Default)]
 pub(super) struct QuadCache {
-    textures: HashMap<Key, Kept>,
+    textures: HashMap<Content, Kept>,
     uses: u64,
     /// Textures drawn so far.
     pub drawn: u64,
+    /// What is shown at leisure.
+    shown: HashMap<(QuadKind, u64), Quad>,
+    /// The one that is being drawn for it.
+    under_way: Option<(Content, Quad)>,
 }
 
 impl QuadCache {
     /// Quads of all that shines: footprints first, then panels in the order given.
     pub fn quads(&mut self, gpu: &Gpu, painter: &Painter, warnings: &Warnings, style: &WarningSettings) -> Vec<Quad> {
         self.uses += 1;
-        let areas = warnings.footprints.iter().filter(|f| f.alpha > 0.0 && f.corners_xz_m.len() >= 3);
-        let mut quads: Vec<Quad> = areas.map(|f| self.footprint(gpu, painter, f, style)).collect();
-        let panels =
-            warnings.panels.iter().filter(|p| p.alpha > 0.0 && p.size_m.is_finite() && p.size_m.min_element() > 0.0);
-        quads.extend(panels.map(|p| self.panel(gpu, painter, p, style)));
+        let quads = wanted(warnings, style).map(|wanted| {
+            let texture = self.texture(gpu, painter, &wanted, style);
+            wanted.quad(texture)
+        });
+        let quads = quads.collect();
         self.drop_unused();
         quads
+    }
+
+    /// The same for who must not wait for a slow graphics card: at most one picture is being drawn at any time, and what has
+    /// none yet is shown as it was before, or not at all.
+    pub fn quads_at_leisure(
+        &mut self,
+        gpu: &Gpu,
+        painter: &Painter,
+        warnings: &Warnings,
+        style: &WarningSettings,
+    ) -> Vec<Quad> {
+        self.uses += 1;
+        self.take_drawn();
+        let mut quads = Vec::new();
+        for wanted in wanted(warnings, style) {
+            let kept = self.textures.get_mut(&wanted.content).filter(|kept| kept.is_drawn.load(Ordering::Acquire));
+            if let Some(kept) = kept {
+                kept.last_used = self.uses;
+                self.shown.insert(wanted.key(), wanted.quad(Arc::clone(&kept.texture)));
+            } else if self.under_way.is_none() {
+                let texture = self.texture(gpu, painter, &wanted, style);
+                self.under_way = Some((wanted.content.clone(), wanted.quad(texture)));
+            }
+            quads.extend(self.shown.get(&wanted.key()).map(|before| Quad { alpha: wanted.alpha, ..before.clone() }));
+        }
+        self.shown.retain(|key, _| quads.iter().any(|quad| quad.key() == *key));
+        self.drop_unused();
+        quads
+    }
+
+    /// What was under way and is drawn may be shown, although by now something else may be wanted there: it is newer than what was.
+    fn take_drawn(&mut self) {
+        let textures = &self.textures;
+        let is_drawn =
+            |content: &Content| textures.get(content).is_none_or(|kept| kept.is_drawn.load(Ordering::Acquire));
+        if let Some((_, quad)) = self.under_way.take_if(|(content, _)| is_drawn(content)) {
+            self.shown.insert(quad.key(), quad);
+        }
     }
 
     /// Before our own views sample these quads: their smaller levels are drawn, and they will not be ready to be copied.
@@ -160,66 +200,108 @@ impl QuadCache {
         }
     }
 
-    fn panel(&mut self, gpu: &Gpu, painter: &Painter, panel: &Panel, style: &WarningSettings) -> Quad {
-        let look = PanelLook { kind: panel.kind, size_m: panel.size_m, silhouette: &panel.silhouette };
-        let discs = look.silhouette.iter().flat_map(|(c, r)| [c.x, c.y, *r]);
-        let kind = match panel.kind {
-            PanelKind::Wall => 0,
-            PanelKind::Object => 1,
-            PanelKind::Pane => 3,
-        };
-        let key = key(kind, style, [panel.size_m.x, panel.size_m.y].into_iter().chain(discs));
-        let (texture, is_drawn) = self.texture(gpu, key, || painter.panel(gpu, &look, style));
-        Quad {
-            kind: if panel.kind == PanelKind::Wall { QuadKind::Wall } else { QuadKind::Object },
-            id: panel.id,
-            on_floor: false,
-            tracking_from_quad: panel.tracking_from_panel,
-            size_m: panel.size_m,
-            alpha: panel.alpha,
-            texture,
-            is_drawn,
-        }
-    }
-
-    fn footprint(&mut self, gpu: &Gpu, painter: &Painter, area: &Footprint, style: &WarningSettings) -> Quad {
-        let flat: Vec<DVec2> = area.corners_xz_m.iter().map(|c| DVec2::new(c.x, -c.y)).collect();
-        let least = flat.iter().copied().fold(DVec2::INFINITY, DVec2::min);
-        let greatest = flat.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
-        let middle = (least + greatest) / 2.0;
-        let size_m = ((greatest - least) / CORNER_STEP_M).ceil() * CORNER_STEP_M + 2.0 * GLOW_M;
-        let corners: Vec<DVec2> = flat.iter().map(|c| ((c - middle) / CORNER_STEP_M).round() * CORNER_STEP_M).collect();
-        let key = key(2, style, [size_m.x, size_m.y].into_iter().chain(corners.iter().flat_map(|c| c.to_array())));
-        let place = DVec3::new(middle.x, ABOVE_FLOOR_M, -middle.y);
-        let (texture, is_drawn) = self.texture(gpu, key, || painter.footprint(gpu, size_m, &corners, style));
-        Quad {
-            kind: QuadKind::Footprint,
-            id: area.id,
-            on_floor: true,
-            tracking_from_quad: Pose::new(place, DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2)),
-            size_m,
-            alpha: area.alpha,
-            texture,
-            is_drawn,
-        }
-    }
-
     fn texture(
         &mut self,
         gpu: &Gpu,
-        key: Key,
-        draw: impl FnOnce() -> wgpu::Texture,
-    ) -> (Arc<wgpu::Texture>, Arc<AtomicBool>) {
+        painter: &Painter,
+        wanted: &Wanted,
+        style: &WarningSettings,
+    ) -> Arc<wgpu::Texture> {
         let (uses, drawn) = (self.uses, &mut self.drawn);
-        let kept = self.textures.entry(key).or_insert_with(|| {
+        let kept = self.textures.entry(wanted.content.clone()).or_insert_with(|| {
             *drawn += 1;
-            let (texture, is_drawn) = (Arc::new(draw()), Arc::new(AtomicBool::new(false)));
+            let (texture, is_drawn) = (Arc::new(wanted.paint(gpu, painter, style)), Arc::new(AtomicBool::new(false)));
             let tell = Arc::clone(&is_drawn);
             gpu.queue.on_submitted_work_done(move || tell.store(true, Ordering::Release));
             Kept { texture, is_drawn, last_used: uses, has_levels: false, is_ready: true }
         });
         kept.last_used = uses;
-        (Arc::clone(&kept.texture), Arc::clone(&kept.is_drawn))
+        Arc::clone(&kept.texture)
+    }
+}
+
+/// A quad without its picture, and what the picture shows.
+struct Wanted<'w> {
+    kind: QuadKind,
+    id: u64,
+    tracking_from_quad: Pose,
+    size_m: DVec2,
+    alpha: f32,
+    content: Content,
+    picture: Picture<'w>,
+}
+
+enum Picture<'w> {
+    Panel(&'w Panel),
+    /// Corners from the middle.
+    Footprint(Vec<DVec2>),
+}
+
+impl Wanted<'_> {
+    fn key(&self) -> (QuadKind, u64) {
+        (self.kind, self.id)
+    }
+
+    fn quad(&self, texture: Arc<wgpu::Texture>) -> Quad {
+        let Self { kind, id, tracking_from_quad, size_m, alpha, .. } = *self;
+        Quad { kind, id, on_floor: kind == QuadKind::Footprint, tracking_from_quad, size_m, alpha, texture }
+    }
+
+    fn paint(&self, gpu: &Gpu, painter: &Painter, style: &WarningSettings) -> wgpu::Texture {
+        match &self.picture {
+            Picture::Panel(panel) => painter.panel(gpu, &look(panel), style),
+            Picture::Footprint(corners) => painter.footprint(gpu, self.size_m, corners, style),
+        }
+    }
+}
+
+/// All that shines: footprints first, then panels in the order given.
+fn wanted<'w>(warnings: &'w Warnings, style: &'w WarningSettings) -> impl Iterator<Item = Wanted<'w>> {
+    let areas = warnings.footprints.iter().filter(|f| f.alpha > 0.0 && f.corners_xz_m.len() >= 3);
+    let panels =
+        warnings.panels.iter().filter(|p| p.alpha > 0.0 && p.size_m.is_finite() && p.size_m.min_element() > 0.0);
+    areas.map(move |area| wanted_footprint(area, style)).chain(panels.map(move |panel| wanted_panel(panel, style)))
+}
+
+fn look(panel: &Panel) -> PanelLook<'_> {
+    PanelLook { kind: panel.kind, size_m: panel.size_m, silhouette: &panel.silhouette }
+}
+
+fn wanted_panel<'w>(panel: &'w Panel, style: &WarningSettings) -> Wanted<'w> {
+    let discs = panel.silhouette.iter().flat_map(|(c, r)| [c.x, c.y, *r]);
+    let kind = match panel.kind {
+        PanelKind::Wall => 0,
+        PanelKind::Object => 1,
+        PanelKind::Pane => 3,
+    };
+    Wanted {
+        kind: if panel.kind == PanelKind::Wall { QuadKind::Wall } else { QuadKind::Object },
+        id: panel.id,
+        tracking_from_quad: panel.tracking_from_panel,
+        size_m: panel.size_m,
+        alpha: panel.alpha,
+        content: content(kind, style, [panel.size_m.x, panel.size_m.y].into_iter().chain(discs)),
+        picture: Picture::Panel(panel),
+    }
+}
+
+fn wanted_footprint<'w>(area: &Footprint, style: &WarningSettings) -> Wanted<'w> {
+    let flat: Vec<DVec2> = area.corners_xz_m.iter().map(|c| DVec2::new(c.x, -c.y)).collect();
+    let least = flat.iter().copied().fold(DVec2::INFINITY, DVec2::min);
+    let greatest = flat.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
+    let middle = (least + greatest) / 2.0;
+    let size_m = ((greatest - least) / CORNER_STEP_M).ceil() * CORNER_STEP_M + 2.0 * GLOW_M;
+    let corners: Vec<DVec2> = flat.iter().map(|c| ((c - middle) / CORNER_STEP_M).round() * CORNER_STEP_M).collect();
+    let place = DVec3::new(middle.x, ABOVE_FLOOR_M, -middle.y);
+    let lengths = [size_m.x, size_m.y].into_iter().chain(corners.iter().flat_map(|c| c.to_array()));
+    Wanted {
+        kind: QuadKind::Footprint,
+        id: area.id,
+        tracking_from_quad: Pose::new(place, DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2)),
+        size_m,
+        alpha: area.alpha,
+        content: content(2, style, lengths),
+        picture: Picture::Footprint(corners),
     }
 }
 
@@ -227,7 +309,7 @@ fn is_among(texture: &Arc<wgpu::Texture>, quads: &[Quad]) -> bool {
     quads.iter().any(|quad| Arc::ptr_eq(&quad.texture, texture))
 }
 
-fn key(kind: i32, style: &WarningSettings, lengths_m: impl Iterator<Item = f64>) -> Key {
+fn content(kind: i32, style: &WarningSettings, lengths_m: impl Iterator<Item = f64>) -> Content {
     let color = style.color.map(i32::from);
     let lengths = [style.grid_spacing_m].into_iter().chain(lengths_m).map(|v| (v * 2000.0).round() as i32);
     [kind].into_iter().chain(color).chain(lengths).collect()

@@ -64,6 +64,18 @@ impl Renderer {
         Ok(quads)
     }
 
+    /// The same for who must not wait for a slow graphics card, frame after frame: one picture is drawn at a time, and what has
+    /// none yet is shown as it was before, or left out.
+    ///
+    /// # Errors
+    /// As [`Self::quads`].
+    pub fn quads_at_leisure(&mut self, warnings: &Warnings, style: &WarningSettings) -> Result<Vec<Quad>, RenderError> {
+        self.gpu.check()?;
+        let quads = self.cache.quads_at_leisure(&self.gpu, &self.painter, warnings, style);
+        self.gpu.check()?;
+        Ok(quads)
+    }
+
     /// Number of textures drawn since the start.
     pub fn textures_drawn(&self) -> u64 {
         self.cache.drawn
@@ -300,6 +312,34 @@ pub(super) mod tests {
             let other = Panel { silhouette: vec![(DVec2::ZERO, 0.2)], ..first };
             renderer.quads(&only(other), &style).unwrap();
             assert_eq!(renderer.textures_drawn(), before + 2);
+        });
+    }
+
+    #[test]
+    fn at_leisure_one_picture_is_drawn_at_a_time_and_the_one_before_stays() {
+        with_renderer(|renderer| {
+            let style = WarningSettings { color: [1, 128, 255], ..Default::default() };
+            let of = |id, width_m| Panel { id, size_m: DVec2::new(width_m, 0.83), ..panel(DVec3::Z * -0.9) };
+            let both = |width_m| Warnings { panels: vec![of(1, width_m), of(2, 0.62)], footprints: vec![] };
+            let drawn = renderer.textures_drawn();
+            assert!(renderer.quads_at_leisure(&both(0.61), &style).unwrap().is_empty(), "nothing is drawn yet");
+            assert_eq!(renderer.textures_drawn(), drawn + 1);
+            let wait = |renderer: &mut Renderer| renderer.gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
+            wait(renderer);
+            assert_eq!(renderer.quads_at_leisure(&both(0.61), &style).unwrap().len(), 1);
+            wait(renderer);
+            let quads = renderer.quads_at_leisure(&both(0.61), &style).unwrap();
+            assert_eq!((quads.len(), renderer.textures_drawn()), (2, drawn + 2));
+            // Another picture of the first: the one before stays, where it is, until the other is drawn.
+            let moved = Warnings { panels: vec![Panel { alpha: 0.3, ..of(1, 0.9) }, of(2, 0.62)], footprints: vec![] };
+            let during = renderer.quads_at_leisure(&moved, &style).unwrap();
+            assert!(Arc::ptr_eq(&during[0].texture, &quads[0].texture) && during[0].size_m == quads[0].size_m);
+            assert_eq!(during[0].alpha, 0.3, "brightness follows at once");
+            wait(renderer);
+            // By now yet another one is wanted: what was drawn meanwhile is shown all the same.
+            let after = renderer.quads_at_leisure(&both(1.2), &style).unwrap();
+            assert_eq!(after[0].size_m.x, 0.9);
+            assert!(renderer.quads_at_leisure(&only(of(2, 0.62)), &style).unwrap().len() == 1, "what is gone is gone");
         });
     }
 

@@ -2,7 +2,6 @@
 //! them. `projection`: a picture for each eye over all of its view.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use glam::DVec3;
 
@@ -92,7 +91,7 @@ impl Shown {
         from: &Viewpoint,
     ) -> Result<u64, ShowError> {
         let quads = match self.kind {
-            Kind::Panels(_) => graphics.renderer.quads(warnings, &settings.warning)?,
+            Kind::Panels(_) => graphics.renderer.quads_at_leisure(warnings, &settings.warning)?,
             // The shapes themselves are there to be seen.
             _ => graphics.renderer.quads(&warnings.clone().without_silhouettes(), &settings.warning)?,
         };
@@ -178,20 +177,9 @@ fn windows(
     let scenery = scene.scenery(&shapes);
     let windows: Vec<Window> = Window::of_panels(&scenery, eyes_m).into_iter().take(SLOTS).collect();
     let pictures = graphics.renderer.windows(&scenery, &windows, eyes_m)?;
-    // These are drawn every frame: there is nothing to show meanwhile.
-    let is_drawn = Arc::new(AtomicBool::new(true));
     let quad = |(window, texture): (Window, Arc<wgpu::Texture>)| {
         let (tracking_from_quad, size_m, (kind, id)) = (window.tracking_from_window, window.size_m, window.key);
-        Quad {
-            kind,
-            id,
-            on_floor: false,
-            tracking_from_quad,
-            size_m,
-            alpha: 1.0,
-            texture,
-            is_drawn: Arc::clone(&is_drawn),
-        }
+        Quad { kind, id, on_floor: false, tracking_from_quad, size_m, alpha: 1.0, texture }
     };
     Ok(windows.into_iter().zip(pictures).map(quad).collect())
 }

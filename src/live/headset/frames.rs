@@ -126,16 +126,24 @@ impl FrameLoop<'_> {
         let mut state = State::new(self, graphics, &frame)?;
         let poses_hz = state.settings.headset.poses_hz;
         let ending = std::thread::scope(|scope| {
+            let _done = DoneWhenDropped(&done);
             if poses_hz > 0.0 {
                 let (runtime, frame, sink, done) = (self.runtime, &frame, self.pose_sink, &done);
                 scope.spawn(move || read_poses(runtime, frame, poses_hz, sink, done));
             }
-            let ending = state.run();
-            done.store(true, Ordering::Relaxed);
-            ending
+            state.run()
         });
         let (status, rest) = state.end();
         Ok((HeadsetReport { ending, status }, rest))
+    }
+}
+
+/// Ends the thread that reads poses, however the loop ends.
+struct DoneWhenDropped<'d>(&'d AtomicBool);
+
+impl Drop for DoneWhenDropped<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
     }
 }
 

@@ -1,13 +1,11 @@
 //! Quads onto overlays, for the displays `panels` and `stereo`: a few overlays that live as long as the session, each lent to an obstacle for as long as it is warned of.
 //!
 //! An obstacle keeps its overlay, so that nothing jumps from one to another; an overlay is hidden, not destroyed, when its
-//! obstacle goes. A picture is handed over only when it is another one, and when the graphics card has drawn it: the loop waits for no
-//! card, however slow; until then the one before stays where it is. The runtime copies it on our queue after we have
+//! obstacle goes. A picture is handed over only when it is another one. The runtime copies it on our queue after we have
 //! forgotten it, so the last few stay alive.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 use crate::geometry::Pose;
 use crate::render::{Quad, QuadKind};
@@ -126,15 +124,8 @@ impl Slot {
         raw_from_standing: &Pose,
         is_stereo: bool,
     ) -> Result<bool, SteamVrError> {
-        let was_own = self.lent_to.replace(quad.key()) == Some(quad.key());
+        self.lent_to = Some(quad.key());
         let is_new = !self.texture.as_ref().is_some_and(|texture| Arc::ptr_eq(texture, &quad.texture));
-        if is_new && !quad.is_drawn.load(Ordering::Acquire) {
-            match was_own {
-                true => self.overlay.set_alpha(quad.alpha)?,
-                false => self.overlay.hide()?,
-            }
-            return Ok(false);
-        }
         if is_new && let Some(texture) = device.handover(&quad.texture) {
             self.overlay.set_texture(&texture)?;
             self.replaced.extend(self.texture.replace(Arc::clone(&quad.texture)));
