@@ -37,7 +37,7 @@ pub enum SteamVrError {
     #[error("SteamVR does not let this program in: {text} ({name}, {code})")]
     Refused {
         /// Number of the error.
-        code: u32,
+        code: i64,
         /// Its name.
         name: String,
         /// The runtime's own words.

@@ -88,7 +88,8 @@ impl Runtime {
     /// refused.
     pub fn start(place: &RuntimePlace, role: Role) -> Result<Self, SteamVrError> {
         if IS_IN_USE.swap(true, Ordering::AcqRel) {
-            let (code, name) = (sys::EVRInitError_VRInitError_Init_AlreadyRunning as u32, "AlreadyRunning".to_owned());
+            let (code, name) =
+                (i64::from(sys::EVRInitError_VRInitError_Init_AlreadyRunning), "AlreadyRunning".to_owned());
             return Err(SteamVrError::Refused { code, name, text: "one session at a time in a program".to_owned() });
         }
         let started = Self::enter(place, role);
@@ -220,7 +221,7 @@ fn refusal(core: *mut Core, error: sys::EVRInitError) -> SteamVrError {
             let name = text_of(unsafe { (functions.id_for_init_error)(core, error) });
             // SAFETY: as above.
             let text = text_of(unsafe { (functions.english_for_init_error)(core, error) });
-            SteamVrError::Refused { code: error as u32, name, text }
+            SteamVrError::Refused { code: i64::from(error), name, text }
         }
     }
 }

@@ -43,7 +43,12 @@ pub(super) struct Shown {
 enum Kind {
     Panels(Slots),
     Stereo(Slots),
-    Projection { overlays: [Overlay; 2], matrix: ProjectionMatrix, pictures: Vec<Arc<wgpu::Texture>> },
+    /// Left and right.
+    Projection {
+        overlays: Vec<Overlay>,
+        matrix: ProjectionMatrix,
+        pictures: Vec<Arc<wgpu::Texture>>,
+    },
 }
 
 impl Shown {
@@ -63,7 +68,7 @@ impl Shown {
                 let overlay = |side| {
                     Overlay::new(runtime, &format!("radar-chaperone.{side}"), &format!("Radar chaperone, {side} eye"))
                 };
-                let overlays = [overlay("left")?, overlay("right")?];
+                let overlays = vec![overlay("left")?, overlay("right")?];
                 Kind::Projection { overlays, matrix: settings.headset.projection_matrix, pictures: Vec::new() }
             }
         };
