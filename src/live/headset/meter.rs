@@ -19,7 +19,7 @@ pub(super) struct FrameMeter {
     missed_elsewhere: u64,
 }
 
-/// What a [`FrameMeter`] tells.
+/// What the loop cost, and whether it kept up.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FrameReport {
     /// Frames seen.
