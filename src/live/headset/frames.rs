@@ -297,11 +297,14 @@ impl<'s, 'a> State<'s, 'a> {
     /// The places of before mean nothing any more.
     fn forget(&mut self, anchor: &Anchor, why: &str) {
         log::warn!("{why}: the map begins anew");
-        // No pose of the new frame may reach what is forgotten, none of the old one what begins.
+        // No pose of the new frame may reach what is forgotten, none of the old one what begins: the thread that reads poses holds the
+        // frame until its pose has gone where it belongs.
+        let mut frame = self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(reconstruction) = (self.with.reconstruction)() {
             self.scene.epoch = reconstruction.forget();
         }
-        self.share_frame(anchor);
+        *frame = Some(anchor.session_from_raw());
+        drop(frame);
         self.scene.clear();
         self.meter.forget_sweeps();
         self.head = None;
@@ -309,7 +312,7 @@ impl<'s, 'a> State<'s, 'a> {
     }
 
     fn share_frame(&self, anchor: &Anchor) {
-        // Written a few times a session; its reader holds it for as long as a pose is copied.
+        // Written a few times a session; its reader holds it for as long as a pose is read.
         *self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner) = Some(anchor.session_from_raw());
     }
 

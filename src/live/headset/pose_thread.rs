@@ -14,8 +14,8 @@ use crate::steamvr::{Hands, Runtime};
 /// The session's frame, for the thread; `None` before it is laid.
 pub(super) type SharedFrame = Mutex<Option<Pose>>;
 
-/// Reads the head's pose so many times a second until told to stop. Only with this thread; a pose that took too long to read is left
-/// out, as is the one before the session's frame is known.
+/// Reads the head's pose so many times a second until told to stop. A pose that took too long to read is left out, and so is every
+/// pose before the session's frame is known.
 pub(super) fn read_poses(
     runtime: &Runtime,
     session_from_raw: &SharedFrame,
@@ -32,9 +32,10 @@ pub(super) fn read_poses(
         }
         // Where this thread was put aside for long, there is nothing to catch up with.
         next_ns = (next_ns + period_ns).max(now_ns());
-        let frame = *session_from_raw.lock().unwrap_or_else(PoisonError::into_inner);
-        if let (Some(frame), Some((time_ns, poses))) = (frame, poses_now(runtime, Hands::NONE)) {
-            sink(&sample(time_ns, &poses.head, &frame));
+        // Held until the pose has gone on: nobody lays the frame anew in between.
+        let frame = session_from_raw.lock().unwrap_or_else(PoisonError::into_inner);
+        if let (Some(frame), Some((time_ns, poses))) = (&*frame, poses_now(runtime, Hands::NONE)) {
+            sink(&sample(time_ns, &poses.head, frame));
         }
     }
 }
