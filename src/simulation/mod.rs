@@ -1,14 +1,17 @@
 //! Rooms, motions, tracking error and radar noise → the same frames and poses that the real ones give, with the truth.
 //!
 //! Physics with seeds: it shares constants with the reconstruction (wavelength, pulse widths, loop gains), not its code.
-//! Not simulated: multipath, leakage from transmitter to receiver, timing drift, people.
+//! Not simulated: multipath, leakage from transmitter to receiver, timing drift, shadows.
 
+mod furniture;
 mod live;
 mod motion;
 mod receiver;
 mod room;
+mod sampler;
 mod scenario;
 mod scenes;
+mod session;
 mod strokes;
 mod tracker;
 
@@ -17,5 +20,6 @@ pub use motion::{MOTIONS, Motion, MotionError};
 pub use room::{Room, Scatterer, Thing, WallPanel};
 pub use scenario::{Scenario, ScenarioError, Simulated};
 pub use scenes::{SCENES, Scene, SceneError, scene};
+pub use session::{PlaySession, Session, SessionError, SessionThing};
 pub use strokes::{ChairWalk, ToAndFro};
 pub use tracker::TrackingErrors;

@@ -6,7 +6,7 @@ use num_complex::{Complex, Complex64};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::Room;
+use super::{Room, Scatterer};
 use crate::geometry::Pose;
 use crate::radar::{Beam, CARRIER_HZ, RangeAxis, SPEED_OF_LIGHT_M_PER_S, Subsweep, noise_rms_lsb, snr_db};
 
@@ -16,12 +16,22 @@ const NEGLIGIBLE_SHARE_OF_NOISE: f64 = 0.01;
 /// A subsweep's receiver in a room.
 pub(super) struct Receiver<'a> {
     pub room: &'a Room,
+    /// What moves while the sweep is measured.
+    pub passing: &'a [Passing],
     pub subsweep: &'a Subsweep,
     pub beam: &'a Beam,
     /// Added to every cross-section, dB.
     pub rcs_offset_db: f64,
     /// Receiver noise on or off.
     pub noise: bool,
+}
+
+/// A scatterer that moves: where it is in the middle of a sweep, and how far it comes within it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Passing {
+    pub scatterer: Scatterer,
+    /// From the first point's time to the last one's, metres.
+    pub way: DVec3,
 }
 
 /// One echo at the middle of a sweep.
@@ -36,6 +46,8 @@ struct Echo {
 
 enum Source {
     Point(DVec3),
+    /// Where it is in the middle of the sweep, and its way within it.
+    Passing(DVec3, DVec3),
     Mirror(usize),
 }
 
@@ -49,7 +61,9 @@ impl Receiver<'_> {
     fn echoes(&self, sensor: &Pose) -> Vec<Echo> {
         let mut echoes = Vec::new();
         let floor = NEGLIGIBLE_SHARE_OF_NOISE * noise_rms_lsb(self.subsweep);
-        for scatterer in self.room.scatterers() {
+        let still = self.room.scatterers().map(|scatterer| (scatterer, Source::Point(scatterer.position_m)));
+        let passing = self.passing.iter().map(|p| (&p.scatterer, Source::Passing(p.scatterer.position_m, p.way)));
+        for (scatterer, source) in still.chain(passing) {
             let to = scatterer.position_m - sensor.translation;
             let distance_m = to.length();
             if distance_m < 1e-3 {
@@ -59,7 +73,6 @@ impl Receiver<'_> {
             let rcs = scatterer.rcs_towards_dbsm(-direction);
             let amplitude = self.amplitude_lsb(rcs, distance_m, direction.dot(sensor.forward()));
             if amplitude > floor {
-                let source = Source::Point(scatterer.position_m);
                 echoes.push(Echo { source, amplitude, phase_rad: scatterer.phase_rad, mid_distance_m: distance_m });
             }
         }
@@ -78,9 +91,11 @@ impl Receiver<'_> {
         echoes
     }
 
-    fn distance_m(&self, echo: &Echo, position: DVec3) -> f64 {
+    /// From a sensor's place to an echo's source, at a share of the sweep.
+    fn distance_m(&self, echo: &Echo, position: DVec3, share: f64) -> f64 {
         match echo.source {
             Source::Point(at) => at.distance(position),
+            Source::Passing(middle, way) => (middle + way * (share - 0.5)).distance(position),
             Source::Mirror(wall) => self.room.walls[wall].plane.distance(position),
         }
     }
@@ -108,7 +123,7 @@ impl Receiver<'_> {
             for (n, sample) in signal.iter_mut().enumerate().take(beyond as usize).skip(first) {
                 // Within one sweep (≤ 6 ms) the path is straight.
                 let share = if last > 0.0 { n as f64 / last } else { 0.0 };
-                let distance_m = self.distance_m(&echo, start.translation.lerp(end.translation, share));
+                let distance_m = self.distance_m(&echo, start.translation.lerp(end.translation, share), share);
                 let off = (axis.range_m(n) - distance_m) / width_m;
                 let amplitude = echo.amplitude * 0.5f64.powf(4.0 * off * off);
                 let turns = 2.0 * distance_m * CARRIER_HZ / SPEED_OF_LIGHT_M_PER_S;
@@ -148,7 +163,7 @@ mod tests {
 
     fn sweep(room: &Room, noise: bool, seed: u64) -> (Vec<Complex<i16>>, bool) {
         let subsweep = subsweep();
-        let receiver = Receiver { room, subsweep: &subsweep, beam: &Beam::Uniform, rcs_offset_db: 0.0, noise };
+        let receiver = Receiver { room, passing: &[], subsweep: &subsweep, beam: &Beam::Uniform, rcs_offset_db: 0.0, noise };
         let mut samples = Vec::new();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let saturated = receiver.sweep(|_| Pose::IDENTITY, 1e-5, &mut rng, &mut samples);
@@ -171,6 +186,33 @@ mod tests {
         let expected = std::f64::consts::TAU * turns.fract();
         let difference = (phase - expected).rem_euclid(std::f64::consts::TAU);
         assert!(difference.min(std::f64::consts::TAU - difference) < 0.01, "{phase} {expected}");
+    }
+
+    #[test]
+    fn what_passes_turns_the_phase_while_the_sweep_is_measured() {
+        // 1 cm away from the sensor within the sweep: 4 turns of the half wavelength's phase over 300 points.
+        let at = DVec3::new(0.0, 0.0, -0.6);
+        let scatterer = Scatterer { position_m: at, rcs_dbsm: 0.0, lobe: DVec3::ZERO, phase_rad: 0.0 };
+        let (subsweep, empty) = (subsweep(), Room::default());
+        let sweep_of = |way: DVec3| {
+            let passing = [Passing { scatterer, way }];
+            let (beam, rcs_offset_db) = (&Beam::Uniform, 0.0);
+            let receiver =
+                Receiver { room: &empty, passing: &passing, subsweep: &subsweep, beam, rcs_offset_db, noise: false };
+            let mut samples = Vec::new();
+            receiver.sweep(|_| Pose::IDENTITY, 1e-5, &mut ChaCha8Rng::seed_from_u64(1), &mut samples);
+            samples.iter().map(|s| f64::from(s.im).atan2(f64::from(s.re))).collect::<Vec<_>>()
+        };
+        let middle = RangeAxis::of(&subsweep).point_at(0.6).round() as usize;
+        let turned = |way: DVec3, n: usize| {
+            let (still, moved) = (sweep_of(DVec3::ZERO)[n], sweep_of(way)[n]);
+            (moved - still + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
+        };
+        let way = DVec3::NEG_Z * 0.01;
+        let shares = [middle, middle + 20].map(|n| n as f64 / 299.0 - 0.5);
+        let expected = (shares[1] - shares[0]) * 0.01 * 2.0 / WAVELENGTH_M * std::f64::consts::TAU;
+        let found = turned(way, middle + 20) - turned(way, middle);
+        assert!((found - expected).abs() < 0.02, "{found} {expected}");
     }
 
     #[test]

@@ -1,11 +1,9 @@
 //! A whole simulated recording: scene, motion, sensor, tracking, receiver → frames, poses, truth.
 
 use num_complex::Complex;
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::receiver::Receiver;
+use super::sampler::{Around, Sampler};
 use super::{LiveScenario, Motion, MotionError, Scene, SceneError, TrackingErrors, scene};
 use crate::geometry::Pose;
 use crate::radar::{Beam, ConfigError, Frame, SensorConfig, Subsweep, frame_timing, rcs_dbsm_for_snr};
@@ -15,10 +13,10 @@ use crate::truth::{Truth, TruthObstacle, TruthWall};
 /// Host time at which simulated recordings begin, nanoseconds.
 const START_NS: i64 = 1_000_000_000;
 /// Poses begin before the first sweep and go on after the last, seconds.
-const POSE_MARGIN_S: f64 = 0.2;
+pub(super) const POSE_MARGIN_S: f64 = 0.2;
 /// "In the beam": two-way amplitude at least this, and at most [`IN_BEAM_M`] away.
-const IN_BEAM_AMPLITUDE: f64 = 0.25;
-const IN_BEAM_M: f64 = 2.3;
+pub(super) const IN_BEAM_AMPLITUDE: f64 = 0.25;
+pub(super) const IN_BEAM_M: f64 = 2.3;
 
 /// What to simulate.
 #[derive(Debug, Clone)]
@@ -219,8 +217,7 @@ impl Stage {
         self.head_at(time_s) * self.true_mount
     }
 
-    /// Appends the samples of a frame whose measurement starts at a time; says whether one saturated. Every frame has
-    /// noise of its own, by its number, whatever thread makes it.
+    /// Appends the samples of a frame whose measurement starts at a time; says whether one saturated.
     pub fn frame(
         &self,
         config: &SensorConfig,
@@ -229,21 +226,14 @@ impl Stage {
         sensor_at: impl Fn(f64) -> Pose,
         samples: &mut Vec<Complex<i16>>,
     ) -> bool {
-        let mut rng = ChaCha8Rng::seed_from_u64(self.scenario.seed ^ 0x0CC0_4E12);
-        rng.set_stream(number);
-        let timing = frame_timing(config);
-        let rcs_offset_db = self.rcs_offset_db(config);
-        let mut data_saturated = false;
-        for sweep in 0..config.sweeps_per_frame {
-            let sweep_s = start_s + f64::from(sweep) * timing.sweep_period_s;
-            for (subsweep, &(offset_s, period_s)) in config.subsweeps.iter().zip(&timing.subsweeps) {
-                let (room, beam) = (&self.scene.room, &self.scenario.beam);
-                let receiver = Receiver { room, subsweep, beam, rcs_offset_db, noise: true };
-                let first_s = sweep_s + offset_s;
-                data_saturated |= receiver.sweep(|t| sensor_at(first_s + t), period_s, &mut rng, samples);
-            }
-        }
-        data_saturated
+        let sampler = Sampler {
+            config,
+            beam: &self.scenario.beam,
+            seed: self.scenario.seed,
+            rcs_offset_db: self.rcs_offset_db(config),
+        };
+        let around = |_: f64, _: f64| Around { room: &self.scene.room, passing: Vec::new() };
+        sampler.frame(number, start_s, sensor_at, around, samples)
     }
 
     fn rcs_offset_db(&self, config: &SensorConfig) -> f64 {
@@ -258,11 +248,11 @@ impl Stage {
 }
 
 /// Where a sensor in the headset's front sits, as far as anyone knows before calibrating.
-fn default_mount() -> Pose {
+pub(super) fn default_mount() -> Pose {
     Pose::from_translation(glam::DVec3::new(0.0, 0.03, -0.10))
 }
 
-fn host_ns(time_s: f64) -> i64 {
+pub(super) fn host_ns(time_s: f64) -> i64 {
     START_NS + (time_s * 1e9).round() as i64
 }
 

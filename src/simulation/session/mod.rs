@@ -1,0 +1,312 @@
+//! A play session: a furnished room, a player who turns, steps, reaches, crouches and comes near the furniture, the player's own hands,
+//! a person who crosses the room twice, and a chair that is carried away halfway. Frames and poses as a sensor and a headset give
+//! them, and what was really where at any time.
+//!
+//! Not simulated: multipath, shadows (what stands in front of a thing does not hide it), timing drift.
+
+mod hands;
+mod player;
+mod rooms;
+mod visitor;
+
+use glam::DVec3;
+use num_complex::Complex;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::receiver::Passing;
+use super::sampler::{Around, Sampler};
+use super::scenario::{IN_BEAM_AMPLITUDE, IN_BEAM_M, default_mount, host_ns};
+use super::tracker::Tracker;
+use super::{Room, Scatterer, Thing, TrackingErrors, WallPanel};
+use crate::geometry::Pose;
+use crate::radar::{Beam, ConfigError, Frame, SensorConfig, frame_timing};
+use crate::tracking::PoseSample;
+
+use hands::Hands;
+use player::Player;
+use rooms::play_room;
+use visitor::Visitor;
+
+/// What to play.
+#[derive(Debug, Clone)]
+pub struct PlaySession {
+    /// Length, seconds.
+    pub duration_s: f64,
+    /// Everything random follows from it.
+    pub seed: u64,
+    /// The sensor.
+    pub config: SensorConfig,
+    /// The beam.
+    pub beam: Beam,
+    /// Where the sensor is believed to sit on the head.
+    pub head_from_sensor: Pose,
+    /// What the tracking adds.
+    pub errors: TrackingErrors,
+    /// Whether the player's own hands are there.
+    pub hands: bool,
+    /// Whether somebody crosses the room.
+    pub visitor: bool,
+    /// Added to the walls' reflection, dB.
+    pub walls_db: f64,
+}
+
+/// Why there is no session.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// A configuration that the sensor would refuse.
+    #[error("sensor configuration: {0}")]
+    Config(#[from] ConfigError),
+    /// A length that is none.
+    #[error("a session of {0} s cannot be simulated: give 1 to 3600 s")]
+    Duration(f64),
+}
+
+/// Seconds before the session begins from which on poses are given, and after it ends.
+const MARGIN_S: f64 = 0.2;
+
+impl PlaySession {
+    /// Ten minutes, everybody there, default tracking and mount, the lensless beam.
+    pub fn new(config: SensorConfig, seed: u64) -> Self {
+        Self {
+            duration_s: 600.0,
+            seed,
+            config,
+            beam: Beam::Lensless,
+            head_from_sensor: default_mount(),
+            errors: TrackingErrors::default(),
+            hands: true,
+            visitor: true,
+            walls_db: 0.0,
+        }
+    }
+
+    /// Furnishes the room and draws everybody's ways.
+    ///
+    /// # Errors
+    /// A configuration that breaks a rule, a length out of bounds.
+    pub fn stage(&self) -> Result<Session, SessionError> {
+        self.config.validate()?;
+        if !(1.0..=3600.0).contains(&self.duration_s) {
+            return Err(SessionError::Duration(self.duration_s));
+        }
+        let rng = |salt: u64| ChaCha8Rng::seed_from_u64(self.seed ^ salt);
+        let mut room = play_room(&mut rng(0x0F00_0001));
+        room.walls.iter_mut().for_each(|wall| wall.reflection_db += self.walls_db);
+        let end_s = self.duration_s + MARGIN_S;
+        let player = Player::new(&room, end_s, &mut rng(0x0F00_0002));
+        let hands = self.hands.then(|| Hands::new(end_s, &mut rng(0x0F00_0003)));
+        let visitor = self.visitor.then(|| Visitor::new(&room, &player, self.duration_s, &mut rng(0x0F00_0004)));
+        let removed = room.things.iter().position(|thing| thing.name == REMOVED);
+        let mut after = room.clone();
+        removed.map(|index| after.things.remove(index));
+        Ok(Session {
+            removed_s: 0.5 * self.duration_s,
+            true_mount: self.errors.true_mount(&self.head_from_sensor, self.seed),
+            play: self.clone(),
+            before: room,
+            after,
+            removed,
+            player,
+            hands,
+            visitor,
+        })
+    }
+}
+
+/// What is carried away halfway.
+const REMOVED: &str = "chair to be removed";
+
+/// Something that stands in the room, and until when.
+#[derive(Debug, Clone, Copy)]
+pub struct SessionThing<'s> {
+    /// The thing.
+    pub thing: &'s Thing,
+    /// From then on it is gone, seconds; infinite: it stays.
+    pub until_s: f64,
+}
+
+/// A session whose room is furnished and whose ways are drawn.
+#[derive(Debug, Clone)]
+pub struct Session {
+    play: PlaySession,
+    before: Room,
+    after: Room,
+    removed: Option<usize>,
+    removed_s: f64,
+    true_mount: Pose,
+    player: Player,
+    hands: Option<Hands>,
+    visitor: Option<Visitor>,
+}
+
+impl Session {
+    /// What was asked for.
+    pub fn play(&self) -> &PlaySession {
+        &self.play
+    }
+
+    /// The host time of a time in the session, nanoseconds.
+    pub fn host_ns(time_s: f64) -> i64 {
+        host_ns(time_s)
+    }
+
+    /// Everything that stands there.
+    pub fn things(&self) -> Vec<SessionThing<'_>> {
+        let until = |index: usize| if Some(index) == self.removed { self.removed_s } else { f64::INFINITY };
+        self.before.things.iter().enumerate().map(|(n, thing)| SessionThing { thing, until_s: until(n) }).collect()
+    }
+
+    /// Walls, floor and ceiling.
+    pub fn walls(&self) -> &[WallPanel] {
+        &self.before.walls
+    }
+
+    /// `tracking_from_head`, as it really is.
+    pub fn head_at(&self, time_s: f64) -> Pose {
+        self.player.head_at(time_s)
+    }
+
+    /// `tracking_from_sensor`, as it really is.
+    pub fn sensor_at(&self, time_s: f64) -> Pose {
+        self.head_at(time_s) * self.true_mount
+    }
+
+    /// Left and right palm, as they really are; `None` in a session without hands.
+    pub fn hands_at(&self, time_s: f64) -> Option<[DVec3; 2]> {
+        Some(self.hands.as_ref()?.palms_at(&self.player, time_s))
+    }
+
+    /// Where the visitor's parts are; empty while nobody is there.
+    pub fn visitor_at(&self, time_s: f64) -> Vec<DVec3> {
+        let parts = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
+        parts.into_iter().flatten().map(|part| part.position_m).collect()
+    }
+
+    /// Whether a place lies in the beam, at the amplitude and range that count.
+    pub fn sees(&self, tracking_from_sensor: &Pose, place: DVec3) -> bool {
+        let to = place - tracking_from_sensor.translation;
+        let cos = to.normalize_or_zero().dot(tracking_from_sensor.forward());
+        to.length() <= IN_BEAM_M && self.play.beam.amplitude(cos) >= IN_BEAM_AMPLITUDE
+    }
+
+    /// Frames of the whole session.
+    pub fn frame_count(&self) -> u64 {
+        let timing = frame_timing(&self.play.config);
+        ((self.play.duration_s - timing.frame_s) / timing.frame_period_s).floor().max(0.0) as u64 + 1
+    }
+
+    /// Frames by number, in parallel: the same on any number of threads.
+    pub fn frames(&self, numbers: std::ops::Range<u64>) -> Vec<Frame> {
+        let PlaySession { config, beam, seed, .. } = &self.play;
+        let sampler = Sampler { config, beam, seed: *seed, rcs_offset_db: 0.0 };
+        let timing = frame_timing(config);
+        let frame = |number: u64| {
+            let start_s = number as f64 * timing.frame_period_s;
+            let mut samples: Vec<Complex<i16>> = Vec::with_capacity(config.points_per_frame());
+            let around = |first_s: f64, last_s: f64| self.around(first_s, last_s);
+            let data_saturated = sampler.frame(number, start_s, |t| self.sensor_at(t), around, &mut samples);
+            let end_s = start_s + timing.frame_s;
+            Frame {
+                tick: (end_s * 1e6).round() as i64,
+                host_time_ns: host_ns(end_s),
+                temperature_c: 30,
+                data_saturated,
+                frame_delayed: false,
+                calibration_needed: false,
+                samples,
+            }
+        };
+        numbers.into_par_iter().map(frame).collect()
+    }
+
+    fn around(&self, first_s: f64, last_s: f64) -> Around<'_> {
+        let middle_s = 0.5 * (first_s + last_s);
+        let room = if middle_s < self.removed_s { &self.before } else { &self.after };
+        let [first, middle, last] = [first_s, middle_s, last_s].map(|t| self.moving_at(t));
+        // Somebody who comes or goes within a sweep is not there in it.
+        let whole = first.len() == middle.len() && last.len() == middle.len();
+        let ways = first.iter().zip(&last).map(|(a, b)| b.position_m - a.position_m);
+        let passing = middle.iter().zip(ways).filter(|_| whole);
+        Around { room, passing: passing.map(|(&scatterer, way)| Passing { scatterer, way }).collect() }
+    }
+
+    fn moving_at(&self, time_s: f64) -> Vec<Scatterer> {
+        let hands = self.hands.as_ref().map(|hands| hands.scatterers_at(&self.player, time_s));
+        let visitor = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
+        hands.into_iter().flatten().chain(visitor.into_iter().flatten()).collect()
+    }
+
+    /// The poses of the head as they are tracked.
+    pub fn poses(&self) -> impl Iterator<Item = PoseSample> + '_ {
+        let mut tracker = Tracker::new(self.play.errors, self.play.seed);
+        let rate_hz = self.play.errors.rate_hz;
+        let count = ((self.play.duration_s + 2.0 * MARGIN_S) * rate_hz).floor() as u64 + 1;
+        (0..count).map(move |n| {
+            let time_s = n as f64 / rate_hz - MARGIN_S;
+            let (measured, valid) = tracker.measure(time_s, &self.head_at(time_s));
+            PoseSample { valid, ..PoseSample::valid(host_ns(time_s), &measured) }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::radar::preset;
+
+    fn session(seed: u64, duration_s: f64) -> Session {
+        PlaySession { duration_s, ..PlaySession::new(preset("d16").unwrap(), seed) }.stage().unwrap()
+    }
+
+    #[test]
+    fn a_seed_gives_the_same_session_on_any_number_of_threads() {
+        let (a, b) = (session(3, 4.0), session(3, 4.0));
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(a.frames(100..120), pool.install(|| b.frames(100..120)));
+        assert!(a.poses().eq(b.poses()));
+        assert_ne!(a.frames(100..101), session(4, 4.0).frames(100..101));
+        assert_eq!(a.frame_count(), a.frames(0..a.frame_count()).len() as u64);
+    }
+
+    #[test]
+    fn nobody_leaps_and_nobody_walks_through_furniture() {
+        for seed in 0..4 {
+            let session = session(seed, 60.0);
+            let parts = |t: f64| session.moving_at(t).iter().map(|s| s.position_m).collect::<Vec<_>>();
+            for n in 0..6000 {
+                let (t, next) = (f64::from(n) * 0.01, f64::from(n + 1) * 0.01);
+                let head = session.head_at(t);
+                assert!(head.translation.distance(session.head_at(next).translation) < 0.03, "seed {seed} at {t}");
+                let (now, then) = (parts(t), parts(next));
+                if now.len() == then.len() {
+                    let step = now.iter().zip(&then).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+                    assert!(step < 0.09, "seed {seed} at {t}: {step}");
+                }
+                let body = |p: DVec3| DVec3::new(p.x - head.translation.x, 0.0, p.z - head.translation.z).length();
+                let nearest = session.before.scatterers().map(|s| body(s.position_m)).fold(f64::INFINITY, f64::min);
+                assert!(nearest > 0.15, "seed {seed} at {t}: {nearest}");
+            }
+        }
+    }
+
+    #[test]
+    fn furniture_is_approached_and_the_visitor_comes_twice() {
+        let session = session(1, 120.0);
+        let times: Vec<f64> = (0..1200).map(|n| f64::from(n) * 0.1).collect();
+        let level = |a: DVec3, b: DVec3| DVec3::new(a.x - b.x, 0.0, a.z - b.z).length();
+        let near = session.things().iter().filter(|thing| {
+            let nearest = |t: &f64| {
+                let head = session.head_at(*t).translation;
+                thing.thing.scatterers.iter().map(|s| level(s.position_m, head)).fold(f64::INFINITY, f64::min)
+            };
+            times.iter().map(nearest).fold(f64::INFINITY, f64::min) < 0.5
+        });
+        assert!(near.count() >= 3);
+        let there: Vec<bool> = times.iter().map(|t| !session.visitor_at(*t).is_empty()).collect();
+        assert_eq!(there.windows(2).filter(|w| !w[0] && w[1]).count(), 2);
+        let gone = session.things().iter().filter(|thing| thing.until_s == 60.0).count();
+        assert_eq!(gone, 1);
+    }
+}
