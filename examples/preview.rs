@@ -8,7 +8,7 @@ use glam::{DMat3, DQuat, DVec3};
 use radar_chaperone::geometry::{Aabb, Plane, Pose};
 use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
 use radar_chaperone::render::{EyeView, Renderer, Scenery, Window};
-use radar_chaperone::warning::{WarningSettings, Watch};
+use radar_chaperone::warning::{Player, WarningSettings, Warnings, Watch};
 
 /// Edge of a voxel, metres.
 const VOXEL_M: f64 = 0.05;
@@ -76,6 +76,12 @@ fn scene(tracking_from_chair: Pose) -> Scene {
     Scene { time_ns: 0, obstacles: vec![chair, unknown], walls: vec![wall] }
 }
 
+/// The warnings when a head has stood there for half a second: by then they have come up.
+fn settled(watch: &mut Watch, tracking_from_head: Pose, settings: &WarningSettings) -> Warnings {
+    let warn = |step: i64| watch.warn(&Player::head_only(step * 10_000_000, tracking_from_head), settings);
+    (0..50).map(warn).last().unwrap_or_default()
+}
+
 fn main() -> anyhow::Result<()> {
     let folder = std::env::args().nth(1).context("give a folder for the pictures")?;
     let path = |name: &str| std::path::Path::new(&folder).join(name);
@@ -96,7 +102,7 @@ fn main() -> anyhow::Result<()> {
         ("left", DVec3::new(-0.9, 1.1, -0.9)),
     ] {
         let tracking_from_head = Pose::looking_at(head, target, DVec3::Y);
-        let warnings = watch.warn(&tracking_from_head, &settings);
+        let warnings = settled(&mut watch, tracking_from_head, &settings);
         let start = Instant::now();
         let count = renderer.quads(&warnings, &settings)?.len();
         println!("{name}: {count} quads handed over in {:.0} ms", start.elapsed().as_secs_f64() * 1e3);

@@ -10,7 +10,7 @@ use radar_chaperone::obstacles::Scene;
 use radar_chaperone::radar::preset;
 use radar_chaperone::render::{EyeView, Renderer, Scenery, Window};
 use radar_chaperone::simulation::{Scenario, Simulated};
-use radar_chaperone::warning::Watch;
+use radar_chaperone::warning::{Player, Watch};
 
 /// A frame of the display, nanoseconds: 90 a second.
 const FRAME_NS: i64 = 11_111_111;
@@ -70,7 +70,7 @@ fn play(name: &str, frames: &[(Pose, Option<Scene>)], last_alone: bool, settings
     watch.see(&scene);
     let (mut see_ns, mut warn_ns, mut quads_ns) = (Vec::new(), Vec::new(), Vec::new());
     let mut shown_frames = BTreeMap::<(u64, bool), u64>::new();
-    for (head, new) in frames {
+    for (frame, (head, new)) in frames.iter().enumerate() {
         if let Some(new) = new.as_ref().filter(|_| !last_alone) {
             scene = new.clone();
             let start = thread_cpu_ns();
@@ -78,7 +78,7 @@ fn play(name: &str, frames: &[(Pose, Option<Scene>)], last_alone: bool, settings
             see_ns.push((thread_cpu_ns() - start) as u64);
         }
         let start = thread_cpu_ns();
-        let warnings = watch.warn(head, &settings.warning);
+        let warnings = watch.warn(&Player::head_only(frame as i64 * FRAME_NS, *head), &settings.warning);
         let between = thread_cpu_ns();
         let quads = renderer.quads(&warnings, &settings.warning)?;
         let end = thread_cpu_ns();
@@ -106,8 +106,11 @@ fn play_in_space(frames: &[(Pose, Option<Scene>)], settings: &Settings) -> anyho
     let mut watch = Watch::new();
     watch.see(&frames.iter().rev().find_map(|(_, scene)| scene.clone()).unwrap_or_default());
     let (mut windows_ns, mut eyes_ns) = (Vec::new(), Vec::new());
-    for (head, _) in frames.iter().step_by(10) {
-        let warnings = watch.warn(head, &settings.warning);
+    for (frame, (head, _)) in frames.iter().enumerate() {
+        let warnings = watch.warn(&Player::head_only(frame as i64 * FRAME_NS, *head), &settings.warning);
+        if frame % 10 != 0 {
+            continue;
+        }
         let quads = renderer.quads(&warnings.clone().without_silhouettes(), &settings.warning)?;
         let views = EyeView::pair(head, 0.064, 1.75, [1024, 1024]);
         let start = thread_cpu_ns();

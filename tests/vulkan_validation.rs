@@ -14,7 +14,7 @@ use radar_chaperone::geometry::{Aabb, Plane, Pose};
 use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
 use radar_chaperone::render::{EyeView, Quad, Renderer, Scenery, Window};
 use radar_chaperone::steamvr::{VulkanDevice, VulkanNeeds, VulkanTexture, open};
-use radar_chaperone::warning::{WarningSettings, Watch};
+use radar_chaperone::warning::{Player, WarningSettings, Warnings, Watch};
 
 const LAYER: &str = "VK_LAYER_KHRONOS_validation";
 const MANIFESTS: [&str; 2] = ["/usr/share/vulkan/explicit_layer.d", "/etc/vulkan/explicit_layer.d"];
@@ -122,6 +122,11 @@ fn take_over_all(device: &VulkanDevice, renderer: &Renderer, quads: &[Quad]) {
     }
 }
 
+/// The warnings when a head has stood there for half a second: by then they have come up.
+fn settled(watch: &mut Watch, head: Pose, style: &WarningSettings) -> Warnings {
+    (0..50).map(|step| watch.warn(&Player::head_only(step * 10_000_000, head), style)).last().unwrap()
+}
+
 /// Not a test by itself: what `the_layer_has_nothing_to_say` starts under the layer.
 #[test]
 #[ignore = "started by the_layer_has_nothing_to_say"]
@@ -133,7 +138,7 @@ fn everything() {
     watch.see(&scene());
     for step in 0..8 {
         let head = Pose::from_translation(DVec3::new(0.05 * f64::from(step), 1.6, -0.02 * f64::from(step)));
-        let warnings = watch.warn(&head, &style);
+        let warnings = settled(&mut watch, head, &style);
         let views = EyeView::pair(&head, 0.064, 1.6, [200 + 3 * step, 160]);
         let quads = renderer.quads(&warnings, &style).unwrap();
         assert!(quads.len() >= 4, "{} quads", quads.len());
@@ -170,7 +175,7 @@ fn everything_but_the_hand_over() {
     let (style, head) = (WarningSettings::default(), Pose::from_translation(DVec3::Y * 1.6));
     let mut watch = Watch::new();
     watch.see(&scene());
-    let warnings = watch.warn(&head, &style);
+    let warnings = settled(&mut watch, head, &style);
     let quads = renderer.quads(&warnings, &style).unwrap();
     renderer.preview(&warnings, &style, &EyeView::pair(&head, 0.064, 1.6, [200, 160])[0], &[]).unwrap();
     taken_over(&device, &quads[0].texture);

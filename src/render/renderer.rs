@@ -189,7 +189,7 @@ pub(super) mod tests {
 
     use super::*;
     use crate::geometry::Pose;
-    use crate::warning::{Footprint, Panel, PanelKind};
+    use crate::warning::{BodyPart, Footprint, Panel, PanelKind};
 
     /// Runs a test on the one renderer of all tests; says so when the machine has no adapter.
     pub fn with_renderer(test: impl FnOnce(&mut Renderer)) {
@@ -217,6 +217,10 @@ pub(super) mod tests {
             silhouette: vec![(DVec2::new(0.0, -0.1), 0.1), (DVec2::new(0.0, -0.25), 0.1)],
             alpha: 1.0,
             distance_m: 0.5,
+            time_to_contact_s: None,
+            nearest_part: BodyPart::Torso,
+            nearest_m: DVec3::ZERO,
+            label_m: None,
         }
     }
 

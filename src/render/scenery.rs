@@ -300,7 +300,7 @@ mod tests {
     use super::*;
     use crate::render::Renderer;
     use crate::render::renderer::tests::with_renderer;
-    use crate::warning::{Panel, PanelKind, WarningSettings, Warnings};
+    use crate::warning::{BodyPart, Panel, PanelKind, WarningSettings, Warnings};
 
     const HALF_PX: [u32; 2] = [400, 500];
     const EYES: [DVec3; 2] = [DVec3::new(-0.032, 1.6, 0.0), DVec3::new(0.032, 1.6, 0.0)];
@@ -443,6 +443,10 @@ mod tests {
             silhouette: vec![(DVec2::ZERO, 0.1)],
             alpha: 1.0,
             distance_m: 0.6,
+            time_to_contact_s: None,
+            nearest_part: BodyPart::Torso,
+            nearest_m: DVec3::ZERO,
+            label_m: None,
         };
         Warnings { panels: vec![panel], footprints: vec![] }
     }

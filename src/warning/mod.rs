@@ -6,6 +6,7 @@ mod group;
 mod hull;
 mod object;
 mod panel;
+mod player;
 mod settings;
 mod wall;
 mod warn;
@@ -13,6 +14,7 @@ mod watch;
 
 pub use hull::convex_hull;
 pub use panel::{Footprint, Panel, PanelKind, Shape, Warnings};
+pub use player::{BodyPart, Player};
 pub use settings::{WarningSettings, WarningSettingsError};
 pub use warn::{MAX_QUADS, warn};
 pub use watch::Watch;

@@ -15,6 +15,7 @@ use glam::{DQuat, DVec2, DVec3};
 
 use super::body::Body;
 use super::panel::{Panel, PanelKind};
+use super::player::BodyPart;
 
 /// A panel nearer to the eyes than this could not be looked at, metres.
 const NEAREST_PANEL_M: f64 = 0.2;
@@ -108,6 +109,10 @@ pub(super) fn object_panel(body: &Body, aspect: &Aspect, head: DVec3, alpha: f32
         silhouette: silhouette(body, aspect.spread_m, size_m, place),
         alpha,
         distance_m: aspect.distance_m,
+        time_to_contact_s: None,
+        nearest_part: BodyPart::Torso,
+        nearest_m: aspect.near,
+        label_m: None,
     }
 }
 

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 
+use super::player::BodyPart;
 use crate::geometry::Pose;
 
 /// What a panel stands for.
@@ -37,6 +38,15 @@ pub struct Panel {
     /// From the wearer, the vertical line from head to floor, to the nearest side of the obstacle, metres; from the head for
     /// what is above it.
     pub distance_m: f64,
+    /// Until the nearest part of the body is there at the speed it comes nearer at; `None` when it does not come nearer, or when its
+    /// speed is not known.
+    pub time_to_contact_s: Option<f64>,
+    /// The part of the body that is nearest.
+    pub nearest_part: BodyPart,
+    /// The place of the obstacle that is nearest to that part, tracking frame, metres.
+    pub nearest_m: DVec3,
+    /// A distance to write on the panel, metres; see [`super::Watch::warn`].
+    pub label_m: Option<f64>,
 }
 
 /// Where an obstacle stands on the floor (y = 0): a convex polygon of x and z, counter-clockwise seen from above (+y), metres.

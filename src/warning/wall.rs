@@ -8,6 +8,7 @@ use glam::{DVec2, DVec3};
 use super::body::is_place;
 use super::object::upright;
 use super::panel::{Panel, PanelKind};
+use super::player::BodyPart;
 use super::settings::WarningSettings;
 use crate::geometry::Plane;
 use crate::obstacles::Wall;
@@ -52,6 +53,10 @@ pub(super) fn wall_panel(wall: &Wall, head: DVec3, settings: &WarningSettings) -
         silhouette: Vec::new(),
         alpha,
         distance_m,
+        time_to_contact_s: None,
+        nearest_part: BodyPart::Torso,
+        nearest_m: foot,
+        label_m: None,
     })
 }
 

@@ -11,9 +11,9 @@ use glam::DVec3;
 
 use super::body::Body;
 use super::panel::{PanelKind, Shape, Warnings};
+use super::player::Player;
 use super::settings::WarningSettings;
 use super::warn::{bodies, warn_of};
-use crate::geometry::Pose;
 use crate::obstacles::{Scene, Wall};
 
 /// Movement or growth beyond this is taken at once, metres: more than the voxels' edge, which is how far the rim flickers.
@@ -56,9 +56,9 @@ impl Watch {
         self.walls.clone_from(&scene.walls);
     }
 
-    /// What to draw for a head pose; see [`super::warn()`].
-    pub fn warn(&self, tracking_from_head: &Pose, settings: &WarningSettings) -> Warnings {
-        warn_of(self.held.iter().map(|held| &held.body), &self.walls, tracking_from_head, settings)
+    /// What to draw for the player; see [`super::warn()`].
+    pub fn warn(&mut self, player: &Player, settings: &WarningSettings) -> Warnings {
+        warn_of(self.held.iter().map(|held| &held.body), &self.walls, &player.tracking_from_head, settings)
     }
 
     /// The shapes of the obstacles that panels warn of, in the panels' order.
@@ -113,6 +113,7 @@ fn difference(a: &Body, b: &Body) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Pose;
     use crate::obstacles::{Observed, Obstacle};
     use glam::DMat3;
 
@@ -138,7 +139,8 @@ mod tests {
 
     fn seen(watch: &mut Watch, scene: &Scene) -> Warnings {
         watch.see(scene);
-        watch.warn(&Pose::from_translation(DVec3::new(0.0, 1.6, 0.0)), &WarningSettings::default())
+        let head = Pose::from_translation(DVec3::new(0.0, 1.6, 0.0));
+        watch.warn(&Player::head_only(scene.time_ns, head), &WarningSettings::default())
     }
 
     #[test]
@@ -176,7 +178,7 @@ mod tests {
         assert_eq!(seen(&mut watch, &scene(0.3, vec![])), Warnings::default());
         watch.see(&scene(0.4, vec![column(1, 0.0)]));
         watch.forget();
-        assert_eq!(watch.warn(&Pose::IDENTITY, &WarningSettings::default()), Warnings::default());
+        assert_eq!(watch.warn(&Player::head_only(0, Pose::IDENTITY), &WarningSettings::default()), Warnings::default());
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::display::{ShowError, Shown, Viewpoint};
 use super::graphics::{Graphics, GraphicsError, Retry};
 use super::meter::{FrameMeter, FrameReport};
 use super::pose_thread::{SharedFrame, read_poses};
-use super::samples::{poses_now, sample};
+use super::samples::{player, poses_now, sample};
 use super::vitals::Vitals;
 use crate::engine::Settings;
 use crate::geometry::Pose;
@@ -346,7 +346,8 @@ impl<'s, 'a> State<'s, 'a> {
         }
         let head = self.head.filter(|(seen_ns, _)| now_ns.saturating_sub(*seen_ns) < HEAD_KEPT_NS);
         let Some((_, standing_from_head)) = head else { return Ok(self.shown.hide()?) };
-        let warnings = self.scene.watch.warn(&standing_from_head, &self.settings.warning);
+        let player = player(now_ns, standing_from_head, &poses, &anchor.raw_from_standing());
+        let warnings = self.scene.watch.warn(&player, &self.settings.warning);
         self.status.nearest_m = warnings.panels.iter().map(|panel| panel.distance_m).min_by(f64::total_cmp);
         if warnings.panels.is_empty() && warnings.footprints.is_empty() {
             return Ok(self.shown.hide()?);

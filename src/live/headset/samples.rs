@@ -1,10 +1,11 @@
 //! The head's poses for the radar: where the head is now, not where it will be when a frame is seen, with the time at which it
-//! was there.
+//! was there. And the player for the warnings, as they will be when a frame is seen.
 
 use crate::geometry::Pose;
 use crate::live::now_ns;
 use crate::steamvr::{DevicePose, Hands, Poses, Runtime, TrackingState, Universe};
 use crate::tracking::{PoseSample, TrackingResult};
+use crate::warning::Player;
 
 /// A call that took longer tells no time: this thread was put aside in the middle of it, nanoseconds.
 const LONGEST_CALL_NS: i64 = 1_000_000;
@@ -29,4 +30,15 @@ pub(super) fn sample(time_ns: i64, head: &DevicePose, session_from_raw: &Pose) -
     // Numbers that make no pose are as good as none.
     let valid = head.connected && head.valid && head.pose.is_some();
     PoseSample { valid, result, ..PoseSample::valid(time_ns, &pose) }
+}
+
+/// The player in the standing universe: the head where it is known to be, hands where they are tracked.
+pub(super) fn player(time_ns: i64, standing_from_head: Pose, poses: &Poses, raw_from_standing: &Pose) -> Player {
+    let standing_from_raw = raw_from_standing.inverse();
+    let place = |hand: &DevicePose| hand.trusted().map(|pose| standing_from_raw.transform_point(pose.translation));
+    Player {
+        time_ns,
+        tracking_from_head: standing_from_head,
+        hands_m: [place(&poses.hands[0]), place(&poses.hands[1])],
+    }
 }
