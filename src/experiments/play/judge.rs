@@ -1,0 +1,385 @@
+//! Holds what is warned of against what is there, step by step.
+//!
+//! The body is the upright line below the head: what is no higher than the eyes is as near as it is over the floor. A thing is
+//! approached from the moment when the body comes within 1 m of it. It must be warned of by the deadline: when the body is within
+//! 0.4 m, or would be there within 0.6 s at its speed; where neither happens, when it is nearest. A thing is warned of while a shown
+//! shape has a place within 25 cm of one of its scatterers, a wall while a panel in its plane is shown.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use glam::DVec3;
+
+use super::figures::{Approach, Cause, FalseReport, Figures, Forgetting, Rates};
+use crate::geometry::{Plane, Pose};
+use crate::obstacles::Scene;
+use crate::radar::{frame_timing, snr_db};
+use crate::simulation::{Scatterer, Session, WallPanel};
+
+/// The deadline: nearness and time to contact.
+const DEADLINE_M: f64 = 0.4;
+const DEADLINE_S: f64 = 0.6;
+/// Closing speeds below this are standing still, metres a second.
+const CLOSING_M_PER_S: f64 = 0.3;
+/// An approach is over beyond this, metres.
+const OVER_M: f64 = 1.2;
+/// What is reported farther than this from everything is reported where nothing is, metres.
+const FALSE_M: f64 = 0.25;
+/// Somebody's parts: a report of them this near is of somebody who is there.
+const PERSON_M: f64 = 0.4;
+/// For so long after a moving thing was at a place it may still be reported there, seconds.
+const MOVING_S: f64 = 1.5;
+/// What moved at most so long before a report may be its cause, seconds.
+const CAUSE_S: f64 = 6.0;
+/// A place is noted as often, seconds.
+const TRAIL_STEP_S: f64 = 0.1;
+/// Power signal to noise ratio of a block from which on a scatterer is visible, dB, and a block's length, seconds.
+const VISIBLE_DB: f64 = 10.0;
+const BLOCK_S: f64 = 0.09;
+/// On and off again within this time is a flicker, seconds.
+const FLICKER_S: f64 = 1.0;
+/// A wall is warned of by a panel in a plane like its own.
+const WALL_ANGLE_DEG: f64 = 8.0;
+const WALL_OFFSET_M: f64 = 0.15;
+
+/// What is shown at a time.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Shown {
+    /// Places of shapes.
+    pub points_m: Vec<DVec3>,
+    /// Planes of walls.
+    pub planes: Vec<Plane>,
+}
+
+/// One session under judgement.
+pub(super) struct Judge<'s> {
+    session: &'s Session,
+    targets: Vec<Target<'s>>,
+    reports: BTreeMap<u64, Report>,
+    hands: VecDeque<(f64, Vec<DVec3>)>,
+    visitor: VecDeque<(f64, Vec<DVec3>)>,
+    removal: Removal,
+    last_s: f64,
+    figures: Figures,
+}
+
+/// Something that can be run into.
+struct Target<'s> {
+    what: What<'s>,
+    kind: String,
+    until_s: f64,
+    in_beam_s: f64,
+    visible_s: f64,
+    distance_m: f64,
+    is_warned: bool,
+    changed_s: f64,
+    flickered: bool,
+    /// Farthest since it is warned of without a break.
+    lead_m: f64,
+    approached: bool,
+    approach: Option<Open>,
+}
+
+enum What<'s> {
+    Thing(&'s [Scatterer]),
+    Wall(&'s WallPanel),
+}
+
+/// An approach that is not over.
+struct Open {
+    nearest: Approach,
+    is_judged: bool,
+}
+
+#[derive(Default)]
+struct Report {
+    is_false: bool,
+    is_near: bool,
+    cause: Option<Cause>,
+}
+
+#[derive(Default)]
+struct Removal {
+    was_known: Option<bool>,
+    looked_s: f64,
+    forgotten: bool,
+}
+
+impl<'s> Judge<'s> {
+    pub fn new(session: &'s Session) -> Self {
+        let things = session.things();
+        let thing = |t: &crate::simulation::SessionThing<'s>| Target::new(What::Thing(&t.thing.scatterers), &t.thing.name, t.until_s);
+        let upright = session.walls().iter().filter(|wall| wall.plane.outward.y.abs() < 0.5);
+        let walls = upright.map(|wall| Target::new(What::Wall(wall), "wall", f64::INFINITY));
+        Self {
+            session,
+            targets: things.iter().map(thing).chain(walls).collect(),
+            reports: BTreeMap::new(),
+            hands: VecDeque::new(),
+            visitor: VecDeque::new(),
+            removal: Removal::default(),
+            last_s: 0.0,
+            figures: Figures::default(),
+        }
+    }
+
+    /// What is so at a time, which goes on.
+    pub fn step(&mut self, time_s: f64, scene: &Scene, shown: &Shown) {
+        let step_s = time_s - self.last_s;
+        self.last_s = time_s;
+        let (head, sensor) = (self.session.head_at(time_s), self.session.sensor_at(time_s));
+        self.note_moving(time_s);
+        for target in &mut self.targets {
+            if let Some(approach) = target.step(self.session, time_s, step_s, (&head, &sensor), scene, shown) {
+                self.figures.approaches.push(approach);
+            }
+            self.figures.flickers += u64::from(std::mem::take(&mut target.flickered));
+        }
+        self.judge_reports(time_s, step_s, &head, scene);
+        self.watch_removal(time_s, step_s, &sensor, scene);
+    }
+
+    /// The session is over.
+    pub fn end(mut self, reports: usize) -> Figures {
+        for target in &mut self.targets {
+            self.figures.approaches.extend(target.end());
+        }
+        self.figures.approaches.sort_by(|a, b| a.deadline_s.total_cmp(&b.deadline_s));
+        if let Some(was_known) = self.removal.was_known {
+            let looked_s = self.removal.forgotten.then_some(self.removal.looked_s);
+            self.figures.forgettings.push(Forgetting { was_known, looked_s });
+        }
+        self.figures.played_s = self.last_s;
+        self.figures.reports_at_end.push(reports);
+        self.figures
+    }
+
+    fn note_moving(&mut self, time_s: f64) {
+        if self.hands.back().is_some_and(|(last_s, _)| time_s - last_s < TRAIL_STEP_S) {
+            return;
+        }
+        let hands = self.session.hands_at(time_s).map(|hands| hands.to_vec()).unwrap_or_default();
+        self.hands.push_back((time_s, hands));
+        self.visitor.push_back((time_s, self.session.visitor_at(time_s)));
+        for trail in [&mut self.hands, &mut self.visitor] {
+            while trail.pop_front_if(|(at_s, _)| time_s - *at_s > CAUSE_S).is_some() {}
+        }
+    }
+
+    fn judge_reports(&mut self, time_s: f64, step_s: f64, head: &Pose, scene: &Scene) {
+        let mut any_near = false;
+        let mut reports = std::mem::take(&mut self.reports);
+        reports.retain(|id, _| scene.obstacles.iter().any(|obstacle| obstacle.id == *id));
+        for obstacle in &scene.obstacles {
+            let place = obstacle.position_m;
+            let report = reports.entry(obstacle.id).or_default();
+            let is_false = !self.is_true(time_s, place);
+            let away_m = body_m(head, place);
+            let is_near = is_false && away_m <= if report.is_near { OVER_M } else { Rates::NEAR_M };
+            if is_false && report.cause.is_none() {
+                report.cause = Some(self.cause(place));
+            }
+            let cause = report.cause.unwrap_or(Cause::Nothing);
+            let mut note = |is_near| self.figures.false_reports.push(FalseReport { time_s, cause, is_near });
+            if is_false && !report.is_false {
+                note(false);
+            }
+            if is_near && !report.is_near {
+                note(true);
+            }
+            (report.is_false, report.is_near) = (report.is_false || is_false, is_near);
+            any_near |= is_near && away_m <= Rates::NEAR_M;
+        }
+        self.reports = reports;
+        self.figures.false_near_s += if any_near { step_s } else { 0.0 };
+    }
+
+    /// Whether something is, or was a moment ago, where something is reported.
+    fn is_true(&self, time_s: f64, place: DVec3) -> bool {
+        // What was carried away is asked for by itself.
+        let things = self.targets.iter().map(|target| target.to_m(place));
+        let person = self.visitor.iter().filter(|(at_s, _)| time_s - at_s <= MOVING_S);
+        things.fold(f64::INFINITY, f64::min) <= FALSE_M
+            || self.session.walls().iter().any(|wall| wall.extent.distance(place) <= FALSE_M)
+            || person.flat_map(|(_, parts)| parts).any(|part| part.distance(place) <= PERSON_M)
+    }
+
+    fn cause(&self, place: DVec3) -> Cause {
+        let was_there = |trail: &VecDeque<(f64, Vec<DVec3>)>, within_m: f64| {
+            trail.iter().flat_map(|(_, parts)| parts).any(|part| part.distance(place) <= within_m)
+        };
+        if was_there(&self.hands, FALSE_M) {
+            Cause::Hand
+        } else if was_there(&self.visitor, PERSON_M) {
+            Cause::Visitor
+        } else {
+            Cause::Nothing
+        }
+    }
+
+    fn watch_removal(&mut self, time_s: f64, step_s: f64, sensor: &Pose, scene: &Scene) {
+        let Some(gone) = self.targets.iter().find(|target| target.until_s.is_finite()) else { return };
+        let What::Thing(parts) = gone.what else { return };
+        if time_s < gone.until_s || self.removal.forgotten {
+            return;
+        }
+        let stays = |place: DVec3| {
+            self.targets.iter().filter(|t| t.until_s.is_infinite()).any(|target| target.to_m(place) <= FALSE_M)
+        };
+        let of_it = |place: DVec3| parts.iter().any(|part| part.position_m.distance(place) <= FALSE_M);
+        let is_known = scene.obstacles.iter().any(|o| of_it(o.position_m) && !stays(o.position_m));
+        self.removal.was_known.get_or_insert(is_known);
+        if parts.iter().any(|part| self.session.sees(sensor, part.position_m)) {
+            self.removal.looked_s += step_s;
+        }
+        self.removal.forgotten = !is_known;
+    }
+}
+
+impl<'s> Target<'s> {
+    fn new(what: What<'s>, name: &str, until_s: f64) -> Self {
+        Self {
+            what,
+            kind: name.into(),
+            until_s,
+            in_beam_s: 0.0,
+            visible_s: 0.0,
+            distance_m: f64::INFINITY,
+            is_warned: false,
+            changed_s: f64::NEG_INFINITY,
+            flickered: false,
+            lead_m: 0.0,
+            approached: false,
+            approach: None,
+        }
+    }
+
+    /// From a place to its nearest scatterer, metres; infinite for walls.
+    fn to_m(&self, place: DVec3) -> f64 {
+        match self.what {
+            What::Thing(parts) => parts.iter().map(|s| s.position_m.distance(place)).fold(f64::INFINITY, f64::min),
+            What::Wall(_) => f64::INFINITY,
+        }
+    }
+
+    fn body_m(&self, head: &Pose) -> f64 {
+        match self.what {
+            What::Thing(parts) => parts.iter().map(|s| body_m(head, s.position_m)).fold(f64::INFINITY, f64::min),
+            What::Wall(wall) => wall.plane.distance(head.translation),
+        }
+    }
+
+    fn is_shown(&self, shown: &Shown) -> bool {
+        match self.what {
+            What::Thing(_) => shown.points_m.iter().any(|place| self.to_m(*place) <= FALSE_M),
+            What::Wall(wall) => shown.planes.iter().any(|plane| is_like(plane, &wall.plane)),
+        }
+    }
+
+    /// Whether it is in the beam, and whether it returns enough.
+    fn is_seen(&self, session: &Session, sensor: &Pose) -> (bool, bool) {
+        match self.what {
+            What::Thing(parts) => {
+                let seen = || parts.iter().filter(|part| session.sees(sensor, part.position_m));
+                (seen().next().is_some(), seen().any(|part| block_snr_db(session, sensor, part) >= VISIBLE_DB))
+            }
+            What::Wall(wall) => {
+                let foot = wall.plane.foot(sensor.translation);
+                let seen = wall.extent.distance(foot) < 1e-6 && session.sees(sensor, foot);
+                (seen, seen)
+            }
+        }
+    }
+
+    fn step(
+        &mut self,
+        session: &Session,
+        time_s: f64,
+        step_s: f64,
+        (head, sensor): (&Pose, &Pose),
+        scene: &Scene,
+        shown: &Shown,
+    ) -> Option<Approach> {
+        if time_s >= self.until_s {
+            self.approach = None;
+            return None;
+        }
+        let (in_beam, visible) = self.is_seen(session, sensor);
+        self.in_beam_s += if in_beam { step_s } else { 0.0 };
+        self.visible_s += if visible { step_s } else { 0.0 };
+        let distance_m = self.body_m(head);
+        let closing_m_per_s = (self.distance_m - distance_m) / step_s.max(1e-9);
+        self.distance_m = distance_m;
+        let is_warned = self.is_shown(shown);
+        if is_warned != self.is_warned {
+            self.flickered = time_s - self.changed_s < FLICKER_S;
+            (self.is_warned, self.lead_m, self.changed_s) = (is_warned, 0.0, time_s);
+        }
+        if is_warned {
+            self.lead_m = self.lead_m.max(distance_m);
+        }
+        let is_due = distance_m <= DEADLINE_M
+            || (closing_m_per_s > CLOSING_M_PER_S && distance_m / closing_m_per_s <= DEADLINE_S);
+        self.judge(time_s, is_due, scene)
+    }
+
+    /// Follows the approach, if there is one; gives it when it is over.
+    fn judge(&mut self, time_s: f64, is_due: bool, scene: &Scene) -> Option<Approach> {
+        if self.approach.is_none() && self.distance_m < Rates::NEAR_M {
+            self.approach = Some(Open { nearest: self.now(time_s, scene), is_judged: false });
+            self.approached = true;
+        }
+        let now = self.now(time_s, scene);
+        let open = self.approach.as_mut()?;
+        let is_first = open.nearest.is_first;
+        if !open.is_judged && (is_due || now.deadline_m <= open.nearest.deadline_m) {
+            open.nearest = Approach { is_first, ..now };
+            open.is_judged = is_due;
+        }
+        if self.distance_m > OVER_M { self.end() } else { None }
+    }
+
+    fn end(&mut self) -> Option<Approach> {
+        self.approach.take().map(|open| open.nearest)
+    }
+
+    fn now(&self, time_s: f64, scene: &Scene) -> Approach {
+        let errors_m = scene.obstacles.iter().map(|o| self.to_m(o.position_m)).filter(|m| *m <= FALSE_M).collect();
+        Approach {
+            kind: self.kind.clone(),
+            deadline_s: time_s,
+            deadline_m: self.distance_m,
+            in_beam_s: self.in_beam_s,
+            visible_s: self.visible_s,
+            is_first: !self.approached,
+            warned: self.is_warned,
+            lead_m: if self.is_warned { self.lead_m } else { 0.0 },
+            errors_m,
+        }
+    }
+}
+
+/// From the body to a place, metres.
+fn body_m(head: &Pose, place: DVec3) -> f64 {
+    let to = place - head.translation;
+    if to.y > 0.0 { to.length() } else { to.x.hypot(to.z) }
+}
+
+fn is_like(plane: &Plane, wall: &Plane) -> bool {
+    plane.outward.dot(wall.outward) >= WALL_ANGLE_DEG.to_radians().cos()
+        && (plane.offset_m - wall.offset_m).abs() <= WALL_OFFSET_M
+}
+
+/// Power signal to noise ratio of a scatterer after a block's sweeps are summed, dB.
+fn block_snr_db(session: &Session, sensor: &Pose, part: &Scatterer) -> f64 {
+    let play = session.play();
+    let to = part.position_m - sensor.translation;
+    let direction = to.normalize_or_zero();
+    let amplitude = play.beam.amplitude(direction.dot(sensor.forward()));
+    let Some(subsweep) = play.config.subsweeps.first() else { return f64::NEG_INFINITY };
+    let timing = frame_timing(&play.config);
+    let sweeps = BLOCK_S * f64::from(play.config.sweeps_per_frame) / timing.frame_period_s;
+    snr_db(subsweep.profile, subsweep.hwaas, part.rcs_towards_dbsm(-direction), to.length())
+        + play.beam.gain_db()
+        + 20.0 * amplitude.max(1e-9).log10()
+        + 10.0 * sweeps.log10()
+}

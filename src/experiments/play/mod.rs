@@ -1,0 +1,11 @@
+//! Play sessions: simulated players in furnished rooms, the whole chain from sweeps to warnings, and what it is worth to them:
+//! approaches warned of in time, warnings of nothing, how long a thing that is gone is still believed in.
+
+mod figures;
+mod judge;
+mod present;
+mod run;
+
+pub use figures::{Approach, Cause, FalseReport, Figures, Forgetting, Rates};
+pub use present::{by_kind, curve, totals};
+pub use run::{PlayError, PlayTrial, play};

@@ -1,0 +1,83 @@
+//! The figures of play sessions as tables.
+
+use super::figures::{Figures, Rates};
+use crate::report::Table;
+
+/// Every kind of thing, and all together.
+pub fn by_kind(figures: &Figures) -> Table {
+    let mut rows: Vec<Vec<String>> =
+        figures.kinds().iter().map(|kind| kind_row(kind, &figures.of_kind(kind).rates())).collect();
+    rows.push(kind_row("all but walls", &figures.without_walls().rates()));
+    rows.push(kind_row("all", &figures.rates()));
+    let head = ["thing", "due", "in time", "share", "visible", "first", "in time", "lead", "lead p10", "error", "p90"];
+    Table { head: head.map(str::to_owned).to_vec(), rows, caption: CAPTION.into() }
+}
+
+const CAPTION: &str = "due: approaches within 1 m of what had been in the beam for 0.75 s. visible: those whose echoes were \
+    10 dB over the noise of a block for as long, the most that any reconstruction could warn of. first: each thing's first approach. \
+    lead: how far away it was when the warning came on, m, 0 when missed. error: from reported places to the nearest scatterer, m.";
+
+fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
+    let metres = |m: f64| if m.is_finite() { format!("{m:.2}") } else { "–".into() };
+    let fine = |m: f64| if m.is_finite() { format!("{m:.3}") } else { "–".into() };
+    vec![
+        name.into(),
+        rates.due.to_string(),
+        rates.warned.to_string(),
+        percent(rates.warned, rates.due),
+        rates.visible.to_string(),
+        rates.first_due.to_string(),
+        rates.first_warned.to_string(),
+        metres(rates.lead_median_m),
+        metres(rates.lead_p10_m),
+        fine(rates.error_median_m),
+        fine(rates.error_p90_m),
+    ]
+}
+
+fn percent(part: usize, of: usize) -> String {
+    if of == 0 { "–".into() } else { format!("{:.1}", 100.0 * part as f64 / of as f64) }
+}
+
+/// The figures that decide, beside what they should be.
+pub fn totals(figures: &Figures) -> Table {
+    let (things, all) = (figures.without_walls().rates(), figures.rates());
+    let row = |name: &str, is: String, wanted: &str| vec![name.to_owned(), is, wanted.to_owned()];
+    let at_end = figures.reports_at_end.iter().sum::<usize>() as f64 / figures.reports_at_end.len().max(1) as f64;
+    let minutes = figures.played_s / 60.0;
+    let rows = vec![
+        row("warned before 0.4 m or 0.6 s, %", percent(things.warned, things.due), "≥ 95"),
+        row("lead distance, median, m", format!("{:.2}", things.lead_median_m), "≥ 1.0"),
+        row("lead distance, 10th percentile, m", format!("{:.2}", things.lead_p10_m), "≥ 0.5"),
+        row("reported where nothing is, near the body, a minute", format!("{:.2}", all.false_near_per_min), "≤ 1"),
+        row("   of these from own hands", format!("{:.2}", all.hands_per_min), "≤ 0.5"),
+        row("reported where nothing is, anywhere, a minute", format!("{:.2}", all.false_per_min), ""),
+        row("time with one near the body, %", format!("{:.1}", 100.0 * all.false_near_share), ""),
+        row("removed chair forgotten after looking, median, s", format!("{:.1}", all.forget_median_s), "≤ 5"),
+        row("   the slowest, s", format!("{:.1}", all.forget_worst_s), ""),
+        row("place of what is warned of, median error, cm", format!("{:.1}", 100.0 * things.error_median_m), "≤ 5"),
+        row("warnings that flicker, a minute", format!("{:.2}", figures.flickers as f64 / minutes), ""),
+        row("obstacles in the map at the end", format!("{at_end:.0}"), ""),
+        row("played, minutes", format!("{minutes:.1}"), ""),
+    ];
+    Table { head: ["figure", "is", "to reach"].map(str::to_owned).to_vec(), rows, caption: String::new() }
+}
+
+/// Found against falsely reported, one row a setting.
+pub fn curve(rows: &[(String, Figures)]) -> Table {
+    let row = |(name, figures): &(String, Figures)| {
+        let (things, all) = (figures.without_walls().rates(), figures.rates());
+        vec![
+            name.clone(),
+            percent(things.warned, things.due),
+            percent(things.first_warned, things.first_due),
+            format!("{:.2}", things.lead_median_m),
+            format!("{:.2}", things.lead_p10_m),
+            format!("{:.2}", all.false_near_per_min),
+            format!("{:.2}", all.false_per_min),
+            format!("{:.1}", 100.0 * things.error_median_m),
+        ]
+    };
+    let head = ["setting", "in time, %", "first, %", "lead, m", "p10, m", "false near, /min", "false, /min", "error, cm"];
+    Table { head: head.map(str::to_owned).to_vec(), rows: rows.iter().map(row).collect(), caption: String::new() }
+}

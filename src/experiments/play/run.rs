@@ -1,0 +1,155 @@
+//! Plays sessions through the whole chain: frames and poses into the pipeline, its scenes into the warnings, thirty times a second held
+//! against the truth.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::figures::Figures;
+use super::judge::{Judge, Shown};
+use crate::engine::{Pipeline, Settings};
+use crate::obstacles::Scene;
+use crate::radar::{Frame, frame_timing};
+use crate::simulation::{PlaySession, Session, SessionError};
+use crate::warning::{PanelKind, Player, Warnings, Watch};
+
+/// What to play, and with what.
+#[derive(Debug, Clone)]
+pub struct PlayTrial {
+    /// The sessions, but for their seeds.
+    pub session: PlaySession,
+    /// The settings, without the sensor's own.
+    pub settings: Settings,
+    /// Whether the player's controllers are tracked.
+    pub controllers: bool,
+}
+
+/// Why there are no figures.
+#[derive(Debug, thiserror::Error)]
+pub enum PlayError {
+    /// The simulation.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+}
+
+/// Frames that are simulated at a time, seconds.
+const BATCH_S: f64 = 4.0;
+/// Poses between two steps of the judgement: 30 a second.
+const POSES_A_STEP: usize = 4;
+
+/// The figures of each seed's session, in the seeds' order; `done` is called as each is over. The same on any number of threads.
+///
+/// # Errors
+/// A session that cannot be simulated.
+pub fn play(
+    trial: &PlayTrial,
+    seeds: &[u64],
+    done: impl Fn(u64, &Figures) + Sync,
+) -> Result<Vec<Figures>, PlayError> {
+    let play_one = |&seed: &u64| -> Result<Figures, PlayError> {
+        let session = PlaySession { seed, ..trial.session.clone() }.stage()?;
+        let figures = Played::new(&session, trial).to_its_end();
+        done(seed, &figures);
+        Ok(figures)
+    };
+    seeds.par_iter().map(play_one).collect()
+}
+
+struct Played<'s> {
+    session: &'s Session,
+    trial: &'s PlayTrial,
+    pipeline: Pipeline,
+    watch: Watch,
+    scene: Scene,
+    evidence_ns: Option<i64>,
+    judge: Judge<'s>,
+}
+
+impl<'s> Played<'s> {
+    fn new(session: &'s Session, trial: &'s PlayTrial) -> Self {
+        let play = session.play();
+        Self {
+            session,
+            trial,
+            pipeline: Pipeline::new(&play.config, &play.head_from_sensor, &trial.settings),
+            watch: Watch::new(),
+            scene: Scene::default(),
+            evidence_ns: None,
+            judge: Judge::new(session),
+        }
+    }
+
+    fn to_its_end(mut self) -> Figures {
+        let mut frames = Frames::new(self.session);
+        let start_ns = Session::host_ns(0.0);
+        let end_ns = Session::host_ns(self.session.play().duration_s);
+        for (n, pose) in self.session.poses().enumerate() {
+            while let Some(frame) = frames.next_until(pose.time_ns) {
+                self.pipeline.push_frame(frame);
+            }
+            self.pipeline.push_pose(&pose);
+            if n % POSES_A_STEP == 0 && (start_ns..end_ns).contains(&pose.time_ns) {
+                self.step(pose.time_ns, (pose.time_ns - start_ns) as f64 * 1e-9);
+            }
+        }
+        let reports = self.scene.obstacles.len();
+        self.judge.end(reports)
+    }
+
+    fn step(&mut self, time_ns: i64, time_s: f64) {
+        let evidence_ns = self.pipeline.engine().evidence_ns();
+        if evidence_ns != self.evidence_ns {
+            self.evidence_ns = evidence_ns;
+            self.scene = self.pipeline.scene();
+            self.watch.see(&self.scene);
+        }
+        let Some((_, tracking_from_head)) = self.pipeline.head() else { return };
+        let hands = self.session.hands_at(time_s).filter(|_| self.trial.controllers);
+        let hands_m: [Option<DVec3>; 2] = hands.map_or([None; 2], |hands| hands.map(Some));
+        let player = Player { time_ns, tracking_from_head, hands_m };
+        let warnings = self.watch.warn(&player, &self.trial.settings.warning);
+        let shown = self.shown(&warnings);
+        self.judge.step(time_s, &self.scene, &shown);
+    }
+
+    fn shown(&self, warnings: &Warnings) -> Shown {
+        let shapes = self.watch.shapes(warnings);
+        let walls = warnings.panels.iter().filter(|panel| panel.kind == PanelKind::Wall);
+        let plane = |panel: &crate::warning::Panel| {
+            self.scene.walls.iter().find(|wall| wall.id == panel.id).map(|wall| wall.plane)
+        };
+        Shown {
+            points_m: shapes.iter().flat_map(|shape| shape.points_m.iter().copied()).collect(),
+            planes: walls.filter_map(plane).collect(),
+        }
+    }
+}
+
+/// A session's frames one by one, simulated some seconds at a time.
+struct Frames<'s> {
+    session: &'s Session,
+    next: u64,
+    batch: std::vec::IntoIter<Frame>,
+    waiting: Option<Frame>,
+}
+
+impl<'s> Frames<'s> {
+    fn new(session: &'s Session) -> Self {
+        Self { session, next: 0, batch: Vec::new().into_iter(), waiting: None }
+    }
+
+    /// The next frame, if it was measured by then.
+    fn next_until(&mut self, time_ns: i64) -> Option<Frame> {
+        if self.waiting.is_none() {
+            self.waiting = self.batch.next().or_else(|| self.simulate());
+        }
+        self.waiting.take_if(|frame| frame.host_time_ns <= time_ns)
+    }
+
+    fn simulate(&mut self) -> Option<Frame> {
+        let batch = (BATCH_S / frame_timing(&self.session.play().config).frame_period_s).ceil() as u64;
+        let until = (self.next + batch).min(self.session.frame_count());
+        self.batch = self.session.frames(self.next..until).into_iter();
+        self.next = until;
+        self.batch.next()
+    }
+}
