@@ -11,7 +11,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Aabb, Pose};
-use crate::obstacles::{RoomCounters, RoomSearch, Scene, find_reflectors};
+use crate::obstacles::{HandsM, RoomCounters, RoomSearch, Scene, find_reflectors};
 use crate::radar::{Observation, SensorConfig, frame_timing};
 
 pub use pipeline::{Counters, Pipeline, TimeOffsetCounters};
@@ -188,6 +188,11 @@ impl Engine {
         if self.search == Search::Rooms {
             self.rooms.settle_before(next, sensor_at);
         }
+    }
+
+    /// Takes where the player's own hands are: what is there is no furniture.
+    pub fn take_hands(&mut self, time_ns: i64, hands_m: HandsM) {
+        self.rooms.take_hands(time_ns, hands_m);
     }
 
     /// How long observations are kept, seconds, so that they can get new poses.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::{Engine, EngineCounters, Settings};
 use crate::geometry::Pose;
 use crate::imaging::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
-use crate::obstacles::Scene;
+use crate::obstacles::{HandsM, Scene};
 use crate::radar::{Frame, SensorConfig};
 use crate::tracking::{Observer, ObserverCounters, ObserverSettings, PoseSample};
 
@@ -153,6 +153,11 @@ impl Pipeline {
         let next_ns = now_ns.saturating_add(if settled { SETTLED_ESTIMATE_NS } else { ESTIMATE_NS });
         self.listen_from_ns = if settled { next_ns.saturating_sub(SETTLED_LISTEN_NS) } else { i64::MIN };
         self.next_estimate_ns = Some(next_ns);
+    }
+
+    /// Takes where the player's own hands are, tracking frame, `None` for one that is not tracked: what is there is no furniture.
+    pub fn push_hands(&mut self, time_ns: i64, hands_m: HandsM) {
+        self.engine.take_hands(time_ns, hands_m);
     }
 
     /// Takes a frame.

@@ -8,10 +8,13 @@
 //! first experiments. So a place counts only when its blocks tell it from the rest of the circle, and a plane only when its
 //! mirror points have moved; and what is known already claims first, since it is what most of a new circle belongs to.
 
+use std::collections::BTreeMap;
+
 use glam::{DMat3, DVec3, IVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::hands::HandTrail;
 use super::views::{Said, View, ViewMemory};
 use crate::geometry::Plane;
 use crate::imaging::blocks::{Block, BlockSettings, PlaneAt};
@@ -73,11 +76,25 @@ pub struct Explained<T> {
     pub determined: bool,
     /// 1σ of a place, all directions together, as far as ranges and directions can tell it from others, metres; 0 of a plane.
     pub sigma_m: f64,
-    /// First and last of them, host nanoseconds.
+    /// The score without the best [`SEGMENT_NS`] of them: what is there longer than a hand that passes, or an artefact of one movement,
+    /// keeps most of its score.
+    pub lasting: f64,
+    /// Mean of the logarithm of what else there was at its range, over the noise, in the blocks that tell of it: artefacts live on what
+    /// else there is.
+    pub drowned: f64,
+    /// Greatest distance at which it was seen, metres.
+    pub farthest_m: f64,
+    /// First and last of these blocks, host nanoseconds.
     pub first_ns: i64,
     /// See `first_ns`.
     pub last_ns: i64,
 }
+
+/// Length of the time that [`Explained::lasting`] leaves out, nanoseconds.
+pub const SEGMENT_NS: i64 = 300_000_000;
+
+/// A hand with what it holds and the pulse's width: so far around its range everything may be the hand, metres.
+const HAND_M: f64 = 0.17;
 
 /// Range and direction in one block that are accounted for.
 #[derive(Debug, Clone, Copy)]
@@ -110,6 +127,8 @@ enum Thing {
 /// Something that may be there, and what each block says of it; views that a claim covers are taken out.
 struct Candidate {
     thing: Thing,
+    /// Which of the places that were asked for.
+    asked: Option<usize>,
     /// `[block]`
     views: Vec<Option<View>>,
     left: Option<Explained<Thing>>,
@@ -122,12 +141,18 @@ pub struct Believed {
     pub planes: Vec<Explained<Plane>>,
     /// Places.
     pub places: Vec<Explained<DVec3>>,
+    /// Of each place that was asked for, in that order: what the blocks say of it in which nothing stronger claims it, `[place][block]`.
+    pub(super) views: Vec<Vec<Option<View>>>,
+    /// Which of the places that were asked for each of `places` was, before it was moved uphill.
+    pub(super) asked: Vec<usize>,
 }
 
 impl<'a> Window<'a> {
-    /// Nothing claimed yet. `blocks` in time; `min_cos`: cosine of the widest angle in the beam.
+    /// Nothing claimed yet but by the player's own hands, where they were tracked. `blocks` in time; `min_cos`: cosine of the widest angle in
+    /// the beam.
     pub fn new(
         blocks: impl Iterator<Item = &'a Block>,
+        hands: &HandTrail,
         settings: &'a ExplainSettings,
         block_settings: &'a BlockSettings,
         min_cos: f64,
@@ -138,7 +163,8 @@ impl<'a> Window<'a> {
         let age_s = |b: &&Block| (newest_ns - b.mid_time_ns) as f64 * 1e-9;
         let weights = blocks.iter().map(|b| (-age_s(b) / block_settings.memory_s).exp()).collect();
         memory.begin(&blocks);
-        Self { claims: vec![Vec::new(); blocks.len()], weights, blocks, settings, block_settings, min_cos, memory }
+        let claims = blocks.iter().map(|block| hand_claims(block, hands)).collect();
+        Self { claims, weights, blocks, settings, block_settings, min_cos, memory }
     }
 
     /// Believes places alone.
@@ -152,21 +178,25 @@ impl<'a> Window<'a> {
         self.ask(places);
         let of_planes = planes.par_iter().map(|plane| self.unclaimed(Thing::Plane(*plane), self.views_of_plane(plane)));
         let mut open: Vec<Candidate> = of_planes.collect();
-        open.extend(places.iter().map(|place| self.place(*place)));
-        let mut believed = Believed::default();
-        while let Some(mut best) = self.take_best(&mut open) {
+        let of_places = places.iter().enumerate();
+        open.extend(of_places.map(|(n, place)| Candidate { asked: Some(n), ..self.place(*place) }));
+        let mut believed = Believed { views: vec![Vec::new(); places.len()], ..Believed::default() };
+        while let Some(mut best) = self.take_best(&mut open, &mut believed.views) {
             self.climb(&mut best);
+            best.hand_over(&mut believed.views);
             let Some(left) = best.left else { continue };
             match best.thing {
                 Thing::Plane(plane) => {
                     if self.feet_rms_m(&best.views) < self.settings.min_feet_rms_m {
                         continue;
                     }
-                    believed.planes.push(left.of(plane, true, 0.0));
+                    believed.planes.push(self.looked_into(left.of(plane, true, 0.0), &best.views));
                 }
                 Thing::Place(place) => {
                     let sigma_m = self.sigma_m(&best.views);
-                    believed.places.push(left.of(place, sigma_m <= self.settings.max_sigma_m, sigma_m));
+                    let determined = sigma_m <= self.settings.max_sigma_m;
+                    believed.places.push(self.looked_into(left.of(place, determined, sigma_m), &best.views));
+                    believed.asked.extend(best.asked);
                 }
             }
             self.claim(&best, &mut open);
@@ -176,7 +206,7 @@ impl<'a> Window<'a> {
 
     /// A candidate with what is claimed already taken out.
     fn unclaimed(&self, thing: Thing, views: Vec<Option<View>>) -> Candidate {
-        let mut candidate = Candidate { thing, views, left: None };
+        let mut candidate = Candidate { thing, asked: None, views, left: None };
         let views = candidate.views.iter_mut().zip(&self.claims);
         views.for_each(|(view, claims)| claims.iter().for_each(|claim| claim.take(view)));
         candidate.left = self.left_of(candidate.thing, candidate.views.iter().map(Option::as_ref));
@@ -222,17 +252,23 @@ impl<'a> Window<'a> {
             }
         }
         if here != IVec3::ZERO {
-            *candidate = self.place(place(here));
+            *candidate = Candidate { asked: candidate.asked, ..self.place(place(here)) };
         }
     }
 
     /// The candidate with the greatest score, if that suffices. Claims only take away: what falls short now always will.
-    fn take_best(&self, open: &mut Vec<Candidate>) -> Option<Candidate> {
+    fn take_best(&self, open: &mut Vec<Candidate>, views: &mut [Vec<Option<View>>]) -> Option<Candidate> {
         let min_score = |c: &Candidate| match c.thing {
             Thing::Plane(_) => self.settings.plane_min_score,
             Thing::Place(_) => self.settings.min_score,
         };
-        open.retain(|c| c.left.is_some_and(|left| left.score >= min_score(c)));
+        open.retain_mut(|c| {
+            let suffices = c.left.is_some_and(|left| left.score >= min_score(c));
+            if !suffices {
+                c.hand_over(views);
+            }
+            suffices
+        });
         let score = |c: &Candidate| c.left.map_or(f64::NEG_INFINITY, |left| left.score);
         let best = (0..open.len()).max_by(|&a, &b| score(&open[a]).total_cmp(&score(&open[b])).then(b.cmp(&a)));
         best.map(|n| open.remove(n))
@@ -266,7 +302,34 @@ impl<'a> Window<'a> {
         }
         let (determined, sigma_m) = (false, 0.0);
         let score = a / b.sqrt();
-        (blocks >= MIN_BLOCKS).then_some(Explained { thing, score, blocks, determined, sigma_m, first_ns, last_ns })
+        let (lasting, drowned, farthest_m) = (0.0, 0.0, 0.0);
+        let found =
+            Explained { thing, score, blocks, determined, sigma_m, lasting, drowned, farthest_m, first_ns, last_ns };
+        (blocks >= MIN_BLOCKS).then_some(found)
+    }
+
+    /// What is believed, with what else the blocks say of it.
+    fn looked_into<T>(&self, believed: Explained<T>, views: &[Option<View>]) -> Explained<T> {
+        let telling = || self.telling(views).map(|(_, view)| view);
+        let drowned = telling().map(View::drowned_by).sum::<f64>() / telling().count().max(1) as f64;
+        let farthest_m = telling().map(|view| view.range_m).fold(0.0, f64::max);
+        Explained { lasting: self.lasting(views), drowned, farthest_m, ..believed }
+    }
+
+    /// The score without the segment of time that does most for it; −∞ when there is but one.
+    fn lasting(&self, views: &[Option<View>]) -> f64 {
+        let (mut whole, mut segments) = ([0.0; 2], BTreeMap::<i64, [f64; 2]>::new());
+        for (n, view) in views.iter().enumerate() {
+            let Some(view) = view else { continue };
+            let sums = [self.weights[n] * view.evidence, self.weights[n] * self.weights[n]];
+            let segment = segments.entry(self.blocks[n].mid_time_ns.div_euclid(SEGMENT_NS)).or_default();
+            for (part, sum) in sums.into_iter().enumerate() {
+                (whole[part], segment[part]) = (whole[part] + sum, segment[part] + sum);
+            }
+        }
+        let without = segments.values().map(|[a, b]| (whole[0] - a, whole[1] - b)).filter(|(_, b)| *b > 1e-9);
+        let least = without.map(|(a, b)| a / b.sqrt()).reduce(f64::min);
+        least.filter(|_| segments.len() > 1).unwrap_or(f64::NEG_INFINITY)
     }
 
     /// Views that say something, each with its block.
@@ -356,8 +419,26 @@ impl<'a> Window<'a> {
 
 impl<T> Explained<T> {
     fn of<U>(self, thing: U, determined: bool, sigma_m: f64) -> Explained<U> {
-        let Self { score, blocks, first_ns, last_ns, .. } = self;
-        Explained { thing, score, blocks, determined, sigma_m, first_ns, last_ns }
+        let Self { score, blocks, lasting, drowned, farthest_m, first_ns, last_ns, .. } = self;
+        Explained { thing, score, blocks, determined, sigma_m, lasting, drowned, farthest_m, first_ns, last_ns }
+    }
+}
+
+/// What the player's own hands account for: everything at their ranges, whatever its direction seems to be, since they move.
+fn hand_claims(block: &Block, hands: &HandTrail) -> Vec<Claim> {
+    let hands = hands.at(block.mid_time_ns).into_iter().flatten();
+    let to_hand = hands.map(|hand| hand - block.middle.translation);
+    let ahead = to_hand.filter(|to| to.dot(block.middle.forward()) > 0.0);
+    let claim = |to: DVec3| Claim { range_m: to.length(), half_range_m: HAND_M, cos: 0.0, half_cos: 2.0 };
+    ahead.map(claim).collect()
+}
+
+impl Candidate {
+    /// Gives what the blocks say of it to who asked.
+    fn hand_over(&self, views: &mut [Vec<Option<View>>]) {
+        if let Some(asked) = self.asked.and_then(|n| views.get_mut(n)) {
+            asked.clone_from(&self.views);
+        }
     }
 }
 
@@ -410,7 +491,7 @@ mod tests {
         let mut builder = BlockBuilder::new(block_settings);
         let blocks: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
         let min_cos = block_settings.min_cos(&Beam::Lensless);
-        Window::new(blocks.iter(), &settings, &block_settings, min_cos, &mut ViewMemory::default())
+        Window::new(blocks.iter(), &HandTrail::default(), &settings, &block_settings, min_cos, &mut ViewMemory::default())
             .explain(planes, places)
     }
 
@@ -451,7 +532,7 @@ mod tests {
         let min_cos = block_settings.min_cos(&Beam::Lensless);
         let places = [STRONG, WEAK, DVec3::new(0.3, -0.4, -0.8)];
         let look = |range: std::ops::Range<usize>, memory: &mut ViewMemory, places: &[DVec3]| {
-            Window::new(blocks[range].iter(), &settings, &block_settings, min_cos, memory).explain_points(places)
+            Window::new(blocks[range].iter(), &HandTrail::default(), &settings, &block_settings, min_cos, memory).explain_points(places)
         };
         let mut memory = ViewMemory::default();
         // Blocks come and go, and so do places.
@@ -475,7 +556,7 @@ mod tests {
         assert!(believed.planes.is_empty() && believed.places.is_empty(), "{believed:?}");
         let (settings, blocks) = (ExplainSettings::default(), BlockSettings::default());
         assert!(
-            Window::new([].iter(), &settings, &blocks, 0.5, &mut ViewMemory::default())
+            Window::new([].iter(), &HandTrail::default(), &settings, &blocks, 0.5, &mut ViewMemory::default())
                 .explain_points(&[STRONG])
                 .is_empty()
         );

@@ -1,10 +1,11 @@
-//! Obstacles over time: confirmed when seen again, kept while unseen.
+//! Obstacles over time: confirmed when seen again, kept while unseen. `existence.rs` says when one is gone.
 
 use std::collections::VecDeque;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use super::existence::ForgetSettings;
 use super::explain::Explained;
 use crate::geometry::Plane;
 
@@ -14,15 +15,51 @@ use crate::geometry::Plane;
 pub struct MapSettings {
     /// Score that counts as a sighting.
     pub confirm_score: f64,
-    /// Sightings among the last four updates that confirm.
+    /// Sightings among the last four updates that confirm a place.
     pub confirm_sightings: usize,
+    /// Sightings among the last four updates that confirm a wall.
+    pub confirm_wall_sightings: usize,
+    /// Score that a sighting must keep without its best 0.3 s.
+    pub confirm_lasting: f64,
+    /// So much more of it for every e-fold of what else there is at its range.
+    pub drowned_penalty: f64,
+    /// What was never seen from beyond this distance may be the player's own hand and is not confirmed, metres.
+    pub hands_reach_m: f64,
     /// A sighting this near belongs to a known place, metres.
     pub match_m: f64,
+    /// When what is no longer there is forgotten.
+    pub forget: ForgetSettings,
 }
 
 impl Default for MapSettings {
     fn default() -> Self {
-        Self { confirm_score: 5.0, confirm_sightings: 3, match_m: 0.15 }
+        let forget = ForgetSettings::default();
+        Self {
+            confirm_score: 5.0,
+            confirm_sightings: 1,
+            confirm_wall_sightings: 3,
+            confirm_lasting: 4.0,
+            drowned_penalty: 3.0,
+            hands_reach_m: 0.9,
+            match_m: 0.15,
+            forget,
+        }
+    }
+}
+
+impl MapSettings {
+    /// The same for planes, which have demands of their own before they are believed.
+    pub fn for_planes(&self) -> Self {
+        let confirm_sightings = self.confirm_wall_sightings;
+        Self { confirm_sightings, confirm_lasting: f64::NEG_INFINITY, drowned_penalty: 0.0, hands_reach_m: 0.0, ..*self }
+    }
+
+    /// Whether something that was believed counts as a sighting.
+    pub fn is_sighting<T>(&self, believed: &Explained<T>) -> bool {
+        believed.determined
+            && believed.score >= self.confirm_score
+            && believed.lasting >= self.confirm_lasting + self.drowned_penalty * believed.drowned
+            && believed.farthest_m >= self.hands_reach_m
     }
 }
 
@@ -79,7 +116,7 @@ impl<T: Copy> Sightings<T> {
                 known.recent.pop_front();
             }
         }
-        for sighting in found.iter().filter(|s| s.determined && s.score >= settings.confirm_score) {
+        for sighting in found.iter().filter(|sighting| settings.is_sighting(sighting)) {
             match self.known.iter_mut().find(|k| same(&k.thing, &sighting.thing)) {
                 Some(known) => known.see(sighting, self.update, settings),
                 None => {
@@ -100,6 +137,11 @@ impl<T: Copy> Sightings<T> {
         }
         let now = self.update;
         self.known.retain(|k| k.confirmed || now - k.last_update < FORGET_AFTER_UPDATES);
+    }
+
+    /// Forgets those that are not to be kept.
+    pub fn keep(&mut self, keep: impl Fn(&Sighted<T>) -> bool) {
+        self.known.retain(keep);
     }
 
     /// The confirmed ones.
@@ -146,7 +188,7 @@ mod tests {
     use super::*;
 
     fn sighting(x: f64, score: f64, determined: bool) -> Explained<DVec3> {
-        Explained { thing: DVec3::X * x, score, blocks: 5, determined, sigma_m: 0.05, first_ns: 1, last_ns: 2 }
+        Explained { thing: DVec3::X * x, score, blocks: 5, determined, sigma_m: 0.05, lasting: score - 1.0, drowned: 0.0, farthest_m: 1.5, first_ns: 1, last_ns: 2 }
     }
 
     fn after(updates: &[&[Explained<DVec3>]]) -> Vec<(u64, f64)> {

@@ -1,13 +1,17 @@
 //! What stands in the room: obstacles with position, covariance and extent; walls as planes.
 
+mod existence;
 mod explain;
+mod hands;
 mod map;
 mod reflectors;
 mod rooms;
 mod scene;
 mod views;
 
-pub use explain::{Believed, ExplainSettings, Explained, Window};
+pub use existence::ForgetSettings;
+pub use explain::{Believed, ExplainSettings, Explained, SEGMENT_NS, Window};
+pub use hands::{HandTrail, HandsM};
 pub use map::{MapSettings, Sighted, Sightings, same_place, same_plane};
 pub use reflectors::{ReflectorSettings, find_reflectors};
 pub use rooms::{RoomCounters, RoomSearch, RoomSettings};

@@ -12,8 +12,10 @@ use std::collections::{BTreeMap, VecDeque};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::existence::Existence;
+use super::views::View;
 use super::{
-    ExplainSettings, Explained, MapSettings, Observed, Obstacle, Sightings, ViewMemory, Wall, Window, same_place,
+    Believed, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Observed, Obstacle, Sightings, ViewMemory, Wall, Window, same_place,
     same_plane,
 };
 use crate::geometry::{Aabb, Plane, Pose};
@@ -63,6 +65,8 @@ pub struct RoomCounters {
     pub bricks: u64,
     /// Looks at the evidence.
     pub looks: u64,
+    /// Confirmed places that were forgotten, since nothing was at them any more.
+    pub forgotten: u64,
     /// The fine field.
     pub fine: FineCounters,
 }
@@ -87,6 +91,14 @@ enum Stage {
     Places { walls: Vec<Explained<Plane>>, points: Vec<Explained<DVec3>> },
 }
 
+/// What blocks that see a place say of it.
+fn seen_of<'b>(
+    window: &'b VecDeque<Block>,
+    views: &'b [Option<View>],
+) -> impl Iterator<Item = (&'b Block, &'b View)> {
+    window.iter().zip(views).filter_map(|(block, view)| Some((block, view.as_ref()?)))
+}
+
 /// Searches a room.
 #[derive(Debug)]
 pub struct RoomSearch {
@@ -108,6 +120,10 @@ pub struct RoomSearch {
     walls: Sightings<Plane>,
     /// By sighting: its refined place and the quality that it was refined at.
     places: BTreeMap<u64, (f64, Place)>,
+    /// By sighting that is confirmed: whether it is still there.
+    existences: BTreeMap<u64, Existence>,
+    /// Where the player's own hands were.
+    hands: HandTrail,
     /// By wall: feet of the perpendiculars that it was seen at.
     feet: BTreeMap<u64, Aabb>,
     /// The next stage of what the last block set off, and how many sweeps were taken since.
@@ -143,6 +159,8 @@ impl RoomSearch {
             points: Sightings::default(),
             walls: Sightings::default(),
             places: BTreeMap::new(),
+            existences: BTreeMap::new(),
+            hands: HandTrail::default(),
             feet: BTreeMap::new(),
             pending: None,
             sweeps_since: 0,
@@ -160,7 +178,8 @@ impl RoomSearch {
         let mut backlog = std::mem::take(&mut self.sweeps);
         backlog.append(&mut self.backlog);
         backlog.retain_mut(|sweep| keep(sweep));
-        *self = Self { before, backlog, ..Self::new(self.settings, &self.beam, self.errors) };
+        let hands = std::mem::take(&mut self.hands);
+        *self = Self { before, backlog, hands, ..Self::new(self.settings, &self.beam, self.errors) };
     }
 
     /// What was done so far.
@@ -172,6 +191,7 @@ impl RoomSearch {
             voxel_updates: self.before.voxel_updates + self.field.updates,
             bricks: self.before.bricks + self.field.brick_count() as u64,
             looks: self.before.looks + self.counters.looks,
+            forgotten: self.before.forgotten + self.counters.forgotten,
             fine: self.before.fine.and(&self.fine.counters()),
         }
     }
@@ -184,6 +204,11 @@ impl RoomSearch {
     /// The score on fine voxels, where something is.
     pub fn fine(&self) -> &FineField {
         &self.fine
+    }
+
+    /// Takes where the player's own hands are.
+    pub fn take_hands(&mut self, time_ns: i64, hands_m: HandsM) {
+        self.hands.push(time_ns, hands_m);
     }
 
     /// Takes a sweep; images the block that it closes and, four times a second, looks at the evidence.
@@ -317,19 +342,51 @@ impl RoomSearch {
     fn explain(&mut self, planes: &[Plane], peaks: &[DVec3]) -> Stage {
         let explain = self.settings.explain;
         let (blocks, memory) = (&self.settings.blocks, &mut self.view_memory);
-        let mut window = Window::new(self.window.iter(), &explain, blocks, self.min_cos, memory);
+        let mut window = Window::new(self.window.iter(), &self.hands, &explain, blocks, self.min_cos, memory);
         // What is known claims before anything new does.
         let known_walls: Vec<Plane> = self.walls.confirmed().map(|w| w.thing).collect();
-        let known_points: Vec<DVec3> = self.points.confirmed().map(|p| p.thing).collect();
+        let (ids, known_points): (Vec<u64>, Vec<DVec3>) = self.points.confirmed().map(|p| (p.id, p.thing)).unzip();
         let known = window.explain(&known_walls, &known_points);
         let new = window.explain(planes, peaks);
-        let walls = [known.planes, new.planes].concat();
-        let points = [known.places, new.places].concat();
         drop(window);
+        self.forget(&ids, &known.views);
+        let there = self.still_there(&new);
+        let walls = [known.planes, new.planes].concat();
+        let points = [known.places, there].concat();
         let map = self.settings.map;
-        self.walls.update(&walls, &map, same_plane(self.middle.unwrap_or(DVec3::ZERO)));
+        self.walls.update(&walls, &map.for_planes(), same_plane(self.middle.unwrap_or(DVec3::ZERO)));
+        let hands_are_known = self.window.back().is_some_and(|b| self.hands.at(b.mid_time_ns).iter().all(Option::is_some));
+        let map = if hands_are_known { MapSettings { hands_reach_m: 0.0, ..map } } else { map };
         self.points.update(&points, &map, same_place(map.match_m));
         Stage::Places { walls, points }
+    }
+
+    /// Forgets known places that nothing is at any more, by what the blocks say of each.
+    fn forget(&mut self, ids: &[u64], views: &[Vec<Option<View>>]) {
+        let settings = &self.settings.map.forget;
+        for (&id, views) in ids.iter().zip(views) {
+            let existence = self.existences.entry(id).or_insert_with(Existence::new);
+            existence.look(seen_of(&self.window, views), &self.beam, settings);
+        }
+        let gone: Vec<u64> = self.existences.iter().filter(|(_, e)| e.log_odds() <= 0.0).map(|(id, _)| *id).collect();
+        self.counters.forgotten += gone.len() as u64;
+        self.points.keep(|point| !gone.contains(&point.id));
+        for id in gone {
+            self.existences.remove(&id);
+            self.places.remove(&id);
+        }
+    }
+
+    /// Those of what is newly believed that are still there by the newest blocks that could tell.
+    fn still_there(&self, new: &Believed) -> Vec<Explained<DVec3>> {
+        let settings = &self.settings.map.forget;
+        let is_there = |views: &[Option<View>]| {
+            let mut existence = Existence::new();
+            existence.look(seen_of(&self.window, views), &self.beam, settings);
+            existence.log_odds() >= settings.confirm
+        };
+        let places = new.places.iter().zip(&new.asked);
+        places.filter(|(_, asked)| is_there(&new.views[**asked])).map(|(place, _)| *place).collect()
     }
 
     /// The look ends: where things are.

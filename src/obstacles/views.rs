@@ -31,6 +31,16 @@ impl View {
         let evidence = m.ln_1p() - MEAN_LOG_OF_NOISE;
         Self { m, evidence, power, range_m, toward, cos: toward.dot(block.motion) }
     }
+
+    /// What else there is at the same range: energy that does not add up for this thing, over the noise; at least 1.
+    pub fn drowning(&self) -> f64 {
+        (self.power / self.m.max(1e-9)).max(1.0)
+    }
+
+    /// Its logarithm.
+    pub fn drowned_by(&self) -> f64 {
+        self.drowning().ln()
+    }
 }
 
 /// What a block says of a place: a view, or nothing since the place is not in its beam; `None`: not asked.

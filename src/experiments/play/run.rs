@@ -1,13 +1,12 @@
 //! Plays sessions through the whole chain: frames and poses into the pipeline, its scenes into the warnings, thirty times a second held
 //! against the truth.
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 use super::figures::Figures;
 use super::judge::{Judge, Shown};
 use crate::engine::{Pipeline, Settings};
-use crate::obstacles::Scene;
+use crate::obstacles::{HandsM, Scene};
 use crate::radar::{Frame, frame_timing};
 use crate::simulation::{PlaySession, Session, SessionError};
 use crate::warning::{PanelKind, Player, Warnings, Watch};
@@ -86,6 +85,9 @@ impl<'s> Played<'s> {
             while let Some(frame) = frames.next_until(pose.time_ns) {
                 self.pipeline.push_frame(frame);
             }
+            if let Some(hands_m) = self.tracked_hands(pose.time_ns) {
+                self.pipeline.push_hands(pose.time_ns, hands_m);
+            }
             self.pipeline.push_pose(&pose);
             if n % POSES_A_STEP == 0 && (start_ns..end_ns).contains(&pose.time_ns) {
                 self.step(pose.time_ns, (pose.time_ns - start_ns) as f64 * 1e-9);
@@ -93,6 +95,13 @@ impl<'s> Played<'s> {
         }
         let reports = self.scene.obstacles.len();
         self.judge.end(reports)
+    }
+
+    /// Where the controllers are tracked, if they are.
+    fn tracked_hands(&self, time_ns: i64) -> Option<HandsM> {
+        let time_s = (time_ns - Session::host_ns(0.0)) as f64 * 1e-9;
+        let hands = self.session.hands_at(time_s).filter(|_| self.trial.controllers)?;
+        Some(hands.map(Some))
     }
 
     fn step(&mut self, time_ns: i64, time_s: f64) {
@@ -103,8 +112,7 @@ impl<'s> Played<'s> {
             self.watch.see(&self.scene);
         }
         let Some((_, tracking_from_head)) = self.pipeline.head() else { return };
-        let hands = self.session.hands_at(time_s).filter(|_| self.trial.controllers);
-        let hands_m: [Option<DVec3>; 2] = hands.map_or([None; 2], |hands| hands.map(Some));
+        let hands_m = self.tracked_hands(time_ns).unwrap_or_default();
         let player = Player { time_ns, tracking_from_head, hands_m };
         let warnings = self.watch.warn(&player, &self.trial.settings.warning);
         let shown = self.shown(&warnings);

@@ -1,0 +1,61 @@
+//! Where the player's own hands were, as far as their controllers are tracked: what is there is no furniture.
+
+use std::collections::VecDeque;
+
+use glam::DVec3;
+
+/// Left and right hand, tracking frame, metres; `None` for one that is not tracked.
+pub type HandsM = [Option<DVec3>; 2];
+
+/// Places of before are kept for so long, nanoseconds: longer than any window of blocks.
+const KEPT_NS: i64 = 25_000_000_000;
+/// Between two that are kept, nanoseconds.
+const STEP_NS: i64 = 10_000_000;
+/// A place says nothing of times farther away than this, nanoseconds.
+const VALID_NS: i64 = 100_000_000;
+
+/// Places of the hands over the last seconds, in time.
+#[derive(Debug, Default)]
+pub struct HandTrail(VecDeque<(i64, HandsM)>);
+
+impl HandTrail {
+    /// Takes where they are; what is not newer than the newest is left out, and so are places that are none.
+    pub fn push(&mut self, time_ns: i64, hands_m: HandsM) {
+        if self.0.back().is_some_and(|(last_ns, _)| time_ns.saturating_sub(*last_ns) < STEP_NS) {
+            return;
+        }
+        self.0.push_back((time_ns, hands_m.map(|hand| hand.filter(|place| place.is_finite()))));
+        while self.0.pop_front_if(|(old_ns, _)| time_ns.saturating_sub(*old_ns) > KEPT_NS).is_some() {}
+    }
+
+    /// Where they were at a time.
+    pub fn at(&self, time_ns: i64) -> HandsM {
+        let later = self.0.partition_point(|(at_ns, _)| *at_ns < time_ns);
+        let around = [later.checked_sub(1).and_then(|n| self.0.get(n)), self.0.get(later)];
+        let near = around.into_iter().flatten().min_by_key(|(at_ns, _)| at_ns.abs_diff(time_ns));
+        let near = near.filter(|(at_ns, _)| at_ns.abs_diff(time_ns) <= VALID_NS as u64);
+        near.map_or([None; 2], |(_, hands_m)| *hands_m)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_in_time_counts_and_old_ones_go() {
+        let mut trail = HandTrail::default();
+        assert_eq!(trail.at(0), [None; 2]);
+        let hand = |x: f64| [Some(DVec3::X * x), None];
+        for n in 0..10_000i64 {
+            trail.push(n * 20_000_000, hand(n as f64));
+        }
+        assert_eq!(trail.at(9_999 * 20_000_000 - 30_000_000), hand(9_998.0));
+        assert_eq!((trail.at(0), trail.at(9_999 * 20_000_000 + 200_000_000)), ([None; 2], [None; 2]));
+        assert!(trail.0.len() <= 1300);
+        // Neither time that runs backwards nor places that are none do harm.
+        trail.push(5, hand(0.0));
+        trail.push(10_001 * 20_000_000, [Some(DVec3::NAN), Some(DVec3::X)]);
+        assert_eq!(trail.at(10_001 * 20_000_000), [None, Some(DVec3::X)]);
+    }
+}
