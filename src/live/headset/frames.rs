@@ -427,7 +427,7 @@ impl PlacedScene {
             }
             if by != standing_from_session {
                 // What it holds on to stands elsewhere in the play area now.
-                self.watch.forget();
+                self.watch.displace();
             }
         }
         self.watch.see(&scene.moved(standing_from_session));
