@@ -2,6 +2,7 @@
 
 mod body;
 mod calm;
+mod cues;
 mod footprint;
 mod group;
 mod hull;
@@ -20,6 +21,7 @@ mod warn;
 mod watch;
 mod wearer;
 
+pub use cues::{Cue, CueSettings, Cues, Tone};
 pub use hull::convex_hull;
 pub use panel::{Footprint, Panel, PanelKind, Shape, Warnings};
 pub use player::{BodyPart, Player};

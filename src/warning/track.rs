@@ -25,6 +25,8 @@ const WIDE_RISE_PER_S: f64 = 4.0;
 const FALL_PER_S: f64 = 2.0;
 /// The same for a thing that is no longer there.
 const GONE_FALL_PER_S: f64 = 4.0;
+/// Faster than this a part of the body goes away, m/s.
+const LEAST_RECEDING_M_PER_S: f64 = 0.1;
 /// A panel as wide as this from the eyes fills the view, radians.
 const WIDE_RAD: f64 = 1.6;
 
@@ -54,7 +56,8 @@ impl Track {
 
     /// What the thing wants now. `version` is another when the thing is not what it was.
     pub fn look(&mut self, now_ns: i64, thing: &Thing, version: u64, wearer: &Wearer, settings: &WarningSettings) {
-        let is_restless = self.version != version || wearer.head_speed_m_per_s > FAST_M_PER_S;
+        let is_other = self.version != version;
+        let is_fast = wearer.head_speed_m_per_s > FAST_M_PER_S;
         (self.version, self.is_gone) = (version, false);
         let urgencies = urgencies(&thing.nears(wearer, settings), settings);
         let (mut urgency, mut wanted) = (0.0f64, 0.0f64);
@@ -64,6 +67,8 @@ impl Track {
                 *calm = Calm::default();
                 continue;
             };
+            // Who goes away fast is not to have it brighten behind them.
+            let is_restless = is_other || (is_fast && this.near.closing_m_per_s > -LEAST_RECEDING_M_PER_S);
             let left = calm.left(now_ns, this, is_restless, settings);
             urgency = urgency.max(this.value());
             wanted = wanted.max(this.by_contact).max(this.by_distance * left);
