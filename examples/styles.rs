@@ -12,8 +12,8 @@ use radar_chaperone::render::{EyeView, Renderer, Scenery};
 use radar_chaperone::warning::{Player, Style, WarningSettings, Warnings, Watch};
 
 /// A picture of one eye, pixels.
-const WIDTH: u32 = 380;
-const HEIGHT: u32 = 430;
+const WIDTH: u32 = 340;
+const HEIGHT: u32 = 360;
 /// Between pictures, and above them for the styles' names.
 const GAP: u32 = 6;
 const HEAD: u32 = 34;
@@ -44,7 +44,7 @@ fn chair(tracking_from_chair: Pose) -> Vec<(DVec3, f32)> {
 }
 
 fn scene() -> Scene {
-    let tracking_from_chair = Pose::new(DVec3::new(-0.12, 0.0, -0.95), DQuat::from_rotation_y(0.5));
+    let tracking_from_chair = Pose::new(DVec3::new(-0.12, 0.0, -1.35), DQuat::from_rotation_y(0.5));
     let chair = Obstacle {
         id: 1,
         position_m: tracking_from_chair.transform_point(DVec3::new(0.0, 0.5, 0.0)),
@@ -58,7 +58,7 @@ fn scene() -> Scene {
     };
     let wall = Wall {
         id: 2,
-        plane: Plane { outward: DVec3::new(0.94, 0.0, -0.342), offset_m: 0.80 },
+        plane: Plane { outward: DVec3::new(0.94, 0.0, -0.342), offset_m: 1.15 },
         evidence: 9.0,
         seen_at: Aabb::from_corners(DVec3::new(0.2, 1.5, -1.5), DVec3::new(1.5, 1.7, 1.0)),
         first_seen_ns: 0,
@@ -84,32 +84,31 @@ fn to_srgb(v: f64) -> u8 {
     (if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 } * 255.0).round() as u8
 }
 
-/// A cave at night, or a meadow of light and hard shadows: linear red, green and blue in a direction (tangents, y up).
-fn game(is_bright: bool, at: DVec2) -> [f64; 3] {
+/// A cave at night, or a meadow of light and hard shadows: linear red, green and blue in a direction from a head of 1.65 m.
+fn game(is_bright: bool, toward: DVec3) -> [f64; 3] {
     let hash = |n: DVec2| ((n.x * 127.1 + n.y * 311.7).sin() * 43_758.545).fract().abs();
+    let floor = DVec2::new(toward.x, toward.z) * (1.65 / -toward.y.min(-1e-3));
     if !is_bright {
-        let torch = (-((at - DVec2::new(0.55, 0.35)).length_squared()) / 0.06).exp();
-        let stone = 0.006 + 0.010 * hash((at * 9.0).floor());
+        let torch = (-toward.distance_squared(DVec3::new(0.5, 0.05, -0.86)) / 0.05).exp();
+        let stone = if toward.y < 0.0 { 0.004 + 0.008 * hash((floor * 2.5).floor()) } else { 0.003 };
         return [stone + 0.25 * torch, stone + 0.11 * torch, stone * 1.2 + 0.03 * torch];
     }
-    let ground = at.y < -0.05 + 0.08 * (3.0 * at.x).sin();
-    if ground {
-        let depth = 1.0 / (0.15 - at.y).max(0.05);
-        let tile = hash((DVec2::new(at.x * depth, depth) * 3.0).floor());
-        let light = 0.35 + 0.6 * tile;
+    if toward.y < 0.0 {
+        let light = 0.35 + 0.6 * hash((floor * 2.5).floor());
         return [0.75 * light, 0.85 * light, 0.35 * light];
     }
-    let cloud = (0.5 + 0.5 * (5.0 * at.x + 3.0 * (4.0 * at.y).sin()).sin()).powi(2);
+    let cloud = (0.5 + 0.5 * (9.0 * toward.x + 2.0 * (14.0 * toward.y).sin()).sin()).powi(2);
     [0.55 + 0.45 * cloud, 0.75 + 0.25 * cloud, 1.0]
 }
 
 /// What the eye sees in a style over a game.
 fn picture(renderer: &mut Renderer, style: Style, is_bright: bool) -> Result<RgbImage> {
-    let settings = WarningSettings { style, labels: true, ..Default::default() };
-    let head = Pose::looking_at(DVec3::new(0.0, 1.65, 0.0), DVec3::new(0.18, 0.86, -1.0), DVec3::Y);
+    let settings =
+        WarningSettings { style, labels: true, full_distance_m: 1.3, fade_distance_m: 2.5, ..Default::default() };
+    let head = Pose::looking_at(DVec3::new(0.0, 1.65, 0.0), DVec3::new(0.17, 0.82, -1.35), DVec3::Y);
     let warnings = settled(head, &settings);
     let quads = renderer.quads(&warnings, &settings)?;
-    let [view, _] = EyeView::pair(&head, 0.064, 1.62, [WIDTH, HEIGHT]);
+    let [view, _] = EyeView::pair(&head, 0.064, 1.15, [WIDTH, HEIGHT]);
     let scenery = Scenery { quads: &quads, shapes: &[], color: settings.color };
     let texture = renderer.eye(&scenery, 0, &view)?;
     let seen = renderer.picture_of_texture(&texture)?;
@@ -117,7 +116,8 @@ fn picture(renderer: &mut Renderer, style: Style, is_bright: bool) -> Result<Rgb
     Ok(RgbImage::from_fn(WIDTH, HEIGHT, |x, y| {
         let share = DVec2::new((f64::from(x) + 0.5) / f64::from(WIDTH), (f64::from(y) + 0.5) / f64::from(HEIGHT));
         let at = DVec2::new(left + (right - left) * share.x, upper + (lower - upper) * share.y);
-        let behind = game(is_bright, at + DVec2::Y * -0.45);
+        let toward = view.tracking_from_eye.rotation * DVec3::new(at.x, at.y, -1.0).normalize();
+        let behind = game(is_bright, toward);
         let pixel = seen.get_pixel(x, y).0.map(|v| f64::from(v) / 255.0);
         Rgb(std::array::from_fn(|c| to_srgb(to_linear(pixel[c]) + behind[c] * (1.0 - pixel[3]))))
     }))

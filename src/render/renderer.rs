@@ -315,8 +315,8 @@ pub(super) mod tests {
 
     /// The greatest contrast across a line along a row of pixels, over white, black and a busy grey that has little of its own.
     fn contrasts(picture: &RgbaImage, row: u32, columns: std::ops::Range<u32>) -> [f64; 3] {
-        let busy = |x: u32| if (x / 3).is_multiple_of(2) { 0.17 } else { 0.27 };
-        [&|_| 1.0, &|_| 0.0, &busy as &dyn Fn(u32) -> f64].map(|behind| {
+        let behinds: [fn(u32) -> f64; 3] = [|_| 1.0, |_| 0.0, |x| if (x / 3).is_multiple_of(2) { 0.17 } else { 0.27 }];
+        behinds.map(|behind| {
             let lights = columns.clone().map(|x| luminance(picture.get_pixel(x, row), behind(x)));
             let (least, most) = lights.fold((f64::INFINITY, 0.0f64), |(least, most), v| (least.min(v), most.max(v)));
             (most + 0.05) / (least + 0.05)

@@ -6,7 +6,7 @@
 
 mod voice;
 
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use cpal::traits::{DeviceTrait, HostTrait, StreamTrait};
 
@@ -93,11 +93,8 @@ fn build<T: cpal::SizedSample + cpal::FromSample<f32>>(
     tones: Receiver<Tone>,
 ) -> Result<cpal::Stream, cpal::BuildStreamError> {
     let fill = move |samples: &mut [T], _: &cpal::OutputCallbackInfo| {
-        loop {
-            match tones.try_recv() {
-                Ok(tone) => mixer.begin(&tone),
-                Err(TryRecvError::Empty | TryRecvError::Disconnected) => break,
-            }
+        while let Ok(tone) = tones.try_recv() {
+            mixer.begin(&tone);
         }
         mixer.fill(samples, T::from_sample);
     };

@@ -57,13 +57,13 @@ fn to_grid(x: f32) -> f32 {
 // Distance to the silhouette's edge, negative inside: the discs' union, its notches rounded (a soft minimum).
 fn silhouette(p: vec2f) -> f32 {
     var sum = 1e-30;
-    let softness = 0.55 * discs[0].z;
+    let softness = 0.8 * discs[0].z;
     for (var i = 0u; i < panel.disc_count; i++) {
         let disc = discs[i];
         sum += exp((disc.z - distance(p, disc.xy)) / softness);
     }
-    // Overlapping neighbours swell the soft union: two to three at an edge.
-    return softness * (0.9 - log(sum));
+    // Overlapping neighbours swell the soft union: three to four at an edge. So soft, single voxels leave neither dents nor holes.
+    return softness * (1.2 - log(sum));
 }
 
 // Colour multiplied by alpha, laid over what is there.
@@ -74,7 +74,7 @@ fn lay(below: vec4f, color: vec3f, a: f32) -> vec4f {
 // A bright line between two dark rims: seen over bright and over dark pictures.
 fn rimmed(below: vec4f, d: f32, half_width: f32, strength: f32, white: f32, pixel: f32) -> vec4f {
     let away = abs(d) - half_width;
-    let rim = 0.78 * strength * (1.0 - smoothstep(0.5 * RIM, RIM + pixel, away));
+    let rim = 0.82 * strength * (1.0 - smoothstep(0.5 * RIM, RIM + pixel, away));
     let bright = mix(panel.color, vec3f(1.0), white);
     return lay(lay(below, vec3f(0.0), rim), bright, min(1.0, strength * line(d, half_width, pixel)));
 }
@@ -137,14 +137,14 @@ fn paint(in: Corner) -> @location(0) vec4f {
         let up = to_grid(to_floor);
         let nearest = min(across, up);
         seen = lay(seen, panel.color, 0.06 * exp(-nearest * nearest / 0.0003));
-        seen = rimmed(seen, nearest, 0.0018, 0.95, 0.0, pixel);
+        seen = rimmed(seen, nearest, 0.0022, 0.95, 0.0, pixel);
     }
 
     // Ends: an object's panel has a border, a wall and something of unknown direction just end softly.
     let framed = (is_grid && bordered) || panel.style == MINIMAL || (!is_grid && !shaped && !foggy);
     if framed {
         let inset = 0.012;
-        let thin = select(0.003, 0.002, panel.style == MINIMAL);
+        let thin = select(0.004, 0.003, panel.style == MINIMAL);
         // The frame is open to the floor, where the foot closes it.
         seen = rimmed(seen, to_side - inset, thin, 0.95, 0.0, pixel);
     }
@@ -171,7 +171,7 @@ fn paint(in: Corner) -> @location(0) vec4f {
         // The glow ends before the panel does.
         let rim = smoothstep(0.0, 0.05, min(to_side, to_top));
         seen = lay(seen, panel.color, (1.0 - inside) * 0.30 * exp(-max(to_shape, 0.0) / 0.025) * rim);
-        seen = rimmed(seen, to_shape, select(0.004, 0.005, panel.style == OUTLINE), 1.0, 0.35, pixel);
+        seen = rimmed(seen, to_shape, select(0.005, 0.006, panel.style == OUTLINE), 1.0, 0.35, pixel);
     }
     let to_text = label_distance(p);
     if to_text < 0.02 {
