@@ -3,6 +3,7 @@
 
 use anyhow::{Context, Result, anyhow};
 use glam::{DMat3, DQuat, DVec2, DVec3};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{Rgb, RgbImage};
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
@@ -88,13 +89,15 @@ fn to_srgb(v: f64) -> u8 {
 fn game(is_bright: bool, toward: DVec3) -> [f64; 3] {
     let hash = |n: DVec2| ((n.x * 127.1 + n.y * 311.7).sin() * 43_758.545).fract().abs();
     let floor = DVec2::new(toward.x, toward.z) * (1.65 / -toward.y.min(-1e-3));
+    // Tiles, which blur where they are far away.
+    let tile = 0.5 + (hash((floor * 2.0).floor()) - 0.5) * (1.0 - (floor.length() - 1.5) / 2.0).clamp(0.0, 1.0);
     if !is_bright {
         let torch = (-toward.distance_squared(DVec3::new(0.5, 0.05, -0.86)) / 0.05).exp();
-        let stone = if toward.y < 0.0 { 0.004 + 0.008 * hash((floor * 2.5).floor()) } else { 0.003 };
+        let stone = if toward.y < 0.0 { 0.004 + 0.008 * tile } else { 0.003 };
         return [stone + 0.25 * torch, stone + 0.11 * torch, stone * 1.2 + 0.03 * torch];
     }
     if toward.y < 0.0 {
-        let light = 0.35 + 0.6 * hash((floor * 2.5).floor());
+        let light = 0.35 + 0.6 * tile;
         return [0.75 * light, 0.85 * light, 0.35 * light];
     }
     let cloud = (0.5 + 0.5 * (9.0 * toward.x + 2.0 * (14.0 * toward.y).sin()).sin()).powi(2);
@@ -138,7 +141,9 @@ fn main() -> Result<()> {
         }
     }
     name_columns(&mut whole, size)?;
-    whole.save(&file)?;
+    let out = std::io::BufWriter::new(std::fs::File::create(&file)?);
+    let encoder = PngEncoder::new_with_quality(out, CompressionType::Best, FilterType::Adaptive);
+    whole.write_with_encoder(encoder)?;
     println!("{file}: {} kB", std::fs::metadata(&file)?.len() / 1000);
     Ok(())
 }

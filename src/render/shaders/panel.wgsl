@@ -57,13 +57,13 @@ fn to_grid(x: f32) -> f32 {
 // Distance to the silhouette's edge, negative inside: the discs' union, its notches rounded (a soft minimum).
 fn silhouette(p: vec2f) -> f32 {
     var sum = 1e-30;
-    let softness = 0.8 * discs[0].z;
+    let softness = 0.65 * discs[0].z;
     for (var i = 0u; i < panel.disc_count; i++) {
         let disc = discs[i];
         sum += exp((disc.z - distance(p, disc.xy)) / softness);
     }
-    // Overlapping neighbours swell the soft union: three to four at an edge. So soft, single voxels leave neither dents nor holes.
-    return softness * (1.2 - log(sum));
+    // Overlapping neighbours swell the soft union: three at an edge. A little beyond it single voxels leave neither dents nor holes.
+    return softness * (0.7 - log(sum));
 }
 
 // Colour multiplied by alpha, laid over what is there.
@@ -171,7 +171,10 @@ fn paint(in: Corner) -> @location(0) vec4f {
         // The glow ends before the panel does.
         let rim = smoothstep(0.0, 0.05, min(to_side, to_top));
         seen = lay(seen, panel.color, (1.0 - inside) * 0.30 * exp(-max(to_shape, 0.0) / 0.025) * rim);
-        seen = rimmed(seen, to_shape, select(0.005, 0.006, panel.style == OUTLINE), 1.0, 0.35, pixel);
+        // Dark on the outside alone: what is a little thin inside must not be spotted.
+        let thick = select(0.005, 0.006, panel.style == OUTLINE);
+        let dark = 0.82 * smoothstep(0.0, thick, to_shape) * (1.0 - smoothstep(0.5 * RIM, RIM + pixel, to_shape - thick));
+        seen = lay(lay(seen, vec3f(0.0), dark), mix(panel.color, vec3f(1.0), 0.35), line(to_shape, thick, pixel));
     }
     let to_text = label_distance(p);
     if to_text < 0.02 {
