@@ -334,10 +334,10 @@ pub(super) mod tests {
                 let picture = renderer.picture_of(&quads[0]).unwrap();
                 let px = |m: f64| (m / size_m.x * f64::from(picture.width())) as u32;
                 let row = |m_from_middle: f64| px(0.4 - m_from_middle);
-                // Where lines cross a row of pixels, metres from the left, and the row's height from the middle.
+                // A disc by itself is drawn at 0.55 of its radius: voxels overlap. Where lines cross a row of pixels, metres from the left, and the row's height from the middle.
                 let crossed: &[(f64, f64)] = match style {
-                    Style::Grid => &[(0.1, -0.3), (0.5, -0.3), (0.17, -0.1), (0.43, -0.1), (0.015, -0.3)],
-                    Style::Outline | Style::Solid => &[(0.17, -0.1), (0.43, -0.1)],
+                    Style::Grid => &[(0.1, -0.3), (0.5, -0.3), (0.229, -0.1), (0.371, -0.1), (0.015, -0.3)],
+                    Style::Outline | Style::Solid => &[(0.229, -0.1), (0.371, -0.1)],
                     Style::Minimal => &[(0.015, -0.1), (0.585, -0.1)],
                 };
                 for (line_m, height_m) in crossed {
