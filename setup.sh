@@ -4,6 +4,7 @@
 #
 #   a C compiler                 compresses recordings (zstd)
 #   libclang                     reads SteamVR's C header while building
+#   ALSA's library, pkg-config   sounds, of which the program plays none unless asked to
 #   Vulkan loader and a driver   pictures; Mesa's software renderer serves where there is no graphics card. Without them
 #                                everything else works, and tests that draw say that they were skipped.
 #   Vulkan's validation layer    optional, with WITH_VALIDATION=1: one test runs the renderer under it
@@ -50,6 +51,8 @@ install_packages() {
     local missing=()
     have cc && have_package libc6-dev || missing+=(gcc libc6-dev)
     have_libclang || missing+=(libclang)
+    have pkg-config || missing+=(pkg-config)
+    have_package libasound2-dev || missing+=(libasound2-dev)
     have_package libvulkan1 || missing+=(libvulkan1)
     have_vulkan_driver || missing+=(mesa-vulkan-drivers)
     [ "${WITH_VALIDATION:-}" != 1 ] || have_package vulkan-validationlayers || missing+=(vulkan-validationlayers)

@@ -66,6 +66,8 @@ pub struct Report {
     /// Pictures that could not be taken, and why the first could not.
     pub shots_failed: u64,
     pub shot_error: Option<String>,
+    /// Haptic pulses of each controller, by its device index.
+    pub pulses: BTreeMap<u32, u64>,
     #[serde(flatten)]
     pub ending: Ending,
     pub calls: BTreeMap<&'static str, u64>,

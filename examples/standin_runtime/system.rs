@@ -132,6 +132,26 @@ unsafe extern "C" fn role_of_device(device: u32) -> u32 {
     call("GetControllerRoleForTrackedDeviceIndex", 0, |world| role_of(world, device))
 }
 
+unsafe extern "C" fn haptic_pulse(device: u32, _axis: u32, length_us: u16) {
+    call("TriggerHapticPulse", 0, |world| {
+        if class_of(world, device) != sys::ETrackedDeviceClass_TrackedDeviceClass_Controller {
+            return world.report.violation("haptic pulse for no controller", format!("device {device}"));
+        }
+        if !(1..4000).contains(&length_us) {
+            return world
+                .report
+                .violation("haptic pulse of a length that is none", format!("{length_us} microseconds"));
+        }
+        // A controller takes the next one after 5 ms; less a little for the way here.
+        let now_ns = now_ns();
+        let then_ns = world.pulsed_ns.insert(device, now_ns);
+        if then_ns.is_some_and(|then_ns| now_ns - then_ns < 4_000_000) {
+            world.report.violation("haptic pulses too soon after each other", format!("device {device}"));
+        }
+        *world.report.pulses.entry(device).or_default() += 1;
+    });
+}
+
 unsafe extern "C" fn device_class(device: u32) -> u32 {
     call("GetTrackedDeviceClass", 0, |world| class_of(world, device))
 }
@@ -359,6 +379,7 @@ pub fn new_table() -> usize {
             GetArrayTrackedDeviceProperty: array_property,
             GetStringTrackedDeviceProperty: string_property,
             GetPropErrorNameFromEnum: property_error_name,
+            TriggerHapticPulse: haptic_pulse,
             PollNextEvent: poll_event,
             PollNextEventWithPose: poll_event_with_pose,
             GetEventTypeNameFromEnum: event_name,
@@ -375,7 +396,7 @@ pub fn new_table() -> usize {
             IsDisplayOnDesktop, SetDisplayVisibility, ApplyTransform, GetMatrix34TrackedDeviceProperty,
             PollNextEventWithPoseAndOverlays, GetHiddenAreaMesh, GetEyeTrackedFoveationCenter,
             GetEyeTrackedFoveationCenterForProjection, GetControllerState, GetControllerStateWithPose,
-            TriggerHapticPulse, GetButtonIdNameFromEnum, GetControllerAxisTypeNameFromEnum, PerformFirmwareUpdate,
+            GetButtonIdNameFromEnum, GetControllerAxisTypeNameFromEnum, PerformFirmwareUpdate,
             GetAppContainerFilePaths,
         }
     })

@@ -47,6 +47,8 @@ pub struct World {
     pub server: Server,
     script: Vec<TimedCommand>,
     failures: BTreeMap<String, u32>,
+    /// When each controller was driven last.
+    pub pulsed_ns: BTreeMap<u32, i64>,
     /// Held, shared, while the client is connected.
     clients_lock: File,
     housekeeper: Option<housekeeper::Handle>,
@@ -178,6 +180,7 @@ impl World {
             server,
             script,
             failures: BTreeMap::new(),
+            pulsed_ns: BTreeMap::new(),
             clients_lock,
             housekeeper: None,
             place,

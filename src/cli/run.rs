@@ -169,13 +169,26 @@ impl Run {
     }
 }
 
-/// SteamVR's chaperone as settings. A warning is at its full brightness before the fade begins.
+/// SteamVR's chaperone draws its bounds from this distance on where the user has not changed it, metres.
+const CHAPERONE_FADE_M: f64 = 0.7;
+/// A chaperone that is drawn late does not make a warning of obstacles begin later than this, metres: who walks at 1.2 m/s has
+/// passed half of it before a foot is down again.
+const LEAST_FADE_M: f64 = 1.2;
+/// Nor earlier than this: it is as far as the map goes, metres.
+const MOST_FADE_M: f64 = 3.0;
+
+/// SteamVR's chaperone as settings. Its fade distance counts from bounds, which are drawn inside of the furniture, a warning's from the
+/// furniture itself: so it scales ours, by how much the user has changed it, and never below what is safe.
 fn below(chaperone: &Chaperone, own: &Settings) -> toml::Table {
     let mut warning = toml::Table::new();
     if let Some(color) = chaperone.color {
         warning.insert("color".into(), color.map(i64::from).to_vec().into());
     }
     if let Some(fade_m) = chaperone.fade_distance_m {
+        let least_m = own.warning.fade_distance_m.min(LEAST_FADE_M);
+        let fade_m = (own.warning.fade_distance_m * fade_m / CHAPERONE_FADE_M)
+            .max(least_m)
+            .min(MOST_FADE_M.max(own.warning.fade_distance_m));
         warning.insert("fade_distance_m".into(), fade_m.into());
         warning.insert("full_distance_m".into(), own.warning.full_distance_m.min(fade_m / 2.0).into());
     }
@@ -200,5 +213,28 @@ fn check_registration(runtime: &Runtime) {
         && let Err(error) = runtime.identify()
     {
         log::info!("{error}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fade_m(chaperone_m: Option<f64>, own: &Settings) -> Option<f64> {
+        let chaperone = Chaperone { fade_distance_m: chaperone_m, ..Default::default() };
+        let table = below(&chaperone, own);
+        table["warning"].get("fade_distance_m").and_then(toml::Value::as_float)
+    }
+
+    #[test]
+    fn the_chaperones_fade_distance_scales_ours_and_shortens_it_to_no_danger() {
+        let own = Settings::default();
+        assert_eq!(fade_m(None, &own), None);
+        assert!((fade_m(Some(0.7), &own).unwrap() - 1.5).abs() < 1e-9, "SteamVR's default changes nothing");
+        assert!((fade_m(Some(1.0), &own).unwrap() - 1.5 / 0.7).abs() < 1e-9);
+        assert_eq!((fade_m(Some(0.1), &own), fade_m(Some(9.0), &own)), (Some(1.2), Some(3.0)));
+        let mut near = Settings::default();
+        near.warning.fade_distance_m = 0.9;
+        assert_eq!(fade_m(Some(0.1), &near), Some(0.9), "who has set less wants less");
     }
 }

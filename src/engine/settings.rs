@@ -9,7 +9,7 @@ use crate::imaging::PositionErrors;
 use crate::obstacles::{ReflectorSettings, RoomSettings};
 use crate::radar::Beam;
 use crate::tracking::HistorySettings;
-use crate::warning::{WarningSettings, WarningSettingsError};
+use crate::warning::{CueSettings, WarningSettings, WarningSettingsError};
 
 /// Places that a search for single reflectors looks at, at most: 3 m cubed at 15 mm, or 12 m cubed at 60 mm.
 const MAX_PLACES: f64 = 8e6;
@@ -200,6 +200,8 @@ pub struct Settings {
     pub reflectors: ReflectorSettings,
     /// What is drawn, from where on.
     pub warning: WarningSettings,
+    /// What sounds and shakes.
+    pub cues: CueSettings,
     /// Beside SteamVR.
     pub headset: HeadsetSettings,
 }
@@ -281,6 +283,8 @@ impl Settings {
             ("reflectors.threshold_sigma", reflectors.threshold_sigma, 0.0, 1e6),
             ("reflectors.max_reflectors", reflectors.max_reflectors as f64, 1.0, 1000.0),
             ("reflectors.search_sweeps", reflectors.search_sweeps as f64, 3.0, 1e5),
+            ("cues.volume", self.cues.volume, 0.0, 1.0),
+            ("cues.pulse_strength", self.cues.pulse_strength, 0.0, 1.0),
             ("headset.poses_hz", self.headset.poses_hz, 0.0, 1000.0),
             ("headset.threads", self.headset.threads as f64, 0.0, 256.0),
         ];
@@ -392,6 +396,8 @@ mod tests {
             ("radar.beam=laser", "laser"),
             ("radar.beam", "name=value"),
             ("warning.fade_distance_m=-1", "fade"),
+            ("warning.style=loud", "loud"),
+            ("cues.volume=2", "cues.volume is 2"),
             ("tracking.time_offset_s.x=1", "time_offset_s"),
         ] {
             let error = with(change).expect_err(change).to_string();

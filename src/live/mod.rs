@@ -1,5 +1,5 @@
 //! Threads and clocks around what is pure: the sensor's reader thread, the host's clock, poses that grow in a file, the
-//! reconstruction beside the frame loop, and the frame loop beside SteamVR.
+//! reconstruction beside the frame loop, the frame loop beside SteamVR, and sounds.
 
 mod freshness;
 mod headset;
@@ -12,6 +12,7 @@ mod priority;
 mod queue;
 mod reconstruction;
 mod sensor;
+mod sound;
 #[cfg(all(test, unix))]
 mod test_board;
 

@@ -8,6 +8,7 @@
 mod error;
 mod eye;
 mod gpu;
+mod label;
 mod painter;
 mod preview;
 mod quads;

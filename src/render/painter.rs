@@ -9,12 +9,20 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec2;
 
 use super::gpu::{FORMAT, Gpu};
-use crate::warning::{PanelKind, WarningSettings};
+use super::label::Label;
+use crate::warning::{PanelKind, Style, WarningSettings};
 
 /// Sharpness of a texture: a grid line is two pixels wide.
 const PIXELS_PER_M: f64 = 512.0;
 /// Longest side of a texture; larger panels are drawn less sharp.
 const LONGEST_PX: f64 = 1024.0;
+
+/// Height of a text with the room around it, metres: read at 1.5 m without effort.
+const LABEL_HEIGHT_M: f64 = 0.13;
+/// Its middle above a silhouette, metres.
+const LABEL_ABOVE_M: f64 = 0.06;
+/// Its middle above the floor where there is no silhouette, metres.
+const LABEL_ON_WALL_M: f64 = 1.3;
 
 /// What a panel's texture shows.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +30,8 @@ pub(super) struct PanelLook<'a> {
     pub kind: PanelKind,
     pub size_m: DVec2,
     pub silhouette: &'a [(DVec2, f64)],
+    /// Tenths of a metre to write on it.
+    pub label_dm: Option<i32>,
 }
 
 #[repr(C)]
@@ -34,7 +44,11 @@ struct PanelUniform {
     disc_count: u32,
     fog: f32,
     border: f32,
-    unused: [f32; 2],
+    style: u32,
+    label_columns: u32,
+    label: [f32; 4],
+    label_rows: u32,
+    unused: [u32; 3],
 }
 
 #[repr(C)]
@@ -66,22 +80,30 @@ impl Painter {
 
     /// The texture of a panel.
     pub fn panel(&self, gpu: &Gpu, look: &PanelLook, style: &WarningSettings) -> wgpu::Texture {
-        let discs: Vec<[f32; 4]> =
+        let mut list: Vec<[f32; 4]> =
             look.silhouette.iter().map(|(c, r)| [c.x as f32, c.y as f32, *r as f32, 0.0]).collect();
         let is_wall = look.kind == PanelKind::Wall;
-        let is_fog = look.kind == PanelKind::Object && discs.is_empty();
+        let is_fog = look.kind == PanelKind::Object && list.is_empty();
+        let disc_count = list.len() as u32;
+        let label = look.label_dm.map_or_else(Label::default, |dm| Label::new(&format!("{}.{} m", dm / 10, dm % 10)));
+        let texels = label.distances.chunks(4).map(|four| std::array::from_fn(|n| four.get(n).copied().unwrap_or(0.0)));
+        list.extend(texels);
         let [red, green, blue, _] = linear(style.color);
         let uniform = PanelUniform {
             size: look.size_m.as_vec2().to_array(),
             spacing: spacing(style),
             grid_from: if is_wall { -0.5 * look.size_m.x as f32 } else { 0.0 },
             color: [red, green, blue],
-            disc_count: discs.len() as u32,
+            disc_count,
             fog: f32::from(u8::from(is_fog)),
             border: f32::from(u8::from(!is_wall && !is_fog)),
-            unused: [0.0; 2],
+            style: style_number(style.style),
+            label_columns: label.columns,
+            label: label_place(look, &label),
+            label_rows: label.rows,
+            unused: [0; 3],
         };
-        self.paint(gpu, &self.panel, look.size_m, bytemuck::bytes_of(&uniform), discs)
+        self.paint(gpu, &self.panel, look.size_m, bytemuck::bytes_of(&uniform), list)
     }
 
     /// The texture of a footprint: corners from the middle, counter-clockwise with y up, metres.
@@ -151,6 +173,29 @@ impl Painter {
             self.halve.copy(&gpu.device, encoder, &pair[0], &pair[1]);
         }
     }
+}
+
+/// As the shader knows it.
+pub(super) fn style_number(style: Style) -> u32 {
+    match style {
+        Style::Grid => 0,
+        Style::Outline => 1,
+        Style::Solid => 2,
+        Style::Minimal => 3,
+    }
+}
+
+/// Middle and half size of the text: above the silhouette's top, on a wall a little below the eyes of most.
+fn label_place(look: &PanelLook, label: &Label) -> [f32; 4] {
+    let half_size = DVec2::new(label.aspect(), 1.0) * LABEL_HEIGHT_M / 2.0;
+    let highest = look.silhouette.iter().max_by(|a, b| (a.0.y + a.1).total_cmp(&(b.0.y + b.1)));
+    let wanted = match highest {
+        Some((middle, radius)) => DVec2::new(middle.x, middle.y + radius + LABEL_ABOVE_M),
+        None => DVec2::new(0.0, LABEL_ON_WALL_M - look.size_m.y / 2.0),
+    };
+    let most = (look.size_m / 2.0 - half_size).max(DVec2::ZERO);
+    let middle = wanted.clamp(-most, most);
+    [middle.x, middle.y, half_size.x, half_size.y].map(|v| v as f32)
 }
 
 /// Leaves textures in the layout that a runtime takes them over in (Vulkan's `TRANSFER_SRC_OPTIMAL`).

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{DQuat, DVec2, DVec3};
 
 use super::gpu::Gpu;
-use super::painter::{Painter, PanelLook, ready_to_copy};
+use super::painter::{Painter, PanelLook, ready_to_copy, style_number};
 use crate::geometry::Pose;
 use crate::warning::{Footprint, Panel, PanelKind, WarningSettings, Warnings};
 
@@ -264,7 +264,8 @@ fn wanted<'w>(warnings: &'w Warnings, style: &'w WarningSettings) -> impl Iterat
 }
 
 fn look(panel: &Panel) -> PanelLook<'_> {
-    PanelLook { kind: panel.kind, size_m: panel.size_m, silhouette: &panel.silhouette }
+    let label_dm = panel.label_m.filter(|m| (0.0..1000.0).contains(m)).map(|m| (m * 10.0).round() as i32);
+    PanelLook { kind: panel.kind, size_m: panel.size_m, silhouette: &panel.silhouette, label_dm }
 }
 
 fn wanted_panel<'w>(panel: &'w Panel, style: &WarningSettings) -> Wanted<'w> {
@@ -280,7 +281,11 @@ fn wanted_panel<'w>(panel: &'w Panel, style: &WarningSettings) -> Wanted<'w> {
         tracking_from_quad: panel.tracking_from_panel,
         size_m: panel.size_m,
         alpha: panel.alpha,
-        content: content(kind, style, [panel.size_m.x, panel.size_m.y].into_iter().chain(discs)),
+        content: content(
+            kind,
+            style,
+            [look(panel).label_dm.map_or(-1.0, f64::from), panel.size_m.x, panel.size_m.y].into_iter().chain(discs),
+        ),
         picture: Picture::Panel(panel),
     }
 }
@@ -312,5 +317,5 @@ fn is_among(texture: &Arc<wgpu::Texture>, quads: &[Quad]) -> bool {
 fn content(kind: i32, style: &WarningSettings, lengths_m: impl Iterator<Item = f64>) -> Content {
     let color = style.color.map(i32::from);
     let lengths = [style.grid_spacing_m].into_iter().chain(lengths_m).map(|v| (v * 2000.0).round() as i32);
-    [kind].into_iter().chain(color).chain(lengths).collect()
+    [kind, style_number(style.style) as i32].into_iter().chain(color).chain(lengths).collect()
 }

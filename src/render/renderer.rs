@@ -189,7 +189,7 @@ pub(super) mod tests {
 
     use super::*;
     use crate::geometry::Pose;
-    use crate::warning::{BodyPart, Footprint, Panel, PanelKind};
+    use crate::warning::{BodyPart, Footprint, Panel, PanelKind, Style};
 
     /// Runs a test on the one renderer of all tests; says so when the machine has no adapter.
     pub fn with_renderer(test: impl FnOnce(&mut Renderer)) {
@@ -299,6 +299,88 @@ pub(super) mod tests {
             assert!(on_silhouette[3] > 50 && on_silhouette[2] > on_silhouette[0], "{on_silhouette:?}");
             let linear = |v: u8| (f64::from(v) / 255.0).powf(2.2);
             assert!(picture.pixels().all(|p| linear(p[2]) <= f64::from(p[3]) / 255.0 + 0.02));
+        });
+    }
+
+    /// Linear luminance of a texture's pixel over a background, as WCAG computes it.
+    fn luminance(pixel: &image::Rgba<u8>, behind: f64) -> f64 {
+        let linear = |v: u8| {
+            let v = f64::from(v) / 255.0;
+            if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+        };
+        let [red, green, blue, alpha] = pixel.0;
+        let own = 0.2126 * linear(red) + 0.7152 * linear(green) + 0.0722 * linear(blue);
+        own + behind * (1.0 - f64::from(alpha) / 255.0)
+    }
+
+    /// The greatest contrast across a line along a row of pixels, over white, black and a busy grey that has little of its own.
+    fn contrasts(picture: &RgbaImage, row: u32, columns: std::ops::Range<u32>) -> [f64; 3] {
+        let behinds: [fn(u32) -> f64; 3] = [|_| 1.0, |_| 0.0, |x| if (x / 3).is_multiple_of(2) { 0.17 } else { 0.27 }];
+        behinds.map(|behind| {
+            let lights = columns.clone().map(|x| luminance(picture.get_pixel(x, row), behind(x)));
+            let (least, most) = lights.fold((f64::INFINITY, 0.0f64), |(least, most), v| (least.min(v), most.max(v)));
+            (most + 0.05) / (least + 0.05)
+        })
+    }
+
+    #[test]
+    fn lines_are_seen_over_bright_dark_and_busy_games() {
+        with_renderer(|renderer| {
+            for style in Style::ALL {
+                let settings = WarningSettings { style, ..Default::default() };
+                let panel = Panel { silhouette: vec![(DVec2::new(0.0, -0.1), 0.13)], ..panel(DVec3::ZERO) };
+                let size_m = panel.size_m;
+                let quads = renderer.quads(&only(panel), &settings).unwrap();
+                let picture = renderer.picture_of(&quads[0]).unwrap();
+                let px = |m: f64| (m / size_m.x * f64::from(picture.width())) as u32;
+                let row = |m_from_middle: f64| px(0.4 - m_from_middle);
+                // A disc by itself is drawn at 0.55 of its radius: voxels overlap. Where lines cross a row of pixels, metres from the left, and the row's height from the middle.
+                let crossed: &[(f64, f64)] = match style {
+                    Style::Grid => &[(0.1, -0.3), (0.5, -0.3), (0.229, -0.1), (0.371, -0.1), (0.015, -0.3)],
+                    Style::Outline | Style::Solid => &[(0.229, -0.1), (0.371, -0.1)],
+                    Style::Minimal => &[(0.015, -0.1), (0.585, -0.1)],
+                };
+                for (line_m, height_m) in crossed {
+                    let columns = px((line_m - 0.025f64).max(0.0))..px((line_m + 0.025f64).min(size_m.x));
+                    let contrasts = contrasts(&picture, row(*height_m), columns);
+                    assert!(contrasts.iter().all(|c| *c >= 3.0), "{style:?} at {line_m} m: {contrasts:.1?}");
+                }
+                // The foot: across it means up and down.
+                let turned = image::imageops::rotate90(&picture);
+                let foot = contrasts(&turned, px(0.07), 0..px(0.03));
+                assert!(foot.iter().all(|c| *c >= 3.0), "{style:?}, foot: {foot:.1?}");
+            }
+            let corners_xz_m = [(-0.3, 0.3), (0.3, 0.3), (0.3, -0.3), (-0.3, -0.3)].map(DVec2::from).to_vec();
+            let footprint = Footprint { id: 1, corners_xz_m, alpha: 1.0 };
+            let warnings = Warnings { panels: vec![], footprints: vec![footprint] };
+            let quads = renderer.quads(&warnings, &WarningSettings::default()).unwrap();
+            let picture = renderer.picture_of(&quads[0]).unwrap();
+            let contrasts = contrasts(&picture, picture.height() / 2, 0..picture.width() / 4);
+            assert!(contrasts.iter().all(|c| *c >= 3.0), "footprint: {contrasts:.1?}");
+        });
+    }
+
+    #[test]
+    fn another_label_or_style_is_another_picture_and_the_same_is_not() {
+        with_renderer(|renderer| {
+            let style = WarningSettings { color: [3, 128, 255], ..Default::default() };
+            let with = |label_m| only(Panel { label_m, ..panel(DVec3::ZERO) });
+            let drawn = renderer.textures_drawn();
+            let plain = renderer.quads(&with(None), &style).unwrap();
+            let labelled = renderer.quads(&with(Some(0.8)), &style).unwrap();
+            renderer.quads(&with(Some(0.8000001)), &style).unwrap();
+            assert_eq!(renderer.textures_drawn(), drawn + 2);
+            let [plain, labelled] = [plain, labelled].map(|quads| renderer.picture_of(&quads[0]).unwrap());
+            let [left, top, right, bottom] = changed(&plain, &labelled).unwrap();
+            assert!(right - left > 60.0 && bottom - top > 20.0, "{left} {top} {right} {bottom}");
+            assert!(bottom < f64::from(plain.height()) / 2.0, "above the silhouette");
+            let solid = WarningSettings { style: Style::Solid, ..style };
+            renderer.quads(&with(None), &solid).unwrap();
+            assert_eq!(renderer.textures_drawn(), drawn + 3);
+            for label_m in [f64::NAN, -1.0, 1e300] {
+                renderer.quads(&with(Some(label_m)), &style).unwrap();
+            }
+            assert_eq!(renderer.textures_drawn(), drawn + 3, "what is no distance is not written");
         });
     }
 

@@ -118,6 +118,14 @@ impl Runtime {
         Hands(roles.map(|role| call!(self.system, GetTrackedDeviceIndexForControllerRole(role))))
     }
 
+    /// Drives a hand's controller for so many microseconds, less than 4000 and 5 ms after the last time at the soonest; does nothing where there
+    /// is none. The call is an old one, made before controllers were bound to actions, and so it needs no bindings from the user.
+    pub fn pulse(&self, hands: Hands, hand: usize, length_us: u16) {
+        if let Some(index) = hands.0.get(hand).filter(|index| (**index as usize) < MOST_DEVICES) {
+            call!(self.system, TriggerHapticPulse(*index, 0, length_us.min(3999)));
+        }
+    }
+
     /// Poses so many seconds from now.
     pub fn poses(&self, universe: Universe, ahead_s: f64, hands: Hands) -> Poses {
         let mut told = [NO_POSE; MOST_DEVICES];

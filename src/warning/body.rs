@@ -6,8 +6,10 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
+use super::hull::convex_hull;
+use crate::geometry::Aabb;
 use crate::obstacles::{Observed, Obstacle};
 
 /// Farther from the origin than this is no place in a room, metres.
@@ -32,6 +34,10 @@ pub(super) struct Body {
     pub anchor: DVec3,
     /// Whether a silhouette says anything: not so when only the distance is known.
     pub has_shape: bool,
+    /// The box around the balls' middles.
+    pub around: Aabb,
+    /// The hull of the middles seen from above: x to the right, −z up; counter-clockwise.
+    pub hull: Arc<[DVec2]>,
     covariance_m2: glam::DMat3,
 }
 
@@ -57,8 +63,11 @@ impl Body {
             let radius_m = 0.6 * voxel_of(&shape);
             (shape, radius_m)
         };
+        let hull = convex_hull(&points.iter().map(|p| DVec2::new(p.x, -p.z)).collect::<Vec<_>>());
         Some(Self {
             id: obstacle.id,
+            around: Aabb::around(points.iter().copied())?,
+            hull: hull.into(),
             points: points.into(),
             radius_m,
             anchor,
@@ -67,11 +76,23 @@ impl Body {
         })
     }
 
+    /// The same under another id.
+    pub fn with_id(&self, id: u64) -> Self {
+        Self { id, ..self.clone() }
+    }
+
     /// How far off it may be along a unit direction: two standard deviations, metres, at most `cap_m`.
     pub fn two_sigma(&self, along: DVec3, cap_m: f64) -> f64 {
         let variance = along.dot(self.covariance_m2 * along);
         let two_sigma = 2.0 * variance.max(0.0).sqrt();
         if variance.is_nan() { cap_m } else { two_sigma.min(cap_m) }
+    }
+
+    /// Whether a place, seen from above, lies within the outline of what is seen of it.
+    pub fn spans(&self, place: DVec3) -> bool {
+        let flat = DVec2::new(place.x, -place.z);
+        let edge = |n: usize| (self.hull[n], self.hull[(n + 1) % self.hull.len()]);
+        self.hull.len() >= 3 && (0..self.hull.len()).map(edge).all(|(a, b)| (b - a).perp_dot(flat - a) >= 0.0)
     }
 
     /// Half width of the unknown in the direction across the sight, metres.

@@ -12,14 +12,12 @@ const CORNERS: u32 = 12;
 
 /// The area on the floor.
 pub(super) fn footprint(body: &Body, aspect: &Aspect, alpha: f32) -> Footprint {
-    // From above, x runs right and −z up: there the hull is counter-clockwise as it should be.
-    let flat: Vec<DVec2> = body.points.iter().map(|p| DVec2::new(p.x, -p.z)).collect();
     let aside = DVec2::new(aspect.laid_right.x, -aspect.laid_right.z) * aspect.spread_m;
     let mut widened = Vec::new();
-    for corner in convex_hull(&flat) {
+    for corner in body.hull.iter() {
         for k in 0..CORNERS {
             let angle = std::f64::consts::TAU * f64::from(k) / f64::from(CORNERS);
-            let rim = corner + DVec2::from_angle(angle) * body.radius_m;
+            let rim = *corner + DVec2::from_angle(angle) * body.radius_m;
             widened.extend([rim + aside, rim - aside]);
         }
     }

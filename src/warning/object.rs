@@ -1,8 +1,8 @@
 //! The panel of an object: upright, at its near side, turned about the vertical to face the wearer.
 //!
-//! The wearer is the vertical line from the head down to the floor: a stool at the feet is near although it is far from the
-//! eyes. The panel faces from a mean of the nearest points, weighted by nearness, so that noise in single voxels does not
-//! turn it.
+//! It stands before what is nearest to the vertical line from the head down to the floor: a stool at the feet is near although
+//! it is far from the eyes. It faces from a mean of the nearest points, weighted by nearness, so that noise in single voxels
+//! does not turn it.
 //!
 //! The panel turns smoothly, its content does not: what is drawn on it is the body as seen from the nearest of 24 directions,
 //! with lengths rounded to centimetres. So a head may sway, come nearer and turn, and the picture stays the same; when it has
@@ -14,8 +14,8 @@ use std::collections::HashSet;
 use glam::{DQuat, DVec2, DVec3};
 
 use super::body::Body;
+use super::near::Near;
 use super::panel::{Panel, PanelKind};
-use super::player::BodyPart;
 
 /// A panel nearer to the eyes than this could not be looked at, metres.
 const NEAREST_PANEL_M: f64 = 0.2;
@@ -42,8 +42,6 @@ const MAX_DISCS: usize = 384;
 
 /// A body seen from a head: where it is nearest and which way the panel faces.
 pub(super) struct Aspect {
-    /// From the wearer to the near side, metres.
-    pub distance_m: f64,
     /// Horizontal unit vector from the body to the wearer.
     pub facing: DVec3,
     /// Horizontal unit vector to the right in the picture: to the right of one who looks from the direction it is laid out for.
@@ -70,19 +68,12 @@ impl Aspect {
         // What is known to be small stays as small; what grows with the distance does so in steps.
         let spread_m = if body.has_shape { spread_m } else { -round_down_to(-spread_m, SPREAD_STEP_M) };
         let before = body.radius_m + body.two_sigma(facing, MAX_RANGE_DOUBT_M);
-        Self {
-            distance_m: (nearest - before).max(0.0),
-            facing,
-            laid_right,
-            spread_m,
-            panel_distance_m: (level - before).max(NEAREST_PANEL_M),
-            near,
-        }
+        Self { facing, laid_right, spread_m, panel_distance_m: (level - before).max(NEAREST_PANEL_M), near }
     }
 }
 
 /// The panel of a body seen so.
-pub(super) fn object_panel(body: &Body, aspect: &Aspect, head: DVec3, alpha: f32) -> Panel {
+pub(super) fn object_panel(body: &Body, aspect: &Aspect, head: DVec3, near: &Near, alpha: f32) -> Panel {
     let across = |p: DVec3| (p - body.anchor).dot(aspect.laid_right);
     let middle = (across(aspect.near) / MIDDLE_STEP_M).round() * MIDDLE_STEP_M;
     let border = body.radius_m + aspect.spread_m + MARGIN_M;
@@ -108,10 +99,10 @@ pub(super) fn object_panel(body: &Body, aspect: &Aspect, head: DVec3, alpha: f32
         size_m,
         silhouette: silhouette(body, aspect.spread_m, size_m, place),
         alpha,
-        distance_m: aspect.distance_m,
-        time_to_contact_s: None,
-        nearest_part: BodyPart::Torso,
-        nearest_m: aspect.near,
+        distance_m: near.distance_m,
+        time_to_contact_s: near.time_to_contact_s(),
+        nearest_part: near.part,
+        nearest_m: near.at_m,
         label_m: None,
     }
 }

@@ -28,16 +28,71 @@ pub enum WarningSettingsError {
     /// Brighter than the display, or negative.
     #[error("brightness = {0} must be from 0 to 1")]
     Brightness(f32),
+    /// Times that do not follow each other.
+    #[error(
+        "contact_full_s = {full_s} must be at least 0 and less than contact_begin_s = {begin_s}, which is 10 at most"
+    )]
+    Contact {
+        /// `contact_full_s` as given.
+        full_s: f64,
+        /// `contact_begin_s` as given.
+        begin_s: f64,
+    },
+    /// Farther than arms reach.
+    #[error("hand_distance_m = {0} must be from 0 to 2 m")]
+    HandDistance(f64),
+    /// A time that is none, or a share that is none.
+    #[error("calm_after_s = {after_s} must be from 0 to 3600, and calm_brightness = {brightness} from 0 to 1")]
+    Calm {
+        /// `calm_after_s` as given.
+        after_s: f64,
+        /// `calm_brightness` as given.
+        brightness: f64,
+    },
+}
+
+/// How warnings are drawn.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Style {
+    /// A grid with the silhouette in it.
+    #[default]
+    Grid,
+    /// The silhouette's outline; of a wall, and of what has no silhouette, the frame.
+    Outline,
+    /// The silhouette filled, on a tinted surface.
+    Solid,
+    /// A thin frame, and the footprint.
+    Minimal,
+}
+
+impl Style {
+    /// All there are.
+    pub const ALL: [Self; 4] = [Self::Grid, Self::Outline, Self::Solid, Self::Minimal];
 }
 
 /// Distances and looks of the warnings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct WarningSettings {
-    /// At this distance and nearer a warning has its full brightness, metres.
+    /// At this distance and nearer a warning has its full brightness, metres: from the upright line through the torso, or from the head.
     pub full_distance_m: f64,
     /// From this distance on there is no warning, metres.
     pub fade_distance_m: f64,
+    /// From this distance on there is no warning of what only a hand is near to, metres; 0: hands do not count. Full at 3/10 of it.
+    pub hand_distance_m: f64,
+    /// Full brightness when the body touches within this time at its speed, seconds, however far it is.
+    pub contact_full_s: f64,
+    /// From this time to contact on there is no warning for it, seconds; 0: time to contact does not count.
+    pub contact_begin_s: f64,
+    /// A warning dims when the player has neither approached nor moved fast for so long, seconds.
+    pub calm_after_s: f64,
+    /// So much of its brightness is left then; 1: it never dims.
+    pub calm_brightness: f64,
+    /// How they are drawn.
+    pub style: Style,
+    /// Whether the distance is written on them.
+    pub labels: bool,
     /// Colour of lines and silhouettes: sRGB red, green, blue, 0 to 255.
     pub color: [u8; 3],
     /// Greatest brightness, 0 to 1.
@@ -58,6 +113,13 @@ impl Default for WarningSettings {
         Self {
             full_distance_m: 0.4,
             fade_distance_m: 1.5,
+            hand_distance_m: 0.5,
+            contact_full_s: 0.6,
+            contact_begin_s: 1.5,
+            calm_after_s: 6.0,
+            calm_brightness: 0.3,
+            style: Style::Grid,
+            labels: false,
             color: [64, 224, 255],
             brightness: 1.0,
             grid_spacing_m: 0.2,
@@ -84,6 +146,17 @@ impl WarningSettings {
         if !(0.0..=1.0).contains(&self.brightness) {
             return Err(WarningSettingsError::Brightness(self.brightness));
         }
+        let (full_s, begin_s) = (self.contact_full_s, self.contact_begin_s);
+        if !(full_s >= 0.0 && (begin_s == 0.0 || full_s < begin_s) && (0.0..=10.0).contains(&begin_s)) {
+            return Err(WarningSettingsError::Contact { full_s, begin_s });
+        }
+        if !(0.0..=2.0).contains(&self.hand_distance_m) {
+            return Err(WarningSettingsError::HandDistance(self.hand_distance_m));
+        }
+        let (after_s, brightness) = (self.calm_after_s, self.calm_brightness);
+        if !((0.0..=3600.0).contains(&after_s) && (0.0..=1.0).contains(&brightness)) {
+            return Err(WarningSettingsError::Calm { after_s, brightness });
+        }
         let (area_m, margin_m) = (self.play_area_m, self.play_area_margin_m);
         let lengths = area_m.into_iter().flatten().chain([margin_m]);
         if !lengths.into_iter().all(|length| (0.0..=100.0).contains(&length)) {
@@ -103,16 +176,43 @@ impl WarningSettings {
     /// Brightness at a distance: full up to `full_distance_m`, then falling smoothly to 0 at `fade_distance_m`; 0 when a
     /// number makes no sense.
     pub fn alpha(&self, distance_m: f64) -> f32 {
-        let share = if distance_m <= self.full_distance_m {
-            1.0
-        } else if distance_m < self.fade_distance_m {
-            (self.fade_distance_m - distance_m) / (self.fade_distance_m - self.full_distance_m)
-        } else {
-            0.0
-        };
-        let alpha = (share * share * (3.0 - 2.0 * share)) as f32 * self.brightness;
+        self.shown(self.by_distance(distance_m))
+    }
+
+    /// Brightness of what is so urgent, 0 to 1.
+    pub(super) fn shown(&self, urgency: f64) -> f32 {
+        let alpha = urgency as f32 * self.brightness;
         if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 0.0 }
     }
+
+    /// How urgent what is so far from head or torso is, 0 to 1.
+    pub(super) fn by_distance(&self, distance_m: f64) -> f64 {
+        falling(distance_m, self.full_distance_m, self.fade_distance_m)
+    }
+
+    /// How urgent what is so far from a hand is, 0 to 1: hands have little behind them, move where eyes follow, and are near to things
+    /// all day.
+    pub(super) fn by_hand_distance(&self, distance_m: f64) -> f64 {
+        falling(distance_m, self.full_hand_distance_m(), self.hand_distance_m)
+    }
+
+    /// From here on what a hand is near to is as urgent as can be, metres.
+    pub(super) fn full_hand_distance_m(&self) -> f64 {
+        0.3 * self.hand_distance_m
+    }
+
+    /// How urgent what will be touched in so long is, 0 to 1.
+    pub(super) fn by_contact(&self, time_s: f64) -> f64 {
+        falling(time_s, self.contact_full_s, self.contact_begin_s)
+    }
+}
+
+/// 1 up to `full`, then falling smoothly to 0 at `none`; 0 when a number makes no sense.
+fn falling(value: f64, full: f64, none: f64) -> f64 {
+    let share = if value < none { ((none - value) / (none - full)).min(1.0) } else { 0.0 };
+    let share = if value <= full && full < none { 1.0 } else { share };
+    let smooth = share * share * (3.0 - 2.0 * share);
+    if smooth.is_finite() { smooth.clamp(0.0, 1.0) } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -148,6 +248,19 @@ mod tests {
         assert_eq!(turned.check(), Err(WarningSettingsError::Distances { full_m: 2.0, fade_m: 1.5 }));
         let fine = WarningSettings { grid_spacing_m: 0.001, ..Default::default() };
         assert_eq!(fine.check(), Err(WarningSettingsError::GridSpacing(0.001)));
+        for (setting, says) in [
+            ("contact_full_s = 2.0", "contact_full_s = 2 "),
+            ("contact_begin_s = nan", "contact_begin_s = NaN"),
+            ("hand_distance_m = 3.0", "hand_distance_m = 3 "),
+            ("calm_after_s = -1.0", "calm_after_s = -1 "),
+            ("calm_brightness = 1.5", "calm_brightness = 1.5"),
+        ] {
+            let settings: WarningSettings = toml::from_str(setting).unwrap();
+            let error = settings.check().expect_err(setting).to_string();
+            assert!(error.contains(says), "{setting}: {error}");
+        }
+        let without_contact = WarningSettings { contact_begin_s: 0.0, ..Default::default() };
+        assert!(without_contact.check().is_ok() && without_contact.by_contact(0.0) == 0.0);
         let area = WarningSettings { play_area_m: Some([2.0, -1.0]), ..Default::default() };
         assert!(area.check().unwrap_err().to_string().contains("play_area_m = Some([2.0, -1.0])"));
         assert!(WarningSettings::default().check().is_ok());

@@ -6,10 +6,11 @@
 use glam::{DVec2, DVec3};
 
 use super::body::is_place;
+use super::near::Near;
 use super::object::upright;
 use super::panel::{Panel, PanelKind};
-use super::player::BodyPart;
 use super::settings::WarningSettings;
+use super::wearer::{Limb, Wearer};
 use crate::geometry::Plane;
 use crate::obstacles::Wall;
 
@@ -21,22 +22,45 @@ const HALF_WIDTH_M: f64 = 1.0;
 const HEIGHT_M: f64 = 2.2;
 /// A wall goes on this far beyond the places it was seen at, metres.
 const MARGIN_M: f64 = 0.5;
-/// A head farther behind the plane than this proves the plane wrong, metres.
+/// So far beyond the plane one is as near as can be, metres.
 const BEHIND_M: f64 = 0.5;
 
-/// `None` for floors, ceilings, walls too far to warn of, and where the wall was not seen.
-pub(super) fn wall_panel(wall: &Wall, head: DVec3, settings: &WarningSettings) -> Option<Panel> {
-    let plane = sound(wall.plane)?;
-    if plane.outward.y.abs() > MAX_LEAN || !is_place(wall.seen_at.min) || !is_place(wall.seen_at.max) {
-        return None;
-    }
-    let outward = DVec3::new(plane.outward.x, 0.0, plane.outward.z).normalize();
+/// The wall as each part of the body within reach has it: what was seen of it and a margin aside; none of floors and ceilings.
+///
+/// Who is a little beyond it is at distance 0. Farther beyond, where no radar can have been right about it or there is a door, the distance
+/// grows again: a wall has two sides, and its warning must not end at a line.
+pub(super) fn wall_nears(wall: &Wall, wearer: &Wearer, reach_m: f64) -> Vec<Near> {
+    let Some((plane, outward)) = upright_plane(wall) else { return Vec::new() };
+    let right = DVec3::Y.cross(-outward);
+    let (least, greatest) = span(wall, right);
+    let ahead_m = |place: DVec3| plane.distance(place) / plane.outward.dot(outward);
+    let near = |limb: &Limb| {
+        let ends = limb.ends.map(ahead_m);
+        let share = if ends[0] <= ends[1] { 0.0 } else { 1.0 };
+        let (least_m, greatest_m) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        let share = if greatest_m < 0.0 { 1.0 - share } else { share };
+        let (place, moves) = limb.at(share);
+        let aside_m = place.dot(right).clamp(least, greatest) - place.dot(right);
+        let through_m = least_m.max(-greatest_m - BEHIND_M).max(0.0);
+        let distance_m = through_m.hypot(aside_m);
+        let at_m = place + outward * ahead_m(place) + right * aside_m;
+        let across = if greatest_m < 0.0 { -outward } else { outward };
+        let toward = (across * through_m + right * aside_m).try_normalize().unwrap_or(across);
+        (distance_m <= reach_m).then(|| Near::new(limb, distance_m, at_m, moves.dot(toward)))
+    };
+    wearer.limbs.iter().filter_map(near).collect()
+}
+
+/// `None` for floors, ceilings, and where the wall was not seen.
+pub(super) fn wall_panel(
+    wall: &Wall,
+    head: DVec3,
+    near: &Near,
+    alpha: f32,
+    settings: &WarningSettings,
+) -> Option<Panel> {
+    let (plane, outward) = upright_plane(wall)?;
     let ahead_m = plane.distance(head) / plane.outward.dot(outward);
-    let distance_m = ahead_m.max(0.0);
-    let alpha = settings.alpha(distance_m);
-    if !(alpha > 0.0 && ahead_m >= -BEHIND_M) {
-        return None;
-    }
     let right = DVec3::Y.cross(-outward);
     let (from, to) = shown(wall, head.dot(right), right, spacing(settings))?;
     let foot = head + outward * ahead_m;
@@ -52,12 +76,21 @@ pub(super) fn wall_panel(wall: &Wall, head: DVec3, settings: &WarningSettings) -
         size_m: DVec2::new(to - from, HEIGHT_M),
         silhouette: Vec::new(),
         alpha,
-        distance_m,
-        time_to_contact_s: None,
-        nearest_part: BodyPart::Torso,
-        nearest_m: foot,
+        distance_m: near.distance_m,
+        time_to_contact_s: near.time_to_contact_s(),
+        nearest_part: near.part,
+        nearest_m: near.at_m,
         label_m: None,
     })
+}
+
+/// The plane, and the level direction out of the room; `None` for floors, ceilings and what makes no sense.
+fn upright_plane(wall: &Wall) -> Option<(Plane, DVec3)> {
+    let plane = sound(wall.plane)?;
+    if plane.outward.y.abs() > MAX_LEAN || !is_place(wall.seen_at.min) || !is_place(wall.seen_at.max) {
+        return None;
+    }
+    Some((plane, DVec3::new(plane.outward.x, 0.0, plane.outward.z).normalize()))
 }
 
 /// The plane with a normal of length 1 exactly; `None` when it was far from that.
@@ -69,12 +102,16 @@ fn sound(plane: Plane) -> Option<Plane> {
 
 /// First and last coordinate along `right` to show, at whole lines of the grid; `None` where nothing was seen.
 fn shown(wall: &Wall, head_at: f64, right: DVec3, spacing: f64) -> Option<(f64, f64)> {
-    let seen = [wall.seen_at.min, wall.seen_at.max].map(|corner| corner * right);
-    let least = seen[0].min(seen[1]).element_sum() - MARGIN_M;
-    let greatest = seen[0].max(seen[1]).element_sum() + MARGIN_M;
+    let (least, greatest) = span(wall, right);
     let from = ((head_at - HALF_WIDTH_M).max(least) / spacing).round();
     let to = ((head_at + HALF_WIDTH_M).min(greatest) / spacing).round();
     (to > from).then_some((from * spacing, to * spacing))
+}
+
+/// Where the wall is taken to be, along `right`.
+fn span(wall: &Wall, right: DVec3) -> (f64, f64) {
+    let seen = [wall.seen_at.min, wall.seen_at.max].map(|corner| corner * right);
+    (seen[0].min(seen[1]).element_sum() - MARGIN_M, seen[0].max(seen[1]).element_sum() + MARGIN_M)
 }
 
 /// The grid's spacing, or the default where it cannot be used.

@@ -1,14 +1,13 @@
 //! From the scene to what is drawn for one head pose. A pure function: the same scene, head and settings give the same warnings.
 
-use glam::DVec3;
-
-use super::body::{Body, is_place};
-use super::footprint::footprint;
+use super::body::Body;
 use super::group::grouped;
-use super::object::{Aspect, object_panel};
+use super::label::rounded_label;
 use super::panel::{Footprint, Panel, Warnings};
 use super::settings::WarningSettings;
-use super::wall::wall_panel;
+use super::thing::{Drawn, Thing};
+use super::urgency::urgencies;
+use super::wearer::Wearer;
 use crate::geometry::Pose;
 use crate::obstacles::{Obstacle, Scene, Wall};
 
@@ -16,10 +15,11 @@ use crate::obstacles::{Obstacle, Scene, Wall};
 pub const MAX_QUADS: usize = 8;
 
 /// Panels and footprints of everything near enough to warn of, brightest first, then nearest; at most [`MAX_QUADS`]. Never
-/// panics: a head pose that is no pose gives nothing, obstacles and walls that are none are left out. For a scene that goes
-/// on from frame to frame, [`super::Watch`] gives the same with a steadier picture and less work.
+/// panics: a head pose that is no pose gives nothing, obstacles and walls that are none are left out. It knows no hands and no speed,
+/// and a warning is there at once: for a scene that goes on from frame to frame, [`super::Watch`] knows more and is steadier.
 pub fn warn(scene: &Scene, tracking_from_head: &Pose, settings: &WarningSettings) -> Warnings {
-    warn_of(bodies(&scene.obstacles).iter(), &scene.walls, tracking_from_head, settings)
+    let wearer = Wearer::still(tracking_from_head);
+    wearer.map_or_else(Warnings::default, |wearer| warn_of(&bodies(&scene.obstacles), &scene.walls, &wearer, settings))
 }
 
 /// The bodies of all obstacles, those that lie close together as one.
@@ -27,42 +27,28 @@ pub(super) fn bodies(obstacles: &[Obstacle]) -> Vec<Body> {
     grouped(obstacles).iter().filter_map(Body::of).collect()
 }
 
-/// Warnings of these bodies and walls.
-pub(super) fn warn_of<'b>(
-    bodies: impl Iterator<Item = &'b Body>,
-    walls: &[Wall],
-    tracking_from_head: &Pose,
-    settings: &WarningSettings,
-) -> Warnings {
-    let head = tracking_from_head.translation;
-    let ahead = tracking_from_head.forward();
-    if !is_place(head) || !ahead.is_finite() {
-        return Warnings::default();
-    }
-    let objects = bodies.filter_map(|body| object(body, head, ahead, settings));
-    let walls = walls.iter().filter_map(|wall| wall_panel(wall, head, settings));
-    let walls = walls.filter(|panel| settings.is_in_reach(panel.tracking_from_panel.translation));
-    let walls = walls.map(|panel| (panel, None));
-    let mut all: Vec<(Panel, Option<Footprint>)> = objects.chain(walls).collect();
+/// Warnings of these bodies and walls for one who stands there straight and still.
+fn warn_of(bodies: &[Body], walls: &[Wall], wearer: &Wearer, settings: &WarningSettings) -> Warnings {
+    let things = bodies.iter().map(Thing::Object).chain(walls.iter().map(Thing::Wall));
+    let drawn = things.filter_map(|thing| {
+        let [body, _] = urgencies(&thing.nears(wearer, settings), settings);
+        let (near, urgency) = body.map(|urgency| (urgency.near, urgency.value()))?;
+        let alpha = settings.shown(urgency);
+        let mut drawn = (alpha > 0.0).then(|| thing.draw(wearer, &near, alpha, settings))??;
+        drawn.panel.label_m = settings.labels.then(|| rounded_label(near.gap_m));
+        Some(drawn)
+    });
+    in_order(drawn)
+}
+
+/// Brightest first, then nearest; no more than can be shown.
+pub(super) fn in_order(drawn: impl Iterator<Item = Drawn>) -> Warnings {
+    let mut all: Vec<(Panel, Option<Footprint>)> = drawn.map(|drawn| (drawn.panel, drawn.footprint)).collect();
     all.sort_by(|(a, _), (b, _)| {
         b.alpha.total_cmp(&a.alpha).then(a.distance_m.total_cmp(&b.distance_m)).then(a.id.cmp(&b.id))
     });
     let (panels, footprints): (Vec<_>, Vec<_>) = all.into_iter().unzip();
     Warnings { panels, footprints: footprints.into_iter().flatten().collect() }.at_most(MAX_QUADS)
-}
-
-fn object(body: &Body, head: DVec3, ahead: DVec3, settings: &WarningSettings) -> Option<(Panel, Option<Footprint>)> {
-    if !body.points.iter().any(|point| settings.is_in_reach(*point)) {
-        return None;
-    }
-    let aspect = Aspect::of(body, head, ahead);
-    let alpha = settings.alpha(aspect.distance_m);
-    if alpha <= 0.0 {
-        return None;
-    }
-    let panel = object_panel(body, &aspect, head, alpha);
-    let area = settings.footprints.then(|| footprint(body, &aspect, alpha));
-    Some((panel, area))
 }
 
 #[cfg(test)]
@@ -71,7 +57,7 @@ mod tests {
     use crate::geometry::{Aabb, Plane};
     use crate::obstacles::{Observed, Wall};
     use crate::warning::PanelKind;
-    use glam::{DMat3, DQuat};
+    use glam::{DMat3, DQuat, DVec3};
     use proptest::prelude::*;
 
     /// Head at 1.6 m, looking along −z.

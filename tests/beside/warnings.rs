@@ -72,6 +72,32 @@ fn the_chair_is_warned_of_in_both_eyes_where_it_is() {
     assert!(report["most_visible"].as_u64().unwrap() <= 8);
 }
 
+#[test]
+fn controllers_pulse_near_the_chair_and_only_there() {
+    let mut rig = Rig::new("pulse");
+    rig.start_sensor("furnished-room", "approach-chair", SEED, 60);
+    let shots: Vec<Value> =
+        (1..=SHOTS).map(|second| json!({"at_s": second, "do": "shot", "name": second.to_string()})).collect();
+    // A controller that goes where the head goes, as one that is held does; the other hand's is switched off.
+    rig.start_steamvr(&json!({"events": shots, "controllers": ["track.tum"]}), true);
+    let program = rig.start_run(&[]);
+    let chair = chair();
+    let mut pulsed = Vec::new();
+    for second in 1..=SHOTS {
+        let look = look(&rig, &second.to_string(), &chair);
+        let report = rig.report();
+        pulsed.push((look.away_m, report["pulses"]["1"].as_u64().unwrap_or(0)));
+        assert_eq!(report["pulses"]["2"], Value::Null);
+    }
+    assert_eq!(program.interrupt().code, Some(0));
+    println!("{pulsed:.2?}");
+    // The report is a second old at most.
+    let far = pulsed.iter().take_while(|(away_m, _)| *away_m > 1.2).map(|(_, count)| *count).max();
+    assert_eq!(far.unwrap_or(0), 0, "{pulsed:.2?}");
+    assert!(pulsed.last().unwrap().1 >= 10, "{pulsed:.2?}");
+    assert_eq!(rig.report()["violations"], json!({}));
+}
+
 /// Within a degree, in both eyes, and as far away.
 fn stands_where_the_chair_is(look: &Look, panel: DVec3, chair: &TruthObstacle) {
     let lit = look.eyes.each_ref().map(Eye::lit);

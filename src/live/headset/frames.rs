@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use super::anchor::{Anchor, LeapWatch, Moved};
+use super::cue_output::CueOutput;
 use super::display::{ShowError, Shown, Viewpoint};
 use super::graphics::{Graphics, GraphicsError, Retry};
 use super::meter::{FrameMeter, FrameReport};
@@ -164,6 +165,7 @@ struct State<'s, 'a> {
     /// Where the head was last, in the standing universe, and when.
     head: Option<(i64, Pose)>,
     scene: PlacedScene,
+    cues: CueOutput,
     meter: FrameMeter,
     status: HeadsetStatus,
     told_ns: i64,
@@ -188,6 +190,7 @@ impl<'s, 'a> State<'s, 'a> {
             hands: with.runtime.hands(),
             head: None,
             scene: PlacedScene::default(),
+            cues: CueOutput::default(),
             meter: FrameMeter::new(timing.frame_hz),
             status: HeadsetStatus::default(),
             told_ns: 0,
@@ -348,6 +351,7 @@ impl<'s, 'a> State<'s, 'a> {
         let Some((_, standing_from_head)) = head else { return Ok(self.shown.hide()?) };
         let player = player(now_ns, standing_from_head, &poses, &anchor.raw_from_standing());
         let warnings = self.scene.watch.warn(&player, &self.settings.warning);
+        self.cues.give(self.with.runtime, self.hands, &warnings, &player, &self.settings);
         self.status.nearest_m = warnings.panels.iter().map(|panel| panel.distance_m).min_by(f64::total_cmp);
         if warnings.panels.is_empty() && warnings.footprints.is_empty() {
             return Ok(self.shown.hide()?);
@@ -427,7 +431,7 @@ impl PlacedScene {
             }
             if by != standing_from_session {
                 // What it holds on to stands elsewhere in the play area now.
-                self.watch.forget();
+                self.watch.displace();
             }
         }
         self.watch.see(&scene.moved(standing_from_session));

@@ -5,6 +5,7 @@
 //! one thread. Poses between frames are read by a thread of their own, since the loop sleeps in the runtime then.
 
 mod anchor;
+mod cue_output;
 mod display;
 mod frames;
 mod graphics;

@@ -45,8 +45,12 @@ fn paint(in: Corner) -> @location(0) vec4f {
     let pixel = fwidth(in.place.x);
     let inside = clamp(0.5 - d / pixel, 0.0, 1.0);
     let outline = clamp((0.003 - abs(d)) / pixel + 0.5, 0.0, 1.0);
-    var a = inside * (0.10 + 0.14 * exp(min(d, 0.0) / 0.05));
-    a = max(a, (1.0 - inside) * 0.16 * exp(-max(d, 0.0) / 0.02) * smoothstep(0.08, 0.05, d));
-    a += 0.45 * outline * (1.0 - a);
-    return vec4f(footprint.color.rgb * a, a);
+    // Bright between dark rims, as the panels' lines.
+    let rim = 0.75 * (1.0 - smoothstep(0.0055, 0.009 + pixel, abs(d)));
+    let glow = inside * (0.10 + 0.14 * exp(min(d, 0.0) / 0.05))
+        + (1.0 - inside) * 0.16 * exp(-max(d, 0.0) / 0.02) * smoothstep(0.08, 0.05, d);
+    var seen = vec4f(footprint.color.rgb * glow, glow) * (1.0 - rim) + vec4f(0.0, 0.0, 0.0, rim);
+    let line = 0.9 * outline;
+    seen = seen * (1.0 - line) + vec4f(footprint.color.rgb * line, line);
+    return seen;
 }

@@ -13,10 +13,24 @@ struct Panel {
     fog: f32,
     // 1 when its sides have a border; else they end softly.
     border: f32,
+    style: u32,
+    // The text's texels follow the discs, four in each; no columns: no text.
+    label_columns: u32,
+    // Middle and half size.
+    label: vec4f,
+    label_rows: u32,
 }
 
+const GRID = 0u;
+const OUTLINE = 1u;
+const SOLID = 2u;
+const MINIMAL = 3u;
+// Width of the dark rims beside bright lines, and around letters.
+const RIM = 0.005;
+const LETTER_RIM = 0.011;
+
 @group(0) @binding(0) var<uniform> panel: Panel;
-// Middle x, y and radius of each disc; the fourth is not used.
+// Middle x, y and radius of each disc, the fourth not used; then distances to the text's outline.
 @group(0) @binding(1) var<storage, read> discs: array<vec4f>;
 
 struct Corner {
@@ -43,17 +57,59 @@ fn to_grid(x: f32) -> f32 {
 // Distance to the silhouette's edge, negative inside: the discs' union, its notches rounded (a soft minimum).
 fn silhouette(p: vec2f) -> f32 {
     var sum = 1e-30;
-    let softness = 0.55 * discs[0].z;
+    let softness = 0.65 * discs[0].z;
     for (var i = 0u; i < panel.disc_count; i++) {
         let disc = discs[i];
         sum += exp((disc.z - distance(p, disc.xy)) / softness);
     }
-    // Overlapping neighbours swell the soft union: two to three at an edge.
-    return softness * (0.9 - log(sum));
+    // Overlapping neighbours swell the soft union: three at an edge. A little beyond it single voxels leave neither dents nor holes.
+    return softness * (0.7 - log(sum));
 }
 
-fn over(below: f32, above: f32) -> f32 {
-    return below + above * (1.0 - below);
+// Colour multiplied by alpha, laid over what is there.
+fn lay(below: vec4f, color: vec3f, a: f32) -> vec4f {
+    return vec4f(color * a, a) + below * (1.0 - a);
+}
+
+// A bright line between two dark rims: seen over bright and over dark pictures.
+fn rimmed(below: vec4f, d: f32, half_width: f32, strength: f32, white: f32, pixel: f32) -> vec4f {
+    let away = abs(d) - half_width;
+    let rim = 0.82 * strength * (1.0 - smoothstep(0.5 * RIM, RIM + pixel, away));
+    let bright = mix(panel.color, vec3f(1.0), white);
+    return lay(lay(below, vec3f(0.0), rim), bright, min(1.0, strength * line(d, half_width, pixel)));
+}
+
+// A bow across the panel: something is somewhere along it.
+fn bow(p: vec2f) -> f32 {
+    let half = 0.45 * panel.size.x;
+    let rise = 0.35 * half;
+    let radius = (half * half + rise * rise) / (2.0 * rise);
+    return distance(p, vec2f(0.0, 0.1 * panel.size.y + rise - radius)) - radius;
+}
+
+fn label_texel(x: i32, y: i32) -> f32 {
+    let column = clamp(x, 0, i32(panel.label_columns) - 1);
+    let row = clamp(y, 0, i32(panel.label_rows) - 1);
+    let index = u32(row) * panel.label_columns + u32(column);
+    return discs[panel.disc_count + index / 4u][index % 4u];
+}
+
+// Distance to the outline of the text, metres; far away outside of its box.
+fn label_distance(p: vec2f) -> f32 {
+    let from_middle = p - panel.label.xy;
+    let half = panel.label.zw;
+    if panel.label_columns == 0u || any(abs(from_middle) > half) {
+        return 1.0;
+    }
+    let size = vec2f(f32(panel.label_columns), f32(panel.label_rows));
+    let at = vec2f(from_middle.x + half.x, half.y - from_middle.y) / (2.0 * half) * size - 0.5;
+    let low = floor(at);
+    let share = at - low;
+    let x = i32(low.x);
+    let y = i32(low.y);
+    let upper = mix(label_texel(x, y), label_texel(x + 1, y), share.x);
+    let lower = mix(label_texel(x, y + 1), label_texel(x + 1, y + 1), share.x);
+    return mix(upper, lower, share.y) * 2.0 * half.y / size.y;
 }
 
 @fragment
@@ -66,37 +122,64 @@ fn paint(in: Corner) -> @location(0) vec4f {
     let to_side = half.x - abs(p.x);
     let shaped = panel.disc_count > 0u;
     let bordered = panel.border > 0.5;
-
-    // The grid, with a faint halo around each line, on a breath of tint that makes a surface of it.
-    let across = to_grid(p.x - panel.grid_from);
-    let up = to_grid(to_floor);
-    let nearest = min(across, up);
-    var a = 0.035;
-    a = over(a, 0.10 * exp(-nearest * nearest / 0.0003));
-    a = over(a, 0.55 * max(line(across, 0.0018, pixel), line(up, 0.0018, pixel)));
-
-    // Ends: an object's panel has a border, a wall and a fog just end softly.
-    let side_fade = select(smoothstep(0.0, min(0.3, 0.3 * panel.size.x), to_side), 1.0, bordered);
-    if bordered {
-        a = over(a, 0.75 * line(to_side - 0.003, 0.003, pixel));
-    }
-    let fog = panel.fog * 0.30 * exp(-4.0 * (p.x * p.x) / (half.x * half.x));
-    a = over(a, fog);
-    a *= smoothstep(0.0, min(0.35, 0.35 * panel.size.y), to_top) * side_fade;
-    // It stands on the floor: a bright foot.
-    a = over(a, (0.9 * line(to_floor - 0.005, 0.005, pixel) + 0.25 * exp(-to_floor / 0.04)) * side_fade);
-
-    var white = 0.0;
+    let foggy = panel.fog > 0.5;
+    let is_grid = panel.style == GRID;
+    let is_solid = panel.style == SOLID;
+    var to_shape = 1.0;
     if shaped {
-        let d = silhouette(p);
-        let inside = clamp(0.5 - d / pixel, 0.0, 1.0);
-        a = over(a, inside * (0.24 + 0.16 * exp(min(d, 0.0) / 0.03)));
+        to_shape = silhouette(p);
+    }
+
+    // A breath of tint makes a surface of it.
+    var seen = lay(vec4f(0.0), panel.color, select(select(0.0, 0.12, is_solid && !shaped), 0.035, is_grid));
+    if is_grid {
+        let across = to_grid(p.x - panel.grid_from);
+        let up = to_grid(to_floor);
+        let nearest = min(across, up);
+        seen = lay(seen, panel.color, 0.06 * exp(-nearest * nearest / 0.0003));
+        seen = rimmed(seen, nearest, 0.0022, 0.95, 0.0, pixel);
+    }
+
+    // Ends: an object's panel has a border, a wall and something of unknown direction just end softly.
+    let framed = (is_grid && bordered) || panel.style == MINIMAL || (!is_grid && !shaped && !foggy);
+    if framed {
+        let inset = 0.012;
+        let thin = select(0.004, 0.003, panel.style == MINIMAL);
+        // The frame is open to the floor, where the foot closes it.
+        seen = rimmed(seen, to_side - inset, thin, 0.95, 0.0, pixel);
+    }
+    let side_fade = select(smoothstep(0.0, min(0.3, 0.3 * panel.size.x), to_side), 1.0, bordered || framed);
+    if foggy {
+        let thickness = select(0.30, 0.42, is_solid) * select(1.0, 0.5, panel.style == MINIMAL);
+        seen = lay(seen, panel.color, thickness * exp(-4.0 * (p.x * p.x) / (half.x * half.x)));
+    }
+    seen *= smoothstep(0.0, min(0.35, 0.35 * panel.size.y), to_top) * side_fade;
+    if foggy {
+        seen = rimmed(seen, bow(p), 0.004, side_fade, 0.2, pixel);
+    }
+    // It stands on the floor: a bright foot.
+    let foot = rimmed(seen, to_floor - 0.008, 0.005, 1.0, 0.0, pixel);
+    seen = mix(seen, lay(foot, panel.color, 0.22 * exp(-to_floor / 0.04)), side_fade);
+
+    if shaped && panel.style != MINIMAL {
+        let inside = clamp(0.5 - to_shape / pixel, 0.0, 1.0);
+        let fill = select(select(0.0, 0.22, is_grid), 0.62, is_solid);
+        let edge = select(0.0, 0.16, is_grid || is_solid) * exp(min(to_shape, 0.0) / 0.03);
+        // A silhouette in front of the grid: what is in it dims the lines.
+        seen *= 1.0 - inside * select(0.0, 0.35, is_grid);
+        seen = lay(seen, panel.color, inside * (fill + edge));
         // The glow ends before the panel does.
         let rim = smoothstep(0.0, 0.05, min(to_side, to_top));
-        a = over(a, (1.0 - inside) * 0.38 * exp(-max(d, 0.0) / 0.03) * rim);
-        let outline = line(d, 0.004, pixel);
-        a = over(a, 0.95 * outline);
-        white = 0.45 * outline;
+        seen = lay(seen, panel.color, (1.0 - inside) * 0.30 * exp(-max(to_shape, 0.0) / 0.025) * rim);
+        // Dark on the outside alone: what is a little thin inside must not be spotted.
+        let thick = select(0.005, 0.006, panel.style == OUTLINE);
+        let dark = 0.82 * smoothstep(0.0, thick, to_shape) * (1.0 - smoothstep(0.5 * RIM, RIM + pixel, to_shape - thick));
+        seen = lay(lay(seen, vec3f(0.0), dark), mix(panel.color, vec3f(1.0), 0.35), line(to_shape, thick, pixel));
     }
-    return vec4f(mix(panel.color, vec3f(1.0), white) * a, a);
+    let to_text = label_distance(p);
+    if to_text < 0.02 {
+        seen = lay(seen, vec3f(0.0), 0.82 * (1.0 - smoothstep(0.4 * LETTER_RIM, LETTER_RIM, to_text)));
+        seen = lay(seen, mix(panel.color, vec3f(1.0), 0.6), clamp(0.5 - (to_text - 0.0008) / pixel, 0.0, 1.0));
+    }
+    return seen;
 }

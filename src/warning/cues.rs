@@ -1,0 +1,303 @@
+//! When to sound and when to shake a controller: a state machine over the warnings of each frame.
+//!
+//! A cue follows how bright a warning is, so it knows distance, time to contact and calm: who stands still before a wall hears and
+//! feels nothing, since the warning has dimmed below where cues begin. It begins at one brightness and ends at a lower
+//! one, repeats the faster the brighter, never faster than a bound, and thins out when it has gone on for some seconds without getting
+//! worse: what has been said need not be said again and again.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::panel::{Panel, Warnings};
+use super::player::{BodyPart, Player};
+
+/// Cues begin at this share of full brightness and end below that one.
+const BEGIN: f64 = 0.55;
+const END: f64 = 0.40;
+/// From one pulse's start to the next: where cues begin, and at full brightness, seconds.
+const PULSE_EVERY_S: (f64, f64) = (0.6, 0.2);
+/// From one tone's start to the next, likewise, seconds.
+const TONE_EVERY_S: (f64, f64) = (1.0, 0.3);
+/// A pulse is made of ticks, one a frame, for so long, nanoseconds.
+const PULSE_NS: i64 = 70_000_000;
+/// A controller takes a tick every 5 ms at most, nanoseconds.
+const LEAST_TICK_NS: i64 = 6_000_000;
+/// Length of a tick where cues begin and at full brightness, microseconds; a controller takes less than 4000.
+const TICK_US: (f64, f64) = (900.0, 3500.0);
+/// A tone's length, seconds.
+const TONE_S: f64 = 0.12;
+/// A tone's pitch where cues begin and at full brightness, hertz.
+const TONE_HZ: (f64, f64) = (440.0, 660.0);
+/// A cue that has gone on for so long thins out, nanoseconds ...
+const TIRES_NS: i64 = 4_000_000_000;
+/// ... to one in so many seconds, until it gets worse by so much.
+const TIRED_EVERY_S: f64 = 2.0;
+const WORSE: f64 = 0.15;
+
+/// Which cues there are besides what is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CueSettings {
+    /// Whether soft tones sound from the direction of the nearest obstacle.
+    pub sound: bool,
+    /// How loud they are, 0 to 1.
+    pub volume: f64,
+    /// Whether the controller in the hand that is near to an obstacle pulses; both when head or torso is.
+    pub pulse: bool,
+    /// How strong, 0 to 1.
+    pub pulse_strength: f64,
+}
+
+impl Default for CueSettings {
+    /// A pulse is felt by the player alone and says which hand. A sound mixes with the game's, and not everyone plays alone: off.
+    fn default() -> Self {
+        Self { sound: false, volume: 0.4, pulse: true, pulse_strength: 0.7 }
+    }
+}
+
+/// A short soft tone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tone {
+    /// From −1, left, to 1, right.
+    pub pan: f32,
+    /// 0 to 1.
+    pub volume: f32,
+    /// Pitch, hertz.
+    pub hz: f32,
+    /// Length, seconds.
+    pub length_s: f32,
+}
+
+/// What is to be done in one frame.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Cue {
+    /// How long the left and the right controller are to be driven, microseconds.
+    pub ticks_us: [Option<u16>; 2],
+    /// A tone to begin.
+    pub tone: Option<Tone>,
+}
+
+/// The state machine. The same warnings and players in the same order give the same cues.
+#[derive(Debug, Clone, Default)]
+pub struct Cues {
+    pulses: [Repeat; 2],
+    ticked_ns: [Option<i64>; 2],
+    tones: Repeat,
+    last_ns: Option<i64>,
+}
+
+impl Cues {
+    /// Nothing said yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// What to do now. `brightness` is the warnings' greatest, their settings' own.
+    pub fn take(&mut self, warnings: &Warnings, player: &Player, brightness: f32, settings: &CueSettings) -> Cue {
+        let now_ns = player.time_ns;
+        if self.last_ns.is_some_and(|then_ns| now_ns < then_ns) {
+            *self = Self::default();
+        }
+        self.last_ns = Some(now_ns);
+        let level = |panel: &Panel| (f64::from(panel.alpha) / f64::from(brightness).max(1e-3)).clamp(0.0, 1.0);
+        let mut cue = Cue::default();
+        for (hand, part) in [BodyPart::LeftHand, BodyPart::RightHand].into_iter().enumerate() {
+            let concerns = |panel: &&Panel| {
+                panel.nearest_part == part || matches!(panel.nearest_part, BodyPart::Head | BodyPart::Torso)
+            };
+            let worst = warnings.panels.iter().filter(concerns).map(level).fold(0.0, f64::max);
+            let is_pulsing = self.pulses[hand].take(now_ns, worst, PULSE_EVERY_S);
+            let ticked_ns = &mut self.ticked_ns[hand];
+            let may_tick = ticked_ns.is_none_or(|then_ns| now_ns.saturating_sub(then_ns) >= LEAST_TICK_NS);
+            if settings.pulse && is_pulsing.within(now_ns, PULSE_NS) && may_tick {
+                *ticked_ns = Some(now_ns);
+                cue.ticks_us[hand] =
+                    Some((settings.pulse_strength * between(TICK_US, worst)).clamp(0.0, 3999.0) as u16);
+            }
+        }
+        let worst = warnings.panels.iter().max_by(|a, b| a.alpha.total_cmp(&b.alpha).then(b.id.cmp(&a.id)));
+        let sounds = self.tones.take(now_ns, worst.map_or(0.0, level), TONE_EVERY_S);
+        if let Some(panel) = worst.filter(|_| settings.sound && sounds == Since::Now) {
+            let hz = between(TONE_HZ, level(panel)) as f32;
+            let volume = settings.volume as f32;
+            cue.tone = Some(Tone { pan: pan(panel, player), volume, hz, length_s: TONE_S as f32 });
+        }
+        cue
+    }
+}
+
+/// How far to the right of the head the nearest place lies: the sine of its direction.
+fn pan(panel: &Panel, player: &Player) -> f32 {
+    let head = &player.tracking_from_head;
+    let away = (panel.nearest_m - head.translation) * DVec3::new(1.0, 0.0, 1.0);
+    let right = head.transform_vector(DVec3::X);
+    let pan = away.normalize_or_zero().dot(right) as f32;
+    if pan.is_finite() { pan.clamp(-1.0, 1.0) } else { 0.0 }
+}
+
+/// From the value where cues begin to that at full brightness.
+fn between((begin, full): (f64, f64), level: f64) -> f64 {
+    begin + (full - begin) * ((level - BEGIN) / (1.0 - BEGIN)).clamp(0.0, 1.0)
+}
+
+/// When something that repeats began last.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Since {
+    Never,
+    Now,
+    Then(i64),
+}
+
+impl Since {
+    fn within(self, now_ns: i64, length_ns: i64) -> bool {
+        match self {
+            Self::Never => false,
+            Self::Now => true,
+            Self::Then(then_ns) => now_ns.saturating_sub(then_ns) < length_ns,
+        }
+    }
+}
+
+/// Something that repeats while it is wanted.
+#[derive(Debug, Clone, Default)]
+struct Repeat {
+    /// Since when it goes on without getting worse, and how bad it was then.
+    on: Option<(i64, f64)>,
+    began_ns: Option<i64>,
+}
+
+impl Repeat {
+    fn take(&mut self, now_ns: i64, level: f64, every_s: (f64, f64)) -> Since {
+        let since = || self.began_ns.map_or(Since::Never, Since::Then);
+        if level < if self.on.is_some() { END } else { BEGIN } {
+            self.on = None;
+            return since();
+        }
+        let on = self.on.filter(|(_, worst)| level < worst + WORSE).unwrap_or((now_ns, level));
+        self.on = Some(on);
+        let is_tired = now_ns.saturating_sub(on.0) >= TIRES_NS;
+        let every_s = if is_tired { TIRED_EVERY_S } else { between(every_s, level) };
+        if self.began_ns.is_some_and(|began_ns| now_ns.saturating_sub(began_ns) < (every_s * 1e9) as i64) {
+            return since();
+        }
+        self.began_ns = Some(now_ns);
+        Since::Now
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+    use crate::warning::PanelKind;
+    use glam::{DQuat, DVec2};
+
+    const FRAME_NS: i64 = 11_111_111;
+    const BOTH: CueSettings = CueSettings { sound: true, volume: 0.4, pulse: true, pulse_strength: 1.0 };
+
+    fn warnings(alpha: f64, part: BodyPart) -> Warnings {
+        let panel = Panel {
+            id: 1,
+            kind: PanelKind::Object,
+            tracking_from_panel: Pose::IDENTITY,
+            size_m: DVec2::ONE,
+            silhouette: vec![],
+            alpha: alpha as f32,
+            distance_m: 0.5,
+            time_to_contact_s: None,
+            nearest_part: part,
+            nearest_m: DVec3::new(1.0, 0.4, 0.0),
+            label_m: None,
+        };
+        Warnings { panels: vec![panel], footprints: vec![] }
+    }
+
+    /// Cues of ten seconds at a brightness over time.
+    fn played(settings: &CueSettings, part: BodyPart, level: impl Fn(f64) -> f64) -> Vec<(f64, Cue)> {
+        let mut cues = Cues::new();
+        let at = |frame: i64| {
+            let time_s = (frame * FRAME_NS) as f64 * 1e-9;
+            let player = Player::head_only(frame * FRAME_NS, Pose::from_translation(DVec3::Y * 1.6));
+            (time_s, cues.take(&warnings(level(time_s), part), &player, 1.0, settings))
+        };
+        (0..900).map(at).collect()
+    }
+
+    fn tones(played: &[(f64, Cue)]) -> Vec<f64> {
+        played.iter().filter(|(_, cue)| cue.tone.is_some()).map(|(time_s, _)| *time_s).collect()
+    }
+
+    #[test]
+    fn dim_warnings_give_none_and_bright_ones_more_often() {
+        assert!(played(&BOTH, BodyPart::Torso, |_| 0.5).iter().all(|(_, cue)| *cue == Cue::default()));
+        let in_3_s =
+            |level: f64| tones(&played(&BOTH, BodyPart::Torso, |_| level)).iter().filter(|t| **t < 3.0).count();
+        assert_eq!((in_3_s(0.56), in_3_s(1.0)), (4, 10));
+    }
+
+    #[test]
+    fn a_brightness_that_wavers_begins_no_cue_again_and_again() {
+        let wavers = |time_s: f64| 0.55 + 0.1 * (40.0 * time_s).sin();
+        let all = tones(&played(&BOTH, BodyPart::Torso, wavers));
+        assert!(all.windows(2).all(|pair| pair[1] - pair[0] > 0.29), "{all:?}");
+    }
+
+    #[test]
+    fn what_goes_on_thins_out_until_it_gets_worse() {
+        let all = tones(&played(&BOTH, BodyPart::Torso, |time_s| if time_s < 8.0 { 0.7 } else { 0.95 }));
+        let between = |from: f64, to: f64| all.iter().filter(|t| (from..to).contains(*t)).count();
+        assert!(between(0.0, 4.0) >= 4 && between(4.0, 8.0) <= 3 && between(8.0, 10.0) >= 5, "{all:?}");
+    }
+
+    #[test]
+    fn the_hand_that_is_near_is_pulsed_and_both_for_the_body() {
+        let hands = |part| {
+            let all = played(&BOTH, part, |_| 1.0);
+            [0, 1].map(|hand| all.iter().filter(|(_, cue)| cue.ticks_us[hand].is_some()).count())
+        };
+        let [left, right] = hands(BodyPart::LeftHand);
+        assert!(left > 50 && right == 0);
+        let [left, right] = hands(BodyPart::Torso);
+        assert!(left > 50 && right == left);
+        let quiet = CueSettings { pulse: false, sound: false, ..BOTH };
+        assert!(played(&quiet, BodyPart::Torso, |_| 1.0).iter().all(|(_, cue)| *cue == Cue::default()));
+    }
+
+    #[test]
+    fn ticks_are_what_a_controller_takes() {
+        let mut cues = Cues::new();
+        let mut last_ns = None;
+        for millisecond in 0..3000 {
+            let player = Player::head_only(millisecond * 1_000_000, Pose::IDENTITY);
+            let cue = cues.take(&warnings(1.0, BodyPart::Head), &player, 1.0, &BOTH);
+            if let Some(tick_us) = cue.ticks_us[0] {
+                assert!((1..4000).contains(&tick_us));
+                assert!(last_ns.is_none_or(|then: i64| player.time_ns - then >= 5_000_000));
+                last_ns = Some(player.time_ns);
+            }
+        }
+        assert!(last_ns.is_some());
+    }
+
+    #[test]
+    fn tones_come_from_where_the_obstacle_is() {
+        let pan_of = |turn: f64| {
+            let head = Pose::new(DVec3::Y * 1.6, DQuat::from_rotation_y(turn));
+            let cue = Cues::new().take(&warnings(1.0, BodyPart::Head), &Player::head_only(0, head), 1.0, &BOTH);
+            cue.tone.unwrap().pan
+        };
+        assert!((pan_of(0.0) - 1.0).abs() < 1e-6 && (pan_of(std::f64::consts::PI) + 1.0).abs() < 1e-6);
+        assert!(pan_of(-std::f64::consts::FRAC_PI_2).abs() < 1e-6, "turned to it");
+    }
+
+    #[test]
+    fn a_dimmer_setting_and_a_wrong_clock_do_no_harm() {
+        let mut cues = Cues::new();
+        let mut at = |time_ns: i64, alpha| {
+            cues.take(&warnings(alpha, BodyPart::Head), &Player::head_only(time_ns, Pose::IDENTITY), 0.5, &BOTH)
+        };
+        assert!(at(i64::MAX, 0.5).tone.is_some());
+        assert!(at(0, 0.5).tone.is_some(), "backwards: it begins anew");
+        assert_eq!(at(0, 0.5), Cue::default(), "time stands still");
+    }
+}

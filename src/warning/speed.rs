@@ -1,0 +1,93 @@
+//! How fast a tracked place moves, from its successive places.
+//!
+//! Displacement over time passed, so that dropped frames do no harm, smoothed exponentially, so that tracking's jitter does none. Where
+//! time stands still nothing is learned; where it runs backwards, pauses or the place leaps, what was known means nothing and
+//! it begins anew.
+
+use glam::DVec3;
+
+/// After a longer pause it begins anew, nanoseconds.
+const LONGEST_PAUSE_NS: i64 = 250_000_000;
+
+/// The speed of one place.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Speed {
+    last: Option<(i64, DVec3)>,
+    velocity_m_per_s: DVec3,
+    has_begun: bool,
+}
+
+impl Speed {
+    /// Takes where the place is now, gives how fast it moves, m/s.
+    pub fn take(&mut self, time_ns: i64, place_m: DVec3, fastest_m_per_s: f64, smoothing_s: f64) -> DVec3 {
+        self.has_begun = false;
+        let Some((then_ns, before_m)) = self.last else { return self.begin(time_ns, place_m) };
+        let passed_ns = time_ns.saturating_sub(then_ns);
+        if passed_ns == 0 {
+            return self.velocity_m_per_s;
+        }
+        let passed_s = passed_ns as f64 * 1e-9;
+        let fresh = (place_m - before_m) / passed_s;
+        if !(0..=LONGEST_PAUSE_NS).contains(&passed_ns) || fresh.length() > fastest_m_per_s {
+            return self.begin(time_ns, place_m);
+        }
+        self.velocity_m_per_s = fresh.lerp(self.velocity_m_per_s, (-passed_s / smoothing_s).exp());
+        self.last = Some((time_ns, place_m));
+        self.velocity_m_per_s
+    }
+
+    /// Whether the last place taken had nothing to do with the one before.
+    pub fn has_begun(&self) -> bool {
+        self.has_begun
+    }
+
+    fn begin(&mut self, time_ns: i64, place_m: DVec3) -> DVec3 {
+        *self = Self { last: Some((time_ns, place_m)), velocity_m_per_s: DVec3::ZERO, has_begun: true };
+        DVec3::ZERO
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FRAME_NS: i64 = 11_000_000;
+
+    fn take(speed: &mut Speed, time_ns: i64, x_m: f64) -> f64 {
+        speed.take(time_ns, DVec3::X * x_m, 6.0, 0.08).x
+    }
+
+    #[test]
+    fn a_steady_walk_is_known_through_dropped_frames() {
+        let mut speed = Speed::default();
+        let mut told = Vec::new();
+        for frame in (0..200).filter(|frame| frame % 7 != 3 && !(90..100).contains(frame)) {
+            let time_ns = frame * FRAME_NS;
+            told.push(take(&mut speed, time_ns, 1.2e-9 * time_ns as f64));
+        }
+        assert!(told[60..].iter().all(|v| (v - 1.2).abs() < 0.01), "{told:?}");
+    }
+
+    #[test]
+    fn jitter_is_no_speed() {
+        let mut speed = Speed::default();
+        let jitter = |frame: i64| 3e-4 * (frame as f64 * 12.9898).sin();
+        let told = (0..200).map(|frame| take(&mut speed, frame * FRAME_NS, jitter(frame)).abs());
+        assert!(told.fold(0.0, f64::max) < 0.03);
+    }
+
+    #[test]
+    fn time_that_stands_still_runs_back_or_pauses_and_leaps_tell_nothing_wrong() {
+        let mut speed = Speed::default();
+        for frame in 0..60 {
+            take(&mut speed, frame * FRAME_NS, 0.011 * frame as f64);
+        }
+        let before = take(&mut speed, 60 * FRAME_NS, 0.66);
+        assert!((before - 1.0).abs() < 0.01);
+        assert_eq!(take(&mut speed, 60 * FRAME_NS, 0.70), before, "no time has passed");
+        assert_eq!(take(&mut speed, 61 * FRAME_NS, 5.0), 0.0, "a leap");
+        assert_eq!(take(&mut speed, 10 * FRAME_NS, 5.0), 0.0, "backwards");
+        assert_eq!(take(&mut speed, 90 * FRAME_NS, 5.2), 0.0, "after a pause");
+        assert!(take(&mut speed, i64::MAX, 5.2).is_finite() && take(&mut speed, i64::MIN, 5.2).is_finite());
+    }
+}

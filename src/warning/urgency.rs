@@ -1,0 +1,103 @@
+//! How urgent a thing is: by distance, and by the time until it is touched.
+//!
+//! Distance alone warns one who runs too late, and time alone does not warn one who stands before a shelf and is about to lift
+//! an arm: so the greater of the two counts. Time to contact takes the speed of the part of the body along the line to the thing. It
+//! counts more and more between two speeds, so that swaying, turning the head and fidgeting do nothing, and only as far as a
+//! body could come in that time: for a hand that is what an arm has left to swing.
+
+use super::near::Near;
+use super::settings::WarningSettings;
+
+/// Speeds from which on time to contact counts, and counts fully: of head and torso, and of hands, m/s.
+const BODY_SPEEDS_M_PER_S: (f64, f64) = (0.25, 0.5);
+const HAND_SPEEDS_M_PER_S: (f64, f64) = (0.5, 1.0);
+/// Farther off than this no contact is foreseen, metres: for the body, where the map ends; for hands, where arms do.
+pub(super) const FARTHEST_CONTACT_M: f64 = 3.0;
+const FARTHEST_HAND_CONTACT_M: f64 = 0.8;
+
+/// A thing as one group of the body's parts has it: head and torso, or hands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Urgency {
+    /// The part that counts.
+    pub near: Near,
+    /// By its distance, 0 to 1.
+    pub by_distance: f64,
+    /// By its time to contact, 0 to 1.
+    pub by_contact: f64,
+}
+
+impl Urgency {
+    fn of(near: Near, settings: &WarningSettings) -> Self {
+        let by_distance = match near.is_hand() {
+            true => settings.by_hand_distance(near.counted_m()),
+            false => settings.by_distance(near.counted_m()),
+        };
+        Self { near, by_distance, by_contact: by_contact(&near, settings) }
+    }
+
+    /// The greater of both.
+    pub fn value(&self) -> f64 {
+        self.by_distance.max(self.by_contact)
+    }
+}
+
+/// Of head and torso, and of hands: the most urgent part of each, the nearest among equals.
+pub(super) fn urgencies(nears: &[Near], settings: &WarningSettings) -> [Option<Urgency>; 2] {
+    [false, true].map(|hands| {
+        let group = nears.iter().filter(|near| near.is_hand() == hands).map(|near| Urgency::of(*near, settings));
+        group.max_by(|a, b| a.value().total_cmp(&b.value()).then(b.near.gap_m.total_cmp(&a.near.gap_m)))
+    })
+}
+
+fn by_contact(near: &Near, settings: &WarningSettings) -> f64 {
+    let (farthest_m, (from, full)) = match near.is_hand() {
+        true => (FARTHEST_HAND_CONTACT_M, HAND_SPEEDS_M_PER_S),
+        false => (FARTHEST_CONTACT_M, BODY_SPEEDS_M_PER_S),
+    };
+    let Some(time_s) = near.time_to_contact_s().filter(|_| near.gap_m <= farthest_m) else { return 0.0 };
+    settings.by_contact(time_s) * ((near.closing_m_per_s - from) / (full - from)).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::warning::BodyPart;
+    use glam::DVec3;
+
+    fn near(part: BodyPart, gap_m: f64, closing_m_per_s: f64) -> Urgency {
+        let near = Near { part, distance_m: gap_m + 0.25, gap_m, at_m: DVec3::ZERO, closing_m_per_s };
+        Urgency::of(near, &WarningSettings::default())
+    }
+
+    #[test]
+    fn who_comes_fast_is_warned_earlier() {
+        let value = |speed| near(BodyPart::Torso, 1.4, speed).value();
+        assert_eq!(value(0.0), 0.0);
+        assert_eq!(value(0.3), 0.0, "4.7 s away");
+        assert!(value(1.2) > 0.1 && value(2.0) > value(1.2));
+        assert_eq!(value(2.5), 1.0, "0.56 s away");
+        assert_eq!(value(-2.5), 0.0, "goes away");
+    }
+
+    #[test]
+    fn slow_movements_change_nothing() {
+        let (still, sways) = (near(BodyPart::Head, 0.2, 0.0), near(BodyPart::Head, 0.2, 0.24));
+        assert_eq!((sways.by_contact, sways.by_distance), (0.0, still.by_distance));
+    }
+
+    #[test]
+    fn a_hand_that_swings_counts_within_its_reach() {
+        assert_eq!(near(BodyPart::LeftHand, 0.7, 2.0).value(), 1.0);
+        assert_eq!(near(BodyPart::LeftHand, 1.0, 5.0).value(), 0.0);
+        assert_eq!(near(BodyPart::LeftHand, 0.7, 0.0).value(), 0.0, "a hand at rest has room");
+        assert!(near(BodyPart::LeftHand, 0.2, 0.0).value() > 0.8);
+    }
+
+    #[test]
+    fn the_most_urgent_part_counts() {
+        let settings = WarningSettings::default();
+        let parts = [near(BodyPart::Head, 0.9, 0.0).near, near(BodyPart::Torso, 0.4, 0.0).near];
+        let [body, hands] = urgencies(&parts, &settings);
+        assert_eq!((body.unwrap().near.part, hands), (BodyPart::Torso, None));
+    }
+}
