@@ -12,12 +12,13 @@ mod priority;
 mod queue;
 mod reconstruction;
 mod sensor;
+mod settings_desk;
 #[cfg(all(test, unix))]
 mod test_board;
 
 pub use headset::{
     Drawn, Ending, FrameLoop, FrameReport, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink,
-    SettingsSource,
+    SensorCount,
 };
 pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};
@@ -29,4 +30,5 @@ pub use queue::{Dropped, Received};
 pub use reconstruction::{
     Published, Reconstruction, ReconstructionCounters, ReconstructionError, ReconstructionOptions,
 };
+pub use settings_desk::{Change, Compose, DeskWork, OnNew, SettingsDesk};
 pub use sensor::{SensorStream, StreamCounters, StreamError, StreamEvent, StreamOptions};

@@ -5,6 +5,7 @@
 //! one thread. Poses between frames are read by a thread of their own, since the loop sleeps in the runtime then.
 
 mod anchor;
+mod dashboard;
 mod display;
 mod frames;
 mod graphics;
@@ -15,6 +16,7 @@ mod samples;
 mod slots;
 mod vitals;
 
-pub use frames::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink, SettingsSource};
+pub use dashboard::SensorCount;
+pub use frames::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink};
 pub use head_poses::HeadPoses;
 pub use meter::FrameReport;
