@@ -103,7 +103,9 @@ unsafe extern "system" fn create_device(
         let create: vk::PFN_vkCreateDevice = std::mem::transmute(create);
         let made = create(physical_device, info, allocator, device);
         if made == vk::Result::SUCCESS {
-            let of = |name: &CStr| get_device_proc_addr(*device, name.as_ptr()).map_or(std::ptr::null(), |f| f as *const c_void);
+            let of = |name: &CStr| {
+                get_device_proc_addr(*device, name.as_ptr()).map_or(std::ptr::null(), |f| f as *const c_void)
+            };
             add_device(*device, ash::Device::load_with(of, *device), get_device_proc_addr);
         }
         made
@@ -187,7 +189,5 @@ unsafe extern "system" fn wait_semaphores(
 
 unsafe extern "system" fn semaphore_value(device: vk::Device, semaphore: vk::Semaphore, value: *mut u64) -> vk::Result {
     // SAFETY: see `queue_submit`.
-    unless_lost(device, |known| unsafe {
-        (known.next.fp_v1_2().get_semaphore_counter_value)(device, semaphore, value)
-    })
+    unless_lost(device, |known| unsafe { (known.next.fp_v1_2().get_semaphore_counter_value)(device, semaphore, value) })
 }

@@ -62,12 +62,8 @@ impl World {
         };
         let mut told = event(kind, 0);
         let is_button = matches!(touch, Touch::Down | Touch::Up);
-        let mouse = sys::VREvent_Mouse_t {
-            x: at[0],
-            y: at[1],
-            button: if is_button { TRIGGER } else { 0 },
-            cursorIndex: 0,
-        };
+        let mouse =
+            sys::VREvent_Mouse_t { x: at[0], y: at[1], button: if is_button { TRIGGER } else { 0 }, cursorIndex: 0 };
         if !matches!(touch, Touch::Leave) {
             // SAFETY: the union holds a mouse's data for these kinds; it need not be aligned.
             unsafe { (&raw mut told.data).cast::<sys::VREvent_Mouse_t>().write_unaligned(mouse) };

@@ -1,8 +1,8 @@
 //! The sensor's side of `run`: a thread that looks for the board, takes its frames, hands them to the reconstruction and records
 //! them. A board that is not there is waited for.
 
-use std::path::PathBuf;
 use std::cell::RefCell;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, SyncSender};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};

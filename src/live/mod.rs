@@ -17,8 +17,7 @@ mod settings_desk;
 mod test_board;
 
 pub use headset::{
-    Drawn, Ending, FrameLoop, FrameReport, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink,
-    SensorCount,
+    Drawn, Ending, FrameLoop, FrameReport, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink, SensorCount,
 };
 pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};
@@ -30,5 +29,5 @@ pub use queue::{Dropped, Received};
 pub use reconstruction::{
     Published, Reconstruction, ReconstructionCounters, ReconstructionError, ReconstructionOptions,
 };
-pub use settings_desk::{Change, Compose, DeskWork, OnNew, SettingsDesk};
 pub use sensor::{SensorStream, StreamCounters, StreamError, StreamEvent, StreamOptions};
+pub use settings_desk::{Change, Compose, DeskWork, OnNew, SettingsDesk};

@@ -111,9 +111,7 @@ impl Health {
 
     fn headset(&self) -> Finding {
         let (state, says, more) = match self.is_tracked {
-            true => {
-                (State::Good, "Headset is tracked".into(), format!("{:.0} poses a second", self.poses_per_s))
-            }
+            true => (State::Good, "Headset is tracked".into(), format!("{:.0} poses a second", self.poses_per_s)),
             false => (
                 State::Bad,
                 "Headset is not tracked".into(),
@@ -136,11 +134,9 @@ impl Health {
                 "Timing is not known well yet".into(),
                 format!("±{:.0} ms. Move your head to and fro for some seconds.", sigma_s * 1e3),
             ),
-            None => (
-                State::Fair,
-                "Timing is not known yet".into(),
-                "Move your head to and fro for some seconds.".into(),
-            ),
+            None => {
+                (State::Fair, "Timing is not known yet".into(), "Move your head to and fro for some seconds.".into())
+            }
         };
         Finding { title: "Timing", state, says, more }
     }

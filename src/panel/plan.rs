@@ -7,6 +7,8 @@ use super::{ACCENT, CARD, FAINT, FAIR, ROUND, TEXT, font};
 /// The plan shows no less and no more than so much from one edge to the other, metres.
 const LEAST_M: f64 = 3.5;
 const MOST_M: f64 = 10.0;
+/// No obstacle is drawn smaller, pixels from its middle.
+const LEAST_PX: f32 = 11.0;
 /// Around what is shown, metres.
 const AROUND_M: f64 = 0.4;
 
@@ -169,9 +171,13 @@ fn beam(painter: &Painter, view: &View, head: &Head) {
 fn draw_thing(painter: &Painter, view: &View, thing: &Thing) {
     let color = if thing.is_near { FAIR } else { Color32::from_rgb(120, 150, 196) };
     let corners: Vec<Pos2> = thing.outline_m.iter().map(|corner| view.at(*corner)).collect();
+    let around = Rect::from_points(&corners);
     match corners.len() {
-        0 | 1 => drop(painter.circle_filled(view.at(thing.at_m), 9.0, color)),
-        2 => drop(painter.line_segment([corners[0], corners[1]], Stroke::new(10.0, color))),
+        // What is too small to see is seen all the same.
+        0..=2 => drop(painter.circle_filled(view.at(thing.at_m), LEAST_PX, color)),
+        _ if around.width().max(around.height()) < 2.0 * LEAST_PX => {
+            painter.circle_filled(around.center(), LEAST_PX, color);
+        }
         _ => {
             let shape = Shape::convex_polygon(corners, color.gamma_multiply(0.45), Stroke::new(3.0, color));
             painter.add(shape);
@@ -193,9 +199,9 @@ fn draw_thing(painter: &Painter, view: &View, thing: &Thing) {
 fn draw_head(painter: &Painter, view: &View, head: &Head) {
     let (middle, ahead) = (view.at(head.at_m), vec2(head.looks[0] as f32, head.looks[1] as f32));
     let aside = vec2(-ahead.y, ahead.x);
-    let corners = vec![middle + ahead * 32.0, middle + aside * 15.0 + ahead * 6.0, middle - aside * 15.0 + ahead * 6.0];
+    let corners = vec![middle + ahead * 44.0, middle + aside * 18.0 + ahead * 4.0, middle - aside * 18.0 + ahead * 4.0];
     painter.add(Shape::convex_polygon(corners, TEXT, Stroke::NONE));
-    painter.circle(middle, 15.0, TEXT, Stroke::new(4.0, ACCENT));
+    painter.circle(middle, 18.0, TEXT, Stroke::new(4.0, ACCENT));
 }
 
 /// What is what, below the plan; or why it is empty.
@@ -210,7 +216,7 @@ fn legend(painter: &Painter, area: Rect, plan: &Plan) {
         (Some(known), "obstacle"),
         (Some(FAIR), "near you"),
         (Some(ACCENT), "play area"),
-        (None, "dashed: not sure where"),
+        (None, "dashed: uncertain"),
     ];
     for (color, text) in entries {
         if let Some(color) = color {
@@ -219,7 +225,7 @@ fn legend(painter: &Painter, area: Rect, plan: &Plan) {
         }
         x = painter.text(pos2(x, y), Align2::LEFT_CENTER, text, font(20.0), FAINT).max.x + 26.0;
     }
-    painter.text(pos2(area.max.x - 24.0, y), Align2::RIGHT_CENTER, "squares of 1 m", font(20.0), FAINT);
+    painter.text(pos2(area.max.x - 24.0, y), Align2::RIGHT_CENTER, "1 m squares", font(20.0), FAINT);
     if plan.things.is_empty() && plan.walls_m.is_empty() {
         let at = pos2(area.center().x, area.min.y + 46.0);
         painter.text(at, Align2::CENTER_CENTER, "Nothing found yet: look around the room", font(26.0), FAINT);
@@ -243,7 +249,8 @@ mod tests {
     #[test]
     fn everything_is_in_the_picture_with_ahead_up() {
         let area = Rect::from_min_size(pos2(100.0, 50.0), vec2(800.0, 500.0));
-        let plan = Plan { play_area_m: Some([2.0, 3.0]), walls_m: vec![[[-3.0, -2.0], [3.0, -2.0]]], ..Plan::default() };
+        let plan =
+            Plan { play_area_m: Some([2.0, 3.0]), walls_m: vec![[[-3.0, -2.0], [3.0, -2.0]]], ..Plan::default() };
         let view = View::of(&plan, area);
         for place in [[-3.0, -2.0], [3.0, -2.0], [1.0, 1.5]] {
             assert!(area.contains(view.at(place)), "{place:?} at {}", view.at(place));

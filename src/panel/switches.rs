@@ -59,7 +59,7 @@ const SWITCHES: &[Switch] = &[
     Switch {
         name: "warning.full_distance_m",
         label: "Brightest at",
-        hint: "from here on it is as bright as it gets",
+        hint: "full brightness from here on",
         control: Control::Steps {
             step: 0.1,
             min: 0.1,
@@ -90,8 +90,8 @@ const SWITCHES: &[Switch] = &[
     Switch {
         name: "headset.display",
         label: "Shown as",
-        hint: "rectangles, windows, or the whole view",
-        control: Control::Choice(&[("panels", "Rects"), ("stereo", "Windows"), ("projection", "Whole")]),
+        hint: "panels, windows or whole view",
+        control: Control::Choice(&[("panels", "Panels"), ("stereo", "Windows"), ("projection", "Whole")]),
     },
     Switch {
         name: "warning.footprints",
@@ -160,9 +160,8 @@ pub(super) fn targets(area: Rect, settings: &toml::Table) -> Vec<(String, Rect)>
 fn rows(area: Rect, settings: &toml::Table) -> Vec<(&'static Switch, &toml::Value, Rect)> {
     let there: Vec<_> = SWITCHES.iter().filter_map(|switch| Some((switch, value_of(settings, switch.name)?))).collect();
     let height = ((area.height() + GAP) / there.len().max(1) as f32 - GAP).clamp(LOWEST, HIGHEST);
-    let place = |n: usize| {
-        Rect::from_min_size(area.min + vec2(0.0, n as f32 * (height + GAP)), vec2(area.width(), height))
-    };
+    let place =
+        |n: usize| Rect::from_min_size(area.min + vec2(0.0, n as f32 * (height + GAP)), vec2(area.width(), height));
     there.into_iter().enumerate().map(|(n, (switch, value))| (switch, value, place(n))).collect()
 }
 

@@ -77,7 +77,8 @@ impl DashboardTab {
         // SAFETY: all zero is an event of kind 0, and the kind is a plain number whatever the runtime wrote.
         let kind = unsafe { (*event.as_ptr()).eventType } as sys::EVREventType;
         // SAFETY: the data are numbers whatever the runtime wrote; they are looked at where the kind says that they are a mouse's.
-        let mouse = unsafe { std::ptr::addr_of!((*event.as_ptr()).data).cast::<sys::VREvent_Mouse_t>().read_unaligned() };
+        let mouse =
+            unsafe { std::ptr::addr_of!((*event.as_ptr()).data).cast::<sys::VREvent_Mouse_t>().read_unaligned() };
         // The runtime counts from the lower edge.
         let at = [mouse.x, self.height_px - mouse.y];
         Some(match kind {

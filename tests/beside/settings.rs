@@ -39,7 +39,8 @@ fn a_changed_file_is_in_force_at_once_and_a_wrong_one_never() {
     rig.start_sensor("furnished-room", "approach-chair", 1, 300);
     rig.start_steamvr(&json!({}), true);
     let file = rig.path("own.toml");
-    let color = |color: &str| format!("# kept\n[warning]\ncolor = {color}\nfull_distance_m = 2.5\nfade_distance_m = 3.5\n");
+    let color =
+        |color: &str| format!("# kept\n[warning]\ncolor = {color}\nfull_distance_m = 2.5\nfade_distance_m = 3.5\n");
     fs::write(&file, color("[0, 255, 0]")).unwrap();
     let program = rig.start_run(&["--settings", "own.toml", "--report", "run.json"]);
     rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));

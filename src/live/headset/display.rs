@@ -77,7 +77,12 @@ impl Shown {
 
     /// Shows warnings another way from now on; gives the pictures that were shown. Where the runtime refuses that way, the one before
     /// is taken again.
-    pub fn switch(&mut self, runtime: &Arc<Runtime>, settings: &Settings, before: &Settings) -> Vec<Arc<wgpu::Texture>> {
+    pub fn switch(
+        &mut self,
+        runtime: &Arc<Runtime>,
+        settings: &Settings,
+        before: &Settings,
+    ) -> Vec<Arc<wgpu::Texture>> {
         // The overlays have the same names, so those there are go first.
         let nothing = Self { kind: Kind::Panels(Slots::none()), eyes: None };
         let pictures = std::mem::replace(self, nothing).end();

@@ -80,9 +80,7 @@ impl Faults {
     pub fn is_lost(&mut self, now_ns: i64, error: &RenderError) -> bool {
         let is_lost = match error {
             RenderError::DeviceLost { .. } => true,
-            RenderError::Device(_) => {
-                now_ns.saturating_sub(*self.refused_since_ns.get_or_insert(now_ns)) >= REFUSES_NS
-            }
+            RenderError::Device(_) => now_ns.saturating_sub(*self.refused_since_ns.get_or_insert(now_ns)) >= REFUSES_NS,
             // A picture that cannot be made is no fault of the device's.
             _ => false,
         };

@@ -177,9 +177,8 @@ impl DeskWork {
 
     /// The last good text with our changes in it.
     fn text_now(&self) -> String {
-        let change = |text: String, (name, value): (&String, &toml::Value)| {
-            edit::with_value(&text, name, value).unwrap_or(text)
-        };
+        let change =
+            |text: String, (name, value): (&String, &toml::Value)| edit::with_value(&text, name, value).unwrap_or(text);
         self.unsaved.iter().fold(self.text.clone(), change)
     }
 
@@ -382,7 +381,9 @@ mod tests {
     fn a_file_that_is_not_there_is_made() {
         with_desk("made", None, &[], |desk, file| {
             desk.change(brightness(0.25));
-            wait_for("the file", || fs::read_to_string(file).is_ok_and(|text| text == "[warning]\nbrightness = 0.25\n"));
+            wait_for("the file", || {
+                fs::read_to_string(file).is_ok_and(|text| text == "[warning]\nbrightness = 0.25\n")
+            });
         });
     }
 }

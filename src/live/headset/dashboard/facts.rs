@@ -94,9 +94,7 @@ pub(super) fn view(
         sensor: match sensor {
             None => SensorHealth::Missing,
             Some(_) if rates.is_known && rates.sweeps_per_s < 1.0 => SensorHealth::Silent,
-            Some(_) => {
-                SensorHealth::Streaming { sweeps_per_s: rates.sweeps_per_s, lost_percent: rates.lost_percent }
-            }
+            Some(_) => SensorHealth::Streaming { sweeps_per_s: rates.sweeps_per_s, lost_percent: rates.lost_percent },
         },
         is_tracked: facts.is_tracked,
         poses_per_s: rates.poses_per_s,
@@ -107,6 +105,8 @@ pub(super) fn view(
         fill(&mut health, published, now_ns);
     }
     let plan = plan(facts, &settings.0, published.as_deref());
+    // Floor and ceiling are no walls to a player.
+    health.walls = plan.walls_m.len();
     PanelView { settings: settings.1.clone(), plan, health }
 }
 
@@ -115,7 +115,6 @@ fn fill(health: &mut Health, published: &Published, now_ns: i64) {
     health.time_offset_s = rounded(published.time_offset_s);
     health.time_offset_sigma_s = published.time_offset_sigma_s.map(rounded);
     health.obstacles = published.scene.obstacles.len();
-    health.walls = published.scene.walls.len();
     if published.newest_sweep_ns > 0 {
         let age_s = now_ns.saturating_sub(published.newest_sweep_ns) as f64 * 1e-9;
         health.age_s = Some(age_s.max(0.0).floor());
@@ -169,15 +168,9 @@ fn thing(obstacle: &Obstacle, head: Option<Head>, settings: &Settings) -> Thing 
             .to_vec();
     }
     let distance_m = |place: &[f64; 2], from: [f64; 2]| DVec2::from_array(*place).distance(DVec2::from_array(from));
-    let is_near = head.is_some_and(|head| {
-        places.iter().any(|place| distance_m(place, head.at_m) < settings.warning.fade_distance_m)
-    });
-    Thing {
-        outline_m: hull(&places),
-        at_m: level(obstacle.position_m),
-        sigma_m: axes(obstacle),
-        is_near,
-    }
+    let is_near = head
+        .is_some_and(|head| places.iter().any(|place| distance_m(place, head.at_m) < settings.warning.fade_distance_m));
+    Thing { outline_m: hull(&places), at_m: level(obstacle.position_m), sigma_m: axes(obstacle), is_near }
 }
 
 /// Half axes of the ellipse of 1σ on the floor.

@@ -289,8 +289,11 @@ impl Painter {
         let mut pass = encoder.begin_render_pass(&described).forget_lifetime();
         self.renderer.render(&mut pass, &shapes, &screen);
         drop(pass);
-        let ready =
-            wgpu::wgt::TextureTransition { texture: &*texture, selector: None, state: wgpu::wgt::TextureUses::COPY_SRC };
+        let ready = wgpu::wgt::TextureTransition {
+            texture: &*texture,
+            selector: None,
+            state: wgpu::wgt::TextureUses::COPY_SRC,
+        };
         encoder.transition_resources(std::iter::empty(), std::iter::once(ready));
         commands.push(encoder.finish());
         for id in &output.textures_delta.free {
