@@ -111,14 +111,17 @@ pub(super) fn view(
 }
 
 fn fill(health: &mut Health, published: &Published, now_ns: i64) {
-    let rounded = |seconds: f64| (seconds * 1e4).round() / 1e4;
-    health.time_offset_s = rounded(published.time_offset_s);
-    health.time_offset_sigma_s = published.time_offset_sigma_s.map(rounded);
+    health.time_offset_s = to_tenths_of_ms(published.time_offset_s);
+    health.time_offset_sigma_s = published.time_offset_sigma_s.map(to_tenths_of_ms);
     health.obstacles = published.scene.obstacles.len();
     if published.newest_sweep_ns > 0 {
         let age_s = now_ns.saturating_sub(published.newest_sweep_ns) as f64 * 1e-9;
         health.age_s = Some(age_s.max(0.0).floor());
     }
+}
+
+fn to_tenths_of_ms(seconds: f64) -> f64 {
+    (seconds * 1e4).round() / 1e4
 }
 
 fn plan(facts: &Facts, settings: &Settings, published: Option<&Published>) -> Plan {

@@ -174,19 +174,35 @@ impl PanelWork {
     }
 
     fn draw_panel(&mut self, now_ns: i64, view: PanelView, desk: &SettingsDesk) {
-        let events = std::mem::take(&mut self.events);
+        // One press a pass: the next one finds what this one changed.
+        let is_release = |event: &Event| matches!(event, Event::PointerButton { pressed: false, .. });
+        let until = self.events.iter().position(is_release).map_or(self.events.len(), |at| at + 1);
+        let events = self.events.drain(..until).collect();
         let mut changes = Vec::new();
         let output = self.context.run_ui(input(panel::SIZE, now_ns, events), |ui| {
             changes.extend(panel::panel(ui, &view));
         });
         for panel::Change { name, value } in changes {
             log::debug!("the panel: {name} = {value}");
+            self.show_at_once(name, &value);
             desk.change(Change { name: name.to_owned(), value });
         }
         self.wants_more =
             output.viewport_output.values().any(|viewport| viewport.repaint_delay < Duration::from_millis(100));
         self.drawn = Some((now_ns, view));
         self.send(output, panel::SIZE, false);
+    }
+
+    /// What was changed looks so before it is in force; what is in force then is shown in its place.
+    fn show_at_once(&mut self, name: &str, value: &toml::Value) {
+        let table = self
+            .settings
+            .as_mut()
+            .zip(name.split_once('.'))
+            .and_then(|((_, settings), (table, key))| Some((settings.get_mut(table)?.as_table_mut()?, key)));
+        if let Some((table, key)) = table {
+            table.insert(key.to_owned(), value.clone());
+        }
     }
 
     fn draw_thumbnail(&mut self) {
