@@ -21,7 +21,7 @@ const MOST_WAITING: usize = 8;
 /// What is wanted.
 enum Wanted {
     Eyes(Box<Snapshot>),
-    Tab(TabPicture),
+    Tab(Box<TabPicture>),
 }
 
 /// The thread.
@@ -51,7 +51,7 @@ impl Painter {
     /// # Errors
     /// As above.
     pub fn write(&self, picture: TabPicture) -> Result<(), String> {
-        self.want(Wanted::Tab(picture))
+        self.want(Wanted::Tab(Box::new(picture)))
     }
 
     fn want(&self, wanted: Wanted) -> Result<(), String> {
