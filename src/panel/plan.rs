@@ -9,6 +9,8 @@ const LEAST_M: f64 = 3.5;
 const MOST_M: f64 = 10.0;
 /// No obstacle is drawn smaller, pixels from its middle.
 const LEAST_PX: f32 = 11.0;
+/// The legend's strip below, pixels.
+const LEGEND_PX: f32 = 52.0;
 /// Around what is shown, metres.
 const AROUND_M: f64 = 0.4;
 
@@ -121,7 +123,8 @@ impl View {
 /// Draws it.
 pub(super) fn draw(painter: &Painter, area: Rect, plan: &Plan) {
     painter.rect_filled(area, ROUND, CARD);
-    let inner = area.shrink(10.0);
+    let mut inner = area.shrink(10.0);
+    inner.max.y -= LEGEND_PX - 10.0;
     let view = View::of(plan, inner);
     let clipped = painter.with_clip_rect(inner);
     grid(&clipped, &view);
@@ -185,7 +188,7 @@ fn draw_thing(painter: &Painter, view: &View, thing: &Thing) {
     }
     // Two sigmas: it is within, nineteen times of twenty along each axis.
     let axes = thing.sigma_m.map(|axis| view.along(axis.map(|v| 2.0 * v)));
-    if axes.iter().any(|axis| axis.length() > 4.0) {
+    if axes.iter().any(|axis| axis.length() > LEAST_PX + 2.0) {
         let middle = view.at(thing.at_m);
         let at = |n: usize| {
             let angle = n as f32 / 48.0 * std::f32::consts::TAU;
@@ -206,10 +209,8 @@ fn draw_head(painter: &Painter, view: &View, head: &Head) {
 
 /// What is what, below the plan; or why it is empty.
 fn legend(painter: &Painter, area: Rect, plan: &Plan) {
-    let y = area.max.y - 26.0;
+    let y = area.max.y - LEGEND_PX / 2.0;
     let mut x = area.min.x + 24.0;
-    let strip = Rect::from_min_max(pos2(area.min.x, area.max.y - 52.0), area.max);
-    painter.rect_filled(strip, ROUND, CARD.gamma_multiply(0.9));
     let known = Color32::from_rgb(120, 150, 196);
     let entries = [
         (Some(TEXT), "you"),
