@@ -308,7 +308,9 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("radar-chaperone-desk-{name}-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         let file = folder.join("settings.toml");
-        text.map(|text| fs::write(&file, text).unwrap());
+        if let Some(text) = text {
+            fs::write(&file, text).unwrap();
+        }
         let over: Vec<String> = over.iter().map(|set| (*set).to_owned()).collect();
         let (desk, work) = SettingsDesk::new(Some(file.clone()), &over, &compose).unwrap();
         std::thread::scope(|scope| {
