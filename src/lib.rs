@@ -12,6 +12,7 @@ pub mod geometry;
 pub mod imaging;
 pub mod live;
 pub mod obstacles;
+pub mod panel;
 pub mod radar;
 pub mod recording;
 pub mod render;

@@ -21,12 +21,36 @@ pub enum Zero {
     Seated,
 }
 
+/// What the laser pointer does on a tab of the dashboard.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Touch {
+    Move,
+    Down,
+    Up,
+    /// All three.
+    Click,
+    Leave,
+}
+
 /// What to do.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case")]
 pub enum Command {
     /// Draws both eyes to `shots/NAME_left.png` and `NAME_right.png`.
     Shot { name: String },
+    /// Writes the client's tab of the dashboard to `shots/NAME.png`, its button to `shots/NAME_thumbnail.png`.
+    TabShot { name: String },
+    /// Opens or closes the dashboard, with the client's tab in front.
+    Dashboard { open: bool },
+    /// Touches the tab, `x` and `y` from its upper left in units of its mouse scale.
+    Mouse {
+        action: Touch,
+        #[serde(default)]
+        x: f32,
+        #[serde(default)]
+        y: f32,
+    },
     /// Puts the zero pose elsewhere, given in the universe as it was.
     Recenter {
         #[serde(default)]

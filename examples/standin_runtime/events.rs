@@ -8,7 +8,7 @@ use crate::sys;
 const MOST: usize = 256;
 
 /// The queue.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Events {
     waiting: VecDeque<(i64, sys::VREvent_t)>,
 }

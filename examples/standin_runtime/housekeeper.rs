@@ -89,6 +89,7 @@ fn work(world: &mut World, painter: &Painter, lines: &[String], report_due_ns: &
             match &command {
                 // What does not show anything has nothing to take a picture of.
                 Command::Shot { name } if world.is_overlay_client() => take_picture(world, painter, name, now_ns),
+                Command::TabShot { name } if world.is_overlay_client() => take_tab_picture(world, painter, name),
                 other => world.perform(other, now_ns),
             }
         }
@@ -104,6 +105,16 @@ fn take_picture(world: &mut World, painter: &Painter, name: &str, now_ns: i64) {
     let taken = match is_name(name) {
         true => world.snapshot(name, now_ns).and_then(|snapshot| painter.draw(snapshot)),
         false => Err(format!("{name:?} cannot be a file's name: letters, digits, '-', '_' and '.'")),
+    };
+    if let Err(why) = taken {
+        world.report.shot_failed(why);
+    }
+}
+
+fn take_tab_picture(world: &mut World, painter: &Painter, name: &str) {
+    let taken = match is_name(name) {
+        true => world.tab_picture(name).and_then(|picture| painter.write(picture)),
+        false => Err(format!("{name:?} cannot be a file's name")),
     };
     if let Err(why) = taken {
         world.report.shot_failed(why);

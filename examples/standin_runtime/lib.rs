@@ -14,6 +14,7 @@ mod clock;
 mod commands;
 mod compositor;
 mod config;
+mod dashboard;
 mod events;
 mod eye_picture;
 mod eyes;

@@ -5,6 +5,7 @@ use std::thread::ThreadId;
 
 use radar_chaperone::geometry::Pose;
 
+use crate::events::Events;
 use crate::eyes::Edges;
 use crate::report::Report;
 use crate::sys;
@@ -50,6 +51,8 @@ pub struct Overlay {
     pub texture: Option<Texture>,
     pub input_method: u32,
     pub mouse_scale: [f32; 2],
+    /// Of this overlay, for PollNextOverlayEvent.
+    pub events: Events,
 }
 
 /// The texture that an overlay shows.
@@ -81,6 +84,7 @@ impl Overlay {
             texture: None,
             input_method: 0,
             mouse_scale: [1.0; 2],
+            events: Events::default(),
         }
     }
 
@@ -100,6 +104,8 @@ pub fn thumbnail_key(key: &str) -> String {
 pub struct Overlays {
     by_handle: BTreeMap<u64, Overlay>,
     created: u64,
+    /// Whether the dashboard is open.
+    pub dashboard_open: bool,
     /// The thread that hands textures over.
     pub thread: Option<ThreadId>,
     pub copier: Option<Copier>,
@@ -114,6 +120,19 @@ impl Overlays {
     /// Those that are shown and not in the dashboard.
     pub fn visible(&self) -> impl Iterator<Item = &Overlay> {
         self.by_handle.values().filter(|overlay| overlay.shown && !overlay.dashboard)
+    }
+
+    /// The tab in front when the dashboard is open: the first that was made.
+    pub fn active_tab(&mut self) -> Option<(u64, &mut Overlay)> {
+        // A thumbnail is made after its tab.
+        let (handle, tab) = self.by_handle.iter_mut().find(|(_, overlay)| overlay.dashboard)?;
+        Some((*handle, tab))
+    }
+
+    /// Whether an overlay is seen: a tab while it is in front.
+    pub fn is_seen(&mut self, handle: u64) -> bool {
+        let is_active = self.dashboard_open && self.active_tab().is_some_and(|(tab, _)| tab == handle);
+        is_active || self.by_handle.get(&handle).is_some_and(|overlay| overlay.shown && !overlay.dashboard)
     }
 
     /// The handle of a key.
@@ -144,6 +163,11 @@ impl Overlays {
         if let Some(overlay) = self.by_handle.remove(&handle).filter(|overlay| overlay.dashboard) {
             self.by_handle.retain(|_, other| !(other.dashboard && other.key == thumbnail_key(&overlay.key)));
         }
+    }
+
+    /// Whether the device that textures come from has said that it is lost.
+    pub fn is_device_lost(&mut self) -> bool {
+        self.copier.as_mut().is_some_and(Copier::is_lost)
     }
 
     /// Forgets all copies without touching them: their device may be gone.

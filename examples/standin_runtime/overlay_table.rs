@@ -362,6 +362,15 @@ fn checked_pose(report: &mut Report, name: &str, from: *const sys::HmdMatrix34_t
     })
 }
 
+/// A tab's place is SteamVR's.
+fn not_a_tab(overlay: &Overlay, report: &mut Report) -> Outcome {
+    if overlay.dashboard {
+        report.violation("a transform for a tab of the dashboard", &overlay.key);
+        return Err(WRONG_TRANSFORM);
+    }
+    Ok(())
+}
+
 fn checked_origin(report: &mut Report, name: &str, origin: u32) -> Outcome {
     if origin > sys::ETrackingUniverseOrigin_TrackingUniverseRawAndUncalibrated {
         report.violation("no such universe", format!("{name}: {origin}"));
@@ -372,6 +381,7 @@ fn checked_origin(report: &mut Report, name: &str, origin: u32) -> Outcome {
 
 unsafe extern "C" fn set_absolute(handle: u64, origin: u32, matrix: *mut sys::HmdMatrix34_t) -> u32 {
     on("SetOverlayTransformAbsolute", handle, |overlay, report| {
+        not_a_tab(overlay, report)?;
         checked_origin(report, "SetOverlayTransformAbsolute", origin)?;
         let universe_from_overlay = checked_pose(report, "SetOverlayTransformAbsolute", matrix)?;
         overlay.transform = Transform::Absolute { origin, universe_from_overlay };
@@ -392,6 +402,7 @@ unsafe extern "C" fn get_absolute(handle: u64, origin: *mut u32, to: *mut sys::H
 
 unsafe extern "C" fn set_relative(handle: u64, device: u32, matrix: *mut sys::HmdMatrix34_t) -> u32 {
     on("SetOverlayTransformTrackedDeviceRelative", handle, |overlay, report| {
+        not_a_tab(overlay, report)?;
         if device >= sys::k_unMaxTrackedDeviceCount as u32 {
             report.violation("no such device", format!("{device} for {}", overlay.key));
             return Err(sys::EVROverlayError_VROverlayError_InvalidTrackedDevice);
@@ -422,6 +433,7 @@ unsafe extern "C" fn set_projection(
 ) -> u32 {
     const NAME: &str = "SetOverlayTransformProjection";
     on(NAME, handle, |overlay, report| {
+        not_a_tab(overlay, report)?;
         checked_origin(report, NAME, origin)?;
         not_null(report, NAME, projection)?;
         let matrix = checked_pose(report, NAME, matrix)?;
@@ -439,7 +451,11 @@ unsafe extern "C" fn set_projection(
 }
 
 unsafe extern "C" fn show(handle: u64) -> u32 {
-    on("ShowOverlay", handle, |overlay, _| {
+    on("ShowOverlay", handle, |overlay, report| {
+        if overlay.dashboard {
+            report.violation("a tab is shown by the dashboard alone", &overlay.key);
+            return Err(BAD_PARAMETER);
+        }
         overlay.shown = true;
         Ok(())
     })
@@ -453,12 +469,8 @@ unsafe extern "C" fn hide(handle: u64) -> u32 {
 }
 
 unsafe extern "C" fn is_visible(handle: u64) -> bool {
-    let mut shown = false;
-    on("IsOverlayVisible", handle, |overlay, _| {
-        shown = overlay.shown;
-        Ok(())
-    });
-    shown
+    let code = on("IsOverlayVisible", handle, |_, _| Ok(()));
+    code == NONE && crate::world::lock().as_mut().is_some_and(|world| world.overlays.is_seen(handle))
 }
 
 /// What WaitFrameSync does.
@@ -472,6 +484,8 @@ enum Wait {
 fn plan_wait(world: &mut World, timeout_ms: u32) -> (Wait, i64) {
     let now_ns = now_ns();
     world.overlays.check_frame(&mut world.report);
+    // Asked while the device is there: what comes next may come from another.
+    world.overlays.is_device_lost();
     let gives_up_ns = now_ns + i64::from(timeout_ms) * 1_000_000;
     let current = world.frames.at(now_ns);
     let begins_ns = world.frames.start_ns(current + 1);
@@ -502,10 +516,16 @@ unsafe extern "C" fn wait_frame_sync(timeout_ms: u32) -> u32 {
 }
 
 unsafe extern "C" fn poll_overlay_event(handle: u64, event: *mut sys::VREvent_t, room: u32) -> bool {
-    on("PollNextOverlayEvent", handle, |_, report| not_null(report, "PollNextOverlayEvent", event));
-    // Nobody touches the dashboard, so there is never one; what is there is cleared.
-    write_part(event, room, &crate::events::event(sys::EVREventType_VREvent_None, u32::MAX));
-    false
+    let mut next = None;
+    on("PollNextOverlayEvent", handle, |overlay, report| {
+        not_null(report, "PollNextOverlayEvent", event)?;
+        next = overlay.events.pop(now_ns());
+        Ok(())
+    });
+    // What is there is cleared where there is none.
+    let none = crate::events::event(sys::EVREventType_VREvent_None, u32::MAX);
+    write_part(event, room, next.as_ref().unwrap_or(&none));
+    next.is_some()
 }
 
 unsafe extern "C" fn get_input_method(handle: u64, method: *mut u32) -> u32 {
@@ -526,7 +546,12 @@ unsafe extern "C" fn get_mouse_scale(handle: u64, scale: *mut sys::HmdVector2_t)
 unsafe extern "C" fn set_mouse_scale(handle: u64, scale: *mut sys::HmdVector2_t) -> u32 {
     on("SetOverlayMouseScale", handle, |overlay, report| {
         not_null(report, "SetOverlayMouseScale", scale)?;
-        overlay.mouse_scale = read(scale).ok_or(BAD_PARAMETER)?.v;
+        let new = read(scale).ok_or(BAD_PARAMETER)?.v;
+        if !new.iter().all(|v| v.is_finite() && *v > 0.0) {
+            report.violation("SetOverlayMouseScale: not a possible value", format!("{new:?} for {}", overlay.key));
+            return Err(BAD_PARAMETER);
+        }
+        overlay.mouse_scale = new;
         Ok(())
     })
 }
@@ -558,7 +583,11 @@ fn checked_image(report: &mut Report, data: &sys::VRVulkanTextureData_t) -> Resu
 fn copier(world: &mut World, handles: Handles) -> Result<&mut Copier, u32> {
     let overlays = &mut world.overlays;
     if let Some(before) = overlays.copier.as_ref().map(Copier::handles).filter(|before| *before != handles) {
-        world.report.violation("handles change from texture to texture", format!("{before:?}, now {handles:?}"));
+        if overlays.is_device_lost() {
+            world.report.devices_lost += 1;
+        } else {
+            world.report.violation("handles change from texture to texture", format!("{before:?}, now {handles:?}"));
+        }
         overlays.forget_copies();
     }
     if overlays.copier.is_none() {
@@ -586,7 +615,10 @@ fn take_texture(world: &mut World, handle: u64, texture: *const sys::Texture_t) 
     world.report.textures += 1;
     let copied = copier(world, Handles::of(&data))?.copy(image);
     let copied = copied.map_err(|why| {
-        world.report.violation("Vulkan refuses", why);
+        // Nobody's fault; whoever handed it over learns it from its own device.
+        if !world.overlays.is_device_lost() {
+            world.report.violation("Vulkan refuses", why);
+        }
         BAD_TEXTURE
     })?;
     if copied.is_none() {
@@ -595,6 +627,9 @@ fn take_texture(world: &mut World, handle: u64, texture: *const sys::Texture_t) 
     let overlay = world.overlays.get(handle).map_err(|_| UNKNOWN)?;
     // What is newer than nothing stays shown when a copy could not be begun.
     let copied = copied.or_else(|| overlay.texture.take().and_then(|before| before.copied));
+    if overlay.dashboard {
+        world.report.dashboard_textures += 1;
+    }
     overlay.texture = Some(Texture { size: [image.width, image.height], color_space: texture.eColorSpace, copied });
     Ok(())
 }
@@ -636,12 +671,16 @@ unsafe extern "C" fn texture_size(handle: u64, width: *mut u32, height: *mut u32
 }
 
 unsafe extern "C" fn dashboard_visible() -> bool {
-    call("IsDashboardVisible", 0, |_| false)
+    call("IsDashboardVisible", 0, |world| world.overlays.dashboard_open)
 }
 
 unsafe extern "C" fn is_active_dashboard(handle: u64) -> bool {
-    on("IsActiveDashboardOverlay", handle, |_, _| Ok(()));
-    false
+    call("IsActiveDashboardOverlay", 0, |world| {
+        if let Err(why) = world.overlays.get(handle) {
+            world.report.violation(why, format!("IsActiveDashboardOverlay({handle:#x})"));
+        }
+        world.overlays.dashboard_open && world.overlays.is_seen(handle)
+    })
 }
 
 unsafe extern "C" fn primary_dashboard_device() -> u32 {

@@ -7,6 +7,7 @@ use std::thread::JoinHandle;
 
 use image::{ImageFormat, Rgb, RgbImage};
 
+use crate::dashboard::TabPicture;
 use crate::eye_picture::{Layer, Paint, Surface, draw};
 use crate::pyramid::{Pyramid, Reading, srgb_byte};
 use crate::report::write_whole;
@@ -17,17 +18,23 @@ use crate::world::lock;
 /// Snapshots that wait at most.
 const MOST_WAITING: usize = 8;
 
+/// What is wanted.
+enum Wanted {
+    Eyes(Box<Snapshot>),
+    Tab(Box<TabPicture>),
+}
+
 /// The thread.
 pub struct Painter {
-    wanted: SyncSender<Snapshot>,
+    wanted: SyncSender<Wanted>,
     thread: JoinHandle<()>,
 }
 
 impl Painter {
     /// Starts it; pictures go to that folder.
     pub fn start(folder: PathBuf) -> Self {
-        let (wanted, snapshots) = sync_channel(MOST_WAITING);
-        let thread = std::thread::spawn(move || run(&folder, &snapshots));
+        let (wanted, all) = sync_channel(MOST_WAITING);
+        let thread = std::thread::spawn(move || run(&folder, &all));
         Self { wanted, thread }
     }
 
@@ -36,7 +43,19 @@ impl Painter {
     /// # Errors
     /// When too many wait.
     pub fn draw(&self, snapshot: Snapshot) -> Result<(), String> {
-        self.wanted.try_send(snapshot).map_err(|error| match error {
+        self.want(Wanted::Eyes(Box::new(snapshot)))
+    }
+
+    /// Writes it some time.
+    ///
+    /// # Errors
+    /// As above.
+    pub fn write(&self, picture: TabPicture) -> Result<(), String> {
+        self.want(Wanted::Tab(Box::new(picture)))
+    }
+
+    fn want(&self, wanted: Wanted) -> Result<(), String> {
+        self.wanted.try_send(wanted).map_err(|error| match error {
             TrySendError::Full(_) => format!("{MOST_WAITING} pictures wait already"),
             TrySendError::Disconnected(_) => "the painter is gone".into(),
         })
@@ -51,9 +70,12 @@ impl Painter {
     }
 }
 
-fn run(folder: &Path, snapshots: &Receiver<Snapshot>) {
-    for snapshot in snapshots {
-        let outcome = paint(folder, &snapshot);
+fn run(folder: &Path, wanted: &Receiver<Wanted>) {
+    for wanted in wanted {
+        let outcome = match &wanted {
+            Wanted::Eyes(snapshot) => paint(folder, snapshot),
+            Wanted::Tab(picture) => picture.write(folder),
+        };
         if let Some(world) = lock().as_mut() {
             match outcome {
                 Ok(()) => world.report.shots += 1,

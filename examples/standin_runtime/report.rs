@@ -54,6 +54,10 @@ pub struct Report {
     pub textures: u64,
     /// Of these, those that could not be copied because too many copies were under way.
     pub textures_not_copied: u64,
+    /// Of these, those for tabs of the dashboard and their buttons.
+    pub dashboard_textures: u64,
+    /// Times that textures came from another device, the one before being lost.
+    pub devices_lost: u64,
     /// The most overlays that were visible at the end of a frame.
     pub most_visible: usize,
     /// Overlays there are, and of these those that are shown.

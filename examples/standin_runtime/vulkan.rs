@@ -138,6 +138,8 @@ pub struct Copier {
     memory: vk::PhysicalDeviceMemoryProperties,
     pool: vk::CommandPool,
     slots: Vec<Arc<Slot>>,
+    /// The device has said that it is lost: nothing on it can be used any more.
+    is_lost: bool,
 }
 
 // SAFETY: the handles are only compared; what they name is used under the world's lock.
@@ -163,12 +165,21 @@ impl Copier {
         // SAFETY: a living device and one of its queue families.
         let pool = unsafe { device.create_command_pool(&info, None) }.map_err(|error| error.to_string())?;
         let queue = vk::Queue::from_raw(handles.queue as u64);
-        Ok(Self { _entry: entry, handles, device, queue, memory, pool, slots: Vec::new() })
+        Ok(Self { _entry: entry, handles, device, queue, memory, pool, slots: Vec::new(), is_lost: false })
     }
 
     /// Whose device it is.
     pub fn handles(&self) -> Handles {
         self.handles
+    }
+
+    /// Whether the device is lost, as far as it was asked: by a copy, or here by the newest one's fence.
+    pub fn is_lost(&mut self) -> bool {
+        if let Some(slot) = self.slots.last().filter(|_| !self.is_lost) {
+            // SAFETY: a fence of that device, which lives until Cleanup even when it is lost.
+            self.is_lost = unsafe { self.device.get_fence_status(slot.fence) } == Err(vk::Result::ERROR_DEVICE_LOST);
+        }
+        self.is_lost
     }
 
     /// Begins to copy an image that lies in TRANSFER_SRC_OPTIMAL; `None` when too much is under way.
@@ -180,6 +191,7 @@ impl Copier {
             return Ok(None);
         };
         if let Err(error) = self.submit(&slot, &image) {
+            self.is_lost |= error == vk::Result::ERROR_DEVICE_LOST;
             // Its fence may never be signalled, and the GPU has nothing to do with it.
             self.slots.retain(|other| !Arc::ptr_eq(other, &slot));
             self.destroy(&slot);

@@ -235,7 +235,9 @@ impl World {
     pub fn perform(&mut self, command: &Command, time_ns: i64) {
         const NO_DEVICE: u32 = u32::MAX;
         match command {
-            Command::Shot { .. } => {}
+            Command::Shot { .. } | Command::TabShot { .. } => {}
+            Command::Dashboard { open } => self.open_dashboard(*open),
+            Command::Mouse { action, x, y } => self.touch(*action, *x, *y),
             Command::Recenter { x, z, yaw_deg, universe } => self.recenter([*x, *z], *yaw_deg, *universe),
             Command::Universe => {
                 self.universes.change(self.config.universe_change.pose());

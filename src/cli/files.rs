@@ -33,6 +33,16 @@ impl SettingsArguments {
         Ok(Settings::from_toml(&text, &self.changes)?)
     }
 
+    /// The file that is followed while the program runs: the one named, else the user's own, which need not be there.
+    pub fn live_file(&self) -> Option<PathBuf> {
+        self.settings.clone().or_else(user_settings)
+    }
+
+    /// The changes on the command line.
+    pub fn changes(&self) -> &[String] {
+        &self.changes
+    }
+
     /// The settings file's, else the user's own file's where there is one, with the changes laid over; `below` serves where
     /// none names its own.
     pub fn live(&self, below: toml::Table) -> Result<Settings> {

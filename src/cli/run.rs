@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use clap::Args;
 
 use super::files::SettingsArguments;
@@ -18,7 +18,7 @@ use super::run_report::{RunReport, tell};
 use super::sensor::SensorArguments;
 use super::stop::stop_flag;
 use crate::engine::Settings;
-use crate::live::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, SettingsSource};
+use crate::live::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, SettingsDesk};
 use crate::steamvr::{Chaperone, Role, Runtime, RuntimePlace, SteamVrError};
 
 /// Between two looks for SteamVR.
@@ -103,17 +103,18 @@ impl Run {
         say!("SteamVR {}, {}", runtime.version(), runtime.headset_name())?;
         check_registration(&runtime);
         let runtime = Arc::new(runtime);
-        let settings = self.settings_over(&runtime.chaperone())?;
-        let plan = FeedPlan::new(&self.sensor, &settings, self.record.clone());
-        let (feed, is_over) = Feed::start(plan)?;
-        let in_force = |chaperone: &Chaperone| {
-            // What was right at the start and is not now was edited meanwhile.
-            self.settings_over(chaperone).unwrap_or_else(|error| {
-                log::warn!("{error:#}: the settings of the start stay in force");
-                settings.clone()
-            })
-        };
-        let done = self.draw(&runtime, &feed, &in_force, stop);
+        let compose = |text: &str, changes: &[String]| compose(&runtime.chaperone(), text, changes);
+        let (desk, work) = SettingsDesk::new(self.settings.live_file(), self.settings.changes(), &compose)
+            .map_err(|why| anyhow!(why))?;
+        let plan = FeedPlan::new(&self.sensor, self.record.clone());
+        let (feed, is_over) = Feed::start(plan, &desk.newest())?;
+        let on_new = |before: &Settings, new: &Settings| take_up(&feed, before, new);
+        let done = std::thread::scope(|scope| {
+            let _end = EndWhenDropped(&desk);
+            let desk = &desk;
+            scope.spawn(move || work.run(desk, &compose, &on_new));
+            self.draw(&runtime, &feed, desk, stop)
+        });
         feed.stop.store(true, Ordering::Relaxed);
         // The session ends before what it may still copy from is let go.
         drop(runtime);
@@ -126,13 +127,14 @@ impl Run {
         &self,
         runtime: &Arc<Runtime>,
         feed: &Feed,
-        settings: SettingsSource,
+        settings: &SettingsDesk,
         stop: &AtomicBool,
     ) -> Result<(HeadsetReport, Drawn), HeadsetError> {
         let with = FrameLoop {
             runtime,
             reconstruction: &|| feed.reconstruction(),
             sensor_period_ns: &|| feed.sensor_period_ns(),
+            sensor: &|| feed.sensor_count(),
             pose_sink: &|sample| feed.push_pose(sample),
             settings,
             stop,
@@ -158,14 +160,39 @@ impl Run {
         }
         fed.map(|()| done.ending)
     }
+}
 
-    /// The user's settings over what SteamVR says of its chaperone.
-    fn settings_over(&self, chaperone: &Chaperone) -> Result<Settings> {
-        let own = self.settings.live(toml::Table::new())?;
-        match own.headset.follow_chaperone {
-            true => self.settings.live(below(chaperone, &own)),
-            false => Ok(own),
-        }
+/// Ends the desk's thread, however the session ends.
+struct EndWhenDropped<'d>(&'d SettingsDesk);
+
+impl Drop for EndWhenDropped<'_> {
+    fn drop(&mut self) {
+        self.0.end();
+    }
+}
+
+/// The user's settings over what SteamVR says of its chaperone.
+fn compose(chaperone: &Chaperone, text: &str, changes: &[String]) -> Result<Settings, String> {
+    let own = Settings::from_toml(text, changes).map_err(|error| error.to_string())?;
+    match own.headset.follow_chaperone {
+        true => Settings::from_layers(below(chaperone, &own), text, changes).map_err(|error| error.to_string()),
+        false => Ok(own),
+    }
+}
+
+/// Has changed settings taken up by what does not ask for them frame by frame.
+fn take_up(feed: &Feed, before: &Settings, new: &Settings) {
+    let searched = |settings: &Settings| {
+        let Settings { radar, tracking, processing, rooms, reflectors, .. } = settings.clone();
+        Settings { radar, tracking, processing, rooms, reflectors, ..Settings::default() }
+    };
+    if searched(before) != searched(new) {
+        log::info!("other settings for the search: the map begins anew");
+        feed.renew(new);
+    }
+    let fixed = |settings: &Settings| (settings.headset.poses_hz, settings.headset.threads);
+    if fixed(before) != fixed(new) {
+        log::warn!("headset.poses_hz and headset.threads are in force at the next start");
     }
 }
 

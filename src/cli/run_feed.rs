@@ -1,8 +1,9 @@
 //! The sensor's side of `run`: a thread that looks for the board, takes its frames, hands them to the reconstruction and records
 //! them. A board that is not there is waited for.
 
+use std::cell::RefCell;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, SyncSender};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
@@ -12,7 +13,7 @@ use anyhow::{Context, Result};
 use super::record_file::{PoseSource, RecordFile};
 use super::sensor::{ChosenSensor, Intake, SensorArguments, Until};
 use crate::engine::Settings;
-use crate::live::{HeadsetStatus, Reconstruction, ReconstructionOptions};
+use crate::live::{HeadsetStatus, Losses, Reconstruction, ReconstructionOptions, SensorCount};
 use crate::radar::{Frame, frame_timing};
 use crate::tracking::PoseSample;
 
@@ -25,7 +26,13 @@ const NOTICE: Duration = Duration::from_millis(50);
 pub(super) struct Feed {
     /// There once there is a sensor.
     reconstruction: OnceLock<Reconstruction>,
+    /// Those that the reconstruction goes by.
+    settings: Mutex<Settings>,
     sensor_period_ns: AtomicI64,
+    /// Whether its line is open, and what came and what was lost on it.
+    is_connected: AtomicBool,
+    sweeps: AtomicU64,
+    sweeps_lost: AtomicU64,
     /// Ends the thread.
     pub stop: AtomicBool,
     /// What the frame loop does.
@@ -37,14 +44,13 @@ pub(super) struct Feed {
 /// What the thread works with.
 pub(super) struct FeedPlan {
     pub sensor: SensorArguments,
-    pub settings: Settings,
     pub record: Option<PathBuf>,
     poses: Option<Receiver<PoseSample>>,
 }
 
 impl FeedPlan {
-    pub fn new(sensor: &SensorArguments, settings: &Settings, record: Option<PathBuf>) -> Self {
-        Self { sensor: sensor.clone(), settings: settings.clone(), record, poses: None }
+    pub fn new(sensor: &SensorArguments, record: Option<PathBuf>) -> Self {
+        Self { sensor: sensor.clone(), record, poses: None }
     }
 }
 
@@ -53,7 +59,7 @@ impl Feed {
     ///
     /// # Errors
     /// The system gives no thread.
-    pub fn start(mut plan: FeedPlan) -> Result<(Arc<Self>, Receiver<Result<()>>)> {
+    pub fn start(mut plan: FeedPlan, settings: &Settings) -> Result<(Arc<Self>, Receiver<Result<()>>)> {
         let mut recorded_poses = None;
         if plan.record.is_some() {
             let (sender, receiver) = mpsc::sync_channel(super::record::MAX_WAITING_POSES);
@@ -61,7 +67,11 @@ impl Feed {
         }
         let feed = Arc::new(Self {
             reconstruction: OnceLock::new(),
+            settings: Mutex::new(settings.clone()),
             sensor_period_ns: AtomicI64::new(0),
+            is_connected: AtomicBool::new(false),
+            sweeps: AtomicU64::new(0),
+            sweeps_lost: AtomicU64::new(0),
             stop: AtomicBool::new(false),
             status: Mutex::default(),
             recorded_poses,
@@ -78,9 +88,24 @@ impl Feed {
         self.reconstruction.get()
     }
 
+    /// Has the reconstruction begin anew with other settings, or begin with them when there is a sensor.
+    pub fn renew(&self, settings: &Settings) {
+        let mut held = self.settings.lock().unwrap_or_else(PoisonError::into_inner);
+        *held = settings.clone();
+        if let Some(reconstruction) = self.reconstruction() {
+            reconstruction.renew(settings);
+        }
+    }
+
     /// Length of a sensor's frame, nanoseconds.
     pub fn sensor_period_ns(&self) -> i64 {
         self.sensor_period_ns.load(Ordering::Relaxed)
+    }
+
+    /// What came from the sensor so far; `None` while there is none.
+    pub fn sensor_count(&self) -> Option<SensorCount> {
+        let [sweeps, lost] = [&self.sweeps, &self.sweeps_lost].map(|count| count.load(Ordering::Relaxed));
+        self.is_connected.load(Ordering::Relaxed).then_some(SensorCount { sweeps, lost })
     }
 
     /// Takes a pose of the head; never waits.
@@ -97,16 +122,25 @@ impl Feed {
     fn run(&self, mut plan: FeedPlan) -> Result<()> {
         let Some(sensor) = self.wait_for_sensor(&plan.sensor) else { return Ok(()) };
         sensor.tell()?;
-        let reconstruction = self.begin(&sensor, &plan.settings)?;
+        let reconstruction = self.begin(&sensor)?;
+        let sweeps_per_frame = u64::from(sensor.config()?.sweeps_per_frame);
         let source = plan.poses.take().map_or(PoseSource::None, PoseSource::Live);
         let mut file = plan.record.as_deref().map(|path| RecordFile::new(path, source));
         while let Some(stream) = self.open(&sensor) {
-            let hand_on = |frame: &Frame| reconstruction.push_frame(frame.clone());
+            self.is_connected.store(true, Ordering::Relaxed);
+            let (losses, lost_before) = (RefCell::new(Losses::default()), self.sweeps_lost.load(Ordering::Relaxed));
+            let hand_on = |frame: &Frame| {
+                losses.borrow_mut().push(frame.tick);
+                self.sweeps.fetch_add(sweeps_per_frame, Ordering::Relaxed);
+                self.sweeps_lost.store(lost_before + losses.borrow().lost() * sweeps_per_frame, Ordering::Relaxed);
+                reconstruction.push_frame(frame.clone());
+            };
             // A recording ends with the stream that it was begun with.
             let is_recording = file.is_some();
             let mut intake = Intake::new(&sensor, file.take(), &hand_on);
             let taken = intake.run(&stream, &self.stop, Until::Stopped, &|| self.told_status());
             let done = intake.end(stream, taken);
+            self.is_connected.store(false, Ordering::Relaxed);
             if self.stop.load(Ordering::Relaxed) || is_recording {
                 return done;
             }
@@ -117,10 +151,12 @@ impl Feed {
         Ok(())
     }
 
-    fn begin(&self, sensor: &ChosenSensor, settings: &Settings) -> Result<&Reconstruction> {
+    fn begin(&self, sensor: &ChosenSensor) -> Result<&Reconstruction> {
+        // Held until it is there: no change falls between.
+        let settings = self.settings.lock().unwrap_or_else(PoisonError::into_inner);
         let threads = Some(settings.headset.threads).filter(|threads| *threads > 0);
         let options = ReconstructionOptions { threads, ..Default::default() };
-        let reconstruction = Reconstruction::start(sensor.config()?, &sensor.mount(), settings, &options)?;
+        let reconstruction = Reconstruction::start(sensor.config()?, &sensor.mount(), &settings, &options)?;
         let period_s = frame_timing(sensor.config()?).frame_period_s;
         self.sensor_period_ns.store((period_s * 1e9) as i64, Ordering::Relaxed);
         Ok(self.reconstruction.get_or_init(|| reconstruction))

@@ -42,6 +42,7 @@ impl RunReport {
                 "frames_dropped": counters.frames_dropped,
                 "poses_dropped": counters.poses_dropped,
                 "outdated": counters.outdated,
+                "epoch": counters.epoch,
                 "counters": counters.pipeline,
             })
         });

@@ -160,6 +160,8 @@ pub enum ProjectionMatrix {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct HeadsetSettings {
+    /// Whether warnings are shown at all.
+    pub warnings: bool,
     /// How warnings are shown.
     pub display: Display,
     /// For the display `projection`.
@@ -175,6 +177,7 @@ pub struct HeadsetSettings {
 impl Default for HeadsetSettings {
     fn default() -> Self {
         Self {
+            warnings: true,
             display: Display::Panels,
             projection_matrix: ProjectionMatrix::EyeFromTracking,
             poses_hz: 250.0,

@@ -12,13 +12,13 @@ mod priority;
 mod queue;
 mod reconstruction;
 mod sensor;
+mod settings_desk;
 mod sound;
 #[cfg(all(test, unix))]
 mod test_board;
 
 pub use headset::{
-    Drawn, Ending, FrameLoop, FrameReport, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink,
-    SettingsSource,
+    Drawn, Ending, FrameLoop, FrameReport, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink, SensorCount,
 };
 pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};
@@ -31,3 +31,4 @@ pub use reconstruction::{
     Published, Reconstruction, ReconstructionCounters, ReconstructionError, ReconstructionOptions,
 };
 pub use sensor::{SensorStream, StreamCounters, StreamError, StreamEvent, StreamOptions};
+pub use settings_desk::{Change, Compose, DeskWork, OnNew, SettingsDesk};

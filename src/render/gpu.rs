@@ -1,8 +1,11 @@
 //! The graphics device: found without a window, or taken over from someone who opened it (SteamVR wants its own extensions).
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use ash::vk;
 use image::RgbaImage;
+use wgpu::hal::api::Vulkan;
 
 use super::error::RenderError;
 
@@ -16,10 +19,42 @@ pub fn needed_limits(offered: &wgpu::Limits) -> wgpu::Limits {
 
 /// A device, its queue, and what it complained of.
 pub(super) struct Gpu {
+    /// Goes before its device.
+    probe: Option<Probe>,
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub name: String,
     complaints: Arc<Mutex<Complaints>>,
+}
+
+/// A fence that nothing ever signals: asked for its state, the driver says whether the device is lost.
+struct Probe {
+    device: ash::Device,
+    fence: vk::Fence,
+}
+
+impl Probe {
+    /// `None`: the device is no Vulkan device, or has no fence to give.
+    fn of(device: &wgpu::Device) -> Option<Self> {
+        // SAFETY: the handle is used to make a fence and to ask for its state alone; whoever holds the probe holds the device.
+        let device = unsafe { device.as_hal::<Vulkan>()?.raw_device().clone() };
+        // SAFETY: a living device.
+        let fence = unsafe { device.create_fence(&vk::FenceCreateInfo::default(), None) }.ok()?;
+        Some(Self { device, fence })
+    }
+
+    fn finds_it_lost(&self) -> bool {
+        // SAFETY: a fence of that device.
+        let state = unsafe { self.device.get_fence_status(self.fence) };
+        state == Err(vk::Result::ERROR_DEVICE_LOST)
+    }
+}
+
+impl Drop for Probe {
+    fn drop(&mut self) {
+        // SAFETY: nothing was ever submitted with it, and the device is dropped after it.
+        unsafe { self.device.destroy_fence(self.fence, None) }
+    }
 }
 
 #[derive(Default)]
@@ -63,20 +98,38 @@ impl Gpu {
             let why = if message.is_empty() { format!("{reason:?}").to_lowercase() } else { message };
             hold(&keep).lost.get_or_insert(why);
         });
-        Self { device, queue, name, complaints }
+        let probe = Probe::of(&device);
+        Self { probe, device, queue, name, complaints }
     }
 
     /// Whether the device still works: its first complaint since the last call, if any. Also lets it free what it is done with.
     pub fn check(&self) -> Result<(), RenderError> {
-        let polled = self.device.poll(wgpu::PollType::Poll);
+        self.poll(wgpu::PollType::Poll)
+    }
+
+    /// The same, for any kind of waiting. wgpu panics where the wait itself finds the device lost, so a lost one is looked for before,
+    /// and whatever happens in between is caught.
+    fn poll(&self, kind: wgpu::PollType) -> Result<(), RenderError> {
+        self.complaint()?;
+        if self.probe.as_ref().is_some_and(Probe::finds_it_lost) {
+            hold(&self.complaints).lost.get_or_insert("the driver says so".to_owned());
+            return self.complaint();
+        }
+        let polled = catch_unwind(AssertUnwindSafe(|| self.device.poll(kind)));
+        if polled.is_err() {
+            hold(&self.complaints).lost.get_or_insert("it was lost while it worked".to_owned());
+        }
+        self.complaint()?;
+        polled.map_or(Ok(()), |polled| polled.map(drop).map_err(device_error))
+    }
+
+    /// The first complaint since the last call, if any.
+    fn complaint(&self) -> Result<(), RenderError> {
         let mut complaints = hold(&self.complaints);
         if let Some(cause) = &complaints.lost {
             return Err(RenderError::DeviceLost { adapter: self.name.clone(), cause: cause.clone() });
         }
-        if let Some(cause) = complaints.error.take() {
-            return Err(RenderError::Device(cause));
-        }
-        polled.map(|_| ()).map_err(device_error)
+        complaints.error.take().map_or(Ok(()), |cause| Err(RenderError::Device(cause)))
     }
 
     /// A buffer that holds these bytes, a multiple of four. Written by the queue: to map a new buffer of a lost device panics.
@@ -148,9 +201,7 @@ impl Gpu {
         );
         self.queue.submit([encoder.finish()]);
         buffer.map_async(wgpu::MapMode::Read, .., |_| {});
-        let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
-        self.check()?;
-        waited.map_err(device_error)?;
+        self.poll(wgpu::PollType::wait_indefinitely())?;
         let mapped = buffer.get_mapped_range(..).map_err(device_error)?;
         let pixels = mapped.chunks(row as usize).flat_map(|line| &line[..4 * width as usize]).copied().collect();
         RgbaImage::from_raw(width, height, pixels).ok_or_else(|| RenderError::Device("picture came back short".into()))

@@ -76,6 +76,14 @@ impl Renderer {
         Ok(quads)
     }
 
+    /// Whether the device still works, for who draws on it beside: errors of theirs come to the renderer, too.
+    ///
+    /// # Errors
+    /// As [`Self::quads`].
+    pub fn check(&self) -> Result<(), RenderError> {
+        self.gpu.check()
+    }
+
     /// Number of textures drawn since the start.
     pub fn textures_drawn(&self) -> u64 {
         self.cache.drawn

@@ -6,6 +6,7 @@
 
 mod applications;
 mod chaperone;
+mod dashboard;
 mod display;
 mod error;
 mod events;
@@ -20,6 +21,7 @@ mod vulkan;
 
 pub use applications::{APP_KEY, Registration, manifest};
 pub use chaperone::Chaperone;
+pub use dashboard::{DashboardTab, TabEvent};
 pub use display::{DisplayTiming, HeadsetEye};
 pub use error::SteamVrError;
 pub use events::Event;

@@ -190,26 +190,7 @@ impl Overlay {
     /// # Errors
     /// The runtime refuses.
     pub fn set_texture(&self, texture: &VulkanTexture) -> Result<(), SteamVrError> {
-        let pointer = |handle: u64| handle as usize as *mut c_void;
-        let mut data = sys::VRVulkanTextureData_t {
-            m_nImage: texture.image,
-            m_pDevice: pointer(texture.device).cast(),
-            m_pPhysicalDevice: pointer(texture.physical_device).cast(),
-            m_pInstance: pointer(texture.instance).cast(),
-            m_pQueue: pointer(texture.queue).cast(),
-            m_nQueueFamilyIndex: texture.queue_family,
-            m_nWidth: texture.width,
-            m_nHeight: texture.height,
-            m_nFormat: texture.format,
-            m_nSampleCount: texture.samples,
-        };
-        let mut handed = sys::Texture_t {
-            handle: (&raw mut data).cast(),
-            eType: sys::ETextureType_TextureType_Vulkan,
-            eColorSpace: sys::EColorSpace_ColorSpace_Auto,
-        };
-        let error = call!(self.table, SetOverlayTexture(self.handle, &mut handed));
-        done(self.table, "the picture of an overlay", error)
+        hand_over(self.table, self.handle, texture)
     }
 
     /// Shows it.
@@ -258,7 +239,35 @@ impl Drop for Overlay {
     }
 }
 
-fn done(
+/// Hands a texture over for an overlay.
+pub(super) fn hand_over(
+    table: &'static sys::VR_IVROverlay_FnTable,
+    overlay: sys::VROverlayHandle_t,
+    texture: &VulkanTexture,
+) -> Result<(), SteamVrError> {
+    let pointer = |handle: u64| handle as usize as *mut c_void;
+    let mut data = sys::VRVulkanTextureData_t {
+        m_nImage: texture.image,
+        m_pDevice: pointer(texture.device).cast(),
+        m_pPhysicalDevice: pointer(texture.physical_device).cast(),
+        m_pInstance: pointer(texture.instance).cast(),
+        m_pQueue: pointer(texture.queue).cast(),
+        m_nQueueFamilyIndex: texture.queue_family,
+        m_nWidth: texture.width,
+        m_nHeight: texture.height,
+        m_nFormat: texture.format,
+        m_nSampleCount: texture.samples,
+    };
+    let mut handed = sys::Texture_t {
+        handle: (&raw mut data).cast(),
+        eType: sys::ETextureType_TextureType_Vulkan,
+        eColorSpace: sys::EColorSpace_ColorSpace_Auto,
+    };
+    let error = call!(table, SetOverlayTexture(overlay, &mut handed));
+    done(table, "the picture of an overlay", error)
+}
+
+pub(super) fn done(
     table: &sys::VR_IVROverlay_FnTable,
     call: &'static str,
     error: sys::EVROverlayError,

@@ -2,11 +2,14 @@
 //! the hardware. These tests live in real time and need the machine to themselves, so they run one after the other.
 #![cfg(target_os = "linux")]
 
+mod dashboard;
 mod displays;
 mod eyes;
+mod graphics;
 mod install;
 mod life;
 mod recorded;
 mod rig;
 mod room;
+mod settings;
 mod warnings;

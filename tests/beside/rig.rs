@@ -22,6 +22,8 @@ pub struct Rig {
     folder: PathBuf,
     steamvr: Option<Child>,
     sensor: Option<Child>,
+    /// More for the program's environment.
+    environment: Vec<(String, PathBuf)>,
     _alone: MutexGuard<'static, ()>,
 }
 
@@ -47,7 +49,7 @@ impl Rig {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("beside").join(test);
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(folder.join("home")).unwrap();
-        Self { folder, steamvr: None, sensor: None, _alone: alone }
+        Self { folder, steamvr: None, sensor: None, environment: Vec::new(), _alone: alone }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -64,7 +66,27 @@ impl Rig {
         // Graphics libraries complain on standard error where there is none.
         command.env("XDG_RUNTIME_DIR", &self.folder);
         command.env("VR_PATHREG_OVERRIDE", self.path("vr/openvrpaths.vrpath"));
+        command.envs(self.environment.iter().map(|(name, value)| (name, value)));
         command
+    }
+
+    /// Puts the layer that loses devices under what is started from now on; gives the file whose content has it do so.
+    pub fn with_devices_to_lose(&mut self) -> PathBuf {
+        let library = examples().join("liblost_device_layer.so");
+        assert!(library.is_file(), "{} is not built", library.display());
+        let layer = json!({"file_format_version": "1.2.0", "layer": {
+            "name": "VK_LAYER_CHAPERONE_lost_device", "type": "GLOBAL", "library_path": library, "api_version": "1.3.0",
+            "implementation_version": "1", "description": "loses devices",
+        }});
+        fs::create_dir_all(self.path("layers")).unwrap();
+        fs::write(self.path("layers/lost_device.json"), layer.to_string()).unwrap();
+        let file = self.path("lose");
+        self.environment = vec![
+            ("VK_LAYER_PATH".to_owned(), self.path("layers")),
+            ("VK_INSTANCE_LAYERS".to_owned(), "VK_LAYER_CHAPERONE_lost_device".into()),
+            ("LOST_DEVICE_FILE".to_owned(), file.clone()),
+        ];
+        file
     }
 
     fn spawn(&self, program: impl AsRef<std::ffi::OsStr>, arguments: &[&str], log: &str) -> Child {

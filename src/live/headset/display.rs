@@ -75,6 +75,28 @@ impl Shown {
         Ok(Self { kind, eyes })
     }
 
+    /// Shows warnings another way from now on; gives the pictures that were shown. Where the runtime refuses that way, the one before
+    /// is taken again.
+    pub fn switch(
+        &mut self,
+        runtime: &Arc<Runtime>,
+        settings: &Settings,
+        before: &Settings,
+    ) -> Vec<Arc<wgpu::Texture>> {
+        // The overlays have the same names, so those there are go first.
+        let nothing = Self { kind: Kind::Panels(Slots::none()), eyes: None };
+        let pictures = std::mem::replace(self, nothing).end();
+        let made = Self::new(runtime, settings).or_else(|error| {
+            log::warn!("this display is not to be had, the one before stays: {error}");
+            Self::new(runtime, before)
+        });
+        match made {
+            Ok(made) => *self = made,
+            Err(error) => log::error!("no warnings can be shown: {error}"),
+        }
+        pictures
+    }
+
     /// Whether the runtime still knows the overlays.
     pub fn are_known(&self) -> bool {
         match &self.kind {

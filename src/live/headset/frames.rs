@@ -6,25 +6,24 @@ use std::time::Duration;
 
 use super::anchor::{Anchor, LeapWatch, Moved};
 use super::cue_output::CueOutput;
+use super::dashboard::{Dashboard, Facts, PanelSources, PanelWork, SensorCount};
 use super::display::{ShowError, Shown, Viewpoint};
-use super::graphics::{Graphics, GraphicsError, Retry};
+use super::graphics::{Faults, Graphics, GraphicsError, LostDevices, Retry};
 use super::meter::{FrameMeter, FrameReport};
 use super::pose_thread::{SharedFrame, read_poses};
 use super::samples::{player, poses_now, sample};
 use super::vitals::Vitals;
 use crate::engine::Settings;
 use crate::geometry::Pose;
-use crate::live::{Reconstruction, now_ns, thread_cpu_ns};
+use crate::live::{Reconstruction, SettingsDesk, now_ns, thread_cpu_ns};
 use crate::obstacles::Scene;
 use crate::render::RenderError;
-use crate::steamvr::{Chaperone, DisplayTiming, Event, Hands, Poses, Runtime, SteamVrError, Universe};
+use crate::steamvr::{DisplayTiming, Event, Hands, Poses, Runtime, SteamVrError, Universe};
 use crate::tracking::PoseSample;
 use crate::warning::Watch;
 
 /// Takes every pose of the head, in the session's frame; must not wait for anything.
 pub type PoseSink<'a> = &'a (dyn Fn(&PoseSample) + Sync);
-/// Gives the settings in force over what the user has set for SteamVR's chaperone.
-pub type SettingsSource<'a> = &'a dyn Fn(&Chaperone) -> Settings;
 
 /// Between two looks at where the standing universe is, nanoseconds; events bring one forward.
 const LOOK_NS: i64 = 100_000_000;
@@ -93,6 +92,7 @@ pub struct HeadsetReport {
 pub struct Drawn {
     _pictures: Vec<Arc<wgpu::Texture>>,
     _graphics: Option<Graphics>,
+    _lost: LostDevices,
 }
 
 /// What the loop works with.
@@ -103,10 +103,12 @@ pub struct FrameLoop<'a> {
     pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
     /// Length of a sensor's frame, nanoseconds, for the age of sweeps.
     pub sensor_period_ns: &'a (dyn Fn() -> i64 + Sync),
+    /// What came from the sensor so far, once there is one.
+    pub sensor: &'a (dyn Fn() -> Option<SensorCount> + Sync),
     /// Where poses go.
     pub pose_sink: PoseSink<'a>,
-    /// Settings.
-    pub settings: SettingsSource<'a>,
+    /// Settings, which may change at any time.
+    pub settings: &'a SettingsDesk,
     /// Ends the loop.
     pub stop: &'a AtomicBool,
     /// What others see; renewed four times a second.
@@ -124,18 +126,21 @@ impl FrameLoop<'_> {
         log::info!("drawing on {}", graphics.device.name);
         let frame = SharedFrame::new(None);
         let done = AtomicBool::new(false);
-        let mut state = State::new(self, graphics, &frame)?;
+        let (mut state, panel) = State::new(self, graphics, &frame)?;
         let poses_hz = state.settings.headset.poses_hz;
-        let ending = std::thread::scope(|scope| {
+        std::thread::scope(|scope| {
             let _done = DoneWhenDropped(&done);
+            let &Self { settings: desk, reconstruction, sensor, .. } = self;
+            // It ends when the state does.
+            scope.spawn(move || panel.run(&PanelSources { desk, reconstruction, sensor }));
             if poses_hz > 0.0 {
                 let (runtime, frame, sink, done) = (self.runtime, &frame, self.pose_sink, &done);
                 scope.spawn(move || read_poses(runtime, frame, poses_hz, sink, done));
             }
-            state.run()
-        });
-        let (status, rest) = state.end();
-        Ok((HeadsetReport { ending, status }, rest))
+            let ending = state.run();
+            let (status, rest) = state.end();
+            Ok((HeadsetReport { ending, status }, rest))
+        })
     }
 }
 
@@ -150,16 +155,22 @@ impl Drop for DoneWhenDropped<'_> {
 
 struct State<'s, 'a> {
     with: &'s FrameLoop<'a>,
+    dashboard: Dashboard,
     /// `None` while the device is lost.
     graphics: Option<Graphics>,
     retry: Retry,
+    faults: Faults,
+    lost: LostDevices,
     shown: Shown,
+    /// Pictures of a display that was left.
+    let_go: Vec<Arc<wgpu::Texture>>,
     shared_frame: &'s SharedFrame,
     anchor: Option<Anchor>,
     leap: LeapWatch,
     looked_ns: i64,
     vitals: Vitals,
-    settings: Settings,
+    settings: Arc<Settings>,
+    settings_version: u64,
     timing: DisplayTiming,
     hands: Hands,
     /// Where the head was last, in the standing universe, and when.
@@ -172,20 +183,31 @@ struct State<'s, 'a> {
 }
 
 impl<'s, 'a> State<'s, 'a> {
-    fn new(with: &'s FrameLoop<'a>, graphics: Graphics, shared_frame: &'s SharedFrame) -> Result<Self, HeadsetError> {
+    fn new(
+        with: &'s FrameLoop<'a>,
+        graphics: Graphics,
+        shared_frame: &'s SharedFrame,
+    ) -> Result<(Self, PanelWork), HeadsetError> {
         let timing = with.runtime.display_timing();
-        let settings = (with.settings)(&with.runtime.chaperone());
-        Ok(Self {
+        let mut settings_version = 0;
+        let settings = with.settings.newer_than(&mut settings_version).unwrap_or_else(|| with.settings.newest());
+        let (dashboard, panel) = Dashboard::new(with.runtime);
+        let state = Self {
             with,
+            dashboard,
             graphics: Some(graphics),
             retry: Retry::default(),
+            faults: Faults::default(),
+            lost: LostDevices::default(),
             shown: Shown::new(with.runtime, &settings)?,
+            let_go: Vec::new(),
             shared_frame,
             anchor: None,
             leap: LeapWatch::default(),
             looked_ns: i64::MIN,
             vitals: Vitals::default(),
             settings,
+            settings_version,
             timing,
             hands: with.runtime.hands(),
             head: None,
@@ -194,7 +216,8 @@ impl<'s, 'a> State<'s, 'a> {
             meter: FrameMeter::new(timing.frame_hz),
             status: HeadsetStatus::default(),
             told_ns: 0,
-        })
+        };
+        Ok((state, panel))
     }
 
     fn run(&mut self) -> Ending {
@@ -213,8 +236,10 @@ impl<'s, 'a> State<'s, 'a> {
             if self.vitals.is_due(start_ns) && self.vitals.looked(start_ns, self.shown.are_known()) {
                 return Ending::SteamVrGone;
             }
+            self.take_settings();
             self.take_poses(start_ns);
             self.show(start_ns);
+            self.turn_dashboard(start_ns);
             let end_ns = now_ns();
             self.meter.frame(start_ns, end_ns, thread_cpu_ns() - cpu_ns);
             self.tell(end_ns);
@@ -238,12 +263,23 @@ impl<'s, 'a> State<'s, 'a> {
                     return true;
                 }
                 Event::UniverseMoved => self.looked_ns = i64::MIN,
-                Event::ChaperoneChanged => self.settings = (self.with.settings)(&self.with.runtime.chaperone()),
+                Event::ChaperoneChanged => self.with.settings.recompose(),
                 Event::DevicesChanged => self.hands = self.with.runtime.hands(),
                 Event::Standby | Event::Awake | Event::Other => {}
             }
         }
         false
+    }
+
+    /// What has changed is in force with this frame.
+    fn take_settings(&mut self) {
+        let Some(settings) = self.with.settings.newer_than(&mut self.settings_version) else { return };
+        let before = std::mem::replace(&mut self.settings, settings);
+        let (was, is) = (&before.headset, &self.settings.headset);
+        if (was.display, was.projection_matrix) != (is.display, is.projection_matrix) {
+            // The runtime may still copy from them for a moment; those of the change before are long done with.
+            self.let_go = self.shown.switch(self.with.runtime, &self.settings, &before);
+        }
     }
 
     fn take_poses(&mut self, now_ns: i64) {
@@ -349,6 +385,10 @@ impl<'s, 'a> State<'s, 'a> {
         }
         let head = self.head.filter(|(seen_ns, _)| now_ns.saturating_sub(*seen_ns) < HEAD_KEPT_NS);
         let Some((_, standing_from_head)) = head else { return Ok(self.shown.hide()?) };
+        if !self.settings.headset.warnings {
+            self.status.nearest_m = None;
+            return Ok(self.shown.hide()?);
+        }
         let player = player(now_ns, standing_from_head, &poses, &anchor.raw_from_standing());
         let warnings = self.scene.watch.warn(&player, &self.settings.warning);
         self.cues.give(self.with.runtime, self.hands, &warnings, &player, &self.settings);
@@ -361,18 +401,41 @@ impl<'s, 'a> State<'s, 'a> {
         let from = Viewpoint { standing_from_head, raw_from_standing: anchor.raw_from_standing() };
         let shown = self.shown.show(graphics, &self.scene.watch, &warnings, &self.settings, &from);
         if let Err(ShowError::Render(error)) = &shown {
-            return self.lose_device(error);
+            // What is shown stays as it is, but of a lost device nothing can.
+            return if self.faults.is_lost(now_ns, error) { self.lose_device(error) } else { Ok(()) };
         }
+        self.faults.drawn();
         self.status.pictures += shown?;
         Ok(())
+    }
+
+    /// The panel in the dashboard: its part of a frame.
+    fn turn_dashboard(&mut self, now_ns: i64) {
+        if self.dashboard.is_open() {
+            self.open_graphics(now_ns);
+        }
+        let facts = Facts {
+            standing_from_head: self.head.map(|(_, head)| head),
+            standing_from_session: self.anchor.map(|anchor| anchor.standing_from_session()),
+            is_tracked: self.status.is_tracked,
+        };
+        if let Err(error) = self.dashboard.turn(now_ns, self.graphics.as_ref(), &facts)
+            && self.faults.is_lost(now_ns, &error)
+            && let Err(error) = self.lose_device(&error)
+        {
+            log::debug!("{error}");
+        }
     }
 
     /// Opens what draws again when it was lost and it is time.
     fn open_graphics(&mut self, now_ns: i64) {
         if self.graphics.is_none() && self.retry.is_due(now_ns) {
             match Graphics::open(self.with.runtime) {
-                Ok(graphics) => self.graphics = Some(graphics),
-                Err(error) => log::warn!("no warnings can be drawn: {error}"),
+                Ok(graphics) => {
+                    log::info!("drawing on {}", graphics.device.name);
+                    self.graphics = Some(graphics);
+                }
+                Err(error) => self.retry.failed(&error),
             }
         }
     }
@@ -381,7 +444,10 @@ impl<'s, 'a> State<'s, 'a> {
         log::warn!("{error}; the graphics device is opened again");
         self.status.devices_lost += 1;
         self.shown.forget_pictures();
-        self.graphics = None;
+        self.dashboard.forget_pictures();
+        if let Some(lost) = self.graphics.take() {
+            self.lost.keep(lost);
+        }
         Ok(self.shown.hide()?)
     }
 
@@ -403,10 +469,12 @@ impl<'s, 'a> State<'s, 'a> {
     /// Overlays go now; pictures and device after the session, which may still copy from them.
     fn end(self) -> (HeadsetStatus, Drawn) {
         let status = self.status_now();
-        let Self { mut shown, graphics, .. } = self;
+        let Self { mut shown, mut let_go, dashboard, graphics, lost, .. } = self;
         // A runtime that is gone refuses; there is nothing to hide then.
         let _ = shown.hide();
-        (status, Drawn { _pictures: shown.end(), _graphics: graphics })
+        let_go.extend(dashboard.end());
+        let_go.extend(shown.end());
+        (status, Drawn { _pictures: let_go, _graphics: graphics, _lost: lost })
     }
 }
 
@@ -423,6 +491,10 @@ impl PlacedScene {
     fn place(&mut self, scene: &Arc<Scene>, epoch: u64, standing_from_session: &Pose) {
         if epoch < self.epoch {
             return;
+        }
+        if epoch > self.epoch {
+            // Begun anew: things that were known are others now.
+            self.watch.forget();
         }
         self.epoch = epoch;
         if let Some((placed, by)) = &self.from {

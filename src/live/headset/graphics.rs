@@ -5,6 +5,10 @@ use crate::steamvr::{Runtime, VulkanDevice, VulkanError};
 
 /// Between two tries to open a lost device, nanoseconds.
 const RETRY_NS: i64 = 2_000_000_000;
+/// A device that refuses work for so long without a picture in between is as good as lost, nanoseconds.
+const REFUSES_NS: i64 = 1_000_000_000;
+/// Lost devices that are kept.
+const KEPT: usize = 4;
 
 /// Why there is nothing to draw with.
 #[derive(Debug, thiserror::Error)]
@@ -35,6 +39,7 @@ impl Graphics {
 #[derive(Debug, Default)]
 pub(super) struct Retry {
     next_ns: i64,
+    told: Option<String>,
 }
 
 impl Retry {
@@ -45,5 +50,82 @@ impl Retry {
             self.next_ns = now_ns.saturating_add(RETRY_NS);
         }
         is_due
+    }
+
+    /// Why it did not succeed: told once, and again when it is another reason.
+    pub fn failed(&mut self, error: &GraphicsError) {
+        let text = error.to_string();
+        if self.told.as_ref() != Some(&text) {
+            log::warn!("no warnings can be drawn: {text}. It is tried again every {} s", RETRY_NS / 1_000_000_000);
+            self.told = Some(text);
+        }
+    }
+}
+
+/// Errors of drawing: which of them mean that another device is needed.
+#[derive(Debug, Default)]
+pub(super) struct Faults {
+    /// Since when the device has refused all work.
+    refused_since_ns: Option<i64>,
+    told: Option<String>,
+}
+
+impl Faults {
+    /// Something was drawn.
+    pub fn drawn(&mut self) {
+        self.refused_since_ns = None;
+    }
+
+    /// Takes in an error; true when the device is lost. One that is not is told once, not once a frame.
+    pub fn is_lost(&mut self, now_ns: i64, error: &RenderError) -> bool {
+        let is_lost = match error {
+            RenderError::DeviceLost { .. } => true,
+            RenderError::Device(_) => now_ns.saturating_sub(*self.refused_since_ns.get_or_insert(now_ns)) >= REFUSES_NS,
+            // A picture that cannot be made is no fault of the device's.
+            _ => false,
+        };
+        let text = error.to_string();
+        if is_lost {
+            *self = Self::default();
+        } else if self.told.as_ref() != Some(&text) {
+            log::warn!("a picture was not drawn: {text}");
+            self.told = Some(text);
+        }
+        is_lost
+    }
+}
+
+/// Lost devices, kept until the session is over: the runtime has objects of its own on them and frees them when it likes. The
+/// oldest of many go.
+#[derive(Default)]
+pub(super) struct LostDevices(Vec<Graphics>);
+
+impl LostDevices {
+    pub fn keep(&mut self, lost: Graphics) {
+        if self.0.len() == KEPT {
+            self.0.remove(0);
+        }
+        self.0.push(lost);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_lost_device_and_one_that_keeps_refusing_are_opened_again() {
+        let mut faults = Faults::default();
+        let second_ns = 1_000_000_000;
+        let lost = RenderError::DeviceLost { adapter: "card".into(), cause: "pulled".into() };
+        let refused = RenderError::Device("out of memory".into());
+        let size = RenderError::ImageSize { width: 0, height: 1, greatest: 2 };
+        assert!(faults.is_lost(0, &lost));
+        assert!(!faults.is_lost(0, &refused) && !faults.is_lost(second_ns / 2, &refused));
+        faults.drawn();
+        assert!(!faults.is_lost(second_ns, &refused), "it has drawn in between");
+        assert!((0..1000).all(|frame| !faults.is_lost(frame * second_ns, &size)));
+        assert!(faults.is_lost(2 * second_ns, &refused));
+        assert!(!faults.is_lost(2 * second_ns, &refused), "the next one begins anew");
     }
 }

@@ -6,6 +6,7 @@
 
 mod anchor;
 mod cue_output;
+mod dashboard;
 mod display;
 mod frames;
 mod graphics;
@@ -16,6 +17,7 @@ mod samples;
 mod slots;
 mod vitals;
 
-pub use frames::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink, SettingsSource};
+pub use dashboard::SensorCount;
+pub use frames::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink};
 pub use head_poses::HeadPoses;
 pub use meter::FrameReport;

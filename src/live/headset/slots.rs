@@ -51,6 +51,11 @@ impl Slots {
         Ok(Self { slots: (1..=SLOTS).map(slot).collect::<Result<_, _>>()?, is_stereo })
     }
 
+    /// No overlays.
+    pub fn none() -> Self {
+        Self { slots: Vec::new(), is_stereo: false }
+    }
+
     /// Whether the runtime still knows them.
     pub fn are_known(&self) -> bool {
         self.slots.iter().any(|slot| slot.overlay.is_known())

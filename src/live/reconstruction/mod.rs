@@ -132,6 +132,8 @@ struct Shared {
     newest: Mutex<Arc<Published>>,
     counters: Mutex<ReconstructionCounters>,
     epoch: AtomicU64,
+    /// Settings for whatever begins next, where they are to be others.
+    next_settings: Mutex<Option<Settings>>,
     is_alive: AtomicBool,
     /// Leave everything and end.
     stop: AtomicBool,
@@ -147,6 +149,7 @@ pub struct Reconstruction {
     poses: Feeder<Input, 2>,
     /// What was last given out.
     given: Mutex<Arc<Published>>,
+    max_ahead_s: f64,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -164,9 +167,7 @@ impl Reconstruction {
         settings: &Settings,
         options: &ReconstructionOptions,
     ) -> Result<Self, ReconstructionError> {
-        let mut settings = settings.clone();
-        let history = &mut settings.tracking.history;
-        history.max_ahead_s = history.max_ahead_s.min(options.max_ahead_s);
+        let settings = prompt(settings, options.max_ahead_s);
         let begin = Begin { config: config.clone(), head_from_sensor: *head_from_sensor, settings };
         let pipeline = begin.pipeline();
         let shared = Arc::new(Shared::new(pipeline.counters()));
@@ -181,6 +182,7 @@ impl Reconstruction {
         let given = Mutex::new(Arc::clone(&*lock(&shared.newest)));
         let thread = Builder::new().name("reconstruction".into()).spawn(run).map_err(ReconstructionError::Thread)?;
         Ok(Self {
+            max_ahead_s: options.max_ahead_s,
             frames: Feeder::new(&queue, FRAMES),
             poses: Feeder::new(&queue, POSES),
             given,
@@ -222,6 +224,12 @@ impl Reconstruction {
         let epoch = self.shared.epoch.fetch_add(1, Ordering::SeqCst) + 1;
         *given = Arc::new(Published::nothing(epoch));
         epoch
+    }
+
+    /// Begins anew with other settings: what was found with those of before is forgotten, see [`Self::forget`].
+    pub fn renew(&self, settings: &Settings) -> u64 {
+        *lock(&self.shared.next_settings) = Some(prompt(settings, self.max_ahead_s));
+        self.forget()
     }
 
     /// How often everything was forgotten.
@@ -289,11 +297,20 @@ impl Shared {
             newest: Mutex::new(Arc::new(Published::nothing(0))),
             counters: Mutex::new(counters),
             epoch: AtomicU64::new(0),
+            next_settings: Mutex::new(None),
             is_alive: AtomicBool::new(true),
             stop: AtomicBool::new(false),
             finish_by_ns: AtomicU64::new(u64::MAX),
         }
     }
+}
+
+/// The settings, with sweeps that wait for their poses no longer than that.
+fn prompt(settings: &Settings, max_ahead_s: f64) -> Settings {
+    let mut settings = settings.clone();
+    let history = &mut settings.tracking.history;
+    history.max_ahead_s = history.max_ahead_s.min(max_ahead_s);
+    settings
 }
 
 /// Works, and tells when it is over, however it ended. A panic has been printed by the time that it arrives here.

@@ -109,6 +109,9 @@ impl Worker {
             return;
         }
         self.epoch = epoch;
+        if let Some(settings) = lock(&self.shared.next_settings).take() {
+            self.begin.settings = settings;
+        }
         self.pipeline = self.begin.pipeline();
         self.freshness.forget();
         self.evidence_ns = None;

@@ -1,0 +1,263 @@
+//! What the panel shows, gathered from whoever knows it. In rounded numbers, so that the panel is drawn again only when somebody
+//! would see it.
+
+use std::sync::Arc;
+
+use glam::{DMat2, DVec2, DVec3};
+
+use crate::engine::Settings;
+use crate::geometry::Pose;
+use crate::live::{Published, Reconstruction};
+use crate::obstacles::{Obstacle, Wall};
+use crate::panel::{Head, Health, PanelView, Plan, SensorHealth, Thing, hull};
+
+/// A beam ends where its two-way amplitude is down to this.
+const BEAM_FLOOR: f64 = 0.25;
+/// Rates are taken over so long at least, nanoseconds.
+const RATE_NS: i64 = 1_000_000_000;
+
+/// What the frame loop knows.
+#[derive(Debug, Clone, Default)]
+pub(in super::super) struct Facts {
+    /// In the standing universe, while it is known.
+    pub standing_from_head: Option<Pose>,
+    /// From the session's frame, in which the map is.
+    pub standing_from_session: Option<Pose>,
+    pub is_tracked: bool,
+}
+
+/// What came from the sensor so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SensorCount {
+    /// Sweeps taken.
+    pub sweeps: u64,
+    /// Sweeps that were measured and never came.
+    pub lost: u64,
+}
+
+/// Counts and when they were.
+#[derive(Debug, Clone, Copy, Default)]
+struct Counts {
+    time_ns: i64,
+    sweeps: u64,
+    lost: u64,
+    poses: u64,
+}
+
+/// Rates of what only counts are known of.
+#[derive(Debug, Default)]
+pub(super) struct Rates {
+    from: Option<Counts>,
+    sweeps_per_s: f64,
+    lost_percent: f64,
+    poses_per_s: f64,
+    is_known: bool,
+}
+
+impl Rates {
+    fn push(&mut self, to: Counts) {
+        let Some(from) = self.from else { return self.from = Some(to) };
+        let past_ns = to.time_ns.saturating_sub(from.time_ns);
+        if past_ns < RATE_NS {
+            return;
+        }
+        // What was begun anew counts from nothing.
+        let rate = |from: u64, to: u64| to.saturating_sub(from) as f64 / (past_ns as f64 * 1e-9);
+        let lost = rate(from.lost, to.lost);
+        let sweeps = rate(from.sweeps, to.sweeps);
+        self.lost_percent = (1000.0 * lost / (lost + sweeps).max(1e-9)).round() / 10.0;
+        // To two digits: what is steady looks steady.
+        let rounded = |rate: f64| {
+            let step = 10f64.powf((rate.max(1.0)).log10().floor() - 1.0).max(1.0);
+            (rate / step).round() * step
+        };
+        (self.sweeps_per_s, self.poses_per_s) = (rounded(sweeps), rounded(rate(from.poses, to.poses)));
+        (self.from, self.is_known) = (Some(to), true);
+    }
+}
+
+/// All that the panel shows.
+pub(super) fn view(
+    now_ns: i64,
+    facts: &Facts,
+    settings: &(Arc<Settings>, toml::Table),
+    sensor: Option<SensorCount>,
+    reconstruction: Option<&Reconstruction>,
+    rates: &mut Rates,
+) -> PanelView {
+    let counters = reconstruction.map(Reconstruction::counters);
+    let count = sensor.unwrap_or(SensorCount { sweeps: 0, lost: 0 });
+    let poses = counters.map_or(0, |counters| counters.pipeline.streams.poses);
+    rates.push(Counts { time_ns: now_ns, sweeps: count.sweeps, lost: count.lost, poses });
+    let published = reconstruction.map(Reconstruction::latest);
+    let mut health = Health {
+        sensor: match sensor {
+            None => SensorHealth::Missing,
+            Some(_) if rates.is_known && rates.sweeps_per_s < 1.0 => SensorHealth::Silent,
+            Some(_) => SensorHealth::Streaming { sweeps_per_s: rates.sweeps_per_s, lost_percent: rates.lost_percent },
+        },
+        is_tracked: facts.is_tracked,
+        poses_per_s: rates.poses_per_s,
+        is_alive: reconstruction.is_some_and(Reconstruction::is_alive),
+        ..Health::default()
+    };
+    if let Some(published) = &published {
+        fill(&mut health, published, now_ns);
+    }
+    let plan = plan(facts, &settings.0, published.as_deref());
+    // Floor and ceiling are no walls to a player.
+    health.walls = plan.walls_m.len();
+    PanelView { settings: settings.1.clone(), plan, health }
+}
+
+fn fill(health: &mut Health, published: &Published, now_ns: i64) {
+    health.time_offset_s = to_tenths_of_ms(published.time_offset_s);
+    health.time_offset_sigma_s = published.time_offset_sigma_s.map(to_tenths_of_ms);
+    health.obstacles = published.scene.obstacles.len();
+    if published.newest_sweep_ns > 0 {
+        let age_s = now_ns.saturating_sub(published.newest_sweep_ns) as f64 * 1e-9;
+        health.age_s = Some(age_s.max(0.0).floor());
+    }
+}
+
+fn to_tenths_of_ms(seconds: f64) -> f64 {
+    (seconds * 1e4).round() / 1e4
+}
+
+fn plan(facts: &Facts, settings: &Settings, published: Option<&Published>) -> Plan {
+    let mut plan = Plan { play_area_m: settings.warning.play_area_m, ..Plan::default() };
+    plan.head = facts.standing_from_head.map(|head| self::head(&head, settings));
+    let (Some(published), Some(standing_from_session)) = (published, &facts.standing_from_session) else { return plan };
+    let scene = published.scene.moved(standing_from_session);
+    plan.walls_m = scene.walls.iter().filter_map(wall).collect();
+    plan.things = scene.obstacles.iter().map(|obstacle| thing(obstacle, plan.head, settings)).collect();
+    plan
+}
+
+/// To the centimetre, and to two hundredths of a turn's radius.
+fn head(standing_from_head: &Pose, settings: &Settings) -> Head {
+    let ahead = standing_from_head.transform_vector(-DVec3::Z);
+    let level = DVec2::new(ahead.x, ahead.z).try_normalize().unwrap_or(-DVec2::Y);
+    let angle = (level.y.atan2(level.x) / 0.04).round() * 0.04;
+    let at = standing_from_head.translation;
+    Head {
+        at_m: [at.x, at.z].map(|v| (v * 50.0).round() / 50.0),
+        looks: [angle.cos(), angle.sin()],
+        beam_rad: settings.radar.beam.cos_where_amplitude_falls_below(BEAM_FLOOR).acos(),
+        beam_m: settings.rooms.blocks.max_range_m,
+    }
+}
+
+/// From end to end of what was seen of it; floors and ceilings are none.
+fn wall(wall: &Wall) -> Option<[[f64; 2]; 2]> {
+    let outward = DVec2::new(wall.plane.outward.x, wall.plane.outward.z);
+    let outward = outward.try_normalize().filter(|_| wall.plane.outward.y.abs() < 0.7)?;
+    let along = outward.perp();
+    let foot = wall.plane.foot(wall.seen_at.center());
+    let middle = DVec2::new(foot.x, foot.z);
+    let half = wall.seen_at.size() / 2.0;
+    // A wall that was seen at one spot is drawn half a metre wide.
+    let reach = (along.x.abs() * half.x + along.y.abs() * half.z).max(0.25);
+    Some([middle - along * reach, middle + along * reach].map(|end| end.to_array()))
+}
+
+fn thing(obstacle: &Obstacle, head: Option<Head>, settings: &Settings) -> Thing {
+    let level = |place: DVec3| [place.x, place.z];
+    let mut places: Vec<[f64; 2]> = obstacle.shape.iter().map(|(place, _)| level(*place)).collect();
+    if places.is_empty() {
+        let (at, half) = (obstacle.position_m, obstacle.extent_m / 2.0);
+        places = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+            .map(|[x, z]| [at.x + x * half.x, at.z + z * half.z])
+            .to_vec();
+    }
+    let distance_m = |place: &[f64; 2], from: [f64; 2]| DVec2::from_array(*place).distance(DVec2::from_array(from));
+    let is_near = head
+        .is_some_and(|head| places.iter().any(|place| distance_m(place, head.at_m) < settings.warning.fade_distance_m));
+    Thing { outline_m: hull(&places), at_m: level(obstacle.position_m), sigma_m: axes(obstacle), is_near }
+}
+
+/// Half axes of the ellipse of 1σ on the floor.
+fn axes(obstacle: &Obstacle) -> [[f64; 2]; 2] {
+    let c = obstacle.covariance_m2;
+    let level = DMat2::from_cols(DVec2::new(c.x_axis.x, c.x_axis.z), DVec2::new(c.z_axis.x, c.z_axis.z));
+    let (mean, half) = ((level.x_axis.x + level.y_axis.y) / 2.0, (level.x_axis.x - level.y_axis.y) / 2.0);
+    let skew = level.x_axis.y;
+    let spread = half.hypot(skew);
+    let angle = skew.atan2(half) / 2.0;
+    let axis = |variance: f64, angle: f64| {
+        (DVec2::from_angle(angle) * variance.max(0.0).sqrt()).to_array().map(|v| if v.is_finite() { v } else { 0.0 })
+    };
+    [axis(mean + spread, angle), axis(mean - spread, angle + std::f64::consts::FRAC_PI_2)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Aabb, Plane};
+    use crate::obstacles::Observed;
+    use glam::DMat3;
+
+    fn obstacle() -> Obstacle {
+        Obstacle {
+            id: 1,
+            position_m: DVec3::new(0.5, 1.0, -1.0),
+            covariance_m2: DMat3::from_diagonal(DVec3::new(0.04, 1.0, 0.01)),
+            observed: Observed::Position,
+            extent_m: DVec3::splat(0.2),
+            evidence: 9.0,
+            shape: Vec::new(),
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        }
+    }
+
+    #[test]
+    fn the_ellipse_is_that_of_the_covariance_on_the_floor() {
+        let [long, short] = axes(&obstacle());
+        assert!((long[0].abs() - 0.2).abs() < 1e-9 && long[1].abs() < 1e-9, "{long:?}");
+        assert!((short[1].abs() - 0.1).abs() < 1e-9 && short[0].abs() < 1e-9, "{short:?}");
+        let turn = DMat3::from_rotation_y(0.5);
+        let turned = Obstacle { covariance_m2: turn * obstacle().covariance_m2 * turn.transpose(), ..obstacle() };
+        let [long, _] = axes(&turned);
+        let expected = turn * DVec3::X * 0.2;
+        assert!((DVec2::from_array(long).dot(DVec2::new(expected.x, expected.z)).abs() - 0.04).abs() < 1e-9);
+    }
+
+    #[test]
+    fn walls_run_along_and_floors_are_none() {
+        let seen_at = Aabb { min: DVec3::new(-1.0, 0.5, -2.1), max: DVec3::new(2.0, 1.5, -1.9) };
+        let of = |outward: DVec3, offset_m| Wall {
+            id: 1,
+            plane: Plane { outward, offset_m },
+            evidence: 1.0,
+            seen_at,
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        };
+        let mut ends = wall(&of(-DVec3::Z, 2.0)).unwrap();
+        ends.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        assert_eq!(ends, [[-1.0, -2.0], [2.0, -2.0]]);
+        assert_eq!(wall(&of(-DVec3::Y, 0.0)), None);
+    }
+
+    #[test]
+    fn rates_are_those_of_a_second_and_begin_anew() {
+        let mut rates = Rates::default();
+        let s = 1_000_000_000;
+        for n in 0..=20 {
+            rates.push(Counts { time_ns: n * s / 10, sweeps: 105 * n as u64, lost: 0, poses: 25 * n as u64 });
+        }
+        assert_eq!((rates.sweeps_per_s, rates.poses_per_s), (1100.0, 250.0));
+        rates.push(Counts { time_ns: 4 * s, sweeps: 0, lost: 0, poses: 0 });
+        assert_eq!((rates.sweeps_per_s, rates.lost_percent), (0.0, 0.0));
+    }
+
+    #[test]
+    fn what_is_within_the_fade_is_near() {
+        let settings = Settings::default();
+        let from = |x: f64| Some(head(&Pose::from_translation(DVec3::new(x, 1.6, -1.0)), &settings));
+        assert!(thing(&obstacle(), from(-0.7), &settings).is_near);
+        assert!(!thing(&obstacle(), from(-1.5), &settings).is_near && !thing(&obstacle(), None, &settings).is_near);
+        assert_eq!(thing(&obstacle(), None, &settings).outline_m.len(), 4);
+    }
+}

@@ -1,0 +1,321 @@
+//! The panel's thread: lays it out, takes the pointer, and prepares its pictures up to the submission, which belongs to the frame
+//! loop: runtime and program share the queue, and one thread may use it.
+//!
+//! A picture is prepared when the pointer did something or what is shown has changed, at most 30 times a second, and not
+//! before the one under way was handed over. While the tab is not shown the thread sleeps.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use egui::{Event, Modifiers, PointerButton, RawInput, Rect, pos2, vec2};
+
+use super::facts::{Facts, Rates, view};
+use super::{Drawing, Input, SensorCount};
+use crate::engine::Settings;
+use crate::live::{Change, Reconstruction, SettingsDesk, now_ns};
+use crate::panel::{self, PanelView};
+use crate::steamvr::TabEvent;
+
+/// Between two pictures, nanoseconds: 30 a second.
+const SOONEST_NS: i64 = 33_000_000;
+/// Between two pictures that differ by what they show alone: nobody touches the panel.
+const UNTOUCHED_NS: i64 = 100_000_000;
+/// Turns of the thread while the tab is shown, and while it is not.
+const TURN: Duration = Duration::from_millis(15);
+const REST: Duration = Duration::from_secs(60);
+/// Pointer events that wait for the next picture.
+const MOST_EVENTS: usize = 256;
+/// The button's picture, pixels.
+const THUMBNAIL_PX: u32 = 256;
+/// Pictures that take turns: the runtime may still copy the last one, on the same queue.
+const TARGETS: usize = 3;
+/// As the runtime takes it, with egui's own blending.
+const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+
+/// Whoever knows what the panel shows, and takes what is changed.
+pub(in super::super) struct PanelSources<'a> {
+    pub desk: &'a SettingsDesk,
+    pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
+    pub sensor: &'a (dyn Fn() -> Option<SensorCount> + Sync),
+}
+
+/// What the thread works with.
+pub(in super::super) struct PanelWork {
+    inputs: Receiver<Input>,
+    to_loop: SyncSender<Drawing>,
+    facts: Arc<Mutex<Facts>>,
+    context: egui::Context,
+    painter: Option<Painter>,
+    is_open: bool,
+    /// A picture is under way.
+    is_busy: bool,
+    has_thumbnail: bool,
+    events: Vec<Event>,
+    drawn: Option<(i64, PanelView)>,
+    wants_more: bool,
+    rates: Rates,
+    settings: Option<(Arc<Settings>, toml::Table)>,
+}
+
+impl PanelWork {
+    pub(super) fn new(inputs: Receiver<Input>, to_loop: SyncSender<Drawing>, facts: Arc<Mutex<Facts>>) -> Self {
+        Self {
+            inputs,
+            to_loop,
+            facts,
+            context: egui::Context::default(),
+            painter: None,
+            is_open: false,
+            is_busy: false,
+            has_thumbnail: false,
+            events: Vec::new(),
+            drawn: None,
+            wants_more: false,
+            rates: Rates::default(),
+            settings: None,
+        }
+    }
+
+    /// Works until the loop has ended.
+    pub fn run(mut self, sources: &PanelSources) {
+        loop {
+            match self.inputs.recv_timeout(if self.is_open { TURN } else { REST }) {
+                Ok(input) => self.take(input),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            while let Ok(input) = self.inputs.try_recv() {
+                self.take(input);
+            }
+            if self.is_busy || self.painter.is_none() {
+                continue;
+            }
+            // What cannot be prepared on a device that was lost a moment ago panics in places; another device comes.
+            let worked = catch_unwind(AssertUnwindSafe(|| self.draw_due(sources)));
+            if worked.is_err() {
+                self.painter = None;
+            }
+        }
+    }
+
+    fn take(&mut self, input: Input) {
+        match input {
+            Input::Open(is_open) => {
+                self.is_open = is_open;
+                self.drawn = None;
+                self.events.clear();
+                self.events.push(Event::PointerGone);
+            }
+            Input::Pointer(event) if self.is_open && self.events.len() < MOST_EVENTS => self.point(event),
+            Input::Pointer(_) => {}
+            Input::Device(number, device, queue) => {
+                // Letters and shapes were on the device before.
+                self.context = egui::Context::default();
+                let painter = catch_unwind(AssertUnwindSafe(|| Painter::new(number, device, queue)));
+                self.painter = painter.ok();
+                (self.is_busy, self.has_thumbnail, self.drawn) = (false, false, None);
+            }
+            Input::Handed => self.is_busy = false,
+        }
+    }
+
+    fn point(&mut self, event: TabEvent) {
+        let mut button = |[x, y]: [f32; 2], pressed| {
+            let pos = pos2(x, y);
+            self.events.push(Event::PointerMoved(pos));
+            let button = PointerButton::Primary;
+            self.events.push(Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE });
+        };
+        match event {
+            TabEvent::Moved([x, y]) => self.events.push(Event::PointerMoved(pos2(x, y))),
+            TabEvent::Pressed(at) => button(at, true),
+            TabEvent::Released(at) => button(at, false),
+            TabEvent::Left => self.events.push(Event::PointerGone),
+            TabEvent::Visibility | TabEvent::Other => {}
+        }
+    }
+
+    /// Draws what there is to draw: the button once, the panel when something is new.
+    fn draw_due(&mut self, sources: &PanelSources) {
+        if !self.has_thumbnail {
+            self.draw_thumbnail();
+            self.has_thumbnail = self.is_busy;
+            return;
+        }
+        let now_ns = now_ns();
+        let age_ns = self.drawn.as_ref().map_or(i64::MAX, |(time_ns, _)| now_ns.saturating_sub(*time_ns));
+        if !self.is_open || age_ns < SOONEST_NS {
+            return;
+        }
+        let is_touched = !self.events.is_empty() || self.wants_more;
+        if !is_touched && age_ns < UNTOUCHED_NS {
+            return;
+        }
+        let view = self.view(now_ns, sources);
+        if is_touched || self.drawn.as_ref().is_none_or(|(_, before)| *before != view) {
+            self.draw_panel(now_ns, view, sources.desk);
+        }
+    }
+
+    fn view(&mut self, now_ns: i64, sources: &PanelSources) -> PanelView {
+        let newest = sources.desk.newest();
+        let settings = match self.settings.take().filter(|(known, _)| Arc::ptr_eq(known, &newest)) {
+            Some(settings) => settings,
+            // Every field is a number, a name, a list or a table of these: TOML has them all.
+            None => (Arc::clone(&newest), toml::Table::try_from(&*newest).unwrap_or_default()),
+        };
+        let facts = self.facts.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let (sensor, reconstruction) = ((sources.sensor)(), (sources.reconstruction)());
+        let view = view(now_ns, &facts, &settings, sensor, reconstruction, &mut self.rates);
+        self.settings = Some(settings);
+        view
+    }
+
+    fn draw_panel(&mut self, now_ns: i64, view: PanelView, desk: &SettingsDesk) {
+        // One press a pass: the next one finds what this one changed.
+        let is_release = |event: &Event| matches!(event, Event::PointerButton { pressed: false, .. });
+        let until = self.events.iter().position(is_release).map_or(self.events.len(), |at| at + 1);
+        let events = self.events.drain(..until).collect();
+        let mut changes = Vec::new();
+        let output = self.context.run_ui(input(panel::SIZE, now_ns, events), |ui| {
+            changes.extend(panel::panel(ui, &view));
+        });
+        for panel::Change { name, value } in changes {
+            log::debug!("the panel: {name} = {value}");
+            self.show_at_once(name, &value);
+            desk.change(Change { name: name.to_owned(), value });
+        }
+        self.wants_more =
+            output.viewport_output.values().any(|viewport| viewport.repaint_delay < Duration::from_millis(100));
+        self.drawn = Some((now_ns, view));
+        self.send(output, panel::SIZE, false);
+    }
+
+    /// What was changed looks so before it is in force; what is in force then is shown in its place.
+    fn show_at_once(&mut self, name: &str, value: &toml::Value) {
+        let table = self
+            .settings
+            .as_mut()
+            .zip(name.split_once('.'))
+            .and_then(|((_, settings), (table, key))| Some((settings.get_mut(table)?.as_table_mut()?, key)));
+        if let Some((table, key)) = table {
+            table.insert(key.to_owned(), value.clone());
+        }
+    }
+
+    fn draw_thumbnail(&mut self) {
+        let size = [THUMBNAIL_PX; 2];
+        let input = input(size, now_ns(), Vec::new());
+        let output = self.context.run_ui(input, |ui| panel::icon(ui, THUMBNAIL_PX as f32));
+        self.send(output, size, true);
+    }
+
+    fn send(&mut self, output: egui::FullOutput, size: [u32; 2], is_thumbnail: bool) {
+        let Some(painter) = &mut self.painter else { return output.drop_without_applying_deltas() };
+        let drawing = painter.prepare(&self.context, output, size, is_thumbnail);
+        self.is_busy = self.to_loop.try_send(drawing).is_ok();
+    }
+}
+
+fn input(size: [u32; 2], now_ns: i64, events: Vec<Event>) -> RawInput {
+    let [width, height] = size.map(|px| px as f32);
+    RawInput {
+        screen_rect: Some(Rect::from_min_size(pos2(0.0, 0.0), vec2(width, height))),
+        time: Some(now_ns as f64 * 1e-9),
+        events,
+        ..RawInput::default()
+    }
+}
+
+/// What draws egui's shapes on a device.
+struct Painter {
+    number: u64,
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    renderer: egui_wgpu::Renderer,
+    targets: Vec<Arc<wgpu::Texture>>,
+    next: usize,
+}
+
+impl Painter {
+    fn new(number: u64, device: wgpu::Device, queue: wgpu::Queue) -> Self {
+        let options = egui_wgpu::RendererOptions { dithering: false, ..Default::default() };
+        let renderer = egui_wgpu::Renderer::new(&device, FORMAT, options);
+        Self { number, device, queue, renderer, targets: Vec::new(), next: 0 }
+    }
+
+    fn target(&self, [width, height]: [u32; 2]) -> Arc<wgpu::Texture> {
+        Arc::new(self.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("panel"),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: FORMAT,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                | wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        }))
+    }
+
+    fn next_target(&mut self, size: [u32; 2], is_thumbnail: bool) -> Arc<wgpu::Texture> {
+        if is_thumbnail {
+            return self.target(size);
+        }
+        self.next = (self.next + 1) % TARGETS;
+        while self.targets.len() <= self.next {
+            self.targets.push(self.target(size));
+        }
+        Arc::clone(&self.targets[self.next])
+    }
+
+    /// Everything but the submission.
+    fn prepare(
+        &mut self,
+        context: &egui::Context,
+        mut output: egui::FullOutput,
+        size: [u32; 2],
+        is_thumbnail: bool,
+    ) -> Drawing {
+        let texture = self.next_target(size, is_thumbnail);
+        let screen = egui_wgpu::ScreenDescriptor { size_in_pixels: size, pixels_per_point: output.pixels_per_point };
+        let shapes = context.tessellate(std::mem::take(&mut output.shapes), output.pixels_per_point);
+        for (id, deltas) in &output.textures_delta.set {
+            for delta in deltas {
+                self.renderer.update_texture(&self.device, &self.queue, *id, delta);
+            }
+        }
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        let mut commands = self.renderer.update_buffers(&self.device, &self.queue, &mut encoder, &shapes, &screen);
+        let view = texture.create_view(&Default::default());
+        let attachment = wgpu::RenderPassColorAttachment {
+            view: &view,
+            depth_slice: None,
+            resolve_target: None,
+            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store: wgpu::StoreOp::Store },
+        };
+        let described = wgpu::RenderPassDescriptor {
+            label: Some("panel"),
+            color_attachments: &[Some(attachment)],
+            ..Default::default()
+        };
+        let mut pass = encoder.begin_render_pass(&described).forget_lifetime();
+        self.renderer.render(&mut pass, &shapes, &screen);
+        drop(pass);
+        let ready = wgpu::wgt::TextureTransition {
+            texture: &*texture,
+            selector: None,
+            state: wgpu::wgt::TextureUses::COPY_SRC,
+        };
+        encoder.transition_resources(std::iter::empty(), std::iter::once(ready));
+        commands.push(encoder.finish());
+        for id in &output.textures_delta.free {
+            self.renderer.free_texture(id);
+        }
+        output.drop_without_applying_deltas();
+        Drawing { device: self.number, commands, is_thumbnail, texture }
+    }
+}

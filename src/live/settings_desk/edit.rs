@@ -1,0 +1,118 @@
+//! Changes to a settings file as a person would make them: one value is another, comments and everything else stay as they are.
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use toml_edit::{DocumentMut, Item, Table, Value};
+
+/// The text with one value changed; a value or table that is not there is added. `None`: the text is no TOML, or the name leads through
+/// something that is no table.
+pub(super) fn with_value(text: &str, name: &str, value: &toml::Value) -> Option<String> {
+    let mut document: DocumentMut = text.parse().ok()?;
+    let mut path: Vec<&str> = name.split('.').collect();
+    let last = path.pop()?;
+    let mut table: &mut dyn toml_edit::TableLike = document.as_table_mut();
+    for part in path {
+        table = table.entry(part).or_insert(Item::Table(Table::new())).as_table_like_mut()?;
+    }
+    let mut new = edited(value);
+    match table.get_mut(last).and_then(Item::as_value_mut) {
+        Some(old) => {
+            // What stands around it, a comment behind it above all.
+            *new.decor_mut() = old.decor().clone();
+            *old = new;
+        }
+        None => drop(table.insert(last, Item::Value(new))),
+    }
+    Some(document.to_string())
+}
+
+fn edited(value: &toml::Value) -> Value {
+    match value {
+        toml::Value::String(text) => text.as_str().into(),
+        toml::Value::Integer(number) => (*number).into(),
+        toml::Value::Float(number) => (*number).into(),
+        toml::Value::Boolean(is) => (*is).into(),
+        toml::Value::Datetime(time) => time.to_string().into(),
+        toml::Value::Array(list) => Value::Array(list.iter().map(edited).collect()),
+        toml::Value::Table(table) => {
+            Value::InlineTable(table.iter().map(|(key, value)| (key.as_str(), edited(value))).collect())
+        }
+    }
+}
+
+/// Puts a text in a file's place as a whole: readers see the old one or the new one.
+///
+/// # Errors
+/// What the system refuses.
+pub(super) fn replace(path: &Path, text: &str) -> std::io::Result<()> {
+    // Behind a link the file itself is replaced.
+    let path = &fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder)?;
+    }
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{}.new", std::process::id()));
+    let beside = path.with_file_name(name);
+    let written = write(&beside, path, text).and_then(|()| fs::rename(&beside, path));
+    if written.is_err() {
+        let _ = fs::remove_file(&beside);
+    }
+    written
+}
+
+fn write(beside: &Path, path: &Path, text: &str) -> std::io::Result<()> {
+    let mut file = fs::File::create(beside)?;
+    if let Ok(metadata) = fs::metadata(path) {
+        file.set_permissions(metadata.permissions())?;
+    }
+    file.write_all(text.as_bytes())?;
+    file.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "# mine\n[warning] # how near\nfade_distance_m = 1.5   # from here\n# bright\nbrightness = 0.5\n\n[headset]\ndisplay = \"panels\"\n";
+
+    #[test]
+    fn comments_and_everything_else_stay() {
+        let changed = with_value(TEXT, "warning.fade_distance_m", &2.0.into()).unwrap();
+        assert_eq!(changed, TEXT.replace("1.5", "2.0"));
+        let changed = with_value(TEXT, "headset.display", &"stereo".into()).unwrap();
+        assert_eq!(changed, TEXT.replace("panels", "stereo"));
+    }
+
+    #[test]
+    fn what_is_not_there_is_added() {
+        let changed = with_value(TEXT, "warning.footprints", &false.into()).unwrap();
+        let lines: Vec<&str> = changed.lines().filter(|line| !TEXT.lines().any(|old| old == *line)).collect();
+        assert_eq!(lines, ["footprints = false"]);
+        let read: toml::Table = toml::from_str(&changed).unwrap();
+        assert_eq!(read["warning"]["footprints"], toml::Value::Boolean(false));
+        let color = toml::Value::from(vec![1i64, 2, 3]);
+        let fresh = with_value("", "warning.color", &color).unwrap();
+        assert_eq!(fresh, "[warning]\ncolor = [1, 2, 3]\n");
+        let inline = with_value("warning = { brightness = 0.5 }\n", "warning.brightness", &1.0.into()).unwrap();
+        assert_eq!(toml::from_str::<toml::Table>(&inline).unwrap()["warning"]["brightness"], 1.0.into());
+    }
+
+    #[test]
+    fn what_cannot_be_changed_is_left() {
+        assert_eq!(with_value("a = = b", "warning.brightness", &1.0.into()), None);
+        assert_eq!(with_value("warning = 3", "warning.brightness", &1.0.into()), None);
+    }
+
+    #[test]
+    fn a_file_is_replaced_as_a_whole_and_its_folder_made() {
+        let folder = std::env::temp_dir().join(format!("radar-chaperone-edit-{}", std::process::id()));
+        let path = folder.join("deep").join("settings.toml");
+        replace(&path, "a = 1\n").unwrap();
+        replace(&path, "a = 2\n").unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "a = 2\n");
+        assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}

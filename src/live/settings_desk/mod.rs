@@ -1,0 +1,391 @@
+//! Settings while the program runs: whoever changes them, in the file or in the dashboard's panel, and whoever goes by them.
+//!
+//! A thread of its own looks at the file four times a second: its time and length, and its text where these have changed. That
+//! costs a system call a look, serves every editor and every file system, and needs nothing that watches folders. What is good is in force at
+//! once; what is not is told of once, and the last good settings stay. Changes that are made here are in force first and are written into the
+//! file when they rest, comments and all; a file that is wrong at that time is not written over.
+
+mod edit;
+mod follower;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime};
+
+use self::follower::{Follower, Outcome, Seen};
+use super::now_ns;
+use crate::engine::Settings;
+
+/// Between two looks at the file.
+const TURN: Duration = Duration::from_millis(250);
+/// While something was seen that does not count yet.
+const SHORT_TURN: Duration = Duration::from_millis(80);
+/// A file that was changed so recently may be changed again without its time telling.
+const FRESH: Duration = Duration::from_secs(3);
+/// Changes are written when they have rested for so long, nanoseconds, and at the latest after `LATEST_NS`: a slider gives many.
+const REST_NS: i64 = 400_000_000;
+const LATEST_NS: i64 = 2_000_000_000;
+/// A settings file is not longer, bytes.
+const LONGEST: u64 = 1 << 20;
+/// Orders that may wait.
+const MOST_ORDERS: usize = 256;
+
+/// Makes settings of a file's text and of changes by `name=value` over it, or says what is wrong.
+pub type Compose<'a> = &'a (dyn Fn(&str, &[String]) -> Result<Settings, String> + Sync);
+/// Told the settings before and those in force from now on.
+pub type OnNew<'a> = &'a (dyn Fn(&Settings, &Settings) + Sync);
+
+/// A change of one setting.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Change {
+    /// Its name, as in `warning.brightness`.
+    pub name: String,
+    /// What it is to be.
+    pub value: toml::Value,
+}
+
+enum Order {
+    Change(Change),
+    Recompose,
+    End,
+}
+
+/// Where the settings in force lie.
+pub struct SettingsDesk {
+    newest: Mutex<Arc<Settings>>,
+    version: AtomicU64,
+    orders: SyncSender<Order>,
+}
+
+/// What the desk's thread works with; see [`SettingsDesk::new`].
+pub struct DeskWork {
+    file: Option<PathBuf>,
+    /// `name=value`, laid over the file.
+    over: Vec<String>,
+    orders: Receiver<Order>,
+    /// The file's last good text.
+    text: String,
+    follower: Follower,
+    stamp: Option<(SystemTime, u64)>,
+    /// Changes of ours that are not in the file yet.
+    unsaved: BTreeMap<String, toml::Value>,
+    changed_ns: Option<(i64, i64)>,
+    cannot_save: Option<String>,
+}
+
+impl SettingsDesk {
+    /// Reads the file, which need not be there. The other part is to be run by a thread: [`DeskWork::run`].
+    ///
+    /// # Errors
+    /// What is wrong with the file.
+    pub fn new(file: Option<PathBuf>, over: &[String], compose: Compose) -> Result<(Self, DeskWork), String> {
+        let seen = file.as_deref().map_or(Seen::Absent, seen);
+        let text = match &seen {
+            Seen::Text(text) => text.clone(),
+            Seen::Absent => String::new(),
+            Seen::Unreadable(why) => return Err(why.clone()),
+        };
+        let first = compose(&text, over)?;
+        let (sender, orders) = sync_channel(MOST_ORDERS);
+        let desk = Self { newest: Mutex::new(Arc::new(first)), version: AtomicU64::new(1), orders: sender };
+        let stamp = file.as_deref().and_then(stamp);
+        let work = DeskWork {
+            file,
+            over: over.to_vec(),
+            orders,
+            text,
+            follower: Follower::new(seen),
+            stamp,
+            unsaved: BTreeMap::new(),
+            changed_ns: None,
+            cannot_save: None,
+        };
+        Ok((desk, work))
+    }
+
+    /// The settings in force.
+    pub fn newest(&self) -> Arc<Settings> {
+        Arc::clone(&self.newest.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// The settings in force, where they are others than those of that version; never waits.
+    pub fn newer_than(&self, version: &mut u64) -> Option<Arc<Settings>> {
+        let now = self.version.load(Ordering::Acquire);
+        if now == *version {
+            return None;
+        }
+        let newest = self.newest.try_lock().ok()?;
+        *version = now;
+        Some(Arc::clone(&newest))
+    }
+
+    /// Has one setting changed, and kept in the file; never waits.
+    pub fn change(&self, change: Change) {
+        let _ = self.orders.try_send(Order::Change(change));
+    }
+
+    /// Has the settings made anew: what lies below the file has changed.
+    pub fn recompose(&self) {
+        let _ = self.orders.try_send(Order::Recompose);
+    }
+
+    /// Ends the thread.
+    pub fn end(&self) {
+        // It takes orders several times a second, so that there is room soon.
+        let _ = self.orders.send(Order::End);
+    }
+
+    fn publish(&self, settings: Settings, on_new: OnNew) {
+        let new = Arc::new(settings);
+        let before = {
+            let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+            std::mem::replace(&mut *newest, Arc::clone(&new))
+        };
+        self.version.fetch_add(1, Ordering::Release);
+        if before != new {
+            on_new(&before, &new);
+        }
+    }
+}
+
+impl DeskWork {
+    /// Works until told to end.
+    pub fn run(mut self, desk: &SettingsDesk, compose: Compose, on_new: OnNew) {
+        loop {
+            let turn = if self.follower.is_waiting() || self.changed_ns.is_some() { SHORT_TURN } else { TURN };
+            match self.orders.recv_timeout(turn) {
+                Ok(Order::Change(change)) => self.take(change, desk, compose, on_new),
+                Ok(Order::Recompose) => self.recompose(desk, compose, on_new),
+                Ok(Order::End) | Err(RecvTimeoutError::Disconnected) => break,
+                Err(RecvTimeoutError::Timeout) => self.look(desk, compose, on_new),
+            }
+            let now_ns = now_ns();
+            let is_due = |(first_ns, last_ns): (i64, i64)| {
+                now_ns.saturating_sub(last_ns) >= REST_NS || now_ns.saturating_sub(first_ns) >= LATEST_NS
+            };
+            if self.changed_ns.is_some_and(is_due) {
+                self.save(compose);
+            }
+        }
+        if self.changed_ns.is_some() {
+            self.save(compose);
+        }
+    }
+
+    /// The last good text with our changes in it.
+    fn text_now(&self) -> String {
+        let change =
+            |text: String, (name, value): (&String, &toml::Value)| edit::with_value(&text, name, value).unwrap_or(text);
+        self.unsaved.iter().fold(self.text.clone(), change)
+    }
+
+    fn take(&mut self, change: Change, desk: &SettingsDesk, compose: Compose, on_new: OnNew) {
+        let Change { name, value } = change;
+        // The newest word counts, though the command line said otherwise at the start.
+        let over = self.over.clone();
+        self.over.retain(|set| set.split_once('=').is_none_or(|(set, _)| set.trim() != name));
+        let before = self.unsaved.insert(name.clone(), value);
+        match compose(&self.text_now(), &self.over) {
+            Ok(settings) => {
+                let now_ns = now_ns();
+                self.changed_ns = Some((self.changed_ns.map_or(now_ns, |(first_ns, _)| first_ns), now_ns));
+                desk.publish(settings, on_new);
+            }
+            Err(why) => {
+                log::warn!("{name} stays as it is: {why}");
+                self.over = over;
+                match before {
+                    Some(before) => self.unsaved.insert(name, before),
+                    None => self.unsaved.remove(&name),
+                };
+                // Whoever asked for it learns that it is as it was.
+                desk.publish(Settings::clone(&desk.newest()), on_new);
+            }
+        }
+    }
+
+    fn recompose(&mut self, desk: &SettingsDesk, compose: Compose, on_new: OnNew) {
+        match compose(&self.text_now(), &self.over) {
+            Ok(settings) => desk.publish(settings, on_new),
+            Err(why) => log::warn!("the settings stay as they are: {why}"),
+        }
+    }
+
+    fn look(&mut self, desk: &SettingsDesk, compose: Compose, on_new: OnNew) {
+        let Some(file) = self.file.as_deref() else { return };
+        let stamp = stamp(file);
+        let is_fresh = stamp.is_some_and(|(time, _)| time.elapsed().is_ok_and(|age| age < FRESH));
+        if stamp == self.stamp && !is_fresh && !self.follower.is_waiting() {
+            return;
+        }
+        self.stamp = stamp;
+        let name = file.display().to_string();
+        let over = &self.over;
+        match self.follower.look(now_ns(), seen(file), |text| compose(text, over)) {
+            Outcome::Nothing => {}
+            Outcome::Kept(why) => log::warn!("{name}: {why}. The settings of before stay in force"),
+            Outcome::New(text, settings) => {
+                log::info!("{name}: its settings are in force");
+                self.text = text;
+                if self.unsaved.is_empty() {
+                    desk.publish(settings, on_new);
+                } else {
+                    // What was changed here and could not be written goes over it, and into it.
+                    self.changed_ns = Some((now_ns(), now_ns()));
+                    self.recompose(desk, compose, on_new);
+                }
+            }
+        }
+    }
+
+    /// Writes our changes into the file as it is now.
+    fn save(&mut self, compose: Compose) {
+        self.changed_ns = None;
+        let why = match self.try_save(compose) {
+            Ok(()) => None,
+            Err(why) => Some(format!("what was changed holds until the program ends, and is not saved: {why}")),
+        };
+        if why.is_some() && why != self.cannot_save {
+            log::warn!("{}", why.as_deref().unwrap_or_default());
+        }
+        self.cannot_save = why;
+    }
+
+    fn try_save(&mut self, compose: Compose) -> Result<(), String> {
+        let file = self.file.as_deref().ok_or("this user has no folder for settings")?;
+        let named = |why: String| format!("{}: {why}", file.display());
+        // Somebody may have changed it a moment ago.
+        let text = match seen(file) {
+            Seen::Text(text) if !text.trim().is_empty() => text,
+            Seen::Text(_) | Seen::Absent => self.text.clone(),
+            Seen::Unreadable(why) => return Err(named(why)),
+        };
+        compose(&text, &self.over).map_err(&named)?;
+        self.text = text;
+        let text = self.text_now();
+        compose(&text, &self.over).map_err(&named)?;
+        edit::replace(file, &text).map_err(|error| named(error.to_string()))?;
+        self.follower.wrote(&text);
+        self.text = text;
+        self.unsaved.clear();
+        Ok(())
+    }
+}
+
+/// Time and length of a file.
+fn stamp(file: &Path) -> Option<(SystemTime, u64)> {
+    let metadata = std::fs::metadata(file).ok()?;
+    Some((metadata.modified().ok()?, metadata.len()))
+}
+
+fn seen(file: &Path) -> Seen {
+    match std::fs::metadata(file) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Seen::Absent,
+        Ok(metadata) if metadata.len() > LONGEST => return Seen::Unreadable("it is too long".to_owned()),
+        _ => {}
+    }
+    match std::fs::read_to_string(file) {
+        Ok(text) => Seen::Text(text),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Seen::Absent,
+        Err(error) => Seen::Unreadable(format!("cannot be read: {error}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    fn compose(text: &str, over: &[String]) -> Result<Settings, String> {
+        Settings::from_toml(text, over).map_err(|error| error.to_string())
+    }
+
+    /// A desk with its thread, on a file of that text.
+    fn with_desk(name: &str, text: Option<&str>, over: &[&str], test: impl FnOnce(&SettingsDesk, &Path)) {
+        let folder = std::env::temp_dir().join(format!("radar-chaperone-desk-{name}-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("settings.toml");
+        if let Some(text) = text {
+            fs::write(&file, text).unwrap();
+        }
+        let over: Vec<String> = over.iter().map(|set| (*set).to_owned()).collect();
+        let (desk, work) = SettingsDesk::new(Some(file.clone()), &over, &compose).unwrap();
+        std::thread::scope(|scope| {
+            scope.spawn(|| work.run(&desk, &compose, &|_, _| {}));
+            test(&desk, &file);
+            desk.end();
+        });
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    fn wait_for(what: &str, is_so: impl Fn() -> bool) {
+        for _ in 0..2000 {
+            if is_so() {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        panic!("{what} did not come");
+    }
+
+    fn brightness(value: f64) -> Change {
+        Change { name: "warning.brightness".into(), value: value.into() }
+    }
+
+    #[test]
+    fn the_file_is_followed_and_a_wrong_one_changes_nothing() {
+        with_desk("follow", Some("[warning]\nbrightness = 0.5\n"), &[], |desk, file| {
+            let is = |value: f32| desk.newest().warning.brightness == value;
+            assert!(is(0.5));
+            fs::write(file, "[warning]\nbrightness = 0.25\n").unwrap();
+            wait_for("the file", || is(0.25));
+            fs::write(file, "[warning]\nbrightness = 7\n").unwrap();
+            std::thread::sleep(Duration::from_millis(600));
+            assert!(is(0.25));
+            fs::write(file, "[warning]\nbrightness = 0.75\n").unwrap();
+            wait_for("a good one", || is(0.75));
+        });
+    }
+
+    #[test]
+    fn changes_are_in_force_and_in_the_file_with_its_comments() {
+        let text = "# mine\n[warning]\nbrightness = 0.5 # half\n";
+        with_desk("change", Some(text), &["warning.brightness=1.0"], |desk, file| {
+            assert_eq!(desk.newest().warning.brightness, 1.0);
+            desk.change(brightness(0.25));
+            wait_for("the change", || desk.newest().warning.brightness == 0.25);
+            wait_for("the file", || fs::read_to_string(file).unwrap() == text.replace("0.5", "0.25"));
+            desk.change(brightness(9.0));
+            std::thread::sleep(Duration::from_millis(100));
+            assert_eq!(desk.newest().warning.brightness, 0.25);
+        });
+    }
+
+    #[test]
+    fn a_wrong_file_is_not_written_over_and_gets_the_change_once_it_is_right() {
+        with_desk("wrong", Some(""), &[], |desk, file| {
+            fs::write(file, "[warning\n").unwrap();
+            desk.change(brightness(0.25));
+            wait_for("the change", || desk.newest().warning.brightness == 0.25);
+            std::thread::sleep(Duration::from_millis(2500));
+            assert_eq!(fs::read_to_string(file).unwrap(), "[warning\n");
+            fs::write(file, "[warning]\nfade_distance_m = 2.0\n").unwrap();
+            let whole = "[warning]\nfade_distance_m = 2.0\nbrightness = 0.25\n";
+            wait_for("both", || fs::read_to_string(file).unwrap() == whole);
+            assert_eq!(desk.newest().warning.fade_distance_m, 2.0);
+        });
+    }
+
+    #[test]
+    fn a_file_that_is_not_there_is_made() {
+        with_desk("made", None, &[], |desk, file| {
+            desk.change(brightness(0.25));
+            wait_for("the file", || {
+                fs::read_to_string(file).is_ok_and(|text| text == "[warning]\nbrightness = 0.25\n")
+            });
+        });
+    }
+}

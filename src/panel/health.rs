@@ -1,0 +1,247 @@
+//! How sensor, tracking and reconstruction are: numbers in, plain words out, with what to do where something is wrong.
+
+use egui::{Align2, Color32, Painter, Rect, pos2, vec2};
+
+use super::{BAD, CARD, FAINT, FAIR, GOOD, ROUND, TEXT, font};
+
+/// So many sweeps lost of a hundred are worth a word.
+const MANY_LOST_PERCENT: f64 = 2.0;
+/// A sweep so old means that nothing comes, or that nothing is worked off, seconds.
+const OLD_S: f64 = 1.0;
+/// An offset known to this serves all that is drawn, seconds.
+const KNOWN_S: f64 = 3e-3;
+
+/// The sensor's line.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum SensorHealth {
+    /// None was found yet, or the line does not open.
+    #[default]
+    Missing,
+    /// It is there and sends nothing.
+    Silent,
+    /// It sends.
+    Streaming {
+        /// Sweeps a second.
+        sweeps_per_s: f64,
+        /// Share of them that is lost, of a hundred.
+        lost_percent: f64,
+    },
+}
+
+/// All of it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Health {
+    /// The sensor.
+    pub sensor: SensorHealth,
+    /// Whether the head is tracked.
+    pub is_tracked: bool,
+    /// Poses a second that reach the reconstruction.
+    pub poses_per_s: f64,
+    /// Time of a sweep's pose minus time of the sweep, seconds, and its 1σ where the data tell it.
+    pub time_offset_s: f64,
+    /// See `time_offset_s`.
+    pub time_offset_sigma_s: Option<f64>,
+    /// Age of the newest sweep worked off, seconds; `None` before the first.
+    pub age_s: Option<f64>,
+    /// Whether the reconstruction works.
+    pub is_alive: bool,
+    /// Obstacles and walls on the map.
+    pub obstacles: usize,
+    /// See `obstacles`.
+    pub walls: usize,
+}
+
+/// How grave it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum State {
+    Good,
+    Fair,
+    Bad,
+}
+
+impl State {
+    pub fn color(self) -> Color32 {
+        match self {
+            Self::Good => GOOD,
+            Self::Fair => FAIR,
+            Self::Bad => BAD,
+        }
+    }
+}
+
+/// One thing to say.
+#[derive(Debug, PartialEq)]
+pub(super) struct Finding {
+    pub title: &'static str,
+    pub state: State,
+    pub says: String,
+    /// Numbers where it is well, what to do where it is not.
+    pub more: String,
+}
+
+impl Health {
+    /// Sensor, headset, timing, room.
+    pub(super) fn findings(&self) -> [Finding; 4] {
+        [self.sensor(), self.headset(), self.timing(), self.room()]
+    }
+
+    fn sensor(&self) -> Finding {
+        let (state, says, more) = match &self.sensor {
+            SensorHealth::Missing => {
+                (State::Bad, "No radar sensor found".into(), "Plug it in: it is looked for every two seconds.".into())
+            }
+            SensorHealth::Silent => (
+                State::Bad,
+                "The sensor sends nothing".into(),
+                "Wait a moment; then unplug it and plug it in again.".into(),
+            ),
+            SensorHealth::Streaming { sweeps_per_s, lost_percent } if *lost_percent >= MANY_LOST_PERCENT => (
+                State::Fair,
+                format!("{lost_percent:.0} % of the radar is lost"),
+                format!("{sweeps_per_s:.0} sweeps a second arrive. Use another USB port or a shorter cable."),
+            ),
+            SensorHealth::Streaming { sweeps_per_s, lost_percent } => (
+                State::Good,
+                "Radar is measuring".into(),
+                format!("{sweeps_per_s:.0} sweeps a second, {lost_percent:.1} % lost"),
+            ),
+        };
+        Finding { title: "Sensor", state, says, more }
+    }
+
+    fn headset(&self) -> Finding {
+        let (state, says, more) = match self.is_tracked {
+            true => (State::Good, "Headset is tracked".into(), format!("{:.0} poses a second", self.poses_per_s)),
+            false => (
+                State::Bad,
+                "Headset is not tracked".into(),
+                "Let it see the base stations or the lit room again.".into(),
+            ),
+        };
+        Finding { title: "Headset", state, says, more }
+    }
+
+    fn timing(&self) -> Finding {
+        let offset_ms = self.time_offset_s * 1e3;
+        let (state, says, more) = match self.time_offset_sigma_s {
+            Some(sigma_s) if sigma_s <= KNOWN_S => (
+                State::Good,
+                "Radar and headset agree".into(),
+                format!("offset {offset_ms:+.1} ms, known to ±{:.1} ms", sigma_s * 1e3),
+            ),
+            Some(sigma_s) => (
+                State::Fair,
+                "Timing is not known well yet".into(),
+                format!("±{:.0} ms. Move your head to and fro for some seconds.", sigma_s * 1e3),
+            ),
+            None => {
+                (State::Fair, "Timing is not known yet".into(), "Move your head to and fro for some seconds.".into())
+            }
+        };
+        Finding { title: "Timing", state, says, more }
+    }
+
+    fn room(&self) -> Finding {
+        let found = || format!("{} and {}", counted(self.obstacles, "obstacle"), counted(self.walls, "wall"));
+        let (state, says, more) = match self.age_s {
+            _ if !self.is_alive && self.age_s.is_some() => {
+                (State::Bad, "The map has stopped".into(), "Restart Radar chaperone.".into())
+            }
+            None => (State::Fair, "Nothing mapped yet".into(), "The map begins with the first sweeps.".into()),
+            Some(age_s) if age_s > OLD_S => {
+                (State::Bad, "The map stands still".into(), format!("{} known, {}", found(), told_age(age_s)))
+            }
+            Some(_) if self.obstacles + self.walls == 0 => {
+                (State::Fair, "Nothing found yet".into(), "Look around the room for some seconds.".into())
+            }
+            Some(age_s) => (State::Good, found(), told_age(age_s)),
+        };
+        Finding { title: "Room", state, says, more }
+    }
+}
+
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+fn told_age(age_s: f64) -> String {
+    match age_s {
+        age_s if age_s <= OLD_S => "up to date".to_owned(),
+        age_s => format!("last seen {age_s:.0} s ago"),
+    }
+}
+
+/// Two by two.
+pub(super) fn cards(painter: &Painter, area: Rect, findings: &[Finding; 4]) {
+    const GAP: f32 = 14.0;
+    let size = (area.size() - vec2(GAP, GAP)) / 2.0;
+    for (n, finding) in findings.iter().enumerate() {
+        let (column, row) = ((n % 2) as f32, (n / 2) as f32);
+        let card = Rect::from_min_size(area.min + vec2(column * (size.x + GAP), row * (size.y + GAP)), size);
+        painter.rect_filled(card, ROUND, CARD);
+        let left = card.min.x + 24.0;
+        painter.circle_filled(pos2(left + 10.0, card.min.y + 33.0), 10.0, finding.state.color());
+        let title = pos2(left + 34.0, card.min.y + 33.0);
+        painter.text(title, Align2::LEFT_CENTER, finding.title, font(21.0), FAINT);
+        let width = card.width() - 44.0;
+        let says = painter.layout(finding.says.clone(), font(27.0), TEXT, width);
+        painter.galley(pos2(left, card.min.y + 54.0), says, TEXT);
+        let more = painter.layout(finding.more.clone(), font(20.0), FAINT, width);
+        painter.galley(pos2(left, card.min.y + 94.0), more, FAINT);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn well() -> Health {
+        Health {
+            sensor: SensorHealth::Streaming { sweeps_per_s: 1056.0, lost_percent: 0.0 },
+            is_tracked: true,
+            poses_per_s: 250.0,
+            time_offset_s: 0.0021,
+            time_offset_sigma_s: Some(0.0004),
+            age_s: Some(0.05),
+            is_alive: true,
+            obstacles: 5,
+            walls: 1,
+        }
+    }
+
+    fn states(health: &Health) -> [State; 4] {
+        health.findings().map(|finding| finding.state)
+    }
+
+    #[test]
+    fn all_is_well_and_said_in_words() {
+        assert_eq!(states(&well()), [State::Good; 4]);
+        let [sensor, headset, timing, room] = well().findings();
+        assert_eq!(sensor.more, "1056 sweeps a second, 0.0 % lost");
+        assert_eq!(headset.more, "250 poses a second");
+        assert_eq!(timing.more, "offset +2.1 ms, known to ±0.4 ms");
+        assert_eq!(room.says, "5 obstacles and 1 wall");
+    }
+
+    #[test]
+    fn each_fault_is_told_where_it_is_with_what_to_do() {
+        let lossy = SensorHealth::Streaming { sweeps_per_s: 900.0, lost_percent: 15.0 };
+        for (health, at, state, word) in [
+            (Health { sensor: SensorHealth::Missing, ..well() }, 0, State::Bad, "Plug"),
+            (Health { sensor: SensorHealth::Silent, ..well() }, 0, State::Bad, "plug"),
+            (Health { sensor: lossy, ..well() }, 0, State::Fair, "USB"),
+            (Health { is_tracked: false, ..well() }, 1, State::Bad, "see"),
+            (Health { time_offset_sigma_s: None, ..well() }, 2, State::Fair, "to and fro"),
+            (Health { time_offset_sigma_s: Some(0.01), ..well() }, 2, State::Fair, "to and fro"),
+            (Health { age_s: None, ..well() }, 3, State::Fair, "first sweeps"),
+            (Health { age_s: Some(4.0), ..well() }, 3, State::Bad, "4 s ago"),
+            (Health { is_alive: false, ..well() }, 3, State::Bad, "Restart"),
+            (Health { obstacles: 0, walls: 0, ..well() }, 3, State::Fair, "Look around"),
+        ] {
+            let mut expected = [State::Good; 4];
+            expected[at] = state;
+            assert_eq!(states(&health), expected, "{health:?}");
+            assert!(health.findings()[at].more.contains(word), "{:?}", health.findings()[at]);
+        }
+    }
+}

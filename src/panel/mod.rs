@@ -1,0 +1,179 @@
+//! The panel in SteamVR's dashboard, as egui draws it: switches, the room from above, and how sensor and tracking are. It has
+//! no window, no GPU and no clock; it is given plain data ([`PanelView`]) and gives back what the user changes ([`Change`]).
+//!
+//! It is read at arm's length and touched with a laser pointer: large type, large targets, a fixed layout.
+
+mod health;
+mod icon;
+mod plan;
+mod switches;
+
+pub use health::{Health, SensorHealth};
+pub use icon::icon;
+pub use plan::{Head, Plan, Thing, hull};
+
+use egui::{Align2, Color32, CornerRadius, FontId, Pos2, Rect, Ui, pos2, vec2};
+
+/// Width and height, pixels, which are egui's points.
+pub const SIZE: [u32; 2] = [1600, 1000];
+
+const BACKGROUND: Color32 = Color32::from_rgb(15, 19, 27);
+const CARD: Color32 = Color32::from_rgb(26, 32, 43);
+const RAISED: Color32 = Color32::from_rgb(46, 56, 72);
+const HOVERED: Color32 = Color32::from_rgb(66, 79, 100);
+const TEXT: Color32 = Color32::from_rgb(236, 240, 246);
+const FAINT: Color32 = Color32::from_rgb(152, 164, 182);
+const ACCENT: Color32 = Color32::from_rgb(64, 210, 240);
+const GOOD: Color32 = Color32::from_rgb(88, 208, 128);
+const FAIR: Color32 = Color32::from_rgb(250, 190, 70);
+const BAD: Color32 = Color32::from_rgb(250, 96, 84);
+const ROUND: CornerRadius = CornerRadius::same(14);
+
+const MARGIN: f32 = 28.0;
+const HEADER: f32 = 96.0;
+const SWITCHES_WIDTH: f32 = 700.0;
+const HEALTH_HEIGHT: f32 = 332.0;
+
+/// What the panel shows.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PanelView {
+    /// The settings in force, as their file spells them.
+    pub settings: toml::Table,
+    /// The room from above.
+    pub plan: Plan,
+    /// Sensor, tracking and what is made of them.
+    pub health: Health,
+}
+
+/// What the user has changed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Change {
+    /// The setting, as in `warning.brightness`.
+    pub name: &'static str,
+    /// What it is to be.
+    pub value: toml::Value,
+}
+
+/// Draws the panel and gives what was changed by this pass's input.
+pub fn panel(ui: &Ui, view: &PanelView) -> Vec<Change> {
+    let painter = ui.painter();
+    painter.rect_filled(whole(), CornerRadius::ZERO, BACKGROUND);
+    let findings = view.health.findings();
+    header(ui, &findings);
+    health::cards(painter, health_area(), &findings);
+    plan::draw(painter, plan_area(), &view.plan);
+    switches::draw(ui, switches_area(), &view.settings)
+}
+
+/// Where a switch is to be pressed, pixels from the upper left: `headset.warnings`, or with the part of it: `warning.brightness+`,
+/// `warning.brightness-`, `headset.display=stereo`.
+pub fn target(settings: &toml::Table, name: &str) -> Option<[f32; 2]> {
+    let places = switches::targets(switches_area(), settings);
+    places.into_iter().find(|(own, _)| own == name).map(|(_, rect)| [rect.center().x, rect.center().y])
+}
+
+fn whole() -> Rect {
+    Rect::from_min_size(Pos2::ZERO, vec2(SIZE[0] as f32, SIZE[1] as f32))
+}
+
+fn below_header() -> Rect {
+    let mut rect = whole().shrink(MARGIN);
+    rect.min.y = HEADER;
+    rect
+}
+
+fn switches_area() -> Rect {
+    let rect = below_header();
+    Rect::from_min_size(rect.min, vec2(SWITCHES_WIDTH, rect.height()))
+}
+
+fn right_column() -> Rect {
+    let mut rect = below_header();
+    rect.min.x += SWITCHES_WIDTH + MARGIN;
+    rect
+}
+
+fn plan_area() -> Rect {
+    let rect = right_column();
+    Rect::from_min_max(rect.min, pos2(rect.max.x, rect.max.y - HEALTH_HEIGHT - 20.0))
+}
+
+fn health_area() -> Rect {
+    let rect = right_column();
+    Rect::from_min_max(pos2(rect.min.x, rect.max.y - HEALTH_HEIGHT), rect.max)
+}
+
+/// The name, and the worst of what there is to say.
+fn header(ui: &Ui, findings: &[health::Finding]) {
+    let painter = ui.painter();
+    let middle = HEADER / 2.0 + 2.0;
+    icon::draw(painter, Rect::from_center_size(pos2(MARGIN + 30.0, middle), vec2(60.0, 60.0)));
+    painter.text(pos2(MARGIN + 78.0, middle), Align2::LEFT_CENTER, "Radar chaperone", font(42.0), TEXT);
+    let worst = findings.iter().max_by_key(|finding| finding.state);
+    let (text, color) = match worst {
+        Some(worst) if worst.state > health::State::Good => (worst.says.as_str(), worst.state.color()),
+        _ => ("Everything works", GOOD),
+    };
+    let right = SIZE[0] as f32 - MARGIN;
+    let said = painter.text(pos2(right, middle), Align2::RIGHT_CENTER, text, font(30.0), color);
+    painter.circle_filled(pos2(said.min.x - 24.0, middle), 11.0, color);
+}
+
+fn font(size: f32) -> FontId {
+    FontId::proportional(size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings() -> toml::Table {
+        toml::from_str(switches::tests::ALL).unwrap()
+    }
+
+    fn press(context: &egui::Context, view: &PanelView, at: [f32; 2]) -> Vec<Change> {
+        let at = pos2(at[0], at[1]);
+        let button = |pressed| egui::Event::PointerButton {
+            pos: at,
+            button: egui::PointerButton::Primary,
+            pressed,
+            modifiers: egui::Modifiers::NONE,
+        };
+        let mut changes = Vec::new();
+        for events in [vec![], vec![egui::Event::PointerMoved(at)], vec![button(true)], vec![button(false)]] {
+            let input = egui::RawInput { screen_rect: Some(whole()), events, ..Default::default() };
+            let output = context.run_ui(input, |ui| changes.extend(panel(ui, view)));
+            assert!(!output.shapes.is_empty());
+            output.drop_without_applying_deltas();
+        }
+        changes
+    }
+
+    #[test]
+    fn pressing_a_switch_changes_its_setting_and_nothing_else_does() {
+        let view = PanelView { settings: settings(), ..Default::default() };
+        let context = egui::Context::default();
+        let at = |name| target(&view.settings, name).unwrap();
+        let change = |name, value: toml::Value| vec![Change { name, value }];
+        assert_eq!(press(&context, &view, at("headset.warnings")), change("headset.warnings", false.into()));
+        assert_eq!(press(&context, &view, at("warning.brightness-")), change("warning.brightness", 0.9.into()));
+        assert_eq!(press(&context, &view, at("warning.brightness+")), [], "it is at its greatest");
+        assert_eq!(press(&context, &view, at("headset.display=stereo")), change("headset.display", "stereo".into()));
+        assert_eq!(press(&context, &view, [1590.0, 10.0]), []);
+        // The full distance stays below the one of the fade, so that no press is refused.
+        let mut near = view.clone();
+        near.settings["warning"]["full_distance_m"] = 1.4.into();
+        assert_eq!(press(&context, &near, at("warning.full_distance_m+")), []);
+    }
+
+    #[test]
+    fn targets_are_large_and_apart_and_on_the_panel() {
+        let places = switches::targets(switches_area(), &settings());
+        assert!(places.len() > 15);
+        for (n, (name, rect)) in places.iter().enumerate() {
+            assert!(switches_area().contains_rect(*rect), "{name}");
+            assert!(rect.width() >= 48.0 && rect.height() >= 48.0, "{name}: {rect}");
+            assert!(places[..n].iter().all(|(_, other)| !other.intersects(*rect)), "{name}");
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! The room from above, as the play area lies: ahead is up.
+
+use egui::{Align2, Color32, Painter, Pos2, Rect, Shape, Stroke, StrokeKind, Vec2, pos2, vec2};
+
+use super::{ACCENT, CARD, FAINT, FAIR, ROUND, TEXT, font};
+
+/// The plan shows no less and no more than so much from one edge to the other, metres.
+const LEAST_M: f64 = 3.5;
+const MOST_M: f64 = 10.0;
+/// No obstacle is drawn smaller, pixels from its middle.
+const LEAST_PX: f32 = 11.0;
+/// The legend's strip below, pixels.
+const LEGEND_PX: f32 = 52.0;
+/// Around what is shown, metres.
+const AROUND_M: f64 = 0.4;
+
+/// The head: where, and which way it looks (right, ahead: components of a unit vector along x and z).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Head {
+    /// x and z, metres.
+    pub at_m: [f64; 2],
+    /// Along x and z.
+    pub looks: [f64; 2],
+    /// Half the beam's opening, radians, and how far the search looks, metres.
+    pub beam_rad: f64,
+    /// See `beam_rad`.
+    pub beam_m: f64,
+}
+
+/// An obstacle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Thing {
+    /// Its outline: corners of a convex polygon, x and z, metres.
+    pub outline_m: Vec<[f64; 2]>,
+    /// Its strongest place.
+    pub at_m: [f64; 2],
+    /// 1σ of that: two half axes of an ellipse, metres.
+    pub sigma_m: [[f64; 2]; 2],
+    /// Whether it is warned of now.
+    pub is_near: bool,
+}
+
+/// What there is; places are x and z of the standing universe, metres.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Plan {
+    /// Width and depth of the play area, around the origin.
+    pub play_area_m: Option<[f64; 2]>,
+    /// The head, while it is known.
+    pub head: Option<Head>,
+    /// Walls, from end to end.
+    pub walls_m: Vec<[[f64; 2]; 2]>,
+    /// Obstacles.
+    pub things: Vec<Thing>,
+}
+
+/// The corners of what contains all places, in order around it.
+pub fn hull(places: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let mut sorted: Vec<[f64; 2]> = places.iter().copied().filter(|p| p[0].is_finite() && p[1].is_finite()).collect();
+    sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    sorted.dedup();
+    if sorted.len() < 3 {
+        return sorted;
+    }
+    let turn = |o: [f64; 2], a: [f64; 2], b: [f64; 2]| (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]);
+    let half = |places: &mut dyn Iterator<Item = [f64; 2]>| {
+        let mut chain: Vec<[f64; 2]> = Vec::new();
+        for place in places {
+            while let [.., before, last] = chain[..]
+                && turn(before, last, place) <= 0.0
+            {
+                chain.pop();
+            }
+            chain.push(place);
+        }
+        chain.pop();
+        chain
+    };
+    let mut all = half(&mut sorted.iter().copied());
+    all.extend(half(&mut sorted.iter().rev().copied()));
+    all
+}
+
+/// From metres to the picture.
+struct View {
+    area: Rect,
+    middle_m: [f64; 2],
+    px_per_m: f64,
+}
+
+impl View {
+    /// All of it in the picture, as far as that may be.
+    fn of(plan: &Plan, area: Rect) -> Self {
+        let mut least = [-LEAST_M / 2.0; 2];
+        let mut most = [LEAST_M / 2.0; 2];
+        let mut hold = |[x, z]: [f64; 2]| {
+            for (i, v) in [x, z].into_iter().enumerate().filter(|(_, v)| v.is_finite()) {
+                least[i] = f64::min(least[i], v.max(-MOST_M / 2.0) - AROUND_M);
+                most[i] = f64::max(most[i], v.min(MOST_M / 2.0) + AROUND_M);
+            }
+        };
+        if let Some([width, depth]) = plan.play_area_m {
+            [[width / 2.0, depth / 2.0], [-width / 2.0, -depth / 2.0]].into_iter().for_each(&mut hold);
+        }
+        plan.walls_m.iter().flatten().copied().for_each(&mut hold);
+        plan.things.iter().flat_map(|thing| &thing.outline_m).copied().for_each(&mut hold);
+        plan.head.iter().for_each(|head| hold(head.at_m));
+        // By whole half metres, so that the picture does not breathe.
+        let [least, most] = [least.map(|v| (v * 2.0).floor() / 2.0), most.map(|v| (v * 2.0).ceil() / 2.0)];
+        let scale = |i: usize, px: f32| f64::from(px) / (most[i] - least[i]);
+        let px_per_m = scale(0, area.width()).min(scale(1, area.height()));
+        Self { area, middle_m: [(least[0] + most[0]) / 2.0, (least[1] + most[1]) / 2.0], px_per_m }
+    }
+
+    fn at(&self, [x, z]: [f64; 2]) -> Pos2 {
+        self.area.center() + self.along([x - self.middle_m[0], z - self.middle_m[1]])
+    }
+
+    fn along(&self, [x, z]: [f64; 2]) -> Vec2 {
+        vec2((x * self.px_per_m) as f32, (z * self.px_per_m) as f32)
+    }
+}
+
+/// Draws it.
+pub(super) fn draw(painter: &Painter, area: Rect, plan: &Plan) {
+    painter.rect_filled(area, ROUND, CARD);
+    let mut inner = area.shrink(10.0);
+    inner.max.y -= LEGEND_PX - 10.0;
+    let view = View::of(plan, inner);
+    let clipped = painter.with_clip_rect(inner);
+    grid(&clipped, &view);
+    if let Some([width, depth]) = plan.play_area_m {
+        let half = [width / 2.0, depth / 2.0];
+        let rect = Rect::from_two_pos(view.at([-half[0], -half[1]]), view.at(half));
+        clipped.rect_filled(rect, 4, ACCENT.gamma_multiply(0.06));
+        clipped.rect_stroke(rect, 4, Stroke::new(3.0, ACCENT.gamma_multiply(0.7)), StrokeKind::Middle);
+    }
+    if let Some(head) = &plan.head {
+        beam(&clipped, &view, head);
+    }
+    for wall in &plan.walls_m {
+        clipped.line_segment(wall.map(|end| view.at(end)), Stroke::new(9.0, Color32::from_rgb(168, 178, 196)));
+    }
+    plan.things.iter().for_each(|thing| draw_thing(&clipped, &view, thing));
+    if let Some(head) = &plan.head {
+        draw_head(&clipped, &view, head);
+    }
+    legend(painter, area, plan);
+}
+
+fn grid(painter: &Painter, view: &View) {
+    let reach = (f64::from(view.area.width().max(view.area.height())) / view.px_per_m / 2.0).ceil() as i64 + 1;
+    let middle = view.middle_m.map(|v| v.round() as i64);
+    for n in -reach..=reach {
+        let [x, z] = [0, 1].map(|i| view.at([(middle[0] + n) as f64, (middle[1] + n) as f64])[i]);
+        let stroke = Stroke::new(1.5, Color32::from_rgb(48, 57, 73));
+        painter.vline(x, view.area.y_range(), stroke);
+        painter.hline(view.area.x_range(), z, stroke);
+    }
+}
+
+fn beam(painter: &Painter, view: &View, head: &Head) {
+    const STEPS: usize = 24;
+    let ahead = head.looks[1].atan2(head.looks[0]);
+    let half = head.beam_rad.clamp(0.02, 1.5);
+    let edge = |n: usize| {
+        let angle = ahead + half * (2.0 * n as f64 / STEPS as f64 - 1.0);
+        view.at([head.at_m[0] + head.beam_m * angle.cos(), head.at_m[1] + head.beam_m * angle.sin()])
+    };
+    let mut corners = vec![view.at(head.at_m)];
+    corners.extend((0..=STEPS).map(edge));
+    painter.add(Shape::convex_polygon(corners, ACCENT.gamma_multiply(0.13), Stroke::NONE));
+}
+
+fn draw_thing(painter: &Painter, view: &View, thing: &Thing) {
+    let color = if thing.is_near { FAIR } else { Color32::from_rgb(120, 150, 196) };
+    let corners: Vec<Pos2> = thing.outline_m.iter().map(|corner| view.at(*corner)).collect();
+    let around = Rect::from_points(&corners);
+    match corners.len() {
+        // What is too small to see is seen all the same.
+        0..=2 => drop(painter.circle_filled(view.at(thing.at_m), LEAST_PX, color)),
+        _ if around.width().max(around.height()) < 2.0 * LEAST_PX => {
+            painter.circle_filled(around.center(), LEAST_PX, color);
+        }
+        _ => {
+            let shape = Shape::convex_polygon(corners, color.gamma_multiply(0.45), Stroke::new(3.0, color));
+            painter.add(shape);
+        }
+    }
+    // Two sigmas: it is within, nineteen times of twenty along each axis.
+    let axes = thing.sigma_m.map(|axis| view.along(axis.map(|v| 2.0 * v)));
+    if axes.iter().any(|axis| axis.length() > LEAST_PX + 2.0) {
+        let middle = view.at(thing.at_m);
+        let at = |n: usize| {
+            let angle = n as f32 / 48.0 * std::f32::consts::TAU;
+            middle + axes[0] * angle.cos() + axes[1] * angle.sin()
+        };
+        let around: Vec<Pos2> = (0..=48).map(at).collect();
+        painter.extend(Shape::dashed_line(&around, Stroke::new(2.0, TEXT.gamma_multiply(0.75)), 8.0, 7.0));
+    }
+}
+
+fn draw_head(painter: &Painter, view: &View, head: &Head) {
+    let (middle, ahead) = (view.at(head.at_m), vec2(head.looks[0] as f32, head.looks[1] as f32));
+    let aside = vec2(-ahead.y, ahead.x);
+    let corners = vec![middle + ahead * 44.0, middle + aside * 18.0 + ahead * 4.0, middle - aside * 18.0 + ahead * 4.0];
+    painter.add(Shape::convex_polygon(corners, TEXT, Stroke::NONE));
+    painter.circle(middle, 18.0, TEXT, Stroke::new(4.0, ACCENT));
+}
+
+/// What is what, below the plan; or why it is empty.
+fn legend(painter: &Painter, area: Rect, plan: &Plan) {
+    let y = area.max.y - LEGEND_PX / 2.0;
+    let mut x = area.min.x + 24.0;
+    let known = Color32::from_rgb(120, 150, 196);
+    let entries = [
+        (Some(TEXT), "you"),
+        (Some(known), "obstacle"),
+        (Some(FAIR), "near you"),
+        (Some(ACCENT), "play area"),
+        (None, "dashed: uncertain"),
+    ];
+    for (color, text) in entries {
+        if let Some(color) = color {
+            painter.circle_filled(pos2(x + 8.0, y), 8.0, color);
+            x += 24.0;
+        }
+        x = painter.text(pos2(x, y), Align2::LEFT_CENTER, text, font(20.0), FAINT).max.x + 26.0;
+    }
+    painter.text(pos2(area.max.x - 24.0, y), Align2::RIGHT_CENTER, "1 m squares", font(20.0), FAINT);
+    if plan.things.is_empty() && plan.walls_m.is_empty() {
+        let at = pos2(area.center().x, area.min.y + 46.0);
+        painter.text(at, Align2::CENTER_CENTER, "Nothing found yet: look around the room", font(26.0), FAINT);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_hull_has_the_corners_alone() {
+        let places = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5], [0.5, 0.0], [f64::NAN, 0.0]];
+        let mut corners = hull(&places);
+        corners.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        assert_eq!(corners, [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]]);
+        assert_eq!(hull(&[[1.0, 2.0], [1.0, 2.0]]), [[1.0, 2.0]]);
+        assert_eq!(hull(&[[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]]), [[0.0, 0.0], [2.0, 2.0]]);
+    }
+
+    #[test]
+    fn everything_is_in_the_picture_with_ahead_up() {
+        let area = Rect::from_min_size(pos2(100.0, 50.0), vec2(800.0, 500.0));
+        let plan =
+            Plan { play_area_m: Some([2.0, 3.0]), walls_m: vec![[[-3.0, -2.0], [3.0, -2.0]]], ..Plan::default() };
+        let view = View::of(&plan, area);
+        for place in [[-3.0, -2.0], [3.0, -2.0], [1.0, 1.5]] {
+            assert!(area.contains(view.at(place)), "{place:?} at {}", view.at(place));
+        }
+        assert!(view.at([0.0, -1.0]).y < view.at([0.0, 1.0]).y && view.at([1.0, 0.0]).x > view.at([-1.0, 0.0]).x);
+        // What is far away does not shrink the room to nothing.
+        let far = Plan { walls_m: vec![[[900.0, 0.0], [900.0, f64::NAN]]], ..Plan::default() };
+        assert!(View::of(&far, area).px_per_m > 40.0);
+    }
+}

@@ -1,0 +1,82 @@
+//! The settings file is changed while the program runs.
+
+use std::fs;
+use std::path::Path;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use crate::eyes::Eye;
+use crate::rig::{PATIENCE, Rig};
+
+/// What is brightest in what the left eye sees; `None` while there is no warning to see.
+fn hue(rig: &Rig, number: &mut u32) -> Option<char> {
+    *number += 1;
+    let name = format!("look{number}");
+    let [eye, _] = Eye::both(&rig.path("vr/shots"), Path::new(&name), &rig.shoot(&name));
+    let [red, green] = eye.brightest_red_and_green();
+    let is_lit = red.max(green) > 100;
+    is_lit.then_some(if red > 2 * green {
+        'r'
+    } else if green > 2 * red {
+        'g'
+    } else {
+        '?'
+    })
+}
+
+fn wait_for_hue(rig: &Rig, number: &mut u32, wanted: char) {
+    let begin = Instant::now();
+    while hue(rig, number) != Some(wanted) {
+        assert!(begin.elapsed() < PATIENCE, "no warning of colour {wanted}");
+    }
+}
+
+#[test]
+fn a_changed_file_is_in_force_at_once_and_a_wrong_one_never() {
+    let mut rig = Rig::new("settings");
+    rig.start_sensor("furnished-room", "approach-chair", 1, 300);
+    rig.start_steamvr(&json!({}), true);
+    let file = rig.path("own.toml");
+    let color =
+        |color: &str| format!("# kept\n[warning]\ncolor = {color}\nfull_distance_m = 2.5\nfade_distance_m = 3.5\n");
+    fs::write(&file, color("[0, 255, 0]")).unwrap();
+    let program = rig.start_run(&["--settings", "own.toml", "--report", "run.json"]);
+    rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));
+    let number = &mut 0;
+    wait_for_hue(&rig, number, 'g');
+    fs::write(&file, color("[255, 0, 0]")).unwrap();
+    wait_for_hue(&rig, number, 'r');
+
+    // Garbage: told of once, and nothing changes.
+    fs::write(&file, color("[0, 255, 0")).unwrap();
+    rig.wait_for("its word", || program.err().contains("own.toml").then_some(()));
+    wait_for_hue(&rig, number, 'r');
+    sleep(Duration::from_secs(1));
+    assert_eq!(program.err().matches("stay in force").count(), 1, "{}", program.err());
+    // Empty, then away: as some editors save, and as some files end.
+    fs::write(&file, "").unwrap();
+    rig.wait_for("its word", || program.err().contains("it is empty").then_some(()));
+    fs::remove_file(&file).unwrap();
+    rig.wait_for("its word", || program.err().contains("not there any more").then_some(()));
+    wait_for_hue(&rig, number, 'r');
+    // By renaming.
+    fs::write(rig.path("new.toml"), color("[0, 255, 0]")).unwrap();
+    fs::rename(rig.path("new.toml"), &file).unwrap();
+    wait_for_hue(&rig, number, 'g');
+
+    // Another display, no warnings, another search: while it runs.
+    fs::write(&file, color("[255, 0, 0]") + "[headset]\ndisplay = \"stereo\"\n").unwrap();
+    wait_for_hue(&rig, number, 'r');
+    fs::write(&file, color("[255, 0, 0]") + "[headset]\nwarnings = false\n").unwrap();
+    rig.wait_report("no warning", |report| report["visible"] == 0);
+    fs::write(&file, color("[0, 255, 0]") + "[rooms.map]\nconfirm_score = 6.0\n").unwrap();
+    wait_for_hue(&rig, number, 'g');
+
+    let ended = program.interrupt();
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    assert_eq!(rig.report()["violations"], json!({}));
+    let own: Value = serde_json::from_slice(&fs::read(rig.path("run.json")).unwrap()).unwrap();
+    assert_eq!((&own["forgotten"], &own["reconstruction"]["epoch"]), (&json!(0), &json!(1)), "{own}");
+}
