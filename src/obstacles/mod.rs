@@ -1,5 +1,6 @@
 //! What stands in the room: obstacles with position, covariance and extent; walls as planes.
 
+mod evidence;
 mod explain;
 mod map;
 mod reflectors;
@@ -7,9 +8,10 @@ mod rooms;
 mod scene;
 mod views;
 
+pub use evidence::Evidence;
 pub use explain::{Believed, ExplainSettings, Explained, Window};
 pub use map::{MapSettings, Sighted, Sightings, same_place, same_plane};
-pub use reflectors::{ReflectorSettings, find_reflectors};
+pub use reflectors::{ReflectorSettings, find_reflectors, reflector_evidence};
 pub use rooms::{RoomCounters, RoomSearch, RoomSettings};
 pub use scene::{Observed, Obstacle, Scene, Wall};
 pub use views::ViewMemory;

@@ -13,8 +13,8 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ExplainSettings, Explained, MapSettings, Observed, Obstacle, Sightings, ViewMemory, Wall, Window, same_place,
-    same_plane,
+    Evidence, ExplainSettings, Explained, MapSettings, Observed, Obstacle, Sightings, ViewMemory, Wall, Window,
+    same_place, same_plane,
 };
 use crate::geometry::{Aabb, Plane, Pose};
 use crate::imaging::blocks::{
@@ -179,6 +179,13 @@ impl RoomSearch {
     /// End of the newest sweep that obstacles and walls rest on, host nanoseconds.
     pub fn evidence_ns(&self) -> Option<i64> {
         self.evidence_ns
+    }
+
+    /// Every voxel that was ever seen and scores at least `min_score`, the `most` strongest.
+    pub fn evidence(&self, min_score: f64, most: usize) -> Evidence {
+        let peaks = self.field.above(min_score, i64::MIN);
+        let voxels = peaks.into_iter().map(|peak| (peak.position_m, peak.score as f32)).collect();
+        Evidence::strongest(self.settings.blocks.voxel_m, voxels, most)
     }
 
     /// The score on fine voxels, where something is.

@@ -1,0 +1,213 @@
+//! The three cross-sections on the screen, side by side at one scale, with axes, colour bar, obstacles and head.
+
+use egui::{
+    Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, StrokeKind, TextureHandle, TextureOptions, Ui, pos2, vec2,
+};
+use glam::DVec3;
+
+use super::maps::{Map, PLANES};
+use super::style;
+use super::viewport::{Shown, color_bar};
+use crate::report::inferno;
+
+/// What of the evidence is shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Cut {
+    /// All of it.
+    #[default]
+    All,
+    /// A slab around the head.
+    Head,
+    /// A slab around the selected obstacle.
+    Selected,
+}
+
+/// Room for words around each plot, points: left, top, right, bottom.
+const MARGINS: [f32; 4] = [44.0, 24.0, 8.0, 34.0];
+
+/// What the maps on the screen were made of.
+#[derive(Clone, PartialEq)]
+struct Made {
+    evidence: usize,
+    around: Option<DVec3>,
+    bounds: [DVec3; 2],
+    scale: [f32; 2],
+}
+
+/// The maps, made anew only when something changed.
+#[derive(Default)]
+pub struct MapView {
+    cut: Cut,
+    made: Option<Made>,
+    maps: Vec<(Map, TextureHandle)>,
+}
+
+impl MapView {
+    /// Shows what is this far around a place, or all.
+    pub fn set_cut(&mut self, cut: Cut) {
+        self.cut = cut;
+    }
+
+    /// The row of maps, in all the room there is.
+    pub fn show(&mut self, ui: &mut Ui, shown: &Shown) {
+        self.choice(ui, shown);
+        let least = shown.layers.least_score;
+        let scale = [least, shown.top_score.max(least + 1e-3)];
+        self.make(ui.ctx(), shown, scale);
+        let (area, _) = ui.allocate_exact_size(ui.available_size(), Sense::hover());
+        let painter = ui.painter_at(area);
+        let mut left = area.left();
+        let px_per_m = self.scale(area.size());
+        for (map, texture) in &self.maps {
+            let [width_m, height_m] = map.ranges_m.map(|[low, high]| (high - low) as f32);
+            let plot = Rect::from_min_size(
+                pos2(left + MARGINS[0], area.top() + MARGINS[1]),
+                vec2(width_m, height_m) * px_per_m,
+            );
+            one(&painter, plot, map, texture, shown);
+            left = plot.right() + MARGINS[2];
+        }
+    }
+
+    fn choice(&mut self, ui: &mut Ui, shown: &Shown) {
+        ui.horizontal(|ui| {
+            ui.label(egui::RichText::new("Evidence, greatest score along the view:").color(style::MUTED));
+            ui.selectable_value(&mut self.cut, Cut::All, "all");
+            ui.selectable_value(&mut self.cut, Cut::Head, "at the head");
+            let selected = shown.layers.selected;
+            ui.add_enabled_ui(selected.is_some(), |ui| {
+                let name = selected.map_or("at an obstacle".into(), |id| format!("at #{id}"));
+                ui.selectable_value(&mut self.cut, Cut::Selected, name)
+                    .on_hover_text("Click an obstacle's number in the list");
+            });
+            if self.cut != Cut::All {
+                let thickness_cm = super::maps::SLAB_HALF_M * 200.0;
+                ui.label(egui::RichText::new(format!("within a slab of {thickness_cm:.0} cm")).color(style::MUTED));
+            }
+            let (bar, _) = ui.allocate_exact_size(vec2(140.0, 10.0), Sense::hover());
+            color_bar(ui.painter(), bar, |share| {
+                let [r, g, b] = inferno(0.08 + 0.92 * share);
+                Color32::from_rgb(r, g, b)
+            });
+            let least = shown.layers.least_score;
+            let range = format!("{} {least:.1} to {:.1}", shown.about.score_name(), shown.top_score.max(least));
+            ui.label(egui::RichText::new(range).color(style::MUTED));
+        });
+    }
+
+    /// The place that is cut through.
+    fn around(&self, shown: &Shown) -> Option<DVec3> {
+        match self.cut {
+            Cut::All => None,
+            Cut::Head => shown.moment.head.map(|head| head.translation),
+            Cut::Selected => {
+                let mut obstacles = shown.moment.scene.obstacles.iter();
+                obstacles
+                    .find(|obstacle| Some(obstacle.id) == shown.layers.selected)
+                    .map(|obstacle| obstacle.position_m)
+            }
+        }
+    }
+
+    fn make(&mut self, context: &egui::Context, shown: &Shown, scale: [f32; 2]) {
+        let made = Made {
+            evidence: std::sync::Arc::as_ptr(&shown.moment.evidence) as usize,
+            around: self.around(shown),
+            bounds: [shown.bounds.min, shown.bounds.max],
+            scale,
+        };
+        if self.made.as_ref() == Some(&made) {
+            return;
+        }
+        let maps = PLANES.map(|plane| Map::of(&shown.moment.evidence, plane, shown.bounds, made.around, scale[0]));
+        self.maps = maps
+            .into_iter()
+            .map(|map| {
+                let image = map.image(scale[0], scale[1]);
+                let texture = context.load_texture(format!("map {:?}", map.plane), image, TextureOptions::NEAREST);
+                (map, texture)
+            })
+            .collect();
+        self.made = Some(made);
+    }
+
+    /// Pixels a metre, so that all fit.
+    fn scale(&self, room: egui::Vec2) -> f32 {
+        let sizes = self.maps.iter().map(|(map, _)| map.ranges_m.map(|[low, high]| (high - low) as f32));
+        let (width_m, height_m) = sizes.fold((0.0, 0.0f32), |(w, h), [width, height]| (w + width, h.max(height)));
+        let across = (room.x - 3.0 * (MARGINS[0] + MARGINS[2])) / width_m.max(0.1);
+        let upright = (room.y - MARGINS[1] - MARGINS[3]) / height_m.max(0.1);
+        across.min(upright).max(1.0)
+    }
+}
+
+fn one(painter: &egui::Painter, plot: Rect, map: &Map, texture: &TextureHandle, shown: &Shown) {
+    let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
+    painter.image(texture.id(), plot, whole, Color32::WHITE);
+    painter.rect_stroke(plot, 0.0, Stroke::new(1.0, style::GRID_METRE), StrokeKind::Outside);
+    let [[left, right], [low, high]] = map.ranges_m;
+    let on_plot = |[x, y]: [f64; 2]| {
+        let share = [(x - left) / (right - left), (high - y) / (high - low)].map(|share| share as f32);
+        plot.min + vec2(share[0] * plot.width(), share[1] * plot.height())
+    };
+    axes(painter, plot, map, &on_plot);
+    let clipped = painter.with_clip_rect(plot);
+    let at = |place: DVec3| on_plot(map.plane.project(place));
+    if shown.layers.truth {
+        for place in shown.about.truth.iter().flat_map(|truth| &truth.obstacles).flat_map(|o| &o.points_m) {
+            clipped.circle_filled(at(*place), 1.5, style::TRUTH);
+        }
+    }
+    if shown.layers.path {
+        let path = shown.moment.path.iter().map(|(_, place)| at(*place)).collect();
+        clipped.line(path, Stroke::new(1.0, style::HEAD.gamma_multiply(0.5)));
+    }
+    if shown.layers.obstacles {
+        for obstacle in &shown.moment.scene.obstacles {
+            let middle = at(obstacle.position_m);
+            let is_selected = shown.layers.selected == Some(obstacle.id);
+            clipped.circle_stroke(middle, 5.0, Stroke::new(if is_selected { 2.5 } else { 1.5 }, style::FOUND));
+            let name = format!("#{}", obstacle.id);
+            clipped.text(middle + vec2(7.0, -5.0), Align2::LEFT_CENTER, name, FontId::proportional(11.0), style::FOUND);
+        }
+    }
+    if let Some(head) = &shown.moment.head {
+        let (middle, ahead) = (at(head.translation), at(head.translation + head.forward() * 0.35));
+        clipped.circle_filled(middle, 5.0, style::HEAD);
+        clipped.line_segment([middle, ahead], Stroke::new(2.0, style::HEAD));
+    }
+}
+
+fn axes(painter: &egui::Painter, plot: Rect, map: &Map, on_plot: &impl Fn([f64; 2]) -> Pos2) {
+    let [heading, across, upright] = map.plane.labels();
+    let font = FontId::proportional(12.0);
+    let [[left, right], [low, high]] = map.ranges_m;
+    painter.text(
+        plot.left_top() - vec2(0.0, 5.0),
+        Align2::LEFT_BOTTOM,
+        heading,
+        FontId::proportional(13.0),
+        style::INK,
+    );
+    // Above the plot, where it is not in the way of the numbers.
+    painter.text(
+        plot.right_top() - vec2(0.0, 5.0),
+        Align2::RIGHT_BOTTOM,
+        format!("↑ {upright}"),
+        font.clone(),
+        style::MUTED,
+    );
+    painter.text(plot.center_bottom() + vec2(0.0, 18.0), Align2::CENTER_TOP, across, font.clone(), style::MUTED);
+    let step = if plot.width() / ((right - left) as f32) < 34.0 { 2 } else { 1 };
+    let metres = |low: f64, high: f64| (low.ceil() as i32..=high.floor() as i32).filter(move |n| n % step == 0);
+    for n in metres(left, right) {
+        let at = pos2(on_plot([n.into(), low]).x, plot.bottom());
+        painter.line_segment([at, at + vec2(0.0, 4.0)], Stroke::new(1.0, style::MUTED));
+        painter.text(at + vec2(0.0, 5.0), Align2::CENTER_TOP, n, font.clone(), style::MUTED);
+    }
+    for n in metres(low, high) {
+        let at = pos2(plot.left(), on_plot([left, n.into()]).y);
+        painter.line_segment([at, at - vec2(4.0, 0.0)], Stroke::new(1.0, style::MUTED));
+        painter.text(at - vec2(7.0, 0.0), Align2::RIGHT_CENTER, n, font.clone(), style::MUTED);
+    }
+}
