@@ -28,6 +28,8 @@ pub struct About {
     pub sweeps_per_s: f64,
     /// How it is searched.
     pub search: Search,
+    /// Score from which on a sighting counts.
+    pub confirm_score: f64,
     /// What is really there, where it is known.
     pub truth: Option<Truth>,
     /// How warnings look.
@@ -56,15 +58,16 @@ impl About {
             subsweeps: header.config.subsweeps.len().max(1),
             sweeps_per_s: f64::from(header.config.sweeps_per_frame) / frame_timing(&header.config).frame_period_s,
             search,
+            confirm_score: settings.rooms.map.confirm_score,
             truth: header.truth.clone(),
             warning: settings.warning.clone(),
         }
     }
 
-    /// Evidence below this is noise to the eye.
+    /// Evidence below this is not shown at first: less confirms nothing.
     pub fn least_score(&self) -> f32 {
         match self.search {
-            Search::Rooms => 3.0,
+            Search::Rooms => self.confirm_score as f32,
             Search::Reflectors => 0.0,
         }
     }

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use egui::{CentralPanel, Frame, Panel, RichText, Ui};
+use egui::{CentralPanel, Frame, Panel, RichText, Ui, UiBuilder};
 
 use super::about::About;
 use super::camera::{Camera, Eye, View};
@@ -18,11 +18,14 @@ use super::room::room;
 use super::viewport::{Shown, viewport};
 use super::{panel, style, timeline};
 use crate::geometry::Aabb;
+use crate::warning::{Panel as WarningPanel, warn};
 
 /// While the recording is worked off, the strip is drawn so often.
 const BUFFERING: Duration = Duration::from_millis(100);
 /// No more time than this passes between two passes, seconds: who comes back to a window does not miss half a minute.
 const LONGEST_PASS_S: f64 = 0.25;
+/// Share of the width that the room has beside the maps.
+const ROOM_SHARE: f32 = 0.68;
 /// Places of the head's path that are drawn at most.
 const PATH_POINTS: usize = 1500;
 
@@ -31,7 +34,7 @@ const PATH_POINTS: usize = 1500;
 pub enum Arrangement {
     /// The room.
     Room,
-    /// The room above, the maps below.
+    /// The room, the maps beside it.
     Both,
     /// The maps.
     Maps,
@@ -105,6 +108,22 @@ impl App {
         self.maps.set_cut(cut);
     }
 
+    /// The share of the recording at which the warnings straight ahead are brightest.
+    pub fn brightest(&self, duration_s: f64) -> f64 {
+        let brightness = |share: &f64| {
+            let moment = self.history.lock().moment(share * duration_s, 2);
+            let Some(head) = moment.head else { return 0.0 };
+            let ahead = |panel: &WarningPanel| {
+                let to = panel.tracking_from_panel.translation - head.translation;
+                f64::from(panel.alpha) * to.normalize_or_zero().dot(head.forward()).max(0.0).powi(4)
+            };
+            warn(&moment.scene, &head, &self.about.warning).panels.iter().map(ahead).sum()
+        };
+        let shares = (1..=100).map(|n| f64::from(n) / 100.0);
+        let all = shares.map(|share| (share, brightness(&share)));
+        all.fold((1.0, 0.0), |best, one| if one.1 > best.1 { one } else { best }).0
+    }
+
     /// The picture that is wanted since the last pass.
     pub fn take_wanted(&mut self) -> Option<Wanted> {
         self.wanted.take()
@@ -171,26 +190,31 @@ impl App {
     }
 
     fn middle(&mut self, ui: &mut Ui, moment: &Moment, bounds: &Aabb, top_score: f32) {
-        if let Some(view) = self.view {
-            self.camera = Camera::of(view, bounds.center(), 0.5 * bounds.size().length());
-        }
         let shown =
             Shown { about: &self.about, moment, layers: &self.layers, bounds, top_score, texture: self.texture };
-        let mut size = ui.available_size();
-        if self.arrangement == Arrangement::Both {
-            size.y *= 0.64;
-        }
-        if self.arrangement != Arrangement::Maps {
-            let (eye, area, is_moved) = viewport(ui, size, &mut self.camera, &shown);
+        let whole = ui.available_rect_before_wrap();
+        let share = match self.arrangement {
+            Arrangement::Room => 1.0,
+            Arrangement::Both => ROOM_SHARE,
+            Arrangement::Maps => 0.0,
+        };
+        let (left, right) = whole.split_left_right_at_fraction(share);
+        if share > 0.0 {
+            let aspect = f64::from(left.width() / left.height().max(1.0));
+            if let Some(view) = self.view {
+                self.camera = Camera::fitting(view, bounds, aspect);
+            }
+            let (eye, is_moved) = viewport(ui, left, &mut self.camera, &shown);
             if is_moved {
                 self.view = None;
             }
             let inside = self.camera.is_first_person && moment.head.is_some();
             let drawing = room(&self.about, moment, &self.layers, bounds, top_score, inside);
-            self.wanted = Some(Wanted { eye, drawing, size: area.size() });
+            self.wanted = Some(Wanted { eye, drawing, size: left.size() });
         }
-        if self.arrangement != Arrangement::Room {
-            Frame::new().inner_margin(8.0).show(ui, |ui| self.maps.show(ui, &shown));
+        if share < 1.0 {
+            let place = UiBuilder::new().max_rect(right.shrink(8.0));
+            ui.scope_builder(place, |ui| self.maps.show(ui, &shown));
         }
     }
 

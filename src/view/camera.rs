@@ -2,7 +2,7 @@
 
 use glam::{DMat4, DQuat, DVec2, DVec3, DVec4};
 
-use crate::geometry::Pose;
+use crate::geometry::{Aabb, Pose};
 
 /// Nothing nearer is drawn, metres.
 const NEAR_M: f64 = 0.03;
@@ -13,6 +13,8 @@ const ORBIT_FOV_RAD: f64 = 0.75;
 const HEAD_FOV_RAD: f64 = 1.5;
 /// Straight up and down are left out by this, radians: there the direction to the right is not known.
 const POLE_RAD: f64 = 1e-3;
+/// A box that fits ends so far from the view's middle, in shares of its sides.
+const FITTING: f64 = 0.46;
 /// Radians for a pointer's way across the whole height of the view.
 const TURN_RAD: f64 = 4.0;
 
@@ -60,6 +62,30 @@ impl Camera {
         };
         let distance_m = (1.08 * radius_m / (ORBIT_FOV_RAD / 2.0).tan()).clamp(DISTANCES_M[0], DISTANCES_M[1]);
         Self { target_m: middle_m, yaw_rad, pitch_rad, distance_m, is_first_person: view == View::FirstPerson }
+    }
+
+    /// A view in which a box just fits.
+    pub fn fitting(view: View, bounds: &Aabb, aspect: f64) -> Self {
+        let mut camera = Self::of(view, bounds.center(), 0.5 * bounds.size().length());
+        let corner = |n: usize| {
+            let pick = |axis: usize| if n >> axis & 1 == 1 { bounds.max[axis] } else { bounds.min[axis] };
+            DVec3::new(pick(0), pick(1), pick(2))
+        };
+        let is_in_view = |camera: &Self| {
+            let eye = Self { is_first_person: false, ..camera.clone() }.eye(None, aspect);
+            (0..8)
+                .filter_map(|n| eye.project(corner(n)))
+                .filter(|at| (*at - 0.5).abs().max_element() <= FITTING)
+                .count()
+                == 8
+        };
+        let [mut low, mut high] = DISTANCES_M;
+        for _ in 0..24 {
+            camera.distance_m = 0.5 * (low + high);
+            if is_in_view(&camera) { high = camera.distance_m } else { low = camera.distance_m }
+        }
+        camera.distance_m = high;
+        camera
     }
 
     /// The pointer went so far, in shares of the view's height: turns around the place looked at.
@@ -168,6 +194,18 @@ mod tests {
             let turn = DQuat::from_euler(glam::EulerRot::XYZ, f64::from(n), f64::from(n) * 0.37, 0.0);
             let at = eye.project(DVec3::ONE + turn * DVec3::X * 2.8).unwrap();
             assert!(at.cmpge(DVec2::splat(-0.05)).all() && at.cmple(DVec2::splat(1.05)).all(), "{at}");
+        }
+    }
+
+    #[test]
+    fn a_box_that_fits_reaches_near_the_edges_and_not_beyond() {
+        let bounds = Aabb { min: DVec3::new(-2.0, 0.0, -2.5), max: DVec3::new(2.0, 2.5, 2.5) };
+        for (view, aspect) in [(View::Overview, 1.6), (View::Above, 1.0), (View::Side, 0.6)] {
+            let eye = Camera::fitting(view, &bounds, aspect).eye(None, aspect);
+            let corners = (0..8).map(|n| DVec3::new([-2.0, 2.0][n & 1], [0.0, 2.5][n >> 1 & 1], [-2.5, 2.5][n >> 2]));
+            let farthest = corners.map(|place| (eye.project(place).unwrap() - 0.5).abs().max_element());
+            let farthest = farthest.fold(0.0, f64::max);
+            assert!((farthest - FITTING).abs() < 0.01, "{view:?}: {farthest}");
         }
     }
 

@@ -48,7 +48,7 @@ const KEYS: [Entry; 12] = [
         "one second back or on",
         &[(Key::ArrowLeft, true, Action::Jump(-1)), (Key::ArrowRight, true, Action::Jump(1))],
     ),
-    ("Home, End", "to the beginning or the end", &[(Key::Home, false, Action::Home), (Key::End, false, Action::End)]),
+    ("Home, End", "to the beginning, to the end", &[(Key::Home, false, Action::Home), (Key::End, false, Action::End)]),
     (
         "+ −",
         "faster or slower",

@@ -56,22 +56,16 @@ impl MapView {
         self.make(ui.ctx(), shown, scale);
         let (area, _) = ui.allocate_exact_size(ui.available_size(), Sense::hover());
         let painter = ui.painter_at(area);
-        let mut left = area.left();
-        let px_per_m = self.scale(area.size());
-        for (map, texture) in &self.maps {
-            let [width_m, height_m] = map.ranges_m.map(|[low, high]| (high - low) as f32);
-            let plot = Rect::from_min_size(
-                pos2(left + MARGINS[0], area.top() + MARGINS[1]),
-                vec2(width_m, height_m) * px_per_m,
-            );
+        let sizes_m = self.maps.iter().map(|(map, _)| map.ranges_m.map(|[low, high]| (high - low) as f32));
+        let places = layout(area, &sizes_m.collect::<Vec<_>>());
+        for ((map, texture), plot) in self.maps.iter().zip(places) {
             one(&painter, plot, map, texture, shown);
-            left = plot.right() + MARGINS[2];
         }
     }
 
     fn choice(&mut self, ui: &mut Ui, shown: &Shown) {
-        ui.horizontal(|ui| {
-            ui.label(egui::RichText::new("Evidence, greatest score along the view:").color(style::MUTED));
+        ui.horizontal_wrapped(|ui| {
+            ui.label(egui::RichText::new("Greatest evidence along the view:").color(style::MUTED));
             ui.selectable_value(&mut self.cut, Cut::All, "all");
             ui.selectable_value(&mut self.cut, Cut::Head, "at the head");
             let selected = shown.layers.selected;
@@ -130,15 +124,41 @@ impl MapView {
             .collect();
         self.made = Some(made);
     }
+}
 
-    /// Pixels a metre, so that all fit.
-    fn scale(&self, room: egui::Vec2) -> f32 {
-        let sizes = self.maps.iter().map(|(map, _)| map.ranges_m.map(|[low, high]| (high - low) as f32));
-        let (width_m, height_m) = sizes.fold((0.0, 0.0f32), |(w, h), [width, height]| (w + width, h.max(height)));
-        let across = (room.x - 3.0 * (MARGINS[0] + MARGINS[2])) / width_m.max(0.1);
-        let upright = (room.y - MARGINS[1] - MARGINS[3]) / height_m.max(0.1);
+/// Where the plots go, all at one scale: the arrangement (columns of plots) that makes them largest.
+fn layout(area: Rect, sizes_m: &[[f32; 2]]) -> Vec<Rect> {
+    let columns: [&[&[usize]]; 3] = [&[&[0], &[1], &[2]], &[&[0, 1, 2]], &[&[0], &[1, 2]]];
+    let margins = vec2(MARGINS[0] + MARGINS[2], MARGINS[1] + MARGINS[3]);
+    let total = |columns: &[&[usize]], axis: usize| {
+        let of = |column: &&[usize]| {
+            let each = column.iter().filter_map(|n| sizes_m.get(*n)).map(|size| size[axis]);
+            if axis == 0 { each.fold(0.0, f32::max) } else { each.sum() }
+        };
+        let all = columns.iter().map(of);
+        if axis == 0 { all.sum() } else { all.fold(0.0f32, f32::max) }
+    };
+    let scale = |columns: &[&[usize]]| {
+        let rows = columns.iter().map(|column| column.len()).max().unwrap_or(1);
+        let across = (area.width() - margins.x * columns.len() as f32) / total(columns, 0).max(0.1);
+        let upright = (area.height() - margins.y * rows as f32) / total(columns, 1).max(0.1);
         across.min(upright).max(1.0)
+    };
+    let best = columns.into_iter().max_by(|a, b| scale(a).total_cmp(&scale(b))).unwrap_or(columns[0]);
+    let px_per_m = scale(best);
+    let mut places = vec![Rect::NOTHING; sizes_m.len()];
+    let mut left = area.left();
+    for column in best {
+        let (mut top, mut widest) = (area.top(), 0.0f32);
+        for n in column.iter().filter(|n| **n < sizes_m.len()) {
+            let size = vec2(sizes_m[*n][0], sizes_m[*n][1]) * px_per_m;
+            places[*n] = Rect::from_min_size(pos2(left + MARGINS[0], top + MARGINS[1]), size);
+            top = places[*n].bottom() + MARGINS[3];
+            widest = widest.max(size.x);
+        }
+        left += margins.x + widest;
     }
+    places
 }
 
 fn one(painter: &egui::Painter, plot: Rect, map: &Map, texture: &TextureHandle, shown: &Shown) {
@@ -193,7 +213,7 @@ fn axes(painter: &egui::Painter, plot: Rect, map: &Map, on_plot: &impl Fn([f64; 
     painter.text(
         plot.right_top() - vec2(0.0, 5.0),
         Align2::RIGHT_BOTTOM,
-        format!("↑ {upright}"),
+        format!("up: {upright}"),
         font.clone(),
         style::MUTED,
     );
@@ -209,5 +229,27 @@ fn axes(painter: &egui::Painter, plot: Rect, map: &Map, on_plot: &impl Fn([f64; 
         let at = pos2(plot.left(), on_plot([left, n.into()]).y);
         painter.line_segment([at, at - vec2(4.0, 0.0)], Stroke::new(1.0, style::MUTED));
         painter.text(at - vec2(7.0, 0.0), Align2::RIGHT_CENTER, n, font.clone(), style::MUTED);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plots_lie_within_the_area_and_beside_each_other_in_any_shape_of_it() {
+        let sizes_m = [[4.0, 5.0], [4.0, 2.5], [5.0, 2.5]];
+        for (width, height) in [(1300.0, 320.0), (400.0, 900.0), (1270.0, 850.0), (300.0, 200.0)] {
+            let area = Rect::from_min_size(pos2(10.0, 20.0), vec2(width, height));
+            let plots = layout(area, &sizes_m);
+            let scale = plots[0].width() / 4.0;
+            for (n, plot) in plots.iter().enumerate() {
+                assert!(area.expand(0.5).contains_rect(*plot), "{plot:?} in {area:?}");
+                assert!((plot.width() / sizes_m[n][0] - scale).abs() < 0.01);
+                assert!(plots[..n].iter().all(|other| !other.intersects(*plot)), "{plots:?}");
+            }
+            assert!(scale > 5.0, "{width} × {height}: {scale}");
+        }
+        assert!(layout(Rect::from_min_size(Pos2::ZERO, vec2(10.0, 10.0)), &[]).is_empty());
     }
 }

@@ -14,8 +14,8 @@ use crate::obstacles::{Observed, Obstacle};
 pub fn panel(ui: &mut Ui, about: &About, moment: &Moment, layers: &mut Layers, top_score: f32) {
     ScrollArea::vertical().auto_shrink([false, false]).show(ui, |ui| {
         open(ui, "Recording", |ui| health(ui, about, moment));
-        open(ui, &format!("Obstacles ({})", moment.scene.obstacles.len()), |ui| obstacles(ui, moment, layers));
         open(ui, "Layers", |ui| switches(ui, about, layers, top_score));
+        open(ui, &format!("Obstacles ({})", moment.scene.obstacles.len()), |ui| obstacles(ui, moment, layers));
     });
 }
 
@@ -61,7 +61,7 @@ fn rows(about: &About, health: &Health, time_s: f64) -> Vec<Row> {
         ("Sweeps imaged", sweeps.to_string(), true),
         ("Sweep rate", format!("{rate:.0} of {:.0} a second", about.sweeps_per_s), rate > 0.5 * about.sweeps_per_s),
         ("Frames", streams.frames.to_string(), true),
-        ("Frames lost", lost.to_string(), lost == 0),
+        ("Frames lost", lost.to_string(), lost * 50 <= streams.frames),
         ("Sweeps without pose", without_pose.to_string(), without_pose * 20 <= streams.observations),
         (
             "Poses",
@@ -157,7 +157,8 @@ fn switches(ui: &mut Ui, about: &About, layers: &mut Layers, top_score: f32) {
     let mut switch = |shown: &mut bool, color: Color32, name: &str, hint: &str| {
         ui.horizontal(|ui| {
             ui.checkbox(shown, "");
-            ui.label(RichText::new("■").color(color));
+            let (swatch, _) = ui.allocate_exact_size(egui::vec2(12.0, 12.0), egui::Sense::hover());
+            ui.painter().rect_filled(swatch, 2.0, color);
             ui.label(name).on_hover_text(hint);
         });
     };
@@ -209,6 +210,7 @@ mod tests {
         assert!(rows(&about, &health, 2.0).iter().all(|row| row.2));
         assert_eq!(offset(&health), "+4.2 ms, as set");
         health.counters.streams.frames_without_pose = 3;
+        health.counters.streams.frames = 100;
         health.counters.streams.poses_invalid = 30;
         let bad: Vec<_> = rows(&about, &health, 2.0).into_iter().filter(|row| !row.2).collect();
         assert_eq!(

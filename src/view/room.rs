@@ -111,7 +111,7 @@ fn truth(drawing: &mut Drawing, about: &About) {
     let Some(truth) = &about.truth else { return };
     let color = rgba(style::TRUTH, 1.0);
     for place in truth.obstacles.iter().flat_map(|obstacle| &obstacle.points_m) {
-        drawing.point(*place, 0.014, color);
+        drawing.point(*place, 0.022, color);
     }
     for wall in &truth.walls {
         drawing.box_edges(&Pose::IDENTITY, &wall.extent, 1.0, rgba(style::TRUTH, 0.45));

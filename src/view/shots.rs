@@ -50,7 +50,7 @@ pub fn shots(app: &mut App, folder: &Path, duration_s: f64) -> Result<Vec<PathBu
             app.layers.evidence = true;
         }),
     ];
-    let shares = [0.6, 1.0, 0.6, 0.6];
+    let shares = [0.6, 1.0, app.brightest(duration_s), 0.6];
     let mut files = Vec::new();
     for ((name, prepare), share) in states.into_iter().zip(shares) {
         prepare(app);

@@ -35,22 +35,55 @@ pub fn timeline(ui: &mut Ui, player: &mut Player, extent: &Extent, marks: &[(f64
     asked
 }
 
+/// What is painted on a button: the fonts at hand have no such signs.
+#[derive(Clone, Copy)]
+enum Sign {
+    First,
+    Back,
+    Play,
+    Pause,
+    On,
+    Last,
+}
+
+fn sign(ui: &mut Ui, sign: Sign, hint: &str) -> bool {
+    let response = ui.add(egui::Button::new("").min_size(vec2(32.0, 24.0))).on_hover_text(hint);
+    let (middle, color) = (response.rect.center(), ui.style().interact(&response).fg_stroke.color);
+    let painter = ui.painter();
+    let triangle = |x: f32, way: f32| {
+        let corners = [(-3.5 * way, -6.0), (4.5 * way, 0.0), (-3.5 * way, 6.0)];
+        let corners = corners.map(|(dx, dy)| middle + vec2(x + dx, dy)).to_vec();
+        painter.add(egui::Shape::convex_polygon(corners, color, Stroke::NONE));
+    };
+    let bar = |x: f32, width: f32| {
+        painter.rect_filled(Rect::from_center_size(middle + vec2(x, 0.0), vec2(width, 12.0)), 0.0, color);
+    };
+    match sign {
+        Sign::First => (triangle(2.0, -1.0), bar(-5.0, 2.0)).1,
+        Sign::Back => (triangle(-2.0, -1.0), bar(5.0, 2.0)).1,
+        Sign::Play => triangle(0.0, 1.4),
+        Sign::Pause => (bar(-3.5, 4.0), bar(3.5, 4.0)).1,
+        Sign::On => (bar(-5.0, 2.0), triangle(2.0, 1.0)).1,
+        Sign::Last => (triangle(-2.0, 1.0), bar(5.0, 2.0)).1,
+    }
+    response.clicked()
+}
+
 fn buttons(ui: &mut Ui, player: &mut Player, extent: &Extent, asked: &mut Asked) {
-    let hint = |response: egui::Response, text: &str| response.on_hover_text(text).clicked();
-    if hint(ui.button("⏮"), "To the beginning (Home)") {
+    if sign(ui, Sign::First, "To the beginning (Home)") {
         player.seek(0.0, extent);
     }
-    if hint(ui.button("⏪"), "One frame back (←)") {
+    if sign(ui, Sign::Back, "One radar frame back (left arrow)") {
         asked.step = -1;
     }
-    let play = if player.is_playing() { "⏸" } else { "▶" };
-    if hint(ui.add(egui::Button::new(play).min_size(vec2(36.0, 0.0))), "Play or pause (space)") {
+    let play = if player.is_playing() { Sign::Pause } else { Sign::Play };
+    if sign(ui, play, "Play or pause (space)") {
         player.toggle(extent);
     }
-    if hint(ui.button("⏩"), "One frame on (→)") {
+    if sign(ui, Sign::On, "One radar frame on (right arrow)") {
         asked.step = 1;
     }
-    if hint(ui.button("⏭"), "To the end (End)") {
+    if sign(ui, Sign::Last, "To the end (End)") {
         player.seek(extent.duration_s, extent);
     }
     let mut is_looping = player.is_looping();
@@ -136,6 +169,9 @@ fn ticks(painter: &egui::Painter, bar: Rect, duration_s: f64, x: &impl Fn(f64) -
         } else {
             format!("{}:{:02}", time_s as u64 / 60, time_s as u64 % 60)
         };
-        painter.text(at + vec2(0.0, 4.0), Align2::CENTER_TOP, text, FontId::proportional(11.0), style::MUTED);
+        // The first one would stick out on the left.
+        let anchor = if time_s > 0.0 { Align2::CENTER_TOP } else { Align2::LEFT_TOP };
+        let beside = if time_s > 0.0 { 0.0 } else { -6.0 };
+        painter.text(at + vec2(beside, 4.0), anchor, text, FontId::proportional(11.0), style::MUTED);
     }
 }

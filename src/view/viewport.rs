@@ -7,9 +7,13 @@ use super::about::About;
 use super::camera::{Camera, Eye};
 use super::history::Moment;
 use super::layers::Layers;
-use super::room::{axis_names, label, shape_box};
+use super::room::{axis_names, distance_m, label, shape_box};
 use super::style;
 use crate::geometry::Aabb;
+use crate::obstacles::Obstacle;
+
+/// So many obstacles have their distance beside them.
+const WHOLE_LABELS: usize = 6;
 
 /// What is to be seen.
 pub struct Shown<'a> {
@@ -27,9 +31,9 @@ pub struct Shown<'a> {
     pub texture: egui::TextureId,
 }
 
-/// The view; gives the eye to draw the picture with, its place, and whether the camera was moved by hand.
-pub fn viewport(ui: &mut Ui, size: egui::Vec2, camera: &mut Camera, shown: &Shown) -> (Eye, Rect, bool) {
-    let (area, response) = ui.allocate_exact_size(size, Sense::click_and_drag());
+/// The view; gives the eye to draw the picture with, and whether the camera was moved by hand.
+pub fn viewport(ui: &mut Ui, area: Rect, camera: &mut Camera, shown: &Shown) -> (Eye, bool) {
+    let response = ui.allocate_rect(area, Sense::click_and_drag());
     let is_moved = steer(ui, area, &response, camera);
     let eye = camera.eye(shown.moment.head.as_ref(), f64::from(area.width() / area.height().max(1.0)));
     let painter = ui.painter_at(area);
@@ -39,7 +43,7 @@ pub fn viewport(ui: &mut Ui, size: egui::Vec2, camera: &mut Camera, shown: &Show
     };
     names(&painter, shown, &on_screen, camera.is_first_person);
     legend(&painter, area, shown);
-    (eye, area, is_moved)
+    (eye, is_moved)
 }
 
 fn steer(ui: &Ui, area: Rect, response: &egui::Response, camera: &mut Camera) -> bool {
@@ -78,7 +82,7 @@ fn names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> O
             let foot = wall.plane.foot(wall.seen_at.center());
             let distance = shown.moment.head.map(|head| wall.plane.distance(head.translation).abs());
             let text = distance.map_or("wall".into(), |distance_m| format!("wall  {distance_m:.2} m"));
-            small(foot, &text, style::WALL);
+            small(foot, &text, style::WALL.lerp_to_gamma(Color32::WHITE, 0.35));
         }
     }
     if shown.layers.truth {
@@ -104,31 +108,38 @@ fn metres(bounds: &Aabb, small: &impl Fn(DVec3, &str, Color32)) {
     }
 }
 
+/// Distances beside the nearest ones and the selected one, numbers beside the rest.
 fn obstacle_names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> Option<Pos2>) {
+    let head = shown.moment.head.as_ref();
+    let distance = |obstacle: &Obstacle| head.map_or(0.0, |head| distance_m(obstacle, head));
+    let mut order: Vec<&Obstacle> = shown.moment.scene.obstacles.iter().collect();
+    order.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
     let mut taken: Vec<Rect> = Vec::new();
-    for obstacle in &shown.moment.scene.obstacles {
+    for (n, obstacle) in order.into_iter().enumerate() {
         let top_m = shape_box(obstacle).map_or(obstacle.position_m.y, |shape| shape.max.y);
         let Some(at) = on_screen(obstacle.position_m.with_y(top_m.max(obstacle.position_m.y) + 0.05)) else { continue };
-        let text = label(obstacle, shown.moment.head.as_ref());
         let is_selected = shown.layers.selected == Some(obstacle.id);
-        let galley = painter.layout_no_wrap(text, FontId::proportional(13.0), style::FOUND);
-        let mut chip = Align2::CENTER_BOTTOM.anchor_size(at, galley.size()).expand2(vec2(4.0, 2.0));
+        let is_whole = n < WHOLE_LABELS || is_selected;
+        let text = if is_whole { label(obstacle, head) } else { format!("#{}", obstacle.id) };
+        let color = if is_whole { style::FOUND } else { style::FOUND.gamma_multiply(0.75) };
+        let galley = painter.layout_no_wrap(text, FontId::proportional(if is_whole { 14.0 } else { 11.0 }), color);
+        let mut chip = Align2::CENTER_BOTTOM.anchor_size(at, galley.size()).expand2(vec2(4.0, 1.0));
         // Labels do not cover each other: a later one goes above.
         for _ in 0..8 {
             let Some(under) = taken.iter().find(|other| other.intersects(chip)) else { break };
             chip = chip.translate(vec2(0.0, under.top() - chip.bottom() - 1.0));
         }
         taken.push(chip);
-        painter.rect_filled(chip, CornerRadius::same(3), style::GROUND.gamma_multiply(0.8));
+        painter.rect_filled(
+            chip,
+            CornerRadius::same(3),
+            style::GROUND.gamma_multiply(if is_whole { 0.85 } else { 0.5 }),
+        );
         if is_selected {
-            painter.rect_stroke(
-                chip,
-                CornerRadius::same(3),
-                egui::Stroke::new(1.0, style::FOUND),
-                egui::StrokeKind::Outside,
-            );
+            let stroke = egui::Stroke::new(1.0, style::FOUND);
+            painter.rect_stroke(chip, CornerRadius::same(3), stroke, egui::StrokeKind::Outside);
         }
-        painter.galley(chip.min + vec2(4.0, 2.0), galley, style::FOUND);
+        painter.galley(chip.min + vec2(4.0, 1.0), galley, color);
     }
 }
 

@@ -19,10 +19,17 @@ use crate::render::RenderError;
 /// # Errors
 /// There is no desktop, no window, nothing that draws to it, or the device failed.
 pub fn show(app: &mut App, title: &str) -> Result<(), ViewError> {
-    let event_loop = EventLoop::new().map_err(|error| ViewError::NoDesktop(error.to_string()))?;
+    let event_loop = EventLoop::new().map_err(|error| ViewError::NoDesktop(plain(&error)))?;
     let mut desktop = Desktop { app, title: title.to_owned(), open: None, failure: None, next: None };
-    event_loop.run_app(&mut desktop).map_err(|error| ViewError::NoDesktop(error.to_string()))?;
+    event_loop.run_app(&mut desktop).map_err(|error| ViewError::NoDesktop(plain(&error)))?;
     desktop.failure.map_or(Ok(()), Err)
+}
+
+/// What an error of the desktop says, without the place in the source code that it names first.
+fn plain(error: &winit::error::EventLoopError) -> String {
+    let text = error.to_string();
+    let said = text.rsplit_once(".rs:").and_then(|(_, said)| said.split_once(": ")).map(|(_, said)| said.to_owned());
+    said.unwrap_or(text).trim_end_matches('.').to_owned()
 }
 
 struct Desktop<'a> {
