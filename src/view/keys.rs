@@ -80,6 +80,7 @@ const KEYS: [Entry; 12] = [
         &[
             (Key::Questionmark, false, Action::Help),
             (Key::Questionmark, true, Action::Help),
+            (Key::Slash, true, Action::Help),
             (Key::F1, false, Action::Help),
         ],
     ),

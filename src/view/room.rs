@@ -19,6 +19,8 @@ const RECENT_S: f64 = 4.0;
 const WALL_MARGIN_M: f64 = 0.4;
 /// Their upper edge when their height is not known, metres.
 const WALL_HEIGHT_M: f64 = 2.2;
+/// Steps of the evidence's colours.
+const SHADES: f64 = 12.0;
 /// Uncertainty is drawn at so many 1σ, and no larger than this, metres.
 const SIGMAS: f64 = 2.0;
 const GREATEST_RADIUS_M: f64 = 0.7;
@@ -43,11 +45,11 @@ pub fn room(about: &About, moment: &Moment, layers: &Layers, bounds: &Aabb, top_
         }
     }
     let Some(head) = &moment.head else { return drawing };
-    if layers.path {
-        path(&mut drawing, moment);
-    }
-    // From within, head and beam would stand in one's own way.
+    // From within, head, path and beam would stand in one's own way.
     if !inside {
+        if layers.path {
+            path(&mut drawing, moment);
+        }
         headset(&mut drawing, head);
         if layers.beam {
             beam(&mut drawing, &(*head * about.head_from_sensor), about);
@@ -121,7 +123,8 @@ fn truth(drawing: &mut Drawing, about: &About) {
 fn evidence(drawing: &mut Drawing, evidence: &Evidence, least: f32, top: f32) {
     for &(place, score) in evidence.voxels.iter().filter(|voxel| voxel.1 >= least) {
         let share = f64::from(((score - least) / (top - least).max(1e-6)).clamp(0.0, 1.0));
-        let color = rgba(style::evidence(share), 1.0);
+        // Few colours are told apart more easily.
+        let color = rgba(style::evidence((share * SHADES).round() / SHADES), 1.0);
         drawing.point(place.as_dvec3(), evidence.voxel_m * (0.10 + 0.22 * share), color);
     }
 }
@@ -353,11 +356,13 @@ mod tests {
     fn weak_evidence_is_left_out_and_a_leap_is_no_path() {
         let (about, bounds) = (about(), about().bounds([]));
         let layers = Layers { obstacles: false, walls: false, warnings: false, beam: false, ..Layers::new(3.0) };
-        let drawing = room(&about, &moment(Some(head())), &layers, &bounds, 9.0, true);
+        let drawing = room(&about, &moment(Some(head())), &layers, &bounds, 9.0, false);
         assert_eq!(drawing.points.len(), 1);
         let up = drawing.lines.iter().filter(|l| l.from_m == DVec3::Y || l.to_m == DVec3::Y * 9.0).count();
         assert_eq!(up, 1);
-        assert!(drawing.faces.is_empty(), "one does not see one's own head");
+        let inside = room(&about, &moment(Some(head())), &layers, &bounds, 9.0, true);
+        assert!(inside.faces.is_empty(), "one does not see one's own head");
+        assert_eq!(inside.lines.len() + 1, drawing.lines.len() - 1, "nor one's path, nor where one looks");
         let without_head = room(&about, &moment(None), &Layers::new(3.0), &bounds, 9.0, false);
         assert!(without_head.faces.is_empty() && !without_head.lines.is_empty());
     }

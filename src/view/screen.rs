@@ -69,7 +69,9 @@ impl Screen {
                 note(&keep, format!("the device was lost: {message}"));
             }
         });
-        let mut renderer = egui_wgpu::Renderer::new(&device, format, egui_wgpu::RendererOptions::default());
+        // Without dithering pictures of the same state are the same and small.
+        let options = egui_wgpu::RendererOptions { dithering: false, ..Default::default() };
+        let mut renderer = egui_wgpu::Renderer::new(&device, format, options);
         let space = Space::new(&device);
         let empty = device.create_texture(&wgpu::TextureDescriptor {
             label: None,

@@ -18,6 +18,9 @@ const SIZE_PX: [u32; 2] = [1600, 1000];
 /// Passes until everything has found its place.
 const PASSES: u32 = 4;
 
+/// The name of a picture, and what puts the app into its state.
+type State = (&'static str, fn(&mut App));
+
 /// Draws the states into a folder; the app's history is complete. Gives the files.
 ///
 /// # Errors
@@ -29,7 +32,7 @@ pub fn shots(app: &mut App, folder: &Path, duration_s: f64) -> Result<Vec<PathBu
     let mut screen = Screen::new(&adapter, FORMAT)?;
     app.set_texture(screen.texture());
     app.player.pause();
-    let states: [(&str, fn(&mut App)); 4] = [
+    let states: [State; 4] = [
         ("overview.png", |app| {
             app.set_arrangement(Arrangement::Both);
             app.set_view(View::Overview);

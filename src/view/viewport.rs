@@ -60,7 +60,7 @@ fn steer(ui: &Ui, area: Rect, response: &egui::Response, camera: &mut Camera) ->
         camera.orbit(way);
     }
     if zooms {
-        camera.zoom((f64::from(scroll) * 0.004).exp() * f64::from(zoom));
+        camera.zoom((f64::from(scroll) * 0.0025).exp() * f64::from(zoom));
     }
     let is_moved = (response.dragged() && way != DVec2::ZERO) || zooms;
     camera.is_first_person &= !is_moved;
