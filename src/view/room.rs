@@ -147,6 +147,9 @@ pub fn shape_box(obstacle: &Obstacle) -> Option<Aabb> {
 
 /// Half axes of the ellipsoid of two 1σ, as columns.
 fn uncertainty(obstacle: &Obstacle) -> DMat3 {
+    if !obstacle.covariance_m2.is_finite() {
+        return DMat3::from_diagonal(DVec3::splat(GREATEST_RADIUS_M));
+    }
     let (variances, axes) = eigen(&obstacle.covariance_m2);
     let radius = |variance: f64| match variance.is_finite() {
         true => (SIGMAS * variance.max(0.0).sqrt()).clamp(LEAST_RADIUS_M, GREATEST_RADIUS_M),
