@@ -66,7 +66,7 @@ impl MapView {
     fn choice(&mut self, ui: &mut Ui, shown: &Shown) {
         ui.horizontal_wrapped(|ui| {
             ui.style_mut().wrap_mode = Some(egui::TextWrapMode::Extend);
-            ui.label(egui::RichText::new("Greatest evidence along the view:").color(style::MUTED));
+            ui.label(egui::RichText::new("Greatest evidence:").color(style::MUTED));
             ui.selectable_value(&mut self.cut, Cut::All, "all");
             ui.selectable_value(&mut self.cut, Cut::Head, "at the head");
             let selected = shown.layers.selected;
