@@ -30,13 +30,15 @@ fn main() {
         }
     }
     let settings = Settings::from_toml("", &changes).unwrap_or_else(|error| panic!("{error}"));
-    let session =
-        PlaySession { duration_s: 60.0 * minutes, walls_db, hands, visitor, ..PlaySession::new(config, 0) };
+    let session = PlaySession { duration_s: 60.0 * minutes, walls_db, hands, visitor, ..PlaySession::new(config, 0) };
     let trial = PlayTrial { session, settings, controllers };
     let (start, seeds) = (Instant::now(), seeds.collect::<Vec<u64>>());
     let figures = play(&trial, &seeds, |seed, figures| {
         let rates = figures.without_walls().rates();
-        eprintln!("seed {seed}: {} of {} in time, {:.2} false near a minute", rates.warned, rates.due, rates.false_near_per_min);
+        eprintln!(
+            "seed {seed}: {} of {} in time, {:.2} false near a minute",
+            rates.warned, rates.due, rates.false_near_per_min
+        );
     });
     let figures = figures.unwrap_or_else(|error| panic!("{error}"));
     let mut all = Figures::default();

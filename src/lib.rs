@@ -21,4 +21,5 @@ pub mod simulation;
 pub mod steamvr;
 pub mod tracking;
 pub mod truth;
+pub mod view;
 pub mod warning;

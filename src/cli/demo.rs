@@ -1,4 +1,4 @@
-//! `radar-chaperone demo [--out DIR]`: the whole way without hardware.
+//! `radar-chaperone demo [--out DIR] [--view]`: the whole way without hardware.
 //!
 //! Six acts: each is simulated and recorded, replayed from its recording through the pipeline, imaged, scored against the
 //! truth and seen through both eyes. All ends in one self-contained report.html.
@@ -13,8 +13,9 @@ use indicatif::ProgressBar;
 
 use super::files::read_streams;
 use super::progress;
-use super::replay::{described, obstacle_table, sensor_path, write_obstacles};
+use super::replay::{Replay, described, obstacle_table, sensor_path, write_obstacles};
 use super::simulate::write_simulated;
+use super::view::ViewArguments;
 use crate::engine::{Pipeline, Settings, cube_ahead};
 use crate::geometry::{Aabb, Pose};
 use crate::imaging::sums::{BrickGrid, SweepStack, dense_volume};
@@ -33,6 +34,8 @@ use crate::truth::Truth;
 use crate::warning::{Warnings, warn};
 
 /// Shows everything without hardware: simulated rooms, recordings, obstacles, figures, eye previews, report.html
+///
+/// With --view or --view-shot the furnished room alone is simulated, recorded and shown.
 #[derive(Debug, Args)]
 pub(super) struct Demo {
     /// Folder for everything that the demo writes
@@ -41,6 +44,9 @@ pub(super) struct Demo {
     /// Everything random follows from it
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    // With it the furnished room alone is simulated, recorded and shown.
+    #[command(flatten)]
+    view: ViewArguments,
 }
 
 /// One scene of the demo.
@@ -152,6 +158,9 @@ struct Played {
 
 impl Demo {
     pub fn run(&self) -> Result<()> {
+        if self.view.is_wanted() {
+            return self.look();
+        }
         let start = Instant::now();
         std::fs::create_dir_all(&self.out).with_context(|| format!("cannot make {}", self.out.display()))?;
         let mut renderer = match Renderer::new() {
@@ -182,6 +191,17 @@ impl Demo {
         }
         say!("\nDone in {:.1} s. Open {}", start.elapsed().as_secs_f64(), report.display())?;
         Ok(())
+    }
+
+    /// Simulates and records the furnished room and shows its replay.
+    fn look(&self) -> Result<()> {
+        let folder = self.out.join(ACTS[0].folder);
+        std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        let file = folder.join("recording.mcap");
+        let spinner = progress::spinner("simulating a furnished room");
+        self.record(&ACTS[0], &file)?;
+        spinner.finish_and_clear();
+        Replay::to_look_at(file, self.view.clone()).run()
     }
 
     fn report(&self, played: &[Played], renderer: Option<&Renderer>) -> Report {

@@ -11,7 +11,7 @@ use crate::recording::{Event, Recording};
 use crate::tracking::PoseSample;
 
 /// Settings on the command line.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 pub(super) struct SettingsArguments {
     /// Settings file (TOML); without it the recording's own settings, or the user's file where there is no recording
     #[arg(long, value_name = "FILE")]

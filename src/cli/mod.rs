@@ -39,6 +39,7 @@ mod sensor;
 mod serve;
 mod simulate;
 mod stop;
+mod view;
 
 use std::io::Write;
 use std::process::ExitCode;

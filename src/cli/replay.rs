@@ -1,4 +1,4 @@
-//! `radar-chaperone replay FILE [--out DIR]`: the whole pipeline over a recording.
+//! `radar-chaperone replay FILE [--out DIR] [--view]`: the whole pipeline over a recording.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -8,12 +8,14 @@ use clap::Args;
 
 use super::files::{SettingsArguments, keep_inputs, tell_damage};
 use super::progress;
+use super::view::{Ended, ViewArguments};
 use crate::engine::{Pipeline, Search};
 use crate::obstacles::{Observed, Scene};
 use crate::recording::{Event, Header, Recording, RecordingSummary, RecordingWriter};
 use crate::report::{
     Figure, Limits, Report, RoomMap, Section, StreamOffset, Table, room_map, score, write_obstacles_json,
 };
+use crate::view::Recorder;
 
 /// Runs the pipeline over a recording and writes what it finds
 ///
@@ -34,6 +36,8 @@ pub(super) struct Replay {
     speed: Option<f64>,
     #[command(flatten)]
     settings: SettingsArguments,
+    #[command(flatten)]
+    view: ViewArguments,
 }
 
 impl Replay {
@@ -45,42 +49,73 @@ impl Replay {
             keep_inputs(results, &[&self.file])?;
         }
         let summary = RecordingSummary::read(&self.file)?;
-        let mut recording = Recording::open(&self.file)?;
+        let recording = Recording::open(&self.file)?;
         let settings = self.settings.over(&recording.header().settings)?;
         let header = recording.header().clone();
-        let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings);
+        let pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings);
+        let ended = if self.view.is_wanted() {
+            let about = self.view.about(&summary, &settings, pipeline.engine().search());
+            self.view.show(about, |recorder| self.work(recording, pipeline, &summary, Some(recorder)))??
+        } else {
+            self.work(recording, pipeline, &summary, None)?
+        };
+        match ended {
+            Ended::Done(pipeline, scene) => self.tell(&summary, &pipeline, &scene),
+            Ended::Left => Ok(say!("The view was closed before the recording was worked off.")?),
+        }
+    }
+
+    /// The recording through the pipeline, to its end unless nobody wants it any more.
+    fn work(
+        &self,
+        mut recording: Recording,
+        mut pipeline: Pipeline,
+        summary: &RecordingSummary,
+        mut recorder: Option<Recorder>,
+    ) -> Result<Ended> {
         let mut results = match &self.results {
-            Some(path) => Some(Results::create(path, &header)?),
+            Some(path) => Some(Results::create(path, &summary.header)?),
             None => None,
         };
         let events = summary.frames.count + summary.poses.count;
-        self.feed(&mut recording, &mut pipeline, events, results.as_mut())?;
+        if !self.feed(&mut recording, &mut pipeline, events, results.as_mut(), recorder.as_mut())? {
+            return Ok(Ended::Left);
+        }
         tell_damage(&recording);
         let spinner = progress::spinner("looking for obstacles");
         pipeline.finish();
         let scene = pipeline.scene();
+        if let Some(recorder) = &mut recorder {
+            recorder.finish(&pipeline);
+        }
         if let Some(mut results) = results {
             results.writer.write_scene(&scene)?;
             results.writer.finish()?;
         }
         spinner.finish_and_clear();
-        say!("{}", described(&scene, &pipeline).trim_end())?;
-        let scored = header.truth.as_ref().map(|truth| score(&scene, truth, &Limits::default()));
+        Ok(Ended::Done(Box::new(pipeline), scene))
+    }
+
+    /// Prints what was found and writes it where it was asked for.
+    fn tell(&self, summary: &RecordingSummary, pipeline: &Pipeline, scene: &Scene) -> Result<()> {
+        let header = &summary.header;
+        say!("{}", described(scene, pipeline).trim_end())?;
+        let scored = header.truth.as_ref().map(|truth| score(scene, truth, &Limits::default()));
         if let Some(score) = &scored {
             say!("\nAgainst the truth in the recording:\n{score}")?;
         }
         if let Some(out) = &self.out {
-            write_obstacles(&out.join("obstacles.json"), &scene, &pipeline)?;
-            let path = sensor_path(&pipeline);
+            write_obstacles(&out.join("obstacles.json"), scene, pipeline)?;
+            let path = sensor_path(pipeline);
             let truth = header.truth.as_ref();
-            let map = room_map(&RoomMap { title: &header.source, scene: &scene, truth, path_m: &path });
+            let map = room_map(&RoomMap { title: &header.source, scene, truth, path_m: &path });
             map.write(&out.join("map.png"))?;
             let mut section = Section::new("What was found")
                 .figure(Figure::new(
                     &map,
                     "Seen from above: what was found, the sensor's path, and the truth if known",
                 )?)
-                .table(obstacle_table(&scene));
+                .table(obstacle_table(scene));
             if let Some(score) = &scored {
                 section = section.preformatted(score.to_string());
             }
@@ -98,17 +133,27 @@ impl Replay {
         Ok(())
     }
 
-    /// Streams the recording through, at the wanted speed.
+    /// Whether anybody still wants what comes of it: files, or someone who looks.
+    fn is_wanted(&self, recorder: Option<&Recorder>) -> bool {
+        self.out.is_some() || self.results.is_some() || !recorder.is_some_and(Recorder::is_left)
+    }
+
+    /// Streams the recording through, at the wanted speed; says whether it came to its end.
     fn feed(
         &self,
         recording: &mut Recording,
         pipeline: &mut Pipeline,
         events: u64,
         mut results: Option<&mut Results>,
-    ) -> Result<()> {
+        mut recorder: Option<&mut Recorder>,
+    ) -> Result<bool> {
         let bar = progress::bar(events, "replaying");
         let (start, mut first_ns) = (Instant::now(), None);
         for event in recording {
+            if !self.is_wanted(recorder.as_deref()) {
+                bar.finish_and_clear();
+                return Ok(false);
+            }
             if let Some(speed) = self.speed {
                 let since_ns = event.time_ns().saturating_sub(*first_ns.get_or_insert(event.time_ns()));
                 // A recording whose time leaps is not waited for.
@@ -118,11 +163,20 @@ impl Replay {
             if let Some(results) = results.as_mut() {
                 results.write(&event, pipeline)?;
             }
+            let frame_ns = matches!(event, Event::Frame(_)).then(|| event.time_ns());
             feed(pipeline, event);
+            if let Some(recorder) = recorder.as_mut() {
+                recorder.note(pipeline, frame_ns);
+            }
             bar.inc(1);
         }
         bar.finish_and_clear();
-        Ok(())
+        Ok(true)
+    }
+
+    /// A replay of a file as it is, to be looked at.
+    pub(super) fn to_look_at(file: PathBuf, view: ViewArguments) -> Self {
+        Self { file, out: None, results: None, speed: None, settings: SettingsArguments::default(), view }
     }
 }
 

@@ -11,7 +11,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Aabb, Pose};
-use crate::obstacles::{HandsM, RoomCounters, RoomSearch, Scene, find_reflectors};
+use crate::obstacles::{Evidence, HandsM, RoomCounters, RoomSearch, Scene, find_reflectors, reflector_evidence};
 use crate::radar::{Observation, SensorConfig, frame_timing};
 
 pub use pipeline::{Counters, Pipeline, TimeOffsetCounters};
@@ -31,6 +31,9 @@ const MAX_KEPT: usize = 20_000;
 const RUINOUS_S: f64 = 4e-3;
 /// Poses are kept for this long for observations that are kept for good, seconds.
 const KEPT_FOR_GOOD_S: f64 = 1e5;
+
+/// Block scores that noise reaches now and then.
+const SCORE_OF_NOISE: f64 = 2.0;
 
 /// How a recording is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -253,6 +256,18 @@ impl Engine {
             }
         };
         Scene { time_ns: self.newest_ns, obstacles, walls }
+    }
+}
+
+impl Engine {
+    /// Where in space there is evidence, the `most` strongest voxels: block scores of 2, which noise reaches, and more; for
+    /// single reflectors the excess over noise.
+    pub fn evidence(&self, most: usize) -> Evidence {
+        let Settings { radar, reflectors, .. } = &self.settings;
+        match self.search {
+            Search::Rooms => self.rooms.evidence(SCORE_OF_NOISE, most),
+            Search::Reflectors => reflector_evidence(&self.kept, &radar.beam, &self.region(), reflectors, most),
+        }
     }
 }
 

@@ -491,8 +491,15 @@ mod tests {
         let mut builder = BlockBuilder::new(block_settings);
         let blocks: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
         let min_cos = block_settings.min_cos(&Beam::Lensless);
-        Window::new(blocks.iter(), &HandTrail::default(), &settings, &block_settings, min_cos, &mut ViewMemory::default())
-            .explain(planes, places)
+        Window::new(
+            blocks.iter(),
+            &HandTrail::default(),
+            &settings,
+            &block_settings,
+            min_cos,
+            &mut ViewMemory::default(),
+        )
+        .explain(planes, places)
     }
 
     #[test]
@@ -532,7 +539,8 @@ mod tests {
         let min_cos = block_settings.min_cos(&Beam::Lensless);
         let places = [STRONG, WEAK, DVec3::new(0.3, -0.4, -0.8)];
         let look = |range: std::ops::Range<usize>, memory: &mut ViewMemory, places: &[DVec3]| {
-            Window::new(blocks[range].iter(), &HandTrail::default(), &settings, &block_settings, min_cos, memory).explain_points(places)
+            Window::new(blocks[range].iter(), &HandTrail::default(), &settings, &block_settings, min_cos, memory)
+                .explain_points(places)
         };
         let mut memory = ViewMemory::default();
         // Blocks come and go, and so do places.

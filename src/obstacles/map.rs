@@ -51,7 +51,13 @@ impl MapSettings {
     /// The same for planes, which have demands of their own before they are believed.
     pub fn for_planes(&self) -> Self {
         let confirm_sightings = self.confirm_wall_sightings;
-        Self { confirm_sightings, confirm_lasting: f64::NEG_INFINITY, drowned_penalty: 0.0, hands_reach_m: 0.0, ..*self }
+        Self {
+            confirm_sightings,
+            confirm_lasting: f64::NEG_INFINITY,
+            drowned_penalty: 0.0,
+            hands_reach_m: 0.0,
+            ..*self
+        }
     }
 
     /// Whether something that was believed counts as a sighting.
@@ -188,7 +194,18 @@ mod tests {
     use super::*;
 
     fn sighting(x: f64, score: f64, determined: bool) -> Explained<DVec3> {
-        Explained { thing: DVec3::X * x, score, blocks: 5, determined, sigma_m: 0.05, lasting: score - 1.0, drowned: 0.0, farthest_m: 1.5, first_ns: 1, last_ns: 2 }
+        Explained {
+            thing: DVec3::X * x,
+            score,
+            blocks: 5,
+            determined,
+            sigma_m: 0.05,
+            lasting: score - 1.0,
+            drowned: 0.0,
+            farthest_m: 1.5,
+            first_ns: 1,
+            last_ns: 2,
+        }
     }
 
     fn after(updates: &[&[Explained<DVec3>]]) -> Vec<(u64, f64)> {

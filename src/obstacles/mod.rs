@@ -1,5 +1,6 @@
 //! What stands in the room: obstacles with position, covariance and extent; walls as planes.
 
+mod evidence;
 mod existence;
 mod explain;
 mod hands;
@@ -9,11 +10,12 @@ mod rooms;
 mod scene;
 mod views;
 
+pub use evidence::Evidence;
 pub use existence::ForgetSettings;
 pub use explain::{Believed, ExplainSettings, Explained, SEGMENT_NS, Window};
 pub use hands::{HandTrail, HandsM};
 pub use map::{MapSettings, Sighted, Sightings, same_place, same_plane};
-pub use reflectors::{ReflectorSettings, find_reflectors};
+pub use reflectors::{ReflectorSettings, find_reflectors, reflector_evidence};
 pub use rooms::{RoomCounters, RoomSearch, RoomSettings};
 pub use scene::{Observed, Obstacle, Scene, Wall};
 pub use views::ViewMemory;

@@ -7,7 +7,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::{Observed, Obstacle};
+use super::{Evidence, Observed, Obstacle};
 use crate::geometry::Aabb;
 use crate::imaging::{PositionErrors, RangePower, Refined, Volume, farthest_points, refine, split};
 use crate::radar::{Beam, Observation};
@@ -109,6 +109,26 @@ pub fn find_reflectors(
         }
     }
     found
+}
+
+/// The excess over noise in its standard deviations on the search's voxels, before anything is claimed: where it reaches the
+/// threshold and half of the greatest, the `most` strongest. Range alone gives shells; reflectors stand where they meet.
+pub fn reflector_evidence(
+    observations: &[Observation],
+    beam: &Beam,
+    region: &Aabb,
+    settings: &ReflectorSettings,
+    most: usize,
+) -> Evidence {
+    let chosen = choose(observations, settings.search_sweeps);
+    let search = RangePower::new(&chosen, beam, settings.min_range_m);
+    let grid = Volume { values: Vec::new(), ..Volume::covering(region, settings.voxel_m) };
+    let places: Vec<DVec3> = (0..grid.size.iter().product()).map(|n| grid.center(grid.voxel(n))).collect();
+    let scores = search.excess_at(&places).into_iter().map(|(sum, count)| (sum / (count.max(1) as f64).sqrt()) as f32);
+    let mut voxels: Vec<(DVec3, f32)> = places.into_iter().zip(scores).collect();
+    let greatest = voxels.iter().map(|voxel| voxel.1).fold(0.0, f32::max);
+    voxels.retain(|voxel| voxel.1 >= (0.5 * greatest).max(settings.threshold_sigma as f32));
+    Evidence::strongest(settings.voxel_m, voxels, most)
 }
 
 /// `count` sweeps by farthest point (0: all); subsweeps of one sweep stay together.

@@ -15,8 +15,8 @@ use serde::{Deserialize, Serialize};
 use super::existence::Existence;
 use super::views::View;
 use super::{
-    Believed, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Observed, Obstacle, Sightings, ViewMemory, Wall, Window, same_place,
-    same_plane,
+    Believed, Evidence, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Observed, Obstacle, Sightings,
+    ViewMemory, Wall, Window, same_place, same_plane,
 };
 use crate::geometry::{Aabb, Plane, Pose};
 use crate::imaging::blocks::{
@@ -92,10 +92,7 @@ enum Stage {
 }
 
 /// What blocks that see a place say of it.
-fn seen_of<'b>(
-    window: &'b VecDeque<Block>,
-    views: &'b [Option<View>],
-) -> impl Iterator<Item = (&'b Block, &'b View)> {
+fn seen_of<'b>(window: &'b VecDeque<Block>, views: &'b [Option<View>]) -> impl Iterator<Item = (&'b Block, &'b View)> {
     window.iter().zip(views).filter_map(|(block, view)| Some((block, view.as_ref()?)))
 }
 
@@ -199,6 +196,13 @@ impl RoomSearch {
     /// End of the newest sweep that obstacles and walls rest on, host nanoseconds.
     pub fn evidence_ns(&self) -> Option<i64> {
         self.evidence_ns
+    }
+
+    /// Every voxel that was ever seen and scores at least `min_score`, the `most` strongest.
+    pub fn evidence(&self, min_score: f64, most: usize) -> Evidence {
+        let peaks = self.field.above(min_score, i64::MIN);
+        let voxels = peaks.into_iter().map(|peak| (peak.position_m, peak.score as f32)).collect();
+        Evidence::strongest(self.settings.blocks.voxel_m, voxels, most)
     }
 
     /// The score on fine voxels, where something is.
@@ -355,7 +359,8 @@ impl RoomSearch {
         let points = [known.places, there].concat();
         let map = self.settings.map;
         self.walls.update(&walls, &map.for_planes(), same_plane(self.middle.unwrap_or(DVec3::ZERO)));
-        let hands_are_known = self.window.back().is_some_and(|b| self.hands.at(b.mid_time_ns).iter().all(Option::is_some));
+        let hands_are_known =
+            self.window.back().is_some_and(|b| self.hands.at(b.mid_time_ns).iter().all(Option::is_some));
         let map = if hands_are_known { MapSettings { hands_reach_m: 0.0, ..map } } else { map };
         self.points.update(&points, &map, same_place(map.match_m));
         Stage::Places { walls, points }

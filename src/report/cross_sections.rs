@@ -37,6 +37,15 @@ impl Accumulated {
 
 /// Sums of a volume along axis 0, 1 or 2 (x, y, z; greater counts as 2). Values that are not finite count as 0.
 pub fn accumulate(volume: &Volume, along: usize) -> Accumulated {
+    folded(volume, along, |sum, value| sum + value)
+}
+
+/// The greatest values of a volume along axis 0, 1 or 2, and 0 where none is above it. Values that are not finite count as 0.
+pub fn greatest(volume: &Volume, along: usize) -> Accumulated {
+    folded(volume, along, f64::max)
+}
+
+fn folded(volume: &Volume, along: usize, fold: impl Fn(f64, f64) -> f64) -> Accumulated {
     let along = along.min(2);
     let [x_count, y_count, z_count] = volume.size;
     // Where a step along x, y, z leads in the sums.
@@ -50,7 +59,8 @@ pub fn accumulate(volume: &Volume, along: usize) -> Accumulated {
     for (row, values) in rows {
         let start = row % y_count * y_step + row / y_count * z_step;
         for (x, value) in values.iter().take(x_count).enumerate().filter(|(_, value)| value.is_finite()) {
-            sums[start + x * x_step] += *value as f64;
+            let sum = &mut sums[start + x * x_step];
+            *sum = fold(*sum, f64::from(*value));
         }
     }
     Accumulated { along, size, sums }
@@ -150,6 +160,8 @@ mod tests {
         let along_z = accumulate(&volume, 2);
         assert_eq!(along_z.size, [4, 3]);
         assert_eq!(along_z.sums[2 * 4 + 3], (11 + 23) as f64);
+        let greatest = greatest(&volume, 1);
+        assert_eq!((greatest.size, greatest.sums[4 + 1]), ([4, 2], 21.0));
     }
 
     #[test]

@@ -27,7 +27,8 @@ mod views;
 
 pub use atomic::write_atomically;
 pub use chart::{Chart, Series};
-pub use cross_sections::{Accumulated, accumulate, cross_sections};
+pub use color_map::inferno;
+pub use cross_sections::{Accumulated, accumulate, cross_sections, greatest};
 pub use error::ReportError;
 pub use html::{Figure, Report, Section, Table};
 pub use marks::Marks;

@@ -163,7 +163,8 @@ mod tests {
 
     fn sweep(room: &Room, noise: bool, seed: u64) -> (Vec<Complex<i16>>, bool) {
         let subsweep = subsweep();
-        let receiver = Receiver { room, passing: &[], subsweep: &subsweep, beam: &Beam::Uniform, rcs_offset_db: 0.0, noise };
+        let receiver =
+            Receiver { room, passing: &[], subsweep: &subsweep, beam: &Beam::Uniform, rcs_offset_db: 0.0, noise };
         let mut samples = Vec::new();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let saturated = receiver.sweep(|_| Pose::IDENTITY, 1e-5, &mut rng, &mut samples);

@@ -17,3 +17,4 @@ mod round_trip;
 mod sensor_rules;
 mod serve;
 mod vendor_file;
+mod view;

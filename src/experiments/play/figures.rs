@@ -217,8 +217,13 @@ mod tests {
         let near = FalseReport { time_s: 1.0, cause: Cause::Hand, is_near: true };
         let far = FalseReport { cause: Cause::Nothing, is_near: false, ..near };
         let forgettings = vec![Forgetting { was_known: true, looked_s: None }];
-        let mut figures =
-            Figures { played_s: 30.0, approaches, false_reports: vec![near, far, far], forgettings, ..Default::default() };
+        let mut figures = Figures {
+            played_s: 30.0,
+            approaches,
+            false_reports: vec![near, far, far],
+            forgettings,
+            ..Default::default()
+        };
         let rates = figures.rates();
         assert_eq!((rates.due, rates.warned, rates.first_due, rates.first_warned, rates.visible), (2, 1, 1, 1, 1));
         assert_eq!((rates.false_per_min, rates.false_near_per_min, rates.hands_per_min), (4.0, 2.0, 2.0));

@@ -107,7 +107,9 @@ struct Removal {
 impl<'s> Judge<'s> {
     pub fn new(session: &'s Session) -> Self {
         let things = session.things();
-        let thing = |t: &crate::simulation::SessionThing<'s>| Target::new(What::Thing(&t.thing.scatterers), &t.thing.name, t.until_s);
+        let thing = |t: &crate::simulation::SessionThing<'s>| {
+            Target::new(What::Thing(&t.thing.scatterers), &t.thing.name, t.until_s)
+        };
         let upright = session.walls().iter().filter(|wall| wall.plane.outward.y.abs() < 0.5);
         let walls = upright.map(|wall| Target::new(What::Wall(wall), "wall", f64::INFINITY));
         Self {

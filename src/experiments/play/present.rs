@@ -78,6 +78,7 @@ pub fn curve(rows: &[(String, Figures)]) -> Table {
             format!("{:.1}", 100.0 * things.error_median_m),
         ]
     };
-    let head = ["setting", "in time, %", "first, %", "lead, m", "p10, m", "false near, /min", "false, /min", "error, cm"];
+    let head =
+        ["setting", "in time, %", "first, %", "lead, m", "p10, m", "false near, /min", "false, /min", "error, cm"];
     Table { head: head.map(str::to_owned).to_vec(), rows: rows.iter().map(row).collect(), caption: String::new() }
 }

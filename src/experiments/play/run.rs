@@ -39,11 +39,7 @@ const POSES_A_STEP: usize = 4;
 ///
 /// # Errors
 /// A session that cannot be simulated.
-pub fn play(
-    trial: &PlayTrial,
-    seeds: &[u64],
-    done: impl Fn(u64, &Figures) + Sync,
-) -> Result<Vec<Figures>, PlayError> {
+pub fn play(trial: &PlayTrial, seeds: &[u64], done: impl Fn(u64, &Figures) + Sync) -> Result<Vec<Figures>, PlayError> {
     let play_one = |&seed: &u64| -> Result<Figures, PlayError> {
         let session = PlaySession { seed, ..trial.session.clone() }.stage()?;
         let figures = Played::new(&session, trial).to_its_end();

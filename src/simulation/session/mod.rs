@@ -296,7 +296,8 @@ mod tests {
         let session = session(1, 120.0);
         let times: Vec<f64> = (0..1200).map(|n| f64::from(n) * 0.1).collect();
         let level = |a: DVec3, b: DVec3| DVec3::new(a.x - b.x, 0.0, a.z - b.z).length();
-        let near = session.things().iter().filter(|thing| {
+        let things = session.things();
+        let near = things.iter().filter(|thing| {
             let nearest = |t: &f64| {
                 let head = session.head_at(*t).translation;
                 thing.thing.scatterers.iter().map(|s| level(s.position_m, head)).fold(f64::INFINITY, f64::min)

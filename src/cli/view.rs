@@ -1,0 +1,77 @@
+//! `--view` and `--view-shot DIR`, of commands that replay a recording.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::Args;
+
+use crate::engine::{Pipeline, Search, Settings};
+use crate::obstacles::Scene;
+use crate::recording::{RecordingSummary, StreamSummary};
+use crate::view::{self, About, Recorder};
+
+/// How the recording is looked at.
+#[derive(Debug, Clone, Default, Args)]
+pub(super) struct ViewArguments {
+    /// Opens a window on the desktop that shows the replay in space, over time and in cross-sections; ? lists its keys
+    #[arg(long)]
+    view: bool,
+    /// Draws a few states of that view into a folder instead, as PNG and without a window: for documentation and tests
+    #[arg(long, value_name = "DIR")]
+    view_shot: Option<PathBuf>,
+}
+
+/// How a replay ended.
+pub(super) enum Ended {
+    /// With everything worked off: the pipeline, and the last scene.
+    Done(Box<Pipeline>, Scene),
+    /// Nobody looked any more.
+    Left,
+}
+
+impl ViewArguments {
+    /// Whether anything is to be shown.
+    pub fn is_wanted(&self) -> bool {
+        self.view || self.view_shot.is_some()
+    }
+
+    /// What the view has to know.
+    pub fn about(&self, summary: &RecordingSummary, settings: &Settings, search: Search) -> About {
+        About::new(&summary.header, settings, search, expected_s(summary))
+    }
+
+    /// Does the work and shows it meanwhile, or draws it afterwards.
+    pub fn show<T: Send>(&self, about: About, work: impl FnOnce(Recorder) -> T + Send) -> Result<T> {
+        let Some(folder) = &self.view_shot else { return Ok(view::show(about, work)?) };
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        let (files, done) = view::draw(about, folder, work)?;
+        files.iter().try_for_each(|file| say!("Drawn: {}", file.display()))?;
+        Ok(done)
+    }
+}
+
+/// How long a recording is, as far as its times can be believed: one wrong stamp makes it no years long.
+fn expected_s(summary: &RecordingSummary) -> f64 {
+    let usual = |stream: &StreamSummary| stream.count as f64 * stream.usual_interval_s().unwrap_or(0.0);
+    summary.duration_s().min(3.0 * usual(&summary.frames).max(usual(&summary.poses)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+    use crate::radar::preset;
+    use crate::recording::Header;
+    use crate::tracking::PoseSample;
+
+    #[test]
+    fn one_wrong_stamp_does_not_make_it_years_long() {
+        let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);
+        let mut summary = RecordingSummary::new(header);
+        let pose = |time_ns| PoseSample::valid(time_ns, &Pose::IDENTITY);
+        (0..=100).for_each(|n| summary.push_pose(&pose(n * 10_000_000)));
+        assert!((expected_s(&summary) - 1.0).abs() < 1e-9);
+        summary.push_pose(&pose(i64::MAX));
+        assert!(expected_s(&summary) < 10.0);
+    }
+}

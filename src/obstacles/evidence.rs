@@ -1,0 +1,42 @@
+//! Where in space there is evidence at all, for eyes: more than what became an obstacle.
+
+use glam::{DVec3, Vec3};
+
+/// Scores on voxels, the strongest first.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Evidence {
+    /// Edge of a voxel, metres.
+    pub voxel_m: f64,
+    /// Centres, tracking frame, metres, and scores; single precision, since many are kept.
+    pub voxels: Vec<(Vec3, f32)>,
+}
+
+impl Evidence {
+    /// The strongest of these, `most` at most. What is as strong is taken in the order of the places.
+    pub fn strongest(voxel_m: f64, mut voxels: Vec<(DVec3, f32)>, most: usize) -> Self {
+        voxels.retain(|(place, score)| place.is_finite() && score.is_finite());
+        let order = |a: &(DVec3, f32), b: &(DVec3, f32)| {
+            let place = a.0.x.total_cmp(&b.0.x).then(a.0.y.total_cmp(&b.0.y)).then(a.0.z.total_cmp(&b.0.z));
+            b.1.total_cmp(&a.1).then(place)
+        };
+        voxels.sort_unstable_by(order);
+        voxels.truncate(most);
+        Self { voxel_m, voxels: voxels.into_iter().map(|(place, score)| (place.as_vec3(), score)).collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_strongest_are_kept_and_what_is_no_number_is_not() {
+        let voxels = [1.0, f32::NAN, 3.0, 2.0, 3.0].into_iter().enumerate();
+        let voxels: Vec<_> = voxels.map(|(n, score)| (DVec3::X * -(n as f64), score)).collect();
+        let kept = Evidence::strongest(0.05, voxels, 3);
+        assert_eq!(
+            kept.voxels.iter().map(|v| (v.0.x, v.1)).collect::<Vec<_>>(),
+            [(-4.0, 3.0), (-2.0, 3.0), (-3.0, 2.0)]
+        );
+    }
+}

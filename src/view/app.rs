@@ -1,0 +1,355 @@
+//! The window's content and what is done in it. Knows no window and no GPU: a pass over it takes input and gives shapes and the
+//! picture of the room that is wanted.
+
+use std::time::Duration;
+
+use egui::{CentralPanel, Frame, Panel, RichText, Ui, UiBuilder};
+
+use super::about::About;
+use super::camera::{Camera, Eye, View};
+use super::drawing::Drawing;
+use super::history::Moment;
+use super::keys::{self, Action};
+use super::layers::Layers;
+use super::map_view::{Cut, MapView};
+use super::player::Player;
+use super::recorder::SharedHistory;
+use super::room::room;
+use super::viewport::{Shown, viewport};
+use super::{panel, style, timeline};
+use crate::geometry::Aabb;
+use crate::warning::{Panel as WarningPanel, warn};
+
+/// While the recording is worked off, the strip is drawn so often.
+const BUFFERING: Duration = Duration::from_millis(100);
+/// No more time than this passes between two passes, seconds: who comes back to a window does not miss half a minute.
+const LONGEST_PASS_S: f64 = 0.25;
+/// Share of the width that the room has beside the maps.
+const ROOM_SHARE: f32 = 0.68;
+/// Places of the head's path that are drawn at most.
+const PATH_POINTS: usize = 1500;
+
+/// What is shown in the middle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Arrangement {
+    /// The room.
+    Room,
+    /// The room, the maps beside it.
+    Both,
+    /// The maps.
+    Maps,
+}
+
+/// The picture of the room that is wanted.
+pub struct Wanted {
+    /// The eye.
+    pub eye: Eye,
+    /// What it sees.
+    pub drawing: Drawing,
+    /// How large, points.
+    pub size: egui::Vec2,
+}
+
+/// Everything that the window shows.
+pub struct App {
+    about: About,
+    history: SharedHistory,
+    /// Where in the recording one is.
+    pub player: Player,
+    /// Which layers are shown.
+    pub layers: Layers,
+    arrangement: Arrangement,
+    camera: Camera,
+    /// The view that follows what is known, until it is moved by hand.
+    view: Option<View>,
+    maps: MapView,
+    is_help: bool,
+    before_s: Option<f64>,
+    texture: egui::TextureId,
+    wanted: Option<Wanted>,
+}
+
+impl App {
+    /// At the beginning; `texture`: where the picture of the room will be.
+    pub fn new(about: About, history: SharedHistory) -> Self {
+        Self {
+            layers: Layers::new(about.least_score()),
+            about,
+            history,
+            player: Player::default(),
+            arrangement: Arrangement::Both,
+            camera: Camera::default(),
+            view: Some(View::Overview),
+            maps: MapView::default(),
+            is_help: false,
+            before_s: None,
+            texture: egui::TextureId::default(),
+            wanted: None,
+        }
+    }
+
+    /// Where the picture of the room will be.
+    pub fn set_texture(&mut self, texture: egui::TextureId) {
+        self.texture = texture;
+    }
+
+    /// Shows a view by its name.
+    pub fn set_view(&mut self, view: View) {
+        self.view = Some(view);
+    }
+
+    /// Room, maps or both.
+    pub fn set_arrangement(&mut self, arrangement: Arrangement) {
+        self.arrangement = arrangement;
+    }
+
+    /// Where maps are cut.
+    pub fn set_cut(&mut self, cut: Cut) {
+        self.maps.set_cut(cut);
+    }
+
+    /// The share of the recording at which the warnings straight ahead are brightest.
+    pub fn brightest(&self, duration_s: f64) -> f64 {
+        let brightness = |share: &f64| {
+            let moment = self.history.lock().moment(share * duration_s, 2);
+            let Some(head) = moment.head else { return 0.0 };
+            let ahead = |panel: &WarningPanel| {
+                let to = panel.tracking_from_panel.translation - head.translation;
+                f64::from(panel.alpha) * to.normalize_or_zero().dot(head.forward()).max(0.0).powi(4)
+            };
+            warn(&moment.scene, &head, &self.about.warning).panels.iter().map(ahead).sum()
+        };
+        let shares = (1..=100).map(|n| f64::from(n) / 100.0);
+        let all = shares.map(|share| (share, brightness(&share)));
+        all.fold((1.0, 0.0), |best, one| if one.1 > best.1 { one } else { best }).0
+    }
+
+    /// The picture that is wanted since the last pass.
+    pub fn take_wanted(&mut self) -> Option<Wanted> {
+        self.wanted.take()
+    }
+
+    /// One pass.
+    pub fn ui(&mut self, ui: &mut Ui) {
+        let now_s = ui.input(|input| input.time);
+        let passed_s =
+            self.before_s.replace(now_s).map_or(0.0, |before_s| (now_s - before_s).clamp(0.0, LONGEST_PASS_S));
+        let (extent, marks, heads, top_score) = {
+            let history = self.history.lock();
+            (history.extent(), history.marks().collect::<Vec<_>>(), history.heads_around(), history.greatest_score())
+        };
+        self.player.advance(passed_s, &extent);
+        for action in ui.input(keys::pressed) {
+            self.act(action);
+        }
+        Panel::top("top").frame(Frame::side_top_panel(ui.style())).show(ui, |ui| self.top(ui));
+        let asked =
+            Panel::bottom("time").show(ui, |ui| timeline::timeline(ui, &mut self.player, &extent, &marks)).inner;
+        self.is_help |= asked.help;
+        self.step(asked.step);
+        let corners = heads.map(|heads| [heads.min, heads.max]);
+        let bounds = self.about.bounds(corners.into_iter().flatten());
+        let moment = self.history.lock().moment(self.player.time_s(), PATH_POINTS);
+        Panel::right("panel").default_size(330.0).min_size(260.0).show(ui, |ui| {
+            panel::panel(ui, &self.about, &moment, &mut self.layers, top_score);
+        });
+        CentralPanel::default()
+            .frame(Frame::new().fill(style::GROUND))
+            .show(ui, |ui| self.middle(ui, &moment, &bounds, top_score));
+        if self.is_help {
+            keys::list(ui.ctx(), &mut self.is_help);
+        }
+        self.ask_for_more(ui, &extent);
+    }
+
+    /// Draws again only when something will have changed.
+    fn ask_for_more(&self, ui: &Ui, extent: &super::player::Extent) {
+        let is_waiting = self.player.time_s() >= extent.buffered_s && !extent.is_complete;
+        if self.player.is_playing() && !is_waiting {
+            ui.ctx().request_repaint();
+        } else if !extent.is_complete {
+            ui.ctx().request_repaint_after(BUFFERING);
+        }
+    }
+
+    fn top(&mut self, ui: &mut Ui) {
+        ui.horizontal(|ui| {
+            ui.label(RichText::new("View").color(style::MUTED));
+            let views = [View::Overview, View::Above, View::Side, View::FirstPerson];
+            for (view, name) in views.into_iter().zip(["Overview", "From above", "From the side", "First person"]) {
+                if ui.selectable_label(self.view == Some(view), name).clicked() {
+                    self.view = Some(view);
+                }
+            }
+            ui.separator();
+            let arrangements = [Arrangement::Room, Arrangement::Both, Arrangement::Maps];
+            for (arrangement, name) in arrangements.into_iter().zip(["Room", "Room and maps", "Maps"]) {
+                ui.selectable_value(&mut self.arrangement, arrangement, name);
+            }
+        });
+    }
+
+    fn middle(&mut self, ui: &mut Ui, moment: &Moment, bounds: &Aabb, top_score: f32) {
+        let shown =
+            Shown { about: &self.about, moment, layers: &self.layers, bounds, top_score, texture: self.texture };
+        let whole = ui.available_rect_before_wrap();
+        let share = match self.arrangement {
+            Arrangement::Room => 1.0,
+            Arrangement::Both => ROOM_SHARE,
+            Arrangement::Maps => 0.0,
+        };
+        let (left, right) = whole.split_left_right_at_fraction(share);
+        if share > 0.0 {
+            let aspect = f64::from(left.width() / left.height().max(1.0));
+            if let Some(view) = self.view {
+                self.camera = Camera::fitting(view, bounds, aspect);
+            }
+            let (eye, is_moved) = viewport(ui, left, &mut self.camera, &shown);
+            if is_moved {
+                self.view = None;
+            }
+            let inside = self.camera.is_first_person && moment.head.is_some();
+            let drawing = room(&self.about, moment, &self.layers, bounds, top_score, inside);
+            self.wanted = Some(Wanted { eye, drawing, size: left.size() });
+        }
+        if share < 1.0 {
+            let place = UiBuilder::new().max_rect(right.shrink(8.0));
+            ui.scope_builder(place, |ui| self.maps.show(ui, &shown));
+        }
+    }
+
+    fn act(&mut self, action: Action) {
+        let extent = self.history.lock().extent();
+        match action {
+            Action::Toggle => self.player.toggle(&extent),
+            Action::Step(way) => self.step(way),
+            Action::Jump(way) => self.player.seek(self.player.time_s() + f64::from(way), &extent),
+            Action::Home => self.player.seek(0.0, &extent),
+            Action::End => self.player.seek(extent.duration_s, &extent),
+            Action::Loop => self.player.set_looping(!self.player.is_looping()),
+            Action::Speed(steps) => self.player.change_speed(steps),
+            Action::View(n) => {
+                let views = [View::Overview, View::Above, View::Side, View::FirstPerson];
+                self.view = views.get(n).copied();
+            }
+            Action::Arrangement => {
+                self.arrangement = match self.arrangement {
+                    Arrangement::Room => Arrangement::Both,
+                    Arrangement::Both => Arrangement::Maps,
+                    Arrangement::Maps => Arrangement::Room,
+                }
+            }
+            Action::Truth => self.layers.truth = !self.layers.truth,
+            Action::Warnings => self.layers.warnings = !self.layers.warnings,
+            Action::Help => self.is_help = !self.is_help,
+        }
+    }
+
+    /// To the frame before or after; stops.
+    fn step(&mut self, way: i32) {
+        if way == 0 {
+            return;
+        }
+        let history = self.history.lock();
+        let (extent, frame_s) = (history.extent(), history.frame_beside(self.player.time_s(), way));
+        drop(history);
+        self.player.pause();
+        if let Some(frame_s) = frame_s {
+            self.player.seek(frame_s, &extent);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::{Search, Settings};
+    use crate::geometry::Pose;
+    use crate::radar::preset;
+    use crate::recording::Header;
+    use egui::{Context, Event, Key, Modifiers, Pos2, RawInput, Rect, vec2};
+    use glam::DVec3;
+
+    fn app() -> App {
+        let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);
+        let history = SharedHistory::new(1.0);
+        for tick in 0..100i64 {
+            let mut inside = history.lock();
+            inside.push_head(tick * 10_000_000, Pose::from_translation(DVec3::Y * 1.6));
+            inside.push_frame(tick * 10_000_000);
+        }
+        history.lock().complete();
+        App::new(About::new(&header, &Settings::default(), Search::Rooms, 1.0), history)
+    }
+
+    fn pass(context: &Context, app: &mut App, time_s: f64, events: Vec<Event>) -> Duration {
+        let screen_rect = Some(Rect::from_min_size(Pos2::ZERO, vec2(1200.0, 800.0)));
+        let input = RawInput { screen_rect, time: Some(time_s), events, ..Default::default() };
+        let output = context.run_ui(input, |ui| app.ui(ui));
+        let delay = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
+        output.drop_without_applying_deltas();
+        delay.unwrap_or(Duration::MAX)
+    }
+
+    fn key(key: Key) -> Vec<Event> {
+        vec![Event::Key { key, physical_key: None, pressed: true, repeat: false, modifiers: Modifiers::NONE }]
+    }
+
+    #[test]
+    fn it_plays_stops_and_steps_by_keys() {
+        let (context, mut app) = (Context::default(), app());
+        pass(&context, &mut app, 0.0, vec![]);
+        pass(&context, &mut app, 0.1, vec![]);
+        assert!((app.player.time_s() - 0.1).abs() < 1e-9);
+        pass(&context, &mut app, 0.2, key(Key::Space));
+        let stopped_s = app.player.time_s();
+        pass(&context, &mut app, 0.3, vec![]);
+        assert_eq!(app.player.time_s(), stopped_s);
+        pass(&context, &mut app, 0.4, key(Key::ArrowRight));
+        assert!((app.player.time_s() - stopped_s - 0.01).abs() < 1e-6, "{}", app.player.time_s());
+        pass(&context, &mut app, 0.5, key(Key::ArrowLeft));
+        assert!((app.player.time_s() - stopped_s).abs() < 1e-6);
+        pass(&context, &mut app, 0.6, key(Key::End));
+        assert!((app.player.time_s() - 0.99).abs() < 1e-9);
+    }
+
+    #[test]
+    fn nothing_is_drawn_again_while_nothing_changes() {
+        let (context, mut app) = (Context::default(), app());
+        assert_eq!(pass(&context, &mut app, 0.0, vec![]), Duration::ZERO, "it plays");
+        app.player.pause();
+        let delays: Vec<_> = (1..20).map(|n| pass(&context, &mut app, f64::from(n), vec![])).collect();
+        assert!(*delays.last().unwrap() > Duration::from_secs(1), "{delays:?}");
+    }
+
+    #[test]
+    fn a_click_on_the_strip_goes_there() {
+        let (context, mut app) = (Context::default(), app());
+        app.player.pause();
+        pass(&context, &mut app, 0.0, vec![]);
+        let at = egui::pos2(600.0, 775.0);
+        let button = |pressed| Event::PointerButton {
+            pos: at,
+            button: egui::PointerButton::Primary,
+            pressed,
+            modifiers: Modifiers::NONE,
+        };
+        pass(&context, &mut app, 0.1, vec![Event::PointerMoved(at)]);
+        pass(&context, &mut app, 0.2, vec![button(true)]);
+        pass(&context, &mut app, 0.3, vec![button(false)]);
+        assert!((app.player.time_s() - 0.495).abs() < 0.02, "{}", app.player.time_s());
+    }
+
+    #[test]
+    fn every_view_and_arrangement_can_be_shown() {
+        let (context, mut app) = (Context::default(), app());
+        for (n, k) in [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::M, Key::M, Key::M, Key::T, Key::W, Key::F1]
+            .into_iter()
+            .enumerate()
+        {
+            pass(&context, &mut app, n as f64, key(k));
+            let is_wanted = app.take_wanted().is_some();
+            assert_eq!(is_wanted, app.arrangement != Arrangement::Maps, "{k:?}");
+        }
+    }
+}

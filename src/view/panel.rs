@@ -1,0 +1,224 @@
+//! The recording's own panel: how sound it is, what was found, which layers are shown.
+
+use egui::{CollapsingHeader, Color32, Grid, RichText, ScrollArea, Ui};
+
+use super::about::About;
+use super::history::{Health, Moment};
+use super::layers::Layers;
+use super::room::distance_m;
+use super::style;
+use crate::engine::Search;
+use crate::obstacles::{Observed, Obstacle};
+
+/// All of it, in one column.
+pub fn panel(ui: &mut Ui, about: &About, moment: &Moment, layers: &mut Layers, top_score: f32) {
+    ScrollArea::vertical().auto_shrink([false, false]).show(ui, |ui| {
+        open(ui, "Recording", |ui| health(ui, about, moment));
+        open(ui, "Layers", |ui| switches(ui, about, layers, top_score));
+        open(ui, &format!("Obstacles ({})", moment.scene.obstacles.len()), |ui| obstacles(ui, moment, layers));
+    });
+}
+
+fn open(ui: &mut Ui, heading: &str, content: impl FnOnce(&mut Ui)) {
+    // Its place in the column, not its words, tells whether it is open: words change.
+    let id = heading.split(' ').next().unwrap_or_default().to_owned();
+    CollapsingHeader::new(RichText::new(heading).strong()).id_salt(id).default_open(true).show(ui, content);
+    ui.add_space(6.0);
+}
+
+/// Name, value, and whether it is as it should be.
+type Row = (&'static str, String, bool);
+
+fn health(ui: &mut Ui, about: &About, moment: &Moment) {
+    ui.label(RichText::new(&about.title).color(style::MUTED));
+    let Some(health) = &moment.health else {
+        ui.label("Nothing worked off yet.");
+        return;
+    };
+    Grid::new("health").num_columns(2).spacing([10.0, 3.0]).show(ui, |ui| {
+        for (name, value, is_sound) in rows(about, health, moment.time_s) {
+            ui.label(RichText::new(name).color(style::MUTED));
+            let value = RichText::new(value);
+            ui.label(if is_sound { value } else { value.color(style::BAD) });
+            ui.end_row();
+        }
+    });
+}
+
+fn rows(about: &About, health: &Health, time_s: f64) -> Vec<Row> {
+    let streams = &health.counters.streams;
+    let refused =
+        streams.poses_invalid + streams.poses_bad_numbers + streams.poses_time_not_rising + streams.poses_time_leapt;
+    let lost = streams.frames_saturated
+        + streams.frames_wrong_length
+        + streams.frames_time_not_rising
+        + streams.frames_time_leapt
+        + streams.frames_without_pose;
+    let without_pose = streams.sweeps_outside_poses + streams.sweeps_in_pose_gap + streams.sweeps_at_invalid_pose;
+    let sweeps = streams.observations / about.subsweeps as u64;
+    let rate = sweeps as f64 / time_s.max(1e-3);
+    let mut rows = vec![
+        ("Sweeps imaged", sweeps.to_string(), true),
+        ("Sweep rate", format!("{rate:.0} of {:.0} a second", about.sweeps_per_s), rate > 0.5 * about.sweeps_per_s),
+        ("Frames", streams.frames.to_string(), true),
+        ("Frames lost", lost.to_string(), lost * 50 <= streams.frames),
+        ("Sweeps without pose", without_pose.to_string(), without_pose * 20 <= streams.observations),
+        (
+            "Poses",
+            format!("{} used, {refused} refused", streams.poses.saturating_sub(refused)),
+            refused * 20 <= streams.poses,
+        ),
+        ("Time offset", offset(health), true),
+    ];
+    if about.search == Search::Rooms {
+        rows.push(("Looks", health.counters.engine.rooms.looks.to_string(), true));
+    }
+    rows
+}
+
+/// The offset in force, and its 1σ where the data tell it.
+fn offset(health: &Health) -> String {
+    let in_force = format!("{:+.1} ms", health.time_offset_s * 1e3);
+    match health.estimate {
+        Some(estimate) if estimate.observable => format!("{in_force} ± {:.1} ms (1σ)", estimate.sigma_s * 1e3),
+        Some(_) => format!("{in_force}, not observable"),
+        None => format!("{in_force}, as set"),
+    }
+}
+
+fn obstacles(ui: &mut Ui, moment: &Moment, layers: &mut Layers) {
+    let mut listed: Vec<(f64, &Obstacle)> = moment
+        .scene
+        .obstacles
+        .iter()
+        .map(|obstacle| (moment.head.as_ref().map_or(f64::INFINITY, |head| distance_m(obstacle, head)), obstacle))
+        .collect();
+    listed.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.id.cmp(&b.1.id)));
+    if listed.is_empty() {
+        ui.label(RichText::new("None confirmed yet.").color(style::MUTED));
+        return;
+    }
+    Grid::new("obstacles").num_columns(5).striped(true).spacing([12.0, 4.0]).show(ui, |ui| {
+        for head in ["", "distance", "size (cm)", "evidence", "± 2σ"] {
+            ui.label(RichText::new(head).small().color(style::MUTED));
+        }
+        ui.end_row();
+        for (distance_m, obstacle) in listed {
+            row(ui, distance_m, obstacle, layers);
+            ui.end_row();
+        }
+    });
+    ui.label(
+        RichText::new("Nearest first, from the head. Click a number to cut the maps there.")
+            .small()
+            .color(style::MUTED),
+    );
+}
+
+fn row(ui: &mut Ui, distance_m: f64, obstacle: &Obstacle, layers: &mut Layers) {
+    let is_selected = layers.selected == Some(obstacle.id);
+    let name = RichText::new(format!("#{}", obstacle.id)).color(style::FOUND);
+    if ui.selectable_label(is_selected, name).clicked() {
+        layers.selected = (!is_selected).then_some(obstacle.id);
+    }
+    let distance = if distance_m.is_finite() { format!("{distance_m:.2} m") } else { "–".into() };
+    ui.label(distance);
+    let [x, y, z] = (obstacle.extent_m * 100.0).to_array();
+    let has_size = obstacle.extent_m.max_element() > 0.0;
+    ui.label(if has_size { format!("{x:.0} × {y:.0} × {z:.0}") } else { "point".into() })
+        .on_hover_text("Width along x, height along y, depth along z of what was seen of it");
+    ui.label(format!("{:.1}", obstacle.evidence));
+    let (doubt, is_known) = doubt(obstacle);
+    let text = RichText::new(doubt);
+    ui.label(if is_known { text } else { text.color(style::BAD) }).on_hover_text(observed(obstacle.observed));
+}
+
+/// Greatest 2σ along an axis, or what is not known.
+fn doubt(obstacle: &Obstacle) -> (String, bool) {
+    let c = &obstacle.covariance_m2;
+    let greatest = [c.x_axis.x, c.y_axis.y, c.z_axis.z].into_iter().fold(0.0, f64::max);
+    match obstacle.observed {
+        Observed::Position => (format!("{:.1} cm", 200.0 * greatest.max(0.0).sqrt()), true),
+        Observed::RangeAndOneDirection => ("1 direction".into(), false),
+        Observed::RangeOnly => ("range only".into(), false),
+    }
+}
+
+fn observed(observed: Observed) -> &'static str {
+    match observed {
+        Observed::Position => "Its place is known in all three directions; the greatest 2σ along an axis.",
+        Observed::RangeAndOneDirection => "One direction was not observed: the motion did not tell it.",
+        Observed::RangeOnly => "Only the range was observed: its direction is not known.",
+    }
+}
+
+fn switches(ui: &mut Ui, about: &About, layers: &mut Layers, top_score: f32) {
+    let [r, g, b] = about.warning.color;
+    let mut switch = |shown: &mut bool, color: Color32, name: &str, hint: &str| {
+        ui.horizontal(|ui| {
+            ui.checkbox(shown, "");
+            let (swatch, _) = ui.allocate_exact_size(egui::vec2(12.0, 12.0), egui::Sense::hover());
+            ui.painter().rect_filled(swatch, 2.0, color);
+            ui.label(name).on_hover_text(hint);
+        });
+    };
+    switch(
+        &mut layers.obstacles,
+        style::FOUND,
+        "Obstacles",
+        "What was found: box, ellipsoid of two 1σ, distance from the head",
+    );
+    switch(&mut layers.walls, style::WALL, "Walls", "Planes; brighter where their reflections came from");
+    switch(&mut layers.evidence, style::evidence(0.7), "Evidence", "Voxels by their score");
+    switch(&mut layers.beam, style::BEAM, "Radar beam", "The cone that is looked at, from the first to the last range");
+    switch(&mut layers.path, style::HEAD, "Path of the head", "Bright: the last four seconds");
+    switch(
+        &mut layers.warnings,
+        Color32::from_rgb(r, g, b),
+        "Warnings",
+        "Panels and footprints as the player sees them",
+    );
+    if about.truth.is_some() {
+        switch(&mut layers.truth, style::TRUTH, "Truth", "What the recording says is really there");
+    } else {
+        ui.label(RichText::new("The recording knows no truth.").small().color(style::MUTED));
+    }
+    ui.add_space(4.0);
+    ui.label(RichText::new(format!("Evidence from this {} on", about.score_name())).color(style::MUTED));
+    let top = top_score.max(about.least_score() + 1.0);
+    ui.add(egui::Slider::new(&mut layers.least_score, 0.0..=top).fixed_decimals(1));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::{Pipeline, Settings};
+    use crate::geometry::Pose;
+    use crate::imaging::TimeOffset;
+    use crate::radar::preset;
+    use crate::recording::Header;
+
+    #[test]
+    fn what_is_not_sound_is_told_apart() {
+        let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);
+        let about = About::new(&header, &Settings::default(), Search::Rooms, 1.0);
+        let pipeline = Pipeline::new(&header.config, &Pose::IDENTITY, &Settings::default());
+        let mut counters = pipeline.counters();
+        counters.streams.observations = (about.sweeps_per_s * 2.0) as u64 * about.subsweeps as u64;
+        counters.streams.poses = 100;
+        let mut health = Health { counters, time_offset_s: 0.0042, estimate: None };
+        assert!(rows(&about, &health, 2.0).iter().all(|row| row.2));
+        assert_eq!(offset(&health), "+4.2 ms, as set");
+        health.counters.streams.frames_without_pose = 3;
+        health.counters.streams.frames = 100;
+        health.counters.streams.poses_invalid = 30;
+        let bad: Vec<_> = rows(&about, &health, 2.0).into_iter().filter(|row| !row.2).collect();
+        assert_eq!(
+            bad.iter().map(|row| (row.0, row.1.as_str())).collect::<Vec<_>>(),
+            [("Frames lost", "3"), ("Poses", "70 used, 30 refused")]
+        );
+        let estimate = TimeOffset { offset_s: 0.004, sigma_s: 0.0003, observable: true, tracks: 3, tracks_left_out: 0 };
+        health.estimate = Some(estimate);
+        assert_eq!(offset(&health), "+4.2 ms ± 0.3 ms (1σ)");
+    }
+}

@@ -1,0 +1,223 @@
+//! The player: where in the recording one is, and how time goes on. No clock: who draws says how much time has passed.
+
+/// Slowest and fastest.
+pub const SPEEDS: [f64; 2] = [0.1, 8.0];
+/// A press of + or − changes the speed by this factor.
+const SPEED_STEP: f64 = std::f64::consts::SQRT_2;
+
+/// Where in the recording one is. Times are seconds from its beginning.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Player {
+    time_s: f64,
+    speed: f64,
+    is_playing: bool,
+    is_looping: bool,
+    /// Where one wants to be that is not worked off yet.
+    awaited_s: Option<f64>,
+}
+
+/// How much of the recording there is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Extent {
+    /// Worked off so far, seconds.
+    pub buffered_s: f64,
+    /// In all, seconds; what is buffered once everything is worked off.
+    pub duration_s: f64,
+    /// Whether everything is worked off.
+    pub is_complete: bool,
+}
+
+impl Default for Player {
+    fn default() -> Self {
+        Self { time_s: 0.0, speed: 1.0, is_playing: true, is_looping: false, awaited_s: None }
+    }
+}
+
+impl Player {
+    /// Time shown.
+    pub fn time_s(&self) -> f64 {
+        self.time_s
+    }
+
+    /// Where one wants to be that is not worked off yet.
+    pub fn awaited_s(&self) -> Option<f64> {
+        self.awaited_s
+    }
+
+    /// Times real time.
+    pub fn speed(&self) -> f64 {
+        self.speed
+    }
+
+    /// Whether time goes on.
+    pub fn is_playing(&self) -> bool {
+        self.is_playing
+    }
+
+    /// Whether it begins again at the end.
+    pub fn is_looping(&self) -> bool {
+        self.is_looping
+    }
+
+    /// Goes on or stops; at the end it begins again.
+    pub fn toggle(&mut self, extent: &Extent) {
+        self.is_playing = !self.is_playing;
+        if self.is_playing && extent.is_complete && self.time_s >= extent.duration_s {
+            self.seek(0.0, extent);
+        }
+    }
+
+    /// Stops.
+    pub fn pause(&mut self) {
+        self.is_playing = false;
+    }
+
+    /// Whether it begins again at the end.
+    pub fn set_looping(&mut self, looping: bool) {
+        self.is_looping = looping;
+    }
+
+    /// Times real time, within [`SPEEDS`]; what is no number changes nothing.
+    pub fn set_speed(&mut self, speed: f64) {
+        if speed.is_finite() {
+            self.speed = speed.clamp(SPEEDS[0], SPEEDS[1]);
+        }
+    }
+
+    /// One step faster (+1) or slower (−1); 1 is not stepped over.
+    pub fn change_speed(&mut self, steps: i32) {
+        let before = self.speed;
+        self.set_speed(before * SPEED_STEP.powi(steps));
+        if (before - 1.0) * (self.speed - 1.0) < 0.0 || (self.speed - 1.0).abs() < 0.02 {
+            self.speed = 1.0;
+        }
+    }
+
+    /// Goes to a time. What is not worked off yet is awaited: until then the newest that is there is shown.
+    pub fn seek(&mut self, time_s: f64, extent: &Extent) {
+        let wanted_s = if time_s.is_finite() { time_s.clamp(0.0, extent.duration_s.max(0.0)) } else { self.time_s };
+        self.time_s = wanted_s.min(extent.buffered_s);
+        self.awaited_s = (wanted_s > extent.buffered_s && !extent.is_complete).then_some(wanted_s);
+    }
+
+    /// Time has passed: `passed_s` seconds of a clock. Says whether what is shown changed.
+    pub fn advance(&mut self, passed_s: f64, extent: &Extent) -> bool {
+        let before = (self.time_s, self.awaited_s);
+        if let Some(awaited_s) = self.awaited_s {
+            self.seek(awaited_s, extent);
+        } else if self.is_playing && passed_s > 0.0 {
+            self.play(passed_s, extent);
+        }
+        before != (self.time_s, self.awaited_s)
+    }
+
+    fn play(&mut self, passed_s: f64, extent: &Extent) {
+        let next_s = self.time_s + passed_s * self.speed;
+        if !(extent.is_complete && next_s >= extent.duration_s) {
+            // No faster than it is worked off.
+            self.time_s = next_s.min(extent.buffered_s).max(self.time_s.min(extent.buffered_s));
+        } else if self.is_looping && extent.duration_s > 0.0 {
+            self.time_s = next_s % extent.duration_s;
+        } else {
+            (self.time_s, self.is_playing) = (extent.duration_s, false);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALL: Extent = Extent { buffered_s: 10.0, duration_s: 10.0, is_complete: true };
+    const HALF: Extent = Extent { buffered_s: 5.0, duration_s: 10.0, is_complete: false };
+
+    #[test]
+    fn it_plays_at_its_speed_and_stops_at_the_end() {
+        let mut player = Player::default();
+        player.set_speed(2.0);
+        assert!(player.advance(1.5, &ALL));
+        assert_eq!(player.time_s(), 3.0);
+        player.toggle(&ALL);
+        assert!(!player.advance(1.0, &ALL) && player.time_s() == 3.0, "paused");
+        player.toggle(&ALL);
+        player.advance(100.0, &ALL);
+        assert_eq!((player.time_s(), player.is_playing()), (10.0, false));
+        player.toggle(&ALL);
+        assert_eq!((player.time_s(), player.is_playing()), (0.0, true), "from the beginning again");
+    }
+
+    #[test]
+    fn a_loop_loses_no_time_at_its_end() {
+        let mut player = Player::default();
+        player.set_looping(true);
+        player.advance(9.5, &ALL);
+        player.advance(1.0, &ALL);
+        assert!((player.time_s() - 0.5).abs() < 1e-12 && player.is_playing());
+        player.set_looping(false);
+        player.advance(20.0, &ALL);
+        assert_eq!(player.time_s(), 10.0);
+    }
+
+    #[test]
+    fn it_does_not_run_ahead_of_what_is_worked_off() {
+        let mut player = Player::default();
+        player.advance(7.0, &HALF);
+        assert_eq!((player.time_s(), player.is_playing()), (5.0, true), "it waits and goes on");
+        player.advance(0.5, &Extent { buffered_s: 6.0, ..HALF });
+        assert_eq!(player.time_s(), 5.5);
+    }
+
+    #[test]
+    fn seeking_ahead_waits_and_then_goes_there() {
+        let mut player = Player::default();
+        player.pause();
+        player.seek(8.0, &HALF);
+        assert_eq!((player.time_s(), player.awaited_s()), (5.0, Some(8.0)));
+        assert!(player.advance(0.0, &Extent { buffered_s: 7.0, ..HALF }));
+        assert_eq!((player.time_s(), player.awaited_s()), (7.0, Some(8.0)));
+        player.advance(0.0, &ALL);
+        assert_eq!((player.time_s(), player.awaited_s(), player.is_playing()), (8.0, None, false));
+        player.seek(-3.0, &ALL);
+        assert_eq!(player.time_s(), 0.0);
+        player.seek(99.0, &ALL);
+        assert_eq!(player.time_s(), 10.0);
+        player.seek(f64::NAN, &ALL);
+        assert_eq!(player.time_s(), 10.0);
+    }
+
+    #[test]
+    fn a_recording_shorter_than_announced_ends_where_it_ends() {
+        let mut player = Player::default();
+        player.pause();
+        player.seek(9.0, &HALF);
+        player.advance(0.0, &Extent { buffered_s: 6.0, duration_s: 6.0, is_complete: true });
+        assert_eq!((player.time_s(), player.awaited_s()), (6.0, None));
+    }
+
+    #[test]
+    fn speeds_stay_within_bounds_and_find_back_to_one() {
+        let mut player = Player::default();
+        for steps in [1, -1] {
+            (0..40).for_each(|_| player.change_speed(steps));
+            assert_eq!(player.speed(), if steps > 0 { 8.0 } else { 0.1 });
+        }
+        (0..40).for_each(|_| {
+            if player.speed() < 1.0 {
+                player.change_speed(1);
+            }
+        });
+        assert_eq!(player.speed(), 1.0);
+        player.set_speed(f64::NAN);
+        assert_eq!(player.speed(), 1.0);
+    }
+
+    #[test]
+    fn nothing_in_it_is_played_without_a_panic() {
+        let none = Extent { buffered_s: 0.0, duration_s: 0.0, is_complete: true };
+        let mut player = Player::default();
+        player.set_looping(true);
+        player.advance(1.0, &none);
+        player.seek(5.0, &none);
+        assert_eq!(player.time_s(), 0.0);
+    }
+}

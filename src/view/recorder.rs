@@ -1,0 +1,122 @@
+//! Writes into the history what a pipeline knows, as it goes. To be asked after every event; the pipeline need not know.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use super::history::{Health, History, VOXELS};
+use crate::engine::{Pipeline, Search};
+
+/// Where there is no look of its own, the first is taken after so long, and the next when the recording is so much longer:
+/// each is a search through everything.
+const FIRST_NS: i64 = 1_000_000_000;
+const LONGER: f64 = 1.1;
+/// A frame whose time is farther than this from the newest pose's is not noted, nanoseconds.
+const NEAR_NS: i64 = 1_000_000_000;
+
+/// The history, as both threads have it.
+#[derive(Debug, Clone)]
+pub struct SharedHistory(Arc<(Mutex<History>, AtomicBool)>);
+
+impl SharedHistory {
+    /// Of a recording that says it is so long, seconds.
+    pub fn new(expected_s: f64) -> Self {
+        Self(Arc::new((Mutex::new(History::new(expected_s)), AtomicBool::new(false))))
+    }
+
+    /// The history, for a short while.
+    pub fn lock(&self) -> MutexGuard<'_, History> {
+        self.0.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Nobody looks any more.
+    pub fn leave(&self) {
+        self.0.1.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether nobody looks any more.
+    pub fn is_left(&self) -> bool {
+        self.0.1.load(Ordering::Relaxed)
+    }
+}
+
+/// Notes what a pipeline knows.
+#[derive(Debug)]
+pub struct Recorder {
+    history: SharedHistory,
+    looks: u64,
+    start_ns: Option<i64>,
+    next_ns: i64,
+}
+
+impl Recorder {
+    /// Into this history.
+    pub fn new(history: &SharedHistory) -> Self {
+        Self { history: history.clone(), looks: 0, start_ns: None, next_ns: i64::MIN }
+    }
+
+    /// Whether nobody looks any more.
+    pub fn is_left(&self) -> bool {
+        self.history.is_left()
+    }
+
+    /// The pipeline took an event; `frame_ns`: the time of the frame, if it was one.
+    pub fn note(&mut self, pipeline: &Pipeline, frame_ns: Option<i64>) {
+        let Some((now_ns, head)) = pipeline.head() else { return };
+        {
+            let mut history = self.history.lock();
+            history.push_head(now_ns, head);
+            if let Some(frame_ns) = frame_ns.filter(|&frame_ns| frame_ns.abs_diff(now_ns) <= NEAR_NS as u64) {
+                history.push_frame(frame_ns);
+            }
+        }
+        let is_new = match pipeline.engine().search() {
+            Search::Rooms => pipeline.engine().counters().rooms.looks != self.looks,
+            Search::Reflectors => self.is_due(now_ns),
+        };
+        if is_new {
+            self.look(pipeline, now_ns);
+        }
+    }
+
+    /// For searches that have no looks of their own.
+    fn is_due(&mut self, now_ns: i64) -> bool {
+        let start_ns = *self.start_ns.get_or_insert(now_ns);
+        if self.next_ns == i64::MIN {
+            self.next_ns = start_ns.saturating_add(FIRST_NS);
+        }
+        let is_due = now_ns >= self.next_ns;
+        if is_due {
+            let longer_ns = (now_ns.saturating_sub(start_ns) as f64 * LONGER) as i64;
+            self.next_ns = start_ns.saturating_add(longer_ns).max(now_ns.saturating_add(FIRST_NS));
+        }
+        is_due
+    }
+
+    fn look(&mut self, pipeline: &Pipeline, now_ns: i64) {
+        self.looks = pipeline.engine().counters().rooms.looks;
+        let scene = pipeline.scene();
+        let evidence = pipeline.engine().evidence(VOXELS);
+        let health = Health {
+            counters: pipeline.counters(),
+            time_offset_s: pipeline.time_offset_s(),
+            estimate: pipeline.time_offset_estimate(),
+        };
+        let mut history = self.history.lock();
+        history.push_look(now_ns, scene, health);
+        history.push_evidence(now_ns, evidence);
+    }
+
+    /// The pipeline has finished.
+    pub fn finish(&mut self, pipeline: &Pipeline) {
+        if let Some((now_ns, _)) = pipeline.head() {
+            self.look(pipeline, pipeline.engine().newest_sweep_ns().unwrap_or(now_ns).max(now_ns));
+        }
+    }
+}
+
+/// Nothing more will come, be it that the work is done or that it broke off.
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        self.history.lock().complete();
+    }
+}

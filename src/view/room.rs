@@ -1,0 +1,395 @@
+//! What is known at one moment, put into space: floor, walls, obstacles, evidence, the head with its path and beam, warnings, the
+//! truth.
+
+use glam::{DMat3, DQuat, DVec2, DVec3};
+
+use super::about::About;
+use super::drawing::{Color, Drawing, circle};
+use super::history::Moment;
+use super::layers::Layers;
+use super::style::{self, rgba};
+use crate::geometry::{Aabb, Plane, Pose};
+use crate::imaging::eigen;
+use crate::obstacles::{Evidence, Observed, Obstacle, Wall};
+use crate::warning::{Panel, PanelKind, Warnings, warn};
+
+/// The path is bright for so long, seconds.
+const RECENT_S: f64 = 4.0;
+/// Walls are drawn so far around where they were seen, metres.
+const WALL_MARGIN_M: f64 = 0.4;
+/// Their upper edge when their height is not known, metres.
+const WALL_HEIGHT_M: f64 = 2.2;
+/// Steps of the evidence's colours.
+const SHADES: f64 = 12.0;
+/// Uncertainty is drawn at so many 1σ, and no larger than this, metres.
+const SIGMAS: f64 = 2.0;
+const GREATEST_RADIUS_M: f64 = 0.7;
+const LEAST_RADIUS_M: f64 = 0.008;
+
+/// All of a moment in space. `bounds`: the box that is shown; `top_score`: the end of the evidence's colours.
+pub fn room(about: &About, moment: &Moment, layers: &Layers, bounds: &Aabb, top_score: f32, inside: bool) -> Drawing {
+    let mut drawing = Drawing::default();
+    floor(&mut drawing, bounds);
+    if layers.walls {
+        moment.scene.walls.iter().for_each(|seen| wall(&mut drawing, seen, bounds));
+    }
+    if layers.truth {
+        truth(&mut drawing, about);
+    }
+    if layers.evidence {
+        evidence(&mut drawing, &moment.evidence, layers.least_score, top_score);
+    }
+    if layers.obstacles {
+        for found in &moment.scene.obstacles {
+            obstacle(&mut drawing, found, layers.selected == Some(found.id));
+        }
+    }
+    let Some(head) = &moment.head else { return drawing };
+    // From within, head, path and beam would stand in one's own way.
+    if !inside {
+        if layers.path {
+            path(&mut drawing, moment);
+        }
+        headset(&mut drawing, head);
+        if layers.beam {
+            beam(&mut drawing, &(*head * about.head_from_sensor), about);
+        }
+    }
+    if layers.warnings {
+        warnings(&mut drawing, &warn(&moment.scene, head, &about.warning), about.warning.color, bounds.min.y);
+    }
+    drawing
+}
+
+fn floor(drawing: &mut Drawing, bounds: &Aabb) {
+    let y = bounds.min.y;
+    let low = (bounds.min / 0.5).floor().as_ivec3();
+    let high = (bounds.max / 0.5).ceil().as_ivec3();
+    let color = |n: i32| rgba(if n % 2 == 0 { style::GRID_METRE } else { style::GRID }, 1.0);
+    for n in low.x..=high.x {
+        let at = |z: i32| DVec3::new(f64::from(n) * 0.5, y, f64::from(z) * 0.5);
+        drawing.line(at(low.z), at(high.z), 1.0, color(n));
+    }
+    for n in low.z..=high.z {
+        let at = |x: i32| DVec3::new(f64::from(x) * 0.5, y, f64::from(n) * 0.5);
+        drawing.line(at(low.x), at(high.x), 1.0, color(n));
+    }
+    let origin = DVec3::ZERO.with_y(y);
+    for axis in DVec3::AXES {
+        drawing.line(origin, origin + axis * 0.5, 2.5, rgba(style::MUTED, 1.0));
+    }
+}
+
+/// Ends of the axes with their names.
+pub fn axis_names(bounds: &Aabb) -> [(DVec3, &'static str); 3] {
+    let origin = DVec3::ZERO.with_y(bounds.min.y);
+    [(origin + DVec3::X * 0.58, "x"), (origin + DVec3::Y * 0.58, "y"), (origin + DVec3::Z * 0.58, "z")]
+}
+
+fn wall(drawing: &mut Drawing, wall: &Wall, bounds: &Aabb) {
+    let Plane { outward, .. } = wall.plane;
+    let seen = &wall.seen_at;
+    let is_level = outward.y.abs() > 0.7;
+    let u = if is_level { DVec3::X } else { DVec3::Y.cross(outward).normalize_or(DVec3::X) };
+    let v = if is_level { DVec3::Z } else { DVec3::Y };
+    let middle = wall.plane.foot(seen.center());
+    // Half of the box along a direction.
+    let reach = |along: DVec3| (along.abs() * (seen.size() * 0.5)).element_sum();
+    let on_wall = |a: f64, b: f64| wall.plane.foot(middle + u * a + v * b);
+    let patch = |u_m: f64, v_m: [f64; 2]| {
+        [on_wall(-u_m, v_m[0]), on_wall(u_m, v_m[0]), on_wall(u_m, v_m[1]), on_wall(-u_m, v_m[1])]
+    };
+    let u_m = reach(u) + WALL_MARGIN_M;
+    let upright = [bounds.min.y - middle.y, (bounds.max.y.min(bounds.min.y + WALL_HEIGHT_M) - middle.y).max(0.3)];
+    let v_m = if is_level { [-reach(v) - WALL_MARGIN_M, reach(v) + WALL_MARGIN_M] } else { upright };
+    let corners = patch(u_m, v_m);
+    drawing.veil(&corners, rgba(style::WALL, 0.10));
+    drawing.polyline(corners.into_iter().chain([corners[0]]), 1.5, rgba(style::WALL, 0.8));
+    // Where its reflections came from.
+    drawing.veil(&patch(reach(u) + 0.1, [-reach(v) - 0.1, reach(v) + 0.1]), rgba(style::WALL, 0.22));
+}
+
+fn truth(drawing: &mut Drawing, about: &About) {
+    let Some(truth) = &about.truth else { return };
+    let color = rgba(style::TRUTH, 1.0);
+    for place in truth.obstacles.iter().flat_map(|obstacle| &obstacle.points_m) {
+        drawing.point(*place, 0.022, color);
+    }
+    for wall in &truth.walls {
+        drawing.box_edges(&Pose::IDENTITY, &wall.extent, 1.0, rgba(style::TRUTH, 0.45));
+    }
+}
+
+fn evidence(drawing: &mut Drawing, evidence: &Evidence, least: f32, top: f32) {
+    for &(place, score) in evidence.voxels.iter().filter(|voxel| voxel.1 >= least) {
+        let share = f64::from(((score - least) / (top - least).max(1e-6)).clamp(0.0, 1.0));
+        // Few colours are told apart more easily.
+        let color = rgba(style::evidence((share * SHADES).round() / SHADES), 1.0);
+        drawing.point(place.as_dvec3(), evidence.voxel_m * (0.10 + 0.22 * share), color);
+    }
+}
+
+fn obstacle(drawing: &mut Drawing, obstacle: &Obstacle, is_selected: bool) {
+    let color = rgba(style::FOUND, 1.0);
+    if let Some(shape) = shape_box(obstacle) {
+        drawing.box_edges(&Pose::IDENTITY, &shape, if is_selected { 3.0 } else { 1.6 }, color);
+    }
+    drawing.point(obstacle.position_m, 0.022, color);
+    drawing.clear_ball(obstacle.position_m, &uncertainty(obstacle), color);
+}
+
+/// The box around what was seen of an obstacle.
+pub fn shape_box(obstacle: &Obstacle) -> Option<Aabb> {
+    let around = Aabb::around(obstacle.shape.iter().map(|voxel| voxel.0))?;
+    let half = (obstacle.extent_m - around.size()).max(DVec3::ZERO) * 0.5;
+    (obstacle.extent_m.max_element() > 0.0).then_some(Aabb { min: around.min - half, max: around.max + half })
+}
+
+/// Half axes of the ellipsoid of two 1σ, as columns.
+fn uncertainty(obstacle: &Obstacle) -> DMat3 {
+    if !obstacle.covariance_m2.is_finite() {
+        return DMat3::from_diagonal(DVec3::splat(GREATEST_RADIUS_M));
+    }
+    let (variances, axes) = eigen(&obstacle.covariance_m2);
+    let radius = |variance: f64| match variance.is_finite() {
+        true => (SIGMAS * variance.max(0.0).sqrt()).clamp(LEAST_RADIUS_M, GREATEST_RADIUS_M),
+        false => GREATEST_RADIUS_M,
+    };
+    DMat3::from_cols(
+        axes.x_axis * radius(variances[0]),
+        axes.y_axis * radius(variances[1]),
+        axes.z_axis * radius(variances[2]),
+    )
+}
+
+/// From the head to the nearest place that belongs to an obstacle, metres.
+pub fn distance_m(obstacle: &Obstacle, head: &Pose) -> f64 {
+    let places = obstacle.shape.iter().map(|voxel| voxel.0).chain([obstacle.position_m]);
+    places.map(|place| place.distance(head.translation)).fold(f64::INFINITY, f64::min)
+}
+
+/// What its label says.
+pub fn label(obstacle: &Obstacle, head: Option<&Pose>) -> String {
+    let distance = head.map_or(String::new(), |head| format!("  {:.2} m", distance_m(obstacle, head)));
+    let doubt = match obstacle.observed {
+        Observed::Position => "",
+        Observed::RangeAndOneDirection => "  (one direction unknown)",
+        Observed::RangeOnly => "  (direction unknown)",
+    };
+    format!("#{}{distance}{doubt}", obstacle.id)
+}
+
+fn path(drawing: &mut Drawing, moment: &Moment) {
+    for pair in moment.path.windows(2) {
+        let age_s = moment.time_s - pair[1].0;
+        // A gap in the poses is no way.
+        if pair[1].1.distance(pair[0].1) < 0.5 {
+            let alpha = if age_s < RECENT_S { 1.0 - 0.7 * age_s / RECENT_S } else { 0.3 };
+            drawing.line(pair[0].1, pair[1].1, 2.0, rgba(style::HEAD, alpha as f32));
+        }
+    }
+}
+
+/// A head with a headset on: what looks ahead is dark.
+fn headset(drawing: &mut Drawing, tracking_from_head: &Pose) {
+    let turn = DMat3::from_quat(tracking_from_head.rotation);
+    let skull = tracking_from_head.transform_point(DVec3::new(0.0, 0.005, 0.095));
+    drawing.solid_ball(skull, &(turn * DMat3::from_diagonal(DVec3::new(0.078, 0.105, 0.098))), rgba(style::TRUTH, 1.0));
+    let block = |low: [f64; 3], high: [f64; 3]| Aabb { min: low.into(), max: high.into() };
+    let shell = [0.86, 0.88, 0.91, 1.0];
+    drawing.solid_box(tracking_from_head, &block([-0.09, -0.05, -0.06], [0.09, 0.05, 0.03]), shell);
+    drawing.solid_box(
+        tracking_from_head,
+        &block([-0.082, -0.042, -0.066], [0.082, 0.042, -0.06]),
+        [0.1, 0.12, 0.15, 1.0],
+    );
+    drawing.solid_box(tracking_from_head, &block([-0.096, -0.014, 0.0], [-0.074, 0.02, 0.16]), shell);
+    drawing.solid_box(tracking_from_head, &block([0.074, -0.014, 0.0], [0.096, 0.02, 0.16]), shell);
+    let ahead = tracking_from_head.transform_point(DVec3::NEG_Z * 0.3);
+    drawing.line(tracking_from_head.transform_point(DVec3::NEG_Z * 0.07), ahead, 2.0, rgba(style::HEAD, 1.0));
+}
+
+/// The cone to the cut-off angle, from the first to the last range.
+fn beam(drawing: &mut Drawing, tracking_from_sensor: &Pose, about: &About) {
+    let (sin, cos) = about.beam_rad.sin_cos();
+    let rim = |range_m: f64, turn: f64| {
+        let aside = DQuat::from_rotation_z(turn) * DVec3::X * sin;
+        tracking_from_sensor.transform_point((aside + DVec3::NEG_Z * cos) * range_m)
+    };
+    let [first_m, last_m] = about.ranges_m;
+    let color = |alpha: f32| rgba(style::BEAM, alpha);
+    let turns: Vec<f64> = (0..=32).map(|n| f64::from(n) / 32.0 * std::f64::consts::TAU).collect();
+    for range_m in [first_m, last_m] {
+        drawing.polyline(turns.iter().map(|turn| rim(range_m, *turn)), 1.5, color(0.8));
+    }
+    for pair in turns.windows(2) {
+        let corners = [rim(first_m, pair[0]), rim(last_m, pair[0]), rim(last_m, pair[1]), rim(first_m, pair[1])];
+        drawing.veil(&corners, color(0.06));
+    }
+    for turn in turns.iter().step_by(8).take(4) {
+        drawing.line(rim(first_m, *turn), rim(last_m, *turn), 1.0, color(0.55));
+        // Over the last range's sphere, through the boresight.
+        let arc = (0..=12).map(|n| {
+            let (s, c) = (about.beam_rad * f64::from(n) / 12.0).sin_cos();
+            let aside = DQuat::from_rotation_z(*turn) * DVec3::X * s;
+            tracking_from_sensor.transform_point((aside + DVec3::NEG_Z * c) * last_m)
+        });
+        drawing.polyline(arc, 1.0, color(0.35));
+    }
+}
+
+fn warnings(drawing: &mut Drawing, warnings: &Warnings, color: [u8; 3], floor_m: f64) {
+    let [r, g, b] = color.map(|v| f32::from(v) / 255.0);
+    let color = |alpha: f32| -> Color { [r, g, b, alpha] };
+    for shown in &warnings.panels {
+        panel(drawing, shown, color);
+    }
+    for footprint in &warnings.footprints {
+        let corners = footprint.corners_xz_m.iter().map(|c| DVec3::new(c.x, floor_m.max(0.0) + 0.004, c.y));
+        let corners: Vec<DVec3> = corners.collect();
+        drawing.veil(&corners, color(0.25 * footprint.alpha));
+        drawing.polyline(corners.iter().copied().chain(corners.first().copied()), 1.5, color(footprint.alpha));
+    }
+}
+
+/// A panel with its grid, as its texture has it.
+fn panel(drawing: &mut Drawing, panel: &Panel, color: impl Fn(f32) -> Color) {
+    let half = panel.size_m / 2.0;
+    let at = |x: f64, y: f64| panel.tracking_from_panel.transform_point(DVec3::new(x, y, 0.0));
+    let alpha = panel.alpha;
+    let step_m = 0.2;
+    let lines = |half_m: f64| {
+        let most = (half_m / step_m).floor().clamp(0.0, 100.0) as i32;
+        (-most..=most).map(move |n| f64::from(n) * step_m)
+    };
+    lines(half.x).for_each(|x| drawing.line(at(x, -half.y), at(x, half.y), 1.0, color(0.5 * alpha)));
+    lines(half.y).for_each(|y| drawing.line(at(-half.x, y), at(half.x, y), 1.0, color(0.5 * alpha)));
+    let corners = [at(-half.x, -half.y), at(half.x, -half.y), at(half.x, half.y), at(-half.x, half.y)];
+    drawing.polyline(corners.into_iter().chain([corners[0]]), 2.0, color(alpha));
+    drawing.veil(&corners, color(0.05 * alpha));
+    if panel.kind == PanelKind::Object {
+        for (middle, radius) in &panel.silhouette {
+            let disc = |place: DVec2| at(place.x, place.y);
+            let (u, v) = (
+                disc(*middle + DVec2::X * *radius) - disc(*middle),
+                disc(*middle + DVec2::Y * *radius) - disc(*middle),
+            );
+            let rim: Vec<DVec3> = circle(disc(*middle), u, v, 12).collect();
+            drawing.veil(&rim, color(0.22 * alpha));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::{Search, Settings};
+    use crate::obstacles::Scene;
+    use crate::radar::preset;
+    use crate::recording::Header;
+    use std::sync::Arc;
+
+    fn about() -> About {
+        let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);
+        About::new(&header, &Settings::default(), Search::Rooms, 1.0)
+    }
+
+    fn obstacle(covariance_m2: DMat3) -> Obstacle {
+        Obstacle {
+            id: 7,
+            position_m: DVec3::new(0.0, 1.0, -1.0),
+            covariance_m2,
+            observed: Observed::Position,
+            extent_m: DVec3::splat(0.15),
+            evidence: 9.0,
+            shape: vec![(DVec3::new(0.0, 1.0, -0.95), 5.0), (DVec3::new(0.0, 1.1, -0.95), 5.0)],
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        }
+    }
+
+    fn moment(head: Option<Pose>) -> Moment {
+        let wall = Wall {
+            id: 1,
+            plane: Plane { outward: DVec3::NEG_Z, offset_m: 2.0 },
+            evidence: 9.0,
+            seen_at: Aabb { min: DVec3::new(-0.5, 1.5, -2.0), max: DVec3::new(0.5, 1.7, -2.0) },
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        };
+        let variances = DMat3::from_diagonal(DVec3::new(1e-4, 4e-4, 9e-4));
+        let scene = Scene { time_ns: 0, obstacles: vec![obstacle(variances)], walls: vec![wall] };
+        Moment {
+            time_s: 1.0,
+            scene: Arc::new(scene),
+            evidence: Arc::new(Evidence { voxel_m: 0.05, voxels: vec![(glam::Vec3::Y, 2.5), (glam::Vec3::X, 8.0)] }),
+            head,
+            path: vec![(0.0, DVec3::Y), (0.5, DVec3::Y * 1.1), (1.0, DVec3::Y * 9.0)],
+            health: None,
+        }
+    }
+
+    fn head() -> Pose {
+        Pose::from_translation(DVec3::new(0.0, 1.1, 0.0))
+    }
+
+    #[test]
+    fn each_layer_draws_something_and_nothing_when_off() {
+        let (about, bounds) = (about(), about().bounds([head().translation]));
+        let all = Layers { truth: true, ..Layers::new(2.0) };
+        let draw = |layers: &Layers| room(&about, &moment(Some(head())), layers, &bounds, 9.0, false);
+        let count = |d: &Drawing| d.faces.len() + d.lines.len() + d.points.len() + d.veils.len();
+        let full = count(&draw(&all));
+        let off: [fn(&mut Layers); 6] = [
+            |l| l.obstacles = false,
+            |l| l.walls = false,
+            |l| l.evidence = false,
+            |l| l.beam = false,
+            |l| l.path = false,
+            |l| l.warnings = false,
+        ];
+        for (n, change) in off.iter().enumerate() {
+            let mut layers = all.clone();
+            change(&mut layers);
+            assert!(count(&draw(&layers)) < full, "layer {n}");
+        }
+    }
+
+    #[test]
+    fn weak_evidence_is_left_out_and_a_leap_is_no_path() {
+        let (about, bounds) = (about(), about().bounds([]));
+        let layers = Layers { obstacles: false, walls: false, warnings: false, beam: false, ..Layers::new(3.0) };
+        let drawing = room(&about, &moment(Some(head())), &layers, &bounds, 9.0, false);
+        assert_eq!(drawing.points.len(), 1);
+        let up = drawing.lines.iter().filter(|l| l.from_m == DVec3::Y || l.to_m == DVec3::Y * 9.0).count();
+        assert_eq!(up, 1);
+        let inside = room(&about, &moment(Some(head())), &layers, &bounds, 9.0, true);
+        assert!(inside.faces.is_empty(), "one does not see one's own head");
+        assert_eq!(inside.lines.len() + 1, drawing.lines.len() - 1, "nor one's path, nor where one looks");
+        let without_head = room(&about, &moment(None), &Layers::new(3.0), &bounds, 9.0, false);
+        assert!(without_head.faces.is_empty() && !without_head.lines.is_empty());
+    }
+
+    #[test]
+    fn ellipsoids_have_two_sigma_and_distances_reach_the_nearest_place() {
+        let axes = uncertainty(&obstacle(DMat3::from_diagonal(DVec3::new(1e-4, 4e-4, 100.0))));
+        let mut radii = [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.length());
+        radii.sort_by(f64::total_cmp);
+        assert!((radii[0] - 0.02).abs() < 1e-9 && (radii[1] - 0.04).abs() < 1e-9 && radii[2] == GREATEST_RADIUS_M);
+        assert!(uncertainty(&obstacle(DMat3::NAN)).is_finite());
+        let found = obstacle(DMat3::ZERO);
+        assert!((distance_m(&found, &head()) - 0.95).abs() < 1e-9);
+        assert_eq!(label(&found, Some(&head())), "#7  0.95 m");
+        let shape = shape_box(&found).unwrap();
+        assert!((shape.size() - DVec3::splat(0.15)).length() < 1e-9);
+    }
+
+    #[test]
+    fn the_wall_is_drawn_on_its_plane() {
+        let (about, bounds) = (about(), about().bounds([]));
+        let layers = Layers { obstacles: false, evidence: false, warnings: false, ..Layers::new(3.0) };
+        let drawing = room(&about, &moment(None), &layers, &bounds, 9.0, false);
+        assert!(drawing.veils.iter().flat_map(|face| face.corners_m).all(|corner| (corner.z + 2.0).abs() < 1e-9));
+        assert_eq!(drawing.veils.len(), 4);
+    }
+}

@@ -1,0 +1,175 @@
+//! The room on the screen: turns, moves and zooms with the mouse; writes names and distances beside things.
+
+use egui::{Align2, Color32, CornerRadius, FontId, PointerButton, Pos2, Rect, Sense, Ui, pos2, vec2};
+use glam::{DVec2, DVec3};
+
+use super::about::About;
+use super::camera::{Camera, Eye};
+use super::history::Moment;
+use super::layers::Layers;
+use super::room::{axis_names, distance_m, label, shape_box};
+use super::style;
+use crate::geometry::Aabb;
+use crate::obstacles::Obstacle;
+
+/// So many obstacles have their distance beside them.
+const WHOLE_LABELS: usize = 6;
+
+/// What is to be seen.
+pub struct Shown<'a> {
+    /// The recording.
+    pub about: &'a About,
+    /// The moment.
+    pub moment: &'a Moment,
+    /// The layers.
+    pub layers: &'a Layers,
+    /// The box around all of it.
+    pub bounds: &'a Aabb,
+    /// The end of the evidence's colours.
+    pub top_score: f32,
+    /// Where the picture of the room is.
+    pub texture: egui::TextureId,
+}
+
+/// The view; gives the eye to draw the picture with, and whether the camera was moved by hand.
+pub fn viewport(ui: &mut Ui, area: Rect, camera: &mut Camera, shown: &Shown) -> (Eye, bool) {
+    let response = ui.allocate_rect(area, Sense::click_and_drag());
+    let is_moved = steer(ui, area, &response, camera);
+    let eye = camera.eye(shown.moment.head.as_ref(), f64::from(area.width() / area.height().max(1.0)));
+    let painter = ui.painter_at(area);
+    painter.image(shown.texture, area, Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0)), Color32::WHITE);
+    let on_screen = |place: DVec3| {
+        eye.project(place).map(|at| area.min + vec2(at.x as f32 * area.width(), at.y as f32 * area.height()))
+    };
+    names(&painter, shown, &on_screen, camera.is_first_person);
+    legend(&painter, area, shown);
+    (eye, is_moved)
+}
+
+fn steer(ui: &Ui, area: Rect, response: &egui::Response, camera: &mut Camera) -> bool {
+    let way = response.drag_delta() / area.height().max(1.0);
+    let way = DVec2::new(way.x.into(), way.y.into());
+    let (scroll, zoom, shift) = ui.input(|i| (i.smooth_scroll_delta().y, i.zoom_delta(), i.modifiers.shift));
+    let pans = response.dragged_by(PointerButton::Secondary)
+        || response.dragged_by(PointerButton::Middle)
+        || (shift && response.dragged());
+    let zooms = response.contains_pointer() && (scroll != 0.0 || zoom != 1.0);
+    if pans {
+        camera.pan(way);
+    } else if response.dragged() {
+        camera.orbit(way);
+    }
+    if zooms {
+        camera.zoom((f64::from(scroll) * 0.0025).exp() * f64::from(zoom));
+    }
+    let is_moved = (response.dragged() && way != DVec2::ZERO) || zooms;
+    camera.is_first_person &= !is_moved;
+    is_moved
+}
+
+fn names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> Option<Pos2>, inside: bool) {
+    let small = |place: DVec3, text: &str, color: Color32| {
+        if let Some(at) = on_screen(place) {
+            painter.text(at, Align2::CENTER_CENTER, text, FontId::proportional(12.0), color);
+        }
+    };
+    axis_names(shown.bounds).into_iter().for_each(|(place, name)| small(place, name, style::MUTED));
+    if !inside {
+        metres(shown.bounds, &small);
+    }
+    if shown.layers.walls {
+        for wall in &shown.moment.scene.walls {
+            let foot = wall.plane.foot(wall.seen_at.center());
+            let distance = shown.moment.head.map(|head| wall.plane.distance(head.translation).abs());
+            let text = distance.map_or("wall".into(), |distance_m| format!("wall  {distance_m:.2} m"));
+            small(foot, &text, style::WALL.lerp_to_gamma(Color32::WHITE, 0.35));
+        }
+    }
+    if shown.layers.truth {
+        for truth in shown.about.truth.iter().flat_map(|truth| &truth.obstacles) {
+            if let Some(around) = Aabb::around(truth.points_m.iter().copied()) {
+                small(around.center().with_y(around.min.y - 0.06), &truth.name, style::TRUTH);
+            }
+        }
+    }
+    if shown.layers.obstacles {
+        obstacle_names(painter, shown, on_screen);
+    }
+}
+
+/// Metres along two edges of the floor.
+fn metres(bounds: &Aabb, small: &impl Fn(DVec3, &str, Color32)) {
+    let y = bounds.min.y;
+    for x in bounds.min.x.ceil() as i32..=bounds.max.x.floor() as i32 {
+        small(DVec3::new(x.into(), y, (bounds.max.z / 0.5).ceil() * 0.5 + 0.18), &format!("{x} m"), style::MUTED);
+    }
+    for z in bounds.min.z.ceil() as i32..=bounds.max.z.floor() as i32 {
+        small(DVec3::new((bounds.max.x / 0.5).ceil() * 0.5 + 0.22, y, z.into()), &format!("{z} m"), style::MUTED);
+    }
+}
+
+/// Distances beside the nearest ones and the selected one, numbers beside the rest.
+fn obstacle_names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> Option<Pos2>) {
+    let head = shown.moment.head.as_ref();
+    let distance = |obstacle: &Obstacle| head.map_or(0.0, |head| distance_m(obstacle, head));
+    let mut order: Vec<&Obstacle> = shown.moment.scene.obstacles.iter().collect();
+    order.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+    let mut taken: Vec<Rect> = Vec::new();
+    for (n, obstacle) in order.into_iter().enumerate() {
+        let top_m = shape_box(obstacle).map_or(obstacle.position_m.y, |shape| shape.max.y);
+        let Some(at) = on_screen(obstacle.position_m.with_y(top_m.max(obstacle.position_m.y) + 0.05)) else { continue };
+        let is_selected = shown.layers.selected == Some(obstacle.id);
+        let is_whole = n < WHOLE_LABELS || is_selected;
+        let text = if is_whole { label(obstacle, head) } else { format!("#{}", obstacle.id) };
+        let color = if is_whole { style::FOUND } else { style::FOUND.gamma_multiply(0.75) };
+        let galley = painter.layout_no_wrap(text, FontId::proportional(if is_whole { 14.0 } else { 11.0 }), color);
+        let mut chip = Align2::CENTER_BOTTOM.anchor_size(at, galley.size()).expand2(vec2(4.0, 1.0));
+        // Labels do not cover each other: a later one goes above.
+        for _ in 0..8 {
+            let Some(under) = taken.iter().find(|other| other.intersects(chip)) else { break };
+            chip = chip.translate(vec2(0.0, under.top() - chip.bottom() - 1.0));
+        }
+        taken.push(chip);
+        painter.rect_filled(
+            chip,
+            CornerRadius::same(3),
+            style::GROUND.gamma_multiply(if is_whole { 0.85 } else { 0.5 }),
+        );
+        if is_selected {
+            let stroke = egui::Stroke::new(1.0, style::FOUND);
+            painter.rect_stroke(chip, CornerRadius::same(3), stroke, egui::StrokeKind::Outside);
+        }
+        painter.galley(chip.min + vec2(4.0, 1.0), galley, color);
+    }
+}
+
+/// What colours mean, and the grid's step.
+fn legend(painter: &egui::Painter, area: Rect, shown: &Shown) {
+    let font = FontId::proportional(12.0);
+    let mut at = area.left_bottom() + vec2(14.0, -14.0);
+    let text = |at: Pos2, text: String| {
+        painter.text(at, Align2::LEFT_BOTTOM, text, font.clone(), style::MUTED);
+    };
+    text(at, "grid 0.5 m; ellipsoids: 2σ".into());
+    if shown.layers.evidence {
+        at.y -= 20.0;
+        let bar = Rect::from_min_max(at - vec2(0.0, 12.0), at + vec2(160.0, -2.0));
+        color_bar(painter, bar, style::evidence);
+        let least = shown.layers.least_score;
+        text(
+            bar.right_bottom() + vec2(8.0, 3.0),
+            format!("evidence: {} {least:.1} to {:.1}", shown.about.score_name(), shown.top_score.max(least)),
+        );
+    }
+}
+
+/// A scale of colours from left to right.
+pub fn color_bar(painter: &egui::Painter, bar: Rect, color: impl Fn(f64) -> Color32) {
+    const PARTS: u16 = 64;
+    for n in 0..PARTS {
+        let x = |n: u16| bar.left() + bar.width() * f32::from(n) / f32::from(PARTS);
+        let part = Rect::from_min_max(pos2(x(n), bar.top()), pos2(x(n + 1), bar.bottom()));
+        painter.rect_filled(part, 0.0, color(f64::from(n) / f64::from(PARTS - 1)));
+    }
+    painter.rect_stroke(bar, 0.0, egui::Stroke::new(1.0, style::GRID_METRE), egui::StrokeKind::Outside);
+}

@@ -1,0 +1,86 @@
+//! The desktop view without a desktop: its pictures, and that looking changes nothing.
+
+use std::collections::BTreeSet;
+
+use crate::common::{Folder, Outcome};
+
+const SHOTS: [&str; 4] = ["overview.png", "above.png", "first-person.png", "maps.png"];
+
+/// A furnished room, walked through for some seconds.
+fn recorded(folder: &Folder) {
+    let line = "simulate furnished-room --motion natural --preset d16 --duration-s 6 --seed 3 --out room.mcap";
+    folder.run(line).done();
+}
+
+/// Mesa's choice of devices complains on standard error where there is no desktop: left out.
+const QUIET: [(&str, &str); 1] = [("NODEVICE_SELECT", "1")];
+
+/// Runs it; `None`, and a line that says so, where nothing can draw.
+fn drawn(folder: &Folder, line: &str) -> Option<Outcome> {
+    let run = folder.run_with(line, &QUIET);
+    if run.err.contains("no graphics adapter") {
+        println!("skipped: no graphics adapter");
+        return None;
+    }
+    Some(run.done())
+}
+
+/// Colours in a picture, up to a thousand.
+fn colors(folder: &Folder, name: &str) -> usize {
+    let picture = image::load_from_memory(&folder.read(name)).unwrap().into_rgb8();
+    assert_eq!(picture.dimensions(), (1600, 1000), "{name}");
+    let mut colors = BTreeSet::new();
+    picture.pixels().any(|pixel| colors.insert(pixel.0) && colors.len() >= 1000);
+    colors.len()
+}
+
+#[test]
+fn pictures_of_the_view_show_something_and_looking_changes_nothing() {
+    let folder = Folder::new("view-shots");
+    recorded(&folder);
+    folder.run("replay room.mcap --out plain").done();
+    let Some(looked) = drawn(&folder, "replay room.mcap --view --view-shot shots --out looked") else { return };
+    assert_eq!(folder.read("looked/obstacles.json"), folder.read("plain/obstacles.json"));
+    for name in SHOTS {
+        let path = format!("shots/{name}");
+        assert!(looked.out.contains(name), "{looked:#?}");
+        assert!(colors(&folder, &path) >= 100, "{name} has few colours");
+        assert!(folder.read(&path).len() <= 400_000, "{name}: {} bytes", folder.read(&path).len());
+    }
+    // Different states, not one picture four times.
+    let pictures: BTreeSet<Vec<u8>> = SHOTS.iter().map(|name| folder.read(&format!("shots/{name}"))).collect();
+    assert_eq!(pictures.len(), SHOTS.len());
+}
+
+#[test]
+fn settings_reach_the_view_as_they_reach_a_replay() {
+    let folder = Folder::new("view-settings");
+    recorded(&folder);
+    // Nothing is ever confirmed.
+    let line = "replay room.mcap --view-shot shots --out out --set rooms.map.confirm_score=1000";
+    let Some(_) = drawn(&folder, line) else { return };
+    assert_eq!(folder.json("out/obstacles.json")["obstacles"].as_array().unwrap().len(), 0);
+    assert!(folder.read("shots/overview.png").len() > 10_000);
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn without_a_desktop_it_says_so_in_a_sentence() {
+    let folder = Folder::new("view-no-desktop");
+    recorded(&folder);
+    let nowhere = [("DISPLAY", ""), ("WAYLAND_DISPLAY", ""), ("WAYLAND_SOCKET", "")];
+    let run = folder.run_with("replay room.mcap --view", &nowhere);
+    assert_eq!(run.code, Some(1), "{run:#?}");
+    assert!(run.err.contains("no window can be opened") && run.err.contains("--view-shot"), "{run:#?}");
+    assert!(!run.err.contains(".rs:"), "{run:#?}");
+}
+
+#[test]
+fn a_recording_without_anything_in_it_is_shown_as_well() {
+    let folder = Folder::new("view-empty");
+    let line = "simulate corner-reflector --motion stationary --preset fine --duration-s 0.2 --seed 1 --out short.mcap";
+    folder.run(line).done();
+    if drawn(&folder, "replay short.mcap --view-shot shots").is_some() {
+        assert!(folder.read("shots/maps.png").len() > 5_000);
+    }
+}
