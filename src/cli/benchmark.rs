@@ -1,10 +1,12 @@
 //! `radar-chaperone benchmark [--json FILE] [--out DIR] [--quick]`: run time against error, as a table and a plot.
+//! `… --play`: play sessions.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use clap::Args;
 
+use super::play_sessions::PlaySessions;
 use super::progress;
 use crate::experiments::{Benchmark, Plan, Row, present};
 use crate::imaging::sums::instruction_set;
@@ -16,7 +18,8 @@ use crate::report::write_atomically;
 /// Images simulated recordings of a corner reflector 1 m away and compares the place found with the truth. The time is that
 /// of one image on all cores: from raw sweeps over tables and search to the place, refinement included where it is done;
 /// choosing the sweeps is not in it. Time and error are medians over the seeds. Rows with a * are on the front: no other is
-/// both faster and nearer the truth. Takes one to two minutes.
+/// both faster and nearer the truth. Takes one to two minutes. With --play: simulated players in furnished rooms instead, and what
+/// the warnings are worth to them.
 #[derive(Debug, Args)]
 pub(super) struct BenchmarkCommand {
     /// Writes the rows as a JSON list
@@ -28,11 +31,16 @@ pub(super) struct BenchmarkCommand {
     /// A few cases and seeds: seconds
     #[arg(long)]
     quick: bool,
+    #[command(flatten)]
+    play: PlaySessions,
 }
 
 impl BenchmarkCommand {
     pub fn run(&self) -> Result<()> {
         self.check_targets()?;
+        if self.play.is_asked() {
+            return self.play.run(self.quick, self.json.as_deref(), self.out.as_deref());
+        }
         let benchmark = Benchmark::new(if self.quick { Plan::quick() } else { Plan::full() })?;
         let bar = progress::bar(benchmark.cases() as u64, "measuring");
         let rows = benchmark.run(|row| {

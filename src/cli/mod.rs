@@ -25,6 +25,7 @@ mod import;
 mod info;
 mod install;
 mod instance;
+mod play_sessions;
 mod progress;
 mod reconstruct;
 mod record;

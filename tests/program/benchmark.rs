@@ -60,3 +60,23 @@ fn what_cannot_be_written_is_refused_before_the_work() {
         assert!(outcome.out.is_empty(), "{outcome:#?}");
     }
 }
+
+#[test]
+fn play_sessions_say_what_warnings_are_worth_and_repeat() {
+    let folder = Folder::new("play_sessions");
+    let play = |name: &str, more: &str| -> Value {
+        let done = folder.run(&format!("benchmark --play --rooms 1 --minutes 0.5 --json {name} {more}")).done();
+        done.says("warned before 0.4 m or 0.6 s").says("all but walls");
+        serde_json::from_slice(&folder.read(name)).unwrap()
+    };
+    let first = play("a.json", "--seed 1000");
+    let rates = &first[0]["rates"];
+    assert!(rates["due"].as_u64().unwrap() > 5, "{rates}");
+    assert!(2 * rates["warned"].as_u64().unwrap() >= rates["due"].as_u64().unwrap(), "{rates}");
+    assert!(rates["error_median_m"].as_f64().unwrap() < 0.1, "{rates}");
+    assert_eq!(first, play("b.json", "--seed 1000"), "a seed gives the same figures");
+    // Nothing is confirmed: nothing is warned of, and nothing is reported.
+    let deaf = play("c.json", "--seed 1000 --set rooms.map.confirm_score=1e5");
+    assert_eq!(deaf[0]["rates_without_walls"]["warned"], 0);
+    assert_eq!(deaf[0]["rates"]["false_per_min"], 0.0);
+}
