@@ -77,7 +77,7 @@ impl Replay {
             Some(path) => Some(Results::create(path, &summary.header)?),
             None => None,
         };
-        let events = summary.frames.count + summary.poses.count;
+        let events = summary.frames.count + summary.poses.count + summary.hands.count;
         if !self.feed(&mut recording, &mut pipeline, events, results.as_mut(), recorder.as_mut())? {
             return Ok(Ended::Left);
         }
@@ -211,6 +211,7 @@ pub(super) fn feed(pipeline: &mut Pipeline, event: Event) {
     match event {
         Event::Frame(frame) => pipeline.push_frame(frame),
         Event::Pose(pose) => pipeline.push_pose(&pose),
+        Event::Hands(hands) => pipeline.push_hands(hands.time_ns, hands.hands_m),
     }
 }
 

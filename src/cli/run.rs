@@ -136,6 +136,7 @@ impl Run {
             sensor_period_ns: &|| feed.sensor_period_ns(),
             sensor: &|| feed.sensor_count(),
             pose_sink: &|sample| feed.push_pose(sample),
+            hand_sink: &|hands| feed.push_hands(hands),
             settings,
             stop,
             status: &feed.status,

@@ -13,7 +13,7 @@ mod views;
 pub use evidence::Evidence;
 pub use existence::ForgetSettings;
 pub use explain::{Believed, ExplainSettings, Explained, SEGMENT_NS, Window};
-pub use hands::{HandTrail, HandsM};
+pub use hands::{HandTrail, HandsM, HandsSample};
 pub use map::{MapSettings, Sighted, Sightings, same_place, same_plane};
 pub use reflectors::{ReflectorSettings, find_reflectors, reflector_evidence};
 pub use rooms::{RoomCounters, RoomSearch, RoomSettings};

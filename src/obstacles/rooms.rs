@@ -483,6 +483,7 @@ impl RoomSearch {
                 plane: sighted.thing,
                 evidence: sighted.score,
                 seen_at: self.feet.get(&sighted.id).copied().unwrap_or(Aabb { min: foot, max: foot }),
+                provisional: false,
                 first_seen_ns: sighted.first_ns,
                 last_seen_ns: sighted.last_ns,
             }
@@ -518,6 +519,7 @@ impl RoomSearch {
                     extent_m: DVec3::ZERO,
                     evidence: sighting.score,
                     shape: vec![(place.position_m, sighting.score as f32)],
+                    provisional: false,
                     first_seen_ns: sighting.first_ns,
                     last_seen_ns: sighting.last_ns,
                 }),

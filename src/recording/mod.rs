@@ -9,10 +9,12 @@
 //! | `/tracking/head_raw` | `radar_chaperone.TrackedPose` | every pose as it came, sound or not |
 //! | `/tracking/head` | `foxglove.FrameTransform` | the sound poses, tracking → head |
 //! | `/tracking/mount` | `foxglove.FrameTransform` | head → sensor, once |
+//! | `/tracking/hands_raw` | `radar_chaperone.TrackedHands` | where the player's hands are; `none` where a hand is not tracked |
+//! | `/tracking/left_hand`, `/tracking/right_hand` | `foxglove.PoseInFrame` | the tracked ones, without a turn |
 //! | `/scene` | `foxglove.SceneUpdate` | results: obstacles and walls as boxes |
 //! | `/scene/points` | `foxglove.PointCloud` | results: where the evidence is |
 //!
-//! Foxglove shows all of the last four; Rerun (0.41) shows the transforms and the points, and lists the boxes raw.
+//! Topics of hands and results are there when there are some. Foxglove shows all but the raw ones; Rerun (0.41) shows the transforms and the points, and lists the boxes raw.
 
 mod chunk;
 mod damage;

@@ -11,12 +11,12 @@ use super::display::{ShowError, Shown, Viewpoint};
 use super::graphics::{Faults, Graphics, GraphicsError, LostDevices, Retry};
 use super::meter::{FrameMeter, FrameReport};
 use super::pose_thread::{SharedFrame, read_poses};
-use super::samples::{player, poses_now, sample};
+use super::samples::{HandsTold, player, poses_now, sample};
 use super::vitals::Vitals;
 use crate::engine::Settings;
 use crate::geometry::Pose;
 use crate::live::{Reconstruction, SettingsDesk, now_ns, thread_cpu_ns};
-use crate::obstacles::Scene;
+use crate::obstacles::{HandsSample, Scene};
 use crate::render::RenderError;
 use crate::steamvr::{DisplayTiming, Event, Hands, Poses, Runtime, SteamVrError, Universe};
 use crate::tracking::PoseSample;
@@ -24,6 +24,9 @@ use crate::warning::Watch;
 
 /// Takes every pose of the head, in the session's frame; must not wait for anything.
 pub type PoseSink<'a> = &'a (dyn Fn(&PoseSample) + Sync);
+
+/// Takes where the player's hands are, in the session's frame; must not wait for anything.
+pub type HandSink<'a> = &'a (dyn Fn(&HandsSample) + Sync);
 
 /// Between two looks at where the standing universe is, nanoseconds; events bring one forward.
 const LOOK_NS: i64 = 100_000_000;
@@ -107,6 +110,8 @@ pub struct FrameLoop<'a> {
     pub sensor: &'a (dyn Fn() -> Option<SensorCount> + Sync),
     /// Where poses go.
     pub pose_sink: PoseSink<'a>,
+    /// Where the hands' places go.
+    pub hand_sink: HandSink<'a>,
     /// Settings, which may change at any time.
     pub settings: &'a SettingsDesk,
     /// Ends the loop.
@@ -173,6 +178,7 @@ struct State<'s, 'a> {
     settings_version: u64,
     timing: DisplayTiming,
     hands: Hands,
+    told_hands: HandsTold,
     /// Where the head was last, in the standing universe, and when.
     head: Option<(i64, Pose)>,
     scene: PlacedScene,
@@ -210,6 +216,7 @@ impl<'s, 'a> State<'s, 'a> {
             settings_version,
             timing,
             hands: with.runtime.hands(),
+            told_hands: HandsTold::default(),
             head: None,
             scene: PlacedScene::default(),
             cues: CueOutput::default(),
@@ -295,6 +302,9 @@ impl<'s, 'a> State<'s, 'a> {
         let Some(anchor) = self.anchor else { return };
         if self.settings.headset.poses_hz <= 0.0 {
             (self.with.pose_sink)(&sample(time_ns, &poses.head, &anchor.session_from_raw()));
+        }
+        if let Some(hands) = self.told_hands.next(time_ns, &poses, &anchor.session_from_raw()) {
+            (self.with.hand_sink)(&hands);
         }
         self.status.is_tracked = poses.head.trusted().is_some();
     }

@@ -18,6 +18,6 @@ mod slots;
 mod vitals;
 
 pub use dashboard::SensorCount;
-pub use frames::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink};
+pub use frames::{Drawn, Ending, FrameLoop, HandSink, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink};
 pub use head_poses::HeadPoses;
 pub use meter::FrameReport;

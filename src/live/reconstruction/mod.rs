@@ -16,7 +16,7 @@ use super::queue::{Feeder, Queue};
 use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
 use crate::engine::{Counters, Settings};
 use crate::geometry::Pose;
-use crate::obstacles::Scene;
+use crate::obstacles::{HandsSample, Scene};
 use crate::radar::{Frame, SensorConfig};
 use crate::tracking::PoseSample;
 use worker::{Begin, Worker};
@@ -24,6 +24,9 @@ use worker::{Begin, Worker};
 /// Shelves of the queue.
 const FRAMES: usize = 0;
 const POSES: usize = 1;
+const HANDS: usize = 2;
+/// Hands that wait at most: some two seconds.
+const MAX_HANDS: usize = 256;
 
 /// How the reconstruction is run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -123,6 +126,7 @@ pub struct ReconstructionCounters {
 /// What one thread hands to the other, with the epoch in which it was pushed.
 enum Input {
     Pose(u64, PoseSample),
+    Hands(u64, HandsSample),
     /// And when it arrived, host nanoseconds.
     Frame(u64, Frame, i64),
 }
@@ -144,9 +148,10 @@ struct Shared {
 /// The reconstruction. Dropping it leaves what waits and ends its threads.
 pub struct Reconstruction {
     shared: Arc<Shared>,
-    queue: Arc<Queue<Input, 2>>,
-    frames: Feeder<Input, 2>,
-    poses: Feeder<Input, 2>,
+    queue: Arc<Queue<Input, 3>>,
+    frames: Feeder<Input, 3>,
+    poses: Feeder<Input, 3>,
+    hands: Feeder<Input, 3>,
     /// What was last given out.
     given: Mutex<Arc<Published>>,
     max_ahead_s: f64,
@@ -171,7 +176,7 @@ impl Reconstruction {
         let begin = Begin { config: config.clone(), head_from_sensor: *head_from_sensor, settings };
         let pipeline = begin.pipeline();
         let shared = Arc::new(Shared::new(pipeline.counters()));
-        let queue = Arc::new(Queue::new([options.max_frames, options.max_poses]));
+        let queue = Arc::new(Queue::new([options.max_frames, options.max_poses, MAX_HANDS]));
         let pool = pool(options)?;
         let worker = Worker::new(pipeline, begin, Arc::clone(&shared), Arc::clone(&queue));
         let (told, nice) = (Arc::clone(&shared), options.nice);
@@ -185,6 +190,7 @@ impl Reconstruction {
             max_ahead_s: options.max_ahead_s,
             frames: Feeder::new(&queue, FRAMES),
             poses: Feeder::new(&queue, POSES),
+            hands: Feeder::new(&queue, HANDS),
             given,
             shared,
             queue,
@@ -195,6 +201,11 @@ impl Reconstruction {
     /// Takes a pose of the head; never waits.
     pub fn push_pose(&self, sample: PoseSample) {
         self.poses.push(Input::Pose(self.epoch(), sample));
+    }
+
+    /// Takes where the player's hands are, in the frame of the poses; never waits. What nobody has time for goes.
+    pub fn push_hands(&self, hands: HandsSample) {
+        self.hands.push(Input::Hands(self.epoch(), hands));
     }
 
     /// Takes a frame that arrived now; never waits.
@@ -244,7 +255,7 @@ impl Reconstruction {
 
     /// What it has been through, as of a tenth of a second ago at most. May wait for a moment: not for the frame loop.
     pub fn counters(&self) -> ReconstructionCounters {
-        let [frames, poses] = self.queue.dropped();
+        let [frames, poses, _] = self.queue.dropped();
         ReconstructionCounters {
             frames_dropped: frames + self.frames.dropped(),
             poses_dropped: poses + self.poses.dropped(),
@@ -257,6 +268,7 @@ impl Reconstruction {
         self.shared.finish_by_ns.store((now_ns() as u64).saturating_add(FINISH_NS), Ordering::SeqCst);
         self.frames.flush();
         self.poses.flush();
+        self.hands.flush();
         self.end();
         (self.counters(), Arc::clone(&self.latest().scene))
     }

@@ -42,7 +42,7 @@ pub(super) struct Worker {
     pipeline: Pipeline,
     begin: Begin,
     shared: Arc<Shared>,
-    queue: Arc<Queue<Input, 2>>,
+    queue: Arc<Queue<Input, 3>>,
     epoch: u64,
     published: Published,
     /// What the scene that is published rests on, host nanoseconds.
@@ -57,7 +57,7 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    pub fn new(pipeline: Pipeline, begin: Begin, shared: Arc<Shared>, queue: Arc<Queue<Input, 2>>) -> Self {
+    pub fn new(pipeline: Pipeline, begin: Begin, shared: Arc<Shared>, queue: Arc<Queue<Input, 3>>) -> Self {
         let now_ns = now_ns();
         Self {
             pipeline,
@@ -122,6 +122,7 @@ impl Worker {
         let (begin_ns, without_pose) = (now_ns(), self.without_pose());
         match input {
             Input::Pose(epoch, pose) if epoch == self.epoch => self.pipeline.push_pose(&pose),
+            Input::Hands(epoch, hands) if epoch == self.epoch => self.pipeline.push_hands(hands.time_ns, hands.hands_m),
             Input::Frame(epoch, frame, arrived_ns) if epoch == self.epoch => self.take_frame(frame, arrived_ns),
             _ => return self.outdated += 1,
         }
