@@ -1,4 +1,4 @@
-//! Recordings: MCAP out and in, import of the vendor's .h5 and of pose tracks.
+//! Recordings: MCAP out and in, import of the vendor's .h5 and of pose tracks; and the maps of rooms that are kept.
 //!
 //! A file begins with metadata records (the [`Header`]), so that even a cut one can be read; then come chunks of at most
 //! one second with these topics:
@@ -22,6 +22,7 @@ mod error;
 mod foxglove_messages;
 mod header;
 mod import;
+mod map_file;
 mod message;
 mod reader;
 mod record;
@@ -36,6 +37,7 @@ pub use damage::Damage;
 pub use error::{ImportError, RecordingError};
 pub use header::{FORMAT_VERSION, Header, SensorMetadata};
 pub use import::{ImportOptions, Imported, import_h5};
+pub use map_file::{MOST_ROOMS, MapFile, MapFileError, MapFolder};
 pub use message::Event;
 pub use reader::Recording;
 pub use summary::{RecordingSummary, StreamSummary};

@@ -10,7 +10,8 @@ use super::dashboard::{Dashboard, Facts, PanelSources, PanelWork, SensorCount};
 use super::display::{ShowError, Shown, Viewpoint};
 use super::graphics::{Faults, Graphics, GraphicsError, LostDevices, Retry};
 use super::meter::{FrameMeter, FrameReport};
-use super::pose_thread::{SharedFrame, read_poses};
+use super::map_keeper::{KeptMaps, MapKeeper};
+use super::pose_thread::{RoomFrame, SharedFrame, read_poses};
 use super::samples::{HandsTold, player, poses_now, sample};
 use super::vitals::Vitals;
 use crate::engine::Settings;
@@ -112,6 +113,8 @@ pub struct FrameLoop<'a> {
     pub pose_sink: PoseSink<'a>,
     /// Where the hands' places go.
     pub hand_sink: HandSink<'a>,
+    /// Where maps are kept from one start to the next; `None`: nowhere.
+    pub maps: Option<&'a KeptMaps>,
     /// Settings, which may change at any time.
     pub settings: &'a SettingsDesk,
     /// Ends the loop.
@@ -141,6 +144,11 @@ impl FrameLoop<'_> {
             if poses_hz > 0.0 {
                 let (runtime, frame, sink, done) = (self.runtime, &frame, self.pose_sink, &done);
                 scope.spawn(move || read_poses(runtime, frame, poses_hz, sink, done));
+            }
+            if let Some(maps) = self.maps {
+                let keeper = MapKeeper { maps, frame: &frame, reconstruction, settings: desk };
+                let done = &done;
+                scope.spawn(move || keeper.run(done));
             }
             let ending = state.run();
             let (status, rest) = state.end();
@@ -172,6 +180,8 @@ struct State<'s, 'a> {
     shared_frame: &'s SharedFrame,
     anchor: Option<Anchor>,
     leap: LeapWatch,
+    /// Times that the raw universe has leapt.
+    leaps: u64,
     looked_ns: i64,
     vitals: Vitals,
     settings: Arc<Settings>,
@@ -210,6 +220,7 @@ impl<'s, 'a> State<'s, 'a> {
             shared_frame,
             anchor: None,
             leap: LeapWatch::default(),
+            leaps: 0,
             looked_ns: i64::MIN,
             vitals: Vitals::default(),
             settings,
@@ -320,9 +331,20 @@ impl<'s, 'a> State<'s, 'a> {
             self.anchor = Some(anchor);
             return;
         };
+        let before = anchor.universe();
         match anchor.look(standing_from_raw, universe) {
-            Moved::No => {}
-            Moved::Recentred => self.status.recentred += 1,
+            Moved::No => {
+                // The room's name may have been told only now.
+                if anchor.universe() != before {
+                    let anchor = *anchor;
+                    self.share_frame(&anchor);
+                }
+            }
+            Moved::Recentred => {
+                self.status.recentred += 1;
+                let anchor = *anchor;
+                self.share_frame(&anchor);
+            }
             Moved::Elsewhere => {
                 let anchor = *anchor;
                 self.forget(&anchor, "this is another room for the tracking system");
@@ -337,6 +359,7 @@ impl<'s, 'a> State<'s, 'a> {
                 let Some(anchor) = &mut self.anchor else { return };
                 anchor.renew();
                 let anchor = *anchor;
+                self.leaps += 1;
                 self.forget(&anchor, "the tracking system has moved the room");
             }
             Some(_) => {}
@@ -352,7 +375,7 @@ impl<'s, 'a> State<'s, 'a> {
         if let Some(reconstruction) = (self.with.reconstruction)() {
             self.scene.epoch = reconstruction.forget();
         }
-        *frame = Some(anchor.session_from_raw());
+        *frame = Some(room_frame(anchor, self.leaps));
         drop(frame);
         self.scene.clear();
         self.meter.forget_sweeps();
@@ -362,7 +385,8 @@ impl<'s, 'a> State<'s, 'a> {
 
     fn share_frame(&self, anchor: &Anchor) {
         // Written a few times a session; its reader holds it for as long as a pose is read.
-        *self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner) = Some(anchor.session_from_raw());
+        let shared = room_frame(anchor, self.leaps);
+        *self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner) = Some(shared);
     }
 
     fn show(&mut self, now_ns: i64) {
@@ -485,6 +509,15 @@ impl<'s, 'a> State<'s, 'a> {
         let_go.extend(dashboard.end());
         let_go.extend(shown.end());
         (status, Drawn { _pictures: let_go, _graphics: graphics, _lost: lost })
+    }
+}
+
+fn room_frame(anchor: &Anchor, leaps: u64) -> RoomFrame {
+    RoomFrame {
+        session_from_raw: anchor.session_from_raw(),
+        standing_from_raw: anchor.standing_from_raw(),
+        universe: anchor.universe(),
+        leaps,
     }
 }
 

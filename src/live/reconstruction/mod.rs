@@ -16,7 +16,7 @@ use super::queue::{Feeder, Queue};
 use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
 use crate::engine::{Counters, Settings};
 use crate::geometry::Pose;
-use crate::obstacles::{HandsSample, Scene};
+use crate::obstacles::{HandsSample, Remembered, Scene};
 use crate::radar::{Frame, SensorConfig};
 use crate::tracking::PoseSample;
 use worker::{Begin, Worker};
@@ -136,6 +136,10 @@ struct Shared {
     newest: Mutex<Arc<Published>>,
     counters: Mutex<ReconstructionCounters>,
     epoch: AtomicU64,
+    /// What is to be taken up, and in which epoch.
+    begin_with: Mutex<Option<(u64, Remembered)>>,
+    /// What is known of the room, and in which epoch.
+    remembered: Mutex<Option<(u64, Arc<Remembered>)>>,
     /// Settings for whatever begins next, where they are to be others.
     next_settings: Mutex<Option<Settings>>,
     is_alive: AtomicBool,
@@ -243,6 +247,21 @@ impl Reconstruction {
         self.forget()
     }
 
+    /// Has it take up what is remembered of the room, in the frame of the poses of that epoch.
+    pub fn begin_with(&self, epoch: u64, remembered: Remembered) {
+        *lock(&self.shared.begin_with) = Some((epoch, remembered));
+    }
+
+    /// What is known of the room and in which epoch, as of a second ago at most; `None` before there is anything, and while something is
+    /// still to be taken up. May wait for a moment: not for the frame loop.
+    pub fn remembered(&self) -> Option<(u64, Arc<Remembered>)> {
+        let waiting = lock(&self.shared.begin_with);
+        if waiting.is_some() {
+            return None;
+        }
+        lock(&self.shared.remembered).clone()
+    }
+
     /// How often everything was forgotten.
     pub fn epoch(&self) -> u64 {
         self.shared.epoch.load(Ordering::SeqCst)
@@ -309,6 +328,8 @@ impl Shared {
             newest: Mutex::new(Arc::new(Published::nothing(0))),
             counters: Mutex::new(counters),
             epoch: AtomicU64::new(0),
+            begin_with: Mutex::new(None),
+            remembered: Mutex::new(None),
             next_settings: Mutex::new(None),
             is_alive: AtomicBool::new(true),
             stop: AtomicBool::new(false),
