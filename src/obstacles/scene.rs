@@ -127,7 +127,8 @@ mod tests {
         };
         let plane = Plane { outward: DVec3::NEG_Z, offset_m: 2.0 };
         let seen_at = Aabb::from_corners(DVec3::new(-1.0, 1.5, -2.0), DVec3::new(1.0, 1.7, -2.0));
-        let wall = Wall { id: 4, plane, evidence: 20.0, seen_at, provisional: false, first_seen_ns: 1, last_seen_ns: 2 };
+        let wall =
+            Wall { id: 4, plane, evidence: 20.0, seen_at, provisional: false, first_seen_ns: 1, last_seen_ns: 2 };
         Scene { time_ns: 9, obstacles: vec![obstacle], walls: vec![wall] }
     }
 

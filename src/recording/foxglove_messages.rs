@@ -3,8 +3,8 @@
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::scene_entity_deletion::Type as Deletion;
 use foxglove::messages::{
-    Color, CubePrimitive, FrameTransform, KeyValuePair, PackedElementField, PointCloud, Pose as FoxglovePose, PoseInFrame,
-    Quaternion, SceneEntity, SceneEntityDeletion, SceneUpdate, Timestamp, Vector3,
+    Color, CubePrimitive, FrameTransform, KeyValuePair, PackedElementField, PointCloud, Pose as FoxglovePose,
+    PoseInFrame, Quaternion, SceneEntity, SceneEntityDeletion, SceneUpdate, Timestamp, Vector3,
 };
 use glam::{DQuat, DVec3};
 

@@ -142,14 +142,16 @@ pub(super) fn decode_pose(bytes: &[u8]) -> Result<PoseSample, String> {
 
 /// A hand in no place is one that is not tracked.
 pub(super) fn encode_hands(hands: &HandsSample) -> Vec<u8> {
-    let numbers = |hand: Option<DVec3>| hand.filter(|place| place.is_finite()).map_or(vec![], |p| p.to_array().to_vec());
+    let numbers =
+        |hand: Option<DVec3>| hand.filter(|place| place.is_finite()).map_or(vec![], |p| p.to_array().to_vec());
     let [left_m, right_m] = hands.hands_m.map(numbers);
     wire::TrackedHands { time_ns: hands.time_ns, left_m, right_m }.encode_to_vec()
 }
 
 /// The reason when the bytes make no hands.
 pub(super) fn decode_hands(bytes: &[u8]) -> Result<HandsSample, String> {
-    let message = wire::TrackedHands::decode(bytes).map_err(|error| format!("hands are no protobuf message ({error})"))?;
+    let message =
+        wire::TrackedHands::decode(bytes).map_err(|error| format!("hands are no protobuf message ({error})"))?;
     let place = |numbers: &[f64]| match numbers {
         [] => Ok(None),
         &[x, y, z] if [x, y, z].iter().all(|v| v.is_finite()) => Ok(Some(DVec3::new(x, y, z))),

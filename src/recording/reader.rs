@@ -146,8 +146,7 @@ impl Content {
     /// The topics as the writer numbers them, in case the chunk that declares them is damaged; what the file declares goes
     /// before.
     fn new() -> Self {
-        let topics =
-            [(FRAME_CHANNEL, Topic::Frames), (POSE_CHANNEL, Topic::Poses), (HANDS_CHANNEL, Topic::Hands)];
+        let topics = [(FRAME_CHANNEL, Topic::Frames), (POSE_CHANNEL, Topic::Poses), (HANDS_CHANNEL, Topic::Hands)];
         let [left, right] = HAND_CHANNELS;
         let others = [HEAD_CHANNEL, MOUNT_CHANNEL, left, right].map(|id| (id, Topic::Other));
         Self { topics: topics.into_iter().chain(others).collect(), events: VecDeque::new(), damage: Damage::default() }

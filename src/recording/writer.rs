@@ -14,9 +14,9 @@ use mcap::{Compression, McapError, McapResult, WriteOptions};
 use super::foxglove_messages::{evidence_points, hand_pose, head_transform, mount_transform, scene_update};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
-    DESCRIPTORS, Event, FRAME_CHANNEL, FRAME_SCHEMA, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_SCHEMA, HANDS_TOPIC,
-    HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame, encode_hands,
-    encode_pose,
+    DESCRIPTORS, Event, FRAME_CHANNEL, FRAME_SCHEMA, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_SCHEMA,
+    HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame,
+    encode_hands, encode_pose,
 };
 use super::{RecordingError, RecordingSummary};
 use crate::obstacles::{HandsSample, Scene};

@@ -29,13 +29,7 @@ pub(super) type SharedFrame = Mutex<Option<RoomFrame>>;
 
 /// Reads the head's pose so many times a second until told to stop. A pose that took too long to read is left out, and so is every
 /// pose before the session's frame is known.
-pub(super) fn read_poses(
-    runtime: &Runtime,
-    frame: &SharedFrame,
-    rate_hz: f64,
-    sink: PoseSink,
-    stop: &AtomicBool,
-) {
+pub(super) fn read_poses(runtime: &Runtime, frame: &SharedFrame, rate_hz: f64, sink: PoseSink, stop: &AtomicBool) {
     let period_ns = (1e9 / rate_hz) as i64;
     let mut next_ns = now_ns();
     while !stop.load(Ordering::Relaxed) {

@@ -130,7 +130,8 @@ impl Worker {
         let shared = Arc::clone(&self.shared);
         // Held until what is told has it: nobody takes what is known without it for all there is.
         let mut waiting = lock(&shared.begin_with);
-        let Some((_, remembered)) = waiting.take_if(|(epoch, _)| *epoch <= self.epoch).filter(|(e, _)| *e == self.epoch)
+        let Some((_, remembered)) =
+            waiting.take_if(|(epoch, _)| *epoch <= self.epoch).filter(|(e, _)| *e == self.epoch)
         else {
             return;
         };
