@@ -204,6 +204,7 @@ fn room() -> (Scene, Truth) {
             extent_m: DVec3::new(0.25 + 0.03 * n as f64, 0.5, 0.3),
             evidence: *evidence,
             shape: Vec::new(),
+            provisional: false,
             first_seen_ns: 1_250_000_000 * n as i64,
             last_seen_ns: 30_000_000_000,
         }
@@ -225,6 +226,7 @@ fn room() -> (Scene, Truth) {
         plane: Plane { outward: (*outward + DVec3::new(0.02, 0.0, -0.015)).normalize(), offset_m: offset_m + 0.01 },
         evidence: 80.0,
         seen_at: Aabb { min: *min, max: *max },
+        provisional: false,
         first_seen_ns: 0,
         last_seen_ns: 30_000_000_000,
     });

@@ -54,6 +54,7 @@ fn scene() -> Scene {
         extent_m: DVec3::new(0.46, 0.95, 0.46),
         evidence: 20.0,
         shape: chair(tracking_from_chair),
+        provisional: false,
         first_seen_ns: 0,
         last_seen_ns: 0,
     };
@@ -62,6 +63,7 @@ fn scene() -> Scene {
         plane: Plane { outward: DVec3::new(0.94, 0.0, -0.342), offset_m: 1.15 },
         evidence: 9.0,
         seen_at: Aabb::from_corners(DVec3::new(0.2, 1.5, -1.5), DVec3::new(1.5, 1.7, 1.0)),
+        provisional: false,
         first_seen_ns: 0,
         last_seen_ns: 0,
     };

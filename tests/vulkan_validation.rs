@@ -30,6 +30,7 @@ fn scene() -> Scene {
         extent_m: DVec3::ZERO,
         evidence: 9.0,
         shape: shape.map(|(p, score)| (p + DVec3::new(0.0, 0.0, -1.0), score)).collect(),
+        provisional: false,
         first_seen_ns: 0,
         last_seen_ns: 0,
     };
@@ -45,6 +46,7 @@ fn scene() -> Scene {
         plane: Plane { outward: DVec3::X, offset_m: 0.9 },
         evidence: 5.0,
         seen_at: Aabb::from_corners(DVec3::new(0.8, 1.0, -1.0), DVec3::new(1.0, 1.6, 1.0)),
+        provisional: false,
         first_seen_ns: 0,
         last_seen_ns: 0,
     };

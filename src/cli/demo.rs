@@ -287,6 +287,7 @@ fn replay(file: &Path) -> Result<(Header, Settings, Pipeline)> {
         match event {
             Event::Frame(frame) => pipeline.push_frame(frame),
             Event::Pose(pose) => pipeline.push_pose(&pose),
+            Event::Hands(hands) => pipeline.push_hands(hands.time_ns, hands.hands_m),
         }
     }
     pipeline.finish();

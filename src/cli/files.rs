@@ -85,6 +85,7 @@ pub(super) fn read_streams(path: &Path) -> Result<(Recording, Vec<Frame>, Vec<Po
         match event {
             Event::Frame(frame) => frames.push(frame),
             Event::Pose(pose) => poses.push(pose),
+            Event::Hands(_) => {}
         }
     }
     tell_damage(&recording);

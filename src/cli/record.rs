@@ -13,11 +13,13 @@ use super::record_file::{PoseSource, RecordFile};
 use super::sensor::{Intake, SensorArguments, Until};
 use super::stop::stop_flag;
 use crate::live::HeadPoses;
+use crate::obstacles::HandsSample;
+use crate::recording::Event;
 use crate::steamvr::{Role, Runtime, RuntimePlace};
 use crate::tracking::PoseSample;
 
-/// Poses of the headset that wait to be written: some four seconds.
-pub(super) const MAX_WAITING_POSES: usize = 1024;
+/// Poses of headset and hands that wait to be written: some four seconds.
+pub(super) const MAX_WAITING_POSES: usize = 1536;
 /// Poses of the headset, a second.
 const POSES_HZ: f64 = 250.0;
 
@@ -69,12 +71,11 @@ impl Record {
         let until = Until::Recorded(self.duration_s.map(Duration::from_secs_f64));
         let over = AtomicBool::new(false);
         // What nobody fetches in time is left out: the file's own writer must be slower than the disk for that.
-        let sink = move |sample: &PoseSample| {
-            let _ = sender.try_send(*sample);
-        };
+        let sink = |sample: &PoseSample| drop(sender.try_send(Event::Pose(*sample)));
+        let hand_sink = |hands: &HandsSample| drop(sender.try_send(Event::Hands(*hands)));
         std::thread::scope(|scope| {
             if let Some(runtime) = &runtime {
-                scope.spawn(|| HeadPoses::new(runtime).read(POSES_HZ, &sink, &over));
+                scope.spawn(|| HeadPoses::new(runtime).read(POSES_HZ, &sink, &hand_sink, &over));
             }
             let stream = sensor.open();
             let recorded = stream.and_then(|stream| {

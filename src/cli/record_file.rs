@@ -12,7 +12,6 @@ use crate::geometry::Pose;
 use crate::live::{Merge, PoseTail, now_ns};
 use crate::radar::SensorConfig;
 use crate::recording::{Event, Header, RecordingSummary, RecordingWriter, SensorMetadata};
-use crate::tracking::PoseSample;
 
 /// Poses are written by a program of their own, in its own time: frames wait so long for them.
 const HOLD: Duration = Duration::from_millis(500);
@@ -29,8 +28,8 @@ pub(super) enum PoseSource {
     None,
     /// From a file that another program writes.
     Track(PathBuf),
-    /// From this program.
-    Live(Receiver<PoseSample>),
+    /// From this program, with the hands.
+    Live(Receiver<Event>),
 }
 
 /// The recording, once there is one, and what goes into it.
@@ -40,7 +39,7 @@ pub(super) struct RecordFile {
     sensor: Option<SensorMetadata>,
     merge: Merge,
     poses: Option<PoseTail>,
-    live_poses: Option<Receiver<PoseSample>>,
+    live_poses: Option<Receiver<Event>>,
     flushed_ns: i64,
     tailed_ns: i64,
     has_warned: bool,
@@ -158,7 +157,7 @@ impl RecordFile {
 
     fn take_live_poses(&mut self) {
         let waiting = self.live_poses.iter().flat_map(Receiver::try_iter);
-        waiting.for_each(|pose| self.merge.push(Event::Pose(pose)));
+        waiting.for_each(|event| self.merge.push(event));
     }
 
     /// What the track was like.

@@ -11,7 +11,7 @@ use super::progress;
 use super::view::{Ended, ViewArguments};
 use crate::engine::{Pipeline, Search};
 use crate::obstacles::{Observed, Scene};
-use crate::recording::{Event, Header, Recording, RecordingSummary, RecordingWriter};
+use crate::recording::{Event, Header, MapFile, Recording, RecordingSummary, RecordingWriter};
 use crate::report::{
     Figure, Limits, Report, RoomMap, Section, StreamOffset, Table, room_map, score, write_obstacles_json,
 };
@@ -31,6 +31,9 @@ pub(super) struct Replay {
     /// Writes the recording again with the obstacles in it, once a second and at the end; opens in Foxglove
     #[arg(long, value_name = "FILE.mcap")]
     results: Option<PathBuf>,
+    /// Begins with what is remembered of the room: a map that `run` has kept, in the standing universe as it was then
+    #[arg(long, value_name = "FILE.json")]
+    map: Option<PathBuf>,
     /// Replays at this many times real time; without it as fast as it goes
     #[arg(long, value_name = "X")]
     speed: Option<f64>,
@@ -52,7 +55,10 @@ impl Replay {
         let recording = Recording::open(&self.file)?;
         let settings = self.settings.over(&recording.header().settings)?;
         let header = recording.header().clone();
-        let pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings);
+        let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings);
+        if let Some(path) = &self.map {
+            begin_with(&mut pipeline, path, summary.frames.first_ns.unwrap_or(0))?;
+        }
         let ended = if self.view.is_wanted() {
             let about = self.view.about(&summary, &settings, pipeline.engine().search());
             self.view.show(about, |recorder| self.work(recording, pipeline, &summary, Some(recorder)))??
@@ -77,7 +83,7 @@ impl Replay {
             Some(path) => Some(Results::create(path, &summary.header)?),
             None => None,
         };
-        let events = summary.frames.count + summary.poses.count;
+        let events = summary.frames.count + summary.poses.count + summary.hands.count;
         if !self.feed(&mut recording, &mut pipeline, events, results.as_mut(), recorder.as_mut())? {
             return Ok(Ended::Left);
         }
@@ -176,7 +182,7 @@ impl Replay {
 
     /// A replay of a file as it is, to be looked at.
     pub(super) fn to_look_at(file: PathBuf, view: ViewArguments) -> Self {
-        Self { file, out: None, results: None, speed: None, settings: SettingsArguments::default(), view }
+        Self { file, out: None, results: None, map: None, speed: None, settings: SettingsArguments::default(), view }
     }
 }
 
@@ -206,11 +212,18 @@ impl Results {
     }
 }
 
+/// A kept map into the pipeline, as if it had been written when the recording begins: no result depends on when it is replayed.
+fn begin_with(pipeline: &mut Pipeline, path: &Path, begin_ns: i64) -> Result<()> {
+    let MapFile { map, standing_from_raw, .. } = MapFile::read(path)?;
+    Ok(pipeline.begin_with(&map.moved(&standing_from_raw).later_by_ns(begin_ns))?)
+}
+
 /// One event into the pipeline.
 pub(super) fn feed(pipeline: &mut Pipeline, event: Event) {
     match event {
         Event::Frame(frame) => pipeline.push_frame(frame),
         Event::Pose(pose) => pipeline.push_pose(&pose),
+        Event::Hands(hands) => pipeline.push_hands(hands.time_ns, hands.hands_m),
     }
 }
 

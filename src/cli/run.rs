@@ -9,7 +9,7 @@ use std::time::Duration;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
 
-use super::files::SettingsArguments;
+use super::files::{SettingsArguments, user_folder};
 use super::install::registration_trouble;
 use super::instance::Instance;
 use super::record::check_new_file;
@@ -18,7 +18,8 @@ use super::run_report::{RunReport, tell};
 use super::sensor::SensorArguments;
 use super::stop::stop_flag;
 use crate::engine::Settings;
-use crate::live::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, SettingsDesk};
+use crate::live::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, KeptMaps, SettingsDesk};
+use crate::recording::MapFolder;
 use crate::steamvr::{Chaperone, Role, Runtime, RuntimePlace, SteamVrError};
 
 /// Between two looks for SteamVR.
@@ -45,6 +46,9 @@ pub(super) struct Run {
     /// Writes what was done and what it cost, when it ends
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
+    /// Forgets the maps that were kept of the rooms that it runs in, and begins anew
+    #[arg(long)]
+    forget: bool,
     #[command(flatten)]
     sensor: SensorArguments,
     #[command(flatten)]
@@ -130,12 +134,16 @@ impl Run {
         settings: &SettingsDesk,
         stop: &AtomicBool,
     ) -> Result<(HeadsetReport, Drawn), HeadsetError> {
+        let folder = user_folder("XDG_DATA_HOME", ".local/share").map(|folder| MapFolder::new(folder.join("maps")));
+        let maps = folder.map(|folder| KeptMaps { folder, forget: self.forget });
         let with = FrameLoop {
             runtime,
             reconstruction: &|| feed.reconstruction(),
             sensor_period_ns: &|| feed.sensor_period_ns(),
             sensor: &|| feed.sensor_count(),
             pose_sink: &|sample| feed.push_pose(sample),
+            hand_sink: &|hands| feed.push_hands(hands),
+            maps: maps.as_ref(),
             settings,
             stop,
             status: &feed.status,

@@ -14,7 +14,9 @@ use super::record_file::{PoseSource, RecordFile};
 use super::sensor::{ChosenSensor, Intake, SensorArguments, Until};
 use crate::engine::Settings;
 use crate::live::{HeadsetStatus, Losses, Reconstruction, ReconstructionOptions, SensorCount};
+use crate::obstacles::HandsSample;
 use crate::radar::{Frame, frame_timing};
+use crate::recording::Event;
 use crate::tracking::PoseSample;
 
 /// Between two looks for a board.
@@ -38,14 +40,14 @@ pub(super) struct Feed {
     /// What the frame loop does.
     pub status: Mutex<HeadsetStatus>,
     /// Poses for the recording.
-    recorded_poses: Option<SyncSender<PoseSample>>,
+    recorded_poses: Option<SyncSender<Event>>,
 }
 
 /// What the thread works with.
 pub(super) struct FeedPlan {
     pub sensor: SensorArguments,
     pub record: Option<PathBuf>,
-    poses: Option<Receiver<PoseSample>>,
+    poses: Option<Receiver<Event>>,
 }
 
 impl FeedPlan {
@@ -115,7 +117,17 @@ impl Feed {
         }
         if let Some(recorded) = &self.recorded_poses {
             // A disk that is four seconds behind loses poses, not the frame loop's time.
-            let _ = recorded.try_send(*sample);
+            let _ = recorded.try_send(Event::Pose(*sample));
+        }
+    }
+
+    /// Takes where the player's hands are; never waits.
+    pub fn push_hands(&self, hands: &HandsSample) {
+        if let Some(reconstruction) = self.reconstruction() {
+            reconstruction.push_hands(*hands);
+        }
+        if let Some(recorded) = &self.recorded_poses {
+            let _ = recorded.try_send(Event::Hands(*hands));
         }
     }
 

@@ -11,7 +11,9 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Aabb, Pose};
-use crate::obstacles::{Evidence, HandsM, RoomCounters, RoomSearch, Scene, find_reflectors, reflector_evidence};
+use crate::obstacles::{
+    Evidence, HandsM, Remembered, RememberedError, RoomCounters, RoomSearch, Scene, find_reflectors, reflector_evidence,
+};
 use crate::radar::{Observation, SensorConfig, frame_timing};
 
 pub use pipeline::{Counters, Pipeline, TimeOffsetCounters};
@@ -196,6 +198,25 @@ impl Engine {
     /// Takes where the player's own hands are: what is there is no furniture.
     pub fn take_hands(&mut self, time_ns: i64, hands_m: HandsM) {
         self.rooms.take_hands(time_ns, hands_m);
+    }
+
+    /// What is known of the room, to be kept; nothing where single reflectors are searched.
+    pub fn remembered(&self) -> Remembered {
+        match self.search {
+            Search::Rooms => self.rooms.remembered(),
+            Search::Reflectors => Remembered::default(),
+        }
+    }
+
+    /// Takes up what is remembered of this room, as provisional; not where single reflectors are searched.
+    ///
+    /// # Errors
+    /// Numbers that are none of a room; nothing is taken up then.
+    pub fn begin_with(&mut self, remembered: &Remembered) -> Result<(), RememberedError> {
+        match self.search {
+            Search::Rooms => self.rooms.begin_with(remembered),
+            Search::Reflectors => remembered.check(),
+        }
     }
 
     /// How long observations are kept, seconds, so that they can get new poses.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::{Engine, EngineCounters, Settings};
 use crate::geometry::Pose;
 use crate::imaging::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
-use crate::obstacles::{HandsM, Scene};
+use crate::obstacles::{HandsM, Remembered, RememberedError, Scene};
 use crate::radar::{Frame, SensorConfig};
 use crate::tracking::{Observer, ObserverCounters, ObserverSettings, PoseSample};
 
@@ -158,6 +158,19 @@ impl Pipeline {
     /// Takes where the player's own hands are, tracking frame, `None` for one that is not tracked: what is there is no furniture.
     pub fn push_hands(&mut self, time_ns: i64, hands_m: HandsM) {
         self.engine.take_hands(time_ns, hands_m);
+    }
+
+    /// What is known of the room, to be kept.
+    pub fn remembered(&self) -> Remembered {
+        self.engine.remembered()
+    }
+
+    /// Takes up what is remembered of this room, in the tracking frame, as provisional.
+    ///
+    /// # Errors
+    /// Numbers that are none of a room; nothing is taken up then.
+    pub fn begin_with(&mut self, remembered: &Remembered) -> Result<(), RememberedError> {
+        self.engine.begin_with(remembered)
     }
 
     /// Takes a frame.

@@ -170,6 +170,8 @@ pub struct HeadsetSettings {
     pub poses_hz: f64,
     /// Whether SteamVR's colour, fade distance and play area serve where these settings do not name their own.
     pub follow_chaperone: bool,
+    /// Whether the map is kept from one start to the next, for each room that the tracking system knows.
+    pub keep_map: bool,
     /// Threads of the reconstruction; 0: the processors but one.
     pub threads: usize,
 }
@@ -182,6 +184,7 @@ impl Default for HeadsetSettings {
             projection_matrix: ProjectionMatrix::EyeFromTracking,
             poses_hz: 250.0,
             follow_chaperone: true,
+            keep_map: true,
             threads: 0,
         }
     }

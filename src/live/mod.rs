@@ -18,7 +18,8 @@ mod sound;
 mod test_board;
 
 pub use headset::{
-    Drawn, Ending, FrameLoop, FrameReport, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink, SensorCount,
+    Drawn, Ending, FrameLoop, FrameReport, HandSink, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, KeptMaps,
+    PoseSink, SensorCount,
 };
 pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};

@@ -36,7 +36,9 @@ impl Default for ForgetSettings {
 }
 
 /// Sides that a thing is seen from, around the vertical.
-const SIDES: usize = 16;
+pub(super) const SIDES: usize = 16;
+/// Log odds that what is remembered begins with: two or three blocks that miss it do away with it.
+const REMEMBERED: f64 = 1.5;
 /// Share that a new echo has in what is expected of a side.
 const NEWEST_SHARE: f64 = 0.2;
 /// A block that says so much more than noise is an echo.
@@ -62,6 +64,16 @@ impl Existence {
     /// Nothing seen yet.
     pub fn new() -> Self {
         Self { log_odds: 0.0, strengths: [0.0; SIDES], newest_ns: i64::MIN }
+    }
+
+    /// Remembered from before, with what it returned to each side.
+    pub fn remembered(strengths: [f64; SIDES]) -> Self {
+        Self { log_odds: REMEMBERED, strengths, ..Self::new() }
+    }
+
+    /// What it returned to each side.
+    pub fn strengths(&self) -> [f64; SIDES] {
+        self.strengths
     }
 
     /// How surely something is there: 0 is even odds.
@@ -118,8 +130,14 @@ fn gain(block: &Block, view: &View, beam: &Beam) -> f64 {
     (amplitude / view.range_m.max(0.1).powi(2)).powi(2)
 }
 
+/// The direction from the thing that a side's middle lies in.
+pub(super) fn middle_of_side(side: usize) -> DVec3 {
+    let turn = (side as f64 + 0.5) / SIDES as f64 * TAU;
+    DVec3::new(turn.sin(), 0.0, turn.cos())
+}
+
 /// The side that a direction from the thing leads to.
-fn side_of(from_thing: DVec3) -> usize {
+pub(super) fn side_of(from_thing: DVec3) -> usize {
     let turn = from_thing.x.atan2(from_thing.z).rem_euclid(TAU) / TAU;
     ((turn * SIDES as f64) as usize).min(SIDES - 1)
 }

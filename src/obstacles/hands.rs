@@ -7,6 +7,15 @@ use glam::DVec3;
 /// Left and right hand, tracking frame, metres; `None` for one that is not tracked.
 pub type HandsM = [Option<DVec3>; 2];
 
+/// Where the hands were at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HandsSample {
+    /// Host's monotonic clock, nanoseconds.
+    pub time_ns: i64,
+    /// Where they were.
+    pub hands_m: HandsM,
+}
+
 /// Places of before are kept for so long, nanoseconds: longer than any window of blocks.
 const KEPT_NS: i64 = 25_000_000_000;
 /// Between two that are kept, nanoseconds.

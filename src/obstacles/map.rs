@@ -90,6 +90,8 @@ pub struct Sighted<T> {
     pub quality: f64,
     /// Seen often enough.
     pub confirmed: bool,
+    /// Remembered from before and neither sighted nor otherwise confirmed since.
+    pub provisional: bool,
     /// First and last sighting, host nanoseconds.
     pub first_ns: i64,
     /// See `first_ns`.
@@ -133,6 +135,7 @@ impl<T: Copy> Sightings<T> {
                         score: sighting.score,
                         quality: quality(sighting),
                         confirmed: settings.confirm_sightings <= 1,
+                        provisional: false,
                         first_ns: sighting.first_ns,
                         last_ns: sighting.last_ns,
                         recent: VecDeque::from([true]),
@@ -143,6 +146,41 @@ impl<T: Copy> Sightings<T> {
         }
         let now = self.update;
         self.known.retain(|k| k.confirmed || now - k.last_update < FORGET_AFTER_UPDATES);
+    }
+
+    /// Takes up a thing that is remembered, unless it is known; under another id where its own is taken. Gives the id.
+    pub fn remember(
+        &mut self,
+        id: u64,
+        thing: T,
+        score: f64,
+        [first_ns, last_ns]: [i64; 2],
+        same: impl Fn(&T, &T) -> bool,
+    ) -> Option<u64> {
+        if self.known.iter().any(|known| same(&known.thing, &thing)) {
+            return None;
+        }
+        let id = if self.known.iter().any(|known| known.id == id) { self.next_id + 1 } else { id };
+        self.next_id = self.next_id.max(id);
+        self.known.push(Sighted {
+            id,
+            thing,
+            score,
+            // The first sighting says better where it is now.
+            quality: 0.0,
+            confirmed: true,
+            provisional: true,
+            first_ns,
+            last_ns,
+            recent: VecDeque::new(),
+            last_update: self.update,
+        });
+        Some(id)
+    }
+
+    /// What is surely there is provisional no more.
+    pub fn confirm_provisional(&mut self, is_surely_there: impl Fn(u64) -> bool) {
+        self.known.iter_mut().for_each(|known| known.provisional &= !is_surely_there(known.id));
     }
 
     /// Forgets those that are not to be kept.
@@ -161,7 +199,8 @@ impl<T: Copy> Sighted<T> {
         if let Some(newest) = self.recent.back_mut() {
             *newest = true;
         }
-        self.score = self.score.max(sighting.score);
+        self.score = if self.provisional { sighting.score } else { self.score.max(sighting.score) };
+        self.provisional = false;
         if quality(sighting) > self.quality {
             (self.quality, self.thing) = (quality(sighting), sighting.thing);
         }
@@ -236,6 +275,26 @@ mod tests {
         once.extend([seen, seen]);
         // A new id: the first sighting is gone.
         assert_eq!(after(&once), [(2, 0.0)]);
+    }
+
+    #[test]
+    fn what_is_remembered_is_confirmed_by_a_sighting_and_moves_to_it() {
+        let mut sightings = Sightings::default();
+        let settings = MapSettings { confirm_score: 6.0, confirm_sightings: 2, ..Default::default() };
+        let same = same_place(settings.match_m);
+        assert_eq!(sightings.remember(7, DVec3::ZERO, 30.0, [-9, -8], &same), Some(7));
+        assert_eq!(sightings.remember(8, DVec3::X * 0.1, 30.0, [-9, -8], &same), None, "known already");
+        assert_eq!(sightings.remember(7, DVec3::X, 30.0, [-9, -8], &same), Some(8), "another id");
+        sightings.update(&[], &settings, &same);
+        let told = |sightings: &Sightings<DVec3>| -> Vec<(u64, f64, bool)> {
+            sightings.confirmed().map(|s| (s.id, s.thing.x, s.provisional)).collect()
+        };
+        assert_eq!(told(&sightings), [(7, 0.0, true), (8, 1.0, true)]);
+        sightings.update(&[sighting(0.05, 7.0, true), sighting(3.0, 7.0, true)], &settings, &same);
+        sightings.update(&[sighting(3.0, 7.0, true)], &settings, &same);
+        assert_eq!(told(&sightings), [(7, 0.05, false), (8, 1.0, true), (9, 3.0, false)]);
+        sightings.confirm_provisional(|id| id == 8);
+        assert!(sightings.confirmed().all(|s| !s.provisional));
     }
 
     #[test]

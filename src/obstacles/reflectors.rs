@@ -157,6 +157,7 @@ fn obstacle(id: u64, refined: &Refined, evidence: f64, observations: &[Observati
         extent_m: DVec3::ZERO,
         evidence,
         shape: vec![(refined.position_m, evidence as f32)],
+        provisional: false,
         first_seen_ns: observations.first().map_or(0, |o| o.mid_time_ns),
         last_seen_ns: observations.last().map_or(0, |o| o.mid_time_ns),
     }

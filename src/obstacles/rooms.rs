@@ -7,6 +7,8 @@
 //! The place that the block score finds is refined by `ls` over the sweeps that saw it, with the ranges of everything else
 //! that was explained left out; both are weighed by their covariances.
 
+mod taken_up;
+
 use std::collections::{BTreeMap, VecDeque};
 
 use glam::{DMat3, DVec3};
@@ -24,6 +26,7 @@ use crate::imaging::blocks::{
 };
 use crate::imaging::{PositionErrors, RangePower, Refined, farthest_points, refine};
 use crate::radar::{Beam, Observation};
+use taken_up::TakenUp;
 
 /// Parameters of the search in rooms.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -123,6 +126,8 @@ pub struct RoomSearch {
     hands: HandTrail,
     /// By wall: feet of the perpendiculars that it was seen at.
     feet: BTreeMap<u64, Aabb>,
+    /// What was remembered from before.
+    taken_up: TakenUp,
     /// The next stage of what the last block set off, and how many sweeps were taken since.
     pending: Option<Stage>,
     sweeps_since: usize,
@@ -159,6 +164,7 @@ impl RoomSearch {
             existences: BTreeMap::new(),
             hands: HandTrail::default(),
             feet: BTreeMap::new(),
+            taken_up: TakenUp::default(),
             pending: None,
             sweeps_since: 0,
             backlog: VecDeque::new(),
@@ -168,15 +174,17 @@ impl RoomSearch {
         }
     }
 
-    /// Forgets everything but the sweeps of the window, which `keep` may change or drop; those are searched again by
+    /// Forgets everything but what was remembered from before and the sweeps of the window, which `keep` may change or drop; those are searched again by
     /// [`work`](Self::work), before any that come.
     pub fn begin_again(&mut self, mut keep: impl FnMut(&mut Observation) -> bool) {
         let before = self.counters();
         let mut backlog = std::mem::take(&mut self.sweeps);
         backlog.append(&mut self.backlog);
         backlog.retain_mut(|sweep| keep(sweep));
-        let hands = std::mem::take(&mut self.hands);
+        let (hands, remembered) = (std::mem::take(&mut self.hands), self.still_remembered());
         *self = Self { before, backlog, hands, ..Self::new(self.settings, &self.beam, self.errors) };
+        // It was sound when it was taken up.
+        let _ = self.begin_with(&remembered);
     }
 
     /// What was done so far.
@@ -363,6 +371,7 @@ impl RoomSearch {
             self.window.back().is_some_and(|b| self.hands.at(b.mid_time_ns).iter().all(Option::is_some));
         let map = if hands_are_known { MapSettings { hands_reach_m: 0.0, ..map } } else { map };
         self.points.update(&points, &map, same_place(map.match_m));
+        self.settle_remembered(&walls);
         Stage::Places { walls, points }
     }
 
@@ -483,6 +492,7 @@ impl RoomSearch {
                 plane: sighted.thing,
                 evidence: sighted.score,
                 seen_at: self.feet.get(&sighted.id).copied().unwrap_or(Aabb { min: foot, max: foot }),
+                provisional: sighted.provisional,
                 first_seen_ns: sighted.first_ns,
                 last_seen_ns: sighted.last_ns,
             }
@@ -498,6 +508,7 @@ impl RoomSearch {
         let mut sighted: Vec<_> = self.points.confirmed().collect();
         sighted.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
         let mut obstacles: Vec<Obstacle> = Vec::new();
+        let mut members: BTreeMap<u64, Vec<u64>> = BTreeMap::new();
         for sighting in sighted {
             let place = self.places.get(&sighting.id).map(|(_, place)| *place).unwrap_or(Place {
                 position_m: sighting.thing,
@@ -506,6 +517,8 @@ impl RoomSearch {
             let near = |o: &&mut Obstacle| o.position_m.distance(place.position_m) <= CLUSTER_M;
             match obstacles.iter_mut().find(near) {
                 Some(obstacle) => {
+                    members.entry(obstacle.id).or_default().push(sighting.id);
+                    obstacle.provisional &= sighting.provisional;
                     obstacle.shape.push((place.position_m, sighting.score as f32));
                     obstacle.first_seen_ns = obstacle.first_seen_ns.min(sighting.first_ns);
                     obstacle.last_seen_ns = obstacle.last_seen_ns.max(sighting.last_ns);
@@ -518,29 +531,37 @@ impl RoomSearch {
                     extent_m: DVec3::ZERO,
                     evidence: sighting.score,
                     shape: vec![(place.position_m, sighting.score as f32)],
+                    provisional: sighting.provisional,
                     first_seen_ns: sighting.first_ns,
                     last_seen_ns: sighting.last_ns,
                 }),
             }
         }
         for obstacle in &mut obstacles {
-            self.add_shape(obstacle);
+            let others = members.get(&obstacle.id).map_or(&[][..], Vec::as_slice);
+            self.add_shape(obstacle, others);
         }
         obstacles
     }
 
-    /// The voxels around an obstacle's sightings that score at least half as much as they do, and the box around all.
-    fn add_shape(&self, obstacle: &mut Obstacle) {
+    /// The voxels around a sighting that score at least half as much as it does.
+    fn voxels_around(&self, place: DVec3, score: f64) -> Vec<(DVec3, f32)> {
+        let voxel_m = self.settings.blocks.voxel_m;
+        let offset = |n: i32| DVec3::new(f64::from(n % 3 - 1), f64::from(n / 3 % 3 - 1), f64::from(n / 9 - 1));
+        let center = |n| ((place / voxel_m).floor() + offset(n) + 0.5) * voxel_m;
+        let scores = (0..27).map(center).filter_map(|center| Some((center, self.field.score_at(center)?)));
+        scores.filter(|(_, here)| *here >= 0.5 * score).map(|(center, here)| (center, here as f32)).collect()
+    }
+
+    /// The voxels around an obstacle's sightings, its own and those of other ids, what is remembered of them, and the box around all.
+    fn add_shape(&self, obstacle: &mut Obstacle, others: &[u64]) {
         let voxel_m = self.settings.blocks.voxel_m;
         let mut voxels = Vec::new();
         for &(place, score) in &obstacle.shape {
-            for n in 0..27 {
-                let offset = DVec3::new(f64::from(n % 3 - 1), f64::from(n / 3 % 3 - 1), f64::from(n / 9 - 1));
-                let center = ((place / voxel_m).floor() + offset + 0.5) * voxel_m;
-                if let Some(here) = self.field.score_at(center).filter(|s| *s >= 0.5 * f64::from(score)) {
-                    voxels.push((center, here as f32));
-                }
-            }
+            voxels.extend(self.voxels_around(place, f64::from(score)));
+        }
+        for id in others.iter().chain([&obstacle.id]) {
+            voxels.extend_from_slice(self.taken_up.shape_of(*id));
         }
         if !voxels.is_empty() {
             obstacle.shape = voxels;

@@ -35,6 +35,8 @@ pub struct Obstacle {
     pub evidence: f64,
     /// Places with evidence that belong to it (voxel centres), tracking frame, and their scores: its shape as far as seen.
     pub shape: Vec<(DVec3, f32)>,
+    /// Remembered from before and not yet seen again.
+    pub provisional: bool,
     /// First and last sweep that gave evidence, host nanoseconds.
     pub first_seen_ns: i64,
     /// See `first_seen_ns`.
@@ -52,6 +54,8 @@ pub struct Wall {
     pub evidence: f64,
     /// The feet of the perpendiculars it was seen at: least and greatest corner, metres.
     pub seen_at: Aabb,
+    /// Remembered from before and not yet seen again.
+    pub provisional: bool,
     /// First and last sweep that gave evidence, host nanoseconds.
     pub first_seen_ns: i64,
     /// See `first_seen_ns`.
@@ -117,12 +121,14 @@ mod tests {
             extent_m: DVec3::new(0.3, 0.9, 0.2),
             evidence: 8.0,
             shape: vec![(DVec3::new(0.5, 0.1, -1.0), 4.0), (DVec3::new(0.5, 0.8, -1.1), 5.0)],
+            provisional: false,
             first_seen_ns: 1,
             last_seen_ns: 2,
         };
         let plane = Plane { outward: DVec3::NEG_Z, offset_m: 2.0 };
         let seen_at = Aabb::from_corners(DVec3::new(-1.0, 1.5, -2.0), DVec3::new(1.0, 1.7, -2.0));
-        let wall = Wall { id: 4, plane, evidence: 20.0, seen_at, first_seen_ns: 1, last_seen_ns: 2 };
+        let wall =
+            Wall { id: 4, plane, evidence: 20.0, seen_at, provisional: false, first_seen_ns: 1, last_seen_ns: 2 };
         Scene { time_ns: 9, obstacles: vec![obstacle], walls: vec![wall] }
     }
 

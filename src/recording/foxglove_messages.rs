@@ -4,7 +4,7 @@ use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::scene_entity_deletion::Type as Deletion;
 use foxglove::messages::{
     Color, CubePrimitive, FrameTransform, KeyValuePair, PackedElementField, PointCloud, Pose as FoxglovePose,
-    Quaternion, SceneEntity, SceneEntityDeletion, SceneUpdate, Timestamp, Vector3,
+    PoseInFrame, Quaternion, SceneEntity, SceneEntityDeletion, SceneUpdate, Timestamp, Vector3,
 };
 use glam::{DQuat, DVec3};
 
@@ -30,6 +30,15 @@ pub(super) fn head_transform(time_ns: i64, tracking_from_head: &Pose) -> FrameTr
 /// Where the sensor sits on the head.
 pub(super) fn mount_transform(time_ns: i64, head_from_sensor: &Pose) -> FrameTransform {
     transform(time_ns, HEAD, SENSOR, head_from_sensor)
+}
+
+/// Where a hand is; how it is turned is not recorded.
+pub(super) fn hand_pose(time_ns: i64, place_m: DVec3) -> PoseInFrame {
+    PoseInFrame {
+        timestamp: Some(timestamp(time_ns)),
+        frame_id: TRACKING.to_owned(),
+        pose: Some(foxglove_pose(&Pose::from_translation(place_m))),
+    }
 }
 
 /// Obstacles and walls as boxes; each update replaces the one before.
@@ -79,6 +88,7 @@ fn obstacle_entity(time_ns: i64, obstacle: &Obstacle) -> SceneEntity {
     let facts = [
         ("observed", observed.to_owned()),
         ("evidence", obstacle.evidence.to_string()),
+        ("provisional", obstacle.provisional.to_string()),
         ("standard_deviation_m", format!("{:.4} {:.4} {:.4}", spread.x.sqrt(), spread.y.sqrt(), spread.z.sqrt())),
         ("first_seen_ns", obstacle.first_seen_ns.to_string()),
         ("last_seen_ns", obstacle.last_seen_ns.to_string()),

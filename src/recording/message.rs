@@ -1,8 +1,11 @@
-//! Frames and poses as protobuf messages, exact to the bit both ways.
+//! Frames, poses and hands as protobuf messages, exact to the bit both ways.
 
 use num_complex::Complex;
 use prost::Message;
 
+use glam::DVec3;
+
+use crate::obstacles::HandsSample;
 use crate::radar::Frame;
 use crate::tracking::{PoseSample, TrackingResult};
 
@@ -19,6 +22,9 @@ pub(super) const FRAME_CHANNEL: u16 = 1;
 pub(super) const POSE_CHANNEL: u16 = 2;
 pub(super) const HEAD_CHANNEL: u16 = 3;
 pub(super) const MOUNT_CHANNEL: u16 = 4;
+/// Numbers of the topics that only recordings with hands have.
+pub(super) const HANDS_CHANNEL: u16 = 7;
+pub(super) const HAND_CHANNELS: [u16; 2] = [8, 9];
 /// How all messages are written.
 pub(super) const MESSAGE_ENCODING: &str = "protobuf";
 /// Topic and schema of frames.
@@ -28,6 +34,10 @@ pub(super) const FRAME_SCHEMA: &str = "radar_chaperone.Frame";
 pub(super) const POSE_TOPIC: &str = "/tracking/head_raw";
 pub(super) const POSE_SCHEMA: &str = "radar_chaperone.TrackedPose";
 
+/// Topic and schema of the hands as they came.
+pub(super) const HANDS_TOPIC: &str = "/tracking/hands_raw";
+pub(super) const HANDS_SCHEMA: &str = "radar_chaperone.TrackedHands";
+
 /// What a recording gives, in the order of the file.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
@@ -35,14 +45,17 @@ pub enum Event {
     Frame(Frame),
     /// A pose of the head as it came, sound or not.
     Pose(PoseSample),
+    /// Where the player's hands were.
+    Hands(HandsSample),
 }
 
 impl Event {
-    /// Host's monotonic clock, nanoseconds: a frame's end, a pose's time.
+    /// Host's monotonic clock, nanoseconds: a frame's end, the time of a pose or of hands.
     pub fn time_ns(&self) -> i64 {
         match self {
             Self::Frame(frame) => frame.host_time_ns,
             Self::Pose(pose) => pose.time_ns,
+            Self::Hands(hands) => hands.time_ns,
         }
     }
 }
@@ -125,4 +138,24 @@ pub(super) fn decode_pose(bytes: &[u8]) -> Result<PoseSample, String> {
         }
     };
     Ok(PoseSample { time_ns: message.time_ns, position_m, quaternion_xyzw, valid: message.valid, result })
+}
+
+/// A hand in no place is one that is not tracked.
+pub(super) fn encode_hands(hands: &HandsSample) -> Vec<u8> {
+    let numbers =
+        |hand: Option<DVec3>| hand.filter(|place| place.is_finite()).map_or(vec![], |p| p.to_array().to_vec());
+    let [left_m, right_m] = hands.hands_m.map(numbers);
+    wire::TrackedHands { time_ns: hands.time_ns, left_m, right_m }.encode_to_vec()
+}
+
+/// The reason when the bytes make no hands.
+pub(super) fn decode_hands(bytes: &[u8]) -> Result<HandsSample, String> {
+    let message =
+        wire::TrackedHands::decode(bytes).map_err(|error| format!("hands are no protobuf message ({error})"))?;
+    let place = |numbers: &[f64]| match numbers {
+        [] => Ok(None),
+        &[x, y, z] if [x, y, z].iter().all(|v| v.is_finite()) => Ok(Some(DVec3::new(x, y, z))),
+        _ => Err(format!("a hand has the place {numbers:?}, not three numbers or none")),
+    };
+    Ok(HandsSample { time_ns: message.time_ns, hands_m: [place(&message.left_m)?, place(&message.right_m)?] })
 }

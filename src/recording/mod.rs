@@ -1,4 +1,4 @@
-//! Recordings: MCAP out and in, import of the vendor's .h5 and of pose tracks.
+//! Recordings: MCAP out and in, import of the vendor's .h5 and of pose tracks; and the maps of rooms that are kept.
 //!
 //! A file begins with metadata records (the [`Header`]), so that even a cut one can be read; then come chunks of at most
 //! one second with these topics:
@@ -9,10 +9,12 @@
 //! | `/tracking/head_raw` | `radar_chaperone.TrackedPose` | every pose as it came, sound or not |
 //! | `/tracking/head` | `foxglove.FrameTransform` | the sound poses, tracking → head |
 //! | `/tracking/mount` | `foxglove.FrameTransform` | head → sensor, once |
+//! | `/tracking/hands_raw` | `radar_chaperone.TrackedHands` | where the player's hands are; `none` where a hand is not tracked |
+//! | `/tracking/left_hand`, `/tracking/right_hand` | `foxglove.PoseInFrame` | the tracked ones, without a turn |
 //! | `/scene` | `foxglove.SceneUpdate` | results: obstacles and walls as boxes |
 //! | `/scene/points` | `foxglove.PointCloud` | results: where the evidence is |
 //!
-//! Foxglove shows all of the last four; Rerun (0.41) shows the transforms and the points, and lists the boxes raw.
+//! Topics of hands and results are there when there are some. Foxglove shows all but the raw ones; Rerun (0.41) shows the transforms and the points, and lists the boxes raw.
 
 mod chunk;
 mod damage;
@@ -20,6 +22,7 @@ mod error;
 mod foxglove_messages;
 mod header;
 mod import;
+mod map_file;
 mod message;
 mod reader;
 mod record;
@@ -34,6 +37,7 @@ pub use damage::Damage;
 pub use error::{ImportError, RecordingError};
 pub use header::{FORMAT_VERSION, Header, SensorMetadata};
 pub use import::{ImportOptions, Imported, import_h5};
+pub use map_file::{MOST_ROOMS, MapFile, MapFileError, MapFolder};
 pub use message::Event;
 pub use reader::Recording;
 pub use summary::{RecordingSummary, StreamSummary};

@@ -11,13 +11,13 @@ use std::path::{Path, PathBuf};
 use super::chunk::{MAX_RECORD_BYTES, unpack};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
-    Event, FRAME_CHANNEL, FRAME_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_TOPIC,
-    decode_frame, decode_pose,
+    Event, FRAME_CHANNEL, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING,
+    MOUNT_CHANNEL, POSE_CHANNEL, POSE_TOPIC, decode_frame, decode_hands, decode_pose,
 };
 use super::record::{Fields, channel, message, metadata, op};
 use super::{Damage, RecordingError};
 
-/// An open recording: its header, and an iterator over its frames and poses in the order of the file.
+/// An open recording: its header, and an iterator over its frames, poses and hands in the order of the file.
 ///
 /// After the last event, [`damage`](Self::damage) tells what could not be read.
 #[derive(Debug)]
@@ -45,6 +45,7 @@ struct Content {
 enum Topic {
     Frames,
     Poses,
+    Hands,
     Other,
 }
 
@@ -145,8 +146,9 @@ impl Content {
     /// The topics as the writer numbers them, in case the chunk that declares them is damaged; what the file declares goes
     /// before.
     fn new() -> Self {
-        let topics = [(FRAME_CHANNEL, Topic::Frames), (POSE_CHANNEL, Topic::Poses)];
-        let others = [HEAD_CHANNEL, MOUNT_CHANNEL].map(|id| (id, Topic::Other));
+        let topics = [(FRAME_CHANNEL, Topic::Frames), (POSE_CHANNEL, Topic::Poses), (HANDS_CHANNEL, Topic::Hands)];
+        let [left, right] = HAND_CHANNELS;
+        let others = [HEAD_CHANNEL, MOUNT_CHANNEL, left, right].map(|id| (id, Topic::Other));
         Self { topics: topics.into_iter().chain(others).collect(), events: VecDeque::new(), damage: Damage::default() }
     }
 
@@ -183,6 +185,7 @@ impl Content {
         let event = match self.topics.get(&id) {
             Some(Topic::Frames) => decode_frame(bytes).map(Event::Frame),
             Some(Topic::Poses) => decode_pose(bytes).map(Event::Pose),
+            Some(Topic::Hands) => decode_hands(bytes).map(Event::Hands),
             Some(Topic::Other) => return,
             None => Err(format!("a message names topic {id}, which the file does not declare")),
         };
@@ -198,6 +201,7 @@ impl Topic {
         match (topic, encoding) {
             (FRAME_TOPIC, MESSAGE_ENCODING) => Self::Frames,
             (POSE_TOPIC, MESSAGE_ENCODING) => Self::Poses,
+            (HANDS_TOPIC, MESSAGE_ENCODING) => Self::Hands,
             _ => Self::Other,
         }
     }
@@ -284,11 +288,13 @@ fn read_header(
 mod tests {
     use std::collections::HashSet;
 
+    use glam::DVec3;
     use num_complex::Complex;
     use proptest::prelude::*;
 
     use super::super::test_files::{TestFile, assert_same, events, header, recorded};
     use super::*;
+    use crate::obstacles::HandsSample;
     use crate::radar::Frame;
     use crate::tracking::{PoseSample, TrackingResult};
 
@@ -344,6 +350,38 @@ mod tests {
             let (events, recording) = read(&recorded(&written)).unwrap();
             assert_same(&events, &written);
             prop_assert!(recording.damage().is_none());
+        }
+    }
+
+    #[test]
+    fn hands_come_back_where_they_were_and_not_where_they_were_not() {
+        let hands = |time_ns, left: Option<DVec3>, right: Option<DVec3>| {
+            Event::Hands(HandsSample { time_ns, hands_m: [left, right] })
+        };
+        let (here, there) = (DVec3::new(0.1, 1.0 / 3.0, -0.0), DVec3::new(-0.5, 1.2, -0.4));
+        let mut written = events(1);
+        let bare = recorded(&written);
+        written.insert(9, hands(5, Some(here), None));
+        written.insert(20, hands(6, Some(there), Some(here)));
+        written.insert(21, hands(7, None, None));
+        let (events, recording) = read(&recorded(&written)).unwrap();
+        assert_same(&events, &written);
+        assert!(recording.damage().is_none(), "{}", recording.damage());
+        // A place that is none is a hand that is not tracked; without hands the file is what it was without their topics.
+        let (events, _) = read(&recorded(&[hands(1, Some(DVec3::NAN), Some(here))])).unwrap();
+        assert_same(&events, &[hands(1, None, Some(here))]);
+        let topic = b"/tracking/hands_raw";
+        assert!(!bare.windows(topic.len()).any(|window| window == topic));
+    }
+
+    #[test]
+    fn hands_of_bad_numbers_are_refused() {
+        for bytes in [[f64::NAN, 0.0, 0.0].as_slice(), &[0.0; 2], &[f64::INFINITY; 3], &[0.0; 4]] {
+            // Field 2, packed doubles, after a time of 0.
+            let mut message = vec![0x12, bytes.len() as u8 * 8];
+            message.extend(bytes.iter().flat_map(|v| v.to_le_bytes()));
+            let refused = decode_hands(&message).unwrap_err();
+            assert!(refused.starts_with("a hand has the place"), "{refused}");
         }
     }
 

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::{Damage, Event, Header, Recording, RecordingError};
 use crate::geometry::Pose;
+use crate::obstacles::HandsSample;
 use crate::radar::{Frame, RangeAxis, Subsweep, frame_timing};
 use crate::tracking::{HistorySettings, PoseSample};
 
@@ -28,6 +29,10 @@ pub struct RecordingSummary {
     pub poses: StreamSummary,
     /// Poses that are invalid, not fully tracked, or of numbers that make no pose; not used.
     pub poses_invalid: u64,
+    /// Times at which the hands' places were told.
+    pub hands: StreamSummary,
+    /// Of these, how often the left and the right hand was tracked.
+    pub hands_tracked: [u64; 2],
     /// Results written along.
     pub scenes: u64,
     /// What could not be read.
@@ -109,6 +114,8 @@ impl RecordingSummary {
             frames_wrong_length: 0,
             poses: StreamSummary::default(),
             poses_invalid: 0,
+            hands: StreamSummary::default(),
+            hands_tracked: [0; 2],
             scenes: 0,
             damage: Damage::default(),
         }
@@ -133,6 +140,7 @@ impl RecordingSummary {
         match event {
             Event::Frame(frame) => self.push_frame(frame),
             Event::Pose(pose) => self.push_pose(pose),
+            Event::Hands(hands) => self.push_hands(hands),
         }
     }
 
@@ -148,6 +156,14 @@ impl RecordingSummary {
     pub fn push_pose(&mut self, pose: &PoseSample) {
         self.poses.push(pose.time_ns);
         self.poses_invalid += u64::from(pose.tracking_from_head().is_err());
+    }
+
+    /// Counts where the hands were.
+    pub fn push_hands(&mut self, hands: &HandsSample) {
+        self.hands.push(hands.time_ns);
+        for (count, place_m) in self.hands_tracked.iter_mut().zip(hands.hands_m) {
+            *count += u64::from(place_m.is_some_and(|place_m| place_m.is_finite()));
+        }
     }
 
     /// From the first to the last frame or pose, seconds.
@@ -171,6 +187,10 @@ impl fmt::Display for RecordingSummary {
             line(f, if index == 0 { "Subsweeps" } else { "" }, subsweep_text(subsweep))?;
         }
         line(f, "Poses", self.poses_text())?;
+        if self.hands.count > 0 {
+            let [left, right] = self.hands_tracked;
+            line(f, "Hands", format!("{} times, left tracked in {left}, right in {right}", self.hands.count))?;
+        }
         line(f, "Mount", mount_text(&self.header.head_from_sensor))?;
         if self.scenes > 0 {
             line(f, "Results", format!("{} scenes", self.scenes))?;

@@ -7,18 +7,19 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use foxglove::Encode;
-use foxglove::messages::{FrameTransform, PointCloud, SceneUpdate};
+use foxglove::messages::{FrameTransform, PointCloud, PoseInFrame, SceneUpdate};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, McapError, McapResult, WriteOptions};
 
-use super::foxglove_messages::{evidence_points, head_transform, mount_transform, scene_update};
+use super::foxglove_messages::{evidence_points, hand_pose, head_transform, mount_transform, scene_update};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
-    DESCRIPTORS, Event, FRAME_CHANNEL, FRAME_SCHEMA, FRAME_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL,
-    POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame, encode_pose,
+    DESCRIPTORS, Event, FRAME_CHANNEL, FRAME_SCHEMA, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_SCHEMA,
+    HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame,
+    encode_hands, encode_pose,
 };
 use super::{RecordingError, RecordingSummary};
-use crate::obstacles::Scene;
+use crate::obstacles::{HandsSample, Scene};
 use crate::radar::Frame;
 use crate::tracking::PoseSample;
 
@@ -59,6 +60,8 @@ pub struct RecordingWriter {
     raw_poses: Channel,
     head: Channel,
     mount: Channel,
+    /// As they came, and each of both for Foxglove; there once there are some.
+    hands: Option<(Channel, [Channel; 2])>,
     /// Boxes and points; results have topics only when there are some.
     scenes: Option<(Channel, Channel)>,
     summary: RecordingSummary,
@@ -91,7 +94,7 @@ impl RecordingWriter {
         // The topics stand in a chunk of their own: a damaged second later on does not take them along.
         output.flush()?;
         let (path, summary) = (path.to_owned(), RecordingSummary::new(header.clone()));
-        Ok(Self { path, output, frames, raw_poses, head, mount, scenes: None, summary })
+        Ok(Self { path, output, frames, raw_poses, head, mount, hands: None, scenes: None, summary })
     }
 
     /// Writes a frame as it is, of whatever length.
@@ -125,7 +128,38 @@ impl RecordingWriter {
         }
     }
 
-    /// Writes a frame or a pose.
+    /// Writes where the hands are, and each that is tracked for Foxglove besides.
+    ///
+    /// # Errors
+    /// The system refuses the bytes.
+    pub fn write_hands(&mut self, hands: &HandsSample) -> Result<(), RecordingError> {
+        self.put_hands(hands).map_err(|error| write_error(&self.path, error))?;
+        self.summary.push_hands(hands);
+        Ok(())
+    }
+
+    fn put_hands(&mut self, hands: &HandsSample) -> McapResult<()> {
+        self.begin(hands.time_ns)?;
+        let (both, each) = match &mut self.hands {
+            Some(channels) => channels,
+            none => {
+                let both = self.output.add_channel(HANDS_CHANNEL, HANDS_TOPIC, HANDS_SCHEMA, DESCRIPTORS)?;
+                let [left, right] = HAND_CHANNELS;
+                let left = self.output.add_foxglove_channel::<PoseInFrame>(left, "/tracking/left_hand")?;
+                let right = self.output.add_foxglove_channel::<PoseInFrame>(right, "/tracking/right_hand")?;
+                none.insert((both, [left, right]))
+            }
+        };
+        self.output.message(both, hands.time_ns, &encode_hands(hands))?;
+        for (channel, place_m) in each.iter_mut().zip(hands.hands_m) {
+            if let Some(place_m) = place_m.filter(|place_m| place_m.is_finite()) {
+                self.output.foxglove(channel, hands.time_ns, &hand_pose(hands.time_ns, place_m))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes a frame, a pose or hands.
     ///
     /// # Errors
     /// The system refuses the bytes.
@@ -133,6 +167,7 @@ impl RecordingWriter {
         match event {
             Event::Frame(frame) => self.write_frame(frame),
             Event::Pose(pose) => self.write_pose(pose),
+            Event::Hands(hands) => self.write_hands(hands),
         }
     }
 
@@ -281,6 +316,7 @@ mod tests {
             extent_m: DVec3::splat(0.3),
             evidence: 12.0,
             shape: vec![(DVec3::new(0.0, 1.0, -2.0), 12.0)],
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: time_ns,
         };

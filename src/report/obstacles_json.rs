@@ -42,6 +42,7 @@ struct ObstacleEntry {
     extent_m: [f64; 3],
     evidence: f64,
     observed: Observed,
+    provisional: bool,
     first_seen_s: f64,
     last_seen_s: f64,
 }
@@ -53,6 +54,7 @@ struct WallEntry {
     evidence: f64,
     seen_at_min_m: [f64; 3],
     seen_at_max_m: [f64; 3],
+    provisional: bool,
     first_seen_s: f64,
     last_seen_s: f64,
 }
@@ -102,6 +104,7 @@ fn obstacle_entry(n: usize, obstacle: &Obstacle) -> Result<ObstacleEntry, Report
         extent_m: vector(obstacle.extent_m, named("extent_m"))?,
         evidence: finite(obstacle.evidence, named("evidence"))?,
         observed: obstacle.observed,
+        provisional: obstacle.provisional,
         first_seen_s: seconds(obstacle.first_seen_ns),
         last_seen_s: seconds(obstacle.last_seen_ns),
     })
@@ -115,6 +118,7 @@ fn wall_entry(n: usize, wall: &Wall) -> Result<WallEntry, ReportError> {
         evidence: finite(wall.evidence, named("evidence"))?,
         seen_at_min_m: vector(wall.seen_at.min, named("seen_at_min_m"))?,
         seen_at_max_m: vector(wall.seen_at.max, named("seen_at_max_m"))?,
+        provisional: wall.provisional,
         first_seen_s: seconds(wall.first_seen_ns),
         last_seen_s: seconds(wall.last_seen_ns),
     })
@@ -213,6 +217,7 @@ mod tests {
             extent_m: DVec3::new(0.3, 0.4, 0.5),
             evidence: 41.25,
             shape: vec![(DVec3::ZERO, 1.0)],
+            provisional: false,
             first_seen_ns: 1_500_000_000,
             last_seen_ns: 2_300_000_000,
         };
@@ -221,6 +226,7 @@ mod tests {
             plane: Plane { outward: DVec3::NEG_Z, offset_m: 2.5 },
             evidence: 9.0,
             seen_at: Aabb { min: DVec3::ZERO, max: DVec3::ONE },
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: 1,
         };
@@ -233,9 +239,9 @@ mod tests {
         let text = String::from_utf8(obstacles_json(&scene(1.0), &json!({"sweeps": 7}), &known).unwrap()).unwrap();
         let entry = "{\"position_m\":[1.0,0.30000000000000004,-1e-17],\
              \"covariance_m2\":[[1.0,4.0,7.0],[2.0,5.0,8.0],[3.0,6.0,9.0]],\"extent_m\":[0.3,0.4,0.5],\
-             \"evidence\":41.25,\"observed\":\"range_and_one_direction\",\"first_seen_s\":1.5,\"last_seen_s\":2.3}";
+             \"evidence\":41.25,\"observed\":\"range_and_one_direction\",\"provisional\":false,\"first_seen_s\":1.5,\"last_seen_s\":2.3}";
         let wall = "{\"outward\":[-0.0,-0.0,-1.0],\"offset_m\":2.5,\"evidence\":9.0,\"seen_at_min_m\":[0.0,0.0,0.0],\
-             \"seen_at_max_m\":[1.0,1.0,1.0],\"first_seen_s\":0.0,\"last_seen_s\":1e-9}";
+             \"seen_at_max_m\":[1.0,1.0,1.0],\"provisional\":false,\"first_seen_s\":0.0,\"last_seen_s\":1e-9}";
         let wall = wall.replace("[-0.0,-0.0,-1.0]", &serde_json::to_string(&DVec3::NEG_Z.to_array()).unwrap());
         let expected = format!(
             "{{\n\"frame\":\"tracking\",\n\"obstacles\":[\n{entry},\n{entry}\n],\n\"walls\":[\n{wall}\n],\n\

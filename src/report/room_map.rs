@@ -272,6 +272,7 @@ mod tests {
             extent_m: DVec3::splat(0.3),
             evidence: 12.0,
             shape: Vec::new(),
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: 0,
         }
@@ -285,6 +286,7 @@ mod tests {
             plane: Plane { outward: nan, offset_m: f64::NAN },
             evidence: f64::NAN,
             seen_at: Aabb { min: nan, max: nan },
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: 0,
         };

@@ -254,6 +254,7 @@ mod tests {
             extent_m: DVec3::ZERO,
             evidence: 1.0,
             shape: Vec::new(),
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: 0,
         }
@@ -327,7 +328,8 @@ mod tests {
             // Through the true wall's middle, moved along the normal.
             let plane = Plane { outward, offset_m: outward.dot(DVec3::new(0.0, 1.25, -3.0)) + offset_m };
             let seen_at = Aabb { min: DVec3::ZERO, max: DVec3::ZERO };
-            let wall = Wall { id: 0, plane, evidence: 1.0, seen_at, first_seen_ns: 0, last_seen_ns: 0 };
+            let wall =
+                Wall { id: 0, plane, evidence: 1.0, seen_at, provisional: false, first_seen_ns: 0, last_seen_ns: 0 };
             let scene = Scene { walls: vec![wall], ..Scene::default() };
             let score = score(&scene, &truth(), &Limits::default());
             (score.walls_found, score.walls_false)

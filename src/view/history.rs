@@ -226,6 +226,7 @@ mod tests {
             extent_m: DVec3::ONE,
             evidence: 5.0,
             shape: vec![],
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: time_ns,
         };

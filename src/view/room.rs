@@ -303,6 +303,7 @@ mod tests {
             extent_m: DVec3::splat(0.15),
             evidence: 9.0,
             shape: vec![(DVec3::new(0.0, 1.0, -0.95), 5.0), (DVec3::new(0.0, 1.1, -0.95), 5.0)],
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: 0,
         }
@@ -314,6 +315,7 @@ mod tests {
             plane: Plane { outward: DVec3::NEG_Z, offset_m: 2.0 },
             evidence: 9.0,
             seen_at: Aabb { min: DVec3::new(-0.5, 1.5, -2.0), max: DVec3::new(0.5, 1.7, -2.0) },
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: 0,
         };

@@ -34,6 +34,8 @@ pub(super) struct Body {
     pub anchor: DVec3,
     /// Whether a silhouette says anything: not so when only the distance is known.
     pub has_shape: bool,
+    /// Remembered from before and not yet seen again.
+    pub provisional: bool,
     /// The box around the balls' middles.
     pub around: Aabb,
     /// The hull of the middles seen from above: x to the right, −z up; counter-clockwise.
@@ -72,13 +74,14 @@ impl Body {
             radius_m,
             anchor,
             has_shape,
+            provisional: obstacle.provisional,
             covariance_m2: obstacle.covariance_m2,
         })
     }
 
-    /// The same under another id.
-    pub fn with_id(&self, id: u64) -> Self {
-        Self { id, ..self.clone() }
+    /// The same under a newer one's id, and as sure as that one.
+    pub fn standing_for(&self, newer: &Self) -> Self {
+        Self { id: newer.id, provisional: newer.provisional, ..self.clone() }
     }
 
     /// How far off it may be along a unit direction: two standard deviations, metres, at most `cap_m`.

@@ -32,6 +32,7 @@ pub(super) fn grouped(obstacles: &[Obstacle]) -> Vec<Obstacle> {
         match groups.iter_mut().find(joins) {
             Some((group, so_far)) => {
                 group.shape.extend_from_slice(&obstacle.shape);
+                group.provisional &= obstacle.provisional;
                 *so_far = union(so_far, &around);
                 group.extent_m = so_far.size();
             }
@@ -60,6 +61,7 @@ mod tests {
             extent_m: DVec3::ZERO,
             evidence: 10.0,
             shape: vec![(position_m, 1.0)],
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: 0,
         }

@@ -41,6 +41,9 @@ pub enum WarningSettingsError {
     /// Farther than arms reach.
     #[error("hand_distance_m = {0} must be from 0 to 2 m")]
     HandDistance(f64),
+    /// A share that is none.
+    #[error("provisional_brightness = {0} must be from 0 to 1")]
+    ProvisionalBrightness(f64),
     /// A time that is none, or a share that is none.
     #[error("calm_after_s = {after_s} must be from 0 to 3600, and calm_brightness = {brightness} from 0 to 1")]
     Calm {
@@ -89,6 +92,8 @@ pub struct WarningSettings {
     pub calm_after_s: f64,
     /// So much of its brightness is left then; 1: it never dims.
     pub calm_brightness: f64,
+    /// So much of its brightness is left to what is remembered from before and not seen again yet.
+    pub provisional_brightness: f64,
     /// How they are drawn.
     pub style: Style,
     /// Whether the distance is written on them.
@@ -118,6 +123,7 @@ impl Default for WarningSettings {
             contact_begin_s: 1.5,
             calm_after_s: 6.0,
             calm_brightness: 0.3,
+            provisional_brightness: 0.6,
             style: Style::Grid,
             labels: false,
             color: [64, 224, 255],
@@ -156,6 +162,9 @@ impl WarningSettings {
         let (after_s, brightness) = (self.calm_after_s, self.calm_brightness);
         if !((0.0..=3600.0).contains(&after_s) && (0.0..=1.0).contains(&brightness)) {
             return Err(WarningSettingsError::Calm { after_s, brightness });
+        }
+        if !(0.0..=1.0).contains(&self.provisional_brightness) {
+            return Err(WarningSettingsError::ProvisionalBrightness(self.provisional_brightness));
         }
         let (area_m, margin_m) = (self.play_area_m, self.play_area_margin_m);
         let lengths = area_m.into_iter().flatten().chain([margin_m]);
@@ -253,6 +262,7 @@ mod tests {
             ("contact_begin_s = nan", "contact_begin_s = NaN"),
             ("hand_distance_m = 3.0", "hand_distance_m = 3 "),
             ("calm_after_s = -1.0", "calm_after_s = -1 "),
+            ("provisional_brightness = nan", "provisional_brightness = NaN"),
             ("calm_brightness = 1.5", "calm_brightness = 1.5"),
         ] {
             let settings: WarningSettings = toml::from_str(setting).unwrap();

@@ -44,6 +44,16 @@ impl Thing<'_> {
         }
     }
 
+    /// So much of its brightness is left: what is remembered from before and not seen again yet is fainter.
+    pub fn brightness(&self, settings: &WarningSettings) -> f64 {
+        match self {
+            Self::Object(Body { provisional: true, .. }) | Self::Wall(Wall { provisional: true, .. }) => {
+                settings.provisional_brightness
+            }
+            _ => 1.0,
+        }
+    }
+
     /// The thing as each part of the body has it; empty where it is out of reach of a player who keeps to the play area.
     pub fn nears(&self, wearer: &Wearer, settings: &WarningSettings) -> Vec<Near> {
         let reach_m = FARTHEST_CONTACT_M.max(settings.fade_distance_m + MARGIN_M);

@@ -80,7 +80,7 @@ impl Track {
         let is_within_margin =
             urgencies[0].is_some_and(|body| body.near.distance_m < settings.fade_distance_m + MARGIN_M);
         self.hold(now_ns, urgency > LEAST_URGENCY, is_within_margin && settings.by_distance(0.0) > 0.0);
-        self.wanted = if self.is_on { wanted.max(FAINT) } else { 0.0 };
+        self.wanted = if self.is_on { (wanted * thing.brightness(settings)).max(FAINT) } else { 0.0 };
     }
 
     /// The thing is not in the scene any more.

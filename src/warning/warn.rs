@@ -33,7 +33,7 @@ fn warn_of(bodies: &[Body], walls: &[Wall], wearer: &Wearer, settings: &WarningS
     let drawn = things.filter_map(|thing| {
         let [body, _] = urgencies(&thing.nears(wearer, settings), settings);
         let (near, urgency) = body.map(|urgency| (urgency.near, urgency.value()))?;
-        let alpha = settings.shown(urgency);
+        let alpha = settings.shown(urgency * thing.brightness(settings));
         let mut drawn = (alpha > 0.0).then(|| thing.draw(wearer, &near, alpha, settings))??;
         drawn.panel.label_m = settings.labels.then(|| rounded_label(near.gap_m));
         Some(drawn)
@@ -79,6 +79,7 @@ mod tests {
             extent_m: DVec3::new(0.3, 0.9, 0.3),
             evidence: 10.0,
             shape,
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: 0,
         }
@@ -87,7 +88,7 @@ mod tests {
     fn wall(outward: DVec3, offset_m: f64) -> Wall {
         let seen_at = Aabb::from_corners(DVec3::new(-2.0, 1.5, -2.0), DVec3::new(2.0, 1.7, 2.0));
         let plane = Plane { outward, offset_m };
-        Wall { id: 9, plane, evidence: 5.0, seen_at, first_seen_ns: 0, last_seen_ns: 0 }
+        Wall { id: 9, plane, evidence: 5.0, seen_at, provisional: false, first_seen_ns: 0, last_seen_ns: 0 }
     }
 
     fn warnings_of(obstacles: Vec<Obstacle>, walls: Vec<Wall>) -> Warnings {

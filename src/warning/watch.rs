@@ -227,8 +227,7 @@ impl Held {
         if age_ns < 0 || !known.is_much_like(&body) {
             Self { body, since_ns: now_ns, seen_ns: now_ns, version }
         } else if known.outlasts(&body, age_ns) {
-            let id = body.id;
-            Self { body: known.body.with_id(id), seen_ns: now_ns, ..*known }
+            Self { body: known.body.standing_for(&body), seen_ns: now_ns, ..*known }
         } else {
             Self { body, since_ns: now_ns, seen_ns: now_ns, version: known.version }
         }
@@ -284,6 +283,7 @@ mod tests {
             extent_m: DVec3::ZERO,
             evidence: 10.0,
             shape: shape.collect(),
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: 0,
         }
@@ -395,7 +395,7 @@ mod tests {
         let plane = crate::geometry::Plane { outward: DVec3::NEG_Z, offset_m: ahead_m };
         let seen_at =
             crate::geometry::Aabb::from_corners(DVec3::new(-2.0, 1.5, -ahead_m), DVec3::new(2.0, 1.7, -ahead_m));
-        Wall { id, plane, evidence: 5.0, seen_at, first_seen_ns: 0, last_seen_ns: 0 }
+        Wall { id, plane, evidence: 5.0, seen_at, provisional: false, first_seen_ns: 0, last_seen_ns: 0 }
     }
 
     fn before_a_wall(ahead_m: f64) -> Watch {

@@ -7,6 +7,7 @@ mod displays;
 mod eyes;
 mod graphics;
 mod install;
+mod kept;
 mod life;
 mod recorded;
 mod rig;

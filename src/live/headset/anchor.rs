@@ -70,6 +70,16 @@ impl Anchor {
         self.session_from_raw
     }
 
+    /// Where the standing universe is now.
+    pub fn standing_from_raw(&self) -> Pose {
+        self.standing_from_raw
+    }
+
+    /// The tracking system's name for the room.
+    pub fn universe(&self) -> Option<u64> {
+        self.universe
+    }
+
     /// What turns the map's places into those of the play area as it is now.
     pub fn standing_from_session(&self) -> Pose {
         self.standing_from_raw * self.session_from_raw.inverse()

@@ -9,14 +9,15 @@ use super::cue_output::CueOutput;
 use super::dashboard::{Dashboard, Facts, PanelSources, PanelWork, SensorCount};
 use super::display::{ShowError, Shown, Viewpoint};
 use super::graphics::{Faults, Graphics, GraphicsError, LostDevices, Retry};
+use super::map_keeper::{KeptMaps, MapKeeper};
 use super::meter::{FrameMeter, FrameReport};
-use super::pose_thread::{SharedFrame, read_poses};
-use super::samples::{player, poses_now, sample};
+use super::pose_thread::{RoomFrame, SharedFrame, read_poses};
+use super::samples::{HandsTold, player, poses_now, sample};
 use super::vitals::Vitals;
 use crate::engine::Settings;
 use crate::geometry::Pose;
 use crate::live::{Reconstruction, SettingsDesk, now_ns, thread_cpu_ns};
-use crate::obstacles::Scene;
+use crate::obstacles::{HandsSample, Scene};
 use crate::render::RenderError;
 use crate::steamvr::{DisplayTiming, Event, Hands, Poses, Runtime, SteamVrError, Universe};
 use crate::tracking::PoseSample;
@@ -24,6 +25,9 @@ use crate::warning::Watch;
 
 /// Takes every pose of the head, in the session's frame; must not wait for anything.
 pub type PoseSink<'a> = &'a (dyn Fn(&PoseSample) + Sync);
+
+/// Takes where the player's hands are, in the session's frame; must not wait for anything.
+pub type HandSink<'a> = &'a (dyn Fn(&HandsSample) + Sync);
 
 /// Between two looks at where the standing universe is, nanoseconds; events bring one forward.
 const LOOK_NS: i64 = 100_000_000;
@@ -107,6 +111,10 @@ pub struct FrameLoop<'a> {
     pub sensor: &'a (dyn Fn() -> Option<SensorCount> + Sync),
     /// Where poses go.
     pub pose_sink: PoseSink<'a>,
+    /// Where the hands' places go.
+    pub hand_sink: HandSink<'a>,
+    /// Where maps are kept from one start to the next; `None`: nowhere.
+    pub maps: Option<&'a KeptMaps>,
     /// Settings, which may change at any time.
     pub settings: &'a SettingsDesk,
     /// Ends the loop.
@@ -136,6 +144,11 @@ impl FrameLoop<'_> {
             if poses_hz > 0.0 {
                 let (runtime, frame, sink, done) = (self.runtime, &frame, self.pose_sink, &done);
                 scope.spawn(move || read_poses(runtime, frame, poses_hz, sink, done));
+            }
+            if let Some(maps) = self.maps {
+                let keeper = MapKeeper { maps, frame: &frame, reconstruction, settings: desk };
+                let done = &done;
+                scope.spawn(move || keeper.run(done));
             }
             let ending = state.run();
             let (status, rest) = state.end();
@@ -167,12 +180,15 @@ struct State<'s, 'a> {
     shared_frame: &'s SharedFrame,
     anchor: Option<Anchor>,
     leap: LeapWatch,
+    /// Times that the raw universe has leapt.
+    leaps: u64,
     looked_ns: i64,
     vitals: Vitals,
     settings: Arc<Settings>,
     settings_version: u64,
     timing: DisplayTiming,
     hands: Hands,
+    told_hands: HandsTold,
     /// Where the head was last, in the standing universe, and when.
     head: Option<(i64, Pose)>,
     scene: PlacedScene,
@@ -204,12 +220,14 @@ impl<'s, 'a> State<'s, 'a> {
             shared_frame,
             anchor: None,
             leap: LeapWatch::default(),
+            leaps: 0,
             looked_ns: i64::MIN,
             vitals: Vitals::default(),
             settings,
             settings_version,
             timing,
             hands: with.runtime.hands(),
+            told_hands: HandsTold::default(),
             head: None,
             scene: PlacedScene::default(),
             cues: CueOutput::default(),
@@ -296,6 +314,9 @@ impl<'s, 'a> State<'s, 'a> {
         if self.settings.headset.poses_hz <= 0.0 {
             (self.with.pose_sink)(&sample(time_ns, &poses.head, &anchor.session_from_raw()));
         }
+        if let Some(hands) = self.told_hands.next(time_ns, &poses, &anchor.session_from_raw()) {
+            (self.with.hand_sink)(&hands);
+        }
         self.status.is_tracked = poses.head.trusted().is_some();
     }
 
@@ -310,9 +331,20 @@ impl<'s, 'a> State<'s, 'a> {
             self.anchor = Some(anchor);
             return;
         };
+        let before = anchor.universe();
         match anchor.look(standing_from_raw, universe) {
-            Moved::No => {}
-            Moved::Recentred => self.status.recentred += 1,
+            Moved::No => {
+                // The room's name may have been told only now.
+                if anchor.universe() != before {
+                    let anchor = *anchor;
+                    self.share_frame(&anchor);
+                }
+            }
+            Moved::Recentred => {
+                self.status.recentred += 1;
+                let anchor = *anchor;
+                self.share_frame(&anchor);
+            }
             Moved::Elsewhere => {
                 let anchor = *anchor;
                 self.forget(&anchor, "this is another room for the tracking system");
@@ -327,6 +359,7 @@ impl<'s, 'a> State<'s, 'a> {
                 let Some(anchor) = &mut self.anchor else { return };
                 anchor.renew();
                 let anchor = *anchor;
+                self.leaps += 1;
                 self.forget(&anchor, "the tracking system has moved the room");
             }
             Some(_) => {}
@@ -342,7 +375,7 @@ impl<'s, 'a> State<'s, 'a> {
         if let Some(reconstruction) = (self.with.reconstruction)() {
             self.scene.epoch = reconstruction.forget();
         }
-        *frame = Some(anchor.session_from_raw());
+        *frame = Some(room_frame(anchor, self.leaps));
         drop(frame);
         self.scene.clear();
         self.meter.forget_sweeps();
@@ -352,7 +385,8 @@ impl<'s, 'a> State<'s, 'a> {
 
     fn share_frame(&self, anchor: &Anchor) {
         // Written a few times a session; its reader holds it for as long as a pose is read.
-        *self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner) = Some(anchor.session_from_raw());
+        let shared = room_frame(anchor, self.leaps);
+        *self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner) = Some(shared);
     }
 
     fn show(&mut self, now_ns: i64) {
@@ -475,6 +509,15 @@ impl<'s, 'a> State<'s, 'a> {
         let_go.extend(dashboard.end());
         let_go.extend(shown.end());
         (status, Drawn { _pictures: let_go, _graphics: graphics, _lost: lost })
+    }
+}
+
+fn room_frame(anchor: &Anchor, leaps: u64) -> RoomFrame {
+    RoomFrame {
+        session_from_raw: anchor.session_from_raw(),
+        standing_from_raw: anchor.standing_from_raw(),
+        universe: anchor.universe(),
+        leaps,
     }
 }
 

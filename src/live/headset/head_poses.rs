@@ -1,11 +1,11 @@
-//! The head's poses alone, for a recording without a frame loop.
+//! The poses of head and hands alone, for a recording without a frame loop.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::anchor::{Anchor, LeapWatch, Moved};
-use super::frames::PoseSink;
-use super::samples::{poses_now, sample};
+use super::frames::{HandSink, PoseSink};
+use super::samples::{HandsTold, poses_now, sample};
 use crate::live::now_ns;
 use crate::steamvr::{Hands, Runtime};
 
@@ -18,21 +18,24 @@ pub struct HeadPoses<'a> {
     anchor: Option<Anchor>,
     leap: LeapWatch,
     looked_ns: i64,
+    hands: Hands,
+    told_hands: HandsTold,
 }
 
 impl<'a> HeadPoses<'a> {
     /// Nothing is read yet.
     pub fn new(runtime: &'a Runtime) -> Self {
-        Self { runtime, anchor: None, leap: LeapWatch::default(), looked_ns: i64::MIN }
+        let (hands, told_hands) = (Hands::NONE, HandsTold::default());
+        Self { runtime, anchor: None, leap: LeapWatch::default(), looked_ns: i64::MIN, hands, told_hands }
     }
 
     /// Reads so many poses a second until told to stop.
-    pub fn read(mut self, rate_hz: f64, sink: PoseSink, stop: &AtomicBool) {
+    pub fn read(mut self, rate_hz: f64, sink: PoseSink, hand_sink: HandSink, stop: &AtomicBool) {
         let period = Duration::from_secs_f64(1.0 / rate_hz);
         while !stop.load(Ordering::Relaxed) {
             let start_ns = now_ns();
             self.look_around(start_ns);
-            self.read_one(sink);
+            self.read_one(sink, hand_sink);
             // SteamVR's events are of no use here, but they must not pile up.
             while self.runtime.next_event().is_some() {}
             let took = Duration::from_nanos(now_ns().saturating_sub(start_ns).max(0) as u64);
@@ -40,8 +43,8 @@ impl<'a> HeadPoses<'a> {
         }
     }
 
-    fn read_one(&mut self, sink: PoseSink) {
-        let (Some(anchor), Some((time_ns, poses))) = (&mut self.anchor, poses_now(self.runtime, Hands::NONE)) else {
+    fn read_one(&mut self, sink: PoseSink, hand_sink: HandSink) {
+        let (Some(anchor), Some((time_ns, poses))) = (&mut self.anchor, poses_now(self.runtime, self.hands)) else {
             return;
         };
         match poses.head.trusted() {
@@ -53,6 +56,9 @@ impl<'a> HeadPoses<'a> {
             Some(_) => {}
         }
         sink(&sample(time_ns, &poses.head, &anchor.session_from_raw()));
+        if let Some(hands) = self.told_hands.next(time_ns, &poses, &anchor.session_from_raw()) {
+            hand_sink(&hands);
+        }
     }
 
     fn look_around(&mut self, now_ns: i64) {
@@ -60,6 +66,8 @@ impl<'a> HeadPoses<'a> {
             return;
         }
         self.looked_ns = now_ns;
+        // Switched on or off meanwhile.
+        self.hands = self.runtime.hands();
         let Some(standing_from_raw) = self.runtime.standing_from_raw() else { return };
         let universe = self.runtime.universe_id();
         match &mut self.anchor {

@@ -11,6 +11,7 @@ mod display;
 mod frames;
 mod graphics;
 mod head_poses;
+mod map_keeper;
 mod meter;
 mod pose_thread;
 mod samples;
@@ -18,6 +19,7 @@ mod slots;
 mod vitals;
 
 pub use dashboard::SensorCount;
-pub use frames::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink};
+pub use frames::{Drawn, Ending, FrameLoop, HandSink, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink};
 pub use head_poses::HeadPoses;
+pub use map_keeper::KeptMaps;
 pub use meter::FrameReport;

@@ -3,6 +3,7 @@
 
 use crate::geometry::Pose;
 use crate::live::now_ns;
+use crate::obstacles::HandsSample;
 use crate::steamvr::{DevicePose, Hands, Poses, Runtime, TrackingState, Universe};
 use crate::tracking::{PoseSample, TrackingResult};
 use crate::warning::Player;
@@ -30,6 +31,34 @@ pub(super) fn sample(time_ns: i64, head: &DevicePose, session_from_raw: &Pose) -
     // Numbers that make no pose are as good as none.
     let valid = head.connected && head.valid && head.pose.is_some();
     PoseSample { valid, result, ..PoseSample::valid(time_ns, &pose) }
+}
+
+/// What was told of the hands: without controllers nothing is, and that the last one was lost is told once.
+#[derive(Debug, Default)]
+pub(super) struct HandsTold {
+    had_some: bool,
+    last_ns: Option<i64>,
+}
+
+/// Hands are told of so often, nanoseconds: more serves nobody.
+const HANDS_NS: i64 = 10_000_000;
+
+impl HandsTold {
+    /// Where the hands are, in the session's frame, as far as they are tracked; `None` when there is nothing to tell.
+    pub fn next(&mut self, time_ns: i64, poses: &Poses, session_from_raw: &Pose) -> Option<HandsSample> {
+        if self.last_ns.is_some_and(|last_ns| (0..HANDS_NS).contains(&time_ns.saturating_sub(last_ns))) {
+            return None;
+        }
+        let place = |hand: &DevicePose| hand.trusted().map(|pose| session_from_raw.transform_point(pose.translation));
+        let hands_m = [place(&poses.hands[0]), place(&poses.hands[1])];
+        let has_some = hands_m.iter().any(Option::is_some);
+        let had_some = std::mem::replace(&mut self.had_some, has_some);
+        if !has_some && !had_some {
+            return None;
+        }
+        self.last_ns = Some(time_ns);
+        Some(HandsSample { time_ns, hands_m })
+    }
 }
 
 /// The player in the standing universe: the head where it is known to be, hands where they are tracked.

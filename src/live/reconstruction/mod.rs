@@ -16,7 +16,7 @@ use super::queue::{Feeder, Queue};
 use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
 use crate::engine::{Counters, Settings};
 use crate::geometry::Pose;
-use crate::obstacles::Scene;
+use crate::obstacles::{HandsSample, Remembered, Scene};
 use crate::radar::{Frame, SensorConfig};
 use crate::tracking::PoseSample;
 use worker::{Begin, Worker};
@@ -24,6 +24,9 @@ use worker::{Begin, Worker};
 /// Shelves of the queue.
 const FRAMES: usize = 0;
 const POSES: usize = 1;
+const HANDS: usize = 2;
+/// Hands that wait at most: some two seconds.
+const MAX_HANDS: usize = 256;
 
 /// How the reconstruction is run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -123,6 +126,7 @@ pub struct ReconstructionCounters {
 /// What one thread hands to the other, with the epoch in which it was pushed.
 enum Input {
     Pose(u64, PoseSample),
+    Hands(u64, HandsSample),
     /// And when it arrived, host nanoseconds.
     Frame(u64, Frame, i64),
 }
@@ -132,6 +136,10 @@ struct Shared {
     newest: Mutex<Arc<Published>>,
     counters: Mutex<ReconstructionCounters>,
     epoch: AtomicU64,
+    /// What is to be taken up, and in which epoch.
+    begin_with: Mutex<Option<(u64, Remembered)>>,
+    /// What is known of the room, and in which epoch.
+    remembered: Mutex<Option<(u64, Arc<Remembered>)>>,
     /// Settings for whatever begins next, where they are to be others.
     next_settings: Mutex<Option<Settings>>,
     is_alive: AtomicBool,
@@ -144,9 +152,10 @@ struct Shared {
 /// The reconstruction. Dropping it leaves what waits and ends its threads.
 pub struct Reconstruction {
     shared: Arc<Shared>,
-    queue: Arc<Queue<Input, 2>>,
-    frames: Feeder<Input, 2>,
-    poses: Feeder<Input, 2>,
+    queue: Arc<Queue<Input, 3>>,
+    frames: Feeder<Input, 3>,
+    poses: Feeder<Input, 3>,
+    hands: Feeder<Input, 3>,
     /// What was last given out.
     given: Mutex<Arc<Published>>,
     max_ahead_s: f64,
@@ -171,7 +180,7 @@ impl Reconstruction {
         let begin = Begin { config: config.clone(), head_from_sensor: *head_from_sensor, settings };
         let pipeline = begin.pipeline();
         let shared = Arc::new(Shared::new(pipeline.counters()));
-        let queue = Arc::new(Queue::new([options.max_frames, options.max_poses]));
+        let queue = Arc::new(Queue::new([options.max_frames, options.max_poses, MAX_HANDS]));
         let pool = pool(options)?;
         let worker = Worker::new(pipeline, begin, Arc::clone(&shared), Arc::clone(&queue));
         let (told, nice) = (Arc::clone(&shared), options.nice);
@@ -185,6 +194,7 @@ impl Reconstruction {
             max_ahead_s: options.max_ahead_s,
             frames: Feeder::new(&queue, FRAMES),
             poses: Feeder::new(&queue, POSES),
+            hands: Feeder::new(&queue, HANDS),
             given,
             shared,
             queue,
@@ -195,6 +205,11 @@ impl Reconstruction {
     /// Takes a pose of the head; never waits.
     pub fn push_pose(&self, sample: PoseSample) {
         self.poses.push(Input::Pose(self.epoch(), sample));
+    }
+
+    /// Takes where the player's hands are, in the frame of the poses; never waits. What nobody has time for goes.
+    pub fn push_hands(&self, hands: HandsSample) {
+        self.hands.push(Input::Hands(self.epoch(), hands));
     }
 
     /// Takes a frame that arrived now; never waits.
@@ -232,6 +247,21 @@ impl Reconstruction {
         self.forget()
     }
 
+    /// Has it take up what is remembered of the room, in the frame of the poses of that epoch.
+    pub fn begin_with(&self, epoch: u64, remembered: Remembered) {
+        *lock(&self.shared.begin_with) = Some((epoch, remembered));
+    }
+
+    /// What is known of the room and in which epoch, as of a second ago at most; `None` before there is anything, and while something is
+    /// still to be taken up. May wait for a moment: not for the frame loop.
+    pub fn remembered(&self) -> Option<(u64, Arc<Remembered>)> {
+        let waiting = lock(&self.shared.begin_with);
+        if waiting.is_some() {
+            return None;
+        }
+        lock(&self.shared.remembered).clone()
+    }
+
     /// How often everything was forgotten.
     pub fn epoch(&self) -> u64 {
         self.shared.epoch.load(Ordering::SeqCst)
@@ -244,7 +274,7 @@ impl Reconstruction {
 
     /// What it has been through, as of a tenth of a second ago at most. May wait for a moment: not for the frame loop.
     pub fn counters(&self) -> ReconstructionCounters {
-        let [frames, poses] = self.queue.dropped();
+        let [frames, poses, _] = self.queue.dropped();
         ReconstructionCounters {
             frames_dropped: frames + self.frames.dropped(),
             poses_dropped: poses + self.poses.dropped(),
@@ -257,6 +287,7 @@ impl Reconstruction {
         self.shared.finish_by_ns.store((now_ns() as u64).saturating_add(FINISH_NS), Ordering::SeqCst);
         self.frames.flush();
         self.poses.flush();
+        self.hands.flush();
         self.end();
         (self.counters(), Arc::clone(&self.latest().scene))
     }
@@ -297,6 +328,8 @@ impl Shared {
             newest: Mutex::new(Arc::new(Published::nothing(0))),
             counters: Mutex::new(counters),
             epoch: AtomicU64::new(0),
+            begin_with: Mutex::new(None),
+            remembered: Mutex::new(None),
             next_settings: Mutex::new(None),
             is_alive: AtomicBool::new(true),
             stop: AtomicBool::new(false),

@@ -17,6 +17,8 @@ use crate::radar::{Frame, SensorConfig};
 const TURN: Duration = Duration::from_millis(50);
 /// Counters are renewed this often, nanoseconds.
 const COUNT_NS: i64 = 100_000_000;
+/// What is known of the room is told this often, nanoseconds.
+const REMEMBER_NS: i64 = 1_000_000_000;
 /// A search for single reflectors goes through everything kept: once a second, and for a fifth of the time at most.
 const REFLECTORS_NS: i64 = 1_000_000_000;
 const REFLECTORS_REST: i64 = 4;
@@ -42,7 +44,7 @@ pub(super) struct Worker {
     pipeline: Pipeline,
     begin: Begin,
     shared: Arc<Shared>,
-    queue: Arc<Queue<Input, 2>>,
+    queue: Arc<Queue<Input, 3>>,
     epoch: u64,
     published: Published,
     /// What the scene that is published rests on, host nanoseconds.
@@ -54,10 +56,11 @@ pub(super) struct Worker {
     scenes: u64,
     start_ns: i64,
     counted_ns: i64,
+    remembered_ns: i64,
 }
 
 impl Worker {
-    pub fn new(pipeline: Pipeline, begin: Begin, shared: Arc<Shared>, queue: Arc<Queue<Input, 2>>) -> Self {
+    pub fn new(pipeline: Pipeline, begin: Begin, shared: Arc<Shared>, queue: Arc<Queue<Input, 3>>) -> Self {
         let now_ns = now_ns();
         Self {
             pipeline,
@@ -74,6 +77,7 @@ impl Worker {
             scenes: 0,
             start_ns: now_ns,
             counted_ns: now_ns,
+            remembered_ns: now_ns,
         }
     }
 
@@ -83,12 +87,14 @@ impl Worker {
             // What came goes before what it set off: a look at the evidence holds up no sweep.
             let received = self.queue.receive(if self.pipeline.has_work() { Duration::ZERO } else { TURN });
             self.heed_epoch();
+            self.take_up();
             match received {
                 Received::Event(input) => self.take(input),
                 Received::TimedOut => self.work(),
                 Received::Over => break,
             }
             self.count(COUNT_NS);
+            self.remember(REMEMBER_NS);
         }
         if !self.shared.stop.load(Ordering::SeqCst) {
             self.heed_epoch();
@@ -96,6 +102,7 @@ impl Worker {
             self.publish(true);
         }
         self.count(0);
+        self.remember(0);
     }
 
     fn is_late(&self) -> bool {
@@ -118,10 +125,45 @@ impl Worker {
         self.hand_over(Published { number: self.published.number, ..Published::nothing(epoch) });
     }
 
+    /// Takes up what is remembered of the room; it is part of the scene at once.
+    fn take_up(&mut self) {
+        let shared = Arc::clone(&self.shared);
+        // Held until what is told has it: nobody takes what is known without it for all there is.
+        let mut waiting = lock(&shared.begin_with);
+        let Some((_, remembered)) =
+            waiting.take_if(|(epoch, _)| *epoch <= self.epoch).filter(|(e, _)| *e == self.epoch)
+        else {
+            return;
+        };
+        if let Err(error) = self.pipeline.begin_with(&remembered) {
+            log::warn!("what is remembered of the room is left out: {error}");
+        }
+        self.remember(0);
+        if self.pipeline.engine().search() == Search::Rooms {
+            let scene = Arc::new(self.pipeline.scene());
+            self.scenes += 1;
+            self.hand_over(Published { scene, ..self.published.clone() });
+        }
+    }
+
+    /// Tells what is known of the room, when what was told is older than this.
+    fn remember(&mut self, age_ns: i64) {
+        let now_ns = now_ns();
+        if now_ns.saturating_sub(self.remembered_ns) < age_ns {
+            return;
+        }
+        self.remembered_ns = now_ns;
+        let remembered = Some((self.epoch, Arc::new(self.pipeline.remembered())));
+        let before = std::mem::replace(&mut *lock(&self.shared.remembered), remembered);
+        // Let go after the lock is.
+        drop(before);
+    }
+
     fn take(&mut self, input: Input) {
         let (begin_ns, without_pose) = (now_ns(), self.without_pose());
         match input {
             Input::Pose(epoch, pose) if epoch == self.epoch => self.pipeline.push_pose(&pose),
+            Input::Hands(epoch, hands) if epoch == self.epoch => self.pipeline.push_hands(hands.time_ns, hands.hands_m),
             Input::Frame(epoch, frame, arrived_ns) if epoch == self.epoch => self.take_frame(frame, arrived_ns),
             _ => return self.outdated += 1,
         }

@@ -206,6 +206,7 @@ mod tests {
             extent_m: DVec3::splat(0.2),
             evidence: 9.0,
             shape: Vec::new(),
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: 0,
         }
@@ -231,6 +232,7 @@ mod tests {
             plane: Plane { outward, offset_m },
             evidence: 1.0,
             seen_at,
+            provisional: false,
             first_seen_ns: 0,
             last_seen_ns: 0,
         };

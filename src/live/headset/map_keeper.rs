@@ -1,0 +1,166 @@
+//! Keeps the map from one start to the next: a thread of its own beside the frame loop, since it reads and writes files.
+//!
+//! Once it is known which universe this is and there is a reconstruction, the universe's map is handed to that as provisional; every half
+//! minute and at the end what is known is written. What is written is in the raw universe's frame. A raw universe that leaps while its name
+//! stays makes what was kept of it worthless.
+
+use std::sync::PoisonError;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use super::pose_thread::{RoomFrame, SharedFrame};
+use crate::live::{Reconstruction, SettingsDesk, now_ns};
+use crate::obstacles::Remembered;
+use crate::recording::{MapFile, MapFileError, MapFolder};
+
+/// Between two looks at what there is to do.
+const TURN: Duration = Duration::from_millis(50);
+/// Between two times that the map is written, nanoseconds.
+const SAVE_NS: i64 = 30_000_000_000;
+/// After a leap the tracking system may still tell that this is another universe, nanoseconds.
+const LEAP_SETTLES_NS: i64 = 1_000_000_000;
+
+/// Where maps are kept, and whether what is there is forgotten.
+#[derive(Debug, Clone)]
+pub struct KeptMaps {
+    /// The maps of all rooms.
+    pub folder: MapFolder,
+    /// Begins anew in every room.
+    pub forget: bool,
+}
+
+/// What the thread works with.
+pub(super) struct MapKeeper<'k, 'a> {
+    pub maps: &'k KeptMaps,
+    pub frame: &'k SharedFrame,
+    pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
+    pub settings: &'k SettingsDesk,
+}
+
+/// What was done so far.
+#[derive(Default)]
+struct Progress {
+    /// In this epoch, of this universe, what was kept has been taken up.
+    taken_up: Option<(u64, u64)>,
+    /// Universes that were begun anew.
+    begun_anew: Vec<u64>,
+    leaps: u64,
+    leapt: Option<(u64, i64)>,
+    saved_ns: i64,
+    has_failed: bool,
+}
+
+impl MapKeeper<'_, '_> {
+    /// Until the frame loop is over.
+    pub fn run(&self, done: &AtomicBool) {
+        let mut progress = Progress { saved_ns: now_ns(), ..Progress::default() };
+        while !done.load(Ordering::Relaxed) {
+            std::thread::sleep(TURN);
+            self.turn(&mut progress, false);
+        }
+        self.turn(&mut progress, true);
+    }
+
+    fn turn(&self, progress: &mut Progress, is_last: bool) {
+        if !self.settings.newest().headset.keep_map {
+            return;
+        }
+        let Some(reconstruction) = (self.reconstruction)() else { return };
+        // Whoever lays the frame anew forgets under the same lock: frame and epoch belong together.
+        let frame = self.frame.lock().unwrap_or_else(PoisonError::into_inner);
+        let (room, epoch) = (*frame, reconstruction.epoch());
+        drop(frame);
+        let Some(room) = room else { return };
+        let Some(universe) = room.universe else { return };
+        if !self.has_settled(progress, &room, universe) {
+            return;
+        }
+        if progress.taken_up != Some((epoch, universe)) {
+            progress.taken_up = Some((epoch, universe));
+            if let Some(remembered) = self.kept(progress, &room, universe) {
+                reconstruction.begin_with(epoch, remembered);
+            }
+            return;
+        }
+        if is_last || now_ns().saturating_sub(progress.saved_ns) >= SAVE_NS {
+            progress.saved_ns = now_ns();
+            if let Some((_, known)) = reconstruction.remembered().filter(|(of, _)| *of == epoch) {
+                self.save(progress, &room, universe, &known);
+            }
+        }
+    }
+
+    /// Whether it is known which room this is; what was kept of one that has leapt is removed.
+    fn has_settled(&self, progress: &mut Progress, room: &RoomFrame, universe: u64) -> bool {
+        let now_ns = now_ns();
+        if room.leaps != progress.leaps {
+            progress.leaps = room.leaps;
+            progress.leapt = Some((universe, now_ns));
+        }
+        match progress.leapt {
+            None => true,
+            Some((of, _)) if of != universe => {
+                progress.leapt = None;
+                true
+            }
+            Some((_, since_ns)) if now_ns.saturating_sub(since_ns) < LEAP_SETTLES_NS => false,
+            Some(_) => {
+                progress.leapt = None;
+                if self.remove(progress, universe) {
+                    log::warn!("the map that was kept of this room is of no use any more: it begins anew");
+                }
+                true
+            }
+        }
+    }
+
+    /// What was kept of a room, in the session's frame and by its clock.
+    fn kept(&self, progress: &mut Progress, room: &RoomFrame, universe: u64) -> Option<Remembered> {
+        if self.maps.forget && !progress.begun_anew.contains(&universe) {
+            progress.begun_anew.push(universe);
+            if self.remove(progress, universe) {
+                log::info!("the map that was kept of this room is forgotten");
+            }
+            return None;
+        }
+        match self.maps.folder.load(universe) {
+            Ok(file) => {
+                let file = file?;
+                let age_s = (unix_s() - file.saved_unix_s).max(0.0);
+                let saved_ns = now_ns().saturating_sub((age_s * 1e9) as i64);
+                let (places, walls) = (file.map.places.len(), file.map.walls.len());
+                log::info!("{places} places and {walls} walls are remembered of this room");
+                Some(file.map.moved(&room.session_from_raw).later_by_ns(saved_ns))
+            }
+            Err(error) => {
+                log::warn!("the map that was kept of this room is left out: {error}");
+                None
+            }
+        }
+    }
+
+    fn save(&self, progress: &mut Progress, room: &RoomFrame, universe: u64, known: &Remembered) {
+        let map = known.moved(&room.session_from_raw.inverse()).later_by_ns(now_ns().saturating_neg());
+        let saved = self.maps.folder.save(&MapFile::new(universe, unix_s(), room.standing_from_raw, map));
+        if let Err(error) = saved {
+            tell_once(progress, &error);
+        }
+    }
+
+    fn remove(&self, progress: &mut Progress, universe: u64) -> bool {
+        self.maps.folder.remove(universe).unwrap_or_else(|error| {
+            tell_once(progress, &error);
+            false
+        })
+    }
+}
+
+fn tell_once(progress: &mut Progress, error: &MapFileError) {
+    if !std::mem::replace(&mut progress.has_failed, true) {
+        log::warn!("the map is not kept: {error}");
+    }
+}
+
+fn unix_s() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
+}
