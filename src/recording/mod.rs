@@ -9,10 +9,8 @@
 //! | `/tracking/head_raw` | `radar_chaperone.TrackedPose` | every pose as it came, sound or not |
 //! | `/tracking/head` | `foxglove.FrameTransform` | the sound poses, tracking → head |
 //! | `/tracking/mount` | `foxglove.FrameTransform` | head → sensor, once |
-//! | `/scene` | `foxglove.SceneUpdate` | results: obstacles and walls as boxes |
-//! | `/scene/points` | `foxglove.PointCloud` | results: where the evidence is |
 //!
-//! Foxglove shows all of the last four; Rerun (0.41) shows the transforms and the points, and lists the boxes raw.
+//! A recording with results ([`ResultsWriter`]) has more, which reading skips: the table is at the head of `results`.
 
 mod chunk;
 mod damage;
@@ -23,6 +21,7 @@ mod import;
 mod message;
 mod reader;
 mod record;
+mod results;
 mod summary;
 #[cfg(test)]
 mod test_files;
@@ -36,6 +35,7 @@ pub use header::{FORMAT_VERSION, Header, SensorMetadata};
 pub use import::{ImportOptions, Imported, import_h5};
 pub use message::Event;
 pub use reader::Recording;
+pub use results::{BeamCone, Counted, Look, OffsetEstimate, ResultsWriter};
 pub use summary::{RecordingSummary, StreamSummary};
 pub use tum::{parse_line as parse_track_line, read_track};
 pub use writer::RecordingWriter;
