@@ -42,7 +42,17 @@ def plot(title, series):
         return rr.SeriesLines(names=field, colors=color, widths=1.5).visualizer(mappings=[source])
 
     lines = [line(field, color) for field, color in series.items()]
-    return rrb.TimeSeriesView(name=title, origin="/figures", overrides={"/figures": lines})
+    # The last minute before the cursor.
+    shown = rr.TimeRange(
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-60), end=rr.TimeRangeBoundary.cursor_relative(seconds=0)
+    )
+    return rrb.TimeSeriesView(
+        name=title,
+        origin="/figures",
+        overrides={"/figures": lines},
+        axis_x=rrb.TimeAxis(view_range=shown),
+        plot_legend=rrb.Corner2D.LeftTop,
+    )
 
 
 def main():
@@ -53,13 +63,20 @@ def main():
     room = rrb.Spatial3DView(
         name="room",
         origin="/",
+        contents=["+ /room", "+ /tracking/**", "+ /beam/outline", "+ /scene/points", "+ /scene/outlines", "+ /evidence"],
         spatial_information=rrb.SpatialInformation("room", show_axes=True),
-        eye_controls=rrb.EyeControls3D(position=(-3.2, -3.6, 4.2), look_target=(0.0, 0.2, 0.8), eye_up=(0.0, 0.0, 1.0)),
+        eye_controls=rrb.EyeControls3D(position=(-3.2, -3.8, 4.3), look_target=(0.2, 0.1, 0.7), eye_up=(0.0, 0.0, 1.0)),
     )
     plots = rrb.Vertical(*[plot(title, series) for title, series in PLOTS.items()])
     log = rrb.TextLogView(name="log", origin="/log")
     layout = rrb.Horizontal(rrb.Vertical(room, log, row_shares=[3, 1]), plots, column_shares=[3, 2])
-    blueprint = rrb.Blueprint(layout, rrb.TimePanel(state="collapsed"), rrb.SelectionPanel(state="collapsed"))
+    blueprint = rrb.Blueprint(
+        layout,
+        # At the end of the recording, where most is known.
+        rrb.TimePanel(state="collapsed", play_state="following"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
     rr.init("radar-chaperone", spawn=not arguments.save)
     if arguments.save:
         rr.save(arguments.save, default_blueprint=blueprint)
