@@ -158,7 +158,7 @@ fn the_scene_its_figures_and_its_log_agree() {
     let last = &figures.last().unwrap().1;
     assert!(last.sweeps > 7000.0 && last.nearest_m < 3.0, "{last:?}");
     let rates: Vec<f64> = figures.iter().map(|(_, f)| f.sweeps_per_s).filter(|rate| rate.is_finite()).collect();
-    let usual = { 
+    let usual = {
         let mut sorted = rates.clone();
         sorted.sort_by(f64::total_cmp);
         sorted[sorted.len() / 2]
