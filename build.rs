@@ -38,10 +38,13 @@ fn main() -> Result<()> {
 
 fn compile_messages(out: &Path) -> Result<()> {
     println!("cargo::rerun-if-changed=proto");
-    let mut compiler = protox::Compiler::new(["proto"])?;
-    compiler.include_imports(true).open_file("radar_chaperone.proto")?;
-    std::fs::write(out.join("radar_chaperone.descriptors"), compiler.encode_file_descriptor_set())?;
-    prost_build::Config::new().out_dir(out).compile_fds(compiler.file_descriptor_set())?;
+    // Each file by itself: a recording carries the descriptors of what is in it.
+    for name in ["radar_chaperone", "results"] {
+        let mut compiler = protox::Compiler::new(["proto"])?;
+        compiler.include_imports(true).open_file(format!("{name}.proto"))?;
+        std::fs::write(out.join(format!("{name}.descriptors")), compiler.encode_file_descriptor_set())?;
+        prost_build::Config::new().out_dir(out).compile_fds(compiler.file_descriptor_set())?;
+    }
     Ok(())
 }
 

@@ -32,6 +32,7 @@ mod record;
 mod record_file;
 mod recover;
 mod replay;
+mod results;
 mod run;
 mod run_feed;
 mod run_report;

@@ -8,10 +8,11 @@ use clap::Args;
 
 use super::files::{SettingsArguments, keep_inputs, tell_damage};
 use super::progress;
+use super::results::Results;
 use super::view::{Ended, ViewArguments};
-use crate::engine::{Pipeline, Search};
+use crate::engine::{Pipeline, Settings};
 use crate::obstacles::{Observed, Scene};
-use crate::recording::{Event, Header, MapFile, Recording, RecordingSummary, RecordingWriter};
+use crate::recording::{Event, MapFile, Recording, RecordingSummary};
 use crate::report::{
     Figure, Limits, Report, RoomMap, Section, StreamOffset, Table, room_map, score, write_obstacles_json,
 };
@@ -28,7 +29,7 @@ pub(super) struct Replay {
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Writes the recording again with the obstacles in it, once a second and at the end; opens in Foxglove
+    /// Writes the recording again with what came of it at every look; opens in Foxglove and in Rerun
     #[arg(long, value_name = "FILE.mcap")]
     results: Option<PathBuf>,
     /// Begins with what is remembered of the room: a map that `run` has kept, in the standing universe as it was then
@@ -61,9 +62,9 @@ impl Replay {
         }
         let ended = if self.view.is_wanted() {
             let about = self.view.about(&summary, &settings, pipeline.engine().search());
-            self.view.show(about, |recorder| self.work(recording, pipeline, &summary, Some(recorder)))??
+            self.view.show(about, |recorder| self.work(recording, pipeline, &summary, &settings, Some(recorder)))??
         } else {
-            self.work(recording, pipeline, &summary, None)?
+            self.work(recording, pipeline, &summary, &settings, None)?
         };
         match ended {
             Ended::Done(pipeline, scene) => self.tell(&summary, &pipeline, &scene),
@@ -77,10 +78,11 @@ impl Replay {
         mut recording: Recording,
         mut pipeline: Pipeline,
         summary: &RecordingSummary,
+        settings: &Settings,
         mut recorder: Option<Recorder>,
     ) -> Result<Ended> {
         let mut results = match &self.results {
-            Some(path) => Some(Results::create(path, &summary.header)?),
+            Some(path) => Some(Results::create(path, &summary.header, settings, pipeline.engine().search())?),
             None => None,
         };
         let events = summary.frames.count + summary.poses.count + summary.hands.count;
@@ -94,9 +96,8 @@ impl Replay {
         if let Some(recorder) = &mut recorder {
             recorder.finish(&pipeline);
         }
-        if let Some(mut results) = results {
-            results.writer.write_scene(&scene)?;
-            results.writer.finish()?;
+        if let Some(results) = results {
+            results.finish(&pipeline)?;
         }
         spinner.finish_and_clear();
         Ok(Ended::Done(Box::new(pipeline), scene))
@@ -167,10 +168,14 @@ impl Replay {
                 std::thread::sleep(due.saturating_sub(start.elapsed()).min(Duration::from_secs(1)));
             }
             if let Some(results) = results.as_mut() {
-                results.write(&event, pipeline)?;
+                results.write(&event)?;
             }
-            let frame_ns = matches!(event, Event::Frame(_)).then(|| event.time_ns());
+            let (time_ns, is_frame) = (event.time_ns(), matches!(event, Event::Frame(_)));
+            let frame_ns = is_frame.then_some(time_ns);
             feed(pipeline, event);
+            if let Some(results) = results.as_mut() {
+                results.note(pipeline, time_ns)?;
+            }
             if let Some(recorder) = recorder.as_mut() {
                 recorder.note(pipeline, frame_ns);
             }
@@ -183,32 +188,6 @@ impl Replay {
     /// A replay of a file as it is, to be looked at.
     pub(super) fn to_look_at(file: PathBuf, view: ViewArguments) -> Self {
         Self { file, out: None, results: None, map: None, speed: None, settings: SettingsArguments::default(), view }
-    }
-}
-
-/// The recording again, with the scene in it once a second.
-struct Results {
-    writer: RecordingWriter,
-    next_scene_ns: Option<i64>,
-}
-
-impl Results {
-    fn create(path: &Path, header: &Header) -> Result<Self> {
-        Ok(Self { writer: RecordingWriter::create(path, header)?, next_scene_ns: None })
-    }
-
-    fn write(&mut self, event: &Event, pipeline: &Pipeline) -> Result<()> {
-        let now_ns = event.time_ns();
-        // Searching for single reflectors is one piece of work for the whole recording: its scene comes at the end.
-        // One stamp far in the future must not put off all the scenes to come.
-        self.next_scene_ns.take_if(|next_ns| next_ns.saturating_sub(now_ns) > 1_000_000_000);
-        if now_ns >= *self.next_scene_ns.get_or_insert(now_ns.saturating_add(1_000_000_000))
-            && pipeline.engine().search() == Search::Rooms
-        {
-            self.next_scene_ns = Some(now_ns.saturating_add(1_000_000_000));
-            self.writer.write_scene(&pipeline.scene())?;
-        }
-        Ok(self.writer.write(event)?)
     }
 }
 

@@ -11,10 +11,9 @@
 //! | `/tracking/mount` | `foxglove.FrameTransform` | head → sensor, once |
 //! | `/tracking/hands_raw` | `radar_chaperone.TrackedHands` | where the player's hands are; `none` where a hand is not tracked |
 //! | `/tracking/left_hand`, `/tracking/right_hand` | `foxglove.PoseInFrame` | the tracked ones, without a turn |
-//! | `/scene` | `foxglove.SceneUpdate` | results: obstacles and walls as boxes |
-//! | `/scene/points` | `foxglove.PointCloud` | results: where the evidence is |
 //!
-//! Topics of hands and results are there when there are some. Foxglove shows all but the raw ones; Rerun (0.41) shows the transforms and the points, and lists the boxes raw.
+//! Topics of hands are there when there are some. A recording with results ([`ResultsWriter`]) has more, which reading skips: the table is
+//! at the head of `results`.
 
 mod chunk;
 mod damage;
@@ -26,6 +25,7 @@ mod map_file;
 mod message;
 mod reader;
 mod record;
+mod results;
 mod summary;
 #[cfg(test)]
 mod test_files;
@@ -40,6 +40,7 @@ pub use import::{ImportOptions, Imported, import_h5};
 pub use map_file::{MOST_ROOMS, MapFile, MapFileError, MapFolder};
 pub use message::Event;
 pub use reader::Recording;
+pub use results::{BeamCone, Counted, Look, OffsetEstimate, ResultsWriter};
 pub use summary::{RecordingSummary, StreamSummary};
 pub use tum::{parse_line as parse_track_line, read_track};
 pub use writer::RecordingWriter;

@@ -7,11 +7,11 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use foxglove::Encode;
-use foxglove::messages::{FrameTransform, PointCloud, PoseInFrame, SceneUpdate};
+use foxglove::messages::{FrameTransform, PoseInFrame};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, McapError, McapResult, WriteOptions};
 
-use super::foxglove_messages::{evidence_points, hand_pose, head_transform, mount_transform, scene_update};
+use super::foxglove_messages::{hand_pose, head_transform, mount_transform};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
     DESCRIPTORS, Event, FRAME_CHANNEL, FRAME_SCHEMA, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_SCHEMA,
@@ -19,7 +19,7 @@ use super::message::{
     encode_hands, encode_pose,
 };
 use super::{RecordingError, RecordingSummary};
-use crate::obstacles::{HandsSample, Scene};
+use crate::obstacles::HandsSample;
 use crate::radar::Frame;
 use crate::tracking::PoseSample;
 
@@ -27,9 +27,6 @@ use crate::tracking::PoseSample;
 const CHUNK_NS: i64 = 1_000_000_000;
 /// A chunk ends once it holds this many bytes.
 const CHUNK_BYTES: usize = 1 << 20;
-/// Numbers of the topics that only results have.
-const SCENE_CHANNEL: u16 = 5;
-const POINTS_CHANNEL: u16 = 6;
 /// What the file says wrote it; fixed, so that the bytes depend on the input alone.
 const LIBRARY: &str = "radar-chaperone";
 
@@ -37,6 +34,28 @@ const LIBRARY: &str = "radar-chaperone";
 struct Channel {
     id: u16,
     messages: u32,
+}
+
+/// A topic that is made when its first message comes.
+pub(super) struct Topic {
+    id: u16,
+    name: &'static str,
+    schema: String,
+    descriptors: Vec<u8>,
+    channel: Option<Channel>,
+}
+
+impl Topic {
+    /// Of protobuf messages.
+    pub(super) fn new(id: u16, name: &'static str, schema: &str, descriptors: &[u8]) -> Self {
+        Self { id, name, schema: schema.to_owned(), descriptors: descriptors.to_vec(), channel: None }
+    }
+
+    /// Of a schema of Foxglove's.
+    pub(super) fn foxglove<M: Encode>(id: u16, name: &'static str) -> Self {
+        let (schema, descriptors) = M::get_schema().map_or_else(Default::default, |s| (s.name, s.data.into_owned()));
+        Self::new(id, name, &schema, &descriptors)
+    }
 }
 
 /// What the open chunk holds.
@@ -62,8 +81,6 @@ pub struct RecordingWriter {
     mount: Channel,
     /// As they came, and each of both for Foxglove; there once there are some.
     hands: Option<(Channel, [Channel; 2])>,
-    /// Boxes and points; results have topics only when there are some.
-    scenes: Option<(Channel, Channel)>,
     summary: RecordingSummary,
 }
 
@@ -94,7 +111,7 @@ impl RecordingWriter {
         // The topics stand in a chunk of their own: a damaged second later on does not take them along.
         output.flush()?;
         let (path, summary) = (path.to_owned(), RecordingSummary::new(header.clone()));
-        Ok(Self { path, output, frames, raw_poses, head, mount, hands: None, scenes: None, summary })
+        Ok(Self { path, output, frames, raw_poses, head, mount, hands: None, summary })
     }
 
     /// Writes a frame as it is, of whatever length.
@@ -171,27 +188,28 @@ impl RecordingWriter {
         }
     }
 
-    /// Writes a result for Foxglove: obstacles and walls as boxes, and the places with evidence as points. Reading skips it.
-    ///
-    /// # Errors
-    /// The system refuses the bytes.
-    pub fn write_scene(&mut self, scene: &Scene) -> Result<(), RecordingError> {
-        self.put_scene(scene).map_err(|error| write_error(&self.path, error))?;
-        self.summary.scenes += 1;
-        Ok(())
+    /// Writes a message of results. Reading skips it.
+    pub(super) fn write_to_topic(
+        &mut self,
+        topic: &mut Topic,
+        time_ns: i64,
+        bytes: &[u8],
+    ) -> Result<(), RecordingError> {
+        self.put_result(topic, time_ns, bytes).map_err(|error| write_error(&self.path, error))
     }
 
-    fn put_scene(&mut self, scene: &Scene) -> McapResult<()> {
-        self.begin(scene.time_ns)?;
-        let (boxes, points) = match &mut self.scenes {
-            Some(channels) => channels,
-            none => none.insert((
-                self.output.add_foxglove_channel::<SceneUpdate>(SCENE_CHANNEL, "/scene")?,
-                self.output.add_foxglove_channel::<PointCloud>(POINTS_CHANNEL, "/scene/points")?,
-            )),
+    fn put_result(&mut self, topic: &mut Topic, time_ns: i64, bytes: &[u8]) -> McapResult<()> {
+        self.begin(time_ns)?;
+        let channel = match &mut topic.channel {
+            Some(channel) => channel,
+            none => none.insert(self.output.add_channel(topic.id, topic.name, &topic.schema, &topic.descriptors)?),
         };
-        self.output.foxglove(boxes, scene.time_ns, &scene_update(scene))?;
-        self.output.foxglove(points, scene.time_ns, &evidence_points(scene))
+        self.output.message(channel, time_ns, bytes)
+    }
+
+    /// Results were written along once more.
+    pub(super) fn note_scene(&mut self) {
+        self.summary.scenes += 1;
     }
 
     /// Ends the open chunk and hands it to the system: after this, a crash takes nothing of what was written so far.
@@ -300,28 +318,9 @@ fn write_error(path: &Path, error: McapError) -> RecordingError {
 
 #[cfg(test)]
 mod tests {
-    use glam::{DMat3, DVec3};
-
     use super::super::test_files::{TestFile, assert_same, events, header, recorded};
     use super::super::{Recording, RecordingSummary};
     use super::*;
-    use crate::obstacles::{Observed, Obstacle};
-
-    fn scene(time_ns: i64) -> Scene {
-        let obstacle = Obstacle {
-            id: 7,
-            position_m: DVec3::new(0.0, 1.0, -2.0),
-            covariance_m2: DMat3::IDENTITY * 1e-4,
-            observed: Observed::Position,
-            extent_m: DVec3::splat(0.3),
-            evidence: 12.0,
-            shape: vec![(DVec3::new(0.0, 1.0, -2.0), 12.0)],
-            provisional: false,
-            first_seen_ns: 0,
-            last_seen_ns: time_ns,
-        };
-        Scene { time_ns, obstacles: vec![obstacle], walls: vec![] }
-    }
 
     #[test]
     fn the_same_input_gives_the_same_bytes() {
@@ -340,22 +339,6 @@ mod tests {
             assert!(chunk.uncompressed_size < 2 * CHUNK_BYTES as u64);
         }
         assert_eq!(index.metadata_indexes.len(), 2);
-    }
-
-    #[test]
-    fn results_are_written_along_and_do_not_disturb_reading() {
-        let file = TestFile::new();
-        let events = events(1);
-        let mut writer = RecordingWriter::create(&file.0, &header()).unwrap();
-        for event in &events {
-            writer.write(event).unwrap();
-            writer.write_scene(&scene(event.time_ns())).unwrap();
-        }
-        let summary = writer.finish().unwrap();
-        assert_eq!(summary.scenes, events.len() as u64);
-        let mut recording = Recording::open(&file.0).unwrap();
-        assert_same(&recording.by_ref().collect::<Vec<_>>(), &events);
-        assert!(recording.damage().is_none());
     }
 
     #[test]

@@ -13,6 +13,7 @@ mod found;
 mod physics;
 mod real_recordings;
 mod record;
+mod results;
 mod round_trip;
 mod sensor_rules;
 mod serve;

@@ -1,0 +1,93 @@
+//! `replay --results FILE.mcap`: what the pipeline knows, written into the recording as it goes.
+
+use std::path::Path;
+
+use anyhow::Result;
+
+use crate::engine::{Counters, Pipeline, Search, Settings};
+use crate::recording::{BeamCone, Counted, Event, Header, Look, OffsetEstimate, ResultsWriter};
+use crate::view::About;
+
+/// The recording again, with the pipeline's looks in it.
+pub(super) struct Results {
+    writer: ResultsWriter,
+    looks: u64,
+    /// Time of the newest event.
+    newest_ns: Option<i64>,
+}
+
+impl Results {
+    pub fn create(path: &Path, header: &Header, settings: &Settings, search: Search) -> Result<Self> {
+        let about = About::new(header, settings, search, 0.0);
+        let beam = BeamCone { cut_off_rad: about.beam_rad, ranges_m: about.ranges_m };
+        // The beam hangs on the mount that the settings say.
+        let header = Header { head_from_sensor: about.head_from_sensor, ..header.clone() };
+        Ok(Self { writer: ResultsWriter::create(path, &header, beam)?, looks: 0, newest_ns: None })
+    }
+
+    /// Before the pipeline gets the event.
+    pub fn write(&mut self, event: &Event) -> Result<()> {
+        Ok(self.writer.write(event)?)
+    }
+
+    /// The pipeline took an event of that time.
+    pub fn note(&mut self, pipeline: &Pipeline, time_ns: i64) -> Result<()> {
+        self.newest_ns = Some(time_ns);
+        // Searching for single reflectors is one piece of work for the whole recording: its scene comes at the end.
+        let looks = pipeline.counters().engine.rooms.looks;
+        if pipeline.engine().search() == Search::Rooms && looks != self.looks {
+            self.looks = looks;
+            self.look(pipeline, time_ns)?;
+        }
+        Ok(())
+    }
+
+    fn look(&mut self, pipeline: &Pipeline, time_ns: i64) -> Result<()> {
+        let scene = pipeline.scene();
+        let evidence = pipeline.engine().evidence(ResultsWriter::MOST_EVIDENCE);
+        let estimate = pipeline.time_offset_estimate().filter(|estimate| estimate.observable);
+        let look = Look {
+            time_ns,
+            head: pipeline.head().map(|(_, head)| head),
+            scene: &scene,
+            evidence: &evidence,
+            evidence_ns: pipeline.engine().evidence_ns(),
+            time_offset_s: pipeline.time_offset_s(),
+            estimate: estimate.map(|e| OffsetEstimate { offset_s: e.offset_s, sigma_s: e.sigma_s }),
+            counted: counted(&pipeline.counters()),
+        };
+        Ok(self.writer.write_look(&look)?)
+    }
+
+    /// The pipeline has finished.
+    pub fn finish(mut self, pipeline: &Pipeline) -> Result<()> {
+        let time_ns = self.newest_ns.unwrap_or(0);
+        self.look(pipeline, time_ns)?;
+        self.writer.finish()?;
+        Ok(())
+    }
+}
+
+fn counted(counters: &Counters) -> Counted {
+    let Counters { streams, engine, .. } = counters;
+    Counted {
+        frames: streams.frames,
+        sweeps: streams.observations,
+        poses: streams.poses,
+        frames_left_out: streams.frames_saturated
+            + streams.frames_wrong_length
+            + streams.frames_time_not_rising
+            + streams.frames_time_leapt
+            + streams.frames_without_pose,
+        sweeps_left_out: streams.sweeps_outside_poses
+            + streams.sweeps_in_pose_gap
+            + streams.sweeps_at_invalid_pose
+            + engine.rooms.sweeps_without_block,
+        poses_left_out: streams.poses_invalid
+            + streams.poses_bad_numbers
+            + streams.poses_time_not_rising
+            + streams.poses_time_leapt,
+        looks: engine.rooms.looks,
+        forgotten: engine.rooms.forgotten,
+    }
+}

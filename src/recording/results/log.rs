@@ -1,0 +1,79 @@
+//! What happened between two looks, in words.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use super::look::{Counted, Look};
+use super::shapes::obstacle_distance_m;
+
+/// Lines of one look at most; the rest is counted.
+const MOST_LINES: usize = 40;
+/// A change of the time offset that is told, seconds.
+const OFFSET_STEP_S: f64 = 1e-7;
+
+/// What is compared with.
+#[derive(Debug, Default)]
+pub struct Known {
+    obstacles: BTreeMap<u64, DVec3>,
+    walls: BTreeMap<u64, DVec3>,
+    time_offset_s: Option<f64>,
+    counted: Counted,
+}
+
+/// A line, and whether something is wrong.
+#[derive(Debug, PartialEq)]
+pub struct Line {
+    pub text: String,
+    pub is_warning: bool,
+}
+
+impl Known {
+    /// What is new, gone or changed since the look before.
+    pub fn take(&mut self, look: &Look) -> Vec<Line> {
+        let mut lines = Vec::new();
+        let mut say = |text: String, is_warning| lines.push(Line { text, is_warning });
+        let head = look.head.map(|head| head.translation);
+        let scene = look.scene;
+        for obstacle in scene.obstacles.iter().filter(|o| !self.obstacles.contains_key(&o.id)) {
+            let p = obstacle.position_m;
+            let far = head
+                .map_or(String::new(), |head| format!(", {:.2} m from the head", obstacle_distance_m(obstacle, head)));
+            say(format!("obstacle {} found at ({:.2}, {:.2}, {:.2}) m{far}", obstacle.id, p.x, p.y, p.z), false);
+        }
+        for wall in scene.walls.iter().filter(|w| !self.walls.contains_key(&w.id)) {
+            let n = wall.plane.outward;
+            let towards = format!("({:.2}, {:.2}, {:.2})", n.x, n.y, n.z);
+            say(format!("wall {} found towards {towards} at {:.2} m", wall.id, wall.plane.offset_m), false);
+        }
+        let obstacles: BTreeMap<u64, DVec3> = scene.obstacles.iter().map(|o| (o.id, o.position_m)).collect();
+        let walls: BTreeMap<u64, DVec3> = scene.walls.iter().map(|w| (w.id, w.seen_at.center())).collect();
+        for (id, p) in self.obstacles.iter().filter(|(id, _)| !obstacles.contains_key(id)) {
+            say(format!("obstacle {id} gone from ({:.2}, {:.2}, {:.2}) m", p.x, p.y, p.z), false);
+        }
+        for id in self.walls.keys().filter(|id| !walls.contains_key(id)) {
+            say(format!("wall {id} gone"), false);
+        }
+        (self.obstacles, self.walls) = (obstacles, walls);
+        let before_s = self.time_offset_s.replace(look.time_offset_s);
+        if let Some(before_s) = before_s.filter(|before_s| (look.time_offset_s - before_s).abs() > OFFSET_STEP_S) {
+            let (now, before) = (look.time_offset_s * 1e3, before_s * 1e3);
+            say(format!("time offset set to {now:+.2} ms, before {before:+.2} ms"), false);
+        }
+        let (now, then) = (look.counted, std::mem::replace(&mut self.counted, look.counted));
+        let left_out = [
+            ("frames", now.frames_left_out, then.frames_left_out),
+            ("sweeps", now.sweeps_left_out, then.sweeps_left_out),
+            ("poses", now.poses_left_out, then.poses_left_out),
+        ];
+        for (what, now, then) in left_out.into_iter().filter(|(_, now, then)| now > then) {
+            say(format!("{} {what} left out, {now} so far", now - then), true);
+        }
+        if lines.len() > MOST_LINES {
+            let more = lines.len() - MOST_LINES;
+            lines.truncate(MOST_LINES);
+            lines.push(Line { text: format!("and {more} more"), is_warning: false });
+        }
+        lines
+    }
+}

@@ -1,0 +1,139 @@
+//! The shapes that obstacles, walls and the beam have in space, for entities and for dots alike.
+
+use glam::{DMat3, DQuat, DVec3};
+
+use crate::geometry::{Aabb, Pose};
+use crate::imaging::eigen;
+use crate::obstacles::{Obstacle, Wall};
+
+/// Uncertainties are drawn at this many 1σ, and no smaller or greater than this, metres.
+const SIGMAS: f64 = 2.0;
+const RADII_M: [f64; 2] = [0.008, 0.7];
+/// A wall is drawn this far beyond where its reflections came from, metres.
+const WALL_MARGIN_M: f64 = 0.5;
+/// What stands steeper than this is no floor and no ceiling.
+const LEVEL_COS: f64 = 0.7;
+
+/// The box around what was seen of an obstacle; nothing for one without extent.
+pub fn shape_box(obstacle: &Obstacle) -> Option<Aabb> {
+    let around = Aabb::around(obstacle.shape.iter().map(|voxel| voxel.0))?;
+    let half = (obstacle.extent_m - around.size()).max(DVec3::ZERO) * 0.5;
+    let shape = Aabb { min: around.min - half, max: around.max + half };
+    (obstacle.extent_m.max_element() > 0.0 && shape.min.is_finite() && shape.max.is_finite()).then_some(shape)
+}
+
+/// The ellipsoid of two 1σ: where it stands and how it is turned, and its radii along its own axes, metres.
+pub fn uncertainty(obstacle: &Obstacle) -> (Pose, DVec3) {
+    if !obstacle.covariance_m2.is_finite() {
+        return (Pose::from_translation(obstacle.position_m), DVec3::splat(RADII_M[1]));
+    }
+    let (variances, axes) = eigen(&obstacle.covariance_m2);
+    let radius = |variance: f64| match variance.is_finite() {
+        true => (SIGMAS * variance.max(0.0).sqrt()).clamp(RADII_M[0], RADII_M[1]),
+        false => RADII_M[1],
+    };
+    // A turn keeps right hands right.
+    let turn = DMat3::from_cols(axes.x_axis, axes.y_axis, axes.x_axis.cross(axes.y_axis));
+    let rotation = DQuat::from_mat3(&turn).normalize();
+    let rotation = if rotation.is_finite() { rotation } else { DQuat::IDENTITY };
+    (Pose::new(obstacle.position_m, rotation), DVec3::from_array(variances.map(radius)))
+}
+
+/// The corners of a wall around where it was seen, in order.
+pub fn wall_patch(wall: &Wall) -> [DVec3; 4] {
+    let outward = wall.plane.outward;
+    let is_level = outward.y.abs() > LEVEL_COS;
+    let across = if is_level { DVec3::X } else { DVec3::Y.cross(outward).normalize_or(DVec3::X) };
+    let along = outward.cross(across).normalize_or(DVec3::Y);
+    let middle = wall.plane.foot(wall.seen_at.center());
+    let reach = |axis: DVec3| axis * ((axis.abs() * (wall.seen_at.size() * 0.5)).element_sum() + WALL_MARGIN_M);
+    let (u, v) = (reach(across), reach(along));
+    [middle - u - v, middle + u - v, middle + u + v, middle - u + v]
+}
+
+/// The twelve edges of a box.
+pub fn edges(around: &Aabb) -> [[DVec3; 2]; 12] {
+    let corner = |n: usize| {
+        let pick = |bit: usize, axis: usize| if n >> bit & 1 == 0 { around.min[axis] } else { around.max[axis] };
+        DVec3::new(pick(0, 0), pick(1, 1), pick(2, 2))
+    };
+    let pairs = [0, 2, 4, 6, 0, 1, 4, 5, 0, 1, 2, 3].into_iter().zip([1, 1, 1, 1, 2, 2, 2, 2, 4, 4, 4, 4]);
+    let mut found = [[DVec3::ZERO; 2]; 12];
+    for (edge, (from, step)) in found.iter_mut().zip(pairs) {
+        *edge = [corner(from), corner(from + step)];
+    }
+    found
+}
+
+/// From a place to the nearest place that belongs to an obstacle, metres.
+pub fn obstacle_distance_m(obstacle: &Obstacle, from: DVec3) -> f64 {
+    let places = obstacle.shape.iter().map(|voxel| voxel.0).chain([obstacle.position_m]);
+    places.map(|place| place.distance(from)).fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Plane;
+    use crate::obstacles::Observed;
+
+    fn obstacle(covariance_m2: DMat3) -> Obstacle {
+        Obstacle {
+            provisional: false,
+            id: 1,
+            position_m: DVec3::new(1.0, 0.5, -2.0),
+            covariance_m2,
+            observed: Observed::Position,
+            extent_m: DVec3::splat(0.2),
+            evidence: 9.0,
+            shape: vec![(DVec3::new(1.0, 0.5, -2.0), 9.0), (DVec3::new(1.1, 0.5, -2.0), 8.0)],
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        }
+    }
+
+    #[test]
+    fn the_ellipsoid_is_that_of_the_covariance() {
+        let turn = DMat3::from_quat(DQuat::from_scaled_axis(DVec3::new(0.3, -1.1, 0.7)));
+        let covariance = turn * DMat3::from_diagonal(DVec3::new(1e-4, 9e-4, 4e-4)) * turn.transpose();
+        let (pose, radii_m) = uncertainty(&obstacle(covariance));
+        assert!((pose.rotation.length() - 1.0).abs() < 1e-12);
+        let axes = DMat3::from_quat(pose.rotation);
+        let again = axes * DMat3::from_diagonal(radii_m * radii_m / 4.0) * axes.transpose();
+        assert!((again - covariance).to_cols_array().iter().all(|v| v.abs() < 1e-12), "{again} {covariance}");
+        for bad in [DMat3::NAN, DMat3::from_diagonal(DVec3::INFINITY), DMat3::ZERO] {
+            let (pose, radii_m) = uncertainty(&obstacle(bad));
+            assert!((pose.rotation.length() - 1.0).abs() < 1e-12 && radii_m.min_element() >= RADII_M[0]);
+            assert!(radii_m.max_element() <= RADII_M[1]);
+        }
+    }
+
+    #[test]
+    fn a_patch_lies_on_its_wall_around_where_it_was_seen() {
+        let seen_at = Aabb::from_corners(DVec3::new(-0.4, 1.0, -1.9), DVec3::new(0.6, 1.8, -2.1));
+        for outward in [DVec3::NEG_Z, DVec3::new(0.6, 0.0, -0.8), DVec3::NEG_Y] {
+            let plane = Plane { outward, offset_m: 2.0 };
+            let wall =
+                Wall { id: 1, plane, evidence: 9.0, seen_at, provisional: false, first_seen_ns: 0, last_seen_ns: 0 };
+            let patch = wall_patch(&wall);
+            assert!(patch.iter().all(|corner| plane.distance(*corner).abs() < 1e-9));
+            let sides = [patch[1] - patch[0], patch[2] - patch[1]];
+            assert!(sides[0].dot(sides[1]).abs() < 1e-9 && sides.iter().all(|side| side.length() >= 1.0));
+        }
+    }
+
+    #[test]
+    fn a_box_has_twelve_edges_along_its_axes() {
+        let around = Aabb { min: DVec3::ZERO, max: DVec3::new(1.0, 2.0, 3.0) };
+        let lengths = edges(&around).map(|[a, b]| (b - a).length());
+        let count = |length: f64| lengths.iter().filter(|l| (*l - length).abs() < 1e-12).count();
+        assert_eq!([count(1.0), count(2.0), count(3.0)], [4, 4, 4]);
+    }
+
+    #[test]
+    fn the_nearest_voxel_counts() {
+        let found = obstacle(DMat3::ZERO);
+        assert!((obstacle_distance_m(&found, DVec3::new(1.4, 0.5, -2.0)) - 0.3).abs() < 1e-12);
+        assert!((shape_box(&found).unwrap().size() - DVec3::splat(0.2)).length() < 1e-12);
+    }
+}
