@@ -267,7 +267,8 @@ pub(super) mod tests {
     #[test]
     fn numbers_of_no_room_are_named() {
         assert_eq!(some().check(), Ok(()));
-        let spoils: [(fn(&mut Remembered), &str); 8] = [
+        type Spoil = fn(&mut Remembered);
+        let spoils: [(Spoil, &str); 8] = [
             (|r| r.places[0].position_m.x = f64::NAN, "the place of 3"),
             (|r| r.places[0].covariance_m2.y_axis.y = -1.0, "the covariance of 3"),
             (|r| r.places[0].strengths[1] = f64::INFINITY, "the strength of 3"),

@@ -93,7 +93,6 @@ fn run(config: &SensorConfig, mode: Mode, events: &[Event]) -> Pipeline {
     for event in events {
         match event {
             Event::Pose(pose) => pipeline.push_pose(pose),
-            Event::Hands(hands) => pipeline.push_hands(hands.time_ns, hands.hands_m),
             Event::Frame(frame) => pipeline.push_frame(frame.clone()),
         }
     }
