@@ -42,7 +42,7 @@ const POSES_A_STEP: usize = 4;
 pub fn play(trial: &PlayTrial, seeds: &[u64], done: impl Fn(u64, &Figures) + Sync) -> Result<Vec<Figures>, PlayError> {
     let play_one = |&seed: &u64| -> Result<Figures, PlayError> {
         let session = PlaySession { seed, ..trial.session.clone() }.stage()?;
-        let figures = Played::new(&session, trial).to_its_end();
+        let figures = Played::new(&session, trial).play();
         done(seed, &figures);
         Ok(figures)
     };
@@ -73,7 +73,7 @@ impl<'s> Played<'s> {
         }
     }
 
-    fn to_its_end(mut self) -> Figures {
+    fn play(mut self) -> Figures {
         let mut frames = Frames::new(self.session);
         let start_ns = Session::host_ns(0.0);
         let end_ns = Session::host_ns(self.session.play().duration_s);

@@ -55,7 +55,7 @@ impl Hands {
     /// Left and right palm.
     pub fn palms_at(&self, player: &Player, time_s: f64) -> [DVec3; 2] {
         let torso = Torso::at(player, time_s);
-        self.0.each_ref().map(|hand| torso.place(hand.shoulder() + hand.from_shoulder_m(time_s)))
+        self.0.each_ref().map(|hand| torso.place(hand.shoulder() + hand.reach_m(time_s)))
     }
 
     /// What a radar sees of them.
@@ -110,7 +110,7 @@ impl Hand {
         DVec3::new(self.side * SHOULDER_M.x, SHOULDER_M.y, SHOULDER_M.z)
     }
 
-    fn from_shoulder_m(&self, time_s: f64) -> DVec3 {
+    fn reach_m(&self, time_s: f64) -> DVec3 {
         let rest = DVec3::new(self.side * REST_M.x, REST_M.y, REST_M.z) + self.sway.at(time_s);
         let latest = self.reaches.partition_point(|reach| reach.from_s <= time_s).checked_sub(1);
         let Some(reach) = latest.map(|n| &self.reaches[n]) else { return rest };
@@ -121,7 +121,7 @@ impl Hand {
     }
 
     fn scatterers(&self, torso: &Torso, time_s: f64) -> [Scatterer; 5] {
-        let (shoulder, hand) = (self.shoulder(), self.shoulder() + self.from_shoulder_m(time_s));
+        let (shoulder, hand) = (self.shoulder(), self.shoulder() + self.reach_m(time_s));
         let elbow = (shoulder + hand) * 0.5 - DVec3::Y * ELBOW_DROP_M;
         let ahead = (hand - elbow).normalize_or(DVec3::NEG_Z);
         let parts = [
