@@ -170,8 +170,9 @@ mod tests {
     #[test]
     fn from_another_side_it_need_not_be_seen() {
         let (seen, empty) = (view(30.0, 30.0, DVec3::X), view(0.5, 0.5, DVec3::NEG_X));
-        let elsewhere: Vec<View> = [vec![seen; 10], vec![empty; 20]].concat();
-        assert!(after(&elsewhere) > 3.0, "{}", after(&elsewhere));
+        let elsewhere: Vec<View> = [vec![seen; 10], vec![empty; 10]].concat();
+        let there: Vec<View> = [vec![seen; 10], vec![view(0.5, 0.5, DVec3::X); 10]].concat();
+        assert!(after(&elsewhere) > 2.5 && after(&there) <= 0.0, "{} {}", after(&elsewhere), after(&there));
     }
 
     #[test]

@@ -20,6 +20,8 @@ pub struct HandsSample {
 const KEPT_NS: i64 = 25_000_000_000;
 /// Between two that are kept, nanoseconds.
 const STEP_NS: i64 = 10_000_000;
+/// Nobody's times go back so far, nanoseconds.
+const LEAP_NS: i64 = 1_000_000_000;
 /// A place says nothing of times farther away than this, nanoseconds.
 const VALID_NS: i64 = 100_000_000;
 
@@ -28,8 +30,12 @@ const VALID_NS: i64 = 100_000_000;
 pub struct HandTrail(VecDeque<(i64, HandsM)>);
 
 impl HandTrail {
-    /// Takes where they are; what is not newer than the newest is left out, and so are places that are none.
+    /// Takes where they are; what is not newer than the newest is left out, and so are places that are none. A time far before the newest
+    /// shows that the newest were wrong.
     pub fn push(&mut self, time_ns: i64, hands_m: HandsM) {
+        if self.0.back().is_some_and(|(last_ns, _)| last_ns.saturating_sub(time_ns) > LEAP_NS) {
+            while self.0.pop_back_if(|(later_ns, _)| *later_ns > time_ns).is_some() {}
+        }
         if self.0.back().is_some_and(|(last_ns, _)| time_ns.saturating_sub(*last_ns) < STEP_NS) {
             return;
         }
@@ -59,11 +65,14 @@ mod tests {
         for n in 0..10_000i64 {
             trail.push(n * 20_000_000, hand(n as f64));
         }
-        assert_eq!(trail.at(9_999 * 20_000_000 - 30_000_000), hand(9_998.0));
+        assert_eq!(trail.at(9_999 * 20_000_000 - 25_000_000), hand(9_998.0));
         assert_eq!((trail.at(0), trail.at(9_999 * 20_000_000 + 200_000_000)), ([None; 2], [None; 2]));
         assert!(trail.0.len() <= 1300);
-        // Neither time that runs backwards nor places that are none do harm.
-        trail.push(5, hand(0.0));
+        // One stamp far in the future costs itself alone, one a little late too, and so do places that are none.
+        trail.push(i64::MAX, hand(0.0));
+        trail.push(10_000 * 20_000_000, hand(10_000.0));
+        trail.push(10_000 * 20_000_000 - 5, hand(0.0));
+        assert_eq!(trail.at(10_000 * 20_000_000), hand(10_000.0));
         trail.push(10_001 * 20_000_000, [Some(DVec3::NAN), Some(DVec3::X)]);
         assert_eq!(trail.at(10_001 * 20_000_000), [None, Some(DVec3::X)]);
     }

