@@ -1,15 +1,21 @@
 //! Cues on their way out: ticks to the controllers, tones to the sound device.
 
 use crate::engine::Settings;
+use crate::live::now_ns;
 use crate::live::sound::Sound;
 use crate::steamvr::{Hands, Runtime};
 use crate::warning::{Cues, Player, Warnings};
+
+/// A controller does not take another tick sooner, nanoseconds: SteamVR asks for 5 ms between two. Frames that are late come closer.
+const TICK_APART_NS: i64 = 6_000_000;
 
 /// Decides on cues and gives them.
 #[derive(Debug, Default)]
 pub(super) struct CueOutput {
     cues: Cues,
     sound: Sound,
+    /// When each hand had its last tick, host nanoseconds.
+    ticked_ns: [i64; 2],
 }
 
 impl CueOutput {
@@ -17,8 +23,10 @@ impl CueOutput {
     pub fn give(&mut self, runtime: &Runtime, hands: Hands, warnings: &Warnings, player: &Player, settings: &Settings) {
         let cue = self.cues.take(warnings, player, settings.warning.brightness, &settings.cues);
         for (hand, tick_us) in cue.ticks_us.into_iter().enumerate() {
-            if let Some(tick_us) = tick_us.filter(|tick_us| *tick_us > 0) {
+            let is_ready = now_ns().saturating_sub(self.ticked_ns[hand]) >= TICK_APART_NS;
+            if let Some(tick_us) = tick_us.filter(|tick_us| *tick_us > 0 && is_ready) {
                 runtime.pulse(hands, hand, tick_us);
+                self.ticked_ns[hand] = now_ns();
             }
         }
         if let Some(tone) = cue.tone {
