@@ -275,7 +275,7 @@ impl HeadPlay {
 }
 
 /// The short way round from one yaw to another, within ±π.
-fn turn_between(from_rad: f64, to_rad: f64) -> f64 {
+pub(super) fn turn_between(from_rad: f64, to_rad: f64) -> f64 {
     (to_rad - from_rad + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
 }
 

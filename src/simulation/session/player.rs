@@ -6,7 +6,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::super::Room;
-use super::super::motion::{Wander, smoothstep};
+use super::super::motion::{Wander, smoothstep, turn_between};
 use crate::geometry::Pose;
 
 /// Half of the play area, metres.
@@ -156,9 +156,4 @@ fn next_place(last: &Stance, height_m: f64, ground: &Ground, rng: &mut ChaCha8Rn
         }
     }
     DVec3::new(last.position_m.x, height_m, last.position_m.z)
-}
-
-/// The short way round from one yaw to another, within ±π.
-fn turn_between(from_rad: f64, to_rad: f64) -> f64 {
-    (to_rad - from_rad + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
 }
