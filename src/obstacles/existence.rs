@@ -4,7 +4,11 @@
 //! (Swerling's first case), so under presence m is exponential with mean 1 + m̂, under absence with mean 1, and a block's log likelihood
 //! ratio is m·m̂/(1 + m̂) − ln(1 + m̂). Other energy at the same range lowers m̂ as it lowers m: a thing that is drowned is not gone.
 //! Furniture returns well into some directions and badly into others, so what was seen from a direction is expected from there more
-//! surely than from elsewhere: the ratio is that of a mixture, and never being seen from a new side costs little.
+//! surely than from elsewhere: the ratio is that of a mixture, and never being seen from a new side costs little. How surely is learned
+//! for every side: what is seen from there each time is missed at once, what is seen now and then is given time.
+//!
+//! What is only ever where something else accounts for the echoes has to go too: so blocks that have a thing in their beam without seeing
+//! it by itself cost a little.
 
 use std::f64::consts::TAU;
 
@@ -13,7 +17,6 @@ use serde::{Deserialize, Serialize};
 
 use super::views::View;
 use crate::imaging::blocks::Block;
-use crate::radar::Beam;
 
 /// Parameters of forgetting.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -23,15 +26,29 @@ pub struct ForgetSettings {
     pub confirm: f64,
     /// Log odds that are not exceeded: how much it takes to forget what was seen for long.
     pub most: f64,
-    /// How sure it is that a thing is seen from where it was seen before, 0 to 1.
+    /// How sure it is that a thing is seen from where it was seen before, 0 to 1, before that is learned.
     pub familiar: f64,
+    /// So many blocks that should see it from there say as much as `familiar` does.
+    pub familiar_blocks: f64,
     /// How sure it is from a side that it was never seen from, 0 to 1.
     pub unfamiliar: f64,
+    /// Log odds lost in every block that would see it if nothing else were there.
+    pub leak: f64,
+    /// The same in blocks where its echo is accounted for by something else.
+    pub shadow_leak: f64,
 }
 
 impl Default for ForgetSettings {
     fn default() -> Self {
-        Self { confirm: 3.0, most: 5.0, familiar: 0.5, unfamiliar: 0.2 }
+        Self {
+            confirm: 3.0,
+            most: 5.0,
+            familiar: 0.5,
+            familiar_blocks: 8.0,
+            unfamiliar: 0.2,
+            leak: 0.03,
+            shadow_leak: 0.05,
+        }
     }
 }
 
@@ -41,8 +58,10 @@ pub(super) const SIDES: usize = 16;
 const REMEMBERED: f64 = 1.5;
 /// Share that a new echo has in what is expected of a side.
 const NEWEST_SHARE: f64 = 0.2;
-/// A block that says so much more than noise is an echo.
-const ECHO_COHERENCE: f64 = 3.0;
+/// What would stand so far out of the noise should be seen.
+const SEEN_FROM: f64 = 3.0;
+/// Nothing is learned to be seen less or more surely than this.
+const LEARNED: (f64, f64) = (0.05, 0.9);
 /// From an unfamiliar side so much of the strongest side's power is expected.
 const UNFAMILIAR_SHARE: f64 = 0.3;
 /// Greatest that one block adds to the log odds.
@@ -57,13 +76,25 @@ pub(super) struct Existence {
     log_odds: f64,
     /// Power at 1 m on the axis, in units of the noise, by side; 0: never seen.
     strengths: [f64; SIDES],
+    /// By side: blocks that should have seen it, and that did.
+    looks: [f64; SIDES],
+    hits: [f64; SIDES],
     newest_ns: i64,
+}
+
+/// What a block says of a place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Told {
+    pub view: View,
+    /// Something else accounts for what comes from there.
+    pub is_shadowed: bool,
 }
 
 impl Existence {
     /// Nothing seen yet.
     pub fn new() -> Self {
-        Self { log_odds: 0.0, strengths: [0.0; SIDES], newest_ns: i64::MIN }
+        let [strengths, looks, hits] = [[0.0; SIDES]; 3];
+        Self { log_odds: 0.0, strengths, looks, hits, newest_ns: i64::MIN }
     }
 
     /// Remembered from before, with what it returned to each side.
@@ -82,29 +113,42 @@ impl Existence {
     }
 
     /// Takes what blocks that are newer than the last ones say of it.
-    pub fn look<'b>(
-        &mut self,
-        views: impl Iterator<Item = (&'b Block, &'b View)>,
-        beam: &Beam,
-        settings: &ForgetSettings,
-    ) {
+    pub fn look<'b>(&mut self, told: impl Iterator<Item = (&'b Block, Told)>, settings: &ForgetSettings) {
         let since_ns = self.newest_ns;
-        for (block, view) in views.filter(|(block, _)| block.mid_time_ns > since_ns) {
+        for (block, told) in told.filter(|(block, _)| block.mid_time_ns > since_ns) {
             self.newest_ns = self.newest_ns.max(block.mid_time_ns);
-            self.take(view, gain(block, view, beam), settings);
+            self.take(&told, settings);
         }
     }
 
-    fn take(&mut self, view: &View, gain: f64, settings: &ForgetSettings) {
+    fn take(&mut self, told: &Told, settings: &ForgetSettings) {
+        let view = &told.view;
         let side = side_of(-view.toward);
         let (strength, surely) = self.expected(side, settings);
-        // What else is in this range drowns it as it drowned m.
-        let expected = strength * gain / view.drowning();
-        let ratio = (view.m * expected / (1.0 + expected)).min(30.0).exp() / (1.0 + expected);
-        let change = (surely * ratio + 1.0 - surely).ln().min(MOST_A_BLOCK);
+        let would_be_seen = strength * view.gain >= SEEN_FROM;
+        let change = match told.is_shadowed {
+            true if would_be_seen => -settings.shadow_leak,
+            true => 0.0,
+            false => {
+                // What else is in this range drowns it as it drowned m.
+                let expected = view.expected(strength);
+                let ratio = (view.m * expected / (1.0 + expected)).min(30.0).exp() / (1.0 + expected);
+                let leak = if would_be_seen { settings.leak } else { 0.0 };
+                self.learn(side, view, expected);
+                (surely * ratio + 1.0 - surely).ln().min(MOST_A_BLOCK) - leak
+            }
+        };
         self.log_odds = (self.log_odds + change).clamp(LEAST, settings.most);
-        if view.m >= ECHO_COHERENCE && gain > 0.0 {
-            let newest = view.power / gain;
+    }
+
+    /// Learns what is seen from a side, and how surely.
+    fn learn(&mut self, side: usize, view: &View, expected: f64) {
+        if expected >= SEEN_FROM || view.is_telling() {
+            self.looks[side] += 1.0;
+            self.hits[side] += f64::from(u8::from(view.is_telling()));
+        }
+        if view.is_telling() && view.gain > 0.0 {
+            let newest = view.power / view.gain;
             let known = &mut self.strengths[side];
             *known = if *known > 0.0 { *known + NEWEST_SHARE * (newest - *known) } else { newest };
         }
@@ -114,7 +158,9 @@ impl Existence {
     fn expected(&self, side: usize, settings: &ForgetSettings) -> (f64, f64) {
         let beside = [side, (side + 1) % SIDES, (side + SIDES - 1) % SIDES].map(|n| self.strengths[n]);
         if beside[0] > 0.0 {
-            return (beside[0], settings.familiar);
+            let before = settings.familiar_blocks;
+            let surely = (self.hits[side] + settings.familiar * before) / (self.looks[side] + before).max(1e-9);
+            return (beside[0], surely.clamp(LEARNED.0, LEARNED.1));
         }
         let near = beside[1].max(beside[2]);
         if near > 0.0 {
@@ -122,12 +168,6 @@ impl Existence {
         }
         (self.strengths.iter().copied().fold(0.0, f64::max) * UNFAMILIAR_SHARE, settings.unfamiliar)
     }
-}
-
-/// Two-way power gain of beam and distance, 1 at 1 m on the axis.
-fn gain(block: &Block, view: &View, beam: &Beam) -> f64 {
-    let amplitude = beam.amplitude(view.toward.dot(block.middle.forward()));
-    (amplitude / view.range_m.max(0.1).powi(2)).powi(2)
 }
 
 /// The direction from the thing that a side's middle lies in.
@@ -147,13 +187,17 @@ mod tests {
     use super::*;
 
     fn view(m: f64, power: f64, toward: DVec3) -> View {
-        View { m, evidence: 0.0, power, range_m: 1.0, toward, cos: 0.0 }
+        View { m, evidence: 0.0, power, range_m: 1.0, toward, cos: 0.0, gain: 1.0 }
+    }
+
+    fn told(view: View) -> Told {
+        Told { view, is_shadowed: false }
     }
 
     fn after(views: &[View]) -> f64 {
         let settings = ForgetSettings::default();
         let mut existence = Existence::new();
-        views.iter().for_each(|view| existence.take(view, 1.0, &settings));
+        views.iter().for_each(|view| existence.take(&told(*view), &settings));
         existence.log_odds
     }
 
@@ -184,11 +228,42 @@ mod tests {
     }
 
     #[test]
+    fn what_is_always_accounted_for_by_something_else_goes_slowly() {
+        let settings = ForgetSettings::default();
+        let mut existence = Existence::new();
+        let seen = view(30.0, 30.0, DVec3::X);
+        (0..10).for_each(|_| existence.take(&told(seen), &settings));
+        let shadowed = Told { view: seen, is_shadowed: true };
+        (0..50).for_each(|_| existence.take(&shadowed, &settings));
+        assert!(existence.log_odds > 2.0, "{}", existence.log_odds);
+        (0..60).for_each(|_| existence.take(&shadowed, &settings));
+        assert!(existence.log_odds <= 0.0, "{}", existence.log_odds);
+    }
+
+    #[test]
+    fn what_is_seen_now_and_then_is_given_time_and_what_is_seen_always_is_not() {
+        let (seen, empty) = (view(30.0, 30.0, DVec3::X), view(0.5, 0.5, DVec3::X));
+        let until_gone = |before: &[View]| {
+            let settings = ForgetSettings::default();
+            let mut existence = Existence::new();
+            before.iter().for_each(|view| existence.take(&told(*view), &settings));
+            (0..).find(|_| {
+                existence.take(&told(empty), &settings);
+                existence.log_odds <= 0.0
+            })
+        };
+        let always = until_gone(&[seen; 40]);
+        let now_and_then = until_gone(&[[seen], [empty], [empty]].concat().repeat(20));
+        assert!(always.unwrap() * 2 < now_and_then.unwrap(), "{always:?} {now_and_then:?}");
+    }
+
+    #[test]
     fn a_far_thing_that_cannot_be_seen_is_not_missed() {
         let settings = ForgetSettings::default();
         let mut existence = Existence::new();
-        (0..10).for_each(|_| existence.take(&view(30.0, 30.0, DVec3::X), 1.0, &settings));
-        (0..100).for_each(|_| existence.take(&view(0.8, 0.8, DVec3::X), 0.002, &settings));
+        (0..10).for_each(|_| existence.take(&told(view(30.0, 30.0, DVec3::X)), &settings));
+        let far = View { gain: 0.002, ..view(0.8, 0.8, DVec3::X) };
+        (0..100).for_each(|_| existence.take(&told(far), &settings));
         assert!(existence.log_odds > 4.0, "{}", existence.log_odds);
     }
 }

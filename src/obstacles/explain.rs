@@ -8,17 +8,20 @@
 //! first experiments. So a place counts only when its blocks tell it from the rest of the circle, and a plane only when its
 //! mirror points have moved; and what is known already claims first, since it is what most of a new circle belongs to.
 
-use std::collections::BTreeMap;
+mod tally;
 
 use glam::{DMat3, DVec3, IVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::existence::Told;
 use super::hands::HandTrail;
 use super::views::{Said, View, ViewMemory};
 use crate::geometry::Plane;
 use crate::imaging::blocks::{Block, BlockSettings, PlaneAt};
-use crate::radar::WAVELENGTH_M;
+use crate::radar::{Beam, WAVELENGTH_M};
+pub use tally::SEGMENT_NS;
+use tally::{Tally, Weighed, lasting, unevenness};
 
 /// Parameters of explaining away.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -40,6 +43,8 @@ pub struct ExplainSettings {
     pub claim_range_m: f64,
     /// Half-width of a claim in direction, in units of λ/2L, L the block's aperture.
     pub claim_lobes: f64,
+    /// Evidence that a place loses for the square of every e-fold by which a block's echo is stronger or weaker than the others tell.
+    pub uneven_cost: f64,
     /// A place is determined when its 1σ is at most this in every direction, metres.
     pub max_sigma_m: f64,
     /// A plane is determined when the feet of its perpendiculars spread by at least this, rms, metres.
@@ -57,7 +62,8 @@ impl Default for ExplainSettings {
             plane_min_score: 12.0,
             claim_range_m: 0.15,
             claim_lobes: 1.5,
-            max_sigma_m: 0.2,
+            uneven_cost: 1.0,
+            max_sigma_m: 0.25,
             min_feet_rms_m: 0.1,
         }
     }
@@ -68,7 +74,7 @@ impl Default for ExplainSettings {
 pub struct Explained<T> {
     /// Plane or place.
     pub thing: T,
-    /// A/√B over the blocks that nothing stronger claimed.
+    /// A/√B over the blocks that nothing stronger claimed; of a place less what speaks against it.
     pub score: f64,
     /// Number of these blocks.
     pub blocks: usize,
@@ -84,14 +90,18 @@ pub struct Explained<T> {
     pub drowned: f64,
     /// Greatest distance at which it was seen, metres.
     pub farthest_m: f64,
+    /// How far the strengths differ that the blocks imply which tell of it, 1σ in e-folds of power.
+    pub uneven: f64,
+    /// Share of the blocks that do not tell of it.
+    pub silent: f64,
+    /// The score of the best place elsewhere that the same echoes would have spoken for, as a part of its own: 1 where one cannot tell
+    /// which of the two it is.
+    pub rival: f64,
     /// First and last of these blocks, host nanoseconds.
     pub first_ns: i64,
     /// See `first_ns`.
     pub last_ns: i64,
 }
-
-/// Length of the time that [`Explained::lasting`] leaves out, nanoseconds.
-pub const SEGMENT_NS: i64 = 300_000_000;
 
 /// A hand with what it holds and the pulse's width: so far around its range everything may be the hand, metres.
 const HAND_M: f64 = 0.17;
@@ -113,6 +123,7 @@ pub struct Window<'a> {
     claims: Vec<Vec<Claim>>,
     settings: &'a ExplainSettings,
     block_settings: &'a BlockSettings,
+    beam: &'a Beam,
     min_cos: f64,
     memory: &'a mut ViewMemory,
 }
@@ -148,23 +159,23 @@ pub struct Believed {
 }
 
 impl<'a> Window<'a> {
-    /// Nothing claimed yet but by the player's own hands, where they were tracked. `blocks` in time; `min_cos`: cosine of the widest angle in
-    /// the beam.
+    /// Nothing claimed yet but by the player's own hands, where they were tracked. `blocks` in time.
     pub fn new(
         blocks: impl Iterator<Item = &'a Block>,
         hands: &HandTrail,
         settings: &'a ExplainSettings,
         block_settings: &'a BlockSettings,
-        min_cos: f64,
+        beam: &'a Beam,
         memory: &'a mut ViewMemory,
     ) -> Self {
+        let min_cos = block_settings.min_cos(beam);
         let blocks: Vec<_> = blocks.collect();
         let newest_ns = blocks.last().map_or(0, |b| b.mid_time_ns);
         let age_s = |b: &&Block| (newest_ns - b.mid_time_ns) as f64 * 1e-9;
         let weights = blocks.iter().map(|b| (-age_s(b) / block_settings.memory_s).exp()).collect();
         memory.begin(&blocks);
         let claims = blocks.iter().map(|block| hand_claims(block, hands)).collect();
-        Self { claims, weights, blocks, settings, block_settings, min_cos, memory }
+        Self { claims, weights, blocks, settings, block_settings, beam, min_cos, memory }
     }
 
     /// Believes places alone.
@@ -190,12 +201,12 @@ impl<'a> Window<'a> {
                     if self.feet_rms_m(&best.views) < self.settings.min_feet_rms_m {
                         continue;
                     }
-                    believed.planes.push(self.looked_into(left.of(plane, true, 0.0), &best.views));
+                    believed.planes.push(self.looked_into(left.of(plane, true, 0.0), &best, &open));
                 }
                 Thing::Place(place) => {
                     let sigma_m = self.sigma_m(&best.views);
                     let determined = sigma_m <= self.settings.max_sigma_m;
-                    believed.places.push(self.looked_into(left.of(place, determined, sigma_m), &best.views));
+                    believed.places.push(self.looked_into(left.of(place, determined, sigma_m), &best, &open));
                     believed.asked.extend(best.asked);
                 }
             }
@@ -276,7 +287,7 @@ impl<'a> Window<'a> {
 
     /// Claims what a thing accounts for and takes it from the others.
     fn claim(&mut self, best: &Candidate, open: &mut [Candidate]) {
-        let claims: Vec<_> = (0..self.blocks.len()).map(|n| best.views[n].map(|v| self.claim_of(n, &v))).collect();
+        let claims = self.claims_of(best);
         for candidate in open {
             let seen_before = candidate.views.iter().flatten().count();
             let views = candidate.views.iter_mut().zip(&claims);
@@ -289,53 +300,98 @@ impl<'a> Window<'a> {
     }
 
     /// The score over the blocks in which nothing claims the thing.
-    fn left_of<'v>(&self, thing: Thing, views: impl Iterator<Item = Option<&'v View>>) -> Option<Explained<Thing>> {
-        let (mut a, mut b, mut blocks) = (0.0, 0.0, 0);
-        let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
-        for (n, view) in views.enumerate() {
-            let Some(view) = view else { continue };
-            a += self.weights[n] * view.evidence;
-            b += self.weights[n] * self.weights[n];
-            blocks += 1;
-            first_ns = first_ns.min(self.blocks[n].mid_time_ns);
-            last_ns = last_ns.max(self.blocks[n].mid_time_ns);
-        }
-        let (determined, sigma_m) = (false, 0.0);
-        let score = a / b.sqrt();
-        let (lasting, drowned, farthest_m) = (0.0, 0.0, 0.0);
-        let found =
-            Explained { thing, score, blocks, determined, sigma_m, lasting, drowned, farthest_m, first_ns, last_ns };
-        (blocks >= MIN_BLOCKS).then_some(found)
+    fn left_of<'v>(
+        &'v self,
+        thing: Thing,
+        views: impl Iterator<Item = Option<&'v View>> + Clone,
+    ) -> Option<Explained<Thing>> {
+        let views = self.weighed(views);
+        let Tally { score, blocks, first_ns, last_ns } = match thing {
+            Thing::Plane(_) => Tally::of_plane(views)?,
+            Thing::Place(_) => Tally::of_place(views, self.settings)?,
+        };
+        let (determined, sigma_m, lasting, drowned) = (false, 0.0, 0.0, 0.0);
+        let (farthest_m, uneven, silent, rival) = (0.0, 0.0, 0.0, 0.0);
+        Some(Explained {
+            thing,
+            score,
+            blocks,
+            determined,
+            sigma_m,
+            lasting,
+            drowned,
+            farthest_m,
+            uneven,
+            silent,
+            rival,
+            first_ns,
+            last_ns,
+        })
+    }
+
+    /// Views with their blocks' weights and times.
+    fn weighed<'v>(
+        &'v self,
+        views: impl Iterator<Item = Option<&'v View>> + Clone,
+    ) -> impl Iterator<Item = Weighed<'v>> + Clone {
+        let blocks = self.blocks.iter().zip(&self.weights);
+        views
+            .zip(blocks)
+            .filter_map(|(view, (block, &weight))| Some(Weighed { view: view?, weight, time_ns: block.mid_time_ns }))
     }
 
     /// What is believed, with what else the blocks say of it.
-    fn looked_into<T>(&self, believed: Explained<T>, views: &[Option<View>]) -> Explained<T> {
-        let telling = || self.telling(views).map(|(_, view)| view);
-        let drowned = telling().map(View::drowned_by).sum::<f64>() / telling().count().max(1) as f64;
-        let farthest_m = telling().map(|view| view.range_m).fold(0.0, f64::max);
-        Explained { lasting: self.lasting(views), drowned, farthest_m, ..believed }
+    fn looked_into<T>(&self, believed: Explained<T>, best: &Candidate, open: &[Candidate]) -> Explained<T> {
+        let telling = || self.telling(&best.views).map(|(_, view)| view);
+        let count = telling().count();
+        let of_blocks = |n: usize| n as f64 / believed.blocks.max(1) as f64;
+        Explained {
+            lasting: lasting(self.weighed(best.views.iter().map(Option::as_ref))),
+            drowned: telling().map(View::drowned_by).sum::<f64>() / count.max(1) as f64,
+            farthest_m: telling().map(|view| view.range_m).fold(0.0, f64::max),
+            uneven: unevenness(telling()),
+            silent: 1.0 - of_blocks(count),
+            rival: self.rival(best, open) / believed.score.max(1e-9),
+            ..believed
+        }
     }
 
-    /// The score without the segment of time that does most for it; −∞ when there is but one.
-    fn lasting(&self, views: &[Option<View>]) -> f64 {
-        let (mut whole, mut segments) = ([0.0; 2], BTreeMap::<i64, [f64; 2]>::new());
-        for (n, view) in views.iter().enumerate() {
-            let Some(view) = view else { continue };
-            let sums = [self.weights[n] * view.evidence, self.weights[n] * self.weights[n]];
-            let segment = segments.entry(self.blocks[n].mid_time_ns.div_euclid(SEGMENT_NS)).or_default();
-            for (part, sum) in sums.into_iter().enumerate() {
-                (whole[part], segment[part]) = (whole[part] + sum, segment[part] + sum);
+    /// The greatest score of a place elsewhere that would lose most of it to this one; 0 when there is none.
+    fn rival(&self, best: &Candidate, open: &[Candidate]) -> f64 {
+        let Thing::Place(place) = best.thing else { return 0.0 };
+        let claims = self.claims_of(best);
+        let score = |candidate: &Candidate| -> Option<f64> {
+            let (Thing::Place(other), Some(left)) = (candidate.thing, candidate.left) else { return None };
+            if other.distance(place) < RIVAL_M {
+                return None;
             }
-        }
-        let without = segments.values().map(|[a, b]| (whole[0] - a, whole[1] - b)).filter(|(_, b)| *b > 1e-9);
-        let least = without.map(|(a, b)| a / b.sqrt()).reduce(f64::min);
-        least.filter(|_| segments.len() > 1).unwrap_or(f64::NEG_INFINITY)
+            let unclaimed = candidate.views.iter().zip(&claims).map(|(view, claim)| {
+                view.as_ref().filter(|v| !claim.is_some_and(|claim| claim.covers(v.range_m, v.cos)))
+            });
+            let after = self.left_of(candidate.thing, unclaimed).map_or(0.0, |left| left.score);
+            (after < 0.5 * left.score).then_some(left.score)
+        };
+        open.iter().filter_map(score).fold(0.0, f64::max)
+    }
+
+    /// What each block says of places that were asked for, and whether something else accounts for it: what is not `left` to them is
+    /// claimed.
+    pub(super) fn told(&self, places: &[DVec3], left: &[Vec<Option<View>>]) -> Vec<Vec<Option<Told>>> {
+        let of_place = |(place, left): (&DVec3, &Vec<Option<View>>)| {
+            let of_block = |(said, left): (&Said, &Option<View>)| match (left, said.flatten()) {
+                (Some(view), _) => Some(Told { view: *view, is_shadowed: false }),
+                (None, Some(view)) => Some(Told { view, is_shadowed: true }),
+                (None, None) => None,
+            };
+            self.memory.said(*place).iter().zip(left).map(of_block).collect()
+        };
+        places.iter().zip(left).map(of_place).collect()
     }
 
     /// Views that say something, each with its block.
     fn telling<'v>(&'v self, views: &'v [Option<View>]) -> impl Iterator<Item = (&'a Block, &'v View)> {
         let seen = self.blocks.iter().zip(views).filter_map(|(block, view)| Some((*block, view.as_ref()?)));
-        seen.filter(|(_, view)| view.m >= TELLING_COHERENCE)
+        seen.filter(|(_, view)| view.is_telling())
     }
 
     /// 1σ of a place, all directions together, from what ranges and directions to the sensor's way can tell apart.
@@ -357,6 +413,11 @@ impl<'a> Window<'a> {
         let count = self.telling(views).count().max(1) as f64;
         let mean = self.telling(views).map(foot).sum::<DVec3>() / count;
         (self.telling(views).map(|seen| foot(seen).distance_squared(mean)).sum::<f64>() / count).sqrt()
+    }
+
+    /// `[block]`
+    fn claims_of(&self, candidate: &Candidate) -> Vec<Option<Claim>> {
+        candidate.views.iter().enumerate().map(|(n, view)| view.map(|v| self.claim_of(n, &v))).collect()
     }
 
     fn claim_of(&self, n: usize, view: &View) -> Claim {
@@ -397,7 +458,7 @@ impl<'a> Window<'a> {
             relative.push((place - origin).as_vec3().to_array());
         }
         for ((n, range_m, toward), coherence) in seen.into_iter().zip(block.coherence_at_points(&relative)) {
-            said[n] = Some(Some(View::new(block, coherence, range_m, toward)));
+            said[n] = Some(Some(View::new(block, coherence, range_m, toward, self.beam)));
         }
         said
     }
@@ -411,7 +472,7 @@ impl<'a> Window<'a> {
             }
             let toward = plane.outward.as_vec3().to_array();
             let coherence = block.coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
-            Some(View::new(block, coherence, range_m, plane.outward))
+            Some(View::new(block, coherence, range_m, plane.outward, self.beam))
         };
         self.blocks.iter().map(view).collect()
     }
@@ -419,8 +480,22 @@ impl<'a> Window<'a> {
 
 impl<T> Explained<T> {
     fn of<U>(self, thing: U, determined: bool, sigma_m: f64) -> Explained<U> {
-        let Self { score, blocks, lasting, drowned, farthest_m, first_ns, last_ns, .. } = self;
-        Explained { thing, score, blocks, determined, sigma_m, lasting, drowned, farthest_m, first_ns, last_ns }
+        let Self { score, blocks, lasting, drowned, farthest_m, uneven, silent, rival, first_ns, last_ns, .. } = self;
+        Explained {
+            thing,
+            score,
+            blocks,
+            determined,
+            sigma_m,
+            lasting,
+            drowned,
+            farthest_m,
+            uneven,
+            silent,
+            rival,
+            first_ns,
+            last_ns,
+        }
     }
 }
 
@@ -466,10 +541,8 @@ const CLIMB_FROM_SCORE: f64 = 5.0;
 const CLIMB_UNITS: i32 = 4;
 const CLIMB_UNIT: f64 = 0.2;
 const CLIMB_REACH_M: f64 = 0.12;
-/// Fewer blocks than this say nothing.
-const MIN_BLOCKS: usize = 3;
-/// A view of lower m does not say where something is.
-const TELLING_COHERENCE: f64 = 3.0;
+/// Places nearer to each other than this are no rivals: they are the same thing, metres.
+const RIVAL_M: f64 = 0.3;
 
 fn outer(v: DVec3) -> DMat3 {
     DMat3::from_cols(v * v.x, v * v.y, v * v.z)
@@ -490,13 +563,12 @@ mod tests {
         let (settings, block_settings) = (ExplainSettings::default(), BlockSettings::default());
         let mut builder = BlockBuilder::new(block_settings);
         let blocks: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
-        let min_cos = block_settings.min_cos(&Beam::Lensless);
         Window::new(
             blocks.iter(),
             &HandTrail::default(),
             &settings,
             &block_settings,
-            min_cos,
+            &Beam::Lensless,
             &mut ViewMemory::default(),
         )
         .explain(planes, places)
@@ -536,11 +608,17 @@ mod tests {
         let mut builder = BlockBuilder::new(block_settings);
         let observations = sweeps(2.5, winding, &[(Echo::Point(STRONG), 2.0), (Echo::Point(WEAK), 1.0)], 4);
         let blocks: Vec<_> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
-        let min_cos = block_settings.min_cos(&Beam::Lensless);
         let places = [STRONG, WEAK, DVec3::new(0.3, -0.4, -0.8)];
         let look = |range: std::ops::Range<usize>, memory: &mut ViewMemory, places: &[DVec3]| {
-            Window::new(blocks[range].iter(), &HandTrail::default(), &settings, &block_settings, min_cos, memory)
-                .explain_points(places)
+            Window::new(
+                blocks[range].iter(),
+                &HandTrail::default(),
+                &settings,
+                &block_settings,
+                &Beam::Lensless,
+                memory,
+            )
+            .explain_points(places)
         };
         let mut memory = ViewMemory::default();
         // Blocks come and go, and so do places.
@@ -564,9 +642,16 @@ mod tests {
         assert!(believed.planes.is_empty() && believed.places.is_empty(), "{believed:?}");
         let (settings, blocks) = (ExplainSettings::default(), BlockSettings::default());
         assert!(
-            Window::new([].iter(), &HandTrail::default(), &settings, &blocks, 0.5, &mut ViewMemory::default())
-                .explain_points(&[STRONG])
-                .is_empty()
+            Window::new(
+                [].iter(),
+                &HandTrail::default(),
+                &settings,
+                &blocks,
+                &Beam::Lensless,
+                &mut ViewMemory::default()
+            )
+            .explain_points(&[STRONG])
+            .is_empty()
         );
     }
 }

@@ -23,6 +23,12 @@ pub struct MapSettings {
     pub confirm_lasting: f64,
     /// So much more of it for every e-fold of what else there is at its range.
     pub drowned_penalty: f64,
+    /// So much more of it for every e-fold of unevenness beyond 0.4.
+    pub uneven_penalty: f64,
+    /// So much more of it where all blocks are silent; in proportion.
+    pub silent_penalty: f64,
+    /// So much more of it where a rival is as strong, down to nothing at 0.7 of the strength.
+    pub rival_penalty: f64,
     /// What was never seen from beyond this distance may be the player's own hand and is not confirmed, metres.
     pub hands_reach_m: f64,
     /// A sighting this near belongs to a known place, metres.
@@ -38,8 +44,11 @@ impl Default for MapSettings {
             confirm_score: 5.0,
             confirm_sightings: 1,
             confirm_wall_sightings: 3,
-            confirm_lasting: 2.5,
-            drowned_penalty: 5.0,
+            confirm_lasting: 2.0,
+            drowned_penalty: 3.0,
+            uneven_penalty: 5.0,
+            silent_penalty: 4.0,
+            rival_penalty: 6.0,
             hands_reach_m: 0.9,
             match_m: 0.15,
             forget,
@@ -55,6 +64,9 @@ impl MapSettings {
             confirm_sightings,
             confirm_lasting: f64::NEG_INFINITY,
             drowned_penalty: 0.0,
+            uneven_penalty: 0.0,
+            silent_penalty: 0.0,
+            rival_penalty: 0.0,
             hands_reach_m: 0.0,
             ..*self
         }
@@ -64,10 +76,25 @@ impl MapSettings {
     pub fn is_sighting<T>(&self, believed: &Explained<T>) -> bool {
         believed.determined
             && believed.score >= self.confirm_score
-            && believed.lasting >= self.confirm_lasting + self.drowned_penalty * believed.drowned
+            && believed.lasting >= self.lasting_wanted(believed)
             && believed.farthest_m >= self.hands_reach_m
     }
+
+    /// What a sighting must keep without its best 0.3 s: the more it looks like an artefact, the more.
+    fn lasting_wanted<T>(&self, believed: &Explained<T>) -> f64 {
+        let rival = (believed.rival - RIVAL_FROM).max(0.0) / (1.0 - RIVAL_FROM);
+        self.confirm_lasting
+            + self.drowned_penalty * believed.drowned
+            + self.uneven_penalty * (believed.uneven - EVEN).max(0.0)
+            + self.silent_penalty * believed.silent
+            + self.rival_penalty * rival
+    }
 }
+
+/// Strengths that differ no more than this, 1σ in e-folds, are as even as those of furniture.
+const EVEN: f64 = 0.4;
+/// A rival weaker than this part of a thing's score is none.
+const RIVAL_FROM: f64 = 0.7;
 
 /// Updates that are looked back on.
 const RECENT_UPDATES: usize = 4;
@@ -242,6 +269,9 @@ mod tests {
             lasting: score - 1.0,
             drowned: 0.0,
             farthest_m: 1.5,
+            uneven: 0.0,
+            silent: 0.0,
+            rival: 0.0,
             first_ns: 1,
             last_ns: 2,
         }

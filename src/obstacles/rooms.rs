@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, VecDeque};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::existence::Existence;
+use super::existence::{Existence, Told};
 use super::views::View;
 use super::{
     Believed, Evidence, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Observed, Obstacle, Sightings,
@@ -94,9 +94,12 @@ enum Stage {
     Places { walls: Vec<Explained<Plane>>, points: Vec<Explained<DVec3>> },
 }
 
-/// What blocks that see a place say of it.
-fn seen_of<'b>(window: &'b VecDeque<Block>, views: &'b [Option<View>]) -> impl Iterator<Item = (&'b Block, &'b View)> {
-    window.iter().zip(views).filter_map(|(block, view)| Some((block, view.as_ref()?)))
+/// What blocks that have a place in their beam say of it.
+fn of_blocks<'b>(
+    window: &'b VecDeque<Block>,
+    told: impl Iterator<Item = Option<Told>> + 'b,
+) -> impl Iterator<Item = (&'b Block, Told)> {
+    window.iter().zip(told).filter_map(|(block, told)| Some((block, told?)))
 }
 
 /// Searches a room.
@@ -354,14 +357,15 @@ impl RoomSearch {
     fn explain(&mut self, planes: &[Plane], peaks: &[DVec3]) -> Stage {
         let explain = self.settings.explain;
         let (blocks, memory) = (&self.settings.blocks, &mut self.view_memory);
-        let mut window = Window::new(self.window.iter(), &self.hands, &explain, blocks, self.min_cos, memory);
+        let mut window = Window::new(self.window.iter(), &self.hands, &explain, blocks, &self.beam, memory);
         // What is known claims before anything new does.
         let known_walls: Vec<Plane> = self.walls.confirmed().map(|w| w.thing).collect();
         let (ids, known_points): (Vec<u64>, Vec<DVec3>) = self.points.confirmed().map(|p| (p.id, p.thing)).unzip();
         let known = window.explain(&known_walls, &known_points);
         let new = window.explain(planes, peaks);
+        let told = window.told(&known_points, &known.views);
         drop(window);
-        self.forget(&ids, &known.views);
+        self.forget(&ids, &told);
         let there = self.still_there(&new);
         let walls = [known.planes, new.planes].concat();
         let points = [known.places, there].concat();
@@ -376,11 +380,11 @@ impl RoomSearch {
     }
 
     /// Forgets known places that nothing is at any more, by what the blocks say of each.
-    fn forget(&mut self, ids: &[u64], views: &[Vec<Option<View>>]) {
+    fn forget(&mut self, ids: &[u64], told: &[Vec<Option<Told>>]) {
         let settings = &self.settings.map.forget;
-        for (&id, views) in ids.iter().zip(views) {
+        for (&id, told) in ids.iter().zip(told) {
             let existence = self.existences.entry(id).or_insert_with(Existence::new);
-            existence.look(seen_of(&self.window, views), &self.beam, settings);
+            existence.look(of_blocks(&self.window, told.iter().copied()), settings);
         }
         let gone: Vec<u64> = self.existences.iter().filter(|(_, e)| e.log_odds() <= 0.0).map(|(id, _)| *id).collect();
         self.counters.forgotten += gone.len() as u64;
@@ -396,7 +400,8 @@ impl RoomSearch {
         let settings = &self.settings.map.forget;
         let is_there = |views: &[Option<View>]| {
             let mut existence = Existence::new();
-            existence.look(seen_of(&self.window, views), &self.beam, settings);
+            let told = views.iter().map(|view| view.map(|view| Told { view, is_shadowed: false }));
+            existence.look(of_blocks(&self.window, told), settings);
             existence.log_odds() >= settings.confirm
         };
         let places = new.places.iter().zip(&new.asked);

@@ -7,9 +7,13 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::imaging::blocks::{Block, Coherence, MEAN_LOG_OF_NOISE};
+use crate::radar::Beam;
 
 /// A place that was not asked for is remembered for so many looks: maxima move to the voxel beside and back again.
 const REMEMBERED_LOOKS: u32 = 4;
+
+/// A view of lower m does not say where something is.
+pub(super) const TELLING_COHERENCE: f64 = 3.0;
 
 /// What a block says of one thing.
 #[derive(Debug, Clone, Copy)]
@@ -23,13 +27,32 @@ pub(super) struct View {
     pub toward: DVec3,
     /// Cosine of that to the sensor's way.
     pub cos: f64,
+    /// Two-way power gain of beam and distance, 1 at 1 m on the axis.
+    pub gain: f64,
 }
 
 impl View {
-    pub fn new(block: &Block, coherence: Coherence, range_m: f64, toward: DVec3) -> Self {
+    pub fn new(block: &Block, coherence: Coherence, range_m: f64, toward: DVec3, beam: &Beam) -> Self {
         let (m, power) = (f64::from(coherence.m), f64::from(coherence.power));
         let evidence = m.ln_1p() - MEAN_LOG_OF_NOISE;
-        Self { m, evidence, power, range_m, toward, cos: toward.dot(block.motion) }
+        let amplitude = beam.amplitude(toward.dot(block.middle.forward()));
+        let gain = (amplitude / range_m.max(0.1).powi(2)).powi(2);
+        Self { m, evidence, power, range_m, toward, cos: toward.dot(block.motion), gain }
+    }
+
+    /// Whether it says where something is.
+    pub fn is_telling(&self) -> bool {
+        self.m >= TELLING_COHERENCE
+    }
+
+    /// Logarithm of what a thing there returns at 1 m on the axis, over the noise.
+    pub fn ln_strength(&self) -> f64 {
+        (self.power / self.gain.max(1e-12)).max(1e-12).ln()
+    }
+
+    /// How far a thing of that strength would stand out of the noise and of what else there is.
+    pub fn expected(&self, strength: f64) -> f64 {
+        strength * self.gain / self.drowning()
     }
 
     /// What else there is at the same range: energy that does not add up for this thing, over the noise; at least 1.

@@ -1,0 +1,149 @@
+//! What a window's blocks come to for one thing: its score, and what else tells things from artefacts.
+//!
+//! A thing returns about the same from block to block, once distance and beam are allowed for. A place on the wrong side of a circle, or
+//! one put together from pieces of several things, does not: the strengths that it would need differ. So the score of a place is its
+//! evidence less a cost of their squared differences.
+
+use std::collections::BTreeMap;
+
+use super::super::views::View;
+use super::ExplainSettings;
+
+/// Length of the time that [`lasting`] leaves out, nanoseconds.
+pub const SEGMENT_NS: i64 = 300_000_000;
+/// Fewer blocks than this say nothing.
+const MIN_BLOCKS: usize = 3;
+
+/// A view with its block's weight and time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Weighed<'v> {
+    pub view: &'v View,
+    pub weight: f64,
+    pub time_ns: i64,
+}
+
+/// What views come to.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tally {
+    /// A/√B, of a place less what its strengths' differences cost.
+    pub score: f64,
+    pub blocks: usize,
+    pub first_ns: i64,
+    pub last_ns: i64,
+}
+
+impl Tally {
+    /// Of a plane: it returns from another place of itself each time.
+    pub fn of_plane<'v>(views: impl Iterator<Item = Weighed<'v>>) -> Option<Self> {
+        Self::less(views, 0.0)
+    }
+
+    /// Of a place.
+    pub fn of_place<'v>(views: impl Iterator<Item = Weighed<'v>> + Clone, settings: &ExplainSettings) -> Option<Self> {
+        let cost = settings.uneven_cost * Strengths::of(views.clone()).squares;
+        Self::less(views, cost)
+    }
+
+    fn less<'v>(views: impl Iterator<Item = Weighed<'v>>, cost: f64) -> Option<Self> {
+        let (mut a, mut b, mut blocks) = (-cost, 0.0, 0);
+        let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
+        for Weighed { view, weight, time_ns } in views {
+            a += weight * view.evidence;
+            b += weight * weight;
+            blocks += 1;
+            (first_ns, last_ns) = (first_ns.min(time_ns), last_ns.max(time_ns));
+        }
+        (blocks >= MIN_BLOCKS).then_some(Self { score: a / b.sqrt(), blocks, first_ns, last_ns })
+    }
+}
+
+/// Logarithms of the strengths that telling views imply.
+struct Strengths {
+    weight: f64,
+    mean: f64,
+    /// Weighted sum of the squares of what each differs from the mean.
+    squares: f64,
+}
+
+impl Strengths {
+    /// Welford's way, which loses nothing to cancellation.
+    fn of<'v>(views: impl Iterator<Item = Weighed<'v>>) -> Self {
+        let mut sums = Self { weight: 0.0, mean: 0.0, squares: 0.0 };
+        for Weighed { view, weight, .. } in views.filter(|v| v.view.is_telling()) {
+            let off = view.ln_strength() - sums.mean;
+            sums.weight += weight;
+            sums.mean += off * weight / sums.weight.max(1e-300);
+            sums.squares += weight * off * (view.ln_strength() - sums.mean);
+        }
+        sums
+    }
+}
+
+/// How far the strengths differ that telling views imply, 1σ in e-folds of power.
+pub(super) fn unevenness<'v>(views: impl Iterator<Item = &'v View>) -> f64 {
+    let telling = views.filter(|view| view.is_telling()).map(|view| Weighed { view, weight: 1.0, time_ns: 0 });
+    let strengths = Strengths::of(telling);
+    (strengths.squares / strengths.weight.max(1.0)).sqrt()
+}
+
+/// The score without the segment of time that does most for it; −∞ when there is but one.
+pub(super) fn lasting<'v>(views: impl Iterator<Item = Weighed<'v>>) -> f64 {
+    let (mut whole, mut segments) = ([0.0; 2], BTreeMap::<i64, [f64; 2]>::new());
+    for Weighed { view, weight, time_ns } in views {
+        let segment = segments.entry(time_ns.div_euclid(SEGMENT_NS)).or_default();
+        for (part, sum) in [weight * view.evidence, weight * weight].into_iter().enumerate() {
+            (whole[part], segment[part]) = (whole[part] + sum, segment[part] + sum);
+        }
+    }
+    let without = segments.values().map(|[a, b]| (whole[0] - a, whole[1] - b)).filter(|(_, b)| *b > 1e-9);
+    let least = without.map(|(a, b)| a / b.sqrt()).reduce(f64::min);
+    least.filter(|_| segments.len() > 1).unwrap_or(f64::NEG_INFINITY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    fn view(m: f64, power: f64, gain: f64) -> View {
+        View { m, evidence: m.ln_1p() - 0.596347, power, range_m: 1.0, toward: DVec3::X, cos: 0.0, gain }
+    }
+
+    fn weighed(views: &[View]) -> impl Iterator<Item = Weighed<'_>> + Clone {
+        views.iter().enumerate().map(|(n, view)| Weighed { view, weight: 1.0, time_ns: n as i64 * 90_000_000 })
+    }
+
+    fn score(views: &[View]) -> f64 {
+        Tally::of_place(weighed(views), &ExplainSettings::default()).unwrap().score
+    }
+
+    #[test]
+    fn even_strengths_cost_nothing_and_uneven_ones_do() {
+        let settings = ExplainSettings::default();
+        let even: Vec<View> = (1..=10).map(|n| view(20.0, 20.0, 0.1 * f64::from(n))).collect();
+        // The same echoes, as strong as the gain lets them be, and against it.
+        let as_expected: Vec<View> = even.iter().map(|v| View { power: 100.0 * v.gain, ..*v }).collect();
+        let against: Vec<View> = even.iter().map(|v| View { power: 100.0 / v.gain, ..*v }).collect();
+        let plain = Tally::of_plane(weighed(&even)).unwrap().score;
+        assert!((score(&as_expected) - plain).abs() < 1e-9);
+        assert!(unevenness(as_expected.iter()) < 1e-9);
+        let off = against.iter().map(View::ln_strength);
+        let mean = off.clone().sum::<f64>() / 10.0;
+        let squares: f64 = off.map(|x| (x - mean).powi(2)).sum();
+        assert!((score(&against) - (plain - settings.uneven_cost * squares / 10f64.sqrt())).abs() < 1e-9);
+        assert!((unevenness(against.iter()) - (squares / 10.0).sqrt()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn one_burst_does_not_last() {
+        let (seen, empty) = (view(20.0, 20.0, 1.0), view(0.6, 0.6, 1.0));
+        assert_eq!(lasting(weighed(&[seen; 3])), f64::NEG_INFINITY);
+        let burst = [vec![empty; 12], vec![seen; 3], vec![empty; 12]].concat();
+        assert!(lasting(weighed(&burst)) < 1.0 && lasting(weighed(&[seen; 27])) > 10.0);
+    }
+
+    #[test]
+    fn two_blocks_say_nothing() {
+        assert!(Tally::of_plane(weighed(&[view(20.0, 20.0, 1.0); 2])).is_none());
+    }
+}
