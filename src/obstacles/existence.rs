@@ -187,7 +187,8 @@ mod tests {
     use super::*;
 
     fn view(m: f64, power: f64, toward: DVec3) -> View {
-        View { m, evidence: 0.0, power, range_m: 1.0, toward, cos: 0.0, gain: 1.0 }
+        let ln_strength = (m >= 3.0).then(|| power.ln());
+        View { m, evidence: 0.0, power, range_m: 1.0, toward, cos: 0.0, gain: 1.0, ln_strength }
     }
 
     fn told(view: View) -> Told {

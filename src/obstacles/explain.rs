@@ -300,11 +300,7 @@ impl<'a> Window<'a> {
     }
 
     /// The score over the blocks in which nothing claims the thing.
-    fn left_of<'v>(
-        &'v self,
-        thing: Thing,
-        views: impl Iterator<Item = Option<&'v View>> + Clone,
-    ) -> Option<Explained<Thing>> {
+    fn left_of<'v>(&'v self, thing: Thing, views: impl Iterator<Item = Option<&'v View>>) -> Option<Explained<Thing>> {
         let views = self.weighed(views);
         let Tally { score, blocks, first_ns, last_ns } = match thing {
             Thing::Plane(_) => Tally::of_plane(views)?,
@@ -330,10 +326,7 @@ impl<'a> Window<'a> {
     }
 
     /// Views with their blocks' weights and times.
-    fn weighed<'v>(
-        &'v self,
-        views: impl Iterator<Item = Option<&'v View>> + Clone,
-    ) -> impl Iterator<Item = Weighed<'v>> + Clone {
+    fn weighed<'v>(&'v self, views: impl Iterator<Item = Option<&'v View>>) -> impl Iterator<Item = Weighed<'v>> {
         let blocks = self.blocks.iter().zip(&self.weights);
         views
             .zip(blocks)
@@ -360,18 +353,21 @@ impl<'a> Window<'a> {
     fn rival(&self, best: &Candidate, open: &[Candidate]) -> f64 {
         let Thing::Place(place) = best.thing else { return 0.0 };
         let claims = self.claims_of(best);
-        let score = |candidate: &Candidate| -> Option<f64> {
-            let (Thing::Place(other), Some(left)) = (candidate.thing, candidate.left) else { return None };
-            if other.distance(place) < RIVAL_M {
-                return None;
-            }
+        let after = |candidate: &Candidate| {
             let unclaimed = candidate.views.iter().zip(&claims).map(|(view, claim)| {
                 view.as_ref().filter(|v| !claim.is_some_and(|claim| claim.covers(v.range_m, v.cos)))
             });
-            let after = self.left_of(candidate.thing, unclaimed).map_or(0.0, |left| left.score);
-            (after < 0.5 * left.score).then_some(left.score)
+            self.left_of(candidate.thing, unclaimed).map_or(0.0, |left| left.score)
         };
-        open.iter().filter_map(score).fold(0.0, f64::max)
+        let mut greatest = 0.0;
+        for candidate in open {
+            let (Thing::Place(other), Some(left)) = (candidate.thing, candidate.left) else { continue };
+            let may_be = left.score > greatest && other.distance(place) >= RIVAL_M;
+            if may_be && after(candidate) < 0.5 * left.score {
+                greatest = left.score;
+            }
+        }
+        greatest
     }
 
     /// What each block says of places that were asked for, and whether something else accounts for it: what is not `left` to them is

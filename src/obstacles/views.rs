@@ -29,6 +29,8 @@ pub(super) struct View {
     pub cos: f64,
     /// Two-way power gain of beam and distance, 1 at 1 m on the axis.
     pub gain: f64,
+    /// Logarithm of what a thing there returns at 1 m on the axis, over the noise; only where the view [tells](Self::is_telling).
+    pub ln_strength: Option<f64>,
 }
 
 impl View {
@@ -37,17 +39,13 @@ impl View {
         let evidence = m.ln_1p() - MEAN_LOG_OF_NOISE;
         let amplitude = beam.amplitude(toward.dot(block.middle.forward()));
         let gain = (amplitude / range_m.max(0.1).powi(2)).powi(2);
-        Self { m, evidence, power, range_m, toward, cos: toward.dot(block.motion), gain }
+        let ln_strength = (m >= TELLING_COHERENCE).then(|| (power / gain.max(1e-12)).max(1e-12).ln());
+        Self { m, evidence, power, range_m, toward, cos: toward.dot(block.motion), gain, ln_strength }
     }
 
     /// Whether it says where something is.
     pub fn is_telling(&self) -> bool {
-        self.m >= TELLING_COHERENCE
-    }
-
-    /// Logarithm of what a thing there returns at 1 m on the axis, over the noise.
-    pub fn ln_strength(&self) -> f64 {
-        (self.power / self.gain.max(1e-12)).max(1e-12).ln()
+        self.ln_strength.is_some()
     }
 
     /// How far a thing of that strength would stand out of the noise and of what else there is.

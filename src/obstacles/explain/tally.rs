@@ -35,55 +35,59 @@ pub(super) struct Tally {
 impl Tally {
     /// Of a plane: it returns from another place of itself each time.
     pub fn of_plane<'v>(views: impl Iterator<Item = Weighed<'v>>) -> Option<Self> {
-        Self::less(views, 0.0)
+        Self::of(views, 0.0)
     }
 
     /// Of a place.
-    pub fn of_place<'v>(views: impl Iterator<Item = Weighed<'v>> + Clone, settings: &ExplainSettings) -> Option<Self> {
-        let cost = settings.uneven_cost * Strengths::of(views.clone()).squares;
-        Self::less(views, cost)
+    pub fn of_place<'v>(views: impl Iterator<Item = Weighed<'v>>, settings: &ExplainSettings) -> Option<Self> {
+        Self::of(views, settings.uneven_cost)
     }
 
-    fn less<'v>(views: impl Iterator<Item = Weighed<'v>>, cost: f64) -> Option<Self> {
-        let (mut a, mut b, mut blocks) = (-cost, 0.0, 0);
+    fn of<'v>(views: impl Iterator<Item = Weighed<'v>>, uneven_cost: f64) -> Option<Self> {
+        let (mut a, mut b, mut blocks, mut strengths) = (0.0, 0.0, 0, Strengths::default());
         let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
         for Weighed { view, weight, time_ns } in views {
             a += weight * view.evidence;
             b += weight * weight;
             blocks += 1;
             (first_ns, last_ns) = (first_ns.min(time_ns), last_ns.max(time_ns));
+            strengths.take(view, weight);
         }
-        (blocks >= MIN_BLOCKS).then_some(Self { score: a / b.sqrt(), blocks, first_ns, last_ns })
+        let score = (a - uneven_cost * strengths.squares()) / b.sqrt();
+        (blocks >= MIN_BLOCKS).then_some(Self { score, blocks, first_ns, last_ns })
     }
 }
 
-/// Logarithms of the strengths that telling views imply.
+/// Logarithms of the strengths that telling views imply: weighted sums about the first, which loses nothing that matters to
+/// cancellation.
+#[derive(Debug, Clone, Copy, Default)]
 struct Strengths {
+    first: Option<f64>,
     weight: f64,
-    mean: f64,
-    /// Weighted sum of the squares of what each differs from the mean.
-    squares: f64,
+    sum: f64,
+    sum_of_squares: f64,
 }
 
 impl Strengths {
-    /// Welford's way, which loses nothing to cancellation.
-    fn of<'v>(views: impl Iterator<Item = Weighed<'v>>) -> Self {
-        let mut sums = Self { weight: 0.0, mean: 0.0, squares: 0.0 };
-        for Weighed { view, weight, .. } in views.filter(|v| v.view.is_telling()) {
-            let off = view.ln_strength() - sums.mean;
-            sums.weight += weight;
-            sums.mean += off * weight / sums.weight.max(1e-300);
-            sums.squares += weight * off * (view.ln_strength() - sums.mean);
-        }
-        sums
+    fn take(&mut self, view: &View, weight: f64) {
+        let Some(ln_strength) = view.ln_strength else { return };
+        let off = ln_strength - *self.first.get_or_insert(ln_strength);
+        self.weight += weight;
+        self.sum += weight * off;
+        self.sum_of_squares += weight * off * off;
+    }
+
+    /// Weighted sum of the squares of what each differs from the mean.
+    fn squares(&self) -> f64 {
+        (self.sum_of_squares - self.sum * self.sum / self.weight.max(1e-300)).max(0.0)
     }
 }
 
 /// How far the strengths differ that telling views imply, 1σ in e-folds of power.
 pub(super) fn unevenness<'v>(views: impl Iterator<Item = &'v View>) -> f64 {
-    let telling = views.filter(|view| view.is_telling()).map(|view| Weighed { view, weight: 1.0, time_ns: 0 });
-    let strengths = Strengths::of(telling);
-    (strengths.squares / strengths.weight.max(1.0)).sqrt()
+    let mut strengths = Strengths::default();
+    views.for_each(|view| strengths.take(view, 1.0));
+    (strengths.squares() / strengths.weight.max(1.0)).sqrt()
 }
 
 /// The score without the segment of time that does most for it; −∞ when there is but one.
@@ -106,7 +110,8 @@ mod tests {
     use glam::DVec3;
 
     fn view(m: f64, power: f64, gain: f64) -> View {
-        View { m, evidence: m.ln_1p() - 0.596347, power, range_m: 1.0, toward: DVec3::X, cos: 0.0, gain }
+        let (evidence, ln_strength) = (m.ln_1p() - 0.596347, (m >= 3.0).then(|| (power / gain).ln()));
+        View { m, evidence, power, range_m: 1.0, toward: DVec3::X, cos: 0.0, gain, ln_strength }
     }
 
     fn weighed(views: &[View]) -> impl Iterator<Item = Weighed<'_>> + Clone {
@@ -122,12 +127,12 @@ mod tests {
         let settings = ExplainSettings::default();
         let even: Vec<View> = (1..=10).map(|n| view(20.0, 20.0, 0.1 * f64::from(n))).collect();
         // The same echoes, as strong as the gain lets them be, and against it.
-        let as_expected: Vec<View> = even.iter().map(|v| View { power: 100.0 * v.gain, ..*v }).collect();
-        let against: Vec<View> = even.iter().map(|v| View { power: 100.0 / v.gain, ..*v }).collect();
+        let as_expected: Vec<View> = even.iter().map(|v| view(20.0, 100.0 * v.gain, v.gain)).collect();
+        let against: Vec<View> = even.iter().map(|v| view(20.0, 100.0 / v.gain, v.gain)).collect();
         let plain = Tally::of_plane(weighed(&even)).unwrap().score;
         assert!((score(&as_expected) - plain).abs() < 1e-9);
         assert!(unevenness(as_expected.iter()) < 1e-9);
-        let off = against.iter().map(View::ln_strength);
+        let off = against.iter().filter_map(|view| view.ln_strength);
         let mean = off.clone().sum::<f64>() / 10.0;
         let squares: f64 = off.map(|x| (x - mean).powi(2)).sum();
         assert!((score(&against) - (plain - settings.uneven_cost * squares / 10f64.sqrt())).abs() < 1e-9);
