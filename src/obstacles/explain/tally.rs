@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use super::super::views::View;
 use super::ExplainSettings;
 
-/// Length of the time that [`lasting`] leaves out, nanoseconds.
+/// Length of the time that a score leaves out to be called lasting, nanoseconds.
 pub const SEGMENT_NS: i64 = 300_000_000;
 /// Fewer blocks than this say nothing.
 const MIN_BLOCKS: usize = 3;
