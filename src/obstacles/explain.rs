@@ -142,7 +142,7 @@ struct Candidate {
     asked: Option<usize>,
     /// `[block]`
     views: Vec<Option<View>>,
-    left: Option<Explained<Thing>>,
+    left: Option<Tally>,
 }
 
 /// What is believed, each strongest first.
@@ -201,12 +201,12 @@ impl<'a> Window<'a> {
                     if self.feet_rms_m(&best.views) < self.settings.min_feet_rms_m {
                         continue;
                     }
-                    believed.planes.push(self.looked_into(left.of(plane, true, 0.0), &best, &open));
+                    believed.planes.push(self.looked_into(plane, left, (true, 0.0), &best, &open));
                 }
                 Thing::Place(place) => {
                     let sigma_m = self.sigma_m(&best.views);
                     let determined = sigma_m <= self.settings.max_sigma_m;
-                    believed.places.push(self.looked_into(left.of(place, determined, sigma_m), &best, &open));
+                    believed.places.push(self.looked_into(place, left, (determined, sigma_m), &best, &open));
                     believed.asked.extend(best.asked);
                 }
             }
@@ -299,30 +299,13 @@ impl<'a> Window<'a> {
         self.claims.iter_mut().zip(claims).for_each(|(all, claim)| all.extend(claim));
     }
 
-    /// The score over the blocks in which nothing claims the thing.
-    fn left_of<'v>(&'v self, thing: Thing, views: impl Iterator<Item = Option<&'v View>>) -> Option<Explained<Thing>> {
+    /// What is left of a thing: the blocks in which nothing claims it.
+    fn left_of<'v>(&'v self, thing: Thing, views: impl Iterator<Item = Option<&'v View>>) -> Option<Tally> {
         let views = self.weighed(views);
-        let Tally { score, blocks, first_ns, last_ns } = match thing {
-            Thing::Plane(_) => Tally::of_plane(views)?,
-            Thing::Place(_) => Tally::of_place(views, self.settings)?,
-        };
-        let (determined, sigma_m, lasting, drowned) = (false, 0.0, 0.0, 0.0);
-        let (farthest_m, uneven, silent, rival) = (0.0, 0.0, 0.0, 0.0);
-        Some(Explained {
-            thing,
-            score,
-            blocks,
-            determined,
-            sigma_m,
-            lasting,
-            drowned,
-            farthest_m,
-            uneven,
-            silent,
-            rival,
-            first_ns,
-            last_ns,
-        })
+        match thing {
+            Thing::Plane(_) => Tally::of_plane(views),
+            Thing::Place(_) => Tally::of_place(views, self.settings),
+        }
     }
 
     /// Views with their blocks' weights and times.
@@ -334,18 +317,30 @@ impl<'a> Window<'a> {
     }
 
     /// What is believed, with what else the blocks say of it.
-    fn looked_into<T>(&self, believed: Explained<T>, best: &Candidate, open: &[Candidate]) -> Explained<T> {
+    fn looked_into<T>(
+        &self,
+        thing: T,
+        left: Tally,
+        (determined, sigma_m): (bool, f64),
+        best: &Candidate,
+        open: &[Candidate],
+    ) -> Explained<T> {
         let telling = || self.telling(&best.views).map(|(_, view)| view);
         let count = telling().count();
-        let of_blocks = |n: usize| n as f64 / believed.blocks.max(1) as f64;
         Explained {
+            thing,
+            score: left.score,
+            blocks: left.blocks,
+            determined,
+            sigma_m,
             lasting: lasting(self.weighed(best.views.iter().map(Option::as_ref))),
             drowned: telling().map(View::drowned_by).sum::<f64>() / count.max(1) as f64,
             farthest_m: telling().map(|view| view.range_m).fold(0.0, f64::max),
             uneven: unevenness(telling()),
-            silent: 1.0 - of_blocks(count),
-            rival: self.rival(best, open) / believed.score.max(1e-9),
-            ..believed
+            silent: 1.0 - count as f64 / left.blocks.max(1) as f64,
+            rival: self.rival(best, open) / left.score.max(1e-9),
+            first_ns: left.first_ns,
+            last_ns: left.last_ns,
         }
     }
 
@@ -471,27 +466,6 @@ impl<'a> Window<'a> {
             Some(View::new(block, coherence, range_m, plane.outward, self.beam))
         };
         self.blocks.iter().map(view).collect()
-    }
-}
-
-impl<T> Explained<T> {
-    fn of<U>(self, thing: U, determined: bool, sigma_m: f64) -> Explained<U> {
-        let Self { score, blocks, lasting, drowned, farthest_m, uneven, silent, rival, first_ns, last_ns, .. } = self;
-        Explained {
-            thing,
-            score,
-            blocks,
-            determined,
-            sigma_m,
-            lasting,
-            drowned,
-            farthest_m,
-            uneven,
-            silent,
-            rival,
-            first_ns,
-            last_ns,
-        }
     }
 }
 
