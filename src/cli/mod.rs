@@ -36,6 +36,7 @@ mod results;
 mod run;
 mod run_feed;
 mod run_report;
+mod run_view;
 mod sensor;
 #[cfg_attr(not(unix), path = "serve_elsewhere.rs")]
 mod serve;

@@ -15,12 +15,14 @@ use super::instance::Instance;
 use super::record::check_new_file;
 use super::run_feed::{Feed, FeedPlan};
 use super::run_report::{RunReport, tell};
+use super::run_view;
 use super::sensor::SensorArguments;
 use super::stop::stop_flag;
 use crate::engine::Settings;
 use crate::live::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, KeptMaps, SettingsDesk};
 use crate::recording::MapFolder;
 use crate::steamvr::{Chaperone, Role, Runtime, RuntimePlace, SteamVrError};
+use crate::view::Recorder;
 
 /// Between two looks for SteamVR.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
@@ -49,6 +51,9 @@ pub(super) struct Run {
     /// Forgets the maps that were kept of the rooms that it runs in, and begins anew
     #[arg(long)]
     forget: bool,
+    /// Opens a window on the desktop that shows what is seen, as `replay --view` does; closing it ends nothing else
+    #[arg(long)]
+    view: bool,
     #[command(flatten)]
     sensor: SensorArguments,
     #[command(flatten)]
@@ -64,9 +69,17 @@ impl Run {
         self.settings.live(toml::Table::new())?;
         let _instance = Instance::claim()?;
         let stop = stop_flag()?;
+        match self.view {
+            true => run_view::show(&stop, |recorder| self.sessions(&stop, Some(&recorder))),
+            false => self.sessions(&stop, None),
+        }
+    }
+
+    /// Session after session, until there is an end.
+    fn sessions(&self, stop: &AtomicBool, view: Option<&Recorder>) -> Result<()> {
         loop {
-            let Some(runtime) = self.connect(&stop)? else { return Ok(()) };
-            let ending = self.beside(runtime, &stop)?;
+            let Some(runtime) = self.connect(stop)? else { return Ok(()) };
+            let ending = self.beside(runtime, stop, view)?;
             // A recording is of one session.
             let is_again = self.wait && self.record.is_none() && ending != Ending::Asked;
             match ending {
@@ -103,7 +116,7 @@ impl Run {
     }
 
     /// One session, from beginning to end. The order of the end: overlays, session, graphics, sensor.
-    fn beside(&self, runtime: Runtime, stop: &AtomicBool) -> Result<Ending> {
+    fn beside(&self, runtime: Runtime, stop: &AtomicBool, view: Option<&Recorder>) -> Result<Ending> {
         say!("SteamVR {}, {}", runtime.version(), runtime.headset_name())?;
         check_registration(&runtime);
         let runtime = Arc::new(runtime);
@@ -113,11 +126,15 @@ impl Run {
         let plan = FeedPlan::new(&self.sensor, self.record.clone());
         let (feed, is_over) = Feed::start(plan, &desk.newest())?;
         let on_new = |before: &Settings, new: &Settings| take_up(&feed, before, new);
+        let no_more = AtomicBool::new(false);
         let done = std::thread::scope(|scope| {
-            let _end = EndWhenDropped(&desk);
-            let desk = &desk;
+            let _end = EndWhenDropped(&desk, &no_more);
+            let (desk, feed, is_over) = (&desk, &feed, &no_more);
             scope.spawn(move || work.run(desk, &compose, &on_new));
-            self.draw(&runtime, &feed, desk, stop)
+            if let Some(view) = view {
+                scope.spawn(move || run_view::watch(view, feed, desk, is_over));
+            }
+            self.draw(&runtime, feed, desk, stop)
         });
         feed.stop.store(true, Ordering::Relaxed);
         // The session ends before what it may still copy from is let go.
@@ -170,12 +187,13 @@ impl Run {
     }
 }
 
-/// Ends the desk's thread, however the session ends.
-struct EndWhenDropped<'d>(&'d SettingsDesk);
+/// Ends the threads beside, however the session ends.
+struct EndWhenDropped<'d>(&'d SettingsDesk, &'d AtomicBool);
 
 impl Drop for EndWhenDropped<'_> {
     fn drop(&mut self) {
         self.0.end();
+        self.1.store(true, Ordering::Relaxed);
     }
 }
 

@@ -16,7 +16,7 @@ use crate::engine::Settings;
 use crate::live::{HeadsetStatus, Losses, Reconstruction, ReconstructionOptions, SensorCount};
 use crate::obstacles::HandsSample;
 use crate::radar::{Frame, frame_timing};
-use crate::recording::Event;
+use crate::recording::{Event, Header};
 use crate::tracking::PoseSample;
 
 /// Between two looks for a board.
@@ -30,7 +30,12 @@ pub(super) struct Feed {
     reconstruction: OnceLock<Reconstruction>,
     /// Those that the reconstruction goes by.
     settings: Mutex<Settings>,
+    /// What is measured, and where from, once there is a sensor.
+    sensor: OnceLock<Header>,
     sensor_period_ns: AtomicI64,
+    /// End of the newest frame, host nanoseconds, and the newest pose of the head: for who looks on.
+    newest_frame_ns: AtomicI64,
+    newest_pose: Mutex<Option<PoseSample>>,
     /// Whether its line is open, and what came and what was lost on it.
     is_connected: AtomicBool,
     sweeps: AtomicU64,
@@ -70,7 +75,10 @@ impl Feed {
         let feed = Arc::new(Self {
             reconstruction: OnceLock::new(),
             settings: Mutex::new(settings.clone()),
+            sensor: OnceLock::new(),
             sensor_period_ns: AtomicI64::new(0),
+            newest_frame_ns: AtomicI64::new(0),
+            newest_pose: Mutex::default(),
             is_connected: AtomicBool::new(false),
             sweeps: AtomicU64::new(0),
             sweeps_lost: AtomicU64::new(0),
@@ -110,8 +118,24 @@ impl Feed {
         self.is_connected.load(Ordering::Relaxed).then_some(SensorCount { sweeps, lost })
     }
 
+    /// What is measured, where from and with what mount, once there is a sensor.
+    pub fn sensor(&self) -> Option<&Header> {
+        self.sensor.get()
+    }
+
+    /// The newest pose, and the end of the newest frame, host nanoseconds.
+    pub fn newest(&self) -> (Option<PoseSample>, Option<i64>) {
+        let pose = *self.newest_pose.lock().unwrap_or_else(PoisonError::into_inner);
+        let frame_ns = self.newest_frame_ns.load(Ordering::Relaxed);
+        (pose, (frame_ns != 0).then_some(frame_ns))
+    }
+
     /// Takes a pose of the head; never waits.
     pub fn push_pose(&self, sample: &PoseSample) {
+        // Who looks right now sees the next.
+        if let Ok(mut newest) = self.newest_pose.try_lock() {
+            *newest = Some(*sample);
+        }
         if let Some(reconstruction) = self.reconstruction() {
             reconstruction.push_pose(*sample);
         }
@@ -145,6 +169,7 @@ impl Feed {
                 losses.borrow_mut().push(frame.tick);
                 self.sweeps.fetch_add(sweeps_per_frame, Ordering::Relaxed);
                 self.sweeps_lost.store(lost_before + losses.borrow().lost() * sweeps_per_frame, Ordering::Relaxed);
+                self.newest_frame_ns.store(frame.host_time_ns, Ordering::Relaxed);
                 reconstruction.push_frame(frame.clone());
             };
             // A recording ends with the stream that it was begun with.
@@ -169,6 +194,7 @@ impl Feed {
         let threads = Some(settings.headset.threads).filter(|threads| *threads > 0);
         let options = ReconstructionOptions { threads, ..Default::default() };
         let reconstruction = Reconstruction::start(sensor.config()?, &sensor.mount(), &settings, &options)?;
+        let _ = self.sensor.set(Header::new(sensor.place(), sensor.config()?.clone(), sensor.mount()));
         let period_s = frame_timing(sensor.config()?).frame_period_s;
         self.sensor_period_ns.store((period_s * 1e9) as i64, Ordering::Relaxed);
         Ok(self.reconstruction.get_or_init(|| reconstruction))

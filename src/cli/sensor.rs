@@ -96,9 +96,14 @@ impl ChosenSensor {
         self.mount
     }
 
+    /// Which board it is, and where.
+    pub fn place(&self) -> String {
+        format!("{} on {}", self.place.board.name(), self.place.address)
+    }
+
     /// Says which board it is, what is measured, and what looks wrong.
     pub fn tell(&self) -> Result<()> {
-        say!("{} on {}", self.place.board.name(), self.place.address)?;
+        say!("{}", self.place())?;
         let line = line_speed(&self.place, self.baud, None);
         say!("{}", config_table(&self.name, self.config()?, line).trim_end())?;
         self.place.warnings.iter().for_each(|warning| log::warn!("{warning}"));
@@ -194,8 +199,7 @@ impl<'a> Intake<'a> {
                 let ChosenSensor { place, setup, mount, calibration, .. } = self.sensor;
                 if let Some(file) = &mut self.file {
                     let board = place.board.name();
-                    let source = format!("{board} on {}", place.address);
-                    file.begin(source, self.sensor.config()?, *mount, info, board, &reply)?;
+                    file.begin(self.sensor.place(), self.sensor.config()?, *mount, info, board, &reply)?;
                 }
                 let is_new = !reply.calibrations.is_empty() && reply.calibrations != setup.calibrations;
                 if let Some(path) = calibration.as_deref().filter(|_| is_new) {

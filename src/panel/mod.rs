@@ -159,6 +159,8 @@ mod tests {
         assert_eq!(press(&context, &view, at("warning.brightness-")), change("warning.brightness", 0.9.into()));
         assert_eq!(press(&context, &view, at("warning.brightness+")), [], "it is at its greatest");
         assert_eq!(press(&context, &view, at("headset.display=stereo")), change("headset.display", "stereo".into()));
+        assert_eq!(press(&context, &view, at("warning.style=minimal")), change("warning.style", "minimal".into()));
+        assert_eq!(press(&context, &view, at("cues.sound")), change("cues.sound", true.into()));
         assert_eq!(press(&context, &view, [1590.0, 10.0]), []);
         // The full distance stays below the one of the fade, so that no press is refused.
         let mut near = view.clone();
@@ -169,7 +171,7 @@ mod tests {
     #[test]
     fn targets_are_large_and_apart_and_on_the_panel() {
         let places = switches::targets(switches_area(), &settings());
-        assert!(places.len() > 15);
+        assert!(places.len() > 22);
         for (n, (name, rect)) in places.iter().enumerate() {
             assert!(switches_area().contains_rect(*rect), "{name}");
             assert!(rect.width() >= 48.0 && rect.height() >= 48.0, "{name}: {rect}");

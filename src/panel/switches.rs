@@ -94,9 +94,38 @@ const SWITCHES: &[Switch] = &[
         control: Control::Choice(&[("panels", "Panels"), ("stereo", "Windows"), ("projection", "Whole")]),
     },
     Switch {
+        name: "warning.style",
+        label: "Style",
+        hint: "what is drawn of a thing",
+        control: Control::Choice(&[
+            ("grid", "Grid"),
+            ("outline", "Outline"),
+            ("solid", "Solid"),
+            ("minimal", "Minimal"),
+        ]),
+    },
+    Switch {
         name: "warning.footprints",
         label: "Footprints",
         hint: "obstacles are drawn on the floor, too",
+        control: Control::Toggle,
+    },
+    Switch {
+        name: "warning.labels",
+        label: "Distances",
+        hint: "are written on what is shown",
+        control: Control::Toggle,
+    },
+    Switch {
+        name: "cues.pulse",
+        label: "Controllers pulse",
+        hint: "in the hand that is near to something",
+        control: Control::Toggle,
+    },
+    Switch {
+        name: "cues.sound",
+        label: "Sound",
+        hint: "soft tones from where the obstacle is",
         control: Control::Toggle,
     },
     Switch {
@@ -231,7 +260,8 @@ fn draw_part(painter: &Painter, switch: &Switch, value: &toml::Value, part: Part
             let is_chosen = value.as_str() == Some(choices[n].0);
             painter.rect_filled(rect, ROUND, if is_chosen { ACCENT } else { ground });
             let color = if is_chosen { Color32::BLACK } else { TEXT };
-            painter.text(rect.center(), Align2::CENTER_CENTER, choices[n].1, font(25.0), color);
+            let size = if choices.len() > 3 { 21.0 } else { 25.0 };
+            painter.text(rect.center(), Align2::CENTER_CENTER, choices[n].1, font(size), color);
         }
         _ => {}
     }
@@ -288,7 +318,8 @@ pub(super) mod tests {
     use super::*;
 
     pub const ALL: &str = "[headset]\nwarnings = true\ndisplay = \"panels\"\nfollow_chaperone = true\n[warning]\n\
-        fade_distance_m = 1.5\nfull_distance_m = 0.4\nbrightness = 1.0\ncolor = [64, 224, 255]\nfootprints = true\n";
+        fade_distance_m = 1.5\nfull_distance_m = 0.4\nbrightness = 1.0\ncolor = [64, 224, 255]\nstyle = \"grid\"\nfootprints = true\nlabels = false\n\
+        [cues]\npulse = true\nsound = false\n";
 
     #[test]
     fn steps_stay_on_their_grid_and_within_their_bounds() {

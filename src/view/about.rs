@@ -16,6 +16,8 @@ pub struct About {
     pub title: String,
     /// How long it says it is, seconds.
     pub expected_s: f64,
+    /// It comes in as it happens, and has no end yet.
+    pub is_live: bool,
     /// Where the sensor sits on the head.
     pub head_from_sensor: Pose,
     /// Widest angle to the boresight that counts, radians.
@@ -52,6 +54,7 @@ impl About {
         Self {
             title: header.source.clone(),
             expected_s,
+            is_live: false,
             head_from_sensor: settings.tracking.mount.unwrap_or(header.head_from_sensor),
             beam_rad: min_cos.clamp(-1.0, 1.0).acos(),
             ranges_m: [ranges_m[0].min(ranges_m[1]), ranges_m[1]],
@@ -62,6 +65,11 @@ impl About {
             truth: header.truth.clone(),
             warning: settings.warning.clone(),
         }
+    }
+
+    /// Of what comes in as it happens.
+    pub fn live(header: &Header, settings: &Settings, search: Search) -> Self {
+        Self { is_live: true, ..Self::new(header, settings, search, 0.0) }
     }
 
     /// Evidence below this is not shown at first: less confirms nothing.

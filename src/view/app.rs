@@ -22,6 +22,8 @@ use crate::warning::{Panel as WarningPanel, warn};
 
 /// While the recording is worked off, the strip is drawn so often.
 const BUFFERING: Duration = Duration::from_millis(100);
+/// What comes in as it happens is drawn so often.
+const LIVE: Duration = Duration::from_millis(50);
 /// No more time than this passes between two passes, seconds: who comes back to a window does not miss half a minute.
 const LONGEST_PASS_S: f64 = 0.25;
 /// Share of the width that the room has beside the maps.
@@ -74,9 +76,9 @@ impl App {
     pub fn new(about: About, history: SharedHistory) -> Self {
         Self {
             layers: Layers::new(about.least_score()),
+            player: if about.is_live { Player::live() } else { Player::default() },
             about,
             history,
-            player: Player::default(),
             arrangement: Arrangement::Both,
             camera: Camera::default(),
             view: Some(View::Overview),
@@ -129,8 +131,16 @@ impl App {
         self.wanted.take()
     }
 
+    /// Whether there is nothing more to look at: what came in as it happened has ended.
+    pub fn is_over(&self) -> bool {
+        self.about.is_live && self.history.lock().extent().is_complete
+    }
+
     /// One pass.
     pub fn ui(&mut self, ui: &mut Ui) {
+        if let Some(about) = self.history.take_about() {
+            self.about = about;
+        }
         let now_s = ui.input(|input| input.time);
         let passed_s =
             self.before_s.replace(now_s).map_or(0.0, |before_s| (now_s - before_s).clamp(0.0, LONGEST_PASS_S));
@@ -165,7 +175,9 @@ impl App {
     /// Draws again only when something will have changed.
     fn ask_for_more(&self, ui: &Ui, extent: &super::player::Extent) {
         let is_waiting = self.player.time_s() >= extent.buffered_s && !extent.is_complete;
-        if self.player.is_playing() && !is_waiting {
+        if self.player.is_at_edge() && !extent.is_complete {
+            ui.ctx().request_repaint_after(LIVE);
+        } else if self.player.is_playing() && !is_waiting {
             ui.ctx().request_repaint();
         } else if !extent.is_complete {
             ui.ctx().request_repaint_after(BUFFERING);

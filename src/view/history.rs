@@ -127,9 +127,10 @@ impl History {
     }
 
     /// There is this evidence from now on.
-    pub fn push_evidence(&mut self, time_ns: i64, evidence: Evidence) {
+    pub fn push_evidence(&mut self, time_ns: i64, evidence: impl Into<Arc<Evidence>>) {
+        let evidence = evidence.into();
         self.greatest_score = evidence.voxels.first().map_or(0.0, |voxel| voxel.1).max(self.greatest_score);
-        self.evidence.push(time_ns, Arc::new(evidence));
+        self.evidence.push(time_ns, evidence);
     }
 
     /// Nothing more will come.

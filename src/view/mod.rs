@@ -1,4 +1,5 @@
-//! The desktop view: a window in which a recording is replayed, in space, over time and in cross-sections.
+//! The desktop view: a window in which a recording is replayed, or what is seen right now is shown, in space, over time and in
+//! cross-sections.
 //!
 //! The pipeline runs forward only, in a thread of its own and as fast as it can; a [`Recorder`] asks it after every event and notes
 //! what it knows in a bounded [`History`]. The window shows any moment of that, so going back shows what was known then. State that
@@ -35,7 +36,7 @@ use recorder::SharedHistory;
 
 pub use about::About;
 pub use error::ViewError;
-pub use history::History;
+pub use history::{Health, History, VOXELS};
 pub use recorder::Recorder;
 
 /// Runs `work` in a thread of its own and shows in a window what its recorder notes, until the window is closed. Then `work` is
@@ -44,6 +45,18 @@ pub use recorder::Recorder;
 /// # Errors
 /// No window, or nothing that draws to it. `work` has ended by then.
 pub fn show<T: Send>(about: About, work: impl FnOnce(Recorder) -> T + Send) -> Result<T, ViewError> {
+    show_or(about, work, || {})
+}
+
+/// The same for work that goes on when the window is closed, and has to be told to end, by `give_up`, where there is none.
+///
+/// # Errors
+/// As [`show`].
+pub fn show_or<T: Send>(
+    about: About,
+    work: impl FnOnce(Recorder) -> T + Send,
+    give_up: impl FnOnce(),
+) -> Result<T, ViewError> {
     let history = SharedHistory::new(about.expected_s);
     let title = format!("{} – radar-chaperone", about.title);
     let mut app = App::new(about, history.clone());
@@ -52,6 +65,9 @@ pub fn show<T: Send>(about: About, work: impl FnOnce(Recorder) -> T + Send) -> R
         let worker = scope.spawn(|| work(recorder));
         let shown = window::show(&mut app, &title);
         history.leave();
+        if shown.is_err() {
+            give_up();
+        }
         let done = joined(worker)?;
         shown.map(|()| done)
     })

@@ -13,7 +13,8 @@ use crate::obstacles::{Observed, Obstacle};
 /// All of it, in one column.
 pub fn panel(ui: &mut Ui, about: &About, moment: &Moment, layers: &mut Layers, top_score: f32) {
     ScrollArea::vertical().auto_shrink([false, false]).show(ui, |ui| {
-        open(ui, "Recording", |ui| health(ui, about, moment));
+        let heading = if about.is_live { "Sensor and tracking" } else { "Recording" };
+        open(ui, heading, |ui| health(ui, about, moment));
         open(ui, "Layers", |ui| switches(ui, about, layers, top_score));
         open(ui, &format!("Obstacles ({})", moment.scene.obstacles.len()), |ui| obstacles(ui, moment, layers));
     });
@@ -180,7 +181,7 @@ fn switches(ui: &mut Ui, about: &About, layers: &mut Layers, top_score: f32) {
     );
     if about.truth.is_some() {
         switch(&mut layers.truth, style::TRUTH, "Truth", "What the recording says is really there");
-    } else {
+    } else if !about.is_live {
         ui.label(RichText::new("The recording knows no truth.").small().color(style::MUTED));
     }
     ui.add_space(4.0);

@@ -12,6 +12,9 @@ pub struct Player {
     speed: f64,
     is_playing: bool,
     is_looping: bool,
+    /// Whether what is shown comes in as it happens, and whether one is at its newest end.
+    is_live: bool,
+    is_at_edge: bool,
     /// Where one wants to be that is not worked off yet.
     awaited_s: Option<f64>,
 }
@@ -29,11 +32,34 @@ pub struct Extent {
 
 impl Default for Player {
     fn default() -> Self {
-        Self { time_s: 0.0, speed: 1.0, is_playing: true, is_looping: false, awaited_s: None }
+        Self {
+            time_s: 0.0,
+            speed: 1.0,
+            is_playing: true,
+            is_looping: false,
+            is_live: false,
+            is_at_edge: false,
+            awaited_s: None,
+        }
     }
 }
 
 impl Player {
+    /// Of what comes in as it happens: at its newest end, until one goes back or stops.
+    pub fn live() -> Self {
+        Self { is_live: true, is_at_edge: true, ..Self::default() }
+    }
+
+    /// Whether what is shown comes in as it happens.
+    pub fn is_live(&self) -> bool {
+        self.is_live
+    }
+
+    /// Whether the newest is shown, whatever comes.
+    pub fn is_at_edge(&self) -> bool {
+        self.is_at_edge
+    }
+
     /// Time shown.
     pub fn time_s(&self) -> f64 {
         self.time_s
@@ -62,6 +88,7 @@ impl Player {
     /// Goes on or stops; at the end it begins again.
     pub fn toggle(&mut self, extent: &Extent) {
         self.is_playing = !self.is_playing;
+        self.is_at_edge = false;
         if self.is_playing && extent.is_complete && self.time_s >= extent.duration_s {
             self.seek(0.0, extent);
         }
@@ -69,7 +96,7 @@ impl Player {
 
     /// Stops.
     pub fn pause(&mut self) {
-        self.is_playing = false;
+        (self.is_playing, self.is_at_edge) = (false, false);
     }
 
     /// Whether it begins again at the end.
@@ -98,12 +125,21 @@ impl Player {
         let wanted_s = if time_s.is_finite() { time_s.clamp(0.0, extent.duration_s.max(0.0)) } else { self.time_s };
         self.time_s = wanted_s.min(extent.buffered_s);
         self.awaited_s = (wanted_s > extent.buffered_s && !extent.is_complete).then_some(wanted_s);
+        self.reach_edge(extent);
+    }
+
+    /// Who is at the newest end of what comes in stays there.
+    fn reach_edge(&mut self, extent: &Extent) {
+        self.is_at_edge = self.is_live && !extent.is_complete && self.time_s >= extent.buffered_s;
+        self.is_playing |= self.is_at_edge;
     }
 
     /// Time has passed: `passed_s` seconds of a clock. Says whether what is shown changed.
     pub fn advance(&mut self, passed_s: f64, extent: &Extent) -> bool {
         let before = (self.time_s, self.awaited_s);
-        if let Some(awaited_s) = self.awaited_s {
+        if self.is_at_edge && !extent.is_complete {
+            self.time_s = extent.buffered_s;
+        } else if let Some(awaited_s) = self.awaited_s {
             self.seek(awaited_s, extent);
         } else if self.is_playing && passed_s > 0.0 {
             self.play(passed_s, extent);
@@ -116,6 +152,7 @@ impl Player {
         if !(extent.is_complete && next_s >= extent.duration_s) {
             // No faster than it is worked off.
             self.time_s = next_s.min(extent.buffered_s).max(self.time_s.min(extent.buffered_s));
+            self.reach_edge(extent);
         } else if self.is_looping && extent.duration_s > 0.0 {
             self.time_s = next_s % extent.duration_s;
         } else {
@@ -144,6 +181,27 @@ mod tests {
         assert_eq!((player.time_s(), player.is_playing()), (10.0, false));
         player.toggle(&ALL);
         assert_eq!((player.time_s(), player.is_playing()), (0.0, true), "from the beginning again");
+    }
+
+    #[test]
+    fn live_it_stays_at_the_newest_until_one_goes_back() {
+        let grown = |buffered_s| Extent { buffered_s, duration_s: buffered_s, is_complete: false };
+        let mut player = Player::live();
+        assert!(player.advance(0.1, &grown(7.0)) && player.time_s() == 7.0 && player.is_at_edge());
+        player.seek(2.0, &grown(7.0));
+        assert!(player.advance(1.0, &grown(8.0)) && player.time_s() == 3.0 && !player.is_at_edge());
+        player.seek(8.0, &grown(8.0));
+        player.advance(0.1, &grown(9.5));
+        assert_eq!((player.time_s(), player.is_at_edge()), (9.5, true));
+        player.pause();
+        player.advance(0.1, &grown(10.0));
+        assert_eq!((player.time_s(), player.is_at_edge()), (9.5, false));
+        player.toggle(&grown(10.0));
+        player.set_speed(4.0);
+        player.advance(1.0, &grown(10.5));
+        assert!(player.is_at_edge(), "it has caught up");
+        player.advance(0.1, &Extent { buffered_s: 10.5, duration_s: 10.5, is_complete: true });
+        assert_eq!((player.time_s(), player.is_playing()), (10.5, false), "it is over");
     }
 
     #[test]

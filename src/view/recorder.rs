@@ -1,10 +1,14 @@
-//! Writes into the history what a pipeline knows, as it goes. To be asked after every event; the pipeline need not know.
+//! Writes into the history what a pipeline knows, as it goes. To be asked after every event; the pipeline need not know. Who has no
+//! pipeline at hand, since it works elsewhere, notes what that one tells.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use super::about::About;
 use super::history::{Health, History, VOXELS};
 use crate::engine::{Pipeline, Search};
+use crate::geometry::Pose;
+use crate::obstacles::{Evidence, Scene};
 
 /// Where there is no look of its own, the first is taken after so long, and the next when the recording is so much longer:
 /// each is a search through everything.
@@ -15,27 +19,41 @@ const NEAR_NS: i64 = 1_000_000_000;
 
 /// The history, as both threads have it.
 #[derive(Debug, Clone)]
-pub struct SharedHistory(Arc<(Mutex<History>, AtomicBool)>);
+pub struct SharedHistory(Arc<Held>);
+
+#[derive(Debug)]
+struct Held {
+    history: Mutex<History>,
+    /// What holds for all of it, where that became known, or another, only now.
+    about: Mutex<Option<About>>,
+    is_left: AtomicBool,
+}
 
 impl SharedHistory {
     /// Of a recording that says it is so long, seconds.
     pub fn new(expected_s: f64) -> Self {
-        Self(Arc::new((Mutex::new(History::new(expected_s)), AtomicBool::new(false))))
+        let history = Mutex::new(History::new(expected_s));
+        Self(Arc::new(Held { history, about: Mutex::default(), is_left: AtomicBool::new(false) }))
     }
 
     /// The history, for a short while.
     pub fn lock(&self) -> MutexGuard<'_, History> {
-        self.0.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.history.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What holds for all of it, when that is another than before.
+    pub fn take_about(&self) -> Option<About> {
+        self.0.about.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
     /// Nobody looks any more.
     pub fn leave(&self) {
-        self.0.1.store(true, Ordering::Relaxed);
+        self.0.is_left.store(true, Ordering::Relaxed);
     }
 
     /// Whether nobody looks any more.
     pub fn is_left(&self) -> bool {
-        self.0.1.load(Ordering::Relaxed)
+        self.0.is_left.load(Ordering::Relaxed)
     }
 }
 
@@ -75,6 +93,29 @@ impl Recorder {
         };
         if is_new {
             self.look(pipeline, now_ns);
+        }
+    }
+
+    /// What holds for all of it is this from now on.
+    pub fn note_about(&self, about: About) {
+        *self.history.0.about.lock().unwrap_or_else(PoisonError::into_inner) = Some(about);
+    }
+
+    /// The head is here, and the sensor's newest frame ended then, host nanoseconds.
+    pub fn note_head(&self, now_ns: i64, head: Pose, frame_ns: Option<i64>) {
+        let mut history = self.history.lock();
+        history.push_head(now_ns, head);
+        if let Some(frame_ns) = frame_ns {
+            history.push_frame(frame_ns);
+        }
+    }
+
+    /// This is known now; `evidence` where there is new one.
+    pub fn note_look(&self, now_ns: i64, scene: Scene, health: Health, evidence: Option<Arc<Evidence>>) {
+        let mut history = self.history.lock();
+        history.push_look(now_ns, scene, health);
+        if let Some(evidence) = evidence {
+            history.push_evidence(now_ns, evidence);
         }
     }
 

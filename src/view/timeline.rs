@@ -106,6 +106,12 @@ fn state(player: &Player, extent: &Extent) -> String {
     if extent.is_complete {
         return String::new();
     }
+    if player.is_live() {
+        return match extent.buffered_s - player.time_s() {
+            _ if player.is_at_edge() => "live".to_owned(),
+            behind_s => format!("{} ago; End goes to now", style::clock(behind_s.max(0.0))),
+        };
+    }
     let percent = 100.0 * extent.buffered_s / extent.duration_s.max(1e-9);
     match player.awaited_s() {
         Some(awaited_s) => format!("working towards {} … {percent:.0} %", style::clock(awaited_s)),

@@ -127,6 +127,9 @@ impl Desktop<'_> {
     }
 
     fn draw(&mut self, event_loop: &ActiveEventLoop) {
+        if self.app.is_over() {
+            return event_loop.exit();
+        }
         let Some(open) = &mut self.open else { return };
         match open.draw(self.app) {
             Ok(None) => self.next = Some(Instant::now() + Duration::from_millis(10)),

@@ -13,4 +13,5 @@ mod recorded;
 mod rig;
 mod room;
 mod settings;
+mod viewed;
 mod warnings;

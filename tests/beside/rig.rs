@@ -70,6 +70,11 @@ impl Rig {
         command
     }
 
+    /// Has what is started from now on find this in its environment.
+    pub fn set(&mut self, name: &str, value: &str) {
+        self.environment.push((name.to_owned(), value.into()));
+    }
+
     /// Puts the layer that loses devices under what is started from now on; gives the file whose content has it do so.
     pub fn with_devices_to_lose(&mut self) -> PathBuf {
         let library = examples().join("liblost_device_layer.so");

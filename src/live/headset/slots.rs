@@ -15,6 +15,8 @@ use crate::steamvr::{Overlay, Runtime, SteamVrError, Universe, VulkanDevice};
 pub(super) const SLOTS: usize = 8;
 /// Pictures of an overlay kept alive after they were replaced.
 const KEPT: usize = 2;
+/// A display shows no finer steps of brightness: less than one is no reason to call the runtime.
+const ALPHA_STEPS: f32 = 255.0;
 /// What lies on the floor is drawn before what stands on it.
 const FLOOR_ORDER: u32 = 0;
 const PANEL_ORDER: u32 = 1;
@@ -144,7 +146,7 @@ impl Slot {
         self.overlay.set_texel_aspect((quad.size_m.x / width_px) / (quad.size_m.y / height_px))?;
         self.overlay.set_width_m(quad.size_m.x)?;
         self.overlay.set_place(Universe::Raw, &(*raw_from_standing * quad.tracking_from_quad))?;
-        self.overlay.set_alpha(quad.alpha)?;
+        self.overlay.set_alpha((quad.alpha * ALPHA_STEPS).round() / ALPHA_STEPS)?;
         self.overlay.set_sort_order(if quad.on_floor { FLOOR_ORDER } else { PANEL_ORDER })?;
         self.overlay.show()?;
         Ok(is_new)

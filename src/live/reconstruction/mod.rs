@@ -8,7 +8,7 @@
 mod worker;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::thread::{Builder, JoinHandle};
 
@@ -16,7 +16,7 @@ use super::queue::{Feeder, Queue};
 use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
 use crate::engine::{Counters, Settings};
 use crate::geometry::Pose;
-use crate::obstacles::{HandsSample, Remembered, Scene};
+use crate::obstacles::{Evidence, HandsSample, Remembered, Scene};
 use crate::radar::{Frame, SensorConfig};
 use crate::tracking::PoseSample;
 use worker::{Begin, Worker};
@@ -140,6 +140,9 @@ struct Shared {
     begin_with: Mutex<Option<(u64, Remembered)>>,
     /// What is known of the room, and in which epoch.
     remembered: Mutex<Option<(u64, Arc<Remembered>)>>,
+    /// How many voxels of evidence are wanted; and those of the newest scene.
+    evidence_wanted: AtomicUsize,
+    evidence: Mutex<Option<Arc<Evidence>>>,
     /// Settings for whatever begins next, where they are to be others.
     next_settings: Mutex<Option<Settings>>,
     is_alive: AtomicBool,
@@ -262,6 +265,16 @@ impl Reconstruction {
         lock(&self.shared.remembered).clone()
     }
 
+    /// Has it tell of the evidence behind scenes, so many voxels at most, the strongest; 0, as at first: none.
+    pub fn watch_evidence(&self, most: usize) {
+        self.shared.evidence_wanted.store(most, Ordering::Relaxed);
+    }
+
+    /// The newest evidence, where it is watched and there is a newer one than was last taken. May wait for a moment: not for the frame loop.
+    pub fn take_evidence(&self) -> Option<Arc<Evidence>> {
+        lock(&self.shared.evidence).take()
+    }
+
     /// How often everything was forgotten.
     pub fn epoch(&self) -> u64 {
         self.shared.epoch.load(Ordering::SeqCst)
@@ -330,6 +343,8 @@ impl Shared {
             epoch: AtomicU64::new(0),
             begin_with: Mutex::new(None),
             remembered: Mutex::new(None),
+            evidence_wanted: AtomicUsize::new(0),
+            evidence: Mutex::default(),
             next_settings: Mutex::new(None),
             is_alive: AtomicBool::new(true),
             stop: AtomicBool::new(false),

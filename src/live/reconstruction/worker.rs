@@ -250,7 +250,19 @@ impl Worker {
         let end_ns = now_ns();
         self.next_reflectors_ns = end_ns + REFLECTORS_NS.max(REFLECTORS_REST * (end_ns - begin_ns));
         self.evidence_ns = evidence_ns;
+        self.tell_evidence();
         Some(scene)
+    }
+
+    /// The evidence behind a scene, for who watches.
+    fn tell_evidence(&self) {
+        let most = self.shared.evidence_wanted.load(Ordering::Relaxed);
+        if most > 0 {
+            let evidence = Arc::new(self.pipeline.engine().evidence(most));
+            let before = lock(&self.shared.evidence).replace(evidence);
+            // Let go after the lock is.
+            drop(before);
+        }
     }
 
     /// Renews the counters that others see, when they are older than this.

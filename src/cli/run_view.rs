@@ -1,0 +1,92 @@
+//! `run --view`: the window on the desktop, and the thread that notes in it what the session sees. It asks; nobody waits for it.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use anyhow::{Result, anyhow};
+
+use super::run_feed::Feed;
+use crate::engine::{Search, Settings};
+use crate::geometry::Pose;
+use crate::imaging::TimeOffset;
+use crate::live::{Published, Reconstruction, SettingsDesk};
+use crate::radar::preset;
+use crate::recording::Header;
+use crate::view::{self, About, Health, Recorder, VOXELS, ViewError};
+
+/// How often the head is noted.
+const TURN: Duration = Duration::from_millis(33);
+/// What is shown before there is a sensor.
+const NO_SENSOR: &str = "waiting for the sensor";
+
+/// Does the work in a thread of its own and shows meanwhile what it notes, until the window is closed or the work is over. A window that is
+/// closed ends nothing; where there can be none, the work is asked to stop.
+pub(super) fn show(stop: &AtomicBool, work: impl FnOnce(Recorder) -> Result<()> + Send) -> Result<()> {
+    let config = preset("d16").unwrap_or_else(|| unreachable!("d16 is a preset"));
+    let header = Header::new(NO_SENSOR, config, Pose::IDENTITY);
+    let about = About::live(&header, &Settings::default(), Search::Rooms);
+    let shown = view::show_or(about, work, || stop.store(true, Ordering::Relaxed));
+    shown.map_err(|error| match error {
+        ViewError::NoDesktop(cause) => {
+            anyhow!("no window can be opened: {cause}. Warnings need none: run without --view")
+        }
+        other => other.into(),
+    })?
+}
+
+/// Notes what a session sees, until it is over or nobody looks.
+pub(super) fn watch(view: &Recorder, feed: &Feed, desk: &SettingsDesk, is_over: &AtomicBool) {
+    let mut watcher = Watcher { view, feed, desk, version: 0, noted: None };
+    while !is_over.load(Ordering::Relaxed) && !view.is_left() {
+        watcher.turn();
+        std::thread::sleep(TURN);
+    }
+    if let Some(reconstruction) = feed.reconstruction() {
+        reconstruction.watch_evidence(0);
+    }
+}
+
+struct Watcher<'w> {
+    view: &'w Recorder,
+    feed: &'w Feed,
+    desk: &'w SettingsDesk,
+    /// Of the settings that the view knows.
+    version: u64,
+    noted: Option<Arc<Published>>,
+}
+
+impl Watcher<'_> {
+    fn turn(&mut self) {
+        let (Some(header), Some(reconstruction)) = (self.feed.sensor(), self.feed.reconstruction()) else { return };
+        let search = reconstruction.counters().pipeline.engine.search;
+        if let Some(settings) = self.desk.newer_than(&mut self.version) {
+            self.view.note_about(About::live(header, &settings, search));
+            reconstruction.watch_evidence(VOXELS);
+        }
+        let (pose, frame_ns) = self.feed.newest();
+        let head = pose.and_then(|pose| Some((pose.time_ns, pose.tracking_from_head().ok()?)));
+        let Some((now_ns, head)) = head else { return };
+        self.view.note_head(now_ns, head, frame_ns);
+        let published = reconstruction.latest();
+        let is_new = !self.noted.as_ref().is_some_and(|noted| Arc::ptr_eq(&noted.scene, &published.scene));
+        if is_new {
+            let (health, evidence) = (health(&published, reconstruction), reconstruction.take_evidence());
+            self.view.note_look(now_ns, (*published.scene).clone(), health, evidence);
+            self.noted = Some(published);
+        }
+    }
+}
+
+fn health(published: &Published, reconstruction: &Reconstruction) -> Health {
+    let counters = reconstruction.counters().pipeline;
+    let tracks = counters.time_offset;
+    let estimate = published.time_offset_sigma_s.map(|sigma_s| TimeOffset {
+        offset_s: published.time_offset_s,
+        sigma_s,
+        observable: true,
+        tracks: tracks.tracks as usize,
+        tracks_left_out: tracks.tracks_left_out as usize,
+    });
+    Health { counters, time_offset_s: published.time_offset_s, estimate }
+}
