@@ -1,45 +1,73 @@
 //! One panel for one thing: obstacles that lie close together are drawn as one.
 //!
-//! A chair gives several strong reflections, each an obstacle of its own in the scene. In the order in which they were found,
-//! each joins the first group whose box is near enough, as long as the group stays no wider than a piece of furniture. Evidence
-//! goes up and down and plays no part, so that groups stay what they are.
+//! A chair gives several strong reflections, each an obstacle of its own in the scene, and no more than eight panels can be shown: legs that
+//! had a panel each would leave none for the sofa. In the order in which they were found, each joins the first group that is near
+//! enough seen from above, and groups that it brings near enough join each other, as long as none becomes wider than a piece of
+//! furniture. Evidence goes up and down and plays no part, so that groups stay what they are.
 
 use crate::geometry::Aabb;
 use crate::obstacles::{Observed, Obstacle};
 
-/// Boxes this near to each other join, metres.
-const GAP_M: f64 = 0.3;
+/// Boxes this near to each other, seen from above, join, metres: no way for a person leads between them.
+const GAP_M: f64 = 0.45;
 /// Widest that a group may become over the floor, metres.
 const WIDEST_M: f64 = 1.2;
+
+/// Obstacles that are one, and the box around all of them.
+struct Group {
+    /// The first, with the shapes of all.
+    all: Obstacle,
+    around: Aabb,
+}
 
 /// Groups in the order of their first members; each has its first member's id and place and the shapes of all. What is known by
 /// its distance alone stays by itself.
 pub(super) fn grouped(obstacles: &[Obstacle]) -> Vec<Obstacle> {
     let mut by_age: Vec<&Obstacle> = obstacles.iter().collect();
     by_age.sort_by_key(|obstacle| obstacle.id);
-    let mut groups: Vec<(Obstacle, Aabb)> = Vec::new();
+    let mut groups: Vec<Group> = Vec::new();
     for obstacle in by_age {
-        let places = obstacle.shape.iter().map(|s| s.0).chain([obstacle.position_m]);
-        let Some(around) = Aabb::around(places.filter(|p| p.is_finite())) else { continue };
-        let joins = |(group, so_far): &&mut (Obstacle, Aabb)| {
-            let both = union(so_far, &around);
-            let gap = both.size() - so_far.size() - around.size();
-            obstacle.observed == Observed::Position
-                && group.observed == Observed::Position
-                && gap.max_element() <= GAP_M
-                && both.size().x.max(both.size().z) <= WIDEST_M
-        };
-        match groups.iter_mut().find(joins) {
-            Some((group, so_far)) => {
-                group.shape.extend_from_slice(&obstacle.shape);
-                group.provisional &= obstacle.provisional;
-                *so_far = union(so_far, &around);
-                group.extent_m = so_far.size();
-            }
-            None => groups.push((obstacle.clone(), around)),
-        }
+        groups.extend(Group::of(obstacle));
+        join(&mut groups);
     }
-    groups.into_iter().map(|(group, _)| group).collect()
+    groups.into_iter().map(|group| group.all).collect()
+}
+
+/// Joins the newest group with what it is near to, and what that brings near, until none joins any more.
+fn join(groups: &mut Vec<Group>) {
+    let mut newest = groups.len().saturating_sub(1);
+    while let Some(other) = (0..groups.len()).find(|&n| n != newest && groups[n].joins(&groups[newest])) {
+        let (first, second) = (newest.min(other), newest.max(other));
+        let joined = groups.remove(second);
+        groups[first].take(joined);
+        newest = first;
+    }
+}
+
+impl Group {
+    /// Of one; `None` when it is nowhere.
+    fn of(obstacle: &Obstacle) -> Option<Self> {
+        let places = obstacle.shape.iter().map(|s| s.0).chain([obstacle.position_m]);
+        let around = Aabb::around(places.filter(|place| place.is_finite()))?;
+        Some(Self { all: obstacle.clone(), around })
+    }
+
+    fn joins(&self, other: &Self) -> bool {
+        let both = union(&self.around, &other.around).size();
+        let gap = both - self.around.size() - other.around.size();
+        self.all.observed == Observed::Position
+            && other.all.observed == Observed::Position
+            && gap.x.max(gap.z) <= GAP_M
+            && both.x.max(both.z) <= WIDEST_M
+    }
+
+    /// Takes one that was found later.
+    fn take(&mut self, other: Self) {
+        self.all.shape.extend(other.all.shape);
+        self.all.provisional &= other.all.provisional;
+        self.around = union(&self.around, &other.around);
+        self.all.extent_m = self.around.size();
+    }
 }
 
 fn union(a: &Aabb, b: &Aabb) -> Aabb {
@@ -72,9 +100,23 @@ mod tests {
         let at = |id, x| obstacle(id, x, Observed::Position);
         let chair = grouped(&[at(1, 0.0), at(2, 0.25), at(3, 0.5)]);
         assert_eq!((chair.len(), chair[0].id, chair[0].shape.len()), (1, 1, 3));
-        assert_eq!(grouped(&[at(1, 0.0), at(2, 0.4)]).len(), 2);
+        assert_eq!(grouped(&[at(1, 0.0), at(2, 0.4)]).len(), 1, "no way leads between them");
+        assert_eq!(grouped(&[at(1, 0.0), at(2, 0.5)]).len(), 2);
+        let between = grouped(&[at(1, 0.0), at(2, 0.5), at(3, 0.25)]);
+        assert_eq!((between.len(), between[0].id), (1, 1), "the last joins the other two");
         let row: Vec<_> = (0..10).map(|n| at(n, 0.25 * n as f64)).collect();
         assert!(grouped(&row).len() >= 2);
+    }
+
+    #[test]
+    fn what_stands_on_one_spot_is_one_however_high() {
+        let pole = [0.05, 0.5, 1.0, 1.9].map(|height_m| {
+            let position_m = DVec3::new(0.02 * height_m, height_m, -1.0);
+            Obstacle { position_m, shape: vec![(position_m, 1.0)], ..obstacle(1, 0.0, Observed::Position) }
+        });
+        let numbered: Vec<_> = (1..).zip(pole).map(|(id, part)| Obstacle { id, ..part }).collect();
+        let groups = grouped(&numbered);
+        assert_eq!((groups.len(), groups[0].shape.len()), (1, 4));
     }
 
     #[test]
