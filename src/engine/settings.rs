@@ -277,6 +277,8 @@ impl Settings {
             ("rooms.map.uneven_penalty", rooms.map.uneven_penalty, 0.0, 1e6),
             ("rooms.map.silent_penalty", rooms.map.silent_penalty, 0.0, 1e6),
             ("rooms.map.rival_penalty", rooms.map.rival_penalty, 0.0, 1e6),
+            ("rooms.map.past_penalty", rooms.map.past_penalty, 0.0, 1e6),
+            ("rooms.map.past_bonus", rooms.map.past_bonus, 0.0, 1e6),
             ("rooms.map.forget.leak", rooms.map.forget.leak, 0.0, 1e3),
             ("rooms.map.forget.shadow_leak", rooms.map.forget.shadow_leak, 0.0, 1e3),
             ("rooms.map.forget.familiar_blocks", rooms.map.forget.familiar_blocks, 0.0, 1e9),

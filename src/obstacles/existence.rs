@@ -130,11 +130,9 @@ impl Existence {
             true if would_be_seen => -settings.shadow_leak,
             true => 0.0,
             false => {
-                // What else is in this range drowns it as it drowned m.
-                let expected = view.expected(strength);
-                let ratio = (view.m * expected / (1.0 + expected)).min(30.0).exp() / (1.0 + expected);
+                let ratio = view.likelihood_ratio(strength);
                 let leak = if would_be_seen { settings.leak } else { 0.0 };
-                self.learn(side, view, expected);
+                self.learn(side, view, view.expected(strength));
                 (surely * ratio + 1.0 - surely).ln().min(MOST_A_BLOCK) - leak
             }
         };

@@ -97,6 +97,8 @@ pub struct Explained<T> {
     /// The score of the best place elsewhere that the same echoes would have spoken for, as a part of its own: 1 where one cannot tell
     /// which of the two it is.
     pub rival: f64,
+    /// How much likelier the blocks from before the window make it that something is there, log odds; 0 where they were not asked.
+    pub past: f64,
     /// First and last of these blocks, host nanoseconds.
     pub first_ns: i64,
     /// See `first_ns`.
@@ -339,6 +341,7 @@ impl<'a> Window<'a> {
             uneven: unevenness(telling()),
             silent: 1.0 - count as f64 / left.blocks.max(1) as f64,
             rival: self.rival(best, open) / left.score.max(1e-9),
+            past: 0.0,
             first_ns: left.first_ns,
             last_ns: left.last_ns,
         }
@@ -449,7 +452,7 @@ impl<'a> Window<'a> {
             relative.push((place - origin).as_vec3().to_array());
         }
         for ((n, range_m, toward), coherence) in seen.into_iter().zip(block.coherence_at_points(&relative)) {
-            said[n] = Some(Some(View::new(block, coherence, range_m, toward, self.beam)));
+            said[n] = Some(Some(View::new((&block.middle, block.motion), coherence, range_m, toward, self.beam)));
         }
         said
     }
@@ -463,7 +466,7 @@ impl<'a> Window<'a> {
             }
             let toward = plane.outward.as_vec3().to_array();
             let coherence = block.coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
-            Some(View::new(block, coherence, range_m, plane.outward, self.beam))
+            Some(View::new((&block.middle, block.motion), coherence, range_m, plane.outward, self.beam))
         };
         self.blocks.iter().map(view).collect()
     }

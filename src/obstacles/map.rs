@@ -29,6 +29,10 @@ pub struct MapSettings {
     pub silent_penalty: f64,
     /// So much more of it where a rival is as strong, down to nothing at 0.7 of the strength.
     pub rival_penalty: f64,
+    /// So much more of it for every unit of log odds, up to 10, by which blocks from before the window speak against it.
+    pub past_penalty: f64,
+    /// So much less of it for every unit, up to 10, by which they speak for it.
+    pub past_bonus: f64,
     /// What was never seen from beyond this distance may be the player's own hand and is not confirmed, metres.
     pub hands_reach_m: f64,
     /// A sighting this near belongs to a known place, metres.
@@ -49,6 +53,8 @@ impl Default for MapSettings {
             uneven_penalty: 5.0,
             silent_penalty: 4.0,
             rival_penalty: 6.0,
+            past_penalty: 1.0,
+            past_bonus: 0.2,
             hands_reach_m: 0.9,
             match_m: 0.15,
             forget,
@@ -67,6 +73,8 @@ impl MapSettings {
             uneven_penalty: 0.0,
             silent_penalty: 0.0,
             rival_penalty: 0.0,
+            past_penalty: 0.0,
+            past_bonus: 0.0,
             hands_reach_m: 0.0,
             ..*self
         }
@@ -88,6 +96,8 @@ impl MapSettings {
             + self.uneven_penalty * (believed.uneven - EVEN).max(0.0)
             + self.silent_penalty * believed.silent
             + self.rival_penalty * rival
+            + self.past_penalty * (-believed.past).clamp(0.0, MOST_OF_PAST)
+            - self.past_bonus * believed.past.clamp(0.0, MOST_OF_PAST)
     }
 }
 
@@ -95,6 +105,9 @@ impl MapSettings {
 const EVEN: f64 = 0.4;
 /// A rival weaker than this part of a thing's score is none.
 const RIVAL_FROM: f64 = 0.7;
+
+/// What is past counts for no more than this, log odds: things are moved into a place, too.
+const MOST_OF_PAST: f64 = 10.0;
 
 /// Updates that are looked back on.
 const RECENT_UPDATES: usize = 4;
@@ -272,6 +285,7 @@ mod tests {
             uneven: 0.0,
             silent: 0.0,
             rival: 0.0,
+            past: 0.0,
             first_ns: 1,
             last_ns: 2,
         }
@@ -282,6 +296,15 @@ mod tests {
         let settings = MapSettings { confirm_score: 6.0, confirm_sightings: 2, ..Default::default() };
         updates.iter().for_each(|found| sightings.update(found, &settings, same_place(settings.match_m)));
         sightings.confirmed().map(|s| (s.id, s.thing.x)).collect()
+    }
+
+    #[test]
+    fn the_past_is_evidence_and_no_proof() {
+        let settings = MapSettings::default();
+        let wanted = |past: f64| settings.lasting_wanted(&Explained { past, ..sighting(0.0, 9.0, true) });
+        assert!(wanted(-3.0) > wanted(0.0) && wanted(3.0) < wanted(0.0));
+        assert_eq!([wanted(-1e9), wanted(1e9)], [wanted(-10.0), wanted(10.0)], "things are moved, too");
+        assert!(settings.is_sighting(&Explained { past: -1e9, ..sighting(0.0, 60.0, true) }));
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod existence;
 mod explain;
 mod hands;
 mod map;
+mod past;
 mod reflectors;
 mod remembered;
 mod rooms;

@@ -15,6 +15,7 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::existence::{Existence, Told};
+use super::past::Past;
 use super::views::View;
 use super::{
     Believed, Evidence, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Observed, Obstacle, Sightings,
@@ -114,6 +115,8 @@ pub struct RoomSearch {
     fine: FineField,
     planes: PlaneField,
     window: VecDeque<Block>,
+    /// Those that have left it.
+    past: Past,
     view_memory: ViewMemory,
     /// Sweeps of the window, for refinement.
     sweeps: VecDeque<Observation>,
@@ -157,6 +160,7 @@ impl RoomSearch {
             min_cos,
             builders: BTreeMap::new(),
             window: VecDeque::new(),
+            past: Past::default(),
             view_memory: ViewMemory::default(),
             sweeps: VecDeque::new(),
             next_update_ns: None,
@@ -326,6 +330,7 @@ impl RoomSearch {
         let since_ns = now_ns - self.window_ns();
         while let Some(old) = self.window.pop_front_if(|b| b.mid_time_ns < since_ns) {
             self.fine.goes(&old);
+            self.past.take(old);
         }
         while self.sweeps.front().is_some_and(|o| o.mid_time_ns < since_ns) {
             self.sweeps.pop_front();
@@ -405,7 +410,19 @@ impl RoomSearch {
             existence.log_odds() >= settings.confirm
         };
         let places = new.places.iter().zip(&new.asked);
-        places.filter(|(_, asked)| is_there(&new.views[**asked])).map(|(place, _)| *place).collect()
+        let there = places.filter(|(_, asked)| is_there(&new.views[**asked]));
+        there.map(|(place, asked)| Explained { past: self.past_of(place, &new.views[*asked]), ..*place }).collect()
+    }
+
+    /// What the past says of a place that would be new if it were believed; 0 of others.
+    fn past_of(&self, place: &Explained<DVec3>, views: &[Option<View>]) -> f64 {
+        let map = &self.settings.map;
+        let is_known = |known: &DVec3| same_place(map.match_m)(known, &place.thing);
+        let may_be_new = place.determined && place.score >= map.confirm_score;
+        if !may_be_new || self.points.confirmed().any(|point| is_known(&point.thing)) {
+            return 0.0;
+        }
+        self.past.log_odds(place.thing, views, (&self.settings.blocks, self.min_cos), &self.beam)
     }
 
     /// The look ends: where things are.

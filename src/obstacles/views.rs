@@ -6,6 +6,7 @@ use std::collections::{BTreeMap, VecDeque};
 use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::geometry::Pose;
 use crate::imaging::blocks::{Block, Coherence, MEAN_LOG_OF_NOISE};
 use crate::radar::Beam;
 
@@ -34,13 +35,20 @@ pub(super) struct View {
 }
 
 impl View {
-    pub fn new(block: &Block, coherence: Coherence, range_m: f64, toward: DVec3, beam: &Beam) -> Self {
+    /// From the block's middle pose and its way.
+    pub fn new(
+        (middle, motion): (&Pose, DVec3),
+        coherence: Coherence,
+        range_m: f64,
+        toward: DVec3,
+        beam: &Beam,
+    ) -> Self {
         let (m, power) = (f64::from(coherence.m), f64::from(coherence.power));
         let evidence = m.ln_1p() - MEAN_LOG_OF_NOISE;
-        let amplitude = beam.amplitude(toward.dot(block.middle.forward()));
+        let amplitude = beam.amplitude(toward.dot(middle.forward()));
         let gain = (amplitude / range_m.max(0.1).powi(2)).powi(2);
         let ln_strength = (m >= TELLING_COHERENCE).then(|| (power / gain.max(1e-12)).max(1e-12).ln());
-        Self { m, evidence, power, range_m, toward, cos: toward.dot(block.motion), gain, ln_strength }
+        Self { m, evidence, power, range_m, toward, cos: toward.dot(motion), gain, ln_strength }
     }
 
     /// Whether it says where something is.
@@ -51,6 +59,13 @@ impl View {
     /// How far a thing of that strength would stand out of the noise and of what else there is.
     pub fn expected(&self, strength: f64) -> f64 {
         strength * self.gain / self.drowning()
+    }
+
+    /// How much likelier m is where there is a thing of that strength than where there is none: echoes fluctuate (Swerling's first case), so
+    /// m is exponential with mean 1 + m̂ or 1. What else is in this range drowns m̂ as it drowned m.
+    pub fn likelihood_ratio(&self, strength: f64) -> f64 {
+        let expected = self.expected(strength);
+        (self.m * expected / (1.0 + expected)).min(30.0).exp() / (1.0 + expected)
     }
 
     /// What else there is at the same range: energy that does not add up for this thing, over the noise; at least 1.

@@ -8,7 +8,7 @@ use super::brick::Rows;
 use super::kernel::Group;
 use super::lanes::{LANES, Lanes};
 use super::subapertures::{Partition, partition};
-use super::{BlockSettings, taper};
+use super::{BlockSettings, Coherence, taper};
 use crate::geometry::Pose;
 use crate::imaging::compression::CompressionRoom;
 use crate::imaging::{RangeCompressor, block_noise_rms};
@@ -54,6 +54,40 @@ pub struct Block {
     /// By greatest half-length, made when first asked for.
     partitions: [OnceLock<Partition>; PARTITIONS],
     geometry: Arc<SweepGeometry>,
+}
+
+/// A block that is asked for single places alone: half the memory.
+#[derive(Debug, Clone)]
+pub struct PlaceBlock(Block);
+
+impl PlaceBlock {
+    /// What a block says of places.
+    pub fn of(mut block: Block) -> Self {
+        block.rows.clear();
+        block.partitions = Default::default();
+        Self(block)
+    }
+
+    /// See [`Block::middle`].
+    pub fn middle(&self) -> &Pose {
+        &self.0.middle
+    }
+
+    /// See [`Block::motion`].
+    pub fn motion(&self) -> DVec3 {
+        self.0.motion
+    }
+
+    /// See [`Block::distance_m`].
+    pub fn distance_m(&self, place: DVec3) -> f64 {
+        self.0.distance_m(place)
+    }
+
+    /// Coherence of a place, tracking frame, metres.
+    pub fn coherence_at(&self, place: DVec3) -> Coherence {
+        let relative = (place - self.0.middle.translation).as_vec3().to_array();
+        self.0.coherence_at_points(&[relative])[0]
+    }
 }
 
 /// Partitions are made for half-lengths from this on, each so many times the one before.

@@ -67,6 +67,11 @@ impl Rows {
         }
     }
 
+    /// No room any more.
+    pub fn clear(&mut self) {
+        (self.values, self.starts) = (Vec::new(), Vec::new());
+    }
+
     /// Sets a sweep's entries.
     pub fn set(&mut self, sweep: usize, re: &[f32], im: &[f32]) {
         let (stride, len) = (self.sweep_len / (2 * self.row_len), self.row_len);

@@ -15,7 +15,7 @@ mod settings;
 mod shape;
 mod subapertures;
 
-pub use block::{Block, BlockBuilder};
+pub use block::{Block, BlockBuilder, PlaceBlock};
 pub use dense::blocks_volume;
 pub use field::{Field, Peak};
 pub use fine::{FineCounters, FineField, FineSettings};
