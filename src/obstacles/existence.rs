@@ -46,7 +46,7 @@ impl Default for ForgetSettings {
             familiar: 0.5,
             familiar_blocks: 8.0,
             unfamiliar: 0.2,
-            leak: 0.03,
+            leak: 0.02,
             shadow_leak: 0.05,
         }
     }
