@@ -2,7 +2,8 @@
 //!
 //! An artefact of the last seconds' movement stands where the beam has been before and nothing was; a weak thing was seen a little each
 //! time. A place that is newly believed is therefore asked of the past: had a thing of this strength been there, some blocks should
-//! have seen it. Things are moved, so the past is evidence among other evidence and no proof.
+//! have seen it. Things are moved, so the past is evidence among other evidence and no proof, and the newest looks at the place alone
+//! count: a chair that was put where nothing was is believed after some seconds in sight.
 
 use std::collections::VecDeque;
 
@@ -18,6 +19,8 @@ const EVERY: u64 = 3;
 const KEPT: usize = 190;
 /// How sure it is that a block sees a thing that is there: most things return into some directions only.
 const SURELY: f64 = 0.5;
+/// So many blocks that have it in their beam count, the newest.
+const NEWEST: usize = 16;
 /// Greatest that one block adds to the log odds.
 const MOST_A_BLOCK: f64 = 1.0;
 
@@ -30,15 +33,14 @@ pub(super) struct Past {
 
 impl Past {
     /// A block leaves the window.
-    pub fn take(&mut self, block: Block) {
+    pub fn take(&mut self, block: &Block) {
         self.left += 1;
         if !self.left.is_multiple_of(EVERY) {
             return;
         }
-        if self.blocks.len() == KEPT {
-            self.blocks.pop_front();
-        }
-        self.blocks.push_back(PlaceBlock::of(block));
+        // Memory that is taken and given back among what stays goes to pieces.
+        let oldest = if self.blocks.len() == KEPT { self.blocks.pop_front() } else { None };
+        self.blocks.push_back(PlaceBlock::of(block, oldest));
     }
 
     /// How much likelier the past makes it that something is at a place which returns what these views of the window say, log odds; 0 where
@@ -51,7 +53,8 @@ impl Past {
         beam: &Beam,
     ) -> f64 {
         let Some(strength) = strength(views) else { return 0.0 };
-        let that_see_it = self.blocks.iter().filter(|block| settings.sees(block.middle(), min_cos, place));
+        let sees = |block: &&PlaceBlock| settings.sees(block.middle(), min_cos, place);
+        let that_see_it = self.blocks.iter().rev().filter(sees).take(NEWEST);
         let of_block = |block: &PlaceBlock| {
             let range_m = block.distance_m(place);
             let toward = (place - block.middle().translation) / range_m.max(1e-9);
@@ -80,43 +83,50 @@ mod tests {
     const THING: DVec3 = DVec3::new(0.2, 0.1, -1.2);
     const NOTHING: DVec3 = DVec3::new(-0.4, -0.1, -1.4);
 
-    /// What the past says of a thing of the strength of what is at `THING`, at a place.
-    fn log_odds(place: DVec3, duration_s: f64) -> f64 {
+    fn blocks(duration_s: f64, echoes: &[(Echo, f64)]) -> Vec<Block> {
+        let mut builder = BlockBuilder::new(BlockSettings::default());
+        sweeps(duration_s, winding, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect()
+    }
+
+    /// What these blocks, when they have left the window, say of a thing of the strength of what is at `THING`, at a place.
+    fn log_odds(place: DVec3, left: Vec<Block>) -> f64 {
         let (settings, beam, mut past) = (BlockSettings::default(), Beam::Lensless, Past::default());
-        let mut builder = BlockBuilder::new(settings);
-        let echoes = [(Echo::Point(THING), 2.0)];
-        let blocks: Vec<_> =
-            sweeps(duration_s, winding, &echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
-        let view = |block: &Block| {
-            let range_m = block.distance_m(THING);
-            let toward = (THING - block.middle.translation) / range_m;
-            let coherence = PlaceBlock::of(block.clone()).coherence_at(THING);
-            View::new((&block.middle, block.motion), coherence, range_m, toward, &beam)
+        let view = |block: Block| {
+            let (middle, motion, range_m) = (block.middle, block.motion, block.distance_m(THING));
+            let toward = (THING - middle.translation) / range_m;
+            let coherence = PlaceBlock::of(&block, None).coherence_at(THING);
+            View::new((&middle, motion), coherence, range_m, toward, &beam)
         };
-        let views: Vec<_> = blocks.iter().map(|block| Some(view(block))).collect();
-        blocks.into_iter().for_each(|block| past.take(block));
+        let views: Vec<_> = blocks(2.0, &SEEN).into_iter().map(|block| Some(view(block))).collect();
+        left.iter().for_each(|block| past.take(block));
         assert!(past.blocks.len() <= KEPT);
         past.log_odds(place, &views, (&settings, settings.min_cos(&beam)), &beam)
     }
 
+    const SEEN: [(Echo, f64); 1] = [(Echo::Point(THING), 2.0)];
+
     #[test]
     fn the_past_speaks_for_what_was_there_and_against_what_was_not() {
-        let (thing, nothing) = (log_odds(THING, 3.0), log_odds(NOTHING, 3.0));
+        let (thing, nothing) = (log_odds(THING, blocks(3.0, &SEEN)), log_odds(NOTHING, blocks(3.0, &SEEN)));
         assert!(thing > 5.0 && nothing < -4.0, "{thing} {nothing}");
-        let behind = log_odds(DVec3::new(0.0, 0.0, 1.5), 3.0);
+        let behind = log_odds(DVec3::new(0.0, 0.0, 1.5), blocks(3.0, &SEEN));
         assert_eq!(behind, 0.0, "where nobody looked");
         assert_eq!(Past::default().log_odds(THING, &[None], (&BlockSettings::default(), 0.5), &Beam::Lensless), 0.0);
     }
 
     #[test]
+    fn what_was_put_there_a_moment_ago_is_believed_after_some_seconds() {
+        let after = |seconds: f64| log_odds(THING, [blocks(20.0, &[]), blocks(seconds, &SEEN)].concat());
+        assert!(after(0.3) < -4.0 && after(3.0) > 0.0, "{} {}", after(0.3), after(3.0));
+    }
+
+    #[test]
     fn a_block_for_places_says_what_the_block_said() {
-        let mut builder = BlockBuilder::new(BlockSettings::default());
-        let echoes = [(Echo::Point(THING), 2.0)];
-        let blocks = sweeps(0.5, winding, &echoes, 3).into_iter().filter_map(|o| builder.push(o));
-        for block in blocks {
+        for block in blocks(0.5, &SEEN) {
             let relative = (THING - block.middle.translation).as_vec3().to_array();
             let said = block.coherence_at_points(&[relative])[0];
-            assert_eq!(PlaceBlock::of(block).coherence_at(THING), said);
+            let other = PlaceBlock::of(&blocks(0.3, &[])[0], None);
+            assert_eq!(PlaceBlock::of(&block, Some(other)).coherence_at(THING), said);
         }
     }
 }

@@ -330,7 +330,7 @@ impl RoomSearch {
         let since_ns = now_ns - self.window_ns();
         while let Some(old) = self.window.pop_front_if(|b| b.mid_time_ns < since_ns) {
             self.fine.goes(&old);
-            self.past.take(old);
+            self.past.take(&old);
         }
         while self.sweeps.front().is_some_and(|o| o.mid_time_ns < since_ns) {
             self.sweeps.pop_front();

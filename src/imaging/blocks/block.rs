@@ -61,11 +61,19 @@ pub struct Block {
 pub struct PlaceBlock(Block);
 
 impl PlaceBlock {
-    /// What a block says of places.
-    pub fn of(mut block: Block) -> Self {
-        block.rows.clear();
-        block.partitions = Default::default();
-        Self(block)
+    /// What a block says of places; in the memory of one that is no longer needed, where there is one.
+    pub fn of(block: &Block, old: Option<Self>) -> Self {
+        let (mut z, mut groups) = old.map_or_else(Default::default, |old| (old.0.z, old.0.groups));
+        z.clone_from(&block.z);
+        groups.clone_from(&block.groups);
+        Self(Block {
+            z,
+            groups,
+            rows: Rows::none(),
+            partitions: Default::default(),
+            geometry: Arc::clone(&block.geometry),
+            ..*block
+        })
     }
 
     /// See [`Block::middle`].

@@ -67,9 +67,10 @@ impl Rows {
         }
     }
 
-    /// No room any more.
-    pub fn clear(&mut self) {
-        (self.values, self.starts) = (Vec::new(), Vec::new());
+    /// No room.
+    pub fn none() -> Self {
+        let (values, starts, none) = (Vec::new(), Vec::new(), 0.0);
+        Self { values, sweep_len: 0, row_len: 0, starts, entries_per_m: none, entry_at_zero: none, box_step_m: none }
     }
 
     /// Sets a sweep's entries.
