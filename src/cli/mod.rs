@@ -20,6 +20,7 @@ mod calibrate;
 mod demo;
 mod doctor;
 mod doctor_steamvr;
+mod experiment;
 mod files;
 mod import;
 mod info;
@@ -76,6 +77,7 @@ enum Command {
     Info(info::Info),
     Recover(recover::Recover),
     Benchmark(benchmark::BenchmarkCommand),
+    Experiment(experiment::ExperimentCommand),
 }
 
 /// The error and its causes, each thing said once: many errors name their cause in their own words already.
@@ -107,6 +109,7 @@ pub fn run() -> ExitCode {
         Command::Info(command) => command.run(),
         Command::Recover(command) => command.run(),
         Command::Benchmark(command) => command.run(),
+        Command::Experiment(command) => command.run(),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -2,8 +2,13 @@
 
 mod benchmark;
 mod play;
+mod recorded;
+mod thesis;
 
 pub use benchmark::{Benchmark, BenchmarkError, Case, Plan, Row, Search, present};
 pub use play::{
     Approach, Cause, FalseReport, Figures, Forgetting, PlayError, PlayTrial, Rates, by_kind, curve, play, totals,
+};
+pub use thesis::{
+    ALL as EXPERIMENTS, Drawn, Experiment, ExperimentError, Finding, Outcome, report as experiments_report,
 };

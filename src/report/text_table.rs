@@ -34,6 +34,16 @@ impl Table {
         line(&self.head) + &rule + &self.rows.iter().map(line).collect::<String>()
     }
 
+    /// As comma-separated values (RFC 4180), the head first.
+    pub fn csv(&self) -> String {
+        let cell = |cell: &String| match cell.contains([',', '"', '\n']) {
+            true => format!("\"{}\"", cell.replace('"', "\"\"")),
+            false => cell.clone(),
+        };
+        let line = |row: &Vec<String>| row.iter().map(cell).collect::<Vec<_>>().join(",") + "\r\n";
+        std::iter::once(&self.head).chain(&self.rows).map(line).collect()
+    }
+
     fn widths(&self) -> Vec<usize> {
         let width = |n: usize| {
             let cells = std::iter::once(&self.head).chain(&self.rows).filter_map(|row| row.get(n));

@@ -8,6 +8,7 @@ mod benchmark;
 mod calibrate;
 #[path = "../common/mod.rs"]
 mod common;
+mod experiment;
 mod faults;
 mod found;
 mod physics;

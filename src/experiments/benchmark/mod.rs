@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use crate::imaging::sums::RollingError;
 use crate::simulation::ScenarioError;
 
-use record::Recorded;
+use crate::experiments::recorded::Recorded;
 
 pub use plan::{Case, Plan, Search};
 pub use row::Row;

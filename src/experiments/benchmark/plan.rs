@@ -1,5 +1,6 @@
 //! What is measured.
 
+use crate::experiments::recorded::CUBE_M;
 use crate::imaging::{Selection, Statistic};
 
 /// How the place is searched for.
@@ -100,8 +101,6 @@ const STATISTICS: [Statistic; 5] =
 /// Dense volumes with more updates are left out, except for those of `ls`, up to the second number.
 const MOST_DENSE_UPDATES: f64 = 3e7;
 const MOST_DENSE_UPDATES_LS: f64 = 4e8;
-/// Edge of the cube, metres.
-pub(super) const CUBE_M: f64 = 3.0;
 
 const BASE: Case = Case {
     motion: "sphere-50cm",

@@ -5,9 +5,9 @@ use std::time::Instant;
 
 use super::BenchmarkError;
 use super::plan::{Case, Search};
-use super::record::{Recorded, region};
 use super::row::{Sample, Samples};
 use super::trial::{BEAM, center};
+use crate::experiments::recorded::{Recorded, region};
 use crate::imaging::sums::{BrickGrid, RollingImage, RollingSettings, SweepStack, Threshold, ls_step, search};
 
 /// The place is compared with the truth after every so many sweeps; only there is a fresh image made.

@@ -2,6 +2,7 @@
 
 use super::plan::{Case, Search};
 use super::record::workload;
+use crate::experiments::recorded::quantile;
 use crate::report::pareto_front;
 
 /// One image.
@@ -88,28 +89,5 @@ pub(super) fn mark_front(rows: &mut [Row]) {
     let points: Vec<[f64; 2]> = competing.iter().map(|&n| [rows[n].median_s, rows[n].error_m]).collect();
     for n in pareto_front(&points) {
         rows[competing[n]].on_front = true;
-    }
-}
-
-/// The value at a share of the sorted ones, the middle of two where it lies between; 0 without any.
-fn quantile(values: &[f64], share: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
-    let at = share * last as f64;
-    let (below, above) = (sorted[at as usize], sorted[(at.ceil() as usize).min(last)]);
-    if below == above { below } else { below + (above - below) * at.fract() }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_lie_between_the_sorted_values() {
-        assert_eq!(quantile(&[3.0, 1.0, 2.0], 0.5), 2.0);
-        assert_eq!(quantile(&[4.0, 1.0], 0.5), 2.5);
-        assert_eq!(quantile(&[], 0.5), 0.0);
-        assert_eq!(quantile(&[1.0, f64::INFINITY, 2.0], 0.95), f64::INFINITY);
     }
 }

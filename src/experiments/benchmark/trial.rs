@@ -5,8 +5,8 @@ use std::time::Instant;
 use glam::DVec3;
 
 use super::plan::{Case, Search};
-use super::record::{Recorded, region};
 use super::row::{Sample, Samples};
+use crate::experiments::recorded::{Recorded, region};
 use crate::geometry::Aabb;
 use crate::imaging::blocks::BlockSettings;
 use crate::imaging::sums::{BrickGrid, SweepStack, Threshold, dense_volume, search};

@@ -1,0 +1,81 @@
+//! `radar-chaperone experiment`: the thesis' experiments once more, with figures.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+
+use crate::experiments::{EXPERIMENTS, Experiment, Outcome, experiments_report};
+use crate::report::write_atomically;
+
+/// Makes the thesis' experiments again and says which of its findings hold
+///
+/// Everything is simulated, with the truth to hold it against. Writes report.html, one file with everything in it, and for each
+/// experiment a folder of pictures (PNG) and tables (CSV).
+#[derive(Debug, Args)]
+pub(super) struct ExperimentCommand {
+    /// Which: a name, several, or `all`; left out, they are listed
+    names: Vec<String>,
+    /// Folder to write into
+    #[arg(long, value_name = "DIR", default_value = "experiments")]
+    out: PathBuf,
+    /// Recordings of each kind that medians are taken over
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    seeds: u64,
+}
+
+impl ExperimentCommand {
+    pub fn run(&self) -> Result<()> {
+        let wanted = self.wanted()?;
+        if wanted.is_empty() {
+            return EXPERIMENTS.iter().try_for_each(|one| say!("{:<16}{} ({})", one.name, one.title, one.section));
+        }
+        let mut done: Vec<(&Experiment, Outcome)> = Vec::new();
+        for experiment in wanted {
+            let start = Instant::now();
+            let outcome = experiment.run(self.seeds)?;
+            tell(experiment, &outcome, start.elapsed().as_secs_f64())?;
+            write(&self.out.join(experiment.name), &outcome)?;
+            done.push((experiment, outcome));
+        }
+        let path = self.out.join("report.html");
+        experiments_report(&done)?.write(&path)?;
+        say!("Written to {}", path.display())
+    }
+
+    fn wanted(&self) -> Result<Vec<&'static Experiment>> {
+        if self.names.iter().any(|name| name == "all") {
+            return Ok(EXPERIMENTS.iter().collect());
+        }
+        let known = |name: &String| match EXPERIMENTS.iter().find(|experiment| experiment.name == *name) {
+            Some(experiment) => Ok(experiment),
+            None => {
+                let names: Vec<&str> = EXPERIMENTS.iter().map(|experiment| experiment.name).collect();
+                bail!("there is no experiment \"{name}\": use {} or all", names.join(", "))
+            }
+        };
+        self.names.iter().map(known).collect()
+    }
+}
+
+fn tell(experiment: &Experiment, outcome: &Outcome, took_s: f64) -> Result<()> {
+    say!("{} (section {}), {took_s:.1} s", experiment.title, experiment.section)?;
+    for finding in &outcome.findings {
+        say!("  {} {}", if finding.holds { "holds:         " } else { "does not hold: " }, finding.thesis)?;
+        say!("                  {}", finding.ours)?;
+    }
+    Ok(())
+}
+
+fn write(folder: &Path, outcome: &Outcome) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    for drawn in &outcome.pictures {
+        drawn.picture.write(&folder.join(format!("{}.png", drawn.name)))?;
+    }
+    write_atomically(&folder.join("findings.csv"), outcome.findings_table().csv().as_bytes())?;
+    for (n, table) in outcome.tables.iter().enumerate() {
+        write_atomically(&folder.join(format!("table-{}.csv", n + 1)), table.csv().as_bytes())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,113 @@
+//! One recording imaged: the thesis' way, which is a sum over voxels of 10 cm and its greatest value, and this program's, which is a
+//! place with a covariance.
+
+use std::time::Instant;
+
+use glam::DVec3;
+
+use crate::experiments::recorded::{Recorded, region};
+use crate::geometry::Aabb;
+use crate::imaging::sums::{BrickGrid, SweepStack, Threshold, dense_volume, search};
+use crate::imaging::{PositionErrors, RangePower, Refined, Selection, Statistic, Volume, refine};
+use crate::radar::{Beam, Observation};
+
+/// The thesis' voxels (section 5.6), metres.
+pub(super) const THESIS_VOXEL_M: f64 = 0.1;
+/// Ours, before the place is refined, metres.
+const OWN_VOXEL_M: f64 = 0.05;
+/// Nearer than this there is the antenna's own leakage, metres.
+const MIN_RANGE_M: f64 = 0.15;
+const BEAM: Beam = Beam::Lensless;
+
+/// So many of a recording's sweeps, all where it has no more.
+pub(super) fn chosen(recorded: &Recorded, count: usize, by: Selection) -> Vec<Observation> {
+    let place = region(THESIS_VOXEL_M, recorded.seed).center();
+    let chosen = by.choose(&recorded.observations, count, place, recorded.seed);
+    chosen.into_iter().map(|n| recorded.observations[n].clone()).collect()
+}
+
+/// A sum over the cube.
+pub(super) fn volume(sweeps: &[Observation], statistic: Statistic, voxel_m: f64, seed: u64) -> Volume {
+    let grid = BrickGrid::covering(&region(voxel_m, seed), voxel_m);
+    let (stack, _) = SweepStack::of(statistic, &BEAM, sweeps, grid.middle_m());
+    dense_volume(&stack, &grid).volume
+}
+
+/// How good an image of one thing is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Quality {
+    /// From the truth to the greatest voxel, metres.
+    pub off_m: DVec3,
+    /// The box around the voxels of at least half of the greatest value, metres.
+    pub extent_m: DVec3,
+    /// Volume of the voxels of at least half of the greatest value, litres.
+    pub footprint_l: f64,
+    /// Greatest value over the median one, dB of amplitude.
+    pub contrast_db: f64,
+}
+
+impl Quality {
+    /// Of an image of one thing that is there.
+    pub fn of(volume: &Volume, truth_m: DVec3) -> Self {
+        let peak = volume.peak();
+        let place = peak.map(|(index, _)| volume.center(volume.voxel(index)));
+        let greatest = peak.map_or(0.0, |(_, value)| value);
+        let is_strong = |value: f32| value >= 0.5 * greatest && value > 0.0;
+        let strong = (0..volume.values.len()).filter(|&index| is_strong(volume.values[index]));
+        let around = Aabb::around(strong.clone().map(|index| volume.center(volume.voxel(index))));
+        let mut sorted: Vec<f32> = volume.values.iter().copied().filter(|value| *value > 0.0).collect();
+        sorted.sort_by(f32::total_cmp);
+        let median = sorted.get(sorted.len() / 2).copied().unwrap_or(greatest);
+        Self {
+            off_m: place.map_or(DVec3::INFINITY, |place| place - truth_m),
+            extent_m: around.map_or(DVec3::ZERO, |around| around.size() + volume.voxel_m),
+            footprint_l: strong.count() as f64 * volume.voxel_m.powi(3) * 1e3,
+            contrast_db: 20.0 * f64::from(greatest / median.max(f32::MIN_POSITIVE)).log10(),
+        }
+    }
+
+    pub fn error_m(&self) -> f64 {
+        self.off_m.length()
+    }
+}
+
+/// This program's way: `ls`, the greatest voxel by branch and bound, refined; and how long it took, seconds.
+pub(super) fn placed(sweeps: &[Observation], seed: u64) -> (Option<Refined>, f64) {
+    let start = Instant::now();
+    let grid = BrickGrid::covering(&region(OWN_VOXEL_M, seed), OWN_VOXEL_M);
+    let (stack, _) = SweepStack::of(Statistic::Ls, &BEAM, sweeps, grid.middle_m());
+    let found = search(&stack, &grid, Threshold::ShareOfPeak(1.0));
+    let refined = found.peak().and_then(|(index, _)| {
+        let [nx, ny, _] = grid.size;
+        let voxel = [index % nx, index / nx % ny, index / (nx * ny)].map(|n| n as f64 + 0.5);
+        let place = grid.origin_m + DVec3::from_array(voxel) * grid.voxel_m;
+        refine(&RangePower::new(sweeps, &BEAM, MIN_RANGE_M), place, None, &PositionErrors::default())
+    });
+    (refined, start.elapsed().as_secs_f64())
+}
+
+/// What was observed of a refined place, in words.
+pub(super) fn observed(refined: Option<&Refined>) -> &'static str {
+    match refined.map(Refined::observed_directions) {
+        Some(2) => "position",
+        Some(1) => "range and one direction",
+        _ => "range alone",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quality_is_the_distance_the_size_and_the_contrast() {
+        let mut volume = Volume { origin_m: DVec3::ZERO, voxel_m: 0.1, size: [3, 3, 3], values: vec![1.0; 27] };
+        (volume.values[13], volume.values[14]) = (10.0, 5.0);
+        let quality = Quality::of(&volume, DVec3::new(0.15, 0.15, 0.05));
+        assert!((quality.error_m() - 0.1).abs() < 1e-9 && (quality.off_m.z - 0.1).abs() < 1e-9);
+        assert!(quality.extent_m.distance(DVec3::new(0.2, 0.1, 0.1)) < 1e-9);
+        assert!((quality.footprint_l - 2.0).abs() < 1e-9 && (quality.contrast_db - 20.0).abs() < 1e-6);
+        let nothing = Volume { values: vec![0.0; 27], ..volume };
+        assert!(Quality::of(&nothing, DVec3::ZERO).error_m().is_infinite());
+    }
+}

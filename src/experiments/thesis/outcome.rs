@@ -1,0 +1,87 @@
+//! What an experiment comes to: what the thesis found and whether it holds, tables, figures; and the report of several.
+
+use super::Experiment;
+use crate::report::{Figure, Picture, Report, ReportError, Section, Table};
+
+/// A finding of the thesis beside ours.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// What the thesis says, in a sentence.
+    pub thesis: String,
+    /// Our figures.
+    pub ours: String,
+    /// Whether it holds by these.
+    pub holds: bool,
+}
+
+/// A picture with the name of its file, without ending, and what it shows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drawn {
+    /// Name of the file.
+    pub name: String,
+    /// The picture.
+    pub picture: Picture,
+    /// What it shows.
+    pub caption: String,
+}
+
+/// What an experiment comes to.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Outcome {
+    /// What was done, in a paragraph.
+    pub done: String,
+    /// The figures.
+    pub tables: Vec<Table>,
+    /// The pictures.
+    pub pictures: Vec<Drawn>,
+    /// What the thesis found.
+    pub findings: Vec<Finding>,
+}
+
+impl Outcome {
+    /// Adds a picture.
+    pub(super) fn draw(&mut self, name: impl Into<String>, picture: Picture, caption: impl Into<String>) {
+        self.pictures.push(Drawn { name: name.into(), picture, caption: caption.into() });
+    }
+
+    /// Adds a finding.
+    pub(super) fn finds(&mut self, thesis: &str, holds: bool, ours: String) {
+        self.findings.push(Finding { thesis: thesis.to_owned(), ours, holds });
+    }
+
+    /// The findings as a table.
+    pub fn findings_table(&self) -> Table {
+        let row = |finding: &Finding| {
+            let holds = if finding.holds { "holds" } else { "does not hold" };
+            vec![finding.thesis.clone(), holds.to_owned(), finding.ours.clone()]
+        };
+        Table {
+            head: ["the thesis found", "here", "by our figures"].map(str::to_owned).to_vec(),
+            rows: self.findings.iter().map(row).collect(),
+            caption: String::new(),
+        }
+    }
+}
+
+/// One page with everything in it.
+///
+/// # Errors
+/// A picture that cannot be encoded.
+pub fn report(done: &[(&Experiment, Outcome)]) -> Result<Report, ReportError> {
+    let mut report = Report::new("The thesis' experiments once more").intro(
+        "Arbitrary Motion Synthetic Aperture Radar (Lund 2023) showed its findings in pictures. Here each is made again in \
+         simulation, by the thesis' way and by this program's, with figures and with the truth to hold them against.",
+    );
+    for (experiment, outcome) in done {
+        let heading = format!("{} (thesis, section {})", experiment.title, experiment.section);
+        let mut section = Section::new(heading).text(&outcome.done).table(outcome.findings_table());
+        for table in &outcome.tables {
+            section = section.table(table.clone());
+        }
+        for drawn in &outcome.pictures {
+            section = section.figure(Figure::new(&drawn.picture, &drawn.caption)?);
+        }
+        report = report.section(section);
+    }
+    Ok(report)
+}

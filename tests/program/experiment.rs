@@ -1,0 +1,29 @@
+//! `experiment`: pictures, tables and a report of what is asked for.
+
+use crate::common::Folder;
+
+#[test]
+fn an_experiment_writes_its_report_pictures_and_tables() {
+    let folder = Folder::new("experiment");
+    let run = folder.run("experiment data-set-size thinning --seeds 1 --out out").done();
+    assert!(run.out.contains("Data set size") && run.out.contains("Thinning"), "{run:#?}");
+    assert!(!run.out.contains("Sensor velocity"), "{run:#?}");
+    let page = String::from_utf8(folder.read("out/report.html")).unwrap();
+    assert!(page.contains("One sweep tells the depth") && page.contains("data:image/png;base64,"));
+    for picture in ["sweeps-1", "sweeps-50", "error-over-sweeps"] {
+        assert!(folder.read(&format!("out/data-set-size/{picture}.png")).len() > 3_000, "{picture}");
+    }
+    let table = String::from_utf8(folder.read("out/data-set-size/table-1.csv")).unwrap();
+    assert_eq!(table.lines().count(), 7, "a head and six rows: {table}");
+    assert!(table.starts_with("sweeps,"), "{table}");
+}
+
+#[test]
+fn experiments_are_listed_and_wrong_names_told() {
+    let folder = Folder::new("experiment-names");
+    let list = folder.run("experiment").done();
+    assert!(list.out.contains("matched-filter") && list.out.lines().count() >= 5, "{list:#?}");
+    let wrong = folder.run("experiment nonsense");
+    assert_eq!(wrong.code, Some(1), "{wrong:#?}");
+    assert!(wrong.err.contains("no experiment \"nonsense\"") && wrong.err.contains("data-set-size"), "{wrong:#?}");
+}
