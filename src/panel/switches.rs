@@ -140,6 +140,8 @@ const SWITCHES: &[Switch] = &[
 const HIGHEST: f32 = 108.0;
 const LOWEST: f32 = 62.0;
 const GAP: f32 = 10.0;
+/// Two lines of the usual size have room in a row as high as this.
+const ROOMY: f32 = 78.0;
 const CONTROL_WIDTH: f32 = 366.0;
 
 /// What a part of a control does.
@@ -158,8 +160,11 @@ pub(super) fn draw(ui: &Ui, area: Rect, settings: &toml::Table) -> Vec<Change> {
         let painter = ui.painter();
         painter.rect_filled(row, ROUND, CARD);
         let left = row.min.x + 24.0;
-        painter.text(pos2(left, row.center().y - 16.0), Align2::LEFT_CENTER, switch.label, font(31.0), TEXT);
-        painter.text(pos2(left, row.center().y + 20.0), Align2::LEFT_CENTER, switch.hint, font(19.0), FAINT);
+        // In low rows both lines are a little smaller, to keep away from the edges.
+        let scale = (row.height() / ROOMY).min(1.0);
+        let line = |y: f32| pos2(left, row.center().y + y * scale);
+        painter.text(line(-15.0), Align2::LEFT_CENTER, switch.label, font(31.0 * scale), TEXT);
+        painter.text(line(20.0), Align2::LEFT_CENTER, switch.hint, font(19.0 * scale.max(0.9)), FAINT);
         for (part, rect) in parts(switch, row) {
             let response = ui.interact(rect, Id::unique((switch.name, mark(switch, part))), Sense::click());
             draw_part(painter, switch, value, part, rect, response.hovered());
