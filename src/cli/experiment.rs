@@ -62,7 +62,7 @@ impl ExperimentCommand {
 fn tell(experiment: &Experiment, outcome: &Outcome, took_s: f64) -> Result<()> {
     say!("{} (section {}), {took_s:.1} s", experiment.title, experiment.section)?;
     for finding in &outcome.findings {
-        say!("  {} {}", if finding.holds { "holds:         " } else { "does not hold: " }, finding.thesis)?;
+        say!("  {:<15} {}", format!("{}:", finding.verdict()), finding.thesis)?;
         say!("                  {}", finding.ours)?;
     }
     Ok(())

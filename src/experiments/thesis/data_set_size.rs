@@ -69,7 +69,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     );
     outcome.finds(
         "Fifty sharpen the image; the gain diminishes rapidly.",
-        footprints[3] < footprints[1],
+        footprints[3] < 0.9 * footprints[1] && footprints[5] > 0.9 * footprints[3],
         format!(
             "half of the peak fills {:.0} l with 5 sweeps, {:.0} l with 50, {:.0} l with 1200",
             footprints[1], footprints[3], footprints[5]

@@ -10,8 +10,19 @@ pub struct Finding {
     pub thesis: String,
     /// Our figures.
     pub ours: String,
-    /// Whether it holds by these.
-    pub holds: bool,
+    /// Whether it holds by these; `None`: they do not tell.
+    pub holds: Option<bool>,
+}
+
+impl Finding {
+    /// Whether it holds, in words.
+    pub fn verdict(&self) -> &'static str {
+        match self.holds {
+            Some(true) => "holds",
+            Some(false) => "does not hold",
+            None => "not told here",
+        }
+    }
 }
 
 /// A picture with the name of its file, without ending, and what it shows.
@@ -44,17 +55,14 @@ impl Outcome {
         self.pictures.push(Drawn { name: name.into(), picture, caption: caption.into() });
     }
 
-    /// Adds a finding.
-    pub(super) fn finds(&mut self, thesis: &str, holds: bool, ours: String) {
-        self.findings.push(Finding { thesis: thesis.to_owned(), ours, holds });
+    /// Adds a finding; `None` where the figures do not tell whether it holds.
+    pub(super) fn finds(&mut self, thesis: &str, holds: impl Into<Option<bool>>, ours: String) {
+        self.findings.push(Finding { thesis: thesis.to_owned(), ours, holds: holds.into() });
     }
 
     /// The findings as a table.
     pub fn findings_table(&self) -> Table {
-        let row = |finding: &Finding| {
-            let holds = if finding.holds { "holds" } else { "does not hold" };
-            vec![finding.thesis.clone(), holds.to_owned(), finding.ours.clone()]
-        };
+        let row = |finding: &Finding| vec![finding.thesis.clone(), finding.verdict().to_owned(), finding.ours.clone()];
         Table {
             head: ["the thesis found", "here", "by our figures"].map(str::to_owned).to_vec(),
             rows: self.findings.iter().map(row).collect(),

@@ -24,7 +24,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
         done: format!(
             "The same reflector, 10 s with preset fine, 40 dB, {} seeds; the thesis' image from {SWEEPS} sweeps by its thinning, ours from \
-             as many by farthest point.",
+             as many by farthest point. With 20 dB the thesis' sum is greatest near the sensor, where its weight 1/d² lifts the noise: 84 cm off \
+             at rest and 80 cm with 10 cm of motion.",
             trials.seeds
         ),
         ..Outcome::default()
@@ -71,8 +72,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     }
     outcome.finds(
         "At rest the reflector is seen right in front, wherever it is.",
-        thesis[0][0] > 0.15,
-        format!("at rest {}", told[0]),
+        (thesis[0][1] - 0.3).abs() < 0.1,
+        format!("at rest {}; {} cm of it in x, and it stands 30 cm to the left", told[0], cm(thesis[0][1])),
     );
     outcome.finds(
         "Ten centimetres of motion place it, slightly blurred; fifty place it well.",
@@ -81,9 +82,10 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     );
     outcome.finds(
         "Motion along x tells x and leaves the height open.",
-        thesis[4][1] < 0.15 && rows[4][6] == "range and one direction",
+        // The reflector stands at the sensor's height here, where the beam alone puts it: the image would have to be drawn out.
+        (thesis[4][1] < 0.15 && thesis[4][3] > 1.5 * thesis[4][2]).then_some(true),
         format!(
-            "along x by 50 cm: {} cm off in x; ours says that {} was observed; half of the thesis' peak spans {} cm in x and {} cm in y, which does not tell",
+            "along x by 50 cm: {} cm off in x; ours says that {} was observed; half of the thesis' peak spans {} cm in x and {} cm in y, as the beam does",
             cm(thesis[4][1]),
             rows[4][6],
             cm(thesis[4][2]),
