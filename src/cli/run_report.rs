@@ -55,6 +55,7 @@ impl RunReport {
             "frame_wall": latency(&frames.wall),
             "sweep_to_warning": latency(&frames.sweep_to_warning),
             "pictures": self.headset.pictures,
+            "most_picture_bytes": self.headset.most_picture_bytes,
             "recentred": self.headset.recentred,
             "forgotten": self.headset.forgotten,
             "devices_lost": self.headset.devices_lost,

@@ -17,8 +17,9 @@ use crate::warning::{Footprint, Panel, PanelKind, WarningSettings, Warnings};
 
 /// A texture is dropped after so many uses of the cache without it: ten seconds of frames.
 const KEPT_FOR: u64 = 900;
-/// More textures than this are not kept, but for those in flight.
-const MOST_KEPT: usize = 24;
+/// More memory than this is not kept in textures, but for those in flight, bytes: what eight panels show, and as much again of what
+/// they showed lately.
+const MOST_KEPT_BYTES: u64 = 48 << 20;
 /// A texture used so few uses ago may still be in flight.
 const IN_FLIGHT: u64 = 4;
 /// Room around a footprint for its glow, metres.
@@ -175,10 +176,9 @@ impl QuadCache {
         }
     }
 
-    /// Number of textures kept.
-    #[cfg(test)]
-    pub fn len(&self) -> usize {
-        self.textures.len()
+    /// Memory that textures take, bytes.
+    pub fn bytes(&self) -> u64 {
+        self.textures.values().map(|kept| bytes_of(&kept.texture)).sum()
     }
 
     /// Whether all of these could be handed over as they are.
@@ -190,14 +190,23 @@ impl QuadCache {
     fn drop_unused(&mut self) {
         let uses = self.uses;
         self.textures.retain(|_, kept| kept.last_used + KEPT_FOR >= uses);
-        let excess = self.textures.len().saturating_sub(MOST_KEPT);
-        if excess > 0 {
-            // Each use stamps a handful of textures, so one stamp more or less to drop makes no difference.
-            let mut stamps: Vec<u64> = self.textures.values().map(|kept| kept.last_used).collect();
-            stamps.sort_unstable();
-            let oldest = stamps[excess - 1].min(uses.saturating_sub(IN_FLIGHT));
-            self.textures.retain(|_, kept| kept.last_used > oldest);
+        let mut excess = self.bytes().saturating_sub(MOST_KEPT_BYTES);
+        if excess == 0 {
+            return;
         }
+        let mut by_use: Vec<(u64, u64)> =
+            self.textures.values().map(|kept| (kept.last_used, bytes_of(&kept.texture))).collect();
+        by_use.sort_unstable();
+        // Each use stamps a handful of textures, so one stamp more or less to drop makes no difference.
+        let mut oldest = 0;
+        for (last_used, bytes) in by_use {
+            if excess == 0 || last_used + IN_FLIGHT > uses {
+                break;
+            }
+            oldest = last_used;
+            excess = excess.saturating_sub(bytes);
+        }
+        self.textures.retain(|_, kept| kept.last_used > oldest);
     }
 
     fn texture(
@@ -308,6 +317,11 @@ fn wanted_footprint<'w>(area: &Footprint, style: &WarningSettings) -> Wanted<'w>
         content: content(2, style, lengths),
         picture: Picture::Footprint(corners),
     }
+}
+
+/// All levels of a texture, bytes: the smaller ones add a third.
+fn bytes_of(texture: &wgpu::Texture) -> u64 {
+    u64::from(texture.width()) * u64::from(texture.height()) * 16 / 3
 }
 
 fn is_among(texture: &Arc<wgpu::Texture>, quads: &[Quad]) -> bool {

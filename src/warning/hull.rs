@@ -20,6 +20,31 @@ pub fn convex_hull(points: &[DVec2]) -> Vec<DVec2> {
     hull
 }
 
+/// Points of a square lattice through the origin within a convex outline, row by row from below; `hull` counter-clockwise.
+pub(super) fn lattice_within(hull: &[DVec2], step: f64) -> impl Iterator<Item = DVec2> {
+    let (low, high) =
+        hull.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(c.y), high.max(c.y)));
+    steps_within((low, high), step).flat_map(move |row| {
+        let y = f64::from(row) * step;
+        steps_within(across(hull, y), step).map(move |column| DVec2::new(f64::from(column) * step, y))
+    })
+}
+
+/// Whole numbers of steps from one number to another; none when they are no numbers or absurdly many.
+fn steps_within((from, to): (f64, f64), step: f64) -> std::ops::Range<i32> {
+    let (from, to) = ((from / step).ceil(), (to / step).floor());
+    if to - from < 10_000.0 && from.abs() < 1e9 { from as i32..to as i32 + 1 } else { 0..0 }
+}
+
+/// From where to where a convex outline is crossed at a height.
+fn across(hull: &[DVec2], y: f64) -> (f64, f64) {
+    let edges = (0..hull.len()).map(|n| (hull[n], hull[(n + 1) % hull.len()]));
+    let crossed = edges.filter(|(a, b)| a.y.min(b.y) <= y && y <= a.y.max(b.y) && a.y != b.y);
+    crossed
+        .map(|(a, b)| a.x + (b.x - a.x) * (y - a.y) / (b.y - a.y))
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
+}
+
 /// One side of the hull, both ends included.
 fn half(points: impl Iterator<Item = DVec2>) -> Vec<DVec2> {
     let mut chain: Vec<DVec2> = Vec::new();
@@ -54,6 +79,18 @@ mod tests {
         let square = [(0.0, 0.0), (1.0, 1.0), (0.5, 0.5), (0.0, 1.0), (1.0, 0.0), (0.5, 0.0)];
         let hull = convex_hull(&square.map(DVec2::from));
         assert_eq!(hull, [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(DVec2::from));
+    }
+
+    #[test]
+    fn a_lattice_fills_a_triangle_and_nothing_else() {
+        let triangle = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(DVec2::from);
+        let filled: Vec<_> = lattice_within(&triangle, 0.1).collect();
+        assert!((60..=66).contains(&filled.len()), "{}", filled.len());
+        assert!(filled.iter().all(|p| p.min_element() >= -1e-9 && p.x + p.y <= 1.0 + 1e-9));
+        assert_eq!(lattice_within(&[], 0.1).count(), 0);
+        assert_eq!(lattice_within(&triangle[..1], 0.1).count(), 0);
+        let line = [DVec2::ZERO, DVec2::new(0.0, 0.5)];
+        assert_eq!(lattice_within(&line, 0.1).count(), 6, "a pole's parts are joined by a line");
     }
 
     proptest! {

@@ -14,6 +14,7 @@ use std::collections::HashSet;
 use glam::{DQuat, DVec2, DVec3};
 
 use super::body::Body;
+use super::hull::{convex_hull, lattice_within};
 use super::near::Near;
 use super::panel::{Panel, PanelKind};
 
@@ -37,6 +38,9 @@ const SPREAD_STEP_M: f64 = 0.1;
 const MIDDLE_STEP_M: f64 = 0.25;
 /// Discs are rounded to this, metres.
 const DISC_STEP_M: f64 = 0.01;
+/// A thing's edge lies beyond its last reflection by so much, metres: reflections come from within what they are of, and each is placed
+/// to a centimetre or two.
+const EDGE_M: f64 = 0.03;
 /// Most discs in a silhouette: what a graphics card draws without being noticed.
 const MAX_DISCS: usize = 384;
 
@@ -112,19 +116,22 @@ pub(super) fn upright(middle: DVec3, facing: DVec3) -> crate::geometry::Pose {
     crate::geometry::Pose::new(middle, DQuat::from_rotation_y(facing.x.atan2(facing.z)))
 }
 
-/// Discs where the balls are on the panel, blurred by the doubt across; few enough to draw.
+/// Discs where the balls are on the panel and, because nobody passes between parts of one thing, within their outline; blurred by
+/// the doubt across; few enough to draw.
 fn silhouette(body: &Body, spread_m: f64, size_m: DVec2, place: impl Fn(DVec3) -> DVec2) -> Vec<(DVec2, f64)> {
     if !body.has_shape {
         return Vec::new();
     }
-    let mut radius = round(body.radius_m.hypot(spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
+    let placed: Vec<DVec2> = body.points.iter().map(|p| place(*p)).collect();
+    let hull = convex_hull(&placed);
+    let mut radius = round((body.radius_m + EDGE_M).hypot(spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
     loop {
         let cell = 0.6 * radius;
         let mut taken = HashSet::new();
-        let discs: Vec<_> = body
-            .points
+        let discs: Vec<_> = placed
             .iter()
-            .map(|p| place(*p))
+            .copied()
+            .chain(lattice_within(&hull, 2.0 * cell))
             .filter(|c| (c.abs() - size_m / 2.0).max_element() < radius)
             .filter(|c| taken.insert(((c.x / cell).round() as i32, (c.y / cell).round() as i32)))
             .map(|c| (DVec2::new(round(c.x), round(c.y)), radius))

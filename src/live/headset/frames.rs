@@ -71,6 +71,8 @@ pub struct HeadsetStatus {
     pub nearest_m: Option<f64>,
     /// Pictures handed over so far.
     pub pictures: u64,
+    /// Most memory that pictures of panels took, bytes.
+    pub most_picture_bytes: u64,
     /// Times that the user recentred.
     pub recentred: u64,
     /// Times that the room was another and everything was forgotten.
@@ -434,6 +436,7 @@ impl<'s, 'a> State<'s, 'a> {
         let Some(graphics) = &mut self.graphics else { return Ok(self.shown.hide()?) };
         let from = Viewpoint { standing_from_head, raw_from_standing: anchor.raw_from_standing() };
         let shown = self.shown.show(graphics, &self.scene.watch, &warnings, &self.settings, &from);
+        self.status.most_picture_bytes = self.status.most_picture_bytes.max(graphics.renderer.texture_bytes());
         if let Err(ShowError::Render(error)) = &shown {
             // What is shown stays as it is, but of a lost device nothing can.
             return if self.faults.is_lost(now_ns, error) { self.lose_device(error) } else { Ok(()) };
