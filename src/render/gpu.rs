@@ -80,6 +80,8 @@ impl Gpu {
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("radar-chaperone"),
             required_limits: needed_limits(&adapter.limits()),
+            // Memory is taken in pieces of 8 MB instead of 128.
+            memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..Default::default()
         }))
         .map_err(|error| RenderError::NoDevice { adapter: name.clone(), cause: error.to_string() })?;

@@ -224,7 +224,8 @@ fn open_device(
         let new: Vec<_> = wanted.into_iter().filter(|name| !args.extensions.contains(name)).collect();
         args.extensions.extend(new);
     });
-    let (features, hints) = (wgpu::Features::empty(), wgpu::MemoryHints::default());
+    // Memory is a game's here: it is taken in pieces of 8 MB instead of 128.
+    let (features, hints) = (wgpu::Features::empty(), wgpu::MemoryHints::MemoryUsage);
     // SAFETY: the callback only adds extensions that the adapter offers.
     unsafe { adapter.adapter.open_with_callback(features, limits, &hints, Some(add)) }
         .map_err(|error| VulkanError::NoDevice { adapter: name.clone(), cause: error.to_string() })
