@@ -71,12 +71,26 @@ const SNR_DB: f64 = 40.0;
 impl Trials {
     /// The thesis' corner reflector 1 m deep and 0.3 m to the left, seen with a preset for so long, once a seed.
     fn reflector(&self, motion: &str, name: &'static str, duration_s: f64) -> Result<Vec<Recorded>, ExperimentError> {
+        self.recorded(name, duration_s, |scenario| {
+            scenario.motion = motion.into();
+            scenario.snr_db = Some(SNR_DB);
+        })
+    }
+
+    /// What a preset sees for so long, once a seed: a corner reflector from within a sphere of 50 cm but for what is changed.
+    fn recorded(
+        &self,
+        name: &'static str,
+        duration_s: f64,
+        change: impl Fn(&mut Scenario),
+    ) -> Result<Vec<Recorded>, ExperimentError> {
         let config = preset(name).ok_or(ExperimentError::Preset(name))?;
-        let scenario = |seed| Scenario {
-            snr_db: Some(SNR_DB),
-            ..Scenario::new("corner-reflector", motion, config.clone(), duration_s, seed)
+        let of = |seed| {
+            let mut scenario = Scenario::new("corner-reflector", "sphere-50cm", config.clone(), duration_s, seed);
+            change(&mut scenario);
+            Recorded::of(&scenario)
         };
-        Ok((1..=self.seeds).map(|seed| Recorded::of(&scenario(seed))).collect::<Result<_, _>>()?)
+        Ok((1..=self.seeds).map(of).collect::<Result<_, _>>()?)
     }
 }
 
@@ -88,6 +102,11 @@ fn cm(metres: f64) -> String {
 /// Metres as millimetres.
 fn mm(metres: f64) -> String {
     if metres.is_finite() { format!("{:.1}", metres * 1e3) } else { "–".into() }
+}
+
+/// A share as a percentage.
+fn percent(share: f64) -> String {
+    format!("{:.0}", share * 100.0)
 }
 
 fn head(names: &[&str]) -> Vec<String> {
