@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::apart::{Apart, RAYLEIGH_DIP};
-use super::imaged::{BEAM, THESIS_VOXEL_M, chosen, volume};
+use super::imaged::{BEAM, Quality, THESIS_VOXEL_M, chosen, volume};
 use super::likeness::Likeness;
 use super::subaperture::{FINE_VOXEL_M, shape_image};
 use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, percent};
@@ -126,7 +126,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         "Thresholds from 95 to 30 % of the greatest amplitude, medians. Squaring moves along these curves and does not change them: it keeps \
          the voxels' order.",
     );
-    findings(&mut outcome, &all);
+    findings(&mut outcome, &all, point_extent_m(trials)?);
     Ok(outcome)
 }
 
@@ -238,6 +238,20 @@ fn received_db(name: &str, recorded: &Recorded) -> Result<f64, ExperimentError> 
     Ok(10.0 * (strongest(false) / strongest(true)).log10())
 }
 
+/// How large a corner reflector, which is a point, comes out by the thesis' sum squared, metres.
+fn point_extent_m(trials: &Trials) -> Result<DVec3, ExperimentError> {
+    let extents: Vec<DVec3> = trials
+        .reflector("sphere-50cm", "fine", 10.0)?
+        .iter()
+        .map(|recorded| {
+            let sweeps = chosen(recorded, SWEEPS, Selection::ThesisHull);
+            let image = squared(volume(&sweeps, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed));
+            Quality::of(&image, recorded.truth_m).extent_m
+        })
+        .collect();
+    Ok(DVec3::from_array([0, 1, 2].map(|axis| quantile(&extents.iter().map(|e| e[axis]).collect::<Vec<_>>(), 0.5))))
+}
+
 /// Width, height and depth in centimetres.
 fn size(metres: DVec3) -> String {
     let [x, y, z] = (metres * 100.0).to_array();
@@ -344,7 +358,7 @@ fn tables(outcome: &mut Outcome, rows: Vec<Vec<String>>, all: &[[Figures; 5]]) {
     });
 }
 
-fn findings(outcome: &mut Outcome, all: &[[Figures; 5]]) {
+fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
     let told = |figures: &Figures| {
         format!(
             "{} cm against {} cm, voxels {} cm off in the median",
@@ -357,7 +371,12 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]]) {
     outcome.finds(
         "The hanger is a blob of about the right size and shape in the right place.",
         hanger[SQUARED].is_about_as_large() && hanger[SQUARED].likeness.off_m <= THESIS_VOXEL_M,
-        format!("squared: {}; by sub-apertures {}", told(&hanger[SQUARED]), told(&hanger[COHERENT_SQUARED])),
+        format!(
+            "squared: {}, where a single point comes out as {} cm; by sub-apertures {}",
+            told(&hanger[SQUARED]),
+            size(point_m),
+            told(&hanger[COHERENT_SQUARED])
+        ),
     );
     outcome.finds(
         "The hanger's top is stronger, having more corners.",
@@ -381,9 +400,10 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]]) {
         "The metal legs are stronger than the wooden seat and back, and squaring exaggerates it.",
         chair[PLAIN].wood < 1.0 && chair[SQUARED].wood_recall < chair[PLAIN].wood_recall,
         format!(
-            "seat and back show {:.1} times the legs' value plain and {:.0} times squared: though given 4 to 6 dB less, their strongest point returns {:.0} dB more to \
-             the sensor than the feet's, which are farther and reflect outward and down, and the sum weighs by 1/d² once more (by sub-apertures {:.1} times). Squaring exaggerates, whichever is stronger: of seat and back {} % are imaged \
-             plain and {} % squared, of the legs {} and {} %",
+            "seat and back show {:.1} times the legs' value plain and {:.0} times squared: though given 4 to 6 dB less, their strongest point \
+             returns {:.0} dB more to the sensor than the feet's, which are farther and reflect outward and down, and the sum weighs by 1/d² once \
+             more (by sub-apertures {:.1} times). Squaring exaggerates, whichever is stronger: of seat and back {} % are imaged plain and {} % \
+             squared, of the legs {} and {} %",
             chair[PLAIN].wood,
             chair[SQUARED].wood,
             chair[PLAIN].received_db,
