@@ -7,12 +7,12 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use crate::experiments::{EXPERIMENTS, Experiment, Outcome, experiments_report};
-use crate::report::write_atomically;
+use crate::report::{write_atomically, write_ply};
 
 /// Makes the thesis' experiments again and says which of its findings hold
 ///
 /// Everything is simulated, with the truth to hold it against. Writes report.html, one file with everything in it, and for each
-/// experiment a folder of pictures (PNG) and tables (CSV).
+/// experiment a folder of pictures (PNG), tables (CSV) and point clouds (PLY).
 #[derive(Debug, Args)]
 pub(super) struct ExperimentCommand {
     /// Which: a name, several, or `all`; left out, they are listed
@@ -72,6 +72,9 @@ fn write(folder: &Path, outcome: &Outcome) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     for drawn in &outcome.pictures {
         drawn.picture.write(&folder.join(format!("{}.png", drawn.name)))?;
+    }
+    for cloud in &outcome.clouds {
+        write_ply(&folder.join(format!("{}.ply", cloud.name)), &cloud.points)?;
     }
     write_atomically(&folder.join("findings.csv"), outcome.findings_table().csv().as_bytes())?;
     for (n, table) in outcome.tables.iter().enumerate() {

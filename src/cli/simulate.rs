@@ -18,7 +18,7 @@ use crate::tracking::PoseSample;
 
 /// Simulates a sensor on a headset in a room and records it, with the truth, or serves it live
 ///
-/// Rooms: corner-reflector, clothes-hanger, chair, two-chairs (the thesis' scenes), furnished-room, empty-room, nothing.
+/// Rooms: corner-reflector, raised-reflector, clothes-hanger, chair, two-chairs (the thesis' scenes), furnished-room, empty-room, nothing.
 /// The same seed gives the same file. With --serve, whatever speaks the A121's protocol can try it as if it were a board.
 #[derive(Debug, Args)]
 pub(super) struct Simulate {

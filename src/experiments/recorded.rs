@@ -6,6 +6,7 @@ use crate::geometry::Aabb;
 use crate::radar::Observation;
 use crate::simulation::{Scenario, ScenarioError};
 use crate::tracking::{HistorySettings, ObserverSettings, observe_all};
+use crate::truth::Truth;
 
 /// Sweeps with their poses, and what is really there.
 #[derive(Debug, Clone)]
@@ -14,6 +15,8 @@ pub(super) struct Recorded {
     pub observations: Vec<Observation>,
     /// The first point of what stands there, tracking frame, metres; NaN when nothing does.
     pub truth_m: DVec3,
+    /// All of what is there.
+    pub truth: Truth,
 }
 
 impl Recorded {
@@ -27,19 +30,24 @@ impl Recorded {
         };
         let (observations, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
         let truth_m = simulated.truth.obstacles.iter().flat_map(|o| o.points_m.first()).next().copied();
-        Ok(Self { seed: scenario.seed, observations, truth_m: truth_m.unwrap_or(DVec3::NAN) })
+        let truth_m = truth_m.unwrap_or(DVec3::NAN);
+        Ok(Self { seed: scenario.seed, observations, truth_m, truth: simulated.truth })
     }
 }
 
 /// Edge of the cube that is searched, metres: the thesis' (section 3.5.1).
 pub(super) const CUBE_M: f64 = 3.0;
 
-/// The cube that is searched. Every seed shifts it by another part of a voxel, or the reflector would always lie in the same
-/// corner of one.
-pub(super) fn region(voxel_m: f64, seed: u64) -> Aabb {
+/// The part of a voxel by which a seed shifts the cube that is searched, −½ to ½ each way: or the reflector would always lie in
+/// the same corner of one.
+pub(super) fn offset(seed: u64) -> DVec3 {
     // Powers of the plastic number's inverse spread evenly over a cube.
-    let part = [0.819_172_5, 0.671_043_6, 0.549_700_5].map(|step| (step * seed as f64).fract() - 0.5);
-    let middle = DVec3::new(0.0, 1.5, -0.5 * CUBE_M) + DVec3::from_array(part) * voxel_m;
+    DVec3::from_array([0.819_172_5, 0.671_043_6, 0.549_700_5].map(|step| (step * seed as f64).fract() - 0.5))
+}
+
+/// The cube that is searched, shifted by the seed.
+pub(super) fn region(voxel_m: f64, seed: u64) -> Aabb {
+    let middle = DVec3::new(0.0, 1.5, -0.5 * CUBE_M) + offset(seed) * voxel_m;
     Aabb { min: middle - 0.5 * CUBE_M, max: middle + 0.5 * CUBE_M }
 }
 

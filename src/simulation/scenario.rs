@@ -1,5 +1,6 @@
 //! A whole simulated recording: scene, motion, sensor, tracking, receiver → frames, poses, truth.
 
+use glam::DVec3;
 use num_complex::Complex;
 use rayon::prelude::*;
 
@@ -41,6 +42,8 @@ pub struct Scenario {
     pub snr_db: Option<f64>,
     /// Time of a sweep's pose minus time of the sweep, as written, seconds.
     pub time_offset_s: f64,
+    /// What the sensor is turned to at the start of the thesis' motions, tracking frame, metres; `None`: as the scene says.
+    pub look_at_m: Option<DVec3>,
 }
 
 /// Why a scenario cannot be simulated.
@@ -64,6 +67,9 @@ pub enum ScenarioError {
     /// A time between the streams that is none.
     #[error("a time offset of {0} s cannot be simulated: give −10 to 10 s")]
     TimeOffset(f64),
+    /// A place to look at that is none.
+    #[error("a sensor cannot be turned to {0}: give a place that is finite and not its own")]
+    LookAt(DVec3),
     /// A rate of dropouts that is none.
     #[error("{0} dropouts a minute cannot be simulated: give 0 to 6000")]
     Dropouts(f64),
@@ -94,13 +100,15 @@ impl Scenario {
             errors: TrackingErrors::default(),
             snr_db: None,
             time_offset_s: 0.0,
+            look_at_m: None,
         }
     }
 
     /// Makes the recording.
     ///
     /// # Errors
-    /// An unknown name, a configuration that breaks a rule, a duration, SNR, time offset or rate of dropouts out of bounds.
+    /// An unknown name, a configuration that breaks a rule, a duration, SNR, time offset or rate of dropouts out of bounds, a
+    /// place that cannot be looked at.
     pub fn run(&self) -> Result<Simulated, ScenarioError> {
         let stage = self.stage()?;
         let head_at = |t: f64| stage.head_at(t);
@@ -133,7 +141,13 @@ impl Scenario {
         if !(0.0..=6000.0).contains(&self.errors.dropouts_per_minute) {
             return Err(ScenarioError::Dropouts(self.errors.dropouts_per_minute));
         }
-        let scene = scene(&self.scene, self.seed)?;
+        let mut scene = scene(&self.scene, self.seed)?;
+        if let Some(place) = self.look_at_m {
+            if !place.is_finite() || place.distance(scene.start_m) < 1e-3 {
+                return Err(ScenarioError::LookAt(place));
+            }
+            scene.look_at_m = place;
+        }
         let motion = Motion::named(&self.motion, &scene, self.duration_s + POSE_MARGIN_S, self.seed)?;
         let true_mount = self.errors.true_mount(&self.head_from_sensor, self.seed);
         Ok(Stage { scenario: self.clone(), scene, motion, true_mount })
@@ -249,7 +263,7 @@ impl Stage {
 
 /// Where a sensor in the headset's front sits, as far as anyone knows before calibrating.
 pub(super) fn default_mount() -> Pose {
-    Pose::from_translation(glam::DVec3::new(0.0, 0.03, -0.10))
+    Pose::from_translation(DVec3::new(0.0, 0.03, -0.10))
 }
 
 pub(super) fn host_ns(time_s: f64) -> i64 {
@@ -286,6 +300,25 @@ mod tests {
     }
 
     #[test]
+    fn the_sensor_looks_where_it_is_told_and_a_lens_lifts_what_it_looks_at_alone() {
+        let energy = |beam: Beam, at: DVec3| {
+            let config = preset("fine").unwrap();
+            let scenario = Scenario {
+                beam,
+                look_at_m: Some(at),
+                snr_db: Some(40.0),
+                ..Scenario::new("raised-reflector", "stationary", config, 0.1, 1)
+            };
+            let frames = scenario.run().unwrap().frames;
+            frames[0].samples.iter().map(|s| f64::from(s.re).powi(2) + f64::from(s.im).powi(2)).sum::<f64>()
+        };
+        let (reflector, aside) = (DVec3::new(-0.3, 1.7, -1.0), DVec3::new(0.3, 1.7, -1.0));
+        let gain_db = 10.0 * (energy(Beam::Fresnel, reflector) / energy(Beam::Lensless, reflector)).log10();
+        assert!((gain_db - Beam::Fresnel.gain_db()).abs() < 0.5, "{gain_db}");
+        assert!(energy(Beam::Fresnel, aside) < 0.1 * energy(Beam::Lensless, aside));
+    }
+
+    #[test]
     fn bad_scenarios_say_what_is_wrong() {
         let config = preset("fine").unwrap();
         let mut scenario = Scenario::new("corner-reflector", "moonwalk", config, 1.0, 1);
@@ -293,5 +326,10 @@ mod tests {
         scenario.motion = "natural".into();
         scenario.duration_s = f64::NAN;
         assert!(scenario.run().unwrap_err().to_string().contains("0.1 to 3600"));
+        (scenario.duration_s, scenario.motion) = (1.0, "stationary".into());
+        for nowhere in [DVec3::NAN, DVec3::new(0.0, 1.5, 0.0)] {
+            scenario.look_at_m = Some(nowhere);
+            assert!(scenario.run().unwrap_err().to_string().contains("not its own"));
+        }
     }
 }

@@ -12,8 +12,17 @@ use super::{Room, Thing, WallPanel};
 use crate::geometry::{Aabb, Plane};
 
 /// Scenes by name.
-pub const SCENES: [&str; 8] =
-    ["corner-reflector", "pair", "clothes-hanger", "chair", "two-chairs", "furnished-room", "empty-room", "nothing"];
+pub const SCENES: [&str; 9] = [
+    "corner-reflector",
+    "raised-reflector",
+    "pair",
+    "clothes-hanger",
+    "chair",
+    "two-chairs",
+    "furnished-room",
+    "empty-room",
+    "nothing",
+];
 
 /// No such scene.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -45,6 +54,8 @@ pub fn scene(name: &str, seed: u64) -> Result<Scene, SceneError> {
     };
     match name {
         "corner-reflector" => Ok(ahead(vec![corner_reflector(&mut draw, DVec3::new(-0.3, 1.5, -1.0))])),
+        // Where a sensor that moves level, or not at all, cannot tell its height.
+        "raised-reflector" => Ok(ahead(vec![corner_reflector(&mut draw, DVec3::new(-0.3, 1.7, -1.0))])),
         "pair" => Ok(ahead(pair(&mut draw, DVec3::new(-0.3, 1.5, -1.0), standing).into())),
         "clothes-hanger" => Ok(ahead(vec![clothes_hanger(&mut draw, DVec3::new(0.1, 1.55, -1.1), 0.3)])),
         "chair" => Ok(looking_at_things(vec![chair(&mut draw, "chair", DVec3::new(0.0, 0.0, -1.3), 0.4, METAL_CHAIR)])),

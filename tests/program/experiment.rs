@@ -14,15 +14,29 @@ fn an_experiment_writes_its_report_pictures_and_tables() {
         assert!(folder.read(&format!("out/data-set-size/{picture}.png")).len() > 3_000, "{picture}");
     }
     let table = String::from_utf8(folder.read("out/data-set-size/table-1.csv")).unwrap();
-    assert_eq!(table.lines().count(), 7, "a head and six rows: {table}");
+    assert_eq!(table.lines().count(), 17, "a head and eight rows at either SNR: {table}");
     assert!(table.starts_with("sweeps,"), "{table}");
+}
+
+#[test]
+fn common_objects_leave_point_clouds_that_other_programs_open() {
+    let folder = Folder::new("experiment-clouds");
+    folder.run("experiment common-objects --seeds 1 --out out").done();
+    for cloud in ["chair-squared-cloud", "two-chairs-sub-apertures-cloud"] {
+        let bytes = folder.read(&format!("out/common-objects/{cloud}.ply"));
+        assert!(
+            bytes.starts_with(b"ply\nformat binary_little_endian") && bytes.len() > 250,
+            "{cloud}: {}",
+            bytes.len()
+        );
+    }
 }
 
 #[test]
 fn experiments_are_listed_and_wrong_names_told() {
     let folder = Folder::new("experiment-names");
     let list = folder.run("experiment").done();
-    assert!(list.out.contains("matched-filter") && list.out.lines().count() >= 5, "{list:#?}");
+    assert!(list.out.contains("matched-filter") && list.out.lines().count() >= 8, "{list:#?}");
     let wrong = folder.run("experiment nonsense");
     assert_eq!(wrong.code, Some(1), "{wrong:#?}");
     assert!(wrong.err.contains("no experiment \"nonsense\"") && wrong.err.contains("data-set-size"), "{wrong:#?}");

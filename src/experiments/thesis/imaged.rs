@@ -17,7 +17,7 @@ pub(super) const THESIS_VOXEL_M: f64 = 0.1;
 const OWN_VOXEL_M: f64 = 0.05;
 /// Nearer than this there is the antenna's own leakage, metres.
 const MIN_RANGE_M: f64 = 0.15;
-const BEAM: Beam = Beam::Lensless;
+pub(super) const BEAM: Beam = Beam::Lensless;
 
 /// So many of a recording's sweeps, all where it has no more.
 pub(super) fn chosen(recorded: &Recorded, count: usize, by: Selection) -> Vec<Observation> {
@@ -28,9 +28,33 @@ pub(super) fn chosen(recorded: &Recorded, count: usize, by: Selection) -> Vec<Ob
 
 /// A sum over the cube.
 pub(super) fn volume(sweeps: &[Observation], statistic: Statistic, voxel_m: f64, seed: u64) -> Volume {
+    volume_through(&BEAM, sweeps, statistic, voxel_m, seed)
+}
+
+/// A sum over the cube, by the model of a beam.
+pub(super) fn volume_through(
+    beam: &Beam,
+    sweeps: &[Observation],
+    statistic: Statistic,
+    voxel_m: f64,
+    seed: u64,
+) -> Volume {
     let grid = BrickGrid::covering(&region(voxel_m, seed), voxel_m);
-    let (stack, _) = SweepStack::of(statistic, &BEAM, sweeps, grid.middle_m());
+    let (stack, _) = SweepStack::of(statistic, beam, sweeps, grid.middle_m());
     dense_volume(&stack, &grid).volume
+}
+
+/// Power over the noise's from which on a sweep sees a thing: 10 dB, which noise reaches once in 20 000 times.
+const SEEN_POWER: f64 = 10.0;
+
+/// Share of the sweeps that see one of the points at least.
+pub(super) fn seen_share(sweeps: &[Observation], points_m: &[DVec3]) -> f64 {
+    let power = RangePower::new(sweeps, &Beam::Uniform, MIN_RANGE_M);
+    let mut seen = vec![false; sweeps.len()];
+    for reading in points_m.iter().flat_map(|&point| power.readings(point)) {
+        seen[reading.sweep] |= reading.power >= SEEN_POWER;
+    }
+    seen.iter().filter(|seen| **seen).count() as f64 / sweeps.len().max(1) as f64
 }
 
 /// How good an image of one thing is.
@@ -73,26 +97,41 @@ impl Quality {
 
 /// This program's way: `ls`, the greatest voxel by branch and bound, refined; and how long it took, seconds.
 pub(super) fn placed(sweeps: &[Observation], seed: u64) -> (Option<Refined>, f64) {
+    placed_through(&BEAM, sweeps, seed)
+}
+
+/// The same by the model of a beam.
+pub(super) fn placed_through(beam: &Beam, sweeps: &[Observation], seed: u64) -> (Option<Refined>, f64) {
     let start = Instant::now();
     let grid = BrickGrid::covering(&region(OWN_VOXEL_M, seed), OWN_VOXEL_M);
-    let (stack, _) = SweepStack::of(Statistic::Ls, &BEAM, sweeps, grid.middle_m());
+    let (stack, _) = SweepStack::of(Statistic::Ls, beam, sweeps, grid.middle_m());
     let found = search(&stack, &grid, Threshold::ShareOfPeak(1.0));
     let refined = found.peak().and_then(|(index, _)| {
         let [nx, ny, _] = grid.size;
         let voxel = [index % nx, index / nx % ny, index / (nx * ny)].map(|n| n as f64 + 0.5);
         let place = grid.origin_m + DVec3::from_array(voxel) * grid.voxel_m;
-        refine(&RangePower::new(sweeps, &BEAM, MIN_RANGE_M), place, None, &PositionErrors::default())
+        refine(&RangePower::new(sweeps, beam, MIN_RANGE_M), place, None, &PositionErrors::default())
     });
     (refined, start.elapsed().as_secs_f64())
 }
 
-/// What was observed of a refined place, in words.
-pub(super) fn observed(refined: Option<&Refined>) -> &'static str {
-    match refined.map(Refined::observed_directions) {
+/// What was observed of refined places in the middle one of several trials, in words.
+pub(super) fn observed(refined: &[Option<Refined>]) -> &'static str {
+    let mut directions: Vec<usize> =
+        refined.iter().map(|refined| refined.as_ref().map_or(0, Refined::observed_directions)).collect();
+    directions.sort_unstable();
+    match directions.get(directions.len().saturating_sub(1) / 2) {
         Some(2) => "position",
         Some(1) => "range and one direction",
         _ => "range alone",
     }
+}
+
+/// Difference between a place's greatest and least distance from the sensor over the sweeps, metres: what sums of amplitudes tell directions
+/// by, with a pulse of 14 cm.
+pub(super) fn range_span_m(sweeps: &[Observation], place_m: DVec3) -> f64 {
+    let distances = || sweeps.iter().map(|sweep| sweep.distance_m(place_m));
+    (distances().fold(0.0, f64::max) - distances().fold(f64::INFINITY, f64::min)).max(0.0)
 }
 
 #[cfg(test)]
@@ -107,6 +146,8 @@ mod tests {
         assert!((quality.error_m() - 0.1).abs() < 1e-9 && (quality.off_m.z - 0.1).abs() < 1e-9);
         assert!(quality.extent_m.distance(DVec3::new(0.2, 0.1, 0.1)) < 1e-9);
         assert!((quality.footprint_l - 2.0).abs() < 1e-9 && (quality.contrast_db - 20.0).abs() < 1e-6);
+        assert_eq!((observed(&[]), observed(&[None])), ("range alone", "range alone"));
+        assert_eq!(range_span_m(&[], DVec3::ZERO), 0.0);
         let nothing = Volume { values: vec![0.0; 27], ..volume };
         assert!(Quality::of(&nothing, DVec3::ZERO).error_m().is_infinite());
     }

@@ -4,11 +4,17 @@
 //! An experiment is a row in [`ALL`] and a file. Everything is simulated with the thesis' scenes and motions; the thesis' way is its
 //! reduced filter (eq. 3.2) over voxels of 10 cm with its thinning, ours what this program does.
 
+mod apart;
+mod common_objects;
 mod data_set_size;
 mod filters;
 mod imaged;
+mod lens;
+mod likeness;
 mod outcome;
+mod resolution;
 mod sensor_motion;
+mod subaperture;
 mod thinning;
 mod velocity;
 
@@ -16,7 +22,7 @@ use crate::experiments::recorded::Recorded;
 use crate::radar::preset;
 use crate::simulation::{Scenario, ScenarioError};
 
-pub use outcome::{Drawn, Finding, Outcome, report};
+pub use outcome::{Cloud, Drawn, Finding, Outcome, report};
 
 /// Why an experiment came to nothing.
 #[derive(Debug, thiserror::Error)]
@@ -43,9 +49,12 @@ pub struct Experiment {
 
 /// All there are, in the thesis' order.
 pub const ALL: &[Experiment] = &[
+    Experiment { name: "lens", title: "Lens choice", section: "3.5.2, 4.1.1, 5.2", run: lens::run },
     Experiment { name: "data-set-size", title: "Data set size", section: "4.1.2, 5.1", run: data_set_size::run },
     Experiment { name: "sensor-motion", title: "Sensor motion", section: "4.1.4, 5.4", run: sensor_motion::run },
     Experiment { name: "velocity", title: "Sensor velocity", section: "4.1.5, 5.5", run: velocity::run },
+    Experiment { name: "common-objects", title: "Common objects", section: "4.1.6, 5.6", run: common_objects::run },
+    Experiment { name: "resolution", title: "Resolution and search area", section: "5.6, 5.8.3", run: resolution::run },
     Experiment { name: "thinning", title: "Thinning the data set", section: "3.4.1", run: thinning::run },
     Experiment { name: "matched-filter", title: "Matched filter and others", section: "3.3, 5.8.1", run: filters::run },
 ];
@@ -71,12 +80,26 @@ const SNR_DB: f64 = 40.0;
 impl Trials {
     /// The thesis' corner reflector 1 m deep and 0.3 m to the left, seen with a preset for so long, once a seed.
     fn reflector(&self, motion: &str, name: &'static str, duration_s: f64) -> Result<Vec<Recorded>, ExperimentError> {
+        self.recorded(name, duration_s, |scenario| {
+            scenario.motion = motion.into();
+            scenario.snr_db = Some(SNR_DB);
+        })
+    }
+
+    /// What a preset sees for so long, once a seed: a corner reflector from within a sphere of 50 cm but for what is changed.
+    fn recorded(
+        &self,
+        name: &'static str,
+        duration_s: f64,
+        change: impl Fn(&mut Scenario),
+    ) -> Result<Vec<Recorded>, ExperimentError> {
         let config = preset(name).ok_or(ExperimentError::Preset(name))?;
-        let scenario = |seed| Scenario {
-            snr_db: Some(SNR_DB),
-            ..Scenario::new("corner-reflector", motion, config.clone(), duration_s, seed)
+        let of = |seed| {
+            let mut scenario = Scenario::new("corner-reflector", "sphere-50cm", config.clone(), duration_s, seed);
+            change(&mut scenario);
+            Recorded::of(&scenario)
         };
-        Ok((1..=self.seeds).map(|seed| Recorded::of(&scenario(seed))).collect::<Result<_, _>>()?)
+        Ok((1..=self.seeds).map(of).collect::<Result<_, _>>()?)
     }
 }
 
@@ -88,6 +111,11 @@ fn cm(metres: f64) -> String {
 /// Metres as millimetres.
 fn mm(metres: f64) -> String {
     if metres.is_finite() { format!("{:.1}", metres * 1e3) } else { "–".into() }
+}
+
+/// A share as a percentage.
+fn percent(share: f64) -> String {
+    format!("{:.0}", share * 100.0)
 }
 
 fn head(names: &[&str]) -> Vec<String> {

@@ -1,5 +1,7 @@
 //! What an experiment comes to: what the thesis found and whether it holds, tables, figures; and the report of several.
 
+use glam::DVec3;
+
 use super::Experiment;
 use crate::report::{Figure, Picture, Report, ReportError, Section, Table};
 
@@ -36,6 +38,15 @@ pub struct Drawn {
     pub caption: String,
 }
 
+/// Voxels of an image with the name of their file, without ending.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cloud {
+    /// Name of the file.
+    pub name: String,
+    /// Centre in the tracking frame, metres, and value.
+    pub points: Vec<(DVec3, f32)>,
+}
+
 /// What an experiment comes to.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Outcome {
@@ -45,6 +56,8 @@ pub struct Outcome {
     pub tables: Vec<Table>,
     /// The pictures.
     pub pictures: Vec<Drawn>,
+    /// Point clouds, for other programs to open.
+    pub clouds: Vec<Cloud>,
     /// What the thesis found.
     pub findings: Vec<Finding>,
 }
@@ -53,6 +66,11 @@ impl Outcome {
     /// Adds a picture.
     pub(super) fn draw(&mut self, name: impl Into<String>, picture: Picture, caption: impl Into<String>) {
         self.pictures.push(Drawn { name: name.into(), picture, caption: caption.into() });
+    }
+
+    /// Adds a point cloud.
+    pub(super) fn keep_cloud(&mut self, name: impl Into<String>, points: Vec<(DVec3, f32)>) {
+        self.clouds.push(Cloud { name: name.into(), points });
     }
 
     /// Adds a finding; `None` where the figures do not tell whether it holds.
