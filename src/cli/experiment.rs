@@ -6,6 +6,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 
+use super::progress;
 use crate::experiments::{EXPERIMENTS, Experiment, Outcome, experiments_report};
 use crate::report::write_atomically;
 
@@ -25,6 +26,9 @@ pub(super) struct ExperimentCommand {
     seeds: u64,
 }
 
+/// Steps of the progress bar that an experiment has.
+const STEPS: u64 = 100;
+
 impl ExperimentCommand {
     pub fn run(&self) -> Result<()> {
         let wanted = self.wanted()?;
@@ -32,13 +36,18 @@ impl ExperimentCommand {
             return EXPERIMENTS.iter().try_for_each(|one| say!("{:<16}{} ({})", one.name, one.title, one.section));
         }
         let mut done: Vec<(&Experiment, Outcome)> = Vec::new();
-        for experiment in wanted {
+        let bar = progress::bar(wanted.len() as u64 * STEPS, "");
+        for (n, experiment) in wanted.iter().enumerate() {
+            bar.set_message(format!("{} of {}: {}", n + 1, wanted.len(), experiment.name));
             let start = Instant::now();
-            let outcome = experiment.run(self.seeds)?;
-            tell(experiment, &outcome, start.elapsed().as_secs_f64())?;
+            let told = |share: f64| bar.set_position(n as u64 * STEPS + (share * STEPS as f64) as u64);
+            told(0.0);
+            let outcome = experiment.run(self.seeds, &told)?;
+            bar.suspend(|| tell(experiment, &outcome, start.elapsed().as_secs_f64()))?;
             write(&self.out.join(experiment.name), &outcome)?;
             done.push((experiment, outcome));
         }
+        bar.finish_and_clear();
         let path = self.out.join("report.html");
         experiments_report(&done)?.write(&path)?;
         say!("Written to {}", path.display())

@@ -8,6 +8,8 @@ fn an_experiment_writes_its_report_pictures_and_tables() {
     let run = folder.run("experiment data-set-size thinning --seeds 1 --out out").done();
     assert!(run.out.contains("Data set size") && run.out.contains("Thinning"), "{run:#?}");
     assert!(!run.out.contains("Sensor velocity"), "{run:#?}");
+    // Standard error is no terminal here: nothing of the progress.
+    assert!(!run.err.contains("1 of 2"), "{run:#?}");
     let page = String::from_utf8(folder.read("out/report.html")).unwrap();
     assert!(page.contains("One sweep tells the depth") && page.contains("data:image/png;base64,"));
     for picture in ["sweeps-1", "sweeps-50", "error-over-sweeps"] {

@@ -24,7 +24,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     };
     let (mut rows, mut thesis_cm, mut worst_cm) = (Vec::new(), Vec::new(), Vec::new());
     let (mut ours_cm, mut footprints) = (Vec::new(), Vec::new());
-    for count in COUNTS {
+    for (n, count) in COUNTS.into_iter().enumerate() {
+        trials.done(n, COUNTS.len());
         let (mut errors, mut sizes, mut own, mut known) = (Vec::new(), Vec::new(), Vec::new(), "range alone");
         for recorded in &recorded {
             let sweeps = chosen(recorded, count, Selection::ThesisHull);

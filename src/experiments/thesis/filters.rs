@@ -26,7 +26,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         ..Outcome::default()
     };
     let (mut rows, mut figures) = (Vec::new(), Vec::new());
-    for statistic in STATISTICS {
+    for (n, statistic) in STATISTICS.into_iter().enumerate() {
+        trials.done(n, STATISTICS.len());
         let mut row = vec![statistic.name().to_owned()];
         let mut of_voxels = Vec::new();
         for voxel_m in [THESIS_VOXEL_M, FINE_VOXEL_M] {

@@ -11,6 +11,7 @@ mod outcome;
 mod sensor_motion;
 mod thinning;
 mod velocity;
+mod vendor_detector;
 
 use crate::experiments::recorded::Recorded;
 use crate::radar::preset;
@@ -43,6 +44,12 @@ pub struct Experiment {
 
 /// All there are, in the thesis' order.
 pub const ALL: &[Experiment] = &[
+    Experiment {
+        name: "vendor-detector",
+        title: "The vendor's obstacle detector",
+        section: "2.5",
+        run: vendor_detector::run,
+    },
     Experiment { name: "data-set-size", title: "Data set size", section: "4.1.2, 5.1", run: data_set_size::run },
     Experiment { name: "sensor-motion", title: "Sensor motion", section: "4.1.4, 5.4", run: sensor_motion::run },
     Experiment { name: "velocity", title: "Sensor velocity", section: "4.1.5, 5.5", run: velocity::run },
@@ -51,24 +58,31 @@ pub const ALL: &[Experiment] = &[
 ];
 
 impl Experiment {
-    /// Runs it with so many seeds.
+    /// Runs it with so many seeds; `tell` is told the share that is done, 0 to 1, now and then.
     ///
     /// # Errors
     /// A scenario that cannot be simulated.
-    pub fn run(&self, seeds: u64) -> Result<Outcome, ExperimentError> {
-        (self.run)(&Trials { seeds: seeds.max(1) })
+    pub fn run(&self, seeds: u64, tell: &dyn Fn(f64)) -> Result<Outcome, ExperimentError> {
+        (self.run)(&Trials { seeds: seeds.max(1), tell })
     }
 }
 
 /// What experiments are made of.
-struct Trials {
+struct Trials<'a> {
     seeds: u64,
+    /// Told the share that is done.
+    tell: &'a dyn Fn(f64),
 }
 
 /// Power signal to noise ratio of the reflector at 1 m, dB: well below that of a corner reflector of 10 cm, which is 12 dBsm.
 const SNR_DB: f64 = 40.0;
 
-impl Trials {
+impl Trials<'_> {
+    /// So many of an experiment's parts are done, of about equal length.
+    fn done(&self, parts: usize, of: usize) {
+        (self.tell)(parts as f64 / of.max(1) as f64);
+    }
+
     /// The thesis' corner reflector 1 m deep and 0.3 m to the left, seen with a preset for so long, once a seed.
     fn reflector(&self, motion: &str, name: &'static str, duration_s: f64) -> Result<Vec<Recorded>, ExperimentError> {
         let config = preset(name).ok_or(ExperimentError::Preset(name))?;
@@ -98,9 +112,16 @@ fn head(names: &[&str]) -> Vec<String> {
 mod tests {
     use super::*;
 
+    /// The share that is done rises and stays within 0 to 1.
+    fn run_and_watch(experiment: &Experiment) -> Outcome {
+        let last = std::cell::Cell::new(0.0);
+        let tell = |share: f64| assert!((last.replace(share)..=1.0).contains(&share), "{}: {share}", experiment.name);
+        experiment.run(1, &tell).unwrap()
+    }
+
     #[test]
     fn every_experiment_has_findings_tables_and_pictures_and_a_report() {
-        let done: Vec<_> = ALL.iter().map(|experiment| (experiment, experiment.run(1).unwrap())).collect();
+        let done: Vec<_> = ALL.iter().map(|experiment| (experiment, run_and_watch(experiment))).collect();
         for (experiment, outcome) in &done {
             assert!(!outcome.findings.is_empty() && !outcome.pictures.is_empty(), "{}", experiment.name);
             for table in &outcome.tables {

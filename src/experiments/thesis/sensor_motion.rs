@@ -31,7 +31,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         ..Outcome::default()
     };
     let (mut rows, mut thesis, mut told) = (Vec::new(), Vec::new(), Vec::new());
-    for (motion, words) in MOTIONS {
+    for (n, (motion, words)) in MOTIONS.into_iter().enumerate() {
+        trials.done(n, MOTIONS.len());
         let (mut off, mut extents, mut own, mut known) = (Vec::new(), Vec::new(), Vec::new(), "range alone");
         for recorded in &trials.reflector(motion, "fine", 10.0)? {
             let sweeps = chosen(recorded, SWEEPS, Selection::ThesisHull);

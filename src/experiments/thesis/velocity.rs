@@ -21,7 +21,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         ..Outcome::default()
     };
     let (mut rows, mut figures) = (Vec::new(), Vec::new());
-    for (motion, speed) in SPEEDS {
+    for (n, (motion, speed)) in SPEEDS.into_iter().enumerate() {
+        trials.done(n, SPEEDS.len());
         let (mut depth, mut sizes, mut own) = (Vec::new(), Vec::new(), Vec::new());
         for recorded in &trials.reflector(motion, "fine", DURATION_S)? {
             let image = volume(&recorded.observations, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed);
