@@ -5,10 +5,12 @@
 //! reduced filter (eq. 3.2) over voxels of 10 cm with its thinning, ours what this program does.
 
 mod data_set_size;
+mod false_alarms;
 mod filters;
 mod imaged;
 mod outcome;
 mod sensor_motion;
+mod subapertures;
 mod thinning;
 mod velocity;
 mod vendor_detector;
