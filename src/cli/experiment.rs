@@ -13,7 +13,7 @@ use crate::report::write_atomically;
 /// Makes the thesis' experiments again and says which of its findings hold
 ///
 /// Everything is simulated, with the truth to hold it against. Writes report.html, one file with everything in it, and for each
-/// experiment a folder of pictures (PNG) and tables (CSV).
+/// experiment a folder of pictures (PNG), tables (CSV) and, for other tools, volumes (.npy, each with a .json) and point clouds (.ply).
 #[derive(Debug, Args)]
 pub(super) struct ExperimentCommand {
     /// Which: a name, several, or `all`; left out, they are listed
@@ -81,6 +81,9 @@ fn write(folder: &Path, outcome: &Outcome) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     for drawn in &outcome.pictures {
         drawn.picture.write(&folder.join(format!("{}.png", drawn.name)))?;
+    }
+    for file in &outcome.files {
+        write_atomically(&folder.join(&file.name), &file.bytes)?;
     }
     write_atomically(&folder.join("findings.csv"), outcome.findings_table().csv().as_bytes())?;
     for (n, table) in outcome.tables.iter().enumerate() {

@@ -21,6 +21,20 @@ fn an_experiment_writes_its_report_pictures_and_tables() {
 }
 
 #[test]
+fn volumes_and_clouds_are_written_for_other_tools() {
+    let folder = Folder::new("experiment-outputs");
+    folder.run("experiment outputs --seeds 1 --out out").done();
+    for volume in ["chairs", "reflector"] {
+        assert!(folder.read(&format!("out/outputs/{volume}.npy")).starts_with(b"\x93NUMPY"));
+        let info = folder.json(&format!("out/outputs/{volume}.json"));
+        assert_eq!(info["axes"], serde_json::json!(["z", "y", "x"]));
+        assert_eq!(info["voxel_m"], 0.04);
+    }
+    let cloud = folder.read("out/outputs/reflector.ply");
+    assert!(cloud.starts_with(b"ply\n") && String::from_utf8_lossy(&cloud).contains("property float cov_zz"));
+}
+
+#[test]
 fn experiments_are_listed_and_wrong_names_told() {
     let folder = Folder::new("experiment-names");
     let list = folder.run("experiment").done();

@@ -39,6 +39,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             if recorded.seed == 1 && SHOWN.contains(&count) {
                 let path: Vec<_> = sweeps.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
                 let marks = Marks { truth_m: &[recorded.truth_m], found_m: &[], path_m: &path };
+                outcome.keep_volume(&format!("sweeps-{count}"), &image, Statistic::Thesis, sweeps.len())?;
                 let title = format!("The thesis' image from {count} sweep{}", if count == 1 { "" } else { "s" });
                 let picture = cross_sections(&image, &title, "correlation (amplitude)", &marks);
                 outcome.draw(format!("sweeps-{count}"), picture, format!("{title}, as its figures 4.7 to 4.9."));

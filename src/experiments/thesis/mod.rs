@@ -9,6 +9,7 @@ mod false_alarms;
 mod filters;
 mod imaged;
 mod outcome;
+mod outputs;
 mod sensor_motion;
 mod subapertures;
 mod thinning;
@@ -17,9 +18,10 @@ mod vendor_detector;
 
 use crate::experiments::recorded::Recorded;
 use crate::radar::preset;
+use crate::report::ReportError;
 use crate::simulation::{Scenario, ScenarioError};
 
-pub use outcome::{Drawn, Finding, Outcome, report};
+pub use outcome::{Drawn, Finding, Outcome, OutputFile, report};
 
 /// Why an experiment came to nothing.
 #[derive(Debug, thiserror::Error)]
@@ -27,6 +29,9 @@ pub enum ExperimentError {
     /// A recording that could not be simulated.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
+    /// A file that could not be made.
+    #[error(transparent)]
+    Report(#[from] ReportError),
     /// No such sensor preset.
     #[error("preset \"{0}\" is not known")]
     Preset(&'static str),
@@ -57,6 +62,12 @@ pub const ALL: &[Experiment] = &[
     Experiment { name: "velocity", title: "Sensor velocity", section: "4.1.5, 5.5", run: velocity::run },
     Experiment { name: "thinning", title: "Thinning the data set", section: "3.4.1", run: thinning::run },
     Experiment { name: "matched-filter", title: "Matched filter and others", section: "3.3, 5.8.1", run: filters::run },
+    Experiment {
+        name: "outputs",
+        title: "Volumes and clouds for other tools",
+        section: "5.8.2, 6.3",
+        run: outputs::run,
+    },
 ];
 
 impl Experiment {
@@ -133,6 +144,10 @@ mod tests {
             names.sort();
             names.dedup();
             assert_eq!(names.len(), outcome.pictures.len(), "a name a picture");
+            let mut files: Vec<_> = outcome.files.iter().map(|file| &file.name).collect();
+            files.sort();
+            files.dedup();
+            assert_eq!(files.len(), outcome.files.len(), "a name a file");
         }
         let page = report(&done).unwrap().html();
         assert!(

@@ -1,7 +1,8 @@
 //! What an experiment comes to: what the thesis found and whether it holds, tables, figures; and the report of several.
 
 use super::Experiment;
-use crate::report::{Figure, Picture, Report, ReportError, Section, Table};
+use crate::imaging::{Statistic, Volume};
+use crate::report::{Figure, Picture, Report, ReportError, Section, Table, VolumeInfo, volume_bytes};
 
 /// A finding of the thesis beside ours.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +37,15 @@ pub struct Drawn {
     pub caption: String,
 }
 
+/// A file for other tools.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OutputFile {
+    /// Its name, with its ending.
+    pub name: String,
+    /// What is in it.
+    pub bytes: Vec<u8>,
+}
+
 /// What an experiment comes to.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Outcome {
@@ -47,12 +57,37 @@ pub struct Outcome {
     pub pictures: Vec<Drawn>,
     /// What the thesis found.
     pub findings: Vec<Finding>,
+    /// Volumes (.npy with a .json) and clouds (.ply) for other tools.
+    pub files: Vec<OutputFile>,
 }
 
 impl Outcome {
     /// Adds a picture.
     pub(super) fn draw(&mut self, name: impl Into<String>, picture: Picture, caption: impl Into<String>) {
         self.pictures.push(Drawn { name: name.into(), picture, caption: caption.into() });
+    }
+
+    /// Adds a file for other tools.
+    pub(super) fn keep(&mut self, name: impl Into<String>, bytes: Vec<u8>) {
+        self.files.push(OutputFile { name: name.into(), bytes });
+    }
+
+    /// Adds an image of so many sweeps: name.npy and name.json.
+    pub(super) fn keep_volume(
+        &mut self,
+        name: &str,
+        volume: &Volume,
+        statistic: Statistic,
+        sweeps: usize,
+    ) -> Result<(), ReportError> {
+        let dense_updates = (volume.values.len() * sweeps) as u64;
+        let mut info = VolumeInfo { statistic: statistic.name().into(), dense_updates, ..VolumeInfo::default() };
+        info.updates = dense_updates;
+        info.extra.insert("sweeps".into(), sweeps.into());
+        let [npy, json] = volume_bytes(volume, &info)?;
+        self.keep(format!("{name}.npy"), npy);
+        self.keep(format!("{name}.json"), json);
+        Ok(())
     }
 
     /// Adds a finding; `None` where the figures do not tell whether it holds.
@@ -88,6 +123,14 @@ pub fn report(done: &[(&Experiment, Outcome)]) -> Result<Report, ReportError> {
         }
         for drawn in &outcome.pictures {
             section = section.figure(Figure::new(&drawn.picture, &drawn.caption)?);
+        }
+        if !outcome.files.is_empty() {
+            let names: Vec<&str> = outcome.files.iter().map(|file| file.name.as_str()).collect();
+            section = section.text(format!(
+                "Files for other tools, in the folder {}: {}.",
+                experiment.name,
+                names.join(", ")
+            ));
         }
         report = report.section(section);
     }

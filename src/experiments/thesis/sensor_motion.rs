@@ -46,6 +46,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             if recorded.seed == 1 {
                 let path: Vec<DVec3> = sweeps.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
                 let marks = Marks { truth_m: &[recorded.truth_m], found_m: &[], path_m: &path };
+                outcome.keep_volume(&format!("image-{motion}"), &image, Statistic::Thesis, sweeps.len())?;
                 let title = format!("The thesis' image, sensor {words}");
                 let picture = cross_sections(&image, &title, "correlation (amplitude)", &marks);
                 outcome.draw(format!("image-{motion}"), picture, format!("{title}."));

@@ -40,6 +40,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
                 let path: Vec<_> =
                     recorded.observations.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
                 let marks = Marks { truth_m: &[recorded.truth_m], found_m: &[], path_m: &path };
+                outcome.keep_volume(&format!("image-{motion}"), &image, Statistic::Thesis, path.len())?;
                 let title = format!("The thesis' image at {speed} m/s");
                 let picture = cross_sections(&image, &title, "correlation (amplitude)", &marks);
                 outcome.draw(format!("image-{motion}"), picture, format!("{title}."));
