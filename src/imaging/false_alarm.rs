@@ -2,8 +2,9 @@
 //!
 //! A search takes the greatest of very many values that are not independent, and how many independent ones they amount to depends on
 //! pulse, path, beam and box: no formula tells. So the search is done on the same sweeps with noise in place of what was measured
-//! ([`as_noise`]), some hundred times, and Gumbel's distribution, to which greatest values of this kind tend, is laid through what comes
-//! of it ([`NoiseMaxima`]). Values are to be in units of each sweep's own noise: then a louder receiver changes nothing.
+//! ([`as_noise`]), some hundred times, and Gumbel's distribution, to which greatest values tend, is laid through what comes of it
+//! ([`NoiseMaxima`]). It fits well where the values' tail is exponential; a sum's is not, so sums go in as their [`surprise`]. Values are
+//! to be in units of each sweep's own noise: then a louder receiver changes nothing.
 
 use num_complex::Complex32;
 use rand::SeedableRng;
@@ -29,6 +30,38 @@ pub fn as_noise(observations: &[Observation], rms_lsb: f64, seed: u64) -> Vec<Ob
     observations.iter().map(&mut noise).collect()
 }
 
+/// −ln of the chance that |z|² of so many values of noise, each of mean 1, sum up to more than that: a sum's improbability, whose tail is
+/// exponential. 0 for a sum that is not above 0.
+pub fn surprise(sum: f64, count: usize) -> f64 {
+    if !(sum > 0.0 && sum.is_finite()) || count == 0 {
+        return 0.0;
+    }
+    // A sum of exponentials: e^−x Σ x^k/k! over k below the count, in logarithms.
+    let mut logarithm = 0.0;
+    let logarithms: Vec<f64> = (0..count)
+        .map(|k| {
+            logarithm += if k > 0 { (sum / k as f64).ln() } else { 0.0 };
+            logarithm
+        })
+        .collect();
+    let greatest = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let rest: f64 = logarithms.iter().map(|one| (one - greatest).exp()).sum();
+    (sum - greatest - rest.ln()).max(0.0)
+}
+
+/// The sum of a surprise: [`surprise`] turned round.
+pub fn sum_of(surprised: f64, count: usize) -> f64 {
+    let (mut low, mut high) = (0.0, 2.0 * (surprised.max(0.0) + count as f64) + 60.0);
+    while surprise(high, count) < surprised && high < 1e12 {
+        high *= 2.0;
+    }
+    for _ in 0..80 {
+        let middle = 0.5 * (low + high);
+        if surprise(middle, count) < surprised { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
 /// How high noise reaches in a search: Gumbel's distribution of the greatest value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseMaxima {
@@ -45,7 +78,7 @@ impl NoiseMaxima {
         let mean = finite.iter().sum::<f64>() / count;
         let variance = finite.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
         let scale = variance.sqrt() * 6f64.sqrt() / std::f64::consts::PI;
-        (scale.is_finite() && scale > 0.0).then(|| Self { mode: mean - EULER * scale, scale })
+        (scale.is_finite() && scale > 0.0).then_some(Self { mode: mean - EULER * scale, scale })
     }
 
     /// What the greatest of a search passes at a rate, above 0 and below 1: 0.01 is once in a hundred searches.
@@ -87,6 +120,19 @@ mod tests {
             let exact = -(-(1.0 - rate).powf(1.0 / 400.0)).ln_1p();
             assert!((threshold - exact).abs() < 0.5, "{threshold} {exact}");
         }
+    }
+
+    #[test]
+    fn surprise_is_the_tail_of_a_sum_and_can_be_turned_round() {
+        // One value: exponential. Two: (1 + x) e^−x.
+        assert!((surprise(3.0, 1) - 3.0).abs() < 1e-12);
+        assert!((surprise(3.0, 2) - (3.0 - 4f64.ln())).abs() < 1e-12);
+        for (sum, count) in [(0.5, 1), (60.0, 50), (120.0, 50), (4000.0, 200), (1e6, 50)] {
+            let surprised = surprise(sum, count);
+            assert!((sum_of(surprised, count) / sum - 1.0).abs() < 1e-6, "{sum} {count}: {surprised}");
+        }
+        assert!([f64::NAN, -1.0, f64::INFINITY].iter().all(|sum| surprise(*sum, 5) == 0.0));
+        assert!(surprise(1.0, 0) == 0.0 && sum_of(f64::NAN, 5).is_finite());
     }
 
     #[test]

@@ -24,7 +24,7 @@ mod volume;
 pub use blocks::blocks_volume;
 pub use bound::{BoundSight, cramer_rao_bound};
 pub use compression::{CompressedSweep, RangeCompressor};
-pub use false_alarm::{NoiseMaxima, as_noise};
+pub use false_alarm::{NoiseMaxima, as_noise, sum_of, surprise};
 pub use noise::{block_noise_rms, sweep_noise_rms};
 pub use oracle::Oracle;
 pub use oracle_volume::oracle_volume;

@@ -8,7 +8,7 @@ use super::{ExperimentError, Outcome, Trials, head};
 use crate::experiments::recorded::Recorded;
 use crate::geometry::Aabb;
 use crate::imaging::sums::{BrickGrid, SweepStack, dense_volume};
-use crate::imaging::{NoiseMaxima, Statistic, as_noise, sweep_noise_rms};
+use crate::imaging::{NoiseMaxima, Statistic, as_noise, sum_of, surprise, sweep_noise_rms};
 use crate::radar::{Beam, Observation, PRESETS, RangeAxis, SensorConfig, frame_timing, preset};
 use crate::report::{Chart, Series, Table};
 use crate::simulation::Scenario;
@@ -49,12 +49,12 @@ impl Search {
         Self { grid: BrickGrid::covering(&region, 0.5 * subsweep.profile.envelope_fwhm_m()) }
     }
 
-    /// The greatest Σ|z|² in units of the sweeps' own noise.
+    /// How surprising the greatest Σ|z|² is, in units of the sweeps' own noise.
     fn greatest(&self, sweeps: &[Observation]) -> f64 {
         let (stack, _) = SweepStack::of(Statistic::Ls, &BEAM, sweeps, self.grid.middle_m());
         let greatest = dense_volume(&stack, &self.grid).volume.peak().map_or(0.0, |peak| f64::from(peak.1));
         let noise = sweeps.iter().map(|o| sweep_noise_rms(&o.samples).powi(2)).sum::<f64>();
-        greatest * sweeps.len() as f64 / noise
+        surprise(greatest * sweeps.len() as f64 / noise, sweeps.len())
     }
 }
 
@@ -66,10 +66,12 @@ fn looks(recorded: &Recorded, most: usize) -> Vec<Vec<Observation>> {
 }
 
 /// Empty space, for as many looks as wanted.
-fn noise(config: &SensorConfig, seed: u64) -> Result<Recorded, ExperimentError> {
+fn noise(name: &str, config: &SensorConfig, seed: u64) -> Result<Recorded, ExperimentError> {
     let sweeps_hz = f64::from(config.sweeps_per_frame) / frame_timing(config).frame_period_s;
     let duration_s = ((LOOKS * SWEEPS) as f64 / sweeps_hz).max(1.0) * 1.02;
-    Ok(Recorded::of(&Scenario::new("nothing", "sphere-50cm", config.clone(), duration_s, seed))?)
+    // A sensor that sees no farther than it moves sees nothing from all of its way.
+    let motion = if name == "close" { "sphere-10cm" } else { "sphere-50cm" };
+    Ok(Recorded::of(&Scenario::new("nothing", motion, config.clone(), duration_s, seed))?)
 }
 
 /// Adds them to the experiment of the filters, of whose work they are the last three fifths.
@@ -82,7 +84,7 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
         let search = Search::of(&config);
         let mut paths = Vec::new();
         for seed in 0..PATHS {
-            paths.extend(looks(&noise(&config, 501 + seed)?, LOOKS_A_PATH));
+            paths.extend(looks(&noise(name, &config, 501 + seed)?, LOOKS_A_PATH));
         }
         // The strength is any: thresholds are in units of the noise.
         let made = |(seed, path): (usize, &Vec<Observation>)| search.greatest(&as_noise(path, 100.0, seed as u64));
@@ -90,7 +92,7 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
         let Some(of_noise) = NoiseMaxima::of(&calibrated.collect::<Vec<_>>()) else { continue };
         let mut others = Vec::new();
         for seed in 0..trials.seeds {
-            let other = looks(&noise(&config, 1001 + seed)?, LOOKS);
+            let other = looks(&noise(name, &config, 2001 + seed)?, LOOKS);
             others.extend(other.par_iter().map(|look| search.greatest(look)).collect::<Vec<f64>>());
         }
         let passed = RATES.map(|rate| others.iter().filter(|value| **value > of_noise.threshold(rate)).count());
@@ -98,8 +100,9 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
         all_near &= (0.05..=0.2).contains(&often);
         pooled = [pooled[0] + passed[0], pooled[1] + passed[1]];
         searched += others.len();
-        let sigmas = |sum: f64| (sum - SWEEPS as f64) / (SWEEPS as f64).sqrt();
-        let by_default = of_noise.rate_above(SWEEPS as f64 + DEFAULT_SIGMA * (SWEEPS as f64).sqrt());
+        let sigmas = |surprised: f64| (sum_of(surprised, SWEEPS) - SWEEPS as f64) / (SWEEPS as f64).sqrt();
+        let default = SWEEPS as f64 + DEFAULT_SIGMA * (SWEEPS as f64).sqrt();
+        let by_default = of_noise.rate_above(surprise(default, SWEEPS));
         rows.push(vec![
             name.to_owned(),
             search.grid.voxels().to_string(),
@@ -141,7 +144,7 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
         ]),
         rows,
         caption: format!(
-            "False alarms. A look: least squares over {SWEEPS} sweeps from within a sphere of 50 cm, all voxels (half a pulse wide) ahead as far as \
+            "False alarms. A look: least squares over {SWEEPS} sweeps from within a sphere of 50 cm (close: 10 cm), all voxels (half a pulse wide) ahead as far as \
              the preset sees, 3 m at most. σ: what the greatest sum is above that of noise, in standard deviations of a sum. Thresholds by {} looks of \
              made noise along {PATHS} paths, measured on simulated recordings of empty space with other seeds and paths.",
             LOOKS_A_PATH * PATHS as usize
@@ -208,7 +211,7 @@ mod tests {
 
     #[test]
     fn looks_share_no_sweep_and_span_the_recording() {
-        let recorded = noise(&preset("c16").unwrap(), 3).unwrap();
+        let recorded = noise("c16", &preset("c16").unwrap(), 3).unwrap();
         let looks = looks(&recorded, LOOKS);
         assert!(looks.len() >= LOOKS - 1 && looks.iter().all(|look| look.len() == SWEEPS), "{}", looks.len());
         let mut times: Vec<i64> = looks.iter().flatten().map(|o| o.mid_time_ns).collect();

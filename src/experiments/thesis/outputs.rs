@@ -120,7 +120,7 @@ fn chairs(outcome: &mut Outcome, compared: &mut Vec<Compared>) -> Result<(), Exp
     let all: Vec<DVec3> = truth.concat();
     let path: Vec<DVec3> = recorded.observations.iter().map(|o| o.tracking_from_sensor.translation).collect();
     let marks = Marks { truth_m: &all, found_m: &[], path_m: &path };
-    let picture = point_cloud(&drawn(&cloud, &image), "Two chairs as a point cloud", "score", 0.0, &marks);
+    let picture = point_cloud(&drawn(&cloud, &image), "Two chairs as a point cloud", "block score", 0.0, &marks);
     outcome.draw("chairs", picture, "The points of chairs.ply; crosses are the chairs' true scatterers.");
     Ok(())
 }
