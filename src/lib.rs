@@ -13,6 +13,7 @@ pub mod imaging;
 pub mod live;
 pub mod obstacles;
 pub mod panel;
+pub mod peers;
 pub mod radar;
 pub mod recording;
 pub mod render;

@@ -6,13 +6,14 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 
+use super::progress;
 use crate::experiments::{EXPERIMENTS, Experiment, Outcome, experiments_report};
-use crate::report::{write_atomically, write_ply};
+use crate::report::write_atomically;
 
 /// Makes the thesis' experiments again and says which of its findings hold
 ///
 /// Everything is simulated, with the truth to hold it against. Writes report.html, one file with everything in it, and for each
-/// experiment a folder of pictures (PNG), tables (CSV) and point clouds (PLY).
+/// experiment a folder of pictures (PNG), tables (CSV) and, for other tools, volumes (.npy, each with a .json) and point clouds (.ply).
 #[derive(Debug, Args)]
 pub(super) struct ExperimentCommand {
     /// Which: a name, several, or `all`; left out, they are listed
@@ -25,6 +26,9 @@ pub(super) struct ExperimentCommand {
     seeds: u64,
 }
 
+/// Steps of the progress bar that an experiment has.
+const STEPS: u64 = 100;
+
 impl ExperimentCommand {
     pub fn run(&self) -> Result<()> {
         let wanted = self.wanted()?;
@@ -32,13 +36,18 @@ impl ExperimentCommand {
             return EXPERIMENTS.iter().try_for_each(|one| say!("{:<16}{} ({})", one.name, one.title, one.section));
         }
         let mut done: Vec<(&Experiment, Outcome)> = Vec::new();
-        for experiment in wanted {
+        let bar = progress::bar(wanted.len() as u64 * STEPS, "");
+        for (n, experiment) in wanted.iter().enumerate() {
+            bar.set_message(format!("{} of {}: {}", n + 1, wanted.len(), experiment.name));
             let start = Instant::now();
-            let outcome = experiment.run(self.seeds)?;
-            tell(experiment, &outcome, start.elapsed().as_secs_f64())?;
+            let told = |share: f64| bar.set_position(n as u64 * STEPS + (share * STEPS as f64) as u64);
+            told(0.0);
+            let outcome = experiment.run(self.seeds, &told)?;
+            bar.suspend(|| tell(experiment, &outcome, start.elapsed().as_secs_f64()))?;
             write(&self.out.join(experiment.name), &outcome)?;
             done.push((experiment, outcome));
         }
+        bar.finish_and_clear();
         let path = self.out.join("report.html");
         experiments_report(&done)?.write(&path)?;
         say!("Written to {}", path.display())
@@ -73,8 +82,8 @@ fn write(folder: &Path, outcome: &Outcome) -> Result<()> {
     for drawn in &outcome.pictures {
         drawn.picture.write(&folder.join(format!("{}.png", drawn.name)))?;
     }
-    for cloud in &outcome.clouds {
-        write_ply(&folder.join(format!("{}.ply", cloud.name)), &cloud.points)?;
+    for file in &outcome.files {
+        write_atomically(&folder.join(&file.name), &file.bytes)?;
     }
     write_atomically(&folder.join("findings.csv"), outcome.findings_table().csv().as_bytes())?;
     for (n, table) in outcome.tables.iter().enumerate() {

@@ -13,10 +13,13 @@ use crate::geometry::{Aabb, Pose};
 use crate::imaging::sums::{BrickGrid, DenseVolume, SweepStack, Threshold, dense_volume, search};
 use crate::imaging::{Preselection, Preselector, Selection, Statistic, Volume, blocks_volume};
 use crate::radar::Observation;
-use crate::report::{VolumeInfo, write_volume};
+use crate::report::{VolumeInfo, points_above, write_ply, write_volume};
 use crate::tracking::{ObserverSettings, observe_all};
 
 /// Computes one statistic over a box of voxels: a NumPy volume [z][y][x] and a .json beside it
+///
+/// The .json tells the lowest corner of the box, the edge of a voxel, the frame, the order of the axes and the unit of the values.
+/// With --cloud the strongest voxels are also written as points (.ply), for tools that take clouds.
 ///
 /// Statistics: thesis-full (eq. 3.1), thesis (eq. 3.2), ls, log, glrt, coherent, blocks.
 ///
@@ -62,6 +65,12 @@ pub(super) struct Reconstruct {
     /// Volume to write
     #[arg(long, value_name = "FILE.npy")]
     out: PathBuf,
+    /// Also writes the voxels above --cloud-share of the greatest value as a point cloud
+    #[arg(long, value_name = "FILE.ply")]
+    cloud: Option<PathBuf>,
+    /// Share of the greatest value from which on a voxel is a point of the cloud
+    #[arg(long, default_value_t = 0.5, requires = "cloud")]
+    cloud_share: f64,
     #[command(flatten)]
     settings: SettingsArguments,
 }
@@ -95,6 +104,9 @@ impl Reconstruct {
         let selection: Selection = self.selection.parse()?;
         self.check_arguments()?;
         keep_inputs(&self.out, &[&self.file])?;
+        if let Some(cloud) = &self.cloud {
+            keep_inputs(cloud, &[&self.file])?;
+        }
         let (recording, frames, poses) = read_streams(&self.file)?;
         let header = recording.header();
         let settings = self.settings.over(&header.settings)?;
@@ -182,6 +194,12 @@ impl Reconstruct {
         if self.out.extension().is_some_and(|extension| extension == "json") {
             bail!("--out {}: the .json beside the volume takes this name: choose one in .npy", self.out.display());
         }
+        if self.cloud.as_ref().is_some_and(|cloud| *cloud == self.out || *cloud == self.out.with_extension("json")) {
+            bail!("--cloud has the name of the volume or of its .json: choose another");
+        }
+        if !(self.cloud_share > 0.0 && self.cloud_share <= 1.0) {
+            bail!("--cloud-share {}: give a share above 0, at most 1", self.cloud_share);
+        }
         if !(self.threshold_share > 0.0 && self.threshold_share <= 1.0) {
             bail!("--threshold-share {}: give a share above 0, at most 1", self.threshold_share);
         }
@@ -242,6 +260,11 @@ impl Reconstruct {
             say!("greatest value {value:.4} at ({:.3}, {:.3}, {:.3}) m", at.x, at.y, at.z)?;
         }
         say!("Written to {} and its .json", self.out.display())?;
+        if let Some(cloud) = &self.cloud {
+            let points = points_above(&volume, self.cloud_share);
+            write_ply(cloud, &points)?;
+            say!("{} points written to {}", points.len(), cloud.display())?;
+        }
         Ok(())
     }
 }

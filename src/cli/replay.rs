@@ -14,13 +14,15 @@ use crate::engine::{Pipeline, Settings};
 use crate::obstacles::{Observed, Scene};
 use crate::recording::{Event, MapFile, Recording, RecordingSummary};
 use crate::report::{
-    Figure, Limits, Report, RoomMap, Section, StreamOffset, Table, room_map, score, write_obstacles_json,
+    CloudPoint, Figure, Limits, Report, RoomMap, Section, StreamOffset, Table, room_map, score, write_cloud,
+    write_obstacles_json, write_ply,
 };
 use crate::view::Recorder;
 
 /// Runs the pipeline over a recording and writes what it finds
 ///
-/// Prints the obstacles; with --out writes obstacles.json, a map (map.png) and report.html there. The recording's own
+/// Prints the obstacles; with --out writes obstacles.json, a map (map.png) and report.html there, and for tools that take clouds
+/// obstacles.ply (places with evidence and covariance) and shape.ply (all places with evidence). The recording's own
 /// settings serve, changed by --settings and --set. The same recording and settings give the same files, byte for byte.
 #[derive(Debug, Args)]
 pub(super) struct Replay {
@@ -113,6 +115,7 @@ impl Replay {
         }
         if let Some(out) = &self.out {
             write_obstacles(&out.join("obstacles.json"), scene, pipeline)?;
+            write_clouds(out, scene)?;
             let path = sensor_path(pipeline);
             let truth = header.truth.as_ref();
             let map = room_map(&RoomMap { title: &header.source, scene, truth, path_m: &path });
@@ -221,6 +224,18 @@ pub(super) fn write_obstacles(path: &Path, scene: &Scene, pipeline: &Pipeline) -
         observable: estimate.is_some_and(|e| e.observable),
     };
     Ok(write_obstacles_json(path, scene, &counters, &offset)?)
+}
+
+/// The obstacles' places with evidence and covariance, and everything that belongs to them, as point clouds.
+fn write_clouds(folder: &Path, scene: &Scene) -> Result<()> {
+    let place = |obstacle: &crate::obstacles::Obstacle| CloudPoint {
+        position_m: obstacle.position_m,
+        value: obstacle.evidence as f32,
+        covariance_m2: Some(obstacle.covariance_m2),
+    };
+    write_cloud(&folder.join("obstacles.ply"), &scene.obstacles.iter().map(place).collect::<Vec<_>>())?;
+    let shape: Vec<_> = scene.obstacles.iter().flat_map(|obstacle| obstacle.shape.iter().copied()).collect();
+    Ok(write_ply(&folder.join("shape.ply"), &shape)?)
 }
 
 /// What a person reads after a replay.

@@ -10,5 +10,5 @@ pub use play::{
     Approach, Cause, FalseReport, Figures, Forgetting, PlayError, PlayTrial, Rates, by_kind, curve, play, totals,
 };
 pub use thesis::{
-    ALL as EXPERIMENTS, Cloud, Drawn, Experiment, ExperimentError, Finding, Outcome, report as experiments_report,
+    ALL as EXPERIMENTS, Drawn, Experiment, ExperimentError, Finding, Outcome, OutputFile, report as experiments_report,
 };

@@ -44,6 +44,17 @@ impl Statistic {
             Self::Blocks => "blocks",
         }
     }
+
+    /// Unit of its values.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::ThesisFull | Self::Thesis => "LSB/m²",
+            Self::Ls => "LSB²",
+            Self::Log => "nats",
+            Self::Glrt | Self::Coherent => "LSB",
+            Self::Blocks => "1",
+        }
+    }
 }
 
 impl std::str::FromStr for Statistic {

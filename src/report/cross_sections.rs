@@ -123,7 +123,7 @@ fn cell((axis, backwards): (usize, bool), share: f64, volume: &Volume) -> (usize
 }
 
 /// A horizontal colour scale with the values of its ends, and what they are.
-fn color_bar(canvas: &mut Canvas, bar: Rect, [low, high]: [f64; 2], label: &str) {
+pub(super) fn color_bar(canvas: &mut Canvas, bar: Rect, [low, high]: [f64; 2], label: &str) {
     canvas.paint(bar, |u, _| inferno(u));
     canvas.outline(bar, 1.0, INK);
     let y = bar.bottom() + 12.0;

@@ -58,4 +58,12 @@ pub enum ReportError {
         /// What is wrong with it.
         reason: String,
     },
+    /// A file that is not the .ply cloud it should be.
+    #[error("{path}: no point cloud of ours: {reason}", path = path.display())]
+    NotPly {
+        /// The file in question.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
 }

@@ -1,5 +1,6 @@
 //! A volume as NumPy reads it (NPY format 1.0: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>):
-//! C-ordered little-endian f32, shape `[z][y][x]`, and beside it a .json that says where it is and what it holds.
+//! C-ordered little-endian f32, shape `[z][y][x]`, and beside it a .json that says where it is and what it holds: origin, edge of a
+//! voxel, frame, order of the axes, units.
 
 use std::fs;
 use std::path::Path;
@@ -7,13 +8,17 @@ use std::path::Path;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use crate::imaging::Volume;
+use crate::imaging::{Statistic, Volume};
 
 use super::{ReportError, write_atomically};
 
 const MAGIC: &[u8] = b"\x93NUMPY\x01\x00";
 /// The data begin at a multiple of this.
 const ALIGNMENT: usize = 64;
+/// What the array's three indices run along.
+const AXES: [&str; 3] = ["z", "y", "x"];
+/// What coordinates are given in.
+const FRAME: &str = "tracking: right-handed, x right, y up, z back, metres";
 
 /// What the .json beside a volume says besides where it is.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -33,7 +38,10 @@ struct Header<'a> {
     origin_m: [f64; 3],
     voxel_m: f64,
     shape: [usize; 3],
+    axes: [&'static str; 3],
+    frame: &'static str,
     statistic: &'a str,
+    value_unit: &'static str,
     updates: u64,
     dense_updates: u64,
     #[serde(flatten)]
@@ -47,9 +55,17 @@ struct Header<'a> {
 /// Sizes that do not fit the values, an origin or voxel edge that is not finite, an extra entry with the name of one of the
 /// file's own, files that cannot be written.
 pub fn write_volume(path: &Path, volume: &Volume, info: &VolumeInfo) -> Result<(), ReportError> {
-    let header = header_bytes(volume, info, path)?;
-    write_atomically(path, &npy_bytes(volume)?)?;
-    write_atomically(&path.with_extension("json"), &header)
+    let [npy, json] = volume_bytes(volume, info)?;
+    write_atomically(path, &npy)?;
+    write_atomically(&path.with_extension("json"), &json)
+}
+
+/// The bytes of both files, the .npy first.
+///
+/// # Errors
+/// As [`write_volume`], but for the files.
+pub fn volume_bytes(volume: &Volume, info: &VolumeInfo) -> Result<[Vec<u8>; 2], ReportError> {
+    Ok([npy_bytes(volume)?, header_bytes(volume, info)?])
 }
 
 /// Reads both files back. `extra` holds what [`VolumeInfo`] has no field for.
@@ -58,19 +74,34 @@ pub fn write_volume(path: &Path, volume: &Volume, info: &VolumeInfo) -> Result<(
 /// Files that cannot be read, or are not such as [`write_volume`] writes.
 pub fn read_volume(path: &Path) -> Result<(Volume, VolumeInfo), ReportError> {
     let read = |path: &Path| fs::read(path).map_err(|source| ReportError::File { path: path.to_owned(), source });
+    volume_of(&read(path)?, &read(&path.with_extension("json"))?, path)
+}
+
+/// The volume that the bytes of both files hold; `path` is what errors name.
+///
+/// # Errors
+/// Bytes that are not such as [`volume_bytes`] gives.
+pub fn volume_of(npy: &[u8], json: &[u8], path: &Path) -> Result<(Volume, VolumeInfo), ReportError> {
     let wrong = |reason: &str| ReportError::NotNpy { path: path.to_owned(), reason: reason.to_owned() };
-    let ([z, y, x], values) = parse(&read(path)?).map_err(wrong)?;
+    let ([z, y, x], values) = parse(npy).map_err(wrong)?;
     let beside = path.with_extension("json");
-    let json = |source| ReportError::Json { path: beside.clone(), source };
-    let mut entries: Map<String, Value> = serde_json::from_slice(&read(&beside)?).map_err(json)?;
+    let not_json = |source| ReportError::Json { path: beside.clone(), source };
+    let mut entries: Map<String, Value> = serde_json::from_slice(json).map_err(not_json)?;
     let mut take = |name: &str| entries.remove(name).unwrap_or_default();
-    let origin_m: [f64; 3] = serde_json::from_value(take("origin_m")).map_err(json)?;
-    let voxel_m = serde_json::from_value(take("voxel_m")).map_err(json)?;
-    let statistic = serde_json::from_value(take("statistic")).map_err(json)?;
-    let updates = serde_json::from_value(take("updates")).map_err(json)?;
-    let dense_updates = serde_json::from_value(take("dense_updates")).map_err(json)?;
+    let origin_m: [f64; 3] = serde_json::from_value(take("origin_m")).map_err(not_json)?;
+    let voxel_m = serde_json::from_value(take("voxel_m")).map_err(not_json)?;
+    let statistic = serde_json::from_value(take("statistic")).map_err(not_json)?;
+    let updates = serde_json::from_value(take("updates")).map_err(not_json)?;
+    let dense_updates = serde_json::from_value(take("dense_updates")).map_err(not_json)?;
     if take("shape") != serde_json::json!([z, y, x]) {
         return Err(wrong("its shape is not the one in the .json"));
+    }
+    // Files from before had no word of these: they were the same.
+    if ![Value::Null, serde_json::json!(AXES)].contains(&take("axes")) {
+        return Err(wrong("its axes are not [z][y][x]"));
+    }
+    for told in ["frame", "value_unit"] {
+        take(told);
     }
     let info = VolumeInfo { statistic, updates, dense_updates, extra: entries };
     Ok((Volume { origin_m: origin_m.into(), voxel_m, size: [x, y, z], values }, info))
@@ -94,13 +125,14 @@ fn npy_bytes(volume: &Volume) -> Result<Vec<u8>, ReportError> {
     Ok(bytes)
 }
 
-fn header_bytes(volume: &Volume, info: &VolumeInfo, path: &Path) -> Result<Vec<u8>, ReportError> {
+fn header_bytes(volume: &Volume, info: &VolumeInfo) -> Result<Vec<u8>, ReportError> {
     for value in volume.origin_m.to_array().into_iter().chain([volume.voxel_m]) {
         if !value.is_finite() {
             return Err(ReportError::NotFinite { what: "origin_m or voxel_m".into(), value });
         }
     }
-    const OWN: [&str; 6] = ["origin_m", "voxel_m", "shape", "statistic", "updates", "dense_updates"];
+    const OWN: [&str; 9] =
+        ["origin_m", "voxel_m", "shape", "axes", "frame", "statistic", "value_unit", "updates", "dense_updates"];
     if let Some(key) = OWN.into_iter().find(|key| info.extra.contains_key(*key)) {
         return Err(ReportError::ExtraKey(key.to_owned()));
     }
@@ -109,13 +141,16 @@ fn header_bytes(volume: &Volume, info: &VolumeInfo, path: &Path) -> Result<Vec<u
         origin_m: volume.origin_m.to_array(),
         voxel_m: volume.voxel_m,
         shape: [z, y, x],
+        axes: AXES,
+        frame: FRAME,
         statistic: &info.statistic,
+        value_unit: info.statistic.parse::<Statistic>().map_or("", Statistic::unit),
         updates: info.updates,
         dense_updates: info.dense_updates,
         extra: &info.extra,
     };
     let mut bytes = serde_json::to_vec_pretty(&header)
-        .map_err(|source| ReportError::Json { path: path.with_extension("json"), source })?;
+        .map_err(|source| ReportError::Json { path: "volume.json".into(), source })?;
     bytes.push(b'\n');
     Ok(bytes)
 }
@@ -173,6 +208,39 @@ mod tests {
         info.extra.insert("sweeps".into(), 120.into());
         write_volume(&path, &volume([4, 3, 2]), &info).unwrap();
         assert_eq!(read_volume(&path).unwrap(), (volume([4, 3, 2]), info));
+        fs::remove_dir_all(path.parent().unwrap()).unwrap();
+    }
+
+    #[test]
+    fn the_json_says_where_the_values_are_and_what() {
+        let info = VolumeInfo { statistic: "ls".into(), ..VolumeInfo::default() };
+        let [npy, json] = volume_bytes(&volume([4, 3, 2]), &info).unwrap();
+        let told: Value = serde_json::from_slice(&json).unwrap();
+        assert_eq!(
+            (&told["axes"], &told["shape"]),
+            (&serde_json::json!(["z", "y", "x"]), &serde_json::json!([2, 3, 4]))
+        );
+        assert_eq!((&told["value_unit"], &told["voxel_m"]), (&serde_json::json!("LSB²"), &serde_json::json!(0.05)));
+        // What another reader would do with it: the voxel at [k][j][i] lies half a voxel above the corner, and so on.
+        let (read, _) = volume_of(&npy, &json, Path::new("v.npy")).unwrap();
+        assert!(read.center([0, 0, 0]).distance(DVec3::new(-1.475, 0.275, -2.975)) < 1e-12);
+        let turned = String::from_utf8(json).unwrap().replace("\"z\"", "\"x\"");
+        assert!(volume_of(&npy, turned.as_bytes(), Path::new("v.npy")).is_err());
+    }
+
+    /// NumPy itself, where there is one.
+    #[test]
+    fn numpy_reads_what_we_write() {
+        let python = |script: &str| std::process::Command::new("python3").args(["-c", script]).output();
+        if !python("import numpy").is_ok_and(|done| done.status.success()) {
+            println!("skipped: needs python3 with numpy");
+            return;
+        }
+        let path = folder("numpy").join("a.npy");
+        write_volume(&path, &volume([4, 3, 2]), &VolumeInfo::default()).unwrap();
+        let script = format!("import numpy; a = numpy.load({path:?}); print(a.shape, a.dtype, a[1, 2, 3], a[0, 1, 0])");
+        let told = String::from_utf8(python(&script).unwrap().stdout).unwrap();
+        assert_eq!(told.trim(), "(2, 3, 4) float32 10.5 1.0");
         fs::remove_dir_all(path.parent().unwrap()).unwrap();
     }
 

@@ -8,6 +8,8 @@ fn an_experiment_writes_its_report_pictures_and_tables() {
     let run = folder.run("experiment data-set-size thinning --seeds 1 --out out").done();
     assert!(run.out.contains("Data set size") && run.out.contains("Thinning"), "{run:#?}");
     assert!(!run.out.contains("Sensor velocity"), "{run:#?}");
+    // Standard error is no terminal here: nothing of the progress.
+    assert!(!run.err.contains("1 of 2"), "{run:#?}");
     let page = String::from_utf8(folder.read("out/report.html")).unwrap();
     assert!(page.contains("One sweep tells the depth") && page.contains("data:image/png;base64,"));
     for picture in ["sweeps-1", "sweeps-50", "error-over-sweeps"] {
@@ -30,6 +32,20 @@ fn common_objects_leave_point_clouds_that_other_programs_open() {
             bytes.len()
         );
     }
+}
+
+#[test]
+fn volumes_and_clouds_are_written_for_other_tools() {
+    let folder = Folder::new("experiment-outputs");
+    folder.run("experiment outputs --seeds 1 --out out").done();
+    for volume in ["chairs", "reflector"] {
+        assert!(folder.read(&format!("out/outputs/{volume}.npy")).starts_with(b"\x93NUMPY"));
+        let info = folder.json(&format!("out/outputs/{volume}.json"));
+        assert_eq!(info["axes"], serde_json::json!(["z", "y", "x"]));
+        assert_eq!(info["voxel_m"], 0.04);
+    }
+    let cloud = folder.read("out/outputs/reflector.ply");
+    assert!(cloud.starts_with(b"ply\n") && String::from_utf8_lossy(&cloud).contains("property float cov_zz"));
 }
 
 #[test]

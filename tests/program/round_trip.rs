@@ -44,7 +44,7 @@ fn replay_writes_the_same_bytes_on_every_run_and_any_number_of_threads() {
             let line = format!("replay {recording}.mcap --out {out}");
             folder.run_with(&line, &[("RAYON_NUM_THREADS", threads)]).done();
         }
-        for file in ["obstacles.json", "map.png", "report.html"] {
+        for file in ["obstacles.json", "map.png", "report.html", "obstacles.ply", "shape.ply"] {
             let first = folder.read(&format!("a/{file}"));
             assert!(!first.is_empty());
             assert!(first == folder.read(&format!("b/{file}")), "{recording}: {file} differs on the second run");
@@ -69,8 +69,11 @@ fn reconstruct_writes_a_volume_and_what_it_is_for_every_statistic() {
     for statistic in ["thesis-full", "thesis", "ls", "log", "glrt", "coherent", "blocks"] {
         let region = "--box -0.5,1.4,-1.2,0,1.6,-0.8 --voxel-m 0.05 --sweeps 20";
         folder
-            .run(&format!("reconstruct r.mcap --statistic {statistic} {region} --out v.npy"))
+            .run(&format!(
+                "reconstruct r.mcap --statistic {statistic} {region} --out v.npy --cloud c.ply --cloud-share 0.9"
+            ))
             .done()
+            .says("points written to c.ply")
             .says(&format!("{statistic} over 8 × 4 × 10 voxels [z][y][x] of 0.05 m, 20 sweeps"));
         let bytes = folder.read("v.npy");
         assert!(bytes.starts_with(b"\x93NUMPY"));
@@ -79,6 +82,9 @@ fn reconstruct_writes_a_volume_and_what_it_is_for_every_statistic() {
         let info = folder.json("v.json");
         assert_eq!(info["statistic"], statistic);
         assert_eq!(info["sweeps"], 20);
+        assert_eq!(info["axes"], serde_json::json!(["z", "y", "x"]));
+        assert!(info["value_unit"].is_string() && info["frame"].as_str().unwrap().starts_with("tracking"));
+        assert!(folder.read("c.ply").starts_with(b"ply\nformat binary_little_endian 1.0\n"));
     }
 }
 

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::apart::{Apart, RAYLEIGH_DIP};
 use super::imaged::{BEAM, Quality, THESIS_VOXEL_M, chosen, volume};
 use super::likeness::Likeness;
-use super::subaperture::{FINE_VOXEL_M, shape_image};
+use super::shape::{FINE_VOXEL_M, shape_image};
 use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, percent};
 use crate::experiments::recorded::{Recorded, quantile};
 use crate::geometry::Aabb;
@@ -311,7 +311,7 @@ fn draw(outcome: &mut Outcome, scene: &str, words: &str, images: &[Volume; 5], r
             cloud,
             format!("{title}, from {} % of the greatest value on, as figure 4.1b.", percent(share)),
         );
-        outcome.keep_cloud(file, points_above(&images[spatial], share));
+        outcome.keep_cloud(&file, &points_above(&images[spatial], share));
     }
 }
 

@@ -95,7 +95,9 @@ fn at_snr(trials: &Trials, snr_db: f64, outcome: &mut Outcome) -> Result<AtSnr, 
         scenario.snr_db = Some(snr_db);
     })?;
     let mut at = Vec::new();
-    for count in COUNTS {
+    let before = if snr_db == SNR_DB { 0 } else { COUNTS.len() };
+    for (n, count) in COUNTS.into_iter().enumerate() {
+        trials.done(before + n, 2 * COUNTS.len());
         let (mut errors, mut sizes, mut own, mut all) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut kept = Vec::new();
         for recorded in &recorded {
@@ -111,6 +113,7 @@ fn at_snr(trials: &Trials, snr_db: f64, outcome: &mut Outcome) -> Result<AtSnr, 
             if recorded.seed == 1 && snr_db == SNR_DB && SHOWN.contains(&count) {
                 let path: Vec<_> = sweeps.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
                 let marks = Marks { truth_m: &[recorded.truth_m], found_m: &[], path_m: &path };
+                outcome.keep_volume(&format!("sweeps-{count}"), &image, Statistic::Thesis, sweeps.len())?;
                 let title = format!("The thesis' image from {count} sweep{}", if count == 1 { "" } else { "s" });
                 let picture = cross_sections(&image, &title, "correlation (amplitude)", &marks);
                 outcome.draw(format!("sweeps-{count}"), picture, format!("{title}, as its figures 4.7 to 4.9."));

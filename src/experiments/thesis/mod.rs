@@ -7,22 +7,27 @@
 mod apart;
 mod common_objects;
 mod data_set_size;
+mod false_alarms;
 mod filters;
 mod imaged;
 mod lens;
 mod likeness;
 mod outcome;
+mod outputs;
 mod resolution;
 mod sensor_motion;
-mod subaperture;
+mod shape;
+mod subapertures;
 mod thinning;
 mod velocity;
+mod vendor_detector;
 
 use crate::experiments::recorded::Recorded;
 use crate::radar::preset;
+use crate::report::ReportError;
 use crate::simulation::{Scenario, ScenarioError};
 
-pub use outcome::{Cloud, Drawn, Finding, Outcome, report};
+pub use outcome::{Drawn, Finding, Outcome, OutputFile, report};
 
 /// Why an experiment came to nothing.
 #[derive(Debug, thiserror::Error)]
@@ -30,6 +35,9 @@ pub enum ExperimentError {
     /// A recording that could not be simulated.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
+    /// A file that could not be made.
+    #[error(transparent)]
+    Report(#[from] ReportError),
     /// No such sensor preset.
     #[error("preset \"{0}\" is not known")]
     Preset(&'static str),
@@ -49,6 +57,12 @@ pub struct Experiment {
 
 /// All there are, in the thesis' order.
 pub const ALL: &[Experiment] = &[
+    Experiment {
+        name: "vendor-detector",
+        title: "The vendor's obstacle detector",
+        section: "2.5",
+        run: vendor_detector::run,
+    },
     Experiment { name: "lens", title: "Lens choice", section: "3.5.2, 4.1.1, 5.2", run: lens::run },
     Experiment { name: "data-set-size", title: "Data set size", section: "4.1.2, 5.1", run: data_set_size::run },
     Experiment { name: "sensor-motion", title: "Sensor motion", section: "4.1.4, 5.4", run: sensor_motion::run },
@@ -57,27 +71,40 @@ pub const ALL: &[Experiment] = &[
     Experiment { name: "resolution", title: "Resolution and search area", section: "5.6, 5.8.3", run: resolution::run },
     Experiment { name: "thinning", title: "Thinning the data set", section: "3.4.1", run: thinning::run },
     Experiment { name: "matched-filter", title: "Matched filter and others", section: "3.3, 5.8.1", run: filters::run },
+    Experiment {
+        name: "outputs",
+        title: "Volumes and clouds for other tools",
+        section: "5.8.2, 6.3",
+        run: outputs::run,
+    },
 ];
 
 impl Experiment {
-    /// Runs it with so many seeds.
+    /// Runs it with so many seeds; `tell` is told the share that is done, 0 to 1, now and then.
     ///
     /// # Errors
     /// A scenario that cannot be simulated.
-    pub fn run(&self, seeds: u64) -> Result<Outcome, ExperimentError> {
-        (self.run)(&Trials { seeds: seeds.max(1) })
+    pub fn run(&self, seeds: u64, tell: &dyn Fn(f64)) -> Result<Outcome, ExperimentError> {
+        (self.run)(&Trials { seeds: seeds.max(1), tell })
     }
 }
 
 /// What experiments are made of.
-struct Trials {
+struct Trials<'a> {
     seeds: u64,
+    /// Told the share that is done.
+    tell: &'a dyn Fn(f64),
 }
 
 /// Power signal to noise ratio of the reflector at 1 m, dB: well below that of a corner reflector of 10 cm, which is 12 dBsm.
 const SNR_DB: f64 = 40.0;
 
-impl Trials {
+impl Trials<'_> {
+    /// So many of an experiment's parts are done, of about equal length.
+    fn done(&self, parts: usize, of: usize) {
+        (self.tell)(parts as f64 / of.max(1) as f64);
+    }
+
     /// The thesis' corner reflector 1 m deep and 0.3 m to the left, seen with a preset for so long, once a seed.
     fn reflector(&self, motion: &str, name: &'static str, duration_s: f64) -> Result<Vec<Recorded>, ExperimentError> {
         self.recorded(name, duration_s, |scenario| {
@@ -126,9 +153,16 @@ fn head(names: &[&str]) -> Vec<String> {
 mod tests {
     use super::*;
 
+    /// The share that is done rises and stays within 0 to 1.
+    fn run_and_watch(experiment: &Experiment) -> Outcome {
+        let last = std::cell::Cell::new(0.0);
+        let tell = |share: f64| assert!((last.replace(share)..=1.0).contains(&share), "{}: {share}", experiment.name);
+        experiment.run(1, &tell).unwrap()
+    }
+
     #[test]
     fn every_experiment_has_findings_tables_and_pictures_and_a_report() {
-        let done: Vec<_> = ALL.iter().map(|experiment| (experiment, experiment.run(1).unwrap())).collect();
+        let done: Vec<_> = ALL.iter().map(|experiment| (experiment, run_and_watch(experiment))).collect();
         for (experiment, outcome) in &done {
             assert!(!outcome.findings.is_empty() && !outcome.pictures.is_empty(), "{}", experiment.name);
             for table in &outcome.tables {
@@ -138,6 +172,10 @@ mod tests {
             names.sort();
             names.dedup();
             assert_eq!(names.len(), outcome.pictures.len(), "a name a picture");
+            let mut files: Vec<_> = outcome.files.iter().map(|file| &file.name).collect();
+            files.sort();
+            files.dedup();
+            assert_eq!(files.len(), outcome.files.len(), "a name a file");
         }
         let page = report(&done).unwrap().html();
         assert!(

@@ -3,7 +3,8 @@
 use glam::DVec3;
 
 use super::Experiment;
-use crate::report::{Figure, Picture, Report, ReportError, Section, Table};
+use crate::imaging::{Statistic, Volume};
+use crate::report::{Figure, Picture, Report, ReportError, Section, Table, VolumeInfo, ply_bytes, volume_bytes};
 
 /// A finding of the thesis beside ours.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,13 +39,13 @@ pub struct Drawn {
     pub caption: String,
 }
 
-/// Voxels of an image with the name of their file, without ending.
+/// A file for other tools.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Cloud {
-    /// Name of the file.
+pub struct OutputFile {
+    /// Its name, with its ending.
     pub name: String,
-    /// Centre in the tracking frame, metres, and value.
-    pub points: Vec<(DVec3, f32)>,
+    /// What is in it.
+    pub bytes: Vec<u8>,
 }
 
 /// What an experiment comes to.
@@ -56,10 +57,10 @@ pub struct Outcome {
     pub tables: Vec<Table>,
     /// The pictures.
     pub pictures: Vec<Drawn>,
-    /// Point clouds, for other programs to open.
-    pub clouds: Vec<Cloud>,
     /// What the thesis found.
     pub findings: Vec<Finding>,
+    /// Volumes (.npy with a .json) and clouds (.ply) for other tools.
+    pub files: Vec<OutputFile>,
 }
 
 impl Outcome {
@@ -68,9 +69,32 @@ impl Outcome {
         self.pictures.push(Drawn { name: name.into(), picture, caption: caption.into() });
     }
 
-    /// Adds a point cloud.
-    pub(super) fn keep_cloud(&mut self, name: impl Into<String>, points: Vec<(DVec3, f32)>) {
-        self.clouds.push(Cloud { name: name.into(), points });
+    /// Adds a point cloud: name.ply. Centres in the tracking frame, metres, and values.
+    pub(super) fn keep_cloud(&mut self, name: &str, points: &[(DVec3, f32)]) {
+        self.keep(format!("{name}.ply"), ply_bytes(points));
+    }
+
+    /// Adds a file for other tools.
+    pub(super) fn keep(&mut self, name: impl Into<String>, bytes: Vec<u8>) {
+        self.files.push(OutputFile { name: name.into(), bytes });
+    }
+
+    /// Adds an image of so many sweeps: name.npy and name.json.
+    pub(super) fn keep_volume(
+        &mut self,
+        name: &str,
+        volume: &Volume,
+        statistic: Statistic,
+        sweeps: usize,
+    ) -> Result<(), ReportError> {
+        let dense_updates = (volume.values.len() * sweeps) as u64;
+        let mut info = VolumeInfo { statistic: statistic.name().into(), dense_updates, ..VolumeInfo::default() };
+        info.updates = dense_updates;
+        info.extra.insert("sweeps".into(), sweeps.into());
+        let [npy, json] = volume_bytes(volume, &info)?;
+        self.keep(format!("{name}.npy"), npy);
+        self.keep(format!("{name}.json"), json);
+        Ok(())
     }
 
     /// Adds a finding; `None` where the figures do not tell whether it holds.
@@ -106,6 +130,14 @@ pub fn report(done: &[(&Experiment, Outcome)]) -> Result<Report, ReportError> {
         }
         for drawn in &outcome.pictures {
             section = section.figure(Figure::new(&drawn.picture, &drawn.caption)?);
+        }
+        if !outcome.files.is_empty() {
+            let names: Vec<&str> = outcome.files.iter().map(|file| file.name.as_str()).collect();
+            section = section.text(format!(
+                "Files for other tools, in the folder {}: {}.",
+                experiment.name,
+                names.join(", ")
+            ));
         }
         report = report.section(section);
     }

@@ -5,7 +5,7 @@ use std::time::Instant;
 use glam::DVec3;
 
 use super::imaged::{BEAM, Quality, chosen, placed};
-use super::subaperture::close_image;
+use super::shape::close_image;
 use super::{ExperimentError, Outcome, Trials, cm, head, mm};
 use crate::experiments::recorded::{Recorded, offset, quantile};
 use crate::geometry::Aabb;

@@ -33,7 +33,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         ..Outcome::default()
     };
     let (mut rows, mut thesis, mut told) = (Vec::new(), Vec::new(), Vec::new());
-    for (motion, words) in MOTIONS {
+    for (n, (motion, words)) in MOTIONS.into_iter().enumerate() {
+        trials.done(n, MOTIONS.len());
         let (mut off, mut extents, mut own, mut all) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut ranges = Vec::new();
         for recorded in &recorded(trials, motion, SNR_DB)? {
@@ -49,6 +50,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             if recorded.seed == 1 {
                 let path: Vec<DVec3> = sweeps.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
                 let marks = Marks { truth_m: &[recorded.truth_m], found_m: &[], path_m: &path };
+                outcome.keep_volume(&format!("image-{motion}"), &image, Statistic::Thesis, sweeps.len())?;
                 let title = format!("The thesis' image, sensor {words}");
                 let picture = cross_sections(&image, &title, "correlation (amplitude)", &marks);
                 outcome.draw(format!("image-{motion}"), picture, format!("{title}."));

@@ -15,7 +15,8 @@ const SELECTIONS: [Selection; 5] =
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let recorded = trials.reflector("sphere-50cm", "fine", 10.0)?;
     let (mut rows, mut curves) = (Vec::new(), Vec::new());
-    for selection in SELECTIONS {
+    for (n, selection) in SELECTIONS.into_iter().enumerate() {
+        trials.done(n, SELECTIONS.len());
         let mut points = Vec::new();
         for count in COUNTS {
             let (mut thesis, mut own, mut times_ms) = (Vec::new(), Vec::new(), Vec::new());

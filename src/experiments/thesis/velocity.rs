@@ -25,7 +25,9 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         ..Outcome::default()
     };
     let (mut rows, mut figures) = (Vec::new(), Vec::new());
-    for (offset_s, (motion, speed)) in OFFSETS_S.iter().flat_map(|offset| SPEEDS.map(|speed| (*offset, speed))) {
+    let cases: Vec<_> = OFFSETS_S.iter().flat_map(|offset| SPEEDS.map(|speed| (*offset, speed))).collect();
+    for (n, &(offset_s, (motion, speed))) in cases.iter().enumerate() {
+        trials.done(n, cases.len());
         let (mut depth, mut sizes, mut own) = (Vec::new(), Vec::new(), Vec::new());
         let all = trials.recorded("fine", DURATION_S, |scenario| {
             scenario.motion = motion.into();
