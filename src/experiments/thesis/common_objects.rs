@@ -68,8 +68,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         done: format!(
             "A clothes hanger, a chair, and a metal chair beside a plastic one (8 dB weaker), seen from within a sphere of 50 cm, their strongest point \
              with 40 dB at 1 m; {} seeds, medians. The thesis' way: its sum from {SWEEPS} sweeps by its thinning (10 s, preset fine), plain, \
-             and squared as it drew it. Ours: {COHERENT_S:.0} s with preset d16, coherent within sub-apertures of 360 ms, power across them, voxels of 1.25 cm. An image \
-             is what has at least half of its greatest value.",
+             and squared as it drew it. Ours: {COHERENT_S:.0} s with preset d16, coherent within sub-apertures of 360 ms, power across them, \
+             voxels of 1.25 cm. An image is what has at least half of its greatest value.",
             trials.seeds
         ),
         ..Outcome::default()

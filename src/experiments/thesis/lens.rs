@@ -115,7 +115,8 @@ fn images(trials: &Trials, outcome: &mut Outcome) -> Result<OfObjects, Experimen
         rows,
         caption: "The sensor is turned to the object at the start. Error: from the greatest voxel to the nearest true point. Precision: share of the \
             voxels of at least half of the greatest value within 10 cm of the object; recall: share of its points with such a voxel within \
-            10 cm. Contrast: greatest value at the object over the greatest more than 30 cm away from it. A sweep sees the object with 10 dB over the noise at the range of one of its points."
+            10 cm. Contrast: greatest value at the object over the greatest more than 30 cm away from it. A sweep sees the object with \
+            10 dB over the noise at the range of one of its points."
             .into(),
     });
     Ok(figures)

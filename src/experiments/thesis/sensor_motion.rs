@@ -119,9 +119,21 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         ),
     );
     outcome.tables.push(Table {
-        head: head(&["sensor", "ranges differ by (cm)", "thesis: error (cm)", "at 20 dB (cm)", "spans x (cm)", "y (cm)", "z (cm)", "ours: error (mm)", "observed"]),
+        head: head(&[
+            "sensor",
+            "ranges differ by (cm)",
+            "thesis: error (cm)",
+            "at 20 dB (cm)",
+            "spans x (cm)",
+            "y (cm)",
+            "z (cm)",
+            "ours: error (mm)",
+            "observed",
+        ]),
         rows,
-        caption: "Medians. Ranges: of the reflector from the sweeps that the thinning keeps. Spans: the box around the voxels of at least half of the greatest value. Observed: what our covariance says that the motion told.".into(),
+        caption: "Medians. Ranges: of the reflector from the sweeps that the thinning keeps. Spans: the box around the voxels of at least half of \
+            the greatest value. Observed: what our covariance says that the motion told."
+            .into(),
     });
     Ok(outcome)
 }
