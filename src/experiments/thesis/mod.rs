@@ -7,6 +7,7 @@
 mod data_set_size;
 mod filters;
 mod imaged;
+mod imu;
 mod outcome;
 mod sensor_motion;
 mod thinning;
@@ -48,6 +49,7 @@ pub const ALL: &[Experiment] = &[
     Experiment { name: "velocity", title: "Sensor velocity", section: "4.1.5, 5.5", run: velocity::run },
     Experiment { name: "thinning", title: "Thinning the data set", section: "3.4.1", run: thinning::run },
     Experiment { name: "matched-filter", title: "Matched filter and others", section: "3.3, 5.8.1", run: filters::run },
+    Experiment { name: "imu", title: "The IMU prototype", section: "3.6, 4.2, 5.7", run: imu::run },
 ];
 
 impl Experiment {
