@@ -6,8 +6,10 @@
 //! with it but the ranges of one reflector, by correlating how fast distance and range change.
 //!
 //! The first window holds the first two seconds of motion, so that a lag at the start shows. Limits: the estimator reaches
-//! 0.1 s around where it looks; where the rates correlate well farther off, up to a second, it looks there.
+//! 0.1 s around where it looks; where the rates correlate well farther off, up to a second, it looks there. Both take the offset to be
+//! constant within a window; [`LagCurve`] follows one that changes.
 
+mod lag_curve;
 mod ranges;
 mod rates;
 
@@ -19,6 +21,7 @@ use crate::geometry::Pose;
 use crate::imaging::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 use crate::radar::{Frame, Observation, SensorConfig};
 use crate::tracking::{Observer, ObserverSettings, PoseSample, SensorState};
+pub use lag_curve::{Lag, LagCurve};
 use ranges::RangeReader;
 use rates::{RateSeries, correlated};
 

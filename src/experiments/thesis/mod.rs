@@ -10,6 +10,7 @@ mod imaged;
 mod imu;
 mod outcome;
 mod sensor_motion;
+mod synchronisation;
 mod thinning;
 mod velocity;
 
@@ -45,6 +46,12 @@ pub struct Experiment {
 /// All there are, in the thesis' order.
 pub const ALL: &[Experiment] = &[
     Experiment { name: "data-set-size", title: "Data set size", section: "4.1.2, 5.1", run: data_set_size::run },
+    Experiment {
+        name: "synchronisation",
+        title: "Synchronisation",
+        section: "3.5.4, 4.1.3, 5.3",
+        run: synchronisation::run,
+    },
     Experiment { name: "sensor-motion", title: "Sensor motion", section: "4.1.4, 5.4", run: sensor_motion::run },
     Experiment { name: "velocity", title: "Sensor velocity", section: "4.1.5, 5.5", run: velocity::run },
     Experiment { name: "thinning", title: "Thinning the data set", section: "3.4.1", run: thinning::run },
