@@ -45,5 +45,4 @@ pub use reader::Recording;
 pub use results::{BeamCone, Counted, Look, OffsetEstimate, ResultsWriter};
 pub use summary::{RecordingSummary, StreamSummary};
 pub use track::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser, read_track, read_track_from};
-pub use tum::parse_line as parse_track_line;
 pub use writer::RecordingWriter;

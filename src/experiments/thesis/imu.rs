@@ -26,8 +26,8 @@ const SWUNG_S: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
 /// The tracker goes away then, seconds, for so long; 0 is not at all.
 const LOST_AT_S: f64 = 8.0;
 const LOST_S: [f64; 8] = [0.0, 0.1, 0.3, 0.5, 1.0, 3.0, 5.0, 10.0];
-/// Images are of so much before the tracker comes back, seconds: half a swing.
-const WINDOW_S: f64 = 2.0;
+/// Images are of so much before the tracker comes back, seconds: a swing there and back, so that all have the same aperture.
+const WINDOW_S: f64 = 4.0;
 const DURATION_S: f64 = LOST_AT_S + 10.0;
 const SWEEPS: usize = 50;
 /// Voxels in which a blur shows, metres.
@@ -392,8 +392,8 @@ fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[Swung]) {
         phone.images[one_s][2] <= SHARP_M && phone.images[one_s][2] < alone[one_s][2],
         format!(
             "the tracker gone for 1 s of the {WINDOW_S:.0} s that are imaged: the reflector {} mm off with an ICM-42688-P beside it and {} mm by the sweeps that are left without one; gone \
-             for 3 s: {} mm with it, and no sweep has a pose without",
-            mm(phone.images[one_s][2]), mm(alone[one_s][2]), mm(phone.images[one_s + 1][2])
+             for 3 s: {} mm with it and {} mm without; for 5 s {} mm with it, and without no sweep has a pose",
+            mm(phone.images[one_s][2]), mm(alone[one_s][2]), mm(phone.images[one_s + 1][2]), mm(alone[one_s + 1][2]), mm(phone.images[five_s][2])
         ),
     );
     let by_itself_m = drift_of(drifts, "ICM-42688-P, swinging, zeroed")[3];
@@ -437,10 +437,10 @@ fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[Swung]) {
     let mut places = each(&|lost| column(&lost.images, 2, 1e3));
     places.push(series("the tracker alone", column(&alone, 2, 1e3)));
     let place = chart("Inertia while the tracker is gone: error of the reflector", "error of the reflector (mm)", places);
-    outcome.draw("outage-reflector", place.draw(), "The reflector's place by the last two seconds before the tracker is back. The tracker alone has sweeps from before the outage only, and none from two seconds on.");
+    outcome.draw("outage-reflector", place.draw(), "The reflector's place by the last four seconds before the tracker is back. The tracker alone has sweeps from before the outage only, and none when that lasts longer.");
     let mut sizes = each(&|lost| column(&lost.images, 1, 1.0));
     sizes.push(series("the tracker alone", column(&alone, 1, 1.0)));
-    let size = chart("Inertia while the tracker is gone: footprint of the image", "footprint (l)", sizes);
+    let size = Chart { y_log: false, ..chart("Inertia while the tracker is gone: footprint of the image", "footprint (l)", sizes) };
     outcome.draw("outage-footprint", size.draw(), "What at least half of the greatest value fills, least squares over voxels of 4 cm.");
 }
 

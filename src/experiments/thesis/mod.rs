@@ -9,6 +9,7 @@ mod filters;
 mod imaged;
 mod imu;
 mod outcome;
+mod pose_sources;
 mod sensor_motion;
 mod synchronisation;
 mod thinning;
@@ -16,6 +17,7 @@ mod velocity;
 
 use crate::experiments::recorded::Recorded;
 use crate::radar::preset;
+use crate::recording::ImportError;
 use crate::simulation::{Scenario, ScenarioError};
 
 pub use outcome::{Drawn, Finding, Outcome, report};
@@ -26,6 +28,9 @@ pub enum ExperimentError {
     /// A recording that could not be simulated.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
+    /// A track that cannot be read back.
+    #[error(transparent)]
+    Track(#[from] ImportError),
     /// No such sensor preset.
     #[error("preset \"{0}\" is not known")]
     Preset(&'static str),
@@ -57,6 +62,7 @@ pub const ALL: &[Experiment] = &[
     Experiment { name: "thinning", title: "Thinning the data set", section: "3.4.1", run: thinning::run },
     Experiment { name: "matched-filter", title: "Matched filter and others", section: "3.3, 5.8.1", run: filters::run },
     Experiment { name: "imu", title: "The IMU prototype", section: "3.6, 4.2, 5.7", run: imu::run },
+    Experiment { name: "pose-sources", title: "Pose sources beyond VR", section: "6.1, 6.3", run: pose_sources::run },
 ];
 
 impl Experiment {
