@@ -22,8 +22,8 @@ pub use settings::{
     TrackingSettings,
 };
 pub use synchronisation::{
-    Lag, LagCurve, OffsetWindow, RateOffset, ReflectorSeries, StartLag, Synchronisation, SynchronisationError, reflector_series,
-    synchronisation,
+    Lag, LagCurve, OffsetWindow, RateOffset, ReflectorSeries, StartLag, Synchronisation, SynchronisationError,
+    reflector_series, synchronisation,
 };
 
 /// Sweeps a second from which on blocks follow the phase: λ/4 a sweep at 0.5 m/s.

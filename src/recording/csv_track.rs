@@ -116,10 +116,8 @@ fn bare(cell: &str) -> &str {
 
 /// Which of [`WANTED`] a name is, or [`VALID`], and its unit in seconds or metres.
 fn meaning(name: &str) -> Option<(usize, f64)> {
-    let name: String = bare(name)
-        .chars()
-        .map(|c| if matches!(c, '.' | ' ' | '-') { '_' } else { c.to_ascii_lowercase() })
-        .collect();
+    let name: String =
+        bare(name).chars().map(|c| if matches!(c, '.' | ' ' | '-') { '_' } else { c.to_ascii_lowercase() }).collect();
     if name == "valid" {
         return Some((VALID, 1.0));
     }
@@ -165,10 +163,15 @@ mod tests {
     fn columns_come_in_any_order_with_many_names_and_units() {
         let plain = read(CSV_HEAD, "5.508,1,2,3,0,0,0,1,1").unwrap();
         assert_eq!((plain.time_ns, plain.position_m, plain.valid), (5_508_000_000, [1.0, 2.0, 3.0], true));
-        let other = read("QW;qz; qy ;qx;note;Position.Z_mm;pos_y_cm;\"tx\";timestamp_ms", "1;0;0;0;x;3000; 200 ;\"1\";5508").unwrap();
+        let other =
+            read("QW;qz; qy ;qx;note;Position.Z_mm;pos_y_cm;\"tx\";timestamp_ms", "1;0;0;0;x;3000; 200 ;\"1\";5508")
+                .unwrap();
         assert_eq!(other.position_m, plain.position_m);
         assert_eq!((other.time_ns, other.quaternion_xyzw), (plain.time_ns, plain.quaternion_xyzw));
-        let tabbed = read("t\tx\ty\tz\torientation.x\torientation.y\torientation.z\torientation.w\tvalid", "1\t0\t0\t0\t0\t1\t0\t0\tFalse");
+        let tabbed = read(
+            "t\tx\ty\tz\torientation.x\torientation.y\torientation.z\torientation.w\tvalid",
+            "1\t0\t0\t0\t0\t1\t0\t0\tFalse",
+        );
         assert_eq!(tabbed.map(|pose| (pose.quaternion_xyzw, pose.valid)), Ok(([0.0, 1.0, 0.0, 0.0], false)));
         let ns = read("time_ns,x,y,z,qx,qy,qz,qw", "1500000000,0,0,0,0,0,0,1").unwrap();
         assert_eq!(ns.time_ns, 1_500_000_000);

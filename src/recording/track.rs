@@ -5,9 +5,9 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
+use super::ImportError;
 use super::csv_track::{CSV_HEAD, Columns, csv_line};
 use super::tum::{parse_line, tum_line};
-use super::ImportError;
 use crate::tracking::PoseSample;
 
 /// Longest file that is read: some 20 hours at 120 Hz.
@@ -116,7 +116,11 @@ pub fn read_track(path: &Path) -> Result<Vec<PoseSample>, ImportError> {
 ///
 /// # Errors
 /// As [`read_track`].
-pub fn read_track_from(mut input: impl BufRead, format: TrackFormat, name: &Path) -> Result<Vec<PoseSample>, ImportError> {
+pub fn read_track_from(
+    mut input: impl BufRead,
+    format: TrackFormat,
+    name: &Path,
+) -> Result<Vec<PoseSample>, ImportError> {
     let mut parser = TrackParser::new(format);
     let mut poses: Vec<PoseSample> = Vec::new();
     for line in 1.. {
@@ -159,7 +163,9 @@ mod tests {
 
     #[test]
     fn a_wrong_line_of_a_csv_is_named() {
-        let error = read("# from a robot\n\ntime_s,x,y,z,qx,qy,qz,qw\r\n0.1,0,0,0,0,0,0,1\r\n0.2,0,0\n", TrackFormat::Csv).unwrap_err();
+        let error =
+            read("# from a robot\n\ntime_s,x,y,z,qx,qy,qz,qw\r\n0.1,0,0,0,0,0,0,1\r\n0.2,0,0\n", TrackFormat::Csv)
+                .unwrap_err();
         assert!(error.contains("track, line 5: 3 cells under 8 names") && error.contains("time_s,x_m"), "{error}");
         let error = read("0.1 0 0 0 0 0 0 1\n", TrackFormat::Csv).unwrap_err();
         assert!(error.contains("line 1: no column for time, x"), "{error}");

@@ -62,7 +62,8 @@ mod tests {
         assert_eq!(swinging_arm(1.9), Pose::IDENTITY);
         let axis = DVec3::NEG_Y * ARM_M;
         let angle = |t: f64| swinging_arm(t).rotation.to_scaled_axis().z;
-        let rates: Vec<f64> = (300..1000).map(|n| f64::from(n) * 0.01).map(|t| (angle(t + 1e-3) - angle(t)) / 1e-3).collect();
+        let rates: Vec<f64> =
+            (300..1000).map(|n| f64::from(n) * 0.01).map(|t| (angle(t + 1e-3) - angle(t)) / 1e-3).collect();
         for n in 0..1000 {
             let pose = swinging_arm(f64::from(n) * 0.01);
             assert!((pose.translation.distance(axis) - ARM_M).abs() < 1e-12);
@@ -78,6 +79,8 @@ mod tests {
         let places: Vec<DVec3> = (0..2500).map(|n| raster(f64::from(n) * 0.01).translation).collect();
         assert!(places.windows(2).all(|pair| pair[0].distance(pair[1]) < 0.012));
         let reach = |axis: fn(&DVec3) -> f64| places.iter().map(axis).fold(0.0, f64::max);
-        assert!((reach(|p| p.x) - 0.25).abs() < 1e-6 && (reach(|p| p.y) - 0.25).abs() < 1e-6 && reach(|p| p.z.abs()) == 0.0);
+        assert!(
+            (reach(|p| p.x) - 0.25).abs() < 1e-6 && (reach(|p| p.y) - 0.25).abs() < 1e-6 && reach(|p| p.z.abs()) == 0.0
+        );
     }
 }

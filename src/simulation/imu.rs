@@ -10,9 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use super::scenario::{POSE_MARGIN_S, Stage, host_ns};
 use super::tracker::normal_vector;
 use crate::geometry::Pose;
-use crate::tracking::inertial::{
-    GRAVITY_M_PER_S2, INSTABILITY_TIME_S, ImuFigures, ImuSample, NavState, TriadFigures,
-};
+use crate::tracking::inertial::{GRAVITY_M_PER_S2, INSTABILITY_TIME_S, ImuFigures, ImuSample, NavState, TriadFigures};
 
 /// Parts of an interval.
 const PARTS: usize = 4;
@@ -206,7 +204,8 @@ mod tests {
     #[test]
     fn the_fusions_covariance_is_what_its_errors_are() {
         let white = TrackingErrors { wander_m: 0.0, rotation_deg: 0.0, mount_m: 0.0, ..Default::default() };
-        let settings = FusionSettings { wander_m: 1e-6, wander_rad: 1e-6, jitter_rad: 1e-5, ..FusionSettings::of(ICM_42688) };
+        let settings =
+            FusionSettings { wander_m: 1e-6, wander_rad: 1e-6, jitter_rad: 1e-5, ..FusionSettings::of(ICM_42688) };
         for lost_s in [0.0, 1.0] {
             let misfit = misfit(white, settings, lost_s);
             // The mean of 24 with three degrees of freedom lies within 3 ± 1.5 but for one in a thousand.

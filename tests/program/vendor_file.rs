@@ -52,7 +52,9 @@ fn a_csv_gives_the_poses_that_the_same_track_as_tum_gives() {
         assert!(DVec3::from_array(a.position_m).distance(DVec3::from_array(b.position_m)) < 1e-9, "{a:?} {b:?}");
     }
     folder.write("bad.csv", "time_s,x,y,z,roll,pitch,yaw\n0,0,0,0,0,0,0\n");
-    folder.run("import frames.h5 --poses bad.csv --out r.mcap").refused("bad.csv, line 1: no column for qx, qy, qz, qw");
+    folder
+        .run("import frames.h5 --poses bad.csv --out r.mcap")
+        .refused("bad.csv, line 1: no column for qx, qy, qz, qw");
     folder.write("short.csv", "t,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n\n1,0\n");
     folder.run("import frames.h5 --poses short.csv --out r.mcap").refused("short.csv, line 4: 2 cells under 8 names");
 }

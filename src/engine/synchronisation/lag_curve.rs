@@ -84,7 +84,8 @@ impl LagCurve {
         let evenly = Evenly::of(&poses);
         let mut way = coarse(&radar, &evenly, 0.0);
         // Once more without what the ranges are off as a whole.
-        let bias_m = median(radar.iter().zip(&way).filter_map(|((t, r), lag_s)| Some(r - value_at(&poses, t + ns(*lag_s))?)));
+        let bias_m =
+            median(radar.iter().zip(&way).filter_map(|((t, r), lag_s)| Some(r - value_at(&poses, t + ns(*lag_s))?)));
         way = coarse(&radar, &evenly, bias_m);
         let mut lags = Vec::new();
         for _ in 0..ROUNDS {
@@ -96,7 +97,8 @@ impl LagCurve {
 
     /// Another curve laid over it: what is left of the lag once this one was taken out, at times in rising order.
     pub fn with(mut self, left: &[Lag]) -> Self {
-        let left: Vec<Lag> = left.iter().copied().filter(|lag| (lag.time_s + lag.lag_s + lag.sigma_s).is_finite()).collect();
+        let left: Vec<Lag> =
+            left.iter().copied().filter(|lag| (lag.time_s + lag.lag_s + lag.sigma_s).is_finite()).collect();
         if !left.is_empty() {
             let left = Self { lags: left };
             for lag in &mut self.lags {
@@ -291,7 +293,8 @@ fn smoothed(radar: &[(i64, f64)], poses: &[(i64, f64)], way: &[f64], bias_m: f64
     for (n, (time_ns, _)) in radar.iter().enumerate() {
         let h = if n == 0 { 0.0 } else { (time_ns - radar[n - 1].0) as f64 * 1e-9 };
         let since_s = (time_ns - radar[0].0) as f64 * 1e-9;
-        let carried = DMat4::from_cols(DVec4::X, DVec4::new(h, (-h / RATE_LASTS_S).exp(), 0.0, 0.0), DVec4::Z, DVec4::W);
+        let carried =
+            DMat4::from_cols(DVec4::X, DVec4::new(h, (-h / RATE_LASTS_S).exp(), 0.0, 0.0), DVec4::Z, DVec4::W);
         state = carried * state;
         covariance = carried * covariance * carried.transpose() + walk(h, since_s);
         let predicted = (state, covariance);

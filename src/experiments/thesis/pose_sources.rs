@@ -46,7 +46,13 @@ fn sources() -> [Source; 3] {
         rotation_deg: 0.01,
         dropouts_per_minute: 0.0,
     };
-    let known = PositionErrors { wander_m: 0.1e-3, mount_m: 0.5e-3, jitter_m: 0.015e-3, rotation_deg: 0.01, ..Default::default() };
+    let known = PositionErrors {
+        wander_m: 0.1e-3,
+        mount_m: 0.5e-3,
+        jitter_m: 0.015e-3,
+        rotation_deg: 0.01,
+        ..Default::default()
+    };
     let headset = |name, motion| Source {
         name,
         motion,
@@ -79,7 +85,8 @@ impl Seen {
     fn of(recorded: &Recorded, errors: &PositionErrors) -> Self {
         let (seed, truth_m) = (recorded.seed, recorded.truth_m);
         let thesis = volume(&chosen(recorded, SWEEPS, Selection::ThesisHull), Statistic::Thesis, THESIS_VOXEL_M, seed);
-        let fine = volume(&chosen(recorded, COHERENT_SWEEPS, Selection::FarthestPoint), Statistic::Ls, FINE_VOXEL_M, seed);
+        let fine =
+            volume(&chosen(recorded, COHERENT_SWEEPS, Selection::FarthestPoint), Statistic::Ls, FINE_VOXEL_M, seed);
         let (refined, _) = placed_with(&recorded.observations, seed, errors);
         let off = refined.as_ref().map(|refined| refined.position_m - truth_m);
         let coherent = coherent(recorded, refined.as_ref().map_or(truth_m, |refined| refined.position_m));
@@ -172,7 +179,9 @@ fn recorded(source: &Source, seed: u64, written: &mut usize, changed: &mut usize
 
 fn pictures(outcome: &mut Outcome, source: &Source, recorded: &Recorded) {
     let start_ns = recorded.observations.first().map_or(0, |sweep| sweep.mid_time_ns);
-    let at = |sweep: &crate::radar::Observation| ((sweep.mid_time_ns - start_ns) as f64 * 1e-9, sweep.tracking_from_sensor.translation);
+    let at = |sweep: &crate::radar::Observation| {
+        ((sweep.mid_time_ns - start_ns) as f64 * 1e-9, sweep.tracking_from_sensor.translation)
+    };
     let path: Vec<(f64, DVec3)> = recorded.observations.iter().map(at).collect();
     let title = format!("The sensor's path: {}", source.name);
     outcome.draw(format!("path-{}", source.motion), motion_plot(&path, &title), format!("{title}."));
@@ -242,8 +251,16 @@ fn table(figures: &Figures) -> Table {
     };
     Table {
         head: head(&[
-            "poses by", "thesis: error (cm)", "footprint (l)", "ours: error (mm)", "1σ said (mm)", "error² over covariance", "observed", "coherent: error (mm)",
-            "footprint (cm³)", "contrast (dB)",
+            "poses by",
+            "thesis: error (cm)",
+            "footprint (l)",
+            "ours: error (mm)",
+            "1σ said (mm)",
+            "error² over covariance",
+            "observed",
+            "coherent: error (mm)",
+            "footprint (cm³)",
+            "contrast (dB)",
         ]),
         rows: figures.iter().map(row).collect(),
         caption: format!(

@@ -428,8 +428,7 @@ impl PoseFusion {
         let by = gains.map(|gain| gain * off);
         let Some(state) = &mut self.state else { return };
         let Pose { translation, rotation } = state.tracking_from_body;
-        state.tracking_from_body =
-            Pose::new(translation + by[P], DQuat::from_scaled_axis(by[TURN]) * rotation);
+        state.tracking_from_body = Pose::new(translation + by[P], DQuat::from_scaled_axis(by[TURN]) * rotation);
         state.velocity_m_per_s += by[V];
         self.gyroscope.correct(&by[GYRO..ACCEL]);
         self.accelerometer.correct(&by[ACCEL..S]);

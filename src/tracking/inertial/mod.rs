@@ -7,5 +7,7 @@ mod imu;
 mod strapdown;
 
 pub use fusion::{FusionCounters, FusionRefusal, FusionSettings, PoseFusion};
-pub use imu::{GRAVITY_M_PER_S2, ICM_42688, INSTABILITY_TIME_S, ImuFigures, ImuSample, MPU_6050, TACTICAL, TriadFigures};
+pub use imu::{
+    GRAVITY_M_PER_S2, ICM_42688, INSTABILITY_TIME_S, ImuFigures, ImuSample, MPU_6050, TACTICAL, TriadFigures,
+};
 pub use strapdown::{NavState, Strapdown};

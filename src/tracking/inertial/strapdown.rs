@@ -69,8 +69,7 @@ impl NavState {
         let gain = force * h + turned * (h2 / 2.0) + rate.cross(turned) * (h3 / 6.0) + sculling * (h3 / 12.0);
         let way = force * (h2 / 2.0) - slopes.force * (h3 / 12.0) + turned * (h3 / 6.0);
         let Pose { translation, rotation } = self.tracking_from_body;
-        let place =
-            translation + self.velocity_m_per_s * h + rotation * way + GRAVITY_M_PER_S2 * (h2 / 2.0);
+        let place = translation + self.velocity_m_per_s * h + rotation * way + GRAVITY_M_PER_S2 * (h2 / 2.0);
         Self {
             time_ns: self.time_ns.saturating_add((h * 1e9).round() as i64),
             tracking_from_body: Pose::new(place, rotation * DQuat::from_scaled_axis(turn)),
@@ -125,9 +124,8 @@ mod tests {
     /// are exact means.
     fn errors(rate_hz: f64) -> (f64, f64) {
         let place = |t: f64| DVec3::new((2.0 * t).sin() * 0.3, 0.1 * (3.1 * t).cos(), 0.2 * (1.7 * t).sin());
-        let rotation = |t: f64| {
-            DQuat::from_rotation_y(0.8 * (2.3 * t).sin()) * DQuat::from_rotation_x(0.5 * (2.9 * t).cos())
-        };
+        let rotation =
+            |t: f64| DQuat::from_rotation_y(0.8 * (2.3 * t).sin()) * DQuat::from_rotation_x(0.5 * (2.9 * t).cos());
         let e = 1e-4;
         let velocity = |t: f64| (place(t + e) - place(t - e)) / (2.0 * e);
         let h = 1.0 / rate_hz;
@@ -198,7 +196,11 @@ mod tests {
         for sample in [nan, late, far] {
             assert_eq!(*strapdown.push(&sample), before);
         }
-        let after = ImuSample { time_ns: 60_000_000_000, angular_rate_rad_per_s: DVec3::ZERO, specific_force_m_per_s2: DVec3::X };
+        let after = ImuSample {
+            time_ns: 60_000_000_000,
+            angular_rate_rad_per_s: DVec3::ZERO,
+            specific_force_m_per_s2: DVec3::X,
+        };
         let state = strapdown.push(&after);
         assert_eq!(state.time_ns, 60_000_000_000);
         assert!(state.tracking_from_body.translation.length() < 0.1 && state.velocity_m_per_s.length() < 1.0);
