@@ -448,12 +448,8 @@ fn skew(v: DVec3) -> DMat3 {
 }
 
 fn transpose(blocks: &mut Blocks) {
-    for row in 0..BLOCKS {
-        for column in row..BLOCKS {
-            let (a, b) = (blocks[row][column], blocks[column][row]);
-            (blocks[row][column], blocks[column][row]) = (b.transpose(), a.transpose());
-        }
-    }
+    let from = *blocks;
+    *blocks = std::array::from_fn(|row| std::array::from_fn(|column| from[column][row].transpose()));
 }
 
 #[cfg(test)]
