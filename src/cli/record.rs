@@ -38,8 +38,8 @@ pub(super) struct Record {
     /// Length, seconds from the first frame; without it until Ctrl-C
     #[arg(long)]
     duration_s: Option<f64>,
-    /// Head poses, read while another program writes them: TUM format, times in seconds of this computer's monotonic clock
-    #[arg(long, value_name = "TRACK.tum")]
+    /// Head poses, read while another program writes them: TUM, or CSV by its ending, times of this computer's monotonic clock
+    #[arg(long, value_name = "TRACK.tum|.csv")]
     poses: Option<PathBuf>,
     /// Records no poses of SteamVR's, though it may run
     #[arg(long, conflicts_with = "poses")]

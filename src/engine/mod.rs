@@ -21,7 +21,10 @@ pub use settings::{
     Display, HeadsetSettings, Mode, ProcessingSettings, ProjectionMatrix, RadarSettings, Settings, SettingsError,
     TrackingSettings,
 };
-pub use synchronisation::{OffsetWindow, RateOffset, StartLag, Synchronisation, SynchronisationError, synchronisation};
+pub use synchronisation::{
+    Lag, LagCurve, OffsetWindow, RateOffset, ReflectorSeries, StartLag, Synchronisation, SynchronisationError,
+    reflector_series, synchronisation,
+};
 
 /// Sweeps a second from which on blocks follow the phase: λ/4 a sweep at 0.5 m/s.
 const BLOCKS_FROM_SWEEPS_PER_S: f64 = 400.0;

@@ -4,8 +4,8 @@ use glam::DVec3;
 
 use crate::geometry::Aabb;
 use crate::radar::Observation;
-use crate::simulation::{Scenario, ScenarioError};
-use crate::tracking::{HistorySettings, ObserverSettings, observe_all};
+use crate::simulation::{Scenario, ScenarioError, Simulated};
+use crate::tracking::{HistorySettings, ObserverSettings, PoseSample, observe_all};
 use crate::truth::Truth;
 
 /// Sweeps with their poses, and what is really there.
@@ -23,15 +23,30 @@ impl Recorded {
     /// Simulates a scenario; poses are taken to be as late as the sweeps, as they are.
     pub fn of(scenario: &Scenario) -> Result<Self, ScenarioError> {
         let simulated = scenario.run()?;
+        Ok(Self::joined(scenario, &simulated, &simulated.poses))
+    }
+
+    /// A simulated recording with poses of any tracker.
+    pub fn joined(scenario: &Scenario, simulated: &Simulated, poses: &[PoseSample]) -> Self {
         let observer = ObserverSettings {
             history: HistorySettings::default(),
             head_from_sensor: scenario.head_from_sensor,
             time_offset_s: 0.0,
         };
-        let (observations, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
+        let (observations, _) = observe_all(&scenario.config, observer, &simulated.frames, poses);
         let truth_m = simulated.truth.obstacles.iter().flat_map(|o| o.points_m.first()).next().copied();
         let truth_m = truth_m.unwrap_or(DVec3::NAN);
-        Ok(Self { seed: scenario.seed, observations, truth_m, truth: simulated.truth })
+        Self { seed: scenario.seed, observations, truth_m, truth: simulated.truth.clone() }
+    }
+
+    /// The part of it between two host times, nanoseconds.
+    pub fn between(&self, from_ns: i64, to_ns: i64) -> Self {
+        let within = |sweep: &&Observation| (from_ns..to_ns).contains(&sweep.mid_time_ns);
+        Self {
+            observations: self.observations.iter().filter(within).cloned().collect(),
+            truth: self.truth.clone(),
+            ..*self
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! A pose track in the TUM format read while another program writes it. Times are seconds of the host's monotonic clock.
+//! A pose track (TUM, or CSV where its name ends so) read while another program writes it. Times are of the host's monotonic clock.
 //!
 //! Memory is one line and what one call gives. A file that is not there yet is waited for; one that was begun anew is
 //! read anew. A line counts when its end is there.
@@ -7,13 +7,11 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use crate::recording::parse_track_line;
+use crate::recording::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser};
 use crate::tracking::PoseSample;
 
 /// Bytes read in one call.
 const READ_BYTES: usize = 1 << 18;
-/// Longest line: eight numbers take less than 200.
-const MAX_LINE_BYTES: usize = 4096;
 
 /// What the track was like.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -39,7 +37,7 @@ pub struct PoseTail {
     bytes: Vec<u8>,
     line: Vec<u8>,
     is_too_long: bool,
-    previous_ns: i64,
+    parser: TrackParser,
     counters: PoseTailCounters,
 }
 
@@ -54,7 +52,7 @@ impl PoseTail {
             bytes: vec![0; READ_BYTES],
             line: Vec::new(),
             is_too_long: false,
-            previous_ns: 0,
+            parser: TrackParser::new(TrackFormat::of(path)),
             counters: PoseTailCounters::default(),
         }
     }
@@ -77,7 +75,7 @@ impl PoseTail {
         for &byte in &bytes[..count] {
             match byte {
                 b'\n' => self.end_line(&mut poses),
-                _ if self.line.len() >= MAX_LINE_BYTES => self.is_too_long = true,
+                _ if self.line.len() >= MAX_TRACK_LINE_BYTES => self.is_too_long = true,
                 _ => self.line.push(byte),
             }
         }
@@ -96,7 +94,8 @@ impl PoseTail {
             file.seek(SeekFrom::Start(0))?;
             self.at_byte = 0;
             self.counters.restarts += 1;
-            (self.is_too_long, self.previous_ns) = (false, 0);
+            self.is_too_long = false;
+            self.parser = TrackParser::new(TrackFormat::of(&self.path));
             self.line.clear();
         }
         let count = file.read(bytes)?;
@@ -108,10 +107,9 @@ impl PoseTail {
         let line = std::mem::take(&mut self.line);
         let is_too_long = std::mem::take(&mut self.is_too_long);
         let text = std::str::from_utf8(&line).ok().filter(|_| !is_too_long);
-        match text.map(|text| parse_track_line(text, self.previous_ns)) {
+        match text.map(|text| self.parser.line(text)) {
             Some(Ok(None)) => {}
             Some(Ok(Some(pose))) => {
-                self.previous_ns = pose.time_ns;
                 self.counters.newest_ns = Some(pose.time_ns);
                 let is_before = pose.time_ns < self.start_ns;
                 let counter = if is_before { &mut self.counters.before } else { &mut self.counters.poses };
@@ -142,12 +140,24 @@ mod tests {
         assert_eq!(times(tail.read()), [2500]);
         assert!(tail.read().is_empty() && tail.is_open());
         write(" 0 1\nnonsense\n");
-        write(&"x".repeat(3 * MAX_LINE_BYTES));
+        write(&"x".repeat(3 * MAX_TRACK_LINE_BYTES));
         write("\n4 0 0 0 0 0 0 1\n");
         assert_eq!(times(tail.read()), [3500, 4000]);
         assert_eq!((tail.counters().bad_lines, tail.counters().before, tail.counters().poses), (2, 1, 3));
         std::fs::write(&path, "5 0 0 0 0 0 0 1\n").unwrap();
         assert_eq!((times(tail.read()), tail.counters().restarts), (vec![5000], 1));
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn a_growing_csv_is_read_by_its_names_and_anew_by_new_ones() {
+        let path = std::env::temp_dir().join(format!("radar-chaperone-tail-{}.csv", std::process::id()));
+        let mut tail = PoseTail::new(&path, 0);
+        std::fs::write(&path, "time_s,x,y,z,qx,qy,qz,qw\n1,0.5,0,0,0,0,0,1\n2,0,0\n3,1,0,0,0,0,0,1\n").unwrap();
+        let x = |poses: Vec<PoseSample>| poses.iter().map(|pose| pose.position_m[0]).collect::<Vec<_>>();
+        assert_eq!((x(tail.read()), tail.counters().bad_lines), (vec![0.5, 1.0], 1));
+        std::fs::write(&path, "qw,qz,qy,qx,z,y,x,t\n1,0,0,0,0,0,7,4\n").unwrap();
+        assert_eq!((x(tail.read()), tail.counters().restarts), (vec![7.0], 1));
         std::fs::remove_file(&path).unwrap();
     }
 

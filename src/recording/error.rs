@@ -118,7 +118,7 @@ pub enum ImportError {
         source: ConfigError,
     },
     /// A line of a track that is no pose.
-    #[error("{path}, line {line}: {reason}; a line is `timestamp_s tx ty tz qx qy qz qw`")]
+    #[error("{path}, line {line}: {reason}; {looks}")]
     TrackLine {
         /// The file.
         path: PathBuf,
@@ -126,5 +126,7 @@ pub enum ImportError {
         line: usize,
         /// What is wrong with it.
         reason: String,
+        /// What a track of this format looks like.
+        looks: &'static str,
     },
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::tum::read_track;
+use super::track::read_track;
 use super::{Event, Header, ImportError, RecordingError, RecordingSummary, RecordingWriter, vendor_h5};
 use crate::geometry::Pose;
 use crate::radar::Frame;
@@ -35,7 +35,7 @@ pub struct Imported {
     pub poses: Vec<PoseSample>,
 }
 
-/// Reads the vendor's .h5 and, when given, a track in the TUM format with times in seconds since the first tick.
+/// Reads the vendor's .h5 and, when given, a track (TUM, or CSV where its name ends so) with times since the first tick.
 ///
 /// # Errors
 /// A file that is foreign, damaged, too big or breaks a rule of the sensor; a line of the track that is no pose.

@@ -16,6 +16,7 @@
 //! at the head of `results`.
 
 mod chunk;
+mod csv_track;
 mod damage;
 mod error;
 mod foxglove_messages;
@@ -29,6 +30,7 @@ mod results;
 mod summary;
 #[cfg(test)]
 mod test_files;
+mod track;
 mod tum;
 mod vendor_h5;
 mod writer;
@@ -42,5 +44,5 @@ pub use message::Event;
 pub use reader::Recording;
 pub use results::{BeamCone, Counted, Look, OffsetEstimate, ResultsWriter};
 pub use summary::{RecordingSummary, StreamSummary};
-pub use tum::{parse_line as parse_track_line, read_track};
+pub use track::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser, read_track, read_track_from};
 pub use writer::RecordingWriter;

@@ -1,52 +1,6 @@
 //! Pose tracks in the TUM format: a line `timestamp_s tx ty tz qx qy qz qw` a pose, `#` begins a comment.
 
-use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
-use std::path::Path;
-
-use super::ImportError;
 use crate::tracking::{PoseSample, TrackingResult};
-
-/// Longest file that is read: some 20 hours at 120 Hz.
-const MAX_TRACK_BYTES: u64 = 1 << 30;
-/// Longest line: eight numbers take less than 200.
-const MAX_LINE_BYTES: u64 = 4096;
-
-/// Reads a track. Positions and quaternions that are NaN or zero, and times that run backwards, stay as they are: who uses
-/// the poses counts and skips them. A time that is NaN cannot stay: such a pose is marked invalid and given the time of
-/// the one before.
-///
-/// # Errors
-/// A file that cannot be read; a line with too few or too many columns, with a word that is no number, or with a time
-/// beyond ±292 years.
-pub fn read_track(path: &Path) -> Result<Vec<PoseSample>, ImportError> {
-    let io_error = |source| ImportError::Io { path: path.to_owned(), source };
-    let metadata = std::fs::metadata(path).map_err(io_error)?;
-    if !metadata.is_file() {
-        return Err(ImportError::NotAFile(path.to_owned()));
-    }
-    if metadata.len() > MAX_TRACK_BYTES {
-        let (bytes, max) = (metadata.len(), MAX_TRACK_BYTES);
-        return Err(ImportError::TooBig { path: path.to_owned(), what: "the track".into(), bytes, max });
-    }
-    let mut input = BufReader::new(File::open(path).map_err(io_error)?).take(MAX_TRACK_BYTES);
-    let mut poses: Vec<PoseSample> = Vec::new();
-    for line in 1.. {
-        let line_error = |reason| ImportError::TrackLine { path: path.to_owned(), line, reason };
-        let mut bytes = Vec::new();
-        let read = input.by_ref().take(MAX_LINE_BYTES).read_until(b'\n', &mut bytes).map_err(io_error)?;
-        if read == 0 {
-            break;
-        }
-        if read as u64 == MAX_LINE_BYTES {
-            return Err(line_error(format!("longer than {MAX_LINE_BYTES} bytes")));
-        }
-        let text = std::str::from_utf8(&bytes).map_err(|_| line_error("not text".into()))?;
-        let previous_ns = poses.last().map_or(0, |p| p.time_ns);
-        poses.extend(parse_line(text, previous_ns).map_err(line_error)?);
-    }
-    Ok(poses)
-}
 
 /// The pose on a line of a track; `None` for comments and blank lines. A time that is NaN becomes the one before.
 ///
@@ -75,9 +29,17 @@ pub fn parse_line(line: &str, previous_ns: i64) -> Result<Option<PoseSample>, St
     }))
 }
 
-fn time_ns(time_s: f64) -> Result<i64, String> {
+/// Seconds as nanoseconds.
+pub(super) fn time_ns(time_s: f64) -> Result<i64, String> {
     let ns = (time_s * 1e9).round();
     if ns.abs() < 9.2e18 { Ok(ns as i64) } else { Err(format!("a time of {time_s} s")) }
+}
+
+/// A pose as a line, without its end. The format has no place for validity.
+pub fn tum_line(pose: &PoseSample) -> String {
+    let [x, y, z] = pose.position_m;
+    let [qx, qy, qz, qw] = pose.quaternion_xyzw;
+    format!("{:.9} {x} {y} {z} {qx} {qy} {qz} {qw}", pose.time_ns as f64 * 1e-9)
 }
 
 #[cfg(test)]

@@ -3,7 +3,9 @@
 //! Physics with seeds: it shares constants with the reconstruction (wavelength, pulse widths, loop gains), not its code.
 //! Not simulated: multipath, leakage from transmitter to receiver, timing drift, shadows.
 
+mod arm;
 mod furniture;
+mod imu;
 mod live;
 mod motion;
 mod receiver;
@@ -15,6 +17,8 @@ mod session;
 mod strokes;
 mod tracker;
 
+pub use arm::{ARM_M, ARM_REST_S};
+pub use imu::TruePath;
 pub use live::LiveScenario;
 pub use motion::{MOTIONS, Motion, MotionError};
 pub use room::{Room, Scatterer, Thing, WallPanel};

@@ -7,11 +7,12 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::Scene;
+use super::arm::{raster, swinging_arm};
 use super::strokes::{ChairWalk, ToAndFro};
 use crate::geometry::Pose;
 
-/// Motions by name: the thesis' (3.5.4 to 3.5.6), natural play, and a walk up to a chair.
-pub const MOTIONS: [&str; 12] = [
+/// Motions by name: the thesis' (3.5.4 to 3.5.6, 3.6), a robot's arm, natural play, and a walk up to a chair.
+pub const MOTIONS: [&str; 14] = [
     "stationary",
     "sphere-10cm",
     "sphere-50cm",
@@ -22,6 +23,8 @@ pub const MOTIONS: [&str; 12] = [
     "approach-2.5",
     "straight-0.3",
     "to-and-fro",
+    "swinging-arm",
+    "robot-arm",
     "natural",
     "approach-chair",
 ];
@@ -61,6 +64,8 @@ impl Motion {
                 return ChairWalk::new(scene, duration_s, &mut rng).map(Self::OfWalk).ok_or(MotionError::NoChair);
             }
             "to-and-fro" => Shape::ToAndFro(ToAndFro::new(duration_s, &mut rng)),
+            "swinging-arm" => Shape::Machine(swinging_arm),
+            "robot-arm" => Shape::Machine(raster),
             "stationary" => Shape::Still,
             "sphere-10cm" => Shape::wander(0.10, DVec3::ONE, duration_s, &mut rng),
             "sphere-50cm" => Shape::wander(0.50, DVec3::ONE, duration_s, &mut rng),
@@ -144,6 +149,8 @@ enum Shape {
     Still,
     Wander(Wander),
     ToAndFro(ToAndFro),
+    /// What a machine does at a time, seconds: place and turn.
+    Machine(fn(f64) -> Pose),
     /// Straight ahead and back: 0.6 m at the given speed, easing at the ends.
     Approach {
         speed_m_per_s: f64,
@@ -162,10 +169,19 @@ impl Shape {
         Self::Wander(Wander::new(reach_m, axes, duration_s, rng))
     }
 
+    /// In the starting sensor frame.
+    fn pose(&self, time_s: f64) -> Pose {
+        match self {
+            Self::Machine(at) => at(time_s),
+            _ => Pose::from_translation(self.offset_m(time_s)),
+        }
+    }
+
     /// Offset in the starting sensor frame, metres.
     fn offset_m(&self, time_s: f64) -> DVec3 {
         match self {
             Self::Still => DVec3::ZERO,
+            Self::Machine(at) => at(time_s).translation,
             Self::Wander(wander) => wander.at(time_s),
             Self::ToAndFro(strokes) => strokes.offset_m(time_s),
             Self::Straight { speed_m_per_s } => DVec3::NEG_Z * (speed_m_per_s * time_s),
@@ -189,7 +205,7 @@ pub struct SensorMotion {
 impl SensorMotion {
     fn at(&self, time_s: f64) -> Pose {
         let turn = DQuat::from_scaled_axis(self.gaze.at(time_s));
-        self.start * Pose::new(self.kind.offset_m(time_s), turn)
+        self.start * self.kind.pose(time_s) * Pose::new(DVec3::ZERO, turn)
     }
 }
 

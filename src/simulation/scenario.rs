@@ -5,7 +5,7 @@ use num_complex::Complex;
 use rayon::prelude::*;
 
 use super::sampler::{Around, Sampler};
-use super::{LiveScenario, Motion, MotionError, Scene, SceneError, TrackingErrors, scene};
+use super::{LiveScenario, Motion, MotionError, Scene, SceneError, TrackingErrors, TruePath, scene};
 use crate::geometry::Pose;
 use crate::radar::{Beam, ConfigError, Frame, SensorConfig, Subsweep, frame_timing, rcs_dbsm_for_snr};
 use crate::tracking::PoseSample;
@@ -112,8 +112,7 @@ impl Scenario {
     pub fn run(&self) -> Result<Simulated, ScenarioError> {
         let stage = self.stage()?;
         let head_at = |t: f64| stage.head_at(t);
-        let span_s = (-POSE_MARGIN_S, self.duration_s + POSE_MARGIN_S);
-        let poses = self.errors.track(head_at, span_s, host_ns, self.seed);
+        let poses = self.poses(&stage);
         let frames = self.frames(&stage);
         let truth = self.truth(&stage.scene, head_at, |t| stage.sensor_at(t));
         Ok(Simulated { frames, poses, truth })
@@ -125,6 +124,27 @@ impl Scenario {
     /// As [`Self::run`].
     pub fn live(&self) -> Result<LiveScenario, ScenarioError> {
         Ok(LiveScenario::new(self.stage()?))
+    }
+
+    /// The tracked poses alone, as [`Self::run`] has them.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn tracked(&self) -> Result<Vec<PoseSample>, ScenarioError> {
+        Ok(self.poses(&self.stage()?))
+    }
+
+    /// Where the head really is.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn path(&self) -> Result<TruePath, ScenarioError> {
+        Ok(TruePath::new(self.stage()?))
+    }
+
+    fn poses(&self, stage: &Stage) -> Vec<PoseSample> {
+        let span_s = (-POSE_MARGIN_S, self.duration_s + POSE_MARGIN_S);
+        self.errors.track(|t| stage.head_at(t), span_s, host_ns, self.seed)
     }
 
     fn stage(&self) -> Result<Stage, ScenarioError> {

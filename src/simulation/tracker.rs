@@ -110,7 +110,7 @@ impl Tracker {
     }
 }
 
-fn normal_vector(rng: &mut ChaCha8Rng) -> DVec3 {
+pub(super) fn normal_vector(rng: &mut ChaCha8Rng) -> DVec3 {
     DVec3::from_array([(); 3].map(|()| StandardNormal.sample(rng)))
 }
 

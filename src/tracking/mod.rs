@@ -1,6 +1,7 @@
-//! Where the sensor was: pose history, interpolation to a sweep's own time, mount, time offset between the streams.
+//! Where the sensor was: pose history, interpolation to a sweep's own time, mount, time offset between the streams; poses by inertia.
 
 mod history;
+pub mod inertial;
 mod local_fit;
 mod observer;
 mod sample;

@@ -6,6 +6,7 @@ use std::fmt::Write;
 use glam::DVec3;
 use hdf5_pure::{CompoundTypeBuilder, FileBuilder, GroupBuilder};
 use radar_chaperone::radar::{Frame, SensorConfig, preset};
+use radar_chaperone::recording::{Event, Recording};
 use radar_chaperone::simulation::{Scenario, Simulated};
 
 use crate::common::Folder;
@@ -18,6 +19,44 @@ fn imported_recordings_of_a_corner_reflector_are_as_good_as_the_simulations_own(
     let mut errors_m: Vec<f64> = (1..=5).map(|seed| error_of_import_m(&folder, seed)).collect();
     errors_m.sort_by(f64::total_cmp);
     assert!(errors_m[2] <= 0.005 && errors_m[4] <= 0.012, "{errors_m:?} m");
+}
+
+#[test]
+fn a_csv_gives_the_poses_that_the_same_track_as_tum_gives() {
+    let folder = Folder::new("vendor_csv");
+    let config = preset("fine").unwrap();
+    let scenario = Scenario::new("corner-reflector", "robot-arm", config, 0.5, 1);
+    let simulated = scenario.run().unwrap();
+    folder.write("frames.h5", h5(&scenario.config, &simulated.frames));
+    let tum = track(&scenario, &simulated);
+    folder.write("arm.tum", &tum);
+    // As a controller may write it: other columns first, millimetres, semicolons.
+    let row = |line: &str| {
+        let n: Vec<f64> = line.split(' ').map(|word| word.parse().unwrap()).collect();
+        format!("1;{};{};{};{};{};{};{};{}\n", n[7], n[4], n[5], n[6], n[1] * 1e3, n[2] * 1e3, n[3] * 1e3, n[0] * 1e3)
+    };
+    let rows: String = tum.lines().skip(1).map(row).collect();
+    folder.write("arm.csv", format!("joint_1;qw;qx;qy;qz;x_mm;y_mm;z_mm;time_ms\n{rows}"));
+    let [tum, csv] = ["tum", "csv"].map(|format| {
+        folder.run(&format!("import frames.h5 --poses arm.{format} --out {format}.mcap")).done();
+        let recording = Recording::open(folder.path(&format!("{format}.mcap"))).unwrap();
+        let poses = recording.filter_map(|event| match event {
+            Event::Pose(pose) => Some(pose),
+            _ => None,
+        });
+        poses.collect::<Vec<_>>()
+    });
+    assert!(tum.len() > 100 && tum.len() == csv.len());
+    for (a, b) in tum.iter().zip(&csv) {
+        assert!((a.time_ns - b.time_ns).abs() <= 1 && a.quaternion_xyzw == b.quaternion_xyzw, "{a:?} {b:?}");
+        assert!(DVec3::from_array(a.position_m).distance(DVec3::from_array(b.position_m)) < 1e-9, "{a:?} {b:?}");
+    }
+    folder.write("bad.csv", "time_s,x,y,z,roll,pitch,yaw\n0,0,0,0,0,0,0\n");
+    folder
+        .run("import frames.h5 --poses bad.csv --out r.mcap")
+        .refused("bad.csv, line 1: no column for qx, qy, qz, qw");
+    folder.write("short.csv", "t,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n\n1,0\n");
+    folder.run("import frames.h5 --poses short.csv --out r.mcap").refused("short.csv, line 4: 2 cells under 8 names");
 }
 
 /// Simulated, written as the vendor's file and a track, imported, replayed with 50 sweeps: distance to the truth.

@@ -6,8 +6,10 @@
 //! with it but the ranges of one reflector, by correlating how fast distance and range change.
 //!
 //! The first window holds the first two seconds of motion, so that a lag at the start shows. Limits: the estimator reaches
-//! 0.1 s around where it looks; where the rates correlate well farther off, up to a second, it looks there.
+//! 0.1 s around where it looks; where the rates correlate well farther off, up to a second, it looks there. Both take the offset to be
+//! constant within a window; [`LagCurve`] follows one that changes.
 
+mod lag_curve;
 mod ranges;
 mod rates;
 
@@ -19,6 +21,7 @@ use crate::geometry::Pose;
 use crate::imaging::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 use crate::radar::{Frame, Observation, SensorConfig};
 use crate::tracking::{Observer, ObserverSettings, PoseSample, SensorState};
+pub use lag_curve::{Lag, LagCurve};
 use ranges::RangeReader;
 use rates::{RateSeries, correlated};
 
@@ -135,16 +138,8 @@ pub fn synchronisation(
     poses: &[PoseSample],
 ) -> Result<Synchronisation, SynchronisationError> {
     let joined = joined(config, head_from_sensor, settings, frames, poses);
-    let (Some(first), Some(last)) = (joined.observations.first(), joined.observations.last()) else {
-        return Err(SynchronisationError::NoPoses);
-    };
-    let (start_ns, end_ns) = (first.mid_time_ns, last.mid_time_ns);
-    let places = reflectors(config, head_from_sensor, settings, frames, poses);
-    let reflector = best_followed(&places, &joined, settings).ok_or(SynchronisationError::NoReflector)?;
-    let Followed { place, radar, by_poses } = reflector;
-    if radar.len() < ranges::LEAST {
-        return Err(SynchronisationError::FewRanges(radar.len()));
-    }
+    let (start_ns, end_ns) = span(&joined)?;
+    let Followed { place, radar, by_poses } = followed(&joined, config, head_from_sensor, settings, frames, poses)?;
     let rates = [RateSeries::of(&radar), RateSeries::of(&by_poses)];
     let set_s = settings.tracking.time_offset_s;
     let spans = spans(&joined.path, start_ns, end_ns);
@@ -157,9 +152,6 @@ pub fn synchronisation(
     estimate_whole(&mut whole[0], &joined, start_ns, settings);
     let whole = whole[0];
     let found_s = whole.estimate.filter(|e| e.observable).map(|e| e.offset_s);
-    let since = |list: &[(i64, f64)]| -> Vec<[f64; 2]> {
-        list.iter().map(|(time_ns, range_m)| [(time_ns - start_ns) as f64 * 1e-9, *range_m]).collect()
-    };
     Ok(Synchronisation {
         reflector_m: place,
         set_offset_s: set_s,
@@ -168,9 +160,64 @@ pub fn synchronisation(
         whole,
         spread_as_set_m: ranges::spread_m(&radar, &by_poses, set_s),
         spread_corrected_m: found_s.map(|offset_s| ranges::spread_m(&radar, &by_poses, offset_s)),
-        radar_range_m: since(&radar),
-        pose_range_m: since(&by_poses),
+        radar_range_m: since(start_ns, &radar),
+        pose_range_m: since(start_ns, &by_poses),
     })
+}
+
+/// One reflector by radar and by poses: what a [`LagCurve`] is made of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReflectorSeries {
+    /// Its range by radar: seconds since the first sweep, metres.
+    pub radar_range_m: Vec<[f64; 2]>,
+    /// Its distance by poses, at the poses' own times as they are stamped.
+    pub pose_range_m: Vec<[f64; 2]>,
+}
+
+/// The two series that [`synchronisation`] compares, without comparing them.
+///
+/// # Errors
+/// As [`synchronisation`].
+pub fn reflector_series(
+    config: &SensorConfig,
+    head_from_sensor: &Pose,
+    settings: &Settings,
+    frames: &[Frame],
+    poses: &[PoseSample],
+) -> Result<ReflectorSeries, SynchronisationError> {
+    let joined = joined(config, head_from_sensor, settings, frames, poses);
+    let (start_ns, _) = span(&joined)?;
+    let Followed { radar, by_poses, .. } = followed(&joined, config, head_from_sensor, settings, frames, poses)?;
+    Ok(ReflectorSeries { radar_range_m: since(start_ns, &radar), pose_range_m: since(start_ns, &by_poses) })
+}
+
+fn since(start_ns: i64, series: &[(i64, f64)]) -> Vec<[f64; 2]> {
+    series.iter().map(|(time_ns, range_m)| [(time_ns - start_ns) as f64 * 1e-9, *range_m]).collect()
+}
+
+/// From the first sweep with a pose to the last.
+fn span(joined: &Joined) -> Result<(i64, i64), SynchronisationError> {
+    let (Some(first), Some(last)) = (joined.observations.first(), joined.observations.last()) else {
+        return Err(SynchronisationError::NoPoses);
+    };
+    Ok((first.mid_time_ns, last.mid_time_ns))
+}
+
+/// The reflector that is followed best, with ranges enough to compare.
+fn followed(
+    joined: &Joined,
+    config: &SensorConfig,
+    head_from_sensor: &Pose,
+    settings: &Settings,
+    frames: &[Frame],
+    poses: &[PoseSample],
+) -> Result<Followed, SynchronisationError> {
+    let places = reflectors(config, head_from_sensor, settings, frames, poses);
+    let reflector = best_followed(&places, joined, settings).ok_or(SynchronisationError::NoReflector)?;
+    match reflector.radar.len() {
+        count if count < ranges::LEAST => Err(SynchronisationError::FewRanges(count)),
+        _ => Ok(reflector),
+    }
 }
 
 fn joined(

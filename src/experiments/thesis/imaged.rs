@@ -16,7 +16,7 @@ pub(super) const THESIS_VOXEL_M: f64 = 0.1;
 /// Ours, before the place is refined, metres.
 const OWN_VOXEL_M: f64 = 0.05;
 /// Nearer than this there is the antenna's own leakage, metres.
-const MIN_RANGE_M: f64 = 0.15;
+pub(super) const MIN_RANGE_M: f64 = 0.15;
 pub(super) const BEAM: Beam = Beam::Lensless;
 
 /// So many of a recording's sweeps, all where it has no more.
@@ -39,7 +39,23 @@ pub(super) fn volume_through(
     voxel_m: f64,
     seed: u64,
 ) -> Volume {
-    let grid = BrickGrid::covering(&region(voxel_m, seed), voxel_m);
+    volume_of(beam, sweeps, statistic, voxel_m, &region(voxel_m, seed))
+}
+
+/// A sum over a cube of this edge around a place.
+pub(super) fn volume_around(
+    sweeps: &[Observation],
+    statistic: Statistic,
+    voxel_m: f64,
+    around_m: DVec3,
+    edge_m: f64,
+) -> Volume {
+    let cube = Aabb { min: around_m - 0.5 * edge_m, max: around_m + 0.5 * edge_m };
+    volume_of(&BEAM, sweeps, statistic, voxel_m, &cube)
+}
+
+fn volume_of(beam: &Beam, sweeps: &[Observation], statistic: Statistic, voxel_m: f64, region: &Aabb) -> Volume {
+    let grid = BrickGrid::covering(region, voxel_m);
     let (stack, _) = SweepStack::of(statistic, beam, sweeps, grid.middle_m());
     dense_volume(&stack, &grid).volume
 }
@@ -97,11 +113,20 @@ impl Quality {
 
 /// This program's way: `ls`, the greatest voxel by branch and bound, refined; and how long it took, seconds.
 pub(super) fn placed(sweeps: &[Observation], seed: u64) -> (Option<Refined>, f64) {
-    placed_through(&BEAM, sweeps, seed)
+    placed_by(&BEAM, sweeps, seed, &PositionErrors::default())
 }
 
 /// The same by the model of a beam.
 pub(super) fn placed_through(beam: &Beam, sweeps: &[Observation], seed: u64) -> (Option<Refined>, f64) {
+    placed_by(beam, sweeps, seed, &PositionErrors::default())
+}
+
+/// The same with poses that are known so well.
+pub(super) fn placed_with(sweeps: &[Observation], seed: u64, errors: &PositionErrors) -> (Option<Refined>, f64) {
+    placed_by(&BEAM, sweeps, seed, errors)
+}
+
+fn placed_by(beam: &Beam, sweeps: &[Observation], seed: u64, errors: &PositionErrors) -> (Option<Refined>, f64) {
     let start = Instant::now();
     let grid = BrickGrid::covering(&region(OWN_VOXEL_M, seed), OWN_VOXEL_M);
     let (stack, _) = SweepStack::of(Statistic::Ls, beam, sweeps, grid.middle_m());
@@ -110,7 +135,7 @@ pub(super) fn placed_through(beam: &Beam, sweeps: &[Observation], seed: u64) -> 
         let [nx, ny, _] = grid.size;
         let voxel = [index % nx, index / nx % ny, index / (nx * ny)].map(|n| n as f64 + 0.5);
         let place = grid.origin_m + DVec3::from_array(voxel) * grid.voxel_m;
-        refine(&RangePower::new(sweeps, beam, MIN_RANGE_M), place, None, &PositionErrors::default())
+        refine(&RangePower::new(sweeps, beam, MIN_RANGE_M), place, None, errors)
     });
     (refined, start.elapsed().as_secs_f64())
 }

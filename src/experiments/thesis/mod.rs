@@ -10,20 +10,24 @@ mod data_set_size;
 mod false_alarms;
 mod filters;
 mod imaged;
+mod imu;
 mod lens;
 mod likeness;
 mod outcome;
 mod outputs;
+mod pose_sources;
 mod resolution;
 mod sensor_motion;
 mod shape;
 mod subapertures;
+mod synchronisation;
 mod thinning;
 mod velocity;
 mod vendor_detector;
 
 use crate::experiments::recorded::Recorded;
 use crate::radar::preset;
+use crate::recording::ImportError;
 use crate::report::ReportError;
 use crate::simulation::{Scenario, ScenarioError};
 
@@ -38,6 +42,9 @@ pub enum ExperimentError {
     /// A file that could not be made.
     #[error(transparent)]
     Report(#[from] ReportError),
+    /// A track that cannot be read back.
+    #[error(transparent)]
+    Track(#[from] ImportError),
     /// No such sensor preset.
     #[error("preset \"{0}\" is not known")]
     Preset(&'static str),
@@ -65,12 +72,20 @@ pub const ALL: &[Experiment] = &[
     },
     Experiment { name: "lens", title: "Lens choice", section: "3.5.2, 4.1.1, 5.2", run: lens::run },
     Experiment { name: "data-set-size", title: "Data set size", section: "4.1.2, 5.1", run: data_set_size::run },
+    Experiment {
+        name: "synchronisation",
+        title: "Synchronisation",
+        section: "3.5.4, 4.1.3, 5.3",
+        run: synchronisation::run,
+    },
     Experiment { name: "sensor-motion", title: "Sensor motion", section: "4.1.4, 5.4", run: sensor_motion::run },
     Experiment { name: "velocity", title: "Sensor velocity", section: "4.1.5, 5.5", run: velocity::run },
     Experiment { name: "common-objects", title: "Common objects", section: "4.1.6, 5.6", run: common_objects::run },
     Experiment { name: "resolution", title: "Resolution and search area", section: "5.6, 5.8.3", run: resolution::run },
     Experiment { name: "thinning", title: "Thinning the data set", section: "3.4.1", run: thinning::run },
     Experiment { name: "matched-filter", title: "Matched filter and others", section: "3.3, 5.8.1", run: filters::run },
+    Experiment { name: "imu", title: "The IMU prototype", section: "3.6, 4.2, 5.7", run: imu::run },
+    Experiment { name: "pose-sources", title: "Pose sources beyond VR", section: "6.1, 6.3", run: pose_sources::run },
     Experiment {
         name: "outputs",
         title: "Volumes and clouds for other tools",
