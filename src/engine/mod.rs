@@ -12,7 +12,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Aabb, Pose};
 use crate::obstacles::{
-    Evidence, HandsM, Remembered, RememberedError, RoomCounters, RoomSearch, Scene, find_reflectors, reflector_evidence,
+    Evidence, HandsM, Remembered, RememberedError, RoomCounters, RoomSearch, Scene, Weighed, find_reflectors,
+    reflector_evidence,
 };
 use crate::radar::{Observation, SensorConfig, frame_timing};
 
@@ -188,6 +189,11 @@ impl Engine {
             Search::Rooms => self.rooms.evidence_ns(),
             Search::Reflectors => self.newest_end_ns,
         }
+    }
+
+    /// Places that the last look at a room weighed, for who learns from them.
+    pub fn weighed(&self) -> &[Weighed] {
+        self.rooms.weighed()
     }
 
     /// When an observation to come closes a block: gives that block's sweeps the places that `sensor_at` has for them, which

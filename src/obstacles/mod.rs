@@ -1,5 +1,6 @@
 //! What stands in the room: obstacles with position, covariance and extent; walls as planes.
 
+mod acceptance;
 mod evidence;
 mod existence;
 mod explain;
@@ -12,6 +13,7 @@ mod rooms;
 mod scene;
 mod views;
 
+pub use acceptance::{FEATURES, Weighed};
 pub use evidence::Evidence;
 pub use existence::ForgetSettings;
 pub use explain::{Believed, ExplainSettings, Explained, SEGMENT_NS, Window};

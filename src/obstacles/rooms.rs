@@ -7,6 +7,8 @@
 //! The place that the block score finds is refined by `ls` over the sweeps that saw it, with the ranges of everything else
 //! that was explained left out; both are weighed by their covariances.
 
+mod believing;
+mod placing;
 mod taken_up;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -14,18 +16,18 @@ use std::collections::{BTreeMap, VecDeque};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::existence::{Existence, Told};
+use super::acceptance::Weighed;
+use super::existence::Existence;
 use super::past::Past;
-use super::views::View;
 use super::{
-    Believed, Evidence, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Observed, Obstacle, Sightings,
-    ViewMemory, Wall, Window, same_place, same_plane,
+    Evidence, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Observed, Obstacle, Sightings, ViewMemory,
+    Wall, Window, same_place, same_plane,
 };
 use crate::geometry::{Aabb, Plane, Pose};
+use crate::imaging::PositionErrors;
 use crate::imaging::blocks::{
     Block, BlockBuilder, BlockSettings, Field, FineCounters, FineField, FineSettings, PlaneField,
 };
-use crate::imaging::{PositionErrors, RangePower, Refined, farthest_points, refine};
 use crate::radar::{Beam, Observation};
 use taken_up::TakenUp;
 
@@ -51,10 +53,6 @@ const PEAK_RADIUS_M: f64 = 0.15;
 const FINE_EDGE_M: f64 = 0.1;
 /// Sightings nearer than this to each other are one obstacle, metres.
 const CLUSTER_M: f64 = 0.30;
-/// `ls` uses at most this many of a window's sweeps for one place, by farthest point.
-const REFINE_SWEEPS: usize = 150;
-/// Farthest that `ls` may move a place, metres: a voxel and a half.
-const REFINE_REACH_M: f64 = 0.075;
 
 /// What was done, for the counters.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -95,14 +93,6 @@ enum Stage {
     Places { walls: Vec<Explained<Plane>>, points: Vec<Explained<DVec3>> },
 }
 
-/// What blocks that have a place in their beam say of it.
-fn of_blocks<'b>(
-    window: &'b VecDeque<Block>,
-    told: impl Iterator<Item = Option<Told>> + 'b,
-) -> impl Iterator<Item = (&'b Block, Told)> {
-    window.iter().zip(told).filter_map(|(block, told)| Some((block, told?)))
-}
-
 /// Searches a room.
 #[derive(Debug)]
 pub struct RoomSearch {
@@ -141,6 +131,8 @@ pub struct RoomSearch {
     backlog: VecDeque<Observation>,
     /// End of the newest sweep of the last look's blocks, host nanoseconds.
     evidence_ns: Option<i64>,
+    /// What the last look weighed.
+    weighed: Vec<Weighed>,
     counters: RoomCounters,
     /// What was done before the search began again.
     before: RoomCounters,
@@ -176,6 +168,7 @@ impl RoomSearch {
             sweeps_since: 0,
             backlog: VecDeque::new(),
             evidence_ns: None,
+            weighed: Vec::new(),
             counters: RoomCounters::default(),
             before: RoomCounters::default(),
         }
@@ -211,6 +204,11 @@ impl RoomSearch {
     /// End of the newest sweep that obstacles and walls rest on, host nanoseconds.
     pub fn evidence_ns(&self) -> Option<i64> {
         self.evidence_ns
+    }
+
+    /// Places that the last look weighed.
+    pub fn weighed(&self) -> &[Weighed] {
+        &self.weighed
     }
 
     /// Every voxel that was ever seen and scores at least `min_score`, the `most` strongest.
@@ -373,7 +371,9 @@ impl RoomSearch {
         self.forget(&ids, &told);
         let there = self.still_there(&new);
         let walls = [known.planes, new.planes].concat();
-        let points = [known.places, there].concat();
+        let seen_again = known.places.iter().map(|place| self.weigh(place, 0.0));
+        let (points, weighed): (Vec<_>, Vec<_>) = seen_again.chain(there).unzip();
+        self.weighed = weighed;
         let map = self.settings.map;
         self.walls.update(&walls, &map.for_planes(), same_plane(self.middle.unwrap_or(DVec3::ZERO)));
         let hands_are_known =
@@ -382,47 +382,6 @@ impl RoomSearch {
         self.points.update(&points, &map, same_place(map.match_m));
         self.settle_remembered(&walls);
         Stage::Places { walls, points }
-    }
-
-    /// Forgets known places that nothing is at any more, by what the blocks say of each.
-    fn forget(&mut self, ids: &[u64], told: &[Vec<Option<Told>>]) {
-        let settings = &self.settings.map.forget;
-        for (&id, told) in ids.iter().zip(told) {
-            let existence = self.existences.entry(id).or_insert_with(Existence::new);
-            existence.look(of_blocks(&self.window, told.iter().copied()), settings);
-        }
-        let gone: Vec<u64> = self.existences.iter().filter(|(_, e)| e.log_odds() <= 0.0).map(|(id, _)| *id).collect();
-        self.counters.forgotten += gone.len() as u64;
-        self.points.keep(|point| !gone.contains(&point.id));
-        for id in gone {
-            self.existences.remove(&id);
-            self.places.remove(&id);
-        }
-    }
-
-    /// Those of what is newly believed that are still there by the newest blocks that could tell.
-    fn still_there(&self, new: &Believed) -> Vec<Explained<DVec3>> {
-        let settings = &self.settings.map.forget;
-        let is_there = |views: &[Option<View>]| {
-            let mut existence = Existence::new();
-            let told = views.iter().map(|view| view.map(|view| Told { view, is_shadowed: false }));
-            existence.look(of_blocks(&self.window, told), settings);
-            existence.log_odds() >= settings.confirm
-        };
-        let places = new.places.iter().zip(&new.asked);
-        let there = places.filter(|(_, asked)| is_there(&new.views[**asked]));
-        there.map(|(place, asked)| Explained { past: self.past_of(place, &new.views[*asked]), ..*place }).collect()
-    }
-
-    /// What the past says of a place that would be new if it were believed; 0 of others.
-    fn past_of(&self, place: &Explained<DVec3>, views: &[Option<View>]) -> f64 {
-        let map = &self.settings.map;
-        let is_known = |known: &DVec3| same_place(map.match_m)(known, &place.thing);
-        let may_be_new = place.determined && place.score >= map.confirm_score;
-        if !may_be_new || self.points.confirmed().any(|point| is_known(&point.thing)) {
-            return 0.0;
-        }
-        self.past.log_odds(place.thing, views, (&self.settings.blocks, self.min_cos), &self.beam)
     }
 
     /// The look ends: where things are.
@@ -441,13 +400,6 @@ impl RoomSearch {
         self.fine.ask_for(&places, FINE_EDGE_M);
     }
 
-    /// The greatest fine voxel around a place, when the place is looked at finely.
-    fn fine_peak(&mut self, at: DVec3) -> Option<DVec3> {
-        let around = Aabb { min: at - FINE_EDGE_M * 0.5, max: at + FINE_EDGE_M * 0.5 };
-        let voxels = self.fine.above_within(&around, 0.0, &self.window.iter().collect::<Vec<_>>())?;
-        voxels.into_iter().reduce(|a, b| if b.score > a.score { b } else { a }).map(|peak| peak.position_m)
-    }
-
     /// Where known walls are being seen.
     fn note_feet(&mut self) {
         let Some(block) = self.window.back() else { return };
@@ -460,49 +412,6 @@ impl RoomSearch {
                 *seen = Aabb { min: seen.min.min(foot), max: seen.max.max(foot) };
             }
         }
-    }
-
-    /// Refines the places of confirmed sightings that moved.
-    fn refine_new(&mut self, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) {
-        let stale: Vec<(u64, DVec3, f64)> = self
-            .points
-            .confirmed()
-            .filter(|s| self.places.get(&s.id).is_none_or(|(quality, _)| *quality < s.quality))
-            .map(|s| (s.id, s.thing, s.quality))
-            .collect();
-        for (id, at, quality) in stale {
-            let at = self.fine_peak(at).unwrap_or(at);
-            let place = self.refined_place(at, walls, points);
-            self.places.insert(id, (quality, place));
-        }
-    }
-
-    /// The block score's place and that of `ls`, weighed by their covariances.
-    fn refined_place(&self, at: DVec3, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) -> Place {
-        let block_variance = (self.settings.blocks.voxel_m * 0.5).powi(2);
-        let by_blocks = Place { position_m: at, covariance_m2: DMat3::from_diagonal(DVec3::splat(block_variance)) };
-        let Some(by_ls) = self.refined_by_ls(at, walls, points) else { return by_blocks };
-        let (block_information, ls_information) = (by_blocks.covariance_m2.inverse(), by_ls.covariance_m2.inverse());
-        let covariance_m2 = (block_information + ls_information).inverse();
-        let position_m = covariance_m2 * (block_information * at + ls_information * by_ls.position_m);
-        Place { position_m, covariance_m2: (covariance_m2 + covariance_m2.transpose()) * 0.5 }
-    }
-
-    fn refined_by_ls(&self, at: DVec3, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) -> Option<Refined> {
-        let sees = |o: &&Observation| self.settings.blocks.sees(&o.tracking_from_sensor, self.min_cos, at);
-        let sweeps = self.sweeps.iter().take(self.sweeps.len() - self.sweeps_since.min(self.sweeps.len()));
-        let seen: Vec<&Observation> = sweeps.filter(sees).collect();
-        let positions: Vec<DVec3> = seen.iter().map(|o| o.tracking_from_sensor.translation).collect();
-        let chosen: Vec<Observation> =
-            farthest_points(&positions, REFINE_SWEEPS).into_iter().map(|n| seen[n].clone()).collect();
-        let mut power = RangePower::new(&chosen, &self.beam, self.settings.blocks.min_range_m);
-        for other in points.iter().filter(|p| p.thing.distance(at) > PEAK_RADIUS_M) {
-            power.claim(other.thing);
-        }
-        for wall in walls {
-            power.claim_plane(&wall.thing);
-        }
-        refine(&power, at, Some(REFINE_REACH_M), &self.errors)
     }
 
     /// Confirmed walls, by falling evidence.

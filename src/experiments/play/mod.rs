@@ -8,4 +8,5 @@ mod run;
 
 pub use figures::{Approach, Cause, FalseReport, Figures, Forgetting, Rates};
 pub use present::{by_kind, curve, totals};
+pub(in crate::experiments) use run::each_look;
 pub use run::{PlayError, PlayTrial, play};

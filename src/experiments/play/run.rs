@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::figures::Figures;
 use super::judge::{Judge, Shown};
 use crate::engine::{Pipeline, Settings};
-use crate::obstacles::{HandsM, Scene};
+use crate::obstacles::{HandsM, Scene, Weighed};
 use crate::radar::{Frame, frame_timing};
 use crate::simulation::{PlaySession, Session, SessionError};
 use crate::warning::{PanelKind, Player, Warnings, Watch};
@@ -42,14 +42,19 @@ const POSES_A_STEP: usize = 4;
 pub fn play(trial: &PlayTrial, seeds: &[u64], done: impl Fn(u64, &Figures) + Sync) -> Result<Vec<Figures>, PlayError> {
     let play_one = |&seed: &u64| -> Result<Figures, PlayError> {
         let session = PlaySession { seed, ..trial.session.clone() }.stage()?;
-        let figures = Played::new(&session, trial).play();
+        let figures = Played::new(&session, trial, |_, _| ()).play();
         done(seed, &figures);
         Ok(figures)
     };
     seeds.par_iter().map(play_one).collect()
 }
 
-struct Played<'s> {
+/// Plays one session; `look` is told after each look at the evidence what was weighed in it, and when, seconds.
+pub(in crate::experiments) fn each_look(session: &Session, trial: &PlayTrial, look: impl FnMut(f64, &[Weighed])) {
+    Played::new(session, trial, look).play();
+}
+
+struct Played<'s, L> {
     session: &'s Session,
     trial: &'s PlayTrial,
     pipeline: Pipeline,
@@ -57,10 +62,11 @@ struct Played<'s> {
     scene: Scene,
     evidence_ns: Option<i64>,
     judge: Judge<'s>,
+    look: L,
 }
 
-impl<'s> Played<'s> {
-    fn new(session: &'s Session, trial: &'s PlayTrial) -> Self {
+impl<'s, L: FnMut(f64, &[Weighed])> Played<'s, L> {
+    fn new(session: &'s Session, trial: &'s PlayTrial, look: L) -> Self {
         let play = session.play();
         Self {
             session,
@@ -70,6 +76,7 @@ impl<'s> Played<'s> {
             scene: Scene::default(),
             evidence_ns: None,
             judge: Judge::new(session),
+            look,
         }
     }
 
@@ -105,6 +112,7 @@ impl<'s> Played<'s> {
         if evidence_ns != self.evidence_ns {
             self.evidence_ns = evidence_ns;
             self.scene = self.pipeline.scene();
+            (self.look)(time_s, self.pipeline.engine().weighed());
             self.watch.see(&self.scene);
         }
         let Some((_, tracking_from_head)) = self.pipeline.head() else { return };

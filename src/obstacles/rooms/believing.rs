@@ -1,0 +1,83 @@
+//! What is there: known places that nothing is at any more are forgotten, and what is newly believed is weighed.
+
+use std::collections::VecDeque;
+
+use glam::DVec3;
+
+use super::super::acceptance::{Around, Weighed, features, log_odds};
+use super::super::existence::{Existence, Told};
+use super::super::views::View;
+use super::super::{Believed, Explained, MapSettings, same_place};
+use super::RoomSearch;
+use crate::imaging::blocks::Block;
+
+/// What blocks that have a place in their beam say of it.
+fn of_blocks<'b>(
+    window: &'b VecDeque<Block>,
+    told: impl Iterator<Item = Option<Told>> + 'b,
+) -> impl Iterator<Item = (&'b Block, Told)> {
+    window.iter().zip(told).filter_map(|(block, told)| Some((block, told?)))
+}
+
+impl RoomSearch {
+    /// Forgets known places that nothing is at any more, by what the blocks say of each.
+    pub(super) fn forget(&mut self, ids: &[u64], told: &[Vec<Option<Told>>]) {
+        let settings = &self.settings.map.forget;
+        for (&id, told) in ids.iter().zip(told) {
+            let existence = self.existences.entry(id).or_insert_with(Existence::new);
+            existence.look(of_blocks(&self.window, told.iter().copied()), settings);
+        }
+        let gone: Vec<u64> = self.existences.iter().filter(|(_, e)| e.log_odds() <= 0.0).map(|(id, _)| *id).collect();
+        self.counters.forgotten += gone.len() as u64;
+        self.points.keep(|point| !gone.contains(&point.id));
+        for id in gone {
+            self.existences.remove(&id);
+            self.places.remove(&id);
+        }
+    }
+
+    /// Those of what is newly believed that are still there by the newest blocks that could tell.
+    pub(super) fn still_there(&self, new: &Believed) -> Vec<(Explained<DVec3>, Weighed)> {
+        let settings = &self.settings.map.forget;
+        let is_there = |views: &[Option<View>]| {
+            let mut existence = Existence::new();
+            let told = views.iter().map(|view| view.map(|view| Told { view, is_shadowed: false }));
+            existence.look(of_blocks(&self.window, told), settings);
+            existence.log_odds() >= settings.confirm
+        };
+        let places = new.places.iter().zip(&new.asked);
+        let there = places.filter(|(_, asked)| is_there(&new.views[**asked]));
+        there.map(|(place, asked)| self.weigh(place, self.past_of(place, &new.views[*asked]))).collect()
+    }
+
+    /// A place with the odds that it is a thing, by what is around it and what the past says of it.
+    pub(super) fn weigh(&self, place: &Explained<DVec3>, past: f64) -> (Explained<DVec3>, Weighed) {
+        let is_same = same_place(self.settings.map.match_m);
+        let known = || self.points.confirmed().map(|point| point.thing);
+        let others = || known().filter(|known| !is_same(known, &place.thing));
+        let level = |other: DVec3| (other - place.thing).with_y(0.0).length();
+        let upright = self.walls.confirmed().filter(|wall| wall.thing.outward.y.abs() < 0.5);
+        let around = Around {
+            known_m: others().map(|other| other.distance(place.thing)).fold(f64::INFINITY, f64::min),
+            known_level_m: others().map(level).fold(f64::INFINITY, f64::min),
+            wall_m: upright.map(|wall| wall.thing.distance(place.thing)).fold(f64::INFINITY, f64::min),
+            past,
+        };
+        let features = features(place, &around);
+        let place = Explained { odds: log_odds(&features), ..*place };
+        let could_be = MapSettings { confirm_odds: f64::NEG_INFINITY, ..self.settings.map }.is_sighting(&place);
+        let may_be_new = could_be && !known().any(|known| is_same(&known, &place.thing));
+        (place, Weighed { place_m: place.thing, features, may_be_new })
+    }
+
+    /// What the past says of a place that would be new if it were believed; 0 of others.
+    fn past_of(&self, place: &Explained<DVec3>, views: &[Option<View>]) -> f64 {
+        let map = &self.settings.map;
+        let is_known = |known: &DVec3| same_place(map.match_m)(known, &place.thing);
+        let may_be_new = place.determined && place.score >= map.confirm_score;
+        if !may_be_new || self.points.confirmed().any(|point| is_known(&point.thing)) {
+            return 0.0;
+        }
+        self.past.log_odds(place.thing, views, (&self.settings.blocks, self.min_cos), &self.beam)
+    }
+}

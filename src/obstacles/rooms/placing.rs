@@ -1,0 +1,66 @@
+//! Where what was sighted is: the block score's place, from the greatest fine voxel, and that of `ls`, weighed by their covariances.
+
+use glam::{DMat3, DVec3};
+
+use super::super::Explained;
+use super::{FINE_EDGE_M, PEAK_RADIUS_M, Place, RoomSearch};
+use crate::geometry::{Aabb, Plane};
+use crate::imaging::{RangePower, Refined, farthest_points, refine};
+use crate::radar::Observation;
+
+/// `ls` uses at most this many of a window's sweeps for one place, by farthest point.
+const REFINE_SWEEPS: usize = 150;
+/// Farthest that `ls` may move a place, metres: a voxel and a half.
+const REFINE_REACH_M: f64 = 0.075;
+
+impl RoomSearch {
+    /// The greatest fine voxel around a place, when the place is looked at finely.
+    fn fine_peak(&mut self, at: DVec3) -> Option<DVec3> {
+        let around = Aabb { min: at - FINE_EDGE_M * 0.5, max: at + FINE_EDGE_M * 0.5 };
+        let voxels = self.fine.above_within(&around, 0.0, &self.window.iter().collect::<Vec<_>>())?;
+        voxels.into_iter().reduce(|a, b| if b.score > a.score { b } else { a }).map(|peak| peak.position_m)
+    }
+
+    /// Refines the places of confirmed sightings that moved.
+    pub(super) fn refine_new(&mut self, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) {
+        let stale: Vec<(u64, DVec3, f64)> = self
+            .points
+            .confirmed()
+            .filter(|s| self.places.get(&s.id).is_none_or(|(quality, _)| *quality < s.quality))
+            .map(|s| (s.id, s.thing, s.quality))
+            .collect();
+        for (id, at, quality) in stale {
+            let at = self.fine_peak(at).unwrap_or(at);
+            let place = self.refined_place(at, walls, points);
+            self.places.insert(id, (quality, place));
+        }
+    }
+
+    /// The block score's place and that of `ls`, weighed by their covariances.
+    fn refined_place(&self, at: DVec3, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) -> Place {
+        let block_variance = (self.settings.blocks.voxel_m * 0.5).powi(2);
+        let by_blocks = Place { position_m: at, covariance_m2: DMat3::from_diagonal(DVec3::splat(block_variance)) };
+        let Some(by_ls) = self.refined_by_ls(at, walls, points) else { return by_blocks };
+        let (block_information, ls_information) = (by_blocks.covariance_m2.inverse(), by_ls.covariance_m2.inverse());
+        let covariance_m2 = (block_information + ls_information).inverse();
+        let position_m = covariance_m2 * (block_information * at + ls_information * by_ls.position_m);
+        Place { position_m, covariance_m2: (covariance_m2 + covariance_m2.transpose()) * 0.5 }
+    }
+
+    fn refined_by_ls(&self, at: DVec3, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) -> Option<Refined> {
+        let sees = |o: &&Observation| self.settings.blocks.sees(&o.tracking_from_sensor, self.min_cos, at);
+        let sweeps = self.sweeps.iter().take(self.sweeps.len() - self.sweeps_since.min(self.sweeps.len()));
+        let seen: Vec<&Observation> = sweeps.filter(sees).collect();
+        let positions: Vec<DVec3> = seen.iter().map(|o| o.tracking_from_sensor.translation).collect();
+        let chosen: Vec<Observation> =
+            farthest_points(&positions, REFINE_SWEEPS).into_iter().map(|n| seen[n].clone()).collect();
+        let mut power = RangePower::new(&chosen, &self.beam, self.settings.blocks.min_range_m);
+        for other in points.iter().filter(|p| p.thing.distance(at) > PEAK_RADIUS_M) {
+            power.claim(other.thing);
+        }
+        for wall in walls {
+            power.claim_plane(&wall.thing);
+        }
+        refine(&power, at, Some(REFINE_REACH_M), &self.errors)
+    }
+}
