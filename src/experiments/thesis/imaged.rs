@@ -152,11 +152,11 @@ pub(super) fn observed(refined: &[Option<Refined>]) -> &'static str {
     }
 }
 
-/// Difference between a place's greatest and least distance from the sensor over the sweeps, metres: what sums of amplitudes tell directions
-/// by, with a pulse of 14 cm.
-pub(super) fn range_span_m(sweeps: &[Observation], place_m: DVec3) -> f64 {
-    let distances = || sweeps.iter().map(|sweep| sweep.distance_m(place_m));
-    (distances().fold(0.0, f64::max) - distances().fold(f64::INFINITY, f64::min)).max(0.0)
+/// By how much more the range of one place exceeds that of another in one sweep than in any other, metres: within the pulse, sums of
+/// amplitudes can hardly tell the two.
+pub(super) fn range_misfit_m(sweeps: &[Observation], places_m: [DVec3; 2]) -> f64 {
+    let misfits = || sweeps.iter().map(|sweep| sweep.distance_m(places_m[0]) - sweep.distance_m(places_m[1]));
+    (misfits().fold(f64::NEG_INFINITY, f64::max) - misfits().fold(f64::INFINITY, f64::min)).max(0.0)
 }
 
 #[cfg(test)]
@@ -172,7 +172,7 @@ mod tests {
         assert!(quality.extent_m.distance(DVec3::new(0.2, 0.1, 0.1)) < 1e-9);
         assert!((quality.footprint_l - 2.0).abs() < 1e-9 && (quality.contrast_db - 20.0).abs() < 1e-6);
         assert_eq!((observed(&[]), observed(&[None])), ("range alone", "range alone"));
-        assert_eq!(range_span_m(&[], DVec3::ZERO), 0.0);
+        assert_eq!(range_misfit_m(&[], [DVec3::ZERO; 2]), 0.0);
         let nothing = Volume { values: vec![0.0; 27], ..volume };
         assert!(Quality::of(&nothing, DVec3::ZERO).error_m().is_infinite());
     }

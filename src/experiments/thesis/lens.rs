@@ -63,6 +63,9 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     Ok(outcome)
 }
 
+/// What a lens' name is followed by in a legend, and the value drawn.
+type Curve = (&'static str, fn(&Figures) -> f64);
+
 /// `[object][lens][template]`.
 type OfObjects = Vec<[[Figures; 3]; 2]>;
 
@@ -159,7 +162,7 @@ fn off_the_gaze(trials: &Trials, outcome: &mut Outcome) -> Result<[Vec<Figures>;
         caption: "The reflector so far aside of where the sensor is turned to; moving within the sphere changes the angle by up to 29° either way."
             .into(),
     });
-    let chart = |title: &str, y_label: &str, y_log: bool, of: &[(&str, fn(&Figures) -> f64)]| {
+    let chart = |title: &str, y_label: &str, y_log: bool, of: &[Curve]| {
         let series = LENSES.iter().zip(&curves).flat_map(|((_, lens), curve)| {
             of.iter().map(move |(name, value)| Series {
                 name: format!("{lens}{name}"),
