@@ -174,7 +174,8 @@ pub struct ReflectorSeries {
     pub pose_range_m: Vec<[f64; 2]>,
 }
 
-/// The two series that [`synchronisation`] compares, without comparing them.
+/// The two series that [`synchronisation`] compares, without comparing them. The reflector is placed by the later half alone, so that streams
+/// that are out of step at the start do not misplace it.
 ///
 /// # Errors
 /// As [`synchronisation`].
@@ -187,7 +188,8 @@ pub fn reflector_series(
 ) -> Result<ReflectorSeries, SynchronisationError> {
     let joined = joined(config, head_from_sensor, settings, frames, poses);
     let (start_ns, _) = span(&joined)?;
-    let Followed { radar, by_poses, .. } = followed(&joined, config, head_from_sensor, settings, frames, poses)?;
+    let Followed { radar, by_poses, .. } =
+        followed(&joined, config, head_from_sensor, settings, &frames[frames.len() / 2..], poses)?;
     Ok(ReflectorSeries { radar_range_m: since(start_ns, &radar), pose_range_m: since(start_ns, &by_poses) })
 }
 

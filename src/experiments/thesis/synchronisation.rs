@@ -31,6 +31,9 @@ const ASKED_EVERY_S: f64 = 0.5;
 const SWEEPS: usize = 50;
 /// Sweeps that the reflector is placed by before it is followed.
 const PLACE_SWEEPS: usize = 150;
+/// Sweeps and voxels of the search before, metres.
+const SEARCH_SWEEPS: usize = 40;
+const SEARCH_VOXEL_M: f64 = 0.1;
 
 /// Pose stamps minus times of sweeps, seconds: the radar is late, so they are less.
 fn injected_s(time_s: f64, rest_frames: f64) -> f64 {
@@ -68,11 +71,13 @@ impl Lagging {
         synchronisation(config, head_from_sensor, &Settings::default(), &self.simulated.frames, poses)
     }
 
-    /// The reflector by radar and by poses, by every second frame and few sweeps for its place: as good here, in a third of the time.
+    /// The reflector by radar and by poses, by every second frame and a coarse search for its place: what is found is
+    /// refined all the same.
     fn series(&self, poses: &[PoseSample]) -> Result<ReflectorSeries, SynchronisationError> {
         let Scenario { config, head_from_sensor, .. } = &self.scenario;
         let mut settings = Settings::default();
         settings.reflectors.max_sweeps = PLACE_SWEEPS;
+        (settings.reflectors.search_sweeps, settings.reflectors.voxel_m) = (SEARCH_SWEEPS, SEARCH_VOXEL_M);
         let frames: Vec<_> = self.simulated.frames.iter().step_by(2).cloned().collect();
         reflector_series(config, head_from_sensor, &settings, &frames, poses)
     }
