@@ -11,7 +11,7 @@ use radar_chaperone::radar::preset;
 use radar_chaperone::simulation::PlaySession;
 
 fn main() {
-    let (mut seeds, mut minutes) = (20..60, 4.0);
+    let (mut seeds, mut minutes) = (20..50, 4.0);
     for argument in std::env::args().skip(1) {
         match (argument.strip_prefix("--minutes="), argument.split_once("..")) {
             (Some(value), _) => minutes = value.parse().expect("minutes"),

@@ -7,12 +7,12 @@ use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use super::progress;
-use crate::experiments::{EXPERIMENTS, Experiment, Outcome, experiments_report};
+use crate::experiments::{EXPERIMENTS, Experiment, Outcome, experiments_markdown, experiments_report};
 use crate::report::write_atomically;
 
 /// Makes the thesis' experiments again and says which of its findings hold
 ///
-/// Everything is simulated, with the truth to hold it against. Writes report.html, one file with everything in it, and for each
+/// Everything is simulated, with the truth to hold it against. Writes report.html, one file with everything in it, report.md, its findings and tables, and for each
 /// experiment a folder of pictures (PNG), tables (CSV) and, for other tools, volumes (.npy, each with a .json) and point clouds (.ply).
 #[derive(Debug, Args)]
 pub(super) struct ExperimentCommand {
@@ -48,6 +48,7 @@ impl ExperimentCommand {
             done.push((experiment, outcome));
         }
         bar.finish_and_clear();
+        write_atomically(&self.out.join("report.md"), experiments_markdown(&done).as_bytes())?;
         let path = self.out.join("report.html");
         experiments_report(&done)?.write(&path)?;
         say!("Written to {}", path.display())

@@ -12,5 +12,6 @@ pub use play::{
     Approach, Cause, FalseReport, Figures, Forgetting, PlayError, PlayTrial, Rates, by_kind, curve, play, totals,
 };
 pub use thesis::{
-    ALL as EXPERIMENTS, Drawn, Experiment, ExperimentError, Finding, Outcome, OutputFile, report as experiments_report,
+    ALL as EXPERIMENTS, Drawn, Experiment, ExperimentError, Finding, Outcome, OutputFile,
+    markdown as experiments_markdown, report as experiments_report,
 };

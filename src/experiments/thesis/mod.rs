@@ -31,7 +31,7 @@ use crate::recording::ImportError;
 use crate::report::ReportError;
 use crate::simulation::{Scenario, ScenarioError};
 
-pub use outcome::{Drawn, Finding, Outcome, OutputFile, report};
+pub use outcome::{Drawn, Finding, Outcome, OutputFile, markdown, report};
 
 /// Why an experiment came to nothing.
 #[derive(Debug, thiserror::Error)]
@@ -192,6 +192,8 @@ mod tests {
             files.dedup();
             assert_eq!(files.len(), outcome.files.len(), "a name a file");
         }
+        let text = markdown(&done);
+        assert!(ALL.iter().all(|experiment| text.contains(&format!("\n## {}\n", experiment.title))));
         let page = report(&done).unwrap().html();
         assert!(
             ALL.iter().all(|experiment| page.contains(experiment.title)) && page.contains("data:image/png;base64,")

@@ -113,6 +113,22 @@ impl Outcome {
     }
 }
 
+/// Every finding and figure as Markdown, without the pictures.
+pub fn markdown(done: &[(&Experiment, Outcome)]) -> String {
+    let mut text = "# The thesis' experiments once more\n".to_owned();
+    for (experiment, outcome) in done {
+        let Experiment { name, title, section, .. } = experiment;
+        text += &format!("\n## {title}\n\nThesis, section {section}; `experiment {name}`. {}\n", outcome.done);
+        for table in std::iter::once(&outcome.findings_table()).chain(&outcome.tables) {
+            text += &format!("\n{}", table.markdown());
+            if !table.caption.is_empty() {
+                text += &format!("\n{}\n", table.caption);
+            }
+        }
+    }
+    text
+}
+
 /// One page with everything in it.
 ///
 /// # Errors
