@@ -66,7 +66,7 @@ pub struct Experiment {
 pub const ALL: &[Experiment] = &[
     Experiment {
         name: "vendor-detector",
-        title: "The vendor's obstacle detector",
+        title: "Obstacle detector of the vendor",
         section: "2.5",
         run: vendor_detector::run,
     },
