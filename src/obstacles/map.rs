@@ -36,7 +36,7 @@ impl Default for MapSettings {
             confirm_score: 5.0,
             confirm_sightings: 1,
             confirm_wall_sightings: 3,
-            confirm_odds: 0.7,
+            confirm_odds: 0.5,
             hands_reach_m: 0.9,
             match_m: 0.15,
             forget,

@@ -108,8 +108,8 @@ pub const MPU_6050: ImuFigures = ImuFigures {
     },
 };
 
-/// What phones and headsets carry ten years later. Data sheet: 0.0028 °/s/√Hz, 70 µg/√Hz, ±0.5 °/s, ±20 mg, ±0.5 %, ±1 % across;
-/// instabilities and walks, which it does not name, as above.
+/// What phones and headsets carry ten years later. Data sheet (DS-000347): 0.0028 °/s/√Hz, 70 µg/√Hz. Taken as is usual of such parts:
+/// ±0.5 °/s, ±20 mg, ±0.5 %, ±1 % across; instabilities and walks as above.
 pub const ICM_42688: ImuFigures = ImuFigures {
     name: "ICM-42688-P",
     rate_hz: 400.0,
@@ -129,8 +129,8 @@ pub const ICM_42688: ImuFigures = ImuFigures {
     },
 };
 
-/// The class of sophisticated and expensive ones (thesis, 2.6.1), such as an HG4930: 0.04 °/√h, 0.25 °/h, 0.03 m/s/√h, 25 µg, calibrated in the
-/// factory. Walks are taken for a tenth of a consumer part's.
+/// The class of sophisticated and expensive ones (thesis, 2.6.1), as its makers state about: 0.04 °/√h, 0.25 °/h, 0.03 m/s/√h, 25 µg, calibrated in the
+/// factory. No one part; walks are taken for a tenth of a consumer part's.
 pub const TACTICAL: ImuFigures = ImuFigures {
     name: "tactical grade",
     rate_hz: 400.0,
