@@ -142,7 +142,7 @@ fn findings(outcome: &mut Outcome, strong: &AtSnr, weak: &AtSnr) {
         strong[2].own_m < THESIS_VOXEL_M,
         format!(
             "two sweeps: {} cm off by the thesis' sum; three: {} cm, and {} cm by ours from the three farthest from each other, of which it says that \
-             the {} was observed",
+             the {} was observed: three ranges meet in two places, mirrored in the plane of the three points, and which of them it is they do not tell",
             cm(strong[1].error_m),
             cm(strong[2].error_m),
             cm(strong[2].own_m),

@@ -199,11 +199,14 @@ fn findings(outcome: &mut Outcome, objects: &OfObjects, angles: &[Vec<Figures>; 
         "With and without the lens the reflector is placed precisely.",
         bare.error_m < 0.15 && lens.error_m < 0.15,
         format!(
-            "{} cm off without, {} cm with, by the {:.0} and {:.0} sweeps that the thinning leaves of {SWEEPS}; ours {} and {} mm off",
+            "{} cm off without, {} cm with, by the {:.0} and {:.0} sweeps that the thinning leaves of {SWEEPS}: half of the peak of a sum of amplitudes fills \
+             {:.0} and {:.0} l, and within that the greatest voxel lies anywhere; ours {} and {} mm off",
             cm(bare.error_m),
             cm(lens.error_m),
             bare.kept,
             lens.kept,
+            bare.footprint_l,
+            lens.footprint_l,
             mm(bare.own_m),
             mm(lens.own_m)
         ),
@@ -213,7 +216,7 @@ fn findings(outcome: &mut Outcome, objects: &OfObjects, angles: &[Vec<Figures>; 
     outcome.finds(
         "The reflector's image without the lens is a little more concentrated (4.1.1).",
         bare.footprint_l < lens.footprint_l,
-        footprints.clone(),
+        format!("{footprints}: the narrower beam leaves fewer directions to share the echo"),
     );
     outcome.finds(
         "With the lens the reflector's footprint is a lot smaller (5.2).",
@@ -249,7 +252,8 @@ fn findings(outcome: &mut Outcome, objects: &OfObjects, angles: &[Vec<Figures>; 
         "The lens impedes good images of common things; so no lens.",
         lens_chair.recall < bare_chair.recall || lens_chair.error_m > bare_chair.error_m + 0.05,
         format!(
-            "chair looked at: {} % of its points imaged without, {} % with, {} and {} cm off; reflector 40° off the gaze: {} and {} cm off by the \
+            "chair looked at, and so within either beam: {} % of its points imaged without, {} % with, {} and {} cm off; it is what is not looked at that the \
+             lens costs: reflector 40° off the gaze: {} and {} cm off by the \
              thesis' sum, {} and {} mm by ours",
             percent(bare_chair.recall),
             percent(lens_chair.recall),

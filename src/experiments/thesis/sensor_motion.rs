@@ -103,7 +103,11 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     outcome.finds(
         "Ten centimetres along x do not suffice: the image stays in the middle.",
         short[1] > 0.2,
-        format!("along x by 10 cm: {} cm off in x, of 30; in all {}", cm(short[1]), told[3]),
+        format!(
+            "along x by 10 cm it comes halfway: {} cm off in x, of 30; in all {}: over so short a way the ranges to both places differ by centimetres",
+            cm(short[1]),
+            told[3]
+        ),
     );
     outcome.finds(
         "Motion along x by fifty tells x and leaves the height open: the image is left of the middle and not above it.",

@@ -52,7 +52,10 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     outcome.finds(
         "Few sweeps suffice when they are chosen well; the hull's are.",
         hull < random,
-        format!("ten sweeps: by chance {random:.1} mm, hull {hull:.1} mm, farthest point {farthest:.1} mm, D-optimal {best:.1} mm"),
+        format!(
+            "ten sweeps: by chance {random:.1} mm, hull {hull:.1} mm, farthest point {farthest:.1} mm, D-optimal {best:.1} mm: few do suffice, but of the \
+             hull's many points ten are drawn by chance, and they may lie close together"
+        ),
     );
     outcome.tables.push(Table {
         head: head(&["chosen by", "sweeps", "thesis: error (cm)", "ours: error (mm)", "choosing (ms)"]),
