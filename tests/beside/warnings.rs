@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use glam::{DVec2, DVec3};
+use glam::{DQuat, DVec2, DVec3};
 use radar_chaperone::radar::preset;
 use radar_chaperone::simulation::Scenario;
 use radar_chaperone::truth::TruthObstacle;
@@ -143,8 +143,17 @@ fn look(rig: &Rig, name: &str, chair: &TruthObstacle) -> Look {
     let overlays = shot["overlays"].as_array().unwrap();
     // Panels stand upright: what lies on the floor is a footprint.
     let panels = overlays.iter().filter(|overlay| overlay["sort_order"] == 1);
-    let own = panels.map(|overlay| (place(&overlay["tracking_from_overlay"]), overlay["alpha"].as_f64().unwrap()));
-    let own = own.filter(|(at, _)| to_chair(*at) < 0.3).max_by(|a, b| a.1.total_cmp(&b.1));
+    // The chair may share its panel with what stands too close to it to be passed: its panel is one that has it behind it.
+    let before_chair = |overlay: &&Value| {
+        let [from, to] = ends(overlay).map(|end| level(end - head));
+        let is_between =
+            |to_part: DVec2| from.perp_dot(to_part) * to_part.perp_dot(to) > 0.0 && to_part.dot(from + to) > 0.0;
+        let parts = chair.points_m.iter().map(|part| level(*part - head));
+        0.5 * (from + to).length() < to_chair(head) + 0.3 && parts.filter(|part| is_between(*part)).count() > 0
+    };
+    let own = panels.filter(before_chair);
+    let own = own.map(|overlay| (place(&overlay["tracking_from_overlay"]), overlay["alpha"].as_f64().unwrap()));
+    let own = own.max_by(|a, b| a.1.total_cmp(&b.1));
     Look {
         eyes,
         head_m: head,
@@ -152,6 +161,14 @@ fn look(rig: &Rig, name: &str, chair: &TruthObstacle) -> Look {
         alpha: own.map_or(0.0, |own| own.1),
         panel_m: own.map(|own| own.0),
     }
+}
+
+/// Left and right edge of an overlay at half of its height.
+fn ends(overlay: &Value) -> [DVec3; 2] {
+    let pose = &overlay["tracking_from_overlay"];
+    let [x, y, z, w] = [0, 1, 2, 3].map(|i| pose["quaternion_xyzw"][i].as_f64().unwrap());
+    let half = DQuat::from_xyzw(x, y, z, w) * DVec3::X * (0.5 * overlay["width_m"].as_f64().unwrap());
+    [place(pose) - half, place(pose) + half]
 }
 
 fn place(pose: &Value) -> DVec3 {
