@@ -11,6 +11,11 @@ use super::super::{Believed, Explained, MapSettings, same_place};
 use super::RoomSearch;
 use crate::imaging::blocks::Block;
 
+/// What is no higher than this may be the floor, which is at height 0, metres.
+const FLOOR_M: f64 = 0.15;
+/// The floor's reflection is placed this near to the point below the sensor, seen from above, metres.
+const BELOW_M: f64 = 0.35;
+
 /// What blocks that have a place in their beam say of it.
 fn of_blocks<'b>(
     window: &'b VecDeque<Block>,
@@ -46,8 +51,15 @@ impl RoomSearch {
             existence.log_odds() >= settings.confirm
         };
         let places = new.places.iter().zip(&new.asked);
-        let there = places.filter(|(_, asked)| is_there(&new.views[**asked]));
+        let there = places.filter(|(place, asked)| !self.is_floor_below(place.thing) && is_there(&new.views[**asked]));
         there.map(|(place, asked)| self.weigh(place, self.past_of(place, &new.views[*asked]))).collect()
+    }
+
+    /// The floor returns most from right below the sensor, and so near to other things that it may be taken for a part of them. Nothing else is
+    /// there: the wearer stands on it.
+    fn is_floor_below(&self, place: DVec3) -> bool {
+        let is_over = |block: &Block| (block.middle.translation - place).with_y(0.0).length() < BELOW_M;
+        place.y.abs() < FLOOR_M && self.window.iter().any(is_over)
     }
 
     /// A place with the odds that it is a thing, by what is around it and what the past says of it.
@@ -79,5 +91,26 @@ impl RoomSearch {
             return 0.0;
         }
         self.past.log_odds(place.thing, views, (&self.settings.blocks, self.min_cos), &self.beam)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::PositionErrors;
+    use crate::imaging::test_data::{Echo, sweeps, winding};
+    use crate::obstacles::RoomSettings;
+    use crate::radar::Beam;
+
+    #[test]
+    fn the_floor_below_the_sensor_is_no_thing() {
+        let mut search = RoomSearch::new(RoomSettings::default(), &Beam::Lensless, PositionErrors::default());
+        let way = |t: f64| winding(t) + DVec3::Y * 1.6;
+        let echoes = [(Echo::Point(DVec3::new(0.0, 1.5, -1.2)), 2.0)];
+        sweeps(1.0, way, &echoes, 3).into_iter().for_each(|sweep| search.push(sweep));
+        let below = way(0.9).with_y(0.0);
+        assert!(search.is_floor_below(below) && search.is_floor_below(below + DVec3::new(0.2, -0.1, 0.1)));
+        let elsewhere = [DVec3::Y * 0.3, DVec3::X * 1.5, DVec3::NEG_Z * 1.5];
+        assert!(elsewhere.iter().all(|offset| !search.is_floor_below(below + *offset)));
     }
 }
