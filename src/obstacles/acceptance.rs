@@ -107,6 +107,7 @@ mod tests {
             blocks: 20,
             determined: true,
             sigma_m: 0.1,
+            past: 0.0,
             odds: f64::INFINITY,
             lasting: 12.0,
             drowned: 0.3,

@@ -97,6 +97,8 @@ pub struct Explained<T> {
     /// The score of the best place elsewhere that the same echoes would have spoken for, as a part of its own: 1 where one cannot tell
     /// which of the two it is.
     pub rival: f64,
+    /// How much likelier the blocks from before the window make it that something is there, log odds; 0 where they were not asked.
+    pub past: f64,
     /// Log odds that it is a thing and no artefact; infinite where that was not asked.
     pub odds: f64,
     /// First and last of these blocks, host nanoseconds.
@@ -341,6 +343,7 @@ impl<'a> Window<'a> {
             uneven: unevenness(telling()),
             silent: 1.0 - count as f64 / left.blocks.max(1) as f64,
             rival: self.rival(best, open) / left.score.max(1e-9),
+            past: 0.0,
             odds: f64::INFINITY,
             first_ns: left.first_ns,
             last_ns: left.last_ns,

@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::super::acceptance::{Around, Weighed, features, log_odds};
 use super::super::existence::{Existence, Told};
 use super::super::views::View;
-use super::super::{Believed, Explained, MapSettings, same_place};
+use super::super::{Believed, Explained, same_place};
 use super::RoomSearch;
 use crate::imaging::blocks::Block;
 
@@ -76,8 +76,9 @@ impl RoomSearch {
             past,
         };
         let features = features(place, &around);
-        let place = Explained { odds: log_odds(&features), ..*place };
-        let could_be = MapSettings { confirm_odds: f64::NEG_INFINITY, ..self.settings.map }.is_sighting(&place);
+        let place = Explained { past, odds: log_odds(&features), ..*place };
+        let map = &self.settings.map;
+        let could_be = place.determined && place.score >= map.confirm_score && place.farthest_m >= map.hands_reach_m;
         let may_be_new = could_be && !known().any(|known| is_same(&known, &place.thing));
         (place, Weighed { place_m: place.thing, features, may_be_new })
     }
