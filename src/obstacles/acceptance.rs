@@ -1,4 +1,4 @@
-//! Whether what was believed is a thing or an artefact, as log odds learned from simulated play.
+//! Whether what was believed is a thing or an artefact, as log odds learned from simulated play: a veto beside the penalties of `map.rs`.
 //!
 //! Evidence alone does not tell: pieces of several things that happen to lie right, and what floor and walls scatter, score as much as a
 //! weak thing does. But they differ in how they come by it: how much is left without the best moment, how even the strengths are, what

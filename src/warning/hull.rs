@@ -30,10 +30,13 @@ pub(super) fn lattice_within(hull: &[DVec2], step: f64) -> impl Iterator<Item = 
     })
 }
 
+/// More steps than this across an outline are none: what is as wide as a street is no thing that a person stands before.
+const MOST_STEPS: f64 = 500.0;
+
 /// Whole numbers of steps from one number to another; none when they are no numbers or absurdly many.
 fn steps_within((from, to): (f64, f64), step: f64) -> std::ops::Range<i32> {
     let (from, to) = ((from / step).ceil(), (to / step).floor());
-    if to - from < 10_000.0 && from.abs() < 1e9 { from as i32..to as i32 + 1 } else { 0..0 }
+    if to - from < MOST_STEPS && from.abs() < 1e9 { from as i32..to as i32 + 1 } else { 0..0 }
 }
 
 /// From where to where a convex outline is crossed at a height.
@@ -89,6 +92,8 @@ mod tests {
         assert!(filled.iter().all(|p| p.min_element() >= -1e-9 && p.x + p.y <= 1.0 + 1e-9));
         assert_eq!(lattice_within(&[], 0.1).count(), 0);
         assert_eq!(lattice_within(&triangle[..1], 0.1).count(), 0);
+        let street = triangle.map(|corner| corner * 1e3);
+        assert_eq!(lattice_within(&street, 0.1).count(), 0, "however wide a thing is said to be, it costs nothing");
         let line = [DVec2::ZERO, DVec2::new(0.0, 0.5)];
         assert_eq!(lattice_within(&line, 0.1).count(), 6, "a pole's parts are joined by a line");
     }

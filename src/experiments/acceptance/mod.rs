@@ -19,7 +19,7 @@ use boost::{BoostSettings, Row, boost};
 const THING_M: f64 = 0.25;
 /// What is weighed within this of another is the same place, metres.
 const SAME_M: f64 = 0.25;
-/// What is farther below the score that confirms teaches nothing.
+/// As many trees as still bettered rooms that were left out of the learning.
 const SETTINGS: BoostSettings = BoostSettings { trees: 150, share: 0.08, least_rows: 30 };
 
 /// Places that were weighed, and whether something is there.
