@@ -8,10 +8,11 @@
 //!    changes of range a hundred times more finely than the pulse does; where it cannot, it is left alone (`phase`).
 //!
 //! Directions that the path did not observe are held by the beam alone: the place then stays near the boresight and the
-//! covariance says so.
+//! covariance says so. Sweeps from within a plane, as three always are, leave two places, mirrored in it (`mirror`).
 
 mod errors;
 mod joint;
+mod mirror;
 mod pair;
 mod path_filter;
 mod phase;
@@ -95,6 +96,9 @@ pub fn refine(power: &RangePower, start: DVec3, reach_m: Option<f64>, errors: &P
         return Some(refined);
     }
     if refined.observed_directions() == 2 {
+        if let Some(other) = mirror::as_good(power, &weighed, &prior) {
+            return Some(mirror::either(refined, other));
+        }
         return Some(follow_phase(power, &weighed, &prior, errors).unwrap_or(refined));
     }
     // An open direction: from the beam's middle, so that noise cannot drag the place along it.
@@ -328,17 +332,25 @@ fn judged(power: &RangePower, weighed: &Weighed, prior: &Prior) -> Refined {
 /// A path that is nearly a line leaves a circle around itself open. The tangent's variance is in the covariance already;
 /// this adds how far the circle bends away from its tangent, towards the path.
 fn along_the_circle(power: &RangePower, readings: &[Reading], refined: &Refined) -> DMat3 {
-    let sensor = |r: &Reading| power.observations()[r.sweep].tracking_from_sensor.translation - refined.seen_from_m;
-    let scatter = readings.iter().map(|r| outer(sensor(r))).fold(DMat3::ZERO, |a, b| a + b);
-    // The path's axis: power iteration from the axis with the greatest scatter.
-    let axes = [scatter.x_axis, scatter.y_axis, scatter.z_axis];
-    let start = axes.into_iter().max_by(|a, b| a.length().total_cmp(&b.length())).unwrap_or(DVec3::X);
-    let axis = (0..40).fold(start.normalize_or(DVec3::X), |v, _| (scatter * v).normalize_or(v));
+    let axis = longest_axis(&scatter(power, readings, refined.seen_from_m));
     let radius = (refined.position_m - refined.seen_from_m).reject_from_normalized(axis);
     let tangent = axis.cross(radius).normalize_or_zero();
     let open2 = tangent.dot(refined.covariance_m2 * tangent);
     let bend_m = (open2 / (2.0 * radius.length().max(1e-3))).min(open2.sqrt());
     outer(radius.normalize_or_zero() * bend_m)
+}
+
+/// Second moments of where the sweeps were taken, about `middle`, m².
+fn scatter(power: &RangePower, readings: &[Reading], middle: DVec3) -> DMat3 {
+    let sensor = |r: &Reading| power.observations()[r.sweep].tracking_from_sensor.translation - middle;
+    readings.iter().map(|r| outer(sensor(r))).fold(DMat3::ZERO, |a, b| a + b)
+}
+
+/// The axis of the greatest scatter, by power iteration from the column that is longest.
+fn longest_axis(scatter: &DMat3) -> DVec3 {
+    let axes = [scatter.x_axis, scatter.y_axis, scatter.z_axis];
+    let start = axes.into_iter().max_by(|a, b| a.length().total_cmp(&b.length())).unwrap_or(DVec3::X);
+    (0..40).fold(start.normalize_or(DVec3::X), |v, _| (*scatter * v).normalize_or(v))
 }
 
 /// Rms range residual in pulse widths, weighed by power. A Gaussian pulse gives a sweep's residual as slope / curvature.
