@@ -1,8 +1,8 @@
 //! Learns anew to tell things from artefacts and writes the table, src/obstacles/acceptance/trees.rs:
 //!
-//!     cargo run --release --example acceptance -- [FIRST..END] [--minutes=4] > trees.rs
+//!     cargo run --release --example acceptance -- [FIRST..END] > trees.rs
 //!
-//! The rooms must be others than those that figures are taken from. What is weighed depends a little on what was accepted before: run it
+//! Each room is played for four minutes and, from another seed, for one: little is known in a session's first minute. The rooms must be others than those that figures are taken from. What is weighed depends a little on what was accepted before: run it
 //! twice when the search has changed much.
 
 use radar_chaperone::engine::Settings;
@@ -10,19 +10,26 @@ use radar_chaperone::experiments::{Lessons, PlayTrial};
 use radar_chaperone::radar::preset;
 use radar_chaperone::simulation::PlaySession;
 
+/// Seeds of the short sessions lie so far behind those of the long ones.
+const SHORT_FROM: u64 = 100_000;
+
 fn main() {
-    let (mut seeds, mut minutes) = (20..50, 4.0);
+    let mut seeds = 20..50;
     for argument in std::env::args().skip(1) {
-        match (argument.strip_prefix("--minutes="), argument.split_once("..")) {
-            (Some(value), _) => minutes = value.parse().expect("minutes"),
-            (None, Some((first, end))) => seeds = first.parse().expect("a seed")..end.parse().expect("a seed"),
-            _ => panic!("FIRST..END or --minutes=N, not {argument}"),
+        match argument.split_once("..") {
+            Some((first, end)) => seeds = first.parse().expect("a seed")..end.parse().expect("a seed"),
+            None => panic!("FIRST..END, not {argument}"),
         }
     }
+    let short = seeds.clone().map(|seed| seed + SHORT_FROM);
+    let lessons = lessons(4.0, seeds).and(lessons(1.0, short));
+    print!("{}", lessons.table());
+}
+
+fn lessons(minutes: f64, seeds: impl Iterator<Item = u64>) -> Lessons {
     let config = preset("d16").expect("d16 exists");
     // The visitor is somebody, and no thing.
     let session = PlaySession { duration_s: 60.0 * minutes, visitor: false, ..PlaySession::new(config, 0) };
     let trial = PlayTrial { session, settings: Settings::default(), controllers: false };
-    let lessons = Lessons::of(&trial, &seeds.collect::<Vec<u64>>()).unwrap_or_else(|error| panic!("{error}"));
-    print!("{}", lessons.table());
+    Lessons::of(&trial, &seeds.collect::<Vec<u64>>()).unwrap_or_else(|error| panic!("{error}"))
 }

@@ -1,10 +1,10 @@
-//! Whether what was believed is a thing or an artefact, as log odds learned from simulated play: a veto beside the penalties of `map.rs`.
+//! Whether what was believed is a thing or an artefact, as log odds learned from simulated play.
 //!
 //! Evidence alone does not tell: pieces of several things that happen to lie right, and what floor and walls scatter, score as much as a
-//! weak thing does. But they differ in how they come by it: how much is left without the best moment, how even the strengths are, what
-//! else is at the range, whether an echo elsewhere explains as much, what was seen there before, how near walls, floor and known things
-//! are. Boosted decision trees (Friedman 2001, Annals of Statistics 29:1189) weigh these: each asks two questions and adds to the log
-//! odds. The table is made by `examples/acceptance.rs` from rooms that no figure is taken from.
+//! weak thing does. But they differ in how they come by it: how much is left without the best moment, how even the strengths are, where in
+//! the beam they lie, what else is at the range, whether an echo elsewhere explains as much, what was seen there before, how near walls,
+//! floor and known things are. Boosted decision trees (Friedman 2001, Annals of Statistics 29:1189) weigh these: each asks two questions
+//! and adds to the log odds. The table is made by `examples/acceptance.rs` from rooms that no figure is taken from.
 
 mod trees;
 
@@ -14,7 +14,7 @@ use super::explain::Explained;
 
 /// What a tree may ask for, in the table's order.
 /// `ln`: natural logarithm.
-pub const FEATURES: [&str; 14] = [
+pub const FEATURES: [&str; 25] = [
     "ln score",
     "ln lasting",
     "drowned",
@@ -29,6 +29,17 @@ pub const FEATURES: [&str; 14] = [
     "to known, over the floor (m)",
     "to wall (m)",
     "height (m)",
+    "range (m)",
+    "beam",
+    "ln strength",
+    "spread",
+    "ln coherence",
+    "sigma of the height (m)",
+    "age (s)",
+    "from the sensor (m)",
+    "from the sensor, over the floor (m)",
+    "ln strength of the known",
+    "looks that weighed it",
 ];
 
 /// Two questions and what the answers add: `by` chooses the side, below or above, and `then` the leaf there.
@@ -47,8 +58,18 @@ pub(super) struct Around {
     pub known_level_m: f64,
     /// To the nearest known wall, metres; negative beyond it.
     pub wall_m: f64,
+    /// Logarithm of what the nearest known thing returns at most, 0 where nothing is known.
+    pub known_ln_strength: f64,
     /// How much likelier the blocks from before the window make it, log odds.
     pub past: f64,
+    /// To the sensor as it is now, and the same seen from above, metres.
+    pub sensor_m: f64,
+    /// See `sensor_m`.
+    pub sensor_level_m: f64,
+    /// How long blocks have been coming, seconds.
+    pub age_s: f64,
+    /// How many of the last looks have weighed it.
+    pub looks: usize,
 }
 
 /// A place that was weighed, for who learns from it.
@@ -58,7 +79,7 @@ pub struct Weighed {
     pub place_m: DVec3,
     /// By [`FEATURES`].
     pub features: [f64; FEATURES.len()],
-    /// It is no known place seen again, and all else speaks for it.
+    /// It is no known place seen again, and all else allows it to be a thing.
     pub may_be_new: bool,
 }
 
@@ -82,6 +103,17 @@ pub(super) fn features(believed: &Explained<DVec3>, around: &Around) -> [f64; FE
         around.known_level_m.min(1.0),
         around.wall_m.min(1.0),
         believed.thing.y,
+        believed.aspect.range_m,
+        believed.aspect.beam,
+        believed.aspect.ln_strength,
+        believed.aspect.spread,
+        believed.aspect.ln_coherence,
+        believed.aspect.sigma_up_m,
+        around.age_s,
+        around.sensor_m,
+        around.sensor_level_m,
+        around.known_ln_strength,
+        around.looks as f64,
     ]
 }
 
@@ -98,6 +130,7 @@ pub(super) fn log_odds(features: &[f64; FEATURES.len()]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::obstacles::explain::Aspect;
 
     /// Of a chair's back in a room that is known.
     fn thing() -> Explained<DVec3> {
@@ -107,6 +140,14 @@ mod tests {
             blocks: 20,
             determined: true,
             sigma_m: 0.1,
+            aspect: Aspect {
+                range_m: 1.5,
+                beam: 0.8,
+                ln_strength: 6.0,
+                spread: 0.05,
+                ln_coherence: 3.0,
+                sigma_up_m: 0.08,
+            },
             past: 0.0,
             odds: f64::INFINITY,
             lasting: 12.0,
@@ -120,7 +161,17 @@ mod tests {
         }
     }
 
-    const AROUND: Around = Around { known_m: 0.8, known_level_m: 0.6, wall_m: 0.9, past: 4.0 };
+    const AROUND: Around = Around {
+        known_m: 0.8,
+        known_level_m: 0.6,
+        wall_m: 0.9,
+        known_ln_strength: 7.0,
+        past: 4.0,
+        sensor_m: 1.6,
+        sensor_level_m: 1.4,
+        age_s: 60.0,
+        looks: 4,
+    };
 
     fn odds(thing: &Explained<DVec3>, around: &Around) -> f64 {
         log_odds(&features(thing, around))
@@ -129,8 +180,9 @@ mod tests {
     #[test]
     fn a_thing_is_likely_and_an_artefact_is_not() {
         let chair = odds(&thing(), &AROUND);
-        let artefact =
-            Explained { score: 6.0, lasting: 3.0, drowned: 2.0, uneven: 0.9, silent: 0.4, rival: 0.95, ..thing() };
+        let aspect = Aspect { beam: 0.2, ..thing().aspect };
+        let lone = Explained { score: 4.0, lasting: 1.0, uneven: 0.9, rival: 0.95, ..thing() };
+        let artefact = Explained { drowned: 2.0, silent: 0.4, aspect, ..lone };
         let nothing_before = odds(&artefact, &Around { past: -5.0, ..AROUND });
         assert!(chair > 1.0 && nothing_before < -1.0, "{chair} {nothing_before}");
         for worse in [odds(&artefact, &AROUND), odds(&thing(), &Around { past: -8.0, ..AROUND })] {
@@ -149,8 +201,9 @@ mod tests {
             );
             assert!(tree.odds.iter().all(|odds| odds.abs() < 2.0));
         }
+        let known_m = f64::INFINITY;
         let nowhere =
-            Around { known_m: f64::INFINITY, known_level_m: f64::INFINITY, wall_m: f64::NEG_INFINITY, past: f64::NAN };
+            Around { known_m, known_level_m: known_m, wall_m: f64::NEG_INFINITY, past: f64::NAN, looks: 0, ..AROUND };
         assert!(odds(&Explained { score: f64::NAN, lasting: f64::NEG_INFINITY, ..thing() }, &nowhere).is_finite());
     }
 }

@@ -24,6 +24,8 @@ use crate::imaging::blocks::Block;
 pub struct ForgetSettings {
     /// Log odds that a thing needs to be confirmed.
     pub confirm: f64,
+    /// A new thing begins with so much of the log odds that it was believed with.
+    pub newly: f64,
     /// Log odds that are not exceeded: how much it takes to forget what was seen for long.
     pub most: f64,
     /// How sure it is that a thing is seen from where it was seen before, 0 to 1, before that is learned.
@@ -42,6 +44,7 @@ impl Default for ForgetSettings {
     fn default() -> Self {
         Self {
             confirm: 3.0,
+            newly: 1.0,
             most: 5.0,
             familiar: 0.5,
             familiar_blocks: 8.0,
@@ -56,6 +59,8 @@ impl Default for ForgetSettings {
 pub(super) const SIDES: usize = 16;
 /// Log odds that what is remembered begins with: two or three blocks that miss it do away with it.
 const REMEMBERED: f64 = 1.5;
+/// Nothing begins with less, log odds.
+const LEAST_BEGUN: f64 = 0.5;
 /// Share that a new echo has in what is expected of a side.
 const NEWEST_SHARE: f64 = 0.2;
 /// What would stand so far out of the noise should be seen.
@@ -107,9 +112,19 @@ impl Existence {
         self.strengths
     }
 
+    /// The most that it returned to any side; 0: never seen.
+    pub fn greatest_strength(&self) -> f64 {
+        self.strengths.iter().copied().fold(0.0, f64::max)
+    }
+
     /// How surely something is there: 0 is even odds.
     pub fn log_odds(&self) -> f64 {
         self.log_odds
+    }
+
+    /// Believed with these log odds, and so no surer: the blocks that it was seen in are what they come from and do not count twice.
+    pub fn begin_with(&mut self, log_odds: f64) {
+        self.log_odds = self.log_odds.min(log_odds.max(LEAST_BEGUN));
     }
 
     /// Takes what blocks that are newer than the last ones say of it.
@@ -164,7 +179,7 @@ impl Existence {
         if near > 0.0 {
             return (near * 0.5, 0.5 * (settings.familiar + settings.unfamiliar));
         }
-        (self.strengths.iter().copied().fold(0.0, f64::max) * UNFAMILIAR_SHARE, settings.unfamiliar)
+        (self.greatest_strength() * UNFAMILIAR_SHARE, settings.unfamiliar)
     }
 }
 

@@ -8,6 +8,7 @@
 //! first experiments. So a place counts only when its blocks tell it from the rest of the circle, and a plane only when its
 //! mirror points have moved; and what is known already claims first, since it is what most of a new circle belongs to.
 
+mod aspect;
 mod tally;
 
 use glam::{DMat3, DVec3, IVec3};
@@ -20,6 +21,7 @@ use super::views::{Said, View, ViewMemory};
 use crate::geometry::Plane;
 use crate::imaging::blocks::{Block, BlockSettings, PlaneAt};
 use crate::radar::{Beam, WAVELENGTH_M};
+pub use aspect::Aspect;
 pub use tally::SEGMENT_NS;
 use tally::{Tally, Weighed, lasting, unevenness};
 
@@ -97,6 +99,8 @@ pub struct Explained<T> {
     /// The score of the best place elsewhere that the same echoes would have spoken for, as a part of its own: 1 where one cannot tell
     /// which of the two it is.
     pub rival: f64,
+    /// How it was seen.
+    pub aspect: Aspect,
     /// How much likelier the blocks from before the window make it that something is there, log odds; 0 where they were not asked.
     pub past: f64,
     /// Log odds that it is a thing and no artefact; infinite where that was not asked.
@@ -205,12 +209,11 @@ impl<'a> Window<'a> {
                     if self.feet_rms_m(&best.views) < self.settings.min_feet_rms_m {
                         continue;
                     }
-                    believed.planes.push(self.looked_into(plane, left, (true, 0.0), &best, &open));
+                    believed.planes.push(self.looked_into(plane, left, None, &best, &open));
                 }
                 Thing::Place(place) => {
-                    let sigma_m = self.sigma_m(&best.views);
-                    let determined = sigma_m <= self.settings.max_sigma_m;
-                    believed.places.push(self.looked_into(place, left, (determined, sigma_m), &best, &open));
+                    let covariance_m2 = self.covariance_m2(&best.views);
+                    believed.places.push(self.looked_into(place, left, Some(covariance_m2), &best, &open));
                     believed.asked.extend(best.asked);
                 }
             }
@@ -325,17 +328,18 @@ impl<'a> Window<'a> {
         &self,
         thing: T,
         left: Tally,
-        (determined, sigma_m): (bool, f64),
+        covariance_m2: Option<DMat3>,
         best: &Candidate,
         open: &[Candidate],
     ) -> Explained<T> {
         let telling = || self.telling(&best.views).map(|(_, view)| view);
         let count = telling().count();
+        let sigma_m = covariance_m2.map_or(0.0, |c| (c.x_axis.x + c.y_axis.y + c.z_axis.z).sqrt());
         Explained {
             thing,
             score: left.score,
             blocks: left.blocks,
-            determined,
+            determined: sigma_m <= self.settings.max_sigma_m,
             sigma_m,
             lasting: lasting(self.weighed(best.views.iter().map(Option::as_ref))),
             drowned: telling().map(View::drowned_by).sum::<f64>() / count.max(1) as f64,
@@ -343,6 +347,7 @@ impl<'a> Window<'a> {
             uneven: unevenness(telling()),
             silent: 1.0 - count as f64 / left.blocks.max(1) as f64,
             rival: self.rival(best, open) / left.score.max(1e-9),
+            aspect: Aspect::of(telling(), covariance_m2.map_or(0.0, |c| c.y_axis.y.sqrt())),
             past: 0.0,
             odds: f64::INFINITY,
             first_ns: left.first_ns,
@@ -391,8 +396,8 @@ impl<'a> Window<'a> {
         seen.filter(|(_, view)| view.is_telling())
     }
 
-    /// 1σ of a place, all directions together, from what ranges and directions to the sensor's way can tell apart.
-    fn sigma_m(&self, views: &[Option<View>]) -> f64 {
+    /// Covariance of a place, m², from what ranges and directions to the sensor's way can tell apart.
+    fn covariance_m2(&self, views: &[Option<View>]) -> DMat3 {
         let mut information = DMat3::IDENTITY * 1e-6;
         for (block, view) in self.telling(views) {
             let across = (block.motion - view.toward * view.cos) / view.range_m.max(1e-3);
@@ -400,8 +405,7 @@ impl<'a> Window<'a> {
             let cos_sigma = WAVELENGTH_M / (4.0 * block.aperture_m.max(1e-4));
             information += outer(view.toward) * range_sigma_m.powi(-2) + outer(across) * cos_sigma.powi(-2);
         }
-        let covariance = information.inverse();
-        (covariance.x_axis.x + covariance.y_axis.y + covariance.z_axis.z).sqrt()
+        information.inverse()
     }
 
     /// How far the feet of a plane's perpendiculars spread.

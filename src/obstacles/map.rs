@@ -6,6 +6,8 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::existence::ForgetSettings;
+#[cfg(test)]
+use super::explain::Aspect;
 use super::explain::Explained;
 use crate::geometry::Plane;
 
@@ -19,21 +21,7 @@ pub struct MapSettings {
     pub confirm_sightings: usize,
     /// Sightings among the last four updates that confirm a wall.
     pub confirm_wall_sightings: usize,
-    /// Score that a sighting must keep without its best 0.3 s.
-    pub confirm_lasting: f64,
-    /// So much more of it for every e-fold of what else there is at its range.
-    pub drowned_penalty: f64,
-    /// So much more of it for every e-fold of unevenness beyond 0.4.
-    pub uneven_penalty: f64,
-    /// So much more of it where all blocks are silent; in proportion.
-    pub silent_penalty: f64,
-    /// So much more of it where a rival is as strong, down to nothing at 0.7 of the strength.
-    pub rival_penalty: f64,
-    /// So much more of it for every unit of log odds, up to 10, by which blocks from before the window speak against it.
-    pub past_penalty: f64,
-    /// So much less of it for every unit, up to 10, by which they speak for it.
-    pub past_bonus: f64,
-    /// Log odds, learned from simulated play, of being a thing and no artefact that a sighting must have besides.
+    /// Log odds, learned from simulated play, of being a thing and no artefact that a sighting must have.
     pub confirm_odds: f64,
     /// What was never seen from beyond this distance may be the player's own hand and is not confirmed, metres.
     pub hands_reach_m: f64,
@@ -47,17 +35,10 @@ impl Default for MapSettings {
     fn default() -> Self {
         let forget = ForgetSettings::default();
         Self {
-            confirm_score: 5.0,
+            confirm_score: 3.0,
             confirm_sightings: 1,
             confirm_wall_sightings: 3,
-            confirm_lasting: 2.0,
-            drowned_penalty: 3.0,
-            uneven_penalty: 5.0,
-            silent_penalty: 4.0,
-            rival_penalty: 6.0,
-            past_penalty: 2.0,
-            past_bonus: 0.5,
-            confirm_odds: -0.5,
+            confirm_odds: 0.9,
             hands_reach_m: 0.9,
             match_m: 0.15,
             forget,
@@ -69,49 +50,17 @@ impl MapSettings {
     /// The same for planes, which have demands of their own before they are believed.
     pub fn for_planes(&self) -> Self {
         let confirm_sightings = self.confirm_wall_sightings;
-        Self {
-            confirm_sightings,
-            confirm_lasting: f64::NEG_INFINITY,
-            drowned_penalty: 0.0,
-            uneven_penalty: 0.0,
-            silent_penalty: 0.0,
-            rival_penalty: 0.0,
-            past_penalty: 0.0,
-            past_bonus: 0.0,
-            hands_reach_m: 0.0,
-            ..*self
-        }
+        Self { confirm_sightings, hands_reach_m: 0.0, ..*self }
     }
 
     /// Whether something that was believed counts as a sighting.
     pub fn is_sighting<T>(&self, believed: &Explained<T>) -> bool {
         believed.determined
             && believed.score >= self.confirm_score
-            && believed.lasting >= self.lasting_wanted(believed)
             && believed.odds >= self.confirm_odds
             && believed.farthest_m >= self.hands_reach_m
     }
-
-    /// What a sighting must keep without its best 0.3 s: the more it looks like an artefact, the more.
-    fn lasting_wanted<T>(&self, believed: &Explained<T>) -> f64 {
-        let rival = (believed.rival - RIVAL_FROM).max(0.0) / (1.0 - RIVAL_FROM);
-        self.confirm_lasting
-            + self.drowned_penalty * believed.drowned
-            + self.uneven_penalty * (believed.uneven - EVEN).max(0.0)
-            + self.silent_penalty * believed.silent
-            + self.rival_penalty * rival
-            + self.past_penalty * (-believed.past).clamp(0.0, MOST_OF_PAST)
-            - self.past_bonus * believed.past.clamp(0.0, MOST_OF_PAST)
-    }
 }
-
-/// Strengths that differ no more than this, 1σ in e-folds, are as even as those of furniture.
-const EVEN: f64 = 0.4;
-/// A rival weaker than this part of a thing's score is none.
-const RIVAL_FROM: f64 = 0.7;
-
-/// What is past counts for no more than this, log odds: things are moved into a place, too.
-const MOST_OF_PAST: f64 = 10.0;
 
 /// Updates that are looked back on.
 const RECENT_UPDATES: usize = 4;
@@ -132,6 +81,8 @@ pub struct Sighted<T> {
     pub score: f64,
     /// Of the sighting that `thing` comes from: score over 1σ, per metre. A better one moves the thing.
     pub quality: f64,
+    /// Log odds of the first sighting that it is a thing; infinite where that was not asked.
+    pub odds: f64,
     /// Seen often enough.
     pub confirmed: bool,
     /// Remembered from before and neither sighted nor otherwise confirmed since.
@@ -178,6 +129,7 @@ impl<T: Copy> Sightings<T> {
                         thing: sighting.thing,
                         score: sighting.score,
                         quality: quality(sighting),
+                        odds: sighting.odds,
                         confirmed: settings.confirm_sightings <= 1,
                         provisional: false,
                         first_ns: sighting.first_ns,
@@ -212,6 +164,7 @@ impl<T: Copy> Sightings<T> {
             score,
             // The first sighting says better where it is now.
             quality: 0.0,
+            odds: f64::INFINITY,
             confirmed: true,
             provisional: true,
             first_ns,
@@ -289,6 +242,7 @@ mod tests {
             uneven: 0.0,
             silent: 0.0,
             rival: 0.0,
+            aspect: Aspect::default(),
             past: 0.0,
             odds: f64::INFINITY,
             first_ns: 1,
@@ -301,15 +255,6 @@ mod tests {
         let settings = MapSettings { confirm_score: 6.0, confirm_sightings: 2, ..Default::default() };
         updates.iter().for_each(|found| sightings.update(found, &settings, same_place(settings.match_m)));
         sightings.confirmed().map(|s| (s.id, s.thing.x)).collect()
-    }
-
-    #[test]
-    fn the_past_is_evidence_and_no_proof() {
-        let settings = MapSettings::default();
-        let wanted = |past: f64| settings.lasting_wanted(&Explained { past, ..sighting(0.0, 9.0, true) });
-        assert!(wanted(-3.0) > wanted(0.0) && wanted(3.0) < wanted(0.0));
-        assert_eq!([wanted(-1e9), wanted(1e9)], [wanted(-10.0), wanted(10.0)], "things are moved, too");
-        assert!(settings.is_sighting(&Explained { past: -1e9, ..sighting(0.0, 60.0, true) }));
     }
 
     #[test]

@@ -131,8 +131,12 @@ pub struct RoomSearch {
     backlog: VecDeque<Observation>,
     /// End of the newest sweep of the last look's blocks, host nanoseconds.
     evidence_ns: Option<i64>,
+    /// Middle of the first block, host nanoseconds.
+    first_ns: Option<i64>,
     /// What the last look weighed.
     weighed: Vec<Weighed>,
+    /// Places that the last looks weighed and that may be new.
+    tried: VecDeque<Vec<DVec3>>,
     counters: RoomCounters,
     /// What was done before the search began again.
     before: RoomCounters,
@@ -168,7 +172,9 @@ impl RoomSearch {
             sweeps_since: 0,
             backlog: VecDeque::new(),
             evidence_ns: None,
+            first_ns: None,
             weighed: Vec::new(),
+            tried: VecDeque::new(),
             counters: RoomCounters::default(),
             before: RoomCounters::default(),
         }
@@ -320,6 +326,7 @@ impl RoomSearch {
     fn take_block(&mut self, block: Block) -> bool {
         self.counters.blocks += 1;
         self.middle.get_or_insert(block.middle.translation);
+        self.first_ns.get_or_insert(block.mid_time_ns);
         self.field.add(&block);
         self.fine.comes(&block);
         self.planes.add(&block);
@@ -373,7 +380,7 @@ impl RoomSearch {
         let walls = [known.planes, new.planes].concat();
         let seen_again = known.places.iter().map(|place| self.weigh(place, 0.0));
         let (points, weighed): (Vec<_>, Vec<_>) = seen_again.chain(there).unzip();
-        self.weighed = weighed;
+        self.note_weighed(weighed);
         let map = self.settings.map;
         self.walls.update(&walls, &map.for_planes(), same_plane(self.middle.unwrap_or(DVec3::ZERO)));
         let hands_are_known =

@@ -1,7 +1,8 @@
 //! Learns to tell things from artefacts: what the search weighs in simulated play, held against the truth, and the table that comes of it.
 //!
-//! A place that was believed and is a thing's teaches one class, one where nothing is the other; of what lies at a wall, the floor or the
-//! ceiling nothing is learned, since it is wrong of nobody. Places that are looked at again and again count once and a little more.
+//! A place that was believed and is a thing's teaches one class, one where nothing is the other, and so does, less, what lies at a wall, the
+//! floor or the ceiling: it misleads nobody, but these are told as planes. Places that are looked at again and again count once and a
+//! little more.
 
 mod boost;
 
@@ -19,6 +20,8 @@ use boost::{BoostSettings, Row, boost};
 const THING_M: f64 = 0.25;
 /// What is weighed within this of another is the same place, metres.
 const SAME_M: f64 = 0.25;
+/// What lies on a surface counts so much of what lies where nothing is.
+const SURFACE_SHARE: f64 = 0.3;
 /// As many trees as still bettered rooms that were left out of the learning.
 const SETTINGS: BoostSettings = BoostSettings { trees: 150, share: 0.08, least_rows: 30 };
 
@@ -39,12 +42,19 @@ impl Lessons {
             let mut places = Vec::new();
             each_look(&session, trial, |time_s, weighed| {
                 let new = weighed.iter().filter(|weighed| weighed.may_be_new);
-                places.extend(new.filter_map(|weighed| Some((weighed.clone(), is_thing(&session, time_s, weighed)?))));
+                places.extend(new.map(|weighed| (weighed.clone(), what_is_at(&session, time_s, weighed))));
             });
             Ok(rows(&places))
         };
         let of_seeds: Vec<_> = seeds.par_iter().map(of_seed).collect::<Result<_, _>>()?;
         Ok(Self { rows: of_seeds.concat() })
+    }
+
+    /// These and others.
+    #[must_use]
+    pub fn and(mut self, others: Self) -> Self {
+        self.rows.extend(others.rows);
+        self
     }
 
     /// Number of places of things and of nothing.
@@ -76,39 +86,45 @@ impl Lessons {
     }
 }
 
-/// Whether a thing is at a place; `None` where only a wall, the floor or the ceiling is.
-fn is_thing(session: &Session, time_s: f64, weighed: &Weighed) -> Option<bool> {
+/// What is at a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum There {
+    Thing,
+    /// A wall, the floor or the ceiling.
+    Surface,
+    Nothing,
+}
+
+fn what_is_at(session: &Session, time_s: f64, weighed: &Weighed) -> There {
     let there = session.things().into_iter().filter(|thing| time_s < thing.until_s);
-    let to_thing = |place: DVec3| {
-        there
-            .flat_map(|thing| &thing.thing.scatterers)
-            .map(move |s| s.position_m.distance(place))
-            .fold(f64::INFINITY, f64::min)
-    };
-    if to_thing(weighed.place_m) <= THING_M {
-        return Some(true);
+    let parts = there.flat_map(|thing| &thing.thing.scatterers);
+    let to_thing_m = parts.map(|part| part.position_m.distance(weighed.place_m)).fold(f64::INFINITY, f64::min);
+    if to_thing_m <= THING_M {
+        There::Thing
+    } else if session.walls().iter().any(|wall| wall.extent.distance(weighed.place_m) <= THING_M) {
+        There::Surface
+    } else {
+        There::Nothing
     }
-    let at_surface = session.walls().iter().any(|wall| wall.extent.distance(weighed.place_m) <= THING_M);
-    (!at_surface).then_some(false)
 }
 
 /// Rows of one session: a place that was weighed n times counts √n times.
-fn rows(places: &[(Weighed, bool)]) -> Vec<Row<{ FEATURES.len() }>> {
-    let mut middles: Vec<(DVec3, usize)> = Vec::new();
-    let mut middle_of = |place: DVec3| {
-        let known = middles.iter().position(|(middle, _)| middle.distance(place) < SAME_M);
-        let at = known.unwrap_or_else(|| {
-            middles.push((place, 0));
+fn rows(places: &[(Weighed, There)]) -> Vec<Row<{ FEATURES.len() }>> {
+    let mut middles: Vec<(DVec3, There, usize)> = Vec::new();
+    let mut middle_of = |place: DVec3, what: There| {
+        let is_same = |(middle, other, _): &(DVec3, There, usize)| *other == what && middle.distance(place) < SAME_M;
+        let at = middles.iter().position(is_same).unwrap_or_else(|| {
+            middles.push((place, what, 0));
             middles.len() - 1
         });
-        middles[at].1 += 1;
+        middles[at].2 += 1;
         at
     };
-    let of_middle: Vec<usize> = places.iter().map(|(weighed, _)| middle_of(weighed.place_m)).collect();
-    let row = |((weighed, is_thing), at): (&(Weighed, bool), &usize)| Row {
+    let of_middle: Vec<usize> = places.iter().map(|(weighed, what)| middle_of(weighed.place_m, *what)).collect();
+    let row = |((weighed, what), at): (&(Weighed, There), &usize)| Row {
         features: weighed.features,
-        is_thing: *is_thing,
-        weight: 1.0 / (middles[*at].1 as f64).sqrt(),
+        is_thing: *what == There::Thing,
+        weight: if *what == There::Surface { SURFACE_SHARE } else { 1.0 } / (middles[*at].2 as f64).sqrt(),
     };
     places.iter().zip(&of_middle).map(row).collect()
 }

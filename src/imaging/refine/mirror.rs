@@ -42,7 +42,10 @@ pub(super) fn either(refined: Refined, other: DVec3) -> Refined {
     Refined {
         // Each of the two with a half: the second moment about this one.
         covariance_m2: refined.covariance_m2 + outer(apart) * 0.5,
-        cross_range_sigma_m: [refined.cross_range_sigma_m[0].max(apart.length() * 0.5f64.sqrt()), refined.cross_range_sigma_m[1]],
+        cross_range_sigma_m: [
+            refined.cross_range_sigma_m[0].max(apart.length() * 0.5f64.sqrt()),
+            refined.cross_range_sigma_m[1],
+        ],
         ..refined
     }
 }
@@ -83,7 +86,10 @@ mod tests {
             assert_eq!(one.observed_directions(), 1, "{count} sweeps from {start}: {one:?}");
             let off = AT - one.position_m;
             let normalised = off.dot(one.covariance_m2.inverse() * off);
-            assert!(normalised < 9.0, "{count} sweeps from {start}: the truth is {normalised} squared deviations off {one:?}");
+            assert!(
+                normalised < 9.0,
+                "{count} sweeps from {start}: the truth is {normalised} squared deviations off {one:?}"
+            );
         }
     }
 

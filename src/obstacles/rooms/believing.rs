@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::super::acceptance::{Around, Weighed, features, log_odds};
 use super::super::existence::{Existence, Told};
 use super::super::views::View;
-use super::super::{Believed, Explained, same_place};
+use super::super::{Believed, Explained, Sighted, same_place};
 use super::RoomSearch;
 use crate::imaging::blocks::Block;
 
@@ -15,6 +15,8 @@ use crate::imaging::blocks::Block;
 const FLOOR_M: f64 = 0.15;
 /// The floor's reflection is placed this near to the point below the sensor, seen from above, metres.
 const BELOW_M: f64 = 0.35;
+/// Looks of which it is kept what they weighed: two seconds.
+const LOOKS_BACK: usize = 8;
 
 /// What blocks that have a place in their beam say of it.
 fn of_blocks<'b>(
@@ -29,8 +31,12 @@ impl RoomSearch {
     pub(super) fn forget(&mut self, ids: &[u64], told: &[Vec<Option<Told>>]) {
         let settings = &self.settings.map.forget;
         for (&id, told) in ids.iter().zip(told) {
+            let is_new = !self.existences.contains_key(&id);
             let existence = self.existences.entry(id).or_insert_with(Existence::new);
             existence.look(of_blocks(&self.window, told.iter().copied()), settings);
+            if let Some(new) = self.points.confirmed().find(|point| is_new && point.id == id) {
+                existence.begin_with(settings.newly * new.odds);
+            }
         }
         let gone: Vec<u64> = self.existences.iter().filter(|(_, e)| e.log_odds() <= 0.0).map(|(id, _)| *id).collect();
         self.counters.forgotten += gone.len() as u64;
@@ -64,23 +70,40 @@ impl RoomSearch {
 
     /// A place with the odds that it is a thing, by what is around it and what the past says of it.
     pub(super) fn weigh(&self, place: &Explained<DVec3>, past: f64) -> (Explained<DVec3>, Weighed) {
-        let is_same = same_place(self.settings.map.match_m);
-        let known = || self.points.confirmed().map(|point| point.thing);
-        let others = || known().filter(|known| !is_same(known, &place.thing));
-        let level = |other: DVec3| (other - place.thing).with_y(0.0).length();
-        let upright = self.walls.confirmed().filter(|wall| wall.thing.outward.y.abs() < 0.5);
-        let around = Around {
-            known_m: others().map(|other| other.distance(place.thing)).fold(f64::INFINITY, f64::min),
-            known_level_m: others().map(level).fold(f64::INFINITY, f64::min),
-            wall_m: upright.map(|wall| wall.thing.distance(place.thing)).fold(f64::INFINITY, f64::min),
-            past,
-        };
-        let features = features(place, &around);
+        let features = features(place, &self.around(place.thing, past));
         let place = Explained { past, odds: log_odds(&features), ..*place };
+        (place, Weighed { place_m: place.thing, features, may_be_new: self.may_be_new(&place) })
+    }
+
+    fn around(&self, place: DVec3, past: f64) -> Around {
+        let is_same = same_place(self.settings.map.match_m);
+        let level = |to: DVec3| to.with_y(0.0).length();
+        let others = || self.points.confirmed().filter(|known| !is_same(&known.thing, &place));
+        let distance_m = |known: &&Sighted<DVec3>| known.thing.distance(place);
+        let nearest = others().min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
+        let strength = |known: &Sighted<DVec3>| self.existences.get(&known.id).map(Existence::greatest_strength);
+        let upright = self.walls.confirmed().filter(|wall| wall.thing.outward.y.abs() < 0.5);
+        let to_sensor = self.window.back().map_or(DVec3::ZERO, |block| place - block.middle.translation);
+        let times_ns = self.first_ns.zip(self.window.back().map(|block| block.mid_time_ns));
+        Around {
+            known_m: nearest.map_or(f64::INFINITY, |known| distance_m(&known)),
+            known_level_m: others().map(|known| level(known.thing - place)).fold(f64::INFINITY, f64::min),
+            wall_m: upright.map(|wall| wall.thing.distance(place)).fold(f64::INFINITY, f64::min),
+            known_ln_strength: nearest.and_then(strength).map_or(0.0, |strength| strength.max(1e-9).ln()),
+            past,
+            sensor_m: to_sensor.length(),
+            sensor_level_m: level(to_sensor),
+            age_s: times_ns.map_or(0.0, |(first_ns, now_ns)| (now_ns - first_ns) as f64 * 1e-9),
+            looks: self.tried.iter().filter(|look| look.iter().any(|other| is_same(other, &place))).count(),
+        }
+    }
+
+    /// Whether a place that was believed may be a new thing, as far as the settings' bounds go.
+    fn may_be_new(&self, place: &Explained<DVec3>) -> bool {
         let map = &self.settings.map;
+        let is_same = same_place(map.match_m);
         let could_be = place.determined && place.score >= map.confirm_score && place.farthest_m >= map.hands_reach_m;
-        let may_be_new = could_be && !known().any(|known| is_same(&known, &place.thing));
-        (place, Weighed { place_m: place.thing, features, may_be_new })
+        could_be && !self.points.confirmed().any(|known| is_same(&known.thing, &place.thing))
     }
 
     /// What the past says of a place that would be new if it were believed; 0 of others.
@@ -92,6 +115,16 @@ impl RoomSearch {
             return 0.0;
         }
         self.past.log_odds(place.thing, views, (&self.settings.blocks, self.min_cos), &self.beam)
+    }
+
+    /// Keeps what a look has weighed that may be new.
+    pub(super) fn note_weighed(&mut self, weighed: Vec<Weighed>) {
+        let tried = weighed.iter().filter(|weighed| weighed.may_be_new).map(|weighed| weighed.place_m);
+        self.tried.push_back(tried.collect());
+        if self.tried.len() > LOOKS_BACK {
+            self.tried.pop_front();
+        }
+        self.weighed = weighed;
     }
 }
 
