@@ -8,7 +8,8 @@
 //! counted. `block`: mean and standard deviation of what one block adds to a score, and by the model of noise. `confirmed`: obstacles and
 //! walls, and the rate that they do not exceed at 95 % confidence. Second table: by the tail of a score on noise and the
 //! places an hour that score by themselves, how often noise reaches the default thresholds, and which scores hold a rate. Third table:
-//! thresholds for stated rates by the first half of the seeds, and the rates that they have in the second half, with 95 % bounds.
+//! thresholds for stated rates by the first half of the seeds, and the rates that they have in the second half, with 95 % bounds. (Alarms come
+//! in bursts: a head that hardly turns sees the same noise all around its way.)
 
 use std::ops::Range;
 
@@ -16,10 +17,8 @@ use radar_chaperone::experiments::{RoomNoise, at_most_an_hour};
 use radar_chaperone::obstacles::{ExplainSettings, MapSettings};
 use radar_chaperone::radar::{PRESETS, SensorConfig, preset};
 
-/// Thresholds that alarms are counted at, and the one that tells how many places score by themselves: one with many alarms, since they come in
-/// bursts. (A head that hardly turns sees the same noise all around its way.)
+/// Thresholds that alarms are counted at.
 const SCORES: [f64; 4] = [1.75, 2.0, 2.25, 2.5];
-const TELLING: usize = 0;
 /// Rates that scores are given for, an hour.
 const RATES: [(f64, &str); 3] = [(60.0, "one a minute"), (1.0, "one an hour"), (1.0 / 1000.0, "one in 1000 h")];
 /// Rates that are stated and held against other noise, an hour.
@@ -70,7 +69,7 @@ fn noise(config: &SensorConfig, seeds: Range<u64>, session_s: f64, scores: &[f64
 
 /// The score that noise exceeds at a rate, an hour.
 fn score_for(noise: &RoomNoise, rate: f64) -> f64 {
-    noise.tail().score((noise.places_an_hour(TELLING) / rate).max(1.0).ln())
+    noise.tail().score((noise.places_an_hour() / rate).max(1.0).ln())
 }
 
 fn measured(played: &[Played]) {
@@ -112,7 +111,7 @@ fn by_the_tail(played: &[Played]) {
     );
     println!("|---|---|---|---|---|---|---|");
     for (name, all, ..) in played {
-        let places = all.places_an_hour(TELLING);
+        let places = all.places_an_hour();
         let [candidates, confirmed] = defaults.map(|score| (places.ln() - all.tail().surprise(score)).exp());
         let scores = RATES.map(|(rate, _)| format!("{:.2}", score_for(all, rate)));
         println!("| {name} | {places:.1e} | {candidates:.1} | {confirmed:.0e} | {} |", scores.join(" | "));

@@ -23,6 +23,8 @@ use crate::simulation::{Scenario, ScenarioError};
 pub const SAME_M: f64 = 0.3;
 /// See [`SAME_M`], seconds.
 pub const SAME_S: f64 = 1.0;
+/// Where alarms are more, some are taken for one: a quarter of them at five times as many.
+const RARE_AN_HOUR: f64 = 1000.0;
 /// Places that each block is asked for, to tell what noise does there.
 const ASKED_A_BLOCK: usize = 32;
 const BEAM: Beam = Beam::Lensless;
@@ -125,12 +127,13 @@ impl RoomNoise {
         NoiseTail::new(self.sweeps_a_block(), blocks, block_s, settings.blocks.memory_s)
     }
 
-    /// Places an hour that score by themselves, as the alarms above a threshold (of `scores`, by its place) tell.
-    pub fn places_an_hour(&self, threshold: usize) -> f64 {
-        let (Some(score), Some(alarms)) = (self.scores.get(threshold), self.candidates.get(threshold)) else {
-            return 0.0;
-        };
-        *alarms as f64 / self.hours() * self.tail().surprise(*score).exp()
+    /// Places an hour that score by themselves, as alarms tell: those of the threshold with most of them at which they are too rare to run
+    /// into each other; 0 without any.
+    pub fn places_an_hour(&self) -> f64 {
+        let rates =
+            self.scores.iter().zip(&self.candidates).map(|(score, alarms)| (*score, *alarms as f64 / self.hours()));
+        let most = rates.filter(|(_, rate)| *rate <= RARE_AN_HOUR).max_by(|a, b| a.1.total_cmp(&b.1));
+        most.map_or(0.0, |(score, rate)| rate * self.tail().surprise(score).exp())
     }
 
     /// Time played, hours.
@@ -271,7 +274,7 @@ mod tests {
     use super::*;
     use crate::radar::preset;
 
-    /// Preset, seconds, and the places an hour that score by themselves, from 24 minutes of other seeds
+    /// Preset, seconds, and the places an hour that score by themselves by the alarms above [`SCORE`], from 24 minutes of other seeds
     /// (`examples/room_false_alarms.rs`).
     const CALIBRATED: [(&str, f64, f64); 4] =
         [("d16", 40.0, 2.8e8), ("c16", 40.0, 3.5e8), ("far", 80.0, 2.2e8), ("close", 400.0, 1.8e7)];
@@ -323,6 +326,10 @@ mod tests {
         let both = a.clone().and(&b);
         assert_eq!(both.candidates[0], a.candidates[0] + b.candidates[0]);
         assert!((both.sweeps_a_block() - 45.0).abs() < 0.5 && (both.hours() - 6.0 / 3600.0).abs() < 1e-12);
+        // Alarms every second say nothing of how many places score by themselves.
+        assert!(both.candidates[0] as f64 > RARE_AN_HOUR * both.hours() && both.places_an_hour() == 0.0);
+        let rare = RoomNoise { candidates: vec![1], ..both.clone() };
+        assert!((rare.places_an_hour() / (600.0 * rare.tail().surprise(1.5).exp()) - 1.0).abs() < 1e-9);
         assert!(both.greatest[0] >= a.greatest[0].max(b.greatest[0]) && both.greatest[0] > 1.0);
     }
 
