@@ -48,7 +48,7 @@ impl ExperimentCommand {
             done.push((experiment, outcome));
         }
         bar.finish_and_clear();
-        write_atomically(&self.out.join("report.md"), experiments_markdown(&done).as_bytes())?;
+        write_atomically(&self.out.join("report.md"), experiments_markdown(&done, self.seeds).as_bytes())?;
         let path = self.out.join("report.html");
         experiments_report(&done)?.write(&path)?;
         say!("Written to {}", path.display())

@@ -17,13 +17,14 @@ use crate::view::{self, About, Health, Recorder, VOXELS, ViewError};
 
 /// How often the head is noted.
 const TURN: Duration = Duration::from_millis(33);
-/// What is shown before there is a sensor.
+/// What is shown before there is a sensor, and the preset that it is as if it had.
 const NO_SENSOR: &str = "waiting for the sensor";
+const PRESET: &str = "d16";
 
 /// Does the work in a thread of its own and shows meanwhile what it notes, until the window is closed or the work is over. A window that is
 /// closed ends nothing; where there can be none, the work is asked to stop.
 pub(super) fn show(stop: &AtomicBool, work: impl FnOnce(Recorder) -> Result<()> + Send) -> Result<()> {
-    let config = preset("d16").unwrap_or_else(|| unreachable!("d16 is a preset"));
+    let config = preset(PRESET).ok_or_else(|| anyhow!("there is no preset {PRESET}"))?;
     let header = Header::new(NO_SENSOR, config, Pose::IDENTITY);
     let about = About::live(&header, &Settings::default(), Search::Rooms);
     let shown = view::show_or(about, work, || stop.store(true, Ordering::Relaxed));

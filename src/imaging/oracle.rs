@@ -128,7 +128,8 @@ impl<'a> Oracle<'a> {
         let (mut a, mut b) = (0.0, 0.0);
         for (block, noise_rms) in &self.blocks {
             let middle = &self.observations[block[block.len() / 2]];
-            if !self.settings.sees(&middle.tracking_from_sensor, self.settings.min_cos(self.beam), place) {
+            let settings = self.settings.within(&middle.geometry.axis);
+            if !settings.sees(&middle.tracking_from_sensor, self.settings.min_cos(self.beam), place) {
                 continue;
             }
             let age_s = (newest_ns - middle.mid_time_ns) as f64 * 1e-9;

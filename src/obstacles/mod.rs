@@ -21,6 +21,6 @@ pub use hands::{HandTrail, HandsM, HandsSample};
 pub use map::{MapSettings, Sighted, Sightings, same_place, same_plane};
 pub use reflectors::{ReflectorSettings, find_reflectors, reflector_evidence};
 pub use remembered::{Remembered, RememberedError, RememberedPlace, RememberedWall};
-pub use rooms::{RoomCounters, RoomSearch, RoomSettings};
+pub use rooms::{Look, RoomCounters, RoomSearch, RoomSettings};
 pub use scene::{Observed, Obstacle, Scene, Wall};
 pub use views::ViewMemory;

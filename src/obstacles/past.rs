@@ -53,7 +53,7 @@ impl Past {
         beam: &Beam,
     ) -> f64 {
         let Some(strength) = strength(views) else { return 0.0 };
-        let sees = |block: &&PlaceBlock| settings.sees(block.middle(), min_cos, place);
+        let sees = |block: &&PlaceBlock| settings.within(&block.geometry().axis).sees(block.middle(), min_cos, place);
         let that_see_it = self.blocks.iter().rev().filter(sees).take(NEWEST);
         let of_block = |block: &PlaceBlock| {
             let range_m = block.distance_m(place);

@@ -26,7 +26,7 @@ use super::{
 use crate::geometry::{Aabb, Plane, Pose};
 use crate::imaging::PositionErrors;
 use crate::imaging::blocks::{
-    Block, BlockBuilder, BlockSettings, Field, FineCounters, FineField, FineSettings, PlaneField,
+    Block, BlockBuilder, BlockSettings, Field, FineCounters, FineField, FineSettings, Peak, PlaneField, PlanePeak,
 };
 use crate::radar::{Beam, Observation};
 use taken_up::TakenUp;
@@ -71,6 +71,23 @@ pub struct RoomCounters {
     pub forgotten: u64,
     /// The fine field.
     pub fine: FineCounters,
+}
+
+/// What a look came upon before anything was confirmed.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Look {
+    /// Maxima of the field, by falling score; the first `max_candidates` were candidates.
+    pub peaks: Vec<Peak>,
+    /// Maxima over planes, by falling score.
+    pub plane_peaks: Vec<PlanePeak>,
+    /// Places that were newly believed, strongest first.
+    pub places: Vec<Explained<DVec3>>,
+    /// Planes that were newly believed, strongest first.
+    pub planes: Vec<Explained<Plane>>,
+    /// Places that counted as sighted.
+    pub sightings: usize,
+    /// Planes that counted as sighted.
+    pub wall_sightings: usize,
 }
 
 /// The place of a sighting, refined.
@@ -137,6 +154,8 @@ pub struct RoomSearch {
     weighed: Vec<Weighed>,
     /// Places that the last looks weighed and that may be new.
     tried: VecDeque<Vec<DVec3>>,
+    /// What it came upon.
+    look: Look,
     counters: RoomCounters,
     /// What was done before the search began again.
     before: RoomCounters,
@@ -175,6 +194,7 @@ impl RoomSearch {
             first_ns: None,
             weighed: Vec::new(),
             tried: VecDeque::new(),
+            look: Look::default(),
             counters: RoomCounters::default(),
             before: RoomCounters::default(),
         }
@@ -215,6 +235,11 @@ impl RoomSearch {
     /// Places that the last look weighed.
     pub fn weighed(&self) -> &[Weighed] {
         &self.weighed
+    }
+
+    /// What the last look came upon.
+    pub fn last_look(&self) -> &Look {
+        &self.look
     }
 
     /// Every voxel that was ever seen and scores at least `min_score`, the `most` strongest.
@@ -357,10 +382,13 @@ impl RoomSearch {
         self.counters.looks += 1;
         let explain = self.settings.explain;
         let planes = self.planes.peaks(explain.plane_min_score, explain.plane_min_blocks, since_ns);
-        let planes: Vec<Plane> = planes.iter().map(|p| p.plane).collect();
         let peaks = self.field.peaks(explain.min_candidate_score, PEAK_RADIUS_M, since_ns);
-        let peaks: Vec<DVec3> = peaks.iter().take(explain.max_candidates).map(|p| p.position_m).collect();
-        Some(Stage::Explain { planes, peaks })
+        let stage = Stage::Explain {
+            planes: planes.iter().map(|p| p.plane).collect(),
+            peaks: peaks.iter().take(explain.max_candidates).map(|p| p.position_m).collect(),
+        };
+        self.look = Look { peaks, plane_peaks: planes, ..Look::default() };
+        Some(stage)
     }
 
     /// Explains the window's blocks, and takes the sightings.
@@ -377,15 +405,18 @@ impl RoomSearch {
         drop(window);
         self.forget(&ids, &told);
         let there = self.still_there(&new);
+        (self.look.places, self.look.planes) = (new.places, new.planes.clone());
         let walls = [known.planes, new.planes].concat();
         let seen_again = known.places.iter().map(|place| self.weigh(place, 0.0));
         let (points, weighed): (Vec<_>, Vec<_>) = seen_again.chain(there).unzip();
         self.note_weighed(weighed);
         let map = self.settings.map;
+        self.look.wall_sightings = walls.iter().filter(|wall| map.for_planes().is_sighting(wall)).count();
         self.walls.update(&walls, &map.for_planes(), same_plane(self.middle.unwrap_or(DVec3::ZERO)));
         let hands_are_known =
             self.window.back().is_some_and(|b| self.hands.at(b.mid_time_ns).iter().all(Option::is_some));
         let map = if hands_are_known { MapSettings { hands_reach_m: 0.0, ..map } } else { map };
+        self.look.sightings = points.iter().filter(|point| map.is_sighting(point)).count();
         self.points.update(&points, &map, same_place(map.match_m));
         self.settle_remembered(&walls);
         Stage::Places { walls, points }

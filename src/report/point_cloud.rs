@@ -53,10 +53,18 @@ pub fn point_cloud(volume: &Volume, title: &str, quantity: &str, share: f64, mar
         marks.draw(canvas, |place| camera.at(place));
     });
     draw_labels(&mut canvas, &camera);
-    let kept = format!("voxels above {:.0} % of the peak: {}", 100.0 * share, points.len());
+    let kept = kept_text(share, points.len());
     canvas.text([SCENE.right() - 12.0, SCENE.bottom() - 16.0], Align::Right, &kept, LABEL_PX, LETTERS);
     color_bar(&mut canvas, range, quantity);
     canvas.finish()
+}
+
+/// What is drawn, in words; where every voxel above 0 is, there is no share to tell.
+fn kept_text(share: f64, count: usize) -> String {
+    match 100.0 * share.clamp(0.0, 1.0) {
+        percent if percent >= 0.5 => format!("voxels above {percent:.0} % of the peak: {count}"),
+        _ => format!("voxels: {count}"),
+    }
 }
 
 /// The part of the volume's box that has points or marks in it, with some air; from the box's bottom up.
@@ -234,6 +242,12 @@ mod tests {
         let points = points_above(&volume, 0.5);
         assert_eq!(points, [(volume.center(volume.voxel(5)), 10.0), (volume.center(volume.voxel(7)), 5.0)]);
         assert!(points_above(&super::tests::volume(), 0.5).is_empty());
+    }
+
+    #[test]
+    fn a_share_is_told_where_there_is_one() {
+        assert_eq!(kept_text(0.5, 12), "voxels above 50 % of the peak: 12");
+        assert_eq!([0.0, 0.004, -1.0, f64::NAN].map(|share| kept_text(share, 7)), [(); 4].map(|()| "voxels: 7"));
     }
 
     #[test]

@@ -36,7 +36,7 @@ impl Table {
 
     /// As comma-separated values (RFC 4180), the head first.
     pub fn csv(&self) -> String {
-        let cell = |cell: &String| match cell.contains([',', '"', '\n']) {
+        let cell = |cell: &String| match cell.contains([',', '"', '\n', '\r']) {
             true => format!("\"{}\"", cell.replace('"', "\"\"")),
             false => cell.clone(),
         };
@@ -74,5 +74,40 @@ mod tests {
         assert_eq!(table.markdown().lines().nth(1), Some("|------|-----:|"));
         assert!(table.markdown().lines().all(|line| line.chars().count() == 15), "{}", table.markdown());
         assert_eq!(Table::default().aligned(), "\n");
+    }
+
+    /// Reads comma-separated values back, by RFC 4180.
+    fn read_csv(text: &str) -> Vec<Vec<String>> {
+        let (mut rows, mut row, mut cell) = (Vec::new(), Vec::new(), String::new());
+        let (mut is_quoted, mut letters) = (false, text.chars().peekable());
+        while let Some(letter) = letters.next() {
+            match letter {
+                '"' if is_quoted && letters.next_if_eq(&'"').is_some() => cell.push('"'),
+                '"' => is_quoted = !is_quoted,
+                ',' if !is_quoted => row.push(std::mem::take(&mut cell)),
+                '\r' if !is_quoted => {
+                    assert_eq!(letters.next(), Some('\n'), "a line ends with both");
+                    row.push(std::mem::take(&mut cell));
+                    rows.push(std::mem::take(&mut row));
+                }
+                other => cell.push(other),
+            }
+        }
+        assert!(!is_quoted && cell.is_empty() && row.is_empty());
+        rows
+    }
+
+    #[test]
+    fn what_would_part_cells_is_quoted_and_comes_back() {
+        let row = |cells: [&str; 3]| cells.map(str::to_owned).to_vec();
+        let rows = vec![
+            row(["plain", "", "–"]),
+            row(["1,5", "said \"so\"", "\""]),
+            row(["two\nlines", "a return\ralone", ",\"\r\n\","]),
+        ];
+        let table = Table { head: row(["a", "b, c", "d"]), rows, caption: "left out".into() };
+        let text = table.csv();
+        assert!(text.starts_with("a,\"b, c\",d\r\nplain,,–\r\n\"1,5\",\"said \"\"so\"\"\",\"\"\"\"\r\n"), "{text}");
+        assert_eq!(read_csv(&text), [vec![table.head], table.rows].concat());
     }
 }

@@ -52,6 +52,8 @@ impl Screen {
         let described = wgpu::DeviceDescriptor {
             label: Some("radar-chaperone view"),
             required_limits: needed_limits(&adapter.limits()),
+            // As in `render`: memory is taken in pieces of 8 MB instead of 128.
+            memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..Default::default()
         };
         let refused = |error: wgpu::RequestDeviceError| RenderError::NoDevice {

@@ -187,7 +187,8 @@ fn rising(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values
 }
 
-/// Of rising values, the nearest; NaN of none.
+/// Of rising values, the nearest; NaN of none. (`recorded::quantile` lies between two of them and is 0 of none: here it is to be one that was
+/// measured, and of nothing nothing is told.)
 fn quantile(rising: &[f64], share: f64) -> f64 {
     let at = (share * rising.len().saturating_sub(1) as f64).round() as usize;
     rising.get(at).copied().unwrap_or(f64::NAN)

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::Experiment;
+use super::{ALL, Experiment};
 use crate::imaging::{Statistic, Volume};
 use crate::report::{Figure, Picture, Report, ReportError, Section, Table, VolumeInfo, ply_bytes, volume_bytes};
 
@@ -113,9 +113,12 @@ impl Outcome {
     }
 }
 
-/// Every finding and figure as Markdown, without the pictures.
-pub fn markdown(done: &[(&Experiment, Outcome)]) -> String {
+/// Every finding and figure as Markdown, without the pictures; of so many seeds.
+pub fn markdown(done: &[(&Experiment, Outcome)], seeds: u64) -> String {
+    let names: Vec<&str> = done.iter().map(|(experiment, _)| experiment.name).collect();
+    let names = if names.len() == ALL.len() { "all".to_owned() } else { names.join(" ") };
     let mut text = "# The thesis' experiments once more\n".to_owned();
+    text += &format!("\nMade by `radar-chaperone experiment {names} --seeds {seeds}`, as report.md of its folder.\n");
     for (experiment, outcome) in done {
         let Experiment { name, title, section, .. } = experiment;
         text += &format!("\n## {title}\n\nThesis, section {section}; `experiment {name}`. {}\n", outcome.done);
@@ -158,4 +161,20 @@ pub fn report(done: &[(&Experiment, Outcome)]) -> Result<Report, ReportError> {
         report = report.section(section);
     }
     Ok(report)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_head_says_how_it_was_made() {
+        let done = |count: usize| ALL.iter().take(count).map(|one| (one, Outcome::default())).collect::<Vec<_>>();
+        let third = |text: String| text.lines().nth(2).unwrap_or_default().to_owned();
+        let line = |what: &str| format!("Made by `radar-chaperone experiment {what}`, as report.md of its folder.");
+        assert_eq!(third(markdown(&done(2), 3)), line(&format!("{} {} --seeds 3", ALL[0].name, ALL[1].name)));
+        assert_eq!(third(markdown(&done(ALL.len()), 6)), line("all --seeds 6"));
+        let docs = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/experiments.md")).unwrap();
+        assert_eq!(third(docs), line("all --seeds 6"));
+    }
 }

@@ -81,6 +81,11 @@ impl PlaceBlock {
         &self.0.middle
     }
 
+    /// See [`Block::geometry`].
+    pub fn geometry(&self) -> &SweepGeometry {
+        self.0.geometry()
+    }
+
     /// See [`Block::motion`].
     pub fn motion(&self) -> DVec3 {
         self.0.motion

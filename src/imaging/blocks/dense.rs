@@ -34,6 +34,7 @@ pub fn blocks_volume(
         let centers: Vec<DVec3> = (0..out.len()).map(|n| volume.center(volume.voxel(chunk * CHUNK + n))).collect();
         let mut sums = vec![(0.0f64, 0.0f64); out.len()];
         for block in &blocks {
+            let settings = settings.within(&block.geometry().axis);
             let seen: Vec<usize> =
                 (0..out.len()).filter(|&n| settings.sees(&block.middle, min_cos, centers[n])).collect();
             let relative = |&n: &usize| (centers[n] - block.middle.translation).as_vec3().to_array();

@@ -67,7 +67,10 @@ impl PlaneField {
         let start_ns = *self.start_ns.get_or_insert(block.mid_time_ns);
         let now_s = ((block.mid_time_ns - start_ns) as f64 * 1e-9) as f32;
         let memory_s = self.settings.memory_s as f32;
-        let (origin, settings, min_cos) = (self.origin, &self.settings, self.min_cos);
+        let (origin, min_cos) = (self.origin, self.min_cos);
+        // Walls are strong: they are followed half a metre beyond what obstacles are.
+        let max_range_m = self.settings.max_range_m + 0.5;
+        let settings = BlockSettings { max_range_m, ..self.settings }.within(&block.geometry().axis);
         self.cells.par_iter_mut().zip(&self.directions).for_each(|(cells, &toward)| {
             if toward.dot(block.middle.forward()) < min_cos {
                 return;
@@ -75,8 +78,7 @@ impl PlaneField {
             let base_m = toward.dot(origin - block.middle.translation);
             let index = |range_m: f64| ((range_m - base_m) / OFFSET_STEP_M) as i32 + OFFSET_HALF;
             let first = index(settings.min_range_m).clamp(0, 2 * OFFSET_HALF + 1) as usize;
-            // Walls are strong: they are followed half a metre beyond what obstacles are.
-            let beyond = index(settings.max_range_m + 0.5).clamp(0, 2 * OFFSET_HALF + 1) as usize;
+            let beyond = index(settings.max_range_m).clamp(0, 2 * OFFSET_HALF + 1) as usize;
             let distance_m = |n: usize| (base_m + offset_m(n as i32 - OFFSET_HALF)) as f32;
             let toward = toward.as_vec3().to_array();
             let planes: Vec<_> = (first..beyond).map(|n| PlaneAt { toward, distance_m: distance_m(n) }).collect();

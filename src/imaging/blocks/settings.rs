@@ -4,7 +4,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Pose;
-use crate::radar::{Beam, Observation};
+use crate::radar::{Beam, Observation, RangeAxis};
 
 /// Parameters of the block score.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -44,6 +44,12 @@ impl BlockSettings {
     /// Cosine of the widest angle that counts as in the beam.
     pub fn min_cos(&self, beam: &Beam) -> f64 {
         beam.cos_where_amplitude_falls_below(self.min_amplitude)
+    }
+
+    /// The same for sweeps of a range axis: where it does not reach, they say nothing.
+    pub fn within(&self, axis: &RangeAxis) -> Self {
+        let (min_range_m, max_range_m) = (self.min_range_m.max(axis.first_m), self.max_range_m.min(axis.last_m()));
+        Self { min_range_m, max_range_m, ..*self }
     }
 
     /// Whether a sensor pose has a place in its beam and range.
@@ -94,6 +100,19 @@ pub fn partition(observations: &[Observation], settings: &BlockSettings) -> Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_short_axis_sees_no_farther_than_it_reaches_and_a_long_one_as_far_as_is_asked() {
+        let settings = BlockSettings::default();
+        let long = RangeAxis { first_m: 0.2, step_m: 0.06, points: 50 };
+        assert_eq!(settings.within(&long), settings);
+        let short = settings.within(&RangeAxis { first_m: 0.4, step_m: 0.02, points: 11 });
+        let sees = |range_m: f64| short.sees(&Pose::IDENTITY, 0.5, DVec3::NEG_Z * range_m);
+        assert_eq!([0.39, 0.41, 0.59, 0.61].map(sees), [false, true, true, false]);
+        // An axis that lies wholly beyond.
+        let nothing = settings.within(&RangeAxis { first_m: 3.0, step_m: 0.02, points: 11 });
+        assert!([0.5, 2.0, 3.1].iter().all(|range_m| !nothing.sees(&Pose::IDENTITY, 0.5, DVec3::NEG_Z * *range_m)));
+    }
 
     #[test]
     fn the_taper_has_unit_mean_square() {

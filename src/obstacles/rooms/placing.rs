@@ -48,7 +48,8 @@ impl RoomSearch {
     }
 
     fn refined_by_ls(&self, at: DVec3, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) -> Option<Refined> {
-        let sees = |o: &&Observation| self.settings.blocks.sees(&o.tracking_from_sensor, self.min_cos, at);
+        let blocks = &self.settings.blocks;
+        let sees = |o: &&Observation| blocks.within(&o.geometry.axis).sees(&o.tracking_from_sensor, self.min_cos, at);
         let sweeps = self.sweeps.iter().take(self.sweeps.len() - self.sweeps_since.min(self.sweeps.len()));
         let seen: Vec<&Observation> = sweeps.filter(sees).collect();
         let positions: Vec<DVec3> = seen.iter().map(|o| o.tracking_from_sensor.translation).collect();

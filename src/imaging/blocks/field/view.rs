@@ -16,7 +16,8 @@ pub(super) enum Seen {
 /// A block and what it has in its beam.
 pub(super) struct View<'a> {
     pub block: &'a Block,
-    pub settings: &'a BlockSettings,
+    /// No nearer and no farther than the block's range axis goes.
+    pub settings: BlockSettings,
     min_cos: f64,
     /// Sine of the widest angle in the beam.
     max_sin: f64,
@@ -24,7 +25,8 @@ pub(super) struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    pub fn new(block: &'a Block, settings: &'a BlockSettings, min_cos: f64) -> Self {
+    pub fn new(block: &'a Block, settings: &BlockSettings, min_cos: f64) -> Self {
+        let settings = settings.within(&block.geometry().axis);
         let max_sin = (1.0 - min_cos * min_cos).max(0.0).sqrt();
         Self { block, settings, min_cos, max_sin, forward: block.middle.forward() }
     }
@@ -37,7 +39,7 @@ impl<'a> View<'a> {
         let across_m = (distance_m * distance_m - along_m * along_m).max(0.0).sqrt();
         // How far outside the beam's cone, by its surface.
         let outside_m = across_m * self.min_cos - along_m * self.max_sin;
-        let BlockSettings { min_range_m, max_range_m, .. } = *self.settings;
+        let BlockSettings { min_range_m, max_range_m, .. } = self.settings;
         if outside_m > radius_m || distance_m > max_range_m + radius_m || distance_m + radius_m < min_range_m {
             Seen::None
         } else if outside_m < -radius_m && distance_m + radius_m < max_range_m && distance_m - radius_m > min_range_m {
@@ -52,7 +54,7 @@ impl View<'_> {
     /// Which voxels of a layer are in the beam, lane 0 at `corner`: [`BlockSettings::sees`] sixteen at a time.
     #[inline(always)]
     fn lanes_seen(&self, corner: DVec3) -> [bool; LANES] {
-        let BlockSettings { voxel_m, min_range_m, max_range_m, .. } = *self.settings;
+        let BlockSettings { voxel_m, min_range_m, max_range_m, .. } = self.settings;
         let (forward, to) = (self.forward, corner - self.block.middle.translation);
         let (min2, max2) = (min_range_m * min_range_m, max_range_m * max_range_m);
         let cos2 = self.min_cos * self.min_cos.abs();
