@@ -230,7 +230,7 @@ mod tests {
             first_seen_ns: 0,
             last_seen_ns: 1,
         };
-        Scene { time_ns: 0, obstacles: vec![obstacle.clone(), obstacle], walls: vec![wall] }
+        Scene { time_ns: 0, obstacles: vec![obstacle.clone(), obstacle], walls: vec![wall], moving: vec![] }
     }
 
     #[test]

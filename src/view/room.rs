@@ -320,7 +320,7 @@ mod tests {
             last_seen_ns: 0,
         };
         let variances = DMat3::from_diagonal(DVec3::new(1e-4, 4e-4, 9e-4));
-        let scene = Scene { time_ns: 0, obstacles: vec![obstacle(variances)], walls: vec![wall] };
+        let scene = Scene { time_ns: 0, obstacles: vec![obstacle(variances)], walls: vec![wall], moving: vec![] };
         Moment {
             time_s: 1.0,
             scene: Arc::new(scene),

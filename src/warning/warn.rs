@@ -92,7 +92,7 @@ mod tests {
     }
 
     fn warnings_of(obstacles: Vec<Obstacle>, walls: Vec<Wall>) -> Warnings {
-        warn(&Scene { time_ns: 0, obstacles, walls }, &head(), &WarningSettings::default())
+        warn(&Scene { time_ns: 0, obstacles, walls, moving: vec![] }, &head(), &WarningSettings::default())
     }
 
     #[test]
@@ -111,7 +111,7 @@ mod tests {
     fn what_a_player_in_the_play_area_cannot_reach_is_left_out() {
         let shown = |area_m: [f64; 2], obstacles: Vec<Obstacle>, walls: Vec<Wall>| {
             let settings = WarningSettings { play_area_m: Some(area_m), play_area_margin_m: 0.2, ..Default::default() };
-            !warn(&Scene { time_ns: 0, obstacles, walls }, &head(), &settings).panels.is_empty()
+            !warn(&Scene { time_ns: 0, obstacles, walls, moving: vec![] }, &head(), &settings).panels.is_empty()
         };
         assert!(shown([2.0, 1.4], vec![block(1, 0.0, -0.8)], vec![]), "its near side is 0.1 m outside");
         assert!(!shown([2.0, 1.0], vec![block(1, 0.0, -0.8)], vec![]));
@@ -121,7 +121,7 @@ mod tests {
 
     #[test]
     fn panels_move_with_the_room() {
-        let scene = Scene { time_ns: 0, obstacles: vec![block(1, 0.1, -0.8)], walls: vec![wall(DVec3::NEG_Z, 0.9)] };
+        let scene = Scene { time_ns: 0, obstacles: vec![block(1, 0.1, -0.8)], walls: vec![wall(DVec3::NEG_Z, 0.9)], moving: vec![] };
         let to_from = Pose::new(DVec3::new(0.7, 0.0, -0.4), DQuat::from_rotation_y(0.9));
         let settings = WarningSettings::default();
         let before = warn(&scene, &head(), &settings);
@@ -330,7 +330,7 @@ mod tests {
                 ..Default::default()
             };
             let head = Pose { translation: place, rotation: DQuat::from_array(turn) };
-            let scene = Scene { time_ns: 0, obstacles, walls };
+            let scene = Scene { time_ns: 0, obstacles, walls, moving: vec![] };
             let warnings = warn(&scene, &head, &settings);
             prop_assert!(warnings.panels.iter().all(is_sound), "{warnings:?}");
             for footprint in &warnings.footprints {

@@ -290,7 +290,7 @@ mod tests {
     }
 
     fn scene(time_s: f64, obstacles: Vec<Obstacle>) -> Scene {
-        Scene { time_ns: (time_s * 1e9) as i64, obstacles, walls: vec![] }
+        Scene { time_ns: (time_s * 1e9) as i64, obstacles, walls: vec![], moving: vec![] }
     }
 
     /// Frames that are enough for all brightness to have come up and gone.
@@ -400,7 +400,7 @@ mod tests {
 
     fn before_a_wall(ahead_m: f64) -> Watch {
         let mut watch = Watch::new();
-        watch.see(&Scene { time_ns: 0, obstacles: vec![], walls: vec![wall(1, ahead_m)] });
+        watch.see(&Scene { time_ns: 0, obstacles: vec![], walls: vec![wall(1, ahead_m)], moving: vec![] });
         watch
     }
 

@@ -1,0 +1,381 @@
+//! What moves by itself: a person, a pet. Echoes that cannot be at rest (`imaging/blocks/movers.rs`), followed from block to block.
+//!
+//! A track is a range and a speed of its own along the line of sight; the sensor's own way is taken out of the range by the boresight,
+//! since the direction is known no better than the beam is wide. A small Kalman filter with a gate joins echoes to tracks. A range rate
+//! that is known modulo the ambiguity is tried as each value that something in a room may have; what the ranges do not follow dies.
+//! A track is confirmed when most of the last blocks had it and what its echoes lie beyond everything at rest comes to a way of
+//! [`MovingSettings::min_travel_m`]: what vibrates or sways has both signs, or turns back. It is dropped when unseen for a while.
+//!
+//! Blocks in which what stands still may have the same range rate say nothing for or against.
+//!
+//! The player's own hands move as well. What is nearer than hands reach begins no track; with tracked hands, what is no farther than
+//! the farther of them, since arms hang on hands. A track that was confirmed beyond is followed nearer.
+
+use std::collections::VecDeque;
+
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::hands::HandTrail;
+use crate::geometry::Pose;
+use crate::imaging::blocks::{Block, MoverFinder, MovingEcho, Movers};
+use crate::radar::Beam;
+
+/// Parameters of the search for what moves.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MovingSettings {
+    /// Whether it is looked for.
+    pub enabled: bool,
+    /// Share of blocks in which noise may make an echo that moves.
+    pub alarms_per_block: f64,
+    /// Of the last six blocks that could have it, so many must.
+    pub confirm_blocks: usize,
+    /// Way of its own, along the line of sight, that confirms a thing, metres.
+    pub min_travel_m: f64,
+    /// What is unseen for so long is gone, seconds.
+    pub forget_s: f64,
+}
+
+impl Default for MovingSettings {
+    fn default() -> Self {
+        Self { enabled: true, alarms_per_block: 0.01, confirm_blocks: 4, min_travel_m: 0.15, forget_s: 1.0 }
+    }
+}
+
+/// Something that moves by itself. Where it is, is known as a range; its direction is anywhere in the beam.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moving {
+    /// Stays the same while it is followed.
+    pub id: u64,
+    /// Where it was seen from last, `tracking_from_sensor`: range and direction are from there, along its boresight.
+    pub seen_from: Pose,
+    /// Its range from there now, metres.
+    pub range_m: f64,
+    /// 1σ of that, metres.
+    pub range_sigma_m: f64,
+    /// 1σ of its direction about the boresight, every way, radians: as wide as the beam.
+    pub direction_sigma_rad: f64,
+    /// Its own speed along the line of sight, metres a second; positive: away.
+    pub speed_m_per_s: f64,
+    /// Power of its last echo over what else there is at its range.
+    pub evidence: f64,
+    /// First and last block that had it, host nanoseconds.
+    pub first_seen_ns: i64,
+    /// See `first_seen_ns`.
+    pub last_seen_ns: i64,
+}
+
+impl Moving {
+    /// The middle of where it may be, tracking frame, metres.
+    pub fn position_m(&self) -> DVec3 {
+        self.seen_from.translation + self.seen_from.forward() * self.range_m
+    }
+
+    /// Covariance of that, m²: that of the tangent plane, as of an obstacle whose range alone is known.
+    pub fn covariance_m2(&self) -> DMat3 {
+        let ahead = self.seen_from.forward();
+        let along = DMat3::from_cols(ahead * ahead.x, ahead * ahead.y, ahead * ahead.z);
+        let across_m = self.range_m * self.direction_sigma_rad;
+        along * self.range_sigma_m.powi(2) + (DMat3::IDENTITY - along) * across_m.powi(2)
+    }
+
+    /// The same in another frame: `to_from` takes coordinates of this one's.
+    pub(super) fn moved(&self, to_from: &Pose) -> Self {
+        Self { seen_from: *to_from * self.seen_from, ..*self }
+    }
+}
+
+/// 1σ of an echo's range about the middle of a body, and of its speed about the body's: limbs swing.
+const RANGE_SIGMA_M: f64 = 0.12;
+const SPEED_SIGMA_M_PER_S: f64 = 0.3;
+/// How people speed up and slow down along the line of sight, metres a second squared: 1σ, held for a block.
+const ACCELERATION_M_PER_S2: f64 = 3.0;
+/// What begins may have any speed of this 1σ about what its echo says.
+const FIRST_SPEED_SIGMA_M_PER_S: f64 = 0.3;
+/// An echo farther from where a track should be is not its own: 1σ's, and metres.
+const GATE_SIGMAS: f64 = 3.0;
+const GATE_M: f64 = 0.5;
+/// Speeds that differ by more are of something else, metres a second.
+const GATE_M_PER_S: f64 = 1.2;
+/// Nothing in a room moves faster by itself, metres a second.
+const FASTEST_M_PER_S: f64 = 2.5;
+/// Blocks that are looked back on; what is not confirmed and misses so many in a row is none.
+const RECENT_BLOCKS: usize = 6;
+const MOST_MISSES: usize = 3;
+/// Two tracks nearer than this in range are of one body, metres.
+const ONE_BODY_M: f64 = 0.35;
+/// Tracks at most, the oldest.
+const MOST_TRACKS: usize = 24;
+/// A longer pause ends all tracks, seconds.
+const PAUSE_S: f64 = 1.0;
+/// Share of the sensor's way, and of its speeds, that is unknown of what is not straight ahead.
+const ASIDE: f64 = 0.35;
+/// No block counts for more of a way, seconds.
+const LONGEST_BLOCK_S: f64 = 0.2;
+/// A hand with what it holds and the pulse's width, metres.
+const HAND_M: f64 = 0.17;
+
+/// Follows what moves.
+#[derive(Debug, Clone)]
+pub struct MovingTracks {
+    settings: MovingSettings,
+    finder: MoverFinder,
+    direction_sigma_rad: f64,
+    tracks: Vec<Track>,
+    next_id: u64,
+    /// Time and pose of the newest block.
+    newest: Option<(i64, Pose)>,
+}
+
+#[derive(Debug, Clone)]
+struct Track {
+    /// Of a confirmed one.
+    id: Option<u64>,
+    range_m: f64,
+    speed_m_per_s: f64,
+    /// Covariance of both: range, range and speed, speed.
+    covariance: [f64; 3],
+    seen_from: Pose,
+    /// Range when it was last seen.
+    seen_range_m: f64,
+    evidence: f64,
+    first_ns: i64,
+    last_ns: i64,
+    recent: VecDeque<bool>,
+    travel_m: f64,
+}
+
+impl MovingTracks {
+    /// Nothing seen yet.
+    pub fn new(settings: MovingSettings, beam: &Beam) -> Self {
+        Self {
+            finder: MoverFinder::new(beam, settings.alarms_per_block),
+            direction_sigma_rad: direction_sigma_rad(beam),
+            settings,
+            tracks: Vec::new(),
+            next_id: 0,
+            newest: None,
+        }
+    }
+
+    /// Takes a block; blocks in time. `hands_reach_m`: how far the hands reach that are not tracked.
+    pub fn take(&mut self, block: &Block, hands: &HandTrail, hands_reach_m: f64) {
+        if self.settings.enabled {
+            let reach_m = own_reach_m(block, hands, hands_reach_m);
+            let movers = self.finder.movers(block);
+            self.follow(&block.middle, block.mid_time_ns, movers.as_ref(), reach_m);
+        }
+    }
+
+    /// What moves now: confirmed, brought up to a time.
+    pub fn moving(&self) -> Vec<Moving> {
+        let Some((now_ns, _)) = self.newest else { return Vec::new() };
+        let moving = |track: &Track| {
+            let unseen_s = now_ns.saturating_sub(track.last_ns) as f64 * 1e-9;
+            Some(Moving {
+                id: track.id?,
+                seen_from: track.seen_from,
+                range_m: (track.seen_range_m + track.speed_m_per_s * unseen_s).max(0.1),
+                range_sigma_m: track.covariance[0].sqrt(),
+                direction_sigma_rad: self.direction_sigma_rad,
+                speed_m_per_s: track.speed_m_per_s,
+                evidence: track.evidence,
+                first_seen_ns: track.first_ns,
+                last_seen_ns: track.last_ns,
+            })
+        };
+        self.tracks.iter().filter_map(moving).collect()
+    }
+
+    fn follow(&mut self, sensor: &Pose, now_ns: i64, movers: Option<&Movers>, reach_m: f64) {
+        let before = self.newest.replace((now_ns, *sensor));
+        if let Some((then_ns, then)) = before {
+            let passed_s = now_ns.saturating_sub(then_ns) as f64 * 1e-9;
+            if !(0.0..=PAUSE_S).contains(&passed_s) {
+                self.tracks.clear();
+            }
+            let way = sensor.translation - then.translation;
+            self.tracks.iter_mut().for_each(|track| track.go_on(passed_s, way, &then));
+        }
+        if let Some(movers) = movers {
+            self.join(sensor, now_ns, movers, reach_m, before.map_or(0.0, |(then_ns, _)| (now_ns - then_ns) as f64 * 1e-9));
+        }
+        let forget_ns = (self.settings.forget_s * 1e9) as i64;
+        self.tracks.retain(|track| {
+            let misses = track.recent.iter().rev().take_while(|hit| !**hit).count();
+            now_ns.saturating_sub(track.last_ns) < forget_ns && (track.id.is_some() || misses < MOST_MISSES)
+        });
+        self.leave_one_a_body();
+    }
+
+    /// Each echo goes to the confirmed track that it fits best, else to all others that it fits, else it begins one.
+    fn join(&mut self, sensor: &Pose, now_ns: i64, movers: &Movers, reach_m: f64, passed_s: f64) {
+        let mut is_seen = vec![false; self.tracks.len()];
+        for echo in &movers.echoes {
+            let unseen = self.tracks.iter().zip(&is_seen).enumerate().filter(|(_, (_, is_seen))| !**is_seen);
+            let fitting: Vec<(usize, bool, Fit)> =
+                unseen.filter_map(|(n, (track, _))| Some((n, track.id.is_some(), track.fit(echo, movers)?))).collect();
+            let confirmed = fitting.iter().filter(|(_, is_confirmed, _)| *is_confirmed);
+            let best = confirmed.min_by(|a, b| a.2.apart.total_cmp(&b.2.apart)).map(|(n, ..)| *n);
+            for (n, _, fit) in fitting.iter().filter(|(n, ..)| best.is_none_or(|best| best == *n)) {
+                is_seen[*n] = true;
+                self.tracks[*n].see(sensor, now_ns, echo, movers, fit, passed_s);
+            }
+            if fitting.is_empty() && echo.range_m >= reach_m {
+                self.begin(sensor, now_ns, echo, movers);
+            }
+        }
+        for (track, is_seen) in self.tracks.iter_mut().zip(is_seen) {
+            track.note(is_seen, movers);
+        }
+        let settings = self.settings;
+        let far = |track: &Track| track.range_m >= reach_m;
+        for track in self.tracks.iter_mut().filter(|track| track.id.is_none() && track.is_there(&settings) && far(track)) {
+            self.next_id += 1;
+            track.id = Some(self.next_id);
+        }
+    }
+
+    /// A track for every value that the range rate may have.
+    fn begin(&mut self, sensor: &Pose, now_ns: i64, echo: &MovingEcho, movers: &Movers) {
+        for turn in [0.0, -1.0, 1.0, -2.0, 2.0] {
+            let ambiguous = turn * movers.ambiguity_m_per_s;
+            let speed_m_per_s = echo.range_rate_m_per_s + ambiguous - movers.ahead_m_per_s;
+            if speed_m_per_s.abs() > FASTEST_M_PER_S || self.tracks.len() >= MOST_TRACKS {
+                continue;
+            }
+            self.tracks.push(Track {
+                id: None,
+                range_m: echo.range_m,
+                speed_m_per_s,
+                covariance: [RANGE_SIGMA_M.powi(2), 0.0, FIRST_SPEED_SIGMA_M_PER_S.powi(2)],
+                seen_from: *sensor,
+                seen_range_m: echo.range_m,
+                evidence: echo.power,
+                first_ns: now_ns,
+                last_ns: now_ns,
+                recent: VecDeque::from([true]),
+                travel_m: 0.0,
+            });
+        }
+    }
+
+    /// Of tracks that are at the same range the one that is confirmed for longest stays, or the one with most echoes.
+    fn leave_one_a_body(&mut self) {
+        let rank = |track: &Track| {
+            let hits = track.recent.iter().filter(|hit| **hit).count();
+            (track.id.map_or(u64::MAX, |id| id), usize::MAX - hits, track.first_ns)
+        };
+        self.tracks.sort_by_key(rank);
+        let mut ranges_m: Vec<f64> = Vec::new();
+        self.tracks.retain(|track| {
+            let is_one = track.id.is_some() && ranges_m.iter().any(|m| (m - track.range_m).abs() < ONE_BODY_M);
+            if track.id.is_some() && !is_one {
+                ranges_m.push(track.range_m);
+            }
+            let is_beside = track.id.is_none() && ranges_m.iter().any(|m| (m - track.range_m).abs() < ONE_BODY_M);
+            !is_one && !is_beside
+        });
+    }
+}
+
+/// How an echo fits a track.
+struct Fit {
+    /// In 1σ's, squared.
+    apart: f64,
+    /// The speed of its own that it then has, metres a second.
+    speed_m_per_s: f64,
+}
+
+impl Track {
+    /// Time passes, and the sensor goes a way.
+    fn go_on(&mut self, passed_s: f64, way: DVec3, before: &Pose) {
+        let [range2, both, speed2] = self.covariance;
+        self.range_m += self.speed_m_per_s * passed_s - way.dot(before.forward());
+        let noise = (ACCELERATION_M_PER_S2 * passed_s).powi(2);
+        // The way counts less for what is not straight ahead.
+        let aside2 = (way.length() * ASIDE).powi(2);
+        self.covariance = [
+            range2 + 2.0 * passed_s * both + passed_s.powi(2) * (speed2 + 0.25 * noise) + aside2,
+            both + passed_s * (speed2 + 0.5 * noise),
+            speed2 + noise,
+        ];
+    }
+
+    /// Whether an echo is its own, and with which of the range rates that it may have.
+    fn fit(&self, echo: &MovingEcho, movers: &Movers) -> Option<Fit> {
+        let told = echo.range_rate_m_per_s - movers.ahead_m_per_s;
+        let turns = ((self.speed_m_per_s - told) / movers.ambiguity_m_per_s).round();
+        let speed_m_per_s = told + turns * movers.ambiguity_m_per_s;
+        let (off_m, off_m_per_s) = (echo.range_m - self.range_m, speed_m_per_s - self.speed_m_per_s);
+        let range2 = self.covariance[0] + RANGE_SIGMA_M.powi(2);
+        let is_near = off_m.abs() <= GATE_M.min(GATE_SIGMAS * range2.sqrt()) && off_m_per_s.abs() <= GATE_M_PER_S;
+        let apart = off_m.powi(2) / range2 + off_m_per_s.powi(2) / (self.covariance[2] + speed_sigma2(movers));
+        is_near.then_some(Fit { apart, speed_m_per_s })
+    }
+
+    /// Takes an echo.
+    fn see(&mut self, sensor: &Pose, now_ns: i64, echo: &MovingEcho, movers: &Movers, fit: &Fit, passed_s: f64) {
+        self.correct(echo.range_m - self.range_m, [1.0, 0.0], RANGE_SIGMA_M.powi(2));
+        self.correct(fit.speed_m_per_s - self.speed_m_per_s, [0.0, 1.0], speed_sigma2(movers));
+        self.range_m = self.range_m.max(0.1);
+        let (rate, [least, greatest]) = (fit.speed_m_per_s + movers.ahead_m_per_s, movers.still_m_per_s);
+        self.travel_m += ((rate - greatest).max(0.0) + (rate - least).min(0.0)) * passed_s.min(LONGEST_BLOCK_S);
+        (self.seen_from, self.seen_range_m) = (*sensor, self.range_m);
+        (self.evidence, self.last_ns) = (echo.power, now_ns);
+    }
+
+    /// A measurement of one of both, by how much it is off.
+    fn correct(&mut self, off: f64, [of_range, of_speed]: [f64; 2], sigma2: f64) {
+        let [range2, both, speed2] = self.covariance;
+        let (with_range, with_speed) = (range2 * of_range + both * of_speed, both * of_range + speed2 * of_speed);
+        let total = with_range * of_range + with_speed * of_speed + sigma2;
+        self.range_m += with_range / total * off;
+        self.speed_m_per_s += with_speed / total * off;
+        self.covariance = [
+            range2 - with_range * with_range / total,
+            both - with_range * with_speed / total,
+            speed2 - with_speed * with_speed / total,
+        ];
+    }
+
+    /// Notes whether a block had it; one that could not tell says nothing.
+    fn note(&mut self, is_seen: bool, movers: &Movers) {
+        let [first_m, last_m] = movers.ranges_m;
+        if is_seen || ((first_m..=last_m).contains(&self.range_m) && movers.tells(self.speed_m_per_s + movers.ahead_m_per_s)) {
+            self.recent.push_back(is_seen);
+        }
+        while self.recent.len() > RECENT_BLOCKS {
+            self.recent.pop_front();
+        }
+    }
+
+    fn is_there(&self, settings: &MovingSettings) -> bool {
+        let hits = self.recent.iter().filter(|hit| **hit).count();
+        hits >= settings.confirm_blocks && self.travel_m.abs() >= settings.min_travel_m
+    }
+}
+
+/// Variance of an echo's speed about that of its body: its limbs, and what stands still aside of straight ahead.
+fn speed_sigma2(movers: &Movers) -> f64 {
+    let [least, greatest] = movers.still_m_per_s;
+    SPEED_SIGMA_M_PER_S.powi(2) + (ASIDE * (greatest - least)).powi(2)
+}
+
+/// How far nothing may begin to move: the hands', tracked or not.
+fn own_reach_m(block: &Block, hands: &HandTrail, hands_reach_m: f64) -> f64 {
+    let hands = hands.at(block.mid_time_ns);
+    let reach_m = |hand: Option<DVec3>| hand.map_or(hands_reach_m, |hand| block.distance_m(hand) + HAND_M);
+    hands.into_iter().map(reach_m).fold(0.0, f64::max)
+}
+
+/// 1σ of the direction of an echo about the boresight, along either axis, by what a beam lets through.
+fn direction_sigma_rad(beam: &Beam) -> f64 {
+    let angles = (0..=180).map(|degrees| f64::from(degrees).to_radians());
+    let (sum, weight) = angles.fold((0.0, 0.0), |(sum, total), angle| {
+        let weight = beam.amplitude(angle.cos()).powi(2) * angle.sin();
+        (sum + 0.5 * angle * angle * weight, total + weight)
+    });
+    (sum / weight.max(f64::MIN_POSITIVE)).sqrt()
+}
