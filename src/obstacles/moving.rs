@@ -39,7 +39,7 @@ pub struct MovingSettings {
 
 impl Default for MovingSettings {
     fn default() -> Self {
-        Self { enabled: true, alarms_per_block: 0.01, confirm_blocks: 4, min_travel_m: 0.15, forget_s: 1.0 }
+        Self { enabled: true, alarms_per_block: 0.1, confirm_blocks: 4, min_travel_m: 0.15, forget_s: 1.0 }
     }
 }
 
@@ -98,13 +98,15 @@ const GATE_SIGMAS: f64 = 3.0;
 const GATE_M: f64 = 0.5;
 /// Speeds that differ by more are of something else, metres a second.
 const GATE_M_PER_S: f64 = 1.2;
-/// Nothing in a room moves faster by itself, metres a second.
-const FASTEST_M_PER_S: f64 = 2.5;
+/// Nothing in a room goes faster towards or away from the player, metres a second: where range rates are ambiguous, no other is tried.
+const FASTEST_M_PER_S: f64 = 1.5;
 /// Blocks that are looked back on; what is not confirmed and misses so many in a row is none.
 const RECENT_BLOCKS: usize = 6;
 const MOST_MISSES: usize = 3;
-/// Two tracks nearer than this in range are of one body, metres.
-const ONE_BODY_M: f64 = 0.35;
+/// What is nearer than a track by less than this, or farther by less than that, is of the same body: feet are farther than a chest,
+/// metres.
+const NEARER_M: f64 = 0.35;
+const FARTHER_M: f64 = 0.7;
 /// Tracks at most, the oldest.
 const MOST_TRACKS: usize = 24;
 /// A longer pause ends all tracks, seconds.
@@ -199,7 +201,7 @@ impl MovingTracks {
             self.tracks.iter_mut().for_each(|track| track.go_on(passed_s, way, &then));
         }
         if let Some(movers) = movers {
-            self.join(sensor, now_ns, movers, reach_m, before.map_or(0.0, |(then_ns, _)| (now_ns - then_ns) as f64 * 1e-9));
+            self.join(sensor, now_ns, movers, reach_m, before.map_or(0.0, |(then_ns, _)| now_ns.saturating_sub(then_ns) as f64 * 1e-9));
         }
         let forget_ns = (self.settings.forget_s * 1e9) as i64;
         self.tracks.retain(|track| {
@@ -261,22 +263,23 @@ impl MovingTracks {
         }
     }
 
-    /// Of tracks that are at the same range the one that is confirmed for longest stays, or the one with most echoes.
+    /// Of tracks of one body the confirmed one stays; of several such the nearest, under the oldest one's name.
     fn leave_one_a_body(&mut self) {
-        let rank = |track: &Track| {
-            let hits = track.recent.iter().filter(|hit| **hit).count();
-            (track.id.map_or(u64::MAX, |id| id), usize::MAX - hits, track.first_ns)
-        };
-        self.tracks.sort_by_key(rank);
-        let mut ranges_m: Vec<f64> = Vec::new();
-        self.tracks.retain(|track| {
-            let is_one = track.id.is_some() && ranges_m.iter().any(|m| (m - track.range_m).abs() < ONE_BODY_M);
-            if track.id.is_some() && !is_one {
-                ranges_m.push(track.range_m);
+        let mut bodies: Vec<Track> = Vec::new();
+        self.tracks.sort_by(|a, b| a.id.is_none().cmp(&b.id.is_none()).then(a.range_m.total_cmp(&b.range_m)));
+        for track in std::mem::take(&mut self.tracks) {
+            let is_of = |body: &&mut Track| (-NEARER_M..FARTHER_M).contains(&(track.range_m - body.range_m));
+            match bodies.iter_mut().filter(|body| body.id.is_some()).find(is_of) {
+                Some(body) if track.id.is_some() => {
+                    body.id = body.id.min(track.id);
+                    body.first_ns = body.first_ns.min(track.first_ns);
+                }
+                Some(_) => {}
+                None => bodies.push(track),
             }
-            let is_beside = track.id.is_none() && ranges_m.iter().any(|m| (m - track.range_m).abs() < ONE_BODY_M);
-            !is_one && !is_beside
-        });
+        }
+        bodies.sort_by_key(|track| (track.id.unwrap_or(u64::MAX), track.first_ns));
+        self.tracks = bodies;
     }
 }
 
@@ -320,6 +323,7 @@ impl Track {
         self.correct(echo.range_m - self.range_m, [1.0, 0.0], RANGE_SIGMA_M.powi(2));
         self.correct(fit.speed_m_per_s - self.speed_m_per_s, [0.0, 1.0], speed_sigma2(movers));
         self.range_m = self.range_m.max(0.1);
+        self.speed_m_per_s = self.speed_m_per_s.clamp(-FASTEST_M_PER_S, FASTEST_M_PER_S);
         let (rate, [least, greatest]) = (fit.speed_m_per_s + movers.ahead_m_per_s, movers.still_m_per_s);
         self.travel_m += ((rate - greatest).max(0.0) + (rate - least).min(0.0)) * passed_s.min(LONGEST_BLOCK_S);
         (self.seen_from, self.seen_range_m) = (*sensor, self.range_m);

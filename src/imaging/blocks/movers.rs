@@ -8,8 +8,8 @@
 //! projected away: tones over the interval, at the times at which sweeps really were measured, made orthonormal (the discrete
 //! prolate functions of the band, but for a rotation), and taken out of every range's sweeps. What is left is held against tones
 //! beyond the interval, at each range. Of noise of mean power 1 a tone's power |sᴴe|²/K is exponential with mean 1 at most, so a bound
-//! follows from the number of cells and the false alarms that are allowed in a block. Where more is left at a range than noise and one
-//! tone account for, the tone must stand out of that instead: no two terms of wrong modelling make a mover.
+//! follows from the number of cells and the false alarms that are allowed in a block. Where more is left at a range than noise and
+//! what moves as fast account for, it must stand out of that instead: no two terms of wrong modelling make a mover.
 //!
 //! The interval reaches to where the beam is down to [`EDGE_AMPLITUDE`], −40 dB: a wall there returns as much as noise does. Range
 //! rates are known modulo λ/2 over the time between sweeps; they are told within ± half of that around the interval's middle, which
@@ -433,9 +433,11 @@ impl<'a> Spectrum<'a> {
     /// The strongest tone at a range and how far it stands out.
     fn strongest(&self, range: usize) -> (usize, f64) {
         let at = (0..self.rates.len()).max_by(|a, b| self.power(*a, range).total_cmp(&self.power(*b, range))).unwrap_or(0);
-        let power = self.power(at, range);
-        let level = (f64::from(self.left[range]) - power) / (self.freedom - 1.0).max(1.0);
-        (at, power / level.max(1.0))
+        // A body is no tone: what is near in speed is of it.
+        let own = self.around(at).map(|n| self.power(n, range)).sum::<f64>() * CELL;
+        let freedom = self.freedom - self.around(at).count() as f64 * CELL;
+        let level = (f64::from(self.left[range]) - own) / freedom.max(1.0);
+        (at, self.power(at, range) / level.max(1.0))
     }
 
     /// Fractional range, range rate and strength of what stands out by the bound, strongest first.
@@ -470,8 +472,13 @@ impl<'a> Spectrum<'a> {
 
     /// How fast it is, by the tones around the strongest.
     fn middle_of_rate(&self, rate: usize, range: usize) -> f64 {
-        let near = self.rates.iter().enumerate().filter(|(_, r)| (**r - self.rates[rate]).abs() <= ONE_SPEED_M_PER_S);
-        mean(near.map(|(n, r)| (*r, self.power(n, range))))
+        mean(self.around(rate).map(|n| (self.rates[n], self.power(n, range))))
+    }
+
+    /// Range rates of the same body.
+    fn around(&self, rate: usize) -> impl Iterator<Item = usize> {
+        let is_near = move |n: &usize| (self.rates[*n] - self.rates[rate]).abs() <= ONE_SPEED_M_PER_S;
+        (0..self.rates.len()).filter(is_near)
     }
 }
 
