@@ -104,7 +104,9 @@ fn play(session: &Session, options: &Options, figures: &mut Figures) {
                 frames = session.frames(next..(next + batch).min(session.frame_count())).into_iter().peekable();
                 next += batch;
             }
-            let Some(frame) = frames.next_if(|f: &radar_chaperone::radar::Frame| f.host_time_ns <= pose.time_ns) else { break };
+            let Some(frame) = frames.next_if(|f: &radar_chaperone::radar::Frame| f.host_time_ns <= pose.time_ns) else {
+                break;
+            };
             observer.push_frame(frame);
         }
         watch.push_hands(pose.time_ns);
@@ -166,15 +168,24 @@ impl<'a> Watched<'a> {
             let cos = to.normalize_or_zero().dot(sensor.forward());
             to.length() <= NEAR_M && self.session.play().beam.amplitude(cos) >= AMPLITUDE
         };
-        if self.options.each && let Some(movers) = movers.as_ref().filter(|m| !m.echoes.is_empty()) {
-            println!("seed {} {time_s:.2} s still {:.2?} echoes {:.2?} body {:.2?}", self.session.play().seed, movers.still_m_per_s,
-                movers.echoes.iter().map(|e| (e.range_m, e.range_rate_m_per_s, e.power)).collect::<Vec<_>>(), parts.get(CHEST).map(|p| p.distance(sensor.translation)));
+        if self.options.each
+            && let Some(movers) = movers.as_ref().filter(|m| !m.echoes.is_empty())
+        {
+            println!(
+                "seed {} {time_s:.2} s still {:.2?} echoes {:.2?} body {:.2?}",
+                self.session.play().seed,
+                movers.still_m_per_s,
+                movers.echoes.iter().map(|e| (e.range_m, e.range_rate_m_per_s, e.power)).collect::<Vec<_>>(),
+                parts.get(CHEST).map(|p| p.distance(sensor.translation))
+            );
         }
         if parts.iter().filter(is_in_beam).count() > 0 {
             let is_shown = moving.iter().any(|one| off_m(one, &parts) <= RIGHT_M);
             let later = self.session.visitor_at(time_s + 0.01);
             let rate = later.get(CHEST).map(|p| {
-                (p.distance(self.session.sensor_at(time_s + 0.01).translation) - parts[CHEST].distance(sensor.translation)) / 0.01
+                (p.distance(self.session.sensor_at(time_s + 0.01).translation)
+                    - parts[CHEST].distance(sensor.translation))
+                    / 0.01
             });
             let is_told = movers.as_ref().zip(rate).is_some_and(|(movers, rate)| movers.tells(rate));
             figures.seen += 1;
@@ -221,12 +232,43 @@ impl Figures {
     fn print(mut self) {
         let percent = |part: u64, of: u64| 100.0 * part as f64 / of.max(1) as f64;
         let mut off_m: Vec<f64> = self.errors_m.iter().map(|m| m.abs()).collect();
-        println!("played {:.1} min, {} blocks, {:.1} % of them blind", self.played_s / 60.0, self.blocks, percent(self.blind, self.blocks));
-        println!("in the beam within {NEAR_M} m: {} blocks, {:.1} % shown", self.seen, percent(self.seen_shown, self.seen));
-        println!("   and told from what is at rest: {} blocks, {:.1} % shown", self.told, percent(self.told_shown, self.told));
-        println!("range off the chest's, m: median {:.2}, 90 % {:.2}, signed median {:.2}", quantile(&mut off_m, 0.5), quantile(&mut off_m, 0.9), quantile(&mut self.errors_m, 0.5));
-        println!("shown {} times, s after coming into the beam: median {:.2}, 90 % {:.2}", self.delays_s.len(), quantile(&mut self.delays_s, 0.5), quantile(&mut self.delays_s, 0.9));
-        println!("shown where nobody is: {} times, {:.2} a minute", self.false_tracks, self.false_tracks as f64 / self.played_s * 60.0);
-        println!("cost: {:.3} ms a block, {:.2} % of a core", self.cost.as_secs_f64() * 1e3 / self.blocks as f64, 100.0 * self.cost.as_secs_f64() / self.played_s);
+        println!(
+            "played {:.1} min, {} blocks, {:.1} % of them blind",
+            self.played_s / 60.0,
+            self.blocks,
+            percent(self.blind, self.blocks)
+        );
+        println!(
+            "in the beam within {NEAR_M} m: {} blocks, {:.1} % shown",
+            self.seen,
+            percent(self.seen_shown, self.seen)
+        );
+        println!(
+            "   and told from what is at rest: {} blocks, {:.1} % shown",
+            self.told,
+            percent(self.told_shown, self.told)
+        );
+        println!(
+            "range off the chest's, m: median {:.2}, 90 % {:.2}, signed median {:.2}",
+            quantile(&mut off_m, 0.5),
+            quantile(&mut off_m, 0.9),
+            quantile(&mut self.errors_m, 0.5)
+        );
+        println!(
+            "shown {} times, s after coming into the beam: median {:.2}, 90 % {:.2}",
+            self.delays_s.len(),
+            quantile(&mut self.delays_s, 0.5),
+            quantile(&mut self.delays_s, 0.9)
+        );
+        println!(
+            "shown where nobody is: {} times, {:.2} a minute",
+            self.false_tracks,
+            self.false_tracks as f64 / self.played_s * 60.0
+        );
+        println!(
+            "cost: {:.3} ms a block, {:.2} % of a core",
+            self.cost.as_secs_f64() * 1e3 / self.blocks as f64,
+            100.0 * self.cost.as_secs_f64() / self.played_s
+        );
     }
 }

@@ -20,8 +20,8 @@ use super::acceptance::Weighed;
 use super::existence::Existence;
 use super::past::Past;
 use super::{
-    Evidence, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Moving, MovingSettings, MovingTracks, Observed, Obstacle, Sightings, ViewMemory,
-    Wall, Window, same_place, same_plane,
+    Evidence, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Moving, MovingSettings, MovingTracks,
+    Observed, Obstacle, Sightings, ViewMemory, Wall, Window, same_place, same_plane,
 };
 use crate::geometry::{Aabb, Plane, Pose};
 use crate::imaging::PositionErrors;

@@ -401,7 +401,11 @@ impl<'a> Spectrum<'a> {
         let mut powers = vec![0.0; rates.len() * width];
         let phasors = |rate: f64| -> (Vec<f32>, Vec<f32>) {
             let turn = -std::f64::consts::TAU * hz(rate);
-            slow.times_s.iter().map(|time_s| (turn * f64::from(*time_s)).sin_cos()).map(|(s, c)| (c as f32, s as f32)).unzip()
+            slow.times_s
+                .iter()
+                .map(|time_s| (turn * f64::from(*time_s)).sin_cos())
+                .map(|(s, c)| (c as f32, s as f32))
+                .unzip()
         };
         // From tone to tone they turn by the same, but where the interval is left out.
         let step = rates.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
@@ -432,7 +436,8 @@ impl<'a> Spectrum<'a> {
 
     /// The strongest tone at a range and how far it stands out.
     fn strongest(&self, range: usize) -> (usize, f64) {
-        let at = (0..self.rates.len()).max_by(|a, b| self.power(*a, range).total_cmp(&self.power(*b, range))).unwrap_or(0);
+        let at =
+            (0..self.rates.len()).max_by(|a, b| self.power(*a, range).total_cmp(&self.power(*b, range))).unwrap_or(0);
         // A body is no tone: what is near in speed is of it.
         let own = self.around(at).map(|n| self.power(n, range)).sum::<f64>() * CELL;
         let freedom = self.freedom - self.around(at).count() as f64 * CELL;
@@ -486,4 +491,111 @@ impl<'a> Spectrum<'a> {
 fn mean(values: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (sum, weight) = values.fold((0.0, 0.0), |(sum, total), (value, weight)| (sum + value * weight, total + weight));
     sum / weight.max(f64::MIN_POSITIVE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Plane;
+    use crate::imaging::blocks::{BlockBuilder, BlockSettings};
+    use crate::imaging::test_data::{Echo, sweeps, winding};
+    use crate::radar::Observation;
+
+    fn blocks(observations: Vec<Observation>) -> Vec<Block> {
+        let mut builder = BlockBuilder::new(BlockSettings::default());
+        observations.into_iter().filter_map(|o| builder.push(o)).collect()
+    }
+
+    fn finder() -> MoverFinder {
+        MoverFinder::new(&Beam::Lensless, 0.1)
+    }
+
+    /// Strong things all over the beam and a wall.
+    fn still() -> Vec<(Echo, f64)> {
+        let place = |azimuth: f64, range_m: f64| {
+            Echo::Point(DVec3::new(azimuth.sin(), 0.3 * azimuth.cos(), -azimuth.cos()).normalize() * range_m)
+        };
+        let points = (0..12).map(|n| (place(f64::from(n) * 0.2 - 1.1, 0.7 + 0.13 * f64::from(n)), 30.0));
+        points.chain([(Echo::Mirror(Plane { outward: DVec3::NEG_Z, offset_m: 2.2 }), 40.0)]).collect()
+    }
+
+    #[test]
+    fn noise_makes_no_more_echoes_than_are_allowed() {
+        let blocks = blocks(sweeps(30.0, |t| winding(t) * 0.3, &[], 5));
+        let count: usize = blocks.iter().map(|block| finder().movers(block).unwrap().echoes.len()).sum();
+        let allowed = 0.1 * blocks.len() as f64;
+        assert!((count as f64) < allowed + 3.0 * allowed.sqrt(), "{count} in {} blocks", blocks.len());
+        // The bound is one: with ten times as many allowed some come.
+        let often = MoverFinder::new(&Beam::Lensless, 100.0);
+        assert!(blocks.iter().any(|block| !often.movers(block).unwrap().echoes.is_empty()));
+    }
+
+    #[test]
+    fn what_stands_still_is_no_mover_however_strong_it_is_and_however_the_sensor_moves() {
+        let paths: [fn(f64) -> DVec3; 4] = [
+            |_| DVec3::ZERO,
+            |t| winding(t) * 0.8,
+            |t| DVec3::X * (0.25 * (2.5 * t).sin()),
+            |t| DVec3::NEG_Z * (0.2 * (3.0 * t).sin()),
+        ];
+        for (n, path) in paths.into_iter().enumerate() {
+            let blocks = blocks(sweeps(6.0, path, &still(), 11 + n as u64));
+            let told: Vec<Movers> = blocks.iter().filter_map(|block| finder().movers(block)).collect();
+            let echoes: Vec<_> = told.iter().flat_map(|movers| &movers.echoes).collect();
+            let allowed = 0.1 * blocks.len() as f64;
+            assert!((echoes.len() as f64) < allowed + 3.0 * allowed.sqrt(), "path {n}: {echoes:?}");
+            assert!(told.len() * 3 > blocks.len(), "path {n}: {} of {} blocks tell anything", told.len(), blocks.len());
+        }
+    }
+
+    #[test]
+    fn what_goes_is_told_with_its_range_and_rate_among_things_a_thousand_times_as_strong() {
+        let path = |t: f64| winding(t) * 0.2;
+        let goes = |t: f64| DVec3::new(0.2, 0.1, -1.2 - 0.6 * t);
+        let mut all = sweeps(1.5, path, &still(), 21);
+        let alone = sweeps(1.5, |t| path(t) - goes(t), &[(Echo::Point(DVec3::ZERO), 1.0)], 22);
+        all.iter_mut().zip(alone).for_each(|(one, more)| {
+            one.samples.iter_mut().zip(more.samples).for_each(|(a, b)| *a += b);
+        });
+        let blocks = blocks(all);
+        let mut found = 0;
+        for block in &blocks {
+            let time_s = (block.mid_time_ns - 1_000_000_000) as f64 * 1e-9;
+            let at = |t: f64| goes(t).distance(path(t));
+            let rate = (at(time_s + 1e-3) - at(time_s - 1e-3)) / 2e-3;
+            let Some(echo) = finder().movers(block).and_then(|movers| movers.echoes.first().copied()) else { continue };
+            assert!((echo.range_m - at(time_s)).abs() < 0.08, "{} {echo:?}", at(time_s));
+            assert!((echo.range_rate_m_per_s - rate).abs() < 0.06, "{rate} {echo:?}");
+            found += 1;
+        }
+        assert!(found * 10 >= blocks.len() * 8, "{found} of {}", blocks.len());
+    }
+
+    #[test]
+    fn where_everything_may_be_at_rest_nothing_is_said() {
+        let fast = |t: f64| DVec3::X * (1.6 * t);
+        assert!(blocks(sweeps(0.5, fast, &still(), 3)).iter().all(|block| finder().movers(block).is_none()));
+        let slow = blocks(sweeps(0.5, |t| DVec3::NEG_Z * (0.3 * t), &[], 3));
+        let movers = finder().movers(&slow[2]).unwrap();
+        // Towards what is ahead: things come nearer, at most as fast as the sensor goes.
+        let [least, greatest] = movers.still_m_per_s;
+        assert!((-0.36..-0.3).contains(&least) && (-0.1..0.0).contains(&greatest), "{movers:?}");
+        assert!((movers.ahead_m_per_s + 0.3).abs() < 0.01);
+        assert!(movers.tells(1.0) && movers.tells(-0.6) && !movers.tells(-0.2));
+        assert!(!movers.tells(-0.2 + movers.ambiguity_m_per_s), "it looks like what stands still");
+        assert!((movers.ambiguity_m_per_s - 0.5 * WAVELENGTH_M / 1e-3).abs() < 1e-3, "a sweep each millisecond");
+    }
+
+    #[test]
+    fn pauses_between_frames_spread_nothing() {
+        let mut observations = sweeps(2.0, |t| winding(t) * 0.3, &still(), 31);
+        let mut n = 0;
+        observations.retain(|_| {
+            n += 1;
+            n % 17 != 0
+        });
+        let blocks = blocks(observations);
+        let echoes: usize = blocks.iter().filter_map(|block| Some(finder().movers(block)?.echoes.len())).sum();
+        assert!(echoes <= 4, "{echoes} in {} blocks", blocks.len());
+    }
 }
