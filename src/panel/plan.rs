@@ -239,9 +239,9 @@ fn legend(painter: &Painter, area: Rect, plan: &Plan) {
         (Some(TEXT), "you"),
         (Some(known), "obstacle"),
         (Some(FAIR), "near you"),
-        (Some(MOVING), "moving"),
         (Some(ACCENT), "play area"),
-        (None, "dashed: uncertain"),
+        // There is room for one of them.
+        if plan.moving.is_empty() { (None, "dashed: uncertain") } else { (Some(MOVING), "moving") },
     ];
     for (color, text) in entries {
         if let Some(color) = color {

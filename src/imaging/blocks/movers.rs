@@ -229,11 +229,15 @@ impl SlowTime {
             return None;
         }
         let mut basis = Vec::with_capacity((most + 1) * self.padded());
+        // From tone to tone every sweep's phase grows by the same.
+        let step_rad = |time_s: &f32| std::f64::consts::TAU * step_hz * f64::from(*time_s);
+        let turns: Vec<(f32, f32)> =
+            self.times_s.iter().map(|t| (step_rad(t).cos() as f32, step_rad(t).sin() as f32)).collect();
+        let mut phasors = vec![(1.0f32, 0.0f32); turns.len()];
         for n in 0..=tones as usize {
-            let phase = |time_s: &f32| (std::f64::consts::TAU * n as f64 * step_hz * f64::from(*time_s)) as f32;
-            for tone in [f32::cos as fn(f32) -> f32, f32::sin].into_iter().take(if n == 0 { 1 } else { 2 }) {
+            for part in [0, 1].into_iter().take(if n == 0 { 1 } else { 2 }) {
                 let at = basis.len();
-                basis.extend(self.times_s.iter().map(|time_s| tone(phase(time_s))));
+                basis.extend(phasors.iter().map(|(cos, sin)| if part == 0 { *cos } else { *sin }));
                 basis.resize(at + self.padded(), 0.0);
                 if !on_widest(Orthonormal { basis: &mut basis, row: self.padded() }) {
                     basis.truncate(at);
@@ -241,6 +245,9 @@ impl SlowTime {
                 if basis.len() > most * self.padded() {
                     return None;
                 }
+            }
+            for ((cos, sin), (c, s)) in phasors.iter_mut().zip(&turns) {
+                (*cos, *sin) = (*cos * c - *sin * s, *cos * s + *sin * c);
             }
         }
         Some(basis)
