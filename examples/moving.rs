@@ -8,8 +8,6 @@
 //! blocks in which the body's range rate is none that something at rest may have; how far the range is off; how long it takes from
 //! coming into the beam; and what is shown that nobody is at, a minute. With it what the search costs, CPU time of its thread.
 
-use std::time::{Duration, Instant};
-
 use glam::DVec3;
 use radar_chaperone::engine::Settings;
 use radar_chaperone::imaging::blocks::{Block, BlockBuilder, MoverFinder};
@@ -40,7 +38,7 @@ struct Figures {
     delays_s: Vec<f64>,
     false_tracks: u64,
     played_s: f64,
-    cost: Duration,
+    cost_s: f64,
 }
 
 struct Options {
@@ -153,9 +151,9 @@ impl<'a> Watched<'a> {
     }
 
     fn take(&mut self, block: &Block, figures: &mut Figures) {
-        let start = Instant::now();
+        let start_s = cpu_s();
         self.tracks.take(block, &self.hands, self.options.settings.rooms.map.hands_reach_m);
-        figures.cost += start.elapsed();
+        figures.cost_s += cpu_s() - start_s;
         let time_s = (block.mid_time_ns - Session::host_ns(0.0)) as f64 * 1e-9;
         let sensor = self.session.sensor_at(time_s);
         let parts = self.session.visitor_at(time_s);
@@ -223,6 +221,12 @@ fn off_m(moving: &Moving, parts: &[DVec3]) -> f64 {
     ranges.map(|range_m| (range_m - moving.range_m).abs()).fold(f64::INFINITY, f64::min)
 }
 
+/// CPU time of this thread, seconds.
+fn cpu_s() -> f64 {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
+}
+
 fn quantile(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(f64::NAN)
@@ -267,8 +271,8 @@ impl Figures {
         );
         println!(
             "cost: {:.3} ms a block, {:.2} % of a core",
-            self.cost.as_secs_f64() * 1e3 / self.blocks as f64,
-            100.0 * self.cost.as_secs_f64() / self.played_s
+            self.cost_s * 1e3 / self.blocks as f64,
+            100.0 * self.cost_s / self.played_s
         );
     }
 }

@@ -39,7 +39,7 @@ pub struct MovingSettings {
 
 impl Default for MovingSettings {
     fn default() -> Self {
-        Self { enabled: true, alarms_per_block: 0.1, confirm_blocks: 4, min_travel_m: 0.15, forget_s: 1.0 }
+        Self { enabled: true, alarms_per_block: 0.03, confirm_blocks: 4, min_travel_m: 0.15, forget_s: 1.0 }
     }
 }
 
@@ -131,11 +131,15 @@ const GATE_SIGMAS: f64 = 3.0;
 const GATE_M: f64 = 0.5;
 /// Speeds that differ by more are of something else, metres a second.
 const GATE_M_PER_S: f64 = 1.2;
+/// Within the hands' reach so much of that.
+const AMONG_HANDS: f64 = 0.4;
 /// Nothing in a room goes faster towards or away from the player, metres a second: where range rates are ambiguous, no other is tried.
 const FASTEST_M_PER_S: f64 = 1.5;
 /// Blocks that are looked back on; what is not confirmed and misses so many in a row is none.
 const RECENT_BLOCKS: usize = 6;
 const MOST_MISSES: usize = 3;
+/// An echo so long after the last one stands alone, nanoseconds.
+const ALONE_NS: i64 = 300_000_000;
 /// What is nearer than a track by less than this, or farther by less than that, is of the same body: feet are farther than a chest,
 /// metres.
 const NEARER_M: f64 = 0.35;
@@ -177,6 +181,8 @@ struct Track {
     evidence: f64,
     first_ns: i64,
     last_ns: i64,
+    /// When an echo came that none was near to in time.
+    alone_ns: Option<i64>,
     recent: VecDeque<bool>,
     travel_m: f64,
 }
@@ -198,7 +204,10 @@ impl MovingTracks {
     pub fn take(&mut self, block: &Block, hands: &HandTrail, hands_reach_m: f64) {
         if self.settings.enabled {
             let reach_m = own_reach_m(block, hands, hands_reach_m);
-            let movers = self.finder.movers(block);
+            let mut movers = self.finder.movers(block);
+            if let Some(movers) = &mut movers {
+                movers.echoes.retain(|echo| !is_of_hands(echo, block, hands));
+            }
             self.follow(&block.middle, block.mid_time_ns, movers.as_ref(), reach_m);
         }
     }
@@ -255,8 +264,9 @@ impl MovingTracks {
         let mut is_seen = vec![false; self.tracks.len()];
         for echo in &movers.echoes {
             let unseen = self.tracks.iter().zip(&is_seen).enumerate().filter(|(_, (_, is_seen))| !**is_seen);
-            let fitting: Vec<(usize, bool, Fit)> =
-                unseen.filter_map(|(n, (track, _))| Some((n, track.id.is_some(), track.fit(echo, movers)?))).collect();
+            let fitting: Vec<(usize, bool, Fit)> = unseen
+                .filter_map(|(n, (track, _))| Some((n, track.id.is_some(), track.fit(echo, movers, reach_m)?)))
+                .collect();
             let confirmed = fitting.iter().filter(|(_, is_confirmed, _)| *is_confirmed);
             let best = confirmed.min_by(|a, b| a.2.apart.total_cmp(&b.2.apart)).map(|(n, ..)| *n);
             for (n, _, fit) in fitting.iter().filter(|(n, ..)| best.is_none_or(|best| best == *n)) {
@@ -296,6 +306,7 @@ impl MovingTracks {
                 evidence: echo.power,
                 first_ns: now_ns,
                 last_ns: now_ns,
+                alone_ns: None,
                 recent: VecDeque::from([true]),
                 travel_m: travel_m(speed_m_per_s, movers, passed_s),
             });
@@ -346,18 +357,26 @@ impl Track {
     }
 
     /// Whether an echo is its own, and with which of the range rates that it may have.
-    fn fit(&self, echo: &MovingEcho, movers: &Movers) -> Option<Fit> {
+    fn fit(&self, echo: &MovingEcho, movers: &Movers, reach_m: f64) -> Option<Fit> {
         let speed_m_per_s = speeds(echo, movers)
             .min_by(|a, b| (a - self.speed_m_per_s).abs().total_cmp(&(b - self.speed_m_per_s).abs()))?;
         let (off_m, off_m_per_s) = (echo.range_m - self.range_m, speed_m_per_s - self.speed_m_per_s);
         let range2 = self.covariance[0] + RANGE_SIGMA_M.powi(2);
-        let is_near = off_m.abs() <= GATE_M.min(GATE_SIGMAS * range2.sqrt()) && off_m_per_s.abs() <= GATE_M_PER_S;
+        // Where hands are about less is taken for the body that came so near.
+        let gate = if echo.range_m < reach_m { AMONG_HANDS } else { 1.0 };
+        let gate_m = gate * GATE_M.min(GATE_SIGMAS * range2.sqrt());
+        let is_near = off_m.abs() <= gate_m && off_m_per_s.abs() <= gate * GATE_M_PER_S;
         let apart = off_m.powi(2) / range2 + off_m_per_s.powi(2) / (self.covariance[2] + speed_sigma2(movers));
         is_near.then_some(Fit { apart, speed_m_per_s })
     }
 
     /// Takes an echo.
     fn see(&mut self, sensor: &Pose, now_ns: i64, echo: &MovingEcho, movers: &Movers, fit: &Fit, passed_s: f64) {
+        // After a while one echo may be noise: it takes another to go on.
+        let is_recent = |then_ns: i64| now_ns.saturating_sub(then_ns) <= ALONE_NS;
+        if !is_recent(self.last_ns) && !self.alone_ns.replace(now_ns).is_some_and(is_recent) {
+            return;
+        }
         self.correct(echo.range_m - self.range_m, [1.0, 0.0], RANGE_SIGMA_M.powi(2));
         self.correct(fit.speed_m_per_s - self.speed_m_per_s, [0.0, 1.0], speed_sigma2(movers));
         self.range_m = self.range_m.max(0.1);
@@ -365,11 +384,7 @@ impl Track {
         self.travel_m += travel_m(fit.speed_m_per_s, movers, passed_s);
         (self.seen_from, self.seen_range_m) = (*sensor, self.range_m);
         self.evidence = echo.power;
-        // After several misses one echo may be noise: it takes another to keep a thing from being forgotten.
-        let is_alone = self.recent.len() >= MOST_MISSES && self.recent.iter().rev().take(MOST_MISSES).all(|hit| !hit);
-        if !is_alone {
-            self.last_ns = now_ns;
-        }
+        self.last_ns = now_ns;
     }
 
     /// A measurement of one of both, by how much it is off.
@@ -434,6 +449,12 @@ fn own_reach_m(block: &Block, hands: &HandTrail, hands_reach_m: f64) -> f64 {
     let hands = hands.at(block.mid_time_ns);
     let reach_m = |hand: Option<DVec3>| hand.map_or(hands_reach_m, |hand| block.distance_m(hand) + HAND_M);
     hands.into_iter().map(reach_m).fold(0.0, f64::max)
+}
+
+/// Whether a tracked hand accounts for it.
+fn is_of_hands(echo: &MovingEcho, block: &Block, hands: &HandTrail) -> bool {
+    let mut tracked = hands.at(block.mid_time_ns).into_iter().flatten();
+    tracked.any(|hand| (block.distance_m(hand) - echo.range_m).abs() < HAND_M)
 }
 
 /// 1σ of the direction of an echo about the boresight, along either axis, by what a beam lets through.

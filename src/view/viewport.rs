@@ -94,7 +94,9 @@ fn names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> O
     }
     if shown.layers.obstacles {
         for moving in &shown.moment.scene.moving {
-            small(moving.position_m() + DVec3::Y * 0.1, &moving.label(shown.moment.head.as_ref()), style::MOVING);
+            // Beside the arc's end, where nothing of it is.
+            let beside = moving.place_m(1.3 * moving.half_width_rad(), 0.0);
+            small(beside, &moving.label(shown.moment.head.as_ref()), style::MOVING);
         }
         obstacle_names(painter, shown, on_screen);
     }
