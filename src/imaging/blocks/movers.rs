@@ -332,16 +332,15 @@ impl Kernel for Project<'_> {
     fn run<S: Lanes>(self, s: S) {
         let Self { basis, sweeps, width, data } = self;
         let row = sweeps.next_multiple_of(LANES);
-        // Indices: closures would not be compiled for the kernel's instructions.
         for tone in basis.chunks_exact(row) {
             for at in (0..2 * width).step_by(LANES) {
                 let mut sum = s.splat(0.0);
-                for k in 0..sweeps {
-                    sum = s.mul_add(s.splat(tone[k]), sixteen(s, data, k * 2 * width + at), sum);
+                for (k, value) in tone[..sweeps].iter().enumerate() {
+                    sum = s.mul_add(s.splat(*value), sixteen(s, data, k * 2 * width + at), sum);
                 }
-                for k in 0..sweeps {
+                for (k, value) in tone[..sweeps].iter().enumerate() {
                     let from = k * 2 * width + at;
-                    let left = s.neg_mul_add(s.splat(tone[k]), sum, sixteen(s, data, from));
+                    let left = s.neg_mul_add(s.splat(*value), sum, sixteen(s, data, from));
                     data[from..from + LANES].copy_from_slice(&s.store(left));
                 }
             }
