@@ -9,7 +9,9 @@
 //! Blocks in which what stands still may have the same range rate say nothing for or against.
 //!
 //! The player's own hands move as well. What is nearer than hands reach begins no track; with tracked hands, what is no farther than
-//! the farther of them, since arms hang on hands. A track that was confirmed beyond is followed nearer.
+//! the farther of them, since arms hang on hands. A track that was confirmed beyond is followed nearer, with a narrower gate and never by
+//! what a tracked hand accounts for. Not told apart: one's own legs, should they be in the beam and farther than hands reach; two people
+//! at one range; who walks across the line of sight from what stands still.
 
 use std::collections::VecDeque;
 
