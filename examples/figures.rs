@@ -230,7 +230,8 @@ fn room() -> (Scene, Truth) {
         first_seen_ns: 0,
         last_seen_ns: 30_000_000_000,
     });
-    let scene = Scene { time_ns: 30_000_000_000, obstacles: found.collect(), walls: found_walls.collect() };
+    let scene =
+        Scene { time_ns: 30_000_000_000, obstacles: found.collect(), walls: found_walls.collect(), moving: vec![] };
     let truth = Truth {
         title: "living room, walking".into(),
         obstacles: obstacles.collect(),

@@ -75,7 +75,7 @@ fn scene(tracking_from_chair: Pose) -> Scene {
         first_seen_ns: 0,
         last_seen_ns: 0,
     };
-    Scene { time_ns: 0, obstacles: vec![chair, unknown], walls: vec![wall] }
+    Scene { time_ns: 0, obstacles: vec![chair, unknown], walls: vec![wall], moving: vec![] }
 }
 
 /// The warnings when a head has stood there for half a second: by then they have come up.

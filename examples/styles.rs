@@ -67,7 +67,7 @@ fn scene() -> Scene {
         first_seen_ns: 0,
         last_seen_ns: 0,
     };
-    Scene { time_ns: 0, obstacles: vec![chair], walls: vec![wall] }
+    Scene { time_ns: 0, obstacles: vec![chair], walls: vec![wall], moving: vec![] }
 }
 
 /// The warnings when a head has stood there for half a second: by then they have come up.

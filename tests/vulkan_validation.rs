@@ -50,7 +50,7 @@ fn scene() -> Scene {
         first_seen_ns: 0,
         last_seen_ns: 0,
     };
-    Scene { time_ns: 0, obstacles: vec![block, unknown], walls: vec![wall] }
+    Scene { time_ns: 0, obstacles: vec![block, unknown], walls: vec![wall], moving: vec![] }
 }
 
 fn device() -> VulkanDevice {

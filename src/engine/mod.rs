@@ -277,15 +277,15 @@ impl Engine {
 
     /// What stands in the room, as far as seen. For single reflectors this is where the work is done.
     pub fn scene(&self) -> Scene {
-        let (obstacles, walls) = match self.search {
-            Search::Rooms => (self.rooms.obstacles(), self.rooms.walls()),
+        let (obstacles, walls, moving) = match self.search {
+            Search::Rooms => (self.rooms.obstacles(), self.rooms.walls(), self.rooms.moving()),
             Search::Reflectors => {
                 let Settings { radar, tracking, reflectors, .. } = &self.settings;
                 let found = find_reflectors(&self.kept, &radar.beam, &self.region(), reflectors, &tracking.errors);
-                (found, Vec::new())
+                (found, Vec::new(), Vec::new())
             }
         };
-        Scene { time_ns: self.newest_ns, obstacles, walls }
+        Scene { time_ns: self.newest_ns, obstacles, walls, moving }
     }
 }
 

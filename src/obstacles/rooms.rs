@@ -20,8 +20,8 @@ use super::acceptance::Weighed;
 use super::existence::Existence;
 use super::past::Past;
 use super::{
-    Evidence, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Observed, Obstacle, Sightings, ViewMemory,
-    Wall, Window, same_place, same_plane,
+    Evidence, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Moving, MovingSettings, MovingTracks,
+    Observed, Obstacle, Sightings, ViewMemory, Wall, Window, same_place, same_plane,
 };
 use crate::geometry::{Aabb, Plane, Pose};
 use crate::imaging::PositionErrors;
@@ -43,6 +43,8 @@ pub struct RoomSettings {
     pub map: MapSettings,
     /// Fine voxels wherever something is.
     pub fine: FineSettings,
+    /// What moves by itself.
+    pub moving: MovingSettings,
 }
 
 /// Time between two looks at the evidence, nanoseconds of the recording: 4 Hz.
@@ -137,6 +139,8 @@ pub struct RoomSearch {
     existences: BTreeMap<u64, Existence>,
     /// Where the player's own hands were.
     hands: HandTrail,
+    /// What moves by itself.
+    moving: MovingTracks,
     /// By wall: feet of the perpendiculars that it was seen at.
     feet: BTreeMap<u64, Aabb>,
     /// What was remembered from before.
@@ -185,6 +189,7 @@ impl RoomSearch {
             places: BTreeMap::new(),
             existences: BTreeMap::new(),
             hands: HandTrail::default(),
+            moving: MovingTracks::new(settings.moving, beam),
             feet: BTreeMap::new(),
             taken_up: TakenUp::default(),
             pending: None,
@@ -355,6 +360,7 @@ impl RoomSearch {
         self.field.add(&block);
         self.fine.comes(&block);
         self.planes.add(&block);
+        self.moving.take(&block, &self.hands, self.settings.map.hands_reach_m);
         let now_ns = block.mid_time_ns;
         self.window.push_back(block);
         let since_ns = now_ns - self.window_ns();
@@ -469,6 +475,11 @@ impl RoomSearch {
         let mut walls: Vec<Wall> = self.walls.confirmed().map(wall).collect();
         walls.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.id.cmp(&b.id)));
         walls
+    }
+
+    /// What moves by itself, the longest followed first.
+    pub fn moving(&self) -> Vec<Moving> {
+        self.moving.moving()
     }
 
     /// Confirmed obstacles, by falling evidence: sightings near each other belong to one, which stands where its strongest

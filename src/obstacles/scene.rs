@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::Moving;
 use crate::geometry::{Aabb, Plane, Pose};
 
 /// How much of an obstacle's place the data determine.
@@ -71,6 +72,8 @@ pub struct Scene {
     pub obstacles: Vec<Obstacle>,
     /// Walls, by falling evidence.
     pub walls: Vec<Wall>,
+    /// What moves by itself, the longest followed first; never one of the obstacles.
+    pub moving: Vec<Moving>,
 }
 
 impl Scene {
@@ -79,7 +82,8 @@ impl Scene {
     pub fn moved(&self, to_from: &Pose) -> Self {
         let obstacles = self.obstacles.iter().map(|obstacle| obstacle.moved(to_from)).collect();
         let walls = self.walls.iter().map(|wall| wall.moved(to_from)).collect();
-        Self { time_ns: self.time_ns, obstacles, walls }
+        let moving = self.moving.iter().map(|moving| moving.moved(to_from)).collect();
+        Self { time_ns: self.time_ns, obstacles, walls, moving }
     }
 }
 
@@ -129,7 +133,7 @@ mod tests {
         let seen_at = Aabb::from_corners(DVec3::new(-1.0, 1.5, -2.0), DVec3::new(1.0, 1.7, -2.0));
         let wall =
             Wall { id: 4, plane, evidence: 20.0, seen_at, provisional: false, first_seen_ns: 1, last_seen_ns: 2 };
-        Scene { time_ns: 9, obstacles: vec![obstacle], walls: vec![wall] }
+        Scene { time_ns: 9, obstacles: vec![obstacle], walls: vec![wall], moving: vec![] }
     }
 
     #[test]

@@ -10,7 +10,7 @@ mod switches;
 
 pub use health::{Health, SensorHealth};
 pub use icon::icon;
-pub use plan::{Head, Plan, Thing, hull};
+pub use plan::{Head, Mover, Plan, Thing, hull};
 
 use egui::{Align2, Color32, CornerRadius, FontId, Pos2, Rect, Ui, pos2, vec2};
 

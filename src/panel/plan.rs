@@ -4,6 +4,8 @@ use egui::{Align2, Color32, Painter, Pos2, Rect, Shape, Stroke, StrokeKind, Vec2
 
 use super::{ACCENT, CARD, FAINT, FAIR, ROUND, TEXT, font};
 
+/// What moves by itself: no colour of furniture.
+const MOVING: Color32 = Color32::from_rgb(255, 92, 168);
 /// The plan shows no less and no more than so much from one edge to the other, metres.
 const LEAST_M: f64 = 3.5;
 const MOST_M: f64 = 10.0;
@@ -40,6 +42,15 @@ pub struct Thing {
     pub is_near: bool,
 }
 
+/// Something that moves: somewhere on an arc.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mover {
+    /// Where it was seen from.
+    pub from_m: [f64; 2],
+    /// The arc, from end to end.
+    pub arc_m: Vec<[f64; 2]>,
+}
+
 /// What there is; places are x and z of the standing universe, metres.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Plan {
@@ -51,6 +62,8 @@ pub struct Plan {
     pub walls_m: Vec<[[f64; 2]; 2]>,
     /// Obstacles.
     pub things: Vec<Thing>,
+    /// What moves by itself.
+    pub moving: Vec<Mover>,
 }
 
 /// The corners of what contains all places, in order around it.
@@ -141,6 +154,7 @@ pub(super) fn draw(painter: &Painter, area: Rect, plan: &Plan) {
         clipped.line_segment(wall.map(|end| view.at(end)), Stroke::new(9.0, Color32::from_rgb(168, 178, 196)));
     }
     plan.things.iter().for_each(|thing| draw_thing(&clipped, &view, thing));
+    plan.moving.iter().for_each(|mover| draw_mover(&clipped, &view, mover));
     if let Some(head) = &plan.head {
         draw_head(&clipped, &view, head);
     }
@@ -199,6 +213,15 @@ fn draw_thing(painter: &Painter, view: &View, thing: &Thing) {
     }
 }
 
+/// The wedge that it was seen in and the arc that it is on.
+fn draw_mover(painter: &Painter, view: &View, mover: &Mover) {
+    let arc: Vec<Pos2> = mover.arc_m.iter().map(|place| view.at(*place)).collect();
+    let mut wedge = vec![view.at(mover.from_m)];
+    wedge.extend(&arc);
+    painter.add(Shape::convex_polygon(wedge, MOVING.gamma_multiply(0.14), Stroke::NONE));
+    painter.add(Shape::line(arc, Stroke::new(9.0, MOVING)));
+}
+
 fn draw_head(painter: &Painter, view: &View, head: &Head) {
     let (middle, ahead) = (view.at(head.at_m), vec2(head.looks[0] as f32, head.looks[1] as f32));
     let aside = vec2(-ahead.y, ahead.x);
@@ -217,7 +240,8 @@ fn legend(painter: &Painter, area: Rect, plan: &Plan) {
         (Some(known), "obstacle"),
         (Some(FAIR), "near you"),
         (Some(ACCENT), "play area"),
-        (None, "dashed: uncertain"),
+        // There is room for one of them.
+        if plan.moving.is_empty() { (None, "dashed: uncertain") } else { (Some(MOVING), "moving") },
     ];
     for (color, text) in entries {
         if let Some(color) = color {

@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde_json::Value;
 use serde_json::ser::Formatter;
 
-use crate::obstacles::{Observed, Obstacle, Scene, Wall};
+use crate::obstacles::{Moving, Observed, Obstacle, Scene, Wall};
 
 use super::{ReportError, write_atomically};
 
@@ -18,6 +18,7 @@ struct File<'a> {
     frame: &'static str,
     obstacles: Vec<ObstacleEntry>,
     walls: Vec<WallEntry>,
+    moving: Vec<MovingEntry>,
     counters: &'a Value,
     time_offset_s: f64,
     time_offset_sigma_s: Option<f64>,
@@ -59,6 +60,22 @@ struct WallEntry {
     last_seen_s: f64,
 }
 
+/// Something that moves: at a range from where it was last seen from, along that boresight, its direction as wide as the beam.
+#[derive(Serialize)]
+struct MovingEntry {
+    id: u64,
+    position_m: [f64; 3],
+    covariance_m2: [[f64; 3]; 3],
+    seen_from_m: [f64; 3],
+    range_m: f64,
+    range_sigma_m: f64,
+    direction_sigma_rad: f64,
+    speed_m_per_s: f64,
+    evidence: f64,
+    first_seen_s: f64,
+    last_seen_s: f64,
+}
+
 /// The bytes of the file. Times are seconds of the host's clock.
 ///
 /// # Errors
@@ -66,11 +83,13 @@ struct WallEntry {
 pub fn obstacles_json(scene: &Scene, counters: &Value, time_offset: &StreamOffset) -> Result<Vec<u8>, ReportError> {
     let entries = scene.obstacles.iter().enumerate().map(|(n, obstacle)| obstacle_entry(n, obstacle));
     let walls = scene.walls.iter().enumerate().map(|(n, wall)| wall_entry(n, wall));
+    let moving = scene.moving.iter().enumerate().map(|(n, moving)| moving_entry(n, moving));
     let sigma_s = time_offset.sigma_s.map(|sigma_s| finite(sigma_s, || "time_offset_sigma_s".into()));
     let file = File {
         frame: "tracking",
         obstacles: entries.collect::<Result<_, _>>()?,
         walls: walls.collect::<Result<_, _>>()?,
+        moving: moving.collect::<Result<_, _>>()?,
         counters,
         time_offset_s: finite(time_offset.offset_s, || "time_offset_s".into())?,
         time_offset_sigma_s: sigma_s.transpose()?,
@@ -121,6 +140,23 @@ fn wall_entry(n: usize, wall: &Wall) -> Result<WallEntry, ReportError> {
         provisional: wall.provisional,
         first_seen_s: seconds(wall.first_seen_ns),
         last_seen_s: seconds(wall.last_seen_ns),
+    })
+}
+
+fn moving_entry(n: usize, moving: &Moving) -> Result<MovingEntry, ReportError> {
+    let named = |field: &'static str| move || format!("moving[{n}].{field}");
+    Ok(MovingEntry {
+        id: moving.id,
+        position_m: vector(moving.position_m(), named("position_m"))?,
+        covariance_m2: matrix(moving.covariance_m2(), named("covariance_m2"))?,
+        seen_from_m: vector(moving.seen_from.translation, named("seen_from_m"))?,
+        range_m: finite(moving.range_m, named("range_m"))?,
+        range_sigma_m: finite(moving.range_sigma_m, named("range_sigma_m"))?,
+        direction_sigma_rad: finite(moving.direction_sigma_rad, named("direction_sigma_rad"))?,
+        speed_m_per_s: finite(moving.speed_m_per_s, named("speed_m_per_s"))?,
+        evidence: finite(moving.evidence, named("evidence"))?,
+        first_seen_s: seconds(moving.first_seen_ns),
+        last_seen_s: seconds(moving.last_seen_ns),
     })
 }
 
@@ -200,7 +236,7 @@ impl Formatter for LineAnEntry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Aabb, Plane};
+    use crate::geometry::{Aabb, Plane, Pose};
     use proptest::prelude::*;
     use serde_json::json;
 
@@ -230,7 +266,18 @@ mod tests {
             first_seen_ns: 0,
             last_seen_ns: 1,
         };
-        Scene { time_ns: 0, obstacles: vec![obstacle.clone(), obstacle], walls: vec![wall] }
+        let moving = Moving {
+            id: 2,
+            seen_from: Pose::from_translation(DVec3::Y),
+            range_m: 2.0,
+            range_sigma_m: 0.125,
+            direction_sigma_rad: 0.25,
+            speed_m_per_s: -0.75,
+            evidence: 33.0,
+            first_seen_ns: 0,
+            last_seen_ns: 250_000_000,
+        };
+        Scene { time_ns: 0, obstacles: vec![obstacle.clone(), obstacle], walls: vec![wall], moving: vec![moving] }
     }
 
     #[test]
@@ -243,8 +290,11 @@ mod tests {
         let wall = "{\"outward\":[-0.0,-0.0,-1.0],\"offset_m\":2.5,\"evidence\":9.0,\"seen_at_min_m\":[0.0,0.0,0.0],\
              \"seen_at_max_m\":[1.0,1.0,1.0],\"provisional\":false,\"first_seen_s\":0.0,\"last_seen_s\":1e-9}";
         let wall = wall.replace("[-0.0,-0.0,-1.0]", &serde_json::to_string(&DVec3::NEG_Z.to_array()).unwrap());
+        let moving = "{\"id\":2,\"position_m\":[0.0,1.0,-2.0],\"covariance_m2\":[[0.25,0.0,0.0],[0.0,0.25,0.0],[0.0,0.0,0.015625]],\
+             \"seen_from_m\":[0.0,1.0,0.0],\"range_m\":2.0,\"range_sigma_m\":0.125,\"direction_sigma_rad\":0.25,\
+             \"speed_m_per_s\":-0.75,\"evidence\":33.0,\"first_seen_s\":0.0,\"last_seen_s\":0.25}";
         let expected = format!(
-            "{{\n\"frame\":\"tracking\",\n\"obstacles\":[\n{entry},\n{entry}\n],\n\"walls\":[\n{wall}\n],\n\
+            "{{\n\"frame\":\"tracking\",\n\"obstacles\":[\n{entry},\n{entry}\n],\n\"walls\":[\n{wall}\n],\n\"moving\":[\n{moving}\n],\n\
              \"counters\":{{\n\"sweeps\":7\n}},\n\"time_offset_s\":0.25,\n\"time_offset_sigma_s\":0.5,\n\
              \"time_offset_observable\":true\n}}\n"
         );
@@ -261,6 +311,7 @@ mod tests {
                 "frame": "tracking",
                 "obstacles": [],
                 "walls": [],
+                "moving": [],
                 "counters": {},
                 "time_offset_s": 0.0,
                 "time_offset_sigma_s": null,

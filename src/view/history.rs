@@ -231,7 +231,7 @@ mod tests {
             first_seen_ns: 0,
             last_seen_ns: time_ns,
         };
-        Scene { time_ns, obstacles: ids.iter().map(obstacle).collect(), walls: vec![] }
+        Scene { time_ns, obstacles: ids.iter().map(obstacle).collect(), walls: vec![], moving: vec![] }
     }
 
     const MS: i64 = 1_000_000;

@@ -10,7 +10,7 @@ use super::layers::Layers;
 use super::style::{self, rgba};
 use crate::geometry::{Aabb, Plane, Pose};
 use crate::imaging::eigen;
-use crate::obstacles::{Evidence, Observed, Obstacle, Wall};
+use crate::obstacles::{Evidence, Moving, Observed, Obstacle, Wall};
 use crate::warning::{Panel, PanelKind, Warnings, warn};
 
 /// The path is bright for so long, seconds.
@@ -43,6 +43,7 @@ pub fn room(about: &About, moment: &Moment, layers: &Layers, bounds: &Aabb, top_
         for found in &moment.scene.obstacles {
             obstacle(&mut drawing, found, layers.selected == Some(found.id));
         }
+        moment.scene.moving.iter().for_each(|one| moving(&mut drawing, one));
     }
     let Some(head) = &moment.head else { return drawing };
     // From within, head, path and beam would stand in one's own way.
@@ -136,6 +137,34 @@ fn obstacle(drawing: &mut Drawing, obstacle: &Obstacle, is_selected: bool) {
     }
     drawing.point(obstacle.position_m, 0.022, color);
     drawing.clear_ball(obstacle.position_m, &uncertainty(obstacle), color);
+}
+
+/// The part of the sphere of its range that it may be on, the wedge that it was seen in, and an arrow the way it comes or goes in a
+/// second.
+fn moving(drawing: &mut Drawing, moving: &Moving) {
+    const PARTS: i32 = 8;
+    let color = |alpha: f32| rgba(style::MOVING, alpha);
+    let half_rad = moving.half_width_rad();
+    // Round, as the beam is.
+    let at = |share: f64, turn: f64| {
+        let (sin, cos) = turn.sin_cos();
+        moving.place_m(half_rad * share * cos, half_rad * share * sin)
+    };
+    let turn = |n: i32| f64::from(n) / f64::from(4 * PARTS) * std::f64::consts::TAU;
+    for (ring, n) in (0..PARTS / 2).flat_map(|ring| (0..4 * PARTS).map(move |n| (ring, n))) {
+        let share = |ring: i32| f64::from(2 * ring) / f64::from(PARTS);
+        let (inner, outer) = (share(ring), share(ring + 1));
+        let corners = [at(inner, turn(n)), at(outer, turn(n)), at(outer, turn(n + 1)), at(inner, turn(n + 1))];
+        // The likeliest is the brightest.
+        drawing.veil(&corners, color(0.30 - 0.24 * outer as f32));
+    }
+    drawing.polyline((0..=4 * PARTS).map(|n| at(1.0, turn(n))), 1.5, color(0.8));
+    drawing.polyline(moving.arc_m(), 3.0, color(1.0));
+    let from = moving.seen_from.translation;
+    [-half_rad, half_rad].into_iter().for_each(|edge| drawing.line(from, moving.place_m(edge, 0.0), 1.0, color(0.5)));
+    let (place, way) = (moving.position_m(), moving.seen_from.forward() * moving.speed_m_per_s);
+    drawing.point(place, 0.03, color(1.0));
+    drawing.line(place, place + way, 2.5, color(1.0));
 }
 
 /// The box around what was seen of an obstacle.
@@ -309,6 +338,20 @@ mod tests {
         }
     }
 
+    fn someone() -> Moving {
+        Moving {
+            id: 1,
+            seen_from: Pose::from_translation(DVec3::new(0.0, 1.1, 0.0)),
+            range_m: 1.5,
+            range_sigma_m: 0.1,
+            direction_sigma_rad: 0.3,
+            speed_m_per_s: -0.8,
+            evidence: 20.0,
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        }
+    }
+
     fn moment(head: Option<Pose>) -> Moment {
         let wall = Wall {
             id: 1,
@@ -320,7 +363,8 @@ mod tests {
             last_seen_ns: 0,
         };
         let variances = DMat3::from_diagonal(DVec3::new(1e-4, 4e-4, 9e-4));
-        let scene = Scene { time_ns: 0, obstacles: vec![obstacle(variances)], walls: vec![wall] };
+        let scene =
+            Scene { time_ns: 0, obstacles: vec![obstacle(variances)], walls: vec![wall], moving: vec![someone()] };
         Moment {
             time_s: 1.0,
             scene: Arc::new(scene),
@@ -384,6 +428,24 @@ mod tests {
         assert_eq!(label(&found, Some(&head())), "#7  0.95 m");
         let shape = shape_box(&found).unwrap();
         assert!((shape.size() - DVec3::splat(0.15)).length() < 1e-9);
+    }
+
+    #[test]
+    fn what_moves_is_drawn_at_its_range_in_a_colour_of_its_own() {
+        let mut drawing = Drawing::default();
+        moving(&mut drawing, &someone());
+        let from = someone().seen_from.translation;
+        assert!(drawing.veils.iter().flat_map(|face| face.corners_m).all(|at| (at.distance(from) - 1.5).abs() < 1e-9));
+        let colors = |color: Color| [color[0], color[1], color[2]];
+        let all = drawing.veils.iter().map(|face| face.color).chain(drawing.lines.iter().map(|line| line.color));
+        let own = colors(rgba(style::MOVING, 1.0));
+        assert!(all.map(colors).all(|color| color == own) && own != colors(rgba(style::FOUND, 1.0)));
+        // An arrow towards where it was seen from.
+        let arrow = drawing.lines.last().unwrap();
+        assert!((arrow.to_m.distance(from) - 0.7).abs() < 1e-9);
+        let mut nowhere = Drawing::default();
+        moving(&mut nowhere, &Moving { range_m: f64::NAN, ..someone() });
+        assert_eq!(nowhere, Drawing::default());
     }
 
     #[test]

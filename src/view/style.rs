@@ -22,6 +22,8 @@ pub const BEAM: Color32 = Color32::from_rgb(0xc9, 0x9b, 0xe8);
 pub const FOUND: Color32 = Color32::from_rgb(0x6f, 0xe3, 0x9a);
 /// Walls that were found.
 pub const WALL: Color32 = Color32::from_rgb(0x5b, 0x93, 0xf0);
+/// What moves by itself.
+pub const MOVING: Color32 = Color32::from_rgb(0xff, 0x5c, 0xa8);
 /// What is really there.
 pub const TRUTH: Color32 = Color32::from_rgb(0x8d, 0x95, 0xa0);
 /// What is not as it should be.

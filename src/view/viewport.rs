@@ -10,7 +10,7 @@ use super::layers::Layers;
 use super::room::{axis_names, distance_m, label, shape_box};
 use super::style;
 use crate::geometry::Aabb;
-use crate::obstacles::Obstacle;
+use crate::obstacles::{Moving, Obstacle};
 
 /// So many obstacles have their distance beside them.
 const WHOLE_LABELS: usize = 6;
@@ -93,6 +93,9 @@ fn names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> O
         }
     }
     if shown.layers.obstacles {
+        for moving in &shown.moment.scene.moving {
+            moving_name(painter, moving, shown, on_screen);
+        }
         obstacle_names(painter, shown, on_screen);
     }
 }
@@ -106,6 +109,16 @@ fn metres(bounds: &Aabb, small: &impl Fn(DVec3, &str, Color32)) {
     for z in bounds.min.z.ceil() as i32..=bounds.max.z.floor() as i32 {
         small(DVec3::new((bounds.max.x / 0.5).ceil() * 0.5 + 0.22, y, z.into()), &format!("{z} m"), style::MUTED);
     }
+}
+
+/// Beside the arc's end, where nothing of it is.
+fn moving_name(painter: &egui::Painter, moving: &Moving, shown: &Shown, on_screen: &impl Fn(DVec3) -> Option<Pos2>) {
+    let Some(at) = on_screen(moving.place_m(1.3 * moving.half_width_rad(), 0.0)) else { return };
+    let text = moving.label(shown.moment.head.as_ref());
+    let galley = painter.layout_no_wrap(text, FontId::proportional(14.0), style::MOVING);
+    let chip = Align2::CENTER_CENTER.anchor_size(at, galley.size()).expand2(vec2(4.0, 1.0));
+    painter.rect_filled(chip, CornerRadius::same(3), style::GROUND.gamma_multiply(0.85));
+    painter.galley(chip.min + vec2(4.0, 1.0), galley, style::MOVING);
 }
 
 /// Distances beside the nearest ones and the selected one, numbers beside the rest.

@@ -1,7 +1,7 @@
 //! An obstacle as the warning sees it: balls where there is evidence, and how far off its place may be.
 //!
 //! The shape's voxels give the balls. Without a shape the box `extent_m` around the position is filled with them. An obstacle
-//! of which only the distance is known is one ball; its direction is then as wide as the beam. Numbers that make no sense
+//! of which only the distance is known is one ball; its direction is then as wide as the beam. So is what moves. Numbers that make no sense
 //! (not finite, beyond a kilometre) are left out; an uncertainty that is none counts as the greatest one.
 
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 
 use super::hull::convex_hull;
 use crate::geometry::Aabb;
-use crate::obstacles::{Observed, Obstacle};
+use crate::obstacles::{Moving, Observed, Obstacle};
 
 /// Farther from the origin than this is no place in a room, metres.
 const FARTHEST_M: f64 = 1000.0;
@@ -20,6 +20,9 @@ const BEAM_TANGENT: f64 = 0.577;
 const MAX_SPREAD_M: f64 = 1.0;
 /// An extent beyond this is not believed, metres.
 const MAX_EXTENT_M: f64 = 5.0;
+
+/// What moves has ids of its own from here on: no map counts so far.
+const MOVING_IDS: u64 = 1 << 48;
 
 /// Balls of one radius, and the uncertainty of them all together.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,6 +43,8 @@ pub(super) struct Body {
     pub around: Aabb,
     /// The hull of the middles seen from above: x to the right, −z up; counter-clockwise.
     pub hull: Arc<[DVec2]>,
+    /// How fast it comes nearer by itself, metres a second; `None`: it stands.
+    pub comes_m_per_s: Option<f64>,
     covariance_m2: glam::DMat3,
 }
 
@@ -75,8 +80,27 @@ impl Body {
             anchor,
             has_shape,
             provisional: obstacle.provisional,
+            comes_m_per_s: None,
             covariance_m2: obstacle.covariance_m2,
         })
+    }
+
+    /// Of something that moves: one ball at its range. `None` when that is no place.
+    pub fn of_moving(moving: &Moving) -> Option<Self> {
+        let stands = Obstacle {
+            id: moving.id.saturating_add(MOVING_IDS),
+            position_m: moving.position_m(),
+            covariance_m2: moving.covariance_m2(),
+            observed: Observed::RangeOnly,
+            extent_m: DVec3::ZERO,
+            evidence: moving.evidence,
+            shape: Vec::new(),
+            provisional: false,
+            first_seen_ns: moving.first_seen_ns,
+            last_seen_ns: moving.last_seen_ns,
+        };
+        let comes_m_per_s = Some(-moving.speed_m_per_s).filter(|speed| speed.is_finite()).unwrap_or(0.0);
+        Some(Self { comes_m_per_s: Some(comes_m_per_s), ..Self::of(&stands)? })
     }
 
     /// The same under a newer one's id, and as sure as that one.

@@ -24,7 +24,7 @@ pub(super) struct Near {
     pub gap_m: f64,
     /// The place of the thing that is nearest.
     pub at_m: DVec3,
-    /// How fast the part comes nearer to it, m/s.
+    /// How fast the part and the thing come nearer to each other, m/s.
     pub closing_m_per_s: f64,
 }
 
@@ -70,7 +70,7 @@ fn near(body: &Body, limb: &Limb) -> Near {
     let toward = (at_m - from).normalize_or_zero();
     let before_m = body.radius_m + body.two_sigma(toward, MAX_RANGE_DOUBT_M);
     let distance_m = if is_within(body, limb) { 0.0 } else { (from.distance(at_m) - before_m).max(0.0) };
-    Near::new(limb, distance_m, at_m, moves.dot(toward))
+    Near::new(limb, distance_m, at_m, moves.dot(toward) + body.comes_m_per_s.unwrap_or(0.0))
 }
 
 /// Whether the part's axis runs through the outline of the thing, at a height that it has.

@@ -94,6 +94,8 @@ pub struct WarningSettings {
     pub calm_brightness: f64,
     /// So much of its brightness is left to what is remembered from before and not seen again yet.
     pub provisional_brightness: f64,
+    /// Whether what moves by itself is warned of, people and pets.
+    pub moving: bool,
     /// How they are drawn.
     pub style: Style,
     /// Whether the distance is written on them.
@@ -124,6 +126,7 @@ impl Default for WarningSettings {
             calm_after_s: 6.0,
             calm_brightness: 0.3,
             provisional_brightness: 0.6,
+            moving: true,
             style: Style::Grid,
             labels: false,
             color: [64, 224, 255],

@@ -58,6 +58,7 @@ impl Thing<'_> {
     pub fn nears(&self, wearer: &Wearer, settings: &WarningSettings) -> Vec<Near> {
         let reach_m = FARTHEST_CONTACT_M.max(settings.fade_distance_m + MARGIN_M);
         match self {
+            Self::Object(body) if body.comes_m_per_s.is_some() && !settings.moving => Vec::new(),
             Self::Object(body) if !body.points.iter().any(|point| settings.is_in_reach(*point)) => Vec::new(),
             Self::Object(body) => nears(body, wearer, reach_m),
             Self::Wall(wall) => wall_nears(wall, wearer, reach_m),

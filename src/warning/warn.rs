@@ -9,7 +9,7 @@ use super::thing::{Drawn, Thing};
 use super::urgency::urgencies;
 use super::wearer::Wearer;
 use crate::geometry::Pose;
-use crate::obstacles::{Obstacle, Scene, Wall};
+use crate::obstacles::{Scene, Wall};
 
 /// Most quads at a time, panels and footprints together: each is an overlay that the compositor draws.
 pub const MAX_QUADS: usize = 8;
@@ -19,12 +19,13 @@ pub const MAX_QUADS: usize = 8;
 /// and a warning is there at once: for a scene that goes on from frame to frame, [`super::Watch`] knows more and is steadier.
 pub fn warn(scene: &Scene, tracking_from_head: &Pose, settings: &WarningSettings) -> Warnings {
     let wearer = Wearer::still(tracking_from_head);
-    wearer.map_or_else(Warnings::default, |wearer| warn_of(&bodies(&scene.obstacles), &scene.walls, &wearer, settings))
+    wearer.map_or_else(Warnings::default, |wearer| warn_of(&bodies(scene), &scene.walls, &wearer, settings))
 }
 
-/// The bodies of all obstacles, those that lie close together as one.
-pub(super) fn bodies(obstacles: &[Obstacle]) -> Vec<Body> {
-    grouped(obstacles).iter().filter_map(Body::of).collect()
+/// The bodies of all obstacles, those that lie close together as one; and of what moves.
+pub(super) fn bodies(scene: &Scene) -> Vec<Body> {
+    let standing = grouped(&scene.obstacles);
+    standing.iter().filter_map(Body::of).chain(scene.moving.iter().filter_map(Body::of_moving)).collect()
 }
 
 /// Warnings of these bodies and walls for one who stands there straight and still.
@@ -55,7 +56,7 @@ pub(super) fn in_order(drawn: impl Iterator<Item = Drawn>) -> Warnings {
 mod tests {
     use super::*;
     use crate::geometry::{Aabb, Plane};
-    use crate::obstacles::{Observed, Wall};
+    use crate::obstacles::{Moving, Observed, Obstacle, Wall};
     use crate::warning::PanelKind;
     use glam::{DMat3, DQuat, DVec3};
     use proptest::prelude::*;
@@ -92,7 +93,41 @@ mod tests {
     }
 
     fn warnings_of(obstacles: Vec<Obstacle>, walls: Vec<Wall>) -> Warnings {
-        warn(&Scene { time_ns: 0, obstacles, walls }, &head(), &WarningSettings::default())
+        warn(&Scene { time_ns: 0, obstacles, walls, moving: vec![] }, &head(), &WarningSettings::default())
+    }
+
+    /// Somebody 1.2 m ahead.
+    fn someone(speed_m_per_s: f64) -> Moving {
+        Moving {
+            id: 1,
+            seen_from: head(),
+            range_m: 1.2,
+            range_sigma_m: 0.1,
+            direction_sigma_rad: 0.3,
+            speed_m_per_s,
+            evidence: 30.0,
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        }
+    }
+
+    #[test]
+    fn who_walks_up_is_warned_of_as_wide_as_the_direction_is_known() {
+        let settings = WarningSettings::default();
+        let of = |moving: Moving, settings: &WarningSettings| {
+            let scene = Scene { obstacles: vec![block(1, 2.0, 3.0)], moving: vec![moving], ..Scene::default() };
+            warn(&scene, &head(), settings)
+        };
+        let [comes, stands] = [-1.0, 0.0].map(|speed| of(someone(speed), &settings));
+        let [panel] = &comes.panels[..] else { panic!("{comes:?}") };
+        assert!(panel.kind == PanelKind::Object && panel.silhouette.is_empty() && panel.size_m.x > 1.0, "{panel:?}");
+        assert!(panel.time_to_contact_s.is_some_and(|s| (0.5..1.2).contains(&s)), "{panel:?}");
+        // Nearer in time is brighter than nearer in space alone, and the obstacle of the same number is another thing.
+        assert!(panel.alpha > stands.panels[0].alpha && panel.id != 1);
+        assert!(of(someone(-1.0), &WarningSettings { moving: false, ..settings.clone() }).panels.is_empty());
+        for bad in [Moving { range_m: f64::NAN, ..someone(-1.0) }, someone(f64::NAN)] {
+            assert!(of(bad, &settings).panels.iter().all(|panel| panel.alpha.is_finite()));
+        }
     }
 
     #[test]
@@ -111,7 +146,7 @@ mod tests {
     fn what_a_player_in_the_play_area_cannot_reach_is_left_out() {
         let shown = |area_m: [f64; 2], obstacles: Vec<Obstacle>, walls: Vec<Wall>| {
             let settings = WarningSettings { play_area_m: Some(area_m), play_area_margin_m: 0.2, ..Default::default() };
-            !warn(&Scene { time_ns: 0, obstacles, walls }, &head(), &settings).panels.is_empty()
+            !warn(&Scene { time_ns: 0, obstacles, walls, moving: vec![] }, &head(), &settings).panels.is_empty()
         };
         assert!(shown([2.0, 1.4], vec![block(1, 0.0, -0.8)], vec![]), "its near side is 0.1 m outside");
         assert!(!shown([2.0, 1.0], vec![block(1, 0.0, -0.8)], vec![]));
@@ -121,7 +156,12 @@ mod tests {
 
     #[test]
     fn panels_move_with_the_room() {
-        let scene = Scene { time_ns: 0, obstacles: vec![block(1, 0.1, -0.8)], walls: vec![wall(DVec3::NEG_Z, 0.9)] };
+        let scene = Scene {
+            time_ns: 0,
+            obstacles: vec![block(1, 0.1, -0.8)],
+            walls: vec![wall(DVec3::NEG_Z, 0.9)],
+            moving: vec![],
+        };
         let to_from = Pose::new(DVec3::new(0.7, 0.0, -0.4), DQuat::from_rotation_y(0.9));
         let settings = WarningSettings::default();
         let before = warn(&scene, &head(), &settings);
@@ -330,7 +370,7 @@ mod tests {
                 ..Default::default()
             };
             let head = Pose { translation: place, rotation: DQuat::from_array(turn) };
-            let scene = Scene { time_ns: 0, obstacles, walls };
+            let scene = Scene { time_ns: 0, obstacles, walls, moving: vec![] };
             let warnings = warn(&scene, &head, &settings);
             prop_assert!(warnings.panels.iter().all(is_sound), "{warnings:?}");
             for footprint in &warnings.footprints {

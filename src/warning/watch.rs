@@ -81,7 +81,7 @@ impl Watch {
         self.versions += 1;
         let mut before = std::mem::take(&mut self.held);
         before.append(&mut self.gone);
-        let mut newer = bodies(&scene.obstacles);
+        let mut newer = bodies(scene);
         newer.sort_by_key(|body| body.id);
         let mut taken: BTreeSet<u64> = newer.iter().map(|body| body.id).collect();
         for body in newer {
@@ -237,11 +237,18 @@ impl Held {
     fn is_replaced_by(&self, body: &Body) -> bool {
         let (old, new) = (&self.body, body);
         let apart = (old.around.min - new.around.max).max(new.around.min - old.around.max).max_element();
-        old.has_shape == new.has_shape && apart <= AT_ONCE_M && old.anchor.distance(new.anchor) <= SAME_M
+        old.comes_m_per_s.is_none()
+            && new.comes_m_per_s.is_none()
+            && old.has_shape == new.has_shape
+            && apart <= AT_ONCE_M
+            && old.anchor.distance(new.anchor) <= SAME_M
     }
 
     /// Whether nothing about the newer body has to be known at once.
     fn is_much_like(&self, new: &Body) -> bool {
+        if new.comes_m_per_s.is_some() {
+            return false;
+        }
         let old = &self.body;
         let growth = (old.around.min - new.around.min).max(new.around.max - old.around.max).max_element();
         old.has_shape == new.has_shape && old.anchor.distance(new.anchor) <= AT_ONCE_M && growth <= AT_ONCE_M
@@ -290,7 +297,7 @@ mod tests {
     }
 
     fn scene(time_s: f64, obstacles: Vec<Obstacle>) -> Scene {
-        Scene { time_ns: (time_s * 1e9) as i64, obstacles, walls: vec![] }
+        Scene { time_ns: (time_s * 1e9) as i64, obstacles, walls: vec![], moving: vec![] }
     }
 
     /// Frames that are enough for all brightness to have come up and gone.
@@ -400,7 +407,7 @@ mod tests {
 
     fn before_a_wall(ahead_m: f64) -> Watch {
         let mut watch = Watch::new();
-        watch.see(&Scene { time_ns: 0, obstacles: vec![], walls: vec![wall(1, ahead_m)] });
+        watch.see(&Scene { time_ns: 0, obstacles: vec![], walls: vec![wall(1, ahead_m)], moving: vec![] });
         watch
     }
 

@@ -47,6 +47,8 @@ pub struct Block {
     pub(super) z: Vec<[Lanes; 2]>,
     /// The same sweep by sweep.
     pub(super) rows: Rows,
+    /// Times of the sweeps, seconds from the first.
+    pub(super) times_s: Vec<f32>,
     /// No sweep was measured farther from the middle than this, metres.
     pub(super) reach_m: f32,
     /// In each group of sixteen sweeps all lie within some table entries of the middle one.
@@ -70,6 +72,7 @@ impl PlaceBlock {
             z,
             groups,
             rows: Rows::none(),
+            times_s: Vec::new(),
             partitions: Default::default(),
             geometry: Arc::clone(&block.geometry),
             ..*block
@@ -158,6 +161,7 @@ impl Block {
             time_s_per_m: (geometry.point_period_s / geometry.axis.step_m) as f32,
             time_at_zero_s: middle.point_time_s(geometry.axis.point_at(0.0)) as f32,
             sweep_count: observations.len(),
+            times_s: observations.iter().map(|o| since_s(o.mid_time_ns, observations[0].mid_time_ns)).collect(),
             is_smooth: groups.iter().all(|group| group.reach_m() <= SMOOTH_ENTRIES * step_m as f32),
             groups,
             z,
@@ -202,6 +206,11 @@ fn even_out(values: &[f32], scale: f32, evened: &mut [f32]) {
     }
     evened[0] = evened_at(values[0], values[0], values[1]);
     evened[last] = evened_at(values[last - 1], values[last], values[last]);
+}
+
+/// From a time to a later one, seconds.
+fn since_s(time_ns: i64, first_ns: i64) -> f32 {
+    (time_ns.saturating_sub(first_ns) as f64 * 1e-9) as f32
 }
 
 /// How far from a place any point of a sweep was measured.

@@ -1,4 +1,4 @@
-//! Obstacles, walls and the beam as entities of a scene. An entity keeps its name as long as its obstacle or wall is known;
+//! Obstacles, walls, what moves and the beam as entities of a scene. An entity keeps its name as long as its obstacle or wall is known;
 //! each update holds all that are known and deletes those that are not any more.
 
 use foxglove::messages::line_primitive::Type as LineType;
@@ -12,10 +12,10 @@ use glam::DVec3;
 use super::super::foxglove_messages::{SENSOR, TRACKING, foxglove_pose, timestamp, vector};
 use super::beam::BeamCone;
 use super::look::Look;
-use super::outlines::{BEAM, OBSTACLE, UNCERTAINTY, WALL};
-use super::shapes::{edges, obstacle_distance_m, shape_box, uncertainty, wall_patch};
+use super::outlines::{BEAM, MOVING, OBSTACLE, UNCERTAINTY, WALL};
+use super::shapes::{edges, moving_lines, obstacle_distance_m, shape_box, uncertainty, wall_patch};
 use crate::geometry::Pose;
-use crate::obstacles::{Evidence, Observed, Obstacle, Wall};
+use crate::obstacles::{Evidence, Moving, Observed, Obstacle, Wall};
 
 /// Voxels of an obstacle that are drawn, the strongest; and obstacles and walls, the strongest of each.
 const MOST_VOXELS: usize = 48;
@@ -29,7 +29,8 @@ const LETTERS_M: f64 = 0.08;
 pub fn scene_update(look: &Look, before: &mut Vec<String>) -> SceneUpdate {
     let obstacles = look.scene.obstacles.iter().take(MOST_THINGS).map(|obstacle| obstacle_entity(look, obstacle));
     let walls = look.scene.walls.iter().take(MOST_THINGS).map(|wall| wall_entity(look, wall));
-    let entities: Vec<SceneEntity> = obstacles.chain(walls).collect();
+    let moving = look.scene.moving.iter().take(MOST_THINGS).map(|moving| moving_entity(look, moving));
+    let entities: Vec<SceneEntity> = obstacles.chain(walls).chain(moving).collect();
     let names = entities.iter().map(|entity| entity.id.clone()).collect();
     let gone = std::mem::replace(before, names).into_iter().filter(|name| !before.contains(name));
     let deletion = |id: String| SceneEntityDeletion {
@@ -143,6 +144,32 @@ fn wall_entity(look: &Look, wall: &Wall) -> SceneEntity {
         triangles: vec![triangles],
         lines: vec![polyline(&[a, b, c, d, a], color(WALL, 0.9))],
         ..entity(look.time_ns, format!("wall {}", wall.id), &facts)
+    }
+}
+
+fn moving_entity(look: &Look, moving: &Moving) -> SceneEntity {
+    let facts = [
+        ("range_m", format!("{:.3}", moving.range_m)),
+        ("range_standard_deviation_m", format!("{:.3}", moving.range_sigma_m)),
+        ("direction_standard_deviation_deg", format!("{:.1}", moving.direction_sigma_rad.to_degrees())),
+        ("own_speed_away_m_per_s", format!("{:.2}", moving.speed_m_per_s)),
+        ("evidence", moving.evidence.to_string()),
+        ("first_seen_ns", moving.first_seen_ns.to_string()),
+        ("last_seen_ns", moving.last_seen_ns.to_string()),
+    ];
+    let text = TextPrimitive {
+        pose: Some(foxglove_pose(&Pose::from_translation(moving.position_m() + DVec3::Y * LETTERS_M))),
+        billboard: true,
+        font_size: LETTERS_M,
+        scale_invariant: false,
+        color: Some(color([255, 255, 255, 255], 1.0)),
+        text: moving.label(look.head.as_ref()),
+    };
+    let wedge = moving_lines(moving).into_iter().map(|corners| polyline(&corners, color(MOVING, 1.0)));
+    SceneEntity {
+        lines: wedge.collect(),
+        texts: vec![text],
+        ..entity(look.time_ns, format!("moving {}", moving.id), &facts)
     }
 }
 

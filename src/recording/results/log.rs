@@ -17,6 +17,7 @@ const OFFSET_STEP_S: f64 = 1e-7;
 pub struct Known {
     obstacles: BTreeMap<u64, DVec3>,
     walls: BTreeMap<u64, DVec3>,
+    moving: BTreeMap<u64, f64>,
     time_offset_s: Option<f64>,
     counted: Counted,
 }
@@ -54,7 +55,15 @@ impl Known {
         for id in self.walls.keys().filter(|id| !walls.contains_key(id)) {
             say(format!("wall {id} gone"), false);
         }
-        (self.obstacles, self.walls) = (obstacles, walls);
+        for moving in scene.moving.iter().filter(|m| !self.moving.contains_key(&m.id)) {
+            let (range_m, speed) = (moving.range_m, moving.speed_m_per_s);
+            say(format!("something moves: {}, {range_m:.2} m ahead at {speed:+.2} m/s", moving.id), false);
+        }
+        let moving: BTreeMap<u64, f64> = scene.moving.iter().map(|m| (m.id, m.range_m)).collect();
+        for (id, range_m) in self.moving.iter().filter(|(id, _)| !moving.contains_key(id)) {
+            say(format!("what moves, {id}, lost at {range_m:.2} m"), false);
+        }
+        (self.obstacles, self.walls, self.moving) = (obstacles, walls, moving);
         let before_s = self.time_offset_s.replace(look.time_offset_s);
         if let Some(before_s) = before_s.filter(|before_s| (look.time_offset_s - before_s).abs() > OFFSET_STEP_S) {
             let (now, before) = (look.time_offset_s * 1e3, before_s * 1e3);

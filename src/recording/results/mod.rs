@@ -6,9 +6,9 @@
 //! | `/room` | `foxglove.FrameTransform` | | `room` → `tracking`, once: `room` has +z up, as viewers do |
 //! | `/beam` | `foxglove.SceneUpdate` | `sensor` | the beam's edge between the first and the last range, once |
 //! | `/beam/outline` | `foxglove.PointCloud` | `sensor` | the same in dots |
-//! | `/scene` | `foxglove.SceneUpdate` | `tracking` | obstacles and walls, at every look |
+//! | `/scene` | `foxglove.SceneUpdate` | `tracking` | obstacles, walls and what moves, at every look |
 //! | `/scene/points` | `foxglove.PointCloud` | `tracking` | the voxels of the obstacles, when they changed |
-//! | `/scene/outlines` | `foxglove.PointCloud` | `tracking` | boxes, uncertainties and walls in dots, when they changed |
+//! | `/scene/outlines` | `foxglove.PointCloud` | `tracking` | boxes, uncertainties, walls and what moves in dots, when they changed |
 //! | `/evidence` | `foxglove.PointCloud` | `tracking` | the strongest voxels, twice a second at most |
 //! | `/figures` | `radar_chaperone.results.Figures` | | numbers to plot, at every look |
 //! | `/log` | `foxglove.Log` | | what was found and forgotten, changes of the time offset, what was left out |

@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3};
 
 use super::beam::BeamCone;
 use super::cloud::Dot;
-use super::shapes::{edges, shape_box, uncertainty, wall_patch};
+use super::shapes::{edges, moving_lines, shape_box, uncertainty, wall_patch};
 use crate::obstacles::{Obstacle, Scene};
 
 /// Between two dots, metres; and dots a circle of an uncertainty.
@@ -19,6 +19,7 @@ const MOST: usize = 12_000;
 pub const OBSTACLE: [u8; 4] = [255, 140, 26, 255];
 pub const UNCERTAINTY: [u8; 4] = [255, 230, 90, 255];
 pub const WALL: [u8; 4] = [77, 153, 255, 255];
+pub const MOVING: [u8; 4] = [255, 70, 160, 255];
 pub const BEAM: [u8; 4] = [90, 220, 150, 255];
 
 /// The scene's outlines; `value` is the number of the obstacle or wall.
@@ -35,6 +36,11 @@ pub fn scene_dots(scene: &Scene) -> Vec<Dot> {
         line(&mut dots, &[a, b, c, d, a], wall.id, WALL);
         line(&mut dots, &[a, c], wall.id, WALL);
         line(&mut dots, &[b, d], wall.id, WALL);
+    }
+    for moving in &scene.moving {
+        for corners in moving_lines(moving) {
+            line(&mut dots, &corners, moving.id, MOVING);
+        }
     }
     dots.truncate(MOST);
     dots

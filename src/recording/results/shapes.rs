@@ -4,7 +4,7 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::geometry::{Aabb, Pose};
 use crate::imaging::eigen;
-use crate::obstacles::{Obstacle, Wall};
+use crate::obstacles::{Moving, Obstacle, Wall};
 
 /// Uncertainties are drawn at this many 1σ, and no smaller or greater than this, metres.
 const SIGMAS: f64 = 2.0;
@@ -63,6 +63,20 @@ pub fn edges(around: &Aabb) -> [[DVec3; 2]; 12] {
         *edge = [corner(from), corner(from + step)];
     }
     found
+}
+
+/// The wedge of what moves: the level arc that it is on, its ends seen from where it was last seen from, and how far up and down it may
+/// be.
+pub fn moving_lines(moving: &Moving) -> Vec<Vec<DVec3>> {
+    let from = moving.seen_from.translation;
+    let half_rad = moving.half_width_rad();
+    let arc = moving.arc_m();
+    let upright = (-8..=8).map(|n| moving.place_m(0.0, half_rad * f64::from(n) / 8.0));
+    let wedge = [from].into_iter().chain(arc).chain([from]);
+    [wedge.collect(), upright.collect()]
+        .into_iter()
+        .filter(|line: &Vec<DVec3>| line.iter().all(|at| at.is_finite()))
+        .collect()
 }
 
 /// From a place to the nearest place that belongs to an obstacle, metres.

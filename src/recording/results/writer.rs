@@ -224,7 +224,7 @@ mod tests {
             first_seen_ns: 0,
             last_seen_ns: time_ns,
         };
-        Scene { time_ns, obstacles: ids.map(obstacle).collect(), walls: vec![] }
+        Scene { time_ns, obstacles: ids.map(obstacle).collect(), walls: vec![], moving: vec![] }
     }
 
     fn written(events: &[Event], scene: impl Fn(i64) -> Scene) -> TestFile {

@@ -8,8 +8,8 @@ use glam::{DMat2, DVec2, DVec3};
 use crate::engine::Settings;
 use crate::geometry::Pose;
 use crate::live::{Published, Reconstruction};
-use crate::obstacles::{Obstacle, Wall};
-use crate::panel::{Head, Health, PanelView, Plan, SensorHealth, Thing, hull};
+use crate::obstacles::{Moving, Obstacle, Wall};
+use crate::panel::{Head, Health, Mover, PanelView, Plan, SensorHealth, Thing, hull};
 
 /// A beam ends where its two-way amplitude is down to this.
 const BEAM_FLOOR: f64 = 0.25;
@@ -131,6 +131,7 @@ fn plan(facts: &Facts, settings: &Settings, published: Option<&Published>) -> Pl
     let scene = published.scene.moved(standing_from_session);
     plan.walls_m = scene.walls.iter().filter_map(wall).collect();
     plan.things = scene.obstacles.iter().map(|obstacle| thing(obstacle, plan.head, settings)).collect();
+    plan.moving = scene.moving.iter().filter_map(mover).collect();
     plan
 }
 
@@ -159,6 +160,14 @@ fn wall(wall: &Wall) -> Option<[[f64; 2]; 2]> {
     // A wall that was seen at one spot is drawn half a metre wide.
     let reach = (along.x.abs() * half.x + along.y.abs() * half.z).max(0.25);
     Some([middle - along * reach, middle + along * reach].map(|end| end.to_array()))
+}
+
+/// To five centimetres; `None` for what is nowhere.
+fn mover(moving: &Moving) -> Option<Mover> {
+    let level = |place: DVec3| [place.x, place.z].map(|v| (v * 20.0).round() / 20.0);
+    let mover = Mover { from_m: level(moving.seen_from.translation), arc_m: moving.arc_m().map(level).collect() };
+    let is_somewhere = mover.arc_m.iter().chain([&mover.from_m]).all(|[x, z]| x.is_finite() && z.is_finite());
+    is_somewhere.then_some(mover)
 }
 
 fn thing(obstacle: &Obstacle, head: Option<Head>, settings: &Settings) -> Thing {
