@@ -13,8 +13,8 @@ use crate::imaging::blocks::Block;
 
 /// What is no higher than this may be the floor, which is at height 0, metres.
 const FLOOR_M: f64 = 0.15;
-/// The floor's reflection is placed this near to the point below the sensor, seen from above, metres.
-const BELOW_M: f64 = 0.35;
+/// The floor's reflection, at the beam's edge, is placed this near to the point below the sensor, seen from above, metres.
+const BELOW_M: f64 = 0.5;
 /// Looks of which it is kept what they weighed: two seconds.
 const LOOKS_BACK: usize = 8;
 
