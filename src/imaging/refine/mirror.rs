@@ -71,7 +71,7 @@ mod tests {
     fn refined(at: DVec3, count: usize, out_of_plane_m: f64, start: DVec3) -> Refined {
         let path = |t: f64| DVec3::new(0.25 * (4.0 * t).sin(), out_of_plane_m * (7.0 * t).sin(), 0.2 * (5.5 * t).cos());
         let all = sweeps(1.5, path, &[(Echo::Point(at), 30.0)], 3);
-        let some: Vec<_> = all.iter().step_by(all.len() / count).cloned().take(count).collect();
+        let some: Vec<_> = all.iter().step_by(all.len() / count).take(count).cloned().collect();
         let power = RangePower::new(&some, &Beam::Lensless, 0.15);
         refine(&power, start, None, &PositionErrors::default()).unwrap()
     }
