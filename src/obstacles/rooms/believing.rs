@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use glam::DVec3;
 
-use super::super::acceptance::{Around, Weighed, features, log_odds};
+use super::super::acceptance::{Around, Weighed, beyond_doubt_or, features, log_odds};
 use super::super::existence::{Existence, Told};
 use super::super::views::View;
 use super::super::{Believed, Explained, Sighted, same_place};
@@ -15,6 +15,8 @@ use crate::imaging::blocks::Block;
 const FLOOR_M: f64 = 0.15;
 /// The floor's reflection, at the beam's edge, is placed this near to the point below the sensor, seen from above, metres.
 const BELOW_M: f64 = 0.5;
+/// What is this near to a known wall, floor or ceiling may be its reflection, metres.
+const AT_SURFACE_M: f64 = 0.25;
 /// Looks of which it is kept what they weighed: two seconds.
 const LOOKS_BACK: usize = 8;
 
@@ -71,7 +73,9 @@ impl RoomSearch {
     /// A place with the odds that it is a thing, by what is around it and what the past says of it.
     pub(super) fn weigh(&self, place: &Explained<DVec3>, past: f64) -> (Explained<DVec3>, Weighed) {
         let features = features(place, &self.around(place.thing, past));
-        let place = Explained { past, odds: log_odds(&features), ..*place };
+        let at_surface = self.walls.confirmed().any(|wall| wall.thing.distance(place.thing).abs() < AT_SURFACE_M);
+        let odds = beyond_doubt_or(log_odds(&features), place, at_surface);
+        let place = Explained { past, odds, ..*place };
         (place, Weighed { place_m: place.thing, features, may_be_new: self.may_be_new(&place) })
     }
 
