@@ -38,7 +38,7 @@ impl Default for MapSettings {
             confirm_score: 3.0,
             confirm_sightings: 1,
             confirm_wall_sightings: 3,
-            confirm_odds: 1.05,
+            confirm_odds: 1.2,
             hands_reach_m: 0.9,
             match_m: 0.15,
             forget,

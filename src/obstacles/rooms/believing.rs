@@ -11,8 +11,8 @@ use super::super::{Believed, Explained, Sighted, same_place};
 use super::RoomSearch;
 use crate::imaging::blocks::Block;
 
-/// What is no higher than this may be the floor, which is at height 0, metres.
-const FLOOR_M: f64 = 0.15;
+/// What is no higher than this may be the reflection of the floor, which is at height 0, metres: at the beam's edge it is placed badly.
+const FLOOR_M: f64 = 0.3;
 /// The floor's reflection, at the beam's edge, is placed this near to the point below the sensor, seen from above, metres.
 const BELOW_M: f64 = 0.5;
 /// What is this near to a known wall, floor or ceiling may be its reflection, metres.
@@ -148,7 +148,7 @@ mod tests {
         sweeps(1.0, way, &echoes, 3).into_iter().for_each(|sweep| search.push(sweep));
         let below = way(0.9).with_y(0.0);
         assert!(search.is_floor_below(below) && search.is_floor_below(below + DVec3::new(0.2, -0.1, 0.1)));
-        let elsewhere = [DVec3::Y * 0.3, DVec3::X * 1.5, DVec3::NEG_Z * 1.5];
+        let elsewhere = [DVec3::Y * 0.4, DVec3::X * 1.5, DVec3::NEG_Z * 1.5];
         assert!(elsewhere.iter().all(|offset| !search.is_floor_below(below + *offset)));
     }
 }
