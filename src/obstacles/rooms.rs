@@ -412,9 +412,8 @@ impl RoomSearch {
         self.forget(&ids, &told);
         let there = self.still_there(&new);
         (self.look.places, self.look.planes) = (new.places, new.planes.clone());
+        let (points, weighed): (Vec<_>, Vec<_>) = self.still_known(&known).into_iter().chain(there).unzip();
         let walls = [known.planes, new.planes].concat();
-        let seen_again = known.places.iter().map(|place| self.weigh(place, 0.0));
-        let (points, weighed): (Vec<_>, Vec<_>) = seen_again.chain(there).unzip();
         self.note_weighed(weighed);
         let map = self.settings.map;
         self.look.wall_sightings = walls.iter().filter(|wall| map.for_planes().is_sighting(wall)).count();

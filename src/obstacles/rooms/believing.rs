@@ -13,8 +13,11 @@ use crate::imaging::blocks::Block;
 
 /// What is no higher than this may be the reflection of the floor, which is at height 0, metres: at the beam's edge it is placed badly.
 const FLOOR_M: f64 = 0.3;
-/// The floor's reflection, at the beam's edge, is placed this near to the point below the sensor, seen from above, metres.
-const BELOW_M: f64 = 0.5;
+/// The floor's reflection is placed this near to the point below the sensor, seen from above, metres; and at the beam's edge, which has less
+/// than this amplitude.
+const BELOW_M: f64 = 0.35;
+const BELOW_AT_EDGE_M: f64 = 0.8;
+const EDGE_OF_BEAM: f64 = 0.4;
 /// What is this near to a known wall, floor or ceiling may be its reflection, metres.
 const AT_SURFACE_M: f64 = 0.25;
 /// Looks of which it is kept what they weighed: two seconds.
@@ -49,6 +52,14 @@ impl RoomSearch {
         }
     }
 
+    /// Those of what was known that still is: what has just been forgotten is not seen again by the blocks that it was forgotten for.
+    pub(super) fn still_known(&self, believed: &Believed) -> Vec<(Explained<DVec3>, Weighed)> {
+        let is_same = same_place(self.settings.map.match_m);
+        let is_known = |place: DVec3| self.points.confirmed().any(|known| is_same(&known.thing, &place));
+        let known = believed.places.iter().filter(|place| is_known(place.thing));
+        known.map(|place| self.weigh(place, 0.0)).collect()
+    }
+
     /// Those of what is newly believed that are still there by the newest blocks that could tell.
     pub(super) fn still_there(&self, new: &Believed) -> Vec<(Explained<DVec3>, Weighed)> {
         let settings = &self.settings.map.forget;
@@ -59,14 +70,17 @@ impl RoomSearch {
             existence.log_odds() >= settings.confirm
         };
         let places = new.places.iter().zip(&new.asked);
-        let there = places.filter(|(place, asked)| !self.is_floor_below(place.thing) && is_there(&new.views[**asked]));
+        let there = places.filter(|(place, asked)| {
+            !self.is_floor_below(place.thing, place.aspect.beam) && is_there(&new.views[**asked])
+        });
         there.map(|(place, asked)| self.weigh(place, self.past_of(place, &new.views[*asked]))).collect()
     }
 
     /// The floor returns most from right below the sensor, and so near to other things that it may be taken for a part of them. Nothing else is
-    /// there: the wearer stands on it.
-    fn is_floor_below(&self, place: DVec3) -> bool {
-        let is_over = |block: &Block| (block.middle.translation - place).with_y(0.0).length() < BELOW_M;
+    /// there: the wearer stands on it. Farther away it is the floor when it was seen at the beam's edge alone.
+    fn is_floor_below(&self, place: DVec3, beam: f64) -> bool {
+        let reach_m = if beam < EDGE_OF_BEAM { BELOW_AT_EDGE_M } else { BELOW_M };
+        let is_over = |block: &Block| (block.middle.translation - place).with_y(0.0).length() < reach_m;
         place.y.abs() < FLOOR_M && self.window.iter().any(is_over)
     }
 
@@ -147,8 +161,13 @@ mod tests {
         let echoes = [(Echo::Point(DVec3::new(0.0, 1.5, -1.2)), 2.0)];
         sweeps(1.0, way, &echoes, 3).into_iter().for_each(|sweep| search.push(sweep));
         let below = way(0.9).with_y(0.0);
-        assert!(search.is_floor_below(below) && search.is_floor_below(below + DVec3::new(0.2, -0.1, 0.1)));
+        assert!(search.is_floor_below(below, 0.9) && search.is_floor_below(below + DVec3::new(0.2, -0.1, 0.1), 0.9));
         let elsewhere = [DVec3::Y * 0.4, DVec3::X * 1.5, DVec3::NEG_Z * 1.5];
-        assert!(elsewhere.iter().all(|offset| !search.is_floor_below(below + *offset)));
+        assert!(elsewhere.iter().all(|offset| !search.is_floor_below(below + *offset, 0.2)));
+        let ahead = below + DVec3::NEG_Z * 0.6;
+        assert!(
+            search.is_floor_below(ahead, 0.2) && !search.is_floor_below(ahead, 0.9),
+            "a foot of a chair is seen from afar"
+        );
     }
 }
