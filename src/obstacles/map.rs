@@ -6,8 +6,6 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::existence::ForgetSettings;
-#[cfg(test)]
-use super::explain::Aspect;
 use super::explain::Explained;
 use crate::geometry::Plane;
 
@@ -228,6 +226,7 @@ pub fn same_plane(middle: DVec3) -> impl Fn(&Plane, &Plane) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::obstacles::explain::Aspect;
 
     fn sighting(x: f64, score: f64, determined: bool) -> Explained<DVec3> {
         Explained {

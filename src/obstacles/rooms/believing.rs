@@ -11,7 +11,8 @@ use super::super::{Believed, Explained, Sighted, same_place};
 use super::RoomSearch;
 use crate::imaging::blocks::Block;
 
-/// What is no higher than this may be the reflection of the floor, which is at height 0, metres: at the beam's edge it is placed badly.
+/// What is no higher than this may be the reflection of the floor, which is at height 0 of the standing universe, metres: at the beam's edge it
+/// is placed badly.
 const FLOOR_M: f64 = 0.3;
 /// The floor's reflection is placed this near to the point below the sensor, seen from above, metres; and at the beam's edge, which has less
 /// than this amplitude.
@@ -118,18 +119,20 @@ impl RoomSearch {
 
     /// Whether a place that was believed may be a new thing, as far as the settings' bounds go.
     fn may_be_new(&self, place: &Explained<DVec3>) -> bool {
+        self.is_new(place) && place.farthest_m >= self.settings.map.hands_reach_m
+    }
+
+    /// Whether it is well enough seen and nothing that is known.
+    fn is_new(&self, place: &Explained<DVec3>) -> bool {
         let map = &self.settings.map;
         let is_same = same_place(map.match_m);
-        let could_be = place.determined && place.score >= map.confirm_score && place.farthest_m >= map.hands_reach_m;
-        could_be && !self.points.confirmed().any(|known| is_same(&known.thing, &place.thing))
+        let is_seen = place.determined && place.score >= map.confirm_score;
+        is_seen && !self.points.confirmed().any(|known| is_same(&known.thing, &place.thing))
     }
 
     /// What the past says of a place that would be new if it were believed; 0 of others.
     fn past_of(&self, place: &Explained<DVec3>, views: &[Option<View>]) -> f64 {
-        let map = &self.settings.map;
-        let is_known = |known: &DVec3| same_place(map.match_m)(known, &place.thing);
-        let may_be_new = place.determined && place.score >= map.confirm_score;
-        if !may_be_new || self.points.confirmed().any(|point| is_known(&point.thing)) {
+        if !self.is_new(place) {
             return 0.0;
         }
         self.past.log_odds(place.thing, views, (&self.settings.blocks, self.min_cos), &self.beam)
