@@ -141,8 +141,8 @@ fn findings(outcome: &mut Outcome, strong: &AtSnr, weak: &AtSnr) {
         "Three points that span both axes should suffice (a theory of 5.1, left to be measured).",
         strong[2].own_m < THESIS_VOXEL_M,
         format!(
-            "two sweeps: {} cm off by the thesis' sum; three: {} cm, and {} cm by ours from the three farthest from each other, of which it says that \
-             the {} was observed: three ranges meet in two places, mirrored in the plane of the three points, and which of them it is they do not tell",
+            "two sweeps: {} cm off by the thesis' sum; three: {} cm, and {} cm by ours from the three farthest from each other, by which \
+             it observed the {}: three ranges meet in two places, mirrored in the plane of the three points, and which of them it is they do not tell",
             cm(strong[1].error_m),
             cm(strong[2].error_m),
             cm(strong[2].own_m),
