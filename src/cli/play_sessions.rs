@@ -10,7 +10,7 @@ use super::progress;
 use crate::engine::Settings;
 use crate::experiments::{Figures, PlayTrial, by_kind, curve, play, totals};
 use crate::radar::{PRESETS, preset};
-use crate::report::write_atomically;
+use crate::report::{Chart, Series, Table, write_atomically};
 use crate::simulation::PlaySession;
 
 /// What is played.
@@ -38,6 +38,9 @@ pub(super) struct PlaySessions {
     /// Added to the reflection of the walls, dB, with --play
     #[arg(long, requires = "play", default_value_t = 0.0, allow_hyphen_values = true)]
     walls_db: f64,
+    /// Plays the same at each of these values of rooms.map.confirm_odds, with --play: the curve of found against falsely reported
+    #[arg(long, requires = "play", value_name = "ODDS", value_delimiter = ',', allow_hyphen_values = true)]
+    odds: Vec<f64>,
     /// Settings file, with --play
     #[arg(long, requires = "play", value_name = "FILE")]
     settings: Option<std::path::PathBuf>,
@@ -46,58 +49,81 @@ pub(super) struct PlaySessions {
     set: Vec<String>,
 }
 
+/// One setting's sessions and what came of them.
+struct Played {
+    name: String,
+    preset: String,
+    odds: Option<f64>,
+    figures: Figures,
+}
+
 impl PlaySessions {
     pub fn is_asked(&self) -> bool {
         self.play
     }
 
     pub fn run(&self, quick: bool, json: Option<&Path>, out: Option<&Path>) -> Result<()> {
-        let rooms = self.rooms.unwrap_or(if quick { 2 } else { 10 });
-        let minutes = self.minutes.unwrap_or(if quick { 1.0 } else { 10.0 });
-        let settings = self.settings()?;
         let mut played = Vec::new();
-        for name in &self.presets {
-            let config = preset(name).ok_or_else(|| anyhow!("there is no preset {name:?}"))?;
-            let session = PlaySession {
-                duration_s: 60.0 * minutes,
-                walls_db: self.walls_db,
-                ..PlaySession::new(config, self.seed)
-            };
-            let trial = PlayTrial { session, settings: settings.clone(), controllers: self.controllers };
-            let seeds: Vec<u64> = (0..rooms).map(|n| self.seed.wrapping_add(n)).collect();
-            let bar = progress::bar(rooms, &format!("playing with {name}"));
-            let each = play(&trial, &seeds, |_, _| bar.inc(1))?;
-            bar.finish_and_clear();
-            let mut all = Figures::default();
-            each.into_iter().for_each(|figures| all.add(figures));
-            say!("{name}: {rooms} rooms of {minutes} min from seed {} on", self.seed)?;
-            say!("{}\n{}", by_kind(&all).aligned(), totals(&all).aligned())?;
-            played.push((name.clone(), all));
+        for preset in &self.presets {
+            match self.odds.is_empty() {
+                true => played.push(self.play(quick, preset, None)?),
+                false => {
+                    for odds in &self.odds {
+                        played.push(self.play(quick, preset, Some(*odds))?);
+                    }
+                }
+            }
         }
         if played.len() > 1 {
-            say!("{}", curve(&played).aligned())?;
+            say!("{}", all_of(&played).aligned())?;
         }
         self.write(&played, json, out)
     }
 
-    fn settings(&self) -> Result<Settings> {
+    /// Plays every room with one setting.
+    fn play(&self, quick: bool, name: &str, odds: Option<f64>) -> Result<Played> {
+        let rooms = self.rooms.unwrap_or(if quick { 2 } else { 10 });
+        let minutes = self.minutes.unwrap_or(if quick { 1.0 } else { 10.0 });
+        let config = preset(name).ok_or_else(|| anyhow!("there is no preset {name:?}"))?;
+        let session =
+            PlaySession { duration_s: 60.0 * minutes, walls_db: self.walls_db, ..PlaySession::new(config, self.seed) };
+        let trial = PlayTrial { session, settings: self.settings(odds)?, controllers: self.controllers };
+        let seeds: Vec<u64> = (0..rooms).map(|n| self.seed.wrapping_add(n)).collect();
+        let (preset, name) = (name.to_owned(), odds.map_or(name.into(), |odds| format!("{name}, odds {odds}")));
+        let bar = progress::bar(rooms, &format!("playing with {name}"));
+        let each = play(&trial, &seeds, |_, _| bar.inc(1))?;
+        bar.finish_and_clear();
+        let mut figures = Figures::default();
+        each.into_iter().for_each(|one| figures.add(one));
+        say!("{name}: {rooms} rooms of {minutes} min from seed {} on", self.seed)?;
+        say!("{}\n{}", by_kind(&figures).aligned(), totals(&figures).aligned())?;
+        Ok(Played { name, preset, odds, figures })
+    }
+
+    fn settings(&self, odds: Option<f64>) -> Result<Settings> {
         let text = match &self.settings {
             Some(path) => std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?,
             None => String::new(),
         };
-        Ok(Settings::from_toml(&text, &self.set)?)
+        let odds = odds.map(|odds| format!("rooms.map.confirm_odds={odds:?}"));
+        let changes: Vec<String> = self.set.iter().cloned().chain(odds).collect();
+        Ok(Settings::from_toml(&text, &changes)?)
     }
 
-    fn write(&self, played: &[(String, Figures)], json: Option<&Path>, out: Option<&Path>) -> Result<()> {
+    fn write(&self, played: &[Played], json: Option<&Path>, out: Option<&Path>) -> Result<()> {
         if let Some(folder) = out {
             let path = folder.join("play.md");
             write_atomically(&path, self.markdown(played).as_bytes())?;
+            if !self.odds.is_empty() {
+                chart(played).draw().write(&folder.join("play.png"))?;
+            }
             say!("Written to {}", path.display())?;
         }
         if let Some(path) = json {
-            let rows = played.iter().map(|(name, figures)| {
-                json!({"preset": name, "controllers": self.controllers, "walls_db": self.walls_db, "seed": self.seed,
-                    "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(), "figures": figures})
+            let rows = played.iter().map(|Played { preset, odds, figures, .. }| {
+                json!({"preset": preset, "confirm_odds": odds, "controllers": self.controllers, "walls_db": self.walls_db,
+                    "seed": self.seed, "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(),
+                    "figures": figures})
             });
             let text = serde_json::to_string_pretty(&rows.collect::<Vec<_>>())?;
             write_atomically(path, (text + "\n").as_bytes())?;
@@ -106,16 +132,44 @@ impl PlaySessions {
         Ok(())
     }
 
-    fn markdown(&self, played: &[(String, Figures)]) -> String {
+    fn markdown(&self, played: &[Played]) -> String {
         let mut text = String::from("# Play sessions\n\nMade by `radar-chaperone benchmark --play --out DIR`.\n");
-        for (name, figures) in played {
+        if played.len() > 1 {
+            text += &format!("\n## All\n\n{}", all_of(played).markdown());
+        }
+        if !self.odds.is_empty() {
+            return text + "\n![Warned in time against reported where nothing is](play.png)\n";
+        }
+        for Played { name, figures, .. } in played {
             let table = by_kind(figures);
             text +=
                 &format!("\n## {name}\n\n{}\n{}\n\n{}", table.markdown(), table.caption, totals(figures).markdown());
         }
-        if played.len() > 1 {
-            text += &format!("\n## All\n\n{}", curve(played).markdown());
-        }
         text
     }
+}
+
+fn all_of(played: &[Played]) -> Table {
+    curve(played.iter().map(|played| (played.name.as_str(), &played.figures)))
+}
+
+/// A curve for each preset.
+fn chart(played: &[Played]) -> Chart {
+    let of_preset = |of: &[Played]| Series {
+        name: of[0].preset.clone(),
+        points: of.iter().map(|played| point(&played.figures)).collect(),
+        joined: true,
+    };
+    Chart {
+        title: "Play: warned in time against reported where nothing is".into(),
+        x_label: "reported where nothing is, within 1 m of the body (a minute)".into(),
+        y_label: "warned in time (%)".into(),
+        series: played.chunk_by(|a, b| a.preset == b.preset).map(of_preset).collect(),
+        ..Chart::default()
+    }
+}
+
+fn point(figures: &Figures) -> [f64; 2] {
+    let things = figures.without_walls().rates();
+    [figures.rates().false_near_per_min, 100.0 * things.warned as f64 / things.due as f64]
 }

@@ -1,8 +1,7 @@
 //! What is known of a room as plain data: kept from one start to the next, and taken up again as provisional until it is confirmed.
 //!
 //! A place comes with what it returned into which direction (`existence.rs`), so that it can be missed: its log odds begin low, and a
-//! chair that was moved goes within a second of looking at where it stood. A wall goes when it is looked at squarely for some seconds
-//! and not believed. Only what is determined in all three coordinates is in the map, so there is no [`super::Observed`] here.
+//! chair that was moved goes within a second of looking at where it stood. Only what is determined in all three coordinates is in the map, so there is no [`super::Observed`] here.
 
 use std::collections::BTreeSet;
 
@@ -15,8 +14,8 @@ use crate::geometry::{Aabb, Plane, Pose};
 /// Most places and walls that are taken up.
 const MAX_PLACES: usize = 2000;
 const MAX_WALLS: usize = 200;
-/// Most voxels of a place's shape: those around it.
-const MAX_SHAPE: usize = 27;
+/// Most cells of a place's shape: the strongest, as many as leave a full map short enough for its file.
+const MAX_SHAPE: usize = 48;
 /// Ids beyond this are nobody's.
 const MAX_ID: u64 = 1 << 48;
 /// Nothing in a room is farther from its origin, metres.
@@ -62,7 +61,7 @@ pub struct RememberedPlace {
     pub score: f64,
     /// Power that it returned at 1 m on the axis, in units of the noise, by side around the vertical; 0: never seen from there.
     pub strengths: [f64; SIDES],
-    /// Voxels around it that have evidence, and their scores.
+    /// Cells around it that have evidence, and their scores.
     pub shape: Vec<(DVec3, f32)>,
     /// First and last sighting, host nanoseconds.
     pub first_ns: i64,
@@ -101,6 +100,7 @@ pub struct Remembered {
 impl Remembered {
     pub(super) const MAX_PLACES: usize = MAX_PLACES;
     pub(super) const MAX_WALLS: usize = MAX_WALLS;
+    pub(super) const MAX_SHAPE: usize = MAX_SHAPE;
 
     /// Whether there is nothing in it.
     pub fn is_empty(&self) -> bool {

@@ -9,7 +9,9 @@
 
 mod believing;
 mod placing;
+mod shapes;
 mod taken_up;
+mod walls;
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -19,9 +21,10 @@ use serde::{Deserialize, Serialize};
 use super::acceptance::Weighed;
 use super::existence::Existence;
 use super::past::Past;
+use super::remembered::Remembered;
 use super::{
     Evidence, ExplainSettings, Explained, HandTrail, HandsM, MapSettings, Moving, MovingSettings, MovingTracks,
-    Observed, Obstacle, Sightings, ViewMemory, Wall, Window, same_place, same_plane,
+    Sightings, ViewMemory, Window, same_place, same_plane,
 };
 use crate::geometry::{Aabb, Plane, Pose};
 use crate::imaging::PositionErrors;
@@ -29,7 +32,7 @@ use crate::imaging::blocks::{
     Block, BlockBuilder, BlockSettings, Field, FineCounters, FineField, FineSettings, Peak, PlaneField, PlanePeak,
 };
 use crate::radar::{Beam, Observation};
-use taken_up::TakenUp;
+use shapes::Shape;
 
 /// Parameters of the search in rooms.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -53,8 +56,6 @@ const UPDATE_NS: i64 = 250_000_000;
 const PEAK_RADIUS_M: f64 = 0.15;
 /// Edge of the cube around a strong place that is looked at finely, metres.
 const FINE_EDGE_M: f64 = 0.1;
-/// Sightings nearer than this to each other are one obstacle, metres.
-const CLUSTER_M: f64 = 0.30;
 
 /// What was done, for the counters.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -93,10 +94,11 @@ pub struct Look {
 }
 
 /// The place of a sighting, refined.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Place {
     position_m: DVec3,
     covariance_m2: DMat3,
+    shape: Shape,
 }
 
 /// What is to be done next.
@@ -143,8 +145,10 @@ pub struct RoomSearch {
     moving: MovingTracks,
     /// By wall: feet of the perpendiculars that it was seen at.
     feet: BTreeMap<u64, Aabb>,
+    /// By wall: looks at where it should be, without any sign of it, since it was last believed.
+    unseen_looks: BTreeMap<u64, u32>,
     /// What was remembered from before.
-    taken_up: TakenUp,
+    taken_up: Remembered,
     /// The next stage of what the last block set off, and how many sweeps were taken since.
     pending: Option<Stage>,
     sweeps_since: usize,
@@ -191,7 +195,8 @@ impl RoomSearch {
             hands: HandTrail::default(),
             moving: MovingTracks::new(settings.moving, beam),
             feet: BTreeMap::new(),
-            taken_up: TakenUp::default(),
+            unseen_looks: BTreeMap::new(),
+            taken_up: Remembered::default(),
             pending: None,
             sweeps_since: 0,
             backlog: VecDeque::new(),
@@ -423,7 +428,8 @@ impl RoomSearch {
         let map = if hands_are_known { MapSettings { hands_reach_m: 0.0, ..map } } else { map };
         self.look.sightings = points.iter().filter(|point| map.is_sighting(point)).count();
         self.points.update(&points, &map, same_place(map.match_m));
-        self.settle_remembered(&walls);
+        self.settle_remembered();
+        self.forget_walls(&walls);
         Stage::Places { walls, points }
     }
 
@@ -443,117 +449,8 @@ impl RoomSearch {
         self.fine.ask_for(&places, FINE_EDGE_M);
     }
 
-    /// Where known walls are being seen.
-    fn note_feet(&mut self) {
-        let Some(block) = self.window.back() else { return };
-        for wall in self.walls.confirmed() {
-            let squarely = wall.thing.outward.dot(block.middle.forward()) >= self.min_cos;
-            let range_m = wall.thing.distance(block.middle.translation);
-            if squarely && block.geometry().axis.contains(range_m) {
-                let foot = wall.thing.foot(block.middle.translation);
-                let seen = self.feet.entry(wall.id).or_insert(Aabb { min: foot, max: foot });
-                *seen = Aabb { min: seen.min.min(foot), max: seen.max.max(foot) };
-            }
-        }
-    }
-
-    /// Confirmed walls, by falling evidence.
-    pub fn walls(&self) -> Vec<Wall> {
-        let wall = |sighted: &super::Sighted<Plane>| {
-            let foot = sighted.thing.foot(self.middle.unwrap_or(DVec3::ZERO));
-            Wall {
-                id: sighted.id,
-                plane: sighted.thing,
-                evidence: sighted.score,
-                seen_at: self.feet.get(&sighted.id).copied().unwrap_or(Aabb { min: foot, max: foot }),
-                provisional: sighted.provisional,
-                first_seen_ns: sighted.first_ns,
-                last_seen_ns: sighted.last_ns,
-            }
-        };
-        let mut walls: Vec<Wall> = self.walls.confirmed().map(wall).collect();
-        walls.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.id.cmp(&b.id)));
-        walls
-    }
-
     /// What moves by itself, the longest followed first.
     pub fn moving(&self) -> Vec<Moving> {
         self.moving.moving()
-    }
-
-    /// Confirmed obstacles, by falling evidence: sightings near each other belong to one, which stands where its strongest
-    /// does.
-    pub fn obstacles(&self) -> Vec<Obstacle> {
-        let mut sighted: Vec<_> = self.points.confirmed().collect();
-        sighted.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
-        let mut obstacles: Vec<Obstacle> = Vec::new();
-        let mut members: BTreeMap<u64, Vec<u64>> = BTreeMap::new();
-        for sighting in sighted {
-            let place = self.places.get(&sighting.id).map(|(_, place)| *place).unwrap_or(Place {
-                position_m: sighting.thing,
-                covariance_m2: DMat3::from_diagonal(DVec3::splat(self.settings.blocks.voxel_m.powi(2))),
-            });
-            let near = |o: &&mut Obstacle| o.position_m.distance(place.position_m) <= CLUSTER_M;
-            match obstacles.iter_mut().find(near) {
-                Some(obstacle) => {
-                    members.entry(obstacle.id).or_default().push(sighting.id);
-                    obstacle.provisional &= sighting.provisional;
-                    obstacle.shape.push((place.position_m, sighting.score as f32));
-                    obstacle.first_seen_ns = obstacle.first_seen_ns.min(sighting.first_ns);
-                    obstacle.last_seen_ns = obstacle.last_seen_ns.max(sighting.last_ns);
-                }
-                None => obstacles.push(Obstacle {
-                    id: sighting.id,
-                    position_m: place.position_m,
-                    covariance_m2: place.covariance_m2,
-                    observed: Observed::Position,
-                    extent_m: DVec3::ZERO,
-                    evidence: sighting.score,
-                    shape: vec![(place.position_m, sighting.score as f32)],
-                    provisional: sighting.provisional,
-                    first_seen_ns: sighting.first_ns,
-                    last_seen_ns: sighting.last_ns,
-                }),
-            }
-        }
-        for obstacle in &mut obstacles {
-            let others = members.get(&obstacle.id).map_or(&[][..], Vec::as_slice);
-            self.add_shape(obstacle, others);
-        }
-        obstacles
-    }
-
-    /// The voxels around a sighting that score at least half as much as it does.
-    fn voxels_around(&self, place: DVec3, score: f64) -> Vec<(DVec3, f32)> {
-        let voxel_m = self.settings.blocks.voxel_m;
-        let offset = |n: i32| DVec3::new(f64::from(n % 3 - 1), f64::from(n / 3 % 3 - 1), f64::from(n / 9 - 1));
-        let center = |n| ((place / voxel_m).floor() + offset(n) + 0.5) * voxel_m;
-        let scores = (0..27).map(center).filter_map(|center| Some((center, self.field.score_at(center)?)));
-        scores.filter(|(_, here)| *here >= 0.5 * score).map(|(center, here)| (center, here as f32)).collect()
-    }
-
-    /// The voxels around an obstacle's sightings, its own and those of other ids, what is remembered of them, and the box around all.
-    fn add_shape(&self, obstacle: &mut Obstacle, others: &[u64]) {
-        let voxel_m = self.settings.blocks.voxel_m;
-        let mut voxels = Vec::new();
-        for &(place, score) in &obstacle.shape {
-            voxels.extend(self.voxels_around(place, f64::from(score)));
-        }
-        for id in others.iter().chain([&obstacle.id]) {
-            voxels.extend_from_slice(self.taken_up.shape_of(*id));
-        }
-        if !voxels.is_empty() {
-            obstacle.shape = voxels;
-        }
-        obstacle.shape.sort_by(|a, b| {
-            b.1.total_cmp(&a.1)
-                .then(a.0.x.total_cmp(&b.0.x))
-                .then(a.0.y.total_cmp(&b.0.y))
-                .then(a.0.z.total_cmp(&b.0.z))
-        });
-        obstacle.shape.dedup_by(|a, b| a.0 == b.0);
-        if let Some(around) = Aabb::around(obstacle.shape.iter().map(|s| s.0)) {
-            obstacle.extent_m = around.size() + voxel_m;
-        }
     }
 }

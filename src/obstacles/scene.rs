@@ -88,6 +88,26 @@ impl Scene {
 }
 
 impl Obstacle {
+    /// The box around what was seen of it; `None` without any extent.
+    pub fn around(&self) -> Option<Aabb> {
+        let around = Aabb::around(self.shape.iter().map(|voxel| voxel.0))?;
+        let half = (self.extent_m - around.size()).max(DVec3::ZERO) * 0.5;
+        let around = Aabb { min: around.min - half, max: around.max + half };
+        (self.extent_m.max_element() > 0.0 && around.min.is_finite() && around.max.is_finite()).then_some(around)
+    }
+
+    /// Edge of the cells of its shape, metres: by so much its box is greater than the one around their middles.
+    pub fn cell_m(&self) -> f64 {
+        let around = Aabb::around(self.shape.iter().map(|cell| cell.0));
+        around.map_or(0.0, |around| (self.extent_m - around.size()).max_element().max(0.0))
+    }
+
+    /// From a place to the nearest place that belongs to it, metres.
+    pub fn distance_m(&self, from: DVec3) -> f64 {
+        let places = self.shape.iter().map(|voxel| voxel.0).chain([self.position_m]);
+        places.map(|place| place.distance(from)).fold(f64::INFINITY, f64::min)
+    }
+
     fn moved(&self, to_from: &Pose) -> Self {
         let turn = DMat3::from_quat(to_from.rotation);
         Self {
@@ -155,6 +175,23 @@ mod tests {
         assert!((wall.plane.outward - DVec3::NEG_Z).length() < 1e-12 && (wall.plane.offset_m - 2.0).abs() < 1e-12);
         assert!((wall.seen_at.min - before.walls[0].seen_at.min).length() < 1e-12);
         assert_eq!((obstacle.id, wall.id, back.time_ns), (3, 4, 9));
+    }
+
+    #[test]
+    fn the_box_is_around_the_voxels_and_the_nearest_of_them_counts() {
+        let found = Obstacle {
+            shape: vec![(DVec3::ONE, 4.0), (DVec3::new(1.1, 1.0, 1.0), 5.0)],
+            ..scene().obstacles.remove(0)
+        };
+        let found = Obstacle { extent_m: DVec3::new(0.15, 0.05, 0.05), position_m: DVec3::ONE, ..found };
+        let around = found.around().unwrap();
+        assert!(
+            (around.min - DVec3::splat(0.975)).length() < 1e-12 && (around.size() - found.extent_m).length() < 1e-12
+        );
+        assert!((found.distance_m(DVec3::new(1.4, 1.0, 1.0)) - 0.3).abs() < 1e-12);
+        assert!((found.cell_m() - 0.05).abs() < 1e-12);
+        assert_eq!(Obstacle { extent_m: DVec3::ZERO, ..found.clone() }.around(), None);
+        assert_eq!(Obstacle { shape: vec![], ..found }.around(), None);
     }
 
     #[test]

@@ -111,6 +111,12 @@ const SWITCHES: &[Switch] = &[
         control: Control::Toggle,
     },
     Switch {
+        name: "warning.moving",
+        label: "Moving things",
+        hint: "people and pets light up, too",
+        control: Control::Toggle,
+    },
+    Switch {
         name: "warning.labels",
         label: "Distances",
         hint: "are written on what is shown",
@@ -138,7 +144,7 @@ const SWITCHES: &[Switch] = &[
 
 /// A row is no higher, and no lower.
 const HIGHEST: f32 = 108.0;
-const LOWEST: f32 = 62.0;
+const LOWEST: f32 = 57.0;
 const GAP: f32 = 10.0;
 /// Two lines of the usual size have room in a row as high as this.
 const ROOMY: f32 = 78.0;
@@ -323,7 +329,8 @@ pub(super) mod tests {
     use super::*;
 
     pub const ALL: &str = "[headset]\nwarnings = true\ndisplay = \"panels\"\nfollow_chaperone = true\n[warning]\n\
-        fade_distance_m = 1.5\nfull_distance_m = 0.4\nbrightness = 1.0\ncolor = [64, 224, 255]\nstyle = \"grid\"\nfootprints = true\nlabels = false\n\
+        fade_distance_m = 1.5\nfull_distance_m = 0.4\nbrightness = 1.0\ncolor = [64, 224, 255]\nstyle = \"grid\"\nfootprints = true\nmoving = true\n\
+        labels = false\n\
         [cues]\npulse = true\nsound = false\n";
 
     #[test]

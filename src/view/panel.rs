@@ -5,7 +5,6 @@ use egui::{CollapsingHeader, Color32, Grid, RichText, ScrollArea, Ui};
 use super::about::About;
 use super::history::{Health, Moment};
 use super::layers::Layers;
-use super::room::distance_m;
 use super::style;
 use crate::engine::Search;
 use crate::obstacles::{Observed, Obstacle};
@@ -92,7 +91,9 @@ fn obstacles(ui: &mut Ui, moment: &Moment, layers: &mut Layers) {
         .scene
         .obstacles
         .iter()
-        .map(|obstacle| (moment.head.as_ref().map_or(f64::INFINITY, |head| distance_m(obstacle, head)), obstacle))
+        .map(|obstacle| {
+            (moment.head.as_ref().map_or(f64::INFINITY, |head| obstacle.distance_m(head.translation)), obstacle)
+        })
         .collect();
     listed.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.id.cmp(&b.1.id)));
     if listed.is_empty() {
@@ -118,8 +119,11 @@ fn obstacles(ui: &mut Ui, moment: &Moment, layers: &mut Layers) {
 
 fn row(ui: &mut Ui, distance_m: f64, obstacle: &Obstacle, layers: &mut Layers) {
     let is_selected = layers.selected == Some(obstacle.id);
-    let name = RichText::new(format!("#{}", obstacle.id)).color(style::FOUND);
-    if ui.selectable_label(is_selected, name).clicked() {
+    let color = if obstacle.provisional { style::MUTED } else { style::FOUND };
+    let name = ui.selectable_label(is_selected, RichText::new(format!("#{}", obstacle.id)).color(color));
+    let since =
+        if obstacle.provisional { "Remembered from before and not yet seen again" } else { "Seen in this session" };
+    if name.on_hover_text(since).clicked() {
         layers.selected = (!is_selected).then_some(obstacle.id);
     }
     let distance = if distance_m.is_finite() { format!("{distance_m:.2} m") } else { "–".into() };

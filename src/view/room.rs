@@ -25,6 +25,8 @@ const SHADES: f64 = 12.0;
 const SIGMAS: f64 = 2.0;
 const GREATEST_RADIUS_M: f64 = 0.7;
 const LEAST_RADIUS_M: f64 = 0.008;
+/// So much of its colour has what is remembered from before and not seen again yet.
+const REMEMBERED: f32 = 0.4;
 
 /// All of a moment in space. `bounds`: the box that is shown; `top_score`: the end of the evidence's colours.
 pub fn room(about: &About, moment: &Moment, layers: &Layers, bounds: &Aabb, top_score: f32, inside: bool) -> Drawing {
@@ -104,10 +106,11 @@ fn wall(drawing: &mut Drawing, wall: &Wall, bounds: &Aabb) {
     let upright = [bounds.min.y - middle.y, (bounds.max.y.min(bounds.min.y + WALL_HEIGHT_M) - middle.y).max(0.3)];
     let v_m = if is_level { [-reach(v) - WALL_MARGIN_M, reach(v) + WALL_MARGIN_M] } else { upright };
     let corners = patch(u_m, v_m);
-    drawing.veil(&corners, rgba(style::WALL, 0.10));
-    drawing.polyline(corners.into_iter().chain([corners[0]]), 1.5, rgba(style::WALL, 0.8));
+    let color = |alpha: f32| rgba(style::WALL, if wall.provisional { REMEMBERED * alpha } else { alpha });
+    drawing.veil(&corners, color(0.10));
+    drawing.polyline(corners.into_iter().chain([corners[0]]), 1.5, color(0.8));
     // Where its reflections came from.
-    drawing.veil(&patch(reach(u) + 0.1, [-reach(v) - 0.1, reach(v) + 0.1]), rgba(style::WALL, 0.22));
+    drawing.veil(&patch(reach(u) + 0.1, [-reach(v) - 0.1, reach(v) + 0.1]), color(0.22));
 }
 
 fn truth(drawing: &mut Drawing, about: &About) {
@@ -131,8 +134,8 @@ fn evidence(drawing: &mut Drawing, evidence: &Evidence, least: f32, top: f32) {
 }
 
 fn obstacle(drawing: &mut Drawing, obstacle: &Obstacle, is_selected: bool) {
-    let color = rgba(style::FOUND, 1.0);
-    if let Some(shape) = shape_box(obstacle) {
+    let color = rgba(style::FOUND, if obstacle.provisional { REMEMBERED } else { 1.0 });
+    if let Some(shape) = obstacle.around() {
         drawing.box_edges(&Pose::IDENTITY, &shape, if is_selected { 3.0 } else { 1.6 }, color);
     }
     drawing.point(obstacle.position_m, 0.022, color);
@@ -167,13 +170,6 @@ fn moving(drawing: &mut Drawing, moving: &Moving) {
     drawing.line(place, place + way, 2.5, color(1.0));
 }
 
-/// The box around what was seen of an obstacle.
-pub fn shape_box(obstacle: &Obstacle) -> Option<Aabb> {
-    let around = Aabb::around(obstacle.shape.iter().map(|voxel| voxel.0))?;
-    let half = (obstacle.extent_m - around.size()).max(DVec3::ZERO) * 0.5;
-    (obstacle.extent_m.max_element() > 0.0).then_some(Aabb { min: around.min - half, max: around.max + half })
-}
-
 /// Half axes of the ellipsoid of two 1σ, as columns.
 fn uncertainty(obstacle: &Obstacle) -> DMat3 {
     if !obstacle.covariance_m2.is_finite() {
@@ -191,21 +187,16 @@ fn uncertainty(obstacle: &Obstacle) -> DMat3 {
     )
 }
 
-/// From the head to the nearest place that belongs to an obstacle, metres.
-pub fn distance_m(obstacle: &Obstacle, head: &Pose) -> f64 {
-    let places = obstacle.shape.iter().map(|voxel| voxel.0).chain([obstacle.position_m]);
-    places.map(|place| place.distance(head.translation)).fold(f64::INFINITY, f64::min)
-}
-
 /// What its label says.
 pub fn label(obstacle: &Obstacle, head: Option<&Pose>) -> String {
-    let distance = head.map_or(String::new(), |head| format!("  {:.2} m", distance_m(obstacle, head)));
+    let distance = head.map_or(String::new(), |head| format!("  {:.2} m", obstacle.distance_m(head.translation)));
     let doubt = match obstacle.observed {
         Observed::Position => "",
         Observed::RangeAndOneDirection => "  (one direction unknown)",
         Observed::RangeOnly => "  (direction unknown)",
     };
-    format!("#{}{distance}{doubt}", obstacle.id)
+    let since = if obstacle.provisional { "  (remembered)" } else { "" };
+    format!("#{}{distance}{doubt}{since}", obstacle.id)
 }
 
 fn path(drawing: &mut Drawing, moment: &Moment) {
@@ -424,9 +415,17 @@ mod tests {
         assert!((radii[0] - 0.02).abs() < 1e-9 && (radii[1] - 0.04).abs() < 1e-9 && radii[2] == GREATEST_RADIUS_M);
         assert!(uncertainty(&obstacle(DMat3::NAN)).is_finite());
         let found = obstacle(DMat3::ZERO);
-        assert!((distance_m(&found, &head()) - 0.95).abs() < 1e-9);
+        assert!((found.distance_m(head().translation) - 0.95).abs() < 1e-9);
         assert_eq!(label(&found, Some(&head())), "#7  0.95 m");
-        let shape = shape_box(&found).unwrap();
+        let kept = Obstacle { provisional: true, ..found.clone() };
+        assert_eq!(label(&kept, None), "#7  (remembered)");
+        let alpha = |found: &Obstacle| {
+            let mut drawing = Drawing::default();
+            super::obstacle(&mut drawing, found, false);
+            drawing.lines[0].color[3]
+        };
+        assert!(alpha(&kept) < alpha(&found));
+        let shape = found.around().unwrap();
         assert!((shape.size() - DVec3::splat(0.15)).length() < 1e-9);
     }
 

@@ -7,7 +7,7 @@ use super::about::About;
 use super::camera::{Camera, Eye};
 use super::history::Moment;
 use super::layers::Layers;
-use super::room::{axis_names, distance_m, label, shape_box};
+use super::room::{axis_names, label};
 use super::style;
 use crate::geometry::Aabb;
 use crate::obstacles::{Moving, Obstacle};
@@ -124,12 +124,12 @@ fn moving_name(painter: &egui::Painter, moving: &Moving, shown: &Shown, on_scree
 /// Distances beside the nearest ones and the selected one, numbers beside the rest.
 fn obstacle_names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> Option<Pos2>) {
     let head = shown.moment.head.as_ref();
-    let distance = |obstacle: &Obstacle| head.map_or(0.0, |head| distance_m(obstacle, head));
+    let distance = |obstacle: &Obstacle| head.map_or(0.0, |head| obstacle.distance_m(head.translation));
     let mut order: Vec<&Obstacle> = shown.moment.scene.obstacles.iter().collect();
     order.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
     let mut taken: Vec<Rect> = Vec::new();
     for (n, obstacle) in order.into_iter().enumerate() {
-        let top_m = shape_box(obstacle).map_or(obstacle.position_m.y, |shape| shape.max.y);
+        let top_m = obstacle.around().map_or(obstacle.position_m.y, |shape| shape.max.y);
         let Some(at) = on_screen(obstacle.position_m.with_y(top_m.max(obstacle.position_m.y) + 0.05)) else { continue };
         let is_selected = shown.layers.selected == Some(obstacle.id);
         let is_whole = n < WHOLE_LABELS || is_selected;

@@ -35,6 +35,20 @@ pub struct Approach {
     pub lead_m: f64,
     /// From reported places of it to its nearest scatterer, metres.
     pub errors_m: Vec<f64>,
+    /// How what was reported of it is bounded; `None` of what was not reported, and of walls.
+    pub bounds: Option<BoundErrors>,
+}
+
+/// What is reported of a thing against the thing's own scatterers, metres: positive where it is shown nearer, wider, higher
+/// than it is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct BoundErrors {
+    /// Its near side, seen from the body.
+    pub near_m: f64,
+    /// Its width, across the line of sight and level.
+    pub width_m: f64,
+    /// Its top.
+    pub top_m: f64,
 }
 
 /// Something was reported where nothing is.
@@ -105,6 +119,10 @@ pub struct Rates {
     pub error_median_m: f64,
     /// See `error_median_m`.
     pub error_p90_m: f64,
+    /// Of what was warned of, how much nearer, wider and higher it is reported than it is: medians, metres.
+    pub bounds_median_m: [f64; 3],
+    /// The 90th percentiles of how far these are off either way.
+    pub bounds_p90_m: [f64; 3],
     /// Time in the beam until a removed chair is forgotten: median and greatest, seconds; infinite: it never was.
     pub forget_median_s: f64,
     /// See `forget_median_s`.
@@ -161,6 +179,8 @@ impl Figures {
         };
         let forgot = self.forgettings.iter().filter(|f| f.was_known).map(|f| f.looked_s.unwrap_or(f64::INFINITY));
         let forgot = rising(forgot);
+        let bounds = || due.iter().filter(|a| a.warned).filter_map(|a| a.bounds);
+        let parts: [fn(BoundErrors) -> f64; 3] = [|b| b.near_m, |b| b.width_m, |b| b.top_m];
         Rates {
             due: due.len(),
             warned: due.iter().filter(|a| a.warned).count(),
@@ -175,6 +195,8 @@ impl Figures {
             false_near_share: self.false_near_s / self.played_s,
             error_median_m: quantile(&errors, 0.5),
             error_p90_m: quantile(&errors, 0.9),
+            bounds_median_m: parts.map(|part| quantile(&rising(bounds().map(part)), 0.5)),
+            bounds_p90_m: parts.map(|part| quantile(&rising(bounds().map(|b| part(b).abs())), 0.9)),
             forget_median_s: quantile(&forgot, 0.5),
             forget_worst_s: quantile(&forgot, 1.0),
         }
@@ -209,6 +231,7 @@ mod tests {
             warned: lead_m > 0.0,
             lead_m,
             errors_m: if lead_m > 0.0 { vec![0.02] } else { vec![] },
+            bounds: Some(BoundErrors { near_m: -lead_m, width_m: 0.1, top_m: 0.0 }),
         }
     }
 
@@ -229,6 +252,11 @@ mod tests {
         assert_eq!((rates.due, rates.warned, rates.first_due, rates.first_warned, rates.visible), (2, 1, 1, 1, 1));
         assert_eq!((rates.false_per_min, rates.false_near_per_min, rates.hands_per_min), (4.0, 2.0, 2.0));
         assert_eq!((rates.error_median_m, rates.forget_median_s), (0.02, f64::INFINITY));
+        assert_eq!(
+            (rates.bounds_median_m, rates.bounds_p90_m),
+            ([-1.2, 0.1, 0.0], [1.2, 0.1, 0.0]),
+            "of the one warned of"
+        );
         figures.add(figures.clone());
         assert_eq!((figures.rates().due, figures.rates().false_near_per_min), (4, 2.0));
         assert_eq!((figures.kinds(), figures.of_kind("wall").rates().due), (vec!["chair".to_owned()], 0));

@@ -9,8 +9,8 @@ use std::collections::{BTreeMap, VecDeque};
 
 use glam::DVec3;
 
-use super::figures::{Approach, Cause, FalseReport, Figures, Forgetting, Rates};
-use crate::geometry::{Plane, Pose};
+use super::figures::{Approach, BoundErrors, Cause, FalseReport, Figures, Forgetting, Rates};
+use crate::geometry::{Aabb, Plane, Pose};
 use crate::obstacles::Scene;
 use crate::radar::{frame_timing, snr_db};
 use crate::simulation::{Scatterer, Session, WallPanel};
@@ -321,16 +321,16 @@ impl<'s> Target<'s> {
         }
         let is_due = distance_m <= DEADLINE_M
             || (closing_m_per_s > CLOSING_M_PER_S && distance_m / closing_m_per_s <= DEADLINE_S);
-        self.judge(time_s, is_due, scene)
+        self.judge(time_s, is_due, head, scene)
     }
 
     /// Follows the approach, if there is one; gives it when it is over.
-    fn judge(&mut self, time_s: f64, is_due: bool, scene: &Scene) -> Option<Approach> {
+    fn judge(&mut self, time_s: f64, is_due: bool, head: &Pose, scene: &Scene) -> Option<Approach> {
         if self.approach.is_none() && self.distance_m < Rates::NEAR_M {
-            self.approach = Some(Open { nearest: self.now(time_s, scene), is_judged: false });
+            self.approach = Some(Open { nearest: self.now(time_s, head, scene), is_judged: false });
             self.approached = true;
         }
-        let now = self.now(time_s, scene);
+        let now = self.now(time_s, head, scene);
         let open = self.approach.as_mut()?;
         let is_first = open.nearest.is_first;
         if !open.is_judged && (is_due || now.deadline_m <= open.nearest.deadline_m) {
@@ -344,7 +344,7 @@ impl<'s> Target<'s> {
         self.approach.take().map(|open| open.nearest)
     }
 
-    fn now(&self, time_s: f64, scene: &Scene) -> Approach {
+    fn now(&self, time_s: f64, head: &Pose, scene: &Scene) -> Approach {
         let errors_m = scene.obstacles.iter().map(|o| self.to_m(o.position_m)).filter(|m| *m <= FALSE_M).collect();
         Approach {
             kind: self.kind.clone(),
@@ -356,7 +356,29 @@ impl<'s> Target<'s> {
             warned: self.is_warned,
             lead_m: if self.is_warned { self.lead_m } else { 0.0 },
             errors_m,
+            bounds: self.bound_errors(head, scene),
         }
+    }
+
+    /// The shape of what is reported of it against its scatterers.
+    fn bound_errors(&self, head: &Pose, scene: &Scene) -> Option<BoundErrors> {
+        let What::Thing(parts) = self.what else { return None };
+        let of_it = scene.obstacles.iter().filter(|obstacle| self.to_m(obstacle.position_m) <= FALSE_M);
+        let shown: Vec<DVec3> = of_it.flat_map(|obstacle| obstacle.shape.iter().map(|cell| cell.0)).collect();
+        let there: Vec<DVec3> = parts.iter().map(|part| part.position_m).collect();
+        let middle = there.iter().sum::<DVec3>() / there.len() as f64;
+        let across = (middle - head.translation).with_y(0.0).try_normalize()?.cross(DVec3::Y);
+        let width_m = |places: &[DVec3]| {
+            let along = Aabb::around(places.iter().map(|place| DVec3::X * place.dot(across)))?;
+            Some(along.size().x)
+        };
+        let top_m = |places: &[DVec3]| places.iter().map(|place| place.y).fold(f64::NEG_INFINITY, f64::max);
+        let near_m = shown.iter().map(|place| body_m(head, *place)).fold(f64::INFINITY, f64::min);
+        Some(BoundErrors {
+            near_m: self.distance_m - near_m,
+            width_m: width_m(&shown)? - width_m(&there)?,
+            top_m: top_m(&shown) - top_m(&there),
+        })
     }
 }
 

@@ -9,13 +9,17 @@ pub fn by_kind(figures: &Figures) -> Table {
         figures.kinds().iter().map(|kind| kind_row(kind, &figures.of_kind(kind).rates())).collect();
     rows.push(kind_row("all but walls", &figures.without_walls().rates()));
     rows.push(kind_row("all", &figures.rates()));
-    let head = ["thing", "due", "in time", "share", "visible", "first", "in time", "lead", "lead p10", "error", "p90"];
+    let head = [
+        "thing", "due", "in time", "share", "visible", "first", "in time", "lead", "lead p10", "error", "p90",
+        "nearer", "wider", "higher",
+    ];
     Table { head: head.map(str::to_owned).to_vec(), rows, caption: CAPTION.into() }
 }
 
 const CAPTION: &str = "due: approaches within 1 m of what had been in the beam for 0.75 s. visible: those whose echoes were \
     10 dB over the noise of a block for as long, the most that any reconstruction could warn of. first: each thing's first approach. \
-    lead: how far away it was when the warning came on, m, 0 when missed. error: from reported places to the nearest scatterer, m.";
+    lead: how far away it was when the warning came on, m, 0 when missed. error: from reported places to the nearest scatterer, m. \
+    nearer, wider, higher: the cells of what is reported of a thing that is warned of, against the thing's scatterers; medians, m.";
 
 fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
     let metres = |m: f64| if m.is_finite() { format!("{m:.2}") } else { "–".into() };
@@ -32,6 +36,9 @@ fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
         metres(rates.lead_p10_m),
         fine(rates.error_median_m),
         fine(rates.error_p90_m),
+        metres(rates.bounds_median_m[0]),
+        metres(rates.bounds_median_m[1]),
+        metres(rates.bounds_median_m[2]),
     ]
 }
 
@@ -45,6 +52,7 @@ pub fn totals(figures: &Figures) -> Table {
     let row = |name: &str, is: String, wanted: &str| vec![name.to_owned(), is, wanted.to_owned()];
     let at_end = figures.reports_at_end.iter().sum::<usize>() as f64 / figures.reports_at_end.len().max(1) as f64;
     let minutes = figures.played_s / 60.0;
+    let bound = |n: usize| format!("{:+.0}; {:.0}", 100.0 * things.bounds_median_m[n], 100.0 * things.bounds_p90_m[n]);
     let rows = vec![
         row("warned before 0.4 m or 0.6 s, %", percent(things.warned, things.due), "≥ 95"),
         row("lead distance, median, m", format!("{:.2}", things.lead_median_m), "≥ 1.0"),
@@ -56,6 +64,9 @@ pub fn totals(figures: &Figures) -> Table {
         row("removed chair forgotten after looking, median, s", format!("{:.1}", all.forget_median_s), "≤ 5"),
         row("   the slowest, s", format!("{:.1}", all.forget_worst_s), ""),
         row("place of what is warned of, median error, cm", format!("{:.1}", 100.0 * things.error_median_m), "≤ 5"),
+        row("near side, reported nearer (+) than it is: median; 9 of 10 off by less, cm", bound(0), ""),
+        row("   width, reported wider (+)", bound(1), ""),
+        row("   top, reported higher (+)", bound(2), ""),
         row("warnings that flicker, a minute", format!("{:.2}", figures.flickers as f64 / minutes), ""),
         row("obstacles in the map at the end", format!("{at_end:.0}"), ""),
         row("played, minutes", format!("{minutes:.1}"), ""),
@@ -64,21 +75,33 @@ pub fn totals(figures: &Figures) -> Table {
 }
 
 /// Found against falsely reported, one row a setting.
-pub fn curve(rows: &[(String, Figures)]) -> Table {
-    let row = |(name, figures): &(String, Figures)| {
+pub fn curve<'f>(settings: impl Iterator<Item = (&'f str, &'f Figures)>) -> Table {
+    let row = |(name, figures): (&str, &Figures)| {
         let (things, all) = (figures.without_walls().rates(), figures.rates());
         vec![
-            name.clone(),
+            name.into(),
             percent(things.warned, things.due),
             percent(things.first_warned, things.first_due),
+            percent(things.visible, things.due),
             format!("{:.2}", things.lead_median_m),
             format!("{:.2}", things.lead_p10_m),
             format!("{:.2}", all.false_near_per_min),
             format!("{:.2}", all.false_per_min),
             format!("{:.1}", 100.0 * things.error_median_m),
+            format!("{:.1}", all.forget_median_s),
         ]
     };
-    let head =
-        ["setting", "in time, %", "first, %", "lead, m", "p10, m", "false near, /min", "false, /min", "error, cm"];
-    Table { head: head.map(str::to_owned).to_vec(), rows: rows.iter().map(row).collect(), caption: String::new() }
+    let head = [
+        "setting",
+        "in time, %",
+        "first, %",
+        "visible, %",
+        "lead, m",
+        "p10, m",
+        "false near, /min",
+        "false, /min",
+        "error, cm",
+        "forgotten, s",
+    ];
+    Table { head: head.map(str::to_owned).to_vec(), rows: settings.map(row).collect(), caption: CAPTION.into() }
 }

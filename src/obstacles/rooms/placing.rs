@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::super::Explained;
+use super::shapes::Shape;
 use super::{FINE_EDGE_M, PEAK_RADIUS_M, Place, RoomSearch};
 use crate::geometry::{Aabb, Plane};
 use crate::imaging::{RangePower, Refined, farthest_points, refine};
@@ -14,37 +15,38 @@ const REFINE_SWEEPS: usize = 150;
 const REFINE_REACH_M: f64 = 0.075;
 
 impl RoomSearch {
-    /// The greatest fine voxel around a place, when the place is looked at finely.
-    fn fine_peak(&mut self, at: DVec3) -> Option<DVec3> {
+    /// The greatest fine voxel around a place and the shape around it, when the place is looked at finely.
+    fn finely(&mut self, at: DVec3) -> Option<(DVec3, Shape)> {
         let around = Aabb { min: at - FINE_EDGE_M * 0.5, max: at + FINE_EDGE_M * 0.5 };
         let voxels = self.fine.above_within(&around, 0.0, &self.window.iter().collect::<Vec<_>>())?;
-        voxels.into_iter().reduce(|a, b| if b.score > a.score { b } else { a }).map(|peak| peak.position_m)
+        let greatest = voxels.iter().reduce(|a, b| if b.score > a.score { b } else { a })?;
+        Some((greatest.position_m, Shape::of_fine(&voxels)))
     }
 
     /// Refines the places of confirmed sightings that moved.
     pub(super) fn refine_new(&mut self, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) {
-        let stale: Vec<(u64, DVec3, f64)> = self
+        let stale: Vec<(u64, DVec3, f64, f64)> = self
             .points
             .confirmed()
             .filter(|s| self.places.get(&s.id).is_none_or(|(quality, _)| *quality < s.quality))
-            .map(|s| (s.id, s.thing, s.quality))
+            .map(|s| (s.id, s.thing, s.quality, s.score))
             .collect();
-        for (id, at, quality) in stale {
-            let at = self.fine_peak(at).unwrap_or(at);
-            let place = self.refined_place(at, walls, points);
-            self.places.insert(id, (quality, place));
+        for (id, at, quality, score) in stale {
+            let (at, shape) = self.finely(at).unwrap_or_else(|| (at, self.coarse_shape(at, score)));
+            let (position_m, covariance_m2) = self.refined_place(at, walls, points);
+            self.places.insert(id, (quality, Place { position_m, covariance_m2, shape }));
         }
     }
 
     /// The block score's place and that of `ls`, weighed by their covariances.
-    fn refined_place(&self, at: DVec3, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) -> Place {
+    fn refined_place(&self, at: DVec3, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) -> (DVec3, DMat3) {
         let block_variance = (self.settings.blocks.voxel_m * 0.5).powi(2);
-        let by_blocks = Place { position_m: at, covariance_m2: DMat3::from_diagonal(DVec3::splat(block_variance)) };
+        let by_blocks = (at, DMat3::from_diagonal(DVec3::splat(block_variance)));
         let Some(by_ls) = self.refined_by_ls(at, walls, points) else { return by_blocks };
-        let (block_information, ls_information) = (by_blocks.covariance_m2.inverse(), by_ls.covariance_m2.inverse());
+        let (block_information, ls_information) = (by_blocks.1.inverse(), by_ls.covariance_m2.inverse());
         let covariance_m2 = (block_information + ls_information).inverse();
         let position_m = covariance_m2 * (block_information * at + ls_information * by_ls.position_m);
-        Place { position_m, covariance_m2: (covariance_m2 + covariance_m2.transpose()) * 0.5 }
+        (position_m, (covariance_m2 + covariance_m2.transpose()) * 0.5)
     }
 
     fn refined_by_ls(&self, at: DVec3, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) -> Option<Refined> {

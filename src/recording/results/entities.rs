@@ -13,15 +13,13 @@ use super::super::foxglove_messages::{SENSOR, TRACKING, foxglove_pose, timestamp
 use super::beam::BeamCone;
 use super::look::Look;
 use super::outlines::{BEAM, MOVING, OBSTACLE, UNCERTAINTY, WALL};
-use super::shapes::{edges, moving_lines, obstacle_distance_m, shape_box, uncertainty, wall_patch};
+use super::shapes::{edges, moving_lines, uncertainty, wall_patch};
 use crate::geometry::Pose;
-use crate::obstacles::{Evidence, Moving, Observed, Obstacle, Wall};
+use crate::obstacles::{Moving, Observed, Obstacle, Wall};
 
-/// Voxels of an obstacle that are drawn, the strongest; and obstacles and walls, the strongest of each.
-const MOST_VOXELS: usize = 48;
+/// Cells of an obstacle that are drawn, the strongest; and obstacles and walls, the strongest of each.
+const MOST_CELLS: usize = 96;
 const MOST_THINGS: usize = 200;
-/// Edge of a voxel where the evidence says none, metres.
-const USUAL_VOXEL_M: f64 = 0.05;
 /// Height of a label's letters, metres, and its place above the box.
 const LETTERS_M: f64 = 0.08;
 
@@ -60,8 +58,7 @@ pub fn beam_update(time_ns: i64, beam: &BeamCone) -> SceneUpdate {
 
 /// What its label says.
 fn label(obstacle: &Obstacle, head: Option<Pose>) -> String {
-    let distance =
-        head.map_or(String::new(), |head| format!("  {:.2} m", obstacle_distance_m(obstacle, head.translation)));
+    let distance = head.map_or(String::new(), |head| format!("  {:.2} m", obstacle.distance_m(head.translation)));
     let doubt = match obstacle.observed {
         Observed::Position => "",
         Observed::RangeAndOneDirection => "  (one direction unknown)",
@@ -84,7 +81,7 @@ fn obstacle_entity(look: &Look, obstacle: &Obstacle) -> SceneEntity {
         ("first_seen_ns", obstacle.first_seen_ns.to_string()),
         ("last_seen_ns", obstacle.last_seen_ns.to_string()),
     ];
-    let around = shape_box(obstacle);
+    let around = obstacle.around();
     let top_m = around.map_or(obstacle.position_m.y, |around| around.max.y);
     let (pose, radii_m) = uncertainty(obstacle);
     let text = TextPrimitive {
@@ -101,7 +98,7 @@ fn obstacle_entity(look: &Look, obstacle: &Obstacle) -> SceneEntity {
         color: Some(color(UNCERTAINTY, 0.5)),
     };
     SceneEntity {
-        cubes: voxels(obstacle, look.evidence),
+        cubes: cells(obstacle),
         spheres: vec![sphere],
         lines: around.iter().map(|around| line_list(&edges(around).concat(), color(OBSTACLE, 1.0))).collect(),
         texts: vec![text],
@@ -109,18 +106,18 @@ fn obstacle_entity(look: &Look, obstacle: &Obstacle) -> SceneEntity {
     }
 }
 
-/// The strongest voxels of its shape, the more solid the stronger.
-fn voxels(obstacle: &Obstacle, evidence: &Evidence) -> Vec<CubePrimitive> {
+/// The strongest cells of its shape, the more solid the stronger.
+fn cells(obstacle: &Obstacle) -> Vec<CubePrimitive> {
     let mut shape: Vec<&(DVec3, f32)> = obstacle.shape.iter().collect();
     shape.sort_by(|a, b| b.1.total_cmp(&a.1));
     let strongest = shape.first().map_or(1.0, |voxel| voxel.1.max(f32::MIN_POSITIVE));
-    let edge_m = if evidence.voxel_m > 0.0 { evidence.voxel_m } else { USUAL_VOXEL_M };
+    let edge_m = obstacle.cell_m();
     let cube = |&&(place, score): &&(DVec3, f32)| CubePrimitive {
         pose: Some(foxglove_pose(&Pose::from_translation(place))),
         size: Some(vector(DVec3::splat(edge_m))),
         color: Some(color(OBSTACLE, f64::from(0.15 + 0.55 * (score / strongest).clamp(0.0, 1.0)))),
     };
-    shape.iter().take(MOST_VOXELS).map(cube).collect()
+    shape.iter().take(MOST_CELLS).map(cube).collect()
 }
 
 fn wall_entity(look: &Look, wall: &Wall) -> SceneEntity {

@@ -3,7 +3,6 @@
 use glam::DVec3;
 
 use super::look::{Counted, Look};
-use super::shapes::obstacle_distance_m;
 
 /// Types made from proto/results.proto.
 pub mod wire {
@@ -23,7 +22,7 @@ pub fn figures(look: &Look, before: Option<&(i64, Counted)>) -> wire::Figures {
         // f64::min gives the other one where one is NaN.
         distances_m.fold(f64::NAN, f64::min)
     };
-    let of_obstacles = |head: DVec3| least(&mut look.scene.obstacles.iter().map(|o| obstacle_distance_m(o, head)));
+    let of_obstacles = |head: DVec3| least(&mut look.scene.obstacles.iter().map(|o| o.distance_m(head)));
     let of_walls = |head: DVec3| least(&mut look.scene.walls.iter().map(|w| w.plane.distance(head).abs()));
     let nearest_obstacle_m = head.map_or(f64::NAN, of_obstacles);
     let nearest_wall_m = head.map_or(f64::NAN, of_walls);

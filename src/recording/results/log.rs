@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::look::{Counted, Look};
-use super::shapes::obstacle_distance_m;
 
 /// Lines of one look at most; the rest is counted.
 const MOST_LINES: usize = 40;
@@ -38,8 +37,7 @@ impl Known {
         let scene = look.scene;
         for obstacle in scene.obstacles.iter().filter(|o| !self.obstacles.contains_key(&o.id)) {
             let p = obstacle.position_m;
-            let far = head
-                .map_or(String::new(), |head| format!(", {:.2} m from the head", obstacle_distance_m(obstacle, head)));
+            let far = head.map_or(String::new(), |head| format!(", {:.2} m from the head", obstacle.distance_m(head)));
             say(format!("obstacle {} found at ({:.2}, {:.2}, {:.2}) m{far}", obstacle.id, p.x, p.y, p.z), false);
         }
         for wall in scene.walls.iter().filter(|w| !self.walls.contains_key(&w.id)) {

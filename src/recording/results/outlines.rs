@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3};
 
 use super::beam::BeamCone;
 use super::cloud::Dot;
-use super::shapes::{edges, moving_lines, shape_box, uncertainty, wall_patch};
+use super::shapes::{edges, moving_lines, uncertainty, wall_patch};
 use crate::obstacles::{Obstacle, Scene};
 
 /// Between two dots, metres; and dots a circle of an uncertainty.
@@ -26,7 +26,7 @@ pub const BEAM: [u8; 4] = [90, 220, 150, 255];
 pub fn scene_dots(scene: &Scene) -> Vec<Dot> {
     let mut dots = Vec::new();
     for obstacle in &scene.obstacles {
-        for edge in shape_box(obstacle).iter().flat_map(edges) {
+        for edge in obstacle.around().iter().flat_map(edges) {
             line(&mut dots, &edge, obstacle.id, OBSTACLE);
         }
         circles(&mut dots, obstacle);

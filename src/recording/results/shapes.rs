@@ -14,14 +14,6 @@ const WALL_MARGIN_M: f64 = 0.5;
 /// What stands steeper than this is no floor and no ceiling.
 const LEVEL_COS: f64 = 0.7;
 
-/// The box around what was seen of an obstacle; nothing for one without extent.
-pub fn shape_box(obstacle: &Obstacle) -> Option<Aabb> {
-    let around = Aabb::around(obstacle.shape.iter().map(|voxel| voxel.0))?;
-    let half = (obstacle.extent_m - around.size()).max(DVec3::ZERO) * 0.5;
-    let shape = Aabb { min: around.min - half, max: around.max + half };
-    (obstacle.extent_m.max_element() > 0.0 && shape.min.is_finite() && shape.max.is_finite()).then_some(shape)
-}
-
 /// The ellipsoid of two 1σ: where it stands and how it is turned, and its radii along its own axes, metres.
 pub fn uncertainty(obstacle: &Obstacle) -> (Pose, DVec3) {
     if !obstacle.covariance_m2.is_finite() {
@@ -77,12 +69,6 @@ pub fn moving_lines(moving: &Moving) -> Vec<Vec<DVec3>> {
         .into_iter()
         .filter(|line: &Vec<DVec3>| line.iter().all(|at| at.is_finite()))
         .collect()
-}
-
-/// From a place to the nearest place that belongs to an obstacle, metres.
-pub fn obstacle_distance_m(obstacle: &Obstacle, from: DVec3) -> f64 {
-    let places = obstacle.shape.iter().map(|voxel| voxel.0).chain([obstacle.position_m]);
-    places.map(|place| place.distance(from)).fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]
@@ -142,12 +128,5 @@ mod tests {
         let lengths = edges(&around).map(|[a, b]| (b - a).length());
         let count = |length: f64| lengths.iter().filter(|l| (*l - length).abs() < 1e-12).count();
         assert_eq!([count(1.0), count(2.0), count(3.0)], [4, 4, 4]);
-    }
-
-    #[test]
-    fn the_nearest_voxel_counts() {
-        let found = obstacle(DMat3::ZERO);
-        assert!((obstacle_distance_m(&found, DVec3::new(1.4, 0.5, -2.0)) - 0.3).abs() < 1e-12);
-        assert!((shape_box(&found).unwrap().size() - DVec3::splat(0.2)).length() < 1e-12);
     }
 }

@@ -1,0 +1,152 @@
+//! What is told of things: sightings near each other are one obstacle, with the shapes of all.
+//!
+//! A sighting's shape are the fine voxels around its place that score at least three quarters of the greatest of them: an image that is
+//! coherent within each block and summed over the window's. It is taken when the place is refined, so it sharpens when the thing is seen
+//! better and stays as it is meanwhile. Cells of 2 cm tell as much of it as voxels of 1 cm, and are an eighth as many.
+
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, HashSet};
+
+use glam::{DMat3, DVec3};
+
+use super::{Place, RoomSearch};
+use crate::geometry::Aabb;
+use crate::imaging::blocks::Peak;
+use crate::obstacles::{Observed, Obstacle, Sighted};
+
+/// Sightings nearer than this to each other are one obstacle, metres.
+const CLUSTER_M: f64 = 0.30;
+/// Edge of a shape's cell, metres.
+const CELL_M: f64 = 0.02;
+/// Share of the greatest score from which on a voxel belongs to the shape.
+const SHARE: f64 = 0.75;
+
+/// Where a sighting has evidence: centres of cells and their scores, and the edge of a cell, metres.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Shape {
+    pub cells: Vec<(DVec3, f32)>,
+    pub cell_m: f64,
+}
+
+impl Shape {
+    /// Of the fine voxels around a place: the greatest score in each cell.
+    pub fn of_fine(voxels: &[Peak]) -> Self {
+        let greatest = voxels.iter().map(|voxel| voxel.score).fold(0.0, f64::max);
+        let mut cells: BTreeMap<[i32; 3], f32> = BTreeMap::new();
+        for voxel in voxels.iter().filter(|voxel| voxel.score >= SHARE * greatest) {
+            let key = (voxel.position_m / CELL_M).floor().as_ivec3().to_array();
+            let best = cells.entry(key).or_default();
+            *best = best.max(voxel.score as f32);
+        }
+        let center = |key: [i32; 3]| (DVec3::from(key.map(f64::from)) + 0.5) * CELL_M;
+        Self { cells: cells.into_iter().map(|(key, score)| (center(key), score)).collect(), cell_m: CELL_M }
+    }
+}
+
+impl Shape {
+    /// The strongest cells, `most` at most.
+    pub fn strongest(mut self, most: usize) -> Vec<(DVec3, f32)> {
+        self.cells.sort_by(stronger);
+        self.cells.truncate(most);
+        self.cells
+    }
+}
+
+/// The stronger cell first; of equal ones the order is that of their places.
+fn stronger(a: &(DVec3, f32), b: &(DVec3, f32)) -> Ordering {
+    let by_place = |a: &DVec3, b: &DVec3| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
+    b.1.total_cmp(&a.1).then_with(|| by_place(&a.0, &b.0))
+}
+
+impl RoomSearch {
+    /// The voxels around a sighting that score at least three quarters of what it does: where nothing finer is at hand.
+    pub(super) fn coarse_shape(&self, place: DVec3, score: f64) -> Shape {
+        let voxel_m = self.settings.blocks.voxel_m;
+        let offset = |n: i32| DVec3::new(f64::from(n % 3 - 1), f64::from(n / 3 % 3 - 1), f64::from(n / 9 - 1));
+        let center = |n| ((place / voxel_m).floor() + offset(n) + 0.5) * voxel_m;
+        let scores = (0..27).map(center).filter_map(|center| Some((center, self.field.score_at(center)?)));
+        let strong = scores.filter(|(_, here)| *here >= SHARE * score);
+        Shape { cells: strong.map(|(center, here)| (center, here as f32)).collect(), cell_m: voxel_m }
+    }
+
+    /// Where a sighting is, as far as it was refined.
+    pub(super) fn place_of(&self, sighting: &Sighted<DVec3>) -> Place {
+        let unrefined = || Place {
+            position_m: sighting.thing,
+            covariance_m2: DMat3::from_diagonal(DVec3::splat(self.settings.blocks.voxel_m.powi(2))),
+            shape: self.coarse_shape(sighting.thing, sighting.score),
+        };
+        self.places.get(&sighting.id).map_or_else(unrefined, |(_, place)| place.clone())
+    }
+
+    /// Confirmed obstacles, by falling evidence: sightings near each other belong to one, which stands where its strongest
+    /// does.
+    pub fn obstacles(&self) -> Vec<Obstacle> {
+        let mut sighted: Vec<_> = self.points.confirmed().collect();
+        sighted.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
+        let mut obstacles: Vec<(Obstacle, f64)> = Vec::new();
+        for sighting in sighted {
+            let place = self.place_of(sighting);
+            let near = |(o, _): &&mut (Obstacle, f64)| o.position_m.distance(place.position_m) <= CLUSTER_M;
+            let Some((obstacle, cell_m)) = obstacles.iter_mut().find(near) else {
+                obstacles.push(alone(sighting, place));
+                continue;
+            };
+            obstacle.provisional &= sighting.provisional;
+            obstacle.shape.extend(cells(sighting, &place));
+            obstacle.first_seen_ns = obstacle.first_seen_ns.min(sighting.first_ns);
+            obstacle.last_seen_ns = obstacle.last_seen_ns.max(sighting.last_ns);
+            *cell_m = cell_m.max(place.shape.cell_m);
+        }
+        obstacles.into_iter().map(|(obstacle, cell_m)| bounded(obstacle, cell_m)).collect()
+    }
+}
+
+/// The obstacle that a sighting is by itself, and the edge of its cells.
+fn alone(sighting: &Sighted<DVec3>, place: Place) -> (Obstacle, f64) {
+    let obstacle = Obstacle {
+        id: sighting.id,
+        position_m: place.position_m,
+        covariance_m2: place.covariance_m2,
+        observed: Observed::Position,
+        extent_m: DVec3::ZERO,
+        evidence: sighting.score,
+        shape: cells(sighting, &place),
+        provisional: sighting.provisional,
+        first_seen_ns: sighting.first_ns,
+        last_seen_ns: sighting.last_ns,
+    };
+    (obstacle, place.shape.cell_m)
+}
+
+/// A sighting's cells; its place alone when it has none.
+fn cells(sighting: &Sighted<DVec3>, place: &Place) -> Vec<(DVec3, f32)> {
+    match place.shape.cells.is_empty() {
+        true => vec![(place.position_m, sighting.score as f32)],
+        false => place.shape.cells.clone(),
+    }
+}
+
+/// With each cell once, the strongest first, and the box around all.
+fn bounded(mut obstacle: Obstacle, cell_m: f64) -> Obstacle {
+    obstacle.shape.sort_by(stronger);
+    let mut taken = HashSet::new();
+    obstacle.shape.retain(|(center, _)| taken.insert((center / (0.5 * cell_m)).round().as_ivec3()));
+    if let Some(around) = Aabb::around(obstacle.shape.iter().map(|s| s.0)) {
+        obstacle.extent_m = around.size() + cell_m;
+    }
+    obstacle
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shape_is_what_scores_nearly_as_much_in_cells_that_hold_their_greatest() {
+        let voxel = |x: f64, score: f64| Peak { position_m: DVec3::new(x, 0.005, 0.005), score };
+        let shape = Shape::of_fine(&[voxel(0.005, 6.0), voxel(0.015, 8.0), voxel(0.025, 6.0), voxel(0.045, 5.9)]);
+        assert_eq!(shape.cells, [(DVec3::splat(0.01), 8.0), (DVec3::new(0.03, 0.01, 0.01), 6.0)]);
+        assert_eq!(Shape::of_fine(&[]).cells, []);
+    }
+}

@@ -1,0 +1,75 @@
+//! What is told of walls, and when a wall is forgotten.
+//!
+//! A wall is known by its reflections from where the sensor looked at it squarely. One that is looked at so again, where it was seen, for
+//! some seconds without any sign of it, is not there: it was an artefact, or a door that stands open now.
+
+use super::{Explained, RoomSearch, same_plane};
+use crate::geometry::{Aabb, Plane};
+use crate::obstacles::{Sighted, Wall};
+
+/// A wall goes after so many looks at where it was seen without any sign of it: longer than the window is, so that it would have been
+/// believed.
+const UNSEEN_LOOKS: u32 = 24;
+/// A wall is looked at where it was seen, and so far beyond, metres.
+const BESIDE_M: f64 = 0.3;
+
+impl RoomSearch {
+    /// Confirmed walls, by falling evidence.
+    pub fn walls(&self) -> Vec<Wall> {
+        let wall = |sighted: &Sighted<Plane>| {
+            let foot = sighted.thing.foot(self.middle.unwrap_or_default());
+            Wall {
+                id: sighted.id,
+                plane: sighted.thing,
+                evidence: sighted.score,
+                seen_at: self.feet.get(&sighted.id).copied().unwrap_or(Aabb { min: foot, max: foot }),
+                provisional: sighted.provisional,
+                first_seen_ns: sighted.first_ns,
+                last_seen_ns: sighted.last_ns,
+            }
+        };
+        let mut walls: Vec<Wall> = self.walls.confirmed().map(wall).collect();
+        walls.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.id.cmp(&b.id)));
+        walls
+    }
+
+    /// Where known walls are being seen.
+    pub(super) fn note_feet(&mut self) {
+        for wall in self.walls.confirmed() {
+            let Some(foot) = self.looks_at(&wall.thing) else { continue };
+            let seen = self.feet.entry(wall.id).or_insert(Aabb { min: foot, max: foot });
+            *seen = Aabb { min: seen.min.min(foot), max: seen.max.max(foot) };
+        }
+    }
+
+    /// The foot of the perpendicular on a wall that the newest block looks at squarely and in range.
+    fn looks_at(&self, wall: &Plane) -> Option<glam::DVec3> {
+        let block = self.window.back()?;
+        let squarely = wall.outward.dot(block.middle.forward()) >= self.min_cos;
+        let in_range = block.geometry().axis.contains(wall.distance(block.middle.translation));
+        (squarely && in_range).then(|| wall.foot(block.middle.translation))
+    }
+
+    /// Forgets walls that were looked at in vain; `believed` are the planes of this look.
+    pub(super) fn forget_walls(&mut self, believed: &[Explained<Plane>]) {
+        let is_same = same_plane(self.middle.unwrap_or_default());
+        let known: Vec<(u64, Plane)> = self.walls.confirmed().map(|wall| (wall.id, wall.thing)).collect();
+        for (id, plane) in &known {
+            let is_believed = believed.iter().any(|other| is_same(&other.thing, plane));
+            let is_looked_at = self.looks_at(plane).is_some_and(|foot| self.was_seen_near(*id, foot));
+            let unseen = self.unseen_looks.entry(*id).or_default();
+            *unseen = if is_believed { 0 } else { *unseen + u32::from(is_looked_at) };
+        }
+        let unseen_looks = &self.unseen_looks;
+        let stays = |id: u64| unseen_looks.get(&id).is_none_or(|unseen| *unseen < UNSEEN_LOOKS);
+        self.walls.keep(|wall| stays(wall.id));
+        self.feet.retain(|id, _| stays(*id));
+        self.unseen_looks.retain(|id, unseen| *unseen < UNSEEN_LOOKS && known.iter().any(|(other, _)| other == id));
+    }
+
+    fn was_seen_near(&self, wall: u64, foot: glam::DVec3) -> bool {
+        self.feet
+            .get(&wall)
+            .is_some_and(|seen_at| seen_at.min.cmple(foot + BESIDE_M).all() && seen_at.max.cmpge(foot - BESIDE_M).all())
+    }
+}
