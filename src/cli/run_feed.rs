@@ -13,7 +13,7 @@ use anyhow::{Context, Result};
 use super::record_file::{PoseSource, RecordFile};
 use super::sensor::{ChosenSensor, Intake, SensorArguments, Until};
 use crate::engine::Settings;
-use crate::live::{HeadsetStatus, Losses, Reconstruction, ReconstructionOptions, SensorCount};
+use crate::live::{FrameReport, HeadsetStatus, Losses, Reconstruction, ReconstructionOptions, SensorCount};
 use crate::obstacles::HandsSample;
 use crate::radar::{Frame, frame_timing};
 use crate::recording::{Event, Header};
@@ -241,7 +241,8 @@ impl Feed {
         let status = *self.status.lock().unwrap_or_else(PoisonError::into_inner);
         let tracked = if status.is_tracked { "" } else { "  head not tracked" };
         let nearest = status.nearest_m.map_or(String::new(), |m| format!("  nearest {m:.2} m"));
-        let missed = status.frames.missed_by_us + status.frames.missed_elsewhere;
-        format!("  {} display frames, {missed} missed{tracked}{nearest}", status.frames.frames)
+        let FrameReport { frames, missed_by_us, missed_for_a_core, missed_elsewhere, .. } = status.frames;
+        let missed = missed_by_us + missed_for_a_core + missed_elsewhere;
+        format!("  {frames} display frames, {missed} missed{tracked}{nearest}")
     }
 }

@@ -50,6 +50,7 @@ impl RunReport {
             "ending": format!("{:?}", self.ending),
             "frames": frames.frames,
             "frames_missed_by_us": frames.missed_by_us,
+            "frames_missed_for_a_core": frames.missed_for_a_core,
             "frames_missed_elsewhere": frames.missed_elsewhere,
             "frame_cpu": latency(&frames.cpu),
             "frame_wall": latency(&frames.wall),
@@ -85,9 +86,10 @@ pub(super) fn tell(report: &RunReport) -> Result<()> {
     let HeadsetStatus { frames, pictures, recentred, forgotten, devices_lost, refused, .. } = report.headset;
     let ms = |seconds: f64| seconds * 1e3;
     say!(
-        "Frames    {} seen, {} missed by this program, {} elsewhere; {:.2} ms of processor each (one in a thousand {:.2}, longest {:.2})",
+        "Frames    {} seen, {} missed by this program, {} for want of a free core, {} elsewhere; {:.2} ms of processor each (one in a thousand {:.2}, longest {:.2})",
         frames.frames,
         frames.missed_by_us,
+        frames.missed_for_a_core,
         frames.missed_elsewhere,
         ms(frames.cpu.median_s),
         ms(frames.cpu.p999_s),

@@ -1,6 +1,7 @@
 //! Threads and clocks around what is pure: the sensor's reader thread, the host's clock, poses that grow in a file, the
 //! reconstruction beside the frame loop, the frame loop beside SteamVR, and sounds.
 
+mod core_wait;
 mod freshness;
 mod headset;
 mod host_clock;
@@ -17,6 +18,7 @@ mod sound;
 #[cfg(all(test, unix))]
 mod test_board;
 
+pub use core_wait::CoreWait;
 pub use headset::{
     Drawn, Ending, FrameLoop, FrameReport, HandSink, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, KeptMaps,
     PoseSink, SensorCount,

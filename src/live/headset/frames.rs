@@ -10,13 +10,13 @@ use super::dashboard::{Dashboard, Facts, PanelSources, PanelWork, SensorCount};
 use super::display::{ShowError, Shown, Viewpoint};
 use super::graphics::{Faults, Graphics, GraphicsError, LostDevices, Retry};
 use super::map_keeper::{KeptMaps, MapKeeper};
-use super::meter::{FrameMeter, FrameReport};
+use super::meter::{FrameMeter, FrameReport, FrameTimes};
 use super::pose_thread::{RoomFrame, SharedFrame, read_poses};
 use super::samples::{HandsTold, player, poses_now, sample};
 use super::vitals::Vitals;
 use crate::engine::Settings;
 use crate::geometry::Pose;
-use crate::live::{Reconstruction, SettingsDesk, now_ns, thread_cpu_ns};
+use crate::live::{CoreWait, Reconstruction, SettingsDesk, now_ns, thread_cpu_ns};
 use crate::obstacles::{HandsSample, Scene};
 use crate::render::RenderError;
 use crate::steamvr::{DisplayTiming, Event, Hands, Poses, Runtime, SteamVrError, Universe};
@@ -242,10 +242,11 @@ impl<'s, 'a> State<'s, 'a> {
 
     fn run(&mut self) -> Ending {
         let period = Duration::from_secs_f64(1.0 / self.timing.frame_hz);
+        let core_wait = CoreWait::of_this_thread();
         let mut last_ns = now_ns();
         loop {
             self.wait(period, last_ns);
-            let (start_ns, cpu_ns) = (now_ns(), thread_cpu_ns());
+            let (start_ns, cpu_ns, waited_ns) = (now_ns(), thread_cpu_ns(), core_wait.total_ns());
             last_ns = start_ns;
             if self.with.stop.load(Ordering::Relaxed) {
                 return Ending::Asked;
@@ -260,8 +261,8 @@ impl<'s, 'a> State<'s, 'a> {
             self.take_poses(start_ns);
             self.show(start_ns);
             self.turn_dashboard(start_ns);
-            let end_ns = now_ns();
-            self.meter.frame(start_ns, end_ns, thread_cpu_ns() - cpu_ns);
+            let (end_ns, waited_ns) = (now_ns(), core_wait.total_ns() - waited_ns);
+            self.meter.frame(FrameTimes { start_ns, end_ns, cpu_ns: thread_cpu_ns() - cpu_ns, waited_ns });
             self.tell(end_ns);
         }
     }

@@ -5,17 +5,28 @@ use crate::live::{Latency, LatencyReport};
 /// A frame that comes later than this share of a period after the one before it was missed by somebody.
 const LATE: f64 = 1.5;
 
+/// A frame that began and ended at host times.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FrameTimes {
+    pub start_ns: i64,
+    pub end_ns: i64,
+    /// Processor time of it.
+    pub cpu_ns: i64,
+    /// Time of it in which the loop could have gone on and had no core.
+    pub waited_ns: i64,
+}
+
 /// Counts frames.
 pub(super) struct FrameMeter {
     period_ns: i64,
-    last_start_ns: Option<i64>,
-    last_end_ns: i64,
+    last: Option<FrameTimes>,
     newest_sweep_ns: i64,
     cpu: Latency,
     wall: Latency,
     sweep_age: Latency,
     frames: u64,
     missed_by_us: u64,
+    missed_for_a_core: u64,
     missed_elsewhere: u64,
 }
 
@@ -26,6 +37,8 @@ pub struct FrameReport {
     pub frames: u64,
     /// Frames that went by while this loop was at work on the one before.
     pub missed_by_us: u64,
+    /// Frames that went by while this loop waited for a processor core that others had.
+    pub missed_for_a_core: u64,
     /// Frames that went by without a reason here: the runtime was late, or the system.
     pub missed_elsewhere: u64,
     /// Processor time of the loop's thread a frame.
@@ -40,33 +53,41 @@ impl FrameMeter {
     pub fn new(frame_hz: f64) -> Self {
         Self {
             period_ns: (1e9 / frame_hz) as i64,
-            last_start_ns: None,
-            last_end_ns: 0,
+            last: None,
             newest_sweep_ns: 0,
             cpu: Latency::default(),
             wall: Latency::default(),
             sweep_age: Latency::default(),
             frames: 0,
             missed_by_us: 0,
+            missed_for_a_core: 0,
             missed_elsewhere: 0,
         }
     }
 
-    /// A frame that began and ended at host times, for so much processor time.
-    pub fn frame(&mut self, start_ns: i64, end_ns: i64, cpu_ns: i64) {
+    /// The next frame.
+    pub fn frame(&mut self, times: FrameTimes) {
         self.frames += 1;
-        self.cpu.push(cpu_ns);
-        self.wall.push(end_ns - start_ns);
-        if let Some(last_ns) = self.last_start_ns {
-            let periods = (start_ns - last_ns) as f64 / self.period_ns as f64;
+        self.cpu.push(times.cpu_ns);
+        self.wall.push(times.end_ns - times.start_ns);
+        if let Some(last) = self.last.replace(times) {
+            let periods = (times.start_ns - last.start_ns) as f64 / self.period_ns as f64;
             if periods > LATE {
-                let missed = periods.round() as u64 - 1;
-                // The one before had no end within its period.
-                let is_ours = self.last_end_ns - last_ns > self.period_ns;
-                *if is_ours { &mut self.missed_by_us } else { &mut self.missed_elsewhere } += missed;
+                *self.missed(&last) += periods.round() as u64 - 1;
             }
         }
-        (self.last_start_ns, self.last_end_ns) = (Some(start_ns), end_ns);
+    }
+
+    /// Whose it is that frames went by after one.
+    fn missed(&mut self, last: &FrameTimes) -> &mut u64 {
+        let took_ns = last.end_ns - last.start_ns;
+        if took_ns <= self.period_ns {
+            &mut self.missed_elsewhere
+        } else if took_ns - last.waited_ns <= self.period_ns {
+            &mut self.missed_for_a_core
+        } else {
+            &mut self.missed_by_us
+        }
     }
 
     /// Warnings that rest on all sweeps up to a time were shown at a time; a sensor's frame takes so long.
@@ -91,6 +112,7 @@ impl FrameMeter {
         FrameReport {
             frames: self.frames,
             missed_by_us: self.missed_by_us,
+            missed_for_a_core: self.missed_for_a_core,
             missed_elsewhere: self.missed_elsewhere,
             cpu: self.cpu.report(),
             wall: self.wall.report(),
@@ -108,16 +130,25 @@ mod tests {
     #[test]
     fn missed_frames_are_laid_at_the_right_door() {
         let mut meter = FrameMeter::new(100.0);
-        for frame in 0..10 {
-            meter.frame(frame * 10 * MS, frame * 10 * MS + 2 * MS, MS);
-        }
-        assert_eq!((meter.report().missed_by_us, meter.report().missed_elsewhere), (0, 0));
-        meter.frame(120 * MS, 145 * MS, MS);
-        assert_eq!((meter.report().missed_by_us, meter.report().missed_elsewhere), (0, 2));
-        meter.frame(150 * MS, 151 * MS, MS);
-        let report = meter.report();
-        assert_eq!((report.missed_by_us, report.missed_elsewhere, report.frames), (2, 2, 12));
-        assert!((report.wall.max_s - 0.025).abs() < 1e-9);
+        let times = |start_ms: i64, took_ms: i64, waited_ms: i64| FrameTimes {
+            start_ns: start_ms * MS,
+            end_ns: (start_ms + took_ms) * MS,
+            cpu_ns: MS,
+            waited_ns: waited_ms * MS,
+        };
+        let missed = |meter: &FrameMeter| {
+            let report = meter.report();
+            (report.missed_by_us, report.missed_for_a_core, report.missed_elsewhere)
+        };
+        (0..10).for_each(|frame| meter.frame(times(frame * 10, 2, 0)));
+        assert_eq!(missed(&meter), (0, 0, 0));
+        meter.frame(times(120, 25, 3));
+        assert_eq!(missed(&meter), (0, 0, 2));
+        meter.frame(times(150, 19, 10));
+        assert_eq!(missed(&meter), (2, 0, 2));
+        meter.frame(times(170, 1, 0));
+        assert_eq!((missed(&meter), meter.report().frames), ((2, 1, 2), 13));
+        assert!((meter.report().wall.max_s - 0.025).abs() < 1e-9);
     }
 
     #[test]

@@ -73,3 +73,31 @@ impl RoomSearch {
             .is_some_and(|seen_at| seen_at.min.cmple(foot + BESIDE_M).all() && seen_at.max.cmpge(foot - BESIDE_M).all())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imaging::PositionErrors;
+    use crate::imaging::test_data::{Echo, sweeps, winding};
+    use crate::obstacles::RoomSettings;
+    use crate::radar::Beam;
+    use glam::DVec3;
+
+    #[test]
+    fn a_door_that_is_opened_is_no_wall_for_long() {
+        let mut search = RoomSearch::new(RoomSettings::default(), &Beam::Lensless, PositionErrors::default());
+        let door = Plane { outward: DVec3::NEG_Z, offset_m: 1.5 };
+        let mut push = |echoes: &[(Echo, f64)], from_s: i64, for_s: f64| {
+            for mut sweep in sweeps(for_s, winding, echoes, 3) {
+                sweep.mid_time_ns += from_s * 1_000_000_000;
+                search.push(sweep);
+            }
+            search.walls().iter().filter(|wall| wall.plane.distance(DVec3::ZERO) > 1.4).count()
+        };
+        let shut = [(Echo::Mirror(door), 3.0)];
+        assert_eq!(push(&shut, 0, 4.0), 1);
+        assert_eq!(push(&[], 4, 3.0), 1, "a moment without an echo says nothing");
+        assert_eq!(push(&[], 7, 9.0), 0);
+        assert_eq!(push(&shut, 16, 4.0), 1, "and it may be shut again");
+    }
+}

@@ -1,0 +1,62 @@
+//! How long a thread could have run and had no processor core: what a busy machine does to it, and nothing that it does itself.
+//!
+//! Linux counts it for every thread: the second number of its `schedstat`, nanoseconds (Documentation/scheduler/sched-stats.rst).
+
+use std::fs::File;
+
+/// Counts of the thread that made it.
+#[derive(Debug)]
+pub struct CoreWait {
+    schedstat: Option<File>,
+}
+
+impl CoreWait {
+    /// Of the calling thread.
+    pub fn of_this_thread() -> Self {
+        let path = if cfg!(target_os = "linux") { "/proc/thread-self/schedstat" } else { "" };
+        Self { schedstat: File::open(path).ok() }
+    }
+
+    /// So long since the thread began, nanoseconds; 0 where the system does not tell.
+    pub fn total_ns(&self) -> i64 {
+        self.schedstat.as_ref().and_then(waited_ns).unwrap_or(0)
+    }
+}
+
+#[cfg(unix)]
+fn waited_ns(schedstat: &File) -> Option<i64> {
+    use std::os::unix::fs::FileExt;
+    let mut text = [0; 96];
+    let length = schedstat.read_at(&mut text, 0).ok()?;
+    std::str::from_utf8(text.get(..length)?).ok()?.split_whitespace().nth(1)?.parse().ok()
+}
+
+#[cfg(not(unix))]
+fn waited_ns(_schedstat: &File) -> Option<i64> {
+    None
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+    use crate::live::{now_ns, thread_cpu_ns};
+
+    #[test]
+    fn a_thread_that_rests_waits_for_no_core_and_one_of_many_does() {
+        let wait = CoreWait::of_this_thread();
+        std::thread::sleep(std::time::Duration::from_millis(30));
+        assert!(wait.total_ns() < 30_000_000, "sleeping is not waiting");
+        // More threads than cores: what is neither run nor slept was waited for.
+        let busy = || {
+            let (wait, start_ns, start_cpu_ns) = (CoreWait::of_this_thread(), now_ns(), thread_cpu_ns());
+            while now_ns() - start_ns < 200_000_000 {}
+            let ran_ns = thread_cpu_ns() - start_cpu_ns;
+            (now_ns() - start_ns - ran_ns, wait.total_ns())
+        };
+        let cores = std::thread::available_parallelism().unwrap().get();
+        let threads: Vec<_> = (0..2 * cores).map(|_| std::thread::spawn(busy)).collect();
+        let told: Vec<(i64, i64)> = threads.into_iter().map(|thread| thread.join().unwrap()).collect();
+        let (lost_ns, waited_ns) = told.into_iter().reduce(|a, b| (a.0 + b.0, a.1 + b.1)).unwrap();
+        assert!(waited_ns > lost_ns / 2, "{waited_ns} of {lost_ns} ns");
+    }
+}
