@@ -475,7 +475,7 @@ impl<'a> Window<'a> {
                 return None;
             }
             let toward = plane.outward.as_vec3().to_array();
-            let coherence = block.coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
+            let coherence = block.whole().coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
             Some(View::new((&block.middle, block.motion), coherence, range_m, plane.outward, self.beam))
         };
         self.blocks.iter().map(view).collect()

@@ -303,9 +303,15 @@ impl RoomSearch {
         let settings = self.settings.blocks;
         self.sweeps.push_back(observation.clone());
         self.sweeps_since += 1;
-        let builder = self.builders.entry(observation.geometry.subsweep).or_insert_with(|| BlockBuilder::new(settings));
-        if let Some(block) = builder.push(observation) {
+        let subsweep = observation.geometry.subsweep;
+        if self.builders.get(&subsweep).is_some_and(|builder| builder.is_closed_by(observation.mid_time_ns)) {
+            // What is known is what the blocks before say.
             while self.work_on_block() {}
+        }
+        let mirrors = self.walls.confirmed().map(|wall| wall.thing).collect();
+        let builder = self.builders.entry(subsweep).or_insert_with(|| BlockBuilder::new(settings));
+        builder.take_out(mirrors);
+        if let Some(block) = builder.push(observation) {
             (self.pending, self.sweeps_since) = (Some(Stage::Image(Box::new(block))), 0);
         }
     }
@@ -364,8 +370,8 @@ impl RoomSearch {
         self.first_ns.get_or_insert(block.mid_time_ns);
         self.field.add(&block);
         self.fine.comes(&block);
-        self.planes.add(&block);
-        self.moving.take(&block, &self.hands, self.settings.map.hands_reach_m);
+        self.planes.add(block.whole());
+        self.moving.take(block.whole(), &self.hands, self.settings.map.hands_reach_m);
         let now_ns = block.mid_time_ns;
         self.window.push_back(block);
         let since_ns = now_ns - self.window_ns();

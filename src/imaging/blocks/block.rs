@@ -7,9 +7,10 @@ use glam::DVec3;
 use super::brick::Rows;
 use super::kernel::Group;
 use super::lanes::{LANES, Lanes};
+use super::mirrors::without_mirrors;
 use super::subapertures::{Partition, partition};
 use super::{BlockSettings, Coherence, taper};
-use crate::geometry::Pose;
+use crate::geometry::{Plane, Pose};
 use crate::imaging::compression::CompressionRoom;
 use crate::imaging::{RangeCompressor, block_noise_rms};
 use crate::radar::{Observation, SweepGeometry};
@@ -56,6 +57,8 @@ pub struct Block {
     /// By greatest half-length, made when first asked for.
     partitions: [OnceLock<Partition>; PARTITIONS],
     geometry: Arc<SweepGeometry>,
+    /// The same with the mirrors in it that were taken out of this one.
+    whole: Option<Arc<Block>>,
 }
 
 /// A block that is asked for single places alone: half the memory.
@@ -75,6 +78,7 @@ impl PlaceBlock {
             times_s: Vec::new(),
             partitions: Default::default(),
             geometry: Arc::clone(&block.geometry),
+            whole: None,
             ..*block
         })
     }
@@ -169,6 +173,7 @@ impl Block {
             reach_m: observations.iter().map(|o| farthest_m(o, origin)).fold(0.0, f64::max) as f32 * 1.001,
             partitions: Default::default(),
             geometry,
+            whole: None,
         }
     }
 
@@ -179,6 +184,11 @@ impl Block {
             (at, bound_m) = (at + 1, bound_m * LENGTH_RATIO);
         }
         self.partitions[at].get_or_init(|| partition(&self.groups, self.sweep_count, bound_m))
+    }
+
+    /// It as it was measured, with the mirrors that were taken out of it.
+    pub fn whole(&self) -> &Self {
+        self.whole.as_deref().unwrap_or(self)
     }
 
     /// Number of sweeps.
@@ -251,6 +261,7 @@ pub struct BlockBuilder {
     compressor: Option<RangeCompressor>,
     room: CompressionRoom,
     waiting: Vec<Observation>,
+    mirrors: Vec<Plane>,
     /// Sweeps that came to lie in no block: too few before a pause.
     pub dropped_sweeps: u64,
 }
@@ -258,7 +269,14 @@ pub struct BlockBuilder {
 impl BlockBuilder {
     /// Nothing gathered yet.
     pub fn new(settings: BlockSettings) -> Self {
-        Self { settings, compressor: None, room: CompressionRoom::default(), waiting: Vec::new(), dropped_sweeps: 0 }
+        Self {
+            settings,
+            compressor: None,
+            room: CompressionRoom::default(),
+            waiting: Vec::new(),
+            mirrors: Vec::new(),
+            dropped_sweeps: 0,
+        }
     }
 
     /// Whether a sweep of that time would close the block at hand.
@@ -272,6 +290,11 @@ impl BlockBuilder {
     /// The sweeps of the block at hand, to be changed.
     pub fn sweeps_mut(&mut self) -> &mut [Observation] {
         &mut self.waiting
+    }
+
+    /// Takes these mirrors' echoes out of blocks that are closed from now on; see [`Block::whole`].
+    pub fn take_out(&mut self, mirrors: Vec<Plane>) {
+        self.mirrors = mirrors;
     }
 
     /// Takes a sweep; gives the block that it closes, if it closes one. All sweeps must share one geometry.
@@ -289,7 +312,10 @@ impl BlockBuilder {
             return None;
         }
         let compressor = self.compressor.get_or_insert_with(|| RangeCompressor::new(&sweeps[0].geometry));
-        Some(Block::new(&sweeps, compressor, &mut self.room))
+        let whole = Block::new(&sweeps, compressor, &mut self.room);
+        let Some(cleaned) = without_mirrors(&sweeps, &self.mirrors, whole.noise_rms_lsb) else { return Some(whole) };
+        let block = Block::new(&cleaned, compressor, &mut self.room);
+        Some(Block { whole: Some(Arc::new(whole)), ..block })
     }
 }
 

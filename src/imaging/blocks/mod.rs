@@ -10,6 +10,7 @@ mod field;
 mod fine;
 mod kernel;
 mod lanes;
+mod mirrors;
 mod movers;
 mod null;
 mod planes;
