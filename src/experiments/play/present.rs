@@ -22,8 +22,7 @@ const CAPTION: &str = "due: approaches within 1 m of what had been in the beam f
     nearer, wider, higher: the cells of what is reported of a thing that is warned of, against the thing's scatterers; medians, m.";
 
 fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
-    let metres = |m: f64| if m.is_finite() { format!("{m:.2}") } else { "–".into() };
-    let fine = |m: f64| if m.is_finite() { format!("{m:.3}") } else { "–".into() };
+    let (metres, fine) = (|m: f64| told(m, 2), |m: f64| told(m, 3));
     vec![
         name.into(),
         rates.due.to_string(),
@@ -42,6 +41,15 @@ fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
     ]
 }
 
+/// A number; what took for ever never was, and of nothing nothing is told.
+fn told(value: f64, digits: usize) -> String {
+    match value {
+        f64::INFINITY => "never".into(),
+        value if value.is_nan() => "–".into(),
+        value => format!("{value:.digits$}"),
+    }
+}
+
 fn percent(part: usize, of: usize) -> String {
     if of == 0 { "–".into() } else { format!("{:.1}", 100.0 * part as f64 / of as f64) }
 }
@@ -52,22 +60,25 @@ pub fn totals(figures: &Figures) -> Table {
     let row = |name: &str, is: String, wanted: &str| vec![name.to_owned(), is, wanted.to_owned()];
     let at_end = figures.reports_at_end.iter().sum::<usize>() as f64 / figures.reports_at_end.len().max(1) as f64;
     let minutes = figures.played_s / 60.0;
-    let bound = |n: usize| format!("{:+.0}; {:.0}", 100.0 * things.bounds_median_m[n], 100.0 * things.bounds_p90_m[n]);
+    let bound = |n: usize| {
+        let [median_cm, p90_cm] = [things.bounds_median_m, things.bounds_p90_m].map(|of| 100.0 * of[n]);
+        if median_cm.is_finite() { format!("{median_cm:+.0}; {p90_cm:.0}") } else { "–".into() }
+    };
     let rows = vec![
         row("warned before 0.4 m or 0.6 s, %", percent(things.warned, things.due), "≥ 95"),
-        row("lead distance, median, m", format!("{:.2}", things.lead_median_m), "≥ 1.0"),
-        row("lead distance, 10th percentile, m", format!("{:.2}", things.lead_p10_m), "≥ 0.5"),
-        row("reported where nothing is, near the body, a minute", format!("{:.2}", all.false_near_per_min), "≤ 1"),
-        row("   of these from own hands", format!("{:.2}", all.hands_per_min), "≤ 0.5"),
-        row("reported where nothing is, anywhere, a minute", format!("{:.2}", all.false_per_min), ""),
-        row("time with one near the body, %", format!("{:.1}", 100.0 * all.false_near_share), ""),
-        row("removed chair forgotten after looking, median, s", format!("{:.1}", all.forget_median_s), "≤ 5"),
-        row("   the slowest, s", format!("{:.1}", all.forget_worst_s), ""),
-        row("place of what is warned of, median error, cm", format!("{:.1}", 100.0 * things.error_median_m), "≤ 5"),
+        row("lead distance, median, m", told(things.lead_median_m, 2), "≥ 1.0"),
+        row("lead distance, 10th percentile, m", told(things.lead_p10_m, 2), "≥ 0.5"),
+        row("reported where nothing is, near the body, a minute", told(all.false_near_per_min, 2), "≤ 1"),
+        row("   of these from own hands", told(all.hands_per_min, 2), "≤ 0.5"),
+        row("reported where nothing is, anywhere, a minute", told(all.false_per_min, 2), ""),
+        row("time with one near the body, %", told(100.0 * all.false_near_share, 1), ""),
+        row("removed chair forgotten after looking, median, s", told(all.forget_median_s, 1), "≤ 5"),
+        row("   the slowest, s", told(all.forget_worst_s, 1), ""),
+        row("place of what is warned of, median error, cm", told(100.0 * things.error_median_m, 1), "≤ 5"),
         row("near side, reported nearer (+) than it is: median; 9 of 10 off by less, cm", bound(0), ""),
         row("   width, reported wider (+)", bound(1), ""),
         row("   top, reported higher (+)", bound(2), ""),
-        row("warnings that flicker, a minute", format!("{:.2}", figures.flickers as f64 / minutes), ""),
+        row("warnings that flicker, a minute", told(figures.flickers as f64 / minutes, 2), ""),
         row("obstacles in the map at the end", format!("{at_end:.0}"), ""),
         row("played, minutes", format!("{minutes:.1}"), ""),
     ];
@@ -83,12 +94,12 @@ pub fn curve<'f>(settings: impl Iterator<Item = (&'f str, &'f Figures)>) -> Tabl
             percent(things.warned, things.due),
             percent(things.first_warned, things.first_due),
             percent(things.visible, things.due),
-            format!("{:.2}", things.lead_median_m),
-            format!("{:.2}", things.lead_p10_m),
-            format!("{:.2}", all.false_near_per_min),
-            format!("{:.2}", all.false_per_min),
-            format!("{:.1}", 100.0 * things.error_median_m),
-            format!("{:.1}", all.forget_median_s),
+            told(things.lead_median_m, 2),
+            told(things.lead_p10_m, 2),
+            told(all.false_near_per_min, 2),
+            told(all.false_per_min, 2),
+            told(100.0 * things.error_median_m, 1),
+            told(all.forget_median_s, 1),
         ]
     };
     let head = [
