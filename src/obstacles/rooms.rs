@@ -307,13 +307,18 @@ impl RoomSearch {
         if self.builders.get(&subsweep).is_some_and(|builder| builder.is_closed_by(observation.mid_time_ns)) {
             // What is known is what the blocks before say.
             while self.work_on_block() {}
+            self.take_out_mirrors();
         }
-        let mirrors = self.walls.confirmed().map(|wall| wall.thing).collect();
         let builder = self.builders.entry(subsweep).or_insert_with(|| BlockBuilder::new(settings));
-        builder.take_out(mirrors);
         if let Some(block) = builder.push(observation) {
             (self.pending, self.sweeps_since) = (Some(Stage::Image(Box::new(block))), 0);
         }
+    }
+
+    /// Blocks are to be without the walls that are known now.
+    fn take_out_mirrors(&mut self) {
+        let mirrors: Vec<Plane> = self.walls.confirmed().map(|wall| wall.thing).collect();
+        self.builders.values_mut().for_each(|builder| builder.take_out(&mirrors));
     }
 
     /// Does a part of what is to be done; false when nothing is.
@@ -342,6 +347,7 @@ impl RoomSearch {
     /// Images what is left and looks at the evidence a last time.
     pub fn finish(&mut self) {
         while self.work() {}
+        self.take_out_mirrors();
         let last: Vec<Block> = self.builders.values_mut().filter_map(BlockBuilder::close).collect();
         let last_stages = last.into_iter().map(|block| Stage::Image(Box::new(block)));
         for stage in last_stages.chain([Stage::Candidates]) {

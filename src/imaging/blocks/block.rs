@@ -293,8 +293,9 @@ impl BlockBuilder {
     }
 
     /// Takes these mirrors' echoes out of blocks that are closed from now on; see [`Block::whole`].
-    pub fn take_out(&mut self, mirrors: Vec<Plane>) {
-        self.mirrors = mirrors;
+    pub fn take_out(&mut self, mirrors: &[Plane]) {
+        self.mirrors.clear();
+        self.mirrors.extend_from_slice(mirrors);
     }
 
     /// Takes a sweep; gives the block that it closes, if it closes one. All sweeps must share one geometry.

@@ -183,7 +183,7 @@ mod tests {
 
     fn first_block(echoes: &[(Echo, f64)], mirrors: &[Plane]) -> Block {
         let mut builder = BlockBuilder::new(BlockSettings::default());
-        builder.take_out(mirrors.to_vec());
+        builder.take_out(mirrors);
         sweeps(0.3, winding, echoes, 7).into_iter().find_map(|sweep| builder.push(sweep)).unwrap()
     }
 
