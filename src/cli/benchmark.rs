@@ -25,7 +25,7 @@ pub(super) struct BenchmarkCommand {
     /// Writes the rows as a JSON list
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Folder for benchmark.png and benchmark.md
+    /// Folder for benchmark.png and benchmark.md; with --play for play.md and, with --odds, play.png
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// A few cases and seeds: seconds
@@ -74,7 +74,9 @@ impl BenchmarkCommand {
         if json.is_dir() || json.file_name().is_none() {
             bail!("--json {}: give the name of a file", json.display());
         }
-        let ours = |folder: &PathBuf| ["benchmark.png", "benchmark.md"].iter().any(|name| folder.join(name) == *json);
+        let ours = |folder: &PathBuf| {
+            ["benchmark.png", "benchmark.md", "play.png", "play.md"].iter().any(|name| folder.join(name) == *json)
+        };
         if self.out.as_ref().is_some_and(ours) {
             bail!("--json {}: a file of --out has this name: choose another", json.display());
         }

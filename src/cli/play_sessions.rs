@@ -63,15 +63,18 @@ impl PlaySessions {
     }
 
     pub fn run(&self, quick: bool, json: Option<&Path>, out: Option<&Path>) -> Result<()> {
+        // Read and refused before minutes of work.
+        let text = match &self.settings {
+            Some(path) => std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?,
+            None => String::new(),
+        };
+        let odds: Vec<Option<f64>> =
+            if self.odds.is_empty() { vec![None] } else { self.odds.iter().copied().map(Some).collect() };
+        let settings: Vec<Settings> = odds.iter().map(|odds| self.settings(&text, *odds)).collect::<Result<_>>()?;
         let mut played = Vec::new();
         for preset in &self.presets {
-            match self.odds.is_empty() {
-                true => played.push(self.play(quick, preset, None)?),
-                false => {
-                    for odds in &self.odds {
-                        played.push(self.play(quick, preset, Some(*odds))?);
-                    }
-                }
+            for (odds, settings) in odds.iter().zip(&settings) {
+                played.push(self.play(quick, preset, *odds, settings.clone())?);
             }
         }
         if played.len() > 1 {
@@ -81,13 +84,13 @@ impl PlaySessions {
     }
 
     /// Plays every room with one setting.
-    fn play(&self, quick: bool, name: &str, odds: Option<f64>) -> Result<Played> {
+    fn play(&self, quick: bool, name: &str, odds: Option<f64>, settings: Settings) -> Result<Played> {
         let rooms = self.rooms.unwrap_or(if quick { 2 } else { 10 });
         let minutes = self.minutes.unwrap_or(if quick { 1.0 } else { 10.0 });
         let config = preset(name).ok_or_else(|| anyhow!("there is no preset {name:?}"))?;
         let session =
             PlaySession { duration_s: 60.0 * minutes, walls_db: self.walls_db, ..PlaySession::new(config, self.seed) };
-        let trial = PlayTrial { session, settings: self.settings(odds)?, controllers: self.controllers };
+        let trial = PlayTrial { session, settings, controllers: self.controllers };
         let seeds: Vec<u64> = (0..rooms).map(|n| self.seed.wrapping_add(n)).collect();
         let (preset, name) = (name.to_owned(), odds.map_or(name.into(), |odds| format!("{name}, odds {odds}")));
         let bar = progress::bar(rooms, &format!("playing with {name}"));
@@ -100,14 +103,10 @@ impl PlaySessions {
         Ok(Played { name, preset, odds, figures })
     }
 
-    fn settings(&self, odds: Option<f64>) -> Result<Settings> {
-        let text = match &self.settings {
-            Some(path) => std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?,
-            None => String::new(),
-        };
+    fn settings(&self, text: &str, odds: Option<f64>) -> Result<Settings> {
         let odds = odds.map(|odds| format!("rooms.map.confirm_odds={odds:?}"));
         let changes: Vec<String> = self.set.iter().cloned().chain(odds).collect();
-        Ok(Settings::from_toml(&text, &changes)?)
+        Ok(Settings::from_toml(text, &changes)?)
     }
 
     fn write(&self, played: &[Played], json: Option<&Path>, out: Option<&Path>) -> Result<()> {
@@ -134,8 +133,9 @@ impl PlaySessions {
 
     fn markdown(&self, played: &[Played]) -> String {
         let mut text = String::from("# Play sessions\n\nMade by `radar-chaperone benchmark --play --out DIR`.\n");
-        if played.len() > 1 {
-            text += &format!("\n## All\n\n{}", all_of(played).markdown());
+        if played.len() > 1 || !self.odds.is_empty() {
+            let all = all_of(played);
+            text += &format!("\n## All\n\n{}\n{}\n", all.markdown(), all.caption);
         }
         if !self.odds.is_empty() {
             return text + "\n![Warned in time against reported where nothing is](play.png)\n";

@@ -48,7 +48,7 @@ pub(super) struct Run {
     /// Writes what was done and what it cost, when it ends
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
-    /// Forgets the maps that were kept of the rooms that it runs in, and begins anew; with --wait in the first session alone
+    /// Forgets the maps that were kept of the rooms that it runs in, and begins anew; with --wait once for each room
     #[arg(long)]
     forget: bool,
     /// Opens a window on the desktop that shows what is seen, as `replay --view` does; closing it ends nothing else
@@ -77,11 +77,11 @@ impl Run {
 
     /// Session after session, until there is an end.
     fn sessions(&self, stop: &AtomicBool, view: Option<&Recorder>) -> Result<()> {
-        let mut forget = self.forget;
+        let folder = user_folder("XDG_DATA_HOME", ".local/share").map(|folder| MapFolder::new(folder.join("maps")));
+        let maps = folder.map(|folder| KeptMaps::new(folder, self.forget));
         loop {
             let Some(runtime) = self.connect(stop)? else { return Ok(()) };
-            let ending = self.beside(runtime, stop, view, forget)?;
-            forget = false;
+            let ending = self.beside(runtime, stop, view, maps.as_ref())?;
             // A recording is of one session.
             let is_again = self.wait && self.record.is_none() && ending != Ending::Asked;
             match ending {
@@ -118,7 +118,13 @@ impl Run {
     }
 
     /// One session, from beginning to end. The order of the end: overlays, session, graphics, sensor.
-    fn beside(&self, runtime: Runtime, stop: &AtomicBool, view: Option<&Recorder>, forget: bool) -> Result<Ending> {
+    fn beside(
+        &self,
+        runtime: Runtime,
+        stop: &AtomicBool,
+        view: Option<&Recorder>,
+        maps: Option<&KeptMaps>,
+    ) -> Result<Ending> {
         say!("SteamVR {}, {}", runtime.version(), runtime.headset_name())?;
         check_registration(&runtime);
         let runtime = Arc::new(runtime);
@@ -136,7 +142,7 @@ impl Run {
             if let Some(view) = view {
                 scope.spawn(move || run_view::watch(view, feed, desk, is_over));
             }
-            self.draw(&runtime, feed, desk, stop, forget)
+            self.draw(&runtime, feed, desk, stop, maps)
         });
         feed.stop.store(true, Ordering::Relaxed);
         // The session ends before what it may still copy from is let go.
@@ -152,10 +158,8 @@ impl Run {
         feed: &Feed,
         settings: &SettingsDesk,
         stop: &AtomicBool,
-        forget: bool,
+        maps: Option<&KeptMaps>,
     ) -> Result<(HeadsetReport, Drawn), HeadsetError> {
-        let folder = user_folder("XDG_DATA_HOME", ".local/share").map(|folder| MapFolder::new(folder.join("maps")));
-        let maps = folder.map(|folder| KeptMaps { folder, forget });
         let with = FrameLoop {
             runtime,
             reconstruction: &|| feed.reconstruction(),
@@ -163,7 +167,7 @@ impl Run {
             sensor: &|| feed.sensor_count(),
             pose_sink: &|sample| feed.push_pose(sample),
             hand_sink: &|hands| feed.push_hands(hands),
-            maps: maps.as_ref(),
+            maps,
             settings,
             stop,
             status: &feed.status,

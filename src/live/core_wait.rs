@@ -44,8 +44,13 @@ mod tests {
     #[test]
     fn a_thread_that_rests_waits_for_no_core_and_one_of_many_does() {
         let wait = CoreWait::of_this_thread();
-        std::thread::sleep(std::time::Duration::from_millis(30));
-        assert!(wait.total_ns() < 30_000_000, "sleeping is not waiting");
+        if wait.schedstat.is_none() {
+            println!("skipped: this system does not count it");
+            return;
+        }
+        let before_ns = wait.total_ns();
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        assert!(wait.total_ns() - before_ns < 200_000_000, "sleeping is not waiting");
         // More threads than cores: what is neither run nor slept was waited for.
         let busy = || {
             let (wait, start_ns, start_cpu_ns) = (CoreWait::of_this_thread(), now_ns(), thread_cpu_ns());

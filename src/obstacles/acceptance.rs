@@ -3,7 +3,7 @@
 //! Evidence alone does not tell: pieces of several things that happen to lie right, and what floor and walls scatter, score as much as a
 //! weak thing does. But they differ in how they come by it: how much is left without the best moment, how even the strengths are, where in
 //! the beam they lie, what else is at the range, whether an echo elsewhere explains as much, what was seen there before, how near walls,
-//! floor and known things are. Boosted decision trees (Friedman 2001, Annals of Statistics 29:1189) weigh these: each asks two questions
+//! floor and known things are. Boosted decision trees (Friedman 2001, Annals of Statistics 29:1189) weigh these: each asks a few questions
 //! and adds to the log odds. The table is made by `examples/acceptance.rs` from rooms that no figure is taken from.
 
 mod trees;
@@ -14,7 +14,7 @@ use super::explain::Explained;
 
 /// What a tree may ask for, in the table's order.
 /// `ln`: natural logarithm.
-pub const FEATURES: [&str; 25] = [
+pub const FEATURES: [&str; 27] = [
     "ln score",
     "ln lasting",
     "drowned",
@@ -40,13 +40,37 @@ pub const FEATURES: [&str; 25] = [
     "from the sensor, over the floor (m)",
     "ln strength of the known",
     "looks that weighed it",
+    "sigma with the past (m)",
+    "blocks of the past that tell of it",
 ];
 
-/// Two questions and what the answers add: `by` chooses the side, below or above, and `then` the leaf there.
+/// Questions and what the answers add. A question: a feature, a bound, and where to go on, not above it and above it: a later question's
+/// number, or `!` a leaf's.
 struct Tree {
-    by: (usize, f64),
-    then: [(usize, f64); 2],
-    odds: [f64; 4],
+    questions: &'static [(u8, f32, i16, i16)],
+    leaves: &'static [f32],
+}
+
+impl Tree {
+    fn adds(&self, features: &[f64; FEATURES.len()]) -> f64 {
+        let mut at = 0;
+        while at >= 0 {
+            let (feature, bound, not_above, above) = self.questions[at as usize];
+            at = if features[usize::from(feature)] > f64::from(bound) { above } else { not_above };
+        }
+        f64::from(self.leaves[!at as usize])
+    }
+}
+
+/// What the blocks from before the window say of a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Earlier {
+    /// How much likelier they make it that something is there, log odds.
+    pub log_odds: f64,
+    /// 1σ of the place by the window and them, all directions together, metres.
+    pub sigma_m: f64,
+    /// Blocks of them that tell of it.
+    pub telling: usize,
 }
 
 /// What is around a place that may be a thing.
@@ -60,8 +84,8 @@ pub(super) struct Around {
     pub wall_m: f64,
     /// Logarithm of what the nearest known thing returns at most, 0 where nothing is known.
     pub known_ln_strength: f64,
-    /// How much likelier the blocks from before the window make it, log odds.
-    pub past: f64,
+    /// What the blocks from before the window say.
+    pub earlier: Earlier,
     /// To the sensor as it is now, and the same seen from above, metres.
     pub sensor_m: f64,
     /// See `sensor_m`.
@@ -95,7 +119,7 @@ pub(super) fn features(believed: &Explained<DVec3>, around: &Around) -> [f64; FE
         believed.uneven,
         believed.silent,
         believed.rival,
-        around.past.clamp(-MOST_OF_PAST, MOST_OF_PAST),
+        around.earlier.log_odds.clamp(-MOST_OF_PAST, MOST_OF_PAST),
         believed.sigma_m,
         believed.farthest_m.min(2.0),
         (believed.blocks as f64).max(1.0).ln(),
@@ -114,17 +138,14 @@ pub(super) fn features(believed: &Explained<DVec3>, around: &Around) -> [f64; FE
         around.sensor_level_m,
         around.known_ln_strength,
         around.looks as f64,
+        around.earlier.sigma_m.min(1.0),
+        around.earlier.telling as f64,
     ]
 }
 
 /// Log odds that it is a thing; 0 is even.
 pub(super) fn log_odds(features: &[f64; FEATURES.len()]) -> f64 {
-    let of_tree = |tree: &Tree| {
-        let side = usize::from(features[tree.by.0] > tree.by.1);
-        let (feature, bound) = tree.then[side];
-        tree.odds[2 * side + usize::from(features[feature] > bound)]
-    };
-    trees::PRIOR + trees::TREES.iter().map(of_tree).sum::<f64>()
+    trees::PRIOR + trees::TREES.iter().map(|tree| tree.adds(features)).sum::<f64>()
 }
 
 /// Log odds of what is beyond doubt.
@@ -164,7 +185,6 @@ mod tests {
                 ln_coherence: 3.0,
                 sigma_up_m: 0.08,
             },
-            past: 0.0,
             odds: f64::INFINITY,
             lasting: 12.0,
             drowned: 0.3,
@@ -182,12 +202,17 @@ mod tests {
         known_level_m: 0.6,
         wall_m: 0.9,
         known_ln_strength: 7.0,
-        past: 4.0,
+        earlier: Earlier { log_odds: 4.0, sigma_m: 0.08, telling: 9 },
         sensor_m: 1.6,
         sensor_level_m: 1.4,
         age_s: 60.0,
         looks: 4,
     };
+
+    /// The past speaks against it.
+    fn against(log_odds: f64) -> Around {
+        Around { earlier: Earlier { log_odds, sigma_m: 0.1, telling: 0 }, ..AROUND }
+    }
 
     fn odds(thing: &Explained<DVec3>, around: &Around) -> f64 {
         log_odds(&features(thing, around))
@@ -199,9 +224,9 @@ mod tests {
         let aspect = Aspect { beam: 0.2, ..thing().aspect };
         let lone = Explained { score: 4.0, lasting: 1.0, uneven: 0.9, rival: 0.95, ..thing() };
         let artefact = Explained { drowned: 2.0, silent: 0.4, aspect, ..lone };
-        let nothing_before = odds(&artefact, &Around { past: -5.0, ..AROUND });
+        let nothing_before = odds(&artefact, &against(-5.0));
         assert!(chair > 1.0 && nothing_before < -1.0, "{chair} {nothing_before}");
-        for worse in [odds(&artefact, &AROUND), odds(&thing(), &Around { past: -8.0, ..AROUND })] {
+        for worse in [odds(&artefact, &AROUND), odds(&thing(), &against(-8.0))] {
             assert!(worse < chair, "{worse} {chair}");
         }
     }
@@ -224,16 +249,20 @@ mod tests {
     fn the_table_is_sound_and_nothing_that_is_asked_breaks_it() {
         assert!(trees::PRIOR.is_finite() && !trees::TREES.is_empty());
         for tree in trees::TREES {
-            assert!(
-                [tree.by, tree.then[0], tree.then[1]]
-                    .iter()
-                    .all(|(feature, bound)| *feature < FEATURES.len() && bound.is_finite())
-            );
-            assert!(tree.odds.iter().all(|odds| odds.abs() < 2.0));
+            for (number, &(feature, bound, not_above, above)) in tree.questions.iter().enumerate() {
+                assert!(usize::from(feature) < FEATURES.len() && bound.is_finite());
+                // Later questions alone: so it ends.
+                let is_there = |then: i16| match then {
+                    0.. => then as usize > number && (then as usize) < tree.questions.len(),
+                    _ => (!then as usize) < tree.leaves.len(),
+                };
+                assert!(is_there(not_above) && is_there(above));
+            }
+            assert!(tree.leaves.iter().all(|odds| odds.abs() < 2.0));
         }
-        let known_m = f64::INFINITY;
+        let (known_m, earlier) = (f64::INFINITY, Earlier { log_odds: f64::NAN, sigma_m: f64::NAN, telling: 0 });
         let nowhere =
-            Around { known_m, known_level_m: known_m, wall_m: f64::NEG_INFINITY, past: f64::NAN, looks: 0, ..AROUND };
+            Around { known_m, known_level_m: known_m, wall_m: f64::NEG_INFINITY, earlier, looks: 0, ..AROUND };
         assert!(odds(&Explained { score: f64::NAN, lasting: f64::NEG_INFINITY, ..thing() }, &nowhere).is_finite());
     }
 }

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::existence::Told;
 use super::hands::HandTrail;
-use super::views::{Said, View, ViewMemory};
+use super::views::{Said, View, ViewMemory, sigma_m};
 use crate::geometry::Plane;
 use crate::imaging::blocks::{Block, BlockSettings, PlaneAt};
 use crate::radar::{Beam, WAVELENGTH_M};
@@ -102,8 +102,6 @@ pub struct Explained<T> {
     pub rival: f64,
     /// How it was seen.
     pub aspect: Aspect,
-    /// How much likelier the blocks from before the window make it that something is there, log odds; 0 where they were not asked.
-    pub past: f64,
     /// Log odds that it is a thing and no artefact; infinite where that was not asked.
     pub odds: f64,
     /// First and last of these blocks, host nanoseconds.
@@ -335,7 +333,7 @@ impl<'a> Window<'a> {
     ) -> Explained<T> {
         let telling = || self.telling(&best.views).map(|(_, view)| view);
         let count = telling().count();
-        let sigma_m = covariance_m2.map_or(0.0, |c| (c.x_axis.x + c.y_axis.y + c.z_axis.z).sqrt());
+        let sigma_m = covariance_m2.as_ref().map_or(0.0, sigma_m);
         Explained {
             thing,
             score: left.score,
@@ -349,7 +347,6 @@ impl<'a> Window<'a> {
             silent: 1.0 - count as f64 / left.blocks.max(1) as f64,
             rival: self.rival(best, open) / left.score.max(1e-9),
             aspect: Aspect::of(telling(), covariance_m2.map_or(0.0, |c| c.y_axis.y.sqrt())),
-            past: 0.0,
             odds: f64::INFINITY,
             first_ns: left.first_ns,
             last_ns: left.last_ns,
@@ -401,10 +398,7 @@ impl<'a> Window<'a> {
     fn covariance_m2(&self, views: &[Option<View>]) -> DMat3 {
         let mut information = DMat3::IDENTITY * 1e-6;
         for (block, view) in self.telling(views) {
-            let across = (block.motion - view.toward * view.cos) / view.range_m.max(1e-3);
-            let range_sigma_m = block.geometry().profile.envelope_fwhm_m() * 0.5;
-            let cos_sigma = WAVELENGTH_M / (4.0 * block.aperture_m.max(1e-4));
-            information += outer(view.toward) * range_sigma_m.powi(-2) + outer(across) * cos_sigma.powi(-2);
+            information += view.information(block.motion, block.geometry(), block.aperture_m);
         }
         information.inverse()
     }
@@ -526,10 +520,6 @@ const CLIMB_UNIT: f64 = 0.2;
 const CLIMB_REACH_M: f64 = 0.12;
 /// Places nearer to each other than this are no rivals: they are the same thing, metres.
 const RIVAL_M: f64 = 0.3;
-
-fn outer(v: DVec3) -> DMat3 {
-    DMat3::from_cols(v * v.x, v * v.y, v * v.z)
-}
 
 #[cfg(test)]
 mod tests {

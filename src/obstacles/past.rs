@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::views::View;
 use crate::imaging::blocks::{Block, BlockSettings, PlaceBlock};
@@ -21,14 +21,29 @@ const KEPT: usize = 190;
 const SURELY: f64 = 0.5;
 /// So many blocks that have it in their beam count, the newest.
 const NEWEST: usize = 16;
+/// What is gone was so near to where it was known, metres.
+const GONE_M: f64 = 0.4;
 /// Greatest that one block adds to the log odds.
 const MOST_A_BLOCK: f64 = 1.0;
+
+/// What the past says of a place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PastSays {
+    /// How much likelier it makes it that something is there, log odds; 0 where it says nothing.
+    pub log_odds: f64,
+    /// Blocks that tell of it, and how well these know where it is, 1/m².
+    pub telling: usize,
+    /// See `telling`.
+    pub information: DMat3,
+}
 
 /// Blocks that have left the window.
 #[derive(Debug, Default)]
 pub(super) struct Past {
     blocks: VecDeque<PlaceBlock>,
     left: u64,
+    /// Where something was and is gone, and the time of the newest block that was known then.
+    gone: VecDeque<(DVec3, i64)>,
 }
 
 impl Past {
@@ -41,29 +56,42 @@ impl Past {
         // Memory that is taken and given back among what stays goes to pieces.
         let oldest = if self.blocks.len() == KEPT { self.blocks.pop_front() } else { None };
         self.blocks.push_back(PlaceBlock::of(block, oldest));
+        let from_ns = self.blocks.front().map_or(i64::MAX, PlaceBlock::mid_time_ns);
+        self.gone.retain(|(_, until_ns)| *until_ns >= from_ns);
     }
 
-    /// How much likelier the past makes it that something is at a place which returns what these views of the window say, log odds; 0 where
-    /// they say nothing.
-    pub fn log_odds(
+    /// What was at a place is gone: blocks up to then say nothing of what is there now.
+    pub fn is_gone(&mut self, place: DVec3, until_ns: i64) {
+        self.gone.push_back((place, until_ns));
+    }
+
+    /// What it says of a place which returns what these views of the window say.
+    pub fn says(
         &self,
         place: DVec3,
         views: &[Option<View>],
         (settings, min_cos): (&BlockSettings, f64),
         beam: &Beam,
-    ) -> f64 {
-        let Some(strength) = strength(views) else { return 0.0 };
+    ) -> PastSays {
+        let mut says = PastSays { log_odds: 0.0, telling: 0, information: DMat3::ZERO };
+        let Some(strength) = strength(views) else { return says };
         let sees = |block: &&PlaceBlock| settings.within(&block.geometry().axis).sees(block.middle(), min_cos, place);
-        let that_see_it = self.blocks.iter().rev().filter(sees).take(NEWEST);
-        let of_block = |block: &PlaceBlock| {
+        let near = self.gone.iter().filter(|(gone, _)| gone.distance(place) <= GONE_M);
+        let gone_ns = near.map(|(_, until_ns)| *until_ns).max().unwrap_or(i64::MIN);
+        let since = self.blocks.iter().rev().take_while(|block| block.mid_time_ns() > gone_ns);
+        let that_see_it = since.filter(sees).take(NEWEST);
+        for block in that_see_it {
             let range_m = block.distance_m(place);
             let toward = (place - block.middle().translation) / range_m.max(1e-9);
             let seen_from = (block.middle(), block.motion());
-            let ratio =
-                View::new(seen_from, block.coherence_at(place), range_m, toward, beam).likelihood_ratio(strength);
-            (SURELY * ratio + 1.0 - SURELY).ln().min(MOST_A_BLOCK)
-        };
-        that_see_it.map(of_block).sum()
+            let view = View::new(seen_from, block.coherence_at(place), range_m, toward, beam);
+            says.log_odds += (SURELY * view.likelihood_ratio(strength) + 1.0 - SURELY).ln().min(MOST_A_BLOCK);
+            if view.is_telling() {
+                says.telling += 1;
+                says.information += view.information(block.motion(), block.geometry(), block.aperture_m());
+            }
+        }
+        says
     }
 }
 
@@ -100,7 +128,7 @@ mod tests {
         let views: Vec<_> = blocks(2.0, &SEEN).into_iter().map(|block| Some(view(block))).collect();
         left.iter().for_each(|block| past.take(block));
         assert!(past.blocks.len() <= KEPT);
-        past.log_odds(place, &views, (&settings, settings.min_cos(&beam)), &beam)
+        past.says(place, &views, (&settings, settings.min_cos(&beam)), &beam).log_odds
     }
 
     const SEEN: [(Echo, f64); 1] = [(Echo::Point(THING), 2.0)];
@@ -111,13 +139,38 @@ mod tests {
         assert!(thing > 5.0 && nothing < -4.0, "{thing} {nothing}");
         let behind = log_odds(DVec3::new(0.0, 0.0, 1.5), blocks(3.0, &SEEN));
         assert_eq!(behind, 0.0, "where nobody looked");
-        assert_eq!(Past::default().log_odds(THING, &[None], (&BlockSettings::default(), 0.5), &Beam::Lensless), 0.0);
+        assert_eq!(
+            Past::default().says(THING, &[None], (&BlockSettings::default(), 0.5), &Beam::Lensless).log_odds,
+            0.0
+        );
     }
 
     #[test]
     fn what_was_put_there_a_moment_ago_is_believed_after_some_seconds() {
         let after = |seconds: f64| log_odds(THING, [blocks(20.0, &[]), blocks(seconds, &SEEN)].concat());
         assert!(after(0.3) < -4.0 && after(3.0) > 0.0, "{} {}", after(0.3), after(3.0));
+    }
+
+    #[test]
+    fn what_is_gone_is_not_vouched_for_by_what_was_there() {
+        let (settings, beam, mut past) = (BlockSettings::default(), Beam::Lensless, Past::default());
+        let left = blocks(3.0, &SEEN);
+        let views = |block: &Block| {
+            let range_m = block.distance_m(THING);
+            let toward = (THING - block.middle.translation) / range_m;
+            let coherence = PlaceBlock::of(block, None).coherence_at(THING);
+            Some(View::new((&block.middle, block.motion), coherence, range_m, toward, &beam))
+        };
+        let views: Vec<_> = left.iter().map(views).collect();
+        left.iter().for_each(|block| past.take(block));
+        let says = |past: &Past| past.says(THING, &views, (&settings, settings.min_cos(&beam)), &beam);
+        let before = says(&past);
+        assert!(before.log_odds > 5.0 && before.telling > 3 && before.information.x_axis.x > 0.0);
+        past.is_gone(NOTHING + DVec3::X, left[left.len() - 1].mid_time_ns);
+        assert_eq!(says(&past).telling, before.telling, "something else is gone");
+        past.is_gone(THING + DVec3::X * 0.2, left[left.len() / 2].mid_time_ns);
+        let after = says(&past);
+        assert!(after.telling > 0 && after.telling < before.telling, "{} {}", after.telling, before.telling);
     }
 
     #[test]

@@ -448,7 +448,7 @@ impl RoomSearch {
     /// The look ends: where things are.
     fn find_places(&mut self, walls: &[Explained<Plane>], points: &[Explained<DVec3>]) {
         self.look_finely(points);
-        self.note_feet();
+        self.note_feet(walls);
         self.refine_new(walls, points);
         self.evidence_ns = self.window.back().map(|block| block.end_ns);
     }

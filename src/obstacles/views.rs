@@ -3,12 +3,12 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use crate::geometry::Pose;
 use crate::imaging::blocks::{Block, Coherence, MEAN_LOG_OF_NOISE};
-use crate::radar::Beam;
+use crate::radar::{Beam, SweepGeometry, WAVELENGTH_M};
 
 /// A place that was not asked for is remembered for so many looks: maxima move to the voxel beside and back again.
 const REMEMBERED_LOOKS: u32 = 4;
@@ -56,6 +56,15 @@ impl View {
         self.ln_strength.is_some()
     }
 
+    /// What range and direction to the sensor's way tell of where the thing is, 1/m²: of a block that moved this way over this aperture.
+    pub fn information(&self, motion: DVec3, geometry: &SweepGeometry, aperture_m: f64) -> DMat3 {
+        let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
+        let across = (motion - self.toward * self.cos) / self.range_m.max(1e-3);
+        let range_sigma_m = geometry.profile.envelope_fwhm_m() * 0.5;
+        let cos_sigma = WAVELENGTH_M / (4.0 * aperture_m.max(1e-4));
+        outer(self.toward) * range_sigma_m.powi(-2) + outer(across) * cos_sigma.powi(-2)
+    }
+
     /// How far a thing of that strength would stand out of the noise and of what else there is.
     pub fn expected(&self, strength: f64) -> f64 {
         strength * self.gain / self.drowning()
@@ -77,6 +86,11 @@ impl View {
     pub fn drowned_by(&self) -> f64 {
         self.drowning().ln()
     }
+}
+
+/// 1σ of a place, all directions together, metres.
+pub(super) fn sigma_m(covariance_m2: &DMat3) -> f64 {
+    (covariance_m2.x_axis.x + covariance_m2.y_axis.y + covariance_m2.z_axis.z).sqrt()
 }
 
 /// What a block says of a place: a view, or nothing since the place is not in its beam; `None`: not asked.

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::play::{PlayError, PlayTrial, each_look};
 use crate::obstacles::{FEATURES, Weighed};
 use crate::simulation::{PlaySession, Session};
-use boost::{BoostSettings, Row, boost};
+use boost::{BoostSettings, Question, Row, boost};
 
 /// Nearer than this to a scatterer it is the thing's, metres.
 const THING_M: f64 = 0.25;
@@ -23,7 +23,7 @@ const SAME_M: f64 = 0.25;
 /// What lies on a surface counts so much of what lies where nothing is.
 const SURFACE_SHARE: f64 = 0.3;
 /// As many trees as still bettered rooms that were left out of the learning.
-const SETTINGS: BoostSettings = BoostSettings { trees: 150, share: 0.08, least_rows: 30 };
+const SETTINGS: BoostSettings = BoostSettings { trees: 250, leaves: 24, share: 0.05, least_rows: 60, damping: 5.0 };
 
 /// Places that were weighed, and whether something is there.
 #[derive(Debug, Clone, Default)]
@@ -73,14 +73,14 @@ impl Lessons {
              #[rustfmt::skip]\npub(super) const TREES: &[Tree] = &[\n"
         );
         for tree in trees {
-            let question = |(feature, bound): (usize, f64)| format!("({feature}, {bound:.4})");
-            let [a, b, c, d] = tree.odds;
-            let [by, below, above] = [tree.by, tree.then[0], tree.then[1]].map(question);
+            let questions = tree.questions.iter().map(|Question { feature, bound, then: [not_above, above] }| {
+                format!("({feature}, {bound:.4}, {not_above}, {above})")
+            });
+            let questions: Vec<String> = questions.collect();
+            let leaves: Vec<String> = tree.leaves.iter().map(|odds| format!("{odds:.4}")).collect();
+            let (questions, leaves) = (questions.join(", "), leaves.join(", "));
             // Writing to a string does not fail.
-            let _ = writeln!(
-                text,
-                "    Tree {{ by: {by}, then: [{below}, {above}], odds: [{a:.4}, {b:.4}, {c:.4}, {d:.4}] }},"
-            );
+            let _ = writeln!(text, "    Tree {{ questions: &[{questions}], leaves: &[{leaves}] }},");
         }
         text + "];\n"
     }

@@ -11,7 +11,7 @@ use glam::DVec3;
 
 use super::figures::{Approach, BoundErrors, Cause, FalseReport, Figures, Forgetting, Rates};
 use crate::geometry::{Aabb, Plane, Pose};
-use crate::obstacles::Scene;
+use crate::obstacles::{Obstacle, Scene};
 use crate::radar::{frame_timing, snr_db};
 use crate::simulation::{Scatterer, Session, WallPanel};
 
@@ -309,7 +309,9 @@ impl<'s> Target<'s> {
         self.in_beam_s += if in_beam { step_s } else { 0.0 };
         self.visible_s += if visible { step_s } else { 0.0 };
         let distance_m = self.body_m(head);
-        let closing_m_per_s = (self.distance_m - distance_m) / step_s.max(1e-9);
+        // Nothing comes nearer in the first step.
+        let before_m = if self.distance_m.is_finite() { self.distance_m } else { distance_m };
+        let closing_m_per_s = (before_m - distance_m) / step_s.max(1e-9);
         self.distance_m = distance_m;
         let is_warned = self.is_shown(shown);
         if is_warned != self.is_warned {
@@ -360,11 +362,12 @@ impl<'s> Target<'s> {
         }
     }
 
-    /// The shape of what is reported of it against its scatterers.
+    /// The shape of what is reported of it, to the outer sides of its cells, against its scatterers.
     fn bound_errors(&self, head: &Pose, scene: &Scene) -> Option<BoundErrors> {
         let What::Thing(parts) = self.what else { return None };
-        let of_it = scene.obstacles.iter().filter(|obstacle| self.to_m(obstacle.position_m) <= FALSE_M);
-        let shown: Vec<DVec3> = of_it.flat_map(|obstacle| obstacle.shape.iter().map(|cell| cell.0)).collect();
+        let of_it = || scene.obstacles.iter().filter(|obstacle| self.to_m(obstacle.position_m) <= FALSE_M);
+        let cell_m = of_it().map(Obstacle::cell_m).fold(0.0, f64::max);
+        let shown: Vec<DVec3> = of_it().flat_map(|obstacle| obstacle.shape.iter().map(|cell| cell.0)).collect();
         let there: Vec<DVec3> = parts.iter().map(|part| part.position_m).collect();
         let middle = there.iter().sum::<DVec3>() / there.len() as f64;
         let across = (middle - head.translation).with_y(0.0).try_normalize()?.cross(DVec3::Y);
@@ -375,9 +378,9 @@ impl<'s> Target<'s> {
         let top_m = |places: &[DVec3]| places.iter().map(|place| place.y).fold(f64::NEG_INFINITY, f64::max);
         let near_m = shown.iter().map(|place| body_m(head, *place)).fold(f64::INFINITY, f64::min);
         Some(BoundErrors {
-            near_m: self.distance_m - near_m,
-            width_m: width_m(&shown)? - width_m(&there)?,
-            top_m: top_m(&shown) - top_m(&there),
+            near_m: self.distance_m - near_m + 0.5 * cell_m,
+            width_m: width_m(&shown)? - width_m(&there)? + cell_m,
+            top_m: top_m(&shown) - top_m(&there) + 0.5 * cell_m,
         })
     }
 }

@@ -98,6 +98,16 @@ impl PlaceBlock {
         self.0.motion
     }
 
+    /// See [`Block::mid_time_ns`].
+    pub fn mid_time_ns(&self) -> i64 {
+        self.0.mid_time_ns
+    }
+
+    /// See [`Block::aperture_m`].
+    pub fn aperture_m(&self) -> f64 {
+        self.0.aperture_m
+    }
+
     /// See [`Block::distance_m`].
     pub fn distance_m(&self, place: DVec3) -> f64 {
         self.0.distance_m(place)

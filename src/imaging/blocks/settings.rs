@@ -30,7 +30,7 @@ impl Default for BlockSettings {
     fn default() -> Self {
         Self {
             block_s: 0.090,
-            min_sweeps: 12,
+            min_sweeps: 8,
             memory_s: 1.5,
             min_amplitude: 0.25,
             min_range_m: 0.35,

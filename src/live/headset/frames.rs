@@ -243,10 +243,10 @@ impl<'s, 'a> State<'s, 'a> {
     fn run(&mut self) -> Ending {
         let period = Duration::from_secs_f64(1.0 / self.timing.frame_hz);
         let core_wait = CoreWait::of_this_thread();
-        let mut last_ns = now_ns();
+        let (mut last_ns, mut last_waited_ns) = (now_ns(), core_wait.total_ns());
         loop {
             self.wait(period, last_ns);
-            let (start_ns, cpu_ns, waited_ns) = (now_ns(), thread_cpu_ns(), core_wait.total_ns());
+            let (start_ns, cpu_ns, start_waited_ns) = (now_ns(), thread_cpu_ns(), core_wait.total_ns());
             last_ns = start_ns;
             if self.with.stop.load(Ordering::Relaxed) {
                 return Ending::Asked;
@@ -261,8 +261,15 @@ impl<'s, 'a> State<'s, 'a> {
             self.take_poses(start_ns);
             self.show(start_ns);
             self.turn_dashboard(start_ns);
-            let (end_ns, waited_ns) = (now_ns(), core_wait.total_ns() - waited_ns);
-            self.meter.frame(FrameTimes { start_ns, end_ns, cpu_ns: thread_cpu_ns() - cpu_ns, waited_ns });
+            let (end_ns, end_waited_ns) = (now_ns(), core_wait.total_ns());
+            self.meter.frame(FrameTimes {
+                start_ns,
+                end_ns,
+                cpu_ns: thread_cpu_ns() - cpu_ns,
+                waited_ns: end_waited_ns - start_waited_ns,
+                waited_before_ns: start_waited_ns - last_waited_ns,
+            });
+            last_waited_ns = end_waited_ns;
             self.tell(end_ns);
         }
     }

@@ -4,8 +4,8 @@
 //! minute and at the end what is known is written. What is written is in the raw universe's frame. A raw universe that leaps while its name
 //! stays makes what was kept of it worthless.
 
-use std::sync::PoisonError;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use super::pose_thread::{RoomFrame, SharedFrame};
@@ -20,13 +20,30 @@ const SAVE_NS: i64 = 30_000_000_000;
 /// After a leap the tracking system may still tell that this is another universe, nanoseconds.
 const LEAP_SETTLES_NS: i64 = 1_000_000_000;
 
-/// Where maps are kept, and whether what is there is forgotten.
-#[derive(Debug, Clone)]
+/// Where maps are kept, and whether what is there is forgotten: once for each room, however many sessions there are.
+#[derive(Debug)]
 pub struct KeptMaps {
-    /// The maps of all rooms.
-    pub folder: MapFolder,
-    /// Begins anew in every room.
-    pub forget: bool,
+    folder: MapFolder,
+    forget: bool,
+    /// Universes that were begun anew.
+    begun_anew: Mutex<Vec<u64>>,
+}
+
+impl KeptMaps {
+    /// The maps of all rooms are in a folder; `forget`: each room's is removed when it is first come upon.
+    pub fn new(folder: MapFolder, forget: bool) -> Self {
+        Self { folder, forget, begun_anew: Mutex::default() }
+    }
+
+    /// Whether a universe's map is to be forgotten now.
+    fn begins_anew(&self, universe: u64) -> bool {
+        let mut begun_anew = self.begun_anew.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_first = self.forget && !begun_anew.contains(&universe);
+        if is_first {
+            begun_anew.push(universe);
+        }
+        is_first
+    }
 }
 
 /// What the thread works with.
@@ -42,8 +59,6 @@ pub(super) struct MapKeeper<'k, 'a> {
 struct Progress {
     /// In this epoch, of this universe, what was kept has been taken up.
     taken_up: Option<(u64, u64)>,
-    /// Universes that were begun anew.
-    begun_anew: Vec<u64>,
     leaps: u64,
     leapt: Option<(u64, i64)>,
     saved_ns: i64,
@@ -116,8 +131,7 @@ impl MapKeeper<'_, '_> {
 
     /// What was kept of a room, in the session's frame and by its clock.
     fn kept(&self, progress: &mut Progress, room: &RoomFrame, universe: u64) -> Option<Remembered> {
-        if self.maps.forget && !progress.begun_anew.contains(&universe) {
-            progress.begun_anew.push(universe);
+        if self.maps.begins_anew(universe) {
             if self.remove(progress, universe) {
                 log::info!("the map that was kept of this room is forgotten");
             }

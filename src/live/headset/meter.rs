@@ -14,6 +14,8 @@ pub(super) struct FrameTimes {
     pub cpu_ns: i64,
     /// Time of it in which the loop could have gone on and had no core.
     pub waited_ns: i64,
+    /// The same of the time since the end of the frame before.
+    pub waited_before_ns: i64,
 }
 
 /// Counts frames.
@@ -73,20 +75,21 @@ impl FrameMeter {
         if let Some(last) = self.last.replace(times) {
             let periods = (times.start_ns - last.start_ns) as f64 / self.period_ns as f64;
             if periods > LATE {
-                *self.missed(&last) += periods.round() as u64 - 1;
+                *self.missed(&last, &times) += periods.round() as u64 - 1;
             }
         }
     }
 
-    /// Whose it is that frames went by after one.
-    fn missed(&mut self, last: &FrameTimes) -> &mut u64 {
+    /// Whose it is that frames went by between two.
+    fn missed(&mut self, last: &FrameTimes, next: &FrameTimes) -> &mut u64 {
         let took_ns = last.end_ns - last.start_ns;
-        if took_ns <= self.period_ns {
-            &mut self.missed_elsewhere
-        } else if took_ns - last.waited_ns <= self.period_ns {
+        let without_waiting_ns = next.start_ns - last.start_ns - last.waited_ns - next.waited_before_ns;
+        if took_ns - last.waited_ns > self.period_ns {
+            &mut self.missed_by_us
+        } else if took_ns > self.period_ns || without_waiting_ns as f64 <= LATE * self.period_ns as f64 {
             &mut self.missed_for_a_core
         } else {
-            &mut self.missed_by_us
+            &mut self.missed_elsewhere
         }
     }
 
@@ -135,6 +138,7 @@ mod tests {
             end_ns: (start_ms + took_ms) * MS,
             cpu_ns: MS,
             waited_ns: waited_ms * MS,
+            waited_before_ns: 0,
         };
         let missed = |meter: &FrameMeter| {
             let report = meter.report();
@@ -148,6 +152,10 @@ mod tests {
         assert_eq!(missed(&meter), (2, 0, 2));
         meter.frame(times(170, 1, 0));
         assert_eq!((missed(&meter), meter.report().frames), ((2, 1, 2), 13));
+        meter.frame(FrameTimes { waited_before_ns: 16 * MS, ..times(200, 1, 0) });
+        assert_eq!(missed(&meter), (2, 3, 2), "it was told in time, and had no core");
+        meter.frame(FrameTimes { waited_before_ns: 4 * MS, ..times(220, 1, 0) });
+        assert_eq!(missed(&meter), (2, 3, 3), "even with one at once it would have been late");
         assert!((meter.report().wall.max_s - 0.025).abs() < 1e-9);
     }
 

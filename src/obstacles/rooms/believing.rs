@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 
 use glam::DVec3;
 
-use super::super::acceptance::{Around, Weighed, beyond_doubt_or, features, log_odds};
+use super::super::acceptance::{Around, Earlier, Weighed, beyond_doubt_or, features, log_odds};
 use super::super::existence::{Existence, Told};
-use super::super::views::View;
+use super::super::views::{View, sigma_m};
 use super::super::{Believed, Explained, Sighted, same_place};
 use super::RoomSearch;
 use crate::imaging::blocks::Block;
@@ -32,6 +32,11 @@ fn of_blocks<'b>(
     window.iter().zip(told).filter_map(|(block, told)| Some((block, told?)))
 }
 
+/// Of a place of which the blocks from before the window were not asked.
+fn not_asked(place: &Explained<DVec3>) -> Earlier {
+    Earlier { log_odds: 0.0, sigma_m: place.sigma_m, telling: 0 }
+}
+
 impl RoomSearch {
     /// Forgets known places that nothing is at any more, by what the blocks say of each.
     pub(super) fn forget(&mut self, ids: &[u64], told: &[Vec<Option<Told>>]) {
@@ -46,6 +51,10 @@ impl RoomSearch {
         }
         let gone: Vec<u64> = self.existences.iter().filter(|(_, e)| e.log_odds() <= 0.0).map(|(id, _)| *id).collect();
         self.counters.forgotten += gone.len() as u64;
+        let now_ns = self.window.back().map_or(i64::MIN, |block| block.mid_time_ns);
+        for known in self.points.confirmed().filter(|known| gone.contains(&known.id)) {
+            self.past.is_gone(known.thing, now_ns);
+        }
         self.points.keep(|point| !gone.contains(&point.id));
         for id in gone {
             self.existences.remove(&id);
@@ -58,7 +67,7 @@ impl RoomSearch {
         let is_same = same_place(self.settings.map.match_m);
         let is_known = |place: DVec3| self.points.confirmed().any(|known| is_same(&known.thing, &place));
         let known = believed.places.iter().filter(|place| is_known(place.thing));
-        known.map(|place| self.weigh(place, 0.0)).collect()
+        known.map(|place| self.weigh(place, not_asked(place))).collect()
     }
 
     /// Those of what is newly believed that are still there by the newest blocks that could tell.
@@ -74,7 +83,8 @@ impl RoomSearch {
         let there = places.filter(|(place, asked)| {
             !self.is_floor_below(place.thing, place.aspect.beam) && is_there(&new.views[**asked])
         });
-        there.map(|(place, asked)| self.weigh(place, self.past_of(place, &new.views[*asked]))).collect()
+        let with_past = |(place, asked): (&Explained<DVec3>, &usize)| self.with_past(place, &new.views[*asked]);
+        there.map(with_past).map(|(place, earlier)| self.weigh(&place, earlier)).collect()
     }
 
     /// The floor returns most from right below the sensor, and so near to other things that it may be taken for a part of them. Nothing else is
@@ -85,16 +95,16 @@ impl RoomSearch {
         place.y.abs() < FLOOR_M && self.window.iter().any(is_over)
     }
 
-    /// A place with the odds that it is a thing, by what is around it and what the past says of it.
-    pub(super) fn weigh(&self, place: &Explained<DVec3>, past: f64) -> (Explained<DVec3>, Weighed) {
-        let features = features(place, &self.around(place.thing, past));
+    /// A place with the odds that it is a thing, by what is around it and what is known from before the window.
+    pub(super) fn weigh(&self, place: &Explained<DVec3>, earlier: Earlier) -> (Explained<DVec3>, Weighed) {
+        let features = features(place, &self.around(place.thing, earlier));
         let at_surface = self.walls.confirmed().any(|wall| wall.thing.distance(place.thing).abs() < AT_SURFACE_M);
         let odds = beyond_doubt_or(log_odds(&features), place, at_surface);
-        let place = Explained { past, odds, ..*place };
+        let place = Explained { odds, ..*place };
         (place, Weighed { place_m: place.thing, features, may_be_new: self.may_be_new(&place) })
     }
 
-    fn around(&self, place: DVec3, past: f64) -> Around {
+    fn around(&self, place: DVec3, earlier: Earlier) -> Around {
         let is_same = same_place(self.settings.map.match_m);
         let level = |to: DVec3| to.with_y(0.0).length();
         let others = || self.points.confirmed().filter(|known| !is_same(&known.thing, &place));
@@ -109,7 +119,7 @@ impl RoomSearch {
             known_level_m: others().map(|known| level(known.thing - place)).fold(f64::INFINITY, f64::min),
             wall_m: upright.map(|wall| wall.thing.distance(place)).fold(f64::INFINITY, f64::min),
             known_ln_strength: nearest.and_then(strength).map_or(0.0, |strength| strength.max(1e-9).ln()),
-            past,
+            earlier,
             sensor_m: to_sensor.length(),
             sensor_level_m: level(to_sensor),
             age_s: times_ns.map_or(0.0, |(first_ns, now_ns)| (now_ns - first_ns) as f64 * 1e-9),
@@ -124,18 +134,32 @@ impl RoomSearch {
 
     /// Whether it is well enough seen and nothing that is known.
     fn is_new(&self, place: &Explained<DVec3>) -> bool {
-        let map = &self.settings.map;
-        let is_same = same_place(map.match_m);
-        let is_seen = place.determined && place.score >= map.confirm_score;
-        is_seen && !self.points.confirmed().any(|known| is_same(&known.thing, &place.thing))
+        place.determined && self.would_be_new(place)
     }
 
-    /// What the past says of a place that would be new if it were believed; 0 of others.
-    fn past_of(&self, place: &Explained<DVec3>, views: &[Option<View>]) -> f64 {
-        if !self.is_new(place) {
-            return 0.0;
+    /// Whether it would be new if it were determined.
+    fn would_be_new(&self, place: &Explained<DVec3>) -> bool {
+        let map = &self.settings.map;
+        let is_same = same_place(map.match_m);
+        place.score >= map.confirm_score && !self.points.confirmed().any(|known| is_same(&known.thing, &place.thing))
+    }
+
+    /// A place that would be new with what the past says of it: how likely it is, and, where the window leaves it open along its circle and the past
+    /// agrees, whereabouts.
+    fn with_past(&self, place: &Explained<DVec3>, views: &[Option<View>]) -> (Explained<DVec3>, Earlier) {
+        if !self.would_be_new(place) {
+            return (*place, not_asked(place));
         }
-        self.past.log_odds(place.thing, views, (&self.settings.blocks, self.min_cos), &self.beam)
+        let says = self.past.says(place.thing, views, (&self.settings.blocks, self.min_cos), &self.beam);
+        let seen = self.window.iter().zip(views).filter_map(|(block, view)| Some((block, view.as_ref()?)));
+        let telling = seen.filter(|(_, view)| view.is_telling());
+        let of_window =
+            |(block, view): (&Block, &View)| view.information(block.motion, block.geometry(), block.aperture_m);
+        let information = telling.map(of_window).fold(says.information, |sum, one| sum + one);
+        let sigma_m = sigma_m(&information.inverse());
+        let is_determined = says.log_odds > 0.0 && sigma_m <= self.settings.explain.max_sigma_m;
+        let earlier = Earlier { log_odds: says.log_odds, sigma_m, telling: says.telling };
+        (Explained { determined: place.determined || is_determined, ..*place }, earlier)
     }
 
     /// Keeps what a look has weighed that may be new.

@@ -7,7 +7,7 @@
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashSet};
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, IVec3};
 
 use super::{Place, RoomSearch};
 use crate::geometry::Aabb;
@@ -21,35 +21,56 @@ const CELL_M: f64 = 0.04;
 /// Share of the greatest score from which on a voxel belongs to the shape.
 const SHARE: f64 = 0.75;
 
-/// Where a sighting has evidence: centres of cells and their scores, and the edge of a cell, metres.
+/// Where a sighting has evidence: centres of cells and their scores. All shapes share one lattice of cells.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Shape {
     pub cells: Vec<(DVec3, f32)>,
-    pub cell_m: f64,
 }
 
 impl Shape {
     /// Of the fine voxels around a place: the greatest score in each cell.
     pub fn of_fine(voxels: &[Peak]) -> Self {
         let greatest = voxels.iter().map(|voxel| voxel.score).fold(0.0, f64::max);
-        let mut cells: BTreeMap<[i32; 3], f32> = BTreeMap::new();
-        for voxel in voxels.iter().filter(|voxel| voxel.score >= SHARE * greatest) {
-            let key = (voxel.position_m / CELL_M).floor().as_ivec3().to_array();
-            let best = cells.entry(key).or_default();
-            *best = best.max(voxel.score as f32);
-        }
-        let center = |key: [i32; 3]| (DVec3::from(key.map(f64::from)) + 0.5) * CELL_M;
-        Self { cells: cells.into_iter().map(|(key, score)| (center(key), score)).collect(), cell_m: CELL_M }
+        let strong = voxels.iter().filter(|voxel| voxel.score >= SHARE * greatest);
+        Self::of_cells(strong.map(|voxel| (cell_of(voxel.position_m), voxel.score)))
     }
-}
 
-impl Shape {
+    /// Of voxels of this edge: the cells whose centres lie in one, no less than one for each, and no more than three along an edge.
+    fn of_voxels(voxels: impl Iterator<Item = (DVec3, f64)>, voxel_m: f64) -> Self {
+        let cells = voxels.flat_map(|(middle, score)| {
+            let [low, high] =
+                [-0.5, 0.5].map(|side| cell_of(middle + side * (voxel_m - CELL_M).clamp(0.0, 2.0 * CELL_M)));
+            let along = move |axis: usize| low[axis]..=high[axis];
+            along(0).flat_map(move |x| along(1).flat_map(move |y| along(2).map(move |z| (IVec3::new(x, y, z), score))))
+        });
+        Self::of_cells(cells)
+    }
+
+    /// The greatest score in each cell.
+    fn of_cells(cells: impl Iterator<Item = (IVec3, f64)>) -> Self {
+        let mut greatest: BTreeMap<[i32; 3], f32> = BTreeMap::new();
+        for (cell, score) in cells {
+            let best = greatest.entry(cell.to_array()).or_default();
+            *best = best.max(score as f32);
+        }
+        Self { cells: greatest.into_iter().map(|(cell, score)| (center_of(IVec3::from(cell)), score)).collect() }
+    }
+
     /// The strongest cells, `most` at most.
     pub fn strongest(mut self, most: usize) -> Vec<(DVec3, f32)> {
         self.cells.sort_by(stronger);
         self.cells.truncate(most);
         self.cells
     }
+}
+
+/// The cell that a place is in.
+fn cell_of(place: DVec3) -> IVec3 {
+    (place / CELL_M).floor().as_ivec3()
+}
+
+fn center_of(cell: IVec3) -> DVec3 {
+    (cell.as_dvec3() + 0.5) * CELL_M
 }
 
 /// The stronger cell first; of equal ones the order is that of their places.
@@ -65,8 +86,7 @@ impl RoomSearch {
         let offset = |n: i32| DVec3::new(f64::from(n % 3 - 1), f64::from(n / 3 % 3 - 1), f64::from(n / 9 - 1));
         let center = |n| ((place / voxel_m).floor() + offset(n) + 0.5) * voxel_m;
         let scores = (0..27).map(center).filter_map(|center| Some((center, self.field.score_at(center)?)));
-        let strong = scores.filter(|(_, here)| *here >= SHARE * score);
-        Shape { cells: strong.map(|(center, here)| (center, here as f32)).collect(), cell_m: voxel_m }
+        Shape::of_voxels(scores.filter(|(_, here)| *here >= SHARE * score), voxel_m)
     }
 
     /// Where a sighting is, as far as it was refined.
@@ -84,11 +104,11 @@ impl RoomSearch {
     pub fn obstacles(&self) -> Vec<Obstacle> {
         let mut sighted: Vec<_> = self.points.confirmed().collect();
         sighted.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
-        let mut obstacles: Vec<(Obstacle, f64)> = Vec::new();
+        let mut obstacles: Vec<Obstacle> = Vec::new();
         for sighting in sighted {
             let place = self.place_of(sighting);
-            let near = |(o, _): &&mut (Obstacle, f64)| o.position_m.distance(place.position_m) <= CLUSTER_M;
-            let Some((obstacle, cell_m)) = obstacles.iter_mut().find(near) else {
+            let near = |o: &&mut Obstacle| o.position_m.distance(place.position_m) <= CLUSTER_M;
+            let Some(obstacle) = obstacles.iter_mut().find(near) else {
                 obstacles.push(alone(sighting, place));
                 continue;
             };
@@ -96,15 +116,14 @@ impl RoomSearch {
             obstacle.shape.extend(cells(sighting, &place));
             obstacle.first_seen_ns = obstacle.first_seen_ns.min(sighting.first_ns);
             obstacle.last_seen_ns = obstacle.last_seen_ns.max(sighting.last_ns);
-            *cell_m = cell_m.max(place.shape.cell_m);
         }
-        obstacles.into_iter().map(|(obstacle, cell_m)| bounded(obstacle, cell_m)).collect()
+        obstacles.into_iter().map(bounded).collect()
     }
 }
 
-/// The obstacle that a sighting is by itself, and the edge of its cells.
-fn alone(sighting: &Sighted<DVec3>, place: Place) -> (Obstacle, f64) {
-    let obstacle = Obstacle {
+/// The obstacle that a sighting is by itself.
+fn alone(sighting: &Sighted<DVec3>, place: Place) -> Obstacle {
+    Obstacle {
         id: sighting.id,
         position_m: place.position_m,
         covariance_m2: place.covariance_m2,
@@ -115,25 +134,24 @@ fn alone(sighting: &Sighted<DVec3>, place: Place) -> (Obstacle, f64) {
         provisional: sighting.provisional,
         first_seen_ns: sighting.first_ns,
         last_seen_ns: sighting.last_ns,
-    };
-    (obstacle, place.shape.cell_m)
+    }
 }
 
-/// A sighting's cells; its place alone when it has none.
+/// A sighting's cells; the one that its place is in when it has none.
 fn cells(sighting: &Sighted<DVec3>, place: &Place) -> Vec<(DVec3, f32)> {
     match place.shape.cells.is_empty() {
-        true => vec![(place.position_m, sighting.score as f32)],
+        true => vec![(center_of(cell_of(place.position_m)), sighting.score as f32)],
         false => place.shape.cells.clone(),
     }
 }
 
 /// With each cell once, the strongest first, and the box around all.
-fn bounded(mut obstacle: Obstacle, cell_m: f64) -> Obstacle {
+fn bounded(mut obstacle: Obstacle) -> Obstacle {
     obstacle.shape.sort_by(stronger);
     let mut taken = HashSet::new();
-    obstacle.shape.retain(|(center, _)| taken.insert((center / (0.5 * cell_m)).round().as_ivec3()));
+    obstacle.shape.retain(|(center, _)| taken.insert(cell_of(*center)));
     if let Some(around) = Aabb::around(obstacle.shape.iter().map(|s| s.0)) {
-        obstacle.extent_m = around.size() + cell_m;
+        obstacle.extent_m = around.size() + CELL_M;
     }
     obstacle
 }
@@ -148,5 +166,17 @@ mod tests {
         let shape = Shape::of_fine(&[voxel(0.005, 6.0), voxel(0.025, 8.0), voxel(0.045, 6.0), voxel(0.085, 5.9)]);
         assert_eq!(shape.cells, [(DVec3::splat(0.02), 8.0), (DVec3::new(0.06, 0.02, 0.02), 6.0)]);
         assert_eq!(Shape::of_fine(&[]).cells, []);
+    }
+
+    #[test]
+    fn coarse_voxels_are_the_cells_that_they_hold() {
+        let cells = |middles: &[DVec3], voxel_m: f64| {
+            Shape::of_voxels(middles.iter().map(|middle| (*middle, 5.0)), voxel_m).cells.len()
+        };
+        // 20 cm are four voxels of 5 cm and five cells of 4 cm: no cell is left out between them and none comes twice.
+        let row: Vec<DVec3> = (0..4).map(|n| DVec3::new(0.05 * f64::from(n) + 0.025, 0.02, 0.02)).collect();
+        assert_eq!(cells(&row, 0.05), 5);
+        assert_eq!(cells(&[DVec3::splat(0.05)], 0.02), 1, "of a voxel smaller than a cell");
+        assert_eq!(cells(&[DVec3::splat(0.06)], 0.12), 27);
     }
 }

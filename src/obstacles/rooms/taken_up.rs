@@ -20,7 +20,7 @@ impl RoomSearch {
             let Some(id) = taken else { continue };
             self.existences.insert(id, Existence::remembered(place.strengths));
             let (position_m, covariance_m2) = (place.position_m, place.covariance_m2);
-            let shape = Shape { cells: place.shape.clone(), cell_m: self.settings.blocks.voxel_m };
+            let shape = Shape { cells: place.shape.clone() };
             self.places.insert(id, (0.0, Place { position_m, covariance_m2, shape }));
             self.taken_up.places.push(RememberedPlace { id, ..place.clone() });
         }

@@ -33,9 +33,11 @@ impl RoomSearch {
         walls
     }
 
-    /// Where known walls are being seen.
-    pub(super) fn note_feet(&mut self) {
-        for wall in self.walls.confirmed() {
+    /// Where known walls are being seen: those that were believed in this look.
+    pub(super) fn note_feet(&mut self, believed: &[Explained<Plane>]) {
+        let is_same = same_plane(self.middle.unwrap_or_default());
+        let is_seen = |wall: &&Sighted<Plane>| believed.iter().any(|other| is_same(&other.thing, &wall.thing));
+        for wall in self.walls.confirmed().filter(is_seen) {
             let Some(foot) = self.looks_at(&wall.thing) else { continue };
             let seen = self.feet.entry(wall.id).or_insert(Aabb { min: foot, max: foot });
             *seen = Aabb { min: seen.min.min(foot), max: seen.max.max(foot) };

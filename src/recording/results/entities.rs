@@ -106,12 +106,16 @@ fn obstacle_entity(look: &Look, obstacle: &Obstacle) -> SceneEntity {
     }
 }
 
+/// Edge of a cube that stands for a place, metres.
+const PLACE_M: f64 = 0.05;
+
 /// The strongest cells of its shape, the more solid the stronger.
 fn cells(obstacle: &Obstacle) -> Vec<CubePrimitive> {
     let mut shape: Vec<&(DVec3, f32)> = obstacle.shape.iter().collect();
     shape.sort_by(|a, b| b.1.total_cmp(&a.1));
     let strongest = shape.first().map_or(1.0, |voxel| voxel.1.max(f32::MIN_POSITIVE));
-    let edge_m = obstacle.cell_m();
+    // A single reflector is a place without an extent.
+    let edge_m = Some(obstacle.cell_m()).filter(|edge_m| *edge_m > 0.0).unwrap_or(PLACE_M);
     let cube = |&&(place, score): &&(DVec3, f32)| CubePrimitive {
         pose: Some(foxglove_pose(&Pose::from_translation(place))),
         size: Some(vector(DVec3::splat(edge_m))),
