@@ -81,7 +81,8 @@ pub struct Explained<T> {
     pub score: f64,
     /// Number of these blocks.
     pub blocks: usize,
-    /// These blocks tell it from others like it: a place from the rest of its circle, a plane from a point.
+    /// It is told from others like it, a place from the rest of its circle, a plane from a point: by these blocks, or, once the search has asked
+    /// them, together with those from before the window.
     pub determined: bool,
     /// 1σ of a place, all directions together, as far as ranges and directions can tell it from others, metres; 0 of a plane.
     pub sigma_m: f64,

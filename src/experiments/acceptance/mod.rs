@@ -74,16 +74,21 @@ impl Lessons {
         );
         for tree in trees {
             let questions = tree.questions.iter().map(|Question { feature, bound, then: [not_above, above] }| {
-                format!("({feature}, {bound:.4}, {not_above}, {above})")
+                format!("({feature}, {:?}, {not_above}, {above})", rounded(*bound))
             });
             let questions: Vec<String> = questions.collect();
-            let leaves: Vec<String> = tree.leaves.iter().map(|odds| format!("{odds:.4}")).collect();
+            let leaves: Vec<String> = tree.leaves.iter().map(|odds| format!("{:?}", rounded(*odds))).collect();
             let (questions, leaves) = (questions.join(", "), leaves.join(", "));
             // Writing to a string does not fail.
             let _ = writeln!(text, "    Tree {{ questions: &[{questions}], leaves: &[{leaves}] }},");
         }
         text + "];\n"
     }
+}
+
+/// To four places after the point, as the table has it.
+fn rounded(value: f64) -> f32 {
+    ((value * 1e4).round() / 1e4) as f32
 }
 
 /// What is at a place.
