@@ -45,12 +45,12 @@ impl Default for ForgetSettings {
         Self {
             confirm: 3.0,
             newly: 1.0,
-            most: 5.0,
+            most: 4.0,
             familiar: 0.5,
             familiar_blocks: 8.0,
             unfamiliar: 0.2,
             leak: 0.02,
-            shadow_leak: 0.05,
+            shadow_leak: 0.1,
         }
     }
 }
