@@ -208,6 +208,11 @@ mod tests {
         Told { view, is_shadowed: false }
     }
 
+    /// What a thing that is known for sure loses by less than this, it outlasts.
+    fn outlasts(log_odds: f64, loss: f64) -> bool {
+        log_odds > ForgetSettings::default().most - loss
+    }
+
     fn after(views: &[View]) -> f64 {
         let settings = ForgetSettings::default();
         let mut existence = Existence::new();
@@ -222,7 +227,7 @@ mod tests {
         let gone: Vec<View> = [vec![seen; 10], vec![empty; 12]].concat();
         assert!(after(&gone) <= 0.0, "{}", after(&gone));
         let glimpse: Vec<View> = [vec![seen; 10], vec![empty; 3], vec![seen; 1]].concat();
-        assert!(after(&glimpse) > 2.0, "{}", after(&glimpse));
+        assert!(outlasts(after(&glimpse), 3.0), "{}", after(&glimpse));
     }
 
     #[test]
@@ -230,7 +235,7 @@ mod tests {
         let (seen, empty) = (view(30.0, 30.0, DVec3::X), view(0.5, 0.5, DVec3::NEG_X));
         let elsewhere: Vec<View> = [vec![seen; 10], vec![empty; 10]].concat();
         let there: Vec<View> = [vec![seen; 10], vec![view(0.5, 0.5, DVec3::X); 10]].concat();
-        assert!(after(&elsewhere) > 2.5 && after(&there) <= 0.0, "{} {}", after(&elsewhere), after(&there));
+        assert!(outlasts(after(&elsewhere), 2.5) && after(&there) <= 0.0, "{} {}", after(&elsewhere), after(&there));
     }
 
     #[test]
@@ -238,7 +243,7 @@ mod tests {
         // Ten times its power from beside it at the same range.
         let (seen, drowned) = (view(30.0, 30.0, DVec3::X), view(1.0, 300.0, DVec3::X));
         let views: Vec<View> = [vec![seen; 10], vec![drowned; 30]].concat();
-        assert!(after(&views) > 3.5, "it leaks a little: {}", after(&views));
+        assert!(outlasts(after(&views), 1.5), "it leaks a little: {}", after(&views));
     }
 
     #[test]
@@ -248,8 +253,8 @@ mod tests {
         let seen = view(30.0, 30.0, DVec3::X);
         (0..10).for_each(|_| existence.take(&told(seen), &settings));
         let shadowed = Told { view: seen, is_shadowed: true };
-        (0..50).for_each(|_| existence.take(&shadowed, &settings));
-        assert!(existence.log_odds > 2.0, "{}", existence.log_odds);
+        (0..20).for_each(|_| existence.take(&shadowed, &settings));
+        assert!(existence.log_odds > 1.5, "{}", existence.log_odds);
         (0..60).for_each(|_| existence.take(&shadowed, &settings));
         assert!(existence.log_odds <= 0.0, "{}", existence.log_odds);
     }
@@ -278,6 +283,6 @@ mod tests {
         (0..10).for_each(|_| existence.take(&told(view(30.0, 30.0, DVec3::X)), &settings));
         let far = View { gain: 0.002, ..view(1.0, 1.0, DVec3::X) };
         (0..100).for_each(|_| existence.take(&told(far), &settings));
-        assert!(existence.log_odds > 4.0, "{}", existence.log_odds);
+        assert!(outlasts(existence.log_odds, 1.0), "{}", existence.log_odds);
     }
 }
