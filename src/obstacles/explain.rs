@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::existence::Told;
 use super::hands::HandTrail;
-use super::views::{Said, View, ViewMemory, sigma_m};
+use super::views::{Said, View, ViewMemory, information, sigma_m};
 use crate::geometry::Plane;
 use crate::imaging::blocks::{Block, BlockSettings, PlaneAt};
 use crate::radar::{Beam, WAVELENGTH_M};
@@ -397,11 +397,7 @@ impl<'a> Window<'a> {
 
     /// Covariance of a place, m², from what ranges and directions to the sensor's way can tell apart.
     fn covariance_m2(&self, views: &[Option<View>]) -> DMat3 {
-        let mut information = DMat3::IDENTITY * 1e-6;
-        for (block, view) in self.telling(views) {
-            information += view.information(block.motion, block.geometry(), block.aperture_m);
-        }
-        information.inverse()
+        information(DMat3::IDENTITY * 1e-6, self.telling(views)).inverse()
     }
 
     /// How far the feet of a plane's perpendiculars spread.

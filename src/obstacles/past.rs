@@ -116,16 +116,17 @@ mod tests {
         sweeps(duration_s, winding, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect()
     }
 
+    fn view_of_thing(block: &Block) -> Option<View> {
+        let range_m = block.distance_m(THING);
+        let toward = (THING - block.middle.translation) / range_m;
+        let coherence = PlaceBlock::of(block, None).coherence_at(THING);
+        Some(View::new((&block.middle, block.motion), coherence, range_m, toward, &Beam::Lensless))
+    }
+
     /// What these blocks, when they have left the window, say of a thing of the strength of what is at `THING`, at a place.
     fn log_odds(place: DVec3, left: Vec<Block>) -> f64 {
         let (settings, beam, mut past) = (BlockSettings::default(), Beam::Lensless, Past::default());
-        let view = |block: Block| {
-            let (middle, motion, range_m) = (block.middle, block.motion, block.distance_m(THING));
-            let toward = (THING - middle.translation) / range_m;
-            let coherence = PlaceBlock::of(&block, None).coherence_at(THING);
-            View::new((&middle, motion), coherence, range_m, toward, &beam)
-        };
-        let views: Vec<_> = blocks(2.0, &SEEN).into_iter().map(|block| Some(view(block))).collect();
+        let views: Vec<_> = blocks(2.0, &SEEN).iter().map(view_of_thing).collect();
         left.iter().for_each(|block| past.take(block));
         assert!(past.blocks.len() <= KEPT);
         past.says(place, &views, (&settings, settings.min_cos(&beam)), &beam).log_odds
@@ -155,13 +156,7 @@ mod tests {
     fn what_is_gone_is_not_vouched_for_by_what_was_there() {
         let (settings, beam, mut past) = (BlockSettings::default(), Beam::Lensless, Past::default());
         let left = blocks(3.0, &SEEN);
-        let views = |block: &Block| {
-            let range_m = block.distance_m(THING);
-            let toward = (THING - block.middle.translation) / range_m;
-            let coherence = PlaceBlock::of(block, None).coherence_at(THING);
-            Some(View::new((&block.middle, block.motion), coherence, range_m, toward, &beam))
-        };
-        let views: Vec<_> = left.iter().map(views).collect();
+        let views: Vec<_> = left.iter().map(view_of_thing).collect();
         left.iter().for_each(|block| past.take(block));
         let says = |past: &Past| past.says(THING, &views, (&settings, settings.min_cos(&beam)), &beam);
         let before = says(&past);

@@ -88,6 +88,12 @@ impl View {
     }
 }
 
+/// What is known of where a thing is, 1/m², and what these blocks' telling views add.
+pub(super) fn information<'v>(known: DMat3, telling: impl Iterator<Item = (&'v Block, &'v View)>) -> DMat3 {
+    let of_view = |(block, view): (&Block, &View)| view.information(block.motion, block.geometry(), block.aperture_m);
+    telling.map(of_view).fold(known, |sum, one| sum + one)
+}
+
 /// 1σ of a place, all directions together, metres.
 pub(super) fn sigma_m(covariance_m2: &DMat3) -> f64 {
     (covariance_m2.x_axis.x + covariance_m2.y_axis.y + covariance_m2.z_axis.z).sqrt()

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::super::acceptance::{Around, Earlier, Weighed, beyond_doubt_or, features, log_odds};
 use super::super::existence::{Existence, Told};
-use super::super::views::{View, sigma_m};
+use super::super::views::{View, information, sigma_m};
 use super::super::{Believed, Explained, Sighted, same_place};
 use super::RoomSearch;
 use crate::imaging::blocks::Block;
@@ -153,10 +153,7 @@ impl RoomSearch {
         let says = self.past.says(place.thing, views, (&self.settings.blocks, self.min_cos), &self.beam);
         let seen = self.window.iter().zip(views).filter_map(|(block, view)| Some((block, view.as_ref()?)));
         let telling = seen.filter(|(_, view)| view.is_telling());
-        let of_window =
-            |(block, view): (&Block, &View)| view.information(block.motion, block.geometry(), block.aperture_m);
-        let information = telling.map(of_window).fold(says.information, |sum, one| sum + one);
-        let sigma_m = sigma_m(&information.inverse());
+        let sigma_m = sigma_m(&information(says.information, telling).inverse());
         let is_determined = says.log_odds > 0.0 && sigma_m <= self.settings.explain.max_sigma_m;
         let earlier = Earlier { log_odds: says.log_odds, sigma_m, telling: says.telling };
         (Explained { determined: place.determined || is_determined, ..*place }, earlier)
