@@ -252,7 +252,7 @@ impl Engine {
         };
         match self.search {
             Search::Reflectors => self.kept.retain_mut(repose),
-            Search::Rooms if change_s.abs() >= RUINOUS_S => {
+            Search::Rooms if self.is_ruined_by(change_s) => {
                 self.rooms.begin_again(&mut repose);
                 while !self.is_deferred && self.rooms.work() {}
                 self.begun_again += 1;
@@ -261,6 +261,11 @@ impl Engine {
         }
         self.reposed += reposed;
         self.lost += lost;
+    }
+
+    /// Whether such a change of the time offset ruins what the search has summed so far, so that it begins again.
+    pub fn is_ruined_by(&self, change_s: f64) -> bool {
+        self.search == Search::Rooms && change_s.abs() >= RUINOUS_S
     }
 
     /// No more observations will come: what waits is worked off.

@@ -9,6 +9,7 @@
 //! mirror points have moved; and what is known already claims first, since it is what most of a new circle belongs to.
 
 mod aspect;
+mod plane;
 mod tally;
 
 use glam::{DMat3, DVec3, IVec3};
@@ -19,7 +20,7 @@ use super::existence::Told;
 use super::hands::HandTrail;
 use super::views::{Said, View, ViewMemory, information, sigma_m};
 use crate::geometry::Plane;
-use crate::imaging::blocks::{Block, BlockSettings, PlaneAt};
+use crate::imaging::blocks::{Block, BlockSettings};
 use crate::radar::{Beam, WAVELENGTH_M};
 pub use aspect::Aspect;
 pub use tally::SEGMENT_NS;
@@ -52,6 +53,8 @@ pub struct ExplainSettings {
     pub max_sigma_m: f64,
     /// A plane is determined when the feet of its perpendiculars spread by at least this, rms, metres.
     pub min_feet_rms_m: f64,
+    /// And when its score is by this much greater than that of the best single place.
+    pub min_over_point: f64,
 }
 
 impl Default for ExplainSettings {
@@ -62,12 +65,13 @@ impl Default for ExplainSettings {
             min_candidate_score: 2.5,
             max_candidates: 400,
             plane_min_blocks: 13,
-            plane_min_score: 12.0,
+            plane_min_score: 14.0,
             claim_range_m: 0.15,
             claim_lobes: 1.5,
             uneven_cost: 1.0,
             max_sigma_m: 0.25,
             min_feet_rms_m: 0.1,
+            min_over_point: 2.0,
         }
     }
 }
@@ -84,7 +88,8 @@ pub struct Explained<T> {
     /// It is told from others like it, a place from the rest of its circle, a plane from a point: by these blocks, or, once the search has asked
     /// them, together with those from before the window.
     pub determined: bool,
-    /// 1σ of a place, all directions together, as far as ranges and directions can tell it from others, metres; 0 of a plane.
+    /// 1σ of a place, all directions together, as far as ranges and directions can tell it from others, metres; of a plane, of where it is 1 m
+    /// beside where it was seen.
     pub sigma_m: f64,
     /// The score without the best [`SEGMENT_NS`] of them: what is there longer than a hand that passes, or an artefact of one movement,
     /// keeps most of its score.
@@ -133,6 +138,7 @@ pub struct Window<'a> {
     block_settings: &'a BlockSettings,
     beam: &'a Beam,
     min_cos: f64,
+    mirror_min_cos: f64,
     memory: &'a mut ViewMemory,
 }
 
@@ -156,7 +162,7 @@ struct Candidate {
 /// What is believed, each strongest first.
 #[derive(Debug, Clone, Default)]
 pub struct Believed {
-    /// Walls, floor, ceiling; all of them determined.
+    /// Walls, floor, ceiling; new ones are all determined.
     pub planes: Vec<Explained<Plane>>,
     /// Places.
     pub places: Vec<Explained<DVec3>>,
@@ -176,14 +182,14 @@ impl<'a> Window<'a> {
         beam: &'a Beam,
         memory: &'a mut ViewMemory,
     ) -> Self {
-        let min_cos = block_settings.min_cos(beam);
+        let (min_cos, mirror_min_cos) = (block_settings.min_cos(beam), block_settings.mirror_min_cos(beam));
         let blocks: Vec<_> = blocks.collect();
         let newest_ns = blocks.last().map_or(0, |b| b.mid_time_ns);
         let age_s = |b: &&Block| (newest_ns - b.mid_time_ns) as f64 * 1e-9;
         let weights = blocks.iter().map(|b| (-age_s(b) / block_settings.memory_s).exp()).collect();
         memory.begin(&blocks);
         let claims = blocks.iter().map(|block| hand_claims(block, hands)).collect();
-        Self { claims, weights, blocks, settings, block_settings, beam, min_cos, memory }
+        Self { claims, weights, blocks, settings, block_settings, beam, min_cos, mirror_min_cos, memory }
     }
 
     /// Believes places alone.
@@ -194,6 +200,15 @@ impl<'a> Window<'a> {
     /// Believes planes and places by falling score: what explains the same blocks better wins. Claims of earlier calls hold,
     /// so a call with what is known already gives it precedence.
     pub fn explain(&mut self, planes: &[Plane], places: &[DVec3]) -> Believed {
+        self.explain_these(planes, places, false)
+    }
+
+    /// The same of what is known: a known plane accounts for its echoes, whether or not these blocks can tell it from a point.
+    pub fn explain_known(&mut self, planes: &[Plane], places: &[DVec3]) -> Believed {
+        self.explain_these(planes, places, true)
+    }
+
+    fn explain_these(&mut self, planes: &[Plane], places: &[DVec3], known: bool) -> Believed {
         self.ask(places);
         let of_planes = planes.par_iter().map(|plane| self.unclaimed(Thing::Plane(*plane), self.views_of_plane(plane)));
         let mut open: Vec<Candidate> = of_planes.collect();
@@ -201,15 +216,21 @@ impl<'a> Window<'a> {
         open.extend(of_places.map(|(n, place)| Candidate { asked: Some(n), ..self.place(*place) }));
         let mut believed = Believed { views: vec![Vec::new(); places.len()], ..Believed::default() };
         while let Some(mut best) = self.take_best(&mut open, &mut believed.views) {
-            self.climb(&mut best);
+            match best.thing {
+                Thing::Plane(_) => self.climb_plane(&mut best),
+                Thing::Place(_) => self.climb(&mut best),
+            }
             best.hand_over(&mut believed.views);
             let Some(left) = best.left else { continue };
             match best.thing {
                 Thing::Plane(plane) => {
-                    if self.feet_rms_m(&best.views) < self.settings.min_feet_rms_m {
+                    let is_plane = self.is_plane(&best.views);
+                    if !(is_plane || known) {
                         continue;
                     }
-                    believed.planes.push(self.looked_into(plane, left, None, &best, &open));
+                    let seen = self.looked_into(plane, left, None, &best, &open);
+                    let sigma_m = self.plane_sigma_m(&best.views);
+                    believed.planes.push(Explained { determined: is_plane, sigma_m, ..seen });
                 }
                 Thing::Place(place) => {
                     let covariance_m2 = self.covariance_m2(&best.views);
@@ -400,14 +421,6 @@ impl<'a> Window<'a> {
         information(DMat3::IDENTITY * 1e-6, self.telling(views)).inverse()
     }
 
-    /// How far the feet of a plane's perpendiculars spread.
-    fn feet_rms_m(&self, views: &[Option<View>]) -> f64 {
-        let foot = |(block, view): (&Block, &View)| block.middle.translation + view.toward * view.range_m;
-        let count = self.telling(views).count().max(1) as f64;
-        let mean = self.telling(views).map(foot).sum::<DVec3>() / count;
-        (self.telling(views).map(|seen| foot(seen).distance_squared(mean)).sum::<f64>() / count).sqrt()
-    }
-
     /// `[block]`
     fn claims_of(&self, candidate: &Candidate) -> Vec<Option<Claim>> {
         candidate.views.iter().enumerate().map(|(n, view)| view.map(|v| self.claim_of(n, &v))).collect()
@@ -455,21 +468,6 @@ impl<'a> Window<'a> {
             said[n] = Some(Some(View::new((&block.middle, block.motion), coherence, range_m, toward, self.beam)));
         }
         said
-    }
-
-    fn views_of_plane(&self, plane: &Plane) -> Vec<Option<View>> {
-        let view = |block: &&Block| {
-            let range_m = plane.distance(block.middle.translation);
-            let axis = &block.geometry().axis;
-            let in_range = range_m >= self.block_settings.min_range_m && axis.contains(range_m);
-            if !in_range || plane.outward.dot(block.middle.forward()) < self.min_cos {
-                return None;
-            }
-            let toward = plane.outward.as_vec3().to_array();
-            let coherence = block.whole().coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
-            Some(View::new((&block.middle, block.motion), coherence, range_m, plane.outward, self.beam))
-        };
-        self.blocks.iter().map(view).collect()
     }
 }
 
@@ -563,6 +561,29 @@ mod tests {
         assert_eq!((believed.planes.len(), believed.places.len()), (1, 0), "{believed:?}");
         let believed = explained(winding, &[(Echo::Point(foot), 2.0)], &[WALL], &[foot]);
         assert_eq!((believed.planes.len(), believed.places.len()), (0, 1), "{believed:?}");
+    }
+
+    #[test]
+    fn a_wall_between_the_directions_that_are_searched_is_moved_to_where_it_is() {
+        let turned = |deg: f64| DVec3::new(deg.to_radians().sin(), 0.0, -deg.to_radians().cos());
+        let wall = Plane { outward: turned(3.1), offset_m: 1.9 };
+        let searched = Plane { outward: turned(2.4), offset_m: 1.875 };
+        let found = explained(winding, &[(Echo::Mirror(wall), 5.0)], &[searched], &[]).planes;
+        let off_deg = found[0].thing.outward.dot(wall.outward).acos().to_degrees();
+        let off_m = (found[0].thing.distance(DVec3::ZERO) - 1.9).abs();
+        assert!(off_deg < 0.5 && off_m < 0.015, "{off_deg}° {off_m} m");
+    }
+
+    #[test]
+    fn a_point_that_looks_like_a_plane_from_nearly_one_place_is_none() {
+        let nearly = |t: f64| 0.4 * winding(t);
+        let point = DVec3::new(0.0, 0.0, -1.9);
+        for (echo, planes) in [(Echo::Point(point), 0), (Echo::Mirror(WALL), 1)] {
+            // Of a wall that is known the echoes are claimed whether or not these blocks tell.
+            let (wide, narrow) =
+                (explained(winding, &[(echo, 5.0)], &[WALL], &[]), explained(nearly, &[(echo, 5.0)], &[WALL], &[]));
+            assert_eq!((wide.planes.len(), narrow.planes.len()), (planes, 0));
+        }
     }
 
     #[test]

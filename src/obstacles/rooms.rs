@@ -176,7 +176,7 @@ impl RoomSearch {
         Self {
             field: Field::new(settings.blocks, min_cos),
             fine: FineField::new(settings.fine, settings.blocks, min_cos),
-            planes: PlaneField::new(settings.blocks, min_cos),
+            planes: PlaneField::new(settings.blocks, settings.blocks.mirror_min_cos(beam)),
             settings,
             errors,
             beam: beam.clone(),
@@ -422,7 +422,7 @@ impl RoomSearch {
         // What is known claims before anything new does.
         let known_walls: Vec<Plane> = self.walls.confirmed().map(|w| w.thing).collect();
         let (ids, known_points): (Vec<u64>, Vec<DVec3>) = self.points.confirmed().map(|p| (p.id, p.thing)).unzip();
-        let known = window.explain(&known_walls, &known_points);
+        let known = window.explain_known(&known_walls, &known_points);
         let new = window.explain(planes, peaks);
         let told = window.told(&known_points, &known.views);
         drop(window);

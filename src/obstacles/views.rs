@@ -44,11 +44,16 @@ impl View {
         beam: &Beam,
     ) -> Self {
         let (m, power) = (f64::from(coherence.m), f64::from(coherence.power));
-        let evidence = m.ln_1p() - MEAN_LOG_OF_NOISE;
+        let evidence = Self::evidence_of(coherence.m);
         let amplitude = beam.amplitude(toward.dot(middle.forward()));
         let gain = (amplitude / range_m.max(0.1).powi(2)).powi(2);
         let ln_strength = (m >= TELLING_COHERENCE).then(|| (power / gain.max(1e-12)).max(1e-12).ln());
         Self { m, evidence, power, range_m, toward, cos: toward.dot(motion), gain, ln_strength }
+    }
+
+    /// ln(1 + m) less its mean under noise.
+    pub fn evidence_of(m: f32) -> f64 {
+        f64::from(m).ln_1p() - MEAN_LOG_OF_NOISE
     }
 
     /// Whether it says where something is.

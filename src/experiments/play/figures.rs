@@ -58,6 +58,8 @@ pub struct FalseReport {
     pub time_s: f64,
     /// Why.
     pub cause: Cause,
+    /// As a wall.
+    pub is_wall: bool,
     /// Within [`Rates::NEAR_M`] of the body.
     pub is_near: bool,
 }
@@ -113,6 +115,8 @@ pub struct Rates {
     pub false_near_per_min: f64,
     /// Of these, from the player's own hands.
     pub hands_per_min: f64,
+    /// Walls that are none a minute, wherever they are.
+    pub false_walls_per_min: f64,
     /// Share of time with a report of nothing near the body.
     pub false_near_share: f64,
     /// Position error of what was warned of: median and 90th percentile, metres.
@@ -191,6 +195,7 @@ impl Figures {
             lead_p10_m: quantile(&leads, 0.1),
             false_per_min: per_min(&|report| !report.is_near),
             false_near_per_min: per_min(&|report| report.is_near),
+            false_walls_per_min: per_min(&|report| !report.is_near && report.is_wall),
             hands_per_min: per_min(&|report| report.is_near && report.cause == Cause::Hand),
             false_near_share: self.false_near_s / self.played_s,
             error_median_m: quantile(&errors, 0.5),
@@ -238,7 +243,7 @@ mod tests {
     #[test]
     fn what_was_not_in_the_beam_is_not_asked_for() {
         let approaches = vec![approach(0.7, 0.0, true), approach(1.6, 1.2, true), approach(0.8, 0.0, false)];
-        let near = FalseReport { time_s: 1.0, cause: Cause::Hand, is_near: true };
+        let near = FalseReport { time_s: 1.0, cause: Cause::Hand, is_wall: false, is_near: true };
         let far = FalseReport { cause: Cause::Nothing, is_near: false, ..near };
         let forgettings = vec![Forgetting { was_known: true, looked_s: None }];
         let mut figures = Figures {

@@ -11,7 +11,7 @@ use glam::DVec3;
 
 use super::figures::{Approach, BoundErrors, Cause, FalseReport, Figures, Forgetting, Rates};
 use crate::geometry::{Aabb, Plane, Pose};
-use crate::obstacles::{Obstacle, Scene};
+use crate::obstacles::{Obstacle, Scene, Wall};
 use crate::radar::{frame_timing, snr_db};
 use crate::simulation::{Scatterer, Session, WallPanel};
 
@@ -54,7 +54,7 @@ pub(super) struct Shown {
 pub(super) struct Judge<'s> {
     session: &'s Session,
     targets: Vec<Target<'s>>,
-    reports: BTreeMap<u64, Report>,
+    reports: BTreeMap<Reported, Report>,
     hands: VecDeque<(f64, Vec<DVec3>)>,
     visitor: VecDeque<(f64, Vec<DVec3>)>,
     removal: Removal,
@@ -88,6 +88,13 @@ enum What<'s> {
 struct Open {
     nearest: Approach,
     is_judged: bool,
+}
+
+/// What was reported, by its number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Reported {
+    Obstacle(u64),
+    Wall(u64),
 }
 
 #[derive(Default)]
@@ -169,11 +176,11 @@ impl<'s> Judge<'s> {
 
     fn judge_reports(&mut self, time_s: f64, step_s: f64, head: &Pose, scene: &Scene) {
         let mut any_near = false;
+        let reported = reported(scene, head.translation);
         let mut reports = std::mem::take(&mut self.reports);
-        reports.retain(|id, _| scene.obstacles.iter().any(|obstacle| obstacle.id == *id));
-        for obstacle in &scene.obstacles {
-            let place = obstacle.position_m;
-            let report = reports.entry(obstacle.id).or_default();
+        reports.retain(|key, _| reported.iter().any(|(other, _)| other == key));
+        for (key, place) in reported {
+            let report = reports.entry(key).or_default();
             let is_false = !self.is_true(time_s, place);
             let away_m = body_m(head, place);
             let is_near = is_false && away_m <= if report.is_near { OVER_M } else { Rates::NEAR_M };
@@ -181,7 +188,8 @@ impl<'s> Judge<'s> {
                 report.cause = Some(self.cause(place));
             }
             let cause = report.cause.unwrap_or(Cause::Nothing);
-            let mut note = |is_near| self.figures.false_reports.push(FalseReport { time_s, cause, is_near });
+            let is_wall = matches!(key, Reported::Wall(_));
+            let mut note = |is_near| self.figures.false_reports.push(FalseReport { time_s, cause, is_wall, is_near });
             if is_false && !report.is_false {
                 note(false);
             }
@@ -235,6 +243,14 @@ impl<'s> Judge<'s> {
         }
         self.removal.forgotten = !is_known;
     }
+}
+
+/// What is reported and where: obstacles, and of upright walls the part that was seen nearest to the head.
+fn reported(scene: &Scene, head: DVec3) -> Vec<(Reported, DVec3)> {
+    let obstacles = scene.obstacles.iter().map(|obstacle| (Reported::Obstacle(obstacle.id), obstacle.position_m));
+    let upright = scene.walls.iter().filter(|wall| wall.plane.outward.y.abs() < 0.5);
+    let nearest = |wall: &Wall| wall.plane.foot(head.clamp(wall.seen_at.min, wall.seen_at.max));
+    obstacles.chain(upright.map(|wall| (Reported::Wall(wall.id), nearest(wall)))).collect()
 }
 
 impl<'s> Target<'s> {

@@ -77,6 +77,7 @@ pub fn totals(figures: &Figures) -> Table {
         row("reported where nothing is, near the body, a minute", told(all.false_near_per_min, 2), "≤ 1"),
         row("   of these from own hands", told(all.hands_per_min, 2), "≤ 0.5"),
         row("reported where nothing is, anywhere, a minute", told(all.false_per_min, 2), ""),
+        row("   of these walls", told(all.false_walls_per_min, 2), ""),
         row("time with one near the body, %", told(100.0 * all.false_near_share, 1), ""),
         row("removed chair forgotten after looking, median, s", told(all.forget_median_s, 1), "≤ 5"),
         row("   the slowest, s", told(all.forget_worst_s, 1), ""),

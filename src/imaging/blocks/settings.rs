@@ -18,6 +18,8 @@ pub struct BlockSettings {
     pub memory_s: f64,
     /// A place is in the beam from this two-way amplitude on.
     pub min_amplitude: f64,
+    /// And a mirror, as walls are, from this one on: it returns so much more.
+    pub mirror_min_amplitude: f64,
     /// Nearest range looked at, metres.
     pub min_range_m: f64,
     /// Farthest range looked at, metres.
@@ -33,6 +35,7 @@ impl Default for BlockSettings {
             min_sweeps: 8,
             memory_s: 1.5,
             min_amplitude: 0.25,
+            mirror_min_amplitude: 0.01,
             min_range_m: 0.35,
             max_range_m: 2.3,
             voxel_m: 0.05,
@@ -44,6 +47,11 @@ impl BlockSettings {
     /// Cosine of the widest angle that counts as in the beam.
     pub fn min_cos(&self, beam: &Beam) -> f64 {
         beam.cos_where_amplitude_falls_below(self.min_amplitude)
+    }
+
+    /// Cosine of the widest angle at which a mirror counts as in the beam.
+    pub fn mirror_min_cos(&self, beam: &Beam) -> f64 {
+        beam.cos_where_amplitude_falls_below(self.mirror_min_amplitude)
     }
 
     /// The same for sweeps of a range axis: where it does not reach, they say nothing.

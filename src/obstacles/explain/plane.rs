@@ -1,0 +1,137 @@
+//! Planes: what blocks say of them, where exactly they are, and whether they are planes at all.
+//!
+//! The search knows planes 1.5° and 5 cm apart; what is taken for a wall's echo, and claimed for it, must be nearer to it than that. So a plane
+//! that is about to be believed is moved uphill first. And it must explain its echoes better than any single place does: a chair's leg
+//! seen by a head that hardly moved sideways is a plane as good as any.
+
+use glam::{DQuat, DVec3, IVec3};
+use rayon::prelude::*;
+
+use super::{Candidate, Thing, Window};
+use crate::geometry::Plane;
+use crate::imaging::blocks::{Block, PlaneAt};
+use crate::obstacles::views::View;
+
+/// A step of the finest kind: turned by this, radians, and moved by this, metres.
+const UNIT_RAD: f64 = 0.25 * std::f64::consts::PI / 180.0;
+const UNIT_M: f64 = 0.005;
+/// Climbing begins with steps of so many units and goes no farther than so many.
+const UNITS: i32 = 4;
+const REACH_UNITS: i32 = 12;
+/// The point that a plane is held against is looked for this far from the middle of where the plane was seen, in ever smaller steps, metres.
+const POINT_STEPS_M: [f64; 3] = [0.12, 0.06, 0.03];
+const POINT_REACH_M: f64 = 0.4;
+
+/// 1σ of the range of a plane that was climbed to, metres.
+const RANGE_SIGMA_M: f64 = 0.01;
+
+impl Window<'_> {
+    /// Nothing of blocks that the plane is out of range of, or so far from the beam's axis that not even a mirror returns anything.
+    pub(super) fn views_of_plane(&self, plane: &Plane) -> Vec<Option<View>> {
+        let view = |block: &&Block| {
+            let range_m = plane.distance(block.middle.translation);
+            let axis = &block.geometry().axis;
+            let in_range = range_m >= self.block_settings.min_range_m && axis.contains(range_m);
+            if !in_range || plane.outward.dot(block.middle.forward()) < self.mirror_min_cos {
+                return None;
+            }
+            let toward = plane.outward.as_vec3().to_array();
+            let coherence = block.whole().coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
+            Some(View::new((&block.middle, block.motion), coherence, range_m, plane.outward, self.beam))
+        };
+        self.blocks.iter().map(view).collect()
+    }
+
+    /// Moves a plane to where what is left of the blocks says most for it: turned about two axes through the middle of where it was seen, and
+    /// nearer or farther.
+    pub(super) fn climb_plane(&self, candidate: &mut Candidate) {
+        let (Thing::Plane(start), Some(left)) = (candidate.thing, candidate.left) else { return };
+        let Some(pivot) = self.seen_at(&candidate.views) else { return };
+        let (across, along) = start.outward.any_orthonormal_pair();
+        let plane = |at: IVec3| {
+            let [turn, tilt] = [at.x, at.y].map(|units| f64::from(units) * UNIT_RAD);
+            let outward = DQuat::from_scaled_axis(across * turn + along * tilt) * start.outward;
+            let offset_m = outward.dot(pivot) + start.distance(pivot) + f64::from(at.z) * UNIT_M;
+            Plane { outward, offset_m }
+        };
+        let candidate_at = |at: IVec3| {
+            let plane = plane(at);
+            self.unclaimed(Thing::Plane(plane), self.views_of_plane(&plane))
+        };
+        let (mut here, mut score, mut step) = (IVec3::ZERO, left.score, UNITS);
+        while step > 0 {
+            let around =
+                [IVec3::X, IVec3::Y, IVec3::Z].into_iter().flat_map(|axis| [here + axis * step, here - axis * step]);
+            let near: Vec<IVec3> = around.filter(|at| at.abs().max_element() <= REACH_UNITS).collect();
+            let tried: Vec<(IVec3, Candidate)> = near.par_iter().map(|at| (*at, candidate_at(*at))).collect();
+            let scored = tried.into_iter().filter_map(|(at, other)| Some((at, other.left?.score, other)));
+            match scored.max_by(|a, b| a.1.total_cmp(&b.1)) {
+                Some((at, better, other)) if better > score => (here, score, *candidate) = (at, better, other),
+                _ => step /= 2,
+            }
+        }
+    }
+
+    /// Whether it is a plane: its mirror points have moved, and no single place accounts for the same echoes.
+    pub(super) fn is_plane(&self, views: &[Option<View>]) -> bool {
+        self.feet_rms_m(views) >= self.settings.min_feet_rms_m && self.over_point(views) >= self.settings.min_over_point
+    }
+
+    /// 1σ of where a plane is 1 m beside where it was seen: its direction is known as well as ranges and the way along it allow.
+    pub(super) fn plane_sigma_m(&self, views: &[Option<View>]) -> f64 {
+        RANGE_SIGMA_M / self.feet_rms_m(views).max(RANGE_SIGMA_M)
+    }
+
+    /// By how much better a plane accounts for its echoes than the best single place near where it was seen.
+    fn over_point(&self, views: &[Option<View>]) -> f64 {
+        let Some(start) = self.seen_at(views) else { return 0.0 };
+        let over = |place: DVec3| self.over(views, place);
+        let (mut here, mut least) = (start, over(start));
+        for step_m in POINT_STEPS_M {
+            loop {
+                let around = [DVec3::X, DVec3::Y, DVec3::Z]
+                    .into_iter()
+                    .flat_map(|axis| [here + axis * step_m, here - axis * step_m]);
+                let near: Vec<DVec3> = around.filter(|at| at.distance(start) <= POINT_REACH_M).collect();
+                let tried: Vec<(DVec3, f64)> = near.par_iter().map(|at| (*at, over(*at))).collect();
+                match tried.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
+                    Some((at, less)) if less < least => (here, least) = (at, less),
+                    _ => break,
+                }
+            }
+        }
+        least
+    }
+
+    /// By how much more the blocks say for a plane than for a place, in units of the score.
+    fn over(&self, views: &[Option<View>], place: DVec3) -> f64 {
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for ((block, weight), view) in self.blocks.iter().zip(&self.weights).zip(views) {
+            let Some(view) = view else { continue };
+            let whole = block.whole();
+            let relative = (place - whole.middle.translation).as_vec3().to_array();
+            let of_place = View::evidence_of(whole.coherence_at_points(&[relative])[0].m);
+            sum += weight * (view.evidence - of_place);
+            squares += weight * weight;
+        }
+        if squares > 0.0 { sum / squares.sqrt() } else { 0.0 }
+    }
+
+    /// Mean of the feet of a plane's perpendiculars.
+    fn seen_at(&self, views: &[Option<View>]) -> Option<DVec3> {
+        let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+        for (block, view) in self.telling(views) {
+            sum += block.middle.translation + view.toward * view.range_m;
+            count += 1.0;
+        }
+        (count > 0.0).then(|| sum / count)
+    }
+
+    /// How far the feet of a plane's perpendiculars spread, rms, metres.
+    fn feet_rms_m(&self, views: &[Option<View>]) -> f64 {
+        let Some(mean) = self.seen_at(views) else { return 0.0 };
+        let foot = |(block, view): (&Block, &View)| block.middle.translation + view.toward * view.range_m;
+        let squares: Vec<f64> = self.telling(views).map(|seen| foot(seen).distance_squared(mean)).collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    }
+}
