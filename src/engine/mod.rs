@@ -3,6 +3,7 @@
 //!
 //! Stream in: `Observation`s in time (or frames and poses, through [`Pipeline`]). Out: a `Scene` whenever asked.
 
+mod doubt;
 mod pipeline;
 mod settings;
 mod synchronisation;

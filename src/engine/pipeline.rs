@@ -6,6 +6,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use super::doubt::Doubt;
 use super::{Engine, EngineCounters, Settings};
 use crate::geometry::Pose;
 use crate::imaging::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
@@ -51,10 +52,7 @@ pub struct Pipeline {
     estimate: Option<TimeOffset>,
     /// 1σ of the estimate that is in force; `None`: the settings' offset is.
     applied_sigma_s: Option<f64>,
-    /// An estimate has agreed with the offset in force.
-    is_vouched_for: bool,
-    /// Since when estimates have asked for a change that ruins what the search knows.
-    doubted_since_ns: Option<i64>,
+    doubt: Doubt,
     time_offset: TimeOffsetCounters,
     is_deferred: bool,
     is_estimate_due: bool,
@@ -74,9 +72,6 @@ const SIGNIFICANT: f64 = 3.0;
 const MIN_CHANGE_S: f64 = 0.5e-3;
 /// An offset in force is also sharpened once its 1σ has fallen to this share: a bounded number of times.
 const SHARPER: f64 = 0.5;
-/// An offset that was agreed with is doubted for so long before it is given up at the cost of what the search knows, nanoseconds: longer than an
-/// estimate remembers.
-const DOUBTED_NS: i64 = 25_000_000_000;
 
 impl Pipeline {
     /// For a sound configuration. The settings' mount goes before the one given.
@@ -105,8 +100,7 @@ impl Pipeline {
             listen_from_ns: i64::MIN,
             estimate: None,
             applied_sigma_s: None,
-            is_vouched_for: false,
-            doubted_since_ns: None,
+            doubt: Doubt::default(),
             time_offset: TimeOffsetCounters::default(),
             is_deferred: false,
             is_estimate_due: false,
@@ -238,24 +232,12 @@ impl Pipeline {
         let Some(estimate) = self.estimate else { return };
         self.time_offset.tracks = estimate.tracks as u64;
         self.time_offset.tracks_left_out = estimate.tracks_left_out as u64;
-        let is_sure = self.is_sure(&estimate);
-        if self.is_better(&estimate) && is_sure {
-            self.apply(&estimate);
-        }
-    }
-
-    /// Whether an estimate may cost what the search knows, if it does. One offset that estimates have agreed with is not given up for another
-    /// until that was asked for longer than an estimate looks back: things that beat against each other make a wrong one now and then.
-    fn is_sure(&mut self, estimate: &TimeOffset) -> bool {
+        let now_ns = self.observer.newest_pose_ns().unwrap_or(i64::MIN);
         let is_known = estimate.observable && estimate.sigma_s <= self.max_sigma_s;
         let is_ruinous = self.engine.is_ruined_by(estimate.offset_s - self.observer.time_offset_s());
-        self.is_vouched_for |= is_known && !is_ruinous;
-        if !(is_known && is_ruinous && self.is_vouched_for) {
-            self.doubted_since_ns = None;
-            return true;
+        if self.doubt.allows(now_ns, is_known, is_ruinous) && self.is_better(&estimate) {
+            self.apply(&estimate);
         }
-        let Some(now_ns) = self.observer.newest_pose_ns() else { return false };
-        now_ns.saturating_sub(*self.doubted_since_ns.get_or_insert(now_ns)) >= DOUBTED_NS
     }
 
     /// Whether the last estimate is well known and agrees with the offset in force: it need not be looked at so often then.
@@ -284,7 +266,7 @@ impl Pipeline {
         let change_s = estimate.offset_s - self.observer.time_offset_s();
         self.observer.set_time_offset_s(estimate.offset_s);
         self.applied_sigma_s = Some(estimate.sigma_s);
-        (self.is_vouched_for, self.doubted_since_ns) = (false, None);
+        self.doubt = Doubt::default();
         self.time_offset.changes += 1;
         let offset_ns = (estimate.offset_s * 1e9).round() as i64;
         let sensor_at = |time_ns: i64| -> Option<(Pose, DVec3)> {

@@ -56,6 +56,11 @@ impl View {
         f64::from(m).ln_1p() - MEAN_LOG_OF_NOISE
     }
 
+    /// The part of the power that adds up, over the noise.
+    pub fn added_up(&self) -> f64 {
+        self.power * self.m / (1.0 + self.m)
+    }
+
     /// Whether it says where something is.
     pub fn is_telling(&self) -> bool {
         self.ln_strength.is_some()

@@ -426,3 +426,26 @@ fn block_snr_db(session: &Session, sensor: &Pose, part: &Scatterer) -> f64 {
         + 20.0 * amplitude.max(1e-9).log10()
         + 10.0 * sweeps.log10()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_a_wall_what_was_seen_nearest_to_the_head_is_reported_and_floors_are_not() {
+        let seen_at = Aabb { min: DVec3::new(-0.5, 1.5, -2.0), max: DVec3::new(0.5, 1.7, -2.0) };
+        let wall = |id: u64, outward: DVec3, offset_m: f64| Wall {
+            id,
+            plane: Plane { outward, offset_m },
+            evidence: 20.0,
+            seen_at,
+            provisional: false,
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        };
+        let walls = vec![wall(1, DVec3::NEG_Y, 0.0), wall(7, DVec3::NEG_Z, 2.0)];
+        let scene = Scene { walls, ..Scene::default() };
+        let found = reported(&scene, DVec3::new(3.0, 1.6, 0.0));
+        assert_eq!(found, [(Reported::Wall(7), DVec3::new(0.5, 1.6, -2.0))]);
+    }
+}

@@ -4,7 +4,7 @@
 //! that is about to be believed is moved uphill first. And it must explain its echoes better than any single place does: a chair's leg
 //! seen by a head that hardly moved sideways is a plane as good as any.
 
-use glam::{DQuat, DVec3, IVec3};
+use glam::{DQuat, DVec3, IVec2};
 use rayon::prelude::*;
 
 use super::{Candidate, Thing, Window};
@@ -42,34 +42,40 @@ impl Window<'_> {
         self.blocks.iter().map(view).collect()
     }
 
-    /// Moves a plane to where what is left of the blocks says most for it: turned about two axes through the middle of where it was seen, and
-    /// nearer or farther.
+    /// Moves a plane to where what is left of the blocks is strongest for it: turned about the vertical through the middle of where it was seen, and
+    /// nearer or farther. Walls stand upright; floor and ceiling are level.
     pub(super) fn climb_plane(&self, candidate: &mut Candidate) {
-        let (Thing::Plane(start), Some(left)) = (candidate.thing, candidate.left) else { return };
+        let (Thing::Plane(start), Some(_)) = (candidate.thing, candidate.left) else { return };
         let Some(pivot) = self.seen_at(&candidate.views) else { return };
-        let (across, along) = start.outward.any_orthonormal_pair();
-        let plane = |at: IVec3| {
-            let [turn, tilt] = [at.x, at.y].map(|units| f64::from(units) * UNIT_RAD);
-            let outward = DQuat::from_scaled_axis(across * turn + along * tilt) * start.outward;
-            let offset_m = outward.dot(pivot) + start.distance(pivot) + f64::from(at.z) * UNIT_M;
-            Plane { outward, offset_m }
+        let may_turn = start.outward.y.abs() < 0.5;
+        let plane = |at: IVec2| {
+            let outward = DQuat::from_rotation_y(f64::from(at.x) * UNIT_RAD) * start.outward;
+            Plane { outward, offset_m: outward.dot(pivot) + start.distance(pivot) + f64::from(at.y) * UNIT_M }
         };
-        let candidate_at = |at: IVec3| {
+        let candidate_at = |at: IVec2| {
             let plane = plane(at);
             self.unclaimed(Thing::Plane(plane), self.views_of_plane(&plane))
         };
-        let (mut here, mut score, mut step) = (IVec3::ZERO, left.score, UNITS);
+        let (mut here, mut score, mut step) = (IVec2::ZERO, self.strength_of(candidate), UNITS);
         while step > 0 {
-            let around =
-                [IVec3::X, IVec3::Y, IVec3::Z].into_iter().flat_map(|axis| [here + axis * step, here - axis * step]);
-            let near: Vec<IVec3> = around.filter(|at| at.abs().max_element() <= REACH_UNITS).collect();
-            let tried: Vec<(IVec3, Candidate)> = near.par_iter().map(|at| (*at, candidate_at(*at))).collect();
-            let scored = tried.into_iter().filter_map(|(at, other)| Some((at, other.left?.score, other)));
+            let around = [IVec2::X, IVec2::NEG_X, IVec2::Y, IVec2::NEG_Y].map(|axis| here + axis * step);
+            let is_in_reach = |at: &IVec2| at.abs().max_element() <= REACH_UNITS && (may_turn || at.x == 0);
+            let near: Vec<IVec2> = around.into_iter().filter(is_in_reach).collect();
+            let tried: Vec<(IVec2, Candidate)> = near.par_iter().map(|at| (*at, candidate_at(*at))).collect();
+            let scored = tried.into_iter().map(|(at, other)| (at, self.strength_of(&other), other));
             match scored.max_by(|a, b| a.1.total_cmp(&b.1)) {
                 Some((at, better, other)) if better > score => (here, score, *candidate) = (at, better, other),
                 _ => step /= 2,
             }
         }
+    }
+
+    /// How strong a plane's echoes are where it is taken to be, those that add up: unlike the score this has its greatest value at the very middle
+    /// of a pulse, however strong it is.
+    fn strength_of(&self, candidate: &Candidate) -> f64 {
+        let of_block =
+            |(view, weight): (&Option<View>, &f64)| view.map_or(0.0, |view| weight * view.added_up().ln_1p());
+        candidate.views.iter().zip(&self.weights).map(of_block).sum()
     }
 
     /// Whether it is a plane: its mirror points have moved, and no single place accounts for the same echoes.
@@ -89,9 +95,8 @@ impl Window<'_> {
         let (mut here, mut least) = (start, over(start));
         for step_m in POINT_STEPS_M {
             loop {
-                let around = [DVec3::X, DVec3::Y, DVec3::Z]
-                    .into_iter()
-                    .flat_map(|axis| [here + axis * step_m, here - axis * step_m]);
+                let axes = [DVec3::X, DVec3::Y, DVec3::Z].into_iter();
+                let around = axes.flat_map(|axis| [here + axis * step_m, here - axis * step_m]);
                 let near: Vec<DVec3> = around.filter(|at| at.distance(start) <= POINT_REACH_M).collect();
                 let tried: Vec<(DVec3, f64)> = near.par_iter().map(|at| (*at, over(*at))).collect();
                 match tried.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)) {

@@ -175,8 +175,33 @@ mod tests {
     use super::*;
     use crate::imaging::PositionErrors;
     use crate::imaging::test_data::{Echo, sweeps, winding};
-    use crate::obstacles::RoomSettings;
+    use crate::obstacles::{RoomSettings, ViewMemory, Window};
     use crate::radar::Beam;
+
+    #[test]
+    fn two_glimpses_from_two_straight_ways_determine_a_place_that_neither_does() {
+        let thing = DVec3::new(0.1, 0.1, -1.2);
+        let (level, upright) = (|t: f64| DVec3::X * (0.15 * t), |t: f64| DVec3::Y * (0.15 * t));
+        let glimpsed = |ways: [fn(f64) -> DVec3; 2]| {
+            let mut search = RoomSearch::new(RoomSettings::default(), &Beam::Lensless, PositionErrors::default());
+            for (n, way) in ways.into_iter().enumerate() {
+                for mut sweep in sweeps(1.5, way, &[(Echo::Point(thing), 2.0)], 3) {
+                    // The first glimpse has left the window by the second.
+                    sweep.mid_time_ns += n as i64 * 6_000_000_000;
+                    search.push(sweep);
+                }
+            }
+            let (settings, mut memory) = (search.settings, ViewMemory::default());
+            let window = search.window.iter();
+            let mut window =
+                Window::new(window, &search.hands, &settings.explain, &settings.blocks, &search.beam, &mut memory);
+            let believed = window.explain(&[], &[thing]);
+            let place = believed.places[0];
+            (place.determined, search.with_past(&place, &believed.views[0]).0.determined)
+        };
+        assert_eq!(glimpsed([level, upright]), (false, true));
+        assert_eq!(glimpsed([upright, upright]), (false, false), "the same circle twice");
+    }
 
     #[test]
     fn the_floor_below_the_sensor_is_no_thing() {

@@ -11,7 +11,7 @@ use crate::obstacles::{Sighted, Wall};
 /// believed.
 const UNSEEN_LOOKS: u32 = 24;
 /// A wall is looked at where it was seen, and so far beyond, metres.
-const BESIDE_M: f64 = 0.3;
+const BESIDE_M: f64 = 0.6;
 
 impl RoomSearch {
     /// Confirmed walls, by falling evidence.
