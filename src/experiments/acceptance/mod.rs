@@ -70,7 +70,8 @@ impl Lessons {
         let mut text = format!(
             "//! Made by `examples/acceptance.rs` from {things} places of things and {nothing} where nothing is; not to be changed by hand.\n\n\
              use super::Tree;\n\n/// Log odds before any question.\npub(super) const PRIOR: f64 = {prior:.4};\n\n\
-             #[rustfmt::skip]\npub(super) const TREES: &[Tree] = &[\n"
+             #[rustfmt::skip]\n#[allow(clippy::approx_constant)] // Bounds come near to all kinds of constants.\n\
+             pub(super) const TREES: &[Tree] = &[\n"
         );
         for tree in trees {
             let questions = tree.questions.iter().map(|Question { feature, bound, then: [not_above, above] }| {
