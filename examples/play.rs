@@ -1,7 +1,7 @@
 //! Play sessions with any settings, for tuning: what `radar-chaperone benchmark --play` shows, and every false report.
 //!
-//!     cargo run --release --example play -- [FIRST..END] [--minutes=10] [--preset=d16] [--controllers] [--walls-db=20] [--each]
-//!         [rooms.map.confirm_score=6 …]
+//!     cargo run --release --example play -- [FIRST..END] [--minutes=10] [--preset=d16] [--controllers] [--walls-db=20] [--no-hands]
+//!         [--no-visitor] [--square] [--each] [rooms.map.confirm_score=6 …]
 
 use std::time::Instant;
 
@@ -12,7 +12,8 @@ use radar_chaperone::simulation::PlaySession;
 
 fn main() {
     let (mut seeds, mut minutes, mut changes, mut each, mut controllers) = (0..2, 2.0, Vec::new(), false, false);
-    let (mut config, mut walls_db, mut hands, mut visitor) = (preset("d16").expect("d16 exists"), 0.0, true, true);
+    let (mut config, mut walls_db) = (preset("d16").expect("d16 exists"), 0.0);
+    let (mut hands, mut visitor, mut square) = (true, true, false);
     for argument in std::env::args().skip(1) {
         match argument.split_once('=') {
             Some(("--minutes", value)) => minutes = value.parse().expect("minutes"),
@@ -23,6 +24,7 @@ fn main() {
             None if argument == "--controllers" => controllers = true,
             None if argument == "--no-hands" => hands = false,
             None if argument == "--no-visitor" => visitor = false,
+            None if argument == "--square" => square = true,
             None => {
                 let (first, end) = argument.split_once("..").expect("FIRST..END");
                 seeds = first.parse().expect("a seed")..end.parse().expect("a seed");
@@ -30,7 +32,7 @@ fn main() {
         }
     }
     let settings = Settings::from_toml("", &changes).unwrap_or_else(|error| panic!("{error}"));
-    let session = PlaySession { duration_s: 60.0 * minutes, walls_db, hands, visitor, ..PlaySession::new(config, 0) };
+    let session = PlaySession { duration_s: 60.0 * minutes, walls_db, hands, visitor, square, ..PlaySession::new(config, 0) };
     let trial = PlayTrial { session, settings, controllers };
     let (start, seeds) = (Instant::now(), seeds.collect::<Vec<u64>>());
     let figures = play(&trial, &seeds, |seed, figures| {

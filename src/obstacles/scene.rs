@@ -122,12 +122,10 @@ impl Obstacle {
 
 impl Wall {
     fn moved(&self, to_from: &Pose) -> Self {
-        let outward = to_from.transform_vector(self.plane.outward);
-        let offset_m = self.plane.offset_m + outward.dot(to_from.translation);
         let middle = to_from.transform_point(self.seen_at.center());
         let half = DMat3::from_quat(to_from.rotation).abs() * (self.seen_at.size() * 0.5);
         let seen_at = Aabb { min: middle - half, max: middle + half };
-        Self { plane: Plane { outward, offset_m }, seen_at, ..self.clone() }
+        Self { plane: self.plane.moved(to_from), seen_at, ..self.clone() }
     }
 }
 

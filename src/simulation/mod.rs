@@ -24,6 +24,6 @@ pub use motion::{MOTIONS, Motion, MotionError};
 pub use room::{Room, Scatterer, Thing, WallPanel};
 pub use scenario::{Scenario, ScenarioError, Simulated};
 pub use scenes::{SCENES, Scene, SceneError, scene};
-pub use session::{PlaySession, Session, SessionError, SessionThing};
+pub use session::{PlaySession, Session, SessionError, SessionThing, SessionWall};
 pub use strokes::{ChairWalk, ToAndFro};
 pub use tracker::TrackingErrors;

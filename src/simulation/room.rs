@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::geometry::{Aabb, Plane};
+use crate::geometry::{Aabb, Plane, Pose};
 
 /// A point that reflects.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,6 +31,12 @@ impl Scatterer {
         let angle = self.lobe.normalize().dot(to_sensor).clamp(-1.0, 1.0).acos() / std::f64::consts::FRAC_PI_2;
         self.rcs_dbsm - (LOBE_FALL_AT_90_DEG_DB * angle * angle).min(LOBE_FLOOR_DB)
     }
+
+    /// The same in another frame.
+    fn moved(&self, to_from: &Pose) -> Self {
+        let (position_m, lobe) = (to_from.transform_point(self.position_m), to_from.transform_vector(self.lobe));
+        Self { position_m, lobe, ..*self }
+    }
 }
 
 /// A named group of scatterers: a chair, a table.
@@ -40,6 +46,14 @@ pub struct Thing {
     pub name: String,
     /// Its scatterers.
     pub scatterers: Vec<Scatterer>,
+}
+
+impl Thing {
+    /// The same in another frame: `to_from` takes coordinates of this one's.
+    pub fn moved(&self, to_from: &Pose) -> Self {
+        let scatterers = self.scatterers.iter().map(|scatterer| scatterer.moved(to_from)).collect();
+        Self { name: self.name.clone(), scatterers }
+    }
 }
 
 /// A smooth wall, floor or ceiling: seen only by the mirror point below the sensor.

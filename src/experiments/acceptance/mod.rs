@@ -107,7 +107,7 @@ fn what_is_at(session: &Session, time_s: f64, weighed: &Weighed) -> There {
     let to_thing_m = parts.map(|part| part.position_m.distance(weighed.place_m)).fold(f64::INFINITY, f64::min);
     if to_thing_m <= THING_M {
         There::Thing
-    } else if session.walls().iter().any(|wall| wall.extent.distance(weighed.place_m) <= THING_M) {
+    } else if session.walls().iter().any(|wall| wall.distance_m(weighed.place_m) <= THING_M) {
         There::Surface
     } else {
         There::Nothing

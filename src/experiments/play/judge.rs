@@ -13,7 +13,7 @@ use super::figures::{Approach, BoundErrors, Cause, FalseReport, Figures, Forgett
 use crate::geometry::{Aabb, Plane, Pose};
 use crate::obstacles::{Obstacle, Scene, Wall};
 use crate::radar::{frame_timing, snr_db};
-use crate::simulation::{Scatterer, Session, WallPanel};
+use crate::simulation::{Scatterer, Session, SessionWall};
 
 /// The deadline: nearness and time to contact.
 const DEADLINE_M: f64 = 0.4;
@@ -81,7 +81,7 @@ struct Target<'s> {
 
 enum What<'s> {
     Thing(&'s [Scatterer]),
-    Wall(&'s WallPanel),
+    Wall(&'s SessionWall),
 }
 
 /// An approach that is not over.
@@ -209,7 +209,7 @@ impl<'s> Judge<'s> {
         let things = self.targets.iter().map(|target| target.to_m(place));
         let person = self.visitor.iter().filter(|(at_s, _)| time_s - at_s <= MOVING_S);
         things.fold(f64::INFINITY, f64::min) <= FALSE_M
-            || self.session.walls().iter().any(|wall| wall.extent.distance(place) <= FALSE_M)
+            || self.session.walls().iter().any(|wall| wall.distance_m(place) <= FALSE_M)
             || person.flat_map(|(_, parts)| parts).any(|part| part.distance(place) <= PERSON_M)
     }
 
@@ -302,7 +302,7 @@ impl<'s> Target<'s> {
             }
             What::Wall(wall) => {
                 let foot = wall.plane.foot(sensor.translation);
-                let seen = wall.extent.distance(foot) < 1e-6 && session.sees(sensor, foot);
+                let seen = wall.distance_m(foot) < 1e-6 && session.sees(sensor, foot);
                 (seen, seen)
             }
         }

@@ -2,6 +2,9 @@
 //! a person who crosses the room twice, and a chair that is carried away halfway. Frames and poses as a sensor and a headset give
 //! them, and what was really where at any time.
 //!
+//! The room is built along its own axes; the tracking frame stands in it at any angle and some way off, as a headset's does that was set
+//! up anywhere. Whatever is told of a session is in the tracking frame.
+//!
 //! Not simulated: multipath, shadows (what stands in front of a thing does not hide it), timing drift.
 
 mod hands;
@@ -9,9 +12,11 @@ mod player;
 mod rooms;
 mod visitor;
 
-use glam::DVec3;
+use std::f64::consts::TAU;
+
+use glam::{DQuat, DVec3};
 use num_complex::Complex;
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
@@ -20,7 +25,7 @@ use super::sampler::{Around, Sampler};
 use super::scenario::{IN_BEAM_AMPLITUDE, IN_BEAM_M, default_mount, host_ns};
 use super::tracker::Tracker;
 use super::{Room, Scatterer, Thing, TrackingErrors, WallPanel};
-use crate::geometry::Pose;
+use crate::geometry::{Plane, Pose};
 use crate::radar::{Beam, ConfigError, Frame, SensorConfig, frame_timing};
 use crate::tracking::PoseSample;
 
@@ -50,6 +55,8 @@ pub struct PlaySession {
     pub visitor: bool,
     /// Added to the walls' reflection, dB.
     pub walls_db: f64,
+    /// Whether the tracking frame stands along the walls, in the middle of the floor.
+    pub square: bool,
 }
 
 /// Why there is no session.
@@ -79,6 +86,7 @@ impl PlaySession {
             hands: true,
             visitor: true,
             walls_db: 0.0,
+            square: false,
         }
     }
 
@@ -101,7 +109,12 @@ impl PlaySession {
         let removed = room.things.iter().position(|thing| thing.name == REMOVED);
         let mut after = room.clone();
         removed.map(|index| after.things.remove(index));
+        let stands = stands(&mut rng(0x0F00_0005));
+        let tracking_from_room = if self.square { Pose::IDENTITY } else { stands };
         Ok(Session {
+            things: room.things.iter().map(|thing| thing.moved(&tracking_from_room)).collect(),
+            walls: room.walls.iter().map(|panel| SessionWall::new(panel, &tracking_from_room)).collect(),
+            tracking_from_room,
             removed_s: 0.5 * self.duration_s,
             true_mount: self.errors.true_mount(&self.head_from_sensor, self.seed),
             play: self.clone(),
@@ -113,6 +126,13 @@ impl PlaySession {
             visitor,
         })
     }
+}
+
+/// `tracking_from_room`: turned any way about the vertical; level with the floor, as headsets are set up.
+fn stands(rng: &mut ChaCha8Rng) -> Pose {
+    let mut off_m = || rng.random_range(-0.5..0.5);
+    let translation = DVec3::new(off_m(), 0.0, off_m());
+    Pose::new(translation, DQuat::from_rotation_y(rng.random_range(0.0..TAU)))
 }
 
 /// What is carried away halfway.
@@ -127,10 +147,34 @@ pub struct SessionThing<'s> {
     pub until_s: f64,
 }
 
+/// A wall, floor or ceiling of the room.
+#[derive(Debug, Clone)]
+pub struct SessionWall {
+    /// Where it is; the normal points out of the room.
+    pub plane: Plane,
+    panel: WallPanel,
+    room_from_tracking: Pose,
+}
+
+impl SessionWall {
+    fn new(panel: &WallPanel, tracking_from_room: &Pose) -> Self {
+        let plane = panel.plane.moved(tracking_from_room);
+        Self { plane, panel: panel.clone(), room_from_tracking: tracking_from_room.inverse() }
+    }
+
+    /// From a place to the nearest of it, metres.
+    pub fn distance_m(&self, place: DVec3) -> f64 {
+        self.panel.extent.distance(self.room_from_tracking.transform_point(place))
+    }
+}
+
 /// A session whose room is furnished and whose ways are drawn.
 #[derive(Debug, Clone)]
 pub struct Session {
     play: PlaySession,
+    tracking_from_room: Pose,
+    things: Vec<Thing>,
+    walls: Vec<SessionWall>,
     before: Room,
     after: Room,
     removed: Option<usize>,
@@ -155,17 +199,17 @@ impl Session {
     /// Everything that stands there.
     pub fn things(&self) -> Vec<SessionThing<'_>> {
         let until = |index: usize| if Some(index) == self.removed { self.removed_s } else { f64::INFINITY };
-        self.before.things.iter().enumerate().map(|(n, thing)| SessionThing { thing, until_s: until(n) }).collect()
+        self.things.iter().enumerate().map(|(n, thing)| SessionThing { thing, until_s: until(n) }).collect()
     }
 
     /// Walls, floor and ceiling.
-    pub fn walls(&self) -> &[WallPanel] {
-        &self.before.walls
+    pub fn walls(&self) -> &[SessionWall] {
+        &self.walls
     }
 
     /// `tracking_from_head`, as it really is.
     pub fn head_at(&self, time_s: f64) -> Pose {
-        self.player.head_at(time_s)
+        self.tracking_from_room * self.player.head_at(time_s)
     }
 
     /// `tracking_from_sensor`, as it really is.
@@ -175,13 +219,14 @@ impl Session {
 
     /// Left and right palm, as they really are; `None` in a session without hands.
     pub fn hands_at(&self, time_s: f64) -> Option<[DVec3; 2]> {
-        Some(self.hands.as_ref()?.palms_at(&self.player, time_s))
+        let palms = self.hands.as_ref()?.palms_at(&self.player, time_s);
+        Some(palms.map(|palm| self.tracking_from_room.transform_point(palm)))
     }
 
     /// Where the visitor's parts are; empty while nobody is there.
     pub fn visitor_at(&self, time_s: f64) -> Vec<DVec3> {
         let parts = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
-        parts.into_iter().flatten().map(|part| part.position_m).collect()
+        parts.into_iter().flatten().map(|part| self.tracking_from_room.transform_point(part.position_m)).collect()
     }
 
     /// Whether a place lies in the beam, at the amplitude and range that count.
@@ -206,7 +251,7 @@ impl Session {
             let start_s = number as f64 * timing.frame_period_s;
             let mut samples: Vec<Complex<i16>> = Vec::with_capacity(config.points_per_frame());
             let around = |first_s: f64, last_s: f64| self.around(first_s, last_s);
-            let data_saturated = sampler.frame(number, start_s, |t| self.sensor_at(t), around, &mut samples);
+            let data_saturated = sampler.frame(number, start_s, |t| self.sensor_in_room(t), around, &mut samples);
             let end_s = start_s + timing.frame_s;
             Frame {
                 tick: (end_s * 1e6).round() as i64,
@@ -219,6 +264,11 @@ impl Session {
             }
         };
         numbers.into_par_iter().map(frame).collect()
+    }
+
+    /// `room_from_sensor`, as it really is.
+    fn sensor_in_room(&self, time_s: f64) -> Pose {
+        self.player.head_at(time_s) * self.true_mount
     }
 
     fn around(&self, first_s: f64, last_s: f64) -> Around<'_> {
@@ -277,8 +327,8 @@ mod tests {
             let parts = |t: f64| session.moving_at(t).iter().map(|s| s.position_m).collect::<Vec<_>>();
             for n in 0..6000 {
                 let (t, next) = (f64::from(n) * 0.01, f64::from(n + 1) * 0.01);
-                let head = session.head_at(t);
-                assert!(head.translation.distance(session.head_at(next).translation) < 0.03, "seed {seed} at {t}");
+                let head = session.player.head_at(t);
+                assert!(head.translation.distance(session.player.head_at(next).translation) < 0.03, "seed {seed} at {t}");
                 let (now, then) = (parts(t), parts(next));
                 if now.len() == then.len() {
                     let step = now.iter().zip(&then).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
@@ -309,5 +359,28 @@ mod tests {
         assert_eq!(there.windows(2).filter(|w| !w[0] && w[1]).count(), 2);
         let gone = session.things().iter().filter(|thing| thing.until_s == 60.0).count();
         assert_eq!(gone, 1);
+    }
+
+    #[test]
+    fn what_is_told_is_the_room_turned() {
+        let session = session(2, 20.0);
+        let turned_rad = session.tracking_from_room.rotation.to_scaled_axis();
+        assert!(turned_rad.x.hypot(turned_rad.z) < 1e-12 && turned_rad.y.abs() > 0.01, "{turned_rad}");
+        for time_s in [0.0, 7.3, 15.0] {
+            let (told, room) = (session.sensor_at(time_s), session.sensor_in_room(time_s));
+            let told_things = session.things().into_iter().flat_map(|thing| &thing.thing.scatterers);
+            for (there, here) in told_things.zip(session.before.scatterers()) {
+                let towards = |from: &Pose, to: &Scatterer| {
+                    let way = to.position_m - from.translation;
+                    DVec3::new(way.length(), way.normalize().dot(from.forward()), to.rcs_towards_dbsm(-way.normalize()))
+                };
+                assert!(towards(&told, there).distance(towards(&room, here)) < 1e-9);
+            }
+            for (wall, panel) in session.walls().iter().zip(&session.before.walls) {
+                let away_m = wall.plane.distance(told.translation);
+                assert!((away_m - panel.plane.distance(room.translation)).abs() < 1e-9);
+                assert!((wall.distance_m(told.translation) - panel.extent.distance(room.translation)).abs() < 1e-9);
+            }
+        }
     }
 }
