@@ -3,7 +3,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::Pose;
+use super::{Aabb, Pose};
 
 /// Points `x` with `outward · x = offset_m`; `outward` points away from the room's inside.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -13,6 +13,9 @@ pub struct Plane {
     /// Distance of the plane from the origin along the normal, metres.
     pub offset_m: f64,
 }
+
+/// What a normal has upwards from which on a plane lies rather than stands.
+const LEVEL: f64 = 0.7;
 
 impl Plane {
     /// Distance from a point inside to the plane, metres; negative beyond it.
@@ -29,6 +32,20 @@ impl Plane {
     pub fn moved(&self, to_from: &Pose) -> Self {
         let outward = to_from.transform_vector(self.outward);
         Self { outward, offset_m: self.offset_m + outward.dot(to_from.translation) }
+    }
+
+    /// The box around a patch of the plane, in another frame, the patch given by the box around it in this one. A box that is turned as
+    /// such grows each time; this one is as long along the plane ever after: of an upright plane the stretch between two ends is
+    /// moved, of a level one the box keeps its size.
+    pub fn patch_moved(&self, patch: &Aabb, to_from: &Pose) -> Aabb {
+        let half = patch.size() * 0.5;
+        let Some(along) = self.outward.cross(DVec3::Y).try_normalize().filter(|_| self.outward.y.abs() < LEVEL) else {
+            let middle = to_from.transform_point(patch.center());
+            return Aabb { min: middle - half, max: middle + half };
+        };
+        let to_end = along * along.abs().dot(half) + DVec3::Y * half.y;
+        let middle = self.foot(patch.center());
+        Aabb::from_corners(to_from.transform_point(middle - to_end), to_from.transform_point(middle + to_end))
     }
 }
 
@@ -53,6 +70,23 @@ mod tests {
         let moved = wall.moved(&to_from);
         for place in [DVec3::new(0.3, 1.6, 0.1), DVec3::new(-2.0, 0.0, 1.0)] {
             assert!((moved.distance(to_from.transform_point(place)) - wall.distance(place)).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_patch_stays_as_long_however_often_it_is_moved() {
+        for outward in [DVec3::new(0.6, 0.0, -0.8), DVec3::X, DVec3::new(-0.3, 0.0, -0.95).normalize(), DVec3::NEG_Y] {
+            let along = outward.cross(DVec3::Y).try_normalize().unwrap_or(DVec3::X);
+            let mut plane = Plane { outward, offset_m: 2.0 };
+            let ends = [-1.0, 2.0].map(|at| plane.foot(DVec3::ZERO) + along * at + DVec3::Y * (0.1 * at));
+            let mut patch = Aabb::from_corners(ends[0], ends[1]);
+            let (first, turn_rad) = (patch, 0.5);
+            for n in 0..20 {
+                let there = Pose::new(DVec3::new(1.0, 0.0, -2.0), DQuat::from_rotation_y(turn_rad));
+                let to_from = if n % 2 == 0 { there } else { there.inverse() };
+                (plane, patch) = (plane.moved(&to_from), plane.patch_moved(&patch, &to_from));
+            }
+            assert!((patch.min - first.min).length() < 1e-9 && (patch.max - first.max).length() < 1e-9, "{outward}");
         }
     }
 }

@@ -185,12 +185,8 @@ impl RememberedWall {
     }
 
     fn moved(&self, to_from: &Pose) -> Self {
-        let outward = to_from.transform_vector(self.plane.outward);
-        let offset_m = self.plane.offset_m + outward.dot(to_from.translation);
-        let middle = to_from.transform_point(self.seen_at.center());
-        let half = DMat3::from_quat(to_from.rotation).abs() * (self.seen_at.size() * 0.5);
-        let seen_at = Aabb { min: middle - half, max: middle + half };
-        Self { plane: Plane { outward, offset_m }, seen_at, ..self.clone() }
+        let seen_at = self.plane.patch_moved(&self.seen_at, to_from);
+        Self { plane: self.plane.moved(to_from), seen_at, ..self.clone() }
     }
 }
 
@@ -262,6 +258,17 @@ pub(super) mod tests {
         assert!((place.covariance_m2 - before.places[0].covariance_m2).x_axis.length() < 1e-15);
         assert!((wall.plane.outward - DVec3::NEG_Z).length() < 1e-12 && (wall.plane.offset_m - 2.0).abs() < 1e-12);
         assert!((wall.seen_at.min - before.walls[0].seen_at.min).length() < 1e-12);
+    }
+
+    #[test]
+    fn walls_do_not_grow_from_start_to_start() {
+        let to_from = Pose::new(DVec3::new(0.3, -0.1, 2.0), DQuat::from_rotation_y(0.5));
+        let mut kept = some();
+        for _ in 0..5 {
+            kept = kept.moved(&to_from).moved(&to_from.inverse());
+        }
+        let (before, after) = (some().walls[0].seen_at, kept.walls[0].seen_at);
+        assert!((before.min - after.min).length() < 1e-9 && (before.max - after.max).length() < 1e-9, "{after:?}");
     }
 
     #[test]

@@ -77,8 +77,8 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// The same in another frame: `to_from` takes coordinates of this one's. Boxes are those around the turned boxes, so they grow
-    /// when turned.
+    /// The same in another frame: `to_from` takes coordinates of this one's. Boxes around obstacles are those around the turned boxes, so
+    /// they grow when turned; walls stay as long as they are.
     pub fn moved(&self, to_from: &Pose) -> Self {
         let obstacles = self.obstacles.iter().map(|obstacle| obstacle.moved(to_from)).collect();
         let walls = self.walls.iter().map(|wall| wall.moved(to_from)).collect();
@@ -122,9 +122,7 @@ impl Obstacle {
 
 impl Wall {
     fn moved(&self, to_from: &Pose) -> Self {
-        let middle = to_from.transform_point(self.seen_at.center());
-        let half = DMat3::from_quat(to_from.rotation).abs() * (self.seen_at.size() * 0.5);
-        let seen_at = Aabb { min: middle - half, max: middle + half };
+        let seen_at = self.plane.patch_moved(&self.seen_at, to_from);
         Self { plane: self.plane.moved(to_from), seen_at, ..self.clone() }
     }
 }

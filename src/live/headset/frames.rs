@@ -290,7 +290,11 @@ impl<'s, 'a> State<'s, 'a> {
                     self.with.runtime.acknowledge_quit();
                     return true;
                 }
-                Event::UniverseMoved => self.looked_ns = i64::MIN,
+                Event::UniverseMoved => {
+                    self.looked_ns = i64::MIN;
+                    // The play area may be another.
+                    self.with.settings.recompose();
+                }
                 Event::ChaperoneChanged => self.with.settings.recompose(),
                 Event::DevicesChanged => self.hands = self.with.runtime.hands(),
                 Event::Standby | Event::Awake | Event::Other => {}

@@ -3,8 +3,11 @@
 //! A wall is known by its reflections from where the sensor looked at it squarely. One that is looked at so again, where it was seen, for
 //! some seconds without any sign of it, is not there: it was an artefact, or a door that stands open now.
 
+use glam::DVec3;
+
 use super::{Explained, RoomSearch, same_plane};
 use crate::geometry::{Aabb, Plane};
+use crate::imaging::blocks::Block;
 use crate::obstacles::{Sighted, Wall};
 
 /// A wall goes after so many looks at where it was seen without any sign of it: longer than the window is, so that it would have been
@@ -38,15 +41,21 @@ impl RoomSearch {
         let is_same = same_plane(self.middle.unwrap_or_default());
         let is_seen = |wall: &&Sighted<Plane>| believed.iter().any(|other| is_same(&other.thing, &wall.thing));
         for wall in self.walls.confirmed().filter(is_seen) {
-            let Some(foot) = self.looks_at(&wall.thing) else { continue };
-            let seen = self.feet.entry(wall.id).or_insert(Aabb { min: foot, max: foot });
-            *seen = Aabb { min: seen.min.min(foot), max: seen.max.max(foot) };
+            // A wall that is new was seen by any of the blocks it was believed by.
+            let blocks = if self.feet.contains_key(&wall.id) { 1 } else { self.window.len() };
+            let feet = self.window.iter().rev().take(blocks).filter_map(|block| self.foot_seen_by(block, &wall.thing));
+            let Some(seen) = Aabb::around(feet) else { continue };
+            let known = self.feet.entry(wall.id).or_insert(seen);
+            *known = Aabb { min: known.min.min(seen.min), max: known.max.max(seen.max) };
         }
     }
 
     /// The foot of the perpendicular on a wall that the newest block looks at squarely and in range.
-    fn looks_at(&self, wall: &Plane) -> Option<glam::DVec3> {
-        let block = self.window.back()?;
+    fn looks_at(&self, wall: &Plane) -> Option<DVec3> {
+        self.foot_seen_by(self.window.back()?, wall)
+    }
+
+    fn foot_seen_by(&self, block: &Block, wall: &Plane) -> Option<DVec3> {
         let squarely = wall.outward.dot(block.middle.forward()) >= self.min_cos;
         let in_range = block.geometry().axis.contains(wall.distance(block.middle.translation));
         (squarely && in_range).then(|| wall.foot(block.middle.translation))
@@ -69,10 +78,11 @@ impl RoomSearch {
         self.unseen_looks.retain(|id, unseen| *unseen < UNSEEN_LOOKS && known.iter().any(|(other, _)| other == id));
     }
 
-    fn was_seen_near(&self, wall: u64, foot: glam::DVec3) -> bool {
+    /// A wall of which it is not known where it was seen is looked at wherever it should be seen: else it would stay for ever.
+    fn was_seen_near(&self, wall: u64, foot: DVec3) -> bool {
         self.feet
             .get(&wall)
-            .is_some_and(|seen_at| seen_at.min.cmple(foot + BESIDE_M).all() && seen_at.max.cmpge(foot - BESIDE_M).all())
+            .is_none_or(|seen_at| seen_at.min.cmple(foot + BESIDE_M).all() && seen_at.max.cmpge(foot - BESIDE_M).all())
     }
 }
 
@@ -83,7 +93,6 @@ mod tests {
     use crate::imaging::test_data::{Echo, sweeps, winding};
     use crate::obstacles::RoomSettings;
     use crate::radar::Beam;
-    use glam::DVec3;
 
     #[test]
     fn a_door_that_is_opened_is_no_wall_for_long() {
@@ -101,5 +110,14 @@ mod tests {
         assert_eq!(push(&[], 4, 3.0), 1, "a moment without an echo says nothing");
         assert_eq!(push(&[], 7, 9.0), 0);
         assert_eq!(push(&shut, 16, 4.0), 1, "and it may be shut again");
+    }
+
+    #[test]
+    fn a_wall_that_nobody_knows_where_it_was_seen_is_looked_at_anywhere() {
+        let mut search = RoomSearch::new(RoomSettings::default(), &Beam::Lensless, PositionErrors::default());
+        assert!(search.was_seen_near(7, DVec3::new(3.0, 1.0, -2.0)), "else it would stay for ever");
+        search.feet.insert(7, Aabb { min: DVec3::ZERO, max: DVec3::X });
+        assert!(search.was_seen_near(7, DVec3::new(1.0 + 0.9 * BESIDE_M, 0.0, 0.0)));
+        assert!(!search.was_seen_near(7, DVec3::new(1.0 + 1.1 * BESIDE_M, 0.0, 0.0)));
     }
 }
