@@ -32,7 +32,8 @@ fn main() {
         }
     }
     let settings = Settings::from_toml("", &changes).unwrap_or_else(|error| panic!("{error}"));
-    let session = PlaySession { duration_s: 60.0 * minutes, walls_db, hands, visitor, square, ..PlaySession::new(config, 0) };
+    let session =
+        PlaySession { duration_s: 60.0 * minutes, walls_db, hands, visitor, square, ..PlaySession::new(config, 0) };
     let trial = PlayTrial { session, settings, controllers };
     let (start, seeds) = (Instant::now(), seeds.collect::<Vec<u64>>());
     let figures = play(&trial, &seeds, |seed, figures| {

@@ -14,7 +14,7 @@ use indicatif::ProgressBar;
 use super::files::read_streams;
 use super::progress;
 use super::replay::{Replay, described, obstacle_table, sensor_path, write_obstacles};
-use super::simulate::write_simulated;
+use super::simulate::write_scenario;
 use super::view::ViewArguments;
 use crate::engine::{Pipeline, Settings, cube_ahead};
 use crate::geometry::{Aabb, Pose};
@@ -272,7 +272,7 @@ impl Demo {
         if act.motion == "natural" {
             scenario.errors.dropouts_per_minute = 4.0;
         }
-        write_simulated(file, &scenario, &scenario.run()?)?;
+        write_scenario(file, &scenario)?;
         Ok(())
     }
 }

@@ -43,6 +43,15 @@ impl SettingsArguments {
         &self.changes
     }
 
+    /// What a program that goes on for long begins with: a file that was named must be good; the user's own may be wrong, since whoever
+    /// could mend it may not be there.
+    pub fn check_live(&self, over: &[String]) -> Result<()> {
+        match &self.settings {
+            Some(_) => self.live(toml::Table::new()).map(drop),
+            None => Ok(Settings::from_toml("", over).map(drop)?),
+        }
+    }
+
     /// The settings file's, else the user's own file's where there is one, with the changes laid over; `below` serves where
     /// none names its own.
     pub fn live(&self, below: toml::Table) -> Result<Settings> {
@@ -96,7 +105,9 @@ pub(super) fn read_streams(path: &Path) -> Result<(Recording, Vec<Frame>, Vec<Po
 pub(super) fn keep_inputs(out: &Path, inputs: &[&Path]) -> Result<()> {
     let same = |input: &&&Path| matches!((out.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
     match inputs.iter().find(same) {
-        Some(input) => bail!("{} is {} itself: choose another name for --out", out.display(), input.display()),
+        Some(input) => {
+            bail!("{} is {} itself: choose another name for what is written", out.display(), input.display())
+        }
         None => Ok(()),
     }
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 
+use super::check_run;
 use super::files::user_folder;
 use crate::steamvr::{Registration, Role, Runtime, RuntimePlace, manifest};
 
@@ -29,6 +30,8 @@ pub(super) struct Uninstall {}
 
 impl Install {
     pub fn run(&self) -> Result<()> {
+        // SteamVR would tell nobody what is wrong with them.
+        check_run(&self.arguments)?;
         let place = RuntimePlace::find()?;
         let binary = own_path()?;
         let path = manifest_path()?;

@@ -80,6 +80,18 @@ enum Command {
     Experiment(experiment::ExperimentCommand),
 }
 
+/// Whether `radar-chaperone run` takes these arguments.
+///
+/// # Errors
+/// What it does not take.
+fn check_run(arguments: &[String]) -> anyhow::Result<()> {
+    let words = ["radar-chaperone", "run"].into_iter().chain(arguments.iter().map(String::as_str));
+    let Command::Run(run) = Arguments::try_parse_from(words)?.command else {
+        anyhow::bail!("these are no arguments of `run`: {}", arguments.join(" "))
+    };
+    run.check()
+}
+
 /// The error and its causes, each thing said once: many errors name their cause in their own words already.
 fn told(error: &anyhow::Error) -> String {
     let mut text = error.to_string();

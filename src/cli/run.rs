@@ -65,14 +65,27 @@ impl Run {
         if let Some(out) = &self.record {
             check_new_file(out, &[&self.sensor.config, &self.sensor.calibration])?;
         }
-        self.sensor.mount()?;
-        self.settings.live(toml::Table::new())?;
+        self.check()?;
         let _instance = Instance::claim()?;
         let stop = stop_flag()?;
         match self.view {
             true => run_view::show(&stop, |recorder| self.sessions(&stop, Some(&recorder))),
             false => self.sessions(&stop, None),
         }
+    }
+
+    /// Whether mount and settings can be used.
+    pub(super) fn check(&self) -> Result<()> {
+        self.settings.check_live(&self.over()?)
+    }
+
+    /// What the command line says, over the file: the mount too, where it is given.
+    fn over(&self) -> Result<Vec<String>> {
+        let mount = self.sensor.given_mount()?.map(|mount| {
+            let [translation, rotation] = [mount.translation.to_array().to_vec(), mount.rotation.to_array().to_vec()];
+            format!("tracking.mount={{ translation = {translation:?}, rotation = {rotation:?} }}")
+        });
+        Ok(mount.into_iter().chain(self.settings.changes().iter().cloned()).collect())
     }
 
     /// Session after session, until there is an end.
@@ -129,8 +142,8 @@ impl Run {
         check_registration(&runtime);
         let runtime = Arc::new(runtime);
         let compose = |text: &str, changes: &[String]| compose(&runtime.chaperone(), text, changes);
-        let (desk, work) = SettingsDesk::new(self.settings.live_file(), self.settings.changes(), &compose)
-            .map_err(|why| anyhow!(why))?;
+        let (desk, work) =
+            SettingsDesk::new(self.settings.live_file(), &self.over()?, &compose).map_err(|why| anyhow!(why))?;
         let plan = FeedPlan::new(&self.sensor, self.record.clone());
         let (feed, is_over) = Feed::start(plan, &desk.newest())?;
         let on_new = |before: &Settings, new: &Settings| take_up(&feed, before, new);
@@ -220,7 +233,7 @@ fn take_up(feed: &Feed, before: &Settings, new: &Settings) {
         Settings { radar, tracking, processing, rooms, reflectors, ..Settings::default() }
     };
     if searched(before) != searched(new) {
-        log::info!("other settings for the search: the map begins anew");
+        log::info!("other settings for the search: it begins anew, with what was kept of the room as remembered");
         feed.renew(new);
     }
     let fixed = |settings: &Settings| (settings.headset.poses_hz, settings.headset.threads);

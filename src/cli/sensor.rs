@@ -59,7 +59,12 @@ pub(super) struct ChosenSensor {
 impl SensorArguments {
     /// `head_from_sensor`.
     pub fn mount(&self) -> Result<Pose> {
-        self.mount.as_deref().map_or(Ok(Pose::IDENTITY), parse_mount)
+        Ok(self.given_mount()?.unwrap_or(Pose::IDENTITY))
+    }
+
+    /// The same where it is given.
+    pub fn given_mount(&self) -> Result<Option<Pose>> {
+        self.mount.as_deref().map(parse_mount).transpose()
     }
 
     /// The board asked for, else the likeliest, with the configuration asked for, else the board's own.

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 
 use super::files::keep_inputs;
@@ -11,23 +11,28 @@ use super::import::parse_mount;
 use super::progress;
 use super::serve::Serve;
 use crate::engine::Settings;
+use crate::geometry::Pose;
 use crate::radar::{Beam, PRESETS, SensorConfig, preset};
 use crate::recording::{Header, RecordingSummary, RecordingWriter, SensorMetadata};
-use crate::simulation::{MOTIONS, SCENES, Scenario, Simulated, TrackingErrors};
+use crate::simulation::{MOTIONS, PlaySession, SCENES, Scenario, Simulated, TrackingErrors};
 use crate::tracking::PoseSample;
+
+/// The room of the play sessions.
+const PLAY_ROOM: &str = "play-room";
 
 /// Simulates a sensor on a headset in a room and records it, with the truth, or serves it live
 ///
-/// Rooms: corner-reflector, raised-reflector, clothes-hanger, chair, two-chairs (the thesis' scenes), furnished-room, empty-room, nothing.
+/// Rooms: corner-reflector, raised-reflector, clothes-hanger, chair, two-chairs (the thesis' scenes), furnished-room, empty-room, nothing;
+/// play-room is a play session: a player among furniture, own hands in the beam, somebody who crosses the room, a chair carried away halfway.
 /// The same seed gives the same file. With --serve, whatever speaks the A121's protocol can try it as if it were a board.
 #[derive(Debug, Args)]
 pub(super) struct Simulate {
     /// What stands there
-    #[arg(value_parser = clap::builder::PossibleValuesParser::new(SCENES))]
+    #[arg(value_parser = clap::builder::PossibleValuesParser::new(SCENES.into_iter().chain([PLAY_ROOM])))]
     room: String,
-    /// How the sensor moves
-    #[arg(long, default_value = "natural", value_parser = clap::builder::PossibleValuesParser::new(MOTIONS))]
-    motion: String,
+    /// How the sensor moves; without it natural
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(MOTIONS))]
+    motion: Option<String>,
     /// Everything random follows from it
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -49,9 +54,9 @@ pub(super) struct Simulate {
     /// Where the sensor sits on the head: x,y,z in metres, or x,y,z,qx,qy,qz,qw
     #[arg(long, value_name = "x,y,z[,qx,qy,qz,qw]", allow_hyphen_values = true)]
     mount: Option<String>,
-    /// Time of a sweep's pose minus time of the sweep, as written, seconds
-    #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
-    time_offset_s: f64,
+    /// Time of a sweep's pose minus time of the sweep, as written, seconds; without it 0
+    #[arg(long, allow_hyphen_values = true)]
+    time_offset_s: Option<f64>,
     /// Tracking without any error
     #[arg(long)]
     perfect_tracking: bool,
@@ -68,43 +73,78 @@ pub(super) struct Simulate {
 impl Simulate {
     pub fn run(&self) -> Result<()> {
         let Some(out) = self.out.as_ref().filter(|_| !self.live.is_asked()) else {
+            if self.room == PLAY_ROOM {
+                bail!("{PLAY_ROOM} is recorded alone: give --out FILE.mcap, or another room to serve");
+            }
             return self.live.run(self.scenario()?, self.duration_s);
         };
         self.live.refuse_alone()?;
         if let Some(config) = &self.config {
             keep_inputs(out, &[config])?;
         }
-        let scenario = self.scenario()?;
         let spinner = progress::spinner("simulating");
-        let simulated = scenario.run()?;
-        let summary = write_simulated(out, &scenario, &simulated)?;
+        let summary = if self.room == PLAY_ROOM {
+            let session = self.play_session()?.stage()?;
+            let source = format!("simulation: {PLAY_ROOM}, seed {}", self.seed);
+            let PlaySession { config, beam, head_from_sensor, .. } = session.play();
+            write_simulated(out, source, (config, beam, head_from_sensor), &session.recorded())?
+        } else {
+            write_scenario(out, &self.scenario()?)?
+        };
         spinner.finish_and_clear();
         say!("{summary}")?;
         say!("Written to {}", out.display())?;
         Ok(())
     }
 
-    fn scenario(&self) -> Result<Scenario> {
-        let config = match &self.config {
-            Some(path) => read_config(path)?,
+    fn sensor_config(&self) -> Result<SensorConfig> {
+        match &self.config {
+            Some(path) => read_config(path),
             None => {
                 let usual = if self.room == "corner-reflector" { "fine" } else { "d16" };
                 let name = self.preset.as_deref().unwrap_or(usual);
-                preset(name).ok_or_else(|| anyhow!("preset \"{name}\" is not known: use {}", PRESETS.join(", ")))?
+                preset(name).ok_or_else(|| anyhow!("preset \"{name}\" is not known: use {}", PRESETS.join(", ")))
             }
-        };
-        let mut scenario = Scenario::new(&self.room, &self.motion, config, self.duration_s.unwrap_or(10.0), self.seed);
+        }
+    }
+
+    fn errors(&self) -> TrackingErrors {
+        let errors = if self.perfect_tracking { TrackingErrors::none() } else { TrackingErrors::default() };
+        TrackingErrors { dropouts_per_minute: self.dropouts_per_minute, ..errors }
+    }
+
+    fn scenario(&self) -> Result<Scenario> {
+        let (motion, duration_s) = (self.motion.as_deref().unwrap_or("natural"), self.duration_s.unwrap_or(10.0));
+        let mut scenario = Scenario::new(&self.room, motion, self.sensor_config()?, duration_s, self.seed);
         scenario.beam = Beam::named(&self.beam)?;
         if let Some(mount) = &self.mount {
             scenario.head_from_sensor = parse_mount(mount)?;
         }
-        if self.perfect_tracking {
-            scenario.errors = TrackingErrors::none();
-        }
-        scenario.errors.dropouts_per_minute = self.dropouts_per_minute;
+        scenario.errors = self.errors();
         scenario.snr_db = self.snr_db;
-        scenario.time_offset_s = self.time_offset_s;
+        scenario.time_offset_s = self.time_offset_s.unwrap_or(0.0);
         Ok(scenario)
+    }
+
+    fn play_session(&self) -> Result<PlaySession> {
+        let others = [
+            ("--motion", self.motion.is_some()),
+            ("--snr-db", self.snr_db.is_some()),
+            ("--time-offset-s", self.time_offset_s.is_some()),
+        ];
+        if let Some((name, _)) = others.iter().find(|(_, is_given)| *is_given) {
+            bail!("{name} is for the other rooms: a player of {PLAY_ROOM} moves and is measured by its own rules");
+        }
+        let mut session = PlaySession::new(self.sensor_config()?, self.seed);
+        session.duration_s = self.duration_s.unwrap_or(60.0);
+        session.beam = Beam::named(&self.beam)?;
+        if let Some(mount) = &self.mount {
+            session.head_from_sensor = parse_mount(mount)?;
+        }
+        session.errors = self.errors();
+        // Whoever reads the truth finds walls along the axes.
+        session.square = true;
+        Ok(session)
     }
 }
 
@@ -118,11 +158,22 @@ pub(super) fn read_config(path: &Path) -> Result<SensorConfig> {
     Ok(config)
 }
 
-/// Writes a simulated recording: both streams merged in time, the truth and the beam in its header.
-pub(super) fn write_simulated(path: &Path, scenario: &Scenario, simulated: &Simulated) -> Result<RecordingSummary> {
+/// Runs a scenario and writes its recording.
+pub(super) fn write_scenario(path: &Path, scenario: &Scenario) -> Result<RecordingSummary> {
     let source = format!("simulation: {}, {}, seed {}", scenario.scene, scenario.motion, scenario.seed);
+    let Scenario { config, beam, head_from_sensor, .. } = scenario;
+    write_simulated(path, source, (config, beam, head_from_sensor), &scenario.run()?)
+}
+
+/// Writes a simulated recording: both streams merged in time, the truth and the beam in its header.
+fn write_simulated(
+    path: &Path,
+    source: String,
+    (config, beam, head_from_sensor): (&SensorConfig, &Beam, &Pose),
+    simulated: &Simulated,
+) -> Result<RecordingSummary> {
     let mut settings = Settings::default();
-    settings.radar.beam = scenario.beam.clone();
+    settings.radar.beam = beam.clone();
     let header = Header {
         sensor: SensorMetadata {
             ticks_per_second: Some(1_000_000),
@@ -132,7 +183,7 @@ pub(super) fn write_simulated(path: &Path, scenario: &Scenario, simulated: &Simu
         },
         settings: settings.to_toml(),
         truth: Some(simulated.truth.clone()),
-        ..Header::new(source, scenario.config.clone(), scenario.head_from_sensor)
+        ..Header::new(source, config.clone(), *head_from_sensor)
     };
     let mut writer = RecordingWriter::create(path, &header)?;
     let mut poses = simulated.poses.iter().peekable();

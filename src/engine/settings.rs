@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::DEFAULT_CUBE_M;
 use crate::geometry::{Aabb, Pose};
 use crate::imaging::PositionErrors;
-use crate::obstacles::{ReflectorSettings, RoomSettings};
+use crate::obstacles::{RECENT_UPDATES, ReflectorSettings, RoomSettings};
 use crate::radar::Beam;
 use crate::tracking::HistorySettings;
 use crate::warning::{CueSettings, WarningSettings, WarningSettingsError};
@@ -19,7 +19,7 @@ const MAX_PLACES: f64 = 8e6;
 pub enum SettingsError {
     /// Not TOML, an unknown name, or a value of the wrong kind.
     #[error("settings: {0}")]
-    Toml(#[from] Box<toml::de::Error>),
+    Toml(String),
     /// `--set` without a value.
     #[error("--set {0}: write it as name=value, for example --set tracking.time_offset_s=0.02")]
     NoValue(String),
@@ -60,6 +60,28 @@ pub enum SettingsError {
         /// The bound.
         max: f64,
     },
+}
+
+impl From<toml::de::Error> for SettingsError {
+    fn from(error: toml::de::Error) -> Self {
+        Self::Toml(for_people(&error.to_string()))
+    }
+}
+
+/// What the parser says, without the names that a programmer gives to kinds of numbers.
+fn for_people(says: &str) -> String {
+    let kind = |word: &str| match word.trim_end_matches(',') {
+        "f64" | "f32" => "a number".to_owned(),
+        "u8" => "a whole number from 0 to 255".to_owned(),
+        "u32" | "u64" | "usize" => "a whole number, 0 or more".to_owned(),
+        word => word.to_owned(),
+    };
+    let line = |line: &str| match line.split_once("expected ") {
+        Some((before, rest)) if rest.starts_with("struct ") => format!("{before}expected a table of settings"),
+        Some((before, rest)) if !rest.contains(' ') => format!("{before}expected {}", kind(rest)),
+        _ => line.to_owned(),
+    };
+    says.trim_end().lines().map(line).collect::<Vec<_>>().join("\n")
 }
 
 /// The sensor, as imaging sees it.
@@ -227,12 +249,12 @@ impl Settings {
     /// As [`Settings::from_toml`].
     pub fn from_layers(below: toml::Table, text: &str, changes: &[String]) -> Result<Self, SettingsError> {
         let mut table = below;
-        lay_over(&mut table, toml::from_str(text).map_err(Box::new)?);
+        lay_over(&mut table, toml::from_str(text)?);
         for change in changes {
             let (name, value) = change.split_once('=').ok_or_else(|| SettingsError::NoValue(change.clone()))?;
             set(&mut table, change, name.trim(), parsed(value.trim()))?;
         }
-        let settings: Self = toml::Value::Table(table).try_into().map_err(Box::new)?;
+        let settings: Self = toml::Value::Table(table).try_into()?;
         settings.check()?;
         Ok(settings)
     }
@@ -271,9 +293,14 @@ impl Settings {
             ("rooms.explain.min_candidate_score", rooms.explain.min_candidate_score, 0.0, 1e6),
             ("rooms.explain.plane_min_score", rooms.explain.plane_min_score, 0.0, 1e6),
             ("rooms.explain.min_over_point", rooms.explain.min_over_point, -1e6, 1e6),
+            ("rooms.explain.plane_min_blocks", f64::from(rooms.explain.plane_min_blocks), 1.0, 1e4),
+            ("rooms.explain.max_sigma_m", rooms.explain.max_sigma_m, 0.01, 10.0),
+            ("rooms.explain.min_feet_rms_m", rooms.explain.min_feet_rms_m, 0.0, 10.0),
             ("rooms.explain.claim_range_m", rooms.explain.claim_range_m, 0.0, 10.0),
             ("rooms.explain.claim_lobes", rooms.explain.claim_lobes, 0.0, 1e3),
             ("rooms.map.confirm_score", rooms.map.confirm_score, 0.0, 1e6),
+            ("rooms.map.confirm_sightings", rooms.map.confirm_sightings as f64, 1.0, RECENT_UPDATES as f64),
+            ("rooms.map.confirm_wall_sightings", rooms.map.confirm_wall_sightings as f64, 1.0, RECENT_UPDATES as f64),
             ("rooms.map.confirm_odds", rooms.map.confirm_odds, -100.0, 100.0),
             ("rooms.map.forget.leak", rooms.map.forget.leak, 0.0, 1e3),
             ("rooms.map.forget.shadow_leak", rooms.map.forget.shadow_leak, 0.0, 1e3),
@@ -290,6 +317,7 @@ impl Settings {
             ("rooms.fine.min_score", rooms.fine.min_score, 0.0, 1e6),
             ("rooms.fine.max_opened", rooms.fine.max_opened as f64, 0.0, 1e4),
             ("rooms.fine.max_bricks", rooms.fine.max_bricks as f64, 0.0, 1e5),
+            ("rooms.fine.keep_looks", f64::from(rooms.fine.keep_looks), 0.0, 1e4),
             ("rooms.moving.alarms_per_block", rooms.moving.alarms_per_block, 1e-6, 1.0),
             ("rooms.moving.confirm_blocks", rooms.moving.confirm_blocks as f64, 1.0, 6.0),
             ("rooms.moving.min_travel_m", rooms.moving.min_travel_m, 0.0, 10.0),
@@ -298,6 +326,7 @@ impl Settings {
             ("reflectors.min_range_m", reflectors.min_range_m, 0.0, 10.0),
             ("reflectors.threshold_sigma", reflectors.threshold_sigma, 0.0, 1e6),
             ("reflectors.max_reflectors", reflectors.max_reflectors as f64, 1.0, 1000.0),
+            ("reflectors.max_sweeps", reflectors.max_sweeps as f64, 0.0, 1e9),
             ("reflectors.search_sweeps", reflectors.search_sweeps as f64, 3.0, 1e5),
             ("cues.volume", self.cues.volume, 0.0, 1.0),
             ("cues.pulse_strength", self.cues.pulse_strength, 0.0, 1.0),
@@ -418,6 +447,53 @@ mod tests {
         ] {
             let error = with(change).expect_err(change).to_string();
             assert!(error.contains(says), "{change}: {error}");
+        }
+    }
+
+    /// Every number of the settings by its name, with the value `change` makes of it.
+    fn numbers(table: &toml::Table, before: &str) -> Vec<String> {
+        let names = table.iter().flat_map(|(name, value)| match value {
+            toml::Value::Table(inner) => numbers(inner, &format!("{before}{name}.")),
+            toml::Value::Float(_) | toml::Value::Integer(_) => vec![format!("{before}{name}")],
+            _ => Vec::new(),
+        });
+        names.collect()
+    }
+
+    #[test]
+    fn no_number_may_be_any_number() {
+        let table = toml::Table::try_from(Settings::default()).unwrap();
+        let names = numbers(&table, "");
+        assert!(names.len() > 70, "{}", names.len());
+        for name in names {
+            for value in ["nan", "inf", "-inf", "-1e9", "1e30"] {
+                let error = with(&format!("{name}={value}")).expect_err(&format!("{name}={value}")).to_string();
+                let own = name.rsplit('.').next().unwrap_or_default();
+                assert!(error.contains(own) || error.contains("expected"), "{name}={value}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_could_never_be_confirmed_is_refused() {
+        for change in
+            ["rooms.map.confirm_sightings=5", "rooms.map.confirm_wall_sightings=9", "rooms.explain.max_sigma_m=-1"]
+        {
+            assert!(with(change).is_err(), "{change}");
+        }
+        assert!(with("rooms.map.confirm_wall_sightings=4").is_ok());
+    }
+
+    #[test]
+    fn kinds_of_values_are_told_in_words() {
+        for (change, says) in [
+            ("warning.brightness=dark", "expected a number"),
+            ("warning.color=[300, 0, 0]", "expected a whole number from 0 to 255"),
+            ("reflectors.max_sweeps=many", "expected a whole number, 0 or more"),
+            ("warning=3", "expected a table of settings"),
+        ] {
+            let error = with(change).expect_err(change).to_string();
+            assert!(error.contains(says) && !error.contains("f32") && !error.contains("struct"), "{change}: {error}");
         }
     }
 }

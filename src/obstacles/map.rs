@@ -60,8 +60,8 @@ impl MapSettings {
     }
 }
 
-/// Updates that are looked back on.
-const RECENT_UPDATES: usize = 4;
+/// Updates that are looked back on: no more sightings can be asked for.
+pub const RECENT_UPDATES: usize = 4;
 /// A place that is not confirmed and not seen in this many updates is forgotten.
 const FORGET_AFTER_UPDATES: u64 = 8;
 

@@ -19,7 +19,7 @@ pub use evidence::Evidence;
 pub use existence::ForgetSettings;
 pub use explain::{Believed, ExplainSettings, Explained, SEGMENT_NS, Window};
 pub use hands::{HandTrail, HandsM, HandsSample};
-pub use map::{MapSettings, Sighted, Sightings, same_place, same_plane};
+pub use map::{MapSettings, RECENT_UPDATES, Sighted, Sightings, same_place, same_plane};
 pub use moving::{Moving, MovingSettings, MovingTracks};
 pub use reflectors::{ReflectorSettings, find_reflectors, reflector_evidence};
 pub use remembered::{Remembered, RememberedError, RememberedPlace, RememberedWall};

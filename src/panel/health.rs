@@ -17,6 +17,8 @@ pub enum SensorHealth {
     /// None was found yet, or the line does not open.
     #[default]
     Missing,
+    /// It is there; how much it sends is not known yet.
+    Begins,
     /// It is there and sends nothing.
     Silent,
     /// It sends.
@@ -49,6 +51,10 @@ pub struct Health {
     pub obstacles: usize,
     /// See `obstacles`.
     pub walls: usize,
+    /// How many of both are remembered from before and not seen again yet.
+    pub remembered: usize,
+    /// What is wrong with the settings' file, in a line.
+    pub settings_trouble: Option<String>,
 }
 
 /// How grave it is.
@@ -85,11 +91,21 @@ impl Health {
         [self.sensor(), self.headset(), self.timing(), self.room()]
     }
 
+    /// What has no card and must be said: nothing is shown, or the settings are not what their file says.
+    pub(super) fn notice(&self, warnings: bool) -> Option<(State, String)> {
+        match (&self.settings_trouble, warnings) {
+            (Some(why), _) => Some((State::Fair, format!("Settings file: {}", shortened(why)))),
+            (None, false) => Some((State::Fair, "Warnings are switched off".into())),
+            (None, true) => None,
+        }
+    }
+
     fn sensor(&self) -> Finding {
         let (state, says, more) = match &self.sensor {
             SensorHealth::Missing => {
                 (State::Bad, "No radar sensor found".into(), "Plug it in: it is looked for every two seconds.".into())
             }
+            SensorHealth::Begins => (State::Good, "Radar is there".into(), "Its sweeps are being counted.".into()),
             SensorHealth::Silent => (
                 State::Bad,
                 "The sensor sends nothing".into(),
@@ -111,6 +127,9 @@ impl Health {
 
     fn headset(&self) -> Finding {
         let (state, says, more) = match self.is_tracked {
+            true if self.poses_per_s < 1.0 => {
+                (State::Good, "Headset is tracked".into(), "Its poses wait for the radar.".into())
+            }
             true => (State::Good, "Headset is tracked".into(), format!("{:.0} poses a second", self.poses_per_s)),
             false => (
                 State::Bad,
@@ -147,6 +166,9 @@ impl Health {
             _ if !self.is_alive && self.age_s.is_some() => {
                 (State::Bad, "The map has stopped".into(), "Restart Radar chaperone.".into())
             }
+            None if self.remembered > 0 => {
+                (State::Fair, format!("{} remembered", found()), "The map begins with the first sweeps.".into())
+            }
             None => (State::Fair, "Nothing mapped yet".into(), "The map begins with the first sweeps.".into()),
             Some(age_s) if age_s > OLD_S => {
                 (State::Bad, "The map stands still".into(), format!("{} known, {}", found(), told_age(age_s)))
@@ -154,9 +176,21 @@ impl Health {
             Some(_) if self.obstacles + self.walls == 0 => {
                 (State::Fair, "Nothing found yet".into(), "Look around the room for some seconds.".into())
             }
+            Some(_) if self.remembered > 0 => {
+                (State::Good, found(), format!("{} of them remembered, not seen again yet", self.remembered))
+            }
             Some(age_s) => (State::Good, found(), told_age(age_s)),
         };
         Finding { title: "Room", state, says, more }
+    }
+}
+
+/// As much as the header has room for.
+fn shortened(text: &str) -> String {
+    const MOST: usize = 60;
+    match text.char_indices().nth(MOST) {
+        Some((end, _)) => format!("{}…", text[..end].trim_end()),
+        None => text.to_owned(),
     }
 }
 
@@ -206,6 +240,8 @@ mod tests {
             is_alive: true,
             obstacles: 5,
             walls: 1,
+            remembered: 0,
+            settings_trouble: None,
         }
     }
 
@@ -237,11 +273,31 @@ mod tests {
             (Health { age_s: Some(4.0), ..well() }, 3, State::Bad, "4 s ago"),
             (Health { is_alive: false, ..well() }, 3, State::Bad, "Restart"),
             (Health { obstacles: 0, walls: 0, ..well() }, 3, State::Fair, "Look around"),
+            (Health { age_s: None, remembered: 6, ..well() }, 3, State::Fair, "first sweeps"),
         ] {
             let mut expected = [State::Good; 4];
             expected[at] = state;
             assert_eq!(states(&health), expected, "{health:?}");
             assert!(health.findings()[at].more.contains(word), "{:?}", health.findings()[at]);
         }
+    }
+
+    #[test]
+    fn what_is_not_known_yet_is_not_told_as_nothing() {
+        let begins = Health { sensor: SensorHealth::Begins, poses_per_s: 0.0, remembered: 4, ..well() };
+        assert_eq!(states(&begins), [State::Good; 4]);
+        let told = begins.findings().map(|finding| finding.more);
+        assert!(told.iter().all(|more| !more.contains("0 sweeps") && !more.contains("0 poses")), "{told:?}");
+        assert_eq!(told[3], "4 of them remembered, not seen again yet");
+    }
+
+    #[test]
+    fn settings_that_do_not_count_and_warnings_that_are_off_are_said() {
+        assert_eq!(well().notice(true), None);
+        assert_eq!(well().notice(false), Some((State::Fair, "Warnings are switched off".into())));
+        let why = "TOML parse error at line 12, column 3, with a great many words of what else there might have been";
+        let (state, says) = Health { settings_trouble: Some(why.into()), ..well() }.notice(false).unwrap();
+        assert!(state == State::Fair && says.starts_with("Settings file: TOML parse error at line 12"), "{says}");
+        assert!(says.chars().count() < 80 && says.ends_with('…'), "{says}");
     }
 }

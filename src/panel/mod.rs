@@ -59,7 +59,9 @@ pub fn panel(ui: &Ui, view: &PanelView) -> Vec<Change> {
     let painter = ui.painter();
     painter.rect_filled(whole(), CornerRadius::ZERO, BACKGROUND);
     let findings = view.health.findings();
-    header(ui, &findings);
+    let warnings = view.settings.get("headset").and_then(|headset| headset.get("warnings"));
+    let notice = view.health.notice(warnings.and_then(toml::Value::as_bool).unwrap_or(true));
+    header(ui, &findings, notice.as_ref());
     health::cards(painter, health_area(), &findings);
     plan::draw(painter, plan_area(), &view.plan);
     switches::draw(ui, switches_area(), &view.settings)
@@ -104,14 +106,16 @@ fn health_area() -> Rect {
 }
 
 /// The name, and the worst of what there is to say.
-fn header(ui: &Ui, findings: &[health::Finding]) {
+fn header(ui: &Ui, findings: &[health::Finding], notice: Option<&(health::State, String)>) {
     let painter = ui.painter();
     let middle = HEADER / 2.0 + 2.0;
     icon::draw(painter, Rect::from_center_size(pos2(MARGIN + 30.0, middle), vec2(60.0, 60.0)));
     painter.text(pos2(MARGIN + 78.0, middle), Align2::LEFT_CENTER, "Radar chaperone", font(42.0), TEXT);
-    let worst = findings.iter().max_by_key(|finding| finding.state);
+    let said = findings.iter().map(|finding| (finding.state, finding.says.as_str()));
+    // Of what is equally grave the notice: the others have their cards.
+    let worst = said.chain(notice.map(|(state, says)| (*state, says.as_str()))).max_by_key(|(state, _)| *state);
     let (text, color) = match worst {
-        Some(worst) if worst.state > health::State::Good => (worst.says.as_str(), worst.state.color()),
+        Some((state, says)) if state > health::State::Good => (says, state.color()),
         _ => ("Everything works", GOOD),
     };
     let right = SIZE[0] as f32 - MARGIN;

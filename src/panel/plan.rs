@@ -6,6 +6,9 @@ use super::{ACCENT, CARD, FAINT, FAIR, ROUND, TEXT, font};
 
 /// What moves by itself: no colour of furniture.
 const MOVING: Color32 = Color32::from_rgb(255, 92, 168);
+/// An obstacle; and so much of its colour where it is remembered and not seen again yet.
+const KNOWN: Color32 = Color32::from_rgb(120, 150, 196);
+const REMEMBERED: f32 = 0.45;
 /// The plan shows no less and no more than so much from one edge to the other, metres.
 const LEAST_M: f64 = 3.5;
 const MOST_M: f64 = 10.0;
@@ -40,6 +43,8 @@ pub struct Thing {
     pub sigma_m: [[f64; 2]; 2],
     /// Whether it is warned of now.
     pub is_near: bool,
+    /// Whether it is remembered from before and not seen again yet.
+    pub is_remembered: bool,
 }
 
 /// Something that moves: somewhere on an arc.
@@ -186,7 +191,8 @@ fn beam(painter: &Painter, view: &View, head: &Head) {
 }
 
 fn draw_thing(painter: &Painter, view: &View, thing: &Thing) {
-    let color = if thing.is_near { FAIR } else { Color32::from_rgb(120, 150, 196) };
+    let color = if thing.is_near { FAIR } else { KNOWN };
+    let color = if thing.is_remembered { color.gamma_multiply(REMEMBERED) } else { color };
     let corners: Vec<Pos2> = thing.outline_m.iter().map(|corner| view.at(*corner)).collect();
     let around = Rect::from_points(&corners);
     match corners.len() {
@@ -234,14 +240,18 @@ fn draw_head(painter: &Painter, view: &View, head: &Head) {
 fn legend(painter: &Painter, area: Rect, plan: &Plan) {
     let y = area.max.y - LEGEND_PX / 2.0;
     let mut x = area.min.x + 24.0;
-    let known = Color32::from_rgb(120, 150, 196);
+    let is_any_remembered = plan.things.iter().any(|thing| thing.is_remembered);
     let entries = [
         (Some(TEXT), "you"),
-        (Some(known), "obstacle"),
+        (Some(KNOWN), "obstacle"),
         (Some(FAIR), "near you"),
         (Some(ACCENT), "play area"),
         // There is room for one of them.
-        if plan.moving.is_empty() { (None, "dashed: uncertain") } else { (Some(MOVING), "moving") },
+        match (plan.moving.is_empty(), is_any_remembered) {
+            (false, _) => (Some(MOVING), "moving"),
+            (true, true) => (Some(KNOWN.gamma_multiply(REMEMBERED)), "remembered"),
+            (true, false) => (None, "dashed: uncertain"),
+        },
     ];
     for (color, text) in entries {
         if let Some(color) = color {

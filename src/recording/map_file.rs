@@ -200,6 +200,17 @@ impl MapFolder {
         }
     }
 
+    /// Puts a room's map aside that cannot be used, so that it is not written over; says where it is now. One that was put aside before goes.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn put_aside(&self, universe: u64) -> Result<PathBuf, MapFileError> {
+        let path = self.file(universe);
+        let aside = path.with_extension("json.bad");
+        fs::rename(&path, &aside).map_err(io_error("rename", &path))?;
+        Ok(aside)
+    }
+
     /// Maps but this one, newest first.
     fn others_by_age(&self, but: &Path) -> Vec<PathBuf> {
         let entries = fs::read_dir(&self.0).into_iter().flatten().filter_map(Result::ok);

@@ -6,6 +6,7 @@
 mod arm;
 mod furniture;
 mod imu;
+mod known;
 mod live;
 mod motion;
 mod receiver;

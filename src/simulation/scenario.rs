@@ -4,12 +4,13 @@ use glam::DVec3;
 use num_complex::Complex;
 use rayon::prelude::*;
 
+use super::known::Known;
 use super::sampler::{Around, Sampler};
 use super::{LiveScenario, Motion, MotionError, Scene, SceneError, TrackingErrors, TruePath, scene};
 use crate::geometry::Pose;
 use crate::radar::{Beam, ConfigError, Frame, SensorConfig, Subsweep, frame_timing, rcs_dbsm_for_snr};
 use crate::tracking::PoseSample;
-use crate::truth::{Truth, TruthObstacle, TruthWall};
+use crate::truth::Truth;
 
 /// Host time at which simulated recordings begin, nanoseconds.
 const START_NS: i64 = 1_000_000_000;
@@ -114,7 +115,10 @@ impl Scenario {
         let head_at = |t: f64| stage.head_at(t);
         let poses = self.poses(&stage);
         let frames = self.frames(&stage);
-        let truth = self.truth(&stage.scene, head_at, |t| stage.sensor_at(t));
+        let title = format!("{}, {}", self.scene, self.motion);
+        let known = Known { title, seed: self.seed, duration_s: self.duration_s, beam: &self.beam };
+        let mut truth = known.truth(&stage.scene.room, head_at, |t| stage.sensor_at(t));
+        truth.time_offset_s = self.time_offset_s;
         Ok(Simulated { frames, poses, truth })
     }
 
@@ -195,41 +199,6 @@ impl Scenario {
                 }
             })
             .collect()
-    }
-
-    fn truth(&self, scene: &Scene, head_at: impl Fn(f64) -> Pose, sensor_at: impl Fn(f64) -> Pose) -> Truth {
-        const STEP_S: f64 = 0.02;
-        let times: Vec<f64> = (0..(self.duration_s / STEP_S) as usize).map(|i| i as f64 * STEP_S).collect();
-        let obstacles = scene.room.things.iter().map(|thing| {
-            let points_m: Vec<_> = thing.scatterers.iter().map(|s| s.position_m).collect();
-            let nearest = |t: f64| {
-                let head = head_at(t).translation;
-                points_m.iter().map(|p| p.distance(head)).fold(f64::INFINITY, f64::min)
-            };
-            let in_beam = |t: &&f64| {
-                let sensor = sensor_at(**t);
-                points_m.iter().any(|p| {
-                    let to = *p - sensor.translation;
-                    let cos = to.normalize_or_zero().dot(sensor.forward());
-                    to.length() <= IN_BEAM_M && self.beam.amplitude(cos) >= IN_BEAM_AMPLITUDE
-                })
-            };
-            TruthObstacle {
-                name: thing.name.clone(),
-                rcs_dbsm: thing.scatterers.iter().map(|s| s.rcs_dbsm).collect(),
-                closest_approach_m: times.iter().map(|&t| nearest(t)).fold(f64::INFINITY, f64::min),
-                in_beam_s: times.iter().filter(in_beam).count() as f64 * STEP_S,
-                points_m: points_m.clone(),
-            }
-        });
-        let walls = scene.room.walls.iter();
-        Truth {
-            title: format!("{}, {}", self.scene, self.motion),
-            seed: self.seed,
-            obstacles: obstacles.collect(),
-            walls: walls.map(|w| TruthWall { name: w.name.clone(), plane: w.plane, extent: w.extent }).collect(),
-            time_offset_s: self.time_offset_s,
-        }
     }
 }
 

@@ -7,7 +7,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum WarningSettingsError {
     /// The fade must run over some distance.
-    #[error("full_distance_m = {full_m} must be at least 0 and less than fade_distance_m = {fade_m}")]
+    #[error(
+        "full_distance_m = {full_m} must be at least 0 and less than fade_distance_m = {fade_m}, which is 10 at most"
+    )]
     Distances {
         /// `full_distance_m` as given.
         full_m: f64,
@@ -18,7 +20,7 @@ pub enum WarningSettingsError {
     #[error("grid_spacing_m = {0} must be from 0.05 to 1 m")]
     GridSpacing(f64),
     /// An area without a size, or a margin that is none.
-    #[error("play_area_m = {area_m:?} and play_area_margin_m = {margin_m} must be lengths from 0 to 100 m")]
+    #[error("play_area_m = {} and play_area_margin_m = {margin_m} must be lengths from 0 to 100 m", told_area(*area_m))]
     PlayArea {
         /// `play_area_m` as given.
         area_m: Option<[f64; 2]>,
@@ -52,6 +54,10 @@ pub enum WarningSettingsError {
         /// `calm_brightness` as given.
         brightness: f64,
     },
+}
+
+fn told_area(area_m: Option<[f64; 2]>) -> String {
+    area_m.map_or("none".into(), |area_m| format!("{area_m:?}"))
 }
 
 /// How warnings are drawn.
@@ -139,6 +145,9 @@ impl Default for WarningSettings {
     }
 }
 
+/// Nothing is known of what is farther, metres.
+const FARTHEST_M: f64 = 10.0;
+
 impl WarningSettings {
     /// Whether every value can be used.
     ///
@@ -146,7 +155,7 @@ impl WarningSettings {
     /// The first value outside the bounds that its error names.
     pub fn check(&self) -> Result<(), WarningSettingsError> {
         let (full_m, fade_m) = (self.full_distance_m, self.fade_distance_m);
-        if !(full_m >= 0.0 && fade_m > full_m && fade_m.is_finite()) {
+        if !(full_m >= 0.0 && fade_m > full_m && fade_m <= FARTHEST_M) {
             return Err(WarningSettingsError::Distances { full_m, fade_m });
         }
         if !(0.05..=1.0).contains(&self.grid_spacing_m) {
@@ -275,7 +284,7 @@ mod tests {
         let without_contact = WarningSettings { contact_begin_s: 0.0, ..Default::default() };
         assert!(without_contact.check().is_ok() && without_contact.by_contact(0.0) == 0.0);
         let area = WarningSettings { play_area_m: Some([2.0, -1.0]), ..Default::default() };
-        assert!(area.check().unwrap_err().to_string().contains("play_area_m = Some([2.0, -1.0])"));
+        assert!(area.check().unwrap_err().to_string().contains("play_area_m = [2.0, -1.0]"));
         assert!(WarningSettings::default().check().is_ok());
     }
 }

@@ -15,6 +15,12 @@ fn installed_and_uninstalled() {
     let before = rig.run(&["uninstall"]);
     assert_eq!((before.code, before.out.contains("nothing to do")), (Some(0), true), "{before:?}");
 
+    for nonsense in [["--nonsense", ""], ["--mount", "nonsense"], ["--set", "cues.volume=9"]] {
+        let arguments: Vec<&str> =
+            ["install", "--"].into_iter().chain(nonsense).filter(|word| !word.is_empty()).collect();
+        let refused = rig.run(&arguments);
+        assert!(refused.code == Some(1) && !refused.out.contains("starts it"), "{nonsense:?}: {refused:?}");
+    }
     let installed = rig.run(&["install", "--", "--port", "a b", "--preset", "c16"]);
     assert_eq!(installed.code, Some(0), "{}", installed.err);
     assert!(installed.out.contains("SteamVR starts it with the headset"), "{}", installed.out);

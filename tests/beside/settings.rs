@@ -80,3 +80,35 @@ fn a_changed_file_is_in_force_at_once_and_a_wrong_one_never() {
     let own: Value = serde_json::from_slice(&fs::read(rig.path("run.json")).unwrap()).unwrap();
     assert_eq!((&own["forgotten"], &own["reconstruction"]["epoch"]), (&json!(0), &json!(1)), "{own}");
 }
+
+#[test]
+fn a_file_that_is_wrong_from_the_start_keeps_nobody_from_being_warned() {
+    let mut rig = Rig::new("settings_wrong");
+    rig.start_sensor("furnished-room", "approach-chair", 1, 300);
+    rig.start_steamvr(&json!({}), true);
+    let folder = rig.path("home/.config/radar-chaperone");
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(folder.join("settings.toml"), "broken [").unwrap();
+    let program = rig.start_run(&[]);
+    rig.wait_for("its word", || program.err().contains("the defaults are in force").then_some(()));
+    rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));
+    let ended = program.interrupt();
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+}
+
+#[test]
+fn a_play_area_that_grows_is_followed() {
+    let mut rig = Rig::new("play_area");
+    rig.start_sensor("furnished-room", "approach-chair", 1, 300);
+    rig.start_steamvr(&json!({ "chaperone": { "size_m": [0.1, 0.1] } }), true);
+    let arguments = ["--set", "warning.play_area_margin_m=0", "--set", "warning.fade_distance_m=3.5"];
+    let program = rig.start_run(&[&arguments[..], &["--report", "run.json"]].concat());
+    // Long enough for the room to be known: nothing of it can be reached.
+    sleep(Duration::from_secs(10));
+    assert_eq!(rig.report()["visible"], 0);
+    rig.tell_steamvr(&json!({ "do": "play_area", "x": 8, "z": 8 }));
+    rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));
+    assert_eq!(program.interrupt().code, Some(0));
+    let own: Value = serde_json::from_slice(&fs::read(rig.path("run.json")).unwrap()).unwrap();
+    assert_eq!(own["forgotten"], 0, "the room has not moved: {own}");
+}

@@ -19,13 +19,13 @@ fn impossible_settings_are_refused() {
         ("--set warnings=1", "unknown field `warnings`, expected one of `radar`, `tracking`"),
         ("--set reflectors.voxels_m=1", "unknown field `voxels_m`, expected one of `voxel_m`"),
         ("--set reflectors.voxel_m", "--set reflectors.voxel_m: write it as name=value"),
-        ("--set reflectors.voxel_m=", "expected f64"),
-        ("--set reflectors.voxel_m=small", "expected f64"),
+        ("--set reflectors.voxel_m=", "expected a number"),
+        ("--set reflectors.voxel_m=small", "expected a number"),
         ("--set reflectors.voxel_m=0", "setting reflectors.voxel_m is 0: it must lie in 0.005 to 0.5"),
         ("--set reflectors.voxel_m=nan", "setting reflectors.voxel_m is NaN"),
         ("--set reflectors.voxel_m=0.005", "places to search"),
         ("--set reflectors.threshold_sigma=nan", "setting reflectors.threshold_sigma is NaN"),
-        ("--set reflectors.max_sweeps=-1", "expected usize"),
+        ("--set reflectors.max_sweeps=-1", "expected a whole number"),
         ("--set rooms.explain.min_score=nan", "setting rooms.explain.min_score is NaN"),
         ("--set rooms.map.confirm_score=nan", "setting rooms.map.confirm_score is NaN"),
         ("--set rooms.blocks.max_range_m=0.1", "setting rooms.blocks.max_range_m is 0.1"),
@@ -42,7 +42,7 @@ fn impossible_settings_are_refused() {
         ("--settings r.mcap", "cannot read settings r.mcap"),
         ("--settings text", "settings: TOML parse error at line 1"),
         ("--settings typo.toml", "unknown field `voxels_m`"),
-        ("--settings kind.toml", "expected f64"),
+        ("--settings kind.toml", "expected a number"),
     ] {
         for command in ["replay r.mcap", "reconstruct r.mcap --out v.npy"] {
             let outcome = folder.run(&format!("{command} {arguments}")).refused(says);
@@ -198,19 +198,21 @@ fn a_reader_who_leaves_early_loses_no_file() {
 fn no_command_writes_over_what_it_reads() {
     let folder = folder("overwrite");
     let before = folder.read("r.mcap");
-    folder.run("recover r.mcap --out r.mcap").refused("choose another name for --out");
-    folder.run("recover r.mcap --out ../overwrite/r.mcap").refused("choose another name for --out");
-    folder.run("reconstruct r.mcap --voxel-m 0.5 --out r.mcap").refused("choose another name for --out");
+    folder.run("recover r.mcap --out r.mcap").refused("choose another name for what is written");
+    folder.run("recover r.mcap --out ../overwrite/r.mcap").refused("choose another name for what is written");
+    folder.run("reconstruct r.mcap --voxel-m 0.5 --out r.mcap").refused("choose another name for what is written");
     assert!(folder.read("r.mcap") == before);
     folder.write("sensor.json", "{}");
     folder
         .run("simulate nothing --config sensor.json --duration-s 0.2 --out sensor.json")
-        .refused("choose another name for --out");
+        .refused("choose another name for what is written");
     if folder.copy_real("input.h5").is_some() {
         let before = folder.read("input.h5");
-        folder.run("import input.h5 --out input.h5").refused("choose another name for --out");
+        folder.run("import input.h5 --out input.h5").refused("choose another name for what is written");
         folder.write("track.tum", "0 0 0 0 0 0 0 1\n");
-        folder.run("import input.h5 --poses track.tum --out track.tum").refused("choose another name for --out");
+        folder
+            .run("import input.h5 --poses track.tum --out track.tum")
+            .refused("choose another name for what is written");
         assert!(folder.read("input.h5") == before);
     }
 }

@@ -12,6 +12,7 @@ mod experiment;
 mod faults;
 mod found;
 mod physics;
+mod play_room;
 mod real_recordings;
 mod record;
 mod results;

@@ -147,7 +147,9 @@ impl MapKeeper<'_, '_> {
                 Some(file.map.moved(&room.session_from_raw).later_by_ns(saved_ns))
             }
             Err(error) => {
-                log::warn!("the map that was kept of this room is left out: {error}");
+                let aside = self.maps.folder.put_aside(universe);
+                let aside = aside.map_or(String::new(), |path| format!("; it is kept as {}", path.display()));
+                log::warn!("the map that was kept of this room is left out: {error}{aside}");
                 None
             }
         }

@@ -2,7 +2,8 @@
 //!
 //! A thread of its own looks at the file four times a second: its time and length, and its text where these have changed. That
 //! costs a system call a look, serves every editor and every file system, and needs nothing that watches folders. What is good is in force at
-//! once; what is not is told of once, and the last good settings stay. Changes that are made here are in force first and are written into the
+//! once; what is not is told of once, and the last good settings stay: the defaults, where it is wrong from the start, since nobody may be
+//! there to read why a program does not start. What is wrong can be asked for ([`SettingsDesk::trouble`]) as long as it is. Changes that are made here are in force first and are written into the
 //! file when they rest, comments and all; a file that is wrong at that time is not written over.
 
 mod edit;
@@ -58,6 +59,8 @@ pub struct SettingsDesk {
     newest: Mutex<Arc<Settings>>,
     version: AtomicU64,
     orders: SyncSender<Order>,
+    /// Of the file as it is, and of what could not be written into it.
+    trouble: Mutex<[Option<String>; 2]>,
 }
 
 /// What the desk's thread works with; see [`SettingsDesk::new`].
@@ -80,17 +83,25 @@ impl SettingsDesk {
     /// Reads the file, which need not be there. The other part is to be run by a thread: [`DeskWork::run`].
     ///
     /// # Errors
-    /// What is wrong with the file.
+    /// What is wrong with `over`; a file that is wrong is left out, and its trouble known.
     pub fn new(file: Option<PathBuf>, over: &[String], compose: Compose) -> Result<(Self, DeskWork), String> {
         let seen = file.as_deref().map_or(Seen::Absent, seen);
-        let text = match &seen {
-            Seen::Text(text) => text.clone(),
-            Seen::Absent => String::new(),
-            Seen::Unreadable(why) => return Err(why.clone()),
+        let read = match &seen {
+            Seen::Text(text) => compose(text, over).map(|settings| (text.clone(), settings)),
+            Seen::Absent => compose("", over).map(|settings| (String::new(), settings)),
+            Seen::Unreadable(why) => Err(why.clone()),
         };
-        let first = compose(&text, over)?;
+        let (text, first, wrong) = match read {
+            Ok((text, settings)) => (text, settings, None),
+            Err(why) => (String::new(), compose("", over)?, Some(why)),
+        };
+        if let (Some(why), Some(file)) = (&wrong, &file) {
+            let why = why.trim_end();
+            log::warn!("{}: {why}\nIt is left out: the defaults are in force until it is mended", file.display());
+        }
         let (sender, orders) = sync_channel(MOST_ORDERS);
-        let desk = Self { newest: Mutex::new(Arc::new(first)), version: AtomicU64::new(1), orders: sender };
+        let trouble = Mutex::new([wrong, None]);
+        let desk = Self { newest: Mutex::new(Arc::new(first)), version: AtomicU64::new(1), orders: sender, trouble };
         let stamp = file.as_deref().and_then(stamp);
         let work = DeskWork {
             file,
@@ -138,6 +149,21 @@ impl SettingsDesk {
         let _ = self.orders.send(Order::End);
     }
 
+    /// What is wrong with the file now, or why what was changed here is not in it: its first line.
+    pub fn trouble(&self) -> Option<String> {
+        let [of_file, unsaved] = &*self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
+        let why = of_file.as_deref().or(unsaved.as_deref())?;
+        why.lines().next().map(str::to_owned)
+    }
+
+    fn note_trouble(&self, of_file: Option<String>) {
+        self.trouble.lock().unwrap_or_else(PoisonError::into_inner)[0] = of_file;
+    }
+
+    fn note_unsaved(&self, why: Option<String>) {
+        self.trouble.lock().unwrap_or_else(PoisonError::into_inner)[1] = why;
+    }
+
     fn publish(&self, settings: Settings, on_new: OnNew) {
         let new = Arc::new(settings);
         let before = {
@@ -167,11 +193,11 @@ impl DeskWork {
                 now_ns.saturating_sub(last_ns) >= REST_NS || now_ns.saturating_sub(first_ns) >= LATEST_NS
             };
             if self.changed_ns.is_some_and(is_due) {
-                self.save(compose);
+                self.save(desk, compose);
             }
         }
         if self.changed_ns.is_some() {
-            self.save(compose);
+            self.save(desk, compose);
         }
     }
 
@@ -226,9 +252,13 @@ impl DeskWork {
         let over = &self.over;
         match self.follower.look(now_ns(), seen(file), |text| compose(text, over)) {
             Outcome::Nothing => {}
-            Outcome::Kept(why) => log::warn!("{name}: {why}. The settings of before stay in force"),
+            Outcome::Kept(why) => {
+                log::warn!("{name}: {}. The settings of before stay in force", why.trim_end().trim_end_matches('.'));
+                desk.note_trouble(Some(why));
+            }
             Outcome::New(text, settings) => {
                 log::info!("{name}: its settings are in force");
+                desk.note_trouble(None);
                 self.text = text;
                 if self.unsaved.is_empty() {
                     desk.publish(settings, on_new);
@@ -242,7 +272,7 @@ impl DeskWork {
     }
 
     /// Writes our changes into the file as it is now.
-    fn save(&mut self, compose: Compose) {
+    fn save(&mut self, desk: &SettingsDesk, compose: Compose) {
         self.changed_ns = None;
         let why = match self.try_save(compose) {
             Ok(()) => None,
@@ -251,6 +281,11 @@ impl DeskWork {
         if why.is_some() && why != self.cannot_save {
             log::warn!("{}", why.as_deref().unwrap_or_default());
         }
+        if why.is_none() {
+            // It could be read, and is as it should be.
+            desk.note_trouble(None);
+        }
+        desk.note_unsaved(why.clone());
         self.cannot_save = why;
     }
 
@@ -377,6 +412,22 @@ mod tests {
             wait_for("both", || fs::read_to_string(file).unwrap() == whole);
             assert_eq!(desk.newest().warning.fade_distance_m, 2.0);
         });
+    }
+
+    #[test]
+    fn a_file_that_is_wrong_from_the_start_leaves_the_defaults_and_is_told_of_until_it_is_right() {
+        with_desk("begins-wrong", Some("broken ["), &["warning.brightness=0.5"], |desk, file| {
+            let default = Settings::default().warning;
+            assert_eq!((desk.newest().warning.brightness, desk.newest().warning.style), (0.5, default.style));
+            let told = desk.trouble().expect("it is wrong");
+            assert!(told.contains("line 1") && !told.contains('\n'), "{told}");
+            fs::write(file, "[cues]\nvolume = 2.0\n").unwrap();
+            wait_for("the other fault", || desk.trouble().is_some_and(|told| told.contains("cues.volume is 2")));
+            fs::write(file, "[cues]\nvolume = 0.25\n").unwrap();
+            wait_for("a good one", || desk.newest().cues.volume == 0.25 && desk.trouble().is_none());
+        });
+        let nonsense = ["warning.brightness=9".to_owned()];
+        assert!(SettingsDesk::new(None, &nonsense, &compose).is_err(), "the command line is refused");
     }
 
     #[test]

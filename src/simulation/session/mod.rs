@@ -20,11 +20,12 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use super::known::Known;
 use super::receiver::Passing;
 use super::sampler::{Around, Sampler};
 use super::scenario::{IN_BEAM_AMPLITUDE, IN_BEAM_M, default_mount, host_ns};
 use super::tracker::Tracker;
-use super::{Room, Scatterer, Thing, TrackingErrors, WallPanel};
+use super::{Room, Scatterer, Simulated, Thing, TrackingErrors, WallPanel};
 use crate::geometry::{Plane, Pose};
 use crate::radar::{Beam, ConfigError, Frame, SensorConfig, frame_timing};
 use crate::tracking::PoseSample;
@@ -288,6 +289,14 @@ impl Session {
         hands.into_iter().flatten().chain(visitor.into_iter().flatten()).collect()
     }
 
+    /// All of it as a recording, for rooms along the tracking frame's axes; what is carried away is not in its truth.
+    pub fn recorded(&self) -> Simulated {
+        let PlaySession { seed, duration_s, beam, .. } = &self.play;
+        let known = Known { title: "play-room, play".into(), seed: *seed, duration_s: *duration_s, beam };
+        let truth = known.truth(&self.after, |t| self.head_at(t), |t| self.sensor_at(t));
+        Simulated { frames: self.frames(0..self.frame_count()), poses: self.poses().collect(), truth }
+    }
+
     /// The poses of the head as they are tracked.
     pub fn poses(&self) -> impl Iterator<Item = PoseSample> + '_ {
         let mut tracker = Tracker::new(self.play.errors, self.play.seed);
@@ -328,7 +337,10 @@ mod tests {
             for n in 0..6000 {
                 let (t, next) = (f64::from(n) * 0.01, f64::from(n + 1) * 0.01);
                 let head = session.player.head_at(t);
-                assert!(head.translation.distance(session.player.head_at(next).translation) < 0.03, "seed {seed} at {t}");
+                assert!(
+                    head.translation.distance(session.player.head_at(next).translation) < 0.03,
+                    "seed {seed} at {t}"
+                );
                 let (now, then) = (parts(t), parts(next));
                 if now.len() == then.len() {
                     let step = now.iter().zip(&then).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);

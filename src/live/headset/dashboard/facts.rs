@@ -81,6 +81,7 @@ pub(super) fn view(
     now_ns: i64,
     facts: &Facts,
     settings: &(Arc<Settings>, toml::Table),
+    settings_trouble: Option<String>,
     sensor: Option<SensorCount>,
     reconstruction: Option<&Reconstruction>,
     rates: &mut Rates,
@@ -93,12 +94,14 @@ pub(super) fn view(
     let mut health = Health {
         sensor: match sensor {
             None => SensorHealth::Missing,
-            Some(_) if rates.is_known && rates.sweeps_per_s < 1.0 => SensorHealth::Silent,
+            Some(_) if !rates.is_known => SensorHealth::Begins,
+            Some(_) if rates.sweeps_per_s < 1.0 => SensorHealth::Silent,
             Some(_) => SensorHealth::Streaming { sweeps_per_s: rates.sweeps_per_s, lost_percent: rates.lost_percent },
         },
         is_tracked: facts.is_tracked,
         poses_per_s: rates.poses_per_s,
         is_alive: reconstruction.is_some_and(Reconstruction::is_alive),
+        settings_trouble,
         ..Health::default()
     };
     if let Some(published) = &published {
@@ -113,7 +116,10 @@ pub(super) fn view(
 fn fill(health: &mut Health, published: &Published, now_ns: i64) {
     health.time_offset_s = to_tenths_of_ms(published.time_offset_s);
     health.time_offset_sigma_s = published.time_offset_sigma_s.map(to_tenths_of_ms);
-    health.obstacles = published.scene.obstacles.len();
+    let scene = &published.scene;
+    health.obstacles = scene.obstacles.len();
+    let remembered_walls = scene.walls.iter().filter(|wall| wall.provisional && self::wall(wall).is_some()).count();
+    health.remembered = scene.obstacles.iter().filter(|obstacle| obstacle.provisional).count() + remembered_walls;
     if published.newest_sweep_ns > 0 {
         let age_s = now_ns.saturating_sub(published.newest_sweep_ns) as f64 * 1e-9;
         health.age_s = Some(age_s.max(0.0).floor());
@@ -182,7 +188,13 @@ fn thing(obstacle: &Obstacle, head: Option<Head>, settings: &Settings) -> Thing 
     let distance_m = |place: &[f64; 2], from: [f64; 2]| DVec2::from_array(*place).distance(DVec2::from_array(from));
     let is_near = head
         .is_some_and(|head| places.iter().any(|place| distance_m(place, head.at_m) < settings.warning.fade_distance_m));
-    Thing { outline_m: hull(&places), at_m: level(obstacle.position_m), sigma_m: axes(obstacle), is_near }
+    Thing {
+        outline_m: hull(&places),
+        at_m: level(obstacle.position_m),
+        sigma_m: axes(obstacle),
+        is_near,
+        is_remembered: obstacle.provisional,
+    }
 }
 
 /// Half axes of the ellipse of 1σ on the floor.

@@ -168,7 +168,8 @@ impl PanelWork {
         };
         let facts = self.facts.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let (sensor, reconstruction) = ((sources.sensor)(), (sources.reconstruction)());
-        let view = view(now_ns, &facts, &settings, sensor, reconstruction, &mut self.rates);
+        let trouble = sources.desk.trouble();
+        let view = view(now_ns, &facts, &settings, trouble, sensor, reconstruction, &mut self.rates);
         self.settings = Some(settings);
         view
     }

@@ -1,0 +1,26 @@
+//! A play session as a recording: what a player with moving hands, a visitor and a chair that is carried away looks like to everything
+//! that reads recordings.
+
+use crate::common::Folder;
+use crate::found::obstacles_of;
+
+#[test]
+fn a_play_session_is_recorded_with_its_truth_and_the_room_is_found_in_it() {
+    let folder = Folder::new("play_room");
+    let said = folder.run("simulate play-room --duration-s 20 --seed 4 --out a.mcap").done();
+    assert!(said.out.contains("chair at the wall") && said.out.contains("6 walls"), "{}", said.out);
+    assert!(!said.out.contains("chair to be removed"), "what is carried away is no truth: {}", said.out);
+    folder.run("simulate play-room --duration-s 20 --seed 4 --out b.mcap").done();
+    assert!(folder.read("a.mcap") == folder.read("b.mcap"), "the same seed gives the same file");
+    let found = obstacles_of(&folder, "a.mcap");
+    assert!(found.len() > 3, "{} obstacles", found.len());
+}
+
+#[test]
+fn what_a_player_does_is_not_chosen() {
+    let folder = Folder::new("play_room_refused");
+    folder.run("simulate play-room --motion natural --out a.mcap").refused("--motion is for the other rooms");
+    folder.run("simulate play-room --time-offset-s 0.1 --out a.mcap").refused("--time-offset-s is for the other rooms");
+    folder.run("simulate play-room --serve tcp:127.0.0.1:0").refused("recorded alone");
+    folder.run("simulate play-room --duration-s 0 --out a.mcap").refused("give 1 to 3600 s");
+}
