@@ -61,7 +61,7 @@ fn rows(about: &About, health: &Health, time_s: f64) -> Vec<Row> {
         ("Sweeps imaged", sweeps.to_string(), true),
         ("Sweep rate", format!("{rate:.0} of {:.0} a second", about.sweeps_per_s), rate > 0.5 * about.sweeps_per_s),
         ("Frames", streams.frames.to_string(), true),
-        ("Frames lost", lost.to_string(), lost * 50 <= streams.frames),
+        ("Frames left out", lost.to_string(), lost * 50 <= streams.frames),
         ("Sweeps without pose", without_pose.to_string(), without_pose * 20 <= streams.observations),
         (
             "Poses",
@@ -220,7 +220,7 @@ mod tests {
         let bad: Vec<_> = rows(&about, &health, 2.0).into_iter().filter(|row| !row.2).collect();
         assert_eq!(
             bad.iter().map(|row| (row.0, row.1.as_str())).collect::<Vec<_>>(),
-            [("Frames lost", "3"), ("Poses", "70 used, 30 refused")]
+            [("Frames left out", "3"), ("Poses", "70 used, 30 refused")]
         );
         let estimate = TimeOffset { offset_s: 0.004, sigma_s: 0.0003, observable: true, tracks: 3, tracks_left_out: 0 };
         health.estimate = Some(estimate);
