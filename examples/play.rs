@@ -53,6 +53,9 @@ fn main() {
             for report in &one.false_reports {
                 println!("seed {seed} {report:?}");
             }
+            for forgetting in &one.forgettings {
+                println!("seed {seed} {forgetting:?}");
+            }
         }
         all.add(one);
     }

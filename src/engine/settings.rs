@@ -304,6 +304,7 @@ impl Settings {
             ("rooms.map.confirm_odds", rooms.map.confirm_odds, -100.0, 100.0),
             ("rooms.map.forget.leak", rooms.map.forget.leak, 0.0, 1e3),
             ("rooms.map.forget.shadow_leak", rooms.map.forget.shadow_leak, 0.0, 1e3),
+            ("rooms.map.forget.beside", rooms.map.forget.beside, 0.0, 100.0),
             ("rooms.map.forget.familiar_blocks", rooms.map.forget.familiar_blocks, 0.0, 1e9),
             ("rooms.explain.uneven_cost", rooms.explain.uneven_cost, 0.0, 1e6),
             ("rooms.map.hands_reach_m", rooms.map.hands_reach_m, 0.0, 10.0),

@@ -7,6 +7,9 @@
 //! surely than from elsewhere: the ratio is that of a mixture, and never being seen from a new side costs little. How surely is learned
 //! for every side: what is seen from there each time is missed at once, what is seen now and then is given time.
 //!
+//! Furniture goes as a whole: where one thing has gone, what stands beside it and was not seen since is in doubt too. Else a leg at the floor,
+//! which nobody looks at, would be all that is left of a chair, and be warned of for ever.
+//!
 //! What is only ever where something else accounts for the echoes has to go too: so blocks that have a thing in their beam without seeing
 //! it by itself cost a little.
 
@@ -38,6 +41,8 @@ pub struct ForgetSettings {
     pub leak: f64,
     /// The same in blocks where its echo is accounted for by something else.
     pub shadow_leak: f64,
+    /// Log odds that are left to what stands beside a thing that is gone and was not seen since; what has no more goes with it.
+    pub beside: f64,
 }
 
 impl Default for ForgetSettings {
@@ -51,6 +56,7 @@ impl Default for ForgetSettings {
             unfamiliar: 0.2,
             leak: 0.02,
             shadow_leak: 0.1,
+            beside: 1.0,
         }
     }
 }
@@ -85,6 +91,8 @@ pub(super) struct Existence {
     looks: [f64; SIDES],
     hits: [f64; SIDES],
     newest_ns: i64,
+    /// The last block that spoke for it.
+    seen_ns: i64,
 }
 
 /// What a block says of a place.
@@ -99,7 +107,7 @@ impl Existence {
     /// Nothing seen yet.
     pub fn new() -> Self {
         let [strengths, looks, hits] = [[0.0; SIDES]; 3];
-        Self { log_odds: 0.0, strengths, looks, hits, newest_ns: i64::MIN }
+        Self { log_odds: 0.0, strengths, looks, hits, newest_ns: i64::MIN, seen_ns: i64::MIN }
     }
 
     /// Remembered from before, with what it returned to each side.
@@ -132,11 +140,21 @@ impl Existence {
         let since_ns = self.newest_ns;
         for (block, told) in told.filter(|(block, _)| block.mid_time_ns > since_ns) {
             self.newest_ns = self.newest_ns.max(block.mid_time_ns);
-            self.take(&told, settings);
+            if self.take(&told, settings) > 0.0 {
+                self.seen_ns = block.mid_time_ns;
+            }
         }
     }
 
-    fn take(&mut self, told: &Told, settings: &ForgetSettings) {
+    /// Something beside it has turned out to be gone: unless this was seen since then it is in doubt too, and goes where it was already.
+    pub fn doubt(&mut self, since_ns: i64, settings: &ForgetSettings) {
+        if self.seen_ns < since_ns {
+            self.log_odds = if self.log_odds > settings.beside { settings.beside } else { 0.0 };
+        }
+    }
+
+    /// Gives what it changes in the log odds.
+    fn take(&mut self, told: &Told, settings: &ForgetSettings) -> f64 {
         let view = &told.view;
         let side = side_of(-view.toward);
         let (strength, surely) = self.expected(side, settings);
@@ -152,6 +170,7 @@ impl Existence {
             }
         };
         self.log_odds = (self.log_odds + change).clamp(LEAST, settings.most);
+        change
     }
 
     /// Learns what is seen from a side, and how surely.
@@ -216,7 +235,7 @@ mod tests {
     fn after(views: &[View]) -> f64 {
         let settings = ForgetSettings::default();
         let mut existence = Existence::new();
-        views.iter().for_each(|view| existence.take(&told(*view), &settings));
+        views.iter().for_each(|view| _ = existence.take(&told(*view), &settings));
         existence.log_odds
     }
 
@@ -251,12 +270,30 @@ mod tests {
         let settings = ForgetSettings::default();
         let mut existence = Existence::new();
         let seen = view(30.0, 30.0, DVec3::X);
-        (0..10).for_each(|_| existence.take(&told(seen), &settings));
+        (0..10).for_each(|_| _ = existence.take(&told(seen), &settings));
         let shadowed = Told { view: seen, is_shadowed: true };
-        (0..20).for_each(|_| existence.take(&shadowed, &settings));
+        (0..20).for_each(|_| _ = existence.take(&shadowed, &settings));
         assert!(existence.log_odds > 1.5, "{}", existence.log_odds);
-        (0..60).for_each(|_| existence.take(&shadowed, &settings));
+        (0..60).for_each(|_| _ = existence.take(&shadowed, &settings));
         assert!(existence.log_odds <= 0.0, "{}", existence.log_odds);
+    }
+
+    #[test]
+    fn what_stood_beside_what_is_gone_goes_when_it_is_not_seen_either() {
+        let settings = ForgetSettings::default();
+        let mut leg = Existence::new();
+        (0..10).for_each(|_| _ = leg.take(&told(view(30.0, 30.0, DVec3::X)), &settings));
+        leg.seen_ns = 1000;
+        let known = leg.log_odds;
+        leg.doubt(900, &settings);
+        assert_eq!(leg.log_odds, known, "it was seen after the seat was not");
+        leg.doubt(1100, &settings);
+        assert_eq!(leg.log_odds, settings.beside, "the seat is gone");
+        leg.take(&told(view(30.0, 30.0, DVec3::X)), &settings);
+        assert!(leg.log_odds > settings.beside, "it is there all the same");
+        leg.doubt(1100, &settings);
+        leg.doubt(1100, &settings);
+        assert!(leg.log_odds <= 0.0, "the back is gone too");
     }
 
     #[test]
@@ -265,7 +302,7 @@ mod tests {
         let until_gone = |before: &[View]| {
             let settings = ForgetSettings::default();
             let mut existence = Existence::new();
-            before.iter().for_each(|view| existence.take(&told(*view), &settings));
+            before.iter().for_each(|view| _ = existence.take(&told(*view), &settings));
             (0..).find(|_| {
                 existence.take(&told(empty), &settings);
                 existence.log_odds <= 0.0
@@ -280,9 +317,9 @@ mod tests {
     fn a_far_thing_that_cannot_be_seen_is_not_missed() {
         let settings = ForgetSettings::default();
         let mut existence = Existence::new();
-        (0..10).for_each(|_| existence.take(&told(view(30.0, 30.0, DVec3::X)), &settings));
+        (0..10).for_each(|_| _ = existence.take(&told(view(30.0, 30.0, DVec3::X)), &settings));
         let far = View { gain: 0.002, ..view(1.0, 1.0, DVec3::X) };
-        (0..100).for_each(|_| existence.take(&told(far), &settings));
+        (0..100).for_each(|_| _ = existence.take(&told(far), &settings));
         assert!(outlasts(existence.log_odds, 1.0), "{}", existence.log_odds);
     }
 }

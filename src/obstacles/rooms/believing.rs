@@ -21,6 +21,10 @@ const BELOW_AT_EDGE_M: f64 = 0.8;
 const EDGE_OF_BEAM: f64 = 0.4;
 /// What is this near to a known wall, floor or ceiling may be its reflection, metres.
 const AT_SURFACE_M: f64 = 0.25;
+/// What is this near to each other, seen from above, may be of one piece, metres; what was seen so short a time before the other turned out to be
+/// gone is not in doubt, nanoseconds.
+const BESIDE_M: f64 = 0.6;
+const SINCE_NS: i64 = 1_000_000_000;
 /// Looks of which it is kept what they weighed: two seconds.
 const LOOKS_BACK: usize = 8;
 
@@ -54,6 +58,12 @@ impl RoomSearch {
         let now_ns = self.window.back().map_or(i64::MIN, |block| block.mid_time_ns);
         for known in self.points.confirmed().filter(|known| gone.contains(&known.id)) {
             self.past.is_gone(known.thing, now_ns);
+            let is_beside = |other: &&Sighted<DVec3>| (other.thing - known.thing).with_y(0.0).length() <= BESIDE_M;
+            for other in self.points.confirmed().filter(is_beside) {
+                if let Some(existence) = self.existences.get_mut(&other.id) {
+                    existence.doubt(now_ns.saturating_sub(SINCE_NS), settings);
+                }
+            }
         }
         self.points.keep(|point| !gone.contains(&point.id));
         for id in gone {
