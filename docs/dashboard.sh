@@ -11,7 +11,7 @@ mkdir "$folder/home"
 export HOME=$folder/home XDG_RUNTIME_DIR=$folder
 cd "$folder"
 cat >scene.json <<'JSON'
-{"settings": {"collisionBounds": {"CollisionBoundsFadeDistance": 1.5}}, "events": [
+{"events": [
   {"at_s": 40, "do": "dashboard", "open": true},
   {"at_s": 41, "do": "mouse", "action": "move", "x": 640, "y": 1},
   {"at_s": 44, "do": "tab_shot", "name": "dashboard"}]}

@@ -9,6 +9,7 @@
 //! mirror points have moved; and what is known already claims first, since it is what most of a new circle belongs to.
 
 mod aspect;
+mod claims;
 mod plane;
 mod tally;
 
@@ -21,8 +22,9 @@ use super::hands::HandTrail;
 use super::views::{Said, View, ViewMemory, information, sigma_m};
 use crate::geometry::Plane;
 use crate::imaging::blocks::{Block, BlockSettings};
-use crate::radar::{Beam, WAVELENGTH_M};
+use crate::radar::Beam;
 pub use aspect::Aspect;
+use claims::{Claim, hand_claims};
 pub use tally::SEGMENT_NS;
 use tally::{Tally, Weighed, lasting, unevenness};
 
@@ -114,18 +116,6 @@ pub struct Explained<T> {
     pub first_ns: i64,
     /// See `first_ns`.
     pub last_ns: i64,
-}
-
-/// A hand with what it holds and the pulse's width: so far around its range everything may be the hand, metres.
-const HAND_M: f64 = 0.17;
-
-/// Range and direction in one block that are accounted for.
-#[derive(Debug, Clone, Copy)]
-struct Claim {
-    range_m: f64,
-    half_range_m: f64,
-    cos: f64,
-    half_cos: f64,
 }
 
 /// The blocks of a window and what is claimed in them.
@@ -313,20 +303,6 @@ impl<'a> Window<'a> {
         best.map(|n| open.remove(n))
     }
 
-    /// Claims what a thing accounts for and takes it from the others.
-    fn claim(&mut self, best: &Candidate, open: &mut [Candidate]) {
-        let claims = self.claims_of(best);
-        for candidate in open {
-            let seen_before = candidate.views.iter().flatten().count();
-            let views = candidate.views.iter_mut().zip(&claims);
-            views.for_each(|(view, claim)| claim.iter().for_each(|claim| claim.take(view)));
-            if candidate.views.iter().flatten().count() < seen_before {
-                candidate.left = self.left_of(candidate.thing, candidate.views.iter().map(Option::as_ref));
-            }
-        }
-        self.claims.iter_mut().zip(claims).for_each(|(all, claim)| all.extend(claim));
-    }
-
     /// What is left of a thing: the blocks in which nothing claims it.
     fn left_of<'v>(&'v self, thing: Thing, views: impl Iterator<Item = Option<&'v View>>) -> Option<Tally> {
         let views = self.weighed(views);
@@ -421,24 +397,6 @@ impl<'a> Window<'a> {
         information(DMat3::IDENTITY * 1e-6, self.telling(views)).inverse()
     }
 
-    /// `[block]`
-    fn claims_of(&self, candidate: &Candidate) -> Vec<Option<Claim>> {
-        candidate.views.iter().enumerate().map(|(n, view)| view.map(|v| self.claim_of(n, &v))).collect()
-    }
-
-    fn claim_of(&self, n: usize, view: &View) -> Claim {
-        let block = self.blocks[n];
-        let half_width_m = block.geometry().profile.envelope_fwhm_m() * 0.5;
-        // As far as the pulse's skirt still stands out of the noise.
-        let skirt_m = half_width_m * view.power.max(1.0).log2().sqrt();
-        Claim {
-            range_m: view.range_m,
-            half_range_m: skirt_m.max(self.settings.claim_range_m),
-            cos: view.cos,
-            half_cos: self.settings.claim_lobes * WAVELENGTH_M / (2.0 * block.aperture_m.max(1e-4)),
-        }
-    }
-
     /// Asks the blocks for places, but where things are claimed already.
     fn ask(&mut self, places: &[DVec3]) {
         let mut memory = std::mem::take(self.memory);
@@ -471,32 +429,12 @@ impl<'a> Window<'a> {
     }
 }
 
-/// What the player's own hands account for: everything at their ranges, whatever its direction seems to be, since they move.
-fn hand_claims(block: &Block, hands: &HandTrail) -> Vec<Claim> {
-    let hands = hands.at(block.mid_time_ns).into_iter().flatten();
-    let to_hand = hands.map(|hand| hand - block.middle.translation);
-    let ahead = to_hand.filter(|to| to.dot(block.middle.forward()) > 0.0);
-    let claim = |to: DVec3| Claim { range_m: to.length(), half_range_m: HAND_M, cos: 0.0, half_cos: 2.0 };
-    ahead.map(claim).collect()
-}
-
 impl Candidate {
     /// Gives what the blocks say of it to who asked.
     fn hand_over(&self, views: &mut [Vec<Option<View>>]) {
         if let Some(asked) = self.asked.and_then(|n| views.get_mut(n)) {
             asked.clone_from(&self.views);
         }
-    }
-}
-
-impl Claim {
-    fn covers(&self, range_m: f64, cos: f64) -> bool {
-        (range_m - self.range_m).abs() < self.half_range_m && (cos - self.cos).abs() < self.half_cos
-    }
-
-    /// Takes a view out that it covers.
-    fn take(&self, view: &mut Option<View>) {
-        view.take_if(|v| self.covers(v.range_m, v.cos));
     }
 }
 

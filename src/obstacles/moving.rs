@@ -13,7 +13,7 @@
 //! what a tracked hand accounts for. Not told apart: one's own legs, should they be in the beam and farther than hands reach; two people
 //! at one range; who walks across the line of sight from what stands still.
 
-use std::collections::VecDeque;
+mod track;
 
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
@@ -22,6 +22,7 @@ use super::hands::HandTrail;
 use crate::geometry::Pose;
 use crate::imaging::blocks::{Block, MoverFinder, Movers, MovingEcho};
 use crate::radar::Beam;
+use track::{Fit, Track, speeds};
 
 /// Parameters of the search for what moves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -121,27 +122,6 @@ impl Moving {
 
 /// What comes or goes slower than this is said to pass, metres a second.
 const LEAST_TOLD_M_PER_S: f64 = 0.15;
-/// 1σ of an echo's range about the middle of a body, and of its speed about the body's: limbs swing.
-const RANGE_SIGMA_M: f64 = 0.12;
-const SPEED_SIGMA_M_PER_S: f64 = 0.3;
-/// How people speed up and slow down along the line of sight, metres a second squared: 1σ, held for a block.
-const ACCELERATION_M_PER_S2: f64 = 3.0;
-/// What begins may have any speed of this 1σ about what its echo says.
-const FIRST_SPEED_SIGMA_M_PER_S: f64 = 0.3;
-/// An echo farther from where a track should be is not its own: 1σ's, and metres.
-const GATE_SIGMAS: f64 = 3.0;
-const GATE_M: f64 = 0.5;
-/// Speeds that differ by more are of something else, metres a second.
-const GATE_M_PER_S: f64 = 1.2;
-/// Within the hands' reach so much of that.
-const AMONG_HANDS: f64 = 0.4;
-/// Nothing in a room goes faster towards or away from the player, metres a second: where range rates are ambiguous, no other is tried.
-const FASTEST_M_PER_S: f64 = 1.5;
-/// Blocks that are looked back on; what is not confirmed and misses so many in a row is none.
-const RECENT_BLOCKS: usize = 6;
-const MOST_MISSES: usize = 3;
-/// An echo so long after the last one stands alone, nanoseconds.
-const ALONE_NS: i64 = 300_000_000;
 /// What is nearer than a track by less than this, or farther by less than that, is of the same body: feet are farther than a chest,
 /// metres.
 const NEARER_M: f64 = 0.35;
@@ -150,10 +130,6 @@ const FARTHER_M: f64 = 0.7;
 const MOST_TRACKS: usize = 24;
 /// A longer pause ends all tracks, seconds.
 const PAUSE_S: f64 = 1.0;
-/// Share of the sensor's way, and of its speeds, that is unknown of what is not straight ahead.
-const ASIDE: f64 = 0.35;
-/// No block counts for more of a way, seconds.
-const LONGEST_BLOCK_S: f64 = 0.2;
 /// A hand with what it holds and the pulse's width, metres.
 const HAND_M: f64 = 0.17;
 
@@ -167,26 +143,6 @@ pub struct MovingTracks {
     next_id: u64,
     /// Time and pose of the newest block.
     newest: Option<(i64, Pose)>,
-}
-
-#[derive(Debug, Clone)]
-struct Track {
-    /// Of a confirmed one.
-    id: Option<u64>,
-    range_m: f64,
-    speed_m_per_s: f64,
-    /// Covariance of both: range, range and speed, speed.
-    covariance: [f64; 3],
-    seen_from: Pose,
-    /// Range when it was last seen.
-    seen_range_m: f64,
-    evidence: f64,
-    first_ns: i64,
-    last_ns: i64,
-    /// When an echo came that none was near to in time.
-    alone_ns: Option<i64>,
-    recent: VecDeque<bool>,
-    travel_m: f64,
 }
 
 impl MovingTracks {
@@ -254,10 +210,7 @@ impl MovingTracks {
             );
         }
         let forget_ns = (self.settings.forget_s * 1e9) as i64;
-        self.tracks.retain(|track| {
-            let misses = track.recent.iter().rev().take_while(|hit| !**hit).count();
-            now_ns.saturating_sub(track.last_ns) < forget_ns && (track.id.is_some() || misses < MOST_MISSES)
-        });
+        self.tracks.retain(|track| now_ns.saturating_sub(track.last_ns) < forget_ns && !track.is_none());
         self.leave_one_a_body();
     }
 
@@ -298,20 +251,7 @@ impl MovingTracks {
             if self.tracks.len() >= MOST_TRACKS {
                 break;
             }
-            self.tracks.push(Track {
-                id: None,
-                range_m: echo.range_m,
-                speed_m_per_s,
-                covariance: [RANGE_SIGMA_M.powi(2), 0.0, FIRST_SPEED_SIGMA_M_PER_S.powi(2)],
-                seen_from: *sensor,
-                seen_range_m: echo.range_m,
-                evidence: echo.power,
-                first_ns: now_ns,
-                last_ns: now_ns,
-                alone_ns: None,
-                recent: VecDeque::from([true]),
-                travel_m: travel_m(speed_m_per_s, movers, passed_s),
-            });
+            self.tracks.push(Track::begin(sensor, now_ns, echo, movers, (speed_m_per_s, passed_s)));
         }
     }
 
@@ -333,117 +273,6 @@ impl MovingTracks {
         bodies.sort_by_key(|track| (track.id.unwrap_or(u64::MAX), track.first_ns));
         self.tracks = bodies;
     }
-}
-
-/// How an echo fits a track.
-struct Fit {
-    /// In 1σ's, squared.
-    apart: f64,
-    /// The speed of its own that it then has, metres a second.
-    speed_m_per_s: f64,
-}
-
-impl Track {
-    /// Time passes, and the sensor goes a way.
-    fn go_on(&mut self, passed_s: f64, way: DVec3, before: &Pose) {
-        let [range2, both, speed2] = self.covariance;
-        self.range_m += self.speed_m_per_s * passed_s - way.dot(before.forward());
-        let noise = (ACCELERATION_M_PER_S2 * passed_s).powi(2);
-        // The way counts less for what is not straight ahead.
-        let aside2 = (way.length() * ASIDE).powi(2);
-        self.covariance = [
-            range2 + 2.0 * passed_s * both + passed_s.powi(2) * (speed2 + 0.25 * noise) + aside2,
-            both + passed_s * (speed2 + 0.5 * noise),
-            speed2 + noise,
-        ];
-    }
-
-    /// Whether an echo is its own, and with which of the range rates that it may have.
-    fn fit(&self, echo: &MovingEcho, movers: &Movers, reach_m: f64) -> Option<Fit> {
-        let speed_m_per_s = speeds(echo, movers)
-            .min_by(|a, b| (a - self.speed_m_per_s).abs().total_cmp(&(b - self.speed_m_per_s).abs()))?;
-        let (off_m, off_m_per_s) = (echo.range_m - self.range_m, speed_m_per_s - self.speed_m_per_s);
-        let range2 = self.covariance[0] + RANGE_SIGMA_M.powi(2);
-        // Where hands are about less is taken for the body that came so near.
-        let gate = if echo.range_m < reach_m { AMONG_HANDS } else { 1.0 };
-        let gate_m = gate * GATE_M.min(GATE_SIGMAS * range2.sqrt());
-        let is_near = off_m.abs() <= gate_m && off_m_per_s.abs() <= gate * GATE_M_PER_S;
-        let apart = off_m.powi(2) / range2 + off_m_per_s.powi(2) / (self.covariance[2] + speed_sigma2(movers));
-        is_near.then_some(Fit { apart, speed_m_per_s })
-    }
-
-    /// Takes an echo.
-    fn see(&mut self, sensor: &Pose, now_ns: i64, echo: &MovingEcho, movers: &Movers, fit: &Fit, passed_s: f64) {
-        // After a while one echo may be noise: it takes another to go on.
-        let is_recent = |then_ns: i64| now_ns.saturating_sub(then_ns) <= ALONE_NS;
-        if !is_recent(self.last_ns) && !self.alone_ns.replace(now_ns).is_some_and(is_recent) {
-            return;
-        }
-        self.correct(echo.range_m - self.range_m, [1.0, 0.0], RANGE_SIGMA_M.powi(2));
-        self.correct(fit.speed_m_per_s - self.speed_m_per_s, [0.0, 1.0], speed_sigma2(movers));
-        self.range_m = self.range_m.max(0.1);
-        self.speed_m_per_s = self.speed_m_per_s.clamp(-FASTEST_M_PER_S, FASTEST_M_PER_S);
-        self.travel_m += travel_m(fit.speed_m_per_s, movers, passed_s);
-        (self.seen_from, self.seen_range_m) = (*sensor, self.range_m);
-        self.evidence = echo.power;
-        self.last_ns = now_ns;
-    }
-
-    /// A measurement of one of both, by how much it is off.
-    fn correct(&mut self, off: f64, [of_range, of_speed]: [f64; 2], sigma2: f64) {
-        let [range2, both, speed2] = self.covariance;
-        let (with_range, with_speed) = (range2 * of_range + both * of_speed, both * of_range + speed2 * of_speed);
-        let total = with_range * of_range + with_speed * of_speed + sigma2;
-        self.range_m += with_range / total * off;
-        self.speed_m_per_s += with_speed / total * off;
-        self.covariance = [
-            range2 - with_range * with_range / total,
-            both - with_range * with_speed / total,
-            speed2 - with_speed * with_speed / total,
-        ];
-    }
-
-    /// Notes whether a block had it; one that could not tell says nothing. What is not told although it would be at its speed has come to
-    /// move as what stands still does, if it is there at all: somebody who walks past comes no nearer.
-    fn note(&mut self, is_seen: bool, movers: &Movers) {
-        let [first_m, last_m] = movers.ranges_m;
-        let rate = self.speed_m_per_s + movers.ahead_m_per_s;
-        let is_told = movers.tells(rate);
-        if is_seen || (is_told && (first_m..=last_m).contains(&self.range_m)) {
-            self.recent.push_back(is_seen);
-        }
-        if !is_seen && is_told {
-            let ([least, greatest], guard) = (movers.still_m_per_s, movers.guard_m_per_s);
-            self.speed_m_per_s = rate.clamp(least - guard, greatest + guard) - movers.ahead_m_per_s;
-        }
-        while self.recent.len() > RECENT_BLOCKS {
-            self.recent.pop_front();
-        }
-    }
-
-    fn is_there(&self, settings: &MovingSettings) -> bool {
-        let hits = self.recent.iter().filter(|hit| **hit).count();
-        hits >= settings.confirm_blocks && self.travel_m.abs() >= settings.min_travel_m
-    }
-}
-
-/// The speeds of its own that an echo may have, slow ones first where they are told apart at all.
-fn speeds(echo: &MovingEcho, movers: &Movers) -> impl Iterator<Item = f64> {
-    let (told, apart) = (echo.range_rate_m_per_s - movers.ahead_m_per_s, movers.ambiguity_m_per_s);
-    let all = [0.0, -1.0, 1.0, -2.0, 2.0].map(|turns| told + turns * apart);
-    all.into_iter().filter(|speed| speed.abs() <= FASTEST_M_PER_S)
-}
-
-/// How far something of that speed went at least while a block lasted, whatever its direction, with its sign, metres.
-fn travel_m(speed_m_per_s: f64, movers: &Movers, passed_s: f64) -> f64 {
-    let (rate, [least, greatest]) = (speed_m_per_s + movers.ahead_m_per_s, movers.still_m_per_s);
-    ((rate - greatest).max(0.0) + (rate - least).min(0.0)) * passed_s.min(LONGEST_BLOCK_S)
-}
-
-/// Variance of an echo's speed about that of its body: its limbs, and what stands still aside of straight ahead.
-fn speed_sigma2(movers: &Movers) -> f64 {
-    let [least, greatest] = movers.still_m_per_s;
-    SPEED_SIGMA_M_PER_S.powi(2) + (ASIDE * (greatest - least)).powi(2)
 }
 
 /// How far nothing may begin to move: the hands', tracked or not.
