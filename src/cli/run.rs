@@ -144,6 +144,12 @@ impl Run {
         let compose = |text: &str, changes: &[String]| compose(&runtime.chaperone(), text, changes);
         let (desk, work) =
             SettingsDesk::new(self.settings.live_file(), &self.over()?, &compose).map_err(|why| anyhow!(why))?;
+        if desk.newest().tracking.mount.is_none() {
+            log::warn!(
+                "no mount is given: the sensor is taken to sit at the head's origin, between the eyes, and obstacles stand off by as much as it \
+                 sits elsewhere. Give --mount x,y,z, or tracking.mount in the settings"
+            );
+        }
         let plan = FeedPlan::new(&self.sensor, self.record.clone());
         let (feed, is_over) = Feed::start(plan, &desk.newest())?;
         let on_new = |before: &Settings, new: &Settings| take_up(&feed, before, new);

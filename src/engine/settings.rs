@@ -14,6 +14,9 @@ use crate::warning::{CueSettings, WarningSettings, WarningSettingsError};
 /// Places that a search for single reflectors looks at, at most: 3 m cubed at 15 mm, or 12 m cubed at 60 mm.
 const MAX_PLACES: f64 = 8e6;
 
+/// A name that is less like the one that was found is no misspelling of it, 0 to 1.
+const LEAST_ALIKE: f64 = 0.8;
+
 /// Settings that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
@@ -81,7 +84,18 @@ fn for_people(says: &str) -> String {
         Some((before, rest)) if !rest.contains(' ') => format!("{before}expected {}", kind(rest)),
         _ => line.to_owned(),
     };
-    says.trim_end().lines().map(line).collect::<Vec<_>>().join("\n")
+    let mut lines: Vec<String> = says.trim_end().lines().map(line).collect();
+    lines.extend(says.lines().find_map(likely_name).map(|name| format!("Did you mean `{name}`?")));
+    lines.join("\n")
+}
+
+/// Of the names that the parser expected the one most like the one it found, where they are alike at all.
+fn likely_name(says: &str) -> Option<&str> {
+    let (_, rest) = says.split_once("unknown field `")?;
+    let (found, expected) = rest.split_once('`')?;
+    let names = expected.split('`').skip(1).step_by(2);
+    let likeness = |name: &str| strsim::jaro_winkler(found, name);
+    names.filter(|name| likeness(name) >= LEAST_ALIKE).max_by(|a, b| likeness(a).total_cmp(&likeness(b)))
 }
 
 /// The sensor, as imaging sees it.
@@ -483,6 +497,14 @@ mod tests {
             assert!(with(change).is_err(), "{change}");
         }
         assert!(with("rooms.map.confirm_wall_sightings=4").is_ok());
+    }
+
+    #[test]
+    fn the_likeliest_name_is_named() {
+        let told = |change: &str| with(change).expect_err(change).to_string();
+        assert!(told("warning.fade_distance=2").ends_with("Did you mean `fade_distance_m`?"));
+        assert!(told("room.blocks.voxel_m=2").ends_with("Did you mean `rooms`?"), "{}", told("room.blocks.voxel_m=2"));
+        assert!(!told("xyz=2").contains("Did you mean"), "{}", told("xyz=2"));
     }
 
     #[test]

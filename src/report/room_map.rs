@@ -204,7 +204,8 @@ fn legend(canvas: &mut Canvas, map: &RoomMap, [x, mut y]: [f64; 2]) {
     let mut counts = vec![format!("{} reported", scene.obstacles.len())];
     if let Some(truth) = map.truth {
         counts.push(format!("{wrong} of nothing"));
-        counts.push(format!("{} things in the room", truth.obstacles.len()));
+        let things = truth.obstacles.len();
+        counts.push(format!("{things} thing{} in the room", if things == 1 { "" } else { "s" }));
     }
     for line in counts {
         canvas.text([x, y + 12.0], Align::Left, &line, LABEL_PX, MUTED);

@@ -254,6 +254,7 @@ impl App {
             Action::Truth => self.layers.truth = !self.layers.truth,
             Action::Warnings => self.layers.warnings = !self.layers.warnings,
             Action::Help => self.is_help = !self.is_help,
+            Action::NoHelp => self.is_help = false,
         }
     }
 

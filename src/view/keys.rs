@@ -31,6 +31,8 @@ pub enum Action {
     Warnings,
     /// The list of keys.
     Help,
+    /// The list of keys goes.
+    NoHelp,
 }
 
 /// Keys, as they are written in the list, what they do, and what they ask for.
@@ -75,13 +77,14 @@ const KEYS: [Entry; 12] = [
     ("T", "truth on or off", &[(Key::T, false, Action::Truth)]),
     ("W", "warnings on or off", &[(Key::W, false, Action::Warnings)]),
     (
-        "?, F1",
-        "this list",
+        "?, F1, Esc",
+        "this list; it goes",
         &[
             (Key::Questionmark, false, Action::Help),
             (Key::Questionmark, true, Action::Help),
             (Key::Slash, true, Action::Help),
             (Key::F1, false, Action::Help),
+            (Key::Escape, false, Action::NoHelp),
         ],
     ),
     ("mouse", "drag: turn; right or shift-drag: move; wheel: nearer or farther", &[]),

@@ -5,6 +5,8 @@
 pub struct Layers {
     /// Obstacles with their uncertainty and distance.
     pub obstacles: bool,
+    /// What moves by itself.
+    pub moving: bool,
     /// Walls, floor and ceiling.
     pub walls: bool,
     /// Where there is evidence.
@@ -28,6 +30,7 @@ impl Layers {
     pub fn new(least_score: f32) -> Self {
         Self {
             obstacles: true,
+            moving: true,
             walls: true,
             evidence: true,
             beam: true,

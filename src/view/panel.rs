@@ -173,6 +173,12 @@ fn switches(ui: &mut Ui, about: &About, layers: &mut Layers, top_score: f32) {
         "Obstacles",
         "What was found: box, ellipsoid of two 1σ, distance from the head",
     );
+    switch(
+        &mut layers.moving,
+        style::MOVING,
+        "What moves",
+        "People and pets: their range, and the wedge that they are in",
+    );
     switch(&mut layers.walls, style::WALL, "Walls", "Planes; brighter where their reflections came from");
     switch(&mut layers.evidence, style::evidence(0.7), "Evidence", "Voxels by their score");
     switch(&mut layers.beam, style::BEAM, "Radar beam", "The cone that is looked at, from the first to the last range");

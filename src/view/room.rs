@@ -45,6 +45,8 @@ pub fn room(about: &About, moment: &Moment, layers: &Layers, bounds: &Aabb, top_
         for found in &moment.scene.obstacles {
             obstacle(&mut drawing, found, layers.selected == Some(found.id));
         }
+    }
+    if layers.moving {
         moment.scene.moving.iter().for_each(|one| moving(&mut drawing, one));
     }
     let Some(head) = &moment.head else { return drawing };

@@ -9,7 +9,7 @@ use super::history::Moment;
 use super::layers::Layers;
 use super::room::{axis_names, label};
 use super::style;
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, Plane};
 use crate::obstacles::{Moving, Obstacle};
 
 /// So many obstacles have their distance beside them.
@@ -81,7 +81,8 @@ fn names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> O
         for wall in &shown.moment.scene.walls {
             let foot = wall.plane.foot(wall.seen_at.center());
             let distance = shown.moment.head.map(|head| wall.plane.distance(head.translation).abs());
-            let text = distance.map_or("wall".into(), |distance_m| format!("wall  {distance_m:.2} m"));
+            let name = plane_name(&wall.plane);
+            let text = distance.map_or(name.into(), |distance_m| format!("{name}  {distance_m:.2} m"));
             small(foot, &text, style::WALL.lerp_to_gamma(Color32::WHITE, 0.35));
         }
     }
@@ -92,11 +93,22 @@ fn names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> O
             }
         }
     }
-    if shown.layers.obstacles {
+    if shown.layers.moving {
         for moving in &shown.moment.scene.moving {
             moving_name(painter, moving, shown, on_screen);
         }
+    }
+    if shown.layers.obstacles {
         obstacle_names(painter, shown, on_screen);
+    }
+}
+
+/// What a plane is to somebody in the room.
+fn plane_name(plane: &Plane) -> &'static str {
+    match plane.outward.y {
+        up if up < -0.7 => "floor",
+        up if up > 0.7 => "ceiling",
+        _ => "wall",
     }
 }
 
