@@ -93,6 +93,8 @@ pub(super) struct Existence {
     newest_ns: i64,
     /// The last block that spoke for it.
     seen_ns: i64,
+    /// Whether it ever was as sure as can be.
+    was_sure: bool,
 }
 
 /// What a block says of a place.
@@ -107,7 +109,7 @@ impl Existence {
     /// Nothing seen yet.
     pub fn new() -> Self {
         let [strengths, looks, hits] = [[0.0; SIDES]; 3];
-        Self { log_odds: 0.0, strengths, looks, hits, newest_ns: i64::MIN, seen_ns: i64::MIN }
+        Self { log_odds: 0.0, strengths, looks, hits, newest_ns: i64::MIN, seen_ns: i64::MIN, was_sure: false }
     }
 
     /// Remembered from before, with what it returned to each side.
@@ -133,6 +135,7 @@ impl Existence {
     /// Believed with these log odds, and so no surer: the blocks that it was seen in are what they come from and do not count twice.
     pub fn begin_with(&mut self, log_odds: f64) {
         self.log_odds = self.log_odds.min(log_odds.max(LEAST_BEGUN));
+        self.was_sure = false;
     }
 
     /// Takes what blocks that are newer than the last ones say of it.
@@ -144,6 +147,11 @@ impl Existence {
                 self.seen_ns = block.mid_time_ns;
             }
         }
+    }
+
+    /// Whether it ever was as sure as can be: what never was may have been nothing from the beginning.
+    pub fn was_sure(&self) -> bool {
+        self.was_sure
     }
 
     /// Something beside it has turned out to be gone: unless this was seen since then it is in doubt too, and goes where it was already.
@@ -170,6 +178,7 @@ impl Existence {
             }
         };
         self.log_odds = (self.log_odds + change).clamp(LEAST, settings.most);
+        self.was_sure |= self.log_odds >= settings.most;
         change
     }
 
@@ -294,6 +303,9 @@ mod tests {
         leg.doubt(1100, &settings);
         leg.doubt(1100, &settings);
         assert!(leg.log_odds <= 0.0, "the back is gone too");
+        assert!(leg.was_sure());
+        leg.begin_with(9.0);
+        assert!(!leg.was_sure(), "the blocks it is believed by do not count twice");
     }
 
     #[test]

@@ -379,8 +379,9 @@ mod tests {
         let draw = |layers: &Layers| room(&about, &moment(Some(head())), layers, &bounds, 9.0, false);
         let count = |d: &Drawing| d.faces.len() + d.lines.len() + d.points.len() + d.veils.len();
         let full = count(&draw(&all));
-        let off: [fn(&mut Layers); 6] = [
+        let off: [fn(&mut Layers); 7] = [
             |l| l.obstacles = false,
+            |l| l.moving = false,
             |l| l.walls = false,
             |l| l.evidence = false,
             |l| l.beam = false,
@@ -397,7 +398,8 @@ mod tests {
     #[test]
     fn weak_evidence_is_left_out_and_a_leap_is_no_path() {
         let (about, bounds) = (about(), about().bounds([]));
-        let layers = Layers { obstacles: false, walls: false, warnings: false, beam: false, ..Layers::new(3.0) };
+        let layers =
+            Layers { obstacles: false, moving: false, walls: false, warnings: false, beam: false, ..Layers::new(3.0) };
         let drawing = room(&about, &moment(Some(head())), &layers, &bounds, 9.0, false);
         assert_eq!(drawing.points.len(), 1);
         let up = drawing.lines.iter().filter(|l| l.from_m == DVec3::Y || l.to_m == DVec3::Y * 9.0).count();
@@ -452,7 +454,7 @@ mod tests {
     #[test]
     fn the_wall_is_drawn_on_its_plane() {
         let (about, bounds) = (about(), about().bounds([]));
-        let layers = Layers { obstacles: false, evidence: false, warnings: false, ..Layers::new(3.0) };
+        let layers = Layers { obstacles: false, moving: false, evidence: false, warnings: false, ..Layers::new(3.0) };
         let drawing = room(&about, &moment(None), &layers, &bounds, 9.0, false);
         assert!(drawing.veils.iter().flat_map(|face| face.corners_m).all(|corner| (corner.z + 2.0).abs() < 1e-9));
         assert_eq!(drawing.veils.len(), 4);

@@ -58,6 +58,9 @@ impl RoomSearch {
         let now_ns = self.window.back().map_or(i64::MIN, |block| block.mid_time_ns);
         for known in self.points.confirmed().filter(|known| gone.contains(&known.id)) {
             self.past.is_gone(known.thing, now_ns);
+            if !self.existences.get(&known.id).is_some_and(Existence::was_sure) {
+                continue;
+            }
             let is_beside = |other: &&Sighted<DVec3>| (other.thing - known.thing).with_y(0.0).length() <= BESIDE_M;
             for other in self.points.confirmed().filter(is_beside) {
                 if let Some(existence) = self.existences.get_mut(&other.id) {
