@@ -465,7 +465,7 @@ mod tests {
         }
     }
 
-    /// Every number of the settings by its name, with the value `change` makes of it.
+    /// The names of all numbers.
     fn numbers(table: &toml::Table, before: &str) -> Vec<String> {
         let names = table.iter().flat_map(|(name, value)| match value {
             toml::Value::Table(inner) => numbers(inner, &format!("{before}{name}.")),

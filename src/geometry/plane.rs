@@ -28,6 +28,11 @@ impl Plane {
         point + self.outward * self.distance(point)
     }
 
+    /// Whether it lies, as floors and ceilings do, rather than stands.
+    pub fn is_level(&self) -> bool {
+        self.outward.y.abs() >= LEVEL
+    }
+
     /// The same in another frame: `to_from` takes coordinates of this one's.
     pub fn moved(&self, to_from: &Pose) -> Self {
         let outward = to_from.transform_vector(self.outward);
@@ -39,7 +44,7 @@ impl Plane {
     /// moved, of a level one the box keeps its size.
     pub fn patch_moved(&self, patch: &Aabb, to_from: &Pose) -> Aabb {
         let half = patch.size() * 0.5;
-        let Some(along) = self.outward.cross(DVec3::Y).try_normalize().filter(|_| self.outward.y.abs() < LEVEL) else {
+        let Some(along) = self.outward.cross(DVec3::Y).try_normalize().filter(|_| !self.is_level()) else {
             let middle = to_from.transform_point(patch.center());
             return Aabb { min: middle - half, max: middle + half };
         };

@@ -112,6 +112,12 @@ impl Existence {
         Self { log_odds: 0.0, strengths, looks, hits, newest_ns: i64::MIN, seen_ns: i64::MIN, was_sure: false }
     }
 
+    /// Known for sure, and gone now.
+    #[cfg(test)]
+    pub fn known_and_gone() -> Self {
+        Self { was_sure: true, ..Self::new() }
+    }
+
     /// Remembered from before, with what it returned to each side.
     pub fn remembered(strengths: [f64; SIDES]) -> Self {
         Self { log_odds: REMEMBERED, strengths, ..Self::new() }

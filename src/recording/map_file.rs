@@ -301,6 +301,19 @@ mod tests {
     }
 
     #[test]
+    fn what_cannot_be_used_is_put_aside_and_not_written_over() {
+        let folder = Folder::new("aside");
+        let maps = folder.maps();
+        maps.save(&map(3)).unwrap();
+        fs::write(maps.file(3), "no map").unwrap();
+        assert!(maps.load(3).is_err());
+        let aside = maps.put_aside(3).unwrap();
+        maps.save(&map(3)).unwrap();
+        assert_eq!(fs::read_to_string(aside).unwrap(), "no map");
+        assert!(maps.load(3).unwrap().is_some());
+    }
+
+    #[test]
     fn the_oldest_rooms_go() {
         let folder = Folder::new("oldest");
         let maps = folder.maps();

@@ -105,10 +105,10 @@ fn names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> O
 
 /// What a plane is to somebody in the room.
 fn plane_name(plane: &Plane) -> &'static str {
-    match plane.outward.y {
-        up if up < -0.7 => "floor",
-        up if up > 0.7 => "ceiling",
-        _ => "wall",
+    match plane.is_level() {
+        true if plane.outward.y < 0.0 => "floor",
+        true => "ceiling",
+        false => "wall",
     }
 }
 

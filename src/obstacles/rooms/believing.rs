@@ -192,6 +192,27 @@ mod tests {
     use crate::radar::Beam;
 
     #[test]
+    fn what_was_known_for_sure_takes_what_stood_beside_it_along_and_nothing_else() {
+        let beside = |gone: Existence| {
+            let mut search = RoomSearch::new(RoomSettings::default(), &Beam::Lensless, PositionErrors::default());
+            for sweep in sweeps(1.0, winding, &[], 3) {
+                search.push(sweep);
+            }
+            for (id, at_m) in [(1, 0.0), (2, 0.9 * BESIDE_M), (3, 1.1 * BESIDE_M)] {
+                search.points.remember(id, DVec3::new(at_m, 0.5, -1.0), 5.0, [0, 0], same_place(0.1)).unwrap();
+                search.existences.insert(id, Existence::remembered([1.0; 16]));
+            }
+            search.existences.insert(1, gone);
+            search.forget(&[], &[]);
+            assert!(search.points.confirmed().all(|point| point.id != 1), "it is gone");
+            [2, 3].map(|id| search.existences[&id].log_odds())
+        };
+        let known = Existence::remembered([1.0; 16]).log_odds();
+        assert_eq!(beside(Existence::known_and_gone()), [RoomSettings::default().map.forget.beside, known]);
+        assert_eq!(beside(Existence::new()), [known, known], "it may have been nothing from the beginning");
+    }
+
+    #[test]
     fn two_glimpses_from_two_straight_ways_determine_a_place_that_neither_does() {
         let thing = DVec3::new(0.1, 0.1, -1.2);
         let (level, upright) = (|t: f64| DVec3::X * (0.15 * t), |t: f64| DVec3::Y * (0.15 * t));

@@ -158,7 +158,7 @@ fn head(standing_from_head: &Pose, settings: &Settings) -> Head {
 /// From end to end of what was seen of it; floors and ceilings are none.
 fn wall(wall: &Wall) -> Option<[[f64; 2]; 2]> {
     let outward = DVec2::new(wall.plane.outward.x, wall.plane.outward.z);
-    let outward = outward.try_normalize().filter(|_| wall.plane.outward.y.abs() < 0.7)?;
+    let outward = outward.try_normalize().filter(|_| !wall.plane.is_level())?;
     let along = outward.perp();
     let foot = wall.plane.foot(wall.seen_at.center());
     let middle = DVec2::new(foot.x, foot.z);
