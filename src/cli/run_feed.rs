@@ -163,7 +163,6 @@ impl Feed {
         let source = plan.poses.take().map_or(PoseSource::None, PoseSource::Live);
         let mut file = plan.record.as_deref().map(|path| RecordFile::new(path, source));
         while let Some(stream) = self.open(&sensor) {
-            self.is_connected.store(true, Ordering::Relaxed);
             let (losses, lost_before) = (RefCell::new(Losses::default()), self.sweeps_lost.load(Ordering::Relaxed));
             let hand_on = |frame: &Frame| {
                 losses.borrow_mut().push(frame.tick);
@@ -174,7 +173,7 @@ impl Feed {
             };
             // A recording ends with the stream that it was begun with.
             let is_recording = file.is_some();
-            let mut intake = Intake::new(&sensor, file.take(), &hand_on);
+            let mut intake = Intake::new(&sensor, file.take(), &hand_on).telling(&self.is_connected);
             let taken = intake.run(&stream, &self.stop, Until::Stopped, &|| self.told_status());
             let done = intake.end(stream, taken);
             self.is_connected.store(false, Ordering::Relaxed);

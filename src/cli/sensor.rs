@@ -128,6 +128,8 @@ pub(super) struct Intake<'a> {
     file: Option<RecordFile>,
     /// Every frame goes there too.
     on_frame: &'a dyn Fn(&Frame),
+    /// Follows whether the board is there.
+    is_there: Option<&'a AtomicBool>,
     info: Option<SystemInfo>,
     frames: u64,
     losses: Losses,
@@ -148,7 +150,14 @@ impl<'a> Intake<'a> {
     pub fn new(sensor: &'a ChosenSensor, file: Option<RecordFile>, on_frame: &'a dyn Fn(&Frame)) -> Self {
         let progress = progress::spinner("waiting for the board");
         let losses = Losses::default();
-        Self { sensor, file, on_frame, info: None, frames: 0, losses, first_frame: None, progress }
+        let is_there = None;
+        Self { sensor, file, on_frame, is_there, info: None, frames: 0, losses, first_frame: None, progress }
+    }
+
+    /// Whether the board is there is told here from now on: a stream outlives a plug that is pulled.
+    pub fn telling(self, is_there: &'a AtomicBool) -> Self {
+        is_there.store(true, Ordering::Relaxed);
+        Self { is_there: Some(is_there), ..self }
     }
 
     /// Takes the stream until it is over or asked to stop. `tell` adds to the line of progress.
@@ -219,8 +228,14 @@ impl<'a> Intake<'a> {
             }
             StreamEvent::Session(Event::Log(line)) => self.tell_log(&line),
             StreamEvent::Session(Event::Stopped) => {}
-            StreamEvent::Reopened(address) => self.warn(&format!("the board is back on {address}")),
-            StreamEvent::Waiting(reason) => self.warn(&format!("still waiting for the board: {reason}")),
+            StreamEvent::Reopened(address) => {
+                self.tell_there(true);
+                self.warn(&format!("the board is back on {address}"));
+            }
+            StreamEvent::Waiting(reason) => {
+                self.tell_there(false);
+                self.warn(&format!("still waiting for the board: {reason}"));
+            }
         }
         Ok(())
     }
@@ -240,6 +255,12 @@ impl<'a> Intake<'a> {
             say!("Carried by {line}: {}", verdict(&LinkNeed::of(self.sensor.config()?), line))?;
         }
         Ok(())
+    }
+
+    fn tell_there(&self, is_there: bool) {
+        if let Some(told) = self.is_there {
+            told.store(is_there, Ordering::Relaxed);
+        }
     }
 
     fn warn(&self, text: &str) {

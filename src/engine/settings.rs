@@ -208,6 +208,8 @@ pub struct HeadsetSettings {
     pub follow_chaperone: bool,
     /// Whether the map is kept from one start to the next, for each room that the tracking system knows.
     pub keep_map: bool,
+    /// Whether it is said in the headset when the radar sees nothing.
+    pub notices: bool,
     /// Threads of the reconstruction; 0: the processors but one.
     pub threads: usize,
 }
@@ -221,6 +223,7 @@ impl Default for HeadsetSettings {
             poses_hz: 250.0,
             follow_chaperone: true,
             keep_map: true,
+            notices: true,
             threads: 0,
         }
     }

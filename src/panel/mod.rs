@@ -3,13 +3,16 @@
 //!
 //! It is read at arm's length and touched with a laser pointer: large type, large targets, a fixed layout.
 
+mod forget;
 mod health;
 mod icon;
+mod notice;
 mod plan;
 mod switches;
 
 pub use health::{Health, SensorHealth};
 pub use icon::icon;
+pub use notice::{NOTICE_SIZE, Notice, notice};
 pub use plan::{Head, Mover, Plan, Thing, hull};
 
 use egui::{Align2, Color32, CornerRadius, FontId, Pos2, Rect, Ui, pos2, vec2};
@@ -54,8 +57,17 @@ pub struct Change {
     pub value: toml::Value,
 }
 
-/// Draws the panel and gives what was changed by this pass's input.
-pub fn panel(ui: &Ui, view: &PanelView) -> Vec<Change> {
+/// What the user wants.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Wishes {
+    /// Settings that are to be others.
+    pub changes: Vec<Change>,
+    /// The room's map is to begin anew.
+    pub forget_room: bool,
+}
+
+/// Draws the panel and gives what the user wants by this pass's input.
+pub fn panel(ui: &Ui, view: &PanelView) -> Wishes {
     let painter = ui.painter();
     painter.rect_filled(whole(), CornerRadius::ZERO, BACKGROUND);
     let findings = view.health.findings();
@@ -64,13 +76,17 @@ pub fn panel(ui: &Ui, view: &PanelView) -> Vec<Change> {
     header(ui, &findings, notice.as_ref());
     health::cards(painter, health_area(), &findings);
     plan::draw(painter, plan_area(), &view.plan);
-    switches::draw(ui, switches_area(), &view.settings)
+    // Of a room that nothing is known of there is nothing to forget.
+    let is_known = view.health.obstacles + view.health.walls > 0;
+    let forget_room = is_known && forget::draw(ui, forget::place(plan_area()));
+    Wishes { changes: switches::draw(ui, switches_area(), &view.settings), forget_room }
 }
 
 /// Where a switch is to be pressed, pixels from the upper left: `headset.warnings`, or with the part of it: `warning.brightness+`,
-/// `warning.brightness-`, `headset.display=stereo`.
+/// `warning.brightness-`, `headset.display=stereo`; or the button `forget`.
 pub fn target(settings: &toml::Table, name: &str) -> Option<[f32; 2]> {
-    let places = switches::targets(switches_area(), settings);
+    let mut places = switches::targets(switches_area(), settings);
+    places.push(("forget".to_owned(), forget::place(plan_area())));
     places.into_iter().find(|(own, _)| own == name).map(|(_, rect)| [rect.center().x, rect.center().y])
 }
 
@@ -136,6 +152,10 @@ mod tests {
     }
 
     fn press(context: &egui::Context, view: &PanelView, at: [f32; 2]) -> Vec<Change> {
+        press_at(context, view, at, 0.0).changes
+    }
+
+    fn press_at(context: &egui::Context, view: &PanelView, at: [f32; 2], time_s: f64) -> Wishes {
         let at = pos2(at[0], at[1]);
         let button = |pressed| egui::Event::PointerButton {
             pos: at,
@@ -143,14 +163,35 @@ mod tests {
             pressed,
             modifiers: egui::Modifiers::NONE,
         };
-        let mut changes = Vec::new();
+        let mut wishes = Wishes::default();
         for events in [vec![], vec![egui::Event::PointerMoved(at)], vec![button(true)], vec![button(false)]] {
-            let input = egui::RawInput { screen_rect: Some(whole()), events, ..Default::default() };
-            let output = context.run_ui(input, |ui| changes.extend(panel(ui, view)));
+            let time = Some(time_s);
+            let input = egui::RawInput { screen_rect: Some(whole()), time, events, ..Default::default() };
+            let output = context.run_ui(input, |ui| {
+                let Wishes { changes, forget_room } = panel(ui, view);
+                wishes.changes.extend(changes);
+                wishes.forget_room |= forget_room;
+            });
             assert!(!output.shapes.is_empty());
             output.drop_without_applying_deltas();
         }
-        changes
+        wishes
+    }
+
+    #[test]
+    fn the_room_is_forgotten_at_the_second_press_and_not_at_the_first() {
+        let health = Health { obstacles: 3, ..Health::default() };
+        let view = PanelView { settings: settings(), health, ..Default::default() };
+        let at = target(&view.settings, "forget").unwrap();
+        let context = egui::Context::default();
+        let forgets = |time_s| press_at(&context, &view, at, time_s).forget_room;
+        assert!(!forgets(1.0), "it asks back");
+        assert!(!forgets(9.0), "that was long ago");
+        assert!(forgets(10.0));
+        assert!(!forgets(11.0), "once");
+        let nothing = PanelView { settings: settings(), ..Default::default() };
+        let context = egui::Context::default();
+        assert!([1.0, 2.0, 3.0].iter().all(|time_s| !press_at(&context, &nothing, at, *time_s).forget_room));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::runtime::{Runtime, call};
 use super::sys;
 use crate::geometry::Pose;
 
-const HEADSET: u32 = sys::k_unTrackedDeviceIndex_Hmd as u32;
+pub(super) const HEADSET: u32 = sys::k_unTrackedDeviceIndex_Hmd as u32;
 /// Where a headset tells nothing, seconds: the usual 90 Hz, and a frame of light.
 const USUAL_HZ: f64 = 90.0;
 const USUAL_PHOTONS_S: f64 = 0.011;

@@ -9,6 +9,7 @@ use std::ffi::{CString, c_void};
 use std::marker::PhantomData;
 use std::sync::Arc;
 
+use super::display::HEADSET;
 use super::error::SteamVrError;
 use super::matrix::matrix;
 use super::poses::Universe;
@@ -99,6 +100,17 @@ impl Overlay {
         done(self.table, "the place of an overlay", error)?;
         self.place.set(Some((universe, *pose)));
         Ok(())
+    }
+
+    /// Where it is before the eyes, moving with the head: `head_from_overlay`.
+    ///
+    /// # Errors
+    /// The runtime refuses.
+    pub fn set_place_on_head(&self, pose: &Pose) -> Result<(), SteamVrError> {
+        let mut place = matrix(pose);
+        let error = call!(self.table, SetOverlayTransformTrackedDeviceRelative(self.handle, HEADSET, &mut place));
+        self.place.set(None);
+        done(self.table, "the place of an overlay on the head", error)
     }
 
     /// Makes it fill the view of one eye: the picture was drawn from a pose with these tangents (left, right, top, bottom as

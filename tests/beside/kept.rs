@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use glam::{DVec2, DVec3};
 use radar_chaperone::geometry::Pose;
+use radar_chaperone::panel;
 use radar_chaperone::recording::MapFile;
 use radar_chaperone::truth::TruthObstacle;
 use serde_json::{Value, json};
@@ -28,6 +29,7 @@ fn a_chair_is_warned_of_at_the_next_start_before_it_is_seen_again() {
     let files: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     let [file] = &files[..] else { panic!("{files:?}") };
     let chair = chair();
+    let bytes = std::fs::read(file).unwrap();
     let kept = MapFile::read(file).unwrap();
     let in_room = kept.map.moved(&kept.standing_from_raw);
     assert!(in_room.places.iter().any(|place| to(&chair, place.position_m) < 0.2), "{in_room:?}");
@@ -43,10 +45,29 @@ fn a_chair_is_warned_of_at_the_next_start_before_it_is_seen_again() {
     let program = rig.start_run(&[]);
     rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));
     let warned = panels_at(&rig.shoot("again"), &chair);
-    assert_eq!(program.interrupt().code, Some(0));
     assert!(warned.iter().any(|alpha| *alpha > 0.0 && *alpha <= 0.6), "fainter than what was seen: {warned:?}");
-    assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1);
 
+    // The panel's button: what is known goes, and what was kept with it.
+    rig.tell_steamvr(&json!({"do": "dashboard", "open": true}));
+    rig.wait_report("the panel", |report| report["dashboard_textures"].as_u64() > Some(5));
+    let [x, y] = panel::target(&toml::Table::new(), "forget").unwrap();
+    let press = json!({"do": "mouse", "action": "click", "x": x, "y": y});
+    rig.tell_steamvr(&press);
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    assert!(!panels_at(&rig.shoot("asked"), &chair).is_empty(), "it asks back");
+    rig.tell_steamvr(&press);
+    rig.wait_for("its word", || program.err().contains("button to forget the room").then_some(()));
+    rig.wait_for("no map", || (std::fs::read_dir(&folder).unwrap().count() == 0).then_some(()));
+    let warned = panels_at(&rig.shoot("wiped"), &chair);
+    assert!(warned.is_empty(), "{warned:?}");
+    assert_eq!(program.interrupt().code, Some(0));
+    let is_kept = |file: MapFile| {
+        let in_room = file.map.moved(&file.standing_from_raw);
+        in_room.places.iter().any(|place| to(&chair, place.position_m) < 0.2)
+    };
+    assert!(!MapFile::read(file).is_ok_and(is_kept), "nor is it written again at the end");
+
+    std::fs::write(file, bytes).unwrap();
     let _ = std::fs::remove_file(rig.path("vr/report.json"));
     let program = rig.start_run(&["--forget"]);
     rig.wait_report("frames", |report| report["frames"].as_u64() > Some(180));

@@ -9,6 +9,7 @@ mod graphics;
 mod install;
 mod kept;
 mod life;
+mod notice;
 mod recorded;
 mod rig;
 mod room;

@@ -155,6 +155,20 @@ impl Rig {
         self.wait_for("the track", || fs::metadata(self.path("track.tum")).ok().filter(|m| m.len() > 0));
     }
 
+    /// Has the simulated sensor stand still, as one that hangs, or go on.
+    pub fn hold_sensor(&self, is_held: bool) {
+        let signal = if is_held { Signal::STOP } else { Signal::CONT };
+        kill_process(Pid::from_child(self.sensor.as_ref().unwrap()), signal).unwrap();
+    }
+
+    /// Pulls the sensor's plug.
+    pub fn unplug_sensor(&mut self) {
+        let mut child = self.sensor.take().unwrap();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        fs::remove_file(self.path("sensor")).unwrap();
+    }
+
     /// Starts the program.
     pub fn start(&self, arguments: &[&str]) -> Program {
         static NUMBER: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);

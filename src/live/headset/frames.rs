@@ -75,7 +75,7 @@ pub struct HeadsetStatus {
     pub most_picture_bytes: u64,
     /// Times that the user recentred.
     pub recentred: u64,
-    /// Times that the room was another and everything was forgotten.
+    /// Times that everything was forgotten: the room was another, or the user wanted it.
     pub forgotten: u64,
     /// Times that the graphics device was lost.
     pub devices_lost: u64,
@@ -140,9 +140,9 @@ impl FrameLoop<'_> {
         let poses_hz = state.settings.headset.poses_hz;
         std::thread::scope(|scope| {
             let _done = DoneWhenDropped(&done);
-            let &Self { settings: desk, reconstruction, sensor, .. } = self;
+            let &Self { settings: desk, reconstruction, .. } = self;
             // It ends when the state does.
-            scope.spawn(move || panel.run(&PanelSources { desk, reconstruction, sensor }));
+            scope.spawn(move || panel.run(&PanelSources { desk, reconstruction }));
             if poses_hz > 0.0 {
                 let (runtime, frame, sink, done) = (self.runtime, &frame, self.pose_sink, &done);
                 scope.spawn(move || read_poses(runtime, frame, poses_hz, sink, done));
@@ -184,6 +184,8 @@ struct State<'s, 'a> {
     leap: LeapWatch,
     /// Times that the raw universe has leapt.
     leaps: u64,
+    /// Times that the user wanted the map to begin anew.
+    wiped: u64,
     looked_ns: i64,
     vitals: Vitals,
     settings: Arc<Settings>,
@@ -223,6 +225,7 @@ impl<'s, 'a> State<'s, 'a> {
             anchor: None,
             leap: LeapWatch::default(),
             leaps: 0,
+            wiped: 0,
             looked_ns: i64::MIN,
             vitals: Vitals::default(),
             settings,
@@ -259,6 +262,7 @@ impl<'s, 'a> State<'s, 'a> {
             }
             self.take_settings();
             self.take_poses(start_ns);
+            self.forget_as_wished();
             self.show(start_ns);
             self.turn_dashboard(start_ns);
             let (end_ns, end_waited_ns) = (now_ns(), core_wait.total_ns());
@@ -389,7 +393,7 @@ impl<'s, 'a> State<'s, 'a> {
         if let Some(reconstruction) = (self.with.reconstruction)() {
             self.scene.epoch = reconstruction.forget();
         }
-        *frame = Some(room_frame(anchor, self.leaps));
+        *frame = Some(self.room_frame(anchor));
         drop(frame);
         self.scene.clear();
         self.meter.forget_sweeps();
@@ -399,8 +403,26 @@ impl<'s, 'a> State<'s, 'a> {
 
     fn share_frame(&self, anchor: &Anchor) {
         // Written a few times a session; its reader holds it for as long as a pose is read.
-        let shared = room_frame(anchor, self.leaps);
+        let shared = self.room_frame(anchor);
         *self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner) = Some(shared);
+    }
+
+    fn room_frame(&self, anchor: &Anchor) -> RoomFrame {
+        RoomFrame {
+            session_from_raw: anchor.session_from_raw(),
+            standing_from_raw: anchor.standing_from_raw(),
+            universe: anchor.universe(),
+            leaps: self.leaps,
+            wiped: self.wiped,
+        }
+    }
+
+    /// The user wants it in the panel.
+    fn forget_as_wished(&mut self) {
+        if let Some(anchor) = self.anchor.filter(|_| self.dashboard.takes_forgetting()) {
+            self.wiped += 1;
+            self.forget(&anchor, "the panel's button to forget the room was pressed");
+        }
     }
 
     fn show(&mut self, now_ns: i64) {
@@ -460,13 +482,16 @@ impl<'s, 'a> State<'s, 'a> {
 
     /// The panel in the dashboard: its part of a frame.
     fn turn_dashboard(&mut self, now_ns: i64) {
-        if self.dashboard.is_open() {
+        if self.dashboard.needs_graphics() {
             self.open_graphics(now_ns);
         }
         let facts = Facts {
             standing_from_head: self.head.map(|(_, head)| head),
             standing_from_session: self.anchor.map(|anchor| anchor.standing_from_session()),
             is_tracked: self.status.is_tracked,
+            sensor: (self.with.sensor)(),
+            is_alive: (self.with.reconstruction)().map(Reconstruction::is_alive),
+            may_notify: self.settings.headset.warnings && self.settings.headset.notices,
         };
         if let Err(error) = self.dashboard.turn(now_ns, self.graphics.as_ref(), &facts)
             && self.faults.is_lost(now_ns, &error)
@@ -524,15 +549,6 @@ impl<'s, 'a> State<'s, 'a> {
         let_go.extend(dashboard.end());
         let_go.extend(shown.end());
         (status, Drawn { _pictures: let_go, _graphics: graphics, _lost: lost })
-    }
-}
-
-fn room_frame(anchor: &Anchor, leaps: u64) -> RoomFrame {
-    RoomFrame {
-        session_from_raw: anchor.session_from_raw(),
-        standing_from_raw: anchor.standing_from_raw(),
-        universe: anchor.universe(),
-        leaps,
     }
 }
 

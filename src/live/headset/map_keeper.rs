@@ -2,7 +2,8 @@
 //!
 //! Once it is known which universe this is and there is a reconstruction, the universe's map is handed to that as provisional; every half
 //! minute and at the end what is known is written. What is written is in the raw universe's frame. A raw universe that leaps while its name
-//! stays makes what was kept of it worthless.
+//! stays makes what was kept of it worthless; and who
+//! presses the panel's button to forget the room wants that of what is kept as well.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -61,6 +62,7 @@ struct Progress {
     taken_up: Option<(u64, u64)>,
     leaps: u64,
     leapt: Option<(u64, i64)>,
+    wiped: u64,
     saved_ns: i64,
     has_failed: bool,
 }
@@ -89,6 +91,9 @@ impl MapKeeper<'_, '_> {
         let Some(universe) = room.universe else { return };
         if !self.has_settled(progress, &room, universe) {
             return;
+        }
+        if std::mem::replace(&mut progress.wiped, room.wiped) != room.wiped {
+            self.remove(progress, universe);
         }
         if progress.taken_up != Some((epoch, universe)) {
             progress.taken_up = Some((epoch, universe));

@@ -22,6 +22,8 @@ pub(super) struct RoomFrame {
     pub universe: Option<u64>,
     /// Times that the raw universe has leapt.
     pub leaps: u64,
+    /// Times that the user wanted the map to begin anew.
+    pub wiped: u64,
 }
 
 /// For other threads; `None` before the session's frame is laid.

@@ -24,6 +24,12 @@ pub(in super::super) struct Facts {
     /// From the session's frame, in which the map is.
     pub standing_from_session: Option<Pose>,
     pub is_tracked: bool,
+    /// What came from the sensor, while it is there.
+    pub sensor: Option<SensorCount>,
+    /// Whether the reconstruction works, once there is one.
+    pub is_alive: Option<bool>,
+    /// Whether the player wants to be told in the headset what is wrong.
+    pub may_notify: bool,
 }
 
 /// What came from the sensor so far.
@@ -82,17 +88,16 @@ pub(super) fn view(
     facts: &Facts,
     settings: &(Arc<Settings>, toml::Table),
     settings_trouble: Option<String>,
-    sensor: Option<SensorCount>,
     reconstruction: Option<&Reconstruction>,
     rates: &mut Rates,
 ) -> PanelView {
     let counters = reconstruction.map(Reconstruction::counters);
-    let count = sensor.unwrap_or(SensorCount { sweeps: 0, lost: 0 });
+    let count = facts.sensor.unwrap_or(SensorCount { sweeps: 0, lost: 0 });
     let poses = counters.map_or(0, |counters| counters.pipeline.streams.poses);
     rates.push(Counts { time_ns: now_ns, sweeps: count.sweeps, lost: count.lost, poses });
     let published = reconstruction.map(Reconstruction::latest);
     let mut health = Health {
-        sensor: match sensor {
+        sensor: match facts.sensor {
             None => SensorHealth::Missing,
             Some(_) if !rates.is_known => SensorHealth::Begins,
             Some(_) if rates.sweeps_per_s < 1.0 => SensorHealth::Silent,
@@ -100,7 +105,7 @@ pub(super) fn view(
         },
         is_tracked: facts.is_tracked,
         poses_per_s: rates.poses_per_s,
-        is_alive: reconstruction.is_some_and(Reconstruction::is_alive),
+        is_alive: facts.is_alive == Some(true),
         settings_trouble,
         ..Health::default()
     };

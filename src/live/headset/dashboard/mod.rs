@@ -1,10 +1,14 @@
-//! The panel in SteamVR's dashboard, on the side of the frame loop: the tab, the pointer on it, and pictures handed over.
+//! The panel in SteamVR's dashboard, on the side of the frame loop: the tab, the pointer on it, and pictures handed over. And the notice that is
+//! shown while no dashboard is open, when the radar sees nothing.
 //!
 //! A thread of its own lays the panel out and prepares its pictures; see `work.rs`. The loop hands on what the user does,
 //! submits a prepared picture and gives it to the runtime when the graphics card is done with it: one is under way at a time, and the
-//! loop waits for none. While the tab is not shown nothing is drawn.
+//! loop waits for none. While the tab is not shown and there is
+//! no notice nothing is drawn.
 
 mod facts;
+mod placard;
+mod troubles;
 mod work;
 
 use std::collections::VecDeque;
@@ -16,10 +20,12 @@ pub(super) use facts::Facts;
 pub use facts::SensorCount;
 pub(super) use work::{PanelSources, PanelWork};
 
+use self::placard::Placard;
+use self::troubles::Troubles;
 use super::graphics::Graphics;
-use crate::panel;
+use crate::panel::{self, Notice};
 use crate::render::RenderError;
-use crate::steamvr::{DashboardTab, Runtime, TabEvent};
+use crate::steamvr::{DashboardTab, Runtime, SteamVrError, TabEvent};
 
 /// Between two looks whether the tab is shown, nanoseconds; events bring one forward.
 const LOOK_NS: i64 = 250_000_000;
@@ -34,17 +40,27 @@ const KEPT: usize = 3;
 enum Input {
     Open(bool),
     Pointer(TabEvent),
+    /// To be drawn.
+    Notice(Notice),
     /// A device to draw on, by number; the one before is gone.
     Device(u64, wgpu::Device, wgpu::Queue),
     /// The picture that was under way was handed over, or dropped.
     Handed,
 }
 
+/// What a picture is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Picture {
+    Panel,
+    Thumbnail,
+    Notice(Notice),
+}
+
 /// A picture that waits to be submitted.
 struct Drawing {
     device: u64,
     commands: Vec<wgpu::CommandBuffer>,
-    is_thumbnail: bool,
+    picture: Picture,
     texture: Arc<wgpu::Texture>,
 }
 
@@ -52,9 +68,16 @@ struct Drawing {
 pub(super) struct Dashboard {
     /// `None`: the runtime gives none.
     tab: Option<DashboardTab>,
+    /// `None`: the runtime gives none.
+    placard: Option<Placard>,
+    troubles: Troubles,
+    /// What is to be said, and what the thread was asked to draw last.
+    wanted: Option<Notice>,
+    asked: Option<Notice>,
     to_work: SyncSender<Input>,
     drawings: Receiver<Drawing>,
     facts: Arc<Mutex<Facts>>,
+    forget_room: Arc<AtomicBool>,
     is_open: bool,
     looked_ns: i64,
     /// The device's number, and whether the thread has it.
@@ -70,15 +93,22 @@ impl Dashboard {
     pub fn new(runtime: &Arc<Runtime>) -> (Self, PanelWork) {
         let tab = DashboardTab::new(runtime, "radar-chaperone.dashboard", "Radar chaperone", panel::SIZE);
         let tab = tab.inspect_err(|error| log::warn!("no panel in the dashboard: {error}")).ok();
+        let placard = Placard::new(runtime).inspect_err(|error| log::warn!("no notices in the headset: {error}")).ok();
         let (to_work, inputs) = sync_channel(MOST_INPUTS);
         let (to_loop, drawings) = sync_channel(1);
         let facts = Arc::new(Mutex::default());
-        let work = PanelWork::new(inputs, to_loop, Arc::clone(&facts));
+        let forget_room = Arc::<AtomicBool>::default();
+        let work = PanelWork::new(inputs, to_loop, Arc::clone(&facts), Arc::clone(&forget_room));
         let dashboard = Self {
             tab,
+            placard,
+            troubles: Troubles::default(),
+            wanted: None,
+            asked: None,
             to_work,
             drawings,
             facts,
+            forget_room,
             is_open: false,
             looked_ns: i64::MIN,
             device: 0,
@@ -90,9 +120,14 @@ impl Dashboard {
         (dashboard, work)
     }
 
-    /// Whether it is looked at.
-    pub fn is_open(&self) -> bool {
-        self.is_open
+    /// Whether there is something to be drawn: it is looked at, or there is something to be said.
+    pub fn needs_graphics(&self) -> bool {
+        self.is_open || self.wanted.is_some()
+    }
+
+    /// Whether the user wants the room's map to begin anew; told once.
+    pub fn takes_forgetting(&self) -> bool {
+        self.forget_room.swap(false, Ordering::Relaxed)
     }
 
     /// A frame's work.
@@ -100,11 +135,9 @@ impl Dashboard {
     /// # Errors
     /// The device fails, or is lost.
     pub fn turn(&mut self, now_ns: i64, graphics: Option<&Graphics>, facts: &Facts) -> Result<(), RenderError> {
-        if self.tab.is_none() {
-            return Ok(());
-        }
         self.take_events();
         self.look(now_ns);
+        self.turn_placard(now_ns, facts);
         if self.is_open
             && let Ok(mut held) = self.facts.try_lock()
         {
@@ -141,6 +174,30 @@ impl Dashboard {
         }
     }
 
+    /// Says what there is to say, as soon as there is a picture of it.
+    fn turn_placard(&mut self, now_ns: i64, facts: &Facts) {
+        let trouble = self.troubles.look(now_ns, facts.sensor, facts.is_alive);
+        self.wanted = trouble.filter(|_| facts.may_notify);
+        let Some(placard) = &mut self.placard else { return };
+        let has_faded = placard.turn(now_ns, self.wanted);
+        if let Some(notice) = self.wanted.filter(|_| self.wanted != self.asked && matches!(has_faded, Ok(true)))
+            && self.to_work.try_send(Input::Notice(notice)).is_ok()
+        {
+            self.asked = Some(notice);
+        }
+        self.told("the notice", has_faded.map(drop));
+    }
+
+    /// What the runtime refuses is logged once.
+    fn told(&mut self, what: &str, done: Result<(), SteamVrError>) {
+        if let Err(error) = done
+            && !self.is_refused
+        {
+            log::warn!("{what}: {error}");
+            self.is_refused = true;
+        }
+    }
+
     /// Submits a picture that has been prepared, when none is under way.
     fn submit(&mut self, graphics: &Graphics) {
         if self.under_way.is_some() {
@@ -161,14 +218,14 @@ impl Dashboard {
     /// Gives the runtime what is drawn.
     fn hand_over(&mut self, graphics: &Graphics) {
         let Some((drawing, _)) = self.under_way.take_if(|(_, is_done)| is_done.load(Ordering::Acquire)) else { return };
-        if let (Some(tab), Some(texture)) = (&self.tab, graphics.device.handover(&drawing.texture)) {
-            let handed = if drawing.is_thumbnail { tab.set_thumbnail(&texture) } else { tab.set_picture(&texture) };
-            if let Err(error) = handed
-                && !self.is_refused
-            {
-                log::warn!("the panel in the dashboard: {error}");
-                self.is_refused = true;
-            }
+        if let Some(texture) = graphics.device.handover(&drawing.texture) {
+            let handed = match (drawing.picture, &self.tab, &mut self.placard) {
+                (Picture::Panel, Some(tab), _) => tab.set_picture(&texture),
+                (Picture::Thumbnail, Some(tab), _) => tab.set_thumbnail(&texture),
+                (Picture::Notice(notice), _, Some(placard)) => placard.set_picture(notice, &texture),
+                _ => Ok(()),
+            };
+            self.told("the panel in the dashboard", handed);
         }
         self.shown.push_back(drawing.texture);
         if self.shown.len() > KEPT {
@@ -183,10 +240,14 @@ impl Dashboard {
         self.device += 1;
         self.has_device = false;
         self.under_way = None;
+        self.asked = None;
+        if let Some(placard) = &mut self.placard {
+            placard.forget_picture();
+        }
         self.shown.clear();
     }
 
-    /// Destroys the tab and ends the thread. Pictures come back: the runtime may still copy them until the session is over.
+    /// Destroys tab and notice and ends the thread. Pictures come back: the runtime may still copy them until the session is over.
     pub fn end(self) -> Vec<Arc<wgpu::Texture>> {
         self.shown.into_iter().chain(self.under_way.map(|(drawing, _)| drawing.texture)).collect()
     }

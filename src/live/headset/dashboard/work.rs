@@ -5,6 +5,7 @@
 //! before the one under way was handed over. While the tab is not shown the thread sleeps.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -12,10 +13,10 @@ use std::time::Duration;
 use egui::{Event, Modifiers, PointerButton, RawInput, Rect, pos2, vec2};
 
 use super::facts::{Facts, Rates, view};
-use super::{Drawing, Input, SensorCount};
+use super::{Drawing, Input, Picture};
 use crate::engine::Settings;
 use crate::live::{Change, Reconstruction, SettingsDesk, now_ns};
-use crate::panel::{self, PanelView};
+use crate::panel::{self, Notice, PanelView, Wishes};
 use crate::steamvr::TabEvent;
 
 /// Between two pictures, nanoseconds: 30 a second.
@@ -38,7 +39,6 @@ const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 pub(in super::super) struct PanelSources<'a> {
     pub desk: &'a SettingsDesk,
     pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
-    pub sensor: &'a (dyn Fn() -> Option<SensorCount> + Sync),
 }
 
 /// What the thread works with.
@@ -46,12 +46,16 @@ pub(in super::super) struct PanelWork {
     inputs: Receiver<Input>,
     to_loop: SyncSender<Drawing>,
     facts: Arc<Mutex<Facts>>,
+    /// Told to the loop: the room's map is to begin anew.
+    forget_room: Arc<AtomicBool>,
     context: egui::Context,
     painter: Option<Painter>,
     is_open: bool,
     /// A picture is under way.
     is_busy: bool,
     has_thumbnail: bool,
+    /// To be drawn.
+    notice: Option<Notice>,
     events: Vec<Event>,
     drawn: Option<(i64, PanelView)>,
     wants_more: bool,
@@ -60,16 +64,23 @@ pub(in super::super) struct PanelWork {
 }
 
 impl PanelWork {
-    pub(super) fn new(inputs: Receiver<Input>, to_loop: SyncSender<Drawing>, facts: Arc<Mutex<Facts>>) -> Self {
+    pub(super) fn new(
+        inputs: Receiver<Input>,
+        to_loop: SyncSender<Drawing>,
+        facts: Arc<Mutex<Facts>>,
+        forget_room: Arc<AtomicBool>,
+    ) -> Self {
         Self {
             inputs,
             to_loop,
             facts,
+            forget_room,
             context: egui::Context::default(),
             painter: None,
             is_open: false,
             is_busy: false,
             has_thumbnail: false,
+            notice: None,
             events: Vec::new(),
             drawn: None,
             wants_more: false,
@@ -117,6 +128,7 @@ impl PanelWork {
                 self.painter = painter.ok();
                 (self.is_busy, self.has_thumbnail, self.drawn) = (false, false, None);
             }
+            Input::Notice(notice) => self.notice = Some(notice),
             Input::Handed => self.is_busy = false,
         }
     }
@@ -137,8 +149,13 @@ impl PanelWork {
         }
     }
 
-    /// Draws what there is to draw: the button once, the panel when something is new.
+    /// Draws what there is to draw: a notice, the button once, the panel when something is new.
     fn draw_due(&mut self, sources: &PanelSources) {
+        if let Some(notice) = self.notice {
+            self.draw_notice(notice);
+            self.notice = self.notice.filter(|_| !self.is_busy);
+            return;
+        }
         if !self.has_thumbnail {
             self.draw_thumbnail();
             self.has_thumbnail = self.is_busy;
@@ -167,9 +184,9 @@ impl PanelWork {
             None => (Arc::clone(&newest), toml::Table::try_from(&*newest).unwrap_or_default()),
         };
         let facts = self.facts.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        let (sensor, reconstruction) = ((sources.sensor)(), (sources.reconstruction)());
+        let reconstruction = (sources.reconstruction)();
         let trouble = sources.desk.trouble();
-        let view = view(now_ns, &facts, &settings, trouble, sensor, reconstruction, &mut self.rates);
+        let view = view(now_ns, &facts, &settings, trouble, reconstruction, &mut self.rates);
         self.settings = Some(settings);
         view
     }
@@ -179,11 +196,16 @@ impl PanelWork {
         let is_release = |event: &Event| matches!(event, Event::PointerButton { pressed: false, .. });
         let until = self.events.iter().position(is_release).map_or(self.events.len(), |at| at + 1);
         let events = self.events.drain(..until).collect();
-        let mut changes = Vec::new();
+        let mut wishes = Wishes::default();
         let output = self.context.run_ui(input(panel::SIZE, now_ns, events), |ui| {
-            changes.extend(panel::panel(ui, &view));
+            let Wishes { changes, forget_room } = panel::panel(ui, &view);
+            wishes.changes.extend(changes);
+            wishes.forget_room |= forget_room;
         });
-        for panel::Change { name, value } in changes {
+        if wishes.forget_room {
+            self.forget_room.store(true, Ordering::Relaxed);
+        }
+        for panel::Change { name, value } in wishes.changes {
             log::debug!("the panel: {name} = {value}");
             self.show_at_once(name, &value);
             desk.change(Change { name: name.to_owned(), value });
@@ -191,7 +213,7 @@ impl PanelWork {
         self.wants_more =
             output.viewport_output.values().any(|viewport| viewport.repaint_delay < Duration::from_millis(100));
         self.drawn = Some((now_ns, view));
-        self.send(output, panel::SIZE, false);
+        self.send(output, panel::SIZE, Picture::Panel);
     }
 
     /// What was changed looks so before it is in force; what is in force then is shown in its place.
@@ -210,12 +232,18 @@ impl PanelWork {
         let size = [THUMBNAIL_PX; 2];
         let input = input(size, now_ns(), Vec::new());
         let output = self.context.run_ui(input, |ui| panel::icon(ui, THUMBNAIL_PX as f32));
-        self.send(output, size, true);
+        self.send(output, size, Picture::Thumbnail);
     }
 
-    fn send(&mut self, output: egui::FullOutput, size: [u32; 2], is_thumbnail: bool) {
+    fn draw_notice(&mut self, notice: Notice) {
+        let input = input(panel::NOTICE_SIZE, now_ns(), Vec::new());
+        let output = self.context.run_ui(input, |ui| panel::notice(ui, notice));
+        self.send(output, panel::NOTICE_SIZE, Picture::Notice(notice));
+    }
+
+    fn send(&mut self, output: egui::FullOutput, size: [u32; 2], picture: Picture) {
         let Some(painter) = &mut self.painter else { return output.drop_without_applying_deltas() };
-        let drawing = painter.prepare(&self.context, output, size, is_thumbnail);
+        let drawing = painter.prepare(&self.context, output, size, picture);
         self.is_busy = self.to_loop.try_send(drawing).is_ok();
     }
 }
@@ -262,8 +290,8 @@ impl Painter {
         }))
     }
 
-    fn next_target(&mut self, size: [u32; 2], is_thumbnail: bool) -> Arc<wgpu::Texture> {
-        if is_thumbnail {
+    fn next_target(&mut self, size: [u32; 2], picture: Picture) -> Arc<wgpu::Texture> {
+        if picture != Picture::Panel {
             return self.target(size);
         }
         self.next = (self.next + 1) % TARGETS;
@@ -279,9 +307,9 @@ impl Painter {
         context: &egui::Context,
         mut output: egui::FullOutput,
         size: [u32; 2],
-        is_thumbnail: bool,
+        picture: Picture,
     ) -> Drawing {
-        let texture = self.next_target(size, is_thumbnail);
+        let texture = self.next_target(size, picture);
         let screen = egui_wgpu::ScreenDescriptor { size_in_pixels: size, pixels_per_point: output.pixels_per_point };
         let shapes = context.tessellate(std::mem::take(&mut output.shapes), output.pixels_per_point);
         for (id, deltas) in &output.textures_delta.set {
@@ -317,6 +345,6 @@ impl Painter {
             self.renderer.free_texture(id);
         }
         output.drop_without_applying_deltas();
-        Drawing { device: self.number, commands, is_thumbnail, texture }
+        Drawing { device: self.number, commands, picture, texture }
     }
 }

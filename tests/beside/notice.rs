@@ -1,0 +1,62 @@
+//! A radar that is silent or unplugged is told of in the headset: a room without warnings looks like one without obstacles.
+
+use serde_json::{Value, json};
+
+use crate::rig::{Program, Rig};
+
+/// The sign is known by its key.
+fn notices(shot: &Value) -> usize {
+    let overlays = shot["overlays"].as_array().unwrap();
+    overlays.iter().filter(|overlay| overlay["key"] == "radar-chaperone.notice").count()
+}
+
+/// Looks until the sign is there or is not.
+fn wait_notice(rig: &Rig, what: &str, wanted: usize) -> Value {
+    let number = std::cell::Cell::new(0);
+    rig.wait_for(what, || {
+        number.set(number.get() + 1);
+        let shot = rig.shoot(&format!("{}{}", what.replace(' ', "_"), number.get()));
+        (notices(&shot) == wanted).then_some(shot)
+    })
+}
+
+fn streaming(rig: &Rig, more: &[&str]) -> Program {
+    let program = rig.start_run(more);
+    rig.wait_for("the sensor", || program.out().contains("ticks a second").then_some(()));
+    rig.wait_report("frames", |report| report["frames"].as_u64() > Some(300));
+    program
+}
+
+#[test]
+fn a_radar_that_is_silent_or_unplugged_is_told_of_in_the_headset() {
+    let mut rig = Rig::new("notice");
+    rig.start_sensor("empty-room", "natural", 1, 300);
+    rig.start_steamvr(&json!({}), true);
+    let program = streaming(&rig, &[]);
+    assert_eq!(notices(&rig.shoot("well")), 0, "nothing is the matter");
+    rig.hold_sensor(true);
+    wait_notice(&rig, "silent", 1);
+    assert!(!program.err().contains("connection is lost"), "it is there");
+    rig.hold_sensor(false);
+    // That it is well again is said as well.
+    wait_notice(&rig, "nothing more", 0);
+    rig.unplug_sensor();
+    wait_notice(&rig, "unplugged", 1);
+    let ended = program.interrupt();
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let report = rig.report();
+    assert_eq!((&report["violations"], &report["left_at_cleanup"]), (&json!({}), &json!(0)));
+}
+
+#[test]
+fn who_wants_no_notices_has_none() {
+    let mut rig = Rig::new("no-notice");
+    rig.start_sensor("empty-room", "natural", 1, 300);
+    rig.start_steamvr(&json!({}), true);
+    let program = streaming(&rig, &["--set", "headset.notices=false"]);
+    rig.unplug_sensor();
+    rig.wait_for("its word", || program.err().contains("connection is lost").then_some(()));
+    std::thread::sleep(std::time::Duration::from_secs(8));
+    assert_eq!(notices(&rig.shoot("without")), 0);
+    assert_eq!(program.interrupt().code, Some(0));
+}
