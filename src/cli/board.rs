@@ -24,6 +24,11 @@ pub(super) struct BoardArguments {
 }
 
 impl BoardArguments {
+    /// Whether a port was asked for.
+    pub fn names_port(&self) -> bool {
+        self.port.is_some()
+    }
+
     /// The board asked for, else the likeliest.
     pub fn choose(&self) -> Result<Candidate> {
         Ok(choose(self.port.as_deref(), &list_ports())?)

@@ -75,7 +75,7 @@ impl Doctor {
 
     fn look(&self, findings: &mut Findings) -> Result<()> {
         tell_steamvr(findings)?;
-        tell_ports(findings)?;
+        tell_ports(findings, self.board.names_port())?;
         let place = match self.board.choose() {
             Ok(place) => place,
             Err(error) => {
@@ -127,10 +127,11 @@ impl Doctor {
     }
 }
 
-fn tell_ports(findings: &Findings) -> Result<()> {
+/// Where a port is named nobody asks for others.
+fn tell_ports(findings: &Findings, is_named: bool) -> Result<()> {
     let ports = list_ports();
     let found = discover(&ports);
-    if ports.iter().all(|port| port.usb.is_none()) {
+    if !is_named && ports.iter().all(|port| port.usb.is_none()) {
         findings.warn(
             "Ports",
             "there is no serial port on USB: is the board plugged in, with a cable that carries data?",

@@ -1,4 +1,4 @@
-//! Where the player's own hands were, as far as their controllers are tracked: what is there is no furniture.
+//! Where the player's own hands were, as far as their controllers are tracked: what is there is no furniture, and no hand goes through any.
 
 use std::collections::VecDeque;
 
@@ -43,6 +43,12 @@ impl HandTrail {
         while self.0.pop_front_if(|(old_ns, _)| time_ns.saturating_sub(*old_ns) > KEPT_NS).is_some() {}
     }
 
+    /// Whether a hand was this near to a place since a time.
+    pub fn came_near(&self, place: DVec3, within_m: f64, since_ns: i64) -> bool {
+        let recent = self.0.iter().rev().take_while(|(at_ns, _)| *at_ns >= since_ns);
+        recent.flat_map(|(_, hands_m)| hands_m).flatten().any(|hand| hand.distance(place) < within_m)
+    }
+
     /// Where they were at a time.
     pub fn at(&self, time_ns: i64) -> HandsM {
         let later = self.0.partition_point(|(at_ns, _)| *at_ns < time_ns);
@@ -68,6 +74,8 @@ mod tests {
         assert_eq!(trail.at(9_999 * 20_000_000 - 25_000_000), hand(9_998.0));
         assert_eq!((trail.at(0), trail.at(9_999 * 20_000_000 + 200_000_000)), ([None; 2], [None; 2]));
         assert!(trail.0.len() <= 1300);
+        let came_near = |x: f64, since: i64| trail.came_near(DVec3::new(x, 0.0, 0.1), 0.2, since * 20_000_000);
+        assert!(came_near(9_999.0, 9_000) && came_near(9_500.0, 9_500) && !came_near(9_400.0, 9_500));
         // One stamp far in the future costs itself alone, one a little late too, and so do places that are none.
         trail.push(i64::MAX, hand(0.0));
         trail.push(10_000 * 20_000_000, hand(10_000.0));

@@ -21,6 +21,8 @@ const BELOW_AT_EDGE_M: f64 = 0.8;
 const EDGE_OF_BEAM: f64 = 0.4;
 /// What is this near to a known wall, floor or ceiling may be its reflection, metres.
 const AT_SURFACE_M: f64 = 0.25;
+/// Nothing stands this near to where a hand was: palm, fingers, what it holds, and how well such a place is known, metres.
+const HAND_REACHED_M: f64 = 0.25;
 /// What is this near to each other, seen from above, may be of one piece, metres; what was seen so short a time before the other turned out to be
 /// gone is not in doubt, nanoseconds.
 const BESIDE_M: f64 = 0.6;
@@ -94,7 +96,9 @@ impl RoomSearch {
         };
         let places = new.places.iter().zip(&new.asked);
         let there = places.filter(|(place, asked)| {
-            !self.is_floor_below(place.thing, place.aspect.beam) && is_there(&new.views[**asked])
+            !self.is_floor_below(place.thing, place.aspect.beam)
+                && !self.is_where_a_hand_was(place.thing)
+                && is_there(&new.views[**asked])
         });
         let with_past = |(place, asked): (&Explained<DVec3>, &usize)| self.with_past(place, &new.views[*asked]);
         there.map(with_past).map(|(place, earlier)| self.weigh(&place, earlier)).collect()
@@ -106,6 +110,12 @@ impl RoomSearch {
         let reach_m = if beam < EDGE_OF_BEAM { BELOW_AT_EDGE_M } else { BELOW_M };
         let is_over = |block: &Block| (block.middle.translation - place).with_y(0.0).length() < reach_m;
         place.y.abs() < FLOOR_M && self.window.iter().any(is_over)
+    }
+
+    /// Where a tracked hand has just been nothing stands, and what is seen there was the hand or what it holds. What is touched was mostly known
+    /// before; if not it is when the hand has been away for as long as blocks are looked at.
+    fn is_where_a_hand_was(&self, place: DVec3) -> bool {
+        self.window.front().is_some_and(|oldest| self.hands.came_near(place, HAND_REACHED_M, oldest.mid_time_ns))
     }
 
     /// A place with the odds that it is a thing, by what is around it and what is known from before the window.
@@ -190,6 +200,25 @@ mod tests {
     use crate::imaging::test_data::{Echo, sweeps, winding};
     use crate::obstacles::{RoomSettings, ViewMemory, Window};
     use crate::radar::Beam;
+
+    #[test]
+    fn nothing_stands_where_a_tracked_hand_has_just_been() {
+        let mut search = RoomSearch::new(RoomSettings::default(), &Beam::Lensless, PositionErrors::default());
+        let (place, second_ns) = (DVec3::new(0.2, 1.1, -0.5), 1_000_000_000);
+        search.take_hands(0, [None, Some(place + DVec3::X * 0.2)]);
+        search.take_hands(2 * second_ns, [None, Some(place + DVec3::X * 0.5)]);
+        assert!(!search.is_where_a_hand_was(place), "no block was looked at");
+        let duration_s = 1.0;
+        for sweep in sweeps(duration_s, winding, &[], 3) {
+            search.push(sweep);
+        }
+        let oldest_ns = search.window.front().unwrap().mid_time_ns;
+        search.take_hands(oldest_ns + 3 * second_ns, [Some(place + DVec3::Y * 0.2), None]);
+        assert!(search.is_where_a_hand_was(place));
+        assert!(!search.is_where_a_hand_was(place + DVec3::Z), "elsewhere");
+        search.window.iter_mut().for_each(|block| block.mid_time_ns += 4 * second_ns);
+        assert!(!search.is_where_a_hand_was(place), "that was before all that is looked at");
+    }
 
     #[test]
     fn what_was_known_for_sure_takes_what_stood_beside_it_along_and_nothing_else() {
