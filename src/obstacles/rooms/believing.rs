@@ -23,6 +23,8 @@ const EDGE_OF_BEAM: f64 = 0.4;
 const AT_SURFACE_M: f64 = 0.25;
 /// Nothing stands this near to where a hand was: palm, fingers, what it holds, and how well such a place is known, metres.
 const HAND_REACHED_M: f64 = 0.25;
+/// It has been away when it was not there for so long, nanoseconds.
+const HAND_AWAY_NS: i64 = 10_000_000_000;
 /// What is this near to each other, seen from above, may be of one piece, metres; what was seen so short a time before the other turned out to be
 /// gone is not in doubt, nanoseconds.
 const BESIDE_M: f64 = 0.6;
@@ -112,10 +114,11 @@ impl RoomSearch {
         place.y.abs() < FLOOR_M && self.window.iter().any(is_over)
     }
 
-    /// Where a tracked hand has just been nothing stands, and what is seen there was the hand or what it holds. What is touched was mostly known
-    /// before; if not it is when the hand has been away for as long as blocks are looked at.
+    /// Where a tracked hand has just been nothing stands, and what is seen there was the hand, what it holds, or nothing at all. What is touched was
+    /// mostly known before; if not it is when the hand has been away for a while.
     fn is_where_a_hand_was(&self, place: DVec3) -> bool {
-        self.window.front().is_some_and(|oldest| self.hands.came_near(place, HAND_REACHED_M, oldest.mid_time_ns))
+        let now_ns = self.window.back().map_or(i64::MIN, |block| block.mid_time_ns);
+        self.hands.came_near(place, HAND_REACHED_M, now_ns.saturating_sub(HAND_AWAY_NS))
     }
 
     /// A place with the odds that it is a thing, by what is around it and what is known from before the window.
@@ -204,20 +207,16 @@ mod tests {
     #[test]
     fn nothing_stands_where_a_tracked_hand_has_just_been() {
         let mut search = RoomSearch::new(RoomSettings::default(), &Beam::Lensless, PositionErrors::default());
-        let (place, second_ns) = (DVec3::new(0.2, 1.1, -0.5), 1_000_000_000);
-        search.take_hands(0, [None, Some(place + DVec3::X * 0.2)]);
-        search.take_hands(2 * second_ns, [None, Some(place + DVec3::X * 0.5)]);
-        assert!(!search.is_where_a_hand_was(place), "no block was looked at");
-        let duration_s = 1.0;
-        for sweep in sweeps(duration_s, winding, &[], 3) {
+        let place = DVec3::new(0.2, 1.1, -0.5);
+        for sweep in sweeps(1.0, winding, &[], 3) {
             search.push(sweep);
         }
-        let oldest_ns = search.window.front().unwrap().mid_time_ns;
-        search.take_hands(oldest_ns + 3 * second_ns, [Some(place + DVec3::Y * 0.2), None]);
+        let now_ns = search.window.back().unwrap().mid_time_ns;
+        search.take_hands(now_ns, [Some(place + DVec3::Y * 0.2), Some(place + DVec3::X * 0.5)]);
         assert!(search.is_where_a_hand_was(place));
         assert!(!search.is_where_a_hand_was(place + DVec3::Z), "elsewhere");
-        search.window.iter_mut().for_each(|block| block.mid_time_ns += 4 * second_ns);
-        assert!(!search.is_where_a_hand_was(place), "that was before all that is looked at");
+        search.window.iter_mut().for_each(|block| block.mid_time_ns += HAND_AWAY_NS + 1);
+        assert!(!search.is_where_a_hand_was(place), "that was a while ago");
     }
 
     #[test]
