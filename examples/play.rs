@@ -1,7 +1,7 @@
 //! Play sessions with any settings, for tuning: what `radar-chaperone benchmark --play` shows, and every false report.
 //!
 //!     cargo run --release --example play -- [FIRST..END] [--minutes=10] [--preset=d16] [--controllers] [--walls-db=20] [--no-hands]
-//!         [--no-visitor] [--square] [--each] [rooms.map.confirm_score=6 …]
+//!         [--silent-hands] [--no-visitor] [--square] [--each] [rooms.map.confirm_score=6 …]
 
 use std::time::Instant;
 
@@ -13,7 +13,7 @@ use radar_chaperone::simulation::PlaySession;
 fn main() {
     let (mut seeds, mut minutes, mut changes, mut each, mut controllers) = (0..2, 2.0, Vec::new(), false, false);
     let (mut config, mut walls_db) = (preset("d16").expect("d16 exists"), 0.0);
-    let (mut hands, mut visitor, mut square) = (true, true, false);
+    let (mut hands, mut silent_hands, mut visitor, mut square) = (true, false, true, false);
     for argument in std::env::args().skip(1) {
         match argument.split_once('=') {
             Some(("--minutes", value)) => minutes = value.parse().expect("minutes"),
@@ -23,6 +23,7 @@ fn main() {
             None if argument == "--each" => each = true,
             None if argument == "--controllers" => controllers = true,
             None if argument == "--no-hands" => hands = false,
+            None if argument == "--silent-hands" => silent_hands = true,
             None if argument == "--no-visitor" => visitor = false,
             None if argument == "--square" => square = true,
             None => {
@@ -32,8 +33,15 @@ fn main() {
         }
     }
     let settings = Settings::from_toml("", &changes).unwrap_or_else(|error| panic!("{error}"));
-    let session =
-        PlaySession { duration_s: 60.0 * minutes, walls_db, hands, visitor, square, ..PlaySession::new(config, 0) };
+    let session = PlaySession {
+        duration_s: 60.0 * minutes,
+        walls_db,
+        hands,
+        silent_hands,
+        visitor,
+        square,
+        ..PlaySession::new(config, 0)
+    };
     let trial = PlayTrial { session, settings, controllers };
     let (start, seeds) = (Instant::now(), seeds.collect::<Vec<u64>>());
     let figures = play(&trial, &seeds, |seed, figures| {

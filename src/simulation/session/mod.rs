@@ -52,6 +52,8 @@ pub struct PlaySession {
     pub errors: TrackingErrors,
     /// Whether the player's own hands are there.
     pub hands: bool,
+    /// Whether they return nothing: what is reported at them then is so by chance.
+    pub silent_hands: bool,
     /// Whether somebody crosses the room.
     pub visitor: bool,
     /// Added to the walls' reflection, dB.
@@ -85,6 +87,7 @@ impl PlaySession {
             head_from_sensor: default_mount(),
             errors: TrackingErrors::default(),
             hands: true,
+            silent_hands: false,
             visitor: true,
             walls_db: 0.0,
             square: false,
@@ -284,7 +287,11 @@ impl Session {
     }
 
     fn moving_at(&self, time_s: f64) -> Vec<Scatterer> {
-        let hands = self.hands.as_ref().map(|hands| hands.scatterers_at(&self.player, time_s));
+        let hands = self
+            .hands
+            .as_ref()
+            .filter(|_| !self.play.silent_hands)
+            .map(|hands| hands.scatterers_at(&self.player, time_s));
         let visitor = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
         hands.into_iter().flatten().chain(visitor.into_iter().flatten()).collect()
     }
