@@ -474,12 +474,20 @@ mod tests {
         echoes: &[(Echo, f64)],
         explain: impl Fn(&mut Window) -> Believed,
     ) -> Believed {
+        explained_beside(&HandTrail::default(), path, echoes, explain)
+    }
+
+    fn explained_beside(
+        hands: &HandTrail,
+        path: impl Fn(f64) -> DVec3,
+        echoes: &[(Echo, f64)],
+        explain: impl Fn(&mut Window) -> Believed,
+    ) -> Believed {
         let (settings, block_settings) = (ExplainSettings::default(), BlockSettings::default());
         let mut builder = BlockBuilder::new(block_settings);
         let blocks: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
         let mut memory = ViewMemory::default();
-        let mut window =
-            Window::new(blocks.iter(), &HandTrail::default(), &settings, &block_settings, &Beam::Lensless, &mut memory);
+        let mut window = Window::new(blocks.iter(), hands, &settings, &block_settings, &Beam::Lensless, &mut memory);
         explain(&mut window)
     }
 
@@ -537,6 +545,20 @@ mod tests {
         });
         assert!(known.planes.len() == 1 && !known.planes[0].determined && known.places.is_empty(), "{known:?}");
         assert_eq!(explained(nearly, &echoes, &[], &foot).places.len(), 1, "else it passes for a place");
+    }
+
+    #[test]
+    fn a_tracked_hand_and_its_forearm_are_not_believed_and_what_is_behind_is() {
+        let (palm, elbow) = (DVec3::new(0.1, -0.3, -0.5), DVec3::new(0.15, -0.3, -0.3));
+        let echoes = [palm, elbow, STRONG].map(|place| (Echo::Point(place), 4.0));
+        let believed = |hand: Option<DVec3>| {
+            let mut hands = HandTrail::default();
+            (0..450).for_each(|n| hands.push(n * 10_000_000, [hand, None]));
+            let explain = |window: &mut Window| window.explain(&[], &[palm, elbow, STRONG]);
+            let places = explained_beside(&hands, winding, &echoes, explain).places;
+            places.into_iter().map(|place| place.thing).collect::<Vec<_>>()
+        };
+        assert_eq!((believed(None).len(), believed(Some(palm))), (3, vec![STRONG]));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Where the player's own hands were, as far as their controllers are tracked: what is there is no furniture, and no hand goes through any.
 
 use std::collections::VecDeque;
+use std::ops::Range;
 
 use glam::DVec3;
 
@@ -14,6 +15,16 @@ pub struct HandsSample {
     pub time_ns: i64,
     /// Where they were.
     pub hands_m: HandsM,
+}
+
+/// A hand with what it holds and the pulse's width: so far around its range everything may be the hand, metres.
+const HAND_M: f64 = 0.17;
+/// The forearm, from wrist to elbow, echoes from as much nearer than the hand, metres.
+const FOREARM_M: f64 = 0.2;
+
+/// Between which ranges a hand, what it holds and its forearm echo, if the palm is at a range, metres.
+pub fn echoing_m(palm_range_m: f64) -> Range<f64> {
+    palm_range_m - FOREARM_M - HAND_M..palm_range_m + HAND_M
 }
 
 /// Places of before are kept for so long, nanoseconds: longer than any window of blocks.
@@ -62,6 +73,13 @@ impl HandTrail {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn hands_and_forearms_echo_about_the_palms_range_and_nearer() {
+        let ranges = echoing_m(0.6);
+        assert!([0.25, 0.4, 0.6, 0.75].iter().all(|range_m| ranges.contains(range_m)), "{ranges:?}");
+        assert!([0.2, 0.8].iter().all(|range_m| !ranges.contains(range_m)), "{ranges:?}");
+    }
 
     #[test]
     fn the_nearest_in_time_counts_and_old_ones_go() {

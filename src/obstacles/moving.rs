@@ -18,7 +18,7 @@ mod track;
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::hands::HandTrail;
+use super::hands::{HandTrail, echoing_m};
 use crate::geometry::Pose;
 use crate::imaging::blocks::{Block, MoverFinder, Movers, MovingEcho};
 use crate::radar::Beam;
@@ -130,8 +130,6 @@ const FARTHER_M: f64 = 0.7;
 const MOST_TRACKS: usize = 24;
 /// A longer pause ends all tracks, seconds.
 const PAUSE_S: f64 = 1.0;
-/// A hand with what it holds and the pulse's width, metres.
-const HAND_M: f64 = 0.17;
 
 /// Follows what moves.
 #[derive(Debug, Clone)]
@@ -278,14 +276,14 @@ impl MovingTracks {
 /// How far nothing may begin to move: the hands', tracked or not.
 fn own_reach_m(block: &Block, hands: &HandTrail, hands_reach_m: f64) -> f64 {
     let hands = hands.at(block.mid_time_ns);
-    let reach_m = |hand: Option<DVec3>| hand.map_or(hands_reach_m, |hand| block.distance_m(hand) + HAND_M);
+    let reach_m = |hand: Option<DVec3>| hand.map_or(hands_reach_m, |hand| echoing_m(block.distance_m(hand)).end);
     hands.into_iter().map(reach_m).fold(0.0, f64::max)
 }
 
-/// Whether a tracked hand accounts for it.
+/// Whether a tracked hand or its forearm accounts for it.
 fn is_of_hands(echo: &MovingEcho, block: &Block, hands: &HandTrail) -> bool {
     let mut tracked = hands.at(block.mid_time_ns).into_iter().flatten();
-    tracked.any(|hand| (block.distance_m(hand) - echo.range_m).abs() < HAND_M)
+    tracked.any(|hand| echoing_m(block.distance_m(hand)).contains(&echo.range_m))
 }
 
 /// 1σ of the direction of an echo about the boresight, along either axis, by what a beam lets through.

@@ -1,15 +1,14 @@
 //! Claims: range and direction in each block that something believed accounts for, as wide as pulse and aperture tell them.
 
+use std::ops::Range;
+
 use glam::DVec3;
 
 use super::{Candidate, Window};
 use crate::imaging::blocks::Block;
-use crate::obstacles::hands::HandTrail;
+use crate::obstacles::hands::{HandTrail, echoing_m};
 use crate::obstacles::views::View;
 use crate::radar::WAVELENGTH_M;
-
-/// A hand with what it holds and the pulse's width: so far around its range everything may be the hand, metres.
-const HAND_M: f64 = 0.17;
 
 /// Range and direction in one block that are accounted for.
 #[derive(Debug, Clone, Copy)]
@@ -32,12 +31,16 @@ impl Claim {
     }
 }
 
-/// What the player's own hands account for: everything at their ranges, whatever its direction seems to be, since they move.
+/// What the player's own hands account for: everything at their ranges and their forearms', whatever its direction seems to be, since
+/// they move.
 pub(super) fn hand_claims(block: &Block, hands: &HandTrail) -> Vec<Claim> {
     let hands = hands.at(block.mid_time_ns).into_iter().flatten();
     let to_hand = hands.map(|hand| hand - block.middle.translation);
     let ahead = to_hand.filter(|to| to.dot(block.middle.forward()) > 0.0);
-    let claim = |to: DVec3| Claim { range_m: to.length(), half_range_m: HAND_M, cos: 0.0, half_cos: 2.0 };
+    let claim = |to: DVec3| {
+        let Range { start, end } = echoing_m(to.length());
+        Claim { range_m: (start + end) * 0.5, half_range_m: (end - start) * 0.5, cos: 0.0, half_cos: 2.0 }
+    };
     ahead.map(claim).collect()
 }
 
