@@ -1,10 +1,11 @@
 //! The three cross-sections on the screen, side by side at one scale, with axes, colour bar, obstacles and head.
 
 use egui::{
-    Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, StrokeKind, TextureHandle, TextureOptions, Ui, pos2, vec2,
+    Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, StrokeKind, TextureHandle, TextureOptions, Ui, Vec2, pos2, vec2,
 };
 use glam::DVec3;
 
+use super::labels::Labels;
 use super::maps::{Map, PLANES};
 use super::style;
 use super::viewport::{Shown, color_bar};
@@ -184,18 +185,32 @@ fn one(painter: &egui::Painter, plot: Rect, map: &Map, texture: &TextureHandle, 
         clipped.line(path, Stroke::new(1.0, style::HEAD.gamma_multiply(0.5)));
     }
     if shown.layers.obstacles {
-        for obstacle in &shown.moment.scene.obstacles {
-            let middle = at(obstacle.position_m);
-            let is_selected = shown.layers.selected == Some(obstacle.id);
-            clipped.circle_stroke(middle, 5.0, Stroke::new(if is_selected { 2.5 } else { 1.5 }, style::FOUND));
-            let name = format!("#{}", obstacle.id);
-            clipped.text(middle + vec2(7.0, -5.0), Align2::LEFT_CENTER, name, FontId::proportional(11.0), style::FOUND);
-        }
+        let obstacles = &shown.moment.scene.obstacles;
+        let marks = obstacles.iter().map(|obstacle| (obstacle.id, at(obstacle.position_m)));
+        numbered(&clipped, marks, shown.layers.selected);
     }
     if let Some(head) = &shown.moment.head {
         let (middle, ahead) = (at(head.translation), at(head.translation + head.forward() * 0.35));
         clipped.circle_filled(middle, 5.0, style::HEAD);
         clipped.line_segment([middle, ahead], Stroke::new(2.0, style::HEAD));
+    }
+}
+
+/// A ring with a number for each, the selected one's first; where too many stand at one place only the first few have numbers.
+fn numbered(painter: &egui::Painter, marks: impl Iterator<Item = (u64, Pos2)>, selected: Option<u64>) {
+    const RADIUS: f32 = 5.0;
+    let mut marks: Vec<_> = marks.collect();
+    marks.sort_by_key(|(id, _)| (selected != Some(*id), *id));
+    let rings: Vec<Rect> = marks.iter().map(|mark| Rect::from_center_size(mark.1, Vec2::splat(2.0 * RADIUS))).collect();
+    let mut labels = Labels::default();
+    for ((id, middle), ring) in marks.into_iter().zip(&rings) {
+        let is_selected = selected == Some(id);
+        painter.circle_stroke(middle, RADIUS, Stroke::new(if is_selected { 2.5 } else { 1.5 }, style::FOUND));
+        let name = painter.layout_no_wrap(format!("#{id}"), FontId::proportional(11.0), style::FOUND);
+        if let Some(place) = labels.take_beside(*ring, name.size(), &rings) {
+            painter.rect_filled(place.shrink2(vec2(0.0, 1.0)), 2.0, Color32::from_black_alpha(150));
+            painter.galley(place.min, name, style::FOUND);
+        }
     }
 }
 

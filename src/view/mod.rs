@@ -13,6 +13,7 @@ mod drawing;
 mod error;
 mod history;
 mod keys;
+mod labels;
 mod layers;
 mod map_view;
 mod maps;

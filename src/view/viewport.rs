@@ -6,6 +6,7 @@ use glam::{DVec2, DVec3};
 use super::about::About;
 use super::camera::{Camera, Eye};
 use super::history::Moment;
+use super::labels::Labels;
 use super::layers::Layers;
 use super::room::{axis_names, label};
 use super::style;
@@ -68,14 +69,16 @@ fn steer(ui: &Ui, area: Rect, response: &egui::Response, camera: &mut Camera) ->
 }
 
 fn names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> Option<Pos2>, inside: bool) {
-    let small = |place: DVec3, text: &str, color: Color32| {
+    let mut labels = Labels::default();
+    let mut small = |place: DVec3, text: &str, color: Color32| {
         if let Some(at) = on_screen(place) {
-            painter.text(at, Align2::CENTER_CENTER, text, FontId::proportional(12.0), color);
+            let taken = painter.text(at, Align2::CENTER_CENTER, text, FontId::proportional(12.0), color);
+            labels.take(taken);
         }
     };
     axis_names(shown.bounds).into_iter().for_each(|(place, name)| small(place, name, style::MUTED));
     if !inside {
-        metres(shown.bounds, &small);
+        metres(shown.bounds, &mut small);
     }
     if shown.layers.walls {
         for wall in &shown.moment.scene.walls {
@@ -95,11 +98,11 @@ fn names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> O
     }
     if shown.layers.moving {
         for moving in &shown.moment.scene.moving {
-            moving_name(painter, moving, shown, on_screen);
+            moving_name(painter, moving, shown, on_screen, &mut labels);
         }
     }
     if shown.layers.obstacles {
-        obstacle_names(painter, shown, on_screen);
+        obstacle_names(painter, shown, on_screen, &mut labels);
     }
 }
 
@@ -113,7 +116,7 @@ fn plane_name(plane: &Plane) -> &'static str {
 }
 
 /// Metres along two edges of the floor.
-fn metres(bounds: &Aabb, small: &impl Fn(DVec3, &str, Color32)) {
+fn metres(bounds: &Aabb, small: &mut impl FnMut(DVec3, &str, Color32)) {
     let y = bounds.min.y;
     for x in bounds.min.x.ceil() as i32..=bounds.max.x.floor() as i32 {
         small(DVec3::new(x.into(), y, (bounds.max.z / 0.5).ceil() * 0.5 + 0.18), &format!("{x} m"), style::MUTED);
@@ -124,22 +127,32 @@ fn metres(bounds: &Aabb, small: &impl Fn(DVec3, &str, Color32)) {
 }
 
 /// Beside the arc's end, where nothing of it is.
-fn moving_name(painter: &egui::Painter, moving: &Moving, shown: &Shown, on_screen: &impl Fn(DVec3) -> Option<Pos2>) {
+fn moving_name(
+    painter: &egui::Painter,
+    moving: &Moving,
+    shown: &Shown,
+    on_screen: &impl Fn(DVec3) -> Option<Pos2>,
+    labels: &mut Labels,
+) {
     let Some(at) = on_screen(moving.place_m(1.3 * moving.half_width_rad(), 0.0)) else { return };
     let text = moving.label(shown.moment.head.as_ref());
     let galley = painter.layout_no_wrap(text, FontId::proportional(14.0), style::MOVING);
-    let chip = Align2::CENTER_CENTER.anchor_size(at, galley.size()).expand2(vec2(4.0, 1.0));
+    let chip = labels.take_above(Align2::CENTER_CENTER.anchor_size(at, galley.size()).expand2(vec2(4.0, 1.0)));
     painter.rect_filled(chip, CornerRadius::same(3), style::GROUND.gamma_multiply(0.85));
     painter.galley(chip.min + vec2(4.0, 1.0), galley, style::MOVING);
 }
 
 /// Distances beside the nearest ones and the selected one, numbers beside the rest.
-fn obstacle_names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> Option<Pos2>) {
+fn obstacle_names(
+    painter: &egui::Painter,
+    shown: &Shown,
+    on_screen: &impl Fn(DVec3) -> Option<Pos2>,
+    labels: &mut Labels,
+) {
     let head = shown.moment.head.as_ref();
     let distance = |obstacle: &Obstacle| head.map_or(0.0, |head| obstacle.distance_m(head.translation));
     let mut order: Vec<&Obstacle> = shown.moment.scene.obstacles.iter().collect();
     order.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
-    let mut taken: Vec<Rect> = Vec::new();
     for (n, obstacle) in order.into_iter().enumerate() {
         let top_m = obstacle.around().map_or(obstacle.position_m.y, |shape| shape.max.y);
         let Some(at) = on_screen(obstacle.position_m.with_y(top_m.max(obstacle.position_m.y) + 0.05)) else { continue };
@@ -148,13 +161,8 @@ fn obstacle_names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DV
         let text = if is_whole { label(obstacle, head) } else { format!("#{}", obstacle.id) };
         let color = if is_whole { style::FOUND } else { style::FOUND.gamma_multiply(0.75) };
         let galley = painter.layout_no_wrap(text, FontId::proportional(if is_whole { 14.0 } else { 11.0 }), color);
-        let mut chip = Align2::CENTER_BOTTOM.anchor_size(at, galley.size()).expand2(vec2(4.0, 1.0));
-        // Labels do not cover each other: a later one goes above.
-        for _ in 0..8 {
-            let Some(under) = taken.iter().find(|other| other.intersects(chip)) else { break };
-            chip = chip.translate(vec2(0.0, under.top() - chip.bottom() - 1.0));
-        }
-        taken.push(chip);
+        let chip = Align2::CENTER_BOTTOM.anchor_size(at, galley.size()).expand2(vec2(4.0, 1.0));
+        let chip = labels.take_above(chip);
         painter.rect_filled(
             chip,
             CornerRadius::same(3),

@@ -1,0 +1,84 @@
+//! Where names go so that none covers another.
+
+use egui::{Rect, Vec2, vec2};
+
+/// Between two names, pixels.
+const GAP: f32 = 1.0;
+/// A name goes above so many others at most.
+const STEPS: usize = 8;
+
+/// Places that names have taken already.
+#[derive(Default)]
+pub struct Labels(Vec<Rect>);
+
+impl Labels {
+    /// Takes a place whatever is there.
+    pub fn take(&mut self, place: Rect) -> Rect {
+        self.0.push(place);
+        place
+    }
+
+    /// Takes a place, or the free one above those that cover it.
+    pub fn take_above(&mut self, place: Rect) -> Rect {
+        let above = |place: Rect| {
+            let under = self.0.iter().find(|other| other.intersects(place))?;
+            Some(place.translate(vec2(0.0, under.top() - place.bottom() - GAP)))
+        };
+        let free = (0..STEPS).try_fold(place, |place, _| above(place).ok_or(place));
+        let (Ok(free) | Err(free)) = free;
+        self.take(free)
+    }
+
+    /// Takes the first free place for a name of a size at a corner of a mark, if possible where no other mark is; none if all are taken by
+    /// names.
+    pub fn take_beside(&mut self, mark: Rect, size: Vec2, marks: &[Rect]) -> Option<Rect> {
+        let (right, left) = (mark.right() + GAP, mark.left() - GAP - size.x);
+        let (high, low) = (mark.center().y - 0.5 * GAP - size.y, mark.center().y + 0.5 * GAP);
+        let corners = [(right, high), (left, high), (right, low), (left, low)];
+        let places = corners.into_iter().map(|(x, y)| Rect::from_min_size((x, y).into(), size));
+        let is_over = |place: &Rect, others: &[Rect]| others.iter().any(|other| other.intersects(*place));
+        let free: Vec<Rect> = places.filter(|place| !is_over(place, &self.0)).collect();
+        let place = free.iter().find(|place| !is_over(place, marks)).or(free.first())?;
+        Some(self.take(*place))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use egui::pos2;
+
+    use super::*;
+
+    fn rect(x: f32, y: f32) -> Rect {
+        Rect::from_min_size(pos2(x, y), vec2(20.0, 10.0))
+    }
+
+    #[test]
+    fn names_at_one_place_stack_upwards() {
+        let mut labels = Labels::default();
+        let stacked = [0, 1, 2].map(|_| labels.take_above(rect(100.0, 100.0)).top());
+        assert_eq!(stacked, [100.0, 89.0, 78.0]);
+        assert_eq!(labels.take_above(rect(150.0, 100.0)), rect(150.0, 100.0));
+    }
+
+    #[test]
+    fn names_of_marks_at_one_place_go_around_it_and_then_away() {
+        let mut labels = Labels::default();
+        let mark = Rect::from_center_size(pos2(100.0, 100.0), vec2(10.0, 10.0));
+        let places: Vec<_> = (0..8).filter_map(|_| labels.take_beside(mark, vec2(20.0, 10.0), &[])).collect();
+        assert_eq!(places.len(), 4, "{places:?}");
+        for (n, one) in places.iter().enumerate() {
+            assert!(!places[n + 1..].iter().any(|other| other.intersects(*one)), "{places:?}");
+            assert!(one.distance_to_pos(mark.center()) < 8.0, "near its mark: {one:?}");
+        }
+    }
+
+    #[test]
+    fn a_name_keeps_off_other_marks_where_it_can() {
+        let mark = |x: f32| Rect::from_center_size(pos2(x, 100.0), vec2(10.0, 10.0));
+        let beside = |marks: &[Rect]| Labels::default().take_beside(mark(100.0), vec2(20.0, 10.0), marks).unwrap();
+        assert!(beside(&[]).left() > 100.0 && beside(&[mark(115.0)]).right() < 100.0);
+        let around: Vec<Rect> = (0..9).map(|n| mark(60.0 + 10.0 * n as f32)).collect();
+        assert_eq!(beside(&around), beside(&[]), "all are covered alike");
+    }
+}
