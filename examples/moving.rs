@@ -146,7 +146,7 @@ impl<'a> Watched<'a> {
     fn push_hands(&mut self, time_ns: i64) {
         let time_s = (time_ns - Session::host_ns(0.0)) as f64 * 1e-9;
         if let Some(hands_m) = self.session.hands_at(time_s).filter(|_| self.options.controllers) {
-            self.hands.push(time_ns, hands_m.map(Some));
+            self.hands.push(time_ns, hands_m.map(Some), None);
         }
     }
 

@@ -162,6 +162,7 @@ impl Feed {
         let sweeps_per_frame = u64::from(sensor.config()?.sweeps_per_frame);
         let source = plan.poses.take().map_or(PoseSource::None, PoseSource::Live);
         let mut file = plan.record.as_deref().map(|path| RecordFile::new(path, source));
+        let mut recorded = Ok(());
         while let Some(stream) = self.open(&sensor) {
             let (losses, lost_before) = (RefCell::new(Losses::default()), self.sweeps_lost.load(Ordering::Relaxed));
             let hand_on = |frame: &Frame| {
@@ -177,14 +178,21 @@ impl Feed {
             let taken = intake.run(&stream, &self.stop, Until::Stopped, &|| self.told_status());
             let done = intake.end(stream, taken);
             self.is_connected.store(false, Ordering::Relaxed);
-            if self.stop.load(Ordering::Relaxed) || is_recording {
-                return done;
+            if self.stop.load(Ordering::Relaxed) {
+                return recorded.and(done);
             }
-            let why = done.err().map_or("it ended".to_owned(), |error| format!("{error:#}"));
-            log::warn!("the sensor's stream: {why}. It is taken up again in {} s", LOOK_AGAIN.as_secs());
+            let why = done.as_ref().err().map_or("it ended".to_owned(), |error| format!("{error:#}"));
+            let rest_s = LOOK_AGAIN.as_secs();
+            if is_recording {
+                log::error!("the recording has ended: {why}. The radar is taken up again without one in {rest_s} s");
+                // Told once more at the end.
+                recorded = done;
+            } else {
+                log::warn!("the sensor's stream: {why}. It is taken up again in {rest_s} s");
+            }
             self.rest();
         }
-        Ok(())
+        recorded
     }
 
     fn begin(&self, sensor: &ChosenSensor) -> Result<&Reconstruction> {

@@ -24,7 +24,8 @@ use crate::geometry::Plane;
 use crate::imaging::blocks::{Block, BlockSettings};
 use crate::radar::Beam;
 pub use aspect::Aspect;
-use claims::{Claim, hand_claims};
+use claims::Claim;
+pub(super) use claims::hand_claims;
 pub use tally::SEGMENT_NS;
 use tally::{Tally, Weighed, lasting, unevenness};
 
@@ -553,7 +554,7 @@ mod tests {
         let echoes = [palm, elbow, STRONG].map(|place| (Echo::Point(place), 4.0));
         let believed = |hand: Option<DVec3>| {
             let mut hands = HandTrail::default();
-            (0..450).for_each(|n| hands.push(n * 10_000_000, [hand, None]));
+            (0..450).for_each(|n| hands.push(n * 10_000_000, [hand, None], None));
             let explain = |window: &mut Window| window.explain(&[], &[palm, elbow, STRONG]);
             let places = explained_beside(&hands, winding, &echoes, explain).places;
             places.into_iter().map(|place| place.thing).collect::<Vec<_>>()

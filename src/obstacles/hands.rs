@@ -17,6 +17,8 @@ pub struct HandsSample {
     pub hands_m: HandsM,
 }
 
+/// No hand is farther from the radar on the forehead than an arm reaches, metres: such a controller was put down.
+const ARM_M: f64 = 1.2;
 /// A hand with what it holds and the pulse's width: so far around its range everything may be the hand, metres.
 const HAND_M: f64 = 0.17;
 /// The forearm, from wrist to elbow, echoes from as much nearer than the hand, metres.
@@ -41,16 +43,17 @@ const VALID_NS: i64 = 100_000_000;
 pub struct HandTrail(VecDeque<(i64, HandsM)>);
 
 impl HandTrail {
-    /// Takes where they are; what is not newer than the newest is left out, and so are places that are none. A time far before the newest
-    /// shows that the newest were wrong.
-    pub fn push(&mut self, time_ns: i64, hands_m: HandsM) {
+    /// Takes where they are; what is not newer than the newest is left out, and so are places that are none and controllers that are out of
+    /// reach of where the radar is, if that is known. A time far before the newest shows that the newest were wrong.
+    pub fn push(&mut self, time_ns: i64, hands_m: HandsM, sensor_m: Option<DVec3>) {
         if self.0.back().is_some_and(|(last_ns, _)| last_ns.saturating_sub(time_ns) > LEAP_NS) {
             while self.0.pop_back_if(|(later_ns, _)| *later_ns > time_ns).is_some() {}
         }
         if self.0.back().is_some_and(|(last_ns, _)| time_ns.saturating_sub(*last_ns) < STEP_NS) {
             return;
         }
-        self.0.push_back((time_ns, hands_m.map(|hand| hand.filter(|place| place.is_finite()))));
+        let is_held = |hand: &DVec3| hand.is_finite() && sensor_m.is_none_or(|sensor| sensor.distance(*hand) <= ARM_M);
+        self.0.push_back((time_ns, hands_m.map(|hand| hand.filter(is_held))));
         while self.0.pop_front_if(|(old_ns, _)| time_ns.saturating_sub(*old_ns) > KEPT_NS).is_some() {}
     }
 
@@ -82,12 +85,22 @@ mod tests {
     }
 
     #[test]
+    fn what_is_out_of_reach_was_put_down() {
+        let mut trail = HandTrail::default();
+        let hands = [Some(DVec3::X * 0.7), Some(DVec3::X * 1.5)];
+        trail.push(0, hands, Some(DVec3::ZERO));
+        trail.push(100_000_000, hands, Some(DVec3::X * 0.6));
+        trail.push(200_000_000, hands, None);
+        assert_eq!([0, 100_000_000, 200_000_000].map(|at_ns| trail.at(at_ns)), [[hands[0], None], hands, hands]);
+    }
+
+    #[test]
     fn the_nearest_in_time_counts_and_old_ones_go() {
         let mut trail = HandTrail::default();
         assert_eq!(trail.at(0), [None; 2]);
         let hand = |x: f64| [Some(DVec3::X * x), None];
         for n in 0..10_000i64 {
-            trail.push(n * 20_000_000, hand(n as f64));
+            trail.push(n * 20_000_000, hand(n as f64), None);
         }
         assert_eq!(trail.at(9_999 * 20_000_000 - 25_000_000), hand(9_998.0));
         assert_eq!((trail.at(0), trail.at(9_999 * 20_000_000 + 200_000_000)), ([None; 2], [None; 2]));
@@ -95,11 +108,11 @@ mod tests {
         let came_near = |x: f64, since: i64| trail.came_near(DVec3::new(x, 0.0, 0.1), 0.2, since * 20_000_000);
         assert!(came_near(9_999.0, 9_000) && came_near(9_500.0, 9_500) && !came_near(9_400.0, 9_500));
         // One stamp far in the future costs itself alone, one a little late too, and so do places that are none.
-        trail.push(i64::MAX, hand(0.0));
-        trail.push(10_000 * 20_000_000, hand(10_000.0));
-        trail.push(10_000 * 20_000_000 - 5, hand(0.0));
+        trail.push(i64::MAX, hand(0.0), None);
+        trail.push(10_000 * 20_000_000, hand(10_000.0), None);
+        trail.push(10_000 * 20_000_000 - 5, hand(0.0), None);
         assert_eq!(trail.at(10_000 * 20_000_000), hand(10_000.0));
-        trail.push(10_001 * 20_000_000, [Some(DVec3::NAN), Some(DVec3::X)]);
+        trail.push(10_001 * 20_000_000, [Some(DVec3::NAN), Some(DVec3::X)], None);
         assert_eq!(trail.at(10_001 * 20_000_000), [None, Some(DVec3::X)]);
     }
 }

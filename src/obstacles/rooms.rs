@@ -141,6 +141,8 @@ pub struct RoomSearch {
     existences: BTreeMap<u64, Existence>,
     /// Where the player's own hands were.
     hands: HandTrail,
+    /// Where the newest sweep was taken.
+    sensor_m: Option<DVec3>,
     /// What moves by itself.
     moving: MovingTracks,
     /// By wall: feet of the perpendiculars that it was seen at.
@@ -193,6 +195,7 @@ impl RoomSearch {
             places: BTreeMap::new(),
             existences: BTreeMap::new(),
             hands: HandTrail::default(),
+            sensor_m: None,
             moving: MovingTracks::new(settings.moving, beam),
             feet: BTreeMap::new(),
             unseen_looks: BTreeMap::new(),
@@ -266,7 +269,7 @@ impl RoomSearch {
 
     /// Takes where the player's own hands are.
     pub fn take_hands(&mut self, time_ns: i64, hands_m: HandsM) {
-        self.hands.push(time_ns, hands_m);
+        self.hands.push(time_ns, hands_m, self.sensor_m);
     }
 
     /// Takes a sweep; images the block that it closes and, four times a second, looks at the evidence.
@@ -277,6 +280,7 @@ impl RoomSearch {
 
     /// Takes a sweep and leaves what it sets off to [`work`](Self::work).
     pub fn take(&mut self, observation: Observation) {
+        self.sensor_m = Some(observation.tracking_from_sensor.translation);
         match self.backlog.is_empty() {
             true => self.take_next(observation),
             false => self.backlog.push_back(observation),

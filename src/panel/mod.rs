@@ -1,5 +1,5 @@
 //! The panel in SteamVR's dashboard, as egui draws it: switches, the room from above, and how sensor and tracking are. It has
-//! no window, no GPU and no clock; it is given plain data ([`PanelView`]) and gives back what the user changes ([`Change`]).
+//! no window, no GPU and no clock; it is given plain data ([`PanelView`]) and gives back what the user wants ([`Wishes`]).
 //!
 //! It is read at arm's length and touched with a laser pointer: large type, large targets, a fixed layout.
 

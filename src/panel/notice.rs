@@ -1,5 +1,5 @@
-//! What a player must be told in the headset while no dashboard is open: that the radar sees nothing, and that it sees again. Silence would be
-//! taken for a room without obstacles.
+//! What a player must be told in the headset while the panel, which tells it too, is not open: that the radar sees nothing, and that it sees
+//! again. Silence would be taken for a room without obstacles.
 
 use egui::{CornerRadius, Rect, Stroke, StrokeKind, Ui, pos2, vec2};
 
@@ -29,17 +29,20 @@ impl Notice {
         if self == Self::WellAgain { State::Good } else { State::Bad }
     }
 
+    /// What it says first: for the log as well.
+    pub fn says(self) -> &'static str {
+        self.words()[0]
+    }
+
     fn words(self) -> [&'static str; 2] {
         match self {
-            Self::NoSensor => ["No radar sensor: no new warnings", "Plug it in. Only remembered obstacles are shown."],
-            Self::SensorGone => {
-                ["Radar unplugged: no new warnings", "Plug it in again. Only known obstacles are shown."]
-            }
+            Self::NoSensor => ["No radar sensor: no new warnings", "Plug it in. Nothing new is seen without it."],
+            Self::SensorGone => ["Radar lost: no new warnings", "Plug it in again. Only known obstacles are shown."],
             Self::SensorSilent => {
                 ["Radar is silent: no new warnings", "Unplug it and plug it in again, if it stays so."]
             }
             Self::MapStopped => ["The map stopped: no new warnings", "Restart Radar chaperone."],
-            Self::WellAgain => ["The radar measures again", "Obstacles are warned of as they are seen."],
+            Self::WellAgain => ["The radar measures", "Obstacles are warned of as they are seen."],
         }
     }
 }

@@ -7,7 +7,8 @@
 //!   eight tenths. The line is the bottleneck, so each point averages eight times as much: 9 dB more signal.
 //! - `close`: 0.15–0.61 m, for what nearly touches the head. Profile 1: its 4 cm pulse is over before echoes from 0.15 m
 //!   come back, and parts what longer pulses blur; points every 20 mm. 1200 sweeps a second follow 1.48 m/s. All of it is within
-//!   the hands' reach: without tracked hands nothing is confirmed unless `rooms.map.hands_reach_m` is 0.
+//!   the hands' reach: nothing is confirmed unless `rooms.map.hands_reach_m` is 0, and tracked hands account for nearly all of it while
+//!   they are in the beam.
 //! - `far`: 0.4–6.5 m, for halls. Profile 5 hears most (21.6 dB) and its 32 cm envelope needs a sample only every
 //!   120 mm; 13 MHz measures to 7 m. 440 sweeps a second follow 0.54 m/s. 101 kB/s.
 //! - `fine`: 10 mm points to 3.2 m, 120 sweeps a second, for single reflectors and range-only sums.
@@ -58,7 +59,7 @@ pub fn preset_purpose(name: &str) -> &'static str {
         "d16" => "rooms, over USB or network",
         "c16" => "rooms, over a fast UART",
         "slow-link" => "boards held at 115200 baud",
-        "close" => "0.15 to 0.6 m, hands tracked",
+        "close" => "0.15 to 0.6 m, hands away",
         "far" => "to 6.5 m",
         "fine" => "single reflectors",
         "thesis" => "the thesis' Table 3.1",

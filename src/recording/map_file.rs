@@ -187,17 +187,19 @@ impl MapFolder {
         Ok(())
     }
 
-    /// Forgets the map of a room; says whether there was one.
+    /// Forgets the map of a room, and what was put aside of it; says whether there was one.
     ///
     /// # Errors
     /// The system refuses.
     pub fn remove(&self, universe: u64) -> Result<bool, MapFileError> {
         let path = self.file(universe);
-        match fs::remove_file(&path) {
+        let is_removed = |path: &Path| match fs::remove_file(path) {
             Ok(()) => Ok(true),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
-            Err(source) => Err(io_error("remove", &path)(source)),
-        }
+            Err(source) => Err(io_error("remove", path)(source)),
+        };
+        is_removed(&aside_of(&path))?;
+        is_removed(&path)
     }
 
     /// Puts a room's map aside that cannot be used, so that it is not written over; says where it is now. One that was put aside before goes.
@@ -206,7 +208,7 @@ impl MapFolder {
     /// The system refuses.
     pub fn put_aside(&self, universe: u64) -> Result<PathBuf, MapFileError> {
         let path = self.file(universe);
-        let aside = path.with_extension("json.bad");
+        let aside = aside_of(&path);
         fs::rename(&path, &aside).map_err(io_error("rename", &path))?;
         Ok(aside)
     }
@@ -224,6 +226,11 @@ impl MapFolder {
         aged.sort_by(|a, b| b.cmp(a));
         aged.into_iter().map(|(_, path)| path).collect()
     }
+}
+
+/// Where a map is put that cannot be used.
+fn aside_of(map: &Path) -> PathBuf {
+    map.with_extension("json.bad")
 }
 
 fn io_error(doing: &'static str, path: &Path) -> impl Fn(io::Error) -> MapFileError {
@@ -309,8 +316,9 @@ mod tests {
         assert!(maps.load(3).is_err());
         let aside = maps.put_aside(3).unwrap();
         maps.save(&map(3)).unwrap();
-        assert_eq!(fs::read_to_string(aside).unwrap(), "no map");
+        assert_eq!(fs::read_to_string(&aside).unwrap(), "no map");
         assert!(maps.load(3).unwrap().is_some());
+        assert!(maps.remove(3).unwrap() && !aside.exists() && !maps.remove(3).unwrap(), "all of it is forgotten");
     }
 
     #[test]

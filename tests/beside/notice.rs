@@ -34,13 +34,16 @@ fn a_radar_that_is_silent_or_unplugged_is_told_of_in_the_headset() {
     rig.start_steamvr(&json!({}), true);
     let program = streaming(&rig, &[]);
     assert_eq!(notices(&rig.shoot("well")), 0, "nothing is the matter");
+    let says = |rig: &Rig, words: &str| rig.wait_for(words, || program.err().contains(words).then_some(()));
     rig.hold_sensor(true);
+    says(&rig, "the headset says: Radar is silent");
     wait_notice(&rig, "silent", 1);
     assert!(!program.err().contains("connection is lost"), "it is there");
     rig.hold_sensor(false);
-    // That it is well again is said as well.
+    says(&rig, "the headset says: The radar measures");
     wait_notice(&rig, "nothing more", 0);
     rig.unplug_sensor();
+    says(&rig, "the headset says: Radar lost");
     wait_notice(&rig, "unplugged", 1);
     let ended = program.interrupt();
     assert_eq!(ended.code, Some(0), "{}", ended.err);

@@ -75,7 +75,7 @@ pub fn totals(figures: &Figures) -> Table {
         row("lead distance, median, m", told(things.lead_median_m, 2), "≥ 1.0"),
         row("lead distance, 10th percentile, m", told(things.lead_p10_m, 2), "≥ 0.5"),
         row("reported where nothing is, near the body, a minute", told(all.false_near_per_min, 2), "≤ 1"),
-        row("   of these from own hands", told(all.hands_per_min, 2), "≤ 0.5"),
+        row("   of these from own hands", told(all.hands_per_min, 2), "≤ 0.5; tracked 0"),
         row("reported where nothing is, anywhere, a minute", told(all.false_per_min, 2), ""),
         row("   of these walls", told(all.false_walls_per_min, 2), ""),
         row("time with one near the body, %", told(100.0 * all.false_near_share, 1), ""),

@@ -79,9 +79,6 @@ impl MapKeeper<'_, '_> {
     }
 
     fn turn(&self, progress: &mut Progress, is_last: bool) {
-        if !self.settings.newest().headset.keep_map {
-            return;
-        }
         let Some(reconstruction) = (self.reconstruction)() else { return };
         // Whoever lays the frame anew forgets under the same lock: frame and epoch belong together.
         let frame = self.frame.lock().unwrap_or_else(PoisonError::into_inner);
@@ -89,11 +86,17 @@ impl MapKeeper<'_, '_> {
         drop(frame);
         let Some(room) = room else { return };
         let Some(universe) = room.universe else { return };
-        if !self.has_settled(progress, &room, universe) {
+        let keeps = self.settings.newest().headset.keep_map;
+        if !(keeps || progress.wiped != room.wiped) || !self.has_settled(progress, &room, universe) {
             return;
         }
         if std::mem::replace(&mut progress.wiped, room.wiped) != room.wiped {
             self.remove(progress, universe);
+            // Though it could not be removed it is not taken up again.
+            progress.taken_up = Some((epoch, universe));
+        }
+        if !keeps {
+            return;
         }
         if progress.taken_up != Some((epoch, universe)) {
             progress.taken_up = Some((epoch, universe));
@@ -152,7 +155,11 @@ impl MapKeeper<'_, '_> {
                 Some(file.map.moved(&room.session_from_raw).later_by_ns(saved_ns))
             }
             Err(error) => {
-                let aside = self.maps.folder.put_aside(universe);
+                let aside = match error {
+                    // It may be sound.
+                    MapFileError::Io { .. } => None,
+                    _ => self.maps.folder.put_aside(universe).ok(),
+                };
                 let aside = aside.map_or(String::new(), |path| format!("; it is kept as {}", path.display()));
                 log::warn!("the map that was kept of this room is left out: {error}{aside}");
                 None

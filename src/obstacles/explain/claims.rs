@@ -12,7 +12,7 @@ use crate::radar::WAVELENGTH_M;
 
 /// Range and direction in one block that are accounted for.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Claim {
+pub(in crate::obstacles) struct Claim {
     range_m: f64,
     half_range_m: f64,
     cos: f64,
@@ -33,7 +33,7 @@ impl Claim {
 
 /// What the player's own hands account for: everything at their ranges and their forearms', whatever its direction seems to be, since
 /// they move.
-pub(super) fn hand_claims(block: &Block, hands: &HandTrail) -> Vec<Claim> {
+pub(in crate::obstacles) fn hand_claims(block: &Block, hands: &HandTrail) -> Vec<Claim> {
     let hands = hands.at(block.mid_time_ns).into_iter().flatten();
     let to_hand = hands.map(|hand| hand - block.middle.translation);
     let ahead = to_hand.filter(|to| to.dot(block.middle.forward()) > 0.0);

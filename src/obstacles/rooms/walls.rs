@@ -8,6 +8,7 @@ use glam::DVec3;
 use super::{Explained, RoomSearch, same_plane};
 use crate::geometry::{Aabb, Plane};
 use crate::imaging::blocks::Block;
+use crate::obstacles::explain::hand_claims;
 use crate::obstacles::{Sighted, Wall};
 
 /// A wall goes after so many looks at where it was seen without any sign of it: longer than the window is, so that it would have been
@@ -55,6 +56,15 @@ impl RoomSearch {
         self.foot_seen_by(self.window.back()?, wall)
     }
 
+    /// Whether the newest block cannot tell it from a tracked hand.
+    fn is_behind_hands(&self, wall: &Plane) -> bool {
+        let is_hidden = |block: &Block| {
+            let range_m = wall.distance(block.middle.translation);
+            hand_claims(block, &self.hands).iter().any(|claim| claim.covers(range_m, 0.0))
+        };
+        self.window.back().is_some_and(is_hidden)
+    }
+
     fn foot_seen_by(&self, block: &Block, wall: &Plane) -> Option<DVec3> {
         let squarely = wall.outward.dot(block.middle.forward()) >= self.min_cos;
         let in_range = block.geometry().axis.contains(wall.distance(block.middle.translation));
@@ -67,7 +77,8 @@ impl RoomSearch {
         let known: Vec<(u64, Plane)> = self.walls.confirmed().map(|wall| (wall.id, wall.thing)).collect();
         for (id, plane) in &known {
             let is_believed = believed.iter().any(|other| is_same(&other.thing, plane));
-            let is_looked_at = self.looks_at(plane).is_some_and(|foot| self.was_seen_near(*id, foot));
+            let is_looked_at =
+                self.looks_at(plane).is_some_and(|foot| self.was_seen_near(*id, foot)) && !self.is_behind_hands(plane);
             let unseen = self.unseen_looks.entry(*id).or_default();
             *unseen = if is_believed { 0 } else { *unseen + u32::from(is_looked_at) };
         }
@@ -110,6 +121,22 @@ mod tests {
         assert_eq!(push(&[], 4, 3.0), 1, "a moment without an echo says nothing");
         assert_eq!(push(&[], 7, 9.0), 0);
         assert_eq!(push(&shut, 16, 4.0), 1, "and it may be shut again");
+    }
+
+    #[test]
+    fn a_wall_is_not_forgotten_while_a_tracked_hand_is_as_far_away() {
+        let wall = Plane { outward: DVec3::NEG_Z, offset_m: 1.0 };
+        let known_after = |hand: Option<DVec3>| {
+            let mut search = RoomSearch::new(RoomSettings::default(), &Beam::Lensless, PositionErrors::default());
+            sweeps(4.0, winding, &[(Echo::Mirror(wall), 3.0)], 3).into_iter().for_each(|sweep| search.push(sweep));
+            for mut sweep in sweeps(9.0, winding, &[], 3) {
+                sweep.mid_time_ns += 4_000_000_000;
+                search.take_hands(sweep.mid_time_ns, [hand, None]);
+                search.push(sweep);
+            }
+            search.walls().iter().filter(|wall| wall.plane.distance(DVec3::ZERO) > 0.9).count()
+        };
+        assert_eq!([None, Some(DVec3::new(0.3, -0.4, -0.8))].map(known_after), [0, 1]);
     }
 
     #[test]

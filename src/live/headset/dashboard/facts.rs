@@ -61,6 +61,12 @@ pub(super) struct Rates {
 }
 
 impl Rates {
+    /// What had come from the sensor when it was looked at last.
+    fn newest(&self) -> SensorCount {
+        let Counts { sweeps, lost, .. } = self.from.unwrap_or_default();
+        SensorCount { sweeps, lost }
+    }
+
     fn push(&mut self, to: Counts) {
         let Some(from) = self.from else { return self.from = Some(to) };
         let past_ns = to.time_ns.saturating_sub(from.time_ns);
@@ -92,9 +98,11 @@ pub(super) fn view(
     rates: &mut Rates,
 ) -> PanelView {
     let counters = reconstruction.map(Reconstruction::counters);
-    let count = facts.sensor.unwrap_or(SensorCount { sweeps: 0, lost: 0 });
+    let count = facts.sensor.unwrap_or(rates.newest());
     let poses = counters.map_or(0, |counters| counters.pipeline.streams.poses);
     rates.push(Counts { time_ns: now_ns, sweeps: count.sweeps, lost: count.lost, poses });
+    // One that comes back begins anew; what it had sent before counts on.
+    rates.is_known &= facts.sensor.is_some();
     let published = reconstruction.map(Reconstruction::latest);
     let mut health = Health {
         sensor: match facts.sensor {

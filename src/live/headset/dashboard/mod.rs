@@ -177,7 +177,11 @@ impl Dashboard {
     /// Says what there is to say, as soon as there is a picture of it.
     fn turn_placard(&mut self, now_ns: i64, facts: &Facts) {
         let trouble = self.troubles.look(now_ns, facts.sensor, facts.is_alive);
-        self.wanted = trouble.filter(|_| facts.may_notify);
+        let wanted = trouble.filter(|_| facts.may_notify && !self.is_open);
+        if let Some(notice) = wanted.filter(|_| wanted != self.wanted) {
+            log::warn!("the headset says: {}", notice.says());
+        }
+        self.wanted = wanted;
         let Some(placard) = &mut self.placard else { return };
         let has_faded = placard.turn(now_ns, self.wanted);
         if let Some(notice) = self.wanted.filter(|_| self.wanted != self.asked && matches!(has_faded, Ok(true)))

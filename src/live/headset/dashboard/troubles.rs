@@ -24,29 +24,36 @@ pub(super) struct Troubles {
     /// When sweeps came last; at first when it was looked for the first time.
     came_ns: Option<i64>,
     has_sent: bool,
+    /// Since when the sensor is there.
+    there_ns: Option<i64>,
     /// What is the matter and since when.
     now: Option<(Notice, i64)>,
+}
+
+/// How it is at a moment.
+enum Seen {
+    Well,
+    Wrong(Notice),
+    /// It may still come; what was so before is so.
+    Unsure,
 }
 
 impl Troubles {
     /// What to say now. `sensor`: what came from it so far, while it is there; `is_alive`: whether the map is worked on, once there is one.
     pub fn look(&mut self, now_ns: i64, sensor: Option<SensorCount>, is_alive: Option<bool>) -> Option<Notice> {
-        let sweeps = sensor.map_or(self.sweeps, |count| count.sweeps);
-        if sweeps != self.sweeps {
-            (self.sweeps, self.came_ns, self.has_sent) = (sweeps, Some(now_ns), true);
-        }
-        let quiet_ns = now_ns.saturating_sub(*self.came_ns.get_or_insert(now_ns));
-        let is_quiet = quiet_ns > if self.has_sent { SILENT_NS } else { BEGINS_NS };
-        let wrong = match (is_alive, sensor) {
-            (Some(false), _) => Some(Notice::MapStopped),
-            (_, None) if is_quiet && self.has_sent => Some(Notice::SensorGone),
-            (_, None) if is_quiet => Some(Notice::NoSensor),
-            (_, Some(_)) if is_quiet => Some(Notice::SensorSilent),
-            _ => None,
+        let seen = match is_alive {
+            Some(false) => Seen::Wrong(Notice::MapStopped),
+            _ => self.see(now_ns, sensor),
         };
-        match (wrong, self.now) {
-            (Some(wrong), now) if now.is_none_or(|(before, _)| before != wrong) => self.now = Some((wrong, now_ns)),
-            (None, Some((before, _))) if before != Notice::WellAgain => self.now = Some((Notice::WellAgain, now_ns)),
+        match (seen, self.now) {
+            // What turns into another trouble is not said sooner for it: a sensor that comes and goes would be said without end.
+            (Seen::Wrong(wrong), Some((before, since_ns))) if before != Notice::WellAgain => {
+                self.now = Some((wrong, since_ns));
+            }
+            (Seen::Wrong(wrong), _) => self.now = Some((wrong, now_ns)),
+            (Seen::Well, Some((before, _))) if before != Notice::WellAgain => {
+                self.now = Some((Notice::WellAgain, now_ns));
+            }
             _ => {}
         }
         let (notice, since_ns) = self.now?;
@@ -56,6 +63,28 @@ impl Troubles {
             _ => lasted_ns % AGAIN_NS < SAID_NS,
         };
         is_said.then_some(notice)
+    }
+
+    fn see(&mut self, now_ns: i64, sensor: Option<SensorCount>) -> Seen {
+        let Some(count) = sensor else {
+            self.there_ns = None;
+            let quiet_ns = now_ns.saturating_sub(*self.came_ns.get_or_insert(now_ns));
+            return match self.has_sent {
+                true if quiet_ns > SILENT_NS => Seen::Wrong(Notice::SensorGone),
+                false if quiet_ns > BEGINS_NS => Seen::Wrong(Notice::NoSensor),
+                _ => Seen::Unsure,
+            };
+        };
+        let there_ns = *self.there_ns.get_or_insert(now_ns);
+        if count.sweeps != self.sweeps {
+            (self.sweeps, self.came_ns, self.has_sent) = (count.sweeps, Some(now_ns), true);
+            return Seen::Well;
+        }
+        let came_ns = *self.came_ns.get_or_insert(now_ns);
+        // Since it is there it has either sent or is being set up.
+        let (since_ns, limit_ns) =
+            if self.has_sent && came_ns >= there_ns { (came_ns, SILENT_NS) } else { (there_ns, BEGINS_NS) };
+        if now_ns.saturating_sub(since_ns) > limit_ns { Seen::Wrong(Notice::SensorSilent) } else { Seen::Unsure }
     }
 }
 
@@ -96,6 +125,30 @@ mod tests {
         assert_eq!(times(&pulled, Notice::SensorGone), (14..22).collect::<Vec<_>>());
         let never = said(|_| None, 40);
         assert_eq!(times(&never, Notice::NoSensor), (13..21).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn who_plugs_it_in_late_or_again_is_not_told_to_do_so_once_more() {
+        // In after 40 s and set up for four; gone from 100 to 130 s, and set up for four again.
+        let sweeps = |s: i64| match s {
+            0..40 | 100..130 => None,
+            40..100 => Some((s - 43).max(0) as u64),
+            _ => Some(56 + (s - 133).max(0) as u64),
+        };
+        let said = said(sweeps, 200);
+        assert_eq!(times(&said, Notice::SensorSilent), [0; 0]);
+        assert_eq!(times(&said, Notice::NoSensor), (13..21).collect::<Vec<_>>());
+        assert_eq!(times(&said, Notice::SensorGone), (104..112).collect::<Vec<_>>());
+        assert_eq!(times(&said, Notice::WellAgain), [44, 45, 46, 134, 135, 136]);
+    }
+
+    #[test]
+    fn a_sensor_that_comes_and_goes_without_a_sweep_is_said_once_a_minute() {
+        for (there, away) in [(2, 3), (20, 3)] {
+            let said = said(|s| (s % (there + away) < there).then_some(0), 200);
+            let any = said.iter().filter(|notice| notice.is_some()).count();
+            assert!((16..=32).contains(&any) && times(&said, Notice::WellAgain).is_empty(), "{said:?}");
+        }
     }
 
     #[test]

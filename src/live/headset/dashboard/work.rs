@@ -2,7 +2,8 @@
 //! loop: runtime and program share the queue, and one thread may use it.
 //!
 //! A picture is prepared when the pointer did something or what is shown has changed, at most 30 times a second, and not
-//! before the one under way was handed over. While the tab is not shown the thread sleeps.
+//! before the one under way was handed over. While the tab is not shown the thread sleeps, but for the signs before
+//! the eyes, which it draws too.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
