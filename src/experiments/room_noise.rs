@@ -65,7 +65,7 @@ struct Evidence {
 
 impl RoomNoise {
     /// A head's moves of a seed in empty space. The least of the scores, thresholds to count alarms at, is what the search looks at and
-    /// believes from; what it confirms stays as it is, but that hands are tracked, so that nothing is left for later.
+    /// believes from; what it confirms stays as it is, but that there are no hands, so that nothing is left for later.
     ///
     /// # Errors
     /// A configuration that the sensor would refuse, a length that is none.

@@ -21,7 +21,8 @@ pub struct MapSettings {
     pub confirm_wall_sightings: usize,
     /// Log odds, learned from simulated play, of being a thing and no artefact that a sighting must have.
     pub confirm_odds: f64,
-    /// What was never seen from beyond this distance may be the player's own hand and is not confirmed, metres.
+    /// What was never seen from beyond this distance may be the player's own hand, elbow or knee and is not confirmed, metres. Also with
+    /// tracked hands: in play that costs nothing, and a quarter less is reported near the body where nothing is.
     pub hands_reach_m: f64,
     /// A sighting this near belongs to a known place, metres.
     pub match_m: f64,

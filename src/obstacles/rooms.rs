@@ -439,9 +439,6 @@ impl RoomSearch {
         let map = self.settings.map;
         self.look.wall_sightings = walls.iter().filter(|wall| map.for_planes().is_sighting(wall)).count();
         self.walls.update(&walls, &map.for_planes(), same_plane(self.middle.unwrap_or(DVec3::ZERO)));
-        let hands_are_known =
-            self.window.back().is_some_and(|b| self.hands.at(b.mid_time_ns).iter().all(Option::is_some));
-        let map = if hands_are_known { MapSettings { hands_reach_m: 0.0, ..map } } else { map };
         self.look.sightings = points.iter().filter(|point| map.is_sighting(point)).count();
         self.points.update(&points, &map, same_place(map.match_m));
         self.settle_remembered();

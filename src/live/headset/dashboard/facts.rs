@@ -61,10 +61,12 @@ pub(super) struct Rates {
 }
 
 impl Rates {
-    /// What had come from the sensor when it was looked at last.
-    fn newest(&self) -> SensorCount {
-        let Counts { sweeps, lost, .. } = self.from.unwrap_or_default();
-        SensorCount { sweeps, lost }
+    /// Takes what came from a sensor, while it is there, and of poses. One that comes back counts on and is not known for a second.
+    fn take(&mut self, time_ns: i64, sensor: Option<SensorCount>, poses: u64) {
+        let before = self.from.unwrap_or_default();
+        let SensorCount { sweeps, lost } = sensor.unwrap_or(SensorCount { sweeps: before.sweeps, lost: before.lost });
+        self.push(Counts { time_ns, sweeps, lost, poses });
+        self.is_known &= sensor.is_some();
     }
 
     fn push(&mut self, to: Counts) {
@@ -98,11 +100,8 @@ pub(super) fn view(
     rates: &mut Rates,
 ) -> PanelView {
     let counters = reconstruction.map(Reconstruction::counters);
-    let count = facts.sensor.unwrap_or(rates.newest());
     let poses = counters.map_or(0, |counters| counters.pipeline.streams.poses);
-    rates.push(Counts { time_ns: now_ns, sweeps: count.sweeps, lost: count.lost, poses });
-    // One that comes back begins anew; what it had sent before counts on.
-    rates.is_known &= facts.sensor.is_some();
+    rates.take(now_ns, facts.sensor, poses);
     let published = reconstruction.map(Reconstruction::latest);
     let mut health = Health {
         sensor: match facts.sensor {
@@ -274,6 +273,21 @@ mod tests {
         ends.sort_by(|a, b| a[0].total_cmp(&b[0]));
         assert_eq!(ends, [[-1.0, -2.0], [2.0, -2.0]]);
         assert_eq!(wall(&of(-DVec3::Y, 0.0)), None);
+    }
+
+    #[test]
+    fn a_sensor_that_comes_back_has_not_sent_all_it_ever_sent_in_a_second() {
+        let mut rates = Rates::default();
+        let mut take = |second: i64, sweeps: Option<u64>| {
+            let sensor = sweeps.map(|sweeps| SensorCount { sweeps, lost: 0 });
+            rates.take(second * 1_000_000_000, sensor, 250 * second as u64);
+            (rates.is_known, rates.sweeps_per_s, rates.poses_per_s)
+        };
+        (0..10).for_each(|n| drop(take(n, Some(1000 * n as u64))));
+        assert_eq!(take(10, Some(10_000)), (true, 1000.0, 250.0));
+        assert_eq!([11, 12].map(|n| take(n, None)), [(false, 0.0, 250.0); 2]);
+        assert_eq!(take(13, Some(10_000)), (true, 0.0, 250.0));
+        assert_eq!(take(14, Some(11_000)), (true, 1000.0, 250.0));
     }
 
     #[test]
