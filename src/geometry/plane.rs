@@ -16,6 +16,8 @@ pub struct Plane {
 
 /// What a normal has upwards from which on a plane lies rather than stands.
 const LEVEL: f64 = 0.7;
+/// What a normal has upwards up to which a plane stands as a wall does.
+const UPRIGHT: f64 = 0.5;
 
 impl Plane {
     /// Distance from a point inside to the plane, metres; negative beyond it.
@@ -31,6 +33,11 @@ impl Plane {
     /// Whether it lies, as floors and ceilings do, rather than stands.
     pub fn is_level(&self) -> bool {
         self.outward.y.abs() >= LEVEL
+    }
+
+    /// Whether it stands as a wall does; a slanting roof neither stands nor lies.
+    pub fn is_upright(&self) -> bool {
+        self.outward.y.abs() < UPRIGHT
     }
 
     /// The same in another frame: `to_from` takes coordinates of this one's.

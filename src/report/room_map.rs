@@ -91,15 +91,14 @@ fn draw_room(canvas: &mut Canvas, plot: &Plot, map: &RoomMap) {
 }
 
 fn draw_walls(canvas: &mut Canvas, plot: &Plot, map: &RoomMap) {
-    let upright = |plane: &Plane| plane.outward.y.abs() < 0.5;
-    for wall in map.truth.iter().flat_map(|truth| &truth.walls).filter(|wall| upright(&wall.plane)) {
+    for wall in map.truth.iter().flat_map(|truth| &truth.walls).filter(|wall| wall.plane.is_upright()) {
         let extent = Aabb { min: wall.extent.min - 0.01, max: wall.extent.max + 0.01 };
         if let Some(ends) = line_within(&wall.plane, &extent) {
             canvas.line(plot.at(ends[0].to_array()), plot.at(ends[1].to_array()), 6.0, MUTED);
         }
     }
     let shown = Aabb { min: DVec3::new(plot.x[0], 0.0, plot.y[1]), max: DVec3::new(plot.x[1], 0.0, plot.y[0]) };
-    for wall in map.scene.walls.iter().filter(|wall| upright(&wall.plane)) {
+    for wall in map.scene.walls.iter().filter(|wall| wall.plane.is_upright()) {
         if let Some(ends) = line_within(&wall.plane, &shown) {
             canvas.dashed(&ends.map(|end| plot.at(end.to_array())), 9.0, 2.4, FOUND_INK);
         }

@@ -94,7 +94,7 @@ pub fn axis_names(bounds: &Aabb) -> [(DVec3, &'static str); 3] {
 fn wall(drawing: &mut Drawing, wall: &Wall, bounds: &Aabb) {
     let Plane { outward, .. } = wall.plane;
     let seen = &wall.seen_at;
-    let is_level = outward.y.abs() > 0.7;
+    let is_level = wall.plane.is_level();
     let u = if is_level { DVec3::X } else { DVec3::Y.cross(outward).normalize_or(DVec3::X) };
     let v = if is_level { DVec3::Z } else { DVec3::Y };
     let middle = wall.plane.foot(seen.center());

@@ -14,8 +14,6 @@ use super::wearer::{Limb, Wearer};
 use crate::geometry::Plane;
 use crate::obstacles::Wall;
 
-/// A plane leaning more than this is a floor or a ceiling.
-const MAX_LEAN: f64 = 0.7;
 /// Half of the width shown at once, metres.
 const HALF_WIDTH_M: f64 = 1.0;
 /// Height, metres.
@@ -87,7 +85,7 @@ pub(super) fn wall_panel(
 /// The plane, and the level direction out of the room; `None` for floors, ceilings and what makes no sense.
 fn upright_plane(wall: &Wall) -> Option<(Plane, DVec3)> {
     let plane = sound(wall.plane)?;
-    if plane.outward.y.abs() > MAX_LEAN || !is_place(wall.seen_at.min) || !is_place(wall.seen_at.max) {
+    if plane.is_level() || !is_place(wall.seen_at.min) || !is_place(wall.seen_at.max) {
         return None;
     }
     Some((plane, DVec3::new(plane.outward.x, 0.0, plane.outward.z).normalize()))

@@ -117,7 +117,7 @@ impl<'s> Judge<'s> {
         let thing = |t: &crate::simulation::SessionThing<'s>| {
             Target::new(What::Thing(&t.thing.scatterers), &t.thing.name, t.until_s)
         };
-        let upright = session.walls().iter().filter(|wall| wall.plane.outward.y.abs() < 0.5);
+        let upright = session.walls().iter().filter(|wall| wall.plane.is_upright());
         let walls = upright.map(|wall| Target::new(What::Wall(wall), "wall", f64::INFINITY));
         Self {
             session,
@@ -248,7 +248,7 @@ impl<'s> Judge<'s> {
 /// What is reported and where: obstacles, and of upright walls the part that was seen nearest to the head.
 fn reported(scene: &Scene, head: DVec3) -> Vec<(Reported, DVec3)> {
     let obstacles = scene.obstacles.iter().map(|obstacle| (Reported::Obstacle(obstacle.id), obstacle.position_m));
-    let upright = scene.walls.iter().filter(|wall| wall.plane.outward.y.abs() < 0.5);
+    let upright = scene.walls.iter().filter(|wall| wall.plane.is_upright());
     let nearest = |wall: &Wall| wall.plane.foot(head.clamp(wall.seen_at.min, wall.seen_at.max));
     obstacles.chain(upright.map(|wall| (Reported::Wall(wall.id), nearest(wall)))).collect()
 }

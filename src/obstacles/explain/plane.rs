@@ -47,7 +47,7 @@ impl Window<'_> {
     pub(super) fn climb_plane(&self, candidate: &mut Candidate) {
         let (Thing::Plane(start), Some(_)) = (candidate.thing, candidate.left) else { return };
         let Some(pivot) = self.seen_at(&candidate.views) else { return };
-        let may_turn = start.outward.y.abs() < 0.5;
+        let may_turn = start.is_upright();
         let plane = |at: IVec2| {
             let outward = DQuat::from_rotation_y(f64::from(at.x) * UNIT_RAD) * start.outward;
             Plane { outward, offset_m: outward.dot(pivot) + start.distance(pivot) + f64::from(at.y) * UNIT_M }

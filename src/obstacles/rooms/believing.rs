@@ -137,7 +137,7 @@ impl RoomSearch {
         let distance_m = |known: &&Sighted<DVec3>| known.thing.distance(place);
         let nearest = others().min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
         let strength = |known: &Sighted<DVec3>| self.existences.get(&known.id).map(Existence::greatest_strength);
-        let upright = self.walls.confirmed().filter(|wall| wall.thing.outward.y.abs() < 0.5);
+        let upright = self.walls.confirmed().filter(|wall| wall.thing.is_upright());
         let to_sensor = self.window.back().map_or(DVec3::ZERO, |block| place - block.middle.translation);
         let times_ns = self.first_ns.zip(self.window.back().map(|block| block.mid_time_ns));
         Around {

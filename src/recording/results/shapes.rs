@@ -11,8 +11,6 @@ const SIGMAS: f64 = 2.0;
 const RADII_M: [f64; 2] = [0.008, 0.7];
 /// A wall is drawn this far beyond where its reflections came from, metres.
 const WALL_MARGIN_M: f64 = 0.5;
-/// What stands steeper than this is no floor and no ceiling.
-const LEVEL_COS: f64 = 0.7;
 
 /// The ellipsoid of two 1σ: where it stands and how it is turned, and its radii along its own axes, metres.
 pub fn uncertainty(obstacle: &Obstacle) -> (Pose, DVec3) {
@@ -34,7 +32,7 @@ pub fn uncertainty(obstacle: &Obstacle) -> (Pose, DVec3) {
 /// The corners of a wall around where it was seen, in order.
 pub fn wall_patch(wall: &Wall) -> [DVec3; 4] {
     let outward = wall.plane.outward;
-    let is_level = outward.y.abs() > LEVEL_COS;
+    let is_level = wall.plane.is_level();
     let across = if is_level { DVec3::X } else { DVec3::Y.cross(outward).normalize_or(DVec3::X) };
     let along = outward.cross(across).normalize_or(DVec3::Y);
     let middle = wall.plane.foot(wall.seen_at.center());
