@@ -283,8 +283,8 @@ mod tests {
             rates.take(second * 1_000_000_000, sensor, 250 * second as u64);
             (rates.is_known, rates.sweeps_per_s, rates.poses_per_s)
         };
-        (0..10).for_each(|n| drop(take(n, Some(1000 * n as u64))));
-        assert_eq!(take(10, Some(10_000)), (true, 1000.0, 250.0));
+        let steady: Vec<_> = (0..=10).map(|n| take(n, Some(1000 * n as u64))).collect();
+        assert_eq!(steady[2..], [(true, 1000.0, 250.0); 9]);
         assert_eq!([11, 12].map(|n| take(n, None)), [(false, 0.0, 250.0); 2]);
         assert_eq!(take(13, Some(10_000)), (true, 0.0, 250.0));
         assert_eq!(take(14, Some(11_000)), (true, 1000.0, 250.0));
