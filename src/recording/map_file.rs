@@ -198,8 +198,9 @@ impl MapFolder {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
             Err(source) => Err(io_error("remove", path)(source)),
         };
+        let was_there = is_removed(&path)?;
         is_removed(&aside_of(&path))?;
-        is_removed(&path)
+        Ok(was_there)
     }
 
     /// Puts a room's map aside that cannot be used, so that it is not written over; says where it is now. One that was put aside before goes.

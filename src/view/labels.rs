@@ -19,14 +19,12 @@ impl Labels {
     }
 
     /// Takes a place, or the free one above those that cover it.
-    pub fn take_above(&mut self, place: Rect) -> Rect {
-        let above = |place: Rect| {
-            let under = self.0.iter().find(|other| other.intersects(place))?;
-            Some(place.translate(vec2(0.0, under.top() - place.bottom() - GAP)))
-        };
-        let free = (0..STEPS).try_fold(place, |place, _| above(place).ok_or(place));
-        let (Ok(free) | Err(free)) = free;
-        self.take(free)
+    pub fn take_above(&mut self, mut place: Rect) -> Rect {
+        for _ in 0..STEPS {
+            let Some(under) = self.0.iter().find(|other| other.intersects(place)) else { break };
+            place = place.translate(vec2(0.0, under.top() - place.bottom() - GAP));
+        }
+        self.take(place)
     }
 
     /// Takes the first free place for a name of a size at a corner of a mark, if possible where no other mark is; none if all are taken by

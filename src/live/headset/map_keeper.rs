@@ -86,11 +86,12 @@ impl MapKeeper<'_, '_> {
         drop(frame);
         let Some(room) = room else { return };
         let Some(universe) = room.universe else { return };
-        let keeps = self.settings.newest().headset.keep_map;
-        if !(keeps || progress.wiped != room.wiped) || !self.has_settled(progress, &room, universe) {
+        let (keeps, is_wiped) = (self.settings.newest().headset.keep_map, progress.wiped != room.wiped);
+        if !(keeps || is_wiped) || !self.has_settled(progress, &room, universe) {
             return;
         }
-        if std::mem::replace(&mut progress.wiped, room.wiped) != room.wiped {
+        if is_wiped {
+            progress.wiped = room.wiped;
             self.remove(progress, universe);
             // Though it could not be removed it is not taken up again.
             progress.taken_up = Some((epoch, universe));

@@ -74,6 +74,8 @@ pub(super) struct Dashboard {
     /// What is to be said, and what the thread was asked to draw last.
     wanted: Option<Notice>,
     asked: Option<Notice>,
+    /// What the log was told last: what is said once a minute is not logged each time.
+    logged: Option<Notice>,
     to_work: SyncSender<Input>,
     drawings: Receiver<Drawing>,
     facts: Arc<Mutex<Facts>>,
@@ -105,6 +107,7 @@ impl Dashboard {
             troubles: Troubles::default(),
             wanted: None,
             asked: None,
+            logged: None,
             to_work,
             drawings,
             facts,
@@ -177,12 +180,12 @@ impl Dashboard {
     /// Says what there is to say, as soon as there is a picture of it.
     fn turn_placard(&mut self, now_ns: i64, facts: &Facts) {
         let trouble = self.troubles.look(now_ns, facts.sensor, facts.is_alive);
-        let wanted = trouble.filter(|_| facts.may_notify && !self.is_open);
-        if let Some(notice) = wanted.filter(|_| wanted != self.wanted) {
-            log::warn!("the headset says: {}", notice.says());
-        }
-        self.wanted = wanted;
+        self.wanted = trouble.filter(|_| facts.may_notify && !self.is_open);
         let Some(placard) = &mut self.placard else { return };
+        if let Some(notice) = self.wanted.filter(|_| self.wanted != self.logged) {
+            log::warn!("the headset says: {}", notice.says());
+            self.logged = self.wanted;
+        }
         let has_faded = placard.turn(now_ns, self.wanted);
         if let Some(notice) = self.wanted.filter(|_| self.wanted != self.asked && matches!(has_faded, Ok(true)))
             && self.to_work.try_send(Input::Notice(notice)).is_ok()

@@ -46,9 +46,10 @@ impl Troubles {
             _ => self.see(now_ns, sensor),
         };
         match (seen, self.now) {
-            // What turns into another trouble is not said sooner for it: a sensor that comes and goes would be said without end.
+            // What turns into another trouble of the sensor is not said sooner for it: one that comes and goes would be said without end.
             (Seen::Wrong(wrong), Some((before, since_ns))) if before != Notice::WellAgain => {
-                self.now = Some((wrong, since_ns));
+                let is_graver = wrong == Notice::MapStopped && before != wrong;
+                self.now = Some((wrong, if is_graver { now_ns } else { since_ns }));
             }
             (Seen::Wrong(wrong), _) => self.now = Some((wrong, now_ns)),
             (Seen::Well, Some((before, _))) if before != Notice::WellAgain => {
@@ -157,5 +158,10 @@ mod tests {
         let sensor = Some(SensorCount { sweeps: 5, lost: 0 });
         assert_eq!(troubles.look(0, sensor, None), None, "it has not begun");
         assert_eq!(troubles.look(1, sensor, Some(false)), Some(Notice::MapStopped));
+        let mut troubles = Troubles::default();
+        let silent: Vec<_> = (0..40).map(|s| troubles.look(s * 1_000_000_000, sensor, Some(true))).collect();
+        assert!(silent.contains(&Some(Notice::SensorSilent)) && silent[39].is_none(), "{silent:?}");
+        let stopped = troubles.look(40_000_000_000, sensor, Some(false));
+        assert_eq!(stopped, Some(Notice::MapStopped), "though another trouble was said a moment ago");
     }
 }
