@@ -11,6 +11,7 @@ pub mod experiments;
 pub mod geometry;
 pub mod imaging;
 pub mod live;
+pub mod math;
 pub mod obstacles;
 pub mod panel;
 pub mod peers;

@@ -21,6 +21,8 @@ use std::collections::VecDeque;
 
 use super::steady::{Beat, SteadyTicks};
 
+use crate::math;
+
 /// Arrivals are remembered this long, seconds.
 const MEMORY_S: f64 = 30.0;
 /// The earliest of each of these stretches is kept, seconds.
@@ -271,7 +273,7 @@ impl Heights {
     /// The line of a drift so far below the highest, uncertain by so much.
     fn line(&self, drift: f64, below_s: f64, uncertain_s: f64) -> Line {
         let by_points = if self.spread_s > 0.0 { uncertain_s / self.spread_s } else { f64::INFINITY };
-        let drift_sigma = (by_points.powi(-2) + DRIFT_SIGMA.powi(-2)).powf(-0.5);
+        let drift_sigma = math::powf(by_points.powi(-2) + DRIFT_SIGMA.powi(-2), -0.5);
         let level_s = self.upper(drift) - below_s;
         Line { middle_s: self.middle_s, level_s, drift, lateness_s: uncertain_s, drift_sigma }
     }
@@ -334,20 +336,20 @@ impl Bounds<'_> {
         let log_likelihood = |level: usize| {
             let below_s = below_s(level);
             // A result that arrived was ready: its own delay was at most what is left. One that had not come had more.
-            let arrived: f64 = near.iter().map(|h| (-(-(h + below_s) / SOFT_S).exp()).ln_1p()).sum();
+            let arrived: f64 = near.iter().map(|h| math::ln_1p(-math::exp(-(h + below_s) / SOFT_S))).sum();
             let not_come: f64 = above.iter().map(|h| (h + below_s).max(0.0) / SOFT_S).sum();
             arrived - not_come
         };
         let logs: [f64; LEVELS] = std::array::from_fn(log_likelihood);
         let greatest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let weights = logs.map(|log| (log - greatest).exp());
+        let weights = logs.map(|log| math::exp(log - greatest));
         let sum: f64 = weights.iter().sum();
         let mean = |value: &dyn Fn(f64) -> f64| {
             weights.iter().enumerate().map(|(level, w)| w * value(below_s(level))).sum::<f64>() / sum
         };
         let mean_s = mean(&|below_s| below_s);
         let sigma_s = mean(&|below_s| (below_s - mean_s).powi(2)).sqrt().max(depth_s / LEVELS as f64);
-        Levels { log_likelihood: greatest + (sum * depth_s).ln(), below_s: mean_s, sigma_s }
+        Levels { log_likelihood: greatest + math::ln(sum * depth_s), below_s: mean_s, sigma_s }
     }
 }
 

@@ -15,6 +15,7 @@ use rand_chacha::ChaCha8Rng;
 use super::recorded::Recorded;
 use crate::imaging::PositionErrors;
 use crate::imaging::blocks::{Block, BlockBuilder, BlockSettings, MEAN_LOG_OF_NOISE, NoiseTail, PlaneField};
+use crate::math;
 use crate::obstacles::{Look, RoomSearch, RoomSettings};
 use crate::radar::{Beam, Observation, SensorConfig};
 use crate::simulation::{Scenario, ScenarioError};
@@ -133,7 +134,7 @@ impl RoomNoise {
         let rates =
             self.scores.iter().zip(&self.candidates).map(|(score, alarms)| (*score, *alarms as f64 / self.hours()));
         let most = rates.filter(|(_, rate)| *rate <= RARE_AN_HOUR).max_by(|a, b| a.1.total_cmp(&b.1));
-        most.map_or(0.0, |(score, rate)| rate * self.tail().surprise(score).exp())
+        most.map_or(0.0, |(score, rate)| rate * math::exp(self.tail().surprise(score)))
     }
 
     /// Time played, hours.
@@ -261,12 +262,12 @@ fn evidence(block: &Block, settings: &BlockSettings, rng: &mut ChaCha8Rng) -> Ve
     let mut place = |_: usize| {
         let (cos, turn) = (rng.random_range(min_cos..1.0), rng.random_range(0.0..std::f64::consts::TAU));
         let sin = (1.0 - cos * cos).sqrt();
-        let toward = block.middle.rotation * DVec3::new(sin * turn.cos(), sin * turn.sin(), -cos);
+        let toward = block.middle.rotation * DVec3::new(sin * math::cos(turn), sin * math::sin(turn), -cos);
         (toward * rng.random_range(within.min_range_m..within.max_range_m)).as_vec3().to_array()
     };
     let places: Vec<[f32; 3]> = (0..ASKED_A_BLOCK).map(&mut place).collect();
     let said = block.coherence_at_points(&places).into_iter();
-    said.map(|coherence| f64::from(coherence.m).ln_1p() - MEAN_LOG_OF_NOISE).collect()
+    said.map(|coherence| math::ln_1p(f64::from(coherence.m)) - MEAN_LOG_OF_NOISE).collect()
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+use crate::math;
 use crate::radar::Observation;
 
 /// Euler's constant: a Gumbel distribution's mean above its mode, in its scale.
@@ -40,13 +41,13 @@ pub fn surprise(sum: f64, count: usize) -> f64 {
     let mut logarithm = 0.0;
     let logarithms: Vec<f64> = (0..count)
         .map(|k| {
-            logarithm += if k > 0 { (sum / k as f64).ln() } else { 0.0 };
+            logarithm += if k > 0 { math::ln(sum / k as f64) } else { 0.0 };
             logarithm
         })
         .collect();
     let greatest = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let rest: f64 = logarithms.iter().map(|one| (one - greatest).exp()).sum();
-    (sum - greatest - rest.ln()).max(0.0)
+    let rest: f64 = logarithms.iter().map(|one| math::exp(one - greatest)).sum();
+    (sum - greatest - math::ln(rest)).max(0.0)
 }
 
 /// The sum of a surprise: [`surprise`] turned round.
@@ -83,12 +84,12 @@ impl NoiseMaxima {
 
     /// What the greatest of a search passes at a rate, above 0 and below 1: 0.01 is once in a hundred searches.
     pub fn threshold(&self, rate: f64) -> f64 {
-        self.mode - self.scale * (-(-rate).ln_1p()).ln()
+        self.mode - self.scale * math::ln(-math::ln_1p(-rate))
     }
 
     /// How often the greatest of a search passes a threshold: [`Self::threshold`] turned round.
     pub fn rate_above(&self, threshold: f64) -> f64 {
-        -(-(-(threshold - self.mode) / self.scale).exp()).exp_m1()
+        -math::exp_m1(-math::exp(-(threshold - self.mode) / self.scale))
     }
 }
 

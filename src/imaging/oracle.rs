@@ -7,6 +7,7 @@ use num_complex::{Complex32, Complex64};
 
 use super::blocks::{BlockSettings, partition, taper};
 use super::{Statistic, block_noise_rms, sweep_noise_rms};
+use crate::math;
 use crate::radar::{Beam, Observation, PHASE_RAD_PER_M, SweepGeometry, distance_falloff, envelope, template};
 
 /// z at a range by its definition, LSB.
@@ -69,23 +70,23 @@ impl<'a> Oracle<'a> {
         match statistic {
             Statistic::Blocks => self.blocks_score(place),
             Statistic::ThesisFull => self.sum(place, |i, seen| self.thesis_full(i, seen)),
-            Statistic::Thesis => self.sum(place, |i, seen| self.nearest_sample(i, seen).norm() * seen.weight),
+            Statistic::Thesis => self.sum(place, |i, seen| math::norm(self.nearest_sample(i, seen)) * seen.weight),
             Statistic::Ls => self.sum(place, |i, seen| self.z(i, seen).norm_sqr()),
             Statistic::Log => {
-                self.sum(place, |i, seen| (self.z(i, seen).norm_sqr() / self.noise_rms[i].powi(2)).ln_1p())
+                self.sum(place, |i, seen| math::ln_1p(self.z(i, seen).norm_sqr() / self.noise_rms[i].powi(2)))
             }
             Statistic::Glrt => {
-                let sum = self.sum(place, |i, seen| self.z(i, seen).norm() * seen.weight);
+                let sum = self.sum(place, |i, seen| math::norm(self.z(i, seen)) * seen.weight);
                 self.over_root_weights(sum, place)
             }
             Statistic::Coherent => {
                 let mut sum = Complex64::ZERO;
                 self.sum(place, |i, seen| {
-                    let back = Complex64::from_polar(seen.weight, -PHASE_RAD_PER_M * seen.distance_m);
+                    let back = math::from_polar(seen.weight, -PHASE_RAD_PER_M * seen.distance_m);
                     sum += self.z(i, seen) * back;
                     0.0
                 });
-                self.over_root_weights(sum.norm(), place)
+                self.over_root_weights(math::norm(sum), place)
             }
         }
     }
@@ -117,7 +118,7 @@ impl<'a> Oracle<'a> {
         let geometry = &observation.geometry;
         let each = observation.samples.iter().enumerate().map(|(n, x)| {
             let h = template(geometry.profile, geometry.axis.range_m(n), seen.distance_m, seen.amplitude);
-            (Complex64::new(f64::from(x.re), f64::from(x.im)) * h.conj()).norm()
+            math::norm(Complex64::new(f64::from(x.re), f64::from(x.im)) * h.conj())
         });
         each.sum()
     }
@@ -133,9 +134,9 @@ impl<'a> Oracle<'a> {
                 continue;
             }
             let age_s = (newest_ns - middle.mid_time_ns) as f64 * 1e-9;
-            let rho = (-age_s / self.settings.memory_s).exp();
+            let rho = math::exp(-age_s / self.settings.memory_s);
             let m = self.coherence(block, *noise_rms, place);
-            a += rho * (m.ln_1p() - super::blocks::MEAN_LOG_OF_NOISE);
+            a += rho * (math::ln_1p(m) - super::blocks::MEAN_LOG_OF_NOISE);
             b += rho * rho;
         }
         if b > 0.0 { a / b.sqrt() } else { 0.0 }
@@ -154,7 +155,7 @@ impl<'a> Oracle<'a> {
             }
             let z = compressed_at(&observation.geometry, &observation.samples, distance_m) / noise_rms;
             let w = taper(k, block.len());
-            coherent += z * Complex64::from_polar(w, -PHASE_RAD_PER_M * distance_m);
+            coherent += z * math::from_polar(w, -PHASE_RAD_PER_M * distance_m);
             energy += w * w * z.norm_sqr();
         }
         let power = coherent.norm_sqr() / count;

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::compression::compress_all;
 use super::{CompressedSweep, sweep_noise_rms};
 use crate::geometry::Plane;
+use crate::math;
 use crate::radar::{Beam, Observation, PHASE_RAD_PER_M};
 
 /// A stretch of one sweep's range that a known reflector accounts for.
@@ -64,7 +65,7 @@ impl<'a> RangePower<'a> {
             let seen_m = observation.distance_m(place);
             let turned = |(n, sample): (usize, &Complex32)| {
                 let moved_m = (from_mid - observation.velocity_m_per_s * observation.point_time_s(n as f64)).length();
-                let turn = Complex64::from_polar(1.0, -PHASE_RAD_PER_M * (moved_m - seen_m));
+                let turn = math::from_polar(1.0, -PHASE_RAD_PER_M * (moved_m - seen_m));
                 sample * Complex32::new(turn.re as f32, turn.im as f32)
             };
             Observation { samples: observation.samples.iter().enumerate().map(turned).collect(), ..observation.clone() }
@@ -118,7 +119,7 @@ impl<'a> RangePower<'a> {
                 power,
                 slope_per_m: 2.0 * (z.conj() * slope).re,
                 curvature_per_m2: 8.0 * std::f64::consts::LN_2 * power / (width_m * width_m),
-                phase_off_m: (z * Complex64::from_polar(1.0, -PHASE_RAD_PER_M * distance_m)).arg() / PHASE_RAD_PER_M,
+                phase_off_m: math::arg(z * math::from_polar(1.0, -PHASE_RAD_PER_M * distance_m)) / PHASE_RAD_PER_M,
             })
         };
         (0..self.observations.len()).filter_map(reading).collect()
@@ -146,7 +147,7 @@ impl<'a> RangePower<'a> {
             let clamped = middle_m.clamp(axis.first_m, axis.last_m());
             let power = self.compressed[sweep].at(clamped).norm_sqr();
             let half_width_m = observation.geometry.profile.envelope_fwhm_m() * 0.5;
-            let half_m = half_width_m * (1.0 + 20.0 * power).log2().sqrt() + 0.02;
+            let half_m = half_width_m * math::log2(1.0 + 20.0 * power).sqrt() + 0.02;
             self.claims[sweep].push(ClaimedRange { middle_m, half_m });
         }
     }

@@ -6,6 +6,8 @@
 
 use glam::{DMat3, DVec3};
 
+use crate::math;
+
 /// Rotations converge quadratically: four or five rounds suffice.
 const ROUNDS: usize = 12;
 
@@ -28,8 +30,8 @@ pub fn eigen(m: &DMat3) -> ([f64; 3], DMat3) {
             }
             // The angle that makes the element 0, the smaller of the two.
             let ratio = (a.col(q)[q] - a.col(p)[p]) / (2.0 * off);
-            let tan = ratio.signum() / (ratio.abs() + ratio.hypot(1.0));
-            let cos = 1.0 / tan.hypot(1.0);
+            let tan = ratio.signum() / (ratio.abs() + math::hypot(ratio, 1.0));
+            let cos = 1.0 / math::hypot(tan, 1.0);
             let mut turn = DMat3::IDENTITY;
             turn.col_mut(p)[p] = cos;
             turn.col_mut(q)[q] = cos;

@@ -12,6 +12,8 @@ use glam::DVec3;
 
 use super::explain::Explained;
 
+use crate::math;
+
 /// What a tree may ask for, in the table's order.
 /// `ln`: natural logarithm.
 pub const FEATURES: [&str; 27] = [
@@ -113,8 +115,8 @@ const MOST_OF_PAST: f64 = 10.0;
 /// Of a place, by [`FEATURES`].
 pub(super) fn features(believed: &Explained<DVec3>, around: &Around) -> [f64; FEATURES.len()] {
     [
-        believed.score.max(0.1).ln(),
-        believed.lasting.max(0.5).ln(),
+        math::ln(believed.score.max(0.1)),
+        math::ln(believed.lasting.max(0.5)),
         believed.drowned,
         believed.uneven,
         believed.silent,
@@ -122,7 +124,7 @@ pub(super) fn features(believed: &Explained<DVec3>, around: &Around) -> [f64; FE
         around.earlier.log_odds.clamp(-MOST_OF_PAST, MOST_OF_PAST),
         believed.sigma_m,
         believed.farthest_m.min(2.0),
-        (believed.blocks as f64).max(1.0).ln(),
+        math::ln((believed.blocks as f64).max(1.0)),
         around.known_m.min(1.5),
         around.known_level_m.min(1.0),
         around.wall_m.min(1.0),

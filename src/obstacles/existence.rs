@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use super::views::View;
 use crate::imaging::blocks::Block;
+use crate::math;
 
 /// Parameters of forgetting.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -180,7 +181,7 @@ impl Existence {
                 let ratio = view.likelihood_ratio(strength);
                 let leak = if would_be_seen { settings.leak } else { 0.0 };
                 self.learn(side, view, view.expected(strength));
-                (surely * ratio + 1.0 - surely).ln().min(MOST_A_BLOCK) - leak
+                math::ln(surely * ratio + 1.0 - surely).min(MOST_A_BLOCK) - leak
             }
         };
         self.log_odds = (self.log_odds + change).clamp(LEAST, settings.most);
@@ -220,12 +221,12 @@ impl Existence {
 /// The direction from the thing that a side's middle lies in.
 pub(super) fn middle_of_side(side: usize) -> DVec3 {
     let turn = (side as f64 + 0.5) / SIDES as f64 * TAU;
-    DVec3::new(turn.sin(), 0.0, turn.cos())
+    DVec3::new(math::sin(turn), 0.0, math::cos(turn))
 }
 
 /// The side that a direction from the thing leads to.
 pub(super) fn side_of(from_thing: DVec3) -> usize {
-    let turn = from_thing.x.atan2(from_thing.z).rem_euclid(TAU) / TAU;
+    let turn = math::atan2(from_thing.x, from_thing.z).rem_euclid(TAU) / TAU;
     ((turn * SIDES as f64) as usize).min(SIDES - 1)
 }
 

@@ -22,6 +22,7 @@ use super::hands::HandTrail;
 use super::views::{Said, View, ViewMemory, information, sigma_m};
 use crate::geometry::Plane;
 use crate::imaging::blocks::{Block, BlockSettings};
+use crate::math;
 use crate::radar::Beam;
 pub use aspect::Aspect;
 use claims::Claim;
@@ -177,7 +178,7 @@ impl<'a> Window<'a> {
         let blocks: Vec<_> = blocks.collect();
         let newest_ns = blocks.last().map_or(0, |b| b.mid_time_ns);
         let age_s = |b: &&Block| (newest_ns - b.mid_time_ns) as f64 * 1e-9;
-        let weights = blocks.iter().map(|b| (-age_s(b) / block_settings.memory_s).exp()).collect();
+        let weights = blocks.iter().map(|b| math::exp(-age_s(b) / block_settings.memory_s)).collect();
         memory.begin(&blocks);
         let claims = blocks.iter().map(|block| hand_claims(block, hands)).collect();
         Self { claims, weights, blocks, settings, block_settings, beam, min_cos, mirror_min_cos, memory }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::existence::ForgetSettings;
 use super::explain::Explained;
 use crate::geometry::Plane;
+use crate::math;
 
 /// Parameters of the map.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -220,7 +221,8 @@ pub fn same_place(match_m: f64) -> impl Fn(&DVec3, &DVec3) -> bool {
 /// The same plane: within 8° and 15 cm at a place near the middle of the room.
 pub fn same_plane(middle: DVec3) -> impl Fn(&Plane, &Plane) -> bool {
     move |a, b| {
-        a.outward.dot(b.outward) > 8f64.to_radians().cos() && (a.distance(middle) - b.distance(middle)).abs() < 0.15
+        a.outward.dot(b.outward) > math::cos(8f64.to_radians())
+            && (a.distance(middle) - b.distance(middle)).abs() < 0.15
     }
 }
 

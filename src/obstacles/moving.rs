@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use super::hands::{HandTrail, echoing_m};
 use crate::geometry::Pose;
 use crate::imaging::blocks::{Block, MoverFinder, Movers, MovingEcho};
+use crate::math;
 use crate::radar::Beam;
 use track::{Fit, Track, speeds};
 
@@ -290,7 +291,7 @@ fn is_of_hands(echo: &MovingEcho, block: &Block, hands: &HandTrail) -> bool {
 fn direction_sigma_rad(beam: &Beam) -> f64 {
     let angles = (0..=180).map(|degrees| f64::from(degrees).to_radians());
     let (sum, weight) = angles.fold((0.0, 0.0), |(sum, total), angle| {
-        let weight = beam.amplitude(angle.cos()).powi(2) * angle.sin();
+        let weight = beam.amplitude(math::cos(angle)).powi(2) * math::sin(angle);
         (sum + 0.5 * angle * angle * weight, total + weight)
     });
     (sum / weight.max(f64::MIN_POSITIVE)).sqrt()

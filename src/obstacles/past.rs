@@ -11,6 +11,7 @@ use glam::{DMat3, DVec3};
 
 use super::views::View;
 use crate::imaging::blocks::{Block, BlockSettings, PlaceBlock};
+use crate::math;
 use crate::radar::Beam;
 
 /// One block of so many is kept.
@@ -85,7 +86,7 @@ impl Past {
             let toward = (place - block.middle().translation) / range_m.max(1e-9);
             let seen_from = (block.middle(), block.motion());
             let view = View::new(seen_from, block.coherence_at(place), range_m, toward, beam);
-            says.log_odds += (SURELY * view.likelihood_ratio(strength) + 1.0 - SURELY).ln().min(MOST_A_BLOCK);
+            says.log_odds += math::ln(SURELY * view.likelihood_ratio(strength) + 1.0 - SURELY).min(MOST_A_BLOCK);
             if view.is_telling() {
                 says.telling += 1;
                 says.information += view.information(block.motion(), block.geometry(), block.aperture_m());
@@ -99,7 +100,7 @@ impl Past {
 fn strength(views: &[Option<View>]) -> Option<f64> {
     let logs = || views.iter().flatten().filter_map(|view| view.ln_strength);
     let count = logs().count();
-    (count > 0).then(|| (logs().sum::<f64>() / count as f64).exp())
+    (count > 0).then(|| math::exp(logs().sum::<f64>() / count as f64))
 }
 
 #[cfg(test)]

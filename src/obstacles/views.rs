@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::geometry::Pose;
 use crate::imaging::blocks::{Block, Coherence, MEAN_LOG_OF_NOISE};
+use crate::math;
 use crate::radar::{Beam, SweepGeometry, WAVELENGTH_M};
 
 /// A place that was not asked for is remembered for so many looks: maxima move to the voxel beside and back again.
@@ -47,13 +48,13 @@ impl View {
         let evidence = Self::evidence_of(coherence.m);
         let amplitude = beam.amplitude(toward.dot(middle.forward()));
         let gain = (amplitude / range_m.max(0.1).powi(2)).powi(2);
-        let ln_strength = (m >= TELLING_COHERENCE).then(|| (power / gain.max(1e-12)).max(1e-12).ln());
+        let ln_strength = (m >= TELLING_COHERENCE).then(|| math::ln((power / gain.max(1e-12)).max(1e-12)));
         Self { m, evidence, power, range_m, toward, cos: toward.dot(motion), gain, ln_strength }
     }
 
     /// ln(1 + m) less its mean under noise.
     pub fn evidence_of(m: f32) -> f64 {
-        f64::from(m).ln_1p() - MEAN_LOG_OF_NOISE
+        math::ln_1p(f64::from(m)) - MEAN_LOG_OF_NOISE
     }
 
     /// The part of the power that adds up, over the noise.
@@ -84,7 +85,7 @@ impl View {
     /// m is exponential with mean 1 + m̂ or 1. What else is in this range drowns m̂ as it drowned m.
     pub fn likelihood_ratio(&self, strength: f64) -> f64 {
         let expected = self.expected(strength);
-        (self.m * expected / (1.0 + expected)).min(30.0).exp() / (1.0 + expected)
+        math::exp((self.m * expected / (1.0 + expected)).min(30.0)) / (1.0 + expected)
     }
 
     /// What else there is at the same range: energy that does not add up for this thing, over the noise; at least 1.
@@ -94,7 +95,7 @@ impl View {
 
     /// Its logarithm.
     pub fn drowned_by(&self) -> f64 {
-        self.drowning().ln()
+        math::ln(self.drowning())
     }
 }
 

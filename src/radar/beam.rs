@@ -6,6 +6,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::math;
+
 /// A beam that cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BeamError {
@@ -114,9 +116,9 @@ impl Beam {
 
     /// Two-way amplitude factor at the angle whose cosine is given; 0 beyond the cut-off.
     pub fn amplitude(&self, cos_off_boresight: f64) -> f64 {
-        let angle_deg = cos_off_boresight.clamp(-1.0, 1.0).acos().to_degrees();
+        let angle_deg = math::acos(cos_off_boresight.clamp(-1.0, 1.0)).to_degrees();
         let lobe = |half_deg: f64, cut_deg: f64| {
-            if angle_deg > cut_deg { 0.0 } else { 0.5f64.powf((angle_deg / half_deg).powi(2)) }
+            if angle_deg > cut_deg { 0.0 } else { math::powf(0.5f64, (angle_deg / half_deg).powi(2)) }
         };
         match self {
             Self::Uniform => 1.0,
@@ -131,8 +133,8 @@ impl Beam {
     /// Cosine of the widest angle whose amplitude is at least `floor`, found to 0.05°; −1 if the beam never falls below.
     pub fn cos_where_amplitude_falls_below(&self, floor: f64) -> f64 {
         let steps = (0..=3600).map(|i| f64::from(i) * 0.05f64);
-        let widest = steps.take_while(|deg| self.amplitude(deg.to_radians().cos()) >= floor).last();
-        widest.map_or(1.0, |deg| deg.to_radians().cos())
+        let widest = steps.take_while(|deg| self.amplitude(math::cos(deg.to_radians())) >= floor).last();
+        widest.map_or(1.0, |deg| math::cos(deg.to_radians()))
     }
 
     /// Loop gain that the lens adds on the axis, dB.

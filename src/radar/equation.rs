@@ -2,9 +2,11 @@
 
 use super::{Profile, Subsweep};
 
+use crate::math;
+
 /// Power SNR of a point in one sweep, dB: loop gain + 10·log10(HWAAS) + RCS − 40·log10(d). On the beam's axis.
 pub fn snr_db(profile: Profile, hwaas: u32, rcs_dbsm: f64, distance_m: f64) -> f64 {
-    profile.loop_gain_db() + 10.0 * f64::from(hwaas).log10() + rcs_dbsm - 40.0 * distance_m.log10()
+    profile.loop_gain_db() + 10.0 * math::log10(f64::from(hwaas)) + rcs_dbsm - 40.0 * math::log10(distance_m)
 }
 
 /// The radar cross-section that gives an SNR at a distance on the axis, dBsm: [`snr_db`] turned round.
@@ -15,8 +17,8 @@ pub fn rcs_dbsm_for_snr(profile: Profile, hwaas: u32, snr: f64, distance_m: f64)
 /// Complex rms of the receiver's noise in one point, LSB: 175/√HWAAS at gain 16 and 41/√HWAAS at gain 10 (the middles of
 /// what profile 3 shows in recordings), exponential in the gain between and beyond.
 pub fn noise_rms_lsb(subsweep: &Subsweep) -> f64 {
-    let per_gain_step = (175.0f64 / 41.0).powf(1.0 / 6.0);
-    175.0 * per_gain_step.powf(f64::from(subsweep.receiver_gain) - 16.0) / f64::from(subsweep.hwaas).sqrt()
+    let per_gain_step = math::powf(175.0f64 / 41.0, 1.0 / 6.0);
+    175.0 * math::powf(per_gain_step, f64::from(subsweep.receiver_gain) - 16.0) / f64::from(subsweep.hwaas).sqrt()
 }
 
 #[cfg(test)]

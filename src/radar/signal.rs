@@ -4,10 +4,12 @@ use num_complex::Complex64;
 
 use super::{PHASE_RAD_PER_M, Profile};
 
+use crate::math;
+
 /// Gaussian amplitude envelope E at a distance from its middle: 1 there, ½ at half the profile's FWHM.
 pub fn envelope(profile: Profile, offset_m: f64) -> f64 {
     let x = offset_m / profile.envelope_fwhm_m();
-    (-4.0 * std::f64::consts::LN_2 * x * x).exp()
+    math::exp(-4.0 * std::f64::consts::LN_2 * x * x)
 }
 
 /// Amplitude falloff D(d) = 1/d² (eq. 3.4). Infinite at 0: callers skip ranges at or below 0.
@@ -19,7 +21,7 @@ pub fn distance_falloff(distance_m: f64) -> f64 {
 /// Phase grows with distance, as measured on the sensor.
 pub fn template(profile: Profile, range_m: f64, distance_m: f64, beam_amplitude: f64) -> Complex64 {
     let amplitude = envelope(profile, range_m - distance_m) * distance_falloff(distance_m) * beam_amplitude;
-    Complex64::from_polar(amplitude, PHASE_RAD_PER_M * distance_m)
+    math::from_polar(amplitude, PHASE_RAD_PER_M * distance_m)
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use glam::{DQuat, DVec3};
 
 use super::motion::smoothstep;
 use crate::geometry::Pose;
+use crate::math;
 
 /// Length of the arm, metres.
 pub const ARM_M: f64 = 0.30;
@@ -24,7 +25,7 @@ const SETTING_IN_S: f64 = 0.5;
 /// as the sensor looks, so that it keeps what lies ahead in its beam.
 pub(super) fn swinging_arm(time_s: f64) -> Pose {
     let since_s = (time_s - ARM_REST_S).max(0.0);
-    let swing = (SHARPNESS * (TAU * since_s / SWING_S).sin()).asin() / SHARPNESS.asin();
+    let swing = math::asin(SHARPNESS * math::sin(TAU * since_s / SWING_S)) / math::asin(SHARPNESS);
     let turn = DQuat::from_rotation_z(SWING_RAD * swing * smoothstep(since_s / SETTING_IN_S));
     Pose::new(turn * (DVec3::Y * ARM_M) - DVec3::Y * ARM_M, turn)
 }

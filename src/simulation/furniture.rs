@@ -6,6 +6,8 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{Scatterer, Thing};
 
+use crate::math;
+
 pub(super) fn corner_reflector(draw: &mut Draw, position_m: DVec3) -> Thing {
     let phase_rad = draw.phase();
     let scatterer = Scatterer { position_m, rcs_dbsm: -5.0, lobe: DVec3::ZERO, phase_rad };
@@ -57,7 +59,7 @@ impl Draw {
 
 /// Turns a local offset (x right, z back) about +y and puts it at `base`.
 pub(super) fn placed(base: DVec3, yaw: f64, x: f64, y: f64, z: f64) -> DVec3 {
-    let (sin, cos) = yaw.sin_cos();
+    let (sin, cos) = math::sin_cos(yaw);
     base + DVec3::new(cos * x + sin * z, y, cos * z - sin * x)
 }
 

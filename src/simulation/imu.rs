@@ -10,6 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use super::scenario::{POSE_MARGIN_S, Stage, host_ns};
 use super::tracker::normal_vector;
 use crate::geometry::Pose;
+use crate::math;
 use crate::tracking::inertial::{GRAVITY_M_PER_S2, INSTABILITY_TIME_S, ImuFigures, ImuSample, NavState, TriadFigures};
 
 /// Parts of an interval.
@@ -80,7 +81,7 @@ impl Triad {
     /// The true mean over an interval as it is measured.
     fn measured(&mut self, mean: DVec3, interval_s: f64, rng: &mut ChaCha8Rng) -> DVec3 {
         let TriadFigures { white, instability, walk, .. } = self.figures;
-        let keeps = (-interval_s / INSTABILITY_TIME_S).exp();
+        let keeps = math::exp(-interval_s / INSTABILITY_TIME_S);
         self.instability = self.instability * keeps + normal_vector(rng) * instability * (1.0 - keeps * keeps).sqrt();
         self.walk += normal_vector(rng) * walk * interval_s.sqrt();
         let noise = normal_vector(rng) * white / interval_s.sqrt();

@@ -10,6 +10,7 @@ use super::Scene;
 use super::arm::{raster, swinging_arm};
 use super::strokes::{ChairWalk, ToAndFro};
 use crate::geometry::Pose;
+use crate::math;
 
 /// Motions by name: the thesis' (3.5.4 to 3.5.6, 3.6), a robot's arm, natural play, and a walk up to a chair.
 pub const MOTIONS: [&str; 14] = [
@@ -188,7 +189,7 @@ impl Shape {
             // A sine whose greatest speed is the wanted one.
             Self::Approach { speed_m_per_s } => {
                 let omega = 2.0 * speed_m_per_s / APPROACH_M;
-                DVec3::NEG_Z * (APPROACH_M * 0.5 * (1.0 - (omega * time_s).cos()))
+                DVec3::NEG_Z * (APPROACH_M * 0.5 * (1.0 - math::cos(omega * time_s)))
             }
         }
     }
@@ -267,7 +268,7 @@ impl HeadPlay {
         let way_m = way.length();
         // People look where they step, give or take; standing, they look about.
         let turn_rad = match DVec3::new(way.x, 0.0, way.z).length() > STEP_M {
-            true => turn_between(last.yaw_rad, (-way.x).atan2(-way.z)) + rng.random_range(-0.6..0.6),
+            true => turn_between(last.yaw_rad, math::atan2(-way.x, -way.z)) + rng.random_range(-0.6..0.6),
             false => rng.random_range(-1.6..1.6),
         };
         let yaw_rad = last.yaw_rad + turn_rad;

@@ -8,6 +8,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::{Room, Scatterer};
 use crate::geometry::Pose;
+use crate::math;
 use crate::radar::{Beam, CARRIER_HZ, RangeAxis, SPEED_OF_LIGHT_M_PER_S, Subsweep, noise_rms_lsb, snr_db};
 
 /// Echoes below this share of the noise are left out: −40 dB.
@@ -55,7 +56,7 @@ impl Receiver<'_> {
     fn amplitude_lsb(&self, rcs_dbsm: f64, distance_m: f64, cos_off_boresight: f64) -> f64 {
         let snr = snr_db(self.subsweep.profile, self.subsweep.hwaas, rcs_dbsm + self.rcs_offset_db, distance_m)
             + self.beam.gain_db();
-        noise_rms_lsb(self.subsweep) * 10f64.powf(snr / 20.0) * self.beam.amplitude(cos_off_boresight)
+        noise_rms_lsb(self.subsweep) * math::powf(10f64, snr / 20.0) * self.beam.amplitude(cos_off_boresight)
     }
 
     fn echoes(&self, sensor: &Pose) -> Vec<Echo> {
@@ -125,9 +126,9 @@ impl Receiver<'_> {
                 let share = if last > 0.0 { n as f64 / last } else { 0.0 };
                 let distance_m = self.distance_m(&echo, start.translation.lerp(end.translation, share), share);
                 let off = (axis.range_m(n) - distance_m) / width_m;
-                let amplitude = echo.amplitude * 0.5f64.powf(4.0 * off * off);
+                let amplitude = echo.amplitude * math::powf(0.5f64, 4.0 * off * off);
                 let turns = 2.0 * distance_m * CARRIER_HZ / SPEED_OF_LIGHT_M_PER_S;
-                *sample += Complex64::from_polar(amplitude, std::f64::consts::TAU * turns.fract() + echo.phase_rad);
+                *sample += math::from_polar(amplitude, std::f64::consts::TAU * turns.fract() + echo.phase_rad);
             }
         }
         let per_axis = if self.noise { noise_rms_lsb(self.subsweep) / 2f64.sqrt() } else { 0.0 };

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use crate::geometry::{Aabb, Plane, Pose};
+use crate::math;
 
 /// A point that reflects.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,7 +29,7 @@ impl Scatterer {
         if self.lobe == DVec3::ZERO {
             return self.rcs_dbsm;
         }
-        let angle = self.lobe.normalize().dot(to_sensor).clamp(-1.0, 1.0).acos() / std::f64::consts::FRAC_PI_2;
+        let angle = math::acos(self.lobe.normalize().dot(to_sensor).clamp(-1.0, 1.0)) / std::f64::consts::FRAC_PI_2;
         self.rcs_dbsm - (LOBE_FALL_AT_90_DEG_DB * angle * angle).min(LOBE_FLOOR_DB)
     }
 
@@ -72,7 +73,7 @@ pub struct WallPanel {
 impl WallPanel {
     /// Cross-section that a point would need to return as much as an endless mirror at a distance: π d² |Γ|², dBsm.
     pub fn equivalent_rcs_dbsm(&self, distance_m: f64) -> f64 {
-        10.0 * (std::f64::consts::PI * distance_m * distance_m).log10() + self.reflection_db
+        10.0 * math::log10(std::f64::consts::PI * distance_m * distance_m) + self.reflection_db
     }
 }
 

@@ -11,6 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use super::Scene;
 use super::motion::{Wander, smoothstep};
 use crate::geometry::Pose;
+use crate::math;
 
 /// Rests along a line, by rising time, and what is repeated.
 #[derive(Debug, Clone)]
@@ -118,8 +119,8 @@ impl ChairWalk {
         let (sway, weave) = (self.sway.at(time_s), self.weave.at(time_s));
         let eyes_m = self.start_m + self.ahead * self.strokes.along_m(time_s) + self.right * weave.x + sway;
         let to = self.look_at_m - eyes_m;
-        let pitch_rad = to.y.atan2(DVec3::new(to.x, 0.0, to.z).length()).max(-MAX_PITCH_RAD);
-        let rotation = DQuat::from_rotation_y((-to.x).atan2(-to.z) + sway.z * 1.5)
+        let pitch_rad = math::atan2(to.y, DVec3::new(to.x, 0.0, to.z).length()).max(-MAX_PITCH_RAD);
+        let rotation = DQuat::from_rotation_y(math::atan2(-to.x, -to.z) + sway.z * 1.5)
             * DQuat::from_rotation_x(pitch_rad + sway.x * 1.5);
         Pose::new(eyes_m, rotation)
     }

@@ -18,6 +18,8 @@ use super::hull::{convex_hull, lattice_within};
 use super::near::Near;
 use super::panel::{Panel, PanelKind};
 
+use crate::math;
+
 /// A panel nearer to the eyes than this could not be looked at, metres.
 const NEAREST_PANEL_M: f64 = 0.2;
 /// The near side may be this much nearer than seen at most, however uncertain it is, metres.
@@ -64,7 +66,7 @@ impl Aspect {
         let distances: Vec<f64> = body.points.iter().map(|p| distance_from_wearer(head, *p)).collect();
         let nearest = distances.iter().copied().fold(f64::INFINITY, f64::min);
         let level = body.points.iter().map(|p| horizontal(*p - head).length()).fold(f64::INFINITY, f64::min);
-        let near = weighted_mean(&body.points, |i| (-(distances[i] - nearest) / 0.1).exp());
+        let near = weighted_mean(&body.points, |i| math::exp(-(distances[i] - nearest) / 0.1));
         let fallback = horizontal(-ahead).try_normalize().unwrap_or(DVec3::Z);
         let facing = Some(horizontal(head - near)).filter(|v| v.length() > 1e-3).map_or(fallback, DVec3::normalize);
         let laid_right = DVec3::Y.cross(nearest_direction(facing));
@@ -113,7 +115,7 @@ pub(super) fn object_panel(body: &Body, aspect: &Aspect, head: DVec3, near: &Nea
 
 /// A pose at `middle` with +y up and +z along the horizontal unit vector `facing`.
 pub(super) fn upright(middle: DVec3, facing: DVec3) -> crate::geometry::Pose {
-    crate::geometry::Pose::new(middle, DQuat::from_rotation_y(facing.x.atan2(facing.z)))
+    crate::geometry::Pose::new(middle, DQuat::from_rotation_y(math::atan2(facing.x, facing.z)))
 }
 
 /// Discs where the balls are on the panel and, because nobody passes between parts of one thing, within their outline; blurred by
@@ -124,7 +126,7 @@ fn silhouette(body: &Body, spread_m: f64, size_m: DVec2, place: impl Fn(DVec3) -
     }
     let placed: Vec<DVec2> = body.points.iter().map(|p| place(*p)).collect();
     let hull = convex_hull(&placed);
-    let mut radius = round((body.radius_m + EDGE_M).hypot(spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
+    let mut radius = round(math::hypot(body.radius_m + EDGE_M, spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
     loop {
         let cell = 0.6 * radius;
         let mut taken = HashSet::new();
@@ -164,7 +166,7 @@ fn weighted_mean(points: &[DVec3], weight: impl Fn(usize) -> f64) -> DVec3 {
 /// The nearest of the directions that pictures are laid out for.
 fn nearest_direction(facing: DVec3) -> DVec3 {
     let step = std::f64::consts::TAU / DIRECTIONS;
-    let (sin, cos) = ((facing.x.atan2(facing.z) / step).round().rem_euclid(DIRECTIONS) * step).sin_cos();
+    let (sin, cos) = math::sin_cos((math::atan2(facing.x, facing.z) / step).round().rem_euclid(DIRECTIONS) * step);
     DVec3::new(sin, 0.0, cos)
 }
 

@@ -6,6 +6,8 @@
 
 use glam::DVec3;
 
+use crate::math;
+
 /// After a longer pause it begins anew, nanoseconds.
 const LONGEST_PAUSE_NS: i64 = 250_000_000;
 
@@ -31,7 +33,7 @@ impl Speed {
         if !(0..=LONGEST_PAUSE_NS).contains(&passed_ns) || fresh.length() > fastest_m_per_s {
             return self.begin(time_ns, place_m);
         }
-        self.velocity_m_per_s = fresh.lerp(self.velocity_m_per_s, (-passed_s / smoothing_s).exp());
+        self.velocity_m_per_s = fresh.lerp(self.velocity_m_per_s, math::exp(-passed_s / smoothing_s));
         self.last = Some((time_ns, place_m));
         self.velocity_m_per_s
     }

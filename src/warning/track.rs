@@ -9,6 +9,8 @@ use super::thing::{Drawn, Thing};
 use super::urgency::{Urgency, urgencies};
 use super::wearer::Wearer;
 
+use crate::math;
+
 /// Less urgent than this does not bring a warning up, nor keep it.
 const LEAST_URGENCY: f64 = 0.02;
 /// What is held on to has at least this brightness: seen by who looks for it.
@@ -107,7 +109,7 @@ impl Track {
     pub fn change(&self, passed_s: f64, eyes_m: glam::DVec3) -> f64 {
         let is_wide = self.drawn.as_ref().is_some_and(|drawn| {
             let away_m = drawn.panel.tracking_from_panel.translation.distance(eyes_m).max(0.1);
-            2.0 * (drawn.panel.size_m.max_element() / 2.0 / away_m).atan() > WIDE_RAD
+            2.0 * math::atan(drawn.panel.size_m.max_element() / 2.0 / away_m) > WIDE_RAD
         });
         let rise = if is_wide { WIDE_RISE_PER_S } else { RISE_PER_S };
         let fall = if self.is_gone { GONE_FALL_PER_S } else { FALL_PER_S };

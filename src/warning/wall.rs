@@ -12,6 +12,7 @@ use super::panel::{Panel, PanelKind};
 use super::settings::WarningSettings;
 use super::wearer::{Limb, Wearer};
 use crate::geometry::Plane;
+use crate::math;
 use crate::obstacles::Wall;
 
 /// Half of the width shown at once, metres.
@@ -40,7 +41,7 @@ pub(super) fn wall_nears(wall: &Wall, wearer: &Wearer, reach_m: f64) -> Vec<Near
         let (place, moves) = limb.at(share);
         let aside_m = place.dot(right).clamp(least, greatest) - place.dot(right);
         let through_m = least_m.max(-greatest_m - BEHIND_M).max(0.0);
-        let distance_m = through_m.hypot(aside_m);
+        let distance_m = math::hypot(through_m, aside_m);
         let at_m = place + outward * ahead_m(place) + right * aside_m;
         let across = if greatest_m < 0.0 { -outward } else { outward };
         let toward = (across * through_m + right * aside_m).try_normalize().unwrap_or(across);

@@ -16,6 +16,7 @@ use super::body::is_place;
 use super::player::{BodyPart, Player};
 use super::speed::Speed;
 use crate::geometry::Pose;
+use crate::math;
 
 /// Half the breadth across the shoulders, metres.
 const TORSO_RADIUS_M: f64 = 0.25;
@@ -153,7 +154,7 @@ impl Stance {
             return head;
         };
         let passed_s = (time_ns.saturating_sub(then_ns) as f64 * 1e-9).max(0.0);
-        let behind = (hips - head) * DVec3::new(1.0, 0.0, 1.0) * (-passed_s / FOLLOW_S).exp();
+        let behind = (hips - head) * DVec3::new(1.0, 0.0, 1.0) * math::exp(-passed_s / FOLLOW_S);
         let hips = head + behind.clamp_length_max(LEAN_M);
         self.hips_m = Some((time_ns.max(then_ns), hips));
         hips

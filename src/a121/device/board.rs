@@ -3,6 +3,8 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::math;
+
 /// A board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Board {
@@ -116,7 +118,7 @@ impl BoardClock {
     /// The board's own time at a host time, seconds since it was switched on.
     pub fn board_s(&self, host_ns: i64) -> f64 {
         let host_s = host_ns.saturating_sub(self.boot_ns) as f64 * 1e-9;
-        host_s * (1.0 + self.drift) + CREEP * WARMING_S * (1.0 - (-host_s.max(0.0) / WARMING_S).exp())
+        host_s * (1.0 + self.drift) + CREEP * WARMING_S * (1.0 - math::exp(-host_s.max(0.0) / WARMING_S))
     }
 
     /// The host time of the board's own time.

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::math;
+
 /// A fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Fault {
@@ -193,7 +195,7 @@ impl Schedule {
 }
 
 fn random_pause_ns(mean_s: f64, rng: &mut ChaCha8Rng) -> i64 {
-    (-(1.0 - rng.random_range(0.0f64..1.0)).ln() * mean_s * 1e9) as i64
+    (-math::ln(1.0 - rng.random_range(0.0f64..1.0)) * mean_s * 1e9) as i64
 }
 
 #[cfg(test)]

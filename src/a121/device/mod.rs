@@ -41,6 +41,8 @@ use line::{Line, Parcel, Then};
 use protocol::BoardSetup;
 use stream::{Measured, Stream, Timing};
 
+use crate::math;
+
 /// Speed of the line after a break.
 const FIRST_BAUD: u32 = 115_200;
 /// Longest command, bytes.
@@ -380,7 +382,7 @@ impl Device {
     /// Measures a result that starts at that time of the board's; samples are made at once, long before its end.
     fn measure(&mut self, setup: &BoardSetup, index: u64, start_s: f64, is_late: bool) -> Measured {
         let saturates = std::mem::take(&mut self.saturates_next);
-        let temperature = 30 + (start_s / 20.0).sin().round() as i16;
+        let temperature = 30 + math::sin(start_s / 20.0).round() as i16;
         let (mut ends_ns, mut infos, mut samples) = (Vec::new(), Vec::new(), Vec::new());
         for (entry, end_s) in setup.ends_s() {
             let end_ns = self.clock.host_ns(start_s + end_s);
@@ -424,7 +426,7 @@ impl Device {
     fn send_result(&mut self, stream: &Stream, now_ns: i64) {
         let result = &stream.next;
         let (bytes, line_bytes) = stream::result_bytes(&stream.setup.groups, result);
-        let jitter_ns = -READING_JITTER_NS * (1.0 - self.rng.random_range(0.0f64..1.0)).ln();
+        let jitter_ns = -READING_JITTER_NS * math::ln(1.0 - self.rng.random_range(0.0f64..1.0));
         self.counters.results += 1;
         self.counters.delayed += u64::from(result.infos.iter().any(|info| info.frame_delayed));
         let from_ns = now_ns + READING_NS + jitter_ns as i64;

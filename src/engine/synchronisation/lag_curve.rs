@@ -14,6 +14,7 @@ use glam::{DMat4, DVec4};
 
 use super::ranges::value_at;
 use super::{SIGNIFICANT, StartLag};
+use crate::math;
 use crate::tracking::PoseSample;
 
 /// Lags tried, seconds, and their grid.
@@ -125,7 +126,7 @@ impl LagCurve {
         // Neighbours err alike, so their mean is known no better than they are.
         let both = |of: fn(&Lag) -> f64| [mean(first_s, first_s + START_S, of), mean(rest_s, last_s, of)];
         let ([early_s, late_s], [early_1s, late_1s]) = (both(|lag| lag.lag_s), both(|lag| lag.sigma_s));
-        let (lag_s, sigma_s) = (early_s - late_s, early_1s.hypot(late_1s));
+        let (lag_s, sigma_s) = (early_s - late_s, math::hypot(early_1s, late_1s));
         Some(StartLag { lag_s, sigma_s, is_significant: lag_s.abs() > (SIGNIFICANT * sigma_s).max(LEAST_START_S) })
     }
 
@@ -294,7 +295,7 @@ fn smoothed(radar: &[(i64, f64)], poses: &[(i64, f64)], way: &[f64], bias_m: f64
         let h = if n == 0 { 0.0 } else { (time_ns - radar[n - 1].0) as f64 * 1e-9 };
         let since_s = (time_ns - radar[0].0) as f64 * 1e-9;
         let carried =
-            DMat4::from_cols(DVec4::X, DVec4::new(h, (-h / RATE_LASTS_S).exp(), 0.0, 0.0), DVec4::Z, DVec4::W);
+            DMat4::from_cols(DVec4::X, DVec4::new(h, math::exp(-h / RATE_LASTS_S), 0.0, 0.0), DVec4::Z, DVec4::W);
         state = carried * state;
         covariance = carried * covariance * carried.transpose() + walk(h, since_s);
         let predicted = (state, covariance);
@@ -322,7 +323,7 @@ fn smoothed(radar: &[(i64, f64)], poses: &[(i64, f64)], way: &[f64], bias_m: f64
 
 /// What a state grows uncertain by over a step.
 fn walk(h: f64, since_s: f64) -> DMat4 {
-    let restless = (RESTLESS * (-(since_s / FADES_S).powi(2)).exp() + STEADY).powi(2);
+    let restless = (RESTLESS * math::exp(-(since_s / FADES_S).powi(2)) + STEADY).powi(2);
     DMat4::from_cols(
         DVec4::new(restless * h.powi(3) / 3.0, restless * h * h / 2.0, 0.0, 0.0),
         DVec4::new(restless * h * h / 2.0, restless * h, 0.0, 0.0),

@@ -19,6 +19,7 @@ use serde::Serialize;
 use super::{Pipeline, Settings};
 use crate::geometry::Pose;
 use crate::imaging::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
+use crate::math;
 use crate::radar::{Frame, Observation, SensorConfig};
 use crate::tracking::{Observer, ObserverSettings, PoseSample, SensorState};
 pub use lag_curve::{Lag, LagCurve};
@@ -391,6 +392,6 @@ fn start_lag(windows: &[OffsetWindow]) -> Option<StartLag> {
     let (first, others) = windows.split_first()?;
     let others: Vec<(f64, f64)> = others.iter().filter_map(told).collect();
     let ((first_s, first_sigma_s), (rest_s, rest_sigma_s)) = (told(first)?, mean(others.iter().copied())?);
-    let (lag_s, sigma_s) = (first_s - rest_s, first_sigma_s.hypot(rest_sigma_s));
+    let (lag_s, sigma_s) = (first_s - rest_s, math::hypot(first_sigma_s, rest_sigma_s));
     Some(StartLag { lag_s, sigma_s, is_significant: lag_s.abs() > (SIGNIFICANT * sigma_s).max(LEAST_LAG_S) })
 }

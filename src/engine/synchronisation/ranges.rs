@@ -5,6 +5,7 @@ use num_complex::Complex32;
 
 use crate::engine::Settings;
 use crate::imaging::{RangeCompressor, sweep_noise_rms};
+use crate::math;
 use crate::radar::{Beam, Observation};
 
 /// Sweeps of this time are read as one, nanoseconds.
@@ -92,7 +93,7 @@ fn is_peak(three: &[f64]) -> bool {
 
 /// Where the parabola through three logarithms peaks, from the middle one.
 fn vertex(three: &[f64]) -> f64 {
-    let [a, b, c] = [three[0].ln(), three[1].ln(), three[2].ln()];
+    let [a, b, c] = [math::ln(three[0]), math::ln(three[1]), math::ln(three[2])];
     (0.5 * (c - a) / (2.0 * b - a - c)).clamp(-0.5, 0.5)
 }
 

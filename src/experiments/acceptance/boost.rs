@@ -5,6 +5,8 @@
 
 use rayon::prelude::*;
 
+use crate::math;
+
 /// A labelled row of features, none of them NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Row<const N: usize> {
@@ -46,7 +48,7 @@ pub(super) struct BoostSettings {
 pub(super) fn boost<const N: usize>(rows: &[Row<N>], settings: &BoostSettings) -> (f64, Vec<Fitted>) {
     let total: f64 = rows.iter().map(|row| row.weight).sum();
     let things: f64 = rows.iter().filter(|row| row.is_thing).map(|row| row.weight).sum();
-    let prior = (things / (total - things)).ln();
+    let prior = math::ln(things / (total - things));
     if !prior.is_finite() {
         return (prior, Vec::new());
     }
@@ -99,7 +101,7 @@ struct Slope {
 
 impl Slope {
     fn of<const N: usize>(row: &Row<N>, odds: f64) -> Self {
-        let likely = 1.0 / (1.0 + (-odds).exp());
+        let likely = 1.0 / (1.0 + math::exp(-odds));
         let left = f64::from(u8::from(row.is_thing)) - likely;
         Self { gradient: row.weight * left, curvature: row.weight * likely * (1.0 - likely) }
     }

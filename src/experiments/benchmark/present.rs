@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use super::plan::{Case, Search};
 use super::row::Row;
+use crate::math;
 use crate::report::{Table, TradeMark, TradeOff, TradePoint};
 
 /// One row a case; those on the front have a star.
@@ -142,6 +143,6 @@ fn millimetres(error_m: f64) -> String {
 
 /// Three significant digits, no exponent.
 fn digits(value: f64) -> String {
-    let decimals = if value > 0.0 { (2.0 - value.log10().floor()).clamp(0.0, 4.0) as usize } else { 0 };
+    let decimals = if value > 0.0 { (2.0 - math::log10(value).floor()).clamp(0.0, 4.0) as usize } else { 0 };
     format!("{value:.decimals$}")
 }

@@ -11,6 +11,7 @@ use glam::DVec3;
 
 use super::figures::{Approach, BoundErrors, Cause, FalseReport, Figures, Forgetting, Rates};
 use crate::geometry::{Aabb, Plane, Pose};
+use crate::math;
 use crate::obstacles::{Obstacle, Scene, Wall};
 use crate::radar::{frame_timing, snr_db};
 use crate::simulation::{Scatterer, Session, SessionWall};
@@ -404,11 +405,11 @@ impl<'s> Target<'s> {
 /// From the body to a place, metres.
 fn body_m(head: &Pose, place: DVec3) -> f64 {
     let to = place - head.translation;
-    if to.y > 0.0 { to.length() } else { to.x.hypot(to.z) }
+    if to.y > 0.0 { to.length() } else { math::hypot(to.x, to.z) }
 }
 
 fn is_like(plane: &Plane, wall: &Plane) -> bool {
-    plane.outward.dot(wall.outward) >= WALL_ANGLE_DEG.to_radians().cos()
+    plane.outward.dot(wall.outward) >= math::cos(WALL_ANGLE_DEG.to_radians())
         && (plane.offset_m - wall.offset_m).abs() <= WALL_OFFSET_M
 }
 
@@ -423,8 +424,8 @@ fn block_snr_db(session: &Session, sensor: &Pose, part: &Scatterer) -> f64 {
     let sweeps = BLOCK_S * f64::from(play.config.sweeps_per_frame) / timing.frame_period_s;
     snr_db(subsweep.profile, subsweep.hwaas, part.rcs_towards_dbsm(-direction), to.length())
         + play.beam.gain_db()
-        + 20.0 * amplitude.max(1e-9).log10()
-        + 10.0 * sweeps.log10()
+        + 20.0 * math::log10(amplitude.max(1e-9))
+        + 10.0 * math::log10(sweeps)
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, percent};
 use crate::experiments::recorded::{Recorded, quantile};
 use crate::geometry::Aabb;
 use crate::imaging::{Selection, Statistic, Volume};
+use crate::math;
 use crate::report::{Chart, Marks, Series, Table, cross_sections, point_cloud, points_above};
 use crate::simulation::{Scatterer, scene};
 
@@ -226,7 +227,7 @@ fn received_db(name: &str, recorded: &Recorded) -> Result<f64, ExperimentError> 
     let power = |scatterer: &Scatterer| {
         let each = recorded.observations.iter().step_by(10).map(|sweep| {
             let to = scatterer.position_m - sweep.tracking_from_sensor.translation;
-            let rcs = 10f64.powf(scatterer.rcs_towards_dbsm(-to.normalize_or_zero()) / 10.0);
+            let rcs = math::powf(10f64, scatterer.rcs_towards_dbsm(-to.normalize_or_zero()) / 10.0);
             rcs * (BEAM.amplitude(sweep.cos_off_boresight(scatterer.position_m)) / to.length_squared()).powi(2)
         });
         each.sum::<f64>()
@@ -235,7 +236,7 @@ fn received_db(name: &str, recorded: &Recorded) -> Result<f64, ExperimentError> 
         let part = room.scatterers().filter(|scatterer| (scatterer.position_m.y < LEGS_BELOW_M) == legs);
         part.map(power).fold(0.0, f64::max)
     };
-    Ok(10.0 * (strongest(false) / strongest(true)).log10())
+    Ok(10.0 * math::log10(strongest(false) / strongest(true)))
 }
 
 /// How large a corner reflector, which is a point, comes out by the thesis' sum squared, metres.

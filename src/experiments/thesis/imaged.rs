@@ -9,6 +9,7 @@ use crate::experiments::recorded::{Recorded, region};
 use crate::geometry::Aabb;
 use crate::imaging::sums::{BrickGrid, SweepStack, Threshold, dense_volume, search};
 use crate::imaging::{PositionErrors, RangePower, Refined, Selection, Statistic, Volume, refine};
+use crate::math;
 use crate::radar::{Beam, Observation};
 
 /// The thesis' voxels (section 5.6), metres.
@@ -102,7 +103,7 @@ impl Quality {
             off_m: place.map_or(DVec3::INFINITY, |place| place - truth_m),
             extent_m: around.map_or(DVec3::ZERO, |around| around.size() + volume.voxel_m),
             footprint_l: strong.count() as f64 * volume.voxel_m.powi(3) * 1e3,
-            contrast_db: 20.0 * f64::from(greatest / median.max(f32::MIN_POSITIVE)).log10(),
+            contrast_db: 20.0 * math::log10(f64::from(greatest / median.max(f32::MIN_POSITIVE))),
         }
     }
 

@@ -10,6 +10,7 @@ use super::likeness::Likeness;
 use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, mm, percent};
 use crate::experiments::recorded::{Recorded, quantile};
 use crate::imaging::{Selection, Statistic, Volume};
+use crate::math;
 use crate::radar::Beam;
 use crate::report::{Chart, Marks, Series, Table, cross_sections, points_above};
 use crate::simulation::{Room, SceneError, scene};
@@ -284,7 +285,7 @@ fn findings(outcome: &mut Outcome, objects: &OfObjects, angles: &[Vec<Figures>; 
 fn aside(from: DVec3, place: DVec3, angle_deg: f64) -> DVec3 {
     let to = place - from;
     let right = to.cross(DVec3::Y).normalize();
-    let (sin, cos) = angle_deg.to_radians().sin_cos();
+    let (sin, cos) = math::sin_cos(angle_deg.to_radians());
     from + to * cos + right * (to.length() * sin)
 }
 
@@ -329,7 +330,7 @@ fn contrast_db(image: &Volume, nearest_m: &impl Fn(DVec3) -> f64) -> f64 {
     let away = |index: &usize| nearest_m(image.center(image.voxel(*index))) > AWAY_M;
     let elsewhere = (0..image.values.len()).filter(away).map(|index| image.values[index]).fold(0.0, f32::max);
     let at_it = (0..image.values.len()).filter(|n| !away(n)).map(|index| image.values[index]).fold(0.0, f32::max);
-    20.0 * f64::from(at_it / elsewhere.max(f32::MIN_POSITIVE)).log10()
+    20.0 * math::log10(f64::from(at_it / elsewhere.max(f32::MIN_POSITIVE)))
 }
 
 fn medians(each: &[Figures]) -> Figures {

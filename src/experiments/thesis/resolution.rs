@@ -11,6 +11,7 @@ use crate::experiments::recorded::{Recorded, offset, quantile};
 use crate::geometry::Aabb;
 use crate::imaging::sums::{BrickGrid, SweepStack, Threshold, dense_volume, search};
 use crate::imaging::{Selection, Statistic};
+use crate::math;
 use crate::radar::Observation;
 use crate::report::{Chart, Picture, Series, Table};
 
@@ -139,7 +140,7 @@ fn growth(done: &[Trial]) -> f64 {
     let points: Vec<[f64; 2]> = done
         .iter()
         .filter(|trial| trial.voxels >= 100_000)
-        .filter_map(|trial| Some([(trial.voxels as f64).ln(), trial.dense_s?.ln()]))
+        .filter_map(|trial| Some([math::ln(trial.voxels as f64), math::ln(trial.dense_s?)]))
         .collect();
     let mean = [0, 1].map(|axis| points.iter().map(|p| p[axis]).sum::<f64>() / points.len() as f64);
     let sum = |of: &dyn Fn(&[f64; 2]) -> f64| points.iter().map(of).sum::<f64>();
@@ -251,7 +252,7 @@ fn findings(outcome: &mut Outcome, thesis: &[Trial], ls: &[Trial], refined_m: f6
         return;
     };
     let Some(ls_fine) = at(ls, 0.005) else { return };
-    let across = |litres: f64| (litres * 1e-3).cbrt();
+    let across = |litres: f64| math::cbrt(litres * 1e-3);
     outcome.finds(
         "A resolution of a few millimetres should be possible, since the sensor has it.",
         across(fine.footprint_l) < 0.01,

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::{Block, BlockBuilder, BlockSettings, MEAN_LOG_OF_NOISE};
 use crate::geometry::Aabb;
 use crate::imaging::Volume;
+use crate::math;
 use crate::radar::{Beam, Observation};
 
 /// Voxels that one thread works on at a time.
@@ -40,9 +41,9 @@ pub fn blocks_volume(
             let relative = |&n: &usize| (centers[n] - block.middle.translation).as_vec3().to_array();
             let places: Vec<[f32; 3]> = seen.iter().map(relative).collect();
             let age_s = (newest_ns - block.mid_time_ns) as f64 * 1e-9;
-            let rho = (-age_s / settings.memory_s).exp();
+            let rho = math::exp(-age_s / settings.memory_s);
             for (n, coherence) in seen.into_iter().zip(block.coherence_at_points(&places)) {
-                sums[n].0 += rho * (f64::from(coherence.m).ln_1p() - MEAN_LOG_OF_NOISE);
+                sums[n].0 += rho * (math::ln_1p(f64::from(coherence.m)) - MEAN_LOG_OF_NOISE);
                 sums[n].1 += rho * rho;
             }
         }

@@ -20,6 +20,7 @@ use super::brick::{Scratch, VoxelBox};
 use super::lanes::{LANES, Lanes, ln_1p};
 use super::{Block, BlockSettings, MEAN_LOG_OF_NOISE};
 use crate::geometry::Aabb;
+use crate::math;
 
 pub use maxima::Peak;
 use maxima::{Asked, Found, Neighbors};
@@ -203,7 +204,7 @@ impl Field {
     fn moment(&mut self, time_ns: i64) -> Moment {
         let epochs = time_ns as f64 / self.epoch_ns();
         let first_epoch = *self.first_epoch.get_or_insert(epochs.floor() as i64);
-        let weight = ((epochs - epochs.floor()) * f64::from(EPOCH_DOUBLINGS)).exp2() as f32;
+        let weight = math::exp2((epochs - epochs.floor()) * f64::from(EPOCH_DOUBLINGS)) as f32;
         Moment { ticks: ticks(epochs, first_epoch), weight }
     }
 

@@ -9,6 +9,7 @@
 use num_complex::{Complex32, Complex64};
 
 use crate::geometry::Plane;
+use crate::math;
 use crate::radar::{Observation, PHASE_RAD_PER_M, envelope};
 
 /// Lengths of a group that are tried, seconds: the longest that does.
@@ -166,7 +167,7 @@ fn templates(sweep: &Observation, mirror: &Plane, beyond_m: f64) -> impl Iterato
     let template = move |n: usize| {
         let distance_m = distance_m(n);
         let pulse = envelope(profile, axis.range_m(n) - distance_m - beyond_m);
-        (n, Complex64::from_polar(pulse, PHASE_RAD_PER_M * distance_m))
+        (n, math::from_polar(pulse, PHASE_RAD_PER_M * distance_m))
     };
     let points: Vec<_> = (first..end.max(first)).map(template).collect();
     points.into_iter()

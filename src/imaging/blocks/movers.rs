@@ -22,6 +22,7 @@ use super::lanes::LANES;
 use super::{Block, taper};
 use crate::imaging::sums::dispatch::{Kernel, on_widest};
 use crate::imaging::sums::lanes::Lanes;
+use crate::math;
 use crate::radar::{Beam, WAVELENGTH_M};
 
 /// Two-way amplitude of the beam at the edge of what is looked for at rest.
@@ -111,7 +112,7 @@ impl MoverFinder {
         let basis = slow.still_basis(half)?;
         on_widest(Project { basis: &basis, sweeps: slow.sweeps(), width: data.width, data: &mut data.values });
         let spectrum = Spectrum::of(&slow, &data, &cells, basis.len() / slow.padded());
-        let bound = (cells.len() as f64 * data.ranges as f64 / self.alarms_per_block).ln();
+        let bound = math::ln(cells.len() as f64 * data.ranges as f64 / self.alarms_per_block);
         let range_m = |bin: f64| f64::from(block.first_m) + bin * data.step_m;
         let echoes = spectrum.echoes(bound, data.step_m).into_iter().map(|(bin, rate, power)| MovingEcho {
             range_m: range_m(bin),
@@ -132,16 +133,16 @@ impl MoverFinder {
     /// ahead.
     fn still_rates(&self, block: &Block) -> ([f64; 2], f64) {
         let ahead = block.middle.forward();
-        let edge_rad = self.edge_cos.clamp(-1.0, 1.0).acos();
+        let edge_rad = math::acos(self.edge_cos.clamp(-1.0, 1.0));
         let (mut rates, mut straight) = ([f64::INFINITY, f64::NEG_INFINITY], 0.0);
         for k in 0..block.sweep_count {
             let [x, y, z] = block.groups[k / LANES].velocity_m_per_s.map(|axis| f64::from(axis[k % LANES]));
             let velocity = DVec3::new(x, y, z);
             let speed = velocity.length();
-            let off_rad = (velocity.dot(ahead) / speed.max(1e-9)).clamp(-1.0, 1.0).acos();
+            let off_rad = math::acos((velocity.dot(ahead) / speed.max(1e-9)).clamp(-1.0, 1.0));
             // What lies straight ahead of the way comes nearest the fastest.
-            let nearing = speed * (off_rad - edge_rad).max(0.0).cos();
-            let leaving = -speed * (off_rad + edge_rad).min(std::f64::consts::PI).cos();
+            let nearing = speed * math::cos((off_rad - edge_rad).max(0.0));
+            let leaving = -speed * math::cos((off_rad + edge_rad).min(std::f64::consts::PI));
             rates = [rates[0].min(-nearing), rates[1].max(leaving)];
             straight -= velocity.dot(ahead) / block.sweep_count as f64;
         }
@@ -232,7 +233,7 @@ impl SlowTime {
         // From tone to tone every sweep's phase grows by the same.
         let step_rad = |time_s: &f32| std::f64::consts::TAU * step_hz * f64::from(*time_s);
         let turns: Vec<(f32, f32)> =
-            self.times_s.iter().map(|t| (step_rad(t).cos() as f32, step_rad(t).sin() as f32)).collect();
+            self.times_s.iter().map(|t| (math::cos(step_rad(t)) as f32, math::sin(step_rad(t)) as f32)).collect();
         let mut phasors = vec![(1.0f32, 0.0f32); turns.len()];
         for n in 0..=tones as usize {
             for part in [0, 1].into_iter().take(if n == 0 { 1 } else { 2 }) {
@@ -263,7 +264,7 @@ impl SlowTime {
         let mut values = vec![0.0; 2 * width * self.sweeps()];
         for (k, row) in values.chunks_exact_mut(2 * width).enumerate() {
             let turns = -hz(rate_m_per_s) * f64::from(self.times_s[k]);
-            let (sin, cos) = (std::f64::consts::TAU * turns.fract()).sin_cos();
+            let (sin, cos) = math::sin_cos(std::f64::consts::TAU * turns.fract());
             let scale = 1.0 / taper(k, self.sweeps());
             let (cos, sin) = ((cos * scale) as f32, (sin * scale) as f32);
             let (re_row, im_row) = row.split_at_mut(width);
@@ -409,7 +410,7 @@ impl<'a> Spectrum<'a> {
             let turn = -std::f64::consts::TAU * hz(rate);
             slow.times_s
                 .iter()
-                .map(|time_s| (turn * f64::from(*time_s)).sin_cos())
+                .map(|time_s| math::sin_cos(turn * f64::from(*time_s)))
                 .map(|(s, c)| (c as f32, s as f32))
                 .unzip()
         };

@@ -8,6 +8,8 @@
 
 use super::MEAN_LOG_OF_NOISE;
 
+use crate::math;
+
 /// Steps of the integrals over ln(1 + m).
 const STEPS: usize = 160;
 /// Mean of the taper's fourth power, its mean square being 1.
@@ -37,7 +39,7 @@ struct Cumulants {
 impl NoiseTail {
     /// Of `blocks` blocks of so many sweeps, one every `block_s`, faded with `memory_s`.
     pub fn new(sweeps: f64, blocks: usize, block_s: f64, memory_s: f64) -> Self {
-        let weights = (0..blocks).map(|n| (-(n as f64) * block_s / memory_s).exp());
+        let weights = (0..blocks).map(|n| math::exp(-(n as f64) * block_s / memory_s));
         let weights: Vec<f64> = weights.take_while(|weight| *weight > NEGLIGIBLE_SHARE).collect();
         let root = weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
         Self { shares: weights.iter().map(|weight| weight / root).collect(), divisors: divisors(sweeps) }
@@ -108,8 +110,8 @@ impl NoiseTail {
     fn of_one(&self, t: f64) -> Cumulants {
         let mut sums = [0.0; 3];
         // The least divisor reaches farthest; its greatest exponent is taken out, so that no t overflows.
-        let exponent = |u: f64, g: f64| (1.0 + t) * u + g - g * u.exp();
-        let middle = (1.0 + t).ln();
+        let exponent = |u: f64, g: f64| (1.0 + t) * u + g - g * math::exp(u);
+        let middle = math::ln(1.0 + t);
         let greatest = exponent(middle, 1.0);
         let reach = 10.0 / (1.0 + t).sqrt();
         let (from, until) = ((middle - reach).max(0.0), middle + reach.min(4.2));
@@ -117,13 +119,13 @@ impl NoiseTail {
         for n in 0..=STEPS {
             let u = from + n as f64 * step;
             let simpson = if n == 0 || n == STEPS { 1.0 } else { 2.0 + 2.0 * (n % 2) as f64 };
-            let of_divisor = |(g, chance): &(f64, f64)| chance * g * (exponent(u, *g) - greatest).exp();
+            let of_divisor = |(g, chance): &(f64, f64)| chance * g * math::exp(exponent(u, *g) - greatest);
             let weight = simpson * self.divisors.iter().map(of_divisor).sum::<f64>();
             sums = [sums[0] + weight, sums[1] + weight * u, sums[2] + weight * u * u];
         }
         let (mean, square) = (sums[1] / sums[0], sums[2] / sums[0]);
         Cumulants {
-            value: (sums[0] * step / 3.0).ln() + greatest - t * MEAN_LOG_OF_NOISE,
+            value: math::ln(sums[0] * step / 3.0) + greatest - t * MEAN_LOG_OF_NOISE,
             first: mean - MEAN_LOG_OF_NOISE,
             second: (square - mean * mean).max(1e-12),
         }
@@ -137,7 +139,7 @@ fn divisors(sweeps: f64) -> Vec<(f64, f64)> {
     for n in -4 * PARTS_OF_SIGMA..=4 * PARTS_OF_SIGMA {
         let z = f64::from(n) / f64::from(PARTS_OF_SIGMA);
         let g = (1.0 - 1.0 / (9.0 * shape) + z / (3.0 * shape.sqrt())).powi(3);
-        let chance = (-0.5 * z * z).exp();
+        let chance = math::exp(-0.5 * z * z);
         if g <= 1.0 { found[0].1 += chance } else { found.push((g, chance)) }
     }
     let all: f64 = found.iter().map(|(_, chance)| chance).sum();
@@ -149,8 +151,8 @@ fn divisors(sweeps: f64) -> Vec<(f64, f64)> {
 fn ln_tail(far: f64, wide: f64) -> f64 {
     let rest = if far > 1e-3 { 1.0 / wide - 1.0 / far } else { 0.0 };
     // In units of the density, so that nothing underflows.
-    let ln_density = -0.5 * far * far - 0.5 * std::f64::consts::TAU.ln();
-    (ln_density + (mills(far) + rest).max(1e-300).ln()).min(0.0)
+    let ln_density = -0.5 * far * far - 0.5 * math::ln(std::f64::consts::TAU);
+    (ln_density + math::ln((mills(far) + rest).max(1e-300))).min(0.0)
 }
 
 /// Mills' ratio Φ(−x)/φ(x), x not below 0: a series near 0, a continued fraction beyond.
@@ -164,7 +166,7 @@ fn mills(x: f64) -> f64 {
         term *= x * x / f64::from(2 * n + 1);
         sum += term;
     }
-    0.5 * (0.5 * x * x).exp() * std::f64::consts::TAU.sqrt() - sum
+    0.5 * math::exp(0.5 * x * x) * std::f64::consts::TAU.sqrt() - sum
 }
 
 #[cfg(test)]

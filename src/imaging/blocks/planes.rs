@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::{Block, BlockSettings, MEAN_LOG_OF_NOISE, PlaneAt};
 use crate::geometry::Plane;
+use crate::math;
 
 /// Directions of upright planes around the compass.
 const YAW_STEPS: usize = 240;
@@ -53,7 +54,7 @@ impl PlaneField {
     /// Empty. `min_cos`: cosine of the widest angle in the beam.
     pub fn new(settings: BlockSettings, min_cos: f64) -> Self {
         let yaw = |n: usize| std::f64::consts::TAU * n as f64 / YAW_STEPS as f64;
-        let level = (0..YAW_STEPS).map(|n| DVec3::new(yaw(n).sin(), 0.0, -yaw(n).cos()));
+        let level = (0..YAW_STEPS).map(|n| DVec3::new(math::sin(yaw(n)), 0.0, -math::cos(yaw(n))));
         let directions: Vec<DVec3> = level.chain([DVec3::NEG_Y, DVec3::Y]).collect();
         let cells = vec![vec![Cell::default(); 2 * OFFSET_HALF as usize + 1]; directions.len()];
         Self { settings, min_cos, start_ns: None, origin: DVec3::ZERO, directions, cells }
@@ -109,7 +110,7 @@ impl PlaneField {
         let mut peaks: Vec<PlanePeak> = Vec::new();
         for candidate in found {
             let near = |p: &PlanePeak| {
-                p.plane.outward.dot(candidate.plane.outward) > 10f64.to_radians().cos()
+                p.plane.outward.dot(candidate.plane.outward) > math::cos(10f64.to_radians())
                     && (p.plane.offset_m - candidate.plane.offset_m).abs() < 0.2
             };
             if !peaks.iter().any(near) {
@@ -126,8 +127,8 @@ fn offset_m(steps: i32) -> f64 {
 
 impl Cell {
     fn add(&mut self, m: f32, now_s: f32, memory_s: f32) {
-        let rho = (-(now_s - self.seen_s) / memory_s).exp();
-        self.a = rho * self.a + m.ln_1p() - MEAN_LOG_OF_NOISE as f32;
+        let rho = math::exp(-(now_s - self.seen_s) / memory_s);
+        self.a = rho * self.a + math::ln_1p(m) - MEAN_LOG_OF_NOISE as f32;
         self.b = rho * rho * self.b + 1.0;
         self.seen_s = now_s;
         self.blocks += 1;

@@ -4,6 +4,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Pose;
+use crate::math;
 use crate::radar::{Beam, Observation, RangeAxis};
 
 /// Parameters of the block score.
@@ -83,7 +84,7 @@ impl BlockSettings {
 /// Weight of sweep `k` of `count` in its block: 1 − ½·cos over the block, mean square 1.
 pub fn taper(k: usize, count: usize) -> f64 {
     let turn = std::f64::consts::TAU * (k as f64 + 0.5) / count as f64;
-    (1.0 - 0.5 * turn.cos()) / 1.125f64.sqrt()
+    (1.0 - 0.5 * math::cos(turn)) / 1.125f64.sqrt()
 }
 
 /// Indices of the sweeps of each block, in time; each subsweep has blocks of its own.

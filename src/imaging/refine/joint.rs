@@ -6,6 +6,8 @@
 
 use num_complex::Complex64;
 
+use crate::math;
+
 /// What one sweep says of two ranges.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct JointReading {
@@ -29,7 +31,7 @@ pub(super) fn joint_reading(echoes: &[(f64, Complex64, Complex64); 2], width_m: 
     let apart_m = d1 - d2;
     // Curvature of ρ at 0.
     let c = 4.0 * std::f64::consts::LN_2 / (width_m * width_m);
-    let rho = (-0.5 * c * apart_m * apart_m).exp();
+    let rho = math::exp(-0.5 * c * apart_m * apart_m);
     let rho_slope = -c * apart_m * rho;
     let rho_curvature = (c * c * apart_m * apart_m - c) * rho;
     let own = 1.0 + ridge;

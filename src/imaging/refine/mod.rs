@@ -27,6 +27,8 @@ use sights::{Fit, Measured, measured};
 
 use super::range_power::{RangePower, Reading};
 use super::symmetric::inverse_above;
+
+use crate::math;
 #[cfg(test)]
 pub(in crate::imaging) use path_filter::{JITTER_S, PathFilter, Sight};
 #[cfg(test)]
@@ -369,7 +371,7 @@ fn residual_widths(readings: &[Reading]) -> f64 {
 fn cross_range_sigmas(covariance: &DMat3, along: DVec3) -> [f64; 2] {
     let (a, b) = along.any_orthonormal_pair();
     let (aa, bb, ab) = (a.dot(*covariance * a), b.dot(*covariance * b), a.dot(*covariance * b));
-    let (mean, spread) = ((aa + bb) * 0.5, ((aa - bb) * 0.5).hypot(ab));
+    let (mean, spread) = ((aa + bb) * 0.5, math::hypot((aa - bb) * 0.5, ab));
     [(mean + spread).max(0.0).sqrt(), (mean - spread).max(0.0).sqrt()]
 }
 

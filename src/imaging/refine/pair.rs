@@ -22,6 +22,7 @@ use super::{
 };
 use crate::imaging::farthest_points;
 use crate::imaging::range_power::RangePower;
+use crate::math;
 
 /// A second reflector must explain this many times the share of the first one's power that wrong poses leave unexplained.
 const GATE_POSES: f64 = 4.0;
@@ -148,7 +149,7 @@ fn starts(power: &RangePower, single: &Refined, sweep: usize) -> Vec<[DVec3; 2]>
     for apart_m in APART_WIDTHS.map(|widths| widths * width_m) {
         for n in 0..DIRECTIONS {
             let angle = std::f64::consts::TAU * n as f64 / DIRECTIONS as f64;
-            let across = (a * angle.cos() + b * angle.sin()) * apart_m;
+            let across = (a * math::cos(angle) + b * math::sin(angle)) * apart_m;
             starts.push([at, at + across]);
             if n < DIRECTIONS / 2 {
                 starts.push([at - across * 0.5, at + across * 0.5]);

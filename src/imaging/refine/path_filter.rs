@@ -12,6 +12,8 @@ use glam::{DMat3, DVec3};
 use super::PositionErrors;
 use super::wander::{Step, WANDER_STATES, Wander};
 
+use crate::math;
+
 /// Place 0..3, mount 3..6, phase offset 6, jitter 7..10, then the states of the wander, axis by axis.
 const STATES: usize = WANDER + 3 * WANDER_STATES;
 const MOUNT: usize = 3;
@@ -107,7 +109,7 @@ impl PathFilter {
             return;
         }
         let step = self.wander.step(passed_s);
-        let keep = (-passed_s / JITTER_S).exp();
+        let keep = math::exp(-passed_s / JITTER_S);
         for row in self.states.iter_mut().chain(&mut self.covariance) {
             advance_row(row, &step, keep);
         }

@@ -6,6 +6,7 @@ use super::path_filter::{PathFilter, Sight};
 use super::phase::Unwrapped;
 use super::{PositionErrors, Prior, direction, outer, regular_inverse};
 use crate::imaging::range_power::{RangePower, Reading};
+use crate::math;
 use crate::radar::PHASE_RAD_PER_M;
 
 /// One sweep's lengths, as offsets from the distance to the place that the sights were taken at.
@@ -167,7 +168,7 @@ pub(super) fn fit_ranges_and_phases(all: &[Measured], unwrapped: &Unwrapped, err
         }
     }
     let best = least(&costs);
-    let weights: Vec<f64> = costs.iter().map(|cost| (costs[best] - cost).exp()).collect();
+    let weights: Vec<f64> = costs.iter().map(|cost| math::exp(costs[best] - cost)).collect();
     let whole: f64 = weights.iter().sum();
     let likely: Vec<f64> = weights.iter().map(|weight| weight / whole).collect();
     let follows = joined[best] <= MAX_PHASE_MISFIT * f64::from(joins.max(1));

@@ -12,6 +12,8 @@ use num_complex::Complex64;
 
 use super::PositionErrors;
 
+use crate::math;
+
 /// Pairs of poles; the low-pass' order is twice as high.
 const PAIRS: usize = 4;
 /// States in an axis: real and imaginary part of each pair.
@@ -65,7 +67,7 @@ impl Wander {
 
     /// Over a time, seconds.
     pub fn step(&self, passed_s: f64) -> Step {
-        let turns = poles().map(|pole| (pole * self.rate * passed_s).exp());
+        let turns = poles().map(|pole| math::exp_complex(pole * self.rate * passed_s));
         // What is there for ever, less what is left of it.
         let mut left = self.stationary;
         left.iter_mut().for_each(|row| turn_row(row, &turns));
@@ -109,7 +111,7 @@ fn turn_rows<const N: usize>(rows: &mut [[f64; N]], turns: &[Complex64; PAIRS]) 
 fn poles() -> [Complex64; PAIRS] {
     std::array::from_fn(|k| {
         let order = WANDER_STATES as f64;
-        Complex64::from_polar(1.0, 0.5 * PI * (2.0 * k as f64 + order + 1.0) / order)
+        math::from_polar(1.0, 0.5 * PI * (2.0 * k as f64 + order + 1.0) / order)
     })
 }
 
@@ -133,7 +135,7 @@ pub(in crate::imaging) fn correlation(apart_s: f64, wander_s: f64) -> f64 {
         (share * edge_hz, 1.0 / (1.0 + share.powi(2 * WANDER_STATES as i32)))
     };
     let whole: f64 = (0..PARTS).map(|n| power(n).1).sum();
-    (0..PARTS).map(power).map(|(hz, power)| power * (TAU * hz * apart_s).cos()).sum::<f64>() / whole
+    (0..PARTS).map(power).map(|(hz, power)| power * math::cos(TAU * hz * apart_s)).sum::<f64>() / whole
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ mod thesis;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use crate::math;
 use crate::radar::Observation;
 
 pub use d_optimal::d_optimal;
@@ -82,7 +83,7 @@ impl std::str::FromStr for Selection {
 
 /// Greatest amplitude of a sweep's points, LSB.
 fn peak_amplitude(observation: &Observation) -> f64 {
-    observation.samples.iter().map(|x| f64::from(x.norm())).fold(0.0, f64::max)
+    observation.samples.iter().map(|x| f64::from(math::norm(*x))).fold(0.0, f64::max)
 }
 
 /// Index of the first of the greatest values; 0 without any.

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
+use crate::math;
 use crate::radar::Beam;
 
 /// Steps of the table over cosines −1 to 1; linear between them, within 1e-4 of every beam that has a name.
@@ -43,7 +44,7 @@ impl Polynomial {
         let at = |t: f64| beam.amplitude((cut_cos + half * (t + 1.0)).clamp(cut_cos, 1.0));
         let angle = |i: usize| std::f64::consts::PI * (i as f64 + 0.5) / COEFFICIENTS as f64;
         let part = |k: usize| {
-            let sum: f64 = (0..COEFFICIENTS).map(|i| at(angle(i).cos()) * (k as f64 * angle(i)).cos()).sum();
+            let sum: f64 = (0..COEFFICIENTS).map(|i| at(math::cos(angle(i))) * math::cos(k as f64 * angle(i))).sum();
             sum * if k == 0 { 1.0 } else { 2.0 } / COEFFICIENTS as f64
         };
         // Chebyshev polynomials by powers of t, each from the two before.

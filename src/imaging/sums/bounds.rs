@@ -13,6 +13,7 @@ use super::lanes::{LANES, Lanes};
 use super::sight::{Sweeps, dot, scale3, splat3, sub3};
 use super::stack::{Group, SweepStack};
 use crate::imaging::Statistic;
+use crate::math;
 
 /// Widest error of a kernel's distance, metres, twice over.
 const DISTANCE_ERROR_M: f32 = 1e-4;
@@ -46,7 +47,7 @@ impl RangeMaxima {
             stride,
             maxima: vec![0; stack.slots() * levels * stride],
             unit: 1.0,
-            slack: 1.001 + 1e-7 * (stack.sweeps() as f64).powf(1.5),
+            slack: 1.001 + 1e-7 * math::powf(stack.sweeps() as f64, 1.5),
             monotone: amplitudes.windows(2).all(|two| two[0] <= two[1]),
             weighs_beam: matches!(stack.statistic(), Statistic::Thesis | Statistic::ThesisFull),
         };

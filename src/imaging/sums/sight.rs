@@ -8,6 +8,8 @@
 use super::lanes::{LANES, Lanes, WIDE_WINDOW, WINDOW};
 use super::stack::{Group, SweepStack};
 
+use crate::math;
+
 /// Voxels along a brick's edge.
 pub const EDGE: usize = 4;
 /// Voxels in a brick.
@@ -29,7 +31,7 @@ impl BrickShape {
     pub(super) fn new(voxel_m: f64, error_m: f64) -> Self {
         let half_m = voxel_m * (EDGE as f64 - 1.0) * 0.5;
         let radius_m = half_m * 3f64.sqrt();
-        let nearest_m = radius_m + (radius_m.powi(4) / (8.0 * error_m)).cbrt();
+        let nearest_m = radius_m + math::cbrt(radius_m.powi(4) / (8.0 * error_m));
         Self {
             voxel_m: voxel_m as f32,
             half_m: half_m as f32,

@@ -17,6 +17,7 @@ use super::dispatch::{Kernel, on_widest};
 use super::lanes::{LANES, Lanes, WINDOW};
 use crate::imaging::compression::CompressionRoom;
 use crate::imaging::{RangeCompressor, Statistic, sweep_noise_rms};
+use crate::math;
 use crate::radar::{Beam, Observation, SweepGeometry, distance_falloff};
 
 /// Widest step of the tables, metres.
@@ -125,10 +126,11 @@ pub struct SweepStack {
 /// What one step of `ls` is worth, LSB²: a power of two, a 64th to a 128th of the noise's power, unless samples of the
 /// given size would not fit then.
 pub fn ls_step(noise_rms_lsb: f64, greatest_sample_lsb: f64) -> f64 {
-    let fine = (noise_rms_lsb * noise_rms_lsb / 64.0).max(1e-12).log2().floor().exp2();
+    let fine = math::exp2(math::log2((noise_rms_lsb * noise_rms_lsb / 64.0).max(1e-12)).floor());
     // |z|² is at most (Σ E)²/Σ E² times the greatest |x|²: 21 on a 10 mm axis, 84 on a 2.5 mm one.
-    let coarse =
-        (greatest_sample_lsb * greatest_sample_lsb * 100.0 / f64::from(MAX_STEPS)).max(1e-12).log2().ceil().exp2();
+    let coarse = math::exp2(
+        math::log2((greatest_sample_lsb * greatest_sample_lsb * 100.0 / f64::from(MAX_STEPS)).max(1e-12)).ceil(),
+    );
     fine.max(coarse)
 }
 
@@ -416,7 +418,7 @@ impl Kernel for WriteTables<'_> {
                 let noise = sweep_noise_rms(samples);
                 let (per2, per) = ((1.0 / (noise * noise)) as f32, (1.0 / LOG_STEP) as f32);
                 for ((to, re), im) in first[..entries].iter_mut().zip(re).zip(im) {
-                    *to = (((re * re + im * im) * per2).ln_1p() * per).min(most_steps);
+                    *to = (math::ln_1p((re * re + im * im) * per2) * per).min(most_steps);
                 }
                 finish(first, entries);
                 write_halves(&first[..entries + 2], others);

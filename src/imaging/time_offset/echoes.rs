@@ -6,6 +6,7 @@ use num_complex::Complex32;
 
 use crate::imaging::compression::CompressionRoom;
 use crate::imaging::{CompressedSweep, RangeCompressor, block_noise_rms, sweep_noise_rms};
+use crate::math;
 use crate::radar::{Observation, SweepGeometry};
 
 /// Sweeps of this time are read as one, nanoseconds: at 1 m/s a thing moves by a twentieth of the pulse.
@@ -92,7 +93,7 @@ impl EchoReader {
                 time_ns: mean_ns + point_ns,
                 range_m,
                 variance_m2: 1.0 / (pulse_curvature * peak * sweeps),
-                phase_rad: middle_sweep.at(range_m).arg(),
+                phase_rad: math::arg(middle_sweep.at(range_m)),
                 phase_time_ns: self.group[middle].0 + point_ns,
             })
         };
@@ -123,10 +124,10 @@ fn peak(three: &[f64]) -> Option<(f64, f64, f64)> {
     if !(three[1] > three[0] && three[1] >= three[2] && three[0] > 0.0 && three[2] > 0.0) {
         return None;
     }
-    let [a, b, c] = [three[0].ln(), three[1].ln(), three[2].ln()];
+    let [a, b, c] = [math::ln(three[0]), math::ln(three[1]), math::ln(three[2])];
     let curvature = 2.0 * b - a - c;
     let at = 0.5 * (c - a) / curvature;
-    Some((at, (b + 0.25 * (c - a) * at).exp(), curvature))
+    Some((at, math::exp(b + 0.25 * (c - a) * at), curvature))
 }
 
 #[cfg(test)]

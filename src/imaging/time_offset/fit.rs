@@ -12,6 +12,7 @@ use super::least_squares::{HEAD, NormalEquations};
 use super::path::SensorPath;
 use super::tracks::Track;
 use crate::imaging::PositionErrors;
+use crate::math;
 use crate::radar::{PHASE_RAD_PER_M, WAVELENGTH_M};
 
 /// Farthest that the offset may lie from where it is looked for, seconds.
@@ -210,7 +211,7 @@ fn apart(sorted: Vec<(Unknowns, f64)>) -> Vec<(Unknowns, f64)> {
 /// large as the best one finds it, and what they disagree about is not known.
 fn mixed(fits: &[(TrackFit, f64, f64)]) -> Option<TrackFit> {
     let best = fits.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let weight = |cost: f64| (-0.5 * (cost - best.1) / best.2).exp();
+    let weight = |cost: f64| math::exp(-0.5 * (cost - best.1) / best.2);
     let total: f64 = fits.iter().map(|f| weight(f.1)).sum();
     let offset_s = fits.iter().map(|f| weight(f.1) * f.0.offset_s).sum::<f64>() / total;
     let square = |f: &TrackFit| f.variance_s2 + (f.offset_s - offset_s).powi(2);
@@ -561,7 +562,7 @@ impl Bumps {
         let time_s = seconds(time_ns.saturating_sub(self.first_ns));
         let bump = |n: usize| {
             let off = (time_s - n as f64 * self.spacing_s) / self.width_s;
-            (-2.0 * off * off).exp()
+            math::exp(-2.0 * off * off)
         };
         (0..self.count).map(bump).collect()
     }

@@ -7,6 +7,8 @@ use glam::DVec3;
 
 use super::super::views::View;
 
+use crate::math;
+
 /// Means over the blocks that tell of a place; zeros when none does.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Aspect {
@@ -30,7 +32,7 @@ impl Aspect {
         let (mut sums, mut toward, mut count) = ([0.0; 4], DVec3::ZERO, 0.0);
         for view in views {
             let beam = view.gain.sqrt() * view.range_m.max(0.1).powi(2);
-            let values = [view.range_m, beam, view.ln_strength.unwrap_or(0.0), view.m.max(0.1).ln()];
+            let values = [view.range_m, beam, view.ln_strength.unwrap_or(0.0), math::ln(view.m.max(0.1))];
             sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
             toward += view.toward;
             count += 1.0;

@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::{Candidate, Window};
 use crate::imaging::blocks::Block;
+use crate::math;
 use crate::obstacles::hands::{HandTrail, echoing_m};
 use crate::obstacles::views::View;
 use crate::radar::WAVELENGTH_M;
@@ -68,7 +69,7 @@ impl Window<'_> {
         let block = self.blocks[n];
         let half_width_m = block.geometry().profile.envelope_fwhm_m() * 0.5;
         // As far as the pulse's skirt still stands out of the noise.
-        let skirt_m = half_width_m * view.power.max(1.0).log2().sqrt();
+        let skirt_m = half_width_m * math::log2(view.power.max(1.0)).sqrt();
         Claim {
             range_m: view.range_m,
             half_range_m: skirt_m.max(self.settings.claim_range_m),

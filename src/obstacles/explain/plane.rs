@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::{Candidate, Thing, Window};
 use crate::geometry::Plane;
 use crate::imaging::blocks::{Block, PlaneAt};
+use crate::math;
 use crate::obstacles::views::View;
 
 /// A step of the finest kind: turned by this, radians, and moved by this, metres.
@@ -74,7 +75,7 @@ impl Window<'_> {
     /// of a pulse, however strong it is.
     fn strength_of(&self, candidate: &Candidate) -> f64 {
         let of_block =
-            |(view, weight): (&Option<View>, &f64)| view.map_or(0.0, |view| weight * view.added_up().ln_1p());
+            |(view, weight): (&Option<View>, &f64)| view.map_or(0.0, |view| weight * math::ln_1p(view.added_up()));
         candidate.views.iter().zip(&self.weights).map(of_block).sum()
     }
 

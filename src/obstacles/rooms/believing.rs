@@ -10,6 +10,7 @@ use super::super::views::{View, information, sigma_m};
 use super::super::{Believed, Explained, Sighted, same_place};
 use super::RoomSearch;
 use crate::imaging::blocks::Block;
+use crate::math;
 
 /// What is no higher than this may be the reflection of the floor, which is at height 0 of the standing universe, metres: at the beam's edge it
 /// is placed badly.
@@ -144,7 +145,7 @@ impl RoomSearch {
             known_m: nearest.map_or(f64::INFINITY, |known| distance_m(&known)),
             known_level_m: others().map(|known| level(known.thing - place)).fold(f64::INFINITY, f64::min),
             wall_m: upright.map(|wall| wall.thing.distance(place)).fold(f64::INFINITY, f64::min),
-            known_ln_strength: nearest.and_then(strength).map_or(0.0, |strength| strength.max(1e-9).ln()),
+            known_ln_strength: nearest.and_then(strength).map_or(0.0, |strength| math::ln(strength.max(1e-9))),
             earlier,
             sensor_m: to_sensor.length(),
             sensor_level_m: level(to_sensor),

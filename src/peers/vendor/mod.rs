@@ -21,6 +21,8 @@ use range_filter::RangeFilter;
 use threshold::Thresholds;
 use tracks::Tracks;
 
+use crate::math;
+
 pub use config::{DetectorConfig, Sampling};
 pub use peaks::Reflection;
 pub use spectrum::RangeVelocity;
@@ -83,7 +85,7 @@ impl VendorDetector {
 /// or the robot stands.
 pub fn cone_angle_rad(velocity_m_per_s: f64, robot_m_per_s: f64) -> Option<f64> {
     let cos = -velocity_m_per_s / robot_m_per_s;
-    (robot_m_per_s > 0.0 && cos.abs() <= 1.0).then(|| cos.acos())
+    (robot_m_per_s > 0.0 && cos.abs() <= 1.0).then(|| math::acos(cos))
 }
 
 #[cfg(test)]
@@ -106,7 +108,7 @@ pub(super) mod tests {
             for &(range_m, speed, amplitude) in things {
                 let at_m = range_m + speed * sweep as f64 / sampling.sweep_rate_hz;
                 let pulse = envelope(sampling.profile, sampling.axis.range_m(point) - at_m);
-                sum += Complex64::from_polar(amplitude * pulse, PHASE_RAD_PER_M * at_m);
+                sum += math::from_polar(amplitude * pulse, PHASE_RAD_PER_M * at_m);
             }
             Complex::new(sum.re.round() as i16, sum.im.round() as i16)
         };

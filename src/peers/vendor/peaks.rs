@@ -10,6 +10,7 @@ use num_complex::Complex64;
 
 use super::RangeVelocity;
 use super::threshold::Thresholds;
+use crate::math;
 use crate::radar::Profile;
 
 /// Peaks taken from a window at most.
@@ -32,7 +33,7 @@ pub struct Reflection {
 /// All peaks, the greatest excess first.
 pub(super) fn peaks(spectrum: &RangeVelocity, thresholds: &Thresholds, profile: Profile) -> Vec<Reflection> {
     let (bins, ranges) = (spectrum.bins.len(), spectrum.axis.points);
-    let magnitude = |(bin, range): (usize, usize)| spectrum.bins[bin][range].norm();
+    let magnitude = |(bin, range): (usize, usize)| math::norm(spectrum.bins[bin][range]);
     let places: Vec<(usize, usize)> = (0..bins).flat_map(|bin| (0..ranges).map(move |range| (bin, range))).collect();
     let mut excess: Vec<f64> = places.iter().map(|&at| magnitude(at) - thresholds.at(at.0, at.1)).collect();
     let mut found = Vec::new();
@@ -71,14 +72,14 @@ pub(super) fn peaks(spectrum: &RangeVelocity, thresholds: &Thresholds, profile: 
 /// Share of a tone's magnitude that lies some bins from it.
 fn side_lobe(off: f64, bins: usize) -> f64 {
     let count = bins as f64;
-    let below = count * (PI * off / count).sin();
-    if below.abs() < 1e-9 { 1.0 } else { ((PI * off).sin() / below).abs() }
+    let below = count * math::sin(PI * off / count);
+    if below.abs() < 1e-9 { 1.0 } else { (math::sin(PI * off) / below).abs() }
 }
 
 /// What that is never more than.
 fn bound(off: f64, bins: usize) -> f64 {
     let count = bins as f64;
-    (1.0 / (count * (PI * off / count).sin()).abs()).min(1.0)
+    (1.0 / (count * math::sin(PI * off / count)).abs()).min(1.0)
 }
 
 /// From the middle of three magnitudes to the top of the parabola through them, in steps; 0 at an edge.
@@ -95,7 +96,8 @@ fn quinn(three: &[Complex64; 3]) -> f64 {
     let (low, high) = (ratio(before) / (1.0 - ratio(before)), -ratio(after) / (1.0 - ratio(after)));
     let root = (2.0f64 / 3.0).sqrt();
     let tau = |x: f64| {
-        0.25 * (3.0 * x * x + 6.0 * x + 1.0).ln() - 6f64.sqrt() / 24.0 * ((x + 1.0 - root) / (x + 1.0 + root)).ln()
+        0.25 * math::ln(3.0 * x * x + 6.0 * x + 1.0)
+            - 6f64.sqrt() / 24.0 * math::ln((x + 1.0 - root) / (x + 1.0 + root))
     };
     let off = 0.5 * (low + high) + tau(low * low) - tau(high * high);
     if off.is_finite() { off.clamp(-1.0, 1.0) } else { 0.0 }

@@ -4,6 +4,7 @@
 use num_complex::{Complex, Complex64};
 
 use super::Sampling;
+use crate::math;
 use crate::radar::RangeAxis;
 
 /// The filter for one range axis.
@@ -25,7 +26,7 @@ impl RangeFilter {
         // In parts of half the sampling rate: one step over the pulse's width.
         let cut_off = (axis.step_m / profile.envelope_fwhm_m()).clamp(1e-6, 0.99);
         // The analogue low-pass by the bilinear transform.
-        let k = (std::f64::consts::FRAC_PI_2 * cut_off).tan();
+        let k = math::tan(std::f64::consts::FRAC_PI_2 * cut_off);
         let margin = (profile.envelope_fwhm_m() / axis.step_m).round() as usize;
         let left = axis.points.saturating_sub(2 * margin);
         let cropped = RangeAxis { first_m: axis.range_m(margin), points: left, ..axis };

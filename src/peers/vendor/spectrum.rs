@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 
 use num_complex::Complex64;
 
+use crate::math;
 use crate::radar::{RangeAxis, WAVELENGTH_M};
 
 /// The transform of a window.
@@ -24,7 +25,7 @@ impl RangeVelocity {
         let count = window.len();
         let turn = |bin: usize, sweep: usize| {
             let part = (bin * sweep % count) as f64 / count as f64;
-            Complex64::from_polar(1.0, -std::f64::consts::TAU * part)
+            math::from_polar(1.0, -std::f64::consts::TAU * part)
         };
         let bin = |bin: usize| {
             let mut sums = vec![Complex64::ZERO; axis.points];

@@ -3,6 +3,8 @@
 
 use num_complex::Complex64;
 
+use crate::math;
+
 /// Standard deviations that a peak needs.
 const SIGMAS: f64 = 5.0;
 /// Means of what stands still that a peak without speed needs.
@@ -26,7 +28,7 @@ impl Thresholds {
         let variance = |n: usize| sweeps.iter().map(|sweep| (sweep[n] - means[n]).norm_sqr()).sum::<f64>() / count;
         Self {
             noise: (0..ranges).map(|n| SIGMAS * variance(n).sqrt() * window.sqrt()).collect(),
-            still: means.iter().map(|mean| MEANS * mean.norm() * window).collect(),
+            still: means.iter().map(|mean| MEANS * math::norm(*mean) * window).collect(),
         }
     }
 

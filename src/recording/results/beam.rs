@@ -4,6 +4,8 @@ use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3};
 
+use crate::math;
+
 /// The beam's outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BeamCone {
@@ -36,7 +38,7 @@ impl BeamCone {
 
     /// At a share of the cut-off angle from the boresight.
     fn place(&self, range_m: f64, share: f64, turn_rad: f64) -> DVec3 {
-        let (sin, cos) = (self.cut_off_rad * share).sin_cos();
+        let (sin, cos) = math::sin_cos(self.cut_off_rad * share);
         (DQuat::from_rotation_z(turn_rad) * DVec3::X * sin + DVec3::NEG_Z * cos) * range_m
     }
 }

@@ -9,6 +9,8 @@ use super::super::Scatterer;
 use super::super::motion::{Wander, smoothstep};
 use super::Player;
 
+use crate::math;
+
 /// Shoulders: below the eyes and to the side, metres; the head's own −z is ahead.
 const SHOULDER_M: DVec3 = DVec3::new(0.19, -0.28, 0.08);
 /// Where a hand rests: from the shoulder, metres.
@@ -89,8 +91,8 @@ impl Hand {
             // Mostly ahead and to its own side, from the hip to over the head.
             let azimuth = side * rng.random_range(-0.5..1.1f64);
             let elevation = rng.random_range(-0.9..0.7f64);
-            let level = elevation.cos();
-            let direction = DVec3::new(level * azimuth.sin(), elevation.sin(), -level * azimuth.cos());
+            let level = math::cos(elevation);
+            let direction = DVec3::new(level * math::sin(azimuth), math::sin(elevation), -level * math::cos(azimuth));
             let reach = Reach {
                 from_s: time_s,
                 out_s: rng.random_range(0.3..0.6),

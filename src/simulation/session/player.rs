@@ -8,6 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use super::super::Room;
 use super::super::motion::{Wander, smoothstep, turn_between};
 use crate::geometry::Pose;
+use crate::math;
 
 /// Half of the play area, metres.
 const PLAY_HALF_M: f64 = 0.9;
@@ -115,7 +116,7 @@ fn next_stance(last: &Stance, ground: &Ground, rng: &mut ChaCha8Rng) -> Stance {
     let steps = DVec3::new(way.x, 0.0, way.z).length() > STEP_M;
     let looks = rng.random_range(0.0..1.0) >= BLIND_SHARE;
     let turn_rad = match steps && looks {
-        true => turn_between(last.yaw_rad, (-way.x).atan2(-way.z)) + rng.random_range(-0.6..0.6),
+        true => turn_between(last.yaw_rad, math::atan2(-way.x, -way.z)) + rng.random_range(-0.6..0.6),
         false => rng.random_range(-1.6..1.6),
     };
     let pitch_rad = rng.random_range(-0.75..0.15);

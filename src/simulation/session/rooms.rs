@@ -13,6 +13,8 @@ use super::super::scenes::room_walls;
 use super::super::{Room, Thing};
 use super::REMOVED;
 
+use crate::math;
+
 /// Furniture besides the chairs that every room has.
 const OTHERS: usize = 5;
 /// From the room's middle to the nearest side of what stands around it, metres.
@@ -76,7 +78,7 @@ fn shuffle<T>(items: &mut [T], rng: &mut ChaCha8Rng) {
 
 /// A thing in a direction from the middle, its front towards the middle.
 fn thing(draw: &mut Draw, kind: Kind, angle_rad: f64, [width_m, depth_m]: [f64; 2]) -> Thing {
-    let ahead = DVec3::new(angle_rad.sin(), 0.0, -angle_rad.cos());
+    let ahead = DVec3::new(math::sin(angle_rad), 0.0, -math::cos(angle_rad));
     // Turned by this about +y a thing's front, its −z, looks at the middle.
     let yaw = std::f64::consts::PI - angle_rad;
     let to_wall_m = (width_m / 2.0 / ahead.x.abs().max(1e-9)).min(depth_m / 2.0 / ahead.z.abs().max(1e-9));
@@ -90,7 +92,7 @@ fn thing(draw: &mut Draw, kind: Kind, angle_rad: f64, [width_m, depth_m]: [f64; 
         let on_wall = ahead * to_wall_m;
         on_wall - outward * m
     };
-    let from_wall_yaw = (outward.x).atan2(outward.z);
+    let from_wall_yaw = math::atan2(outward.x, outward.z);
     let named = |name: &str, thing: Thing| Thing { name: name.into(), ..thing };
     match kind {
         Kind::MetalChair => chair(draw, "chair", at_ring, turned, METAL_CHAIR),

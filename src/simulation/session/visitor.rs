@@ -9,6 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use super::super::{Room, Scatterer};
 use super::Player;
 
+use crate::math;
+
 /// Shares of the session at which a crossing begins.
 const BEGINS: [f64; 2] = [0.3, 0.75];
 /// Walking speed, metres a second, and steps a second.
@@ -65,7 +67,7 @@ impl Visitor {
         let since_s = time_s - now.from_s;
         let ahead = now.velocity_m_per_s.normalize_or(DVec3::Z);
         let right = ahead.cross(DVec3::Y);
-        let swing = (TAU * STEPS_PER_S * since_s).sin();
+        let swing = math::sin(TAU * STEPS_PER_S * since_s);
         let middle = now.start_m + now.velocity_m_per_s * since_s;
         let part = |(&(side, height, along, rcs_dbsm), &phase_rad): (&(f64, f64, f64, f64), &f64)| Scatterer {
             position_m: middle + right * side + DVec3::Y * height + ahead * (along * swing),

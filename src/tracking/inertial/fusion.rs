@@ -26,6 +26,7 @@ use glam::{DMat3, DQuat, DVec3};
 use super::strapdown::{MAX_INTERVAL_S, Means, Slopes};
 use super::{ImuFigures, ImuSample, NavState, TriadFigures};
 use crate::geometry::Pose;
+use crate::math;
 use crate::tracking::{PoseRefusal, PoseSample};
 
 /// Poses that wait for the unit's samples at most.
@@ -163,7 +164,7 @@ impl PoseFusion {
     pub fn new(settings: FusionSettings) -> Self {
         let mut covariance = Box::new([[DMat3::ZERO; BLOCKS]; BLOCKS]);
         for (first, figures) in [(GYRO, &settings.imu.gyroscope), (ACCEL, &settings.imu.accelerometer)] {
-            covariance[first][first] = variance(figures.turn_on.hypot(figures.instability));
+            covariance[first][first] = variance(math::hypot(figures.turn_on, figures.instability));
             for column in 0..3 {
                 let mut rows = DVec3::splat(figures.cross * figures.cross);
                 rows[column] = figures.scale * figures.scale;
@@ -330,7 +331,7 @@ impl PoseFusion {
         let lever = skew(rotation * means.force * h);
         let [by_gyro, by_accel] = inverses.map(|inverse| turned * inverse * h);
         let FusionSettings { imu, wander_m, wander_rad, wander_time_s, .. } = self.settings;
-        let keeps = (-h / wander_time_s.max(1e-3)).exp();
+        let keeps = math::exp(-h / wander_time_s.max(1e-3));
         let on = |column: [DMat3; BLOCKS]| {
             let mut next = column;
             let of = |first: usize, by: DVec3| {

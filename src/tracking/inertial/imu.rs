@@ -5,6 +5,8 @@
 
 use glam::DVec3;
 
+use crate::math;
+
 /// Acceleration of free fall, tracking frame.
 pub const GRAVITY_M_PER_S2: DVec3 = DVec3::new(0.0, -9.806_65, 0.0);
 
@@ -53,7 +55,7 @@ impl TriadFigures {
     /// Density with which a filter lets the bias wander, unit/√s: the walk, and the instability's changes over times shorter
     /// than it lasts.
     pub fn bias_walk(&self) -> f64 {
-        self.walk.hypot(self.instability * (2.0 / INSTABILITY_TIME_S).sqrt())
+        math::hypot(self.walk, self.instability * (2.0 / INSTABILITY_TIME_S).sqrt())
     }
 }
 

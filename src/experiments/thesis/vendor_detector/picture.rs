@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::super::Outcome;
 use super::watched::Sight;
+use crate::math;
 use crate::report::HeatChart;
 
 /// A window as a picture, with what is there and what was found.
@@ -12,9 +13,10 @@ pub(super) fn draw_look(outcome: &mut Outcome, name: &str, title: &str, sight: &
     let count = spectrum.bins.len();
     let mut bins: Vec<usize> = (0..count).collect();
     bins.sort_by(|a, b| spectrum.velocity_m_per_s(*a as f64).total_cmp(&spectrum.velocity_m_per_s(*b as f64)));
-    let greatest = spectrum.bins.iter().flatten().map(|z| z.norm()).fold(f64::MIN_POSITIVE, f64::max);
-    let decibels =
-        |bin: &usize| spectrum.bins[*bin].iter().map(|z| 20.0 * (z.norm() / greatest).log10()).collect::<Vec<_>>();
+    let greatest = spectrum.bins.iter().flatten().map(|z| math::norm(*z)).fold(f64::MIN_POSITIVE, f64::max);
+    let decibels = |bin: &usize| {
+        spectrum.bins[*bin].iter().map(|z| 20.0 * math::log10(math::norm(*z) / greatest)).collect::<Vec<_>>()
+    };
     let slowest = bins.first().map_or(0.0, |bin| spectrum.velocity_m_per_s(*bin as f64)) - 0.5 * spectrum.bin_m_per_s;
     let (axis, half_m) = (&spectrum.axis, 0.5 * spectrum.axis.step_m);
     let picture = HeatChart {

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::SEEN_DEG;
 use super::watched::{Sight, angle_deg};
 use crate::imaging::{Refined, eigen};
+use crate::math;
 
 /// How right the detector is on a straight way, one standard deviation.
 #[derive(Clone, Copy)]
@@ -24,7 +25,7 @@ pub(super) struct Ring {
 
 pub(super) fn ring(sight: &Sight, place: DVec3, right: Right) -> Ring {
     let (distance_m, speed) = (sight.distance_m(place), sight.speed_m_per_s());
-    let cos = sight.angle_deg(place).to_radians().cos();
+    let cos = math::cos(sight.angle_deg(place).to_radians());
     let half = right.velocity_m_per_s / speed;
     let band = (cos + half).min(1.0) - (cos - half).max(-1.0);
     let along = sight.sensor.velocity_m_per_s.normalize_or(DVec3::Z);
@@ -32,7 +33,7 @@ pub(super) fn ring(sight: &Sight, place: DVec3, right: Right) -> Ring {
     let sin = (1.0 - cos * cos).max(0.0).sqrt();
     const PARTS: usize = 180;
     let on_ring = |n: usize| {
-        let (y, x) = (n as f64 / PARTS as f64 * std::f64::consts::TAU).sin_cos();
+        let (y, x) = math::sin_cos(n as f64 / PARTS as f64 * std::f64::consts::TAU);
         along * cos + (a * x + b * y) * sin
     };
     let forward = sight.sensor.tracking_from_sensor.forward();

@@ -8,6 +8,7 @@ use super::super::imaged::{chosen, placed};
 use super::{LEAST_M_PER_S, SAME_M, SAME_M_PER_S, SEEN_DEG, SWEEPS};
 use crate::experiments::recorded::Recorded;
 use crate::imaging::{Refined, Selection};
+use crate::math;
 use crate::peers::{DetectorConfig, DetectorLook, Reflection, VendorDetector};
 use crate::radar::{Frame, Observation};
 use crate::simulation::{Scenario, ScenarioError, TrackingErrors};
@@ -64,7 +65,7 @@ impl Sight {
 }
 
 pub(super) fn angle_deg(a: DVec3, b: DVec3) -> f64 {
-    a.normalize_or_zero().dot(b).clamp(-1.0, 1.0).acos().to_degrees()
+    math::acos(a.normalize_or_zero().dot(b).clamp(-1.0, 1.0)).to_degrees()
 }
 
 /// A recording as the detector sees it, and as ours does.
