@@ -4,24 +4,37 @@
 //! motion, finds obstacles and hands on warnings. The rooms below only use rooms further down; ARCHITECTURE.md draws it.
 #![warn(missing_docs)]
 
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod a121;
 pub mod cli;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod engine;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod experiments;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod geometry;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod imaging;
 pub mod live;
 pub mod math;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod obstacles;
 pub mod panel;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod peers;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod radar;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod recording;
 pub mod render;
 pub mod report;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod simulation;
 pub mod steamvr;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod tracking;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod truth;
 pub mod view;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod warning;

@@ -48,7 +48,10 @@ mod view;
 use std::io::Write;
 use std::process::ExitCode;
 
+use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
+
+use crate::imaging::{INSTRUCTIONS_VARIABLE, InstructionSet};
 
 /// Sees the room around a VR headset with a 60 GHz radar and warns of obstacles.
 ///
@@ -106,29 +109,38 @@ fn told(error: &anyhow::Error) -> String {
 /// Runs the program; errors go to standard error with their causes.
 pub fn run() -> ExitCode {
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).format_timestamp(None).init();
-    let done = match Arguments::parse().command {
-        Command::Run(command) => command.run(),
-        Command::Demo(command) => command.run(),
-        Command::Simulate(command) => command.run(),
-        Command::Doctor(command) => command.run(),
-        Command::Install(command) => command.run(),
-        Command::Uninstall(command) => command.run(),
-        Command::Record(command) => command.run(),
-        Command::Replay(command) => command.run(),
-        Command::Reconstruct(command) => command.run(),
-        Command::Calibrate(command) => command.run(),
-        Command::Import(command) => command.run(),
-        Command::Info(command) => command.run(),
-        Command::Recover(command) => command.run(),
-        Command::Benchmark(command) => command.run(),
-        Command::Experiment(command) => command.run(),
-    };
+    let arguments = Arguments::parse();
+    let done = InstructionSet::limit()
+        .with_context(|| format!("{INSTRUCTIONS_VARIABLE} in the environment"))
+        .and_then(|_| arguments.command.run());
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // Nobody may be reading; the exit code says it all the same.
             let _ = writeln!(std::io::stderr(), "error: {}", told(&error));
             ExitCode::FAILURE
+        }
+    }
+}
+
+impl Command {
+    fn run(self) -> Result<()> {
+        match self {
+            Self::Run(command) => command.run(),
+            Self::Demo(command) => command.run(),
+            Self::Simulate(command) => command.run(),
+            Self::Doctor(command) => command.run(),
+            Self::Install(command) => command.run(),
+            Self::Uninstall(command) => command.run(),
+            Self::Record(command) => command.run(),
+            Self::Replay(command) => command.run(),
+            Self::Reconstruct(command) => command.run(),
+            Self::Calibrate(command) => command.run(),
+            Self::Import(command) => command.run(),
+            Self::Info(command) => command.run(),
+            Self::Recover(command) => command.run(),
+            Self::Benchmark(command) => command.run(),
+            Self::Experiment(command) => command.run(),
         }
     }
 }

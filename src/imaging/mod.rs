@@ -13,6 +13,7 @@ mod oracle_volume;
 mod range_power;
 mod refine;
 mod selection;
+mod simd;
 mod statistic;
 pub mod sums;
 mod symmetric;
@@ -34,6 +35,7 @@ pub use selection::{
     Preselection, PreselectionCounters, Preselector, Selection, THRESHOLD_COEFFICIENT, UnknownSelection,
     above_threshold, d_optimal, farthest_points, hull_above_threshold, hull_vertices, random,
 };
+pub use simd::{INSTRUCTIONS_VARIABLE, InstructionSet, UnknownInstructionSet};
 pub use statistic::{Statistic, UnknownStatistic};
 pub use symmetric::eigen;
 pub use time_offset::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};

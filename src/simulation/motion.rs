@@ -137,7 +137,7 @@ impl Wander {
         let sum: DVec3 = self
             .sines
             .iter()
-            .map(|[amplitude, omega, phase]| *amplitude * (*omega * time_s + *phase).map(f64::sin))
+            .map(|[amplitude, omega, phase]| *amplitude * (*omega * time_s + *phase).map(math::sin))
             .sum();
         // Sines add up to about a normal distribution of 0.5 in each axis; this spreads it over the ball.
         sum * (self.scale * fade / (sum.length_squared() + 0.36).sqrt())

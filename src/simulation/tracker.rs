@@ -9,6 +9,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Pose;
+use crate::math;
 use crate::tracking::PoseSample;
 
 /// Sizes of the tracking errors. The default is what good lighthouse tracking shows.
@@ -128,7 +129,7 @@ impl Drift {
     }
 
     fn at(&self, time_s: f64) -> DVec3 {
-        self.0.iter().map(|[a, omega, phase]| *a * (*omega * time_s + *phase).map(f64::sin)).sum()
+        self.0.iter().map(|[a, omega, phase]| *a * (*omega * time_s + *phase).map(math::sin)).sum()
     }
 }
 

@@ -14,6 +14,8 @@
 use super::Block;
 use super::lanes::{LANES, Lanes, Portable, ROUNDER, Vector};
 use super::subapertures::{Subaperture, dot, minus};
+#[cfg(target_arch = "x86_64")]
+use crate::imaging::simd::{InstructionSet, has};
 use crate::radar::{PHASE_RAD_PER_M, WAVELENGTH_M};
 
 /// Entries of a box's tables.
@@ -146,11 +148,11 @@ impl Block {
             fn avx2(block: &Block, voxels: &VoxelBox, scratch: &mut Scratch, sums: &mut [Sums]) {
                 all::<Avx2>(block, voxels, scratch, sums);
             }
-            if is_x86_feature_detected!("avx512f") {
+            if has(InstructionSet::Avx512) {
                 // SAFETY: the processor has the instructions that this copy of the code is compiled for.
                 return unsafe { avx512(self, voxels, scratch, sums) };
             }
-            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            if has(InstructionSet::Avx2) {
                 // SAFETY: as above.
                 return unsafe { avx2(self, voxels, scratch, sums) };
             }
@@ -185,11 +187,11 @@ fn coherences(sums: &[Sums], count: f32, m: &mut [Lanes]) {
         fn avx2(sums: &[Sums], count: f32, m: &mut [Lanes]) {
             each(sums, count, m);
         }
-        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl") {
+        if has(InstructionSet::Avx512) {
             // SAFETY: the processor has the instructions that this copy of the code is compiled for.
             return unsafe { avx512(sums, count, m) };
         }
-        if is_x86_feature_detected!("avx2") {
+        if has(InstructionSet::Avx2) {
             // SAFETY: as above.
             return unsafe { avx2(sums, count, m) };
         }

@@ -20,6 +20,8 @@ use super::brick::{Scratch, VoxelBox};
 use super::lanes::{LANES, Lanes, ln_1p};
 use super::{Block, BlockSettings, MEAN_LOG_OF_NOISE};
 use crate::geometry::Aabb;
+#[cfg(target_arch = "x86_64")]
+use crate::imaging::simd::{InstructionSet, has};
 use crate::math;
 
 pub use maxima::Peak;
@@ -332,14 +334,11 @@ fn add_layers(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], n
         fn avx2(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
             all(brick, seen, m, now);
         }
-        if is_x86_feature_detected!("avx512dq")
-            && is_x86_feature_detected!("avx512vl")
-            && is_x86_feature_detected!("fma")
-        {
+        if has(InstructionSet::Avx512) {
             // SAFETY: the processor has the instructions that this copy of the code is compiled for.
             return unsafe { avx512(brick, seen, m, now) };
         }
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+        if has(InstructionSet::Avx2) {
             // SAFETY: as above.
             return unsafe { avx2(brick, seen, m, now) };
         }

@@ -10,6 +10,8 @@
 
 use super::Block;
 use super::lanes::{LANES, Lanes, Portable, ROUNDER, Vector};
+#[cfg(target_arch = "x86_64")]
+use crate::imaging::simd::{InstructionSet, has};
 use crate::radar::WAVELENGTH_M;
 
 /// Where sixteen consecutive sweeps were measured, relative to the block's middle; the last ones may repeat a sweep.
@@ -106,11 +108,11 @@ fn dispatch(block: &Block, places: &[impl Place]) -> Vec<Coherence> {
         fn avx2(block: &Block, places: &[impl Place]) -> Vec<Coherence> {
             all::<Avx2>(block, places)
         }
-        if is_x86_feature_detected!("avx512f") {
+        if has(InstructionSet::Avx512) {
             // SAFETY: the processor has the instructions that this copy of the code is compiled for.
             return unsafe { avx512(block, places) };
         }
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+        if has(InstructionSet::Avx2) {
             // SAFETY: as above.
             return unsafe { avx2(block, places) };
         }

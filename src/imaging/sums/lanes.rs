@@ -267,6 +267,7 @@ mod x86 {
     use std::arch::x86_64::*;
 
     use super::{EXPONENT_BITS, HALF_WINDOW, LANES, Lanes, WIDE_WINDOW, WINDOW};
+    use crate::imaging::simd::{InstructionSet, has};
 
     /// AVX-512 F and VL.
     #[derive(Debug, Clone, Copy)]
@@ -275,7 +276,7 @@ mod x86 {
     impl Avx512 {
         /// `None` where the processor has not got it.
         pub(in super::super) fn detect() -> Option<Self> {
-            (is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl")).then_some(Self(()))
+            has(InstructionSet::Avx512).then_some(Self(()))
         }
     }
 
@@ -515,7 +516,7 @@ mod x86 {
     impl Avx2 {
         /// `None` where the processor has not got it.
         pub(in super::super) fn detect() -> Option<Self> {
-            (is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")).then_some(Self(()))
+            has(InstructionSet::Avx2).then_some(Self(()))
         }
     }
 

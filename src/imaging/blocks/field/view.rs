@@ -4,6 +4,8 @@ use glam::DVec3;
 
 use super::super::lanes::LANES;
 use super::super::{Block, BlockSettings};
+#[cfg(target_arch = "x86_64")]
+use crate::imaging::simd::{InstructionSet, has};
 
 /// How much of a ball a block has in its beam.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,7 +78,7 @@ impl View<'_> {
             fn avx512(view: &View, corner: DVec3) -> [bool; LANES] {
                 view.lanes_seen(corner)
             }
-            if is_x86_feature_detected!("avx512dq") && is_x86_feature_detected!("avx512vl") {
+            if has(InstructionSet::Avx512) {
                 // SAFETY: the processor has the instructions that this copy of the code is compiled for.
                 return unsafe { avx512(self, corner) };
             }

@@ -1,0 +1,99 @@
+//! Which vector instructions the kernels use.
+//!
+//! The best that the processor has, or what `RADAR_CHAPERONE_INSTRUCTIONS` limits it to (`portable`, `avx2`, `avx512`), so that
+//! each can be tested and timed wherever it exists. Results are the same bits on all of them.
+
+use std::str::FromStr;
+use std::sync::LazyLock;
+
+/// The environment variable that limits the instructions.
+pub const INSTRUCTIONS_VARIABLE: &str = "RADAR_CHAPERONE_INSTRUCTIONS";
+
+/// Vector instructions that kernels are compiled for, in rising order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum InstructionSet {
+    /// What every processor of the architecture has.
+    Portable,
+    /// AVX2 and FMA.
+    Avx2,
+    /// AVX-512 F, VL, BW and DQ, and FMA: what every processor with AVX-512 since Skylake-X has.
+    Avx512,
+}
+
+/// No such set of instructions.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("\"{0}\" is no instruction set: use portable, avx2 or avx512")]
+pub struct UnknownInstructionSet(String);
+
+impl FromStr for InstructionSet {
+    type Err = UnknownInstructionSet;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        match name {
+            "portable" => Ok(Self::Portable),
+            "avx2" => Ok(Self::Avx2),
+            "avx512" => Ok(Self::Avx512),
+            other => Err(UnknownInstructionSet(other.into())),
+        }
+    }
+}
+
+impl InstructionSet {
+    /// What the kernels use in this process. The environment is read once.
+    pub fn in_use() -> Self {
+        static IN_USE: LazyLock<InstructionSet> = LazyLock::new(|| {
+            let limit = InstructionSet::limit().ok().flatten().unwrap_or(InstructionSet::Avx512);
+            limit.min(InstructionSet::of_processor())
+        });
+        *IN_USE
+    }
+
+    /// What the environment limits it to; `None` without a limit.
+    ///
+    /// # Errors
+    /// The variable holds something else than one of the three names.
+    pub fn limit() -> Result<Option<Self>, UnknownInstructionSet> {
+        match std::env::var(INSTRUCTIONS_VARIABLE) {
+            Ok(name) if !name.is_empty() => name.parse().map(Some),
+            _ => Ok(None),
+        }
+    }
+
+    /// The best that the processor has.
+    pub fn of_processor() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let has_fma = is_x86_feature_detected!("fma");
+            if has_fma
+                && is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512vl")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512dq")
+            {
+                return Self::Avx512;
+            }
+            if has_fma && is_x86_feature_detected!("avx2") {
+                return Self::Avx2;
+            }
+        }
+        Self::Portable
+    }
+}
+
+/// What a dispatcher asks on every call.
+#[cfg(target_arch = "x86_64")]
+pub(super) fn has(wanted: InstructionSet) -> bool {
+    InstructionSet::in_use() >= wanted
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_read_and_others_are_refused() {
+        assert_eq!("avx2".parse(), Ok(InstructionSet::Avx2));
+        assert_eq!("sse".parse::<InstructionSet>(), Err(UnknownInstructionSet("sse".into())));
+        assert!(InstructionSet::in_use() <= InstructionSet::of_processor());
+    }
+}
