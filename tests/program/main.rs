@@ -11,6 +11,7 @@ mod common;
 mod experiment;
 mod faults;
 mod found;
+mod golden;
 mod physics;
 mod play_room;
 mod real_recordings;

@@ -1,0 +1,158 @@
+//! Five recordings whose outputs never change unnoticed: `tests/golden/README.md`.
+//!
+//! Each is replayed by the program; obstacles are compared as text, everything else by checksum. The same files serve every
+//! operating system, instruction set and number of threads.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::common::Folder;
+
+/// Set: writes what the program makes in place of comparing it.
+const UPDATE: &str = "GOLDEN_UPDATE";
+const STATISTICS: [&str; 7] = ["thesis-full", "thesis", "ls", "log", "glrt", "coherent", "blocks"];
+/// A box with the reflector in it: 16³ voxels.
+const BOX: &str = "-0.7,1.1,-1.4,0.1,1.9,-0.6";
+
+fn golden(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name)
+}
+
+/// What a test looks at: text and checksums of the outputs of one recording.
+#[derive(Debug, PartialEq)]
+struct Outputs {
+    obstacles: String,
+    checksums: String,
+}
+
+impl Outputs {
+    /// Replays a recording of this folder, in a changed environment.
+    fn of_replay(folder: &Folder, name: &str, environment: &[(&str, &str)]) -> Self {
+        folder.run_with(&format!("replay {name}.mcap --out out --results results.mcap"), environment).done();
+        let mut checksums = String::new();
+        for file in ["obstacles.ply", "shape.ply"] {
+            let _ = writeln!(checksums, "{file} {:08x}", crc32fast::hash(&folder.read(&format!("out/{file}"))));
+        }
+        for (topic, (count, checksum)) in topics(&folder.read("results.mcap")) {
+            let _ = writeln!(checksums, "{topic} {count} messages {checksum:08x}");
+        }
+        Self { obstacles: String::from_utf8(folder.read("out/obstacles.json")).unwrap(), checksums }
+    }
+
+    /// Adds a volume per statistic.
+    fn with_volumes(mut self, folder: &Folder, name: &str, environment: &[(&str, &str)]) -> Self {
+        for statistic in STATISTICS {
+            let options = format!("--statistic {statistic} --sweeps 60 --box={BOX} --out v.npy");
+            folder.run_with(&format!("reconstruct {name}.mcap {options}"), environment).done();
+            let _ = writeln!(self.checksums, "volume {statistic} {:08x}", crc32fast::hash(&folder.read("v.npy")));
+        }
+        self
+    }
+
+    fn files(&self, name: &str) -> [(PathBuf, &str); 2] {
+        [
+            (golden(&format!("{name}.obstacles.json")), &self.obstacles),
+            (golden(&format!("{name}.txt")), &self.checksums),
+        ]
+    }
+
+    /// Compares with the files in the repository, or writes them.
+    fn compare(&self, name: &str) {
+        for (path, now) in self.files(name) {
+            if std::env::var_os(UPDATE).is_some() {
+                fs::write(&path, now).unwrap();
+            }
+            // A checkout on Windows may have turned the ends of lines.
+            let before = fs::read_to_string(&path).unwrap().replace("\r\n", "\n");
+            let differing = before.lines().zip(now.lines()).find(|(a, b)| a != b);
+            assert!(before == now, "{} differs, first (before, now): {differing:?}", path.display());
+        }
+    }
+}
+
+/// Number of messages of each topic, and the checksum of their times and bytes. The frames and poses of the recording itself
+/// are its own copy and the log is prose: neither is a result.
+fn topics(bytes: &[u8]) -> BTreeMap<String, (usize, u32)> {
+    let mut hashers: BTreeMap<String, (usize, crc32fast::Hasher)> = BTreeMap::new();
+    for message in mcap::MessageStream::new(bytes).unwrap() {
+        let message = message.unwrap();
+        let topic = &message.channel.topic;
+        if topic.starts_with("/radar") || topic.starts_with("/tracking") || topic == "/log" {
+            continue;
+        }
+        let (count, hasher) = hashers.entry(topic.clone()).or_default();
+        *count += 1;
+        hasher.update(&message.log_time.to_le_bytes());
+        hasher.update(&message.data);
+    }
+    hashers.into_iter().map(|(topic, (count, hasher))| (topic, (count, hasher.finalize()))).collect()
+}
+
+/// A folder with a copy of the recording.
+fn with_recording(test: &str, name: &str) -> Folder {
+    let folder = Folder::new(&format!("golden-{test}"));
+    let file = format!("{name}.mcap");
+    folder.write(&file, fs::read(golden(&file)).unwrap());
+    folder
+}
+
+#[test]
+fn golden_d16_room() {
+    let folder = with_recording("d16", "d16_room");
+    Outputs::of_replay(&folder, "d16_room", &[]).compare("d16_room");
+}
+
+#[test]
+fn golden_c16_room() {
+    let folder = with_recording("c16", "c16_room");
+    Outputs::of_replay(&folder, "c16_room", &[]).compare("c16_room");
+}
+
+#[test]
+fn golden_play_session() {
+    let folder = with_recording("play", "play");
+    Outputs::of_replay(&folder, "play", &[]).compare("play");
+}
+
+#[test]
+fn golden_reflector_and_its_volumes() {
+    let folder = with_recording("reflector", "reflector");
+    Outputs::of_replay(&folder, "reflector", &[]).with_volumes(&folder, "reflector", &[]).compare("reflector");
+}
+
+#[test]
+fn golden_damaged_recording() {
+    let folder = Folder::new("golden-damaged");
+    let mut bytes = fs::read(golden("d16_room.mcap")).unwrap();
+    let (third, kept) = (bytes.len() / 3, bytes.len() * 9 / 10);
+    bytes[third..third + 64].fill(0x5a);
+    bytes.truncate(kept);
+    folder.write("damaged.mcap", bytes);
+    Outputs::of_replay(&folder, "damaged", &[]).compare("damaged");
+}
+
+/// One thread and every instruction set that this processor has; on one without AVX-512 that limit changes nothing.
+#[test]
+fn golden_outputs_do_not_depend_on_threads_and_instructions() {
+    for instructions in ["portable", "avx2", "avx512"] {
+        for (name, threads) in [("reflector", "3"), ("c16_room", "1")] {
+            let environment = [("RADAR_CHAPERONE_INSTRUCTIONS", instructions), ("RAYON_NUM_THREADS", threads)];
+            let folder = with_recording(&format!("{instructions}-{name}"), name);
+            let outputs = Outputs::of_replay(&folder, name, &environment);
+            match name {
+                "reflector" => outputs.with_volumes(&folder, name, &environment).compare(name),
+                _ => outputs.compare(name),
+            }
+        }
+    }
+}
+
+#[test]
+fn an_unknown_instruction_set_is_refused() {
+    let folder = with_recording("unknown-instructions", "reflector");
+    folder
+        .run_with("info reflector.mcap", &[("RADAR_CHAPERONE_INSTRUCTIONS", "sse9")])
+        .refused("portable, avx2 or avx512");
+}
