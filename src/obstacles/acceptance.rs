@@ -4,9 +4,10 @@
 //! weak thing does. But they differ in how they come by it: how much is left without the best moment, how even the strengths are, where in
 //! the beam they lie, what else is at the range, whether an echo elsewhere explains as much, what was seen there before, how near walls,
 //! floor and known things are. Boosted decision trees (Friedman 2001, Annals of Statistics 29:1189) weigh these: each asks a few questions
-//! and adds to the log odds. The table is made by `examples/acceptance.rs` from rooms that no figure is taken from.
+//! and adds to the log odds. The model is a data file, `acceptance/classifier.json`, made by
+//! `examples/acceptance.rs` from rooms that no figure is taken from.
 
-mod trees;
+mod model;
 
 use glam::DVec3;
 
@@ -14,55 +15,39 @@ use super::explain::Explained;
 
 use crate::math;
 
+pub use model::{HeldOutScore, Model, ModelCard, ModelError, Tree};
+
 /// What a tree may ask for, in the table's order.
 /// `ln`: natural logarithm.
 pub const FEATURES: [&str; 27] = [
     "ln score",
-    "ln lasting",
-    "drowned",
-    "uneven",
-    "silent",
-    "rival",
-    "past",
-    "sigma (m)",
-    "farthest (m)",
-    "ln blocks",
-    "to known (m)",
-    "to known, over the floor (m)",
-    "to wall (m)",
+    "ln robust score",
+    "ln clutter",
+    "amplitude spread",
+    "miss fraction",
+    "ambiguity",
+    "history (log odds)",
+    "position sigma (m)",
+    "farthest range (m)",
+    "ln sub-apertures",
+    "distance to known (m)",
+    "horizontal distance to known (m)",
+    "distance to wall (m)",
     "height (m)",
     "range (m)",
-    "beam",
-    "ln strength",
-    "spread",
+    "beam amplitude",
+    "ln reflectivity",
+    "reflectivity spread",
     "ln coherence",
-    "sigma of the height (m)",
-    "age (s)",
-    "from the sensor (m)",
-    "from the sensor, over the floor (m)",
-    "ln strength of the known",
-    "looks that weighed it",
-    "sigma with the past (m)",
-    "blocks of the past that tell of it",
+    "height sigma (m)",
+    "time since start (s)",
+    "distance to sensor (m)",
+    "horizontal distance to sensor (m)",
+    "ln reflectivity of the nearest known",
+    "recent updates that scored it",
+    "position sigma with history (m)",
+    "sub-apertures of the history that observe it",
 ];
-
-/// Questions and what the answers add. A question: a feature, a bound, and where to go on, not above it and above it: a later question's
-/// number, or `!` a leaf's.
-struct Tree {
-    questions: &'static [(u8, f32, i16, i16)],
-    leaves: &'static [f32],
-}
-
-impl Tree {
-    fn adds(&self, features: &[f64; FEATURES.len()]) -> f64 {
-        let mut at = 0;
-        while at >= 0 {
-            let (feature, bound, not_above, above) = self.questions[at as usize];
-            at = if features[usize::from(feature)] > f64::from(bound) { above } else { not_above };
-        }
-        f64::from(self.leaves[!at as usize])
-    }
-}
 
 /// What the blocks from before the window say of a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -147,7 +132,7 @@ pub(super) fn features(believed: &Explained<DVec3>, around: &Around) -> [f64; FE
 
 /// Log odds that it is a thing; 0 is even.
 pub(super) fn log_odds(features: &[f64; FEATURES.len()]) -> f64 {
-    trees::PRIOR + trees::TREES.iter().map(|tree| tree.adds(features)).sum::<f64>()
+    Model::embedded().log_odds(features)
 }
 
 /// Log odds of what is beyond doubt.
@@ -248,20 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_is_sound_and_nothing_that_is_asked_breaks_it() {
-        assert!(trees::PRIOR.is_finite() && !trees::TREES.is_empty());
-        for tree in trees::TREES {
-            for (number, &(feature, bound, not_above, above)) in tree.questions.iter().enumerate() {
-                assert!(usize::from(feature) < FEATURES.len() && bound.is_finite());
-                // Later questions alone: so it ends.
-                let is_there = |then: i16| match then {
-                    0.. => then as usize > number && (then as usize) < tree.questions.len(),
-                    _ => (!then as usize) < tree.leaves.len(),
-                };
-                assert!(is_there(not_above) && is_there(above));
-            }
-            assert!(tree.leaves.iter().all(|odds| odds.abs() < 2.0));
-        }
+    fn no_number_breaks_it() {
         let (known_m, earlier) = (f64::INFINITY, Earlier { log_odds: f64::NAN, sigma_m: f64::NAN, telling: 0 });
         let nowhere =
             Around { known_m, known_level_m: known_m, wall_m: f64::NEG_INFINITY, earlier, looks: 0, ..AROUND };

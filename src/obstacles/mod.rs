@@ -14,7 +14,7 @@ mod rooms;
 mod scene;
 mod views;
 
-pub use acceptance::{FEATURES, Weighed};
+pub use acceptance::{FEATURES, HeldOutScore, Model, ModelCard, ModelError, Tree, Weighed};
 pub use evidence::Evidence;
 pub use existence::ForgetSettings;
 pub use explain::{Believed, ExplainSettings, Explained, SEGMENT_NS, Window};

@@ -6,15 +6,14 @@
 
 mod boost;
 
-use std::fmt::Write;
-
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::play::{PlayError, PlayTrial, each_look};
-use crate::obstacles::{FEATURES, Weighed};
+use crate::math;
+use crate::obstacles::{FEATURES, HeldOutScore, Model, ModelCard, Tree, Weighed};
 use crate::simulation::{PlaySession, Session};
-use boost::{BoostSettings, Question, Row, boost};
+use boost::{BoostSettings, Fitted, Question, Row, boost};
 
 /// Nearer than this to a scatterer it is the thing's, metres.
 const THING_M: f64 = 0.25;
@@ -63,31 +62,56 @@ impl Lessons {
         (things, self.rows.len() - things)
     }
 
-    /// What is learned, as the source text of the table.
-    pub fn table(&self) -> String {
+    /// Trains a model on them; `command` is what the user ran, `worlds` says what these are.
+    pub fn train(&self, command: String, worlds: String) -> Model {
         let (prior, trees) = boost(&self.rows, &SETTINGS);
-        let (things, nothing) = self.counts();
-        let mut text = format!(
-            "//! Made by `examples/acceptance.rs` from {things} places of things and {nothing} where nothing is; not to be changed by hand.\n\n\
-             use super::Tree;\n\n/// Log odds before any question.\npub(super) const PRIOR: f64 = {prior:.4};\n\n\
-             #[rustfmt::skip]\n#[allow(clippy::approx_constant)] // Bounds come near to all kinds of constants.\n\
-             pub(super) const TREES: &[Tree] = &[\n"
-        );
-        for tree in trees {
-            let questions = tree.questions.iter().map(|Question { feature, bound, then: [not_above, above] }| {
-                format!("({feature}, {:?}, {not_above}, {above})", rounded(*bound))
-            });
-            let questions: Vec<String> = questions.collect();
-            let leaves: Vec<String> = tree.leaves.iter().map(|odds| format!("{:?}", rounded(*odds))).collect();
-            let (questions, leaves) = (questions.join(", "), leaves.join(", "));
-            // Writing to a string does not fail.
-            let _ = writeln!(text, "    Tree {{ questions: &[{questions}], leaves: &[{leaves}] }},");
+        let (things, artefacts) = self.counts();
+        let card = ModelCard { command, commit: String::new(), worlds, things, artefacts, held_out: None };
+        let tree = |tree: Fitted| {
+            let split = |Question { feature, bound, then: [not_above, above] }: &Question| {
+                (*feature as u8, rounded(*bound), *not_above as i16, *above as i16)
+            };
+            Tree {
+                splits: tree.questions.iter().map(split).collect(),
+                leaves: tree.leaves.iter().map(|odds| rounded(*odds)).collect(),
+            }
+        };
+        Model::new((prior * 1e4).round() / 1e4, trees.into_iter().map(tree).collect(), card)
+    }
+
+    /// Scores a model on them, as weighted as they are for training; `command` is what the user ran.
+    pub fn score(&self, model: &Model, command: String) -> HeldOutScore {
+        let mut scored: Vec<(f64, &Row<{ FEATURES.len() }>)> =
+            self.rows.iter().map(|row| (model.log_odds(&row.features), row)).collect();
+        scored.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let of = |is_thing: bool| -> f64 {
+            self.rows.iter().filter(|row| row.is_thing == is_thing).map(|row| row.weight).sum()
+        };
+        let loss = |(odds, row): &(f64, &Row<_>)| {
+            let against = if row.is_thing { -odds } else { *odds };
+            row.weight * math::ln_1p(math::exp(against))
+        };
+        // Share of pairs of a thing and an artefact in which the thing has the higher odds; equal ones count half.
+        let (mut artefacts_below, mut ordered) = (0.0, 0.0);
+        for equal in scored.chunk_by(|a, b| a.0 == b.0) {
+            let sum = |is_thing| equal.iter().filter(|s| s.1.is_thing == is_thing).map(|s| s.1.weight).sum::<f64>();
+            let (things, artefacts) = (sum(true), sum(false));
+            ordered += things * (artefacts_below + 0.5 * artefacts);
+            artefacts_below += artefacts;
         }
-        text + "];\n"
+        let (things, artefacts) = self.counts();
+        let to_4_places = |value: f64| (value * 1e4).round() / 1e4;
+        HeldOutScore {
+            command,
+            things,
+            artefacts,
+            log_loss: to_4_places(scored.iter().map(loss).sum::<f64>() / (of(true) + of(false))),
+            area_under_curve: to_4_places(ordered / (of(true) * of(false))),
+        }
     }
 }
 
-/// To four places after the point, as the table has it.
+/// To four places after the point, as the file has it.
 fn rounded(value: f64) -> f32 {
     ((value * 1e4).round() / 1e4) as f32
 }
@@ -133,4 +157,31 @@ fn rows(places: &[(Weighed, There)]) -> Vec<Row<{ FEATURES.len() }>> {
         weight: if *what == There::Surface { SURFACE_SHARE } else { 1.0 } / (middles[*at].2 as f64).sqrt(),
     };
     places.iter().zip(&of_middle).map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(strength: f64, is_thing: bool) -> Row<{ FEATURES.len() }> {
+        let mut features = [0.0; FEATURES.len()];
+        features[16] = strength;
+        Row { features, is_thing, weight: 1.0 }
+    }
+
+    #[test]
+    fn a_trained_model_is_scored_by_order_and_by_loss() {
+        let rows = (0..400).map(|n| row(f64::from(n % 20), n % 20 >= 10)).collect();
+        let set = Lessons { rows };
+        let model = set.train("test".into(), "none".into());
+        assert_eq!(Model::from_json(&model.to_json()).unwrap(), model);
+        let right = set.score(&model, "test".into());
+        assert!(right.area_under_curve == 1.0 && right.log_loss < 0.01, "{right:?}");
+        assert_eq!((right.things, right.artefacts), (200, 200));
+        // Where half of the classes are the other way round, half of the order is lost and the loss is that of a wrong certainty.
+        let mut mixed = set.clone();
+        mixed.rows.iter_mut().step_by(2).for_each(|row| row.is_thing = !row.is_thing);
+        let half = mixed.score(&model, "test".into());
+        assert!((half.area_under_curve - 0.5).abs() < 0.01 && half.log_loss > 2.0, "{half:?}");
+    }
 }
