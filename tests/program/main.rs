@@ -20,5 +20,6 @@ mod results;
 mod round_trip;
 mod sensor_rules;
 mod serve;
+mod transcripts;
 mod vendor_file;
 mod view;
