@@ -10,7 +10,9 @@ use std::time::Instant;
 
 use glam::DVec3;
 use radar_chaperone::geometry::Aabb;
-use radar_chaperone::imaging::sums::{BrickGrid, RollingImage, RollingSettings, RollingSize, Threshold, search};
+use radar_chaperone::imaging::backprojection::{
+    BrickGrid, RollingImage, RollingSettings, RollingSize, Threshold, search,
+};
 use radar_chaperone::radar::{Beam, Observation, preset};
 use radar_chaperone::simulation::Scenario;
 use radar_chaperone::tracking::{HistorySettings, ObserverSettings, observe_all};
@@ -54,7 +56,7 @@ fn roll(all: &[Observation], settings: RollingSettings) {
         rolled += kept.rolling_bricks;
         most.cubes = most.cubes.max(kept.cubes);
         most.rolling_bricks = most.rolling_bricks.max(kept.rolling_bricks);
-        most.resting_bricks = most.resting_bricks.max(kept.resting_bricks);
+        most.idle_bricks = most.idle_bricks.max(kept.idle_bricks);
     }
     let cpu_ms = (cpu_s() - cpu_before_s) * 1e3 / all.len() as f64;
     let work = image.work();
@@ -85,7 +87,7 @@ fn roll(all: &[Observation], settings: RollingSettings) {
         exact(0.99),
         rolled / all.len(),
         most.rolling_bricks,
-        most.resting_bricks,
+        most.idle_bricks,
         most.cubes,
         work.opened as f64 / all.len() as f64,
         work.caught_up as f64 / all.len() as f64,

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use glam::DVec3;
 use radar_chaperone::geometry::Aabb;
-use radar_chaperone::imaging::sums::{BrickGrid, SweepStack, Threshold, dense_volume, search};
+use radar_chaperone::imaging::backprojection::{BrickGrid, SweepStack, Threshold, dense_volume, search};
 use radar_chaperone::imaging::{Statistic, farthest_points};
 use radar_chaperone::radar::{Beam, Observation, preset};
 use radar_chaperone::simulation::Scenario;

@@ -3,7 +3,7 @@
 # simulated sensor and the stand-in for SteamVR. Takes half a minute.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-cargo build --release --bin radar-chaperone --example standin_runtime --example standin_server --example beside_picture
+cargo build --release --bin radar-chaperone --example standin_runtime --example standin_server --example steamvr_picture
 folder=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; wait 2>/dev/null || true; rm -rf "$folder"' EXIT
 target=$PWD/target/release
@@ -33,4 +33,4 @@ for display in panels stereo projection; do
     wait $server $sensor 2>/dev/null || true
 done
 cd - >/dev/null
-"$target/examples/beside_picture" docs/beside-steamvr.png "$folder"/{panels,stereo,projection}/shots/chair
+"$target/examples/steamvr_picture" docs/beside-steamvr.png "$folder"/{panels,stereo,projection}/shots/chair

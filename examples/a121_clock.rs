@@ -4,14 +4,14 @@
 //! they warm up, frames are regular to 10 µs, results come 0.1 ms late on average besides, and then as the reader lets
 //! them: `stalls`: polls of 1 ms, one time in ten a stall of up to 30 ms; `bursts`: nothing but bursts, one every 30 ms.
 
-#[path = "../src/a121/clock_world.rs"]
-mod clock_world;
+#[path = "../src/a121/clock_simulation.rs"]
+mod clock_simulation;
 
-use clock_world::{Reader, TRANSFER_S, World};
+use clock_simulation::{ArrivalPattern, SimulatedClock, TRANSFER_S};
 use radar_chaperone::a121::{Clock, ClockReport};
 
 /// Rms error from 2 s to `to_s`, seconds, and what the clock says of itself.
-fn rms_error_s(world: &mut World, to_s: f64) -> (f64, ClockReport) {
+fn rms_error_s(world: &mut SimulatedClock, to_s: f64) -> (f64, ClockReport) {
     let mut clock = Clock::new(world.ticks_per_second as u32, 1.0 / world.frame_rate, TRANSFER_S);
     let (mut sum, mut count) = (0.0, 0.0);
     for k in 0..(to_s * world.frame_rate) as u64 {
@@ -29,10 +29,11 @@ fn main() {
     let seeds: u64 = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(20).max(1);
     println!("ticks   reader  frames/s  from-to     rms ms  median  worst  drift ppm  jitter ms");
     for ticks_per_second in [1e3, 1e6] {
-        for (reader, name) in [(Reader::Stalls, "stalls"), (Reader::Bursts, "bursts")] {
+        for (reader, name) in [(ArrivalPattern::Stalls, "stalls"), (ArrivalPattern::Bursts, "bursts")] {
             for (frame_rate, to_s) in [66.0, 86.3, 120.0, 500.0].into_iter().flat_map(|f| [(f, 10.0), (f, 60.0)]) {
-                let runs = (0..seeds)
-                    .map(|seed| rms_error_s(&mut World::new(seed, frame_rate, ticks_per_second, reader), to_s));
+                let runs = (0..seeds).map(|seed| {
+                    rms_error_s(&mut SimulatedClock::new(seed, frame_rate, ticks_per_second, reader), to_s)
+                });
                 let (mut errors, reports): (Vec<f64>, Vec<ClockReport>) = runs.unzip();
                 let mean = |value: fn(&ClockReport) -> f64| reports.iter().map(value).sum::<f64>() / seeds as f64;
                 let rms = (errors.iter().map(|e| e * e).sum::<f64>() / seeds as f64).sqrt();

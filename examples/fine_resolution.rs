@@ -11,7 +11,7 @@ use glam::DVec3;
 use radar_chaperone::engine::Settings;
 use radar_chaperone::geometry::Aabb;
 use radar_chaperone::imaging::Volume;
-use radar_chaperone::imaging::blocks::{Block, BlockBuilder, fine_image};
+use radar_chaperone::imaging::subaperture::{Subaperture, SubapertureBuilder, fine_image};
 use radar_chaperone::radar::preset;
 use radar_chaperone::simulation::Scenario;
 use radar_chaperone::tracking::{ObserverSettings, observe_all};
@@ -23,7 +23,7 @@ fn main() {
     let mut widths: Vec<[Vec<f64>; 4]> = vec![Default::default(); APERTURES.len() + 1];
     for seed in 0..seeds {
         let (blocks, at) = blocks(seed);
-        let blocks: Vec<&Block> = blocks.iter().collect();
+        let blocks: Vec<&Subaperture> = blocks.iter().collect();
         let region = Aabb { min: at - DVec3::new(0.45, 0.45, 0.2), max: at + DVec3::new(0.45, 0.45, 0.2) };
         for (n, per_aperture) in APERTURES.into_iter().enumerate() {
             let image = fine_image(&blocks, &region, 0.005, per_aperture).expect("the region is covered");
@@ -36,11 +36,7 @@ fn main() {
             let cube = Aabb { min: at - 0.15, max: at + 0.15 };
             let start = Instant::now();
             let image = fine_image(&blocks, &cube, 0.01, 1).expect("the region is covered");
-            println!(
-                "30³ voxels, {} sub-apertures: {:.1} ms\n",
-                image.sub_apertures,
-                start.elapsed().as_secs_f64() * 1e3
-            );
+            println!("30³ voxels, {} sub-apertures: {:.1} ms\n", image.apertures, start.elapsed().as_secs_f64() * 1e3);
         }
     }
     println!("| summed coherently | x, mm | y, mm | z, mm | peak off, mm |\n|---|---|---|---|---|");
@@ -52,7 +48,7 @@ fn main() {
 }
 
 /// Blocks of one recording, and where the reflector is.
-fn blocks(seed: u64) -> (Vec<Block>, DVec3) {
+fn blocks(seed: u64) -> (Vec<Subaperture>, DVec3) {
     let scenario = Scenario::new("corner-reflector", "sphere-50cm", preset("d16").expect("d16 exists"), 2.0, seed);
     let simulated = scenario.run().unwrap_or_else(|error| panic!("{error}"));
     let settings = Settings::default();
@@ -62,8 +58,8 @@ fn blocks(seed: u64) -> (Vec<Block>, DVec3) {
         time_offset_s: 0.0,
     };
     let (observations, _) = observe_all(&scenario.config, observer, &simulated.frames, &simulated.poses);
-    let mut builder = BlockBuilder::new(settings.rooms.blocks);
-    let mut blocks: Vec<Block> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
+    let mut builder = SubapertureBuilder::new(settings.rooms.blocks);
+    let mut blocks: Vec<Subaperture> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
     blocks.extend(builder.close());
     (blocks, simulated.truth.obstacles[0].points_m[0])
 }

@@ -42,7 +42,7 @@ const TRIALS: [(&str, usize, f64); 14] = [
 const BOUND_SEEDS: usize = 20;
 
 /// What the command line asks for.
-struct Asked {
+struct Arguments {
     seeds: Range<u64>,
     motion: Option<String>,
     sweeps: Option<usize>,
@@ -52,8 +52,8 @@ struct Asked {
     detail: bool,
 }
 
-fn asked() -> Asked {
-    let mut asked = Asked {
+fn arguments() -> Arguments {
+    let mut arguments = Arguments {
         seeds: 100..120,
         motion: None,
         sweeps: None,
@@ -66,42 +66,42 @@ fn asked() -> Asked {
         match argument.split_once('=') {
             Some(("seeds", range)) => {
                 let (first, end) = range.split_once("..").expect("seeds=FIRST..END");
-                asked.seeds = first.parse().expect("a seed")..end.parse().expect("a seed");
+                arguments.seeds = first.parse().expect("a seed")..end.parse().expect("a seed");
             }
-            Some(("motion", name)) => asked.motion = Some(name.into()),
-            Some(("sweeps", count)) => asked.sweeps = Some(count.parse().expect("a number of sweeps")),
-            Some(("snr", db)) => asked.snr = Some(db.parse().expect("decibels")),
-            Some(("without", what)) => asked.without = what.into(),
-            _ if argument == "near" => asked.near = true,
-            _ if argument == "detail" => asked.detail = true,
+            Some(("motion", name)) => arguments.motion = Some(name.into()),
+            Some(("sweeps", count)) => arguments.sweeps = Some(count.parse().expect("a number of sweeps")),
+            Some(("snr", db)) => arguments.snr = Some(db.parse().expect("decibels")),
+            Some(("without", what)) => arguments.without = what.into(),
+            _ if argument == "near" => arguments.near = true,
+            _ if argument == "detail" => arguments.detail = true,
             _ => panic!("{argument}: see the head of this file"),
         }
     }
-    asked
+    arguments
 }
 
 fn main() {
-    let asked = asked();
+    let arguments = arguments();
     println!(
         "motion        sweeps  dB   median    95 %     rms   bound: ranges  ratio   phases  ratio   split   NEES (band)"
     );
     for (motion, sweeps, snr_db) in TRIALS {
-        let wanted = asked.motion.as_ref().is_none_or(|m| m == motion)
-            && asked.sweeps.is_none_or(|n| n == sweeps)
-            && asked.snr.is_none_or(|s| s == snr_db);
+        let wanted = arguments.motion.as_ref().is_none_or(|m| m == motion)
+            && arguments.sweeps.is_none_or(|n| n == sweeps)
+            && arguments.snr.is_none_or(|s| s == snr_db);
         if wanted {
-            row(&asked, motion, sweeps, snr_db);
+            row(&arguments, motion, sweeps, snr_db);
         }
     }
 }
 
-fn row(asked: &Asked, motion: &str, sweeps: usize, snr_db: f64) {
+fn row(arguments: &Arguments, motion: &str, sweeps: usize, snr_db: f64) {
     let (mut errors_mm, mut normalised, mut split) = (Vec::new(), Vec::new(), 0);
     let mut by_direction: Vec<[(f64, f64); 3]> = Vec::new();
     let (mut by_ranges, mut by_phases) = (Vec::new(), Vec::new());
-    for seed in asked.seeds.clone() {
-        let trial = Trial::new(asked, motion, snr_db, seed);
-        let found = trial.found(asked, sweeps);
+    for seed in arguments.seeds.clone() {
+        let trial = Trial::new(arguments, motion, snr_db, seed);
+        let found = trial.found(arguments, sweeps);
         split += usize::from(found.len() > 1);
         if let Some(best) = found.first() {
             let off = best.position_m - trial.truth;
@@ -134,7 +134,7 @@ fn row(asked: &Asked, motion: &str, sweeps: usize, snr_db: f64) {
         3.0 - half_band,
         3.0 + half_band,
     );
-    if asked.detail {
+    if arguments.detail {
         detail(&by_direction);
     }
 }
@@ -167,11 +167,11 @@ struct Trial {
 }
 
 impl Trial {
-    fn new(asked: &Asked, motion: &str, snr_db: f64, seed: u64) -> Self {
+    fn new(arguments: &Arguments, motion: &str, snr_db: f64, seed: u64) -> Self {
         let config = preset("fine").expect("a preset");
         let mut scenario = Scenario::new("corner-reflector", motion, config, 10.0, seed);
         scenario.snr_db = Some(snr_db);
-        match asked.without.as_str() {
+        match arguments.without.as_str() {
             "all" => scenario.errors = TrackingErrors::none(),
             "mount" => scenario.errors.mount_m = 0.0,
             "wander" => scenario.errors.wander_m = 0.0,
@@ -190,11 +190,11 @@ impl Trial {
     }
 
     /// What is found, strongest first.
-    fn found(&self, asked: &Asked, max_sweeps: usize) -> Vec<Obstacle> {
-        let (middle, half) = if asked.near { (self.truth, 0.4) } else { (DVec3::new(0.0, 1.5, -1.5), 1.5) };
+    fn found(&self, arguments: &Arguments, max_sweeps: usize) -> Vec<Obstacle> {
+        let (middle, half) = if arguments.near { (self.truth, 0.4) } else { (DVec3::new(0.0, 1.5, -1.5), 1.5) };
         let region = Aabb { min: middle - half, max: middle + half };
         let settings = ReflectorSettings { max_sweeps, ..Default::default() };
-        let errors = match asked.without.as_str() {
+        let errors = match arguments.without.as_str() {
             "all" => PositionErrors::none(),
             "mount" => PositionErrors { mount_m: 0.0, ..Default::default() },
             "wander" => PositionErrors { wander_m: 0.0, ..Default::default() },

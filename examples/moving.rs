@@ -10,8 +10,8 @@
 
 use glam::DVec3;
 use radar_chaperone::engine::Settings;
-use radar_chaperone::imaging::blocks::{Block, BlockBuilder, MoverFinder};
-use radar_chaperone::obstacles::{HandTrail, Moving, MovingTracks};
+use radar_chaperone::imaging::subaperture::{MtiFilter, Subaperture, SubapertureBuilder};
+use radar_chaperone::obstacles::{HandTrail, MovingTarget, MovingTargetTracker};
 use radar_chaperone::radar::{frame_timing, preset};
 use radar_chaperone::simulation::{PlaySession, Session};
 use radar_chaperone::tracking::{Observer, ObserverSettings};
@@ -29,11 +29,11 @@ const CHEST: usize = 3;
 #[derive(Default)]
 struct Figures {
     blocks: u64,
-    blind: u64,
+    not_evaluable: u64,
     seen: u64,
     seen_shown: u64,
-    told: u64,
-    told_shown: u64,
+    detectable: u64,
+    detectable_shown: u64,
     errors_m: Vec<f64>,
     delays_s: Vec<f64>,
     false_tracks: u64,
@@ -74,7 +74,8 @@ fn main() {
     let options = Options { settings, session, controllers, each };
     let mut figures = Figures::default();
     for seed in seeds {
-        let session = PlaySession { seed, ..options.session.clone() }.stage().unwrap_or_else(|error| panic!("{error}"));
+        let session =
+            PlaySession { seed, ..options.session.clone() }.prepare().unwrap_or_else(|error| panic!("{error}"));
         play(&session, &options, &mut figures);
     }
     figures.print();
@@ -91,8 +92,8 @@ fn play(session: &Session, options: &Options, figures: &mut Figures) {
             time_offset_s: 0.0,
         },
     );
-    let mut builder = BlockBuilder::new(settings.rooms.blocks);
-    let mut watch = Watched::new(session, options);
+    let mut builder = SubapertureBuilder::new(settings.rooms.blocks);
+    let mut watch = SessionMonitor::new(session, options);
     let batch = (4.0 / frame_timing(&play.config).frame_period_s) as u64;
     let mut frames = Vec::new().into_iter().peekable();
     let mut next = 0;
@@ -118,25 +119,25 @@ fn play(session: &Session, options: &Options, figures: &mut Figures) {
     figures.played_s += play.duration_s;
 }
 
-struct Watched<'a> {
+struct SessionMonitor<'a> {
     session: &'a Session,
     options: &'a Options,
-    tracks: MovingTracks,
-    finder: MoverFinder,
+    tracks: MovingTargetTracker,
+    finder: MtiFilter,
     hands: HandTrail,
     /// When somebody came into the beam, and whether they were shown since.
     came_s: Option<(f64, bool)>,
     false_ids: Vec<u64>,
 }
 
-impl<'a> Watched<'a> {
+impl<'a> SessionMonitor<'a> {
     fn new(session: &'a Session, options: &'a Options) -> Self {
         let moving = options.settings.rooms.moving;
         Self {
             session,
             options,
-            tracks: MovingTracks::new(moving, &session.play().beam),
-            finder: MoverFinder::new(&session.play().beam, moving.alarms_per_block),
+            tracks: MovingTargetTracker::new(moving, &session.play().beam),
+            finder: MtiFilter::new(&session.play().beam, moving.alarms_per_block),
             hands: HandTrail::default(),
             came_s: None,
             false_ids: Vec::new(),
@@ -150,17 +151,17 @@ impl<'a> Watched<'a> {
         }
     }
 
-    fn take(&mut self, block: &Block, figures: &mut Figures) {
+    fn take(&mut self, block: &Subaperture, figures: &mut Figures) {
         let start_s = cpu_s();
-        self.tracks.take(block, &self.hands, self.options.settings.rooms.map.hands_reach_m);
+        self.tracks.push(block, &self.hands, self.options.settings.rooms.map.hands_reach_m);
         figures.cost_s += cpu_s() - start_s;
         let time_s = (block.mid_time_ns - Session::host_ns(0.0)) as f64 * 1e-9;
         let sensor = self.session.sensor_at(time_s);
         let parts = self.session.visitor_at(time_s);
-        let moving = self.tracks.moving();
-        let movers = self.finder.movers(block);
+        let moving = self.tracks.targets();
+        let movers = self.finder.detect(block);
         figures.blocks += 1;
-        figures.blind += u64::from(movers.is_none());
+        figures.not_evaluable += u64::from(movers.is_none());
         let is_in_beam = |part: &&DVec3| {
             let to = **part - sensor.translation;
             let cos = to.normalize_or_zero().dot(sensor.forward());
@@ -172,7 +173,7 @@ impl<'a> Watched<'a> {
             println!(
                 "seed {} {time_s:.2} s still {:.2?} echoes {:.2?} body {:.2?}",
                 self.session.play().seed,
-                movers.still_m_per_s,
+                movers.clutter_m_per_s,
                 movers.echoes.iter().map(|e| (e.range_m, e.range_rate_m_per_s, e.power)).collect::<Vec<_>>(),
                 parts.get(CHEST).map(|p| p.distance(sensor.translation))
             );
@@ -185,11 +186,11 @@ impl<'a> Watched<'a> {
                     - parts[CHEST].distance(sensor.translation))
                     / 0.01
             });
-            let is_told = movers.as_ref().zip(rate).is_some_and(|(movers, rate)| movers.tells(rate));
+            let is_told = movers.as_ref().zip(rate).is_some_and(|(movers, rate)| movers.is_observable(rate));
             figures.seen += 1;
             figures.seen_shown += u64::from(is_shown);
-            figures.told += u64::from(is_told);
-            figures.told_shown += u64::from(is_told && is_shown);
+            figures.detectable += u64::from(is_told);
+            figures.detectable_shown += u64::from(is_told && is_shown);
             let (came_s, was_shown) = self.came_s.unwrap_or((time_s, false));
             if is_shown && !was_shown {
                 figures.delays_s.push(time_s - came_s);
@@ -216,7 +217,7 @@ impl<'a> Watched<'a> {
 }
 
 /// How far a range is from being that of somebody's nearest part, metres.
-fn off_m(moving: &Moving, parts: &[DVec3]) -> f64 {
+fn off_m(moving: &MovingTarget, parts: &[DVec3]) -> f64 {
     let ranges = parts.iter().map(|part| part.distance(moving.seen_from.translation));
     ranges.map(|range_m| (range_m - moving.range_m).abs()).fold(f64::INFINITY, f64::min)
 }
@@ -240,7 +241,7 @@ impl Figures {
             "played {:.1} min, {} blocks, {:.1} % of them blind",
             self.played_s / 60.0,
             self.blocks,
-            percent(self.blind, self.blocks)
+            percent(self.not_evaluable, self.blocks)
         );
         println!(
             "in the beam within {NEAR_M} m: {} blocks, {:.1} % shown",
@@ -249,8 +250,8 @@ impl Figures {
         );
         println!(
             "   and told from what is at rest: {} blocks, {:.1} % shown",
-            self.told,
-            percent(self.told_shown, self.told)
+            self.detectable,
+            percent(self.detectable_shown, self.detectable)
         );
         println!(
             "range off the chest's, m: median {:.2}, 90 % {:.2}, signed median {:.2}",

@@ -37,9 +37,9 @@ fn main() {
         duration_s: 60.0 * minutes,
         walls_db,
         hands,
-        silent_hands,
+        hands_without_echo: silent_hands,
         visitor,
-        square,
+        axis_aligned: square,
         ..PlaySession::new(config, 0)
     };
     let trial = PlayTrial { session, settings, controllers };

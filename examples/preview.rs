@@ -7,7 +7,7 @@ use anyhow::Context;
 use glam::{DMat3, DQuat, DVec3};
 use radar_chaperone::geometry::{Aabb, Plane, Pose};
 use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
-use radar_chaperone::render::{EyeView, Renderer, Scenery, Window};
+use radar_chaperone::render::{EyeView, Renderer, StereoScene, Window};
 use radar_chaperone::warning::{Player, WarningSettings, Warnings, Watch};
 
 /// Edge of a voxel, metres.
@@ -79,7 +79,7 @@ fn scene(tracking_from_chair: Pose) -> Scene {
 }
 
 /// The warnings when a head has stood there for half a second: by then they have come up.
-fn settled(watch: &mut Watch, tracking_from_head: Pose, settings: &WarningSettings) -> Warnings {
+fn settled_warnings(watch: &mut Watch, tracking_from_head: Pose, settings: &WarningSettings) -> Warnings {
     let warn = |step: i64| watch.warn(&Player::head_only(step * 10_000_000, tracking_from_head), settings);
     (0..50).map(warn).last().unwrap_or_default()
 }
@@ -104,7 +104,7 @@ fn main() -> anyhow::Result<()> {
         ("left", DVec3::new(-0.9, 1.1, -0.9)),
     ] {
         let tracking_from_head = Pose::looking_at(head, target, DVec3::Y);
-        let warnings = settled(&mut watch, tracking_from_head, &settings);
+        let warnings = settled_warnings(&mut watch, tracking_from_head, &settings);
         let start = Instant::now();
         let count = renderer.quads(&warnings, &settings)?.len();
         println!("{name}: {count} quads handed over in {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
@@ -117,7 +117,7 @@ fn main() -> anyhow::Result<()> {
         }
         let shapes = watch.shapes(&warnings);
         let quads = renderer.quads(&warnings.clone().without_silhouettes(), &settings)?;
-        let scenery = Scenery { quads: &quads, shapes: &shapes, color: settings.color };
+        let scenery = StereoScene { quads: &quads, shapes: &shapes, color: settings.color };
         for (side, view) in views.iter().enumerate() {
             let start = Instant::now();
             let texture = renderer.eye(&scenery, side, view)?;

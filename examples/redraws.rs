@@ -8,7 +8,7 @@ use radar_chaperone::geometry::Pose;
 use radar_chaperone::live::thread_cpu_ns;
 use radar_chaperone::obstacles::Scene;
 use radar_chaperone::radar::preset;
-use radar_chaperone::render::{EyeView, Renderer, Scenery, Window};
+use radar_chaperone::render::{EyeView, Renderer, StereoScene, Window};
 use radar_chaperone::simulation::{Scenario, Simulated};
 use radar_chaperone::warning::{Player, Watch};
 
@@ -59,7 +59,7 @@ fn main() -> anyhow::Result<()> {
     for (name, last_scene_alone) in [("as found while playing", false), ("all known from the start", true)] {
         play(name, &frames, last_scene_alone, &settings)?;
     }
-    play_in_space(&frames, &settings)
+    measure_spatial_displays(&frames, &settings)
 }
 
 fn play(name: &str, frames: &[(Pose, Option<Scene>)], last_alone: bool, settings: &Settings) -> anyhow::Result<()> {
@@ -101,7 +101,7 @@ fn play(name: &str, frames: &[(Pose, Option<Scene>)], last_alone: bool, settings
 }
 
 /// Every tenth frame as the displays in space show it.
-fn play_in_space(frames: &[(Pose, Option<Scene>)], settings: &Settings) -> anyhow::Result<()> {
+fn measure_spatial_displays(frames: &[(Pose, Option<Scene>)], settings: &Settings) -> anyhow::Result<()> {
     let mut renderer = Renderer::new()?;
     let mut watch = Watch::new();
     watch.see(&frames.iter().rev().find_map(|(_, scene)| scene.clone()).unwrap_or_default());
@@ -115,7 +115,7 @@ fn play_in_space(frames: &[(Pose, Option<Scene>)], settings: &Settings) -> anyho
         let views = EyeView::pair(head, 0.064, 1.75, [1024, 1024]);
         let start = thread_cpu_ns();
         let shapes = watch.shapes(&warnings);
-        let scenery = Scenery { quads: &quads, shapes: &shapes, color: settings.warning.color };
+        let scenery = StereoScene { quads: &quads, shapes: &shapes, color: settings.warning.color };
         let eyes_m = views.map(|view| view.tracking_from_eye.translation);
         renderer.windows(&scenery, &Window::of_panels(&scenery, eyes_m), eyes_m)?;
         let between = thread_cpu_ns();

@@ -13,8 +13,8 @@
 
 use std::ops::Range;
 
-use radar_chaperone::experiments::{RoomNoise, at_most_an_hour};
-use radar_chaperone::obstacles::{ExplainSettings, MapSettings};
+use radar_chaperone::experiments::{RoomNoise, rate_upper_bound_per_h};
+use radar_chaperone::obstacles::{CleanSettings, MapSettings};
 use radar_chaperone::radar::{PRESETS, SensorConfig, preset};
 
 /// Thresholds that alarms are counted at.
@@ -51,11 +51,11 @@ fn main() {
         let scores: Vec<f64> = STATED.into_iter().map(|rate| score_for(&first, rate)).collect();
         let all_scores = [&SCORES[..], &scores].concat();
         let second = noise(&config, half..seeds.end, session_s, &all_scores);
-        played.push((name.as_str(), first.and(&second), scores, second));
+        played.push((name.as_str(), first.merged(&second), scores, second));
     }
     measured(&played);
-    by_the_tail(&played);
-    held(&played);
+    rates_from_tail(&played);
+    stated_rates_against_measured(&played);
 }
 
 /// Preset, all that was played, thresholds of its first half, and its second half.
@@ -64,12 +64,12 @@ type Played<'a> = (&'a str, RoomNoise, Vec<f64>, RoomNoise);
 /// Sessions of so many seconds, one a seed.
 fn noise(config: &SensorConfig, seeds: Range<u64>, session_s: f64, scores: &[f64]) -> RoomNoise {
     let session = |seed| RoomNoise::of(config, seed, session_s, scores).unwrap_or_else(|error| panic!("{error}"));
-    seeds.map(session).reduce(|all, session| all.and(&session)).unwrap_or_default()
+    seeds.map(session).reduce(|all, session| all.merged(&session)).unwrap_or_default()
 }
 
 /// The score that noise exceeds at a rate, an hour.
 fn score_for(noise: &RoomNoise, rate: f64) -> f64 {
-    noise.tail().score((noise.places_an_hour() / rate).max(1.0).ln())
+    noise.tail().score((noise.independent_cells_per_h() / rate).max(1.0).ln())
 }
 
 fn measured(played: &[Played]) {
@@ -78,7 +78,7 @@ fn measured(played: &[Played]) {
     );
     println!("|---|---|---|---|---|---|---|---|---|---|");
     for (name, all, ..) in played {
-        let ([mean, sigma], [stated, stated_sigma]) = (all.of_block(), all.tail().of_block());
+        let ([mean, sigma], [stated, stated_sigma]) = (all.of_subaperture(), all.tail().of_subaperture());
         let rate = |events: u64| format!("{:.1} ({events})", events as f64 / all.hours());
         for (n, score) in SCORES.iter().enumerate() {
             let (candidates, places) = (rate(all.candidates[n]), rate(all.places[n]));
@@ -92,16 +92,16 @@ fn measured(played: &[Played]) {
                 "| {name} | {:.0} | {:.0} | {:.0} | {mean:.4} ± {sigma:.3} ({stated:.4} ± {stated_sigma:.3}) | {score} | {candidates} | {places} \
                  | {peak:.2}, place {place:.2}, plane {plane:.2} | {confirmed}: < {:.1}/h |",
                 all.played_s / 60.0,
-                all.sweeps_a_block(),
+                all.sweeps_per_subaperture(),
                 all.voxels(),
-                at_most_an_hour(confirmed as u64, all.hours())
+                rate_upper_bound_per_h(confirmed as u64, all.hours())
             );
         }
     }
 }
 
-fn by_the_tail(played: &[Played]) {
-    let (explain, map) = (ExplainSettings::default(), MapSettings::default());
+fn rates_from_tail(played: &[Played]) {
+    let (explain, map) = (CleanSettings::default(), MapSettings::default());
     let defaults = [explain.min_candidate_score, map.confirm_score];
     println!(
         "\n| preset | places an hour | candidates of {}/h | of {}/h | {} |",
@@ -111,19 +111,19 @@ fn by_the_tail(played: &[Played]) {
     );
     println!("|---|---|---|---|---|---|---|");
     for (name, all, ..) in played {
-        let places = all.places_an_hour();
-        let [candidates, confirmed] = defaults.map(|score| (places.ln() - all.tail().surprise(score)).exp());
+        let places = all.independent_cells_per_h();
+        let [candidates, confirmed] = defaults.map(|score| (places.ln() - all.tail().surprisal(score)).exp());
         let scores = RATES.map(|(rate, _)| format!("{:.2}", score_for(all, rate)));
         println!("| {name} | {places:.1e} | {candidates:.1} | {confirmed:.0e} | {} |", scores.join(" | "));
     }
 }
 
-fn held(played: &[Played]) {
+fn stated_rates_against_measured(played: &[Played]) {
     println!("\n| preset | stated/h | score | measured/h | at most |");
     println!("|---|---|---|---|---|");
     for (name, _, scores, second) in played {
         for ((stated, score), alarms) in STATED.iter().zip(scores).zip(&second.candidates[SCORES.len()..]) {
-            let (rate, most) = (*alarms as f64 / second.hours(), at_most_an_hour(*alarms, second.hours()));
+            let (rate, most) = (*alarms as f64 / second.hours(), rate_upper_bound_per_h(*alarms, second.hours()));
             println!("| {name} | {stated} | {score:.2} | {rate:.0} ({alarms}) | {most:.0} |");
         }
     }

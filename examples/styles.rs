@@ -9,7 +9,7 @@ use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 use radar_chaperone::geometry::{Aabb, Plane, Pose};
 use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
-use radar_chaperone::render::{EyeView, Renderer, Scenery};
+use radar_chaperone::render::{EyeView, Renderer, StereoScene};
 use radar_chaperone::warning::{Player, Style, WarningSettings, Warnings, Watch};
 
 /// A picture of one eye, pixels.
@@ -71,7 +71,7 @@ fn scene() -> Scene {
 }
 
 /// The warnings when a head has stood there for half a second: by then they have come up.
-fn settled(head: Pose, settings: &WarningSettings) -> Warnings {
+fn settled_warnings(head: Pose, settings: &WarningSettings) -> Warnings {
     let mut watch = Watch::new();
     watch.see(&scene());
     let warn = |step: i64| watch.warn(&Player::head_only(step * 10_000_000, head), settings);
@@ -111,10 +111,10 @@ fn picture(renderer: &mut Renderer, style: Style, is_bright: bool) -> Result<Rgb
     let settings =
         WarningSettings { style, labels: true, full_distance_m: 1.3, fade_distance_m: 2.5, ..Default::default() };
     let head = Pose::looking_at(DVec3::new(0.0, 1.65, 0.0), DVec3::new(0.17, 0.82, -1.35), DVec3::Y);
-    let warnings = settled(head, &settings);
+    let warnings = settled_warnings(head, &settings);
     let quads = renderer.quads(&warnings, &settings)?;
     let [view, _] = EyeView::pair(&head, 0.064, 1.15, [WIDTH, HEIGHT]);
-    let scenery = Scenery { quads: &quads, shapes: &[], color: settings.color };
+    let scenery = StereoScene { quads: &quads, shapes: &[], color: settings.color };
     let texture = renderer.eye(&scenery, 0, &view)?;
     let seen = renderer.picture_of_texture(&texture)?;
     let [left, right, lower, upper] = view.tangents;

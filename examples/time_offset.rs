@@ -81,7 +81,7 @@ fn main() {
             println!(
                 "{:28} {}",
                 what(offset_s, estimate),
-                rooms_found(seeds.start..seeds.start + 8, offset_s, estimate)
+                furnished_room_score(seeds.start..seeds.start + 8, offset_s, estimate)
             );
         }
     }
@@ -161,7 +161,7 @@ fn at(values: &mut [f64], share: f64) -> f64 {
     values.get(n).copied().unwrap_or(f64::NAN)
 }
 
-fn rooms_found(seeds: std::ops::Range<u64>, offset_s: f64, estimate: bool) -> String {
+fn furnished_room_score(seeds: std::ops::Range<u64>, offset_s: f64, estimate: bool) -> String {
     let (mut due, mut found, mut wrong, mut reports, mut errors_cm) = (0, 0, 0, 0, Vec::new());
     for seed in seeds {
         let (scenario, simulated) = simulated("furnished-room", "natural", "d16", 30.0, offset_s, seed);

@@ -6,6 +6,8 @@
 
 #[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod a121;
+#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
+pub mod baselines;
 pub mod cli;
 #[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod engine;
@@ -19,9 +21,8 @@ pub mod live;
 pub mod math;
 #[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod obstacles;
+pub mod openvr;
 pub mod panel;
-#[cfg_attr(not(test), warn(clippy::disallowed_methods))]
-pub mod peers;
 #[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod radar;
 #[cfg_attr(not(test), warn(clippy::disallowed_methods))]
@@ -30,7 +31,6 @@ pub mod render;
 pub mod report;
 #[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod simulation;
-pub mod steamvr;
 #[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod tracking;
 #[cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -38,7 +38,7 @@ fn warned_from_m(scene: &str, seed: u64) -> Option<f64> {
             continue;
         }
         let head = pose.tracking_from_head().unwrap();
-        if stands_before(&pipeline, &head, chair, &settings) {
+        if panel_stands_at(&pipeline, &head, chair, &settings) {
             return Some(away_m(chair, head.translation));
         }
     }
@@ -46,14 +46,14 @@ fn warned_from_m(scene: &str, seed: u64) -> Option<f64> {
 }
 
 /// Whether a bright enough panel stands by the chair.
-fn stands_before(pipeline: &Pipeline, head: &Pose, chair: &TruthObstacle, settings: &Settings) -> bool {
+fn panel_stands_at(pipeline: &Pipeline, head: &Pose, chair: &TruthObstacle, settings: &Settings) -> bool {
     let warnings = warn(&pipeline.scene(), head, &settings.warning);
     let objects = warnings.panels.iter().filter(|panel| panel.kind == PanelKind::Object && panel.alpha > 0.02);
     objects.into_iter().any(|panel| away_m(chair, panel.tracking_from_panel.translation) < 0.25)
 }
 
 #[test]
-fn the_chair_is_warned_of_before_the_head_is_at_80_cm() {
+fn chair_is_warned_of_beyond_80_cm() {
     for (scene, seed) in [("furnished-room", 1), ("furnished-room", 2), ("furnished-room", 3), ("chair", 1)] {
         let from_m = warned_from_m(scene, seed);
         println!("{scene} {seed}: warned from {from_m:?} m on");

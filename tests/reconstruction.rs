@@ -48,12 +48,12 @@ fn until(mut there: impl FnMut() -> bool) {
     }
 }
 
-fn worked_off(reconstruction: &Reconstruction, last_ns: i64) -> impl FnMut() -> bool {
+fn all_frames_processed(reconstruction: &Reconstruction, last_ns: i64) -> impl FnMut() -> bool {
     move || reconstruction.latest().newest_sweep_ns > last_ns - 1_000_000
 }
 
 #[test]
-fn two_streams_from_two_threads_give_the_scene_of_a_replay() {
+fn concurrent_streams_give_the_scene_of_a_replay() {
     let (scenario, simulated) = room(3.5);
     let expected = replayed(&scenario, &simulated);
     assert!(!expected.obstacles.is_empty());
@@ -64,7 +64,7 @@ fn two_streams_from_two_threads_give_the_scene_of_a_replay() {
         scope.spawn(|| simulated.poses.iter().for_each(|pose| reconstruction.push_pose(*pose)));
     });
     let last_ns = simulated.frames.last().unwrap().host_time_ns;
-    until(worked_off(&reconstruction, last_ns));
+    until(all_frames_processed(&reconstruction, last_ns));
     let newest = reconstruction.latest();
     assert!(newest.number > 10 && newest.epoch == 0);
     let (counters, scene) = reconstruction.finish();
@@ -78,7 +78,7 @@ fn two_streams_from_two_threads_give_the_scene_of_a_replay() {
 }
 
 #[test]
-fn what_was_before_forgetting_does_not_come_back() {
+fn data_from_before_forget_is_discarded() {
     let (scenario, simulated) = room(3.5);
     let reconstruction = start(&scenario, &settings(), &ReconstructionOptions::default());
     let push = |simulated: &Simulated| {
@@ -87,7 +87,7 @@ fn what_was_before_forgetting_does_not_come_back() {
     };
     let last_ns = simulated.frames.last().unwrap().host_time_ns;
     push(&simulated);
-    until(worked_off(&reconstruction, last_ns));
+    until(all_frames_processed(&reconstruction, last_ns));
     // These wait, or are being worked off, when everything is forgotten.
     push(&simulated);
     assert_eq!(reconstruction.forget(), 1);
@@ -95,7 +95,7 @@ fn what_was_before_forgetting_does_not_come_back() {
     assert_eq!((newest.epoch, newest.scene.as_ref(), newest.newest_sweep_ns), (1, &Scene::default(), 0));
     // Only what comes now counts: the same stamps again are taken, since nobody remembers them.
     push(&simulated);
-    until(worked_off(&reconstruction, last_ns));
+    until(all_frames_processed(&reconstruction, last_ns));
     let (counters, scene) = reconstruction.finish();
     assert_eq!((counters.epoch, scene.as_ref()), (1, &replayed(&scenario, &simulated)));
     assert!(!scene.obstacles.is_empty());
@@ -104,7 +104,7 @@ fn what_was_before_forgetting_does_not_come_back() {
 }
 
 #[test]
-fn a_flood_costs_the_oldest_and_is_counted() {
+fn overload_drops_the_oldest_and_counts_them() {
     let (scenario, simulated) = room(0.5);
     let options = ReconstructionOptions { max_frames: 8, max_poses: 8, ..Default::default() };
     let reconstruction = start(&scenario, &settings(), &options);
@@ -123,7 +123,7 @@ fn a_flood_costs_the_oldest_and_is_counted() {
 }
 
 #[test]
-fn it_ends_when_dropped_and_when_nothing_ever_came() {
+fn reconstruction_ends_when_dropped_and_without_any_data() {
     let (scenario, simulated) = room(0.2);
     for n in 0..20 {
         let reconstruction = start(&scenario, &Settings::default(), &ReconstructionOptions::default());

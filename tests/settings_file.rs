@@ -23,17 +23,17 @@ fn names_in(text: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_manual_holds_the_defaults() {
+fn manual_has_the_default_values() {
     assert_eq!(Settings::from_toml(MANUAL, &[]).unwrap(), Settings::default());
 }
 
 #[test]
-fn the_manual_names_every_setting() {
+fn manual_lists_every_setting() {
     assert_eq!(names_in(MANUAL), names_in(&Settings::default().to_toml()));
 }
 
 #[test]
-fn what_the_manual_leaves_out_is_spelled_right() {
+fn commented_out_settings_are_valid() {
     // The lines of the tables that may be absent, with their comment signs taken away.
     let uncomment = |line: &str| match line.strip_prefix("# ") {
         Some(rest) if rest.starts_with('[') || rest.contains(" = [") => rest.to_owned(),

@@ -12,8 +12,8 @@ use ash::vk::{self, Handle};
 use glam::{DMat3, DVec3};
 use radar_chaperone::geometry::{Aabb, Plane, Pose};
 use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
-use radar_chaperone::render::{EyeView, Quad, Renderer, Scenery, Window};
-use radar_chaperone::steamvr::{VulkanDevice, VulkanNeeds, VulkanTexture, open};
+use radar_chaperone::openvr::{VulkanDevice, VulkanRequirements, VulkanTexture, open};
+use radar_chaperone::render::{EyeView, Quad, Renderer, StereoScene, Window};
 use radar_chaperone::warning::{Player, WarningSettings, Warnings, Watch};
 
 const LAYER: &str = "VK_LAYER_KHRONOS_validation";
@@ -54,7 +54,7 @@ fn scene() -> Scene {
 }
 
 fn device() -> VulkanDevice {
-    open(&VulkanNeeds {
+    open(&VulkanRequirements {
         instance_extensions: vec![c"VK_KHR_external_memory_capabilities".into()],
         device_extensions: &|_| vec![c"VK_KHR_external_memory".into()],
         adapter: &|_| None,
@@ -63,12 +63,12 @@ fn device() -> VulkanDevice {
 }
 
 /// Copies a texture to the host as a runtime would: on our queue, with commands that wgpu knows nothing of.
-fn taken_over(device: &VulkanDevice, texture: &wgpu::Texture) -> Vec<u8> {
+fn copied_by_runtime(device: &VulkanDevice, texture: &wgpu::Texture) -> Vec<u8> {
     // SAFETY: the device outlives this function, every object made here is destroyed here after the queue has finished with
     // it, and nothing else submits meanwhile.
     unsafe {
         let hal = device.device.as_hal::<wgpu::hal::vulkan::Api>().unwrap();
-        let handed: VulkanTexture = device.handover(texture).unwrap();
+        let handed: VulkanTexture = device.texture_handles(texture).unwrap();
         let (vulkan, queue) = (hal.raw_device(), vk::Queue::from_raw(handed.queue));
         let size = u64::from(handed.width) * u64::from(handed.height) * 4;
         let described = vk::BufferCreateInfo::default().size(size).usage(vk::BufferUsageFlags::TRANSFER_DST);
@@ -113,10 +113,10 @@ fn taken_over(device: &VulkanDevice, texture: &wgpu::Texture) -> Vec<u8> {
     }
 }
 
-fn take_over_all(device: &VulkanDevice, renderer: &Renderer, quads: &[Quad]) {
+fn copy_all_as_runtime(device: &VulkanDevice, renderer: &Renderer, quads: &[Quad]) {
     for quad in quads {
         assert_eq!(
-            taken_over(device, &quad.texture),
+            copied_by_runtime(device, &quad.texture),
             renderer.picture_of(quad).unwrap().into_raw(),
             "{:?}",
             quad.key()
@@ -125,11 +125,11 @@ fn take_over_all(device: &VulkanDevice, renderer: &Renderer, quads: &[Quad]) {
 }
 
 /// The warnings when a head has stood there for half a second: by then they have come up.
-fn settled(watch: &mut Watch, head: Pose, style: &WarningSettings) -> Warnings {
+fn settled_warnings(watch: &mut Watch, head: Pose, style: &WarningSettings) -> Warnings {
     (0..50).map(|step| watch.warn(&Player::head_only(step * 10_000_000, head), style)).last().unwrap()
 }
 
-/// Not a test by itself: what `the_layer_has_nothing_to_say` starts under the layer.
+/// Not a test by itself: what `validation_layer_reports_nothing` starts under the layer.
 #[test]
 #[ignore = "started by the_layer_has_nothing_to_say"]
 fn everything() {
@@ -140,31 +140,31 @@ fn everything() {
     watch.see(&scene());
     for step in 0..8 {
         let head = Pose::from_translation(DVec3::new(0.05 * f64::from(step), 1.6, -0.02 * f64::from(step)));
-        let warnings = settled(&mut watch, head, &style);
+        let warnings = settled_warnings(&mut watch, head, &style);
         let views = EyeView::pair(&head, 0.064, 1.6, [200 + 3 * step, 160]);
         let quads = renderer.quads(&warnings, &style).unwrap();
         assert!(quads.len() >= 4, "{} quads", quads.len());
-        take_over_all(&device, &renderer, &quads);
+        copy_all_as_runtime(&device, &renderer, &quads);
         renderer.preview(&warnings, &style, &views[0], &[(DVec3::new(0.0, 1.0, -1.0), 0.03)]).unwrap();
-        renderer.hand_over(&quads).unwrap();
-        take_over_all(&device, &renderer, &quads);
+        renderer.prepare_for_copy(&quads).unwrap();
+        copy_all_as_runtime(&device, &renderer, &quads);
         let shapes = watch.shapes(&warnings);
-        let scenery = Scenery { quads: &quads, shapes: &shapes, color: style.color };
+        let scenery = StereoScene { quads: &quads, shapes: &shapes, color: style.color };
         let eyes_m = views.map(|view| view.tracking_from_eye.translation);
         for window in Window::of_panels(&scenery, eyes_m) {
             let texture = renderer.window(&scenery, &window, eyes_m, [150, 120]).unwrap();
             let picture = renderer.picture_of_texture(&texture).unwrap();
-            assert_eq!(taken_over(&device, &texture), picture.into_raw());
+            assert_eq!(copied_by_runtime(&device, &texture), picture.into_raw());
         }
         for texture in renderer.windows(&scenery, &Window::of_panels(&scenery, eyes_m), eyes_m).unwrap() {
-            assert_eq!(taken_over(&device, &texture), renderer.picture_of_texture(&texture).unwrap().into_raw());
+            assert_eq!(copied_by_runtime(&device, &texture), renderer.picture_of_texture(&texture).unwrap().into_raw());
         }
         for (side, view) in views.iter().enumerate() {
             let texture = renderer.eye(&scenery, side, view).unwrap();
-            assert_eq!(taken_over(&device, &texture), renderer.picture_of_texture(&texture).unwrap().into_raw());
+            assert_eq!(copied_by_runtime(&device, &texture), renderer.picture_of_texture(&texture).unwrap().into_raw());
         }
-        renderer.hand_over(&quads).unwrap();
-        take_over_all(&device, &renderer, &quads);
+        renderer.prepare_for_copy(&quads).unwrap();
+        copy_all_as_runtime(&device, &renderer, &quads);
     }
 }
 
@@ -177,14 +177,14 @@ fn everything_but_the_hand_over() {
     let (style, head) = (WarningSettings::default(), Pose::from_translation(DVec3::Y * 1.6));
     let mut watch = Watch::new();
     watch.see(&scene());
-    let warnings = settled(&mut watch, head, &style);
+    let warnings = settled_warnings(&mut watch, head, &style);
     let quads = renderer.quads(&warnings, &style).unwrap();
     renderer.preview(&warnings, &style, &EyeView::pair(&head, 0.064, 1.6, [200, 160])[0], &[]).unwrap();
-    taken_over(&device, &quads[0].texture);
+    copied_by_runtime(&device, &quads[0].texture);
 }
 
 /// What the layer says while one of the functions above runs.
-fn said_during(function: &str, folder: &Path) -> String {
+fn layer_messages_during(function: &str, folder: &Path) -> String {
     let (log, settings) = (folder.join(format!("{function}.log")), folder.join(format!("{function}.txt")));
     let lines = [
         "khronos_validation.debug_action = VK_DBG_LAYER_ACTION_LOG_MSG".to_owned(),
@@ -205,7 +205,7 @@ fn said_during(function: &str, folder: &Path) -> String {
 }
 
 #[test]
-fn the_layer_has_nothing_to_say() {
+fn validation_layer_reports_nothing() {
     if let Err(error) = Renderer::new() {
         return println!("skipped: {error}");
     }
@@ -214,8 +214,8 @@ fn the_layer_has_nothing_to_say() {
     }
     let folder = std::env::temp_dir().join(format!("radar-chaperone-validation-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
-    let watched = said_during("everything_but_the_hand_over", &folder);
-    let said = said_during("everything", &folder);
+    let watched = layer_messages_during("everything_but_the_hand_over", &folder);
+    let said = layer_messages_during("everything", &folder);
     std::fs::remove_dir_all(&folder).unwrap();
     assert!(watched.contains("TRANSFER_SRC_OPTIMAL"), "the layer does not watch: {watched:?}");
     assert!(said.trim().is_empty(), "{said}");

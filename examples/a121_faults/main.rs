@@ -28,7 +28,7 @@ fn named(c: &SessionCounters) -> [(&'static str, u64); 14] {
         ("damaged payloads", c.stream.damaged_payloads),
         ("misfit results", c.stream.misfit_results),
         ("stale results", c.stream.stale_results),
-        ("doubtful", c.stream.doubtful),
+        ("doubtful", c.stream.unconfirmed_damage),
         ("refused ticks", c.refused_ticks),
         ("tick jumps", c.tick_jumps),
         ("unanswered", c.unanswered),
@@ -53,7 +53,7 @@ fn row(fault: Fault, outcomes: &[Outcome]) -> String {
     let times = |phase| quantiles(of(phase).map(|o| o.recovery_s).collect());
     let (opening, streaming, stopping) = (times(Phase::Opening), times(Phase::Streaming), times(Phase::Stopping));
     let lost = quantiles(of(Phase::Streaming).map(|o| o.lost as f64).collect());
-    let untold: u64 = outcomes.iter().map(|o| o.untold).sum();
+    let undetected: u64 = outcomes.iter().map(|o| o.undetected).sum();
     let error_s = outcomes.iter().map(|o| o.worst_error_s).fold(0.0, f64::max);
     format!(
         "| {} | {} | {:.3} | {:.2} | {} | {} | {:.2} | {:.2} | {:.2} | {} | {:.2} | {} |",
@@ -66,7 +66,7 @@ fn row(fault: Fault, outcomes: &[Outcome]) -> String {
         opening.0,
         opening.1,
         stopping.1,
-        untold,
+        undetected,
         error_s * 1e3,
         counted(outcomes)
     )

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use radar_chaperone::a121::device::{Board, Device, Fault, FaultPlan, NoiseOfTick, Output, READING_NS, SentResult};
+use radar_chaperone::a121::device::{Board, Device, Fault, FaultPlan, Output, READING_NS, SentResult, TickSeededNoise};
 use radar_chaperone::a121::{Action, Event, Link, SensorFrame, SensorSetup, Session, SessionCounters, Setup};
 use radar_chaperone::radar::{SensorConfig, Subsweep, frame_timing, preset};
 use rand::{RngExt, SeedableRng};
@@ -13,17 +13,17 @@ const S: i64 = 1_000_000_000;
 /// What the session takes a result's line for, bytes a sensor: with it goes the share of the delay that it takes off.
 const LINE_BYTES: i64 = 170;
 /// A session that is not back after this long has failed.
-const LONGEST_NS: i64 = 120 * S;
+const RECOVERY_TIMEOUT_NS: i64 = 120 * S;
 /// It is back when no frame was missed for this long.
-const STEADY_NS: i64 = 2 * S;
+const STABLE_NS: i64 = 2 * S;
 /// Once the clock has had frames of this long, seconds, times are held to so many of the sigmas that it states, or to their tick where that is
 /// longer, and to what the board's own delays differ by, seconds; before, to the longest that anything was held back.
 const SETTLED_S: f64 = 2.0;
 const SIGMAS: f64 = 5.0;
-const SHARED_S: f64 = 0.1e-3;
-const FIRST_S: f64 = 0.25;
+const BOARD_DELAY_S: f64 = 0.1e-3;
+const UNSETTLED_TOLERANCE_S: f64 = 0.25;
 /// A flipped digit of a tick is noticed when it takes the tick farther off the beat than this part of the period.
-const UNTOLD_TICK: f64 = 0.03;
+const UNDETECTED_TICK_SHARE: f64 = 0.03;
 
 /// When the fault comes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,7 +46,7 @@ pub struct Outcome {
     pub lost: u64,
     /// Frames accepted; of them, with a flipped bit where nothing can tell.
     pub accepted: u64,
-    pub untold: u64,
+    pub undetected: u64,
     /// Greatest error of a time, once the clock had settled, seconds; a delay that all results share is left out.
     pub worst_error_s: f64,
     pub counters: SessionCounters,
@@ -55,7 +55,7 @@ pub struct Outcome {
 }
 
 /// A board, a session, and the line between them.
-struct World {
+struct SimulatedLine {
     device: Device,
     session: Session,
     rng: ChaCha8Rng,
@@ -80,7 +80,7 @@ struct World {
 }
 
 /// A trial's set-up: which board, over which line.
-fn world_of(trial: u64) -> (Board, Link, Setup) {
+fn board_and_setup(trial: u64) -> (Board, Link, Setup) {
     let d16 = preset("d16").expect("a preset");
     let config = |points, rate| {
         let subsweeps = vec![Subsweep { num_points: points, ..d16.subsweeps[0] }];
@@ -100,22 +100,22 @@ fn world_of(trial: u64) -> (Board, Link, Setup) {
     }
 }
 
-impl World {
+impl SimulatedLine {
     fn new(trial: u64, seed: u64, phase: Phase) -> Self {
-        let (board, link, setup) = world_of(trial);
+        let (board, link, setup) = board_and_setup(trial);
         let frame_s = setup.sensors().map(|s| frame_timing(&s.config).frame_period_s).fold(0.0, f64::max);
         let period_s = setup.update_rate_hz.map_or(frame_s, |rate| 1.0 / rate);
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let now_ns = rng.random_range(1..1000) * S;
-        let mut device = Device::new(board, Box::new(NoiseOfTick), FaultPlan::default(), seed, now_ns);
-        device.keep_sent();
+        let mut device = Device::new(board, Box::new(TickSeededNoise), FaultPlan::default(), seed, now_ns);
+        device.record_sent();
         let session = Session::new(setup, link, now_ns).expect("a sound set-up");
         let outcome = Outcome {
             phase,
             recovery_s: 0.0,
             lost: 0,
             accepted: 0,
-            untold: 0,
+            undetected: 0,
             worst_error_s: 0.0,
             counters: SessionCounters::default(),
             failures: Vec::new(),
@@ -145,7 +145,7 @@ impl World {
     /// Runs until a time, or until something is so.
     fn run(&mut self, until_ns: i64, is_so: impl Fn(&Self) -> bool) {
         loop {
-            self.act();
+            self.apply_actions();
             if is_so(self) {
                 return;
             }
@@ -157,19 +157,19 @@ impl World {
             self.now_ns = self.now_ns.max(next_ns);
             let mut out = Vec::new();
             self.device.poll(self.now_ns, &mut out);
-            self.hear(out);
+            self.deliver(out);
             self.session.poll(self.now_ns);
             while let Some(event) = self.session.next_event() {
-                self.take(event);
+                self.handle_event(event);
             }
         }
     }
 
-    fn act(&mut self) {
+    fn apply_actions(&mut self) {
         while let Some(action) = self.session.next_action() {
             match action {
                 Action::Send(bytes) if self.is_plugged => {
-                    let bytes = self.as_heard(bytes, self.device.baud());
+                    let bytes = self.garbled(bytes, self.device.baud());
                     self.device.receive(&bytes, self.now_ns);
                 }
                 Action::SendBreak if self.is_plugged => self.device.receive_break(),
@@ -184,18 +184,18 @@ impl World {
     }
 
     /// Bytes between two speeds are noise.
-    fn as_heard(&mut self, bytes: Vec<u8>, baud: Option<u32>) -> Vec<u8> {
+    fn garbled(&mut self, bytes: Vec<u8>, baud: Option<u32>) -> Vec<u8> {
         match baud.filter(|baud| *baud != self.port_baud) {
             Some(_) => bytes.iter().map(|_| self.rng.random()).collect(),
             None => bytes,
         }
     }
 
-    fn hear(&mut self, out: Vec<Output>) {
+    fn deliver(&mut self, out: Vec<Output>) {
         for output in out {
             match output {
                 Output::Bytes { bytes, baud } if self.is_plugged => {
-                    let bytes = self.as_heard(bytes, baud);
+                    let bytes = self.garbled(bytes, baud);
                     self.session.receive(&bytes, self.now_ns);
                 }
                 Output::Bytes { .. } => {}
@@ -211,7 +211,7 @@ impl World {
         }
     }
 
-    fn take(&mut self, event: Event) {
+    fn handle_event(&mut self, event: Event) {
         match event {
             Event::Frames(frames) => self.check(&frames),
             Event::Streaming => (self.streaming_since_ns, self.frames_since) = (self.now_ns, 0),
@@ -235,10 +235,10 @@ impl World {
         }
         self.frames_since += 1;
         let Some((index, is_exact)) = self.matching(frames) else {
-            let struck: Vec<_> = self.sent.iter().rev().take(3).map(|sent| &sent.struck).collect();
-            return self.outcome.failures.push(format!("a frame that was not sent so; last: {struck:?}"));
+            let faults: Vec<_> = self.sent.iter().rev().take(3).map(|sent| &sent.faults).collect();
+            return self.outcome.failures.push(format!("a frame that was not sent so; last: {faults:?}"));
         };
-        self.outcome.untold += u64::from(!is_exact);
+        self.outcome.undetected += u64::from(!is_exact);
         let sent = self.sent[index].clone();
         self.sent.drain(..index);
         self.check_times(frames, &sent, is_exact);
@@ -258,7 +258,7 @@ impl World {
     /// result that was struck.
     fn matching(&self, frames: &[SensorFrame]) -> Option<(usize, bool)> {
         let samples: Vec<_> = frames.iter().flat_map(|f| &f.frame.samples).copied().collect();
-        let told_alike = |sent: &SentResult| {
+        let same_headers = |sent: &SentResult| {
             frames.len() == sent.infos.len()
                 && frames.iter().zip(&sent.infos).all(|(SensorFrame { frame, .. }, info)| {
                     frame.tick as u32 == info.tick
@@ -268,20 +268,20 @@ impl World {
                         && frame.frame_delayed == info.frame_delayed
                 })
         };
-        let exact = self.sent.iter().position(|sent| sent.samples == samples && told_alike(sent));
+        let exact = self.sent.iter().position(|sent| sent.samples == samples && same_headers(sent));
         if let Some(index) = exact {
             return Some((index, true));
         }
-        let untold = self.sent.iter().position(|sent| {
-            let is_line_struck = sent.struck.iter().any(|(at, _)| *at < sent.line_bytes);
-            let is_flipped = sent.struck.iter().any(|(at, fault)| *fault == Fault::Flip && *at >= sent.line_bytes);
+        let undetected = self.sent.iter().position(|sent| {
+            let is_line_struck = sent.faults.iter().any(|(at, _)| *at < sent.line_bytes);
+            let is_flipped = sent.faults.iter().any(|(at, fault)| *fault == Fault::Flip && *at >= sent.line_bytes);
             let bits = |a: i16, b: i16| (a ^ b).count_ones();
             let wrong_bits: u32 =
                 sent.samples.iter().zip(&samples).map(|(a, b)| bits(a.re, b.re) + bits(a.im, b.im)).sum();
             (is_line_struck && sent.samples == samples)
-                || (is_flipped && told_alike(sent) && sent.samples.len() == samples.len() && wrong_bits == 1)
+                || (is_flipped && same_headers(sent) && sent.samples.len() == samples.len() && wrong_bits == 1)
         })?;
-        Some((untold, false))
+        Some((undetected, false))
     }
 
     fn check_times(&mut self, frames: &[SensorFrame], sent: &SentResult, is_exact: bool) {
@@ -293,14 +293,15 @@ impl World {
         let is_settled = self.frames_since as f64 * self.period_s > SETTLED_S;
         for (SensorFrame { frame, .. }, end_ns) in frames.iter().zip(&sent.ends_ns) {
             let error_s = (frame.host_time_ns - end_ns - shared_ns) as f64 * 1e-9;
-            if !is_exact && error_s.abs() < UNTOLD_TICK * self.period_s + 2e-3 {
+            if !is_exact && error_s.abs() < UNDETECTED_TICK_SHARE * self.period_s + 2e-3 {
                 continue;
             }
             if is_settled {
                 self.outcome.worst_error_s = self.outcome.worst_error_s.max(error_s.abs());
             }
             let sigma_s = self.session.clock_report().map_or(0.0, |report| report.sigma_s);
-            let bound_s = if is_settled { self.tick_s.max(SIGMAS * sigma_s) + SHARED_S } else { FIRST_S };
+            let bound_s =
+                if is_settled { self.tick_s.max(SIGMAS * sigma_s) + BOARD_DELAY_S } else { UNSETTLED_TOLERANCE_S };
             if error_s.abs() > bound_s {
                 let since_s = (self.now_ns - self.streaming_since_ns) as f64 * 1e-9;
                 let text =
@@ -314,18 +315,18 @@ impl World {
         let mut out = Vec::new();
         self.device.inject(fault, self.now_ns, &mut out);
         self.fault_ns = Some(self.now_ns);
-        self.hear(out);
+        self.deliver(out);
     }
 
     /// Runs until no frame has been missed for a while.
-    fn come_back(&mut self) {
+    fn await_recovery(&mut self) {
         let fault_ns = self.fault_ns.unwrap_or(self.now_ns);
         let is_back = |world: &Self| {
             world.ended.is_some()
-                || world.back_ns.is_some_and(|at| at.max(fault_ns + S) + STEADY_NS <= world.now_ns)
+                || world.back_ns.is_some_and(|at| at.max(fault_ns + S) + STABLE_NS <= world.now_ns)
                     && world.last_end_ns.is_some_and(|end| world.now_ns - end < S / 4)
         };
-        self.run(fault_ns + LONGEST_NS, is_back);
+        self.run(fault_ns + RECOVERY_TIMEOUT_NS, is_back);
         match self.back_ns.filter(|_| self.ended.is_none() && is_back(self)) {
             Some(at) => self.outcome.recovery_s = (at - fault_ns) as f64 * 1e-9,
             None => self.outcome.failures.push("not back".into()),
@@ -335,7 +336,7 @@ impl World {
     fn stop(&mut self) {
         let asked_ns = self.now_ns;
         self.session.stop(asked_ns);
-        self.run(asked_ns + LONGEST_NS, |world| world.ended.is_some());
+        self.run(asked_ns + RECOVERY_TIMEOUT_NS, |world| world.ended.is_some());
         if self.ended != Some(Event::Stopped) {
             self.outcome.failures.push("did not stop".into());
         }
@@ -350,13 +351,13 @@ pub fn run(fault: Fault, trial: u64, seed: u64) -> Outcome {
         3..9 => Phase::Streaming,
         _ => Phase::Stopping,
     };
-    let mut world = World::new(trial, rng.random(), phase);
+    let mut world = SimulatedLine::new(trial, rng.random(), phase);
     let begun_ns = world.now_ns;
     if phase == Phase::Opening {
         let commands = rng.random_range(0..6);
         world.run(begun_ns + 3 * S, |world| world.device.counters().commands >= commands);
         world.inject(fault);
-        world.come_back();
+        world.await_recovery();
         world.outcome.lost = 0;
     } else {
         world.run(begun_ns + 10 * S, |world| world.first_frame_ns.is_some());
@@ -366,7 +367,7 @@ pub fn run(fault: Fault, trial: u64, seed: u64) -> Outcome {
     }
     match phase {
         Phase::Opening => {}
-        Phase::Streaming => world.come_back(),
+        Phase::Streaming => world.await_recovery(),
         Phase::Stopping => {
             let until_ns = world.now_ns + rng.random_range(0..S / 50);
             world.run(until_ns, |_| false);

@@ -24,7 +24,7 @@ pub struct Device {
     pub next: ash::Device,
     pub get_device_proc_addr: vk::PFN_vkGetDeviceProcAddr,
     /// What the file held when the device was made; `None`: there was none.
-    at_birth: Option<Vec<u8>>,
+    content_at_creation: Option<Vec<u8>>,
     is_lost: AtomicBool,
 }
 
@@ -50,7 +50,7 @@ pub fn instance_of(handle: impl Handle) -> Option<Instance> {
 /// Keeps a device.
 pub fn add_device(device: vk::Device, next: ash::Device, get_device_proc_addr: vk::PFN_vkGetDeviceProcAddr) {
     let device_key = key(device.as_raw());
-    let made = Device { next, get_device_proc_addr, at_birth: content(), is_lost: AtomicBool::new(false) };
+    let made = Device { next, get_device_proc_addr, content_at_creation: content(), is_lost: AtomicBool::new(false) };
     DEVICES.lock().unwrap_or_else(PoisonError::into_inner).insert(device_key, Arc::new(made));
 }
 
@@ -71,7 +71,7 @@ impl Device {
             return true;
         }
         let now = content();
-        let is_lost = now.is_some() && now != self.at_birth;
+        let is_lost = now.is_some() && now != self.content_at_creation;
         if is_lost && !self.is_lost.swap(true, Ordering::SeqCst) {
             // SAFETY: a living device; nothing more is handed to it by way of this layer.
             let _ = unsafe { self.next.device_wait_idle() };

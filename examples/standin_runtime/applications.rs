@@ -27,7 +27,7 @@ const NOT_SET: u32 = sys::EVRApplicationError_VRApplicationError_PropertyNotSet;
 const NO_PROPERTY: u32 = sys::EVRApplicationError_VRApplicationError_UnknownProperty;
 const NO_CONTACT: u32 = sys::EVRApplicationError_VRApplicationError_IPCFailed;
 /// Longest manifest that is read.
-const LONGEST_MANIFEST: u64 = 1 << 20;
+const MAX_MANIFEST_BYTES: u64 = 1 << 20;
 
 /// An application as it is kept.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -54,11 +54,11 @@ fn load(path: &Path) -> Applications {
 }
 
 /// A call that may change the applications.
-fn on<T>(name: &'static str, failed: T, body: impl FnOnce(&mut World, &mut Applications) -> T) -> T {
+fn with_applications<T>(name: &'static str, failed: T, body: impl FnOnce(&mut World, &mut Applications) -> T) -> T {
     let mut value = None;
     call(name, NO_CONTACT, |world| {
         if world.is_utility() || world.server.alive(now_ns()) {
-            let path = world.place.applications();
+            let path = world.paths.applications();
             let mut applications = load(&path);
             let before = serde_json::to_vec_pretty(&applications).unwrap_or_default();
             value = Some(body(world, &mut applications));
@@ -83,7 +83,7 @@ fn checked<'a>(world: &mut World, name: &str, text: *const c_char) -> Option<&'a
 /// The applications of a manifest.
 fn parse(path: &Path, temporary: bool) -> Result<Applications, u32> {
     let metadata = std::fs::metadata(path).map_err(|_| NO_MANIFEST)?;
-    if !metadata.is_file() || metadata.len() > LONGEST_MANIFEST {
+    if !metadata.is_file() || metadata.len() > MAX_MANIFEST_BYTES {
         return Err(NO_MANIFEST);
     }
     let bytes = std::fs::read(path).map_err(|_| NO_MANIFEST)?;
@@ -117,7 +117,7 @@ fn application(manifest: &Path, entry: &Value, temporary: bool) -> Result<(Strin
 }
 
 unsafe extern "C" fn add_manifest(path: *mut c_char, temporary: bool) -> u32 {
-    on("AddApplicationManifest", NO_CONTACT, |world, applications| {
+    with_applications("AddApplicationManifest", NO_CONTACT, |world, applications| {
         let Some(path) = checked(world, "AddApplicationManifest", path).map(Path::new) else {
             return BAD_PARAMETER;
         };
@@ -144,7 +144,7 @@ unsafe extern "C" fn add_manifest(path: *mut c_char, temporary: bool) -> u32 {
 }
 
 unsafe extern "C" fn remove_manifest(path: *mut c_char) -> u32 {
-    on("RemoveApplicationManifest", NO_CONTACT, |world, applications| {
+    with_applications("RemoveApplicationManifest", NO_CONTACT, |world, applications| {
         let Some(path) = checked(world, "RemoveApplicationManifest", path).map(Path::new) else {
             return BAD_PARAMETER;
         };
@@ -155,31 +155,31 @@ unsafe extern "C" fn remove_manifest(path: *mut c_char) -> u32 {
 }
 
 unsafe extern "C" fn is_installed(key: *mut c_char) -> bool {
-    on("IsApplicationInstalled", false, |world, applications| {
+    with_applications("IsApplicationInstalled", false, |world, applications| {
         checked(world, "IsApplicationInstalled", key).is_some_and(|key| applications.contains_key(key))
     })
 }
 
 unsafe extern "C" fn count() -> u32 {
-    on("GetApplicationCount", 0, |_, applications| applications.len() as u32)
+    with_applications("GetApplicationCount", 0, |_, applications| applications.len() as u32)
 }
 
 unsafe extern "C" fn key_by_index(index: u32, key: *mut c_char, room: u32) -> u32 {
-    on("GetApplicationKeyByIndex", NO_CONTACT, |_, applications| {
+    with_applications("GetApplicationKeyByIndex", NO_CONTACT, |_, applications| {
         let found = applications.keys().nth(index as usize);
         found.map_or(BAD_INDEX, |found| if write_text(key, room, found) > room { TOO_SMALL } else { NONE })
     })
 }
 
 unsafe extern "C" fn key_by_process(pid: u32, key: *mut c_char, room: u32) -> u32 {
-    on("GetApplicationKeyByProcessId", NO_CONTACT, |_, applications| {
+    with_applications("GetApplicationKeyByProcessId", NO_CONTACT, |_, applications| {
         let found = applications.iter().find(|(_, application)| pid != 0 && application.pid == pid);
         found.map_or(UNKNOWN, |(found, _)| if write_text(key, room, found) > room { TOO_SMALL } else { NONE })
     })
 }
 
 unsafe extern "C" fn identify(pid: u32, key: *mut c_char) -> u32 {
-    on("IdentifyApplication", NO_CONTACT, |world, applications| {
+    with_applications("IdentifyApplication", NO_CONTACT, |world, applications| {
         let application = checked(world, "IdentifyApplication", key).and_then(|key| applications.get_mut(key));
         application.map_or(UNKNOWN, |application| {
             application.pid = pid;
@@ -189,7 +189,7 @@ unsafe extern "C" fn identify(pid: u32, key: *mut c_char) -> u32 {
 }
 
 unsafe extern "C" fn process_of(key: *mut c_char) -> u32 {
-    on("GetApplicationProcessId", 0, |world, applications| {
+    with_applications("GetApplicationProcessId", 0, |world, applications| {
         let found = checked(world, "GetApplicationProcessId", key).and_then(|key| applications.get(key));
         found.map_or(0, |application| application.pid)
     })
@@ -221,7 +221,7 @@ fn property<T>(
     failed: T,
     value: impl FnOnce(&Application) -> Result<T, u32>,
 ) -> T {
-    let found = on(name, Err(NO_CONTACT), |world, applications| {
+    let found = with_applications(name, Err(NO_CONTACT), |world, applications| {
         let application = checked(world, name, key).and_then(|key| applications.get(key));
         application.ok_or(UNKNOWN).and_then(value)
     });
@@ -264,7 +264,7 @@ unsafe extern "C" fn bool_property(key: *mut c_char, asked: u32, error: *mut u32
 }
 
 unsafe extern "C" fn set_autolaunch(key: *mut c_char, autolaunch: bool) -> u32 {
-    on("SetApplicationAutoLaunch", NO_CONTACT, |world, applications| {
+    with_applications("SetApplicationAutoLaunch", NO_CONTACT, |world, applications| {
         let application = checked(world, "SetApplicationAutoLaunch", key).and_then(|key| applications.get_mut(key));
         application.map_or(UNKNOWN, |application| {
             application.autolaunch = autolaunch;
@@ -274,7 +274,7 @@ unsafe extern "C" fn set_autolaunch(key: *mut c_char, autolaunch: bool) -> u32 {
 }
 
 unsafe extern "C" fn autolaunch(key: *mut c_char) -> bool {
-    on("GetApplicationAutoLaunch", false, |world, applications| {
+    with_applications("GetApplicationAutoLaunch", false, |world, applications| {
         let found = checked(world, "GetApplicationAutoLaunch", key).and_then(|key| applications.get(key));
         found.is_some_and(|application| application.autolaunch)
     })

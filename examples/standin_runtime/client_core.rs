@@ -50,7 +50,7 @@ static TABLES: LazyLock<[(&'static CStr, usize); 6]> = LazyLock::new(|| {
 
 /// IVRSystem for C++: Valve's loader calls SetSDKVersion through it.
 static SYSTEM_OBJECT: LazyLock<usize> = LazyLock::new(|| {
-    let mut functions = [cpp_refused as *const () as usize; SYSTEM_FUNCTIONS];
+    let mut functions = [cpp_unsupported as *const () as usize; SYSTEM_FUNCTIONS];
     functions[SYSTEM_FUNCTIONS - 1] = cpp_set_sdk_version as *const () as usize;
     let functions = Box::leak(Box::new(functions));
     std::ptr::from_mut(Box::leak(Box::new(functions.as_ptr()))) as usize
@@ -143,8 +143,8 @@ unsafe extern "C" fn error_name(_this: *mut c_void, code: u32) -> *const c_char 
     text(error(code).0)
 }
 
-unsafe extern "C" fn cpp_refused(_this: *mut c_void) -> usize {
-    world::refused("IVRSystem as a C++ object");
+unsafe extern "C" fn cpp_unsupported(_this: *mut c_void) -> usize {
+    world::unsupported("IVRSystem as a C++ object");
     0
 }
 

@@ -15,7 +15,7 @@ pub struct TimedCommand {
 /// A universe that can be recentred.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Zero {
+pub enum RecenterTarget {
     #[default]
     Standing,
     Seated,
@@ -60,7 +60,7 @@ pub enum Command {
         #[serde(default)]
         yaw_deg: f64,
         #[serde(default)]
-        universe: Zero,
+        universe: RecenterTarget,
     },
     /// Changes the raw universe, as configured.
     Universe,

@@ -12,14 +12,14 @@ use crate::commands::TimedCommand;
 /// A place and a turn about the vertical.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Placed {
+pub struct YawPose {
     #[serde(default)]
     position_m: [f64; 3],
     #[serde(default)]
     yaw_deg: f64,
 }
 
-impl Placed {
+impl YawPose {
     fn new(position_m: [f64; 3], yaw_deg: f64) -> Self {
         Self { position_m, yaw_deg }
     }
@@ -112,11 +112,11 @@ pub struct Config {
     /// A relative track plays forwards and backwards in turn, for ever.
     pub track_loops: bool,
     pub display: Display,
-    pub raw_from_standing: Placed,
-    pub raw_from_seated: Placed,
+    pub raw_from_standing: YawPose,
+    pub raw_from_seated: YawPose,
     pub universe_id: u64,
     /// How the raw universe moves at a change of universe: its new pose in the old one.
-    pub universe_change: Placed,
+    pub universe_change: YawPose,
     pub projection_matrix: ProjectionMatrix,
     /// The Vulkan extensions asked for.
     pub instance_extensions: Vec<String>,
@@ -138,10 +138,10 @@ impl Default for Config {
             track_is_relative: false,
             track_loops: false,
             display: Display::default(),
-            raw_from_standing: Placed::new([0.3, -0.05, 0.2], 30.0),
-            raw_from_seated: Placed::new([0.1, 1.2, 0.4], -20.0),
+            raw_from_standing: YawPose::new([0.3, -0.05, 0.2], 30.0),
+            raw_from_seated: YawPose::new([0.1, 1.2, 0.4], -20.0),
             universe_id: 1_700_000_001,
-            universe_change: Placed::new([0.7, 0.1, -0.4], 100.0),
+            universe_change: YawPose::new([0.7, 0.1, -0.4], 100.0),
             projection_matrix: ProjectionMatrix::EyeFromTracking,
             instance_extensions: names(&[
                 "VK_KHR_get_physical_device_properties2",

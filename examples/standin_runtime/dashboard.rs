@@ -34,7 +34,7 @@ impl World {
             false => [sys::EVREventType_VREvent_DashboardDeactivated, sys::EVREventType_VREvent_OverlayHidden],
         };
         self.send(event(kind, NOBODY));
-        self.tell_tab(event(tab_kind, NOBODY));
+        self.push_tab_event(event(tab_kind, NOBODY));
     }
 
     /// Touches the tab in front, at a place from its upper left in units of its mouse scale.
@@ -68,10 +68,10 @@ impl World {
             // SAFETY: the union holds a mouse's data for these kinds; it need not be aligned.
             unsafe { (&raw mut told.data).cast::<sys::VREvent_Mouse_t>().write_unaligned(mouse) };
         }
-        self.tell_tab(told);
+        self.push_tab_event(told);
     }
 
-    fn tell_tab(&mut self, event: sys::VREvent_t) {
+    fn push_tab_event(&mut self, event: sys::VREvent_t) {
         let now_ns = crate::clock::now_ns();
         let Some((_, tab)) = self.overlays.active_tab() else { return };
         if !tab.events.push(now_ns, event) {

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use crate::sys;
 
 /// More than this are not kept; the oldest go.
-const MOST: usize = 256;
+const MAX_EVENTS: usize = 256;
 
 /// The queue.
 #[derive(Clone, Default)]
@@ -34,7 +34,7 @@ pub fn universe_changed(universe: u64) -> sys::VREvent_t {
 impl Events {
     /// Adds one; false where another had to go.
     pub fn push(&mut self, time_ns: i64, event: sys::VREvent_t) -> bool {
-        let full = self.waiting.len() == MOST;
+        let full = self.waiting.len() == MAX_EVENTS;
         if full {
             self.waiting.pop_front();
         }

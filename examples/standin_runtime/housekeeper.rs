@@ -10,7 +10,7 @@ use std::time::Duration;
 use crate::clock::now_ns;
 use crate::commands::{Command, TimedCommand};
 use crate::painter::{Painter, is_name};
-use crate::place::Place;
+use crate::paths::Paths;
 use crate::report::write_whole;
 use crate::world::{World, lock};
 
@@ -21,7 +21,7 @@ const REPORT_NS: i64 = 1_000_000_000;
 /// Ticks from one look at the file of commands to the next.
 const COMMANDS_TICKS: u64 = 5;
 /// Longest stretch of the file of commands that is read at a time.
-const LONGEST_READ: u64 = 1 << 20;
+const MAX_READ_BYTES: u64 = 1 << 20;
 
 /// The thread.
 pub struct Handle {
@@ -40,7 +40,7 @@ impl Handle {
 }
 
 /// Starts it.
-pub fn start(place: Place) -> Handle {
+pub fn start(place: Paths) -> Handle {
     let (stop, stopped) = channel();
     // Here, so that a command that is given right after Init is not taken for an old one.
     let commands = CommandTail::new(place.commands());
@@ -48,7 +48,7 @@ pub fn start(place: Place) -> Handle {
     Handle { stop, thread }
 }
 
-fn run(place: &Place, mut commands: CommandTail, stopped: &Receiver<()>) {
+fn run(place: &Paths, mut commands: CommandTail, stopped: &Receiver<()>) {
     let painter = Painter::start(place.shots());
     let mut report_due_ns = i64::MIN;
     for tick in 0u64.. {
@@ -57,18 +57,18 @@ fn run(place: &Place, mut commands: CommandTail, stopped: &Receiver<()>) {
         }
         let lines = if tick % COMMANDS_TICKS == 0 { commands.new_lines() } else { Vec::new() };
         let chore = lock().as_mut().and_then(|world| work(world, &painter, &lines, &mut report_due_ns));
-        chore.into_iter().for_each(Chore::write);
+        chore.into_iter().for_each(ReportWrite::write);
     }
     painter.finish();
 }
 
 /// What is done outside the lock.
-struct Chore {
+struct ReportWrite {
     path: PathBuf,
     bytes: Vec<u8>,
 }
 
-impl Chore {
+impl ReportWrite {
     fn write(self) {
         if let Err(error) = write_whole(&self.path, &self.bytes) {
             eprintln!("stand-in: {}: {error}", self.path.display());
@@ -76,7 +76,7 @@ impl Chore {
     }
 }
 
-fn work(world: &mut World, painter: &Painter, lines: &[String], report_due_ns: &mut i64) -> Option<Chore> {
+fn work(world: &mut World, painter: &Painter, lines: &[String], report_due_ns: &mut i64) -> Option<ReportWrite> {
     let now_ns = now_ns();
     for line in lines {
         match TimedCommand::parse(line) {
@@ -97,7 +97,7 @@ fn work(world: &mut World, painter: &Painter, lines: &[String], report_due_ns: &
     let due = world.report.urgent || now_ns >= *report_due_ns;
     due.then(|| {
         *report_due_ns = now_ns + REPORT_NS;
-        Chore { path: world.report_path(), bytes: world.report_json(now_ns) }
+        ReportWrite { path: world.report_path(), bytes: world.report_json(now_ns) }
     })
 }
 
@@ -154,12 +154,12 @@ impl CommandTail {
     fn read(&mut self) -> std::io::Result<usize> {
         let mut file = File::open(&self.path)?;
         file.seek(SeekFrom::Start(self.read_to))?;
-        file.take(LONGEST_READ).read_to_end(&mut self.rest)
+        file.take(MAX_READ_BYTES).read_to_end(&mut self.rest)
     }
 
     fn take_lines(&mut self) -> Vec<String> {
         let Some(end) = self.rest.iter().rposition(|byte| *byte == b'\n') else {
-            if self.rest.len() as u64 > LONGEST_READ {
+            if self.rest.len() as u64 > MAX_READ_BYTES {
                 self.rest.clear();
             }
             return Vec::new();

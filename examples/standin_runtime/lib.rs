@@ -23,7 +23,7 @@ mod memory;
 mod overlay;
 mod overlay_table;
 mod painter;
-mod place;
+mod paths;
 mod poses;
 mod pyramid;
 mod report;

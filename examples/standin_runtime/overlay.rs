@@ -12,7 +12,7 @@ use crate::sys;
 use crate::vulkan::{Copied, Copier};
 
 /// Overlays there may be.
-pub const MOST: usize = sys::k_unMaxOverlayCount as usize;
+pub const MAX_OVERLAYS: usize = sys::k_unMaxOverlayCount as usize;
 /// A first handle that is unlike a small number or a pointer.
 const FIRST_HANDLE: u64 = 0x5354_4e44_0000_0001;
 

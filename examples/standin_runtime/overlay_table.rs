@@ -9,7 +9,7 @@ use radar_chaperone::geometry::Pose;
 use crate::clock::{now_ns, sleep_until};
 use crate::eyes::Edges;
 use crate::memory::{read, read_text, write, write_part, write_text};
-use crate::overlay::{MOST, Overlay, Texture, Transform, thumbnail_key};
+use crate::overlay::{MAX_OVERLAYS, Overlay, Texture, Transform, thumbnail_key};
 use crate::poses::{matrix, pose};
 use crate::report::Report;
 use crate::table::{table, text};
@@ -25,14 +25,14 @@ const WRONG_TRANSFORM: u32 = sys::EVROverlayError_VROverlayError_WrongTransformT
 const FAILED: u32 = sys::EVROverlayError_VROverlayError_RequestFailed;
 const TIMED_OUT: u32 = sys::EVROverlayError_VROverlayError_TimedOut;
 /// Greatest side of a texture.
-const LARGEST: u32 = 4096;
+const MAX_TEXTURE_SIDE: u32 = 4096;
 const FORMATS: [vk::Format; 4] =
     [vk::Format::R8G8B8A8_SRGB, vk::Format::R8G8B8A8_UNORM, vk::Format::B8G8R8A8_SRGB, vk::Format::B8G8R8A8_UNORM];
 
 type Outcome = Result<(), u32>;
 
 /// A call about an overlay there must be.
-fn on(name: &'static str, handle: u64, body: impl FnOnce(&mut Overlay, &mut Report) -> Outcome) -> u32 {
+fn with_overlay(name: &'static str, handle: u64, body: impl FnOnce(&mut Overlay, &mut Report) -> Outcome) -> u32 {
     call(name, FAILED, |world| {
         let overlay = match world.overlays.get(handle) {
             Ok(overlay) => overlay,
@@ -56,7 +56,7 @@ fn set_number(
     allowed: impl FnOnce(f32) -> bool,
     field: impl FnOnce(&mut Overlay) -> &mut f32,
 ) -> u32 {
-    on(name, handle, |overlay, report| {
+    with_overlay(name, handle, |overlay, report| {
         if !value.is_finite() || !allowed(value) {
             report.violation(&format!("{name}: not a possible value"), format!("{value} for {}", overlay.key));
             return Err(BAD_PARAMETER);
@@ -68,7 +68,7 @@ fn set_number(
 
 /// Hands out a value.
 fn get<T>(name: &'static str, handle: u64, to: *mut T, value: impl FnOnce(&Overlay) -> T) -> u32 {
-    on(name, handle, |overlay, report| {
+    with_overlay(name, handle, |overlay, report| {
         not_null(report, name, to)?;
         write(to, value(overlay));
         Ok(())
@@ -107,8 +107,8 @@ fn create(world: &mut World, name: &str, key: *const c_char, label: *const c_cha
         report.violation("overlay key in use", key);
         return Err(sys::EVROverlayError_VROverlayError_KeyInUse);
     }
-    if world.overlays.len() >= MOST {
-        report.violation("too many overlays", format!("{MOST} at most"));
+    if world.overlays.len() >= MAX_OVERLAYS {
+        report.violation("too many overlays", format!("{MAX_OVERLAYS} at most"));
         return Err(sys::EVROverlayError_VROverlayError_OverlayLimitExceeded);
     }
     Ok(world.overlays.create(key, label))
@@ -176,7 +176,7 @@ fn get_text(
     of: impl FnOnce(&Overlay) -> &str,
 ) -> u32 {
     let mut needed = 0;
-    let code = on(name, handle, |overlay, _| {
+    let code = with_overlay(name, handle, |overlay, _| {
         needed = write_text(value, room, of(overlay));
         if needed > room { Err(sys::EVROverlayError_VROverlayError_ArrayTooSmall) } else { Ok(()) }
     });
@@ -193,7 +193,7 @@ unsafe extern "C" fn overlay_name(handle: u64, value: *mut c_char, room: u32, er
 }
 
 unsafe extern "C" fn set_name(handle: u64, name: *mut c_char) -> u32 {
-    on("SetOverlayName", handle, |overlay, report| {
+    with_overlay("SetOverlayName", handle, |overlay, report| {
         let too_long = sys::EVROverlayError_VROverlayError_NameTooLong;
         overlay.name = checked_text(report, "SetOverlayName", name, too_long)?.to_owned();
         Ok(())
@@ -223,7 +223,7 @@ unsafe extern "C" fn error_name(error: u32) -> *mut c_char {
 }
 
 unsafe extern "C" fn set_flag(handle: u64, flag: u32, enabled: bool) -> u32 {
-    on("SetOverlayFlag", handle, |overlay, report| {
+    with_overlay("SetOverlayFlag", handle, |overlay, report| {
         let known = sys::VROverlayFlags_NoDashboardTab..=sys::VROverlayFlags_NoBackside;
         if !flag.is_power_of_two() || !known.contains(&flag) {
             report.violation("no such flag", format!("{flag:#x}"));
@@ -243,7 +243,7 @@ unsafe extern "C" fn get_flags(handle: u64, flags: *mut u32) -> u32 {
 }
 
 unsafe extern "C" fn set_color(handle: u64, red: f32, green: f32, blue: f32) -> u32 {
-    on("SetOverlayColor", handle, |overlay, report| {
+    with_overlay("SetOverlayColor", handle, |overlay, report| {
         let color = [red, green, blue];
         if !color.iter().all(|part| part.is_finite() && *part >= 0.0) {
             report.violation("SetOverlayColor: not a possible value", format!("{color:?} for {}", overlay.key));
@@ -255,7 +255,7 @@ unsafe extern "C" fn set_color(handle: u64, red: f32, green: f32, blue: f32) -> 
 }
 
 unsafe extern "C" fn get_color(handle: u64, red: *mut f32, green: *mut f32, blue: *mut f32) -> u32 {
-    on("GetOverlayColor", handle, |overlay, _| {
+    with_overlay("GetOverlayColor", handle, |overlay, _| {
         [red, green, blue].iter().zip(overlay.color).for_each(|(to, part)| write(*to, part));
         Ok(())
     })
@@ -278,7 +278,7 @@ unsafe extern "C" fn get_texel_aspect(handle: u64, aspect: *mut f32) -> u32 {
 }
 
 unsafe extern "C" fn set_sort_order(handle: u64, order: u32) -> u32 {
-    on("SetOverlaySortOrder", handle, |overlay, _| {
+    with_overlay("SetOverlaySortOrder", handle, |overlay, _| {
         overlay.sort_order = order;
         Ok(())
     })
@@ -306,7 +306,7 @@ unsafe extern "C" fn get_curvature(handle: u64, curvature: *mut f32) -> u32 {
 }
 
 unsafe extern "C" fn set_color_space(handle: u64, space: u32) -> u32 {
-    on("SetOverlayTextureColorSpace", handle, |overlay, report| {
+    with_overlay("SetOverlayTextureColorSpace", handle, |overlay, report| {
         if space > sys::EColorSpace_ColorSpace_Linear {
             report.violation("no such colour space", format!("{space}"));
             return Err(BAD_PARAMETER);
@@ -321,7 +321,7 @@ unsafe extern "C" fn get_color_space(handle: u64, space: *mut u32) -> u32 {
 }
 
 unsafe extern "C" fn set_bounds(handle: u64, bounds: *mut sys::VRTextureBounds_t) -> u32 {
-    on("SetOverlayTextureBounds", handle, |overlay, report| {
+    with_overlay("SetOverlayTextureBounds", handle, |overlay, report| {
         // Null means the whole texture.
         let whole = sys::VRTextureBounds_t { uMin: 0.0, vMin: 0.0, uMax: 1.0, vMax: 1.0 };
         let b = read(bounds).unwrap_or(whole);
@@ -380,7 +380,7 @@ fn checked_origin(report: &mut Report, name: &str, origin: u32) -> Outcome {
 }
 
 unsafe extern "C" fn set_absolute(handle: u64, origin: u32, matrix: *mut sys::HmdMatrix34_t) -> u32 {
-    on("SetOverlayTransformAbsolute", handle, |overlay, report| {
+    with_overlay("SetOverlayTransformAbsolute", handle, |overlay, report| {
         not_a_tab(overlay, report)?;
         checked_origin(report, "SetOverlayTransformAbsolute", origin)?;
         let universe_from_overlay = checked_pose(report, "SetOverlayTransformAbsolute", matrix)?;
@@ -390,7 +390,7 @@ unsafe extern "C" fn set_absolute(handle: u64, origin: u32, matrix: *mut sys::Hm
 }
 
 unsafe extern "C" fn get_absolute(handle: u64, origin: *mut u32, to: *mut sys::HmdMatrix34_t) -> u32 {
-    on("GetOverlayTransformAbsolute", handle, |overlay, _| match overlay.transform {
+    with_overlay("GetOverlayTransformAbsolute", handle, |overlay, _| match overlay.transform {
         Transform::Absolute { origin: is, universe_from_overlay } => {
             write(origin, is);
             write(to, matrix(&universe_from_overlay));
@@ -401,7 +401,7 @@ unsafe extern "C" fn get_absolute(handle: u64, origin: *mut u32, to: *mut sys::H
 }
 
 unsafe extern "C" fn set_relative(handle: u64, device: u32, matrix: *mut sys::HmdMatrix34_t) -> u32 {
-    on("SetOverlayTransformTrackedDeviceRelative", handle, |overlay, report| {
+    with_overlay("SetOverlayTransformTrackedDeviceRelative", handle, |overlay, report| {
         not_a_tab(overlay, report)?;
         if device >= sys::k_unMaxTrackedDeviceCount as u32 {
             report.violation("no such device", format!("{device} for {}", overlay.key));
@@ -414,7 +414,7 @@ unsafe extern "C" fn set_relative(handle: u64, device: u32, matrix: *mut sys::Hm
 }
 
 unsafe extern "C" fn get_relative(handle: u64, device: *mut u32, to: *mut sys::HmdMatrix34_t) -> u32 {
-    on("GetOverlayTransformTrackedDeviceRelative", handle, |overlay, _| match overlay.transform {
+    with_overlay("GetOverlayTransformTrackedDeviceRelative", handle, |overlay, _| match overlay.transform {
         Transform::Device { device: is, device_from_overlay } => {
             write(device, is);
             write(to, matrix(&device_from_overlay));
@@ -432,7 +432,7 @@ unsafe extern "C" fn set_projection(
     eye: u32,
 ) -> u32 {
     const NAME: &str = "SetOverlayTransformProjection";
-    on(NAME, handle, |overlay, report| {
+    with_overlay(NAME, handle, |overlay, report| {
         not_a_tab(overlay, report)?;
         checked_origin(report, NAME, origin)?;
         not_null(report, NAME, projection)?;
@@ -451,7 +451,7 @@ unsafe extern "C" fn set_projection(
 }
 
 unsafe extern "C" fn show(handle: u64) -> u32 {
-    on("ShowOverlay", handle, |overlay, report| {
+    with_overlay("ShowOverlay", handle, |overlay, report| {
         if overlay.dashboard {
             report.violation("a tab is shown by the dashboard alone", &overlay.key);
             return Err(BAD_PARAMETER);
@@ -462,14 +462,14 @@ unsafe extern "C" fn show(handle: u64) -> u32 {
 }
 
 unsafe extern "C" fn hide(handle: u64) -> u32 {
-    on("HideOverlay", handle, |overlay, _| {
+    with_overlay("HideOverlay", handle, |overlay, _| {
         overlay.shown = false;
         Ok(())
     })
 }
 
 unsafe extern "C" fn is_visible(handle: u64) -> bool {
-    let code = on("IsOverlayVisible", handle, |_, _| Ok(()));
+    let code = with_overlay("IsOverlayVisible", handle, |_, _| Ok(()));
     code == NONE && crate::world::lock().as_mut().is_some_and(|world| world.overlays.is_seen(handle))
 }
 
@@ -517,7 +517,7 @@ unsafe extern "C" fn wait_frame_sync(timeout_ms: u32) -> u32 {
 
 unsafe extern "C" fn poll_overlay_event(handle: u64, event: *mut sys::VREvent_t, room: u32) -> bool {
     let mut next = None;
-    on("PollNextOverlayEvent", handle, |overlay, report| {
+    with_overlay("PollNextOverlayEvent", handle, |overlay, report| {
         not_null(report, "PollNextOverlayEvent", event)?;
         next = overlay.events.pop(now_ns());
         Ok(())
@@ -533,7 +533,7 @@ unsafe extern "C" fn get_input_method(handle: u64, method: *mut u32) -> u32 {
 }
 
 unsafe extern "C" fn set_input_method(handle: u64, method: u32) -> u32 {
-    on("SetOverlayInputMethod", handle, |overlay, _| {
+    with_overlay("SetOverlayInputMethod", handle, |overlay, _| {
         overlay.input_method = method;
         Ok(())
     })
@@ -544,7 +544,7 @@ unsafe extern "C" fn get_mouse_scale(handle: u64, scale: *mut sys::HmdVector2_t)
 }
 
 unsafe extern "C" fn set_mouse_scale(handle: u64, scale: *mut sys::HmdVector2_t) -> u32 {
-    on("SetOverlayMouseScale", handle, |overlay, report| {
+    with_overlay("SetOverlayMouseScale", handle, |overlay, report| {
         not_null(report, "SetOverlayMouseScale", scale)?;
         let new = read(scale).ok_or(BAD_PARAMETER)?.v;
         if !new.iter().all(|v| v.is_finite() && *v > 0.0) {
@@ -567,7 +567,7 @@ fn checked_image(report: &mut Report, data: &sys::VRVulkanTextureData_t) -> Resu
     if data.m_nImage == 0 || Handles::of(data).any_null() {
         return wrong("null handle", format!("{data:?}"));
     }
-    if !(1..=LARGEST).contains(&width) || !(1..=LARGEST).contains(&height) {
+    if !(1..=MAX_TEXTURE_SIDE).contains(&width) || !(1..=MAX_TEXTURE_SIDE).contains(&height) {
         return wrong("size of a texture", format!("{width} x {height}"));
     }
     if !FORMATS.contains(&format) {
@@ -648,21 +648,21 @@ unsafe extern "C" fn set_texture(handle: u64, texture: *mut sys::Texture_t) -> u
 }
 
 unsafe extern "C" fn clear_texture(handle: u64) -> u32 {
-    on("ClearOverlayTexture", handle, |overlay, _| {
+    with_overlay("ClearOverlayTexture", handle, |overlay, _| {
         overlay.texture = None;
         Ok(())
     })
 }
 
 unsafe extern "C" fn set_raw(handle: u64, _buffer: *mut c_void, _width: u32, _height: u32, _bytes: u32) -> u32 {
-    on("SetOverlayRaw", handle, |overlay, report| {
+    with_overlay("SetOverlayRaw", handle, |overlay, report| {
         report.violation("SetOverlayRaw is not for frames", &overlay.key);
         Err(FAILED)
     })
 }
 
 unsafe extern "C" fn texture_size(handle: u64, width: *mut u32, height: *mut u32) -> u32 {
-    on("GetOverlayTextureSize", handle, |overlay, _| {
+    with_overlay("GetOverlayTextureSize", handle, |overlay, _| {
         let [w, h] = overlay.texture.as_ref().ok_or(BAD_TEXTURE)?.size;
         write(width, w);
         write(height, h);
@@ -688,7 +688,7 @@ unsafe extern "C" fn primary_dashboard_device() -> u32 {
 }
 
 unsafe extern "C" fn is_hover_target(handle: u64) -> bool {
-    on("IsHoverTargetOverlay", handle, |_, _| Ok(()));
+    with_overlay("IsHoverTargetOverlay", handle, |_, _| Ok(()));
     false
 }
 

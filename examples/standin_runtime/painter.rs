@@ -9,31 +9,31 @@ use image::{ImageFormat, Rgb, RgbImage};
 
 use crate::dashboard::TabPicture;
 use crate::eye_picture::{Layer, Paint, Surface, draw};
-use crate::pyramid::{Pyramid, Reading, srgb_byte};
+use crate::pyramid::{PixelDecoding, Pyramid, srgb_byte};
 use crate::report::write_whole;
 use crate::snapshot::{Eye, Item, Snapshot};
 use crate::sys;
 use crate::world::lock;
 
 /// Snapshots that wait at most.
-const MOST_WAITING: usize = 8;
+const MAX_QUEUED: usize = 8;
 
 /// What is wanted.
-enum Wanted {
+enum Job {
     Eyes(Box<Snapshot>),
     Tab(Box<TabPicture>),
 }
 
 /// The thread.
 pub struct Painter {
-    wanted: SyncSender<Wanted>,
+    wanted: SyncSender<Job>,
     thread: JoinHandle<()>,
 }
 
 impl Painter {
     /// Starts it; pictures go to that folder.
     pub fn start(folder: PathBuf) -> Self {
-        let (wanted, all) = sync_channel(MOST_WAITING);
+        let (wanted, all) = sync_channel(MAX_QUEUED);
         let thread = std::thread::spawn(move || run(&folder, &all));
         Self { wanted, thread }
     }
@@ -43,7 +43,7 @@ impl Painter {
     /// # Errors
     /// When too many wait.
     pub fn draw(&self, snapshot: Snapshot) -> Result<(), String> {
-        self.want(Wanted::Eyes(Box::new(snapshot)))
+        self.enqueue(Job::Eyes(Box::new(snapshot)))
     }
 
     /// Writes it some time.
@@ -51,12 +51,12 @@ impl Painter {
     /// # Errors
     /// As above.
     pub fn write(&self, picture: TabPicture) -> Result<(), String> {
-        self.want(Wanted::Tab(Box::new(picture)))
+        self.enqueue(Job::Tab(Box::new(picture)))
     }
 
-    fn want(&self, wanted: Wanted) -> Result<(), String> {
+    fn enqueue(&self, wanted: Job) -> Result<(), String> {
         self.wanted.try_send(wanted).map_err(|error| match error {
-            TrySendError::Full(_) => format!("{MOST_WAITING} pictures wait already"),
+            TrySendError::Full(_) => format!("{MAX_QUEUED} pictures wait already"),
             TrySendError::Disconnected(_) => "the painter is gone".into(),
         })
     }
@@ -70,11 +70,11 @@ impl Painter {
     }
 }
 
-fn run(folder: &Path, wanted: &Receiver<Wanted>) {
+fn run(folder: &Path, wanted: &Receiver<Job>) {
     for wanted in wanted {
         let outcome = match &wanted {
-            Wanted::Eyes(snapshot) => paint(folder, snapshot),
-            Wanted::Tab(picture) => picture.write(folder),
+            Job::Eyes(snapshot) => paint(folder, snapshot),
+            Job::Tab(picture) => picture.write(folder),
         };
         if let Some(world) = lock().as_mut() {
             match outcome {
@@ -94,7 +94,7 @@ fn pyramids(item: &Item) -> Result<Vec<Pyramid>, String> {
         sys::EColorSpace_ColorSpace_Auto => texture.color_space,
         chosen => chosen,
     };
-    let reading = Reading {
+    let reading = PixelDecoding {
         format: copied.image.format,
         linear: color_space == sys::EColorSpace_ColorSpace_Linear,
         premultiplied: item.overlay.has(sys::VROverlayFlags_IsPremultiplied),

@@ -7,7 +7,7 @@ pub type Pixel = [f32; 4];
 
 /// How bytes become light.
 #[derive(Debug, Clone, Copy)]
-pub struct Reading {
+pub struct PixelDecoding {
     pub format: vk::Format,
     /// Values are linear although the format does not say gamma.
     pub linear: bool,
@@ -28,7 +28,7 @@ pub struct Pyramid {
 
 impl Pyramid {
     /// From rows of four bytes a pixel; the columns `first` to `last` of rows that are `stride` pixels long.
-    pub fn new(bytes: &[u8], stride: usize, [first, last]: [usize; 2], reading: Reading) -> Self {
+    pub fn new(bytes: &[u8], stride: usize, [first, last]: [usize; 2], reading: PixelDecoding) -> Self {
         let decode = decoding(reading);
         let columns = |row: &[u8]| -> Vec<Pixel> {
             row[first * 4..last * 4]
@@ -53,11 +53,11 @@ impl Pyramid {
     /// The mean around a place (0 to 1 across and down) of a stretch that `along` and `across` span in the same measure:
     /// several samples along the longer of the two.
     pub fn sample(&self, at: [f64; 2], along: [f64; 2], across: [f64; 2]) -> Pixel {
-        const MOST: f64 = 8.0;
+        const MAX_SAMPLES: f64 = 8.0;
         let [width, height] = self.size().map(|size| size as f64);
         let texels = |v: [f64; 2]| (v[0] * width).hypot(v[1] * height);
         let (long, short) = if texels(along) >= texels(across) { (along, across) } else { (across, along) };
-        let count = (texels(long) / texels(short).max(1.0)).ceil().clamp(1.0, MOST);
+        let count = (texels(long) / texels(short).max(1.0)).ceil().clamp(1.0, MAX_SAMPLES);
         let level = (texels(long) / count).max(texels(short)).max(1.0).log2();
         let mut sum = [0.0; 4];
         for step in 0..count as usize {
@@ -118,7 +118,7 @@ impl Level {
 }
 
 /// Light by byte of a colour.
-fn decoding(reading: Reading) -> [f32; 256] {
+fn decoding(reading: PixelDecoding) -> [f32; 256] {
     let is_srgb = matches!(reading.format, vk::Format::R8G8B8A8_SRGB | vk::Format::B8G8R8A8_SRGB);
     std::array::from_fn(|byte| {
         let value = byte as f32 / 255.0;
@@ -126,7 +126,7 @@ fn decoding(reading: Reading) -> [f32; 256] {
     })
 }
 
-fn pixel([r, g, b, a]: [u8; 4], reading: Reading, decode: &[f32; 256]) -> Pixel {
+fn pixel([r, g, b, a]: [u8; 4], reading: PixelDecoding, decode: &[f32; 256]) -> Pixel {
     let is_bgra = matches!(reading.format, vk::Format::B8G8R8A8_SRGB | vk::Format::B8G8R8A8_UNORM);
     let [r, b] = if is_bgra { [b, r] } else { [r, b] };
     let alpha = if reading.ignore_alpha { 1.0 } else { f32::from(a) / 255.0 };

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 /// Longest text of a violation that is kept.
-const LONGEST_TEXT: usize = 500;
+const MAX_TEXT_BYTES: usize = 500;
 
 /// A kind of wrong call.
 #[derive(Debug, Clone, Serialize)]
@@ -93,7 +93,7 @@ impl Report {
             violation.count += 1;
             return;
         }
-        let first: String = text.into().chars().take(LONGEST_TEXT).collect();
+        let first: String = text.into().chars().take(MAX_TEXT_BYTES).collect();
         eprintln!("stand-in: violation: {kind}: {first}");
         self.violations.insert(kind.to_owned(), Violation { count: 1, first });
         self.urgent = true;

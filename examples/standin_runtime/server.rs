@@ -4,7 +4,7 @@ use std::fs::{File, TryLockError};
 use std::path::Path;
 
 /// How long an answer is believed.
-const BELIEVED_NS: i64 = 5_000_000;
+const ALIVE_CACHE_NS: i64 = 5_000_000;
 
 /// The server as a client sees it.
 #[derive(Debug)]
@@ -24,7 +24,7 @@ impl Server {
 
     /// Whether it lives. Once dead it stays so: another server knows nothing of this client.
     pub fn alive(&mut self, now_ns: i64) -> bool {
-        if self.alive && now_ns - self.asked_ns > BELIEVED_NS {
+        if self.alive && now_ns - self.asked_ns > ALIVE_CACHE_NS {
             self.asked_ns = now_ns;
             self.alive = matches!(self.lock.try_lock_shared(), Err(TryLockError::WouldBlock));
             if !self.alive {

@@ -14,7 +14,7 @@ const NONE: u32 = sys::EVRSettingsError_VRSettingsError_None;
 const UNSET: u32 = sys::EVRSettingsError_VRSettingsError_UnsetSettingHasNoDefault;
 const READ_FAILED: u32 = sys::EVRSettingsError_VRSettingsError_ReadFailed;
 /// Settings that a client may add to those there are.
-const MOST: usize = 1000;
+const MAX_ADDED_SETTINGS: usize = 1000;
 const BOUNDS: &str = "collisionBounds";
 const BOUNDS_COLOR: [&str; 4] = [
     "CollisionBoundsColorGammaR",
@@ -106,7 +106,7 @@ fn set(name: &'static str, section: *const c_char, key: *const c_char, error: *m
             world.report.violation("null pointer", name);
             return write(error, sys::EVRSettingsError_VRSettingsError_WriteFailed);
         };
-        if world.settings.get(section, key).is_none() && world.settings.len() >= MOST {
+        if world.settings.get(section, key).is_none() && world.settings.len() >= MAX_ADDED_SETTINGS {
             return write(error, sys::EVRSettingsError_VRSettingsError_WriteFailed);
         }
         world.settings.set(section, key, value);

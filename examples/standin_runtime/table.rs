@@ -55,19 +55,19 @@ failures! {
 }
 
 /// Function pointers for which there is a function that refuses.
-pub trait Refusable {
+pub trait UnsupportedFn {
     /// A function that records a violation and returns the failure `CODE`.
-    fn refused<N: Named, const CODE: u32>() -> Self;
+    fn unsupported<N: Named, const CODE: u32>() -> Self;
 }
 
-macro_rules! refusable {
+macro_rules! unsupported_fn {
     ($($argument:ident)*) => {
-        impl<R: Failure, $($argument),*> Refusable for unsafe extern "C" fn($($argument),*) -> R {
-            fn refused<N: Named, const CODE: u32>() -> Self {
+        impl<R: Failure, $($argument),*> UnsupportedFn for unsafe extern "C" fn($($argument),*) -> R {
+            fn unsupported<N: Named, const CODE: u32>() -> Self {
                 unsafe extern "C" fn refuse<N: Named, const CODE: u32, R: Failure, $($argument),*>(
                     $(_: $argument),*
                 ) -> R {
-                    world::refused(N::NAME);
+                    world::unsupported(N::NAME);
                     R::failure(CODE)
                 }
                 refuse::<N, CODE, R, $($argument),*>
@@ -76,29 +76,29 @@ macro_rules! refusable {
     };
 }
 
-refusable!();
-refusable!(A);
-refusable!(A B);
-refusable!(A B C);
-refusable!(A B C D);
-refusable!(A B C D E);
-refusable!(A B C D E F);
-refusable!(A B C D E F G);
-refusable!(A B C D E F G H);
-refusable!(A B C D E F G H I);
+unsupported_fn!();
+unsupported_fn!(A);
+unsupported_fn!(A B);
+unsupported_fn!(A B C);
+unsupported_fn!(A B C D);
+unsupported_fn!(A B C D E);
+unsupported_fn!(A B C D E F);
+unsupported_fn!(A B C D E F G);
+unsupported_fn!(A B C D E F G H);
+unsupported_fn!(A B C D E F G H I);
 
 /// A table: `field: function` for what is given, then lists of fields that fail with a code.
 macro_rules! table {
     ($table:ident, $interface:literal; given { $($given:ident: $function:path),* $(,)? }
-     $(fails($code:expr) { $($refused:ident),* $(,)? })*) => {
+     $(fails($code:expr) { $($unsupported:ident),* $(,)? })*) => {
         $crate::sys::$table {
             $($given: Some($function),)*
-            $($($refused: Some({
+            $($($unsupported: Some({
                 struct Name;
                 impl $crate::table::Named for Name {
-                    const NAME: &'static str = concat!($interface, "::", stringify!($refused));
+                    const NAME: &'static str = concat!($interface, "::", stringify!($unsupported));
                 }
-                $crate::table::Refusable::refused::<Name, { $code }>()
+                $crate::table::UnsupportedFn::unsupported::<Name, { $code }>()
             }),)*)*
         }
     };

@@ -8,7 +8,7 @@ use radar_chaperone::geometry::Pose;
 use radar_chaperone::recording::read_track;
 
 /// Lines further apart than this have nothing known between them.
-const LONGEST_GAP_NS: i64 = 30_000_000;
+const MAX_GAP_NS: i64 = 30_000_000;
 /// Half the stretch over which velocities are taken.
 const VELOCITY_HALF_NS: i64 = 2_000_000;
 
@@ -65,7 +65,7 @@ impl Track {
     }
 
     fn pose(&self, time_ns: i64) -> Option<Pose> {
-        let time_ns = if self.loops { self.folded(time_ns) } else { time_ns };
+        let time_ns = if self.loops { self.ping_pong_time(time_ns) } else { time_ns };
         let next = self.poses.partition_point(|(t, _)| *t <= time_ns);
         let Some((from_ns, from)) = next.checked_sub(1).map(|i| self.poses[i]) else {
             return Some(self.poses[0].1);
@@ -77,11 +77,11 @@ impl Track {
             return Some(from);
         }
         let span_ns = to_ns - from_ns;
-        (span_ns <= LONGEST_GAP_NS).then(|| from.interpolate(&to, (time_ns - from_ns) as f64 / span_ns as f64))
+        (span_ns <= MAX_GAP_NS).then(|| from.interpolate(&to, (time_ns - from_ns) as f64 / span_ns as f64))
     }
 
     /// A time on the way there and back again.
-    fn folded(&self, time_ns: i64) -> i64 {
+    fn ping_pong_time(&self, time_ns: i64) -> i64 {
         let (first, last) = (self.poses[0].0, self.poses[self.poses.len() - 1].0);
         let span = last - first;
         if span <= 0 {

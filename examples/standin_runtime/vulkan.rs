@@ -10,11 +10,11 @@ use ash::vk::Handle;
 use crate::sys;
 
 /// Copies there may be at a time, under way or kept.
-const MOST_SLOTS: usize = 160;
+const MAX_SLOTS: usize = 160;
 /// From so many on, those of another size go before a new one is made.
-const KEPT_SLOTS: usize = 48;
+const SLOTS_BEFORE_EVICTION: usize = 48;
 /// Longest wait for a copy, when a picture is wanted or at the end.
-const LONGEST_WAIT_NS: u64 = 2_000_000_000;
+const MAX_WAIT_NS: u64 = 2_000_000_000;
 
 /// Loads Vulkan's library, which the client has loaded already.
 fn entry() -> Result<ash::Entry, String> {
@@ -117,7 +117,7 @@ impl Copied {
     pub fn read(&self) -> Result<Vec<u8>, String> {
         let Slot { device, fence, mapped, .. } = &*self.slot;
         // SAFETY: the device lives until Cleanup, which waits for whoever reads.
-        unsafe { device.wait_for_fences(&[*fence], true, LONGEST_WAIT_NS) }.map_err(|error| error.to_string())?;
+        unsafe { device.wait_for_fences(&[*fence], true, MAX_WAIT_NS) }.map_err(|error| error.to_string())?;
         let bytes = bytes_of(&self.image) as usize;
         // SAFETY: the memory is mapped, has at least as many bytes, and the GPU has ended writing.
         Ok(unsafe { std::slice::from_raw_parts(*mapped, bytes) }.to_vec())
@@ -210,13 +210,13 @@ impl Copier {
         if let Some(slot) = self.slots.iter().find(|slot| fits(slot) && free(slot)) {
             return Ok(Some(slot.clone()));
         }
-        if self.slots.len() >= KEPT_SLOTS
+        if self.slots.len() >= SLOTS_BEFORE_EVICTION
             && let Some(index) = self.slots.iter().position(free)
         {
             let slot = self.slots.swap_remove(index);
             self.destroy(&slot);
         }
-        if self.slots.len() >= MOST_SLOTS {
+        if self.slots.len() >= MAX_SLOTS {
             return Ok(None);
         }
         let slot = Arc::new(self.new_slot(bytes)?);
@@ -316,7 +316,7 @@ impl Copier {
     pub fn free(self) {
         for slot in &self.slots {
             // SAFETY: a fence of that device.
-            match unsafe { self.device.wait_for_fences(&[slot.fence], true, LONGEST_WAIT_NS) } {
+            match unsafe { self.device.wait_for_fences(&[slot.fence], true, MAX_WAIT_NS) } {
                 Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST) => {}
                 Err(error) => return eprintln!("stand-in: a copy did not end, what it uses is left: {error}"),
             }

@@ -8,12 +8,12 @@ use glam::DQuat;
 use radar_chaperone::geometry::Pose;
 
 use crate::clock::{Frames, now_ns};
-use crate::commands::{Command, TimedCommand, Zero};
+use crate::commands::{Command, RecenterTarget, TimedCommand};
 use crate::config::Config;
 use crate::events::{Events, event, universe_changed};
 use crate::housekeeper;
 use crate::overlay::Overlays;
-use crate::place::Place;
+use crate::paths::Paths;
 use crate::report::{Report, write_whole};
 use crate::server::Server;
 use crate::settings::Settings;
@@ -23,14 +23,14 @@ use crate::track::Track;
 use crate::universes::Universes;
 
 /// Commands that may wait for their time.
-const LONGEST_SCRIPT: usize = 10_000;
+const MAX_SCRIPT_COMMANDS: usize = 10_000;
 
 static WORLD: Mutex<Option<World>> = Mutex::new(None);
 
 /// What there is between Init and Cleanup, and after it the report.
 pub struct World {
     pub running: bool,
-    pub place: Place,
+    pub paths: Paths,
     pub config: Config,
     pub start_ns: i64,
     pub frames: Frames,
@@ -76,7 +76,7 @@ pub fn call<R: Failure>(name: &'static str, code: u32, body: impl FnOnce(&mut Wo
 }
 
 /// Records a call of what the stand-in does not have.
-pub fn refused(name: &'static str) {
+pub fn unsupported(name: &'static str) {
     if let Some(world) = lock().as_mut() {
         world.report.called(name);
         world.report.violation(&format!("not in the stand-in: {name}"), name);
@@ -103,7 +103,7 @@ pub fn init(application_type: u32) -> Result<(), (sys::EVRInitError, String)> {
     // What was counted before stays, whether this works or not.
     let before = guard.as_ref().map(|world| world.report.clone()).unwrap_or_default();
     let mut world = World::connect(application_type, before)?;
-    world.housekeeper = Some(housekeeper::start(world.place.clone()));
+    world.housekeeper = Some(housekeeper::start(world.paths.clone()));
     *guard = Some(world);
     Ok(())
 }
@@ -144,7 +144,7 @@ impl World {
     fn connect(application_type: u32, mut report: Report) -> Result<Self, (sys::EVRInitError, String)> {
         let now_ns = now_ns();
         let no_path = |why| (sys::EVRInitError_VRInitError_Init_NoConfigPath, why);
-        let place = Place::find().map_err(no_path)?;
+        let place = Paths::find().map_err(no_path)?;
         let config = Config::read(&place.config()).map_err(no_path)?;
         let mut server = Server::find(&place.server_lock(), now_ns).ok_or_else(|| no_server(application_type))?;
         // Utilities, which register applications, do without.
@@ -183,7 +183,7 @@ impl World {
             pulsed_ns: BTreeMap::new(),
             clients_lock,
             housekeeper: None,
-            place,
+            paths: place,
             config,
         })
     }
@@ -224,8 +224,8 @@ impl World {
 
     /// Adds a command to the script: at once where its time is past.
     pub fn schedule(&mut self, command: TimedCommand) {
-        if self.script.len() >= LONGEST_SCRIPT {
-            return eprintln!("stand-in: more than {LONGEST_SCRIPT} commands wait: {command:?} is left out");
+        if self.script.len() >= MAX_SCRIPT_COMMANDS {
+            return eprintln!("stand-in: more than {MAX_SCRIPT_COMMANDS} commands wait: {command:?} is left out");
         }
         let place = self.script.partition_point(|other| other.at_s > command.at_s);
         self.script.insert(place, command);
@@ -269,9 +269,9 @@ impl World {
         }
     }
 
-    fn recenter(&mut self, [x, z]: [f64; 2], yaw_deg: f64, universe: Zero) {
+    fn recenter(&mut self, [x, z]: [f64; 2], yaw_deg: f64, universe: RecenterTarget) {
         let turn = DQuat::from_rotation_y(yaw_deg.to_radians());
-        let seated = universe == Zero::Seated;
+        let seated = universe == RecenterTarget::Seated;
         self.universes.recenter(seated, Pose::new(glam::DVec3::new(x, 0.0, z), turn));
         if seated {
             self.send(event(sys::EVREventType_VREvent_SeatedZeroPoseReset, 0));
@@ -302,7 +302,7 @@ impl World {
 
     /// Where the report goes: clients that only look have their own.
     pub fn report_path(&self) -> std::path::PathBuf {
-        self.place.report(match self.report.application_type {
+        self.paths.report(match self.report.application_type {
             sys::EVRApplicationType_VRApplication_Background => "report_background.json",
             sys::EVRApplicationType_VRApplication_Utility => "report_utility.json",
             _ => "report.json",
@@ -336,7 +336,7 @@ fn no_server(application_type: u32) -> (sys::EVRInitError, String) {
     (code, "the stand-in's server does not run".into())
 }
 
-fn connect_client(place: &Place) -> std::io::Result<File> {
+fn connect_client(place: &Paths) -> std::io::Result<File> {
     let file = File::options().create(true).truncate(false).write(true).open(place.clients_lock())?;
     file.lock_shared()?;
     Ok(file)

@@ -52,7 +52,7 @@ impl Folders {
         }
         link(library, &binaries.join("vrclient.so"))?;
         fs::write(self.runtime().join("standin.json"), serde_json::to_vec_pretty(config)?)?;
-        self.forget_temporary()?;
+        self.remove_temporary()?;
         let registry = json!({
             "config": [self.root.join("config")],
             "external_drivers": null,
@@ -65,7 +65,7 @@ impl Folders {
     }
 
     /// Applications that were registered for the time of one server go with it.
-    fn forget_temporary(&self) -> Result<()> {
+    fn remove_temporary(&self) -> Result<()> {
         let Ok(bytes) = fs::read(self.applications()) else { return Ok(()) };
         let mut applications: serde_json::Map<String, Value> =
             serde_json::from_slice(&bytes).with_context(|| format!("{} is damaged", self.applications().display()))?;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 /// A file that holds these bytes until the next call.
-pub fn holding(bytes: &[u8]) -> &'static PathBuf {
+pub fn temp_file_with(bytes: &[u8]) -> &'static PathBuf {
     static PATH: OnceLock<PathBuf> = OnceLock::new();
     let path = PATH.get_or_init(|| {
         let memory = PathBuf::from("/dev/shm");

@@ -6,7 +6,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 /// A single request beyond this ends the run at once, with the place that made it on the stack.
-const ABSURD_BYTES: usize = 1 << 30;
+const ABORT_BYTES: usize = 1 << 30;
 
 static LIVE: AtomicUsize = AtomicUsize::new(0);
 static PEAK: AtomicUsize = AtomicUsize::new(0);
@@ -17,8 +17,8 @@ struct Counting;
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-fn taken(bytes: usize) {
-    if bytes > ABSURD_BYTES {
+fn count_allocation(bytes: usize) {
+    if bytes > ABORT_BYTES {
         std::process::abort();
     }
     LARGEST.fetch_max(bytes, Relaxed);
@@ -28,12 +28,12 @@ fn taken(bytes: usize) {
 // SAFETY: every call is the system allocator's, with the same arguments.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        taken(layout.size());
+        count_allocation(layout.size());
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        taken(layout.size());
+        count_allocation(layout.size());
         unsafe { System.alloc_zeroed(layout) }
     }
 
@@ -43,7 +43,7 @@ unsafe impl GlobalAlloc for Counting {
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, bytes: usize) -> *mut u8 {
-        taken(bytes);
+        count_allocation(bytes);
         LIVE.fetch_sub(layout.size(), Relaxed);
         unsafe { System.realloc(pointer, layout, bytes) }
     }

@@ -37,11 +37,11 @@ fuzz_target!(init: seeds::write("parser"), |data: &[u8]| {
             let mut out = Vec::new();
             settled.push(piece, now_ns, &mut out);
             if seed >> 8 & 3 == 0 {
-                let is_due = settled.has_unsettled();
+                let is_due = settled.has_unconfirmed();
                 let before = out.len();
-                settled.settle(&mut out);
+                settled.accept_when_quiet(&mut out);
                 assert!(!is_due || out.len() > before, "a due result was not handed on");
-                assert!(!settled.has_unsettled());
+                assert!(!settled.has_unconfirmed());
             }
             out.iter().for_each(|received| check(received, &lengths));
         }

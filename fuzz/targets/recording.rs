@@ -12,7 +12,7 @@ const PEAK_BYTES: usize = 256 << 20;
 const LARGEST_BYTES: usize = 64 << 20;
 
 fuzz_target!(init: seeds::write("recording"), |data: &[u8]| {
-    let path = file::holding(data);
+    let path = file::temp_file_with(data);
     let read = || {
         let mut recording = Recording::open(path).ok()?;
         let events = recording.by_ref().count();

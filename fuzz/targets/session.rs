@@ -70,10 +70,10 @@ fn run(mut script: Script) {
         newest: None,
     };
     let mut is_odd = false;
-    bench.settle();
+    bench.run_until_idle();
     while !script.is_over() {
         is_odd |= bench.step(&mut script);
-        bench.settle();
+        bench.run_until_idle();
     }
     if !is_odd {
         bench.recover();
@@ -84,7 +84,7 @@ impl Bench {
     /// One thing that the fuzzer wants to happen; true when it happened at a time that no clock tells.
     fn step(&mut self, script: &mut Script) -> bool {
         match script.u8() % 16 {
-            0..=3 => self.hear_all(),
+            0..=3 => self.deliver_all(),
             4 => {
                 let count = usize::from(script.u8());
                 self.session.receive(script.bytes(count), self.now_ns);
@@ -95,9 +95,9 @@ impl Bench {
             }
             6 => self.session.receive(LINES[usize::from(script.u8()) % LINES.len()].as_bytes(), self.now_ns),
             7 => {
-                self.pass(PERIOD_NS);
+                self.advance(PERIOD_NS);
                 self.send(0, 0x55);
-                self.hear_all();
+                self.deliver_all();
             }
             8 => {
                 self.tick = self.tick.wrapping_add(script.i64() as u32);
@@ -105,15 +105,15 @@ impl Bench {
                 self.send(flags, fill);
             }
             9 => self.damage(script),
-            10 => self.pass(i64::from(script.u16()) * 1000),
+            10 => self.advance(i64::from(script.u16()) * 1000),
             11 => {
-                self.pass(i64::from(script.u8()) * S / 10);
+                self.advance(i64::from(script.u8()) * S / 10);
                 self.session.poll(self.now_ns);
             }
             12 => {
                 let deadline_ns = self.session.next_deadline_ns();
                 if deadline_ns < self.now_ns.saturating_add(1000 * S) {
-                    self.pass((deadline_ns - self.now_ns).max(0));
+                    self.advance((deadline_ns - self.now_ns).max(0));
                     self.session.poll(self.now_ns);
                 }
             }
@@ -146,7 +146,7 @@ impl Bench {
         self.session.line_opened(self.now_ns);
     }
 
-    fn pass(&mut self, time_ns: i64) {
+    fn advance(&mut self, time_ns: i64) {
         self.now_ns += time_ns;
         self.tick = self.tick.wrapping_add((time_ns / (S / i64::from(TICKS_PER_SECOND))) as u32);
     }
@@ -155,7 +155,7 @@ impl Bench {
         self.on_the_way.push(board::result(&self.board.setup, self.tick, flags, fill));
     }
 
-    fn hear_all(&mut self) {
+    fn deliver_all(&mut self) {
         for bytes in std::mem::take(&mut self.on_the_way) {
             self.session.receive(&bytes, self.now_ns);
         }
@@ -174,7 +174,7 @@ impl Bench {
     }
 
     /// Does what the session wants and looks at what it tells.
-    fn settle(&mut self) {
+    fn run_until_idle(&mut self) {
         while let Some(action) = self.session.next_action() {
             match action {
                 Action::Send(bytes) if self.is_open && (self.port_baud == self.board.baud || !self.board.is_serial) => {
@@ -226,11 +226,11 @@ impl Bench {
         if !self.is_open {
             self.open();
         }
-        self.settle();
+        self.run_until_idle();
         let mut next_frame_ns = self.now_ns;
         while !self.session.is_over() && self.frames < before + 3 {
-            self.hear_all();
-            self.settle();
+            self.deliver_all();
+            self.run_until_idle();
             if !self.on_the_way.is_empty() || self.session.is_over() {
                 continue;
             }
@@ -239,13 +239,13 @@ impl Bench {
                 false => self.session.next_deadline_ns(),
             };
             assert!(next_ns <= end_ns, "no frames from a sound board: {:?}", self.session.counters());
-            self.pass((next_ns - self.now_ns).max(0));
+            self.advance((next_ns - self.now_ns).max(0));
             if self.board.streaming && self.now_ns >= next_frame_ns {
                 self.send(0, 0x11);
                 next_frame_ns = self.now_ns + PERIOD_NS;
             }
             self.session.poll(self.now_ns);
-            self.settle();
+            self.run_until_idle();
         }
     }
 }

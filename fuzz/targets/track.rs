@@ -8,7 +8,7 @@ use radar_chaperone::recording::read_track;
 use radar_chaperone_fuzz::{file, memory, seeds};
 
 fuzz_target!(init: seeds::write("track"), |data: &[u8]| {
-    let path = file::holding(data);
+    let path = file::temp_file_with(data);
     let poses = memory::bounded((1 << 20) + 64 * data.len(), (1 << 20) + 64 * data.len(), || read_track(path));
     let lines = data.split(|&byte| byte == b'\n').count();
     assert!(poses.map_or(0, |poses| poses.len()) <= lines);

@@ -16,7 +16,7 @@ fuzz_target!(
         std::panic::set_hook(Box::new(|_| {}));
     },
     |data: &[u8]| {
-        let path = file::holding(data);
+        let path = file::temp_file_with(data);
         let options = ImportOptions::default();
         let read = || import_h5(path, None, &options);
         if let Ok(imported) = memory::bounded(PEAK_BYTES, PEAK_BYTES, read) {

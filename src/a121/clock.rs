@@ -19,12 +19,12 @@
 
 use std::collections::VecDeque;
 
-use super::steady::{Beat, SteadyTicks};
+use super::tick_dequantiser::{FrameNumber, TickDequantiser};
 
 use crate::math;
 
 /// Arrivals are remembered this long, seconds.
-const MEMORY_S: f64 = 30.0;
+const WINDOW_S: f64 = 30.0;
 /// The earliest of each of these stretches is kept, seconds.
 const BIN_S: f64 = 0.1;
 /// Drift between two boards' clocks that is nothing special, 1σ.
@@ -34,15 +34,15 @@ const MAX_DRIFT: f64 = 1e-3;
 /// Ticks finer than this need no smoothing, seconds.
 const FINE_TICK_S: f64 = 50e-6;
 /// Stretches until the clock refuses what comes too early.
-const BINS_TO_REFUSE: usize = 5;
+const MIN_BINS_TO_REJECT: usize = 5;
 /// Too early by less than this is a faster line, seconds.
-const EARLY_S: f64 = 1.5e-3;
+const EARLY_TOLERANCE_S: f64 = 1.5e-3;
 /// So many medians late is a fault: of exponential delays one in a thousand is.
-const MEDIANS: f64 = 10.0;
+const OUTLIER_MEDIANS: f64 = 10.0;
 /// Stretches until that is asked.
-const BINS_TO_TELL_FAULTS: usize = 10;
+const MIN_BINS_FOR_OUTLIERS: usize = 10;
 /// Mean of boards' own delays, and of noting the time, by which bursts' bounds are softened, seconds.
-const SOFT_S: f64 = 0.1e-3;
+const BOUND_SOFTNESS_S: f64 = 0.1e-3;
 /// Levels that are tried between bursts' bounds, and rounds in which the drift between them is found.
 const LEVELS: usize = 32;
 const DRIFT_ROUNDS: usize = 22;
@@ -51,10 +51,10 @@ const MIN_LATENESS_S: f64 = 1e-6;
 
 /// The earliest arrival of a stretch.
 #[derive(Debug, Clone, Copy)]
-struct Earliest {
+struct ArrivalPoint {
     bin: i64,
     tick: i64,
-    beat: Option<Beat>,
+    frame_number: Option<FrameNumber>,
     /// Arrival since the reference, seconds.
     arrival_s: f64,
     /// Sensor's time since the reference, seconds, as ticks tell it by now.
@@ -63,8 +63,8 @@ struct Earliest {
     is_in_burst: bool,
 }
 
-impl Earliest {
-    fn behind_s(&self) -> f64 {
+impl ArrivalPoint {
+    fn lag_s(&self) -> f64 {
         self.arrival_s - self.sensor_s
     }
 }
@@ -110,12 +110,12 @@ pub struct ClockReport {
 pub struct Clock {
     tick_s: f64,
     transfer_s: f64,
-    steady: Option<SteadyTicks>,
+    dequantiser: Option<TickDequantiser>,
     /// First tick and arrival: everything is counted from them.
     reference: Option<(i64, i64)>,
-    earliest: VecDeque<Earliest>,
+    earliest: VecDeque<ArrivalPoint>,
     /// Of each stretch the latest that a result had not come yet: its tick, with the arrival of the one before.
-    not_yet: VecDeque<Earliest>,
+    lower_bounds: VecDeque<ArrivalPoint>,
     last_arrival_s: Option<f64>,
     line: Line,
     last_ns: i64,
@@ -128,14 +128,14 @@ impl Clock {
     /// line.
     pub fn new(ticks_per_second: u32, period_s: f64, transfer_s: f64) -> Self {
         let rate = f64::from(ticks_per_second.max(1));
-        let steady = (1.0 / rate > FINE_TICK_S).then(|| SteadyTicks::new(period_s * rate, rate));
+        let dequantiser = (1.0 / rate > FINE_TICK_S).then(|| TickDequantiser::new(period_s * rate, rate));
         Self {
             tick_s: 1.0 / rate,
             transfer_s,
-            steady,
+            dequantiser,
             reference: None,
             earliest: VecDeque::new(),
-            not_yet: VecDeque::new(),
+            lower_bounds: VecDeque::new(),
             last_arrival_s: None,
             line: Line::default(),
             last_ns: i64::MIN,
@@ -148,32 +148,33 @@ impl Clock {
     pub fn reset(&mut self) {
         (self.reference, self.line, self.steps_s2) = (None, Line::default(), 0.0);
         self.earliest.clear();
-        self.not_yet.clear();
+        self.lower_bounds.clear();
         self.last_arrival_s = None;
     }
 
     /// Whether a result of this tick may have arrived at this time: not before it was measured.
     pub fn is_possible(&self, tick: i64, arrival_ns: i64) -> bool {
-        let Some(reference) = self.reference.filter(|_| self.earliest.len() >= BINS_TO_REFUSE) else { return true };
+        let Some(reference) = self.reference.filter(|_| self.earliest.len() >= MIN_BINS_TO_REJECT) else { return true };
         let sensor_s = self.tick_s * (tick.saturating_sub(reference.0) as f64);
-        let behind_s = arrival_ns.saturating_sub(reference.1) as f64 * 1e-9 - sensor_s;
-        behind_s - self.line.at(sensor_s) > -(EARLY_S + 2.0 * self.tick_s + 4.0 * self.line.lateness_s)
+        let lag_s = arrival_ns.saturating_sub(reference.1) as f64 * 1e-9 - sensor_s;
+        lag_s - self.line.at(sensor_s) > -(EARLY_TOLERANCE_S + 2.0 * self.tick_s + 4.0 * self.line.lateness_s)
     }
 
     /// The host time, nanoseconds, of the end of the measurement with this tick, whose result arrived at that time.
     /// Ticks rise.
     pub fn time_ns(&mut self, tick: i64, arrival_ns: i64) -> i64 {
         let reference = *self.reference.get_or_insert((tick, arrival_ns));
-        let beat = self.steady.as_mut().map(|steady| steady.add(tick));
+        let frame_number = self.dequantiser.as_mut().map(|dequantiser| dequantiser.add(tick));
         let arrival_s = arrival_ns.saturating_sub(reference.1) as f64 * 1e-9;
-        let sensor_s = self.sensor_s(tick, beat);
+        let sensor_s = self.sensor_s(tick, frame_number);
         let bin = (sensor_s / BIN_S).floor() as i64;
         let before_s = self.last_arrival_s.replace(arrival_s);
-        let new = Earliest { bin, tick, beat, arrival_s, sensor_s, is_in_burst: before_s == Some(arrival_s) };
+        let new =
+            ArrivalPoint { bin, tick, frame_number, arrival_s, sensor_s, is_in_burst: before_s == Some(arrival_s) };
         if let Some(before_s) = before_s.filter(|before_s| *before_s < arrival_s) {
-            self.learn_not_yet(Earliest { arrival_s: before_s, ..new });
+            self.add_lower_bound(ArrivalPoint { arrival_s: before_s, ..new });
         }
-        self.learn(new);
+        self.add_arrival(new);
         let since_s = sensor_s + self.line.at(sensor_s) - self.transfer_s;
         let time_ns = reference.1.saturating_add((since_s * 1e9).round() as i64);
         self.last_ns = time_ns.max(self.last_ns.saturating_add(1));
@@ -184,81 +185,85 @@ impl Clock {
     pub fn report(&self) -> ClockReport {
         let newest_s = self.earliest.back().map_or(0.0, |e| e.sensor_s);
         let by_drift_s = self.line.drift_sigma * (newest_s - self.line.middle_s);
-        let unsmoothed_s = if self.steady.is_some() { 0.1 * self.tick_s } else { 0.3 * self.tick_s };
+        let unsmoothed_s = if self.dequantiser.is_some() { 0.1 * self.tick_s } else { 0.3 * self.tick_s };
         let sigma_s = (self.line.lateness_s.powi(2) + by_drift_s.powi(2) + unsmoothed_s.powi(2)).sqrt();
         ClockReport { drift_ppm: self.line.drift * 1e6, sigma_s, jitter_s: self.steps_s2.sqrt(), ..self.report }
     }
 
     /// Sensor's time of the end of a measurement since the reference.
-    fn sensor_s(&self, tick: i64, beat: Option<Beat>) -> f64 {
-        let within = self.steady.as_ref().zip(beat).map_or(0.5, |(steady, beat)| steady.within_tick(beat, tick));
+    fn sensor_s(&self, tick: i64, frame_number: Option<FrameNumber>) -> f64 {
+        let within = self
+            .dequantiser
+            .as_ref()
+            .zip(frame_number)
+            .map_or(0.5, |(dequantiser, frame_number)| dequantiser.within_tick(frame_number, tick));
         self.tick_s * (self.reference.map_or(0.0, |(first, _)| tick.saturating_sub(first) as f64) + within)
     }
 
-    fn learn_not_yet(&mut self, new: Earliest) {
-        let above_drift = |e: &Earliest| e.behind_s() - self.line.drift * e.sensor_s;
-        match self.not_yet.back_mut() {
+    fn add_lower_bound(&mut self, new: ArrivalPoint) {
+        let above_drift = |e: &ArrivalPoint| e.lag_s() - self.line.drift * e.sensor_s;
+        match self.lower_bounds.back_mut() {
             Some(known) if known.bin == new.bin && above_drift(&new) > above_drift(known) => *known = new,
             Some(known) if known.bin == new.bin => {}
-            _ => self.not_yet.push_back(new),
+            _ => self.lower_bounds.push_back(new),
         }
-        while self.not_yet.front().is_some_and(|e| new.sensor_s - e.sensor_s > MEMORY_S) {
-            self.not_yet.pop_front();
+        while self.lower_bounds.front().is_some_and(|e| new.sensor_s - e.sensor_s > WINDOW_S) {
+            self.lower_bounds.pop_front();
         }
     }
 
-    fn learn(&mut self, new: Earliest) {
-        let delay_s = new.behind_s() - self.line.at(new.sensor_s);
-        let above_drift = |e: &Earliest| e.behind_s() - self.line.drift * e.sensor_s;
+    fn add_arrival(&mut self, new: ArrivalPoint) {
+        let delay_s = new.lag_s() - self.line.at(new.sensor_s);
+        let above_drift = |e: &ArrivalPoint| e.lag_s() - self.line.drift * e.sensor_s;
         let is_new_bin = self.earliest.back().is_none_or(|e| e.bin != new.bin);
         match self.earliest.back_mut() {
             Some(known) if !is_new_bin && above_drift(&new) < above_drift(known) => *known = new,
             Some(_) if !is_new_bin => {}
             _ => self.earliest.push_back(new),
         }
-        while self.earliest.front().is_some_and(|e| new.sensor_s - e.sensor_s > MEMORY_S) {
+        while self.earliest.front().is_some_and(|e| new.sensor_s - e.sensor_s > WINDOW_S) {
             self.earliest.pop_front();
         }
         if is_new_bin || delay_s < self.line.lateness_s {
-            self.draw_line(new.sensor_s);
+            self.refit(new.sensor_s);
         }
-        let delay_s = (new.behind_s() - self.line.at(new.sensor_s)).max(0.0);
+        let delay_s = (new.lag_s() - self.line.at(new.sensor_s)).max(0.0);
         self.report.results += 1;
         self.report.mean_delay_s += (delay_s - self.report.mean_delay_s) / self.report.results.min(1000) as f64;
         self.report.max_delay_s = self.report.max_delay_s.max(delay_s);
     }
 
-    fn draw_line(&mut self, now_s: f64) {
+    fn refit(&mut self, now_s: f64) {
         // Ticks may be known better than when they came.
-        let mut not_yet = std::mem::take(&mut self.not_yet);
+        let mut lower_bounds = std::mem::take(&mut self.lower_bounds);
         let mut earliest = std::mem::take(&mut self.earliest);
-        earliest.iter_mut().chain(&mut not_yet).for_each(|e| e.sensor_s = self.sensor_s(e.tick, e.beat));
+        earliest.iter_mut().chain(&mut lower_bounds).for_each(|e| e.sensor_s = self.sensor_s(e.tick, e.frame_number));
         let before_s = self.line.at(now_s);
-        self.line = line_of(earliest.make_contiguous(), not_yet.make_contiguous());
-        (self.earliest, self.not_yet) = (earliest, not_yet);
+        self.line = fit_line(earliest.make_contiguous(), lower_bounds.make_contiguous());
+        (self.earliest, self.lower_bounds) = (earliest, lower_bounds);
         let step_s = if self.report.results == 0 { 0.0 } else { self.line.at(now_s) - before_s };
-        self.steps_s2 += (step_s * step_s - self.steps_s2) * BIN_S / MEMORY_S;
+        self.steps_s2 += (step_s * step_s - self.steps_s2) * BIN_S / WINDOW_S;
     }
 }
 
 /// The line, by how results came; see the file's head.
-fn line_of(points: &[Earliest], not_yet: &[Earliest]) -> Line {
+fn fit_line(points: &[ArrivalPoint], lower_bounds: &[ArrivalPoint]) -> Line {
     let in_bursts = points.iter().filter(|p| p.is_in_burst).count();
-    match 2 * in_bursts > points.len() && !not_yet.is_empty() {
-        true => line_between(points, not_yet),
-        false => line_below(points),
+    match 2 * in_bursts > points.len() && !lower_bounds.is_empty() {
+        true => fit_line_between(points, lower_bounds),
+        false => fit_line_below(points),
     }
 }
 
 /// Arrivals behind the sensor, over the sensor's time from their middle on.
-struct Heights {
+struct UpperBounds {
     middle_s: f64,
     spread_s: f64,
     points: Vec<(f64, f64)>,
 }
 
-impl Heights {
-    fn new(points: &[Earliest]) -> Self {
+impl UpperBounds {
+    fn new(points: &[ArrivalPoint]) -> Self {
         let count = points.len() as f64;
         let middle_s = points.iter().map(|p| p.sensor_s).sum::<f64>() / count;
         let variance_s2 = points.iter().map(|p| (p.sensor_s - middle_s).powi(2)).sum::<f64>() / count;
@@ -267,7 +272,7 @@ impl Heights {
 
     /// Height of the highest line of a drift below all.
     fn upper(&self, drift: f64) -> f64 {
-        self.points.iter().map(|(at_s, behind_s)| behind_s - drift * at_s).fold(f64::INFINITY, f64::min)
+        self.points.iter().map(|(at_s, lag_s)| lag_s - drift * at_s).fold(f64::INFINITY, f64::min)
     }
 
     /// The line of a drift so far below the highest, uncertain by so much.
@@ -279,43 +284,43 @@ impl Heights {
     }
 }
 
-fn about(points: &[Earliest], middle_s: f64) -> Vec<(f64, f64)> {
-    points.iter().map(|p| (p.sensor_s - middle_s, p.behind_s())).collect()
+fn about(points: &[ArrivalPoint], middle_s: f64) -> Vec<(f64, f64)> {
+    points.iter().map(|p| (p.sensor_s - middle_s, p.lag_s())).collect()
 }
 
 /// The likeliest line below all arrivals when delays are exponential.
-fn line_below(points: &[Earliest]) -> Line {
-    let (heights, count) = (Heights::new(points), points.len() as f64);
+fn fit_line_below(points: &[ArrivalPoint]) -> Line {
+    let (heights, count) = (UpperBounds::new(points), points.len() as f64);
     let (mut drift, mut lateness_s) = (0.0, 0.0);
     // How sharply delays fall off is told by the line, and the line by that: three rounds settle it.
     for _ in 0..3 {
         let upper_s = heights.upper(drift);
-        let delays_s = heights.points.iter().map(|(at_s, behind_s)| behind_s - drift * at_s - upper_s);
+        let delays_s = heights.points.iter().map(|(at_s, lag_s)| lag_s - drift * at_s - upper_s);
         lateness_s = (mean_delay_s(delays_s.collect()) / count).max(MIN_LATENESS_S / count);
         let likelihood = |drift: f64| heights.upper(drift) / lateness_s - 0.5 * (drift / DRIFT_SIGMA).powi(2);
-        drift = greatest_of_concave(likelihood, -MAX_DRIFT, MAX_DRIFT);
+        drift = maximise_concave(likelihood, -MAX_DRIFT, MAX_DRIFT);
     }
     heights.line(drift, lateness_s, lateness_s)
 }
 
 /// The likeliest line between the arrivals and what had not come yet.
-fn line_between(points: &[Earliest], not_yet: &[Earliest]) -> Line {
-    let heights = Heights::new(points);
-    let bounds = Bounds { not_yet: about(not_yet, heights.middle_s), arrived: &heights };
+fn fit_line_between(points: &[ArrivalPoint], lower_bounds: &[ArrivalPoint]) -> Line {
+    let heights = UpperBounds::new(points);
+    let bounds = BurstBounds { lower_bounds: about(lower_bounds, heights.middle_s), arrived: &heights };
     let likelihood = |drift: f64| bounds.levels(drift).log_likelihood - 0.5 * (drift / DRIFT_SIGMA).powi(2);
-    let drift = greatest_in_rounds(likelihood, -MAX_DRIFT, MAX_DRIFT, DRIFT_ROUNDS);
-    let Levels { below_s, sigma_s, .. } = bounds.levels(drift);
+    let drift = ternary_search(likelihood, -MAX_DRIFT, MAX_DRIFT, DRIFT_ROUNDS);
+    let LevelPosterior { below_s, sigma_s, .. } = bounds.levels(drift);
     heights.line(drift, below_s, sigma_s)
 }
 
 /// What bursts say of the line.
-struct Bounds<'a> {
-    arrived: &'a Heights,
-    not_yet: Vec<(f64, f64)>,
+struct BurstBounds<'a> {
+    arrived: &'a UpperBounds,
+    lower_bounds: Vec<(f64, f64)>,
 }
 
 /// How likely levels of a line of one drift are.
-struct Levels {
+struct LevelPosterior {
     /// Of the drift, over all levels.
     log_likelihood: f64,
     /// Mean and standard deviation of how far the line lies below the highest, seconds.
@@ -323,21 +328,21 @@ struct Levels {
     sigma_s: f64,
 }
 
-impl Bounds<'_> {
-    fn levels(&self, drift: f64) -> Levels {
+impl BurstBounds<'_> {
+    fn levels(&self, drift: f64) -> LevelPosterior {
         let upper_s = self.arrived.upper(drift);
-        let height_s = |(at_s, behind_s): &(f64, f64)| behind_s - drift * at_s - upper_s;
-        let lower_s = self.not_yet.iter().map(height_s).fold(-1.0, f64::max);
-        let depth_s = 5.0 * SOFT_S - lower_s.min(0.0);
+        let height_s = |(at_s, lag_s): &(f64, f64)| lag_s - drift * at_s - upper_s;
+        let lower_s = self.lower_bounds.iter().map(height_s).fold(-1.0, f64::max);
+        let depth_s = 5.0 * BOUND_SOFTNESS_S - lower_s.min(0.0);
         // Points farther from every level than this are as sure as can be.
-        let near: Vec<f64> = self.arrived.points.iter().map(height_s).filter(|h| *h < 8.0 * SOFT_S).collect();
-        let above: Vec<f64> = self.not_yet.iter().map(height_s).filter(|h| *h > -depth_s).collect();
+        let near: Vec<f64> = self.arrived.points.iter().map(height_s).filter(|h| *h < 8.0 * BOUND_SOFTNESS_S).collect();
+        let above: Vec<f64> = self.lower_bounds.iter().map(height_s).filter(|h| *h > -depth_s).collect();
         let below_s = |level: usize| (level as f64 + 0.5) / LEVELS as f64 * depth_s;
         let log_likelihood = |level: usize| {
             let below_s = below_s(level);
             // A result that arrived was ready: its own delay was at most what is left. One that had not come had more.
-            let arrived: f64 = near.iter().map(|h| math::ln_1p(-math::exp(-(h + below_s) / SOFT_S))).sum();
-            let not_come: f64 = above.iter().map(|h| (h + below_s).max(0.0) / SOFT_S).sum();
+            let arrived: f64 = near.iter().map(|h| math::ln_1p(-math::exp(-(h + below_s) / BOUND_SOFTNESS_S))).sum();
+            let not_come: f64 = above.iter().map(|h| (h + below_s).max(0.0) / BOUND_SOFTNESS_S).sum();
             arrived - not_come
         };
         let logs: [f64; LEVELS] = std::array::from_fn(log_likelihood);
@@ -349,7 +354,7 @@ impl Bounds<'_> {
         };
         let mean_s = mean(&|below_s| below_s);
         let sigma_s = mean(&|below_s| (below_s - mean_s).powi(2)).sqrt().max(depth_s / LEVELS as f64);
-        Levels { log_likelihood: greatest + math::ln(sum * depth_s), below_s: mean_s, sigma_s }
+        LevelPosterior { log_likelihood: greatest + math::ln(sum * depth_s), below_s: mean_s, sigma_s }
     }
 }
 
@@ -358,17 +363,17 @@ impl Bounds<'_> {
 fn mean_delay_s(mut delays_s: Vec<f64>) -> f64 {
     let (count, middle) = (delays_s.len(), delays_s.len() / 2);
     let (_, median_s, _) = delays_s.select_nth_unstable_by(middle, f64::total_cmp);
-    let enough = count >= BINS_TO_TELL_FAULTS;
-    let most_s = if enough { (MEDIANS * *median_s).max(MIN_LATENESS_S) } else { f64::INFINITY };
+    let enough = count >= MIN_BINS_FOR_OUTLIERS;
+    let most_s = if enough { (OUTLIER_MEDIANS * *median_s).max(MIN_LATENESS_S) } else { f64::INFINITY };
     delays_s.iter().map(|delay_s| delay_s.min(most_s)).sum::<f64>() / delays_s.len() as f64
 }
 
 /// Where a concave function is greatest, by thirds.
-pub(super) fn greatest_of_concave(value: impl Fn(f64) -> f64, low: f64, high: f64) -> f64 {
-    greatest_in_rounds(value, low, high, 50)
+pub(super) fn maximise_concave(value: impl Fn(f64) -> f64, low: f64, high: f64) -> f64 {
+    ternary_search(value, low, high, 50)
 }
 
-fn greatest_in_rounds(value: impl Fn(f64) -> f64, mut low: f64, mut high: f64, rounds: usize) -> f64 {
+fn ternary_search(value: impl Fn(f64) -> f64, mut low: f64, mut high: f64, rounds: usize) -> f64 {
     for _ in 0..rounds {
         let third = (high - low) / 3.0;
         match value(low + third) < value(high - third) {
@@ -384,13 +389,13 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    use super::super::clock_world::{Reader, TRANSFER_S, World};
+    use super::super::clock_simulation::{ArrivalPattern, SimulatedClock, TRANSFER_S};
     use super::*;
 
     const S: i64 = 1_000_000_000;
 
     /// Rms error of the times from `from_s` to `to_s` after the start, seconds, and the clock in the end.
-    fn rms_error_s(world: &mut World, from_s: f64, to_s: f64) -> (f64, Clock) {
+    fn rms_error_s(world: &mut SimulatedClock, from_s: f64, to_s: f64) -> (f64, Clock) {
         let mut clock = Clock::new(world.ticks_per_second as u32, 1.0 / world.frame_rate, TRANSFER_S);
         let (mut sum, mut count, mut last_ns) = (0.0, 0.0, i64::MIN);
         for k in 0..(to_s * world.frame_rate) as u64 {
@@ -409,15 +414,15 @@ mod tests {
     }
 
     /// Rms over six seeds, from 2 s on.
-    fn rms_of_seeds_s(frame_rate: f64, ticks_per_second: f64, reader: Reader, to_s: f64) -> f64 {
-        let worlds = (0..6).map(|seed| World::new(seed, frame_rate, ticks_per_second, reader));
+    fn rms_of_seeds_s(frame_rate: f64, ticks_per_second: f64, reader: ArrivalPattern, to_s: f64) -> f64 {
+        let worlds = (0..6).map(|seed| SimulatedClock::new(seed, frame_rate, ticks_per_second, reader));
         let squares: f64 = worlds.map(|mut world| rms_error_s(&mut world, 2.0, to_s).0.powi(2)).sum();
         (squares / 6.0).sqrt()
     }
 
     #[test]
-    fn ticks_of_1_ms_and_bursts_of_30_ms_give_times_to_half_a_millisecond() {
-        for reader in [Reader::Stalls, Reader::Bursts] {
+    fn ticks_of_1_ms_give_times_within_half_a_millisecond() {
+        for reader in [ArrivalPattern::Stalls, ArrivalPattern::Bursts] {
             // d16, an XM125 that runs free, the thesis'; and frames nearly locked to the tick, over some slips.
             for (frame_rate, to_s) in [(66.0, 20.0), (86.3, 20.0), (120.0, 20.0), (500.0, 60.0)] {
                 let rms_s = rms_of_seeds_s(frame_rate, 1e3, reader, to_s);
@@ -427,20 +432,20 @@ mod tests {
     }
 
     #[test]
-    fn ticks_of_1_us_with_stalls_or_bursts_of_30_ms_give_times_to_a_tenth() {
+    fn ticks_of_1_us_give_times_within_a_tenth_of_a_millisecond() {
         for frame_rate in [66.0, 120.0, 500.0] {
-            let rms_s = rms_of_seeds_s(frame_rate, 1e6, Reader::Stalls, 20.0);
+            let rms_s = rms_of_seeds_s(frame_rate, 1e6, ArrivalPattern::Stalls, 20.0);
             assert!(rms_s < 0.1e-3, "{frame_rate} Hz: {rms_s}");
         }
         for frame_rate in [120.0, 500.0] {
-            let rms_s = rms_of_seeds_s(frame_rate, 1e6, Reader::Bursts, 20.0);
+            let rms_s = rms_of_seeds_s(frame_rate, 1e6, ArrivalPattern::Bursts, 20.0);
             assert!(rms_s < 0.1e-3, "{frame_rate} Hz, bursts: {rms_s}");
         }
     }
 
     #[test]
-    fn the_report_tells_drift_delay_and_jitter() {
-        let mut world = World::new(3, 66.0, 1e6, Reader::Stalls);
+    fn report_gives_drift_delay_and_jitter() {
+        let mut world = SimulatedClock::new(3, 66.0, 1e6, ArrivalPattern::Stalls);
         let (_, clock) = rms_error_s(&mut world, 2.0, 60.0);
         let report = clock.report();
         // The board loses 40 ppm, and wins some of them back as it warms up.
@@ -451,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn one_result_seconds_late_moves_no_other_ones_time() {
+    fn one_late_result_does_not_shift_other_times() {
         let mut clock = Clock::new(1_000_000, 0.015, 0.0);
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let mut worst_ns = 0;
@@ -466,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn what_arrives_before_it_was_measured_is_impossible() {
+    fn arrival_before_measurement_is_rejected() {
         let mut clock = Clock::new(1_000_000, 0.015, 0.0);
         for k in 0..200i64 {
             clock.time_ns(15_000 * k, 1_000_000_000 + 15_000_000 * k);
@@ -481,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn no_input_panics_and_times_rise() {
+    fn any_input_gives_rising_times_without_panic() {
         let mut rng = ChaCha8Rng::seed_from_u64(9);
         for ticks_per_second in [0, 1, 1000, u32::MAX] {
             let mut clock = Clock::new(ticks_per_second, f64::NAN, 0.0);

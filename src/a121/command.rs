@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn plain_commands_are_spelt_as_the_protocol_does() {
+    fn plain_commands_match_the_protocol() {
         assert_eq!(Command::GetSystemInfo.to_bytes(), b"{\"cmd\":\"get_system_info\"}\n");
         assert_eq!(sent(Command::GetSensorInfo), json!({"cmd": "get_sensor_info"}));
         assert_eq!(sent(Command::SetUartBaudrate(2_000_000)), json!({"cmd": "set_uart_baudrate", "baudrate": 2000000}));
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_set_up_carries_every_field_and_reads_back_as_the_configuration() {
+    fn setup_message_round_trips_the_configuration() {
         for name in PRESETS {
             let config = preset(name).unwrap();
             let message = sent(Command::Setup(&Setup::single(1, config.clone()), NEW));
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn old_servers_are_spared_the_key_they_do_not_know() {
+    fn old_servers_do_not_get_unknown_keys() {
         let setup = Setup::single(1, preset("d16").unwrap());
         let message = sent(Command::Setup(&setup, Version::development(1, 9, 1, 83)));
         assert!(message["groups"][0][0]["config"]["subsweeps"][0].get("iq_imbalance_compensation").is_none());
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn groups_rate_and_calibrations_are_said() {
+    fn setup_message_has_groups_rate_and_calibrations() {
         let sensor = |sensor_id| SensorSetup { sensor_id, config: SensorConfig::default() };
         let setup = Setup {
             groups: vec![vec![sensor(1), sensor(2)], vec![sensor(3)]],

@@ -9,7 +9,7 @@ use std::path::Path;
 use serialport::SerialPortType;
 
 use super::{Address, FIRST_BAUD, Link, PortError, TCP_PORT};
-use crate::radar::{LineSpeed, LinkNeed, preset};
+use crate::radar::{LineSpeed, LinkRequirement, preset};
 
 /// What a USB device says of itself.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -139,22 +139,22 @@ pub struct Discovery {
     /// Boards, the likeliest first.
     pub candidates: Vec<Candidate>,
     /// Ports that are none of ours, each with the reason.
-    pub left_out: Vec<(PortDescription, &'static str)>,
+    pub rejected: Vec<(PortDescription, &'static str)>,
 }
 
 /// What the ids and words of a port make it.
-enum Verdict {
+enum Classification {
     Board(Board),
-    LeftOut(&'static str),
+    Rejected(&'static str),
 }
 
 /// Sorts ports by what they are.
 pub fn discover(ports: &[PortDescription]) -> Discovery {
     let mut discovery = Discovery::default();
     for port in ports {
-        match judge(port) {
-            Verdict::Board(board) => discovery.candidates.push(candidate(board, port)),
-            Verdict::LeftOut(reason) => discovery.left_out.push((port.clone(), reason)),
+        match classify(port) {
+            Classification::Board(board) => discovery.candidates.push(candidate(board, port)),
+            Classification::Rejected(reason) => discovery.rejected.push((port.clone(), reason)),
         }
     }
     // Ids of Acconeer's own first; then names; then chips that others use as well.
@@ -168,31 +168,31 @@ pub fn discover(ports: &[PortDescription]) -> Discovery {
     discovery
 }
 
-fn judge(port: &PortDescription) -> Verdict {
-    let Some(usb) = &port.usb else { return Verdict::LeftOut("not on USB") };
+fn classify(port: &PortDescription) -> Classification {
+    let Some(usb) = &port.usb else { return Classification::Rejected("not on USB") };
     let names_xe125 = usb.product.as_deref().is_some_and(|product| product.contains("XE125"));
     match (usb.vid, usb.pid) {
-        (0x0483, 0xA42D | 0xA449) | (0xACC0, 0xE121) => Verdict::Board(Board::Xc120),
-        (0x0483, 0xA41D | 0xA42C) => {
-            Verdict::LeftOut("an XC120 without its software: flash the A121 exploration server with the vendor's tool")
-        }
+        (0x0483, 0xA42D | 0xA449) | (0xACC0, 0xE121) => Classification::Board(Board::Xc120),
+        (0x0483, 0xA41D | 0xA42C) => Classification::Rejected(
+            "an XC120 without its software: flash the A121 exploration server with the vendor's tool",
+        ),
         (0x10C4, 0xEA70) => xe125(usb),
         _ if names_xe125 => xe125(usb),
-        (0x1A86, 0x7523) => Verdict::Board(Board::SparkfunXm125),
-        _ if usb.product.as_deref().is_some_and(has_board_name) => Verdict::Board(Board::Named),
-        _ => Verdict::LeftOut("no A121 board that is known"),
+        (0x1A86, 0x7523) => Classification::Board(Board::SparkfunXm125),
+        _ if usb.product.as_deref().is_some_and(has_board_name) => Classification::Board(Board::Named),
+        _ => Classification::Rejected("no A121 board that is known"),
     }
 }
 
 /// The second port of an XE125 is not the server's. The CP2105's interface 0 is the Enhanced one.
-fn xe125(usb: &UsbDescription) -> Verdict {
+fn xe125(usb: &UsbDescription) -> Classification {
     let is_enhanced = match &usb.interface {
         Some(name) if !name.is_empty() => name.to_ascii_lowercase().contains("enhanced"),
         _ => usb.interface_number.is_none_or(|number| number == 0),
     };
     match is_enhanced {
-        true => Verdict::Board(Board::Xe125),
-        false => Verdict::LeftOut("the XE125's second port: the server is behind the one called Enhanced"),
+        true => Classification::Board(Board::Xe125),
+        false => Classification::Rejected("the XE125's second port: the server is behind the one called Enhanced"),
     }
 }
 
@@ -213,8 +213,8 @@ fn candidate(board: Board, port: &PortDescription) -> Candidate {
 /// What 115200 baud leave.
 fn slow_warning() -> String {
     let rate_hz = |name| {
-        let need = preset(name).map(|config| LinkNeed::of(&config));
-        need.map_or(0.0, |need| need.on(LineSpeed::Uart(FIRST_BAUD)).in_turn_hz)
+        let need = preset(name).map(|config| LinkRequirement::of(&config));
+        need.map_or(0.0, |need| need.predict(LineSpeed::Uart(FIRST_BAUD)).sequential_hz)
     };
     format!(
         "a CH340 is reliable at {FIRST_BAUD} baud alone, without flow control: that leaves {:.0} frames a second with \
@@ -231,7 +231,7 @@ fn slow_warning() -> String {
 pub fn choose(asked: Option<&str>, ports: &[PortDescription]) -> Result<Candidate, PortError> {
     let Some(asked) = asked else {
         let found = discover(ports).candidates.into_iter().next();
-        return found.ok_or_else(|| PortError::NoBoard { there: what_is_there(ports) });
+        return found.ok_or_else(|| PortError::NoBoard { available: describe_ports(ports) });
     };
     if let Some(host) = asked.strip_prefix("tcp:") {
         let address = Address::Tcp(host_and_port(host).ok_or_else(|| PortError::Address(asked.to_owned()))?);
@@ -244,9 +244,9 @@ pub fn choose(asked: Option<&str>, ports: &[PortDescription]) -> Result<Candidat
         let address = Address::Serial { path: asked.to_owned(), flow_control: true };
         return Ok(Candidate { board: Board::Unknown, address, usb: None, warnings: Vec::new() });
     };
-    let (board, warning) = match judge(port) {
-        Verdict::Board(board) => (board, None),
-        Verdict::LeftOut(reason) => (Board::Unknown, Some(reason.to_owned())),
+    let (board, warning) = match classify(port) {
+        Classification::Board(board) => (board, None),
+        Classification::Rejected(reason) => (Board::Unknown, Some(reason.to_owned())),
     };
     let mut candidate = candidate(board, port);
     candidate.warnings.extend(warning);
@@ -267,7 +267,11 @@ fn host_and_port(text: &str) -> Option<String> {
 }
 
 /// The port of the same device after it was plugged in again, whatever its path is by now.
-pub fn find_again<'a>(ports: &'a [PortDescription], usb: &UsbDescription, path: &str) -> Option<&'a PortDescription> {
+pub fn find_replugged<'a>(
+    ports: &'a [PortDescription],
+    usb: &UsbDescription,
+    path: &str,
+) -> Option<&'a PortDescription> {
     let same = |port: &&PortDescription| {
         port.usb.as_ref().is_some_and(|other| {
             (other.vid, other.pid, &other.serial, other.interface_number)
@@ -279,7 +283,7 @@ pub fn find_again<'a>(ports: &'a [PortDescription], usb: &UsbDescription, path: 
 }
 
 /// The ports that are there, in words.
-pub fn what_is_there(ports: &[PortDescription]) -> String {
+pub fn describe_ports(ports: &[PortDescription]) -> String {
     let usb: Vec<String> = ports.iter().filter(|port| port.usb.is_some()).map(ToString::to_string).collect();
     match usb.is_empty() {
         true => "there is no serial port on USB".to_owned(),
@@ -294,12 +298,12 @@ pub fn list_ports() -> Vec<PortDescription> {
         return Vec::new();
     }
     let mut ports: Vec<PortDescription> =
-        serialport::available_ports().unwrap_or_default().into_iter().map(described).collect();
+        serialport::available_ports().unwrap_or_default().into_iter().map(port_description).collect();
     ports.sort_by(|a, b| a.path.cmp(&b.path));
     ports
 }
 
-fn described(port: serialport::SerialPortInfo) -> PortDescription {
+fn port_description(port: serialport::SerialPortInfo) -> PortDescription {
     let usb = match port.port_type {
         SerialPortType::UsbPort(usb) => Some(UsbDescription {
             vid: usb.vid,
@@ -341,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn each_board_is_told_by_its_ids_or_words() {
+    fn boards_are_identified_by_usb_ids_or_product() {
         // Ids, product, interface; the board, or a word of the reason to leave it out.
         type Row = ((u16, u16), &'static str, (u8, &'static str), Result<Board, &'static str>);
         let table: &[Row] = &[
@@ -368,13 +372,13 @@ mod tests {
             let discovery = discover(&[port("/dev/ttyX0", *ids, product, *interface)]);
             match expected {
                 Ok(board) => assert_eq!(discovery.candidates[0].board, *board, "{ids:x?} {product}"),
-                Err(word) => assert!(discovery.left_out[0].1.contains(word), "{ids:x?} {product}: {discovery:?}"),
+                Err(word) => assert!(discovery.rejected[0].1.contains(word), "{ids:x?} {product}: {discovery:?}"),
             }
         }
     }
 
     #[test]
-    fn the_likeliest_comes_first_and_the_ch340_last_with_its_warning() {
+    fn candidates_are_ranked_and_ch340_is_last_with_a_warning() {
         let ports = [
             port("/dev/ttyUSB2", (0x1A86, 0x7523), "", (0, "")),
             port("/dev/ttyUSB1", (0x10C4, 0xEA70), "", (1, "Standard")),
@@ -386,7 +390,7 @@ mod tests {
         let discovery = discover(&ports);
         let paths: Vec<String> = discovery.candidates.iter().map(|c| c.address.to_string()).collect();
         assert_eq!(paths, ["/dev/ttyACM0", "/dev/ttyACM1", "/dev/ttyUSB0", "/dev/ttyUSB2"]);
-        assert_eq!(discovery.left_out.len(), 2);
+        assert_eq!(discovery.rejected.len(), 2);
         let slow = &discovery.candidates[3];
         assert!(slow.warnings[0].contains("25 frames a second with preset slow-link, 30 instead of 500"), "{slow:?}");
         assert_eq!(slow.address, Address::Serial { path: "/dev/ttyUSB2".into(), flow_control: false });
@@ -396,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_asked_for_overrides_and_is_still_known_for_what_it_is() {
+    fn requested_port_overrides_and_is_still_identified() {
         let ports = [
             port("/dev/ttyUSB2", (0x1A86, 0x7523), "", (0, "")),
             port("/dev/ttyUSB1", (0x10C4, 0xEA70), "", (1, "Standard")),
@@ -412,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_of_servers_are_read() {
+    fn server_addresses_are_parsed() {
         for (text, expected) in [
             ("tcp:pi", Some("pi:6110")),
             ("tcp:10.0.0.7:7000", Some("10.0.0.7:7000")),
@@ -433,14 +437,14 @@ mod tests {
     }
 
     #[test]
-    fn a_board_is_found_again_on_another_path() {
+    fn replugged_board_is_found_on_another_path() {
         let before = port("/dev/ttyACM0", (0x0483, 0xA449), "", (0, ""));
         let usb = before.usb.clone().unwrap();
         let mut other = port("/dev/ttyACM0", (0x0483, 0xA449), "", (0, ""));
         other.usb.as_mut().unwrap().serial = Some("S2".into());
         let after = port("/dev/ttyACM1", (0x0483, 0xA449), "", (0, ""));
         let ports = [other, after];
-        assert_eq!(find_again(&ports, &usb, "/dev/ttyACM0").unwrap().path, "/dev/ttyACM1");
-        assert_eq!(find_again(&ports[..1], &usb, "/dev/ttyACM0"), None);
+        assert_eq!(find_replugged(&ports, &usb, "/dev/ttyACM0").unwrap().path, "/dev/ttyACM1");
+        assert_eq!(find_replugged(&ports[..1], &usb, "/dev/ttyACM0"), None);
     }
 }

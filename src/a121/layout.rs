@@ -41,7 +41,7 @@ impl ResultLayout {
     }
 
     /// Cuts a payload of [`Self::payload_bytes`] into frames, group by group, sensor by sensor.
-    pub(super) fn cut(&self, payload: &[u8]) -> Vec<Vec<Complex<i16>>> {
+    pub(super) fn split(&self, payload: &[u8]) -> Vec<Vec<Complex<i16>>> {
         let mut rest = payload;
         let frames = self.samples.iter().flatten().map(|&samples| {
             let (frame, later) = rest.split_at((samples * SAMPLE_BYTES).min(rest.len()));
@@ -62,7 +62,7 @@ mod tests {
     use crate::radar::preset;
 
     #[test]
-    fn payloads_are_cut_group_by_group() {
+    fn payloads_are_split_group_by_group() {
         let mut setup = Setup::single(1, preset("d16").unwrap());
         let mut short = setup.groups[0][0].clone();
         (short.config.sweeps_per_frame, short.config.subsweeps[0].num_points) = (1, 2);
@@ -70,7 +70,7 @@ mod tests {
         let layout = ResultLayout::of(&setup);
         assert_eq!(layout.payload_bytes(), 802 * 4);
         let payload: Vec<u8> = (0..802i16).flat_map(|n| [n.to_le_bytes(), (-n).to_le_bytes()].concat()).collect();
-        let frames = layout.cut(&payload);
+        let frames = layout.split(&payload);
         assert_eq!((frames[0].len(), frames[1].len()), (800, 2));
         assert_eq!((frames[0][799], frames[1][0]), (Complex::new(799, -799), Complex::new(800, -800)));
     }

@@ -6,7 +6,7 @@
 
 mod clock;
 #[cfg(test)]
-mod clock_world;
+mod clock_simulation;
 mod command;
 pub mod device;
 mod error;
@@ -17,9 +17,9 @@ mod port;
 pub mod remedy;
 mod reply;
 mod session;
-mod steady;
 #[cfg(test)]
 mod test_stream;
+mod tick_dequantiser;
 mod ticks;
 mod version;
 
@@ -31,5 +31,5 @@ pub use parser::{MAX_LINE_BYTES, Message, Parser, Received, ResultMessage, Strea
 pub use port::{Address, Line, PortError, TCP_PORT};
 pub use reply::{LogLine, Reply, ResultInfo, SensorInfo, SensorMetadata, SetupReply, SystemInfo};
 pub use session::{Action, Event, FIRST_BAUD, Link, MAX_SENSORS, SensorFrame, Session, SessionCounters};
-pub use ticks::{TickVerdict, Ticks};
+pub use ticks::{TickUnwrapper, TickVerdict};
 pub use version::Version;

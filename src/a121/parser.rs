@@ -9,8 +9,8 @@
 //! payload waits until then, or until [`Parser::settle`] is told that the line has been quiet, unless it ends as a line
 //! begins.
 //!
-//! What cannot be told here: a flipped bit of a sample, of a temperature, or of a tick (see [`super::Ticks`] for that).
-//! A doubled byte in a payload of which the last byte comes only after `settle`; it is counted as `doubtful`, too late.
+//! What cannot be told here: a flipped bit of a sample, of a temperature, or of a tick (see [`super::TickUnwrapper`] for that).
+//! A doubled byte in a payload of which the last byte comes only after `settle`; it is counted as `unconfirmed_damage`, too late.
 //! One byte lost and another gained in one payload.
 //!
 //! Memory: a line has at most [`MAX_LINE_BYTES`], a payload is what was set up; nothing longer is ever held.
@@ -86,16 +86,16 @@ pub struct StreamCounters {
     /// Payloads with bytes lost or gained.
     pub damaged_payloads: u64,
     /// Results handed on by [`Parser::settle`] that no line followed: they may have been damaged.
-    pub doubtful: u64,
+    pub unconfirmed_damage: u64,
     /// Results handed on.
     pub results: u64,
 }
 
 /// What a complete payload is followed by.
-enum Follow {
+enum PayloadCheck {
     Line,
     Damage,
-    TooShortToTell,
+    NeedsMoreBytes,
 }
 
 /// How far a line at the buffer's start has come.
@@ -122,13 +122,13 @@ pub struct Parser {
     /// Where pieces end in the buffer, and when they came.
     pieces: std::collections::VecDeque<(usize, i64)>,
     layout: Option<ResultLayout>,
-    out_of_step: bool,
+    out_of_sync: bool,
     /// A payload has been handed on by `settle`, so what follows it was not seen.
-    settled: bool,
+    accepted_when_quiet: bool,
     counters: StreamCounters,
     /// Bytes looked through for a line's end.
     #[cfg(test)]
-    looked_at: u64,
+    scanned_bytes: u64,
 }
 
 impl Parser {
@@ -169,7 +169,7 @@ impl Parser {
     }
 
     /// The line has been quiet for longer than a pause inside a message: a payload that is complete is handed on.
-    pub fn settle(&mut self, out: &mut Vec<Received>) {
+    pub fn accept_when_quiet(&mut self, out: &mut Vec<Received>) {
         if self.step(true, out) {
             while self.step(false, out) {}
             self.compact();
@@ -177,9 +177,9 @@ impl Parser {
     }
 
     /// Whether [`Self::settle`] would hand something on.
-    pub fn has_unsettled(&self) -> bool {
+    pub fn has_unconfirmed(&self) -> bool {
         // A payload that ends as a line begins waits for more, however quiet it is.
-        self.payload_end().is_some_and(|end| end == self.buffer.len()) && !ends_as_a_line_begins(&self.buffer)
+        self.payload_end().is_some_and(|end| end == self.buffer.len()) && !ends_with_line_start(&self.buffer)
     }
 
     fn payload_end(&self) -> Option<usize> {
@@ -197,7 +197,7 @@ impl Parser {
         }
         if data[0] != b'{' {
             let count = data.iter().position(|&byte| byte == b'{').unwrap_or(data.len());
-            self.counters.doubtful += u64::from(self.settled);
+            self.counters.unconfirmed_damage += u64::from(self.accepted_when_quiet);
             self.skip(count);
             return true;
         }
@@ -225,7 +225,7 @@ impl Parser {
         let found = data[self.scanned..].iter().position(control).map(|at| self.scanned + at);
         let scanned = found.unwrap_or(data.len());
         #[cfg(test)]
-        (self.looked_at += (scanned - self.scanned) as u64);
+        (self.scanned_bytes += (scanned - self.scanned) as u64);
         self.scanned = scanned;
         match found {
             Some(at) if data[at] == b'\n' && at <= MAX_LINE_BYTES => LineEnd::At(at),
@@ -242,12 +242,12 @@ impl Parser {
             return self.skip(1);
         };
         match (header, &self.layout) {
-            (Header::Reply(reply), _) => self.hand_on(Message::Reply(reply), end + 1, out),
+            (Header::Reply(reply), _) => self.emit(Message::Reply(reply), end + 1, out),
             (Header::Result(..), None) => {
                 self.counters.stale_results += 1;
-                self.hand_on(Message::StaleResult, end + 1, out);
+                self.emit(Message::StaleResult, end + 1, out);
                 // Its payload has to be skipped, which is no fault.
-                self.out_of_step = true;
+                self.out_of_sync = true;
             }
             (Header::Result(infos, bytes), Some(layout)) if layout.fits(&infos, bytes) => {
                 self.announced = Some(Announced { infos: infos.concat(), line_bytes: end + 1 });
@@ -265,40 +265,40 @@ impl Parser {
             return false;
         }
         let (payload, rest) = (&self.buffer[self.start + announced.line_bytes..end], &self.buffer[end..]);
-        match follow(payload, rest) {
-            Follow::Damage => {
+        match check_payload_end(payload, rest) {
+            PayloadCheck::Damage => {
                 self.counters.damaged_payloads += 1;
                 self.announced = None;
                 self.skip(1);
                 return true;
             }
-            Follow::TooShortToTell if !(is_quiet && rest.is_empty() && !ends_as_a_line_begins(payload)) => {
+            PayloadCheck::NeedsMoreBytes if !(is_quiet && rest.is_empty() && !ends_with_line_start(payload)) => {
                 return false;
             }
-            Follow::TooShortToTell | Follow::Line => {}
+            PayloadCheck::NeedsMoreBytes | PayloadCheck::Line => {}
         }
-        let settled = rest.is_empty();
-        let frames = self.layout.as_ref().map(|layout| layout.cut(payload)).unwrap_or_default();
+        let accepted_when_quiet = rest.is_empty();
+        let frames = self.layout.as_ref().map(|layout| layout.split(payload)).unwrap_or_default();
         let Some(Announced { infos, .. }) = self.announced.take() else { return false };
         self.counters.results += 1;
-        self.hand_on(Message::Result(ResultMessage { infos, frames }), end - self.start, out);
-        self.settled = settled;
+        self.emit(Message::Result(ResultMessage { infos, frames }), end - self.start, out);
+        self.accepted_when_quiet = accepted_when_quiet;
         true
     }
 
-    fn hand_on(&mut self, message: Message, bytes: usize, out: &mut Vec<Received>) {
+    fn emit(&mut self, message: Message, bytes: usize, out: &mut Vec<Received>) {
         let end = self.start + bytes;
         let piece = self.pieces.iter().find(|(piece_end, _)| *piece_end >= end);
         let arrival_ns = piece.map_or(0, |&(_, time_ns)| time_ns);
         self.advance(bytes);
-        (self.out_of_step, self.settled) = (false, false);
+        (self.out_of_sync, self.accepted_when_quiet) = (false, false);
         out.push(Received { message, arrival_ns });
     }
 
     fn skip(&mut self, bytes: usize) {
         self.counters.skipped_bytes += bytes as u64;
-        self.counters.resyncs += u64::from(!self.out_of_step);
-        (self.out_of_step, self.settled) = (true, false);
+        self.counters.resyncs += u64::from(!self.out_of_sync);
+        (self.out_of_sync, self.accepted_when_quiet) = (true, false);
         self.advance(bytes);
     }
 
@@ -321,24 +321,24 @@ impl Parser {
 }
 
 /// Whether a line follows a payload, or the payload lost or gained bytes.
-fn follow(payload: &[u8], rest: &[u8]) -> Follow {
-    if holds_a_key(payload) {
-        return Follow::Damage;
+fn check_payload_end(payload: &[u8], rest: &[u8]) -> PayloadCheck {
+    if contains_key(payload) {
+        return PayloadCheck::Damage;
     }
     match *rest {
         // A payload that ends with a brace and gained a byte, or a brace doubled: cannot be told apart.
-        [b'{', b'{', ..] => Follow::Damage,
+        [b'{', b'{', ..] => PayloadCheck::Damage,
         // The line's own brace lost, or the payload's last byte.
-        [b'"', ..] if payload.last() == Some(&b'{') => Follow::Damage,
-        _ if rest.len() < LINE_START_BYTES + 1 => Follow::TooShortToTell,
-        _ if begins_a_line(rest) => Follow::Line,
-        _ => Follow::Damage,
+        [b'"', ..] if payload.last() == Some(&b'{') => PayloadCheck::Damage,
+        _ if rest.len() < LINE_START_BYTES + 1 => PayloadCheck::NeedsMoreBytes,
+        _ if is_line_start(rest) => PayloadCheck::Line,
+        _ => PayloadCheck::Damage,
     }
 }
 
 /// Whether these bytes are the beginning of a line: with any key, or with one of those known, of which one byte may have
 /// been lost, doubled or damaged. Noise begins so once in 10⁷ times.
-fn begins_a_line(rest: &[u8]) -> bool {
+fn is_line_start(rest: &[u8]) -> bool {
     if rest.starts_with(b"{\"") && rest[2..LINE_START_BYTES].iter().all(u8::is_ascii_lowercase) {
         return true;
     }
@@ -355,13 +355,13 @@ fn begins_a_line(rest: &[u8]) -> bool {
     })
 }
 
-fn holds_a_key(payload: &[u8]) -> bool {
+fn contains_key(payload: &[u8]) -> bool {
     let quotes = payload.iter().enumerate().filter(|(_, byte)| **byte == b'"');
     quotes.into_iter().any(|(at, _)| KEYS.iter().any(|key| payload[at..].starts_with(key)))
 }
 
 /// Whether the last bytes could be the beginning of the next line: `{`, `{"`, `{"res`.
-fn ends_as_a_line_begins(payload: &[u8]) -> bool {
+fn ends_with_line_start(payload: &[u8]) -> bool {
     let longest = KEYS.iter().map(|key| key.len()).max().unwrap_or(0) + 1;
     let tail = &payload[payload.len().saturating_sub(longest)..];
     let Some(brace) = tail.iter().rposition(|&byte| byte == b'{') else { return false };
@@ -404,7 +404,7 @@ mod tests {
                 (0..ResultLayout::of(&small_setup()).payload_bytes()).map(|_| rng.random()).collect();
             let begin = bytes.len();
             bytes.extend(result_bytes(&info, &payload));
-            let frames = ResultLayout::of(&small_setup()).cut(&payload);
+            let frames = ResultLayout::of(&small_setup()).split(&payload);
             results.push((begin..bytes.len(), ResultMessage { infos: vec![info], frames }));
             if index % 4 == 3 {
                 let log =
@@ -434,7 +434,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sound_stream_is_taken_apart_without_a_byte_skipped() {
+    fn valid_stream_parses_without_skipped_bytes() {
         let stream = stream(1);
         let mut parser = parser();
         let messages = parsed(&mut parser, &stream.bytes);
@@ -446,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn results_carry_the_time_of_their_last_byte() {
+    fn results_have_the_arrival_time_of_their_last_byte() {
         let stream = stream(2);
         let (mut parser, mut out) = (parser(), Vec::new());
         for (index, &byte) in stream.bytes.iter().enumerate() {
@@ -457,16 +457,16 @@ mod tests {
     }
 
     #[test]
-    fn a_quiet_line_hands_on_what_is_complete_and_only_that() {
+    fn quiet_line_emits_only_complete_results() {
         let stream = stream(3);
         let (range, result) = &stream.results[0];
         let (mut parser, mut out) = (parser(), Vec::new());
         parser.push(&stream.bytes[..range.end - 1], 0, &mut out);
-        parser.settle(&mut out);
-        assert!(out.is_empty() && !parser.has_unsettled());
+        parser.accept_when_quiet(&mut out);
+        assert!(out.is_empty() && !parser.has_unconfirmed());
         parser.push(&stream.bytes[range.end - 1..range.end], 5, &mut out);
-        assert!(out.is_empty() && parser.has_unsettled());
-        parser.settle(&mut out);
+        assert!(out.is_empty() && parser.has_unconfirmed());
+        parser.accept_when_quiet(&mut out);
         assert_eq!(out, [Received { message: Message::Result(result.clone()), arrival_ns: 5 }]);
         // One byte lost, and the next line's brace stands for it: quiet proves nothing.
         let mut short = stream.bytes[..range.end].to_vec();
@@ -474,12 +474,12 @@ mod tests {
         short.push(b'{');
         out.clear();
         parser.push(&short, 9, &mut out);
-        parser.settle(&mut out);
+        parser.accept_when_quiet(&mut out);
         assert!(out.is_empty());
     }
 
     #[test]
-    fn noise_in_a_payload_is_not_taken_for_its_end() {
+    fn noise_in_a_payload_is_not_taken_as_its_end() {
         let stream = stream(5);
         let (first, second) = (&stream.results[0].0, &stream.results[1]);
         let payload_bytes = ResultLayout::of(&small_setup()).payload_bytes();
@@ -538,7 +538,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_doubled_or_flipped_byte_costs_what_it_touched_and_nothing_wrong_is_handed_on() {
+    fn damaged_byte_loses_only_the_result_it_touched() {
         for kind in 0..3 {
             let mut rng = ChaCha8Rng::seed_from_u64(4 + kind as u64);
             let (mut told, mut cost) = (0, 0);
@@ -562,7 +562,7 @@ mod tests {
     }
 
     #[test]
-    fn every_place_of_one_line_and_of_the_next_withstands_every_flip() {
+    fn every_bit_flip_in_a_line_is_handled() {
         let stream = stream(11);
         let next = stream.results[4].0.start;
         for at in (stream.results[3].0.start..stream.results[3].0.start + 130).chain(next - 3..next + 20) {
@@ -572,7 +572,7 @@ mod tests {
     }
 
     #[test]
-    fn results_that_nobody_expects_are_skipped_without_their_size_being_believed() {
+    fn unexpected_results_are_skipped_without_trusting_their_size() {
         let mut bytes = stream(5).bytes;
         let mut parser = Parser::default();
         let messages = parsed(&mut parser, &bytes);
@@ -589,17 +589,17 @@ mod tests {
     }
 
     #[test]
-    fn bytes_are_looked_through_for_a_lines_end_once_however_many_lines_they_seem_to_begin() {
+    fn bytes_are_scanned_once_for_a_line_end() {
         for end in ["", "\n", "\u{1}"] {
             let mut parser = parser();
             let text = [&"{\"".repeat(12_000), end].concat().repeat(4);
             text.as_bytes().chunks(700).for_each(|piece| _ = parsed(&mut parser, piece));
-            assert!(parser.looked_at <= text.len() as u64 + 50_000, "{} of {}", parser.looked_at, text.len());
+            assert!(parser.scanned_bytes <= text.len() as u64 + 50_000, "{} of {}", parser.scanned_bytes, text.len());
         }
     }
 
     #[test]
-    fn a_line_without_end_is_given_up_and_memory_stays_bounded() {
+    fn endless_line_is_dropped_and_memory_stays_bounded() {
         let mut parser = parser();
         for _ in 0..50 {
             assert!(parsed(&mut parser, &[b"{\"".to_vec(), vec![b'a'; 5000]].concat()).is_empty());
@@ -643,7 +643,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_bytes_split_anyhow_give_the_same_messages(
+        fn messages_do_not_depend_on_how_bytes_are_split(
             bytes in any_stream(),
             splits in prop::collection::vec(1usize..300, 1..40),
         ) {

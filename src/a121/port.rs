@@ -18,15 +18,15 @@ use super::{Action, FIRST_BAUD, find, remedy};
 /// Port of the Raspberry Pi's server.
 pub const TCP_PORT: u16 = 6110;
 /// A command that is not written by then is not going to be.
-const WRITE_TIME: Duration = Duration::from_secs(1);
+const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 /// A server that does not answer by then is not there.
-const CONNECT_TIME: Duration = Duration::from_secs(2);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 /// How long a break lasts.
-const BREAK_TIME: Duration = Duration::from_millis(250);
+const BREAK_DURATION: Duration = Duration::from_millis(250);
 /// Bytes written at once: a driver that has room has room for these.
-const WRITE_BYTES: usize = 64;
+const WRITE_CHUNK_BYTES: usize = 64;
 /// Longest single wait.
-const LONGEST_WAIT: Duration = Duration::from_secs(60);
+const MAX_WAIT: Duration = Duration::from_secs(60);
 
 /// Where a board is.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -55,21 +55,21 @@ impl std::fmt::Display for Address {
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
     /// No port of that name.
-    #[error("there is no port {path}: {there}")]
+    #[error("there is no port {path}: {available}")]
     NotFound {
         /// What was asked for.
         path: String,
         /// What there is instead.
-        there: String,
+        available: String,
     },
     /// No board at all.
     #[error(
-        "no A121 board is found: {there}. Plug one in, or name its port with --port (a path, or tcp:HOST[:PORT] for a \
+        "no A121 board is found: {available}. Plug one in, or name its port with --port (a path, or tcp:HOST[:PORT] for a \
          Raspberry Pi)"
     )]
     NoBoard {
         /// What there is instead.
-        there: String,
+        available: String,
     },
     /// The user may not.
     #[error("no permission to open {path}: {remedy}")]
@@ -136,7 +136,7 @@ pub enum PortError {
 }
 
 /// The open end.
-enum End {
+enum Transport {
     Serial(Box<dyn SerialPort>),
     Tcp(TcpStream),
 }
@@ -144,7 +144,7 @@ enum End {
 /// A line that is open.
 pub struct Line {
     address: Address,
-    end: End,
+    end: Transport,
 }
 
 impl Line {
@@ -154,8 +154,8 @@ impl Line {
     /// Not found, no permission, in use, refused: each with what to do.
     pub fn open(address: &Address) -> Result<Self, PortError> {
         let end = match address {
-            Address::Serial { path, flow_control } => End::Serial(open_serial(path, *flow_control)?),
-            Address::Tcp(host) => End::Tcp(open_tcp(host)?),
+            Address::Serial { path, flow_control } => Transport::Serial(open_serial(path, *flow_control)?),
+            Address::Tcp(host) => Transport::Tcp(open_tcp(host)?),
         };
         Ok(Self { address: address.clone(), end })
     }
@@ -170,13 +170,13 @@ impl Line {
     /// # Errors
     /// The line is gone.
     pub fn read(&mut self, buffer: &mut [u8], patience: Duration) -> Result<usize, PortError> {
-        let patience = patience.min(LONGEST_WAIT);
+        let patience = patience.min(MAX_WAIT);
         let read = match &mut self.end {
-            End::Serial(port) => {
+            Transport::Serial(port) => {
                 let _ = port.set_timeout(patience);
                 port.read(buffer)
             }
-            End::Tcp(socket) => read_socket(socket, buffer, patience),
+            Transport::Tcp(socket) => read_socket(socket, buffer, patience),
         };
         match read {
             // A hung-up terminal and a closed socket are at their end.
@@ -209,20 +209,20 @@ impl Line {
         let start = Instant::now();
         let mut rest = bytes;
         while !rest.is_empty() {
-            let patience = WRITE_TIME.saturating_sub(start.elapsed()).max(Duration::from_millis(1));
+            let patience = WRITE_TIMEOUT.saturating_sub(start.elapsed()).max(Duration::from_millis(1));
             let written = match &mut self.end {
-                End::Serial(port) => {
+                Transport::Serial(port) => {
                     let _ = port.set_timeout(patience);
-                    port.write(&rest[..rest.len().min(WRITE_BYTES)])
+                    port.write(&rest[..rest.len().min(WRITE_CHUNK_BYTES)])
                 }
-                End::Tcp(socket) => socket.set_write_timeout(Some(patience)).and_then(|()| socket.write(rest)),
+                Transport::Tcp(socket) => socket.set_write_timeout(Some(patience)).and_then(|()| socket.write(rest)),
             };
             match written {
                 Ok(count) => rest = &rest[count..],
                 Err(error) if !is_nothing_yet(error.kind()) => return Err(self.gone(&error.to_string())),
                 Err(_) => {}
             }
-            if start.elapsed() >= WRITE_TIME && !rest.is_empty() {
+            if start.elapsed() >= WRITE_TIMEOUT && !rest.is_empty() {
                 return Err(PortError::Stuck { address: self.address.to_string() });
             }
         }
@@ -232,17 +232,17 @@ impl Line {
     /// A break. Boards that know none (a pseudo-terminal, some USB firmware) are asked all the same: what they stream is
     /// noticed and stopped by the session.
     fn send_break(&mut self) {
-        let End::Serial(port) = &mut self.end else { return };
+        let Transport::Serial(port) = &mut self.end else { return };
         // The system lets output drain first, which a board may never do.
         let _ = port.clear(ClearBuffer::Output);
         if port.set_break().is_ok() {
-            sleep(BREAK_TIME);
+            sleep(BREAK_DURATION);
             let _ = port.clear_break();
         }
     }
 
     fn flush_input(&mut self) -> Result<(), PortError> {
-        if let End::Serial(port) = &self.end {
+        if let Transport::Serial(port) = &self.end {
             return port.clear(ClearBuffer::Input).map_err(|error| self.gone(&error.to_string()));
         }
         let mut thrown_away = [0; 4096];
@@ -251,7 +251,7 @@ impl Line {
     }
 
     fn set_baud(&mut self, baud: u32) -> Result<(), PortError> {
-        let End::Serial(port) = &mut self.end else { return Ok(()) };
+        let Transport::Serial(port) = &mut self.end else { return Ok(()) };
         port.set_baud_rate(baud).map_err(|error| match error.kind() {
             serialport::ErrorKind::InvalidInput => PortError::Other {
                 doing: "set the speed of",
@@ -270,7 +270,7 @@ impl Line {
 impl Drop for Line {
     /// Closing waits half a minute for output that a board does not take.
     fn drop(&mut self) {
-        if let End::Serial(port) = &self.end {
+        if let Transport::Serial(port) = &self.end {
             let _ = port.clear(ClearBuffer::Output);
         }
     }
@@ -287,26 +287,26 @@ fn open_serial(path: &str, flow_control: bool) -> Result<Box<dyn SerialPort>, Po
         .parity(Parity::None)
         .stop_bits(StopBits::One)
         .flow_control(flow_control);
-    builder.open().map_err(|error| told(path, &error))
+    builder.open().map_err(|error| open_error(path, &error))
 }
 
 /// The error for people.
-fn told(path: &str, error: &serialport::Error) -> PortError {
+fn open_error(path: &str, error: &serialport::Error) -> PortError {
     let path = path.to_owned();
     match error.kind() {
         serialport::ErrorKind::Io(ErrorKind::NotFound) => {
-            PortError::NotFound { path, there: find::what_is_there(&find::list_ports()) }
+            PortError::NotFound { path, available: find::describe_ports(&find::list_ports()) }
         }
         serialport::ErrorKind::Io(ErrorKind::PermissionDenied) => {
             let remedy = remedy::permission(&path);
             PortError::Permission { path, remedy }
         }
         serialport::ErrorKind::NoDevice if Path::new(&path).exists() => {
-            let (holder, remedy) = remedy::holder_and_what_to_do(&path);
+            let (holder, remedy) = remedy::holder_and_remedy(&path);
             PortError::Busy { path, holder, remedy }
         }
         serialport::ErrorKind::NoDevice => {
-            PortError::NotFound { path, there: find::what_is_there(&find::list_ports()) }
+            PortError::NotFound { path, available: find::describe_ports(&find::list_ports()) }
         }
         _ if std::fs::metadata(&path).is_ok_and(|m| m.is_file() || m.is_dir()) => PortError::NotAPort(path),
         _ => match error.description.as_str() {
@@ -321,7 +321,7 @@ fn open_tcp(host: &str) -> Result<TcpStream, PortError> {
     let addresses = host.to_socket_addrs().map_err(|error| unreachable(error.to_string()))?;
     let mut failed = unreachable("the name stands for no address".into());
     for address in addresses {
-        match TcpStream::connect_timeout(&address, CONNECT_TIME) {
+        match TcpStream::connect_timeout(&address, CONNECT_TIMEOUT) {
             Ok(socket) => {
                 // Commands are small and waited for.
                 let _ = socket.set_nodelay(true);
@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_go_both_ways_through_a_terminal_and_its_end_is_noticed() {
+    fn terminal_transfers_bytes_and_reports_hang_up() {
         let (mut board, path) = terminal();
         let mut line = Line::open(&serial(&path)).unwrap();
         line.perform(&Action::SetBaud(2_000_000)).unwrap();
@@ -393,7 +393,7 @@ mod tests {
         board.write_all(&raw).unwrap();
         let mut buffer = [0; 4096];
         let (start, mut received) = (Instant::now(), Vec::new());
-        while received.len() < 256 && start.elapsed() < WRITE_TIME {
+        while received.len() < 256 && start.elapsed() < WRITE_TIMEOUT {
             let count = line.read(&mut buffer, SHORT).unwrap();
             received.extend_from_slice(&buffer[..count]);
         }
@@ -408,23 +408,23 @@ mod tests {
     }
 
     #[test]
-    fn a_board_that_takes_nothing_does_not_hold_us() {
+    fn board_that_accepts_no_bytes_does_not_block() {
         let (_board, path) = terminal();
         let mut line = Line::open(&serial(&path)).unwrap();
         let start = Instant::now();
         assert!(matches!(line.write(&vec![b'x'; 1 << 20]), Err(PortError::Stuck { .. })));
         drop(line);
-        assert!(start.elapsed() < 3 * WRITE_TIME, "{:?}", start.elapsed());
+        assert!(start.elapsed() < 3 * WRITE_TIMEOUT, "{:?}", start.elapsed());
     }
 
     #[test]
-    fn what_cannot_be_opened_says_why() {
+    fn open_errors_give_the_reason() {
         assert!(opened_err(&serial("/dev/ttyNONE7")).to_string().contains("there is no port /dev/ttyNONE7"));
         assert!(matches!(opened_err(&serial("/dev/null")), PortError::NotAPort(_)));
         assert!(matches!(opened_err(&serial("/tmp")), PortError::NotAPort(_)));
         let refused =
             serialport::Error::new(serialport::ErrorKind::Io(ErrorKind::PermissionDenied), "Permission denied");
-        let error = told("/dev/ttyNONE7", &refused).to_string();
+        let error = open_error("/dev/ttyNONE7", &refused).to_string();
         assert!(
             error.starts_with("no permission to open /dev/ttyNONE7: ") && error.contains("sudo usermod -aG"),
             "{error}"
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn a_socket_waits_as_long_as_it_should_and_its_end_is_noticed() {
+    fn socket_read_waits_and_reports_disconnection() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let mut line = Line::open(&Address::Tcp(listener.local_addr().unwrap().to_string())).unwrap();
         let (mut board, _) = listener.accept().unwrap();

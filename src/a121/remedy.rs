@@ -22,7 +22,7 @@ pub(super) fn permission(path: &str) -> String {
 }
 
 /// Who has a port open, and what to do.
-pub(super) fn holder_and_what_to_do(path: &str) -> (String, String) {
+pub(super) fn holder_and_remedy(path: &str) -> (String, String) {
     let holder = holder(path);
     let remedy = if holder.as_deref().is_some_and(|name| name.starts_with("ModemManager")) || modem_manager_runs() {
         MODEM_MANAGER_REMEDY.to_owned()
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn groups_are_named_and_root_is_none() {
+    fn owning_group_is_named_except_root() {
         let table = "root:x:0:\ndialout:x:20:me\n\nuucp:x:14:\nbroken\n:x:30:\n";
         assert_eq!(group_name(20, table).as_deref(), Some("dialout"));
         assert_eq!(group_name(14, table).as_deref(), Some("uucp"));
@@ -101,10 +101,10 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn who_holds_a_file_is_found() {
+    fn process_with_open_file_is_found() {
         let path = std::env::temp_dir().join(format!("radar-chaperone-holder-{}", std::process::id()));
         let file = fs::File::create(&path).unwrap();
-        let (holder, remedy) = holder_and_what_to_do(path.to_str().unwrap());
+        let (holder, remedy) = holder_and_remedy(path.to_str().unwrap());
         assert!(holder.ends_with(&format!("(process {})", std::process::id())), "{holder}");
         assert!(!remedy.is_empty());
         drop(file);

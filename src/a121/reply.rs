@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn each_answer_is_told_from_the_others() {
+    fn replies_are_distinguished() {
         let system = r#"{"status":"ok","system_info":{"rss_version":"a121-v1.12.0","sensor":"a121","sensor_count":5,
             "ticks_per_second":1000000,"hw":"xc120","max_baudrate":3000000}}"#;
         assert!(matches!(reply(system), Reply::System(info) if info.max_baudrate == Some(3_000_000)));
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_that_are_none_of_the_protocols_are_refused() {
+    fn non_protocol_lines_are_rejected() {
         let result = r#"{"result_info":[[{"tick":5,"data_saturated":false,"temperature":-3,"calibration_needed":false,
             "frame_delayed":true}]],"status":"ok","payload_size":4}"#;
         assert!(

@@ -14,7 +14,8 @@ use std::collections::VecDeque;
 
 use super::{
     Calibration, Clock, ClockReport, Command, LogLine, Message, Parser, Received, Reply, ResultLayout, ResultMessage,
-    SensorInfo, SensorSetup, SessionError, Setup, SetupReply, StreamCounters, SystemInfo, TickVerdict, Ticks, Version,
+    SensorInfo, SensorSetup, SessionError, Setup, SetupReply, StreamCounters, SystemInfo, TickUnwrapper, TickVerdict,
+    Version,
 };
 use crate::radar::{Frame, FrameTiming, Prf, SensorConfig, frame_timing};
 
@@ -32,12 +33,12 @@ const ANSWER_NS: i64 = 2 * S;
 const STOP_EXTRA_NS: i64 = S;
 /// A line quiet for this long has ended a payload: one without a speed of its own, and a serial one, of which
 /// converters hand the bytes on in pieces, one every millisecond.
-const SETTLE_NS: i64 = 300_000;
-const SETTLE_SERIAL_NS: i64 = 2_000_000;
+const QUIET_NS: i64 = 300_000;
+const QUIET_SERIAL_NS: i64 = 2_000_000;
 /// Different answers to the first question until the line is given up for now.
 const MAX_ANSWERS: usize = 6;
 /// Pauses between tries.
-const PAUSES_NS: (i64, i64) = (S / 2, 8 * S);
+const RETRY_PAUSE_NS: (i64, i64) = (S / 2, 8 * S);
 /// A board that asks for calibration again sooner than this is left alone.
 const RECALIBRATE_NS: i64 = 10 * S;
 /// Events kept for a caller that does not fetch them.
@@ -46,7 +47,7 @@ const MAX_EVENTS: usize = 4096;
 const LINE_BYTES: f64 = 170.0;
 
 /// Versions up to this one are not understood.
-const TOO_OLD: Version = Version::release(0, 2, 0);
+const LAST_UNSUPPORTED: Version = Version::release(0, 2, 0);
 const CALIBRATION_REUSE_SINCE: Version = Version::development(0, 4, 3, 280);
 const PRF_5_2_SINCE: Version = Version::development(0, 4, 3, 310);
 const PRF_15_6_SINCE: Version = Version::development(0, 7, 1, 37);
@@ -120,7 +121,7 @@ pub struct SessionCounters {
     /// Results handed on as frames.
     pub results: u64,
     /// Results that only served to witness the first tick.
-    pub unwitnessed: u64,
+    pub unconfirmed: u64,
     /// Results refused for their tick.
     pub refused_ticks: u64,
     /// Times that the sensor's clock jumped.
@@ -147,7 +148,7 @@ enum State {
     /// The line is closed.
     Closed,
     Breaking,
-    Asked(Asked),
+    Awaiting(Request),
     Streaming,
     /// Stopping: to end, or to be set up anew.
     Stopping {
@@ -158,7 +159,7 @@ enum State {
 
 /// What an answer is awaited to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Asked {
+enum Request {
     System,
     Sensors,
     Baud(u32),
@@ -166,7 +167,7 @@ enum Asked {
     Start,
 }
 
-impl Asked {
+impl Request {
     fn name(self) -> &'static str {
         match self {
             Self::System => "get_system_info",
@@ -199,16 +200,16 @@ pub struct Session {
     last_bytes_ns: i64,
     pause_ns: i64,
     /// What boards said of themselves since the last break.
-    heard: Vec<SystemInfo>,
+    system_infos: Vec<SystemInfo>,
     board: Option<Board>,
     /// Why the set-up failed the last time.
-    doubted: Option<SessionError>,
+    unconfirmed_error: Option<SessionError>,
     calibrations: Vec<Calibration>,
     recalibrated_ns: Option<i64>,
-    told_to_stop: bool,
+    stop_sent: bool,
     /// What was told to stop has not said yet that it did.
-    stop_is_owed: bool,
-    ticks: Vec<Ticks>,
+    stop_reply_pending: bool,
+    ticks: Vec<TickUnwrapper>,
     clock: Option<Clock>,
     actions: VecDeque<Action>,
     events: VecDeque<Event>,
@@ -233,13 +234,13 @@ impl Session {
             state: State::Closed,
             deadline_ns: i64::MAX,
             last_bytes_ns: now_ns,
-            pause_ns: PAUSES_NS.0,
-            heard: Vec::new(),
+            pause_ns: RETRY_PAUSE_NS.0,
+            system_infos: Vec::new(),
             board: None,
-            doubted: None,
+            unconfirmed_error: None,
             recalibrated_ns: None,
-            told_to_stop: false,
-            stop_is_owed: false,
+            stop_sent: false,
+            stop_reply_pending: false,
             ticks: Vec::new(),
             clock: None,
             actions: VecDeque::new(),
@@ -262,8 +263,8 @@ impl Session {
 
     /// When [`Self::poll`] has something to do, host nanoseconds.
     pub fn next_deadline_ns(&self) -> i64 {
-        match self.parser.has_unsettled() && self.state != State::Over {
-            true => self.deadline_ns.min(self.last_bytes_ns.saturating_add(self.settle_ns())),
+        match self.parser.has_unconfirmed() && self.state != State::Over {
+            true => self.deadline_ns.min(self.last_bytes_ns.saturating_add(self.quiet_ns())),
             false => self.deadline_ns,
         }
     }
@@ -296,9 +297,9 @@ impl Session {
 
     /// Does what is due at a host time.
     pub fn poll(&mut self, now_ns: i64) {
-        if self.parser.has_unsettled() && now_ns.saturating_sub(self.last_bytes_ns) >= self.settle_ns() {
+        if self.parser.has_unconfirmed() && now_ns.saturating_sub(self.last_bytes_ns) >= self.quiet_ns() {
             let mut received = std::mem::take(&mut self.received);
-            self.parser.settle(&mut received);
+            self.parser.accept_when_quiet(&mut received);
             self.handle_all(&mut received, now_ns);
         }
         if now_ns >= self.deadline_ns {
@@ -310,7 +311,7 @@ impl Session {
     pub fn stop(&mut self, now_ns: i64) {
         match self.state {
             State::Over => {}
-            State::Streaming | State::Asked(Asked::Start) => self.stop_streaming(true, now_ns),
+            State::Streaming | State::Awaiting(Request::Start) => self.stop_streaming(true, now_ns),
             State::Stopping { .. } => self.state = State::Stopping { ends: true },
             _ => self.finish(Event::Stopped),
         }
@@ -323,7 +324,7 @@ impl Session {
             self.finish(Event::Stopped);
         } else if !matches!(self.state, State::Over | State::Closed) {
             self.enter(State::Closed, i64::MAX);
-            self.tell(Event::Trouble(SessionError::LineLost(reason.to_owned())));
+            self.push_event(Event::Trouble(SessionError::LineLost(reason.to_owned())));
         }
     }
 
@@ -334,12 +335,12 @@ impl Session {
         }
     }
 
-    fn settle_ns(&self) -> i64 {
+    fn quiet_ns(&self) -> i64 {
         let has_speed = self.board.as_ref().is_some_and(|board| board.baud.is_some());
-        if has_speed { SETTLE_SERIAL_NS } else { SETTLE_NS }
+        if has_speed { QUIET_SERIAL_NS } else { QUIET_NS }
     }
 
-    fn tell(&mut self, event: Event) {
+    fn push_event(&mut self, event: Event) {
         if self.events.len() >= MAX_EVENTS {
             self.events.pop_front();
             self.counters.dropped_events += 1;
@@ -354,8 +355,8 @@ impl Session {
     fn connect(&mut self, now_ns: i64) {
         self.counters.connects += 1;
         self.board = None;
-        self.heard.clear();
-        (self.told_to_stop, self.stop_is_owed) = (false, false);
+        self.system_infos.clear();
+        (self.stop_sent, self.stop_reply_pending) = (false, false);
         self.parser.expect_results(None);
         self.parser.clear();
         match self.link {
@@ -363,26 +364,26 @@ impl Session {
                 self.actions.extend([Action::SetBaud(FIRST_BAUD), Action::SendBreak]);
                 self.enter(State::Breaking, now_ns.saturating_add(BREAK_NS));
             }
-            Link::Tcp => self.ask(Asked::System, now_ns),
+            Link::Tcp => self.ask(Request::System, now_ns),
         }
     }
 
-    fn ask(&mut self, asked: Asked, now_ns: i64) {
-        let version = self.board.as_ref().map_or(TOO_OLD, |board| board.version);
+    fn ask(&mut self, asked: Request, now_ns: i64) {
+        let version = self.board.as_ref().map_or(LAST_UNSUPPORTED, |board| board.version);
         let bytes = match asked {
-            Asked::System => Command::GetSystemInfo.to_bytes(),
-            Asked::Sensors => Command::GetSensorInfo.to_bytes(),
-            Asked::Baud(baud) => Command::SetUartBaudrate(baud).to_bytes(),
-            Asked::Setup => {
+            Request::System => Command::GetSystemInfo.to_bytes(),
+            Request::Sensors => Command::GetSensorInfo.to_bytes(),
+            Request::Baud(baud) => Command::SetUartBaudrate(baud).to_bytes(),
+            Request::Setup => {
                 let reuse = version >= CALIBRATION_REUSE_SINCE;
                 self.setup.calibrations = if reuse { self.calibrations.clone() } else { Vec::new() };
                 Command::Setup(&self.setup, version).to_bytes()
             }
-            Asked::Start => Command::StartStreaming.to_bytes(),
+            Request::Start => Command::StartStreaming.to_bytes(),
         };
         self.actions.push_back(Action::Send(bytes));
-        let extra_ns = if asked == Asked::Start { self.frame_patience_ns() } else { ANSWER_NS };
-        self.enter(State::Asked(asked), now_ns.saturating_add(extra_ns));
+        let extra_ns = if asked == Request::Start { self.frame_patience_ns() } else { ANSWER_NS };
+        self.enter(State::Awaiting(asked), now_ns.saturating_add(extra_ns));
     }
 
     /// How long the next frame may take.
@@ -409,24 +410,27 @@ impl Session {
             State::Breaking => {
                 self.actions.push_back(Action::FlushInput);
                 self.parser.clear();
-                self.ask(Asked::System, now_ns);
+                self.ask(Request::System, now_ns);
             }
-            State::Asked(asked) => {
+            State::Awaiting(asked) => {
                 self.counters.unanswered += 1;
-                let waited_ns = if asked == Asked::Start { self.frame_patience_ns() } else { ANSWER_NS };
+                let waited_ns = if asked == Request::Start { self.frame_patience_ns() } else { ANSWER_NS };
                 let hint = match (asked, self.link) {
-                    (Asked::System, Link::Serial { .. }) => {
+                    (Request::System, Link::Serial { .. }) => {
                         "XE125: use the port named Enhanced. SparkFun: flow control off"
                     }
-                    (Asked::System, Link::Tcp) => "Is the exploration server running?",
+                    (Request::System, Link::Tcp) => "Is the exploration server running?",
                     _ => "A slower baud rate may help",
                 };
                 let seconds = waited_ns as f64 * 1e-9;
-                self.try_again(SessionError::NoAnswer { asked: asked.name(), seconds, hint }, now_ns);
+                self.retry_after_pause(SessionError::NoAnswer { asked: asked.name(), seconds, hint }, now_ns);
             }
             State::Streaming => {
                 self.counters.silences += 1;
-                self.try_again(SessionError::Silent { seconds: self.frame_patience_ns() as f64 * 1e-9 }, now_ns);
+                self.retry_after_pause(
+                    SessionError::Silent { seconds: self.frame_patience_ns() as f64 * 1e-9 },
+                    now_ns,
+                );
             }
             // It was asked to stop and says nothing more: as good as stopped.
             State::Stopping { ends: true } => self.finish(Event::Stopped),
@@ -434,31 +438,31 @@ impl Session {
                 self.counters.unanswered += 1;
                 let seconds = (self.frame_patience_ns() + STOP_EXTRA_NS) as f64 * 1e-9;
                 let hint = "A slower baud rate may help";
-                self.try_again(SessionError::NoAnswer { asked: "stop_streaming", seconds, hint }, now_ns);
+                self.retry_after_pause(SessionError::NoAnswer { asked: "stop_streaming", seconds, hint }, now_ns);
             }
             State::Closed | State::Over => self.deadline_ns = i64::MAX,
         }
     }
 
-    fn try_again(&mut self, error: SessionError, now_ns: i64) {
-        self.tell(Event::Trouble(error));
+    fn retry_after_pause(&mut self, error: SessionError, now_ns: i64) {
+        self.push_event(Event::Trouble(error));
         self.parser.expect_results(None);
         self.enter(State::Pausing, now_ns.saturating_add(self.pause_ns));
-        self.pause_ns = (2 * self.pause_ns).min(PAUSES_NS.1);
+        self.pause_ns = (2 * self.pause_ns).min(RETRY_PAUSE_NS.1);
     }
 
     /// What no other try cures ends the session, when it is said again: the line may have made it up.
     fn fail(&mut self, error: SessionError, now_ns: i64) {
-        if self.doubted.as_ref() == Some(&error) {
+        if self.unconfirmed_error.as_ref() == Some(&error) {
             return self.finish(Event::Failed(error));
         }
-        self.doubted = Some(error.clone());
-        self.try_again(error, now_ns);
+        self.unconfirmed_error = Some(error.clone());
+        self.retry_after_pause(error, now_ns);
     }
 
     fn finish(&mut self, event: Event) {
         self.enter(State::Over, i64::MAX);
-        self.tell(event);
+        self.push_event(event);
     }
 
     fn handle_all(&mut self, received: &mut Vec<Received>, now_ns: i64) {
@@ -467,7 +471,7 @@ impl Session {
                 break;
             }
             match message {
-                Message::Reply(Reply::Log(line)) => self.tell(Event::Log(line)),
+                Message::Reply(Reply::Log(line)) => self.push_event(Event::Log(line)),
                 Message::Reply(reply) => self.handle(reply, now_ns),
                 Message::Result(result) => self.handle_result(result, arrival_ns, now_ns),
                 Message::StaleResult => self.handle_stale(now_ns),
@@ -478,61 +482,61 @@ impl Session {
 
     fn handle(&mut self, reply: Reply, now_ns: i64) {
         match (self.state, reply) {
-            (State::Asked(Asked::System), Reply::System(info)) => self.meet_board(info, now_ns),
-            (State::Asked(Asked::Sensors), Reply::Sensors(sensors)) => self.meet_sensors(sensors, now_ns),
-            (State::Asked(Asked::Baud(baud)), Reply::Ok) => {
+            (State::Awaiting(Request::System), Reply::System(info)) => self.on_system_info(info, now_ns),
+            (State::Awaiting(Request::Sensors), Reply::Sensors(sensors)) => self.on_sensor_info(sensors, now_ns),
+            (State::Awaiting(Request::Baud(baud)), Reply::Ok) => {
                 self.actions.push_back(Action::SetBaud(baud));
-                self.ask(Asked::Setup, now_ns);
+                self.ask(Request::Setup, now_ns);
             }
-            (State::Asked(Asked::Setup), Reply::Setup(reply)) => self.be_set_up(reply, now_ns),
-            (State::Asked(Asked::Start), Reply::Started) => self.begin_streaming(now_ns),
+            (State::Awaiting(Request::Setup), Reply::Setup(reply)) => self.on_setup_reply(reply, now_ns),
+            (State::Awaiting(Request::Start), Reply::Started) => self.begin_streaming(now_ns),
             (State::Stopping { ends: true }, Reply::Stopped | Reply::SessionEnded) => self.finish(Event::Stopped),
             (State::Stopping { ends: false }, Reply::Stopped) => {
                 self.parser.expect_results(None);
-                self.ask(Asked::Setup, now_ns);
+                self.ask(Request::Setup, now_ns);
             }
             // An older session's stream was stopped: its board listens now, and may not have before.
-            (State::Asked(asked), Reply::Stopped) if self.stop_is_owed => {
-                self.stop_is_owed = false;
-                if let Asked::System | Asked::Sensors = asked {
+            (State::Awaiting(asked), Reply::Stopped) if self.stop_reply_pending => {
+                self.stop_reply_pending = false;
+                if let Request::System | Request::Sensors = asked {
                     self.ask(asked, now_ns);
                 }
             }
-            (State::Asked(Asked::System), Reply::Stopped) => self.counters.unexpected_replies += 1,
-            (State::Asked(_) | State::Streaming, Reply::SessionEnded | Reply::Stopped) => {
-                self.try_again(SessionError::EndedByServer, now_ns);
+            (State::Awaiting(Request::System), Reply::Stopped) => self.counters.unexpected_replies += 1,
+            (State::Awaiting(_) | State::Streaming, Reply::SessionEnded | Reply::Stopped) => {
+                self.retry_after_pause(SessionError::EndedByServer, now_ns);
             }
-            (State::Asked(Asked::Setup), Reply::Error(message)) => {
+            (State::Awaiting(Request::Setup), Reply::Error(message)) => {
                 // A calibration that does not fit may be why: without any, the next refusal is about the configuration.
                 let error = SessionError::Refused { asked: "setup", message };
                 match std::mem::take(&mut self.calibrations).is_empty() {
                     true => self.fail(error, now_ns),
-                    false => self.try_again(error, now_ns),
+                    false => self.retry_after_pause(error, now_ns),
                 }
             }
-            (State::Asked(asked), Reply::Error(message)) => {
-                self.try_again(SessionError::Refused { asked: asked.name(), message }, now_ns);
+            (State::Awaiting(asked), Reply::Error(message)) => {
+                self.retry_after_pause(SessionError::Refused { asked: asked.name(), message }, now_ns);
             }
             (State::Streaming, Reply::Error(message)) => {
-                self.try_again(SessionError::Refused { asked: "to stream on", message }, now_ns);
+                self.retry_after_pause(SessionError::Refused { asked: "to stream on", message }, now_ns);
             }
             _ => self.counters.unexpected_replies += 1,
         }
     }
 
-    fn meet_board(&mut self, info: SystemInfo, now_ns: i64) {
-        if !self.heard.contains(&info) {
-            self.heard.push(info);
-            return match self.heard.len() < MAX_ANSWERS {
-                true => self.ask(Asked::System, now_ns),
-                false => self.try_again(SessionError::AnswersDiffer, now_ns),
+    fn on_system_info(&mut self, info: SystemInfo, now_ns: i64) {
+        if !self.system_infos.contains(&info) {
+            self.system_infos.push(info);
+            return match self.system_infos.len() < MAX_ANSWERS {
+                true => self.ask(Request::System, now_ns),
+                false => self.retry_after_pause(SessionError::AnswersDiffer, now_ns),
             };
         }
         match self.check_board(&info) {
             Ok(version) => {
                 let baud = info.max_baudrate.map(|_| FIRST_BAUD).filter(|_| self.link != Link::Tcp);
                 self.board = Some(Board { info, version, baud });
-                self.ask(Asked::Sensors, now_ns);
+                self.ask(Request::Sensors, now_ns);
             }
             Err(error) => self.finish(Event::Failed(error)),
         }
@@ -544,7 +548,7 @@ impl Session {
         }
         let found =
             Version::parse(&info.rss_version).ok_or_else(|| SessionError::UnknownVersion(info.rss_version.clone()))?;
-        if found <= TOO_OLD {
+        if found <= LAST_UNSUPPORTED {
             return Err(SessionError::TooOld { found, needed: Version::release(0, 2, 1) });
         }
         if info.ticks_per_second == 0 {
@@ -568,7 +572,7 @@ impl Session {
         }
     }
 
-    fn meet_sensors(&mut self, sensors: Vec<SensorInfo>, now_ns: i64) {
+    fn on_sensor_info(&mut self, sensors: Vec<SensorInfo>, now_ns: i64) {
         let is_connected = |id: u32| sensors.get(id as usize - 1).is_some_and(|sensor| sensor.connected);
         let missing = self.setup.sensors().map(|s| s.sensor_id).find(|&id| !is_connected(id));
         if let Some(sensor_id) = missing {
@@ -578,22 +582,22 @@ impl Session {
                 true => "none is connected anywhere".to_owned(),
                 false => format!("connected: {}", connected.join(", ")),
             };
-            return self.try_again(SessionError::NotConnected { sensor_id, connected }, now_ns);
+            return self.retry_after_pause(SessionError::NotConnected { sensor_id, connected }, now_ns);
         }
         let Some(board) = &mut self.board else { return };
         let next = match (self.link, board.info.max_baudrate.map(|max| max.max(FIRST_BAUD))) {
             (Link::Serial { baud }, Some(max)) if baud.unwrap_or(max) != FIRST_BAUD => {
                 board.baud = Some(baud.unwrap_or(max));
-                Asked::Baud(baud.unwrap_or(max))
+                Request::Baud(baud.unwrap_or(max))
             }
-            _ => Asked::Setup,
+            _ => Request::Setup,
         };
         let info = board.info.clone();
-        self.tell(Event::Connected(info, sensors));
+        self.push_event(Event::Connected(info, sensors));
         self.ask(next, now_ns);
     }
 
-    fn be_set_up(&mut self, reply: SetupReply, now_ns: i64) {
+    fn on_setup_reply(&mut self, reply: SetupReply, now_ns: i64) {
         let layout = ResultLayout::of(&self.setup);
         if !layout.agrees_with(&reply) {
             return self.fail(SessionError::OtherFrames, now_ns);
@@ -601,19 +605,19 @@ impl Session {
         let Some(board) = &self.board else { return };
         let rate = board.info.ticks_per_second;
         let period_s = self.result_period_s();
-        self.ticks = self.timings.iter().map(|t| Ticks::new(t.frame_s, period_s, rate)).collect();
+        self.ticks = self.timings.iter().map(|t| TickUnwrapper::new(t.frame_s, period_s, rate)).collect();
         let bits = 10.0 * (LINE_BYTES * self.timings.len() as f64 + layout.payload_bytes() as f64);
         let transfer_s = board.baud.map_or(0.0, |baud| bits / f64::from(baud));
         self.clock = Some(Clock::new(rate, period_s, transfer_s));
         self.calibrations.clone_from(&reply.calibrations);
         self.parser.expect_results(Some(layout));
-        self.tell(Event::SetUp(reply));
-        self.ask(Asked::Start, now_ns);
+        self.push_event(Event::SetUp(reply));
+        self.ask(Request::Start, now_ns);
     }
 
     fn begin_streaming(&mut self, now_ns: i64) {
         self.enter(State::Streaming, now_ns.saturating_add(self.frame_patience_ns()));
-        self.tell(Event::Streaming);
+        self.push_event(Event::Streaming);
     }
 
     fn stop_streaming(&mut self, ends: bool, now_ns: i64) {
@@ -623,8 +627,8 @@ impl Session {
 
     /// A board that still streams for somebody who is gone.
     fn handle_stale(&mut self, now_ns: i64) {
-        if self.state == State::Asked(Asked::System) && !std::mem::replace(&mut self.told_to_stop, true) {
-            self.stop_is_owed = true;
+        if self.state == State::Awaiting(Request::System) && !std::mem::replace(&mut self.stop_sent, true) {
+            self.stop_reply_pending = true;
             self.actions.push_back(Action::Send(Command::StopStreaming.to_bytes()));
             self.deadline_ns = now_ns.saturating_add(ANSWER_NS + STOP_EXTRA_NS);
         }
@@ -632,35 +636,35 @@ impl Session {
 
     fn handle_result(&mut self, result: ResultMessage, arrival_ns: i64, now_ns: i64) {
         // The line that says so was lost.
-        if self.state == State::Asked(Asked::Start) {
+        if self.state == State::Awaiting(Request::Start) {
             self.begin_streaming(now_ns);
         }
         if !matches!(self.state, State::Streaming | State::Stopping { .. }) {
             return;
         }
-        let Some(ticks) = self.believed_ticks(&result, arrival_ns) else { return };
+        let Some(ticks) = self.accepted_ticks(&result, arrival_ns) else { return };
         if self.state == State::Streaming {
             self.deadline_ns = now_ns.saturating_add(self.frame_patience_ns());
         }
-        self.pause_ns = PAUSES_NS.0;
-        self.doubted = None;
+        self.pause_ns = RETRY_PAUSE_NS.0;
+        self.unconfirmed_error = None;
         self.counters.results += 1;
         let asks_for_calibration = result.infos.iter().any(|info| info.calibration_needed);
         let frames = self.timed_frames(result, &ticks, arrival_ns);
-        self.tell(Event::Frames(frames));
+        self.push_event(Event::Frames(frames));
         let is_due = self.recalibrated_ns.is_none_or(|at| now_ns.saturating_sub(at) > RECALIBRATE_NS);
         if asks_for_calibration && self.state == State::Streaming && is_due {
             self.recalibrated_ns = Some(now_ns);
             self.counters.recalibrations += 1;
             self.calibrations.clear();
-            self.tell(Event::Recalibrating);
+            self.push_event(Event::Recalibrating);
             self.stop_streaming(false, now_ns);
         }
     }
 
     /// The unwrapped ticks of all sensors, when all are believed.
-    fn believed_ticks(&mut self, result: &ResultMessage, arrival_ns: i64) -> Option<Vec<i64>> {
-        let (mut believed, mut is_first, mut has_jumped) = (Vec::new(), false, false);
+    fn accepted_ticks(&mut self, result: &ResultMessage, arrival_ns: i64) -> Option<Vec<i64>> {
+        let (mut accepted, mut is_first, mut has_jumped) = (Vec::new(), false, false);
         let mut of_first = None;
         for (index, (ticks, info)) in self.ticks.iter_mut().zip(&result.infos).enumerate() {
             // The clock follows the first sensor's ticks; the others' are of the same board.
@@ -673,14 +677,14 @@ impl Session {
                 };
                 self.clock.as_ref().zip(on_clock).is_none_or(|(clock, tick)| clock.is_possible(tick, arrival_ns))
             };
-            match ticks.judge(info.tick, arrival_ns, is_possible) {
+            match ticks.check(info.tick, arrival_ns, is_possible) {
                 TickVerdict::Next(tick) => {
                     of_first = of_first.or((index == 0).then_some(tick));
-                    believed.push(tick);
+                    accepted.push(tick);
                 }
                 TickVerdict::Jumped(tick) => {
                     has_jumped |= index == 0;
-                    believed.push(tick);
+                    accepted.push(tick);
                 }
                 TickVerdict::First => is_first = true,
                 _ => {}
@@ -690,12 +694,12 @@ impl Session {
             self.counters.tick_jumps += 1;
             clock.reset();
         }
-        if believed.len() != result.infos.len() {
-            let counter = if is_first { &mut self.counters.unwitnessed } else { &mut self.counters.refused_ticks };
+        if accepted.len() != result.infos.len() {
+            let counter = if is_first { &mut self.counters.unconfirmed } else { &mut self.counters.refused_ticks };
             *counter += 1;
             return None;
         }
-        Some(believed)
+        Some(accepted)
     }
 
     fn timed_frames(&mut self, result: ResultMessage, ticks: &[i64], arrival_ns: i64) -> Vec<SensorFrame> {

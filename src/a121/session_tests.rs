@@ -123,7 +123,7 @@ impl Bench {
 }
 
 #[test]
-fn a_session_streams_at_the_boards_speed_and_stops() {
+fn session_streams_at_the_boards_baud_rate_and_stops() {
     let mut bench = Bench::serial();
     bench.run_s(4.25);
     let opening =
@@ -145,12 +145,12 @@ fn a_session_streams_at_the_boards_speed_and_stops() {
         assert!(sent.payload.chunks(4).zip(&frame.samples).all(|(bytes, s)| bytes[..2] == s.re.to_le_bytes()));
         assert!((frame.host_time_ns - sent.end_ns).abs() < 500_000);
     }
-    assert_eq!(bench.session.counters().unwitnessed, 1);
+    assert_eq!(bench.session.counters().unconfirmed, 1);
     assert_eq!(bench.session.counters().stream.skipped_bytes, 0);
 }
 
 #[test]
-fn ticks_wrap_without_a_frame_lost() {
+fn tick_wrap_loses_no_frame() {
     let mut bench = Bench::serial();
     bench.board.first_tick = (1 << 32) - 3_000_000;
     bench.run_s(6.0);
@@ -195,22 +195,22 @@ fn thousand_faults(kind: fn(&mut ChaCha8Rng) -> Fault) {
 }
 
 #[test]
-fn a_thousand_lost_bytes_cost_what_they_touched() {
+fn lost_bytes_lose_only_touched_frames() {
     thousand_faults(|_| Fault::Lose);
 }
 
 #[test]
-fn a_thousand_doubled_bytes_cost_what_they_touched() {
+fn doubled_bytes_lose_only_touched_frames() {
     thousand_faults(|_| Fault::Double);
 }
 
 #[test]
-fn a_thousand_flipped_bits_cost_what_they_touched() {
+fn flipped_bits_lose_only_touched_frames() {
     thousand_faults(|rng| Fault::Flip(1 << rng.random_range(0..8)));
 }
 
 #[test]
-fn a_silent_board_is_noticed_and_set_up_again_with_its_calibration() {
+fn silent_board_is_set_up_again_with_its_calibration() {
     let mut bench = Bench::serial();
     bench.run_s(4.0);
     bench.board.dead = true;
@@ -229,7 +229,7 @@ fn a_silent_board_is_noticed_and_set_up_again_with_its_calibration() {
 }
 
 #[test]
-fn a_line_that_breaks_is_taken_up_again() {
+fn session_resumes_after_a_lost_line() {
     let mut bench = Bench::serial();
     bench.run_s(3.0);
     bench.session.line_lost("unplugged");
@@ -245,7 +245,7 @@ fn a_line_that_breaks_is_taken_up_again() {
 }
 
 #[test]
-fn a_board_that_restarts_its_clock_costs_one_frame() {
+fn clock_restart_loses_one_frame() {
     let mut bench = Bench::serial();
     bench.run_s(4.0);
     bench.board.first_tick = 900_000_000;
@@ -257,7 +257,7 @@ fn a_board_that_restarts_its_clock_costs_one_frame() {
 }
 
 #[test]
-fn refusals_tell_what_to_do() {
+fn fatal_errors_say_what_to_do() {
     let failed = |change: fn(&mut TestBoard)| {
         let mut board = TestBoard::new();
         change(&mut board);
@@ -285,7 +285,7 @@ fn refusals_tell_what_to_do() {
 }
 
 #[test]
-fn a_set_up_refused_once_is_tried_again() {
+fn setup_refused_once_is_retried() {
     let mut bench = Bench::serial();
     bench.board.refuses = Some("setup");
     bench.run_s(1.4);
@@ -296,7 +296,7 @@ fn a_set_up_refused_once_is_tried_again() {
 }
 
 #[test]
-fn what_a_damaged_answer_says_of_the_board_is_not_believed() {
+fn damaged_system_info_is_not_accepted() {
     for (ticks, version) in [(1_100_000, "a121-v1.12.0"), (1_000_000, "banana"), (1_000_000, "a121-v0.2.0")] {
         let mut bench = Bench::serial();
         bench.run_s(0.999);
@@ -321,7 +321,7 @@ fn what_a_damaged_answer_says_of_the_board_is_not_believed() {
 }
 
 #[test]
-fn a_byte_doubled_in_a_payload_that_comes_in_pieces_is_noticed() {
+fn doubled_byte_in_a_split_payload_is_detected() {
     let mut bench = Bench::serial();
     bench.run_s(3.0);
     let before = bench.frames().len();
@@ -332,21 +332,21 @@ fn a_byte_doubled_in_a_payload_that_comes_in_pieces_is_noticed() {
     bench.on_the_way.push_back((bench.now_ns + 1_000_000, second.to_vec()));
     bench.run_s(0.008);
     let counters = bench.session.counters().stream;
-    assert_eq!((bench.frames().len(), counters.doubtful), (before, 0));
+    assert_eq!((bench.frames().len(), counters.unconfirmed_damage), (before, 0));
     bench.run_s(0.5);
     assert_eq!(bench.session.counters().stream.damaged_payloads, 1);
     assert!(bench.frames().len() > before + 20);
 }
 
 #[test]
-fn slow_ports_stay_at_the_first_speed() {
+fn slow_ports_keep_the_first_baud_rate() {
     let mut bench = Bench::new(TestBoard::new(), Link::Serial { baud: Some(115_200) });
     bench.run_s(3.0);
     assert!(!bench.commands().contains(&"set_uart_baudrate") && !bench.frames().is_empty());
 }
 
 #[test]
-fn a_server_that_still_streams_for_somebody_else_is_stopped_first() {
+fn server_still_streaming_is_stopped_first() {
     let mut bench = Bench::new(TestBoard::new(), Link::Tcp);
     (bench.board.streaming, bench.board.next_frame_ns, bench.board.refuses) =
         (true, 1_000_000, Some("get_system_info"));
@@ -362,7 +362,7 @@ fn a_server_that_still_streams_for_somebody_else_is_stopped_first() {
 }
 
 #[test]
-fn a_sensor_that_asks_for_calibration_is_set_up_anew_once() {
+fn calibration_request_triggers_one_new_setup() {
     let mut bench = Bench::serial();
     bench.run_s(3.0);
     bench.board.calibration_needed = true;
@@ -379,7 +379,7 @@ fn a_sensor_that_asks_for_calibration_is_set_up_anew_once() {
 }
 
 #[test]
-fn setups_that_break_a_rule_are_refused() {
+fn invalid_setups_are_rejected() {
     let sound = small_setup();
     let refused = |change: fn(&mut Setup)| {
         let mut setup = sound.clone();
@@ -405,17 +405,17 @@ fn setups_that_break_a_rule_are_refused() {
 }
 
 #[test]
-fn events_that_nobody_fetches_are_bounded_and_counted() {
+fn unread_events_are_bounded_and_counted() {
     let mut bench = Bench::serial();
     bench.run_s(3.0);
     for _ in 0..MAX_EVENTS + 10 {
-        bench.session.tell(Event::Streaming);
+        bench.session.push_event(Event::Streaming);
     }
     assert_eq!((bench.session.events.len(), bench.session.counters().dropped_events), (MAX_EVENTS, 10));
 }
 
 /// A session over TCP that was told these lines, one at a time.
-fn told(setup: Setup, lines: &[&str]) -> Session {
+fn session_with_lines(setup: Setup, lines: &[&str]) -> Session {
     let mut session = Session::new(setup, Link::Tcp, 0).unwrap();
     lines.iter().for_each(|line| session.receive(line.as_bytes(), 1_000_000));
     session
@@ -430,7 +430,7 @@ const SYSTEM: &str = "{\"status\":\"ok\",\"system_info\":{\"rss_version\":\"a121
 const SENSORS: &str = "{\"status\":\"ok\",\"sensor_info\":[{\"connected\":true},{\"connected\":true}]}\n";
 
 #[test]
-fn a_damaged_answer_about_the_board_ends_no_session_and_makes_no_other_clock() {
+fn damaged_system_info_does_not_end_the_session() {
     // One byte of the first answer changed: the version, the sensor's name, the rate of its clock.
     let changes =
         [("v1.12.0", "v1.1x.0"), ("\"a121\"", "\"a131\""), ("1000000,", "1800000,"), ("1000000,", "1000001,")];
@@ -438,30 +438,30 @@ fn a_damaged_answer_about_the_board_ends_no_session_and_makes_no_other_clock() {
         let right_info = SYSTEM.replace("1000000}", "1000000,\"max_baudrate\":2000000}");
         let wrong_info = right_info.replacen(right, wrong, 1);
         assert_ne!(wrong_info, right_info);
-        let mut session = told(small_setup(), &[&wrong_info]);
+        let mut session = session_with_lines(small_setup(), &[&wrong_info]);
         assert_eq!(commands_of(&mut session), 2, "asked again after {wrong}");
         (0..2).for_each(|_| session.receive(right_info.as_bytes(), 2_000_000));
         session.receive(SENSORS.as_bytes(), 3_000_000);
         assert_eq!(session.board.as_ref().unwrap().info.ticks_per_second, 1_000_000, "{wrong}");
         assert!(matches!(session.next_event(), Some(Event::Connected(..))));
         // Said twice, it is so.
-        let mut session = told(small_setup(), &[&wrong_info, &wrong_info]);
+        let mut session = session_with_lines(small_setup(), &[&wrong_info, &wrong_info]);
         assert_eq!(commands_of(&mut session), if wrong.starts_with('1') { 3 } else { 2 });
     }
     // Another one each time: told, and tried again from the start.
     let odd = |n: u32| SYSTEM.replace("1000000", &n.to_string());
     let lines: Vec<String> = (1..=MAX_ANSWERS as u32).map(odd).collect();
-    let mut session = told(small_setup(), &lines.iter().map(String::as_str).collect::<Vec<_>>());
+    let mut session = session_with_lines(small_setup(), &lines.iter().map(String::as_str).collect::<Vec<_>>());
     assert_eq!(session.next_event(), Some(Event::Trouble(SessionError::AnswersDiffer)));
     assert_eq!((commands_of(&mut session), session.is_over()), (MAX_ANSWERS, false));
 }
 
 #[test]
-fn a_damaged_answer_to_a_set_up_ends_no_session() {
+fn damaged_setup_reply_does_not_end_the_session() {
     let other = "{\"status\":\"ok\",\"tick_period\":0,\"metadata\":[[{\"frame_data_length\":41,\
                  \"sweep_data_length\":10}]]}\n";
     for wrong in [other, "{\"status\":\"error\",\"message\":\"what?\"}\n"] {
-        let mut session = told(small_setup(), &[SYSTEM, SYSTEM, SENSORS, wrong]);
+        let mut session = session_with_lines(small_setup(), &[SYSTEM, SYSTEM, SENSORS, wrong]);
         assert!(!session.is_over(), "{wrong}");
         session.poll(2 * S);
         session.line_opened(3 * S);
@@ -471,21 +471,21 @@ fn a_damaged_answer_to_a_set_up_ends_no_session() {
 }
 
 #[test]
-fn a_stop_that_is_due_disturbs_nothing_and_stops_without_end_are_no_conversation() {
+fn late_and_endless_stop_replies_are_handled() {
     // The board still streamed for somebody, and answered at once all the same.
     let stale = "{\"result_info\":[[{\"tick\":5,\"data_saturated\":false,\"temperature\":3,\
                  \"calibration_needed\":false,\"frame_delayed\":false}]],\"status\":\"ok\",\"payload_size\":0}\n";
-    let session = told(small_setup(), &[stale, SYSTEM, SYSTEM, "{\"status\":\"stop\"}\n", SENSORS]);
-    assert_eq!(session.state, State::Asked(Asked::Setup));
+    let session = session_with_lines(small_setup(), &[stale, SYSTEM, SYSTEM, "{\"status\":\"stop\"}\n", SENSORS]);
+    assert_eq!(session.state, State::Awaiting(Request::Setup));
     // A board that says nothing else is not asked without end, and its silence is noticed.
-    let mut session = told(small_setup(), &["{\"status\":\"stop\"}\n"; 500]);
+    let mut session = session_with_lines(small_setup(), &["{\"status\":\"stop\"}\n"; 500]);
     assert!(commands_of(&mut session) <= 2);
     session.poll(3 * S);
     assert!(matches!(session.next_event(), Some(Event::Trouble(SessionError::NoAnswer { .. }))));
 }
 
 #[test]
-fn a_board_that_offers_no_speed_stays_at_the_first() {
+fn board_without_faster_rate_keeps_the_first() {
     for max in [0, 9600, 115_199] {
         let mut board = TestBoard::new();
         board.max_baudrate = Some(max);
@@ -498,7 +498,7 @@ fn a_board_that_offers_no_speed_stays_at_the_first() {
 }
 
 #[test]
-fn nothing_is_told_after_the_end() {
+fn no_event_follows_the_end() {
     let mut bench = Bench::serial();
     bench.run_s(3.0);
     bench.session.stop(bench.now_ns);
@@ -517,10 +517,10 @@ fn two_groups() -> Setup {
 }
 
 #[test]
-fn sensors_and_groups_keep_one_time_over_the_wrap_of_their_ticks() {
+fn sensors_and_groups_stay_in_time_over_a_tick_wrap() {
     let frame = "{\"frame_data_length\":40,\"sweep_data_length\":10}";
     let set_up = format!("{{\"status\":\"ok\",\"tick_period\":0,\"metadata\":[[{frame},{frame}],[{frame}]]}}\n");
-    let mut session = told(two_groups(), &[SYSTEM, SYSTEM, SENSORS, &set_up, "{\"status\":\"start\"}\n"]);
+    let mut session = session_with_lines(two_groups(), &[SYSTEM, SYSTEM, SENSORS, &set_up, "{\"status\":\"start\"}\n"]);
     let mut results = Vec::new();
     for k in 0..60u32 {
         let info = |after: u32| {
@@ -535,7 +535,7 @@ fn sensors_and_groups_keep_one_time_over_the_wrap_of_their_ticks() {
         let line = format!("{{\"result_info\":[[{a},{b}],[{c}]],\"status\":\"ok\",\"payload_size\":480}}\n");
         let now_ns = S + 20_000_000 * i64::from(k);
         session.receive(&[line.as_bytes(), &[7; 480]].concat(), now_ns);
-        session.poll(now_ns + SETTLE_NS);
+        session.poll(now_ns + QUIET_NS);
         results.extend(std::iter::from_fn(|| session.next_event()));
     }
     let frames = results.iter().filter_map(|e| if let Event::Frames(f) = e { Some(f) } else { None });
@@ -550,7 +550,7 @@ fn sensors_and_groups_keep_one_time_over_the_wrap_of_their_ticks() {
 }
 
 #[test]
-fn slow_groups_are_waited_for_one_after_the_other() {
+fn frame_timeout_adds_up_over_groups() {
     let mut setup = two_groups();
     setup.groups.iter_mut().flatten().for_each(|s| s.config.sweep_rate = Some(0.3));
     // Four sweeps of two groups: 2 · 3 / 0.3 s and a little.
@@ -563,7 +563,7 @@ fn slow_groups_are_waited_for_one_after_the_other() {
 
 proptest! {
     #[test]
-    fn no_bytes_and_no_times_panic(
+    fn arbitrary_bytes_and_times_do_not_panic(
         pieces in prop::collection::vec(
             (prop_oneof![
                 prop::collection::vec(any::<u8>(), 0..300),

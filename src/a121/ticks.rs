@@ -13,11 +13,11 @@
 /// Regular steps in a row until steps off the beat are refused.
 const REGULAR_STEPS: u32 = 16;
 /// Off the beat, in parts of its period.
-const BEAT_TOLERANCE: f64 = 0.03;
+const PERIOD_TOLERANCE: f64 = 0.03;
 /// Off the beat, ticks: one for each end of a step.
-const BEAT_TOLERANCE_TICKS: f64 = 2.0;
+const PERIOD_TOLERANCE_TICKS: f64 = 2.0;
 /// A witness' step may differ this much from that of the arrivals, seconds: they come in bursts.
-const WITNESS_TOLERANCE_S: f64 = 0.06;
+const ARRIVAL_TOLERANCE_S: f64 = 0.06;
 /// How much of a new step goes into the period.
 const PERIOD_GAIN: f64 = 1.0 / 32.0;
 
@@ -33,48 +33,48 @@ pub enum TickVerdict {
     /// Not later than the one before, or sooner after it than a frame takes.
     TooSoon,
     /// Farther ahead than streams pause.
-    Leap,
+    TooLate,
     /// Off the beat of frames that have been regular.
-    OffBeat,
+    OffPeriod,
     /// Refused by the caller's own test.
     Impossible,
 }
 
 /// Judges the ticks of one sensor.
 #[derive(Debug, Clone)]
-pub struct Ticks {
+pub struct TickUnwrapper {
     min_step: u32,
     max_step: u32,
     last: Option<i64>,
     /// One that was not believed.
-    doubted: Option<(u32, i64)>,
+    unconfirmed: Option<(u32, i64)>,
     tick_s: f64,
     period: f64,
     regular: u32,
 }
 
-impl Ticks {
+impl TickUnwrapper {
     /// For frames that take `frame_s` to measure and come every `period_s` by the configuration.
     pub fn new(frame_s: f64, period_s: f64, ticks_per_second: u32) -> Self {
         let rate = f64::from(ticks_per_second);
         // The timing model holds to 4 %.
         let min_step = ((frame_s * 0.9 * rate).floor() - 1.0).clamp(1.0, 1e9) as u32;
         let max_step = ((1.0 + 4.0 * period_s) * rate).clamp(f64::from(min_step), 2e9) as u32;
-        Self { min_step, max_step, last: None, doubted: None, tick_s: 1.0 / rate.max(1.0), period: 0.0, regular: 0 }
+        Self { min_step, max_step, last: None, unconfirmed: None, tick_s: 1.0 / rate.max(1.0), period: 0.0, regular: 0 }
     }
 
     /// Judges the next tick, whose result arrived at a host time; `is_possible` is asked of the unwrapped tick before
     /// it is believed.
-    pub fn judge(&mut self, tick: u32, arrival_ns: i64, is_possible: impl FnOnce(i64) -> bool) -> TickVerdict {
+    pub fn check(&mut self, tick: u32, arrival_ns: i64, is_possible: impl FnOnce(i64) -> bool) -> TickVerdict {
         let Some(last) = self.last else {
-            let Some(first) = self.doubted.replace((tick, arrival_ns)) else {
+            let Some(first) = self.unconfirmed.replace((tick, arrival_ns)) else {
                 return TickVerdict::First;
             };
             let step = tick.wrapping_sub(first.0);
-            if !self.witnesses(first, tick, arrival_ns) {
-                return if step < self.min_step { TickVerdict::TooSoon } else { TickVerdict::Leap };
+            if !self.confirms(first, tick, arrival_ns) {
+                return if step < self.min_step { TickVerdict::TooSoon } else { TickVerdict::TooLate };
             }
-            self.believe(i64::from(tick), None);
+            self.accept(i64::from(tick), None);
             return TickVerdict::Next(i64::from(tick));
         };
         let step = tick.wrapping_sub(last as u32);
@@ -82,36 +82,36 @@ impl Ticks {
         let refusal = match step {
             _ if step < self.min_step => Some(TickVerdict::TooSoon),
             _ if step > i32::MAX as u32 => Some(TickVerdict::TooSoon),
-            _ if step > self.max_step => Some(TickVerdict::Leap),
-            _ if !self.is_on_beat(step) => Some(TickVerdict::OffBeat),
+            _ if step > self.max_step => Some(TickVerdict::TooLate),
+            _ if !self.is_on_period(step) => Some(TickVerdict::OffPeriod),
             _ if !is_possible(unwrapped) => Some(TickVerdict::Impossible),
             _ => None,
         };
         let Some(refusal) = refusal else {
-            self.believe(unwrapped, Some(step));
+            self.accept(unwrapped, Some(step));
             return TickVerdict::Next(unwrapped);
         };
-        let doubted = self.doubted.replace((tick, arrival_ns));
-        let witnessed = doubted.is_some_and(|doubted| {
-            self.witnesses(doubted, tick, arrival_ns) && self.is_on_beat(tick.wrapping_sub(doubted.0))
+        let unconfirmed = self.unconfirmed.replace((tick, arrival_ns));
+        let witnessed = unconfirmed.is_some_and(|unconfirmed| {
+            self.confirms(unconfirmed, tick, arrival_ns) && self.is_on_period(tick.wrapping_sub(unconfirmed.0))
         });
         if witnessed {
-            self.believe(unwrapped, None);
+            self.accept(unwrapped, None);
             return TickVerdict::Jumped(unwrapped);
         }
         refusal
     }
 
     /// Whether a tick goes on from a doubted one.
-    fn witnesses(&self, doubted: (u32, i64), tick: u32, arrival_ns: i64) -> bool {
-        let step = tick.wrapping_sub(doubted.0);
-        let arrivals_s = arrival_ns.saturating_sub(doubted.1) as f64 * 1e-9;
+    fn confirms(&self, unconfirmed: (u32, i64), tick: u32, arrival_ns: i64) -> bool {
+        let step = tick.wrapping_sub(unconfirmed.0);
+        let arrivals_s = arrival_ns.saturating_sub(unconfirmed.1) as f64 * 1e-9;
         let off_s = f64::from(step) * self.tick_s - arrivals_s;
-        (self.min_step..=self.max_step).contains(&step) && off_s.abs() <= WITNESS_TOLERANCE_S + 0.01 * arrivals_s.abs()
+        (self.min_step..=self.max_step).contains(&step) && off_s.abs() <= ARRIVAL_TOLERANCE_S + 0.01 * arrivals_s.abs()
     }
 
-    fn believe(&mut self, unwrapped: i64, step: Option<u32>) {
-        (self.last, self.doubted) = (Some(unwrapped), None);
+    fn accept(&mut self, unwrapped: i64, step: Option<u32>) {
+        (self.last, self.unconfirmed) = (Some(unwrapped), None);
         let Some(step) = step.map(f64::from) else {
             self.regular = 0;
             return;
@@ -126,34 +126,34 @@ impl Ticks {
     }
 
     fn tolerance(&self) -> f64 {
-        (BEAT_TOLERANCE * self.period).max(BEAT_TOLERANCE_TICKS)
+        (PERIOD_TOLERANCE * self.period).max(PERIOD_TOLERANCE_TICKS)
     }
 
-    fn is_on_beat(&self, step: u32) -> bool {
+    fn is_on_period(&self, step: u32) -> bool {
         let count = (f64::from(step) / self.period).round();
-        let is_on_beat =
+        let is_on_period =
             count >= 1.0 && (f64::from(step) - count * self.period).abs() <= self.tolerance() * count.min(4.0);
-        self.regular < REGULAR_STEPS || is_on_beat
+        self.regular < REGULAR_STEPS || is_on_period
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::TickVerdict::{First, Impossible, Jumped, Leap, Next, OffBeat, TooSoon};
+    use super::TickVerdict::{First, Impossible, Jumped, Next, OffPeriod, TooLate, TooSoon};
     use super::*;
 
     /// d16 on an XC120.
-    fn ticks() -> Ticks {
-        Ticks::new(14.2e-3, 15.152e-3, 1_000_000)
+    fn ticks() -> TickUnwrapper {
+        TickUnwrapper::new(14.2e-3, 15.152e-3, 1_000_000)
     }
 
-    fn judged(ticks: &mut Ticks, values: impl IntoIterator<Item = u32>) -> Vec<TickVerdict> {
+    fn judged(ticks: &mut TickUnwrapper, values: impl IntoIterator<Item = u32>) -> Vec<TickVerdict> {
         let first_ns = ticks.last.map_or(0, |last| last * 1000);
         let arrivals_ns = (1..).map(|k| first_ns + 15_152_000 * k);
-        values.into_iter().zip(arrivals_ns).map(|(tick, at)| ticks.judge(tick, at, |_| true)).collect()
+        values.into_iter().zip(arrivals_ns).map(|(tick, at)| ticks.check(tick, at, |_| true)).collect()
     }
 
-    fn regular(first: u32) -> Ticks {
+    fn regular(first: u32) -> TickUnwrapper {
         let mut ticks = ticks();
         let verdicts = judged(&mut ticks, (0..40).map(|k| first.wrapping_add(15_152 * k)));
         assert!(verdicts[1..].iter().all(|v| matches!(v, Next(_))));
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_unwrapped_and_the_first_waits_for_the_second() {
+    fn ticks_unwrap_and_first_tick_needs_confirmation() {
         let first = u32::MAX - 20_000;
         let mut ticks = ticks();
         let verdicts = judged(&mut ticks, [first, first + 15_152, 10_303, 25_455]);
@@ -170,15 +170,15 @@ mod tests {
     }
 
     #[test]
-    fn one_wrong_tick_costs_itself_alone() {
+    fn one_wrong_tick_loses_only_its_own_result() {
         let next = |k: u32| 5_000_000 + 15_152 * k;
         for (wrong, verdict) in [
-            (next(40) + 1_000_000_000, Leap),
+            (next(40) + 1_000_000_000, TooLate),
             (next(40) - 20_000, TooSoon),
-            (next(40) + 1_000, OffBeat),
-            (next(40) - 1_000, OffBeat),
+            (next(40) + 1_000, OffPeriod),
+            (next(40) - 1_000, OffPeriod),
             (next(40) - 3_000, TooSoon),
-            (next(40) + 60_606 / 3, OffBeat),
+            (next(40) + 60_606 / 3, OffPeriod),
             (17, TooSoon),
         ] {
             let mut ticks = regular(5_000_000);
@@ -186,12 +186,12 @@ mod tests {
             assert_eq!(judged(&mut ticks, [wrong, next(41), next(42)]), expected, "{wrong}");
         }
         let mut ticks = regular(5_000_000);
-        assert_eq!(ticks.judge(next(44), 0, |_| false), Impossible);
-        assert_eq!(ticks.judge(next(41), 0, |_| true), Next(i64::from(next(41))));
+        assert_eq!(ticks.check(next(44), 0, |_| false), Impossible);
+        assert_eq!(ticks.check(next(41), 0, |_| true), Next(i64::from(next(41))));
     }
 
     #[test]
-    fn lost_frames_and_a_true_jump_are_followed() {
+    fn lost_frames_and_clock_jumps_are_followed() {
         let mut ticks = regular(0);
         let last = 15_152 * 39;
         assert_eq!(judged(&mut ticks, [last + 3 * 15_152]), [Next(i64::from(last + 3 * 15_152))]);
@@ -199,7 +199,7 @@ mod tests {
         assert_eq!(judged(&mut ticks, [3_000, 18_152, 33_304])[0], TooSoon);
         let mut ticks = regular(0);
         let verdicts = judged(&mut ticks, [last + 22_000, last + 37_152, last + 52_304]);
-        assert_eq!(verdicts[0], OffBeat);
+        assert_eq!(verdicts[0], OffPeriod);
         assert_eq!(verdicts[1..], [Jumped(i64::from(last + 37_152)), Next(i64::from(last + 52_304))]);
         let mut ticks = regular(1_000_000);
         let verdicts = judged(&mut ticks, [3_000, 18_152, 33_304]);
@@ -207,18 +207,18 @@ mod tests {
     }
 
     #[test]
-    fn irregular_frames_are_held_to_no_beat() {
-        let mut ticks = Ticks::new(5e-3, 8e-3, 1_000);
+    fn irregular_frames_pass_without_period_check() {
+        let mut ticks = TickUnwrapper::new(5e-3, 8e-3, 1_000);
         let mut tick = 0;
         let verdicts: Vec<_> = (0..200u32)
             .map(|k| {
                 tick += 8 + k * k % 11;
-                ticks.judge(tick, i64::from(tick) * 1_000_000, |_| true)
+                ticks.check(tick, i64::from(tick) * 1_000_000, |_| true)
             })
             .collect();
         assert!(verdicts[1..].iter().all(|v| matches!(v, Next(_))), "{verdicts:?}");
         // Coarse ticks of regular frames are regular enough: 11 and 12 ms by turns.
-        let mut ticks = Ticks::new(5e-3, 11.6e-3, 1_000);
+        let mut ticks = TickUnwrapper::new(5e-3, 11.6e-3, 1_000);
         let verdicts = judged(&mut ticks, (0..300u32).map(|k| (f64::from(k) * 11.6) as u32));
         assert!(verdicts[1..].iter().all(|v| matches!(v, Next(_))), "{verdicts:?}");
     }

@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_that_boards_gave_are_read() {
+    fn version_names_of_boards_are_parsed() {
         let cases = [
             ("a121-v1.12.0", Version::release(1, 12, 0)),
             ("a121-v0.4.1", Version::release(0, 4, 1)),
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn they_order_as_they_were_made() {
+    fn versions_order_by_release() {
         let rising =
             ["v0.2.0", "v0.4.2", "v0.4.2-1-gaa", "v0.4.2-280-gaa", "v0.4.3", "v0.7.1", "v1.9.0-84-gaa", "v1.12.0"];
         let versions: Vec<_> = rising.iter().map(|name| Version::parse(name).unwrap()).collect();
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_version_is_none() {
+    fn invalid_version_names_are_rejected() {
         for name in
             ["", "a121", "v1", "v1.2", "v1.2.x", "v1.2.3.4", "v4294967296.0.0", "v1.2.4294967295-1-g0", "v1.2.3-beta"]
         {

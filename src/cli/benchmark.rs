@@ -9,7 +9,7 @@ use clap::Args;
 use super::play_sessions::PlaySessions;
 use super::progress;
 use crate::experiments::{Benchmark, Plan, Row, present};
-use crate::imaging::sums::instruction_set;
+use crate::imaging::backprojection::instruction_set;
 use crate::report::write_atomically;
 
 /// Measures run time against error: every statistic, voxel size, number and choice of sweeps, dense and adaptive, fresh and

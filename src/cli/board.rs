@@ -6,7 +6,7 @@ use clap::Args;
 use crate::a121::find::{Candidate, choose, list_ports};
 use crate::a121::{Link, SystemInfo};
 use crate::live::StreamCounters;
-use crate::radar::{Carried, LineSpeed, LinkNeed, PRESETS, SensorConfig, preset, preset_purpose};
+use crate::radar::{LineSpeed, LinkCapacity, LinkRequirement, PRESETS, SensorConfig, preset, preset_purpose};
 use crate::report::Table;
 
 /// The board on the command line.
@@ -72,9 +72,9 @@ fn table(line: Option<LineSpeed>, more: &[&str], rows: Vec<Vec<String>>) -> Stri
 }
 
 fn needs(name: &str, config: &SensorConfig, line: Option<LineSpeed>) -> Vec<String> {
-    let need = LinkNeed::of(config);
-    let frames = match need.asked_hz {
-        Some(asked_hz) if !need.is_reached() => format!("{:.0} of {asked_hz:.0}", need.frame_hz),
+    let need = LinkRequirement::of(config);
+    let frames = match need.requested_hz {
+        Some(requested_hz) if !need.is_rate_reachable() => format!("{:.0} of {requested_hz:.0}", need.frame_hz),
         _ => format!("{:.0}", need.frame_hz),
     };
     vec![
@@ -88,12 +88,12 @@ fn needs(name: &str, config: &SensorConfig, line: Option<LineSpeed>) -> Vec<Stri
 }
 
 /// Whether the line carries it, and what it leaves.
-pub(super) fn verdict(need: &LinkNeed, line: LineSpeed) -> String {
-    let on = need.on(line);
-    match on.carried {
-        Carried::Yes => format!("yes, {:.0} % of it", 100.0 * on.load),
-        Carried::IfAtOnce => format!("if sent while measuring, else {:.0} frames/s", on.in_turn_hz),
-        Carried::No => format!("no: {:.0} to {:.0} frames/s", on.in_turn_hz, on.at_once_hz),
+pub(super) fn verdict(need: &LinkRequirement, line: LineSpeed) -> String {
+    let on = need.predict(line);
+    match on.capacity {
+        LinkCapacity::Yes => format!("yes, {:.0} % of it", 100.0 * on.load),
+        LinkCapacity::IfPipelined => format!("if sent while measuring, else {:.0} frames/s", on.sequential_hz),
+        LinkCapacity::No => format!("no: {:.0} to {:.0} frames/s", on.sequential_hz, on.pipelined_hz),
     }
 }
 
@@ -128,7 +128,7 @@ pub(super) fn told_counters(counters: &StreamCounters, lost: u64) -> Vec<String>
         (stream.damaged_lines, "damaged lines"),
         (stream.damaged_payloads, "damaged payloads"),
         (stream.misfit_results, "results of another shape"),
-        (stream.doubtful, "doubtful results"),
+        (stream.unconfirmed_damage, "doubtful results"),
         (session.refused_ticks, "results refused for their tick"),
         (session.tick_jumps, "jumps of the sensor's clock"),
         (session.unanswered, "commands without an answer"),

@@ -18,8 +18,8 @@ use super::simulate::write_scenario;
 use super::view::ViewArguments;
 use crate::engine::{Pipeline, Settings, cube_ahead};
 use crate::geometry::{Aabb, Pose};
-use crate::imaging::sums::{BrickGrid, SweepStack, dense_volume};
-use crate::imaging::{Statistic, Volume, blocks_volume, farthest_points};
+use crate::imaging::backprojection::{BrickGrid, SweepStack, dense_volume};
+use crate::imaging::{Statistic, Volume, farthest_points, subaperture_volume};
 use crate::obstacles::Scene;
 use crate::radar::{Observation, preset};
 use crate::recording::{Event, Header, Recording};
@@ -318,8 +318,8 @@ fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, t
         }
         Image::Blocks | Image::Found => {
             // The whole recording counts alike: what the picture shows has no now.
-            let blocks = crate::imaging::blocks::BlockSettings { memory_s: 100.0, ..settings.rooms.blocks };
-            blocks_volume(&observations, &settings.radar.beam, &blocks, &region, VOXEL_M)
+            let blocks = crate::imaging::subaperture::SubapertureSettings { memory_s: 100.0, ..settings.rooms.blocks };
+            subaperture_volume(&observations, &settings.radar.beam, &blocks, &region, VOXEL_M)
         }
     })
 }

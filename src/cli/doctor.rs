@@ -142,7 +142,7 @@ fn tell_ports(findings: &Findings, is_named: bool) -> Result<()> {
         findings
             .ok("Ports", &format!("{}: {}", port.map_or(String::new(), ToString::to_string), candidate.board.name()))?;
     }
-    for (port, reason) in found.left_out.iter().filter(|(port, _)| port.usb.is_some()) {
+    for (port, reason) in found.rejected.iter().filter(|(port, _)| port.usb.is_some()) {
         findings.ok("Ports", &format!("{port}: left out, {reason}"))?;
     }
     Ok(())

@@ -4,13 +4,13 @@ use anyhow::Result;
 
 use super::doctor::Findings;
 use super::install::registration_trouble;
-use crate::steamvr::{Registration, Role, Runtime, RuntimePlace, SteamVrError, Universe};
+use crate::openvr::{OpenVrError, Registration, Role, Runtime, RuntimePaths, Universe};
 
 /// Tells what stands between this program and SteamVR. A computer without SteamVR has nothing to mend: it records and replays.
 pub(super) fn tell_steamvr(findings: &mut Findings) -> Result<()> {
-    let place = match RuntimePlace::find() {
+    let place = match RuntimePaths::find() {
         Ok(place) => place,
-        Err(error @ SteamVrError::NotInstalled(_)) => {
+        Err(error @ OpenVrError::NotInstalled(_)) => {
             return findings.warn("SteamVR", &format!("{error}; for recording and replay it is not needed"));
         }
         Err(error) => return findings.mend("SteamVR", &error.to_string()),
@@ -19,12 +19,12 @@ pub(super) fn tell_steamvr(findings: &mut Findings) -> Result<()> {
     tell_registration(findings, &place)?;
     match Runtime::start(&place, Role::Background) {
         Ok(runtime) => tell_running(findings, &runtime),
-        Err(error @ SteamVrError::NotRunning) => findings.warn("Running", &error.to_string()),
+        Err(error @ OpenVrError::NotRunning) => findings.warn("Running", &error.to_string()),
         Err(error) => findings.mend("Running", &error.to_string()),
     }
 }
 
-fn tell_registration(findings: &mut Findings, place: &RuntimePlace) -> Result<()> {
+fn tell_registration(findings: &mut Findings, place: &RuntimePaths) -> Result<()> {
     let registration = match Runtime::start(place, Role::Utility) {
         Ok(runtime) => runtime.registration(),
         Err(error) => {
@@ -34,10 +34,10 @@ fn tell_registration(findings: &mut Findings, place: &RuntimePlace) -> Result<()
     };
     match (&registration, registration_trouble(&registration)) {
         (_, Some(trouble)) => findings.mend("Manifest", &trouble),
-        (Registration { is_known: false, .. }, _) => {
+        (Registration { is_registered: false, .. }, _) => {
             findings.warn("Manifest", "SteamVR does not know this program: `radar-chaperone install` has it started with the headset")
         }
-        (Registration { starts_by_itself: true, .. }, _) => findings.ok("Manifest", "SteamVR starts this program with the headset"),
+        (Registration { autolaunch: true, .. }, _) => findings.ok("Manifest", "SteamVR starts this program with the headset"),
         (Registration { .. }, _) => findings.warn(
             "Manifest",
             "SteamVR knows this program and does not start it: switch it on under Settings, Startup / Shutdown, Choose Startup \
@@ -51,7 +51,7 @@ fn tell_running(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
     let timing = runtime.display_timing();
     findings.ok("Headset", &format!("{}, {:.0} frames a second", runtime.headset_name(), timing.frame_hz))?;
     let poses = runtime.poses(Universe::Standing, 0.0, runtime.hands());
-    match poses.head.trusted() {
+    match poses.head.valid_pose() {
         Some(head) => {
             let [x, y, z] = head.translation.to_array();
             findings.ok("Tracking", &format!("the head is at {x:.2}, {y:.2}, {z:.2} m"))?;
@@ -59,7 +59,7 @@ fn tell_running(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
         None => findings
             .warn("Tracking", "the headset is not tracked: is it switched on, and seen by its base stations?")?,
     }
-    let hands = poses.hands.iter().filter(|hand| hand.trusted().is_some()).count();
+    let hands = poses.hands.iter().filter(|hand| hand.valid_pose().is_some()).count();
     findings.ok("Controllers", &format!("{hands} tracked"))?;
     tell_chaperone(findings, runtime)?;
     match runtime.open_device() {

@@ -7,7 +7,7 @@ use clap::Args;
 
 use super::check_run;
 use super::files::user_folder;
-use crate::steamvr::{Registration, Role, Runtime, RuntimePlace, manifest};
+use crate::openvr::{Registration, Role, Runtime, RuntimePaths, manifest};
 
 /// Has SteamVR start this program with the headset
 ///
@@ -32,7 +32,7 @@ impl Install {
     pub fn run(&self) -> Result<()> {
         // SteamVR would tell nobody what is wrong with them.
         check_run(&self.arguments)?;
-        let place = RuntimePlace::find()?;
+        let place = RuntimePaths::find()?;
         let binary = own_path()?;
         let path = manifest_path()?;
         let folder = path.parent().unwrap_or(Path::new("."));
@@ -41,14 +41,14 @@ impl Install {
             .with_context(|| format!("cannot write {}", path.display()))?;
         let runtime = Runtime::start(&place, Role::Utility)?;
         runtime.register(&path)?;
-        runtime.set_starts_by_itself(!self.no_autolaunch)?;
+        runtime.set_autolaunch(!self.no_autolaunch)?;
         let registration = runtime.registration();
         say!("Manifest  {}", path.display())?;
         say!("Program   {}", binary.display())?;
-        if !registration.is_known {
+        if !registration.is_registered {
             bail!("SteamVR took the manifest and does not know the program: start SteamVR once, then do this again");
         }
-        match (self.no_autolaunch, registration.starts_by_itself) {
+        match (self.no_autolaunch, registration.autolaunch) {
             (true, _) => say!("SteamVR knows it and does not start it"),
             (false, true) => say!("SteamVR starts it with the headset"),
             (false, false) => {
@@ -73,12 +73,12 @@ impl Install {
 impl Uninstall {
     pub fn run(&self) -> Result<()> {
         let path = manifest_path()?;
-        let place = RuntimePlace::find()?;
+        let place = RuntimePaths::find()?;
         let runtime = Runtime::start(&place, Role::Utility)?;
-        let was_known = runtime.registration().is_known;
+        let was_known = runtime.registration().is_registered;
         if was_known {
             // Its switch would outlive the manifest and be on again with the next one.
-            if let Err(error) = runtime.set_starts_by_itself(false) {
+            if let Err(error) = runtime.set_autolaunch(false) {
                 log::warn!("{error}");
             }
             runtime.unregister(&path)?;
@@ -96,8 +96,8 @@ impl Uninstall {
 
 /// What is wrong with SteamVR's knowledge of this program, if anything, in words with what to do.
 pub(super) fn registration_trouble(registration: &Registration) -> Option<String> {
-    let Registration { is_known, binary, .. } = registration;
-    if !is_known {
+    let Registration { is_registered, binary, .. } = registration;
+    if !is_registered {
         return None;
     }
     let binary = binary.as_ref()?;

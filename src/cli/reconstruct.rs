@@ -10,8 +10,8 @@ use super::files::{SettingsArguments, keep_inputs, read_streams};
 use super::progress;
 use crate::engine::{Settings, cube_ahead};
 use crate::geometry::{Aabb, Pose};
-use crate::imaging::sums::{BrickGrid, DenseVolume, SweepStack, Threshold, dense_volume, search};
-use crate::imaging::{Preselection, Preselector, Selection, Statistic, Volume, blocks_volume};
+use crate::imaging::backprojection::{BrickGrid, DenseVolume, SweepStack, Threshold, dense_volume, search};
+use crate::imaging::{Preselection, Preselector, Selection, Statistic, Volume, subaperture_volume};
 use crate::radar::Observation;
 use crate::report::{VolumeInfo, points_above, write_ply, write_volume};
 use crate::tracking::{ObserverSettings, observe_all};
@@ -149,11 +149,11 @@ impl Reconstruct {
         extra.insert("sweeps".into(), sweeps.len().into());
         extra.insert("selection".into(), self.sweeps.map(|_| self.selection.clone()).into());
         extra.insert("search".into(), if adaptive { "adaptive" } else { "dense" }.into());
-        if statistic == Statistic::Blocks {
+        if statistic == Statistic::Subaperture {
             if adaptive {
                 bail!("--search adaptive does not serve blocks: leave it out");
             }
-            let volume = blocks_volume(sweeps, beam, &settings.rooms.blocks, region, self.voxel_m);
+            let volume = subaperture_volume(sweeps, beam, &settings.rooms.blocks, region, self.voxel_m);
             let updates = (volume.values.len() * sweeps.len()) as u64;
             return Ok(Computed { volume, updates, extra });
         }

@@ -14,8 +14,8 @@ use super::sensor::{Intake, SensorArguments, Until};
 use super::stop::stop_flag;
 use crate::live::HeadPoses;
 use crate::obstacles::HandsSample;
+use crate::openvr::{Role, Runtime, RuntimePaths};
 use crate::recording::Event;
-use crate::steamvr::{Role, Runtime, RuntimePlace};
 use crate::tracking::PoseSample;
 
 /// Poses of headset and hands that wait to be written: some four seconds.
@@ -93,7 +93,7 @@ impl Record {
         if self.no_poses || self.poses.is_some() {
             return None;
         }
-        let place = RuntimePlace::find().ok()?;
+        let place = RuntimePaths::find().ok()?;
         match Runtime::start(&place, Role::Background) {
             Ok(runtime) => Some(runtime),
             Err(error) => {

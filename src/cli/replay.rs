@@ -60,7 +60,7 @@ impl Replay {
         let header = recording.header().clone();
         let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings);
         if let Some(path) = &self.map {
-            begin_with(&mut pipeline, path, summary.frames.first_ns.unwrap_or(0))?;
+            restore(&mut pipeline, path, summary.frames.first_ns.unwrap_or(0))?;
         }
         let ended = if self.view.is_wanted() {
             let about = self.view.about(&summary, &settings, pipeline.engine().search());
@@ -145,7 +145,7 @@ impl Replay {
 
     /// Whether anybody still wants what comes of it: files, or someone who looks.
     fn is_wanted(&self, recorder: Option<&Recorder>) -> bool {
-        self.out.is_some() || self.results.is_some() || !recorder.is_some_and(Recorder::is_left)
+        self.out.is_some() || self.results.is_some() || !recorder.is_some_and(Recorder::is_closed)
     }
 
     /// Streams the recording through, at the wanted speed; says whether it came to its end.
@@ -180,7 +180,7 @@ impl Replay {
                 results.note(pipeline, time_ns)?;
             }
             if let Some(recorder) = recorder.as_mut() {
-                recorder.note(pipeline, frame_ns);
+                recorder.record(pipeline, frame_ns);
             }
             bar.inc(1);
         }
@@ -195,9 +195,9 @@ impl Replay {
 }
 
 /// A kept map into the pipeline, as if it had been written when the recording begins: no result depends on when it is replayed.
-fn begin_with(pipeline: &mut Pipeline, path: &Path, begin_ns: i64) -> Result<()> {
+fn restore(pipeline: &mut Pipeline, path: &Path, begin_ns: i64) -> Result<()> {
     let MapFile { map, standing_from_raw, .. } = MapFile::read(path)?;
-    Ok(pipeline.begin_with(&map.moved(&standing_from_raw).later_by_ns(begin_ns))?)
+    Ok(pipeline.restore(&map.moved(&standing_from_raw).later_by_ns(begin_ns))?)
 }
 
 /// One event into the pipeline.

@@ -5,8 +5,8 @@ use std::path::Path;
 use anyhow::Result;
 
 use crate::engine::{Counters, Pipeline, Search, Settings};
-use crate::recording::{BeamCone, Counted, Event, Header, Look, OffsetEstimate, ResultsWriter};
-use crate::view::About;
+use crate::recording::{BeamCone, Event, Header, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
+use crate::view::RecordingInfo;
 
 /// The recording again, with the pipeline's looks in it.
 pub(super) struct Results {
@@ -18,7 +18,7 @@ pub(super) struct Results {
 
 impl Results {
     pub fn create(path: &Path, header: &Header, settings: &Settings, search: Search) -> Result<Self> {
-        let about = About::new(header, settings, search, 0.0);
+        let about = RecordingInfo::new(header, settings, search, 0.0);
         let beam = BeamCone { cut_off_rad: about.beam_rad, ranges_m: about.ranges_m };
         // The beam hangs on the mount that the settings say.
         let header = Header { head_from_sensor: about.head_from_sensor, ..header.clone() };
@@ -37,16 +37,16 @@ impl Results {
         let looks = pipeline.counters().engine.rooms.looks;
         if pipeline.engine().search() == Search::Rooms && looks != self.looks {
             self.looks = looks;
-            self.look(pipeline, time_ns)?;
+            self.snapshot(pipeline, time_ns)?;
         }
         Ok(())
     }
 
-    fn look(&mut self, pipeline: &Pipeline, time_ns: i64) -> Result<()> {
+    fn snapshot(&mut self, pipeline: &Pipeline, time_ns: i64) -> Result<()> {
         let scene = pipeline.scene();
-        let evidence = pipeline.engine().evidence(ResultsWriter::MOST_EVIDENCE);
+        let evidence = pipeline.engine().evidence(ResultsWriter::MAX_EVIDENCE);
         let estimate = pipeline.time_offset_estimate().filter(|estimate| estimate.observable);
-        let look = Look {
+        let snapshot = Snapshot {
             time_ns,
             head: pipeline.head().map(|(_, head)| head),
             scene: &scene,
@@ -56,21 +56,21 @@ impl Results {
             estimate: estimate.map(|e| OffsetEstimate { offset_s: e.offset_s, sigma_s: e.sigma_s }),
             counted: counted(&pipeline.counters()),
         };
-        Ok(self.writer.write_look(&look)?)
+        Ok(self.writer.write_snapshot(&snapshot)?)
     }
 
     /// The pipeline has finished.
     pub fn finish(mut self, pipeline: &Pipeline) -> Result<()> {
         let time_ns = self.newest_ns.unwrap_or(0);
-        self.look(pipeline, time_ns)?;
+        self.snapshot(pipeline, time_ns)?;
         self.writer.finish()?;
         Ok(())
     }
 }
 
-fn counted(counters: &Counters) -> Counted {
+fn counted(counters: &Counters) -> ResultsCounters {
     let Counters { streams, engine, .. } = counters;
-    Counted {
+    ResultsCounters {
         frames: streams.frames,
         sweeps: streams.observations,
         poses: streams.poses,
@@ -87,7 +87,7 @@ fn counted(counters: &Counters) -> Counted {
             + streams.poses_bad_numbers
             + streams.poses_time_not_rising
             + streams.poses_time_leapt,
-        looks: engine.rooms.looks,
-        forgotten: engine.rooms.forgotten,
+        updates: engine.rooms.looks,
+        removed: engine.rooms.forgotten,
     }
 }

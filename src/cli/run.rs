@@ -20,8 +20,8 @@ use super::sensor::SensorArguments;
 use super::stop::stop_flag;
 use crate::engine::Settings;
 use crate::live::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, KeptMaps, SettingsDesk};
+use crate::openvr::{Chaperone, OpenVrError, Role, Runtime, RuntimePaths};
 use crate::recording::MapFolder;
-use crate::steamvr::{Chaperone, Role, Runtime, RuntimePlace, SteamVrError};
 use crate::view::Recorder;
 
 /// Between two looks for SteamVR.
@@ -110,7 +110,7 @@ impl Run {
     fn connect(&self, stop: &AtomicBool) -> Result<Option<Runtime>> {
         let mut told = None;
         while !stop.load(Ordering::Relaxed) {
-            let place = RuntimePlace::find()?;
+            let place = RuntimePaths::find()?;
             let there = Runtime::start(&place, Role::Background).map(drop);
             match there.and_then(|()| Runtime::start(&place, Role::Overlay)) {
                 Ok(runtime) => return Ok(Some(runtime)),
@@ -278,8 +278,8 @@ fn below(chaperone: &Chaperone, own: &Settings) -> toml::Table {
 }
 
 /// Whether waiting may help.
-fn may_pass(error: &SteamVrError) -> bool {
-    matches!(error, SteamVrError::NotRunning | SteamVrError::NoHeadset | SteamVrError::Refused { .. })
+fn may_pass(error: &OpenVrError) -> bool {
+    matches!(error, OpenVrError::NotRunning | OpenVrError::NoHeadset | OpenVrError::Refused { .. })
 }
 
 /// SteamVR starts what its manifest names, which may have been moved since.
@@ -288,7 +288,7 @@ fn check_registration(runtime: &Runtime) {
     if let Some(trouble) = registration_trouble(&registration) {
         log::warn!("{trouble}");
     }
-    if registration.is_known
+    if registration.is_registered
         && let Err(error) = runtime.identify()
     {
         log::info!("{error}");

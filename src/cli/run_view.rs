@@ -13,7 +13,7 @@ use crate::imaging::TimeOffset;
 use crate::live::{Published, Reconstruction, SettingsDesk};
 use crate::radar::preset;
 use crate::recording::Header;
-use crate::view::{self, About, Health, Recorder, VOXELS, ViewError};
+use crate::view::{self, Health, Recorder, RecordingInfo, VOXELS, ViewError};
 
 /// How often the head is noted.
 const TURN: Duration = Duration::from_millis(33);
@@ -26,8 +26,8 @@ const PRESET: &str = "d16";
 pub(super) fn show(stop: &AtomicBool, work: impl FnOnce(Recorder) -> Result<()> + Send) -> Result<()> {
     let config = preset(PRESET).ok_or_else(|| anyhow!("there is no preset {PRESET}"))?;
     let header = Header::new(NO_SENSOR, config, Pose::IDENTITY);
-    let about = About::live(&header, &Settings::default(), Search::Rooms);
-    let shown = view::show_or(about, work, || stop.store(true, Ordering::Relaxed));
+    let about = RecordingInfo::live(&header, &Settings::default(), Search::Rooms);
+    let shown = view::show_with_cancel(about, work, || stop.store(true, Ordering::Relaxed));
     shown.map_err(|error| match error {
         ViewError::NoDesktop(cause) => {
             anyhow!("no window can be opened: {cause}. Warnings need none: run without --view")
@@ -39,7 +39,7 @@ pub(super) fn show(stop: &AtomicBool, work: impl FnOnce(Recorder) -> Result<()> 
 /// Notes what a session sees, until it is over or nobody looks.
 pub(super) fn watch(view: &Recorder, feed: &Feed, desk: &SettingsDesk, is_over: &AtomicBool) {
     let mut watcher = Watcher { view, feed, desk, version: 0, noted: None };
-    while !is_over.load(Ordering::Relaxed) && !view.is_left() {
+    while !is_over.load(Ordering::Relaxed) && !view.is_closed() {
         watcher.turn();
         std::thread::sleep(TURN);
     }
@@ -62,18 +62,18 @@ impl Watcher<'_> {
         let (Some(header), Some(reconstruction)) = (self.feed.sensor(), self.feed.reconstruction()) else { return };
         let search = reconstruction.counters().pipeline.engine.search;
         if let Some(settings) = self.desk.newer_than(&mut self.version) {
-            self.view.note_about(About::live(header, &settings, search));
+            self.view.record_info(RecordingInfo::live(header, &settings, search));
             reconstruction.watch_evidence(VOXELS);
         }
         let (pose, frame_ns) = self.feed.newest();
         let head = pose.and_then(|pose| Some((pose.time_ns, pose.tracking_from_head().ok()?)));
         let Some((now_ns, head)) = head else { return };
-        self.view.note_head(now_ns, head, frame_ns);
+        self.view.record_head(now_ns, head, frame_ns);
         let published = reconstruction.latest();
         let is_new = !self.noted.as_ref().is_some_and(|noted| Arc::ptr_eq(&noted.scene, &published.scene));
         if is_new {
             let (health, evidence) = (health(&published, reconstruction), reconstruction.take_evidence());
-            self.view.note_look(now_ns, (*published.scene).clone(), health, evidence);
+            self.view.record_update(now_ns, (*published.scene).clone(), health, evidence);
             self.noted = Some(published);
         }
     }

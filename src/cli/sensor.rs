@@ -17,7 +17,7 @@ use crate::a121::find::Candidate;
 use crate::a121::{Calibration, Event, LogLine, Setup, SystemInfo};
 use crate::geometry::Pose;
 use crate::live::{Losses, Received, SensorStream, StreamEvent, StreamOptions};
-use crate::radar::{Frame, LinkNeed, PRESETS, SensorConfig, preset};
+use crate::radar::{Frame, LinkRequirement, PRESETS, SensorConfig, preset};
 use crate::recording;
 
 /// A board that sends no frame by then never will.
@@ -252,7 +252,7 @@ impl<'a> Intake<'a> {
         if line != line_speed(place, *baud, None)
             && let Some(line) = line
         {
-            say!("Carried by {line}: {}", verdict(&LinkNeed::of(self.sensor.config()?), line))?;
+            say!("Carried by {line}: {}", verdict(&LinkRequirement::of(self.sensor.config()?), line))?;
         }
         Ok(())
     }

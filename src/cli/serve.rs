@@ -11,7 +11,7 @@ use clap::Args;
 use num_complex::Complex;
 
 use crate::a121::device::{
-    Board, Device, DeviceCounters, FaultPlan, FrameRequest, Place, SampleSource, Server, monotonic_ns,
+    Board, Device, DeviceCounters, FaultPlan, FrameRequest, SampleSource, ServeAddress, Server, monotonic_ns,
 };
 use crate::geometry::Pose;
 use crate::simulation::{LiveScenario, Scenario};
@@ -85,9 +85,9 @@ impl Serve {
             bail!("--track-out writes the whole track beforehand: give --duration-s, at most {PATH_S} s");
         }
         scenario.duration_s = PATH_S;
-        let place = Place::parse(self.serve.as_deref().unwrap_or_default(), self.any_address)?;
+        let place = ServeAddress::parse(self.serve.as_deref().unwrap_or_default(), self.any_address)?;
         let name = self.board.as_deref().unwrap_or(Board::Xc120.name());
-        let board = Board::named(name).ok_or_else(|| anyhow!("board \"{name}\" is not known"))?;
+        let board = Board::from_name(name).ok_or_else(|| anyhow!("board \"{name}\" is not known"))?;
         let plan = FaultPlan::parse(self.faults.as_deref().unwrap_or_default())?;
         let live = scenario.live()?;
         let stopped = Arc::new(AtomicBool::new(false));
@@ -115,12 +115,12 @@ impl Serve {
                 Some(track) => poses.write_due(track)?,
                 None => i64::MAX,
             };
-            server.turn(next_pose_ns.min(end_ns))?;
+            server.step(next_pose_ns.min(end_ns))?;
         }
         say!("{}", counted(&server.device().counters(), server.clients(), track.as_ref().map(|t| t.poses)))
     }
 
-    fn say_how(&self, place: &Place, scenario: &Scenario, board: Board, origin_ns: i64) -> Result<()> {
+    fn say_how(&self, place: &ServeAddress, scenario: &Scenario, board: Board, origin_ns: i64) -> Result<()> {
         let port = place.port();
         say!(
             "{}, {}, seed {}, as a board {}, at {port}",

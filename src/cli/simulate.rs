@@ -84,7 +84,7 @@ impl Simulate {
         }
         let spinner = progress::spinner("simulating");
         let summary = if self.room == PLAY_ROOM {
-            let session = self.play_session()?.stage()?;
+            let session = self.play_session()?.prepare()?;
             let source = format!("simulation: {PLAY_ROOM}, seed {}", self.seed);
             let PlaySession { config, beam, head_from_sensor, .. } = session.play();
             write_simulated(out, source, (config, beam, head_from_sensor), &session.recorded())?
@@ -116,7 +116,7 @@ impl Simulate {
     fn scenario(&self) -> Result<Scenario> {
         let (motion, duration_s) = (self.motion.as_deref().unwrap_or("natural"), self.duration_s.unwrap_or(10.0));
         let mut scenario = Scenario::new(&self.room, motion, self.sensor_config()?, duration_s, self.seed);
-        scenario.beam = Beam::named(&self.beam)?;
+        scenario.beam = Beam::from_name(&self.beam)?;
         if let Some(mount) = &self.mount {
             scenario.head_from_sensor = parse_mount(mount)?;
         }
@@ -137,13 +137,13 @@ impl Simulate {
         }
         let mut session = PlaySession::new(self.sensor_config()?, self.seed);
         session.duration_s = self.duration_s.unwrap_or(60.0);
-        session.beam = Beam::named(&self.beam)?;
+        session.beam = Beam::from_name(&self.beam)?;
         if let Some(mount) = &self.mount {
             session.head_from_sensor = parse_mount(mount)?;
         }
         session.errors = self.errors();
         // Whoever reads the truth finds walls along the axes.
-        session.square = true;
+        session.axis_aligned = true;
         Ok(session)
     }
 }

@@ -8,7 +8,7 @@ use clap::Args;
 use crate::engine::{Pipeline, Search, Settings};
 use crate::obstacles::Scene;
 use crate::recording::{RecordingSummary, StreamSummary};
-use crate::view::{self, About, Recorder};
+use crate::view::{self, Recorder, RecordingInfo};
 
 /// How the recording is looked at.
 #[derive(Debug, Clone, Default, Args)]
@@ -36,12 +36,12 @@ impl ViewArguments {
     }
 
     /// What the view has to know.
-    pub fn about(&self, summary: &RecordingSummary, settings: &Settings, search: Search) -> About {
-        About::new(&summary.header, settings, search, expected_s(summary))
+    pub fn about(&self, summary: &RecordingSummary, settings: &Settings, search: Search) -> RecordingInfo {
+        RecordingInfo::new(&summary.header, settings, search, expected_s(summary))
     }
 
     /// Does the work and shows it meanwhile, or draws it afterwards.
-    pub fn show<T: Send>(&self, about: About, work: impl FnOnce(Recorder) -> T + Send) -> Result<T> {
+    pub fn show<T: Send>(&self, about: RecordingInfo, work: impl FnOnce(Recorder) -> T + Send) -> Result<T> {
         let Some(folder) = &self.view_shot else { return Ok(view::show(about, work)?) };
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         let (files, done) = view::draw(about, folder, work)?;
@@ -52,7 +52,7 @@ impl ViewArguments {
 
 /// How long a recording is, as far as its times can be believed: one wrong stamp makes it no years long.
 fn expected_s(summary: &RecordingSummary) -> f64 {
-    let usual = |stream: &StreamSummary| stream.count as f64 * stream.usual_interval_s().unwrap_or(0.0);
+    let usual = |stream: &StreamSummary| stream.count as f64 * stream.median_interval_s().unwrap_or(0.0);
     summary.duration_s().min(3.0 * usual(&summary.frames).max(usual(&summary.poses)))
 }
 

@@ -3,7 +3,7 @@
 //!
 //! Stream in: `Observation`s in time (or frames and poses, through [`Pipeline`]). Out: a `Scene` whenever asked.
 
-mod doubt;
+mod offset_guard;
 mod pipeline;
 mod settings;
 mod synchronisation;
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Aabb, Pose};
 use crate::obstacles::{
-    Evidence, HandsM, Remembered, RememberedError, RoomCounters, RoomSearch, Scene, Weighed, find_reflectors,
+    Evidence, HandsM, RoomMapper, RoomMapperCounters, SavedMap, SavedMapError, Scene, ScoredCandidate, find_reflectors,
     reflector_evidence,
 };
 use crate::radar::{Observation, SensorConfig, frame_timing};
@@ -29,13 +29,13 @@ pub use synchronisation::{
 };
 
 /// Sweeps a second from which on blocks follow the phase: λ/4 a sweep at 0.5 m/s.
-const BLOCKS_FROM_SWEEPS_PER_S: f64 = 400.0;
+const SUBAPERTURES_FROM_SWEEPS_PER_S: f64 = 400.0;
 /// Edge of the cube that is searched for single reflectors unless told otherwise, metres.
 pub const DEFAULT_CUBE_M: f64 = 3.0;
 /// Observations that a search for single reflectors keeps at most; beyond, every second one goes.
 const MAX_KEPT: usize = 20_000;
 /// A change of the time offset that ruins what a room's search has summed so far, seconds: 3 ms do no harm, 10 ms do.
-const RUINOUS_S: f64 = 4e-3;
+const MAX_HARMLESS_OFFSET_CHANGE_S: f64 = 4e-3;
 /// Poses are kept for this long for observations that are kept for good, seconds.
 const KEPT_FOR_GOOD_S: f64 = 1e5;
 
@@ -68,7 +68,7 @@ pub struct EngineCounters {
     /// Times that the search in rooms began again since its poses had been wrong.
     pub searches_begun_again: u64,
     /// Blocks and voxels (rooms alone).
-    pub rooms: RoomCounters,
+    pub rooms: RoomMapperCounters,
 }
 
 /// Observation in, scene out.
@@ -76,7 +76,7 @@ pub struct EngineCounters {
 pub struct Engine {
     settings: Settings,
     search: Search,
-    rooms: RoomSearch,
+    rooms: RoomMapper,
     kept: Vec<Observation>,
     first_pose: Option<Pose>,
     newest_ns: i64,
@@ -85,7 +85,7 @@ pub struct Engine {
     thinned: u64,
     reposed: u64,
     lost: u64,
-    begun_again: u64,
+    restarts: u64,
     is_deferred: bool,
 }
 
@@ -96,11 +96,11 @@ impl Engine {
         let search = match settings.processing.mode {
             Mode::Rooms => Search::Rooms,
             Mode::Reflectors => Search::Reflectors,
-            Mode::Auto if sweeps_per_s >= BLOCKS_FROM_SWEEPS_PER_S => Search::Rooms,
+            Mode::Auto if sweeps_per_s >= SUBAPERTURES_FROM_SWEEPS_PER_S => Search::Rooms,
             Mode::Auto => Search::Reflectors,
         };
         Self {
-            rooms: RoomSearch::new(settings.rooms, &settings.radar.beam, settings.tracking.errors),
+            rooms: RoomMapper::new(settings.rooms, &settings.radar.beam, settings.tracking.errors),
             settings: settings.clone(),
             search,
             kept: Vec::new(),
@@ -111,7 +111,7 @@ impl Engine {
             thinned: 0,
             reposed: 0,
             lost: 0,
-            begun_again: 0,
+            restarts: 0,
             is_deferred: false,
         }
     }
@@ -144,7 +144,7 @@ impl Engine {
             observations_thinned: self.thinned,
             observations_reposed: self.reposed,
             observations_lost: self.lost,
-            searches_begun_again: self.begun_again,
+            searches_begun_again: self.restarts,
             rooms: self.rooms.counters(),
         }
     }
@@ -156,7 +156,7 @@ impl Engine {
         self.newest_end_ns = Some(observation.end_ns());
         self.first_pose.get_or_insert(observation.tracking_from_sensor);
         match self.search {
-            Search::Rooms if self.is_deferred => self.rooms.take(observation),
+            Search::Rooms if self.is_deferred => self.rooms.push_deferred(observation),
             Search::Rooms => self.rooms.push(observation),
             Search::Reflectors => self.keep(observation),
         }
@@ -193,28 +193,28 @@ impl Engine {
     }
 
     /// Places that the last look at a room weighed, for who learns from them.
-    pub fn weighed(&self) -> &[Weighed] {
-        self.rooms.weighed()
+    pub fn weighed(&self) -> &[ScoredCandidate] {
+        self.rooms.scored_candidates()
     }
 
     /// When an observation to come closes a block: gives that block's sweeps the places that `sensor_at` has for them, which
     /// knows more poses than there were when each came.
-    pub fn settle_before(&mut self, next: &Observation, sensor_at: impl Fn(i64) -> Option<(Pose, DVec3)>) {
+    pub fn update_poses_before(&mut self, next: &Observation, sensor_at: impl Fn(i64) -> Option<(Pose, DVec3)>) {
         if self.search == Search::Rooms {
-            self.rooms.settle_before(next, sensor_at);
+            self.rooms.update_poses_before(next, sensor_at);
         }
     }
 
     /// Takes where the player's own hands are: what is there is no furniture.
-    pub fn take_hands(&mut self, time_ns: i64, hands_m: HandsM) {
-        self.rooms.take_hands(time_ns, hands_m);
+    pub fn push_hands(&mut self, time_ns: i64, hands_m: HandsM) {
+        self.rooms.push_hands(time_ns, hands_m);
     }
 
     /// What is known of the room, to be kept; nothing where single reflectors are searched.
-    pub fn remembered(&self) -> Remembered {
+    pub fn saved_map(&self) -> SavedMap {
         match self.search {
-            Search::Rooms => self.rooms.remembered(),
-            Search::Reflectors => Remembered::default(),
+            Search::Rooms => self.rooms.saved_map(),
+            Search::Reflectors => SavedMap::default(),
         }
     }
 
@@ -222,9 +222,9 @@ impl Engine {
     ///
     /// # Errors
     /// Numbers that are none of a room; nothing is taken up then.
-    pub fn begin_with(&mut self, remembered: &Remembered) -> Result<(), RememberedError> {
+    pub fn restore(&mut self, remembered: &SavedMap) -> Result<(), SavedMapError> {
         match self.search {
-            Search::Rooms => self.rooms.begin_with(remembered),
+            Search::Rooms => self.rooms.restore(remembered),
             Search::Reflectors => remembered.check(),
         }
     }
@@ -253,10 +253,10 @@ impl Engine {
         };
         match self.search {
             Search::Reflectors => self.kept.retain_mut(repose),
-            Search::Rooms if self.is_ruined_by(change_s) => {
-                self.rooms.begin_again(&mut repose);
+            Search::Rooms if self.is_invalidated_by(change_s) => {
+                self.rooms.restart(&mut repose);
                 while !self.is_deferred && self.rooms.work() {}
-                self.begun_again += 1;
+                self.restarts += 1;
             }
             Search::Rooms => {}
         }
@@ -265,8 +265,8 @@ impl Engine {
     }
 
     /// Whether such a change of the time offset ruins what the search has summed so far, so that it begins again.
-    pub fn is_ruined_by(&self, change_s: f64) -> bool {
-        self.search == Search::Rooms && change_s.abs() >= RUINOUS_S
+    pub fn is_invalidated_by(&self, change_s: f64) -> bool {
+        self.search == Search::Rooms && change_s.abs() >= MAX_HARMLESS_OFFSET_CHANGE_S
     }
 
     /// No more observations will come: what waits is worked off.
@@ -284,7 +284,7 @@ impl Engine {
     /// What stands in the room, as far as seen. For single reflectors this is where the work is done.
     pub fn scene(&self) -> Scene {
         let (obstacles, walls, moving) = match self.search {
-            Search::Rooms => (self.rooms.obstacles(), self.rooms.walls(), self.rooms.moving()),
+            Search::Rooms => (self.rooms.obstacles(), self.rooms.walls(), self.rooms.moving_targets()),
             Search::Reflectors => {
                 let Settings { radar, tracking, reflectors, .. } = &self.settings;
                 let found = find_reflectors(&self.kept, &radar.beam, &self.region(), reflectors, &tracking.errors);

@@ -6,11 +6,11 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::doubt::Doubt;
+use super::offset_guard::OffsetGuard;
 use super::{Engine, EngineCounters, Settings};
 use crate::geometry::Pose;
 use crate::imaging::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
-use crate::obstacles::{HandsM, Remembered, RememberedError, Scene};
+use crate::obstacles::{HandsM, SavedMap, SavedMapError, Scene};
 use crate::radar::{Frame, SensorConfig};
 use crate::tracking::{Observer, ObserverCounters, ObserverSettings, PoseSample};
 
@@ -52,7 +52,7 @@ pub struct Pipeline {
     estimate: Option<TimeOffset>,
     /// 1σ of the estimate that is in force; `None`: the settings' offset is.
     applied_sigma_s: Option<f64>,
-    doubt: Doubt,
+    doubt: OffsetGuard,
     time_offset: TimeOffsetCounters,
     is_deferred: bool,
     is_estimate_due: bool,
@@ -100,7 +100,7 @@ impl Pipeline {
             listen_from_ns: i64::MIN,
             estimate: None,
             applied_sigma_s: None,
-            doubt: Doubt::default(),
+            doubt: OffsetGuard::default(),
             time_offset: TimeOffsetCounters::default(),
             is_deferred: false,
             is_estimate_due: false,
@@ -160,20 +160,20 @@ impl Pipeline {
 
     /// Takes where the player's own hands are, tracking frame, `None` for one that is not tracked: what is there is no furniture.
     pub fn push_hands(&mut self, time_ns: i64, hands_m: HandsM) {
-        self.engine.take_hands(time_ns, hands_m);
+        self.engine.push_hands(time_ns, hands_m);
     }
 
     /// What is known of the room, to be kept.
-    pub fn remembered(&self) -> Remembered {
-        self.engine.remembered()
+    pub fn saved_map(&self) -> SavedMap {
+        self.engine.saved_map()
     }
 
     /// Takes up what is remembered of this room, in the tracking frame, as provisional.
     ///
     /// # Errors
     /// Numbers that are none of a room; nothing is taken up then.
-    pub fn begin_with(&mut self, remembered: &Remembered) -> Result<(), RememberedError> {
-        self.engine.begin_with(remembered)
+    pub fn restore(&mut self, remembered: &SavedMap) -> Result<(), SavedMapError> {
+        self.engine.restore(remembered)
     }
 
     /// Takes a frame.
@@ -216,10 +216,10 @@ impl Pipeline {
             if self.is_early {
                 let observer = &self.observer;
                 let sensor_at = |sweep_ns: i64| -> Option<(Pose, DVec3)> {
-                    let sensor = observer.sensor_since(sweep_ns, time_ns).ok()?;
+                    let sensor = observer.smoothed_sensor_at(sweep_ns, time_ns).ok()?;
                     Some((sensor.tracking_from_sensor, sensor.velocity_m_per_s))
                 };
-                self.engine.settle_before(&observation, sensor_at);
+                self.engine.update_poses_before(&observation, sensor_at);
             }
             self.engine.push(observation);
         }
@@ -234,7 +234,7 @@ impl Pipeline {
         self.time_offset.tracks_left_out = estimate.tracks_left_out as u64;
         let now_ns = self.observer.newest_pose_ns().unwrap_or(i64::MIN);
         let is_known = estimate.observable && estimate.sigma_s <= self.max_sigma_s;
-        let is_ruinous = self.engine.is_ruined_by(estimate.offset_s - self.observer.time_offset_s());
+        let is_ruinous = self.engine.is_invalidated_by(estimate.offset_s - self.observer.time_offset_s());
         if self.doubt.allows(now_ns, is_known, is_ruinous) && self.is_better(&estimate) {
             self.apply(&estimate);
         }
@@ -266,7 +266,7 @@ impl Pipeline {
         let change_s = estimate.offset_s - self.observer.time_offset_s();
         self.observer.set_time_offset_s(estimate.offset_s);
         self.applied_sigma_s = Some(estimate.sigma_s);
-        self.doubt = Doubt::default();
+        self.doubt = OffsetGuard::default();
         self.time_offset.changes += 1;
         let offset_ns = (estimate.offset_s * 1e9).round() as i64;
         let sensor_at = |time_ns: i64| -> Option<(Pose, DVec3)> {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::DEFAULT_CUBE_M;
 use crate::geometry::{Aabb, Pose};
 use crate::imaging::PositionErrors;
-use crate::obstacles::{RECENT_UPDATES, ReflectorSettings, RoomSettings};
+use crate::obstacles::{RECENT_UPDATES, ReflectorSettings, RoomMapperSettings};
 use crate::radar::Beam;
 use crate::tracking::HistorySettings;
 use crate::warning::{CueSettings, WarningSettings, WarningSettingsError};
@@ -240,7 +240,7 @@ pub struct Settings {
     /// Which search.
     pub processing: ProcessingSettings,
     /// The search in rooms.
-    pub rooms: RoomSettings,
+    pub rooms: RoomMapperSettings,
     /// The search for single reflectors.
     pub reflectors: ReflectorSettings,
     /// What is drawn, from where on.

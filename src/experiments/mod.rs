@@ -1,19 +1,19 @@
 //! Trials of the whole chain against the truth: simulated, imaged, timed, compared.
 
-mod acceptance;
 mod benchmark;
+mod classifier_training;
 mod play;
-mod recorded;
 mod room_noise;
 mod thesis;
+mod trial_recording;
 
-pub use acceptance::Lessons;
 pub use benchmark::{Benchmark, BenchmarkError, Case, Plan, Row, Search, present};
+pub use classifier_training::TrainingSet;
 pub use play::{
-    Approach, Cause, FalseReport, Figures, Forgetting, PlayError, PlayTrial, Rates, by_kind, curve, play, totals,
+    Approach, Cause, FalseReport, Figures, PlayError, PlayTrial, Rates, RemovalOutcome, by_kind, curve, play, totals,
 };
-pub use room_noise::{RoomNoise, SAME_M, SAME_S, at_most_an_hour};
+pub use room_noise::{RoomNoise, SAME_ALARM_M, SAME_ALARM_S, rate_upper_bound_per_h};
 pub use thesis::{
-    ALL as EXPERIMENTS, Drawn, Experiment, ExperimentError, Finding, Outcome, OutputFile,
+    ALL as EXPERIMENTS, Experiment, ExperimentError, Finding, NamedPicture, Outcome, OutputFile,
     markdown as experiments_markdown, report as experiments_report,
 };

@@ -15,9 +15,9 @@ pub struct Plane {
 }
 
 /// What a normal has upwards from which on a plane lies rather than stands.
-const LEVEL: f64 = 0.7;
+const MIN_LEVEL_NORMAL_Y: f64 = 0.7;
 /// What a normal has upwards up to which a plane stands as a wall does.
-const UPRIGHT: f64 = 0.5;
+const MAX_UPRIGHT_NORMAL_Y: f64 = 0.5;
 
 impl Plane {
     /// Distance from a point inside to the plane, metres; negative beyond it.
@@ -32,12 +32,12 @@ impl Plane {
 
     /// Whether it lies, as floors and ceilings do, rather than stands.
     pub fn is_level(&self) -> bool {
-        self.outward.y.abs() >= LEVEL
+        self.outward.y.abs() >= MIN_LEVEL_NORMAL_Y
     }
 
     /// Whether it stands as a wall does; a slanting roof neither stands nor lies.
     pub fn is_upright(&self) -> bool {
-        self.outward.y.abs() < UPRIGHT
+        self.outward.y.abs() < MAX_UPRIGHT_NORMAL_Y
     }
 
     /// The same in another frame: `to_from` takes coordinates of this one's.
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn a_patch_stays_as_long_however_often_it_is_moved() {
+    fn patch_keeps_its_length_over_repeated_moves() {
         for outward in [DVec3::new(0.6, 0.0, -0.8), DVec3::X, DVec3::new(-0.3, 0.0, -0.95).normalize(), DVec3::NEG_Y] {
             let along = outward.cross(DVec3::Y).try_normalize().unwrap_or(DVec3::X);
             let mut plane = Plane { outward, offset_m: 2.0 };

@@ -61,11 +61,11 @@ pub fn cramer_rao_bound(sights: &[BoundSight], poses_m2: impl Fn(f64) -> f64, mo
     };
     let bound = (by_place - lost).inverse();
     let largest_m2 = bound.x_axis.x.max(bound.y_axis.y).max(bound.z_axis.z);
-    (bound.is_finite() && largest_m2 <= NO_PLACE_M2).then_some(bound)
+    (bound.is_finite() && largest_m2 <= MAX_VARIANCE_M2).then_some(bound)
 }
 
 /// A variance beyond this says nothing of a place in a room.
-const NO_PLACE_M2: f64 = 1e4;
+const MAX_VARIANCE_M2: f64 = 1e4;
 
 /// Cholesky's factor in place of a symmetric matrix's lower half; `None` when it is not positive.
 fn factor(lower: &mut [Vec<f64>]) -> Option<()> {
@@ -124,9 +124,9 @@ mod tests {
                 toward_in_sensor: one.rotation.conjugate() * one.toward,
             };
             filter.advance(&sight);
-            filter.take(&filter.expect(&sight, false, one.range_variance_m2), &[0.0], 0);
+            filter.update(&filter.predict(&sight, false, one.range_variance_m2), &[0.0], 0);
             if let Some(variance_m2) = one.phase_variance_m2 {
-                filter.take(&filter.expect(&sight, true, variance_m2), &[0.0], 0);
+                filter.update(&filter.predict(&sight, true, variance_m2), &[0.0], 0);
             }
         }
         filter.place_covariance_m2()

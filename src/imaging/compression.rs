@@ -8,9 +8,9 @@ use std::sync::Arc;
 
 use num_complex::Complex32;
 
+use super::backprojection::dispatch::{Kernel, on_widest};
+use super::backprojection::lanes::{LANES, Lanes};
 use super::cubic;
-use super::sums::dispatch::{Kernel, on_widest};
-use super::sums::lanes::{LANES, Lanes};
 use crate::radar::{Observation, SweepGeometry, envelope};
 
 /// Widest step of the table, metres (a little above four base steps).
@@ -100,66 +100,66 @@ impl RangeCompressor {
     /// Compresses one sweep, each value times `scale` (1 / noise rms makes it noise-normalised). Samples that are missing
     /// count as zero, those beyond the axis are left out.
     pub fn compress(&self, samples: &[Complex32], scale: f32) -> CompressedSweep {
-        let mut room = CompressionRoom::default();
+        let mut room = CompressionScratch::default();
         self.compress_in(samples, scale, &mut room);
         let z = room.re.iter().zip(&room.im).map(|(re, im)| Complex32::new(*re, *im)).collect();
         CompressedSweep { first_m: self.first_m, step_m: self.step_m, z }
     }
 
     /// The same into room that is kept from sweep to sweep.
-    pub(super) fn compress_in(&self, samples: &[Complex32], scale: f32, room: &mut CompressionRoom) {
-        let long = self.pad(room);
-        on_widest(Part { samples, points: self.points, reach: self.reach, padded: &mut room.padded });
+    pub(super) fn compress_in(&self, samples: &[Complex32], scale: f32, room: &mut CompressionScratch) {
+        let phase_len = self.pad(room);
+        on_widest(SplitComplex { samples, points: self.points, reach: self.reach, padded: &mut room.padded });
         self.filter(room);
         for part in [&mut room.re, &mut room.im] {
             part.resize(self.entries(), 0.0);
         }
         for (part, filtered) in [&mut room.re, &mut room.im].into_iter().zip(&room.filtered) {
-            on_widest(Interleave { filtered, long, norms: &self.norms, scale, out: part });
+            on_widest(Interleave { filtered, phase_len, norms: &self.norms, scale, out: part });
         }
     }
 
     /// Σ_n a[n] E(r_n − r) at every entry, not normalised: real values spread over the pulse.
-    pub(super) fn spread_in(&self, values: &[f32], room: &mut CompressionRoom) {
-        let long = self.pad(room);
+    pub(super) fn convolve_in(&self, values: &[f32], room: &mut CompressionScratch) {
+        let phase_len = self.pad(room);
         let padded = room.padded[0][self.reach..].iter_mut().take(self.points);
         padded.zip(values).for_each(|(to, from)| *to = *from);
         self.filter(room);
         room.re.clear();
         let phases = self.taps.len();
-        room.re.extend((0..self.entries()).map(|n| room.filtered[0][n % phases * long + n / phases]));
+        room.re.extend((0..self.entries()).map(|n| room.filtered[0][n % phases * phase_len + n / phases]));
     }
 
     /// Values of one phase: three more than the axis has, in whole vectors.
-    fn long(&self) -> usize {
+    fn phase_len(&self) -> usize {
         (self.points + 3).next_multiple_of(LANES)
     }
 
     /// Makes the room large enough, with zeros for samples; values of one phase.
-    fn pad(&self, room: &mut CompressionRoom) -> usize {
-        let long = self.long();
+    fn pad(&self, room: &mut CompressionScratch) -> usize {
+        let phase_len = self.phase_len();
         for padded in &mut room.padded {
             padded.clear();
-            padded.resize(long + 2 * self.reach + 2 + 3 * LANES, 0.0);
+            padded.resize(phase_len + 2 * self.reach + 2 + 3 * LANES, 0.0);
         }
         for filtered in &mut room.filtered {
-            filtered.resize(long * self.taps.len(), 0.0);
+            filtered.resize(phase_len * self.taps.len(), 0.0);
         }
-        long
+        phase_len
     }
 
-    /// Two parts of the padded samples through every phase: `[part][phase · long + sample]`.
-    fn filter(&self, room: &mut CompressionRoom) {
-        let long = self.long();
+    /// Two parts of the padded samples through every phase: `[part][phase · phase_len + sample]`.
+    fn filter(&self, room: &mut CompressionScratch) {
+        let phase_len = self.phase_len();
         let (padded, [re, im]) = (&room.padded, &mut room.filtered);
-        let of_phases = re.chunks_exact_mut(2 * long).zip(im.chunks_exact_mut(2 * long));
+        let of_phases = re.chunks_exact_mut(2 * phase_len).zip(im.chunks_exact_mut(2 * phase_len));
         for ((re, im), taps) in of_phases.zip(self.taps.chunks_exact(2)) {
-            let ((re, re_next), (im, im_next)) = (re.split_at_mut(long), im.split_at_mut(long));
+            let ((re, re_next), (im, im_next)) = (re.split_at_mut(phase_len), im.split_at_mut(phase_len));
             let [taps, taps_next] = taps else { continue };
             on_widest(Filter { samples: padded, taps: [taps, taps_next], out: [[re, im], [re_next, im_next]] });
         }
         if let [taps] = self.taps.chunks_exact(2).remainder() {
-            let last = long * (self.taps.len() - 1);
+            let last = phase_len * (self.taps.len() - 1);
             let (re, im) = (&mut re[last..], &mut im[last..]);
             on_widest(FilterOne { samples: padded, taps, out: [re, im] });
         }
@@ -168,7 +168,7 @@ impl RangeCompressor {
 
 /// Memory that compression works in; what lies in it afterwards is `re` and `im`.
 #[derive(Debug, Default)]
-pub(super) struct CompressionRoom {
+pub(super) struct CompressionScratch {
     /// Both parts of z, entry after entry.
     pub(super) re: Vec<f32>,
     pub(super) im: Vec<f32>,
@@ -177,14 +177,14 @@ pub(super) struct CompressionRoom {
 }
 
 /// Parts samples into real and imaginary ones.
-struct Part<'a> {
+struct SplitComplex<'a> {
     samples: &'a [Complex32],
     points: usize,
     reach: usize,
     padded: &'a mut [Vec<f32>; 2],
 }
 
-impl Kernel for Part<'_> {
+impl Kernel for SplitComplex<'_> {
     type Out = ();
 
     #[inline(always)]
@@ -201,7 +201,7 @@ impl Kernel for Part<'_> {
 /// Puts the phases' values side by side, each times its norm.
 struct Interleave<'a> {
     filtered: &'a [f32],
-    long: usize,
+    phase_len: usize,
     norms: &'a [f32],
     scale: f32,
     out: &'a mut [f32],
@@ -212,8 +212,8 @@ impl Kernel for Interleave<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, _: S) {
-        let Self { filtered, long, norms, scale, out } = self;
-        match filtered.len() / long {
+        let Self { filtered, phase_len, norms, scale, out } = self;
+        match filtered.len() / phase_len {
             1 => {
                 for ((out, norm), value) in out.iter_mut().zip(norms).zip(filtered) {
                     *out = value * (norm * scale);
@@ -221,18 +221,18 @@ impl Kernel for Interleave<'_> {
             }
             2 => {
                 // One entry more than twice the samples but one.
-                let (even, odd) = filtered.split_at(long);
+                let (even, odd) = filtered.split_at(phase_len);
                 let pairs = out.chunks_exact_mut(2).zip(norms.chunks_exact(2));
                 for (((out, norm), even), odd) in pairs.zip(even).zip(odd) {
                     (out[0], out[1]) = (even * (norm[0] * scale), odd * (norm[1] * scale));
                 }
                 let last = out.len() - 1;
-                out[last] = filtered[last % 2 * long + last / 2] * (norms[last] * scale);
+                out[last] = filtered[last % 2 * phase_len + last / 2] * (norms[last] * scale);
             }
             phases => {
                 // Indices: stepping iterators would not be compiled for the kernel's instructions.
                 for phase in 0..phases {
-                    let values = &filtered[phase * long..(phase + 1) * long];
+                    let values = &filtered[phase * phase_len..(phase + 1) * phase_len];
                     let entries = out.len().min(norms.len()).saturating_sub(phase).div_ceil(phases);
                     for (at, value) in values[..entries].iter().enumerate() {
                         let entry = at * phases + phase;

@@ -2,8 +2,8 @@
 //!
 //! A search takes the greatest of very many values that are not independent, and how many independent ones they amount to depends on
 //! pulse, path, beam and box: no formula tells. So the search is done on the same sweeps with noise in place of what was measured
-//! ([`as_noise`]), some hundred times, and Gumbel's distribution, to which greatest values tend, is laid through what comes of it
-//! ([`NoiseMaxima`]). It fits well where the values' tail is exponential; a sum's is not, so sums go in as their [`surprise`]. Values are
+//! ([`noise_like`]), some hundred times, and Gumbel's distribution, to which greatest values tend, is laid through what comes of it
+//! ([`NoiseMaxima`]). It fits well where the values' tail is exponential; a sum's is not, so sums go in as their [`surprisal`]. Values are
 //! to be in units of each sweep's own noise: then a louder receiver changes nothing.
 
 use num_complex::Complex32;
@@ -18,7 +18,7 @@ use crate::radar::Observation;
 const EULER: f64 = 0.577_215_664_901_532_9;
 
 /// Sweeps of a receiver's noise alone, complex rms `rms_lsb`, as if measured along the same path.
-pub fn as_noise(observations: &[Observation], rms_lsb: f64, seed: u64) -> Vec<Observation> {
+pub fn noise_like(observations: &[Observation], rms_lsb: f64, seed: u64) -> Vec<Observation> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0xFA15_E0A1);
     let mut part = move || -> f32 {
         let normal: f64 = StandardNormal.sample(&mut rng);
@@ -33,7 +33,7 @@ pub fn as_noise(observations: &[Observation], rms_lsb: f64, seed: u64) -> Vec<Ob
 
 /// −ln of the chance that |z|² of so many values of noise, each of mean 1, sum up to more than that: a sum's improbability, whose tail is
 /// exponential. 0 for a sum that is not above 0.
-pub fn surprise(sum: f64, count: usize) -> f64 {
+pub fn surprisal(sum: f64, count: usize) -> f64 {
     if !(sum > 0.0 && sum.is_finite()) || count == 0 {
         return 0.0;
     }
@@ -50,15 +50,15 @@ pub fn surprise(sum: f64, count: usize) -> f64 {
     (sum - greatest - math::ln(rest)).max(0.0)
 }
 
-/// The sum of a surprise: [`surprise`] turned round.
-pub fn sum_of(surprised: f64, count: usize) -> f64 {
+/// The sum of a surprise: [`surprisal`] turned round.
+pub fn sum_from_surprisal(surprised: f64, count: usize) -> f64 {
     let (mut low, mut high) = (0.0, 2.0 * (surprised.max(0.0) + count as f64) + 60.0);
-    while surprise(high, count) < surprised && high < 1e12 {
+    while surprisal(high, count) < surprised && high < 1e12 {
         high *= 2.0;
     }
     for _ in 0..80 {
         let middle = 0.5 * (low + high);
-        if surprise(middle, count) < surprised { low = middle } else { high = middle }
+        if surprisal(middle, count) < surprised { low = middle } else { high = middle }
     }
     0.5 * (low + high)
 }
@@ -102,7 +102,7 @@ mod tests {
     fn greatest(searches: usize, seed: u64) -> Vec<f64> {
         let path = sweeps(0.008, winding, &[], 1);
         let one = |n: usize| {
-            let noise = as_noise(&path, 30.0, seed * 10_000 + n as u64);
+            let noise = noise_like(&path, 30.0, seed * 10_000 + n as u64);
             noise.iter().flat_map(|o| &o.samples).map(|x| f64::from(x.norm_sqr()) / 900.0).fold(0.0, f64::max)
         };
         (0..searches).map(one).collect()
@@ -125,30 +125,30 @@ mod tests {
     }
 
     #[test]
-    fn surprise_is_the_tail_of_a_sum_and_can_be_turned_round() {
+    fn surprisal_matches_the_tail_of_a_sum_and_is_invertible() {
         // One value: exponential. Two: (1 + x) e^−x.
-        assert!((surprise(3.0, 1) - 3.0).abs() < 1e-12);
-        assert!((surprise(3.0, 2) - (3.0 - 4f64.ln())).abs() < 1e-12);
+        assert!((surprisal(3.0, 1) - 3.0).abs() < 1e-12);
+        assert!((surprisal(3.0, 2) - (3.0 - 4f64.ln())).abs() < 1e-12);
         for (sum, count) in [(0.5, 1), (60.0, 50), (120.0, 50), (4000.0, 200), (1e6, 50)] {
-            let surprised = surprise(sum, count);
-            assert!((sum_of(surprised, count) / sum - 1.0).abs() < 1e-6, "{sum} {count}: {surprised}");
+            let surprised = surprisal(sum, count);
+            assert!((sum_from_surprisal(surprised, count) / sum - 1.0).abs() < 1e-6, "{sum} {count}: {surprised}");
         }
-        assert!([f64::NAN, -1.0, f64::INFINITY].iter().all(|sum| surprise(*sum, 5) == 0.0));
-        assert!(surprise(1.0, 0) == 0.0 && sum_of(f64::NAN, 5).is_finite());
+        assert!([f64::NAN, -1.0, f64::INFINITY].iter().all(|sum| surprisal(*sum, 5) == 0.0));
+        assert!(surprisal(1.0, 0) == 0.0 && sum_from_surprisal(f64::NAN, 5).is_finite());
     }
 
     #[test]
-    fn it_is_noise_of_that_strength_along_the_same_path() {
+    fn noise_like_keeps_poses_and_has_the_requested_power() {
         let path = sweeps(0.1, winding, &[], 1);
-        let noise = as_noise(&path, 30.0, 5);
+        let noise = noise_like(&path, 30.0, 5);
         let power: f64 = noise.iter().flat_map(|o| &o.samples).map(|x| f64::from(x.norm_sqr())).sum();
         assert!((power / 900.0 / (100.0 * 50.0) - 1.0).abs() < 0.05);
         assert_eq!(noise[7].tracking_from_sensor, path[7].tracking_from_sensor);
-        assert_ne!(noise[7].samples, as_noise(&path, 30.0, 6)[7].samples);
+        assert_ne!(noise[7].samples, noise_like(&path, 30.0, 6)[7].samples);
     }
 
     #[test]
-    fn too_little_tells_nothing() {
+    fn degenerate_samples_give_no_distribution() {
         for few in [vec![], vec![1.0], vec![2.0; 9], vec![f64::NAN, f64::INFINITY, 1.0]] {
             assert_eq!(NoiseMaxima::of(&few), None, "{few:?}");
         }

@@ -11,7 +11,7 @@ pub fn sweep_noise_rms(samples: &[Complex32]) -> f64 {
 
 /// Complex noise rms of consecutive sweeps, LSB: each point's mean power over the sweeps, then the level that the quietest
 /// fifth of the points keeps below. Holds while a fifth of the points is free of echoes. At least 1e-3 LSB.
-pub fn block_noise_rms<'a>(sweeps: impl IntoIterator<Item = &'a [Complex32]>) -> f64 {
+pub fn subaperture_noise_rms<'a>(sweeps: impl IntoIterator<Item = &'a [Complex32]>) -> f64 {
     let mut sums: Vec<f64> = Vec::new();
     let mut count = 0;
     for samples in sweeps {
@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sweep_tells_its_noise() {
+    fn sweep_noise_rms_is_estimated_with_echoes_in_a_tenth_of_the_points() {
         let mean = |echoes| (0..50).map(|seed| sweep_noise_rms(&noisy(40.0, echoes, seed))).sum::<f64>() / 50.0;
         assert!((mean(0) / 40.0 - 1.0).abs() < 0.02, "{}", mean(0));
         // With a tenth of the points lit, half of all are five ninths of the noise.
@@ -69,10 +69,10 @@ mod tests {
     }
 
     #[test]
-    fn a_block_tells_its_noise_with_half_its_points_lit() {
+    fn noise_rms_is_estimated_with_echoes_in_half_of_the_points() {
         let sweeps: Vec<_> = (0..96).map(|seed| noisy(40.0, 150, seed)).collect();
-        let rms = block_noise_rms(sweeps.iter().map(Vec::as_slice));
+        let rms = subaperture_noise_rms(sweeps.iter().map(Vec::as_slice));
         assert!((rms / 40.0 - 1.0).abs() < 0.05, "{rms}");
-        assert_eq!(block_noise_rms([]), 1e-3);
+        assert_eq!(subaperture_noise_rms([]), 1e-3);
     }
 }

@@ -5,8 +5,8 @@
 
 use num_complex::{Complex32, Complex64};
 
-use super::blocks::{BlockSettings, partition, taper};
-use super::{Statistic, block_noise_rms, sweep_noise_rms};
+use super::subaperture::{SubapertureSettings, partition, taper};
+use super::{Statistic, subaperture_noise_rms, sweep_noise_rms};
 use crate::math;
 use crate::radar::{Beam, Observation, PHASE_RAD_PER_M, SweepGeometry, distance_falloff, envelope, template};
 
@@ -28,13 +28,13 @@ pub struct Oracle<'a> {
     observations: &'a [Observation],
     beam: &'a Beam,
     noise_rms: Vec<f64>,
-    settings: BlockSettings,
+    settings: SubapertureSettings,
     /// Indices of each block's observations, and the block's noise.
     blocks: Vec<(Vec<usize>, f64)>,
 }
 
 /// One sweep as a place sees it.
-struct Seen {
+struct PointGeometry {
     distance_m: f64,
     /// w = D·A.
     weight: f64,
@@ -43,10 +43,10 @@ struct Seen {
 
 impl<'a> Oracle<'a> {
     /// Over the given sweeps.
-    pub fn new(observations: &'a [Observation], beam: &'a Beam, settings: &BlockSettings) -> Self {
+    pub fn new(observations: &'a [Observation], beam: &'a Beam, settings: &SubapertureSettings) -> Self {
         let samples = |i: &usize| observations[*i].samples.as_slice();
         let with_noise = |block: Vec<usize>| {
-            let noise = block_noise_rms(block.iter().map(samples));
+            let noise = subaperture_noise_rms(block.iter().map(samples));
             (block, noise)
         };
         Self {
@@ -58,17 +58,17 @@ impl<'a> Oracle<'a> {
         }
     }
 
-    fn seen(&self, observation: &Observation, place: glam::DVec3) -> Option<Seen> {
+    fn seen(&self, observation: &Observation, place: glam::DVec3) -> Option<PointGeometry> {
         let distance_m = observation.distance_m(place);
         let amplitude = self.beam.amplitude(observation.cos_off_boresight(place));
         let counts = distance_m > 0.0 && observation.geometry.axis.contains(distance_m) && amplitude > 0.0;
-        counts.then(|| Seen { distance_m, weight: distance_falloff(distance_m) * amplitude, amplitude })
+        counts.then(|| PointGeometry { distance_m, weight: distance_falloff(distance_m) * amplitude, amplitude })
     }
 
     /// The statistic's value at a place, tracking frame, metres.
     pub fn value(&self, statistic: Statistic, place: glam::DVec3) -> f64 {
         match statistic {
-            Statistic::Blocks => self.blocks_score(place),
+            Statistic::Subaperture => self.subaperture_score(place),
             Statistic::ThesisFull => self.sum(place, |i, seen| self.thesis_full(i, seen)),
             Statistic::Thesis => self.sum(place, |i, seen| math::norm(self.nearest_sample(i, seen)) * seen.weight),
             Statistic::Ls => self.sum(place, |i, seen| self.z(i, seen).norm_sqr()),
@@ -91,7 +91,7 @@ impl<'a> Oracle<'a> {
         }
     }
 
-    fn sum(&self, place: glam::DVec3, mut term: impl FnMut(usize, &Seen) -> f64) -> f64 {
+    fn sum(&self, place: glam::DVec3, mut term: impl FnMut(usize, &PointGeometry) -> f64) -> f64 {
         let each = self.observations.iter().enumerate();
         each.filter_map(|(i, o)| self.seen(o, place).map(|seen| term(i, &seen))).sum()
     }
@@ -101,19 +101,19 @@ impl<'a> Oracle<'a> {
         if weights > 0.0 { sum / weights.sqrt() } else { 0.0 }
     }
 
-    fn z(&self, i: usize, seen: &Seen) -> Complex64 {
+    fn z(&self, i: usize, seen: &PointGeometry) -> Complex64 {
         let observation = &self.observations[i];
         compressed_at(&observation.geometry, &observation.samples, seen.distance_m)
     }
 
-    fn nearest_sample(&self, i: usize, seen: &Seen) -> Complex64 {
+    fn nearest_sample(&self, i: usize, seen: &PointGeometry) -> Complex64 {
         let observation = &self.observations[i];
         let n = observation.geometry.axis.point_at(seen.distance_m).round().max(0.0) as usize;
         let sample = observation.samples.get(n).copied().unwrap_or_default();
         Complex64::new(f64::from(sample.re), f64::from(sample.im))
     }
 
-    fn thesis_full(&self, i: usize, seen: &Seen) -> f64 {
+    fn thesis_full(&self, i: usize, seen: &PointGeometry) -> f64 {
         let observation = &self.observations[i];
         let geometry = &observation.geometry;
         let each = observation.samples.iter().enumerate().map(|(n, x)| {
@@ -124,7 +124,7 @@ impl<'a> Oracle<'a> {
     }
 
     /// A/√B over the blocks that had the place in the beam.
-    fn blocks_score(&self, place: glam::DVec3) -> f64 {
+    fn subaperture_score(&self, place: glam::DVec3) -> f64 {
         let Some(newest_ns) = self.observations.iter().map(|o| o.mid_time_ns).max() else { return 0.0 };
         let (mut a, mut b) = (0.0, 0.0);
         for (block, noise_rms) in &self.blocks {
@@ -136,7 +136,7 @@ impl<'a> Oracle<'a> {
             let age_s = (newest_ns - middle.mid_time_ns) as f64 * 1e-9;
             let rho = math::exp(-age_s / self.settings.memory_s);
             let m = self.coherence(block, *noise_rms, place);
-            a += rho * (math::ln_1p(m) - super::blocks::MEAN_LOG_OF_NOISE);
+            a += rho * (math::ln_1p(m) - super::subaperture::MEAN_LOG_OF_NOISE);
             b += rho * rho;
         }
         if b > 0.0 { a / b.sqrt() } else { 0.0 }
@@ -199,10 +199,10 @@ mod tests {
     }
 
     #[test]
-    fn every_sum_is_its_formula() {
+    fn every_statistic_matches_its_formula() {
         let sweeps = two_sweeps();
         let beam = Beam::Uniform;
-        let oracle = Oracle::new(&sweeps, &beam, &BlockSettings::default());
+        let oracle = Oracle::new(&sweeps, &beam, &SubapertureSettings::default());
         let value = |statistic| oracle.value(statistic, DVec3::ZERO);
         let close = |statistic: Statistic, expected: f64| {
             let got = value(statistic);
@@ -231,7 +231,7 @@ mod tests {
     fn sweeps_out_of_range_or_beam_do_not_count() {
         let sweeps = two_sweeps();
         let uniform = Beam::Uniform;
-        let settings = BlockSettings::default();
+        let settings = SubapertureSettings::default();
         let oracle = Oracle::new(&sweeps, &uniform, &settings);
         // 0.1 m behind the origin the second sweep sees 0.9 m, the first 1.1 m, its last point; 5 cm more only the second.
         let only_second = oracle.value(Statistic::Ls, DVec3::Z * -0.15);
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_block_in_phase_scores_and_noise_around_it_does_not() {
+    fn coherent_point_scores_high_and_its_surroundings_low() {
         // Twenty sweeps at a slant, a point 1 m ahead, phase as the sensor shows it.
         let axis = RangeAxis { first_m: 0.7, step_m: 0.06, points: 11 };
         let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, profile: Profile::P3, point_period_s: 0.0 });
@@ -273,16 +273,17 @@ mod tests {
         };
         let sweeps: Vec<_> = (0..20).map(sweep).collect();
         let beam = Beam::Uniform;
-        let oracle = Oracle::new(&sweeps, &beam, &BlockSettings::default());
-        let at_target = oracle.value(Statistic::Blocks, target);
-        let beside = oracle.value(Statistic::Blocks, target + DVec3::X * 0.2);
+        let oracle = Oracle::new(&sweeps, &beam, &SubapertureSettings::default());
+        let at_target = oracle.value(Statistic::Subaperture, target);
+        let beside = oracle.value(Statistic::Subaperture, target + DVec3::X * 0.2);
         assert!(at_target > 4.0 && at_target > beside + 3.0, "{at_target} {beside}");
         // Conjugated data run the wrong way: nothing at the true place.
         let conjugated: Vec<_> = sweeps
             .iter()
             .map(|o| Observation { samples: o.samples.iter().map(|s| s.conj()).collect(), ..o.clone() })
             .collect();
-        let wrong = Oracle::new(&conjugated, &beam, &BlockSettings::default()).value(Statistic::Blocks, target);
+        let wrong =
+            Oracle::new(&conjugated, &beam, &SubapertureSettings::default()).value(Statistic::Subaperture, target);
         assert!(wrong < at_target * 0.5, "{wrong} {at_target}");
     }
 }

@@ -14,7 +14,7 @@ use crate::radar::{Beam, Observation, PHASE_RAD_PER_M};
 
 /// A stretch of one sweep's range that a known reflector accounts for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ClaimedRange {
+pub struct MaskedRange {
     /// Middle, metres.
     pub middle_m: f64,
     /// Half of its length, metres.
@@ -29,7 +29,7 @@ pub struct RangePower<'a> {
     beam: &'a Beam,
     min_range_m: f64,
     /// `[sweep]`: what is explained.
-    claims: Vec<Vec<ClaimedRange>>,
+    masks: Vec<Vec<MaskedRange>>,
 }
 
 /// What one sweep says of a place.
@@ -52,15 +52,15 @@ pub struct Reading {
 impl<'a> RangePower<'a> {
     /// Compresses sweeps; places nearer than `min_range_m` are not looked at.
     pub fn new(observations: &'a [Observation], beam: &'a Beam, min_range_m: f64) -> Self {
-        let compressed = compress_all(observations, |o| (1.0 / quiet_noise_rms(o)) as f32);
-        let claims = vec![Vec::new(); observations.len()];
-        Self { observations, compressed, beam, min_range_m, claims }
+        let compressed = compress_all(observations, |o| (1.0 / echo_free_noise_rms(o)) as f32);
+        let masks = vec![Vec::new(); observations.len()];
+        Self { observations, compressed, beam, min_range_m, masks }
     }
 
     /// The same sweeps with the phase taken out that the sensor's own motion turns, between the points of a sweep, on an echo
     /// from a place: at 1 m/s it is a radian over a pulse of 14 cm. Echoes from near there then have a flat phase.
-    pub(super) fn stilled(&self, place: DVec3) -> Self {
-        let stilled = self.observations.iter().map(|observation| {
+    pub(super) fn motion_compensated(&self, place: DVec3) -> Self {
+        let motion_compensated = self.observations.iter().map(|observation| {
             let from_mid = place - observation.tracking_from_sensor.translation;
             let seen_m = observation.distance_m(place);
             let turned = |(n, sample): (usize, &Complex32)| {
@@ -70,10 +70,10 @@ impl<'a> RangePower<'a> {
             };
             Observation { samples: observation.samples.iter().enumerate().map(turned).collect(), ..observation.clone() }
         });
-        let stilled: Vec<Observation> = stilled.collect();
+        let motion_compensated: Vec<Observation> = motion_compensated.collect();
         // A turned sample is as loud as before, so the noise is that of the sweep as it came.
-        let compressed = compress_all(&stilled, |o| (1.0 / quiet_noise_rms(o)) as f32);
-        Self { compressed, claims: self.claims.clone(), ..*self }
+        let compressed = compress_all(&motion_compensated, |o| (1.0 / echo_free_noise_rms(o)) as f32);
+        Self { compressed, masks: self.masks.clone(), ..*self }
     }
 
     /// The sweeps it works on.
@@ -89,8 +89,8 @@ impl<'a> RangePower<'a> {
             && distance_m > 0.0
             && observation.geometry.axis.contains(distance_m)
             && self.beam.amplitude(observation.cos_off_boresight(place)) > 0.0;
-        let claimed = |c: &ClaimedRange| (distance_m - c.middle_m).abs() < c.half_m;
-        (counts && !self.claims[sweep].iter().any(claimed)).then_some(distance_m)
+        let claimed = |c: &MaskedRange| (distance_m - c.middle_m).abs() < c.half_m;
+        (counts && !self.masks[sweep].iter().any(claimed)).then_some(distance_m)
     }
 
     /// Sum over sweeps of (|z|²/σ² − 1), which noise keeps around 0 with a variance of the count, and the count.
@@ -131,16 +131,16 @@ impl<'a> RangePower<'a> {
     }
 
     /// Marks the ranges that a reflector at a place explains: as far as its pulse stands out of the noise, and 2 cm.
-    pub fn claim(&mut self, place: DVec3) {
-        self.claim_at(|observation| observation.distance_m(place));
+    pub fn mask_point(&mut self, place: DVec3) {
+        self.mask_at(|observation| observation.distance_m(place));
     }
 
     /// Marks the ranges that a mirror explains.
-    pub fn claim_plane(&mut self, plane: &Plane) {
-        self.claim_at(|observation| plane.distance(observation.tracking_from_sensor.translation));
+    pub fn mask_plane(&mut self, plane: &Plane) {
+        self.mask_at(|observation| plane.distance(observation.tracking_from_sensor.translation));
     }
 
-    fn claim_at(&mut self, distance_m: impl Fn(&Observation) -> f64) {
+    fn mask_at(&mut self, distance_m: impl Fn(&Observation) -> f64) {
         for (sweep, observation) in self.observations.iter().enumerate() {
             let middle_m = distance_m(observation);
             let axis = &observation.geometry.axis;
@@ -148,18 +148,18 @@ impl<'a> RangePower<'a> {
             let power = self.compressed[sweep].at(clamped).norm_sqr();
             let half_width_m = observation.geometry.profile.envelope_fwhm_m() * 0.5;
             let half_m = half_width_m * math::log2(1.0 + 20.0 * power).sqrt() + 0.02;
-            self.claims[sweep].push(ClaimedRange { middle_m, half_m });
+            self.masks[sweep].push(MaskedRange { middle_m, half_m });
         }
     }
 }
 
 /// Complex noise rms of a sweep without what echoes in it: the median again, over the points that lie a pulse away from all
 /// that stands out of the first one. The plain median while less than half of the points are left.
-fn quiet_noise_rms(observation: &Observation) -> f64 {
+fn echo_free_noise_rms(observation: &Observation) -> f64 {
     let samples = &observation.samples;
     let plain = sweep_noise_rms(samples);
     // Noise alone exceeds this in one sweep of thirty.
-    let loud = STANDS_OUT * plain * plain;
+    let loud = ECHO_POWER * plain * plain;
     let geometry = &observation.geometry;
     let near = (geometry.profile.envelope_fwhm_m() / geometry.axis.step_m).ceil() as usize;
     let mut last_loud: Option<usize> = None;
@@ -176,7 +176,7 @@ fn quiet_noise_rms(observation: &Observation) -> f64 {
 }
 
 /// Power over noise that noise itself reaches in one of 10 000 points.
-const STANDS_OUT: f64 = 9.2;
+const ECHO_POWER: f64 = 9.2;
 
 #[cfg(test)]
 mod tests {
@@ -190,12 +190,12 @@ mod tests {
         // Points every 6 cm: a strong pulse lights a tenth of them. The data's noise is 20 LSB.
         let lit = sweeps(0.2, |_| DVec3::ZERO, &[(Echo::Point(AT), 200.0)], 5);
         let mean = |rms: fn(&Observation) -> f64| lit.iter().map(|o| rms(o).powi(2)).sum::<f64>() / lit.len() as f64;
-        let (plain, quiet) = (mean(|o| sweep_noise_rms(&o.samples)).sqrt(), mean(quiet_noise_rms).sqrt());
+        let (plain, quiet) = (mean(|o| sweep_noise_rms(&o.samples)).sqrt(), mean(echo_free_noise_rms).sqrt());
         assert!(plain > 21.0 && (quiet / 20.0 - 1.0).abs() < 0.04, "{plain} {quiet}");
     }
 
     #[test]
-    fn a_stilled_echo_has_a_flat_phase() {
+    fn motion_compensated_echo_has_a_flat_phase() {
         // 2 m/s towards it: between two points 6 cm apart the sensor moves by 36 µm.
         let fast = sweeps(0.02, |t| DVec3::NEG_Z * 2.0 * t, &[(Echo::Point(AT), 1000.0)], 5);
         let power = RangePower::new(&fast, &Beam::Lensless, 0.15);
@@ -206,6 +206,6 @@ mod tests {
         // Half of k·v·(time a metre): the matched filter sees half of the ramp.
         let expected = 0.5 * PHASE_RAD_PER_M * 2.0 * 1.8e-5 / 0.06;
         assert!((turning(&power).abs() / expected - 1.0).abs() < 0.1, "{} {expected}", turning(&power));
-        assert!(turning(&power.stilled(AT)).abs() < 0.1 * expected);
+        assert!(turning(&power.motion_compensated(AT)).abs() < 0.1 * expected);
     }
 }

@@ -19,7 +19,7 @@ pub enum Statistic {
     /// |Σ z w e^{−j4πd/λ}| / √Σ w²: all sweeps in phase.
     Coherent,
     /// Coherent inside blocks of 50–100 ms, each against its own incoherent energy, summed over blocks.
-    Blocks,
+    Subaperture,
 }
 
 /// No such statistic.
@@ -30,7 +30,7 @@ pub struct UnknownStatistic(pub String);
 impl Statistic {
     /// All of them.
     pub const ALL: [Statistic; 7] =
-        [Self::ThesisFull, Self::Thesis, Self::Ls, Self::Log, Self::Glrt, Self::Coherent, Self::Blocks];
+        [Self::ThesisFull, Self::Thesis, Self::Ls, Self::Log, Self::Glrt, Self::Coherent, Self::Subaperture];
 
     /// As settings and the command line spell it.
     pub fn name(self) -> &'static str {
@@ -41,7 +41,7 @@ impl Statistic {
             Self::Log => "log",
             Self::Glrt => "glrt",
             Self::Coherent => "coherent",
-            Self::Blocks => "blocks",
+            Self::Subaperture => "blocks",
         }
     }
 
@@ -52,7 +52,7 @@ impl Statistic {
             Self::Ls => "LSB²",
             Self::Log => "nats",
             Self::Glrt | Self::Coherent => "LSB",
-            Self::Blocks => "1",
+            Self::Subaperture => "1",
         }
     }
 }

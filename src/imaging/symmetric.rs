@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_known_is_the_floor_and_stays_finite() {
+    fn singular_matrices_are_inverted_with_the_floor() {
         assert!(inverse_above(&DMat3::ZERO, 1e-12).abs_diff_eq(DMat3::IDENTITY * 1e12, 1.0));
         let ones = DMat3::from_cols(DVec3::ONE, DVec3::ONE, DVec3::ONE);
         let inverse = inverse_above(&ones, 1e-8);

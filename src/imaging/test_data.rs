@@ -15,7 +15,7 @@ use crate::radar::{Observation, PHASE_RAD_PER_M, Profile, RangeAxis, SweepGeomet
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Echo {
     Point(DVec3),
-    Mirror(Plane),
+    Plane(Plane),
 }
 
 /// Rms of the noise, LSB.
@@ -52,7 +52,7 @@ pub(crate) fn sweeps(
             for (echo, snr) in echoes {
                 let distance_m = match echo {
                     Echo::Point(at) => at.distance(from),
-                    Echo::Mirror(plane) => plane.distance(from),
+                    Echo::Plane(plane) => plane.distance(from),
                 };
                 let pulse = envelope(geometry.profile, geometry.axis.range_m(n) - distance_m);
                 sum += Complex64::from_polar(NOISE_RMS * snr * pulse, PHASE_RAD_PER_M * distance_m);

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use super::queue::Queue;
 use super::{Dropped, Latency, LatencyReport, Received, now_ns, thread_cpu_ns};
-use crate::a121::find::{Candidate, find_again, list_ports};
+use crate::a121::find::{Candidate, find_replugged, list_ports};
 use crate::a121::{
     Action, Address, ClockReport, Event, Line, PortError, Session, SessionCounters, SessionError, Setup,
 };
@@ -298,11 +298,11 @@ impl Reader {
     /// Where the board is by now.
     fn address_now(&mut self) -> Result<Address, PortError> {
         if let (Some(usb), Address::Serial { path, .. }) = (&self.place.usb, &mut self.place.address) {
-            match find_again(&list_ports(), usb, path) {
+            match find_replugged(&list_ports(), usb, path) {
                 Some(port) => path.clone_from(&port.path),
                 None => {
                     let there = "the board is not plugged in".to_owned();
-                    return Err(PortError::NotFound { path: path.clone(), there });
+                    return Err(PortError::NotFound { path: path.clone(), available: there });
                 }
             }
         }

@@ -30,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_strongest_are_kept_and_what_is_no_number_is_not() {
+    fn strongest_keeps_highest_scores_and_drops_non_finite() {
         let voxels = [1.0, f32::NAN, 3.0, 2.0, 3.0].into_iter().enumerate();
         let voxels: Vec<_> = voxels.map(|(n, score)| (DVec3::X * -(n as f64), score)).collect();
         let kept = Evidence::strongest(0.05, voxels, 3);

@@ -18,14 +18,14 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::views::View;
-use crate::imaging::blocks::Block;
+use super::responses::Response;
+use crate::imaging::subaperture::Subaperture;
 use crate::math;
 
 /// Parameters of forgetting.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct ForgetSettings {
+pub struct ExistenceSettings {
     /// Log odds that a thing needs to be confirmed.
     pub confirm: f64,
     /// A new thing begins with so much of the log odds that it was believed with.
@@ -46,7 +46,7 @@ pub struct ForgetSettings {
     pub beside: f64,
 }
 
-impl Default for ForgetSettings {
+impl Default for ExistenceSettings {
     fn default() -> Self {
         Self {
             confirm: 3.0,
@@ -63,69 +63,77 @@ impl Default for ForgetSettings {
 }
 
 /// Sides that a thing is seen from, around the vertical.
-pub(super) const SIDES: usize = 16;
+pub(super) const AZIMUTH_SECTORS: usize = 16;
 /// Log odds that what is remembered begins with: two or three blocks that miss it do away with it.
-const REMEMBERED: f64 = 1.5;
+const RESTORED_LOG_ODDS: f64 = 1.5;
 /// Nothing begins with less, log odds.
-const LEAST_BEGUN: f64 = 0.5;
+const MIN_INITIAL_LOG_ODDS: f64 = 0.5;
 /// Share that a new echo has in what is expected of a side.
-const NEWEST_SHARE: f64 = 0.2;
+const STRENGTH_SMOOTHING: f64 = 0.2;
 /// What would stand so far out of the noise should be seen.
-const SEEN_FROM: f64 = 3.0;
+const MIN_DETECTABLE_POWER: f64 = 3.0;
 /// Nothing is learned to be seen less or more surely than this.
-const LEARNED: (f64, f64) = (0.05, 0.9);
+const P_DETECT_BOUNDS: (f64, f64) = (0.05, 0.9);
 /// From an unfamiliar side so much of the strongest side's power is expected.
-const UNFAMILIAR_SHARE: f64 = 0.3;
+const UNSEEN_SECTOR_POWER_SHARE: f64 = 0.3;
 /// Greatest that one block adds to the log odds.
-const MOST_A_BLOCK: f64 = 1.0;
+const MAX_LOG_ODDS_PER_SUBAPERTURE: f64 = 1.0;
 
 /// Log odds do not fall lower: what comes to a place where nothing was is believed soon.
-const LEAST: f64 = -2.0;
+const MIN_LOG_ODDS: f64 = -2.0;
 
 /// The log odds of one place.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Existence {
     log_odds: f64,
     /// Power at 1 m on the axis, in units of the noise, by side; 0: never seen.
-    strengths: [f64; SIDES],
+    strengths: [f64; AZIMUTH_SECTORS],
     /// By side: blocks that should have seen it, and that did.
-    looks: [f64; SIDES],
-    hits: [f64; SIDES],
+    opportunities: [f64; AZIMUTH_SECTORS],
+    hits: [f64; AZIMUTH_SECTORS],
     newest_ns: i64,
     /// The last block that spoke for it.
-    seen_ns: i64,
+    last_support_ns: i64,
     /// Whether it ever was as sure as can be.
-    was_sure: bool,
+    reached_max_log_odds: bool,
 }
 
 /// What a block says of a place.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Told {
-    pub view: View,
+pub(super) struct Likelihood {
+    pub response: Response,
     /// Something else accounts for what comes from there.
-    pub is_shadowed: bool,
+    pub is_masked: bool,
 }
 
 impl Existence {
     /// Nothing seen yet.
     pub fn new() -> Self {
-        let [strengths, looks, hits] = [[0.0; SIDES]; 3];
-        Self { log_odds: 0.0, strengths, looks, hits, newest_ns: i64::MIN, seen_ns: i64::MIN, was_sure: false }
+        let [strengths, opportunities, hits] = [[0.0; AZIMUTH_SECTORS]; 3];
+        Self {
+            log_odds: 0.0,
+            strengths,
+            opportunities,
+            hits,
+            newest_ns: i64::MIN,
+            last_support_ns: i64::MIN,
+            reached_max_log_odds: false,
+        }
     }
 
     /// Known for sure, and gone now.
     #[cfg(test)]
     pub fn known_and_gone() -> Self {
-        Self { was_sure: true, ..Self::new() }
+        Self { reached_max_log_odds: true, ..Self::new() }
     }
 
     /// Remembered from before, with what it returned to each side.
-    pub fn remembered(strengths: [f64; SIDES]) -> Self {
-        Self { log_odds: REMEMBERED, strengths, ..Self::new() }
+    pub fn restored(strengths: [f64; AZIMUTH_SECTORS]) -> Self {
+        Self { log_odds: RESTORED_LOG_ODDS, strengths, ..Self::new() }
     }
 
     /// What it returned to each side.
-    pub fn strengths(&self) -> [f64; SIDES] {
+    pub fn strengths(&self) -> [f64; AZIMUTH_SECTORS] {
         self.strengths
     }
 
@@ -140,190 +148,196 @@ impl Existence {
     }
 
     /// Believed with these log odds, and so no surer: the blocks that it was seen in are what they come from and do not count twice.
-    pub fn begin_with(&mut self, log_odds: f64) {
-        self.log_odds = self.log_odds.min(log_odds.max(LEAST_BEGUN));
-        self.was_sure = false;
+    pub fn limit_initial_log_odds(&mut self, log_odds: f64) {
+        self.log_odds = self.log_odds.min(log_odds.max(MIN_INITIAL_LOG_ODDS));
+        self.reached_max_log_odds = false;
     }
 
     /// Takes what blocks that are newer than the last ones say of it.
-    pub fn look<'b>(&mut self, told: impl Iterator<Item = (&'b Block, Told)>, settings: &ForgetSettings) {
+    pub fn update<'b>(
+        &mut self,
+        likelihoods: impl Iterator<Item = (&'b Subaperture, Likelihood)>,
+        settings: &ExistenceSettings,
+    ) {
         let since_ns = self.newest_ns;
-        for (block, told) in told.filter(|(block, _)| block.mid_time_ns > since_ns) {
+        for (block, likelihood) in likelihoods.filter(|(block, _)| block.mid_time_ns > since_ns) {
             self.newest_ns = self.newest_ns.max(block.mid_time_ns);
-            if self.take(&told, settings) > 0.0 {
-                self.seen_ns = block.mid_time_ns;
+            if self.apply(&likelihood, settings) > 0.0 {
+                self.last_support_ns = block.mid_time_ns;
             }
         }
     }
 
     /// Whether it ever was as sure as can be: what never was may have been nothing from the beginning.
-    pub fn was_sure(&self) -> bool {
-        self.was_sure
+    pub fn reached_max_log_odds(&self) -> bool {
+        self.reached_max_log_odds
     }
 
     /// Something beside it has turned out to be gone: unless this was seen since then it is in doubt too, and goes where it was already.
-    pub fn doubt(&mut self, since_ns: i64, settings: &ForgetSettings) {
-        if self.seen_ns < since_ns {
+    pub fn weaken(&mut self, since_ns: i64, settings: &ExistenceSettings) {
+        if self.last_support_ns < since_ns {
             self.log_odds = if self.log_odds > settings.beside { settings.beside } else { 0.0 };
         }
     }
 
     /// Gives what it changes in the log odds.
-    fn take(&mut self, told: &Told, settings: &ForgetSettings) -> f64 {
-        let view = &told.view;
-        let side = side_of(-view.toward);
-        let (strength, surely) = self.expected(side, settings);
-        let would_be_seen = strength * view.gain >= SEEN_FROM;
-        let change = match told.is_shadowed {
+    fn apply(&mut self, likelihood: &Likelihood, settings: &ExistenceSettings) -> f64 {
+        let response = &likelihood.response;
+        let side = sector_of(-response.toward);
+        let (strength, p_detect) = self.expected_return(side, settings);
+        let would_be_seen = strength * response.gain >= MIN_DETECTABLE_POWER;
+        let change = match likelihood.is_masked {
             true if would_be_seen => -settings.shadow_leak,
             true => 0.0,
             false => {
-                let ratio = view.likelihood_ratio(strength);
+                let ratio = response.likelihood_ratio(strength);
                 let leak = if would_be_seen { settings.leak } else { 0.0 };
-                self.learn(side, view, view.expected(strength));
-                math::ln(surely * ratio + 1.0 - surely).min(MOST_A_BLOCK) - leak
+                self.learn(side, response, response.expected_m(strength));
+                math::ln(p_detect * ratio + 1.0 - p_detect).min(MAX_LOG_ODDS_PER_SUBAPERTURE) - leak
             }
         };
-        self.log_odds = (self.log_odds + change).clamp(LEAST, settings.most);
-        self.was_sure |= self.log_odds >= settings.most;
+        self.log_odds = (self.log_odds + change).clamp(MIN_LOG_ODDS, settings.most);
+        self.reached_max_log_odds |= self.log_odds >= settings.most;
         change
     }
 
     /// Learns what is seen from a side, and how surely.
-    fn learn(&mut self, side: usize, view: &View, expected: f64) {
-        if expected >= SEEN_FROM || view.is_telling() {
-            self.looks[side] += 1.0;
-            self.hits[side] += f64::from(u8::from(view.is_telling()));
+    fn learn(&mut self, side: usize, response: &Response, expected: f64) {
+        if expected >= MIN_DETECTABLE_POWER || response.is_significant() {
+            self.opportunities[side] += 1.0;
+            self.hits[side] += f64::from(u8::from(response.is_significant()));
         }
-        if view.is_telling() && view.gain > 0.0 {
-            let newest = view.power / view.gain;
+        if response.is_significant() && response.gain > 0.0 {
+            let newest = response.power / response.gain;
             let known = &mut self.strengths[side];
-            *known = if *known > 0.0 { *known + NEWEST_SHARE * (newest - *known) } else { newest };
+            *known = if *known > 0.0 { *known + STRENGTH_SMOOTHING * (newest - *known) } else { newest };
         }
     }
 
     /// The strength that is expected from a side, and how surely.
-    fn expected(&self, side: usize, settings: &ForgetSettings) -> (f64, f64) {
-        let beside = [side, (side + 1) % SIDES, (side + SIDES - 1) % SIDES].map(|n| self.strengths[n]);
+    fn expected_return(&self, side: usize, settings: &ExistenceSettings) -> (f64, f64) {
+        let beside = [side, (side + 1) % AZIMUTH_SECTORS, (side + AZIMUTH_SECTORS - 1) % AZIMUTH_SECTORS]
+            .map(|n| self.strengths[n]);
         if beside[0] > 0.0 {
             let before = settings.familiar_blocks;
-            let surely = (self.hits[side] + settings.familiar * before) / (self.looks[side] + before).max(1e-9);
-            return (beside[0], surely.clamp(LEARNED.0, LEARNED.1));
+            let p_detect =
+                (self.hits[side] + settings.familiar * before) / (self.opportunities[side] + before).max(1e-9);
+            return (beside[0], p_detect.clamp(P_DETECT_BOUNDS.0, P_DETECT_BOUNDS.1));
         }
         let near = beside[1].max(beside[2]);
         if near > 0.0 {
             return (near * 0.5, 0.5 * (settings.familiar + settings.unfamiliar));
         }
-        (self.greatest_strength() * UNFAMILIAR_SHARE, settings.unfamiliar)
+        (self.greatest_strength() * UNSEEN_SECTOR_POWER_SHARE, settings.unfamiliar)
     }
 }
 
 /// The direction from the thing that a side's middle lies in.
-pub(super) fn middle_of_side(side: usize) -> DVec3 {
-    let turn = (side as f64 + 0.5) / SIDES as f64 * TAU;
+pub(super) fn sector_direction(side: usize) -> DVec3 {
+    let turn = (side as f64 + 0.5) / AZIMUTH_SECTORS as f64 * TAU;
     DVec3::new(math::sin(turn), 0.0, math::cos(turn))
 }
 
 /// The side that a direction from the thing leads to.
-pub(super) fn side_of(from_thing: DVec3) -> usize {
+pub(super) fn sector_of(from_thing: DVec3) -> usize {
     let turn = math::atan2(from_thing.x, from_thing.z).rem_euclid(TAU) / TAU;
-    ((turn * SIDES as f64) as usize).min(SIDES - 1)
+    ((turn * AZIMUTH_SECTORS as f64) as usize).min(AZIMUTH_SECTORS - 1)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn view(m: f64, power: f64, toward: DVec3) -> View {
+    fn response(m: f64, power: f64, toward: DVec3) -> Response {
         let ln_strength = (m >= 3.0).then(|| power.ln());
-        View { m, evidence: 0.0, power, range_m: 1.0, toward, cos: 0.0, gain: 1.0, ln_strength }
+        Response { m, evidence: 0.0, power, range_m: 1.0, toward, cos: 0.0, gain: 1.0, ln_strength }
     }
 
-    fn told(view: View) -> Told {
-        Told { view, is_shadowed: false }
+    fn likelihood(response: Response) -> Likelihood {
+        Likelihood { response, is_masked: false }
     }
 
     /// What a thing that is known for sure loses by less than this, it outlasts.
     fn outlasts(log_odds: f64, loss: f64) -> bool {
-        log_odds > ForgetSettings::default().most - loss
+        log_odds > ExistenceSettings::default().most - loss
     }
 
-    fn after(views: &[View]) -> f64 {
-        let settings = ForgetSettings::default();
+    fn after(responses: &[Response]) -> f64 {
+        let settings = ExistenceSettings::default();
         let mut existence = Existence::new();
-        views.iter().for_each(|view| _ = existence.take(&told(*view), &settings));
+        responses.iter().for_each(|response| _ = existence.apply(&likelihood(*response), &settings));
         existence.log_odds
     }
 
     #[test]
-    fn what_is_seen_stays_and_what_is_gone_goes() {
-        let (seen, empty) = (view(30.0, 30.0, DVec3::X), view(0.5, 0.5, DVec3::X));
-        assert_eq!(after(&[seen; 10]), ForgetSettings::default().most);
-        let gone: Vec<View> = [vec![seen; 10], vec![empty; 12]].concat();
+    fn log_odds_rise_when_seen_and_fall_when_missed() {
+        let (seen, empty) = (response(30.0, 30.0, DVec3::X), response(0.5, 0.5, DVec3::X));
+        assert_eq!(after(&[seen; 10]), ExistenceSettings::default().most);
+        let gone: Vec<Response> = [vec![seen; 10], vec![empty; 12]].concat();
         assert!(after(&gone) <= 0.0, "{}", after(&gone));
-        let glimpse: Vec<View> = [vec![seen; 10], vec![empty; 3], vec![seen; 1]].concat();
+        let glimpse: Vec<Response> = [vec![seen; 10], vec![empty; 3], vec![seen; 1]].concat();
         assert!(outlasts(after(&glimpse), 3.0), "{}", after(&glimpse));
     }
 
     #[test]
-    fn from_another_side_it_need_not_be_seen() {
-        let (seen, empty) = (view(30.0, 30.0, DVec3::X), view(0.5, 0.5, DVec3::NEG_X));
-        let elsewhere: Vec<View> = [vec![seen; 10], vec![empty; 10]].concat();
-        let there: Vec<View> = [vec![seen; 10], vec![view(0.5, 0.5, DVec3::X); 10]].concat();
+    fn misses_from_unseen_sector_cost_little() {
+        let (seen, empty) = (response(30.0, 30.0, DVec3::X), response(0.5, 0.5, DVec3::NEG_X));
+        let elsewhere: Vec<Response> = [vec![seen; 10], vec![empty; 10]].concat();
+        let there: Vec<Response> = [vec![seen; 10], vec![response(0.5, 0.5, DVec3::X); 10]].concat();
         assert!(outlasts(after(&elsewhere), 2.5) && after(&there) <= 0.0, "{} {}", after(&elsewhere), after(&there));
     }
 
     #[test]
-    fn what_is_drowned_is_not_gone() {
+    fn clutter_at_same_range_does_not_remove_object() {
         // Ten times its power from beside it at the same range.
-        let (seen, drowned) = (view(30.0, 30.0, DVec3::X), view(1.0, 300.0, DVec3::X));
-        let views: Vec<View> = [vec![seen; 10], vec![drowned; 30]].concat();
-        assert!(outlasts(after(&views), 1.5), "it leaks a little: {}", after(&views));
+        let (seen, drowned) = (response(30.0, 30.0, DVec3::X), response(1.0, 300.0, DVec3::X));
+        let responses: Vec<Response> = [vec![seen; 10], vec![drowned; 30]].concat();
+        assert!(outlasts(after(&responses), 1.5), "it leaks a little: {}", after(&responses));
     }
 
     #[test]
-    fn what_is_always_accounted_for_by_something_else_goes_slowly() {
-        let settings = ForgetSettings::default();
+    fn permanently_masked_object_is_removed_slowly() {
+        let settings = ExistenceSettings::default();
         let mut existence = Existence::new();
-        let seen = view(30.0, 30.0, DVec3::X);
-        (0..10).for_each(|_| _ = existence.take(&told(seen), &settings));
-        let shadowed = Told { view: seen, is_shadowed: true };
-        (0..20).for_each(|_| _ = existence.take(&shadowed, &settings));
+        let seen = response(30.0, 30.0, DVec3::X);
+        (0..10).for_each(|_| _ = existence.apply(&likelihood(seen), &settings));
+        let shadowed = Likelihood { response: seen, is_masked: true };
+        (0..20).for_each(|_| _ = existence.apply(&shadowed, &settings));
         assert!(existence.log_odds > 1.5, "{}", existence.log_odds);
-        (0..60).for_each(|_| _ = existence.take(&shadowed, &settings));
+        (0..60).for_each(|_| _ = existence.apply(&shadowed, &settings));
         assert!(existence.log_odds <= 0.0, "{}", existence.log_odds);
     }
 
     #[test]
-    fn what_stood_beside_what_is_gone_goes_when_it_is_not_seen_either() {
-        let settings = ForgetSettings::default();
+    fn neighbour_of_removed_object_is_weakened_unless_seen_since() {
+        let settings = ExistenceSettings::default();
         let mut leg = Existence::new();
-        (0..10).for_each(|_| _ = leg.take(&told(view(30.0, 30.0, DVec3::X)), &settings));
-        leg.seen_ns = 1000;
+        (0..10).for_each(|_| _ = leg.apply(&likelihood(response(30.0, 30.0, DVec3::X)), &settings));
+        leg.last_support_ns = 1000;
         let known = leg.log_odds;
-        leg.doubt(900, &settings);
+        leg.weaken(900, &settings);
         assert_eq!(leg.log_odds, known, "it was seen after the seat was not");
-        leg.doubt(1100, &settings);
+        leg.weaken(1100, &settings);
         assert_eq!(leg.log_odds, settings.beside, "the seat is gone");
-        leg.take(&told(view(30.0, 30.0, DVec3::X)), &settings);
+        leg.apply(&likelihood(response(30.0, 30.0, DVec3::X)), &settings);
         assert!(leg.log_odds > settings.beside, "it is there all the same");
-        leg.doubt(1100, &settings);
-        leg.doubt(1100, &settings);
+        leg.weaken(1100, &settings);
+        leg.weaken(1100, &settings);
         assert!(leg.log_odds <= 0.0, "the back is gone too");
-        assert!(leg.was_sure());
-        leg.begin_with(9.0);
-        assert!(!leg.was_sure(), "the blocks it is believed by do not count twice");
+        assert!(leg.reached_max_log_odds());
+        leg.limit_initial_log_odds(9.0);
+        assert!(!leg.reached_max_log_odds(), "the blocks it is believed by do not count twice");
     }
 
     #[test]
-    fn what_is_seen_now_and_then_is_given_time_and_what_is_seen_always_is_not() {
-        let (seen, empty) = (view(30.0, 30.0, DVec3::X), view(0.5, 0.5, DVec3::X));
-        let until_gone = |before: &[View]| {
-            let settings = ForgetSettings::default();
+    fn intermittent_object_survives_longer_than_steady_one() {
+        let (seen, empty) = (response(30.0, 30.0, DVec3::X), response(0.5, 0.5, DVec3::X));
+        let until_gone = |before: &[Response]| {
+            let settings = ExistenceSettings::default();
             let mut existence = Existence::new();
-            before.iter().for_each(|view| _ = existence.take(&told(*view), &settings));
+            before.iter().for_each(|response| _ = existence.apply(&likelihood(*response), &settings));
             (0..).find(|_| {
-                existence.take(&told(empty), &settings);
+                existence.apply(&likelihood(empty), &settings);
                 existence.log_odds <= 0.0
             })
         };
@@ -333,12 +347,12 @@ mod tests {
     }
 
     #[test]
-    fn a_far_thing_that_cannot_be_seen_is_not_missed() {
-        let settings = ForgetSettings::default();
+    fn undetectable_far_object_is_not_removed() {
+        let settings = ExistenceSettings::default();
         let mut existence = Existence::new();
-        (0..10).for_each(|_| _ = existence.take(&told(view(30.0, 30.0, DVec3::X)), &settings));
-        let far = View { gain: 0.002, ..view(1.0, 1.0, DVec3::X) };
-        (0..100).for_each(|_| _ = existence.take(&told(far), &settings));
+        (0..10).for_each(|_| _ = existence.apply(&likelihood(response(30.0, 30.0, DVec3::X)), &settings));
+        let far = Response { gain: 0.002, ..response(1.0, 1.0, DVec3::X) };
+        (0..100).for_each(|_| _ = existence.apply(&likelihood(far), &settings));
         assert!(outlasts(existence.log_odds, 1.0), "{}", existence.log_odds);
     }
 }

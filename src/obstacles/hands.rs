@@ -18,25 +18,25 @@ pub struct HandsSample {
 }
 
 /// No hand is farther from the radar on the forehead than an arm reaches, metres: such a controller was put down.
-const ARM_M: f64 = 1.2;
+const ARM_LENGTH_M: f64 = 1.2;
 /// A hand with what it holds and the pulse's width: so far around its range everything may be the hand, metres.
-const HAND_M: f64 = 0.17;
+const HAND_HALF_EXTENT_M: f64 = 0.17;
 /// The forearm, from wrist to elbow, echoes from as much nearer than the hand, metres.
-const FOREARM_M: f64 = 0.2;
+const FOREARM_LENGTH_M: f64 = 0.2;
 
 /// Between which ranges a hand, what it holds and its forearm echo, if the palm is at a range, metres.
-pub fn echoing_m(palm_range_m: f64) -> Range<f64> {
-    palm_range_m - FOREARM_M - HAND_M..palm_range_m + HAND_M
+pub fn hand_ranges_m(palm_range_m: f64) -> Range<f64> {
+    palm_range_m - FOREARM_LENGTH_M - HAND_HALF_EXTENT_M..palm_range_m + HAND_HALF_EXTENT_M
 }
 
 /// Places of before are kept for so long, nanoseconds: longer than any window of blocks.
-const KEPT_NS: i64 = 25_000_000_000;
+const RETENTION_NS: i64 = 25_000_000_000;
 /// Between two that are kept, nanoseconds.
-const STEP_NS: i64 = 10_000_000;
+const MIN_STEP_NS: i64 = 10_000_000;
 /// Nobody's times go back so far, nanoseconds.
-const LEAP_NS: i64 = 1_000_000_000;
+const MAX_BACKWARD_STEP_NS: i64 = 1_000_000_000;
 /// A place says nothing of times farther away than this, nanoseconds.
-const VALID_NS: i64 = 100_000_000;
+const MAX_SAMPLE_DISTANCE_NS: i64 = 100_000_000;
 
 /// Places of the hands over the last seconds, in time.
 #[derive(Debug, Default)]
@@ -46,15 +46,16 @@ impl HandTrail {
     /// Takes where they are; what is not newer than the newest is left out, and so are places that are none and controllers that are out of
     /// reach of where the radar is, if that is known. A time far before the newest shows that the newest were wrong.
     pub fn push(&mut self, time_ns: i64, hands_m: HandsM, sensor_m: Option<DVec3>) {
-        if self.0.back().is_some_and(|(last_ns, _)| last_ns.saturating_sub(time_ns) > LEAP_NS) {
+        if self.0.back().is_some_and(|(last_ns, _)| last_ns.saturating_sub(time_ns) > MAX_BACKWARD_STEP_NS) {
             while self.0.pop_back_if(|(later_ns, _)| *later_ns > time_ns).is_some() {}
         }
-        if self.0.back().is_some_and(|(last_ns, _)| time_ns.saturating_sub(*last_ns) < STEP_NS) {
+        if self.0.back().is_some_and(|(last_ns, _)| time_ns.saturating_sub(*last_ns) < MIN_STEP_NS) {
             return;
         }
-        let is_held = |hand: &DVec3| hand.is_finite() && sensor_m.is_none_or(|sensor| sensor.distance(*hand) <= ARM_M);
+        let is_held =
+            |hand: &DVec3| hand.is_finite() && sensor_m.is_none_or(|sensor| sensor.distance(*hand) <= ARM_LENGTH_M);
         self.0.push_back((time_ns, hands_m.map(|hand| hand.filter(is_held))));
-        while self.0.pop_front_if(|(old_ns, _)| time_ns.saturating_sub(*old_ns) > KEPT_NS).is_some() {}
+        while self.0.pop_front_if(|(old_ns, _)| time_ns.saturating_sub(*old_ns) > RETENTION_NS).is_some() {}
     }
 
     /// Whether a hand was this near to a place since a time.
@@ -68,7 +69,7 @@ impl HandTrail {
         let later = self.0.partition_point(|(at_ns, _)| *at_ns < time_ns);
         let around = [later.checked_sub(1).and_then(|n| self.0.get(n)), self.0.get(later)];
         let near = around.into_iter().flatten().min_by_key(|(at_ns, _)| at_ns.abs_diff(time_ns));
-        let near = near.filter(|(at_ns, _)| at_ns.abs_diff(time_ns) <= VALID_NS as u64);
+        let near = near.filter(|(at_ns, _)| at_ns.abs_diff(time_ns) <= MAX_SAMPLE_DISTANCE_NS as u64);
         near.map_or([None; 2], |(_, hands_m)| *hands_m)
     }
 }
@@ -78,14 +79,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hands_and_forearms_echo_about_the_palms_range_and_nearer() {
-        let ranges = echoing_m(0.6);
+    fn hand_ranges_cover_palm_and_forearm() {
+        let ranges = hand_ranges_m(0.6);
         assert!([0.25, 0.4, 0.6, 0.75].iter().all(|range_m| ranges.contains(range_m)), "{ranges:?}");
         assert!([0.2, 0.8].iter().all(|range_m| !ranges.contains(range_m)), "{ranges:?}");
     }
 
     #[test]
-    fn what_is_out_of_reach_was_put_down() {
+    fn controller_beyond_arm_length_is_ignored() {
         let mut trail = HandTrail::default();
         let hands = [Some(DVec3::X * 0.7), Some(DVec3::X * 1.5)];
         trail.push(0, hands, Some(DVec3::ZERO));
@@ -95,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_in_time_counts_and_old_ones_go() {
+    fn nearest_sample_in_time_is_used_and_old_ones_expire() {
         let mut trail = HandTrail::default();
         assert_eq!(trail.at(0), [None; 2]);
         let hand = |x: f64| [Some(DVec3::X * x), None];

@@ -1,28 +1,28 @@
 //! What stands in the room: obstacles with position, covariance and extent; walls as planes.
 
-mod acceptance;
+mod classifier;
+mod clean;
 mod evidence;
 mod existence;
-mod explain;
 mod hands;
-mod map;
-mod moving;
-mod past;
+mod history;
+mod moving_targets;
 mod reflectors;
-mod remembered;
-mod rooms;
+mod responses;
+mod room_mapper;
+mod saved_map;
 mod scene;
-mod views;
+mod tracks;
 
-pub use acceptance::{FEATURES, HeldOutScore, Model, ModelCard, ModelError, Tree, Weighed};
+pub use classifier::{FEATURES, HeldOutScore, Model, ModelCard, ModelError, ScoredCandidate, Tree};
+pub use clean::{CleanSettings, CleanWindow, Detection, Detections, ROBUST_SEGMENT_NS};
 pub use evidence::Evidence;
-pub use existence::ForgetSettings;
-pub use explain::{Believed, ExplainSettings, Explained, SEGMENT_NS, Window};
+pub use existence::ExistenceSettings;
 pub use hands::{HandTrail, HandsM, HandsSample};
-pub use map::{MapSettings, RECENT_UPDATES, Sighted, Sightings, same_place, same_plane};
-pub use moving::{Moving, MovingSettings, MovingTracks};
+pub use moving_targets::{MovingTarget, MovingTargetTracker, MtiSettings};
 pub use reflectors::{ReflectorSettings, find_reflectors, reflector_evidence};
-pub use remembered::{Remembered, RememberedError, RememberedPlace, RememberedWall};
-pub use rooms::{Look, RoomCounters, RoomSearch, RoomSettings};
+pub use responses::ResponseCache;
+pub use room_mapper::{RoomMapper, RoomMapperCounters, RoomMapperSettings, Update};
+pub use saved_map::{SavedMap, SavedMapError, SavedPoint, SavedWall};
 pub use scene::{Observed, Obstacle, Scene, Wall};
-pub use views::ViewMemory;
+pub use tracks::{MapSettings, RECENT_UPDATES, Track, TrackList, same_plane, same_point};

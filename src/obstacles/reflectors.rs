@@ -50,14 +50,15 @@ const MIN_SWEEPS: usize = 3;
 /// Share of the strongest reflector's evidence below which its own skirts and the pose errors cannot be told from others.
 const DYNAMIC_RANGE: f64 = 1e-3;
 /// Rms range residual of something that stands still, without noise, in pulse widths: 17 mm of a 14 cm pulse.
-const STILL_WIDTHS: f64 = 0.12;
+const MAX_STATIC_RESIDUAL_WIDTHS: f64 = 0.12;
 
 /// Whether the ranges of all sweeps agree on one place, as far as their noise allows: what moves with the sensor (its own
 /// housing, a moving thing) leaves them apart. `mean_power`: mean excess of a sweep over noise. Asked of all but the
 /// strongest, which is reported in any case, its covariance grown by the misfit.
-fn stands_still(refined: &Refined, mean_power: f64) -> bool {
+fn is_static(refined: &Refined, mean_power: f64) -> bool {
     let noise2 = 1.0 / (8.0 * std::f64::consts::LN_2 * mean_power.max(1e-9));
-    refined.residual_widths * refined.residual_widths <= STILL_WIDTHS * STILL_WIDTHS + noise2
+    refined.residual_widths * refined.residual_widths
+        <= MAX_STATIC_RESIDUAL_WIDTHS * MAX_STATIC_RESIDUAL_WIDTHS + noise2
 }
 
 /// Finds reflectors in a region, strongest first. `observations` in time.
@@ -93,7 +94,7 @@ pub fn find_reflectors(
         let strongest = found.first().map_or(evidence, |f| f.evidence);
         let stands_out = count >= MIN_SWEEPS && evidence >= settings.threshold_sigma.max(strongest * DYNAMIC_RANGE);
         let pair = if stands_out { split(&power, &refined, errors) } else { None };
-        let stands = stands_out && (pair.is_some() || found.is_empty() || stands_still(&refined, sum / count as f64));
+        let stands = stands_out && (pair.is_some() || found.is_empty() || is_static(&refined, sum / count as f64));
         let parts = pair.map_or(vec![refined], Vec::from);
         // Claimed in any case: the search must go on elsewhere. Nothing left to claim ends it.
         let left_before = search.excess(places[start]).1;
@@ -101,8 +102,8 @@ pub fn find_reflectors(
             if stands && found.len() < settings.max_reflectors {
                 found.push(obstacle(found.len() as u64 + 1, part, evidence, &chosen));
             }
-            search.claim(part.position_m);
-            power.claim(part.position_m);
+            search.mask_point(part.position_m);
+            power.mask_point(part.position_m);
         }
         if !stands && (evidence < strongest * DYNAMIC_RANGE || search.excess(places[start]).1 == left_before) {
             break;
@@ -177,14 +178,14 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_no_reflector() {
+    fn noise_gives_no_reflector() {
         for seed in 0..3 {
             assert_eq!(found(&[], seed), []);
         }
     }
 
     #[test]
-    fn one_reflector_two_metres_away_is_one() {
+    fn single_reflector_is_found_once() {
         let at = DVec3::new(0.2, -0.1, -2.0);
         let found = found(&[(Echo::Point(at), 10.0)], 4);
         assert_eq!(found.len(), 1, "{found:?}");
@@ -192,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn two_within_a_pulse_are_two() {
+    fn two_reflectors_within_one_pulse_are_separated() {
         let (left, right) = (DVec3::new(-0.1, 0.0, -1.2), DVec3::new(0.1, 0.0, -1.2));
         let found = found(&[(Echo::Point(left), 25.0), (Echo::Point(right), 25.0)], 6);
         assert_eq!(found.len(), 2, "{found:?}");

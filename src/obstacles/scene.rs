@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::Moving;
+use super::MovingTarget;
 use crate::geometry::{Aabb, Plane, Pose};
 
 /// How much of an obstacle's place the data determine.
@@ -73,7 +73,7 @@ pub struct Scene {
     /// Walls, by falling evidence.
     pub walls: Vec<Wall>,
     /// What moves by itself, the longest followed first; never one of the obstacles.
-    pub moving: Vec<Moving>,
+    pub moving: Vec<MovingTarget>,
 }
 
 impl Scene {
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn moved_there_and_back_it_is_the_same() {
+    fn moved_by_pose_and_inverse_is_identity() {
         // A quarter of a turn: boxes along the axes stay so.
         let to_from = Pose::new(DVec3::new(0.3, -0.1, 2.0), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2));
         let (before, moved) = (scene(), scene().moved(&to_from));
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn the_box_is_around_the_voxels_and_the_nearest_of_them_counts() {
+    fn box_encloses_voxels_and_distance_is_to_nearest() {
         let found = Obstacle {
             shape: vec![(DVec3::ONE, 4.0), (DVec3::new(1.1, 1.0, 1.0), 5.0)],
             ..scene().obstacles.remove(0)
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_and_uncertainties_go_along() {
+    fn moved_scene_keeps_distances_and_variances() {
         let to_from = Pose::new(DVec3::new(0.3, -0.1, 2.0), DQuat::from_scaled_axis(DVec3::new(0.2, 1.1, -0.3)));
         let (before, moved) = (scene(), scene().moved(&to_from));
         let head = DVec3::new(0.1, 1.6, 0.2);

@@ -5,11 +5,11 @@ use egui::{Align2, Color32, Painter, Rect, pos2, vec2};
 use super::{BAD, CARD, FAINT, FAIR, GOOD, ROUND, TEXT, font};
 
 /// So many sweeps lost of a hundred are worth a word.
-const MANY_LOST_PERCENT: f64 = 2.0;
+const HIGH_LOSS_PERCENT: f64 = 2.0;
 /// A sweep so old means that nothing comes, or that nothing is worked off, seconds.
-const OLD_S: f64 = 1.0;
+const STALE_AGE_S: f64 = 1.0;
 /// An offset known to this serves all that is drawn, seconds.
-const KNOWN_S: f64 = 3e-3;
+const GOOD_OFFSET_SIGMA_S: f64 = 3e-3;
 
 /// The sensor's line.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -18,7 +18,7 @@ pub enum SensorHealth {
     #[default]
     Missing,
     /// It is there; how much it sends is not known yet.
-    Begins,
+    Starting,
     /// It is there and sends nothing.
     Silent,
     /// It sends.
@@ -46,13 +46,13 @@ pub struct Health {
     /// Age of the newest sweep worked off, seconds; `None` before the first.
     pub age_s: Option<f64>,
     /// Whether the reconstruction works.
-    pub is_alive: bool,
+    pub is_running: bool,
     /// Obstacles and walls on the map.
     pub obstacles: usize,
     /// See `obstacles`.
     pub walls: usize,
     /// How many of both are remembered from before and not seen again yet.
-    pub remembered: usize,
+    pub restored: usize,
     /// What is wrong with the settings' file, in a line.
     pub settings_trouble: Option<String>,
 }
@@ -77,17 +77,17 @@ impl State {
 
 /// One thing to say.
 #[derive(Debug, PartialEq)]
-pub(super) struct Finding {
+pub(super) struct StatusCard {
     pub title: &'static str,
     pub state: State,
-    pub says: String,
+    pub headline: String,
     /// Numbers where it is well, what to do where it is not.
-    pub more: String,
+    pub detail: String,
 }
 
 impl Health {
     /// Sensor, headset, timing, room.
-    pub(super) fn findings(&self) -> [Finding; 4] {
+    pub(super) fn status_cards(&self) -> [StatusCard; 4] {
         [self.sensor(), self.headset(), self.timing(), self.room()]
     }
 
@@ -100,18 +100,18 @@ impl Health {
         }
     }
 
-    fn sensor(&self) -> Finding {
+    fn sensor(&self) -> StatusCard {
         let (state, says, more) = match &self.sensor {
             SensorHealth::Missing => {
                 (State::Bad, "No radar sensor found".into(), "Plug it in: it is looked for every two seconds.".into())
             }
-            SensorHealth::Begins => (State::Good, "Radar is there".into(), "Its sweeps are being counted.".into()),
+            SensorHealth::Starting => (State::Good, "Radar is there".into(), "Its sweeps are being counted.".into()),
             SensorHealth::Silent => (
                 State::Bad,
                 "The sensor sends nothing".into(),
                 "Wait a moment; then unplug it and plug it in again.".into(),
             ),
-            SensorHealth::Streaming { sweeps_per_s, lost_percent } if *lost_percent >= MANY_LOST_PERCENT => (
+            SensorHealth::Streaming { sweeps_per_s, lost_percent } if *lost_percent >= HIGH_LOSS_PERCENT => (
                 State::Fair,
                 format!("{lost_percent:.0} % of the radar is lost"),
                 format!("{sweeps_per_s:.0} sweeps a second arrive. Use another USB port or a shorter cable."),
@@ -122,10 +122,10 @@ impl Health {
                 format!("{sweeps_per_s:.0} sweeps a second, {lost_percent:.1} % lost"),
             ),
         };
-        Finding { title: "Sensor", state, says, more }
+        StatusCard { title: "Sensor", state, headline: says, detail: more }
     }
 
-    fn headset(&self) -> Finding {
+    fn headset(&self) -> StatusCard {
         let (state, says, more) = match self.is_tracked {
             true if self.poses_per_s < 1.0 => {
                 (State::Good, "Headset is tracked".into(), "Its poses wait for the radar.".into())
@@ -137,13 +137,13 @@ impl Health {
                 "Let it see the base stations or the lit room again.".into(),
             ),
         };
-        Finding { title: "Headset", state, says, more }
+        StatusCard { title: "Headset", state, headline: says, detail: more }
     }
 
-    fn timing(&self) -> Finding {
+    fn timing(&self) -> StatusCard {
         let offset_ms = self.time_offset_s * 1e3;
         let (state, says, more) = match self.time_offset_sigma_s {
-            Some(sigma_s) if sigma_s <= KNOWN_S => (
+            Some(sigma_s) if sigma_s <= GOOD_OFFSET_SIGMA_S => (
                 State::Good,
                 "Radar and headset agree".into(),
                 format!("offset {offset_ms:+.1} ms, known to ±{:.1} ms", sigma_s * 1e3),
@@ -157,31 +157,31 @@ impl Health {
                 (State::Fair, "Timing is not known yet".into(), "Move your head to and fro for some seconds.".into())
             }
         };
-        Finding { title: "Timing", state, says, more }
+        StatusCard { title: "Timing", state, headline: says, detail: more }
     }
 
-    fn room(&self) -> Finding {
-        let found = || format!("{} and {}", counted(self.obstacles, "obstacle"), counted(self.walls, "wall"));
+    fn room(&self) -> StatusCard {
+        let found = || format!("{} and {}", count_text(self.obstacles, "obstacle"), count_text(self.walls, "wall"));
         let (state, says, more) = match self.age_s {
-            _ if !self.is_alive && self.age_s.is_some() => {
+            _ if !self.is_running && self.age_s.is_some() => {
                 (State::Bad, "The map has stopped".into(), "Restart Radar chaperone.".into())
             }
-            None if self.remembered > 0 => {
+            None if self.restored > 0 => {
                 (State::Fair, format!("{} remembered", found()), "The map begins with the first sweeps.".into())
             }
             None => (State::Fair, "Nothing mapped yet".into(), "The map begins with the first sweeps.".into()),
-            Some(age_s) if age_s > OLD_S => {
-                (State::Bad, "The map stands still".into(), format!("{} known, {}", found(), told_age(age_s)))
+            Some(age_s) if age_s > STALE_AGE_S => {
+                (State::Bad, "The map stands still".into(), format!("{} known, {}", found(), age_text(age_s)))
             }
             Some(_) if self.obstacles + self.walls == 0 => {
                 (State::Fair, "Nothing found yet".into(), "Look around the room for some seconds.".into())
             }
-            Some(_) if self.remembered > 0 => {
-                (State::Good, found(), format!("{} of them remembered, not seen again yet", self.remembered))
+            Some(_) if self.restored > 0 => {
+                (State::Good, found(), format!("{} of them remembered, not seen again yet", self.restored))
             }
-            Some(age_s) => (State::Good, found(), told_age(age_s)),
+            Some(age_s) => (State::Good, found(), age_text(age_s)),
         };
-        Finding { title: "Room", state, says, more }
+        StatusCard { title: "Room", state, headline: says, detail: more }
     }
 }
 
@@ -194,22 +194,22 @@ fn shortened(text: &str) -> String {
     }
 }
 
-fn counted(count: usize, what: &str) -> String {
+fn count_text(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
-fn told_age(age_s: f64) -> String {
+fn age_text(age_s: f64) -> String {
     match age_s {
-        age_s if age_s <= OLD_S => "up to date".to_owned(),
+        age_s if age_s <= STALE_AGE_S => "up to date".to_owned(),
         age_s => format!("last seen {age_s:.0} s ago"),
     }
 }
 
 /// Two by two.
-pub(super) fn cards(painter: &Painter, area: Rect, findings: &[Finding; 4]) {
+pub(super) fn cards(painter: &Painter, area: Rect, status_cards: &[StatusCard; 4]) {
     const GAP: f32 = 14.0;
     let size = (area.size() - vec2(GAP, GAP)) / 2.0;
-    for (n, finding) in findings.iter().enumerate() {
+    for (n, finding) in status_cards.iter().enumerate() {
         let (column, row) = ((n % 2) as f32, (n / 2) as f32);
         let card = Rect::from_min_size(area.min + vec2(column * (size.x + GAP), row * (size.y + GAP)), size);
         painter.rect_filled(card, ROUND, CARD);
@@ -218,9 +218,9 @@ pub(super) fn cards(painter: &Painter, area: Rect, findings: &[Finding; 4]) {
         let title = pos2(left + 34.0, card.min.y + 33.0);
         painter.text(title, Align2::LEFT_CENTER, finding.title, font(21.0), FAINT);
         let width = card.width() - 44.0;
-        let says = painter.layout(finding.says.clone(), font(27.0), TEXT, width);
+        let says = painter.layout(finding.headline.clone(), font(27.0), TEXT, width);
         painter.galley(pos2(left, card.min.y + 54.0), says, TEXT);
-        let more = painter.layout(finding.more.clone(), font(20.0), FAINT, width);
+        let more = painter.layout(finding.detail.clone(), font(20.0), FAINT, width);
         painter.galley(pos2(left, card.min.y + 94.0), more, FAINT);
     }
 }
@@ -237,30 +237,30 @@ mod tests {
             time_offset_s: 0.0021,
             time_offset_sigma_s: Some(0.0004),
             age_s: Some(0.05),
-            is_alive: true,
+            is_running: true,
             obstacles: 5,
             walls: 1,
-            remembered: 0,
+            restored: 0,
             settings_trouble: None,
         }
     }
 
     fn states(health: &Health) -> [State; 4] {
-        health.findings().map(|finding| finding.state)
+        health.status_cards().map(|finding| finding.state)
     }
 
     #[test]
-    fn all_is_well_and_said_in_words() {
+    fn healthy_state_is_described() {
         assert_eq!(states(&well()), [State::Good; 4]);
-        let [sensor, headset, timing, room] = well().findings();
-        assert_eq!(sensor.more, "1056 sweeps a second, 0.0 % lost");
-        assert_eq!(headset.more, "250 poses a second");
-        assert_eq!(timing.more, "offset +2.1 ms, known to ±0.4 ms");
-        assert_eq!(room.says, "5 obstacles and 1 wall");
+        let [sensor, headset, timing, room] = well().status_cards();
+        assert_eq!(sensor.detail, "1056 sweeps a second, 0.0 % lost");
+        assert_eq!(headset.detail, "250 poses a second");
+        assert_eq!(timing.detail, "offset +2.1 ms, known to ±0.4 ms");
+        assert_eq!(room.headline, "5 obstacles and 1 wall");
     }
 
     #[test]
-    fn each_fault_is_told_where_it_is_with_what_to_do() {
+    fn each_fault_has_its_card_and_remedy() {
         let lossy = SensorHealth::Streaming { sweeps_per_s: 900.0, lost_percent: 15.0 };
         for (health, at, state, word) in [
             (Health { sensor: SensorHealth::Missing, ..well() }, 0, State::Bad, "Plug"),
@@ -271,28 +271,28 @@ mod tests {
             (Health { time_offset_sigma_s: Some(0.01), ..well() }, 2, State::Fair, "to and fro"),
             (Health { age_s: None, ..well() }, 3, State::Fair, "first sweeps"),
             (Health { age_s: Some(4.0), ..well() }, 3, State::Bad, "4 s ago"),
-            (Health { is_alive: false, ..well() }, 3, State::Bad, "Restart"),
+            (Health { is_running: false, ..well() }, 3, State::Bad, "Restart"),
             (Health { obstacles: 0, walls: 0, ..well() }, 3, State::Fair, "Look around"),
-            (Health { age_s: None, remembered: 6, ..well() }, 3, State::Fair, "first sweeps"),
+            (Health { age_s: None, restored: 6, ..well() }, 3, State::Fair, "first sweeps"),
         ] {
             let mut expected = [State::Good; 4];
             expected[at] = state;
             assert_eq!(states(&health), expected, "{health:?}");
-            assert!(health.findings()[at].more.contains(word), "{:?}", health.findings()[at]);
+            assert!(health.status_cards()[at].detail.contains(word), "{:?}", health.status_cards()[at]);
         }
     }
 
     #[test]
-    fn what_is_not_known_yet_is_not_told_as_nothing() {
-        let begins = Health { sensor: SensorHealth::Begins, poses_per_s: 0.0, remembered: 4, ..well() };
+    fn unknown_rates_are_not_shown_as_zero() {
+        let begins = Health { sensor: SensorHealth::Starting, poses_per_s: 0.0, restored: 4, ..well() };
         assert_eq!(states(&begins), [State::Good; 4]);
-        let told = begins.findings().map(|finding| finding.more);
+        let told = begins.status_cards().map(|finding| finding.detail);
         assert!(told.iter().all(|more| !more.contains("0 sweeps") && !more.contains("0 poses")), "{told:?}");
         assert_eq!(told[3], "4 of them remembered, not seen again yet");
     }
 
     #[test]
-    fn settings_that_do_not_count_and_warnings_that_are_off_are_said() {
+    fn notice_reports_settings_errors_and_disabled_warnings() {
         assert_eq!(well().notice(true), None);
         assert_eq!(well().notice(false), Some((State::Fair, "Warnings are switched off".into())));
         let why = "TOML parse error at line 12, column 3, with a great many words of what else there might have been";

@@ -1,9 +1,9 @@
 //! The panel in SteamVR's dashboard, as egui draws it: switches, the room from above, and how sensor and tracking are. It has
-//! no window, no GPU and no clock; it is given plain data ([`PanelView`]) and gives back what the user wants ([`Wishes`]).
+//! no window, no GPU and no clock; it is given plain data ([`PanelView`]) and gives back what the user wants ([`PanelActions`]).
 //!
 //! It is read at arm's length and touched with a laser pointer: large type, large targets, a fixed layout.
 
-mod forget;
+mod forget_button;
 mod health;
 mod icon;
 mod notice;
@@ -13,7 +13,7 @@ mod switches;
 pub use health::{Health, SensorHealth};
 pub use icon::icon;
 pub use notice::{NOTICE_SIZE, Notice, notice};
-pub use plan::{Head, Mover, Plan, Thing, hull};
+pub use plan::{Head, Plan, PlanMovingTarget, PlanObstacle, hull};
 
 use egui::{Align2, Color32, CornerRadius, FontId, Pos2, Rect, Ui, pos2, vec2};
 
@@ -50,7 +50,7 @@ pub struct PanelView {
 
 /// What the user has changed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Change {
+pub struct SettingChange {
     /// The setting, as in `warning.brightness`.
     pub name: &'static str,
     /// What it is to be.
@@ -59,34 +59,34 @@ pub struct Change {
 
 /// What the user wants.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Wishes {
+pub struct PanelActions {
     /// Settings that are to be others.
-    pub changes: Vec<Change>,
+    pub changes: Vec<SettingChange>,
     /// The room's map is to begin anew.
     pub forget_room: bool,
 }
 
 /// Draws the panel and gives what the user wants by this pass's input.
-pub fn panel(ui: &Ui, view: &PanelView) -> Wishes {
+pub fn panel(ui: &Ui, view: &PanelView) -> PanelActions {
     let painter = ui.painter();
     painter.rect_filled(whole(), CornerRadius::ZERO, BACKGROUND);
-    let findings = view.health.findings();
+    let status_cards = view.health.status_cards();
     let warnings = view.settings.get("headset").and_then(|headset| headset.get("warnings"));
     let notice = view.health.notice(warnings.and_then(toml::Value::as_bool).unwrap_or(true));
-    header(ui, &findings, notice.as_ref());
-    health::cards(painter, health_area(), &findings);
+    header(ui, &status_cards, notice.as_ref());
+    health::cards(painter, health_area(), &status_cards);
     plan::draw(painter, plan_area(), &view.plan);
     // Of a room that nothing is known of there is nothing to forget.
     let is_known = view.health.obstacles + view.health.walls > 0;
-    let forget_room = is_known && forget::draw(ui, forget::place(plan_area()));
-    Wishes { changes: switches::draw(ui, switches_area(), &view.settings), forget_room }
+    let forget_room = is_known && forget_button::draw(ui, forget_button::place(plan_area()));
+    PanelActions { changes: switches::draw(ui, switches_area(), &view.settings), forget_room }
 }
 
 /// Where a switch is to be pressed, pixels from the upper left: `headset.warnings`, or with the part of it: `warning.brightness+`,
 /// `warning.brightness-`, `headset.display=stereo`; or the button `forget`.
 pub fn target(settings: &toml::Table, name: &str) -> Option<[f32; 2]> {
     let mut places = switches::targets(switches_area(), settings);
-    places.push(("forget".to_owned(), forget::place(plan_area())));
+    places.push(("forget".to_owned(), forget_button::place(plan_area())));
     places.into_iter().find(|(own, _)| own == name).map(|(_, rect)| [rect.center().x, rect.center().y])
 }
 
@@ -122,12 +122,12 @@ fn health_area() -> Rect {
 }
 
 /// The name, and the worst of what there is to say.
-fn header(ui: &Ui, findings: &[health::Finding], notice: Option<&(health::State, String)>) {
+fn header(ui: &Ui, status_cards: &[health::StatusCard], notice: Option<&(health::State, String)>) {
     let painter = ui.painter();
     let middle = HEADER / 2.0 + 2.0;
     icon::draw(painter, Rect::from_center_size(pos2(MARGIN + 30.0, middle), vec2(60.0, 60.0)));
     painter.text(pos2(MARGIN + 78.0, middle), Align2::LEFT_CENTER, "Radar chaperone", font(42.0), TEXT);
-    let said = findings.iter().map(|finding| (finding.state, finding.says.as_str()));
+    let said = status_cards.iter().map(|finding| (finding.state, finding.headline.as_str()));
     // Of what is equally grave the notice: the others have their cards.
     let worst = said.chain(notice.map(|(state, says)| (*state, says.as_str()))).max_by_key(|(state, _)| *state);
     let (text, color) = match worst {
@@ -151,11 +151,11 @@ mod tests {
         toml::from_str(switches::tests::ALL).unwrap()
     }
 
-    fn press(context: &egui::Context, view: &PanelView, at: [f32; 2]) -> Vec<Change> {
+    fn press(context: &egui::Context, view: &PanelView, at: [f32; 2]) -> Vec<SettingChange> {
         press_at(context, view, at, 0.0).changes
     }
 
-    fn press_at(context: &egui::Context, view: &PanelView, at: [f32; 2], time_s: f64) -> Wishes {
+    fn press_at(context: &egui::Context, view: &PanelView, at: [f32; 2], time_s: f64) -> PanelActions {
         let at = pos2(at[0], at[1]);
         let button = |pressed| egui::Event::PointerButton {
             pos: at,
@@ -163,12 +163,12 @@ mod tests {
             pressed,
             modifiers: egui::Modifiers::NONE,
         };
-        let mut wishes = Wishes::default();
+        let mut wishes = PanelActions::default();
         for events in [vec![], vec![egui::Event::PointerMoved(at)], vec![button(true)], vec![button(false)]] {
             let time = Some(time_s);
             let input = egui::RawInput { screen_rect: Some(whole()), time, events, ..Default::default() };
             let output = context.run_ui(input, |ui| {
-                let Wishes { changes, forget_room } = panel(ui, view);
+                let PanelActions { changes, forget_room } = panel(ui, view);
                 wishes.changes.extend(changes);
                 wishes.forget_room |= forget_room;
             });
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn the_room_is_forgotten_at_the_second_press_and_not_at_the_first() {
+    fn forget_room_needs_a_second_press() {
         let health = Health { obstacles: 3, ..Health::default() };
         let view = PanelView { settings: settings(), health, ..Default::default() };
         let at = target(&view.settings, "forget").unwrap();
@@ -195,11 +195,11 @@ mod tests {
     }
 
     #[test]
-    fn pressing_a_switch_changes_its_setting_and_nothing_else_does() {
+    fn only_switches_change_settings() {
         let view = PanelView { settings: settings(), ..Default::default() };
         let context = egui::Context::default();
         let at = |name| target(&view.settings, name).unwrap();
-        let change = |name, value: toml::Value| vec![Change { name, value }];
+        let change = |name, value: toml::Value| vec![SettingChange { name, value }];
         assert_eq!(press(&context, &view, at("headset.warnings")), change("headset.warnings", false.into()));
         assert_eq!(press(&context, &view, at("warning.brightness-")), change("warning.brightness", 0.9.into()));
         assert_eq!(press(&context, &view, at("warning.brightness+")), [], "it is at its greatest");
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn targets_are_large_and_apart_and_on_the_panel() {
+    fn targets_are_large_disjoint_and_inside_the_panel() {
         let places = switches::targets(switches_area(), &settings());
         assert!(places.len() > 22);
         for (n, (name, rect)) in places.iter().enumerate() {

@@ -21,20 +21,20 @@ pub enum Notice {
     /// The reconstruction has ended.
     MapStopped,
     /// It is well again.
-    WellAgain,
+    Recovered,
 }
 
 impl Notice {
     fn state(self) -> State {
-        if self == Self::WellAgain { State::Good } else { State::Bad }
+        if self == Self::Recovered { State::Good } else { State::Bad }
     }
 
     /// What it says first: for the log as well.
-    pub fn says(self) -> &'static str {
-        self.words()[0]
+    pub fn headline(self) -> &'static str {
+        self.texts()[0]
     }
 
-    fn words(self) -> [&'static str; 2] {
+    fn texts(self) -> [&'static str; 2] {
         match self {
             Self::NoSensor => ["No radar sensor: no new warnings", "Plug it in. Nothing new is seen without it."],
             Self::SensorGone => ["Radar lost: no new warnings", "Plug it in again. Only known obstacles are shown."],
@@ -42,7 +42,7 @@ impl Notice {
                 ["Radar is silent: no new warnings", "Unplug it and plug it in again, if it stays so."]
             }
             Self::MapStopped => ["The map stopped: no new warnings", "Restart Radar chaperone."],
-            Self::WellAgain => ["The radar measures", "Obstacles are warned of as they are seen."],
+            Self::Recovered => ["The radar measures", "Obstacles are warned of as they are seen."],
         }
     }
 }
@@ -56,7 +56,7 @@ pub fn notice(ui: &Ui, notice: Notice) {
     let color = notice.state().color();
     painter.rect(card, round, BACKGROUND, Stroke::new(4.0, color), StrokeKind::Inside);
     icon::draw(painter, Rect::from_center_size(pos2(100.0, height / 2.0), vec2(124.0, 124.0)));
-    let [says, more] = notice.words();
+    let [says, more] = notice.texts();
     let text = |text: &str, size, color| painter.layout_no_wrap(text.to_owned(), font(size), color);
     let (says, more) = (text(says, 48.0, TEXT), text(more, 34.0, FAINT));
     let top = (height - says.size().y - 10.0 - more.size().y) / 2.0;
@@ -70,9 +70,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_words_have_room() {
+    fn notice_texts_fit() {
         let context = egui::Context::default();
-        for which in [Notice::NoSensor, Notice::SensorGone, Notice::SensorSilent, Notice::MapStopped, Notice::WellAgain]
+        for which in [Notice::NoSensor, Notice::SensorGone, Notice::SensorSilent, Notice::MapStopped, Notice::Recovered]
         {
             let output = context.run_ui(egui::RawInput::default(), |ui| notice(ui, which));
             let texts: Vec<Rect> = output

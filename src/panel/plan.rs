@@ -5,19 +5,19 @@ use egui::{Align2, Color32, Painter, Pos2, Rect, Shape, Stroke, StrokeKind, Vec2
 use super::{ACCENT, CARD, FAINT, FAIR, ROUND, TEXT, font};
 
 /// What moves by itself: no colour of furniture.
-const MOVING: Color32 = Color32::from_rgb(255, 92, 168);
+const MOVING_COLOR: Color32 = Color32::from_rgb(255, 92, 168);
 /// An obstacle; and so much of its colour where it is remembered and not seen again yet.
-const KNOWN: Color32 = Color32::from_rgb(120, 150, 196);
-const REMEMBERED: f32 = 0.45;
+const OBSTACLE_COLOR: Color32 = Color32::from_rgb(120, 150, 196);
+const RESTORED_ALPHA: f32 = 0.45;
 /// The plan shows no less and no more than so much from one edge to the other, metres.
-const LEAST_M: f64 = 3.5;
-const MOST_M: f64 = 10.0;
+const MIN_SPAN_M: f64 = 3.5;
+const MAX_SPAN_M: f64 = 10.0;
 /// No obstacle is drawn smaller, pixels from its middle.
-const LEAST_PX: f32 = 11.0;
+const MIN_RADIUS_PX: f32 = 11.0;
 /// The legend's strip below, pixels.
 const LEGEND_PX: f32 = 52.0;
 /// Around what is shown, metres.
-const AROUND_M: f64 = 0.4;
+const MARGIN_M: f64 = 0.4;
 
 /// The head: where, and which way it looks (right, ahead: components of a unit vector along x and z).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,7 +25,7 @@ pub struct Head {
     /// x and z, metres.
     pub at_m: [f64; 2],
     /// Along x and z.
-    pub looks: [f64; 2],
+    pub forward: [f64; 2],
     /// Half the beam's opening, radians, and how far the search looks, metres.
     pub beam_rad: f64,
     /// See `beam_rad`.
@@ -34,7 +34,7 @@ pub struct Head {
 
 /// An obstacle.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Thing {
+pub struct PlanObstacle {
     /// Its outline: corners of a convex polygon, x and z, metres.
     pub outline_m: Vec<[f64; 2]>,
     /// Its strongest place.
@@ -44,12 +44,12 @@ pub struct Thing {
     /// Whether it is warned of now.
     pub is_near: bool,
     /// Whether it is remembered from before and not seen again yet.
-    pub is_remembered: bool,
+    pub is_restored: bool,
 }
 
 /// Something that moves: somewhere on an arc.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Mover {
+pub struct PlanMovingTarget {
     /// Where it was seen from.
     pub from_m: [f64; 2],
     /// The arc, from end to end.
@@ -66,9 +66,9 @@ pub struct Plan {
     /// Walls, from end to end.
     pub walls_m: Vec<[[f64; 2]; 2]>,
     /// Obstacles.
-    pub things: Vec<Thing>,
+    pub obstacles: Vec<PlanObstacle>,
     /// What moves by itself.
-    pub moving: Vec<Mover>,
+    pub moving: Vec<PlanMovingTarget>,
 }
 
 /// The corners of what contains all places, in order around it.
@@ -108,19 +108,19 @@ struct View {
 impl View {
     /// All of it in the picture, as far as that may be.
     fn of(plan: &Plan, area: Rect) -> Self {
-        let mut least = [-LEAST_M / 2.0; 2];
-        let mut most = [LEAST_M / 2.0; 2];
+        let mut least = [-MIN_SPAN_M / 2.0; 2];
+        let mut most = [MIN_SPAN_M / 2.0; 2];
         let mut hold = |[x, z]: [f64; 2]| {
             for (i, v) in [x, z].into_iter().enumerate().filter(|(_, v)| v.is_finite()) {
-                least[i] = f64::min(least[i], v.max(-MOST_M / 2.0) - AROUND_M);
-                most[i] = f64::max(most[i], v.min(MOST_M / 2.0) + AROUND_M);
+                least[i] = f64::min(least[i], v.max(-MAX_SPAN_M / 2.0) - MARGIN_M);
+                most[i] = f64::max(most[i], v.min(MAX_SPAN_M / 2.0) + MARGIN_M);
             }
         };
         if let Some([width, depth]) = plan.play_area_m {
             [[width / 2.0, depth / 2.0], [-width / 2.0, -depth / 2.0]].into_iter().for_each(&mut hold);
         }
         plan.walls_m.iter().flatten().copied().for_each(&mut hold);
-        plan.things.iter().flat_map(|thing| &thing.outline_m).copied().for_each(&mut hold);
+        plan.obstacles.iter().flat_map(|thing| &thing.outline_m).copied().for_each(&mut hold);
         plan.head.iter().for_each(|head| hold(head.at_m));
         // By whole half metres, so that the picture does not breathe.
         let [least, most] = [least.map(|v| (v * 2.0).floor() / 2.0), most.map(|v| (v * 2.0).ceil() / 2.0)];
@@ -158,8 +158,8 @@ pub(super) fn draw(painter: &Painter, area: Rect, plan: &Plan) {
     for wall in &plan.walls_m {
         clipped.line_segment(wall.map(|end| view.at(end)), Stroke::new(9.0, Color32::from_rgb(168, 178, 196)));
     }
-    plan.things.iter().for_each(|thing| draw_thing(&clipped, &view, thing));
-    plan.moving.iter().for_each(|mover| draw_mover(&clipped, &view, mover));
+    plan.obstacles.iter().for_each(|thing| draw_obstacle(&clipped, &view, thing));
+    plan.moving.iter().for_each(|mover| draw_moving_target(&clipped, &view, mover));
     if let Some(head) = &plan.head {
         draw_head(&clipped, &view, head);
     }
@@ -179,7 +179,7 @@ fn grid(painter: &Painter, view: &View) {
 
 fn beam(painter: &Painter, view: &View, head: &Head) {
     const STEPS: usize = 24;
-    let ahead = head.looks[1].atan2(head.looks[0]);
+    let ahead = head.forward[1].atan2(head.forward[0]);
     let half = head.beam_rad.clamp(0.02, 1.5);
     let edge = |n: usize| {
         let angle = ahead + half * (2.0 * n as f64 / STEPS as f64 - 1.0);
@@ -190,16 +190,16 @@ fn beam(painter: &Painter, view: &View, head: &Head) {
     painter.add(Shape::convex_polygon(corners, ACCENT.gamma_multiply(0.13), Stroke::NONE));
 }
 
-fn draw_thing(painter: &Painter, view: &View, thing: &Thing) {
-    let color = if thing.is_near { FAIR } else { KNOWN };
-    let color = if thing.is_remembered { color.gamma_multiply(REMEMBERED) } else { color };
+fn draw_obstacle(painter: &Painter, view: &View, thing: &PlanObstacle) {
+    let color = if thing.is_near { FAIR } else { OBSTACLE_COLOR };
+    let color = if thing.is_restored { color.gamma_multiply(RESTORED_ALPHA) } else { color };
     let corners: Vec<Pos2> = thing.outline_m.iter().map(|corner| view.at(*corner)).collect();
     let around = Rect::from_points(&corners);
     match corners.len() {
         // What is too small to see is seen all the same.
-        0..=2 => drop(painter.circle_filled(view.at(thing.at_m), LEAST_PX, color)),
-        _ if around.width().max(around.height()) < 2.0 * LEAST_PX => {
-            painter.circle_filled(around.center(), LEAST_PX, color);
+        0..=2 => drop(painter.circle_filled(view.at(thing.at_m), MIN_RADIUS_PX, color)),
+        _ if around.width().max(around.height()) < 2.0 * MIN_RADIUS_PX => {
+            painter.circle_filled(around.center(), MIN_RADIUS_PX, color);
         }
         _ => {
             let shape = Shape::convex_polygon(corners, color.gamma_multiply(0.45), Stroke::new(3.0, color));
@@ -208,7 +208,7 @@ fn draw_thing(painter: &Painter, view: &View, thing: &Thing) {
     }
     // Two sigmas: it is within, nineteen times of twenty along each axis.
     let axes = thing.sigma_m.map(|axis| view.along(axis.map(|v| 2.0 * v)));
-    if axes.iter().any(|axis| axis.length() > LEAST_PX + 2.0) {
+    if axes.iter().any(|axis| axis.length() > MIN_RADIUS_PX + 2.0) {
         let middle = view.at(thing.at_m);
         let at = |n: usize| {
             let angle = n as f32 / 48.0 * std::f32::consts::TAU;
@@ -220,16 +220,16 @@ fn draw_thing(painter: &Painter, view: &View, thing: &Thing) {
 }
 
 /// The wedge that it was seen in and the arc that it is on.
-fn draw_mover(painter: &Painter, view: &View, mover: &Mover) {
+fn draw_moving_target(painter: &Painter, view: &View, mover: &PlanMovingTarget) {
     let arc: Vec<Pos2> = mover.arc_m.iter().map(|place| view.at(*place)).collect();
     let mut wedge = vec![view.at(mover.from_m)];
     wedge.extend(&arc);
-    painter.add(Shape::convex_polygon(wedge, MOVING.gamma_multiply(0.14), Stroke::NONE));
-    painter.add(Shape::line(arc, Stroke::new(9.0, MOVING)));
+    painter.add(Shape::convex_polygon(wedge, MOVING_COLOR.gamma_multiply(0.14), Stroke::NONE));
+    painter.add(Shape::line(arc, Stroke::new(9.0, MOVING_COLOR)));
 }
 
 fn draw_head(painter: &Painter, view: &View, head: &Head) {
-    let (middle, ahead) = (view.at(head.at_m), vec2(head.looks[0] as f32, head.looks[1] as f32));
+    let (middle, ahead) = (view.at(head.at_m), vec2(head.forward[0] as f32, head.forward[1] as f32));
     let aside = vec2(-ahead.y, ahead.x);
     let corners = vec![middle + ahead * 44.0, middle + aside * 18.0 + ahead * 4.0, middle - aside * 18.0 + ahead * 4.0];
     painter.add(Shape::convex_polygon(corners, TEXT, Stroke::NONE));
@@ -240,16 +240,16 @@ fn draw_head(painter: &Painter, view: &View, head: &Head) {
 fn legend(painter: &Painter, area: Rect, plan: &Plan) {
     let y = area.max.y - LEGEND_PX / 2.0;
     let mut x = area.min.x + 24.0;
-    let is_any_remembered = plan.things.iter().any(|thing| thing.is_remembered);
+    let is_any_remembered = plan.obstacles.iter().any(|thing| thing.is_restored);
     let entries = [
         (Some(TEXT), "you"),
-        (Some(KNOWN), "obstacle"),
+        (Some(OBSTACLE_COLOR), "obstacle"),
         (Some(FAIR), "near you"),
         (Some(ACCENT), "play area"),
         // There is room for one of them.
         match (plan.moving.is_empty(), is_any_remembered) {
-            (false, _) => (Some(MOVING), "moving"),
-            (true, true) => (Some(KNOWN.gamma_multiply(REMEMBERED)), "remembered"),
+            (false, _) => (Some(MOVING_COLOR), "moving"),
+            (true, true) => (Some(OBSTACLE_COLOR.gamma_multiply(RESTORED_ALPHA)), "remembered"),
             (true, false) => (None, "dashed: uncertain"),
         },
     ];
@@ -261,7 +261,7 @@ fn legend(painter: &Painter, area: Rect, plan: &Plan) {
         x = painter.text(pos2(x, y), Align2::LEFT_CENTER, text, font(20.0), FAINT).max.x + 26.0;
     }
     painter.text(pos2(area.max.x - 24.0, y), Align2::RIGHT_CENTER, "1 m squares", font(20.0), FAINT);
-    if plan.things.is_empty() && plan.walls_m.is_empty() {
+    if plan.obstacles.is_empty() && plan.walls_m.is_empty() {
         let at = pos2(area.center().x, area.min.y + 46.0);
         painter.text(at, Align2::CENTER_CENTER, "Nothing found yet: look around the room", font(26.0), FAINT);
     }
@@ -272,7 +272,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_hull_has_the_corners_alone() {
+    fn hull_contains_only_corners() {
         let places = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.5, 0.5], [0.5, 0.0], [f64::NAN, 0.0]];
         let mut corners = hull(&places);
         corners.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_is_in_the_picture_with_ahead_up() {
+    fn plan_fits_everything_with_forward_up() {
         let area = Rect::from_min_size(pos2(100.0, 50.0), vec2(800.0, 500.0));
         let plan =
             Plan { play_area_m: Some([2.0, 3.0]), walls_m: vec![[[-3.0, -2.0], [3.0, -2.0]]], ..Plan::default() };

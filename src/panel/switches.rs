@@ -2,7 +2,7 @@
 
 use egui::{Align2, Color32, CornerRadius, Id, Painter, Rect, Sense, Stroke, StrokeKind, Ui, pos2, vec2};
 
-use super::{ACCENT, CARD, Change, FAINT, HOVERED, RAISED, ROUND, TEXT, font};
+use super::{ACCENT, CARD, FAINT, HOVERED, RAISED, ROUND, SettingChange, TEXT, font};
 
 /// A row: setting, name, what it does, and how it is changed.
 struct Switch {
@@ -143,11 +143,11 @@ const SWITCHES: &[Switch] = &[
 ];
 
 /// A row is no higher, and no lower.
-const HIGHEST: f32 = 108.0;
-const LOWEST: f32 = 57.0;
+const MAX_ROW_HEIGHT: f32 = 108.0;
+const MIN_ROW_HEIGHT: f32 = 57.0;
 const GAP: f32 = 10.0;
 /// Two lines of the usual size have room in a row as high as this.
-const ROOMY: f32 = 78.0;
+const FULL_SIZE_ROW_HEIGHT: f32 = 78.0;
 const CONTROL_WIDTH: f32 = 366.0;
 
 /// What a part of a control does.
@@ -160,29 +160,29 @@ enum Part {
 }
 
 /// Draws the switches; gives what was changed.
-pub(super) fn draw(ui: &Ui, area: Rect, settings: &toml::Table) -> Vec<Change> {
+pub(super) fn draw(ui: &Ui, area: Rect, settings: &toml::Table) -> Vec<SettingChange> {
     let mut changes = Vec::new();
     for (switch, value, row) in rows(area, settings) {
         let painter = ui.painter();
         painter.rect_filled(row, ROUND, CARD);
         let left = row.min.x + 24.0;
         // In low rows both lines are a little smaller, to keep away from the edges.
-        let scale = (row.height() / ROOMY).min(1.0);
+        let scale = (row.height() / FULL_SIZE_ROW_HEIGHT).min(1.0);
         let line = |y: f32| pos2(left, row.center().y + y * scale);
         painter.text(line(-15.0), Align2::LEFT_CENTER, switch.label, font(31.0 * scale), TEXT);
         painter.text(line(20.0), Align2::LEFT_CENTER, switch.hint, font(19.0 * scale.max(0.9)), FAINT);
         for (part, rect) in parts(switch, row) {
-            let response = ui.interact(rect, Id::unique((switch.name, mark(switch, part))), Sense::click());
+            let response = ui.interact(rect, Id::unique((switch.name, target_suffix(switch, part))), Sense::click());
             draw_part(painter, switch, value, part, rect, response.hovered());
             if response.clicked()
                 && let Some(new) = pressed(switch, value, part, settings)
             {
-                changes.push(Change { name: switch.name, value: new });
+                changes.push(SettingChange { name: switch.name, value: new });
             }
         }
         if let Control::Steps { unit, .. } = switch.control {
             let middle = pos2(row.max.x - 16.0 - CONTROL_WIDTH / 2.0, row.center().y);
-            painter.text(middle, Align2::CENTER_CENTER, told(number(value), unit), font(32.0), TEXT);
+            painter.text(middle, Align2::CENTER_CENTER, value_text(number(value), unit), font(32.0), TEXT);
         }
     }
     changes
@@ -191,7 +191,9 @@ pub(super) fn draw(ui: &Ui, area: Rect, settings: &toml::Table) -> Vec<Change> {
 /// Every part that can be pressed, by name, with its place.
 pub(super) fn targets(area: Rect, settings: &toml::Table) -> Vec<(String, Rect)> {
     let of_row = |(switch, _, row): (&'static Switch, _, Rect)| {
-        parts(switch, row).into_iter().map(move |(part, rect)| (format!("{}{}", switch.name, mark(switch, part)), rect))
+        parts(switch, row)
+            .into_iter()
+            .map(move |(part, rect)| (format!("{}{}", switch.name, target_suffix(switch, part)), rect))
     };
     rows(area, settings).into_iter().flat_map(of_row).collect()
 }
@@ -199,7 +201,7 @@ pub(super) fn targets(area: Rect, settings: &toml::Table) -> Vec<(String, Rect)>
 /// The switches that there are settings for, with their values and places.
 fn rows(area: Rect, settings: &toml::Table) -> Vec<(&'static Switch, &toml::Value, Rect)> {
     let there: Vec<_> = SWITCHES.iter().filter_map(|switch| Some((switch, value_of(settings, switch.name)?))).collect();
-    let height = ((area.height() + GAP) / there.len().max(1) as f32 - GAP).clamp(LOWEST, HIGHEST);
+    let height = ((area.height() + GAP) / there.len().max(1) as f32 - GAP).clamp(MIN_ROW_HEIGHT, MAX_ROW_HEIGHT);
     let place =
         |n: usize| Rect::from_min_size(area.min + vec2(0.0, n as f32 * (height + GAP)), vec2(area.width(), height));
     there.into_iter().enumerate().map(|(n, (switch, value))| (switch, value, place(n))).collect()
@@ -225,7 +227,7 @@ fn parts(switch: &Switch, row: Rect) -> Vec<(Part, Rect)> {
 }
 
 /// What tells a part's name from those of others of its row.
-fn mark(switch: &Switch, part: Part) -> String {
+fn target_suffix(switch: &Switch, part: Part) -> String {
     match (part, &switch.control) {
         (Part::Less, _) => "-".to_owned(),
         (Part::More, _) => "+".to_owned(),
@@ -317,7 +319,7 @@ fn number(value: &toml::Value) -> f64 {
     value.as_float().or_else(|| value.as_integer().map(|n| n as f64)).unwrap_or(f64::NAN)
 }
 
-fn told(value: f64, unit: Unit) -> String {
+fn value_text(value: f64, unit: Unit) -> String {
     match unit {
         Unit::Metres => format!("{value:.1} m"),
         Unit::Percent => format!("{:.0} %", value * 100.0),
@@ -334,7 +336,7 @@ pub(super) mod tests {
         [cues]\npulse = true\nsound = false\n";
 
     #[test]
-    fn steps_stay_on_their_grid_and_within_their_bounds() {
+    fn steps_stay_on_grid_and_within_bounds() {
         let settings: toml::Table = toml::from_str(ALL).unwrap();
         let of = |name: &str| SWITCHES.iter().find(|switch| switch.name == name).unwrap();
         let step = |name: &str, value: f64, part| pressed(of(name), &value.into(), part, &settings).map(|v| number(&v));

@@ -62,7 +62,7 @@ impl TryFrom<Written> for Beam {
     type Error = BeamError;
     fn try_from(written: Written) -> Result<Self, BeamError> {
         match written {
-            Written::Name(name) => Self::named(&name),
+            Written::Name(name) => Self::from_name(&name),
             Written::Table(rows) => Self::from_table(rows),
         }
     }
@@ -86,7 +86,7 @@ impl Beam {
     ///
     /// # Errors
     /// No such beam.
-    pub fn named(name: &str) -> Result<Self, BeamError> {
+    pub fn from_name(name: &str) -> Result<Self, BeamError> {
         match name {
             "uniform" => Ok(Self::Uniform),
             "thesis" => Ok(Self::Thesis),
@@ -131,7 +131,7 @@ impl Beam {
     }
 
     /// Cosine of the widest angle whose amplitude is at least `floor`, found to 0.05°; −1 if the beam never falls below.
-    pub fn cos_where_amplitude_falls_below(&self, floor: f64) -> f64 {
+    pub fn cut_off_cos(&self, floor: f64) -> f64 {
         let steps = (0..=3600).map(|i| f64::from(i) * 0.05f64);
         let widest = steps.take_while(|deg| self.amplitude(math::cos(deg.to_radians())) >= floor).last();
         widest.map_or(1.0, |deg| math::cos(deg.to_radians()))
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn the_thesis_beam_suppresses_beyond_45_degrees() {
+    fn thesis_beam_is_zero_beyond_45_degrees() {
         assert!(at(&Beam::Thesis, 44.9) > 0.0);
         assert_eq!(at(&Beam::Thesis, 45.1), 0.0);
         assert_eq!(at(&Beam::Uniform, 179.0), 1.0);
@@ -176,23 +176,23 @@ mod tests {
     }
 
     #[test]
-    fn a_table_is_interpolated_and_ends() {
+    fn table_is_interpolated_and_zero_beyond_its_end() {
         let beam = Beam::from_table(vec![[0.0, 1.0], [20.0, 0.5], [40.0, 0.1]]).unwrap();
         assert!((at(&beam, 10.0) - 0.75).abs() < 1e-9);
         assert_eq!(at(&beam, 41.0), 0.0);
-        assert!((beam.cos_where_amplitude_falls_below(0.5).acos().to_degrees() - 20.0).abs() < 0.06);
+        assert!((beam.cut_off_cos(0.5).acos().to_degrees() - 20.0).abs() < 0.06);
     }
 
     #[test]
-    fn bad_tables_and_names_are_refused() {
+    fn invalid_tables_and_names_are_rejected() {
         assert!(matches!(Beam::from_table(vec![[0.0, 1.0]]), Err(BeamError::TooShort(1))));
         assert!(matches!(Beam::from_table(vec![[0.0, 1.0], [0.0, 0.5]]), Err(BeamError::BadRow { row: 1, .. })));
         assert!(matches!(Beam::from_table(vec![[0.0, 1.0], [5.0, f64::NAN]]), Err(BeamError::BadRow { row: 1, .. })));
-        assert!(Beam::named("laser").unwrap_err().to_string().contains("lensless"));
+        assert!(Beam::from_name("laser").unwrap_err().to_string().contains("lensless"));
     }
 
     #[test]
-    fn settings_spell_a_name_or_a_table() {
+    fn serde_accepts_a_name_or_a_table() {
         let beam: Beam = serde_json::from_str("\"fresnel\"").unwrap();
         assert_eq!(beam, Beam::Fresnel);
         let beam: Beam = serde_json::from_str("[[0, 1], [30, 0.25]]").unwrap();

@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn subsweeps_are_cut_in_order_and_the_last_point_ends_near_the_tick() {
+    fn subsweeps_are_split_in_order_and_end_near_the_tick() {
         let config = SensorConfig {
             sweeps_per_frame: 3,
             subsweeps: vec![
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_frame_gives_none() {
+    fn short_frame_gives_no_sweeps() {
         let layout = FrameLayout::of(&preset("d16").unwrap());
         assert!(layout.sweeps(&frame(799)).is_none());
         assert_eq!(layout.sweeps(&frame(800)).unwrap().count(), 16);

@@ -52,24 +52,24 @@ impl std::fmt::Display for LineSpeed {
 
 /// Whether a line carries a configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Carried {
+pub enum LinkCapacity {
     /// Whatever the board does meanwhile.
     Yes,
     /// Only if the board measures while it sends.
-    IfAtOnce,
+    IfPipelined,
     /// Never.
     No,
 }
 
 /// What a configuration needs of one sensor and its line.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LinkNeed {
+pub struct LinkRequirement {
     /// Time that one sweep takes, seconds.
     pub sweep_s: f64,
     /// Frames a second that were asked for; `None`: as fast as it goes.
-    pub asked_hz: Option<f64>,
+    pub requested_hz: Option<f64>,
     /// Frames a second that the sensor reaches, whatever was asked for.
-    pub fastest_hz: f64,
+    pub max_frame_hz: f64,
     /// Frames a second of the sensor: what was asked for, or as fast as it goes.
     pub frame_hz: f64,
     /// Sweeps a second at that rate.
@@ -82,16 +82,16 @@ pub struct LinkNeed {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkPrediction {
     /// Whether it carries the sensor's rate.
-    pub carried: Carried,
+    pub capacity: LinkCapacity,
     /// Frames a second if the board measures and sends one after the other.
-    pub in_turn_hz: f64,
+    pub sequential_hz: f64,
     /// Frames a second if it measures while it sends.
-    pub at_once_hz: f64,
+    pub pipelined_hz: f64,
     /// Part of the line's time that the sensor's rate would take.
     pub load: f64,
 }
 
-impl LinkNeed {
+impl LinkRequirement {
     /// Of a sound configuration.
     pub fn of(config: &SensorConfig) -> Self {
         let timing = frame_timing(config);
@@ -99,8 +99,8 @@ impl LinkNeed {
         let frame_hz = 1.0 / timing.frame_period_s;
         Self {
             sweep_s: timing.sweep_s,
-            asked_hz: config.frame_rate,
-            fastest_hz: 1.0 / fastest.frame_period_s,
+            requested_hz: config.frame_rate,
+            max_frame_hz: 1.0 / fastest.frame_period_s,
             frame_hz,
             sweeps_hz: frame_hz * f64::from(config.sweeps_per_frame),
             frame_bytes: HEADER_BYTES + POINT_BYTES * config.points_per_frame() as f64,
@@ -113,22 +113,24 @@ impl LinkNeed {
     }
 
     /// Whether the sensor reaches what was asked of it.
-    pub fn is_reached(&self) -> bool {
-        self.asked_hz.is_none_or(|asked| asked <= self.fastest_hz * (1.0 + 1e-9))
+    pub fn is_rate_reachable(&self) -> bool {
+        self.requested_hz.is_none_or(|asked| asked <= self.max_frame_hz * (1.0 + 1e-9))
     }
 
     /// What a line makes of it.
-    pub fn on(&self, line: LineSpeed) -> LinkPrediction {
+    pub fn predict(&self, line: LineSpeed) -> LinkPrediction {
         let transfer_s = self.frame_bytes / line.bytes_per_s();
         // USB and sockets have a processor of their own: nothing waits for them.
-        let in_turn_s = if let LineSpeed::Uart(_) = line { transfer_s + 1.0 / self.fastest_hz } else { transfer_s };
-        let (in_turn_hz, at_once_hz) = (self.frame_hz.min(1.0 / in_turn_s), self.frame_hz.min(1.0 / transfer_s));
-        let carried = match (in_turn_hz >= self.frame_hz, at_once_hz >= self.frame_hz) {
-            (true, _) => Carried::Yes,
-            (false, true) => Carried::IfAtOnce,
-            (false, false) => Carried::No,
+        let sequential_s =
+            if let LineSpeed::Uart(_) = line { transfer_s + 1.0 / self.max_frame_hz } else { transfer_s };
+        let (sequential_hz, pipelined_hz) =
+            (self.frame_hz.min(1.0 / sequential_s), self.frame_hz.min(1.0 / transfer_s));
+        let capacity = match (sequential_hz >= self.frame_hz, pipelined_hz >= self.frame_hz) {
+            (true, _) => LinkCapacity::Yes,
+            (false, true) => LinkCapacity::IfPipelined,
+            (false, false) => LinkCapacity::No,
         };
-        LinkPrediction { carried, in_turn_hz, at_once_hz, load: transfer_s * self.frame_hz }
+        LinkPrediction { capacity, sequential_hz, pipelined_hz, load: transfer_s * self.frame_hz }
     }
 }
 
@@ -137,52 +139,52 @@ mod tests {
     use super::super::{PRESETS, preset};
     use super::*;
 
-    fn need(name: &str) -> LinkNeed {
-        LinkNeed::of(&preset(name).unwrap())
+    fn need(name: &str) -> LinkRequirement {
+        LinkRequirement::of(&preset(name).unwrap())
     }
 
     #[test]
-    fn the_thesis_configuration_is_what_boards_were_found_to_do() {
+    fn thesis_preset_matches_measured_frame_rates() {
         let thesis = need("thesis");
         assert!((thesis.sweep_s - 5.68e-3).abs() < 0.02e-3);
         assert_eq!(thesis.frame_bytes, 1454.0);
         // 1.74 Mbit/s on a UART; 8 frames a second at 115200 baud, about 80 at 2 Mbaud.
         assert!((thesis.bytes_per_s() * UART_BITS / 1e6 - 1.745).abs() < 0.005);
-        let slow = thesis.on(LineSpeed::Uart(115_200));
-        assert!((slow.in_turn_hz - 7.6).abs() < 0.1 && slow.carried == Carried::No, "{slow:?}");
-        let fast = thesis.on(LineSpeed::Uart(2_000_000));
-        assert!((fast.in_turn_hz - 77.0).abs() < 1.0 && fast.carried == Carried::IfAtOnce, "{fast:?}");
-        assert_eq!(thesis.on(LineSpeed::Usb).carried, Carried::Yes);
+        let slow = thesis.predict(LineSpeed::Uart(115_200));
+        assert!((slow.sequential_hz - 7.6).abs() < 0.1 && slow.capacity == LinkCapacity::No, "{slow:?}");
+        let fast = thesis.predict(LineSpeed::Uart(2_000_000));
+        assert!((fast.sequential_hz - 77.0).abs() < 1.0 && fast.capacity == LinkCapacity::IfPipelined, "{fast:?}");
+        assert_eq!(thesis.predict(LineSpeed::Usb).capacity, LinkCapacity::Yes);
     }
 
     #[test]
-    fn each_default_is_carried_where_it_is_the_default() {
-        assert_eq!(need("d16").on(LineSpeed::Usb).carried, Carried::Yes);
-        assert_eq!(need("d16").on(LineSpeed::Network).carried, Carried::Yes);
-        assert_eq!(need("d16").on(LineSpeed::Uart(2_000_000)).carried, Carried::No);
+    fn default_presets_fit_their_links() {
+        assert_eq!(need("d16").predict(LineSpeed::Usb).capacity, LinkCapacity::Yes);
+        assert_eq!(need("d16").predict(LineSpeed::Network).capacity, LinkCapacity::Yes);
+        assert_eq!(need("d16").predict(LineSpeed::Uart(2_000_000)).capacity, LinkCapacity::No);
         // 92 % of the line: whether the board measures while it sends decides between 360 and 500 a second.
-        let c16 = need("c16").on(LineSpeed::Uart(2_000_000));
-        assert!(c16.carried == Carried::IfAtOnce && (c16.load - 0.925).abs() < 0.001, "{c16:?}");
-        assert!((c16.in_turn_hz - 360.0).abs() < 1.0, "{c16:?}");
-        assert_eq!(need("slow-link").on(LineSpeed::Uart(115_200)).carried, Carried::Yes);
-        assert_eq!(need("c16").on(LineSpeed::Uart(115_200)).carried, Carried::No);
+        let c16 = need("c16").predict(LineSpeed::Uart(2_000_000));
+        assert!(c16.capacity == LinkCapacity::IfPipelined && (c16.load - 0.925).abs() < 0.001, "{c16:?}");
+        assert!((c16.sequential_hz - 360.0).abs() < 1.0, "{c16:?}");
+        assert_eq!(need("slow-link").predict(LineSpeed::Uart(115_200)).capacity, LinkCapacity::Yes);
+        assert_eq!(need("c16").predict(LineSpeed::Uart(115_200)).capacity, LinkCapacity::No);
     }
 
     #[test]
-    fn every_preset_reaches_its_rate_and_usb_carries_it() {
+    fn every_preset_reaches_its_rate_over_usb() {
         for name in PRESETS {
             let need = need(name);
-            assert!(need.is_reached(), "{name}: {need:?}");
-            assert_eq!(need.on(LineSpeed::Usb).carried, Carried::Yes, "{name}");
+            assert!(need.is_rate_reachable(), "{name}: {need:?}");
+            assert_eq!(need.predict(LineSpeed::Usb).capacity, LinkCapacity::Yes, "{name}");
         }
     }
 
     #[test]
-    fn a_rate_beyond_the_sensor_is_told() {
+    fn unreachable_rate_is_reported() {
         let config = SensorConfig { frame_rate: Some(1e4), ..preset("thesis").unwrap() };
-        let need = LinkNeed::of(&config);
-        assert!(!need.is_reached() && need.frame_hz == need.fastest_hz && need.frame_hz < 180.0);
+        let need = LinkRequirement::of(&config);
+        assert!(!need.is_rate_reachable() && need.frame_hz == need.max_frame_hz && need.frame_hz < 180.0);
         let config = SensorConfig { frame_rate: None, ..config };
-        assert!(LinkNeed::of(&config).is_reached());
+        assert!(LinkRequirement::of(&config).is_rate_reachable());
     }
 }

@@ -20,7 +20,7 @@ pub use beam::{Beam, BeamError};
 pub use config::{IdleState, SensorConfig, Subsweep};
 pub use equation::{noise_rms_lsb, rcs_dbsm_for_snr, snr_db};
 pub use frame::{Frame, FrameLayout, Sweep};
-pub use link::{Carried, LineSpeed, LinkNeed, LinkPrediction};
+pub use link::{LineSpeed, LinkCapacity, LinkPrediction, LinkRequirement};
 pub use observation::{Observation, SweepGeometry};
 pub use presets::{PRESETS, preset, preset_purpose};
 pub use prf::Prf;

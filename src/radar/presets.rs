@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn presets_see_and_follow_what_their_head_says() {
+    fn presets_cover_their_documented_range_and_speed() {
         // Name, first and last point in metres, fastest motion whose phase is followed in m/s.
         for (name, first_m, last_m, speed_m_per_s) in
             [("d16", 0.20, 3.143, 1.31), ("close", 0.15, 0.61, 1.48), ("far", 0.40, 6.53, 0.54)]

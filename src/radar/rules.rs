@@ -151,7 +151,7 @@ impl SensorConfig {
         if self.subsweeps.len() > MAX_SUBSWEEPS {
             return Err(ConfigError::TooManySubsweeps(self.subsweeps.len()));
         }
-        within("sweeps_per_frame".into(), self.sweeps_per_frame.into(), 1, BUFFER_POINTS as i64)?;
+        check_range("sweeps_per_frame".into(), self.sweeps_per_frame.into(), 1, BUFFER_POINTS as i64)?;
         for (index, subsweep) in self.subsweeps.iter().enumerate() {
             validate_subsweep(index, subsweep)?;
         }
@@ -223,16 +223,16 @@ impl SensorConfig {
     }
 }
 
-fn within(field: String, value: i64, min: i64, max: i64) -> Result<(), ConfigError> {
+fn check_range(field: String, value: i64, min: i64, max: i64) -> Result<(), ConfigError> {
     if (min..=max).contains(&value) { Ok(()) } else { Err(ConfigError::OutOfRange { field, value, min, max }) }
 }
 
 fn validate_subsweep(index: usize, subsweep: &Subsweep) -> Result<(), ConfigError> {
     let name = |field: &str| format!("subsweeps[{index}].{field}");
-    within(name("start_point"), subsweep.start_point.into(), -275, i64::from(i32::MAX))?;
-    within(name("num_points"), subsweep.num_points.into(), 1, BUFFER_POINTS as i64)?;
-    within(name("hwaas"), subsweep.hwaas.into(), 1, 511)?;
-    within(name("receiver_gain"), subsweep.receiver_gain.into(), 0, 23)?;
+    check_range(name("start_point"), subsweep.start_point.into(), -275, i64::from(i32::MAX))?;
+    check_range(name("num_points"), subsweep.num_points.into(), 1, BUFFER_POINTS as i64)?;
+    check_range(name("hwaas"), subsweep.hwaas.into(), 1, 511)?;
+    check_range(name("receiver_gain"), subsweep.receiver_gain.into(), 0, 23)?;
     let step = subsweep.step_length;
     if step == 0 || (24 % step != 0 && !step.is_multiple_of(24)) {
         return Err(ConfigError::StepLength { subsweep: index, value: step });

@@ -7,7 +7,7 @@ use super::super::{FrameTiming, PRESETS, frame_timing, preset};
 use super::*;
 
 #[test]
-fn every_preset_is_sound() {
+fn every_preset_is_valid() {
     for name in PRESETS {
         preset(name).unwrap().validate().unwrap_or_else(|e| panic!("{name}: {e}"));
     }
@@ -130,7 +130,7 @@ fn continuous(config: &mut SensorConfig) {
 }
 
 #[test]
-fn each_rule_has_a_refused_example_and_an_accepted_one_beside_it() {
+fn each_rule_rejects_and_accepts_its_neighbouring_examples() {
     let mut told = [false; 15];
     for (says, accepted, refused) in neighbours() {
         let mut config = SensorConfig::default();
@@ -179,7 +179,7 @@ const PRF_LIMITS: [(Prf, f64, f64); 6] = [
 const STEP_M: f64 = 0.002_502_274_001_017_21;
 
 #[test]
-fn points_may_lie_as_far_as_the_prf_measures_and_no_step_farther() {
+fn points_reach_to_the_prf_limit_and_no_farther() {
     for (prf, _, max_m) in PRF_LIMITS {
         let last = (max_m / STEP_M) as i32;
         for (start_point, is_sound) in [(last, true), (last + 1, false)] {
@@ -192,7 +192,7 @@ fn points_may_lie_as_far_as_the_prf_measures_and_no_step_farther() {
 }
 
 #[test]
-fn both_spellings_of_the_vendor_are_read() {
+fn both_vendor_spellings_are_parsed() {
     let session = r#"{"profile": "PROFILE_5", "prf": "PRF_8_7_MHz", "num_points": 53}"#;
     let protocol = r#"{"profile": 5, "prf": "8_7_MHz", "num_points": 53}"#;
     let a: Subsweep = serde_json::from_str(session).unwrap();
@@ -312,7 +312,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 4000, max_global_rejects: 100_000, ..Default::default() })]
 
     #[test]
-    fn what_is_accepted_is_what_lies_within_the_limits(config in any_config()) {
+    fn validation_accepts_exactly_what_is_within_limits(config in any_config()) {
         let result = config.validate();
         prop_assert_eq!(result.is_ok(), is_within_limits(&config), "{:?}", result);
     }
@@ -340,7 +340,7 @@ proptest! {
 }
 
 #[test]
-fn the_configurations_tried_are_of_both_kinds() {
+fn generated_configurations_are_both_valid_and_invalid() {
     use proptest::strategy::ValueTree;
     let mut runner = proptest::test_runner::TestRunner::deterministic();
     let configs = (0..2000).map(|_| any_config().new_tree(&mut runner).unwrap().current());

@@ -29,7 +29,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_envelope_halves_at_half_its_width() {
+    fn envelope_is_half_at_half_its_fwhm() {
         for profile in Profile::ALL {
             assert!((envelope(profile, profile.envelope_fwhm_m() / 2.0) - 0.5).abs() < 1e-12);
         }

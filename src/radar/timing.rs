@@ -74,21 +74,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_thesis_sweep_takes_5_68_ms() {
+    fn thesis_sweep_takes_5_68_ms() {
         let timing = frame_timing(&preset("thesis").unwrap());
         assert!((timing.sweep_s - 5.68e-3).abs() < 0.02e-3, "{}", timing.sweep_s);
         assert!((timing.frame_period_s - 1.0 / 120.0).abs() < 1e-12);
     }
 
     #[test]
-    fn d16_makes_1056_sweeps_a_second_in_94_percent_of_the_time() {
+    fn d16_makes_1056_sweeps_per_second_at_94_percent_duty() {
         let timing = frame_timing(&preset("d16").unwrap());
         assert!((16.0 / timing.frame_period_s - 1056.0).abs() < 1e-6);
         assert!((timing.frame_s / timing.frame_period_s - 0.94).abs() < 0.005);
     }
 
     #[test]
-    fn sweep_rates_that_boards_report_are_met_to_4_percent() {
+    fn sweep_rates_match_board_reports_within_4_percent() {
         // 160 points, HWAAS 8, profile 3, PRF 13 MHz: an XC120 reported 531.6 sweeps a second.
         let mut config = SensorConfig::default();
         config.subsweeps[0].prf = Prf::Mhz13_0;

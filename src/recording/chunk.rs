@@ -5,7 +5,7 @@
 
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::record::{chunk_claims, op};
+use super::record::{chunk_header, op};
 
 /// Most bytes of a record, and of a chunk when unpacked. Chunks are written with about 1 MiB.
 pub(super) const MAX_RECORD_BYTES: usize = 32 << 20;
@@ -17,7 +17,7 @@ pub(super) const MAX_RECORD_BYTES: usize = 32 << 20;
 /// Why the chunk, or the rest of it, is given up.
 pub(super) fn unpack(record: &[u8], claimed_bytes: u64, mut take: impl FnMut(u8, &[u8])) -> Result<(), String> {
     let whole = record.len() as u64 == claimed_bytes;
-    check_claims(record, whole)?;
+    check_chunk_header(record, whole)?;
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
         .with_skip_end_magic(true)
@@ -47,8 +47,8 @@ pub(super) fn unpack(record: &[u8], claimed_bytes: u64, mut take: impl FnMut(u8,
 }
 
 /// Refuses sizes that nobody writes and whatever the unpacking would take on trust.
-fn check_claims(record: &[u8], whole: bool) -> Result<(), String> {
-    let claims = chunk_claims(record).ok_or("its head is cut off or unreadable")?;
+fn check_chunk_header(record: &[u8], whole: bool) -> Result<(), String> {
+    let claims = chunk_header(record).ok_or("its head is cut off or unreadable")?;
     let held_bytes = claims.packed.len() as u64;
     if claims.unpacked_bytes > MAX_RECORD_BYTES as u64 {
         return Err(format!(
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn unpacked_chunks_are_read_and_lengths_inside_them_are_not_believed() {
+    fn uncompressed_chunks_are_read_without_trusting_lengths() {
         let two = [record(5, 2, b"ab"), record(9, 0, b"")].concat();
         assert_eq!(unpacked(&chunk(&two, 20)), (vec![5, 9], Ok(())));
         let beyond = [record(5, 2, b"ab"), record(9, 1 << 20, b"x")].concat();
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn other_compressions_are_named() {
+    fn unsupported_compression_is_named() {
         let mut record = chunk(b"", 0);
         record.splice(28..32, [3, 0, 0, 0, b'l', b'z', b'4']);
         assert!(unpacked(&record).1.unwrap_err().contains("\"lz4\""));

@@ -49,7 +49,7 @@ impl Columns {
         }
         let mut found: [Option<(usize, f64)>; VALID + 1] = [None; VALID + 1];
         for (column, name) in names.iter().enumerate() {
-            let Some((what, unit)) = meaning(name) else { continue };
+            let Some((what, unit)) = column_of_name(name) else { continue };
             if found[what].replace((column, unit)).is_some() {
                 return Err(format!("the column {} is there twice", WANTED.get(what).unwrap_or(&"valid")));
             }
@@ -71,7 +71,7 @@ impl Columns {
         if cells != self.count {
             return Err(format!("{cells} cells under {} names", self.count));
         }
-        let cell = |column: usize| bare(line.split(self.separator).nth(column).unwrap_or_default());
+        let cell = |column: usize| unquote(line.split(self.separator).nth(column).unwrap_or_default());
         let mut numbers = [0.0f64; 8];
         for ((number, (column, unit)), name) in numbers.iter_mut().zip(self.wanted).zip(WANTED) {
             let text = cell(column);
@@ -109,15 +109,17 @@ pub fn csv_line(pose: &PoseSample) -> String {
 }
 
 /// Without blanks and quotes around it.
-fn bare(cell: &str) -> &str {
+fn unquote(cell: &str) -> &str {
     let cell = cell.trim();
     cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).unwrap_or(cell).trim()
 }
 
 /// Which of [`WANTED`] a name is, or [`VALID`], and its unit in seconds or metres.
-fn meaning(name: &str) -> Option<(usize, f64)> {
-    let name: String =
-        bare(name).chars().map(|c| if matches!(c, '.' | ' ' | '-') { '_' } else { c.to_ascii_lowercase() }).collect();
+fn column_of_name(name: &str) -> Option<(usize, f64)> {
+    let name: String = unquote(name)
+        .chars()
+        .map(|c| if matches!(c, '.' | ' ' | '-') { '_' } else { c.to_ascii_lowercase() })
+        .collect();
     if name == "valid" {
         return Some((VALID, 1.0));
     }
@@ -178,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said() {
+    fn errors_name_the_problem() {
         let error = |head: &str, line: &str| read(head, line).unwrap_err();
         assert_eq!(error("time_s,x,y,roll,pitch,yaw", ""), "no column for z, qx, qy, qz, qw");
         assert_eq!(error("t,x,px,y,z,qx,qy,qz,qw", ""), "the column x is there twice");
@@ -191,20 +193,20 @@ mod tests {
     }
 
     #[test]
-    fn nan_stays_for_the_observer_to_count() {
+    fn nan_positions_are_kept() {
         let pose = read(CSV_HEAD, "nan,nan,0,0,0,0,0,0,1").unwrap();
         assert!(pose.time_ns == 77 && !pose.valid && pose.position_m[0].is_nan());
     }
 
     proptest! {
         #[test]
-        fn what_is_written_is_read(p in prop::array::uniform3(-1e3..1e3f64), q in prop::array::uniform4(-1.0..1.0f64), ms in 0i64..1_000_000, valid: bool) {
+        fn written_poses_are_read_back(p in prop::array::uniform3(-1e3..1e3f64), q in prop::array::uniform4(-1.0..1.0f64), ms in 0i64..1_000_000, valid: bool) {
             let pose = PoseSample { time_ns: ms * 1_000_000, position_m: p, quaternion_xyzw: q, valid, result: TrackingResult::Ok };
             prop_assert_eq!(read(CSV_HEAD, &csv_line(&pose)), Ok(pose));
         }
 
         #[test]
-        fn no_text_panics(head in ".{0,80}", line in ".{0,80}") {
+        fn arbitrary_text_does_not_panic(head in ".{0,80}", line in ".{0,80}") {
             let _ = read(&head, &line);
             let _ = read(CSV_HEAD, &line);
         }

@@ -118,7 +118,7 @@ pub enum ImportError {
         source: ConfigError,
     },
     /// A line of a track that is no pose.
-    #[error("{path}, line {line}: {reason}; {looks}")]
+    #[error("{path}, line {line}: {reason}; {example}")]
     TrackLine {
         /// The file.
         path: PathBuf,
@@ -127,6 +127,6 @@ pub enum ImportError {
         /// What is wrong with it.
         reason: String,
         /// What a track of this format looks like.
-        looks: &'static str,
+        example: &'static str,
     },
 }

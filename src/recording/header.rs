@@ -186,13 +186,13 @@ mod tests {
     }
 
     #[test]
-    fn every_bit_comes_back() {
+    fn header_round_trips_exactly() {
         let header = header();
         assert_eq!(Header::from_fields(&header.to_fields()).unwrap(), header);
     }
 
     #[test]
-    fn what_could_not_be_read_is_refused_before_it_is_written() {
+    fn unreadable_header_is_rejected_before_writing() {
         let mut nan = header();
         nan.head_from_sensor.translation.x = f64::NAN;
         assert!(matches!(nan.check_readable(), Err(RecordingError::HeaderField { field: "head_from_sensor", .. })));
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn foreign_fields_are_named() {
+    fn invalid_fields_are_named() {
         let mut fields = header().to_fields();
         fields.insert("format_version".into(), "2".into());
         assert!(matches!(Header::from_fields(&fields), Err(RecordingError::NewerFormat { found: 2, known: 1 })));

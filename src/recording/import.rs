@@ -47,7 +47,7 @@ pub fn import_h5(frames: &Path, poses: Option<&Path>, options: &ImportOptions) -
     if let Some(path) = poses {
         track = read_track(path)?;
         source += &format!(" and {}", name(path));
-        warn_when_apart(&vendor.frames, &track);
+        warn_if_no_overlap(&vendor.frames, &track);
     }
     let mut header = Header::new(source, vendor.config, options.head_from_sensor);
     header.sensor = vendor.sensor;
@@ -87,7 +87,7 @@ impl Imported {
 }
 
 /// The usual mistake: a track that counts from another moment than the first tick.
-fn warn_when_apart(frames: &[Frame], poses: &[PoseSample]) {
+fn warn_if_no_overlap(frames: &[Frame], poses: &[PoseSample]) {
     let span = |times: &mut dyn Iterator<Item = i64>| {
         times.fold(None, |span, t| span.map_or(Some((t, t)), |(a, b): (i64, i64)| Some((a.min(t), b.max(t)))))
     };
@@ -110,7 +110,7 @@ fn warn_when_apart(frames: &[Frame], poses: &[PoseSample]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_files::{TestFile, assert_same, real};
+    use super::super::test_files::{TestFile, assert_same, real_recording};
     use super::super::{Recording, RecordingSummary};
     use super::*;
 
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn real_recordings_give_the_values_that_h5py_gives() {
+    fn real_recordings_match_h5py() {
         // Frames, points a frame, checksums of samples, ticks and temperatures, last time in ns.
         let known: [(&str, usize, usize, [u64; 3], i64); 5] = [
             (
@@ -154,7 +154,7 @@ mod tests {
             ),
         ];
         for (name, count, points, checksums, last_ns) in known {
-            let Some(path) = real(name) else { return };
+            let Some(path) = real_recording(name) else { return };
             let imported = import_h5(&path, None, &ImportOptions::default()).unwrap();
             let frames = &imported.frames;
             assert_eq!(frames.len(), count, "{name}");
@@ -170,8 +170,11 @@ mod tests {
     }
 
     #[test]
-    fn a_track_is_joined_and_everything_survives_the_recording() {
-        let (Some(frames), Some(track)) = (real("medium_tank.h5"), real("medium_tank_poses.tum")) else { return };
+    fn import_with_track_round_trips() {
+        let (Some(frames), Some(track)) = (real_recording("medium_tank.h5"), real_recording("medium_tank_poses.tum"))
+        else {
+            return;
+        };
         let imported = import_h5(&frames, Some(&track), &ImportOptions::default()).unwrap();
         assert_eq!(imported.header.source, "import of medium_tank.h5 and medium_tank_poses.tum");
         assert_eq!(imported.header.head_from_sensor, Pose::IDENTITY);
@@ -192,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn foreign_files_are_refused_with_a_reason() {
+    fn foreign_files_are_rejected_with_a_reason() {
         let message = |path: &Path| import_h5(path, None, &ImportOptions::default()).unwrap_err().to_string();
         assert!(message(Path::new("/no/such.h5")).contains("cannot read /no/such.h5"));
         assert!(message(&std::env::temp_dir()).contains("is a folder"));
@@ -205,17 +208,17 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_line_of_a_track_is_named() {
-        let Some(frames) = real("input.h5") else { return };
+    fn invalid_track_line_is_named() {
+        let Some(frames) = real_recording("input.h5") else { return };
         let track = TestFile::with(b"# head\n\n0.1 0 0 0 0 0 0 1\n0.2 0 0\n");
         let error = import_h5(&frames, Some(&track.0), &ImportOptions::default()).unwrap_err().to_string();
         assert!(error.contains(", line 4: 3 columns instead of 8"), "{error}");
     }
 
     #[test]
-    fn damaged_files_give_an_error_or_whole_frames() {
+    fn damaged_files_give_an_error_or_complete_frames() {
         for name in ["corner-reflector.h5", "input.h5"] {
-            let Some(path) = real(name) else { return };
+            let Some(path) = real_recording(name) else { return };
             let bytes = std::fs::read(path).unwrap();
             let read = |bytes: &[u8]| import_h5(&TestFile::with(bytes).0, None, &ImportOptions::default());
             for length in (0..bytes.len()).step_by(bytes.len() / 37) {

@@ -1,6 +1,6 @@
 //! The map of a room as a file: what is kept from one start to the next, one file for each universe of the tracking system, as JSON.
 //!
-//! A file is written whole or not at all, at most [`MOST_ROOMS`] are kept, and nothing in one is trusted: a file that is too long, of
+//! A file is written whole or not at all, at most [`MAX_ROOMS`] are kept, and nothing in one is trusted: a file that is too long, of
 //! another format or universe, or with numbers that are none is an error, which costs the map and nothing else.
 
 use std::fs::{self, File};
@@ -10,14 +10,14 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Pose;
-use crate::obstacles::{Remembered, RememberedError};
+use crate::obstacles::{SavedMap, SavedMapError};
 
 /// The only format there is.
 const FORMAT_VERSION: u32 = 1;
 /// A longer file is no map.
 const MAX_BYTES: u64 = 8 << 20;
 /// Rooms that are kept; the one that was not written for longest goes.
-pub const MOST_ROOMS: usize = 16;
+pub const MAX_ROOMS: usize = 16;
 
 /// Why there is no map.
 #[derive(Debug, thiserror::Error)]
@@ -65,7 +65,7 @@ pub enum MapFileError {
         /// The file.
         path: PathBuf,
         /// Which.
-        source: RememberedError,
+        source: SavedMapError,
     },
     /// A pose or time that is none.
     #[error("{} has a standing universe or a time that is none", .0.display())]
@@ -84,7 +84,7 @@ pub struct MapFile {
     /// Where the standing universe was then.
     pub standing_from_raw: Pose,
     /// What is known; times are nanoseconds since it was written, so none is above 0.
-    pub map: Remembered,
+    pub map: SavedMap,
 }
 
 /// The format alone: what else there is depends on it.
@@ -95,7 +95,7 @@ struct Format {
 
 impl MapFile {
     /// A map as it is now.
-    pub fn new(universe: u64, saved_unix_s: f64, standing_from_raw: Pose, map: Remembered) -> Self {
+    pub fn new(universe: u64, saved_unix_s: f64, standing_from_raw: Pose, map: SavedMap) -> Self {
         Self { format_version: FORMAT_VERSION, universe, saved_unix_s, standing_from_raw, map }
     }
 
@@ -181,7 +181,7 @@ impl MapFolder {
             return Ok(());
         }
         file.write(&path)?;
-        for old in self.others_by_age(&path).iter().skip(MOST_ROOMS - 1) {
+        for old in self.others_by_age(&path).iter().skip(MAX_ROOMS - 1) {
             fs::remove_file(old).map_err(io_error("remove", old))?;
         }
         Ok(())
@@ -199,7 +199,7 @@ impl MapFolder {
             Err(source) => Err(io_error("remove", path)(source)),
         };
         let was_there = is_removed(&path)?;
-        is_removed(&aside_of(&path))?;
+        is_removed(&aside_path(&path))?;
         Ok(was_there)
     }
 
@@ -207,9 +207,9 @@ impl MapFolder {
     ///
     /// # Errors
     /// The system refuses.
-    pub fn put_aside(&self, universe: u64) -> Result<PathBuf, MapFileError> {
+    pub fn move_aside(&self, universe: u64) -> Result<PathBuf, MapFileError> {
         let path = self.file(universe);
-        let aside = aside_of(&path);
+        let aside = aside_path(&path);
         fs::rename(&path, &aside).map_err(io_error("rename", &path))?;
         Ok(aside)
     }
@@ -230,7 +230,7 @@ impl MapFolder {
 }
 
 /// Where a map is put that cannot be used.
-fn aside_of(map: &Path) -> PathBuf {
+fn aside_path(map: &Path) -> PathBuf {
     map.with_extension("json.bad")
 }
 
@@ -243,7 +243,7 @@ fn io_error(doing: &'static str, path: &Path) -> impl Fn(io::Error) -> MapFileEr
 mod tests {
     use super::*;
     use crate::geometry::{Aabb, Plane};
-    use crate::obstacles::{RememberedPlace, RememberedWall};
+    use crate::obstacles::{SavedPoint, SavedWall};
     use glam::{DMat3, DQuat, DVec3};
 
     struct Folder(PathBuf);
@@ -267,7 +267,7 @@ mod tests {
     }
 
     fn map(universe: u64) -> MapFile {
-        let place = RememberedPlace {
+        let place = SavedPoint {
             id: 3,
             position_m: DVec3::new(0.1 + 0.2, 1.0 / 3.0, -1e-17),
             covariance_m2: DMat3::from_diagonal(DVec3::new(1e-4, 4e-4, 9e-4)),
@@ -277,7 +277,7 @@ mod tests {
             first_ns: -1_000_000_007,
             last_ns: -5,
         };
-        let wall = RememberedWall {
+        let wall = SavedWall {
             id: 1,
             plane: Plane { outward: DVec3::new(0.6, 0.0, -0.8), offset_m: 2.0 },
             score: 20.0,
@@ -286,11 +286,11 @@ mod tests {
             last_ns: -4,
         };
         let standing_from_raw = Pose::new(DVec3::new(0.3, -0.05, 0.2), DQuat::from_rotation_y(0.5));
-        MapFile::new(universe, 1.7e9, standing_from_raw, Remembered { places: vec![place], walls: vec![wall] })
+        MapFile::new(universe, 1.7e9, standing_from_raw, SavedMap { places: vec![place], walls: vec![wall] })
     }
 
     #[test]
-    fn what_is_loaded_is_what_was_saved() {
+    fn loaded_map_equals_saved_map() {
         let folder = Folder::new("same");
         let maps = folder.maps();
         assert!(maps.load(7).unwrap().is_none());
@@ -300,7 +300,7 @@ mod tests {
         assert!(loaded.standing_from_raw.translation == map(7).standing_from_raw.translation);
         assert_eq!(fs::read_dir(&folder.0).unwrap().count(), 1, "nothing is left beside it");
         assert!(maps.remove(7).unwrap() && !maps.remove(7).unwrap());
-        let empty = MapFile { map: Remembered::default(), ..map(7) };
+        let empty = MapFile { map: SavedMap::default(), ..map(7) };
         maps.save(&empty).unwrap();
         assert!(maps.load(7).unwrap().is_none(), "nothing is not written");
         maps.save(&map(7)).unwrap();
@@ -309,13 +309,13 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_is_put_aside_and_not_written_over() {
+    fn unusable_map_is_moved_aside_and_kept() {
         let folder = Folder::new("aside");
         let maps = folder.maps();
         maps.save(&map(3)).unwrap();
         fs::write(maps.file(3), "no map").unwrap();
         assert!(maps.load(3).is_err());
-        let aside = maps.put_aside(3).unwrap();
+        let aside = maps.move_aside(3).unwrap();
         maps.save(&map(3)).unwrap();
         assert_eq!(fs::read_to_string(&aside).unwrap(), "no map");
         assert!(maps.load(3).unwrap().is_some());
@@ -323,21 +323,21 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_rooms_go() {
+    fn oldest_maps_are_removed() {
         let folder = Folder::new("oldest");
         let maps = folder.maps();
-        for universe in 0..MOST_ROOMS as u64 + 3 {
+        for universe in 0..MAX_ROOMS as u64 + 3 {
             maps.save(&map(universe)).unwrap();
             let time = std::time::UNIX_EPOCH + std::time::Duration::from_secs(1_000_000 + universe);
             File::options().append(true).open(maps.file(universe)).unwrap().set_modified(time).unwrap();
         }
         maps.save(&map(50)).unwrap();
-        assert_eq!(fs::read_dir(&folder.0).unwrap().count(), MOST_ROOMS);
+        assert_eq!(fs::read_dir(&folder.0).unwrap().count(), MAX_ROOMS);
         assert!(maps.load(3).unwrap().is_none() && maps.load(4).unwrap().is_some() && maps.load(50).unwrap().is_some());
     }
 
     #[test]
-    fn a_file_that_is_no_map_is_an_error_and_nothing_else() {
+    fn invalid_map_file_is_an_error() {
         let folder = Folder::new("bad");
         let maps = folder.maps();
         maps.save(&map(7)).unwrap();

@@ -26,7 +26,7 @@ pub struct Recording {
     header: Header,
     source: RecordSource,
     /// What came right behind the header.
-    pending: Option<Fetched>,
+    pending: Option<FetchedRecord>,
     content: Content,
     /// The data section is over; only the index follows.
     data_ended: bool,
@@ -59,7 +59,7 @@ struct RecordSource {
 }
 
 #[derive(Debug)]
-enum Fetched {
+enum FetchedRecord {
     Record(u8, Vec<u8>),
     /// The file ends inside a record that claims so many bytes.
     Cut(u8, Vec<u8>, u64),
@@ -105,22 +105,22 @@ impl Recording {
         &self.content.damage
     }
 
-    fn read_on(&mut self) {
+    fn read_next_record(&mut self) {
         let fetched = self.pending.take().unwrap_or_else(|| self.source.fetch());
         let at = self.source.record_start;
         match fetched {
-            Fetched::Record(op::FOOTER, _) => self.ended = true,
-            Fetched::Record(op::DATA_END, _) => self.data_ended = true,
-            Fetched::Record(..) if self.data_ended => {}
-            Fetched::Record(opcode, record) => self.content.take(opcode, &record, record.len() as u64),
-            Fetched::Cut(opcode, record, claimed_bytes) => {
+            FetchedRecord::Record(op::FOOTER, _) => self.ended = true,
+            FetchedRecord::Record(op::DATA_END, _) => self.data_ended = true,
+            FetchedRecord::Record(..) if self.data_ended => {}
+            FetchedRecord::Record(opcode, record) => self.content.take(opcode, &record, record.len() as u64),
+            FetchedRecord::Cut(opcode, record, claimed_bytes) => {
                 if !self.data_ended {
                     self.content.take(opcode, &record, claimed_bytes);
                 }
                 self.end_early(format!("the file ends in the middle of a record at byte {at}"));
             }
-            Fetched::End => self.end_early(format!("the file ends at byte {at} without its closing index")),
-            Fetched::Broken(reason) => self.end_early(format!("reading stopped at byte {at}: {reason}")),
+            FetchedRecord::End => self.end_early(format!("the file ends at byte {at} without its closing index")),
+            FetchedRecord::Broken(reason) => self.end_early(format!("reading stopped at byte {at}: {reason}")),
         }
     }
 
@@ -136,7 +136,7 @@ impl Iterator for Recording {
 
     fn next(&mut self) -> Option<Event> {
         while self.content.events.is_empty() && !self.ended {
-            self.read_on();
+            self.read_next_record();
         }
         self.content.events.pop_front()
     }
@@ -208,32 +208,32 @@ impl Topic {
 }
 
 impl RecordSource {
-    fn fetch(&mut self) -> Fetched {
-        self.try_fetch().unwrap_or_else(|error| Fetched::Broken(format!("the system cannot read on: {error}")))
+    fn fetch(&mut self) -> FetchedRecord {
+        self.try_fetch().unwrap_or_else(|error| FetchedRecord::Broken(format!("the system cannot read on: {error}")))
     }
 
-    fn try_fetch(&mut self) -> io::Result<Fetched> {
+    fn try_fetch(&mut self) -> io::Result<FetchedRecord> {
         self.record_start = self.offset;
         let head = read_up_to(&mut self.input, 9)?;
         self.offset += head.len() as u64;
         let mut fields = Fields(&head);
         let (opcode, length) = match (fields.array(), fields.u64()) {
             (Some([opcode]), Some(length)) => (opcode, length),
-            (None, _) => return Ok(Fetched::End),
-            (Some([opcode]), None) => return Ok(Fetched::Cut(opcode, Vec::new(), 1)),
+            (None, _) => return Ok(FetchedRecord::End),
+            (Some([opcode]), None) => return Ok(FetchedRecord::Cut(opcode, Vec::new(), 1)),
         };
         if opcode == op::INVALID {
-            return Ok(Fetched::Broken("zeros stand where a record should begin".into()));
+            return Ok(FetchedRecord::Broken("zeros stand where a record should begin".into()));
         }
         if length > MAX_RECORD_BYTES as u64 {
             let reason = format!("a record claims {length} bytes, more than the {MAX_RECORD_BYTES} allowed");
-            return Ok(Fetched::Broken(reason));
+            return Ok(FetchedRecord::Broken(reason));
         }
         let record = read_up_to(&mut self.input, length)?;
         self.offset += record.len() as u64;
         Ok(match record.len() as u64 == length {
-            true => Fetched::Record(opcode, record),
-            false => Fetched::Cut(opcode, record, length),
+            true => FetchedRecord::Record(opcode, record),
+            false => FetchedRecord::Cut(opcode, record, length),
         })
     }
 }
@@ -261,14 +261,14 @@ fn read_header(
     path: &Path,
     source: &mut RecordSource,
     damage: &mut Damage,
-) -> Result<(Header, Fetched), RecordingError> {
+) -> Result<(Header, FetchedRecord), RecordingError> {
     let no_header = |found: &str| RecordingError::NoHeader { path: path.to_owned(), found: found.to_owned() };
     let mut header: Option<Header> = None;
     loop {
         let fetched = source.fetch();
         match (&fetched, &mut header) {
-            (Fetched::Record(op::HEADER, _), _) => {}
-            (Fetched::Record(op::METADATA, record), header) => match (metadata(record), header) {
+            (FetchedRecord::Record(op::HEADER, _), _) => {}
+            (FetchedRecord::Record(op::METADATA, record), header) => match (metadata(record), header) {
                 (Some((HEADER_RECORD, fields)), none @ None) => *none = Some(Header::from_fields(&fields)?),
                 (Some((TRUTH_RECORD, fields)), Some(header)) => match Header::truth_from_fields(&fields) {
                     Ok(truth) => header.truth = Some(truth),
@@ -277,9 +277,9 @@ fn read_header(
                 _ => {}
             },
             (_, Some(_)) => break header.map(|header| (header, fetched)).ok_or_else(|| no_header("nothing")),
-            (Fetched::Record(..), None) => return Err(no_header("messages begin without it")),
-            (Fetched::Broken(reason), None) => return Err(no_header(reason)),
-            (Fetched::Cut(..) | Fetched::End, None) => return Err(no_header("the file ends there")),
+            (FetchedRecord::Record(..), None) => return Err(no_header("messages begin without it")),
+            (FetchedRecord::Broken(reason), None) => return Err(no_header(reason)),
+            (FetchedRecord::Cut(..) | FetchedRecord::End, None) => return Err(no_header("the file ends there")),
         }
     }
 }
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_comes_back_and_the_header_too() {
+    fn events_and_header_round_trip() {
         let written = events(3);
         let (events, recording) = read(&recorded(&written)).unwrap();
         assert_same(&events, &written);
@@ -315,7 +315,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_numbers_come_back_to_the_bit(
+        fn arbitrary_numbers_round_trip_exactly(
             bits in prop::array::uniform7(any::<u64>()),
             times in prop::collection::vec(any::<i64>(), 3),
             flags in any::<[bool; 4]>(),
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn hands_come_back_where_they_were_and_not_where_they_were_not() {
+    fn hands_round_trip_and_untracked_hands_stay_absent() {
         let hands = |time_ns, left: Option<DVec3>, right: Option<DVec3>| {
             Event::Hands(HandsSample { time_ns, hands_m: [left, right] })
         };
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn hands_of_bad_numbers_are_refused() {
+    fn hands_with_invalid_numbers_are_rejected() {
         for bytes in [[f64::NAN, 0.0, 0.0].as_slice(), &[0.0; 2], &[f64::INFINITY; 3], &[0.0; 4]] {
             // Field 2, packed doubles, after a time of 0.
             let mut message = vec![0x12, bytes.len() as u8 * 8];
@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_file_gives_what_came_before_the_cut() {
+    fn truncated_file_gives_events_before_the_cut() {
         let written = events(4);
         let bytes = recorded(&written);
         let mut most = 0;
@@ -409,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flipped_byte_costs_a_second_at_most_inside_a_chunk_and_never_a_panic() {
+    fn flipped_byte_loses_at_most_one_chunk() {
         let written = events(4);
         let bytes = recorded(&written);
         // NaN does not equal itself; its written form does.
@@ -429,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_chunk_is_left_out_and_the_next_one_is_read() {
+    fn damaged_chunk_is_skipped() {
         let written = events(4);
         let mut bytes = recorded(&written);
         let middle = bytes.len() / 2;
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn topics_are_known_even_where_their_declaration_is_damaged() {
+    fn topics_are_known_with_a_damaged_declaration() {
         let written = events(2);
         let mut bytes = recorded(&written);
         let topics = content_of(&bytes, op::CHUNK, 8);
@@ -462,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn huge_claims_are_refused_without_taking_memory() {
+    fn huge_lengths_are_rejected_without_allocation() {
         let bytes = recorded(&events(2));
         let topics = content_of(&bytes, op::CHUNK, 8);
         let chunk = content_of(&bytes, op::CHUNK, topics - 9 + 9 + chunk_length(&bytes, topics));
@@ -492,7 +492,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_messages_are_counted_and_skipped() {
+    fn invalid_messages_are_counted_and_skipped() {
         let mut content = Content::new();
         content.topics.insert(1, Topic::Frames);
         content.topics.insert(2, Topic::Poses);
@@ -510,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn foreign_files_are_refused_with_what_to_do() {
+    fn foreign_files_are_rejected_with_a_remedy() {
         let message = |bytes: &[u8]| read(bytes).unwrap_err().to_string();
         assert!(message(b"").contains("is empty"));
         assert!(message(b"\x89HDF\r\n\x1a\nrest").contains("radar-chaperone import"));
@@ -529,7 +529,7 @@ mod tests {
     }
 
     #[test]
-    fn a_broken_configuration_is_refused_with_its_rule() {
+    fn invalid_configuration_is_rejected_with_its_rule() {
         let bytes = recorded(&[]);
         let from = br#""hwaas":16"#;
         let at = bytes.windows(from.len()).position(|w| w == from).unwrap();

@@ -85,7 +85,7 @@ pub(super) fn message(record: &[u8]) -> Option<(u16, &[u8])> {
 }
 
 /// What a chunk says of its content.
-pub(super) struct ChunkClaims<'a> {
+pub(super) struct ChunkHeader<'a> {
     /// Length of its records when unpacked.
     pub unpacked_bytes: u64,
     /// "zstd", or empty.
@@ -97,11 +97,11 @@ pub(super) struct ChunkClaims<'a> {
 }
 
 /// The claims at a chunk record's start.
-pub(super) fn chunk_claims(record: &[u8]) -> Option<ChunkClaims<'_>> {
+pub(super) fn chunk_header(record: &[u8]) -> Option<ChunkHeader<'_>> {
     let mut fields = Fields(record);
     let (_start, _end) = (fields.u64()?, fields.u64()?);
     let (unpacked_bytes, _crc) = (fields.u64()?, fields.u32()?);
     let compression = fields.text()?;
     let packed_bytes = fields.u64()?;
-    Some(ChunkClaims { unpacked_bytes, compression, packed_bytes, packed: fields.0 })
+    Some(ChunkHeader { unpacked_bytes, compression, packed_bytes, packed: fields.0 })
 }

@@ -76,7 +76,7 @@ impl StreamSummary {
     }
 
     /// The usual (median) interval, seconds.
-    pub fn usual_interval_s(&self) -> Option<f64> {
+    pub fn median_interval_s(&self) -> Option<f64> {
         let mut sorted = self.intervals_ns.clone();
         let middle = sorted.len() / 2;
         (!sorted.is_empty()).then(|| *sorted.select_nth_unstable(middle).1 as f64 * 1e-9)
@@ -84,20 +84,20 @@ impl StreamSummary {
 
     /// Entries a second outside gaps.
     pub fn rate_hz(&self) -> Option<f64> {
-        let border_s = self.gap_border_s(0.0);
+        let border_s = self.gap_threshold_s(0.0);
         let usual = self.intervals_ns.iter().map(|&ns| ns as f64 * 1e-9).filter(|&s| s <= border_s);
         let (count, sum_s) = usual.fold((0.0, 0.0), |(count, sum), s| (count + 1.0, sum + s));
         (sum_s > 0.0).then(|| count / sum_s)
     }
 
     /// An interval above this is a gap, seconds.
-    fn gap_border_s(&self, least_s: f64) -> f64 {
-        self.usual_interval_s().map_or(least_s, |usual_s| least_s.max(GAP_FACTOR * usual_s))
+    fn gap_threshold_s(&self, least_s: f64) -> f64 {
+        self.median_interval_s().map_or(least_s, |usual_s| least_s.max(GAP_FACTOR * usual_s))
     }
 
     /// Number of gaps, and the longest one in seconds: intervals above `least_s` and 2.5 times the usual one.
     pub fn gaps(&self, least_s: f64) -> (usize, f64) {
-        let border_s = self.gap_border_s(least_s);
+        let border_s = self.gap_threshold_s(least_s);
         let gaps_s = self.intervals_ns.iter().map(|&ns| ns as f64 * 1e-9).filter(|&s| s > border_s);
         gaps_s.fold((0, 0.0), |(count, longest), s| (count + 1, f64::max(longest, s)))
     }
@@ -302,7 +302,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_newcomer_reads_it_at_a_glance() {
+    fn summary_text_is_as_expected() {
         let mut written = events(4);
         // A second without poses, and a pose whose time runs backwards.
         written.retain(|e| !matches!(e, Event::Pose(p) if (1_000_000_000..2_000_000_000).contains(&p.time_ns)));
@@ -328,7 +328,7 @@ Damage     none";
     }
 
     #[test]
-    fn nothing_in_it_is_said_so() {
+    fn empty_recording_is_reported_as_empty() {
         let text = RecordingSummary::new(header()).to_string();
         assert!(text.contains("Frames     none") && text.contains("Poses      none"), "{text}");
     }

@@ -38,7 +38,7 @@ impl Drop for TestFile {
 }
 
 /// A real recording; `None`, and a line that says so, where they are not at hand.
-pub fn real(name: &str) -> Option<PathBuf> {
+pub fn real_recording(name: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/recordings").join(name);
     if !path.exists() {
         println!("skipped: needs ../shared/recordings");

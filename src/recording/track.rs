@@ -32,7 +32,7 @@ impl TrackFormat {
     }
 
     /// What a track looks like, for messages.
-    fn looks(self) -> &'static str {
+    fn example_line(self) -> &'static str {
         match self {
             Self::Tum => "a line is `timestamp_s tx ty tz qx qy qz qw`",
             Self::Csv => "the first line names the columns, such as `time_s,x_m,y_m,z_m,qx,qy,qz,qw`",
@@ -124,7 +124,8 @@ pub fn read_track_from(
     let mut parser = TrackParser::new(format);
     let mut poses: Vec<PoseSample> = Vec::new();
     for line in 1.. {
-        let line_error = |reason| ImportError::TrackLine { path: name.to_owned(), line, reason, looks: format.looks() };
+        let line_error =
+            |reason| ImportError::TrackLine { path: name.to_owned(), line, reason, example: format.example_line() };
         let mut bytes = Vec::new();
         let most = MAX_TRACK_LINE_BYTES as u64;
         let io_error = |source| ImportError::Io { path: name.to_owned(), source };
@@ -151,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn both_formats_give_the_poses_back() {
+    fn both_formats_round_trip() {
         let pose = |n: i64| PoseSample::valid(n * 8_000_000, &Pose::from_translation(glam::DVec3::X * 0.1 * n as f64));
         let poses: Vec<PoseSample> = (0..5).map(pose).collect();
         for format in [TrackFormat::Tum, TrackFormat::Csv] {
@@ -162,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_line_of_a_csv_is_named() {
+    fn invalid_csv_line_is_named() {
         let error =
             read("# from a robot\n\ntime_s,x,y,z,qx,qy,qz,qw\r\n0.1,0,0,0,0,0,0,1\r\n0.2,0,0\n", TrackFormat::Csv)
                 .unwrap_err();

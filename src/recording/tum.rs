@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn comments_blank_lines_and_odd_spacing_are_fine() {
+    fn comments_blank_lines_and_odd_spacing_are_accepted() {
         assert_eq!(parse_line("# timestamp_s tx ty tz", 0), Ok(None));
         assert_eq!(parse_line(" \t \r\n", 0), Ok(None));
         let pose = parse_line("5.508\t0 1.5  -0.479641 0 0 0 1 # here\r\n", 0).unwrap().unwrap();
@@ -58,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn nan_and_zero_stay_for_the_observer_to_count() {
+    fn nan_and_zero_are_kept() {
         let pose = parse_line("1 nan 0 0 0 0 0 0", 0).unwrap().unwrap();
         assert!(pose.position_m[0].is_nan() && pose.valid);
         assert_eq!(pose.quaternion_xyzw, [0.0; 4]);
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_lines_say_what_is_wrong() {
+    fn invalid_lines_give_the_reason() {
         assert_eq!(parse_line("1 2 3", 0), Err("3 columns instead of 8".into()));
         assert_eq!(parse_line("1 0 0 zero 0 0 0 1", 0), Err("\"zero\" is not a number".into()));
         assert_eq!(parse_line("1e300 0 0 0 0 0 0 1", 0).unwrap_err(), format!("a time of {} s", 1e300));

@@ -79,7 +79,7 @@ impl<'a> Reader<'a> {
 
     fn read(&self) -> Result<VendorRecording, ImportError> {
         let session = self.session()?;
-        self.tell_what_is_left_out(session);
+        self.warn_about_ignored_parts(session);
         let server: ServerInfo = self.json("server_info")?;
         if server.ticks_per_second == 0 {
             return Err(self.layout("server_info", "has 0 ticks_per_second"));
@@ -106,7 +106,7 @@ impl<'a> Reader<'a> {
             .ok_or_else(|| self.layout("/", "has neither `session` nor `sessions/session_0`"))
     }
 
-    fn tell_what_is_left_out(&self, session: &str) {
+    fn warn_about_ignored_parts(&self, session: &str) {
         let count = |at: &str, prefix: &str| {
             let groups = self.file.group(at).and_then(|g| g.groups()).unwrap_or_default();
             groups.iter().filter(|name| name.starts_with(prefix)).count()

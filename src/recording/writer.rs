@@ -208,7 +208,7 @@ impl RecordingWriter {
     }
 
     /// Results were written along once more.
-    pub(super) fn note_scene(&mut self) {
+    pub(super) fn count_scene(&mut self) {
         self.summary.scenes += 1;
     }
 
@@ -232,7 +232,7 @@ impl RecordingWriter {
 
     /// Ends the chunk when it is full; puts the mount before the very first event.
     fn begin(&mut self, time_ns: i64) -> McapResult<()> {
-        self.output.make_room(time_ns)?;
+        self.output.start_chunk_if_needed(time_ns)?;
         if self.mount.messages == 0 {
             let mount = mount_transform(time_ns, &self.summary.header.head_from_sensor);
             self.output.foxglove(&mut self.mount, time_ns, &mount)?;
@@ -267,7 +267,7 @@ impl Output {
         }
     }
 
-    fn make_room(&mut self, time_ns: i64) -> McapResult<()> {
+    fn start_chunk_if_needed(&mut self, time_ns: i64) -> McapResult<()> {
         if let Some(chunk) = &mut self.chunk {
             let (earliest_ns, latest_ns) = (chunk.earliest_ns.min(time_ns), chunk.latest_ns.max(time_ns));
             if latest_ns.saturating_sub(earliest_ns) <= CHUNK_NS && chunk.bytes < CHUNK_BYTES {
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn chunks_last_a_second_at_most_and_stay_small() {
+    fn chunks_are_bounded_in_time_and_size() {
         let file = TestFile::with(&recorded(&events(5)));
         let bytes = std::fs::read(&file.0).unwrap();
         let index = mcap::Summary::read(&bytes).unwrap().unwrap();
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_flushed_survives_a_crash() {
+    fn flushed_events_survive_a_crash() {
         let file = TestFile::new();
         let events = events(1);
         let mut writer = RecordingWriter::create(&file.0, &header()).unwrap();
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn the_writers_summary_is_what_reading_finds() {
+    fn writer_summary_equals_read_summary() {
         let file = TestFile::new();
         let mut writer = RecordingWriter::create(&file.0, &header()).unwrap();
         for event in &events(3) {
@@ -367,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_that_cannot_be_written_is_named() {
+    fn unwritable_path_is_named() {
         let error = RecordingWriter::create("/no/such/folder/x.mcap", &header()).err().unwrap().to_string();
         assert!(error.contains("cannot create /no/such/folder/x.mcap"), "{error}");
     }

@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn edges_of_the_picture_are_where_the_tangents_say() {
+    fn tangents_project_to_image_edges() {
         // A Rift's left eye: it sees further down (1.11) than up (0.89) and further left than right.
         let eye =
             EyeView { tracking_from_eye: Pose::IDENTITY, tangents: [-0.96, 0.72, -1.11, 0.89], size_px: [1000, 1200] };
@@ -99,14 +99,14 @@ mod tests {
     }
 
     #[test]
-    fn near_things_stand_further_right_in_the_left_eye() {
+    fn disparity_grows_with_proximity() {
         let [left, right] = EyeView::pair(&Pose::IDENTITY, 0.064, 1.6, [960, 960]);
         let disparity = |z: f64| left.project(DVec3::Z * z).unwrap().x - right.project(DVec3::Z * z).unwrap().x;
         assert!(disparity(-0.5) > disparity(-2.0) && disparity(-2.0) > 0.0);
     }
 
     #[test]
-    fn views_that_make_no_picture_are_refused() {
+    fn degenerate_eye_views_are_rejected() {
         let [eye, _] = EyeView::pair(&Pose::IDENTITY, 0.064, 1.6, [960, 960]);
         assert!(eye.check().is_ok());
         assert!(EyeView { tangents: [1.0, -1.0, -1.0, 1.0], ..eye }.check().is_err());

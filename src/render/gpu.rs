@@ -20,20 +20,20 @@ pub fn needed_limits(offered: &wgpu::Limits) -> wgpu::Limits {
 /// A device, its queue, and what it complained of.
 pub(super) struct Gpu {
     /// Goes before its device.
-    probe: Option<Probe>,
+    probe: Option<LossProbe>,
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub name: String,
-    complaints: Arc<Mutex<Complaints>>,
+    errors: Arc<Mutex<DeviceErrors>>,
 }
 
 /// A fence that nothing ever signals: asked for its state, the driver says whether the device is lost.
-struct Probe {
+struct LossProbe {
     device: ash::Device,
     fence: vk::Fence,
 }
 
-impl Probe {
+impl LossProbe {
     /// `None`: the device is no Vulkan device, or has no fence to give.
     fn of(device: &wgpu::Device) -> Option<Self> {
         // SAFETY: the handle is used to make a fence and to ask for its state alone; whoever holds the probe holds the device.
@@ -43,14 +43,14 @@ impl Probe {
         Some(Self { device, fence })
     }
 
-    fn finds_it_lost(&self) -> bool {
+    fn is_device_lost(&self) -> bool {
         // SAFETY: a fence of that device.
         let state = unsafe { self.device.get_fence_status(self.fence) };
         state == Err(vk::Result::ERROR_DEVICE_LOST)
     }
 }
 
-impl Drop for Probe {
+impl Drop for LossProbe {
     fn drop(&mut self) {
         // SAFETY: nothing was ever submitted with it, and the device is dropped after it.
         unsafe { self.device.destroy_fence(self.fence, None) }
@@ -58,7 +58,7 @@ impl Drop for Probe {
 }
 
 #[derive(Default)]
-struct Complaints {
+struct DeviceErrors {
     /// The first error since the last check.
     error: Option<String>,
     /// Why the device was lost; it stays so.
@@ -90,18 +90,18 @@ impl Gpu {
 
     /// Takes over an open device.
     pub fn of(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
-        let complaints = Arc::new(Mutex::new(Complaints::default()));
-        let keep = Arc::clone(&complaints);
+        let errors = Arc::new(Mutex::new(DeviceErrors::default()));
+        let keep = Arc::clone(&errors);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-            hold(&keep).error.get_or_insert(error.to_string());
+            lock_errors(&keep).error.get_or_insert(error.to_string());
         }));
-        let keep = Arc::clone(&complaints);
+        let keep = Arc::clone(&errors);
         device.set_device_lost_callback(move |reason, message| {
             let why = if message.is_empty() { format!("{reason:?}").to_lowercase() } else { message };
-            hold(&keep).lost.get_or_insert(why);
+            lock_errors(&keep).lost.get_or_insert(why);
         });
-        let probe = Probe::of(&device);
-        Self { probe, device, queue, name, complaints }
+        let probe = LossProbe::of(&device);
+        Self { probe, device, queue, name, errors }
     }
 
     /// Whether the device still works: its first complaint since the last call, if any. Also lets it free what it is done with.
@@ -112,26 +112,26 @@ impl Gpu {
     /// The same, for any kind of waiting. wgpu panics where the wait itself finds the device lost, so a lost one is looked for before,
     /// and whatever happens in between is caught.
     fn poll(&self, kind: wgpu::PollType) -> Result<(), RenderError> {
-        self.complaint()?;
-        if self.probe.as_ref().is_some_and(Probe::finds_it_lost) {
-            hold(&self.complaints).lost.get_or_insert("the driver says so".to_owned());
-            return self.complaint();
+        self.take_error()?;
+        if self.probe.as_ref().is_some_and(LossProbe::is_device_lost) {
+            lock_errors(&self.errors).lost.get_or_insert("the driver says so".to_owned());
+            return self.take_error();
         }
         let polled = catch_unwind(AssertUnwindSafe(|| self.device.poll(kind)));
         if polled.is_err() {
-            hold(&self.complaints).lost.get_or_insert("it was lost while it worked".to_owned());
+            lock_errors(&self.errors).lost.get_or_insert("it was lost while it worked".to_owned());
         }
-        self.complaint()?;
+        self.take_error()?;
         polled.map_or(Ok(()), |polled| polled.map(drop).map_err(device_error))
     }
 
     /// The first complaint since the last call, if any.
-    fn complaint(&self) -> Result<(), RenderError> {
-        let mut complaints = hold(&self.complaints);
-        if let Some(cause) = &complaints.lost {
+    fn take_error(&self) -> Result<(), RenderError> {
+        let mut errors = lock_errors(&self.errors);
+        if let Some(cause) = &errors.lost {
             return Err(RenderError::DeviceLost { adapter: self.name.clone(), cause: cause.clone() });
         }
-        complaints.error.take().map_or(Ok(()), |cause| Err(RenderError::Device(cause)))
+        errors.error.take().map_or(Ok(()), |cause| Err(RenderError::Device(cause)))
     }
 
     /// A buffer that holds these bytes, a multiple of four. Written by the queue: to map a new buffer of a lost device panics.
@@ -210,8 +210,8 @@ impl Gpu {
     }
 }
 
-fn hold(complaints: &Mutex<Complaints>) -> MutexGuard<'_, Complaints> {
-    complaints.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock_errors(errors: &Mutex<DeviceErrors>) -> MutexGuard<'_, DeviceErrors> {
+    errors.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn device_error(error: impl std::fmt::Display) -> RenderError {

@@ -5,7 +5,7 @@ use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
 /// Height of the font, texels.
 const FONT_PX: f32 = 40.0;
 /// Room around the text, and the greatest distance told, texels.
-const REACH: i32 = 7;
+const MARGIN_TEXELS: i32 = 7;
 
 /// Distances to a text's outline in texels, negative inside, row by row from the top.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -20,16 +20,16 @@ impl Label {
     pub fn new(text: &str) -> Self {
         let Ok(font) = FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT) else { return Self::default() };
         let font = font.as_scaled(PxScale::from(FONT_PX));
-        let mut right = REACH as f32;
+        let mut right = MARGIN_TEXELS as f32;
         let mut outlines = Vec::new();
         for letter in text.chars() {
             let mut glyph = font.scaled_glyph(letter);
-            glyph.position = ab_glyph::point(right, REACH as f32 + font.ascent());
+            glyph.position = ab_glyph::point(right, MARGIN_TEXELS as f32 + font.ascent());
             right += font.h_advance(glyph.id);
             outlines.extend(font.outline_glyph(glyph));
         }
-        let columns = right.ceil() as i32 + REACH;
-        let rows = (font.ascent() - font.descent()).ceil() as i32 + 2 * REACH;
+        let columns = right.ceil() as i32 + MARGIN_TEXELS;
+        let rows = (font.ascent() - font.descent()).ceil() as i32 + 2 * MARGIN_TEXELS;
         let mut covered = vec![0.0f32; (columns * rows) as usize];
         for outline in outlines {
             let corner = outline.px_bounds().min;
@@ -60,9 +60,9 @@ fn distances(covered: &[f32], columns: i32, rows: i32) -> Vec<f32> {
         let (x, y) = (index % columns, index / columns);
         let own = at(x, y);
         let is_inside = own >= 0.5;
-        let mut nearest = REACH as f32;
-        for dy in -REACH..=REACH {
-            for dx in -REACH..=REACH {
+        let mut nearest = MARGIN_TEXELS as f32;
+        for dy in -MARGIN_TEXELS..=MARGIN_TEXELS {
+            for dx in -MARGIN_TEXELS..=MARGIN_TEXELS {
                 let other = at(x + dx, y + dy);
                 if (other >= 0.5) != is_inside {
                     let edge = f32::hypot(dx as f32, dy as f32) - (other - 0.5).abs();
@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_text_has_an_inside_an_outside_and_its_own_width() {
+    fn label_has_inside_outside_and_width() {
         let (short, long) = (Label::new("0.8 m"), Label::new("10.8 m"));
         assert!(long.columns > short.columns + 8 && long.rows == short.rows);
         assert_eq!(short.distances.len(), (short.columns * short.rows) as usize);

@@ -7,18 +7,18 @@
 
 mod error;
 mod eye;
+mod eye_renderer;
 mod gpu;
 mod label;
 mod painter;
 mod preview;
 mod quads;
 mod renderer;
-mod scenery;
-mod viewer;
+mod stereo;
 
 pub use error::RenderError;
 pub use eye::EyeView;
 pub use gpu::needed_limits;
 pub use quads::{Quad, QuadKind};
 pub use renderer::Renderer;
-pub use scenery::{Scenery, Window};
+pub use stereo::{StereoScene, Window};

@@ -15,7 +15,7 @@ use crate::warning::{PanelKind, Style, WarningSettings};
 /// Sharpness of a texture: a grid line is two pixels wide.
 const PIXELS_PER_M: f64 = 512.0;
 /// Longest side of a texture; larger panels are drawn less sharp.
-const LONGEST_PX: f64 = 1024.0;
+const MAX_SIDE_PX: f64 = 1024.0;
 
 /// Height of a text with the room around it, metres: read at 1.5 m without effort.
 const LABEL_HEIGHT_M: f64 = 0.13;
@@ -26,7 +26,7 @@ const LABEL_ON_WALL_M: f64 = 1.3;
 
 /// What a panel's texture shows.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct PanelLook<'a> {
+pub(super) struct PanelContent<'a> {
     pub kind: PanelKind,
     pub size_m: DVec2,
     pub silhouette: &'a [(DVec2, f64)],
@@ -64,22 +64,22 @@ struct FootprintUniform {
 pub(super) struct Painter {
     panel: wgpu::RenderPipeline,
     footprint: wgpu::RenderPipeline,
-    halve: wgpu::util::TextureBlitter,
+    downsampler: wgpu::util::TextureBlitter,
 }
 
 impl Painter {
     pub fn new(gpu: &Gpu) -> Self {
-        let halve =
+        let downsampler =
             wgpu::util::TextureBlitterBuilder::new(&gpu.device, FORMAT).sample_type(wgpu::FilterMode::Linear).build();
         Self {
             panel: pipeline(gpu, wgpu::include_wgsl!("shaders/panel.wgsl")),
             footprint: pipeline(gpu, wgpu::include_wgsl!("shaders/footprint.wgsl")),
-            halve,
+            downsampler,
         }
     }
 
     /// The texture of a panel.
-    pub fn panel(&self, gpu: &Gpu, look: &PanelLook, style: &WarningSettings) -> wgpu::Texture {
+    pub fn panel(&self, gpu: &Gpu, look: &PanelContent, style: &WarningSettings) -> wgpu::Texture {
         let mut list: Vec<[f32; 4]> =
             look.silhouette.iter().map(|(c, r)| [c.x as f32, c.y as f32, *r as f32, 0.0]).collect();
         let is_wall = look.kind == PanelKind::Wall;
@@ -99,7 +99,7 @@ impl Painter {
             border: f32::from(u8::from(!is_wall && !is_fog)),
             style: style_number(style.style),
             label_columns: label.columns,
-            label: label_place(look, &label),
+            label: label_rect(look, &label),
             label_rows: label.rows,
             unused: [0; 3],
         };
@@ -161,16 +161,16 @@ impl Painter {
             pass.set_bind_group(0, &bound, &[]);
             pass.draw(0..3, 0..1);
         }
-        ready_to_copy(&mut encoder, [&texture].into_iter());
+        transition_to_copy_source(&mut encoder, [&texture].into_iter());
         gpu.queue.submit([encoder.finish()]);
         texture
     }
 
     /// Draws a texture's smaller levels, each from the one before.
-    pub fn smaller_levels(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, texture: &wgpu::Texture) {
+    pub fn draw_mip_levels(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, texture: &wgpu::Texture) {
         let views: Vec<_> = (0..texture.mip_level_count()).map(|level| level_view(texture, level)).collect();
         for pair in views.windows(2) {
-            self.halve.copy(&gpu.device, encoder, &pair[0], &pair[1]);
+            self.downsampler.copy(&gpu.device, encoder, &pair[0], &pair[1]);
         }
     }
 }
@@ -186,7 +186,7 @@ pub(super) fn style_number(style: Style) -> u32 {
 }
 
 /// Middle and half size of the text: above the silhouette's top, on a wall a little below the eyes of most.
-fn label_place(look: &PanelLook, label: &Label) -> [f32; 4] {
+fn label_rect(look: &PanelContent, label: &Label) -> [f32; 4] {
     let half_size = DVec2::new(label.aspect(), 1.0) * LABEL_HEIGHT_M / 2.0;
     let highest = look.silhouette.iter().max_by(|a, b| (a.0.y + a.1).total_cmp(&(b.0.y + b.1)));
     let wanted = match highest {
@@ -199,7 +199,10 @@ fn label_place(look: &PanelLook, label: &Label) -> [f32; 4] {
 }
 
 /// Leaves textures in the layout that a runtime takes them over in (Vulkan's `TRANSFER_SRC_OPTIMAL`).
-pub(super) fn ready_to_copy<'t>(encoder: &mut wgpu::CommandEncoder, textures: impl Iterator<Item = &'t wgpu::Texture>) {
+pub(super) fn transition_to_copy_source<'t>(
+    encoder: &mut wgpu::CommandEncoder,
+    textures: impl Iterator<Item = &'t wgpu::Texture>,
+) {
     let ready = |texture| wgpu::TextureTransition { texture, selector: None, state: wgpu::TextureUses::COPY_SRC };
     encoder.transition_resources(std::iter::empty(), textures.map(ready));
 }
@@ -239,8 +242,8 @@ fn pipeline(gpu: &Gpu, shader: wgpu::ShaderModuleDescriptor) -> wgpu::RenderPipe
 
 /// Pixels for a size in metres, 16 at least.
 fn texture_size(size_m: DVec2) -> [u32; 2] {
-    let scale = PIXELS_PER_M.min(LONGEST_PX / size_m.max_element().max(1e-3));
-    (size_m * scale).to_array().map(|v| v.round().clamp(16.0, LONGEST_PX) as u32)
+    let scale = PIXELS_PER_M.min(MAX_SIDE_PX / size_m.max_element().max(1e-3));
+    (size_m * scale).to_array().map(|v| v.round().clamp(16.0, MAX_SIDE_PX) as u32)
 }
 
 /// The grid's spacing, bounded so that any setting can be drawn.

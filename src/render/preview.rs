@@ -6,27 +6,27 @@ use image::RgbaImage;
 
 use super::error::RenderError;
 use super::eye::EyeView;
+use super::eye_renderer::{Canvas, EyeRenderer};
 use super::gpu::{FORMAT, Gpu};
 use super::quads::Quad;
-use super::viewer::{Canvas, Viewer};
 
 /// The picture of one eye. `truth`: places and radii, metres.
 pub(super) fn preview(
     gpu: &Gpu,
-    viewer: &Viewer,
+    viewer: &EyeRenderer,
     quads: &[Quad],
     view: &EyeView,
     truth: &[(DVec3, f64)],
 ) -> Result<RgbaImage, RenderError> {
     view.check()?;
     gpu.check_size(view.size_px)?;
-    let sight = viewer.sight(gpu, view, truth, &[], &quads.iter().collect::<Vec<_>>());
+    let sight = viewer.draw_list(gpu, view, truth, &[], &quads.iter().collect::<Vec<_>>());
     let picture = gpu.target(view.size_px, FORMAT, 1);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     {
         let mut pass = Canvas::new(gpu, view.size_px).begin(&mut encoder, &picture);
         viewer.draw_backdrop(&mut pass, &sight);
-        viewer.draw_things(&mut pass, &sight);
+        viewer.draw_objects(&mut pass, &sight);
     }
     gpu.queue.submit([encoder.finish()]);
     gpu.read(&picture)

@@ -7,21 +7,21 @@ use image::RgbaImage;
 
 use super::error::RenderError;
 use super::eye::EyeView;
+use super::eye_renderer::EyeRenderer;
 use super::gpu::Gpu;
 use super::painter::Painter;
 use super::preview::preview;
 use super::quads::{Quad, QuadCache};
-use super::scenery::{Scenery, Screens, Window};
-use super::viewer::Viewer;
+use super::stereo::{RenderTargets, StereoScene, Window};
 use crate::warning::{WarningSettings, Warnings};
 
 /// Draws warnings, without a window.
 pub struct Renderer {
     gpu: Gpu,
     painter: Painter,
-    viewer: Viewer,
+    viewer: EyeRenderer,
     cache: QuadCache,
-    screens: Screens,
+    targets: RenderTargets,
 }
 
 impl Renderer {
@@ -43,9 +43,9 @@ impl Renderer {
     }
 
     fn on(gpu: Gpu) -> Result<Self, RenderError> {
-        let (painter, viewer) = (Painter::new(&gpu), Viewer::new(&gpu));
+        let (painter, viewer) = (Painter::new(&gpu), EyeRenderer::new(&gpu));
         gpu.check()?;
-        Ok(Self { gpu, painter, viewer, cache: QuadCache::default(), screens: Screens::default() })
+        Ok(Self { gpu, painter, viewer, cache: QuadCache::default(), targets: RenderTargets::default() })
     }
 
     /// Name of the graphics adapter.
@@ -69,9 +69,13 @@ impl Renderer {
     ///
     /// # Errors
     /// As [`Self::quads`].
-    pub fn quads_at_leisure(&mut self, warnings: &Warnings, style: &WarningSettings) -> Result<Vec<Quad>, RenderError> {
+    pub fn quads_incremental(
+        &mut self,
+        warnings: &Warnings,
+        style: &WarningSettings,
+    ) -> Result<Vec<Quad>, RenderError> {
         self.gpu.check()?;
-        let quads = self.cache.quads_at_leisure(&self.gpu, &self.painter, warnings, style);
+        let quads = self.cache.quads_incremental(&self.gpu, &self.painter, warnings, style);
         self.gpu.check()?;
         Ok(quads)
     }
@@ -116,7 +120,7 @@ impl Renderer {
         truth: &[(DVec3, f64)],
     ) -> Result<RgbaImage, RenderError> {
         let quads = self.quads(warnings, style)?;
-        self.cache.before_sampling(&self.gpu, &self.painter, &quads);
+        self.cache.prepare_for_sampling(&self.gpu, &self.painter, &quads);
         preview(&self.gpu, &self.viewer, &quads, view, truth)
     }
 
@@ -126,8 +130,8 @@ impl Renderer {
     ///
     /// # Errors
     /// As [`Self::quads`].
-    pub fn hand_over(&mut self, quads: &[Quad]) -> Result<(), RenderError> {
-        self.cache.hand_over(&self.gpu, quads);
+    pub fn prepare_for_copy(&mut self, quads: &[Quad]) -> Result<(), RenderError> {
+        self.cache.prepare_for_copy(&self.gpu, quads);
         self.gpu.check()
     }
 
@@ -139,7 +143,7 @@ impl Renderer {
     /// [`RenderError::ImageSize`], and as [`Self::quads`].
     pub fn window(
         &mut self,
-        scenery: &Scenery,
+        scenery: &StereoScene,
         window: &Window,
         eyes_m: [DVec3; 2],
         half_px: [u32; 2],
@@ -154,7 +158,7 @@ impl Renderer {
     /// As [`Self::window`].
     pub fn windows(
         &mut self,
-        scenery: &Scenery,
+        scenery: &StereoScene,
         windows: &[Window],
         eyes_m: [DVec3; 2],
     ) -> Result<Vec<Arc<wgpu::Texture>>, RenderError> {
@@ -164,12 +168,12 @@ impl Renderer {
 
     fn sized_windows(
         &mut self,
-        scenery: &Scenery,
+        scenery: &StereoScene,
         windows: &[(Window, [u32; 2])],
         eyes_m: [DVec3; 2],
     ) -> Result<Vec<Arc<wgpu::Texture>>, RenderError> {
-        self.cache.before_sampling(&self.gpu, &self.painter, scenery.quads);
-        let textures = self.screens.windows(&self.gpu, &self.viewer, scenery, windows, eyes_m)?;
+        self.cache.prepare_for_sampling(&self.gpu, &self.painter, scenery.quads);
+        let textures = self.targets.windows(&self.gpu, &self.viewer, scenery, windows, eyes_m)?;
         self.gpu.check()?;
         Ok(textures)
     }
@@ -178,9 +182,14 @@ impl Renderer {
     ///
     /// # Errors
     /// [`RenderError::View`] and [`RenderError::ImageSize`] for an eye that makes no picture, and as [`Self::quads`].
-    pub fn eye(&mut self, scenery: &Scenery, side: usize, view: &EyeView) -> Result<Arc<wgpu::Texture>, RenderError> {
-        self.cache.before_sampling(&self.gpu, &self.painter, scenery.quads);
-        let texture = self.screens.eye(&self.gpu, &self.viewer, scenery, side, view)?;
+    pub fn eye(
+        &mut self,
+        scenery: &StereoScene,
+        side: usize,
+        view: &EyeView,
+    ) -> Result<Arc<wgpu::Texture>, RenderError> {
+        self.cache.prepare_for_sampling(&self.gpu, &self.painter, scenery.quads);
+        let texture = self.targets.eye(&self.gpu, &self.viewer, scenery, side, view)?;
         self.gpu.check()?;
         Ok(texture)
     }
@@ -265,7 +274,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_panel_appears_where_the_projection_says_in_both_eyes() {
+    fn panel_projects_to_expected_pixels_in_both_eyes() {
         with_renderer(|renderer| {
             let panel = panel(DVec3::new(0.3, 1.3, -0.7));
             let corner = |x: f64, y: f64| panel.tracking_from_panel.transform_point(DVec3::new(x * 0.3, y * 0.4, 0.0));
@@ -291,7 +300,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn dark_panels_and_panels_behind_draw_nothing() {
+    fn transparent_panels_and_panels_behind_are_not_drawn() {
         with_renderer(|renderer| {
             let [view, _] = eyes();
             let empty = draw(renderer, &Warnings::default(), &view);
@@ -303,7 +312,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_texture_has_transparent_and_lit_pixels_and_is_premultiplied() {
+    fn panel_texture_is_premultiplied() {
         with_renderer(|renderer| {
             let quads = renderer.quads(&only(panel(DVec3::ZERO)), &WarningSettings::default()).unwrap();
             let picture = renderer.picture_of(&quads[0]).unwrap();
@@ -337,7 +346,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn lines_are_seen_over_bright_dark_and_busy_games() {
+    fn lines_have_contrast_over_bright_dark_and_busy_backgrounds() {
         with_renderer(|renderer| {
             for style in Style::ALL {
                 let settings = WarningSettings { style, ..Default::default() };
@@ -374,7 +383,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn another_label_or_style_is_another_picture_and_the_same_is_not() {
+    fn texture_cache_key_includes_label_and_style() {
         with_renderer(|renderer| {
             let style = WarningSettings { color: [3, 128, 255], ..Default::default() };
             let with = |label_m| only(Panel { label_m, ..panel(DVec3::ZERO) });
@@ -398,7 +407,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn only_a_changed_shape_draws_a_texture_again() {
+    fn texture_is_redrawn_only_when_the_shape_changes() {
         with_renderer(|renderer| {
             let style = WarningSettings { color: [255, 128, 1], ..Default::default() };
             let first = panel(DVec3::ZERO);
@@ -415,35 +424,35 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn at_leisure_one_picture_is_drawn_at_a_time_and_the_one_before_stays() {
+    fn quads_incremental_draws_one_texture_at_a_time() {
         with_renderer(|renderer| {
             let style = WarningSettings { color: [1, 128, 255], ..Default::default() };
             let of = |id, width_m| Panel { id, size_m: DVec2::new(width_m, 0.83), ..panel(DVec3::Z * -0.9) };
             let both = |width_m| Warnings { panels: vec![of(1, width_m), of(2, 0.62)], footprints: vec![] };
             let drawn = renderer.textures_drawn();
-            assert!(renderer.quads_at_leisure(&both(0.61), &style).unwrap().is_empty(), "nothing is drawn yet");
+            assert!(renderer.quads_incremental(&both(0.61), &style).unwrap().is_empty(), "nothing is drawn yet");
             assert_eq!(renderer.textures_drawn(), drawn + 1);
             let wait = |renderer: &mut Renderer| renderer.gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
             wait(renderer);
-            assert_eq!(renderer.quads_at_leisure(&both(0.61), &style).unwrap().len(), 1);
+            assert_eq!(renderer.quads_incremental(&both(0.61), &style).unwrap().len(), 1);
             wait(renderer);
-            let quads = renderer.quads_at_leisure(&both(0.61), &style).unwrap();
+            let quads = renderer.quads_incremental(&both(0.61), &style).unwrap();
             assert_eq!((quads.len(), renderer.textures_drawn()), (2, drawn + 2));
             // Another picture of the first: the one before stays, where it is, until the other is drawn.
             let moved = Warnings { panels: vec![Panel { alpha: 0.3, ..of(1, 0.9) }, of(2, 0.62)], footprints: vec![] };
-            let during = renderer.quads_at_leisure(&moved, &style).unwrap();
+            let during = renderer.quads_incremental(&moved, &style).unwrap();
             assert!(Arc::ptr_eq(&during[0].texture, &quads[0].texture) && during[0].size_m == quads[0].size_m);
             assert_eq!(during[0].alpha, 0.3, "brightness follows at once");
             wait(renderer);
             // By now yet another one is wanted: what was drawn meanwhile is shown all the same.
-            let after = renderer.quads_at_leisure(&both(1.2), &style).unwrap();
+            let after = renderer.quads_incremental(&both(1.2), &style).unwrap();
             assert_eq!(after[0].size_m.x, 0.9);
-            assert!(renderer.quads_at_leisure(&only(of(2, 0.62)), &style).unwrap().len() == 1, "what is gone is gone");
+            assert!(renderer.quads_incremental(&only(of(2, 0.62)), &style).unwrap().len() == 1, "what is gone is gone");
         });
     }
 
     #[test]
-    fn two_renderers_draw_the_same_bytes() {
+    fn rendering_is_deterministic_across_renderers() {
         with_renderer(|renderer| {
             let [view, _] = eyes();
             let corners_xz_m = [(0.0, -0.6), (0.4, -0.6), (0.4, -1.0), (0.0, -1.0)].map(DVec2::from).to_vec();
@@ -458,7 +467,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn truth_in_front_hides_the_panel_and_truth_behind_shines_through() {
+    fn panels_are_depth_tested_against_truth_dots() {
         with_renderer(|renderer| {
             let [view, _] = eyes();
             let place = DVec3::new(0.2, 1.3, -0.7);
@@ -481,7 +490,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_room_far_from_the_origin_is_as_sharp() {
+    fn precision_is_independent_of_distance_to_origin() {
         with_renderer(|renderer| {
             let far = DVec3::new(4096.0, 0.0, -2048.0);
             let [near_eye, _] = eyes();
@@ -495,7 +504,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn pictures_that_cannot_be_are_refused() {
+    fn invalid_image_sizes_are_rejected() {
         with_renderer(|renderer| {
             let [view, _] = eyes();
             let none = Warnings::default();
@@ -511,13 +520,13 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_missing_adapter_names_the_remedy() {
+    fn missing_adapter_error_names_the_remedy() {
         let message = RenderError::NoAdapter.to_string();
         assert!(message.contains("apt install mesa-vulkan-drivers libvulkan1"), "{message}");
     }
 
     #[test]
-    fn what_a_preview_looked_at_is_handed_over_again_and_nothing_else_is() {
+    fn only_sampled_textures_are_prepared_for_copy_again() {
         with_renderer(|renderer| {
             let mut tick = 0.0;
             let mut fresh = || {
@@ -527,20 +536,20 @@ pub(super) mod tests {
             let style = WarningSettings::default();
             let warnings = fresh();
             let quads = renderer.quads(&warnings, &style).unwrap();
-            assert!(renderer.cache.all_ready(&quads), "a new texture is ready");
+            assert!(renderer.cache.all_copy_sources(&quads), "a new texture is ready");
             renderer.preview(&warnings, &style, &eyes()[0], &[]).unwrap();
-            assert!(!renderer.cache.all_ready(&quads));
-            renderer.hand_over(&quads).unwrap();
-            assert!(renderer.cache.all_ready(&quads));
+            assert!(!renderer.cache.all_copy_sources(&quads));
+            renderer.prepare_for_copy(&quads).unwrap();
+            assert!(renderer.cache.all_copy_sources(&quads));
             let picture = renderer.picture_of(&quads[0]).unwrap();
             let others = renderer.quads(&fresh(), &style).unwrap();
-            renderer.hand_over(&[quads, others].concat()).unwrap();
+            renderer.prepare_for_copy(&[quads, others].concat()).unwrap();
             assert!(picture.pixels().any(|p| p[3] > 50), "and it still shows the panel");
         });
     }
 
     #[test]
-    fn however_much_is_shown_textures_are_kept_within_bounds_and_none_in_flight_is_dropped() {
+    fn texture_cache_is_bounded_and_keeps_textures_in_flight() {
         with_renderer(|renderer| {
             let style = WarningSettings::default();
             let (mut shown, mut most) = (std::collections::VecDeque::new(), 0);
@@ -561,7 +570,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_lost_device_is_told_from_other_errors_and_another_renderer_goes_on() {
+    fn lost_device_is_reported_and_a_new_renderer_works() {
         with_renderer(|_| {
             let gpu = Gpu::headless().unwrap();
             let device = gpu.device.clone();
@@ -573,7 +582,7 @@ pub(super) mod tests {
             device.destroy();
             for _ in 0..2 {
                 assert!(matches!(renderer.quads(&warnings, &style), Err(RenderError::DeviceLost { .. })));
-                assert!(matches!(renderer.hand_over(&quads), Err(RenderError::DeviceLost { .. })));
+                assert!(matches!(renderer.prepare_for_copy(&quads), Err(RenderError::DeviceLost { .. })));
                 let other = only(Panel { size_m: DVec2::ONE, ..panel(DVec3::ZERO) });
                 assert!(matches!(renderer.quads(&other, &style), Err(RenderError::DeviceLost { .. })));
                 assert!(matches!(

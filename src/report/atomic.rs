@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn writes_replaces_and_leaves_nothing_behind() {
+    fn atomic_write_replaces_and_cleans_up() {
         let folder = std::env::temp_dir().join(format!("report-atomic-{}", std::process::id()));
         let path = folder.join("deep/file.txt");
         write_atomically(&path, b"one").unwrap();

@@ -137,7 +137,7 @@ impl Canvas {
 
     /// Lines from point to point; the line is broken at points that are not finite.
     pub fn polyline(&mut self, points: &[[f64; 2]], width_px: f64, color: Rgb) {
-        for pair in kept(points).windows(2) {
+        for pair in visible_indices(points).windows(2) {
             self.line(points[pair[0]], points[pair[1]], width_px, color);
         }
     }
@@ -164,7 +164,7 @@ impl Canvas {
 
     /// The inside of a convex polygon whose corners run clockwise on the screen.
     pub fn convex(&mut self, corners: &[[f64; 2]], color: Rgb, alpha: f64) {
-        let Some(area) = around(corners) else { return };
+        let Some(area) = bounding_box(corners) else { return };
         let edges: Vec<([f64; 2], [f64; 2])> =
             (0..corners.len()).filter_map(|n| outward_normal(corners[n], corners[(n + 1) % corners.len()])).collect();
         self.shape(area, color, alpha, |x, y| {
@@ -227,7 +227,7 @@ impl Canvas {
     }
 
     fn capsule(&mut self, a: [f64; 2], b: [f64; 2], radius: f64, color: Rgb) {
-        let Some(area) = around(&[a, b]) else { return };
+        let Some(area) = bounding_box(&[a, b]) else { return };
         let area = Rect::new(area.x - radius, area.y - radius, area.width + 2.0 * radius, area.height + 2.0 * radius);
         let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
         let per_length2 = 1.0 / (dx * dx + dy * dy).max(1e-12);
@@ -313,7 +313,7 @@ impl Canvas {
 
 /// Indices of the points that matter on the screen: the first, the last, and those more than half a pixel from the one kept
 /// before. Thousands of poses a second fall on the same few pixels.
-pub fn kept(points: &[[f64; 2]]) -> Vec<usize> {
+pub fn visible_indices(points: &[[f64; 2]]) -> Vec<usize> {
     let mut kept: Vec<usize> = Vec::new();
     for (n, point) in points.iter().enumerate() {
         let moved = kept.last().map_or(f64::NAN, |&k| (point[0] - points[k][0]).hypot(point[1] - points[k][1]));
@@ -330,7 +330,7 @@ pub fn text_width(text: &str, height_px: f64) -> f64 {
     font(height_px * S).box_size(text).map_or(0.0, |(width, _)| width as f64 / S)
 }
 
-fn around(points: &[[f64; 2]]) -> Option<Rect> {
+fn bounding_box(points: &[[f64; 2]]) -> Option<Rect> {
     if points.is_empty() || !points.iter().flatten().all(|v| v.is_finite() && v.abs() < 1e6) {
         return None;
     }
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_cover_their_inside_alone() {
+    fn shapes_cover_only_their_inside() {
         let mut canvas = Canvas::new(40, 20);
         canvas.fill(Rect::new(2.0, 3.0, 5.0, 4.0), INK);
         canvas.disc([30.0, 10.0], 4.0, INK);
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_or_outside_draws_nothing() {
+    fn non_finite_or_outside_shapes_draw_nothing() {
         let mut canvas = Canvas::new(10, 10);
         canvas.line([f64::NAN, 0.0], [3.0, 3.0], 1.0, INK);
         canvas.line([f64::INFINITY, 0.0], [3.0, 3.0], 1.0, INK);
@@ -385,14 +385,14 @@ mod tests {
     }
 
     #[test]
-    fn points_on_the_same_pixel_are_kept_once_and_breaks_stay_breaks() {
-        assert_eq!(kept(&[[0.0, 0.0], [0.1, 0.0], [0.7, 0.0], [0.8, 0.0]]), [0, 2, 3]);
-        assert_eq!(kept(&[[0.0, 0.0], [f64::NAN, 0.0], [0.1, 0.0], [0.2, 0.0]]), [0, 1, 2, 3]);
-        assert!(kept(&[]).is_empty());
+    fn duplicate_pixels_are_merged_and_gaps_kept() {
+        assert_eq!(visible_indices(&[[0.0, 0.0], [0.1, 0.0], [0.7, 0.0], [0.8, 0.0]]), [0, 2, 3]);
+        assert_eq!(visible_indices(&[[0.0, 0.0], [f64::NAN, 0.0], [0.1, 0.0], [0.2, 0.0]]), [0, 1, 2, 3]);
+        assert!(visible_indices(&[]).is_empty());
     }
 
     #[test]
-    fn text_is_where_it_should_be() {
+    fn text_is_aligned_and_centered() {
         let mut canvas = Canvas::new(100, 30);
         canvas.text([50.0, 15.0], Align::Center, "HHHH", 16.0, INK);
         let picture = canvas.finish();

@@ -147,7 +147,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn decades_have_their_ticks() {
+    fn log_ticks_cover_decades() {
         assert_eq!(log_ticks([0.0, 1.0]), [1.0, 2.0, 5.0, 10.0]);
         assert_eq!(log_ticks([-2.5, 2.5]).len(), 5);
         assert!(log_ticks([-300.0, 300.0]).len() < 12);
@@ -155,14 +155,14 @@ mod tests {
     }
 
     #[test]
-    fn ranges_have_air_and_begin_at_zero_where_that_is_near() {
+    fn axis_ranges_have_margin_and_start_at_zero() {
         assert_eq!(range(&[vec![[0.0, 1.0], [1.0, 10.0]]], 1, false)[0], 0.0);
         assert!(range(&[vec![[0.0, 9.0], [1.0, 10.0]]], 1, false)[0] > 8.0);
         assert_eq!(range(&[vec![]], 0, true), [0.0, 1.0]);
     }
 
     #[test]
-    fn degenerate_data_are_drawn_without_a_panic() {
+    fn degenerate_data_do_not_panic() {
         let all = [[f64::NAN, 1.0], [0.0, 0.0], [-1.0, 1e300], [1e300, 1e-300], [2.0, 2.0]];
         for points in [Vec::new(), vec![[1.0, 1.0]], all.to_vec()] {
             for log in [false, true] {

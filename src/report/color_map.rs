@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn brightness_rises_all_the_way_and_ends_are_the_anchors() {
+    fn color_maps_increase_in_brightness() {
         let luminance = |c: Rgb| 0.2126 * c[0] as f64 + 0.7152 * c[1] as f64 + 0.0722 * c[2] as f64;
         for map in [inferno, viridis] {
             let values: Vec<f64> = (0..=100).map(|n| luminance(map(n as f64 / 100.0))).collect();

@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn sums_run_along_the_named_axis() {
+    fn sums_are_along_the_given_axis() {
         let volume = volume();
         let along_x = accumulate(&volume, 0);
         assert_eq!(along_x.size, [3, 2]);
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bright_voxel_is_bright_where_the_axes_say_it_is() {
+    fn bright_voxel_is_at_its_axes_position() {
         let region = Aabb { min: DVec3::new(-1.0, 0.0, -2.0), max: DVec3::new(1.0, 2.0, 0.0) };
         let mut volume = Volume::covering(&region, 0.1);
         let voxel = [15, 4, 3];
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn degenerate_volumes_are_drawn_without_a_panic() {
+    fn degenerate_volumes_do_not_panic() {
         let empty = Volume { origin_m: DVec3::ZERO, voxel_m: 0.1, size: [0, 0, 0], values: Vec::new() };
         let flat = Volume { size: [5, 1, 1], values: vec![0.0; 5], ..empty.clone() };
         let short = Volume { size: [5, 5, 5], values: vec![1.0; 3], ..empty.clone() };
@@ -194,7 +194,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_axis_gives_the_same_total(values in prop::collection::vec(-10.0..10.0f32, 24), hole in 0usize..24) {
+        fn totals_are_equal_for_every_axis(values in prop::collection::vec(-10.0..10.0f32, 24), hole in 0usize..24) {
             let mut volume = volume();
             volume.values = values;
             volume.values[hole] = f32::NAN;

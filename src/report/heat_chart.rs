@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bright_cell_is_bright_where_the_axes_say_it_is() {
+    fn bright_cell_is_at_its_axes_position() {
         let mut values = vec![0.0; 12];
         values[4 + 2] = 1.0;
         let chart =
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn degenerate_data_are_drawn_without_a_panic() {
+    fn degenerate_data_do_not_panic() {
         for (columns, values) in [(0, vec![]), (3, vec![1.0]), (1, vec![f64::NAN; 4]), (2, vec![f64::INFINITY; 4])] {
             let bad = [[f64::NAN, 0.0], [1e300, -1e300]];
             let chart = HeatChart { columns, values, truth: bad.to_vec(), found: bad.to_vec(), ..Default::default() };

@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_has_everything_and_nothing_from_elsewhere() {
+    fn page_is_complete_and_self_contained() {
         let table = Table {
             head: strings(&["name", "error"]),
             rows: vec![strings(&["<chair>", "1.2 cm"]), strings(&["lamp", "–"])],
@@ -274,7 +274,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_text_leaves_its_element(text in ".*") {
+        fn text_is_escaped(text in ".*") {
             let safe = escaped(&text);
             prop_assert!(!safe.contains(['<', '>', '"', '\'']));
             prop_assert!(safe.split('&').skip(1).all(|rest| rest.contains(';')));

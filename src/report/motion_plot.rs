@@ -6,7 +6,7 @@ use glam::DVec3;
 use crate::geometry::Aabb;
 
 use super::Picture;
-use super::canvas::{Align, Canvas, Rect, kept};
+use super::canvas::{Align, Canvas, Rect, visible_indices};
 use super::color_map::{mix, viridis};
 use super::marks::{Symbol, legend_entry, legend_width};
 use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
@@ -62,7 +62,7 @@ fn time_color(time: f64, [first, last]: [f64; 2]) -> Rgb {
 }
 
 fn draw_timed(canvas: &mut Canvas, path: &[(f64, DVec3)], points: &[[f64; 2]], times: [f64; 2]) {
-    for pair in kept(points).windows(2) {
+    for pair in visible_indices(points).windows(2) {
         canvas.line(points[pair[0]], points[pair[1]], 2.0, time_color(path[pair[0]].0, times));
     }
     if let (Some(&first), Some(&last)) = (points.first(), points.last()) {
@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn degenerate_paths_are_drawn_without_a_panic() {
+    fn degenerate_paths_do_not_panic() {
         motion_plot(&[], "none");
         motion_plot(&[(0.0, DVec3::ZERO)], "one");
         motion_plot(&[(1.0, DVec3::ONE); 5], "still");

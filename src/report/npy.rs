@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn the_header_is_that_of_numpy_and_ends_at_64() {
+    fn npy_header_matches_numpy_and_is_aligned() {
         let bytes = npy_bytes(&volume([4, 3, 2])).unwrap();
         assert_eq!(&bytes[..10], b"\x93NUMPY\x01\x00\x76\x00");
         let text = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }";
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn both_files_come_back_as_they_were() {
+    fn volume_files_roundtrip() {
         let path = folder("round").join("a.npy");
         let mut info = VolumeInfo { statistic: "ls".into(), updates: 7, dense_updates: 24, extra: Map::new() };
         info.extra.insert("sweeps".into(), 120.into());
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn the_json_says_where_the_values_are_and_what() {
+    fn json_describes_the_volume() {
         let info = VolumeInfo { statistic: "ls".into(), ..VolumeInfo::default() };
         let [npy, json] = volume_bytes(&volume([4, 3, 2]), &info).unwrap();
         let told: Value = serde_json::from_slice(&json).unwrap();
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_lie_is_refused() {
+    fn inconsistent_volumes_are_rejected() {
         let path = folder("refused").join("a.npy");
         let wrong_size = Volume { size: [9, 9, 9], ..volume([4, 3, 2]) };
         let nowhere = Volume { origin_m: DVec3::NAN, ..volume([4, 3, 2]) };
@@ -260,7 +260,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn bytes_and_volumes_are_inverse(x in 0usize..6, y in 0usize..6, z in 0usize..300) {
+        fn volume_bytes_roundtrip(x in 0usize..6, y in 0usize..6, z in 0usize..300) {
             let volume = volume([x, y, z]);
             let bytes = npy_bytes(&volume).unwrap();
             prop_assert_eq!((bytes.len() - 4 * x * y * z) % ALIGNMENT, 0);
@@ -268,7 +268,7 @@ mod tests {
         }
 
         #[test]
-        fn garbage_is_refused_without_a_panic(bytes in prop::collection::vec(any::<u8>(), 0..200), keep in any::<bool>()) {
+        fn garbage_is_rejected_without_panic(bytes in prop::collection::vec(any::<u8>(), 0..200), keep in any::<bool>()) {
             let bytes = if keep { [MAGIC, &bytes].concat() } else { bytes };
             prop_assert!(parse(&bytes).is_err());
         }

@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde_json::Value;
 use serde_json::ser::Formatter;
 
-use crate::obstacles::{Moving, Observed, Obstacle, Scene, Wall};
+use crate::obstacles::{MovingTarget, Observed, Obstacle, Scene, Wall};
 
 use super::{ReportError, write_atomically};
 
@@ -96,7 +96,7 @@ pub fn obstacles_json(scene: &Scene, counters: &Value, time_offset: &StreamOffse
         time_offset_observable: time_offset.observable,
     };
     let mut bytes = Vec::new();
-    let mut serializer = serde_json::Serializer::with_formatter(&mut bytes, LineAnEntry::default());
+    let mut serializer = serde_json::Serializer::with_formatter(&mut bytes, EntryPerLineFormatter::default());
     file.serialize(&mut serializer).map_err(|source| ReportError::Json { path: "obstacles.json".into(), source })?;
     bytes.push(b'\n');
     Ok(bytes)
@@ -143,7 +143,7 @@ fn wall_entry(n: usize, wall: &Wall) -> Result<WallEntry, ReportError> {
     })
 }
 
-fn moving_entry(n: usize, moving: &Moving) -> Result<MovingEntry, ReportError> {
+fn moving_entry(n: usize, moving: &MovingTarget) -> Result<MovingEntry, ReportError> {
     let named = |field: &'static str| move || format!("moving[{n}].{field}");
     Ok(MovingEntry {
         id: moving.id,
@@ -183,12 +183,12 @@ fn matrix(m: DMat3, what: impl Fn() -> String + Copy) -> Result<[[f64; 3]; 3], R
 
 /// JSON with a line for each entry of the file, and for each entry of those entries; nothing deeper is broken up.
 #[derive(Default)]
-struct LineAnEntry {
+struct EntryPerLineFormatter {
     depth: usize,
 }
 
-impl LineAnEntry {
-    const BROKEN: usize = 2;
+impl EntryPerLineFormatter {
+    const MAX_BROKEN_DEPTH: usize = 2;
 
     fn open<W: ?Sized + io::Write>(&mut self, writer: &mut W, bracket: &[u8]) -> io::Result<()> {
         self.depth += 1;
@@ -197,17 +197,17 @@ impl LineAnEntry {
 
     fn separate<W: ?Sized + io::Write>(&self, writer: &mut W, first: bool) -> io::Result<()> {
         writer.write_all(if first { b"" } else { b"," })?;
-        if self.depth <= Self::BROKEN { writer.write_all(b"\n") } else { Ok(()) }
+        if self.depth <= Self::MAX_BROKEN_DEPTH { writer.write_all(b"\n") } else { Ok(()) }
     }
 
     fn close<W: ?Sized + io::Write>(&mut self, writer: &mut W, bracket: &[u8]) -> io::Result<()> {
-        writer.write_all(if self.depth <= Self::BROKEN { b"\n" } else { b"" })?;
+        writer.write_all(if self.depth <= Self::MAX_BROKEN_DEPTH { b"\n" } else { b"" })?;
         self.depth -= 1;
         writer.write_all(bracket)
     }
 }
 
-impl Formatter for LineAnEntry {
+impl Formatter for EntryPerLineFormatter {
     fn begin_array<W: ?Sized + io::Write>(&mut self, writer: &mut W) -> io::Result<()> {
         self.open(writer, b"[")
     }
@@ -266,7 +266,7 @@ mod tests {
             first_seen_ns: 0,
             last_seen_ns: 1,
         };
-        let moving = Moving {
+        let moving = MovingTarget {
             id: 2,
             seen_from: Pose::from_translation(DVec3::Y),
             range_m: 2.0,
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_order_and_values_are_as_agreed() {
+    fn keys_order_and_values_match_the_format() {
         let known = StreamOffset { offset_s: 0.25, sigma_s: Some(0.5), observable: true };
         let text = String::from_utf8(obstacles_json(&scene(1.0), &json!({"sweeps": 7}), &known).unwrap()).unwrap();
         let entry = "{\"position_m\":[1.0,0.30000000000000004,-1e-17],\
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_scene_is_sound_json() {
+    fn empty_scene_is_valid_json() {
         let bytes = obstacles_json(&Scene::default(), &json!({}), &StreamOffset::default()).unwrap();
         let value: Value = serde_json::from_slice(&bytes).unwrap();
         assert_eq!(
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_none_are_refused_by_name() {
+    fn non_finite_numbers_are_rejected_by_name() {
         let mut bad = scene(0.0);
         bad.obstacles[1].covariance_m2.z_axis.x = f64::NAN;
         let refused = obstacles_json(&bad, &Value::Null, &StreamOffset::default()).unwrap_err().to_string();
@@ -333,7 +333,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn numbers_keep_every_bit_and_bytes_repeat(x in any::<f64>().prop_filter("finite", |x| x.is_finite())) {
+        fn numbers_roundtrip_exactly(x in any::<f64>().prop_filter("finite", |x| x.is_finite())) {
             let bytes = obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), &StreamOffset::default()).unwrap();
             prop_assert_eq!(&bytes, &obstacles_json(&scene(x), &json!({"b": 1, "a": [1.5]}), &StreamOffset::default()).unwrap());
             let text = String::from_utf8(bytes).unwrap();

@@ -14,7 +14,7 @@ const KEY_PX: f64 = 400.0;
 
 /// What a point's shape says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TradeMark {
+pub enum TradeOffMarker {
     /// Ring: everything is computed.
     Dense,
     /// Dot: only what can matter is.
@@ -27,7 +27,7 @@ pub enum TradeMark {
     Slow,
 }
 
-impl TradeMark {
+impl TradeOffMarker {
     const ALL: [(Self, &'static str); 5] = [
         (Self::Dense, "every voxel"),
         (Self::Adaptive, "adaptive: same result"),
@@ -59,11 +59,11 @@ impl TradeMark {
 
 /// One way.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TradePoint {
+pub struct TradeOffPoint {
     /// Those of one series have one colour.
     pub series: String,
     /// Its shape.
-    pub mark: TradeMark,
+    pub mark: TradeOffMarker,
     /// Price and error. A point with a value that is not finite and above 0 is left out.
     pub at: [f64; 2],
     /// What the key says of it when it is on the front.
@@ -90,7 +90,7 @@ pub struct TradeOff {
     /// Unit of y, for the key.
     pub y_unit: String,
     /// The ways.
-    pub points: Vec<TradePoint>,
+    pub points: Vec<TradeOffPoint>,
 }
 
 /// Indices of the points that no other beats: none is at most as great in both and less in one. By rising x; of equals the
@@ -173,7 +173,9 @@ impl TradeOff {
             x += legend_width(name);
         }
         (x, y) = (18.0, y + 26.0);
-        for (mark, text) in TradeMark::ALL.into_iter().filter(|(mark, _)| self.points.iter().any(|p| p.mark == *mark)) {
+        for (mark, text) in
+            TradeOffMarker::ALL.into_iter().filter(|(mark, _)| self.points.iter().any(|p| p.mark == *mark))
+        {
             mark.draw(canvas, [x + 12.0, y], MUTED);
             canvas.text([x + 30.0, y], Align::Left, text, LABEL_PX, INK);
             x += legend_width(text) - 4.0;
@@ -256,13 +258,13 @@ fn draw_numbers(canvas: &mut Canvas, plot: &Plot) {
 mod tests {
     use super::*;
 
-    fn point(at: [f64; 2], from: Option<usize>) -> TradePoint {
+    fn point(at: [f64; 2], from: Option<usize>) -> TradeOffPoint {
         let (series, label) = (format!("{}", at[0]), "a way ".repeat(20));
-        TradePoint { series, mark: TradeMark::Dense, at, label, from, on_front: true }
+        TradeOffPoint { series, mark: TradeOffMarker::Dense, at, label, from, on_front: true }
     }
 
     #[test]
-    fn the_front_is_what_nothing_else_beats() {
+    fn pareto_front_is_non_dominated() {
         let points =
             [[2.0, 5.0], [1.0, 9.0], [3.0, 5.0], [2.0, 5.0], [4.0, 1.0], [f64::NAN, 0.0], [5.0, 2.0], [1.0, 10.0]];
         assert_eq!(pareto_front(&points), [1, 0, 4]);
@@ -275,10 +277,10 @@ mod tests {
     }
 
     #[test]
-    fn degenerate_data_are_drawn_without_a_panic() {
+    fn degenerate_data_do_not_panic() {
         TradeOff::default().draw();
         let all = [[f64::NAN, 1.0], [0.0, 0.0], [-1.0, 1e300], [1e300, 1e-300], [2.0, 2.0], [2.0, f64::INFINITY]];
-        let points: Vec<TradePoint> = (0..60).map(|n| point(all[n % 6], Some(n * 7))).collect();
+        let points: Vec<TradeOffPoint> = (0..60).map(|n| point(all[n % 6], Some(n * 7))).collect();
         TradeOff { points, notes: vec![String::new(); 60], ..TradeOff::default() }.draw();
         TradeOff { points: vec![point([1.0, 1.0], Some(0))], ..TradeOff::default() }.draw();
     }

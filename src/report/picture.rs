@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_png_holds_the_pixels() {
+    fn png_contains_the_pixels() {
         let rgb: Vec<u8> = (0..5 * 3 * 3).map(|n| (n * 5) as u8).collect();
         let picture = Picture { width: 5, height: 3, rgb };
         let read = image::load_from_memory(&picture.png().unwrap()).unwrap().to_rgb8();
@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn a_size_that_lies_is_refused() {
+    fn wrong_image_size_is_rejected() {
         assert!(Picture { width: 9, height: 9, rgb: vec![0; 3] }.png().is_err());
     }
 }

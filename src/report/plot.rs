@@ -124,14 +124,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn corners_map_to_corners_and_axes_may_run_backwards() {
+    fn plot_corners_map_and_axes_may_be_reversed() {
         let plot = Plot::new(Rect::new(10.0, 20.0, 100.0, 50.0), [0.0, 2.0], [3.0, -1.0]);
         assert_eq!(plot.at([0.0, 3.0]), [10.0, 70.0]);
         assert_eq!(plot.at([2.0, -1.0]), [110.0, 20.0]);
     }
 
     #[test]
-    fn ranges_without_width_can_be_drawn() {
+    fn zero_width_ranges_are_drawable() {
         for range in [[1.0, 1.0], [f64::NAN, 2.0], [f64::NEG_INFINITY, 0.0], [1e300, 1e300]] {
             let plot = Plot::new(Rect::new(0.0, 0.0, 9.0, 9.0), range, range);
             assert!(plot.at([0.0, 0.0]).iter().all(|v| v.is_finite()), "{range:?}");

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn clouds_come_back_with_their_covariances() {
+    fn clouds_roundtrip_with_covariances() {
         let covariance =
             DMat3::from_cols(DVec3::new(0.25, 0.5, -0.125), DVec3::new(0.5, 2.0, 0.75), DVec3::new(-0.125, 0.75, 4.0));
         let known = CloudPoint { position_m: DVec3::new(0.5, 1.5, -2.0), value: 3.0, covariance_m2: Some(covariance) };
@@ -154,7 +154,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn garbage_is_refused_without_a_panic(bytes in prop::collection::vec(any::<u8>(), 0..200), cut in 0usize..200) {
+        fn garbage_is_rejected_without_panic(bytes in prop::collection::vec(any::<u8>(), 0..200), cut in 0usize..200) {
             prop_assert!(parse(&bytes).is_err());
             let whole = ply_bytes(&[(DVec3::ONE, 1.0); 3]);
             prop_assert!(parse(&whole[..cut.min(whole.len() - 1)]).is_err());

@@ -21,7 +21,7 @@ const GROUND_GRID: Rgb = [62, 69, 84];
 const EDGE: Rgb = [112, 122, 142];
 const LETTERS: Rgb = [206, 213, 224];
 /// Beyond this number of points the weakest are left out: more would hide each other.
-const MOST_POINTS: usize = 40_000;
+const MAX_POINTS: usize = 40_000;
 
 /// Centres and values of the voxels with at least `share` of the peak, in the order of the volume; none without a peak
 /// above 0. Values that are not finite are left out, and the peak is the greatest that is.
@@ -37,9 +37,9 @@ pub fn points_above(volume: &Volume, share: f64) -> Vec<(DVec3, f32)> {
 /// Draws the voxels above `share` (0 to 1) of the peak. `quantity` says what the values are, with a unit.
 pub fn point_cloud(volume: &Volume, title: &str, quantity: &str, share: f64, marks: &Marks) -> Picture {
     let mut points = points_above(volume, share);
-    if points.len() > MOST_POINTS {
+    if points.len() > MAX_POINTS {
         points.sort_by(|a, b| b.1.total_cmp(&a.1));
-        points.truncate(MOST_POINTS);
+        points.truncate(MAX_POINTS);
     }
     let range = value_range(&points);
     let camera = Camera::new(shown_region(volume, &points, marks), marks.path_m);
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn the_points_are_those_above_the_share() {
+    fn points_above_share_are_selected() {
         let mut volume = volume();
         (volume.values[5], volume.values[6], volume.values[7]) = (10.0, 4.9, 5.0);
         volume.values[8] = f32::NAN;
@@ -245,13 +245,13 @@ mod tests {
     }
 
     #[test]
-    fn a_share_is_told_where_there_is_one() {
+    fn share_is_labelled_when_nonzero() {
         assert_eq!(kept_text(0.5, 12), "voxels above 50 % of the peak: 12");
         assert_eq!([0.0, 0.004, -1.0, f64::NAN].map(|share| kept_text(share, 7)), [(); 4].map(|()| "voxels: 7"));
     }
 
     #[test]
-    fn degenerate_volumes_are_drawn_without_a_panic() {
+    fn degenerate_volumes_do_not_panic() {
         let nan = [DVec3::NAN, DVec3::ONE];
         let marks = Marks { truth_m: &nan, found_m: &nan, path_m: &nan };
         let mut bad = volume();
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn nearer_to_the_eye_is_lower_and_higher_up_is_higher_on_the_screen() {
+    fn projection_orders_depth_and_height() {
         let camera = Camera::new(volume().region(), &[]);
         let middle = camera.at(DVec3::ZERO);
         assert!(camera.at(DVec3::Z * 0.1)[1] > middle[1]);

@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_and_broken_scenes_are_drawn_without_a_panic() {
+    fn empty_and_invalid_scenes_do_not_panic() {
         let nan = DVec3::NAN;
         let wall = Wall {
             id: 0,
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_cut_where_the_box_ends() {
+    fn line_is_clipped_to_the_box() {
         let region = Aabb { min: DVec3::new(-2.0, 0.0, -3.0), max: DVec3::new(2.0, 2.0, 3.0) };
         let wall = Plane { outward: DVec3::NEG_Z, offset_m: 2.5 };
         let [a, b] = line_within(&wall, &region).unwrap();
@@ -324,7 +324,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn points_of_the_ellipse_lie_at_two_sigma(a in 0.1..1.0f64, d in 0.1..1.0f64, r in -0.9..0.9f64) {
+        fn ellipse_points_are_at_two_sigma(a in 0.1..1.0f64, d in 0.1..1.0f64, r in -0.9..0.9f64) {
             let b = r * (a * d).sqrt();
             let covariance = DMat2::from_cols(DVec2::new(a, b), DVec2::new(b, d));
             for point in ellipse(DVec2::ZERO, covariance, 2.0) {

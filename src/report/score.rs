@@ -287,14 +287,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_reported_is_all_missed() {
+    fn empty_scene_misses_everything() {
         let score = scored(Vec::new());
         assert_eq!((score.due, score.due_found, score.present, score.found), (1, 0, 2, 0));
         assert_eq!((score.median_error_m, score.obstacles[0].nearest_report_m), (None, None));
     }
 
     #[test]
-    fn found_near_false_and_at_a_wall() {
+    fn verdicts_cover_found_near_false_and_wall() {
         let score = scored(vec![
             report(0.40, 0.06, 0.0), // finds the chair
             report(0.03, 0.0, 0.0),  // the chair again, nearer
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_direction_is_not_false() {
+    fn unknown_direction_is_not_false() {
         let known = Obstacle { covariance_m2: DMat3::IDENTITY * 0.36, ..report(0.0, 0.0, 1.0) };
         let unknown = Obstacle { observed: Observed::RangeOnly, ..known.clone() };
         assert_eq!(verdict(&known, &truth(), &Limits::default()), Verdict::False);
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_is_found_by_direction_and_offset() {
+    fn walls_match_by_direction_and_offset() {
         let found = |degrees: f64, offset_m: f64| {
             let (sin, cos) = degrees.to_radians().sin_cos();
             let outward = DVec3::new(sin, 0.0, -cos);
@@ -350,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_names_every_obstacle() {
+    fn score_table_lists_every_obstacle() {
         let text = scored(vec![report(0.0, 0.0, 0.02)]).to_string();
         assert!(text.contains("chair") && text.contains("lamp") && text.contains("1 of 1"), "{text}");
         assert!(text.contains("median 2.0 cm"), "{text}");
@@ -358,7 +358,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_report_has_one_verdict(places in prop::collection::vec(prop::array::uniform3(-4.0..4.0f64), 0..12)) {
+        fn every_report_has_exactly_one_verdict(places in prop::collection::vec(prop::array::uniform3(-4.0..4.0f64), 0..12)) {
             let score = scored(places.iter().map(|p| report(p[0], p[1], p[2])).collect());
             let matched = places.iter()
                 .filter(|p| verdict(&report(p[0], p[1], p[2]), &truth(), &Limits::default()) == Verdict::Match).count();

@@ -97,7 +97,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn ticks_are_round_and_inside() {
+    fn ticks_are_round_and_in_range() {
         assert_eq!(ticks(0.0, 3.0, 6), [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0]);
         assert_eq!(ticks(2.0, -1.0, 3), [-1.0, 0.0, 1.0, 2.0]);
         assert!(ticks(1.0, 1.0, 5).is_empty());
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_read_as_people_write_them() {
+    fn numbers_are_formatted_for_reading() {
         assert_eq!(tick_text(-0.5, 0.5), "−0.5");
         assert_eq!(tick_text(-1e-17, 0.5), "0.0");
         assert_eq!(tick_text(3.0, 1.0), "3");
@@ -116,7 +116,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_range_has_few_ticks(low in -1e6..1e6f64, span in 1e-6..1e6f64, about in 1usize..12) {
+        fn tick_count_is_bounded(low in -1e6..1e6f64, span in 1e-6..1e6f64, about in 1usize..12) {
             let ticks = ticks(low, low + span, about);
             prop_assert!(ticks.len() <= 2 * about + 3);
             prop_assert!(ticks.iter().all(|&t| t >= low - span * 1e-3 && t <= low + span * 1.001));

@@ -165,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn degenerate_data_are_drawn_without_a_panic() {
+    fn degenerate_data_do_not_panic() {
         let bad = [[f64::NAN, 1.0], [0.0, f64::INFINITY], [1e300, -1e300], [1.0, 1.0], [2.0, 1.0]];
         let offset = |value| OffsetSpan { span_s: [0.0, f64::NAN], by_phases: Some((value, 1.0)), by_rates: None };
         let offsets = [offset(0.02), offset(f64::NAN), OffsetSpan { span_s: [1.0, 3.0], ..offset(1e300) }];

@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_line_up_and_numbers_stand_right() {
+    fn columns_align_and_numbers_are_right_aligned() {
         let row = |cells: [&str; 2]| cells.map(str::to_owned).to_vec();
         let rows = vec![row(["a", "1.0"]), row(["long", "10.0"]), row(["–", "all"])];
         let table = Table { head: row(["name", "n"]), rows, caption: String::new() };
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_part_cells_is_quoted_and_comes_back() {
+    fn csv_quotes_separators_and_roundtrips() {
         let row = |cells: [&str; 3]| cells.map(str::to_owned).to_vec();
         let rows = vec![
             row(["plain", "", "–"]),

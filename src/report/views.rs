@@ -11,7 +11,7 @@ use super::plot::{LEFT_MARGIN, Plot};
 /// Pixels between a plot and the next one's labels.
 const GAP: f64 = 16.0;
 /// Pixels that a plot's words need, however narrow it is.
-const LEAST_SLOT: f64 = 180.0;
+const MIN_SLOT_PX: f64 = 180.0;
 
 /// One way to look at space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,7 +81,7 @@ pub fn plots(region: &Aabb, top_left: [f64; 2], width: f64, height: f64) -> [Plo
     VIEWS.map(|view| {
         let [x, y] = view.ranges(&region);
         let plot_width = (x[1] - x[0]).abs() * px_per_m;
-        let slot = plot_width.max(LEAST_SLOT);
+        let slot = plot_width.max(MIN_SLOT_PX);
         let x_px = left + LEFT_MARGIN + 0.5 * (slot - plot_width);
         let area = Rect::new(x_px, top_left[1], plot_width, (y[1] - y[0]).abs() * px_per_m);
         left += LEFT_MARGIN + slot + GAP;
@@ -93,9 +93,9 @@ pub fn plots(region: &Aabb, top_left: [f64; 2], width: f64, height: f64) -> [Plo
 fn scale(widths_m: [f64; 3], room: f64) -> f64 {
     let mut px_per_m = room / widths_m.iter().sum::<f64>();
     for _ in 0..2 {
-        let (narrow, wide): (Vec<f64>, Vec<f64>) = widths_m.iter().partition(|&&w| w * px_per_m < LEAST_SLOT);
+        let (narrow, wide): (Vec<f64>, Vec<f64>) = widths_m.iter().partition(|&&w| w * px_per_m < MIN_SLOT_PX);
         if !wide.is_empty() {
-            px_per_m = (room - narrow.len() as f64 * LEAST_SLOT) / wide.iter().sum::<f64>();
+            px_per_m = (room - narrow.len() as f64 * MIN_SLOT_PX) / wide.iter().sum::<f64>();
         }
     }
     px_per_m
@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_views_are_true_to_scale_and_fit() {
+    fn views_share_one_scale_and_fit() {
         let region = Aabb { min: DVec3::new(-1.0, 0.0, -4.0), max: DVec3::new(1.0, 2.5, 0.5) };
         let plots = plots(&region, [0.0, 40.0], 1300.0, 460.0);
         for (plot, view) in plots.iter().zip(VIEWS) {

@@ -19,27 +19,27 @@ const SWING_S: f64 = 4.0;
 const SHARPNESS: f64 = 0.95;
 /// At rest before, seconds, and how long it takes to set in.
 pub const ARM_REST_S: f64 = 2.0;
-const SETTING_IN_S: f64 = 0.5;
+const FADE_IN_S: f64 = 0.5;
 
 /// A sensor at the tip of an upright arm that a motor swings to either side, at an almost constant angular velocity; the axis points ahead,
 /// as the sensor looks, so that it keeps what lies ahead in its beam.
 pub(super) fn swinging_arm(time_s: f64) -> Pose {
     let since_s = (time_s - ARM_REST_S).max(0.0);
     let swing = math::asin(SHARPNESS * math::sin(TAU * since_s / SWING_S)) / math::asin(SHARPNESS);
-    let turn = DQuat::from_rotation_z(SWING_RAD * swing * smoothstep(since_s / SETTING_IN_S));
+    let turn = DQuat::from_rotation_z(SWING_RAD * swing * smoothstep(since_s / FADE_IN_S));
     Pose::new(turn * (DVec3::Y * ARM_M) - DVec3::Y * ARM_M, turn)
 }
 
 /// Rows of the raster, their length and the distance between neighbours, metres, and the time for one, seconds.
 const ROWS: usize = 9;
 const ROW_M: f64 = 0.5;
-const BETWEEN_M: f64 = 0.0625;
+const ROW_SPACING_M: f64 = 0.0625;
 const ROW_S: f64 = 1.0;
-const NEXT_ROW_S: f64 = 0.2;
+const ROW_CHANGE_S: f64 = 0.2;
 
 /// A raster over a plane across the boresight, from row to row and back again; it never turns.
 pub(super) fn raster(time_s: f64) -> Pose {
-    let step_s = ROW_S + NEXT_ROW_S;
+    let step_s = ROW_S + ROW_CHANGE_S;
     let rows = 2 * (ROWS - 1);
     let at = time_s.max(0.0) / step_s;
     let (row, within_s) = (at.floor(), at.fract() * step_s);
@@ -47,8 +47,8 @@ pub(super) fn raster(time_s: f64) -> Pose {
         let n = n.rem_euclid(rows as f64);
         n.min(rows as f64 - n)
     };
-    let [this, next] = [place(row), place(row + 1.0)].map(|row| (row - 0.5 * (ROWS - 1) as f64) * BETWEEN_M);
-    let up = this + (next - this) * smoothstep((within_s - ROW_S) / NEXT_ROW_S);
+    let [this, next] = [place(row), place(row + 1.0)].map(|row| (row - 0.5 * (ROWS - 1) as f64) * ROW_SPACING_M);
+    let up = this + (next - this) * smoothstep((within_s - ROW_S) / ROW_CHANGE_S);
     let side = if row.rem_euclid(2.0) < 1.0 { 1.0 } else { -1.0 };
     let along = side * ROW_M * (smoothstep(within_s / ROW_S) - 0.5);
     Pose::from_translation(DVec3::new(along, up, 0.0))
@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_tip_stays_on_its_arc_and_swings_evenly() {
+    fn arm_tip_stays_on_its_arc() {
         assert_eq!(swinging_arm(1.9), Pose::IDENTITY);
         let axis = DVec3::NEG_Y * ARM_M;
         let angle = |t: f64| swinging_arm(t).rotation.to_scaled_axis().z;
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn the_raster_is_a_plane_without_jumps() {
+    fn raster_is_planar_and_continuous() {
         let places: Vec<DVec3> = (0..2500).map(|n| raster(f64::from(n) * 0.01).translation).collect();
         assert!(places.windows(2).all(|pair| pair[0].distance(pair[1]) < 0.012));
         let reach = |axis: fn(&DVec3) -> f64| places.iter().map(axis).fold(0.0, f64::max);

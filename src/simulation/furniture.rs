@@ -4,14 +4,14 @@ use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Scatterer, Thing};
+use super::{Scatterer, SceneObject};
 
 use crate::math;
 
-pub(super) fn corner_reflector(draw: &mut Draw, position_m: DVec3) -> Thing {
+pub(super) fn corner_reflector(draw: &mut Draw, position_m: DVec3) -> SceneObject {
     let phase_rad = draw.phase();
     let scatterer = Scatterer { position_m, rcs_dbsm: -5.0, lobe: DVec3::ZERO, phase_rad };
-    Thing { name: "corner reflector".into(), scatterers: vec![scatterer] }
+    SceneObject { name: "corner reflector".into(), scatterers: vec![scatterer] }
 }
 
 /// Cross-sections of a chair's parts, dBsm.
@@ -51,9 +51,9 @@ impl Draw {
         }
     }
 
-    pub fn thing(&mut self, name: &str, center: DVec3, points: &[(DVec3, f64)]) -> Thing {
+    pub fn thing(&mut self, name: &str, center: DVec3, points: &[(DVec3, f64)]) -> SceneObject {
         let scatterers = points.iter().map(|&(at, rcs)| self.point(at, center, rcs)).collect();
-        Thing { name: name.into(), scatterers }
+        SceneObject { name: name.into(), scatterers }
     }
 }
 
@@ -64,7 +64,7 @@ pub(super) fn placed(base: DVec3, yaw: f64, x: f64, y: f64, z: f64) -> DVec3 {
 }
 
 /// A chair whose seat's middle is above `foot` (its y is the floor).
-pub(super) fn chair(draw: &mut Draw, name: &str, foot: DVec3, yaw: f64, rcs: ChairRcs) -> Thing {
+pub(super) fn chair(draw: &mut Draw, name: &str, foot: DVec3, yaw: f64, rcs: ChairRcs) -> SceneObject {
     let mut points = Vec::new();
     for (x, z) in [(-0.2, -0.2), (0.2, -0.2), (-0.2, 0.2), (0.2, 0.2)] {
         points.push((placed(foot, yaw, x, 0.05, z), rcs.legs));
@@ -77,7 +77,7 @@ pub(super) fn chair(draw: &mut Draw, name: &str, foot: DVec3, yaw: f64, rcs: Cha
 }
 
 /// A metal clothes hanger, hook at `hook`: bar, shoulders, hook.
-pub(super) fn clothes_hanger(draw: &mut Draw, hook: DVec3, yaw: f64) -> Thing {
+pub(super) fn clothes_hanger(draw: &mut Draw, hook: DVec3, yaw: f64) -> SceneObject {
     let at = |x: f64, y: f64| placed(hook, yaw, x, y, 0.0);
     let points = [
         (at(0.0, 0.0), -14.0),
@@ -91,7 +91,7 @@ pub(super) fn clothes_hanger(draw: &mut Draw, hook: DVec3, yaw: f64) -> Thing {
     draw.thing("clothes hanger", at(0.0, -0.1), &points)
 }
 
-pub(super) fn table(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
+pub(super) fn table(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
     let mut points = Vec::new();
     for (x, z) in [(-0.5, -0.3), (0.5, -0.3), (-0.5, 0.3), (0.5, 0.3)] {
         points.push((placed(foot, yaw, x, 0.74, z), -19.0));
@@ -100,7 +100,7 @@ pub(super) fn table(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
     draw.thing("table", placed(foot, yaw, 0.0, 0.5, 0.0), &points)
 }
 
-pub(super) fn shelf(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
+pub(super) fn shelf(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
     let mut points = Vec::new();
     for y in [0.1, 0.6, 1.1, 1.6] {
         for x in [-0.4, 0.4] {
@@ -110,7 +110,7 @@ pub(super) fn shelf(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
     draw.thing("shelf", placed(foot, yaw, 0.0, 0.9, 0.15), &points)
 }
 
-pub(super) fn sofa(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
+pub(super) fn sofa(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
     let mut points = Vec::new();
     for x in [-0.8, 0.8] {
         points.push((placed(foot, yaw, x, 0.6, -0.4), -22.0));
@@ -123,7 +123,7 @@ pub(super) fn sofa(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
     draw.thing("sofa", placed(foot, yaw, 0.0, 0.4, 0.2), &points)
 }
 
-pub(super) fn lamp(draw: &mut Draw, foot: DVec3) -> Thing {
+pub(super) fn lamp(draw: &mut Draw, foot: DVec3) -> SceneObject {
     let points = [(0.03, -18.0), (0.5, -23.0), (1.0, -23.0), (1.5, -17.0)];
     let points: Vec<_> = points.iter().map(|&(y, rcs)| (foot + DVec3::Y * y, rcs)).collect();
     let mut lamp = draw.thing("lamp", foot, &points);
@@ -135,7 +135,7 @@ pub(super) fn lamp(draw: &mut Draw, foot: DVec3) -> Thing {
 }
 
 /// A stool of metal legs: its seat's middle above `foot`.
-pub(super) fn stool(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
+pub(super) fn stool(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
     let mut points = vec![(placed(foot, yaw, 0.0, 0.46, 0.0), -20.0)];
     for (x, z) in [(-0.15, -0.15), (0.15, -0.15), (0.0, 0.17)] {
         points.push((placed(foot, yaw, x, 0.04, z), -21.0));
@@ -145,7 +145,7 @@ pub(super) fn stool(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
 }
 
 /// A metal cabinet: corners and edges that send much of what comes back where it came from. Its front is towards −z.
-pub(super) fn cabinet(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
+pub(super) fn cabinet(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
     let mut points = Vec::new();
     for x in [-0.3, 0.3] {
         for (y, rcs) in [(0.05, 4.0), (0.55, -4.0), (1.05, 7.0)] {
@@ -157,7 +157,7 @@ pub(super) fn cabinet(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
 }
 
 /// The frame of an open door: two posts and a lintel, the opening's middle at `foot`.
-pub(super) fn door_frame(draw: &mut Draw, foot: DVec3, yaw: f64) -> Thing {
+pub(super) fn door_frame(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
     let mut points = Vec::new();
     for x in [-0.43, 0.43] {
         for y in [0.1, 0.6, 1.1, 1.6, 2.0] {

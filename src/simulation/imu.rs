@@ -7,44 +7,44 @@ use glam::{DMat3, DVec3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::scenario::{POSE_MARGIN_S, Stage, host_ns};
+use super::scenario::{POSE_MARGIN_S, PreparedScenario, host_ns};
 use super::tracker::normal_vector;
 use crate::geometry::Pose;
 use crate::math;
-use crate::tracking::inertial::{GRAVITY_M_PER_S2, INSTABILITY_TIME_S, ImuFigures, ImuSample, NavState, TriadFigures};
+use crate::tracking::inertial::{GRAVITY_M_PER_S2, INSTABILITY_TIME_S, ImuSample, ImuSpec, NavState, TriadSpec};
 
 /// Parts of an interval.
-const PARTS: usize = 4;
+const INTERVAL_PARTS: usize = 4;
 /// Velocities are told from places so far to both sides, seconds.
 const VELOCITY_STEP_S: f64 = 1e-4;
 
 /// Where the head really is at any time.
 #[derive(Debug, Clone)]
 pub struct TruePath {
-    stage: Stage,
+    prepared: PreparedScenario,
 }
 
 impl TruePath {
-    pub(super) fn new(stage: Stage) -> Self {
-        Self { stage }
+    pub(super) fn new(prepared: PreparedScenario) -> Self {
+        Self { prepared }
     }
 
     /// Truth at a host time.
     pub fn at(&self, time_ns: i64) -> NavState {
         let time_s = (time_ns - host_ns(0.0)) as f64 * 1e-9;
-        let place = |t: f64| self.stage.head_at(t).translation;
+        let place = |t: f64| self.prepared.head_at(t).translation;
         NavState {
             time_ns,
-            tracking_from_body: self.stage.head_at(time_s),
+            tracking_from_body: self.prepared.head_at(time_s),
             velocity_m_per_s: velocity_m_per_s(place, time_s),
         }
     }
 
     /// What a unit on the head measures, from before the first sweep until after the last one.
-    pub fn imu(&self, figures: &ImuFigures) -> Vec<ImuSample> {
-        let scenario = &self.stage.scenario;
+    pub fn imu(&self, figures: &ImuSpec) -> Vec<ImuSample> {
+        let scenario = &self.prepared.scenario;
         let span_s = (-POSE_MARGIN_S, scenario.duration_s + POSE_MARGIN_S);
-        measured(|t| self.stage.head_at(t), span_s, figures, scenario.seed)
+        measured(|t| self.prepared.head_at(t), span_s, figures, scenario.seed)
     }
 }
 
@@ -54,7 +54,7 @@ fn velocity_m_per_s(place: impl Fn(f64) -> DVec3, time_s: f64) -> DVec3 {
 
 /// Errors of three gyroscopes or three accelerometers as time goes by.
 struct Triad {
-    figures: TriadFigures,
+    figures: TriadSpec,
     matrix: DMat3,
     turn_on: DVec3,
     instability: DVec3,
@@ -62,8 +62,8 @@ struct Triad {
 }
 
 impl Triad {
-    fn new(figures: TriadFigures, rng: &mut ChaCha8Rng) -> Self {
-        let TriadFigures { scale, cross, turn_on, instability, .. } = figures;
+    fn new(figures: TriadSpec, rng: &mut ChaCha8Rng) -> Self {
+        let TriadSpec { scale, cross, turn_on, instability, .. } = figures;
         let columns = [0, 1, 2].map(|axis: usize| {
             let mut sizes = DVec3::splat(cross);
             sizes[axis] = scale;
@@ -80,7 +80,7 @@ impl Triad {
 
     /// The true mean over an interval as it is measured.
     fn measured(&mut self, mean: DVec3, interval_s: f64, rng: &mut ChaCha8Rng) -> DVec3 {
-        let TriadFigures { white, instability, walk, .. } = self.figures;
+        let TriadSpec { white, instability, walk, .. } = self.figures;
         let keeps = math::exp(-interval_s / INSTABILITY_TIME_S);
         self.instability = self.instability * keeps + normal_vector(rng) * instability * (1.0 - keeps * keeps).sqrt();
         self.walk += normal_vector(rng) * walk * interval_s.sqrt();
@@ -89,23 +89,18 @@ impl Triad {
     }
 }
 
-fn measured(
-    path: impl Fn(f64) -> Pose,
-    (first_s, last_s): (f64, f64),
-    figures: &ImuFigures,
-    seed: u64,
-) -> Vec<ImuSample> {
+fn measured(path: impl Fn(f64) -> Pose, (first_s, last_s): (f64, f64), figures: &ImuSpec, seed: u64) -> Vec<ImuSample> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x1315_0A11);
     let mut gyroscope = Triad::new(figures.gyroscope, &mut rng);
     let mut accelerometer = Triad::new(figures.accelerometer, &mut rng);
     let interval_s = 1.0 / figures.rate_hz;
-    let part_s = interval_s / PARTS as f64;
+    let part_s = interval_s / INTERVAL_PARTS as f64;
     let velocity = |t: f64| velocity_m_per_s(|t| path(t).translation, t);
     let (mut pose, mut speed) = (path(first_s), velocity(first_s));
     let samples = ((last_s - first_s) * figures.rate_hz).floor() as usize;
     let mut sample = |n: usize| {
         let (mut turn, mut gain) = (DVec3::ZERO, DVec3::ZERO);
-        for part in 1..=PARTS {
+        for part in 1..=INTERVAL_PARTS {
             let t = first_s + n as f64 * interval_s + part as f64 * part_s;
             let (next, next_speed) = (path(t), velocity(t));
             let turned = pose.rotation.conjugate() * next.rotation;
@@ -136,10 +131,10 @@ mod tests {
     }
 
     #[test]
-    fn a_perfect_unit_returns_every_path() {
+    fn perfect_imu_reproduces_every_path() {
         for motion in ["swinging-arm", "sphere-50cm", "natural", "to-and-fro"] {
             let path = scenario(motion, 3).path().unwrap();
-            let samples = path.imu(&ImuFigures::PERFECT);
+            let samples = path.imu(&ImuSpec::PERFECT);
             let mut strapdown = Strapdown::new(path.at(samples[0].time_ns));
             for sample in &samples {
                 let found = strapdown.push(sample).tracking_from_body;
@@ -152,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn at_rest_the_allan_deviation_is_the_figures() {
+    fn allan_deviation_at_rest_matches_the_figures() {
         let still = |_: f64| Pose::IDENTITY;
         let samples = measured(still, (0.0, 1000.0), &MPU_6050, 1);
         let deviation = |cluster: usize| {
@@ -203,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fusions_covariance_is_what_its_errors_are() {
+    fn fusion_covariance_matches_its_errors() {
         let white = TrackingErrors { wander_m: 0.0, rotation_deg: 0.0, mount_m: 0.0, ..Default::default() };
         let settings =
             FusionSettings { wander_m: 1e-6, wander_rad: 1e-6, jitter_rad: 1e-5, ..FusionSettings::of(ICM_42688) };
@@ -217,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn with_a_wandering_tracker_it_does_not_claim_more_than_it_knows() {
+    fn fusion_is_not_overconfident_with_a_drifting_tracker() {
         let usual = TrackingErrors { mount_m: 0.0, ..Default::default() };
         for (figures, lost_s) in [(ICM_42688, 0.0), (ICM_42688, 1.0), (MPU_6050, 0.5)] {
             let misfit = misfit(usual, FusionSettings::of(figures), lost_s);

@@ -6,7 +6,7 @@
 
 use num_complex::Complex;
 
-use super::scenario::Stage;
+use super::scenario::PreparedScenario;
 use super::tracker::Tracker;
 use crate::geometry::Pose;
 use crate::radar::{SensorConfig, frame_timing};
@@ -14,42 +14,42 @@ use crate::radar::{SensorConfig, frame_timing};
 /// A scenario without an end.
 #[derive(Debug, Clone)]
 pub struct LiveScenario {
-    stage: Stage,
+    prepared: PreparedScenario,
     tracker: Tracker,
     poses: u64,
 }
 
 impl LiveScenario {
-    pub(super) fn new(stage: Stage) -> Self {
-        let tracker = Tracker::new(stage.scenario.errors, stage.scenario.seed);
-        Self { stage, tracker, poses: 0 }
+    pub(super) fn new(prepared: PreparedScenario) -> Self {
+        let tracker = Tracker::new(prepared.scenario.errors, prepared.scenario.seed);
+        Self { prepared, tracker, poses: 0 }
     }
 
     /// Appends the samples of a frame of a sound configuration whose measurement ends at a time, seconds; says whether one
     /// saturated. Frames of different numbers have different noise.
     pub fn frame(&self, config: &SensorConfig, number: u64, end_s: f64, samples: &mut Vec<Complex<i16>>) -> bool {
         let start_s = end_s - frame_timing(config).frame_s;
-        let sensor_at = |t: f64| self.stage.sensor_at(self.on_the_path_s(t));
-        self.stage.frame(config, number, start_s, sensor_at, samples)
+        let sensor_at = |t: f64| self.prepared.sensor_at(self.path_time_s(t));
+        self.prepared.frame(config, number, start_s, sensor_at, samples)
     }
 
     /// When the next pose is, seconds.
     pub fn next_pose_s(&self) -> f64 {
-        self.poses as f64 / self.stage.scenario.errors.rate_hz
+        self.poses as f64 / self.prepared.scenario.errors.rate_hz
     }
 
     /// The next pose as it is tracked, `tracking_from_head`; `None` when tracking is lost.
     pub fn next_pose(&mut self) -> Option<Pose> {
         let time_s = self.next_pose_s();
-        let pose = self.stage.head_at(self.on_the_path_s(time_s));
+        let pose = self.prepared.head_at(self.path_time_s(time_s));
         self.poses += 1;
         let (measured, valid) = self.tracker.measure(time_s, &pose);
         valid.then_some(measured)
     }
 
     /// At rest where it begins, then there and back again.
-    fn on_the_path_s(&self, time_s: f64) -> f64 {
-        let length_s = self.stage.scenario.duration_s;
+    fn path_time_s(&self, time_s: f64) -> f64 {
+        let length_s = self.prepared.scenario.duration_s;
         if time_s <= length_s {
             return time_s.max(0.0);
         }
@@ -64,7 +64,7 @@ mod tests {
     use crate::radar::{frame_timing, preset};
 
     #[test]
-    fn frames_are_those_of_a_recording_and_go_on_after_its_end() {
+    fn live_frames_match_a_recording_and_continue_after_its_end() {
         let config = preset("d16").unwrap();
         let scenario = Scenario::new("furnished-room", "natural", config.clone(), 0.5, 7);
         let recorded = scenario.run().unwrap();

@@ -6,7 +6,6 @@
 mod arm;
 mod furniture;
 mod imu;
-mod known;
 mod live;
 mod motion;
 mod receiver;
@@ -17,14 +16,15 @@ mod scenes;
 mod session;
 mod strokes;
 mod tracker;
+mod truth_builder;
 
 pub use arm::{ARM_M, ARM_REST_S};
 pub use imu::TruePath;
 pub use live::LiveScenario;
 pub use motion::{MOTIONS, Motion, MotionError};
-pub use room::{Room, Scatterer, Thing, WallPanel};
+pub use room::{Room, Scatterer, SceneObject, WallPanel};
 pub use scenario::{Scenario, ScenarioError, Simulated};
 pub use scenes::{SCENES, Scene, SceneError, scene};
-pub use session::{PlaySession, Session, SessionError, SessionThing, SessionWall};
+pub use session::{PlaySession, Session, SessionError, SessionObject, SessionWall};
 pub use strokes::{ChairWalk, ToAndFro};
 pub use tracker::TrackingErrors;

@@ -45,11 +45,11 @@ pub enum MotionError {
 #[derive(Debug, Clone)]
 pub enum Motion {
     /// The thesis' kinds: `tracking_from_sensor`.
-    OfSensor(SensorMotion),
+    Sensor(SensorMotion),
     /// Play: `tracking_from_head`.
-    OfHead(HeadPlay),
+    Head(NaturalMotion),
     /// A walk: `tracking_from_head`.
-    OfWalk(ChairWalk),
+    Walk(ChairWalk),
 }
 
 impl Motion {
@@ -57,16 +57,16 @@ impl Motion {
     ///
     /// # Errors
     /// No such motion, or no chair where one is walked up to.
-    pub fn named(name: &str, scene: &Scene, duration_s: f64, seed: u64) -> Result<Self, MotionError> {
+    pub fn from_name(name: &str, scene: &Scene, duration_s: f64, seed: u64) -> Result<Self, MotionError> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0070_710A);
         let kind = match name {
-            "natural" => return Ok(Self::OfHead(HeadPlay::new(scene, duration_s, &mut rng))),
+            "natural" => return Ok(Self::Head(NaturalMotion::new(scene, duration_s, &mut rng))),
             "approach-chair" => {
-                return ChairWalk::new(scene, duration_s, &mut rng).map(Self::OfWalk).ok_or(MotionError::NoChair);
+                return ChairWalk::new(scene, duration_s, &mut rng).map(Self::Walk).ok_or(MotionError::NoChair);
             }
             "to-and-fro" => Shape::ToAndFro(ToAndFro::new(duration_s, &mut rng)),
-            "swinging-arm" => Shape::Machine(swinging_arm),
-            "robot-arm" => Shape::Machine(raster),
+            "swinging-arm" => Shape::Mechanical(swinging_arm),
+            "robot-arm" => Shape::Mechanical(raster),
             "stationary" => Shape::Still,
             "sphere-10cm" => Shape::wander(0.10, DVec3::ONE, duration_s, &mut rng),
             "sphere-50cm" => Shape::wander(0.50, DVec3::ONE, duration_s, &mut rng),
@@ -83,19 +83,15 @@ impl Motion {
             true => Wander::new(6f64.to_radians(), DVec3::new(1.0, 1.0, 0.4), duration_s, &mut rng),
             false => Wander::none(),
         };
-        Ok(Self::OfSensor(SensorMotion {
-            start: Pose::looking_at(scene.start_m, scene.look_at_m, DVec3::Y),
-            kind,
-            gaze,
-        }))
+        Ok(Self::Sensor(SensorMotion { start: Pose::looking_at(scene.start_m, scene.look_at_m, DVec3::Y), kind, gaze }))
     }
 
     /// `tracking_from_head` at a time.
     pub fn tracking_from_head(&self, time_s: f64, head_from_sensor: &Pose) -> Pose {
         match self {
-            Self::OfSensor(motion) => motion.at(time_s) * head_from_sensor.inverse(),
-            Self::OfHead(play) => play.at(time_s),
-            Self::OfWalk(walk) => walk.at(time_s),
+            Self::Sensor(motion) => motion.at(time_s) * head_from_sensor.inverse(),
+            Self::Head(play) => play.at(time_s),
+            Self::Walk(walk) => walk.at(time_s),
         }
     }
 }
@@ -151,7 +147,7 @@ enum Shape {
     Wander(Wander),
     ToAndFro(ToAndFro),
     /// What a machine does at a time, seconds: place and turn.
-    Machine(fn(f64) -> Pose),
+    Mechanical(fn(f64) -> Pose),
     /// Straight ahead and back: 0.6 m at the given speed, easing at the ends.
     Approach {
         speed_m_per_s: f64,
@@ -173,7 +169,7 @@ impl Shape {
     /// In the starting sensor frame.
     fn pose(&self, time_s: f64) -> Pose {
         match self {
-            Self::Machine(at) => at(time_s),
+            Self::Mechanical(at) => at(time_s),
             _ => Pose::from_translation(self.offset_m(time_s)),
         }
     }
@@ -182,7 +178,7 @@ impl Shape {
     fn offset_m(&self, time_s: f64) -> DVec3 {
         match self {
             Self::Still => DVec3::ZERO,
-            Self::Machine(at) => at(time_s).translation,
+            Self::Mechanical(at) => at(time_s).translation,
             Self::Wander(wander) => wander.at(time_s),
             Self::ToAndFro(strokes) => strokes.offset_m(time_s),
             Self::Straight { speed_m_per_s } => DVec3::NEG_Z * (speed_m_per_s * time_s),
@@ -213,7 +209,7 @@ impl SensorMotion {
 /// Standing play: the head moves from stance to stance, looks where it steps and about when it stands, sways, crouches now
 /// and then.
 #[derive(Debug, Clone)]
-pub struct HeadPlay {
+pub struct NaturalMotion {
     stances: Vec<Stance>,
     sway: Wander,
 }
@@ -231,11 +227,11 @@ struct Stance {
 /// Half of the play area, metres.
 const PLAY_HALF_M: f64 = 0.8;
 /// From this way over the ground on a player looks where it leads, metres.
-const STEP_M: f64 = 0.25;
+const LOOK_AHEAD_STEP_M: f64 = 0.25;
 /// Nearest that a player keeps from furniture, metres.
 const CLEARANCE_M: f64 = 0.4;
 
-impl HeadPlay {
+impl NaturalMotion {
     fn new(scene: &Scene, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
         let mut stances =
             vec![Stance { from_s: 0.0, until_s: 0.3, position_m: DVec3::Y * 1.65, yaw_rad: 0.0, pitch_rad: -0.1 }];
@@ -267,7 +263,7 @@ impl HeadPlay {
         let way = position_m - last.position_m;
         let way_m = way.length();
         // People look where they step, give or take; standing, they look about.
-        let turn_rad = match DVec3::new(way.x, 0.0, way.z).length() > STEP_M {
+        let turn_rad = match DVec3::new(way.x, 0.0, way.z).length() > LOOK_AHEAD_STEP_M {
             true => turn_between(last.yaw_rad, math::atan2(-way.x, -way.z)) + rng.random_range(-0.6..0.6),
             false => rng.random_range(-1.6..1.6),
         };
@@ -308,11 +304,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spheres_are_reached_and_not_left() {
+    fn sphere_motion_reaches_its_radius_and_stays_inside() {
         let scene = scene("corner-reflector", 1).unwrap();
         for (name, radius) in [("sphere-10cm", 0.1), ("sphere-50cm", 0.5)] {
             for seed in 0..5 {
-                let motion = Motion::named(name, &scene, 10.0, seed).unwrap();
+                let motion = Motion::from_name(name, &scene, 10.0, seed).unwrap();
                 let at = |t: f64| motion.tracking_from_head(t, &Pose::IDENTITY).translation.distance(scene.start_m);
                 let farthest = (0..1000).map(|i| at(f64::from(i) * 0.01)).fold(0.0, f64::max);
                 assert_eq!(at(0.0), 0.0);
@@ -322,19 +318,19 @@ mod tests {
     }
 
     #[test]
-    fn motion_along_x_stays_on_it_and_the_approach_has_its_speed() {
+    fn x_motion_stays_on_axis_and_approach_has_its_speed() {
         let scene = scene("corner-reflector", 1).unwrap();
         let at = |motion: &Motion, t: f64| motion.tracking_from_head(t, &Pose::IDENTITY);
-        let along_x = Motion::named("x-50cm", &scene, 10.0, 3).unwrap();
+        let along_x = Motion::from_name("x-50cm", &scene, 10.0, 3).unwrap();
         assert!((0..100).all(|i| {
             let offset = at(&along_x, f64::from(i) * 0.1).translation - scene.start_m;
             offset.y.abs() < 1e-12 && offset.z.abs() < 1e-12
         }));
-        let approach = Motion::named("approach-2.5", &scene, 10.0, 3).unwrap();
+        let approach = Motion::from_name("approach-2.5", &scene, 10.0, 3).unwrap();
         let speed = |t: f64| at(&approach, t + 1e-4).translation.distance(at(&approach, t).translation) / 1e-4;
         let fastest = (0..1000).map(|i| speed(f64::from(i) * 1e-3)).fold(0.0, f64::max);
         assert!((fastest - 2.5).abs() < 0.01, "{fastest}");
-        let straight = Motion::named("straight-0.3", &scene, 10.0, 3).unwrap();
+        let straight = Motion::from_name("straight-0.3", &scene, 10.0, 3).unwrap();
         let place = |t: f64| at(&straight, t).translation;
         assert!((-2..50).all(|i| {
             let step = place(0.1 * f64::from(i) + 0.1) - place(0.1 * f64::from(i));
@@ -343,10 +339,10 @@ mod tests {
     }
 
     #[test]
-    fn play_is_smooth_and_keeps_clear_of_furniture() {
+    fn natural_motion_is_smooth_and_keeps_clearance() {
         for seed in 0..5 {
             let scene = scene("furnished-room", seed).unwrap();
-            let motion = Motion::named("natural", &scene, 30.0, seed).unwrap();
+            let motion = Motion::from_name("natural", &scene, 30.0, seed).unwrap();
             let mut before = motion.tracking_from_head(0.0, &Pose::IDENTITY);
             for i in 1..3000 {
                 let pose = motion.tracking_from_head(f64::from(i) * 0.01, &Pose::IDENTITY);

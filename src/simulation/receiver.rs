@@ -12,13 +12,13 @@ use crate::math;
 use crate::radar::{Beam, CARRIER_HZ, RangeAxis, SPEED_OF_LIGHT_M_PER_S, Subsweep, noise_rms_lsb, snr_db};
 
 /// Echoes below this share of the noise are left out: −40 dB.
-const NEGLIGIBLE_SHARE_OF_NOISE: f64 = 0.01;
+const MIN_ECHO_TO_NOISE: f64 = 0.01;
 
 /// A subsweep's receiver in a room.
 pub(super) struct Receiver<'a> {
     pub room: &'a Room,
     /// What moves while the sweep is measured.
-    pub passing: &'a [Passing],
+    pub moving: &'a [MovingScatterer],
     pub subsweep: &'a Subsweep,
     pub beam: &'a Beam,
     /// Added to every cross-section, dB.
@@ -29,7 +29,7 @@ pub(super) struct Receiver<'a> {
 
 /// A scatterer that moves: where it is in the middle of a sweep, and how far it comes within it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Passing {
+pub(super) struct MovingScatterer {
     pub scatterer: Scatterer,
     /// From the first point's time to the last one's, metres.
     pub way: DVec3,
@@ -48,8 +48,8 @@ struct Echo {
 enum Source {
     Point(DVec3),
     /// Where it is in the middle of the sweep, and its way within it.
-    Passing(DVec3, DVec3),
-    Mirror(usize),
+    Moving(DVec3, DVec3),
+    Wall(usize),
 }
 
 impl Receiver<'_> {
@@ -61,10 +61,10 @@ impl Receiver<'_> {
 
     fn echoes(&self, sensor: &Pose) -> Vec<Echo> {
         let mut echoes = Vec::new();
-        let floor = NEGLIGIBLE_SHARE_OF_NOISE * noise_rms_lsb(self.subsweep);
+        let floor = MIN_ECHO_TO_NOISE * noise_rms_lsb(self.subsweep);
         let still = self.room.scatterers().map(|scatterer| (scatterer, Source::Point(scatterer.position_m)));
-        let passing = self.passing.iter().map(|p| (&p.scatterer, Source::Passing(p.scatterer.position_m, p.way)));
-        for (scatterer, source) in still.chain(passing) {
+        let moving = self.moving.iter().map(|p| (&p.scatterer, Source::Moving(p.scatterer.position_m, p.way)));
+        for (scatterer, source) in still.chain(moving) {
             let to = scatterer.position_m - sensor.translation;
             let distance_m = to.length();
             if distance_m < 1e-3 {
@@ -85,7 +85,7 @@ impl Receiver<'_> {
             let cos = wall.plane.outward.dot(sensor.forward());
             let amplitude = self.amplitude_lsb(wall.equivalent_rcs_dbsm(distance_m), distance_m, cos);
             if amplitude > floor {
-                let source = Source::Mirror(index);
+                let source = Source::Wall(index);
                 echoes.push(Echo { source, amplitude, phase_rad: 0.0, mid_distance_m: distance_m });
             }
         }
@@ -96,8 +96,8 @@ impl Receiver<'_> {
     fn distance_m(&self, echo: &Echo, position: DVec3, share: f64) -> f64 {
         match echo.source {
             Source::Point(at) => at.distance(position),
-            Source::Passing(middle, way) => (middle + way * (share - 0.5)).distance(position),
-            Source::Mirror(wall) => self.room.walls[wall].plane.distance(position),
+            Source::Moving(middle, way) => (middle + way * (share - 0.5)).distance(position),
+            Source::Wall(wall) => self.room.walls[wall].plane.distance(position),
         }
     }
 
@@ -148,14 +148,14 @@ impl Receiver<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Scatterer, Thing};
+    use super::super::{Scatterer, SceneObject};
     use super::*;
     use crate::radar::{Profile, WAVELENGTH_M};
     use rand::SeedableRng;
 
     fn room(rcs_dbsm: f64, z: f64) -> Room {
         let scatterer = Scatterer { position_m: DVec3::new(0.0, 0.0, -z), rcs_dbsm, lobe: DVec3::ZERO, phase_rad: 0.0 };
-        Room { things: vec![Thing { name: "point".into(), scatterers: vec![scatterer] }], walls: Vec::new() }
+        Room { things: vec![SceneObject { name: "point".into(), scatterers: vec![scatterer] }], walls: Vec::new() }
     }
 
     fn subsweep() -> Subsweep {
@@ -165,7 +165,7 @@ mod tests {
     fn sweep(room: &Room, noise: bool, seed: u64) -> (Vec<Complex<i16>>, bool) {
         let subsweep = subsweep();
         let receiver =
-            Receiver { room, passing: &[], subsweep: &subsweep, beam: &Beam::Uniform, rcs_offset_db: 0.0, noise };
+            Receiver { room, moving: &[], subsweep: &subsweep, beam: &Beam::Uniform, rcs_offset_db: 0.0, noise };
         let mut samples = Vec::new();
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let saturated = receiver.sweep(|_| Pose::IDENTITY, 1e-5, &mut rng, &mut samples);
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn an_echo_has_its_place_strength_and_phase() {
+    fn echo_has_expected_range_strength_and_phase() {
         let axis = RangeAxis::of(&subsweep());
         let range = axis.range_m(100);
         let (samples, saturated) = sweep(&room(0.0, range), false, 1);
@@ -191,16 +191,16 @@ mod tests {
     }
 
     #[test]
-    fn what_passes_turns_the_phase_while_the_sweep_is_measured() {
+    fn moving_scatterer_shifts_phase_within_a_sweep() {
         // 1 cm away from the sensor within the sweep: 4 turns of the half wavelength's phase over 300 points.
         let at = DVec3::new(0.0, 0.0, -0.6);
         let scatterer = Scatterer { position_m: at, rcs_dbsm: 0.0, lobe: DVec3::ZERO, phase_rad: 0.0 };
         let (subsweep, empty) = (subsweep(), Room::default());
         let sweep_of = |way: DVec3| {
-            let passing = [Passing { scatterer, way }];
+            let moving = [MovingScatterer { scatterer, way }];
             let (beam, rcs_offset_db) = (&Beam::Uniform, 0.0);
             let receiver =
-                Receiver { room: &empty, passing: &passing, subsweep: &subsweep, beam, rcs_offset_db, noise: false };
+                Receiver { room: &empty, moving: &moving, subsweep: &subsweep, beam, rcs_offset_db, noise: false };
             let mut samples = Vec::new();
             receiver.sweep(|_| Pose::IDENTITY, 1e-5, &mut ChaCha8Rng::seed_from_u64(1), &mut samples);
             samples.iter().map(|s| f64::from(s.im).atan2(f64::from(s.re))).collect::<Vec<_>>()
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_has_its_rms_and_strong_echoes_saturate() {
+    fn noise_has_expected_rms_and_strong_echoes_saturate() {
         let (samples, _) = sweep(&Room::default(), true, 2);
         let mean = samples.iter().map(|s| f64::from(s.re).powi(2) + f64::from(s.im).powi(2)).sum::<f64>() / 300.0;
         assert!((mean.sqrt() / noise_rms_lsb(&subsweep()) - 1.0).abs() < 0.1);

@@ -42,14 +42,14 @@ impl Scatterer {
 
 /// A named group of scatterers: a chair, a table.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Thing {
+pub struct SceneObject {
     /// What it is.
     pub name: String,
     /// Its scatterers.
     pub scatterers: Vec<Scatterer>,
 }
 
-impl Thing {
+impl SceneObject {
     /// The same in another frame: `to_from` takes coordinates of this one's.
     pub fn moved(&self, to_from: &Pose) -> Self {
         let scatterers = self.scatterers.iter().map(|scatterer| scatterer.moved(to_from)).collect();
@@ -81,7 +81,7 @@ impl WallPanel {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Room {
     /// What stands in it.
-    pub things: Vec<Thing>,
+    pub things: Vec<SceneObject>,
     /// What bounds it.
     pub walls: Vec<WallPanel>,
 }
@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lobe_falls_away_from_its_middle() {
+    fn lobe_falls_off_from_its_axis() {
         let scatterer = Scatterer { position_m: DVec3::ZERO, rcs_dbsm: -10.0, lobe: DVec3::Z, phase_rad: 0.0 };
         assert_eq!(scatterer.rcs_towards_dbsm(DVec3::Z), -10.0);
         assert!((scatterer.rcs_towards_dbsm(DVec3::X) + 18.0).abs() < 1e-9);
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mirror_loses_6_db_a_doubling_of_distance() {
+    fn wall_echo_loses_6_db_per_doubling_of_distance() {
         let wall = WallPanel {
             name: String::new(),
             plane: Plane { outward: DVec3::Z, offset_m: 1.0 },

@@ -5,14 +5,14 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::Room;
-use super::receiver::{Passing, Receiver};
+use super::receiver::{MovingScatterer, Receiver};
 use crate::geometry::Pose;
 use crate::radar::{Beam, SensorConfig, frame_timing};
 
 /// What there is around a sensor during a sweep.
-pub(super) struct Around<'a> {
+pub(super) struct Surroundings<'a> {
     pub room: &'a Room,
-    pub passing: Vec<Passing>,
+    pub moving: Vec<MovingScatterer>,
 }
 
 /// Measures frames.
@@ -33,7 +33,7 @@ impl Sampler<'_> {
         number: u64,
         start_s: f64,
         sensor_at: impl Fn(f64) -> Pose,
-        around: impl Fn(f64, f64) -> Around<'a>,
+        surroundings: impl Fn(f64, f64) -> Surroundings<'a>,
         samples: &mut Vec<Complex<i16>>,
     ) -> bool {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ 0x0CC0_4E12);
@@ -45,9 +45,9 @@ impl Sampler<'_> {
             for (subsweep, &(offset_s, period_s)) in self.config.subsweeps.iter().zip(&timing.subsweeps) {
                 let first_s = sweep_s + offset_s;
                 let last_s = first_s + period_s * f64::from(subsweep.num_points.saturating_sub(1));
-                let Around { room, passing } = around(first_s, last_s);
+                let Surroundings { room, moving } = surroundings(first_s, last_s);
                 let (beam, rcs_offset_db) = (self.beam, self.rcs_offset_db);
-                let receiver = Receiver { room, passing: &passing, subsweep, beam, rcs_offset_db, noise: true };
+                let receiver = Receiver { room, moving: &moving, subsweep, beam, rcs_offset_db, noise: true };
                 data_saturated |= receiver.sweep(|t| sensor_at(first_s + t), period_s, &mut rng, samples);
             }
         }

@@ -4,8 +4,8 @@ use glam::DVec3;
 use num_complex::Complex;
 use rayon::prelude::*;
 
-use super::known::Known;
-use super::sampler::{Around, Sampler};
+use super::sampler::{Sampler, Surroundings};
+use super::truth_builder::TruthBuilder;
 use super::{LiveScenario, Motion, MotionError, Scene, SceneError, TrackingErrors, TruePath, scene};
 use crate::geometry::Pose;
 use crate::radar::{Beam, ConfigError, Frame, SensorConfig, Subsweep, frame_timing, rcs_dbsm_for_snr};
@@ -111,13 +111,13 @@ impl Scenario {
     /// An unknown name, a configuration that breaks a rule, a duration, SNR, time offset or rate of dropouts out of bounds, a
     /// place that cannot be looked at.
     pub fn run(&self) -> Result<Simulated, ScenarioError> {
-        let stage = self.stage()?;
-        let head_at = |t: f64| stage.head_at(t);
-        let poses = self.poses(&stage);
-        let frames = self.frames(&stage);
+        let prepared = self.prepare()?;
+        let head_at = |t: f64| prepared.head_at(t);
+        let poses = self.poses(&prepared);
+        let frames = self.frames(&prepared);
         let title = format!("{}, {}", self.scene, self.motion);
-        let known = Known { title, seed: self.seed, duration_s: self.duration_s, beam: &self.beam };
-        let mut truth = known.truth(&stage.scene.room, head_at, |t| stage.sensor_at(t));
+        let known = TruthBuilder { title, seed: self.seed, duration_s: self.duration_s, beam: &self.beam };
+        let mut truth = known.build(&prepared.scene.room, head_at, |t| prepared.sensor_at(t));
         truth.time_offset_s = self.time_offset_s;
         Ok(Simulated { frames, poses, truth })
     }
@@ -127,7 +127,7 @@ impl Scenario {
     /// # Errors
     /// As [`Self::run`].
     pub fn live(&self) -> Result<LiveScenario, ScenarioError> {
-        Ok(LiveScenario::new(self.stage()?))
+        Ok(LiveScenario::new(self.prepare()?))
     }
 
     /// The tracked poses alone, as [`Self::run`] has them.
@@ -135,7 +135,7 @@ impl Scenario {
     /// # Errors
     /// As [`Self::run`].
     pub fn tracked(&self) -> Result<Vec<PoseSample>, ScenarioError> {
-        Ok(self.poses(&self.stage()?))
+        Ok(self.poses(&self.prepare()?))
     }
 
     /// Where the head really is.
@@ -143,15 +143,15 @@ impl Scenario {
     /// # Errors
     /// As [`Self::run`].
     pub fn path(&self) -> Result<TruePath, ScenarioError> {
-        Ok(TruePath::new(self.stage()?))
+        Ok(TruePath::new(self.prepare()?))
     }
 
-    fn poses(&self, stage: &Stage) -> Vec<PoseSample> {
+    fn poses(&self, prepared: &PreparedScenario) -> Vec<PoseSample> {
         let span_s = (-POSE_MARGIN_S, self.duration_s + POSE_MARGIN_S);
-        self.errors.track(|t| stage.head_at(t), span_s, host_ns, self.seed)
+        self.errors.track(|t| prepared.head_at(t), span_s, host_ns, self.seed)
     }
 
-    fn stage(&self) -> Result<Stage, ScenarioError> {
+    fn prepare(&self) -> Result<PreparedScenario, ScenarioError> {
         self.config.validate()?;
         if !(0.1..=3600.0).contains(&self.duration_s) {
             return Err(ScenarioError::Duration(self.duration_s));
@@ -172,12 +172,12 @@ impl Scenario {
             }
             scene.look_at_m = place;
         }
-        let motion = Motion::named(&self.motion, &scene, self.duration_s + POSE_MARGIN_S, self.seed)?;
+        let motion = Motion::from_name(&self.motion, &scene, self.duration_s + POSE_MARGIN_S, self.seed)?;
         let true_mount = self.errors.true_mount(&self.head_from_sensor, self.seed);
-        Ok(Stage { scenario: self.clone(), scene, motion, true_mount })
+        Ok(PreparedScenario { scenario: self.clone(), scene, motion, true_mount })
     }
 
-    fn frames(&self, stage: &Stage) -> Vec<Frame> {
+    fn frames(&self, prepared: &PreparedScenario) -> Vec<Frame> {
         let timing = frame_timing(&self.config);
         let count = ((self.duration_s - timing.frame_s) / timing.frame_period_s).floor().max(0.0) as usize + 1;
         (0..count)
@@ -185,8 +185,8 @@ impl Scenario {
             .map(|index| {
                 let start_s = index as f64 * timing.frame_period_s;
                 let mut samples = Vec::with_capacity(self.config.points_per_frame());
-                let sensor_at = |t: f64| stage.sensor_at(t);
-                let data_saturated = stage.frame(&self.config, index as u64, start_s, sensor_at, &mut samples);
+                let sensor_at = |t: f64| prepared.sensor_at(t);
+                let data_saturated = prepared.frame(&self.config, index as u64, start_s, sensor_at, &mut samples);
                 let end_s = start_s + timing.frame_s;
                 Frame {
                     tick: (end_s * 1e6).round() as i64,
@@ -204,14 +204,14 @@ impl Scenario {
 
 /// A scenario with its room furnished and its path drawn.
 #[derive(Debug, Clone)]
-pub(super) struct Stage {
+pub(super) struct PreparedScenario {
     pub scenario: Scenario,
     pub scene: Scene,
     motion: Motion,
     true_mount: Pose,
 }
 
-impl Stage {
+impl PreparedScenario {
     pub fn head_at(&self, time_s: f64) -> Pose {
         self.motion.tracking_from_head(time_s, &self.scenario.head_from_sensor)
     }
@@ -235,8 +235,8 @@ impl Stage {
             seed: self.scenario.seed,
             rcs_offset_db: self.rcs_offset_db(config),
         };
-        let around = |_: f64, _: f64| Around { room: &self.scene.room, passing: Vec::new() };
-        sampler.frame(number, start_s, sensor_at, around, samples)
+        let surroundings = |_: f64, _: f64| Surroundings { room: &self.scene.room, moving: Vec::new() };
+        sampler.frame(number, start_s, sensor_at, surroundings, samples)
     }
 
     fn rcs_offset_db(&self, config: &SensorConfig) -> f64 {
@@ -265,7 +265,7 @@ mod tests {
     use crate::radar::preset;
 
     #[test]
-    fn a_seed_gives_the_same_recording_on_any_number_of_threads() {
+    fn same_seed_gives_same_recording_on_any_thread_count() {
         let scenario = Scenario::new("furnished-room", "natural", preset("d16").unwrap(), 0.5, 11);
         let a = scenario.run().unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn the_offset_moves_the_written_times() {
+    fn time_offset_shifts_recorded_times() {
         let config = preset("fine").unwrap();
         let mut scenario = Scenario::new("corner-reflector", "stationary", config, 0.3, 1);
         let plain = scenario.run().unwrap();
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sensor_looks_where_it_is_told_and_a_lens_lifts_what_it_looks_at_alone() {
+    fn sensor_points_at_the_target_and_lens_gain_is_on_axis() {
         let energy = |beam: Beam, at: DVec3| {
             let config = preset("fine").unwrap();
             let scenario = Scenario {
@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_scenarios_say_what_is_wrong() {
+    fn invalid_scenarios_give_the_reason() {
         let config = preset("fine").unwrap();
         let mut scenario = Scenario::new("corner-reflector", "moonwalk", config, 1.0, 1);
         assert!(scenario.run().unwrap_err().to_string().contains("moonwalk"));

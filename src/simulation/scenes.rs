@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use super::furniture::{
     Draw, METAL_CHAIR, PLASTIC_CHAIR, chair, clothes_hanger, corner_reflector, lamp, shelf, sofa, table,
 };
-use super::{Room, Thing, WallPanel};
+use super::{Room, SceneObject, WallPanel};
 use crate::geometry::{Aabb, Plane};
 
 /// Scenes by name.
@@ -74,16 +74,16 @@ pub fn scene(name: &str, seed: u64) -> Result<Scene, SceneError> {
 }
 
 /// Things on the floor, seen from a metre up, the sensor turned to their middle.
-fn looking_at_things(things: Vec<Thing>) -> Scene {
+fn looking_at_things(things: Vec<SceneObject>) -> Scene {
     let room = Room { things, walls: Vec::new() };
     let middle = Aabb::around(room.scatterers().map(|s| s.position_m)).map_or(DVec3::NEG_Z, |b| b.center());
     Scene { room, start_m: DVec3::new(0.0, 1.0, 0.0), look_at_m: middle }
 }
 
 /// Two equal corner reflectors 20 cm apart, level, across the line of sight from `seen_from` to their middle.
-fn pair(draw: &mut Draw, middle: DVec3, seen_from: DVec3) -> [Thing; 2] {
+fn pair(draw: &mut Draw, middle: DVec3, seen_from: DVec3) -> [SceneObject; 2] {
     let across = (middle - seen_from).cross(DVec3::Y).normalize() * 0.1;
-    let named = |name: &str, thing: Thing| Thing { name: name.into(), ..thing };
+    let named = |name: &str, thing: SceneObject| SceneObject { name: name.into(), ..thing };
     [
         named("left corner reflector", corner_reflector(draw, middle - across)),
         named("right corner reflector", corner_reflector(draw, middle + across)),
@@ -135,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_scene_exists_and_is_seeded() {
+    fn every_scene_exists_and_depends_on_the_seed() {
         for name in SCENES {
             assert_eq!(scene(name, 7).unwrap(), scene(name, 7).unwrap());
         }
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pair_is_two_equals_20_cm_apart_across_range() {
+    fn pair_is_two_equal_reflectors_20_cm_apart_across_range() {
         let scene = scene("pair", 3).unwrap();
         let both: Vec<_> = scene.room.scatterers().collect();
         assert_eq!((both.len(), both[0].rcs_dbsm), (2, both[1].rcs_dbsm));

@@ -139,13 +139,13 @@ fn free_m(scene: &Scene, at: DVec3, but: &str) -> f64 {
 #[derive(Debug, Clone)]
 pub struct ToAndFro {
     strokes: Strokes,
-    aside: Wander,
+    lateral: Wander,
 }
 
 /// Strokes before they repeat.
 const STROKES: usize = 24;
 /// How far a hand that is careful deviates, metres.
-const ASIDE_M: f64 = 0.005;
+const LATERAL_M: f64 = 0.005;
 
 impl ToAndFro {
     pub(super) fn new(duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
@@ -155,11 +155,14 @@ impl ToAndFro {
             legs.push((rng.random_range(0.7..1.4), rng.random_range(0.05..0.4), along_m));
         }
         legs.push((1.0, 0.2, 0.0));
-        Self { strokes: Strokes::new(legs), aside: Wander::new(ASIDE_M, DVec3::new(1.0, 1.0, 0.0), duration_s, rng) }
+        Self {
+            strokes: Strokes::new(legs),
+            lateral: Wander::new(LATERAL_M, DVec3::new(1.0, 1.0, 0.0), duration_s, rng),
+        }
     }
 
     pub(super) fn offset_m(&self, time_s: f64) -> DVec3 {
-        DVec3::NEG_Z * self.strokes.along_m(time_s) + self.aside.at(time_s)
+        DVec3::NEG_Z * self.strokes.along_m(time_s) + self.lateral.at(time_s)
     }
 }
 
@@ -169,10 +172,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_chair_is_walked_up_to_and_looked_at() {
+    fn chair_walk_approaches_and_faces_the_chair() {
         for (name, seed) in (0..6).map(|seed| ("furnished-room", seed)).chain([("chair", 1), ("two-chairs", 2)]) {
             let scene = scene(name, seed).unwrap();
-            let motion = Motion::named("approach-chair", &scene, 30.0, seed).unwrap();
+            let motion = Motion::from_name("approach-chair", &scene, 30.0, seed).unwrap();
             let chair = scene.room.things.iter().find(|thing| thing.name.contains("chair")).unwrap();
             let poses: Vec<Pose> =
                 (0..3000).map(|n| motion.tracking_from_head(f64::from(n) * 0.01, &Pose::IDENTITY)).collect();
@@ -195,13 +198,13 @@ mod tests {
                 assert!(cos > 0.9, "{cos}");
             }
         }
-        assert!(Motion::named("approach-chair", &scene("nothing", 1).unwrap(), 30.0, 1).is_err());
+        assert!(Motion::from_name("approach-chair", &scene("nothing", 1).unwrap(), 30.0, 1).is_err());
     }
 
     #[test]
-    fn strokes_go_on_without_a_jump() {
+    fn strokes_are_continuous() {
         let scene = scene("corner-reflector", 1).unwrap();
-        let motion = Motion::named("to-and-fro", &scene, 100.0, 5).unwrap();
+        let motion = Motion::from_name("to-and-fro", &scene, 100.0, 5).unwrap();
         let along = |t: f64| (motion.tracking_from_head(t, &Pose::IDENTITY).translation - scene.start_m).z;
         let steps: Vec<f64> = (0..10_000).map(|n| along(f64::from(n) * 0.01)).collect();
         assert!(steps.windows(2).all(|pair| (pair[0] - pair[1]).abs() < 0.02));

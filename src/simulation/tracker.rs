@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_have_the_stated_size_and_dropouts_come() {
+    fn tracking_errors_have_the_stated_size_and_dropouts_occur() {
         let errors =
             TrackingErrors { wander_m: 0.0, rotation_deg: 0.0, dropouts_per_minute: 20.0, ..Default::default() };
         let still = |_| Pose::IDENTITY;
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn wander_has_the_stated_rms() {
+    fn drift_has_the_stated_rms() {
         let errors = TrackingErrors { jitter_m: 0.0, ..Default::default() };
         let mean_square = |seed| {
             let track = errors.track(|_| Pose::IDENTITY, (0.0, 60.0), |t| (t * 1e9) as i64, seed);

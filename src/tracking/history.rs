@@ -30,7 +30,7 @@ impl Default for HistorySettings {
 }
 
 /// Least time after a sweep that poses are waited for where the settings allow it, seconds.
-const LEAST_AHEAD_S: f64 = 0.02;
+const MIN_WAIT_S: f64 = 0.02;
 
 impl HistorySettings {
     /// Whether poses are waited for less long than the smoothing would take them.
@@ -46,7 +46,7 @@ impl HistorySettings {
 
     /// So long after a time no pose makes the path there smoother, nanoseconds.
     pub(super) fn smooth_ns(&self) -> i64 {
-        ((self.smoothing_window_s * 0.5).max(LEAST_AHEAD_S) * 1e9).round() as i64
+        ((self.smoothing_window_s * 0.5).max(MIN_WAIT_S) * 1e9).round() as i64
     }
 }
 
@@ -119,14 +119,14 @@ impl PoseHistory {
     }
 
     /// Forgets what is older than `time_ns`.
-    pub fn forget_before(&mut self, time_ns: i64) {
+    pub fn remove_before(&mut self, time_ns: i64) {
         while self.entries.front().is_some_and(|e| e.time_ns < time_ns) {
             self.entries.pop_front();
         }
     }
 
     /// Forgets the oldest entries beyond a number.
-    pub fn forget_beyond(&mut self, count: usize) {
+    pub fn keep_newest(&mut self, count: usize) {
         while self.entries.len() > count {
             self.entries.pop_front();
         }
@@ -143,7 +143,7 @@ impl PoseHistory {
     }
 
     /// Whether poses before entry `later` and at it may be joined.
-    fn joined(&self, later: usize) -> Result<(), NoPose> {
+    fn check_joined(&self, later: usize) -> Result<(), NoPose> {
         let (a, b) = (&self.entries[later - 1], &self.entries[later]);
         if a.pose.is_none() || b.pose.is_none() {
             return Err(NoPose::Invalid);
@@ -157,14 +157,14 @@ impl PoseHistory {
     /// # Errors
     /// Outside the poses, in a gap, or beside an invalid pose.
     pub fn at(&self, time_ns: i64) -> Result<SmoothPose, NoPose> {
-        self.at_by(time_ns, i64::MIN)
+        self.at_with_poses_until(time_ns, i64::MIN)
     }
 
     /// The pose at a time by the poses up to another, or as [`at`](Self::at) has it where that takes more.
     ///
     /// # Errors
     /// As [`at`](Self::at).
-    pub fn at_by(&self, time_ns: i64, known_until_ns: i64) -> Result<SmoothPose, NoPose> {
+    pub fn at_with_poses_until(&self, time_ns: i64, known_until_ns: i64) -> Result<SmoothPose, NoPose> {
         let later = self.entries.partition_point(|e| e.time_ns < time_ns);
         if self.entries.is_empty() || later == self.entries.len() {
             return Err(NoPose::Outside);
@@ -173,26 +173,26 @@ impl PoseHistory {
             return Err(NoPose::Outside);
         }
         if later > 0 && self.entries[later].time_ns != time_ns {
-            self.joined(later)?;
+            self.check_joined(later)?;
         } else if self.entries[later].pose.is_none() {
             return Err(NoPose::Invalid);
         }
-        let (first, last) = self.run_around(time_ns, later, known_until_ns);
+        let (first, last) = self.fit_window(time_ns, later, known_until_ns);
         self.fit(time_ns, first, last).ok_or(NoPose::Outside)
     }
 
     /// First and last entry (inclusive) around `later` that the fit may use: unbroken, within the smoothing window, not
     /// beyond what is waited for or known, and at least the two neighbours.
-    fn run_around(&self, time_ns: i64, later: usize, known_until_ns: i64) -> (usize, usize) {
+    fn fit_window(&self, time_ns: i64, later: usize, known_until_ns: i64) -> (usize, usize) {
         let until_ns = known_until_ns.max(time_ns.saturating_add(self.settings.ahead_ns()));
         let half_ns = (self.settings.smoothing_window_s * 0.5e9) as i64;
         let (mut first, mut last) =
             if self.entries[later].time_ns == time_ns { (later, later) } else { (later - 1, later) };
-        while first > 0 && self.joined(first).is_ok() && time_ns - self.entries[first - 1].time_ns <= half_ns {
+        while first > 0 && self.check_joined(first).is_ok() && time_ns - self.entries[first - 1].time_ns <= half_ns {
             first -= 1;
         }
         while last + 1 < self.entries.len()
-            && self.joined(last + 1).is_ok()
+            && self.check_joined(last + 1).is_ok()
             && self.entries[last + 1].time_ns - time_ns <= half_ns
             && self.entries[last + 1].time_ns <= until_ns
         {
@@ -200,9 +200,9 @@ impl PoseHistory {
         }
         // A lone sample still needs a neighbour to have a velocity.
         if first == last {
-            if first > 0 && self.joined(first).is_ok() {
+            if first > 0 && self.check_joined(first).is_ok() {
                 first -= 1;
-            } else if last + 1 < self.entries.len() && self.joined(last + 1).is_ok() {
+            } else if last + 1 < self.entries.len() && self.check_joined(last + 1).is_ok() {
                 last += 1;
             }
         }
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_beyond_what_is_waited_for_change_nothing() {
+    fn poses_later_than_max_ahead_are_ignored() {
         let mut at = Vec::new();
         for max_ahead_s in [0.0, 0.012, 0.046] {
             let settings = HistorySettings { max_ahead_s, ..Default::default() };
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_that_are_known_by_then_make_an_early_path_the_smooth_one() {
+    fn later_poses_turn_early_path_into_smooth_one() {
         let at = |max_ahead_s: f64, known_until_ns: i64| {
             let mut history = PoseHistory::new(HistorySettings { max_ahead_s, ..Default::default() });
             for i in 0..30i64 {
@@ -295,7 +295,7 @@ mod tests {
                     .push(&PoseSample::valid(i * 8 * MS, &pose(0.1 * (i as f64 * 0.2).sin() + jitter, 0.0)))
                     .unwrap();
             }
-            history.at_by(101 * MS, known_until_ns).unwrap().tracking_from_head.translation
+            history.at_with_poses_until(101 * MS, known_until_ns).unwrap().tracking_from_head.translation
         };
         assert_eq!(at(0.0, 147 * MS), at(0.046, i64::MIN));
         assert_eq!(at(0.0, i64::MAX), at(0.046, i64::MAX));
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn straight_motion_is_read_between_samples() {
+    fn straight_motion_is_interpolated_exactly() {
         for window in [0.0, 0.092] {
             let mut history = history(window);
             for i in 0..40i64 {
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn never_across_a_gap_or_an_invalid_pose() {
+    fn gaps_and_invalid_poses_are_not_bridged() {
         let mut history = history(0.092);
         for i in 0..10 {
             history.push(&PoseSample::valid(i * 10 * MS, &pose(0.0, 0.0))).unwrap();
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn refused_poses_say_why() {
+    fn refused_poses_name_the_reason() {
         let mut history = history(0.0);
         history.push(&PoseSample::valid(10, &pose(0.0, 0.0))).unwrap();
         let same_time = PoseSample::valid(10, &pose(0.0, 0.0));

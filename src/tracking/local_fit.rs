@@ -80,14 +80,14 @@ mod tests {
     }
 
     #[test]
-    fn noise_falls_as_savitzky_and_golay_say() {
+    fn noise_gain_matches_savitzky_golay() {
         let times: Vec<f64> = (-5..=5).map(|i| f64::from(i) / 120.0).collect();
         let power: f64 = value_and_rate_weights(&times).unwrap().iter().map(|w| w[0] * w[0]).sum();
         assert!((power - 89.0 / 429.0).abs() < 1e-9, "{power}");
     }
 
     #[test]
-    fn too_little_gives_none() {
+    fn too_few_distinct_times_give_none() {
         assert!(value_and_rate_weights(&[0.0]).is_none());
         assert!(value_and_rate_weights(&[0.0, 0.0]).is_none());
     }

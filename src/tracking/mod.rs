@@ -5,7 +5,7 @@ pub mod inertial;
 mod local_fit;
 mod observer;
 mod sample;
-mod stamps;
+mod timestamps;
 
 pub use history::{HistorySettings, NoPose, PoseHistory, SmoothPose};
 pub use observer::{Observer, ObserverCounters, ObserverSettings, SensorState, observe_all};

@@ -11,7 +11,7 @@ use glam::DVec3;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
 
-use super::stamps::{Stamp, Stamps};
+use super::timestamps::{TimestampFilter, TimestampVerdict};
 use super::{HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
 use crate::geometry::Pose;
 use crate::radar::{Frame, FrameLayout, Observation, RangeAxis, SensorConfig, Sweep, SweepGeometry};
@@ -91,8 +91,8 @@ pub struct Observer {
     history: PoseHistory,
     waiting: VecDeque<Frame>,
     ready: Vec<Observation>,
-    frame_stamps: Stamps,
-    pose_stamps: Stamps,
+    frame_timestamps: TimestampFilter,
+    pose_timestamps: TimestampFilter,
     next_path_ns: Option<i64>,
     keep_s: f64,
     counters: ObserverCounters,
@@ -118,8 +118,8 @@ impl Observer {
             settings,
             waiting: VecDeque::new(),
             ready: Vec::new(),
-            frame_stamps: Stamps::default(),
-            pose_stamps: Stamps::default(),
+            frame_timestamps: TimestampFilter::default(),
+            pose_timestamps: TimestampFilter::default(),
             next_path_ns: None,
             // Older poses than the window before a frame serve nobody, unless asked for.
             keep_s: settings.history.smoothing_window_s + settings.history.max_gap_s + 0.5,
@@ -171,7 +171,7 @@ impl Observer {
     ///
     /// # Errors
     /// As [`sensor_at`](Self::sensor_at).
-    pub fn sensor_since(&self, sweep_ns: i64, later_sweep_ns: i64) -> Result<SensorState, NoPose> {
+    pub fn smoothed_sensor_at(&self, sweep_ns: i64, later_sweep_ns: i64) -> Result<SensorState, NoPose> {
         let [at_ns, later_ns] = [sweep_ns, later_sweep_ns].map(|time_ns| time_ns.saturating_add(self.offset_ns()));
         let known_until_ns = later_ns.saturating_add(self.settings.history.ahead_ns());
         sensor_at(&self.history, at_ns, &self.settings.head_from_sensor, known_until_ns)
@@ -197,13 +197,13 @@ impl Observer {
     /// Takes a pose; a bad one is counted and used no further.
     pub fn push_pose(&mut self, sample: &PoseSample) {
         self.counters.poses += 1;
-        match self.pose_stamps.judge(sample.time_ns) {
-            Stamp::Next => {}
-            Stamp::NotRising => return self.counters.poses_time_not_rising += 1,
-            Stamp::Leap => return self.counters.poses_time_leapt += 1,
-            Stamp::Anew => {
+        match self.pose_timestamps.classify(sample.time_ns) {
+            TimestampVerdict::Next => {}
+            TimestampVerdict::NotRising => return self.counters.poses_time_not_rising += 1,
+            TimestampVerdict::Jump => return self.counters.poses_time_leapt += 1,
+            TimestampVerdict::Restart => {
                 self.counters.poses_time_leapt += 1;
-                self.history.forget_beyond(0);
+                self.history.keep_newest(0);
                 self.next_path_ns = None;
             }
         }
@@ -213,7 +213,7 @@ impl Observer {
             Err(PoseRefusal::Numbers(_)) => self.counters.poses_bad_numbers += 1,
             Err(PoseRefusal::TimeNotRising { .. }) => self.counters.poses_time_not_rising += 1,
         }
-        self.history.forget_beyond(MAX_POSES);
+        self.history.keep_newest(MAX_POSES);
     }
 
     /// Takes a frame; a bad one is counted and used no further.
@@ -223,11 +223,11 @@ impl Observer {
             self.counters.frames_wrong_length += 1;
             return;
         }
-        match self.frame_stamps.judge(frame.host_time_ns) {
-            Stamp::Next => {}
-            Stamp::NotRising => return self.counters.frames_time_not_rising += 1,
-            Stamp::Leap => return self.counters.frames_time_leapt += 1,
-            Stamp::Anew => {
+        match self.frame_timestamps.classify(frame.host_time_ns) {
+            TimestampVerdict::Next => {}
+            TimestampVerdict::NotRising => return self.counters.frames_time_not_rising += 1,
+            TimestampVerdict::Jump => return self.counters.frames_time_leapt += 1,
+            TimestampVerdict::Restart => {
                 self.counters.frames_time_leapt += 1;
                 self.waiting.clear();
             }
@@ -289,7 +289,7 @@ impl Observer {
         self.counters.observations += made;
         self.counters.frames_without_pose += u64::from(made == 0);
         let keep_ns = (self.keep_s * 1e9) as i64;
-        self.history.forget_before(frame.host_time_ns.saturating_add(offset_ns).saturating_sub(keep_ns));
+        self.history.remove_before(frame.host_time_ns.saturating_add(offset_ns).saturating_sub(keep_ns));
     }
 }
 
@@ -343,7 +343,7 @@ fn sensor_at(
     head_from_sensor: &Pose,
     known_until_ns: i64,
 ) -> Result<SensorState, NoPose> {
-    let head = history.at_by(time_ns, known_until_ns)?;
+    let head = history.at_with_poses_until(time_ns, known_until_ns)?;
     let arm = head.tracking_from_head.transform_vector(head_from_sensor.translation);
     Ok(SensorState {
         time_ns,
@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mount_and_the_offset_are_applied_at_the_sweeps_own_time() {
+    fn mount_and_time_offset_apply_at_sweep_time() {
         let mount = Pose::new(DVec3::new(0.0, 0.02, -0.1), DQuat::from_rotation_x(-0.2));
         let mut observer = observer(mount, 0.020);
         for i in 0..60 {
@@ -399,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_frames_are_counted_and_left_out() {
+    fn bad_frames_are_counted_and_skipped() {
         let mut observer = observer(Pose::IDENTITY, 0.0);
         for i in 0..60 {
             observer.push_pose(&PoseSample::valid(i * 10 * MS, &Pose::IDENTITY));
@@ -421,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn single_stamps_far_in_the_future_block_nothing() {
+    fn single_future_timestamps_do_not_block_streams() {
         let far = 86_400_000 * MS;
         for (bad_pose, bad_frame) in [(0, 0), (30, 25), (0, 25), (30, 0)] {
             let mut observer = observer(Pose::IDENTITY, 0.0);

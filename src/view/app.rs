@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use egui::{CentralPanel, Frame, Panel, RichText, Ui, UiBuilder};
 
-use super::about::About;
 use super::camera::{Camera, Eye, View};
 use super::drawing::Drawing;
 use super::history::Moment;
@@ -14,18 +13,19 @@ use super::layers::Layers;
 use super::map_view::{Cut, MapView};
 use super::player::Player;
 use super::recorder::SharedHistory;
+use super::recording_info::RecordingInfo;
 use super::room::room;
-use super::viewport::{Shown, viewport};
+use super::viewport::{ViewContent, viewport};
 use super::{panel, style, timeline};
 use crate::geometry::Aabb;
 use crate::warning::{Panel as WarningPanel, warn};
 
 /// While the recording is worked off, the strip is drawn so often.
-const BUFFERING: Duration = Duration::from_millis(100);
+const BUFFERING_REPAINT: Duration = Duration::from_millis(100);
 /// What comes in as it happens is drawn so often.
-const LIVE: Duration = Duration::from_millis(50);
+const LIVE_REPAINT: Duration = Duration::from_millis(50);
 /// No more time than this passes between two passes, seconds: who comes back to a window does not miss half a minute.
-const LONGEST_PASS_S: f64 = 0.25;
+const MAX_PASS_S: f64 = 0.25;
 /// Share of the width that the room has beside the maps.
 const ROOM_SHARE: f32 = 0.68;
 /// Places of the head's path that are drawn at most.
@@ -43,7 +43,7 @@ pub enum Arrangement {
 }
 
 /// The picture of the room that is wanted.
-pub struct Wanted {
+pub struct RoomRequest {
     /// The eye.
     pub eye: Eye,
     /// What it sees.
@@ -54,7 +54,7 @@ pub struct Wanted {
 
 /// Everything that the window shows.
 pub struct App {
-    about: About,
+    about: RecordingInfo,
     history: SharedHistory,
     /// Where in the recording one is.
     pub player: Player,
@@ -68,14 +68,14 @@ pub struct App {
     is_help: bool,
     before_s: Option<f64>,
     texture: egui::TextureId,
-    wanted: Option<Wanted>,
+    room_request: Option<RoomRequest>,
 }
 
 impl App {
     /// At the beginning; `texture`: where the picture of the room will be.
-    pub fn new(about: About, history: SharedHistory) -> Self {
+    pub fn new(about: RecordingInfo, history: SharedHistory) -> Self {
         Self {
-            layers: Layers::new(about.least_score()),
+            layers: Layers::new(about.min_score()),
             player: if about.is_live { Player::live() } else { Player::default() },
             about,
             history,
@@ -86,7 +86,7 @@ impl App {
             is_help: false,
             before_s: None,
             texture: egui::TextureId::default(),
-            wanted: None,
+            room_request: None,
         }
     }
 
@@ -127,8 +127,8 @@ impl App {
     }
 
     /// The picture that is wanted since the last pass.
-    pub fn take_wanted(&mut self) -> Option<Wanted> {
-        self.wanted.take()
+    pub fn take_room_request(&mut self) -> Option<RoomRequest> {
+        self.room_request.take()
     }
 
     /// Whether there is nothing more to look at: what came in as it happened has ended.
@@ -138,19 +138,18 @@ impl App {
 
     /// One pass.
     pub fn ui(&mut self, ui: &mut Ui) {
-        if let Some(about) = self.history.take_about() {
+        if let Some(about) = self.history.take_info() {
             self.about = about;
         }
         let now_s = ui.input(|input| input.time);
-        let passed_s =
-            self.before_s.replace(now_s).map_or(0.0, |before_s| (now_s - before_s).clamp(0.0, LONGEST_PASS_S));
+        let passed_s = self.before_s.replace(now_s).map_or(0.0, |before_s| (now_s - before_s).clamp(0.0, MAX_PASS_S));
         let (extent, marks, heads, top_score) = {
             let history = self.history.lock();
             (history.extent(), history.marks().collect::<Vec<_>>(), history.heads_around(), history.greatest_score())
         };
         self.player.advance(passed_s, &extent);
         for action in ui.input(keys::pressed) {
-            self.act(action);
+            self.apply_action(action);
         }
         Panel::top("top").frame(Frame::side_top_panel(ui.style())).show(ui, |ui| self.top(ui));
         let asked =
@@ -176,11 +175,11 @@ impl App {
     fn ask_for_more(&self, ui: &Ui, extent: &super::player::Extent) {
         let is_waiting = self.player.time_s() >= extent.buffered_s && !extent.is_complete;
         if self.player.is_at_edge() && !extent.is_complete {
-            ui.ctx().request_repaint_after(LIVE);
+            ui.ctx().request_repaint_after(LIVE_REPAINT);
         } else if self.player.is_playing() && !is_waiting {
             ui.ctx().request_repaint();
         } else if !extent.is_complete {
-            ui.ctx().request_repaint_after(BUFFERING);
+            ui.ctx().request_repaint_after(BUFFERING_REPAINT);
         }
     }
 
@@ -203,7 +202,7 @@ impl App {
 
     fn middle(&mut self, ui: &mut Ui, moment: &Moment, bounds: &Aabb, top_score: f32) {
         let shown =
-            Shown { about: &self.about, moment, layers: &self.layers, bounds, top_score, texture: self.texture };
+            ViewContent { about: &self.about, moment, layers: &self.layers, bounds, top_score, texture: self.texture };
         let whole = ui.available_rect_before_wrap();
         let share = match self.arrangement {
             Arrangement::Room => 1.0,
@@ -222,7 +221,7 @@ impl App {
             }
             let inside = self.camera.is_first_person && moment.head.is_some();
             let drawing = room(&self.about, moment, &self.layers, bounds, top_score, inside);
-            self.wanted = Some(Wanted { eye, drawing, size: left.size() });
+            self.room_request = Some(RoomRequest { eye, drawing, size: left.size() });
         }
         if share < 1.0 {
             let place = UiBuilder::new().max_rect(right.shrink(8.0));
@@ -230,7 +229,7 @@ impl App {
         }
     }
 
-    fn act(&mut self, action: Action) {
+    fn apply_action(&mut self, action: Action) {
         let extent = self.history.lock().extent();
         match action {
             Action::Toggle => self.player.toggle(&extent),
@@ -264,7 +263,7 @@ impl App {
             return;
         }
         let history = self.history.lock();
-        let (extent, frame_s) = (history.extent(), history.frame_beside(self.player.time_s(), way));
+        let (extent, frame_s) = (history.extent(), history.adjacent_frame(self.player.time_s(), way));
         drop(history);
         self.player.pause();
         if let Some(frame_s) = frame_s {
@@ -292,7 +291,7 @@ mod tests {
             inside.push_frame(tick * 10_000_000);
         }
         history.lock().complete();
-        App::new(About::new(&header, &Settings::default(), Search::Rooms, 1.0), history)
+        App::new(RecordingInfo::new(&header, &Settings::default(), Search::Rooms, 1.0), history)
     }
 
     fn pass(context: &Context, app: &mut App, time_s: f64, events: Vec<Event>) -> Duration {
@@ -309,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn it_plays_stops_and_steps_by_keys() {
+    fn keys_play_stop_and_step() {
         let (context, mut app) = (Context::default(), app());
         pass(&context, &mut app, 0.0, vec![]);
         pass(&context, &mut app, 0.1, vec![]);
@@ -327,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_drawn_again_while_nothing_changes() {
+    fn no_repaint_without_changes() {
         let (context, mut app) = (Context::default(), app());
         assert_eq!(pass(&context, &mut app, 0.0, vec![]), Duration::ZERO, "it plays");
         app.player.pause();
@@ -336,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn a_click_on_the_strip_goes_there() {
+    fn clicking_the_timeline_seeks() {
         let (context, mut app) = (Context::default(), app());
         app.player.pause();
         pass(&context, &mut app, 0.0, vec![]);
@@ -354,14 +353,14 @@ mod tests {
     }
 
     #[test]
-    fn every_view_and_arrangement_can_be_shown() {
+    fn every_view_and_arrangement_renders() {
         let (context, mut app) = (Context::default(), app());
         for (n, k) in [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::M, Key::M, Key::M, Key::T, Key::W, Key::F1]
             .into_iter()
             .enumerate()
         {
             pass(&context, &mut app, n as f64, key(k));
-            let is_wanted = app.take_wanted().is_some();
+            let is_wanted = app.take_room_request().is_some();
             assert_eq!(is_wanted, app.arrangement != Arrangement::Maps, "{k:?}");
         }
     }

@@ -14,9 +14,9 @@ const HEAD_FOV_RAD: f64 = 1.5;
 /// Straight up and down are left out by this, radians: there the direction to the right is not known.
 const POLE_RAD: f64 = 1e-3;
 /// A box that fits ends so far from the view's middle, in shares of its sides.
-const FITTING: f64 = 0.46;
+const FIT_SHARE: f64 = 0.46;
 /// Radians for a pointer's way across the whole height of the view.
-const TURN_RAD: f64 = 4.0;
+const ORBIT_RAD_PER_HEIGHT: f64 = 4.0;
 
 /// The views that have a name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,7 +75,7 @@ impl Camera {
             let eye = Self { is_first_person: false, ..camera.clone() }.eye(None, aspect);
             (0..8)
                 .filter_map(|n| eye.project(corner(n)))
-                .filter(|at| (*at - 0.5).abs().max_element() <= FITTING)
+                .filter(|at| (*at - 0.5).abs().max_element() <= FIT_SHARE)
                 .count()
                 == 8
         };
@@ -91,8 +91,8 @@ impl Camera {
     /// The pointer went so far, in shares of the view's height: turns around the place looked at.
     pub fn orbit(&mut self, way: DVec2) {
         let most = std::f64::consts::FRAC_PI_2 - POLE_RAD;
-        self.yaw_rad = (self.yaw_rad + way.x * TURN_RAD) % std::f64::consts::TAU;
-        self.pitch_rad = (self.pitch_rad + way.y * TURN_RAD).clamp(-most, most);
+        self.yaw_rad = (self.yaw_rad + way.x * ORBIT_RAD_PER_HEIGHT) % std::f64::consts::TAU;
+        self.pitch_rad = (self.pitch_rad + way.y * ORBIT_RAD_PER_HEIGHT).clamp(-most, most);
     }
 
     /// The pointer went so far, in shares of the view's height: takes the place looked at along.
@@ -152,8 +152,8 @@ impl Eye {
     }
 
     /// Where a place appears, 0 to 1 from the upper left corner; `None` behind the eye.
-    pub fn project(&self, place_m: DVec3) -> Option<DVec2> {
-        let clip = self.clip_from_place() * (place_m - self.tracking_from_eye.translation).extend(1.0);
+    pub fn project(&self, position_m: DVec3) -> Option<DVec2> {
+        let clip = self.clip_from_place() * (position_m - self.tracking_from_eye.translation).extend(1.0);
         (clip.w > NEAR_M).then(|| DVec2::new(clip.x, -clip.y) / clip.w * 0.5 + 0.5)
     }
 }
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn the_place_looked_at_is_in_the_middle() {
+    fn target_projects_to_the_center() {
         for view in [View::Overview, View::Above, View::Side] {
             let middle = DVec3::new(0.4, 1.0, -0.7);
             let eye = Camera::of(view, middle, 2.0).eye(None, 1.5);
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn named_views_show_directions_where_one_expects_them() {
+    fn named_views_have_expected_directions() {
         let from = |view, place| Camera::of(view, DVec3::ZERO, 2.0).eye(None, 1.0).project(place).unwrap();
         let ahead = from(View::Above, DVec3::NEG_Z);
         assert!(ahead.y < 0.4 && (ahead.x - 0.5).abs() < 1e-6, "from above ahead is up: {ahead}");
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn all_within_the_radius_is_in_view() {
+    fn sphere_is_inside_the_view() {
         let camera = Camera::of(View::Overview, DVec3::ONE, 3.0);
         let eye = camera.eye(None, 1.0);
         for n in 0..200 {
@@ -198,19 +198,19 @@ mod tests {
     }
 
     #[test]
-    fn a_box_that_fits_reaches_near_the_edges_and_not_beyond() {
+    fn fitted_box_fills_the_view() {
         let bounds = Aabb { min: DVec3::new(-2.0, 0.0, -2.5), max: DVec3::new(2.0, 2.5, 2.5) };
         for (view, aspect) in [(View::Overview, 1.6), (View::Above, 1.0), (View::Side, 0.6)] {
             let eye = Camera::fitting(view, &bounds, aspect).eye(None, aspect);
             let corners = (0..8).map(|n| DVec3::new([-2.0, 2.0][n & 1], [0.0, 2.5][n >> 1 & 1], [-2.5, 2.5][n >> 2]));
             let farthest = corners.map(|place| (eye.project(place).unwrap() - 0.5).abs().max_element());
             let farthest = farthest.fold(0.0, f64::max);
-            assert!((farthest - FITTING).abs() < 0.01, "{view:?}: {farthest}");
+            assert!((farthest - FIT_SHARE).abs() < 0.01, "{view:?}: {farthest}");
         }
     }
 
     #[test]
-    fn turning_panning_and_zooming_stay_within_bounds() {
+    fn camera_controls_stay_within_bounds() {
         let mut camera = Camera::default();
         (0..100).for_each(|_| camera.orbit(DVec2::new(0.3, 0.3)));
         assert!(camera.pitch_rad < std::f64::consts::FRAC_PI_2 && camera.yaw_rad.abs() < 7.0);
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn first_person_looks_out_of_the_head_where_there_is_one() {
+    fn first_person_uses_the_head_pose() {
         let camera = Camera::of(View::FirstPerson, DVec3::ZERO, 2.0);
         let head = Pose::looking_at(DVec3::new(0.0, 1.6, 0.0), DVec3::new(1.0, 1.0, 0.0), DVec3::Y);
         assert!(near(camera.eye(Some(&head), 1.0).project(DVec3::new(1.0, 1.0, 0.0)).unwrap(), DVec2::splat(0.5)));

@@ -33,7 +33,7 @@ pub struct Face {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
     /// Middle, tracking frame, metres.
-    pub place_m: DVec3,
+    pub position_m: DVec3,
     /// Metres.
     pub radius_m: f32,
     /// Its colour.
@@ -50,7 +50,7 @@ pub struct Drawing {
     /// Lines.
     pub lines: Vec<Line>,
     /// Faces that let through what is behind them; they hide nothing.
-    pub veils: Vec<Face>,
+    pub transparent_faces: Vec<Face>,
 }
 
 /// Where the light comes from.
@@ -78,15 +78,15 @@ impl Drawing {
     }
 
     /// A ball.
-    pub fn point(&mut self, place_m: DVec3, radius_m: f64, color: Color) {
-        if place_m.is_finite() && radius_m.is_finite() {
-            self.points.push(Point { place_m, radius_m: radius_m as f32, color });
+    pub fn point(&mut self, position_m: DVec3, radius_m: f64, color: Color) {
+        if position_m.is_finite() && radius_m.is_finite() {
+            self.points.push(Point { position_m, radius_m: radius_m as f32, color });
         }
     }
 
     /// A flat area that lets through what is behind it.
-    pub fn veil(&mut self, corners_m: &[DVec3], color: Color) {
-        fan(&mut self.veils, corners_m, color);
+    pub fn transparent_polygon(&mut self, corners_m: &[DVec3], color: Color) {
+        fan(&mut self.transparent_faces, corners_m, color);
     }
 
     /// The edges of a box, in a frame of its own.
@@ -124,9 +124,9 @@ impl Drawing {
     }
 
     /// A ball that lets light through, stretched by a matrix, with the three great circles of its axes.
-    pub fn clear_ball(&mut self, middle_m: DVec3, axes_m: &DMat3, color: Color) {
+    pub fn transparent_ball(&mut self, middle_m: DVec3, axes_m: &DMat3, color: Color) {
         let [r, g, b, alpha] = color;
-        self.veils.extend(ball_faces(middle_m, axes_m, |_| [r, g, b, 0.25 * alpha]));
+        self.transparent_faces.extend(ball_faces(middle_m, axes_m, |_| [r, g, b, 0.25 * alpha]));
         for axis in 0..3 {
             let (u, v) = (axes_m.col(axis), axes_m.col((axis + 1) % 3));
             self.polyline(circle(middle_m, u, v, 40), 1.2, color);
@@ -179,7 +179,7 @@ mod tests {
     const WHITE: Color = [1.0; 4];
 
     #[test]
-    fn a_box_has_twelve_edges_and_twelve_triangles() {
+    fn box_has_twelve_edges_and_twelve_triangles() {
         let bounds = Aabb { min: DVec3::ZERO, max: DVec3::new(1.0, 2.0, 3.0) };
         let mut drawing = Drawing::default();
         drawing.box_edges(&Pose::IDENTITY, &bounds, 1.0, WHITE);
@@ -195,23 +195,23 @@ mod tests {
     }
 
     #[test]
-    fn balls_lie_where_their_axes_say() {
+    fn ball_vertices_match_axes() {
         let axes = DMat3::from_diagonal(DVec3::new(0.1, 0.2, 0.3));
         let mut drawing = Drawing::default();
         drawing.solid_ball(DVec3::ONE, &axes, WHITE);
-        drawing.clear_ball(DVec3::ONE, &axes, WHITE);
+        drawing.transparent_ball(DVec3::ONE, &axes, WHITE);
         let on_ball = |place: DVec3| ((axes.inverse() * (place - DVec3::ONE)).length() - 1.0).abs() < 1e-9;
-        assert!(drawing.faces.iter().chain(&drawing.veils).flat_map(|f| f.corners_m).all(on_ball));
+        assert!(drawing.faces.iter().chain(&drawing.transparent_faces).flat_map(|f| f.corners_m).all(on_ball));
         assert!(drawing.lines.iter().all(|line| on_ball(line.from_m) && on_ball(line.to_m)));
     }
 
     #[test]
-    fn what_is_no_place_is_not_drawn() {
+    fn non_finite_positions_are_not_drawn() {
         let mut drawing = Drawing::default();
         drawing.line(DVec3::NAN, DVec3::ZERO, 1.0, WHITE);
         drawing.point(DVec3::splat(f64::INFINITY), 1.0, WHITE);
-        drawing.veil(&[DVec3::ZERO, DVec3::X, DVec3::NAN], WHITE);
-        drawing.clear_ball(DVec3::NAN, &DMat3::IDENTITY, WHITE);
+        drawing.transparent_polygon(&[DVec3::ZERO, DVec3::X, DVec3::NAN], WHITE);
+        drawing.transparent_ball(DVec3::NAN, &DMat3::IDENTITY, WHITE);
         assert_eq!(drawing, Drawing::default());
     }
 }

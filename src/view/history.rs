@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::decimated_series::DecimatedSeries;
 use super::player::Extent;
-use super::thinned::Thinned;
 use crate::engine::Counters;
 use crate::geometry::{Aabb, Pose};
 use crate::imaging::TimeOffset;
@@ -70,10 +70,10 @@ pub struct Moment {
 /// Everything that was known, over time.
 #[derive(Debug)]
 pub struct History {
-    looks: Thinned<(Arc<Scene>, Health)>,
-    evidence: Thinned<Arc<Evidence>>,
-    heads: Thinned<Pose>,
-    frames: Thinned<()>,
+    updates: DecimatedSeries<(Arc<Scene>, Health)>,
+    evidence: DecimatedSeries<Arc<Evidence>>,
+    heads: DecimatedSeries<Pose>,
+    frames: DecimatedSeries<()>,
     marks: Vec<Mark>,
     known: BTreeSet<u64>,
     heads_around: Option<Aabb>,
@@ -86,10 +86,10 @@ impl History {
     /// Empty; `expected_s`: how long the recording says it is.
     pub fn new(expected_s: f64) -> Self {
         Self {
-            looks: Thinned::new(SCENES),
-            evidence: Thinned::new(IMAGES),
-            heads: Thinned::new(HEADS),
-            frames: Thinned::new(FRAMES),
+            updates: DecimatedSeries::new(SCENES),
+            evidence: DecimatedSeries::new(IMAGES),
+            heads: DecimatedSeries::new(HEADS),
+            frames: DecimatedSeries::new(FRAMES),
             marks: Vec::new(),
             known: BTreeSet::new(),
             heads_around: None,
@@ -116,14 +116,14 @@ impl History {
     }
 
     /// This is known from now on.
-    pub fn push_look(&mut self, time_ns: i64, scene: Scene, health: Health) {
+    pub fn push_update(&mut self, time_ns: i64, scene: Scene, health: Health) {
         let new = scene.obstacles.iter().map(|obstacle| obstacle.id).filter(|id| !self.known.contains(id));
         let new: Vec<u64> = new.take(MARKS.saturating_sub(self.marks.len())).collect();
         self.marks.extend(new.iter().map(|&id| Mark { time_ns, id }));
         self.known.extend(new);
         // As it was before: the same scene again costs nothing.
-        let same = self.looks.last().map(|last| Arc::clone(&last.1.0)).filter(|last| **last == scene);
-        self.looks.push(time_ns, (same.unwrap_or_else(|| Arc::new(scene)), health));
+        let same = self.updates.last().map(|last| Arc::clone(&last.1.0)).filter(|last| **last == scene);
+        self.updates.push(time_ns, (same.unwrap_or_else(|| Arc::new(scene)), health));
     }
 
     /// There is this evidence from now on.
@@ -155,7 +155,7 @@ impl History {
     }
 
     fn end_ns(&self) -> i64 {
-        let lasts = [self.heads.last().map(|h| h.0), self.frames.last().map(|f| f.0), self.looks.last().map(|l| l.0)];
+        let lasts = [self.heads.last().map(|h| h.0), self.frames.last().map(|f| f.0), self.updates.last().map(|l| l.0)];
         lasts.into_iter().flatten().max().unwrap_or(0)
     }
 
@@ -180,7 +180,7 @@ impl History {
     }
 
     /// End of the frame before (−1) or after (+1) a time, seconds from the beginning.
-    pub fn frame_beside(&self, time_s: f64, way: i32) -> Option<f64> {
+    pub fn adjacent_frame(&self, time_s: f64, way: i32) -> Option<f64> {
         let time_ns = self.nanoseconds(time_s);
         let frame = if way < 0 { self.frames.before(time_ns) } else { self.frames.after(time_ns) };
         frame.map(|frame| self.seconds(frame.0))
@@ -189,7 +189,7 @@ impl History {
     /// What was known at a time, with at most `path_points` places of the head before.
     pub fn moment(&self, time_s: f64, path_points: usize) -> Moment {
         let time_ns = self.nanoseconds(time_s);
-        let look = self.looks.at(time_ns).map(|look| &look.1);
+        let look = self.updates.at(time_ns).map(|look| &look.1);
         let heads = self.heads.until(time_ns);
         let step = heads.len().div_ceil(path_points.max(2)).max(1);
         // Always the same ones, whatever the time: a path that grows does not flicker.
@@ -245,7 +245,7 @@ mod tests {
             history.push_frame(time_ns + 50 * MS);
             if tick % 3 == 0 {
                 let ids: Vec<u64> = (0..tick as u64 / 20).collect();
-                history.push_look(time_ns, scene(time_ns, &ids), health());
+                history.push_update(time_ns, scene(time_ns, &ids), health());
                 history
                     .push_evidence(time_ns, Evidence { voxel_m: 0.05, voxels: vec![(glam::Vec3::ZERO, tick as f32)] });
             }
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn going_back_shows_what_was_shown_the_first_time() {
+    fn seeking_back_reproduces_earlier_state() {
         let mut first = Vec::new();
         let history = filled(|history| {
             let now_s = history.extent().buffered_s - 0.05;
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn the_extent_grows_to_what_is_announced_and_ends_where_it_ends() {
+    fn extent_follows_announced_then_actual_duration() {
         let mut history = filled(|_| {});
         let extent = history.extent();
         assert!((extent.buffered_s - 10.05).abs() < 1e-9 && extent.duration_s == 12.0 && !extent.is_complete);
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn marks_stand_where_an_obstacle_was_there_first() {
+    fn marks_are_at_first_confirmation() {
         let history = filled(|_| {});
         let marks: Vec<_> = history.marks().collect();
         assert_eq!(marks.iter().map(|m| m.1).collect::<Vec<_>>(), [0, 1, 2, 3]);
@@ -289,36 +289,36 @@ mod tests {
     }
 
     #[test]
-    fn a_step_goes_from_frame_to_frame_both_ways() {
+    fn frame_steps_go_both_ways() {
         let history = filled(|_| {});
-        let next = history.frame_beside(1.0, 1).unwrap();
+        let next = history.adjacent_frame(1.0, 1).unwrap();
         assert!((next - 1.05).abs() < 1e-9);
-        assert!((history.frame_beside(next, 1).unwrap() - 1.15).abs() < 1e-9);
-        assert!((history.frame_beside(next, -1).unwrap() - 0.95).abs() < 1e-9);
-        assert_eq!(history.frame_beside(0.0, -1), None);
-        assert_eq!(history.frame_beside(99.0, 1), None);
+        assert!((history.adjacent_frame(next, 1).unwrap() - 1.15).abs() < 1e-9);
+        assert!((history.adjacent_frame(next, -1).unwrap() - 0.95).abs() < 1e-9);
+        assert_eq!(history.adjacent_frame(0.0, -1), None);
+        assert_eq!(history.adjacent_frame(99.0, 1), None);
     }
 
     #[test]
-    fn however_long_it_is_it_stays_bounded() {
+    fn history_is_bounded() {
         let mut history = History::new(0.0);
         let health = health();
         for n in 0..40_000i64 {
             history.push_head(n * 250 * MS, Pose::IDENTITY);
-            history.push_look(n * 250 * MS, scene(n, &[n as u64]), health);
+            history.push_update(n * 250 * MS, scene(n, &[n as u64]), health);
             history.push_evidence(n * 250 * MS, Evidence::default());
         }
-        assert!(history.looks.len() <= SCENES && history.evidence.len() <= IMAGES && history.heads.len() <= HEADS);
+        assert!(history.updates.len() <= SCENES && history.evidence.len() <= IMAGES && history.heads.len() <= HEADS);
         assert_eq!((history.marks.len(), history.known.len()), (MARKS, MARKS));
         assert!(history.moment(1e9, 700).path.len() <= 701);
         assert_eq!(history.moment(history.extent().buffered_s, 10).scene.time_ns, 39_999);
     }
 
     #[test]
-    fn the_same_scene_again_is_kept_once() {
+    fn equal_scenes_share_memory() {
         let mut history = History::new(0.0);
-        history.push_look(1, scene(0, &[1]), health());
-        history.push_look(2, scene(0, &[1]), health());
-        assert!(Arc::ptr_eq(&history.looks.at(1).unwrap().1.0, &history.looks.at(2).unwrap().1.0));
+        history.push_update(1, scene(0, &[1]), health());
+        history.push_update(2, scene(0, &[1]), health());
+        assert!(Arc::ptr_eq(&history.updates.at(1).unwrap().1.0, &history.updates.at(2).unwrap().1.0));
     }
 }

@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_ask_for_what_the_list_says() {
+    fn keys_match_the_help_list() {
         let (plain, shift, ctrl) = (Modifiers::NONE, Modifiers::SHIFT, Modifiers::CTRL);
         let keys =
             [(Key::Space, plain), (Key::ArrowLeft, plain), (Key::ArrowLeft, shift), (Key::L, ctrl), (Key::Plus, shift)];
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn no_key_asks_for_two_things() {
+    fn keys_are_unique() {
         let all: Vec<_> = KEYS.iter().flat_map(|entry| entry.2).map(|(key, shift, _)| (*key, *shift)).collect();
         assert!((0..all.len()).all(|n| !all[..n].contains(&all[n])));
     }

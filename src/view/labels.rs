@@ -19,7 +19,7 @@ impl Labels {
     }
 
     /// Takes a place, or the free one above those that cover it.
-    pub fn take_above(&mut self, mut place: Rect) -> Rect {
+    pub fn place_above(&mut self, mut place: Rect) -> Rect {
         for _ in 0..STEPS {
             let Some(under) = self.0.iter().find(|other| other.intersects(place)) else { break };
             place = place.translate(vec2(0.0, under.top() - place.bottom() - GAP));
@@ -29,7 +29,7 @@ impl Labels {
 
     /// Takes the first free place for a name of a size at a corner of a mark, if possible where no other mark is; none if all are taken by
     /// names.
-    pub fn take_beside(&mut self, mark: Rect, size: Vec2, marks: &[Rect]) -> Option<Rect> {
+    pub fn place_beside(&mut self, mark: Rect, size: Vec2, marks: &[Rect]) -> Option<Rect> {
         let (right, left) = (mark.right() + GAP, mark.left() - GAP - size.x);
         let (high, low) = (mark.center().y - 0.5 * GAP - size.y, mark.center().y + 0.5 * GAP);
         let corners = [(right, high), (left, high), (right, low), (left, low)];
@@ -52,18 +52,18 @@ mod tests {
     }
 
     #[test]
-    fn names_at_one_place_stack_upwards() {
+    fn labels_at_one_point_stack_upwards() {
         let mut labels = Labels::default();
-        let stacked = [0, 1, 2].map(|_| labels.take_above(rect(100.0, 100.0)).top());
+        let stacked = [0, 1, 2].map(|_| labels.place_above(rect(100.0, 100.0)).top());
         assert_eq!(stacked, [100.0, 89.0, 78.0]);
-        assert_eq!(labels.take_above(rect(150.0, 100.0)), rect(150.0, 100.0));
+        assert_eq!(labels.place_above(rect(150.0, 100.0)), rect(150.0, 100.0));
     }
 
     #[test]
-    fn names_of_marks_at_one_place_go_around_it_and_then_away() {
+    fn labels_surround_their_mark_then_are_dropped() {
         let mut labels = Labels::default();
         let mark = Rect::from_center_size(pos2(100.0, 100.0), vec2(10.0, 10.0));
-        let places: Vec<_> = (0..8).filter_map(|_| labels.take_beside(mark, vec2(20.0, 10.0), &[])).collect();
+        let places: Vec<_> = (0..8).filter_map(|_| labels.place_beside(mark, vec2(20.0, 10.0), &[])).collect();
         assert_eq!(places.len(), 4, "{places:?}");
         for (n, one) in places.iter().enumerate() {
             assert!(!places[n + 1..].iter().any(|other| other.intersects(*one)), "{places:?}");
@@ -72,9 +72,9 @@ mod tests {
     }
 
     #[test]
-    fn a_name_keeps_off_other_marks_where_it_can() {
+    fn labels_avoid_other_marks() {
         let mark = |x: f32| Rect::from_center_size(pos2(x, 100.0), vec2(10.0, 10.0));
-        let beside = |marks: &[Rect]| Labels::default().take_beside(mark(100.0), vec2(20.0, 10.0), marks).unwrap();
+        let beside = |marks: &[Rect]| Labels::default().place_beside(mark(100.0), vec2(20.0, 10.0), marks).unwrap();
         assert!(beside(&[]).left() > 100.0 && beside(&[mark(115.0)]).right() < 100.0);
         let around: Vec<Rect> = (0..9).map(|n| mark(60.0 + 10.0 * n as f32)).collect();
         assert_eq!(beside(&around), beside(&[]), "all are covered alike");

@@ -20,14 +20,14 @@ pub struct Layers {
     /// What is really there.
     pub truth: bool,
     /// Evidence below this is not shown.
-    pub least_score: f32,
+    pub min_score: f32,
     /// The obstacle that maps are cut at; none: everything.
     pub selected: Option<u64>,
 }
 
 impl Layers {
-    /// What a newcomer sees first; `least_score` as the search's noise wants it.
-    pub fn new(least_score: f32) -> Self {
+    /// What a newcomer sees first; `min_score` as the search's noise wants it.
+    pub fn new(min_score: f32) -> Self {
         Self {
             obstacles: true,
             moving: true,
@@ -37,7 +37,7 @@ impl Layers {
             path: true,
             warnings: true,
             truth: false,
-            least_score,
+            min_score,
             selected: None,
         }
     }

@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::labels::Labels;
 use super::maps::{Map, PLANES};
 use super::style;
-use super::viewport::{Shown, color_bar};
+use super::viewport::{ViewContent, color_bar};
 use crate::report::inferno;
 
 /// What of the evidence is shown.
@@ -28,7 +28,7 @@ const MARGINS: [f32; 4] = [44.0, 24.0, 8.0, 34.0];
 
 /// What the maps on the screen were made of.
 #[derive(Clone, PartialEq)]
-struct Made {
+struct MapCacheKey {
     evidence: usize,
     around: Option<DVec3>,
     bounds: [DVec3; 2],
@@ -39,7 +39,7 @@ struct Made {
 #[derive(Default)]
 pub struct MapView {
     cut: Cut,
-    made: Option<Made>,
+    cache_key: Option<MapCacheKey>,
     maps: Vec<(Map, TextureHandle)>,
 }
 
@@ -50,9 +50,9 @@ impl MapView {
     }
 
     /// The row of maps, in all the room there is.
-    pub fn show(&mut self, ui: &mut Ui, shown: &Shown) {
+    pub fn show(&mut self, ui: &mut Ui, shown: &ViewContent) {
         self.choice(ui, shown);
-        let least = shown.layers.least_score;
+        let least = shown.layers.min_score;
         let scale = [least, shown.top_score.max(least + 1e-3)];
         self.make(ui.ctx(), shown, scale);
         let (area, _) = ui.allocate_exact_size(ui.available_size(), Sense::hover());
@@ -64,7 +64,7 @@ impl MapView {
         }
     }
 
-    fn choice(&mut self, ui: &mut Ui, shown: &Shown) {
+    fn choice(&mut self, ui: &mut Ui, shown: &ViewContent) {
         ui.horizontal_wrapped(|ui| {
             ui.style_mut().wrap_mode = Some(egui::TextWrapMode::Extend);
             ui.label(egui::RichText::new("Greatest evidence:").color(style::MUTED));
@@ -85,14 +85,14 @@ impl MapView {
                 let [r, g, b] = inferno(0.08 + 0.92 * share);
                 Color32::from_rgb(r, g, b)
             });
-            let least = shown.layers.least_score;
+            let least = shown.layers.min_score;
             let range = format!("{} {least:.1} to {:.1}", shown.about.score_name(), shown.top_score.max(least));
             ui.label(egui::RichText::new(range).color(style::MUTED));
         });
     }
 
     /// The place that is cut through.
-    fn around(&self, shown: &Shown) -> Option<DVec3> {
+    fn around(&self, shown: &ViewContent) -> Option<DVec3> {
         match self.cut {
             Cut::All => None,
             Cut::Head => shown.moment.head.map(|head| head.translation),
@@ -105,17 +105,17 @@ impl MapView {
         }
     }
 
-    fn make(&mut self, context: &egui::Context, shown: &Shown, scale: [f32; 2]) {
-        let made = Made {
+    fn make(&mut self, context: &egui::Context, shown: &ViewContent, scale: [f32; 2]) {
+        let cache_key = MapCacheKey {
             evidence: std::sync::Arc::as_ptr(&shown.moment.evidence) as usize,
             around: self.around(shown),
             bounds: [shown.bounds.min, shown.bounds.max],
             scale,
         };
-        if self.made.as_ref() == Some(&made) {
+        if self.cache_key.as_ref() == Some(&cache_key) {
             return;
         }
-        let maps = PLANES.map(|plane| Map::of(&shown.moment.evidence, plane, shown.bounds, made.around, scale[0]));
+        let maps = PLANES.map(|plane| Map::of(&shown.moment.evidence, plane, shown.bounds, cache_key.around, scale[0]));
         self.maps = maps
             .into_iter()
             .map(|map| {
@@ -124,7 +124,7 @@ impl MapView {
                 (map, texture)
             })
             .collect();
-        self.made = Some(made);
+        self.cache_key = Some(cache_key);
     }
 }
 
@@ -163,7 +163,7 @@ fn layout(area: Rect, sizes_m: &[[f32; 2]]) -> Vec<Rect> {
     places
 }
 
-fn one(painter: &egui::Painter, plot: Rect, map: &Map, texture: &TextureHandle, shown: &Shown) {
+fn one(painter: &egui::Painter, plot: Rect, map: &Map, texture: &TextureHandle, shown: &ViewContent) {
     let whole = Rect::from_min_max(Pos2::ZERO, pos2(1.0, 1.0));
     painter.image(texture.id(), plot, whole, Color32::WHITE);
     painter.rect_stroke(plot, 0.0, Stroke::new(1.0, style::GRID_METRE), StrokeKind::Outside);
@@ -207,7 +207,7 @@ fn numbered(painter: &egui::Painter, marks: impl Iterator<Item = (u64, Pos2)>, s
         let is_selected = selected == Some(id);
         painter.circle_stroke(middle, RADIUS, Stroke::new(if is_selected { 2.5 } else { 1.5 }, style::FOUND));
         let name = painter.layout_no_wrap(format!("#{id}"), FontId::proportional(11.0), style::FOUND);
-        if let Some(place) = labels.take_beside(*ring, name.size(), &rings) {
+        if let Some(place) = labels.place_beside(*ring, name.size(), &rings) {
             painter.rect_filled(place.shrink2(vec2(0.0, 1.0)), 2.0, Color32::from_black_alpha(150));
             painter.galley(place.min, name, style::FOUND);
         }
@@ -253,7 +253,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn plots_lie_within_the_area_and_beside_each_other_in_any_shape_of_it() {
+    fn plots_are_disjoint_and_inside_the_area() {
         let sizes_m = [[4.0, 5.0], [4.0, 2.5], [5.0, 2.5]];
         for (width, height) in [(1300.0, 320.0), (400.0, 900.0), (1270.0, 850.0), (300.0, 200.0)] {
             let area = Rect::from_min_size(pos2(10.0, 20.0), vec2(width, height));

@@ -86,13 +86,13 @@ impl Map {
                 volume.values[index] = volume.values[index].max(score);
             }
         }
-        Self::folded(&volume, plane)
+        Self::projected(&volume, plane)
     }
 
-    fn folded(volume: &Volume, plane: Plane) -> Self {
-        let folded = greatest(volume, plane.along());
-        let [first, second] = folded.size;
-        let at = |a: usize, b: usize| folded.sums[b * first + a] as f32;
+    fn projected(volume: &Volume, plane: Plane) -> Self {
+        let projected = greatest(volume, plane.along());
+        let [first, second] = projected.size;
+        let at = |a: usize, b: usize| projected.sums[b * first + a] as f32;
         let region = volume.region();
         let (low, high) = (region.min, region.max);
         let (size, ranges_m) = match plane {
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn each_score_is_where_its_place_is() {
+    fn map_cells_match_voxel_positions() {
         for plane in PLANES {
             let map = Map::of(&evidence(), plane, &BOUNDS, None, 2.0);
             for (place, score) in &evidence().voxels[..2] {
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn the_greater_score_covers_the_lesser_and_a_slab_leaves_it_out() {
+    fn maps_take_the_maximum_within_the_slab() {
         let mut both = evidence();
         both.voxels.push((Vec3::new(0.525, 1.025, -1.775), 3.0));
         assert_eq!(place_of(&Map::of(&both, Plane::Top, &BOUNDS, None, 2.0), 3.0), None);
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn huge_and_empty_maps_are_bounded() {
+    fn map_size_is_bounded() {
         let huge = Aabb { min: DVec3::splat(-4000.0), max: DVec3::splat(4000.0) };
         let map = Map::of(&evidence(), Plane::Side, &huge, None, 0.0);
         assert!(map.size[0] <= 330 && map.size[1] <= 330);

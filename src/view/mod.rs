@@ -6,9 +6,9 @@
 //! can be tested without a GPU (player, camera, history, maps, what is drawn) lies in files that know none; `space` draws it,
 //! `screen` lays egui over it, `window` and `shots` are the two ways to look at it.
 
-mod about;
 mod app;
 mod camera;
+mod decimated_series;
 mod drawing;
 mod error;
 mod history;
@@ -20,12 +20,12 @@ mod maps;
 mod panel;
 mod player;
 mod recorder;
+mod recording_info;
 mod room;
 mod screen;
 mod shots;
 mod space;
 mod style;
-mod thinned;
 mod timeline;
 mod viewport;
 mod window;
@@ -35,26 +35,26 @@ use std::path::{Path, PathBuf};
 use app::App;
 use recorder::SharedHistory;
 
-pub use about::About;
 pub use error::ViewError;
 pub use history::{Health, History, VOXELS};
 pub use recorder::Recorder;
+pub use recording_info::RecordingInfo;
 
 /// Runs `work` in a thread of its own and shows in a window what its recorder notes, until the window is closed. Then `work` is
 /// waited for; a recorder says whether anybody still looks. Gives what `work` gave.
 ///
 /// # Errors
 /// No window, or nothing that draws to it. `work` has ended by then.
-pub fn show<T: Send>(about: About, work: impl FnOnce(Recorder) -> T + Send) -> Result<T, ViewError> {
-    show_or(about, work, || {})
+pub fn show<T: Send>(about: RecordingInfo, work: impl FnOnce(Recorder) -> T + Send) -> Result<T, ViewError> {
+    show_with_cancel(about, work, || {})
 }
 
 /// The same for work that goes on when the window is closed, and has to be told to end, by `give_up`, where there is none.
 ///
 /// # Errors
 /// As [`show`].
-pub fn show_or<T: Send>(
-    about: About,
+pub fn show_with_cancel<T: Send>(
+    about: RecordingInfo,
     work: impl FnOnce(Recorder) -> T + Send,
     give_up: impl FnOnce(),
 ) -> Result<T, ViewError> {
@@ -65,7 +65,7 @@ pub fn show_or<T: Send>(
         let recorder = Recorder::new(&history);
         let worker = scope.spawn(|| work(recorder));
         let shown = window::show(&mut app, &title);
-        history.leave();
+        history.close();
         if shown.is_err() {
             give_up();
         }
@@ -78,7 +78,11 @@ pub fn show_or<T: Send>(
 ///
 /// # Errors
 /// No graphics adapter, a device that fails, a folder that cannot be written to.
-pub fn draw<T>(about: About, folder: &Path, work: impl FnOnce(Recorder) -> T) -> Result<(Vec<PathBuf>, T), ViewError> {
+pub fn draw<T>(
+    about: RecordingInfo,
+    folder: &Path,
+    work: impl FnOnce(Recorder) -> T,
+) -> Result<(Vec<PathBuf>, T), ViewError> {
     let history = SharedHistory::new(about.expected_s);
     let mut app = App::new(about, history.clone());
     let done = work(Recorder::new(&history));

@@ -2,15 +2,15 @@
 
 use egui::{CollapsingHeader, Color32, Grid, RichText, ScrollArea, Ui};
 
-use super::about::About;
 use super::history::{Health, Moment};
 use super::layers::Layers;
+use super::recording_info::RecordingInfo;
 use super::style;
 use crate::engine::Search;
 use crate::obstacles::{Observed, Obstacle};
 
 /// All of it, in one column.
-pub fn panel(ui: &mut Ui, about: &About, moment: &Moment, layers: &mut Layers, top_score: f32) {
+pub fn panel(ui: &mut Ui, about: &RecordingInfo, moment: &Moment, layers: &mut Layers, top_score: f32) {
     ScrollArea::vertical().auto_shrink([false, false]).show(ui, |ui| {
         let heading = if about.is_live { "Sensor and tracking" } else { "Recording" };
         open(ui, heading, |ui| health(ui, about, moment));
@@ -29,7 +29,7 @@ fn open(ui: &mut Ui, heading: &str, content: impl FnOnce(&mut Ui)) {
 /// Name, value, and whether it is as it should be.
 type Row = (&'static str, String, bool);
 
-fn health(ui: &mut Ui, about: &About, moment: &Moment) {
+fn health(ui: &mut Ui, about: &RecordingInfo, moment: &Moment) {
     ui.label(RichText::new(&about.title).color(style::MUTED));
     let Some(health) = &moment.health else {
         ui.label("Nothing worked off yet.");
@@ -45,7 +45,7 @@ fn health(ui: &mut Ui, about: &About, moment: &Moment) {
     });
 }
 
-fn rows(about: &About, health: &Health, time_s: f64) -> Vec<Row> {
+fn rows(about: &RecordingInfo, health: &Health, time_s: f64) -> Vec<Row> {
     let streams = &health.counters.streams;
     let refused =
         streams.poses_invalid + streams.poses_bad_numbers + streams.poses_time_not_rising + streams.poses_time_leapt;
@@ -133,13 +133,13 @@ fn row(ui: &mut Ui, distance_m: f64, obstacle: &Obstacle, layers: &mut Layers) {
     ui.label(if has_size { format!("{x:.0} × {y:.0} × {z:.0}") } else { "point".into() })
         .on_hover_text("Width along x, height along y, depth along z of what was seen of it");
     ui.label(format!("{:.1}", obstacle.evidence));
-    let (doubt, is_known) = doubt(obstacle);
+    let (doubt, is_known) = uncertainty_text(obstacle);
     let text = RichText::new(doubt);
     ui.label(if is_known { text } else { text.color(style::BAD) }).on_hover_text(observed(obstacle.observed));
 }
 
 /// Greatest 2σ along an axis, or what is not known.
-fn doubt(obstacle: &Obstacle) -> (String, bool) {
+fn uncertainty_text(obstacle: &Obstacle) -> (String, bool) {
     let c = &obstacle.covariance_m2;
     let greatest = [c.x_axis.x, c.y_axis.y, c.z_axis.z].into_iter().fold(0.0, f64::max);
     match obstacle.observed {
@@ -157,7 +157,7 @@ fn observed(observed: Observed) -> &'static str {
     }
 }
 
-fn switches(ui: &mut Ui, about: &About, layers: &mut Layers, top_score: f32) {
+fn switches(ui: &mut Ui, about: &RecordingInfo, layers: &mut Layers, top_score: f32) {
     let [r, g, b] = about.warning.color;
     let mut switch = |shown: &mut bool, color: Color32, name: &str, hint: &str| {
         ui.horizontal(|ui| {
@@ -196,8 +196,8 @@ fn switches(ui: &mut Ui, about: &About, layers: &mut Layers, top_score: f32) {
     }
     ui.add_space(4.0);
     ui.label(RichText::new(format!("Evidence from this {} on", about.score_name())).color(style::MUTED));
-    let top = top_score.max(about.least_score() + 1.0);
-    ui.add(egui::Slider::new(&mut layers.least_score, 0.0..=top).fixed_decimals(1));
+    let top = top_score.max(about.min_score() + 1.0);
+    ui.add(egui::Slider::new(&mut layers.min_score, 0.0..=top).fixed_decimals(1));
 }
 
 #[cfg(test)]
@@ -210,9 +210,9 @@ mod tests {
     use crate::recording::Header;
 
     #[test]
-    fn what_is_not_sound_is_told_apart() {
+    fn unhealthy_values_are_flagged() {
         let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);
-        let about = About::new(&header, &Settings::default(), Search::Rooms, 1.0);
+        let about = RecordingInfo::new(&header, &Settings::default(), Search::Rooms, 1.0);
         let pipeline = Pipeline::new(&header.config, &Pose::IDENTITY, &Settings::default());
         let mut counters = pipeline.counters();
         counters.streams.observations = (about.sweeps_per_s * 2.0) as u64 * about.subsweeps as u64;

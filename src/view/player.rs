@@ -169,7 +169,7 @@ mod tests {
     const HALF: Extent = Extent { buffered_s: 5.0, duration_s: 10.0, is_complete: false };
 
     #[test]
-    fn it_plays_at_its_speed_and_stops_at_the_end() {
+    fn playback_runs_at_speed_and_stops_at_the_end() {
         let mut player = Player::default();
         player.set_speed(2.0);
         assert!(player.advance(1.5, &ALL));
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn live_it_stays_at_the_newest_until_one_goes_back() {
+    fn live_playback_follows_the_newest_until_seek() {
         let grown = |buffered_s| Extent { buffered_s, duration_s: buffered_s, is_complete: false };
         let mut player = Player::live();
         assert!(player.advance(0.1, &grown(7.0)) && player.time_s() == 7.0 && player.is_at_edge());
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_loses_no_time_at_its_end() {
+    fn looping_preserves_overshoot() {
         let mut player = Player::default();
         player.set_looping(true);
         player.advance(9.5, &ALL);
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn it_does_not_run_ahead_of_what_is_worked_off() {
+    fn playback_waits_for_processing() {
         let mut player = Player::default();
         player.advance(7.0, &HALF);
         assert_eq!((player.time_s(), player.is_playing()), (5.0, true), "it waits and goes on");
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn seeking_ahead_waits_and_then_goes_there() {
+    fn seek_beyond_buffer_is_deferred() {
         let mut player = Player::default();
         player.pause();
         player.seek(8.0, &HALF);
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_shorter_than_announced_ends_where_it_ends() {
+    fn short_recordings_end_early() {
         let mut player = Player::default();
         player.pause();
         player.seek(9.0, &HALF);
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn speeds_stay_within_bounds_and_find_back_to_one() {
+    fn speed_steps_are_bounded_and_return_to_one() {
         let mut player = Player::default();
         for steps in [1, -1] {
             (0..40).for_each(|_| player.change_speed(steps));
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_in_it_is_played_without_a_panic() {
+    fn empty_recording_does_not_panic() {
         let none = Extent { buffered_s: 0.0, duration_s: 0.0, is_complete: true };
         let mut player = Player::default();
         player.set_looping(true);

@@ -4,36 +4,36 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::about::About;
 use super::history::{Health, History, VOXELS};
+use super::recording_info::RecordingInfo;
 use crate::engine::{Pipeline, Search};
 use crate::geometry::Pose;
 use crate::obstacles::{Evidence, Scene};
 
 /// Where there is no look of its own, the first is taken after so long, and the next when the recording is so much longer:
 /// each is a search through everything.
-const FIRST_NS: i64 = 1_000_000_000;
-const LONGER: f64 = 1.1;
+const FIRST_UPDATE_NS: i64 = 1_000_000_000;
+const UPDATE_GROWTH: f64 = 1.1;
 /// A frame whose time is farther than this from the newest pose's is not noted, nanoseconds.
-const NEAR_NS: i64 = 1_000_000_000;
+const MAX_FRAME_POSE_GAP_NS: i64 = 1_000_000_000;
 
 /// The history, as both threads have it.
 #[derive(Debug, Clone)]
-pub struct SharedHistory(Arc<Held>);
+pub struct SharedHistory(Arc<Shared>);
 
 #[derive(Debug)]
-struct Held {
+struct Shared {
     history: Mutex<History>,
     /// What holds for all of it, where that became known, or another, only now.
-    about: Mutex<Option<About>>,
-    is_left: AtomicBool,
+    about: Mutex<Option<RecordingInfo>>,
+    is_closed: AtomicBool,
 }
 
 impl SharedHistory {
     /// Of a recording that says it is so long, seconds.
     pub fn new(expected_s: f64) -> Self {
         let history = Mutex::new(History::new(expected_s));
-        Self(Arc::new(Held { history, about: Mutex::default(), is_left: AtomicBool::new(false) }))
+        Self(Arc::new(Shared { history, about: Mutex::default(), is_closed: AtomicBool::new(false) }))
     }
 
     /// The history, for a short while.
@@ -42,18 +42,18 @@ impl SharedHistory {
     }
 
     /// What holds for all of it, when that is another than before.
-    pub fn take_about(&self) -> Option<About> {
+    pub fn take_info(&self) -> Option<RecordingInfo> {
         self.0.about.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
     /// Nobody looks any more.
-    pub fn leave(&self) {
-        self.0.is_left.store(true, Ordering::Relaxed);
+    pub fn close(&self) {
+        self.0.is_closed.store(true, Ordering::Relaxed);
     }
 
     /// Whether nobody looks any more.
-    pub fn is_left(&self) -> bool {
-        self.0.is_left.load(Ordering::Relaxed)
+    pub fn is_closed(&self) -> bool {
+        self.0.is_closed.load(Ordering::Relaxed)
     }
 }
 
@@ -61,7 +61,7 @@ impl SharedHistory {
 #[derive(Debug)]
 pub struct Recorder {
     history: SharedHistory,
-    looks: u64,
+    updates: u64,
     start_ns: Option<i64>,
     next_ns: i64,
 }
@@ -69,40 +69,42 @@ pub struct Recorder {
 impl Recorder {
     /// Into this history.
     pub fn new(history: &SharedHistory) -> Self {
-        Self { history: history.clone(), looks: 0, start_ns: None, next_ns: i64::MIN }
+        Self { history: history.clone(), updates: 0, start_ns: None, next_ns: i64::MIN }
     }
 
     /// Whether nobody looks any more.
-    pub fn is_left(&self) -> bool {
-        self.history.is_left()
+    pub fn is_closed(&self) -> bool {
+        self.history.is_closed()
     }
 
     /// The pipeline took an event; `frame_ns`: the time of the frame, if it was one.
-    pub fn note(&mut self, pipeline: &Pipeline, frame_ns: Option<i64>) {
+    pub fn record(&mut self, pipeline: &Pipeline, frame_ns: Option<i64>) {
         let Some((now_ns, head)) = pipeline.head() else { return };
         {
             let mut history = self.history.lock();
             history.push_head(now_ns, head);
-            if let Some(frame_ns) = frame_ns.filter(|&frame_ns| frame_ns.abs_diff(now_ns) <= NEAR_NS as u64) {
+            if let Some(frame_ns) =
+                frame_ns.filter(|&frame_ns| frame_ns.abs_diff(now_ns) <= MAX_FRAME_POSE_GAP_NS as u64)
+            {
                 history.push_frame(frame_ns);
             }
         }
         let is_new = match pipeline.engine().search() {
-            Search::Rooms => pipeline.engine().counters().rooms.looks != self.looks,
+            Search::Rooms => pipeline.engine().counters().rooms.looks != self.updates,
             Search::Reflectors => self.is_due(now_ns),
         };
         if is_new {
-            self.look(pipeline, now_ns);
+            self.record_now(pipeline, now_ns);
         }
     }
 
     /// What holds for all of it is this from now on.
-    pub fn note_about(&self, about: About) {
+    pub fn record_info(&self, about: RecordingInfo) {
         *self.history.0.about.lock().unwrap_or_else(PoisonError::into_inner) = Some(about);
     }
 
     /// The head is here, and the sensor's newest frame ended then, host nanoseconds.
-    pub fn note_head(&self, now_ns: i64, head: Pose, frame_ns: Option<i64>) {
+    pub fn record_head(&self, now_ns: i64, head: Pose, frame_ns: Option<i64>) {
         let mut history = self.history.lock();
         history.push_head(now_ns, head);
         if let Some(frame_ns) = frame_ns {
@@ -111,9 +113,9 @@ impl Recorder {
     }
 
     /// This is known now; `evidence` where there is new one.
-    pub fn note_look(&self, now_ns: i64, scene: Scene, health: Health, evidence: Option<Arc<Evidence>>) {
+    pub fn record_update(&self, now_ns: i64, scene: Scene, health: Health, evidence: Option<Arc<Evidence>>) {
         let mut history = self.history.lock();
-        history.push_look(now_ns, scene, health);
+        history.push_update(now_ns, scene, health);
         if let Some(evidence) = evidence {
             history.push_evidence(now_ns, evidence);
         }
@@ -123,18 +125,18 @@ impl Recorder {
     fn is_due(&mut self, now_ns: i64) -> bool {
         let start_ns = *self.start_ns.get_or_insert(now_ns);
         if self.next_ns == i64::MIN {
-            self.next_ns = start_ns.saturating_add(FIRST_NS);
+            self.next_ns = start_ns.saturating_add(FIRST_UPDATE_NS);
         }
         let is_due = now_ns >= self.next_ns;
         if is_due {
-            let longer_ns = (now_ns.saturating_sub(start_ns) as f64 * LONGER) as i64;
-            self.next_ns = start_ns.saturating_add(longer_ns).max(now_ns.saturating_add(FIRST_NS));
+            let longer_ns = (now_ns.saturating_sub(start_ns) as f64 * UPDATE_GROWTH) as i64;
+            self.next_ns = start_ns.saturating_add(longer_ns).max(now_ns.saturating_add(FIRST_UPDATE_NS));
         }
         is_due
     }
 
-    fn look(&mut self, pipeline: &Pipeline, now_ns: i64) {
-        self.looks = pipeline.engine().counters().rooms.looks;
+    fn record_now(&mut self, pipeline: &Pipeline, now_ns: i64) {
+        self.updates = pipeline.engine().counters().rooms.looks;
         let scene = pipeline.scene();
         let evidence = pipeline.engine().evidence(VOXELS);
         let health = Health {
@@ -143,14 +145,14 @@ impl Recorder {
             estimate: pipeline.time_offset_estimate(),
         };
         let mut history = self.history.lock();
-        history.push_look(now_ns, scene, health);
+        history.push_update(now_ns, scene, health);
         history.push_evidence(now_ns, evidence);
     }
 
     /// The pipeline has finished.
     pub fn finish(&mut self, pipeline: &Pipeline) {
         if let Some((now_ns, _)) = pipeline.head() {
-            self.look(pipeline, pipeline.engine().newest_sweep_ns().unwrap_or(now_ns).max(now_ns));
+            self.record_now(pipeline, pipeline.engine().newest_sweep_ns().unwrap_or(now_ns).max(now_ns));
         }
     }
 }

@@ -3,14 +3,14 @@
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
-use super::about::About;
 use super::drawing::{Color, Drawing, circle};
 use super::history::Moment;
 use super::layers::Layers;
+use super::recording_info::RecordingInfo;
 use super::style::{self, rgba};
 use crate::geometry::{Aabb, Plane, Pose};
 use crate::imaging::eigen;
-use crate::obstacles::{Evidence, Moving, Observed, Obstacle, Wall};
+use crate::obstacles::{Evidence, MovingTarget, Observed, Obstacle, Wall};
 use crate::warning::{Panel, PanelKind, Warnings, warn};
 
 /// The path is bright for so long, seconds.
@@ -23,13 +23,20 @@ const WALL_HEIGHT_M: f64 = 2.2;
 const SHADES: f64 = 12.0;
 /// Uncertainty is drawn at so many 1σ, and no larger than this, metres.
 const SIGMAS: f64 = 2.0;
-const GREATEST_RADIUS_M: f64 = 0.7;
-const LEAST_RADIUS_M: f64 = 0.008;
+const MAX_RADIUS_M: f64 = 0.7;
+const MIN_RADIUS_M: f64 = 0.008;
 /// So much of its colour has what is remembered from before and not seen again yet.
-const REMEMBERED: f32 = 0.4;
+const RESTORED_ALPHA: f32 = 0.4;
 
 /// All of a moment in space. `bounds`: the box that is shown; `top_score`: the end of the evidence's colours.
-pub fn room(about: &About, moment: &Moment, layers: &Layers, bounds: &Aabb, top_score: f32, inside: bool) -> Drawing {
+pub fn room(
+    about: &RecordingInfo,
+    moment: &Moment,
+    layers: &Layers,
+    bounds: &Aabb,
+    top_score: f32,
+    inside: bool,
+) -> Drawing {
     let mut drawing = Drawing::default();
     floor(&mut drawing, bounds);
     if layers.walls {
@@ -39,7 +46,7 @@ pub fn room(about: &About, moment: &Moment, layers: &Layers, bounds: &Aabb, top_
         truth(&mut drawing, about);
     }
     if layers.evidence {
-        evidence(&mut drawing, &moment.evidence, layers.least_score, top_score);
+        evidence(&mut drawing, &moment.evidence, layers.min_score, top_score);
     }
     if layers.obstacles {
         for found in &moment.scene.obstacles {
@@ -108,14 +115,14 @@ fn wall(drawing: &mut Drawing, wall: &Wall, bounds: &Aabb) {
     let upright = [bounds.min.y - middle.y, (bounds.max.y.min(bounds.min.y + WALL_HEIGHT_M) - middle.y).max(0.3)];
     let v_m = if is_level { [-reach(v) - WALL_MARGIN_M, reach(v) + WALL_MARGIN_M] } else { upright };
     let corners = patch(u_m, v_m);
-    let color = |alpha: f32| rgba(style::WALL, if wall.provisional { REMEMBERED * alpha } else { alpha });
-    drawing.veil(&corners, color(0.10));
+    let color = |alpha: f32| rgba(style::WALL, if wall.provisional { RESTORED_ALPHA * alpha } else { alpha });
+    drawing.transparent_polygon(&corners, color(0.10));
     drawing.polyline(corners.into_iter().chain([corners[0]]), 1.5, color(0.8));
     // Where its reflections came from.
-    drawing.veil(&patch(reach(u) + 0.1, [-reach(v) - 0.1, reach(v) + 0.1]), color(0.22));
+    drawing.transparent_polygon(&patch(reach(u) + 0.1, [-reach(v) - 0.1, reach(v) + 0.1]), color(0.22));
 }
 
-fn truth(drawing: &mut Drawing, about: &About) {
+fn truth(drawing: &mut Drawing, about: &RecordingInfo) {
     let Some(truth) = &about.truth else { return };
     let color = rgba(style::TRUTH, 1.0);
     for place in truth.obstacles.iter().flat_map(|obstacle| &obstacle.points_m) {
@@ -136,17 +143,17 @@ fn evidence(drawing: &mut Drawing, evidence: &Evidence, least: f32, top: f32) {
 }
 
 fn obstacle(drawing: &mut Drawing, obstacle: &Obstacle, is_selected: bool) {
-    let color = rgba(style::FOUND, if obstacle.provisional { REMEMBERED } else { 1.0 });
+    let color = rgba(style::FOUND, if obstacle.provisional { RESTORED_ALPHA } else { 1.0 });
     if let Some(shape) = obstacle.around() {
         drawing.box_edges(&Pose::IDENTITY, &shape, if is_selected { 3.0 } else { 1.6 }, color);
     }
     drawing.point(obstacle.position_m, 0.022, color);
-    drawing.clear_ball(obstacle.position_m, &uncertainty(obstacle), color);
+    drawing.transparent_ball(obstacle.position_m, &uncertainty(obstacle), color);
 }
 
 /// The part of the sphere of its range that it may be on, the wedge that it was seen in, and an arrow the way it comes or goes in a
 /// second.
-fn moving(drawing: &mut Drawing, moving: &Moving) {
+fn moving(drawing: &mut Drawing, moving: &MovingTarget) {
     const PARTS: i32 = 8;
     let color = |alpha: f32| rgba(style::MOVING, alpha);
     let half_rad = moving.half_width_rad();
@@ -161,7 +168,7 @@ fn moving(drawing: &mut Drawing, moving: &Moving) {
         let (inner, outer) = (share(ring), share(ring + 1));
         let corners = [at(inner, turn(n)), at(outer, turn(n)), at(outer, turn(n + 1)), at(inner, turn(n + 1))];
         // The likeliest is the brightest.
-        drawing.veil(&corners, color(0.30 - 0.24 * outer as f32));
+        drawing.transparent_polygon(&corners, color(0.30 - 0.24 * outer as f32));
     }
     drawing.polyline((0..=4 * PARTS).map(|n| at(1.0, turn(n))), 1.5, color(0.8));
     drawing.polyline(moving.arc_m(), 3.0, color(1.0));
@@ -175,12 +182,12 @@ fn moving(drawing: &mut Drawing, moving: &Moving) {
 /// Half axes of the ellipsoid of two 1σ, as columns.
 fn uncertainty(obstacle: &Obstacle) -> DMat3 {
     if !obstacle.covariance_m2.is_finite() {
-        return DMat3::from_diagonal(DVec3::splat(GREATEST_RADIUS_M));
+        return DMat3::from_diagonal(DVec3::splat(MAX_RADIUS_M));
     }
     let (variances, axes) = eigen(&obstacle.covariance_m2);
     let radius = |variance: f64| match variance.is_finite() {
-        true => (SIGMAS * variance.max(0.0).sqrt()).clamp(LEAST_RADIUS_M, GREATEST_RADIUS_M),
-        false => GREATEST_RADIUS_M,
+        true => (SIGMAS * variance.max(0.0).sqrt()).clamp(MIN_RADIUS_M, MAX_RADIUS_M),
+        false => MAX_RADIUS_M,
     };
     DMat3::from_cols(
         axes.x_axis * radius(variances[0]),
@@ -232,7 +239,7 @@ fn headset(drawing: &mut Drawing, tracking_from_head: &Pose) {
 }
 
 /// The cone to the cut-off angle, from the first to the last range.
-fn beam(drawing: &mut Drawing, tracking_from_sensor: &Pose, about: &About) {
+fn beam(drawing: &mut Drawing, tracking_from_sensor: &Pose, about: &RecordingInfo) {
     let (sin, cos) = about.beam_rad.sin_cos();
     let rim = |range_m: f64, turn: f64| {
         let aside = DQuat::from_rotation_z(turn) * DVec3::X * sin;
@@ -246,7 +253,7 @@ fn beam(drawing: &mut Drawing, tracking_from_sensor: &Pose, about: &About) {
     }
     for pair in turns.windows(2) {
         let corners = [rim(first_m, pair[0]), rim(last_m, pair[0]), rim(last_m, pair[1]), rim(first_m, pair[1])];
-        drawing.veil(&corners, color(0.06));
+        drawing.transparent_polygon(&corners, color(0.06));
     }
     for turn in turns.iter().step_by(8).take(4) {
         drawing.line(rim(first_m, *turn), rim(last_m, *turn), 1.0, color(0.55));
@@ -269,7 +276,7 @@ fn warnings(drawing: &mut Drawing, warnings: &Warnings, color: [u8; 3], floor_m:
     for footprint in &warnings.footprints {
         let corners = footprint.corners_xz_m.iter().map(|c| DVec3::new(c.x, floor_m.max(0.0) + 0.004, c.y));
         let corners: Vec<DVec3> = corners.collect();
-        drawing.veil(&corners, color(0.25 * footprint.alpha));
+        drawing.transparent_polygon(&corners, color(0.25 * footprint.alpha));
         drawing.polyline(corners.iter().copied().chain(corners.first().copied()), 1.5, color(footprint.alpha));
     }
 }
@@ -288,7 +295,7 @@ fn panel(drawing: &mut Drawing, panel: &Panel, color: impl Fn(f32) -> Color) {
     lines(half.y).for_each(|y| drawing.line(at(-half.x, y), at(half.x, y), 1.0, color(0.5 * alpha)));
     let corners = [at(-half.x, -half.y), at(half.x, -half.y), at(half.x, half.y), at(-half.x, half.y)];
     drawing.polyline(corners.into_iter().chain([corners[0]]), 2.0, color(alpha));
-    drawing.veil(&corners, color(0.05 * alpha));
+    drawing.transparent_polygon(&corners, color(0.05 * alpha));
     if panel.kind == PanelKind::Object {
         for (middle, radius) in &panel.silhouette {
             let disc = |place: DVec2| at(place.x, place.y);
@@ -297,7 +304,7 @@ fn panel(drawing: &mut Drawing, panel: &Panel, color: impl Fn(f32) -> Color) {
                 disc(*middle + DVec2::Y * *radius) - disc(*middle),
             );
             let rim: Vec<DVec3> = circle(disc(*middle), u, v, 12).collect();
-            drawing.veil(&rim, color(0.22 * alpha));
+            drawing.transparent_polygon(&rim, color(0.22 * alpha));
         }
     }
 }
@@ -311,9 +318,9 @@ mod tests {
     use crate::recording::Header;
     use std::sync::Arc;
 
-    fn about() -> About {
+    fn about() -> RecordingInfo {
         let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);
-        About::new(&header, &Settings::default(), Search::Rooms, 1.0)
+        RecordingInfo::new(&header, &Settings::default(), Search::Rooms, 1.0)
     }
 
     fn obstacle(covariance_m2: DMat3) -> Obstacle {
@@ -331,8 +338,8 @@ mod tests {
         }
     }
 
-    fn someone() -> Moving {
-        Moving {
+    fn moving_target() -> MovingTarget {
+        MovingTarget {
             id: 1,
             seen_from: Pose::from_translation(DVec3::new(0.0, 1.1, 0.0)),
             range_m: 1.5,
@@ -356,8 +363,12 @@ mod tests {
             last_seen_ns: 0,
         };
         let variances = DMat3::from_diagonal(DVec3::new(1e-4, 4e-4, 9e-4));
-        let scene =
-            Scene { time_ns: 0, obstacles: vec![obstacle(variances)], walls: vec![wall], moving: vec![someone()] };
+        let scene = Scene {
+            time_ns: 0,
+            obstacles: vec![obstacle(variances)],
+            walls: vec![wall],
+            moving: vec![moving_target()],
+        };
         Moment {
             time_s: 1.0,
             scene: Arc::new(scene),
@@ -373,11 +384,11 @@ mod tests {
     }
 
     #[test]
-    fn each_layer_draws_something_and_nothing_when_off() {
+    fn layers_can_be_switched_off() {
         let (about, bounds) = (about(), about().bounds([head().translation]));
         let all = Layers { truth: true, ..Layers::new(2.0) };
         let draw = |layers: &Layers| room(&about, &moment(Some(head())), layers, &bounds, 9.0, false);
-        let count = |d: &Drawing| d.faces.len() + d.lines.len() + d.points.len() + d.veils.len();
+        let count = |d: &Drawing| d.faces.len() + d.lines.len() + d.points.len() + d.transparent_faces.len();
         let full = count(&draw(&all));
         let off: [fn(&mut Layers); 7] = [
             |l| l.obstacles = false,
@@ -396,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn weak_evidence_is_left_out_and_a_leap_is_no_path() {
+    fn weak_evidence_and_path_jumps_are_not_drawn() {
         let (about, bounds) = (about(), about().bounds([]));
         let layers =
             Layers { obstacles: false, moving: false, walls: false, warnings: false, beam: false, ..Layers::new(3.0) };
@@ -412,11 +423,11 @@ mod tests {
     }
 
     #[test]
-    fn ellipsoids_have_two_sigma_and_distances_reach_the_nearest_place() {
+    fn ellipsoids_are_two_sigma_and_distances_to_nearest_point() {
         let axes = uncertainty(&obstacle(DMat3::from_diagonal(DVec3::new(1e-4, 4e-4, 100.0))));
         let mut radii = [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.length());
         radii.sort_by(f64::total_cmp);
-        assert!((radii[0] - 0.02).abs() < 1e-9 && (radii[1] - 0.04).abs() < 1e-9 && radii[2] == GREATEST_RADIUS_M);
+        assert!((radii[0] - 0.02).abs() < 1e-9 && (radii[1] - 0.04).abs() < 1e-9 && radii[2] == MAX_RADIUS_M);
         assert!(uncertainty(&obstacle(DMat3::NAN)).is_finite());
         let found = obstacle(DMat3::ZERO);
         assert!((found.distance_m(head().translation) - 0.95).abs() < 1e-9);
@@ -434,29 +445,42 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_is_drawn_at_its_range_in_a_colour_of_its_own() {
+    fn moving_targets_are_drawn_at_their_range() {
         let mut drawing = Drawing::default();
-        moving(&mut drawing, &someone());
-        let from = someone().seen_from.translation;
-        assert!(drawing.veils.iter().flat_map(|face| face.corners_m).all(|at| (at.distance(from) - 1.5).abs() < 1e-9));
+        moving(&mut drawing, &moving_target());
+        let from = moving_target().seen_from.translation;
+        assert!(
+            drawing
+                .transparent_faces
+                .iter()
+                .flat_map(|face| face.corners_m)
+                .all(|at| (at.distance(from) - 1.5).abs() < 1e-9)
+        );
         let colors = |color: Color| [color[0], color[1], color[2]];
-        let all = drawing.veils.iter().map(|face| face.color).chain(drawing.lines.iter().map(|line| line.color));
+        let all =
+            drawing.transparent_faces.iter().map(|face| face.color).chain(drawing.lines.iter().map(|line| line.color));
         let own = colors(rgba(style::MOVING, 1.0));
         assert!(all.map(colors).all(|color| color == own) && own != colors(rgba(style::FOUND, 1.0)));
         // An arrow towards where it was seen from.
         let arrow = drawing.lines.last().unwrap();
         assert!((arrow.to_m.distance(from) - 0.7).abs() < 1e-9);
         let mut nowhere = Drawing::default();
-        moving(&mut nowhere, &Moving { range_m: f64::NAN, ..someone() });
+        moving(&mut nowhere, &MovingTarget { range_m: f64::NAN, ..moving_target() });
         assert_eq!(nowhere, Drawing::default());
     }
 
     #[test]
-    fn the_wall_is_drawn_on_its_plane() {
+    fn wall_is_drawn_on_its_plane() {
         let (about, bounds) = (about(), about().bounds([]));
         let layers = Layers { obstacles: false, moving: false, evidence: false, warnings: false, ..Layers::new(3.0) };
         let drawing = room(&about, &moment(None), &layers, &bounds, 9.0, false);
-        assert!(drawing.veils.iter().flat_map(|face| face.corners_m).all(|corner| (corner.z + 2.0).abs() < 1e-9));
-        assert_eq!(drawing.veils.len(), 4);
+        assert!(
+            drawing
+                .transparent_faces
+                .iter()
+                .flat_map(|face| face.corners_m)
+                .all(|corner| (corner.z + 2.0).abs() < 1e-9)
+        );
+        assert_eq!(drawing.transparent_faces.len(), 4);
     }
 }

@@ -19,11 +19,11 @@ pub struct Screen {
     renderer: egui_wgpu::Renderer,
     space: Space,
     texture: egui::TextureId,
-    complaint: Arc<Mutex<Option<String>>>,
+    first_error: Arc<Mutex<Option<String>>>,
 }
 
 /// What a pass asks for.
-pub struct Passed {
+pub struct PassOutput {
     /// Cursor, clipboard.
     pub platform: egui::PlatformOutput,
     /// Another pass is wanted after so long.
@@ -61,10 +61,10 @@ impl Screen {
             cause: error.to_string(),
         };
         let (device, queue) = pollster::block_on(adapter.request_device(&described)).map_err(refused)?;
-        let complaint = Arc::new(Mutex::new(None));
-        let keep = Arc::clone(&complaint);
+        let first_error = Arc::new(Mutex::new(None));
+        let keep = Arc::clone(&first_error);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| note(&keep, error.to_string())));
-        let keep = Arc::clone(&complaint);
+        let keep = Arc::clone(&first_error);
         device.set_device_lost_callback(move |reason, message| {
             // A device that is given back in order is no complaint.
             if reason != wgpu::DeviceLostReason::Destroyed {
@@ -89,7 +89,7 @@ impl Screen {
         let texture = renderer.register_native_texture(&device, &view, wgpu::FilterMode::Linear);
         let context = egui::Context::default();
         style::apply(&context);
-        Ok(Self { device, queue, context, renderer, space, texture, complaint })
+        Ok(Self { device, queue, context, renderer, space, texture, first_error })
     }
 
     /// Where the picture of the room is.
@@ -107,12 +107,12 @@ impl Screen {
         input: egui::RawInput,
         target: &wgpu::TextureView,
         size_in_pixels: [u32; 2],
-    ) -> Result<Passed, RenderError> {
+    ) -> Result<PassOutput, RenderError> {
         let mut output = self.context.run_ui(input, |ui| app.ui(ui));
         let pixels_per_point = output.pixels_per_point;
         let jobs = self.context.tessellate(std::mem::take(&mut output.shapes), pixels_per_point);
         let mut encoder = self.device.create_command_encoder(&Default::default());
-        if let Some(wanted) = app.take_wanted() {
+        if let Some(wanted) = app.take_room_request() {
             self.draw_room(&mut encoder, &wanted, pixels_per_point);
         }
         for (id, deltas) in output.textures_delta.set.drain() {
@@ -133,10 +133,15 @@ impl Screen {
         }
         self.check()?;
         let again_after = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
-        Ok(Passed { platform: output.platform_output, again_after: again_after.unwrap_or(Duration::MAX) })
+        Ok(PassOutput { platform: output.platform_output, again_after: again_after.unwrap_or(Duration::MAX) })
     }
 
-    fn draw_room(&mut self, encoder: &mut wgpu::CommandEncoder, wanted: &super::app::Wanted, pixels_per_point: f32) {
+    fn draw_room(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        wanted: &super::app::RoomRequest,
+        pixels_per_point: f32,
+    ) {
         let greatest = self.device.limits().max_texture_dimension_2d;
         let pixels = |points: f32| ((points * pixels_per_point).round() as u32).clamp(1, greatest);
         let size_px = [pixels(wanted.size.x), pixels(wanted.size.y)];
@@ -152,13 +157,13 @@ impl Screen {
     /// # Errors
     /// The first complaint of the device.
     pub fn check(&self) -> Result<(), RenderError> {
-        let complaint = self.complaint.lock().unwrap_or_else(PoisonError::into_inner).take();
-        complaint.map_or(Ok(()), |cause| Err(RenderError::Device(cause)))
+        let first_error = self.first_error.lock().unwrap_or_else(PoisonError::into_inner).take();
+        first_error.map_or(Ok(()), |cause| Err(RenderError::Device(cause)))
     }
 }
 
-fn note(complaint: &Mutex<Option<String>>, text: String) {
-    complaint.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
+fn note(first_error: &Mutex<Option<String>>, text: String) {
+    first_error.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(text);
 }
 
 fn begin<'e>(encoder: &'e mut wgpu::CommandEncoder, target: &wgpu::TextureView) -> wgpu::RenderPass<'e> {

@@ -52,7 +52,7 @@ pub struct Space {
     faces: wgpu::RenderPipeline,
     balls: wgpu::RenderPipeline,
     lines: wgpu::RenderPipeline,
-    veils: wgpu::RenderPipeline,
+    transparent_faces: wgpu::RenderPipeline,
     layout: wgpu::BindGroupLayout,
     canvas: Option<Canvas>,
 }
@@ -105,7 +105,7 @@ impl Space {
                 topology: strip,
                 hides: false,
             }),
-            veils: part(Part {
+            transparent_faces: part(Part {
                 entries: ["face_corner", "plain"],
                 vertices: vertices::<FaceCorner>(wgpu::VertexStepMode::Vertex, &corner),
                 topology: triangles,
@@ -131,7 +131,7 @@ impl Space {
         }
         let origin = eye.tracking_from_eye.translation;
         let faces = corners(&drawing.faces, origin);
-        let veils = corners(&far_to_near(&drawing.veils, origin), origin);
+        let transparent_faces = corners(&far_to_near(&drawing.transparent_faces, origin), origin);
         let (balls, lines) = (balls(drawing, origin), lines(drawing, origin));
         let eye = self.bind(device, queue, eye, size_px);
         let canvas = self.canvas.get_or_insert_with(|| Canvas::new(device, size_px));
@@ -149,7 +149,7 @@ impl Space {
             part(&self.faces, bytemuck::cast_slice(&faces), faces.len() as u32, 1);
             part(&self.balls, bytemuck::cast_slice(&balls), 4, balls.len() as u32);
             part(&self.lines, bytemuck::cast_slice(&lines), 4, lines.len() as u32);
-            part(&self.veils, bytemuck::cast_slice(&veils), veils.len() as u32, 1);
+            part(&self.transparent_faces, bytemuck::cast_slice(&transparent_faces), transparent_faces.len() as u32, 1);
         }
         (&canvas.picture, !is_kept)
     }
@@ -212,9 +212,9 @@ impl Canvas {
     }
 }
 
-fn far_to_near(veils: &[Face], eye_m: DVec3) -> Vec<Face> {
+fn far_to_near(transparent_faces: &[Face], eye_m: DVec3) -> Vec<Face> {
     let distance = |face: &Face| (face.corners_m.iter().sum::<DVec3>() / 3.0).distance_squared(eye_m);
-    let mut order: Vec<(f64, Face)> = veils.iter().map(|face| (distance(face), *face)).collect();
+    let mut order: Vec<(f64, Face)> = transparent_faces.iter().map(|face| (distance(face), *face)).collect();
     order.sort_by(|a, b| b.0.total_cmp(&a.0));
     order.into_iter().map(|(_, face)| face).collect()
 }
@@ -226,7 +226,7 @@ fn corners(faces: &[Face], origin: DVec3) -> Vec<FaceCorner> {
 
 fn balls(drawing: &Drawing, origin: DVec3) -> Vec<BallInstance> {
     let ball = |point: &super::drawing::Point| BallInstance {
-        place_and_radius: (point.place_m - origin).as_vec3().extend(point.radius_m).to_array(),
+        place_and_radius: (point.position_m - origin).as_vec3().extend(point.radius_m).to_array(),
         color: point.color,
     };
     drawing.points.iter().map(ball).collect()

@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_read_as_on_a_clock() {
+    fn clock_formats_minutes_and_seconds() {
         assert_eq!(
             [0.0, 9.994, 59.996, 754.25, -1.0].map(clock),
             ["0:00.00", "0:09.99", "1:00.00", "12:34.25", "0:00.00"]

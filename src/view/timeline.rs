@@ -12,7 +12,7 @@ const TICK_POINTS: f64 = 70.0;
 
 /// What was asked of the buttons beside the strip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Asked {
+pub struct TimelineActions {
     /// A step of frames back or on.
     pub step: i32,
     /// The list of keys.
@@ -20,8 +20,8 @@ pub struct Asked {
 }
 
 /// Buttons and strip; seeks, plays and stops by itself.
-pub fn timeline(ui: &mut Ui, player: &mut Player, extent: &Extent, marks: &[(f64, u64)]) -> Asked {
-    let mut asked = Asked::default();
+pub fn timeline(ui: &mut Ui, player: &mut Player, extent: &Extent, marks: &[(f64, u64)]) -> TimelineActions {
+    let mut asked = TimelineActions::default();
     ui.add_space(4.0);
     ui.horizontal(|ui| {
         buttons(ui, player, extent, &mut asked);
@@ -37,7 +37,7 @@ pub fn timeline(ui: &mut Ui, player: &mut Player, extent: &Extent, marks: &[(f64
 
 /// What is painted on a button: the fonts at hand have no such signs.
 #[derive(Clone, Copy)]
-enum Sign {
+enum Icon {
     First,
     Back,
     Play,
@@ -46,7 +46,7 @@ enum Sign {
     Last,
 }
 
-fn sign(ui: &mut Ui, sign: Sign, hint: &str) -> bool {
+fn icon_button(ui: &mut Ui, sign: Icon, hint: &str) -> bool {
     let response = ui.add(egui::Button::new("").min_size(vec2(32.0, 24.0))).on_hover_text(hint);
     let (middle, color) = (response.rect.center(), ui.style().interact(&response).fg_stroke.color);
     let painter = ui.painter();
@@ -59,31 +59,31 @@ fn sign(ui: &mut Ui, sign: Sign, hint: &str) -> bool {
         painter.rect_filled(Rect::from_center_size(middle + vec2(x, 0.0), vec2(width, 12.0)), 0.0, color);
     };
     match sign {
-        Sign::First => (triangle(2.0, -1.0), bar(-5.0, 2.0)).1,
-        Sign::Back => (triangle(-2.0, -1.0), bar(5.0, 2.0)).1,
-        Sign::Play => triangle(0.0, 1.4),
-        Sign::Pause => (bar(-3.5, 4.0), bar(3.5, 4.0)).1,
-        Sign::On => (bar(-5.0, 2.0), triangle(2.0, 1.0)).1,
-        Sign::Last => (triangle(-2.0, 1.0), bar(5.0, 2.0)).1,
+        Icon::First => (triangle(2.0, -1.0), bar(-5.0, 2.0)).1,
+        Icon::Back => (triangle(-2.0, -1.0), bar(5.0, 2.0)).1,
+        Icon::Play => triangle(0.0, 1.4),
+        Icon::Pause => (bar(-3.5, 4.0), bar(3.5, 4.0)).1,
+        Icon::On => (bar(-5.0, 2.0), triangle(2.0, 1.0)).1,
+        Icon::Last => (triangle(-2.0, 1.0), bar(5.0, 2.0)).1,
     }
     response.clicked()
 }
 
-fn buttons(ui: &mut Ui, player: &mut Player, extent: &Extent, asked: &mut Asked) {
-    if sign(ui, Sign::First, "To the beginning (Home)") {
+fn buttons(ui: &mut Ui, player: &mut Player, extent: &Extent, asked: &mut TimelineActions) {
+    if icon_button(ui, Icon::First, "To the beginning (Home)") {
         player.seek(0.0, extent);
     }
-    if sign(ui, Sign::Back, "One radar frame back (left arrow)") {
+    if icon_button(ui, Icon::Back, "One radar frame back (left arrow)") {
         asked.step = -1;
     }
-    let play = if player.is_playing() { Sign::Pause } else { Sign::Play };
-    if sign(ui, play, "Play or pause (space)") {
+    let play = if player.is_playing() { Icon::Pause } else { Icon::Play };
+    if icon_button(ui, play, "Play or pause (space)") {
         player.toggle(extent);
     }
-    if sign(ui, Sign::On, "One radar frame on (right arrow)") {
+    if icon_button(ui, Icon::On, "One radar frame on (right arrow)") {
         asked.step = 1;
     }
-    if sign(ui, Sign::Last, "To the end (End)") {
+    if icon_button(ui, Icon::Last, "To the end (End)") {
         player.seek(extent.duration_s, extent);
     }
     let mut is_looping = player.is_looping();

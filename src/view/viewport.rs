@@ -3,23 +3,23 @@
 use egui::{Align2, Color32, CornerRadius, FontId, PointerButton, Pos2, Rect, Sense, Ui, pos2, vec2};
 use glam::{DVec2, DVec3};
 
-use super::about::About;
 use super::camera::{Camera, Eye};
 use super::history::Moment;
 use super::labels::Labels;
 use super::layers::Layers;
+use super::recording_info::RecordingInfo;
 use super::room::{axis_names, label};
 use super::style;
 use crate::geometry::{Aabb, Plane};
-use crate::obstacles::{Moving, Obstacle};
+use crate::obstacles::{MovingTarget, Obstacle};
 
 /// So many obstacles have their distance beside them.
-const WHOLE_LABELS: usize = 6;
+const MAX_FULL_LABELS: usize = 6;
 
 /// What is to be seen.
-pub struct Shown<'a> {
+pub struct ViewContent<'a> {
     /// The recording.
-    pub about: &'a About,
+    pub about: &'a RecordingInfo,
     /// The moment.
     pub moment: &'a Moment,
     /// The layers.
@@ -33,7 +33,7 @@ pub struct Shown<'a> {
 }
 
 /// The view; gives the eye to draw the picture with, and whether the camera was moved by hand.
-pub fn viewport(ui: &mut Ui, area: Rect, camera: &mut Camera, shown: &Shown) -> (Eye, bool) {
+pub fn viewport(ui: &mut Ui, area: Rect, camera: &mut Camera, shown: &ViewContent) -> (Eye, bool) {
     let response = ui.allocate_rect(area, Sense::click_and_drag());
     let is_moved = steer(ui, area, &response, camera);
     let eye = camera.eye(shown.moment.head.as_ref(), f64::from(area.width() / area.height().max(1.0)));
@@ -68,7 +68,7 @@ fn steer(ui: &Ui, area: Rect, response: &egui::Response, camera: &mut Camera) ->
     is_moved
 }
 
-fn names(painter: &egui::Painter, shown: &Shown, on_screen: &impl Fn(DVec3) -> Option<Pos2>, inside: bool) {
+fn names(painter: &egui::Painter, shown: &ViewContent, on_screen: &impl Fn(DVec3) -> Option<Pos2>, inside: bool) {
     let mut labels = Labels::default();
     let mut small = |place: DVec3, text: &str, color: Color32| {
         if let Some(at) = on_screen(place) {
@@ -129,15 +129,15 @@ fn metres(bounds: &Aabb, small: &mut impl FnMut(DVec3, &str, Color32)) {
 /// Beside the arc's end, where nothing of it is.
 fn moving_name(
     painter: &egui::Painter,
-    moving: &Moving,
-    shown: &Shown,
+    moving: &MovingTarget,
+    shown: &ViewContent,
     on_screen: &impl Fn(DVec3) -> Option<Pos2>,
     labels: &mut Labels,
 ) {
     let Some(at) = on_screen(moving.place_m(1.3 * moving.half_width_rad(), 0.0)) else { return };
     let text = moving.label(shown.moment.head.as_ref());
     let galley = painter.layout_no_wrap(text, FontId::proportional(14.0), style::MOVING);
-    let chip = labels.take_above(Align2::CENTER_CENTER.anchor_size(at, galley.size()).expand2(vec2(4.0, 1.0)));
+    let chip = labels.place_above(Align2::CENTER_CENTER.anchor_size(at, galley.size()).expand2(vec2(4.0, 1.0)));
     painter.rect_filled(chip, CornerRadius::same(3), style::GROUND.gamma_multiply(0.85));
     painter.galley(chip.min + vec2(4.0, 1.0), galley, style::MOVING);
 }
@@ -145,7 +145,7 @@ fn moving_name(
 /// Distances beside the nearest ones and the selected one, numbers beside the rest.
 fn obstacle_names(
     painter: &egui::Painter,
-    shown: &Shown,
+    shown: &ViewContent,
     on_screen: &impl Fn(DVec3) -> Option<Pos2>,
     labels: &mut Labels,
 ) {
@@ -157,12 +157,12 @@ fn obstacle_names(
         let top_m = obstacle.around().map_or(obstacle.position_m.y, |shape| shape.max.y);
         let Some(at) = on_screen(obstacle.position_m.with_y(top_m.max(obstacle.position_m.y) + 0.05)) else { continue };
         let is_selected = shown.layers.selected == Some(obstacle.id);
-        let is_whole = n < WHOLE_LABELS || is_selected;
+        let is_whole = n < MAX_FULL_LABELS || is_selected;
         let text = if is_whole { label(obstacle, head) } else { format!("#{}", obstacle.id) };
         let color = if is_whole { style::FOUND } else { style::FOUND.gamma_multiply(0.75) };
         let galley = painter.layout_no_wrap(text, FontId::proportional(if is_whole { 14.0 } else { 11.0 }), color);
         let chip = Align2::CENTER_BOTTOM.anchor_size(at, galley.size()).expand2(vec2(4.0, 1.0));
-        let chip = labels.take_above(chip);
+        let chip = labels.place_above(chip);
         painter.rect_filled(
             chip,
             CornerRadius::same(3),
@@ -177,7 +177,7 @@ fn obstacle_names(
 }
 
 /// What colours mean, and the grid's step.
-fn legend(painter: &egui::Painter, area: Rect, shown: &Shown) {
+fn legend(painter: &egui::Painter, area: Rect, shown: &ViewContent) {
     let font = FontId::proportional(12.0);
     let mut at = area.left_bottom() + vec2(14.0, -14.0);
     let text = |at: Pos2, text: String| {
@@ -188,7 +188,7 @@ fn legend(painter: &egui::Painter, area: Rect, shown: &Shown) {
         at.y -= 20.0;
         let bar = Rect::from_min_max(at - vec2(0.0, 12.0), at + vec2(160.0, -2.0));
         color_bar(painter, bar, style::evidence);
-        let least = shown.layers.least_score;
+        let least = shown.layers.min_score;
         text(
             bar.right_bottom() + vec2(8.0, 3.0),
             format!("evidence: {} {least:.1} to {:.1}", shown.about.score_name(), shown.top_score.max(least)),

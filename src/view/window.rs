@@ -19,14 +19,14 @@ use crate::render::RenderError;
 /// # Errors
 /// There is no desktop, no window, nothing that draws to it, or the device failed.
 pub fn show(app: &mut App, title: &str) -> Result<(), ViewError> {
-    let event_loop = EventLoop::new().map_err(|error| ViewError::NoDesktop(plain(&error)))?;
+    let event_loop = EventLoop::new().map_err(|error| ViewError::NoDesktop(strip_source_location(&error)))?;
     let mut desktop = Desktop { app, title: title.to_owned(), open: None, failure: None, next: None };
-    event_loop.run_app(&mut desktop).map_err(|error| ViewError::NoDesktop(plain(&error)))?;
+    event_loop.run_app(&mut desktop).map_err(|error| ViewError::NoDesktop(strip_source_location(&error)))?;
     desktop.failure.map_or(Ok(()), Err)
 }
 
 /// What an error of the desktop says, without the place in the source code that it names first.
-fn plain(error: &winit::error::EventLoopError) -> String {
+fn strip_source_location(error: &winit::error::EventLoopError) -> String {
     let text = error.to_string();
     let said = text.rsplit_once(".rs:").and_then(|(_, said)| said.split_once(": ")).map(|(_, said)| said.to_owned());
     said.unwrap_or(text).trim_end_matches('.').to_owned()
@@ -35,14 +35,14 @@ fn plain(error: &winit::error::EventLoopError) -> String {
 struct Desktop<'a> {
     app: &'a mut App,
     title: String,
-    open: Option<Open>,
+    open: Option<OpenWindow>,
     failure: Option<ViewError>,
     /// When to draw again if nothing else happens.
     next: Option<Instant>,
 }
 
 /// The open window. The surface goes before the window that it is on.
-struct Open {
+struct OpenWindow {
     surface: wgpu::Surface<'static>,
     config: wgpu::SurfaceConfiguration,
     screen: Screen,
@@ -50,7 +50,7 @@ struct Open {
     window: Arc<Window>,
 }
 
-impl Open {
+impl OpenWindow {
     fn new(event_loop: &ActiveEventLoop, title: &str) -> Result<Self, ViewError> {
         let attributes =
             Window::default_attributes().with_title(title).with_inner_size(LogicalSize::new(1600.0, 1000.0));
@@ -148,7 +148,7 @@ impl ApplicationHandler for Desktop<'_> {
         if self.open.is_some() {
             return;
         }
-        match Open::new(event_loop, &self.title) {
+        match OpenWindow::new(event_loop, &self.title) {
             Ok(open) => {
                 self.app.set_texture(open.screen.texture());
                 open.window.request_redraw();

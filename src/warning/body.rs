@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 
 use super::hull::convex_hull;
 use crate::geometry::Aabb;
-use crate::obstacles::{Moving, Observed, Obstacle};
+use crate::obstacles::{MovingTarget, Observed, Obstacle};
 
 /// Farther from the origin than this is no place in a room, metres.
 const FARTHEST_M: f64 = 1000.0;
@@ -86,7 +86,7 @@ impl Body {
     }
 
     /// Of something that moves: one ball at its range. `None` when that is no place.
-    pub fn of_moving(moving: &Moving) -> Option<Self> {
+    pub fn of_moving(moving: &MovingTarget) -> Option<Self> {
         let stands = Obstacle {
             id: moving.id.saturating_add(MOVING_IDS),
             position_m: moving.position_m(),

@@ -56,7 +56,7 @@ pub(super) fn in_order(drawn: impl Iterator<Item = Drawn>) -> Warnings {
 mod tests {
     use super::*;
     use crate::geometry::{Aabb, Plane};
-    use crate::obstacles::{Moving, Observed, Obstacle, Wall};
+    use crate::obstacles::{MovingTarget, Observed, Obstacle, Wall};
     use crate::warning::PanelKind;
     use glam::{DMat3, DQuat, DVec3};
     use proptest::prelude::*;
@@ -97,8 +97,8 @@ mod tests {
     }
 
     /// Somebody 1.2 m ahead.
-    fn someone(speed_m_per_s: f64) -> Moving {
-        Moving {
+    fn someone(speed_m_per_s: f64) -> MovingTarget {
+        MovingTarget {
             id: 1,
             seen_from: head(),
             range_m: 1.2,
@@ -114,7 +114,7 @@ mod tests {
     #[test]
     fn who_walks_up_is_warned_of_as_wide_as_the_direction_is_known() {
         let settings = WarningSettings::default();
-        let of = |moving: Moving, settings: &WarningSettings| {
+        let of = |moving: MovingTarget, settings: &WarningSettings| {
             let scene = Scene { obstacles: vec![block(1, 2.0, 3.0)], moving: vec![moving], ..Scene::default() };
             warn(&scene, &head(), settings)
         };
@@ -125,7 +125,7 @@ mod tests {
         // Nearer in time is brighter than nearer in space alone, and the obstacle of the same number is another thing.
         assert!(panel.alpha > stands.panels[0].alpha && panel.id != 1);
         assert!(of(someone(-1.0), &WarningSettings { moving: false, ..settings.clone() }).panels.is_empty());
-        for bad in [Moving { range_m: f64::NAN, ..someone(-1.0) }, someone(f64::NAN)] {
+        for bad in [MovingTarget { range_m: f64::NAN, ..someone(-1.0) }, someone(f64::NAN)] {
             assert!(of(bad, &settings).panels.iter().all(|panel| panel.alpha.is_finite()));
         }
     }

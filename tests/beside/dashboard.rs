@@ -16,12 +16,12 @@ const TEXT: &str = "# my own\n[warning] # near things\nfade_distance_m = 3.5 # f
 fn press(rig: &Rig, name: &str) {
     let settings = toml::Table::try_from(Settings::default()).unwrap();
     let [x, y] = panel::target(&settings, name).unwrap();
-    rig.tell_steamvr(&json!({"do": "mouse", "action": "click", "x": x, "y": y}));
+    rig.send_command(&json!({"do": "mouse", "action": "click", "x": x, "y": y}));
 }
 
 /// The tab as it was handed over last.
 fn shoot(rig: &Rig, name: &str) -> image::RgbaImage {
-    rig.tell_steamvr(&json!({"do": "tab_shot", "name": name}));
+    rig.send_command(&json!({"do": "tab_shot", "name": name}));
     let path = rig.path(&format!("vr/shots/{name}.png"));
     rig.wait_for("the tab's picture", || image::open(&path).ok()).to_rgba8()
 }
@@ -35,7 +35,7 @@ fn is_warning(report: &Value) -> bool {
 }
 
 #[test]
-fn the_panel_is_seen_and_touched_and_what_it_changes_is_kept() {
+fn panel_is_shown_and_its_changes_are_saved() {
     let mut rig = Rig::new("dashboard");
     fs::create_dir_all(rig.path(OWN).parent().unwrap()).unwrap();
     fs::write(rig.path(OWN), TEXT).unwrap();
@@ -45,7 +45,7 @@ fn the_panel_is_seen_and_touched_and_what_it_changes_is_kept() {
     rig.wait_report("a warning", |report| is_warning(report) && report["frames"].as_u64() > Some(1000));
     assert_eq!(textures(&rig.report()), 1, "the button's alone: nobody looks at the panel");
 
-    rig.tell_steamvr(&json!({"do": "dashboard", "open": true}));
+    rig.send_command(&json!({"do": "dashboard", "open": true}));
     rig.wait_report("the panel", |report| textures(report) > 5);
     let picture = shoot(&rig, "open");
     assert_eq!([picture.width(), picture.height()], panel::SIZE);
@@ -77,7 +77,7 @@ fn the_panel_is_seen_and_touched_and_what_it_changes_is_kept() {
     let changed = TEXT.replace("3.5", "3.3");
     rig.wait_for("the file", || fs::read_to_string(rig.path(OWN)).ok().filter(|text| text.starts_with(&changed)));
 
-    rig.tell_steamvr(&json!({"do": "dashboard", "open": false}));
+    rig.send_command(&json!({"do": "dashboard", "open": false}));
     std::thread::sleep(std::time::Duration::from_secs(2));
     let closed = textures(&rig.wait_report("a report", |_| true));
     std::thread::sleep(std::time::Duration::from_secs(2));
@@ -91,7 +91,7 @@ fn the_panel_is_seen_and_touched_and_what_it_changes_is_kept() {
 }
 
 #[test]
-fn without_a_dashboard_everything_else_works() {
+fn warnings_work_without_a_dashboard() {
     let mut rig = Rig::new("no-dashboard");
     rig.start_sensor("furnished-room", "approach-chair", 1, 120);
     let fail = json!({"at_s": 0, "do": "fail", "function": "CreateDashboardOverlay", "count": 1});

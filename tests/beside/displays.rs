@@ -43,7 +43,7 @@ fn shows_the_chair(eyes: &[Eye; 2]) {
 }
 
 #[test]
-fn windows_show_each_eye_its_own_picture() {
+fn windows_show_each_eye_its_own_image() {
     let mut rig = Rig::new("stereo");
     let (program, eyes, shot) = at_the_chair(&mut rig, &json!({}), &["--set", "headset.display=stereo"]);
     shows_the_chair(&eyes);
@@ -55,7 +55,7 @@ fn windows_show_each_eye_its_own_picture() {
 }
 
 #[test]
-fn projections_fit_a_runtime_of_either_kind() {
+fn projections_work_with_either_matrix_direction() {
     for matrix in ["eye_from_tracking", "tracking_from_eye"] {
         let mut rig = Rig::new(&format!("projection-{matrix}"));
         let set = format!("headset.projection_matrix={matrix}");
@@ -68,7 +68,7 @@ fn projections_fit_a_runtime_of_either_kind() {
 }
 
 #[test]
-fn the_users_own_colour_and_distance_serve_unless_the_settings_name_others() {
+fn chaperone_color_and_distance_are_defaults() {
     for (settings, is_red) in [(&[][..], true), (&["--set", "warning.color=[0,255,0]"][..], false)] {
         let mut rig = Rig::new(if is_red { "red" } else { "green" });
         let configuration = json!({"settings": {"collisionBounds": {

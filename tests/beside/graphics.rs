@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::rig::Rig;
 
 #[test]
-fn a_lost_device_is_opened_again_and_warnings_are_back() {
+fn lost_device_is_reopened_and_warnings_return() {
     let mut rig = Rig::new("lost-device");
     let lose = rig.with_devices_to_lose();
     rig.start_sensor("furnished-room", "approach-chair", 1, 120);

@@ -9,7 +9,7 @@ use crate::rig::Rig;
 const MANIFEST: &str = "home/.local/share/radar-chaperone/manifest.vrmanifest";
 
 #[test]
-fn installed_and_uninstalled() {
+fn install_and_uninstall_register_the_manifest() {
     let mut rig = Rig::new("install");
     rig.start_steamvr(&json!({}), false);
     let before = rig.run(&["uninstall"]);
@@ -38,7 +38,7 @@ fn installed_and_uninstalled() {
 }
 
 #[test]
-fn a_program_that_was_moved_is_noticed() {
+fn moved_binary_is_reported() {
     let mut rig = Rig::new("moved");
     rig.start_steamvr(&json!({}), false);
     let copy = rig.path("copy");
@@ -54,7 +54,7 @@ fn a_program_that_was_moved_is_noticed() {
 }
 
 #[test]
-fn steamvr_starts_it() {
+fn steamvr_autolaunches_the_program() {
     let mut rig = Rig::new("autolaunch");
     rig.start_steamvr(&json!({}), false);
     assert_eq!(rig.run(&["install"]).code, Some(0));
@@ -67,7 +67,7 @@ fn steamvr_starts_it() {
 }
 
 #[test]
-fn doctor_looks_at_headset_and_graphics() {
+fn doctor_reports_headset_and_graphics() {
     let mut rig = Rig::new("doctor");
     assert!(doctor(&rig).contains("SteamVR is not installed"));
     rig.start_steamvr(&json!({}), false);

@@ -3,16 +3,16 @@
 #![cfg(target_os = "linux")]
 
 mod dashboard;
+mod desktop_view;
 mod displays;
 mod eyes;
 mod graphics;
 mod install;
-mod kept;
-mod life;
+mod lifecycle;
 mod notice;
 mod recorded;
 mod rig;
 mod room;
+mod saved_map;
 mod settings;
-mod viewed;
 mod warnings;

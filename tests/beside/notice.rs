@@ -28,7 +28,7 @@ fn streaming(rig: &Rig, more: &[&str]) -> Program {
 }
 
 #[test]
-fn a_radar_that_is_silent_or_unplugged_is_told_of_in_the_headset() {
+fn silent_or_unplugged_radar_is_reported_in_the_headset() {
     let mut rig = Rig::new("notice");
     rig.start_sensor("empty-room", "natural", 1, 300);
     rig.start_steamvr(&json!({}), true);
@@ -52,7 +52,7 @@ fn a_radar_that_is_silent_or_unplugged_is_told_of_in_the_headset() {
 }
 
 #[test]
-fn who_wants_no_notices_has_none() {
+fn notices_can_be_disabled() {
     let mut rig = Rig::new("no-notice");
     rig.start_sensor("empty-room", "natural", 1, 300);
     rig.start_steamvr(&json!({}), true);

@@ -22,7 +22,7 @@ fn has_seen_the_room(found: &Value) {
 }
 
 #[test]
-fn run_records_beside_warning() {
+fn run_records_while_warning() {
     let mut rig = Rig::new("run-record");
     rig.start_sensor("furnished-room", "approach-chair", 1, 60);
     rig.start_steamvr(&json!({}), true);
@@ -37,7 +37,7 @@ fn run_records_beside_warning() {
 }
 
 #[test]
-fn record_takes_the_headsets_poses() {
+fn record_uses_headset_poses() {
     let mut rig = Rig::new("record");
     rig.start_sensor("furnished-room", "approach-chair", 1, 60);
     rig.start_steamvr(&json!({}), true);

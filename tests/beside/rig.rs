@@ -12,11 +12,11 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 
 /// Whatever is waited for comes sooner, even on a slow machine.
-pub const PATIENCE: Duration = Duration::from_secs(40);
+pub const TIMEOUT: Duration = Duration::from_secs(40);
 /// A program that was asked to end has ended by then: ten times as long as it may take on a machine that is free.
-const END_PATIENCE: Duration = Duration::from_secs(10);
+const EXIT_TIMEOUT: Duration = Duration::from_secs(10);
 
-static ALONE: Mutex<()> = Mutex::new(());
+static EXCLUSIVE: Mutex<()> = Mutex::new(());
 
 pub struct Rig {
     folder: PathBuf,
@@ -24,7 +24,7 @@ pub struct Rig {
     sensor: Option<Child>,
     /// More for the program's environment.
     environment: Vec<(String, PathBuf)>,
-    _alone: MutexGuard<'static, ()>,
+    _exclusive: MutexGuard<'static, ()>,
 }
 
 /// The program, running.
@@ -45,11 +45,11 @@ pub struct Ended {
 impl Rig {
     /// Named after the test.
     pub fn new(test: &str) -> Self {
-        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+        let alone = EXCLUSIVE.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("beside").join(test);
         let _ = fs::remove_dir_all(&folder);
         fs::create_dir_all(folder.join("home")).unwrap();
-        Self { folder, steamvr: None, sensor: None, environment: Vec::new(), _alone: alone }
+        Self { folder, steamvr: None, sensor: None, environment: Vec::new(), _exclusive: alone }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -121,7 +121,7 @@ impl Rig {
     pub fn end_steamvr(&mut self) {
         if let Some(mut child) = self.steamvr.take() {
             signal(&child, Signal::INT);
-            wait(&mut child, END_PATIENCE);
+            wait(&mut child, EXIT_TIMEOUT);
         }
     }
 
@@ -191,7 +191,7 @@ impl Rig {
     }
 
     /// Has the stand-in do something now.
-    pub fn tell_steamvr(&self, what: &Value) {
+    pub fn send_command(&self, what: &Value) {
         let mut file = OpenOptions::new().create(true).append(true).open(self.path("vr/commands.jsonl")).unwrap();
         writeln!(file, "{what}").unwrap();
     }
@@ -210,7 +210,7 @@ impl Rig {
 
     /// What both eyes see now.
     pub fn shoot(&self, name: &str) -> Value {
-        self.tell_steamvr(&json!({"do": "shot", "name": name}));
+        self.send_command(&json!({"do": "shot", "name": name}));
         self.shot(name)
     }
 
@@ -226,7 +226,7 @@ impl Rig {
             if let Some(found) = there() {
                 return found;
             }
-            assert!(begin.elapsed() < PATIENCE, "{what} did not come; look into {}", self.folder.display());
+            assert!(begin.elapsed() < TIMEOUT, "{what} did not come; look into {}", self.folder.display());
             sleep(Duration::from_millis(10));
         }
     }
@@ -265,7 +265,7 @@ impl Program {
 
     /// Waits for its end.
     pub fn ended(mut self) -> Ended {
-        let code = wait(&mut self.child, PATIENCE);
+        let code = wait(&mut self.child, TIMEOUT);
         Ended { code, out: self.out(), err: self.err() }
     }
 

@@ -23,13 +23,13 @@ fn end(rig: &Rig, program: crate::rig::Program) -> Value {
 }
 
 #[test]
-fn recentring_moves_no_warning_in_the_room() {
+fn recentring_keeps_warnings_fixed_in_the_room() {
     let mut rig = Rig::new("recentre");
     let program = warning(&mut rig);
     // The head stays at the chair from the fifth second to the eighth.
     rig.wait_report("the way to the chair", |report| report["frames"].as_u64() > Some(500));
     let before = rig.shoot("before");
-    rig.tell_steamvr(&json!({"do": "recenter", "x": 0.4, "z": -0.3, "yaw_deg": 50.0}));
+    rig.send_command(&json!({"do": "recenter", "x": 0.4, "z": -0.3, "yaw_deg": 50.0}));
     // The command is carried out a few times a second; the program looks ten times a second.
     std::thread::sleep(std::time::Duration::from_millis(800));
     let after = rig.shoot("after");
@@ -49,20 +49,20 @@ fn recentring_moves_no_warning_in_the_room() {
 }
 
 #[test]
-fn another_room_is_mapped_anew() {
+fn universe_change_restarts_the_map() {
     let mut rig = Rig::new("universe");
     let program = warning(&mut rig);
-    rig.tell_steamvr(&json!({"do": "universe"}));
+    rig.send_command(&json!({"do": "universe"}));
     rig.wait_for("its word", || program.err().contains("the map begins anew").then_some(()));
     let report = end(&rig, program);
     assert!(report["forgotten"].as_u64() >= Some(1));
 }
 
 #[test]
-fn a_lost_head_leaves_the_warnings_for_a_second_and_no_longer() {
+fn warnings_persist_one_second_after_tracking_loss() {
     let mut rig = Rig::new("lost");
     let program = warning(&mut rig);
-    rig.tell_steamvr(&json!({"do": "invalid", "for_s": 4.0}));
+    rig.send_command(&json!({"do": "invalid", "for_s": 4.0}));
     rig.wait_report("no warning", |report| report["visible"].as_u64() == Some(0));
     rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));
     let report = end(&rig, program);

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use crate::eyes::Eye;
-use crate::rig::{PATIENCE, Rig};
+use crate::rig::{Rig, TIMEOUT};
 
 /// What is brightest in what the left eye sees; `None` while there is no warning to see.
 fn hue(rig: &Rig, number: &mut u32) -> Option<char> {
@@ -29,12 +29,12 @@ fn hue(rig: &Rig, number: &mut u32) -> Option<char> {
 fn wait_for_hue(rig: &Rig, number: &mut u32, wanted: char) {
     let begin = Instant::now();
     while hue(rig, number) != Some(wanted) {
-        assert!(begin.elapsed() < PATIENCE, "no warning of colour {wanted}");
+        assert!(begin.elapsed() < TIMEOUT, "no warning of colour {wanted}");
     }
 }
 
 #[test]
-fn a_changed_file_is_in_force_at_once_and_a_wrong_one_never() {
+fn settings_changes_apply_at_once_and_invalid_ones_are_ignored() {
     let mut rig = Rig::new("settings");
     rig.start_sensor("furnished-room", "approach-chair", 1, 300);
     rig.start_steamvr(&json!({}), true);
@@ -82,7 +82,7 @@ fn a_changed_file_is_in_force_at_once_and_a_wrong_one_never() {
 }
 
 #[test]
-fn a_file_that_is_wrong_from_the_start_keeps_nobody_from_being_warned() {
+fn invalid_settings_at_start_fall_back_to_defaults() {
     let mut rig = Rig::new("settings_wrong");
     rig.start_sensor("furnished-room", "approach-chair", 1, 300);
     rig.start_steamvr(&json!({}), true);
@@ -97,7 +97,7 @@ fn a_file_that_is_wrong_from_the_start_keeps_nobody_from_being_warned() {
 }
 
 #[test]
-fn a_play_area_that_grows_is_followed() {
+fn play_area_changes_are_followed() {
     let mut rig = Rig::new("play_area");
     rig.start_sensor("furnished-room", "approach-chair", 1, 300);
     rig.start_steamvr(&json!({ "chaperone": { "size_m": [0.1, 0.1] } }), true);
@@ -106,7 +106,7 @@ fn a_play_area_that_grows_is_followed() {
     // Long enough for the room to be known: nothing of it can be reached.
     sleep(Duration::from_secs(10));
     assert_eq!(rig.report()["visible"], 0);
-    rig.tell_steamvr(&json!({ "do": "play_area", "x": 8, "z": 8 }));
+    rig.send_command(&json!({ "do": "play_area", "x": 8, "z": 8 }));
     rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));
     assert_eq!(program.interrupt().code, Some(0));
     let own: Value = serde_json::from_slice(&fs::read(rig.path("run.json")).unwrap()).unwrap();

@@ -15,13 +15,13 @@ const SEED: u64 = 1;
 /// Looks at what the eyes see, one a second.
 const SHOTS: u32 = 14;
 /// The head is at the chair when it is nearer than this, and away from it when farther than that, metres.
-const THERE_M: f64 = 0.5;
+const NEAR_M: f64 = 0.5;
 const AWAY_M: f64 = 1.95;
 /// What is known of the chair grows meanwhile, by a voxel or two: this much nearer is nearer all the same, metres.
-const CLEARLY_M: f64 = 0.2;
+const MIN_DIFFERENCE_M: f64 = 0.2;
 
 /// One look.
-struct Look {
+struct Shot {
     eyes: [Eye; 2],
     head_m: DVec3,
     /// From the head to the nearest part of the chair, along the floor, metres.
@@ -33,7 +33,7 @@ struct Look {
 }
 
 #[test]
-fn the_chair_is_warned_of_in_both_eyes_where_it_is() {
+fn chair_warning_is_at_the_chair_in_both_eyes() {
     let mut rig = Rig::new("chair");
     rig.start_sensor("furnished-room", "approach-chair", SEED, 60);
     let shots: Vec<Value> =
@@ -41,11 +41,11 @@ fn the_chair_is_warned_of_in_both_eyes_where_it_is() {
     rig.start_steamvr(&json!({"events": shots}), true);
     let program = rig.start_run(&[]);
     let chair = chair();
-    let looks: Vec<Look> = (1..=SHOTS).map(|second| look(&rig, &second.to_string(), &chair)).collect();
+    let looks: Vec<Shot> = (1..=SHOTS).map(|second| take_shot(&rig, &second.to_string(), &chair)).collect();
     let ended = program.interrupt();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
 
-    let near: Vec<&Look> = looks.iter().filter(|look| look.away_m < THERE_M).collect();
+    let near: Vec<&Shot> = looks.iter().filter(|look| look.away_m < NEAR_M).collect();
     assert!(near.len() >= 2, "the head never came near");
     for look in &near {
         assert!(look.alpha > 0.9, "dark at {:.2} m: {}", look.away_m, look.alpha);
@@ -55,9 +55,9 @@ fn the_chair_is_warned_of_in_both_eyes_where_it_is() {
     let first_m = looks.iter().find(|look| look.alpha > 0.0).map(|look| look.away_m).unwrap();
     println!("warned of from {first_m:.2} m on, by looks of one second");
     // Nearer is brighter, and on the way back it goes.
-    let leaving: Vec<&Look> = looks.iter().skip_while(|look| look.away_m > THERE_M).collect();
+    let leaving: Vec<&Shot> = looks.iter().skip_while(|look| look.away_m > NEAR_M).collect();
     for (nearer, farther) in leaving.iter().flat_map(|a| leaving.iter().map(move |b| (a, b))) {
-        if nearer.away_m + CLEARLY_M < farther.away_m {
+        if nearer.away_m + MIN_DIFFERENCE_M < farther.away_m {
             let (near, far) = (nearer.alpha, farther.alpha);
             assert!(near >= far, "{near} at {:.2} m, {far} at {:.2} m", nearer.away_m, farther.away_m);
         }
@@ -73,7 +73,7 @@ fn the_chair_is_warned_of_in_both_eyes_where_it_is() {
 }
 
 #[test]
-fn controllers_pulse_on_the_way_to_the_chair_and_not_before() {
+fn controllers_pulse_near_the_chair_only() {
     let mut rig = Rig::new("pulse");
     rig.start_sensor("furnished-room", "approach-chair", SEED, 60);
     let shots: Vec<Value> =
@@ -84,7 +84,7 @@ fn controllers_pulse_on_the_way_to_the_chair_and_not_before() {
     let chair = chair();
     let mut pulsed = Vec::new();
     for second in 1..=SHOTS {
-        let look = look(&rig, &second.to_string(), &chair);
+        let look = take_shot(&rig, &second.to_string(), &chair);
         let report = rig.report();
         pulsed.push((look.away_m, report["pulses"]["1"].as_u64().unwrap_or(0)));
         assert_eq!(report["pulses"]["2"], Value::Null);
@@ -99,7 +99,7 @@ fn controllers_pulse_on_the_way_to_the_chair_and_not_before() {
 }
 
 /// Within a degree, in both eyes, and as far away.
-fn stands_where_the_chair_is(look: &Look, panel: DVec3, chair: &TruthObstacle) {
+fn stands_where_the_chair_is(look: &Shot, panel: DVec3, chair: &TruthObstacle) {
     let lit = look.eyes.each_ref().map(Eye::lit);
     for (eye, lit) in look.eyes.iter().zip(&lit) {
         let from_lit_deg = |part: &DVec3| {
@@ -134,7 +134,7 @@ pub fn chair() -> TruthObstacle {
     truth.obstacles.into_iter().find(|thing| thing.name == "chair").unwrap()
 }
 
-fn look(rig: &Rig, name: &str, chair: &TruthObstacle) -> Look {
+fn take_shot(rig: &Rig, name: &str, chair: &TruthObstacle) -> Shot {
     let shot = rig.shot(name);
     let eyes = Eye::both(&rig.path("vr/shots"), Path::new(name), &shot);
     let head = place(&shot["tracking_from_head"]);
@@ -154,7 +154,7 @@ fn look(rig: &Rig, name: &str, chair: &TruthObstacle) -> Look {
     let own = panels.filter(before_chair);
     let own = own.map(|overlay| (place(&overlay["tracking_from_overlay"]), overlay["alpha"].as_f64().unwrap()));
     let own = own.max_by(|a, b| a.1.total_cmp(&b.1));
-    Look {
+    Shot {
         eyes,
         head_m: head,
         away_m: to_chair(head),

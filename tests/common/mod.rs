@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 /// A run that takes longer counts as a hang.
-const LONGEST_RUN: Duration = Duration::from_secs(60);
+const RUN_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// An empty folder for one test. Command lines name the files in it without a path.
 pub struct Folder {
@@ -86,7 +86,7 @@ impl Folder {
             .stderr(File::create(&err).unwrap())
             .spawn()
             .unwrap();
-        let code = ended(child, line).code();
+        let code = wait_for_exit(child, line).code();
         let outcome = Outcome { line: line.to_owned(), code, out: String::new(), err: text(&err) };
         assert!(!outcome.err.contains("panicked"), "a panic: {outcome:#?}");
         assert!(outcome.code.is_some(), "ended by a signal: {outcome:#?}");
@@ -105,16 +105,16 @@ fn text(path: &Path) -> String {
 }
 
 /// Waits for the end; ends the process itself when that takes too long.
-fn ended(mut child: Child, line: &str) -> ExitStatus {
+fn wait_for_exit(mut child: Child, line: &str) -> ExitStatus {
     let start = Instant::now();
     loop {
         if let Some(status) = child.try_wait().unwrap() {
             return status;
         }
-        if start.elapsed() > LONGEST_RUN {
+        if start.elapsed() > RUN_TIMEOUT {
             child.kill().unwrap();
             child.wait().unwrap();
-            panic!("`{line}` did not end within {LONGEST_RUN:?}");
+            panic!("`{line}` did not end within {RUN_TIMEOUT:?}");
         }
         sleep(Duration::from_millis(3));
     }
@@ -132,28 +132,28 @@ pub struct Outcome {
 
 impl Outcome {
     /// The run did what was asked, without a complaint.
-    pub fn done(self) -> Self {
+    pub fn succeeds(self) -> Self {
         assert_eq!(self.code, Some(0), "{self:#?}");
         assert!(!self.err.contains("error:"), "`{}`: {self:#?}", self.line);
         self
     }
 
     /// The run refused, and the error says so.
-    pub fn refused(self, says: &str) -> Self {
-        assert!(!self.ended_well(), "should be refused: {self:#?}");
+    pub fn fails_with(self, says: &str) -> Self {
+        assert!(!self.succeeded(), "should be refused: {self:#?}");
         assert!(self.err.contains(says), "should say \"{says}\": {self:#?}");
         self
     }
 
     /// Whether the run did what was asked; if not, checks that there is an error.
-    pub fn ended_well(&self) -> bool {
+    pub fn succeeded(&self) -> bool {
         let well = self.code == Some(0);
         assert!(well || self.err.starts_with("error: ") || self.err.contains("\nerror: "), "no error: {self:#?}");
         well
     }
 
     /// Standard output has this in it.
-    pub fn says(self, text: &str) -> Self {
+    pub fn prints(self, text: &str) -> Self {
         assert!(self.out.contains(text), "should say \"{text}\": {self:#?}");
         self
     }

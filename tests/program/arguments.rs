@@ -5,7 +5,7 @@ use crate::common::Folder;
 /// A recording to give the arguments with.
 fn folder(test: &str) -> Folder {
     let folder = Folder::new(test);
-    folder.run("simulate corner-reflector --motion stationary --snr-db 20 --duration-s 0.3 --out r.mcap").done();
+    folder.run("simulate corner-reflector --motion stationary --snr-db 20 --duration-s 0.3 --out r.mcap").succeeds();
     folder
 }
 
@@ -45,7 +45,7 @@ fn impossible_settings_are_refused() {
         ("--settings kind.toml", "expected a number"),
     ] {
         for command in ["replay r.mcap", "reconstruct r.mcap --out v.npy"] {
-            let outcome = folder.run(&format!("{command} {arguments}")).refused(says);
+            let outcome = folder.run(&format!("{command} {arguments}")).fails_with(says);
             assert_eq!(outcome.err.matches(says).count(), 1, "said twice: {outcome:#?}");
         }
     }
@@ -53,12 +53,12 @@ fn impossible_settings_are_refused() {
 }
 
 #[test]
-fn a_settings_file_and_changes_are_taken() {
+fn settings_file_and_set_arguments_apply() {
     let folder = folder("settings_file");
     folder.write("my.toml", "[tracking]\ntime_offset_s = 0.01\n");
-    folder.run("replay r.mcap --settings my.toml --out a").done();
+    folder.run("replay r.mcap --settings my.toml --out a").succeeds();
     assert_eq!(folder.json("a/obstacles.json")["time_offset_s"], 0.01);
-    folder.run("replay r.mcap --settings my.toml --set tracking.time_offset_s=0.005 --out a").done();
+    folder.run("replay r.mcap --settings my.toml --set tracking.time_offset_s=0.005 --out a").succeeds();
     assert_eq!(folder.json("a/obstacles.json")["time_offset_s"], 0.005);
 }
 
@@ -94,17 +94,19 @@ fn impossible_volumes_are_refused() {
         ("--time-offset-s 1e300", "--time-offset-s 1"),
         ("--time-offset-s 9", "no sweep of r.mcap has a pose"),
     ] {
-        folder.run(&format!("reconstruct r.mcap --out v.npy {arguments}")).refused(says);
+        folder.run(&format!("reconstruct r.mcap --out v.npy {arguments}")).fails_with(says);
     }
     assert!(!folder.path("v.npy").exists());
-    folder.run("reconstruct r.mcap").refused("--out <FILE.npy>");
-    folder.run("reconstruct r.mcap --out v.json").refused("--out v.json: the .json beside the volume takes this name");
+    folder.run("reconstruct r.mcap").fails_with("--out <FILE.npy>");
+    folder
+        .run("reconstruct r.mcap --out v.json")
+        .fails_with("--out v.json: the .json beside the volume takes this name");
 }
 
 #[test]
-fn more_sweeps_than_there_are_is_all_of_them() {
+fn asking_for_too_many_sweeps_uses_all() {
     let folder = folder("all_sweeps");
-    folder.run("reconstruct r.mcap --voxel-m 0.5 --sweeps 1000000 --out v.npy").done().says(" 36 sweeps");
+    folder.run("reconstruct r.mcap --voxel-m 0.5 --sweeps 1000000 --out v.npy").succeeds().prints(" 36 sweeps");
 }
 
 #[test]
@@ -130,10 +132,10 @@ fn impossible_scenarios_are_refused() {
         ("nothing --dropouts-per-minute nan", "NaN dropouts a minute cannot be simulated"),
         ("nothing --dropouts-per-minute 1e9", "1000000000 dropouts a minute cannot be simulated"),
     ] {
-        folder.run(&format!("simulate {arguments} --out x.mcap")).refused(says);
+        folder.run(&format!("simulate {arguments} --out x.mcap")).fails_with(says);
         assert!(!folder.path("x.mcap").exists(), "{arguments}");
     }
-    folder.run("simulate nothing").refused("--out <FILE.mcap>");
+    folder.run("simulate nothing").fails_with("--out <FILE.mcap>");
 }
 
 #[test]
@@ -145,9 +147,9 @@ fn impossible_speeds_are_refused() {
         ("inf", "--speed inf: give a number above 0"),
         ("fast", "invalid value 'fast' for '--speed"),
     ] {
-        folder.run(&format!("replay r.mcap --speed {speed}")).refused(says);
+        folder.run(&format!("replay r.mcap --speed {speed}")).fails_with(says);
     }
-    folder.run("replay r.mcap --speed=-1").refused("--speed -1: give a number above 0");
+    folder.run("replay r.mcap --speed=-1").fails_with("--speed -1: give a number above 0");
 }
 
 #[test]
@@ -157,12 +159,12 @@ fn an_impossible_mount_of_an_import_is_refused() {
         return;
     }
     for (mount, says) in [("1", "\"1\" is no mount"), ("0,0,inf", "is not finite"), ("0,0,0,0,0,0,0", "length zero")] {
-        folder.run(&format!("import input.h5 --mount {mount} --out r.mcap")).refused(says);
+        folder.run(&format!("import input.h5 --mount {mount} --out r.mcap")).fails_with(says);
     }
 }
 
 #[test]
-fn what_cannot_be_written_is_told() {
+fn unwritable_outputs_are_reported_once() {
     let folder = folder("unwritable");
     std::fs::create_dir(folder.path("folder")).unwrap();
     for line in [
@@ -173,13 +175,13 @@ fn what_cannot_be_written_is_told() {
         "reconstruct r.mcap --voxel-m 0.5 --out r.mcap/v.npy",
         "replay r.mcap --out r.mcap",
     ] {
-        let outcome = folder.run(line).refused("os error");
+        let outcome = folder.run(line).fails_with("os error");
         assert_eq!(outcome.err.matches("os error").count(), 1, "said twice: {outcome:#?}");
     }
 }
 
 #[test]
-fn a_reader_who_leaves_early_loses_no_file() {
+fn closed_stdout_loses_no_file() {
     let folder = folder("unread");
     for (line, file) in [
         ("simulate nothing --duration-s 0.2 --out s.mcap", "s.mcap"),
@@ -189,30 +191,30 @@ fn a_reader_who_leaves_early_loses_no_file() {
         ("info r.mcap", "r.mcap"),
         ("--help", "r.mcap"),
     ] {
-        folder.run_unread(line).done();
+        folder.run_unread(line).succeeds();
         assert!(folder.path(file).exists(), "{line}");
     }
 }
 
 #[test]
-fn no_command_writes_over_what_it_reads() {
+fn no_command_overwrites_its_input() {
     let folder = folder("overwrite");
     let before = folder.read("r.mcap");
-    folder.run("recover r.mcap --out r.mcap").refused("choose another name for what is written");
-    folder.run("recover r.mcap --out ../overwrite/r.mcap").refused("choose another name for what is written");
-    folder.run("reconstruct r.mcap --voxel-m 0.5 --out r.mcap").refused("choose another name for what is written");
+    folder.run("recover r.mcap --out r.mcap").fails_with("choose another name for what is written");
+    folder.run("recover r.mcap --out ../overwrite/r.mcap").fails_with("choose another name for what is written");
+    folder.run("reconstruct r.mcap --voxel-m 0.5 --out r.mcap").fails_with("choose another name for what is written");
     assert!(folder.read("r.mcap") == before);
     folder.write("sensor.json", "{}");
     folder
         .run("simulate nothing --config sensor.json --duration-s 0.2 --out sensor.json")
-        .refused("choose another name for what is written");
+        .fails_with("choose another name for what is written");
     if folder.copy_real("input.h5").is_some() {
         let before = folder.read("input.h5");
-        folder.run("import input.h5 --out input.h5").refused("choose another name for what is written");
+        folder.run("import input.h5 --out input.h5").fails_with("choose another name for what is written");
         folder.write("track.tum", "0 0 0 0 0 0 0 1\n");
         folder
             .run("import input.h5 --poses track.tum --out track.tum")
-            .refused("choose another name for what is written");
+            .fails_with("choose another name for what is written");
         assert!(folder.read("input.h5") == before);
     }
 }

@@ -21,7 +21,7 @@ struct Streams {
 /// What is done to them, and what replay says of it.
 struct Case {
     name: &'static str,
-    spoil: fn(&mut Streams),
+    damage: fn(&mut Streams),
     says: &'static str,
 }
 
@@ -31,116 +31,116 @@ fn late<T>(all: &mut [T]) -> impl Iterator<Item = &mut T> {
     all[half..].iter_mut()
 }
 
-fn each_pose(streams: &mut Streams, spoil: fn(&mut PoseSample)) {
-    late(&mut streams.poses).step_by(7).take(5).for_each(spoil);
+fn each_pose(streams: &mut Streams, damage: fn(&mut PoseSample)) {
+    late(&mut streams.poses).step_by(7).take(5).for_each(damage);
 }
 
-fn each_frame(streams: &mut Streams, spoil: fn(&mut Frame)) {
-    late(&mut streams.frames).step_by(7).take(5).for_each(spoil);
+fn each_frame(streams: &mut Streams, damage: fn(&mut Frame)) {
+    late(&mut streams.frames).step_by(7).take(5).for_each(damage);
 }
 
 const NUMBERS: &str = "left out: 5 poses with impossible numbers";
 const LENGTH: &str = "left out: 5 frames of wrong length";
 const NO_POSE: &str = "No sweep has a pose";
 const CASES: [Case; 29] = [
-    Case { name: "nothing amiss", spoil: |_| {}, says: " 0 frames without a pose skipped\n\n" },
-    Case { name: "position NaN", spoil: |s| each_pose(s, |p| p.position_m[1] = f64::NAN), says: NUMBERS },
-    Case { name: "position infinite", spoil: |s| each_pose(s, |p| p.position_m[2] = f64::INFINITY), says: NUMBERS },
-    Case { name: "rotation NaN", spoil: |s| each_pose(s, |p| p.quaternion_xyzw[0] = f64::NAN), says: NUMBERS },
+    Case { name: "nothing amiss", damage: |_| {}, says: " 0 frames without a pose skipped\n\n" },
+    Case { name: "position NaN", damage: |s| each_pose(s, |p| p.position_m[1] = f64::NAN), says: NUMBERS },
+    Case { name: "position infinite", damage: |s| each_pose(s, |p| p.position_m[2] = f64::INFINITY), says: NUMBERS },
+    Case { name: "rotation NaN", damage: |s| each_pose(s, |p| p.quaternion_xyzw[0] = f64::NAN), says: NUMBERS },
     Case {
         name: "rotation infinite",
-        spoil: |s| each_pose(s, |p| p.quaternion_xyzw[3] = -f64::INFINITY),
+        damage: |s| each_pose(s, |p| p.quaternion_xyzw[3] = -f64::INFINITY),
         says: NUMBERS,
     },
-    Case { name: "rotation zero", spoil: |s| each_pose(s, |p| p.quaternion_xyzw = [0.0; 4]), says: NUMBERS },
-    Case { name: "rotation tiny", spoil: |s| each_pose(s, |p| p.quaternion_xyzw = [1e-300; 4]), says: NUMBERS },
-    Case { name: "rotation huge", spoil: |s| each_pose(s, |p| p.quaternion_xyzw = [1e300; 4]), says: "obstacle" },
-    Case { name: "poses far out", spoil: |s| each_pose(s, |p| p.position_m = [1e6, -1e6, 1e6]), says: "obstacle" },
+    Case { name: "rotation zero", damage: |s| each_pose(s, |p| p.quaternion_xyzw = [0.0; 4]), says: NUMBERS },
+    Case { name: "rotation tiny", damage: |s| each_pose(s, |p| p.quaternion_xyzw = [1e-300; 4]), says: NUMBERS },
+    Case { name: "rotation huge", damage: |s| each_pose(s, |p| p.quaternion_xyzw = [1e300; 4]), says: "obstacle" },
+    Case { name: "poses far out", damage: |s| each_pose(s, |p| p.position_m = [1e6, -1e6, 1e6]), says: "obstacle" },
     Case {
         name: "poses at the end of numbers",
-        spoil: |s| each_pose(s, |p| p.position_m = [1e300; 3]),
+        damage: |s| each_pose(s, |p| p.position_m = [1e300; 3]),
         says: "obstacle",
     },
-    Case { name: "all far out", spoil: |s| s.poses.iter_mut().for_each(|p| p.position_m[0] += 1e9), says: "obstacle" },
+    Case { name: "all far out", damage: |s| s.poses.iter_mut().for_each(|p| p.position_m[0] += 1e9), says: "obstacle" },
     Case {
         name: "all at the end of numbers",
-        spoil: |s| s.poses.iter_mut().for_each(|p| p.position_m = [1e300; 3]),
+        damage: |s| s.poses.iter_mut().for_each(|p| p.position_m = [1e300; 3]),
         says: "obstacle",
     },
     Case {
         name: "marked invalid",
-        spoil: |s| each_pose(s, |p| p.valid = false),
+        damage: |s| each_pose(s, |p| p.valid = false),
         says: "left out: 5 poses marked invalid",
     },
     Case {
         name: "rotation only",
-        spoil: |s| each_pose(s, |p| p.result = TrackingResult::RotationOnly),
+        damage: |s| each_pose(s, |p| p.result = TrackingResult::RotationOnly),
         says: "left out: 5 poses marked invalid",
     },
-    Case { name: "all marked invalid", spoil: |s| s.poses.iter_mut().for_each(|p| p.valid = false), says: NO_POSE },
+    Case { name: "all marked invalid", damage: |s| s.poses.iter_mut().for_each(|p| p.valid = false), says: NO_POSE },
     Case {
         name: "pose times leap back",
-        spoil: |s| each_pose(s, |p| p.time_ns -= 500_000_000),
+        damage: |s| each_pose(s, |p| p.time_ns -= 500_000_000),
         says: "left out: 5 poses not later than the one before",
     },
     Case {
         name: "pose times run backwards",
-        spoil: |s| s.poses.reverse(),
+        damage: |s| s.poses.reverse(),
         says: "poses not later than the one before",
     },
     Case {
         name: "pose times at the end of numbers",
-        spoil: |s| (s.poses[0].time_ns, s.poses[1].time_ns) = (i64::MIN, i64::MAX),
+        damage: |s| (s.poses[0].time_ns, s.poses[1].time_ns) = (i64::MIN, i64::MAX),
         says: "left out: 2 poses far ahead in time",
     },
     Case {
         name: "frame times leap back",
-        spoil: |s| each_frame(s, |f| f.host_time_ns -= 500_000_000),
+        damage: |s| each_frame(s, |f| f.host_time_ns -= 500_000_000),
         says: "left out: 5 frames not later than the one before",
     },
     Case {
         name: "frame times run backwards",
-        spoil: |s| s.frames.reverse(),
+        damage: |s| s.frames.reverse(),
         says: "frames not later than the one before",
     },
     Case {
         name: "frame times at the end of numbers",
-        spoil: |s| (s.frames[0].host_time_ns, s.frames[1].host_time_ns) = (i64::MIN, i64::MAX),
+        damage: |s| (s.frames[0].host_time_ns, s.frames[1].host_time_ns) = (i64::MIN, i64::MAX),
         says: "left out: 2 frames far ahead in time",
     },
     Case {
         name: "one pose of another day",
-        spoil: |s| s.poses[20].time_ns += 86_400_000_000_000,
+        damage: |s| s.poses[20].time_ns += 86_400_000_000_000,
         says: "left out: 1 poses far ahead in time",
     },
     Case {
         name: "the first frame of another day",
-        spoil: |s| s.frames[0].host_time_ns += 86_400_000_000_000,
+        damage: |s| s.frames[0].host_time_ns += 86_400_000_000_000,
         says: "left out: 1 frames far ahead in time",
     },
-    Case { name: "frames cut", spoil: |s| each_frame(s, |f| f.samples.truncate(17)), says: LENGTH },
-    Case { name: "frames too long", spoil: |s| each_frame(s, |f| f.samples.push(Complex::new(1, 1))), says: LENGTH },
+    Case { name: "frames cut", damage: |s| each_frame(s, |f| f.samples.truncate(17)), says: LENGTH },
+    Case { name: "frames too long", damage: |s| each_frame(s, |f| f.samples.push(Complex::new(1, 1))), says: LENGTH },
     Case {
         name: "frames saturated",
-        spoil: |s| each_frame(s, |f| f.data_saturated = true),
+        damage: |s| each_frame(s, |f| f.data_saturated = true),
         says: "left out: 5 frames saturated",
     },
-    Case { name: "no poses", spoil: |s| s.poses.clear(), says: NO_POSE },
-    Case { name: "no frames", spoil: |s| s.frames.clear(), says: NO_POSE },
-    Case { name: "nothing at all", spoil: |s| (s.frames, s.poses) = Default::default(), says: NO_POSE },
+    Case { name: "no poses", damage: |s| s.poses.clear(), says: NO_POSE },
+    Case { name: "no frames", damage: |s| s.frames.clear(), says: NO_POSE },
+    Case { name: "nothing at all", damage: |s| (s.frames, s.poses) = Default::default(), says: NO_POSE },
 ];
 
 #[test]
-fn bad_content_is_counted_and_left_out_of_a_search_for_reflectors() {
-    spoil_each("fine", "sphere-10cm");
+fn bad_content_is_counted_and_skipped_by_the_reflector_search() {
+    replay_each_case("fine", "sphere-10cm");
 }
 
 #[test]
-fn bad_content_is_counted_and_left_out_of_a_search_in_rooms() {
-    spoil_each("c16", "natural");
+fn bad_content_is_counted_and_skipped_by_the_room_mapper() {
+    replay_each_case("c16", "natural");
 }
 
-fn spoil_each(preset_name: &str, motion: &str) {
+fn replay_each_case(preset_name: &str, motion: &str) {
     let folder = Folder::new(&format!("bad_content_{preset_name}"));
     let config = preset(preset_name).unwrap();
     let scenario = Scenario::new("corner-reflector", motion, config, 0.6, 1);
@@ -150,7 +150,7 @@ fn spoil_each(preset_name: &str, motion: &str) {
     for case in CASES {
         println!("{}", case.name);
         let mut streams = sound.clone();
-        (case.spoil)(&mut streams);
+        (case.damage)(&mut streams);
         write(&folder, &streams);
         check_commands(&folder, &streams, case.says);
     }
@@ -172,12 +172,12 @@ fn write(folder: &Folder, streams: &Streams) {
 }
 
 fn check_commands(folder: &Folder, streams: &Streams, says: &str) {
-    folder.run("info r.mcap").done().says("Damage     none");
-    folder.run("replay r.mcap --out found --set reflectors.voxel_m=0.2").done().says(says);
+    folder.run("info r.mcap").succeeds().prints("Damage     none");
+    folder.run("replay r.mcap --out found --set reflectors.voxel_m=0.2").succeeds().prints(says);
     assert_eq!(counter(folder, "frames"), streams.frames.len() as u64);
     assert_eq!(counter(folder, "poses"), streams.poses.len() as u64);
     let outcome = folder.run("reconstruct r.mcap --voxel-m 0.2 --sweeps 10 --out v.npy");
-    assert!(outcome.ended_well() || outcome.err.contains("no sweep of r.mcap has a pose"), "{outcome:#?}");
-    folder.run("recover r.mcap --out saved.mcap").done().says("r.mcap was not damaged");
+    assert!(outcome.succeeded() || outcome.err.contains("no sweep of r.mcap has a pose"), "{outcome:#?}");
+    folder.run("recover r.mcap --out saved.mcap").succeeds().prints("r.mcap was not damaged");
     assert!(folder.read("saved.mcap") == folder.read("r.mcap"));
 }

@@ -14,7 +14,7 @@ const READERS: [&str; 4] = [
 fn write_recording(folder: &Folder) -> Vec<u8> {
     folder.write("sensor.json", r#"{"subsweeps": [{"num_points": 80, "step_length": 6}], "frame_rate": 20.0}"#);
     let scenario = "corner-reflector --motion sphere-50cm --config sensor.json --duration-s 3.5 --snr-db 20";
-    folder.run(&format!("simulate {scenario} --out sound.mcap")).done();
+    folder.run(&format!("simulate {scenario} --out sound.mcap")).succeeds();
     folder.read("sound.mcap")
 }
 
@@ -28,7 +28,7 @@ fn write_foreign_files(folder: &Folder) {
 }
 
 #[test]
-fn what_is_no_recording_is_refused_with_a_reason() {
+fn non_recordings_are_refused_with_a_reason() {
     let folder = Folder::new("no_recording");
     write_foreign_files(&folder);
     for command in READERS {
@@ -40,7 +40,7 @@ fn what_is_no_recording_is_refused_with_a_reason() {
             ("picture", "picture is not a recording: it does not begin as an MCAP file"),
             ("mcap", "mcap is an MCAP file, but holds no radar-chaperone header"),
         ] {
-            folder.run(&command.replace("FILE", file)).refused(says);
+            folder.run(&command.replace("FILE", file)).fails_with(says);
             let left = ["saved.mcap", "v.npy", "found/obstacles.json"].map(|name| folder.path(name).exists());
             assert_eq!(left, [false; 3], "{command} of {file} left a file");
         }
@@ -48,10 +48,10 @@ fn what_is_no_recording_is_refused_with_a_reason() {
 }
 
 #[test]
-fn what_is_no_vendor_file_is_refused_with_a_reason() {
+fn non_vendor_files_are_refused_with_a_reason() {
     let folder = Folder::new("no_vendor_file");
     write_foreign_files(&folder);
-    folder.run("simulate nothing --preset c16 --duration-s 0.2 --out mcap").done();
+    folder.run("simulate nothing --preset c16 --duration-s 0.2 --out mcap").succeeds();
     for (file, says) in [
         ("missing", "cannot read missing: No such file or directory"),
         ("folder", "folder is a folder or a device: give the file itself"),
@@ -60,13 +60,13 @@ fn what_is_no_vendor_file_is_refused_with_a_reason() {
         ("picture", "picture cannot be read as HDF5"),
         ("mcap", "mcap cannot be read as HDF5"),
     ] {
-        folder.run(&format!("import {file} --out r.mcap")).refused(says);
+        folder.run(&format!("import {file} --out r.mcap")).fails_with(says);
         assert!(!folder.path("r.mcap").exists());
     }
 }
 
 #[test]
-fn a_cut_recording_gives_what_came_before_the_cut() {
+fn truncated_recording_is_read_up_to_the_cut() {
     let folder = Folder::new("cut");
     let bytes = write_recording(&folder);
     let mut most = 0;
@@ -76,14 +76,14 @@ fn a_cut_recording_gives_what_came_before_the_cut() {
             let outcome = folder.run(&command.replace("FILE", "cut.mcap"));
             let refused_rightly = |says: &[&str]| says.iter().any(|s| outcome.err.contains(s));
             assert!(
-                outcome.ended_well() || refused_rightly(&["cut right at its start", "no sweep of cut.mcap has a pose"]),
+                outcome.succeeded() || refused_rightly(&["cut right at its start", "no sweep of cut.mcap has a pose"]),
                 "{share} %: {outcome:#?}"
             );
-            if outcome.ended_well() && command.starts_with("recover") {
+            if outcome.succeeded() && command.starts_with("recover") {
                 let saved: usize = saved_frames(&outcome.out);
                 assert!(saved >= most, "{share} %: {saved} frames, fewer than of a shorter piece");
                 most = saved;
-                folder.run("info saved.mcap").done().says("Damage     none");
+                folder.run("info saved.mcap").succeeds().prints("Damage     none");
             }
         }
     }
@@ -96,7 +96,7 @@ fn saved_frames(text: &str) -> usize {
 }
 
 #[test]
-fn flipped_bytes_are_counted_or_refused_and_never_break_a_command() {
+fn flipped_bytes_are_counted_or_refused_without_panic() {
     let folder = Folder::new("flipped");
     let bytes = write_recording(&folder);
     let mut damage_seen = 0;
@@ -106,7 +106,7 @@ fn flipped_bytes_are_counted_or_refused_and_never_break_a_command() {
         folder.write("damaged.mcap", damaged);
         for command in READERS {
             let outcome = folder.run(&command.replace("FILE", "damaged.mcap"));
-            if outcome.ended_well() && command.starts_with("info") {
+            if outcome.succeeded() && command.starts_with("info") {
                 damage_seen += usize::from(!outcome.out.contains("Damage     none"));
             }
         }
@@ -115,18 +115,18 @@ fn flipped_bytes_are_counted_or_refused_and_never_break_a_command() {
 }
 
 #[test]
-fn a_damaged_second_costs_that_second_alone() {
+fn damaged_chunk_loses_only_its_own_second() {
     let folder = Folder::new("second");
     let mut bytes = write_recording(&folder);
     let chunk = chunks(&bytes)[2].clone();
     bytes[chunk.start + chunk.len() / 2] ^= 0xff;
     folder.write("damaged.mcap", bytes);
-    folder.run("info damaged.mcap").done().says("Damage     1 chunk");
-    let recovered = folder.run("recover damaged.mcap --out saved.mcap").done().says("Damage: 1 chunk");
+    folder.run("info damaged.mcap").succeeds().prints("Damage     1 chunk");
+    let recovered = folder.run("recover damaged.mcap --out saved.mcap").succeeds().prints("Damage: 1 chunk");
     let saved = saved_frames(&recovered.out);
     assert!((48..=52).contains(&saved), "{saved} of 70 frames at 20 Hz");
-    folder.run("info saved.mcap").done().says(&format!("Frames     {saved} over")).says("Damage     none");
-    let replayed = folder.run("replay damaged.mcap --out found").done().says(&format!("{saved} frames"));
+    folder.run("info saved.mcap").succeeds().prints(&format!("Frames     {saved} over")).prints("Damage     none");
+    let replayed = folder.run("replay damaged.mcap --out found").succeeds().prints(&format!("{saved} frames"));
     assert!(replayed.err.contains("damaged.mcap is damaged: 1 chunk"), "{replayed:#?}");
 }
 
@@ -146,7 +146,7 @@ fn chunks(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
 }
 
 #[test]
-fn a_bad_track_is_refused_with_its_line() {
+fn bad_track_is_refused_with_its_line_number() {
     let folder = Folder::new("track");
     if folder.copy_real("input.h5").is_none() {
         return;
@@ -158,7 +158,7 @@ fn a_bad_track_is_refused_with_its_line() {
         ("1e300 0 0 0 0 0 0 1", "line 2: a time of"),
     ] {
         folder.write("track.tum", format!("# a track\n{line}\n"));
-        folder.run("import input.h5 --poses track.tum --out r.mcap").refused(says);
+        folder.run("import input.h5 --poses track.tum --out r.mcap").fails_with(says);
     }
     for (file, says) in [
         ("missing", "cannot read missing"),
@@ -166,14 +166,14 @@ fn a_bad_track_is_refused_with_its_line() {
         ("picture", "picture, line 1: not text"),
         ("text", "text, line 1: \"timestamp_s\" is not a number"),
     ] {
-        folder.run(&format!("import input.h5 --poses {file} --out r.mcap")).refused(says);
+        folder.run(&format!("import input.h5 --poses {file} --out r.mcap")).fails_with(says);
     }
-    folder.run("import input.h5 --poses empty --out r.mcap").done();
-    folder.run("replay r.mcap").done().says("No sweep has a pose");
+    folder.run("import input.h5 --poses empty --out r.mcap").succeeds();
+    folder.run("replay r.mcap").succeeds().prints("No sweep has a pose");
 }
 
 #[test]
-fn a_damaged_vendor_file_is_imported_whole_or_refused() {
+fn damaged_vendor_file_is_imported_completely_or_refused() {
     let folder = Folder::new("damaged_vendor_file");
     if folder.copy_real("input.h5").is_none() {
         return;
@@ -181,14 +181,14 @@ fn a_damaged_vendor_file_is_imported_whole_or_refused() {
     let bytes = folder.read("input.h5");
     for length in (0..bytes.len()).step_by(bytes.len() / 9) {
         folder.write("cut.h5", &bytes[..length]);
-        folder.run("import cut.h5 --out r.mcap").refused("cut.h5 cannot be read as HDF5");
+        folder.run("import cut.h5 --out r.mcap").fails_with("cut.h5 cannot be read as HDF5");
     }
     for position in (0..bytes.len()).step_by(bytes.len() / 41) {
         let mut damaged = bytes.clone();
         damaged[position] ^= 0xff;
         folder.write("damaged.h5", damaged);
-        if folder.run("import damaged.h5 --out r.mcap").ended_well() {
-            folder.run("info r.mcap").done().says("Damage     none");
+        if folder.run("import damaged.h5 --out r.mcap").succeeded() {
+            folder.run("info r.mcap").succeeds().prints("Damage     none");
         }
     }
 }

@@ -11,11 +11,11 @@ fn a_quick_benchmark_writes_table_plot_and_rows() {
     let folder = Folder::new("benchmark");
     folder
         .run("benchmark --quick --json b.json --out d")
-        .done()
-        .says("error (mm)")
-        .says("threads, ")
-        .says("Written to d\n")
-        .says("Written to b.json");
+        .succeeds()
+        .prints("error (mm)")
+        .prints("threads, ")
+        .prints("Written to d\n")
+        .prints("Written to b.json");
     assert!(folder.read("d/benchmark.png").starts_with(b"\x89PNG"));
     let text = String::from_utf8(folder.read("d/benchmark.md")).unwrap();
     let rows = folder.json("b.json");
@@ -43,7 +43,7 @@ fn a_quick_benchmark_writes_table_plot_and_rows() {
 }
 
 #[test]
-fn what_cannot_be_written_is_refused_before_the_work() {
+fn unwritable_output_is_refused_before_the_benchmark_runs() {
     let folder = Folder::new("benchmark_refused");
     folder.write("file", "not a folder");
     std::fs::create_dir(folder.path("folder")).unwrap();
@@ -56,17 +56,17 @@ fn what_cannot_be_written_is_refused_before_the_work() {
         ("--json", "a value is required for '--json"),
         ("--slow", "unexpected argument '--slow'"),
     ] {
-        let outcome = folder.run(&format!("benchmark {arguments}")).refused(says);
+        let outcome = folder.run(&format!("benchmark {arguments}")).fails_with(says);
         assert!(outcome.out.is_empty(), "{outcome:#?}");
     }
 }
 
 #[test]
-fn play_sessions_say_what_warnings_are_worth_and_repeat() {
+fn play_sessions_report_warning_rates_reproducibly() {
     let folder = Folder::new("play_sessions");
     let play = |name: &str, more: &str| -> Value {
-        let done = folder.run(&format!("benchmark --play --rooms 1 --minutes 0.5 --json {name} {more}")).done();
-        done.says("warned before 0.4 m or 0.6 s").says("all but walls");
+        let done = folder.run(&format!("benchmark --play --rooms 1 --minutes 0.5 --json {name} {more}")).succeeds();
+        done.prints("warned before 0.4 m or 0.6 s").prints("all but walls");
         serde_json::from_slice(&folder.read(name)).unwrap()
     };
     let first = play("a.json", "--seed 1000");

@@ -14,16 +14,16 @@ fn trial(motion: &str, offset_s: f64, seed: u64) -> (Scenario, Simulated) {
     (scenario, simulated)
 }
 
-fn held(scenario: &Scenario, simulated: &Simulated) -> Result<Synchronisation, SynchronisationError> {
+fn estimated(scenario: &Scenario, simulated: &Simulated) -> Result<Synchronisation, SynchronisationError> {
     let Simulated { frames, poses, .. } = simulated;
     synchronisation(&scenario.config, &scenario.head_from_sensor, &Settings::default(), frames, poses)
 }
 
 #[test]
-fn known_offsets_come_back_by_both_ways() {
+fn known_offsets_are_estimated_by_both_methods() {
     for (offset_s, seed) in [(-0.02, 1), (0.0, 2), (0.035, 3)] {
         let (scenario, simulated) = trial("to-and-fro", offset_s, seed);
-        let told = held(&scenario, &simulated).unwrap();
+        let told = estimated(&scenario, &simulated).unwrap();
         let whole = told.whole.estimate.unwrap();
         assert!(whole.observable && (whole.offset_s - offset_s).abs() < 0.7e-3, "{offset_s}: {whole:?}");
         assert!((whole.offset_s - offset_s).abs() < 4.0 * whole.sigma_s, "{offset_s}: {whole:?}");
@@ -44,7 +44,7 @@ fn known_offsets_come_back_by_both_ways() {
 }
 
 #[test]
-fn a_lag_at_the_start_shows_in_the_first_window() {
+fn start_lag_is_detected_in_the_first_window() {
     for (lag_s, seed) in [(0.03, 4), (0.4, 5)] {
         let (scenario, mut simulated) = trial("to-and-fro", 0.0, seed);
         let until_ns = simulated.frames[0].host_time_ns + 3_300_000_000;
@@ -59,7 +59,7 @@ fn a_lag_at_the_start_shows_in_the_first_window() {
             last_ns = last_ns.max(frame.host_time_ns);
             is_later
         });
-        let told = held(&scenario, &simulated).unwrap();
+        let told = estimated(&scenario, &simulated).unwrap();
         let lag = told.start_lag.unwrap();
         assert!(lag.is_significant && (lag.lag_s + lag_s).abs() < 3e-3, "{lag_s}: {lag:?} {:?}", told.windows);
         let later = told.windows.last().unwrap().estimate.unwrap();
@@ -68,33 +68,33 @@ fn a_lag_at_the_start_shows_in_the_first_window() {
 }
 
 #[test]
-fn what_is_not_observable_is_called_so() {
+fn unobservable_offsets_are_reported_as_unobservable() {
     let (scenario, simulated) = trial("straight-0.3", 0.02, 6);
-    let told = held(&scenario, &simulated);
+    let told = estimated(&scenario, &simulated);
     assert!(told.as_ref().map_or(true, |t| t.whole.estimate.is_none_or(|e| !e.observable)), "{told:?}");
     let still = trial("stationary", 0.02, 7);
-    let told = held(&still.0, &still.1).unwrap();
+    let told = estimated(&still.0, &still.1).unwrap();
     assert!(told.whole.by_rates.is_none() && told.start_lag.is_none(), "{told:?}");
     assert!(told.whole.estimate.is_none_or(|e| !e.observable), "{told:?}");
     let mut empty = still.1.clone();
     empty.poses.clear();
-    assert!(matches!(held(&still.0, &empty), Err(SynchronisationError::NoPoses)));
+    assert!(matches!(estimated(&still.0, &empty), Err(SynchronisationError::NoPoses)));
 }
 
 #[test]
-fn the_command_tells_it_and_writes_the_figure() {
+fn command_prints_the_offset_and_writes_the_figure() {
     let folder = Folder::new("calibrate");
     folder
         .run("simulate corner-reflector --motion to-and-fro --time-offset-s 0.035 --snr-db 20 --duration-s 8 --out a.mcap")
-        .done();
-    let out = folder.run("calibrate a.mcap --out found").done().out;
+        .succeeds();
+    let out = folder.run("calibrate a.mcap --out found").succeeds().out;
     assert!(out.contains("tracking.time_offset_s=0.03") && out.contains("no lag"), "{out}");
     let json = folder.json("found/calibration.json");
     let offset_s = json["whole"]["estimate"]["offset_s"].as_f64().unwrap();
     assert!((offset_s - 0.035).abs() < 0.7e-3, "{offset_s}");
     assert!(json["windows"].as_array().unwrap().len() >= 3, "{json}");
     assert_eq!(&folder.read("found/synchronisation.png")[1..4], b"PNG");
-    folder.run("calibrate missing.mcap").refused("missing.mcap");
-    folder.run("simulate nothing --motion to-and-fro --duration-s 2 --out b.mcap").done();
-    folder.run("calibrate b.mcap").refused("nothing that stands still was found");
+    folder.run("calibrate missing.mcap").fails_with("missing.mcap");
+    folder.run("simulate nothing --motion to-and-fro --duration-s 2 --out b.mcap").succeeds();
+    folder.run("calibrate b.mcap").fails_with("nothing that stands still was found");
 }

@@ -5,7 +5,7 @@ use crate::common::Folder;
 #[test]
 fn an_experiment_writes_its_report_pictures_and_tables() {
     let folder = Folder::new("experiment");
-    let run = folder.run("experiment data-set-size thinning --seeds 1 --out out").done();
+    let run = folder.run("experiment data-set-size thinning --seeds 1 --out out").succeeds();
     assert!(run.out.contains("Data set size") && run.out.contains("Thinning"), "{run:#?}");
     assert!(!run.out.contains("Sensor velocity"), "{run:#?}");
     // Standard error is no terminal here: nothing of the progress.
@@ -23,7 +23,7 @@ fn an_experiment_writes_its_report_pictures_and_tables() {
 #[test]
 fn common_objects_leave_point_clouds_that_other_programs_open() {
     let folder = Folder::new("experiment-clouds");
-    folder.run("experiment common-objects --seeds 1 --out out").done();
+    folder.run("experiment common-objects --seeds 1 --out out").succeeds();
     for cloud in ["chair-squared-cloud", "two-chairs-sub-apertures-cloud"] {
         let bytes = folder.read(&format!("out/common-objects/{cloud}.ply"));
         assert!(
@@ -37,7 +37,7 @@ fn common_objects_leave_point_clouds_that_other_programs_open() {
 #[test]
 fn volumes_and_clouds_are_written_for_other_tools() {
     let folder = Folder::new("experiment-outputs");
-    folder.run("experiment outputs --seeds 1 --out out").done();
+    folder.run("experiment outputs --seeds 1 --out out").succeeds();
     for volume in ["chairs", "reflector"] {
         assert!(folder.read(&format!("out/outputs/{volume}.npy")).starts_with(b"\x93NUMPY"));
         let info = folder.json(&format!("out/outputs/{volume}.json"));
@@ -49,9 +49,9 @@ fn volumes_and_clouds_are_written_for_other_tools() {
 }
 
 #[test]
-fn experiments_are_listed_and_wrong_names_told() {
+fn experiments_are_listed_and_unknown_names_refused() {
     let folder = Folder::new("experiment-names");
-    let list = folder.run("experiment").done();
+    let list = folder.run("experiment").succeeds();
     assert!(list.out.contains("matched-filter") && list.out.lines().count() >= 8, "{list:#?}");
     let wrong = folder.run("experiment nonsense");
     assert_eq!(wrong.code, Some(1), "{wrong:#?}");

@@ -15,7 +15,7 @@ pub struct Found {
 
 /// Replays a recording into the folder `found` and reads the obstacles.
 pub fn obstacles_of(folder: &Folder, line: &str) -> Vec<Found> {
-    folder.run(&format!("replay {line} --out found")).done();
+    folder.run(&format!("replay {line} --out found")).succeeds();
     let file = folder.json("found/obstacles.json");
     file["obstacles"].as_array().unwrap().iter().map(found).collect()
 }

@@ -30,7 +30,7 @@ struct Outputs {
 impl Outputs {
     /// Replays a recording of this folder, in a changed environment.
     fn of_replay(folder: &Folder, name: &str, environment: &[(&str, &str)]) -> Self {
-        folder.run_with(&format!("replay {name}.mcap --out out --results results.mcap"), environment).done();
+        folder.run_with(&format!("replay {name}.mcap --out out --results results.mcap"), environment).succeeds();
         let mut checksums = String::new();
         for file in ["obstacles.ply", "shape.ply"] {
             let _ = writeln!(checksums, "{file} {:08x}", crc32fast::hash(&folder.read(&format!("out/{file}"))));
@@ -45,7 +45,7 @@ impl Outputs {
     fn with_volumes(mut self, folder: &Folder, name: &str, environment: &[(&str, &str)]) -> Self {
         for statistic in STATISTICS {
             let options = format!("--statistic {statistic} --sweeps 60 --box={BOX} --out v.npy");
-            folder.run_with(&format!("reconstruct {name}.mcap {options}"), environment).done();
+            folder.run_with(&format!("reconstruct {name}.mcap {options}"), environment).succeeds();
             let _ = writeln!(self.checksums, "volume {statistic} {:08x}", crc32fast::hash(&folder.read("v.npy")));
         }
         self
@@ -154,5 +154,5 @@ fn an_unknown_instruction_set_is_refused() {
     let folder = with_recording("unknown-instructions", "reflector");
     folder
         .run_with("info reflector.mcap", &[("RADAR_CHAPERONE_INSTRUCTIONS", "sse9")])
-        .refused("portable, avx2 or avx512");
+        .fails_with("portable, avx2 or avx512");
 }

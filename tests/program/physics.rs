@@ -15,7 +15,7 @@ fn a_corner_reflector_is_found_within_5_mm_in_the_median_of_five_seeds() {
     let mut errors_m: Vec<f64> = (1..=5)
         .map(|seed| {
             let scenario = "corner-reflector --motion sphere-50cm --snr-db 20";
-            folder.run(&format!("simulate {scenario} --seed {seed} --out r.mcap")).done();
+            folder.run(&format!("simulate {scenario} --seed {seed} --out r.mcap")).succeeds();
             let found = only(obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50"));
             assert_eq!(found.observed, "position", "seed {seed}");
             found.position_m.distance(CORNER_REFLECTOR_M)
@@ -26,9 +26,9 @@ fn a_corner_reflector_is_found_within_5_mm_in_the_median_of_five_seeds() {
 }
 
 #[test]
-fn a_sensor_that_stands_still_knows_the_distance_and_says_that_it_knows_no_direction() {
+fn stationary_sensor_reports_range_only() {
     let folder = Folder::new("stationary");
-    folder.run("simulate corner-reflector --motion stationary --snr-db 20 --duration-s 1 --out r.mcap").done();
+    folder.run("simulate corner-reflector --motion stationary --snr-db 20 --duration-s 1 --out r.mcap").succeeds();
     let found = only(obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50"));
     assert_eq!(found.observed, "range_only");
     // Straight ahead is −z, so x and y are across.
@@ -39,10 +39,10 @@ fn a_sensor_that_stands_still_knows_the_distance_and_says_that_it_knows_no_direc
 }
 
 #[test]
-fn streams_20_ms_apart_do_harm_until_the_offset_is_set_or_estimated() {
+fn offset_of_20_ms_degrades_until_set_or_estimated() {
     let folder = Folder::new("time_offset");
     let scenario = "corner-reflector --motion sphere-50cm --snr-db 20 --time-offset-s 0.02";
-    folder.run(&format!("simulate {scenario} --out r.mcap")).done().says("time offset +0.0200 s");
+    folder.run(&format!("simulate {scenario} --out r.mcap")).succeeds().prints("time offset +0.0200 s");
     let near = |f: &crate::found::Found| f.position_m.distance(CORNER_REFLECTOR_M) < 0.01;
     let replay = "r.mcap --set reflectors.max_sweeps=50 --set tracking.estimate_time_offset=false";
     let apart = obstacles_of(&folder, replay);
@@ -67,8 +67,8 @@ fn noise_alone_is_no_obstacle() {
     for preset in ["fine", "d16"] {
         for seed in 1..=2 {
             let scenario = format!("nothing --preset {preset} --seed {seed} --duration-s 3");
-            folder.run(&format!("simulate {scenario} --out r.mcap")).done();
-            folder.run("replay r.mcap").done().says("\n0 obstacles, 0 walls\n");
+            folder.run(&format!("simulate {scenario} --out r.mcap")).succeeds();
+            folder.run("replay r.mcap").succeeds().prints("\n0 obstacles, 0 walls\n");
         }
     }
 }
@@ -76,7 +76,7 @@ fn noise_alone_is_no_obstacle() {
 #[test]
 fn a_furnished_room_gives_a_scene() {
     let folder = Folder::new("furnished");
-    folder.run("simulate furnished-room --duration-s 8 --out r.mcap").done().says("chair");
+    folder.run("simulate furnished-room --duration-s 8 --out r.mcap").succeeds().prints("chair");
     assert!(!obstacles_of(&folder, "r.mcap").is_empty());
     let scene = folder.json("found/obstacles.json");
     assert!(!scene["walls"].as_array().unwrap().is_empty());

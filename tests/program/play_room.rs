@@ -5,22 +5,24 @@ use crate::common::Folder;
 use crate::found::obstacles_of;
 
 #[test]
-fn a_play_session_is_recorded_with_its_truth_and_the_room_is_found_in_it() {
+fn play_session_is_recorded_with_truth_and_reconstructed() {
     let folder = Folder::new("play_room");
-    let said = folder.run("simulate play-room --duration-s 20 --seed 4 --out a.mcap").done();
+    let said = folder.run("simulate play-room --duration-s 20 --seed 4 --out a.mcap").succeeds();
     assert!(said.out.contains("chair at the wall") && said.out.contains("6 walls"), "{}", said.out);
     assert!(!said.out.contains("chair to be removed"), "what is carried away is no truth: {}", said.out);
-    folder.run("simulate play-room --duration-s 20 --seed 4 --out b.mcap").done();
+    folder.run("simulate play-room --duration-s 20 --seed 4 --out b.mcap").succeeds();
     assert!(folder.read("a.mcap") == folder.read("b.mcap"), "the same seed gives the same file");
     let found = obstacles_of(&folder, "a.mcap");
     assert!(found.len() > 3, "{} obstacles", found.len());
 }
 
 #[test]
-fn what_a_player_does_is_not_chosen() {
+fn play_room_refuses_motion_and_offset_options() {
     let folder = Folder::new("play_room_refused");
-    folder.run("simulate play-room --motion natural --out a.mcap").refused("--motion is for the other rooms");
-    folder.run("simulate play-room --time-offset-s 0.1 --out a.mcap").refused("--time-offset-s is for the other rooms");
-    folder.run("simulate play-room --serve tcp:127.0.0.1:0").refused("recorded alone");
-    folder.run("simulate play-room --duration-s 0 --out a.mcap").refused("give 1 to 3600 s");
+    folder.run("simulate play-room --motion natural --out a.mcap").fails_with("--motion is for the other rooms");
+    folder
+        .run("simulate play-room --time-offset-s 0.1 --out a.mcap")
+        .fails_with("--time-offset-s is for the other rooms");
+    folder.run("simulate play-room --serve tcp:127.0.0.1:0").fails_with("recorded alone");
+    folder.run("simulate play-room --duration-s 0 --out a.mcap").fails_with("give 1 to 3600 s");
 }

@@ -3,7 +3,7 @@
 //! What first and last frames hold was read with another HDF5 library, h5py 3.16 over HDF5 2.0: `frame[i]` as
 //! little-endian i16, real before imaginary, through `zlib.crc32`; tick, temperature and flags as they stand.
 
-use radar_chaperone::peers::{Sampling, VendorDetector};
+use radar_chaperone::baselines::{Sampling, VendorDetector};
 use radar_chaperone::radar::{Frame, RangeAxis};
 use radar_chaperone::recording::{Event, Recording};
 
@@ -11,16 +11,16 @@ use crate::common::Folder;
 use crate::found::{counter, obstacles_of, only};
 
 #[test]
-fn the_reflector_in_the_tank_stands_where_it_stood() {
+fn tank_reflector_is_found_at_its_position() {
     let folder = Folder::new("tank");
     if folder.copy_real("medium_tank.h5").and(folder.copy_real("medium_tank_poses.tum")).is_none() {
         return;
     }
     folder
         .run("import medium_tank.h5 --poses medium_tank_poses.tum --out tank.mcap")
-        .done()
-        .says("import of medium_tank.h5 and medium_tank_poses.tum")
-        .says("1740 over");
+        .succeeds()
+        .prints("import of medium_tank.h5 and medium_tank_poses.tum")
+        .prints("1740 over");
     let found = only(obstacles_of(&folder, "tank.mcap"));
     assert!((found.position_m.z + 0.8).abs() < 0.02, "{}", found.position_m);
     assert!(found.position_m.truncate().length() < 0.05, "{}", found.position_m);
@@ -29,27 +29,27 @@ fn the_reflector_in_the_tank_stands_where_it_stood() {
 }
 
 #[test]
-fn recordings_without_poses_are_imported_and_replay_says_what_is_missing() {
+fn recordings_without_poses_import_and_replay_reports_missing_poses() {
     let folder = Folder::new("vendor");
     for name in ["corner-reflector", "distance_fixed_strength", "input", "fr10Hz-spf4"] {
         if folder.copy_real(&format!("{name}.h5")).is_none() {
             return;
         }
-        folder.run(&format!("import {name}.h5 --out r.mcap")).done().says("Damage     none");
-        folder.run("info r.mcap").done().says(&format!("import of {name}.h5"));
-        folder.run("replay r.mcap").done().says("No sweep has a pose").says("\n0 obstacles, 0 walls\n");
+        folder.run(&format!("import {name}.h5 --out r.mcap")).succeeds().prints("Damage     none");
+        folder.run("info r.mcap").succeeds().prints(&format!("import of {name}.h5"));
+        folder.run("replay r.mcap").succeeds().prints("No sweep has a pose").prints("\n0 obstacles, 0 walls\n");
     }
 }
 
 /// The vendor's own way on the vendor's own recording: the reflector in the tank slides along the boresight, and the track beside the
 /// recording tells how fast, from another subsweep's envelope. Frames of one sweep make the windows.
 #[test]
-fn the_vendors_detector_tells_range_and_speed_of_the_reflector_in_the_tank() {
+fn vendor_detector_measures_range_and_speed_of_the_tank_reflector() {
     let folder = Folder::new("tank-detector");
     if folder.copy_real("medium_tank.h5").and(folder.copy_real("medium_tank_poses.tum")).is_none() {
         return;
     }
-    folder.run("import medium_tank.h5 --poses medium_tank_poses.tum --out tank.mcap").done();
+    folder.run("import medium_tank.h5 --poses medium_tank_poses.tum --out tank.mcap").succeeds();
     let mut recording = Recording::open(folder.path("tank.mcap")).unwrap();
     let config = recording.header().config.clone();
     let (mut frames, mut poses) = (Vec::new(), Vec::new());
@@ -138,7 +138,7 @@ fn first_and_last_frames_are_those_of_another_reader() {
         if folder.copy_real(&format!("{name}.h5")).is_none() {
             return;
         }
-        folder.run(&format!("import {name}.h5 --out r.mcap")).done();
+        folder.run(&format!("import {name}.h5 --out r.mcap")).succeeds();
         let mut recording = Recording::open(folder.path("r.mcap")).unwrap();
         let frame = |event| if let Event::Frame(frame) = event { Some(frame) } else { None };
         let frames: Vec<Frame> = recording.by_ref().filter_map(frame).collect();
@@ -165,6 +165,6 @@ fn crc32(bytes: impl Iterator<Item = u8>) -> u32 {
 }
 
 #[test]
-fn the_checksum_is_the_usual_one() {
+fn crc32_matches_the_standard_check_value() {
     assert_eq!(crc32(b"123456789".iter().copied()), 0xcbf4_3926);
 }

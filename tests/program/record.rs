@@ -98,7 +98,7 @@ fn impossible_arguments_are_refused_before_anything_is_opened() {
         ("--out r.mcap --calibration no.json", "no.json is no calibration"),
         ("--out r.mcap --calibration .", "cannot read calibration ."),
     ] {
-        folder.run(&format!("record --port /dev/ttyNONE7 {arguments}")).refused(says);
+        folder.run(&format!("record --port /dev/ttyNONE7 {arguments}")).fails_with(says);
     }
     assert_eq!(folder.read("there.mcap"), b"precious");
     assert!(!folder.path("r.mcap").exists());
@@ -113,22 +113,22 @@ fn ports_that_cannot_be_opened_say_why() {
         ("tcp:", "\"tcp:\" is no address: write tcp:HOST or tcp:HOST:PORT"),
         ("tcp:127.0.0.1:1", "tcp:127.0.0.1:1 refuses the connection: start the exploration server there"),
     ] {
-        folder.run(&format!("record --out r.mcap --port {port}")).refused(says);
-        let doctor = folder.run(&format!("doctor --port {port}")).refused("one thing must be mended");
+        folder.run(&format!("record --out r.mcap --port {port}")).fails_with(says);
+        let doctor = folder.run(&format!("doctor --port {port}")).fails_with("one thing must be mended");
         assert!(doctor.out.contains("mend ") && doctor.out.contains(says), "{doctor:#?}");
     }
     assert!(!folder.path("r.mcap").exists());
     if discover(&list_ports()).candidates.is_empty() {
-        folder.run("record --out r.mcap").refused("no A121 board is found: there is");
-        let doctor = folder.run("doctor").refused("one thing must be mended").says("no A121 board is found");
-        let doctor = doctor.says("simulate furnished-room --serve").says("carried by line").says("not known yet");
+        folder.run("record --out r.mcap").fails_with("no A121 board is found: there is");
+        let doctor = folder.run("doctor").fails_with("one thing must be mended").prints("no A121 board is found");
+        let doctor = doctor.prints("simulate furnished-room --serve").prints("carried by line").prints("not known yet");
         assert!(doctor.out.contains("slow-link      6.63        25        25    9.2"), "{doctor:#?}");
     }
 }
 
 #[test]
 #[cfg(target_os = "linux")]
-fn a_port_that_another_program_has_says_which() {
+fn busy_port_names_the_process_that_holds_it() {
     use radar_chaperone::a121::{Address, Line};
     let folder = Folder::new("record_busy");
     let (_board, ours) = serialport::TTYPort::pair().unwrap();
@@ -136,9 +136,9 @@ fn a_port_that_another_program_has_says_which() {
     drop(ours);
     let _held = Line::open(&Address::Serial { path: path.clone(), flow_control: true }).unwrap();
     let says = format!("{path} is in use by ");
-    let outcome = folder.run(&format!("record --out r.mcap --port {path}")).refused(&says);
+    let outcome = folder.run(&format!("record --out r.mcap --port {path}")).fails_with(&says);
     assert!(outcome.err.contains(&format!("(process {})", std::process::id())), "{outcome:#?}");
-    folder.run(&format!("doctor --port {path}")).refused("one thing must be mended").says(&says);
+    folder.run(&format!("doctor --port {path}")).fails_with("one thing must be mended").prints(&says);
 }
 
 #[test]
@@ -152,22 +152,22 @@ fn a_board_is_recorded_with_poses_and_calibration() {
     let outcome = folder.run(&format!(
         "record --port {port} --out r.mcap --duration-s 1 --poses t.tum --mount 0,0.03,-0.1 --calibration c.json"
     ));
-    let outcome = outcome.done().says("Raspberry Pi on tcp:").says("yes, 2 % of it").says("Faults     none");
-    let outcome = outcome.says("0 frames lost").says("1 lines that are none").says("Written to r.mcap");
+    let outcome = outcome.succeeds().prints("Raspberry Pi on tcp:").prints("yes, 2 % of it").prints("Faults     none");
+    let outcome = outcome.prints("0 frames lost").prints("1 lines that are none").prints("Written to r.mcap");
     assert!(outcome.out.contains("tiny, software a121-v1.12.0, 1000000 ticks a second"), "{outcome:#?}");
-    let info = folder.run("info r.mcap").done().says("Raspberry Pi on tcp:").says("Damage     none");
-    let info = info.says("Board      tiny, software a121-v1.12.0, 1000000 ticks").says("+0.100 m ahead");
+    let info = folder.run("info r.mcap").succeeds().prints("Raspberry Pi on tcp:").prints("Damage     none");
+    let info = info.prints("Board      tiny, software a121-v1.12.0, 1000000 ticks").prints("+0.100 m ahead");
     assert!(info.out.lines().any(|l| l.starts_with("Frames ") && l.ends_with("no gaps")), "{info:#?}");
     assert!(info.out.contains("100.0 a second, no gaps, all valid"), "{info:#?}");
     assert_eq!(folder.json("c.json")[0]["data"], "00ff");
-    folder.run(&format!("record --port {port} --out 2.mcap --duration-s 0.2 --calibration c.json")).done();
-    folder.run("replay r.mcap --out replayed").done();
+    folder.run(&format!("record --port {port} --out 2.mcap --duration-s 0.2 --calibration c.json")).succeeds();
+    folder.run("replay r.mcap --out replayed").succeeds();
 }
 
 #[test]
-fn doctor_finds_a_sound_board_sound() {
+fn doctor_passes_a_healthy_board() {
     let folder = Folder::new("doctor_board");
-    let outcome = folder.run(&format!("doctor --port {}", board())).done();
+    let outcome = folder.run(&format!("doctor --port {}", board())).succeeds();
     for says in ["ok       Board", "ok       Opens", "ok       Answers", "ok       Sensors      connected: 1 of 1"] {
         assert!(outcome.out.contains(says), "{says}: {outcome:#?}");
     }
@@ -177,7 +177,7 @@ fn doctor_finds_a_sound_board_sound() {
 
 #[test]
 #[cfg(unix)]
-fn being_told_to_end_ends_the_recording_properly() {
+fn signals_end_the_recording_without_damage() {
     let folder = Folder::new("record_signal");
     for signal in ["-INT", "-TERM", "-HUP"] {
         let out = format!("r{signal}.mcap");
@@ -194,6 +194,6 @@ fn being_told_to_end_ends_the_recording_properly() {
         }
         assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
         assert_eq!(child.wait().unwrap().code(), Some(0));
-        folder.run(&format!("info {out}")).done().says("Damage     none").says("no gaps");
+        folder.run(&format!("info {out}")).succeeds().prints("Damage     none").prints("no gaps");
     }
 }

@@ -41,8 +41,8 @@ impl File {
 
 /// The furnished room, some seconds, with results.
 fn furnished(folder: &Folder) -> File {
-    folder.run("simulate furnished-room --duration-s 8 --out room.mcap").done();
-    folder.run("replay room.mcap --results results.mcap").done();
+    folder.run("simulate furnished-room --duration-s 8 --out room.mcap").succeeds();
+    folder.run("replay room.mcap --results results.mcap").succeeds();
     File::read(&folder.read("results.mcap"))
 }
 
@@ -79,7 +79,7 @@ fn assert_entity(entity: &SceneEntity, frame: &str) {
 }
 
 #[test]
-fn a_recording_with_results_holds_what_is_promised() {
+fn results_recording_has_every_documented_topic() {
     let folder = Folder::new("results");
     let file = furnished(&folder);
     let schemas = [
@@ -123,13 +123,13 @@ fn a_recording_with_results_holds_what_is_promised() {
         assert!((least..=most).contains(&greatest), "{topic}: {greatest} points");
     }
     // A file with results is a recording like another: it says the same again.
-    let again = folder.run("replay results.mcap --results again.mcap").done();
-    assert_eq!(again.out, folder.run("replay room.mcap").done().out);
+    let again = folder.run("replay results.mcap --results again.mcap").succeeds();
+    assert_eq!(again.out, folder.run("replay room.mcap").succeeds().out);
     assert!(folder.read("again.mcap") == folder.read("results.mcap"), "the same results from the same recording");
 }
 
 #[test]
-fn the_scene_its_figures_and_its_log_agree() {
+fn scene_figures_and_log_agree() {
     let folder = Folder::new("results_agree");
     let file = furnished(&folder);
     let (updates, figures) = (file.all::<SceneUpdate>("/scene"), file.all::<wire::Figures>("/figures"));
@@ -175,10 +175,10 @@ fn the_scene_its_figures_and_its_log_agree() {
 }
 
 #[test]
-fn single_reflectors_are_told_at_the_end() {
+fn single_reflectors_are_written_at_the_end() {
     let folder = Folder::new("results_reflector");
-    folder.run("simulate corner-reflector --motion sphere-10cm --duration-s 2 --out reflector.mcap").done();
-    folder.run("replay reflector.mcap --results results.mcap").done();
+    folder.run("simulate corner-reflector --motion sphere-10cm --duration-s 2 --out reflector.mcap").succeeds();
+    folder.run("replay reflector.mcap --results results.mcap").succeeds();
     let file = File::read(&folder.read("results.mcap"));
     let scenes = file.all::<SceneUpdate>("/scene");
     assert_eq!((scenes.len(), scenes[0].1.entities.len()), (1, 1));
@@ -186,10 +186,10 @@ fn single_reflectors_are_told_at_the_end() {
 }
 
 #[test]
-fn a_recording_in_which_nothing_can_be_imaged_has_results_without_anything() {
+fn recording_without_images_gives_empty_results() {
     let folder = Folder::new("results_nothing");
-    folder.run("simulate nothing --duration-s 2 --out nothing.mcap").done();
-    folder.run("replay nothing.mcap --results results.mcap").done();
+    folder.run("simulate nothing --duration-s 2 --out nothing.mcap").succeeds();
+    folder.run("replay nothing.mcap --results results.mcap").succeeds();
     let file = File::read(&folder.read("results.mcap"));
     let figures = file.all::<wire::Figures>("/figures");
     assert!(figures.iter().all(|(_, f)| f.obstacles == 0.0 && f.nearest_obstacle_m.is_nan()), "{figures:?}");

@@ -20,7 +20,7 @@ fn subsweep(fields: Value) -> Value {
 }
 
 #[test]
-fn each_rule_names_field_value_and_bound() {
+fn broken_sensor_rule_names_field_value_and_bound() {
     let table = [
         (json!({"subsweeps": []}), "subsweeps is empty: give 1 to 4"),
         (json!({"subsweeps": [{}, {}, {}, {}, {}]}), "subsweeps has 5 entries: give 1 to 4"),
@@ -79,14 +79,15 @@ fn each_rule_names_field_value_and_bound() {
     let folder = Folder::new("rules");
     for (config, says) in table {
         folder.write("sensor.json", config.to_string());
-        let outcome = folder.run("simulate nothing --config sensor.json --duration-s 0.2 --out r.mcap").refused(says);
+        let outcome =
+            folder.run("simulate nothing --config sensor.json --duration-s 0.2 --out r.mcap").fails_with(says);
         assert!(outcome.err.contains("sensor.json breaks a rule of the sensor"), "{outcome:#?}");
         assert!(!folder.path("r.mcap").exists(), "nothing is written");
     }
 }
 
 #[test]
-fn a_file_that_is_no_configuration_is_refused_with_its_place() {
+fn invalid_configuration_file_is_refused_with_position() {
     let folder = Folder::new("no_config");
     let table = [
         ("", "EOF while parsing"),
@@ -99,10 +100,12 @@ fn a_file_that_is_no_configuration_is_refused_with_its_place() {
     ];
     for (text, says) in table {
         folder.write("sensor.json", text);
-        let outcome = folder.run("simulate nothing --config sensor.json --out r.mcap").refused(says);
+        let outcome = folder.run("simulate nothing --config sensor.json --out r.mcap").fails_with(says);
         assert!(outcome.err.contains("sensor.json is no sensor configuration"), "{outcome:#?}");
     }
-    folder.run("simulate nothing --config missing.json --out r.mcap").refused("cannot read configuration missing.json");
+    folder
+        .run("simulate nothing --config missing.json --out r.mcap")
+        .fails_with("cannot read configuration missing.json");
 }
 
 #[test]
@@ -111,12 +114,12 @@ fn a_sound_configuration_is_simulated() {
     folder.write("sensor.json", r#"{"subsweeps": [{"num_points": 20, "step_length": 24}], "frame_rate": 50.0}"#);
     folder
         .run("simulate corner-reflector --config sensor.json --duration-s 1 --out r.mcap")
-        .done()
-        .says("20 points a sweep");
+        .succeeds()
+        .prints("20 points a sweep");
 }
 
 #[test]
-fn the_oddest_configurations_that_keep_the_rules_are_simulated_and_replayed() {
+fn extreme_valid_configurations_are_simulated_and_replayed() {
     let folder = Folder::new("borders");
     let table = [
         // One frame in a thousand million seconds; more frames than a sensor can make.
@@ -134,9 +137,9 @@ fn the_oddest_configurations_that_keep_the_rules_are_simulated_and_replayed() {
     for config in table {
         println!("{config}");
         folder.write("sensor.json", config.to_string());
-        folder.run("simulate furnished-room --config sensor.json --duration-s 0.3 --out r.mcap").done();
+        folder.run("simulate furnished-room --config sensor.json --duration-s 0.3 --out r.mcap").succeeds();
         for mode in ["rooms", "reflectors"] {
-            folder.run(&format!("replay r.mcap --set processing.mode={mode} --out found")).done();
+            folder.run(&format!("replay r.mcap --set processing.mode={mode} --out found")).succeeds();
         }
     }
 }

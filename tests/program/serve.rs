@@ -154,7 +154,7 @@ fn open_terminal(path: &Path, baud: u32) -> File {
 }
 
 #[test]
-fn a_client_streams_over_tcp_and_poses_are_written_meanwhile() {
+fn client_streams_over_tcp_while_poses_are_written() {
     let folder = Folder::new("serve_tcp");
     let port = 20_000 + (std::process::id() % 10_000) as u16;
     let serving = Serving::start(
@@ -180,7 +180,7 @@ fn a_client_streams_over_tcp_and_poses_are_written_meanwhile() {
 }
 
 #[test]
-fn a_client_streams_over_a_terminal_again_and_again() {
+fn client_streams_repeatedly_over_a_pseudo_terminal() {
     let folder = Folder::new("serve_pty");
     let serving = Serving::start(&folder, "simulate nothing --serve pty:board --board xm125 --duration-s 50");
     let path = folder.path("board");
@@ -210,7 +210,7 @@ fn a_client_streams_over_a_terminal_again_and_again() {
 }
 
 #[test]
-fn the_whole_track_is_there_beforehand_and_is_what_is_written_meanwhile() {
+fn track_out_equals_the_poses_written_while_serving() {
     let folder = Folder::new("serve_track");
     let serving = Serving::start(
         &folder,
@@ -278,7 +278,7 @@ fn places_that_cannot_be_served_are_refused() {
         ("--serve pty:board --motion approach-chair", "needs a chair to walk up to"),
         ("--out x.mcap --board xm125", "--board is for serving"),
     ] {
-        folder.run(&format!("simulate nothing {arguments}")).refused(says);
+        folder.run(&format!("simulate nothing {arguments}")).fails_with(says);
     }
     assert_eq!(folder.read("taken"), b"a file");
     assert!(std::fs::symlink_metadata(folder.path("board")).is_err() && !folder.path("x.mcap").exists());

@@ -63,14 +63,14 @@ fn transcripts_are_what_the_program_prints() {
     let transcripts = transcripts();
     assert!(transcripts.len() >= 8);
     for Transcript { command, lines } in transcripts {
-        let out = folder.run(&command).done().out;
+        let out = folder.run(&command).succeeds().out;
         let printed: Vec<&str> = out.lines().map(str::trim_end).collect();
         assert!(are_lines(&lines, &printed), "docs/commands.md, `{command}`:\n{lines:#?}\nprints:\n{out}");
     }
 }
 
 #[test]
-fn anything_stands_for_parts_and_lines() {
+fn ellipsis_matches_parts_and_lines() {
     assert!(is_line("a … c", "a b c") && is_line("…", "x") && !is_line("a … c", "a b d") && !is_line("a", "ab"));
     let wanted = ["a", "…", "d"].map(String::from);
     assert!(

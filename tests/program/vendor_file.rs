@@ -13,7 +13,7 @@ use crate::common::Folder;
 use crate::found::{obstacles_of, only};
 
 #[test]
-fn imported_recordings_of_a_corner_reflector_are_as_good_as_the_simulations_own() {
+fn imported_corner_reflector_is_as_accurate_as_simulated() {
     let folder = Folder::new("vendor_file");
     // Five seeds keep the test short; `examples/ls_accuracy.rs` has the median over twenty: 3.5 mm.
     let mut errors_m: Vec<f64> = (1..=5).map(|seed| error_of_import_m(&folder, seed)).collect();
@@ -22,7 +22,7 @@ fn imported_recordings_of_a_corner_reflector_are_as_good_as_the_simulations_own(
 }
 
 #[test]
-fn a_csv_gives_the_poses_that_the_same_track_as_tum_gives() {
+fn csv_and_tum_tracks_give_equal_poses() {
     let folder = Folder::new("vendor_csv");
     let config = preset("fine").unwrap();
     let scenario = Scenario::new("corner-reflector", "robot-arm", config, 0.5, 1);
@@ -38,7 +38,7 @@ fn a_csv_gives_the_poses_that_the_same_track_as_tum_gives() {
     let rows: String = tum.lines().skip(1).map(row).collect();
     folder.write("arm.csv", format!("joint_1;qw;qx;qy;qz;x_mm;y_mm;z_mm;time_ms\n{rows}"));
     let [tum, csv] = ["tum", "csv"].map(|format| {
-        folder.run(&format!("import frames.h5 --poses arm.{format} --out {format}.mcap")).done();
+        folder.run(&format!("import frames.h5 --poses arm.{format} --out {format}.mcap")).succeeds();
         let recording = Recording::open(folder.path(&format!("{format}.mcap"))).unwrap();
         let poses = recording.filter_map(|event| match event {
             Event::Pose(pose) => Some(pose),
@@ -54,9 +54,11 @@ fn a_csv_gives_the_poses_that_the_same_track_as_tum_gives() {
     folder.write("bad.csv", "time_s,x,y,z,roll,pitch,yaw\n0,0,0,0,0,0,0\n");
     folder
         .run("import frames.h5 --poses bad.csv --out r.mcap")
-        .refused("bad.csv, line 1: no column for qx, qy, qz, qw");
+        .fails_with("bad.csv, line 1: no column for qx, qy, qz, qw");
     folder.write("short.csv", "t,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n\n1,0\n");
-    folder.run("import frames.h5 --poses short.csv --out r.mcap").refused("short.csv, line 4: 2 cells under 8 names");
+    folder
+        .run("import frames.h5 --poses short.csv --out r.mcap")
+        .fails_with("short.csv, line 4: 2 cells under 8 names");
 }
 
 /// Simulated, written as the vendor's file and a track, imported, replayed with 50 sweeps: distance to the truth.
@@ -67,7 +69,7 @@ fn error_of_import_m(folder: &Folder, seed: u64) -> f64 {
     let simulated = scenario.run().unwrap();
     folder.write("frames.h5", h5(&scenario.config, &simulated.frames));
     folder.write("track.tum", track(&scenario, &simulated));
-    folder.run("import frames.h5 --poses track.tum --out r.mcap").done().says("Frames     1200 over 9.99 s");
+    folder.run("import frames.h5 --poses track.tum --out r.mcap").succeeds().prints("Frames     1200 over 9.99 s");
     let found = only(obstacles_of(folder, "r.mcap --set reflectors.max_sweeps=50"));
     found.position_m.distance(DVec3::new(-0.3, 1.5, -1.0))
 }

@@ -9,7 +9,7 @@ const SHOTS: [&str; 4] = ["overview.png", "above.png", "first-person.png", "maps
 /// A furnished room, walked through for some seconds.
 fn recorded(folder: &Folder) {
     let line = "simulate furnished-room --motion natural --preset d16 --duration-s 6 --seed 3 --out room.mcap";
-    folder.run(line).done();
+    folder.run(line).succeeds();
 }
 
 /// Mesa's choice of devices complains on standard error where there is no desktop: left out.
@@ -22,7 +22,7 @@ fn drawn(folder: &Folder, line: &str) -> Option<Outcome> {
         println!("skipped: no graphics adapter");
         return None;
     }
-    Some(run.done())
+    Some(run.succeeds())
 }
 
 /// Colours in a picture, up to a thousand.
@@ -35,10 +35,10 @@ fn colors(folder: &Folder, name: &str) -> usize {
 }
 
 #[test]
-fn pictures_of_the_view_show_something_and_looking_changes_nothing() {
+fn view_pictures_have_content_and_do_not_change_results() {
     let folder = Folder::new("view-shots");
     recorded(&folder);
-    folder.run("replay room.mcap --out plain").done();
+    folder.run("replay room.mcap --out plain").succeeds();
     let Some(looked) = drawn(&folder, "replay room.mcap --view --view-shot shots --out looked") else { return };
     assert_eq!(folder.read("looked/obstacles.json"), folder.read("plain/obstacles.json"));
     for name in SHOTS {
@@ -53,7 +53,7 @@ fn pictures_of_the_view_show_something_and_looking_changes_nothing() {
 }
 
 #[test]
-fn settings_reach_the_view_as_they_reach_a_replay() {
+fn settings_apply_to_the_view() {
     let folder = Folder::new("view-settings");
     recorded(&folder);
     // Nothing is ever confirmed.
@@ -65,7 +65,7 @@ fn settings_reach_the_view_as_they_reach_a_replay() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn without_a_desktop_it_says_so_in_a_sentence() {
+fn missing_desktop_is_reported_in_one_sentence() {
     let folder = Folder::new("view-no-desktop");
     recorded(&folder);
     let nowhere = [("DISPLAY", ""), ("WAYLAND_DISPLAY", ""), ("WAYLAND_SOCKET", "")];
@@ -76,10 +76,10 @@ fn without_a_desktop_it_says_so_in_a_sentence() {
 }
 
 #[test]
-fn a_recording_without_anything_in_it_is_shown_as_well() {
+fn empty_recording_is_shown() {
     let folder = Folder::new("view-empty");
     let line = "simulate corner-reflector --motion stationary --preset fine --duration-s 0.2 --seed 1 --out short.mcap";
-    folder.run(line).done();
+    folder.run(line).succeeds();
     if drawn(&folder, "replay short.mcap --view-shot shots").is_some() {
         assert!(folder.read("shots/maps.png").len() > 5_000);
     }

@@ -225,13 +225,13 @@ pub fn sweeps_along(case: &Case, path: &Path, count: usize, all: usize, seed: u6
             Complex32::new(sum.re as f32, sum.im as f32)
         };
         observation.samples = (0..case.axis.points).map(&mut sample).collect();
-        harm(&mut observation.samples, case.damage, k);
+        apply_damage(&mut observation.samples, case.damage, k);
         observation
     };
     (0..count).map(&mut sweep).collect()
 }
 
-fn harm(samples: &mut [Complex32], damage: Damage, sweep: usize) {
+fn apply_damage(samples: &mut [Complex32], damage: Damage, sweep: usize) {
     let middle = samples.len() / 2;
     match damage {
         Damage::Bursts if sweep % 9 == 4 => samples.iter_mut().for_each(|x| *x *= 1e4),

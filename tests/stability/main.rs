@@ -4,12 +4,12 @@
 //! Quick (some seconds): `cargo test --release --test stability`. Long (minutes: more seeds and sweeps, a million sweeps
 //! through the rolling image): `RADAR_CHAPERONE_LONG=1 cargo test --release --test stability`.
 //! Each check is a table of cases × paths of the sensor; a failure names both, the place, the value and the oracle's.
-mod blocks;
+mod backprojection;
 mod cases;
 mod refine;
 mod rolling;
 mod streams;
-mod sums;
+mod subaperture;
 
 /// Whether the long suite is asked for.
 fn long() -> bool {

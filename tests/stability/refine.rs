@@ -10,7 +10,7 @@ use crate::quick_or_long;
 
 /// Why a matrix is no covariance: not finite, not symmetric, or with a negative variance in some direction (Cholesky's
 /// pivots, apart from rounding).
-fn no_covariance(m: &DMat3) -> Option<&'static str> {
+fn covariance_defect(m: &DMat3) -> Option<&'static str> {
     if !m.is_finite() {
         return Some("not finite");
     }
@@ -52,7 +52,7 @@ fn refinement_is_finite_with_a_covariance_everywhere() {
                 if !found.position_m.is_finite() || !found.seen_from_m.is_finite() || found.residual_widths.is_nan() {
                     wrong.push(format!("{what}: {found:?}"));
                 }
-                if let Some(why) = no_covariance(&found.covariance_m2) {
+                if let Some(why) = covariance_defect(&found.covariance_m2) {
                     wrong.push(format!("{what}: covariance {why}, {found:?}"));
                 }
                 let on_the_spot = ["coincident", "turning on the spot", "a nanometre"].contains(&path.name);
@@ -71,7 +71,7 @@ fn refinement_is_finite_with_a_covariance_everywhere() {
 }
 
 #[test]
-fn reflectors_are_finite_and_few_where_there_is_nothing() {
+fn reflectors_are_finite_and_absent_in_silence() {
     let settings = ReflectorSettings { voxel_m: 0.2, ..Default::default() };
     let errors = PositionErrors::default();
     let (mut wrong, mut found) = (Vec::new(), 0);
@@ -86,7 +86,7 @@ fn reflectors_are_finite_and_few_where_there_is_nothing() {
                 && obstacle.extent_m.is_finite()
                 && obstacle.evidence.is_finite()
                 && obstacle.shape.iter().all(|(place, value)| place.is_finite() && value.is_finite());
-            if let Some(why) = no_covariance(&obstacle.covariance_m2).or((!finite).then_some("not finite")) {
+            if let Some(why) = covariance_defect(&obstacle.covariance_m2).or((!finite).then_some("not finite")) {
                 wrong.push(format!("{what}: {why}, {obstacle:?}"));
             }
         }

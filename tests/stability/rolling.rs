@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use radar_chaperone::imaging::Statistic;
-use radar_chaperone::imaging::sums::{BrickGrid, RollingImage, RollingSettings, dense_volume};
+use radar_chaperone::imaging::backprojection::{BrickGrid, RollingImage, RollingSettings, dense_volume};
 
 use crate::cases::{Case, Damage, NOISE_LSB, PATHS, cases, sound, sweeps};
 use crate::quick_or_long;
@@ -45,13 +45,13 @@ fn case(damage: Damage) -> Case {
 }
 
 #[test]
-fn a_million_sweeps_with_bursts_leave_no_trace() {
+fn rolling_image_stays_exact_over_a_million_sweeps_with_bursts() {
     roll(&case(Damage::Bursts), Statistic::Ls, quick_or_long(3_000, 1_000_000), quick_or_long(29, 997));
     roll(&case(Damage::Bursts), Statistic::Log, quick_or_long(3_000, 1_000_000), quick_or_long(29, 997));
 }
 
 #[test]
-fn every_case_rolls() {
+fn rolling_image_matches_dense_in_every_case() {
     for case in cases() {
         for statistic in [Statistic::Ls, Statistic::Log] {
             roll(&case, statistic, quick_or_long(300, 6_000), 17);
@@ -60,7 +60,7 @@ fn every_case_rolls() {
 }
 
 #[test]
-fn windows_of_any_length_hold_saturated_sweeps() {
+fn windows_of_any_length_accept_saturated_sweeps() {
     let case = case(Damage::Saturated);
     let observations = sweeps(&case, &PATHS[0], 300, 6);
     let geometries = [Arc::clone(&observations[0].geometry)];

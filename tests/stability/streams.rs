@@ -135,7 +135,7 @@ fn not_finite(pipeline: &Pipeline) -> Vec<String> {
 /// Damage done to a stream: each event becomes some.
 type Damage = fn(usize, Event) -> Vec<Event>;
 /// The counter that must tell of it; `None`: nothing is refused.
-type Tells = Option<fn(&ObserverCounters) -> u64>;
+type ExpectedCounter = Option<fn(&ObserverCounters) -> u64>;
 
 fn pose(n: usize, event: Event, every: usize, change: impl Fn(&mut PoseSample)) -> Vec<Event> {
     match event {
@@ -157,7 +157,7 @@ fn frame(n: usize, event: Event, every: usize, change: impl Fn(&mut Frame)) -> V
     }
 }
 
-const DAMAGES: [(&str, Damage, Tells); 23] = [
+const DAMAGES: [(&str, Damage, ExpectedCounter); 23] = [
     ("nothing", |_, e| vec![e], None),
     ("all saturated, marked", |n, e| frame(n, e, 1, |f| f.data_saturated = true), Some(|c| c.frames_saturated)),
     ("all saturated, not marked", |n, e| frame(n, e, 1, |f| f.samples.fill(Complex::new(i16::MIN, i16::MAX))), None),
@@ -247,7 +247,7 @@ fn bad_streams_are_counted_and_the_scene_stays_finite() {
 }
 
 #[test]
-fn sound_data_among_bad_ones_give_what_they_give_alone() {
+fn valid_data_among_bad_data_give_the_same_scene() {
     let config = preset("d16").unwrap();
     let sound = sound_events(&config, quick_or_long(1.6, 8.0), 2);
     let with_bad = |event: &Event| -> Vec<Event> {

@@ -36,7 +36,7 @@ fn binary_path(runtime: &Runtime) -> (String, u32) {
 }
 
 #[test]
-fn applications_stay_from_session_to_session() {
+fn applications_persist_across_sessions() {
     alone("applications::applications_stay_from_session_to_session", &json!({}), |rig| {
         let runtime = Runtime::connected_as(sys::EVRApplicationType_VRApplication_Utility);
         let table = runtime.applications;
@@ -60,7 +60,7 @@ fn applications_stay_from_session_to_session() {
 }
 
 #[test]
-fn a_utility_registers_without_a_server() {
+fn utility_registers_without_a_server() {
     alone("applications::a_utility_registers_without_a_server", &json!({}), |rig| {
         rig.kill_server();
         let runtime = Runtime::connected_as(sys::EVRApplicationType_VRApplication_Utility);
@@ -73,7 +73,7 @@ fn a_utility_registers_without_a_server() {
 }
 
 #[test]
-fn bad_manifests_are_refused() {
+fn bad_manifests_are_rejected() {
     alone("applications::bad_manifests_are_refused", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let add = |path: &CString| call!(runtime.applications, AddApplicationManifest, text(path), false);
@@ -103,7 +103,7 @@ fn bad_manifests_are_refused() {
 }
 
 #[test]
-fn what_is_registered_for_it_starts_with_the_server() {
+fn autolaunch_applications_start_with_the_server() {
     let folder = folder("autolaunch");
     let told = folder.join("told");
     std::fs::create_dir_all(folder.join("runtime")).unwrap();

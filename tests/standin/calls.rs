@@ -16,7 +16,7 @@ const BAD_PARAMETER: u32 = sys::EVROverlayError_VROverlayError_InvalidParameter;
 const TIMED_OUT: u32 = sys::EVROverlayError_VROverlayError_TimedOut;
 
 #[test]
-fn overlays_keep_what_is_set() {
+fn overlay_properties_roundtrip() {
     alone("calls::overlays_keep_what_is_set", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let table = runtime.overlay;
@@ -165,7 +165,7 @@ fn wrong_textures(runtime: &Runtime) -> Vec<(&'static str, u32, u32)> {
 }
 
 #[test]
-fn wrong_calls_fail_and_are_told() {
+fn wrong_calls_fail_and_are_reported() {
     alone("calls::wrong_calls_fail_and_are_told", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let calls: Vec<_> = wrong_calls(&runtime).into_iter().chain(wrong_textures(&runtime)).collect();
@@ -202,7 +202,7 @@ fn wrong_calls_fail_and_are_told() {
 }
 
 #[test]
-fn a_projection_wants_both_eyes_and_overlays_have_a_limit() {
+fn projections_need_both_eyes_and_overlays_are_limited() {
     alone("calls::a_projection_wants_both_eyes_and_overlays_have_a_limit", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let mut matrix = to_matrix(placed(0.0, [0.0; 3]));
@@ -227,7 +227,7 @@ fn a_projection_wants_both_eyes_and_overlays_have_a_limit() {
 }
 
 #[test]
-fn textures_come_from_one_thread() {
+fn textures_from_a_second_thread_are_reported() {
     alone("calls::textures_come_from_one_thread", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let handle = runtime.create(c"test.panel");
@@ -244,7 +244,7 @@ fn textures_come_from_one_thread() {
 }
 
 #[test]
-fn a_tab_of_the_dashboard_has_a_thumbnail_and_goes_with_it() {
+fn dashboard_tab_and_thumbnail_are_destroyed_together() {
     alone("calls::a_tab_of_the_dashboard_has_a_thumbnail_and_goes_with_it", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let (mut main, mut thumbnail) = (0, 0);
@@ -269,7 +269,7 @@ fn is_whole<T>(table: &T) -> bool {
 }
 
 #[test]
-fn no_table_has_a_hole() {
+fn function_tables_have_no_null_pointers() {
     alone("calls::no_table_has_a_hole", &json!({}), |rig| {
         let runtime = Runtime::connected();
         assert!(is_whole(runtime.system) && is_whole(runtime.overlay) && is_whole(runtime.compositor));
@@ -283,7 +283,7 @@ fn no_table_has_a_hole() {
 }
 
 #[test]
-fn the_version_of_the_sdk_is_told_in_c_and_in_cpp() {
+fn sdk_version_is_recorded_from_c_and_cpp() {
     alone("calls::the_version_of_the_sdk_is_told_in_c_and_in_cpp", &json!({}), |rig| {
         let runtime = Runtime::connected();
         assert_eq!(runtime.set_sdk_version_in_cpp([2, 14, 3]), 0);
@@ -295,7 +295,7 @@ fn the_version_of_the_sdk_is_told_in_c_and_in_cpp() {
 }
 
 #[test]
-fn frames_come_one_by_one_and_missed_ones_are_counted() {
+fn frames_are_sequential_and_missed_ones_counted() {
     alone("calls::frames_come_one_by_one_and_missed_ones_are_counted", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let mut error = 1;
@@ -322,7 +322,7 @@ fn frames_come_one_by_one_and_missed_ones_are_counted() {
 }
 
 #[test]
-fn the_end_of_the_server_is_asked_for_and_timed() {
+fn server_shutdown_is_requested_and_timed() {
     alone("calls::the_end_of_the_server_is_asked_for_and_timed", &json!({}), |rig| {
         let runtime = Runtime::connected();
         rig.end_server();
@@ -341,7 +341,7 @@ fn the_end_of_the_server_is_asked_for_and_timed() {
 }
 
 #[test]
-fn a_killed_server_answers_nothing() {
+fn killed_server_fails_calls() {
     alone("calls::a_killed_server_answers_nothing", &json!({}), |rig: &Rig| {
         let runtime = Runtime::connected();
         let handle = runtime.create(c"test.panel");
@@ -371,7 +371,7 @@ fn a_killed_server_answers_nothing() {
 }
 
 #[test]
-fn functions_fail_as_often_as_a_script_says() {
+fn scripted_failures_are_counted() {
     let config = json!({ "events": [{ "at_s": 0.0, "do": "fail", "function": "SetOverlayAlpha", "count": 3 }] });
     alone("calls::functions_fail_as_often_as_a_script_says", &config, |_| {
         let runtime = Runtime::connected();
@@ -384,7 +384,7 @@ fn functions_fail_as_often_as_a_script_says() {
 }
 
 #[test]
-fn the_play_area_and_its_colour_are_the_users() {
+fn play_area_and_color_follow_the_configuration() {
     alone("calls::the_play_area_and_its_colour_are_the_users", &json!({ "chaperone": { "size_m": [2, 3] } }), |rig| {
         let runtime = Runtime::connected();
         let (mut x, mut z) = (0.0, 0.0);
@@ -417,7 +417,7 @@ fn the_play_area_and_its_colour_are_the_users() {
 }
 
 #[test]
-fn a_second_server_in_a_folder_is_refused() {
+fn second_server_in_a_folder_is_rejected() {
     let folder = crate::rig::folder("second");
     let server = crate::rig::Server::start(folder.clone(), &json!({}), &[]);
     let run = crate::rig::server_command(&folder).output().unwrap();

@@ -170,7 +170,7 @@ fn assert_quarters(picture: &RgbImage, quad: &Quad, eye: &Eye, alpha: f64) {
 }
 
 #[test]
-fn a_quad_is_seen_where_it_stands_and_moves_with_its_universe() {
+fn quad_is_drawn_at_its_pose_and_moves_with_its_universe() {
     let name = "pictures::a_quad_is_seen_where_it_stands_and_moves_with_its_universe";
     alone(name, &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
@@ -201,7 +201,7 @@ fn a_quad_is_seen_where_it_stands_and_moves_with_its_universe() {
 }
 
 #[test]
-fn a_thing_at_a_distance_has_its_disparity() {
+fn disparity_matches_distance() {
     alone("pictures::a_thing_at_a_distance_has_its_disparity", &json!({ "display": { "shot_size": SIZE } }), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
@@ -225,7 +225,7 @@ fn a_thing_at_a_distance_has_its_disparity() {
 }
 
 #[test]
-fn halves_go_to_their_eyes_and_bounds_cut() {
+fn side_by_side_halves_and_bounds_are_applied() {
     alone("pictures::halves_go_to_their_eyes_and_bounds_cut", &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
@@ -260,7 +260,7 @@ fn halves_go_to_their_eyes_and_bounds_cut() {
 }
 
 #[test]
-fn nearer_quads_cover_farther_ones_unless_the_order_says_otherwise() {
+fn quads_are_ordered_by_sort_order_then_distance() {
     let name = "pictures::nearer_quads_cover_farther_ones_unless_the_order_says_otherwise";
     alone(name, &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
@@ -289,7 +289,7 @@ fn nearer_quads_cover_farther_ones_unless_the_order_says_otherwise() {
 }
 
 #[test]
-fn alpha_is_premultiplied_or_not_as_the_flag_says() {
+fn premultiplied_flag_is_respected() {
     alone("pictures::alpha_is_premultiplied_or_not_as_the_flag_says", &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
@@ -321,7 +321,7 @@ fn alpha_is_premultiplied_or_not_as_the_flag_says() {
 }
 
 #[test]
-fn the_back_of_a_quad_is_grey_for_new_clients_unless_they_say_otherwise() {
+fn quad_back_follows_sdk_version_and_flag() {
     let name = "pictures::the_back_of_a_quad_is_grey_for_new_clients_unless_they_say_otherwise";
     alone(name, &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
@@ -389,14 +389,14 @@ fn projection(rig: &Rig, direction: &str) {
 }
 
 #[test]
-fn projections_are_seen_in_their_directions() {
+fn projections_are_drawn_in_their_directions() {
     alone("pictures::projections_are_seen_in_their_directions", &config(), |rig| {
         projection(rig, "eye_from_tracking");
     });
 }
 
 #[test]
-fn the_matrix_of_a_projection_can_go_the_other_way() {
+fn projection_matrix_direction_is_configurable() {
     let mut config = config();
     config["projection_matrix"] = json!("tracking_from_eye");
     alone("pictures::the_matrix_of_a_projection_can_go_the_other_way", &config, |rig| {
@@ -405,7 +405,7 @@ fn the_matrix_of_a_projection_can_go_the_other_way() {
 }
 
 #[test]
-fn the_gpu_that_drives_the_headset_is_named() {
+fn headset_gpu_is_selected_by_name() {
     alone("pictures::the_gpu_that_drives_the_headset_is_named", &json!({}), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
@@ -425,7 +425,7 @@ fn the_gpu_that_drives_the_headset_is_named() {
 }
 
 #[test]
-fn many_textures_are_copied_without_growing() {
+fn texture_copies_reuse_memory() {
     alone("pictures::many_textures_are_copied_without_growing", &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
@@ -449,7 +449,7 @@ fn many_textures_are_copied_without_growing() {
 }
 
 #[test]
-fn another_device_in_the_middle_is_told_and_goes_on() {
+fn device_change_is_reported_and_continues() {
     alone("pictures::another_device_in_the_middle_is_told_and_goes_on", &config(), |rig| {
         let Some(first) = Gpu::open() else { return };
         let runtime = Runtime::connected();

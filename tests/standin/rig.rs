@@ -12,7 +12,7 @@ const TEST: &str = "STANDIN_TEST";
 const FOLDER: &str = "STANDIN_FOLDER";
 const SERVER: &str = "STANDIN_SERVER";
 /// What is waited for comes at once, but on a machine that has much else to do.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// What a test's process has.
 pub struct Rig {
@@ -111,7 +111,7 @@ pub fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
         if let Some(found) = look() {
             return found;
         }
-        assert!(begun.elapsed() < PATIENCE, "{what} did not come");
+        assert!(begun.elapsed() < TIMEOUT, "{what} did not come");
         std::thread::sleep(Duration::from_millis(5));
     }
 }

@@ -23,7 +23,7 @@ fn event(runtime: &Runtime, kind: u32) -> sys::VREvent_t {
 }
 
 #[test]
-fn poses_follow_the_track_to_the_time_that_was_asked_for() {
+fn poses_match_the_track_at_the_requested_time() {
     let begin_s = now_s();
     // Half a metre a second along x, a quarter of a radian a second about y, for ten minutes; then 5 s of nothing.
     let mut track = String::new();
@@ -54,7 +54,7 @@ fn poses_follow_the_track_to_the_time_that_was_asked_for() {
 }
 
 #[test]
-fn in_a_gap_the_pose_is_invalid_and_at_the_ends_it_rests() {
+fn pose_is_invalid_in_gaps_and_constant_beyond_the_ends() {
     let begin_s = now_s();
     let lines = [(-1.0, 1.0), (-0.99, 2.0), (600.0, 3.0), (600.01, 4.0)];
     let text = lines.map(|(t, x)| format!("{:.6} {x} 0 0 0 0 0 1\n", begin_s + t)).concat();
@@ -72,7 +72,7 @@ fn in_a_gap_the_pose_is_invalid_and_at_the_ends_it_rests() {
 }
 
 #[test]
-fn a_track_that_loops_goes_there_and_back() {
+fn looping_track_plays_back_and_forth() {
     let lines: String =
         (0..=10).map(|i| format!("{:.2} {:.2} 1 0 0 0 0 1\n", f64::from(i) * 0.01, f64::from(i) * 0.1)).collect();
     let config =
@@ -118,7 +118,7 @@ fn assert_consistent(runtime: &Runtime) {
 }
 
 #[test]
-fn universes_differ_as_configured() {
+fn universes_match_the_configuration() {
     alone("universes::universes_differ_as_configured", &config(), |_| {
         let runtime = Runtime::connected();
         let standing_from_head = placed(0.0, [0.0, 1.6, 0.0]);
@@ -133,7 +133,7 @@ fn universes_differ_as_configured() {
 }
 
 #[test]
-fn recentring_moves_standing_and_leaves_raw() {
+fn recentring_moves_standing_and_not_raw() {
     alone("universes::recentring_moves_standing_and_leaves_raw", &config(), |rig: &Rig| {
         let runtime = Runtime::connected();
         let (standing, raw, seated) = (runtime.head(STANDING), runtime.head(RAW), runtime.head(SEATED));
@@ -159,7 +159,7 @@ fn recentring_moves_standing_and_leaves_raw() {
 }
 
 #[test]
-fn a_change_of_universe_has_another_name_and_moves_everything() {
+fn universe_change_moves_everything_and_renames() {
     alone("universes::a_change_of_universe_has_another_name_and_moves_everything", &config(), |rig| {
         let runtime = Runtime::connected();
         let (standing, raw) = (runtime.head(STANDING), runtime.head(RAW));
@@ -176,7 +176,7 @@ fn a_change_of_universe_has_another_name_and_moves_everything() {
 }
 
 #[test]
-fn tracking_is_lost_and_found_and_the_headset_taken_off() {
+fn tracking_loss_and_standby_are_reported() {
     alone("universes::tracking_is_lost_and_found_and_the_headset_taken_off", &json!({}), |rig| {
         let runtime = Runtime::connected();
         rig.command(&json!({ "do": "invalid", "for_s": 3600 }));

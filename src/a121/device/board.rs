@@ -30,7 +30,7 @@ impl Board {
     }
 
     /// The board of that name.
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|board| board.name() == name)
     }
 
@@ -76,8 +76,8 @@ impl Board {
 /// Greatest drift of a board's crystal against the host's clock.
 const MAX_DRIFT: f64 = 60e-6;
 /// How far the crystal creeps while the board warms up, and how fast.
-const CREEP: f64 = 5e-6;
-const WARMING_S: f64 = 60.0;
+const WARM_UP_DRIFT: f64 = 5e-6;
+const WARM_UP_S: f64 = 60.0;
 
 /// A board's clock: ticks since it was switched on, by a crystal that drifts.
 #[derive(Debug, Clone)]
@@ -118,7 +118,7 @@ impl BoardClock {
     /// The board's own time at a host time, seconds since it was switched on.
     pub fn board_s(&self, host_ns: i64) -> f64 {
         let host_s = host_ns.saturating_sub(self.boot_ns) as f64 * 1e-9;
-        host_s * (1.0 + self.drift) + CREEP * WARMING_S * (1.0 - math::exp(-host_s.max(0.0) / WARMING_S))
+        host_s * (1.0 + self.drift) + WARM_UP_DRIFT * WARM_UP_S * (1.0 - math::exp(-host_s.max(0.0) / WARM_UP_S))
     }
 
     /// The host time of the board's own time.
@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn board_time_and_host_time_are_each_others_inverse() {
+    fn board_time_and_host_time_are_inverse() {
         for seed in 0..20 {
             let clock = BoardClock::new(Board::Xc120, seed, 7_000_000_000);
             for board_s in [0.0, 0.5, 30.0, 4000.0, 86_400.0] {
@@ -154,13 +154,13 @@ mod tests {
     }
 
     #[test]
-    fn the_counter_wraps_when_asked() {
+    fn tick_counter_wraps_when_requested() {
         for board in Board::ALL {
             let mut clock = BoardClock::new(board, 3, 0);
             clock.wrap_after(5_000_000_000, 2.0);
             let (before, after) = (clock.tick(6_990_000_000), clock.tick(7_010_000_000));
             assert!(before > u32::MAX - 20_000 && after < 20_000, "{before} {after}");
-            assert_eq!(Board::named(board.name()), Some(board));
+            assert_eq!(Board::from_name(board.name()), Some(board));
         }
     }
 }

@@ -23,8 +23,8 @@ impl Bench {
 
     fn with_faults(board: Board, plan: &str) -> Self {
         let plan = FaultPlan::parse(plan).unwrap();
-        let mut device = Device::new(board, Box::new(NoiseOfTick), plan, 5, 10 * S);
-        device.keep_sent();
+        let mut device = Device::new(board, Box::new(TickSeededNoise), plan, 5, 10 * S);
+        device.record_sent();
         Self { device, now_ns: 10 * S, heard: Vec::new(), pieces: Vec::new(), plugs: Vec::new() }
     }
 
@@ -71,7 +71,7 @@ impl Bench {
 }
 
 #[test]
-fn commands_are_answered_as_the_protocol_says() {
+fn commands_are_answered_by_the_protocol() {
     let mut bench = Bench::new(Board::Xm125);
     let info = &bench.ask(json!({"cmd": "get_system_info"}))["system_info"];
     assert_eq!((&info["sensor"], &info["ticks_per_second"]), (&json!("a121"), &json!(1000)));
@@ -97,7 +97,7 @@ fn commands_are_answered_as_the_protocol_says() {
 }
 
 #[test]
-fn what_no_board_takes_is_refused() {
+fn invalid_commands_are_refused() {
     let mut bench = Bench::new(Board::Xc120);
     let refused = |bench: &mut Bench, command: Value, says: &str| {
         let answer = bench.ask(command);
@@ -125,7 +125,7 @@ fn what_no_board_takes_is_refused() {
 }
 
 #[test]
-fn frames_come_at_their_rate_with_rising_ticks_and_their_own_samples() {
+fn frames_have_the_rate_rising_ticks_and_own_samples() {
     let mut bench = Bench::new(Board::Xc120);
     bench.set_up(66.0);
     bench.start();
@@ -147,12 +147,12 @@ fn frames_come_at_their_rate_with_rising_ticks_and_their_own_samples() {
         ..config
     };
     let request = FrameRequest { sensor_id: 1, config: &config, index: 0, tick: sent[7].infos[0].tick, end_ns: 0 };
-    NoiseOfTick.frame(&request, &mut again);
+    TickSeededNoise.frame(&request, &mut again);
     assert_eq!(again, sent[7].samples);
 }
 
 #[test]
-fn a_line_too_slow_delays_frames_and_says_so() {
+fn slow_line_delays_and_marks_frames() {
     let mut bench = Bench::new(Board::Sparkfun);
     bench.set_up(66.0);
     bench.start();
@@ -173,7 +173,7 @@ fn a_line_too_slow_delays_frames_and_says_so() {
 }
 
 #[test]
-fn faults_do_what_they_say() {
+fn each_fault_has_its_effect() {
     let inject = |bench: &mut Bench, fault| {
         let mut out = Vec::new();
         bench.device.inject(fault, bench.now_ns, &mut out);
@@ -234,7 +234,7 @@ fn faults_do_what_they_say() {
 }
 
 #[test]
-fn a_seed_repeats_every_byte_and_every_fault() {
+fn same_seed_gives_same_bytes_and_faults() {
     let run = || {
         let mut bench = Bench::with_faults(Board::Xm125, "flip=200,drop=100,stall=5,unplug=2,jump=10,delay=30");
         for _ in 0..20 {

@@ -88,12 +88,12 @@ impl Fault {
     }
 
     /// The fault of that name.
-    pub fn named(name: &str) -> Option<Self> {
+    pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|fault| fault.name() == name)
     }
 
     /// Strikes a byte of the next message, as likely one as another.
-    pub(super) fn strikes_bytes(self) -> bool {
+    pub(super) fn corrupts_bytes(self) -> bool {
         matches!(self, Self::Drop | Self::Double | Self::Flip | Self::Garbage | Self::Stall | Self::Delay)
     }
 }
@@ -134,7 +134,7 @@ impl FaultPlan {
         for part in text.split(',').filter(|part| !part.is_empty()) {
             let no_fault = || FaultPlanError::NoFault(part.to_owned());
             let (name, rate) = part.split_once('=').ok_or_else(no_fault)?;
-            let fault = Fault::named(name).ok_or_else(|| FaultPlanError::UnknownKind(name.to_owned()))?;
+            let fault = Fault::from_name(name).ok_or_else(|| FaultPlanError::UnknownKind(name.to_owned()))?;
             let rate: f64 = rate.parse().map_err(|_| no_fault())?;
             if !(0.0..=MAX_FAULTS_PER_MINUTE).contains(&rate) {
                 return Err(FaultPlanError::Rate(rate));
@@ -203,7 +203,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn plans_are_read_and_refused() {
+    fn fault_plans_are_parsed_and_rejected() {
         let plan = FaultPlan::parse("flip=60,unplug=0.5").unwrap();
         assert_eq!(plan.rates_per_minute, BTreeMap::from([(Fault::Flip, 60.0), (Fault::Unplug, 0.5)]));
         assert!(matches!(FaultPlan::parse("flip"), Err(FaultPlanError::NoFault(_))));
@@ -211,11 +211,11 @@ mod tests {
         assert!(matches!(FaultPlan::parse("fly=1"), Err(FaultPlanError::UnknownKind(_))));
         assert!(matches!(FaultPlan::parse("flip=nan"), Err(FaultPlanError::Rate(_))));
         assert!(matches!(FaultPlan::parse("flip=-1"), Err(FaultPlanError::Rate(_))));
-        assert!(Fault::ALL.iter().all(|fault| Fault::named(fault.name()) == Some(*fault)));
+        assert!(Fault::ALL.iter().all(|fault| Fault::from_name(fault.name()) == Some(*fault)));
     }
 
     #[test]
-    fn rates_are_kept_and_seeds_repeat() {
+    fn fault_rates_are_kept_and_seeds_repeat() {
         let times = |seed| {
             let mut schedule = Schedule::new(FaultPlan::parse("flip=600,stall=60").unwrap(), seed, 0);
             let mut times = Vec::new();
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn given_bytes_are_struck_in_their_message() {
+    fn faults_at_given_bytes_hit_their_message() {
         let at_bytes = BTreeMap::from([(3, Fault::Drop), (10, Fault::Flip), (25, Fault::Reboot)]);
         let mut schedule = Schedule::new(FaultPlan { at_bytes, ..FaultPlan::default() }, 1, 0);
         assert_eq!(schedule.at_bytes(10), [(3, Fault::Drop)]);

@@ -12,7 +12,7 @@ const BITS_A_BYTE: i64 = 10;
 
 /// What happens when a parcel has left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Then {
+pub(super) enum AfterSent {
     Nothing,
     /// The line has this speed from then on.
     Baud(u32),
@@ -22,7 +22,7 @@ pub(super) enum Then {
 
 /// What is sent in one go.
 #[derive(Debug, Clone)]
-pub(super) struct Parcel {
+pub(super) struct Transmission {
     pub bytes: Vec<u8>,
     /// When it may leave.
     pub from_ns: i64,
@@ -30,7 +30,7 @@ pub(super) struct Parcel {
     pub hold_ns: i64,
     /// The last of a result.
     pub ends_result: bool,
-    pub then: Then,
+    pub then: AfterSent,
 }
 
 /// From the board to the reader.
@@ -38,7 +38,7 @@ pub(super) struct Parcel {
 pub(super) struct Line {
     /// Bits a second; `None`: no limit.
     pub baud: Option<u32>,
-    queue: VecDeque<Parcel>,
+    queue: VecDeque<Transmission>,
     sent_of_first: usize,
     free_ns: i64,
     is_blocked: bool,
@@ -54,7 +54,7 @@ impl Line {
         Self { baud, ..Self::default() }
     }
 
-    pub fn put(&mut self, parcel: Parcel) {
+    pub fn put(&mut self, parcel: Transmission) {
         self.queue.push_back(parcel);
     }
 
@@ -97,13 +97,13 @@ impl Line {
         self.free_ns.max(first.from_ns).saturating_add(line_ns)
     }
 
-    fn piece(&self, first: &Parcel) -> usize {
+    fn piece(&self, first: &Transmission) -> usize {
         let left = first.bytes.len() - self.sent_of_first;
         self.baud.map_or(left, |baud| left.min((PIECE_NS / byte_ns(baud)).max(1) as usize))
     }
 
     /// Lets the next piece leave the board, when it has by now; says when, and what happens then.
-    pub fn leave(&mut self, now_ns: i64) -> Option<(i64, Then)> {
+    pub fn leave(&mut self, now_ns: i64) -> Option<(i64, AfterSent)> {
         let left_ns = self.next_leaves_ns();
         let first = self.queue.front().filter(|_| left_ns <= now_ns)?;
         let (count, then, hold_ns) = (self.piece(first), first.then, first.hold_ns);
@@ -121,10 +121,10 @@ impl Line {
         if !piece.is_empty() {
             self.on_the_way.push_back((self.arrival_ns(left_ns), self.baud, piece));
         }
-        if let (true, Then::Baud(baud)) = (is_last, then) {
+        if let (true, AfterSent::Baud(baud)) = (is_last, then) {
             self.baud = self.baud.map(|_| baud);
         }
-        Some((left_ns, if is_last { then } else { Then::Nothing }))
+        Some((left_ns, if is_last { then } else { AfterSent::Nothing }))
     }
 
     fn arrival_ns(&self, left_ns: i64) -> i64 {
@@ -152,8 +152,8 @@ fn byte_ns(baud: u32) -> i64 {
 mod tests {
     use super::*;
 
-    fn parcel(bytes: usize, from_ns: i64) -> Parcel {
-        Parcel { bytes: vec![7; bytes], from_ns, hold_ns: 0, ends_result: true, then: Then::Nothing }
+    fn parcel(bytes: usize, from_ns: i64) -> Transmission {
+        Transmission { bytes: vec![7; bytes], from_ns, hold_ns: 0, ends_result: true, then: AfterSent::Nothing }
     }
 
     fn all(line: &mut Line) -> Vec<(i64, usize)> {
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_leave_no_faster_than_the_speed() {
+    fn bytes_leave_no_faster_than_the_baud_rate() {
         let mut line = Line::new(Some(1_000_000));
         line.put(parcel(250, 5_000_000));
         line.put(parcel(10, 0));
@@ -181,9 +181,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_blocked_or_burst_comes_later() {
+    fn held_blocked_or_bursty_bytes_arrive_later() {
         let mut line = Line::new(Some(1_000_000));
-        line.put(Parcel { hold_ns: 5_000_000, ..parcel(10, 0) });
+        line.put(Transmission { hold_ns: 5_000_000, ..parcel(10, 0) });
         line.put(parcel(10, 0));
         line.set_blocked(true, 0);
         assert_eq!(line.next_ns(), i64::MAX);

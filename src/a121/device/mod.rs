@@ -9,6 +9,8 @@
 //! when [`Device::next_ns`] has come, and hands the bytes on.
 
 mod board;
+#[cfg(unix)]
+mod endpoint;
 mod faults;
 mod line;
 mod protocol;
@@ -16,8 +18,6 @@ mod samples;
 #[cfg(unix)]
 mod serve;
 mod stream;
-#[cfg(unix)]
-mod wire;
 
 use std::collections::BTreeMap;
 
@@ -27,17 +27,17 @@ use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 pub use board::Board;
+#[cfg(unix)]
+pub use endpoint::{ServeAddress, ServeError};
 pub use faults::{Fault, FaultPlan, FaultPlanError, MAX_FAULTS_PER_MINUTE};
-pub use samples::{FrameRequest, NoiseOfTick, SampleSource};
+pub use samples::{FrameRequest, SampleSource, TickSeededNoise};
 #[cfg(unix)]
 pub use serve::{Server, monotonic_ns};
 pub use stream::SentInfo;
-#[cfg(unix)]
-pub use wire::{Place, ServeError};
 
 use board::BoardClock;
 use faults::Schedule;
-use line::{Line, Parcel, Then};
+use line::{AfterSent, Line, Transmission};
 use protocol::BoardSetup;
 use stream::{Measured, Stream, Timing};
 
@@ -61,7 +61,7 @@ const KEPT_RESULTS: usize = 2;
 /// Pauses between log lines while streaming, seconds.
 const LOG_PAUSE_S: (f64, f64) = (1.0, 10.0);
 /// What the way's bursts are like, nanoseconds.
-const BURSTS_NS: (i64, i64) = (1_000_000_000, 30_000_000);
+const BURST_NS: (i64, i64) = (1_000_000_000, 30_000_000);
 
 /// What comes from a board.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -91,7 +91,7 @@ pub struct SentResult {
     /// Bytes of its line.
     pub line_bytes: usize,
     /// At which of its bytes something befell it, and what.
-    pub struck: Vec<(usize, Fault)>,
+    pub faults: Vec<(usize, Fault)>,
 }
 
 /// What a board has done.
@@ -135,7 +135,7 @@ pub struct Device {
     setup: Option<BoardSetup>,
     command: Vec<u8>,
     /// Faults for the next message.
-    strikes: Vec<Fault>,
+    pending_faults: Vec<Fault>,
     refuses_next: bool,
     saturates_next: bool,
     asks_for_calibration: bool,
@@ -144,7 +144,7 @@ pub struct Device {
     hung_until_ns: i64,
     next_log_ns: i64,
     /// Since when there is room for another result.
-    room_since_ns: i64,
+    slot_free_since_ns: i64,
     sent: Option<Vec<SentResult>>,
     counters: DeviceCounters,
 }
@@ -165,21 +165,21 @@ impl Device {
             state: State::Idle,
             setup: None,
             command: Vec::new(),
-            strikes: Vec::new(),
+            pending_faults: Vec::new(),
             refuses_next: false,
             saturates_next: false,
             asks_for_calibration: false,
             wraps_next: false,
             hung_until_ns: i64::MIN,
             next_log_ns: i64::MAX,
-            room_since_ns: i64::MIN,
+            slot_free_since_ns: i64::MIN,
             sent: None,
             counters: DeviceCounters::default(),
         }
     }
 
     /// Remembers what is sent, for [`Self::take_sent`].
-    pub fn keep_sent(&mut self) {
+    pub fn record_sent(&mut self) {
         self.sent.get_or_insert_default();
     }
 
@@ -228,7 +228,7 @@ impl Device {
             if let Some(fault) = self.schedule.take(now_ns) {
                 self.inject(fault, now_ns, out);
             } else if let Some((left_ns, then)) = self.leave(now_ns) {
-                if let Then::Fault(fault) = then {
+                if let AfterSent::Fault(fault) = then {
                     self.go_off(fault, left_ns, out);
                 }
             } else if !self.step(now_ns, out) {
@@ -237,11 +237,11 @@ impl Device {
         }
     }
 
-    fn leave(&mut self, now_ns: i64) -> Option<(i64, Then)> {
+    fn leave(&mut self, now_ns: i64) -> Option<(i64, AfterSent)> {
         let was_full = self.line.results() >= KEPT_RESULTS;
         let left = self.line.leave(now_ns)?;
         if was_full && self.line.results() < KEPT_RESULTS {
-            self.room_since_ns = left.0;
+            self.slot_free_since_ns = left.0;
         }
         Some(left)
     }
@@ -264,7 +264,7 @@ impl Device {
                 true
             }
             State::Streaming(stream) if stream.next.end_ns <= now_ns && self.line.results() < KEPT_RESULTS => {
-                let read_ns = stream.next.end_ns.max(self.room_since_ns);
+                let read_ns = stream.next.end_ns.max(self.slot_free_since_ns);
                 self.finish_result(read_ns);
                 true
             }
@@ -278,11 +278,11 @@ impl Device {
             return;
         }
         self.line.clear(false);
-        self.forget();
+        self.reset_session();
         self.state = State::Idle;
     }
 
-    fn forget(&mut self) {
+    fn reset_session(&mut self) {
         self.line.baud = self.board.max_baudrate().map(|_| FIRST_BAUD);
         self.setup = None;
         self.command.clear();
@@ -298,7 +298,7 @@ impl Device {
             match byte {
                 b'\n' => {
                     let command = std::mem::take(&mut self.command);
-                    self.obey(&command, now_ns);
+                    self.execute(&command, now_ns);
                 }
                 _ if self.command.len() < MAX_COMMAND_BYTES => self.command.push(byte),
                 _ => {}
@@ -306,7 +306,7 @@ impl Device {
         }
     }
 
-    fn obey(&mut self, line: &[u8], now_ns: i64) {
+    fn execute(&mut self, line: &[u8], now_ns: i64) {
         self.counters.commands += 1;
         let command: Value = match serde_json::from_slice(line) {
             Ok(command) if line.len() < MAX_COMMAND_BYTES => command,
@@ -334,7 +334,7 @@ impl Device {
         let asked = command["baudrate"].as_u64().and_then(|baud| u32::try_from(baud).ok());
         match (asked, self.board.max_baudrate()) {
             (Some(baud), Some(max)) if (FIRST_BAUD..=max).contains(&baud) => {
-                self.send(line_of(&serde_json::json!({"status": "ok"})), now_ns + ANSWER_NS, Then::Baud(baud));
+                self.send(line_of(&serde_json::json!({"status": "ok"})), now_ns + ANSWER_NS, AfterSent::Baud(baud));
             }
             _ => self.answer(protocol::error("invalid baudrate"), now_ns),
         }
@@ -348,7 +348,7 @@ impl Device {
                     self.asks_for_calibration = false;
                     self.send_log("sensors calibrated", now_ns + taken_ns);
                 }
-                self.send(line_of(&reply), now_ns + taken_ns, Then::Nothing);
+                self.send(line_of(&reply), now_ns + taken_ns, AfterSent::Nothing);
                 self.setup = Some(setup);
             }
             Err(message) => self.answer(protocol::error(&message), now_ns),
@@ -430,21 +430,21 @@ impl Device {
         self.counters.results += 1;
         self.counters.delayed += u64::from(result.infos.iter().any(|info| info.frame_delayed));
         let from_ns = now_ns + READING_NS + jitter_ns as i64;
-        let struck = self.dispatch(bytes, from_ns, true, Then::Nothing);
+        let faults = self.dispatch(bytes, from_ns, true, AfterSent::Nothing);
         if let Some(sent) = &mut self.sent {
             sent.push(SentResult {
                 infos: result.infos.clone(),
                 ends_ns: result.ends_ns.clone(),
                 samples: result.samples.clone(),
                 line_bytes,
-                struck,
+                faults,
             });
         }
     }
 
     fn answer(&mut self, answer: Value, now_ns: i64) {
         let jitter_ns = self.rng.random_range(0..ANSWER_NS / 2);
-        self.send(line_of(&answer), now_ns + ANSWER_NS + jitter_ns, Then::Nothing);
+        self.send(line_of(&answer), now_ns + ANSWER_NS + jitter_ns, AfterSent::Nothing);
     }
 
     fn send_log(&mut self, text: &str, now_ns: i64) {
@@ -452,26 +452,32 @@ impl Device {
         let log = serde_json::json!({
             "status": "log", "level": "info", "timestamp": milliseconds, "module": "server", "log": text,
         });
-        self.send(line_of(&log), now_ns, Then::Nothing);
+        self.send(line_of(&log), now_ns, AfterSent::Nothing);
     }
 
     fn log_pause_ns(&mut self) -> i64 {
         (self.rng.random_range(LOG_PAUSE_S.0..LOG_PAUSE_S.1) * 1e9) as i64
     }
 
-    fn send(&mut self, bytes: Vec<u8>, from_ns: i64, then: Then) {
+    fn send(&mut self, bytes: Vec<u8>, from_ns: i64, then: AfterSent) {
         self.dispatch(bytes, from_ns, false, then);
     }
 
     /// Puts a message on the line, with what strikes it on the way; says what did, and where.
-    fn dispatch(&mut self, mut bytes: Vec<u8>, from_ns: i64, ends_result: bool, then: Then) -> Vec<(usize, Fault)> {
-        let mut struck = self.schedule.at_bytes(bytes.len());
-        for fault in std::mem::take(&mut self.strikes) {
-            struck.push((self.schedule.rng.random_range(0..bytes.len()), fault));
+    fn dispatch(
+        &mut self,
+        mut bytes: Vec<u8>,
+        from_ns: i64,
+        ends_result: bool,
+        then: AfterSent,
+    ) -> Vec<(usize, Fault)> {
+        let mut faults = self.schedule.at_bytes(bytes.len());
+        for fault in std::mem::take(&mut self.pending_faults) {
+            faults.push((self.schedule.rng.random_range(0..bytes.len()), fault));
         }
         self.counters.bytes += bytes.len() as u64;
         let (mut parcel_ends, mut hold_ns, mut stall_ns, mut ending) = (None, 0, 0, None);
-        for &(at, fault) in &struck {
+        for &(at, fault) in &faults {
             // Others may have taken bytes before.
             let at = at.min(bytes.len() - 1);
             *self.schedule.counts.entry(fault).or_default() += 1;
@@ -486,32 +492,32 @@ impl Device {
                 }
                 Fault::Stall => (parcel_ends, stall_ns) = (Some(at), self.schedule.seconds(0.05, 5.0)),
                 Fault::Delay => (parcel_ends, hold_ns) = (Some(at), self.schedule.seconds(1e-3, 0.2)),
-                Fault::Unplug | Fault::Reboot => (parcel_ends, ending) = (Some(at), Some(Then::Fault(fault))),
+                Fault::Unplug | Fault::Reboot => (parcel_ends, ending) = (Some(at), Some(AfterSent::Fault(fault))),
                 // Nothing of a byte's own: it happens to the next result.
                 Fault::Saturate => self.saturates_next = true,
                 Fault::Calibrate => self.asks_for_calibration = true,
                 Fault::Refuse => self.refuses_next = true,
                 Fault::Wrap => self.wraps_next = true,
                 Fault::Jump => self.jump(),
-                Fault::Burst => self.line.burst_until(from_ns + BURSTS_NS.0, BURSTS_NS.1),
+                Fault::Burst => self.line.burst_until(from_ns + BURST_NS.0, BURST_NS.1),
                 Fault::Error | Fault::Banner => {}
             }
         }
         let rest = parcel_ends.map(|at: usize| bytes.split_off(at.min(bytes.len())));
-        let whole = Parcel { bytes, from_ns, hold_ns: 0, ends_result, then };
+        let whole = Transmission { bytes, from_ns, hold_ns: 0, ends_result, then };
         let Some(rest) = rest else {
             self.line.put(whole);
-            return struck;
+            return faults;
         };
-        self.line.put(Parcel { ends_result: false, then: ending.unwrap_or(Then::Nothing), ..whole });
+        self.line.put(Transmission { ends_result: false, then: ending.unwrap_or(AfterSent::Nothing), ..whole });
         let from_ns = from_ns.saturating_add(stall_ns);
         if stall_ns > 0 {
             self.hung_until_ns = from_ns;
         }
         if ending.is_none() {
-            self.line.put(Parcel { bytes: rest, from_ns, hold_ns, ends_result, then });
+            self.line.put(Transmission { bytes: rest, from_ns, hold_ns, ends_result, then });
         }
-        struck
+        faults
     }
 
     fn jump(&mut self) {
@@ -523,10 +529,10 @@ impl Device {
     pub fn inject(&mut self, fault: Fault, now_ns: i64, out: &mut Vec<Output>) {
         let is_idle = !self.is_streaming();
         match fault {
-            _ if fault.strikes_bytes() => return self.strikes.push(fault),
+            _ if fault.corrupts_bytes() => return self.pending_faults.push(fault),
             // In the middle of a message or between two, as likely one as the other.
             Fault::Unplug | Fault::Reboot if !is_idle && self.schedule.rng.random_bool(0.5) => {
-                return self.strikes.push(fault);
+                return self.pending_faults.push(fault);
             }
             Fault::Unplug | Fault::Reboot => self.go_off(fault, now_ns, out),
             Fault::Saturate => self.saturates_next = true,
@@ -534,9 +540,9 @@ impl Device {
             Fault::Refuse => self.refuses_next = true,
             Fault::Wrap => self.wraps_next = true,
             Fault::Jump => self.jump(),
-            Fault::Burst => self.line.burst_until(now_ns + BURSTS_NS.0, BURSTS_NS.1),
-            Fault::Error => self.send(line_of(&protocol::error("sensor error")), now_ns, Then::Nothing),
-            Fault::Banner => self.send(banner(self.board), now_ns, Then::Nothing),
+            Fault::Burst => self.line.burst_until(now_ns + BURST_NS.0, BURST_NS.1),
+            Fault::Error => self.send(line_of(&protocol::error("sensor error")), now_ns, AfterSent::Nothing),
+            Fault::Banner => self.send(banner(self.board), now_ns, AfterSent::Nothing),
             _ => {}
         }
         *self.schedule.counts.entry(fault).or_default() += 1;
@@ -555,7 +561,7 @@ impl Device {
         }
         self.counters.lost += u64::from(self.is_streaming());
         self.line.clear(unplugged);
-        self.forget();
+        self.reset_session();
         self.asks_for_calibration = false;
         self.clock.restart(if unplugged { until_ns } else { now_ns });
         self.state = State::Off { until_ns, unplugged };

@@ -29,9 +29,9 @@ pub trait SampleSource {
 /// Noise that follows from sensor and tick: cheap, every byte as likely as any, and a frame that comes with another's
 /// tick is recognised.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct NoiseOfTick;
+pub struct TickSeededNoise;
 
-impl SampleSource for NoiseOfTick {
+impl SampleSource for TickSeededNoise {
     fn frame(&mut self, request: &FrameRequest, samples: &mut Vec<Complex<i16>>) -> bool {
         // SplitMix64.
         let mut state = u64::from(request.tick) << 8 | u64::from(request.sensor_id);

@@ -2,13 +2,13 @@
 
 use rustix::time::{ClockId, clock_gettime};
 
-use super::wire::{Heard, Wire, sleep};
-use super::{Device, FIRST_BAUD, Output, Place, ServeError};
+use super::endpoint::{Endpoint, EndpointEvent, sleep};
+use super::{Device, FIRST_BAUD, Output, ServeAddress, ServeError};
 
 /// What a real port holds for a reader that is late, bytes; a pseudo terminal holds 12 kB itself.
 const PORT_BYTES: usize = 64 << 10;
 /// What every session begins with.
-const FIRST_QUESTION: &[u8] = b"{\"cmd\":\"get_system_info\"";
+const FIRST_COMMAND: &[u8] = b"{\"cmd\":\"get_system_info\"";
 
 /// The host's monotonic clock, nanoseconds.
 pub fn monotonic_ns() -> i64 {
@@ -18,9 +18,9 @@ pub fn monotonic_ns() -> i64 {
 
 /// A board at a place.
 pub struct Server {
-    place: Place,
+    place: ServeAddress,
     device: Device,
-    wire: Option<Wire>,
+    endpoint: Option<Endpoint>,
     /// What the other side has not taken yet.
     unsent: Vec<u8>,
     clients: u64,
@@ -31,9 +31,9 @@ impl Server {
     ///
     /// # Errors
     /// It cannot be opened.
-    pub fn open(place: Place, device: Device) -> Result<Self, ServeError> {
-        let wire = Some(place.open()?);
-        Ok(Self { place, device, wire, unsent: Vec::new(), clients: 0 })
+    pub fn open(place: ServeAddress, device: Device) -> Result<Self, ServeError> {
+        let endpoint = Some(place.open()?);
+        Ok(Self { place, device, endpoint, unsent: Vec::new(), clients: 0 })
     }
 
     /// The board.
@@ -50,35 +50,35 @@ impl Server {
     ///
     /// # Errors
     /// The system refuses to go on, or to open the place again after an unplugging.
-    pub fn turn(&mut self, until_ns: i64) -> Result<(), ServeError> {
+    pub fn step(&mut self, until_ns: i64) -> Result<(), ServeError> {
         let mut out = Vec::new();
         self.device.poll(monotonic_ns(), &mut out);
         for output in out {
             match output {
                 Output::Bytes { bytes, baud } => self.send(bytes, baud),
                 Output::Unplugged => {
-                    self.wire = None;
+                    self.endpoint = None;
                     self.unsent.clear();
                 }
-                Output::Plugged => self.wire = Some(self.place.open()?),
+                Output::Plugged => self.endpoint = Some(self.place.open()?),
             }
         }
         self.flush();
         let due_ns = self.device.next_ns().min(until_ns);
         let timeout_ns = due_ns.saturating_sub(monotonic_ns());
         let mut heard = Vec::new();
-        let waited = match &mut self.wire {
-            Some(wire) => wire.wait(timeout_ns, !self.unsent.is_empty(), &mut heard),
+        let waited = match &mut self.endpoint {
+            Some(endpoint) => endpoint.wait(timeout_ns, !self.unsent.is_empty(), &mut heard),
             None => sleep(&mut [], timeout_ns),
         };
         waited.map_err(|source| ServeError::Io { place: self.place.port(), source })?;
-        heard.into_iter().for_each(|heard| self.hear(heard));
+        heard.into_iter().for_each(|heard| self.handle_event(heard));
         Ok(())
     }
 
     fn send(&mut self, bytes: Vec<u8>, baud: Option<u32>) {
-        let Some(wire) = self.wire.as_ref().filter(|wire| wire.is_open()) else { return };
-        let host_baud = baud.and_then(|_| wire.baud());
+        let Some(endpoint) = self.endpoint.as_ref().filter(|endpoint| endpoint.is_open()) else { return };
+        let host_baud = baud.and_then(|_| endpoint.baud());
         match (baud, host_baud) {
             (Some(baud), Some(host)) if host != baud => {
                 if host == FIRST_BAUD {
@@ -91,27 +91,27 @@ impl Server {
     }
 
     fn flush(&mut self) {
-        if let Some(wire) = self.wire.as_mut().filter(|_| !self.unsent.is_empty()) {
-            let taken = wire.write(&self.unsent);
+        if let Some(endpoint) = self.endpoint.as_mut().filter(|_| !self.unsent.is_empty()) {
+            let taken = endpoint.write(&self.unsent);
             self.unsent.drain(..taken);
         }
         self.device.set_blocked(self.unsent.len() > PORT_BYTES, monotonic_ns());
     }
 
-    fn hear(&mut self, heard: Heard) {
+    fn handle_event(&mut self, heard: EndpointEvent) {
         match heard {
-            Heard::Somebody(came) => {
+            EndpointEvent::Connected(came) => {
                 self.clients += u64::from(came);
                 self.unsent.clear();
                 self.device.receive_break();
             }
-            Heard::Bytes(bytes) => {
-                let host_baud = self.wire.as_ref().and_then(Wire::baud);
+            EndpointEvent::Bytes(bytes) => {
+                let host_baud = self.endpoint.as_ref().and_then(Endpoint::baud);
                 let is_pty = host_baud.is_some();
                 let board_baud = self.device.baud().filter(|_| is_pty);
                 let differs = board_baud.is_some() && board_baud != host_baud;
                 if (differs && host_baud == Some(FIRST_BAUD))
-                    || (is_pty && self.device.is_streaming() && bytes.starts_with(FIRST_QUESTION))
+                    || (is_pty && self.device.is_streaming() && bytes.starts_with(FIRST_COMMAND))
                 {
                     self.device.receive_break();
                 } else if differs {

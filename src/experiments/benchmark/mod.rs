@@ -12,10 +12,10 @@ mod trial;
 
 use std::collections::BTreeMap;
 
-use crate::imaging::sums::RollingError;
+use crate::imaging::backprojection::RollingError;
 use crate::simulation::ScenarioError;
 
-use crate::experiments::recorded::Recorded;
+use crate::experiments::trial_recording::TrialRecording;
 
 pub use plan::{Case, Plan, Search};
 pub use row::Row;
@@ -39,7 +39,7 @@ pub enum BenchmarkError {
 pub struct Benchmark {
     plan: Plan,
     /// By motion, one a seed.
-    recorded: BTreeMap<&'static str, Vec<Recorded>>,
+    recorded: BTreeMap<&'static str, Vec<TrialRecording>>,
 }
 
 impl Benchmark {
@@ -51,7 +51,8 @@ impl Benchmark {
         let mut recorded = BTreeMap::new();
         for motion in plan.cases.iter().map(|case| case.motion) {
             if !recorded.contains_key(motion) {
-                let all: Result<Vec<Recorded>, _> = (1..=plan.seeds).map(|seed| record::record(motion, seed)).collect();
+                let all: Result<Vec<TrialRecording>, _> =
+                    (1..=plan.seeds).map(|seed| record::record(motion, seed)).collect();
                 recorded.insert(motion, all?);
             }
         }

@@ -1,6 +1,6 @@
 //! What is measured.
 
-use crate::experiments::recorded::CUBE_M;
+use crate::experiments::trial_recording::CUBE_M;
 use crate::imaging::{Selection, Statistic};
 
 /// How the place is searched for.
@@ -99,8 +99,8 @@ pub struct Plan {
 const STATISTICS: [Statistic; 5] =
     [Statistic::Thesis, Statistic::Ls, Statistic::Log, Statistic::Glrt, Statistic::Coherent];
 /// Dense volumes with more updates are left out, except for those of `ls`, up to the second number.
-const MOST_DENSE_UPDATES: f64 = 3e7;
-const MOST_DENSE_UPDATES_LS: f64 = 4e8;
+const MAX_DENSE_UPDATES: f64 = 3e7;
+const MAX_DENSE_UPDATES_LS: f64 = 4e8;
 
 const BASE: Case = Case {
     motion: "sphere-50cm",
@@ -117,7 +117,7 @@ impl Plan {
     pub fn full() -> Self {
         let mut cases = vec![Case { voxel_m: 0.1, sweeps: 20, search: Search::Oracle, ..BASE }];
         for statistic in STATISTICS {
-            cases.extend(grid_of(statistic, &[0.1, 0.05, 0.024, 0.012], &[20, 50, 200]));
+            cases.extend(voxel_sweep_grid(statistic, &[0.1, 0.05, 0.024, 0.012], &[20, 50, 200]));
             cases.extend([50, 200].map(|sweeps| Case { statistic, sweeps, refined: true, ..BASE }));
         }
         for voxel_m in [0.1, 0.05, 0.024] {
@@ -136,20 +136,20 @@ impl Plan {
         for voxel_m in [0.024, 0.012] {
             cases.extend([Search::Window, Search::Rolling].map(|search| Case { voxel_m, sweeps: 200, search, ..BASE }));
         }
-        Self { cases: each_once(cases), seeds: 6, oracle_seeds: 2, rolling_seeds: 1 }
+        Self { cases: deduplicated(cases), seeds: 6, oracle_seeds: 2, rolling_seeds: 1 }
     }
 
     /// A little of everything, in seconds.
     pub fn quick() -> Self {
         let mut cases = vec![Case { voxel_m: 0.2, sweeps: 20, search: Search::Oracle, ..BASE }];
         for statistic in STATISTICS {
-            cases.extend(grid_of(statistic, &[0.1, 0.05], &[20]));
+            cases.extend(voxel_sweep_grid(statistic, &[0.1, 0.05], &[20]));
         }
         cases.push(Case { refined: true, search: Search::Peak, ..BASE });
         cases.push(Case { selection: Selection::ThesisHull, ..cases[cases.len() - 1] });
         cases.push(Case { motion: "sphere-10cm", ..BASE });
         cases.extend([Search::Window, Search::Rolling].map(|search| Case { sweeps: 200, search, ..BASE }));
-        Self { cases: each_once(cases), seeds: 3, oracle_seeds: 1, rolling_seeds: 1 }
+        Self { cases: deduplicated(cases), seeds: 3, oracle_seeds: 1, rolling_seeds: 1 }
     }
 
     /// How many recordings a case images.
@@ -163,8 +163,8 @@ impl Plan {
 }
 
 /// Voxel sizes times numbers of sweeps, adaptive, and dense where that does not take too long.
-fn grid_of(statistic: Statistic, voxels_m: &[f64], sweeps: &[usize]) -> Vec<Case> {
-    let most = if statistic == Statistic::Ls { MOST_DENSE_UPDATES_LS } else { MOST_DENSE_UPDATES };
+fn voxel_sweep_grid(statistic: Statistic, voxels_m: &[f64], sweeps: &[usize]) -> Vec<Case> {
+    let most = if statistic == Statistic::Ls { MAX_DENSE_UPDATES_LS } else { MAX_DENSE_UPDATES };
     let mut cases = Vec::new();
     for &voxel_m in voxels_m {
         for &sweeps in sweeps {
@@ -179,7 +179,7 @@ fn grid_of(statistic: Statistic, voxels_m: &[f64], sweeps: &[usize]) -> Vec<Case
 }
 
 /// Later ones of the same are left out.
-fn each_once(cases: Vec<Case>) -> Vec<Case> {
+fn deduplicated(cases: Vec<Case>) -> Vec<Case> {
     let mut kept: Vec<Case> = Vec::new();
     for case in cases {
         if !kept.contains(&case) {
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_tell_cases_apart() {
+    fn case_names_are_unique() {
         for plan in [Plan::full(), Plan::quick()] {
             let names: BTreeSet<(String, &str)> = plan.cases.iter().map(|c| (c.name(), c.motion)).collect();
             assert_eq!(names.len(), plan.cases.len());

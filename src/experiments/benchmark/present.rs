@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::plan::{Case, Search};
 use super::row::Row;
 use crate::math;
-use crate::report::{Table, TradeMark, TradeOff, TradePoint};
+use crate::report::{Table, TradeOff, TradeOffMarker, TradeOffPoint};
 
 /// One row a case; those on the front have a star.
 pub fn table(rows: &[Row]) -> Table {
@@ -61,7 +61,7 @@ pub fn json(rows: &[Row], threads: usize, instructions: &str) -> Value {
             "error_m": row.error_m,
             "error_p95_m": row.error_p95_m,
             "p95_s": row.p95_s,
-            "choosing_s": row.choosing_s,
+            "choosing_s": row.selection_s,
             "bounds": row.bounds,
             "trials": row.trials,
             "motion": case.motion,
@@ -87,11 +87,11 @@ pub fn plot(rows: &[Row], machine: &str) -> TradeOff {
         let wanted = Case { search: slow, ..row.case };
         (row.case != wanted).then(|| shown.iter().position(|other| other.case == wanted)).flatten()
     };
-    let point = |row: &&Row| TradePoint {
+    let point = |row: &&Row| TradeOffPoint {
         series: row.case.statistic.name().to_owned(),
         mark: mark(&row.case),
         at: [row.median_s * 1e3, row.error_m * 1e3],
-        label: described(&row.case),
+        label: case_label(&row.case),
         from: partner(row),
         on_front: row.on_front,
     };
@@ -110,18 +110,18 @@ pub fn plot(rows: &[Row], machine: &str) -> TradeOff {
     }
 }
 
-fn mark(case: &Case) -> TradeMark {
+fn mark(case: &Case) -> TradeOffMarker {
     match case.search {
-        Search::Oracle => TradeMark::Slow,
-        Search::Rolling | Search::Window => TradeMark::Rolling,
-        _ if case.refined => TradeMark::Refined,
-        Search::Dense => TradeMark::Dense,
-        Search::Adaptive | Search::Peak => TradeMark::Adaptive,
+        Search::Oracle => TradeOffMarker::Slow,
+        Search::Rolling | Search::Window => TradeOffMarker::Rolling,
+        _ if case.refined => TradeOffMarker::Refined,
+        Search::Dense => TradeOffMarker::Dense,
+        Search::Adaptive | Search::Peak => TradeOffMarker::Adaptive,
     }
 }
 
 /// A case in a few words.
-fn described(case: &Case) -> String {
+fn case_label(case: &Case) -> String {
     let statistic = case.statistic.name();
     let (voxel_cm, sweeps) = (case.voxel_m * 100.0, case.sweeps_text());
     let chosen = match case.selection_name() {

@@ -7,14 +7,16 @@ use super::BenchmarkError;
 use super::plan::{Case, Search};
 use super::row::{Sample, Samples};
 use super::trial::{BEAM, center};
-use crate::experiments::recorded::{Recorded, region};
-use crate::imaging::sums::{BrickGrid, RollingImage, RollingSettings, SweepStack, Threshold, ls_step, search};
+use crate::experiments::trial_recording::{TrialRecording, region};
+use crate::imaging::backprojection::{
+    BrickGrid, RollingImage, RollingSettings, SweepStack, Threshold, ls_step, search,
+};
 
 /// The place is compared with the truth after every so many sweeps; only there is a fresh image made.
-const EVERY: usize = 25;
+const COMPARE_EVERY_SWEEPS: usize = 25;
 
 /// What is timed: taking one sweep in (and one out) and giving the peak; or tables, search and peak of the same window.
-pub(super) fn samples(case: &Case, recorded: &[Recorded]) -> Result<Samples, BenchmarkError> {
+pub(super) fn samples(case: &Case, recorded: &[TrialRecording]) -> Result<Samples, BenchmarkError> {
     let mut samples = Samples::default();
     for recorded in recorded {
         match case.search {
@@ -25,7 +27,7 @@ pub(super) fn samples(case: &Case, recorded: &[Recorded]) -> Result<Samples, Ben
     Ok(samples)
 }
 
-fn rolling(case: &Case, recorded: &Recorded, samples: &mut Samples) -> Result<(), BenchmarkError> {
+fn rolling(case: &Case, recorded: &TrialRecording, samples: &mut Samples) -> Result<(), BenchmarkError> {
     let observations = &recorded.observations;
     let grid = BrickGrid::covering(&region(case.voxel_m, recorded.seed), case.voxel_m);
     let geometries: Vec<_> = observations.first().map(|o| Arc::clone(&o.geometry)).into_iter().collect();
@@ -45,7 +47,7 @@ fn rolling(case: &Case, recorded: &Recorded, samples: &mut Samples) -> Result<()
         let work = image.work();
         let updates = work.updates - before.updates;
         let bounds = work.bounds - before.bounds;
-        if n % EVERY == 0 {
+        if n % COMPARE_EVERY_SWEEPS == 0 {
             let error_m = place.map_or(f64::INFINITY, |place| place.distance(recorded.truth_m));
             samples.push(Sample { error_m, updates, bounds });
         }
@@ -53,12 +55,12 @@ fn rolling(case: &Case, recorded: &Recorded, samples: &mut Samples) -> Result<()
     Ok(())
 }
 
-fn fresh(case: &Case, recorded: &Recorded, samples: &mut Samples) {
+fn fresh(case: &Case, recorded: &TrialRecording, samples: &mut Samples) {
     let observations = &recorded.observations;
     let grid = BrickGrid::covering(&region(case.voxel_m, recorded.seed), case.voxel_m);
     // As the rolling image rounds.
     let step = ls_step(RollingSettings::default().noise_rms_lsb, 0.0);
-    for newest in (case.sweeps..observations.len()).filter(|n| n % EVERY == 0) {
+    for newest in (case.sweeps..observations.len()).filter(|n| n % COMPARE_EVERY_SWEEPS == 0) {
         let window = &observations[newest + 1 - case.sweeps..=newest];
         let start = Instant::now();
         let geometries = [Arc::clone(&window[0].geometry)];

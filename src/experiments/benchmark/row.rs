@@ -2,7 +2,7 @@
 
 use super::plan::{Case, Search};
 use super::record::workload;
-use crate::experiments::recorded::quantile;
+use crate::experiments::trial_recording::quantile;
 use crate::report::pareto_front;
 
 /// One image.
@@ -22,7 +22,7 @@ pub(super) struct Samples {
     pub bounds: Vec<f64>,
     /// More than there are errors: quick cases are repeated.
     pub times_s: Vec<f64>,
-    pub choosing_s: Vec<f64>,
+    pub selection_s: Vec<f64>,
 }
 
 impl Samples {
@@ -47,7 +47,7 @@ pub struct Row {
     /// and its 95th percentile.
     pub p95_s: f64,
     /// Median time of choosing the sweeps, seconds; not in the other times.
-    pub choosing_s: f64,
+    pub selection_s: f64,
     /// Median (voxel, sweep) pairs summed,
     pub updates: u64,
     /// and (cube, sweep) pairs bounded to find which.
@@ -68,7 +68,7 @@ impl Row {
             trials: samples.errors_m.len(),
             median_s: quantile(&samples.times_s, 0.5),
             p95_s: quantile(&samples.times_s, 0.95),
-            choosing_s: quantile(&samples.choosing_s, 0.5),
+            selection_s: quantile(&samples.selection_s, 0.5),
             updates: quantile(&samples.updates, 0.5) as u64,
             bounds: quantile(&samples.bounds, 0.5) as u64,
             error_m: quantile(&samples.errors_m, 0.5),

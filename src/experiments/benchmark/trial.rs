@@ -6,10 +6,10 @@ use glam::DVec3;
 
 use super::plan::{Case, Search};
 use super::row::{Sample, Samples};
-use crate::experiments::recorded::{Recorded, region};
+use crate::experiments::trial_recording::{TrialRecording, region};
 use crate::geometry::Aabb;
-use crate::imaging::blocks::BlockSettings;
-use crate::imaging::sums::{BrickGrid, SweepStack, Threshold, dense_volume, search};
+use crate::imaging::backprojection::{BrickGrid, SweepStack, Threshold, dense_volume, search};
+use crate::imaging::subaperture::SubapertureSettings;
 use crate::imaging::{Oracle, PositionErrors, RangePower, oracle_volume, refine};
 use crate::radar::{Beam, Observation};
 
@@ -17,22 +17,22 @@ pub(super) const BEAM: Beam = Beam::Lensless;
 /// Places nearer than this are not looked at by the refinement, metres: the antenna's own leakage.
 const MIN_RANGE_M: f64 = 0.15;
 /// A quick case is repeated up to so many times a recording, while it has taken less than this.
-const REPEATS: usize = 5;
-const ENOUGH_S: f64 = 0.05;
+const MAX_REPEATS: usize = 5;
+const MAX_REPEAT_S: f64 = 0.05;
 
 /// One recording after the other; the first is imaged once more beforehand, unmeasured.
-pub(super) fn samples(case: &Case, recorded: &[Recorded]) -> Samples {
+pub(super) fn samples(case: &Case, recorded: &[TrialRecording]) -> Samples {
     let mut samples = Samples::default();
     for (n, recorded) in recorded.iter().enumerate() {
         let region = region(case.voxel_m, recorded.seed);
         let start = Instant::now();
         let sweeps = choose(case, recorded, &region);
-        samples.choosing_s.push(start.elapsed().as_secs_f64());
+        samples.selection_s.push(start.elapsed().as_secs_f64());
         if n == 0 && case.search != Search::Oracle {
             image(case, &sweeps, &region);
         }
         let begin = Instant::now();
-        for repeat in 0..REPEATS {
+        for repeat in 0..MAX_REPEATS {
             let start = Instant::now();
             let imaged = image(case, &sweeps, &region);
             samples.times_s.push(start.elapsed().as_secs_f64());
@@ -43,7 +43,7 @@ pub(super) fn samples(case: &Case, recorded: &[Recorded]) -> Samples {
                     bounds: imaged.bounds,
                 });
             }
-            if begin.elapsed().as_secs_f64() > ENOUGH_S {
+            if begin.elapsed().as_secs_f64() > MAX_REPEAT_S {
                 break;
             }
         }
@@ -51,7 +51,7 @@ pub(super) fn samples(case: &Case, recorded: &[Recorded]) -> Samples {
     samples
 }
 
-fn choose(case: &Case, recorded: &Recorded, region: &Aabb) -> Vec<Observation> {
+fn choose(case: &Case, recorded: &TrialRecording, region: &Aabb) -> Vec<Observation> {
     if case.sweeps == 0 {
         return recorded.observations.clone();
     }
@@ -60,7 +60,7 @@ fn choose(case: &Case, recorded: &Recorded, region: &Aabb) -> Vec<Observation> {
 }
 
 /// What came of a trial.
-struct Imaged {
+struct TrialResult {
     /// `None`: nothing found.
     place_m: Option<DVec3>,
     updates: u64,
@@ -68,7 +68,7 @@ struct Imaged {
 }
 
 /// What is timed: tables from sweeps, the volume or the search, its peak, and the refinement where the case has one.
-fn image(case: &Case, sweeps: &[Observation], region: &Aabb) -> Imaged {
+fn image(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
     let mut imaged = search_place(case, sweeps, region);
     if case.refined {
         imaged.place_m = imaged.place_m.map(|place| {
@@ -80,23 +80,23 @@ fn image(case: &Case, sweeps: &[Observation], region: &Aabb) -> Imaged {
     imaged
 }
 
-fn search_place(case: &Case, sweeps: &[Observation], region: &Aabb) -> Imaged {
+fn search_place(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
     let grid = BrickGrid::covering(region, case.voxel_m);
     let dense_updates = (grid.voxels() * sweeps.len()) as u64;
     if case.search == Search::Oracle {
-        let oracle = Oracle::new(sweeps, &BEAM, &BlockSettings::default());
+        let oracle = Oracle::new(sweeps, &BEAM, &SubapertureSettings::default());
         let volume = oracle_volume(&oracle, case.statistic, region, case.voxel_m);
-        return Imaged { place_m: peak(&volume.values, &grid), updates: dense_updates, bounds: 0 };
+        return TrialResult { place_m: peak(&volume.values, &grid), updates: dense_updates, bounds: 0 };
     }
     let (stack, _) = SweepStack::of(case.statistic, &BEAM, sweeps, grid.middle_m());
     if case.search == Search::Dense {
         let dense = dense_volume(&stack, &grid);
-        return Imaged { place_m: peak(&dense.volume.values, &grid), updates: dense.updates, bounds: 0 };
+        return TrialResult { place_m: peak(&dense.volume.values, &grid), updates: dense.updates, bounds: 0 };
     }
     let share = if case.search == Search::Peak { 1.0 } else { 0.5 };
     let found = search(&stack, &grid, Threshold::ShareOfPeak(share));
     let place_m = found.peak().map(|(index, _)| center(&grid, index));
-    Imaged { place_m, updates: found.work.updates, bounds: found.work.bounds }
+    TrialResult { place_m, updates: found.work.updates, bounds: found.work.bounds }
 }
 
 /// Centre of the greatest voxel, the first of equals, as the adaptive search has it.

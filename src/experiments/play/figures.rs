@@ -66,7 +66,7 @@ pub struct FalseReport {
 
 /// What became of a thing that was carried away.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Forgetting {
+pub struct RemovalOutcome {
     /// It was known when it went.
     pub was_known: bool,
     /// Time that its place was in the beam from then on, until it was no longer reported, seconds; `None`: it still is.
@@ -85,7 +85,7 @@ pub struct Figures {
     /// Time during which a report of nothing was near the body, seconds.
     pub false_near_s: f64,
     /// Chairs that were carried away.
-    pub forgettings: Vec<Forgetting>,
+    pub forgettings: Vec<RemovalOutcome>,
     /// Obstacles in the map at the end of each session.
     pub reports_at_end: Vec<usize>,
     /// Times that a warning came on or went out within a second of doing the opposite, for the same thing.
@@ -176,13 +176,13 @@ impl Figures {
     pub fn rates(&self) -> Rates {
         let due: Vec<&Approach> = self.approaches.iter().filter(|a| a.in_beam_s >= Rates::SEEN_S).collect();
         let firsts = || due.iter().filter(|a| a.is_first);
-        let leads = rising(due.iter().map(|a| a.lead_m));
-        let errors = rising(due.iter().filter(|a| a.warned).flat_map(|a| a.errors_m.iter().copied()));
+        let leads = sorted(due.iter().map(|a| a.lead_m));
+        let errors = sorted(due.iter().filter(|a| a.warned).flat_map(|a| a.errors_m.iter().copied()));
         let per_min = |wanted: &dyn Fn(&FalseReport) -> bool| {
             self.false_reports.iter().filter(|report| wanted(report)).count() as f64 * 60.0 / self.played_s
         };
         let forgot = self.forgettings.iter().filter(|f| f.was_known).map(|f| f.looked_s.unwrap_or(f64::INFINITY));
-        let forgot = rising(forgot);
+        let forgot = sorted(forgot);
         let bounds = || due.iter().filter(|a| a.warned).filter_map(|a| a.bounds);
         let parts: [fn(BoundErrors) -> f64; 3] = [|b| b.near_m, |b| b.width_m, |b| b.top_m];
         Rates {
@@ -200,15 +200,15 @@ impl Figures {
             false_near_share: self.false_near_s / self.played_s,
             error_median_m: quantile(&errors, 0.5),
             error_p90_m: quantile(&errors, 0.9),
-            bounds_median_m: parts.map(|part| quantile(&rising(bounds().map(part)), 0.5)),
-            bounds_p90_m: parts.map(|part| quantile(&rising(bounds().map(|b| part(b).abs())), 0.9)),
+            bounds_median_m: parts.map(|part| quantile(&sorted(bounds().map(part)), 0.5)),
+            bounds_p90_m: parts.map(|part| quantile(&sorted(bounds().map(|b| part(b).abs())), 0.9)),
             forget_median_s: quantile(&forgot, 0.5),
             forget_worst_s: quantile(&forgot, 1.0),
         }
     }
 }
 
-fn rising(values: impl Iterator<Item = f64>) -> Vec<f64> {
+fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
     values
@@ -216,9 +216,9 @@ fn rising(values: impl Iterator<Item = f64>) -> Vec<f64> {
 
 /// Of rising values, the nearest; NaN of none. (`recorded::quantile` lies between two of them and is 0 of none: here it is to be one that was
 /// measured, and of nothing nothing is told.)
-fn quantile(rising: &[f64], share: f64) -> f64 {
-    let at = (share * rising.len().saturating_sub(1) as f64).round() as usize;
-    rising.get(at).copied().unwrap_or(f64::NAN)
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let at = (share * sorted.len().saturating_sub(1) as f64).round() as usize;
+    sorted.get(at).copied().unwrap_or(f64::NAN)
 }
 
 #[cfg(test)]
@@ -241,11 +241,11 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_in_the_beam_is_not_asked_for() {
+    fn approaches_outside_the_beam_are_not_counted() {
         let approaches = vec![approach(0.7, 0.0, true), approach(1.6, 1.2, true), approach(0.8, 0.0, false)];
         let near = FalseReport { time_s: 1.0, cause: Cause::Hand, is_wall: false, is_near: true };
         let far = FalseReport { cause: Cause::Nothing, is_near: false, ..near };
-        let forgettings = vec![Forgetting { was_known: true, looked_s: None }];
+        let forgettings = vec![RemovalOutcome { was_known: true, looked_s: None }];
         let mut figures = Figures {
             played_s: 30.0,
             approaches,

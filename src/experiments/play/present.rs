@@ -28,7 +28,7 @@ const CURVE_CAPTION: &str = "in time: warned of before 0.4 m or 0.6 s, of the ap
     the nearest scatterer, median. forgotten: a chair that was carried away, time in the beam until it is no longer reported, median.";
 
 fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
-    let (metres, fine) = (|m: f64| told(m, 2), |m: f64| told(m, 3));
+    let (metres, fine) = (|m: f64| formatted(m, 2), |m: f64| formatted(m, 3));
     vec![
         name.into(),
         rates.due.to_string(),
@@ -48,7 +48,7 @@ fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
 }
 
 /// A number; what took for ever never was, and of nothing nothing is told.
-fn told(value: f64, digits: usize) -> String {
+fn formatted(value: f64, digits: usize) -> String {
     match value {
         f64::INFINITY => "never".into(),
         value if value.is_nan() => "–".into(),
@@ -72,20 +72,20 @@ pub fn totals(figures: &Figures) -> Table {
     };
     let rows = vec![
         row("warned before 0.4 m or 0.6 s, %", percent(things.warned, things.due), "≥ 95"),
-        row("lead distance, median, m", told(things.lead_median_m, 2), "≥ 1.0"),
-        row("lead distance, 10th percentile, m", told(things.lead_p10_m, 2), "≥ 0.5"),
-        row("reported where nothing is, near the body, a minute", told(all.false_near_per_min, 2), "≤ 1"),
-        row("   of these from own hands", told(all.hands_per_min, 2), "≤ 0.5; tracked 0"),
-        row("reported where nothing is, anywhere, a minute", told(all.false_per_min, 2), ""),
-        row("   of these walls", told(all.false_walls_per_min, 2), ""),
-        row("time with one near the body, %", told(100.0 * all.false_near_share, 1), ""),
-        row("removed chair forgotten after looking, median, s", told(all.forget_median_s, 1), "≤ 5"),
-        row("   the slowest, s", told(all.forget_worst_s, 1), ""),
-        row("place of what is warned of, median error, cm", told(100.0 * things.error_median_m, 1), "≤ 5"),
+        row("lead distance, median, m", formatted(things.lead_median_m, 2), "≥ 1.0"),
+        row("lead distance, 10th percentile, m", formatted(things.lead_p10_m, 2), "≥ 0.5"),
+        row("reported where nothing is, near the body, a minute", formatted(all.false_near_per_min, 2), "≤ 1"),
+        row("   of these from own hands", formatted(all.hands_per_min, 2), "≤ 0.5; tracked 0"),
+        row("reported where nothing is, anywhere, a minute", formatted(all.false_per_min, 2), ""),
+        row("   of these walls", formatted(all.false_walls_per_min, 2), ""),
+        row("time with one near the body, %", formatted(100.0 * all.false_near_share, 1), ""),
+        row("removed chair forgotten after looking, median, s", formatted(all.forget_median_s, 1), "≤ 5"),
+        row("   the slowest, s", formatted(all.forget_worst_s, 1), ""),
+        row("place of what is warned of, median error, cm", formatted(100.0 * things.error_median_m, 1), "≤ 5"),
         row("near side, reported nearer (+) than it is: median; 9 of 10 off by less, cm", bound(0), ""),
         row("   width, reported wider (+)", bound(1), ""),
         row("   top, reported higher (+)", bound(2), ""),
-        row("warnings that flicker, a minute", told(figures.flickers as f64 / minutes, 2), ""),
+        row("warnings that flicker, a minute", formatted(figures.flickers as f64 / minutes, 2), ""),
         row("obstacles in the map at the end", format!("{at_end:.0}"), ""),
         row("played, minutes", format!("{minutes:.1}"), ""),
     ];
@@ -101,12 +101,12 @@ pub fn curve<'f>(settings: impl Iterator<Item = (&'f str, &'f Figures)>) -> Tabl
             percent(things.warned, things.due),
             percent(things.first_warned, things.first_due),
             percent(things.visible, things.due),
-            told(things.lead_median_m, 2),
-            told(things.lead_p10_m, 2),
-            told(all.false_near_per_min, 2),
-            told(all.false_per_min, 2),
-            told(100.0 * things.error_median_m, 1),
-            told(all.forget_median_s, 1),
+            formatted(things.lead_median_m, 2),
+            formatted(things.lead_p10_m, 2),
+            formatted(all.false_near_per_min, 2),
+            formatted(all.false_per_min, 2),
+            formatted(100.0 * things.error_median_m, 1),
+            formatted(all.forget_median_s, 1),
         ]
     };
     let head = [

@@ -4,9 +4,9 @@
 use rayon::prelude::*;
 
 use super::figures::Figures;
-use super::judge::{Judge, Shown};
+use super::scorer::{Scorer, ShownWarnings};
 use crate::engine::{Pipeline, Settings};
-use crate::obstacles::{HandsM, Scene, Weighed};
+use crate::obstacles::{HandsM, Scene, ScoredCandidate};
 use crate::radar::{Frame, frame_timing};
 use crate::simulation::{PlaySession, Session, SessionError};
 use crate::warning::{PanelKind, Player, Warnings, Watch};
@@ -33,7 +33,7 @@ pub enum PlayError {
 /// Frames that are simulated at a time, seconds.
 const BATCH_S: f64 = 4.0;
 /// Poses between two steps of the judgement: 30 a second.
-const POSES_A_STEP: usize = 4;
+const POSES_PER_STEP: usize = 4;
 
 /// The figures of each seed's session, in the seeds' order; `done` is called as each is over. The same on any number of threads.
 ///
@@ -41,32 +41,36 @@ const POSES_A_STEP: usize = 4;
 /// A session that cannot be simulated.
 pub fn play(trial: &PlayTrial, seeds: &[u64], done: impl Fn(u64, &Figures) + Sync) -> Result<Vec<Figures>, PlayError> {
     let play_one = |&seed: &u64| -> Result<Figures, PlayError> {
-        let session = PlaySession { seed, ..trial.session.clone() }.stage()?;
-        let figures = Played::new(&session, trial, |_, _| ()).play();
+        let session = PlaySession { seed, ..trial.session.clone() }.prepare()?;
+        let figures = SessionRunner::new(&session, trial, |_, _| ()).play();
         done(seed, &figures);
         Ok(figures)
     };
     seeds.par_iter().map(play_one).collect()
 }
 
-/// Plays one session; `look` is told after each look at the evidence what was weighed in it, and when, seconds.
-pub(in crate::experiments) fn each_look(session: &Session, trial: &PlayTrial, look: impl FnMut(f64, &[Weighed])) {
-    Played::new(session, trial, look).play();
+/// Plays one session; `on_update` is told after each look at the evidence what was weighed in it, and when, seconds.
+pub(in crate::experiments) fn for_each_update(
+    session: &Session,
+    trial: &PlayTrial,
+    on_update: impl FnMut(f64, &[ScoredCandidate]),
+) {
+    SessionRunner::new(session, trial, on_update).play();
 }
 
-struct Played<'s, L> {
+struct SessionRunner<'s, L> {
     session: &'s Session,
     trial: &'s PlayTrial,
     pipeline: Pipeline,
     watch: Watch,
     scene: Scene,
     evidence_ns: Option<i64>,
-    judge: Judge<'s>,
-    look: L,
+    scorer: Scorer<'s>,
+    on_update: L,
 }
 
-impl<'s, L: FnMut(f64, &[Weighed])> Played<'s, L> {
-    fn new(session: &'s Session, trial: &'s PlayTrial, look: L) -> Self {
+impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
+    fn new(session: &'s Session, trial: &'s PlayTrial, on_update: L) -> Self {
         let play = session.play();
         Self {
             session,
@@ -75,8 +79,8 @@ impl<'s, L: FnMut(f64, &[Weighed])> Played<'s, L> {
             watch: Watch::new(),
             scene: Scene::default(),
             evidence_ns: None,
-            judge: Judge::new(session),
-            look,
+            scorer: Scorer::new(session),
+            on_update,
         }
     }
 
@@ -92,12 +96,12 @@ impl<'s, L: FnMut(f64, &[Weighed])> Played<'s, L> {
                 self.pipeline.push_hands(pose.time_ns, hands_m);
             }
             self.pipeline.push_pose(&pose);
-            if n % POSES_A_STEP == 0 && (start_ns..end_ns).contains(&pose.time_ns) {
+            if n % POSES_PER_STEP == 0 && (start_ns..end_ns).contains(&pose.time_ns) {
                 self.step(pose.time_ns, (pose.time_ns - start_ns) as f64 * 1e-9);
             }
         }
         let reports = self.scene.obstacles.len();
-        self.judge.end(reports)
+        self.scorer.end(reports)
     }
 
     /// Where the controllers are tracked, if they are.
@@ -112,7 +116,7 @@ impl<'s, L: FnMut(f64, &[Weighed])> Played<'s, L> {
         if evidence_ns != self.evidence_ns {
             self.evidence_ns = evidence_ns;
             self.scene = self.pipeline.scene();
-            (self.look)(time_s, self.pipeline.engine().weighed());
+            (self.on_update)(time_s, self.pipeline.engine().weighed());
             self.watch.see(&self.scene);
         }
         let Some((_, tracking_from_head)) = self.pipeline.head() else { return };
@@ -120,16 +124,16 @@ impl<'s, L: FnMut(f64, &[Weighed])> Played<'s, L> {
         let player = Player { time_ns, tracking_from_head, hands_m };
         let warnings = self.watch.warn(&player, &self.trial.settings.warning);
         let shown = self.shown(&warnings);
-        self.judge.step(time_s, &self.scene, &shown);
+        self.scorer.step(time_s, &self.scene, &shown);
     }
 
-    fn shown(&self, warnings: &Warnings) -> Shown {
+    fn shown(&self, warnings: &Warnings) -> ShownWarnings {
         let shapes = self.watch.shapes(warnings);
         let walls = warnings.panels.iter().filter(|panel| panel.kind == PanelKind::Wall);
         let plane = |panel: &crate::warning::Panel| {
             self.scene.walls.iter().find(|wall| wall.id == panel.id).map(|wall| wall.plane)
         };
-        Shown {
+        ShownWarnings {
             points_m: shapes.iter().flat_map(|shape| shape.points_m.iter().copied()).collect(),
             planes: walls.filter_map(plane).collect(),
         }
@@ -141,20 +145,20 @@ struct Frames<'s> {
     session: &'s Session,
     next: u64,
     batch: std::vec::IntoIter<Frame>,
-    waiting: Option<Frame>,
+    pending: Option<Frame>,
 }
 
 impl<'s> Frames<'s> {
     fn new(session: &'s Session) -> Self {
-        Self { session, next: 0, batch: Vec::new().into_iter(), waiting: None }
+        Self { session, next: 0, batch: Vec::new().into_iter(), pending: None }
     }
 
     /// The next frame, if it was measured by then.
     fn next_until(&mut self, time_ns: i64) -> Option<Frame> {
-        if self.waiting.is_none() {
-            self.waiting = self.batch.next().or_else(|| self.simulate());
+        if self.pending.is_none() {
+            self.pending = self.batch.next().or_else(|| self.simulate());
         }
-        self.waiting.take_if(|frame| frame.host_time_ns <= time_ns)
+        self.pending.take_if(|frame| frame.host_time_ns <= time_ns)
     }
 
     fn simulate(&mut self) -> Option<Frame> {

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
-use super::apart::{Apart, RAYLEIGH_DIP};
-use super::imaged::{BEAM, Quality, THESIS_VOXEL_M, chosen, volume};
-use super::likeness::Likeness;
-use super::shape::{FINE_VOXEL_M, shape_image};
+use super::imaging_methods::{BEAM, Quality, THESIS_VOXEL_M, chosen, volume};
+use super::peak_separation::{PeakSeparation, RAYLEIGH_DIP};
+use super::shape_accuracy::ShapeAccuracy;
+use super::shape_image::{FINE_VOXEL_M, subaperture_image};
 use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, percent};
-use crate::experiments::recorded::{Recorded, quantile};
+use crate::experiments::trial_recording::{TrialRecording, quantile};
 use crate::geometry::Aabb;
 use crate::imaging::{Selection, Statistic, Volume};
 use crate::math;
@@ -21,7 +21,7 @@ const HANGER: usize = 0;
 const CHAIR: usize = 1;
 const CHAIRS: usize = 2;
 /// Ways to an image: name, file, what its values are.
-const WAYS: [(&str, &str, &str); 5] = [
+const METHODS: [(&str, &str, &str); 5] = [
     ("the thesis' sum", "plain", "correlation (amplitude)"),
     ("squared", "squared", "correlation² (power)"),
     ("squared, 4 cm voxels", "squared-4cm", "correlation² (power)"),
@@ -43,16 +43,16 @@ const COHERENT_S: f64 = 4.0;
 /// A chair's points lower than this are its metal legs' feet, the others its seat and back, metres.
 const LEGS_BELOW_M: f64 = 0.2;
 /// A size is about right when it is off by a voxel of the thesis on either side at most, metres.
-const ABOUT_M: f64 = 2.0 * THESIS_VOXEL_M;
+const SIZE_TOLERANCE_M: f64 = 2.0 * THESIS_VOXEL_M;
 
 /// Thresholds of the curves: from 95 % of the greatest amplitude down to this share in steps.
-const LEAST_SHARE: f64 = 0.3;
+const MIN_SHARE: f64 = 0.3;
 const SHARE_STEP: f64 = 0.05;
 
 /// One way to one object's image, medians.
 #[derive(Debug, Clone, Copy)]
 struct Figures {
-    likeness: Likeness,
+    accuracy: ShapeAccuracy,
     true_extent_m: DVec3,
     /// Of a chair: the greatest value at seat and back as a share of that at the legs, and the share of each that is imaged.
     wood: f64,
@@ -61,12 +61,12 @@ struct Figures {
     legs_recall: f64,
     wood_recall: f64,
     /// Of two chairs; `None` where the image has nothing at one of them in most trials.
-    apart: Option<Apart>,
+    apart: Option<PeakSeparation>,
 }
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
-        done: format!(
+        procedure: format!(
             "A clothes hanger, a chair, and a metal chair beside a plastic one (8 dB weaker), seen from within a sphere of 50 cm, their strongest point \
              with 40 dB at 1 m; {} seeds, medians. The thesis' way: its sum from {SWEEPS} sweeps by its thinning (10 s, preset fine), plain, \
              and squared as it drew it. Ours: {COHERENT_S:.0} s with preset d16, coherent within sub-apertures of 360 ms, power across them, \
@@ -100,13 +100,13 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             }
         }
         let medians = each.map(|each| Figures::medians(&each));
-        for ((way, _, _), figures) in WAYS.iter().zip(&medians) {
+        for ((way, _, _), figures) in METHODS.iter().zip(&medians) {
             rows.push(figures.row(words, way));
         }
         for (traded, way) in traded.iter().zip([PLAIN, COHERENT]) {
             curves.push((
                 format!("{words}, {}", if way == PLAIN { "the thesis' sum" } else { "sub-apertures" }),
-                middle_curve(traded),
+                median_curve(traded),
             ));
         }
         all.push(medians);
@@ -132,13 +132,13 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
 }
 
 /// By each way.
-fn images(slow: &Recorded, fast: &Recorded) -> [Volume; 5] {
+fn images(slow: &TrialRecording, fast: &TrialRecording) -> [Volume; 5] {
     let sweeps = chosen(slow, SWEEPS, Selection::ThesisHull);
     let plain = volume(&sweeps, Statistic::Thesis, THESIS_VOXEL_M, slow.seed);
     let squared = squared(plain.clone());
     let finer = self::squared(volume(&sweeps, Statistic::Thesis, FINER_VOXEL_M, slow.seed));
     // Where nothing is seen the image is empty.
-    let coherent = shape_image(fast)
+    let coherent = subaperture_image(fast)
         .unwrap_or_else(|| Volume::covering(&Aabb { min: DVec3::ZERO, max: DVec3::splat(FINE_VOXEL_M) }, FINE_VOXEL_M));
     let coherent_squared = self::squared(coherent.clone());
     [plain, squared, finer, coherent, coherent_squared]
@@ -149,27 +149,27 @@ fn squared(mut volume: Volume) -> Volume {
     volume
 }
 
-fn points(recorded: &Recorded) -> Vec<DVec3> {
+fn points(recorded: &TrialRecording) -> Vec<DVec3> {
     recorded.truth.obstacles.iter().flat_map(|o| o.points_m.iter().copied()).collect()
 }
 
 impl Figures {
-    fn of(image: &Volume, recorded: &Recorded) -> Self {
+    fn of(image: &Volume, recorded: &TrialRecording) -> Self {
         let all = points(recorded);
         let imaged = points_above(image, 0.5);
         let (legs, wood): (Vec<DVec3>, Vec<DVec3>) = all.iter().partition(|point| point.y < LEGS_BELOW_M);
-        let recall = |points: &[DVec3]| Likeness::of(&imaged, image.voxel_m, points).recall;
+        let recall = |points: &[DVec3]| ShapeAccuracy::of(&imaged, image.voxel_m, points).recall;
         let greatest = |points: &[DVec3]| {
             let near = |at: DVec3| points.iter().any(|point| point.distance(at) <= THESIS_VOXEL_M);
             let lit = (0..image.values.len()).filter(|&n| image.values[n] > 0.0);
             lit.filter(|&n| near(image.center(image.voxel(n)))).map(|n| f64::from(image.values[n])).fold(0.0, f64::max)
         };
         let apart = match recorded.truth.obstacles.as_slice() {
-            [a, b] => Apart::of(image, [&a.points_m, &b.points_m]),
+            [a, b] => PeakSeparation::of(image, [&a.points_m, &b.points_m]),
             _ => None,
         };
         Self {
-            likeness: Likeness::of(&imaged, image.voxel_m, &all),
+            accuracy: ShapeAccuracy::of(&imaged, image.voxel_m, &all),
             true_extent_m: Aabb::around(all.iter().copied()).map_or(DVec3::ZERO, |b| b.size()),
             wood: greatest(&wood) / greatest(&legs),
             received_db: 0.0,
@@ -182,15 +182,15 @@ impl Figures {
     fn medians(each: &[Self]) -> Self {
         let middle = |of: &dyn Fn(&Self) -> f64| quantile(&each.iter().map(of).collect::<Vec<_>>(), 0.5);
         let axes = |of: &dyn Fn(&Self) -> DVec3| DVec3::from_array([0, 1, 2].map(|axis| middle(&|f| of(f)[axis])));
-        let apart: Vec<Apart> = each.iter().filter_map(|figures| figures.apart).collect();
-        let of_apart = |of: fn(&Apart) -> f64| quantile(&apart.iter().map(of).collect::<Vec<_>>(), 0.5);
+        let apart: Vec<PeakSeparation> = each.iter().filter_map(|figures| figures.apart).collect();
+        let of_apart = |of: fn(&PeakSeparation) -> f64| quantile(&apart.iter().map(of).collect::<Vec<_>>(), 0.5);
         Self {
-            likeness: Likeness {
-                off_m: middle(&|f| f.likeness.off_m),
-                precision: middle(&|f| f.likeness.precision),
-                recall: middle(&|f| f.likeness.recall),
-                extent_m: axes(&|f| f.likeness.extent_m),
-                shift_m: axes(&|f| f.likeness.shift_m),
+            accuracy: ShapeAccuracy {
+                off_m: middle(&|f| f.accuracy.off_m),
+                precision: middle(&|f| f.accuracy.precision),
+                recall: middle(&|f| f.accuracy.recall),
+                extent_m: axes(&|f| f.accuracy.extent_m),
+                shift_m: axes(&|f| f.accuracy.shift_m),
             },
             true_extent_m: axes(&|f| f.true_extent_m),
             wood: middle(&|f| f.wood),
@@ -198,31 +198,31 @@ impl Figures {
             legs_recall: middle(&|f| f.legs_recall),
             wood_recall: middle(&|f| f.wood_recall),
             apart: (2 * apart.len() > each.len())
-                .then(|| Apart { weaker: of_apart(|a| a.weaker), dip: of_apart(|a| a.dip) }),
+                .then(|| PeakSeparation { weaker: of_apart(|a| a.weaker), dip: of_apart(|a| a.dip) }),
         }
     }
 
     fn row(&self, object: &str, way: &str) -> Vec<String> {
-        let likeness = &self.likeness;
+        let accuracy = &self.accuracy;
         vec![
             object.into(),
             way.into(),
-            cm(likeness.off_m),
-            percent(likeness.precision),
-            percent(likeness.recall),
-            size(likeness.extent_m),
+            cm(accuracy.off_m),
+            percent(accuracy.precision),
+            percent(accuracy.recall),
+            size(accuracy.extent_m),
             size(self.true_extent_m),
-            cm(likeness.shift_m.y),
+            cm(accuracy.shift_m.y),
         ]
     }
 
-    fn is_about_as_large(&self) -> bool {
-        (self.likeness.extent_m - self.true_extent_m).abs().max_element() <= ABOUT_M
+    fn size_matches(&self) -> bool {
+        (self.accuracy.extent_m - self.true_extent_m).abs().max_element() <= SIZE_TOLERANCE_M
     }
 }
 
 /// How much more the sensor receives of a chair's seat and back than of its legs, strongest point against strongest, power, dB.
-fn received_db(name: &str, recorded: &Recorded) -> Result<f64, ExperimentError> {
+fn received_db(name: &str, recorded: &TrialRecording) -> Result<f64, ExperimentError> {
     let room = scene(name, recorded.seed).map_err(|error| ExperimentError::Scenario(error.into()))?.room;
     let power = |scatterer: &Scatterer| {
         let each = recorded.observations.iter().step_by(10).map(|sweep| {
@@ -263,7 +263,7 @@ fn size(metres: DVec3) -> String {
 fn trade_off(image: &Volume, points: &[DVec3]) -> Vec<[f64; 2]> {
     let greatest = image.peak().map_or(f32::INFINITY, |peak| peak.1);
     let mut shown = vec![0.0f32; points.len()];
-    let is_near: Vec<(f32, bool)> = points_above(image, LEAST_SHARE)
+    let is_near: Vec<(f32, bool)> = points_above(image, MIN_SHARE)
         .into_iter()
         .map(|(at, value)| {
             let mut near = false;
@@ -286,27 +286,27 @@ fn trade_off(image: &Volume, points: &[DVec3]) -> Vec<[f64; 2]> {
 }
 
 /// The median over the seeds at each threshold.
-fn middle_curve(each: &[Vec<[f64; 2]>]) -> Vec<[f64; 2]> {
+fn median_curve(each: &[Vec<[f64; 2]>]) -> Vec<[f64; 2]> {
     let at = |n: usize, axis: usize| quantile(&each.iter().map(|curve| curve[n][axis]).collect::<Vec<_>>(), 0.5);
     (0..each.first().map_or(0, Vec::len)).map(|n| [at(n, 0), at(n, 1)]).collect()
 }
 
-fn draw(outcome: &mut Outcome, scene: &str, words: &str, images: &[Volume; 5], recorded: &Recorded) {
+fn draw(outcome: &mut Outcome, scene: &str, words: &str, images: &[Volume; 5], recorded: &TrialRecording) {
     let points = points(recorded);
     let path: Vec<DVec3> = recorded.observations.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
     let marks = Marks { truth_m: &points, found_m: &[], path_m: &[] };
-    let title_of = |way: usize| format!("{}{}: {}", words[..1].to_uppercase(), &words[1..], WAYS[way].0);
+    let title_of = |way: usize| format!("{}{}: {}", words[..1].to_uppercase(), &words[1..], METHODS[way].0);
     for (flat, spatial, share) in DRAWN {
         let title = title_of(flat);
-        let picture = cross_sections(&images[flat], &title, WAYS[flat].2, &marks);
+        let picture = cross_sections(&images[flat], &title, METHODS[flat].2, &marks);
         outcome.draw(
-            format!("{scene}-{}", WAYS[flat].1),
+            format!("{scene}-{}", METHODS[flat].1),
             picture,
             format!("{title}. The thesis' figures 4.27, 4.29 and 4.31."),
         );
         let from = Marks { path_m: if flat == SQUARED { &path } else { &[] }, ..marks };
-        let (title, file) = (title_of(spatial), format!("{scene}-{}-cloud", WAYS[spatial].1));
-        let cloud = point_cloud(&images[spatial], &title, WAYS[spatial].2, share, &from);
+        let (title, file) = (title_of(spatial), format!("{scene}-{}-cloud", METHODS[spatial].1));
+        let cloud = point_cloud(&images[spatial], &title, METHODS[spatial].2, share, &from);
         outcome.draw(
             &*file,
             cloud,
@@ -333,7 +333,7 @@ fn tables(outcome: &mut Outcome, rows: Vec<Vec<String>>, all: &[[Figures; 5]]) {
             of one; recall: share of the points with a voxel within 10 cm."
             .into(),
     });
-    let parts = WAYS.iter().zip(&all[CHAIR]).map(|((way, _, _), figures)| {
+    let parts = METHODS.iter().zip(&all[CHAIR]).map(|((way, _, _), figures)| {
         let [legs, wood] = [figures.legs_recall, figures.wood_recall].map(percent);
         vec![(*way).to_owned(), format!("{:.2}", figures.wood), legs, wood]
     });
@@ -344,9 +344,9 @@ fn tables(outcome: &mut Outcome, rows: Vec<Vec<String>>, all: &[[Figures; 5]]) {
             within 10 cm."
             .into(),
     });
-    let two = WAYS.iter().zip(&all[CHAIRS]).map(|((way, _, _), figures)| {
+    let two = METHODS.iter().zip(&all[CHAIRS]).map(|((way, _, _), figures)| {
         let [weaker, dip] = figures.apart.map_or([f64::NAN; 2], |apart| [apart.weaker, apart.dip]);
-        let is_apart = figures.apart.is_some_and(|apart| apart.are_told_apart());
+        let is_apart = figures.apart.is_some_and(|apart| apart.is_resolved());
         vec![(*way).to_owned(), percent(weaker), percent(dip), if is_apart { "yes" } else { "no" }.into()]
     });
     outcome.tables.push(Table {
@@ -363,15 +363,15 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
     let told = |figures: &Figures| {
         format!(
             "{} cm against {} cm, voxels {} cm off in the median",
-            size(figures.likeness.extent_m),
+            size(figures.accuracy.extent_m),
             size(figures.true_extent_m),
-            cm(figures.likeness.off_m)
+            cm(figures.accuracy.off_m)
         )
     };
     let hanger = &all[HANGER];
-    outcome.finds(
+    outcome.add_finding(
         "The hanger is a blob of about the right size and shape in the right place.",
-        hanger[SQUARED].is_about_as_large() && hanger[SQUARED].likeness.off_m <= THESIS_VOXEL_M,
+        hanger[SQUARED].size_matches() && hanger[SQUARED].accuracy.off_m <= THESIS_VOXEL_M,
         format!(
             "squared: {}, where a single point comes out as {} cm; by sub-apertures {}",
             told(&hanger[SQUARED]),
@@ -379,25 +379,25 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
             told(&hanger[COHERENT_SQUARED])
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "The hanger's top is stronger, having more corners.",
         None,
         "here the hook is given the greatest cross-section: that is put in, not found".into(),
     );
     let chair = &all[CHAIR];
-    outcome.finds(
+    outcome.add_finding(
         "The chair has a clear outline, a little below its place.",
-        chair[SQUARED].likeness.shift_m.y < -0.02,
+        chair[SQUARED].accuracy.shift_m.y < -0.02,
         format!(
             "squared: {} cm too high, {} % of its points imaged; by sub-apertures {} cm and {} %: the legs are points at their feet here, which reflect \
              outward and down, past a sensor a metre up",
-            cm(chair[SQUARED].likeness.shift_m.y),
-            percent(chair[SQUARED].likeness.recall),
-            cm(chair[COHERENT_SQUARED].likeness.shift_m.y),
-            percent(chair[COHERENT_SQUARED].likeness.recall)
+            cm(chair[SQUARED].accuracy.shift_m.y),
+            percent(chair[SQUARED].accuracy.recall),
+            cm(chair[COHERENT_SQUARED].accuracy.shift_m.y),
+            percent(chair[COHERENT_SQUARED].accuracy.recall)
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "The metal legs are stronger than the wooden seat and back, and squaring exaggerates it.",
         chair[PLAIN].wood < 1.0 && chair[SQUARED].wood_recall < chair[PLAIN].wood_recall,
         format!(
@@ -415,7 +415,7 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
             percent(chair[SQUARED].legs_recall)
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "Flat surfaces turned away reflect past the sensor and are not seen.",
         None,
         "furniture is made of points with lobes here; mirrors are walls alone".into(),
@@ -423,7 +423,7 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
     let chairs = &all[CHAIRS];
     let weaker = |way: usize| chairs[way].apart.map_or(0.0, |apart| apart.weaker);
     let dip = |way: usize| chairs[way].apart.map_or(0.0, |apart| apart.dip);
-    outcome.finds(
+    outcome.add_finding(
         "Of two chairs one is clear and the other barely: strong things raise the threshold for weak ones.",
         weaker(SQUARED) > 0.0 && weaker(SQUARED) < 0.5,
         format!(
@@ -435,9 +435,9 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
             percent(weaker(COHERENT_SQUARED))
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "Both chairs are in the image: several things are told apart.",
-        chairs[SQUARED].apart.is_some_and(|apart| apart.are_told_apart()),
+        chairs[SQUARED].apart.is_some_and(|apart| apart.is_resolved()),
         format!(
             "between them the image falls by {} % of the weaker peak squared, {} % plain, {} % by sub-apertures ({} % squared)",
             percent(dip(SQUARED)),
@@ -446,17 +446,17 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
             percent(dip(COHERENT_SQUARED))
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "Nothing finer shows, for want of voxels finer than 10 cm.",
-        chair[FINER].likeness.off_m < 0.7 * chair[SQUARED].likeness.off_m,
+        chair[FINER].accuracy.off_m < 0.7 * chair[SQUARED].accuracy.off_m,
         format!(
             "chair with voxels of 10 and of 4 cm: voxels {} and {} cm off it, {} and {} cm in size; by sub-apertures {} cm off: what lacks is not \
              voxels but the phase, the pulse being 14 cm long",
-            cm(chair[SQUARED].likeness.off_m),
-            cm(chair[FINER].likeness.off_m),
-            size(chair[SQUARED].likeness.extent_m),
-            size(chair[FINER].likeness.extent_m),
-            cm(chair[COHERENT_SQUARED].likeness.off_m)
+            cm(chair[SQUARED].accuracy.off_m),
+            cm(chair[FINER].accuracy.off_m),
+            size(chair[SQUARED].accuracy.extent_m),
+            size(chair[FINER].accuracy.extent_m),
+            cm(chair[COHERENT_SQUARED].accuracy.off_m)
         ),
     );
 }

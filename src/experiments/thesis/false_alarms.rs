@@ -5,10 +5,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{ExperimentError, Outcome, Trials, head};
-use crate::experiments::recorded::Recorded;
+use crate::experiments::trial_recording::TrialRecording;
 use crate::geometry::Aabb;
-use crate::imaging::sums::{BrickGrid, SweepStack, dense_volume};
-use crate::imaging::{NoiseMaxima, Statistic, as_noise, sum_of, surprise, sweep_noise_rms};
+use crate::imaging::backprojection::{BrickGrid, SweepStack, dense_volume};
+use crate::imaging::{NoiseMaxima, Statistic, noise_like, sum_from_surprisal, surprisal, sweep_noise_rms};
 use crate::radar::{Beam, Observation, PRESETS, RangeAxis, SensorConfig, frame_timing, preset};
 use crate::report::{Chart, Series, Table};
 use crate::simulation::Scenario;
@@ -16,18 +16,18 @@ use crate::simulation::Scenario;
 /// Sweeps of a look, as many as the thesis images.
 const SWEEPS: usize = 50;
 /// Looks that a recording of noise gives.
-const LOOKS: usize = 60;
+const NOISE_TRIALS: usize = 60;
 /// Recordings along whose paths thresholds are calibrated, and looks of each: how many sweeps see a place depends on the path.
 const PATHS: u64 = 12;
-const LOOKS_A_PATH: usize = 10;
+const TRIALS_PER_PATH: usize = 10;
 /// Stated false-alarm rates of a look.
 const RATES: [f64; 2] = [0.1, 0.01];
 /// Presets whose detections are counted (those of equal range points do as `d16`), and the signals.
-const DETECTING: [&str; 3] = ["d16", "far", "fine"];
+const DETECTION_PRESETS: [&str; 3] = ["d16", "far", "fine"];
 const SNRS_DB: [f64; 11] = [-12.0, -10.0, -8.0, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0];
 /// Looks of a recording with a reflector, and its length, seconds.
-const SIGHTINGS: usize = 8;
-const SIGHTED_S: f64 = 4.0;
+const REFLECTOR_TRIALS: usize = 8;
+const REFLECTOR_DURATION_S: f64 = 4.0;
 /// What a reflector must pass to be believed by default, standard deviations (`reflectors.threshold_sigma`).
 const DEFAULT_SIGMA: f64 = 7.0;
 /// Parts of the experiment's work; those of the other files are the first twenty.
@@ -54,24 +54,24 @@ impl Search {
         let (stack, _) = SweepStack::of(Statistic::Ls, &BEAM, sweeps, self.grid.middle_m());
         let greatest = dense_volume(&stack, &self.grid).volume.peak().map_or(0.0, |peak| f64::from(peak.1));
         let noise = sweeps.iter().map(|o| sweep_noise_rms(&o.samples).powi(2)).sum::<f64>();
-        surprise(greatest * sweeps.len() as f64 / noise, sweeps.len())
+        surprisal(greatest * sweeps.len() as f64 / noise, sweeps.len())
     }
 }
 
 /// Every so many-th sweep of a recording, beginning at each in turn, so that every look has its whole way; `most` at most.
-fn looks(recorded: &Recorded, most: usize) -> Vec<Vec<Observation>> {
+fn sweep_sets(recorded: &TrialRecording, most: usize) -> Vec<Vec<Observation>> {
     let count = (recorded.observations.len() / SWEEPS).max(1);
     let look = |n: usize| recorded.observations.iter().skip(n).step_by(count).take(SWEEPS).cloned().collect();
     (0..count.min(most)).map(look).collect()
 }
 
 /// Empty space, for as many looks as wanted.
-fn noise(name: &str, config: &SensorConfig, seed: u64) -> Result<Recorded, ExperimentError> {
+fn noise(name: &str, config: &SensorConfig, seed: u64) -> Result<TrialRecording, ExperimentError> {
     let sweeps_hz = f64::from(config.sweeps_per_frame) / frame_timing(config).frame_period_s;
-    let duration_s = ((LOOKS * SWEEPS) as f64 / sweeps_hz).max(1.0) * 1.02;
+    let duration_s = ((NOISE_TRIALS * SWEEPS) as f64 / sweeps_hz).max(1.0) * 1.02;
     // A sensor that sees no farther than it moves sees nothing from all of its way.
     let motion = if name == "close" { "sphere-10cm" } else { "sphere-50cm" };
-    Ok(Recorded::of(&Scenario::new("nothing", motion, config.clone(), duration_s, seed))?)
+    Ok(TrialRecording::of(&Scenario::new("nothing", motion, config.clone(), duration_s, seed))?)
 }
 
 /// Adds them to the experiment of the filters, of whose work they are the last three fifths.
@@ -79,20 +79,20 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
     let (mut rows, mut pooled, mut all_near, mut maxima) = (Vec::new(), [0usize; 2], true, Vec::new());
     let mut searched = 0;
     for (n, name) in PRESETS.into_iter().enumerate() {
-        trials.done(20 + 3 * n, PARTS);
+        trials.report_progress(20 + 3 * n, PARTS);
         let config = preset(name).ok_or(ExperimentError::Preset(name))?;
         let search = Search::of(&config);
         let mut paths = Vec::new();
         for seed in 0..PATHS {
-            paths.extend(looks(&noise(name, &config, 501 + seed)?, LOOKS_A_PATH));
+            paths.extend(sweep_sets(&noise(name, &config, 501 + seed)?, TRIALS_PER_PATH));
         }
         // The strength is any: thresholds are in units of the noise.
-        let made = |(seed, path): (usize, &Vec<Observation>)| search.greatest(&as_noise(path, 100.0, seed as u64));
+        let made = |(seed, path): (usize, &Vec<Observation>)| search.greatest(&noise_like(path, 100.0, seed as u64));
         let calibrated = paths.par_iter().enumerate().map(made);
         let Some(of_noise) = NoiseMaxima::of(&calibrated.collect::<Vec<_>>()) else { continue };
         let mut others = Vec::new();
         for seed in 0..trials.seeds {
-            let other = looks(&noise(name, &config, 2001 + seed)?, LOOKS);
+            let other = sweep_sets(&noise(name, &config, 2001 + seed)?, NOISE_TRIALS);
             others.extend(other.par_iter().map(|look| search.greatest(look)).collect::<Vec<f64>>());
         }
         let passed = RATES.map(|rate| others.iter().filter(|value| **value > of_noise.threshold(rate)).count());
@@ -100,9 +100,9 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
         all_near &= (0.05..=0.2).contains(&often);
         pooled = [pooled[0] + passed[0], pooled[1] + passed[1]];
         searched += others.len();
-        let sigmas = |surprised: f64| (sum_of(surprised, SWEEPS) - SWEEPS as f64) / (SWEEPS as f64).sqrt();
+        let sigmas = |surprised: f64| (sum_from_surprisal(surprised, SWEEPS) - SWEEPS as f64) / (SWEEPS as f64).sqrt();
         let default = SWEEPS as f64 + DEFAULT_SIGMA * (SWEEPS as f64).sqrt();
-        let by_default = of_noise.rate_above(surprise(default, SWEEPS));
+        let by_default = of_noise.rate_above(surprisal(default, SWEEPS));
         rows.push(vec![
             name.to_owned(),
             search.grid.voxels().to_string(),
@@ -118,9 +118,9 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
     let [often, seldom] = pooled.map(|count| count as f64 / searched.max(1) as f64);
     let curves = detected(trials, &maxima)?;
     draw(outcome, &curves);
-    let half = |curve: &Series| half_at(&curve.points).map_or("–".into(), |snr| format!("{snr:.0} dB"));
+    let half = |curve: &Series| half_crossing(&curve.points).map_or("–".into(), |snr| format!("{snr:.0} dB"));
     let halves: Vec<String> = curves.iter().map(|curve| format!("{} {}", curve.name, half(curve))).collect();
-    outcome.finds(
+    outcome.add_finding(
         "CFAR detection, a threshold that follows the noise, can find targets in noise (5.8.1).",
         all_near && (0.005..=0.02).contains(&seldom),
         format!(
@@ -147,7 +147,7 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
             "False alarms. A look: least squares over {SWEEPS} sweeps from within a sphere of 50 cm (close: 10 cm), all voxels (half a pulse wide) ahead as far as \
              the preset sees, 3 m at most. σ: what the greatest sum is above that of noise, in standard deviations of a sum. Thresholds by {} looks of \
              made noise along {PATHS} paths, measured on simulated recordings of empty space with other seeds and paths.",
-            LOOKS_A_PATH * PATHS as usize
+            TRIALS_PER_PATH * PATHS as usize
         ),
     });
     Ok(())
@@ -156,8 +156,9 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
 /// The share of looks in which the greatest value passes the threshold of one false alarm in a hundred, over the signal.
 fn detected(trials: &Trials, maxima: &[(&'static str, Search, NoiseMaxima)]) -> Result<Vec<Series>, ExperimentError> {
     let mut curves = Vec::new();
-    for (n, (name, search, of_noise)) in maxima.iter().filter(|(name, ..)| DETECTING.contains(name)).enumerate() {
-        trials.done(20 + 3 * (PRESETS.len() + n), PARTS);
+    for (n, (name, search, of_noise)) in maxima.iter().filter(|(name, ..)| DETECTION_PRESETS.contains(name)).enumerate()
+    {
+        trials.report_progress(20 + 3 * (PRESETS.len() + n), PARTS);
         let config = preset(name).ok_or(ExperimentError::Preset(name))?;
         let mut points = Vec::new();
         for snr_db in SNRS_DB {
@@ -165,9 +166,9 @@ fn detected(trials: &Trials, maxima: &[(&'static str, Search, NoiseMaxima)]) -> 
             for seed in 1..=trials.seeds {
                 let scenario = Scenario {
                     snr_db: Some(snr_db),
-                    ..Scenario::new("corner-reflector", "sphere-50cm", config.clone(), SIGHTED_S, seed)
+                    ..Scenario::new("corner-reflector", "sphere-50cm", config.clone(), REFLECTOR_DURATION_S, seed)
                 };
-                all.extend(looks(&Recorded::of(&scenario)?, SIGHTINGS));
+                all.extend(sweep_sets(&TrialRecording::of(&scenario)?, REFLECTOR_TRIALS));
             }
             let threshold = of_noise.threshold(RATES[1]);
             let found = all.par_iter().filter(|look| search.greatest(look) > threshold).count();
@@ -179,7 +180,7 @@ fn detected(trials: &Trials, maxima: &[(&'static str, Search, NoiseMaxima)]) -> 
 }
 
 /// Where a rising curve passes 50 %.
-fn half_at(points: &[[f64; 2]]) -> Option<f64> {
+fn half_crossing(points: &[[f64; 2]]) -> Option<f64> {
     let pair = points.windows(2).find(|pair| pair[0][1] < 50.0 && pair[1][1] >= 50.0)?;
     Some(pair[0][0] + (pair[1][0] - pair[0][0]) * (50.0 - pair[0][1]) / (pair[1][1] - pair[0][1]))
 }
@@ -204,16 +205,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn half_lies_between_the_points_around_it() {
-        assert_eq!(half_at(&[[-2.0, 0.0], [0.0, 25.0], [2.0, 75.0]]), Some(1.0));
-        assert_eq!(half_at(&[[0.0, 60.0], [2.0, 75.0]]), None);
+    fn half_crossing_is_interpolated() {
+        assert_eq!(half_crossing(&[[-2.0, 0.0], [0.0, 25.0], [2.0, 75.0]]), Some(1.0));
+        assert_eq!(half_crossing(&[[0.0, 60.0], [2.0, 75.0]]), None);
     }
 
     #[test]
-    fn looks_share_no_sweep_and_span_the_recording() {
+    fn sweep_sets_share_no_sweep() {
         let recorded = noise("c16", &preset("c16").unwrap(), 3).unwrap();
-        let looks = looks(&recorded, LOOKS);
-        assert!(looks.len() >= LOOKS - 1 && looks.iter().all(|look| look.len() == SWEEPS), "{}", looks.len());
+        let looks = sweep_sets(&recorded, NOISE_TRIALS);
+        assert!(looks.len() >= NOISE_TRIALS - 1 && looks.iter().all(|look| look.len() == SWEEPS), "{}", looks.len());
         let mut times: Vec<i64> = looks.iter().flatten().map(|o| o.mid_time_ns).collect();
         let count = times.len();
         times.sort_unstable();

@@ -2,9 +2,9 @@
 
 use std::time::Instant;
 
-use super::imaged::{Quality, THESIS_VOXEL_M, chosen, volume};
+use super::imaging_methods::{Quality, THESIS_VOXEL_M, chosen, volume};
 use super::{ExperimentError, Outcome, Trials, cm, false_alarms, head, subapertures};
-use crate::experiments::recorded::quantile;
+use crate::experiments::trial_recording::quantile;
 use crate::imaging::{Selection, Statistic};
 use crate::report::{Marks, Table, cross_sections};
 
@@ -18,7 +18,7 @@ const FINE_VOXEL_M: f64 = 0.04;
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let recorded = trials.reflector("sphere-50cm", "fine", 10.0)?;
     let mut outcome = Outcome {
-        done: format!(
+        procedure: format!(
             "The same {SWEEPS} sweeps, chosen by farthest point, summed by every statistic over voxels of 10 and of 4 cm; {} seeds, medians. \
              Times are of a dense volume, tables included. Then sub-apertures, sums in phase over some consecutive sweeps, and thresholds that \
              noise passes at a stated rate.",
@@ -29,7 +29,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let (mut rows, mut figures) = (Vec::new(), Vec::new());
     // The other two parts take about four times as long.
     for (n, statistic) in STATISTICS.into_iter().enumerate() {
-        trials.done(n, 5 * STATISTICS.len());
+        trials.report_progress(n, 5 * STATISTICS.len());
         let mut row = vec![statistic.name().to_owned()];
         let mut of_voxels = Vec::new();
         for voxel_m in [THESIS_VOXEL_M, FINE_VOXEL_M] {
@@ -59,7 +59,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         figures.push(of_voxels);
     }
     let [full, reduced] = [0, 1].map(|n: usize| figures[n][0]);
-    outcome.finds(
+    outcome.add_finding(
         "The reduced filter (eq. 3.2) gives the image of the full one (eq. 3.1) in less time.",
         (full.0 - reduced.0).abs() < 0.1 && reduced.1 < full.1,
         format!(
@@ -72,7 +72,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         ),
     );
     let (reduced, ls) = (figures[1][1], figures[2][1]);
-    outcome.finds(
+    outcome.add_finding(
         "Other filters are good candidates (5.8.1).",
         ls.0 < reduced.0,
         format!("4 cm voxels: {} cm off with least squares, {} cm with the thesis' sum", cm(ls.0), cm(reduced.0)),
@@ -86,9 +86,9 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             wavelength (5 mm), which tracking does not give."
             .into(),
     });
-    trials.done(1, 5);
+    trials.report_progress(1, 5);
     subapertures::add(trials, &mut outcome)?;
-    trials.done(2, 5);
+    trials.report_progress(2, 5);
     false_alarms::add(trials, &mut outcome)?;
     Ok(outcome)
 }

@@ -1,34 +1,34 @@
 //! Poses by inertia: the thesis' prototype on a swinging arm, and inertia beside a tracker that goes away.
 
+mod dead_reckoning;
 mod drifts;
 mod outages;
-mod reckoning;
 mod swing;
 
-use super::imaged::{Quality, THESIS_VOXEL_M, chosen, placed, volume};
+use super::imaging_methods::{Quality, THESIS_VOXEL_M, chosen, locate, volume};
 use super::{ExperimentError, Outcome, SNR_DB, Trials};
-use crate::experiments::recorded::{Recorded, quantile};
+use crate::experiments::trial_recording::{TrialRecording, quantile};
 use crate::geometry::Pose;
 use crate::imaging::{Selection, Statistic};
 use crate::radar::preset;
 use crate::simulation::{ARM_M, ARM_REST_S, Scenario, Simulated, TruePath};
 use crate::tracking::PoseSample;
-use crate::tracking::inertial::{ICM_42688, ImuFigures, MPU_6050, NavState, TACTICAL};
+use crate::tracking::inertial::{ICM_42688, ImuSpec, MPU_6050, NavState, TACTICAL};
 
 /// From what a prototype has to what costs a car.
-const PARTS: [ImuFigures; 3] = [MPU_6050, ICM_42688, TACTICAL];
+const IMU_PARTS: [ImuSpec; 3] = [MPU_6050, ICM_42688, TACTICAL];
 /// Time at rest that offsets are told from, seconds: the arm rests that long.
 const REST_S: f64 = ARM_REST_S;
 /// Drift is read after these times, seconds.
-const DRIFTED_S: [f64; 5] = [0.5, 1.0, 2.0, 5.0, 10.0];
+const DRIFT_TIMES_S: [f64; 5] = [0.5, 1.0, 2.0, 5.0, 10.0];
 /// Images are of the first so many seconds of the swing.
-const SWUNG_S: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
+const SWING_DURATIONS_S: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
 /// The tracker goes away then, seconds, for so long; 0 is not at all.
-const LOST_AT_S: f64 = 8.0;
-const LOST_S: [f64; 8] = [0.0, 0.1, 0.3, 0.5, 1.0, 3.0, 5.0, 10.0];
+const OUTAGE_START_S: f64 = 8.0;
+const OUTAGE_DURATIONS_S: [f64; 8] = [0.0, 0.1, 0.3, 0.5, 1.0, 3.0, 5.0, 10.0];
 /// Images are of so much before the tracker comes back, seconds: a swing there and back, so that all have the same aperture.
 const WINDOW_S: f64 = 4.0;
-const DURATION_S: f64 = LOST_AT_S + 10.0;
+const DURATION_S: f64 = OUTAGE_START_S + 10.0;
 const SWEEPS: usize = 50;
 /// Voxels in which a blur shows, metres.
 const FINE_VOXEL_M: f64 = 0.04;
@@ -37,14 +37,14 @@ const SHARP_M: f64 = 0.02;
 const SHARP_RATIO: f64 = 1.5;
 
 /// One seed of the arm, with what is shared by all units.
-struct Swung {
+struct SwingTrial {
     scenario: Scenario,
     simulated: Simulated,
     path: TruePath,
     start_ns: i64,
 }
 
-impl Swung {
+impl SwingTrial {
     fn new(seed: u64) -> Result<Self, ExperimentError> {
         let scenario = Scenario { snr_db: Some(SNR_DB), ..scenario("swinging-arm", DURATION_S, seed)? };
         let (simulated, path) = (scenario.run()?, scenario.path()?);
@@ -57,8 +57,8 @@ impl Swung {
     }
 
     /// The sweeps between two times, with poses of any source.
-    fn seen(&self, poses: &[PoseSample], from_s: f64, to_s: f64) -> Recorded {
-        Recorded::joined(&self.scenario, &self.simulated, poses).between(self.ns(from_s), self.ns(to_s))
+    fn seen(&self, poses: &[PoseSample], from_s: f64, to_s: f64) -> TrialRecording {
+        TrialRecording::joined(&self.scenario, &self.simulated, poses).between(self.ns(from_s), self.ns(to_s))
     }
 }
 
@@ -78,26 +78,26 @@ fn medians(rows: &[Vec<f64>]) -> Vec<f64> {
 }
 
 /// Error of the thesis' image, footprint of the fine one in litres, and error of the refined place.
-fn imaged(recorded: &Recorded) -> [f64; 3] {
+fn image_errors(recorded: &TrialRecording) -> [f64; 3] {
     let sweeps = chosen(recorded, SWEEPS, Selection::FarthestPoint);
     if sweeps.is_empty() {
         return [f64::INFINITY; 3];
     }
     let thesis = Quality::of(&volume(&sweeps, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed), recorded.truth_m);
     let fine = Quality::of(&volume(&sweeps, Statistic::Ls, FINE_VOXEL_M, recorded.seed), recorded.truth_m);
-    let (refined, _) = placed(&sweeps, recorded.seed);
+    let (refined, _) = locate(&sweeps, recorded.seed);
     let own = refined.map_or(f64::INFINITY, |refined| refined.position_m.distance(recorded.truth_m));
     [thesis.error_m(), fine.footprint_l, own]
 }
 
 /// States as poses of a tracker, at half the unit's rate.
-fn as_poses(states: &[NavState]) -> Vec<PoseSample> {
+fn pose_samples(states: &[NavState]) -> Vec<PoseSample> {
     states.iter().step_by(2).map(|state| PoseSample::valid(state.time_ns, &state.tracking_from_body)).collect()
 }
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
-        done: format!(
+        procedure: format!(
             "An arm of {:.0} cm swings the sensor by 60° to either side, facing the reflector; an inertial measurement unit (IMU) sits beside the sensor, \
              simulated by its part's Allan figures, offsets, scales and misalignments, 400 samples a second; {} seeds, medians. It rests for {REST_S:.0} s \
              first, which tells its offsets. The script integrates twice what the accelerometer reports; dead reckoning also turns with the gyroscope; \
@@ -109,7 +109,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     };
     let drifts = drifts::drifts(trials)?;
     drifts::drift_findings(&mut outcome, &drifts);
-    let swung = (1..=trials.seeds).map(Swung::new).collect::<Result<Vec<_>, _>>()?;
+    let swung = (1..=trials.seeds).map(SwingTrial::new).collect::<Result<Vec<_>, _>>()?;
     let of_swing = swing::swing_images(&mut outcome, &swung);
     swing::swing_findings(&mut outcome, &drifts, &of_swing);
     outages::outages(&mut outcome, &drifts, &swung);

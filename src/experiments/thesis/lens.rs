@@ -5,10 +5,10 @@
 
 use glam::DVec3;
 
-use super::imaged::{Quality, THESIS_VOXEL_M, chosen, placed_through, seen_share, volume_through};
-use super::likeness::Likeness;
+use super::imaging_methods::{Quality, THESIS_VOXEL_M, chosen, locate_with_beam, seen_share, volume_with_beam};
+use super::shape_accuracy::ShapeAccuracy;
 use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, mm, percent};
-use crate::experiments::recorded::{Recorded, quantile};
+use crate::experiments::trial_recording::{TrialRecording, quantile};
 use crate::imaging::{Selection, Statistic, Volume};
 use crate::math;
 use crate::radar::Beam;
@@ -30,7 +30,7 @@ const OBJECTS: [(&str, &str, Option<f64>); 3] = [
 const ANGLES_DEG: [f64; 7] = [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0];
 const SWEEPS: usize = 50;
 /// Farther than this from the object an image shows something else, metres: two of the thesis' voxels and the pulse.
-const AWAY_M: f64 = 0.3;
+const ELSEWHERE_M: f64 = 0.3;
 
 /// Medians of one lens and one template over the seeds.
 #[derive(Debug, Clone, Copy, Default)]
@@ -44,13 +44,13 @@ struct Figures {
     /// Shares of the imaged voxels near to the thing, and of its points that are imaged.
     precision: f64,
     recall: f64,
-    own_m: f64,
+    refined_error_m: f64,
     seen: f64,
 }
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
-        done: format!(
+        procedure: format!(
             "A corner reflector and a chair, 10 s from within a sphere of 50 cm with preset fine, without a lens and with the Fresnel lens: 5.7 dB \
              more on the axis, half the amplitude at 11.75° in place of 30°, no side lobes. The thesis' image from {SWEEPS} sweeps by its \
              thinning, once by each model of the beam; ours by the right one, from as many by farthest point. {} seeds, medians.",
@@ -59,7 +59,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         ..Outcome::default()
     };
     let objects = images(trials, &mut outcome)?;
-    let angles = off_the_gaze(trials, &mut outcome)?;
+    let angles = error_off_boresight(trials, &mut outcome)?;
     findings(&mut outcome, &objects, &angles);
     Ok(outcome)
 }
@@ -68,9 +68,9 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
 type Curve = (&'static str, fn(&Figures) -> f64);
 
 /// `[object][lens][template]`.
-type OfObjects = Vec<[[Figures; 3]; 2]>;
+type ObjectFigures = Vec<[[Figures; 3]; 2]>;
 
-fn images(trials: &Trials, outcome: &mut Outcome) -> Result<OfObjects, ExperimentError> {
+fn images(trials: &Trials, outcome: &mut Outcome) -> Result<ObjectFigures, ExperimentError> {
     let (mut rows, mut figures) = (Vec::new(), Vec::new());
     for (name, words, snr_db) in OBJECTS {
         let mut of_object = [[Figures::default(); 3]; 2];
@@ -127,7 +127,7 @@ fn images(trials: &Trials, outcome: &mut Outcome) -> Result<OfObjects, Experimen
 }
 
 /// `[lens][angle]`.
-fn off_the_gaze(trials: &Trials, outcome: &mut Outcome) -> Result<[Vec<Figures>; 2], ExperimentError> {
+fn error_off_boresight(trials: &Trials, outcome: &mut Outcome) -> Result<[Vec<Figures>; 2], ExperimentError> {
     let stage = scene("raised-reflector", 1).map_err(scenario_error)?;
     let reflector = middle(&stage.room);
     let (mut rows, mut curves) = (Vec::new(), [Vec::new(), Vec::new()]);
@@ -137,7 +137,7 @@ fn off_the_gaze(trials: &Trials, outcome: &mut Outcome) -> Result<[Vec<Figures>;
                 scenario.scene = "raised-reflector".into();
                 scenario.beam = beam.clone();
                 scenario.snr_db = Some(SNR_DB);
-                scenario.look_at_m = Some(aside(stage.start_m, reflector, angle_deg));
+                scenario.look_at_m = Some(off_axis_point(stage.start_m, reflector, angle_deg));
             })?;
             let each: Vec<Figures> =
                 recorded.iter().map(|recorded| figures_of(recorded, beam, &TEMPLATES[0].0)).collect();
@@ -186,17 +186,20 @@ fn off_the_gaze(trials: &Trials, outcome: &mut Outcome) -> Result<[Vec<Figures>;
         "Error off the gaze",
         "error (cm)",
         true,
-        &[(", the thesis' sum", |figures| figures.error_m * 100.0), (", ours", |figures| figures.own_m * 100.0)],
+        &[
+            (", the thesis' sum", |figures| figures.error_m * 100.0),
+            (", ours", |figures| figures.refined_error_m * 100.0),
+        ],
     );
     outcome.draw("error-off-gaze", errors, "Median distance from the truth.");
     Ok(curves)
 }
 
-fn findings(outcome: &mut Outcome, objects: &OfObjects, angles: &[Vec<Figures>; 2]) {
+fn findings(outcome: &mut Outcome, objects: &ObjectFigures, angles: &[Vec<Figures>; 2]) {
     let [reflector, chair, weak] = [&objects[0], &objects[1], &objects[2]];
     let of = |object: &[[Figures; 3]; 2], lens: usize| object[lens][0];
     let (bare, lens) = (of(reflector, 0), of(reflector, 1));
-    outcome.finds(
+    outcome.add_finding(
         "With and without the lens the reflector is placed precisely.",
         bare.error_m < 0.15 && lens.error_m < 0.15,
         format!(
@@ -208,24 +211,24 @@ fn findings(outcome: &mut Outcome, objects: &OfObjects, angles: &[Vec<Figures>; 
             lens.kept,
             bare.footprint_l,
             lens.footprint_l,
-            mm(bare.own_m),
-            mm(lens.own_m)
+            mm(bare.refined_error_m),
+            mm(lens.refined_error_m)
         ),
     );
     let footprints =
         format!("half of the peak fills {:.0} l without, {:.0} l with", bare.footprint_l, lens.footprint_l);
-    outcome.finds(
+    outcome.add_finding(
         "The reflector's image without the lens is a little more concentrated (4.1.1).",
         bare.footprint_l < lens.footprint_l,
         format!("{footprints}: the narrower beam leaves fewer directions to share the echo"),
     );
-    outcome.finds(
+    outcome.add_finding(
         "With the lens the reflector's footprint is a lot smaller (5.2).",
         lens.footprint_l < 0.8 * bare.footprint_l,
         format!("{footprints}; the two sentences of the thesis contradict each other"),
     );
     let (bare_chair, lens_chair) = (of(chair, 0), of(chair, 1));
-    outcome.finds(
+    outcome.add_finding(
         "The lens gives images of better SNR, of the chair by a lot.",
         lens.contrast_db > bare.contrast_db && lens_chair.contrast_db > bare_chair.contrast_db + 1.0,
         format!(
@@ -237,7 +240,7 @@ fn findings(outcome: &mut Outcome, objects: &OfObjects, angles: &[Vec<Figures>; 
         let n = ANGLES_DEG.iter().position(|angle| *angle == angle_deg).unwrap_or(0);
         angles[lens][n]
     };
-    outcome.finds(
+    outcome.add_finding(
         "A lens takes from what stands at the beam's edge; without one an object is in it for longer.",
         at(1, 40.0).seen < at(0, 40.0).seen && of(weak, 1).seen < of(weak, 0).seen,
         format!(
@@ -249,7 +252,7 @@ fn findings(outcome: &mut Outcome, objects: &OfObjects, angles: &[Vec<Figures>; 
             percent(of(weak, 1).seen)
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "The lens impedes good images of common things; so no lens.",
         lens_chair.recall < bare_chair.recall || lens_chair.error_m > bare_chair.error_m + 0.05,
         format!(
@@ -262,15 +265,15 @@ fn findings(outcome: &mut Outcome, objects: &OfObjects, angles: &[Vec<Figures>; 
             cm(lens_chair.error_m),
             cm(at(0, 40.0).error_m),
             cm(at(1, 40.0).error_m),
-            mm(at(0, 40.0).own_m),
-            mm(at(1, 40.0).own_m)
+            mm(at(0, 40.0).refined_error_m),
+            mm(at(1, 40.0).refined_error_m)
         ),
     );
     let spread = |lens: usize| {
         let errors = [&reflector[lens], &chair[lens]].map(|of| of.map(|figures| figures.error_m));
         errors.iter().map(|e| quantile(e, 1.0) - quantile(e, 0.0)).fold(0.0, f64::max)
     };
-    outcome.finds(
+    outcome.add_finding(
         "One template serves with and without a lens: the falloff over the angle is no precise art.",
         spread(0) < THESIS_VOXEL_M && spread(1) < THESIS_VOXEL_M,
         format!(
@@ -282,7 +285,7 @@ fn findings(outcome: &mut Outcome, objects: &OfObjects, angles: &[Vec<Figures>; 
 }
 
 /// A place as far as another that stands so far to the right of it as a sensor sees it, degrees.
-fn aside(from: DVec3, place: DVec3, angle_deg: f64) -> DVec3 {
+fn off_axis_point(from: DVec3, place: DVec3, angle_deg: f64) -> DVec3 {
     let to = place - from;
     let right = to.cross(DVec3::Y).normalize();
     let (sin, cos) = math::sin_cos(angle_deg.to_radians());
@@ -295,31 +298,31 @@ fn middle(room: &Room) -> DVec3 {
     room.scatterers().map(|scatterer| scatterer.position_m).sum::<DVec3>() / count as f64
 }
 
-fn points(recorded: &Recorded) -> Vec<DVec3> {
+fn points(recorded: &TrialRecording) -> Vec<DVec3> {
     recorded.truth.obstacles.iter().flat_map(|o| o.points_m.iter().copied()).collect()
 }
 
-fn thesis_image(recorded: &Recorded, template: &Beam) -> Volume {
+fn thesis_image(recorded: &TrialRecording, template: &Beam) -> Volume {
     let sweeps = chosen(recorded, SWEEPS, Selection::ThesisHull);
-    volume_through(template, &sweeps, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed)
+    volume_with_beam(template, &sweeps, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed)
 }
 
 /// The thesis' image by a template, ours by the beam that there is.
-fn figures_of(recorded: &Recorded, beam: &Beam, template: &Beam) -> Figures {
+fn figures_of(recorded: &TrialRecording, beam: &Beam, template: &Beam) -> Figures {
     let points = points(recorded);
     let nearest = |place: DVec3| points.iter().map(|p| p.distance(place)).fold(f64::INFINITY, f64::min);
     let image = thesis_image(recorded, template);
     let quality = Quality::of(&image, DVec3::ZERO);
-    let likeness = Likeness::of(&points_above(&image, 0.5), image.voxel_m, &points);
-    let (refined, _) = placed_through(beam, &chosen(recorded, SWEEPS, Selection::FarthestPoint), recorded.seed);
+    let accuracy = ShapeAccuracy::of(&points_above(&image, 0.5), image.voxel_m, &points);
+    let (refined, _) = locate_with_beam(beam, &chosen(recorded, SWEEPS, Selection::FarthestPoint), recorded.seed);
     Figures {
         error_m: nearest(quality.off_m),
         kept: chosen(recorded, SWEEPS, Selection::ThesisHull).len() as f64,
         footprint_l: quality.footprint_l,
         contrast_db: contrast_db(&image, &nearest),
-        precision: likeness.precision,
-        recall: likeness.recall,
-        own_m: refined.map_or(f64::INFINITY, |refined| nearest(refined.position_m)),
+        precision: accuracy.precision,
+        recall: accuracy.recall,
+        refined_error_m: refined.map_or(f64::INFINITY, |refined| nearest(refined.position_m)),
         seen: seen_share(&recorded.observations, &points),
     }
 }
@@ -327,7 +330,7 @@ fn figures_of(recorded: &Recorded, beam: &Beam, template: &Beam) -> Figures {
 /// Greatest value over the greatest one away from the object, dB of amplitude. The median voxel, which is outside of most sweeps'
 /// beam, would tell how steep the model of the beam is.
 fn contrast_db(image: &Volume, nearest_m: &impl Fn(DVec3) -> f64) -> f64 {
-    let away = |index: &usize| nearest_m(image.center(image.voxel(*index))) > AWAY_M;
+    let away = |index: &usize| nearest_m(image.center(image.voxel(*index))) > ELSEWHERE_M;
     let elsewhere = (0..image.values.len()).filter(away).map(|index| image.values[index]).fold(0.0, f32::max);
     let at_it = (0..image.values.len()).filter(|n| !away(n)).map(|index| image.values[index]).fold(0.0, f32::max);
     20.0 * math::log10(f64::from(at_it / elsewhere.max(f32::MIN_POSITIVE)))
@@ -342,7 +345,7 @@ fn medians(each: &[Figures]) -> Figures {
         contrast_db: middle(|f| f.contrast_db),
         precision: middle(|f| f.precision),
         recall: middle(|f| f.recall),
-        own_m: middle(|f| f.own_m),
+        refined_error_m: middle(|f| f.refined_error_m),
         seen: middle(|f| f.seen),
     }
 }
@@ -356,7 +359,7 @@ fn row(names: &[&str], figures: &Figures) -> Vec<String> {
         format!("{:.1}", figures.contrast_db),
         percent(figures.precision),
         percent(figures.recall),
-        mm(figures.own_m),
+        mm(figures.refined_error_m),
         percent(figures.seen),
     ];
     names.chain(figures).collect()
@@ -371,13 +374,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn aside_is_so_far_off_and_as_far_away() {
+    fn off_axis_point_keeps_distance_and_angle() {
         let (from, place) = (DVec3::new(0.0, 1.5, 0.0), DVec3::new(-0.3, 1.7, -1.0));
         for angle_deg in ANGLES_DEG {
-            let looked_at = aside(from, place, angle_deg);
+            let looked_at = off_axis_point(from, place, angle_deg);
             let angle = (looked_at - from).angle_between(place - from).to_degrees();
             assert!((angle - angle_deg).abs() < 1e-4 && (looked_at.distance(from) - place.distance(from)).abs() < 1e-9);
         }
-        assert!(aside(from, place, 30.0).x > place.x);
+        assert!(off_axis_point(from, place, 30.0).x > place.x);
     }
 }

@@ -4,34 +4,34 @@
 //! An experiment is a row in [`ALL`] and a file. Everything is simulated with the thesis' scenes and motions; the thesis' way is its
 //! reduced filter (eq. 3.2) over voxels of 10 cm with its thinning, ours what this program does.
 
-mod apart;
 mod common_objects;
 mod data_set_size;
 mod false_alarms;
 mod filters;
-mod imaged;
+mod imaging_methods;
 mod imu;
 mod lens;
-mod likeness;
 mod outcome;
 mod outputs;
+mod peak_separation;
 mod pose_sources;
 mod resolution;
 mod sensor_motion;
-mod shape;
+mod shape_accuracy;
+mod shape_image;
 mod subapertures;
 mod synchronisation;
 mod thinning;
 mod velocity;
 mod vendor_detector;
 
-use crate::experiments::recorded::Recorded;
+use crate::experiments::trial_recording::TrialRecording;
 use crate::radar::preset;
 use crate::recording::ImportError;
 use crate::report::ReportError;
 use crate::simulation::{Scenario, ScenarioError};
 
-pub use outcome::{Drawn, Finding, Outcome, OutputFile, markdown, report};
+pub use outcome::{Finding, NamedPicture, Outcome, OutputFile, markdown, report};
 
 /// Why an experiment came to nothing.
 #[derive(Debug, thiserror::Error)]
@@ -95,12 +95,12 @@ pub const ALL: &[Experiment] = &[
 ];
 
 impl Experiment {
-    /// Runs it with so many seeds; `tell` is told the share that is done, 0 to 1, now and then.
+    /// Runs it with so many seeds; `progress` is told the share that is done, 0 to 1, now and then.
     ///
     /// # Errors
     /// A scenario that cannot be simulated.
-    pub fn run(&self, seeds: u64, tell: &dyn Fn(f64)) -> Result<Outcome, ExperimentError> {
-        (self.run)(&Trials { seeds: seeds.max(1), tell })
+    pub fn run(&self, seeds: u64, progress: &dyn Fn(f64)) -> Result<Outcome, ExperimentError> {
+        (self.run)(&Trials { seeds: seeds.max(1), progress })
     }
 }
 
@@ -108,7 +108,7 @@ impl Experiment {
 struct Trials<'a> {
     seeds: u64,
     /// Told the share that is done.
-    tell: &'a dyn Fn(f64),
+    progress: &'a dyn Fn(f64),
 }
 
 /// Power signal to noise ratio of the reflector at 1 m, dB: well below that of a corner reflector of 10 cm, which is 12 dBsm.
@@ -116,12 +116,17 @@ const SNR_DB: f64 = 40.0;
 
 impl Trials<'_> {
     /// So many of an experiment's parts are done, of about equal length.
-    fn done(&self, parts: usize, of: usize) {
-        (self.tell)(parts as f64 / of.max(1) as f64);
+    fn report_progress(&self, parts: usize, of: usize) {
+        (self.progress)(parts as f64 / of.max(1) as f64);
     }
 
     /// The thesis' corner reflector 1 m deep and 0.3 m to the left, seen with a preset for so long, once a seed.
-    fn reflector(&self, motion: &str, name: &'static str, duration_s: f64) -> Result<Vec<Recorded>, ExperimentError> {
+    fn reflector(
+        &self,
+        motion: &str,
+        name: &'static str,
+        duration_s: f64,
+    ) -> Result<Vec<TrialRecording>, ExperimentError> {
         self.recorded(name, duration_s, |scenario| {
             scenario.motion = motion.into();
             scenario.snr_db = Some(SNR_DB);
@@ -134,12 +139,12 @@ impl Trials<'_> {
         name: &'static str,
         duration_s: f64,
         change: impl Fn(&mut Scenario),
-    ) -> Result<Vec<Recorded>, ExperimentError> {
+    ) -> Result<Vec<TrialRecording>, ExperimentError> {
         let config = preset(name).ok_or(ExperimentError::Preset(name))?;
         let of = |seed| {
             let mut scenario = Scenario::new("corner-reflector", "sphere-50cm", config.clone(), duration_s, seed);
             change(&mut scenario);
-            Recorded::of(&scenario)
+            TrialRecording::of(&scenario)
         };
         Ok((1..=self.seeds).map(of).collect::<Result<_, _>>()?)
     }
@@ -171,8 +176,9 @@ mod tests {
     /// The share that is done rises and stays within 0 to 1.
     fn run_and_watch(experiment: &Experiment) -> Outcome {
         let last = std::cell::Cell::new(0.0);
-        let tell = |share: f64| assert!((last.replace(share)..=1.0).contains(&share), "{}: {share}", experiment.name);
-        experiment.run(1, &tell).unwrap()
+        let progress =
+            |share: f64| assert!((last.replace(share)..=1.0).contains(&share), "{}: {share}", experiment.name);
+        experiment.run(1, &progress).unwrap()
     }
 
     #[test]

@@ -30,7 +30,7 @@ impl Finding {
 
 /// A picture with the name of its file, without ending, and what it shows.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Drawn {
+pub struct NamedPicture {
     /// Name of the file.
     pub name: String,
     /// The picture.
@@ -52,11 +52,11 @@ pub struct OutputFile {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Outcome {
     /// What was done, in a paragraph.
-    pub done: String,
+    pub procedure: String,
     /// The figures.
     pub tables: Vec<Table>,
     /// The pictures.
-    pub pictures: Vec<Drawn>,
+    pub pictures: Vec<NamedPicture>,
     /// What the thesis found.
     pub findings: Vec<Finding>,
     /// Volumes (.npy with a .json) and clouds (.ply) for other tools.
@@ -66,7 +66,7 @@ pub struct Outcome {
 impl Outcome {
     /// Adds a picture.
     pub(super) fn draw(&mut self, name: impl Into<String>, picture: Picture, caption: impl Into<String>) {
-        self.pictures.push(Drawn { name: name.into(), picture, caption: caption.into() });
+        self.pictures.push(NamedPicture { name: name.into(), picture, caption: caption.into() });
     }
 
     /// Adds a point cloud: name.ply. Centres in the tracking frame, metres, and values.
@@ -98,7 +98,7 @@ impl Outcome {
     }
 
     /// Adds a finding; `None` where the figures do not tell whether it holds.
-    pub(super) fn finds(&mut self, thesis: &str, holds: impl Into<Option<bool>>, ours: String) {
+    pub(super) fn add_finding(&mut self, thesis: &str, holds: impl Into<Option<bool>>, ours: String) {
         self.findings.push(Finding { thesis: thesis.to_owned(), ours, holds: holds.into() });
     }
 
@@ -121,7 +121,7 @@ pub fn markdown(done: &[(&Experiment, Outcome)], seeds: u64) -> String {
     text += &format!("\nMade by `radar-chaperone experiment {names} --seeds {seeds}`, as report.md of its folder.\n");
     for (experiment, outcome) in done {
         let Experiment { name, title, section, .. } = experiment;
-        text += &format!("\n## {title}\n\nThesis, section {section}; `experiment {name}`. {}\n", outcome.done);
+        text += &format!("\n## {title}\n\nThesis, section {section}; `experiment {name}`. {}\n", outcome.procedure);
         for table in std::iter::once(&outcome.findings_table()).chain(&outcome.tables) {
             text += &format!("\n{}", table.markdown());
             if !table.caption.is_empty() {
@@ -143,7 +143,7 @@ pub fn report(done: &[(&Experiment, Outcome)]) -> Result<Report, ReportError> {
     );
     for (experiment, outcome) in done {
         let heading = format!("{} (thesis, section {})", experiment.title, experiment.section);
-        let mut section = Section::new(heading).text(&outcome.done).table(outcome.findings_table());
+        let mut section = Section::new(heading).text(&outcome.procedure).table(outcome.findings_table());
         for table in &outcome.tables {
             section = section.table(table.clone());
         }
@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_head_says_how_it_was_made() {
+    fn report_states_the_command_that_made_it() {
         let done = |count: usize| ALL.iter().take(count).map(|one| (one, Outcome::default())).collect::<Vec<_>>();
         let third = |text: String| text.lines().nth(2).unwrap_or_default().to_owned();
         let line = |what: &str| format!("Made by `radar-chaperone experiment {what}`, as report.md of its folder.");

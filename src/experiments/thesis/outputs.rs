@@ -4,13 +4,13 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::imaged::volume;
+use super::imaging_methods::volume;
 use super::{ExperimentError, Outcome, SNR_DB, Trials, head};
 use crate::engine::{Pipeline, Settings};
-use crate::experiments::recorded::Recorded;
+use crate::experiments::trial_recording::TrialRecording;
 use crate::geometry::Aabb;
-use crate::imaging::blocks::BlockSettings;
-use crate::imaging::{PositionErrors, Selection, Statistic, Volume, blocks_volume};
+use crate::imaging::subaperture::SubapertureSettings;
+use crate::imaging::{PositionErrors, Selection, Statistic, Volume, subaperture_volume};
 use crate::obstacles::{Obstacle, ReflectorSettings, find_reflectors};
 use crate::radar::{Beam, preset};
 use crate::report::{CloudPoint, Marks, Table, cloud_bytes, cloud_of, ply_bytes, point_cloud, points_above, volume_of};
@@ -24,14 +24,14 @@ const VOXEL_M: f64 = 0.04;
 /// Share of the greatest score from which on a voxel of the plain image would be a point.
 const SHARE: f64 = 0.4;
 /// A point belongs to a chair when it is as near to one of its scatterers, metres.
-const BELONGS_M: f64 = 0.12;
+const NEAR_SCATTERER_M: f64 = 0.12;
 /// Sweeps of the reflector's image.
 const SWEEPS: usize = 200;
 /// A place is kept when it comes back as near, metres: single precision holds it to 0.1 µm.
-const KEPT_M: f64 = 1e-6;
+const ROUND_TRIP_TOLERANCE_M: f64 = 1e-6;
 
 /// A row of the table, and what was lost.
-struct Compared {
+struct RoundTrip {
     row: Vec<String>,
     value: f64,
     place_m: f64,
@@ -39,7 +39,7 @@ struct Compared {
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
-        done: format!(
+        procedure: format!(
             "Two chairs seen for {CHAIRS_S:.0} s from within a sphere of 50 cm with preset d16, as the program sees them: what it believes in, with all places that \
              belong to it, and the block score of every voxel. And the thesis' corner reflector with preset \
              fine at {SNR_DB:.0} dB, by least squares and placed with its covariance; one seed. Volumes are written as NumPy arrays with a .json \
@@ -50,19 +50,19 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     };
     let mut compared = Vec::new();
     chairs(&mut outcome, &mut compared)?;
-    trials.done(1, 2);
+    trials.report_progress(1, 2);
     reflector(&mut outcome, &mut compared)?;
-    let lost = |f: fn(&Compared) -> f64| compared.iter().map(f).fold(0.0, f64::max);
+    let lost = |f: fn(&RoundTrip) -> f64| compared.iter().map(f).fold(0.0, f64::max);
     let (value, place_m) = (lost(|one| one.value), lost(|one| one.place_m));
     let intact =
         format!("what is written comes back: values differ by {value} at most, places by {:.2} µm", place_m * 1e6);
-    let is_intact = value == 0.0 && place_m < KEPT_M;
-    outcome.finds(
+    let is_intact = value == 0.0 && place_m < ROUND_TRIP_TOLERANCE_M;
+    outcome.add_finding(
         "The clouds could be data for machine learning (5.8.2, 6.3).",
         if is_intact { None } else { Some(false) },
         format!("{intact}; nothing was taught with them here"),
     );
-    outcome.finds(
+    outcome.add_finding(
         "The system could be the basis of simultaneous localisation and mapping (6.3).",
         if is_intact { None } else { Some(false) },
         "places go out with their covariances, which such programs weigh by; none was run here".into(),
@@ -78,23 +78,24 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
 }
 
 /// The block score of two chairs: a volume, and a cloud of what stands out.
-fn chairs(outcome: &mut Outcome, compared: &mut Vec<Compared>) -> Result<(), ExperimentError> {
+fn chairs(outcome: &mut Outcome, compared: &mut Vec<RoundTrip>) -> Result<(), ExperimentError> {
     const NAME: &str = "two-chairs";
     let config = preset("d16").ok_or(ExperimentError::Preset("d16"))?;
     let scenario = Scenario::new(NAME, "sphere-50cm", config, CHAIRS_S, 1);
-    let recorded = Recorded::of(&scenario)?;
-    let found = believed(&scenario)?;
-    let image = blocks_volume(&recorded.observations, &Beam::Lensless, &BlockSettings::default(), &CHAIRS, VOXEL_M);
+    let recorded = TrialRecording::of(&scenario)?;
+    let found = detected_obstacles(&scenario)?;
+    let image =
+        subaperture_volume(&recorded.observations, &Beam::Lensless, &SubapertureSettings::default(), &CHAIRS, VOXEL_M);
     let things = scene(NAME, 1).map_err(crate::simulation::ScenarioError::from)?.room.things;
     let truth: Vec<Vec<DVec3>> =
         things.iter().map(|thing| thing.scatterers.iter().map(|s| s.position_m).collect()).collect();
-    outcome.keep_volume("chairs", &image, Statistic::Blocks, recorded.observations.len())?;
-    compared.push(volume_again(outcome, &image)?);
+    outcome.keep_volume("chairs", &image, Statistic::Subaperture, recorded.observations.len())?;
+    compared.push(reread_volume(outcome, &image)?);
     let cloud: Vec<(DVec3, f32)> = found.iter().flat_map(|obstacle| obstacle.shape.iter().copied()).collect();
-    keep_cloud(outcome, compared, "chairs.ply", &without(&cloud), ply_bytes(&cloud))?;
-    let places: Vec<CloudPoint> = found.iter().map(place).collect();
+    keep_cloud(outcome, compared, "chairs.ply", &without_covariance(&cloud), ply_bytes(&cloud))?;
+    let places: Vec<CloudPoint> = found.iter().map(cloud_point).collect();
     keep_cloud(outcome, compared, "chairs-places.ply", &places, cloud_bytes(&places))?;
-    let near = |place: DVec3, points: &[DVec3]| points.iter().any(|point| point.distance(place) < BELONGS_M);
+    let near = |place: DVec3, points: &[DVec3]| points.iter().any(|point| point.distance(place) < NEAR_SCATTERER_M);
     let on_each: Vec<usize> =
         truth.iter().map(|points| cloud.iter().filter(|(place, _)| near(*place, points)).count()).collect();
     let share_near = |cloud: &[(DVec3, f32)]| {
@@ -102,7 +103,7 @@ fn chairs(outcome: &mut Outcome, compared: &mut Vec<Compared>) -> Result<(), Exp
         on_any as f64 / cloud.len().max(1) as f64
     };
     let (share, plain) = (share_near(&cloud), share_near(&points_above(&image, SHARE)));
-    outcome.finds(
+    outcome.add_finding(
         "The system creates point clouds of objects in three dimensions (5.8.2).",
         share >= 0.8 && on_each.iter().all(|count| *count > 0),
         format!(
@@ -110,7 +111,7 @@ fn chairs(outcome: &mut Outcome, compared: &mut Vec<Compared>) -> Result<(), Exp
              image's voxels above {:.0} % of the greatest score {:.0} %",
             cloud.len(),
             100.0 * share,
-            100.0 * BELONGS_M,
+            100.0 * NEAR_SCATTERER_M,
             on_each.first().unwrap_or(&0),
             on_each.get(1).unwrap_or(&0),
             100.0 * SHARE,
@@ -120,13 +121,13 @@ fn chairs(outcome: &mut Outcome, compared: &mut Vec<Compared>) -> Result<(), Exp
     let all: Vec<DVec3> = truth.concat();
     let path: Vec<DVec3> = recorded.observations.iter().map(|o| o.tracking_from_sensor.translation).collect();
     let marks = Marks { truth_m: &all, found_m: &[], path_m: &path };
-    let picture = point_cloud(&drawn(&cloud, &image), "Two chairs as a point cloud", "block score", 0.0, &marks);
+    let picture = point_cloud(&rasterised(&cloud, &image), "Two chairs as a point cloud", "block score", 0.0, &marks);
     outcome.draw("chairs", picture, "The points of chairs.ply; crosses are the chairs' true scatterers.");
     Ok(())
 }
 
 /// What the program believes in after a recording.
-fn believed(scenario: &Scenario) -> Result<Vec<Obstacle>, ExperimentError> {
+fn detected_obstacles(scenario: &Scenario) -> Result<Vec<Obstacle>, ExperimentError> {
     let simulated = scenario.run()?;
     let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &Settings::default());
     let mut frames = simulated.frames.into_iter().peekable();
@@ -142,7 +143,7 @@ fn believed(scenario: &Scenario) -> Result<Vec<Obstacle>, ExperimentError> {
 }
 
 /// Points as voxels of an image's grid, to be drawn.
-fn drawn(cloud: &[(DVec3, f32)], image: &Volume) -> Volume {
+fn rasterised(cloud: &[(DVec3, f32)], image: &Volume) -> Volume {
     let mut volume = Volume { values: vec![0.0; image.values.len()], ..image.clone() };
     for &(place, score) in cloud {
         let at = ((place - image.origin_m) / image.voxel_m).floor();
@@ -155,7 +156,7 @@ fn drawn(cloud: &[(DVec3, f32)], image: &Volume) -> Volume {
     volume
 }
 
-fn place(obstacle: &Obstacle) -> CloudPoint {
+fn cloud_point(obstacle: &Obstacle) -> CloudPoint {
     CloudPoint {
         position_m: obstacle.position_m,
         value: obstacle.evidence as f32,
@@ -164,28 +165,28 @@ fn place(obstacle: &Obstacle) -> CloudPoint {
 }
 
 /// Least squares of the reflector: a volume, a cloud, and its place with a covariance.
-fn reflector(outcome: &mut Outcome, compared: &mut Vec<Compared>) -> Result<(), ExperimentError> {
+fn reflector(outcome: &mut Outcome, compared: &mut Vec<RoundTrip>) -> Result<(), ExperimentError> {
     let config = preset("fine").ok_or(ExperimentError::Preset("fine"))?;
     let scenario =
         Scenario { snr_db: Some(SNR_DB), ..Scenario::new("corner-reflector", "sphere-50cm", config, 10.0, 1) };
-    let recorded = Recorded::of(&scenario)?;
-    let sweeps = super::imaged::chosen(&recorded, SWEEPS, Selection::FarthestPoint);
+    let recorded = TrialRecording::of(&scenario)?;
+    let sweeps = super::imaging_methods::chosen(&recorded, SWEEPS, Selection::FarthestPoint);
     let image = volume(&sweeps, Statistic::Ls, VOXEL_M, 1);
     outcome.keep_volume("reflector", &image, Statistic::Ls, sweeps.len())?;
-    compared.push(volume_again(outcome, &image)?);
+    compared.push(reread_volume(outcome, &image)?);
     let region = image.region();
     let settings = ReflectorSettings { voxel_m: 0.1, ..ReflectorSettings::default() };
     let found = find_reflectors(&sweeps, &Beam::Lensless, &region, &settings, &PositionErrors::default());
-    let places: Vec<CloudPoint> = found.iter().map(place).collect();
+    let places: Vec<CloudPoint> = found.iter().map(cloud_point).collect();
     keep_cloud(outcome, compared, "reflector.ply", &places, cloud_bytes(&places))
 }
 
-fn without(cloud: &[(DVec3, f32)]) -> Vec<CloudPoint> {
+fn without_covariance(cloud: &[(DVec3, f32)]) -> Vec<CloudPoint> {
     cloud.iter().map(|&(position_m, value)| CloudPoint { position_m, value, covariance_m2: None }).collect()
 }
 
 /// The volume that was kept last, read back.
-fn volume_again(outcome: &Outcome, image: &Volume) -> Result<Compared, ExperimentError> {
+fn reread_volume(outcome: &Outcome, image: &Volume) -> Result<RoundTrip, ExperimentError> {
     let [.., npy, json] = &outcome.files[..] else { unreachable!("a volume was kept") };
     let (read, info) = volume_of(&npy.bytes, &json.bytes, Path::new(&npy.name))?;
     let pairs = image.values.iter().zip(&read.values);
@@ -201,7 +202,7 @@ fn volume_again(outcome: &Outcome, image: &Volume) -> Result<Compared, Experimen
 /// Keeps a cloud and reads it back.
 fn keep_cloud(
     outcome: &mut Outcome,
-    compared: &mut Vec<Compared>,
+    compared: &mut Vec<RoundTrip>,
     name: &str,
     points: &[CloudPoint],
     bytes: Vec<u8>,
@@ -236,8 +237,8 @@ fn keep_cloud(
     Ok(())
 }
 
-fn row(name: &str, bytes: usize, holds: String, value: f64, place_m: f64) -> Compared {
+fn row(name: &str, bytes: usize, holds: String, value: f64, place_m: f64) -> RoundTrip {
     let differ = if value == 0.0 { "0".into() } else { format!("{value:.0e}") };
     let row = vec![name.to_owned(), bytes.to_string(), holds, differ, format!("{:.3}", place_m * 1e6)];
-    Compared { row, value, place_m }
+    RoundTrip { row, value, place_m }
 }

@@ -4,9 +4,11 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::imaged::{MIN_RANGE_M, Quality, THESIS_VOXEL_M, chosen, observed, placed_with, volume, volume_around};
+use super::imaging_methods::{
+    MIN_RANGE_M, Quality, THESIS_VOXEL_M, chosen, locate_with_errors, observed, volume, volume_around,
+};
 use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, mm};
-use crate::experiments::recorded::{Recorded, quantile};
+use crate::experiments::trial_recording::{TrialRecording, quantile};
 use crate::geometry::Pose;
 use crate::imaging::{PositionErrors, Selection, Statistic};
 use crate::radar::preset;
@@ -25,10 +27,10 @@ const COHERENT_CUBE_M: f64 = 0.12;
 /// Voxels of the incoherent one, metres.
 const FINE_VOXEL_M: f64 = 0.04;
 /// As well placed as it takes to grip or to warn, metres.
-const WELL_M: f64 = 0.01;
+const ACCURATE_M: f64 = 0.01;
 
 /// A source of poses: what moves, what it measures wrong, and what the reconstruction is told of that.
-struct Source {
+struct PoseSource {
     name: &'static str,
     motion: &'static str,
     track: TrackingErrors,
@@ -37,7 +39,7 @@ struct Source {
 }
 
 /// An industrial arm repeats to some hundredths of a millimetre; where its tool's centre is on it is calibrated to half of one.
-fn sources() -> [Source; 3] {
+fn sources() -> [PoseSource; 3] {
     let arm = TrackingErrors {
         rate_hz: 125.0,
         jitter_m: 0.03e-3,
@@ -53,7 +55,7 @@ fn sources() -> [Source; 3] {
         rotation_deg: 0.01,
         ..Default::default()
     };
-    let headset = |name, motion| Source {
+    let headset = |name, motion| PoseSource {
         name,
         motion,
         track: TrackingErrors::default(),
@@ -61,17 +63,17 @@ fn sources() -> [Source; 3] {
         is_arm: false,
     };
     [
-        Source { name: "robot's arm, raster", motion: "robot-arm", track: arm, known, is_arm: true },
+        PoseSource { name: "robot's arm, raster", motion: "robot-arm", track: arm, known, is_arm: true },
         headset("headset, hand-held within 50 cm", "sphere-50cm"),
         headset("headset, natural play", "natural"),
     ]
 }
 
 /// What became of one recording.
-struct Seen {
+struct RecordingResult {
     thesis_m: f64,
     footprint_l: f64,
-    own_m: f64,
+    refined_error_m: f64,
     /// Root of the covariance's trace, metres, and eᵀC⁻¹e, of 3.
     sigma_m: f64,
     misfit: f64,
@@ -81,13 +83,13 @@ struct Seen {
     coherent_db: f64,
 }
 
-impl Seen {
-    fn of(recorded: &Recorded, errors: &PositionErrors) -> Self {
+impl RecordingResult {
+    fn of(recorded: &TrialRecording, errors: &PositionErrors) -> Self {
         let (seed, truth_m) = (recorded.seed, recorded.truth_m);
         let thesis = volume(&chosen(recorded, SWEEPS, Selection::ThesisHull), Statistic::Thesis, THESIS_VOXEL_M, seed);
         let fine =
             volume(&chosen(recorded, COHERENT_SWEEPS, Selection::FarthestPoint), Statistic::Ls, FINE_VOXEL_M, seed);
-        let (refined, _) = placed_with(&recorded.observations, seed, errors);
+        let (refined, _) = locate_with_errors(&recorded.observations, seed, errors);
         let off = refined.as_ref().map(|refined| refined.position_m - truth_m);
         let coherent = coherent(recorded, refined.as_ref().map_or(truth_m, |refined| refined.position_m));
         let covariance = refined.as_ref().map(|refined| refined.covariance_m2);
@@ -96,7 +98,7 @@ impl Seen {
         Self {
             thesis_m: Quality::of(&thesis, truth_m).error_m(),
             footprint_l: Quality::of(&fine, truth_m).footprint_l,
-            own_m: off.map_or(f64::INFINITY, DVec3::length),
+            refined_error_m: off.map_or(f64::INFINITY, DVec3::length),
             sigma_m: trace.map_or(f64::INFINITY, f64::sqrt),
             misfit: misfit.unwrap_or(f64::INFINITY),
             known: observed(&[refined]),
@@ -108,7 +110,7 @@ impl Seen {
 }
 
 /// The coherent image around a place, of sweeps that have it in the beam, evenly over time.
-fn coherent(recorded: &Recorded, around_m: DVec3) -> Quality {
+fn coherent(recorded: &TrialRecording, around_m: DVec3) -> Quality {
     let has_it = |sweep: &&crate::radar::Observation| {
         let range_m = sweep.distance_m(around_m);
         range_m >= MIN_RANGE_M && sweep.geometry.axis.contains(range_m) && sweep.cos_off_boresight(around_m) > 0.8
@@ -128,7 +130,7 @@ fn read_back(poses: &[PoseSample], format: TrackFormat) -> Result<Vec<PoseSample
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
-        done: format!(
+        procedure: format!(
             "The reflector 1 m deep and 0.3 m to the left once from a robot's arm, in nine rows of 50 cm, and with a headset's tracking: hand-held, and in natural play. {DURATION_S:.0} s \
              with preset fine, 40 dB, {} seeds, medians. The arm's poses, 125 a second, are off by 0.03 mm of jitter, 0.1 mm and 0.01° that wander and 0.5 mm of mount, \
              the headset's by 0.3, 1 mm, 0.1° and 2 mm. Each track is written as TUM and as CSV, read back as `import` reads it, and imaged from that.",
@@ -142,7 +144,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         let mut all = Vec::new();
         for seed in 1..=trials.seeds {
             let recorded = recorded(&source, seed, &mut written, &mut changed)?;
-            all.push(Seen::of(&recorded, &source.known));
+            all.push(RecordingResult::of(&recorded, &source.known));
             if seed == 1 {
                 pictures(&mut outcome, &source, &recorded);
             }
@@ -155,7 +157,12 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
 }
 
 /// A recording with its poses from the CSV that they were written to; counts poses and those that TUM or CSV changed.
-fn recorded(source: &Source, seed: u64, written: &mut usize, changed: &mut usize) -> Result<Recorded, ExperimentError> {
+fn recorded(
+    source: &PoseSource,
+    seed: u64,
+    written: &mut usize,
+    changed: &mut usize,
+) -> Result<TrialRecording, ExperimentError> {
     let config = preset("fine").ok_or(ExperimentError::Preset("fine"))?;
     let mut scenario = Scenario {
         snr_db: Some(SNR_DB),
@@ -174,10 +181,10 @@ fn recorded(source: &Source, seed: u64, written: &mut usize, changed: &mut usize
         let same = read.iter().zip(&simulated.poses).filter(|(a, b)| a == b).count();
         *changed += simulated.poses.len().max(read.len()) - same;
     }
-    Ok(Recorded::joined(&scenario, &simulated, &csv))
+    Ok(TrialRecording::joined(&scenario, &simulated, &csv))
 }
 
-fn pictures(outcome: &mut Outcome, source: &Source, recorded: &Recorded) {
+fn pictures(outcome: &mut Outcome, source: &PoseSource, recorded: &TrialRecording) {
     let start_ns = recorded.observations.first().map_or(0, |sweep| sweep.mid_time_ns);
     let at = |sweep: &crate::radar::Observation| {
         ((sweep.mid_time_ns - start_ns) as f64 * 1e-9, sweep.tracking_from_sensor.translation)
@@ -194,39 +201,39 @@ fn pictures(outcome: &mut Outcome, source: &Source, recorded: &Recorded) {
     outcome.draw(format!("image-{}", source.motion), picture, format!("{title}."));
 }
 
-type Figures = [(&'static str, Vec<Seen>)];
+type Figures = [(&'static str, Vec<RecordingResult>)];
 
-fn middle(all: &[Seen], of: fn(&Seen) -> f64) -> f64 {
+fn middle(all: &[RecordingResult], of: fn(&RecordingResult) -> f64) -> f64 {
     quantile(&all.iter().map(of).collect::<Vec<_>>(), 0.5)
 }
 
 fn findings(outcome: &mut Outcome, figures: &Figures, written: usize, changed: usize) {
-    let own = |source: usize| middle(&figures[source].1, |seen| seen.own_m);
-    let worst = quantile(&figures[0].1.iter().map(|seen| seen.own_m).collect::<Vec<_>>(), 1.0);
-    outcome.finds(
+    let own = |source: usize| middle(&figures[source].1, |seen| seen.refined_error_m);
+    let worst = quantile(&figures[0].1.iter().map(|seen| seen.refined_error_m).collect::<Vec<_>>(), 1.0);
+    outcome.add_finding(
         "The system can be mounted on something whose motion is controlled with fine precision, such as a robot's arm (6.3).",
-        worst < WELL_M && changed == 0,
+        worst < ACCURATE_M && changed == 0,
         format!(
             "from the arm's track the reflector is placed {} mm off, at most {} mm; of {written} poses written as TUM and CSV and read back {changed} changed",
             mm(own(0)), mm(worst)
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "A completely arbitrary aperture works as long as the path is measured with precision (6.1).",
-        own(1) < 2.0 * WELL_M && own(2) < 2.0 * WELL_M,
+        own(1) < 2.0 * ACCURATE_M && own(2) < 2.0 * ACCURATE_M,
         format!("arm {} mm, hand-held headset {} mm, natural play {} mm off", mm(own(0)), mm(own(1)), mm(own(2))),
     );
-    let coherent = |source: usize, of: fn(&Seen) -> f64| middle(&figures[source].1, of);
-    outcome.finds(
+    let coherent = |source: usize, of: fn(&RecordingResult) -> f64| middle(&figures[source].1, of);
+    outcome.add_finding(
         "If the path is measured with precision the algorithm works at a level comparable to traditional SAR (6).",
-        coherent(0, |seen| seen.coherent_m) < WELL_M && coherent(0, |seen| seen.coherent_cm3) < 10.0,
+        coherent(0, |seen| seen.coherent_m) < ACCURATE_M && coherent(0, |seen| seen.coherent_cm3) < 10.0,
         format!(
             "the coherent sum, which traditional SAR is: from the arm's poses {} mm off, half of its peak fills {:.1} cm³ and stands {:.0} dB out; from the hand-held headset's {} mm, {:.1} cm³ and {:.0} dB",
             mm(coherent(0, |seen| seen.coherent_m)), coherent(0, |seen| seen.coherent_cm3), coherent(0, |seen| seen.coherent_db),
             mm(coherent(1, |seen| seen.coherent_m)), coherent(1, |seen| seen.coherent_cm3), coherent(1, |seen| seen.coherent_db)
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "In the place of a stereoscopic camera it could save greatly on cost and development time (6.3).",
         None,
         "costs are not simulated".into(),
@@ -234,13 +241,13 @@ fn findings(outcome: &mut Outcome, figures: &Figures, written: usize, changed: u
 }
 
 fn table(figures: &Figures) -> Table {
-    let row = |(name, all): &(&str, Vec<Seen>)| {
+    let row = |(name, all): &(&str, Vec<RecordingResult>)| {
         let known = all.last().map_or("–", |seen| seen.known);
         vec![
             (*name).to_owned(),
             cm(middle(all, |seen| seen.thesis_m)),
             format!("{:.0}", middle(all, |seen| seen.footprint_l)),
-            mm(middle(all, |seen| seen.own_m)),
+            mm(middle(all, |seen| seen.refined_error_m)),
             mm(middle(all, |seen| seen.sigma_m)),
             format!("{:.1}", middle(all, |seen| seen.misfit)),
             known.to_owned(),

@@ -4,12 +4,12 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use super::imaged::{BEAM, Quality, chosen, placed};
-use super::shape::close_image;
+use super::imaging_methods::{BEAM, Quality, chosen, locate};
+use super::shape_image::close_image;
 use super::{ExperimentError, Outcome, Trials, cm, head, mm};
-use crate::experiments::recorded::{Recorded, offset, quantile};
+use crate::experiments::trial_recording::{TrialRecording, offset, quantile};
 use crate::geometry::Aabb;
-use crate::imaging::sums::{BrickGrid, SweepStack, Threshold, dense_volume, search};
+use crate::imaging::backprojection::{BrickGrid, SweepStack, Threshold, dense_volume, search};
 use crate::imaging::{Selection, Statistic};
 use crate::math;
 use crate::radar::Observation;
@@ -23,9 +23,9 @@ const THESIS_CUBE_M: f64 = 3.0;
 const STATISTICS: [(Statistic, &str); 2] = [(Statistic::Thesis, "the thesis' sum"), (Statistic::Ls, "least squares")];
 const SWEEPS: usize = 50;
 /// Volumes of more voxels than this are not made: four bytes each, 128 MiB in all.
-const MOST_VOXELS: usize = 32 << 20;
+const MAX_DENSE_VOXELS: usize = 32 << 20;
 /// Volumes of more than this are made from two recordings alone, for time.
-const MANY_VOXELS: usize = 4 << 20;
+const TWO_RECORDINGS_VOXELS: usize = 4 << 20;
 
 /// One voxel's edge in one cube, medians.
 #[derive(Debug, Clone, Copy)]
@@ -50,7 +50,7 @@ struct Trial {
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let recorded = trials.reflector("sphere-50cm", "fine", 10.0)?;
     let mut outcome = Outcome {
-        done: format!(
+        procedure: format!(
             "A reflector seen from within a sphere of 50 cm (preset fine, 40 dB), {SWEEPS} sweeps by farthest point, {} seeds, medians: voxels of 10 cm \
              to 5 mm in cubes of 1 to 6 m, every voxel summed, and by branch and bound, which looks only where the image can reach half of its \
              greatest value. Times are wall times on this machine, tables over range included.",
@@ -82,13 +82,19 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let refined: Vec<f64> = recorded
         .iter()
         .zip(&sweeps)
-        .map(|(r, s)| placed(s, r.seed).0.map_or(f64::INFINITY, |refined| refined.position_m.distance(r.truth_m)))
+        .map(|(r, s)| locate(s, r.seed).0.map_or(f64::INFINITY, |refined| refined.position_m.distance(r.truth_m)))
         .collect();
     findings(&mut outcome, &all[0], &all[1], quantile(&refined, 0.5), sharp);
     Ok(outcome)
 }
 
-fn trial(statistic: Statistic, cube_m: f64, voxel_m: f64, recorded: &[Recorded], sweeps: &[Vec<Observation>]) -> Trial {
+fn trial(
+    statistic: Statistic,
+    cube_m: f64,
+    voxel_m: f64,
+    recorded: &[TrialRecording],
+    sweeps: &[Vec<Observation>],
+) -> Trial {
     let (mut dense, mut image, mut peak) = (Vec::new(), Vec::new(), Vec::new());
     let (mut errors, mut footprints, mut work) = (Vec::new(), Vec::new(), Vec::new());
     let (mut voxels, mut same) = (0, true);
@@ -108,7 +114,7 @@ fn trial(statistic: Statistic, cube_m: f64, voxel_m: f64, recorded: &[Recorded],
         footprints.push(found.voxels.len() as f64 * voxel_m.powi(3) * 1e3);
         let place = found.peak().map(|(index, _)| center(&grid, index));
         errors.push(place.map_or(f64::INFINITY, |place| place.distance(recorded.truth_m)));
-        if voxels <= MANY_VOXELS || (voxels <= MOST_VOXELS && dense.len() < 2) {
+        if voxels <= TWO_RECORDINGS_VOXELS || (voxels <= MAX_DENSE_VOXELS && dense.len() < 2) {
             let start = Instant::now();
             let (stack, _) = SweepStack::of(statistic, &BEAM, sweeps, grid.middle_m());
             let volume = dense_volume(&stack, &grid).volume;
@@ -128,7 +134,7 @@ fn sub_aperture_litres(trials: &Trials) -> Result<f64, ExperimentError> {
     let mut footprints = Vec::new();
     for recorded in &trials.reflector("sphere-50cm", "d16", 4.0)? {
         let sweeps = chosen(recorded, SWEEPS, Selection::FarthestPoint);
-        let place = placed(&sweeps, recorded.seed).0.map(|refined| refined.position_m);
+        let place = locate(&sweeps, recorded.seed).0.map(|refined| refined.position_m);
         let image = place.and_then(|place| close_image(recorded, place));
         footprints.push(image.map_or(f64::INFINITY, |image| Quality::of(&image, recorded.truth_m).footprint_l));
     }
@@ -136,7 +142,7 @@ fn sub_aperture_litres(trials: &Trials) -> Result<f64, ExperimentError> {
 }
 
 /// Exponent of the run time of every voxel in their number, by least squares over the trials of at least 100 000.
-fn growth(done: &[Trial]) -> f64 {
+fn run_time_exponent(done: &[Trial]) -> f64 {
     let points: Vec<[f64; 2]> = done
         .iter()
         .filter(|trial| trial.voxels >= 100_000)
@@ -195,7 +201,7 @@ fn table(words: &str, done: &[Trial]) -> Table {
         rows: done.iter().map(row).collect(),
         caption: format!(
             "{words}. Not made: more than {:.0} MiB. The image is every voxel of at least half of the greatest value, which together are the footprint.",
-            MOST_VOXELS as f64 * 4.0 / f64::from(1 << 20)
+            MAX_DENSE_VOXELS as f64 * 4.0 / f64::from(1 << 20)
         ),
     }
 }
@@ -253,7 +259,7 @@ fn findings(outcome: &mut Outcome, thesis: &[Trial], ls: &[Trial], refined_m: f6
     };
     let Some(ls_fine) = at(ls, 0.005) else { return };
     let across = |litres: f64| math::cbrt(litres * 1e-3);
-    outcome.finds(
+    outcome.add_finding(
         "A resolution of a few millimetres should be possible, since the sensor has it.",
         across(fine.footprint_l) < 0.01,
         format!(
@@ -271,7 +277,7 @@ fn findings(outcome: &mut Outcome, thesis: &[Trial], ls: &[Trial], refined_m: f6
         ),
     );
     let dense_s = centimetre.dense_s.unwrap_or(f64::INFINITY);
-    outcome.finds(
+    outcome.add_finding(
         "In 3 m the time for voxels of millimetres would be unfeasible.",
         fine.image_s > 10.0,
         format!(
@@ -284,8 +290,8 @@ fn findings(outcome: &mut Outcome, thesis: &[Trial], ls: &[Trial], refined_m: f6
             dense_s * 8.0
         ),
     );
-    let powers = [growth(thesis), growth(ls)];
-    outcome.finds(
+    let powers = [run_time_exponent(thesis), run_time_exponent(ls)];
+    outcome.add_finding(
         "The time grows exponentially with the number of sampling points.",
         powers.iter().all(|power| *power > 1.5),
         format!(
@@ -297,7 +303,7 @@ fn findings(outcome: &mut Outcome, thesis: &[Trial], ls: &[Trial], refined_m: f6
         ),
     );
     let same = thesis.iter().chain(ls).all(|trial| trial.same);
-    outcome.finds(
+    outcome.add_finding(
         "Looking closely only where scores are high would help hugely.",
         same && dense_s > 5.0 * centimetre.image_s,
         format!(
@@ -315,7 +321,7 @@ fn findings(outcome: &mut Outcome, thesis: &[Trial], ls: &[Trial], refined_m: f6
     let six = thesis.iter().find(|t| t.cube_m == 6.0 && t.voxel_m == 0.005);
     let one = thesis.iter().find(|t| t.cube_m == 1.0 && t.voxel_m == 0.005);
     if let (Some(one), Some(six)) = (one, six) {
-        outcome.finds(
+        outcome.add_finding(
             "How far the search area may reach was left open.",
             None,
             format!(
@@ -334,7 +340,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn time_in_proportion_grows_with_the_first_power() {
+    fn linear_run_time_has_exponent_one() {
         let trial = |voxels: usize| Trial {
             cube_m: 3.0,
             voxel_m: 0.1,
@@ -348,7 +354,7 @@ mod tests {
             same: true,
         };
         let unmade = Trial { dense_s: None, ..trial(1 << 40) };
-        assert!((growth(&[trial(1 << 18), trial(1 << 20), trial(1 << 25), unmade]) - 1.0).abs() < 1e-9);
+        assert!((run_time_exponent(&[trial(1 << 18), trial(1 << 20), trial(1 << 25), unmade]) - 1.0).abs() < 1e-9);
     }
 
     #[test]

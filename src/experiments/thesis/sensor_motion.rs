@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-use super::imaged::{Quality, THESIS_VOXEL_M, chosen, observed, placed, range_misfit_m, volume};
+use super::imaging_methods::{Quality, THESIS_VOXEL_M, chosen, locate, observed, range_difference_spread_m, volume};
 use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, mm};
-use crate::experiments::recorded::{Recorded, quantile};
+use crate::experiments::trial_recording::{TrialRecording, quantile};
 use crate::imaging::{Selection, Statistic};
 use crate::radar::Observation;
 use crate::report::{Marks, Table, cross_sections, motion_plot};
@@ -24,7 +24,7 @@ const WEAK_DB: f64 = 20.0;
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
-        done: format!(
+        procedure: format!(
             "A reflector 1 m deep, 0.3 m to the left and 0.2 m above the sensor, 10 s with preset fine, 40 dB, {} seeds; the thesis' image from \
              {SWEEPS} sweeps by its thinning, ours from as many by farthest point. At {WEAK_DB:.0} dB the thesis' sum is often greatest beside the \
              sensor, where its weight 1/d² lifts the noise.",
@@ -34,7 +34,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     };
     let (mut rows, mut thesis, mut told) = (Vec::new(), Vec::new(), Vec::new());
     for (n, (motion, words)) in MOTIONS.into_iter().enumerate() {
-        trials.done(n, MOTIONS.len());
+        trials.report_progress(n, MOTIONS.len());
         let (mut off, mut extents, mut own, mut all) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut ranges = Vec::new();
         for recorded in &recorded(trials, motion, SNR_DB)? {
@@ -43,8 +43,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             let quality = Quality::of(&image, recorded.truth_m);
             off.push(quality.off_m);
             extents.push(quality.extent_m);
-            ranges.push(range_misfit_m(&sweeps, [recorded.truth_m + quality.off_m, recorded.truth_m]));
-            let (refined, _) = placed(&chosen(recorded, SWEEPS, Selection::FarthestPoint), recorded.seed);
+            ranges.push(range_difference_spread_m(&sweeps, [recorded.truth_m + quality.off_m, recorded.truth_m]));
+            let (refined, _) = locate(&chosen(recorded, SWEEPS, Selection::FarthestPoint), recorded.seed);
             own.push(refined.as_ref().map_or(f64::INFINITY, |r| r.position_m.distance(recorded.truth_m)));
             all.push(refined);
             if recorded.seed == 1 {
@@ -81,7 +81,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         told.push(format!("{} cm, ours {} mm ({known})", cm(error), mm(own)));
     }
     let [rest, _, _, short, long] = [0, 1, 2, 3, 4].map(|n: usize| thesis[n]);
-    outcome.finds(
+    outcome.add_finding(
         "At rest the reflector is seen right in front, wherever it is.",
         (rest[1] - 0.3).abs() < 0.1 && (rest[2] - 0.2).abs() < 0.1,
         format!(
@@ -91,7 +91,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             cm(rest[2])
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "Ten centimetres of motion place it, slightly blurred; fifty place it well.",
         thesis[1][0] < 0.25 && thesis[2][0] < 0.15,
         format!(
@@ -100,7 +100,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             told[1], told[2], rows[1][1]
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "Ten centimetres along x do not suffice: the image stays in the middle.",
         short[1] > 0.2,
         format!(
@@ -109,7 +109,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             told[3]
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "Motion along x by fifty tells x and leaves the height open: the image is left of the middle and not above it.",
         long[1] < 0.15 && (long[2] - 0.2).abs() < 0.1,
         format!(
@@ -142,7 +142,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     Ok(outcome)
 }
 
-fn recorded(trials: &Trials, motion: &str, snr_db: f64) -> Result<Vec<Recorded>, ExperimentError> {
+fn recorded(trials: &Trials, motion: &str, snr_db: f64) -> Result<Vec<TrialRecording>, ExperimentError> {
     trials.recorded("fine", 10.0, |scenario| {
         scenario.scene = "raised-reflector".into();
         scenario.motion = motion.into();
@@ -150,7 +150,7 @@ fn recorded(trials: &Trials, motion: &str, snr_db: f64) -> Result<Vec<Recorded>,
     })
 }
 
-fn thesis_quality(recorded: &Recorded) -> Quality {
+fn thesis_quality(recorded: &TrialRecording) -> Quality {
     let sweeps = chosen(recorded, SWEEPS, Selection::ThesisHull);
     Quality::of(&volume(&sweeps, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed), recorded.truth_m)
 }

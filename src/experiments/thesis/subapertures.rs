@@ -4,9 +4,9 @@
 use glam::DVec3;
 
 use super::{ExperimentError, Outcome, SNR_DB, Trials, head, mm};
-use crate::experiments::recorded::{Recorded, quantile, region};
+use crate::experiments::trial_recording::{TrialRecording, quantile, region};
 use crate::geometry::Aabb;
-use crate::imaging::sums::{BrickGrid, SweepStack, dense_volume};
+use crate::imaging::backprojection::{BrickGrid, SweepStack, dense_volume};
 use crate::imaging::{Statistic, Volume};
 use crate::radar::{Beam, Observation, preset};
 use crate::report::Table;
@@ -63,7 +63,7 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
                 errors: *errors,
                 ..Scenario::new("corner-reflector", "sphere-50cm", config.clone(), DURATION_S, seed)
             };
-            let recorded = Recorded::of(&scenario)?;
+            let recorded = TrialRecording::of(&scenario)?;
             let truth = recorded.truth_m;
             // Every seed puts the truth into another part of a voxel.
             let shift = region(VOXEL_M, seed).center() - region(0.0, seed).center();
@@ -87,7 +87,7 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
         vec![words.to_owned(), wide(figures[2]), wide(figures[3]), mm(figures[0]), mm(figures[1])]
     };
     let [single, short, .., whole] = figures[..] else { return Ok(()) };
-    outcome.finds(
+    outcome.add_finding(
         "The choice of method depends on the application and on the data (5.8.1).",
         short[2] < single[2] / 3.0 && whole[2] < short[2] / 3.0 && whole[1] > 2.0 * whole[0],
         format!(
@@ -104,7 +104,7 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
             mm(whole[0])
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "Polarimetric and interferometric images are candidates (5.8.1).",
         None,
         "an A121 has one antenna of one polarisation, so there is nothing to compare; phases from pass to pass are what sums in phase use".into(),
@@ -132,20 +132,21 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
 mod tests {
     use super::*;
     use crate::imaging::Oracle;
-    use crate::imaging::blocks::BlockSettings;
+    use crate::imaging::subaperture::SubapertureSettings;
 
     #[test]
-    fn one_sweep_a_part_is_least_squares_and_more_are_narrower() {
+    fn one_sweep_per_part_is_least_squares_and_longer_parts_are_narrower() {
         let scenario = Scenario {
             snr_db: Some(SNR_DB),
             errors: TrackingErrors::none(),
             ..Scenario::new("corner-reflector", "sphere-50cm", preset("fine").unwrap(), 1.0, 2)
         };
-        let recorded = Recorded::of(&scenario).unwrap();
+        let recorded = TrialRecording::of(&scenario).unwrap();
         let at = recorded.truth_m;
         let around = Aabb { min: at - 0.5 * VOXEL_M, max: at + 0.5 * VOXEL_M };
         let value = f64::from(image(&recorded.observations, 1, &around).values[0]);
-        let oracle = Oracle::new(&recorded.observations, &BEAM, &BlockSettings::default()).value(Statistic::Ls, at);
+        let oracle =
+            Oracle::new(&recorded.observations, &BEAM, &SubapertureSettings::default()).value(Statistic::Ls, at);
         assert!((value / oracle - 1.0).abs() < 0.01, "{value} {oracle}");
         let [one, twelve] = [1, 12].map(|length| width_m(&recorded.observations, length, at, DVec3::X));
         assert!(twelve < 0.5 * one, "{twelve} {one}");

@@ -3,13 +3,13 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::imaged::{Quality, THESIS_VOXEL_M, chosen, placed, volume};
+use super::imaging_methods::{Quality, THESIS_VOXEL_M, chosen, locate, volume};
 use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, mm};
 use crate::engine::{
     Lag, LagCurve, OffsetWindow, ReflectorSeries, Settings, Synchronisation, SynchronisationError, reflector_series,
     synchronisation,
 };
-use crate::experiments::recorded::{Recorded, quantile};
+use crate::experiments::trial_recording::{TrialRecording, quantile};
 use crate::imaging::{Selection, Statistic};
 use crate::radar::preset;
 use crate::report::{
@@ -22,12 +22,12 @@ use crate::tracking::PoseSample;
 const START_LAG_S: f64 = 0.8;
 const SETTLED_S: f64 = 5.0;
 const FRAME_S: f64 = 1.0 / 120.0;
-const REST_FRAMES: [f64; 6] = [7.0, 5.0, 10.0, 6.0, 9.0, 8.0];
+const RESIDUAL_FRAMES: [f64; 6] = [7.0, 5.0, 10.0, 6.0, 9.0, 8.0];
 const DURATION_S: f64 = 12.0;
 /// Errors of the curve count from here on: before, the sensor rests and nothing can tell.
-const MOVING_S: f64 = 1.5;
+const FIRST_MOTION_S: f64 = 1.5;
 /// The running estimate is asked this often, seconds.
-const ASKED_EVERY_S: f64 = 0.5;
+const ESTIMATE_INTERVAL_S: f64 = 0.5;
 const SWEEPS: usize = 50;
 /// Sweeps that the reflector is placed by before it is followed.
 const PLACE_SWEEPS: usize = 150;
@@ -36,37 +36,37 @@ const SEARCH_SWEEPS: usize = 40;
 const SEARCH_VOXEL_M: f64 = 0.1;
 
 /// Pose stamps minus times of sweeps, seconds: the radar is late, so they are less.
-fn injected_s(time_s: f64, rest_frames: f64) -> f64 {
-    -START_LAG_S * (1.0 - time_s.max(0.0) / SETTLED_S).max(0.0).powi(2) - rest_frames * FRAME_S
+fn injected_lag_s(time_s: f64, residual_frames: f64) -> f64 {
+    -START_LAG_S * (1.0 - time_s.max(0.0) / SETTLED_S).max(0.0).powi(2) - residual_frames * FRAME_S
 }
 
 /// One recording with its streams out of step.
-struct Lagging {
+struct LaggingRecording {
     scenario: Scenario,
     simulated: Simulated,
     start_ns: i64,
-    rest_frames: f64,
+    residual_frames: f64,
     poses: Vec<PoseSample>,
 }
 
-impl Lagging {
+impl LaggingRecording {
     fn new(motion: &str, seed: u64, is_late: bool) -> Result<Self, ExperimentError> {
         let config = preset("fine").ok_or(ExperimentError::Preset("fine"))?;
         let scenario =
             Scenario { snr_db: Some(SNR_DB), ..Scenario::new("corner-reflector", motion, config, DURATION_S, seed) };
         let simulated = scenario.run()?;
         let start_ns = simulated.frames.first().map_or(0, |frame| frame.host_time_ns);
-        let rest_frames = REST_FRAMES[(seed - 1) as usize % REST_FRAMES.len()];
+        let residual_frames = RESIDUAL_FRAMES[(seed - 1) as usize % RESIDUAL_FRAMES.len()];
         let late = |pose: &PoseSample| {
             let time_s = (pose.time_ns - start_ns) as f64 * 1e-9;
-            let lag_s = if is_late { injected_s(time_s, rest_frames) } else { 0.0 };
+            let lag_s = if is_late { injected_lag_s(time_s, residual_frames) } else { 0.0 };
             PoseSample { time_ns: pose.time_ns + (lag_s * 1e9).round() as i64, ..*pose }
         };
         let poses = simulated.poses.iter().map(late).collect();
-        Ok(Self { scenario, simulated, start_ns, rest_frames, poses })
+        Ok(Self { scenario, simulated, start_ns, residual_frames, poses })
     }
 
-    fn told(&self, poses: &[PoseSample]) -> Result<Synchronisation, SynchronisationError> {
+    fn estimate(&self, poses: &[PoseSample]) -> Result<Synchronisation, SynchronisationError> {
         let Scenario { config, head_from_sensor, .. } = &self.scenario;
         synchronisation(config, head_from_sensor, &Settings::default(), &self.simulated.frames, poses)
     }
@@ -82,13 +82,13 @@ impl Lagging {
         reflector_series(config, head_from_sensor, &settings, &frames, poses)
     }
 
-    fn seen(&self, poses: &[PoseSample], from_s: f64, to_s: f64) -> Recorded {
+    fn seen(&self, poses: &[PoseSample], from_s: f64, to_s: f64) -> TrialRecording {
         let at = |s: f64| self.start_ns + (s * 1e9) as i64;
-        Recorded::joined(&self.scenario, &self.simulated, poses).between(at(from_s), at(to_s))
+        TrialRecording::joined(&self.scenario, &self.simulated, poses).between(at(from_s), at(to_s))
     }
 
     fn truth_s(&self, time_s: f64) -> f64 {
-        injected_s(time_s, self.rest_frames)
+        injected_lag_s(time_s, self.residual_frames)
     }
 
     /// Greatest error of a curve between two times, seconds.
@@ -105,35 +105,35 @@ impl Lagging {
 }
 
 /// What was made of one recording.
-struct Followed {
+struct LagEstimate {
     series: ReflectorSeries,
     /// By the series as stamped, and with what a second round finds, the reflector's place being better then.
     curve: LagCurve,
-    twice: LagCurve,
+    second_pass: LagCurve,
     corrected: Vec<PoseSample>,
 }
 
-impl Followed {
+impl LagEstimate {
     /// `None` where the recording tells nothing.
-    fn of(lagging: &Lagging) -> Option<Self> {
+    fn of(lagging: &LaggingRecording) -> Option<Self> {
         let series = lagging.series(&lagging.poses).ok()?;
         let curve = LagCurve::of(&series.radar_range_m, &series.pose_range_m)?;
         let once = lagging.series(&curve.corrected(&lagging.poses, lagging.start_ns)).ok()?;
-        let twice = curve.clone().with(LagCurve::of(&once.radar_range_m, &once.pose_range_m)?.lags());
-        let corrected = twice.corrected(&lagging.poses, lagging.start_ns);
-        Some(Self { series, curve, twice, corrected })
+        let second_pass = curve.clone().with(LagCurve::of(&once.radar_range_m, &once.pose_range_m)?.lags());
+        let corrected = second_pass.corrected(&lagging.poses, lagging.start_ns);
+        Some(Self { series, curve, second_pass, corrected })
     }
 }
 
 /// What is left in a window, at its middle.
-fn left(window: &OffsetWindow) -> Option<Lag> {
+fn window_lag(window: &OffsetWindow) -> Option<Lag> {
     let estimate = window.estimate.filter(|estimate| estimate.observable)?;
     let time_s = 0.5 * (window.from_s + window.to_s);
     Some(Lag { time_s, lag_s: estimate.offset_s, sigma_s: estimate.sigma_s })
 }
 
 /// The curve's newest value by what had come until then, with its time.
-fn running(told: &ReflectorSeries) -> Vec<Lag> {
+fn running_lags(told: &ReflectorSeries) -> Vec<Lag> {
     let until = |time_s: f64| {
         // What comes from then on is not known yet: stamps may be ahead of sweeps.
         let [radar, poses] = [&told.radar_range_m, &told.pose_range_m]
@@ -141,32 +141,32 @@ fn running(told: &ReflectorSeries) -> Vec<Lag> {
         let curve = LagCurve::of(radar, poses)?;
         curve.lags().last().copied()
     };
-    (2..).map(|n| f64::from(n) * ASKED_EVERY_S).take_while(|s| *s <= DURATION_S).filter_map(until).collect()
+    (2..).map(|n| f64::from(n) * ESTIMATE_INTERVAL_S).take_while(|s| *s <= DURATION_S).filter_map(until).collect()
 }
 
 /// From when on the running estimate stays this near to the truth, seconds.
-fn known_s(running: &[Lag], lagging: &Lagging, within_s: f64) -> f64 {
+fn converged_after_s(running_lags: &[Lag], lagging: &LaggingRecording, within_s: f64) -> f64 {
     let is_off = |lag: &&Lag| (lag.lag_s - lagging.truth_s(lag.time_s)).abs() > within_s;
-    let last_off = running.iter().rposition(|lag| is_off(&lag));
+    let last_off = running_lags.iter().rposition(|lag| is_off(&lag));
     let first = last_off.map_or(0, |n| n + 1);
-    running.get(first).map_or(f64::INFINITY, |lag| lag.time_s)
+    running_lags.get(first).map_or(f64::INFINITY, |lag| lag.time_s)
 }
 
 /// Error of the thesis' image and of the refined place, metres.
-fn imaged(recorded: &Recorded) -> [f64; 2] {
+fn image_errors(recorded: &TrialRecording) -> [f64; 2] {
     let sweeps = chosen(recorded, SWEEPS, Selection::FarthestPoint);
     if sweeps.is_empty() {
         return [f64::INFINITY; 2];
     }
     let image = volume(&sweeps, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed);
-    let (refined, _) = placed(&sweeps, recorded.seed);
+    let (refined, _) = locate(&sweeps, recorded.seed);
     let own = refined.map_or(f64::INFINITY, |refined| refined.position_m.distance(recorded.truth_m));
     [Quality::of(&image, recorded.truth_m).error_m(), own]
 }
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
-        done: format!(
+        procedure: format!(
             "The sensor goes towards the reflector and back again and again (3.5.4), {DURATION_S:.0} s with preset fine, {} seeds. Into the poses' stamps goes what the thesis \
              saw: the radar {START_LAG_S} s late at the start, settled after {SETTLED_S:.0} s, and 5 to 10 frames of 120 a second that stay. The lag is followed as a curve, \
              from the ranges of the reflector by radar and by poses (a way through a grid of lags, then a Kalman smoother), taken out, and followed once more, since the \
@@ -177,32 +177,36 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     };
     let lagging = (1..=trials.seeds)
         .into_par_iter()
-        .map(|seed| Lagging::new("to-and-fro", seed, true))
+        .map(|seed| LaggingRecording::new("to-and-fro", seed, true))
         .collect::<Result<Vec<_>, _>>()?;
-    let followed: Vec<Option<Followed>> = lagging.par_iter().map(Followed::of).collect();
-    let pairs: Vec<(&Lagging, &Followed)> =
+    let followed: Vec<Option<LagEstimate>> = lagging.par_iter().map(LagEstimate::of).collect();
+    let pairs: Vec<(&LaggingRecording, &LagEstimate)> =
         lagging.iter().zip(&followed).filter_map(|(lagging, followed)| Some((lagging, followed.as_ref()?))).collect();
     detection(&mut outcome, trials, &pairs)?;
-    following(&mut outcome, &pairs);
+    lag_findings(&mut outcome, &pairs);
     images(&mut outcome, trials)?;
     Ok(outcome)
 }
 
 /// Whether a lag at the start is seen where there is one, and is not where there is none.
-fn detection(outcome: &mut Outcome, trials: &Trials, pairs: &[(&Lagging, &Followed)]) -> Result<(), ExperimentError> {
+fn detection(
+    outcome: &mut Outcome,
+    trials: &Trials,
+    pairs: &[(&LaggingRecording, &LagEstimate)],
+) -> Result<(), ExperimentError> {
     let is_late = |curve: &LagCurve| curve.start_lag().is_some_and(|lag| lag.is_significant);
     let seen = pairs.iter().filter(|(_, followed)| is_late(&followed.curve)).count();
     let in_step = (1..=trials.seeds)
         .into_par_iter()
-        .map(|seed| Lagging::new("to-and-fro", seed, false))
+        .map(|seed| LaggingRecording::new("to-and-fro", seed, false))
         .collect::<Result<Vec<_>, _>>()?;
-    let curve = |one: &Lagging| {
+    let curve = |one: &LaggingRecording| {
         let series = one.series(&one.poses).ok()?;
         LagCurve::of(&series.radar_range_m, &series.pose_range_m)
     };
     let false_alarms = in_step.par_iter().filter_map(curve).filter(is_late).count();
     let seeds = trials.seeds as usize;
-    outcome.finds(
+    outcome.add_finding(
         "Laid over each other, headset and radar show a delay of about 0.8 s at the start that is gone after 4 to 5 s.",
         (seen == seeds && false_alarms == 0).then_some(true),
         format!(
@@ -215,7 +219,7 @@ fn detection(outcome: &mut Outcome, trials: &Trials, pairs: &[(&Lagging, &Follow
         ("overlaid-after", &followed.corrected, "with the lag taken out"),
     ];
     for (name, poses, words) in both {
-        let Ok(told) = lagging.told(poses) else { continue };
+        let Ok(told) = lagging.estimate(poses) else { continue };
         let title = format!("Headset and radar, {words} (seed {})", lagging.scenario.seed);
         outcome.draw(
             name,
@@ -225,8 +229,8 @@ fn detection(outcome: &mut Outcome, trials: &Trials, pairs: &[(&Lagging, &Follow
             ),
         );
         if name == "overlaid-before" {
-            let windows: Vec<Lag> = told.windows.iter().filter_map(left).collect();
-            let runs = running(&followed.series);
+            let windows: Vec<Lag> = told.windows.iter().filter_map(window_lag).collect();
+            let runs = running_lags(&followed.series);
             outcome.draw("lag-curve", curves(lagging, followed, &runs, &windows), "Put in and found. By what had come until then: what a program beside the headset knows at that moment.");
             outcome.draw(
                 "lag-error",
@@ -257,20 +261,20 @@ fn overlaid(told: &Synchronisation, title: &str) -> crate::report::Picture {
 }
 
 /// How well the curve is followed, and when it is known.
-fn following(outcome: &mut Outcome, pairs: &[(&Lagging, &Followed)]) {
+fn lag_findings(outcome: &mut Outcome, pairs: &[(&LaggingRecording, &LagEstimate)]) {
     let (mut rows, mut known) = (Vec::new(), Vec::new());
     let mut figures: Vec<[f64; 6]> = Vec::new();
     for (lagging, followed) in pairs {
-        let runs = running(&followed.series);
-        let [five_s, one_s] = [5e-3, 1e-3].map(|within_s| known_s(&runs, lagging, within_s));
-        let [early, late] = [(MOVING_S, SETTLED_S), (SETTLED_S, DURATION_S)];
+        let runs = running_lags(&followed.series);
+        let [five_s, one_s] = [5e-3, 1e-3].map(|within_s| converged_after_s(&runs, lagging, within_s));
+        let [early, late] = [(FIRST_MOTION_S, SETTLED_S), (SETTLED_S, DURATION_S)];
         let f = [
             lagging.rms_s(&followed.curve, early.0, early.1),
             lagging.worst_s(&followed.curve, early.0, early.1),
             lagging.rms_s(&followed.curve, late.0, late.1),
-            lagging.rms_s(&followed.twice, early.0, early.1),
-            lagging.worst_s(&followed.twice, early.0, early.1),
-            lagging.rms_s(&followed.twice, late.0, late.1),
+            lagging.rms_s(&followed.second_pass, early.0, early.1),
+            lagging.worst_s(&followed.second_pass, early.0, early.1),
+            lagging.rms_s(&followed.second_pass, late.0, late.1),
         ];
         figures.push(f);
         known.push([five_s, one_s]);
@@ -278,7 +282,7 @@ fn following(outcome: &mut Outcome, pairs: &[(&Lagging, &Followed)]) {
         let time = |s: f64| if s.is_finite() { format!("{s:.2}") } else { "–".into() };
         rows.push(vec![
             lagging.scenario.seed.to_string(),
-            format!("{:.0}", lagging.rest_frames),
+            format!("{:.0}", lagging.residual_frames),
             ms(f[0]),
             ms(f[1]),
             ms(f[2]),
@@ -292,7 +296,7 @@ fn following(outcome: &mut Outcome, pairs: &[(&Lagging, &Followed)]) {
     let middle = |n: usize| quantile(&figures.iter().map(|f| f[n]).collect::<Vec<_>>(), 0.5) * 1e3;
     let [five_s, one_s] = [0, 1].map(|n: usize| quantile(&known.iter().map(|k| k[n]).collect::<Vec<_>>(), 0.5));
     let told_s = |s: f64| if s.is_finite() { format!("{s:.2} s") } else { "never within the recording".into() };
-    outcome.finds(
+    outcome.add_finding(
         "Waiting ten seconds before logging is needed to be rid of it.",
         (!pairs.is_empty()).then_some(five_s > 10.0),
         format!(
@@ -301,7 +305,7 @@ fn following(outcome: &mut Outcome, pairs: &[(&Lagging, &Followed)]) {
             told_s(five_s), told_s(one_s), middle(3), middle(5)
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "What is left, 5 to 10 frames (42 to 83 ms), is adjusted by hand.",
         (!pairs.is_empty()).then_some(middle(5) > 1e3 * FRAME_S),
         format!("no hand is needed: what remains after {SETTLED_S:.0} s is {:.2} ms rms after the first round and {:.2} ms after the second", middle(2), middle(5)),
@@ -311,14 +315,19 @@ fn following(outcome: &mut Outcome, pairs: &[(&Lagging, &Followed)]) {
             "seed", "frames that stay", "first round: rms to 5 s (ms)", "greatest (ms)", "rms after (ms)", "second round: rms to 5 s (ms)", "greatest (ms)", "rms after (ms)", "known to 5 ms (s)", "to 1 ms (s)",
         ]),
         rows,
-        caption: format!("Error of the lag from {MOVING_S} s on, when the sensor moves. Known: from when on the estimate by what had come until then stays that near, the reflector's place given; – never in {DURATION_S:.0} s."),
+        caption: format!("Error of the lag from {FIRST_MOTION_S} s on, when the sensor moves. Known: from when on the estimate by what had come until then stays that near, the reflector's place given; – never in {DURATION_S:.0} s."),
     });
 }
 
-fn curves(lagging: &Lagging, followed: &Followed, running: &[Lag], windows: &[Lag]) -> crate::report::Picture {
+fn curves(
+    lagging: &LaggingRecording,
+    followed: &LagEstimate,
+    running_lags: &[Lag],
+    windows: &[Lag],
+) -> crate::report::Picture {
     let ms = |lag: &Lag| [lag.time_s, lag.lag_s * 1e3];
     let times = (0..).map(|n| f64::from(n) * 0.5).take_while(|t| *t <= DURATION_S);
-    let moving = followed.twice.lags().iter().filter(|lag| lag.time_s > 1.2).step_by(45);
+    let moving = followed.second_pass.lags().iter().filter(|lag| lag.time_s > 1.2).step_by(45);
     Chart {
         title: "The lag of the radar behind the headset, put in and found".into(),
         x_label: "time since the first sweep (s)".into(),
@@ -334,7 +343,7 @@ fn curves(lagging: &Lagging, followed: &Followed, running: &[Lag], windows: &[La
             Series { name: "found".into(), points: moving.map(ms).collect(), joined: false },
             Series {
                 name: "found by what had come until then".into(),
-                points: running.iter().filter(|lag| lag.time_s > 1.2).map(ms).collect(),
+                points: running_lags.iter().filter(|lag| lag.time_s > 1.2).map(ms).collect(),
                 joined: false,
             },
             Series {
@@ -347,10 +356,10 @@ fn curves(lagging: &Lagging, followed: &Followed, running: &[Lag], windows: &[La
     .draw()
 }
 
-fn errors(lagging: &Lagging, followed: &Followed, running: &[Lag]) -> crate::report::Picture {
+fn errors(lagging: &LaggingRecording, followed: &LagEstimate, running_lags: &[Lag]) -> crate::report::Picture {
     let off = |lag: &Lag| [lag.time_s, (lag.lag_s - lagging.truth_s(lag.time_s)).abs() * 1e3];
     let from = |lags: &[Lag], step: usize| {
-        lags.iter().filter(|lag| lag.time_s > MOVING_S).step_by(step).map(off).collect::<Vec<_>>()
+        lags.iter().filter(|lag| lag.time_s > FIRST_MOTION_S).step_by(step).map(off).collect::<Vec<_>>()
     };
     Chart {
         title: "What remains of the lag".into(),
@@ -360,8 +369,8 @@ fn errors(lagging: &Lagging, followed: &Followed, running: &[Lag]) -> crate::rep
         y_log: true,
         series: vec![
             Series { name: "curve, first round".into(), points: from(followed.curve.lags(), 12), joined: true },
-            Series { name: "curve, second round".into(), points: from(followed.twice.lags(), 12), joined: true },
-            Series { name: "by what had come until then".into(), points: from(running, 1), joined: false },
+            Series { name: "curve, second round".into(), points: from(followed.second_pass.lags(), 12), joined: true },
+            Series { name: "by what had come until then".into(), points: from(running_lags, 1), joined: false },
         ],
     }
     .draw()
@@ -373,8 +382,8 @@ fn images(outcome: &mut Outcome, trials: &Trials) -> Result<(), ExperimentError>
     const WAYS: [&str; 3] = ["as stamped", "lag taken out", "never out of step"];
     let mut figures = vec![vec![Vec::new(); SPANS.len()]; WAYS.len()];
     let recorded = |seed: u64| -> Result<_, ExperimentError> {
-        let lagging = Lagging::new("sphere-50cm", seed, true)?;
-        let followed = Followed::of(&lagging);
+        let lagging = LaggingRecording::new("sphere-50cm", seed, true)?;
+        let followed = LagEstimate::of(&lagging);
         Ok((seed, lagging, followed))
     };
     let all: Vec<_> = (1..=trials.seeds).into_par_iter().map(recorded).collect::<Result<_, _>>()?;
@@ -383,7 +392,7 @@ fn images(outcome: &mut Outcome, trials: &Trials) -> Result<(), ExperimentError>
         for (way, poses) in [&lagging.poses, corrected, &lagging.simulated.poses].into_iter().enumerate() {
             for (span, (words, from_s, to_s)) in SPANS.into_iter().enumerate() {
                 let recorded = lagging.seen(poses, from_s, to_s);
-                figures[way][span].push(imaged(&recorded));
+                figures[way][span].push(image_errors(&recorded));
                 if seed == 1 && span == 0 && way < 2 {
                     let sweeps = chosen(&recorded, SWEEPS, Selection::FarthestPoint);
                     let path: Vec<DVec3> = sweeps.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
@@ -411,7 +420,7 @@ fn images(outcome: &mut Outcome, trials: &Trials) -> Result<(), ExperimentError>
             ]);
         }
     }
-    outcome.finds(
+    outcome.add_finding(
         "With synchronisation issues the system cannot be expected to give viable results; without, images improve significantly.",
         middle(0, 0, 1) > 0.1 && middle(1, 0, 1) < 0.5 * middle(0, 0, 1),
         format!(

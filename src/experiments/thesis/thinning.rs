@@ -2,9 +2,9 @@
 
 use std::time::Instant;
 
-use super::imaged::{Quality, THESIS_VOXEL_M, chosen, placed, volume};
+use super::imaging_methods::{Quality, THESIS_VOXEL_M, chosen, locate, volume};
 use super::{ExperimentError, Outcome, Trials, cm, head, mm};
-use crate::experiments::recorded::quantile;
+use crate::experiments::trial_recording::quantile;
 use crate::imaging::{Selection, Statistic};
 use crate::report::{Chart, Series, Table};
 
@@ -16,7 +16,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let recorded = trials.reflector("sphere-50cm", "fine", 10.0)?;
     let (mut rows, mut curves) = (Vec::new(), Vec::new());
     for (n, selection) in SELECTIONS.into_iter().enumerate() {
-        trials.done(n, SELECTIONS.len());
+        trials.report_progress(n, SELECTIONS.len());
         let mut points = Vec::new();
         for count in COUNTS {
             let (mut thesis, mut own, mut times_ms) = (Vec::new(), Vec::new(), Vec::new());
@@ -26,7 +26,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
                 times_ms.push(start.elapsed().as_secs_f64() * 1e3);
                 let image = volume(&sweeps, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed);
                 thesis.push(Quality::of(&image, recorded.truth_m).error_m());
-                let (refined, _) = placed(&sweeps, recorded.seed);
+                let (refined, _) = locate(&sweeps, recorded.seed);
                 own.push(refined.map_or(f64::INFINITY, |refined| refined.position_m.distance(recorded.truth_m)));
             }
             let [thesis, own, time_ms] = [&thesis, &own, &times_ms].map(|values| quantile(values, 0.5));
@@ -42,14 +42,14 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let (hull, farthest, best) =
         (at(Selection::ThesisHull, 1), at(Selection::FarthestPoint, 1), at(Selection::DOptimal, 1));
     let mut outcome = Outcome {
-        done: format!(
+        procedure: format!(
             "From the 1200 sweeps of a recording within a sphere of 50 cm so many are kept, by chance, by the thesis' threshold (eq. 3.6), by its \
              hull (eq. 3.7), by farthest point and by the determinant of what they tell (D-optimal); {} seeds, medians.",
             recorded.len()
         ),
         ..Outcome::default()
     };
-    outcome.finds(
+    outcome.add_finding(
         "Few sweeps suffice when they are chosen well; the hull's are.",
         hull < random,
         format!(

@@ -1,8 +1,8 @@
 //! What speed does to the image.
 
-use super::imaged::{Quality, THESIS_VOXEL_M, placed, volume};
+use super::imaging_methods::{Quality, THESIS_VOXEL_M, locate, volume};
 use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, mm};
-use crate::experiments::recorded::quantile;
+use crate::experiments::trial_recording::quantile;
 use crate::imaging::Statistic;
 use crate::report::{Marks, Table, cross_sections};
 
@@ -17,7 +17,7 @@ const DURATION_S: f64 = 2.0;
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
-        done: format!(
+        procedure: format!(
             "The sensor goes towards the reflector and back at three speeds, {DURATION_S:.0} s with preset fine (120 sweeps a second, as the \
              thesis had), {} seeds, all sweeps.",
             trials.seeds
@@ -27,7 +27,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let (mut rows, mut figures) = (Vec::new(), Vec::new());
     let cases: Vec<_> = OFFSETS_S.iter().flat_map(|offset| SPEEDS.map(|speed| (*offset, speed))).collect();
     for (n, &(offset_s, (motion, speed))) in cases.iter().enumerate() {
-        trials.done(n, cases.len());
+        trials.report_progress(n, cases.len());
         let (mut depth, mut sizes, mut own) = (Vec::new(), Vec::new(), Vec::new());
         let all = trials.recorded("fine", DURATION_S, |scenario| {
             scenario.motion = motion.into();
@@ -39,7 +39,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             let quality = Quality::of(&image, recorded.truth_m);
             depth.push(quality.off_m.z.abs());
             sizes.push(quality.footprint_l);
-            let (refined, _) = placed(&recorded.observations, recorded.seed);
+            let (refined, _) = locate(&recorded.observations, recorded.seed);
             // An approach tells the range; what it does not tell is no error of the speed's.
             let off = refined.map(|refined| {
                 let toward = (recorded.truth_m - refined.seen_from_m).length();
@@ -71,7 +71,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         figures.push((size, own));
     }
     let (slow, fast) = (figures[0], figures[2]);
-    outcome.finds(
+    outcome.add_finding(
         "At 2.5 m/s the image is slightly more blurred than at 1 m/s, of no practical weight.",
         fast.0 > slow.0 && fast.0 < 1.5 * slow.0,
         format!(
@@ -81,10 +81,10 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     );
     // [offset][speed]: litres.
     let litres = |offset: usize, speed: usize| figures[offset * SPEEDS.len() + speed].0;
-    let swelling = |offset: usize| litres(offset, 2) / litres(offset, 0);
-    outcome.finds(
+    let footprint_growth = |offset: usize| litres(offset, 2) / litres(offset, 0);
+    outcome.add_finding(
         "The blur may come from small discrepancies in time between poses and sweeps.",
-        swelling(2) > 1.05 * swelling(0) && litres(2, 2) > 1.05 * litres(0, 2),
+        footprint_growth(2) > 1.05 * footprint_growth(0) && litres(2, 2) > 1.05 * litres(0, 2),
         format!(
             "half of the peak at 2.5 m/s fills {:.0} l in time, {:.0} l with 5 ms and {:.0} l with 20 ms between the streams; at 1 m/s {:.0}, {:.0} and {:.0} l. \
              Our range is {} mm off at 2.5 m/s in time, {} mm with 5 ms and {} mm with 20 ms",

@@ -6,18 +6,18 @@
 
 use glam::{DMat3, DVec3};
 
-use super::{OBSERVED_SHARE, Prior, Refined, Weighed, climb, longest_axis, objective, outer, scatter, trace};
+use super::{OBSERVED_SHARE, PointEstimate, Prior, Refined, climb, longest_axis, objective, outer, scatter, trace};
 use crate::imaging::range_power::RangePower;
 
 /// Log-likelihood by which a place must fit better than its mirror image to be the one: odds of a thousand to one.
-const SURE: f64 = 6.9;
+const MIN_LOG_LIKELIHOOD_GAIN: f64 = 6.9;
 /// The image must have this share of the place's log-likelihood before it is climbed from: the true one starts near its top.
-const WORTH: f64 = 0.3;
+const MIN_IMAGE_SHARE: f64 = 0.3;
 /// How far from the image its maximum may lie, in distances between the two.
-const NEAR: f64 = 0.25;
+const MAX_IMAGE_SHIFT: f64 = 0.25;
 
 /// The maximum near the mirror image, if it is another place than this one and fits about as well.
-pub(super) fn as_good(power: &RangePower, weighed: &Weighed, prior: &Prior) -> Option<DVec3> {
+pub(super) fn equally_likely_image(power: &RangePower, weighed: &PointEstimate, prior: &Prior) -> Option<DVec3> {
     let normal = plane_normal(&scatter(power, &weighed.readings, prior.seen_from))?;
     let apart_m = 2.0 * (weighed.place - prior.seen_from).dot(normal);
     let distance_m = weighed.place.distance(prior.seen_from);
@@ -27,17 +27,17 @@ pub(super) fn as_good(power: &RangePower, weighed: &Weighed, prior: &Prior) -> O
     }
     let image = weighed.place - normal * apart_m;
     let best = objective(&weighed.readings, prior, weighed.place);
-    if objective(&power.readings(image), prior, image) < WORTH * best {
+    if objective(&power.readings(image), prior, image) < MIN_IMAGE_SHARE * best {
         return None;
     }
-    let other = climb(power, image, Some(NEAR * apart_m.abs()), prior);
+    let other = climb(power, image, Some(MAX_IMAGE_SHIFT * apart_m.abs()), prior);
     let readings = power.readings(other);
     let enough = readings.len() >= weighed.readings.len().min(super::MIN_SWEEPS);
-    (enough && objective(&readings, prior, other) > best - SURE).then_some(other)
+    (enough && objective(&readings, prior, other) > best - MIN_LOG_LIKELIHOOD_GAIN).then_some(other)
 }
 
 /// A place that may as well be `other`.
-pub(super) fn either(refined: Refined, other: DVec3) -> Refined {
+pub(super) fn with_image(refined: Refined, other: DVec3) -> Refined {
     let apart = other - refined.position_m;
     Refined {
         // Each of the two with a half: the second moment about this one.
@@ -80,7 +80,7 @@ mod tests {
     const IMAGE: DVec3 = DVec3::new(0.1, -0.2, -1.2);
 
     #[test]
-    fn sweeps_within_a_plane_leave_two_places() {
+    fn coplanar_sweeps_leave_two_positions() {
         for (count, start) in [(3, AT), (3, IMAGE), (40, AT), (40, IMAGE)] {
             let one = refined(AT, count, 0.0, start);
             assert_eq!(one.observed_directions(), 1, "{count} sweeps from {start}: {one:?}");
@@ -94,13 +94,13 @@ mod tests {
     }
 
     #[test]
-    fn sweeps_out_of_the_plane_tell_which() {
+    fn sweeps_out_of_the_plane_resolve_the_ambiguity() {
         let one = refined(AT, 40, 0.2, AT);
         assert!(one.observed_directions() == 2 && one.position_m.distance(AT) < 0.01, "{one:?}");
     }
 
     #[test]
-    fn what_lies_in_the_plane_is_one_place() {
+    fn point_in_the_plane_is_unambiguous() {
         let at = DVec3::new(0.1, 0.0, -1.2);
         let one = refined(at, 40, 0.0, at);
         assert!(one.position_m.distance(at) < 0.1, "{one:?}");

@@ -1,7 +1,7 @@
 //! From a voxel to a place: the continuous maximum of Σ |z|²/σ², what the poses' errors leave of it, and how sure it is.
 //!
 //! 1. `climb`: damped Newton steps on the log-likelihood, every sweep by itself. Finds the maximum, errors ignored.
-//! 2. `weigh`: around it each sweep is a measured range. Tracking wander moves neighbouring sweeps alike and the mount's
+//! 2. `least_squares`: around it each sweep is a measured range. Tracking wander moves neighbouring sweeps alike and the mount's
 //!    error turns with the head: generalised least squares, a filter along the path (`path_filter`), gives place and
 //!    covariance together.
 //! 3. `follow_phase`: where all directions were observed and the phase can be followed from sweep to sweep, it measures
@@ -12,18 +12,18 @@
 
 mod errors;
 mod joint;
+mod measurements;
 mod mirror;
 mod pair;
 mod path_filter;
 mod phase;
-mod sights;
 mod wander;
 
 use glam::{DMat3, DVec3};
 
 pub use errors::PositionErrors;
+use measurements::{Fit, Measured, measured};
 pub use pair::{JointFit, best_pair, split};
-use sights::{Fit, Measured, measured};
 
 use super::range_power::{RangePower, Reading};
 use super::symmetric::inverse_above;
@@ -71,17 +71,17 @@ const MAX_STEP_M: f64 = 0.05;
 /// Fewer sweeps determine nothing.
 const MIN_SWEEPS: usize = 3;
 /// 1σ across a direction whose whole aperture the poses' errors may have feigned, in distances: nothing is known.
-const FEIGNED_SIGMA: f64 = 3.0;
+const SPURIOUS_APERTURE_SIGMA: f64 = 3.0;
 /// Share of a step that is taken along an open direction.
-const OPEN_SHARE: f64 = 0.7;
+const OPEN_STEP_SHARE: f64 = 0.7;
 /// Steps of generalised least squares at most; they converge like Newton's.
-const MAX_WEIGHINGS: usize = 12;
+const MAX_LEAST_SQUARES_STEPS: usize = 12;
 /// A step this short ends them, metres.
-const STAYS_M: f64 = 2e-5;
+const CONVERGED_STEP_M: f64 = 2e-5;
 /// Rounds of following the phase at most.
 const PHASE_ROUNDS: usize = 4;
 /// Squared normalised distance that the phase may move a place; chi-square of 3 exceeds it once in 10 000.
-const AGREES: f64 = 21.0;
+const MAX_PHASE_SHIFT_CHI2: f64 = 21.0;
 
 /// Climbs from `start` to the nearest maximum and weighs it; stays within `reach_m` of `start` when given, and then uses no
 /// phase. `None` when too few sweeps see it.
@@ -92,21 +92,27 @@ pub fn refine(power: &RangePower, start: DVec3, reach_m: Option<f64>, errors: &P
     }
     let prior = Prior::from(power, &readings, start);
     let top = climb(power, start, reach_m, &prior);
-    let weighed = weigh(power, top, reach_m.map_or(Leash::None, |reach| Leash::Reach(start, reach)), &prior, errors)?;
-    let refined = judged(power, &weighed, &prior);
+    let weighed = least_squares(
+        power,
+        top,
+        reach_m.map_or(StepConstraint::None, |reach| StepConstraint::Reach(start, reach)),
+        &prior,
+        errors,
+    )?;
+    let refined = to_refined(power, &weighed, &prior);
     if reach_m.is_some() {
         return Some(refined);
     }
     if refined.observed_directions() == 2 {
-        if let Some(other) = mirror::as_good(power, &weighed, &prior) {
-            return Some(mirror::either(refined, other));
+        if let Some(other) = mirror::equally_likely_image(power, &weighed, &prior) {
+            return Some(mirror::with_image(refined, other));
         }
         return Some(follow_phase(power, &weighed, &prior, errors).unwrap_or(refined));
     }
     // An open direction: from the beam's middle, so that noise cannot drag the place along it.
     let prior = prior.moved_to_range(weighed.place);
-    let settled = weigh(power, prior.at, Leash::Open, &prior, errors)?;
-    Some(judged(power, &settled, &prior.moved_to_range(settled.place)))
+    let settled = least_squares(power, prior.at, StepConstraint::Open, &prior, errors)?;
+    Some(to_refined(power, &settled, &prior.moved_to_range(settled.place)))
 }
 
 /// Damped Newton steps on the log-likelihood.
@@ -145,7 +151,7 @@ fn climb(power: &RangePower, start: DVec3, reach_m: Option<f64>, prior: &Prior) 
 
 /// A place with what the data say of it.
 #[derive(Debug, Clone)]
-struct Weighed {
+struct PointEstimate {
     place: DVec3,
     readings: Vec<Reading>,
     /// Covariance as the data alone give it, m².
@@ -154,7 +160,7 @@ struct Weighed {
     covariance_m2: DMat3,
 }
 
-impl Weighed {
+impl PointEstimate {
     fn new(place: DVec3, readings: Vec<Reading>, data_m2: DMat3, prior: &Prior) -> Self {
         let covariance_m2 = regular_inverse(&(regular_inverse(&data_m2) + prior.information()));
         Self { place, readings, data_m2, covariance_m2 }
@@ -163,7 +169,7 @@ impl Weighed {
 
 /// How far the steps of generalised least squares may go.
 #[derive(Debug, Clone, Copy)]
-enum Leash {
+enum StepConstraint {
     /// Around a maximum that the data determine.
     None,
     /// Within a reach of a start, metres.
@@ -173,25 +179,35 @@ enum Leash {
 }
 
 /// Steps of generalised least squares until the place stays.
-fn weigh(power: &RangePower, from: DVec3, leash: Leash, prior: &Prior, errors: &PositionErrors) -> Option<Weighed> {
-    let (steps, share) = if matches!(leash, Leash::Open) { (MAX_STEPS, OPEN_SHARE) } else { (MAX_WEIGHINGS, 1.0) };
+fn least_squares(
+    power: &RangePower,
+    from: DVec3,
+    leash: StepConstraint,
+    prior: &Prior,
+    errors: &PositionErrors,
+) -> Option<PointEstimate> {
+    let (steps, share) = if matches!(leash, StepConstraint::Open) {
+        (MAX_STEPS, OPEN_STEP_SHARE)
+    } else {
+        (MAX_LEAST_SQUARES_STEPS, 1.0)
+    };
     let mut place = from;
     let mut readings = power.readings(place);
     for _ in 0..steps {
         if readings.len() < MIN_SWEEPS {
             break;
         }
-        let fit = sights::fit_ranges(&measured(power, &readings, place), errors);
+        let fit = measurements::fit_ranges(&measured(power, &readings, place), errors);
         let data_m2 = data_covariance(power, &fit, &readings, place, errors);
         let wanted = place + fit.step(&data_m2, prior, place).clamp_length_max(MAX_STEP_M) * share;
         let next = match leash {
-            Leash::Reach(start, reach_m) => start + (wanted - start).clamp_length_max(reach_m),
-            Leash::None | Leash::Open => wanted,
+            StepConstraint::Reach(start, reach_m) => start + (wanted - start).clamp_length_max(reach_m),
+            StepConstraint::None | StepConstraint::Open => wanted,
         };
         let moved_m = next.distance(place);
         place = next;
         readings = power.readings(place);
-        if moved_m < STAYS_M {
+        if moved_m < CONVERGED_STEP_M {
             break;
         }
     }
@@ -201,15 +217,15 @@ fn weigh(power: &RangePower, from: DVec3, leash: Leash, prior: &Prior, errors: &
     if readings.len() < MIN_SWEEPS {
         return None;
     }
-    let fit = sights::fit_ranges(&measured(power, &readings, place), errors);
+    let fit = measurements::fit_ranges(&measured(power, &readings, place), errors);
     let data_m2 = data_covariance(power, &fit, &readings, place, errors);
-    Some(Weighed::new(place, readings, data_m2, prior))
+    Some(PointEstimate::new(place, readings, data_m2, prior))
 }
 
 /// The place with the phase's help; `None` where the phase cannot be followed or does not agree with the ranges. Lengths are
 /// taken at the place that the ranges give, then once more at each better one, as long as that goes well.
-fn follow_phase(power: &RangePower, ranged: &Weighed, prior: &Prior, errors: &PositionErrors) -> Option<Refined> {
-    let mut best: Option<Weighed> = None;
+fn follow_phase(power: &RangePower, ranged: &PointEstimate, prior: &Prior, errors: &PositionErrors) -> Option<Refined> {
+    let mut best: Option<PointEstimate> = None;
     for _ in 0..PHASE_ROUNDS {
         let from = best.as_ref().unwrap_or(ranged);
         let Some(next) = phase_round(power, ranged, from, prior, errors).filter(|next| agrees(ranged, next)) else {
@@ -217,35 +233,35 @@ fn follow_phase(power: &RangePower, ranged: &Weighed, prior: &Prior, errors: &Po
         };
         let moved_m = next.place.distance(from.place);
         best = Some(next);
-        if moved_m < STAYS_M {
+        if moved_m < CONVERGED_STEP_M {
             break;
         }
     }
-    best.map(|weighed| judged(power, &weighed, prior))
+    best.map(|weighed| to_refined(power, &weighed, prior))
 }
 
 /// Lengths taken at a place, whole numbers from what the ranges know, and what ranges and phases together say then.
 fn phase_round(
     power: &RangePower,
-    ranged: &Weighed,
-    from: &Weighed,
+    ranged: &PointEstimate,
+    from: &PointEstimate,
     prior: &Prior,
     errors: &PositionErrors,
-) -> Option<Weighed> {
+) -> Option<PointEstimate> {
     let all: Vec<Measured> = measured(power, &from.readings, from.place);
-    let unwrapped = phase::unwrap(&all, ranged.place - from.place, &ranged.covariance_m2, errors)?;
-    let fit = sights::fit_ranges_and_phases(&all, &unwrapped, errors)?;
+    let unwrapped = phase::unwrap_phases(&all, ranged.place - from.place, &ranged.covariance_m2, errors)?;
+    let fit = measurements::fit_ranges_and_phases(&all, &unwrapped, errors)?;
     let data_m2 = data_covariance(power, &fit, &from.readings, from.place, errors);
     let place = from.place + fit.step(&data_m2, prior, from.place);
     let readings = power.readings(place);
-    (readings.len() >= MIN_SWEEPS).then(|| Weighed::new(place, readings, data_m2, prior))
+    (readings.len() >= MIN_SWEEPS).then(|| PointEstimate::new(place, readings, data_m2, prior))
 }
 
 /// Whether what the phase adds lies where the ranges allow it.
-fn agrees(ranged: &Weighed, phased: &Weighed) -> bool {
+fn agrees(ranged: &PointEstimate, phased: &PointEstimate) -> bool {
     let moved = phased.place - ranged.place;
     let allowed = ranged.covariance_m2 - phased.covariance_m2 + ranged.covariance_m2 * 0.05;
-    moved.dot(regular_inverse(&allowed) * moved) <= AGREES
+    moved.dot(regular_inverse(&allowed) * moved) <= MAX_PHASE_SHIFT_CHI2
 }
 
 /// What is known before any range: the direction lies somewhere in the beam.
@@ -312,10 +328,10 @@ fn data_covariance(
     let share = (4.0 * errors_m2 / (distance_m * distance_m)).max(1e-12);
     let feigned = inverse_above(&geometry, share) * share;
     let steep = symmetric(&(feigned * feigned));
-    fit.covariance_m2() + symmetric(&(steep * steep)) * (FEIGNED_SIGMA * distance_m).powi(2)
+    fit.covariance_m2() + symmetric(&(steep * steep)) * (SPURIOUS_APERTURE_SIGMA * distance_m).powi(2)
 }
 
-fn judged(power: &RangePower, weighed: &Weighed, prior: &Prior) -> Refined {
+fn to_refined(power: &RangePower, weighed: &PointEstimate, prior: &Prior) -> Refined {
     let line_of_sight = (weighed.place - prior.seen_from).normalize_or(prior.forward);
     let mut refined = Refined {
         position_m: weighed.place,
@@ -326,14 +342,14 @@ fn judged(power: &RangePower, weighed: &Weighed, prior: &Prior) -> Refined {
         residual_widths: residual_widths(&weighed.readings),
     };
     if refined.observed_directions() == 1 {
-        refined.covariance_m2 += along_the_circle(power, &weighed.readings, &refined);
+        refined.covariance_m2 += circle_sagitta(power, &weighed.readings, &refined);
     }
     refined
 }
 
 /// A path that is nearly a line leaves a circle around itself open. The tangent's variance is in the covariance already;
 /// this adds how far the circle bends away from its tangent, towards the path.
-fn along_the_circle(power: &RangePower, readings: &[Reading], refined: &Refined) -> DMat3 {
+fn circle_sagitta(power: &RangePower, readings: &[Reading], refined: &Refined) -> DMat3 {
     let axis = longest_axis(&scatter(power, readings, refined.seen_from_m));
     let radius = (refined.position_m - refined.seen_from_m).reject_from_normalized(axis);
     let tangent = axis.cross(radius).normalize_or_zero();
@@ -416,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn a_still_sensor_knows_the_range_alone_and_says_so() {
+    fn stationary_sensor_gives_range_only_and_a_wide_covariance() {
         let refined = refined(|_| DVec3::ZERO);
         assert_eq!(refined.observed_directions(), 0);
         assert!((refined.position_m.length() - AT.length()).abs() < 5e-3, "{refined:?}");
@@ -449,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn the_phase_places_better_than_ranges_and_both_say_how_well() {
+    fn phase_improves_the_position_and_covariances_are_consistent() {
         let errors = PositionErrors { mount_m: 0.0, ..Default::default() };
         let (mut by_ranges, mut by_phase, mut normalised) = (0.0, 0.0, 0.0);
         for seed in 0..8 {
@@ -471,7 +487,7 @@ mod tests {
     }
 
     #[test]
-    fn a_phase_that_runs_the_wrong_way_is_left_alone() {
+    fn conjugated_phase_is_ignored() {
         for seed in 0..4 {
             let turned = conjugated(with_wrong_poses(seed));
             let power = RangePower::new(&turned, &Beam::Lensless, 0.15);
@@ -483,7 +499,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sweep_that_is_far_off_moves_nothing() {
+    fn outlier_sweeps_do_not_move_the_position() {
         let mut some: Vec<_> =
             sweeps(3.0, |t| winding(t) * 3.0, &[(Echo::Point(AT), 10.0)], 1).into_iter().step_by(30).collect();
         let at = |some: &[crate::radar::Observation]| {

@@ -15,10 +15,11 @@
 use glam::DVec3;
 
 use super::joint::{JointReading, joint_reading, solve_six};
+use super::measurements::Measured;
 use super::path_filter::Sight;
-use super::sights::Measured;
 use super::{
-    MIN_SWEEPS, PositionErrors, Prior, Refined, STAYS_M, Weighed, data_covariance, judged, regular_inverse, sights,
+    CONVERGED_STEP_M, MIN_SWEEPS, PointEstimate, PositionErrors, Prior, Refined, data_covariance, measurements,
+    regular_inverse, to_refined,
 };
 use crate::imaging::farthest_points;
 use crate::imaging::range_power::RangePower;
@@ -81,16 +82,16 @@ fn unexplained_share(width_m: f64, errors: &PositionErrors) -> f64 {
 
 /// Two reflectors where a refined one was taken for one; `None` when one is enough.
 pub fn split(power: &RangePower, single: &Refined, errors: &PositionErrors) -> Option<[Refined; 2]> {
-    let stilled = power.stilled(single.position_m);
+    let motion_compensated = power.motion_compensated(single.position_m);
     let width_m = power.observations().first()?.geometry.profile.envelope_fwhm_m();
-    if !looks_double(&stilled, single, 0.5 * GATE_POSES * unexplained_share(width_m, errors)) {
+    if !may_be_two(&motion_compensated, single, 0.5 * GATE_POSES * unexplained_share(width_m, errors)) {
         return None;
     }
-    let fit = best_of_stilled(&stilled, single)?;
+    let fit = best_of_compensated(&motion_compensated, single)?;
     if !fit.passes(single, width_m, errors) {
         return None;
     }
-    let pair = judge_both(&stilled, &fit, errors)?;
+    let pair = assess_pair(&motion_compensated, &fit, errors)?;
     let apart = pair[0].position_m - pair[1].position_m;
     let covariance_m2 = pair[0].covariance_m2 + pair[1].covariance_m2;
     let told_apart = apart.dot(regular_inverse(&covariance_m2) * apart) > 9.0;
@@ -99,7 +100,7 @@ pub fn split(power: &RangePower, single: &Refined, errors: &PositionErrors) -> O
 }
 
 /// Quick look: z's derivative at the place is what a second pulse nearby would feed on. It must be a share of the power.
-fn looks_double(power: &RangePower, single: &Refined, share: f64) -> bool {
+fn may_be_two(power: &RangePower, single: &Refined, share: f64) -> bool {
     let (mut derived, mut total) = (0.0, 0.0);
     for sweep in 0..power.observations().len() {
         let Some((_, z, slope)) = power.echo(sweep, single.position_m) else { continue };
@@ -112,10 +113,10 @@ fn looks_double(power: &RangePower, single: &Refined, share: f64) -> bool {
 
 /// The best two places around one, fitted to the ranges of all sweeps that see both. `None` when too few do.
 pub fn best_pair(power: &RangePower, single: &Refined) -> Option<JointFit> {
-    best_of_stilled(&power.stilled(single.position_m), single)
+    best_of_compensated(&power.motion_compensated(single.position_m), single)
 }
 
-fn best_of_stilled(power: &RangePower, single: &Refined) -> Option<JointFit> {
+fn best_of_compensated(power: &RangePower, single: &Refined) -> Option<JointFit> {
     let readings = power.readings(single.position_m);
     if readings.len() < MIN_SWEEPS {
         return None;
@@ -179,20 +180,20 @@ struct Evaluated {
 }
 
 /// What one sweep says of two places.
-struct Look {
+struct PairMeasurement {
     sweep: usize,
     toward: [DVec3; 2],
     reading: JointReading,
 }
 
 impl Joint<'_, '_> {
-    fn look(&self, sweep: usize, places: &[DVec3; 2]) -> Option<Look> {
+    fn measure(&self, sweep: usize, places: &[DVec3; 2]) -> Option<PairMeasurement> {
         let echoes = [self.power.echo(sweep, places[0])?, self.power.echo(sweep, places[1])?];
         let observation = &self.power.observations()[sweep];
         let sensor = observation.tracking_from_sensor.translation;
         let reading = joint_reading(&echoes, observation.geometry.profile.envelope_fwhm_m(), self.ridge);
         let toward = places.map(|place| (place - sensor).normalize_or_zero());
-        Some(Look { sweep, toward, reading })
+        Some(PairMeasurement { sweep, toward, reading })
     }
 
     /// `None` when too few sweeps see both.
@@ -200,16 +201,16 @@ impl Joint<'_, '_> {
         let mut sum = Evaluated { gain: 0.0, single: 0.0, sweeps: 0, slope: [0.0; 6], information: [[0.0; 6]; 6] };
         for &sweep in &self.sweeps {
             let Some((_, alone, _)) = self.power.echo(sweep, self.single) else { continue };
-            let Some(look) = self.look(sweep, &places) else { continue };
+            let Some(measurement) = self.measure(sweep, &places) else { continue };
             let single = alone.norm_sqr() - 1.0;
-            sum.gain += look.reading.excess - single;
+            sum.gain += measurement.reading.excess - single;
             sum.single += single;
             sum.sweeps += 1;
-            let toward = look.toward.map(|u| u.to_array());
+            let toward = measurement.toward.map(|u| u.to_array());
             for row in 0..6 {
-                sum.slope[row] += toward[row / 3][row % 3] * look.reading.slope_per_m[row / 3];
+                sum.slope[row] += toward[row / 3][row % 3] * measurement.reading.slope_per_m[row / 3];
                 for col in 0..6 {
-                    sum.information[row][col] += look.reading.information_per_m2[row / 3][col / 3]
+                    sum.information[row][col] += measurement.reading.information_per_m2[row / 3][col / 3]
                         * toward[row / 3][row % 3]
                         * toward[col / 3][col % 3];
                 }
@@ -240,7 +241,7 @@ impl Joint<'_, '_> {
                     let moved_m = next[0].distance(places[0]).max(next[1].distance(places[1]));
                     (places, here) = (next, evaluated);
                     damping = (damping * 0.3).max(1e-6);
-                    if moved_m < STAYS_M {
+                    if moved_m < CONVERGED_STEP_M {
                         break;
                     }
                 }
@@ -259,34 +260,36 @@ impl Joint<'_, '_> {
 
 /// Both places with the covariance that noise and the poses' errors leave them. The places stay where the joint fit puts
 /// them: its sums are free of the bias that sweeps with nearly equal ranges give to single lengths.
-fn judge_both(power: &RangePower, fit: &JointFit, errors: &PositionErrors) -> Option<[Refined; 2]> {
+fn assess_pair(power: &RangePower, fit: &JointFit, errors: &PositionErrors) -> Option<[Refined; 2]> {
     let mean_power = fit.single / fit.sweeps.max(1) as f64;
     let sweeps = (0..power.observations().len()).collect();
     let joint = Joint { power, single: fit.places_m[0], sweeps, ridge: 1.0 / mean_power.max(1.0) };
-    let looks: Vec<Look> = joint.sweeps.iter().filter_map(|&sweep| joint.look(sweep, &fit.places_m)).collect();
+    let measurements: Vec<PairMeasurement> =
+        joint.sweeps.iter().filter_map(|&sweep| joint.measure(sweep, &fit.places_m)).collect();
     let judge_one = |which: usize| {
         let place = fit.places_m[which];
-        let (all, readings) = (lengths(power, &looks, which), power.readings(place));
+        let (all, readings) = (lengths(power, &measurements, which), power.readings(place));
         if all.len() < MIN_SWEEPS || readings.len() < MIN_SWEEPS {
             return None;
         }
         let prior = Prior::from(power, &readings, place);
-        let data_m2 = data_covariance(power, &sights::fit_ranges(&all, errors), &readings, place, errors);
-        Some(judged(power, &Weighed::new(place, readings, data_m2, &prior), &prior))
+        let data_m2 = data_covariance(power, &measurements::fit_ranges(&all, errors), &readings, place, errors);
+        Some(to_refined(power, &PointEstimate::new(place, readings, data_m2, &prior), &prior))
     };
     Some([judge_one(0)?, judge_one(1)?])
 }
 
 /// Lengths to one of the two places as the joint reading leaves them, the other's range unknown.
-fn lengths(power: &RangePower, looks: &[Look], which: usize) -> Vec<Measured> {
-    let start_ns = looks.first().map_or(0, |l| power.observations()[l.sweep].mid_time_ns);
-    let mut all: Vec<Measured> = looks
+fn lengths(power: &RangePower, measurements: &[PairMeasurement], which: usize) -> Vec<Measured> {
+    let start_ns = measurements.first().map_or(0, |l| power.observations()[l.sweep].mid_time_ns);
+    let mut all: Vec<Measured> = measurements
         .iter()
-        .filter_map(|look| {
-            let observation = &power.observations()[look.sweep];
+        .filter_map(|measurement| {
+            let observation = &power.observations()[measurement.sweep];
             let width_m = observation.geometry.profile.envelope_fwhm_m();
-            let JointReading { slope_per_m: slope, amplitudes, amplitude_variance, .. } = look.reading;
-            let (true_info, info) = (look.reading.true_information_per_m2, look.reading.information_per_m2);
+            let JointReading { slope_per_m: slope, amplitudes, amplitude_variance, .. } = measurement.reading;
+            let (true_info, info) =
+                (measurement.reading.true_information_per_m2, measurement.reading.information_per_m2);
             let signal = amplitudes.map(|a| a.norm_sqr() / amplitude_variance);
             if signal[0].min(signal[1]) < MIN_AMPLITUDE_POWER {
                 return None;
@@ -302,7 +305,7 @@ fn lengths(power: &RangePower, looks: &[Look], which: usize) -> Vec<Measured> {
             if !(determinant > 0.0 && variance_m2 > 0.0 && variance_m2 < width_m * width_m / 9.0) {
                 return None;
             }
-            let toward = look.toward[which];
+            let toward = measurement.toward[which];
             Some(Measured {
                 sight: Sight {
                     time_s: (observation.mid_time_ns - start_ns) as f64 * 1e-9,
@@ -354,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn one_with_wrong_poses_and_fast_motion_stays_one() {
+    fn one_reflector_with_wrong_poses_is_not_split() {
         for seed in 0..4 {
             let mut one = some(&[(Echo::Point(LEFT), 60.0)], seed);
             for observation in &mut one {
@@ -367,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_and_too_few_sweeps_have_no_halves() {
+    fn noise_and_too_few_sweeps_are_not_split() {
         let errors = PositionErrors::default();
         assert_eq!(halves(&some(&[], 1), &errors), None);
         let two = &some(&[(Echo::Point(LEFT), 20.0), (Echo::Point(RIGHT), 20.0)], 2)[..2];

@@ -136,7 +136,7 @@ impl PathFilter {
         self.covariance[OFFSET][OFFSET] = OPEN_OFFSET_M * OPEN_OFFSET_M;
     }
     /// How a measured length would fare; `phase`: it has the unknown offset.
-    pub fn expect(&self, sight: &Sight, phase: bool, variance_m2: f64) -> Innovation {
+    pub fn predict(&self, sight: &Sight, phase: bool, variance_m2: f64) -> Innovation {
         let mut reads = [0.0; STATES];
         let (toward, in_sensor) = (sight.toward.to_array(), sight.toward_in_sensor.to_array());
         for axis in 0..3 {
@@ -156,7 +156,7 @@ impl PathFilter {
 
     /// Takes a measured length: for each guess, its offset from the length that the sight was taken at. Held back where it is an
     /// outlier to the guess `likeliest`. Returns each guess' square of what was not expected over its variance.
-    pub fn take(&mut self, innovation: &Innovation, off_m: &[f64], likeliest: usize) -> Vec<f64> {
+    pub fn update(&mut self, innovation: &Innovation, off_m: &[f64], likeliest: usize) -> Vec<f64> {
         let surprises_m: Vec<f64> =
             off_m.iter().zip(&innovation.expected_m).map(|(off, expected)| off - expected).collect();
         let sigmas = surprises_m[likeliest].abs() / innovation.variance_m2.sqrt();

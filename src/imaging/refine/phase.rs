@@ -9,8 +9,8 @@
 use glam::{DMat3, DVec3};
 
 use super::PositionErrors;
+use super::measurements::{Measured, Phase};
 use super::path_filter::PathFilter;
-use super::sights::{Measured, Phase};
 use crate::radar::WAVELENGTH_M;
 
 /// The phase repeats with this length.
@@ -20,7 +20,7 @@ const FOLLOWED_SIGMAS: f64 = 1.0;
 /// Whole numbers farther than this many sigmas from what is expected are no guess.
 const WIDEST_SIGMAS: f64 = 4.0;
 /// A guess ends that is e to this many times less likely than the likeliest.
-const HOPELESS: f64 = 12.0;
+const MAX_COST_ABOVE_BEST: f64 = 12.0;
 /// Guesses at most.
 const MAX_GUESSES: usize = 64;
 
@@ -44,7 +44,7 @@ pub(super) struct Unwrapped {
 
 /// Phases of sweeps in time, made continuous from what is known of the place: its offset from where sights were taken, and
 /// covariance. `None` where no two join.
-pub(super) fn unwrap(
+pub(super) fn unwrap_phases(
     all: &[Measured],
     place_m: DVec3,
     covariance_m2: &DMat3,
@@ -60,7 +60,7 @@ pub(super) fn unwrap(
             guesses.iter_mut().for_each(|guess| guess.off_m.push(0.0));
             continue;
         };
-        let mut expected = filter.expect(&one.sight, true, variance_m2);
+        let mut expected = filter.predict(&one.sight, true, variance_m2);
         let begins = !(stretch_open && PERIOD_M * 0.5 >= FOLLOWED_SIGMAS * expected.variance_m2.sqrt());
         stretch_open = true;
         phases.push(Some(Phase { variance_m2, begins }));
@@ -73,9 +73,9 @@ pub(super) fn unwrap(
             filter.branch(from.into_iter());
             guesses = next;
         }
-        expected = filter.expect(&one.sight, true, variance_m2);
+        expected = filter.predict(&one.sight, true, variance_m2);
         let off_m: Vec<f64> = guesses.iter().filter_map(|guess| guess.off_m.last().copied()).collect();
-        filter.take(&expected, &off_m, 0);
+        filter.update(&expected, &off_m, 0);
     }
     let guesses = guesses.into_iter().map(|guess| guess.off_m).collect();
     (joins > 0).then_some(Unwrapped { phases, guesses })
@@ -99,7 +99,7 @@ fn branched(guesses: &[Guess], phase_off_m: f64, expected_m: &[f64], variance_m2
         }
     }
     next.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.total_cmp(&b.2)));
-    let worst = next.first().map_or(0.0, |best| best.0 + HOPELESS);
+    let worst = next.first().map_or(0.0, |best| best.0 + MAX_COST_ABOVE_BEST);
     next.truncate(MAX_GUESSES);
     next.retain(|(cost, ..)| *cost <= worst);
     let of = |&(cost, n, off_m): &(f64, usize, f64)| {

@@ -143,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_moments_are_as_alike_as_the_spectrum_says() {
+    fn correlation_matches_the_spectrum() {
         let errors = PositionErrors { wander_s: 1.3, ..Default::default() };
         let wander = Wander::new(&errors);
         for apart_s in [0.0, 0.008, 0.1, 0.6, 1.3, 4.0, 20.0] {
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_adds_what_time_takes() {
+    fn two_steps_equal_one_longer_step() {
         let wander = Wander::new(&PositionErrors::default());
         // Two steps are one: what the first added is turned by the second.
         let (one, two, both) = (wander.step(0.3), wander.step(0.5), wander.step(0.8));

@@ -46,7 +46,7 @@ mod tests {
     }
 
     #[test]
-    fn four_of_ten_tell_nearly_as_much_as_the_best_four() {
+    fn greedy_choice_is_close_to_the_best_four_of_ten() {
         let place = DVec3::new(0.1, 0.0, -1.5);
         let at = |n: usize| crate::imaging::test_data::winding(n as f64 * 0.37);
         let positions: Vec<DVec3> = (0..10).map(at).collect();

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use num_complex::Complex32;
 
-use crate::imaging::compression::CompressionRoom;
-use crate::imaging::{CompressedSweep, RangeCompressor, block_noise_rms, sweep_noise_rms};
+use crate::imaging::compression::CompressionScratch;
+use crate::imaging::{CompressedSweep, RangeCompressor, subaperture_noise_rms, sweep_noise_rms};
 use crate::math;
 use crate::radar::{Observation, SweepGeometry};
 
@@ -40,7 +40,7 @@ pub(super) struct EchoReader {
     geometry: Arc<SweepGeometry>,
     compressor: RangeCompressor,
     group: Vec<(i64, Vec<Complex32>)>,
-    room: CompressionRoom,
+    room: CompressionScratch,
     min_range_m: f64,
 }
 
@@ -50,7 +50,7 @@ impl EchoReader {
             geometry: Arc::clone(geometry),
             compressor: RangeCompressor::new(geometry),
             group: Vec::new(),
-            room: CompressionRoom::default(),
+            room: CompressionScratch::default(),
             min_range_m,
         }
     }
@@ -71,7 +71,7 @@ impl EchoReader {
         let first_ns = self.group[0].0;
         let mean_ns = first_ns + self.group.iter().map(|(t, _)| t - first_ns).sum::<i64>() / self.group.len() as i64;
         let noise_rms = match self.group.len() >= MANY_SWEEPS {
-            true => block_noise_rms(self.group.iter().map(|(_, samples)| samples.as_slice())),
+            true => subaperture_noise_rms(self.group.iter().map(|(_, samples)| samples.as_slice())),
             false => self.group.iter().map(|(_, samples)| sweep_noise_rms(samples)).sum::<f64>() / sweeps,
         };
         let middle = self.group.len() / 2;
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_is_read_as_well_as_its_noise_says() {
+    fn range_errors_match_their_stated_variance() {
         let at = DVec3::new(0.2, 0.1, -1.2);
         let errors = errors(&[(Source::Point(at), 8.0)], at);
         assert!((55..=63).contains(&errors.len()), "{}", errors.len());

@@ -117,7 +117,7 @@ impl TimeOffsetEstimator {
 }
 
 /// Whether a track's phases, or its ranges, agree on one thing that does not move.
-fn stands_still(fit: &TrackFit) -> bool {
+fn is_stationary(fit: &TrackFit) -> bool {
     let carried = fit.carried_share >= COHERENT_SHARE;
     match carried && fit.phase_rms_m <= COHERENT_RMS_M {
         true => fit.excess_m <= COHERENT_EXCESS_M,
@@ -128,7 +128,7 @@ fn stands_still(fit: &TrackFit) -> bool {
 
 /// The mean of what stands still, weighed by variance; tracks that contradict the others go, the worst first.
 fn combined(fits: &[TrackFit]) -> Option<TimeOffset> {
-    let mut kept: Vec<&TrackFit> = fits.iter().filter(|f| stands_still(f)).collect();
+    let mut kept: Vec<&TrackFit> = fits.iter().filter(|f| is_stationary(f)).collect();
     loop {
         let weight: f64 = kept.iter().map(|f| 1.0 / f.variance_s2).sum();
         let offset_s = kept.iter().map(|f| f.offset_s / f.variance_s2).sum::<f64>() / weight;
@@ -188,9 +188,9 @@ mod tests {
     }
 
     #[test]
-    fn a_point_and_a_mirror_tell_the_offset() {
+    fn offset_is_estimated_from_a_point_and_from_a_plane() {
         let plane = Plane { outward: DVec3::new(0.36, 0.48, -0.8), offset_m: 1.3 };
-        for echoes in [POINT, [(Echo::Mirror(plane), 8.0)]] {
+        for echoes in [POINT, [(Echo::Plane(plane), 8.0)]] {
             for offset_s in [-0.07, 0.0, 0.02] {
                 let estimate = estimated(wide, wide, &echoes, offset_s);
                 assert!(is_right(estimate, offset_s), "{offset_s}: {estimate:?} of {echoes:?}");
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn a_straight_approach_does_not_tell_offset_from_depth() {
+    fn straight_approach_leaves_offset_unobservable() {
         let approach = |t: f64| DVec3::new(0.0, 0.0, -0.3 * t);
         let estimate = estimated(approach, approach, &POINT, 0.02);
         assert!(estimate.is_none_or(|e| !e.observable && e.sigma_s > 0.01), "{estimate:?}");
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_gives_no_confident_wrong_value() {
+    fn moving_target_gives_no_confident_wrong_offset() {
         // That the thing swings by 6 cm is as if the sensor swung the other way.
         let swinging = |t: f64| winding(t) - 0.06 * DVec3::new((5.0 * t).sin(), 0.0, (4.0 * t).cos());
         let estimate = estimated(swinging, winding, &POINT, 0.0);
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_tells_nothing() {
+    fn noise_gives_no_estimate() {
         assert_eq!(estimated(winding, winding, &[], 0.02), None);
     }
 
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn tracks_are_weighed_and_the_contradicting_one_goes() {
+    fn tracks_are_weighted_and_outliers_removed() {
         let fits = [track(20.0, 1.0), track(21.0, 1.0), track(-30.0, 2.0), track(19.0, 1.0)];
         let all = combined(&fits).unwrap();
         assert!((all.offset_s - 0.020).abs() < 1e-9 && (all.sigma_s - 1e-3 / 3f64.sqrt()).abs() < 1e-9, "{all:?}");

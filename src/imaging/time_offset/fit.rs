@@ -39,7 +39,7 @@ const MIN_SPAN_S: f64 = 0.25;
 /// T of the wander's correlation exp(−Δt²/T²), in times over which it stays alike.
 const WANDER_WIDTH: f64 = 0.75;
 /// Residuals within this time are taken as one when judging how alike they are, seconds.
-const ALIKE_S: f64 = 0.1;
+const CORRELATION_BIN_S: f64 = 0.1;
 /// Residuals beyond this many of their spread count less (Huber).
 const OUTLIER: f64 = 2.5;
 /// Phases are carried on from echo to echo within this time, seconds, while they turn by no more than this share of half a
@@ -77,7 +77,7 @@ pub(super) struct TrackFit {
 #[derive(Debug, Clone, Copy)]
 enum Kind {
     Point,
-    Mirror,
+    Plane,
 }
 
 /// What returns the echo, seen from the middle of the path.
@@ -95,7 +95,7 @@ impl Source {
         let to = self.pivot_m + self.direction * self.range_m - place;
         match self.kind {
             Kind::Point => (to.length(), to.normalize_or(self.direction)),
-            Kind::Mirror => (self.direction.dot(to), self.direction),
+            Kind::Plane => (self.direction.dot(to), self.direction),
         }
     }
 
@@ -103,7 +103,7 @@ impl Source {
     fn derivatives(&self, (a, b): (DVec3, DVec3), place: DVec3, towards: DVec3) -> [f64; 3] {
         match self.kind {
             Kind::Point => [towards.dot(self.direction), self.range_m * towards.dot(a), self.range_m * towards.dot(b)],
-            Kind::Mirror => {
+            Kind::Plane => {
                 let from = self.pivot_m - place;
                 [1.0, from.dot(a), from.dot(b)]
             }
@@ -186,14 +186,14 @@ pub(super) fn fit(track: &Track, path: &SensorPath, middle_s: f64, errors: &Posi
     let problem = Problem::of(track, path, middle_s, errors)?;
     let start = problem.start()?;
     let mut coarse: Vec<(Unknowns, f64)> =
-        [Kind::Point, Kind::Mirror].into_iter().flat_map(|kind| problem.coarse(Source { kind, ..start })).collect();
+        [Kind::Point, Kind::Plane].into_iter().flat_map(|kind| problem.coarse(Source { kind, ..start })).collect();
     coarse.sort_by(|a, b| a.1.total_cmp(&b.1));
     // Explanations that come to the same once all rows count need not be followed further twice.
     let mut by_range: Vec<(Unknowns, f64)> =
         apart(coarse).into_iter().filter_map(|(found, _)| problem.by_range(found)).collect();
     by_range.sort_by(|a, b| a.1.total_cmp(&b.1));
     let fits = apart(by_range).into_iter().filter_map(|(found, _)| problem.by_phase(found, track.last_ns()));
-    mixed(&fits.collect::<Vec<_>>())
+    combine_explanations(&fits.collect::<Vec<_>>())
 }
 
 /// The best explanations that are not near a better one.
@@ -209,7 +209,7 @@ fn apart(sorted: Vec<(Unknowns, f64)>) -> Vec<(Unknowns, f64)> {
 
 /// Several explanations of one track as one, each with its cost and misfit: each counts by its likelihood, the noise as
 /// large as the best one finds it, and what they disagree about is not known.
-fn mixed(fits: &[(TrackFit, f64, f64)]) -> Option<TrackFit> {
+fn combine_explanations(fits: &[(TrackFit, f64, f64)]) -> Option<TrackFit> {
     let best = fits.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
     let weight = |cost: f64| math::exp(-0.5 * (cost - best.1) / best.2);
     let total: f64 = fits.iter().map(|f| weight(f.1)).sum();
@@ -238,7 +238,7 @@ impl<'a> Problem<'a> {
         if !whole || echoes.clone().count() < MIN_ECHOES || seconds(last_ns - first_ns) < MIN_SPAN_S {
             return None;
         }
-        let bumps = Bumps::over(first_ns, last_ns, errors);
+        let bumps = GaussianBasis::over(first_ns, last_ns, errors);
         let row = |e: &super::echoes::Echo| Row {
             time_ns: e.time_ns,
             range_m: e.range_m,
@@ -303,7 +303,7 @@ impl<'a> Problem<'a> {
             (unknowns, cost) = self.descend(unknowns, &self.data(&weights, &carried, size), FINE_GAIN)?;
         }
         let left = self.rows.len() - carried.iter().map(Vec::len).sum::<usize>();
-        let (fit, misfit) = self.judged(&unknowns, &self.data(&weights, &carried, size), last_ns)?;
+        let (fit, misfit) = self.assess(&unknowns, &self.data(&weights, &carried, size), last_ns)?;
         Some((fit, cost + left as f64 * UNCARRIED_COST, misfit))
     }
 
@@ -449,7 +449,7 @@ impl<'a> Problem<'a> {
 
     /// The offset with its variance: as noise and wander give it, grown by the misfit, or by how alike neighbouring
     /// residuals are, whichever says more.
-    fn judged(&self, at: &Unknowns, data: &Data, last_ns: i64) -> Option<(TrackFit, f64)> {
+    fn assess(&self, at: &Unknowns, data: &Data, last_ns: i64) -> Option<(TrackFit, f64)> {
         let inverse = self.equations(at, data)?.inverse_row(OFFSET)?;
         // Time, residual over its variance, derivatives, and the residual's square over its variance, of everything.
         let mut pulls: Vec<(i64, f64)> = Vec::new();
@@ -475,7 +475,7 @@ impl<'a> Problem<'a> {
         let all_misfit = ((by_range + by_phase) / (pulls.len() as f64 - 4.0)).max(1.0);
         let in_phase = pulls.len() as f64 - count;
         let noise_m2 = self.rows.iter().map(|r| r.variance_m2).sum::<f64>() / count;
-        let variance_s2 = (inverse[OFFSET] * all_misfit).max(self.variance_when_alike(&pulls));
+        let variance_s2 = (inverse[OFFSET] * all_misfit).max(self.correlated_variance_s2(&pulls));
         // Rms speed along the line of sight that nothing but the offset accounts for; jitter of the path is none of it.
         let told: f64 = self.rows.iter().zip(data.weights).map(|(r, w)| w / r.variance_m2).sum::<f64>()
             + in_phase * PHASE_ERROR_M.powi(-2);
@@ -491,11 +491,11 @@ impl<'a> Problem<'a> {
         Some((fit, all_misfit))
     }
 
-    /// Variance of the offset from what each residual pulls it by, those of [`ALIKE_S`] summed before they are squared.
-    fn variance_when_alike(&self, pulls: &[(i64, f64)]) -> f64 {
+    /// Variance of the offset from what each residual pulls it by, those of [`CORRELATION_BIN_S`] summed before they are squared.
+    fn correlated_variance_s2(&self, pulls: &[(i64, f64)]) -> f64 {
         let mut together: BTreeMap<i64, f64> = BTreeMap::new();
         for (time_ns, pull) in pulls {
-            let bin = (time_ns - self.rows[0].time_ns).div_euclid(nanoseconds(ALIKE_S));
+            let bin = (time_ns - self.rows[0].time_ns).div_euclid(nanoseconds(CORRELATION_BIN_S));
             *together.entry(bin).or_default() += pull;
         }
         together.values().map(|pull| pull * pull).sum()
@@ -537,7 +537,7 @@ fn drift_m(at: &Unknowns, bumps: &[f64]) -> f64 {
 }
 
 /// Bumps over time whose random sum has the wander's size and correlation.
-struct Bumps {
+struct GaussianBasis {
     first_ns: i64,
     spacing_s: f64,
     width_s: f64,
@@ -545,7 +545,7 @@ struct Bumps {
     variance_m2: f64,
 }
 
-impl Bumps {
+impl GaussianBasis {
     fn over(first_ns: i64, last_ns: i64, errors: &PositionErrors) -> Self {
         let span_s = seconds(last_ns - first_ns);
         // Wander faster than a seventh of the track is as good as noise.

@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nothing_determines_is_refused() {
+    fn undetermined_system_is_refused() {
         let mut equations = NormalEquations::new(HEAD);
         equations.add(&[1.0, 2.0, 0.0, 0.0], &[], 1.0, 1.0);
         equations.add(&[2.0, 4.0, 0.0, 0.0], &[], 1.0, 1.0);

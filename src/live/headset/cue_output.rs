@@ -3,7 +3,7 @@
 use crate::engine::Settings;
 use crate::live::now_ns;
 use crate::live::sound::Sound;
-use crate::steamvr::{Hands, Runtime};
+use crate::openvr::{Hands, Runtime};
 use crate::warning::{Cues, Player, Warnings};
 
 /// A controller does not take another tick sooner, nanoseconds: SteamVR asks for 5 ms between two. Frames that are late come closer.

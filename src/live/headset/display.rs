@@ -10,8 +10,8 @@ use super::graphics::{Graphics, GraphicsError};
 use super::slots::{SLOTS, Slots};
 use crate::engine::{Display, ProjectionMatrix, Settings};
 use crate::geometry::Pose;
-use crate::render::{EyeView, Quad, RenderError, Scenery, Window};
-use crate::steamvr::{EyeSide, HeadsetEye, Overlay, Runtime, SteamVrError, Universe};
+use crate::openvr::{EyeSide, HeadsetEye, OpenVrError, Overlay, Runtime, Universe};
+use crate::render::{EyeView, Quad, RenderError, StereoScene, Window};
 use crate::warning::{Shape, Warnings, Watch};
 
 /// A picture over all of an eye's view: lines and discs need no more, pixels.
@@ -29,7 +29,7 @@ pub(super) struct Viewpoint {
 #[derive(Debug, thiserror::Error)]
 pub(super) enum ShowError {
     #[error(transparent)]
-    SteamVr(#[from] SteamVrError),
+    SteamVr(#[from] OpenVrError),
     #[error(transparent)]
     Render(#[from] RenderError),
 }
@@ -56,7 +56,7 @@ impl Shown {
     /// The runtime refuses an overlay, or does not tell where the eyes are.
     pub fn new(runtime: &Arc<Runtime>, settings: &Settings) -> Result<Self, HeadsetError> {
         let eyes = runtime.eyes();
-        let no_eyes = || SteamVrError::Call { call: "the eyes", name: "they make no picture".to_owned() };
+        let no_eyes = || OpenVrError::Call { call: "the eyes", name: "they make no picture".to_owned() };
         let kind = match settings.headset.display {
             Display::Panels => Kind::Panels(Slots::new(runtime, false)?),
             Display::Stereo => {
@@ -101,7 +101,7 @@ impl Shown {
     pub fn are_known(&self) -> bool {
         match &self.kind {
             Kind::Panels(slots) | Kind::Stereo(slots) => slots.are_known(),
-            Kind::Projection { overlays, .. } => overlays.iter().any(Overlay::is_known),
+            Kind::Projection { overlays, .. } => overlays.iter().any(Overlay::exists),
         }
     }
 
@@ -118,7 +118,7 @@ impl Shown {
         from: &Viewpoint,
     ) -> Result<u64, ShowError> {
         let quads = match self.kind {
-            Kind::Panels(_) => graphics.renderer.quads_at_leisure(warnings, &settings.warning)?,
+            Kind::Panels(_) => graphics.renderer.quads_incremental(warnings, &settings.warning)?,
             // The shapes themselves are there to be seen.
             _ => graphics.renderer.quads(&warnings.clone().without_silhouettes(), &settings.warning)?,
         };
@@ -146,7 +146,7 @@ impl Shown {
     ///
     /// # Errors
     /// The runtime refuses.
-    pub fn hide(&mut self) -> Result<(), SteamVrError> {
+    pub fn hide(&mut self) -> Result<(), OpenVrError> {
         match &mut self.kind {
             Kind::Panels(slots) | Kind::Stereo(slots) => slots.hide(),
             Kind::Projection { overlays, .. } => overlays.iter().map(Overlay::hide).fold(Ok(()), Result::and),
@@ -187,8 +187,8 @@ struct Scene3d<'a> {
 }
 
 impl Scene3d<'_> {
-    fn scenery<'s>(&'s self, shapes: &'s [Shape]) -> Scenery<'s> {
-        Scenery { quads: self.quads, shapes, color: self.settings.warning.color }
+    fn scenery<'s>(&'s self, shapes: &'s [Shape]) -> StereoScene<'s> {
+        StereoScene { quads: self.quads, shapes, color: self.settings.warning.color }
     }
 }
 
@@ -228,7 +228,7 @@ fn project(
     let view = EyeView { tracking_from_eye, tangents: eye.tangents, size_px };
     let shapes = scene.watch.shapes(scene.warnings);
     let picture = graphics.renderer.eye(&scene.scenery(&shapes), side, &view)?;
-    if let Some(texture) = graphics.device.handover(&picture) {
+    if let Some(texture) = graphics.device.texture_handles(&picture) {
         overlay.set_texture(&texture)?;
     }
     let raw_from_eye = from.raw_from_standing * tracking_from_eye;

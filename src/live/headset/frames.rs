@@ -18,8 +18,8 @@ use crate::engine::Settings;
 use crate::geometry::Pose;
 use crate::live::{CoreWait, Reconstruction, SettingsDesk, now_ns, thread_cpu_ns};
 use crate::obstacles::{HandsSample, Scene};
+use crate::openvr::{DisplayTiming, Event, Hands, OpenVrError, Poses, Runtime, Universe};
 use crate::render::RenderError;
-use crate::steamvr::{DisplayTiming, Event, Hands, Poses, Runtime, SteamVrError, Universe};
 use crate::tracking::PoseSample;
 use crate::warning::Watch;
 
@@ -52,7 +52,7 @@ pub enum Ending {
 pub enum HeadsetError {
     /// SteamVR.
     #[error(transparent)]
-    SteamVr(#[from] SteamVrError),
+    SteamVr(#[from] OpenVrError),
     /// The graphics device.
     #[error(transparent)]
     Graphics(#[from] GraphicsError),
@@ -335,7 +335,7 @@ impl<'s, 'a> State<'s, 'a> {
         if let Some(hands) = self.told_hands.next(time_ns, &poses, &anchor.session_from_raw()) {
             (self.with.hand_sink)(&hands);
         }
-        self.status.is_tracked = poses.head.trusted().is_some();
+        self.status.is_tracked = poses.head.valid_pose().is_some();
     }
 
     /// Where the standing universe is now.
@@ -371,7 +371,7 @@ impl<'s, 'a> State<'s, 'a> {
     }
 
     fn watch_for_leaps(&mut self, time_ns: i64, poses: &Poses) {
-        match poses.head.trusted() {
+        match poses.head.valid_pose() {
             None => self.leap.lost(),
             Some(head) if self.leap.push(time_ns, head) => {
                 let Some(anchor) = &mut self.anchor else { return };
@@ -448,9 +448,9 @@ impl<'s, 'a> State<'s, 'a> {
     }
 
     fn show_warnings(&mut self, now_ns: i64, anchor: &Anchor) -> Result<(), ShowError> {
-        let ahead_s = self.with.runtime.photons_ahead_s(&self.timing);
+        let ahead_s = self.with.runtime.time_to_photons_s(&self.timing);
         let poses = self.with.runtime.poses(Universe::Raw, ahead_s, self.hands);
-        if let Some(raw_from_head) = poses.head.trusted() {
+        if let Some(raw_from_head) = poses.head.valid_pose() {
             self.head = Some((now_ns, anchor.raw_from_standing().inverse() * raw_from_head));
         }
         let head = self.head.filter(|(seen_ns, _)| now_ns.saturating_sub(*seen_ns) < HEAD_KEPT_NS);

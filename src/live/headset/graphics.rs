@@ -1,7 +1,7 @@
 //! The graphics device on the headset's adapter, with what draws on it; opened again when it is lost.
 
+use crate::openvr::{Runtime, VulkanDevice, VulkanError};
 use crate::render::{RenderError, Renderer};
-use crate::steamvr::{Runtime, VulkanDevice, VulkanError};
 
 /// Between two tries to open a lost device, nanoseconds.
 const RETRY_NS: i64 = 2_000_000_000;

@@ -7,7 +7,7 @@ use super::anchor::{Anchor, LeapWatch, Moved};
 use super::frames::{HandSink, PoseSink};
 use super::samples::{HandsTold, poses_now, sample};
 use crate::live::now_ns;
-use crate::steamvr::{Hands, Runtime};
+use crate::openvr::{Hands, Runtime};
 
 /// Between two looks at where the standing universe is, nanoseconds.
 const LOOK_NS: i64 = 250_000_000;
@@ -47,7 +47,7 @@ impl<'a> HeadPoses<'a> {
         let (Some(anchor), Some((time_ns, poses))) = (&mut self.anchor, poses_now(self.runtime, self.hands)) else {
             return;
         };
-        match poses.head.trusted() {
+        match poses.head.valid_pose() {
             None => self.leap.lost(),
             Some(head) if self.leap.push(time_ns, head) => {
                 anchor.renew();

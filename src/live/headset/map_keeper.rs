@@ -11,7 +11,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use super::pose_thread::{RoomFrame, SharedFrame};
 use crate::live::{Reconstruction, SettingsDesk, now_ns};
-use crate::obstacles::Remembered;
+use crate::obstacles::SavedMap;
 use crate::recording::{MapFile, MapFileError, MapFolder};
 
 /// Between two looks at what there is to do.
@@ -59,7 +59,7 @@ pub(super) struct MapKeeper<'k, 'a> {
 #[derive(Default)]
 struct Progress {
     /// In this epoch, of this universe, what was kept has been taken up.
-    taken_up: Option<(u64, u64)>,
+    restored: Option<(u64, u64)>,
     leaps: u64,
     leapt: Option<(u64, i64)>,
     wiped: u64,
@@ -94,21 +94,21 @@ impl MapKeeper<'_, '_> {
             progress.wiped = room.wiped;
             self.remove(progress, universe);
             // Though it could not be removed it is not taken up again.
-            progress.taken_up = Some((epoch, universe));
+            progress.restored = Some((epoch, universe));
         }
         if !keeps {
             return;
         }
-        if progress.taken_up != Some((epoch, universe)) {
-            progress.taken_up = Some((epoch, universe));
+        if progress.restored != Some((epoch, universe)) {
+            progress.restored = Some((epoch, universe));
             if let Some(remembered) = self.kept(progress, &room, universe) {
-                reconstruction.begin_with(epoch, remembered);
+                reconstruction.restore(epoch, remembered);
             }
             return;
         }
         if is_last || now_ns().saturating_sub(progress.saved_ns) >= SAVE_NS {
             progress.saved_ns = now_ns();
-            if let Some((_, known)) = reconstruction.remembered().filter(|(of, _)| *of == epoch) {
+            if let Some((_, known)) = reconstruction.saved_map().filter(|(of, _)| *of == epoch) {
                 self.save(progress, &room, universe, &known);
             }
         }
@@ -139,7 +139,7 @@ impl MapKeeper<'_, '_> {
     }
 
     /// What was kept of a room, in the session's frame and by its clock.
-    fn kept(&self, progress: &mut Progress, room: &RoomFrame, universe: u64) -> Option<Remembered> {
+    fn kept(&self, progress: &mut Progress, room: &RoomFrame, universe: u64) -> Option<SavedMap> {
         if self.maps.begins_anew(universe) {
             if self.remove(progress, universe) {
                 log::info!("the map that was kept of this room is forgotten");
@@ -159,7 +159,7 @@ impl MapKeeper<'_, '_> {
                 let aside = match error {
                     // It may be sound.
                     MapFileError::Io { .. } => None,
-                    _ => self.maps.folder.put_aside(universe).ok(),
+                    _ => self.maps.folder.move_aside(universe).ok(),
                 };
                 let aside = aside.map_or(String::new(), |path| format!("; it is kept as {}", path.display()));
                 log::warn!("the map that was kept of this room is left out: {error}{aside}");
@@ -168,7 +168,7 @@ impl MapKeeper<'_, '_> {
         }
     }
 
-    fn save(&self, progress: &mut Progress, room: &RoomFrame, universe: u64, known: &Remembered) {
+    fn save(&self, progress: &mut Progress, room: &RoomFrame, universe: u64, known: &SavedMap) {
         let map = known.moved(&room.session_from_raw.inverse()).later_by_ns(now_ns().saturating_neg());
         let saved = self.maps.folder.save(&MapFile::new(universe, unix_s(), room.standing_from_raw, map));
         if let Err(error) = saved {

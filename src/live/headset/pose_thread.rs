@@ -9,7 +9,7 @@ use super::frames::PoseSink;
 use super::samples::{poses_now, sample};
 use crate::geometry::Pose;
 use crate::live::now_ns;
-use crate::steamvr::{Hands, Runtime};
+use crate::openvr::{Hands, Runtime};
 
 /// Where the room lies, as other threads need it.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,7 +4,7 @@
 use crate::geometry::Pose;
 use crate::live::now_ns;
 use crate::obstacles::HandsSample;
-use crate::steamvr::{DevicePose, Hands, Poses, Runtime, TrackingState, Universe};
+use crate::openvr::{DevicePose, Hands, Poses, Runtime, TrackingState, Universe};
 use crate::tracking::{PoseSample, TrackingResult};
 use crate::warning::Player;
 
@@ -49,7 +49,8 @@ impl HandsTold {
         if self.last_ns.is_some_and(|last_ns| (0..HANDS_NS).contains(&time_ns.saturating_sub(last_ns))) {
             return None;
         }
-        let place = |hand: &DevicePose| hand.trusted().map(|pose| session_from_raw.transform_point(pose.translation));
+        let place =
+            |hand: &DevicePose| hand.valid_pose().map(|pose| session_from_raw.transform_point(pose.translation));
         let hands_m = [place(&poses.hands[0]), place(&poses.hands[1])];
         let has_some = hands_m.iter().any(Option::is_some);
         let had_some = std::mem::replace(&mut self.had_some, has_some);
@@ -64,7 +65,7 @@ impl HandsTold {
 /// The player in the standing universe: the head where it is known to be, hands where they are tracked.
 pub(super) fn player(time_ns: i64, standing_from_head: Pose, poses: &Poses, raw_from_standing: &Pose) -> Player {
     let standing_from_raw = raw_from_standing.inverse();
-    let place = |hand: &DevicePose| hand.trusted().map(|pose| standing_from_raw.transform_point(pose.translation));
+    let place = |hand: &DevicePose| hand.valid_pose().map(|pose| standing_from_raw.transform_point(pose.translation));
     Player {
         time_ns,
         tracking_from_head: standing_from_head,

@@ -8,8 +8,8 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use crate::geometry::Pose;
+use crate::openvr::{OpenVrError, Overlay, Runtime, Universe, VulkanDevice};
 use crate::render::{Quad, QuadKind};
-use crate::steamvr::{Overlay, Runtime, SteamVrError, Universe, VulkanDevice};
 
 /// Overlays in all: the runtime's compositor draws each of them for each eye.
 pub(super) const SLOTS: usize = 8;
@@ -41,7 +41,7 @@ pub(super) struct Slots {
 impl Slots {
     /// # Errors
     /// The runtime refuses an overlay.
-    pub fn new(runtime: &Arc<Runtime>, is_stereo: bool) -> Result<Self, SteamVrError> {
+    pub fn new(runtime: &Arc<Runtime>, is_stereo: bool) -> Result<Self, OpenVrError> {
         let slot = |index| {
             let overlay =
                 Overlay::new(runtime, &format!("radar-chaperone.{index}"), &format!("Radar chaperone {index}"))?;
@@ -60,7 +60,7 @@ impl Slots {
 
     /// Whether the runtime still knows them.
     pub fn are_known(&self) -> bool {
-        self.slots.iter().any(|slot| slot.overlay.is_known())
+        self.slots.iter().any(|slot| slot.overlay.exists())
     }
 
     /// Shows these quads, whose places are in the standing universe, and nothing else; says how many pictures were handed over.
@@ -72,7 +72,7 @@ impl Slots {
         device: &VulkanDevice,
         quads: &[Quad],
         raw_from_standing: &Pose,
-    ) -> Result<u64, SteamVrError> {
+    ) -> Result<u64, OpenVrError> {
         let wanted: Vec<Key> = quads.iter().map(Quad::key).take(SLOTS).collect();
         let held: Vec<Option<Key>> = self.slots.iter().map(|slot| slot.lent_to).collect();
         let (mut handed, mut refused) = (0, None);
@@ -94,7 +94,7 @@ impl Slots {
     ///
     /// # Errors
     /// The runtime refuses.
-    pub fn hide(&mut self) -> Result<(), SteamVrError> {
+    pub fn hide(&mut self) -> Result<(), OpenVrError> {
         self.slots.iter_mut().map(Slot::give_back).fold(Ok(()), Result::and)
     }
 
@@ -118,7 +118,7 @@ impl Slots {
 }
 
 impl Slot {
-    fn give_back(&mut self) -> Result<(), SteamVrError> {
+    fn give_back(&mut self) -> Result<(), OpenVrError> {
         self.lent_to = None;
         self.overlay.hide()
     }
@@ -130,10 +130,10 @@ impl Slot {
         quad: &Quad,
         raw_from_standing: &Pose,
         is_stereo: bool,
-    ) -> Result<bool, SteamVrError> {
+    ) -> Result<bool, OpenVrError> {
         self.lent_to = Some(quad.key());
         let is_new = !self.texture.as_ref().is_some_and(|texture| Arc::ptr_eq(texture, &quad.texture));
-        if is_new && let Some(texture) = device.handover(&quad.texture) {
+        if is_new && let Some(texture) = device.texture_handles(&quad.texture) {
             self.overlay.set_texture(&texture)?;
             self.replaced.extend(self.texture.replace(Arc::clone(&quad.texture)));
             while self.replaced.len() > KEPT {
@@ -145,7 +145,7 @@ impl Slot {
         let height_px = f64::from(quad.texture.height());
         self.overlay.set_texel_aspect((quad.size_m.x / width_px) / (quad.size_m.y / height_px))?;
         self.overlay.set_width_m(quad.size_m.x)?;
-        self.overlay.set_place(Universe::Raw, &(*raw_from_standing * quad.tracking_from_quad))?;
+        self.overlay.set_pose(Universe::Raw, &(*raw_from_standing * quad.tracking_from_quad))?;
         self.overlay.set_alpha((quad.alpha * ALPHA_STEPS).round() / ALPHA_STEPS)?;
         self.overlay.set_sort_order(if quad.on_floor { FLOOR_ORDER } else { PANEL_ORDER })?;
         self.overlay.show()?;

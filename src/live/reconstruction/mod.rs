@@ -16,7 +16,7 @@ use super::queue::{Feeder, Queue};
 use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
 use crate::engine::{Counters, Settings};
 use crate::geometry::Pose;
-use crate::obstacles::{Evidence, HandsSample, Remembered, Scene};
+use crate::obstacles::{Evidence, HandsSample, SavedMap, Scene};
 use crate::radar::{Frame, SensorConfig};
 use crate::tracking::PoseSample;
 use worker::{Begin, Worker};
@@ -137,9 +137,9 @@ struct Shared {
     counters: Mutex<ReconstructionCounters>,
     epoch: AtomicU64,
     /// What is to be taken up, and in which epoch.
-    begin_with: Mutex<Option<(u64, Remembered)>>,
+    restore: Mutex<Option<(u64, SavedMap)>>,
     /// What is known of the room, and in which epoch.
-    remembered: Mutex<Option<(u64, Arc<Remembered>)>>,
+    remembered: Mutex<Option<(u64, Arc<SavedMap>)>>,
     /// How many voxels of evidence are wanted; and those of the newest scene.
     evidence_wanted: AtomicUsize,
     evidence: Mutex<Option<Arc<Evidence>>>,
@@ -251,14 +251,14 @@ impl Reconstruction {
     }
 
     /// Has it take up what is remembered of the room, in the frame of the poses of that epoch.
-    pub fn begin_with(&self, epoch: u64, remembered: Remembered) {
-        *lock(&self.shared.begin_with) = Some((epoch, remembered));
+    pub fn restore(&self, epoch: u64, remembered: SavedMap) {
+        *lock(&self.shared.restore) = Some((epoch, remembered));
     }
 
     /// What is known of the room and in which epoch, as of a second ago at most; `None` before there is anything, and while something is
     /// still to be taken up. May wait for a moment: not for the frame loop.
-    pub fn remembered(&self) -> Option<(u64, Arc<Remembered>)> {
-        let waiting = lock(&self.shared.begin_with);
+    pub fn saved_map(&self) -> Option<(u64, Arc<SavedMap>)> {
+        let waiting = lock(&self.shared.restore);
         if waiting.is_some() {
             return None;
         }
@@ -341,7 +341,7 @@ impl Shared {
             newest: Mutex::new(Arc::new(Published::nothing(0))),
             counters: Mutex::new(counters),
             epoch: AtomicU64::new(0),
-            begin_with: Mutex::new(None),
+            restore: Mutex::new(None),
             remembered: Mutex::new(None),
             evidence_wanted: AtomicUsize::new(0),
             evidence: Mutex::default(),

@@ -129,13 +129,13 @@ impl Worker {
     fn take_up(&mut self) {
         let shared = Arc::clone(&self.shared);
         // Held until what is told has it: nobody takes what is known without it for all there is.
-        let mut waiting = lock(&shared.begin_with);
+        let mut waiting = lock(&shared.restore);
         let Some((_, remembered)) =
             waiting.take_if(|(epoch, _)| *epoch <= self.epoch).filter(|(e, _)| *e == self.epoch)
         else {
             return;
         };
-        if let Err(error) = self.pipeline.begin_with(&remembered) {
+        if let Err(error) = self.pipeline.restore(&remembered) {
             log::warn!("what is remembered of the room is left out: {error}");
         }
         self.remember(0);
@@ -153,7 +153,7 @@ impl Worker {
             return;
         }
         self.remembered_ns = now_ns;
-        let remembered = Some((self.epoch, Arc::new(self.pipeline.remembered())));
+        let remembered = Some((self.epoch, Arc::new(self.pipeline.saved_map())));
         let before = std::mem::replace(&mut *lock(&self.shared.remembered), remembered);
         // Let go after the lock is.
         drop(before);

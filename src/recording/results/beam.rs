@@ -16,28 +16,29 @@ pub struct BeamCone {
 }
 
 /// Corners of a circle, and edges from the first to the last range.
-const CORNERS: u32 = 32;
-const EDGES: u32 = 4;
+const CIRCLE_POINTS: u32 = 32;
+const CONE_EDGES: u32 = 4;
 /// Steps of an arc from the boresight to the edge.
-const ARC: u32 = 12;
+const ARC_STEPS: u32 = 12;
 
 impl BeamCone {
     /// Lines that show it: circles at both ranges, edges between them, and arcs over the last range through the boresight.
     pub fn lines(&self) -> Vec<Vec<DVec3>> {
         let [first_m, last_m] = self.ranges_m;
         let turn = |n: u32, of: u32| f64::from(n) / f64::from(of) * TAU;
-        let circle = |range_m: f64| (0..=CORNERS).map(|n| self.place(range_m, 1.0, turn(n, CORNERS))).collect();
-        let edge = |n: u32| [first_m, last_m].map(|range_m| self.place(range_m, 1.0, turn(n, EDGES))).to_vec();
+        let circle =
+            |range_m: f64| (0..=CIRCLE_POINTS).map(|n| self.point_at(range_m, 1.0, turn(n, CIRCLE_POINTS))).collect();
+        let edge = |n: u32| [first_m, last_m].map(|range_m| self.point_at(range_m, 1.0, turn(n, CONE_EDGES))).to_vec();
         let arc = |n: u32| {
-            let step = |k: u32| self.place(last_m, f64::from(k) / f64::from(ARC), turn(n, EDGES));
-            (0..=ARC).map(step).collect()
+            let step = |k: u32| self.point_at(last_m, f64::from(k) / f64::from(ARC_STEPS), turn(n, CONE_EDGES));
+            (0..=ARC_STEPS).map(step).collect()
         };
-        let edges = (0..EDGES).map(edge).chain((0..EDGES).map(arc));
+        let edges = (0..CONE_EDGES).map(edge).chain((0..CONE_EDGES).map(arc));
         [circle(first_m), circle(last_m)].into_iter().chain(edges).collect()
     }
 
     /// At a share of the cut-off angle from the boresight.
-    fn place(&self, range_m: f64, share: f64, turn_rad: f64) -> DVec3 {
+    fn point_at(&self, range_m: f64, share: f64, turn_rad: f64) -> DVec3 {
         let (sin, cos) = math::sin_cos(self.cut_off_rad * share);
         (DQuat::from_rotation_z(turn_rad) * DVec3::X * sin + DVec3::NEG_Z * cos) * range_m
     }
@@ -48,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_lines_keep_within_the_beam_and_its_ranges() {
+    fn outline_stays_within_beam_and_ranges() {
         let beam = BeamCone { cut_off_rad: 0.7, ranges_m: [0.2, 3.0] };
         let places: Vec<DVec3> = beam.lines().concat();
         for place in &places {

@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fields_lie_where_they_say() {
+    fn point_fields_match_their_offsets() {
         let dot = Dot { place: Vec3::new(1.0, -2.0, 0.5), value: 7.5, rgba: [1, 2, 3, 4] };
         let message = cloud(5, "sensor", &[dot, dot]);
         assert_eq!(message.data.len(), 2 * message.point_stride as usize);
@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn heat_rises() {
+    fn heat_colours_get_brighter() {
         let brightness = |share| heat(share)[..3].iter().map(|c| u32::from(*c)).sum::<u32>();
         let all: Vec<u32> = (0..=10).map(|n| brightness(n as f32 / 10.0)).collect();
         assert!(all.windows(2).all(|pair| pair[0] <= pair[1]), "{all:?}");

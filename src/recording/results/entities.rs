@@ -11,28 +11,29 @@ use glam::DVec3;
 
 use super::super::foxglove_messages::{SENSOR, TRACKING, foxglove_pose, timestamp, vector};
 use super::beam::BeamCone;
-use super::look::Look;
 use super::outlines::{BEAM, MOVING, OBSTACLE, UNCERTAINTY, WALL};
 use super::shapes::{edges, moving_lines, uncertainty, wall_patch};
+use super::snapshot::Snapshot;
 use crate::geometry::Pose;
-use crate::obstacles::{Moving, Observed, Obstacle, Wall};
+use crate::obstacles::{MovingTarget, Observed, Obstacle, Wall};
 
 /// Cells of an obstacle that are drawn, the strongest; and obstacles and walls, the strongest of each.
-const MOST_CELLS: usize = 96;
-const MOST_THINGS: usize = 200;
+const MAX_CELLS: usize = 96;
+const MAX_ENTITIES: usize = 200;
 /// Height of a label's letters, metres, and its place above the box.
-const LETTERS_M: f64 = 0.08;
+const LABEL_HEIGHT_M: f64 = 0.08;
 
 /// All that is known, and the deletion of what `before` names and is not known any more; leaves the names of now in `before`.
-pub fn scene_update(look: &Look, before: &mut Vec<String>) -> SceneUpdate {
-    let obstacles = look.scene.obstacles.iter().take(MOST_THINGS).map(|obstacle| obstacle_entity(look, obstacle));
-    let walls = look.scene.walls.iter().take(MOST_THINGS).map(|wall| wall_entity(look, wall));
-    let moving = look.scene.moving.iter().take(MOST_THINGS).map(|moving| moving_entity(look, moving));
+pub fn scene_update(snapshot: &Snapshot, before: &mut Vec<String>) -> SceneUpdate {
+    let obstacles =
+        snapshot.scene.obstacles.iter().take(MAX_ENTITIES).map(|obstacle| obstacle_entity(snapshot, obstacle));
+    let walls = snapshot.scene.walls.iter().take(MAX_ENTITIES).map(|wall| wall_entity(snapshot, wall));
+    let moving = snapshot.scene.moving.iter().take(MAX_ENTITIES).map(|moving| moving_entity(snapshot, moving));
     let entities: Vec<SceneEntity> = obstacles.chain(walls).chain(moving).collect();
     let names = entities.iter().map(|entity| entity.id.clone()).collect();
     let gone = std::mem::replace(before, names).into_iter().filter(|name| !before.contains(name));
     let deletion = |id: String| SceneEntityDeletion {
-        timestamp: Some(timestamp(look.time_ns)),
+        timestamp: Some(timestamp(snapshot.time_ns)),
         r#type: Deletion::MatchingId.into(),
         id,
     };
@@ -67,7 +68,7 @@ fn label(obstacle: &Obstacle, head: Option<Pose>) -> String {
     format!("#{}{distance}{doubt}", obstacle.id)
 }
 
-fn obstacle_entity(look: &Look, obstacle: &Obstacle) -> SceneEntity {
+fn obstacle_entity(snapshot: &Snapshot, obstacle: &Obstacle) -> SceneEntity {
     let observed = match obstacle.observed {
         Observed::Position => "position",
         Observed::RangeAndOneDirection => "range and one direction",
@@ -85,12 +86,12 @@ fn obstacle_entity(look: &Look, obstacle: &Obstacle) -> SceneEntity {
     let top_m = around.map_or(obstacle.position_m.y, |around| around.max.y);
     let (pose, radii_m) = uncertainty(obstacle);
     let text = TextPrimitive {
-        pose: Some(foxglove_pose(&Pose::from_translation(obstacle.position_m.with_y(top_m + LETTERS_M)))),
+        pose: Some(foxglove_pose(&Pose::from_translation(obstacle.position_m.with_y(top_m + LABEL_HEIGHT_M)))),
         billboard: true,
-        font_size: LETTERS_M,
+        font_size: LABEL_HEIGHT_M,
         scale_invariant: false,
         color: Some(color([255, 255, 255, 255], 1.0)),
-        text: label(obstacle, look.head),
+        text: label(obstacle, snapshot.head),
     };
     let sphere = SpherePrimitive {
         pose: Some(foxglove_pose(&pose)),
@@ -102,12 +103,12 @@ fn obstacle_entity(look: &Look, obstacle: &Obstacle) -> SceneEntity {
         spheres: vec![sphere],
         lines: around.iter().map(|around| line_list(&edges(around).concat(), color(OBSTACLE, 1.0))).collect(),
         texts: vec![text],
-        ..entity(look.time_ns, format!("obstacle {}", obstacle.id), &facts)
+        ..entity(snapshot.time_ns, format!("obstacle {}", obstacle.id), &facts)
     }
 }
 
 /// Edge of a cube that stands for a place, metres.
-const PLACE_M: f64 = 0.05;
+const POINT_CUBE_M: f64 = 0.05;
 
 /// The strongest cells of its shape, the more solid the stronger.
 fn cells(obstacle: &Obstacle) -> Vec<CubePrimitive> {
@@ -115,16 +116,16 @@ fn cells(obstacle: &Obstacle) -> Vec<CubePrimitive> {
     shape.sort_by(|a, b| b.1.total_cmp(&a.1));
     let strongest = shape.first().map_or(1.0, |voxel| voxel.1.max(f32::MIN_POSITIVE));
     // A single reflector is a place without an extent.
-    let edge_m = Some(obstacle.cell_m()).filter(|edge_m| *edge_m > 0.0).unwrap_or(PLACE_M);
+    let edge_m = Some(obstacle.cell_m()).filter(|edge_m| *edge_m > 0.0).unwrap_or(POINT_CUBE_M);
     let cube = |&&(place, score): &&(DVec3, f32)| CubePrimitive {
         pose: Some(foxglove_pose(&Pose::from_translation(place))),
         size: Some(vector(DVec3::splat(edge_m))),
         color: Some(color(OBSTACLE, f64::from(0.15 + 0.55 * (score / strongest).clamp(0.0, 1.0)))),
     };
-    shape.iter().take(MOST_CELLS).map(cube).collect()
+    shape.iter().take(MAX_CELLS).map(cube).collect()
 }
 
-fn wall_entity(look: &Look, wall: &Wall) -> SceneEntity {
+fn wall_entity(snapshot: &Snapshot, wall: &Wall) -> SceneEntity {
     let outward = wall.plane.outward;
     let facts = [
         ("outward", format!("{:.4} {:.4} {:.4}", outward.x, outward.y, outward.z)),
@@ -144,11 +145,11 @@ fn wall_entity(look: &Look, wall: &Wall) -> SceneEntity {
     SceneEntity {
         triangles: vec![triangles],
         lines: vec![polyline(&[a, b, c, d, a], color(WALL, 0.9))],
-        ..entity(look.time_ns, format!("wall {}", wall.id), &facts)
+        ..entity(snapshot.time_ns, format!("wall {}", wall.id), &facts)
     }
 }
 
-fn moving_entity(look: &Look, moving: &Moving) -> SceneEntity {
+fn moving_entity(snapshot: &Snapshot, moving: &MovingTarget) -> SceneEntity {
     let facts = [
         ("range_m", format!("{:.3}", moving.range_m)),
         ("range_standard_deviation_m", format!("{:.3}", moving.range_sigma_m)),
@@ -159,18 +160,18 @@ fn moving_entity(look: &Look, moving: &Moving) -> SceneEntity {
         ("last_seen_ns", moving.last_seen_ns.to_string()),
     ];
     let text = TextPrimitive {
-        pose: Some(foxglove_pose(&Pose::from_translation(moving.position_m() + DVec3::Y * LETTERS_M))),
+        pose: Some(foxglove_pose(&Pose::from_translation(moving.position_m() + DVec3::Y * LABEL_HEIGHT_M))),
         billboard: true,
-        font_size: LETTERS_M,
+        font_size: LABEL_HEIGHT_M,
         scale_invariant: false,
         color: Some(color([255, 255, 255, 255], 1.0)),
-        text: moving.label(look.head.as_ref()),
+        text: moving.label(snapshot.head.as_ref()),
     };
     let wedge = moving_lines(moving).into_iter().map(|corners| polyline(&corners, color(MOVING, 1.0)));
     SceneEntity {
         lines: wedge.collect(),
         texts: vec![text],
-        ..entity(look.time_ns, format!("moving {}", moving.id), &facts)
+        ..entity(snapshot.time_ns, format!("moving {}", moving.id), &facts)
     }
 }
 

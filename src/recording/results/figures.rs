@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::look::{Counted, Look};
+use super::snapshot::{ResultsCounters, Snapshot};
 
 /// Types made from proto/results.proto.
 pub mod wire {
@@ -16,19 +16,19 @@ pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/results
 pub const SCHEMA: &str = "radar_chaperone.results.Figures";
 
 /// The numbers of a look; `before`: when the look before was, and what was counted by then.
-pub fn figures(look: &Look, before: Option<&(i64, Counted)>) -> wire::Figures {
-    let head = look.head.map(|head| head.translation);
+pub fn figures(snapshot: &Snapshot, before: Option<&(i64, ResultsCounters)>) -> wire::Figures {
+    let head = snapshot.head.map(|head| head.translation);
     let least = |distances_m: &mut dyn Iterator<Item = f64>| {
         // f64::min gives the other one where one is NaN.
         distances_m.fold(f64::NAN, f64::min)
     };
-    let of_obstacles = |head: DVec3| least(&mut look.scene.obstacles.iter().map(|o| o.distance_m(head)));
-    let of_walls = |head: DVec3| least(&mut look.scene.walls.iter().map(|w| w.plane.distance(head).abs()));
+    let of_obstacles = |head: DVec3| least(&mut snapshot.scene.obstacles.iter().map(|o| o.distance_m(head)));
+    let of_walls = |head: DVec3| least(&mut snapshot.scene.walls.iter().map(|w| w.plane.distance(head).abs()));
     let nearest_obstacle_m = head.map_or(f64::NAN, of_obstacles);
     let nearest_wall_m = head.map_or(f64::NAN, of_walls);
-    let now = &look.counted;
-    let passed_s = before.map_or(0.0, |(then_ns, _)| look.time_ns.saturating_sub(*then_ns) as f64 * 1e-9);
-    let rate = |count: fn(&Counted) -> u64| match before {
+    let now = &snapshot.counted;
+    let passed_s = before.map_or(0.0, |(then_ns, _)| snapshot.time_ns.saturating_sub(*then_ns) as f64 * 1e-9);
+    let rate = |count: fn(&ResultsCounters) -> u64| match before {
         Some((_, then)) if passed_s > 0.0 => count(now).saturating_sub(count(then)) as f64 / passed_s,
         _ => f64::NAN,
     };
@@ -37,23 +37,25 @@ pub fn figures(look: &Look, before: Option<&(i64, Counted)>) -> wire::Figures {
         nearest_m: nearest_obstacle_m.min(nearest_wall_m),
         nearest_obstacle_m,
         nearest_wall_m,
-        obstacles: look.scene.obstacles.len() as f64,
-        walls: look.scene.walls.len() as f64,
-        strongest_evidence: look.scene.obstacles.iter().map(|o| o.evidence).fold(f64::NAN, f64::max),
+        obstacles: snapshot.scene.obstacles.len() as f64,
+        walls: snapshot.scene.walls.len() as f64,
+        strongest_evidence: snapshot.scene.obstacles.iter().map(|o| o.evidence).fold(f64::NAN, f64::max),
         frames_per_s: rate(|c| c.frames),
         sweeps_per_s: rate(|c| c.sweeps),
         poses_per_s: rate(|c| c.poses),
-        evidence_age_ms: look.evidence_ns.map_or(f64::NAN, |then| look.time_ns.saturating_sub(then) as f64 * 1e-6),
-        time_offset_ms: look.time_offset_s * 1e3,
-        time_offset_estimate_ms: ms(look.estimate.map(|e| e.offset_s)),
-        time_offset_sigma_ms: ms(look.estimate.map(|e| e.sigma_s)),
+        evidence_age_ms: snapshot
+            .evidence_ns
+            .map_or(f64::NAN, |then| snapshot.time_ns.saturating_sub(then) as f64 * 1e-6),
+        time_offset_ms: snapshot.time_offset_s * 1e3,
+        time_offset_estimate_ms: ms(snapshot.estimate.map(|e| e.offset_s)),
+        time_offset_sigma_ms: ms(snapshot.estimate.map(|e| e.sigma_s)),
         frames: now.frames as f64,
         sweeps: now.sweeps as f64,
         poses: now.poses as f64,
         frames_left_out: now.frames_left_out as f64,
         sweeps_left_out: now.sweeps_left_out as f64,
         poses_left_out: now.poses_left_out as f64,
-        looks: now.looks as f64,
-        obstacles_forgotten: now.forgotten as f64,
+        looks: now.updates as f64,
+        obstacles_forgotten: now.removed as f64,
     }
 }

@@ -4,21 +4,21 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::look::{Counted, Look};
+use super::snapshot::{ResultsCounters, Snapshot};
 
 /// Lines of one look at most; the rest is counted.
-const MOST_LINES: usize = 40;
+const MAX_LINES: usize = 40;
 /// A change of the time offset that is told, seconds.
-const OFFSET_STEP_S: f64 = 1e-7;
+const MIN_OFFSET_CHANGE_S: f64 = 1e-7;
 
 /// What is compared with.
 #[derive(Debug, Default)]
-pub struct Known {
+pub struct LogState {
     obstacles: BTreeMap<u64, DVec3>,
     walls: BTreeMap<u64, DVec3>,
     moving: BTreeMap<u64, f64>,
     time_offset_s: Option<f64>,
-    counted: Counted,
+    counted: ResultsCounters,
 }
 
 /// A line, and whether something is wrong.
@@ -28,13 +28,13 @@ pub struct Line {
     pub is_warning: bool,
 }
 
-impl Known {
+impl LogState {
     /// What is new, gone or changed since the look before.
-    pub fn take(&mut self, look: &Look) -> Vec<Line> {
+    pub fn lines_for(&mut self, snapshot: &Snapshot) -> Vec<Line> {
         let mut lines = Vec::new();
         let mut say = |text: String, is_warning| lines.push(Line { text, is_warning });
-        let head = look.head.map(|head| head.translation);
-        let scene = look.scene;
+        let head = snapshot.head.map(|head| head.translation);
+        let scene = snapshot.scene;
         for obstacle in scene.obstacles.iter().filter(|o| !self.obstacles.contains_key(&o.id)) {
             let p = obstacle.position_m;
             let far = head.map_or(String::new(), |head| format!(", {:.2} m from the head", obstacle.distance_m(head)));
@@ -62,12 +62,14 @@ impl Known {
             say(format!("what moves, {id}, lost at {range_m:.2} m"), false);
         }
         (self.obstacles, self.walls, self.moving) = (obstacles, walls, moving);
-        let before_s = self.time_offset_s.replace(look.time_offset_s);
-        if let Some(before_s) = before_s.filter(|before_s| (look.time_offset_s - before_s).abs() > OFFSET_STEP_S) {
-            let (now, before) = (look.time_offset_s * 1e3, before_s * 1e3);
+        let before_s = self.time_offset_s.replace(snapshot.time_offset_s);
+        if let Some(before_s) =
+            before_s.filter(|before_s| (snapshot.time_offset_s - before_s).abs() > MIN_OFFSET_CHANGE_S)
+        {
+            let (now, before) = (snapshot.time_offset_s * 1e3, before_s * 1e3);
             say(format!("time offset set to {now:+.2} ms, before {before:+.2} ms"), false);
         }
-        let (now, then) = (look.counted, std::mem::replace(&mut self.counted, look.counted));
+        let (now, then) = (snapshot.counted, std::mem::replace(&mut self.counted, snapshot.counted));
         let left_out = [
             ("frames", now.frames_left_out, then.frames_left_out),
             ("sweeps", now.sweeps_left_out, then.sweeps_left_out),
@@ -76,9 +78,9 @@ impl Known {
         for (what, now, then) in left_out.into_iter().filter(|(_, now, then)| now > then) {
             say(format!("{} {what} left out, {now} so far", now - then), true);
         }
-        if lines.len() > MOST_LINES {
-            let more = lines.len() - MOST_LINES;
-            lines.truncate(MOST_LINES);
+        if lines.len() > MAX_LINES {
+            let more = lines.len() - MAX_LINES;
+            lines.truncate(MAX_LINES);
             lines.push(Line { text: format!("and {more} more"), is_warning: false });
         }
         lines

@@ -20,11 +20,11 @@ mod cloud;
 mod entities;
 mod figures;
 mod log;
-mod look;
 mod outlines;
 mod shapes;
+mod snapshot;
 mod writer;
 
 pub use beam::BeamCone;
-pub use look::{Counted, Look, OffsetEstimate};
+pub use snapshot::{OffsetEstimate, ResultsCounters, Snapshot};
 pub use writer::ResultsWriter;

@@ -4,10 +4,10 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::geometry::{Aabb, Pose};
 use crate::imaging::eigen;
-use crate::obstacles::{Moving, Obstacle, Wall};
+use crate::obstacles::{MovingTarget, Obstacle, Wall};
 
 /// Uncertainties are drawn at this many 1σ, and no smaller or greater than this, metres.
-const SIGMAS: f64 = 2.0;
+const DRAWN_SIGMAS: f64 = 2.0;
 const RADII_M: [f64; 2] = [0.008, 0.7];
 /// A wall is drawn this far beyond where its reflections came from, metres.
 const WALL_MARGIN_M: f64 = 0.5;
@@ -19,7 +19,7 @@ pub fn uncertainty(obstacle: &Obstacle) -> (Pose, DVec3) {
     }
     let (variances, axes) = eigen(&obstacle.covariance_m2);
     let radius = |variance: f64| match variance.is_finite() {
-        true => (SIGMAS * variance.max(0.0).sqrt()).clamp(RADII_M[0], RADII_M[1]),
+        true => (DRAWN_SIGMAS * variance.max(0.0).sqrt()).clamp(RADII_M[0], RADII_M[1]),
         false => RADII_M[1],
     };
     // A turn keeps right hands right.
@@ -57,7 +57,7 @@ pub fn edges(around: &Aabb) -> [[DVec3; 2]; 12] {
 
 /// The wedge of what moves: the level arc that it is on, its ends seen from where it was last seen from, and how far up and down it may
 /// be.
-pub fn moving_lines(moving: &Moving) -> Vec<Vec<DVec3>> {
+pub fn moving_lines(moving: &MovingTarget) -> Vec<Vec<DVec3>> {
     let from = moving.seen_from.translation;
     let half_rad = moving.half_width_rad();
     let arc = moving.arc_m();
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ellipsoid_is_that_of_the_covariance() {
+    fn ellipsoid_matches_the_covariance() {
         let turn = DMat3::from_quat(DQuat::from_scaled_axis(DVec3::new(0.3, -1.1, 0.7)));
         let covariance = turn * DMat3::from_diagonal(DVec3::new(1e-4, 9e-4, 4e-4)) * turn.transpose();
         let (pose, radii_m) = uncertainty(&obstacle(covariance));
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_patch_lies_on_its_wall_around_where_it_was_seen() {
+    fn wall_patch_lies_on_its_plane() {
         let seen_at = Aabb::from_corners(DVec3::new(-0.4, 1.0, -1.9), DVec3::new(0.6, 1.8, -2.1));
         for outward in [DVec3::NEG_Z, DVec3::new(0.6, 0.0, -0.8), DVec3::NEG_Y] {
             let plane = Plane { outward, offset_m: 2.0 };
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_has_twelve_edges_along_its_axes() {
+    fn box_has_twelve_axis_aligned_edges() {
         let around = Aabb { min: DVec3::ZERO, max: DVec3::new(1.0, 2.0, 3.0) };
         let lengths = edges(&around).map(|[a, b]| (b - a).length());
         let count = |length: f64| lengths.iter().filter(|l| (*l - length).abs() < 1e-12).count();

@@ -16,9 +16,9 @@ use super::beam::BeamCone;
 use super::cloud::{Dot, cloud, heat};
 use super::entities::{beam_update, scene_update};
 use super::figures::{DESCRIPTORS, SCHEMA, figures};
-use super::log::Known;
-use super::look::{Counted, Look};
+use super::log::LogState;
 use super::outlines::{OBSTACLE, beam_dots, scene_dots};
+use super::snapshot::{ResultsCounters, Snapshot};
 use crate::geometry::Pose;
 use crate::obstacles::Scene;
 
@@ -28,11 +28,11 @@ const ROOM: &str = "room";
 const NAME: &str = "radar-chaperone";
 /// Evidence is written no more often than this, nanoseconds, and so many voxels of it.
 const EVIDENCE_NS: i64 = 500_000_000;
-const MOST_EVIDENCE: usize = 2000;
+const MAX_EVIDENCE: usize = 2000;
 /// Voxels of all obstacles.
-const MOST_POINTS: usize = 6000;
+const MAX_POINTS: usize = 6000;
 /// Times that go back by less than this are put behind the look before, nanoseconds.
-const SMALL_STEP_BACK_NS: i64 = 1_000_000_000;
+const MAX_CORRECTED_STEP_BACK_NS: i64 = 1_000_000_000;
 
 /// Writes one recording with results.
 pub struct ResultsWriter {
@@ -50,8 +50,8 @@ pub struct ResultsWriter {
     log: Topic,
     /// Names of the entities that stand in the scene.
     names: Vec<String>,
-    known: Known,
-    before: Option<(i64, Counted)>,
+    log_state: LogState,
+    before: Option<(i64, ResultsCounters)>,
     evidence_ns: Option<i64>,
     points_before: Option<Vec<Dot>>,
     outlines_before: Option<Vec<Dot>>,
@@ -59,7 +59,7 @@ pub struct ResultsWriter {
 
 impl ResultsWriter {
     /// Voxels of evidence that are worth handing over.
-    pub const MOST_EVIDENCE: usize = MOST_EVIDENCE;
+    pub const MAX_EVIDENCE: usize = MAX_EVIDENCE;
 
     /// Creates the file, or empties the one that is there, and writes the header.
     ///
@@ -80,7 +80,7 @@ impl ResultsWriter {
             figures: Topic::new(27, "/figures", SCHEMA, DESCRIPTORS),
             log: Topic::foxglove::<Log>(28, "/log"),
             names: Vec::new(),
-            known: Known::default(),
+            log_state: LogState::default(),
             before: None,
             evidence_ns: None,
             points_before: None,
@@ -113,14 +113,14 @@ impl ResultsWriter {
     ///
     /// # Errors
     /// The system refuses the bytes.
-    pub fn write_look(&mut self, look: &Look) -> Result<(), RecordingError> {
-        let look = &Look { time_ns: self.rising(look.time_ns), ..*look };
-        let time_ns = look.time_ns;
+    pub fn write_snapshot(&mut self, snapshot: &Snapshot) -> Result<(), RecordingError> {
+        let snapshot = &Snapshot { time_ns: self.rising(snapshot.time_ns), ..*snapshot };
+        let time_ns = snapshot.time_ns;
         let recording = &mut self.recording;
-        put(recording, &mut self.scene, time_ns, &scene_update(look, &mut self.names))?;
+        put(recording, &mut self.scene, time_ns, &scene_update(snapshot, &mut self.names))?;
         for (dots, before, topic) in [
-            (shape_dots(look.scene), &mut self.points_before, &mut self.points),
-            (scene_dots(look.scene), &mut self.outlines_before, &mut self.outlines),
+            (shape_dots(snapshot.scene), &mut self.points_before, &mut self.points),
+            (scene_dots(snapshot.scene), &mut self.outlines_before, &mut self.outlines),
         ] {
             if before.as_ref() != Some(&dots) {
                 put(recording, topic, time_ns, &cloud(time_ns, TRACKING, &dots))?;
@@ -131,11 +131,11 @@ impl ResultsWriter {
         self.evidence_ns.take_if(|then_ns| *then_ns > time_ns);
         if self.evidence_ns.is_none_or(|then_ns| time_ns.saturating_sub(then_ns) >= EVIDENCE_NS) {
             self.evidence_ns = Some(time_ns);
-            put(recording, &mut self.evidence, time_ns, &cloud(time_ns, TRACKING, &evidence_dots(look)))?;
+            put(recording, &mut self.evidence, time_ns, &cloud(time_ns, TRACKING, &evidence_dots(snapshot)))?;
         }
-        let numbers = figures(look, self.before.as_ref());
+        let numbers = figures(snapshot, self.before.as_ref());
         recording.write_to_topic(&mut self.figures, time_ns, &numbers.encode_to_vec())?;
-        for line in self.known.take(look) {
+        for line in self.log_state.lines_for(snapshot) {
             let level = if line.is_warning { Level::Warning } else { Level::Info };
             let message = Log {
                 timestamp: Some(timestamp(time_ns)),
@@ -146,15 +146,15 @@ impl ResultsWriter {
             };
             put(recording, &mut self.log, time_ns, &message)?;
         }
-        self.before = Some((time_ns, look.counted));
-        recording.note_scene();
+        self.before = Some((time_ns, snapshot.counted));
+        recording.count_scene();
         Ok(())
     }
 
     /// Looks follow each other in time; a recording whose time leaps back takes them along.
     fn rising(&self, time_ns: i64) -> i64 {
         match self.before {
-            Some((then, _)) if time_ns <= then && then.saturating_sub(time_ns) < SMALL_STEP_BACK_NS => {
+            Some((then, _)) if time_ns <= then && then.saturating_sub(time_ns) < MAX_CORRECTED_STEP_BACK_NS => {
                 then.saturating_add(1)
             }
             _ => time_ns,
@@ -189,12 +189,12 @@ fn shape_dots(scene: &Scene) -> Vec<Dot> {
         let places = obstacle.shape.iter().map(|voxel| voxel.0).chain(alone);
         places.map(|place| Dot { place: place.as_vec3(), value: obstacle.id as f32, rgba: OBSTACLE })
     });
-    dots.take(MOST_POINTS).collect()
+    dots.take(MAX_POINTS).collect()
 }
 
 /// The strongest evidence, the strongest of all the brightest.
-fn evidence_dots(look: &Look) -> Vec<Dot> {
-    let voxels = &look.evidence.voxels[..look.evidence.voxels.len().min(MOST_EVIDENCE)];
+fn evidence_dots(snapshot: &Snapshot) -> Vec<Dot> {
+    let voxels = &snapshot.evidence.voxels[..snapshot.evidence.voxels.len().min(MAX_EVIDENCE)];
     let (least, top) = voxels.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), v| (a.min(v.1), b.max(v.1)));
     let share = |score: f32| (score - least) / (top - least).max(f32::MIN_POSITIVE);
     voxels.iter().map(|&(place, score)| Dot { place, value: score, rgba: heat(share(score)) }).collect()
@@ -234,7 +234,7 @@ mod tests {
         for event in events {
             writer.write(event).unwrap();
             let time_ns = event.time_ns();
-            let look = Look {
+            let snapshot = Snapshot {
                 time_ns,
                 head: None,
                 scene: &scene(time_ns),
@@ -242,9 +242,9 @@ mod tests {
                 evidence_ns: None,
                 time_offset_s: 0.0,
                 estimate: None,
-                counted: Counted::default(),
+                counted: ResultsCounters::default(),
             };
-            writer.write_look(&look).unwrap();
+            writer.write_snapshot(&snapshot).unwrap();
         }
         assert_eq!(writer.finish().unwrap().scenes, events.len() as u64);
         file
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn results_are_written_along_and_do_not_disturb_reading() {
+    fn results_do_not_affect_reading() {
         let events = events(1);
         let file = written(&events, |time_ns| scene(time_ns, 0..2));
         let mut recording = Recording::open(&file.0).unwrap();
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_gone_is_deleted_once_and_told() {
+    fn removed_obstacles_are_deleted_once_and_logged() {
         let events = events(1);
         // Obstacles 0 and 1, then 1 alone, then 1 and 2.
         let ids = |time_ns: i64| match time_ns / 300_000_000 {
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn each_topic_is_in_the_order_of_time_and_what_does_not_change_is_written_once() {
+    fn topics_are_time_ordered_and_unchanged_data_is_written_once() {
         let file = written(&events(2), |time_ns| scene(time_ns, 0..2));
         for topic in ["/scene", "/figures", "/evidence", "/log"] {
             let times: Vec<u64> = messages(&file, topic).iter().map(|m| m.0).collect();
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn times_that_leap_do_not_keep_looks_away() {
+    fn time_jumps_do_not_suppress_snapshots() {
         let mut events = events(2);
         if let Event::Pose(pose) = &mut events[10] {
             pose.time_ns = i64::MAX - 7;

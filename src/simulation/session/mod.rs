@@ -20,12 +20,12 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::known::Known;
-use super::receiver::Passing;
-use super::sampler::{Around, Sampler};
+use super::receiver::MovingScatterer;
+use super::sampler::{Sampler, Surroundings};
 use super::scenario::{IN_BEAM_AMPLITUDE, IN_BEAM_M, default_mount, host_ns};
 use super::tracker::Tracker;
-use super::{Room, Scatterer, Simulated, Thing, TrackingErrors, WallPanel};
+use super::truth_builder::TruthBuilder;
+use super::{Room, Scatterer, SceneObject, Simulated, TrackingErrors, WallPanel};
 use crate::geometry::{Plane, Pose};
 use crate::radar::{Beam, ConfigError, Frame, SensorConfig, frame_timing};
 use crate::tracking::PoseSample;
@@ -53,13 +53,13 @@ pub struct PlaySession {
     /// Whether the player's own hands are there.
     pub hands: bool,
     /// Whether they return nothing: what is reported at them then is so by chance.
-    pub silent_hands: bool,
+    pub hands_without_echo: bool,
     /// Whether somebody crosses the room.
     pub visitor: bool,
     /// Added to the walls' reflection, dB.
     pub walls_db: f64,
     /// Whether the tracking frame stands along the walls, in the middle of the floor.
-    pub square: bool,
+    pub axis_aligned: bool,
 }
 
 /// Why there is no session.
@@ -87,10 +87,10 @@ impl PlaySession {
             head_from_sensor: default_mount(),
             errors: TrackingErrors::default(),
             hands: true,
-            silent_hands: false,
+            hands_without_echo: false,
             visitor: true,
             walls_db: 0.0,
-            square: false,
+            axis_aligned: false,
         }
     }
 
@@ -98,7 +98,7 @@ impl PlaySession {
     ///
     /// # Errors
     /// A configuration that breaks a rule, a length out of bounds.
-    pub fn stage(&self) -> Result<Session, SessionError> {
+    pub fn prepare(&self) -> Result<Session, SessionError> {
         self.config.validate()?;
         if !(1.0..=3600.0).contains(&self.duration_s) {
             return Err(SessionError::Duration(self.duration_s));
@@ -110,11 +110,11 @@ impl PlaySession {
         let player = Player::new(&room, end_s, &mut rng(0x0F00_0002));
         let hands = self.hands.then(|| Hands::new(end_s, &mut rng(0x0F00_0003)));
         let visitor = self.visitor.then(|| Visitor::new(&room, &player, self.duration_s, &mut rng(0x0F00_0004)));
-        let removed = room.things.iter().position(|thing| thing.name == REMOVED);
+        let removed = room.things.iter().position(|thing| thing.name == REMOVED_CHAIR);
         let mut after = room.clone();
         removed.map(|index| after.things.remove(index));
-        let stands = stands(&mut rng(0x0F00_0005));
-        let tracking_from_room = if self.square { Pose::IDENTITY } else { stands };
+        let random = random_tracking_from_room(&mut rng(0x0F00_0005));
+        let tracking_from_room = if self.axis_aligned { Pose::IDENTITY } else { random };
         Ok(Session {
             things: room.things.iter().map(|thing| thing.moved(&tracking_from_room)).collect(),
             walls: room.walls.iter().map(|panel| SessionWall::new(panel, &tracking_from_room)).collect(),
@@ -133,20 +133,20 @@ impl PlaySession {
 }
 
 /// `tracking_from_room`: turned any way about the vertical; level with the floor, as headsets are set up.
-fn stands(rng: &mut ChaCha8Rng) -> Pose {
+fn random_tracking_from_room(rng: &mut ChaCha8Rng) -> Pose {
     let mut off_m = || rng.random_range(-0.5..0.5);
     let translation = DVec3::new(off_m(), 0.0, off_m());
     Pose::new(translation, DQuat::from_rotation_y(rng.random_range(0.0..TAU)))
 }
 
 /// What is carried away halfway.
-const REMOVED: &str = "chair to be removed";
+const REMOVED_CHAIR: &str = "chair to be removed";
 
 /// Something that stands in the room, and until when.
 #[derive(Debug, Clone, Copy)]
-pub struct SessionThing<'s> {
+pub struct SessionObject<'s> {
     /// The thing.
-    pub thing: &'s Thing,
+    pub thing: &'s SceneObject,
     /// From then on it is gone, seconds; infinite: it stays.
     pub until_s: f64,
 }
@@ -177,7 +177,7 @@ impl SessionWall {
 pub struct Session {
     play: PlaySession,
     tracking_from_room: Pose,
-    things: Vec<Thing>,
+    things: Vec<SceneObject>,
     walls: Vec<SessionWall>,
     before: Room,
     after: Room,
@@ -201,9 +201,9 @@ impl Session {
     }
 
     /// Everything that stands there.
-    pub fn things(&self) -> Vec<SessionThing<'_>> {
+    pub fn things(&self) -> Vec<SessionObject<'_>> {
         let until = |index: usize| if Some(index) == self.removed { self.removed_s } else { f64::INFINITY };
-        self.things.iter().enumerate().map(|(n, thing)| SessionThing { thing, until_s: until(n) }).collect()
+        self.things.iter().enumerate().map(|(n, thing)| SessionObject { thing, until_s: until(n) }).collect()
     }
 
     /// Walls, floor and ceiling.
@@ -234,7 +234,7 @@ impl Session {
     }
 
     /// Whether a place lies in the beam, at the amplitude and range that count.
-    pub fn sees(&self, tracking_from_sensor: &Pose, place: DVec3) -> bool {
+    pub fn is_in_beam(&self, tracking_from_sensor: &Pose, place: DVec3) -> bool {
         let to = place - tracking_from_sensor.translation;
         let cos = to.normalize_or_zero().dot(tracking_from_sensor.forward());
         to.length() <= IN_BEAM_M && self.play.beam.amplitude(cos) >= IN_BEAM_AMPLITUDE
@@ -254,8 +254,8 @@ impl Session {
         let frame = |number: u64| {
             let start_s = number as f64 * timing.frame_period_s;
             let mut samples: Vec<Complex<i16>> = Vec::with_capacity(config.points_per_frame());
-            let around = |first_s: f64, last_s: f64| self.around(first_s, last_s);
-            let data_saturated = sampler.frame(number, start_s, |t| self.sensor_in_room(t), around, &mut samples);
+            let surroundings = |first_s: f64, last_s: f64| self.surroundings(first_s, last_s);
+            let data_saturated = sampler.frame(number, start_s, |t| self.sensor_in_room(t), surroundings, &mut samples);
             let end_s = start_s + timing.frame_s;
             Frame {
                 tick: (end_s * 1e6).round() as i64,
@@ -275,22 +275,22 @@ impl Session {
         self.player.head_at(time_s) * self.true_mount
     }
 
-    fn around(&self, first_s: f64, last_s: f64) -> Around<'_> {
+    fn surroundings(&self, first_s: f64, last_s: f64) -> Surroundings<'_> {
         let middle_s = 0.5 * (first_s + last_s);
         let room = if middle_s < self.removed_s { &self.before } else { &self.after };
         let [first, middle, last] = [first_s, middle_s, last_s].map(|t| self.moving_at(t));
         // Somebody who comes or goes within a sweep is not there in it.
         let whole = first.len() == middle.len() && last.len() == middle.len();
         let ways = first.iter().zip(&last).map(|(a, b)| b.position_m - a.position_m);
-        let passing = middle.iter().zip(ways).filter(|_| whole);
-        Around { room, passing: passing.map(|(&scatterer, way)| Passing { scatterer, way }).collect() }
+        let moving = middle.iter().zip(ways).filter(|_| whole);
+        Surroundings { room, moving: moving.map(|(&scatterer, way)| MovingScatterer { scatterer, way }).collect() }
     }
 
     fn moving_at(&self, time_s: f64) -> Vec<Scatterer> {
         let hands = self
             .hands
             .as_ref()
-            .filter(|_| !self.play.silent_hands)
+            .filter(|_| !self.play.hands_without_echo)
             .map(|hands| hands.scatterers_at(&self.player, time_s));
         let visitor = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
         hands.into_iter().flatten().chain(visitor.into_iter().flatten()).collect()
@@ -299,8 +299,8 @@ impl Session {
     /// All of it as a recording, for rooms along the tracking frame's axes; what is carried away is not in its truth.
     pub fn recorded(&self) -> Simulated {
         let PlaySession { seed, duration_s, beam, .. } = &self.play;
-        let known = Known { title: "play-room, play".into(), seed: *seed, duration_s: *duration_s, beam };
-        let truth = known.truth(&self.after, |t| self.head_at(t), |t| self.sensor_at(t));
+        let known = TruthBuilder { title: "play-room, play".into(), seed: *seed, duration_s: *duration_s, beam };
+        let truth = known.build(&self.after, |t| self.head_at(t), |t| self.sensor_at(t));
         Simulated { frames: self.frames(0..self.frame_count()), poses: self.poses().collect(), truth }
     }
 
@@ -323,11 +323,11 @@ mod tests {
     use crate::radar::preset;
 
     fn session(seed: u64, duration_s: f64) -> Session {
-        PlaySession { duration_s, ..PlaySession::new(preset("d16").unwrap(), seed) }.stage().unwrap()
+        PlaySession { duration_s, ..PlaySession::new(preset("d16").unwrap(), seed) }.prepare().unwrap()
     }
 
     #[test]
-    fn a_seed_gives_the_same_session_on_any_number_of_threads() {
+    fn same_seed_gives_same_session_on_any_thread_count() {
         let (a, b) = (session(3, 4.0), session(3, 4.0));
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         assert_eq!(a.frames(100..120), pool.install(|| b.frames(100..120)));
@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_leaps_and_nobody_walks_through_furniture() {
+    fn motion_is_continuous_and_avoids_furniture() {
         for seed in 0..4 {
             let session = session(seed, 60.0);
             let parts = |t: f64| session.moving_at(t).iter().map(|s| s.position_m).collect::<Vec<_>>();
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn furniture_is_approached_and_the_visitor_comes_twice() {
+    fn player_approaches_furniture_and_visitor_crosses_twice() {
         let session = session(1, 120.0);
         let times: Vec<f64> = (0..1200).map(|n| f64::from(n) * 0.1).collect();
         let level = |a: DVec3, b: DVec3| DVec3::new(a.x - b.x, 0.0, a.z - b.z).length();
@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_told_is_the_room_turned() {
+    fn reported_coordinates_are_the_room_transformed() {
         let session = session(2, 20.0);
         let turned_rad = session.tracking_from_room.rotation.to_scaled_axis();
         assert!(turned_rad.x.hypot(turned_rad.z) < 1e-12 && turned_rad.y.abs() > 0.01, "{turned_rad}");

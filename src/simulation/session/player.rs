@@ -15,15 +15,15 @@ const PLAY_HALF_M: f64 = 0.9;
 /// Least distance of the body's axis from furniture and walls on the way and in a stance, metres.
 const CLEARANCE_M: f64 = 0.28;
 /// Share of stances that are taken up near a thing, and how near its nearest part, metres.
-const NEAR_SHARE: f64 = 0.3;
-const NEAR_M: (f64, f64) = (0.3, 0.55);
+const NEAR_OBJECT_SHARE: f64 = 0.3;
+const NEAR_OBJECT_M: (f64, f64) = (0.3, 0.55);
 /// Share of stances near a wall, and how near.
 const WALL_SHARE: f64 = 0.05;
 /// Longest step, metres.
-const LONGEST_STEP_M: f64 = 1.3;
+const MAX_STEP_M: f64 = 1.3;
 /// From this way over the ground on a player looks where it leads, metres; but for this share of steps.
-const STEP_M: f64 = 0.25;
-const BLIND_SHARE: f64 = 0.15;
+const LOOK_AHEAD_STEP_M: f64 = 0.25;
+const STEP_WITHOUT_LOOKING_SHARE: f64 = 0.15;
 
 #[derive(Debug, Clone, Copy)]
 struct Stance {
@@ -113,8 +113,8 @@ fn next_stance(last: &Stance, ground: &Ground, rng: &mut ChaCha8Rng) -> Stance {
     let position_m = next_place(last, height_m, ground, rng);
     let way = position_m - last.position_m;
     // People look where they step, give or take; standing, they look about; now and then they step without looking.
-    let steps = DVec3::new(way.x, 0.0, way.z).length() > STEP_M;
-    let looks = rng.random_range(0.0..1.0) >= BLIND_SHARE;
+    let steps = DVec3::new(way.x, 0.0, way.z).length() > LOOK_AHEAD_STEP_M;
+    let looks = rng.random_range(0.0..1.0) >= STEP_WITHOUT_LOOKING_SHARE;
     let turn_rad = match steps && looks {
         true => turn_between(last.yaw_rad, math::atan2(-way.x, -way.z)) + rng.random_range(-0.6..0.6),
         false => rng.random_range(-1.6..1.6),
@@ -135,15 +135,15 @@ fn next_place(last: &Stance, height_m: f64, ground: &Ground, rng: &mut ChaCha8Rn
             height_m,
             rng.random_range(-PLAY_HALF_M..PLAY_HALF_M),
         );
-        let to = if kind < NEAR_SHARE && !ground.things.is_empty() {
+        let to = if kind < NEAR_OBJECT_SHARE && !ground.things.is_empty() {
             let parts = &ground.things[rng.random_range(0..ground.things.len())];
             // Towards the part that is nearest to some free place, and so far from it.
             let level = DVec3::new(somewhere.x, 0.0, somewhere.z);
             let nearest = parts.iter().copied().min_by(|a, b| a.distance(level).total_cmp(&b.distance(level)));
             let part = nearest.unwrap_or(level);
             let away = (level - part).normalize_or(DVec3::X);
-            part + away * rng.random_range(NEAR_M.0..NEAR_M.1) + DVec3::Y * height_m
-        } else if kind < NEAR_SHARE + WALL_SHARE {
+            part + away * rng.random_range(NEAR_OBJECT_M.0..NEAR_OBJECT_M.1) + DVec3::Y * height_m
+        } else if kind < NEAR_OBJECT_SHARE + WALL_SHARE {
             let toward = somewhere.normalize_or(DVec3::X);
             let reach_m = (ground.half.x / toward.x.abs().max(1e-6)).min(ground.half.z / toward.z.abs().max(1e-6));
             let level = DVec3::new(toward.x, 0.0, toward.z) * (reach_m - rng.random_range(0.4..0.6));
@@ -152,7 +152,7 @@ fn next_place(last: &Stance, height_m: f64, ground: &Ground, rng: &mut ChaCha8Rn
             somewhere
         };
         let level = DVec3::new(to.x - last.position_m.x, 0.0, to.z - last.position_m.z);
-        if level.length() < LONGEST_STEP_M && ground.is_free(last.position_m, to) {
+        if level.length() < MAX_STEP_M && ground.is_free(last.position_m, to) {
             return to;
         }
     }

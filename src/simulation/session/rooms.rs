@@ -10,13 +10,13 @@ use super::super::furniture::{
     Draw, METAL_CHAIR, PLASTIC_CHAIR, cabinet, chair, clothes_hanger, door_frame, lamp, shelf, sofa, stool, table,
 };
 use super::super::scenes::room_walls;
-use super::super::{Room, Thing};
-use super::REMOVED;
+use super::super::{Room, SceneObject};
+use super::REMOVED_CHAIR;
 
 use crate::math;
 
 /// Furniture besides the chairs that every room has.
-const OTHERS: usize = 5;
+const EXTRA_FURNITURE: usize = 5;
 /// From the room's middle to the nearest side of what stands around it, metres.
 const RING_M: (f64, f64) = (0.95, 1.35);
 /// From the middle of a chair to the wall behind it, metres.
@@ -57,7 +57,7 @@ pub(super) fn play_room(rng: &mut ChaCha8Rng) -> Room {
     let mut others =
         [Kind::Table, Kind::Shelf, Kind::Sofa, Kind::Lamp, Kind::Hanger, Kind::Stool, Kind::Cabinet, Kind::DoorFrame];
     shuffle(&mut others, rng);
-    kinds.extend(&others[..OTHERS]);
+    kinds.extend(&others[..EXTRA_FURNITURE]);
     shuffle(&mut kinds, rng);
     let first_rad = rng.random_range(0.0..TAU);
     let mut draw = Draw(ChaCha8Rng::clone(rng));
@@ -77,7 +77,7 @@ fn shuffle<T>(items: &mut [T], rng: &mut ChaCha8Rng) {
 }
 
 /// A thing in a direction from the middle, its front towards the middle.
-fn thing(draw: &mut Draw, kind: Kind, angle_rad: f64, [width_m, depth_m]: [f64; 2]) -> Thing {
+fn thing(draw: &mut Draw, kind: Kind, angle_rad: f64, [width_m, depth_m]: [f64; 2]) -> SceneObject {
     let ahead = DVec3::new(math::sin(angle_rad), 0.0, -math::cos(angle_rad));
     // Turned by this about +y a thing's front, its −z, looks at the middle.
     let yaw = std::f64::consts::PI - angle_rad;
@@ -93,11 +93,11 @@ fn thing(draw: &mut Draw, kind: Kind, angle_rad: f64, [width_m, depth_m]: [f64; 
         on_wall - outward * m
     };
     let from_wall_yaw = math::atan2(outward.x, outward.z);
-    let named = |name: &str, thing: Thing| Thing { name: name.into(), ..thing };
+    let named = |name: &str, thing: SceneObject| SceneObject { name: name.into(), ..thing };
     match kind {
         Kind::MetalChair => chair(draw, "chair", at_ring, turned, METAL_CHAIR),
         Kind::SoftChair => chair(draw, "soft chair", at_ring, turned, PLASTIC_CHAIR),
-        Kind::RemovedChair => chair(draw, REMOVED, at_ring, turned, METAL_CHAIR),
+        Kind::RemovedChair => chair(draw, REMOVED_CHAIR, at_ring, turned, METAL_CHAIR),
         Kind::ChairAtWall => chair(draw, "chair at the wall", before_wall(CHAIR_TO_WALL_M), turned, METAL_CHAIR),
         Kind::Table => table(draw, at_ring, turned),
         Kind::Shelf => shelf(draw, before_wall(0.2), from_wall_yaw),

@@ -12,14 +12,14 @@ use super::Player;
 use crate::math;
 
 /// Shares of the session at which a crossing begins.
-const BEGINS: [f64; 2] = [0.3, 0.75];
+const CROSSING_STARTS: [f64; 2] = [0.3, 0.75];
 /// Walking speed, metres a second, and steps a second.
 const SPEED_M_PER_S: (f64, f64) = (0.8, 1.2);
 const STEPS_PER_S: f64 = 0.9;
 /// Ways that are drawn for a crossing; the one that keeps clearest is taken.
-const WAYS: usize = 60;
+const CANDIDATE_PATHS: usize = 60;
 /// The player is kept clear of at least so far, metres.
-const FROM_PLAYER_M: f64 = 0.9;
+const PLAYER_CLEARANCE_M: f64 = 0.9;
 
 #[derive(Debug, Clone, Copy)]
 struct Crossing {
@@ -55,7 +55,7 @@ const PARTS: [(f64, f64, f64, f64); 13] = [
 
 impl Visitor {
     pub fn new(room: &Room, player: &Player, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
-        let crossings = BEGINS.map(|share| crossing(room, player, share * duration_s, rng)).to_vec();
+        let crossings = CROSSING_STARTS.map(|share| crossing(room, player, share * duration_s, rng)).to_vec();
         Self { crossings, phases_rad: [(); PARTS.len()].map(|()| rng.random_range(0.0..TAU)) }
     }
 
@@ -81,7 +81,7 @@ impl Visitor {
 
 fn crossing(room: &Room, player: &Player, from_s: f64, rng: &mut ChaCha8Rng) -> Crossing {
     let half = room.walls.iter().map(|wall| wall.extent.max).fold(DVec3::ZERO, DVec3::max);
-    let ways = (0..WAYS).map(|_| {
+    let ways = (0..CANDIDATE_PATHS).map(|_| {
         // From one short wall to the other, so that the player can be passed.
         let side = if rng.random_range(0.0..1.0) < 0.5 { 1.0 } else { -1.0 };
         let x = |rng: &mut ChaCha8Rng| rng.random_range(-half.x + 0.3..half.x - 0.3);
@@ -99,7 +99,7 @@ fn crossing(room: &Room, player: &Player, from_s: f64, rng: &mut ChaCha8Rng) -> 
             let player_m = level(player.head_at(way.from_s + s).translation).distance(at);
             let things_m = room.scatterers().map(|t| level(t.position_m).distance(at)).fold(f64::INFINITY, f64::min);
             // Furniture that is walked through does less harm to a simulation than a player who is.
-            (player_m - FROM_PLAYER_M).min(0.0) * 10.0 + things_m.min(0.4)
+            (player_m - PLAYER_CLEARANCE_M).min(0.0) * 10.0 + things_m.min(0.4)
         });
         clear.fold(f64::INFINITY, f64::min)
     };

@@ -24,7 +24,7 @@ use std::collections::VecDeque;
 use glam::{DMat3, DQuat, DVec3};
 
 use super::strapdown::{MAX_INTERVAL_S, Means, Slopes};
-use super::{ImuFigures, ImuSample, NavState, TriadFigures};
+use super::{ImuSample, ImuSpec, NavState, TriadSpec};
 use crate::geometry::Pose;
 use crate::math;
 use crate::tracking::{PoseRefusal, PoseSample};
@@ -32,13 +32,13 @@ use crate::tracking::{PoseRefusal, PoseSample};
 /// Poses that wait for the unit's samples at most.
 const MAX_WAITING: usize = 256;
 /// χ² with three degrees of freedom that chance exceeds once in a million.
-const GATE: f64 = 30.7;
+const GATE_CHI2: f64 = 30.7;
 /// Contradictions in a row from which on the tracker is believed, seconds.
 const MAX_CONTRADICTION_S: f64 = 0.5;
 /// What is known of a body's motion beforehand, 1σ: m/s.
 const SPEED_PRIOR_M_PER_S: f64 = 2.0;
 /// Speed that a body changes by in a second without samples, m/s/√s, and what it turns by, rad/√s.
-const COASTING: f64 = 5.0;
+const COASTING_WALK: f64 = 5.0;
 /// After a pause of the samples longer than this the motion begins anew, seconds.
 const MAX_COAST_S: f64 = 5.0;
 
@@ -58,7 +58,7 @@ type Blocks = [[DMat3; BLOCKS]; BLOCKS];
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FusionSettings {
     /// The unit.
-    pub imu: ImuFigures,
+    pub imu: ImuSpec,
     /// White noise of an optical position, an axis, metres.
     pub jitter_m: f64,
     /// White noise of an optical rotation, an axis, rad.
@@ -73,7 +73,7 @@ pub struct FusionSettings {
 
 impl FusionSettings {
     /// A part beside good lighthouse tracking.
-    pub fn of(imu: ImuFigures) -> Self {
+    pub fn of(imu: ImuSpec) -> Self {
         Self {
             imu,
             jitter_m: 0.3e-3,
@@ -221,7 +221,7 @@ impl PoseFusion {
         }
         self.newest_pose_ns = Some(sample.time_ns);
         if self.state.is_none() {
-            self.begin(sample.time_ns, pose);
+            self.initialise(sample.time_ns, pose);
             return Ok(());
         }
         self.waiting.push_back((sample.time_ns, pose));
@@ -251,7 +251,7 @@ impl PoseFusion {
         }
         while let Some((time_ns, pose)) = self.waiting.pop_front_if(|(time_ns, _)| *time_ns <= sample.time_ns) {
             match self.state {
-                None => self.begin(time_ns, pose),
+                None => self.initialise(time_ns, pose),
                 Some(_) => {
                     self.advance(time_ns, sample);
                     self.correct(time_ns, &pose);
@@ -263,7 +263,7 @@ impl PoseFusion {
     }
 
     /// At a pose, moving anyhow.
-    fn begin(&mut self, time_ns: i64, pose: Pose) {
+    fn initialise(&mut self, time_ns: i64, pose: Pose) {
         self.state = Some(NavState::at_rest(time_ns, pose));
         let FusionSettings { jitter_m, jitter_rad, wander_m, wander_rad, .. } = self.settings;
         (self.wander_m, self.wander_rad, self.before) = (DVec3::ZERO, DVec3::ZERO, None);
@@ -305,7 +305,7 @@ impl PoseFusion {
         let Some(state) = self.state else { return };
         let next = NavState { time_ns: to_ns, ..state.advanced(h, &means, &slopes) };
         let middle = state.tracking_from_body.rotation * DQuat::from_scaled_axis(means.rate * (0.5 * h));
-        self.spread(h, middle, &means, [gyro, accel]);
+        self.propagate_covariance(h, middle, &means, [gyro, accel]);
         (self.state, self.before) = (Some(next), Some((means, h)));
     }
 
@@ -315,8 +315,8 @@ impl PoseFusion {
         state.tracking_from_body.translation += state.velocity_m_per_s * time_s;
         let still = Means { rate: DVec3::ZERO, force: DVec3::ZERO };
         let rotation = state.tracking_from_body.rotation;
-        self.spread(time_s, rotation, &still, [DMat3::ZERO; 2]);
-        let walk = COASTING * COASTING * time_s;
+        self.propagate_covariance(time_s, rotation, &still, [DMat3::ZERO; 2]);
+        let walk = COASTING_WALK * COASTING_WALK * time_s;
         self.covariance[P][P] += DMat3::from_diagonal(DVec3::splat(walk * time_s * time_s / 3.0));
         self.covariance[P][V] += DMat3::from_diagonal(DVec3::splat(walk * time_s / 2.0));
         self.covariance[V][P] = self.covariance[P][V].transpose();
@@ -326,7 +326,7 @@ impl PoseFusion {
     }
 
     /// P ← Φ P Φᵀ + Q over an interval h; `inverses` are (I + M)⁻¹ of both triads.
-    fn spread(&mut self, h: f64, rotation: DQuat, means: &Means, inverses: [DMat3; 2]) {
+    fn propagate_covariance(&mut self, h: f64, rotation: DQuat, means: &Means, inverses: [DMat3; 2]) {
         let turned = DMat3::from_quat(rotation);
         let lever = skew(rotation * means.force * h);
         let [by_gyro, by_accel] = inverses.map(|inverse| turned * inverse * h);
@@ -354,7 +354,7 @@ impl PoseFusion {
             }
             transpose(c);
         }
-        let white = |figures: &TriadFigures| variance(figures.white);
+        let white = |figures: &TriadSpec| variance(figures.white);
         let (rate, force) = (white(&imu.gyroscope), white(&imu.accelerometer));
         c[TURN][TURN] += rate * h;
         c[V][V] += force * h;
@@ -375,8 +375,8 @@ impl PoseFusion {
         let FusionSettings { jitter_m, jitter_rad, .. } = self.settings;
         let measured = [(P, S, jitter_m), (TURN, R, jitter_rad)];
         let agrees = measured.iter().all(|&(block, wander, jitter)| {
-            let off = self.off(block, pose);
-            off.dot(self.seen(block, wander, jitter).inverse() * off) <= GATE
+            let off = self.innovation(block, pose);
+            off.dot(self.innovation_covariance(block, wander, jitter).inverse() * off) <= GATE_CHI2
         });
         if !agrees {
             self.counters.contradictions += 1;
@@ -384,20 +384,20 @@ impl PoseFusion {
             if time_ns.saturating_sub(since_ns) as f64 * 1e-9 >= MAX_CONTRADICTION_S {
                 self.counters.restarts += 1;
                 self.contradicted_since_ns = None;
-                self.begin(time_ns, *pose);
+                self.initialise(time_ns, *pose);
             }
             return;
         }
         self.contradicted_since_ns = None;
         self.counters.poses += 1;
         for (block, wander, jitter) in measured {
-            let off = self.off(block, pose);
-            self.apply(block, wander, jitter, off);
+            let off = self.innovation(block, pose);
+            self.apply_measurement(block, wander, jitter, off);
         }
     }
 
     /// By how much a pose differs from what the state expects: in position, or in attitude.
-    fn off(&self, block: usize, pose: &Pose) -> DVec3 {
+    fn innovation(&self, block: usize, pose: &Pose) -> DVec3 {
         let Some(NavState { tracking_from_body: nominal, .. }) = self.state else { return DVec3::ZERO };
         if block == P {
             return pose.translation - nominal.translation - self.wander_m;
@@ -408,14 +408,14 @@ impl PoseFusion {
     }
 
     /// Covariance of that difference.
-    fn seen(&self, block: usize, wander: usize, jitter: f64) -> DMat3 {
+    fn innovation_covariance(&self, block: usize, wander: usize, jitter: f64) -> DMat3 {
         let c = &self.covariance;
         c[block][block] + c[block][wander] + c[wander][block] + c[wander][wander] + variance(jitter)
     }
 
     /// One measurement of a block plus what the tracker wanders.
-    fn apply(&mut self, block: usize, wander: usize, jitter: f64, off: DVec3) {
-        let weight = self.seen(block, wander, jitter).inverse();
+    fn apply_measurement(&mut self, block: usize, wander: usize, jitter: f64, off: DVec3) {
+        let weight = self.innovation_covariance(block, wander, jitter).inverse();
         let c = &mut self.covariance;
         let shared: [DMat3; BLOCKS] = std::array::from_fn(|row| c[row][block] + c[row][wander]);
         let gains = shared.map(|shared| shared * weight);
@@ -475,7 +475,7 @@ mod tests {
     }
 
     #[test]
-    fn at_rest_it_knows_more_and_more_and_without_poses_less_and_less() {
+    fn covariance_shrinks_with_poses_and_grows_without() {
         let mut fusion = PoseFusion::new(FusionSettings::of(ICM_42688));
         assert!(fusion.pose().is_none());
         rested(&mut fusion, 0..400, Pose::from_translation(DVec3::X));
@@ -491,7 +491,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outlier_is_left_out_and_a_new_place_believed_when_it_stays() {
+    fn outlier_is_rejected_and_lasting_jump_restarts_filter() {
         let mut fusion = PoseFusion::new(FusionSettings::of(ICM_42688));
         rested(&mut fusion, 0..400, Pose::IDENTITY);
         fusion.push_pose(&PoseSample::valid(400 * STEP_NS - 1, &Pose::from_translation(DVec3::X))).unwrap();
@@ -504,7 +504,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_input_is_refused_with_a_reason_and_changes_nothing() {
+    fn bad_input_is_refused_with_reason_and_state_unchanged() {
         let mut fusion = PoseFusion::new(FusionSettings::of(ICM_42688));
         let bad = PoseSample { quaternion_xyzw: [0.0; 4], ..PoseSample::valid(0, &Pose::IDENTITY) };
         assert!(matches!(fusion.push_pose(&bad), Err(FusionRefusal::Pose(_))));
@@ -530,7 +530,7 @@ mod tests {
     }
 
     #[test]
-    fn the_covariance_stays_symmetric_and_positive() {
+    fn covariance_stays_symmetric_and_positive() {
         let mut fusion = PoseFusion::new(FusionSettings::of(ICM_42688));
         rested(&mut fusion, 0..8000, Pose::IDENTITY);
         let c = &fusion.covariance;

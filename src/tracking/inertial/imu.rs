@@ -33,7 +33,7 @@ impl ImuSample {
 
 /// Three gyroscopes, or three accelerometers. The unit is rad/s, or m/s².
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TriadFigures {
+pub struct TriadSpec {
     /// Density of the white noise, unit/√Hz.
     pub white: f64,
     /// Instability of the bias: the bottom of the Allan deviation, unit.
@@ -48,7 +48,7 @@ pub struct TriadFigures {
     pub cross: f64,
 }
 
-impl TriadFigures {
+impl TriadSpec {
     /// No errors at all.
     pub const PERFECT: Self = Self { white: 0.0, instability: 0.0, walk: 0.0, turn_on: 0.0, scale: 0.0, cross: 0.0 };
 
@@ -61,25 +61,21 @@ impl TriadFigures {
 
 /// A part.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ImuFigures {
+pub struct ImuSpec {
     /// As it is known.
     pub name: &'static str,
     /// Samples a second.
     pub rate_hz: f64,
     /// In rad/s.
-    pub gyroscope: TriadFigures,
+    pub gyroscope: TriadSpec,
     /// In m/s².
-    pub accelerometer: TriadFigures,
+    pub accelerometer: TriadSpec,
 }
 
-impl ImuFigures {
+impl ImuSpec {
     /// One without errors.
-    pub const PERFECT: Self = Self {
-        name: "perfect",
-        rate_hz: 400.0,
-        gyroscope: TriadFigures::PERFECT,
-        accelerometer: TriadFigures::PERFECT,
-    };
+    pub const PERFECT: Self =
+        Self { name: "perfect", rate_hz: 400.0, gyroscope: TriadSpec::PERFECT, accelerometer: TriadSpec::PERFECT };
 }
 
 const DEG: f64 = std::f64::consts::PI / 180.0;
@@ -89,10 +85,10 @@ const CONSUMER_WALKS: [f64; 2] = [4.0e-6, 2.0e-4];
 
 /// What hobbyists' boards carried for a decade, and one such as a prototype has. Data sheet: 0.005 °/s/√Hz, 400 µg/√Hz, ±20 °/s, ±50 mg,
 /// ±3 %, ±2 % across; instabilities as users measured them: 4.3 °/h; 36 µg of the sister MPU-6000 (Greenheck 2009).
-pub const MPU_6050: ImuFigures = ImuFigures {
+pub const MPU_6050: ImuSpec = ImuSpec {
     name: "MPU-6050",
     rate_hz: 400.0,
-    gyroscope: TriadFigures {
+    gyroscope: TriadSpec {
         white: 0.005 * DEG,
         instability: 4.3 / 3600.0 * DEG,
         walk: CONSUMER_WALKS[0],
@@ -100,7 +96,7 @@ pub const MPU_6050: ImuFigures = ImuFigures {
         scale: 0.015,
         cross: 0.01,
     },
-    accelerometer: TriadFigures {
+    accelerometer: TriadSpec {
         white: 0.4 * MILLI_G,
         instability: 0.036 * MILLI_G,
         walk: CONSUMER_WALKS[1],
@@ -112,17 +108,17 @@ pub const MPU_6050: ImuFigures = ImuFigures {
 
 /// What phones and headsets carry ten years later. Data sheet (DS-000347): 0.0028 °/s/√Hz, 70 µg/√Hz. Taken as is usual of such parts:
 /// ±0.5 °/s, ±20 mg, ±0.5 %, ±1 % across; instabilities and walks as above.
-pub const ICM_42688: ImuFigures = ImuFigures {
+pub const ICM_42688: ImuSpec = ImuSpec {
     name: "ICM-42688-P",
     rate_hz: 400.0,
-    gyroscope: TriadFigures {
+    gyroscope: TriadSpec {
         white: 0.0028 * DEG,
         turn_on: 0.25 * DEG,
         scale: 0.0025,
         cross: 0.005,
         ..MPU_6050.gyroscope
     },
-    accelerometer: TriadFigures {
+    accelerometer: TriadSpec {
         white: 0.07 * MILLI_G,
         turn_on: 10.0 * MILLI_G,
         scale: 0.0025,
@@ -133,10 +129,10 @@ pub const ICM_42688: ImuFigures = ImuFigures {
 
 /// The class of sophisticated and expensive ones (thesis, 2.6.1), as its makers state about: 0.04 °/√h, 0.25 °/h, 0.03 m/s/√h, 25 µg, calibrated in the
 /// factory. No one part; walks are taken for a tenth of a consumer part's.
-pub const TACTICAL: ImuFigures = ImuFigures {
+pub const TACTICAL: ImuSpec = ImuSpec {
     name: "tactical grade",
     rate_hz: 400.0,
-    gyroscope: TriadFigures {
+    gyroscope: TriadSpec {
         white: 0.04 / 60.0 * DEG,
         instability: 0.25 / 3600.0 * DEG,
         walk: 0.1 * CONSUMER_WALKS[0],
@@ -144,7 +140,7 @@ pub const TACTICAL: ImuFigures = ImuFigures {
         scale: 3e-4,
         cross: 3e-4,
     },
-    accelerometer: TriadFigures {
+    accelerometer: TriadSpec {
         white: 0.03 / 60.0,
         instability: 0.025 * MILLI_G,
         walk: 0.1 * CONSUMER_WALKS[1],

@@ -7,7 +7,5 @@ mod imu;
 mod strapdown;
 
 pub use fusion::{FusionCounters, FusionRefusal, FusionSettings, PoseFusion};
-pub use imu::{
-    GRAVITY_M_PER_S2, ICM_42688, INSTABILITY_TIME_S, ImuFigures, ImuSample, MPU_6050, TACTICAL, TriadFigures,
-};
+pub use imu::{GRAVITY_M_PER_S2, ICM_42688, INSTABILITY_TIME_S, ImuSample, ImuSpec, MPU_6050, TACTICAL, TriadSpec};
 pub use strapdown::{NavState, Strapdown};

@@ -160,14 +160,14 @@ mod tests {
     }
 
     #[test]
-    fn a_perfect_unit_returns_the_path_and_better_with_every_halving() {
+    fn perfect_imu_reproduces_path_with_third_order_convergence() {
         let (coarse, fine) = (errors(100.0), errors(200.0));
         assert!(fine.0 < 1e-4 && fine.1 < 1e-5, "{coarse:?} {fine:?}");
         assert!(coarse.0 / fine.0 > 6.0 && coarse.1 / fine.1 > 6.0, "third order: {coarse:?} {fine:?}");
     }
 
     #[test]
-    fn at_rest_it_rests_and_falling_it_falls() {
+    fn rest_and_free_fall_are_integrated() {
         let mut strapdown = Strapdown::new(NavState::at_rest(0, Pose::from_translation(DVec3::Y)));
         let sample = |n: i64, force: DVec3| ImuSample {
             time_ns: n * 10_000_000,
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_samples_change_nothing_and_pauses_do_not_explode() {
+    fn bad_samples_are_ignored_and_pauses_stay_bounded() {
         let mut strapdown = Strapdown::new(NavState::at_rest(1_000, Pose::IDENTITY));
         let before = *strapdown.state();
         let nan = ImuSample { time_ns: 2_000, angular_rate_rad_per_s: DVec3::NAN, specific_force_m_per_s2: DVec3::ONE };

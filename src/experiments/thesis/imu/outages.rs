@@ -1,18 +1,21 @@
 //! Inertia beside a tracker that goes away for a while.
 
 use super::super::{Outcome, cm, head, mm};
+use super::dead_reckoning::drift_m;
 use super::drifts::{Drift, drift_of};
-use super::reckoning::drift_m;
-use super::{LOST_AT_S, LOST_S, PARTS, SHARP_M, SHARP_RATIO, SWEEPS, Swung, WINDOW_S, as_poses, imaged, medians};
-use crate::experiments::recorded::quantile;
+use super::{
+    IMU_PARTS, OUTAGE_DURATIONS_S, OUTAGE_START_S, SHARP_M, SHARP_RATIO, SWEEPS, SwingTrial, WINDOW_S, image_errors,
+    medians, pose_samples,
+};
+use crate::experiments::trial_recording::quantile;
 use crate::report::{Chart, Series, Table};
 use crate::tracking::PoseSample;
-use crate::tracking::inertial::{FusionSettings, ImuFigures, NavState, PoseFusion};
+use crate::tracking::inertial::{FusionSettings, ImuSpec, NavState, PoseFusion};
 
 /// All fused states, of poses that go away at a time.
-fn fused(swung: &Swung, part: &ImuFigures) -> Vec<NavState> {
+fn fused_states(swung: &SwingTrial, part: &ImuSpec) -> Vec<NavState> {
     let mut fusion = PoseFusion::new(FusionSettings::of(*part));
-    let lost_ns = swung.ns(LOST_AT_S);
+    let lost_ns = swung.ns(OUTAGE_START_S);
     let mut poses = swung.simulated.poses.iter().take_while(|pose| pose.time_ns < lost_ns).peekable();
     let mut states = Vec::new();
     for sample in &swung.path.imu(part) {
@@ -26,26 +29,26 @@ fn fused(swung: &Swung, part: &ImuFigures) -> Vec<NavState> {
     states
 }
 
-/// Medians of a part for each of [`LOST_S`].
-struct Lost {
+/// Medians of a part for each of [`OUTAGE_DURATIONS_S`].
+struct OutageResults {
     pose_m: Vec<f64>,
     worst_m: Vec<f64>,
-    /// As [`imaged()`] has them.
+    /// As [`image_errors()`] has them.
     images: Vec<Vec<f64>>,
 }
 
-impl Lost {
-    fn of(part: &ImuFigures, swung: &[Swung]) -> Self {
-        let mut off = vec![Vec::new(); LOST_S.len()];
-        let mut images = vec![Vec::new(); LOST_S.len()];
+impl OutageResults {
+    fn of(part: &ImuSpec, swung: &[SwingTrial]) -> Self {
+        let mut off = vec![Vec::new(); OUTAGE_DURATIONS_S.len()];
+        let mut images = vec![Vec::new(); OUTAGE_DURATIONS_S.len()];
         for one in swung {
-            let states = fused(one, part);
+            let states = fused_states(one, part);
             let truth = |time_ns: i64| one.path.at(time_ns).tracking_from_body.translation;
-            let poses = as_poses(&states);
-            for (n, lost_s) in LOST_S.into_iter().enumerate() {
-                off[n].push(drift_m(&states, one.ns(LOST_AT_S), lost_s, truth));
-                let until_s = LOST_AT_S + lost_s;
-                images[n].push(imaged(&one.seen(&poses, until_s - WINDOW_S, until_s)).to_vec());
+            let poses = pose_samples(&states);
+            for (n, lost_s) in OUTAGE_DURATIONS_S.into_iter().enumerate() {
+                off[n].push(drift_m(&states, one.ns(OUTAGE_START_S), lost_s, truth));
+                let until_s = OUTAGE_START_S + lost_s;
+                images[n].push(image_errors(&one.seen(&poses, until_s - WINDOW_S, until_s)).to_vec());
             }
         }
         let share = |share: f64| off.iter().map(|off| quantile(off, share)).collect();
@@ -56,15 +59,15 @@ impl Lost {
     fn sharp_s(&self) -> f64 {
         let is_sharp = |image: &&Vec<f64>| image[2] <= SHARP_M && image[1] <= SHARP_RATIO * self.images[0][1];
         let sharp = self.images.iter().take_while(is_sharp).count();
-        sharp.checked_sub(1).map_or(0.0, |last| LOST_S[last])
+        sharp.checked_sub(1).map_or(0.0, |last| OUTAGE_DURATIONS_S[last])
     }
 }
 
-pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[Swung]) {
-    let lost: Vec<Lost> = PARTS.iter().map(|part| Lost::of(part, swung)).collect();
+pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[SwingTrial]) {
+    let lost: Vec<OutageResults> = IMU_PARTS.iter().map(|part| OutageResults::of(part, swung)).collect();
     let mut rows = Vec::new();
-    for (part, lost) in PARTS.iter().zip(&lost) {
-        for (n, lost_s) in LOST_S.iter().enumerate() {
+    for (part, lost) in IMU_PARTS.iter().zip(&lost) {
+        for (n, lost_s) in OUTAGE_DURATIONS_S.iter().enumerate() {
             let image = &lost.images[n];
             rows.push(vec![
                 part.name.to_owned(),
@@ -78,7 +81,7 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[Swung]) 
         }
     }
     let alone = tracker_alone(swung);
-    for (lost_s, image) in LOST_S.iter().zip(&alone) {
+    for (lost_s, image) in OUTAGE_DURATIONS_S.iter().zip(&alone) {
         rows.push(vec![
             "none: the tracker alone".into(),
             format!("{lost_s}"),
@@ -89,9 +92,9 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[Swung]) 
             mm(image[2]),
         ]);
     }
-    let sharp = lost.iter().map(Lost::sharp_s).collect::<Vec<_>>();
+    let sharp = lost.iter().map(OutageResults::sharp_s).collect::<Vec<_>>();
     let ((one_s, five_s), phone) = ((4, 6), &lost[1]);
-    outcome.finds(
+    outcome.add_finding(
         "Combined with other sensors an IMU improves accuracy and robustness (2.6.1).",
         phone.images[one_s][2] <= SHARP_M && phone.images[one_s][2] < alone[one_s][2],
         format!(
@@ -101,7 +104,7 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[Swung]) 
         ),
     );
     let by_itself_m = drift_of(drifts, "ICM-42688-P, swinging, zeroed")[3];
-    outcome.finds(
+    outcome.add_finding(
         "More realistic than an IMU by itself is one together with another positioning system (5.7).",
         phone.pose_m[five_s] < 0.5 * by_itself_m,
         format!(
@@ -122,7 +125,7 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[Swung]) 
     // On a logarithmic axis no outage has no place.
     let series = |name: &str, values: Vec<f64>| Series {
         name: name.into(),
-        points: LOST_S.iter().zip(values).skip(1).map(|(s, v)| [*s, v]).collect(),
+        points: OUTAGE_DURATIONS_S.iter().zip(values).skip(1).map(|(s, v)| [*s, v]).collect(),
         joined: true,
     };
     let chart = |title: &str, y_label: &str, series: Vec<Series>| Chart {
@@ -133,8 +136,8 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[Swung]) 
         y_log: true,
         series,
     };
-    let each = |of: &dyn Fn(&Lost) -> Vec<f64>| {
-        PARTS.iter().zip(&lost).map(|(part, lost)| series(part.name, of(lost))).collect::<Vec<_>>()
+    let each = |of: &dyn Fn(&OutageResults) -> Vec<f64>| {
+        IMU_PARTS.iter().zip(&lost).map(|(part, lost)| series(part.name, of(lost))).collect::<Vec<_>>()
     };
     let scaled = |values: &[f64], by: f64| values.iter().map(|v| v * by).collect::<Vec<f64>>();
     let pose = chart(
@@ -159,17 +162,17 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[Swung]) 
     outcome.draw("outage-footprint", size.draw(), "What at least half of the greatest value fills, least squares over voxels of 4 cm. A drift of centimetres shifts such an image; it hardly blurs it, since the pulse is 14 cm long.");
 }
 
-/// Medians of [`imaged()`] for each of [`LOST_S`] without any unit.
-fn tracker_alone(swung: &[Swung]) -> Vec<Vec<f64>> {
+/// Medians of [`image_errors()`] for each of [`OUTAGE_DURATIONS_S`] without any unit.
+fn tracker_alone(swung: &[SwingTrial]) -> Vec<Vec<f64>> {
     let of = |lost_s: &f64| {
-        let until_s = LOST_AT_S + lost_s;
+        let until_s = OUTAGE_START_S + lost_s;
         let images = swung.iter().map(|one| {
-            let (gone_ns, back_ns) = (one.ns(LOST_AT_S), one.ns(until_s));
+            let (gone_ns, back_ns) = (one.ns(OUTAGE_START_S), one.ns(until_s));
             let is_there = |pose: &&PoseSample| !(gone_ns..back_ns).contains(&pose.time_ns);
             let poses: Vec<PoseSample> = one.simulated.poses.iter().filter(is_there).copied().collect();
-            imaged(&one.seen(&poses, until_s - WINDOW_S, until_s)).to_vec()
+            image_errors(&one.seen(&poses, until_s - WINDOW_S, until_s)).to_vec()
         });
         medians(&images.collect::<Vec<_>>())
     };
-    LOST_S.iter().map(of).collect()
+    OUTAGE_DURATIONS_S.iter().map(of).collect()
 }

@@ -2,24 +2,28 @@
 
 use glam::DVec3;
 
-use super::super::imaged::{THESIS_VOXEL_M, chosen, volume};
+use super::super::imaging_methods::{THESIS_VOXEL_M, chosen, volume};
 use super::super::{Outcome, cm, head, mm};
+use super::dead_reckoning::dead_reckon;
 use super::drifts::{Drift, drift_of};
-use super::reckoning::reckoned;
-use super::{PARTS, REST_S, SHARP_M, SWEEPS, SWUNG_S, Swung, as_poses, imaged, medians};
+use super::{IMU_PARTS, REST_S, SHARP_M, SWEEPS, SWING_DURATIONS_S, SwingTrial, image_errors, medians, pose_samples};
 use crate::imaging::{Selection, Statistic};
 use crate::report::{Marks, Table, cross_sections};
 use crate::tracking::PoseSample;
 
-/// Medians of [`imaged()`] for each source of poses and each of [`SWUNG_S`].
+/// Medians of [`image_errors()`] for each source of poses and each of [`SWING_DURATIONS_S`].
 pub(super) type SwingImages = Vec<(&'static str, Vec<Vec<f64>>)>;
 
-pub(super) fn swing_images(outcome: &mut Outcome, swung: &[Swung]) -> SwingImages {
-    let sources =
-        [("the arm's angle", None), (PARTS[0].name, Some(0)), (PARTS[1].name, Some(1)), (PARTS[2].name, Some(2))];
+pub(super) fn swing_images(outcome: &mut Outcome, swung: &[SwingTrial]) -> SwingImages {
+    let sources = [
+        ("the arm's angle", None),
+        (IMU_PARTS[0].name, Some(0)),
+        (IMU_PARTS[1].name, Some(1)),
+        (IMU_PARTS[2].name, Some(2)),
+    ];
     let mut figures = Vec::new();
     for (name, part) in sources {
-        let mut rows = vec![Vec::new(); SWUNG_S.len()];
+        let mut rows = vec![Vec::new(); SWING_DURATIONS_S.len()];
         for one in swung {
             let until_ns = one.ns(REST_S);
             let poses = match part {
@@ -29,11 +33,11 @@ pub(super) fn swing_images(outcome: &mut Outcome, swung: &[Swung]) -> SwingImage
                     .iter()
                     .map(|pose| PoseSample::valid(pose.time_ns, &one.path.at(pose.time_ns).tracking_from_body))
                     .collect(),
-                Some(part) => as_poses(&reckoned(&one.path.imu(&PARTS[part]), &one.path, until_ns, true)),
+                Some(part) => pose_samples(&dead_reckon(&one.path.imu(&IMU_PARTS[part]), &one.path, until_ns, true)),
             };
-            for (n, swung_s) in SWUNG_S.into_iter().enumerate() {
+            for (n, swung_s) in SWING_DURATIONS_S.into_iter().enumerate() {
                 let recorded = one.seen(&poses, REST_S, REST_S + swung_s);
-                rows[n].push(imaged(&recorded).to_vec());
+                rows[n].push(image_errors(&recorded).to_vec());
                 if recorded.seed == 1 && swung_s == 4.0 && part != Some(2) {
                     let sweeps = chosen(&recorded, SWEEPS, Selection::FarthestPoint);
                     let path: Vec<DVec3> = sweeps.iter().map(|sweep| sweep.tracking_from_sensor.translation).collect();
@@ -55,7 +59,7 @@ pub(super) fn swing_images(outcome: &mut Outcome, swung: &[Swung]) -> SwingImage
         let each = |(swung_s, f): (&f64, &Vec<f64>)| {
             vec![(*name).to_owned(), format!("{swung_s:.0}"), cm(f[0]), format!("{:.1}", f[1]), mm(f[2])]
         };
-        SWUNG_S.iter().zip(of_times).map(each).collect()
+        SWING_DURATIONS_S.iter().zip(of_times).map(each).collect()
     };
     outcome.tables.push(Table {
         head: head(&["poses by", "first seconds of the swing", "thesis: error (cm)", "footprint (l)", "ours: error (mm)"]),
@@ -67,7 +71,7 @@ pub(super) fn swing_images(outcome: &mut Outcome, swung: &[Swung]) -> SwingImage
 
 pub(super) fn swing_findings(outcome: &mut Outcome, drifts: &[Drift], of_swing: &SwingImages) {
     let figure = |source: usize, time: usize, which: usize| of_swing[source].1[time][which];
-    outcome.finds(
+    outcome.add_finding(
         "Noise and drift make the IMU impossible to use for imaging.",
         (figure(1, 3, 2) > 0.1).then_some(true).or((figure(1, 0, 2) < SHARP_M && figure(1, 3, 2) < SHARP_M).then_some(false)),
         format!(
@@ -75,8 +79,8 @@ pub(super) fn swing_findings(outcome: &mut Outcome, drifts: &[Drift], of_swing: 
             mm(figure(1, 0, 2)), mm(figure(1, 2, 2)), mm(figure(1, 3, 2)), mm(figure(0, 3, 2))
         ),
     );
-    let after_5_s = PARTS.map(|part| drift_of(drifts, &format!("{}, swinging, zeroed", part.name))[3]);
-    outcome.finds(
+    let after_5_s = IMU_PARTS.map(|part| drift_of(drifts, &format!("{}, swinging, zeroed", part.name))[3]);
+    outcome.add_finding(
         "An improved IMU gives accurate positions for longer, and a second of sweeps suffices: it could still be feasible (5.7).",
         after_5_s[1] < 0.5 * after_5_s[0] && figure(2, 0, 2) < SHARP_M,
         format!(
@@ -84,7 +88,7 @@ pub(super) fn swing_findings(outcome: &mut Outcome, drifts: &[Drift], of_swing: 
             cm(after_5_s[0]), cm(after_5_s[1]), mm(figure(2, 0, 2))
         ),
     );
-    outcome.finds(
+    outcome.add_finding(
         "Accurate tracking by inertia alone takes sophisticated and expensive IMUs (2.6.1).",
         figure(3, 3, 2) < SHARP_M && figure(2, 3, 2) > SHARP_M,
         format!(

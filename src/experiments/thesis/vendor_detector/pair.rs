@@ -2,39 +2,39 @@
 
 use glam::DVec3;
 
-use super::super::imaged::chosen;
+use super::super::imaging_methods::chosen;
 use super::super::{ExperimentError, Outcome, Trials, head, mm};
+use super::detector_run::{DetectorRun, WindowWithTruth};
 use super::picture::draw_look;
-use super::watched::{Sight, Watched};
-use super::{FREE, FREE_CONFIG, FREE_S, ROBOT, ROBOT_S, SWEEPS};
-use crate::experiments::recorded::quantile;
+use super::{FREE_CONFIG, FREE_DURATION_S, FREE_MOTIONS, ROBOT, ROBOT_DURATION_S, SWEEPS};
+use crate::baselines::{DetectorConfig, Reflection};
+use crate::experiments::trial_recording::quantile;
 use crate::imaging::{PositionErrors, RangePower, Selection, split};
-use crate::peers::{DetectorConfig, Reflection};
 use crate::radar::Beam;
 use crate::report::Table;
 
 /// Straight on and freely, the finding.
 pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), ExperimentError> {
     let trips = [
-        (ROBOT.0, "straight on at 0.3 m/s", DetectorConfig::default(), ROBOT_S),
-        (FREE[0].0, FREE[0].1, FREE_CONFIG, FREE_S),
+        (ROBOT.0, "straight on at 0.3 m/s", DetectorConfig::default(), ROBOT_DURATION_S),
+        (FREE_MOTIONS[0].0, FREE_MOTIONS[0].1, FREE_CONFIG, FREE_DURATION_S),
     ];
-    let (mut rows, mut told, mut both_shares, mut parted) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut rows, mut told, mut both_shares, mut split_pair) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (motion, words, config, duration_s) in trips {
         let (mut looks, mut both, mut wrong) = (0usize, 0usize, 0usize);
         // Looks, and those that show both, by whether the speeds are at least two bins apart.
         let mut by_speed = [[0usize; 2]; 2];
         let (mut two, mut off) = (0usize, Vec::new());
         for seed in 1..=trials.seeds {
-            let watched = Watched::of("pair", motion, &config, duration_s, seed)?;
+            let watched = DetectorRun::of("pair", motion, &config, duration_s, seed)?;
             let [left, right] = watched.things_m[..] else { continue };
-            let asked: Vec<&Sight> = watched
-                .asked(&config, left)
-                .filter(|sight| watched.asked(&config, right).any(|other| std::ptr::eq(*sight, other)))
+            let detectable: Vec<&WindowWithTruth> = watched
+                .detectable(&config, left)
+                .filter(|sight| watched.detectable(&config, right).any(|other| std::ptr::eq(*sight, other)))
                 .collect();
-            for sight in &asked {
+            for sight in &detectable {
                 looks += 1;
-                let shown = |place| sight.look.reflections.iter().position(|found| sight.shows(found, place));
+                let shown = |place| sight.look.reflections.iter().position(|found| sight.matches(found, place));
                 // Each by a reflection of its own.
                 let are_both = matches!((shown(left), shown(right)), (Some(a), Some(b)) if a != b);
                 both += usize::from(are_both);
@@ -42,17 +42,17 @@ pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experim
                 let of_speed = &mut by_speed[usize::from(apart >= 2.0 * sight.look.spectrum.bin_m_per_s)];
                 of_speed[0] += 1;
                 of_speed[1] += usize::from(are_both);
-                let of_neither = |found: &&Reflection| !sight.shows(found, left) && !sight.shows(found, right);
+                let of_neither = |found: &&Reflection| !sight.matches(found, left) && !sight.matches(found, right);
                 wrong += usize::from(sight.look.reflections.iter().filter(of_neither).count() > 0);
             }
             if seed == 1
                 && motion == ROBOT.0
-                && let Some(sight) = asked.get(asked.len() / 2)
+                && let Some(sight) = detectable.get(detectable.len() / 2)
             {
                 let title = "Two reflectors 20 cm apart, as a robot comes near";
                 draw_look(outcome, "pair-range-and-speed", title, sight, &watched.things_m);
             }
-            if let Some(found) = watched.parted(duration_s) {
+            if let Some(found) = watched.split_pair(duration_s) {
                 two += 1;
                 let apart = |a: DVec3, b: DVec3| a.distance(left).max(b.distance(right));
                 off.push(apart(found[0], found[1]).min(apart(found[1], found[0])));
@@ -84,9 +84,9 @@ pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experim
             mm(off_m)
         ));
         both_shares.push(share(both));
-        parted.push(two as u64 == trials.seeds && off_m < 0.05);
+        split_pair.push(two as u64 == trials.seeds && off_m < 0.05);
     }
-    outcome.finds(
+    outcome.add_finding(
         "Each bin of the transform is another speed to the robot (2.5): so two things at one range are two by their speeds.",
         both_shares.iter().all(|share| *share > 50.0),
         told.join("; "),
@@ -110,10 +110,10 @@ pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experim
     Ok(())
 }
 
-impl Watched {
+impl DetectorRun {
     /// Ours of two: the place, split where the sweeps say that there are two.
-    fn parted(&self, time_s: f64) -> Option<[DVec3; 2]> {
-        let refined = self.placed_until(time_s)?;
+    fn split_pair(&self, time_s: f64) -> Option<[DVec3; 2]> {
+        let refined = self.located_until(time_s)?;
         let sweeps = chosen(&self.recorded, SWEEPS, Selection::FarthestPoint);
         let power = RangePower::new(&sweeps, &Beam::Lensless, 0.15);
         let both = split(&power, &refined, &PositionErrors::default())?;

@@ -3,12 +3,12 @@
 use glam::DVec3;
 
 use super::super::Outcome;
-use super::watched::Sight;
+use super::detector_run::WindowWithTruth;
 use crate::math;
 use crate::report::HeatChart;
 
 /// A window as a picture, with what is there and what was found.
-pub(super) fn draw_look(outcome: &mut Outcome, name: &str, title: &str, sight: &Sight, things_m: &[DVec3]) {
+pub(super) fn draw_look(outcome: &mut Outcome, name: &str, title: &str, sight: &WindowWithTruth, things_m: &[DVec3]) {
     let spectrum = &sight.look.spectrum;
     let count = spectrum.bins.len();
     let mut bins: Vec<usize> = (0..count).collect();

@@ -8,8 +8,8 @@ use glam::{DMat2, DVec2, DVec3};
 use crate::engine::Settings;
 use crate::geometry::Pose;
 use crate::live::{Published, Reconstruction};
-use crate::obstacles::{Moving, Obstacle, Wall};
-use crate::panel::{Head, Health, Mover, PanelView, Plan, SensorHealth, Thing, hull};
+use crate::obstacles::{MovingTarget, Obstacle, Wall};
+use crate::panel::{Head, Health, PanelView, Plan, PlanMovingTarget, PlanObstacle, SensorHealth, hull};
 
 /// A beam ends where its two-way amplitude is down to this.
 const BEAM_FLOOR: f64 = 0.25;
@@ -106,13 +106,13 @@ pub(super) fn view(
     let mut health = Health {
         sensor: match facts.sensor {
             None => SensorHealth::Missing,
-            Some(_) if !rates.is_known => SensorHealth::Begins,
+            Some(_) if !rates.is_known => SensorHealth::Starting,
             Some(_) if rates.sweeps_per_s < 1.0 => SensorHealth::Silent,
             Some(_) => SensorHealth::Streaming { sweeps_per_s: rates.sweeps_per_s, lost_percent: rates.lost_percent },
         },
         is_tracked: facts.is_tracked,
         poses_per_s: rates.poses_per_s,
-        is_alive: facts.is_alive == Some(true),
+        is_running: facts.is_alive == Some(true),
         settings_trouble,
         ..Health::default()
     };
@@ -131,7 +131,7 @@ fn fill(health: &mut Health, published: &Published, now_ns: i64) {
     let scene = &published.scene;
     health.obstacles = scene.obstacles.len();
     let remembered_walls = scene.walls.iter().filter(|wall| wall.provisional && self::wall(wall).is_some()).count();
-    health.remembered = scene.obstacles.iter().filter(|obstacle| obstacle.provisional).count() + remembered_walls;
+    health.restored = scene.obstacles.iter().filter(|obstacle| obstacle.provisional).count() + remembered_walls;
     if published.newest_sweep_ns > 0 {
         let age_s = now_ns.saturating_sub(published.newest_sweep_ns) as f64 * 1e-9;
         health.age_s = Some(age_s.max(0.0).floor());
@@ -148,7 +148,7 @@ fn plan(facts: &Facts, settings: &Settings, published: Option<&Published>) -> Pl
     let (Some(published), Some(standing_from_session)) = (published, &facts.standing_from_session) else { return plan };
     let scene = published.scene.moved(standing_from_session);
     plan.walls_m = scene.walls.iter().filter_map(wall).collect();
-    plan.things = scene.obstacles.iter().map(|obstacle| thing(obstacle, plan.head, settings)).collect();
+    plan.obstacles = scene.obstacles.iter().map(|obstacle| thing(obstacle, plan.head, settings)).collect();
     plan.moving = scene.moving.iter().filter_map(mover).collect();
     plan
 }
@@ -161,8 +161,8 @@ fn head(standing_from_head: &Pose, settings: &Settings) -> Head {
     let at = standing_from_head.translation;
     Head {
         at_m: [at.x, at.z].map(|v| (v * 50.0).round() / 50.0),
-        looks: [angle.cos(), angle.sin()],
-        beam_rad: settings.radar.beam.cos_where_amplitude_falls_below(BEAM_FLOOR).acos(),
+        forward: [angle.cos(), angle.sin()],
+        beam_rad: settings.radar.beam.cut_off_cos(BEAM_FLOOR).acos(),
         beam_m: settings.rooms.blocks.max_range_m,
     }
 }
@@ -181,14 +181,15 @@ fn wall(wall: &Wall) -> Option<[[f64; 2]; 2]> {
 }
 
 /// To five centimetres; `None` for what is nowhere.
-fn mover(moving: &Moving) -> Option<Mover> {
+fn mover(moving: &MovingTarget) -> Option<PlanMovingTarget> {
     let level = |place: DVec3| [place.x, place.z].map(|v| (v * 20.0).round() / 20.0);
-    let mover = Mover { from_m: level(moving.seen_from.translation), arc_m: moving.arc_m().map(level).collect() };
+    let mover =
+        PlanMovingTarget { from_m: level(moving.seen_from.translation), arc_m: moving.arc_m().map(level).collect() };
     let is_somewhere = mover.arc_m.iter().chain([&mover.from_m]).all(|[x, z]| x.is_finite() && z.is_finite());
     is_somewhere.then_some(mover)
 }
 
-fn thing(obstacle: &Obstacle, head: Option<Head>, settings: &Settings) -> Thing {
+fn thing(obstacle: &Obstacle, head: Option<Head>, settings: &Settings) -> PlanObstacle {
     let level = |place: DVec3| [place.x, place.z];
     let mut places: Vec<[f64; 2]> = obstacle.shape.iter().map(|(place, _)| level(*place)).collect();
     if places.is_empty() {
@@ -200,12 +201,12 @@ fn thing(obstacle: &Obstacle, head: Option<Head>, settings: &Settings) -> Thing 
     let distance_m = |place: &[f64; 2], from: [f64; 2]| DVec2::from_array(*place).distance(DVec2::from_array(from));
     let is_near = head
         .is_some_and(|head| places.iter().any(|place| distance_m(place, head.at_m) < settings.warning.fade_distance_m));
-    Thing {
+    PlanObstacle {
         outline_m: hull(&places),
         at_m: level(obstacle.position_m),
         sigma_m: axes(obstacle),
         is_near,
-        is_remembered: obstacle.provisional,
+        is_restored: obstacle.provisional,
     }
 }
 

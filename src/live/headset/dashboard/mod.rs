@@ -23,9 +23,9 @@ pub(super) use work::{PanelSources, PanelWork};
 use self::placard::Placard;
 use self::troubles::Troubles;
 use super::graphics::Graphics;
+use crate::openvr::{DashboardTab, OpenVrError, Runtime, TabEvent};
 use crate::panel::{self, Notice};
 use crate::render::RenderError;
-use crate::steamvr::{DashboardTab, Runtime, SteamVrError, TabEvent};
 
 /// Between two looks whether the tab is shown, nanoseconds; events bring one forward.
 const LOOK_NS: i64 = 250_000_000;
@@ -183,7 +183,7 @@ impl Dashboard {
         self.wanted = trouble.filter(|_| facts.may_notify && !self.is_open);
         let Some(placard) = &mut self.placard else { return };
         if let Some(notice) = self.wanted.filter(|_| self.wanted != self.logged) {
-            log::warn!("the headset says: {}", notice.says());
+            log::warn!("the headset says: {}", notice.headline());
             self.logged = self.wanted;
         }
         let has_faded = placard.turn(now_ns, self.wanted);
@@ -196,7 +196,7 @@ impl Dashboard {
     }
 
     /// What the runtime refuses is logged once.
-    fn told(&mut self, what: &str, done: Result<(), SteamVrError>) {
+    fn told(&mut self, what: &str, done: Result<(), OpenVrError>) {
         if let Err(error) = done
             && !self.is_refused
         {
@@ -225,7 +225,7 @@ impl Dashboard {
     /// Gives the runtime what is drawn.
     fn hand_over(&mut self, graphics: &Graphics) {
         let Some((drawing, _)) = self.under_way.take_if(|(_, is_done)| is_done.load(Ordering::Acquire)) else { return };
-        if let Some(texture) = graphics.device.handover(&drawing.texture) {
+        if let Some(texture) = graphics.device.texture_handles(&drawing.texture) {
             let handed = match (drawing.picture, &self.tab, &mut self.placard) {
                 (Picture::Panel, Some(tab), _) => tab.set_picture(&texture),
                 (Picture::Thumbnail, Some(tab), _) => tab.set_thumbnail(&texture),

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 
 use crate::geometry::Pose;
+use crate::openvr::{OpenVrError, Overlay, Runtime, VulkanTexture};
 use crate::panel::Notice;
-use crate::steamvr::{Overlay, Runtime, SteamVrError, VulkanTexture};
 
 /// So far away, and so far below the straight look that it hides little of the game, metres.
 const AWAY_M: f64 = 1.2;
@@ -30,13 +30,13 @@ pub(super) struct Placard {
 impl Placard {
     /// # Errors
     /// The runtime refuses.
-    pub fn new(runtime: &Arc<Runtime>) -> Result<Self, SteamVrError> {
+    pub fn new(runtime: &Arc<Runtime>) -> Result<Self, OpenVrError> {
         let overlay = Overlay::new(runtime, "radar-chaperone.notice", "Radar chaperone, notice")?;
         overlay.set_width_m(WIDTH_M)?;
         overlay.set_sort_order(ORDER)?;
         let middle = DVec3::new(0.0, -BELOW_M, -AWAY_M);
         // Facing the eyes.
-        overlay.set_place_on_head(&Pose::new(middle, DQuat::from_rotation_x(-(BELOW_M / AWAY_M).atan())))?;
+        overlay.set_pose_on_head(&Pose::new(middle, DQuat::from_rotation_x(-(BELOW_M / AWAY_M).atan())))?;
         Ok(Self { overlay, says: None, alpha: 0.0, turned_ns: i64::MIN })
     }
 
@@ -44,7 +44,7 @@ impl Placard {
     ///
     /// # Errors
     /// The runtime refuses.
-    pub fn set_picture(&mut self, notice: Notice, texture: &VulkanTexture) -> Result<(), SteamVrError> {
+    pub fn set_picture(&mut self, notice: Notice, texture: &VulkanTexture) -> Result<(), OpenVrError> {
         self.says = Some(notice);
         self.overlay.set_texture(texture)
     }
@@ -54,7 +54,7 @@ impl Placard {
     ///
     /// # Errors
     /// The runtime refuses.
-    pub fn turn(&mut self, now_ns: i64, wanted: Option<Notice>) -> Result<bool, SteamVrError> {
+    pub fn turn(&mut self, now_ns: i64, wanted: Option<Notice>) -> Result<bool, OpenVrError> {
         let past_ns = now_ns.saturating_sub(self.turned_ns).clamp(0, FADE_NS);
         self.turned_ns = now_ns;
         let step = past_ns as f32 / FADE_NS as f32;

@@ -47,20 +47,20 @@ impl Troubles {
         };
         match (seen, self.now) {
             // What turns into another trouble of the sensor is not said sooner for it: one that comes and goes would be said without end.
-            (Seen::Wrong(wrong), Some((before, since_ns))) if before != Notice::WellAgain => {
+            (Seen::Wrong(wrong), Some((before, since_ns))) if before != Notice::Recovered => {
                 let is_graver = wrong == Notice::MapStopped && before != wrong;
                 self.now = Some((wrong, if is_graver { now_ns } else { since_ns }));
             }
             (Seen::Wrong(wrong), _) => self.now = Some((wrong, now_ns)),
-            (Seen::Well, Some((before, _))) if before != Notice::WellAgain => {
-                self.now = Some((Notice::WellAgain, now_ns));
+            (Seen::Well, Some((before, _))) if before != Notice::Recovered => {
+                self.now = Some((Notice::Recovered, now_ns));
             }
             _ => {}
         }
         let (notice, since_ns) = self.now?;
         let lasted_ns = now_ns.saturating_sub(since_ns).max(0);
         let is_said = match notice {
-            Notice::WellAgain => lasted_ns < WELL_NS,
+            Notice::Recovered => lasted_ns < WELL_NS,
             _ => lasted_ns % AGAIN_NS < SAID_NS,
         };
         is_said.then_some(notice)
@@ -117,7 +117,7 @@ mod tests {
         let said = said(|s| Some(if s < 150 { s.min(10) as u64 } else { s as u64 }), 200);
         let silent: Vec<usize> = (15..23).chain(75..83).chain(135..143).collect();
         assert_eq!(times(&said, Notice::SensorSilent), silent);
-        assert_eq!(times(&said, Notice::WellAgain), [150, 151, 152]);
+        assert_eq!(times(&said, Notice::Recovered), [150, 151, 152]);
     }
 
     #[test]
@@ -140,7 +140,7 @@ mod tests {
         assert_eq!(times(&said, Notice::SensorSilent), [0; 0]);
         assert_eq!(times(&said, Notice::NoSensor), (13..21).collect::<Vec<_>>());
         assert_eq!(times(&said, Notice::SensorGone), (104..112).collect::<Vec<_>>());
-        assert_eq!(times(&said, Notice::WellAgain), [44, 45, 46, 134, 135, 136]);
+        assert_eq!(times(&said, Notice::Recovered), [44, 45, 46, 134, 135, 136]);
     }
 
     #[test]
@@ -148,7 +148,7 @@ mod tests {
         for (there, away) in [(2, 3), (20, 3)] {
             let said = said(|s| (s % (there + away) < there).then_some(0), 200);
             let any = said.iter().filter(|notice| notice.is_some()).count();
-            assert!((16..=32).contains(&any) && times(&said, Notice::WellAgain).is_empty(), "{said:?}");
+            assert!((16..=32).contains(&any) && times(&said, Notice::Recovered).is_empty(), "{said:?}");
         }
     }
 

@@ -17,8 +17,8 @@ use super::facts::{Facts, Rates, view};
 use super::{Drawing, Input, Picture};
 use crate::engine::Settings;
 use crate::live::{Change, Reconstruction, SettingsDesk, now_ns};
-use crate::panel::{self, Notice, PanelView, Wishes};
-use crate::steamvr::TabEvent;
+use crate::openvr::TabEvent;
+use crate::panel::{self, Notice, PanelActions, PanelView};
 
 /// Between two pictures, nanoseconds: 30 a second.
 const SOONEST_NS: i64 = 33_000_000;
@@ -197,16 +197,16 @@ impl PanelWork {
         let is_release = |event: &Event| matches!(event, Event::PointerButton { pressed: false, .. });
         let until = self.events.iter().position(is_release).map_or(self.events.len(), |at| at + 1);
         let events = self.events.drain(..until).collect();
-        let mut wishes = Wishes::default();
+        let mut wishes = PanelActions::default();
         let output = self.context.run_ui(input(panel::SIZE, now_ns, events), |ui| {
-            let Wishes { changes, forget_room } = panel::panel(ui, &view);
+            let PanelActions { changes, forget_room } = panel::panel(ui, &view);
             wishes.changes.extend(changes);
             wishes.forget_room |= forget_room;
         });
         if wishes.forget_room {
             self.forget_room.store(true, Ordering::Relaxed);
         }
-        for panel::Change { name, value } in wishes.changes {
+        for panel::SettingChange { name, value } in wishes.changes {
             log::debug!("the panel: {name} = {value}");
             self.show_at_once(name, &value);
             desk.change(Change { name: name.to_owned(), value });

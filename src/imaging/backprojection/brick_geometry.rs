@@ -1,0 +1,283 @@
+//! How sixteen sweeps see a brick of 4 × 4 × 4 voxels: out of range or beam, wholly inside, or across an edge.
+//!
+//! Inside, distances are expanded to third order about the brick's centre, d ≈ r + q + (|δ|² − q²)(1 − q/r)/2r with q = u·δ,
+//! whose error is at most ρ⁴/(8 r³ (1 − ρ/r)³): no root for each voxel. A brick is inside only where that error is small and
+//! all its ranges fit the window of table entries that is held in registers. Where an edge of range or beam crosses the brick,
+//! or the sensor is near or within it, each voxel is taken by itself, with a root and a test.
+
+use super::lanes::{LANES, Lanes, WIDE_WINDOW, WINDOW};
+use super::sweep_stack::{Group, SweepStack};
+
+use crate::math;
+
+/// Voxels along a brick's edge.
+pub const EDGE: usize = 4;
+/// Voxels in a brick.
+pub const VOXELS: usize = EDGE * EDGE * EDGE;
+
+/// Voxels of one size, and what follows from it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct BrickShape {
+    pub voxel_m: f32,
+    /// From the brick's centre to its outermost voxel centres, along an axis and across.
+    pub half_m: f32,
+    pub radius_m: f32,
+    /// Nearest distance at which the expansion is good enough.
+    nearest_m: f32,
+}
+
+impl BrickShape {
+    /// `error_m`: largest error of a distance.
+    pub(super) fn new(voxel_m: f64, error_m: f64) -> Self {
+        let half_m = voxel_m * (EDGE as f64 - 1.0) * 0.5;
+        let radius_m = half_m * 3f64.sqrt();
+        let nearest_m = radius_m + math::cbrt(radius_m.powi(4) / (8.0 * error_m));
+        Self {
+            voxel_m: voxel_m as f32,
+            half_m: half_m as f32,
+            radius_m: radius_m as f32,
+            nearest_m: nearest_m.max(2.0 * radius_m) as f32,
+        }
+    }
+
+    /// Voxel centres along an axis from the brick's centre, metres.
+    #[inline(always)]
+    pub(super) fn heights(&self) -> [f32; EDGE] {
+        let v = self.voxel_m;
+        [-1.5 * v, -0.5 * v, 0.5 * v, 1.5 * v]
+    }
+}
+
+/// Sweeps in lanes: sixteen, or one in all of them.
+pub(super) struct Sweeps<S: Lanes> {
+    pub position: [S::F; 3],
+    pub velocity: [S::F; 3],
+    pub forward: [S::F; 3],
+    pub first: S::F,
+    pub last: S::F,
+    pub per_m: S::F,
+    pub time_per_m: S::F,
+    pub time_at_zero: S::F,
+}
+
+impl<S: Lanes> Sweeps<S> {
+    /// The sixteen sweeps of a group.
+    #[inline(always)]
+    pub(super) fn sixteen(s: S, group: &Group) -> Self {
+        Self {
+            position: load3(s, &group.position_m),
+            velocity: load3(s, &group.velocity_m_per_s),
+            forward: load3(s, &group.forward),
+            first: s.load(&group.first_m),
+            last: s.load(&group.last_m),
+            per_m: s.load(&group.entries_per_m),
+            time_per_m: s.load(&group.time_s_per_m),
+            time_at_zero: s.load(&group.time_at_zero_s),
+        }
+    }
+
+    /// Sweep `l` of a group in every lane.
+    #[inline(always)]
+    pub(super) fn one(s: S, group: &Group, l: usize) -> Self {
+        Self {
+            position: lane3(s, &group.position_m, l),
+            velocity: lane3(s, &group.velocity_m_per_s, l),
+            forward: lane3(s, &group.forward, l),
+            first: s.splat(group.first_m[l]),
+            last: s.splat(group.last_m[l]),
+            per_m: s.splat(group.entries_per_m[l]),
+            time_per_m: s.splat(group.time_s_per_m[l]),
+            time_at_zero: s.splat(group.time_at_zero_s[l]),
+        }
+    }
+}
+
+/// How sweeps and bricks see each other, lane by lane: sixteen sweeps before one brick, or one sweep before sixteen.
+pub(super) struct Sight {
+    /// Sweeps that see every voxel, and those of which an edge may cross the brick.
+    pub inside: u16,
+    pub edge: u16,
+    /// Those whose table entries over the brick fit a wide window.
+    pub wide: u16,
+    /// Unit vector from the sensor to the brick's centre, and from the pose in the middle of the sweep.
+    pub toward: [[f32; LANES]; 3],
+    /// The brick's centre from the pose in the middle of the sweep.
+    pub offset_from_pose_m: [[f32; LANES]; 3],
+    /// Distance of the centre, ½ of its inverse and of its inverse's square.
+    pub distance_m: [f32; LANES],
+    pub half_per_m: [f32; LANES],
+    pub half_per_m2: [f32; LANES],
+    /// What a deviation from the centre's distance is multiplied by: the sensor moves while it samples.
+    pub stretch: [f32; LANES],
+    /// The same in table entries.
+    pub entries_per_m: [f32; LANES],
+    /// First entry of the window, and the centre's entry relative to it.
+    pub window: [i32; LANES],
+    pub entry: [f32; LANES],
+    /// Cosine to the boresight of the centre.
+    pub cos: [f32; LANES],
+    /// Distance of the centre from the pose in the middle of the sweep.
+    pub pose_distance_m: [f32; LANES],
+}
+
+impl Sight {
+    /// Sixteen sweeps before a brick whose centre is given relative to the stack's origin.
+    #[inline(always)]
+    pub(super) fn new<S: Lanes>(s: S, stack: &SweepStack, group: &Group, center: [f32; 3], shape: &BrickShape) -> Self {
+        Self::between(s, stack, &Sweeps::sixteen(s, group), splat3(s, center), shape)
+    }
+
+    /// Lane by lane.
+    #[inline(always)]
+    pub(super) fn between<S: Lanes>(
+        s: S,
+        stack: &SweepStack,
+        sweeps: &Sweeps<S>,
+        center: [S::F; 3],
+        shape: &BrickShape,
+    ) -> Self {
+        let radius = s.splat(shape.radius_m);
+        let velocity = sweeps.velocity;
+        let from_pose = sub3(s, center, sweeps.position);
+        let pose_distance = s.sqrt(dot(s, from_pose, from_pose));
+        let (time_per_m, time_at_zero) = (sweeps.time_per_m, sweeps.time_at_zero);
+        let time = s.mul_add(pose_distance, time_per_m, time_at_zero);
+        let first = sub3(s, from_pose, scale3(s, velocity, time));
+        let time = s.mul_add(s.sqrt(dot(s, first, first)), time_per_m, time_at_zero);
+        let offset = sub3(s, from_pose, scale3(s, velocity, time));
+        let distance = s.sqrt(dot(s, offset, offset));
+        let per_m = s.div(s.splat(1.0), s.max(distance, s.splat(1e-6)));
+        let toward = scale3(s, offset, per_m);
+        let stretch = s.neg_mul_add(dot(s, toward, velocity), time_per_m, s.splat(1.0));
+        let cos = s.div(dot(s, from_pose, sweeps.forward), s.max(pose_distance, s.splat(1e-6)));
+
+        // Ranges of the voxels: at least the tangent plane's, at most that and the bend.
+        let half = s.splat(shape.half_m);
+        let reach = s.mul(s.add(s.abs(toward[0]), s.add(s.abs(toward[1]), s.abs(toward[2]))), half);
+        let slack = s.mul_add(s.abs(s.sub(stretch, s.splat(1.0))), radius, s.splat(1e-5));
+        let least = s.sub(s.sub(distance, reach), slack);
+        let bend = s.mul(s.mul(radius, radius), s.mul(per_m, s.splat(0.5)));
+        let most = s.add(s.add(distance, reach), s.add(bend, slack));
+        let (range_first, range_last, per_entry) = (sweeps.first, sweeps.last, sweeps.per_m);
+        let span = s.mul(s.sub(most, least), per_entry);
+        let fits = s.at_most(span, s.splat(WINDOW as f32 - 3.0));
+        let fits_wide = s.at_most(span, s.splat(WIDE_WINDOW as f32 - 4.0));
+        let mut inside = s.and(s.at_most(range_first, least), s.at_most(most, range_last));
+        inside = s.and(inside, s.and(fits, s.at_most(s.splat(shape.nearest_m), distance)));
+
+        // Whether some voxel may count: by the ball around the brick, which holds near and far.
+        let wide = s.add(radius, slack);
+        let mut some =
+            s.and(s.at_most(range_first, s.add(distance, wide)), s.at_most(s.sub(distance, wide), range_last));
+        if stack.beam.cut_cos > -1.0 {
+            // The direction to a voxel differs from the centre's by at most 2ρ/(2d − ρ).
+            let room = s.sub(s.add(pose_distance, pose_distance), radius);
+            let turn = s.div(s.add(radius, radius), s.max(room, s.splat(1e-6)));
+            let turn = s.add(turn, s.splat(1e-6));
+            let cut = s.splat(stack.beam.cut_cos);
+            let near = s.at_most(pose_distance, s.add(radius, radius));
+            some = s.and(some, s.or(near, s.at_most(cut, s.add(cos, turn))));
+            inside = s.and(inside, s.at_most(cut, s.sub(cos, turn)));
+        }
+        let inside = if stack.beam.solid { s.bits(inside) } else { 0 };
+
+        let start = s.max(s.floor(s.mul(s.sub(least, range_first), per_entry)), s.splat(0.0));
+        let start = s.min(start, s.splat(1e6));
+        let half_per_m = s.mul(per_m, s.splat(0.5));
+        Self {
+            inside,
+            edge: s.bits(some) & !inside,
+            wide: s.bits(fits_wide),
+            toward: store3(s, toward),
+            offset_from_pose_m: store3(s, from_pose),
+            distance_m: s.store(distance),
+            half_per_m: s.store(half_per_m),
+            half_per_m2: s.store(s.mul(half_per_m, per_m)),
+            stretch: s.store(stretch),
+            entries_per_m: s.store(s.mul(stretch, per_entry)),
+            window: s.store_int(s.to_int(start)),
+            entry: s.store(s.sub(s.mul(s.sub(distance, range_first), per_entry), start)),
+            cos: s.store(cos),
+            pose_distance_m: s.store(pose_distance),
+        }
+    }
+}
+
+#[inline(always)]
+pub(super) fn dot<S: Lanes>(s: S, a: [S::F; 3], b: [S::F; 3]) -> S::F {
+    s.mul_add(a[0], b[0], s.mul_add(a[1], b[1], s.mul(a[2], b[2])))
+}
+
+// Vectors of three, written out: closures would not be compiled for the kernel's instructions.
+
+#[inline(always)]
+pub(super) fn load3<S: Lanes>(s: S, v: &[[f32; LANES]; 3]) -> [S::F; 3] {
+    [s.load(&v[0]), s.load(&v[1]), s.load(&v[2])]
+}
+
+#[inline(always)]
+fn store3<S: Lanes>(s: S, v: [S::F; 3]) -> [[f32; LANES]; 3] {
+    [s.store(v[0]), s.store(v[1]), s.store(v[2])]
+}
+
+/// Three values, the same in every lane.
+#[inline(always)]
+pub(super) fn splat3<S: Lanes>(s: S, v: [f32; 3]) -> [S::F; 3] {
+    [s.splat(v[0]), s.splat(v[1]), s.splat(v[2])]
+}
+
+/// One lane's vector in every lane.
+#[inline(always)]
+pub(super) fn lane3<S: Lanes>(s: S, v: &[[f32; LANES]; 3], l: usize) -> [S::F; 3] {
+    splat3(s, [v[0][l], v[1][l], v[2][l]])
+}
+
+#[inline(always)]
+pub(super) fn sub3<S: Lanes>(s: S, a: [S::F; 3], b: [S::F; 3]) -> [S::F; 3] {
+    [s.sub(a[0], b[0]), s.sub(a[1], b[1]), s.sub(a[2], b[2])]
+}
+
+#[inline(always)]
+pub(super) fn add3<S: Lanes>(s: S, a: [S::F; 3], b: [S::F; 3]) -> [S::F; 3] {
+    [s.add(a[0], b[0]), s.add(a[1], b[1]), s.add(a[2], b[2])]
+}
+
+#[inline(always)]
+pub(super) fn scale3<S: Lanes>(s: S, v: [S::F; 3], by: S::F) -> [S::F; 3] {
+    [s.mul(v[0], by), s.mul(v[1], by), s.mul(v[2], by)]
+}
+
+/// Where the voxels of a brick lie from its centre. Lanes are x and y, x fastest; the four layers are z.
+pub(super) struct Offsets<S: Lanes> {
+    pub x: S::F,
+    pub y: S::F,
+    pub z: [S::F; EDGE],
+    /// |δ|² of each layer.
+    pub squared: [S::F; EDGE],
+}
+
+impl<S: Lanes> Offsets<S> {
+    #[inline(always)]
+    pub(super) fn new(s: S, shape: &BrickShape) -> Self {
+        let along = shape.heights();
+        let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
+        for l in 0..LANES {
+            (x[l], y[l]) = (along[l % EDGE], along[l / EDGE]);
+        }
+        let (x, y) = (s.load(&x), s.load(&y));
+        let flat = s.mul_add(x, x, s.mul(y, y));
+        let mut offsets = Self { x, y, z: [flat; EDGE], squared: [flat; EDGE] };
+        for (layer, height) in along.into_iter().enumerate() {
+            let z = s.splat(height);
+            offsets.z[layer] = z;
+            offsets.squared[layer] = s.mul_add(z, z, flat);
+        }
+        offsets
+    }
+
+    /// Voxels of a layer from the brick's centre.
+    #[inline(always)]
+    pub(super) fn layer(&self, layer: usize) -> [S::F; 3] {
+        [self.x, self.y, self.z[layer]]
+    }
+}

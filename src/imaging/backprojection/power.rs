@@ -1,0 +1,441 @@
+//! Sums of whole numbers over a brick: `ls` and `log`.
+//!
+//! Each sweep adds to each voxel the value of its table at the voxel's distance, rounded to whole steps, so the sum depends
+//! neither on the order of the sweeps nor on what was added and taken out again in between: rolling, adaptive and dense images
+//! are equal bit for bit. Sums of 32 bit are moved to 64 bit before they could overflow.
+
+use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS, add3, dot, lane3, load3, scale3, splat3, sub3};
+use super::dispatch::{Kernel, on_widest};
+use super::lanes::{HALF_WINDOW, LANES, Lanes, WIDE_WINDOW, WINDOW};
+use super::sweep_stack::SweepStack;
+
+/// Largest error of a distance, metres: a ten-thousandth of a table step's worth of slope.
+const DISTANCE_ERROR_M: f64 = 5e-5;
+
+/// A shape that is good enough for these sums.
+pub(super) fn power_shape(voxel_m: f64) -> BrickShape {
+    BrickShape::new(voxel_m, DISTANCE_ERROR_M)
+}
+
+/// Adds (or takes out) sweeps of a stack to the voxels of one brick.
+#[derive(Clone)]
+pub(super) struct AddPower<'a> {
+    pub stack: &'a SweepStack,
+    pub shape: BrickShape,
+    /// Relative to the stack's origin, metres.
+    pub center: [f32; 3],
+    /// Slots, as a group and a mask of its lanes.
+    pub slots: &'a [(usize, u16)],
+}
+
+/// Sums in steps, x fastest, and the (voxel, sweep) pairs that were worked on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct PowerSums {
+    pub sums: [i64; VOXELS],
+    pub updates: u64,
+}
+
+impl AddPower<'_> {
+    /// On the widest instructions.
+    pub(super) fn sums(self) -> PowerSums {
+        on_widest(self)
+    }
+}
+
+impl Kernel for AddPower<'_> {
+    type Out = PowerSums;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) -> PowerSums {
+        let (offsets, heights) = (Offsets::new(s, &self.shape), self.shape.heights());
+        let mut out = PowerSums { sums: [0; VOXELS], updates: 0 };
+        // Sums of the two paths by themselves: those of the inside stay in registers.
+        let (mut sums, mut greatest) = ([s.splat_int(0); EDGE], 0i64);
+        let (mut edge_sums, mut edge_greatest) = ([s.splat_int(0); EDGE], 0i64);
+        for &(group, lanes) in self.slots {
+            let sight = Sight::new(s, self.stack, &self.stack.groups[group], self.center, &self.shape);
+            let (mut inside, mut edge) = (sight.inside & lanes, sight.edge & lanes);
+            out.updates += u64::from(inside.count_ones() + edge.count_ones()) * VOXELS as u64;
+            let mut whole = 0;
+            if edge & sight.wide != 0 {
+                whole = edge & sight.wide & fully_visible(s, self.stack, group, &sight, &self.shape);
+                edge &= !whole;
+            }
+            while inside != 0 {
+                let l = inside.trailing_zeros() as usize;
+                inside &= inside - 1;
+                let slot = group * LANES + l;
+                greatest += self.stack.greatest(slot);
+                if greatest > i64::from(i32::MAX) {
+                    widen(s, &mut sums, &mut out.sums);
+                    greatest = self.stack.greatest(slot);
+                }
+                add_inside(s, &sight, l, self.stack.table(slot, 0), self.stack.stride, &offsets, &mut sums);
+            }
+            while whole != 0 {
+                let l = whole.trailing_zeros() as usize;
+                whole &= whole - 1;
+                let slot = group * LANES + l;
+                edge_greatest += self.stack.greatest(slot);
+                if edge_greatest > i64::from(i32::MAX) {
+                    widen(s, &mut edge_sums, &mut out.sums);
+                    edge_greatest = self.stack.greatest(slot);
+                }
+                let (halves, greatest) = (self.stack.table(slot, 1), self.stack.greatest(slot));
+                add_fully_visible(s, &sight, l, halves, &offsets, heights, greatest, &mut edge_sums);
+            }
+            while edge != 0 {
+                let l = edge.trailing_zeros() as usize;
+                edge &= edge - 1;
+                let slot = group * LANES + l;
+                edge_greatest += self.stack.greatest(slot);
+                if edge_greatest > i64::from(i32::MAX) {
+                    widen(s, &mut edge_sums, &mut out.sums);
+                    edge_greatest = self.stack.greatest(slot);
+                }
+                add_edge(s, self.stack, group, &sight, l, &offsets, heights, &mut edge_sums);
+            }
+        }
+        widen(s, &mut sums, &mut out.sums);
+        widen(s, &mut edge_sums, &mut out.sums);
+        out
+    }
+}
+
+/// Moves what was summed in 32 bit to 64 bit.
+#[inline(always)]
+fn widen<S: Lanes>(s: S, sums: &mut [S::I; EDGE], into: &mut [i64; VOXELS]) {
+    for (layer, sum) in sums.iter_mut().enumerate() {
+        let values = s.store_int(*sum);
+        for (l, value) in values.iter().enumerate() {
+            into[layer * LANES + l] += i64::from(*value);
+        }
+        *sum = s.splat_int(0);
+    }
+}
+
+/// All voxels within range and beam: the window of the table in registers.
+#[inline(always)]
+pub(super) fn add_inside<S: Lanes>(
+    s: S,
+    sight: &Sight,
+    l: usize,
+    table: &[f32],
+    stride: usize,
+    offsets: &Offsets<S>,
+    sums: &mut [S::I; EDGE],
+) {
+    let first = sight.window[l] as usize;
+    let (Some(values), Some(slopes)) = (window(table, first), window(table, stride + first)) else { return };
+    let [ux, uy, uz] = lane3(s, &sight.toward, l);
+    let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
+    let (half, half2) = (s.splat(sight.half_per_m[l]), s.splat(sight.half_per_m2[l]));
+    let (per_m, entry) = (s.splat(sight.entries_per_m[l]), s.splat(sight.entry[l]));
+    for (layer, sum) in sums.iter_mut().enumerate() {
+        let q = s.mul_add(offsets.z[layer], uz, flat);
+        let deviation = s.mul_add(s.neg_mul_add(q, q, offsets.squared[layer]), s.neg_mul_add(q, half2, half), q);
+        let at = s.mul_add(deviation, per_m, entry);
+        let whole = s.floor(at);
+        let n = s.to_int(whole);
+        let value = s.mul_add(s.sub(at, whole), s.look_up(slopes, n), s.look_up(values, n));
+        *sum = s.add_int(*sum, s.to_int(value));
+    }
+}
+
+#[inline(always)]
+pub(super) fn window(table: &[f32], first: usize) -> Option<&[f32; WINDOW]> {
+    table.get(first..)?.first_chunk()
+}
+
+/// How one sweep sees a brick's voxels, each by itself.
+pub(super) struct Edges<'a, S: Lanes> {
+    stack: &'a SweepStack,
+    from_pose: Exact<S>,
+    along: Along<S>,
+    first: S::F,
+    last: S::F,
+    /// Where the sensor moves while it samples: the centre from its pose, its velocity, and when it samples.
+    moving: Option<([f32; 3], [f32; 3], [f32; 2])>,
+}
+
+impl<'a, S: Lanes> Edges<'a, S> {
+    #[inline(always)]
+    pub(super) fn new(
+        s: S,
+        stack: &'a SweepStack,
+        group: usize,
+        sight: &Sight,
+        l: usize,
+        offsets: &Offsets<S>,
+        heights: [f32; EDGE],
+    ) -> Self {
+        let sweeps = &stack.groups[group];
+        let from_pose = lane_vector(&sight.offset_from_pose_m, l);
+        let velocity = lane_vector(&sweeps.velocity_m_per_s, l);
+        let mut moving = None;
+        if velocity != [0.0; 3] {
+            moving = Some((from_pose, velocity, [sweeps.time_s_per_m[l], sweeps.time_at_zero_s[l]]));
+        }
+        Self {
+            stack,
+            from_pose: Exact::new(s, from_pose, offsets, heights),
+            along: Along::new(s, from_pose, lane_vector(&sweeps.forward, l), offsets, heights),
+            // A place at the sensor itself has no direction and does not count.
+            first: s.splat(sweeps.first_m[l].max(f32::MIN_POSITIVE)),
+            last: s.splat(sweeps.last_m[l]),
+            moving,
+        }
+    }
+
+    /// One layer.
+    #[inline(always)]
+    pub(super) fn layer(&self, s: S, offsets: &Offsets<S>, layer: usize) -> AtEdge<S> {
+        let pose_distance = s.sqrt(self.from_pose.squares(s, layer));
+        let mut distance = pose_distance;
+        if let Some(([x, y, z], velocity, [time_per_m, time_at_zero])) = self.moving {
+            // When points at about this range were sampled, and how far the sensor had moved by then.
+            let time = s.mul_add(pose_distance, s.splat(time_per_m), s.splat(time_at_zero));
+            let from_pose = add3(s, offsets.layer(layer), splat3(s, [x, y, z]));
+            let from = sub3(s, from_pose, scale3(s, splat3(s, velocity), time));
+            distance = s.sqrt(dot(s, from, from));
+        }
+        let mut counts = s.and(s.at_most(self.first, distance), s.at_most(distance, self.last));
+        let mut along = pose_distance;
+        if !self.stack.beam.uniform {
+            along = self.along.at(s, layer);
+            if self.stack.beam.cut_cos > -1.0 {
+                counts = s.and(counts, s.at_most(s.mul(pose_distance, s.splat(self.stack.beam.cut_cos)), along));
+            }
+        }
+        AtEdge { distance, pose_distance, along, counts }
+    }
+}
+
+/// One layer's voxels as a sweep saw them, each by itself.
+pub(super) struct AtEdge<S: Lanes> {
+    /// Distance from where the sensor was when it sampled points at about this range.
+    pub distance: S::F,
+    /// Distance from the sweep's pose, and its part along the boresight.
+    pub pose_distance: S::F,
+    pub along: S::F,
+    /// Which voxels lie within range and beam.
+    pub counts: S::M,
+}
+
+impl<S: Lanes> AtEdge<S> {
+    /// Cosine to the boresight.
+    #[inline(always)]
+    pub(super) fn cos(&self, s: S) -> S::F {
+        let cos = s.div(self.along, s.max(self.pose_distance, s.splat(1e-9)));
+        s.min(s.max(cos, s.splat(-1.0)), s.splat(1.0))
+    }
+}
+
+/// Where in a table the voxels of the four layers lie: the entry before, and how far on.
+pub(super) type Places<S> = [(<S as Lanes>::I, <S as Lanes>::F); EDGE];
+
+/// A table's values there, linear between entries.
+#[inline(always)]
+pub(super) fn read<S: Lanes>(s: S, table: &[f32], sight: &Sight, l: usize, places: &Places<S>) -> [S::F; EDGE] {
+    let mut values = [s.splat(0.0); EDGE];
+    if let Some((first, window)) = wide_window(table, sight, l) {
+        // One window for all lookups: it stays in registers.
+        let (here, next) = (s.splat_int(-first), s.splat_int(1 - first));
+        for (value, &(n, rest)) in values.iter_mut().zip(places) {
+            let (here, next) = (s.add_int(n, here), s.add_int(n, next));
+            let (here, next) = (s.look_up_wide(window, here), s.look_up_wide(window, next));
+            *value = s.mul_add(rest, s.sub(next, here), here);
+        }
+        return values;
+    }
+    for (value, &(n, rest)) in values.iter_mut().zip(places) {
+        let (here, next) = s.gather_pairs(table, n);
+        *value = s.mul_add(rest, s.sub(next, here), here);
+    }
+    values
+}
+
+/// The window that holds all entries that a brick needs, and its first; `None` where the brick spans too many.
+#[inline(always)]
+fn wide_window<'a>(table: &'a [f32], sight: &Sight, l: usize) -> Option<(i32, &'a [f32; WIDE_WINDOW])> {
+    if sight.wide >> l & 1 == 0 {
+        return None;
+    }
+    // Moved down where the table ends.
+    let first = (sight.window[l] as usize).min(table.len().checked_sub(WIDE_WINDOW)?);
+    Some((first as i32, table.get(first..)?.first_chunk()?))
+}
+
+/// Sweeps at an edge of nothing, of which each voxel counts: the brick is but too large or too near for the expansion. As long as
+/// the direction from which it is seen stays the same within it, as far as the sensor's motion matters.
+#[inline(always)]
+pub(super) fn fully_visible<S: Lanes>(
+    s: S,
+    stack: &SweepStack,
+    group: usize,
+    sight: &Sight,
+    shape: &BrickShape,
+) -> u16 {
+    if !stack.beam.solid {
+        return 0;
+    }
+    let sweeps = &stack.groups[group];
+    let (distance, pose_distance) = (s.load(&sight.distance_m), s.load(&sight.pose_distance_m));
+    let (radius, half) = (s.splat(shape.radius_m), s.splat(shape.half_m));
+    // Ranges: at least the tangent plane's, at most that and the bend.
+    let slack = s.mul_add(s.abs(s.sub(s.load(&sight.stretch), s.splat(1.0))), radius, s.splat(1e-5));
+    let reach = s.mul_add(extent(s, load3(s, &sight.toward)), half, slack);
+    let bend = s.mul(s.mul(radius, radius), s.load(&sight.half_per_m));
+    let (near, far) = (s.sub(distance, reach), s.add(distance, s.add(reach, bend)));
+    let mut whole = s.and(s.at_most(s.load(&sweeps.first_m), near), s.at_most(far, s.load(&sweeps.last_m)));
+    whole = s.and(whole, s.at_most(s.splat(1e-3), near));
+    // Over the brick the direction turns by ρ/d, and what the motion adds to the distance by as much of itself.
+    let speed = extent(s, load3(s, &sweeps.velocity_m_per_s));
+    let moved = s.mul(speed, s.mul(s.load(&sweeps.time_s_per_m), s.splat(shape.radius_m * shape.radius_m)));
+    whole = s.and(whole, s.at_most(moved, s.mul(distance, s.splat(DISTANCE_ERROR_M as f32))));
+    if stack.beam.cut_cos > -1.0 {
+        // What lies along the boresight, against the cut's share of the distance: the one least, the other greatest.
+        let reach = s.mul_add(extent(s, load3(s, &sweeps.forward)), half, s.splat(1e-5));
+        let along = s.sub(s.mul(s.load(&sight.cos), pose_distance), reach);
+        let least = s.mul(s.splat(stack.beam.cut_cos), s.add(pose_distance, s.splat(shape.radius_m + 1e-5)));
+        whole = s.and(whole, s.at_most(s.max(least, s.splat(0.0)), along));
+    }
+    s.bits(whole)
+}
+
+/// |x| + |y| + |z|: how far a box of unit halves reaches along a unit vector.
+#[inline(always)]
+pub(super) fn extent<S: Lanes>(s: S, [x, y, z]: [S::F; 3]) -> S::F {
+    s.add(s.add(s.abs(x), s.abs(y)), s.abs(z))
+}
+
+/// Distances of a brick's voxels from a place, without expansion: |p + δ|², layer by layer.
+pub(super) struct Exact<S: Lanes> {
+    flat: S::F,
+    up: [f32; EDGE],
+}
+
+impl<S: Lanes> Exact<S> {
+    /// Of a brick whose centre lies at `from` from the place.
+    #[inline(always)]
+    pub(super) fn new(s: S, [x, y, z]: [f32; 3], offsets: &Offsets<S>, heights: [f32; EDGE]) -> Self {
+        let (x, y) = (s.add(offsets.x, s.splat(x)), s.add(offsets.y, s.splat(y)));
+        let [a, b, c, d] = [heights[0] + z, heights[1] + z, heights[2] + z, heights[3] + z];
+        Self { flat: s.mul_add(x, x, s.mul(y, y)), up: [a * a, b * b, c * c, d * d] }
+    }
+
+    /// The squares of a layer's distances.
+    #[inline(always)]
+    pub(super) fn squares(&self, s: S, layer: usize) -> S::F {
+        s.add(self.flat, s.splat(self.up[layer]))
+    }
+}
+
+/// What adds up along a direction, layer by layer: (p + δ)·b.
+struct Along<S: Lanes> {
+    flat: S::F,
+    up: [f32; EDGE],
+}
+
+impl<S: Lanes> Along<S> {
+    #[inline(always)]
+    fn new(s: S, [x, y, z]: [f32; 3], [bx, by, bz]: [f32; 3], offsets: &Offsets<S>, heights: [f32; EDGE]) -> Self {
+        let (x, y) = (s.add(offsets.x, s.splat(x)), s.add(offsets.y, s.splat(y)));
+        let [a, b, c, d] = [heights[0] + z, heights[1] + z, heights[2] + z, heights[3] + z];
+        Self { flat: s.mul_add(x, s.splat(bx), s.mul(y, s.splat(by))), up: [a * bz, b * bz, c * bz, d * bz] }
+    }
+
+    #[inline(always)]
+    fn at(&self, s: S, layer: usize) -> S::F {
+        s.add(self.flat, s.splat(self.up[layer]))
+    }
+}
+
+/// One lane of three.
+#[inline(always)]
+pub(super) fn lane_vector(v: &[[f32; LANES]; 3], l: usize) -> [f32; 3] {
+    [v[0][l], v[1][l], v[2][l]]
+}
+
+/// The brick's centre from where the sensor was when it sampled points at its range.
+#[inline(always)]
+pub(super) fn from_sensor(sight: &Sight, l: usize) -> [f32; 3] {
+    let ([x, y, z], distance) = (lane_vector(&sight.toward, l), sight.distance_m[l]);
+    [x * distance, y * distance, z * distance]
+}
+
+/// All voxels within range and beam, each with its own root, in the table of every other entry.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn add_fully_visible<S: Lanes>(
+    s: S,
+    sight: &Sight,
+    l: usize,
+    table: &[f32],
+    offsets: &Offsets<S>,
+    heights: [f32; EDGE],
+    greatest: i64,
+    sums: &mut [S::I; EDGE],
+) {
+    let (start, apart) = (sight.window[l] as usize, table.len() / 4);
+    let (Some(values), Some(slopes), Some(turns)) =
+        (half(table, start / 2), half(table, apart + start / 2), half(table, 2 * apart + start / 2))
+    else {
+        return;
+    };
+    let exact = Exact::new(s, from_sensor(sight, l), offsets, heights);
+    let per_m = 0.5 * sight.entries_per_m[l];
+    let entry = 0.5 * (sight.entry[l] + (start % 2) as f32);
+    let (entry, per_m) = (s.splat((-per_m).mul_add(sight.distance_m[l], entry)), s.splat(per_m));
+    let (middle, zero, most) = (s.splat(0.5), s.splat(0.0), s.splat(greatest as f32));
+    for (layer, sum) in sums.iter_mut().enumerate() {
+        let at = s.mul_add(s.sqrt(exact.squares(s, layer)), per_m, entry);
+        let whole = s.floor(at);
+        let (n, rest) = (s.to_int(whole), s.sub(at, whole));
+        let value = s.mul_add(rest, s.look_up_half(slopes, n), s.look_up_half(values, n));
+        let value = s.mul_add(s.max(s.sub(rest, middle), zero), s.look_up_half(turns, n), value);
+        // Rounding alone leaves the table's bounds.
+        *sum = s.add_int(*sum, s.to_int(s.max(s.min(value, most), zero)));
+    }
+}
+
+#[inline(always)]
+fn half(table: &[f32], first: usize) -> Option<&[f32; HALF_WINDOW]> {
+    table.get(first..)?.first_chunk()
+}
+
+/// Some voxels may be out of range or beam: each by itself.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn add_edge<S: Lanes>(
+    s: S,
+    stack: &SweepStack,
+    group: usize,
+    sight: &Sight,
+    l: usize,
+    offsets: &Offsets<S>,
+    heights: [f32; EDGE],
+    sums: &mut [S::I; EDGE],
+) {
+    let sweeps = &stack.groups[group];
+    let edges = Edges::new(s, stack, group, sight, l, offsets, heights);
+    // First where each layer's values lie, then the values: the processor waits for no single one.
+    let mut places = [(s.splat_int(0), s.splat(0.0)); EDGE];
+    let mut counting = [s.mask(0); EDGE];
+    for (layer, (place, counting)) in places.iter_mut().zip(&mut counting).enumerate() {
+        let seen = edges.layer(s, offsets, layer);
+        let mut counts = seen.counts;
+        if !stack.beam.solid {
+            let amplitude = super::weighted::amplitude(s, &stack.beam, seen.cos(s));
+            counts = s.and(counts, s.at_most(s.splat(f32::MIN_POSITIVE), amplitude));
+        }
+        let at = s.mul(s.sub(seen.distance, s.splat(sweeps.first_m[l])), s.splat(sweeps.entries_per_m[l]));
+        let whole = s.floor(at);
+        *place = (s.to_int(s.or_zero(counts, whole)), s.sub(at, whole));
+        *counting = counts;
+    }
+    let values = read(s, &stack.table(group * LANES + l, 0)[..stack.stride], sight, l, &places);
+    for (sum, (value, counts)) in sums.iter_mut().zip(values.into_iter().zip(counting)) {
+        *sum = s.add_int(*sum, s.to_int(s.or_zero(counts, value)));
+    }
+}

@@ -1,0 +1,161 @@
+//! What a window's blocks come to for one thing: its score, and what else tells things from artefacts.
+//!
+//! A thing returns about the same from block to block, once distance and beam are allowed for. A place on the wrong side of a circle, or
+//! one put together from pieces of several things, does not: the strengths that it would need differ. So the score of a place is its
+//! evidence less a cost of their squared differences.
+
+use std::collections::BTreeMap;
+
+use super::super::responses::Response;
+use super::CleanSettings;
+
+/// Length of the time that a score leaves out to be called lasting, nanoseconds.
+pub const ROBUST_SEGMENT_NS: i64 = 300_000_000;
+/// Fewer blocks than this say nothing.
+const MIN_SUBAPERTURES: usize = 3;
+
+/// A view with its block's weight and time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct WeightedResponse<'v> {
+    pub response: &'v Response,
+    pub weight: f64,
+    pub time_ns: i64,
+}
+
+/// What views come to.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Score {
+    /// A/√B, of a place less what its strengths' differences cost.
+    pub score: f64,
+    pub subapertures: usize,
+    pub first_ns: i64,
+    pub last_ns: i64,
+}
+
+impl Score {
+    /// Of a plane: it returns from another place of itself each time.
+    pub fn of_plane<'v>(responses: impl Iterator<Item = WeightedResponse<'v>>) -> Option<Self> {
+        Self::of(responses, 0.0)
+    }
+
+    /// Of a place.
+    pub fn of_point<'v>(
+        responses: impl Iterator<Item = WeightedResponse<'v>>,
+        settings: &CleanSettings,
+    ) -> Option<Self> {
+        Self::of(responses, settings.uneven_cost)
+    }
+
+    fn of<'v>(responses: impl Iterator<Item = WeightedResponse<'v>>, uneven_cost: f64) -> Option<Self> {
+        let (mut a, mut b, mut blocks, mut strengths) = (0.0, 0.0, 0, Strengths::default());
+        let (mut first_ns, mut last_ns) = (i64::MAX, i64::MIN);
+        for WeightedResponse { response, weight, time_ns } in responses {
+            a += weight * response.evidence;
+            b += weight * weight;
+            blocks += 1;
+            (first_ns, last_ns) = (first_ns.min(time_ns), last_ns.max(time_ns));
+            strengths.push(response, weight);
+        }
+        let score = (a - uneven_cost * strengths.squared_deviations()) / b.sqrt();
+        (blocks >= MIN_SUBAPERTURES).then_some(Self { score, subapertures: blocks, first_ns, last_ns })
+    }
+}
+
+/// Logarithms of the strengths that telling views imply: weighted sums about the first, which loses nothing that matters to
+/// cancellation.
+#[derive(Debug, Clone, Copy, Default)]
+struct Strengths {
+    first: Option<f64>,
+    weight: f64,
+    sum: f64,
+    sum_of_squares: f64,
+}
+
+impl Strengths {
+    fn push(&mut self, response: &Response, weight: f64) {
+        let Some(ln_strength) = response.ln_strength else { return };
+        let off = ln_strength - *self.first.get_or_insert(ln_strength);
+        self.weight += weight;
+        self.sum += weight * off;
+        self.sum_of_squares += weight * off * off;
+    }
+
+    /// Weighted sum of the squares of what each differs from the mean.
+    fn squared_deviations(&self) -> f64 {
+        (self.sum_of_squares - self.sum * self.sum / self.weight.max(1e-300)).max(0.0)
+    }
+}
+
+/// How far the strengths differ that telling views imply, 1σ in e-folds of power.
+pub(super) fn amplitude_spread_of<'v>(responses: impl Iterator<Item = &'v Response>) -> f64 {
+    let mut strengths = Strengths::default();
+    responses.for_each(|response| strengths.push(response, 1.0));
+    (strengths.squared_deviations() / strengths.weight.max(1.0)).sqrt()
+}
+
+/// The score without the segment of time that does most for it; −∞ when there is but one.
+pub(super) fn robust_score<'v>(responses: impl Iterator<Item = WeightedResponse<'v>>) -> f64 {
+    let (mut whole, mut segments) = ([0.0; 2], BTreeMap::<i64, [f64; 2]>::new());
+    for WeightedResponse { response, weight, time_ns } in responses {
+        let segment = segments.entry(time_ns.div_euclid(ROBUST_SEGMENT_NS)).or_default();
+        for (part, sum) in [weight * response.evidence, weight * weight].into_iter().enumerate() {
+            (whole[part], segment[part]) = (whole[part] + sum, segment[part] + sum);
+        }
+    }
+    let without = segments.values().map(|[a, b]| (whole[0] - a, whole[1] - b)).filter(|(_, b)| *b > 1e-9);
+    let least = without.map(|(a, b)| a / b.sqrt()).reduce(f64::min);
+    least.filter(|_| segments.len() > 1).unwrap_or(f64::NEG_INFINITY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    fn response(m: f64, power: f64, gain: f64) -> Response {
+        let (evidence, ln_strength) = (m.ln_1p() - 0.596347, (m >= 3.0).then(|| (power / gain).ln()));
+        Response { m, evidence, power, range_m: 1.0, toward: DVec3::X, cos: 0.0, gain, ln_strength }
+    }
+
+    fn weighted(responses: &[Response]) -> impl Iterator<Item = WeightedResponse<'_>> + Clone {
+        responses.iter().enumerate().map(|(n, response)| WeightedResponse {
+            response,
+            weight: 1.0,
+            time_ns: n as i64 * 90_000_000,
+        })
+    }
+
+    fn score(responses: &[Response]) -> f64 {
+        Score::of_point(weighted(responses), &CleanSettings::default()).unwrap().score
+    }
+
+    #[test]
+    fn score_loses_squared_strength_deviations() {
+        let settings = CleanSettings::default();
+        let even: Vec<Response> = (1..=10).map(|n| response(20.0, 20.0, 0.1 * f64::from(n))).collect();
+        // The same echoes, as strong as the gain lets them be, and against it.
+        let as_expected: Vec<Response> = even.iter().map(|v| response(20.0, 100.0 * v.gain, v.gain)).collect();
+        let against: Vec<Response> = even.iter().map(|v| response(20.0, 100.0 / v.gain, v.gain)).collect();
+        let plain = Score::of_plane(weighted(&even)).unwrap().score;
+        assert!((score(&as_expected) - plain).abs() < 1e-9);
+        assert!(amplitude_spread_of(as_expected.iter()) < 1e-9);
+        let off = against.iter().filter_map(|response| response.ln_strength);
+        let mean = off.clone().sum::<f64>() / 10.0;
+        let squares: f64 = off.map(|x| (x - mean).powi(2)).sum();
+        assert!((score(&against) - (plain - settings.uneven_cost * squares / 10f64.sqrt())).abs() < 1e-9);
+        assert!((amplitude_spread_of(against.iter()) - (squares / 10.0).sqrt()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn single_burst_has_low_robust_score() {
+        let (seen, empty) = (response(20.0, 20.0, 1.0), response(0.6, 0.6, 1.0));
+        assert_eq!(robust_score(weighted(&[seen; 3])), f64::NEG_INFINITY);
+        let burst = [vec![empty; 12], vec![seen; 3], vec![empty; 12]].concat();
+        assert!(robust_score(weighted(&burst)) < 1.0 && robust_score(weighted(&[seen; 27])) > 10.0);
+    }
+
+    #[test]
+    fn two_subapertures_give_no_score() {
+        assert!(Score::of_plane(weighted(&[response(20.0, 20.0, 1.0); 2])).is_none());
+    }
+}

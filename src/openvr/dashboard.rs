@@ -1,0 +1,121 @@
+//! A tab of the dashboard: a picture that SteamVR shows where it likes, a small one for its button, and the laser pointer on it.
+
+use std::ffi::CString;
+use std::marker::PhantomData;
+use std::sync::Arc;
+
+use super::error::OpenVrError;
+use super::overlay::{check_call, submit_texture};
+use super::runtime::{Runtime, call};
+use super::sys;
+use super::vulkan::VulkanTexture;
+
+/// Width of the tab's picture, metres: as wide as others'.
+const TAB_WIDTH_M: f32 = 2.4;
+
+/// What the user does to the tab. Places are pixels from the upper left.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum TabEvent {
+    /// The pointer is there.
+    Moved([f32; 2]),
+    /// The trigger was pulled there.
+    Pressed([f32; 2]),
+    /// It was let go there.
+    Released([f32; 2]),
+    /// The pointer has left.
+    Left,
+    /// The tab is shown or hidden.
+    Visibility,
+    /// Anything else.
+    Other,
+}
+
+/// A tab; destroyed when dropped.
+pub struct DashboardTab {
+    /// Keeps the table alive.
+    _runtime: Arc<Runtime>,
+    table: &'static sys::VR_IVROverlay_FnTable,
+    main: sys::VROverlayHandle_t,
+    thumbnail: sys::VROverlayHandle_t,
+    height_px: f32,
+    /// Neither sent to another thread nor shared with one.
+    thread: PhantomData<*const ()>,
+}
+
+impl DashboardTab {
+    /// A tab for pictures of that size. The key must be the only one of its kind in SteamVR.
+    ///
+    /// # Errors
+    /// The runtime refuses, or has no dashboard.
+    pub fn new(runtime: &Arc<Runtime>, key: &str, name: &str, size_px: [u32; 2]) -> Result<Self, OpenVrError> {
+        let text = |text: &str| CString::new(text).unwrap_or_default();
+        let (key, name) = (text(key), text(name));
+        let missing = || OpenVrError::Interface(sys::IVROverlay_Version.to_string_lossy().into_owned());
+        let table = runtime.overlay.ok_or_else(missing)?;
+        let (mut main, mut thumbnail) = (0, 0);
+        let (key, name) = (key.as_ptr().cast_mut(), name.as_ptr().cast_mut());
+        let error = call!(table, CreateDashboardOverlay(key, name, &mut main, &mut thumbnail));
+        check_call(table, "to make a tab of the dashboard", error)?;
+        let [width_px, height_px] = size_px.map(|px| px as f32);
+        let tab = Self { _runtime: Arc::clone(runtime), table, main, thumbnail, height_px, thread: PhantomData };
+        let error = call!(table, SetOverlayWidthInMeters(main, TAB_WIDTH_M));
+        check_call(table, "the width of a tab", error)?;
+        let error = call!(table, SetOverlayInputMethod(main, sys::VROverlayInputMethod_Mouse));
+        check_call(table, "a pointer on a tab", error)?;
+        let mut scale = sys::HmdVector2_t { v: [width_px, height_px] };
+        check_call(table, "the scale of a tab's pointer", call!(table, SetOverlayMouseScale(main, &mut scale)))?;
+        Ok(tab)
+    }
+
+    /// What the user did, if there is more.
+    pub fn next_event(&self) -> Option<TabEvent> {
+        let mut event = std::mem::MaybeUninit::<sys::VREvent_t>::zeroed();
+        let length = size_of::<sys::VREvent_t>() as u32;
+        if !call!(self.table, PollNextOverlayEvent(self.main, event.as_mut_ptr(), length)) {
+            return None;
+        }
+        // SAFETY: all zero is an event of kind 0, and the kind is a plain number whatever the runtime wrote.
+        let kind = unsafe { (*event.as_ptr()).eventType } as sys::EVREventType;
+        // SAFETY: the data are numbers whatever the runtime wrote; they are looked at where the kind says that they are a mouse's.
+        let mouse =
+            unsafe { std::ptr::addr_of!((*event.as_ptr()).data).cast::<sys::VREvent_Mouse_t>().read_unaligned() };
+        // The runtime counts from the lower edge.
+        let at = [mouse.x, self.height_px - mouse.y];
+        Some(match kind {
+            sys::EVREventType_VREvent_MouseMove => TabEvent::Moved(at),
+            sys::EVREventType_VREvent_MouseButtonDown => TabEvent::Pressed(at),
+            sys::EVREventType_VREvent_MouseButtonUp => TabEvent::Released(at),
+            sys::EVREventType_VREvent_FocusLeave => TabEvent::Left,
+            sys::EVREventType_VREvent_OverlayShown | sys::EVREventType_VREvent_OverlayHidden => TabEvent::Visibility,
+            _ => TabEvent::Other,
+        })
+    }
+
+    /// Whether it is shown now.
+    pub fn is_visible(&self) -> bool {
+        call!(self.table, IsOverlayVisible(self.main))
+    }
+
+    /// Its picture; as [`super::Overlay::set_texture`].
+    ///
+    /// # Errors
+    /// The runtime refuses.
+    pub fn set_picture(&self, texture: &VulkanTexture) -> Result<(), OpenVrError> {
+        submit_texture(self.table, self.main, texture)
+    }
+
+    /// The picture of its button.
+    ///
+    /// # Errors
+    /// The runtime refuses.
+    pub fn set_thumbnail(&self, texture: &VulkanTexture) -> Result<(), OpenVrError> {
+        submit_texture(self.table, self.thumbnail, texture)
+    }
+}
+
+impl Drop for DashboardTab {
+    fn drop(&mut self) {
+        // Its thumbnail goes with it; a runtime that is gone has forgotten both already.
+        call!(self.table, DestroyOverlay(self.main));
+    }
+}

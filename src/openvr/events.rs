@@ -1,0 +1,75 @@
+//! What the runtime tells of itself.
+
+use super::runtime::{Runtime, call};
+use super::sys;
+
+/// An event, as far as it matters here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// SteamVR ends: leave within seconds.
+    Quit,
+    /// The user recentred, or set the room up anew: the standing universe has moved, or the room is another.
+    UniverseMoved,
+    /// Colour or distance of the chaperone changed.
+    ChaperoneChanged,
+    /// A device came or went, or hands were told apart anew.
+    DevicesChanged,
+    /// The headset was taken off.
+    Standby,
+    /// The headset was put on.
+    Awake,
+    /// Anything else.
+    Other,
+}
+
+impl Event {
+    fn of(kind: u32) -> Self {
+        match kind as sys::EVREventType {
+            sys::EVREventType_VREvent_Quit => Self::Quit,
+            sys::EVREventType_VREvent_ChaperoneDataHasChanged
+            | sys::EVREventType_VREvent_ChaperoneUniverseHasChanged
+            | sys::EVREventType_VREvent_ChaperoneRoomSetupCommitted
+            | sys::EVREventType_VREvent_ChaperoneFlushCache
+            | sys::EVREventType_VREvent_SeatedZeroPoseReset
+            | sys::EVREventType_VREvent_StandingZeroPoseReset => Self::UniverseMoved,
+            sys::EVREventType_VREvent_ChaperoneSettingsHaveChanged => Self::ChaperoneChanged,
+            sys::EVREventType_VREvent_TrackedDeviceActivated
+            | sys::EVREventType_VREvent_TrackedDeviceDeactivated
+            | sys::EVREventType_VREvent_TrackedDeviceRoleChanged => Self::DevicesChanged,
+            sys::EVREventType_VREvent_EnterStandbyMode => Self::Standby,
+            sys::EVREventType_VREvent_LeaveStandbyMode => Self::Awake,
+            _ => Self::Other,
+        }
+    }
+}
+
+impl Runtime {
+    /// The next event, if any waits.
+    pub fn next_event(&self) -> Option<Event> {
+        let mut event = std::mem::MaybeUninit::<sys::VREvent_t>::zeroed();
+        let length = size_of::<sys::VREvent_t>() as u32;
+        let is_there = call!(self.system, PollNextEvent(event.as_mut_ptr(), length));
+        // SAFETY: all zero is an event of kind 0, and the kind is a plain number whatever the runtime wrote.
+        is_there.then(|| Event::of(unsafe { (*event.as_ptr()).eventType }))
+    }
+
+    /// Tells the runtime, after [`Event::Quit`], that this program is on its way out and need not be ended.
+    pub fn acknowledge_quit(&self) {
+        call!(self.system, AcknowledgeQuit_Exiting());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn event_numbers_match_the_manual() {
+        assert_eq!(Event::of(700), Event::Quit);
+        assert_eq!(Event::of(801), Event::UniverseMoved);
+        assert_eq!(Event::of(808), Event::UniverseMoved);
+        assert_eq!(Event::of(803), Event::ChaperoneChanged);
+        assert_eq!(Event::of(108), Event::DevicesChanged);
+        assert_eq!(Event::of(u32::MAX), Event::Other);
+    }
+}

@@ -1,0 +1,196 @@
+//! Where headset and controllers are.
+//!
+//! Read at any time from any thread. A pose asked for 0 s ahead is where the device is now: what the radar wants. For drawing, the
+//! pose at the time when light leaves the display is wanted ([`Runtime::time_to_photons_s`]).
+
+use glam::DVec3;
+
+use super::matrix::pose;
+use super::runtime::{Runtime, call};
+use super::sys;
+use crate::geometry::Pose;
+
+/// What positions are relative to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Universe {
+    /// The play area: y = 0 on the floor. Moves when the user recentres.
+    Standing,
+    /// The tracking system's own: recentring does not move it.
+    Raw,
+}
+
+impl Universe {
+    pub(super) fn origin(self) -> sys::ETrackingUniverseOrigin {
+        match self {
+            Self::Standing => sys::ETrackingUniverseOrigin_TrackingUniverseStanding,
+            Self::Raw => sys::ETrackingUniverseOrigin_TrackingUniverseRawAndUncalibrated,
+        }
+    }
+}
+
+/// How a device is tracked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TrackingState {
+    /// Running and within its range.
+    Ok,
+    /// Running, but guessing.
+    OutOfRange,
+    /// Rotation alone.
+    RotationOnly,
+    /// Still finding itself, or not at all.
+    NotTracking,
+}
+
+/// A device's pose as the runtime tells it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DevicePose {
+    /// Whether there is a device.
+    pub connected: bool,
+    /// Whether the runtime calls the pose valid.
+    pub valid: bool,
+    /// How it is tracked.
+    pub state: TrackingState,
+    /// `universe_from_device`; `None` when the numbers make no pose.
+    pub pose: Option<Pose>,
+    /// Velocity in the universe's frame, m/s.
+    pub velocity_m_per_s: DVec3,
+}
+
+impl DevicePose {
+    const NONE: Self = Self {
+        connected: false,
+        valid: false,
+        state: TrackingState::NotTracking,
+        pose: None,
+        velocity_m_per_s: DVec3::ZERO,
+    };
+
+    fn of(told: &sys::TrackedDevicePose_t) -> Self {
+        let state = match told.eTrackingResult {
+            sys::ETrackingResult_TrackingResult_Running_OK => TrackingState::Ok,
+            sys::ETrackingResult_TrackingResult_Running_OutOfRange => TrackingState::OutOfRange,
+            sys::ETrackingResult_TrackingResult_Fallback_RotationOnly => TrackingState::RotationOnly,
+            _ => TrackingState::NotTracking,
+        };
+        let [x, y, z] = told.vVelocity.v.map(f64::from);
+        Self {
+            connected: told.bDeviceIsConnected,
+            valid: told.bPoseIsValid,
+            state,
+            pose: pose(&told.mDeviceToAbsoluteTracking),
+            velocity_m_per_s: DVec3::new(x, y, z),
+        }
+    }
+
+    /// The pose, when it can be trusted.
+    pub fn valid_pose(&self) -> Option<Pose> {
+        self.pose.filter(|_| self.connected && self.valid && self.state == TrackingState::Ok)
+    }
+}
+
+/// Where the user is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Poses {
+    /// The headset.
+    pub head: DevicePose,
+    /// Left and right controller.
+    pub hands: [DevicePose; 2],
+}
+
+/// Which devices the controllers are; changes when they are switched on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Hands([u32; 2]);
+
+impl Hands {
+    /// No controllers.
+    pub const NONE: Self = Self([sys::k_unTrackedDeviceIndexInvalid as u32; 2]);
+}
+
+const MAX_DEVICES: usize = sys::k_unMaxTrackedDeviceCount as usize;
+
+impl Runtime {
+    /// Which devices the controllers are now.
+    pub fn hands(&self) -> Hands {
+        let roles = [
+            sys::ETrackedControllerRole_TrackedControllerRole_LeftHand,
+            sys::ETrackedControllerRole_TrackedControllerRole_RightHand,
+        ];
+        Hands(roles.map(|role| call!(self.system, GetTrackedDeviceIndexForControllerRole(role))))
+    }
+
+    /// Drives a hand's controller for so many microseconds, less than 4000 and 5 ms after the last time at the soonest; does nothing where there
+    /// is none. The call is an old one, made before controllers were bound to actions, and so it needs no bindings from the user.
+    pub fn pulse(&self, hands: Hands, hand: usize, length_us: u16) {
+        if let Some(index) = hands.0.get(hand).filter(|index| (**index as usize) < MAX_DEVICES) {
+            call!(self.system, TriggerHapticPulse(*index, 0, length_us.min(3999)));
+        }
+    }
+
+    /// Poses so many seconds from now.
+    pub fn poses(&self, universe: Universe, ahead_s: f64, hands: Hands) -> Poses {
+        let mut told = [INVALID_POSE; MAX_DEVICES];
+        // No more than is looked at.
+        let count = hands.0.iter().filter(|index| (**index as usize) < MAX_DEVICES).max().map_or(1, |last| last + 1);
+        call!(
+            self.system,
+            GetDeviceToAbsoluteTrackingPose(universe.origin(), ahead_s as f32, told.as_mut_ptr(), count)
+        );
+        let device = |index: u32| told.get(index as usize).map_or(DevicePose::NONE, DevicePose::of);
+        Poses { head: device(sys::k_unTrackedDeviceIndex_Hmd as u32), hands: hands.0.map(device) }
+    }
+
+    /// What turns positions of the raw universe into those of the standing one, as the user has set it now.
+    ///
+    /// The manual's words leave the direction open, so both are held against where the head is in either; `None` when the
+    /// runtime gives no pose, or the head is not tracked.
+    pub fn standing_from_raw(&self) -> Option<Pose> {
+        let told = pose(&call!(self.system, GetRawZeroPoseToStandingAbsoluteTrackingPose()))?;
+        let head = |universe| self.poses(universe, 0.0, Hands::NONE).head.valid_pose();
+        let (raw, standing) = (head(Universe::Raw)?, head(Universe::Standing)?);
+        let away = |candidate: &Pose| {
+            let there = *candidate * raw;
+            there.translation.distance(standing.translation) + there.rotation.angle_between(standing.rotation)
+        };
+        [told, told.inverse()].into_iter().min_by(|a, b| away(a).total_cmp(&away(b)))
+    }
+}
+
+const INVALID_POSE: sys::TrackedDevicePose_t = sys::TrackedDevicePose_t {
+    mDeviceToAbsoluteTracking: sys::HmdMatrix34_t { m: [[0.0; 4]; 3] },
+    vVelocity: sys::HmdVector3_t { v: [0.0; 3] },
+    vAngularVelocity: sys::HmdVector3_t { v: [0.0; 3] },
+    eTrackingResult: sys::ETrackingResult_TrackingResult_Uninitialized,
+    bPoseIsValid: false,
+    bDeviceIsConnected: false,
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::openvr::matrix::matrix;
+
+    #[test]
+    fn pose_is_valid_only_when_all_flags_agree() {
+        let good = sys::TrackedDevicePose_t {
+            mDeviceToAbsoluteTracking: matrix(&Pose::from_translation(DVec3::new(0.1, 1.6, -0.2))),
+            eTrackingResult: sys::ETrackingResult_TrackingResult_Running_OK,
+            bPoseIsValid: true,
+            bDeviceIsConnected: true,
+            ..INVALID_POSE
+        };
+        assert!(DevicePose::of(&good).valid_pose().is_some());
+        let bad: [fn(&mut sys::TrackedDevicePose_t); 5] = [
+            |pose| pose.bPoseIsValid = false,
+            |pose| pose.bDeviceIsConnected = false,
+            |pose| pose.eTrackingResult = sys::ETrackingResult_TrackingResult_Running_OutOfRange,
+            |pose| pose.eTrackingResult = sys::ETrackingResult_TrackingResult_Calibrating_InProgress,
+            |pose| pose.mDeviceToAbsoluteTracking.m[0][0] = f32::NAN,
+        ];
+        for spoil in bad {
+            let mut pose = good;
+            spoil(&mut pose);
+            assert_eq!(DevicePose::of(&pose).valid_pose(), None);
+        }
+        assert_eq!(DevicePose::of(&INVALID_POSE).valid_pose(), None);
+    }
+}

@@ -1,0 +1,178 @@
+//! Where the VR runtime is, found as Valve's loader finds it: a JSON file in the user's folder names it, environment
+//! variables name another file (`VR_PATHREG_OVERRIDE`) or another runtime (`VR_OVERRIDE`).
+
+use std::ffi::OsString;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use super::error::OpenVrError;
+
+/// No list of runtimes is longer.
+const MAX_REGISTRY_BYTES: u64 = 1 << 20;
+/// The library within a runtime.
+const LIBRARY: &str = if cfg!(windows) {
+    r"bin\vrclient_x64.dll"
+} else if cfg!(target_os = "macos") {
+    "bin/vrclient.dylib"
+} else {
+    "bin/linux64/vrclient.so"
+};
+
+/// A runtime on this computer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RuntimePaths {
+    /// Its folder.
+    pub runtime: PathBuf,
+    /// Its library.
+    pub library: PathBuf,
+    /// Where it keeps its settings, when told.
+    pub config: Option<PathBuf>,
+}
+
+impl RuntimePaths {
+    /// The runtime that Valve's loader would take.
+    ///
+    /// # Errors
+    /// No list of runtimes, one that cannot be used, or no library where it points.
+    pub fn find() -> Result<Self, OpenVrError> {
+        Self::find_with(|name| std::env::var_os(name).filter(|value| !value.is_empty()))
+    }
+
+    fn find_with(variable: impl Fn(&str) -> Option<OsString>) -> Result<Self, OpenVrError> {
+        let chosen = variable("VR_OVERRIDE").map(PathBuf::from);
+        // With all three named nothing is left that the file could tell.
+        let is_needed = chosen.is_none() || variable("VR_CONFIG_PATH").is_none() || variable("VR_LOG_PATH").is_none();
+        let registry = if is_needed { Some(Registry::read(&registry_path(&variable))?) } else { None };
+        let config = variable("VR_CONFIG_PATH").map(PathBuf::from).or(registry.as_ref().and_then(|r| r.config.clone()));
+        let runtime = match (chosen, registry) {
+            (Some(chosen), _) => chosen,
+            (None, Some(registry)) => registry.runtime,
+            (None, None) => return Err(OpenVrError::NotInstalled(registry_path(&variable))),
+        };
+        let library = runtime.join(LIBRARY);
+        if !library.is_file() {
+            return Err(OpenVrError::NoLibrary(library));
+        }
+        Ok(Self { runtime, library, config })
+    }
+}
+
+/// Where the list of runtimes is.
+fn registry_path(variable: &impl Fn(&str) -> Option<OsString>) -> PathBuf {
+    if let Some(path) = variable("VR_PATHREG_OVERRIDE") {
+        return path.into();
+    }
+    let folder = if cfg!(windows) {
+        variable("LOCALAPPDATA").map(PathBuf::from)
+    } else {
+        variable("XDG_CONFIG_HOME").map(PathBuf::from).or(variable("HOME").map(|home| Path::new(&home).join(".config")))
+    };
+    folder.unwrap_or_default().join("openvr").join("openvrpaths.vrpath")
+}
+
+/// What the list says, as far as it is needed.
+struct Registry {
+    runtime: PathBuf,
+    config: Option<PathBuf>,
+}
+
+impl Registry {
+    fn read(path: &Path) -> Result<Self, OpenVrError> {
+        let bad = |reason: String| OpenVrError::Registry { path: path.to_owned(), reason };
+        let file = match std::fs::File::open(path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                return Err(OpenVrError::NotInstalled(path.to_owned()));
+            }
+            file => file.map_err(|error| bad(error.to_string()))?,
+        };
+        let mut text = String::new();
+        let length =
+            file.take(MAX_REGISTRY_BYTES + 1).read_to_string(&mut text).map_err(|error| bad(error.to_string()))?;
+        if length as u64 > MAX_REGISTRY_BYTES {
+            return Err(bad(format!("it is longer than {MAX_REGISTRY_BYTES} bytes")));
+        }
+        // Windows' programs like to begin a text with a mark of its encoding.
+        let json: serde_json::Value =
+            serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(|error| bad(error.to_string()))?;
+        let first = |key: &str| json[key][0].as_str().filter(|text| !text.is_empty()).map(PathBuf::from);
+        let runtime = first("runtime").ok_or_else(|| bad("it names no runtime".to_owned()))?;
+        Ok(Self { runtime, config: first("config") })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    /// A folder with a runtime and a list that names it, and the variable that names the list.
+    fn installed(name: &str, list: &str) -> (PathBuf, impl Fn(&str) -> Option<OsString> + use<>) {
+        let folder = std::env::temp_dir().join(format!("radar-chaperone-place-{name}-{}", std::process::id()));
+        let library = folder.join("SteamVR").join(LIBRARY);
+        fs::create_dir_all(library.parent().unwrap()).unwrap();
+        fs::write(&library, "").unwrap();
+        let list_path = folder.join("openvrpaths.vrpath");
+        fs::write(&list_path, list.replace("FOLDER", folder.to_str().unwrap())).unwrap();
+        (folder, move |name: &str| (name == "VR_PATHREG_OVERRIDE").then(|| list_path.clone().into_os_string()))
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn first_runtime_in_registry_is_used() {
+        let (folder, variable) = installed(
+            "first",
+            "\u{feff}{\"runtime\": [\"FOLDER/SteamVR\", \"/other\"], \"config\": [\"/c\"], \"version\": 1}",
+        );
+        let place = RuntimePaths::find_with(variable).unwrap();
+        assert_eq!(place.runtime, folder.join("SteamVR"));
+        assert_eq!(place.config, Some(PathBuf::from("/c")));
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn environment_overrides_runtime() {
+        let (folder, variable) = installed("other", "{\"runtime\": [\"/nowhere\"]}");
+        assert_eq!(
+            RuntimePaths::find_with(&variable),
+            Err(OpenVrError::NoLibrary(Path::new("/nowhere").join(LIBRARY)))
+        );
+        let own = folder.join("SteamVR");
+        let chosen =
+            |name: &str| if name == "VR_OVERRIDE" { Some(own.clone().into_os_string()) } else { variable(name) };
+        assert_eq!(RuntimePaths::find_with(chosen).unwrap().runtime, own);
+        // Without the list, config and log have to be named as well.
+        let alone = |name: &str| (name == "VR_OVERRIDE").then(|| own.clone().into_os_string());
+        assert!(matches!(RuntimePaths::find_with(alone), Err(OpenVrError::NotInstalled(_))));
+        let all = |name: &str| match name {
+            "VR_OVERRIDE" => Some(own.clone().into_os_string()),
+            "VR_CONFIG_PATH" | "VR_LOG_PATH" => Some("/tmp".into()),
+            _ => None,
+        };
+        assert_eq!(RuntimePaths::find_with(all).unwrap().config, Some(PathBuf::from("/tmp")));
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn unusable_registry_errors_state_the_reason() {
+        for (name, list, says) in [
+            ("json", "runtime = 1", "expected value"),
+            ("none", "{\"runtime\": []}", "names no runtime"),
+            ("kind", "{\"runtime\": [7]}", "names no runtime"),
+        ] {
+            let (folder, variable) = installed(name, list);
+            let error = RuntimePaths::find_with(variable).unwrap_err().to_string();
+            assert!(error.contains(says), "{error}");
+            fs::remove_dir_all(folder).unwrap();
+        }
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn registry_is_searched_in_config_folders() {
+        let home = |name: &str| (name == "HOME").then(|| OsString::from("/home/me"));
+        assert_eq!(registry_path(&home), Path::new("/home/me/.config/openvr/openvrpaths.vrpath"));
+        let xdg = |name: &str| (name == "XDG_CONFIG_HOME").then(|| OsString::from("/cfg"));
+        assert_eq!(registry_path(&xdg), Path::new("/cfg/openvr/openvrpaths.vrpath"));
+    }
+}

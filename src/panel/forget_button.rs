@@ -1,0 +1,46 @@
+//! The button that has the room's map begin anew. It asks back: it has to be pressed twice within some seconds.
+
+use egui::{Align2, Id, Rect, Sense, Ui, pos2, vec2};
+
+use super::{BAD, FAINT, HOVERED, RAISED, ROUND, TEXT, font};
+
+const SIZE: [f32; 2] = [236.0, 56.0];
+/// The second press comes within so many seconds.
+const CONFIRM_WITHIN_S: f64 = 5.0;
+
+/// In the upper right corner of the plan.
+pub(super) fn place(plan: Rect) -> Rect {
+    let [width, height] = SIZE;
+    Rect::from_min_size(pos2(plan.max.x - 16.0 - width, plan.min.y + 16.0), vec2(width, height))
+}
+
+/// Draws the button; whether it was pressed for the second time.
+pub(super) fn draw(ui: &Ui, rect: Rect) -> bool {
+    let (id, now_s) = (Id::unique("forget the room"), ui.input(|input| input.time));
+    let asked_s: Option<f64> = ui.data(|data| data.get_temp(id));
+    let is_asking = asked_s.is_some_and(|then_s| (0.0..CONFIRM_WITHIN_S).contains(&(now_s - then_s)));
+    let response = ui.interact(rect, id, Sense::click());
+    let ground = if response.hovered() { HOVERED } else { RAISED };
+    let (text, color, ground) = if is_asking {
+        ("Sure? Press again", TEXT, BAD.gamma_multiply(0.6))
+    } else {
+        ("Forget the room", FAINT, ground)
+    };
+    ui.painter().rect_filled(rect, ROUND, ground);
+    ui.painter().text(rect.center(), Align2::CENTER_CENTER, text, font(25.0), color);
+    if is_asking {
+        // Until it asks no more.
+        ui.ctx().request_repaint();
+    }
+    if !response.clicked() {
+        return false;
+    }
+    ui.data_mut(|data| {
+        if is_asking {
+            data.remove::<f64>(id);
+        } else {
+            data.insert_temp(id, now_s);
+        }
+    });
+    is_asking
+}

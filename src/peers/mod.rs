@@ -1,8 +1,0 @@
-//! Other people's ways to see obstacles with the same sensor, to hold ours against; written from public descriptions, in f64, for
-//! experiments alone.
-
-mod vendor;
-
-pub use vendor::{
-    DetectorConfig, DetectorLook, RangeVelocity, Reflection, Sampling, Track, VendorDetector, cone_angle_rad,
-};

@@ -1,0 +1,106 @@
+//! The map is kept from one start to the next.
+
+use std::fmt::Write;
+
+use glam::{DVec2, DVec3};
+use radar_chaperone::geometry::Pose;
+use radar_chaperone::panel;
+use radar_chaperone::recording::MapFile;
+use radar_chaperone::truth::TruthObstacle;
+use serde_json::{Value, json};
+
+use crate::rig::Rig;
+use crate::warnings::chair;
+
+/// How far from the chair the head is at the second start, along the floor, metres.
+const AWAY_M: f64 = 0.7;
+
+#[test]
+fn saved_map_warns_before_redetection() {
+    let mut rig = Rig::new("kept");
+    rig.start_sensor("furnished-room", "approach-chair", 1, 300);
+    rig.start_steamvr(&json!({}), true);
+    let program = rig.start_run(&[]);
+    // The head has been at the chair by then.
+    rig.wait_report("the way to the chair", |report| report["frames"].as_u64() > Some(720));
+    let ended = program.interrupt();
+    assert_eq!(ended.code, Some(0), "{}", ended.err);
+    let folder = rig.path("home/.local/share/radar-chaperone/maps");
+    let files: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let [file] = &files[..] else { panic!("{files:?}") };
+    let chair = chair();
+    let bytes = std::fs::read(file).unwrap();
+    let kept = MapFile::read(file).unwrap();
+    let in_room = kept.map.moved(&kept.standing_from_raw);
+    assert!(in_room.places.iter().any(|place| to(&chair, place.position_m) < 0.2), "{in_room:?}");
+    rig.end_steamvr();
+
+    // The head stands beside the chair and looks away from it.
+    let middle = chair.points_m.iter().sum::<DVec3>() / chair.points_m.len() as f64;
+    let away = DVec3::new(-middle.x, 0.0, -middle.z).normalize_or(DVec3::Z);
+    let edge = chair.points_m.iter().map(|point| (*point - middle).dot(away)).fold(0.0, f64::max);
+    let eyes = DVec3::new(middle.x, 1.6, middle.z) + away * (edge + AWAY_M);
+    std::fs::write(rig.path("still.tum"), still(&Pose::looking_at(eyes, eyes + away, DVec3::Y))).unwrap();
+    rig.start_steamvr_with(&json!({}), &["--track", "still.tum"]);
+    let program = rig.start_run(&[]);
+    rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));
+    let warned = panels_at(&rig.shoot("again"), &chair);
+    assert!(warned.iter().any(|alpha| *alpha > 0.0 && *alpha <= 0.6), "fainter than what was seen: {warned:?}");
+
+    // The panel's button: what is known goes, and what was kept with it.
+    rig.send_command(&json!({"do": "dashboard", "open": true}));
+    rig.wait_report("the panel", |report| report["dashboard_textures"].as_u64() > Some(5));
+    let [x, y] = panel::target(&toml::Table::new(), "forget").unwrap();
+    let press = json!({"do": "mouse", "action": "click", "x": x, "y": y});
+    rig.send_command(&press);
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    assert!(!panels_at(&rig.shoot("asked"), &chair).is_empty(), "it asks back");
+    rig.send_command(&press);
+    rig.wait_for("its word", || program.err().contains("button to forget the room").then_some(()));
+    rig.wait_for("no map", || (std::fs::read_dir(&folder).unwrap().count() == 0).then_some(()));
+    let warned = panels_at(&rig.shoot("wiped"), &chair);
+    assert!(warned.is_empty(), "{warned:?}");
+    assert_eq!(program.interrupt().code, Some(0));
+    let is_kept = |file: MapFile| {
+        let in_room = file.map.moved(&file.standing_from_raw);
+        in_room.places.iter().any(|place| to(&chair, place.position_m) < 0.2)
+    };
+    assert!(!MapFile::read(file).is_ok_and(is_kept), "nor is it written again at the end");
+
+    std::fs::write(file, bytes).unwrap();
+    let _ = std::fs::remove_file(rig.path("vr/report.json"));
+    let program = rig.start_run(&["--forget"]);
+    rig.wait_report("frames", |report| report["frames"].as_u64() > Some(180));
+    let warned = panels_at(&rig.shoot("forgotten"), &chair);
+    assert_eq!(program.interrupt().code, Some(0));
+    assert!(warned.is_empty(), "{warned:?}");
+    assert_eq!(rig.report()["violations"], json!({}));
+}
+
+/// Brightness of the panels that stand by the chair.
+fn panels_at(shot: &Value, chair: &TruthObstacle) -> Vec<f64> {
+    let panels = shot["overlays"].as_array().unwrap().iter().filter(|overlay| overlay["sort_order"] == 1);
+    let place = |overlay: &Value| {
+        let [x, y, z] = [0, 1, 2].map(|i| overlay["tracking_from_overlay"]["position_m"][i].as_f64().unwrap());
+        DVec3::new(x, y, z)
+    };
+    panels.filter(|overlay| to(chair, place(overlay)) < 0.3).map(|panel| panel["alpha"].as_f64().unwrap()).collect()
+}
+
+/// Along the floor, metres.
+fn to(chair: &TruthObstacle, place: DVec3) -> f64 {
+    let level = |v: DVec3| DVec2::new(v.x, v.z).length();
+    chair.points_m.iter().map(|point| level(*point - place)).fold(f64::INFINITY, f64::min)
+}
+
+/// A head that does not move for ten minutes from now, fifty poses a second: the stand-in takes 30 ms without one for a gap.
+fn still(head: &Pose) -> String {
+    let now_s = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic).tv_sec as f64;
+    let (p, q) = (head.translation, head.rotation);
+    let mut track = String::new();
+    for n in 0..30_000 {
+        let time_s = now_s - 1.0 + f64::from(n) * 0.02;
+        writeln!(track, "{time_s:.3} {} {} {} {} {} {} {}", p.x, p.y, p.z, q.x, q.y, q.z, q.w).unwrap();
+    }
+    track
+}

@@ -1,0 +1,115 @@
+//! What is remembered of a room: the same when it is taken up, confirmed when it is still there, gone when it is not; and hands in a
+//! recording.
+
+use glam::DVec3;
+use radar_chaperone::engine::{Pipeline, Settings};
+use radar_chaperone::obstacles::{HandsSample, SavedMap, Scene};
+use radar_chaperone::radar::preset;
+use radar_chaperone::recording::{Event, Header, Recording, RecordingWriter};
+use radar_chaperone::simulation::{Scenario, Simulated};
+
+fn room(duration_s: f64) -> (Scenario, Simulated) {
+    let scenario = Scenario::new("furnished-room", "approach-chair", preset("d16").unwrap(), duration_s, 1);
+    let simulated = scenario.run().unwrap();
+    (scenario, simulated)
+}
+
+fn pipeline(scenario: &Scenario) -> Pipeline {
+    Pipeline::new(&scenario.config, &scenario.head_from_sensor, &Settings::default())
+}
+
+/// Frames and poses in the order of time.
+fn events(simulated: &Simulated) -> Vec<Event> {
+    let frames = simulated.frames.iter().map(|frame| Event::Frame(frame.clone()));
+    let mut events: Vec<Event> = frames.chain(simulated.poses.iter().map(|pose| Event::Pose(*pose))).collect();
+    events.sort_by_key(Event::time_ns);
+    events
+}
+
+fn feed(mut pipeline: Pipeline, events: impl IntoIterator<Item = Event>) -> Pipeline {
+    for event in events {
+        match event {
+            Event::Frame(frame) => pipeline.push_frame(frame),
+            Event::Pose(pose) => pipeline.push_pose(&pose),
+            Event::Hands(hands) => pipeline.push_hands(hands.time_ns, hands.hands_m),
+        }
+    }
+    pipeline.finish();
+    pipeline
+}
+
+#[test]
+fn present_objects_are_confirmed_under_their_id_and_absent_ones_removed() {
+    let (scenario, simulated) = room(7.0);
+    let known = feed(pipeline(&scenario), events(&simulated)).saved_map();
+    assert!(known.places.len() >= 3 && !known.walls.is_empty(), "{known:?}");
+    let text = serde_json::to_string(&known).unwrap();
+    assert_eq!(serde_json::from_str::<SavedMap>(&text).unwrap(), known, "to the bit");
+
+    // Something that was there, in free space, a metre ahead of where the player begins.
+    let first = simulated.poses[0].tracking_from_head().unwrap();
+    let mut with_more = known.clone();
+    let mut gone = known.places[0].clone();
+    gone.id = 900;
+    gone.position_m = first.translation + first.forward() * 1.0;
+    gone.shape = vec![(gone.position_m, 9.0)];
+    gone.strengths = gone.strengths.map(|_| known.places[0].strengths.into_iter().fold(0.0, f64::max));
+    assert!(known.places.iter().all(|place| place.position_m.distance(gone.position_m) > 0.4));
+    let gone_m = gone.position_m;
+    with_more.places.push(gone);
+
+    let begin = || {
+        let mut pipeline = pipeline(&scenario);
+        pipeline.restore(&with_more).unwrap();
+        pipeline
+    };
+    let at_once = begin().scene();
+    assert!(
+        at_once.obstacles.iter().all(|thing| thing.provisional) && at_once.walls.iter().all(|wall| wall.provisional)
+    );
+    assert!(
+        at_once.obstacles.iter().any(|thing| thing.position_m.distance(gone_m) < 0.05),
+        "part of the scene at once"
+    );
+    assert_eq!(at_once.walls.len(), known.walls.len());
+    assert_eq!(begin().saved_map(), with_more, "what is not looked at is kept as it was");
+
+    let after = feed(begin(), events(&simulated));
+    let (scene, left) = (after.scene(), after.saved_map());
+    assert!(left.places.iter().all(|place| place.id != 900), "looked at, and nothing there");
+    let chair = simulated.truth.obstacles.iter().find(|thing| thing.name == "chair").unwrap();
+    let at_chair = |at: DVec3| chair.points_m.iter().any(|point| point.distance(at) < 0.2);
+    let is_known = |id: u64| known.places.iter().any(|place| place.id == id && at_chair(place.position_m));
+    let confirmed = scene.obstacles.iter().find(|thing| !thing.provisional && is_known(thing.id));
+    assert!(confirmed.is_some_and(|thing| at_chair(thing.position_m)), "{:?}", told(&scene));
+    assert!(scene.walls.iter().any(|wall| !wall.provisional && known.walls.iter().any(|was| was.id == wall.id)));
+    assert_eq!(feed(begin(), events(&simulated)).scene(), scene, "the same again");
+}
+
+fn told(scene: &Scene) -> Vec<(u64, DVec3, bool)> {
+    scene.obstacles.iter().map(|thing| (thing.id, thing.position_m, thing.provisional)).collect()
+}
+
+#[test]
+fn recorded_hands_equal_pushed_hands() {
+    let (scenario, simulated) = room(5.0);
+    let plain = events(&simulated);
+    // A hand on the chair all the time: nothing is told of what is there.
+    let chair = simulated.truth.obstacles.iter().find(|thing| thing.name == "chair").unwrap();
+    let hands_m = [None, Some(chair.points_m[0])];
+    let hands = simulated.poses.iter().map(|pose| HandsSample { time_ns: pose.time_ns, hands_m }).step_by(3);
+    let mut with_hands: Vec<Event> = plain.iter().cloned().chain(hands.map(Event::Hands)).collect();
+    with_hands.sort_by_key(Event::time_ns);
+
+    let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("hands.mcap");
+    let header = Header::new("test", scenario.config.clone(), scenario.head_from_sensor);
+    let mut writer = RecordingWriter::create(&path, &header).unwrap();
+    with_hands.iter().for_each(|event| writer.write(event).unwrap());
+    let summary = writer.finish().unwrap();
+    assert_eq!(summary.hands_tracked, [0, summary.hands.count]);
+
+    let pushed = feed(pipeline(&scenario), with_hands).scene();
+    let replayed = feed(pipeline(&scenario), Recording::open(&path).unwrap()).scene();
+    assert_eq!(replayed, pushed);
+    assert_ne!(feed(pipeline(&scenario), plain).scene(), pushed, "hands change what is found");
+}
