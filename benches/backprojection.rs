@@ -16,7 +16,7 @@ use num_complex::Complex32;
 use radar_chaperone::geometry::{Aabb, Pose};
 use radar_chaperone::imaging::Statistic;
 use radar_chaperone::imaging::backprojection::{BrickGrid, SweepStack, dense_volume};
-use radar_chaperone::radar::{Beam, Observation, Profile, RangeAxis, SweepGeometry};
+use radar_chaperone::radar::{Beam, Observation, RangeAxis, SweepGeometry};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -27,7 +27,7 @@ const STATISTICS: [Statistic; 6] =
     [Statistic::Ls, Statistic::Log, Statistic::Thesis, Statistic::ThesisFull, Statistic::Glrt, Statistic::Coherent];
 
 fn sweeps(axis: RangeAxis, count: usize) -> Vec<Observation> {
-    let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, profile: Profile::P3, point_period_s: 0.0 });
+    let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, pulse_fwhm_m: 0.14, point_period_s: 0.0 });
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let sweep = |i: usize| {
         let t = i as f64 / (count - 1).max(1) as f64;

@@ -240,11 +240,11 @@ impl Trial {
 fn sight(observation: &Observation, truth: DVec3, snr_db: f64, phases: bool) -> BoundSight {
     let distance_m = observation.distance_m(truth);
     let axis = &observation.geometry.axis;
-    let profile = observation.geometry.profile;
-    let energy: f64 = (0..axis.points).map(|n| envelope(profile, axis.range_m(n) - distance_m).powi(2)).sum();
+    let pulse_fwhm_m = observation.geometry.pulse_fwhm_m;
+    let energy: f64 = (0..axis.points).map(|n| envelope(pulse_fwhm_m, axis.range_m(n) - distance_m).powi(2)).sum();
     let amplitude = Beam::Lensless.amplitude(observation.cos_off_boresight(truth)) / (distance_m * distance_m);
     let power = 10f64.powf(snr_db / 10.0) * amplitude * amplitude * energy;
-    let width_m = profile.envelope_fwhm_m();
+    let width_m = pulse_fwhm_m;
     BoundSight {
         time_s: observation.mid_time_ns as f64 * 1e-9,
         toward: (truth - observation.tracking_from_sensor.translation).normalize(),

@@ -55,7 +55,8 @@ impl RangeCompressor {
         let step_m = axis.step_m / phases as f64;
         // Axes of fewer than four points are tabulated as if they went on: interpolation needs four.
         let entries = (axis.points.saturating_sub(1) * phases + 1).max(4);
-        let template = |offset_m: f64| Some(envelope(geometry.profile, offset_m)).filter(|e| *e >= NEGLIGIBLE_ENVELOPE);
+        let template =
+            |offset_m: f64| Some(envelope(geometry.pulse_fwhm_m, offset_m)).filter(|e| *e >= NEGLIGIBLE_ENVELOPE);
         let reach = (0..axis.points).take_while(|&n| template(n as f64 * axis.step_m).is_some()).count();
         let tap = |phase: usize, tap: usize| {
             let samples = tap as f64 - reach as f64 - phase as f64 / phases as f64;
@@ -362,12 +363,12 @@ impl CompressedSweep {
 mod tests {
     use super::*;
     use crate::imaging::oracle::compressed_at;
-    use crate::radar::{Profile, RangeAxis};
+    use crate::radar::RangeAxis;
     use proptest::prelude::*;
 
-    fn geometry(step_m: f64, points: usize, profile: Profile) -> SweepGeometry {
+    fn geometry(step_m: f64, points: usize, pulse_fwhm_m: f64) -> SweepGeometry {
         let axis = RangeAxis { first_m: 0.2, step_m, points };
-        SweepGeometry { subsweep: 0, axis, profile, point_period_s: 1e-5 }
+        SweepGeometry { subsweep: 0, axis, pulse_fwhm_m, point_period_s: 1e-5 }
     }
 
     proptest! {
@@ -377,7 +378,7 @@ mod tests {
             samples in prop::collection::vec((-1000.0..1000.0f32, -1000.0..1000.0f32), 50),
             share in 0.0..1.0f64,
         ) {
-            let geometry = geometry(step, 50, Profile::P3);
+            let geometry = geometry(step, 50, 0.14);
             let samples: Vec<_> = samples.iter().map(|s| Complex32::new(s.0, s.1)).collect();
             let compressed = RangeCompressor::new(&geometry).compress(&samples, 1.0);
             let range = geometry.axis.first_m + share * (geometry.axis.last_m() - geometry.axis.first_m);
@@ -390,7 +391,7 @@ mod tests {
     #[test]
     fn degenerate_axes_do_not_panic() {
         for points in 1..6 {
-            let compressor = RangeCompressor::new(&geometry(0.06, points, Profile::P1));
+            let compressor = RangeCompressor::new(&geometry(0.06, points, 0.04));
             let compressed = compressor.compress(&vec![Complex32::new(1.0, 0.0); points], 1.0);
             assert!(compressed.at(0.2).norm().is_finite() && compressed.at(-5.0).re.is_finite());
         }

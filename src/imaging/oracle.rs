@@ -15,7 +15,7 @@ pub fn compressed_at(geometry: &SweepGeometry, samples: &[Complex32], range_m: f
     let mut sum = Complex64::ZERO;
     let mut energy = 0.0;
     for (n, sample) in samples.iter().enumerate() {
-        let e = envelope(geometry.profile, geometry.axis.range_m(n) - range_m);
+        let e = envelope(geometry.pulse_fwhm_m, geometry.axis.range_m(n) - range_m);
         sum += Complex64::new(f64::from(sample.re), f64::from(sample.im)) * e;
         energy += e * e;
     }
@@ -117,7 +117,7 @@ impl<'a> Oracle<'a> {
         let observation = &self.observations[i];
         let geometry = &observation.geometry;
         let each = observation.samples.iter().enumerate().map(|(n, x)| {
-            let h = template(geometry.profile, geometry.axis.range_m(n), seen.distance_m, seen.amplitude);
+            let h = template(geometry.pulse_fwhm_m, geometry.axis.range_m(n), seen.distance_m, seen.amplitude);
             math::norm(Complex64::new(f64::from(x.re), f64::from(x.im)) * h.conj())
         });
         each.sum()
@@ -171,12 +171,13 @@ mod tests {
 
     use super::*;
     use crate::geometry::Pose;
-    use crate::radar::{Profile, RangeAxis};
+    use crate::imaging::test_data::PULSE_FWHM_M;
+    use crate::radar::RangeAxis;
 
     /// Two sweeps of five points, a metre and 0.8 m from the origin, looking at it; samples without any pattern.
     fn two_sweeps() -> Vec<Observation> {
         let axis = RangeAxis { first_m: 0.7, step_m: 0.1, points: 5 };
-        let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, profile: Profile::P3, point_period_s: 1e-5 });
+        let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, pulse_fwhm_m: PULSE_FWHM_M, point_period_s: 1e-5 });
         let sweep = |z: f64, samples: [(f32, f32); 5]| Observation {
             mid_time_ns: 0,
             tracking_from_sensor: Pose::new(DVec3::Z * z, DQuat::IDENTITY),
@@ -251,13 +252,13 @@ mod tests {
     fn coherent_point_scores_high_and_its_surroundings_low() {
         // Twenty sweeps at a slant, a point 1 m ahead, phase as the sensor shows it.
         let axis = RangeAxis { first_m: 0.7, step_m: 0.06, points: 11 };
-        let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, profile: Profile::P3, point_period_s: 0.0 });
+        let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, pulse_fwhm_m: PULSE_FWHM_M, point_period_s: 0.0 });
         let target = DVec3::NEG_Z;
         let sweep = |k: usize| {
             let p = DVec3::new(1.0, 0.0, 1.0) * (0.002 * k as f64 - 0.02);
             let d = p.distance(target);
             let sample = |n: usize| {
-                let e = envelope(Profile::P3, axis.range_m(n) - d) * 100.0;
+                let e = envelope(PULSE_FWHM_M, axis.range_m(n) - d) * 100.0;
                 let s = Complex64::from_polar(e, PHASE_RAD_PER_M * d);
                 // A little receiver noise, different in every sample.
                 let noise = ((k * 11 + n) as f64 * 12.9898).sin() * 43758.5453;

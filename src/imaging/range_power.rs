@@ -111,7 +111,7 @@ impl<'a> RangePower<'a> {
     pub fn readings(&self, place: DVec3) -> Vec<Reading> {
         let reading = |sweep: usize| {
             let (distance_m, z, slope) = self.echo(sweep, place)?;
-            let width_m = self.observations[sweep].geometry.profile.envelope_fwhm_m();
+            let width_m = self.observations[sweep].geometry.pulse_fwhm_m;
             let power = z.norm_sqr();
             Some(Reading {
                 sweep,
@@ -146,7 +146,7 @@ impl<'a> RangePower<'a> {
             let axis = &observation.geometry.axis;
             let clamped = middle_m.clamp(axis.first_m, axis.last_m());
             let power = self.compressed[sweep].at(clamped).norm_sqr();
-            let half_width_m = observation.geometry.profile.envelope_fwhm_m() * 0.5;
+            let half_width_m = observation.geometry.pulse_fwhm_m * 0.5;
             let half_m = half_width_m * math::log2(1.0 + 20.0 * power).sqrt() + 0.02;
             self.masks[sweep].push(MaskedRange { middle_m, half_m });
         }
@@ -161,7 +161,7 @@ fn echo_free_noise_rms(observation: &Observation) -> f64 {
     // Noise alone exceeds this in one sweep of thirty.
     let loud = ECHO_POWER * plain * plain;
     let geometry = &observation.geometry;
-    let near = (geometry.profile.envelope_fwhm_m() / geometry.axis.step_m).ceil() as usize;
+    let near = (geometry.pulse_fwhm_m / geometry.axis.step_m).ceil() as usize;
     let mut last_loud: Option<usize> = None;
     let mut lit = vec![false; samples.len()];
     for (n, sample) in samples.iter().enumerate() {

@@ -19,8 +19,12 @@ pub enum Statistic {
     /// |Σ z w e^{−j4πd/λ}| / √Σ w²: all sweeps in phase.
     Coherent,
     /// Coherent inside blocks of 50–100 ms, each against its own incoherent energy, summed over blocks.
+    #[serde(alias = "blocks")]
     Subaperture,
 }
+
+/// The name of [`Statistic::Subaperture`] in settings and commands of before.
+const FORMER_SUBAPERTURE_NAME: &str = "blocks";
 
 /// No such statistic.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -41,7 +45,7 @@ impl Statistic {
             Self::Log => "log",
             Self::Glrt => "glrt",
             Self::Coherent => "coherent",
-            Self::Subaperture => "blocks",
+            Self::Subaperture => "subaperture",
         }
     }
 
@@ -60,6 +64,7 @@ impl Statistic {
 impl std::str::FromStr for Statistic {
     type Err = UnknownStatistic;
     fn from_str(name: &str) -> Result<Self, UnknownStatistic> {
+        let name = if name == FORMER_SUBAPERTURE_NAME { Self::Subaperture.name() } else { name };
         Self::ALL.into_iter().find(|s| s.name() == name).ok_or_else(|| UnknownStatistic(name.into()))
     }
 }

@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::geometry::{Plane, Pose};
-use crate::radar::{Observation, PHASE_RAD_PER_M, Profile, RangeAxis, SweepGeometry, envelope};
+use crate::radar::{Observation, PHASE_RAD_PER_M, RangeAxis, SweepGeometry, envelope};
 
 /// What returns an echo.
 #[derive(Debug, Clone, Copy)]
@@ -18,6 +18,8 @@ pub(crate) enum Echo {
     Plane(Plane),
 }
 
+/// Full width at half maximum of the pulse, metres: profile 3.
+pub(crate) const PULSE_FWHM_M: f64 = 0.14;
 /// Rms of the noise, LSB.
 const NOISE_RMS: f64 = 20.0;
 
@@ -34,7 +36,7 @@ pub(crate) fn sweeps(
     seed: u64,
 ) -> Vec<Observation> {
     let axis = RangeAxis { first_m: 0.2, step_m: 0.06, points: 50 };
-    let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, profile: Profile::P3, point_period_s: 1.8e-5 });
+    let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, pulse_fwhm_m: PULSE_FWHM_M, point_period_s: 1.8e-5 });
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut noise = move || -> f64 { StandardNormal.sample(&mut rng) };
     let sweep = |k: usize| {
@@ -54,7 +56,7 @@ pub(crate) fn sweeps(
                     Echo::Point(at) => at.distance(from),
                     Echo::Plane(plane) => plane.distance(from),
                 };
-                let pulse = envelope(geometry.profile, geometry.axis.range_m(n) - distance_m);
+                let pulse = envelope(geometry.pulse_fwhm_m, geometry.axis.range_m(n) - distance_m);
                 sum += Complex64::from_polar(NOISE_RMS * snr * pulse, PHASE_RAD_PER_M * distance_m);
             }
             Complex32::new(sum.re as f32, sum.im as f32)

@@ -71,7 +71,7 @@ impl Response {
     pub fn information(&self, motion: DVec3, geometry: &SweepGeometry, aperture_m: f64) -> DMat3 {
         let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
         let across = (motion - self.toward * self.cos) / self.range_m.max(1e-3);
-        let range_sigma_m = geometry.profile.envelope_fwhm_m() * 0.5;
+        let range_sigma_m = geometry.pulse_fwhm_m * 0.5;
         let cos_sigma = WAVELENGTH_M / (4.0 * aperture_m.max(1e-4));
         outer(self.toward) * range_sigma_m.powi(-2) + outer(across) * cos_sigma.powi(-2)
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use num_complex::Complex32;
 
-use super::{Profile, RangeAxis};
+use super::RangeAxis;
 use crate::geometry::Pose;
 
 /// What all observations of one subsweep share.
@@ -15,8 +15,8 @@ pub struct SweepGeometry {
     pub subsweep: usize,
     /// Where its points lie.
     pub axis: RangeAxis,
-    /// Its pulse.
-    pub profile: Profile,
+    /// Full width at half maximum of the pulse's amplitude envelope, metres.
+    pub pulse_fwhm_m: f64,
     /// Time from point to point, seconds.
     pub point_period_s: f64,
 }

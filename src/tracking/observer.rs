@@ -107,7 +107,7 @@ impl Observer {
             Arc::new(SweepGeometry {
                 subsweep: index,
                 axis: RangeAxis::of(subsweep),
-                profile: subsweep.profile,
+                pulse_fwhm_m: subsweep.profile.envelope_fwhm_m(),
                 point_period_s,
             })
         });

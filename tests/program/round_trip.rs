@@ -66,7 +66,7 @@ fn replay_at_a_given_speed_finds_the_same() {
 fn reconstruct_writes_a_volume_and_what_it_is_for_every_statistic() {
     let folder = Folder::new("reconstruct");
     folder.run("simulate corner-reflector --motion sphere-50cm --snr-db 20 --duration-s 2 --out r.mcap").succeeds();
-    for statistic in ["thesis-full", "thesis", "ls", "log", "glrt", "coherent", "blocks"] {
+    for statistic in ["thesis-full", "thesis", "ls", "log", "glrt", "coherent", "subaperture"] {
         let region = "--box -0.5,1.4,-1.2,0,1.6,-0.8 --voxel-m 0.05 --sweeps 20";
         folder
             .run(&format!(

@@ -118,7 +118,8 @@ fn compressed_sweeps_match_their_definition() {
             let (axis, samples) = (&observation.geometry.axis, &observation.samples);
             let compressed = RangeCompressor::new(&observation.geometry).compress(samples, 1.0);
             let exact = |range_m: f64| {
-                let e: Vec<f64> = (0..axis.points).map(|n| envelope(case.profile, axis.range_m(n) - range_m)).collect();
+                let e: Vec<f64> =
+                    (0..axis.points).map(|n| envelope(case.pulse_fwhm_m, axis.range_m(n) - range_m)).collect();
                 let sum: Complex64 =
                     samples.iter().zip(&e).map(|(x, e)| Complex64::new(x.re.into(), x.im.into()) * e).sum();
                 sum / e.iter().map(|e| e * e).sum::<f64>().sqrt()
@@ -127,7 +128,7 @@ fn compressed_sweeps_match_their_definition() {
             let exact: Vec<Complex64> = (0..200).map(|n| exact(range_m(n))).collect();
             let peak = exact.iter().map(|z| z.norm()).fold(0.0, f64::max);
             // As its documentation says.
-            let share = if case.profile == Profile::P1 { 3e-3 } else { 5e-4 };
+            let share = if case.pulse_fwhm_m == Profile::P1.envelope_fwhm_m() { 3e-3 } else { 5e-4 };
             for (n, exact) in (0..200).zip(exact) {
                 let (range_m, z) = (range_m(n), compressed.at(range_m(n)));
                 if !agrees((z - exact).norm(), 0.0, share * peak + 1e-42) {

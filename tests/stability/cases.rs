@@ -44,7 +44,7 @@ pub struct Case {
     /// Where the path's middle lies, tracking frame, metres.
     pub origin: DVec3,
     pub axis: RangeAxis,
-    pub profile: Profile,
+    pub pulse_fwhm_m: f64,
     pub beam: Beam,
     /// Where the reflector lies from the path's middle, metres.
     pub target: DVec3,
@@ -65,7 +65,7 @@ impl Case {
             name: name.into(),
             origin: DVec3::ZERO,
             axis: D16,
-            profile: Profile::P3,
+            pulse_fwhm_m: 0.14,
             beam: Beam::Lensless,
             target: DVec3::new(0.1, 0.0, -1.2),
             snr_db: 20.0,
@@ -103,7 +103,13 @@ pub fn cases() -> Vec<Case> {
     all.push(Case { name: "touching, coarse voxels".into(), half_m: 0.4, voxel_m: 0.11, ..touching });
     for profile in Profile::ALL {
         let axis = RangeAxis { first_m: 0.8, step_m: 0.01, points: 80 };
-        all.push(Case { axis, profile, half_m: 0.05, voxel_m: 0.012, ..Case::new(format!("{profile:?}")) });
+        all.push(Case {
+            axis,
+            pulse_fwhm_m: profile.envelope_fwhm_m(),
+            half_m: 0.05,
+            voxel_m: 0.012,
+            ..Case::new(format!("{profile:?}"))
+        });
     }
     for beam in [Beam::Uniform, Beam::Thesis, Beam::Fresnel, Beam::Hyperbolic] {
         let name = format!("beam {beam:?}");
@@ -203,8 +209,12 @@ pub fn sweeps(case: &Case, path: &Path, count: usize, seed: u64) -> Vec<Observat
 
 /// The same, where only `count` of `all` sweeps' way is gone: slowly, as blocks need it.
 pub fn sweeps_along(case: &Case, path: &Path, count: usize, all: usize, seed: u64) -> Vec<Observation> {
-    let geometry =
-        Arc::new(SweepGeometry { subsweep: 0, axis: case.axis, profile: case.profile, point_period_s: 1.8e-5 });
+    let geometry = Arc::new(SweepGeometry {
+        subsweep: 0,
+        axis: case.axis,
+        pulse_fwhm_m: case.pulse_fwhm_m,
+        point_period_s: 1.8e-5,
+    });
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut noise = || -> f64 { StandardNormal.sample(&mut rng) };
     let amplitude = NOISE_LSB * 10f64.powf(case.snr_db / 20.0);
@@ -220,7 +230,7 @@ pub fn sweeps_along(case: &Case, path: &Path, count: usize, all: usize, seed: u6
         let distance_m = observation.distance_m(case.at());
         let echo = Complex64::from_polar(amplitude, PHASE_RAD_PER_M * distance_m);
         let mut sample = |n: usize| {
-            let pulse = envelope(case.profile, case.axis.range_m(n) - distance_m);
+            let pulse = envelope(case.pulse_fwhm_m, case.axis.range_m(n) - distance_m);
             let sum = echo * pulse + Complex64::new(noise(), noise()) * (NOISE_LSB / 2f64.sqrt());
             Complex32::new(sum.re as f32, sum.im as f32)
         };

@@ -34,7 +34,7 @@ fn seconds(time_ns: i64) -> f64 {
 fn sound_streams(config: &SensorConfig, duration_s: f64, seed: u64) -> (Vec<Frame>, Vec<PoseSample>) {
     let layout = FrameLayout::of(config);
     let axis = RangeAxis::of(&config.subsweeps[0]);
-    let profile = config.subsweeps[0].profile;
+    let pulse_fwhm_m = config.subsweeps[0].profile.envelope_fwhm_m();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut noise = || -> f64 { StandardNormal.sample(&mut rng) };
     let period_s = frame_timing(config).frame_period_s;
@@ -55,7 +55,7 @@ fn sound_streams(config: &SensorConfig, duration_s: f64, seed: u64) -> (Vec<Fram
             for point in 0..sweep.samples.len() {
                 let time_ns = sweep.first_point_time_ns + (point as f64 * sweep.point_period_s * 1e9) as i64;
                 let distance_m = head(seconds(time_ns)).translation.distance(CHAIR);
-                let pulse = 200.0 * envelope(profile, axis.range_m(point) - distance_m);
+                let pulse = 200.0 * envelope(pulse_fwhm_m, axis.range_m(point) - distance_m);
                 let echo = Complex64::from_polar(pulse, PHASE_RAD_PER_M * distance_m);
                 samples.push(Complex::new((echo.re + 14.0 * noise()) as i16, (echo.im + 14.0 * noise()) as i16));
             }

@@ -107,7 +107,7 @@ pub(super) mod tests {
             let mut sum = Complex64::new(noise(), noise()) * (NOISE_RMS / 2f64.sqrt());
             for &(range_m, speed, amplitude) in things {
                 let at_m = range_m + speed * sweep as f64 / sampling.sweep_rate_hz;
-                let pulse = envelope(sampling.profile, sampling.axis.range_m(point) - at_m);
+                let pulse = envelope(sampling.profile.envelope_fwhm_m(), sampling.axis.range_m(point) - at_m);
                 sum += math::from_polar(amplitude * pulse, PHASE_RAD_PER_M * at_m);
             }
             Complex::new(sum.re.round() as i16, sum.im.round() as i16)

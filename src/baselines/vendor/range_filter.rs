@@ -77,7 +77,7 @@ mod tests {
         let ones = vec![Complex::new(1000, -500); sampling.axis.points];
         assert!(filter.filtered(&ones).unwrap().iter().all(|z| (z - Complex64::new(1000.0, -500.0)).norm() < 1e-6));
         let at_m = 0.4;
-        let pulse = |n: usize| 2000.0 * envelope(sampling.profile, sampling.axis.range_m(n) - at_m);
+        let pulse = |n: usize| 2000.0 * envelope(sampling.profile.envelope_fwhm_m(), sampling.axis.range_m(n) - at_m);
         let sweep: Vec<_> = (0..sampling.axis.points).map(|n| Complex::new(pulse(n) as i16, 0)).collect();
         let filtered = filter.filtered(&sweep).unwrap();
         let greatest = (0..filtered.len()).max_by(|&a, &b| filtered[a].re.total_cmp(&filtered[b].re)).unwrap();

@@ -590,7 +590,7 @@ impl Kernel for FindExtent<'_> {
 
 fn axis(geometry: &Arc<SweepGeometry>, statistic: Statistic) -> Axis {
     let step_m = geometry.axis.step_m;
-    let widest_m = TABLE_STEP_M.min(geometry.profile.envelope_fwhm_m() / STEPS_PER_PULSE);
+    let widest_m = TABLE_STEP_M.min(geometry.pulse_fwhm_m / STEPS_PER_PULSE);
     let least = |widest_m: f64| (step_m / widest_m - 1e-9).ceil().max(1.0);
     // Of `thesis` there must be an entry halfway between points.
     let halves = statistic == Statistic::Thesis;

@@ -83,7 +83,7 @@ fn unexplained_share(width_m: f64, errors: &PositionErrors) -> f64 {
 /// Two reflectors where a refined one was taken for one; `None` when one is enough.
 pub fn split(power: &RangePower, single: &Refined, errors: &PositionErrors) -> Option<[Refined; 2]> {
     let motion_compensated = power.motion_compensated(single.position_m);
-    let width_m = power.observations().first()?.geometry.profile.envelope_fwhm_m();
+    let width_m = power.observations().first()?.geometry.pulse_fwhm_m;
     if !may_be_two(&motion_compensated, single, 0.5 * GATE_POSES * unexplained_share(width_m, errors)) {
         return None;
     }
@@ -104,7 +104,7 @@ fn may_be_two(power: &RangePower, single: &Refined, share: f64) -> bool {
     let (mut derived, mut total) = (0.0, 0.0);
     for sweep in 0..power.observations().len() {
         let Some((_, z, slope)) = power.echo(sweep, single.position_m) else { continue };
-        let width_m = power.observations()[sweep].geometry.profile.envelope_fwhm_m();
+        let width_m = power.observations()[sweep].geometry.pulse_fwhm_m;
         derived += slope.norm_sqr() * width_m * width_m / (4.0 * std::f64::consts::LN_2) - 1.0;
         total += z.norm_sqr() - 1.0;
     }
@@ -142,7 +142,7 @@ fn best_of_compensated(power: &RangePower, single: &Refined) -> Option<JointFit>
 
 /// Pairs to begin with: both sides of the one place, or it and another, across the line of sight; and along it.
 fn starts(power: &RangePower, single: &Refined, sweep: usize) -> Vec<[DVec3; 2]> {
-    let width_m = power.observations()[sweep].geometry.profile.envelope_fwhm_m();
+    let width_m = power.observations()[sweep].geometry.pulse_fwhm_m;
     let sight = (single.position_m - single.seen_from_m).normalize_or(DVec3::NEG_Z);
     let (a, b) = sight.any_orthonormal_pair();
     let at = single.position_m;
@@ -191,7 +191,7 @@ impl Joint<'_, '_> {
         let echoes = [self.power.echo(sweep, places[0])?, self.power.echo(sweep, places[1])?];
         let observation = &self.power.observations()[sweep];
         let sensor = observation.tracking_from_sensor.translation;
-        let reading = joint_reading(&echoes, observation.geometry.profile.envelope_fwhm_m(), self.ridge);
+        let reading = joint_reading(&echoes, observation.geometry.pulse_fwhm_m, self.ridge);
         let toward = places.map(|place| (place - sensor).normalize_or_zero());
         Some(PairMeasurement { sweep, toward, reading })
     }
@@ -253,7 +253,7 @@ impl Joint<'_, '_> {
                 }
             }
         }
-        let width_m = self.power.observations()[*self.sweeps.first()?].geometry.profile.envelope_fwhm_m();
+        let width_m = self.power.observations()[*self.sweeps.first()?].geometry.pulse_fwhm_m;
         (places[0].distance(places[1]) < FAR_WIDTHS * width_m).then_some((here.gain, places))
     }
 }
@@ -286,7 +286,7 @@ fn lengths(power: &RangePower, measurements: &[PairMeasurement], which: usize) -
         .iter()
         .filter_map(|measurement| {
             let observation = &power.observations()[measurement.sweep];
-            let width_m = observation.geometry.profile.envelope_fwhm_m();
+            let width_m = observation.geometry.pulse_fwhm_m;
             let JointReading { slope_per_m: slope, amplitudes, amplitude_variance, .. } = measurement.reading;
             let (true_info, info) =
                 (measurement.reading.true_information_per_m2, measurement.reading.information_per_m2);

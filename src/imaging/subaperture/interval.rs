@@ -137,7 +137,7 @@ impl Subaperture {
         let groups: Vec<Group> = observations.chunks(LANES).map(|sweeps| group(sweeps, origin)).collect();
         let (first_m, step_m, entries) = (compressor.first_m(), compressor.step_m(), compressor.entries());
         let mut z = vec![[[0.0; LANES]; 2]; entries * groups.len()];
-        let mut rows = Rows::new(observations.len(), entries, first_m, step_m, geometry.profile.envelope_fwhm_m());
+        let mut rows = Rows::new(observations.len(), entries, first_m, step_m, geometry.pulse_fwhm_m);
         let mut evened = [vec![0.0; entries], vec![0.0; entries]];
         let mut sixteen = [vec![0.0; entries * LANES], vec![0.0; entries * LANES]];
         for (g, sweeps) in observations.chunks(LANES).enumerate() {

@@ -256,7 +256,7 @@ impl SlowTime {
 
     /// The block's sweeps without their taper, at ranges half a pulse apart, turned back by a range rate.
     fn demodulated(&self, block: &Subaperture, rate_m_per_s: f64) -> Demodulated {
-        let pulse_m = block.geometry().profile.envelope_fwhm_m();
+        let pulse_m = block.geometry().pulse_fwhm_m;
         let stride = ((0.5 * pulse_m * f64::from(block.entries_per_m)).round() as usize).max(1);
         let ranges = (block.entries - 1) / stride + 1;
         let width = ranges.next_multiple_of(LANES);

@@ -156,17 +156,17 @@ fn coherent_energy(sums: &Sums) -> f64 {
 /// What a mirror that returns 1 LSB gives at each point of a sweep, where that is something: pulse and phase for the sensor's place at the
 /// point's own time.
 fn templates(sweep: &Observation, plane: &Plane, range_offset_m: f64) -> impl Iterator<Item = (usize, Complex64)> {
-    let (axis, profile) = (sweep.geometry.axis, sweep.geometry.profile);
+    let (axis, pulse_fwhm_m) = (sweep.geometry.axis, sweep.geometry.pulse_fwhm_m);
     let distance_m = |n: usize| {
         let moved_m = sweep.velocity_m_per_s * sweep.point_time_s(n as f64);
         plane.distance(sweep.tracking_from_sensor.translation + moved_m)
     };
-    let (reach_m, middle_m) = (REACH_WIDTHS * profile.envelope_fwhm_m(), distance_m(axis.points / 2) + range_offset_m);
+    let (reach_m, middle_m) = (REACH_WIDTHS * pulse_fwhm_m, distance_m(axis.points / 2) + range_offset_m);
     let first = axis.point_at(middle_m - reach_m).ceil().clamp(0.0, axis.points as f64) as usize;
     let end = (axis.point_at(middle_m + reach_m).floor() + 1.0).clamp(0.0, axis.points as f64) as usize;
     let template = move |n: usize| {
         let distance_m = distance_m(n);
-        let pulse = envelope(profile, axis.range_m(n) - distance_m - range_offset_m);
+        let pulse = envelope(pulse_fwhm_m, axis.range_m(n) - distance_m - range_offset_m);
         (n, math::from_polar(pulse, PHASE_RAD_PER_M * distance_m))
     };
     let points: Vec<_> = (first..end.max(first)).map(template).collect();

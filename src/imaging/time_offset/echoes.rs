@@ -78,7 +78,7 @@ impl EchoReader {
         let (power, middle_sweep) = self.mean_power((1.0 / noise_rms) as f32, middle);
         let CompressedSweep { first_m, step_m, .. } = middle_sweep;
         let geometry = &self.geometry;
-        let pulse_curvature = 8.0 * std::f64::consts::LN_2 / geometry.profile.envelope_fwhm_m().powi(2);
+        let pulse_curvature = 8.0 * std::f64::consts::LN_2 / geometry.pulse_fwhm_m.powi(2);
         let echo = |around: usize| {
             let (entry, peak, curvature) = peak(&power[around - 1..=around + 1])?;
             let range_m = first_m + (around as f64 + entry) * step_m;

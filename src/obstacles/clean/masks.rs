@@ -68,7 +68,7 @@ impl CleanWindow<'_> {
 
     fn mask_of(&self, n: usize, response: &Response) -> Mask {
         let block = self.blocks[n];
-        let half_width_m = block.geometry().profile.envelope_fwhm_m() * 0.5;
+        let half_width_m = block.geometry().pulse_fwhm_m * 0.5;
         // As far as the pulse's skirt still stands out of the noise.
         let skirt_m = half_width_m * math::log2(response.power.max(1.0)).sqrt();
         Mask {
