@@ -1,6 +1,4 @@
-//! Makes what is not written by hand: Rust types for the messages in proto/, with the descriptors that every recording
-//! carries as its schemas (protox is a compiler written in Rust, so nobody has to install protoc); and Rust types for
-//! SteamVR's interfaces, from Valve's C header.
+//! Rust types for SteamVR's interfaces, from Valve's C header.
 
 use std::env;
 use std::error::Error;
@@ -32,20 +30,7 @@ const SHIMS: [(&str, &str); 2] = [
 fn main() -> Result<()> {
     println!("cargo::rerun-if-changed=build.rs");
     let out = PathBuf::from(env::var("OUT_DIR")?);
-    compile_messages(&out)?;
     bind_openvr(&out)
-}
-
-fn compile_messages(out: &Path) -> Result<()> {
-    println!("cargo::rerun-if-changed=proto");
-    // Each file by itself: a recording carries the descriptors of what is in it.
-    for name in ["radar_chaperone", "results"] {
-        let mut compiler = protox::Compiler::new(["proto"])?;
-        compiler.include_imports(true).open_file(format!("{name}.proto"))?;
-        std::fs::write(out.join(format!("{name}.descriptors")), compiler.encode_file_descriptor_set())?;
-        prost_build::Config::new().out_dir(out).compile_fds(compiler.file_descriptor_set())?;
-    }
-    Ok(())
 }
 
 /// Writes `openvr.rs`.

@@ -1,12 +1,13 @@
 //! A person walks up to a chair: it is found, and warned of where it stands, before they are at 0.8 m, on the first way there.
 
+use a121::preset;
 use glam::DVec3;
-use radar_chaperone::engine::{Pipeline, Settings};
-use radar_chaperone::geometry::Pose;
-use radar_chaperone::radar::preset;
-use radar_chaperone::simulation::Scenario;
-use radar_chaperone::truth::TruthObstacle;
+use radar_chaperone::settings::Settings;
 use radar_chaperone::warning::{PanelKind, warn};
+use radar_mapping::Pipeline;
+use radar_sar::geometry::Pose;
+use radar_sar::truth::TruthObstacle;
+use radar_simulation::Scenario;
 
 /// Time that the first way there takes, the rest before it included, seconds.
 const THERE_S: f64 = 6.0;
@@ -25,7 +26,7 @@ fn warned_from_m(scene: &str, seed: u64) -> Option<f64> {
     let simulated = scenario.run().unwrap();
     let chair = simulated.truth.obstacles.iter().find(|thing| thing.name.contains("chair")).unwrap();
     let settings = Settings::default();
-    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings);
+    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
     let mut frames = simulated.frames.iter().peekable();
     let mut looked = 0;
     for pose in &simulated.poses {

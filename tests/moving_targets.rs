@@ -1,10 +1,11 @@
 //! What moves in play sessions, through the whole pipeline: a visitor is shown, nobody else is, and the rest of the scene is what it was.
 
+use a121::preset;
 use glam::DVec3;
-use radar_chaperone::engine::{Pipeline, Settings};
-use radar_chaperone::obstacles::{MovingTarget, Scene};
-use radar_chaperone::radar::preset;
-use radar_chaperone::simulation::{PlaySession, Session};
+use radar_chaperone::settings::Settings;
+use radar_mapping::Pipeline;
+use radar_mapping::{MovingTarget, Scene};
+use radar_simulation::{PlaySession, Session};
 
 fn session(seed: u64, duration_s: f64, visitor: bool) -> Session {
     let play = PlaySession { duration_s, visitor, ..PlaySession::new(preset("d16").unwrap(), seed) };
@@ -16,7 +17,7 @@ fn played(session: &Session, changes: &[&str], mut look: impl FnMut(f64, Scene))
     let changes: Vec<String> = changes.iter().map(|change| (*change).to_owned()).collect();
     let settings = Settings::from_toml("", &changes).unwrap();
     let play = session.play();
-    let mut pipeline = Pipeline::new(&play.config, &play.head_from_sensor, &settings);
+    let mut pipeline = Pipeline::new(&play.config, &play.head_from_sensor, &settings.mapping());
     let mut frames = session.frames(0..session.frame_count()).into_iter().peekable();
     let mut seen_ns = None;
     for pose in session.poses() {

@@ -2,11 +2,12 @@
 
 use std::time::{Duration, Instant};
 
-use radar_chaperone::engine::{Pipeline, Settings};
+use a121::preset;
 use radar_chaperone::live::{Reconstruction, ReconstructionOptions};
-use radar_chaperone::obstacles::Scene;
-use radar_chaperone::radar::preset;
-use radar_chaperone::simulation::{Scenario, Simulated};
+use radar_chaperone::settings::Settings;
+use radar_mapping::Pipeline;
+use radar_mapping::Scene;
+use radar_simulation::{Scenario, Simulated};
 
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -28,7 +29,7 @@ fn start(scenario: &Scenario, settings: &Settings, options: &ReconstructionOptio
 }
 
 fn replayed(scenario: &Scenario, simulated: &Simulated) -> Scene {
-    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings());
+    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings().mapping());
     let mut frames = simulated.frames.iter().peekable();
     for pose in &simulated.poses {
         while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {

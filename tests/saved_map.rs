@@ -1,12 +1,13 @@
 //! What is remembered of a room: the same when it is taken up, confirmed when it is still there, gone when it is not; and hands in a
 //! recording.
 
+use a121::preset;
 use glam::DVec3;
-use radar_chaperone::engine::{Pipeline, Settings};
-use radar_chaperone::obstacles::{HandsSample, SavedMap, Scene};
-use radar_chaperone::radar::preset;
-use radar_chaperone::recording::{Event, Header, Recording, RecordingWriter};
-use radar_chaperone::simulation::{Scenario, Simulated};
+use radar_mapping::MappingSettings;
+use radar_mapping::Pipeline;
+use radar_mapping::{HandsSample, SavedMap, Scene};
+use radar_recording::{Event, Header, Recording, RecordingWriter};
+use radar_simulation::{Scenario, Simulated};
 
 fn room(duration_s: f64) -> (Scenario, Simulated) {
     let scenario = Scenario::new("furnished-room", "approach-chair", preset("d16").unwrap(), duration_s, 1);
@@ -15,7 +16,7 @@ fn room(duration_s: f64) -> (Scenario, Simulated) {
 }
 
 fn pipeline(scenario: &Scenario) -> Pipeline {
-    Pipeline::new(&scenario.config, &scenario.head_from_sensor, &Settings::default())
+    Pipeline::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default())
 }
 
 /// Frames and poses in the order of time.

@@ -1,6 +1,6 @@
 //! docs/settings.toml is the manual of the settings: it must hold all of them, with the program's defaults.
 
-use radar_chaperone::engine::Settings;
+use radar_chaperone::settings::Settings;
 
 const MANUAL: &str = include_str!("../docs/settings.toml");
 

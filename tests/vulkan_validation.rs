@@ -10,11 +10,11 @@ use std::process::Command;
 
 use ash::vk::{self, Handle};
 use glam::{DMat3, DVec3};
-use radar_chaperone::geometry::{Aabb, Plane, Pose};
-use radar_chaperone::obstacles::{Observed, Obstacle, Scene, Wall};
 use radar_chaperone::openvr::{VulkanDevice, VulkanRequirements, VulkanTexture, open};
 use radar_chaperone::render::{EyeView, Quad, Renderer, StereoScene, Window};
 use radar_chaperone::warning::{Player, WarningSettings, Warnings, Watch};
+use radar_mapping::{Observed, Obstacle, Scene, Wall};
+use radar_sar::geometry::{Aabb, Plane, Pose};
 
 const LAYER: &str = "VK_LAYER_KHRONOS_validation";
 const MANIFESTS: [&str; 2] = ["/usr/share/vulkan/explicit_layer.d", "/etc/vulkan/explicit_layer.d"];

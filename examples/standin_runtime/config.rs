@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
-use radar_chaperone::geometry::Pose;
+use radar_sar::geometry::Pose;
 use serde::Deserialize;
 
 use crate::commands::TimedCommand;

@@ -1,7 +1,7 @@
 //! The eyes of the headset: where they sit and what they see.
 
 use glam::DVec3;
-use radar_chaperone::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 use crate::world::World;
 

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::thread::ThreadId;
 
-use radar_chaperone::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 use crate::events::Events;
 use crate::eyes::Edges;

@@ -4,7 +4,7 @@ use std::ffi::{c_char, c_void};
 
 use ash::vk;
 use ash::vk::Handle;
-use radar_chaperone::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 use crate::clock::{now_ns, sleep_until};
 use crate::eyes::Edges;

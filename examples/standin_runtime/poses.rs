@@ -1,6 +1,6 @@
 //! Poses as the runtime hands them out.
 
-use radar_chaperone::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 use crate::sys;
 use crate::track::Motion;

@@ -1,7 +1,7 @@
 //! What the eyes would see at a moment: the head, the eyes and the visible overlays, all in the standing universe, with
 //! the textures still where the GPU puts them. Taken under the lock, drawn outside it.
 
-use radar_chaperone::geometry::Pose;
+use radar_sar::geometry::Pose;
 use serde_json::{Value, json};
 
 use crate::config::ProjectionMatrix;

@@ -2,7 +2,7 @@
 
 use std::ffi::{c_char, c_void};
 
-use radar_chaperone::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 use crate::clock::now_ns;
 use crate::memory::{write, write_all, write_part, write_text};

@@ -4,8 +4,8 @@
 use std::path::Path;
 
 use glam::DVec3;
-use radar_chaperone::geometry::Pose;
-use radar_chaperone::recording::read_track;
+use radar_recording::read_track;
+use radar_sar::geometry::Pose;
 
 /// Lines further apart than this have nothing known between them.
 const MAX_GAP_NS: i64 = 30_000_000;

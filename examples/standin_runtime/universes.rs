@@ -1,7 +1,7 @@
 //! The tracking universes. Devices move in the world, which never changes; raw, standing and seated lie in it and may be
 //! moved: recentring moves standing or seated, a change of universe moves raw.
 
-use radar_chaperone::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 use crate::config::Config;
 use crate::sys;

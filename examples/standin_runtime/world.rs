@@ -5,7 +5,7 @@ use std::fs::File;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use glam::DQuat;
-use radar_chaperone::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 use crate::clock::{Frames, now_ns};
 use crate::commands::{Command, RecenterTarget, TimedCommand};

@@ -10,7 +10,8 @@ use anyhow::{Context, Result, bail};
 use clap::Parser;
 
 use crate::autolaunch;
-use crate::folders::{self, Folders};
+use crate::folders;
+use crate::folders::Folders;
 
 /// How long clients have to leave when they are asked to quit, as SteamVR gives them.
 const PATIENCE: Duration = Duration::from_secs(5);

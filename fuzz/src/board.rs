@@ -1,7 +1,7 @@
 //! A board that answers soundly, and set-ups for it. Spelt from the protocol, not by the code under test.
 
-use radar_chaperone::a121::{SensorSetup, Setup};
-use radar_chaperone::radar::{IdleState, SensorConfig, Subsweep};
+use a121::{SensorSetup, Setup};
+use a121::{IdleState, SensorConfig, Subsweep};
 
 /// Ticks of its clock in a second.
 pub const TICKS_PER_SECOND: u32 = 1_000_000;

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use hdf5_pure::{CompoundTypeBuilder, FileBuilder};
 use num_complex::Complex;
-use radar_chaperone::engine::Settings;
-use radar_chaperone::geometry::Pose;
-use radar_chaperone::radar::{Frame, SensorConfig, Subsweep};
-use radar_chaperone::recording::{Event, Header, RecordingWriter};
-use radar_chaperone::tracking::PoseSample;
+use radar_chaperone::settings::Settings;
+use radar_sar::geometry::Pose;
+use a121::{Frame, SensorConfig, Subsweep};
+use radar_recording::{Event, Header, RecordingWriter};
+use radar_sar::PoseSample;
 
 use crate::board::{Board, result, setup};
 

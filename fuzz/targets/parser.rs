@@ -5,7 +5,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radar_chaperone::a121::{MAX_LINE_BYTES, Message, Parser, Received, Reply, ResultLayout};
+use a121::{MAX_LINE_BYTES, Message, Parser, Received, Reply, ResultLayout};
 use radar_chaperone_fuzz::{board, memory, script::Script, seeds};
 
 /// Largest request: the lists that a longest line may spell, grown by doubling.

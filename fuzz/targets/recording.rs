@@ -4,7 +4,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radar_chaperone::recording::Recording;
+use radar_recording::Recording;
 use radar_chaperone_fuzz::{file, memory, seeds};
 
 /// A record of 32 MiB, unpacked, and what it holds.

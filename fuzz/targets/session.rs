@@ -6,7 +6,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radar_chaperone::a121::{Action, Event, Link, Session, SessionError};
+use a121::{Action, Event, Link, Session, SessionError};
 use radar_chaperone_fuzz::board::{self, Board, TICKS_PER_SECOND};
 use radar_chaperone_fuzz::{memory, script::Script, seeds};
 

@@ -4,7 +4,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radar_chaperone::engine::Settings;
+use radar_chaperone::settings::Settings;
 use radar_chaperone_fuzz::{memory, seeds};
 
 fuzz_target!(init: seeds::write("settings"), |data: &[u8]| {

@@ -4,7 +4,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radar_chaperone::recording::read_track;
+use radar_recording::read_track;
 use radar_chaperone_fuzz::{file, memory, seeds};
 
 fuzz_target!(init: seeds::write("track"), |data: &[u8]| {

@@ -4,7 +4,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radar_chaperone::recording::{ImportOptions, import_h5};
+use radar_recording::{ImportOptions, import_h5};
 use radar_chaperone_fuzz::{file, memory, seeds};
 
 const PEAK_BYTES: usize = 1 << 30;

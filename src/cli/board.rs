@@ -3,11 +3,11 @@
 use anyhow::Result;
 use clap::Args;
 
-use crate::a121::find::{Candidate, choose, list_ports};
-use crate::a121::{Link, SystemInfo};
 use crate::live::StreamCounters;
-use crate::radar::{LineSpeed, LinkCapacity, LinkRequirement, PRESETS, SensorConfig, preset, preset_purpose};
 use crate::report::Table;
+use a121::find::{Candidate, choose, list_ports};
+use a121::{LineSpeed, LinkCapacity, LinkRequirement, PRESETS, SensorConfig, preset, preset_purpose};
+use a121::{Link, SystemInfo};
 
 /// The board on the command line.
 #[derive(Debug, Clone, Args)]
@@ -146,7 +146,7 @@ pub(super) fn told_counters(counters: &StreamCounters, lost: u64) -> Vec<String>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::a121::find::Board;
+    use a121::find::Board;
 
     #[test]
     fn what_the_board_tells_is_better_than_what_was_expected() {

@@ -7,8 +7,8 @@ use clap::Args;
 
 use super::files::{SettingsArguments, read_streams};
 use super::progress;
-use crate::engine::{OffsetWindow, Synchronisation, synchronisation};
 use crate::report::{OffsetSpan, SynchronisationPlot, Table, synchronisation_plot, write_atomically};
+use radar_mapping::{OffsetWindow, Synchronisation, synchronisation};
 
 /// Enlarged in the figure: from so long before the first window to its end and as long after, seconds.
 const ENLARGED_S: f64 = 0.5;
@@ -36,16 +36,16 @@ impl Calibrate {
         let (recording, frames, poses) = read_streams(&self.file)?;
         let header = recording.header();
         let settings = self.settings.over(&header.settings)?;
-        let trial = synchronisation(&header.config, &header.head_from_sensor, &settings, &frames, &poses)
+        let trial = synchronisation(&header.config, &header.head_from_sensor, &settings.mapping(), &frames, &poses)
             .with_context(|| self.file.display().to_string())?;
         spinner.finish_and_clear();
-        say!("{}", told(&trial).trim_end())?;
+        outln!("{}", told(&trial).trim_end())?;
         if let Some(out) = &self.out {
             let json = serde_json::to_vec_pretty(&trial)?;
             write_atomically(&out.join("calibration.json"), &json)?;
             let title = format!("Poses and radar over time: {}", header.source);
             figure(&trial, &title).write(&out.join("synchronisation.png"))?;
-            say!("\nWritten to {}", out.display())?;
+            outln!("\nWritten to {}", out.display())?;
         }
         Ok(())
     }

@@ -16,22 +16,24 @@ use super::progress;
 use super::replay::{Replay, described, obstacle_table, sensor_path, write_obstacles};
 use super::simulate::write_scenario;
 use super::view::ViewArguments;
-use crate::engine::{Pipeline, Settings, cube_ahead};
-use crate::geometry::{Aabb, Pose};
-use crate::imaging::backprojection::{BrickGrid, SweepStack, dense_volume};
-use crate::imaging::{Statistic, Volume, farthest_points, subaperture_volume};
-use crate::obstacles::Scene;
-use crate::radar::{Observation, preset};
-use crate::recording::{Event, Header, Recording};
 use crate::render::{EyeView, Renderer};
 use crate::report::{
     Figure, Limits, Marks, Report, RoomMap, Score, Section, Table, cross_sections, point_cloud, points_above, room_map,
     score, write_ply,
 };
-use crate::simulation::Scenario;
-use crate::tracking::{ObserverSettings, observe_all};
-use crate::truth::Truth;
+use crate::settings::Settings;
 use crate::warning::{Warnings, warn};
+use a121::preset;
+use radar_mapping::Scene;
+use radar_mapping::{ObserverSettings, observe_all};
+use radar_mapping::{Pipeline, cube_ahead};
+use radar_recording::{Event, Header, Recording};
+use radar_sar::Observation;
+use radar_sar::backprojection::{BrickGrid, SweepStack, dense_volume};
+use radar_sar::geometry::{Aabb, Pose};
+use radar_sar::truth::Truth;
+use radar_sar::{Statistic, Volume, farthest_points, subaperture_volume};
+use radar_simulation::Scenario;
 
 /// Shows everything without hardware: simulated rooms, recordings, obstacles, figures, eye previews, report.html
 ///
@@ -187,9 +189,9 @@ impl Demo {
                 0 => format!("{due_found} of {due} found that came within 1 m"),
                 _ => "its distance found, its direction reported as not observed".into(),
             };
-            say!("{:37} {found}; {false_reports} reported where nothing is", act.heading)?;
+            outln!("{:37} {found}; {false_reports} reported where nothing is", act.heading)?;
         }
-        say!("\nDone in {:.1} s. Open {}", start.elapsed().as_secs_f64(), report.display())?;
+        outln!("\nDone in {:.1} s. Open {}", start.elapsed().as_secs_f64(), report.display())?;
         Ok(())
     }
 
@@ -282,7 +284,7 @@ fn replay(file: &Path) -> Result<(Header, Settings, Pipeline)> {
     let mut recording = Recording::open(file)?;
     let header = recording.header().clone();
     let settings = Settings::from_toml(&header.settings, &[])?;
-    let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings);
+    let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings.mapping());
     for event in &mut recording {
         match event {
             Event::Frame(frame) => pipeline.push_frame(frame),
@@ -318,7 +320,7 @@ fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, t
         }
         Image::Blocks | Image::Found => {
             // The whole recording counts alike: what the picture shows has no now.
-            let blocks = crate::imaging::subaperture::SubapertureSettings { memory_s: 100.0, ..settings.rooms.blocks };
+            let blocks = radar_sar::subaperture::SubapertureSettings { memory_s: 100.0, ..settings.rooms.blocks };
             subaperture_volume(&observations, &settings.radar.beam, &blocks, &region, VOXEL_M)
         }
     })

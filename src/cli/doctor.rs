@@ -7,11 +7,11 @@ use clap::Args;
 
 use super::board::{BoardArguments, line_speed, preset_table, told_counters};
 use super::doctor_steamvr::tell_steamvr;
-use crate::a121::find::{Candidate, discover, list_ports};
-use crate::a121::remedy::{MODEM_MANAGER_REMEDY, modem_manager_runs, owning_group};
-use crate::a121::{Address, Event, SensorInfo, Setup, SystemInfo};
 use crate::live::{Losses, Received, SensorStream, StreamEvent, StreamOptions};
-use crate::radar::preset;
+use a121::find::{Candidate, discover, list_ports};
+use a121::preset;
+use a121::remedy::{MODEM_MANAGER_REMEDY, modem_manager_runs, owning_group};
+use a121::{Address, Event, SensorInfo, Setup, SystemInfo};
 
 /// How long frames are measured.
 const MEASURED: Duration = Duration::from_secs(2);
@@ -38,16 +38,16 @@ pub(super) struct Findings {
 
 impl Findings {
     pub fn ok(&self, what: &str, text: &str) -> Result<()> {
-        say!("ok       {what:<12} {text}")
+        outln!("ok       {what:<12} {text}")
     }
 
     pub fn warn(&self, what: &str, text: &str) -> Result<()> {
-        say!("warning  {what:<12} {text}")
+        outln!("warning  {what:<12} {text}")
     }
 
     pub fn mend(&mut self, what: &str, text: &str) -> Result<()> {
         self.to_mend += 1;
-        say!("mend     {what:<12} {text}")
+        outln!("mend     {what:<12} {text}")
     }
 }
 
@@ -80,11 +80,11 @@ impl Doctor {
             Ok(place) => place,
             Err(error) => {
                 findings.mend("Board", &error.to_string())?;
-                say!(
+                outln!(
                     "\nWithout a sensor: `radar-chaperone simulate furnished-room --serve tcp:127.0.0.1:6110` makes one,"
                 )?;
-                say!("then `radar-chaperone doctor --port tcp:127.0.0.1`.\n\nWhat presets need:")?;
-                return say!("{}", preset_table(None).trim_end());
+                outln!("then `radar-chaperone doctor --port tcp:127.0.0.1`.\n\nWhat presets need:")?;
+                return outln!("{}", preset_table(None).trim_end());
             }
         };
         findings.ok("Board", &format!("{} on {}", place.board.name(), place.address))?;
@@ -123,7 +123,7 @@ impl Doctor {
             Some(line) => findings.ok("Speed", &format!("{line}; {max}"))?,
             None => findings.warn("Speed", &format!("{max}: what the line carries is not known"))?,
         }
-        say!("\n{}", preset_table(line))
+        outln!("\n{}", preset_table(line))
     }
 }
 
@@ -197,5 +197,5 @@ fn tell_stream(findings: &mut Findings, stream: SensorStream, heard: &Heard, pre
     if counters.latency.p99_s > MAX_P99_S {
         findings.warn("Stream", "frames are handed over late: this computer is busy")?;
     }
-    told_counters(&counters, heard.losses.lost()).into_iter().try_for_each(|line| say!("         {line}"))
+    told_counters(&counters, heard.losses.lost()).into_iter().try_for_each(|line| outln!("         {line}"))
 }

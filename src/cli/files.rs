@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 
-use crate::engine::Settings;
-use crate::radar::Frame;
-use crate::recording::{Event, Recording};
-use crate::tracking::PoseSample;
+use crate::settings::Settings;
+use a121::Frame;
+use radar_recording::{Event, Recording};
+use radar_sar::PoseSample;
 
 /// Settings on the command line.
 #[derive(Debug, Default, Args)]

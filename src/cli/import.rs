@@ -6,8 +6,8 @@ use anyhow::{Result, anyhow};
 use clap::Args;
 
 use super::files::keep_inputs;
-use crate::geometry::Pose;
-use crate::recording::{ImportOptions, import_h5};
+use radar_recording::{ImportOptions, import_h5};
+use radar_sar::geometry::Pose;
 
 /// Turns a recording of the vendor's exploration tool and a pose track into a recording
 ///
@@ -39,8 +39,8 @@ impl Import {
             options.head_from_sensor = parse_mount(mount)?;
         }
         let imported = import_h5(&self.frames, self.poses.as_deref(), &options)?;
-        say!("{}", imported.write(&self.out)?)?;
-        say!("Written to {}", self.out.display())?;
+        outln!("{}", imported.write(&self.out)?)?;
+        outln!("Written to {}", self.out.display())?;
         Ok(())
     }
 }

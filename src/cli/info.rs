@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 
-use crate::recording::RecordingSummary;
+use radar_recording::RecordingSummary;
 
 /// Tells what a recording holds: source, sensor, streams, mount, truth, damage
 #[derive(Debug, Args)]
@@ -16,7 +16,7 @@ pub(super) struct Info {
 
 impl Info {
     pub fn run(&self) -> Result<()> {
-        say!("{}", RecordingSummary::read(&self.file)?)?;
+        outln!("{}", RecordingSummary::read(&self.file)?)?;
         Ok(())
     }
 }

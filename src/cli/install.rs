@@ -43,19 +43,19 @@ impl Install {
         runtime.register(&path)?;
         runtime.set_autolaunch(!self.no_autolaunch)?;
         let registration = runtime.registration();
-        say!("Manifest  {}", path.display())?;
-        say!("Program   {}", binary.display())?;
+        outln!("Manifest  {}", path.display())?;
+        outln!("Program   {}", binary.display())?;
         if !registration.is_registered {
             bail!("SteamVR took the manifest and does not know the program: start SteamVR once, then do this again");
         }
         match (self.no_autolaunch, registration.autolaunch) {
-            (true, _) => say!("SteamVR knows it and does not start it"),
-            (false, true) => say!("SteamVR starts it with the headset"),
+            (true, _) => outln!("SteamVR knows it and does not start it"),
+            (false, true) => outln!("SteamVR starts it with the headset"),
             (false, false) => {
-                say!(
+                outln!(
                     "SteamVR knows it. It does not confirm that it will start it: look under Settings, Startup / Shutdown,"
                 )?;
-                say!("Choose Startup Overlay Apps")
+                outln!("Choose Startup Overlay Apps")
             }
         }
     }
@@ -88,8 +88,8 @@ impl Uninstall {
             std::fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
         }
         match was_known || had_file {
-            true => say!("SteamVR does not know this program any more; {} is gone", path.display()),
-            false => say!("SteamVR did not know this program: nothing to do"),
+            true => outln!("SteamVR does not know this program any more; {} is gone", path.display()),
+            false => outln!("SteamVR did not know this program: nothing to do"),
         }
     }
 }

@@ -2,7 +2,8 @@
 
 /// Prints a line to standard output, as `println!` does, and gives what went wrong: nothing when nobody reads any more
 /// (`… | head`), so that the rest of the work is still done.
-macro_rules! say {
+#[macro_export]
+macro_rules! outln {
     ($($text:tt)*) => {{
         use std::io::Write;
         match writeln!(std::io::stdout(), $($text)*) {
@@ -14,20 +15,17 @@ macro_rules! say {
     }};
 }
 
-mod benchmark;
 mod board;
 mod calibrate;
 mod demo;
 mod doctor;
 mod doctor_steamvr;
-mod experiment;
 mod files;
 mod import;
 mod info;
 mod install;
 mod instance;
-mod play_sessions;
-mod progress;
+pub mod progress;
 mod reconstruct;
 mod record;
 mod record_file;
@@ -51,7 +49,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 
-use crate::imaging::{INSTRUCTIONS_VARIABLE, InstructionSet};
+use radar_sar::{INSTRUCTIONS_VARIABLE, InstructionSet};
 
 /// Sees the room around a VR headset with a 60 GHz radar and warns of obstacles.
 ///
@@ -79,8 +77,6 @@ enum Command {
     Import(import::Import),
     Info(info::Info),
     Recover(recover::Recover),
-    Benchmark(benchmark::BenchmarkCommand),
-    Experiment(experiment::ExperimentCommand),
 }
 
 /// Whether `radar-chaperone run` takes these arguments.
@@ -139,8 +135,6 @@ impl Command {
             Self::Import(command) => command.run(),
             Self::Info(command) => command.run(),
             Self::Recover(command) => command.run(),
-            Self::Benchmark(command) => command.run(),
-            Self::Experiment(command) => command.run(),
         }
     }
 }

@@ -3,7 +3,7 @@
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// A bar over a number of steps, with a word for what they are.
-pub(super) fn bar(steps: u64, what: &str) -> ProgressBar {
+pub fn bar(steps: u64, what: &str) -> ProgressBar {
     let bar = ProgressBar::new(steps);
     let style = ProgressStyle::with_template("{msg:24} [{bar:32}] {percent:>3} %  {eta} left");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "));
@@ -12,7 +12,7 @@ pub(super) fn bar(steps: u64, what: &str) -> ProgressBar {
 }
 
 /// A turning sign while something of unknown length goes on.
-pub(super) fn spinner(what: &str) -> ProgressBar {
+pub fn spinner(what: &str) -> ProgressBar {
     let spinner = ProgressBar::new_spinner();
     spinner.set_message(what.to_owned());
     spinner.enable_steady_tick(std::time::Duration::from_millis(120));

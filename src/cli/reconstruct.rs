@@ -8,13 +8,14 @@ use serde_json::{Map, Value};
 
 use super::files::{SettingsArguments, keep_inputs, read_streams};
 use super::progress;
-use crate::engine::{Settings, cube_ahead};
-use crate::geometry::{Aabb, Pose};
-use crate::imaging::backprojection::{BrickGrid, DenseVolume, SweepStack, Threshold, dense_volume, search};
-use crate::imaging::{Preselection, Preselector, Selection, Statistic, Volume, subaperture_volume};
-use crate::radar::Observation;
 use crate::report::{VolumeInfo, points_above, write_ply, write_volume};
-use crate::tracking::{ObserverSettings, observe_all};
+use crate::settings::Settings;
+use radar_mapping::cube_ahead;
+use radar_mapping::{ObserverSettings, observe_all};
+use radar_sar::Observation;
+use radar_sar::backprojection::{BrickGrid, DenseVolume, SweepStack, Threshold, dense_volume, search};
+use radar_sar::geometry::{Aabb, Pose};
+use radar_sar::{Preselection, Preselector, Selection, Statistic, Volume, subaperture_volume};
 
 /// Computes one statistic over a box of voxels: a NumPy volume [z][y][x] and a .json beside it
 ///
@@ -235,7 +236,7 @@ impl Reconstruct {
         let left_out = preselector.counters();
         if left_out != Default::default() {
             let (signal, motion) = (left_out.without_signal, left_out.without_motion);
-            say!("left out: {signal} sweeps without signal, {motion} without motion")?;
+            outln!("left out: {signal} sweeps without signal, {motion} without motion")?;
         }
         let Some(count) = self.sweeps else { return Ok(observations) };
         let chosen = selection.choose(&observations, count, region.center(), self.seed);
@@ -250,20 +251,20 @@ impl Reconstruct {
         let info = VolumeInfo { statistic: statistic.name().into(), updates, dense_updates, extra };
         write_volume(&self.out, &volume, &info)?;
         let [nx, ny, nz] = volume.size;
-        say!("{} over {nz} × {ny} × {nx} voxels [z][y][x] of {} m, {sweeps} sweeps", statistic.name(), self.voxel_m)?;
+        outln!("{} over {nz} × {ny} × {nx} voxels [z][y][x] of {} m, {sweeps} sweeps", statistic.name(), self.voxel_m)?;
         if let Some(found) = found {
             let share = (updates + bounds) as f64 / dense_updates.max(1) as f64 * 100.0;
-            say!("{found} voxels above the threshold, with {share:.2} % of the work of every voxel")?;
+            outln!("{found} voxels above the threshold, with {share:.2} % of the work of every voxel")?;
         }
         if let Some((index, value)) = volume.peak() {
             let at = volume.center(volume.voxel(index));
-            say!("greatest value {value:.4} at ({:.3}, {:.3}, {:.3}) m", at.x, at.y, at.z)?;
+            outln!("greatest value {value:.4} at ({:.3}, {:.3}, {:.3}) m", at.x, at.y, at.z)?;
         }
-        say!("Written to {} and its .json", self.out.display())?;
+        outln!("Written to {} and its .json", self.out.display())?;
         if let Some(cloud) = &self.cloud {
             let points = points_above(&volume, self.cloud_share);
             write_ply(cloud, &points)?;
-            say!("{} points written to {}", points.len(), cloud.display())?;
+            outln!("{} points written to {}", points.len(), cloud.display())?;
         }
         Ok(())
     }

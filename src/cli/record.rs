@@ -13,10 +13,10 @@ use super::record_file::{PoseSource, RecordFile};
 use super::sensor::{Intake, SensorArguments, Until};
 use super::stop::stop_flag;
 use crate::live::HeadPoses;
-use crate::obstacles::HandsSample;
 use crate::openvr::{Role, Runtime, RuntimePaths};
-use crate::recording::Event;
-use crate::tracking::PoseSample;
+use radar_mapping::HandsSample;
+use radar_recording::Event;
+use radar_sar::PoseSample;
 
 /// Poses of headset and hands that wait to be written: some four seconds.
 pub(super) const MAX_WAITING_POSES: usize = 1536;
@@ -63,9 +63,9 @@ impl Record {
         };
         match &source {
             PoseSource::None => {
-                say!("No poses: frames alone are recorded; ranges can be read from them, places cannot")?
+                outln!("No poses: frames alone are recorded; ranges can be read from them, places cannot")?
             }
-            PoseSource::Live(_) => say!("Poses of SteamVR's headset, {POSES_HZ} a second")?,
+            PoseSource::Live(_) => outln!("Poses of SteamVR's headset, {POSES_HZ} a second")?,
             PoseSource::Track(_) => {}
         }
         let until = Until::Recorded(self.duration_s.map(Duration::from_secs_f64));

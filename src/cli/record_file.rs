@@ -7,11 +7,11 @@ use std::time::Duration;
 
 use anyhow::Result;
 
-use crate::a121::{SetupReply, SystemInfo};
-use crate::geometry::Pose;
 use crate::live::{Merge, PoseTail, now_ns};
-use crate::radar::SensorConfig;
-use crate::recording::{Event, Header, RecordingSummary, RecordingWriter, SensorMetadata};
+use a121::SensorConfig;
+use a121::{SetupReply, SystemInfo};
+use radar_recording::{Event, Header, RecordingSummary, RecordingWriter, SensorMetadata};
+use radar_sar::geometry::Pose;
 
 /// Poses are written by a program of their own, in its own time: frames wait so long for them.
 const HOLD: Duration = Duration::from_millis(500);

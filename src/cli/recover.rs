@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::Args;
 
 use super::files::keep_inputs;
-use crate::recording::{Recording, RecordingWriter};
+use radar_recording::{Recording, RecordingWriter};
 
 /// Copies everything readable of a damaged recording into a new, sound one
 #[derive(Debug, Args)]
@@ -28,10 +28,10 @@ impl Recover {
         }
         let saved = writer.finish()?;
         match recording.damage().is_none() {
-            true => say!("{} was not damaged.", self.file.display())?,
-            false => say!("Damage: {}", recording.damage())?,
+            true => outln!("{} was not damaged.", self.file.display())?,
+            false => outln!("Damage: {}", recording.damage())?,
         }
-        say!("Saved {} frames and {} poses to {}", saved.frames.count, saved.poses.count, self.out.display())?;
+        outln!("Saved {} frames and {} poses to {}", saved.frames.count, saved.poses.count, self.out.display())?;
         Ok(())
     }
 }

@@ -10,14 +10,15 @@ use super::files::{SettingsArguments, keep_inputs, tell_damage};
 use super::progress;
 use super::results::Results;
 use super::view::{Ended, ViewArguments};
-use crate::engine::{Pipeline, Settings};
-use crate::obstacles::{Observed, Scene};
-use crate::recording::{Event, MapFile, Recording, RecordingSummary};
 use crate::report::{
     CloudPoint, Figure, Limits, Report, RoomMap, Section, StreamOffset, Table, room_map, score, write_cloud,
     write_obstacles_json, write_ply,
 };
+use crate::settings::Settings;
 use crate::view::Recorder;
+use radar_mapping::Pipeline;
+use radar_mapping::{Observed, Scene};
+use radar_recording::{Event, MapFile, Recording, RecordingSummary};
 
 /// Runs the pipeline over a recording and writes what it finds
 ///
@@ -58,7 +59,7 @@ impl Replay {
         let recording = Recording::open(&self.file)?;
         let settings = self.settings.over(&recording.header().settings)?;
         let header = recording.header().clone();
-        let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings);
+        let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings.mapping());
         if let Some(path) = &self.map {
             restore(&mut pipeline, path, summary.frames.first_ns.unwrap_or(0))?;
         }
@@ -70,7 +71,7 @@ impl Replay {
         };
         match ended {
             Ended::Done(pipeline, scene) => self.tell(&summary, &pipeline, &scene),
-            Ended::Left => Ok(say!("The view was closed before the recording was worked off.")?),
+            Ended::Left => Ok(outln!("The view was closed before the recording was worked off.")?),
         }
     }
 
@@ -108,10 +109,10 @@ impl Replay {
     /// Prints what was found and writes it where it was asked for.
     fn tell(&self, summary: &RecordingSummary, pipeline: &Pipeline, scene: &Scene) -> Result<()> {
         let header = &summary.header;
-        say!("{}", described(scene, pipeline).trim_end())?;
+        outln!("{}", described(scene, pipeline).trim_end())?;
         let scored = header.truth.as_ref().map(|truth| score(scene, truth, &Limits::default()));
         if let Some(score) = &scored {
-            say!("\nAgainst the truth in the recording:\n{score}")?;
+            outln!("\nAgainst the truth in the recording:\n{score}")?;
         }
         if let Some(out) = &self.out {
             write_obstacles(&out.join("obstacles.json"), scene, pipeline)?;
@@ -138,7 +139,7 @@ impl Replay {
                 .section(counters)
                 .section(recording)
                 .write(&out.join("report.html"))?;
-            say!("\nWritten to {}", out.display())?;
+            outln!("\nWritten to {}", out.display())?;
         }
         Ok(())
     }
@@ -228,7 +229,7 @@ pub(super) fn write_obstacles(path: &Path, scene: &Scene, pipeline: &Pipeline) -
 
 /// The obstacles' places with evidence and covariance, and everything that belongs to them, as point clouds.
 fn write_clouds(folder: &Path, scene: &Scene) -> Result<()> {
-    let place = |obstacle: &crate::obstacles::Obstacle| CloudPoint {
+    let place = |obstacle: &radar_mapping::Obstacle| CloudPoint {
         position_m: obstacle.position_m,
         value: obstacle.evidence as f32,
         covariance_m2: Some(obstacle.covariance_m2),
@@ -304,7 +305,7 @@ fn time_offset(pipeline: &Pipeline) -> String {
 }
 
 /// 1σ along x, y, z, centimetres.
-fn sigmas(obstacle: &crate::obstacles::Obstacle) -> String {
+fn sigmas(obstacle: &radar_mapping::Obstacle) -> String {
     let c = obstacle.covariance_m2;
     let cm = |variance: f64| format!("{:.1}", variance.max(0.0).sqrt() * 100.0);
     format!("({}, {}, {}) cm", cm(c.x_axis.x), cm(c.y_axis.y), cm(c.z_axis.z))
@@ -320,7 +321,7 @@ fn observed(observed: Observed) -> &'static str {
 
 /// The obstacles as a table.
 pub(super) fn obstacle_table(scene: &Scene) -> Table {
-    let row = |o: &crate::obstacles::Obstacle| {
+    let row = |o: &radar_mapping::Obstacle| {
         let (p, e) = (o.position_m, o.extent_m);
         vec![
             format!("{:.3}, {:.3}, {:.3}", p.x, p.y, p.z),

@@ -4,9 +4,10 @@ use std::path::Path;
 
 use anyhow::Result;
 
-use crate::engine::{Counters, Pipeline, Search, Settings};
-use crate::recording::{BeamCone, Event, Header, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
+use crate::settings::Settings;
 use crate::view::RecordingInfo;
+use radar_mapping::{Counters, Pipeline, Search};
+use radar_recording::{BeamCone, Event, Header, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
 
 /// The recording again, with the pipeline's looks in it.
 pub(super) struct Results {

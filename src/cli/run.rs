@@ -18,11 +18,11 @@ use super::run_report::{RunReport, tell};
 use super::run_view;
 use super::sensor::SensorArguments;
 use super::stop::stop_flag;
-use crate::engine::Settings;
 use crate::live::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, KeptMaps, SettingsDesk};
 use crate::openvr::{Chaperone, OpenVrError, Role, Runtime, RuntimePaths};
-use crate::recording::MapFolder;
+use crate::settings::Settings;
 use crate::view::Recorder;
+use radar_recording::MapFolder;
 
 /// Between two looks for SteamVR.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
@@ -98,9 +98,9 @@ impl Run {
             // A recording is of one session.
             let is_again = self.wait && self.record.is_none() && ending != Ending::Asked;
             match ending {
-                _ if is_again => say!("SteamVR has ended: waiting for it")?,
+                _ if is_again => outln!("SteamVR has ended: waiting for it")?,
                 Ending::SteamVrGone => bail!("SteamVR went away without a word: it was killed, or has crashed"),
-                Ending::SteamVrQuit => return say!("SteamVR has ended"),
+                Ending::SteamVrQuit => return outln!("SteamVR has ended"),
                 Ending::Asked => return Ok(()),
             }
         }
@@ -116,7 +116,7 @@ impl Run {
                 Ok(runtime) => return Ok(Some(runtime)),
                 Err(error) if !(self.wait && may_pass(&error)) => return Err(error.into()),
                 Err(error) if told.as_ref() != Some(&error) => {
-                    say!("Waiting for SteamVR: {error}")?;
+                    outln!("Waiting for SteamVR: {error}")?;
                     told = Some(error);
                 }
                 Err(_) => {}
@@ -138,7 +138,7 @@ impl Run {
         view: Option<&Recorder>,
         maps: Option<&KeptMaps>,
     ) -> Result<Ending> {
-        say!("SteamVR {}, {}", runtime.version(), runtime.headset_name())?;
+        outln!("SteamVR {}, {}", runtime.version(), runtime.headset_name())?;
         check_registration(&runtime);
         let runtime = Arc::new(runtime);
         let compose = |text: &str, changes: &[String]| compose(&runtime.chaperone(), text, changes);

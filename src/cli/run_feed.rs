@@ -12,12 +12,12 @@ use anyhow::{Context, Result};
 
 use super::record_file::{PoseSource, RecordFile};
 use super::sensor::{ChosenSensor, Intake, SensorArguments, Until};
-use crate::engine::Settings;
 use crate::live::{FrameReport, HeadsetStatus, Losses, Reconstruction, ReconstructionOptions, SensorCount};
-use crate::obstacles::HandsSample;
-use crate::radar::{Frame, frame_timing};
-use crate::recording::{Event, Header};
-use crate::tracking::PoseSample;
+use crate::settings::Settings;
+use a121::{Frame, frame_timing};
+use radar_mapping::HandsSample;
+use radar_recording::{Event, Header};
+use radar_sar::PoseSample;
 
 /// Between two looks for a board.
 const LOOK_AGAIN: Duration = Duration::from_secs(2);

@@ -85,7 +85,7 @@ fn latency(report: &LatencyReport) -> Value {
 pub(super) fn tell(report: &RunReport) -> Result<()> {
     let HeadsetStatus { frames, pictures, recentred, forgotten, devices_lost, refused, .. } = report.headset;
     let ms = |seconds: f64| seconds * 1e3;
-    say!(
+    outln!(
         "Frames    {} seen, {} missed by this program, {} for want of a free core, {} elsewhere; {:.2} ms of processor each (one in a thousand {:.2}, longest {:.2})",
         frames.frames,
         frames.missed_by_us,
@@ -98,17 +98,17 @@ pub(super) fn tell(report: &RunReport) -> Result<()> {
     let age = frames.sweep_to_warning;
     if age.count > 0 {
         let (median, p99, max) = (ms(age.median_s), ms(age.p99_s), ms(age.max_s));
-        say!("Sweeps    {median:.1} ms from sweep to warning (one in a hundred {p99:.1}, longest {max:.1})")?;
+        outln!("Sweeps    {median:.1} ms from sweep to warning (one in a hundred {p99:.1}, longest {max:.1})")?;
     }
     if let Some(counters) = &report.reconstruction {
         let share = 100.0 * counters.cpu_s / counters.running_s.max(1e-3);
         let dropped = counters.frames_dropped + counters.poses_dropped;
-        say!("Imaging   {} obstacles, {share:.1} % of a core, {dropped} frames and poses dropped", report.obstacles)?;
+        outln!("Imaging   {} obstacles, {share:.1} % of a core, {dropped} frames and poses dropped", report.obstacles)?;
     }
     if let Some(sigma_s) = report.time_offset_sigma_s {
-        say!("Time      offset {:.1} ± {:.1} ms in force", ms(report.time_offset_s), ms(sigma_s))?;
+        outln!("Time      offset {:.1} ± {:.1} ms in force", ms(report.time_offset_s), ms(sigma_s))?;
     }
-    say!(
+    outln!(
         "Overlays  {pictures} pictures handed over; recentred {recentred} times, map begun anew {forgotten}, graphics device \
          lost {devices_lost}, calls refused {refused}"
     )

@@ -7,13 +7,15 @@ use std::time::Duration;
 use anyhow::{Result, anyhow};
 
 use super::run_feed::Feed;
-use crate::engine::{Search, Settings};
-use crate::geometry::Pose;
-use crate::imaging::TimeOffset;
 use crate::live::{Published, Reconstruction, SettingsDesk};
-use crate::radar::preset;
-use crate::recording::Header;
-use crate::view::{self, Health, Recorder, RecordingInfo, VOXELS, ViewError};
+use crate::settings::Settings;
+use crate::view;
+use crate::view::{Health, Recorder, RecordingInfo, VOXELS, ViewError};
+use a121::preset;
+use radar_mapping::Search;
+use radar_recording::Header;
+use radar_sar::TimeOffset;
+use radar_sar::geometry::Pose;
 
 /// How often the head is noted.
 const TURN: Duration = Duration::from_millis(33);

@@ -13,12 +13,11 @@ use super::import::parse_mount;
 use super::progress;
 use super::record_file::RecordFile;
 use super::simulate::read_config;
-use crate::a121::find::Candidate;
-use crate::a121::{Calibration, Event, LogLine, Setup, SystemInfo};
-use crate::geometry::Pose;
 use crate::live::{Losses, Received, SensorStream, StreamEvent, StreamOptions};
-use crate::radar::{Frame, LinkRequirement, PRESETS, SensorConfig, preset};
-use crate::recording;
+use a121::find::Candidate;
+use a121::{Calibration, Event, LogLine, Setup, SystemInfo};
+use a121::{Frame, LinkRequirement, PRESETS, SensorConfig, preset};
+use radar_sar::geometry::Pose;
 
 /// A board that sends no frame by then never will.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -108,9 +107,9 @@ impl ChosenSensor {
 
     /// Says which board it is, what is measured, and what looks wrong.
     pub fn tell(&self) -> Result<()> {
-        say!("{}", self.place())?;
+        outln!("{}", self.place())?;
         let line = line_speed(&self.place, self.baud, None);
-        say!("{}", config_table(&self.name, self.config()?, line).trim_end())?;
+        outln!("{}", config_table(&self.name, self.config()?, line).trim_end())?;
         self.place.warnings.iter().for_each(|warning| log::warn!("{warning}"));
         Ok(())
     }
@@ -200,7 +199,7 @@ impl<'a> Intake<'a> {
                     self.losses.push(frame.frame.tick);
                     (self.on_frame)(&frame.frame);
                     if let Some(file) = &mut self.file {
-                        file.push(recording::Event::Frame(frame.frame));
+                        file.push(radar_recording::Event::Frame(frame.frame));
                     }
                 }
             }
@@ -247,12 +246,12 @@ impl<'a> Intake<'a> {
         }
         let ChosenSensor { place, baud, .. } = self.sensor;
         let board = info.hw.as_deref().unwrap_or(place.board.name());
-        say!("{board}, software {}, {} ticks a second", info.rss_version, info.ticks_per_second)?;
+        outln!("{board}, software {}, {} ticks a second", info.rss_version, info.ticks_per_second)?;
         let line = line_speed(place, *baud, Some(info));
         if line != line_speed(place, *baud, None)
             && let Some(line) = line
         {
-            say!("Carried by {line}: {}", verdict(&LinkRequirement::of(self.sensor.config()?), line))?;
+            outln!("Carried by {line}: {}", verdict(&LinkRequirement::of(self.sensor.config()?), line))?;
         }
         Ok(())
     }
@@ -301,18 +300,18 @@ impl<'a> Intake<'a> {
         self.progress.finish_and_clear();
         let told = told_counters(&counters, self.losses.lost());
         let Some(file) = self.file.take() else {
-            told.into_iter().try_for_each(|line| say!("{line}"))?;
+            told.into_iter().try_for_each(|line| outln!("{line}"))?;
             return done;
         };
         let (is_begun, out) = (file.is_begun(), file.path().to_owned());
         match file.finish() {
             Ok(Some((summary, track))) => {
-                say!("{summary}")?;
-                track.map_or(Ok(()), |track| say!("{track}"))?;
-                told.into_iter().try_for_each(|line| say!("{line}"))?;
-                say!("Written to {}", out.display())?;
+                outln!("{summary}")?;
+                track.map_or(Ok(()), |track| outln!("{track}"))?;
+                told.into_iter().try_for_each(|line| outln!("{line}"))?;
+                outln!("Written to {}", out.display())?;
             }
-            Ok(None) if done.is_ok() => say!("Nothing was recorded: it ended before the sensor was set up")?,
+            Ok(None) if done.is_ok() => outln!("Nothing was recorded: it ended before the sensor was set up")?,
             Ok(None) => {}
             Err(error) => done = done.and(Err(error)),
         }

@@ -10,11 +10,11 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use num_complex::Complex;
 
-use crate::a121::device::{
+use a121::device::{
     Board, Device, DeviceCounters, FaultPlan, FrameRequest, SampleSource, ServeAddress, Server, monotonic_ns,
 };
-use crate::geometry::Pose;
-use crate::simulation::{LiveScenario, Scenario};
+use radar_sar::geometry::Pose;
+use radar_simulation::{LiveScenario, Scenario};
 
 /// Length of the way that the head goes there and back, seconds.
 const PATH_S: f64 = 3600.0;
@@ -117,12 +117,12 @@ impl Serve {
             };
             server.step(next_pose_ns.min(end_ns))?;
         }
-        say!("{}", counted(&server.device().counters(), server.clients(), track.as_ref().map(|t| t.poses)))
+        outln!("{}", counted(&server.device().counters(), server.clients(), track.as_ref().map(|t| t.poses)))
     }
 
     fn say_how(&self, place: &ServeAddress, scenario: &Scenario, board: Board, origin_ns: i64) -> Result<()> {
         let port = place.port();
-        say!(
+        outln!(
             "{}, {}, seed {}, as a board {}, at {port}",
             scenario.scene,
             scenario.motion,
@@ -134,9 +134,9 @@ impl Serve {
         let mount = format!("{},{},{},{},{},{},{}", p.x, p.y, p.z, q.x, q.y, q.z, q.w);
         let poses = |path: &PathBuf| format!(" --poses {} --mount {mount}", path.display());
         let poses = self.poses_out.as_ref().map_or(String::new(), poses);
-        say!("Try: radar-chaperone record --port {port}{poses} --out FILE.mcap")?;
-        say!("The motion begins at {} s of this computer's monotonic clock", seconds(origin_ns))?;
-        say!("Ctrl-C ends it")?;
+        outln!("Try: radar-chaperone record --port {port}{poses} --out FILE.mcap")?;
+        outln!("The motion begins at {} s of this computer's monotonic clock", seconds(origin_ns))?;
+        outln!("Ctrl-C ends it")?;
         Ok(std::io::stdout().flush()?)
     }
 }

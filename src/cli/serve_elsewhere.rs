@@ -3,7 +3,7 @@
 use anyhow::{Result, bail};
 use clap::Args;
 
-use crate::simulation::Scenario;
+use radar_simulation::Scenario;
 
 /// Serving in place of recording.
 #[derive(Debug, Args)]

@@ -10,12 +10,13 @@ use super::files::keep_inputs;
 use super::import::parse_mount;
 use super::progress;
 use super::serve::Serve;
-use crate::engine::Settings;
-use crate::geometry::Pose;
-use crate::radar::{Beam, PRESETS, SensorConfig, preset};
-use crate::recording::{Header, RecordingSummary, RecordingWriter, SensorMetadata};
-use crate::simulation::{MOTIONS, PlaySession, SCENES, Scenario, Simulated, TrackingErrors};
-use crate::tracking::PoseSample;
+use crate::settings::Settings;
+use a121::{PRESETS, SensorConfig, preset};
+use radar_recording::{Header, RecordingSummary, RecordingWriter, SensorMetadata};
+use radar_sar::Beam;
+use radar_sar::PoseSample;
+use radar_sar::geometry::Pose;
+use radar_simulation::{MOTIONS, PlaySession, SCENES, Scenario, Simulated, TrackingErrors};
 
 /// The room of the play sessions.
 const PLAY_ROOM: &str = "play-room";
@@ -92,8 +93,8 @@ impl Simulate {
             write_scenario(out, &self.scenario()?)?
         };
         spinner.finish_and_clear();
-        say!("{summary}")?;
-        say!("Written to {}", out.display())?;
+        outln!("{summary}")?;
+        outln!("Written to {}", out.display())?;
         Ok(())
     }
 
@@ -177,7 +178,7 @@ fn write_simulated(
     let header = Header {
         sensor: SensorMetadata {
             ticks_per_second: Some(1_000_000),
-            base_step_length_m: Some(crate::radar::BASE_STEP_M),
+            base_step_length_m: Some(a121::BASE_STEP_M),
             board: Some("simulated".into()),
             rss_version: None,
         },

@@ -5,10 +5,12 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::Args;
 
-use crate::engine::{Pipeline, Search, Settings};
-use crate::obstacles::Scene;
-use crate::recording::{RecordingSummary, StreamSummary};
-use crate::view::{self, Recorder, RecordingInfo};
+use crate::settings::Settings;
+use crate::view;
+use crate::view::{Recorder, RecordingInfo};
+use radar_mapping::Scene;
+use radar_mapping::{Pipeline, Search};
+use radar_recording::{RecordingSummary, StreamSummary};
 
 /// How the recording is looked at.
 #[derive(Debug, Clone, Default, Args)]
@@ -45,7 +47,7 @@ impl ViewArguments {
         let Some(folder) = &self.view_shot else { return Ok(view::show(about, work)?) };
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         let (files, done) = view::draw(about, folder, work)?;
-        files.iter().try_for_each(|file| say!("Drawn: {}", file.display()))?;
+        files.iter().try_for_each(|file| outln!("Drawn: {}", file.display()))?;
         Ok(done)
     }
 }
@@ -59,10 +61,10 @@ fn expected_s(summary: &RecordingSummary) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Pose;
-    use crate::radar::preset;
-    use crate::recording::Header;
-    use crate::tracking::PoseSample;
+    use a121::preset;
+    use radar_recording::Header;
+    use radar_sar::PoseSample;
+    use radar_sar::geometry::Pose;
 
     #[test]
     fn one_wrong_stamp_does_not_make_it_years_long() {

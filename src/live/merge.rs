@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::recording::Event;
+use radar_recording::Event;
 
 /// Events that may wait; beyond, the earliest go on at once.
 pub const MAX_WAITING: usize = 65_536;
@@ -53,9 +53,9 @@ impl Merge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Pose;
-    use crate::radar::Frame;
-    use crate::tracking::PoseSample;
+    use a121::Frame;
+    use radar_sar::PoseSample;
+    use radar_sar::geometry::Pose;
 
     fn pose(time_ns: i64) -> Event {
         Event::Pose(PoseSample::valid(time_ns, &Pose::IDENTITY))

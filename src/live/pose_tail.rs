@@ -7,8 +7,8 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use crate::recording::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser};
-use crate::tracking::PoseSample;
+use radar_recording::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser};
+use radar_sar::PoseSample;
 
 /// Bytes read in one call.
 const READ_BYTES: usize = 1 << 18;

@@ -11,10 +11,8 @@ use std::time::Duration;
 
 use super::queue::Queue;
 use super::{Dropped, Latency, LatencyReport, Received, now_ns, thread_cpu_ns};
-use crate::a121::find::{Candidate, find_replugged, list_ports};
-use crate::a121::{
-    Action, Address, ClockReport, Event, Line, PortError, Session, SessionCounters, SessionError, Setup,
-};
+use a121::find::{Candidate, find_replugged, list_ports};
+use a121::{Action, Address, ClockReport, Event, Line, PortError, Session, SessionCounters, SessionError, Setup};
 
 /// Longest wait for bytes: how soon being asked to stop is noticed.
 const LONGEST_WAIT_NS: i64 = 20_000_000;

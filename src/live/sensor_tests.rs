@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use super::super::test_board::{SAMPLES, TestBoard, setup};
 use super::*;
-use crate::a121::SensorFrame;
-use crate::a121::find::{Board, choose};
+use a121::SensorFrame;
+use a121::find::{Board, choose};
 
 /// Nothing takes so long.
 const HANG: Duration = Duration::from_secs(20);

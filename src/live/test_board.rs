@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
 
-use crate::a121::Setup;
-use crate::radar::{SensorConfig, Subsweep, preset};
+use a121::Setup;
+use a121::{SensorConfig, Subsweep, preset};
 
 /// Samples of a frame.
 pub(super) const SAMPLES: usize = 40;

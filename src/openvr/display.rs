@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::matrix::pose;
 use super::runtime::{Runtime, call};
 use super::sys;
-use crate::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 pub(super) const HEADSET: u32 = sys::k_unTrackedDeviceIndex_Hmd as u32;
 /// Where a headset tells nothing, seconds: the usual 90 Hz, and a frame of light.

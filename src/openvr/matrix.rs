@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use super::sys::HmdMatrix34_t;
-use crate::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 /// A turn's matrix may be so far from one, in any entry of its product with its transpose.
 const ORTHONORMALITY_TOLERANCE: f64 = 1e-3;

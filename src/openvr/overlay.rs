@@ -16,7 +16,7 @@ use super::poses::Universe;
 use super::runtime::{Runtime, call, string_from};
 use super::sys;
 use super::vulkan::VulkanTexture;
-use crate::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 /// Which eye a projection is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

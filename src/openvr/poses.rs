@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::matrix::pose;
 use super::runtime::{Runtime, call};
 use super::sys;
-use crate::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 /// What positions are relative to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -8,7 +8,7 @@
 use glam::{DMat4, DVec2, DVec3, DVec4, Mat4};
 
 use super::error::RenderError;
-use crate::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 /// Nothing nearer to the eye is drawn, metres.
 const NEAR_M: f64 = 0.03;

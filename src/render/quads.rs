@@ -12,8 +12,8 @@ use glam::{DQuat, DVec2, DVec3};
 
 use super::gpu::Gpu;
 use super::painter::{Painter, PanelContent, style_number, transition_to_copy_source};
-use crate::geometry::Pose;
 use crate::warning::{Footprint, Panel, PanelKind, WarningSettings, Warnings};
+use radar_sar::geometry::Pose;
 
 /// A texture is dropped after so many uses of the cache without it: ten seconds of frames.
 const MAX_UNUSED_CALLS: u64 = 900;

@@ -210,8 +210,8 @@ pub(super) mod tests {
     use glam::DVec2;
 
     use super::*;
-    use crate::geometry::Pose;
     use crate::warning::{BodyPart, Footprint, Panel, PanelKind, Style};
+    use radar_sar::geometry::Pose;
 
     /// Runs a test on the one renderer of all tests; says so when the machine has no adapter.
     pub fn with_renderer(test: impl FnOnce(&mut Renderer)) {

@@ -20,8 +20,8 @@ use super::eye_renderer::{Ball, Canvas, DrawList, EyeRenderer};
 use super::gpu::{FORMAT, Gpu};
 use super::painter::{linear, transition_to_copy_source};
 use super::quads::{Quad, QuadKind};
-use crate::geometry::Pose;
 use crate::warning::Shape;
+use radar_sar::geometry::Pose;
 
 /// Textures that take turns.
 const TEXTURES_PER_TARGET: usize = 3;

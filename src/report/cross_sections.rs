@@ -2,7 +2,7 @@
 //! looked through a slightly transparent volume from the side, from above and from behind. Each view has its own colour
 //! scale from its least to its greatest sum; values that are not finite are skipped.
 
-use crate::imaging::Volume;
+use radar_sar::Volume;
 
 use super::Picture;
 use super::canvas::{Align, Canvas, Rect};
@@ -135,9 +135,9 @@ pub(super) fn color_bar(canvas: &mut Canvas, bar: Rect, [low, high]: [f64; 2], l
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Aabb;
     use glam::DVec3;
     use proptest::prelude::*;
+    use radar_sar::geometry::Aabb;
 
     fn volume() -> Volume {
         let region = Aabb { min: DVec3::ZERO, max: DVec3::new(0.4, 0.3, 0.2) };

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use crate::geometry::Aabb;
+use radar_sar::geometry::Aabb;
 
 use super::Picture;
 use super::canvas::{Align, Canvas, Rect, visible_indices};

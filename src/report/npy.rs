@@ -8,7 +8,7 @@ use std::path::Path;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use crate::imaging::{Statistic, Volume};
+use radar_sar::{Statistic, Volume};
 
 use super::{ReportError, write_atomically};
 

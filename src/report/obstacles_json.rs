@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde_json::Value;
 use serde_json::ser::Formatter;
 
-use crate::obstacles::{MovingTarget, Observed, Obstacle, Scene, Wall};
+use radar_mapping::{MovingTarget, Observed, Obstacle, Scene, Wall};
 
 use super::{ReportError, write_atomically};
 
@@ -236,8 +236,8 @@ impl Formatter for EntryPerLineFormatter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Aabb, Plane, Pose};
     use proptest::prelude::*;
+    use radar_sar::geometry::{Aabb, Plane, Pose};
     use serde_json::json;
 
     fn scene(x: f64) -> Scene {

@@ -3,8 +3,8 @@
 
 use glam::DVec3;
 
-use crate::geometry::Aabb;
-use crate::imaging::Volume;
+use radar_sar::Volume;
+use radar_sar::geometry::Aabb;
 
 use super::Picture;
 use super::canvas::{Align, Canvas, Rect};

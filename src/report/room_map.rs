@@ -3,9 +3,9 @@
 
 use glam::{DMat2, DVec2, DVec3};
 
-use crate::geometry::{Aabb, Plane};
-use crate::obstacles::{Obstacle, Scene};
-use crate::truth::Truth;
+use radar_mapping::{Obstacle, Scene};
+use radar_sar::geometry::{Aabb, Plane};
+use radar_sar::truth::Truth;
 
 use super::Picture;
 use super::canvas::{Align, Canvas, Rect, text_width};
@@ -258,10 +258,10 @@ impl Labels {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::obstacles::{Observed, Wall};
-    use crate::truth::{TruthObstacle, TruthWall};
     use glam::DMat3;
     use proptest::prelude::*;
+    use radar_mapping::{Observed, Wall};
+    use radar_sar::truth::{TruthObstacle, TruthWall};
 
     fn found(position_m: DVec3, covariance_m2: DMat3) -> Obstacle {
         Obstacle {

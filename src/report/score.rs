@@ -9,8 +9,8 @@ use std::fmt;
 use glam::DVec3;
 use serde::Serialize;
 
-use crate::obstacles::{Observed, Obstacle, Scene, Wall};
-use crate::truth::{Truth, TruthObstacle, TruthWall};
+use radar_mapping::{Observed, Obstacle, Scene, Wall};
+use radar_sar::truth::{Truth, TruthObstacle, TruthWall};
 
 /// The distances that decide.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -241,9 +241,9 @@ impl fmt::Display for Score {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Aabb, Plane};
     use glam::DMat3;
     use proptest::prelude::*;
+    use radar_sar::geometry::{Aabb, Plane};
 
     fn report(x: f64, y: f64, z: f64) -> Obstacle {
         Obstacle {

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use crate::geometry::Aabb;
+use radar_sar::geometry::Aabb;
 
 use super::canvas::Rect;
 use super::plot::{LEFT_MARGIN, Plot};

@@ -17,8 +17,8 @@ use super::recording_info::RecordingInfo;
 use super::room::room;
 use super::viewport::{ViewContent, viewport};
 use super::{panel, style, timeline};
-use crate::geometry::Aabb;
 use crate::warning::{Panel as WarningPanel, warn};
+use radar_sar::geometry::Aabb;
 
 /// While the recording is worked off, the strip is drawn so often.
 const BUFFERING_REPAINT: Duration = Duration::from_millis(100);
@@ -275,12 +275,13 @@ impl App {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::{Search, Settings};
-    use crate::geometry::Pose;
-    use crate::radar::preset;
-    use crate::recording::Header;
+    use crate::settings::Settings;
+    use a121::preset;
     use egui::{Context, Event, Key, Modifiers, Pos2, RawInput, Rect, vec2};
     use glam::DVec3;
+    use radar_mapping::Search;
+    use radar_recording::Header;
+    use radar_sar::geometry::Pose;
 
     fn app() -> App {
         let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);

@@ -2,7 +2,7 @@
 
 use glam::{DMat4, DQuat, DVec2, DVec3, DVec4};
 
-use crate::geometry::{Aabb, Pose};
+use radar_sar::geometry::{Aabb, Pose};
 
 /// Nothing nearer is drawn, metres.
 const NEAR_M: f64 = 0.03;

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::geometry::{Aabb, Pose};
+use radar_sar::geometry::{Aabb, Pose};
 
 /// Red, green, blue (sRGB) and alpha, 0 to 1.
 pub type Color = [f32; 4];

@@ -12,10 +12,10 @@ use glam::DVec3;
 
 use super::decimated_series::DecimatedSeries;
 use super::player::Extent;
-use crate::engine::Counters;
-use crate::geometry::{Aabb, Pose};
-use crate::imaging::TimeOffset;
-use crate::obstacles::{Evidence, Scene};
+use radar_mapping::Counters;
+use radar_mapping::{Evidence, Scene};
+use radar_sar::TimeOffset;
+use radar_sar::geometry::{Aabb, Pose};
 
 /// Scenes kept at most.
 const SCENES: usize = 4096;
@@ -207,14 +207,16 @@ impl History {
 
 #[cfg(test)]
 mod tests {
+    use radar_mapping::MappingSettings;
+
     use super::*;
-    use crate::engine::{Pipeline, Settings};
-    use crate::obstacles::{Observed, Obstacle};
-    use crate::radar::preset;
+    use a121::preset;
     use glam::DMat3;
+    use radar_mapping::Pipeline;
+    use radar_mapping::{Observed, Obstacle};
 
     fn health() -> Health {
-        let pipeline = Pipeline::new(&preset("d16").unwrap(), &Pose::IDENTITY, &Settings::default());
+        let pipeline = Pipeline::new(&preset("d16").unwrap(), &Pose::IDENTITY, &MappingSettings::default());
         Health { counters: pipeline.counters(), time_offset_s: 0.0, estimate: None }
     }
 

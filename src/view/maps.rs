@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
-use crate::geometry::Aabb;
-use crate::imaging::Volume;
-use crate::obstacles::Evidence;
 use crate::report::{greatest, inferno};
+use radar_mapping::Evidence;
+use radar_sar::Volume;
+use radar_sar::geometry::Aabb;
 
 /// Half of a slab's thickness, metres.
 pub const SLAB_HALF_M: f64 = 0.25;

@@ -6,8 +6,8 @@ use super::history::{Health, Moment};
 use super::layers::Layers;
 use super::recording_info::RecordingInfo;
 use super::style;
-use crate::engine::Search;
-use crate::obstacles::{Observed, Obstacle};
+use radar_mapping::Search;
+use radar_mapping::{Observed, Obstacle};
 
 /// All of it, in one column.
 pub fn panel(ui: &mut Ui, about: &RecordingInfo, moment: &Moment, layers: &mut Layers, top_score: f32) {
@@ -202,18 +202,21 @@ fn switches(ui: &mut Ui, about: &RecordingInfo, layers: &mut Layers, top_score: 
 
 #[cfg(test)]
 mod tests {
+    use radar_mapping::MappingSettings;
+
     use super::*;
-    use crate::engine::{Pipeline, Settings};
-    use crate::geometry::Pose;
-    use crate::imaging::TimeOffset;
-    use crate::radar::preset;
-    use crate::recording::Header;
+    use crate::settings::Settings;
+    use a121::preset;
+    use radar_mapping::Pipeline;
+    use radar_recording::Header;
+    use radar_sar::TimeOffset;
+    use radar_sar::geometry::Pose;
 
     #[test]
     fn unhealthy_values_are_flagged() {
         let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);
         let about = RecordingInfo::new(&header, &Settings::default(), Search::Rooms, 1.0);
-        let pipeline = Pipeline::new(&header.config, &Pose::IDENTITY, &Settings::default());
+        let pipeline = Pipeline::new(&header.config, &Pose::IDENTITY, &MappingSettings::default());
         let mut counters = pipeline.counters();
         counters.streams.observations = (about.sweeps_per_s * 2.0) as u64 * about.subsweeps as u64;
         counters.streams.poses = 100;

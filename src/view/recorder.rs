@@ -6,9 +6,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::history::{Health, History, VOXELS};
 use super::recording_info::RecordingInfo;
-use crate::engine::{Pipeline, Search};
-use crate::geometry::Pose;
-use crate::obstacles::{Evidence, Scene};
+use radar_mapping::{Evidence, Scene};
+use radar_mapping::{Pipeline, Search};
+use radar_sar::geometry::Pose;
 
 /// Where there is no look of its own, the first is taken after so long, and the next when the recording is so much longer:
 /// each is a search through everything.

@@ -2,12 +2,14 @@
 
 use glam::DVec3;
 
-use crate::engine::{Search, Settings};
-use crate::geometry::{Aabb, Pose};
-use crate::radar::{RangeAxis, SensorConfig, frame_timing};
-use crate::recording::Header;
-use crate::truth::Truth;
+use crate::settings::Settings;
 use crate::warning::WarningSettings;
+use a121::{SensorConfig, frame_timing};
+use radar_mapping::Search;
+use radar_recording::Header;
+use radar_sar::RangeAxis;
+use radar_sar::geometry::{Aabb, Pose};
+use radar_sar::truth::Truth;
 
 /// What holds for the whole recording.
 #[derive(Debug, Clone)]
@@ -115,7 +117,7 @@ impl RecordingInfo {
 }
 
 fn ranges_m(config: &SensorConfig) -> [f64; 2] {
-    let axes: Vec<RangeAxis> = config.subsweeps.iter().map(RangeAxis::of).collect();
+    let axes: Vec<RangeAxis> = config.subsweeps.iter().map(radar_mapping::range_axis).collect();
     let first = axes.iter().map(|axis| axis.first_m).fold(f64::INFINITY, f64::min);
     let last = axes.iter().map(RangeAxis::last_m).fold(0.0, f64::max);
     [first.min(last).max(0.0), last]
@@ -124,7 +126,7 @@ fn ranges_m(config: &SensorConfig) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::radar::preset;
+    use a121::preset;
 
     fn about() -> RecordingInfo {
         let header = Header::new("test", preset("d16").unwrap(), Pose::from_translation(DVec3::Y));

@@ -8,10 +8,10 @@ use super::history::Moment;
 use super::layers::Layers;
 use super::recording_info::RecordingInfo;
 use super::style::{self, rgba};
-use crate::geometry::{Aabb, Plane, Pose};
-use crate::imaging::eigen;
-use crate::obstacles::{Evidence, MovingTarget, Observed, Obstacle, Wall};
 use crate::warning::{Panel, PanelKind, Warnings, warn};
+use radar_mapping::{Evidence, MovingTarget, Observed, Obstacle, Wall};
+use radar_sar::eigen;
+use radar_sar::geometry::{Aabb, Plane, Pose};
 
 /// The path is bright for so long, seconds.
 const RECENT_S: f64 = 4.0;
@@ -312,10 +312,11 @@ fn panel(drawing: &mut Drawing, panel: &Panel, color: impl Fn(f32) -> Color) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::{Search, Settings};
-    use crate::obstacles::Scene;
-    use crate::radar::preset;
-    use crate::recording::Header;
+    use crate::settings::Settings;
+    use a121::preset;
+    use radar_mapping::Scene;
+    use radar_mapping::Search;
+    use radar_recording::Header;
     use std::sync::Arc;
 
     fn about() -> RecordingInfo {

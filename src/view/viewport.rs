@@ -10,8 +10,8 @@ use super::layers::Layers;
 use super::recording_info::RecordingInfo;
 use super::room::{axis_names, label};
 use super::style;
-use crate::geometry::{Aabb, Plane};
-use crate::obstacles::{MovingTarget, Obstacle};
+use radar_mapping::{MovingTarget, Obstacle};
+use radar_sar::geometry::{Aabb, Plane};
 
 /// So many obstacles have their distance beside them.
 const MAX_FULL_LABELS: usize = 6;

@@ -9,8 +9,8 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3};
 
 use super::hull::convex_hull;
-use crate::geometry::Aabb;
-use crate::obstacles::{MovingTarget, Observed, Obstacle};
+use radar_mapping::{MovingTarget, Observed, Obstacle};
+use radar_sar::geometry::Aabb;
 
 /// Farther from the origin than this is no place in a room, metres.
 const FARTHEST_M: f64 = 1000.0;

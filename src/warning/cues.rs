@@ -188,9 +188,9 @@ impl Repeat {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Pose;
     use crate::warning::PanelKind;
     use glam::{DQuat, DVec2};
+    use radar_sar::geometry::Pose;
 
     const FRAME_NS: i64 = 11_111_111;
     const BOTH: CueSettings = CueSettings { sound: true, volume: 0.4, pulse: true, pulse_strength: 1.0 };

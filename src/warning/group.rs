@@ -5,8 +5,8 @@
 //! enough seen from above, and groups that it brings near enough join each other, as long as none becomes wider than a piece of
 //! furniture. Evidence goes up and down and plays no part, so that groups stay what they are.
 
-use crate::geometry::Aabb;
-use crate::obstacles::{Observed, Obstacle};
+use radar_mapping::{Observed, Obstacle};
+use radar_sar::geometry::Aabb;
 
 /// Boxes this near to each other, seen from above, join, metres: no way for a person leads between them.
 const GAP_M: f64 = 0.45;

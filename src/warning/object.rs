@@ -18,7 +18,7 @@ use super::hull::{convex_hull, lattice_within};
 use super::near::Near;
 use super::panel::{Panel, PanelKind};
 
-use crate::math;
+use radar_sar::math;
 
 /// A panel nearer to the eyes than this could not be looked at, metres.
 const NEAREST_PANEL_M: f64 = 0.2;
@@ -114,8 +114,8 @@ pub(super) fn object_panel(body: &Body, aspect: &Aspect, head: DVec3, near: &Nea
 }
 
 /// A pose at `middle` with +y up and +z along the horizontal unit vector `facing`.
-pub(super) fn upright(middle: DVec3, facing: DVec3) -> crate::geometry::Pose {
-    crate::geometry::Pose::new(middle, DQuat::from_rotation_y(math::atan2(facing.x, facing.z)))
+pub(super) fn upright(middle: DVec3, facing: DVec3) -> radar_sar::geometry::Pose {
+    radar_sar::geometry::Pose::new(middle, DQuat::from_rotation_y(math::atan2(facing.x, facing.z)))
 }
 
 /// Discs where the balls are on the panel and, because nobody passes between parts of one thing, within their outline; blurred by

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3};
 
 use super::player::BodyPart;
-use crate::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 /// What a panel stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 /// The player at one time, in the tracking frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,7 +6,7 @@
 
 use glam::DVec3;
 
-use crate::math;
+use radar_sar::math;
 
 /// After a longer pause it begins anew, nanoseconds.
 const LONGEST_PAUSE_NS: i64 = 250_000_000;

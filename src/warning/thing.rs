@@ -9,7 +9,7 @@ use super::settings::WarningSettings;
 use super::urgency::FARTHEST_CONTACT_M;
 use super::wall::{wall_nears, wall_panel};
 use super::wearer::Wearer;
-use crate::obstacles::Wall;
+use radar_mapping::Wall;
 
 /// Beyond the fade distance things are still looked at, metres: who is there may hold on to what is shown.
 const MARGIN_M: f64 = 0.3;

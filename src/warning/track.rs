@@ -9,7 +9,7 @@ use super::thing::{Drawn, Thing};
 use super::urgency::{Urgency, urgencies};
 use super::wearer::Wearer;
 
-use crate::math;
+use radar_sar::math;
 
 /// Less urgent than this does not bring a warning up, nor keep it.
 const LEAST_URGENCY: f64 = 0.02;

@@ -11,9 +11,9 @@ use super::object::upright;
 use super::panel::{Panel, PanelKind};
 use super::settings::WarningSettings;
 use super::wearer::{Limb, Wearer};
-use crate::geometry::Plane;
-use crate::math;
-use crate::obstacles::Wall;
+use radar_mapping::Wall;
+use radar_sar::geometry::Plane;
+use radar_sar::math;
 
 /// Half of the width shown at once, metres.
 const HALF_WIDTH_M: f64 = 1.0;

@@ -8,8 +8,8 @@ use super::settings::WarningSettings;
 use super::thing::{Drawn, Thing};
 use super::urgency::urgencies;
 use super::wearer::Wearer;
-use crate::geometry::Pose;
-use crate::obstacles::{Scene, Wall};
+use radar_mapping::{Scene, Wall};
+use radar_sar::geometry::Pose;
 
 /// Most quads at a time, panels and footprints together: each is an overlay that the compositor draws.
 pub const MAX_QUADS: usize = 8;
@@ -55,11 +55,11 @@ pub(super) fn in_order(drawn: impl Iterator<Item = Drawn>) -> Warnings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Aabb, Plane};
-    use crate::obstacles::{MovingTarget, Observed, Obstacle, Wall};
     use crate::warning::PanelKind;
     use glam::{DMat3, DQuat, DVec3};
     use proptest::prelude::*;
+    use radar_mapping::{MovingTarget, Observed, Obstacle, Wall};
+    use radar_sar::geometry::{Aabb, Plane};
 
     /// Head at 1.6 m, looking along −z.
     fn head() -> Pose {

@@ -21,7 +21,7 @@ use super::thing::{Key, Thing};
 use super::track::Track;
 use super::warn::{MAX_QUADS, bodies, in_order};
 use super::wearer::{Stance, Wearer};
-use crate::obstacles::{Scene, Wall};
+use radar_mapping::{Scene, Wall};
 
 /// Movement or growth beyond this is taken at once, metres: more than the voxels' edge, which is how far the rim flickers.
 const AT_ONCE_M: f64 = 0.075;
@@ -274,10 +274,10 @@ fn difference(a: &Body, b: &Body) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Pose;
-    use crate::obstacles::{Observed, Obstacle};
     use crate::warning::BodyPart;
     use glam::{DMat3, DVec3};
+    use radar_mapping::{Observed, Obstacle};
+    use radar_sar::geometry::Pose;
 
     /// A column of voxels of 5 cm, ten wide and twenty high, 0.8 m ahead.
     fn column(id: u64, x: f64) -> Obstacle {
@@ -399,9 +399,9 @@ mod tests {
     }
 
     fn wall(id: u64, ahead_m: f64) -> Wall {
-        let plane = crate::geometry::Plane { outward: DVec3::NEG_Z, offset_m: ahead_m };
+        let plane = radar_sar::geometry::Plane { outward: DVec3::NEG_Z, offset_m: ahead_m };
         let seen_at =
-            crate::geometry::Aabb::from_corners(DVec3::new(-2.0, 1.5, -ahead_m), DVec3::new(2.0, 1.7, -ahead_m));
+            radar_sar::geometry::Aabb::from_corners(DVec3::new(-2.0, 1.5, -ahead_m), DVec3::new(2.0, 1.7, -ahead_m));
         Wall { id, plane, evidence: 5.0, seen_at, provisional: false, first_seen_ns: 0, last_seen_ns: 0 }
     }
 

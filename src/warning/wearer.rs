@@ -15,8 +15,8 @@ use glam::DVec3;
 use super::body::is_place;
 use super::player::{BodyPart, Player};
 use super::speed::Speed;
-use crate::geometry::Pose;
-use crate::math;
+use radar_sar::geometry::Pose;
+use radar_sar::math;
 
 /// Half the breadth across the shoulders, metres.
 const TORSO_RADIUS_M: f64 = 0.25;

@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 use std::fs;
 
-use radar_chaperone::engine::Settings;
 use radar_chaperone::panel;
+use radar_chaperone::settings::Settings;
 use serde_json::{Value, json};
 
 use crate::rig::Rig;

@@ -1,7 +1,7 @@
 //! The room moves under the program: the user recentres, tracking is lost, the tracking system takes the room for another.
 
 use glam::DVec3;
-use radar_chaperone::geometry::Pose;
+use radar_sar::geometry::Pose;
 use serde_json::{Value, json};
 
 use crate::rig::Rig;

@@ -3,10 +3,10 @@
 use std::fmt::Write;
 
 use glam::{DVec2, DVec3};
-use radar_chaperone::geometry::Pose;
 use radar_chaperone::panel;
-use radar_chaperone::recording::MapFile;
-use radar_chaperone::truth::TruthObstacle;
+use radar_recording::MapFile;
+use radar_sar::geometry::Pose;
+use radar_sar::truth::TruthObstacle;
 use serde_json::{Value, json};
 
 use crate::rig::Rig;

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use a121::preset;
 use glam::{DQuat, DVec2, DVec3};
-use radar_chaperone::radar::preset;
-use radar_chaperone::simulation::Scenario;
-use radar_chaperone::truth::TruthObstacle;
+use radar_sar::truth::TruthObstacle;
+use radar_simulation::Scenario;
 use serde_json::{Value, json};
 
 use crate::eyes::{Eye, disparity_rad};

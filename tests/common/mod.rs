@@ -76,7 +76,7 @@ impl Folder {
 
     fn run_into(&self, out: Stdio, line: &str, environment: &[(&str, &str)]) -> Outcome {
         let err = self.stream("err");
-        let child = Command::new(env!("CARGO_BIN_EXE_radar-chaperone"))
+        let child = Command::new(crate::PROGRAM)
             .args(line.split_whitespace())
             .current_dir(&self.path)
             .env_remove("RUST_LOG")

@@ -1,11 +1,12 @@
 //! Recordings that are sound as files and hold what no sensor or headset should send: each bad frame or pose is counted
 //! and left out, and the rest serves.
 
+use a121::{Frame, preset};
 use num_complex::Complex;
-use radar_chaperone::radar::{Frame, preset};
-use radar_chaperone::recording::{Header, RecordingWriter};
-use radar_chaperone::simulation::Scenario;
-use radar_chaperone::tracking::{PoseSample, TrackingResult};
+use radar_recording::{Header, RecordingWriter};
+use radar_sar::PoseSample;
+use radar_sar::TrackingResult;
+use radar_simulation::Scenario;
 
 use crate::common::Folder;
 use crate::found::counter;

@@ -1,8 +1,9 @@
 //! `calibrate`: known offsets come back, a lag at the start shows, what is not observable is called so.
 
-use radar_chaperone::engine::{Settings, Synchronisation, SynchronisationError, synchronisation};
-use radar_chaperone::radar::preset;
-use radar_chaperone::simulation::{Scenario, Simulated};
+use a121::preset;
+use radar_mapping::MappingSettings;
+use radar_mapping::{Synchronisation, SynchronisationError, synchronisation};
+use radar_simulation::{Scenario, Simulated};
 
 use crate::common::Folder;
 
@@ -16,7 +17,7 @@ fn trial(motion: &str, offset_s: f64, seed: u64) -> (Scenario, Simulated) {
 
 fn estimated(scenario: &Scenario, simulated: &Simulated) -> Result<Synchronisation, SynchronisationError> {
     let Simulated { frames, poses, .. } = simulated;
-    synchronisation(&scenario.config, &scenario.head_from_sensor, &Settings::default(), frames, poses)
+    synchronisation(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default(), frames, poses)
 }
 
 #[test]

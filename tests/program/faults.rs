@@ -1,9 +1,9 @@
 //! Every fault on the sensor's line, some times each, as `examples/a121_faults` does a thousand times.
 
-#[path = "../../examples/a121_faults/trial.rs"]
+#[path = "../../crates/a121/examples/a121_faults/trial.rs"]
 mod trial;
 
-use radar_chaperone::a121::device::Fault;
+use a121::device::Fault;
 use trial::Phase;
 
 #[test]

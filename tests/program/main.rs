@@ -4,11 +4,9 @@
 mod arguments;
 mod bad_content;
 mod bad_files;
-mod benchmark;
 mod calibrate;
 #[path = "../common/mod.rs"]
 mod common;
-mod experiment;
 mod faults;
 mod found;
 mod golden;
@@ -23,3 +21,6 @@ mod serve;
 mod transcripts;
 mod vendor_file;
 mod view;
+
+/// The program under test.
+const PROGRAM: &str = env!("CARGO_BIN_EXE_radar-chaperone");

@@ -3,9 +3,8 @@
 //! What first and last frames hold was read with another HDF5 library, h5py 3.16 over HDF5 2.0: `frame[i]` as
 //! little-endian i16, real before imaginary, through `zlib.crc32`; tick, temperature and flags as they stand.
 
-use radar_chaperone::baselines::{Sampling, VendorDetector};
-use radar_chaperone::radar::{Frame, RangeAxis};
-use radar_chaperone::recording::{Event, Recording};
+use a121::Frame;
+use radar_recording::{Event, Recording};
 
 use crate::common::Folder;
 use crate::found::{counter, obstacles_of, only};
@@ -39,69 +38,6 @@ fn recordings_without_poses_import_and_replay_reports_missing_poses() {
         folder.run("info r.mcap").succeeds().prints(&format!("import of {name}.h5"));
         folder.run("replay r.mcap").succeeds().prints("No sweep has a pose").prints("\n0 obstacles, 0 walls\n");
     }
-}
-
-/// The vendor's own way on the vendor's own recording: the reflector in the tank slides along the boresight, and the track beside the
-/// recording tells how fast, from another subsweep's envelope. Frames of one sweep make the windows.
-#[test]
-fn vendor_detector_measures_range_and_speed_of_the_tank_reflector() {
-    let folder = Folder::new("tank-detector");
-    if folder.copy_real("medium_tank.h5").and(folder.copy_real("medium_tank_poses.tum")).is_none() {
-        return;
-    }
-    folder.run("import medium_tank.h5 --poses medium_tank_poses.tum --out tank.mcap").succeeds();
-    let mut recording = Recording::open(folder.path("tank.mcap")).unwrap();
-    let config = recording.header().config.clone();
-    let (mut frames, mut poses) = (Vec::new(), Vec::new());
-    for event in &mut recording {
-        match event {
-            Event::Frame(frame) => frames.push(frame),
-            Event::Pose(pose) => poses.push((pose.time_ns, pose.tracking_from_head().unwrap().translation.z)),
-            Event::Hands(_) => {}
-        }
-    }
-    // Profile 3: its subsweep follows that of profile 1.
-    let (before, subsweep) = (config.subsweeps[0].num_points as usize, config.subsweeps[1]);
-    let sweeps = |frame: &Frame| vec![frame.samples[before..before + subsweep.num_points as usize].to_vec()];
-    let seconds = (frames[frames.len() - 1].host_time_ns - frames[0].host_time_ns) as f64 * 1e-9;
-    let sampling = Sampling {
-        axis: RangeAxis::of(&subsweep),
-        profile: subsweep.profile,
-        sweep_rate_hz: (frames.len() - 1) as f64 / seconds,
-        sweeps: 16,
-    };
-    let calibration: Vec<_> = frames[..100].iter().flat_map(sweeps).collect();
-    let mut detector = VendorDetector::new(sampling, &calibration);
-    let (mut looks, mut distances, mut speeds) = (0, Vec::new(), Vec::new());
-    for frame in &frames {
-        let Some(look) = detector.push(&sweeps(frame)) else { continue };
-        let middle_ns = frame.host_time_ns - (7.5 / sampling.sweep_rate_hz * 1e9) as i64;
-        let at = poses.partition_point(|pose| pose.0 < middle_ns);
-        if at < 4 || at + 4 >= poses.len() {
-            continue;
-        }
-        let (early, late) = (poses[at - 4], poses[at + 4]);
-        // The reflector stands still at z = −0.8 m: the sensor's way is its.
-        let speed = (late.1 - early.1) / ((late.0 - early.0) as f64 * 1e-9);
-        let distance = poses[at].1 + 0.8;
-        let [near, far] = detector.range_m();
-        if !(near + 0.02..far - 0.02).contains(&distance) || speed.abs() > 0.08 {
-            continue;
-        }
-        looks += 1;
-        if let Some(found) = look.reflections.first() {
-            distances.push((found.distance_m - distance).abs());
-            speeds.push((found.velocity_m_per_s - speed).abs());
-        }
-    }
-    let median = |values: &mut Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    assert!(looks > 50 && distances.len() * 10 > looks * 9, "{looks} looks, {} seen", distances.len());
-    let (distance, speed) = (median(&mut distances), median(&mut speeds));
-    // A bin is 13 mm/s wide, and the reflector changes its speed within a window of 0.19 s.
-    assert!(distance < 0.01 && speed < 0.0134, "{distance} m, {speed} m/s");
 }
 
 /// A frame as another reader gives it.

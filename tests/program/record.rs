@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant};
 
-use radar_chaperone::a121::find::{discover, list_ports};
+use a121::find::{discover, list_ports};
 use radar_chaperone::live::now_ns;
 use serde_json::Value;
 
@@ -129,7 +129,7 @@ fn ports_that_cannot_be_opened_say_why() {
 #[test]
 #[cfg(target_os = "linux")]
 fn busy_port_names_the_process_that_holds_it() {
-    use radar_chaperone::a121::{Address, Line};
+    use a121::{Address, Line};
     let folder = Folder::new("record_busy");
     let (_board, ours) = serialport::TTYPort::pair().unwrap();
     let path = serialport::SerialPort::name(&ours).unwrap();

@@ -5,14 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use foxglove::messages::scene_entity_deletion::Type as Deletion;
 use foxglove::messages::{FrameTransform, Log, PointCloud, Quaternion, SceneEntity, SceneUpdate};
 use prost::Message;
+use radar_recording::results_messages as wire;
 
 use crate::common::Folder;
-
-/// Types made from proto/results.proto.
-mod wire {
-    #![allow(clippy::all, missing_docs)]
-    include!(concat!(env!("OUT_DIR"), "/radar_chaperone.results.rs"));
-}
 
 /// What the file holds, topic by topic: time and bytes in the order of the file.
 struct File {

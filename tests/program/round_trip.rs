@@ -129,7 +129,7 @@ fn the_peak_of_a_volume_lies_at_the_reflector() {
 fn every_command_has_help() {
     let folder = Folder::new("help");
     let text = folder.run("--help").succeeds().out;
-    for command in ["demo", "simulate", "replay", "reconstruct", "import", "info", "recover", "benchmark"] {
+    for command in ["demo", "simulate", "replay", "reconstruct", "import", "info", "recover", "calibrate"] {
         assert!(text.contains(&format!("\n  {command} ")), "{command} is not listed");
         folder.run(&format!("{command} --help")).succeeds().prints(&format!("Usage: radar-chaperone {command}"));
     }

@@ -3,11 +3,11 @@
 
 use std::fmt::Write;
 
+use a121::{Frame, SensorConfig, preset};
 use glam::DVec3;
 use hdf5_pure::{CompoundTypeBuilder, FileBuilder, GroupBuilder};
-use radar_chaperone::radar::{Frame, SensorConfig, preset};
-use radar_chaperone::recording::{Event, Recording};
-use radar_chaperone::simulation::{Scenario, Simulated};
+use radar_recording::{Event, Recording};
+use radar_simulation::{Scenario, Simulated};
 
 use crate::common::Folder;
 use crate::found::{obstacles_of, only};

@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
+use a121::Profile;
 use glam::DVec3;
 use num_complex::Complex64;
-use radar_chaperone::imaging::backprojection::{BrickGrid, SweepStack, Threshold, dense_volume, search};
-use radar_chaperone::imaging::{Oracle, RangeCompressor, Statistic, Volume, subaperture::SubapertureSettings};
-use radar_chaperone::radar::{Beam, Observation, Profile, envelope};
+use radar_sar::backprojection::{BrickGrid, SweepStack, Threshold, dense_volume, search};
+use radar_sar::subaperture::SubapertureSettings;
+use radar_sar::{Beam, Observation, envelope};
+use radar_sar::{Oracle, RangeCompressor, Statistic, Volume};
 use rayon::prelude::*;
 
 use crate::cases::{Case, Damage, PATHS, Path, cases, rows, sound, sweeps};

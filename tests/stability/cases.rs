@@ -3,10 +3,11 @@
 
 use std::sync::Arc;
 
+use a121::Profile;
 use glam::{DQuat, DVec3};
 use num_complex::{Complex32, Complex64};
-use radar_chaperone::geometry::{Aabb, Pose};
-use radar_chaperone::radar::{Beam, Observation, PHASE_RAD_PER_M, Profile, RangeAxis, SweepGeometry, envelope};
+use radar_sar::geometry::{Aabb, Pose};
+use radar_sar::{Beam, Observation, PHASE_RAD_PER_M, RangeAxis, SweepGeometry, envelope};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

@@ -1,9 +1,9 @@
 //! Refinement and the search for single reflectors: finite places, covariances that are some, whatever the geometry.
 
 use glam::{DMat3, DVec3};
-use radar_chaperone::geometry::Aabb;
-use radar_chaperone::imaging::{PositionErrors, RangePower, refine};
-use radar_chaperone::obstacles::{ReflectorSettings, find_reflectors};
+use radar_mapping::{ReflectorSettings, find_reflectors};
+use radar_sar::geometry::Aabb;
+use radar_sar::{PositionErrors, RangePower, refine};
 
 use crate::cases::{cases, rows, sound, sweeps};
 use crate::quick_or_long;

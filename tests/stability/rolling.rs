@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use radar_chaperone::imaging::Statistic;
-use radar_chaperone::imaging::backprojection::{BrickGrid, RollingImage, RollingSettings, dense_volume};
+use radar_sar::Statistic;
+use radar_sar::backprojection::{BrickGrid, RollingImage, RollingSettings, dense_volume};
 
 use crate::cases::{Case, Damage, NOISE_LSB, PATHS, cases, sound, sweeps};
 use crate::quick_or_long;

@@ -1,14 +1,16 @@
 //! Whole streams of bad frames and poses through the pipeline: counted, never a number that is none in the scene, and sound
 //! data among bad ones give what they give alone.
 
+use a121::{Frame, FrameLayout, SensorConfig, frame_timing, preset};
 use glam::DVec3;
 use num_complex::{Complex, Complex64};
-use radar_chaperone::engine::{Mode, Pipeline, Settings};
-use radar_chaperone::geometry::Pose;
-use radar_chaperone::radar::{
-    Frame, FrameLayout, PHASE_RAD_PER_M, RangeAxis, SensorConfig, envelope, frame_timing, preset,
-};
-use radar_chaperone::tracking::{ObserverCounters, PoseSample, TrackingResult};
+use radar_chaperone::settings::Settings;
+use radar_mapping::{Mode, Pipeline};
+use radar_mapping::{ObserverCounters, range_axis};
+use radar_sar::PoseSample;
+use radar_sar::TrackingResult;
+use radar_sar::geometry::Pose;
+use radar_sar::{PHASE_RAD_PER_M, envelope};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -33,7 +35,7 @@ fn seconds(time_ns: i64) -> f64 {
 /// Frames of a chair before the moving head, and its poses.
 fn sound_streams(config: &SensorConfig, duration_s: f64, seed: u64) -> (Vec<Frame>, Vec<PoseSample>) {
     let layout = FrameLayout::of(config);
-    let axis = RangeAxis::of(&config.subsweeps[0]);
+    let axis = range_axis(&config.subsweeps[0]);
     let pulse_fwhm_m = config.subsweeps[0].profile.envelope_fwhm_m();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut noise = || -> f64 { StandardNormal.sample(&mut rng) };
@@ -89,7 +91,7 @@ fn run(config: &SensorConfig, mode: Mode, events: &[Event]) -> Pipeline {
     settings.processing.mode = mode;
     settings.reflectors.voxel_m = 0.2;
     settings.reflectors.max_reflectors = 3;
-    let mut pipeline = Pipeline::new(config, &Pose::IDENTITY, &settings);
+    let mut pipeline = Pipeline::new(config, &Pose::IDENTITY, &settings.mapping());
     for event in events {
         match event {
             Event::Pose(pose) => pipeline.push_pose(pose),

@@ -1,7 +1,7 @@
 //! Block scores, as a volume and in the field, against the oracle.
 
-use radar_chaperone::imaging::subaperture::{Field, SubapertureBuilder, SubapertureSettings};
-use radar_chaperone::imaging::{Oracle, Statistic, subaperture_volume};
+use radar_sar::subaperture::{Field, SubapertureBuilder, SubapertureSettings};
+use radar_sar::{Oracle, Statistic, subaperture_volume};
 
 use crate::cases::{cases, rows, sound, sweeps_along};
 use crate::{agrees, quick_or_long};

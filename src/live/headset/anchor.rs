@@ -5,7 +5,7 @@
 //! universe, which says where the floor is, moves against both. A tracking system that takes the room for another, or whose raw
 //! universe leaps, makes all places of before worthless: then the session's frame is laid anew and everything is forgotten.
 
-use crate::geometry::Pose;
+use radar_sar::geometry::Pose;
 
 /// Poses of the universe this much apart are the same.
 const SAME_M: f64 = 1e-4;

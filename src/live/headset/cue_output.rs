@@ -1,9 +1,9 @@
 //! Cues on their way out: ticks to the controllers, tones to the sound device.
 
-use crate::engine::Settings;
 use crate::live::now_ns;
 use crate::live::sound::Sound;
 use crate::openvr::{Hands, Runtime};
+use crate::settings::Settings;
 use crate::warning::{Cues, Player, Warnings};
 
 /// A controller does not take another tick sooner, nanoseconds: SteamVR asks for 5 ms between two. Frames that are late come closer.

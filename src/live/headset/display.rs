@@ -8,11 +8,11 @@ use glam::DVec3;
 use super::frames::HeadsetError;
 use super::graphics::{Graphics, GraphicsError};
 use super::slots::{SLOTS, Slots};
-use crate::engine::{Display, ProjectionMatrix, Settings};
-use crate::geometry::Pose;
 use crate::openvr::{EyeSide, HeadsetEye, OpenVrError, Overlay, Runtime, Universe};
 use crate::render::{EyeView, Quad, RenderError, StereoScene, Window};
+use crate::settings::{Display, ProjectionMatrix, Settings};
 use crate::warning::{Shape, Warnings, Watch};
+use radar_sar::geometry::Pose;
 
 /// A picture over all of an eye's view: lines and discs need no more, pixels.
 const EYE_MOST_PX: u32 = 1024;

@@ -14,14 +14,14 @@ use super::meter::{FrameMeter, FrameReport, FrameTimes};
 use super::pose_thread::{RoomFrame, SharedFrame, read_poses};
 use super::samples::{HandsTold, player, poses_now, sample};
 use super::vitals::Vitals;
-use crate::engine::Settings;
-use crate::geometry::Pose;
 use crate::live::{CoreWait, Reconstruction, SettingsDesk, now_ns, thread_cpu_ns};
-use crate::obstacles::{HandsSample, Scene};
 use crate::openvr::{DisplayTiming, Event, Hands, OpenVrError, Poses, Runtime, Universe};
 use crate::render::RenderError;
-use crate::tracking::PoseSample;
+use crate::settings::Settings;
 use crate::warning::Watch;
+use radar_mapping::{HandsSample, Scene};
+use radar_sar::PoseSample;
+use radar_sar::geometry::Pose;
 
 /// Takes every pose of the head, in the session's frame; must not wait for anything.
 pub type PoseSink<'a> = &'a (dyn Fn(&PoseSample) + Sync);

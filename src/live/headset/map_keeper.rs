@@ -11,8 +11,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use super::pose_thread::{RoomFrame, SharedFrame};
 use crate::live::{Reconstruction, SettingsDesk, now_ns};
-use crate::obstacles::SavedMap;
-use crate::recording::{MapFile, MapFileError, MapFolder};
+use radar_mapping::SavedMap;
+use radar_recording::{MapFile, MapFileError, MapFolder};
 
 /// Between two looks at what there is to do.
 const TURN: Duration = Duration::from_millis(50);

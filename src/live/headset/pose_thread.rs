@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use super::frames::PoseSink;
 use super::samples::{poses_now, sample};
-use crate::geometry::Pose;
 use crate::live::now_ns;
 use crate::openvr::{Hands, Runtime};
+use radar_sar::geometry::Pose;
 
 /// Where the room lies, as other threads need it.
 #[derive(Debug, Clone, Copy, PartialEq)]

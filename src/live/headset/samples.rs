@@ -1,12 +1,13 @@
 //! The head's poses for the radar: where the head is now, not where it will be when a frame is seen, with the time at which it
 //! was there. And the player for the warnings, as they will be when a frame is seen.
 
-use crate::geometry::Pose;
 use crate::live::now_ns;
-use crate::obstacles::HandsSample;
 use crate::openvr::{DevicePose, Hands, Poses, Runtime, TrackingState, Universe};
-use crate::tracking::{PoseSample, TrackingResult};
 use crate::warning::Player;
+use radar_mapping::HandsSample;
+use radar_sar::PoseSample;
+use radar_sar::TrackingResult;
+use radar_sar::geometry::Pose;
 
 /// A call that took longer tells no time: this thread was put aside in the middle of it, nanoseconds.
 const LONGEST_CALL_NS: i64 = 1_000_000;

@@ -7,9 +7,9 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use crate::geometry::Pose;
 use crate::openvr::{OpenVrError, Overlay, Runtime, Universe, VulkanDevice};
 use crate::render::{Quad, QuadKind};
+use radar_sar::geometry::Pose;
 
 /// Overlays in all: the runtime's compositor draws each of them for each eye.
 pub(super) const SLOTS: usize = 8;

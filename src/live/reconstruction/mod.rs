@@ -14,11 +14,12 @@ use std::thread::{Builder, JoinHandle};
 
 use super::queue::{Feeder, Queue};
 use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
-use crate::engine::{Counters, Settings};
-use crate::geometry::Pose;
-use crate::obstacles::{Evidence, HandsSample, SavedMap, Scene};
-use crate::radar::{Frame, SensorConfig};
-use crate::tracking::PoseSample;
+use crate::settings::Settings;
+use a121::{Frame, SensorConfig};
+use radar_mapping::Counters;
+use radar_mapping::{Evidence, HandsSample, SavedMap, Scene};
+use radar_sar::PoseSample;
+use radar_sar::geometry::Pose;
 use worker::{Begin, Worker};
 
 /// Shelves of the queue.
@@ -40,7 +41,7 @@ pub struct ReconstructionOptions {
     /// Poses that wait at most; the same.
     pub max_poses: usize,
     /// How long after a sweep its poses may come, seconds, where the settings would wait longer: see
-    /// [`HistorySettings::max_ahead_s`](crate::tracking::HistorySettings::max_ahead_s).
+    /// [`HistorySettings::max_ahead_s`](radar_sar::HistorySettings::max_ahead_s).
     pub max_ahead_s: f64,
 }
 
@@ -388,14 +389,16 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 #[cfg(test)]
 mod tests {
+    use radar_mapping::MappingSettings;
+
     use super::*;
-    use crate::engine::Pipeline;
-    use crate::radar::preset;
+    use a121::preset;
+    use radar_mapping::Pipeline;
 
     #[test]
     fn a_panic_ends_the_work_and_nothing_else() {
         let config = preset("fine").unwrap();
-        let shared = Shared::new(Pipeline::new(&config, &Pose::IDENTITY, &Settings::default()).counters());
+        let shared = Shared::new(Pipeline::new(&config, &Pose::IDENTITY, &MappingSettings::default()).counters());
         let pool = pool(&ReconstructionOptions { threads: Some(1), ..Default::default() }).unwrap();
         guarded(&shared, || pool.install(|| panic!("on purpose")));
         assert!(!shared.is_alive.load(Ordering::SeqCst));

@@ -5,13 +5,14 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use super::{Input, Published, Shared, lock};
-use crate::engine::{Pipeline, Search, Settings};
-use crate::geometry::Pose;
 use crate::live::freshness::Freshness;
 use crate::live::queue::Queue;
 use crate::live::{Latency, Received, now_ns, thread_cpu_ns};
-use crate::obstacles::Scene;
-use crate::radar::{Frame, SensorConfig};
+use crate::settings::Settings;
+use a121::{Frame, SensorConfig};
+use radar_mapping::Scene;
+use radar_mapping::{Pipeline, Search};
+use radar_sar::geometry::Pose;
 
 /// Longest wait for input: how soon being asked to stop or to forget is noticed at the latest.
 const TURN: Duration = Duration::from_millis(50);
@@ -33,7 +34,7 @@ pub(super) struct Begin {
 impl Begin {
     /// A fresh one, whose work waits until nothing else does.
     pub fn pipeline(&self) -> Pipeline {
-        let mut pipeline = Pipeline::new(&self.config, &self.head_from_sensor, &self.settings);
+        let mut pipeline = Pipeline::new(&self.config, &self.head_from_sensor, &self.settings.mapping());
         pipeline.defer();
         pipeline
     }

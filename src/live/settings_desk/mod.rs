@@ -18,7 +18,7 @@ use std::time::{Duration, SystemTime};
 
 use self::follower::{Follower, Outcome, Seen};
 use super::now_ns;
-use crate::engine::Settings;
+use crate::settings::Settings;
 
 /// Between two looks at the file.
 const TURN: Duration = Duration::from_millis(250);

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use glam::{DMat2, DVec2, DVec3};
 
-use crate::engine::Settings;
-use crate::geometry::Pose;
 use crate::live::{Published, Reconstruction};
-use crate::obstacles::{MovingTarget, Obstacle, Wall};
 use crate::panel::{Head, Health, PanelView, Plan, PlanMovingTarget, PlanObstacle, SensorHealth, hull};
+use crate::settings::Settings;
+use radar_mapping::{MovingTarget, Obstacle, Wall};
+use radar_sar::geometry::Pose;
 
 /// A beam ends where its two-way amplitude is down to this.
 const BEAM_FLOOR: f64 = 0.25;
@@ -227,9 +227,9 @@ fn axes(obstacle: &Obstacle) -> [[f64; 2]; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Aabb, Plane};
-    use crate::obstacles::Observed;
     use glam::DMat3;
+    use radar_mapping::Observed;
+    use radar_sar::geometry::{Aabb, Plane};
 
     fn obstacle() -> Obstacle {
         Obstacle {

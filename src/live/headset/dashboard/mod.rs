@@ -24,7 +24,8 @@ use self::placard::Placard;
 use self::troubles::Troubles;
 use super::graphics::Graphics;
 use crate::openvr::{DashboardTab, OpenVrError, Runtime, TabEvent};
-use crate::panel::{self, Notice};
+use crate::panel;
+use crate::panel::Notice;
 use crate::render::RenderError;
 
 /// Between two looks whether the tab is shown, nanoseconds; events bring one forward.

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
 
-use crate::geometry::Pose;
 use crate::openvr::{OpenVrError, Overlay, Runtime, VulkanTexture};
 use crate::panel::Notice;
+use radar_sar::geometry::Pose;
 
 /// So far away, and so far below the straight look that it hides little of the game, metres.
 const AWAY_M: f64 = 1.2;

@@ -15,10 +15,11 @@ use egui::{Event, Modifiers, PointerButton, RawInput, Rect, pos2, vec2};
 
 use super::facts::{Facts, Rates, view};
 use super::{Drawing, Input, Picture};
-use crate::engine::Settings;
 use crate::live::{Change, Reconstruction, SettingsDesk, now_ns};
 use crate::openvr::TabEvent;
-use crate::panel::{self, Notice, PanelActions, PanelView};
+use crate::panel;
+use crate::panel::{Notice, PanelActions, PanelView};
+use crate::settings::Settings;
 
 /// Between two pictures, nanoseconds: 30 a second.
 const SOONEST_NS: i64 = 33_000_000;

@@ -1,0 +1,242 @@
+//! What goes wrong with a simulated board, and when: by seeded rates, at a given byte, or at a word.
+
+use std::collections::BTreeMap;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Fault {
+    /// A byte is lost.
+    Drop,
+    /// A byte comes twice.
+    Double,
+    /// A bit of a byte is turned.
+    Flip,
+    /// Up to 64 bytes of noise come in between.
+    Garbage,
+    /// The board hangs in the middle of what it sends, for 0.05 to 5 s; what it would have measured is lost.
+    Stall,
+    /// The way holds what is sent for 1 to 200 ms.
+    Delay,
+    /// For a second, bytes come in bursts, one every 30 ms: USB, or a reader that is late.
+    Burst,
+    /// An error that nobody asked for, between two messages.
+    Error,
+    /// The next command is answered by an error.
+    Refuse,
+    /// A frame hits the converter's limit.
+    Saturate,
+    /// The sensor asks to be calibrated, until it is set up again.
+    Calibrate,
+    /// The tick counter is about to wrap when streaming starts next: within 0.2 to 2 s.
+    Wrap,
+    /// The tick counter jumps.
+    Jump,
+    /// The board is unplugged, for 0.1 to 3 s; plugged in again it starts anew.
+    Unplug,
+    /// The board starts anew: 0.3 s without a word, then all is forgotten.
+    Reboot,
+    /// The board prints what boards print when they start.
+    Banner,
+}
+
+impl Fault {
+    /// All of them.
+    pub const ALL: [Self; 16] = [
+        Self::Drop,
+        Self::Double,
+        Self::Flip,
+        Self::Garbage,
+        Self::Stall,
+        Self::Delay,
+        Self::Burst,
+        Self::Error,
+        Self::Refuse,
+        Self::Saturate,
+        Self::Calibrate,
+        Self::Wrap,
+        Self::Jump,
+        Self::Unplug,
+        Self::Reboot,
+        Self::Banner,
+    ];
+
+    /// As the command line spells it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Drop => "drop",
+            Self::Double => "double",
+            Self::Flip => "flip",
+            Self::Garbage => "garbage",
+            Self::Stall => "stall",
+            Self::Delay => "delay",
+            Self::Burst => "burst",
+            Self::Error => "error",
+            Self::Refuse => "refuse",
+            Self::Saturate => "saturate",
+            Self::Calibrate => "calibrate",
+            Self::Wrap => "wrap",
+            Self::Jump => "jump",
+            Self::Unplug => "unplug",
+            Self::Reboot => "reboot",
+            Self::Banner => "banner",
+        }
+    }
+
+    /// The fault of that name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|fault| fault.name() == name)
+    }
+
+    /// Strikes a byte of the next message, as likely one as another.
+    pub(super) fn corrupts_bytes(self) -> bool {
+        matches!(self, Self::Drop | Self::Double | Self::Flip | Self::Garbage | Self::Stall | Self::Delay)
+    }
+}
+
+/// What shall go wrong by itself.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct FaultPlan {
+    /// How often a minute, on average.
+    pub rates_per_minute: BTreeMap<Fault, f64>,
+    /// At this byte of all that the board sends, from 0.
+    pub at_bytes: BTreeMap<u64, Fault>,
+}
+
+/// Most of one kind a minute.
+pub const MAX_FAULTS_PER_MINUTE: f64 = 6000.0;
+
+/// A plan that cannot be followed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FaultPlanError {
+    /// Not `kind=rate`.
+    #[error("\"{0}\" is no fault: write kind=times-a-minute, for example flip=60")]
+    NoFault(String),
+    /// No such kind.
+    #[error("fault \"{0}\" is not known: use {list}", list = Fault::ALL.map(Fault::name).join(", "))]
+    UnknownKind(String),
+    /// A rate that is none.
+    #[error("{0} times a minute: give 0 to {MAX_FAULTS_PER_MINUTE}")]
+    Rate(f64),
+}
+
+impl FaultPlan {
+    /// Reads `kind=rate,kind=rate`, times a minute.
+    ///
+    /// # Errors
+    /// What is not of that form.
+    pub fn parse(text: &str) -> Result<Self, FaultPlanError> {
+        let mut plan = Self::default();
+        for part in text.split(',').filter(|part| !part.is_empty()) {
+            let no_fault = || FaultPlanError::NoFault(part.to_owned());
+            let (name, rate) = part.split_once('=').ok_or_else(no_fault)?;
+            let fault = Fault::from_name(name).ok_or_else(|| FaultPlanError::UnknownKind(name.to_owned()))?;
+            let rate: f64 = rate.parse().map_err(|_| no_fault())?;
+            if !(0.0..=MAX_FAULTS_PER_MINUTE).contains(&rate) {
+                return Err(FaultPlanError::Rate(rate));
+            }
+            plan.rates_per_minute.insert(fault, rate);
+        }
+        Ok(plan)
+    }
+}
+
+/// A plan on its way, with everything random about faults.
+#[derive(Debug, Clone)]
+pub(super) struct Schedule {
+    pub rng: ChaCha8Rng,
+    /// Kind, mean pause, next time.
+    due: Vec<(Fault, f64, i64)>,
+    at_bytes: BTreeMap<u64, Fault>,
+    sent_bytes: u64,
+    pub counts: BTreeMap<Fault, u64>,
+}
+
+impl Schedule {
+    pub fn new(plan: FaultPlan, seed: u64, now_ns: i64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0xFA17);
+        let rates = plan.rates_per_minute.into_iter().filter(|(_, rate)| *rate > 0.0);
+        let due = rates.map(|(fault, rate)| {
+            let pause_s = 60.0 / rate;
+            (fault, pause_s, now_ns.saturating_add(random_pause_ns(pause_s, &mut rng)))
+        });
+        let due = due.collect();
+        Self { rng, due, at_bytes: plan.at_bytes, sent_bytes: 0, counts: BTreeMap::new() }
+    }
+
+    pub fn next_ns(&self) -> i64 {
+        self.due.iter().map(|(_, _, at)| *at).min().unwrap_or(i64::MAX)
+    }
+
+    /// A fault that is due by now.
+    pub fn take(&mut self, now_ns: i64) -> Option<Fault> {
+        let (fault, pause_s, at_ns) = self.due.iter_mut().find(|(_, _, at)| *at <= now_ns)?;
+        *at_ns = now_ns.saturating_add(random_pause_ns(*pause_s, &mut self.rng));
+        Some(*fault)
+    }
+
+    /// Faults for the bytes of the next message, by their place in it.
+    pub fn at_bytes(&mut self, count: usize) -> Vec<(usize, Fault)> {
+        let beyond = self.sent_bytes + count as u64;
+        let later = self.at_bytes.split_off(&beyond);
+        let now = std::mem::replace(&mut self.at_bytes, later);
+        let struck = now.into_iter().map(|(at, fault)| (at.saturating_sub(self.sent_bytes) as usize, fault)).collect();
+        self.sent_bytes = beyond;
+        struck
+    }
+
+    pub fn seconds(&mut self, low_s: f64, high_s: f64) -> i64 {
+        (self.rng.random_range(low_s..high_s) * 1e9) as i64
+    }
+}
+
+fn random_pause_ns(mean_s: f64, rng: &mut ChaCha8Rng) -> i64 {
+    (-libm::log(1.0 - rng.random_range(0.0f64..1.0)) * mean_s * 1e9) as i64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_plans_are_parsed_and_rejected() {
+        let plan = FaultPlan::parse("flip=60,unplug=0.5").unwrap();
+        assert_eq!(plan.rates_per_minute, BTreeMap::from([(Fault::Flip, 60.0), (Fault::Unplug, 0.5)]));
+        assert!(matches!(FaultPlan::parse("flip"), Err(FaultPlanError::NoFault(_))));
+        assert!(matches!(FaultPlan::parse("flip=x"), Err(FaultPlanError::NoFault(_))));
+        assert!(matches!(FaultPlan::parse("fly=1"), Err(FaultPlanError::UnknownKind(_))));
+        assert!(matches!(FaultPlan::parse("flip=nan"), Err(FaultPlanError::Rate(_))));
+        assert!(matches!(FaultPlan::parse("flip=-1"), Err(FaultPlanError::Rate(_))));
+        assert!(Fault::ALL.iter().all(|fault| Fault::from_name(fault.name()) == Some(*fault)));
+    }
+
+    #[test]
+    fn fault_rates_are_kept_and_seeds_repeat() {
+        let times = |seed| {
+            let mut schedule = Schedule::new(FaultPlan::parse("flip=600,stall=60").unwrap(), seed, 0);
+            let mut times = Vec::new();
+            while schedule.next_ns() < 100_000_000_000 {
+                let now_ns = schedule.next_ns();
+                times.push((now_ns, schedule.take(now_ns).unwrap()));
+            }
+            times
+        };
+        let drawn = times(1);
+        let stalls = drawn.iter().filter(|(_, fault)| *fault == Fault::Stall).count();
+        assert!((900..1350).contains(&drawn.len()) && (60..140).contains(&stalls), "{} {stalls}", drawn.len());
+        assert_eq!(drawn, times(1));
+        assert_ne!(drawn, times(2));
+    }
+
+    #[test]
+    fn faults_at_given_bytes_hit_their_message() {
+        let at_bytes = BTreeMap::from([(3, Fault::Drop), (10, Fault::Flip), (25, Fault::Reboot)]);
+        let mut schedule = Schedule::new(FaultPlan { at_bytes, ..FaultPlan::default() }, 1, 0);
+        assert_eq!(schedule.at_bytes(10), [(3, Fault::Drop)]);
+        assert_eq!(schedule.at_bytes(10), [(0, Fault::Flip)]);
+        assert_eq!(schedule.at_bytes(5), []);
+        assert_eq!(schedule.at_bytes(1), [(0, Fault::Reboot)]);
+    }
+}

@@ -1,0 +1,645 @@
+//! Explaining away: strong things claim what they account for before weak things are believed.
+//!
+//! Over the last seconds of blocks, planes and places by falling score: each is scored again on the blocks in which nothing
+//! stronger claims its range and direction, and if enough is left it claims these itself. A block sees a thing at a range
+//! and at a cosine to the sensor's way; both are known as well as pulse and aperture allow, and that is the claim.
+//!
+//! What a still head or a straight path sees could lie anywhere on a circle around the path, and did, as most ghosts of the
+//! first experiments. So a place counts only when its blocks tell it from the rest of the circle, and a plane only when its
+//! mirror points have moved; and what is known already claims first, since it is what most of a new circle belongs to.
+
+mod aspect;
+mod masks;
+mod plane;
+mod scoring;
+
+use glam::{DMat3, DVec3, IVec3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::existence::Likelihood;
+use super::hands::HandTrail;
+use super::responses::{CachedResponse, Response, ResponseCache, information, sigma_m};
+pub use aspect::Aspect;
+use masks::Mask;
+pub(super) use masks::hand_masks;
+use radar_sar::Beam;
+use radar_sar::geometry::Plane;
+use radar_sar::math;
+use radar_sar::subaperture::{Subaperture, SubapertureSettings};
+pub use scoring::ROBUST_SEGMENT_NS;
+use scoring::{Score, WeightedResponse, amplitude_spread_of, robust_score};
+
+/// Parameters of explaining away.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CleanSettings {
+    /// Blocks of this last time are explained, seconds.
+    pub window_s: f64,
+    /// Score that is left and still counts as a thing.
+    pub min_score: f64,
+    /// Score of the field from which on a place is looked at. A receiver's noise alone gets there less than three times an hour in every
+    /// preset, and never to what confirms: `examples/room_false_alarms.rs`.
+    pub min_candidate_score: f64,
+    /// Candidates at most, the strongest.
+    pub max_candidates: usize,
+    /// Blocks that a plane must have been seen in.
+    pub plane_min_blocks: u32,
+    /// Score from which on a plane is believed.
+    pub plane_min_score: f64,
+    /// Least half-length of a claim in range, metres.
+    pub claim_range_m: f64,
+    /// Half-width of a claim in direction, in units of λ/2L, L the block's aperture.
+    pub claim_lobes: f64,
+    /// Evidence that a place loses for the square of every e-fold by which a block's echo is stronger or weaker than the others tell.
+    pub uneven_cost: f64,
+    /// A place is determined when its 1σ is at most this in every direction, metres.
+    pub max_sigma_m: f64,
+    /// A plane is determined when the feet of its perpendiculars spread by at least this, rms, metres.
+    pub min_feet_rms_m: f64,
+    /// And when its score is by this much greater than that of the best single place.
+    pub min_over_point: f64,
+}
+
+impl Default for CleanSettings {
+    fn default() -> Self {
+        Self {
+            window_s: 4.0,
+            min_score: 2.5,
+            min_candidate_score: 2.5,
+            max_candidates: 400,
+            plane_min_blocks: 13,
+            plane_min_score: 14.0,
+            claim_range_m: 0.15,
+            claim_lobes: 1.5,
+            uneven_cost: 1.0,
+            max_sigma_m: 0.25,
+            min_feet_rms_m: 0.1,
+            min_over_point: 2.0,
+        }
+    }
+}
+
+/// A thing that was believed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Detection<T> {
+    /// Plane or place.
+    pub estimate: T,
+    /// A/√B over the blocks that nothing stronger claimed; of a place less what speaks against it.
+    pub score: f64,
+    /// Number of these blocks.
+    pub subapertures: usize,
+    /// It is told from others like it, a place from the rest of its circle, a plane from a point: by these blocks, or, once the search has asked
+    /// them, together with those from before the window.
+    pub observable: bool,
+    /// 1σ of a place, all directions together, as far as ranges and directions can tell it from others, metres; of a plane, of where it is 1 m
+    /// beside where it was seen.
+    pub sigma_m: f64,
+    /// The score without the best [`ROBUST_SEGMENT_NS`] of them: what is there longer than a hand that passes, or an artefact of one movement,
+    /// keeps most of its score.
+    pub robust_score: f64,
+    /// Mean of the logarithm of what else there was at its range, over the noise, in the blocks that tell of it: artefacts live on what
+    /// else there is.
+    pub ln_clutter: f64,
+    /// Greatest distance at which it was seen, metres.
+    pub farthest_m: f64,
+    /// How far the strengths differ that the blocks imply which tell of it, 1σ in e-folds of power.
+    pub amplitude_spread: f64,
+    /// Share of the blocks that do not tell of it.
+    pub miss_fraction: f64,
+    /// The score of the best place elsewhere that the same echoes would have spoken for, as a part of its own: 1 where one cannot tell
+    /// which of the two it is.
+    pub ambiguity: f64,
+    /// How it was seen.
+    pub aspect: Aspect,
+    /// Log odds that it is a thing and no artefact; infinite where that was not asked.
+    pub log_odds: f64,
+    /// First and last of these blocks, host nanoseconds.
+    pub first_ns: i64,
+    /// See `first_ns`.
+    pub last_ns: i64,
+}
+
+/// The blocks of a window and what is claimed in them.
+pub struct CleanWindow<'a> {
+    blocks: Vec<&'a Subaperture>,
+    weights: Vec<f64>,
+    /// `[block]`
+    masks: Vec<Vec<Mask>>,
+    settings: &'a CleanSettings,
+    block_settings: &'a SubapertureSettings,
+    beam: &'a Beam,
+    min_cos: f64,
+    mirror_min_cos: f64,
+    cache: &'a mut ResponseCache,
+}
+
+/// What a candidate is.
+#[derive(Debug, Clone, Copy)]
+enum Hypothesis {
+    Plane(Plane),
+    Point(DVec3),
+}
+
+/// Something that may be there, and what each block says of it; views that a claim covers are taken out.
+struct Candidate {
+    hypothesis: Hypothesis,
+    /// Which of the places that were asked for.
+    query_index: Option<usize>,
+    /// `[block]`
+    responses: Vec<Option<Response>>,
+    unmasked: Option<Score>,
+}
+
+/// What is believed, each strongest first.
+#[derive(Debug, Clone, Default)]
+pub struct Detections {
+    /// Walls, floor, ceiling; new ones are all determined.
+    pub planes: Vec<Detection<Plane>>,
+    /// Places.
+    pub places: Vec<Detection<DVec3>>,
+    /// Of each place that was asked for, in that order: what the blocks say of it in which nothing stronger claims it, `[place][block]`.
+    pub(super) responses: Vec<Vec<Option<Response>>>,
+    /// Which of the places that were asked for each of `places` was, before it was moved uphill.
+    pub(super) query_indices: Vec<usize>,
+}
+
+impl<'a> CleanWindow<'a> {
+    /// Nothing claimed yet but by the player's own hands, where they were tracked. `blocks` in time.
+    pub fn new(
+        blocks: impl Iterator<Item = &'a Subaperture>,
+        hands: &HandTrail,
+        settings: &'a CleanSettings,
+        block_settings: &'a SubapertureSettings,
+        beam: &'a Beam,
+        cache: &'a mut ResponseCache,
+    ) -> Self {
+        let (min_cos, mirror_min_cos) = (block_settings.min_cos(beam), block_settings.mirror_min_cos(beam));
+        let blocks: Vec<_> = blocks.collect();
+        let newest_ns = blocks.last().map_or(0, |b| b.mid_time_ns);
+        let age_s = |b: &&Subaperture| (newest_ns - b.mid_time_ns) as f64 * 1e-9;
+        let weights = blocks.iter().map(|b| math::exp(-age_s(b) / block_settings.memory_s)).collect();
+        cache.begin_update(&blocks);
+        let masks = blocks.iter().map(|block| hand_masks(block, hands)).collect();
+        Self { masks, weights, blocks, settings, block_settings, beam, min_cos, mirror_min_cos, cache }
+    }
+
+    /// Believes places alone.
+    pub fn detect_points(&mut self, candidates: &[DVec3]) -> Vec<Detection<DVec3>> {
+        self.detect(&[], candidates).places
+    }
+
+    /// Believes planes and places by falling score: what explains the same blocks better wins. Claims of earlier calls hold,
+    /// so a call with what is known already gives it precedence.
+    pub fn detect(&mut self, planes: &[Plane], places: &[DVec3]) -> Detections {
+        self.detect_with(planes, places, false)
+    }
+
+    /// The same of what is known: a known plane accounts for its echoes, whether or not these blocks can tell it from a point.
+    pub fn detect_known(&mut self, planes: &[Plane], places: &[DVec3]) -> Detections {
+        self.detect_with(planes, places, true)
+    }
+
+    fn detect_with(&mut self, planes: &[Plane], places: &[DVec3], known: bool) -> Detections {
+        self.query(places);
+        let of_planes = planes
+            .par_iter()
+            .map(|plane| self.masked_candidate(Hypothesis::Plane(*plane), self.plane_responses(plane)));
+        let mut open: Vec<Candidate> = of_planes.collect();
+        let of_places = places.iter().enumerate();
+        open.extend(of_places.map(|(n, place)| Candidate { query_index: Some(n), ..self.point_candidate(*place) }));
+        let mut detections = Detections { responses: vec![Vec::new(); places.len()], ..Detections::default() };
+        while let Some(mut best) = self.take_best(&mut open, &mut detections.responses) {
+            match best.hypothesis {
+                Hypothesis::Plane(_) => self.hill_climb_plane(&mut best),
+                Hypothesis::Point(_) => self.hill_climb(&mut best),
+            }
+            best.store_responses(&mut detections.responses);
+            let Some(unmasked) = best.unmasked else { continue };
+            match best.hypothesis {
+                Hypothesis::Plane(plane) => {
+                    let is_plane = self.is_plane(&best.responses);
+                    if !(is_plane || known) {
+                        continue;
+                    }
+                    let seen = self.detection(plane, unmasked, None, &best, &open);
+                    let sigma_m = self.plane_sigma_m(&best.responses);
+                    detections.planes.push(Detection { observable: is_plane, sigma_m, ..seen });
+                }
+                Hypothesis::Point(place) => {
+                    let covariance_m2 = self.covariance_m2(&best.responses);
+                    detections.places.push(self.detection(place, unmasked, Some(covariance_m2), &best, &open));
+                    detections.query_indices.extend(best.query_index);
+                }
+            }
+            self.mask(&best, &mut open);
+        }
+        detections
+    }
+
+    /// A candidate with what is claimed already taken out.
+    fn masked_candidate(&self, hypothesis: Hypothesis, responses: Vec<Option<Response>>) -> Candidate {
+        let mut candidate = Candidate { hypothesis, query_index: None, responses, unmasked: None };
+        let responses = candidate.responses.iter_mut().zip(&self.masks);
+        responses.for_each(|(response, masks)| masks.iter().for_each(|mask| mask.apply(response)));
+        candidate.unmasked = self.unmasked_score(candidate.hypothesis, candidate.responses.iter().map(Option::as_ref));
+        candidate
+    }
+
+    /// A place that was asked for.
+    fn point_candidate(&self, place: DVec3) -> Candidate {
+        let responses = self.cache.cached(place).iter().map(|cached| cached.flatten()).collect();
+        self.masked_candidate(Hypothesis::Point(place), responses)
+    }
+
+    /// The score of a place that was asked for; −∞ when too few blocks are left to it.
+    fn score_of_point(&self, place: DVec3) -> f64 {
+        let unmasked = |(cached, masks): (&'_ CachedResponse, &Vec<Mask>)| -> Option<Response> {
+            let is_masked = |v: &Response| masks.iter().any(|mask| mask.covers(v.range_m, v.cos));
+            cached.flatten().filter(|response| !is_masked(response))
+        };
+        let responses: Vec<Option<Response>> = self.cache.cached(place).iter().zip(&self.masks).map(unmasked).collect();
+        let unmasked = self.unmasked_score(Hypothesis::Point(place), responses.iter().map(Option::as_ref));
+        unmasked.map_or(f64::NEG_INFINITY, |unmasked| unmasked.score)
+    }
+
+    /// Moves a strong place uphill between the voxels, in ever smaller steps: a claim from beside the maximum would leave
+    /// some of the thing unexplained. Places lie on a lattice around the first, so that most were asked for before.
+    fn hill_climb(&mut self, candidate: &mut Candidate) {
+        let (Hypothesis::Point(start), Some(unmasked)) = (candidate.hypothesis, candidate.unmasked) else { return };
+        let mut score = unmasked.score;
+        if score < CLIMB_FROM_SCORE {
+            return;
+        }
+        let unit_m = self.block_settings.voxel_m * CLIMB_UNIT;
+        let place = |at: IVec3| start + at.as_dvec3() * unit_m;
+        let (mut here, mut step) = (IVec3::ZERO, CLIMB_UNITS);
+        while step > 0 {
+            let around = (0..27).filter(|n| *n != 13).map(|n| here + (IVec3::new(n % 3, n / 3 % 3, n / 9) - 1) * step);
+            let near: Vec<IVec3> = around.filter(|at| place(*at).distance(start) <= CLIMB_REACH_M).collect();
+            self.query(&near.iter().map(|at| place(*at)).collect::<Vec<_>>());
+            let scores = near.iter().map(|at| (*at, self.score_of_point(place(*at))));
+            match scores.max_by(|a, b| a.1.total_cmp(&b.1)) {
+                Some((at, best)) if best > score => (here, score) = (at, best),
+                _ => step /= 2,
+            }
+        }
+        if here != IVec3::ZERO {
+            *candidate = Candidate { query_index: candidate.query_index, ..self.point_candidate(place(here)) };
+        }
+    }
+
+    /// The candidate with the greatest score, if that suffices. Claims only take away: what falls short now always will.
+    fn take_best(&self, open: &mut Vec<Candidate>, responses: &mut [Vec<Option<Response>>]) -> Option<Candidate> {
+        let min_score = |c: &Candidate| match c.hypothesis {
+            Hypothesis::Plane(_) => self.settings.plane_min_score,
+            Hypothesis::Point(_) => self.settings.min_score,
+        };
+        open.retain_mut(|c| {
+            let suffices = c.unmasked.is_some_and(|unmasked| unmasked.score >= min_score(c));
+            if !suffices {
+                c.store_responses(responses);
+            }
+            suffices
+        });
+        let score = |c: &Candidate| c.unmasked.map_or(f64::NEG_INFINITY, |unmasked| unmasked.score);
+        let best = (0..open.len()).max_by(|&a, &b| score(&open[a]).total_cmp(&score(&open[b])).then(b.cmp(&a)));
+        best.map(|n| open.remove(n))
+    }
+
+    /// What is left of a thing: the blocks in which nothing claims it.
+    fn unmasked_score<'v>(
+        &'v self,
+        hypothesis: Hypothesis,
+        responses: impl Iterator<Item = Option<&'v Response>>,
+    ) -> Option<Score> {
+        let responses = self.weighted(responses);
+        match hypothesis {
+            Hypothesis::Plane(_) => Score::of_plane(responses),
+            Hypothesis::Point(_) => Score::of_point(responses, self.settings),
+        }
+    }
+
+    /// Views with their blocks' weights and times.
+    fn weighted<'v>(
+        &'v self,
+        responses: impl Iterator<Item = Option<&'v Response>>,
+    ) -> impl Iterator<Item = WeightedResponse<'v>> {
+        let blocks = self.blocks.iter().zip(&self.weights);
+        responses.zip(blocks).filter_map(|(response, (block, &weight))| {
+            Some(WeightedResponse { response: response?, weight, time_ns: block.mid_time_ns })
+        })
+    }
+
+    /// What is believed, with what else the blocks say of it.
+    fn detection<T>(
+        &self,
+        estimate: T,
+        unmasked: Score,
+        covariance_m2: Option<DMat3>,
+        best: &Candidate,
+        open: &[Candidate],
+    ) -> Detection<T> {
+        let significant = || self.significant(&best.responses).map(|(_, response)| response);
+        let count = significant().count();
+        let sigma_m = covariance_m2.as_ref().map_or(0.0, sigma_m);
+        Detection {
+            estimate,
+            score: unmasked.score,
+            subapertures: unmasked.subapertures,
+            observable: sigma_m <= self.settings.max_sigma_m,
+            sigma_m,
+            robust_score: robust_score(self.weighted(best.responses.iter().map(Option::as_ref))),
+            ln_clutter: significant().map(Response::ln_clutter).sum::<f64>() / count.max(1) as f64,
+            farthest_m: significant().map(|response| response.range_m).fold(0.0, f64::max),
+            amplitude_spread: amplitude_spread_of(significant()),
+            miss_fraction: 1.0 - count as f64 / unmasked.subapertures.max(1) as f64,
+            ambiguity: self.ambiguity(best, open) / unmasked.score.max(1e-9),
+            aspect: Aspect::of(significant(), covariance_m2.map_or(0.0, |c| c.y_axis.y.sqrt())),
+            log_odds: f64::INFINITY,
+            first_ns: unmasked.first_ns,
+            last_ns: unmasked.last_ns,
+        }
+    }
+
+    /// The greatest score of a place elsewhere that would lose most of it to this one; 0 when there is none.
+    fn ambiguity(&self, best: &Candidate, open: &[Candidate]) -> f64 {
+        let Hypothesis::Point(place) = best.hypothesis else { return 0.0 };
+        let masks = self.masks_of(best);
+        let after = |candidate: &Candidate| {
+            let unmasked = candidate.responses.iter().zip(&masks).map(|(response, mask)| {
+                response.as_ref().filter(|v| !mask.is_some_and(|mask| mask.covers(v.range_m, v.cos)))
+            });
+            self.unmasked_score(candidate.hypothesis, unmasked).map_or(0.0, |unmasked| unmasked.score)
+        };
+        let mut greatest = 0.0;
+        for candidate in open {
+            let (Hypothesis::Point(other), Some(unmasked)) = (candidate.hypothesis, candidate.unmasked) else {
+                continue;
+            };
+            let may_be = unmasked.score > greatest && other.distance(place) >= MIN_AMBIGUITY_DISTANCE_M;
+            if may_be && after(candidate) < 0.5 * unmasked.score {
+                greatest = unmasked.score;
+            }
+        }
+        greatest
+    }
+
+    /// What each block says of places that were asked for, and whether something else accounts for it: what is not `unmasked` to them is
+    /// claimed.
+    pub(super) fn likelihoods(
+        &self,
+        places: &[DVec3],
+        unmasked: &[Vec<Option<Response>>],
+    ) -> Vec<Vec<Option<Likelihood>>> {
+        let of_point = |(place, unmasked): (&DVec3, &Vec<Option<Response>>)| {
+            let of_block = |(cached, unmasked): (&CachedResponse, &Option<Response>)| match (unmasked, cached.flatten())
+            {
+                (Some(response), _) => Some(Likelihood { response: *response, is_masked: false }),
+                (None, Some(response)) => Some(Likelihood { response, is_masked: true }),
+                (None, None) => None,
+            };
+            self.cache.cached(*place).iter().zip(unmasked).map(of_block).collect()
+        };
+        places.iter().zip(unmasked).map(of_point).collect()
+    }
+
+    /// Views that say something, each with its block.
+    fn significant<'v>(
+        &'v self,
+        responses: &'v [Option<Response>],
+    ) -> impl Iterator<Item = (&'a Subaperture, &'v Response)> {
+        let seen = self.blocks.iter().zip(responses).filter_map(|(block, response)| Some((*block, response.as_ref()?)));
+        seen.filter(|(_, response)| response.is_significant())
+    }
+
+    /// Covariance of a place, m², from what ranges and directions to the sensor's way can tell apart.
+    fn covariance_m2(&self, responses: &[Option<Response>]) -> DMat3 {
+        information(DMat3::IDENTITY * 1e-6, self.significant(responses)).inverse()
+    }
+
+    /// Asks the blocks for places, but where things are claimed already.
+    fn query(&mut self, places: &[DVec3]) {
+        let mut cache = std::mem::take(self.cache);
+        cache.query(places, |block, places| self.subaperture_responses(block, places));
+        *self.cache = cache;
+    }
+
+    fn subaperture_responses(&self, b: usize, places: &[DVec3]) -> Vec<CachedResponse> {
+        let (block, masks) = (self.blocks[b], &self.masks[b]);
+        let settings = self.block_settings.within(&block.geometry().axis);
+        let origin = block.middle.translation;
+        let mut cached = vec![Some(None); places.len()];
+        let (mut seen, mut relative) = (Vec::new(), Vec::new());
+        for (n, &place) in places.iter().enumerate() {
+            if !settings.sees(&block.middle, self.min_cos, place) {
+                continue;
+            }
+            let (range_m, toward, cos) = range_and_direction(block, place);
+            if masks.iter().any(|mask| mask.covers(range_m, cos)) {
+                cached[n] = None;
+                continue;
+            }
+            seen.push((n, range_m, toward));
+            relative.push((place - origin).as_vec3().to_array());
+        }
+        for ((n, range_m, toward), coherence) in seen.into_iter().zip(block.coherence_at_points(&relative)) {
+            cached[n] = Some(Some(Response::new((&block.middle, block.motion), coherence, range_m, toward, self.beam)));
+        }
+        cached
+    }
+}
+
+impl Candidate {
+    /// Gives what the blocks say of it to who asked.
+    fn store_responses(&self, responses: &mut [Vec<Option<Response>>]) {
+        if let Some(query_index) = self.query_index.and_then(|n| responses.get_mut(n)) {
+            query_index.clone_from(&self.responses);
+        }
+    }
+}
+
+/// Range of a place, the direction towards it, and that direction's cosine to the sensor's way.
+fn range_and_direction(block: &Subaperture, place: DVec3) -> (f64, DVec3, f64) {
+    let range_m = block.distance_m(place);
+    let toward = (place - block.middle.translation) / range_m.max(1e-9);
+    (range_m, toward, toward.dot(block.motion))
+}
+
+/// Places from this score on are moved uphill before they claim, at most by this much, metres.
+const CLIMB_FROM_SCORE: f64 = 5.0;
+/// Climbing begins with steps of so many units, voxels, and ends with one.
+const CLIMB_UNITS: i32 = 4;
+const CLIMB_UNIT: f64 = 0.2;
+const CLIMB_REACH_M: f64 = 0.12;
+/// Places nearer to each other than this are no rivals: they are the same thing, metres.
+const MIN_AMBIGUITY_DISTANCE_M: f64 = 0.3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use radar_sar::Beam;
+    use radar_sar::subaperture::SubapertureBuilder;
+    use radar_sar::test_data::{Echo, on_one_thread, sweeps, winding};
+
+    const STRONG: DVec3 = DVec3::new(0.2, 0.1, -1.2);
+    const WEAK: DVec3 = DVec3::new(-0.5, -0.2, -1.5);
+    const WALL: Plane = Plane { outward: DVec3::NEG_Z, offset_m: 1.9 };
+
+    fn detected(path: impl Fn(f64) -> DVec3, echoes: &[(Echo, f64)], planes: &[Plane], places: &[DVec3]) -> Detections {
+        detected_by(path, echoes, |window| window.detect(planes, places))
+    }
+
+    fn detected_by(
+        path: impl Fn(f64) -> DVec3,
+        echoes: &[(Echo, f64)],
+        explain: impl Fn(&mut CleanWindow) -> Detections,
+    ) -> Detections {
+        detected_with_hands(&HandTrail::default(), path, echoes, explain)
+    }
+
+    fn detected_with_hands(
+        hands: &HandTrail,
+        path: impl Fn(f64) -> DVec3,
+        echoes: &[(Echo, f64)],
+        explain: impl Fn(&mut CleanWindow) -> Detections,
+    ) -> Detections {
+        let (settings, block_settings) = (CleanSettings::default(), SubapertureSettings::default());
+        let mut builder = SubapertureBuilder::new(block_settings);
+        let blocks: Vec<_> = sweeps(3.0, path, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect();
+        let mut cache = ResponseCache::default();
+        let mut window =
+            CleanWindow::new(blocks.iter(), hands, &settings, &block_settings, &Beam::Lensless, &mut cache);
+        explain(&mut window)
+    }
+
+    #[test]
+    fn weak_point_is_found_beside_strong_one() {
+        let beside = STRONG + DVec3::new(0.0, 0.03, 0.0);
+        let echoes = [(Echo::Point(STRONG), 4.0), (Echo::Point(WEAK), 0.7)];
+        let found = detected(winding, &echoes, &[], &[WEAK, beside, STRONG, DVec3::new(0.3, -0.4, -0.8)]).places;
+        let things: Vec<_> = found.iter().map(|e| e.estimate).collect();
+        assert_eq!(things, [STRONG, WEAK], "{found:?}");
+        assert!(found.iter().all(|e| e.observable && e.score > 6.0), "{found:?}");
+        let alone = on_one_thread(|| detected(winding, &echoes, &[], &[WEAK, STRONG]).places);
+        assert_eq!(alone, found);
+    }
+
+    #[test]
+    fn wall_masks_its_foot_points_and_point_is_not_a_wall() {
+        let foot = DVec3::new(0.0, 0.0, -1.9);
+        let detections = detected(winding, &[(Echo::Plane(WALL), 5.0)], &[WALL], &[foot]);
+        assert_eq!((detections.planes.len(), detections.places.len()), (1, 0), "{detections:?}");
+        let detections = detected(winding, &[(Echo::Point(foot), 2.0)], &[WALL], &[foot]);
+        assert_eq!((detections.planes.len(), detections.places.len()), (0, 1), "{detections:?}");
+    }
+
+    #[test]
+    fn wall_between_search_directions_is_refined() {
+        let turned = |deg: f64| DVec3::new(deg.to_radians().sin(), 0.0, -deg.to_radians().cos());
+        let wall = Plane { outward: turned(3.1), offset_m: 1.9 };
+        let searched = Plane { outward: turned(2.4), offset_m: 1.875 };
+        let found = detected(winding, &[(Echo::Plane(wall), 5.0)], &[searched], &[]).planes;
+        let off_deg = found[0].estimate.outward.dot(wall.outward).acos().to_degrees();
+        let off_m = (found[0].estimate.distance(DVec3::ZERO) - 1.9).abs();
+        assert!(off_deg < 0.5 && off_m < 0.015, "{off_deg}° {off_m} m");
+    }
+
+    #[test]
+    fn plane_needs_wide_foot_spread() {
+        let nearly = |t: f64| 0.4 * winding(t);
+        let point = DVec3::new(0.0, 0.0, -1.9);
+        for (echo, planes) in [(Echo::Point(point), 0), (Echo::Plane(WALL), 1)] {
+            let wide = detected(winding, &[(echo, 5.0)], &[WALL], &[]);
+            let narrow = detected(nearly, &[(echo, 5.0)], &[WALL], &[]);
+            assert_eq!((wide.planes.len(), narrow.planes.len()), (planes, 0));
+        }
+    }
+
+    #[test]
+    fn known_wall_masks_its_echoes_with_small_motion() {
+        let nearly = |t: f64| 0.4 * winding(t);
+        let foot = [DVec3::new(0.0, 0.0, -1.9)];
+        let echoes = [(Echo::Plane(WALL), 5.0)];
+        let known = detected_by(nearly, &echoes, |window| {
+            let walls = window.detect_known(&[WALL], &[]).planes;
+            Detections { planes: walls, ..window.detect(&[WALL], &foot) }
+        });
+        assert!(known.planes.len() == 1 && !known.planes[0].observable && known.places.is_empty(), "{known:?}");
+        assert_eq!(detected(nearly, &echoes, &[], &foot).places.len(), 1, "else it passes for a place");
+    }
+
+    #[test]
+    fn tracked_hand_and_forearm_are_masked_and_object_behind_is_found() {
+        let (palm, elbow) = (DVec3::new(0.1, -0.3, -0.5), DVec3::new(0.15, -0.3, -0.3));
+        let echoes = [palm, elbow, STRONG].map(|place| (Echo::Point(place), 4.0));
+        let detections = |hand: Option<DVec3>| {
+            let mut hands = HandTrail::default();
+            (0..450).for_each(|n| hands.push(n * 10_000_000, [hand, None], None));
+            let explain = |window: &mut CleanWindow| window.detect(&[], &[palm, elbow, STRONG]);
+            let places = detected_with_hands(&hands, winding, &echoes, explain).places;
+            places.into_iter().map(|place| place.estimate).collect::<Vec<_>>()
+        };
+        assert_eq!((detections(None).len(), detections(Some(palm))), (3, vec![STRONG]));
+    }
+
+    #[test]
+    fn straight_path_leaves_point_unobservable() {
+        let straight = |t: f64| DVec3::X * (0.1 * t);
+        let found = detected(straight, &[(Echo::Point(STRONG), 2.0)], &[], &[STRONG]).places;
+        assert!(found[0].score > 6.0 && !found[0].observable, "{found:?}");
+    }
+
+    #[test]
+    fn response_cache_does_not_change_results() {
+        let (settings, block_settings) = (CleanSettings::default(), SubapertureSettings::default());
+        let mut builder = SubapertureBuilder::new(block_settings);
+        let observations = sweeps(2.5, winding, &[(Echo::Point(STRONG), 2.0), (Echo::Point(WEAK), 1.0)], 4);
+        let blocks: Vec<_> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
+        let places = [STRONG, WEAK, DVec3::new(0.3, -0.4, -0.8)];
+        let look = |range: std::ops::Range<usize>, cache: &mut ResponseCache, places: &[DVec3]| {
+            CleanWindow::new(
+                blocks[range].iter(),
+                &HandTrail::default(),
+                &settings,
+                &block_settings,
+                &Beam::Lensless,
+                cache,
+            )
+            .detect_points(places)
+        };
+        let mut cache = ResponseCache::default();
+        // Blocks come and go, and so do places.
+        for (range, places) in [(0..12, &places[..]), (3..15, &places[1..]), (3..18, &places), (9..24, &places)] {
+            let found = look(range.clone(), &mut cache, places);
+            assert_eq!(found, look(range, &mut ResponseCache::default(), places));
+        }
+        // Climbing asks for places around those that were given; most of it is remembered from look to look too.
+        let fresh = |range: std::ops::Range<usize>, places: &[DVec3]| {
+            let mut cache = ResponseCache::default();
+            look(range, &mut cache, places);
+            cache.misses
+        };
+        let afresh = fresh(0..12, &places) + fresh(3..15, &places[1..]) + fresh(3..18, &places) + fresh(9..24, &places);
+        assert!(cache.misses * 3 < afresh * 2 && cache.misses > 0, "{} of {afresh}", cache.misses);
+    }
+
+    #[test]
+    fn noise_and_empty_window_give_no_detections() {
+        let detections = detected(winding, &[], &[WALL], &[STRONG, WEAK]);
+        assert!(detections.planes.is_empty() && detections.places.is_empty(), "{detections:?}");
+        let (settings, blocks) = (CleanSettings::default(), SubapertureSettings::default());
+        assert!(
+            CleanWindow::new(
+                [].iter(),
+                &HandTrail::default(),
+                &settings,
+                &blocks,
+                &Beam::Lensless,
+                &mut ResponseCache::default()
+            )
+            .detect_points(&[STRONG])
+            .is_empty()
+        );
+    }
+}

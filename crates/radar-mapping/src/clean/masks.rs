@@ -1,0 +1,81 @@
+//! Claims: range and direction in each block that something believed accounts for, as wide as pulse and aperture tell them.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use super::{Candidate, CleanWindow};
+use crate::hands::{HandTrail, hand_ranges_m};
+use crate::responses::Response;
+use radar_sar::WAVELENGTH_M;
+use radar_sar::math;
+use radar_sar::subaperture::Subaperture;
+
+/// Range and direction in one block that are accounted for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Mask {
+    range_m: f64,
+    half_range_m: f64,
+    cos: f64,
+    half_cos: f64,
+}
+
+impl Mask {
+    /// Whether something seen there is accounted for.
+    pub fn covers(&self, range_m: f64, cos: f64) -> bool {
+        (range_m - self.range_m).abs() < self.half_range_m && (cos - self.cos).abs() < self.half_cos
+    }
+
+    /// Takes a view out that it covers.
+    pub fn apply(&self, response: &mut Option<Response>) {
+        response.take_if(|v| self.covers(v.range_m, v.cos));
+    }
+}
+
+/// What the player's own hands account for: everything at their ranges and their forearms', whatever its direction seems to be, since
+/// they move.
+pub(crate) fn hand_masks(block: &Subaperture, hands: &HandTrail) -> Vec<Mask> {
+    let hands = hands.at(block.mid_time_ns).into_iter().flatten();
+    let to_hand = hands.map(|hand| hand - block.middle.translation);
+    let ahead = to_hand.filter(|to| to.dot(block.middle.forward()) > 0.0);
+    let mask = |to: DVec3| {
+        let Range { start, end } = hand_ranges_m(to.length());
+        Mask { range_m: (start + end) * 0.5, half_range_m: (end - start) * 0.5, cos: 0.0, half_cos: 2.0 }
+    };
+    ahead.map(mask).collect()
+}
+
+impl CleanWindow<'_> {
+    /// Claims what a thing accounts for and takes it from the others.
+    pub(super) fn mask(&mut self, best: &Candidate, open: &mut [Candidate]) {
+        let masks = self.masks_of(best);
+        for candidate in open {
+            let seen_before = candidate.responses.iter().flatten().count();
+            let responses = candidate.responses.iter_mut().zip(&masks);
+            responses.for_each(|(response, mask)| mask.iter().for_each(|mask| mask.apply(response)));
+            if candidate.responses.iter().flatten().count() < seen_before {
+                candidate.unmasked =
+                    self.unmasked_score(candidate.hypothesis, candidate.responses.iter().map(Option::as_ref));
+            }
+        }
+        self.masks.iter_mut().zip(masks).for_each(|(all, mask)| all.extend(mask));
+    }
+
+    /// `[block]`
+    pub(super) fn masks_of(&self, candidate: &Candidate) -> Vec<Option<Mask>> {
+        candidate.responses.iter().enumerate().map(|(n, response)| response.map(|v| self.mask_of(n, &v))).collect()
+    }
+
+    fn mask_of(&self, n: usize, response: &Response) -> Mask {
+        let block = self.blocks[n];
+        let half_width_m = block.geometry().pulse_fwhm_m * 0.5;
+        // As far as the pulse's skirt still stands out of the noise.
+        let skirt_m = half_width_m * math::log2(response.power.max(1.0)).sqrt();
+        Mask {
+            range_m: response.range_m,
+            half_range_m: skirt_m.max(self.settings.claim_range_m),
+            cos: response.cos,
+            half_cos: self.settings.claim_lobes * WAVELENGTH_M / (2.0 * block.aperture_m.max(1e-4)),
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! Planes: what blocks say of them, where exactly they are, and whether they are planes at all.
+//!
+//! The search knows planes 1.5° and 5 cm apart; what is taken for a wall's echo, and claimed for it, must be nearer to it than that. So a plane
+//! that is about to be believed is moved uphill first. And it must explain its echoes better than any single place does: a chair's leg
+//! seen by a head that hardly moved sideways is a plane as good as any.
+
+use glam::{DQuat, DVec3, IVec2};
+use rayon::prelude::*;
+
+use super::{Candidate, CleanWindow, Hypothesis};
+use crate::responses::Response;
+use radar_sar::geometry::Plane;
+use radar_sar::math;
+use radar_sar::subaperture::{PlaneAt, Subaperture};
+
+/// A step of the finest kind: turned by this, radians, and moved by this, metres.
+const UNIT_RAD: f64 = 0.25 * std::f64::consts::PI / 180.0;
+const UNIT_M: f64 = 0.005;
+/// Climbing begins with steps of so many units and goes no farther than so many.
+const UNITS: i32 = 4;
+const REACH_UNITS: i32 = 12;
+/// The point that a plane is held against is looked for this far from the middle of where the plane was seen, in ever smaller steps, metres.
+const POINT_STEPS_M: [f64; 3] = [0.12, 0.06, 0.03];
+const POINT_REACH_M: f64 = 0.4;
+
+/// 1σ of the range of a plane that was climbed to, metres.
+const RANGE_SIGMA_M: f64 = 0.01;
+
+impl CleanWindow<'_> {
+    /// Nothing of blocks that the plane is out of range of, or so far from the beam's axis that not even a mirror returns anything.
+    pub(super) fn plane_responses(&self, plane: &Plane) -> Vec<Option<Response>> {
+        let response = |block: &&Subaperture| {
+            let range_m = plane.distance(block.middle.translation);
+            let axis = &block.geometry().axis;
+            let in_range = range_m >= self.block_settings.min_range_m && axis.contains(range_m);
+            if !in_range || plane.outward.dot(block.middle.forward()) < self.mirror_min_cos {
+                return None;
+            }
+            let toward = plane.outward.as_vec3().to_array();
+            let coherence =
+                block.uncancelled().coherence_of_planes(&[PlaneAt { toward, distance_m: range_m as f32 }])[0];
+            Some(Response::new((&block.middle, block.motion), coherence, range_m, plane.outward, self.beam))
+        };
+        self.blocks.iter().map(response).collect()
+    }
+
+    /// Moves a plane to where what is left of the blocks is strongest for it: turned about the vertical through the middle of where it was seen, and
+    /// nearer or farther. Walls stand upright; floor and ceiling are level.
+    pub(super) fn hill_climb_plane(&self, candidate: &mut Candidate) {
+        let (Hypothesis::Plane(start), Some(_)) = (candidate.hypothesis, candidate.unmasked) else { return };
+        let Some(pivot) = self.mean_foot(&candidate.responses) else { return };
+        let may_turn = start.is_upright();
+        let plane = |at: IVec2| {
+            let outward = DQuat::from_rotation_y(f64::from(at.x) * UNIT_RAD) * start.outward;
+            Plane { outward, offset_m: outward.dot(pivot) + start.distance(pivot) + f64::from(at.y) * UNIT_M }
+        };
+        let candidate_at = |at: IVec2| {
+            let plane = plane(at);
+            self.masked_candidate(Hypothesis::Plane(plane), self.plane_responses(&plane))
+        };
+        let (mut here, mut score, mut step) = (IVec2::ZERO, self.coherent_log_power(candidate), UNITS);
+        while step > 0 {
+            let around = [IVec2::X, IVec2::NEG_X, IVec2::Y, IVec2::NEG_Y].map(|axis| here + axis * step);
+            let is_in_reach = |at: &IVec2| at.abs().max_element() <= REACH_UNITS && (may_turn || at.x == 0);
+            let near: Vec<IVec2> = around.into_iter().filter(is_in_reach).collect();
+            let tried: Vec<(IVec2, Candidate)> = near.par_iter().map(|at| (*at, candidate_at(*at))).collect();
+            let scored = tried.into_iter().map(|(at, other)| (at, self.coherent_log_power(&other), other));
+            match scored.max_by(|a, b| a.1.total_cmp(&b.1)) {
+                Some((at, better, other)) if better > score => (here, score, *candidate) = (at, better, other),
+                _ => step /= 2,
+            }
+        }
+    }
+
+    /// How strong a plane's echoes are where it is taken to be, those that add up: unlike the score this has its greatest value at the very middle
+    /// of a pulse, however strong it is.
+    fn coherent_log_power(&self, candidate: &Candidate) -> f64 {
+        let of_block = |(response, weight): (&Option<Response>, &f64)| {
+            response.map_or(0.0, |response| weight * math::ln_1p(response.net_coherent_power()))
+        };
+        candidate.responses.iter().zip(&self.weights).map(of_block).sum()
+    }
+
+    /// Whether it is a plane: its mirror points have moved, and no single place accounts for the same echoes.
+    pub(super) fn is_plane(&self, responses: &[Option<Response>]) -> bool {
+        self.feet_rms_m(responses) >= self.settings.min_feet_rms_m
+            && self.margin_over_point(responses) >= self.settings.min_over_point
+    }
+
+    /// 1σ of where a plane is 1 m beside where it was seen: its direction is known as well as ranges and the way along it allow.
+    pub(super) fn plane_sigma_m(&self, responses: &[Option<Response>]) -> f64 {
+        RANGE_SIGMA_M / self.feet_rms_m(responses).max(RANGE_SIGMA_M)
+    }
+
+    /// By how much better a plane accounts for its echoes than the best single place near where it was seen.
+    fn margin_over_point(&self, responses: &[Option<Response>]) -> f64 {
+        let Some(start) = self.mean_foot(responses) else { return 0.0 };
+        let margin_over = |place: DVec3| self.margin_over(responses, place);
+        let (mut here, mut least) = (start, margin_over(start));
+        for step_m in POINT_STEPS_M {
+            loop {
+                let axes = [DVec3::X, DVec3::Y, DVec3::Z].into_iter();
+                let around = axes.flat_map(|axis| [here + axis * step_m, here - axis * step_m]);
+                let near: Vec<DVec3> = around.filter(|at| at.distance(start) <= POINT_REACH_M).collect();
+                let tried: Vec<(DVec3, f64)> = near.par_iter().map(|at| (*at, margin_over(*at))).collect();
+                match tried.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
+                    Some((at, less)) if less < least => (here, least) = (at, less),
+                    _ => break,
+                }
+            }
+        }
+        least
+    }
+
+    /// By how much more the blocks say for a plane than for a place, in units of the score.
+    fn margin_over(&self, responses: &[Option<Response>], place: DVec3) -> f64 {
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for ((block, weight), response) in self.blocks.iter().zip(&self.weights).zip(responses) {
+            let Some(response) = response else { continue };
+            let whole = block.uncancelled();
+            let relative = (place - whole.middle.translation).as_vec3().to_array();
+            let of_point = Response::evidence_of(whole.coherence_at_points(&[relative])[0].m);
+            sum += weight * (response.evidence - of_point);
+            squares += weight * weight;
+        }
+        if squares > 0.0 { sum / squares.sqrt() } else { 0.0 }
+    }
+
+    /// Mean of the feet of a plane's perpendiculars.
+    fn mean_foot(&self, responses: &[Option<Response>]) -> Option<DVec3> {
+        let (mut sum, mut count) = (DVec3::ZERO, 0.0);
+        for (block, response) in self.significant(responses) {
+            sum += block.middle.translation + response.toward * response.range_m;
+            count += 1.0;
+        }
+        (count > 0.0).then(|| sum / count)
+    }
+
+    /// How far the feet of a plane's perpendiculars spread, rms, metres.
+    fn feet_rms_m(&self, responses: &[Option<Response>]) -> f64 {
+        let Some(mean) = self.mean_foot(responses) else { return 0.0 };
+        let foot = |(block, response): (&Subaperture, &Response)| {
+            block.middle.translation + response.toward * response.range_m
+        };
+        let squares: Vec<f64> = self.significant(responses).map(|seen| foot(seen).distance_squared(mean)).collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    }
+}

@@ -1,0 +1,420 @@
+//! The time between poses and radar as a curve: for recordings whose streams start out of step and fall into it (thesis, 4.1.3).
+//!
+//! Two series of one reflector, its range by radar r(t) and its distance by poses d(s) at stamps s, and a lag τ(t) with
+//! r(t) = d(t + τ(t)) + b(t) + c·(d − d̄): b what mount and wander add, c what a place that is a little wrong makes of the way to it. Two steps:
+//!
+//! 1. Coarse: the cheapest way through a grid of lags, one step every 50 ms (dynamic programming, as in time warping): finds lags of up to a
+//!    second without a start, as long as they change by less than half a second a second.
+//! 2. Fine: a Kalman smoother (Rauch, Tung and Striebel 1965) of τ, its rate, b and c about the coarse way, three times over.
+//!    A lag may change fast in the first seconds and hardly later: that is what starting up means here.
+//!
+//! Limits: what does not move tells no lag, and the 1σ says so.
+
+use glam::{DMat4, DVec4};
+
+use super::ranges::value_at;
+use super::{SIGNIFICANT, StartLag};
+use radar_sar::PoseSample;
+use radar_sar::math;
+
+/// Lags tried, seconds, and their grid.
+const LEAST_LAG_S: f64 = -1.2;
+const MOST_LAG_S: f64 = 1.2;
+const GRID_S: f64 = 5e-3;
+/// Time of a step, nanoseconds, and how far a lag goes in one: cells at most, and 1σ of it, cells.
+const STEP_NS: i64 = 50_000_000;
+const MOST_CELLS: usize = 6;
+const USUAL_CELLS: f64 = 2.5;
+/// What a range may be off while the way is sought, metres, and what no distance at all costs.
+const COARSE_M: f64 = 0.02;
+const NO_DISTANCE: f64 = 3.0;
+/// How fast the lag's rate changes at the start, after which time hardly any more (as a normal curve falls), and later: 1/s/√s, seconds.
+const RESTLESS: f64 = 0.15;
+const FADES_S: f64 = 3.0;
+const STEADY: f64 = 3e-4;
+/// The rate itself fades over this, seconds, and is known to this beforehand.
+const RATE_LASTS_S: f64 = 2.0;
+const RATE_PRIOR: f64 = 0.5;
+/// b wanders by this, metres/√s, and is known to this beforehand, metres.
+const BIAS_WALK_M: f64 = 1e-3;
+const BIAS_PRIOR_M: f64 = 0.05;
+/// c is known to this beforehand: 15 cm across at a metre, of 20 cm of motion.
+const SLOPE_PRIOR: f64 = 0.05;
+/// Least noise of a range, metres, and beyond how many of its 1σ a range counts less.
+const LEAST_NOISE_M: f64 = 0.5e-3;
+const OUTLIER: f64 = 3.0;
+const ROUNDS: usize = 3;
+/// Distances change over this when their rate is asked for, nanoseconds.
+const RATE_HALF_NS: i64 = 10_000_000;
+/// A lag known worse than this tells nothing of a start, seconds; the start lasts so long, and is told from so much on.
+const TOLD_S: f64 = 0.02;
+const START_S: f64 = 2.0;
+const LEAST_START_S: f64 = 5e-3;
+/// Ranges that are too few.
+const LEAST_RANGES: usize = 50;
+
+/// The lag at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lag {
+    /// Since the first sweep, in sweeps' time, seconds.
+    pub time_s: f64,
+    /// Stamp of the pose minus time of the sweep, seconds.
+    pub lag_s: f64,
+    /// Its 1σ, seconds.
+    pub sigma_s: f64,
+}
+
+/// The lag over time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LagCurve {
+    lags: Vec<Lag>,
+}
+
+impl LagCurve {
+    /// From a reflector's range by radar and distance by poses, each in rising time, seconds and metres; `None`: too few ranges, or
+    /// numbers that are none.
+    pub fn of(radar_m: &[[f64; 2]], poses_m: &[[f64; 2]]) -> Option<Self> {
+        let series = |points: &[[f64; 2]]| -> Vec<(i64, f64)> {
+            let sound = points.iter().filter(|p| p[0].abs() < 1e6 && p[1].is_finite());
+            sound.map(|p| ((p[0] * 1e9).round() as i64, p[1])).collect()
+        };
+        let (radar, poses) = (series(radar_m), series(poses_m));
+        if radar.len() < LEAST_RANGES || poses.len() < 2 {
+            return None;
+        }
+        let evenly = Evenly::of(&poses);
+        let mut way = coarse(&radar, &evenly, 0.0);
+        // Once more without what the ranges are off as a whole.
+        let bias_m =
+            median(radar.iter().zip(&way).filter_map(|((t, r), lag_s)| Some(r - value_at(&poses, t + ns(*lag_s))?)));
+        way = coarse(&radar, &evenly, bias_m);
+        let mut lags = Vec::new();
+        for _ in 0..ROUNDS {
+            lags = smoothed(&radar, &poses, &way, bias_m);
+            way = lags.iter().map(|lag: &Lag| lag.lag_s.clamp(LEAST_LAG_S, MOST_LAG_S)).collect();
+        }
+        lags.iter().all(|lag| lag.lag_s.is_finite() && lag.sigma_s.is_finite()).then_some(Self { lags })
+    }
+
+    /// Another curve laid over it: what is left of the lag once this one was taken out, at times in rising order.
+    pub fn with(mut self, left: &[Lag]) -> Self {
+        let left: Vec<Lag> =
+            left.iter().copied().filter(|lag| (lag.time_s + lag.lag_s + lag.sigma_s).is_finite()).collect();
+        if !left.is_empty() {
+            let left = Self { lags: left };
+            for lag in &mut self.lags {
+                let more = left.at(lag.time_s);
+                (lag.lag_s, lag.sigma_s) = (lag.lag_s + more.lag_s, more.sigma_s);
+            }
+        }
+        self
+    }
+
+    /// How far the first two seconds that tell anything are off from the last third of the recording; `None`: not both tell.
+    pub fn start_lag(&self) -> Option<StartLag> {
+        let told: Vec<&Lag> = self.lags.iter().filter(|lag| lag.sigma_s <= TOLD_S).collect();
+        let (first_s, last_s) = (told.first()?.time_s, told.last()?.time_s);
+        let rest_s = last_s - (last_s - first_s) / 3.0;
+        if rest_s < first_s + START_S {
+            return None;
+        }
+        let mean = |from_s: f64, to_s: f64, of: fn(&Lag) -> f64| {
+            let values: Vec<f64> =
+                told.iter().filter(|lag| (from_s..=to_s).contains(&lag.time_s)).map(|lag| of(lag)).collect();
+            values.iter().sum::<f64>() / values.len().max(1) as f64
+        };
+        // Neighbours err alike, so their mean is known no better than they are.
+        let both = |of: fn(&Lag) -> f64| [mean(first_s, first_s + START_S, of), mean(rest_s, last_s, of)];
+        let ([early_s, late_s], [early_1s, late_1s]) = (both(|lag| lag.lag_s), both(|lag| lag.sigma_s));
+        let (lag_s, sigma_s) = (early_s - late_s, math::hypot(early_1s, late_1s));
+        Some(StartLag { lag_s, sigma_s, is_significant: lag_s.abs() > (SIGNIFICANT * sigma_s).max(LEAST_START_S) })
+    }
+
+    /// The lag where it was told, in rising time.
+    pub fn lags(&self) -> &[Lag] {
+        &self.lags
+    }
+
+    /// The lag at a time, seconds; outside, that of the nearest.
+    pub fn at(&self, time_s: f64) -> Lag {
+        let later = self.lags.partition_point(|lag| lag.time_s < time_s);
+        let (a, b) = (self.lags[later.saturating_sub(1)], self.lags[later.min(self.lags.len() - 1)]);
+        let share = ((time_s - a.time_s) / (b.time_s - a.time_s).max(1e-9)).clamp(0.0, 1.0);
+        let mix = |from: f64, to: f64| from + (to - from) * share;
+        Lag { time_s, lag_s: mix(a.lag_s, b.lag_s), sigma_s: mix(a.sigma_s, b.sigma_s) }
+    }
+
+    /// Poses with the lag taken out of their stamps; `start_ns` is the first sweep's time. Their order stays.
+    pub fn corrected(&self, poses: &[PoseSample], start_ns: i64) -> Vec<PoseSample> {
+        // Stamps rise with the time they belong to; where the curve would have them fall, they wait.
+        let mut stamped: Vec<(f64, f64)> = Vec::with_capacity(self.lags.len());
+        for lag in &self.lags {
+            let stamp_s = lag.time_s + lag.lag_s;
+            if stamped.last().is_none_or(|last| stamp_s > last.0) {
+                stamped.push((stamp_s, lag.time_s));
+            }
+        }
+        let time_s = |stamp_s: f64| {
+            let later = stamped.partition_point(|(s, _)| *s < stamp_s);
+            let (Some(a), Some(b)) = (later.checked_sub(1).map(|n| stamped[n]), stamped.get(later)) else {
+                let nearest = stamped[later.min(stamped.len() - 1)];
+                return stamp_s - (nearest.0 - nearest.1);
+            };
+            a.1 + (b.1 - a.1) * (stamp_s - a.0) / (b.0 - a.0)
+        };
+        let moved = |pose: &PoseSample| PoseSample {
+            time_ns: start_ns.saturating_add(ns(time_s(pose.time_ns.saturating_sub(start_ns) as f64 * 1e-9))),
+            ..*pose
+        };
+        poses.iter().map(moved).collect()
+    }
+}
+
+fn ns(seconds: f64) -> i64 {
+    (seconds * 1e9).round() as i64
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Distances every few milliseconds, for who asks for them at many times; NaN where there is none.
+struct Evenly {
+    first_ns: i64,
+    values_m: Vec<f64>,
+}
+
+impl Evenly {
+    const STEP_NS: i64 = 2_000_000;
+    /// More than an hour.
+    const MOST: i64 = 2_000_000;
+
+    fn of(series: &[(i64, f64)]) -> Self {
+        let (first_ns, last_ns) = (series[0].0, series[series.len() - 1].0);
+        let count = ((last_ns - first_ns) / Self::STEP_NS).clamp(0, Self::MOST);
+        let value = |n: i64| value_at(series, first_ns + n * Self::STEP_NS).unwrap_or(f64::NAN);
+        Self { first_ns, values_m: (0..=count).map(value).collect() }
+    }
+
+    fn at(&self, time_ns: i64) -> Option<f64> {
+        let since_ns = time_ns - self.first_ns;
+        let before = usize::try_from(since_ns.div_euclid(Self::STEP_NS)).ok()?;
+        let (a, b) = (*self.values_m.get(before)?, *self.values_m.get(before + 1)?);
+        let value = a + (b - a) * (since_ns.rem_euclid(Self::STEP_NS) as f64 / Self::STEP_NS as f64);
+        value.is_finite().then_some(value)
+    }
+}
+
+/// The cheapest way, as a lag at each range.
+fn coarse(radar: &[(i64, f64)], poses: &Evenly, bias_m: f64) -> Vec<f64> {
+    let cells = ((MOST_LAG_S - LEAST_LAG_S) / GRID_S).round() as usize + 1;
+    let lag_s = |cell: usize| LEAST_LAG_S + cell as f64 * GRID_S;
+    let first_ns = radar[0].0;
+    let step_of = |time_ns: i64| ((time_ns - first_ns) / STEP_NS) as usize;
+    let steps = step_of(radar[radar.len() - 1].0) + 1;
+    let turn_cost: Vec<f64> = (0..=MOST_CELLS).map(|n| 0.5 * (n as f64 / USUAL_CELLS).powi(2)).collect();
+    let mut costs = vec![0.0f64; cells];
+    let mut from: Vec<u16> = Vec::with_capacity(steps * cells);
+    let mut rest = radar;
+    for step in 0..steps {
+        let (now, later) = rest.split_at(rest.partition_point(|(t, _)| step_of(*t) <= step));
+        rest = later;
+        let mut next = vec![f64::INFINITY; cells];
+        for (cell, cost) in next.iter_mut().enumerate() {
+            let near = cell.saturating_sub(MOST_CELLS)..(cell + MOST_CELLS + 1).min(cells);
+            let best = near.map(|n| (costs[n] + turn_cost[n.abs_diff(cell)], n));
+            let Some((least, before)) = best.min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
+            from.push(before as u16);
+            let misfit = |(t, range_m): &(i64, f64)| {
+                let distance_m = poses.at(t + ns(lag_s(cell)));
+                distance_m.map_or(NO_DISTANCE, |d| {
+                    let off = (range_m - d - bias_m) / COARSE_M;
+                    // Beyond a few 1σ it is another echo.
+                    0.5 * off.powi(2).min(16.0)
+                })
+            };
+            *cost = least + now.iter().map(misfit).sum::<f64>() / now.len().max(1) as f64;
+        }
+        costs = next;
+    }
+    let mut cell = (0..cells).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
+    let mut way = vec![0.0; steps];
+    for step in (0..steps).rev() {
+        way[step] = lag_s(cell);
+        cell = usize::from(from[step * cells + cell]);
+    }
+    // From step to step in straight lines.
+    let at = |time_ns: i64| {
+        let place = (time_ns - first_ns) as f64 / STEP_NS as f64 - 0.5;
+        let before = (place.max(0.0) as usize).min(steps - 1);
+        let share = (place - before as f64).clamp(0.0, 1.0);
+        way[before] + (way[(before + 1).min(steps - 1)] - way[before]) * share
+    };
+    radar.iter().map(|(t, _)| at(*t)).collect()
+}
+
+/// A range about the way: what is left of it, how it changes with the lag, and the distance, metres.
+#[derive(Debug, Clone, Copy)]
+struct About {
+    left_m: f64,
+    rate: f64,
+    distance_m: f64,
+}
+
+impl About {
+    /// `None`: no distance there.
+    fn of(reading: &(i64, f64), poses: &[(i64, f64)], lag_s: f64) -> Option<Self> {
+        let stamp_ns = reading.0.saturating_add(ns(lag_s));
+        let at = |by_ns: i64| value_at(poses, stamp_ns.saturating_add(by_ns));
+        let distance_m = at(0)?;
+        let rate = (at(RATE_HALF_NS)? - at(-RATE_HALF_NS)?) / (2.0 * RATE_HALF_NS as f64 * 1e-9);
+        Some(Self { left_m: reading.1 - distance_m, rate, distance_m })
+    }
+}
+
+/// What the smoother remembers of a step: the state predicted and corrected with their covariances, and how it came from the step before.
+struct Step {
+    predicted: (DVec4, DMat4),
+    corrected: (DVec4, DMat4),
+    carried: DMat4,
+}
+
+fn smoothed(radar: &[(i64, f64)], poses: &[(i64, f64)], way: &[f64], bias_m: f64) -> Vec<Lag> {
+    let about: Vec<Option<About>> =
+        radar.iter().zip(way).map(|(reading, lag_s)| About::of(reading, poses, *lag_s)).collect();
+    let noise_m = noise_m(&about);
+    let middle_m = median(about.iter().flatten().map(|about| about.distance_m));
+    // State: the lag itself, its rate, b, c.
+    let mut state = DVec4::new(way[0], 0.0, bias_m, 0.0);
+    let priors = DVec4::new(1.0, RATE_PRIOR, BIAS_PRIOR_M, SLOPE_PRIOR);
+    let mut covariance = DMat4::from_diagonal(priors * priors);
+    let mut steps: Vec<Step> = Vec::with_capacity(radar.len());
+    for (n, (time_ns, _)) in radar.iter().enumerate() {
+        let h = if n == 0 { 0.0 } else { (time_ns - radar[n - 1].0) as f64 * 1e-9 };
+        let since_s = (time_ns - radar[0].0) as f64 * 1e-9;
+        let carried =
+            DMat4::from_cols(DVec4::X, DVec4::new(h, math::exp(-h / RATE_LASTS_S), 0.0, 0.0), DVec4::Z, DVec4::W);
+        state = carried * state;
+        covariance = carried * covariance * carried.transpose() + walk(h, since_s);
+        let predicted = (state, covariance);
+        if let Some(About { left_m, rate, distance_m }) = about[n] {
+            let by = DVec4::new(rate, 0.0, 1.0, distance_m - middle_m);
+            let shared = covariance * by;
+            let off = left_m + rate * way[n] - by.dot(state);
+            let spread = (by.dot(shared) + noise_m * noise_m).sqrt();
+            // What lies far off counts as if it had more noise (Huber).
+            let extra = ((off.abs() / spread) / OUTLIER).max(1.0);
+            let total = by.dot(shared) + noise_m * noise_m * extra * extra;
+            state += shared * (off / total);
+            let known = DMat4::from_cols(shared * shared.x, shared * shared.y, shared * shared.z, shared * shared.w);
+            covariance -= known * (1.0 / total);
+        }
+        steps.push(Step { predicted, corrected: (state, covariance), carried });
+    }
+    let told = |((time_ns, _), (state, covariance)): (&(i64, f64), &(DVec4, DMat4))| Lag {
+        time_s: *time_ns as f64 * 1e-9,
+        lag_s: state.x,
+        sigma_s: covariance.x_axis.x.max(0.0).sqrt(),
+    };
+    radar.iter().zip(&backwards(&steps)).map(told).collect()
+}
+
+/// What a state grows uncertain by over a step.
+fn walk(h: f64, since_s: f64) -> DMat4 {
+    let restless = (RESTLESS * math::exp(-(since_s / FADES_S).powi(2)) + STEADY).powi(2);
+    DMat4::from_cols(
+        DVec4::new(restless * h.powi(3) / 3.0, restless * h * h / 2.0, 0.0, 0.0),
+        DVec4::new(restless * h * h / 2.0, restless * h, 0.0, 0.0),
+        DVec4::new(0.0, 0.0, BIAS_WALK_M * BIAS_WALK_M * h, 0.0),
+        DVec4::ZERO,
+    )
+}
+
+/// From the end to the start: each state with what came after it.
+fn backwards(steps: &[Step]) -> Vec<(DVec4, DMat4)> {
+    let Some(last) = steps.last() else { return Vec::new() };
+    let mut all = vec![last.corrected; steps.len()];
+    for n in (0..steps.len() - 1).rev() {
+        let (step, next, later) = (&steps[n], &steps[n + 1], all[n + 1]);
+        let gain = step.corrected.1 * next.carried.transpose() * next.predicted.1.inverse();
+        all[n] = (
+            step.corrected.0 + gain * (later.0 - next.predicted.0),
+            step.corrected.1 + gain * (later.1 - next.predicted.1) * gain.transpose(),
+        );
+    }
+    all
+}
+
+/// Noise of a range by how it differs from its neighbours, metres.
+fn noise_m(about: &[Option<About>]) -> f64 {
+    let pairs = about.windows(2).filter_map(|pair| Some((pair[1]?.left_m - pair[0]?.left_m).abs()));
+    (1.4826 / 2f64.sqrt() * median(pairs)).max(LEAST_NOISE_M)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use radar_sar::geometry::Pose;
+
+    fn distance_m(t: f64) -> f64 {
+        let moving = (t - 0.5).clamp(0.0, 1.0);
+        0.8 + moving * (0.2 * (3.1 * t).sin() + 0.1 * (5.3 * t + 1.0).cos())
+    }
+
+    /// Ranges every 8 ms and distances every 5 ms, whose stamps lag.
+    fn series(lag_s: impl Fn(f64) -> f64, bias_m: f64) -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
+        // Noise that repeats: half a millimetre.
+        let noise = |n: usize| 0.5e-3 * ((n * n % 1009) as f64 / 504.0 - 1.0);
+        let radar = (0..1250).map(|n| n as f64 * 8e-3).map(|t| [t, distance_m(t) + bias_m]).enumerate();
+        let radar = radar.map(|(n, [t, r])| [t, r + noise(n)]).collect();
+        let poses = (0..2200).map(|n| n as f64 * 5e-3 - 0.5).map(|t| [t + lag_s(t), distance_m(t)]).collect();
+        (radar, poses)
+    }
+
+    #[test]
+    fn a_lag_that_decays_is_followed_and_taken_out() {
+        let lag = |t: f64| -0.06 - 0.8 * (1.0 - t.max(0.0) / 5.0).max(0.0).powi(2);
+        let (radar, poses) = series(lag, 0.01);
+        let curve = LagCurve::of(&radar, &poses).unwrap();
+        for told in curve.lags().iter().filter(|told| told.time_s > 1.5) {
+            let off_s = (told.lag_s - lag(told.time_s)).abs();
+            assert!(off_s < 8e-3 && off_s < 5.0 * told.sigma_s + 2e-3, "{told:?} against {}", lag(told.time_s));
+        }
+        let start = curve.start_lag().unwrap();
+        assert!(start.is_significant && start.lag_s < -0.3, "{start:?}");
+        assert!((curve.at(9.0).lag_s + 0.06).abs() < 1.5e-3, "{:?}", curve.at(9.0));
+        let stamped: Vec<PoseSample> = poses.iter().map(|[s, _]| PoseSample::valid(ns(*s), &Pose::IDENTITY)).collect();
+        let corrected = curve.corrected(&stamped, 0);
+        for (n, pose) in corrected.iter().enumerate().filter(|(n, _)| (400..2000).contains(n)) {
+            let true_s = n as f64 * 5e-3 - 0.5;
+            assert!((pose.time_ns as f64 * 1e-9 - true_s).abs() < 8e-3, "{true_s}");
+        }
+        assert!(corrected.windows(2).all(|pair| pair[0].time_ns <= pair[1].time_ns));
+    }
+
+    #[test]
+    fn a_constant_offset_is_a_flat_curve_and_rest_tells_nothing() {
+        let (radar, poses) = series(|_| 0.042, 0.0);
+        let curve = LagCurve::of(&radar, &poses).unwrap();
+        assert!(curve.lags().iter().filter(|t| t.time_s > 2.0).all(|t| (t.lag_s - 0.042).abs() < 3e-3));
+        assert!(!curve.start_lag().unwrap().is_significant, "{:?}", curve.start_lag());
+        let still = |points: Vec<[f64; 2]>| points.iter().map(|[t, _]| [*t, 0.8]).collect::<Vec<_>>();
+        let curve = LagCurve::of(&still(radar), &still(poses)).unwrap();
+        assert!(curve.lags().iter().all(|told| told.sigma_s > 0.1), "{:?}", curve.at(5.0));
+    }
+
+    #[test]
+    fn bad_series_give_none_and_no_panic() {
+        assert!(LagCurve::of(&[], &[]).is_none());
+        let (radar, poses) = series(|_| 0.0, 0.0);
+        assert!(LagCurve::of(&radar, &[]).is_none() && LagCurve::of(&radar[..10], &poses).is_none());
+        let nan: Vec<[f64; 2]> = radar.iter().map(|[t, _]| [*t, f64::NAN]).collect();
+        assert!(LagCurve::of(&nan, &poses).is_none());
+        let far: Vec<[f64; 2]> = poses.iter().map(|[t, m]| [t + 1e5, *m]).collect();
+        if let Some(curve) = LagCurve::of(&radar, &far) {
+            assert!(curve.lags().iter().all(|told| told.sigma_s > 0.1));
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! What was seen at a place before the window: some of the blocks that have left it, for most of a minute.
+//!
+//! An artefact of the last seconds' movement stands where the beam has been before and nothing was; a weak thing was seen a little each
+//! time. A place that is newly believed is therefore asked of the past: had a thing of this strength been there, some blocks should
+//! have seen it. Things are moved, so the past is evidence among other evidence and no proof, and the newest looks at the place alone
+//! count: a chair that was put where nothing was is believed after some seconds in sight.
+
+use std::collections::VecDeque;
+
+use glam::{DMat3, DVec3};
+
+use super::responses::Response;
+use radar_sar::Beam;
+use radar_sar::math;
+use radar_sar::subaperture::{PointSubaperture, Subaperture, SubapertureSettings};
+
+/// One block of so many is kept.
+const KEEP_EVERY: u64 = 3;
+/// So many are kept: 50 s of preset d16.
+const MAX_SUBAPERTURES: usize = 190;
+/// How sure it is that a block sees a thing that is there: most things return into some directions only.
+const P_DETECT: f64 = 0.5;
+/// So many blocks that have it in their beam count, the newest.
+const MAX_QUERIED: usize = 16;
+/// What is gone was so near to where it was known, metres.
+const REMOVED_RADIUS_M: f64 = 0.4;
+/// Greatest that one block adds to the log odds.
+const MAX_LOG_ODDS_PER_SUBAPERTURE: f64 = 1.0;
+
+/// What the past says of a place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct HistoryEvidence {
+    /// How much likelier it makes it that something is there, log odds; 0 where it says nothing.
+    pub log_odds: f64,
+    /// Blocks that tell of it, and how well these know where it is, 1/m².
+    pub significant: usize,
+    /// See `significant`.
+    pub information: DMat3,
+}
+
+/// Blocks that have left the window.
+#[derive(Debug, Default)]
+pub(super) struct History {
+    blocks: VecDeque<PointSubaperture>,
+    received: u64,
+    /// Where something was and is gone, and the time of the newest block that was known then.
+    removed: VecDeque<(DVec3, i64)>,
+}
+
+impl History {
+    /// A block leaves the window.
+    pub fn push(&mut self, block: &Subaperture) {
+        self.received += 1;
+        if !self.received.is_multiple_of(KEEP_EVERY) {
+            return;
+        }
+        // Memory that is taken and given back among what stays goes to pieces.
+        let oldest = if self.blocks.len() == MAX_SUBAPERTURES { self.blocks.pop_front() } else { None };
+        self.blocks.push_back(PointSubaperture::of(block, oldest));
+        let from_ns = self.blocks.front().map_or(i64::MAX, PointSubaperture::mid_time_ns);
+        self.removed.retain(|(_, until_ns)| *until_ns >= from_ns);
+    }
+
+    /// What was at a place is gone: blocks up to then say nothing of what is there now.
+    pub fn mark_removed(&mut self, place: DVec3, until_ns: i64) {
+        self.removed.push_back((place, until_ns));
+    }
+
+    /// What it says of a place which returns what these views of the window say.
+    pub fn evidence_at(
+        &self,
+        place: DVec3,
+        responses: &[Option<Response>],
+        (settings, min_cos): (&SubapertureSettings, f64),
+        beam: &Beam,
+    ) -> HistoryEvidence {
+        let mut evidence = HistoryEvidence { log_odds: 0.0, significant: 0, information: DMat3::ZERO };
+        let Some(strength) = strength(responses) else { return evidence };
+        let sees =
+            |block: &&PointSubaperture| settings.within(&block.geometry().axis).sees(block.middle(), min_cos, place);
+        let near = self.removed.iter().filter(|(removed, _)| removed.distance(place) <= REMOVED_RADIUS_M);
+        let gone_ns = near.map(|(_, until_ns)| *until_ns).max().unwrap_or(i64::MIN);
+        let since = self.blocks.iter().rev().take_while(|block| block.mid_time_ns() > gone_ns);
+        let that_see_it = since.filter(sees).take(MAX_QUERIED);
+        for block in that_see_it {
+            let range_m = block.distance_m(place);
+            let toward = (place - block.middle().translation) / range_m.max(1e-9);
+            let seen_from = (block.middle(), block.motion());
+            let response = Response::new(seen_from, block.coherence_at(place), range_m, toward, beam);
+            evidence.log_odds += math::ln(P_DETECT * response.likelihood_ratio(strength) + 1.0 - P_DETECT)
+                .min(MAX_LOG_ODDS_PER_SUBAPERTURE);
+            if response.is_significant() {
+                evidence.significant += 1;
+                evidence.information += response.information(block.motion(), block.geometry(), block.aperture_m());
+            }
+        }
+        evidence
+    }
+}
+
+/// What a thing returns at 1 m on the axis, over the noise: the geometric mean of what telling views say.
+fn strength(responses: &[Option<Response>]) -> Option<f64> {
+    let logs = || responses.iter().flatten().filter_map(|response| response.ln_strength);
+    let count = logs().count();
+    (count > 0).then(|| math::exp(logs().sum::<f64>() / count as f64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use radar_sar::subaperture::SubapertureBuilder;
+    use radar_sar::test_data::{Echo, sweeps, winding};
+
+    const THING: DVec3 = DVec3::new(0.2, 0.1, -1.2);
+    const NOTHING: DVec3 = DVec3::new(-0.4, -0.1, -1.4);
+
+    fn blocks(duration_s: f64, echoes: &[(Echo, f64)]) -> Vec<Subaperture> {
+        let mut builder = SubapertureBuilder::new(SubapertureSettings::default());
+        sweeps(duration_s, winding, echoes, 3).into_iter().filter_map(|o| builder.push(o)).collect()
+    }
+
+    fn view_of_thing(block: &Subaperture) -> Option<Response> {
+        let range_m = block.distance_m(THING);
+        let toward = (THING - block.middle.translation) / range_m;
+        let coherence = PointSubaperture::of(block, None).coherence_at(THING);
+        Some(Response::new((&block.middle, block.motion), coherence, range_m, toward, &Beam::Lensless))
+    }
+
+    /// What these blocks, when they have left the window, say of a thing of the strength of what is at `THING`, at a place.
+    fn log_odds(place: DVec3, left: Vec<Subaperture>) -> f64 {
+        let (settings, beam, mut past) = (SubapertureSettings::default(), Beam::Lensless, History::default());
+        let responses: Vec<_> = blocks(2.0, &SEEN).iter().map(view_of_thing).collect();
+        left.iter().for_each(|block| past.push(block));
+        assert!(past.blocks.len() <= MAX_SUBAPERTURES);
+        past.evidence_at(place, &responses, (&settings, settings.min_cos(&beam)), &beam).log_odds
+    }
+
+    const SEEN: [(Echo, f64); 1] = [(Echo::Point(THING), 2.0)];
+
+    #[test]
+    fn history_supports_old_object_and_opposes_new_one() {
+        let (thing, nothing) = (log_odds(THING, blocks(3.0, &SEEN)), log_odds(NOTHING, blocks(3.0, &SEEN)));
+        assert!(thing > 5.0 && nothing < -4.0, "{thing} {nothing}");
+        let behind = log_odds(DVec3::new(0.0, 0.0, 1.5), blocks(3.0, &SEEN));
+        assert_eq!(behind, 0.0, "where nobody looked");
+        assert_eq!(
+            History::default()
+                .evidence_at(THING, &[None], (&SubapertureSettings::default(), 0.5), &Beam::Lensless)
+                .log_odds,
+            0.0
+        );
+    }
+
+    #[test]
+    fn new_object_overcomes_history_within_seconds() {
+        let after = |seconds: f64| log_odds(THING, [blocks(20.0, &[]), blocks(seconds, &SEEN)].concat());
+        assert!(after(0.3) < -4.0 && after(3.0) > 0.0, "{} {}", after(0.3), after(3.0));
+    }
+
+    #[test]
+    fn history_before_removal_is_ignored() {
+        let (settings, beam, mut past) = (SubapertureSettings::default(), Beam::Lensless, History::default());
+        let left = blocks(3.0, &SEEN);
+        let responses: Vec<_> = left.iter().map(view_of_thing).collect();
+        left.iter().for_each(|block| past.push(block));
+        let evidence =
+            |past: &History| past.evidence_at(THING, &responses, (&settings, settings.min_cos(&beam)), &beam);
+        let before = evidence(&past);
+        assert!(before.log_odds > 5.0 && before.significant > 3 && before.information.x_axis.x > 0.0);
+        past.mark_removed(NOTHING + DVec3::X, left[left.len() - 1].mid_time_ns);
+        assert_eq!(evidence(&past).significant, before.significant, "something else is gone");
+        past.mark_removed(THING + DVec3::X * 0.2, left[left.len() / 2].mid_time_ns);
+        let after = evidence(&past);
+        assert!(
+            after.significant > 0 && after.significant < before.significant,
+            "{} {}",
+            after.significant,
+            before.significant
+        );
+    }
+
+    #[test]
+    fn point_subaperture_equals_subaperture() {
+        for block in blocks(0.5, &SEEN) {
+            let relative = (THING - block.middle.translation).as_vec3().to_array();
+            let said = block.coherence_at_points(&[relative])[0];
+            let other = PointSubaperture::of(&blocks(0.3, &[])[0], None);
+            assert_eq!(PointSubaperture::of(&block, Some(other)).coherence_at(THING), said);
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! What stands in the room: obstacles with position, covariance and extent; walls as planes.
+
+#![warn(missing_docs)]
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
+mod classifier;
+mod clean;
+mod engine;
+mod evidence;
+mod existence;
+mod hands;
+mod history;
+mod moving_targets;
+mod observer;
+mod range_axis;
+mod reflectors;
+mod responses;
+mod room_mapper;
+mod saved_map;
+mod scene;
+mod settings;
+mod timestamps;
+mod tracks;
+
+pub use classifier::{FEATURES, HeldOutScore, Model, ModelCard, ModelError, ScoredCandidate, Tree};
+pub use clean::{CleanSettings, CleanWindow, Detection, Detections, ROBUST_SEGMENT_NS};
+pub use engine::{
+    Counters, DEFAULT_CUBE_M, Engine, EngineCounters, Lag, LagCurve, OffsetWindow, Pipeline, RateOffset,
+    ReflectorSeries, Search, StartLag, Synchronisation, SynchronisationError, TimeOffsetCounters, cube_ahead,
+    reflector_series, synchronisation,
+};
+pub use evidence::Evidence;
+pub use existence::ExistenceSettings;
+pub use hands::{HandTrail, HandsM, HandsSample};
+pub use moving_targets::{MovingTarget, MovingTargetTracker, MtiSettings};
+pub use observer::{Observer, ObserverCounters, ObserverSettings, SensorState, observe_all};
+pub use range_axis::range_axis;
+pub use reflectors::{ReflectorSettings, find_reflectors, reflector_evidence};
+pub use responses::ResponseCache;
+pub use room_mapper::{RoomMapper, RoomMapperCounters, RoomMapperSettings, Update};
+pub use saved_map::{SavedMap, SavedMapError, SavedPoint, SavedWall};
+pub use scene::{Observed, Obstacle, Scene, Wall};
+pub use settings::{MappingSettings, MappingSettingsError, Mode, ProcessingSettings, RadarSettings, TrackingSettings};
+pub use tracks::{MapSettings, RECENT_UPDATES, Track, TrackList, same_plane, same_point};

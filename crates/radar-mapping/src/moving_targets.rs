@@ -1,0 +1,476 @@
+//! What moves by itself: a person, a pet. Echoes that cannot be at rest (`imaging/blocks/movers.rs`), followed from block to block.
+//!
+//! A track is a range and a speed of its own along the line of sight; the sensor's own way is taken out of the range by the boresight,
+//! since the direction is known no better than the beam is wide. A small Kalman filter with a gate joins echoes to tracks. A range rate
+//! that is known modulo the ambiguity is tried as each value that somebody in a room may have; what the ranges do not follow dies.
+//! A track is confirmed when most of the last blocks had it and what its echoes lie beyond everything at rest comes to a way of
+//! [`MtiSettings::min_travel_m`]: what vibrates or sways has both signs, or turns back. It is dropped when unseen for a while.
+//!
+//! Blocks in which what stands still may have the same range rate say nothing for or against.
+//!
+//! The player's own hands move as well. What is nearer than hands reach begins no track; with tracked hands, what is no farther than
+//! the farther of them, since arms hang on hands. A track that was confirmed beyond is followed nearer, with a narrower gate and never by
+//! what a tracked hand accounts for. Not told apart: one's own legs, should they be in the beam and farther than hands reach; two people
+//! at one range; who walks across the line of sight from what stands still.
+
+mod track;
+
+use glam::{DMat3, DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::hands::{HandTrail, hand_ranges_m};
+use radar_sar::Beam;
+use radar_sar::geometry::Pose;
+use radar_sar::math;
+use radar_sar::subaperture::{MtiEcho, MtiFilter, MtiResult, Subaperture};
+use track::{Association, MtiTrack, candidate_speeds};
+
+/// Parameters of the search for what moves.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MtiSettings {
+    /// Whether it is looked for.
+    pub enabled: bool,
+    /// Share of blocks in which noise may make an echo that moves.
+    pub alarms_per_block: f64,
+    /// Of the last six blocks that could have it, so many must.
+    pub confirm_blocks: usize,
+    /// Way of its own, along the line of sight, that confirms a thing, metres.
+    pub min_travel_m: f64,
+    /// What is unseen for so long is gone, seconds.
+    pub forget_s: f64,
+}
+
+impl Default for MtiSettings {
+    fn default() -> Self {
+        Self { enabled: true, alarms_per_block: 0.03, confirm_blocks: 4, min_travel_m: 0.15, forget_s: 1.0 }
+    }
+}
+
+/// Something that moves by itself. Where it is, is known as a range; its direction is anywhere in the beam.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MovingTarget {
+    /// Stays the same while it is followed.
+    pub id: u64,
+    /// Where it was seen from last, `tracking_from_sensor`: range and direction are from there, along its boresight.
+    pub seen_from: Pose,
+    /// Its range from there now, metres.
+    pub range_m: f64,
+    /// 1σ of that, metres.
+    pub range_sigma_m: f64,
+    /// 1σ of its direction about the boresight, every way, radians: as wide as the beam.
+    pub direction_sigma_rad: f64,
+    /// Its own speed along the line of sight, metres a second; positive: away.
+    pub speed_m_per_s: f64,
+    /// Power of its last echo over what else there is at its range.
+    pub evidence: f64,
+    /// First and last block that had it, host nanoseconds.
+    pub first_seen_ns: i64,
+    /// See `first_seen_ns`.
+    pub last_seen_ns: i64,
+}
+
+impl MovingTarget {
+    /// The middle of where it may be, tracking frame, metres.
+    pub fn position_m(&self) -> DVec3 {
+        self.seen_from.translation + self.seen_from.forward() * self.range_m
+    }
+
+    /// Covariance of that, m²: that of the tangent plane, as of an obstacle whose range alone is known.
+    pub fn covariance_m2(&self) -> DMat3 {
+        let ahead = self.seen_from.forward();
+        let along = DMat3::from_cols(ahead * ahead.x, ahead * ahead.y, ahead * ahead.z);
+        let across_m = self.range_m * self.direction_sigma_rad;
+        along * self.range_sigma_m.powi(2) + (DMat3::IDENTITY - along) * across_m.powi(2)
+    }
+
+    /// Half the width of where it may be, radians about the place that it was seen from: 2σ.
+    pub fn half_width_rad(&self) -> f64 {
+        2.0 * self.direction_sigma_rad
+    }
+
+    /// A place at its range: so far to the right of the boresight and above it, radians; level whichever way the sensor is rolled.
+    pub fn place_m(&self, right_rad: f64, above_rad: f64) -> DVec3 {
+        let ahead = self.seen_from.forward();
+        let right = ahead.cross(DVec3::Y).try_normalize().unwrap_or(DVec3::X);
+        let turned = DQuat::from_axis_angle(right.cross(ahead), -right_rad) * DQuat::from_axis_angle(right, above_rad);
+        self.seen_from.translation + turned * ahead * self.range_m
+    }
+
+    /// The level arc that it is on, from left to right, tracking frame, metres.
+    pub fn arc_m(&self) -> impl Iterator<Item = DVec3> {
+        const STEPS: i32 = 16;
+        let step_rad = self.half_width_rad() / f64::from(STEPS / 2);
+        (-STEPS / 2..=STEPS / 2).map(move |n| self.place_m(f64::from(n) * step_rad, 0.0))
+    }
+
+    /// What its label says: from a head, and whether it comes or goes.
+    pub fn label(&self, head: Option<&Pose>) -> String {
+        let from = head.map_or(self.seen_from.translation, |head| head.translation);
+        let way = match self.speed_m_per_s {
+            speed if speed < -MIN_RADIAL_SPEED_M_PER_S => format!("comes at {:.1} m/s", -speed),
+            speed if speed > MIN_RADIAL_SPEED_M_PER_S => format!("goes at {speed:.1} m/s"),
+            _ => "passes".into(),
+        };
+        format!("moving {}  {:.1} m  {way}", self.id, self.position_m().distance(from))
+    }
+
+    /// The same in another frame: `to_from` takes coordinates of this one's.
+    pub(super) fn moved(&self, to_from: &Pose) -> Self {
+        Self { seen_from: *to_from * self.seen_from, ..*self }
+    }
+}
+
+/// What comes or goes slower than this is said to pass, metres a second.
+const MIN_RADIAL_SPEED_M_PER_S: f64 = 0.15;
+/// What is nearer than a track by less than this, or farther by less than that, is of the same body: feet are farther than a chest,
+/// metres.
+const BODY_NEARER_M: f64 = 0.35;
+const BODY_FARTHER_M: f64 = 0.7;
+/// Tracks at most, the oldest.
+const MAX_TRACKS: usize = 24;
+/// A longer pause ends all tracks, seconds.
+const MAX_PAUSE_S: f64 = 1.0;
+
+/// Follows what moves.
+#[derive(Debug, Clone)]
+pub struct MovingTargetTracker {
+    settings: MtiSettings,
+    mti_filter: MtiFilter,
+    direction_sigma_rad: f64,
+    tracks: Vec<MtiTrack>,
+    next_id: u64,
+    /// Time and pose of the newest block.
+    newest: Option<(i64, Pose)>,
+}
+
+impl MovingTargetTracker {
+    /// Nothing seen yet.
+    pub fn new(settings: MtiSettings, beam: &Beam) -> Self {
+        Self {
+            mti_filter: MtiFilter::new(beam, settings.alarms_per_block),
+            direction_sigma_rad: direction_sigma_rad(beam),
+            settings,
+            tracks: Vec::new(),
+            next_id: 0,
+            newest: None,
+        }
+    }
+
+    /// Takes a block; blocks in time. `hands_reach_m`: how far the hands reach that are not tracked.
+    pub fn push(&mut self, block: &Subaperture, hands: &HandTrail, hands_reach_m: f64) {
+        if self.settings.enabled {
+            let reach_m = hand_reach_m(block, hands, hands_reach_m);
+            let mut movers = self.mti_filter.detect(block);
+            if let Some(movers) = &mut movers {
+                movers.echoes.retain(|echo| !is_from_hand(echo, block, hands));
+            }
+            self.advance(&block.middle, block.mid_time_ns, movers.as_ref(), reach_m);
+        }
+    }
+
+    /// What moves now: confirmed, brought up to a time.
+    pub fn targets(&self) -> Vec<MovingTarget> {
+        let Some((now_ns, _)) = self.newest else { return Vec::new() };
+        let moving = |track: &MtiTrack| {
+            let unseen_s = now_ns.saturating_sub(track.last_ns) as f64 * 1e-9;
+            Some(MovingTarget {
+                id: track.id?,
+                seen_from: track.seen_from,
+                range_m: (track.seen_range_m + track.speed_m_per_s * unseen_s).max(0.1),
+                range_sigma_m: track.covariance[0].sqrt(),
+                direction_sigma_rad: self.direction_sigma_rad,
+                speed_m_per_s: track.speed_m_per_s,
+                evidence: track.evidence,
+                first_seen_ns: track.first_ns,
+                last_seen_ns: track.last_ns,
+            })
+        };
+        self.tracks.iter().filter_map(moving).collect()
+    }
+
+    fn advance(&mut self, sensor: &Pose, now_ns: i64, movers: Option<&MtiResult>, reach_m: f64) {
+        let before = self.newest.replace((now_ns, *sensor));
+        if let Some((then_ns, then)) = before {
+            let passed_s = now_ns.saturating_sub(then_ns) as f64 * 1e-9;
+            if !(0.0..=MAX_PAUSE_S).contains(&passed_s) {
+                self.tracks.clear();
+            }
+            let way = sensor.translation - then.translation;
+            self.tracks.iter_mut().for_each(|track| track.predict(passed_s, way, &then));
+        }
+        if let Some(movers) = movers {
+            self.assign_echoes(
+                sensor,
+                now_ns,
+                movers,
+                reach_m,
+                before.map_or(0.0, |(then_ns, _)| now_ns.saturating_sub(then_ns) as f64 * 1e-9),
+            );
+        }
+        let forget_ns = (self.settings.forget_s * 1e9) as i64;
+        self.tracks.retain(|track| now_ns.saturating_sub(track.last_ns) < forget_ns && !track.is_abandoned());
+        self.merge_same_body();
+    }
+
+    /// Each echo goes to the confirmed track that it fits best, else to all others that it fits, else it begins one.
+    fn assign_echoes(&mut self, sensor: &Pose, now_ns: i64, movers: &MtiResult, reach_m: f64, passed_s: f64) {
+        let mut is_seen = vec![false; self.tracks.len()];
+        for echo in &movers.echoes {
+            let unseen = self.tracks.iter().zip(&is_seen).enumerate().filter(|(_, (_, is_seen))| !**is_seen);
+            let fitting: Vec<(usize, bool, Association)> = unseen
+                .filter_map(|(n, (track, _))| Some((n, track.id.is_some(), track.associate(echo, movers, reach_m)?)))
+                .collect();
+            let confirmed = fitting.iter().filter(|(_, is_confirmed, _)| *is_confirmed);
+            let best = confirmed.min_by(|a, b| a.2.distance2.total_cmp(&b.2.distance2)).map(|(n, ..)| *n);
+            for (n, _, fit) in fitting.iter().filter(|(n, ..)| best.is_none_or(|best| best == *n)) {
+                is_seen[*n] = true;
+                self.tracks[*n].update(sensor, now_ns, echo, movers, fit, passed_s);
+            }
+            if fitting.is_empty() && echo.range_m >= reach_m {
+                self.start_tracks(sensor, now_ns, echo, movers, passed_s);
+            }
+        }
+        for (track, is_seen) in self.tracks.iter_mut().zip(is_seen) {
+            track.record_hit(is_seen, movers);
+        }
+        let settings = self.settings;
+        let far = |track: &MtiTrack| track.range_m >= reach_m;
+        for track in
+            self.tracks.iter_mut().filter(|track| track.id.is_none() && track.is_confirmable(&settings) && far(track))
+        {
+            self.next_id += 1;
+            track.id = Some(self.next_id);
+        }
+    }
+
+    /// A track for every value that the range rate may have.
+    fn start_tracks(&mut self, sensor: &Pose, now_ns: i64, echo: &MtiEcho, movers: &MtiResult, passed_s: f64) {
+        for speed_m_per_s in candidate_speeds(echo, movers) {
+            if self.tracks.len() >= MAX_TRACKS {
+                break;
+            }
+            self.tracks.push(MtiTrack::start(sensor, now_ns, echo, movers, (speed_m_per_s, passed_s)));
+        }
+    }
+
+    /// Of tracks of one body the confirmed one stays; of several such the nearest, under the oldest one's name.
+    fn merge_same_body(&mut self) {
+        let mut bodies: Vec<MtiTrack> = Vec::new();
+        self.tracks.sort_by(|a, b| a.id.is_none().cmp(&b.id.is_none()).then(a.range_m.total_cmp(&b.range_m)));
+        for track in std::mem::take(&mut self.tracks) {
+            let is_of =
+                |body: &&mut MtiTrack| (-BODY_NEARER_M..BODY_FARTHER_M).contains(&(track.range_m - body.range_m));
+            match bodies.iter_mut().filter(|body| body.id.is_some()).find(is_of) {
+                Some(body) if track.id.is_some() => {
+                    body.id = body.id.min(track.id);
+                    body.first_ns = body.first_ns.min(track.first_ns);
+                }
+                Some(_) => {}
+                None => bodies.push(track),
+            }
+        }
+        bodies.sort_by_key(|track| (track.id.unwrap_or(u64::MAX), track.first_ns));
+        self.tracks = bodies;
+    }
+}
+
+/// How far nothing may begin to move: the hands', tracked or not.
+fn hand_reach_m(block: &Subaperture, hands: &HandTrail, hands_reach_m: f64) -> f64 {
+    let hands = hands.at(block.mid_time_ns);
+    let reach_m = |hand: Option<DVec3>| hand.map_or(hands_reach_m, |hand| hand_ranges_m(block.distance_m(hand)).end);
+    hands.into_iter().map(reach_m).fold(0.0, f64::max)
+}
+
+/// Whether a tracked hand or its forearm accounts for it.
+fn is_from_hand(echo: &MtiEcho, block: &Subaperture, hands: &HandTrail) -> bool {
+    let mut tracked = hands.at(block.mid_time_ns).into_iter().flatten();
+    tracked.any(|hand| hand_ranges_m(block.distance_m(hand)).contains(&echo.range_m))
+}
+
+/// 1σ of the direction of an echo about the boresight, along either axis, by what a beam lets through.
+fn direction_sigma_rad(beam: &Beam) -> f64 {
+    let angles = (0..=180).map(|degrees| f64::from(degrees).to_radians());
+    let (sum, weight) = angles.fold((0.0, 0.0), |(sum, total), angle| {
+        let weight = beam.amplitude(math::cos(angle)).powi(2) * math::sin(angle);
+        (sum + 0.5 * angle * angle * weight, total + weight)
+    });
+    (sum / weight.max(f64::MIN_POSITIVE)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use radar_sar::Observation;
+    use radar_sar::subaperture::{SubapertureBuilder, SubapertureSettings};
+    use radar_sar::test_data::{Echo, sweeps};
+
+    const STEP_NS: i64 = 90_000_000;
+
+    /// What a still sensor's block says of echoes of these ranges and range rates.
+    fn mti_result(echoes: &[(f64, f64)], ambiguity_m_per_s: f64) -> MtiResult {
+        let echo = |&(range_m, rate): &(f64, f64)| {
+            let turns = (rate / ambiguity_m_per_s).round();
+            MtiEcho { range_m, range_rate_m_per_s: rate - turns * ambiguity_m_per_s, power: 30.0 }
+        };
+        MtiResult {
+            echoes: echoes.iter().map(echo).collect(),
+            clutter_m_per_s: [-0.05, 0.05],
+            guard_m_per_s: 0.07,
+            ahead_m_per_s: 0.0,
+            ambiguity_m_per_s,
+            ranges_m: [0.2, 3.1],
+        }
+    }
+
+    fn tracks() -> MovingTargetTracker {
+        MovingTargetTracker::new(MtiSettings::default(), &Beam::Lensless)
+    }
+
+    /// What is shown after each of so many blocks.
+    fn targets_after_each(blocks: i64, reach_m: f64, movers: impl Fn(f64) -> MtiResult) -> Vec<Vec<MovingTarget>> {
+        let mut tracks = tracks();
+        let step = |n: i64| {
+            tracks.advance(&Pose::IDENTITY, n * STEP_NS, Some(&movers(n as f64 * 0.09)), reach_m);
+            tracks.targets()
+        };
+        (0..blocks).map(step).collect()
+    }
+
+    #[test]
+    fn approaching_target_is_tracked_within_hand_reach_and_dropped_after_one_second() {
+        let comes = |t: f64| mti_result(&if t < 1.8 { vec![(2.3 - t, -1.0)] } else { vec![] }, 2.8);
+        let shown = targets_after_each(40, 0.9, comes);
+        let first = shown.iter().position(|moving| !moving.is_empty()).unwrap();
+        assert!(first <= 4, "{first}");
+        for (n, moving) in shown.iter().enumerate().take(20).skip(first) {
+            let [one] = moving[..] else { panic!("{n}: {moving:?}") };
+            assert!((one.range_m - (2.3 - 0.09 * n as f64)).abs() < 0.05 && (one.speed_m_per_s + 1.0).abs() < 0.2);
+            assert_eq!((one.id, one.first_seen_ns), (1, 0));
+        }
+        // Unseen while it would be told it came no nearer; after a second it is gone.
+        assert!(shown[24][0].range_m > 0.3 && shown[33].is_empty(), "{:?}", shown[24]);
+    }
+
+    #[test]
+    fn swaying_objects_hands_and_single_echoes_are_not_confirmed() {
+        // Once a second to and fro.
+        let sways = |t: f64| mti_result(&[(1.5, if t.fract() < 0.5 { 0.3 } else { -0.3 })], 2.8);
+        assert_eq!(targets_after_each(100, 0.9, sways).concat(), []);
+        let flutters = |t: f64| mti_result(&[(1.5, if (t * 100.0) as i64 % 2 == 0 { 0.3 } else { -0.3 })], 2.8);
+        assert_eq!(targets_after_each(100, 0.9, flutters).concat(), []);
+        let reaches = |t: f64| mti_result(&[(0.5 + 0.3 * (3.0 * t).sin(), 0.9 * (3.0 * t).cos())], 2.8);
+        assert_eq!(targets_after_each(100, 0.9, reaches).concat(), []);
+        let once = |t: f64| mti_result(&if (t % 0.9) < 0.09 { vec![(1.7, 0.6)] } else { vec![] }, 2.8);
+        assert_eq!(targets_after_each(100, 0.9, once).concat(), []);
+    }
+
+    #[test]
+    fn ranges_resolve_ambiguous_range_rates() {
+        let comes = |t: f64| mti_result(&if t < 1.5 { vec![(2.6 - 1.2 * t, -1.2)] } else { vec![] }, 1.08);
+        let shown = targets_after_each(16, 0.9, comes);
+        let one = shown[12].first().unwrap();
+        assert!((one.speed_m_per_s + 1.2).abs() < 0.25, "{one:?}");
+        assert!((one.range_m - (2.6 - 1.2 * 0.09 * 12.0)).abs() < 0.15, "{one:?}");
+    }
+
+    #[test]
+    fn parts_of_one_body_merge_and_two_people_stay_separate() {
+        let body = |t: f64| mti_result(&[(1.4 + 0.5 * t, 0.5), (1.8 + 0.5 * t, 0.6)], 2.8);
+        assert!(targets_after_each(20, 0.9, body).iter().all(|moving| moving.len() <= 1));
+        let two = |t: f64| mti_result(&[(1.2 + 0.3 * t, 0.3), (2.8 - 0.3 * t, -0.4)], 2.8);
+        assert!(targets_after_each(12, 0.9, two).iter().any(|moving| moving.len() == 2));
+    }
+
+    #[test]
+    fn track_count_is_bounded_and_bad_times_are_harmless() {
+        let mut tracks = tracks();
+        for n in 0..200i64 {
+            let echoes: Vec<_> = (0..50).map(|k| (f64::from(k) * 0.06 + 0.3, 1.0 - 0.04 * f64::from(k))).collect();
+            let time_ns = if n % 50 == 49 { i64::MIN + n } else { n * STEP_NS };
+            tracks.advance(&Pose::IDENTITY, time_ns, Some(&mti_result(&echoes, 0.4)), 0.9);
+            assert!(tracks.tracks.len() <= MAX_TRACKS);
+            assert!(tracks.targets().iter().all(|one| one.range_m.is_finite() && one.speed_m_per_s.is_finite()));
+        }
+    }
+
+    #[test]
+    fn covariance_is_narrow_in_range_and_beam_wide_across() {
+        let shown = targets_after_each(8, 0.9, |t| mti_result(&[(2.3 - t, -1.0)], 2.8));
+        let one = shown[7][0];
+        let covariance = one.covariance_m2();
+        assert!(covariance.z_axis.z.sqrt() < 0.15 && covariance.x_axis.x.sqrt() > 0.25 * one.range_m, "{covariance}");
+        assert!((one.position_m() - DVec3::NEG_Z * one.range_m).length() < 1e-12);
+        for place in one.arc_m() {
+            assert!((place.length() - one.range_m).abs() < 1e-9 && place.y.abs() < 1e-9);
+        }
+        assert!(one.place_m(0.3, 0.0).x > 0.0 && one.place_m(0.0, 0.3).y > 0.0);
+        let turned = one.moved(&Pose::new(DVec3::Y, DQuat::from_rotation_y(1.0)));
+        let to_from = Pose::new(DVec3::Y, DQuat::from_rotation_y(1.0));
+        assert!((turned.position_m() - to_from.transform_point(one.position_m())).length() < 1e-12);
+        assert_eq!(one.label(None), format!("moving 1  {:.1} m  comes at 1.0 m/s", one.range_m));
+    }
+
+    /// A head that sways and steps.
+    fn head(time_s: f64) -> DVec3 {
+        DVec3::new(0.1 * (1.1 * time_s).sin(), 0.02 * (2.3 * time_s).sin(), 0.06 * (1.7 * time_s).cos())
+    }
+
+    /// Furniture and a wall, and somebody whose middle is at `place` while there is one.
+    fn room(duration_s: f64, place: impl Fn(f64) -> Option<DVec3>, seed: u64) -> Vec<Observation> {
+        let wall = radar_sar::geometry::Plane { outward: DVec3::NEG_Z, offset_m: 2.6 };
+        let things = [(0.5, -0.4, -1.1, 20.0), (-0.6, 0.2, -1.5, 12.0), (0.1, -0.8, -1.9, 8.0)];
+        let mut still = things.map(|(x, y, z, snr)| (Echo::Point(DVec3::new(x, y, z)), snr)).to_vec();
+        still.push((Echo::Plane(wall), 30.0));
+        let mut all = sweeps(duration_s, head, &still, seed);
+        for (part, snr) in [(DVec3::ZERO, 1.0), (DVec3::new(0.15, 0.1, 0.05), 0.7), (DVec3::new(-0.1, -0.6, -0.1), 0.6)]
+        {
+            // From the part the head goes the other way.
+            let from = |t: f64| head(t) - place(t).unwrap_or(DVec3::splat(1e3)) - part;
+            let moving = sweeps(duration_s, from, &[(Echo::Point(DVec3::ZERO), snr)], seed + 7);
+            let samples = all
+                .iter_mut()
+                .zip(moving)
+                .filter(|(one, _)| place((one.mid_time_ns - 1_000_000_000) as f64 * 1e-9).is_some());
+            samples.for_each(|(one, more)| one.samples.iter_mut().zip(more.samples).for_each(|(a, b)| *a += b));
+        }
+        all
+    }
+
+    /// Time and what is shown after each block.
+    fn timed_targets(observations: Vec<Observation>) -> Vec<(f64, Vec<MovingTarget>)> {
+        let (mut builder, mut tracks) = (SubapertureBuilder::new(SubapertureSettings::default()), tracks());
+        let blocks: Vec<Subaperture> = observations.into_iter().filter_map(|o| builder.push(o)).collect();
+        let watch = |block: &Subaperture| {
+            tracks.push(block, &HandTrail::default(), 0.9);
+            ((block.end_ns - 1_000_000_000) as f64 * 1e-9, tracks.targets())
+        };
+        blocks.iter().map(watch).collect()
+    }
+
+    #[test]
+    fn person_crossing_at_two_metres_is_reported_within_one_second() {
+        let place = |t: f64| (1.0..4.0).contains(&t).then(|| DVec3::new(t - 2.5, 0.0, -2.0));
+        for seed in [1, 2, 3] {
+            let shown = timed_targets(room(6.0, place, seed));
+            let first_s = shown.iter().find(|(_, moving)| !moving.is_empty()).map(|(time_s, _)| *time_s);
+            assert!(first_s.is_some_and(|time_s| (1.0..=2.0).contains(&time_s)), "{first_s:?}");
+            for (time_s, moving) in shown.iter().filter(|(time_s, _)| (first_s.unwrap()..4.0).contains(time_s)) {
+                for one in moving {
+                    let range_m = place(*time_s - 0.045).unwrap().distance(one.seen_from.translation);
+                    assert!((one.range_m - range_m).abs() < 0.2, "{time_s}: {range_m} {one:?}");
+                }
+            }
+            assert!(shown.iter().filter(|(time_s, _)| *time_s > 5.5).all(|(_, moving)| moving.is_empty()));
+        }
+    }
+
+    #[test]
+    fn static_room_and_reaching_hands_give_no_moving_target() {
+        for seed in [4, 5] {
+            assert!(timed_targets(room(10.0, |_| None, seed)).iter().all(|(_, moving)| moving.is_empty()));
+        }
+        let hand = |t: f64| Some(DVec3::new(0.15, -0.1, -0.5 - 0.25 * (4.0 * t).sin()));
+        assert!(timed_targets(room(6.0, hand, 6)).iter().all(|(_, moving)| moving.is_empty()));
+    }
+}

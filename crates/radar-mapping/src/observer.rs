@@ -1,0 +1,465 @@
+//! Joins the two streams: frames and poses in, observations out.
+//!
+//! A frame waits until the poses around its sweeps are there (half the smoothing window past its end, or less by the settings), then each sweep
+//! gets the sensor's pose at its own time: pose time = sweep time + time offset. A frame that has waited behind 256 others
+//! makes do with the poses at hand. Frames that never get poses are counted.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use glam::DVec3;
+use num_complex::Complex32;
+use serde::{Deserialize, Serialize};
+
+use super::range_axis;
+use super::timestamps::{TimestampFilter, TimestampVerdict};
+use a121::{Frame, FrameLayout, SensorConfig, Sweep};
+use radar_sar::geometry::Pose;
+use radar_sar::{HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
+use radar_sar::{Observation, SweepGeometry};
+
+/// Frames that wait for poses at most: half a second of the fastest ones.
+const MAX_WAITING_FRAMES: usize = 256;
+/// Step of the sensor's path, nanoseconds.
+const PATH_STEP_NS: i64 = 5_000_000;
+/// The path is not drawn across pauses longer than this, nanoseconds; poses are not joined across them either.
+const MAX_PATH_PAUSE_NS: i64 = 2_000_000_000;
+/// Poses kept at most: 14 minutes at 120 Hz.
+const MAX_POSES: usize = 100_000;
+
+/// How the streams are joined.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ObserverSettings {
+    /// How poses become a path.
+    pub history: HistorySettings,
+    /// Where the sensor's phase centre sits on the head, a full rigid transform.
+    pub head_from_sensor: Pose,
+    /// Added to a sweep's time to get the time of its pose, seconds.
+    pub time_offset_s: f64,
+}
+
+/// Where the sensor was at a time of the pose stream.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SensorState {
+    /// Time of the pose stream, host nanoseconds.
+    pub time_ns: i64,
+    /// Pose of the phase centre, `tracking_from_sensor`.
+    pub tracking_from_sensor: Pose,
+    /// Velocity of the phase centre, tracking frame, m/s.
+    pub velocity_m_per_s: DVec3,
+}
+
+/// What came and what was left out, by reason.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ObserverCounters {
+    /// Frames taken in.
+    pub frames: u64,
+    /// Observations given out (sweeps × subsweeps).
+    pub observations: u64,
+    /// Poses taken in.
+    pub poses: u64,
+    /// Poses marked invalid, out of range or not tracking.
+    pub poses_invalid: u64,
+    /// Poses with numbers that make no pose: NaN, infinite, zero quaternion.
+    pub poses_bad_numbers: u64,
+    /// Poses not later than the one before.
+    pub poses_time_not_rising: u64,
+    /// Poses far ahead in time of the one before, with no other pose to confirm it; or a first one that none confirmed.
+    pub poses_time_leapt: u64,
+    /// Frames skipped: saturated samples.
+    pub frames_saturated: u64,
+    /// Frames skipped: not as long as the configuration says.
+    pub frames_wrong_length: u64,
+    /// Frames skipped: not later than the one before.
+    pub frames_time_not_rising: u64,
+    /// Frames skipped: far ahead in time of the one before, with no other to confirm it; or a first one that none confirmed.
+    pub frames_time_leapt: u64,
+    /// Frames without a pose for any sweep.
+    pub frames_without_pose: u64,
+    /// Sweeps skipped: before the first or after the last pose.
+    pub sweeps_outside_poses: u64,
+    /// Sweeps skipped: in a gap between poses.
+    pub sweeps_in_pose_gap: u64,
+    /// Sweeps skipped: beside an invalid pose.
+    pub sweeps_at_invalid_pose: u64,
+}
+
+/// Joins frames and poses of one configuration.
+#[derive(Debug)]
+pub struct Observer {
+    settings: ObserverSettings,
+    layout: FrameLayout,
+    geometries: Vec<Arc<SweepGeometry>>,
+    history: PoseHistory,
+    waiting: VecDeque<Frame>,
+    ready: Vec<Observation>,
+    frame_timestamps: TimestampFilter,
+    pose_timestamps: TimestampFilter,
+    next_path_ns: Option<i64>,
+    keep_s: f64,
+    counters: ObserverCounters,
+}
+
+impl Observer {
+    /// For frames of a sound configuration.
+    pub fn new(config: &SensorConfig, settings: ObserverSettings) -> Self {
+        let layout = FrameLayout::of(config);
+        let geometries = config.subsweeps.iter().zip(&layout.timing().subsweeps).enumerate();
+        let geometries = geometries.map(|(index, (subsweep, &(_, point_period_s)))| {
+            Arc::new(SweepGeometry {
+                subsweep: index,
+                axis: range_axis(subsweep),
+                pulse_fwhm_m: subsweep.profile.envelope_fwhm_m(),
+                point_period_s,
+            })
+        });
+        Self {
+            geometries: geometries.collect(),
+            layout,
+            history: PoseHistory::new(settings.history),
+            settings,
+            waiting: VecDeque::new(),
+            ready: Vec::new(),
+            frame_timestamps: TimestampFilter::default(),
+            pose_timestamps: TimestampFilter::default(),
+            next_path_ns: None,
+            // Older poses than the window before a frame serve nobody, unless asked for.
+            keep_s: settings.history.smoothing_window_s + settings.history.max_gap_s + 0.5,
+            counters: ObserverCounters::default(),
+        }
+    }
+
+    /// What was taken and left out so far.
+    pub fn counters(&self) -> &ObserverCounters {
+        &self.counters
+    }
+
+    /// The newest valid pose of the head and its time.
+    pub fn head(&self) -> Option<(i64, Pose)> {
+        self.history.last_pose()
+    }
+
+    /// Time of the newest pose whose time was believed, valid or not.
+    pub fn newest_pose_ns(&self) -> Option<i64> {
+        self.history.last_time_ns()
+    }
+
+    /// Keeps poses for this long behind the newest frame, seconds (within a bound of their number): for
+    /// [`sensor_at`](Self::sensor_at).
+    pub fn keep_poses_s(&mut self, keep_s: f64) {
+        self.keep_s = self.keep_s.max(keep_s);
+    }
+
+    /// Time of a sweep's pose minus time of the sweep, seconds.
+    pub fn time_offset_s(&self) -> f64 {
+        self.settings.time_offset_s
+    }
+
+    /// Changes the time offset for all frames that still wait and those to come.
+    pub fn set_time_offset_s(&mut self, time_offset_s: f64) {
+        self.settings.time_offset_s = time_offset_s;
+    }
+
+    /// The sensor at a time of the pose stream, as sweeps get it.
+    ///
+    /// # Errors
+    /// Outside the poses still kept, in a gap, or beside an invalid pose.
+    pub fn sensor_at(&self, time_ns: i64) -> Result<SensorState, NoPose> {
+        sensor_at(&self.history, time_ns, &self.settings.head_from_sensor, i64::MIN)
+    }
+
+    /// The sensor at the time of a sweep, by the poses that are known since another sweep, later, has its own: smoother than
+    /// the sweep had it when poses are not waited for long.
+    ///
+    /// # Errors
+    /// As [`sensor_at`](Self::sensor_at).
+    pub fn smoothed_sensor_at(&self, sweep_ns: i64, later_sweep_ns: i64) -> Result<SensorState, NoPose> {
+        let [at_ns, later_ns] = [sweep_ns, later_sweep_ns].map(|time_ns| time_ns.saturating_add(self.offset_ns()));
+        let known_until_ns = later_ns.saturating_add(self.settings.history.ahead_ns());
+        sensor_at(&self.history, at_ns, &self.settings.head_from_sensor, known_until_ns)
+    }
+
+    /// The sensor's path since the last call, every 5 ms, as far as it is as smooth as it will be, however early sweeps have
+    /// their poses.
+    pub fn take_path(&mut self) -> Vec<SensorState> {
+        let smooth_ns = self.settings.history.smooth_ns();
+        let Some(last_ns) = self.history.last_time_ns() else { return Vec::new() };
+        let until_ns = last_ns.saturating_sub(smooth_ns);
+        let first_ns = self.next_path_ns.unwrap_or(i64::MIN).max(until_ns.saturating_sub(MAX_PATH_PAUSE_NS));
+        let first_step = first_ns.div_euclid(PATH_STEP_NS) + i64::from(first_ns.rem_euclid(PATH_STEP_NS) > 0);
+        let times = (first_step..=until_ns.div_euclid(PATH_STEP_NS)).map(|step| step * PATH_STEP_NS);
+        let smooth = |time_ns: i64| {
+            sensor_at(&self.history, time_ns, &self.settings.head_from_sensor, time_ns.saturating_add(smooth_ns)).ok()
+        };
+        let path = times.filter_map(smooth).collect();
+        self.next_path_ns = Some(first_ns.max(until_ns.saturating_add(1)));
+        path
+    }
+
+    /// Takes a pose; a bad one is counted and used no further.
+    pub fn push_pose(&mut self, sample: &PoseSample) {
+        self.counters.poses += 1;
+        match self.pose_timestamps.classify(sample.time_ns) {
+            TimestampVerdict::Next => {}
+            TimestampVerdict::NotRising => return self.counters.poses_time_not_rising += 1,
+            TimestampVerdict::Jump => return self.counters.poses_time_leapt += 1,
+            TimestampVerdict::Restart => {
+                self.counters.poses_time_leapt += 1;
+                self.history.keep_newest(0);
+                self.next_path_ns = None;
+            }
+        }
+        match self.history.push(sample) {
+            Ok(()) => {}
+            Err(PoseRefusal::Invalid | PoseRefusal::Result(_)) => self.counters.poses_invalid += 1,
+            Err(PoseRefusal::Numbers(_)) => self.counters.poses_bad_numbers += 1,
+            Err(PoseRefusal::TimeNotRising { .. }) => self.counters.poses_time_not_rising += 1,
+        }
+        self.history.keep_newest(MAX_POSES);
+    }
+
+    /// Takes a frame; a bad one is counted and used no further.
+    pub fn push_frame(&mut self, frame: Frame) {
+        self.counters.frames += 1;
+        if frame.samples.len() != self.layout.samples_per_frame() {
+            self.counters.frames_wrong_length += 1;
+            return;
+        }
+        match self.frame_timestamps.classify(frame.host_time_ns) {
+            TimestampVerdict::Next => {}
+            TimestampVerdict::NotRising => return self.counters.frames_time_not_rising += 1,
+            TimestampVerdict::Jump => return self.counters.frames_time_leapt += 1,
+            TimestampVerdict::Restart => {
+                self.counters.frames_time_leapt += 1;
+                self.waiting.clear();
+            }
+        }
+        if frame.data_saturated {
+            self.counters.frames_saturated += 1;
+            return;
+        }
+        self.waiting.push_back(frame);
+        if self.waiting.len() > MAX_WAITING_FRAMES
+            && let Some(oldest) = self.waiting.pop_front()
+        {
+            self.observe(&oldest);
+        }
+    }
+
+    /// Observations of all frames whose poses are complete.
+    pub fn take_ready(&mut self) -> Vec<Observation> {
+        let Some(until_ns) = self.complete_until_ns() else { return std::mem::take(&mut self.ready) };
+        let complete_until_ns = until_ns.saturating_sub(self.offset_ns());
+        while let Some(frame) = self.waiting.pop_front_if(|f| f.host_time_ns <= complete_until_ns) {
+            self.observe(&frame);
+        }
+        std::mem::take(&mut self.ready)
+    }
+
+    /// Observations of everything still waiting: no more poses will come.
+    pub fn take_rest(&mut self) -> Vec<Observation> {
+        for frame in std::mem::take(&mut self.waiting) {
+            self.observe(&frame);
+        }
+        std::mem::take(&mut self.ready)
+    }
+
+    /// Time of the pose stream up to which no later pose will change the path.
+    fn complete_until_ns(&self) -> Option<i64> {
+        Some(self.history.last_time_ns()?.saturating_sub(self.settings.history.ahead_ns()))
+    }
+
+    fn offset_ns(&self) -> i64 {
+        (self.settings.time_offset_s * 1e9).round() as i64
+    }
+
+    fn observe(&mut self, frame: &Frame) {
+        let before = self.ready.len();
+        let offset_ns = self.offset_ns();
+        if let Some(sweeps) = self.layout.sweeps(frame) {
+            for sweep in sweeps {
+                let geometry = &self.geometries[sweep.subsweep];
+                match observe_sweep(&sweep, geometry, &self.history, offset_ns, &self.settings.head_from_sensor) {
+                    Ok(observation) => self.ready.push(observation),
+                    Err(NoPose::Outside) => self.counters.sweeps_outside_poses += 1,
+                    Err(NoPose::Gap(_)) => self.counters.sweeps_in_pose_gap += 1,
+                    Err(NoPose::Invalid) => self.counters.sweeps_at_invalid_pose += 1,
+                }
+            }
+        }
+        let made = (self.ready.len() - before) as u64;
+        self.counters.observations += made;
+        self.counters.frames_without_pose += u64::from(made == 0);
+        let keep_ns = (self.keep_s * 1e9) as i64;
+        self.history.remove_before(frame.host_time_ns.saturating_add(offset_ns).saturating_sub(keep_ns));
+    }
+}
+
+/// All observations of streams that are at hand as a whole, in time, with the counters.
+pub fn observe_all(
+    config: &SensorConfig,
+    settings: ObserverSettings,
+    frames: &[Frame],
+    poses: &[PoseSample],
+) -> (Vec<Observation>, ObserverCounters) {
+    let mut observer = Observer::new(config, settings);
+    let mut observations = Vec::new();
+    let mut frames = frames.iter().peekable();
+    for pose in poses {
+        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
+            observer.push_frame(frame.clone());
+        }
+        observer.push_pose(pose);
+        observations.append(&mut observer.take_ready());
+    }
+    for frame in frames {
+        observer.push_frame(frame.clone());
+        observations.append(&mut observer.take_ready());
+    }
+    observations.append(&mut observer.take_rest());
+    (observations, *observer.counters())
+}
+
+fn observe_sweep(
+    sweep: &Sweep,
+    geometry: &Arc<SweepGeometry>,
+    history: &PoseHistory,
+    offset_ns: i64,
+    head_from_sensor: &Pose,
+) -> Result<Observation, NoPose> {
+    let half_s = (sweep.samples.len() as f64 - 1.0) * 0.5 * sweep.point_period_s;
+    let mid_time_ns = sweep.first_point_time_ns.saturating_add((half_s * 1e9).round() as i64);
+    let sensor = sensor_at(history, mid_time_ns.saturating_add(offset_ns), head_from_sensor, i64::MIN)?;
+    Ok(Observation {
+        mid_time_ns,
+        tracking_from_sensor: sensor.tracking_from_sensor,
+        velocity_m_per_s: sensor.velocity_m_per_s,
+        geometry: Arc::clone(geometry),
+        samples: sweep.samples.iter().map(|s| Complex32::new(f32::from(s.re), f32::from(s.im))).collect(),
+    })
+}
+
+fn sensor_at(
+    history: &PoseHistory,
+    time_ns: i64,
+    head_from_sensor: &Pose,
+    known_until_ns: i64,
+) -> Result<SensorState, NoPose> {
+    let head = history.at_with_poses_until(time_ns, known_until_ns)?;
+    let arm = head.tracking_from_head.transform_vector(head_from_sensor.translation);
+    Ok(SensorState {
+        time_ns,
+        tracking_from_sensor: head.tracking_from_head * *head_from_sensor,
+        velocity_m_per_s: head.velocity_m_per_s + head.angular_velocity_rad_per_s.cross(arm),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use a121::preset;
+    use glam::DQuat;
+    use num_complex::Complex;
+
+    const MS: i64 = 1_000_000;
+
+    fn frame(host_time_ns: i64) -> Frame {
+        Frame {
+            tick: host_time_ns / 1000,
+            host_time_ns,
+            temperature_c: 30,
+            data_saturated: false,
+            frame_delayed: false,
+            calibration_needed: false,
+            samples: vec![Complex::new(3, -4); 300],
+        }
+    }
+
+    fn observer(head_from_sensor: Pose, time_offset_s: f64) -> Observer {
+        let settings = ObserverSettings { history: HistorySettings::default(), head_from_sensor, time_offset_s };
+        Observer::new(&preset("fine").unwrap(), settings)
+    }
+
+    #[test]
+    fn mount_and_time_offset_apply_at_sweep_time() {
+        let mount = Pose::new(DVec3::new(0.0, 0.02, -0.1), DQuat::from_rotation_x(-0.2));
+        let mut observer = observer(mount, 0.020);
+        for i in 0..60 {
+            let head = Pose::new(DVec3::new(i as f64 * 0.01, 1.6, 0.0), DQuat::from_rotation_y(0.5));
+            observer.push_pose(&PoseSample::valid(i * 10 * MS, &head));
+        }
+        observer.push_frame(frame(300 * MS));
+        let observed = observer.take_ready();
+        assert_eq!(observed.len(), 1);
+        let observation = &observed[0];
+        let pose_time_s = observation.mid_time_ns as f64 * 1e-9 + 0.020;
+        let head = Pose::new(DVec3::new(pose_time_s, 1.6, 0.0), DQuat::from_rotation_y(0.5));
+        let expected = head * mount;
+        assert!((observation.tracking_from_sensor.translation - expected.translation).length() < 1e-6);
+        assert!((observation.velocity_m_per_s - DVec3::X).length() < 1e-6);
+        assert!(observation.mid_time_ns < 300 * MS);
+    }
+
+    #[test]
+    fn bad_frames_are_counted_and_skipped() {
+        let mut observer = observer(Pose::IDENTITY, 0.0);
+        for i in 0..60 {
+            observer.push_pose(&PoseSample::valid(i * 10 * MS, &Pose::IDENTITY));
+        }
+        observer.push_frame(Frame { samples: vec![], ..frame(100 * MS) });
+        observer.push_frame(Frame { data_saturated: true, ..frame(110 * MS) });
+        observer.push_frame(frame(120 * MS));
+        observer.push_frame(frame(120 * MS));
+        observer.push_frame(frame(90 * MS));
+        observer.push_frame(frame(900 * MS));
+        assert_eq!(observer.take_ready().len(), 1);
+        assert_eq!(observer.take_rest().len(), 0);
+        let counters = observer.counters();
+        assert_eq!(counters.frames_wrong_length, 1);
+        assert_eq!(counters.frames_saturated, 1);
+        assert_eq!(counters.frames_time_not_rising, 2);
+        assert_eq!(counters.frames_without_pose, 1);
+        assert_eq!(counters.sweeps_outside_poses, 1);
+    }
+
+    #[test]
+    fn single_future_timestamps_do_not_block_streams() {
+        let far = 86_400_000 * MS;
+        for (bad_pose, bad_frame) in [(0, 0), (30, 25), (0, 25), (30, 0)] {
+            let mut observer = observer(Pose::IDENTITY, 0.0);
+            let (mut observed, mut path) = (0, 0);
+            for i in 0..60 {
+                if i == bad_frame {
+                    observer.push_frame(frame(far));
+                }
+                if i == bad_pose {
+                    observer.push_pose(&PoseSample::valid(far + MS, &Pose::IDENTITY));
+                    observed += observer.take_ready().len();
+                    path += observer.take_path().len();
+                }
+                observer.push_frame(frame(1000 * MS + i * 10 * MS));
+                observer.push_pose(&PoseSample::valid(1000 * MS + i * 10 * MS, &Pose::IDENTITY));
+                observed += observer.take_ready().len();
+                path += observer.take_path().len();
+            }
+            observed += observer.take_rest().len();
+            let counters = observer.counters();
+            assert_eq!((counters.frames_time_leapt, counters.poses_time_leapt), (1, 1), "{counters:?}");
+            // The first frame begins before the first pose, and the second before the second.
+            assert_eq!(observed, if bad_pose == 0 { 58 } else { 59 }, "{bad_pose} {bad_frame} {counters:?}");
+            assert!(path > 100, "{path}");
+        }
+    }
+
+    #[test]
+    fn waiting_frames_are_bounded_and_counted() {
+        let mut observer = observer(Pose::IDENTITY, 0.0);
+        for i in 0..1000 {
+            observer.push_frame(frame((i + 1) * MS));
+        }
+        assert_eq!(observer.waiting.len(), MAX_WAITING_FRAMES);
+        assert_eq!(observer.counters().frames_without_pose, 1000 - MAX_WAITING_FRAMES as u64);
+        assert_eq!(observer.take_rest().len(), 0);
+        assert_eq!(observer.counters().frames_without_pose, 1000);
+    }
+}

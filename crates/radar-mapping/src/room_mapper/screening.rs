@@ -1,0 +1,303 @@
+//! What is there: known places that nothing is at any more are forgotten, and what is newly believed is weighed.
+
+use std::collections::VecDeque;
+
+use glam::DVec3;
+
+use super::super::classifier::{HistorySummary, ScoredCandidate, Surroundings, features, log_odds, raise_if_certain};
+use super::super::existence::{Existence, Likelihood};
+use super::super::responses::{Response, information, sigma_m};
+use super::super::{Detection, Detections, Track, same_point};
+use super::RoomMapper;
+use radar_sar::math;
+use radar_sar::subaperture::Subaperture;
+
+/// What is no higher than this may be the reflection of the floor, which is at height 0 of the standing universe, metres: at the beam's edge it
+/// is placed badly.
+const MAX_FLOOR_HEIGHT_M: f64 = 0.3;
+/// The floor's reflection is placed this near to the point below the sensor, seen from above, metres; and at the beam's edge, which has less
+/// than this amplitude.
+const FLOOR_ECHO_RADIUS_M: f64 = 0.35;
+const FLOOR_ECHO_RADIUS_AT_BEAM_EDGE_M: f64 = 0.8;
+const BEAM_EDGE_AMPLITUDE: f64 = 0.4;
+/// What is this near to a known wall, floor or ceiling may be its reflection, metres.
+const AT_SURFACE_M: f64 = 0.25;
+/// Nothing stands this near to where a hand was: palm, fingers, what it holds, and how well such a place is known, metres.
+const HAND_EXCLUSION_M: f64 = 0.25;
+/// It has been away when it was not there for so long, nanoseconds.
+const HAND_EXCLUSION_NS: i64 = 10_000_000_000;
+/// What is this near to each other, seen from above, may be of one piece, metres; what was seen so short a time before the other turned out to be
+/// gone is not in doubt, nanoseconds.
+const LATERAL_M: f64 = 0.6;
+const RECENT_SUPPORT_NS: i64 = 1_000_000_000;
+/// Looks of which it is kept what they weighed: two seconds.
+const CANDIDATE_HISTORY_UPDATES: usize = 8;
+
+/// What blocks that have a place in their beam say of it.
+fn with_subaperture<'b>(
+    window: &'b VecDeque<Subaperture>,
+    likelihoods: impl Iterator<Item = Option<Likelihood>> + 'b,
+) -> impl Iterator<Item = (&'b Subaperture, Likelihood)> {
+    window.iter().zip(likelihoods).filter_map(|(block, likelihood)| Some((block, likelihood?)))
+}
+
+/// Of a place of which the blocks from before the window were not asked.
+fn no_history(place: &Detection<DVec3>) -> HistorySummary {
+    HistorySummary { log_odds: 0.0, sigma_m: place.sigma_m, significant: 0 }
+}
+
+impl RoomMapper {
+    /// Forgets known places that nothing is at any more, by what the blocks say of each.
+    pub(super) fn update_existence(&mut self, ids: &[u64], likelihoods: &[Vec<Option<Likelihood>>]) {
+        let settings = &self.settings.map.forget;
+        for (&id, likelihoods) in ids.iter().zip(likelihoods) {
+            let is_new = !self.existences.contains_key(&id);
+            let existence = self.existences.entry(id).or_insert_with(Existence::new);
+            existence.update(with_subaperture(&self.window, likelihoods.iter().copied()), settings);
+            if let Some(new) = self.points.confirmed().find(|point| is_new && point.id == id) {
+                existence.limit_initial_log_odds(settings.newly * new.log_odds);
+            }
+        }
+        let gone: Vec<u64> = self.existences.iter().filter(|(_, e)| e.log_odds() <= 0.0).map(|(id, _)| *id).collect();
+        self.counters.forgotten += gone.len() as u64;
+        let now_ns = self.window.back().map_or(i64::MIN, |block| block.mid_time_ns);
+        for known in self.points.confirmed().filter(|known| gone.contains(&known.id)) {
+            self.history.mark_removed(known.estimate, now_ns);
+            if !self.existences.get(&known.id).is_some_and(Existence::reached_max_log_odds) {
+                continue;
+            }
+            let is_beside = |other: &&Track<DVec3>| (other.estimate - known.estimate).with_y(0.0).length() <= LATERAL_M;
+            for other in self.points.confirmed().filter(is_beside) {
+                if let Some(existence) = self.existences.get_mut(&other.id) {
+                    existence.weaken(now_ns.saturating_sub(RECENT_SUPPORT_NS), settings);
+                }
+            }
+        }
+        self.points.retain(|point| !gone.contains(&point.id));
+        for id in gone {
+            self.existences.remove(&id);
+            self.refined.remove(&id);
+        }
+    }
+
+    /// Those of what was known that still is: what has just been forgotten is not seen again by the blocks that it was forgotten for.
+    pub(super) fn known_detections(&self, detections: &Detections) -> Vec<(Detection<DVec3>, ScoredCandidate)> {
+        let is_same = same_point(self.settings.map.match_m);
+        let is_known = |place: DVec3| self.points.confirmed().any(|known| is_same(&known.estimate, &place));
+        let known = detections.places.iter().filter(|place| is_known(place.estimate));
+        known.map(|place| self.score_candidate(place, no_history(place))).collect()
+    }
+
+    /// Those of what is newly believed that are still there by the newest blocks that could tell.
+    pub(super) fn new_detections(&self, new: &Detections) -> Vec<(Detection<DVec3>, ScoredCandidate)> {
+        let settings = &self.settings.map.forget;
+        let is_there = |responses: &[Option<Response>]| {
+            let mut existence = Existence::new();
+            let likelihoods =
+                responses.iter().map(|response| response.map(|response| Likelihood { response, is_masked: false }));
+            existence.update(with_subaperture(&self.window, likelihoods), settings);
+            existence.log_odds() >= settings.confirm
+        };
+        let places = new.places.iter().zip(&new.query_indices);
+        let there = places.filter(|(place, query_index)| {
+            !self.is_floor_below(place.estimate, place.aspect.beam)
+                && !self.is_near_recent_hand(place.estimate)
+                && is_there(&new.responses[**query_index])
+        });
+        let with_history =
+            |(place, query_index): (&Detection<DVec3>, &usize)| self.with_history(place, &new.responses[*query_index]);
+        there.map(with_history).map(|(place, history)| self.score_candidate(&place, history)).collect()
+    }
+
+    /// The floor returns most from right below the sensor, and so near to other things that it may be taken for a part of them. Nothing else is
+    /// there: the wearer stands on it. Farther away it is the floor when it was seen at the beam's edge alone.
+    fn is_floor_below(&self, place: DVec3, beam: f64) -> bool {
+        let reach_m = if beam < BEAM_EDGE_AMPLITUDE { FLOOR_ECHO_RADIUS_AT_BEAM_EDGE_M } else { FLOOR_ECHO_RADIUS_M };
+        let is_over = |block: &Subaperture| (block.middle.translation - place).with_y(0.0).length() < reach_m;
+        place.y.abs() < MAX_FLOOR_HEIGHT_M && self.window.iter().any(is_over)
+    }
+
+    /// Where a tracked hand has just been nothing stands, and what is seen there was the hand, what it holds, or nothing at all. What is touched was
+    /// mostly known before; if not it is when the hand has been away for a while.
+    fn is_near_recent_hand(&self, place: DVec3) -> bool {
+        let now_ns = self.window.back().map_or(i64::MIN, |block| block.mid_time_ns);
+        self.hands.came_near(place, HAND_EXCLUSION_M, now_ns.saturating_sub(HAND_EXCLUSION_NS))
+    }
+
+    /// A place with the odds that it is a thing, by what is around it and what is known from before the window.
+    pub(super) fn score_candidate(
+        &self,
+        place: &Detection<DVec3>,
+        history: HistorySummary,
+    ) -> (Detection<DVec3>, ScoredCandidate) {
+        let features = features(place, &self.surroundings(place.estimate, history));
+        let at_surface = self.walls.confirmed().any(|wall| wall.estimate.distance(place.estimate).abs() < AT_SURFACE_M);
+        let log_odds = raise_if_certain(log_odds(&features), place, at_surface);
+        let place = Detection { log_odds, ..*place };
+        (place, ScoredCandidate { position_m: place.estimate, features, may_be_new: self.may_be_new(&place) })
+    }
+
+    fn surroundings(&self, place: DVec3, history: HistorySummary) -> Surroundings {
+        let is_same = same_point(self.settings.map.match_m);
+        let level = |to: DVec3| to.with_y(0.0).length();
+        let others = || self.points.confirmed().filter(|known| !is_same(&known.estimate, &place));
+        let distance_m = |known: &&Track<DVec3>| known.estimate.distance(place);
+        let nearest = others().min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
+        let strength = |known: &Track<DVec3>| self.existences.get(&known.id).map(Existence::greatest_strength);
+        let upright = self.walls.confirmed().filter(|wall| wall.estimate.is_upright());
+        let to_sensor = self.window.back().map_or(DVec3::ZERO, |block| place - block.middle.translation);
+        let times_ns = self.first_ns.zip(self.window.back().map(|block| block.mid_time_ns));
+        Surroundings {
+            nearest_track_m: nearest.map_or(f64::INFINITY, |known| distance_m(&known)),
+            nearest_track_horizontal_m: others()
+                .map(|known| level(known.estimate - place))
+                .fold(f64::INFINITY, f64::min),
+            wall_m: upright.map(|wall| wall.estimate.distance(place)).fold(f64::INFINITY, f64::min),
+            nearest_track_ln_strength: nearest.and_then(strength).map_or(0.0, |strength| math::ln(strength.max(1e-9))),
+            history,
+            sensor_m: to_sensor.length(),
+            sensor_horizontal_m: level(to_sensor),
+            age_s: times_ns.map_or(0.0, |(first_ns, now_ns)| (now_ns - first_ns) as f64 * 1e-9),
+            recent_updates: self
+                .recent_candidates
+                .iter()
+                .filter(|look| look.iter().any(|other| is_same(other, &place)))
+                .count(),
+        }
+    }
+
+    /// Whether a place that was believed may be a new thing, as far as the settings' bounds go.
+    fn may_be_new(&self, place: &Detection<DVec3>) -> bool {
+        self.is_new(place) && place.farthest_m >= self.settings.map.hands_reach_m
+    }
+
+    /// Whether it is well enough seen and nothing that is known.
+    fn is_new(&self, place: &Detection<DVec3>) -> bool {
+        place.observable && self.would_be_new(place)
+    }
+
+    /// Whether it would be new if it were determined.
+    fn would_be_new(&self, place: &Detection<DVec3>) -> bool {
+        let map = &self.settings.map;
+        let is_same = same_point(map.match_m);
+        place.score >= map.confirm_score
+            && !self.points.confirmed().any(|known| is_same(&known.estimate, &place.estimate))
+    }
+
+    /// A place that would be new with what the past says of it: how likely it is, and, where the window leaves it open along its circle and the past
+    /// agrees, whereabouts.
+    fn with_history(
+        &self,
+        place: &Detection<DVec3>,
+        responses: &[Option<Response>],
+    ) -> (Detection<DVec3>, HistorySummary) {
+        if !self.would_be_new(place) {
+            return (*place, no_history(place));
+        }
+        let evidence =
+            self.history.evidence_at(place.estimate, responses, (&self.settings.blocks, self.min_cos), &self.beam);
+        let seen = self.window.iter().zip(responses).filter_map(|(block, response)| Some((block, response.as_ref()?)));
+        let significant = seen.filter(|(_, response)| response.is_significant());
+        let sigma_m = sigma_m(&information(evidence.information, significant).inverse());
+        let is_determined = evidence.log_odds > 0.0 && sigma_m <= self.settings.explain.max_sigma_m;
+        let history = HistorySummary { log_odds: evidence.log_odds, sigma_m, significant: evidence.significant };
+        (Detection { observable: place.observable || is_determined, ..*place }, history)
+    }
+
+    /// Keeps what a look has weighed that may be new.
+    pub(super) fn record_candidates(&mut self, scored: Vec<ScoredCandidate>) {
+        let recent_candidates = scored.iter().filter(|scored| scored.may_be_new).map(|scored| scored.position_m);
+        self.recent_candidates.push_back(recent_candidates.collect());
+        if self.recent_candidates.len() > CANDIDATE_HISTORY_UPDATES {
+            self.recent_candidates.pop_front();
+        }
+        self.scored = scored;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{CleanWindow, ResponseCache, RoomMapperSettings};
+    use radar_sar::Beam;
+    use radar_sar::PositionErrors;
+    use radar_sar::test_data::{Echo, sweeps, winding};
+
+    #[test]
+    fn detection_near_recent_tracked_hand_is_rejected() {
+        let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
+        let place = DVec3::new(0.2, -0.3, -0.5);
+        for sweep in sweeps(1.0, winding, &[], 3) {
+            search.push(sweep);
+        }
+        let now_ns = search.window.back().unwrap().mid_time_ns;
+        search.push_hands(now_ns, [Some(place + DVec3::Y * 0.2), Some(place + DVec3::X * 0.5)]);
+        assert!(search.is_near_recent_hand(place));
+        assert!(!search.is_near_recent_hand(place + DVec3::Z), "elsewhere");
+        search.window.iter_mut().for_each(|block| block.mid_time_ns += HAND_EXCLUSION_NS + 1);
+        assert!(!search.is_near_recent_hand(place), "that was a while ago");
+    }
+
+    #[test]
+    fn removing_certain_object_weakens_only_its_neighbours() {
+        let beside = |gone: Existence| {
+            let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
+            for sweep in sweeps(1.0, winding, &[], 3) {
+                search.push(sweep);
+            }
+            for (id, at_m) in [(1, 0.0), (2, 0.9 * LATERAL_M), (3, 1.1 * LATERAL_M)] {
+                search.points.restore(id, DVec3::new(at_m, 0.5, -1.0), 5.0, [0, 0], same_point(0.1)).unwrap();
+                search.existences.insert(id, Existence::restored([1.0; 16]));
+            }
+            search.existences.insert(1, gone);
+            search.update_existence(&[], &[]);
+            assert!(search.points.confirmed().all(|point| point.id != 1), "it is gone");
+            [2, 3].map(|id| search.existences[&id].log_odds())
+        };
+        let known = Existence::restored([1.0; 16]).log_odds();
+        assert_eq!(beside(Existence::known_and_gone()), [RoomMapperSettings::default().map.forget.beside, known]);
+        assert_eq!(beside(Existence::new()), [known, known], "it may have been nothing from the beginning");
+    }
+
+    #[test]
+    fn history_and_window_on_two_straight_paths_make_point_observable() {
+        let thing = DVec3::new(0.1, 0.1, -1.2);
+        let (level, upright) = (|t: f64| DVec3::X * (0.15 * t), |t: f64| DVec3::Y * (0.15 * t));
+        let glimpsed = |ways: [fn(f64) -> DVec3; 2]| {
+            let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
+            for (n, way) in ways.into_iter().enumerate() {
+                for mut sweep in sweeps(1.5, way, &[(Echo::Point(thing), 2.0)], 3) {
+                    // The first glimpse has left the window by the second.
+                    sweep.mid_time_ns += n as i64 * 6_000_000_000;
+                    search.push(sweep);
+                }
+            }
+            let (settings, mut memory) = (search.settings, ResponseCache::default());
+            let window = search.window.iter();
+            let mut window =
+                CleanWindow::new(window, &search.hands, &settings.explain, &settings.blocks, &search.beam, &mut memory);
+            let detections = window.detect(&[], &[thing]);
+            let place = detections.places[0];
+            (place.observable, search.with_history(&place, &detections.responses[0]).0.observable)
+        };
+        assert_eq!(glimpsed([level, upright]), (false, true));
+        assert_eq!(glimpsed([upright, upright]), (false, false), "the same circle twice");
+    }
+
+    #[test]
+    fn floor_echo_below_sensor_is_rejected() {
+        let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
+        let way = |t: f64| winding(t) + DVec3::Y * 1.6;
+        let echoes = [(Echo::Point(DVec3::new(0.0, 1.5, -1.2)), 2.0)];
+        sweeps(1.0, way, &echoes, 3).into_iter().for_each(|sweep| search.push(sweep));
+        let below = way(0.9).with_y(0.0);
+        assert!(search.is_floor_below(below, 0.9) && search.is_floor_below(below + DVec3::new(0.2, -0.1, 0.1), 0.9));
+        let elsewhere = [DVec3::Y * 0.4, DVec3::X * 1.5, DVec3::NEG_Z * 1.5];
+        assert!(elsewhere.iter().all(|offset| !search.is_floor_below(below + *offset, 0.2)));
+        let ahead = below + DVec3::NEG_Z * 0.6;
+        assert!(
+            search.is_floor_below(ahead, 0.2) && !search.is_floor_below(ahead, 0.9),
+            "a foot of a chair is seen from afar"
+        );
+    }
+}

@@ -1,0 +1,152 @@
+//! What is told of walls, and when a wall is forgotten.
+//!
+//! A wall is known by its reflections from where the sensor looked at it squarely. One that is looked at so again, where it was seen, for
+//! some seconds without any sign of it, is not there: it was an artefact, or a door that stands open now.
+
+use glam::DVec3;
+
+use super::{Detection, RoomMapper, same_plane};
+use crate::clean::hand_masks;
+use crate::{Track, Wall};
+use radar_sar::geometry::{Aabb, Plane};
+use radar_sar::subaperture::Subaperture;
+
+/// A wall goes after so many looks at where it was seen without any sign of it: longer than the window is, so that it would have been
+/// believed.
+const MAX_MISSED_UPDATES: u32 = 24;
+/// A wall is looked at where it was seen, and so far beyond, metres.
+const LATERAL_M: f64 = 0.6;
+
+impl RoomMapper {
+    /// Confirmed walls, by falling evidence.
+    pub fn walls(&self) -> Vec<Wall> {
+        let wall = |track: &Track<Plane>| {
+            let foot = track.estimate.foot(self.middle.unwrap_or_default());
+            Wall {
+                id: track.id,
+                plane: track.estimate,
+                evidence: track.score,
+                seen_at: self.wall_feet.get(&track.id).copied().unwrap_or(Aabb { min: foot, max: foot }),
+                provisional: track.provisional,
+                first_seen_ns: track.first_ns,
+                last_seen_ns: track.last_ns,
+            }
+        };
+        let mut walls: Vec<Wall> = self.walls.confirmed().map(wall).collect();
+        walls.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.id.cmp(&b.id)));
+        walls
+    }
+
+    /// Where known walls are being seen: those that were believed in this look.
+    pub(super) fn update_feet(&mut self, detections: &[Detection<Plane>]) {
+        let is_same = same_plane(self.middle.unwrap_or_default());
+        let is_seen = |wall: &&Track<Plane>| detections.iter().any(|other| is_same(&other.estimate, &wall.estimate));
+        for wall in self.walls.confirmed().filter(is_seen) {
+            // A wall that is new was seen by any of the blocks it was believed by.
+            let blocks = if self.wall_feet.contains_key(&wall.id) { 1 } else { self.window.len() };
+            let wall_feet =
+                self.window.iter().rev().take(blocks).filter_map(|block| self.foot_seen_by(block, &wall.estimate));
+            let Some(seen) = Aabb::around(wall_feet) else { continue };
+            let known = self.wall_feet.entry(wall.id).or_insert(seen);
+            *known = Aabb { min: known.min.min(seen.min), max: known.max.max(seen.max) };
+        }
+    }
+
+    /// The foot of the perpendicular on a wall that the newest block looks at squarely and in range.
+    fn foot_in_view(&self, wall: &Plane) -> Option<DVec3> {
+        self.foot_seen_by(self.window.back()?, wall)
+    }
+
+    /// Whether the newest block cannot tell it from a tracked hand.
+    fn is_masked_by_hand(&self, wall: &Plane) -> bool {
+        let is_hidden = |block: &Subaperture| {
+            let range_m = wall.distance(block.middle.translation);
+            hand_masks(block, &self.hands).iter().any(|mask| mask.covers(range_m, 0.0))
+        };
+        self.window.back().is_some_and(is_hidden)
+    }
+
+    fn foot_seen_by(&self, block: &Subaperture, wall: &Plane) -> Option<DVec3> {
+        let squarely = wall.outward.dot(block.middle.forward()) >= self.min_cos;
+        let in_range = block.geometry().axis.contains(wall.distance(block.middle.translation));
+        (squarely && in_range).then(|| wall.foot(block.middle.translation))
+    }
+
+    /// Forgets walls that were looked at in vain; `detections` are the planes of this look.
+    pub(super) fn remove_missed_walls(&mut self, detections: &[Detection<Plane>]) {
+        let is_same = same_plane(self.middle.unwrap_or_default());
+        let known: Vec<(u64, Plane)> = self.walls.confirmed().map(|wall| (wall.id, wall.estimate)).collect();
+        for (id, plane) in &known {
+            let is_believed = detections.iter().any(|other| is_same(&other.estimate, plane));
+            let is_looked_at = self.foot_in_view(plane).is_some_and(|foot| self.was_seen_near(*id, foot))
+                && !self.is_masked_by_hand(plane);
+            let unseen = self.missed_updates.entry(*id).or_default();
+            *unseen = if is_believed { 0 } else { *unseen + u32::from(is_looked_at) };
+        }
+        let missed_updates = &self.missed_updates;
+        let stays = |id: u64| missed_updates.get(&id).is_none_or(|unseen| *unseen < MAX_MISSED_UPDATES);
+        self.walls.retain(|wall| stays(wall.id));
+        self.wall_feet.retain(|id, _| stays(*id));
+        self.missed_updates
+            .retain(|id, unseen| *unseen < MAX_MISSED_UPDATES && known.iter().any(|(other, _)| other == id));
+    }
+
+    /// A wall of which it is not known where it was seen is looked at wherever it should be seen: else it would stay for ever.
+    fn was_seen_near(&self, wall: u64, foot: DVec3) -> bool {
+        self.wall_feet.get(&wall).is_none_or(|seen_at| {
+            seen_at.min.cmple(foot + LATERAL_M).all() && seen_at.max.cmpge(foot - LATERAL_M).all()
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::RoomMapperSettings;
+    use radar_sar::Beam;
+    use radar_sar::PositionErrors;
+    use radar_sar::test_data::{Echo, sweeps, winding};
+
+    #[test]
+    fn opened_door_is_removed_and_closed_door_found_again() {
+        let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
+        let door = Plane { outward: DVec3::NEG_Z, offset_m: 1.5 };
+        let mut push = |echoes: &[(Echo, f64)], from_s: i64, for_s: f64| {
+            for mut sweep in sweeps(for_s, winding, echoes, 3) {
+                sweep.mid_time_ns += from_s * 1_000_000_000;
+                search.push(sweep);
+            }
+            search.walls().iter().filter(|wall| wall.plane.distance(DVec3::ZERO) > 1.4).count()
+        };
+        let shut = [(Echo::Plane(door), 3.0)];
+        assert_eq!(push(&shut, 0, 4.0), 1);
+        assert_eq!(push(&[], 4, 3.0), 1, "a moment without an echo says nothing");
+        assert_eq!(push(&[], 7, 9.0), 0);
+        assert_eq!(push(&shut, 16, 4.0), 1, "and it may be shut again");
+    }
+
+    #[test]
+    fn wall_masked_by_tracked_hand_is_kept() {
+        let wall = Plane { outward: DVec3::NEG_Z, offset_m: 1.0 };
+        let known_after = |hand: Option<DVec3>| {
+            let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
+            sweeps(4.0, winding, &[(Echo::Plane(wall), 3.0)], 3).into_iter().for_each(|sweep| search.push(sweep));
+            for mut sweep in sweeps(9.0, winding, &[], 3) {
+                sweep.mid_time_ns += 4_000_000_000;
+                search.push_hands(sweep.mid_time_ns, [hand, None]);
+                search.push(sweep);
+            }
+            search.walls().iter().filter(|wall| wall.plane.distance(DVec3::ZERO) > 0.9).count()
+        };
+        assert_eq!([None, Some(DVec3::new(0.3, -0.4, -0.8))].map(known_after), [0, 1]);
+    }
+
+    #[test]
+    fn wall_without_recorded_feet_can_be_missed_anywhere() {
+        let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
+        assert!(search.was_seen_near(7, DVec3::new(3.0, 1.0, -2.0)), "else it would stay for ever");
+        search.wall_feet.insert(7, Aabb { min: DVec3::ZERO, max: DVec3::X });
+        assert!(search.was_seen_near(7, DVec3::new(1.0 + 0.9 * LATERAL_M, 0.0, 0.0)));
+        assert!(!search.was_seen_near(7, DVec3::new(1.0 + 1.1 * LATERAL_M, 0.0, 0.0)));
+    }
+}

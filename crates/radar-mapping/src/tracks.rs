@@ -1,0 +1,329 @@
+//! Obstacles over time: confirmed when seen again, kept while unseen. `existence.rs` says when one is gone.
+
+use std::collections::VecDeque;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::clean::Detection;
+use super::existence::ExistenceSettings;
+use radar_sar::geometry::Plane;
+use radar_sar::math;
+
+/// Parameters of the map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MapSettings {
+    /// Score that counts as a sighting.
+    pub confirm_score: f64,
+    /// Sightings among the last four updates that confirm a place.
+    pub confirm_sightings: usize,
+    /// Sightings among the last four updates that confirm a wall.
+    pub confirm_wall_sightings: usize,
+    /// Log odds, learned from simulated play, of being a thing and no artefact that a sighting must have.
+    pub confirm_odds: f64,
+    /// What was never seen from beyond this distance may be the player's own hand, elbow or knee and is not confirmed, metres. Also with
+    /// tracked hands: in play that costs nothing, and a quarter less is reported near the body where nothing is.
+    pub hands_reach_m: f64,
+    /// A sighting this near belongs to a known place, metres.
+    pub match_m: f64,
+    /// When what is no longer there is forgotten.
+    pub forget: ExistenceSettings,
+}
+
+impl Default for MapSettings {
+    fn default() -> Self {
+        let forget = ExistenceSettings::default();
+        Self {
+            confirm_score: 3.0,
+            confirm_sightings: 1,
+            confirm_wall_sightings: 3,
+            confirm_odds: 1.7,
+            hands_reach_m: 0.9,
+            match_m: 0.15,
+            forget,
+        }
+    }
+}
+
+impl MapSettings {
+    /// The same for planes, which have demands of their own before they are believed.
+    pub fn for_planes(&self) -> Self {
+        let confirm_sightings = self.confirm_wall_sightings;
+        Self { confirm_sightings, hands_reach_m: 0.0, ..*self }
+    }
+
+    /// Whether something that was believed counts as a sighting.
+    pub fn is_hit<T>(&self, detection: &Detection<T>) -> bool {
+        detection.observable
+            && detection.score >= self.confirm_score
+            && detection.log_odds >= self.confirm_odds
+            && detection.farthest_m >= self.hands_reach_m
+    }
+}
+
+/// Updates that are looked back on: no more sightings can be asked for.
+pub const RECENT_UPDATES: usize = 4;
+/// A place that is not confirmed and not seen in this many updates is forgotten.
+const UNCONFIRMED_TIMEOUT_UPDATES: u64 = 8;
+
+/// No sighting is taken as better determined than this, metres.
+const MIN_SIGMA_M: f64 = 0.02;
+
+/// A place that was sighted.
+#[derive(Debug, Clone)]
+pub struct Track<T> {
+    /// Stays the same.
+    pub id: u64,
+    /// Where, as its best sighting says.
+    pub estimate: T,
+    /// Best score.
+    pub score: f64,
+    /// Of the sighting that `thing` comes from: score over 1σ, per metre. A better one moves the thing.
+    pub quality: f64,
+    /// Log odds of the first sighting that it is a thing; infinite where that was not asked.
+    pub log_odds: f64,
+    /// Seen often enough.
+    pub confirmed: bool,
+    /// Remembered from before and neither sighted nor otherwise confirmed since.
+    pub provisional: bool,
+    /// First and last sighting, host nanoseconds.
+    pub first_ns: i64,
+    /// See `first_ns`.
+    pub last_ns: i64,
+    recent_hits: VecDeque<bool>,
+    last_update: u64,
+}
+
+/// What was sighted, of one kind.
+#[derive(Debug)]
+pub struct TrackList<T> {
+    tracks: Vec<Track<T>>,
+    update: u64,
+    next_id: u64,
+}
+
+impl<T> Default for TrackList<T> {
+    fn default() -> Self {
+        Self { tracks: Vec::new(), update: 0, next_id: 0 }
+    }
+}
+
+impl<T: Copy> TrackList<T> {
+    /// Takes one update's sightings, strongest first; those that are not determined are passed over; `same` tells whether two are the same thing.
+    pub fn update(&mut self, found: &[Detection<T>], settings: &MapSettings, same: impl Fn(&T, &T) -> bool) {
+        self.update += 1;
+        for known in &mut self.tracks {
+            known.recent_hits.push_back(false);
+            if known.recent_hits.len() > RECENT_UPDATES {
+                known.recent_hits.pop_front();
+            }
+        }
+        for detection in found.iter().filter(|detection| settings.is_hit(detection)) {
+            match self.tracks.iter_mut().find(|k| same(&k.estimate, &detection.estimate)) {
+                Some(known) => known.record_hit(detection, self.update, settings),
+                None => {
+                    self.next_id += 1;
+                    self.tracks.push(Track {
+                        id: self.next_id,
+                        estimate: detection.estimate,
+                        score: detection.score,
+                        quality: quality(detection),
+                        log_odds: detection.log_odds,
+                        confirmed: settings.confirm_sightings <= 1,
+                        provisional: false,
+                        first_ns: detection.first_ns,
+                        last_ns: detection.last_ns,
+                        recent_hits: VecDeque::from([true]),
+                        last_update: self.update,
+                    });
+                }
+            }
+        }
+        let now = self.update;
+        self.tracks.retain(|k| k.confirmed || now - k.last_update < UNCONFIRMED_TIMEOUT_UPDATES);
+    }
+
+    /// Takes up a thing that is remembered, unless it is known; under another id where its own is taken. Gives the id.
+    pub fn restore(
+        &mut self,
+        id: u64,
+        estimate: T,
+        score: f64,
+        [first_ns, last_ns]: [i64; 2],
+        same: impl Fn(&T, &T) -> bool,
+    ) -> Option<u64> {
+        if self.tracks.iter().any(|known| same(&known.estimate, &estimate)) {
+            return None;
+        }
+        let id = if self.tracks.iter().any(|known| known.id == id) { self.next_id + 1 } else { id };
+        self.next_id = self.next_id.max(id);
+        self.tracks.push(Track {
+            id,
+            estimate,
+            score,
+            // The first sighting says better where it is now.
+            quality: 0.0,
+            log_odds: f64::INFINITY,
+            confirmed: true,
+            provisional: true,
+            first_ns,
+            last_ns,
+            recent_hits: VecDeque::new(),
+            last_update: self.update,
+        });
+        Some(id)
+    }
+
+    /// What is surely there is provisional no more.
+    pub fn confirm_provisional(&mut self, is_surely_there: impl Fn(u64) -> bool) {
+        self.tracks.iter_mut().for_each(|known| known.provisional &= !is_surely_there(known.id));
+    }
+
+    /// Forgets those that are not to be kept.
+    pub fn retain(&mut self, keep: impl Fn(&Track<T>) -> bool) {
+        self.tracks.retain(keep);
+    }
+
+    /// The confirmed ones.
+    pub fn confirmed(&self) -> impl Iterator<Item = &Track<T>> {
+        self.tracks.iter().filter(|k| k.confirmed)
+    }
+}
+
+impl<T: Copy> Track<T> {
+    fn record_hit(&mut self, detection: &Detection<T>, update: u64, settings: &MapSettings) {
+        if let Some(newest) = self.recent_hits.back_mut() {
+            *newest = true;
+        }
+        self.score = if self.provisional { detection.score } else { self.score.max(detection.score) };
+        self.provisional = false;
+        if quality(detection) > self.quality {
+            (self.quality, self.estimate) = (quality(detection), detection.estimate);
+        }
+        self.first_ns = self.first_ns.min(detection.first_ns);
+        self.last_ns = self.last_ns.max(detection.last_ns);
+        self.last_update = update;
+        self.confirmed |= self.recent_hits.iter().filter(|seen| **seen).count() >= settings.confirm_sightings;
+    }
+}
+
+/// Strong evidence from many sides says best where a thing is.
+fn quality<T>(detection: &Detection<T>) -> f64 {
+    detection.score / detection.sigma_m.max(MIN_SIGMA_M)
+}
+
+/// The same place: within the settings' distance.
+pub fn same_point(match_m: f64) -> impl Fn(&DVec3, &DVec3) -> bool {
+    move |a, b| a.distance(*b) <= match_m
+}
+
+/// The same plane: within 8° and 15 cm at a place near the middle of the room.
+pub fn same_plane(middle: DVec3) -> impl Fn(&Plane, &Plane) -> bool {
+    move |a, b| {
+        a.outward.dot(b.outward) > math::cos(8f64.to_radians())
+            && (a.distance(middle) - b.distance(middle)).abs() < 0.15
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clean::Aspect;
+
+    fn detection(x: f64, score: f64, observable: bool) -> Detection<DVec3> {
+        Detection {
+            estimate: DVec3::X * x,
+            score,
+            subapertures: 5,
+            observable,
+            sigma_m: 0.05,
+            robust_score: score - 1.0,
+            ln_clutter: 0.0,
+            farthest_m: 1.5,
+            amplitude_spread: 0.0,
+            miss_fraction: 0.0,
+            ambiguity: 0.0,
+            aspect: Aspect::default(),
+            log_odds: f64::INFINITY,
+            first_ns: 1,
+            last_ns: 2,
+        }
+    }
+
+    fn after(updates: &[&[Detection<DVec3>]]) -> Vec<(u64, f64)> {
+        let mut track_list = TrackList::default();
+        let settings = MapSettings { confirm_score: 6.0, confirm_sightings: 2, ..Default::default() };
+        updates.iter().for_each(|found| track_list.update(found, &settings, same_point(settings.match_m)));
+        track_list.confirmed().map(|s| (s.id, s.estimate.x)).collect()
+    }
+
+    #[test]
+    fn low_log_odds_is_not_a_hit() {
+        let settings = MapSettings::default();
+        let with = |odds: f64| settings.is_hit(&Detection { log_odds: odds, ..detection(0.0, 60.0, true) });
+        assert!(with(settings.confirm_odds) && !with(settings.confirm_odds - 0.1) && !with(f64::NAN));
+        assert!(settings.for_planes().is_hit(&detection(0.0, 60.0, true)), "of planes it is not asked");
+    }
+
+    #[test]
+    fn two_hits_of_four_confirm_and_best_estimate_stays() {
+        let (good, better) = (&[detection(0.0, 7.0, true)][..], &[detection(0.05, 9.0, true)][..]);
+        assert_eq!(after(&[good]), []);
+        assert_eq!(after(&[good, &[], &[], better]), [(1, 0.05)]);
+        assert_eq!(after(&[better, good]), [(1, 0.05)]);
+        // Five updates apart: the first one has left the four.
+        assert_eq!(after(&[good, &[], &[], &[], good]), []);
+    }
+
+    #[test]
+    fn confirmed_tracks_stay_and_unconfirmed_time_out() {
+        let seen = &[detection(0.0, 7.0, true)][..];
+        let mut updates = vec![seen, seen];
+        updates.extend(vec![&[][..]; 50]);
+        assert_eq!(after(&updates).len(), 1);
+        let mut once = vec![seen];
+        once.extend(vec![&[][..]; UNCONFIRMED_TIMEOUT_UPDATES as usize]);
+        once.extend([seen, seen]);
+        // A new id: the first sighting is gone.
+        assert_eq!(after(&once), [(2, 0.0)]);
+    }
+
+    #[test]
+    fn restored_track_is_confirmed_by_hit_and_moves_to_it() {
+        let mut track_list = TrackList::default();
+        let settings = MapSettings { confirm_score: 6.0, confirm_sightings: 2, ..Default::default() };
+        let same = same_point(settings.match_m);
+        assert_eq!(track_list.restore(7, DVec3::ZERO, 30.0, [-9, -8], &same), Some(7));
+        assert_eq!(track_list.restore(8, DVec3::X * 0.1, 30.0, [-9, -8], &same), None, "known already");
+        assert_eq!(track_list.restore(7, DVec3::X, 30.0, [-9, -8], &same), Some(8), "another id");
+        track_list.update(&[], &settings, &same);
+        let summary = |track_list: &TrackList<DVec3>| -> Vec<(u64, f64, bool)> {
+            track_list.confirmed().map(|s| (s.id, s.estimate.x, s.provisional)).collect()
+        };
+        assert_eq!(summary(&track_list), [(7, 0.0, true), (8, 1.0, true)]);
+        track_list.update(&[detection(0.05, 7.0, true), detection(3.0, 7.0, true)], &settings, &same);
+        track_list.update(&[detection(3.0, 7.0, true)], &settings, &same);
+        assert_eq!(summary(&track_list), [(7, 0.05, false), (8, 1.0, true), (9, 3.0, false)]);
+        track_list.confirm_provisional(|id| id == 8);
+        assert!(track_list.confirmed().all(|s| !s.provisional));
+    }
+
+    #[test]
+    fn weak_and_unobservable_detections_are_not_hits() {
+        let (weak, open) = (&[detection(0.0, 5.9, true)][..], &[detection(0.0, 20.0, false)][..]);
+        assert_eq!(after(&[weak, weak, open, open]), []);
+    }
+
+    #[test]
+    fn same_plane_compares_direction_and_offset() {
+        let same = same_plane(DVec3::Y);
+        let wall = |yaw_deg: f64, offset_m| {
+            let yaw = f64::to_radians(yaw_deg);
+            Plane { outward: DVec3::new(yaw.sin(), 0.0, -yaw.cos()), offset_m }
+        };
+        assert!(same(&wall(0.0, 2.0), &wall(5.0, 2.1)));
+        assert!(!same(&wall(0.0, 2.0), &wall(10.0, 2.0)));
+        assert!(!same(&wall(0.0, 2.0), &wall(0.0, 2.2)));
+    }
+}

@@ -1,0 +1,215 @@
+//! Pose tracks as CSV: a line of names, then a pose a line, as robot controllers and trackers export them.
+//!
+//! | column | names it may have | unit |
+//! |---|---|---|
+//! | time | `time_s` `timestamp_s` `time` `timestamp` `t`; `time_ms` `time_us` `time_ns` and the same of `timestamp` | s; as named |
+//! | position | `x` `y` `z`, with nothing or `t` `p` `pos_` `position_` `translation_` before; `_m`, `_cm` or `_mm` after | m; as named |
+//! | rotation | `qx` `qy` `qz` `qw`, also `q_x` `quat_x` `quaternion_x` `rotation_x` `orientation_x` and so on | – |
+//! | validity | `valid`, may be missing: `1` `0` `true` `false` | – |
+//!
+//! In any order, in small or capital letters; dots and spaces in names count as `_`. Other columns are left alone. Cells are parted by comma, semicolon or
+//! tab, whichever the line of names has, and may be in quotes, without what parts them inside. Numbers have a decimal point. `#` begins a comment.
+//! Frames as everywhere: +y up, −z forward. Angles in place of a quaternion are refused: nobody knows in which order they turn.
+
+use radar_sar::PoseSample;
+use radar_sar::TrackingResult;
+
+use super::tum::time_ns;
+
+/// A line of names in the order that [`csv_line`] writes.
+pub const CSV_HEAD: &str = "time_s,x_m,y_m,z_m,qx,qy,qz,qw,valid";
+
+/// Names beyond this are another kind of file.
+const MAX_COLUMNS: usize = 256;
+/// What is wanted of a line, by its name in messages.
+const WANTED: [&str; 8] = ["time", "x", "y", "z", "qx", "qy", "qz", "qw"];
+const VALID: usize = WANTED.len();
+
+/// What the columns are.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Columns {
+    separator: char,
+    /// Number of names.
+    count: usize,
+    /// Which column, and what its numbers are multiplied with: time, position, quaternion.
+    wanted: [(usize, f64); 8],
+    valid: Option<usize>,
+}
+
+impl Columns {
+    /// From the line of names.
+    ///
+    /// # Errors
+    /// A column that is missing or there twice; more than 256.
+    pub fn of(line: &str) -> Result<Self, String> {
+        let most = [',', ';', '\t'].map(|separator| (line.matches(separator).count(), separator));
+        let separator = most.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a }).map_or(',', |most| most.1);
+        let names: Vec<&str> = line.split(separator).collect();
+        if names.len() > MAX_COLUMNS {
+            return Err(format!("{} columns, more than {MAX_COLUMNS}", names.len()));
+        }
+        let mut found: [Option<(usize, f64)>; VALID + 1] = [None; VALID + 1];
+        for (column, name) in names.iter().enumerate() {
+            let Some((what, unit)) = column_of_name(name) else { continue };
+            if found[what].replace((column, unit)).is_some() {
+                return Err(format!("the column {} is there twice", WANTED.get(what).unwrap_or(&"valid")));
+            }
+        }
+        let missing: Vec<&str> = (0..VALID).filter(|&what| found[what].is_none()).map(|what| WANTED[what]).collect();
+        if !missing.is_empty() {
+            return Err(format!("no column for {}", missing.join(", ")));
+        }
+        let wanted = std::array::from_fn(|what| found[what].unwrap_or((0, 1.0)));
+        Ok(Self { separator, count: names.len(), wanted, valid: found[VALID].map(|(column, _)| column) })
+    }
+
+    /// The pose on a line. A time that is NaN becomes the one before, and the pose invalid.
+    ///
+    /// # Errors
+    /// Why it is none.
+    pub fn pose(&self, line: &str, previous_ns: i64) -> Result<PoseSample, String> {
+        let cells = line.split(self.separator).count();
+        if cells != self.count {
+            return Err(format!("{cells} cells under {} names", self.count));
+        }
+        let cell = |column: usize| unquote(line.split(self.separator).nth(column).unwrap_or_default());
+        let mut numbers = [0.0f64; 8];
+        for ((number, (column, unit)), name) in numbers.iter_mut().zip(self.wanted).zip(WANTED) {
+            let text = cell(column);
+            let value: f64 = text.parse().map_err(|_| match text.is_empty() {
+                true => format!("{name} is empty"),
+                false => format!("{name}: {text:?} is not a number"),
+            })?;
+            *number = value * unit;
+        }
+        let is_valid = match self.valid.map(cell) {
+            None => true,
+            Some(text) => match text.to_ascii_lowercase().as_str() {
+                "1" | "true" => true,
+                "0" | "false" => false,
+                _ => return Err(format!("valid: {text:?} is neither 1, 0, true nor false")),
+            },
+        };
+        let [time_s, x, y, z, qx, qy, qz, qw] = numbers;
+        let is_timed = !time_s.is_nan();
+        Ok(PoseSample {
+            time_ns: if is_timed { time_ns(time_s)? } else { previous_ns },
+            position_m: [x, y, z],
+            quaternion_xyzw: [qx, qy, qz, qw],
+            valid: is_valid && is_timed,
+            result: TrackingResult::Ok,
+        })
+    }
+}
+
+/// A pose as a line under [`CSV_HEAD`], without its end.
+pub fn csv_line(pose: &PoseSample) -> String {
+    let [x, y, z] = pose.position_m;
+    let [qx, qy, qz, qw] = pose.quaternion_xyzw;
+    format!("{:.9},{x},{y},{z},{qx},{qy},{qz},{qw},{}", pose.time_ns as f64 * 1e-9, u8::from(pose.valid))
+}
+
+/// Without blanks and quotes around it.
+fn unquote(cell: &str) -> &str {
+    let cell = cell.trim();
+    cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).unwrap_or(cell).trim()
+}
+
+/// Which of [`WANTED`] a name is, or [`VALID`], and its unit in seconds or metres.
+fn column_of_name(name: &str) -> Option<(usize, f64)> {
+    let name: String = unquote(name)
+        .chars()
+        .map(|c| if matches!(c, '.' | ' ' | '-') { '_' } else { c.to_ascii_lowercase() })
+        .collect();
+    if name == "valid" {
+        return Some((VALID, 1.0));
+    }
+    for time in ["timestamp", "time", "t"] {
+        if let Some(unit) = name.strip_prefix(time) {
+            match unit {
+                "" | "_s" => return Some((0, 1.0)),
+                "_ms" => return Some((0, 1e-3)),
+                "_us" => return Some((0, 1e-6)),
+                "_ns" => return Some((0, 1e-9)),
+                _ => {}
+            }
+        }
+    }
+    for turn in ["quaternion_", "quat_", "orientation_", "rotation_", "q_", "q"] {
+        let axis = name.strip_prefix(turn).and_then(|axis| ["x", "y", "z", "w"].iter().position(|a| *a == axis));
+        if let Some(axis) = axis {
+            return Some((4 + axis, 1.0));
+        }
+    }
+    let (place, unit) = [("_mm", 1e-3), ("_cm", 1e-2), ("_m", 1.0)]
+        .into_iter()
+        .find_map(|(suffix, unit)| Some((name.strip_suffix(suffix)?, unit)))
+        .unwrap_or((&name, 1.0));
+    let place = ["position_", "pos_", "translation_", "t", "p", ""].iter().find_map(|before| {
+        let axis = place.strip_prefix(before)?;
+        ["x", "y", "z"].iter().position(|a| *a == axis)
+    });
+    place.map(|axis| (1 + axis, unit))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn read(head: &str, line: &str) -> Result<PoseSample, String> {
+        Columns::of(head)?.pose(line, 77)
+    }
+
+    #[test]
+    fn columns_come_in_any_order_with_many_names_and_units() {
+        let plain = read(CSV_HEAD, "5.508,1,2,3,0,0,0,1,1").unwrap();
+        assert_eq!((plain.time_ns, plain.position_m, plain.valid), (5_508_000_000, [1.0, 2.0, 3.0], true));
+        let other =
+            read("QW;qz; qy ;qx;note;Position.Z_mm;pos_y_cm;\"tx\";timestamp_ms", "1;0;0;0;x;3000; 200 ;\"1\";5508")
+                .unwrap();
+        assert_eq!(other.position_m, plain.position_m);
+        assert_eq!((other.time_ns, other.quaternion_xyzw), (plain.time_ns, plain.quaternion_xyzw));
+        let tabbed = read(
+            "t\tx\ty\tz\torientation.x\torientation.y\torientation.z\torientation.w\tvalid",
+            "1\t0\t0\t0\t0\t1\t0\t0\tFalse",
+        );
+        assert_eq!(tabbed.map(|pose| (pose.quaternion_xyzw, pose.valid)), Ok(([0.0, 1.0, 0.0, 0.0], false)));
+        let ns = read("time_ns,x,y,z,qx,qy,qz,qw", "1500000000,0,0,0,0,0,0,1").unwrap();
+        assert_eq!(ns.time_ns, 1_500_000_000);
+    }
+
+    #[test]
+    fn errors_name_the_problem() {
+        let error = |head: &str, line: &str| read(head, line).unwrap_err();
+        assert_eq!(error("time_s,x,y,roll,pitch,yaw", ""), "no column for z, qx, qy, qz, qw");
+        assert_eq!(error("t,x,px,y,z,qx,qy,qz,qw", ""), "the column x is there twice");
+        assert_eq!(error(CSV_HEAD, "1,2,3"), "3 cells under 9 names");
+        assert_eq!(error(CSV_HEAD, "1,,0,0,0,0,0,1,1"), "x is empty");
+        assert_eq!(error(CSV_HEAD, "1,0,zero,0,0,0,0,1,1"), "y: \"zero\" is not a number");
+        assert_eq!(error(CSV_HEAD, "1,0,0,0,0,0,0,1,maybe"), "valid: \"maybe\" is neither 1, 0, true nor false");
+        assert!(error(CSV_HEAD, "1e300,0,0,0,0,0,0,1,1").starts_with("a time of"));
+        assert!(error(&",".repeat(1000), "").contains("1001 columns"));
+    }
+
+    #[test]
+    fn nan_positions_are_kept() {
+        let pose = read(CSV_HEAD, "nan,nan,0,0,0,0,0,0,1").unwrap();
+        assert!(pose.time_ns == 77 && !pose.valid && pose.position_m[0].is_nan());
+    }
+
+    proptest! {
+        #[test]
+        fn written_poses_are_read_back(p in prop::array::uniform3(-1e3..1e3f64), q in prop::array::uniform4(-1.0..1.0f64), ms in 0i64..1_000_000, valid: bool) {
+            let pose = PoseSample { time_ns: ms * 1_000_000, position_m: p, quaternion_xyzw: q, valid, result: TrackingResult::Ok };
+            prop_assert_eq!(read(CSV_HEAD, &csv_line(&pose)), Ok(pose));
+        }
+
+        #[test]
+        fn arbitrary_text_does_not_panic(head in ".{0,80}", line in ".{0,80}") {
+            let _ = read(&head, &line);
+            let _ = read(CSV_HEAD, &line);
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! Frames, poses and hands as protobuf messages, exact to the bit both ways.
+
+use num_complex::Complex;
+use prost::Message;
+
+use glam::DVec3;
+
+use a121::Frame;
+use radar_mapping::HandsSample;
+use radar_sar::PoseSample;
+use radar_sar::TrackingResult;
+
+/// Types made from proto/radar_chaperone.proto.
+mod wire {
+    #![allow(clippy::all, missing_docs)]
+    include!(concat!(env!("OUT_DIR"), "/radar_chaperone.rs"));
+}
+
+/// The compiled descriptors of proto/radar_chaperone.proto: the schema data of both messages.
+pub(super) const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/radar_chaperone.descriptors"));
+/// Numbers of the topics that every recording has.
+pub(super) const FRAME_CHANNEL: u16 = 1;
+pub(super) const POSE_CHANNEL: u16 = 2;
+pub(super) const HEAD_CHANNEL: u16 = 3;
+pub(super) const MOUNT_CHANNEL: u16 = 4;
+/// Numbers of the topics that only recordings with hands have.
+pub(super) const HANDS_CHANNEL: u16 = 7;
+pub(super) const HAND_CHANNELS: [u16; 2] = [8, 9];
+/// How all messages are written.
+pub(super) const MESSAGE_ENCODING: &str = "protobuf";
+/// Topic and schema of frames.
+pub(super) const FRAME_TOPIC: &str = "/radar/frame";
+pub(super) const FRAME_SCHEMA: &str = "radar_chaperone.Frame";
+/// Topic and schema of poses as they came.
+pub(super) const POSE_TOPIC: &str = "/tracking/head_raw";
+pub(super) const POSE_SCHEMA: &str = "radar_chaperone.TrackedPose";
+
+/// Topic and schema of the hands as they came.
+pub(super) const HANDS_TOPIC: &str = "/tracking/hands_raw";
+pub(super) const HANDS_SCHEMA: &str = "radar_chaperone.TrackedHands";
+
+/// What a recording gives, in the order of the file.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Event {
+    /// A raw frame.
+    Frame(Frame),
+    /// A pose of the head as it came, sound or not.
+    Pose(PoseSample),
+    /// Where the player's hands were.
+    Hands(HandsSample),
+}
+
+impl Event {
+    /// Host's monotonic clock, nanoseconds: a frame's end, the time of a pose or of hands.
+    pub fn time_ns(&self) -> i64 {
+        match self {
+            Self::Frame(frame) => frame.host_time_ns,
+            Self::Pose(pose) => pose.time_ns,
+            Self::Hands(hands) => hands.time_ns,
+        }
+    }
+}
+
+pub(super) fn encode_frame(frame: &Frame) -> Vec<u8> {
+    let sample_bytes = |s: &Complex<i16>| {
+        let ([a, b], [c, d]) = (s.re.to_le_bytes(), s.im.to_le_bytes());
+        [a, b, c, d]
+    };
+    wire::Frame {
+        tick: frame.tick,
+        host_time_ns: frame.host_time_ns,
+        temperature_c: frame.temperature_c.into(),
+        data_saturated: frame.data_saturated,
+        frame_delayed: frame.frame_delayed,
+        calibration_needed: frame.calibration_needed,
+        samples: frame.samples.iter().flat_map(sample_bytes).collect(),
+    }
+    .encode_to_vec()
+}
+
+/// The reason when the bytes make no frame.
+pub(super) fn decode_frame(bytes: &[u8]) -> Result<Frame, String> {
+    let message = wire::Frame::decode(bytes).map_err(|error| format!("a frame is no protobuf message ({error})"))?;
+    let (points, rest) = message.samples.as_chunks::<4>();
+    if !rest.is_empty() {
+        return Err(format!("a frame has {} bytes of samples, not a multiple of 4", message.samples.len()));
+    }
+    let temperature_c = i16::try_from(message.temperature_c)
+        .map_err(|_| format!("a frame has a temperature of {} °C", message.temperature_c))?;
+    Ok(Frame {
+        tick: message.tick,
+        host_time_ns: message.host_time_ns,
+        temperature_c,
+        data_saturated: message.data_saturated,
+        frame_delayed: message.frame_delayed,
+        calibration_needed: message.calibration_needed,
+        samples: points.iter().map(|&p| complex_from_le_bytes(p)).collect(),
+    })
+}
+
+/// A sample from int16 real, int16 imaginary, little-endian.
+pub(super) fn complex_from_le_bytes([a, b, c, d]: [u8; 4]) -> Complex<i16> {
+    Complex::new(i16::from_le_bytes([a, b]), i16::from_le_bytes([c, d]))
+}
+
+pub(super) fn encode_pose(pose: &PoseSample) -> Vec<u8> {
+    let result = match pose.result {
+        TrackingResult::Ok => wire::TrackingResult::Ok,
+        TrackingResult::OutOfRange => wire::TrackingResult::OutOfRange,
+        TrackingResult::RotationOnly => wire::TrackingResult::RotationOnly,
+        TrackingResult::NotTracking => wire::TrackingResult::NotTracking,
+    };
+    wire::TrackedPose {
+        time_ns: pose.time_ns,
+        position_m: pose.position_m.to_vec(),
+        quaternion_xyzw: pose.quaternion_xyzw.to_vec(),
+        valid: pose.valid,
+        result: result.into(),
+    }
+    .encode_to_vec()
+}
+
+/// The reason when the bytes make no pose.
+pub(super) fn decode_pose(bytes: &[u8]) -> Result<PoseSample, String> {
+    let message =
+        wire::TrackedPose::decode(bytes).map_err(|error| format!("a pose is no protobuf message ({error})"))?;
+    let lengths = (message.position_m.len(), message.quaternion_xyzw.len());
+    let (Ok(position_m), Ok(quaternion_xyzw)) = (message.position_m.try_into(), message.quaternion_xyzw.try_into())
+    else {
+        return Err(format!("a pose has {} position and {} quaternion numbers, not 3 and 4", lengths.0, lengths.1));
+    };
+    let result = match wire::TrackingResult::try_from(message.result) {
+        Ok(wire::TrackingResult::Ok) => TrackingResult::Ok,
+        Ok(wire::TrackingResult::OutOfRange) => TrackingResult::OutOfRange,
+        Ok(wire::TrackingResult::RotationOnly) => TrackingResult::RotationOnly,
+        Ok(wire::TrackingResult::NotTracking) => TrackingResult::NotTracking,
+        Ok(wire::TrackingResult::Unspecified) | Err(_) => {
+            return Err(format!("a pose has the unknown tracking result {}", message.result));
+        }
+    };
+    Ok(PoseSample { time_ns: message.time_ns, position_m, quaternion_xyzw, valid: message.valid, result })
+}
+
+/// A hand in no place is one that is not tracked.
+pub(super) fn encode_hands(hands: &HandsSample) -> Vec<u8> {
+    let numbers =
+        |hand: Option<DVec3>| hand.filter(|place| place.is_finite()).map_or(vec![], |p| p.to_array().to_vec());
+    let [left_m, right_m] = hands.hands_m.map(numbers);
+    wire::TrackedHands { time_ns: hands.time_ns, left_m, right_m }.encode_to_vec()
+}
+
+/// The reason when the bytes make no hands.
+pub(super) fn decode_hands(bytes: &[u8]) -> Result<HandsSample, String> {
+    let message =
+        wire::TrackedHands::decode(bytes).map_err(|error| format!("hands are no protobuf message ({error})"))?;
+    let place = |numbers: &[f64]| match numbers {
+        [] => Ok(None),
+        &[x, y, z] if [x, y, z].iter().all(|v| v.is_finite()) => Ok(Some(DVec3::new(x, y, z))),
+        _ => Err(format!("a hand has the place {numbers:?}, not three numbers or none")),
+    };
+    Ok(HandsSample { time_ns: message.time_ns, hands_m: [place(&message.left_m)?, place(&message.right_m)?] })
+}

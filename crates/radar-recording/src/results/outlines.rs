@@ -1,0 +1,95 @@
+//! Boxes, uncertainties, walls and the beam in dots, for viewers that show points and no lines.
+
+use std::f64::consts::TAU;
+
+use glam::{DQuat, DVec3};
+
+use super::beam::BeamCone;
+use super::cloud::Dot;
+use super::shapes::{edges, moving_lines, uncertainty, wall_patch};
+use radar_mapping::{Obstacle, Scene};
+
+/// Between two dots, metres; and dots a circle of an uncertainty.
+const DOT_SPACING_M: f64 = 0.04;
+const DOTS_PER_CIRCLE: u32 = 20;
+/// Dots of one line at most, and of a scene.
+const MAX_DOTS_PER_LINE: usize = 200;
+const MAX_DOTS: usize = 12_000;
+
+pub const OBSTACLE: [u8; 4] = [255, 140, 26, 255];
+pub const UNCERTAINTY: [u8; 4] = [255, 230, 90, 255];
+pub const WALL: [u8; 4] = [77, 153, 255, 255];
+pub const MOVING: [u8; 4] = [255, 70, 160, 255];
+pub const BEAM: [u8; 4] = [90, 220, 150, 255];
+
+/// The scene's outlines; `value` is the number of the obstacle or wall.
+pub fn scene_dots(scene: &Scene) -> Vec<Dot> {
+    let mut dots = Vec::new();
+    for obstacle in &scene.obstacles {
+        for edge in obstacle.around().iter().flat_map(edges) {
+            line(&mut dots, &edge, obstacle.id, OBSTACLE);
+        }
+        circles(&mut dots, obstacle);
+    }
+    for wall in &scene.walls {
+        let [a, b, c, d] = wall_patch(wall);
+        line(&mut dots, &[a, b, c, d, a], wall.id, WALL);
+        line(&mut dots, &[a, c], wall.id, WALL);
+        line(&mut dots, &[b, d], wall.id, WALL);
+    }
+    for moving in &scene.moving {
+        for corners in moving_lines(moving) {
+            line(&mut dots, &corners, moving.id, MOVING);
+        }
+    }
+    dots.truncate(MAX_DOTS);
+    dots
+}
+
+/// The beam's outline.
+pub fn beam_dots(beam: &BeamCone) -> Vec<Dot> {
+    let mut dots = Vec::new();
+    beam.lines().iter().for_each(|corners| line(&mut dots, corners, 0, BEAM));
+    dots.truncate(MAX_DOTS);
+    dots
+}
+
+fn line(dots: &mut Vec<Dot>, corners: &[DVec3], id: u64, rgba: [u8; 4]) {
+    let mut taken = 0;
+    for pair in corners.windows(2) {
+        let steps =
+            ((pair[0].distance(pair[1]) / DOT_SPACING_M).ceil().max(1.0) as usize).min(MAX_DOTS_PER_LINE - taken);
+        let place = |n: usize| pair[0].lerp(pair[1], n as f64 / steps.max(1) as f64).as_vec3();
+        dots.extend((0..steps).map(|n| Dot { place: place(n), value: id as f32, rgba }));
+        taken += steps;
+    }
+}
+
+/// The three great circles of the ellipsoid.
+fn circles(dots: &mut Vec<Dot>, obstacle: &Obstacle) {
+    let (pose, radii_m) = uncertainty(obstacle);
+    for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+        for n in 0..DOTS_PER_CIRCLE {
+            let turn = DQuat::from_axis_angle(axis, f64::from(n) / f64::from(DOTS_PER_CIRCLE) * TAU);
+            let on_circle = turn * DVec3::new(axis.z + axis.y, axis.x, 0.0) * radii_m;
+            let place = pose.transform_point(on_circle).as_vec3();
+            dots.push(Dot { place, value: obstacle.id as f32, rgba: UNCERTAINTY });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dots_lie_on_the_line_with_bounded_spacing_and_count() {
+        let mut dots = Vec::new();
+        line(&mut dots, &[DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y], 3, WALL);
+        assert!(dots.windows(2).all(|pair| pair[0].place.distance(pair[1].place) <= DOT_SPACING_M as f32 + 1e-6));
+        assert!(dots.iter().all(|dot| dot.place.y == 0.0 || (dot.place.x - 1.0).abs() < 1e-6));
+        dots.clear();
+        line(&mut dots, &[DVec3::ZERO, DVec3::X * 1e9, DVec3::Y], 3, WALL);
+        assert_eq!(dots.len(), MAX_DOTS_PER_LINE);
+    }
+}

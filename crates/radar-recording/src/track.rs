@@ -1,0 +1,176 @@
+//! Pose tracks of any tracker, headset or robot's arm: TUM, or CSV by the ending of the file's name. Read line by line, whole or while
+//! another program writes.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+use super::ImportError;
+use super::csv_track::{CSV_HEAD, Columns, csv_line};
+use super::tum::{parse_line, tum_line};
+use radar_sar::PoseSample;
+
+/// Longest file that is read: some 20 hours at 120 Hz.
+const MAX_TRACK_BYTES: u64 = 1 << 30;
+/// Longest line: eight numbers take less than 200, and CSV may have other columns beside them.
+pub const MAX_TRACK_LINE_BYTES: usize = 4096;
+
+/// How a track is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TrackFormat {
+    /// A line `timestamp_s tx ty tz qx qy qz qw` a pose.
+    Tum,
+    /// A line of names and a line a pose, see `csv_track`.
+    Csv,
+}
+
+impl TrackFormat {
+    /// CSV when the name ends in `.csv`, else TUM.
+    pub fn of(path: &Path) -> Self {
+        let is_csv = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
+        if is_csv { Self::Csv } else { Self::Tum }
+    }
+
+    /// What a track looks like, for messages.
+    fn example_line(self) -> &'static str {
+        match self {
+            Self::Tum => "a line is `timestamp_s tx ty tz qx qy qz qw`",
+            Self::Csv => "the first line names the columns, such as `time_s,x_m,y_m,z_m,qx,qy,qz,qw`",
+        }
+    }
+
+    /// Poses as a track.
+    pub fn write(self, poses: &[PoseSample]) -> String {
+        let (head, line): (&str, fn(&PoseSample) -> String) = match self {
+            Self::Tum => ("# timestamp_s tx ty tz qx qy qz qw", tum_line),
+            Self::Csv => (CSV_HEAD, csv_line),
+        };
+        let mut text = format!("{head}\n");
+        poses.iter().for_each(|pose| text += &format!("{}\n", line(pose)));
+        text
+    }
+}
+
+/// Reads a track line after line.
+#[derive(Debug, Clone)]
+pub struct TrackParser {
+    format: TrackFormat,
+    columns: Option<Columns>,
+    previous_ns: i64,
+}
+
+impl TrackParser {
+    /// At a track's beginning.
+    pub fn new(format: TrackFormat) -> Self {
+        Self { format, columns: None, previous_ns: 0 }
+    }
+
+    /// The pose on the next line; `None` for comments, blank lines and the line of names. A time that is NaN becomes the one before, and
+    /// its pose invalid.
+    ///
+    /// # Errors
+    /// Why it is none.
+    pub fn line(&mut self, line: &str) -> Result<Option<PoseSample>, String> {
+        let pose = match self.format {
+            TrackFormat::Tum => parse_line(line, self.previous_ns)?,
+            TrackFormat::Csv => {
+                let content = line.trim_start_matches('\u{feff}').split('#').next().unwrap_or_default();
+                let content = content.trim_end_matches(['\r', '\n']);
+                match &self.columns {
+                    _ if content.trim().is_empty() => None,
+                    Some(columns) => Some(columns.pose(content, self.previous_ns)?),
+                    None => {
+                        self.columns = Some(Columns::of(content)?);
+                        None
+                    }
+                }
+            }
+        };
+        self.previous_ns = pose.map_or(self.previous_ns, |pose| pose.time_ns);
+        Ok(pose)
+    }
+}
+
+/// Reads a track. Positions and quaternions that are NaN or zero, and times that run backwards, stay as they are: who uses
+/// the poses counts and skips them. A time that is NaN cannot stay: such a pose is marked invalid and given the time of
+/// the one before.
+///
+/// # Errors
+/// A file that cannot be read; a line with too few or too many columns, with a word that is no number, or with a time
+/// beyond ±292 years; a CSV whose first line names no columns.
+pub fn read_track(path: &Path) -> Result<Vec<PoseSample>, ImportError> {
+    let io_error = |source| ImportError::Io { path: path.to_owned(), source };
+    let metadata = std::fs::metadata(path).map_err(io_error)?;
+    if !metadata.is_file() {
+        return Err(ImportError::NotAFile(path.to_owned()));
+    }
+    if metadata.len() > MAX_TRACK_BYTES {
+        let (bytes, max) = (metadata.len(), MAX_TRACK_BYTES);
+        return Err(ImportError::TooBig { path: path.to_owned(), what: "the track".into(), bytes, max });
+    }
+    let input = BufReader::new(File::open(path).map_err(io_error)?).take(MAX_TRACK_BYTES);
+    read_track_from(input, TrackFormat::of(path), path)
+}
+
+/// Reads a track that is at hand; `name` is what messages call it.
+///
+/// # Errors
+/// As [`read_track`].
+pub fn read_track_from(
+    mut input: impl BufRead,
+    format: TrackFormat,
+    name: &Path,
+) -> Result<Vec<PoseSample>, ImportError> {
+    let mut parser = TrackParser::new(format);
+    let mut poses: Vec<PoseSample> = Vec::new();
+    for line in 1.. {
+        let line_error =
+            |reason| ImportError::TrackLine { path: name.to_owned(), line, reason, example: format.example_line() };
+        let mut bytes = Vec::new();
+        let most = MAX_TRACK_LINE_BYTES as u64;
+        let io_error = |source| ImportError::Io { path: name.to_owned(), source };
+        let read = input.by_ref().take(most).read_until(b'\n', &mut bytes).map_err(io_error)?;
+        if read == 0 {
+            break;
+        }
+        if read == MAX_TRACK_LINE_BYTES {
+            return Err(line_error(format!("longer than {MAX_TRACK_LINE_BYTES} bytes")));
+        }
+        let text = std::str::from_utf8(&bytes).map_err(|_| line_error("not text".into()))?;
+        poses.extend(parser.line(text).map_err(line_error)?);
+    }
+    Ok(poses)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use radar_sar::geometry::Pose;
+
+    fn read(text: &str, format: TrackFormat) -> Result<Vec<PoseSample>, String> {
+        read_track_from(text.as_bytes(), format, Path::new("track")).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn both_formats_round_trip() {
+        let pose = |n: i64| PoseSample::valid(n * 8_000_000, &Pose::from_translation(glam::DVec3::X * 0.1 * n as f64));
+        let poses: Vec<PoseSample> = (0..5).map(pose).collect();
+        for format in [TrackFormat::Tum, TrackFormat::Csv] {
+            assert_eq!(read(&format.write(&poses), format), Ok(poses.clone()));
+        }
+        assert_eq!(TrackFormat::of(Path::new("a/arm.CSV")), TrackFormat::Csv);
+        assert_eq!(TrackFormat::of(Path::new("head.tum")), TrackFormat::Tum);
+    }
+
+    #[test]
+    fn invalid_csv_line_is_named() {
+        let error =
+            read("# from a robot\n\ntime_s,x,y,z,qx,qy,qz,qw\r\n0.1,0,0,0,0,0,0,1\r\n0.2,0,0\n", TrackFormat::Csv)
+                .unwrap_err();
+        assert!(error.contains("track, line 5: 3 cells under 8 names") && error.contains("time_s,x_m"), "{error}");
+        let error = read("0.1 0 0 0 0 0 0 1\n", TrackFormat::Csv).unwrap_err();
+        assert!(error.contains("line 1: no column for time, x"), "{error}");
+        assert!(read(&"x".repeat(5000), TrackFormat::Csv).unwrap_err().contains("longer than 4096"));
+        assert_eq!(read("", TrackFormat::Csv), Ok(Vec::new()));
+    }
+}

@@ -1,0 +1,374 @@
+//! Writes a recording: header first, then chunks of at most a second, each handed to the system as soon as it is whole,
+//! so that a crash costs the last second and nothing before it. The same input gives the same bytes.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use foxglove::Encode;
+use foxglove::messages::{FrameTransform, PoseInFrame};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Compression, McapError, McapResult, WriteOptions};
+
+use super::foxglove_messages::{hand_pose, head_transform, mount_transform};
+use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
+use super::message::{
+    DESCRIPTORS, Event, FRAME_CHANNEL, FRAME_SCHEMA, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_SCHEMA,
+    HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame,
+    encode_hands, encode_pose,
+};
+use super::{RecordingError, RecordingSummary};
+use a121::Frame;
+use radar_mapping::HandsSample;
+use radar_sar::PoseSample;
+
+/// Longest time in a chunk.
+const CHUNK_NS: i64 = 1_000_000_000;
+/// A chunk ends once it holds this many bytes.
+const CHUNK_BYTES: usize = 1 << 20;
+/// What the file says wrote it; fixed, so that the bytes depend on the input alone.
+const LIBRARY: &str = "radar-chaperone";
+
+/// A topic of the file.
+struct Channel {
+    id: u16,
+    messages: u32,
+}
+
+/// A topic that is made when its first message comes.
+pub(super) struct Topic {
+    id: u16,
+    name: &'static str,
+    schema: String,
+    descriptors: Vec<u8>,
+    channel: Option<Channel>,
+}
+
+impl Topic {
+    /// Of protobuf messages.
+    pub(super) fn new(id: u16, name: &'static str, schema: &str, descriptors: &[u8]) -> Self {
+        Self { id, name, schema: schema.to_owned(), descriptors: descriptors.to_vec(), channel: None }
+    }
+
+    /// Of a schema of Foxglove's.
+    pub(super) fn foxglove<M: Encode>(id: u16, name: &'static str) -> Self {
+        let (schema, descriptors) = M::get_schema().map_or_else(Default::default, |s| (s.name, s.data.into_owned()));
+        Self::new(id, name, &schema, &descriptors)
+    }
+}
+
+/// What the open chunk holds.
+struct OpenChunk {
+    earliest_ns: i64,
+    latest_ns: i64,
+    bytes: usize,
+}
+
+/// The file, and the chunk that is being filled.
+struct Output {
+    mcap: mcap::Writer<BufWriter<File>>,
+    chunk: Option<OpenChunk>,
+}
+
+/// Writes one recording. Dropping it without [`finish`](Self::finish) still ends the file properly, but hides errors.
+pub struct RecordingWriter {
+    path: PathBuf,
+    output: Output,
+    frames: Channel,
+    raw_poses: Channel,
+    head: Channel,
+    mount: Channel,
+    /// As they came, and each of both for Foxglove; there once there are some.
+    hands: Option<(Channel, [Channel; 2])>,
+    summary: RecordingSummary,
+}
+
+impl RecordingWriter {
+    /// Creates the file, or empties the one that is there, and writes the header.
+    ///
+    /// # Errors
+    /// A header that could not be read back (a rule broken, a number not finite), or a file that cannot be written.
+    pub fn create(path: impl AsRef<Path>, header: &Header) -> Result<Self, RecordingError> {
+        let path = path.as_ref().to_owned();
+        header.check_readable()?;
+        match File::create(&path) {
+            Ok(file) => Self::start(&path, file, header).map_err(|error| write_error(&path, error)),
+            Err(source) => Err(RecordingError::Io { doing: "create", path, source }),
+        }
+    }
+
+    fn start(path: &Path, file: File, header: &Header) -> McapResult<Self> {
+        let mut output = Output::start(file)?;
+        output.mcap.write_metadata(&Metadata { name: HEADER_RECORD.into(), metadata: header.to_fields() })?;
+        if let Some(metadata) = header.truth_to_fields() {
+            output.mcap.write_metadata(&Metadata { name: TRUTH_RECORD.into(), metadata })?;
+        }
+        let frames = output.add_channel(FRAME_CHANNEL, FRAME_TOPIC, FRAME_SCHEMA, DESCRIPTORS)?;
+        let raw_poses = output.add_channel(POSE_CHANNEL, POSE_TOPIC, POSE_SCHEMA, DESCRIPTORS)?;
+        let head = output.add_foxglove_channel::<FrameTransform>(HEAD_CHANNEL, "/tracking/head")?;
+        let mount = output.add_foxglove_channel::<FrameTransform>(MOUNT_CHANNEL, "/tracking/mount")?;
+        // The topics stand in a chunk of their own: a damaged second later on does not take them along.
+        output.flush()?;
+        let (path, summary) = (path.to_owned(), RecordingSummary::new(header.clone()));
+        Ok(Self { path, output, frames, raw_poses, head, mount, hands: None, summary })
+    }
+
+    /// Writes a frame as it is, of whatever length.
+    ///
+    /// # Errors
+    /// The system refuses the bytes.
+    pub fn write_frame(&mut self, frame: &Frame) -> Result<(), RecordingError> {
+        self.begin(frame.host_time_ns)
+            .and_then(|()| self.output.message(&mut self.frames, frame.host_time_ns, &encode_frame(frame)))
+            .map_err(|error| write_error(&self.path, error))?;
+        self.summary.push_frame(frame);
+        Ok(())
+    }
+
+    /// Writes a pose as it is, and a sound one for Foxglove besides.
+    ///
+    /// # Errors
+    /// The system refuses the bytes.
+    pub fn write_pose(&mut self, pose: &PoseSample) -> Result<(), RecordingError> {
+        self.put_pose(pose).map_err(|error| write_error(&self.path, error))?;
+        self.summary.push_pose(pose);
+        Ok(())
+    }
+
+    fn put_pose(&mut self, pose: &PoseSample) -> McapResult<()> {
+        self.begin(pose.time_ns)?;
+        self.output.message(&mut self.raw_poses, pose.time_ns, &encode_pose(pose))?;
+        match pose.tracking_from_head() {
+            Ok(sound) => self.output.foxglove(&mut self.head, pose.time_ns, &head_transform(pose.time_ns, &sound)),
+            Err(_) => Ok(()),
+        }
+    }
+
+    /// Writes where the hands are, and each that is tracked for Foxglove besides.
+    ///
+    /// # Errors
+    /// The system refuses the bytes.
+    pub fn write_hands(&mut self, hands: &HandsSample) -> Result<(), RecordingError> {
+        self.put_hands(hands).map_err(|error| write_error(&self.path, error))?;
+        self.summary.push_hands(hands);
+        Ok(())
+    }
+
+    fn put_hands(&mut self, hands: &HandsSample) -> McapResult<()> {
+        self.begin(hands.time_ns)?;
+        let (both, each) = match &mut self.hands {
+            Some(channels) => channels,
+            none => {
+                let both = self.output.add_channel(HANDS_CHANNEL, HANDS_TOPIC, HANDS_SCHEMA, DESCRIPTORS)?;
+                let [left, right] = HAND_CHANNELS;
+                let left = self.output.add_foxglove_channel::<PoseInFrame>(left, "/tracking/left_hand")?;
+                let right = self.output.add_foxglove_channel::<PoseInFrame>(right, "/tracking/right_hand")?;
+                none.insert((both, [left, right]))
+            }
+        };
+        self.output.message(both, hands.time_ns, &encode_hands(hands))?;
+        for (channel, place_m) in each.iter_mut().zip(hands.hands_m) {
+            if let Some(place_m) = place_m.filter(|place_m| place_m.is_finite()) {
+                self.output.foxglove(channel, hands.time_ns, &hand_pose(hands.time_ns, place_m))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes a frame, a pose or hands.
+    ///
+    /// # Errors
+    /// The system refuses the bytes.
+    pub fn write(&mut self, event: &Event) -> Result<(), RecordingError> {
+        match event {
+            Event::Frame(frame) => self.write_frame(frame),
+            Event::Pose(pose) => self.write_pose(pose),
+            Event::Hands(hands) => self.write_hands(hands),
+        }
+    }
+
+    /// Writes a message of results. Reading skips it.
+    pub(super) fn write_to_topic(
+        &mut self,
+        topic: &mut Topic,
+        time_ns: i64,
+        bytes: &[u8],
+    ) -> Result<(), RecordingError> {
+        self.put_result(topic, time_ns, bytes).map_err(|error| write_error(&self.path, error))
+    }
+
+    fn put_result(&mut self, topic: &mut Topic, time_ns: i64, bytes: &[u8]) -> McapResult<()> {
+        self.begin(time_ns)?;
+        let channel = match &mut topic.channel {
+            Some(channel) => channel,
+            none => none.insert(self.output.add_channel(topic.id, topic.name, &topic.schema, &topic.descriptors)?),
+        };
+        self.output.message(channel, time_ns, bytes)
+    }
+
+    /// Results were written along once more.
+    pub(super) fn count_scene(&mut self) {
+        self.summary.scenes += 1;
+    }
+
+    /// Ends the open chunk and hands it to the system: after this, a crash takes nothing of what was written so far.
+    ///
+    /// # Errors
+    /// The system refuses the bytes.
+    pub fn flush(&mut self) -> Result<(), RecordingError> {
+        self.output.flush().map_err(|error| write_error(&self.path, error))
+    }
+
+    /// Writes the index and ends the file; says what is in it.
+    ///
+    /// # Errors
+    /// The system refuses the bytes.
+    pub fn finish(mut self) -> Result<RecordingSummary, RecordingError> {
+        let ended = self.output.mcap.finish().and_then(|_| Ok(self.output.mcap.into_inner().flush()?));
+        ended.map_err(|error| write_error(&self.path, error))?;
+        Ok(self.summary)
+    }
+
+    /// Ends the chunk when it is full; puts the mount before the very first event.
+    fn begin(&mut self, time_ns: i64) -> McapResult<()> {
+        self.output.start_chunk_if_needed(time_ns)?;
+        if self.mount.messages == 0 {
+            let mount = mount_transform(time_ns, &self.summary.header.head_from_sensor);
+            self.output.foxglove(&mut self.mount, time_ns, &mount)?;
+        }
+        Ok(())
+    }
+}
+
+impl Output {
+    fn start(file: File) -> McapResult<Self> {
+        let mcap = WriteOptions::new()
+            .compression(Some(Compression::Zstd))
+            .compression_threads(0)
+            .library(LIBRARY)
+            .chunk_size(None)
+            // Chunks are put together in memory and written whole.
+            .disable_seeking(true)
+            .create(BufWriter::new(file))?;
+        Ok(Self { mcap, chunk: None })
+    }
+
+    fn add_channel(&mut self, id: u16, topic: &str, schema: &str, descriptors: &[u8]) -> McapResult<Channel> {
+        let schema = self.mcap.add_schema(schema, "protobuf", descriptors)?;
+        let id = self.mcap.add_channel_with_id(id, schema, topic, MESSAGE_ENCODING, &BTreeMap::new())?;
+        Ok(Channel { id, messages: 0 })
+    }
+
+    fn add_foxglove_channel<M: Encode>(&mut self, id: u16, topic: &str) -> McapResult<Channel> {
+        match M::get_schema() {
+            Some(schema) => self.add_channel(id, topic, &schema.name, &schema.data),
+            None => Err(io::Error::other(format!("no schema for {topic}")).into()),
+        }
+    }
+
+    fn start_chunk_if_needed(&mut self, time_ns: i64) -> McapResult<()> {
+        if let Some(chunk) = &mut self.chunk {
+            let (earliest_ns, latest_ns) = (chunk.earliest_ns.min(time_ns), chunk.latest_ns.max(time_ns));
+            if latest_ns.saturating_sub(earliest_ns) <= CHUNK_NS && chunk.bytes < CHUNK_BYTES {
+                (chunk.earliest_ns, chunk.latest_ns) = (earliest_ns, latest_ns);
+                return Ok(());
+            }
+            self.flush()?;
+        }
+        self.chunk = Some(OpenChunk { earliest_ns: time_ns, latest_ns: time_ns, bytes: 0 });
+        Ok(())
+    }
+
+    fn flush(&mut self) -> McapResult<()> {
+        self.chunk = None;
+        self.mcap.flush()
+    }
+
+    fn foxglove<M: Encode>(&mut self, channel: &mut Channel, time_ns: i64, message: &M) -> McapResult<()> {
+        let mut bytes = Vec::new();
+        message.encode(&mut bytes).map_err(|error| io::Error::other(error.to_string()))?;
+        self.message(channel, time_ns, &bytes)
+    }
+
+    /// MCAP's times begin at 0; earlier ones are filed there, and stay exact inside the message.
+    fn message(&mut self, channel: &mut Channel, time_ns: i64, bytes: &[u8]) -> McapResult<()> {
+        let filed_ns = u64::try_from(time_ns).unwrap_or(0);
+        let header = MessageHeader {
+            channel_id: channel.id,
+            sequence: channel.messages,
+            log_time: filed_ns,
+            publish_time: filed_ns,
+        };
+        channel.messages = channel.messages.wrapping_add(1);
+        if let Some(chunk) = &mut self.chunk {
+            chunk.bytes += bytes.len();
+        }
+        self.mcap.write_to_known_channel(&header, bytes)
+    }
+}
+
+fn write_error(path: &Path, error: McapError) -> RecordingError {
+    let source = match error {
+        McapError::Io(source) => source,
+        other => io::Error::other(other.to_string()),
+    };
+    RecordingError::Io { doing: "write", path: path.to_owned(), source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::test_files::{TestFile, assert_same, events, header, recorded};
+    use super::super::{Recording, RecordingSummary};
+    use super::*;
+
+    #[test]
+    fn the_same_input_gives_the_same_bytes() {
+        let events = events(2);
+        assert_eq!(recorded(&events), recorded(&events));
+    }
+
+    #[test]
+    fn chunks_are_bounded_in_time_and_size() {
+        let file = TestFile::with(&recorded(&events(5)));
+        let bytes = std::fs::read(&file.0).unwrap();
+        let index = mcap::Summary::read(&bytes).unwrap().unwrap();
+        assert!(index.chunk_indexes.len() >= 6);
+        for chunk in &index.chunk_indexes {
+            assert!(chunk.message_end_time - chunk.message_start_time <= CHUNK_NS as u64);
+            assert!(chunk.uncompressed_size < 2 * CHUNK_BYTES as u64);
+        }
+        assert_eq!(index.metadata_indexes.len(), 2);
+    }
+
+    #[test]
+    fn flushed_events_survive_a_crash() {
+        let file = TestFile::new();
+        let events = events(1);
+        let mut writer = RecordingWriter::create(&file.0, &header()).unwrap();
+        for event in &events {
+            writer.write(event).unwrap();
+        }
+        writer.flush().unwrap();
+        let at_crash = TestFile::with(&std::fs::read(&file.0).unwrap());
+        let mut recording = Recording::open(&at_crash.0).unwrap();
+        assert_same(&recording.by_ref().collect::<Vec<_>>(), &events);
+        assert!(recording.damage().ended_early.as_ref().unwrap().contains("without its closing index"));
+    }
+
+    #[test]
+    fn writer_summary_equals_read_summary() {
+        let file = TestFile::new();
+        let mut writer = RecordingWriter::create(&file.0, &header()).unwrap();
+        for event in &events(3) {
+            writer.write(event).unwrap();
+        }
+        assert_eq!(writer.finish().unwrap(), RecordingSummary::read(&file.0).unwrap());
+    }
+
+    #[test]
+    fn unwritable_path_is_named() {
+        let error = RecordingWriter::create("/no/such/folder/x.mcap", &header()).err().unwrap().to_string();
+        assert!(error.contains("cannot create /no/such/folder/x.mcap"), "{error}");
+    }
+}

@@ -1,0 +1,170 @@
+//! The beam's amplitude over the cosine to the boresight, as kernels look it up.
+
+use std::sync::{Arc, OnceLock};
+
+use crate::Beam;
+use crate::math;
+
+/// Steps of the table over cosines −1 to 1; linear between them, within 1e-4 of every beam that has a name.
+const STEPS: usize = 4096;
+
+/// A(cos) between −1 and 1, and from which cosine on it counts.
+#[derive(Debug, Clone)]
+pub(super) struct BeamTable {
+    /// Places at a smaller cosine are out of the beam.
+    pub cut_cos: f32,
+    /// Every place within the cut is in the beam; otherwise an amplitude of 0 is out of it too.
+    pub solid: bool,
+    /// The same amplitude everywhere: nothing to look up.
+    pub uniform: bool,
+    /// A at `index · 2 / STEPS − 1`; beyond the cut the amplitude goes on, so that lookups beside it are right.
+    pub amplitudes: Vec<f32>,
+    /// A without a table, where that is good enough.
+    pub polynomial: Option<Polynomial>,
+}
+
+/// A between the cut and the axis as a polynomial: no lookup at all.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Polynomial {
+    /// Of 1, t, t², …, where t = cos · `per_cos` + `at_zero` runs from −1 to 1.
+    pub coefficients: [f32; COEFFICIENTS],
+    pub per_cos: f32,
+    pub at_zero: f32,
+}
+
+const COEFFICIENTS: usize = 9;
+
+/// Largest error that a polynomial may have, as a share of the amplitude; bounds allow for twice as much.
+const POLYNOMIAL_ERROR: f64 = 5e-4;
+
+impl Polynomial {
+    /// Through the zeros of the next Chebyshev polynomial; `None` where the beam is no such smooth curve.
+    fn of(beam: &Beam, cut_cos: f64) -> Option<Self> {
+        let half = 0.5 * (1.0 - cut_cos);
+        let at = |t: f64| beam.amplitude((cut_cos + half * (t + 1.0)).clamp(cut_cos, 1.0));
+        let angle = |i: usize| std::f64::consts::PI * (i as f64 + 0.5) / COEFFICIENTS as f64;
+        let part = |k: usize| {
+            let sum: f64 = (0..COEFFICIENTS).map(|i| at(math::cos(angle(i))) * math::cos(k as f64 * angle(i))).sum();
+            sum * if k == 0 { 1.0 } else { 2.0 } / COEFFICIENTS as f64
+        };
+        // Chebyshev polynomials by powers of t, each from the two before.
+        let (mut sum, mut before, mut now) = ([0.0; COEFFICIENTS], [0.0; COEFFICIENTS], [0.0; COEFFICIENTS]);
+        (before[1], now[0]) = (1.0, 1.0);
+        for k in 0..COEFFICIENTS {
+            let part = part(k);
+            sum.iter_mut().zip(now).for_each(|(sum, power)| *sum += part * power);
+            let next = std::array::from_fn(|n| if n > 0 { 2.0 * now[n - 1] } else { 0.0 } - before[n]);
+            (before, now) = (now, next);
+        }
+        let fits = |n: i32| {
+            let (t, value) = (f64::from(n) / 500.0, at(f64::from(n) / 500.0));
+            (sum.iter().rev().fold(0.0, |sum, c| sum * t + c) - value).abs() <= POLYNOMIAL_ERROR * value
+        };
+        let polynomial = Self {
+            coefficients: sum.map(|c| c as f32),
+            per_cos: (1.0 / half) as f32,
+            at_zero: (-cut_cos / half - 1.0) as f32,
+        };
+        (half > 0.0 && (-500..=500).all(fits)).then_some(polynomial)
+    }
+}
+
+/// Table entries per unit of cosine.
+pub(super) const ENTRIES_PER_COS: f32 = STEPS as f32 * 0.5;
+
+/// Tables of the beams that have a name, made once: four thousand arc cosines each.
+static NAMED: [OnceLock<Arc<BeamTable>>; 5] = [const { OnceLock::new() }; 5];
+
+impl BeamTable {
+    pub(super) fn of(beam: &Beam) -> Arc<Self> {
+        let named = match beam {
+            Beam::Uniform => 0,
+            Beam::Thesis => 1,
+            Beam::Lensless => 2,
+            Beam::Fresnel => 3,
+            Beam::Hyperbolic => 4,
+            Beam::Table(_) => return Arc::new(Self::new(beam)),
+        };
+        Arc::clone(NAMED[named].get_or_init(|| Arc::new(Self::new(beam))))
+    }
+
+    fn new(beam: &Beam) -> Self {
+        let step = 2.0 / STEPS as f64;
+        let exact: Vec<f64> = (0..=STEPS).map(|n| beam.amplitude(n as f64 * step - 1.0)).collect();
+        let first_in = exact.iter().position(|&a| a > 0.0).unwrap_or(STEPS);
+        let cut_cos = cut(beam, first_in as f64 * step - 1.0, step);
+        let at_cut = beam.amplitude(cut_cos);
+        let amplitudes: Vec<f32> =
+            exact.iter().enumerate().map(|(n, &a)| if n < first_in { at_cut as f32 } else { a as f32 }).collect();
+        let solid = amplitudes.iter().all(|&a| a > 0.0);
+        Self {
+            polynomial: if solid { Polynomial::of(beam, cut_cos) } else { None },
+            cut_cos: cut_cos as f32,
+            solid,
+            uniform: *beam == Beam::Uniform,
+            amplitudes,
+        }
+    }
+}
+
+/// The least cosine in the beam, to 1e-12, between the entry found and the one before.
+fn cut(beam: &Beam, found: f64, step: f64) -> f64 {
+    if found <= -1.0 {
+        return -1.0;
+    }
+    let (mut out, mut inside) = (found - step, found);
+    while inside - out > 1e-12 {
+        let middle = 0.5 * (out + inside);
+        if beam.amplitude(middle) > 0.0 { inside = middle } else { out = middle }
+    }
+    inside.min(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cut_is_where_the_beam_ends() {
+        let cut = |beam: &Beam| BeamTable::new(beam).cut_cos;
+        assert_eq!(cut(&Beam::Uniform), -1.0);
+        assert!((cut(&Beam::Thesis) - 0.5f32.sqrt()).abs() < 1e-6);
+        assert!(cut(&Beam::Lensless).abs() < 1e-6);
+        let hollow = Beam::from_table(vec![[0.0, 0.0], [10.0, 0.0], [20.0, 1.0], [30.0, 0.5]]).unwrap();
+        assert!((cut(&hollow) - 30f32.to_radians().cos()).abs() < 1e-6);
+        assert!(!BeamTable::new(&hollow).solid && BeamTable::new(&Beam::Thesis).solid);
+    }
+
+    #[test]
+    fn polynomials_are_close_where_there_are_any() {
+        assert!(BeamTable::new(&Beam::Fresnel).polynomial.is_none());
+        let bent = Beam::from_table(vec![[0.0, 1.0], [10.0, 0.9], [20.0, 0.3], [30.0, 0.2]]).unwrap();
+        assert!(BeamTable::new(&bent).polynomial.is_none());
+        for beam in [Beam::Thesis, Beam::Lensless] {
+            let table = BeamTable::new(&beam);
+            let polynomial = table.polynomial.unwrap();
+            for i in 0..=3000 {
+                let cos = table.cut_cos + (1.0 - table.cut_cos) * i as f32 / 3000.0;
+                let t = cos * polynomial.per_cos + polynomial.at_zero;
+                let near = polynomial.coefficients.iter().rev().fold(0.0, |sum, c| sum * t + c);
+                // The cut itself as f32 may lie out of the beam.
+                let exact = beam.amplitude(f64::from(cos) + 1e-7);
+                assert!((f64::from(near) - exact).abs() < 6e-4 * exact, "{beam:?} {cos} {near} {exact}");
+            }
+        }
+    }
+
+    #[test]
+    fn lookups_are_close_to_every_named_beam() {
+        for beam in [Beam::Uniform, Beam::Thesis, Beam::Lensless, Beam::Fresnel, Beam::Hyperbolic] {
+            let table = BeamTable::new(&beam);
+            for i in 1..9000 {
+                let cos = f64::from(table.cut_cos) + (1.0 - f64::from(table.cut_cos)) * f64::from(i) / 9000.0;
+                let at = (cos + 1.0) * f64::from(ENTRIES_PER_COS);
+                let (n, w) = (at.floor() as usize, at.fract() as f32);
+                let near = table.amplitudes[n] * (1.0 - w) + table.amplitudes[(n + 1).min(STEPS)] * w;
+                assert!((f64::from(near) - beam.amplitude(cos)).abs() < 1e-4, "{beam:?} {cos}");
+            }
+        }
+    }
+}

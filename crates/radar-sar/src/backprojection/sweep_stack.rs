@@ -1,0 +1,660 @@
+//! Sweeps as kernels want them: sixteen side by side, places relative to one origin, and for each sweep its tables over
+//! range.
+//!
+//! A table holds what the statistic needs as a function of range alone (fast time), in steps of at most 5 mm and a sixteenth
+//! of the pulse, with the slope to the next entry beside it: linear interpolation of |z|² is then within 0.3 % of its peak
+//! (0.1 % for profiles 3 to 5). What sums whole numbers (`ls`, `log`) is scaled so that a step of 1 is a small part of the noise. A stack has slots that can be filled again, so that a
+//! window of sweeps can roll.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use num_complex::Complex32;
+use rayon::prelude::*;
+
+use super::beam_table::BeamTable;
+use super::dispatch::{Kernel, on_widest};
+use super::lanes::{LANES, Lanes, WINDOW};
+use crate::compression::CompressionScratch;
+use crate::math;
+use crate::{Beam, Observation, SweepGeometry, distance_falloff};
+use crate::{RangeCompressor, Statistic, sweep_noise_rms};
+
+/// Widest step of the tables, metres.
+const TABLE_STEP_M: f64 = 0.005;
+/// Table steps in a pulse's width, at least: |z|² is as wide as the pulse, and a Gaussian's chord over such a step lies at
+/// most (2.355 / 16)² / 8 of its height below it.
+const STEPS_PER_PULSE: f64 = 16.0;
+/// Greatest sample that is taken for one, LSB: the converter ends at 2¹⁵, and squares stay numbers in f32 far beyond.
+const MAX_SAMPLE_LSB: f32 = 1e9;
+/// `log` counts in parts of this size.
+const LOG_STEP: f64 = 1.0 / 4096.0;
+/// Sweeps whose tables one task makes, at least.
+const SWEEPS_AT_ONCE: usize = 4;
+/// So that a half window from any entry on lies within the tables of short axes too.
+const MIN_STRIDE: usize = 96;
+/// Greatest value of an entry, in steps: one sweep alone never overflows.
+const MAX_STEPS: f32 = (1 << 30) as f32;
+
+/// A sweep that no sum takes in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum SweepRefusal {
+    /// A sample, the pose or the velocity is NaN or infinite.
+    #[error("the sweep has a number that is not finite")]
+    NotFinite,
+    /// A sample that no converter gives; its square would leave f32.
+    #[error("the sweep has a sample beyond {MAX_SAMPLE_LSB} LSB")]
+    TooLarge,
+    /// More or fewer samples than its axis has points.
+    #[error("the sweep has {samples} samples, its axis {points} points")]
+    WrongLength {
+        /// Samples given.
+        samples: usize,
+        /// Points expected.
+        points: usize,
+    },
+    /// The stack was not made for sweeps of this geometry.
+    #[error("the sweep's range axis is not one of those that the image was made for")]
+    UnknownGeometry,
+}
+
+/// Sixteen sweeps; a lane without a sweep has an empty range.
+#[derive(Debug, Clone)]
+pub(super) struct Group {
+    /// `[axis][lane]`, metres from the stack's origin.
+    pub position_m: [[f32; LANES]; 3],
+    pub velocity_m_per_s: [[f32; LANES]; 3],
+    /// Unit vector of the boresight.
+    pub forward: [[f32; LANES]; 3],
+    /// First and last range, metres.
+    pub first_m: [f32; LANES],
+    pub last_m: [f32; LANES],
+    /// Table entries per metre.
+    pub entries_per_m: [f32; LANES],
+    /// Points of the axis per metre, and table entries from one to the next.
+    pub points_per_m: [f32; LANES],
+    pub entries_per_point: [i32; LANES],
+    /// A point at range d is sampled `d · time_s_per_m + time_at_zero_s` after the pose's time.
+    pub time_s_per_m: [f32; LANES],
+    pub time_at_zero_s: [f32; LANES],
+}
+
+impl Group {
+    const EMPTY: Self = Self {
+        position_m: [[0.0; LANES]; 3],
+        velocity_m_per_s: [[0.0; LANES]; 3],
+        forward: [[0.0; LANES]; 3],
+        first_m: [f32::MAX; LANES],
+        last_m: [f32::MIN; LANES],
+        entries_per_m: [1.0; LANES],
+        points_per_m: [1.0; LANES],
+        entries_per_point: [1; LANES],
+        time_s_per_m: [0.0; LANES],
+        time_at_zero_s: [0.0; LANES],
+    };
+}
+
+/// A geometry with its filter and falloff tables.
+#[derive(Debug, Clone)]
+struct Axis {
+    geometry: Arc<SweepGeometry>,
+    compressor: RangeCompressor,
+    /// D at each entry; held below one step, where it would go to infinity.
+    falloff: Vec<f32>,
+}
+
+/// Sweeps with their tables, for one statistic.
+#[derive(Debug, Clone)]
+pub struct SweepStack {
+    statistic: Statistic,
+    origin_m: DVec3,
+    pub(super) beam: Arc<BeamTable>,
+    axes: Vec<Axis>,
+    /// What one step of a summed whole number is worth (`ls`, `log`).
+    step: f64,
+    /// Greatest value of a table's entry, in steps.
+    most_steps: f32,
+    pub(super) groups: Vec<Group>,
+    filled: Vec<bool>,
+    pub(super) planes: usize,
+    pub(super) stride: usize,
+    tables: Vec<f32>,
+    /// Greatest whole number that each slot can add to a place.
+    greatest: Vec<i64>,
+}
+
+/// What one step of `ls` is worth, LSB²: a power of two, a 64th to a 128th of the noise's power, unless samples of the
+/// given size would not fit then.
+pub fn ls_step(noise_rms_lsb: f64, greatest_sample_lsb: f64) -> f64 {
+    let fine = math::exp2(math::log2((noise_rms_lsb * noise_rms_lsb / 64.0).max(1e-12)).floor());
+    // |z|² is at most (Σ E)²/Σ E² times the greatest |x|²: 21 on a 10 mm axis, 84 on a 2.5 mm one.
+    let coarse = math::exp2(
+        math::log2((greatest_sample_lsb * greatest_sample_lsb * 100.0 / f64::from(MAX_STEPS)).max(1e-12)).ceil(),
+    );
+    fine.max(coarse)
+}
+
+impl SweepStack {
+    /// Room for `slots` sweeps of the given geometries, none filled yet. `step`: of `ls` (see [`ls_step`]), ignored by the
+    /// other statistics.
+    pub fn new(
+        statistic: Statistic,
+        beam: &Beam,
+        geometries: &[Arc<SweepGeometry>],
+        origin_m: DVec3,
+        slots: usize,
+        step: f64,
+    ) -> Self {
+        Self::with_beam(statistic, BeamTable::of(beam), geometries, origin_m, slots, step)
+    }
+
+    fn with_beam(
+        statistic: Statistic,
+        beam: Arc<BeamTable>,
+        geometries: &[Arc<SweepGeometry>],
+        origin_m: DVec3,
+        slots: usize,
+        step: f64,
+    ) -> Self {
+        let axes: Vec<Axis> = geometries.iter().map(|geometry| axis(geometry, statistic)).collect();
+        let entries = axes.iter().map(|a| a.compressor.entries()).max().unwrap_or(0);
+        let planes = match statistic {
+            Statistic::Coherent => 3,
+            Statistic::Glrt | Statistic::Thesis | Statistic::Ls | Statistic::Log | Statistic::Subaperture => 2,
+            _ => 1,
+        };
+        let stride = (entries + WINDOW + LANES).max(MIN_STRIDE).next_multiple_of(LANES);
+        let groups = slots.div_ceil(LANES);
+        Self {
+            statistic,
+            origin_m,
+            beam,
+            axes,
+            step: if statistic == Statistic::Log { LOG_STEP } else { step },
+            most_steps: MAX_STEPS,
+            groups: vec![Group::EMPTY; groups],
+            filled: vec![false; groups * LANES],
+            planes,
+            stride,
+            tables: vec![0.0; groups * LANES * planes * 2 * stride],
+            greatest: vec![0; groups * LANES],
+        }
+    }
+
+    /// All the sweeps that can be used, and how many cannot. The step of `ls` follows the median noise of nine of them.
+    pub fn of(statistic: Statistic, beam: &Beam, observations: &[Observation], origin_m: DVec3) -> (Self, usize) {
+        Self::of_beam(statistic, BeamTable::of(beam), observations, origin_m)
+    }
+
+    fn of_beam(
+        statistic: Statistic,
+        beam: Arc<BeamTable>,
+        observations: &[Observation],
+        origin_m: DVec3,
+    ) -> (Self, usize) {
+        let mut geometries: Vec<Arc<SweepGeometry>> = Vec::new();
+        for observation in observations {
+            if !geometries.iter().any(|g| Arc::ptr_eq(g, &observation.geometry)) {
+                geometries.push(Arc::clone(&observation.geometry));
+            }
+        }
+        let mut stack = Self::with_beam(statistic, beam, &geometries, origin_m, observations.len(), 1.0);
+        let refused = stack.fill_all(observations);
+        (stack, refused)
+    }
+
+    /// The same as [`SweepStack::of`] with this stack's statistic and beam, in the memory that it has: for as many sweeps of
+    /// the same geometries nothing is allocated or computed anew but their tables. How many sweeps cannot be used.
+    pub fn refill(&mut self, observations: &[Observation], origin_m: DVec3) -> usize {
+        let known = |o: &Observation| self.axes.iter().any(|axis| Arc::ptr_eq(&axis.geometry, &o.geometry));
+        if observations.len().div_ceil(LANES) != self.groups.len() || !observations.iter().all(known) {
+            let refused;
+            (*self, refused) = Self::of_beam(self.statistic, Arc::clone(&self.beam), observations, origin_m);
+            return refused;
+        }
+        self.origin_m = origin_m;
+        self.most_steps = MAX_STEPS;
+        (0..self.slots()).for_each(|slot| self.empty(slot));
+        self.fill_all(observations)
+    }
+
+    /// Holds sweeps filled in from now on to so many steps at a place.
+    pub(super) fn limit_steps(&mut self, most_steps: i32) {
+        self.most_steps = (most_steps as f32).min(MAX_STEPS);
+    }
+
+    /// Which sum.
+    pub fn statistic(&self) -> Statistic {
+        self.statistic
+    }
+
+    /// What places are relative to, tracking frame, metres.
+    pub fn origin_m(&self) -> DVec3 {
+        self.origin_m
+    }
+
+    /// What one step of a summed whole number is worth.
+    pub fn step(&self) -> f64 {
+        self.step
+    }
+
+    /// Whether it sums whole numbers of steps (`ls`, `log`).
+    pub fn sums_whole_numbers(&self) -> bool {
+        matches!(self.statistic, Statistic::Ls | Statistic::Log)
+    }
+
+    /// A sum of steps as the statistic's value.
+    pub(super) fn value_of(&self, sum: i64) -> f32 {
+        (sum as f64 * self.step) as f32
+    }
+
+    /// Slots in all.
+    pub fn slots(&self) -> usize {
+        self.filled.len()
+    }
+
+    /// Whether a slot holds a sweep.
+    pub(super) fn is_filled(&self, slot: usize) -> bool {
+        self.filled[slot]
+    }
+
+    /// Sweeps in it.
+    pub fn sweeps(&self) -> usize {
+        self.filled.iter().filter(|filled| **filled).count()
+    }
+
+    /// Values of one plane of a slot's tables, then, `stride` further on, their slopes.
+    #[inline(always)]
+    pub(super) fn table(&self, slot: usize, plane: usize) -> &[f32] {
+        let at = (slot * self.planes + plane) * 2 * self.stride;
+        &self.tables[at..at + 2 * self.stride]
+    }
+
+    /// |x| of the points of a slot's sweep (`thesis`), zeros beyond.
+    #[inline(always)]
+    pub(super) fn points(&self, slot: usize) -> &[f32] {
+        self.table(slot, 1)
+    }
+
+    /// Greatest whole number that a slot can add to a place; 0 when empty.
+    pub(super) fn greatest(&self, slot: usize) -> i64 {
+        self.greatest[slot]
+    }
+
+    /// Puts a sweep into a slot.
+    ///
+    /// # Errors
+    /// Numbers that are not finite, a wrong length, an unknown geometry: the slot is then empty.
+    pub fn fill(&mut self, slot: usize, observation: &Observation) -> Result<(), SweepRefusal> {
+        self.empty(slot);
+        let axis = check(observation, extent(observation), &self.axes)?;
+        let long = self.table_len();
+        let (maker, table) = (self.maker(), &mut self.tables[slot * long..][..long]);
+        let greatest = maker.write(&self.axes[axis], observation, table, &mut CompressionScratch::default());
+        self.put(slot, observation, axis, greatest);
+        Ok(())
+    }
+
+    /// Fills an empty stack on all cores; how many sweeps are refused. Neighbours in time go to different groups, so that each
+    /// group of sixteen has seen the whole motion: bounds over the first groups then say most.
+    fn fill_all(&mut self, observations: &[Observation]) -> usize {
+        let extents: Vec<Extent> = observations.iter().map(extent).collect();
+        let check = |(o, extent): (&Observation, &Extent)| check(o, *extent, &self.axes).ok();
+        let axes: Vec<Option<usize>> = observations.iter().zip(&extents).map(check).collect();
+        if self.statistic == Statistic::Ls {
+            let sound = observations.iter().zip(&extents).zip(&axes).filter(|(_, axis)| axis.is_some());
+            self.step = step_for(sound.map(|((sweep, _), _)| sweep));
+        }
+        let groups = self.groups.len();
+        let of_slot = |slot: usize| {
+            let n = slot / LANES + slot % LANES * groups;
+            let axis = (*axes.get(n)?)?;
+            Some((&observations[n], axis))
+        };
+        let (long, maker, of_axis) = (self.table_len().max(1), self.maker(), &self.axes);
+        let write = |room: &mut CompressionScratch, (slot, (table, greatest)): (usize, (&mut [f32], &mut i64))| {
+            if let Some((observation, axis)) = of_slot(slot) {
+                *greatest = maker.write(&of_axis[axis], observation, table, room);
+            }
+        };
+        let tables = self.tables.par_chunks_mut(long).zip(&mut self.greatest).enumerate().with_min_len(SWEEPS_AT_ONCE);
+        tables.for_each_init(CompressionScratch::default, write);
+        for slot in 0..self.slots() {
+            if let Some((observation, axis)) = of_slot(slot) {
+                self.put(slot, observation, axis, self.greatest[slot]);
+            }
+        }
+        axes.iter().filter(|axis| axis.is_none()).count()
+    }
+
+    /// Numbers of all tables of a slot.
+    fn table_len(&self) -> usize {
+        self.planes * 2 * self.stride
+    }
+
+    fn maker(&self) -> TableMaker {
+        TableMaker { statistic: self.statistic, step: self.step, most_steps: self.most_steps, stride: self.stride }
+    }
+
+    fn put(&mut self, slot: usize, observation: &Observation, axis: usize, greatest: i64) {
+        self.groups[slot / LANES].put(slot % LANES, observation, &self.axes[axis].compressor, self.origin_m);
+        self.greatest[slot] = greatest;
+        self.filled[slot] = true;
+    }
+
+    /// Puts the sweep in another stack's slot, which is made for the same sweeps, into one of this one's.
+    pub(super) fn copy_slot(&mut self, slot: usize, other: &Self, from: usize) {
+        let long = self.table_len();
+        self.tables[slot * long..][..long].copy_from_slice(&other.tables[from * long..][..long]);
+        self.groups[slot / LANES].copy_lane(slot % LANES, &other.groups[from / LANES], from % LANES);
+        self.greatest[slot] = other.greatest[from];
+        self.filled[slot] = other.filled[from];
+    }
+
+    /// Takes a sweep out.
+    pub fn empty(&mut self, slot: usize) {
+        let (group, l) = (&mut self.groups[slot / LANES], slot % LANES);
+        (group.first_m[l], group.last_m[l]) = (f32::MAX, f32::MIN);
+        self.filled[slot] = false;
+        self.greatest[slot] = 0;
+    }
+}
+
+/// Makes the tables of one sweep.
+#[derive(Debug, Clone, Copy)]
+struct TableMaker {
+    statistic: Statistic,
+    step: f64,
+    most_steps: f32,
+    stride: usize,
+}
+
+impl TableMaker {
+    /// The greatest entry where they are whole numbers.
+    fn write(self, axis: &Axis, observation: &Observation, tables: &mut [f32], room: &mut CompressionScratch) -> i64 {
+        let samples = &observation.samples;
+        match self.statistic {
+            Statistic::Thesis => {}
+            Statistic::ThesisFull => {
+                let magnitudes: Vec<f32> = samples.iter().map(magnitude).collect();
+                axis.compressor.convolve_in(&magnitudes, room);
+            }
+            _ => axis.compressor.compress_in(samples, 1.0, room),
+        }
+        on_widest(WriteTables { maker: self, axis, samples, re: &room.re, im: &room.im, tables })
+    }
+}
+
+/// Writes a sweep's tables from its compressed values; compiled for the widest instructions.
+struct WriteTables<'a> {
+    maker: TableMaker,
+    axis: &'a Axis,
+    samples: &'a [Complex32],
+    re: &'a [f32],
+    im: &'a [f32],
+    tables: &'a mut [f32],
+}
+
+impl Kernel for WriteTables<'_> {
+    type Out = i64;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, _: S) -> i64 {
+        let Self { maker, axis, samples, re, im, tables } = self;
+        let TableMaker { statistic, step, most_steps, stride } = maker;
+        let (falloff, entries) = (axis.falloff.as_slice(), axis.falloff.len());
+        let (first, others) = tables.split_at_mut(2 * stride);
+        match statistic {
+            Statistic::Ls | Statistic::Subaperture => {
+                let per = (1.0 / step) as f32;
+                for ((to, re), im) in first[..entries].iter_mut().zip(re).zip(im) {
+                    *to = ((re * re + im * im) * per).min(most_steps);
+                }
+                write_slopes(first, entries);
+                write_decimated(&first[..entries + 2], others);
+                return 1 + greatest(&first[..entries]) as i64;
+            }
+            Statistic::Log => {
+                let noise = sweep_noise_rms(samples);
+                let (per2, per) = ((1.0 / (noise * noise)) as f32, (1.0 / LOG_STEP) as f32);
+                for ((to, re), im) in first[..entries].iter_mut().zip(re).zip(im) {
+                    *to = (math::ln_1p((re * re + im * im) * per2) * per).min(most_steps);
+                }
+                write_slopes(first, entries);
+                write_decimated(&first[..entries + 2], others);
+                return 1 + greatest(&first[..entries]) as i64;
+            }
+            Statistic::Glrt => {
+                for (((to, re), im), d) in first[..entries].iter_mut().zip(re).zip(im).zip(falloff) {
+                    *to = magnitude(&Complex32::new(*re, *im)) * d;
+                }
+                write_slopes(first, entries);
+                multiply(others, falloff, falloff);
+            }
+            Statistic::Coherent => {
+                let (second, third) = others.split_at_mut(2 * stride);
+                multiply(first, re, falloff);
+                multiply(second, im, falloff);
+                multiply(third, falloff, falloff);
+            }
+            Statistic::ThesisFull => multiply(first, re, falloff),
+            Statistic::Thesis => {
+                for (to, sample) in others.iter_mut().zip(samples) {
+                    *to = magnitude(sample);
+                }
+                others[samples.len()..].fill(0.0);
+                write_nearest(&others[..samples.len()], axis, first);
+            }
+        }
+        0
+    }
+}
+
+/// |x|, whose square need not fit f32.
+#[inline(always)]
+fn magnitude(x: &Complex32) -> f32 {
+    let (re, im) = (f64::from(x.re), f64::from(x.im));
+    (re * re + im * im).sqrt() as f32
+}
+
+/// A plane of products, linear from entry to entry.
+#[inline(always)]
+fn multiply(plane: &mut [f32], a: &[f32], b: &[f32]) {
+    for ((to, a), b) in plane.iter_mut().zip(a).zip(b) {
+        *to = a * b;
+    }
+    write_slopes(plane, b.len());
+}
+
+/// The slopes of a plane whose values are written; zeros beyond its entries.
+#[inline(always)]
+fn write_slopes(plane: &mut [f32], entries: usize) {
+    let (value, slope) = plane.split_at_mut(plane.len() / 2);
+    value[entries..].fill(0.0);
+    for ((to, here), next) in slope.iter_mut().zip(&value[..entries]).zip(&value[1..entries]) {
+        *to = next - here;
+    }
+    slope[entries - 1..].fill(0.0);
+}
+
+/// The same function with every other entry: its value, the slope from there, and by how much the slope changes halfway to
+/// the next, where the entry lies that is left out. Half as many entries are to be looked up for coarse voxels.
+#[inline(always)]
+fn write_decimated(values: &[f32], halves: &mut [f32]) {
+    let apart = halves.len() / 4;
+    let (value, others) = halves.split_at_mut(apart);
+    let (slope, turn) = others.split_at_mut(apart);
+    let (pairs, next) = (values.chunks_exact(2), values[1..].chunks_exact(2));
+    let mut count = 0;
+    for ((((value, slope), turn), pair), next) in value.iter_mut().zip(&mut *slope).zip(&mut *turn).zip(pairs).zip(next)
+    {
+        let rises = 2.0 * (pair[1] - pair[0]);
+        (*value, *slope, *turn) = (pair[0], rises, 2.0 * (next[1] - next[0]) - rises);
+        count += 1;
+    }
+    value[count..].fill(0.0);
+    slope[count..].fill(0.0);
+    turn[count..].fill(0.0);
+}
+
+/// The greatest of values that are not negative: their bits rise with them.
+#[inline(always)]
+fn greatest(values: &[f32]) -> f32 {
+    let mut most = 0;
+    for value in values {
+        most = most.max(value.to_bits());
+    }
+    f32::from_bits(most)
+}
+
+/// |x of the nearest point| · D: it jumps halfway between points, where the tables have entries.
+#[inline(always)]
+fn write_nearest(magnitudes: &[f32], axis: &Axis, plane: &mut [f32]) {
+    let (value, slope) = plane.split_at_mut(plane.len() / 2);
+    let phases = (axis.geometry.axis.step_m / axis.compressor.step_m()).round() as usize;
+    let falloff = &axis.falloff;
+    let last = falloff.len() - 1;
+    let (mut begin, mut end) = (0, phases / 2);
+    for magnitude in magnitudes {
+        let here = end.min(last).saturating_sub(begin);
+        let d = falloff[begin..].iter().zip(&falloff[begin + 1..]).take(here);
+        for ((value, slope), (d, next)) in value[begin..].iter_mut().zip(&mut slope[begin..]).zip(d) {
+            (*value, *slope) = (magnitude * d, magnitude * (next - d));
+        }
+        (begin, end) = (begin + here, end + phases);
+    }
+    value[begin..].fill(0.0);
+    slope[begin..].fill(0.0);
+    if let Some(magnitude) = magnitudes.last() {
+        value[last] = magnitude * falloff[last];
+    }
+}
+
+/// Sweeps whose noise is looked at to choose a step.
+const SWEEPS_FOR_STEP: usize = 9;
+
+/// From the greatest sample and the median noise of sweeps from all over the time.
+fn step_for<'a>(sweeps: impl Iterator<Item = &'a Observation> + Clone) -> f64 {
+    let count = sweeps.clone().count();
+    let some = sweeps.clone().step_by(count.div_ceil(SWEEPS_FOR_STEP).max(1));
+    let mut noise: Vec<f64> = some.map(|sweep| sweep_noise_rms(&sweep.samples)).collect();
+    noise.sort_by(f64::total_cmp);
+    let median = noise.get(noise.len() / 2).copied().filter(|n| n.is_finite());
+    let power = |sweep: &Observation| on_widest(GreatestPower { samples: &sweep.samples });
+    ls_step(median.unwrap_or(1.0), f64::from(sweeps.map(power).fold(0.0, f32::max)).sqrt())
+}
+
+/// The greatest |x|² of samples that are not refused.
+struct GreatestPower<'a> {
+    samples: &'a [Complex32],
+}
+
+impl Kernel for GreatestPower<'_> {
+    type Out = f32;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, _: S) -> f32 {
+        let mut most = 0;
+        for sample in self.samples {
+            most = most.max((sample.re * sample.re + sample.im * sample.im).to_bits());
+        }
+        f32::from_bits(most)
+    }
+}
+
+/// The greatest part of a sweep's samples, without its sign; no number when one of them is none.
+#[derive(Debug, Clone, Copy)]
+struct Extent(f32);
+
+fn extent(observation: &Observation) -> Extent {
+    on_widest(FindExtent { samples: &observation.samples })
+}
+
+struct FindExtent<'a> {
+    samples: &'a [Complex32],
+}
+
+impl Kernel for FindExtent<'_> {
+    type Out = Extent;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, _: S) -> Extent {
+        // Without their signs numbers rise with their bits; the infinite and what is no number come last.
+        let mut most = 0;
+        for sample in self.samples {
+            most = most.max(sample.re.abs().to_bits()).max(sample.im.abs().to_bits());
+        }
+        Extent(f32::from_bits(most))
+    }
+}
+
+fn axis(geometry: &Arc<SweepGeometry>, statistic: Statistic) -> Axis {
+    let step_m = geometry.axis.step_m;
+    let widest_m = TABLE_STEP_M.min(geometry.pulse_fwhm_m / STEPS_PER_PULSE);
+    let least = |widest_m: f64| (step_m / widest_m - 1e-9).ceil().max(1.0);
+    // Of `thesis` there must be an entry halfway between points.
+    let halves = statistic == Statistic::Thesis;
+    let phases = if halves { 2.0 * least(2.0 * widest_m) } else { least(widest_m) };
+    let compressor = RangeCompressor::with_step(geometry, step_m / phases * (1.0 + 1e-9));
+    let falloff = (0..compressor.entries())
+        .map(|n| compressor.first_m() + n as f64 * compressor.step_m())
+        .map(|range_m| distance_falloff(range_m.max(compressor.step_m())) as f32);
+    Axis { falloff: falloff.collect(), compressor, geometry: Arc::clone(geometry) }
+}
+
+fn check(observation: &Observation, extent: Extent, axes: &[Axis]) -> Result<usize, SweepRefusal> {
+    let known = |a: &Axis| Arc::ptr_eq(&a.geometry, &observation.geometry) || a.geometry == observation.geometry;
+    let axis = axes.iter().position(known).ok_or(SweepRefusal::UnknownGeometry)?;
+    let (samples, points) = (observation.samples.len(), observation.geometry.axis.points);
+    if samples != points || points == 0 {
+        return Err(SweepRefusal::WrongLength { samples, points });
+    }
+    let pose = &observation.tracking_from_sensor;
+    let finite = pose.translation.is_finite()
+        && pose.rotation.is_finite()
+        && observation.velocity_m_per_s.is_finite()
+        && extent.0.is_finite();
+    let small = extent.0 <= MAX_SAMPLE_LSB;
+    match (finite, small) {
+        (false, _) => Err(SweepRefusal::NotFinite),
+        (true, false) => Err(SweepRefusal::TooLarge),
+        (true, true) => Ok(axis),
+    }
+}
+
+impl Group {
+    fn copy_lane(&mut self, to: usize, other: &Self, from: usize) {
+        for axis in 0..3 {
+            self.position_m[axis][to] = other.position_m[axis][from];
+            self.velocity_m_per_s[axis][to] = other.velocity_m_per_s[axis][from];
+            self.forward[axis][to] = other.forward[axis][from];
+        }
+        self.first_m[to] = other.first_m[from];
+        self.last_m[to] = other.last_m[from];
+        self.entries_per_m[to] = other.entries_per_m[from];
+        self.time_s_per_m[to] = other.time_s_per_m[from];
+        self.time_at_zero_s[to] = other.time_at_zero_s[from];
+    }
+
+    fn put(&mut self, l: usize, observation: &Observation, compressor: &RangeCompressor, origin_m: DVec3) {
+        let pose = &observation.tracking_from_sensor;
+        let vectors = [
+            (&mut self.position_m, pose.translation - origin_m),
+            (&mut self.velocity_m_per_s, observation.velocity_m_per_s),
+            (&mut self.forward, pose.forward()),
+        ];
+        for (lanes, vector) in vectors {
+            for (lane, value) in lanes.iter_mut().zip(vector.as_vec3().to_array()) {
+                lane[l] = value;
+            }
+        }
+        let axis = &observation.geometry.axis;
+        self.first_m[l] = axis.first_m as f32;
+        self.last_m[l] = axis.last_m() as f32;
+        self.entries_per_m[l] = (1.0 / compressor.step_m()) as f32;
+        self.points_per_m[l] = (1.0 / axis.step_m) as f32;
+        self.entries_per_point[l] = (axis.step_m / compressor.step_m()).round() as i32;
+        self.time_s_per_m[l] = (observation.geometry.point_period_s / axis.step_m) as f32;
+        self.time_at_zero_s[l] = observation.point_time_s(axis.point_at(0.0)) as f32;
+    }
+}

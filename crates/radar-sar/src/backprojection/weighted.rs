@@ -1,0 +1,707 @@
+//! Sums of amplitudes times w = D·A over a brick: `thesis-full`, `thesis`, `glrt` and `coherent`.
+//!
+//! D is in the tables. Inside, A comes from a parabola in the cosine to the boresight, expanded to second order about the
+//! brick's centre, where that is good enough; so does Σ w², summed over all such sweeps as ten coefficients and evaluated
+//! once a brick. Else A comes from the beam's table voxel by voxel. Voxels are summed in f32, group by group of sixteen
+//! sweeps, in the order of the sweeps, those at an edge after the others.
+
+use super::beam_table::{BeamTable, ENTRIES_PER_COS};
+use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS, dot, lane3, load3, scale3, sub3};
+use super::dispatch::{Kernel, on_widest};
+use super::lanes::{HALF_WINDOW, LANES, Lanes, WIDE_WINDOW, WINDOW};
+use super::power::{AtEdge, Edges, Exact, extent, from_sensor, fully_visible, read, window};
+use super::sweep_stack::{Group, SweepStack};
+use crate::Statistic;
+use crate::WAVELENGTH_M;
+
+/// Largest error of a distance, metres: 1 % of a radian of phase.
+const DISTANCE_ERROR_M: f64 = 4e-6;
+/// Largest error of the beam's amplitude that its expansion may leave, and the same as a share of the amplitude.
+const AMPLITUDE_ERROR: f32 = 2e-3;
+const AMPLITUDE_ERROR_SHARE: f32 = 2e-2;
+
+/// How far a sensor may have moved from its pose for one distance to serve for range, beam and falloff, as a share of it.
+const MOVED_SHARE: f32 = 2e-4;
+/// Nearer than the widest table step D is held.
+const HELD_M: f32 = 5e-3;
+
+/// A shape that is good enough for sums with phase; without, [`super::power::power_shape`] is.
+pub(super) fn weighted_shape(voxel_m: f64) -> BrickShape {
+    BrickShape::new(voxel_m, DISTANCE_ERROR_M)
+}
+
+/// The beam's amplitude at a cosine, linear between its table's entries.
+#[inline(always)]
+pub(super) fn amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
+    let at = s.mul(s.add(cos, s.splat(1.0)), s.splat(ENTRIES_PER_COS));
+    let whole = s.floor(at);
+    let (here, next) = s.gather_pairs(&beam.amplitudes, s.to_int(whole));
+    s.mul_add(s.sub(at, whole), s.sub(next, here), here)
+}
+
+/// The same for voxels by themselves: by the beam's polynomial where it has one.
+#[inline(always)]
+fn edge_amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
+    let Some(polynomial) = &beam.polynomial else { return amplitude(s, beam, cos) };
+    let t = s.mul_add(cos, s.splat(polynomial.per_cos), s.splat(polynomial.at_zero));
+    let mut sum = s.splat(0.0);
+    for coefficient in polynomial.coefficients.iter().rev() {
+        sum = s.mul_add(sum, t, s.splat(*coefficient));
+    }
+    sum
+}
+
+/// The statistic over the voxels of one brick, all sweeps of a stack.
+#[derive(Clone)]
+pub(super) struct AddWeighted<'a> {
+    pub stack: &'a SweepStack,
+    pub shape: BrickShape,
+    /// Relative to the stack's origin, metres.
+    pub center: [f32; 3],
+}
+
+/// Values, x fastest, and the (voxel, sweep) pairs that were worked on.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct WeightedValues {
+    pub values: [f32; VOXELS],
+    pub updates: u64,
+}
+
+impl AddWeighted<'_> {
+    /// On the widest instructions.
+    pub(super) fn values(self) -> WeightedValues {
+        on_widest(self)
+    }
+}
+
+/// What the voxels have gathered: the sum (or its real part) and the imaginary part.
+struct Gathered<S: Lanes> {
+    re: [S::F; EDGE],
+    im: [S::F; EDGE],
+}
+
+impl<S: Lanes> Gathered<S> {
+    #[inline(always)]
+    fn none(s: S) -> Self {
+        let zero = [s.splat(0.0); EDGE];
+        Self { re: zero, im: zero }
+    }
+}
+
+impl Kernel for AddWeighted<'_> {
+    type Out = WeightedValues;
+
+    #[inline(always)]
+    fn run<S: Lanes>(self, s: S) -> WeightedValues {
+        match self.stack.statistic() {
+            Statistic::Coherent => self.sums::<S, 3>(s),
+            Statistic::Glrt => self.sums::<S, 2>(s),
+            _ => self.sums::<S, 1>(s),
+        }
+    }
+}
+
+impl AddWeighted<'_> {
+    /// `PLANES`: 1 sums amplitudes, 2 sums Σ w² too, 3 sums both parts with their phase.
+    #[inline(always)]
+    fn sums<S: Lanes, const PLANES: usize>(&self, s: S) -> WeightedValues {
+        let offsets = Offsets::new(s, &self.shape);
+        // Sums of the two paths by themselves: those of the inside stay in registers.
+        let (mut gathered, mut at_edge) = (Gathered::none(s), Gathered::none(s));
+        let (mut weights, mut edge_weights) = (WeightSum::none(s), [s.splat(0.0); EDGE]);
+        let mut updates = 0;
+        let jumps = PLANES == 1 && self.stack.statistic() == Statistic::Thesis;
+        for (group, sweeps) in self.stack.groups.iter().enumerate() {
+            let sight = Sight::new(s, self.stack, sweeps, self.center, &self.shape);
+            let mut beam = BeamExpansion::FLAT;
+            if sight.inside != 0 {
+                beam = BeamExpansion::new(s, &self.stack.beam, sweeps, &sight, &self.shape);
+            }
+            let phase = Phase::new(s, &sight);
+            let whole = if jumps { self.fully_visible(s, group, &sight) } else { 0 };
+            let mut inside = sight.inside & beam.good;
+            let mut edge = (sight.inside | sight.edge) & !inside;
+            updates += u64::from((sight.inside | sight.edge).count_ones()) * VOXELS as u64;
+            if PLANES > 1 {
+                weights.add(s, inside, &sight, &beam);
+            }
+            while inside != 0 {
+                let l = inside.trailing_zeros() as usize;
+                inside &= inside - 1;
+                self.add_inside::<S, PLANES>(s, group, &sight, &beam, &phase, l, &offsets, &mut gathered);
+            }
+            while edge != 0 {
+                let l = edge.trailing_zeros() as usize;
+                edge &= edge - 1;
+                if jumps && whole >> l & 1 == 1 {
+                    self.add_fully_visible_nearest(s, group, &sight, l, &offsets, &mut at_edge.re);
+                } else if jumps {
+                    self.add_edge_nearest(s, group, &sight, l, &offsets, &mut at_edge.re);
+                } else {
+                    self.add_edge::<S, PLANES>(s, group, &sight, &phase, l, &offsets, &mut at_edge, &mut edge_weights);
+                }
+            }
+        }
+        let terms = weights.total(s);
+        let mut values = [0.0; VOXELS];
+        for (layer, values) in values.chunks_exact_mut(LANES).enumerate() {
+            let re = s.add(gathered.re[layer], at_edge.re[layer]);
+            let im = s.add(gathered.im[layer], at_edge.im[layer]);
+            let weights = s.add(at(s, &terms, &offsets, layer), edge_weights[layer]);
+            values.copy_from_slice(&s.store(value::<S, PLANES>(s, re, im, weights)));
+        }
+        WeightedValues { values, updates }
+    }
+
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
+    fn add_inside<S: Lanes, const PLANES: usize>(
+        &self,
+        s: S,
+        group: usize,
+        sight: &Sight,
+        beam: &BeamExpansion,
+        phase: &Phase,
+        l: usize,
+        offsets: &Offsets<S>,
+        gathered: &mut Gathered<S>,
+    ) {
+        let (slot, first) = (group * LANES + l, sight.window[l] as usize);
+        let parts = if PLANES == 3 { 2 } else { 1 };
+        let mut windows = [(&[0.0; WINDOW], &[0.0; WINDOW]); 2];
+        for (plane, of_plane) in windows[..parts].iter_mut().enumerate() {
+            let (values, slopes) = self.stack.table(slot, plane).split_at(self.stack.stride);
+            let (Some(values), Some(slopes)) = (window(values, first), window(slopes, first)) else { return };
+            *of_plane = (values, slopes);
+        }
+        let [ux, uy, _] = lane3(s, &sight.toward, l);
+        let [gx, gy, _] = lane3(s, &beam.gradient_per_m, l);
+        let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
+        let flat_g = s.mul_add(offsets.x, gx, s.mul(offsets.y, gy));
+        let ray = Ray { sight, beam, phase, l, windows, flat, flat_g };
+        // Four times the same, so that the sums have names and stay in registers.
+        let Gathered { re, im } = gathered;
+        (re[0], im[0]) = ray.add::<PLANES>(s, offsets, 0, re[0], im[0]);
+        (re[1], im[1]) = ray.add::<PLANES>(s, offsets, 1, re[1], im[1]);
+        (re[2], im[2]) = ray.add::<PLANES>(s, offsets, 2, re[2], im[2]);
+        (re[3], im[3]) = ray.add::<PLANES>(s, offsets, 3, re[3], im[3]);
+    }
+
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
+    fn add_edge<S: Lanes, const PLANES: usize>(
+        &self,
+        s: S,
+        group: usize,
+        sight: &Sight,
+        phase: &Phase,
+        l: usize,
+        offsets: &Offsets<S>,
+        gathered: &mut Gathered<S>,
+        weights: &mut [S::F; EDGE],
+    ) {
+        let (slot, sweeps) = (group * LANES + l, &self.stack.groups[group]);
+        let center = s.splat(sight.distance_m[l]);
+        let center_parts = s.splat(phase.center_parts[l]);
+        let zero = s.splat(0.0);
+        let edges = Edges::new(s, self.stack, group, sight, l, offsets, self.shape.heights());
+        // First where each layer's values lie, then the values: the processor waits for no single one.
+        let mut places = [(s.splat_int(0), zero); EDGE];
+        let mut seens = [LayerVisibility::<S> { counts: s.mask(0), amplitude: zero, parts: zero }; EDGE];
+        for (layer, (place, of_layer)) in places.iter_mut().zip(&mut seens).enumerate() {
+            let seen = edges.layer(s, offsets, layer);
+            let at = s.mul(s.sub(seen.distance, s.splat(sweeps.first_m[l])), s.splat(sweeps.entries_per_m[l]));
+            let whole = s.floor(at);
+            *place = (s.to_int(s.or_zero(seen.counts, whole)), s.sub(at, whole));
+            let parts = s.mul_add(s.sub(seen.distance, center), s.splat(PARTS_PER_M as f32), center_parts);
+            let amplitude = self.edge_amplitude(s, &seen);
+            *of_layer = LayerVisibility { counts: seen.counts, amplitude, parts: s.or_zero(seen.counts, parts) };
+        }
+        let mut planes = [[zero; EDGE]; PLANES];
+        for (plane, values) in planes.iter_mut().enumerate() {
+            *values = read(s, &self.stack.table(slot, plane)[..self.stack.stride], sight, l, &places);
+        }
+        for (layer, LayerVisibility { counts, amplitude, parts }) in seens.into_iter().enumerate() {
+            // What does not count may be no number; it must not reach the sums.
+            for values in &mut planes {
+                values[layer] = s.or_zero(counts, values[layer]);
+            }
+            if PLANES == 3 {
+                let sums = [gathered.re[layer], gathered.im[layer]];
+                (gathered.re[layer], gathered.im[layer]) =
+                    add_turned(s, [planes[0][layer], planes[1][layer]], amplitude, parts, sums);
+            } else {
+                gathered.re[layer] = s.mul_add(planes[0][layer], amplitude, gathered.re[layer]);
+            }
+            if PLANES > 1 {
+                weights[layer] = s.mul_add(planes[PLANES - 1][layer], s.mul(amplitude, amplitude), weights[layer]);
+            }
+        }
+    }
+
+    /// A of voxels by themselves, 0 where they do not count.
+    #[inline(always)]
+    fn edge_amplitude<S: Lanes>(&self, s: S, seen: &AtEdge<S>) -> S::F {
+        if self.stack.beam.uniform {
+            return s.or_zero(seen.counts, s.splat(1.0));
+        }
+        s.or_zero(seen.counts, edge_amplitude(s, &self.stack.beam, seen.cos(s)))
+    }
+
+    /// `thesis`, voxels by themselves: |x| of the nearest point, D and A as they are.
+    #[inline(always)]
+    fn add_edge_nearest<S: Lanes>(
+        &self,
+        s: S,
+        group: usize,
+        sight: &Sight,
+        l: usize,
+        offsets: &Offsets<S>,
+        sums: &mut [S::F; EDGE],
+    ) {
+        let sweeps = &self.stack.groups[group];
+        let per_m = s.splat(sweeps.points_per_m[l]);
+        let least = s.splat(1.0 / sweeps.entries_per_m[l]);
+        let edges = Edges::new(s, self.stack, group, sight, l, offsets, self.shape.heights());
+        let mut places = [(s.splat_int(0), s.splat(0.0)); EDGE];
+        for (layer, (place, weight)) in places.iter_mut().enumerate() {
+            let seen = edges.layer(s, offsets, layer);
+            let at = s.mul_add(s.sub(seen.distance, s.splat(sweeps.first_m[l])), per_m, s.splat(0.5));
+            *place = s.to_int(s.or_zero(seen.counts, s.floor(at)));
+            let held = s.max(seen.distance, least);
+            *weight = s.div(self.edge_amplitude(s, &seen), s.mul(held, held));
+        }
+        self.add_points(s, group, sight, l, &places, sums);
+    }
+
+    /// Sweeps of which [`Self::add_fully_visible_nearest`] may take all voxels at once: the sensor hardly moves while it samples.
+    #[inline(always)]
+    fn fully_visible<S: Lanes>(&self, s: S, group: usize, sight: &Sight) -> u16 {
+        if self.stack.beam.polynomial.is_none() {
+            return 0;
+        }
+        let sweeps = &self.stack.groups[group];
+        let speed = extent(s, load3(s, &sweeps.velocity_m_per_s));
+        let distance = s.load(&sight.distance_m);
+        let time = s.mul_add(distance, s.load(&sweeps.time_s_per_m), s.load(&sweeps.time_at_zero_s));
+        let still = s.at_most(s.mul(speed, s.abs(time)), s.mul(distance, s.splat(MOVED_SHARE)));
+        let beyond_first = s.at_most(s.splat(self.shape.radius_m * 1.1 + HELD_M), distance);
+        s.bits(s.and(still, beyond_first)) & fully_visible(s, self.stack, group, sight, &self.shape)
+    }
+
+    /// The same where each voxel counts and the sensor stands still: one distance is enough.
+    #[inline(always)]
+    fn add_fully_visible_nearest<S: Lanes>(
+        &self,
+        s: S,
+        group: usize,
+        sight: &Sight,
+        l: usize,
+        offsets: &Offsets<S>,
+        sums: &mut [S::F; EDGE],
+    ) {
+        let Some(polynomial) = &self.stack.beam.polynomial else { return };
+        let (sweeps, heights) = (&self.stack.groups[group], self.shape.heights());
+        let exact = Exact::new(s, from_sensor(sight, l), offsets, heights);
+        let [forward, from_pose] = [lane3(s, &sweeps.forward, l), lane3(s, &sight.offset_from_pose_m, l)];
+        // t of the beam's polynomial is `along` over the distance and `at_zero`.
+        let along = dot(s, from_pose, forward);
+        let along = s.mul_add(offsets.x, forward[0], s.mul_add(offsets.y, forward[1], along));
+        let (per_cos, at_zero) = (s.splat(polynomial.per_cos), s.splat(polynomial.at_zero));
+        let along = s.mul(along, per_cos);
+        let up = sweeps.forward[2][l] * polynomial.per_cos;
+        let (per_m, stretch) = (sweeps.points_per_m[l], sight.stretch[l]);
+        let first = sight.distance_m[l] * (1.0 - stretch) - sweeps.first_m[l];
+        let (first, per_m) = (s.splat(per_m.mul_add(first, 0.5)), s.splat(per_m * stretch));
+        let mut places = [(s.splat_int(0), s.splat(0.0)); EDGE];
+        for (layer, (place, weight)) in places.iter_mut().enumerate() {
+            let square = exact.squares(s, layer);
+            let distance = s.sqrt(square);
+            *place = s.to_int(s.floor(s.mul_add(distance, per_m, first)));
+            let inverse = s.div(s.splat(1.0), distance);
+            let along = s.add(along, s.splat(up * heights[layer]));
+            let mut amplitude = s.splat(0.0);
+            let t = s.mul_add(along, inverse, at_zero);
+            for coefficient in polynomial.coefficients.iter().rev() {
+                amplitude = s.mul_add(amplitude, t, s.splat(*coefficient));
+            }
+            *weight = s.mul(amplitude, s.mul(inverse, inverse));
+        }
+        self.add_points(s, group, sight, l, &places, sums);
+    }
+
+    /// Adds |x| of points, each with its weight.
+    #[inline(always)]
+    fn add_points<S: Lanes>(
+        &self,
+        s: S,
+        group: usize,
+        sight: &Sight,
+        l: usize,
+        places: &[(S::I, S::F); EDGE],
+        sums: &mut [S::F; EDGE],
+    ) {
+        let (sweeps, points) = (&self.stack.groups[group], self.stack.points(group * LANES + l));
+        // The window's first point: as far from the first as the first entry.
+        let first = sight.window[l] / sweeps.entries_per_point[l];
+        let from = if sight.wide >> l & 1 == 1 { points.get(first as usize..).unwrap_or_default() } else { &[] };
+        let offset = s.splat_int(-first);
+        // A brick that spans so few entries spans half as many points.
+        let halves = if sweeps.entries_per_point[l] >= 2 { from } else { &[] };
+        if let Some(window) = halves.first_chunk::<HALF_WINDOW>() {
+            for (sum, &(n, weight)) in sums.iter_mut().zip(places) {
+                *sum = s.mul_add(s.look_up_half(window, s.add_int(n, offset)), weight, *sum);
+            }
+        } else if let Some(window) = from.first_chunk::<WIDE_WINDOW>() {
+            for (sum, &(n, weight)) in sums.iter_mut().zip(places) {
+                *sum = s.mul_add(s.look_up_wide(window, s.add_int(n, offset)), weight, *sum);
+            }
+        } else {
+            for (sum, &(n, weight)) in sums.iter_mut().zip(places) {
+                *sum = s.mul_add(s.gather_pairs(points, n).0, weight, *sum);
+            }
+        }
+    }
+}
+
+/// How a layer's voxels were seen.
+#[derive(Clone, Copy)]
+struct LayerVisibility<S: Lanes> {
+    counts: S::M,
+    amplitude: S::F,
+    /// Phase.
+    parts: S::F,
+}
+
+/// One sweep that sees the whole brick.
+struct Ray<'a, S: Lanes> {
+    sight: &'a Sight,
+    beam: &'a BeamExpansion,
+    phase: &'a Phase,
+    l: usize,
+    /// Values and slopes of the table, for each part.
+    windows: [(&'a [f32; WINDOW], &'a [f32; WINDOW]); 2],
+    /// Of the layer through the centre: along the line of sight, and what the cosine follows.
+    flat: S::F,
+    flat_g: S::F,
+}
+
+impl<S: Lanes> Ray<'_, S> {
+    /// The sums of a layer with this sweep in them.
+    #[inline(always)]
+    fn add<const PLANES: usize>(&self, s: S, offsets: &Offsets<S>, layer: usize, re: S::F, im: S::F) -> (S::F, S::F) {
+        let (sight, beam, phase, l) = (self.sight, self.beam, self.phase, self.l);
+        let q = s.add(self.flat, s.splat(beam.up[layer][l]));
+        let across = s.neg_mul_add(q, q, offsets.squared[layer]);
+        let bend_per_m2 = s.neg_mul_add(q, s.splat(sight.half_per_m2[l]), s.splat(sight.half_per_m[l]));
+        let deviation = s.mul_add(across, bend_per_m2, q);
+        let at = s.mul_add(deviation, s.splat(sight.entries_per_m[l]), s.splat(sight.entry[l]));
+        let whole = s.floor(at);
+        let (n, rest) = (s.to_int(whole), s.sub(at, whole));
+        let g = s.add(self.flat_g, s.splat(beam.up_g[layer][l]));
+        let slope = s.mul_add(q, s.splat(beam.along_per_m[l]), s.splat(beam.terms[1][l]));
+        let slope = s.mul_add(g, s.splat(beam.terms[2][l]), slope);
+        let amplitude = s.mul_add(across, s.splat(beam.across_per_m2[l]), s.splat(beam.terms[0][l]));
+        let amplitude = s.mul_add(g, slope, amplitude);
+        let (values, slopes) = self.windows[0];
+        let real = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
+        if PLANES < 3 {
+            return (s.mul_add(real, amplitude, re), im);
+        }
+        let (values, slopes) = self.windows[1];
+        let imaginary = s.mul_add(rest, s.look_up(slopes, n), s.look_up(values, n));
+        let parts = s.mul_add(deviation, s.splat(phase.parts_per_m[l]), s.splat(phase.center_parts[l]));
+        add_turned(s, [real, imaginary], amplitude, parts, [re, im])
+    }
+}
+
+/// Phases count in parts of a turn.
+const PARTS: usize = 64;
+/// Parts of phase per metre of distance, there and back, and what f32 cannot hold of it.
+const PARTS_PER_M: f64 = 2.0 * PARTS as f64 / WAVELENGTH_M;
+const PARTS_PER_M_REST: f32 = (PARTS_PER_M - PARTS_PER_M as f32 as f64) as f32;
+/// Radians of a part.
+const PART_RAD: f32 = std::f32::consts::TAU / PARTS as f32;
+/// Sine of each part of three quarters of a turn.
+const SINES: [f32; PARTS / 4 * 3] = sines();
+
+const fn sines() -> [f32; PARTS / 4 * 3] {
+    let mut sines = [0.0; PARTS / 4 * 3];
+    let mut n = 0;
+    while n < sines.len() {
+        // By its series: 1e-12 at three quarters of a turn.
+        let x = std::f64::consts::TAU * n as f64 / PARTS as f64;
+        let (mut term, mut sum, mut k) = (x, x, 1.0);
+        while k < 40.0 {
+            term *= -x * x / ((k + 1.0) * (k + 2.0));
+            sum += term;
+            k += 2.0;
+        }
+        sines[n] = sum as f32;
+        n += 1;
+    }
+    sines
+}
+
+/// Phases at a brick's centre, for each of sixteen sweeps.
+struct Phase {
+    /// Whole turns left out.
+    center_parts: [f32; LANES],
+    parts_per_m: [f32; LANES],
+}
+
+impl Phase {
+    #[inline(always)]
+    fn new<S: Lanes>(s: S, sight: &Sight) -> Self {
+        let (distance, per_m) = (s.load(&sight.distance_m), s.splat(PARTS_PER_M as f32));
+        let parts = s.mul(distance, per_m);
+        // What the product lost by rounding: d·k − rounded(d·k) is exact in one operation.
+        let lost = s.sub(s.splat(0.0), s.neg_mul_add(distance, per_m, parts));
+        let lost = s.mul_add(distance, s.splat(PARTS_PER_M_REST), lost);
+        let turns = s.mul(s.floor(s.mul(parts, s.splat(1.0 / PARTS as f32))), s.splat(PARTS as f32));
+        Self {
+            center_parts: s.store(s.add(s.sub(parts, turns), lost)),
+            parts_per_m: s.store(s.mul(s.load(&sight.stretch), per_m)),
+        }
+    }
+}
+
+/// Adds A·(re + j·im)·e^(−jφ) to a sum; φ in parts. The nearest whole part comes from a table in registers, the rest, at most
+/// 0.05 rad, turns to first order: to 1e-3 of the amplitude and 5e-5 rad.
+#[inline(always)]
+fn add_turned<S: Lanes>(s: S, [re, im]: [S::F; 2], amplitude: S::F, parts: S::F, sums: [S::F; 2]) -> (S::F, S::F) {
+    let (Some(sines), Some(cosines)) = (SINES.first_chunk(), SINES.last_chunk()) else { return (sums[0], sums[1]) };
+    let n = s.to_int(parts);
+    let rest = s.mul(s.sub(parts, s.to_float(n)), s.splat(PART_RAD));
+    let (cos, sin) = (s.look_up(cosines, n), s.look_up(sines, n));
+    // The tables hold half a turn; the other half has the other sign.
+    let amplitude = s.negate_where_bit_5(amplitude, n);
+    let a = s.mul_add(im, sin, s.mul(re, cos));
+    let b = s.neg_mul_add(re, sin, s.mul(im, cos));
+    let sum_re = s.mul_add(amplitude, s.mul_add(b, rest, a), sums[0]);
+    let sum_im = s.mul_add(amplitude, s.neg_mul_add(a, rest, b), sums[1]);
+    (sum_re, sum_im)
+}
+
+/// The statistic from its sums.
+#[inline(always)]
+fn value<S: Lanes, const PLANES: usize>(s: S, re: S::F, im: S::F, weights: S::F) -> S::F {
+    let some = s.at_most(s.splat(f32::MIN_POSITIVE), weights);
+    match PLANES {
+        1 => re,
+        2 => s.or_zero(some, s.div(re, s.sqrt(weights))),
+        _ => s.or_zero(some, s.div(s.sqrt(s.mul_add(re, re, s.mul(im, im))), s.sqrt(weights))),
+    }
+}
+
+/// A about a brick's centre, for each of sixteen sweeps, to second order in a voxel's offset δ from it:
+/// A ≈ a0 + g·(a1 + a2·g − a1·q/d) − a1·cos·(|δ|² − q²)/2d², with q along the line of sight and g = δ·(b − cos·u)/d.
+struct BeamExpansion {
+    /// A and its slopes by the cosine to the boresight.
+    terms: [[f32; LANES]; 3],
+    /// (b − cos·u)/d: what g is made of.
+    gradient_per_m: [[f32; LANES]; 3],
+    /// How much each layer adds to q and to g.
+    up: [[f32; LANES]; EDGE],
+    up_g: [[f32; LANES]; EDGE],
+    /// −a1/d and −a1·cos/2d².
+    along_per_m: [f32; LANES],
+    across_per_m2: [f32; LANES],
+    /// Sweeps for which it is good enough over the whole brick.
+    good: u16,
+}
+
+impl BeamExpansion {
+    /// A = 1, before it is known how the layers lie.
+    const FLAT: Self = Self {
+        terms: [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
+        gradient_per_m: [[0.0; LANES]; 3],
+        up: [[0.0; LANES]; EDGE],
+        up_g: [[0.0; LANES]; EDGE],
+        along_per_m: [0.0; LANES],
+        across_per_m2: [0.0; LANES],
+        good: u16::MAX,
+    };
+
+    #[inline(always)]
+    fn new<S: Lanes>(s: S, beam: &BeamTable, sweeps: &Group, sight: &Sight, shape: &BrickShape) -> Self {
+        let heights = shape.heights();
+        let toward = load3(s, &sight.toward);
+        let up = steps(s, toward[2], heights);
+        if beam.uniform {
+            return Self { up, ..Self::FLAT };
+        }
+        let cos = s.load(&sight.cos);
+        let per_m = s.div(s.splat(1.0), s.max(s.load(&sight.pose_distance_m), s.splat(1e-6)));
+        // The cosine changes by at most ρ/d, and a little for the bend.
+        let turn = s.mul(s.splat(shape.radius_m * 1.1), per_m);
+        let ([a0, a1, a2], mut good) = parabola(s, beam, cos, turn);
+        // Terms of third order are left out: g·e² is at most 0.4 ρ³/d³, across and along the line of sight.
+        let left_out = s.mul(s.mul(s.abs(a1), s.splat(0.4)), s.mul(turn, s.mul(turn, turn)));
+        good = s.and(good, s.at_most(left_out, tolerance(s, a0)));
+        let gradient = scale3(s, sub3(s, load3(s, &sweeps.forward), scale3(s, toward, cos)), per_m);
+        let along = s.mul(s.mul(a1, per_m), s.splat(-1.0));
+        let across = s.mul(s.mul(along, s.mul(cos, per_m)), s.splat(0.5));
+        Self {
+            terms: [s.store(a0), s.store(a1), s.store(a2)],
+            gradient_per_m: [s.store(gradient[0]), s.store(gradient[1]), s.store(gradient[2])],
+            up,
+            up_g: steps(s, gradient[2], heights),
+            along_per_m: s.store(along),
+            across_per_m2: s.store(across),
+            good: s.bits(good),
+        }
+    }
+}
+
+/// A slope along z as what each layer adds.
+#[inline(always)]
+fn steps<S: Lanes>(s: S, slope: S::F, heights: [f32; EDGE]) -> [[f32; LANES]; EDGE] {
+    let mut steps = [[0.0; LANES]; EDGE];
+    for (step, height) in steps.iter_mut().zip(heights) {
+        *step = s.store(s.mul(slope, s.splat(height)));
+    }
+    steps
+}
+
+/// How far an amplitude may be off.
+#[inline(always)]
+fn tolerance<S: Lanes>(s: S, amplitude: S::F) -> S::F {
+    s.min(s.splat(AMPLITUDE_ERROR), s.mul(amplitude, s.splat(AMPLITUDE_ERROR_SHARE)))
+}
+
+/// A ≈ a0 + Δcos·(a1 + Δcos·a2) for cosines within `turn` of one, and where that is good enough.
+#[inline(always)]
+fn parabola<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, turn: S::F) -> ([S::F; 3], S::M) {
+    let width = s.max(s.min(turn, s.splat(0.25)), s.splat(2.0 / ENTRIES_PER_COS));
+    // Three points `width` apart, the highest at most 1: near the axis they move to the side that there is.
+    let high = s.min(width, s.sub(s.splat(1.0), cos));
+    let [a_low, a_middle, a_high] = [
+        below(s, beam, cos, high, width, 2.0),
+        below(s, beam, cos, high, width, 1.0),
+        below(s, beam, cos, high, width, 0.0),
+    ];
+    let per_width = s.div(s.splat(1.0), width);
+    let slope = s.mul(s.sub(a_high, a_middle), per_width);
+    let slope_low = s.mul(s.sub(a_middle, a_low), per_width);
+    let a2 = s.mul(s.mul(s.sub(slope, slope_low), per_width), s.splat(0.5));
+    let middle = s.sub(high, width);
+    let a1 = s.neg_mul_add(a2, s.add(high, middle), slope);
+    let a0 = s.add(s.neg_mul_add(slope, high, a_high), s.mul(a2, s.mul(high, middle)));
+    // Checked halfway between the points.
+    let (x, far) = (s.neg_mul_add(width, s.splat(0.5), high), s.neg_mul_add(width, s.splat(1.5), high));
+    let off = s.sub(below(s, beam, cos, high, width, 0.5), s.mul_add(s.mul_add(a2, x, a1), x, a0));
+    let off_far = s.sub(below(s, beam, cos, high, width, 1.5), s.mul_add(s.mul_add(a2, far, a1), far, a0));
+    ([a0, a1, a2], s.at_most(s.max(s.abs(off), s.abs(off_far)), tolerance(s, a0)))
+}
+
+/// A at some widths below the highest point.
+#[inline(always)]
+fn below<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, high: S::F, width: S::F, widths: f32) -> S::F {
+    amplitude(s, beam, s.add(cos, s.neg_mul_add(width, s.splat(widths), high)))
+}
+
+/// Coefficients of 1, x, y, z, x², y², z², xy, xz, yz.
+const TERMS: usize = 10;
+
+/// Σ w² of the sweeps that see the whole brick, to second order in a voxel's offset from its centre. Lanes are sweeps.
+struct WeightSum<S: Lanes> {
+    terms: [S::F; TERMS],
+}
+
+impl<S: Lanes> WeightSum<S> {
+    #[inline(always)]
+    fn none(s: S) -> Self {
+        Self { terms: [s.splat(0.0); TERMS] }
+    }
+
+    /// w² = A²/d⁴ with A from its expansion, 1/d⁴ ≈ (1 − 4e + 12e² − 2|δ|²/d²)/d₀⁴ and e = q/d₀.
+    #[inline(always)]
+    fn add(&mut self, s: S, inside: u16, sight: &Sight, beam: &BeamExpansion) {
+        let mask = s.mask(inside);
+        let [a0, a1, a2] = load3(s, &beam.terms);
+        let per_m = s.mul(s.load(&sight.half_per_m), s.splat(2.0));
+        let per_m2 = s.mul(per_m, per_m);
+        let per_m4 = s.mul(per_m2, per_m2);
+        let ([gx, gy, gz], u) = (load3(s, &beam.gradient_per_m), load3(s, &sight.toward));
+        let [ux, uy, uz] = scale3(s, u, per_m);
+        let (a00, a01) = (s.mul(s.mul(a0, a0), per_m4), s.mul(s.mul(a0, a1), per_m4));
+        let bent = s.mul(a01, s.load(&sight.cos));
+        let gg = s.mul(s.mul_add(s.add(a0, a0), a2, s.mul(a1, a1)), per_m4);
+        let gu = s.mul(a01, s.splat(-10.0));
+        let uu = s.mul_add(a00, s.splat(12.0), bent);
+        let dd = s.mul(s.mul_add(a00, s.splat(-2.0), s.sub(s.splat(0.0), bent)), per_m2);
+        let (g1, u1) = (s.add(a01, a01), s.mul(a00, s.splat(-4.0)));
+        let square = Products { gg, gu, uu };
+        let terms = [
+            a00,
+            s.mul_add(g1, gx, s.mul(u1, ux)),
+            s.mul_add(g1, gy, s.mul(u1, uy)),
+            s.mul_add(g1, gz, s.mul(u1, uz)),
+            s.add(dd, square.of(s, [gx, ux], [gx, ux])),
+            s.add(dd, square.of(s, [gy, uy], [gy, uy])),
+            s.add(dd, square.of(s, [gz, uz], [gz, uz])),
+            s.mul(s.splat(2.0), square.of(s, [gx, ux], [gy, uy])),
+            s.mul(s.splat(2.0), square.of(s, [gx, ux], [gz, uz])),
+            s.mul(s.splat(2.0), square.of(s, [gy, uy], [gz, uz])),
+        ];
+        for (sum, term) in self.terms.iter_mut().zip(terms) {
+            *sum = s.add(*sum, s.or_zero(mask, term));
+        }
+    }
+
+    /// The sum over the lanes.
+    #[inline(always)]
+    fn total(&self, s: S) -> [f32; TERMS] {
+        let mut total = [0.0; TERMS];
+        for (total, terms) in total.iter_mut().zip(self.terms) {
+            *total = s.store(terms).iter().sum();
+        }
+        total
+    }
+}
+
+/// A quadratic form of the gradients g and u: gg·g² + gu·g·u + uu·u².
+struct Products<S: Lanes> {
+    gg: S::F,
+    gu: S::F,
+    uu: S::F,
+}
+
+impl<S: Lanes> Products<S> {
+    /// Its part for two axes, the same both ways.
+    #[inline(always)]
+    fn of(&self, s: S, [ga, ua]: [S::F; 2], [gb, ub]: [S::F; 2]) -> S::F {
+        let mixed = s.mul(s.mul(self.gu, s.splat(0.5)), s.mul_add(ga, ub, s.mul(gb, ua)));
+        s.mul_add(s.mul(self.gg, ga), gb, s.mul_add(s.mul(self.uu, ua), ub, mixed))
+    }
+}
+
+/// The expansion at a layer's voxels.
+#[inline(always)]
+fn at<S: Lanes>(s: S, terms: &[f32; TERMS], offsets: &Offsets<S>, layer: usize) -> S::F {
+    let [one, x, y, z, xx, yy, zz, xy, xz, yz] = *terms;
+    let [dx, dy, dz] = offsets.layer(layer);
+    let along_x = s.mul_add(dx, s.splat(xx), s.mul_add(dy, s.splat(xy), s.mul_add(dz, s.splat(xz), s.splat(x))));
+    let along_y = s.mul_add(dy, s.splat(yy), s.mul_add(dz, s.splat(yz), s.splat(y)));
+    let along_z = s.mul_add(dz, s.splat(zz), s.splat(z));
+    s.add(s.splat(one), dot(s, [dx, dy, dz], [along_x, along_y, along_z]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backprojection::lanes::Plain;
+
+    #[test]
+    fn phases_are_turned_back() {
+        for n in -2000..2000 {
+            let (parts, s) = (n as f32 * 0.037, Plain);
+            let z = [s.splat(0.3), s.splat(-0.4)];
+            let (re, im) = add_turned(s, z, s.splat(2.0), s.splat(parts), [s.splat(2.0), s.splat(3.0)]);
+            let (sin, cos) = (f64::from(parts) * std::f64::consts::TAU / PARTS as f64).sin_cos();
+            assert!((f64::from(re[0]) - 2.0 - (0.6 * cos - 0.8 * sin)).abs() < 1.3e-3);
+            assert!((f64::from(im[0]) - 3.0 - (-0.8 * cos - 0.6 * sin)).abs() < 1.3e-3);
+        }
+    }
+}

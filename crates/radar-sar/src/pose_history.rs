@@ -1,0 +1,360 @@
+//! The poses so far, and the pose at any time between them, never across a gap or an invalid pose.
+
+use std::collections::VecDeque;
+
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::local_fit::value_and_rate_weights;
+use super::{PoseRefusal, PoseSample};
+use crate::geometry::Pose;
+
+/// How poses become a path.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HistorySettings {
+    /// Poses farther apart than this are not joined, seconds.
+    pub max_gap_s: f64,
+    /// Width of the local cubic fit that smooths the path, seconds; 0 joins neighbours by straight lines.
+    pub smoothing_window_s: f64,
+    /// How long after a sweep its poses may come, seconds: the fit takes no later ones, but for the next. Half the window is
+    /// as good as any more; less has sweeps earlier and less smooth.
+    pub max_ahead_s: f64,
+}
+
+impl Default for HistorySettings {
+    /// 50 ms are four to six frames of a headset; 92 ms are eleven poses at 120 Hz.
+    fn default() -> Self {
+        Self { max_gap_s: 0.05, smoothing_window_s: 0.092, max_ahead_s: 0.046 }
+    }
+}
+
+/// Least time after a sweep that poses are waited for where the settings allow it, seconds.
+const MIN_WAIT_S: f64 = 0.02;
+
+impl HistorySettings {
+    /// Whether poses are waited for less long than the smoothing would take them.
+    pub fn is_early(&self) -> bool {
+        self.max_ahead_s < self.smoothing_window_s * 0.5
+    }
+
+    /// So long after a time no pose changes the path there any more, but for the next one, nanoseconds.
+    pub fn ahead_ns(&self) -> i64 {
+        let most_ns = (self.max_ahead_s * 1e9).round() as i64;
+        self.smooth_ns().min(most_ns)
+    }
+
+    /// So long after a time no pose makes the path there smoother, nanoseconds.
+    pub fn smooth_ns(&self) -> i64 {
+        ((self.smoothing_window_s * 0.5).max(MIN_WAIT_S) * 1e9).round() as i64
+    }
+}
+
+/// A pose between samples, and how it moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SmoothPose {
+    /// `tracking_from_head` at the wanted time.
+    pub tracking_from_head: Pose,
+    /// Velocity of the head's origin, tracking frame, m/s.
+    pub velocity_m_per_s: DVec3,
+    /// Angular velocity, tracking frame, rad/s.
+    pub angular_velocity_rad_per_s: DVec3,
+}
+
+/// Why there is no pose at a time.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum NoPose {
+    /// Before the first or after the last pose.
+    #[error("outside the poses in time")]
+    Outside,
+    /// The neighbours are too far apart.
+    #[error("in a gap of {0:.3} s between poses")]
+    Gap(f64),
+    /// An invalid pose lies between the neighbours.
+    #[error("beside an invalid pose")]
+    Invalid,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    time_ns: i64,
+    /// `None`: an invalid pose; nothing joins across it.
+    pose: Option<Pose>,
+}
+
+/// Poses in rising time, oldest dropped on request.
+#[derive(Debug, Clone, Default)]
+pub struct PoseHistory {
+    settings: HistorySettings,
+    entries: VecDeque<Entry>,
+}
+
+impl PoseHistory {
+    /// Nothing tracked yet.
+    pub fn new(settings: HistorySettings) -> Self {
+        Self { settings, entries: VecDeque::new() }
+    }
+
+    /// Takes a pose. A refused one with a rising time stays as a border that nothing is interpolated across.
+    ///
+    /// # Errors
+    /// The reason why it is not used.
+    pub fn push(&mut self, sample: &PoseSample) -> Result<(), PoseRefusal> {
+        if let Some(before_ns) = self.last_time_ns().filter(|&before| sample.time_ns <= before) {
+            return Err(PoseRefusal::TimeNotRising { time_ns: sample.time_ns, before_ns });
+        }
+        let pose = sample.tracking_from_head();
+        self.entries.push_back(Entry { time_ns: sample.time_ns, pose: pose.as_ref().ok().copied() });
+        pose.map(|_| ())
+    }
+
+    /// Time of the newest entry, valid or not.
+    pub fn last_time_ns(&self) -> Option<i64> {
+        self.entries.back().map(|e| e.time_ns)
+    }
+
+    /// The newest valid pose and its time.
+    pub fn last_pose(&self) -> Option<(i64, Pose)> {
+        self.entries.iter().rev().find_map(|e| e.pose.map(|p| (e.time_ns, p)))
+    }
+
+    /// Forgets what is older than `time_ns`.
+    pub fn remove_before(&mut self, time_ns: i64) {
+        while self.entries.front().is_some_and(|e| e.time_ns < time_ns) {
+            self.entries.pop_front();
+        }
+    }
+
+    /// Forgets the oldest entries beyond a number.
+    pub fn keep_newest(&mut self, count: usize) {
+        while self.entries.len() > count {
+            self.entries.pop_front();
+        }
+    }
+
+    /// Number of entries held.
+    pub fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Whether nothing is held.
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
+    /// Whether poses before entry `later` and at it may be joined.
+    fn check_joined(&self, later: usize) -> Result<(), NoPose> {
+        let (a, b) = (&self.entries[later - 1], &self.entries[later]);
+        if a.pose.is_none() || b.pose.is_none() {
+            return Err(NoPose::Invalid);
+        }
+        let gap_s = (b.time_ns - a.time_ns) as f64 * 1e-9;
+        if gap_s > self.settings.max_gap_s { Err(NoPose::Gap(gap_s)) } else { Ok(()) }
+    }
+
+    /// The pose at a time.
+    ///
+    /// # Errors
+    /// Outside the poses, in a gap, or beside an invalid pose.
+    pub fn at(&self, time_ns: i64) -> Result<SmoothPose, NoPose> {
+        self.at_with_poses_until(time_ns, i64::MIN)
+    }
+
+    /// The pose at a time by the poses up to another, or as [`at`](Self::at) has it where that takes more.
+    ///
+    /// # Errors
+    /// As [`at`](Self::at).
+    pub fn at_with_poses_until(&self, time_ns: i64, known_until_ns: i64) -> Result<SmoothPose, NoPose> {
+        let later = self.entries.partition_point(|e| e.time_ns < time_ns);
+        if self.entries.is_empty() || later == self.entries.len() {
+            return Err(NoPose::Outside);
+        }
+        if later == 0 && self.entries[0].time_ns > time_ns {
+            return Err(NoPose::Outside);
+        }
+        if later > 0 && self.entries[later].time_ns != time_ns {
+            self.check_joined(later)?;
+        } else if self.entries[later].pose.is_none() {
+            return Err(NoPose::Invalid);
+        }
+        let (first, last) = self.fit_window(time_ns, later, known_until_ns);
+        self.fit(time_ns, first, last).ok_or(NoPose::Outside)
+    }
+
+    /// First and last entry (inclusive) around `later` that the fit may use: unbroken, within the smoothing window, not
+    /// beyond what is waited for or known, and at least the two neighbours.
+    fn fit_window(&self, time_ns: i64, later: usize, known_until_ns: i64) -> (usize, usize) {
+        let until_ns = known_until_ns.max(time_ns.saturating_add(self.settings.ahead_ns()));
+        let half_ns = (self.settings.smoothing_window_s * 0.5e9) as i64;
+        let (mut first, mut last) =
+            if self.entries[later].time_ns == time_ns { (later, later) } else { (later - 1, later) };
+        while first > 0 && self.check_joined(first).is_ok() && time_ns - self.entries[first - 1].time_ns <= half_ns {
+            first -= 1;
+        }
+        while last + 1 < self.entries.len()
+            && self.check_joined(last + 1).is_ok()
+            && self.entries[last + 1].time_ns - time_ns <= half_ns
+            && self.entries[last + 1].time_ns <= until_ns
+        {
+            last += 1;
+        }
+        // A lone sample still needs a neighbour to have a velocity.
+        if first == last {
+            if first > 0 && self.check_joined(first).is_ok() {
+                first -= 1;
+            } else if last + 1 < self.entries.len() && self.check_joined(last + 1).is_ok() {
+                last += 1;
+            }
+        }
+        (first, last)
+    }
+
+    fn fit(&self, time_ns: i64, first: usize, last: usize) -> Option<SmoothPose> {
+        let run: Vec<(f64, Pose)> = self
+            .entries
+            .range(first..=last)
+            .filter_map(|e| e.pose.map(|p| ((e.time_ns - time_ns) as f64 * 1e-9, p)))
+            .collect();
+        let reference = run.iter().min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?.1;
+        let times: Vec<f64> = run.iter().map(|r| r.0).collect();
+        let Some(weights) = value_and_rate_weights(&times) else {
+            return Some(SmoothPose {
+                tracking_from_head: reference,
+                velocity_m_per_s: DVec3::ZERO,
+                angular_velocity_rad_per_s: DVec3::ZERO,
+            });
+        };
+        // Relative to the nearest pose, so that origins far away cost no digits and turns are small.
+        let mut position = DVec3::ZERO;
+        let mut velocity = DVec3::ZERO;
+        let mut turn = DVec3::ZERO;
+        let mut turn_rate = DVec3::ZERO;
+        for (weight, (_, pose)) in weights.iter().zip(&run) {
+            let offset = pose.translation - reference.translation;
+            let turned = rotation_vector(pose.rotation * reference.rotation.conjugate());
+            position += offset * weight[0];
+            velocity += offset * weight[1];
+            turn += turned * weight[0];
+            turn_rate += turned * weight[1];
+        }
+        Some(SmoothPose {
+            tracking_from_head: Pose::new(
+                reference.translation + position,
+                DQuat::from_scaled_axis(turn) * reference.rotation,
+            ),
+            velocity_m_per_s: velocity,
+            angular_velocity_rad_per_s: turn_rate,
+        })
+    }
+}
+
+/// Axis times angle, the short way round.
+fn rotation_vector(rotation: DQuat) -> DVec3 {
+    if rotation.w < 0.0 { (-rotation).to_scaled_axis() } else { rotation.to_scaled_axis() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::TrackingResult;
+    use super::*;
+
+    const MS: i64 = 1_000_000;
+
+    fn pose(x: f64, yaw: f64) -> Pose {
+        Pose::new(DVec3::new(x, 1.6, 0.0), DQuat::from_rotation_y(yaw))
+    }
+
+    #[test]
+    fn poses_later_than_max_ahead_are_ignored() {
+        let mut at = Vec::new();
+        for max_ahead_s in [0.0, 0.012, 0.046] {
+            let settings = HistorySettings { max_ahead_s, ..Default::default() };
+            let mut history = PoseHistory::new(settings);
+            let x = |i: i64| 0.1 * (i as f64 * 0.2).sin() + if i % 2 == 0 { 1e-3 } else { 0.0 };
+            let mut seen = None;
+            for i in 0..30i64 {
+                history.push(&PoseSample::valid(i * 8 * MS, &pose(x(i), 0.0))).unwrap();
+                let complete = i * 8 * MS - settings.ahead_ns() >= 101 * MS;
+                if complete {
+                    let now = history.at(101 * MS).unwrap().tracking_from_head.translation;
+                    assert_eq!(*seen.get_or_insert(now), now, "{max_ahead_s}");
+                }
+            }
+            at.push(seen.unwrap().x);
+        }
+        assert!(at[0] != at[1] && at[1] != at[2] && at.iter().all(|x| (x - at[2]).abs() < 3e-3), "{at:?}");
+    }
+
+    #[test]
+    fn later_poses_turn_early_path_into_smooth_one() {
+        let at = |max_ahead_s: f64, known_until_ns: i64| {
+            let mut history = PoseHistory::new(HistorySettings { max_ahead_s, ..Default::default() });
+            for i in 0..30i64 {
+                let jitter = if i % 2 == 0 { 1e-3 } else { 0.0 };
+                history
+                    .push(&PoseSample::valid(i * 8 * MS, &pose(0.1 * (i as f64 * 0.2).sin() + jitter, 0.0)))
+                    .unwrap();
+            }
+            history.at_with_poses_until(101 * MS, known_until_ns).unwrap().tracking_from_head.translation
+        };
+        assert_eq!(at(0.0, 147 * MS), at(0.046, i64::MIN));
+        assert_eq!(at(0.0, i64::MAX), at(0.046, i64::MAX));
+        assert_ne!(at(0.0, 120 * MS), at(0.0, i64::MIN));
+    }
+
+    fn history(smoothing_window_s: f64) -> PoseHistory {
+        PoseHistory::new(HistorySettings { smoothing_window_s, ..Default::default() })
+    }
+
+    #[test]
+    fn straight_motion_is_interpolated_exactly() {
+        for window in [0.0, 0.092] {
+            let mut history = history(window);
+            for i in 0..40i64 {
+                history.push(&PoseSample::valid(i * 8 * MS, &pose(i as f64 * 0.008, i as f64 * 0.016))).unwrap();
+            }
+            let at = history.at(100 * MS).unwrap();
+            assert!((at.tracking_from_head.translation.x - 0.1).abs() < 1e-9);
+            assert!((at.velocity_m_per_s - DVec3::X).length() < 1e-6);
+            assert!((at.angular_velocity_rad_per_s - DVec3::Y * 2.0).length() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn gaps_and_invalid_poses_are_not_bridged() {
+        let mut history = history(0.092);
+        for i in 0..10 {
+            history.push(&PoseSample::valid(i * 10 * MS, &pose(0.0, 0.0))).unwrap();
+        }
+        for i in 20..30 {
+            history.push(&PoseSample::valid(i * 10 * MS, &pose(5.0, 0.0))).unwrap();
+        }
+        assert!(matches!(history.at(150 * MS), Err(NoPose::Gap(gap)) if (gap - 0.11).abs() < 1e-9));
+        let lost = PoseSample { valid: false, ..PoseSample::valid(295 * MS, &pose(9.0, 0.0)) };
+        assert_eq!(history.push(&lost), Err(PoseRefusal::Invalid));
+        for i in 30..40 {
+            history.push(&PoseSample::valid(i * 10 * MS, &pose(6.0, 0.0))).unwrap();
+        }
+        assert_eq!(history.at(293 * MS), Err(NoPose::Invalid));
+        assert_eq!(history.at(295 * MS), Err(NoPose::Invalid));
+        // Beside the border the fit uses one side alone: nothing of the jump leaks in.
+        assert!((history.at(288 * MS).unwrap().tracking_from_head.translation.x - 5.0).abs() < 1e-9);
+        assert!((history.at(302 * MS).unwrap().tracking_from_head.translation.x - 6.0).abs() < 1e-9);
+        assert_eq!(history.at(-1), Err(NoPose::Outside));
+        assert_eq!(history.at(391 * MS), Err(NoPose::Outside));
+    }
+
+    #[test]
+    fn refused_poses_name_the_reason() {
+        let mut history = history(0.0);
+        history.push(&PoseSample::valid(10, &pose(0.0, 0.0))).unwrap();
+        let same_time = PoseSample::valid(10, &pose(0.0, 0.0));
+        assert!(matches!(history.push(&same_time), Err(PoseRefusal::TimeNotRising { .. })));
+        let nan = PoseSample { position_m: [f64::NAN; 3], ..PoseSample::valid(20, &pose(0.0, 0.0)) };
+        assert!(matches!(history.push(&nan), Err(PoseRefusal::Numbers(_))));
+        let zero = PoseSample { quaternion_xyzw: [0.0; 4], ..PoseSample::valid(30, &pose(0.0, 0.0)) };
+        assert!(matches!(history.push(&zero), Err(PoseRefusal::Numbers(_))));
+        let lost = PoseSample { result: TrackingResult::OutOfRange, ..PoseSample::valid(40, &pose(0.0, 0.0)) };
+        assert_eq!(history.push(&lost), Err(PoseRefusal::Result(TrackingResult::OutOfRange)));
+    }
+}

@@ -1,0 +1,186 @@
+//! Generalised least squares along the path: a Kalman filter whose state holds the place and everything that makes ranges
+//! err alike.
+//!
+//! A sweep's range is |s − p| plus u·(R m + b + j): s the place, u the direction to it, m the mount's error (turns with the
+//! sensor's rotation R), b slow wander (noise through a steep low-pass in each axis, see `wander`), j what jitter the
+//! smoothing leaves (an Ornstein–Uhlenbeck process in each axis). A phase reads the same length with an offset that nobody knows. The filter
+//! carries all of them jointly, so the place's covariance is right by construction, at a cost linear in the sweeps. Tested
+//! against the same sum with dense matrices in `bound`.
+
+use glam::{DMat3, DVec3};
+
+use super::PositionErrors;
+use super::wander::{Step, WANDER_STATES, Wander};
+
+use crate::math;
+
+/// Place 0..3, mount 3..6, phase offset 6, jitter 7..10, then the states of the wander, axis by axis.
+const STATES: usize = WANDER + 3 * WANDER_STATES;
+const MOUNT: usize = 3;
+const OFFSET: usize = 6;
+const JITTER: usize = 7;
+const WANDER: usize = 10;
+
+/// Time over which the error of a smoothed pose stays alike, seconds: a fifth of the smoothing's window.
+pub(crate) const JITTER_S: f64 = 0.02;
+/// 1σ of an offset that nobody knows, metres.
+const OPEN_OFFSET_M: f64 = 0.1;
+/// Innovations beyond this many sigmas count as if they lay there.
+const OUTLIER_SIGMA: f64 = 3.5;
+
+/// Where a sweep looked: what the filter needs of its geometry.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Sight {
+    /// Seconds from any fixed moment.
+    pub time_s: f64,
+    /// Unit vector from the sensor to the place, tracking frame.
+    pub toward: DVec3,
+    /// The same in the sensor's frame.
+    pub toward_in_sensor: DVec3,
+}
+
+/// The filter, after the sweeps so far. It may carry several states, guesses that differ in what they take measurements to
+/// be: the covariance does not depend on that and is the same for all.
+#[derive(Debug, Clone)]
+pub(crate) struct PathFilter {
+    states: Vec<[f64; STATES]>,
+    covariance: [[f64; STATES]; STATES],
+    wander: Wander,
+    jitter_variance_m2: f64,
+    time_s: Option<f64>,
+}
+
+/// A measurement about to be taken.
+#[derive(Debug, Clone)]
+pub(crate) struct Innovation {
+    /// What each guess expects it to be, metres.
+    pub expected_m: Vec<f64>,
+    /// Variance of what is measured around that, m².
+    pub variance_m2: f64,
+    /// Covariance of it with the state.
+    shared: [f64; STATES],
+}
+
+impl PathFilter {
+    /// Before the first sweep: the place lies at 0 with this covariance.
+    pub fn new(place_covariance_m2: &DMat3, errors: &PositionErrors) -> Self {
+        let wander = Wander::new(errors);
+        let jitter_variance_m2 = errors.jitter_m * errors.jitter_m;
+        let mut covariance = [[0.0; STATES]; STATES];
+        for (row, place) in place_covariance_m2.to_cols_array_2d().iter().enumerate() {
+            covariance[row][..3].copy_from_slice(place);
+            covariance[MOUNT + row][MOUNT + row] = errors.mount_variance_m2();
+            covariance[JITTER + row][JITTER + row] = jitter_variance_m2;
+            let at = WANDER + WANDER_STATES * row;
+            for (i, stationary) in wander.stationary.iter().enumerate() {
+                covariance[at + i][at..at + WANDER_STATES].copy_from_slice(stationary);
+            }
+        }
+        covariance[OFFSET][OFFSET] = OPEN_OFFSET_M * OPEN_OFFSET_M;
+        Self { states: vec![[0.0; STATES]], covariance, wander, jitter_variance_m2, time_s: None }
+    }
+
+    /// The same, the place not at 0 but there, metres.
+    pub fn starting_at(mut self, place_m: DVec3) -> Self {
+        self.states.iter_mut().for_each(|state| state[..3].copy_from_slice(&place_m.to_array()));
+        self
+    }
+
+    /// Each guess' offset of the place from where the sights were taken, metres.
+    pub fn places_m(&self) -> impl Iterator<Item = DVec3> {
+        self.states.iter().map(|state| DVec3::new(state[0], state[1], state[2]))
+    }
+
+    /// Guesses that go on: by number, any number any number of times.
+    pub fn branch(&mut self, from: impl Iterator<Item = usize>) {
+        self.states = from.map(|n| self.states[n]).collect();
+    }
+
+    /// The place's covariance in each guess, m².
+    pub fn place_covariance_m2(&self) -> DMat3 {
+        DMat3::from_cols_array_2d(&[0, 1, 2].map(|col| [0, 1, 2].map(|row| self.covariance[row][col])))
+    }
+
+    /// Lets time pass until a sight.
+    pub fn advance(&mut self, sight: &Sight) {
+        let passed_s = self.time_s.map_or(0.0, |before| (sight.time_s - before).max(0.0));
+        self.time_s = Some(sight.time_s);
+        if passed_s <= 0.0 {
+            return;
+        }
+        let step = self.wander.step(passed_s);
+        let keep = math::exp(-passed_s / JITTER_S);
+        for row in self.states.iter_mut().chain(&mut self.covariance) {
+            advance_row(row, &step, keep);
+        }
+        for axis in 0..3 {
+            let at = WANDER + WANDER_STATES * axis;
+            step.turn_rows(&mut self.covariance[at..at + WANDER_STATES]);
+            for (row, added) in self.covariance[at..].iter_mut().zip(&step.added) {
+                for (value, added) in row[at..].iter_mut().zip(added) {
+                    *value += added;
+                }
+            }
+            self.covariance[JITTER + axis].iter_mut().for_each(|value| *value *= keep);
+            self.covariance[JITTER + axis][JITTER + axis] += self.jitter_variance_m2 * (1.0 - keep * keep);
+        }
+    }
+
+    /// Forgets the phase's offset: a new one begins.
+    pub fn open_offset(&mut self) {
+        for other in 0..STATES {
+            self.covariance[OFFSET][other] = 0.0;
+            self.covariance[other][OFFSET] = 0.0;
+        }
+        self.states.iter_mut().for_each(|state| state[OFFSET] = 0.0);
+        self.covariance[OFFSET][OFFSET] = OPEN_OFFSET_M * OPEN_OFFSET_M;
+    }
+    /// How a measured length would fare; `phase`: it has the unknown offset.
+    pub fn predict(&self, sight: &Sight, phase: bool, variance_m2: f64) -> Innovation {
+        let mut reads = [0.0; STATES];
+        let (toward, in_sensor) = (sight.toward.to_array(), sight.toward_in_sensor.to_array());
+        for axis in 0..3 {
+            reads[axis] = toward[axis];
+            reads[MOUNT + axis] = in_sensor[axis];
+            let at = WANDER + WANDER_STATES * axis;
+            for (read, share) in reads[at..].iter_mut().zip(&self.wander.reads) {
+                *read = toward[axis] * share;
+            }
+            reads[JITTER + axis] = toward[axis];
+        }
+        reads[OFFSET] = if phase { 1.0 } else { 0.0 };
+        let shared = self.covariance.map(|row| dot(&row, &reads));
+        let expected_m = self.states.iter().map(|state| dot(&reads, state)).collect();
+        Innovation { expected_m, variance_m2: dot(&reads, &shared) + variance_m2, shared }
+    }
+
+    /// Takes a measured length: for each guess, its offset from the length that the sight was taken at. Held back where it is an
+    /// outlier to the guess `likeliest`. Returns each guess' square of what was not expected over its variance.
+    pub fn update(&mut self, innovation: &Innovation, off_m: &[f64], likeliest: usize) -> Vec<f64> {
+        let surprises_m: Vec<f64> =
+            off_m.iter().zip(&innovation.expected_m).map(|(off, expected)| off - expected).collect();
+        let sigmas = surprises_m[likeliest].abs() / innovation.variance_m2.sqrt();
+        let variance_m2 = innovation.variance_m2 * (sigmas / OUTLIER_SIGMA).max(1.0);
+        for (state, surprise_m) in self.states.iter_mut().zip(&surprises_m) {
+            for (value, shared) in state.iter_mut().zip(&innovation.shared) {
+                *value += shared * (surprise_m / variance_m2);
+            }
+        }
+        for (row, mine) in self.covariance.iter_mut().zip(&innovation.shared) {
+            for (value, other) in row.iter_mut().zip(&innovation.shared) {
+                *value -= mine / variance_m2 * other;
+            }
+        }
+        surprises_m.iter().map(|surprise_m| surprise_m * surprise_m / innovation.variance_m2).collect()
+    }
+}
+
+/// A row of the covariance, or the state, after some time: what is measured along it.
+fn advance_row(row: &mut [f64; STATES], step: &Step, keep: f64) {
+    row[JITTER..JITTER + 3].iter_mut().for_each(|value| *value *= keep);
+    row[WANDER..].chunks_exact_mut(WANDER_STATES).for_each(|axis| step.turn_row(axis));
+}
+
+fn dot(a: &[f64; STATES], b: &[f64; STATES]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

@@ -1,0 +1,116 @@
+//! Which sweeps to keep when all are too many, and which to leave out before any imaging. One way a file.
+
+mod d_optimal;
+mod farthest_point;
+mod hull;
+mod preselection;
+mod random;
+mod thesis;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::Observation;
+use crate::math;
+
+pub use d_optimal::d_optimal;
+pub use farthest_point::farthest_points;
+pub use hull::hull_vertices;
+pub use preselection::{Preselection, PreselectionCounters, Preselector};
+pub use random::random;
+pub use thesis::{THRESHOLD_COEFFICIENT, above_threshold, hull_above_threshold};
+
+/// How sweeps are chosen.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Selection {
+    /// Any, by chance.
+    Random,
+    /// Eq. 3.6 of the thesis: those with amplitudes of at least T · x_max; of these any, by chance.
+    Threshold,
+    /// Eq. 3.7: the convex hull's, with amplitudes of at least T · x_max; of these any, by chance. May be fewer than asked.
+    ThesisHull,
+    /// Always the one farthest from all that are chosen.
+    #[default]
+    FarthestPoint,
+    /// Always the one that tells most about a place: greatest determinant of Σ u uᵀ.
+    DOptimal,
+}
+
+/// No such selection.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("selection \"{0}\" is not known: use {list}", list = Selection::ALL.map(Selection::name).join(", "))]
+pub struct UnknownSelection(pub String);
+
+impl Selection {
+    /// All of them.
+    pub const ALL: [Selection; 5] =
+        [Self::Random, Self::Threshold, Self::ThesisHull, Self::FarthestPoint, Self::DOptimal];
+
+    /// As settings and the command line spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Random => "random",
+            Self::Threshold => "threshold",
+            Self::ThesisHull => "thesis-hull",
+            Self::FarthestPoint => "farthest-point",
+            Self::DOptimal => "d-optimal",
+        }
+    }
+
+    /// Indices of `count` sweeps at most, in rising order. `place` is where something is looked for (the region's middle
+    /// serves); chance follows from `seed` alone.
+    pub fn choose(self, observations: &[Observation], count: usize, place: DVec3, seed: u64) -> Vec<usize> {
+        let positions: Vec<DVec3> = observations.iter().map(|o| o.tracking_from_sensor.translation).collect();
+        let amplitudes = || observations.iter().map(peak_amplitude).collect::<Vec<f64>>();
+        let any_of = |from: Vec<usize>| random(from.len(), count, seed).into_iter().map(|n| from[n]).collect();
+        match self {
+            Self::Random => random(observations.len(), count, seed),
+            Self::Threshold => any_of(above_threshold(&amplitudes(), THRESHOLD_COEFFICIENT)),
+            Self::ThesisHull => any_of(hull_above_threshold(&positions, &amplitudes(), THRESHOLD_COEFFICIENT)),
+            Self::FarthestPoint => farthest_points(&positions, count),
+            Self::DOptimal => d_optimal(&positions, place, count),
+        }
+    }
+}
+
+impl std::str::FromStr for Selection {
+    type Err = UnknownSelection;
+    fn from_str(name: &str) -> Result<Self, UnknownSelection> {
+        Self::ALL.into_iter().find(|s| s.name() == name).ok_or_else(|| UnknownSelection(name.into()))
+    }
+}
+
+/// Greatest amplitude of a sweep's points, LSB.
+fn peak_amplitude(observation: &Observation) -> f64 {
+    observation.samples.iter().map(|x| f64::from(math::norm(*x))).fold(0.0, f64::max)
+}
+
+/// Index of the first of the greatest values; 0 without any.
+fn first_best(values: impl Iterator<Item = f64>) -> usize {
+    values.enumerate().fold((0, f64::NEG_INFINITY), |best, (i, v)| if v > best.1 { (i, v) } else { best }).0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_data::{Echo, sweeps, winding};
+
+    #[test]
+    fn every_way_keeps_no_more_than_asked_each_once_and_repeats() {
+        let at = DVec3::new(0.2, 0.1, -1.2);
+        let all = sweeps(0.3, winding, &[(Echo::Point(at), 10.0)], 1);
+        for way in Selection::ALL {
+            assert_eq!(way.name().parse::<Selection>().unwrap(), way);
+            for count in [0, 1, 20, all.len(), all.len() + 5] {
+                let chosen = way.choose(&all, count, at, 7);
+                assert!(chosen.len() <= count.min(all.len()), "{way:?}");
+                assert!(chosen.windows(2).all(|w| w[0] < w[1]) && chosen.iter().all(|&n| n < all.len()), "{way:?}");
+                assert_eq!(chosen, way.choose(&all, count, at, 7));
+                assert!(way.choose(&[], count, at, 7).is_empty());
+            }
+        }
+        assert_ne!(Selection::Random.choose(&all, 20, at, 7), Selection::Random.choose(&all, 20, at, 8));
+        assert!("best".parse::<Selection>().unwrap_err().to_string().contains("farthest-point"));
+    }
+}

@@ -1,0 +1,92 @@
+//! What a block has in its beam: balls at a glance, layers of voxels one by one.
+
+use glam::DVec3;
+
+use super::super::lanes::LANES;
+use super::super::{Subaperture, SubapertureSettings};
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{InstructionSet, has};
+
+/// How much of a ball a block has in its beam.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Coverage {
+    None,
+    Some,
+    All,
+}
+
+/// A block and what it has in its beam.
+pub(super) struct BeamView<'a> {
+    pub block: &'a Subaperture,
+    /// No nearer and no farther than the block's range axis goes.
+    pub settings: SubapertureSettings,
+    min_cos: f64,
+    /// Sine of the widest angle in the beam.
+    max_sin: f64,
+    forward: DVec3,
+}
+
+impl<'a> BeamView<'a> {
+    pub fn new(block: &'a Subaperture, settings: &SubapertureSettings, min_cos: f64) -> Self {
+        let settings = settings.within(&block.geometry().axis);
+        let max_sin = (1.0 - min_cos * min_cos).max(0.0).sqrt();
+        Self { block, settings, min_cos, max_sin, forward: block.middle.forward() }
+    }
+
+    /// Never says `None` or `All` wrongly.
+    pub fn sphere_coverage(&self, middle: DVec3, radius_m: f64) -> Coverage {
+        let radius_m = radius_m + 1e-9;
+        let to = middle - self.block.middle.translation;
+        let (distance_m, along_m) = (to.length(), to.dot(self.forward));
+        let across_m = (distance_m * distance_m - along_m * along_m).max(0.0).sqrt();
+        // How far outside the beam's cone, by its surface.
+        let outside_m = across_m * self.min_cos - along_m * self.max_sin;
+        let SubapertureSettings { min_range_m, max_range_m, .. } = self.settings;
+        if outside_m > radius_m || distance_m > max_range_m + radius_m || distance_m + radius_m < min_range_m {
+            Coverage::None
+        } else if outside_m < -radius_m && distance_m + radius_m < max_range_m && distance_m - radius_m > min_range_m {
+            Coverage::All
+        } else {
+            Coverage::Some
+        }
+    }
+}
+
+impl BeamView<'_> {
+    /// Which voxels of a layer are in the beam, lane 0 at `corner`: [`SubapertureSettings::sees`] sixteen at a time.
+    #[inline(always)]
+    fn lane_coverage(&self, corner: DVec3) -> [bool; LANES] {
+        let SubapertureSettings { voxel_m, min_range_m, max_range_m, .. } = self.settings;
+        let (forward, to) = (self.forward, corner - self.block.middle.translation);
+        let (min2, max2) = (min_range_m * min_range_m, max_range_m * max_range_m);
+        let cos2 = self.min_cos * self.min_cos.abs();
+        let mut seen = [false; LANES];
+        for l in 0..LANES {
+            let (x, y) = (to.x + COLUMN[l] * voxel_m, to.y + ROW[l] * voxel_m);
+            let along = x * forward.x + y * forward.y + to.z * forward.z;
+            let distance2 = x * x + y * y + to.z * to.z;
+            seen[l] = (distance2 >= min2) & (distance2 <= max2) & (along * along.abs() >= cos2 * distance2);
+        }
+        seen
+    }
+
+    /// The same, compiled for what the processor has.
+    pub fn layer_coverage(&self, corner: DVec3) -> [bool; LANES] {
+        #[cfg(target_arch = "x86_64")]
+        {
+            #[target_feature(enable = "avx512f,avx512vl,avx512bw,avx512dq")]
+            fn avx512(view: &BeamView, corner: DVec3) -> [bool; LANES] {
+                view.lane_coverage(corner)
+            }
+            if has(InstructionSet::Avx512) {
+                // SAFETY: the processor has the instructions that this copy of the code is compiled for.
+                return unsafe { avx512(self, corner) };
+            }
+        }
+        self.lane_coverage(corner)
+    }
+}
+
+/// Where in a layer of 4 × 4 a lane lies.
+const COLUMN: [f64; LANES] = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
+const ROW: [f64; LANES] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];

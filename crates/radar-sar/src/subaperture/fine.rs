@@ -1,0 +1,311 @@
+//! The block score on fine voxels wherever something is.
+//!
+//! A second field, of 1 cm, holds the bricks alone that are asked for: those around strong places and around what is known.
+//! A brick is worth what the blocks at hand when it was asked for and all since then say, bit for bit as in a dense fine field
+//! of those blocks. But a block is added to it only when somebody reads the brick, or when the block is about to be gone:
+//! most bricks that are asked for are dropped again before anybody read them, and those cost next to nothing. A look opens so
+//! many bricks at most and reads so many; the others wait, and are counted. Bricks that nobody asked for in a while go.
+
+use std::collections::BTreeMap;
+
+use glam::{DVec3, IVec3};
+use serde::{Deserialize, Serialize};
+
+use super::{Field, Peak, Subaperture, SubapertureSettings};
+use crate::geometry::Aabb;
+
+/// Parameters of the fine field.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FineSettings {
+    /// Edge of a voxel, metres.
+    pub voxel_m: f64,
+    /// Score that is left of a place from which on it is looked at finely.
+    pub min_score: f64,
+    /// Bricks of 8³ voxels that one look opens at most, and brings up to date at most.
+    pub max_opened: usize,
+    /// Bricks held at most.
+    pub max_bricks: usize,
+    /// Looks after which a brick that nobody asks for is dropped.
+    pub keep_looks: u32,
+}
+
+impl Default for FineSettings {
+    fn default() -> Self {
+        Self { voxel_m: 0.01, min_score: 3.5, max_opened: 150, max_bricks: 4000, keep_looks: 4 }
+    }
+}
+
+/// What was done, and what waits.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FineCounters {
+    /// Bricks opened.
+    pub opened: u64,
+    /// Bricks dropped.
+    pub dropped: u64,
+    /// Bricks that a look asked for, or wanted to read, and left for a later one, summed over the looks.
+    pub put_off: u64,
+    /// Bricks asked for that would not have fitted, summed over the looks.
+    pub refused: u64,
+    /// (voxel, sweep) pairs summed.
+    pub updates: u64,
+}
+
+impl FineCounters {
+    /// Both together.
+    pub fn and(&self, more: &Self) -> Self {
+        Self {
+            opened: self.opened + more.opened,
+            dropped: self.dropped + more.dropped,
+            put_off: self.put_off + more.put_off,
+            refused: self.refused + more.refused,
+            updates: self.updates + more.updates,
+        }
+    }
+}
+
+/// A brick that is open.
+#[derive(Debug, Clone, Copy)]
+struct Open {
+    /// Looks since it was last asked for.
+    idle: u32,
+    /// Number of the first block that it lacks.
+    missing: u64,
+}
+
+/// The score on fine voxels, where it was asked for.
+#[derive(Debug)]
+pub struct FineField {
+    settings: FineSettings,
+    field: Field,
+    open: BTreeMap<[i32; 3], Open>,
+    /// Blocks that came so far and that are gone again; those between are at hand.
+    pushed: u64,
+    popped: u64,
+    /// Bricks that may still be brought up to date in this look.
+    updates_left: usize,
+    counters: FineCounters,
+}
+
+impl FineField {
+    /// Empty. `min_cos`: cosine of the widest angle in the beam.
+    pub fn new(settings: FineSettings, blocks: SubapertureSettings, min_cos: f64) -> Self {
+        let field = Field::new(SubapertureSettings { voxel_m: settings.voxel_m, ..blocks }, min_cos);
+        let (open, counters) = (BTreeMap::new(), FineCounters::default());
+        Self { settings, field, open, pushed: 0, popped: 0, updates_left: settings.max_opened, counters }
+    }
+
+    /// What was done so far.
+    pub fn counters(&self) -> FineCounters {
+        FineCounters { updates: self.field.updates, ..self.counters }
+    }
+
+    /// The field itself.
+    pub fn field(&self) -> &Field {
+        &self.field
+    }
+
+    /// A block has come and is at hand from now on. Blocks come in time.
+    pub fn push_subaperture(&mut self, block: &Subaperture) {
+        self.field.register_time(block);
+        self.pushed += 1;
+    }
+
+    /// The oldest block at hand goes: bricks that lack it get it.
+    pub fn pop_subaperture(&mut self, block: &Subaperture) {
+        let number = self.popped;
+        self.popped += 1;
+        let open = &self.open;
+        let missing = |key: &[i32; 3]| usize::from(open.get(key).is_none_or(|o| o.missing > number))..1;
+        self.field.add_missing(&[block], missing);
+        self.open.values_mut().for_each(|o| o.missing = o.missing.max(self.popped));
+    }
+
+    /// Asks for places, each a cube of `edge_m`, the most important first; opens what is new as far as the settings go and
+    /// drops what was not asked for in a while. Begins a look.
+    pub fn request(&mut self, places: &[DVec3], edge_m: f64) {
+        self.updates_left = self.settings.max_opened;
+        self.open.values_mut().for_each(|o| o.idle += 1);
+        let mut wanted: Vec<IVec3> = Vec::new();
+        let mut waiting: BTreeMap<[i32; 3], ()> = BTreeMap::new();
+        for place in places {
+            let around = Aabb { min: *place - edge_m * 0.5, max: *place + edge_m * 0.5 };
+            for key in self.field.keys_around(&around) {
+                match self.open.get_mut(&key.to_array()) {
+                    Some(open) => open.idle = 0,
+                    None if waiting.insert(key.to_array(), ()).is_none() => wanted.push(key),
+                    None => {}
+                }
+            }
+        }
+        let keep = self.settings.keep_looks;
+        let dropped: Vec<[i32; 3]> = self.open.iter().filter(|(_, o)| o.idle > keep).map(|(key, _)| *key).collect();
+        dropped.iter().for_each(|key| {
+            self.open.remove(key);
+        });
+        self.field.close(&dropped);
+        let room = self.settings.max_bricks.saturating_sub(self.open.len());
+        self.counters.dropped += dropped.len() as u64;
+        self.counters.refused += wanted.len().saturating_sub(room) as u64;
+        wanted.truncate(room);
+        self.counters.put_off += wanted.len().saturating_sub(self.settings.max_opened) as u64;
+        wanted.truncate(self.settings.max_opened);
+        self.counters.opened += wanted.len() as u64;
+        self.field.insert_bricks(&wanted);
+        self.open.extend(wanted.iter().map(|key| (key.to_array(), Open { idle: 0, missing: self.popped })));
+    }
+
+    /// Open voxels within a box of at least that score, in brick order; `at_hand`: all blocks at hand, in time. `None` when
+    /// too many bricks were read in this look already.
+    pub fn above_within(&mut self, region: &Aabb, min_score: f64, at_hand: &[&Subaperture]) -> Option<Vec<Peak>> {
+        debug_assert_eq!(at_hand.len() as u64, self.pushed - self.popped);
+        let keys = self.field.keys_around(region).into_iter().map(|key| key.to_array());
+        let lacking = |key: &[i32; 3]| self.open.get(key).map(|o| o.missing).filter(|missing| *missing < self.pushed);
+        let behind: BTreeMap<[i32; 3], u64> = keys.filter_map(|key| Some((key, lacking(&key)?))).collect();
+        let Some(updates_left) = self.updates_left.checked_sub(behind.len()) else {
+            self.counters.put_off += behind.len() as u64;
+            return None;
+        };
+        self.updates_left = updates_left;
+        self.catch_up(&behind, at_hand);
+        Some(self.field.above_within(region, min_score))
+    }
+
+    /// Brings every open brick up to date, however many there are.
+    pub fn update_all(&mut self, at_hand: &[&Subaperture]) {
+        let behind =
+            self.open.iter().filter(|(_, o)| o.missing < self.pushed).map(|(key, o)| (*key, o.missing)).collect();
+        self.catch_up(&behind, at_hand);
+    }
+
+    /// Gives bricks the blocks from that number on.
+    fn catch_up(&mut self, behind: &BTreeMap<[i32; 3], u64>, at_hand: &[&Subaperture]) {
+        let all = at_hand.len();
+        let missing = |key: &[i32; 3]| behind.get(key).map_or(all, |missing| (missing - self.popped) as usize)..all;
+        self.field.add_missing(at_hand, missing);
+        for (key, open) in &mut self.open {
+            open.missing = if behind.contains_key(key) { self.pushed } else { open.missing };
+        }
+    }
+
+    /// Middles of the bricks that are open.
+    pub fn open_bricks(&self) -> Vec<DVec3> {
+        let edge_m = self.field.brick_edge_m();
+        self.open.keys().map(|key| (IVec3::from_array(*key).as_dvec3() + 0.5) * edge_m).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::subaperture::{SubapertureBuilder, subaperture_volume};
+    use crate::test_data::{Echo, on_one_thread, sweeps, winding};
+    use crate::{Beam, Observation};
+
+    const CHAIR: DVec3 = DVec3::new(0.225, 0.125, -1.175);
+    const LAMP: DVec3 = DVec3::new(-0.4, -0.2, -1.6);
+
+    fn observations() -> Vec<Observation> {
+        sweeps(0.8, winding, &[(Echo::Point(CHAIR), 1.0), (Echo::Point(LAMP), 1.0)], 1)
+    }
+
+    fn blocks() -> Vec<Subaperture> {
+        let mut builder = SubapertureBuilder::new(SubapertureSettings::default());
+        let mut blocks: Vec<_> = observations().into_iter().filter_map(|o| builder.push(o)).collect();
+        blocks.extend(builder.close());
+        blocks
+    }
+
+    fn fine(settings: FineSettings) -> FineField {
+        let blocks = SubapertureSettings::default();
+        FineField::new(settings, blocks, blocks.min_cos(&Beam::Lensless))
+    }
+
+    fn around(at: DVec3) -> Aabb {
+        let on_grid = (at / 0.01).round() * 0.01;
+        Aabb { min: on_grid - 0.05, max: on_grid + 0.05 }
+    }
+
+    #[test]
+    fn open_bricks_equal_the_dense_field_bit_for_bit() {
+        let blocks = blocks();
+        let settings = SubapertureSettings { voxel_m: 0.01, ..SubapertureSettings::default() };
+        let mut dense = Field::new(settings, settings.min_cos(&Beam::Lensless));
+        blocks.iter().for_each(|block| dense.add(block));
+        let run = || {
+            let mut fine = fine(FineSettings::default());
+            // One place from the third block on, the other from the sixth; the first is read in between, and the first two
+            // blocks go before the end.
+            for (n, block) in blocks.iter().enumerate() {
+                fine.push_subaperture(block);
+                match n {
+                    2 => fine.request(&[CHAIR], 0.1),
+                    4 => assert!(
+                        fine.above_within(&around(CHAIR), -9.0, &blocks[..=n].iter().collect::<Vec<_>>()).is_some()
+                    ),
+                    5 => fine.request(&[CHAIR, LAMP], 0.1),
+                    6 => blocks[..2].iter().for_each(|block| fine.pop_subaperture(block)),
+                    _ => {}
+                }
+            }
+            let at_hand: Vec<&Subaperture> = blocks[2..].iter().collect();
+            [CHAIR, LAMP].map(|at| fine.above_within(&around(at), -9.0, &at_hand).unwrap())
+        };
+        let found = run();
+        for (at, found) in [CHAIR, LAMP].into_iter().zip(&found) {
+            let exact = &dense.above_within(&around(at), -9.0);
+            assert!(found.len() == 1000, "{}", found.len());
+            assert_eq!(found, exact);
+            let volume = subaperture_volume(&observations(), &Beam::Lensless, &settings, &around(at), 0.01);
+            let peak = f64::from(volume.peak().unwrap().1);
+            for voxel in found {
+                let at = ((voxel.position_m - volume.origin_m) / 0.01).floor().to_array().map(|n| n as usize);
+                assert!(volume.center(at).distance(voxel.position_m) < 1e-9);
+                let other = f64::from(volume.values[volume.index(at)]);
+                assert!((voxel.score - other).abs() < 0.01 * peak, "{voxel:?} {other}");
+            }
+        }
+        assert_eq!(on_one_thread(run), found);
+    }
+
+    #[test]
+    fn work_is_bounded_carried_over_and_counted() {
+        let blocks = blocks();
+        let mut fine = fine(FineSettings { max_opened: 5, max_bricks: 12, keep_looks: 1, ..FineSettings::default() });
+        blocks.iter().for_each(|block| fine.push_subaperture(block));
+        let cube = Aabb { min: CHAIR - 0.05, max: CHAIR + 0.05 };
+        let asked = fine.field().keys_around(&cube).len() as u64;
+        assert!(asked >= 8);
+        fine.request(&[CHAIR], 0.1);
+        assert_eq!((fine.counters().opened, fine.counters().put_off), (5, asked.min(12) - 5));
+        fine.request(&[CHAIR], 0.1);
+        fine.request(&[CHAIR], 0.1);
+        assert_eq!(fine.counters().opened, asked.min(12));
+        assert_eq!(fine.open_bricks().len() as u64, asked.min(12));
+        // Nobody has read anything yet, and more than five bricks are not read at once.
+        assert_eq!(fine.counters().updates, 0);
+        let at_hand: Vec<&Subaperture> = blocks.iter().collect();
+        assert_eq!(fine.above_within(&cube, 0.0, &at_hand), None);
+        assert!(fine.above_within(&Aabb { min: CHAIR, max: CHAIR }, 0.0, &at_hand).is_some());
+        assert!(fine.counters().updates > 0);
+        // Nobody asks any more: after two looks all of it goes.
+        fine.request(&[], 0.1);
+        assert_eq!(fine.counters().dropped, 0);
+        fine.request(&[], 0.1);
+        assert_eq!((fine.counters().dropped, fine.field().brick_count()), (asked.min(12), 0));
+    }
+
+    #[test]
+    fn unread_bricks_are_updated_only_when_their_subapertures_expire() {
+        let blocks = blocks();
+        let mut fine = fine(FineSettings { keep_looks: 0, ..FineSettings::default() });
+        blocks.iter().for_each(|block| fine.push_subaperture(block));
+        fine.request(&[CHAIR], 0.1);
+        fine.pop_subaperture(&blocks[0]);
+        let of_one = fine.counters().updates;
+        assert!(of_one > 0);
+        fine.request(&[], 0.1);
+        blocks[1..].iter().for_each(|block| fine.pop_subaperture(block));
+        assert_eq!(fine.counters().updates, of_one);
+    }
+}

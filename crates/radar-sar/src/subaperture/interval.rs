@@ -1,0 +1,360 @@
+//! One block: its sweeps range-compressed and noise-normalised, positions relative to its middle.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::DVec3;
+
+use super::brick::Rows;
+use super::kernel::Group;
+use super::lanes::{LANES, Lanes};
+use super::leaf::{Partition, partition};
+use super::wall_cancellation::subtract_planes;
+use super::{Coherence, SubapertureSettings, taper};
+use crate::compression::CompressionScratch;
+use crate::geometry::{Plane, Pose};
+use crate::{Observation, SweepGeometry};
+use crate::{RangeCompressor, subaperture_noise_rms};
+
+/// Consecutive sweeps that are summed coherently.
+#[derive(Debug, Clone)]
+pub struct Subaperture {
+    /// Pose of the middle sweep, `tracking_from_sensor`; kernel coordinates are relative to its translation.
+    pub middle: Pose,
+    /// Time of the middle sweep, host nanoseconds.
+    pub mid_time_ns: i64,
+    /// End of its last sweep, host nanoseconds.
+    pub end_ns: i64,
+    /// Unit vector along the sensor's way through the block; zero when it stood still.
+    pub motion: DVec3,
+    /// Length of that way, metres.
+    pub aperture_m: f64,
+    /// Noise rms that z is normalised by, LSB.
+    pub noise_rms_lsb: f64,
+    /// Range of the first table entry, and of the last point, metres.
+    pub(super) first_m: f32,
+    pub(super) last_m: f32,
+    /// Distance between table entries, and its inverse.
+    pub(super) entry_step_m: f32,
+    pub(super) entries_per_m: f32,
+    /// Entries of one sweep's table.
+    pub(super) entries: usize,
+    /// A point at range d is sampled `d · time_s_per_m + time_at_zero_s` after the middle of its sweep.
+    pub(super) time_s_per_m: f32,
+    pub(super) time_at_zero_s: f32,
+    pub(super) sweep_count: usize,
+    /// Places of the sweeps, sixteen by sixteen.
+    pub(super) groups: Vec<Group>,
+    /// z times the taper, `[entry][group]` then `[re, im][sweep]`; zero where a group has no sweep left.
+    pub(super) z: Vec<[Lanes; 2]>,
+    /// The same sweep by sweep.
+    pub(super) rows: Rows,
+    /// Times of the sweeps, seconds from the first.
+    pub(super) times_s: Vec<f32>,
+    /// No sweep was measured farther from the middle than this, metres.
+    pub(super) reach_m: f32,
+    /// In each group of sixteen sweeps all lie within some table entries of the middle one.
+    pub(super) is_smooth: bool,
+    /// By greatest half-length, made when first asked for.
+    partitions: [OnceLock<Partition>; PARTITIONS],
+    geometry: Arc<SweepGeometry>,
+    /// The same with the mirrors in it that were taken out of this one.
+    uncancelled: Option<Arc<Subaperture>>,
+}
+
+/// A block that is asked for single places alone: half the memory.
+#[derive(Debug, Clone)]
+pub struct PointSubaperture(Subaperture);
+
+impl PointSubaperture {
+    /// What a block says of places; in the memory of one that is no longer needed, where there is one.
+    pub fn of(block: &Subaperture, old: Option<Self>) -> Self {
+        let (mut z, mut groups) = old.map_or_else(Default::default, |old| (old.0.z, old.0.groups));
+        z.clone_from(&block.z);
+        groups.clone_from(&block.groups);
+        Self(Subaperture {
+            z,
+            groups,
+            rows: Rows::none(),
+            times_s: Vec::new(),
+            partitions: Default::default(),
+            geometry: Arc::clone(&block.geometry),
+            uncancelled: None,
+            ..*block
+        })
+    }
+
+    /// See [`Subaperture::middle`].
+    pub fn middle(&self) -> &Pose {
+        &self.0.middle
+    }
+
+    /// See [`Subaperture::geometry`].
+    pub fn geometry(&self) -> &SweepGeometry {
+        self.0.geometry()
+    }
+
+    /// See [`Subaperture::motion`].
+    pub fn motion(&self) -> DVec3 {
+        self.0.motion
+    }
+
+    /// See [`Subaperture::mid_time_ns`].
+    pub fn mid_time_ns(&self) -> i64 {
+        self.0.mid_time_ns
+    }
+
+    /// See [`Subaperture::aperture_m`].
+    pub fn aperture_m(&self) -> f64 {
+        self.0.aperture_m
+    }
+
+    /// See [`Subaperture::distance_m`].
+    pub fn distance_m(&self, place: DVec3) -> f64 {
+        self.0.distance_m(place)
+    }
+
+    /// Coherence of a place, tracking frame, metres.
+    pub fn coherence_at(&self, place: DVec3) -> Coherence {
+        let relative = (place - self.0.middle.translation).as_vec3().to_array();
+        self.0.coherence_at_points(&[relative])[0]
+    }
+}
+
+/// Partitions are made for half-lengths from this on, each so many times the one before.
+const SHORTEST_HALF_LENGTH_M: f32 = 1e-4;
+const LENGTH_RATIO: f32 = 1.3;
+const PARTITIONS: usize = 24;
+/// Farthest that the parabola through three table entries is asked for.
+const SMOOTH_ENTRIES: f32 = 3.5;
+
+impl Subaperture {
+    /// From at least two sweeps of one geometry.
+    fn new(observations: &[Observation], compressor: &RangeCompressor, room: &mut CompressionScratch) -> Self {
+        let middle = &observations[observations.len() / 2];
+        let origin = middle.tracking_from_sensor.translation;
+        let noise_rms_lsb = subaperture_noise_rms(observations.iter().map(|o| o.samples.as_slice()));
+        let geometry = Arc::clone(&middle.geometry);
+        let groups: Vec<Group> = observations.chunks(LANES).map(|sweeps| group(sweeps, origin)).collect();
+        let (first_m, step_m, entries) = (compressor.first_m(), compressor.step_m(), compressor.entries());
+        let mut z = vec![[[0.0; LANES]; 2]; entries * groups.len()];
+        let mut rows = Rows::new(observations.len(), entries, first_m, step_m, geometry.pulse_fwhm_m);
+        let mut evened = [vec![0.0; entries], vec![0.0; entries]];
+        let mut sixteen = [vec![0.0; entries * LANES], vec![0.0; entries * LANES]];
+        for (g, sweeps) in observations.chunks(LANES).enumerate() {
+            for (l, observation) in sweeps.iter().enumerate() {
+                compressor.compress_in(&observation.samples, 1.0, room);
+                let k = g * LANES + l;
+                let scale = (taper(k, observations.len()) / noise_rms_lsb) as f32;
+                for (part, values) in [&room.re, &room.im].into_iter().enumerate() {
+                    compensate_interpolation(values, scale, &mut evened[part]);
+                    let scaled = sixteen[part][l * entries..][..entries].iter_mut().zip(values);
+                    scaled.for_each(|(scaled, value)| *scaled = value * scale);
+                }
+                rows.set(k, &evened[0], &evened[1]);
+            }
+            for (entry, row) in z.iter_mut().skip(g).step_by(groups.len()).enumerate() {
+                for (row, values) in row.iter_mut().zip(&sixteen) {
+                    (0..sweeps.len()).for_each(|l| row[l] = values[l * entries + entry]);
+                }
+            }
+        }
+        let way = observations[observations.len() - 1].tracking_from_sensor.translation
+            - observations[0].tracking_from_sensor.translation;
+        Self {
+            middle: middle.tracking_from_sensor,
+            mid_time_ns: middle.mid_time_ns,
+            end_ns: observations[observations.len() - 1].end_ns(),
+            motion: way.normalize_or_zero(),
+            aperture_m: way.length(),
+            noise_rms_lsb,
+            first_m: first_m as f32,
+            last_m: geometry.axis.last_m() as f32,
+            entry_step_m: step_m as f32,
+            entries_per_m: (1.0 / step_m) as f32,
+            entries,
+            time_s_per_m: (geometry.point_period_s / geometry.axis.step_m) as f32,
+            time_at_zero_s: middle.point_time_s(geometry.axis.point_at(0.0)) as f32,
+            sweep_count: observations.len(),
+            times_s: observations.iter().map(|o| since_s(o.mid_time_ns, observations[0].mid_time_ns)).collect(),
+            is_smooth: groups.iter().all(|group| group.reach_m() <= SMOOTH_ENTRIES * step_m as f32),
+            groups,
+            z,
+            rows,
+            reach_m: observations.iter().map(|o| farthest_m(o, origin)).fold(0.0, f64::max) as f32 * 1.001,
+            partitions: Default::default(),
+            geometry,
+            uncancelled: None,
+        }
+    }
+
+    /// Its sweeps in runs of at most that half-length, or of the shortest there are.
+    pub(super) fn partition(&self, half_length_m: f32) -> &Partition {
+        let (mut at, mut bound_m) = (0, SHORTEST_HALF_LENGTH_M);
+        while at + 1 < PARTITIONS && bound_m * LENGTH_RATIO <= half_length_m {
+            (at, bound_m) = (at + 1, bound_m * LENGTH_RATIO);
+        }
+        self.partitions[at].get_or_init(|| partition(&self.groups, self.sweep_count, bound_m))
+    }
+
+    /// It as it was measured, with the mirrors that were taken out of it.
+    pub fn uncancelled(&self) -> &Self {
+        self.uncancelled.as_deref().unwrap_or(self)
+    }
+
+    /// Number of sweeps.
+    pub fn sweep_count(&self) -> usize {
+        self.sweep_count
+    }
+
+    /// Range axis, pulse and timing of its sweeps.
+    pub fn geometry(&self) -> &SweepGeometry {
+        &self.geometry
+    }
+
+    /// Distance from its middle to a place, metres.
+    pub fn distance_m(&self, place: DVec3) -> f64 {
+        place.distance(self.middle.translation)
+    }
+}
+
+/// Straight lines between entries lie inside the curve; entries moved out by the mean of that even it out.
+fn compensate_interpolation(values: &[f32], scale: f32, evened: &mut [f32]) {
+    let last = values.len() - 1;
+    let evened_at = |before: f32, value: f32, after: f32| (value - (before + after - value * 2.0) / 12.0) * scale;
+    for (evened, three) in evened[1..last].iter_mut().zip(values.windows(3)) {
+        *evened = evened_at(three[0], three[1], three[2]);
+    }
+    evened[0] = evened_at(values[0], values[0], values[1]);
+    evened[last] = evened_at(values[last - 1], values[last], values[last]);
+}
+
+/// From a time to a later one, seconds.
+fn since_s(time_ns: i64, first_ns: i64) -> f32 {
+    (time_ns.saturating_sub(first_ns) as f64 * 1e-9) as f32
+}
+
+/// How far from a place any point of a sweep was measured.
+fn farthest_m(observation: &Observation, origin: DVec3) -> f64 {
+    let half_s = observation
+        .point_time_s(0.0)
+        .abs()
+        .max(observation.point_time_s(observation.geometry.axis.point_at(0.0)).abs());
+    observation.tracking_from_sensor.translation.distance(origin) + observation.velocity_m_per_s.length() * half_s
+}
+
+/// Up to sixteen sweeps side by side; the last one fills up.
+fn group(sweeps: &[Observation], origin: DVec3) -> Group {
+    let lanes = |value: &dyn Fn(&Observation) -> DVec3| {
+        let of = |l: usize| value(&sweeps[l.min(sweeps.len() - 1)]).as_vec3().to_array();
+        std::array::from_fn(|axis| std::array::from_fn(|l| of(l)[axis]))
+    };
+    Group {
+        position_m: lanes(&|o| o.tracking_from_sensor.translation - origin),
+        velocity_m_per_s: lanes(&|o| o.velocity_m_per_s),
+    }
+}
+
+impl Group {
+    /// Farthest that a sweep lies from the middle one, metres.
+    fn reach_m(&self) -> f32 {
+        let from_middle = |l: usize| -> f32 {
+            self.position_m.iter().map(|axis| (axis[l] - axis[LANES / 2]).powi(2)).sum::<f32>().sqrt()
+        };
+        (0..LANES).map(from_middle).fold(0.0, f32::max)
+    }
+}
+
+/// Gathers the sweeps of one subsweep into blocks.
+#[derive(Debug)]
+pub struct SubapertureBuilder {
+    settings: SubapertureSettings,
+    compressor: Option<RangeCompressor>,
+    room: CompressionScratch,
+    pending: Vec<Observation>,
+    planes: Vec<Plane>,
+    /// Sweeps that came to lie in no block: too few before a pause.
+    pub dropped_sweeps: u64,
+}
+
+impl SubapertureBuilder {
+    /// Nothing gathered yet.
+    pub fn new(settings: SubapertureSettings) -> Self {
+        Self {
+            settings,
+            compressor: None,
+            room: CompressionScratch::default(),
+            pending: Vec::new(),
+            planes: Vec::new(),
+            dropped_sweeps: 0,
+        }
+    }
+
+    /// Whether a sweep of that time would close the block at hand.
+    pub fn is_closed_by(&self, mid_time_ns: i64) -> bool {
+        match (self.pending.first(), self.pending.last()) {
+            (Some(first), Some(last)) => !self.settings.continues(first.mid_time_ns, last.mid_time_ns, mid_time_ns),
+            _ => false,
+        }
+    }
+
+    /// The sweeps of the block at hand, to be changed.
+    pub fn sweeps_mut(&mut self) -> &mut [Observation] {
+        &mut self.pending
+    }
+
+    /// Takes these mirrors' echoes out of blocks that are closed from now on; see [`Subaperture::uncancelled`].
+    pub fn cancel_walls(&mut self, planes: &[Plane]) {
+        self.planes.clear();
+        self.planes.extend_from_slice(planes);
+    }
+
+    /// Takes a sweep; gives the block that it closes, if it closes one. All sweeps must share one geometry.
+    pub fn push(&mut self, observation: Observation) -> Option<Subaperture> {
+        let closed = if self.is_closed_by(observation.mid_time_ns) { self.close() } else { None };
+        self.pending.push(observation);
+        closed
+    }
+
+    /// Closes the block at hand.
+    pub fn close(&mut self) -> Option<Subaperture> {
+        let sweeps = std::mem::take(&mut self.pending);
+        if sweeps.len() < self.settings.min_sweeps.max(2) {
+            self.dropped_sweeps += sweeps.len() as u64;
+            return None;
+        }
+        let compressor = self.compressor.get_or_insert_with(|| RangeCompressor::new(&sweeps[0].geometry));
+        let uncancelled = Subaperture::new(&sweeps, compressor, &mut self.room);
+        let Some(cleaned) = subtract_planes(&sweeps, &self.planes, uncancelled.noise_rms_lsb) else {
+            return Some(uncancelled);
+        };
+        let block = Subaperture::new(&cleaned, compressor, &mut self.room);
+        Some(Subaperture { uncancelled: Some(Arc::new(uncancelled)), ..block })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::subaperture::partition;
+    use crate::test_data::{sweeps, winding};
+
+    #[test]
+    fn subapertures_match_the_oracle_partition() {
+        let mut observations = sweeps(0.5, winding, &[], 1);
+        // A pause, and a rest too short for a block.
+        observations.drain(200..260);
+        observations.drain(265..430);
+        let settings = SubapertureSettings::default();
+        let mut builder = SubapertureBuilder::new(settings);
+        let mut blocks: Vec<_> = observations.iter().filter_map(|o| builder.push(o.clone())).collect();
+        blocks.extend(builder.close());
+        let expected = partition(&observations, &settings);
+        let kept: usize = expected.iter().map(Vec::len).sum();
+        assert_eq!(blocks.len(), expected.len());
+        assert_eq!(builder.dropped_sweeps as usize, observations.len() - kept);
+        for (block, indices) in blocks.iter().zip(&expected) {
+            assert_eq!(block.sweep_count(), indices.len());
+            assert_eq!(block.mid_time_ns, observations[indices[indices.len() / 2]].mid_time_ns);
+        }
+    }
+}

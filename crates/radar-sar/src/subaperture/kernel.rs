@@ -1,0 +1,350 @@
+//! The exact inner loop: coherent sum and incoherent energy of one block at one place after the other.
+//!
+//! Sixteen sweeps stand side by side, so a place's distances, table rows and phases are whole vectors read in a row, with
+//! nothing gathered: over sixteen sweeps a place stays within some table entries of the middle one, and a parabola through
+//! that entry and its neighbours reaches so far. Where a place lies near an end of the range axis, or the sensor jumped, a
+//! careful copy of the loop asks in each lane. f32 throughout: places are relative to the block's middle, distances stay below
+//! some metres, phase is taken to ±½ turn before the sine. Against the oracle m agrees to 1 % of itself plus 0.02.
+//!
+//! For single places and planes; volumes go through `brick`, which handles many sweeps at a time.
+
+use super::Subaperture;
+use super::lanes::{LANES, Lanes, Portable, ROUNDER, Vector};
+use crate::WAVELENGTH_M;
+#[cfg(target_arch = "x86_64")]
+use crate::simd::{InstructionSet, has};
+
+/// Where sixteen consecutive sweeps were measured, relative to the block's middle; the last ones may repeat a sweep.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Group {
+    /// `[axis][sweep]`, metres.
+    pub position_m: [Lanes; 3],
+    /// `[axis][sweep]`.
+    pub velocity_m_per_s: [Lanes; 3],
+}
+
+/// What one block says of a place.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Coherence {
+    /// m: coherent power against what does not add up.
+    pub m: f32,
+    /// P: coherent power, noise = 1.
+    pub power: f32,
+}
+
+/// A plane as a block sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlaneAt {
+    /// Unit normal, towards the plane.
+    pub toward: [f32; 3],
+    /// Its distance from the block's middle, metres.
+    pub distance_m: f32,
+}
+
+/// What has a distance: a point (relative to the block's middle) or a plane.
+trait RangeTarget: Copy {
+    fn distance_m(self, from: [f32; 3]) -> f32;
+    /// Sixteen at once.
+    fn distances<V: Vector>(self, from: [V; 3]) -> V;
+    #[inline(always)]
+    fn distances_m(self, from: &[Lanes; 3]) -> Lanes {
+        let mut distances = [0.0; LANES];
+        for l in 0..LANES {
+            distances[l] = self.distance_m([from[0][l], from[1][l], from[2][l]]);
+        }
+        distances
+    }
+}
+
+impl RangeTarget for [f32; 3] {
+    #[inline(always)]
+    fn distance_m(self, from: [f32; 3]) -> f32 {
+        let (x, y, z) = (self[0] - from[0], self[1] - from[1], self[2] - from[2]);
+        (x * x + y * y + z * z).sqrt()
+    }
+    #[inline(always)]
+    fn distances<V: Vector>(self, from: [V; 3]) -> V {
+        let [x, y, z] =
+            [V::splat(self[0]).sub(from[0]), V::splat(self[1]).sub(from[1]), V::splat(self[2]).sub(from[2])];
+        x.mul_add(x, y.mul_add(y, z.mul(z))).sqrt()
+    }
+}
+
+impl RangeTarget for PlaneAt {
+    #[inline(always)]
+    fn distance_m(self, from: [f32; 3]) -> f32 {
+        let u = self.toward;
+        self.distance_m - (u[0] * from[0] + u[1] * from[1] + u[2] * from[2])
+    }
+    #[inline(always)]
+    fn distances<V: Vector>(self, from: [V; 3]) -> V {
+        let [x, y, z] = [V::splat(self.toward[0]), V::splat(self.toward[1]), V::splat(self.toward[2])];
+        let along = x.mul_add(from[0], y.mul_add(from[1], z.mul(from[2])));
+        V::splat(self.distance_m).sub(along)
+    }
+}
+
+impl Subaperture {
+    /// Coherence at places relative to the block's middle, metres.
+    pub fn coherence_at_points(&self, points: &[[f32; 3]]) -> Vec<Coherence> {
+        dispatch(self, points)
+    }
+
+    /// Coherence of planes.
+    pub fn coherence_of_planes(&self, planes: &[PlaneAt]) -> Vec<Coherence> {
+        dispatch(self, planes)
+    }
+}
+
+fn dispatch(block: &Subaperture, places: &[impl RangeTarget]) -> Vec<Coherence> {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use super::lanes::{Avx2, Avx512};
+        #[target_feature(enable = "avx512f")]
+        fn avx512(block: &Subaperture, places: &[impl RangeTarget]) -> Vec<Coherence> {
+            all::<Avx512>(block, places)
+        }
+        #[target_feature(enable = "avx2,fma")]
+        fn avx2(block: &Subaperture, places: &[impl RangeTarget]) -> Vec<Coherence> {
+            all::<Avx2>(block, places)
+        }
+        if has(InstructionSet::Avx512) {
+            // SAFETY: the processor has the instructions that this copy of the code is compiled for.
+            return unsafe { avx512(block, places) };
+        }
+        if has(InstructionSet::Avx2) {
+            // SAFETY: as above.
+            return unsafe { avx2(block, places) };
+        }
+    }
+    all::<Portable>(block, places)
+}
+
+#[inline(always)]
+fn all<V: Vector>(block: &Subaperture, places: &[impl RangeTarget]) -> Vec<Coherence> {
+    let mut found = Vec::with_capacity(places.len());
+    for &place in places {
+        let middle_m = place.distance_m([0.0; 3]);
+        let plain = block.is_smooth && block.covers(middle_m, middle_m);
+        found.push(if plain { coherence::<V>(block, place) } else { bounds_checked_coherence(block, place) });
+    }
+    found
+}
+
+/// Where every sweep sees the place within its range axis and near its group's middle one.
+#[inline(always)]
+fn coherence<V: Vector>(block: &Subaperture, place: impl RangeTarget) -> Coherence {
+    let zero = V::splat(0.0);
+    let (mut sum_re, mut sum_im, mut sum_energy) = (zero, zero, zero);
+    let half_turns_per_m = V::splat((4.0 / WAVELENGTH_M) as f32);
+    let one = V::splat(1.0);
+    for (g, group) in block.groups.iter().enumerate() {
+        let [x, y, z] = &group.position_m;
+        let middle_m = place.distance_m([x[LANES / 2], y[LANES / 2], z[LANES / 2]]);
+        let time = V::splat(middle_m * block.time_s_per_m + block.time_at_zero_s);
+        let [vx, vy, vz] = &group.velocity_m_per_s;
+        let from = [
+            V::load(vx).mul_add(time, V::load(x)),
+            V::load(vy).mul_add(time, V::load(y)),
+            V::load(vz).mul_add(time, V::load(z)),
+        ];
+        let distance = place.distances(from);
+        let (cos, sin) = distance.mul(half_turns_per_m).cos_sin_of_half_turns();
+        let (at, entry_m) = block.entry_at(middle_m);
+        let rows = [block.row(at - 1, g), block.row(at, g), block.row(at + 1, g)];
+        let u = distance.sub(V::splat(entry_m)).mul(V::splat(block.entries_per_m));
+        let half_u = u.mul(V::splat(0.5));
+        let (before, after) = (half_u.mul(u).sub(half_u), half_u.mul_add(u, half_u));
+        let here = u.neg_mul_add(u, one);
+        let [re, im] =
+            [interpolate::<V>(&rows, 0, before, here, after), interpolate::<V>(&rows, 1, before, here, after)];
+        // z · e^(−jκd)
+        sum_re = re.mul_add(cos, im.mul_add(sin, sum_re));
+        sum_im = im.mul_add(cos, re.neg_mul_add(sin, sum_im));
+        sum_energy = re.mul_add(re, im.mul_add(im, sum_energy));
+    }
+    let mut sums = [[0.0; LANES]; 3];
+    sum_re.store(&mut sums[0]);
+    sum_im.store(&mut sums[1]);
+    sum_energy.store(&mut sums[2]);
+    Coherence::of(sum(sums[0]), sum(sums[1]), sum(sums[2]), block.sweep_count as f32)
+}
+
+#[inline(always)]
+fn interpolate<V: Vector>(rows: &[&[Lanes; 2]; 3], part: usize, before: V, here: V, after: V) -> V {
+    let outer = V::load(&rows[0][part]).mul_add(before, V::load(&rows[2][part]).mul(after));
+    V::load(&rows[1][part]).mul_add(here, outer)
+}
+
+impl Coherence {
+    #[inline(always)]
+    fn of(re: f32, im: f32, energy: f32, count: f32) -> Self {
+        let power = (re * re + im * im) / count;
+        let rest = (energy - power) / (count - 1.0);
+        Self { m: power / rest.max(1.0), power }
+    }
+}
+
+#[inline(always)]
+fn bounds_checked_coherence(block: &Subaperture, place: impl RangeTarget) -> Coherence {
+    let (mut sum_re, mut sum_im, mut energy) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
+    let turns_per_m = (2.0 / WAVELENGTH_M) as f32;
+    for (g, group) in block.groups.iter().enumerate() {
+        // The middle sweep tells the table entry, and when points at about this range were sampled.
+        let [x, y, z] = &group.position_m;
+        let middle_m = place.distance_m([x[LANES / 2], y[LANES / 2], z[LANES / 2]]);
+        let distance = place.distances_m(&group.moved(middle_m * block.time_s_per_m + block.time_at_zero_s));
+        let (re, im) = block.look_up(g, middle_m, &distance);
+        for l in 0..LANES {
+            // Within 100 m and a number, so that what counts for nothing adds zero and not NaN.
+            let turns = distance[l].abs().min(100.0) * turns_per_m;
+            let (cos, sin) = cos_sin_of_turns(turns - ((turns + ROUNDER) - ROUNDER));
+            // z · e^(−j·2π·turns)
+            sum_re[l] += re[l] * cos + im[l] * sin;
+            sum_im[l] += im[l] * cos - re[l] * sin;
+            energy[l] += re[l] * re[l] + im[l] * im[l];
+        }
+    }
+    Coherence::of(sum(sum_re), sum(sum_im), sum(energy), block.sweep_count as f32)
+}
+
+impl Group {
+    /// Where the sensor was that much later.
+    #[inline(always)]
+    fn moved(&self, time_s: f32) -> [Lanes; 3] {
+        let mut position_m = self.position_m;
+        for (positions, velocities) in position_m.iter_mut().zip(&self.velocity_m_per_s) {
+            for (position, velocity) in positions.iter_mut().zip(velocities) {
+                *position += velocity * time_s;
+            }
+        }
+        position_m
+    }
+}
+
+impl Subaperture {
+    /// The table entry nearest to a distance that has neighbours, and its range.
+    #[inline(always)]
+    fn entry_at(&self, middle_m: f32) -> (usize, f32) {
+        let at = (middle_m - self.first_m) * self.entries_per_m + 0.5;
+        // Written so that a distance that is no number lands on the first entry; it counts for nothing.
+        let at = if at >= 1.0 { at.min((self.entries - 2) as f32) } else { 1.0 } as i32;
+        (at as usize, self.first_m + at as f32 * self.entry_step_m)
+    }
+
+    #[inline(always)]
+    fn row(&self, entry: usize, group: usize) -> &[Lanes; 2] {
+        &self.z[entry * self.groups.len() + group]
+    }
+
+    /// z of a group's sweeps, each at its own distance; zero outside the axis.
+    #[inline(always)]
+    fn look_up(&self, group: usize, middle_m: f32, distance: &Lanes) -> (Lanes, Lanes) {
+        let (at, entry_m) = self.entry_at(middle_m);
+        let (before, here, after) = (self.row(at - 1, group), self.row(at, group), self.row(at + 1, group));
+        let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
+        for l in 0..LANES {
+            let u = (distance[l] - entry_m) * self.entries_per_m;
+            // Sixteen sweeps share an entry: one that was elsewhere by more than four entries was no part of their motion.
+            let inside = (distance[l] >= self.first_m) & (distance[l] <= self.last_m) & (u.abs() <= 4.0);
+            let (u, inside) = if inside { (u, 1.0) } else { (0.0, 0.0) };
+            let (low, middle, high) = (0.5 * (u * u - u) * inside, (1.0 - u * u) * inside, 0.5 * (u * u + u) * inside);
+            re[l] = before[0][l] * low + here[0][l] * middle + after[0][l] * high;
+            im[l] = before[1][l] * low + here[1][l] * middle + after[1][l] * high;
+        }
+        (re, im)
+    }
+}
+
+/// Sum of the lanes, by halves.
+#[inline(always)]
+fn sum(lanes: Lanes) -> f32 {
+    let (mut eight, mut four) = ([0.0; 8], [0.0; 4]);
+    for l in 0..8 {
+        eight[l] = lanes[l] + lanes[l + 8];
+    }
+    for l in 0..4 {
+        four[l] = eight[l] + eight[l + 4];
+    }
+    (four[0] + four[2]) + (four[1] + four[3])
+}
+
+/// cos and sin of 2π·f for f within ±½, to 1e-5, from one odd polynomial for a quarter turn.
+#[inline(always)]
+fn cos_sin_of_turns(f: f32) -> (f32, f32) {
+    let positive = f.abs();
+    let cos = sin_quarter(0.25 - positive);
+    let sin = sin_quarter(0.25 - (positive - 0.25).abs());
+    (cos, sin.copysign(f))
+}
+
+/// sin(2πx) for x within ±¼.
+#[inline(always)]
+fn sin_quarter(x: f32) -> f32 {
+    let x2 = x * x;
+    x * (std::f32::consts::TAU + x2 * (-41.341_66 + x2 * (81.601_27 + x2 * (-76.555_02 + x2 * 39.572_15))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::subaperture::{MEAN_LOG_OF_NOISE, SubapertureBuilder, SubapertureSettings};
+    use crate::test_data::{Echo, sweeps, winding};
+    use crate::{Beam, Observation};
+    use crate::{Oracle, Statistic};
+    use glam::DVec3;
+
+    #[test]
+    fn sines_are_right_to_1e_5() {
+        for i in -5000..=5000 {
+            let f = i as f32 * 1e-4;
+            let (cos, sin) = cos_sin_of_turns(f);
+            let (s, c) = (f64::from(f) * std::f64::consts::TAU).sin_cos();
+            assert!((f64::from(cos) - c).abs() < 1e-5 && (f64::from(sin) - s).abs() < 1e-5, "{f}: {cos} {sin}");
+        }
+    }
+
+    fn block(observations: &[Observation]) -> Subaperture {
+        let mut builder = SubapertureBuilder::new(SubapertureSettings::default());
+        observations.iter().for_each(|o| assert!(builder.push(o.clone()).is_none()));
+        builder.close().unwrap()
+    }
+
+    /// Places around the echo at `AT`, and from a near one on to far ones.
+    fn places() -> Vec<DVec3> {
+        let around = (0..60).map(|n| AT + 0.2 * winding(f64::from(n)));
+        around.chain((0..40).map(|n| DVec3::NEG_Z * (0.5 + 0.04 * f64::from(n)))).collect()
+    }
+
+    const AT: DVec3 = DVec3::new(0.1, -0.2, -1.1);
+
+    #[test]
+    fn coherence_agrees_with_the_oracle() {
+        let fast = |t: f64| winding(2.5 * t);
+        let observations = sweeps(0.089, fast, &[(Echo::Point(AT), 2.0)], 7);
+        let oracle = Oracle::new(&observations, &Beam::Lensless, &SubapertureSettings::default());
+        let block = block(&observations);
+        let places = places();
+        let relative: Vec<_> = places.iter().map(|p| (*p - block.middle.translation).as_vec3().to_array()).collect();
+        for (place, found) in places.iter().zip(block.coherence_at_points(&relative)) {
+            // The score of a single block is ln(1 + m) less its mean under noise.
+            let exact = (oracle.value(Statistic::Subaperture, *place) + MEAN_LOG_OF_NOISE).exp() - 1.0;
+            assert!((f64::from(found.m) - exact).abs() < 0.01 * exact + 0.02, "{place}: {found:?} {exact}");
+        }
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let block = block(&sweeps(0.089, winding, &[(Echo::Point(AT), 2.0)], 8));
+        let relative: Vec<_> = places().iter().map(|p| (*p - block.middle.translation).as_vec3().to_array()).collect();
+        assert_eq!(all::<Portable>(&block, &relative), block.coherence_at_points(&relative));
+        let toward = [0.6, 0.0, -0.8];
+        let planes: Vec<_> = (0..60).map(|n| PlaneAt { toward, distance_m: 0.3 + 0.05 * n as f32 }).collect();
+        assert_eq!(all::<Portable>(&block, &planes), block.coherence_of_planes(&planes));
+        // The careful loop differs by rounding alone.
+        for (plain, place) in block.coherence_at_points(&relative).iter().zip(&relative) {
+            let careful = bounds_checked_coherence(&block, *place);
+            assert!((plain.m - careful.m).abs() < 2e-3 * careful.m + 1e-3, "{plain:?} {careful:?}");
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! Takes the echoes of known mirrors, walls, floor and ceiling, out of a block's sweeps before places are scored.
+//!
+//! A wall returns a thousand to a million times what a chair's leg does, and the skirts of its pulse stand out of the noise for 30 cm to
+//! either side. But its echo is known in everything but its amplitude: the distance along the way is the plane's, the pulse is the
+//! sensor's. The amplitude is measured over groups of sweeps, goes over from one group to the next in straight lines, and what it accounts
+//! for is subtracted. A thing at the wall's very range loses what cannot be told from the wall within a group: so groups are as long as
+//! leaves no more of the wall than there is noise. Tracking does not hold the phase of a strong one still for a whole block.
+
+use num_complex::{Complex32, Complex64};
+
+use crate::geometry::Plane;
+use crate::math;
+use crate::{Observation, PHASE_RAD_PER_M, envelope};
+
+/// Lengths of a group that are tried, seconds: the longest that does.
+const GROUP_LENGTHS_S: [f64; 4] = [1.0, 0.045, 0.03, 0.015];
+/// Mirrors are taken out from this power of one sweep's echo on, over the noise: what drowns other things at its range. A block adds up some
+/// dozens of sweeps, so that this is much in a block.
+const MIN_POWER_OVER_NOISE: f64 = 2.0;
+/// And when groups add up to at least this share of their sweeps' energy, noise left aside, in phase: otherwise it is not the mirror that is strong there.
+const MIN_IN_PHASE_SHARE: f64 = 0.7;
+/// The echo is looked for so many steps nearer and farther than the plane is known to be; a step, metres.
+const STEPS: i32 = 4;
+const STEP_M: f64 = 0.02;
+/// The pulse is followed down to −60 dB: in widths.
+const REACH_WIDTHS: f64 = 1.6;
+
+/// The sweeps without the echoes of strong mirrors; `None` when there are none.
+pub(super) fn subtract_planes(
+    sweeps: &[Observation],
+    planes: &[Plane],
+    noise_rms_lsb: f64,
+) -> Option<Vec<Observation>> {
+    let mut cleaned: Option<Vec<Observation>> = None;
+    for plane in planes {
+        let from = cleaned.as_deref().unwrap_or(sweeps);
+        let Some(echo) = PlaneEcho::found(from, plane, noise_rms_lsb) else { continue };
+        let mut without = cleaned.take().unwrap_or_else(|| sweeps.to_vec());
+        echo.subtract_from(&mut without);
+        cleaned = Some(without);
+    }
+    cleaned
+}
+
+/// A mirror's echo in a block.
+struct PlaneEcho<'m> {
+    plane: &'m Plane,
+    /// So much farther than the plane is known to be, metres.
+    range_offset_m: f64,
+    /// Of each group: its middle, in sweeps, and its amplitude, LSB.
+    amplitudes: Vec<(f64, Complex64)>,
+}
+
+/// What a group of sweeps says of an echo.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    /// Σ x e^(−jκd) E, and Σ E².
+    in_phase: Complex64,
+    template: f64,
+    /// Σ over sweeps of abs(Σ x e^(−jκd) E)² / Σ E².
+    energy: f64,
+}
+
+impl<'m> PlaneEcho<'m> {
+    fn found(sweeps: &[Observation], plane: &'m Plane, noise_rms_lsb: f64) -> Option<Self> {
+        let middle = sweeps.get(sweeps.len() / 2)?;
+        let distance_m = plane.distance(middle.tracking_from_sensor.translation);
+        if !middle.geometry.axis.contains(distance_m) {
+            return None;
+        }
+        let range_offset_m = estimate_range_offset_m(sweeps, plane)?;
+        let noise = noise_rms_lsb.powi(2) * sweeps.len() as f64;
+        for group_s in GROUP_LENGTHS_S {
+            let groups = groups(sweeps, group_s);
+            let sums: Vec<Sums> =
+                groups.iter().map(|&(first, end)| sums(&sweeps[first..end], plane, range_offset_m)).collect();
+            let energy = sums.iter().map(|sums| sums.energy).sum::<f64>() - noise;
+            let noise_in_phase = noise_rms_lsb.powi(2) * groups.len() as f64;
+            let in_phase = sums.iter().map(coherent_energy).sum::<f64>() - noise_in_phase;
+            if energy < MIN_POWER_OVER_NOISE * noise {
+                return None;
+            }
+            let is_shortest = group_s == GROUP_LENGTHS_S[GROUP_LENGTHS_S.len() - 1];
+            if energy - in_phase <= noise || (is_shortest && in_phase >= MIN_IN_PHASE_SHARE * energy) {
+                let middles = groups.iter().map(|(first, end)| 0.5 * (first + end - 1) as f64);
+                let amplitudes = sums.iter().map(|sums| sums.in_phase / sums.template.max(1e-12));
+                return Some(Self { plane, range_offset_m, amplitudes: middles.zip(amplitudes).collect() });
+            }
+        }
+        None
+    }
+
+    fn subtract_from(&self, sweeps: &mut [Observation]) {
+        for (k, sweep) in sweeps.iter_mut().enumerate() {
+            let amplitude = self.amplitude(k as f64);
+            let mut samples = std::mem::take(&mut sweep.samples);
+            for (n, template) in templates(sweep, self.plane, self.range_offset_m) {
+                let echo = amplitude * template;
+                samples[n] -= Complex32::new(echo.re as f32, echo.im as f32);
+            }
+            sweep.samples = samples;
+        }
+    }
+
+    /// Of a sweep: in straight lines from the middle of one group to that of the next, and beyond the last ones.
+    fn amplitude(&self, sweep: f64) -> Complex64 {
+        let last = self.amplitudes.len() - 1;
+        let after = self.amplitudes.partition_point(|(middle, _)| *middle <= sweep).clamp(1.min(last), last);
+        let ((from, a), (to, b)) = (self.amplitudes[after.saturating_sub(1)], self.amplitudes[after]);
+        let share = if to > from { (sweep - from) / (to - from) } else { 0.0 };
+        a + (b - a) * share
+    }
+}
+
+/// By how much the echo comes from farther away than the plane is known to be, metres; `None` when it does not come from near it.
+fn estimate_range_offset_m(sweeps: &[Observation], plane: &Plane) -> Option<f64> {
+    let groups = groups(sweeps, GROUP_LENGTHS_S[GROUP_LENGTHS_S.len() - 1]);
+    let of_groups = |range_offset_m: f64| -> f64 {
+        groups.iter().map(|&(first, end)| coherent_energy(&sums(&sweeps[first..end], plane, range_offset_m))).sum()
+    };
+    let curve: Vec<f64> = (-STEPS..=STEPS).map(|step| of_groups(f64::from(step) * STEP_M)).collect();
+    let best = (0..curve.len()).max_by(|&a, &b| curve[a].total_cmp(&curve[b]))?;
+    let (before, after) = (*curve.get(best.checked_sub(1)?)?, *curve.get(best + 1)?);
+    let bend = before + after - 2.0 * curve[best];
+    let between = if bend < 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
+    Some((best as f64 - f64::from(STEPS) + between.clamp(-0.5, 0.5)) * STEP_M)
+}
+
+/// First sweep and the one behind the last of each group, which are about so long.
+fn groups(sweeps: &[Observation], group_s: f64) -> Vec<(usize, usize)> {
+    let span_ns = sweeps[sweeps.len() - 1].mid_time_ns.saturating_sub(sweeps[0].mid_time_ns);
+    let count = ((span_ns as f64 * 1e-9 / group_s).round() as usize).clamp(1, sweeps.len().div_ceil(2));
+    (0..count).map(|n| (n * sweeps.len() / count, (n + 1) * sweeps.len() / count)).collect()
+}
+
+fn sums(sweeps: &[Observation], plane: &Plane, range_offset_m: f64) -> Sums {
+    let mut all = Sums::default();
+    for sweep in sweeps {
+        let (mut in_phase, mut template) = (Complex64::ZERO, 0.0);
+        for (n, of_plane) in templates(sweep, plane, range_offset_m) {
+            let Some(sample) = sweep.samples.get(n) else { continue };
+            in_phase += Complex64::new(sample.re.into(), sample.im.into()) * of_plane.conj();
+            template += of_plane.norm_sqr();
+        }
+        all.in_phase += in_phase;
+        all.template += template;
+        all.energy += in_phase.norm_sqr() / template.max(1e-12);
+    }
+    all
+}
+
+fn coherent_energy(sums: &Sums) -> f64 {
+    sums.in_phase.norm_sqr() / sums.template.max(1e-12)
+}
+
+/// What a mirror that returns 1 LSB gives at each point of a sweep, where that is something: pulse and phase for the sensor's place at the
+/// point's own time.
+fn templates(sweep: &Observation, plane: &Plane, range_offset_m: f64) -> impl Iterator<Item = (usize, Complex64)> {
+    let (axis, pulse_fwhm_m) = (sweep.geometry.axis, sweep.geometry.pulse_fwhm_m);
+    let distance_m = |n: usize| {
+        let moved_m = sweep.velocity_m_per_s * sweep.point_time_s(n as f64);
+        plane.distance(sweep.tracking_from_sensor.translation + moved_m)
+    };
+    let (reach_m, middle_m) = (REACH_WIDTHS * pulse_fwhm_m, distance_m(axis.points / 2) + range_offset_m);
+    let first = axis.point_at(middle_m - reach_m).ceil().clamp(0.0, axis.points as f64) as usize;
+    let end = (axis.point_at(middle_m + reach_m).floor() + 1.0).clamp(0.0, axis.points as f64) as usize;
+    let template = move |n: usize| {
+        let distance_m = distance_m(n);
+        let pulse = envelope(pulse_fwhm_m, axis.range_m(n) - distance_m - range_offset_m);
+        (n, math::from_polar(pulse, PHASE_RAD_PER_M * distance_m))
+    };
+    let points: Vec<_> = (first..end.max(first)).map(template).collect();
+    points.into_iter()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::subaperture::{Subaperture, SubapertureBuilder, SubapertureSettings};
+    use crate::test_data::{Echo, sweeps, winding};
+    use glam::DVec3;
+
+    const WALL: Plane = Plane { outward: DVec3::NEG_Z, offset_m: 1.8 };
+
+    fn first_subaperture(echoes: &[(Echo, f64)], planes: &[Plane]) -> Subaperture {
+        let mut builder = SubapertureBuilder::new(SubapertureSettings::default());
+        builder.cancel_walls(planes);
+        sweeps(0.3, winding, echoes, 7).into_iter().find_map(|sweep| builder.push(sweep)).unwrap()
+    }
+
+    fn coherence(block: &Subaperture, at: DVec3) -> f32 {
+        block.coherence_at_points(&[(at - block.middle.translation).as_vec3().to_array()])[0].m
+    }
+
+    #[test]
+    fn cancelling_a_strong_wall_restores_coherence_of_an_object_in_front() {
+        // At nearly the wall's range, and elsewhere in direction as seen from the sensor's way.
+        let chair = DVec3::new(0.8, -0.8, -1.2);
+        let alone = coherence(&first_subaperture(&[(Echo::Point(chair), 0.5)], &[]), chair);
+        for snr in [30.0, 1000.0] {
+            let both = [(Echo::Point(chair), 0.5), (Echo::Plane(WALL), snr)];
+            let drowned = coherence(&first_subaperture(&both, &[]), chair);
+            // The wall is known to within a few centimetres.
+            let known = Plane { offset_m: WALL.offset_m - 0.023, ..WALL };
+            let cleaned = coherence(&first_subaperture(&both, &[known]), chair);
+            assert!(cleaned > 0.7 * alone && drowned < 0.3 * alone, "{drowned} {cleaned} {alone} at {snr}");
+        }
+    }
+
+    #[test]
+    fn point_echo_is_not_cancelled() {
+        let point = (Echo::Point(DVec3::new(0.9, 0.3, -1.5)), 50.0);
+        let sweeps = sweeps(0.09, winding, &[point], 7);
+        assert!(subtract_planes(&sweeps, &[WALL], 20.0).is_none());
+        assert!(subtract_planes(&sweeps, &[], 20.0).is_none());
+        let far = Plane { offset_m: 9.0, ..WALL };
+        assert!(subtract_planes(&sweeps, &[far], 20.0).is_none());
+    }
+}

@@ -1,0 +1,76 @@
+//! Sweeps for tests, straight from the signal model: points and mirrors seen along a path, with noise.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use num_complex::{Complex32, Complex64};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::geometry::{Plane, Pose};
+use crate::{Observation, PHASE_RAD_PER_M, RangeAxis, SweepGeometry, envelope};
+
+/// What returns an echo.
+#[derive(Debug, Clone, Copy)]
+pub enum Echo {
+    /// A point reflector.
+    Point(DVec3),
+    /// A specular plane.
+    Plane(Plane),
+}
+
+/// Full width at half maximum of the pulse, metres: profile 3.
+pub const PULSE_FWHM_M: f64 = 0.14;
+/// Rms of the noise, LSB.
+const NOISE_RMS: f64 = 20.0;
+
+/// A path that turns through all directions, looking along −z from about the origin: a Lissajous figure of 30 cm.
+pub fn winding(time_s: f64) -> DVec3 {
+    0.15 * DVec3::new((2.1 * time_s).sin(), (3.4 * time_s).cos(), (2.7 * time_s + 0.5).sin())
+}
+
+/// Preset d16 in small: 50 points from 0.2 m in steps of 6 cm, 1000 sweeps a second. Each echo has an amplitude SNR.
+pub fn sweeps(duration_s: f64, path: impl Fn(f64) -> DVec3, echoes: &[(Echo, f64)], seed: u64) -> Vec<Observation> {
+    let axis = RangeAxis { first_m: 0.2, step_m: 0.06, points: 50 };
+    let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, pulse_fwhm_m: PULSE_FWHM_M, point_period_s: 1.8e-5 });
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut noise = move || -> f64 { StandardNormal.sample(&mut rng) };
+    let sweep = |k: usize| {
+        let time_s = k as f64 * 1e-3;
+        let mut observation = Observation {
+            mid_time_ns: 1_000_000_000 + (time_s * 1e9) as i64,
+            tracking_from_sensor: Pose::from_translation(path(time_s)),
+            velocity_m_per_s: (path(time_s + 1e-4) - path(time_s - 1e-4)) / 2e-4,
+            geometry: Arc::clone(&geometry),
+            samples: Vec::new(),
+        };
+        let samples = (0..geometry.axis.points).map(|n| {
+            let from = path(time_s + observation.point_time_s(n as f64));
+            let mut sum = Complex64::new(noise(), noise()) * (NOISE_RMS / 2f64.sqrt());
+            for (echo, snr) in echoes {
+                let distance_m = match echo {
+                    Echo::Point(at) => at.distance(from),
+                    Echo::Plane(plane) => plane.distance(from),
+                };
+                let pulse = envelope(geometry.pulse_fwhm_m, geometry.axis.range_m(n) - distance_m);
+                sum += Complex64::from_polar(NOISE_RMS * snr * pulse, PHASE_RAD_PER_M * distance_m);
+            }
+            Complex32::new(sum.re as f32, sum.im as f32)
+        });
+        observation.samples = samples.collect();
+        observation
+    };
+    (0..(duration_s * 1e3) as usize).map(sweep).collect()
+}
+
+/// The same sweeps with their phase turned round: what no real scene gives.
+pub fn conjugated(mut observations: Vec<Observation>) -> Vec<Observation> {
+    observations.iter_mut().flat_map(|o| &mut o.samples).for_each(|x| *x = x.conj());
+    observations
+}
+
+/// On a pool of one thread.
+pub fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(work)
+}

@@ -1,0 +1,355 @@
+//! How the sensor or the head moves: smooth, seeded, a pose for any time.
+
+use std::f64::consts::TAU;
+
+use glam::{DQuat, DVec3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::Scene;
+use super::arm::{raster, swinging_arm};
+use super::strokes::{ChairWalk, ToAndFro};
+use radar_sar::geometry::Pose;
+use radar_sar::math;
+
+/// Motions by name: the thesis' (3.5.4 to 3.5.6, 3.6), a robot's arm, natural play, and a walk up to a chair.
+pub const MOTIONS: [&str; 14] = [
+    "stationary",
+    "sphere-10cm",
+    "sphere-50cm",
+    "x-10cm",
+    "x-50cm",
+    "approach-1.0",
+    "approach-1.5",
+    "approach-2.5",
+    "straight-0.3",
+    "to-and-fro",
+    "swinging-arm",
+    "robot-arm",
+    "natural",
+    "approach-chair",
+];
+
+/// Why there is no such motion.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MotionError {
+    /// No motion of that name.
+    #[error("motion \"{0}\" is not known: use {list}", list = MOTIONS.join(", "))]
+    Unknown(String),
+    /// A walk up to a chair, and none there.
+    #[error("motion \"approach-chair\" needs a chair to walk up to: use it in chair, two-chairs or furnished-room")]
+    NoChair,
+}
+
+/// A path through space.
+#[derive(Debug, Clone)]
+pub enum Motion {
+    /// The thesis' kinds: `tracking_from_sensor`.
+    Sensor(SensorMotion),
+    /// Play: `tracking_from_head`.
+    Head(NaturalMotion),
+    /// A walk: `tracking_from_head`.
+    Walk(ChairWalk),
+}
+
+impl Motion {
+    /// The motion of that name through a scene, for a recording of that length.
+    ///
+    /// # Errors
+    /// No such motion, or no chair where one is walked up to.
+    pub fn from_name(name: &str, scene: &Scene, duration_s: f64, seed: u64) -> Result<Self, MotionError> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0070_710A);
+        let kind = match name {
+            "natural" => return Ok(Self::Head(NaturalMotion::new(scene, duration_s, &mut rng))),
+            "approach-chair" => {
+                return ChairWalk::new(scene, duration_s, &mut rng).map(Self::Walk).ok_or(MotionError::NoChair);
+            }
+            "to-and-fro" => Shape::ToAndFro(ToAndFro::new(duration_s, &mut rng)),
+            "swinging-arm" => Shape::Mechanical(swinging_arm),
+            "robot-arm" => Shape::Mechanical(raster),
+            "stationary" => Shape::Still,
+            "sphere-10cm" => Shape::wander(0.10, DVec3::ONE, duration_s, &mut rng),
+            "sphere-50cm" => Shape::wander(0.50, DVec3::ONE, duration_s, &mut rng),
+            "x-10cm" => Shape::wander(0.10, DVec3::X, duration_s, &mut rng),
+            "x-50cm" => Shape::wander(0.50, DVec3::X, duration_s, &mut rng),
+            "approach-1.0" => Shape::Approach { speed_m_per_s: 1.0 },
+            "approach-1.5" => Shape::Approach { speed_m_per_s: 1.5 },
+            "approach-2.5" => Shape::Approach { speed_m_per_s: 2.5 },
+            "straight-0.3" => Shape::Straight { speed_m_per_s: 0.3 },
+            other => return Err(MotionError::Unknown(other.into())),
+        };
+        // Hand-held wandering turns the sensor by a few degrees; the other trials keep it straight.
+        let gaze = match name.starts_with("sphere") {
+            true => Wander::new(6f64.to_radians(), DVec3::new(1.0, 1.0, 0.4), duration_s, &mut rng),
+            false => Wander::none(),
+        };
+        Ok(Self::Sensor(SensorMotion { start: Pose::looking_at(scene.start_m, scene.look_at_m, DVec3::Y), kind, gaze }))
+    }
+
+    /// `tracking_from_head` at a time.
+    pub fn tracking_from_head(&self, time_s: f64, head_from_sensor: &Pose) -> Pose {
+        match self {
+            Self::Sensor(motion) => motion.at(time_s) * head_from_sensor.inverse(),
+            Self::Head(play) => play.at(time_s),
+            Self::Walk(walk) => walk.at(time_s),
+        }
+    }
+}
+
+/// Smooth wandering: a sum of sines in each axis, pressed into a ball that it fills about evenly, faded in from zero, scaled
+/// to reach the ball's surface and not beyond.
+#[derive(Debug, Clone)]
+pub struct Wander {
+    /// Amplitude, angular frequency and phase of each sine, for each axis.
+    sines: Vec<[DVec3; 3]>,
+    scale: f64,
+}
+
+/// Time that the wandering takes to set in, seconds.
+const FADE_IN_S: f64 = 0.6;
+
+impl Wander {
+    fn none() -> Self {
+        Self { sines: Vec::new(), scale: 0.0 }
+    }
+
+    /// Reaches so far, along the axes given.
+    pub(super) fn new(reach: f64, axes: DVec3, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+        let sines = [0.13, 0.29, 0.47, 0.83].map(|middle_hz: f64| {
+            let mut each = |low: f64, high: f64| DVec3::from_array([(); 3].map(|()| rng.random_range(low..high)));
+            let hz = each(0.8, 1.25) * middle_hz;
+            [axes * each(0.6, 1.4) * (0.25 / middle_hz).sqrt(), hz * TAU, each(0.0, TAU)]
+        });
+        let mut wander = Self { sines: sines.to_vec(), scale: 1.0 };
+        let steps = (duration_s * 50.0).ceil() as usize;
+        let largest = (0..=steps).map(|i| wander.at(i as f64 / 50.0).length()).fold(0.0, f64::max);
+        wander.scale = if largest > 0.0 { reach / largest } else { 0.0 };
+        wander
+    }
+
+    /// The offset at a time.
+    pub(super) fn at(&self, time_s: f64) -> DVec3 {
+        let fade = smoothstep(time_s / FADE_IN_S);
+        let sum: DVec3 = self
+            .sines
+            .iter()
+            .map(|[amplitude, omega, phase]| *amplitude * (*omega * time_s + *phase).map(math::sin))
+            .sum();
+        // Sines add up to about a normal distribution of 0.5 in each axis; this spreads it over the ball.
+        sum * (self.scale * fade / (sum.length_squared() + 0.36).sqrt())
+    }
+}
+
+/// What the sensor's place does.
+#[derive(Debug, Clone)]
+enum Shape {
+    Still,
+    Wander(Wander),
+    ToAndFro(ToAndFro),
+    /// What a machine does at a time, seconds: place and turn.
+    Mechanical(fn(f64) -> Pose),
+    /// Straight ahead and back: 0.6 m at the given speed, easing at the ends.
+    Approach {
+        speed_m_per_s: f64,
+    },
+    /// Straight ahead at one speed, before the recording begins and for as long as it lasts.
+    Straight {
+        speed_m_per_s: f64,
+    },
+}
+
+/// Length of the approach, metres.
+const APPROACH_M: f64 = 0.6;
+
+impl Shape {
+    fn wander(reach_m: f64, axes: DVec3, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+        Self::Wander(Wander::new(reach_m, axes, duration_s, rng))
+    }
+
+    /// In the starting sensor frame.
+    fn pose(&self, time_s: f64) -> Pose {
+        match self {
+            Self::Mechanical(at) => at(time_s),
+            _ => Pose::from_translation(self.offset_m(time_s)),
+        }
+    }
+
+    /// Offset in the starting sensor frame, metres.
+    fn offset_m(&self, time_s: f64) -> DVec3 {
+        match self {
+            Self::Still => DVec3::ZERO,
+            Self::Mechanical(at) => at(time_s).translation,
+            Self::Wander(wander) => wander.at(time_s),
+            Self::ToAndFro(strokes) => strokes.offset_m(time_s),
+            Self::Straight { speed_m_per_s } => DVec3::NEG_Z * (speed_m_per_s * time_s),
+            // A sine whose greatest speed is the wanted one.
+            Self::Approach { speed_m_per_s } => {
+                let omega = 2.0 * speed_m_per_s / APPROACH_M;
+                DVec3::NEG_Z * (APPROACH_M * 0.5 * (1.0 - math::cos(omega * time_s)))
+            }
+        }
+    }
+}
+
+/// A sensor held or slid by hand.
+#[derive(Debug, Clone)]
+pub struct SensorMotion {
+    start: Pose,
+    kind: Shape,
+    gaze: Wander,
+}
+
+impl SensorMotion {
+    fn at(&self, time_s: f64) -> Pose {
+        let turn = DQuat::from_scaled_axis(self.gaze.at(time_s));
+        self.start * self.kind.pose(time_s) * Pose::new(DVec3::ZERO, turn)
+    }
+}
+
+/// Standing play: the head moves from stance to stance, looks where it steps and about when it stands, sways, crouches now
+/// and then.
+#[derive(Debug, Clone)]
+pub struct NaturalMotion {
+    stances: Vec<Stance>,
+    sway: Wander,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Stance {
+    /// When it is reached, and left again.
+    from_s: f64,
+    until_s: f64,
+    position_m: DVec3,
+    yaw_rad: f64,
+    pitch_rad: f64,
+}
+
+/// Half of the play area, metres.
+const PLAY_HALF_M: f64 = 0.8;
+/// From this way over the ground on a player looks where it leads, metres.
+const LOOK_AHEAD_STEP_M: f64 = 0.25;
+/// Nearest that a player keeps from furniture, metres.
+const CLEARANCE_M: f64 = 0.4;
+
+impl NaturalMotion {
+    fn new(scene: &Scene, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+        let mut stances =
+            vec![Stance { from_s: 0.0, until_s: 0.3, position_m: DVec3::Y * 1.65, yaw_rad: 0.0, pitch_rad: -0.1 }];
+        while let Some(&last) = stances.last().filter(|s| s.until_s < duration_s) {
+            stances.push(Self::next_stance(&last, scene, rng));
+        }
+        // 2 cm and about 2° of sway.
+        Self { stances, sway: Wander::new(0.02, DVec3::ONE, duration_s, rng) }
+    }
+
+    fn next_stance(last: &Stance, scene: &Scene, rng: &mut ChaCha8Rng) -> Stance {
+        let crouch = rng.random_range(0.0..1.0) < 0.12;
+        let height_m = if crouch { rng.random_range(1.0..1.3) } else { rng.random_range(1.55..1.72) };
+        let mut position_m = DVec3::new(last.position_m.x, height_m, last.position_m.z);
+        // A step somewhere free: the whole way keeps clear of furniture.
+        for _ in 0..20 {
+            let to = DVec3::new(
+                rng.random_range(-PLAY_HALF_M..PLAY_HALF_M),
+                height_m,
+                rng.random_range(-PLAY_HALF_M..PLAY_HALF_M),
+            );
+            let way_is_free =
+                (0..=10).all(|i| scene.room.clearance_m(last.position_m.lerp(to, f64::from(i) / 10.0)) >= CLEARANCE_M);
+            if way_is_free && to.distance(last.position_m) < 0.9 {
+                position_m = to;
+                break;
+            }
+        }
+        let way = position_m - last.position_m;
+        let way_m = way.length();
+        // People look where they step, give or take; standing, they look about.
+        let turn_rad = match DVec3::new(way.x, 0.0, way.z).length() > LOOK_AHEAD_STEP_M {
+            true => turn_between(last.yaw_rad, math::atan2(-way.x, -way.z)) + rng.random_range(-0.6..0.6),
+            false => rng.random_range(-1.6..1.6),
+        };
+        let yaw_rad = last.yaw_rad + turn_rad;
+        let pitch_rad = rng.random_range(-0.75..0.15);
+        // About 0.6 m/s over the ground and 90°/s of turning on average.
+        let travel_s = (way_m / 0.6).max(turn_rad.abs() / 1.6).max(0.4) * rng.random_range(0.9..1.3);
+        let from_s = last.until_s + travel_s;
+        Stance { from_s, until_s: from_s + rng.random_range(0.1..0.8), position_m, yaw_rad, pitch_rad }
+    }
+
+    fn at(&self, time_s: f64) -> Pose {
+        let later = self.stances.partition_point(|s| s.from_s <= time_s).min(self.stances.len() - 1);
+        let (a, b) = (&self.stances[later.saturating_sub(1)], &self.stances[later]);
+        let share = smoothstep((time_s - a.until_s) / (b.from_s - a.until_s).max(1e-6));
+        let mix = |from: f64, to: f64| from + (to - from) * share;
+        let sway = self.sway.at(time_s);
+        let rotation = DQuat::from_rotation_y(mix(a.yaw_rad, b.yaw_rad) + sway.z * 1.5)
+            * DQuat::from_rotation_x(mix(a.pitch_rad, b.pitch_rad) + sway.x * 1.5);
+        Pose::new(a.position_m.lerp(b.position_m, share) + sway, rotation)
+    }
+}
+
+/// The short way round from one yaw to another, within ±π.
+pub(super) fn turn_between(from_rad: f64, to_rad: f64) -> f64 {
+    (to_rad - from_rad + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
+}
+
+/// 0 to 1 with no jerk at the ends (10x³ − 15x⁴ + 6x⁵).
+pub(super) fn smoothstep(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * x * (10.0 + x * (6.0 * x - 15.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::scene;
+    use super::*;
+
+    #[test]
+    fn sphere_motion_reaches_its_radius_and_stays_inside() {
+        let scene = scene("corner-reflector", 1).unwrap();
+        for (name, radius) in [("sphere-10cm", 0.1), ("sphere-50cm", 0.5)] {
+            for seed in 0..5 {
+                let motion = Motion::from_name(name, &scene, 10.0, seed).unwrap();
+                let at = |t: f64| motion.tracking_from_head(t, &Pose::IDENTITY).translation.distance(scene.start_m);
+                let farthest = (0..1000).map(|i| at(f64::from(i) * 0.01)).fold(0.0, f64::max);
+                assert_eq!(at(0.0), 0.0);
+                assert!((farthest - radius).abs() < 0.02 * radius, "{name} {seed}: {farthest}");
+            }
+        }
+    }
+
+    #[test]
+    fn x_motion_stays_on_axis_and_approach_has_its_speed() {
+        let scene = scene("corner-reflector", 1).unwrap();
+        let at = |motion: &Motion, t: f64| motion.tracking_from_head(t, &Pose::IDENTITY);
+        let along_x = Motion::from_name("x-50cm", &scene, 10.0, 3).unwrap();
+        assert!((0..100).all(|i| {
+            let offset = at(&along_x, f64::from(i) * 0.1).translation - scene.start_m;
+            offset.y.abs() < 1e-12 && offset.z.abs() < 1e-12
+        }));
+        let approach = Motion::from_name("approach-2.5", &scene, 10.0, 3).unwrap();
+        let speed = |t: f64| at(&approach, t + 1e-4).translation.distance(at(&approach, t).translation) / 1e-4;
+        let fastest = (0..1000).map(|i| speed(f64::from(i) * 1e-3)).fold(0.0, f64::max);
+        assert!((fastest - 2.5).abs() < 0.01, "{fastest}");
+        let straight = Motion::from_name("straight-0.3", &scene, 10.0, 3).unwrap();
+        let place = |t: f64| at(&straight, t).translation;
+        assert!((-2..50).all(|i| {
+            let step = place(0.1 * f64::from(i) + 0.1) - place(0.1 * f64::from(i));
+            (step - at(&straight, 0.0).forward() * 0.03).length() < 1e-9
+        }));
+    }
+
+    #[test]
+    fn natural_motion_is_smooth_and_keeps_clearance() {
+        for seed in 0..5 {
+            let scene = scene("furnished-room", seed).unwrap();
+            let motion = Motion::from_name("natural", &scene, 30.0, seed).unwrap();
+            let mut before = motion.tracking_from_head(0.0, &Pose::IDENTITY);
+            for i in 1..3000 {
+                let pose = motion.tracking_from_head(f64::from(i) * 0.01, &Pose::IDENTITY);
+                assert!(pose.translation.distance(before.translation) < 0.025, "seed {seed} at {i}");
+                assert!(scene.room.clearance_m(pose.translation) > CLEARANCE_M - 0.1);
+                before = pose;
+            }
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! What the radar's converter puts out: echoes of every scatterer and wall at each point's own sampling time, receiver
+//! noise, 16-bit quantisation, saturation.
+
+use glam::DVec3;
+use num_complex::{Complex, Complex64};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::{Room, Scatterer};
+use a121::{Subsweep, noise_rms_lsb, snr_db};
+use radar_sar::geometry::Pose;
+use radar_sar::math;
+use radar_sar::{Beam, CARRIER_HZ, RangeAxis, SPEED_OF_LIGHT_M_PER_S};
+
+/// Echoes below this share of the noise are left out: −40 dB.
+const MIN_ECHO_TO_NOISE: f64 = 0.01;
+
+/// A subsweep's receiver in a room.
+pub(super) struct Receiver<'a> {
+    pub room: &'a Room,
+    /// What moves while the sweep is measured.
+    pub moving: &'a [MovingScatterer],
+    pub subsweep: &'a Subsweep,
+    pub beam: &'a Beam,
+    /// Added to every cross-section, dB.
+    pub rcs_offset_db: f64,
+    /// Receiver noise on or off.
+    pub noise: bool,
+}
+
+/// A scatterer that moves: where it is in the middle of a sweep, and how far it comes within it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MovingScatterer {
+    pub scatterer: Scatterer,
+    /// From the first point's time to the last one's, metres.
+    pub way: DVec3,
+}
+
+/// One echo at the middle of a sweep.
+struct Echo {
+    /// Where it comes from; `None`: the mirror point of a wall.
+    source: Source,
+    /// Amplitude at the envelope's peak, LSB.
+    amplitude: f64,
+    phase_rad: f64,
+    mid_distance_m: f64,
+}
+
+enum Source {
+    Point(DVec3),
+    /// Where it is in the middle of the sweep, and its way within it.
+    Moving(DVec3, DVec3),
+    Wall(usize),
+}
+
+impl Receiver<'_> {
+    fn amplitude_lsb(&self, rcs_dbsm: f64, distance_m: f64, cos_off_boresight: f64) -> f64 {
+        let snr = snr_db(self.subsweep.profile, self.subsweep.hwaas, rcs_dbsm + self.rcs_offset_db, distance_m)
+            + self.beam.gain_db();
+        noise_rms_lsb(self.subsweep) * math::powf(10f64, snr / 20.0) * self.beam.amplitude(cos_off_boresight)
+    }
+
+    fn echoes(&self, sensor: &Pose) -> Vec<Echo> {
+        let mut echoes = Vec::new();
+        let floor = MIN_ECHO_TO_NOISE * noise_rms_lsb(self.subsweep);
+        let still = self.room.scatterers().map(|scatterer| (scatterer, Source::Point(scatterer.position_m)));
+        let moving = self.moving.iter().map(|p| (&p.scatterer, Source::Moving(p.scatterer.position_m, p.way)));
+        for (scatterer, source) in still.chain(moving) {
+            let to = scatterer.position_m - sensor.translation;
+            let distance_m = to.length();
+            if distance_m < 1e-3 {
+                continue;
+            }
+            let direction = to / distance_m;
+            let rcs = scatterer.rcs_towards_dbsm(-direction);
+            let amplitude = self.amplitude_lsb(rcs, distance_m, direction.dot(sensor.forward()));
+            if amplitude > floor {
+                echoes.push(Echo { source, amplitude, phase_rad: scatterer.phase_rad, mid_distance_m: distance_m });
+            }
+        }
+        for (index, wall) in self.room.walls.iter().enumerate() {
+            let distance_m = wall.plane.distance(sensor.translation);
+            if distance_m < 1e-3 || wall.extent.distance(wall.plane.foot(sensor.translation)) > 1e-6 {
+                continue;
+            }
+            let cos = wall.plane.outward.dot(sensor.forward());
+            let amplitude = self.amplitude_lsb(wall.equivalent_rcs_dbsm(distance_m), distance_m, cos);
+            if amplitude > floor {
+                let source = Source::Wall(index);
+                echoes.push(Echo { source, amplitude, phase_rad: 0.0, mid_distance_m: distance_m });
+            }
+        }
+        echoes
+    }
+
+    /// From a sensor's place to an echo's source, at a share of the sweep.
+    fn distance_m(&self, echo: &Echo, position: DVec3, share: f64) -> f64 {
+        match echo.source {
+            Source::Point(at) => at.distance(position),
+            Source::Moving(middle, way) => (middle + way * (share - 0.5)).distance(position),
+            Source::Wall(wall) => self.room.walls[wall].plane.distance(position),
+        }
+    }
+
+    /// Appends one sweep's samples; `sensor_at` gives the pose at a time after the sweep's first point, seconds. Returns
+    /// whether a sample saturated.
+    pub fn sweep(
+        &self,
+        sensor_at: impl Fn(f64) -> Pose,
+        point_period_s: f64,
+        rng: &mut ChaCha8Rng,
+        samples: &mut Vec<Complex<i16>>,
+    ) -> bool {
+        let axis = range_axis(self.subsweep);
+        let last = axis.points.saturating_sub(1) as f64;
+        let (start, end) = (sensor_at(0.0), sensor_at(last * point_period_s));
+        let middle = sensor_at(0.5 * last * point_period_s);
+        let mut signal = vec![Complex64::ZERO; axis.points];
+        let width_m = self.subsweep.profile.envelope_fwhm_m();
+        for echo in self.echoes(&middle) {
+            // Beyond 1.6 widths the pulse is 60 dB down; 2 cm more for what moves within a sweep.
+            let reach_m = 1.6 * width_m + 0.02;
+            let first = axis.point_at(echo.mid_distance_m - reach_m).ceil().max(0.0) as usize;
+            let beyond = (axis.point_at(echo.mid_distance_m + reach_m).floor() + 1.0).clamp(0.0, axis.points as f64);
+            for (n, sample) in signal.iter_mut().enumerate().take(beyond as usize).skip(first) {
+                // Within one sweep (≤ 6 ms) the path is straight.
+                let share = if last > 0.0 { n as f64 / last } else { 0.0 };
+                let distance_m = self.distance_m(&echo, start.translation.lerp(end.translation, share), share);
+                let off = (axis.range_m(n) - distance_m) / width_m;
+                let amplitude = echo.amplitude * math::powf(0.5f64, 4.0 * off * off);
+                let turns = 2.0 * distance_m * CARRIER_HZ / SPEED_OF_LIGHT_M_PER_S;
+                *sample += math::from_polar(amplitude, std::f64::consts::TAU * turns.fract() + echo.phase_rad);
+            }
+        }
+        let per_axis = if self.noise { noise_rms_lsb(self.subsweep) / 2f64.sqrt() } else { 0.0 };
+        let mut saturated = false;
+        for value in signal {
+            let mut convert = |v: f64| {
+                let noise: f64 = StandardNormal.sample(rng);
+                let level = (v + per_axis * noise).round();
+                saturated |= !(f64::from(i16::MIN)..=f64::from(i16::MAX)).contains(&level);
+                level as i16
+            };
+            samples.push(Complex::new(convert(value.re), convert(value.im)));
+        }
+        saturated
+    }
+}
+
+fn range_axis(subsweep: &Subsweep) -> RangeAxis {
+    RangeAxis { first_m: subsweep.first_m(), step_m: subsweep.step_m(), points: subsweep.num_points as usize }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Scatterer, SceneObject};
+    use super::*;
+    use a121::Profile;
+    use radar_sar::WAVELENGTH_M;
+    use rand::SeedableRng;
+
+    fn room(rcs_dbsm: f64, z: f64) -> Room {
+        let scatterer = Scatterer { position_m: DVec3::new(0.0, 0.0, -z), rcs_dbsm, lobe: DVec3::ZERO, phase_rad: 0.0 };
+        Room { things: vec![SceneObject { name: "point".into(), scatterers: vec![scatterer] }], walls: Vec::new() }
+    }
+
+    fn subsweep() -> Subsweep {
+        Subsweep { num_points: 300, step_length: 4, hwaas: 16, ..Default::default() }
+    }
+
+    fn sweep(room: &Room, noise: bool, seed: u64) -> (Vec<Complex<i16>>, bool) {
+        let subsweep = subsweep();
+        let receiver =
+            Receiver { room, moving: &[], subsweep: &subsweep, beam: &Beam::Uniform, rcs_offset_db: 0.0, noise };
+        let mut samples = Vec::new();
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let saturated = receiver.sweep(|_| Pose::IDENTITY, 1e-5, &mut rng, &mut samples);
+        (samples, saturated)
+    }
+
+    #[test]
+    fn echo_has_expected_range_strength_and_phase() {
+        let axis = range_axis(&subsweep());
+        let range = axis.range_m(100);
+        let (samples, saturated) = sweep(&room(0.0, range), false, 1);
+        assert!(!saturated);
+        let power = |s: &Complex<i16>| f64::from(s.re).hypot(f64::from(s.im));
+        let peak = samples.iter().map(power).fold(0.0, f64::max);
+        assert!((power(&samples[100]) - peak).abs() < 1.0);
+        let snr = 20.0 * (peak / noise_rms_lsb(&subsweep())).log10();
+        assert!((snr - snr_db(Profile::P3, 16, 0.0, range)).abs() < 0.01);
+        let phase = f64::from(samples[100].im).atan2(f64::from(samples[100].re));
+        let turns = range / (WAVELENGTH_M / 2.0);
+        let expected = std::f64::consts::TAU * turns.fract();
+        let difference = (phase - expected).rem_euclid(std::f64::consts::TAU);
+        assert!(difference.min(std::f64::consts::TAU - difference) < 0.01, "{phase} {expected}");
+    }
+
+    #[test]
+    fn moving_scatterer_shifts_phase_within_a_sweep() {
+        // 1 cm away from the sensor within the sweep: 4 turns of the half wavelength's phase over 300 points.
+        let at = DVec3::new(0.0, 0.0, -0.6);
+        let scatterer = Scatterer { position_m: at, rcs_dbsm: 0.0, lobe: DVec3::ZERO, phase_rad: 0.0 };
+        let (subsweep, empty) = (subsweep(), Room::default());
+        let sweep_of = |way: DVec3| {
+            let moving = [MovingScatterer { scatterer, way }];
+            let (beam, rcs_offset_db) = (&Beam::Uniform, 0.0);
+            let receiver =
+                Receiver { room: &empty, moving: &moving, subsweep: &subsweep, beam, rcs_offset_db, noise: false };
+            let mut samples = Vec::new();
+            receiver.sweep(|_| Pose::IDENTITY, 1e-5, &mut ChaCha8Rng::seed_from_u64(1), &mut samples);
+            samples.iter().map(|s| f64::from(s.im).atan2(f64::from(s.re))).collect::<Vec<_>>()
+        };
+        let middle = range_axis(&subsweep).point_at(0.6).round() as usize;
+        let turned = |way: DVec3, n: usize| {
+            let (still, moved) = (sweep_of(DVec3::ZERO)[n], sweep_of(way)[n]);
+            (moved - still + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
+        };
+        let way = DVec3::NEG_Z * 0.01;
+        let shares = [middle, middle + 20].map(|n| n as f64 / 299.0 - 0.5);
+        let expected = (shares[1] - shares[0]) * 0.01 * 2.0 / WAVELENGTH_M * std::f64::consts::TAU;
+        let found = turned(way, middle + 20) - turned(way, middle);
+        assert!((found - expected).abs() < 0.02, "{found} {expected}");
+    }
+
+    #[test]
+    fn noise_has_expected_rms_and_strong_echoes_saturate() {
+        let (samples, _) = sweep(&Room::default(), true, 2);
+        let mean = samples.iter().map(|s| f64::from(s.re).powi(2) + f64::from(s.im).powi(2)).sum::<f64>() / 300.0;
+        assert!((mean.sqrt() / noise_rms_lsb(&subsweep()) - 1.0).abs() < 0.1);
+        assert!(sweep(&room(30.0, 0.5), true, 3).1);
+    }
+}

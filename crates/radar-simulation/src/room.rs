@@ -1,0 +1,124 @@
+//! What stands in a simulated room: point scatterers with a lobe each, and smooth walls that mirror.
+
+use glam::DVec3;
+
+use radar_sar::geometry::{Aabb, Plane, Pose};
+use radar_sar::math;
+
+/// A point that reflects.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scatterer {
+    /// Where, tracking frame, metres.
+    pub position_m: DVec3,
+    /// Radar cross-section at the lobe's middle, dBsm.
+    pub rcs_dbsm: f64,
+    /// Direction that it reflects into best; zero: all directions alike.
+    pub lobe: DVec3,
+    /// Phase that the reflection adds, radians.
+    pub phase_rad: f64,
+}
+
+/// Two-way fall of a lobe at 90° from its middle, dB.
+const LOBE_FALL_AT_90_DEG_DB: f64 = 8.0;
+/// Deepest that a lobe falls, dB.
+const LOBE_FLOOR_DB: f64 = 15.0;
+
+impl Scatterer {
+    /// Cross-section towards a direction (unit vector from the scatterer to the sensor), dBsm.
+    pub fn rcs_towards_dbsm(&self, to_sensor: DVec3) -> f64 {
+        if self.lobe == DVec3::ZERO {
+            return self.rcs_dbsm;
+        }
+        let angle = math::acos(self.lobe.normalize().dot(to_sensor).clamp(-1.0, 1.0)) / std::f64::consts::FRAC_PI_2;
+        self.rcs_dbsm - (LOBE_FALL_AT_90_DEG_DB * angle * angle).min(LOBE_FLOOR_DB)
+    }
+
+    /// The same in another frame.
+    fn moved(&self, to_from: &Pose) -> Self {
+        let (position_m, lobe) = (to_from.transform_point(self.position_m), to_from.transform_vector(self.lobe));
+        Self { position_m, lobe, ..*self }
+    }
+}
+
+/// A named group of scatterers: a chair, a table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneObject {
+    /// What it is.
+    pub name: String,
+    /// Its scatterers.
+    pub scatterers: Vec<Scatterer>,
+}
+
+impl SceneObject {
+    /// The same in another frame: `to_from` takes coordinates of this one's.
+    pub fn moved(&self, to_from: &Pose) -> Self {
+        let scatterers = self.scatterers.iter().map(|scatterer| scatterer.moved(to_from)).collect();
+        Self { name: self.name.clone(), scatterers }
+    }
+}
+
+/// A smooth wall, floor or ceiling: seen only by the mirror point below the sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WallPanel {
+    /// What it is.
+    pub name: String,
+    /// Where it is; the normal points out of the room.
+    pub plane: Plane,
+    /// Its extent, a flat box.
+    pub extent: Aabb,
+    /// Power reflected at normal incidence, dB (plasterboard about −10).
+    pub reflection_db: f64,
+}
+
+impl WallPanel {
+    /// Cross-section that a point would need to return as much as an endless mirror at a distance: π d² |Γ|², dBsm.
+    pub fn equivalent_rcs_dbsm(&self, distance_m: f64) -> f64 {
+        10.0 * math::log10(std::f64::consts::PI * distance_m * distance_m) + self.reflection_db
+    }
+}
+
+/// All of it.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Room {
+    /// What stands in it.
+    pub things: Vec<SceneObject>,
+    /// What bounds it.
+    pub walls: Vec<WallPanel>,
+}
+
+impl Room {
+    /// All scatterers.
+    pub fn scatterers(&self) -> impl Iterator<Item = &Scatterer> {
+        self.things.iter().flat_map(|t| &t.scatterers)
+    }
+
+    /// Least distance from a place to any scatterer, metres; infinite in an empty room.
+    pub fn clearance_m(&self, place: DVec3) -> f64 {
+        self.scatterers().map(|s| s.position_m.distance(place)).fold(f64::INFINITY, f64::min)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lobe_falls_off_from_its_axis() {
+        let scatterer = Scatterer { position_m: DVec3::ZERO, rcs_dbsm: -10.0, lobe: DVec3::Z, phase_rad: 0.0 };
+        assert_eq!(scatterer.rcs_towards_dbsm(DVec3::Z), -10.0);
+        assert!((scatterer.rcs_towards_dbsm(DVec3::X) + 18.0).abs() < 1e-9);
+        assert_eq!(scatterer.rcs_towards_dbsm(DVec3::NEG_Z), -25.0);
+    }
+
+    #[test]
+    fn wall_echo_loses_6_db_per_doubling_of_distance() {
+        let wall = WallPanel {
+            name: String::new(),
+            plane: Plane { outward: DVec3::Z, offset_m: 1.0 },
+            extent: Aabb { min: DVec3::ZERO, max: DVec3::ONE },
+            reflection_db: 0.0,
+        };
+        let power = |d: f64| wall.equivalent_rcs_dbsm(d) - 40.0 * d.log10();
+        assert!((power(1.0) - power(2.0) - 6.02).abs() < 0.01);
+    }
+}

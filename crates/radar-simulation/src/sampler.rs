@@ -1,0 +1,57 @@
+//! The samples of a frame: each sweep and subsweep at its own time, each frame with noise of its own, whatever thread makes it.
+
+use num_complex::Complex;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::Room;
+use super::receiver::{MovingScatterer, Receiver};
+use a121::{SensorConfig, frame_timing};
+use radar_sar::Beam;
+use radar_sar::geometry::Pose;
+
+/// What there is around a sensor during a sweep.
+pub(super) struct Surroundings<'a> {
+    pub room: &'a Room,
+    pub moving: Vec<MovingScatterer>,
+}
+
+/// Measures frames.
+pub(super) struct Sampler<'a> {
+    pub config: &'a SensorConfig,
+    pub beam: &'a Beam,
+    /// Of the noise, with the frame's number.
+    pub seed: u64,
+    /// Added to every cross-section, dB.
+    pub rcs_offset_db: f64,
+}
+
+impl Sampler<'_> {
+    /// Appends the samples of a frame whose measurement starts at a time; says whether one saturated. `sensor_at` gives the pose at
+    /// a time, `around` what is there from the first point's time to the last one's.
+    pub fn frame<'a>(
+        &self,
+        number: u64,
+        start_s: f64,
+        sensor_at: impl Fn(f64) -> Pose,
+        surroundings: impl Fn(f64, f64) -> Surroundings<'a>,
+        samples: &mut Vec<Complex<i16>>,
+    ) -> bool {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed ^ 0x0CC0_4E12);
+        rng.set_stream(number);
+        let timing = frame_timing(self.config);
+        let mut data_saturated = false;
+        for sweep in 0..self.config.sweeps_per_frame {
+            let sweep_s = start_s + f64::from(sweep) * timing.sweep_period_s;
+            for (subsweep, &(offset_s, period_s)) in self.config.subsweeps.iter().zip(&timing.subsweeps) {
+                let first_s = sweep_s + offset_s;
+                let last_s = first_s + period_s * f64::from(subsweep.num_points.saturating_sub(1));
+                let Surroundings { room, moving } = surroundings(first_s, last_s);
+                let (beam, rcs_offset_db) = (self.beam, self.rcs_offset_db);
+                let receiver = Receiver { room, moving: &moving, subsweep, beam, rcs_offset_db, noise: true };
+                data_saturated |= receiver.sweep(|t| sensor_at(first_s + t), period_s, &mut rng, samples);
+            }
+        }
+        data_saturated
+    }
+}

@@ -1,0 +1,144 @@
+//! The player's own hands with a controller in each: held before the chest, swaying, and every few seconds reaching out. They turn with
+//! the torso, which follows the head's yaw half a second late.
+
+use glam::{DQuat, DVec3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::super::Scatterer;
+use super::super::motion::{Wander, smoothstep};
+use super::Player;
+
+use radar_sar::math;
+
+/// Shoulders: below the eyes and to the side, metres; the head's own −z is ahead.
+const SHOULDER_M: DVec3 = DVec3::new(0.19, -0.28, 0.08);
+/// Where a hand rests: from the shoulder, metres.
+const REST_M: DVec3 = DVec3::new(0.02, -0.25, -0.36);
+/// Length of the upper arm: where the elbow is on the way from shoulder to hand, below the straight line.
+const ELBOW_DROP_M: f64 = 0.14;
+/// How far a hand sways, metres.
+const SWAY_M: f64 = 0.07;
+
+/// Cross-sections, dBsm: of a palm with its knuckles, a plastic controller with its electronics, a forearm.
+const PALM_DBSM: f64 = -22.0;
+const CONTROLLER_DBSM: f64 = -21.0;
+const FOREARM_DBSM: f64 = -24.0;
+
+/// One reach: out, there, and back.
+#[derive(Debug, Clone, Copy)]
+struct Reach {
+    from_s: f64,
+    out_s: f64,
+    stay_s: f64,
+    back_s: f64,
+    /// From the shoulder, torso's frame, metres.
+    to_m: DVec3,
+}
+
+#[derive(Debug, Clone)]
+struct Hand {
+    /// −1: left, +1: right.
+    side: f64,
+    reaches: Vec<Reach>,
+    sway: Wander,
+    phases_rad: [f64; 5],
+}
+
+/// Both hands.
+#[derive(Debug, Clone)]
+pub(super) struct Hands([Hand; 2]);
+
+impl Hands {
+    pub fn new(duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+        Self([-1.0, 1.0].map(|side| Hand::new(side, duration_s, rng)))
+    }
+
+    /// Left and right palm.
+    pub fn palms_at(&self, player: &Player, time_s: f64) -> [DVec3; 2] {
+        let torso = Torso::at(player, time_s);
+        self.0.each_ref().map(|hand| torso.place(hand.shoulder() + hand.reach_m(time_s)))
+    }
+
+    /// What a radar sees of them.
+    pub fn scatterers_at(&self, player: &Player, time_s: f64) -> Vec<Scatterer> {
+        let torso = Torso::at(player, time_s);
+        self.0.iter().flat_map(|hand| hand.scatterers(&torso, time_s)).collect()
+    }
+}
+
+/// Below the head, turned as the chest is.
+struct Torso {
+    head_m: DVec3,
+    turn: DQuat,
+}
+
+impl Torso {
+    fn at(player: &Player, time_s: f64) -> Self {
+        let yaw_rad = [0.1, 0.5, 0.9].map(|late_s| player.yaw_at(time_s - late_s)).iter().sum::<f64>() / 3.0;
+        Self { head_m: player.head_at(time_s).translation, turn: DQuat::from_rotation_y(yaw_rad) }
+    }
+
+    fn place(&self, from_head_m: DVec3) -> DVec3 {
+        self.head_m + self.turn * from_head_m
+    }
+}
+
+impl Hand {
+    fn new(side: f64, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+        let (mut reaches, mut time_s) = (Vec::new(), rng.random_range(0.5..3.0));
+        while time_s < duration_s {
+            // Mostly ahead and to its own side, from the hip to over the head.
+            let azimuth = side * rng.random_range(-0.5..1.1f64);
+            let elevation = rng.random_range(-0.9..0.7f64);
+            let level = math::cos(elevation);
+            let direction = DVec3::new(level * math::sin(azimuth), math::sin(elevation), -level * math::cos(azimuth));
+            let reach = Reach {
+                from_s: time_s,
+                out_s: rng.random_range(0.3..0.6),
+                stay_s: rng.random_range(0.1..0.7),
+                back_s: rng.random_range(0.35..0.7),
+                to_m: direction * rng.random_range(0.45..0.68),
+            };
+            time_s += reach.out_s + reach.stay_s + reach.back_s + rng.random_range(0.4..3.0);
+            reaches.push(reach);
+        }
+        let sway = Wander::new(SWAY_M, DVec3::ONE, duration_s, rng);
+        let phases_rad = [(); 5].map(|()| rng.random_range(0.0..std::f64::consts::TAU));
+        Self { side, reaches, sway, phases_rad }
+    }
+
+    fn shoulder(&self) -> DVec3 {
+        DVec3::new(self.side * SHOULDER_M.x, SHOULDER_M.y, SHOULDER_M.z)
+    }
+
+    fn reach_m(&self, time_s: f64) -> DVec3 {
+        let rest = DVec3::new(self.side * REST_M.x, REST_M.y, REST_M.z) + self.sway.at(time_s);
+        let latest = self.reaches.partition_point(|reach| reach.from_s <= time_s).checked_sub(1);
+        let Some(reach) = latest.map(|n| &self.reaches[n]) else { return rest };
+        let since_s = time_s - reach.from_s;
+        let out = smoothstep(since_s / reach.out_s);
+        let back = smoothstep((since_s - reach.out_s - reach.stay_s) / reach.back_s);
+        rest.lerp(reach.to_m, out - back)
+    }
+
+    fn scatterers(&self, torso: &Torso, time_s: f64) -> [Scatterer; 5] {
+        let (shoulder, hand) = (self.shoulder(), self.shoulder() + self.reach_m(time_s));
+        let elbow = (shoulder + hand) * 0.5 - DVec3::Y * ELBOW_DROP_M;
+        let ahead = (hand - elbow).normalize_or(DVec3::NEG_Z);
+        let parts = [
+            (hand, PALM_DBSM),
+            (hand + ahead * 0.06 + DVec3::Y * 0.02, CONTROLLER_DBSM),
+            (hand - DVec3::Y * 0.05, CONTROLLER_DBSM),
+            (elbow.lerp(hand, 0.6), FOREARM_DBSM),
+            (elbow, FOREARM_DBSM),
+        ];
+        let mut phases = self.phases_rad.into_iter();
+        parts.map(|(at, rcs_dbsm)| Scatterer {
+            position_m: torso.place(at),
+            rcs_dbsm,
+            lobe: DVec3::ZERO,
+            phase_rad: phases.next().unwrap_or(0.0),
+        })
+    }
+}

@@ -1,0 +1,406 @@
+//! A play session: a furnished room, a player who turns, steps, reaches, crouches and comes near the furniture, the player's own hands,
+//! a person who crosses the room twice, and a chair that is carried away halfway. Frames and poses as a sensor and a headset give
+//! them, and what was really where at any time.
+//!
+//! The room is built along its own axes; the tracking frame stands in it at any angle and some way off, as a headset's does that was set
+//! up anywhere. Whatever is told of a session is in the tracking frame.
+//!
+//! Not simulated: multipath, shadows (what stands in front of a thing does not hide it), timing drift.
+
+mod hands;
+mod player;
+mod rooms;
+mod visitor;
+
+use std::f64::consts::TAU;
+
+use glam::{DQuat, DVec3};
+use num_complex::Complex;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::receiver::MovingScatterer;
+use super::sampler::{Sampler, Surroundings};
+use super::scenario::{IN_BEAM_AMPLITUDE, IN_BEAM_M, default_mount, host_ns};
+use super::tracker::Tracker;
+use super::truth_builder::TruthBuilder;
+use super::{Room, Scatterer, SceneObject, Simulated, TrackingErrors, WallPanel};
+use a121::{ConfigError, Frame, SensorConfig, frame_timing};
+use radar_sar::Beam;
+use radar_sar::PoseSample;
+use radar_sar::geometry::{Plane, Pose};
+
+use hands::Hands;
+use player::Player;
+use rooms::play_room;
+use visitor::Visitor;
+
+/// What to play.
+#[derive(Debug, Clone)]
+pub struct PlaySession {
+    /// Length, seconds.
+    pub duration_s: f64,
+    /// Everything random follows from it.
+    pub seed: u64,
+    /// The sensor.
+    pub config: SensorConfig,
+    /// The beam.
+    pub beam: Beam,
+    /// Where the sensor is believed to sit on the head.
+    pub head_from_sensor: Pose,
+    /// What the tracking adds.
+    pub errors: TrackingErrors,
+    /// Whether the player's own hands are there.
+    pub hands: bool,
+    /// Whether they return nothing: what is reported at them then is so by chance.
+    pub hands_without_echo: bool,
+    /// Whether somebody crosses the room.
+    pub visitor: bool,
+    /// Added to the walls' reflection, dB.
+    pub walls_db: f64,
+    /// Whether the tracking frame stands along the walls, in the middle of the floor.
+    pub axis_aligned: bool,
+}
+
+/// Why there is no session.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// A configuration that the sensor would refuse.
+    #[error("sensor configuration: {0}")]
+    Config(#[from] ConfigError),
+    /// A length that is none.
+    #[error("a session of {0} s cannot be simulated: give 1 to 3600 s")]
+    Duration(f64),
+}
+
+/// Seconds before the session begins from which on poses are given, and after it ends.
+const MARGIN_S: f64 = 0.2;
+
+impl PlaySession {
+    /// Ten minutes, everybody there, default tracking and mount, the lensless beam.
+    pub fn new(config: SensorConfig, seed: u64) -> Self {
+        Self {
+            duration_s: 600.0,
+            seed,
+            config,
+            beam: Beam::Lensless,
+            head_from_sensor: default_mount(),
+            errors: TrackingErrors::default(),
+            hands: true,
+            hands_without_echo: false,
+            visitor: true,
+            walls_db: 0.0,
+            axis_aligned: false,
+        }
+    }
+
+    /// Furnishes the room and draws everybody's ways.
+    ///
+    /// # Errors
+    /// A configuration that breaks a rule, a length out of bounds.
+    pub fn prepare(&self) -> Result<Session, SessionError> {
+        self.config.validate()?;
+        if !(1.0..=3600.0).contains(&self.duration_s) {
+            return Err(SessionError::Duration(self.duration_s));
+        }
+        let rng = |salt: u64| ChaCha8Rng::seed_from_u64(self.seed ^ salt);
+        let mut room = play_room(&mut rng(0x0F00_0001));
+        room.walls.iter_mut().for_each(|wall| wall.reflection_db += self.walls_db);
+        let end_s = self.duration_s + MARGIN_S;
+        let player = Player::new(&room, end_s, &mut rng(0x0F00_0002));
+        let hands = self.hands.then(|| Hands::new(end_s, &mut rng(0x0F00_0003)));
+        let visitor = self.visitor.then(|| Visitor::new(&room, &player, self.duration_s, &mut rng(0x0F00_0004)));
+        let removed = room.things.iter().position(|thing| thing.name == REMOVED_CHAIR);
+        let mut after = room.clone();
+        removed.map(|index| after.things.remove(index));
+        let random = random_tracking_from_room(&mut rng(0x0F00_0005));
+        let tracking_from_room = if self.axis_aligned { Pose::IDENTITY } else { random };
+        Ok(Session {
+            things: room.things.iter().map(|thing| thing.moved(&tracking_from_room)).collect(),
+            walls: room.walls.iter().map(|panel| SessionWall::new(panel, &tracking_from_room)).collect(),
+            tracking_from_room,
+            removed_s: 0.5 * self.duration_s,
+            true_mount: self.errors.true_mount(&self.head_from_sensor, self.seed),
+            play: self.clone(),
+            before: room,
+            after,
+            removed,
+            player,
+            hands,
+            visitor,
+        })
+    }
+}
+
+/// `tracking_from_room`: turned any way about the vertical; level with the floor, as headsets are set up.
+fn random_tracking_from_room(rng: &mut ChaCha8Rng) -> Pose {
+    let mut off_m = || rng.random_range(-0.5..0.5);
+    let translation = DVec3::new(off_m(), 0.0, off_m());
+    Pose::new(translation, DQuat::from_rotation_y(rng.random_range(0.0..TAU)))
+}
+
+/// What is carried away halfway.
+const REMOVED_CHAIR: &str = "chair to be removed";
+
+/// Something that stands in the room, and until when.
+#[derive(Debug, Clone, Copy)]
+pub struct SessionObject<'s> {
+    /// The thing.
+    pub thing: &'s SceneObject,
+    /// From then on it is gone, seconds; infinite: it stays.
+    pub until_s: f64,
+}
+
+/// A wall, floor or ceiling of the room.
+#[derive(Debug, Clone)]
+pub struct SessionWall {
+    /// Where it is; the normal points out of the room.
+    pub plane: Plane,
+    panel: WallPanel,
+    room_from_tracking: Pose,
+}
+
+impl SessionWall {
+    fn new(panel: &WallPanel, tracking_from_room: &Pose) -> Self {
+        let plane = panel.plane.moved(tracking_from_room);
+        Self { plane, panel: panel.clone(), room_from_tracking: tracking_from_room.inverse() }
+    }
+
+    /// From a place to the nearest of it, metres.
+    pub fn distance_m(&self, place: DVec3) -> f64 {
+        self.panel.extent.distance(self.room_from_tracking.transform_point(place))
+    }
+}
+
+/// A session whose room is furnished and whose ways are drawn.
+#[derive(Debug, Clone)]
+pub struct Session {
+    play: PlaySession,
+    tracking_from_room: Pose,
+    things: Vec<SceneObject>,
+    walls: Vec<SessionWall>,
+    before: Room,
+    after: Room,
+    removed: Option<usize>,
+    removed_s: f64,
+    true_mount: Pose,
+    player: Player,
+    hands: Option<Hands>,
+    visitor: Option<Visitor>,
+}
+
+impl Session {
+    /// What was asked for.
+    pub fn play(&self) -> &PlaySession {
+        &self.play
+    }
+
+    /// The host time of a time in the session, nanoseconds.
+    pub fn host_ns(time_s: f64) -> i64 {
+        host_ns(time_s)
+    }
+
+    /// Everything that stands there.
+    pub fn things(&self) -> Vec<SessionObject<'_>> {
+        let until = |index: usize| if Some(index) == self.removed { self.removed_s } else { f64::INFINITY };
+        self.things.iter().enumerate().map(|(n, thing)| SessionObject { thing, until_s: until(n) }).collect()
+    }
+
+    /// Walls, floor and ceiling.
+    pub fn walls(&self) -> &[SessionWall] {
+        &self.walls
+    }
+
+    /// `tracking_from_head`, as it really is.
+    pub fn head_at(&self, time_s: f64) -> Pose {
+        self.tracking_from_room * self.player.head_at(time_s)
+    }
+
+    /// `tracking_from_sensor`, as it really is.
+    pub fn sensor_at(&self, time_s: f64) -> Pose {
+        self.head_at(time_s) * self.true_mount
+    }
+
+    /// Left and right palm, as they really are; `None` in a session without hands.
+    pub fn hands_at(&self, time_s: f64) -> Option<[DVec3; 2]> {
+        let palms = self.hands.as_ref()?.palms_at(&self.player, time_s);
+        Some(palms.map(|palm| self.tracking_from_room.transform_point(palm)))
+    }
+
+    /// Where the visitor's parts are; empty while nobody is there.
+    pub fn visitor_at(&self, time_s: f64) -> Vec<DVec3> {
+        let parts = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
+        parts.into_iter().flatten().map(|part| self.tracking_from_room.transform_point(part.position_m)).collect()
+    }
+
+    /// Whether a place lies in the beam, at the amplitude and range that count.
+    pub fn is_in_beam(&self, tracking_from_sensor: &Pose, place: DVec3) -> bool {
+        let to = place - tracking_from_sensor.translation;
+        let cos = to.normalize_or_zero().dot(tracking_from_sensor.forward());
+        to.length() <= IN_BEAM_M && self.play.beam.amplitude(cos) >= IN_BEAM_AMPLITUDE
+    }
+
+    /// Frames of the whole session.
+    pub fn frame_count(&self) -> u64 {
+        let timing = frame_timing(&self.play.config);
+        ((self.play.duration_s - timing.frame_s) / timing.frame_period_s).floor().max(0.0) as u64 + 1
+    }
+
+    /// Frames by number, in parallel: the same on any number of threads.
+    pub fn frames(&self, numbers: std::ops::Range<u64>) -> Vec<Frame> {
+        let PlaySession { config, beam, seed, .. } = &self.play;
+        let sampler = Sampler { config, beam, seed: *seed, rcs_offset_db: 0.0 };
+        let timing = frame_timing(config);
+        let frame = |number: u64| {
+            let start_s = number as f64 * timing.frame_period_s;
+            let mut samples: Vec<Complex<i16>> = Vec::with_capacity(config.points_per_frame());
+            let surroundings = |first_s: f64, last_s: f64| self.surroundings(first_s, last_s);
+            let data_saturated = sampler.frame(number, start_s, |t| self.sensor_in_room(t), surroundings, &mut samples);
+            let end_s = start_s + timing.frame_s;
+            Frame {
+                tick: (end_s * 1e6).round() as i64,
+                host_time_ns: host_ns(end_s),
+                temperature_c: 30,
+                data_saturated,
+                frame_delayed: false,
+                calibration_needed: false,
+                samples,
+            }
+        };
+        numbers.into_par_iter().map(frame).collect()
+    }
+
+    /// `room_from_sensor`, as it really is.
+    fn sensor_in_room(&self, time_s: f64) -> Pose {
+        self.player.head_at(time_s) * self.true_mount
+    }
+
+    fn surroundings(&self, first_s: f64, last_s: f64) -> Surroundings<'_> {
+        let middle_s = 0.5 * (first_s + last_s);
+        let room = if middle_s < self.removed_s { &self.before } else { &self.after };
+        let [first, middle, last] = [first_s, middle_s, last_s].map(|t| self.moving_at(t));
+        // Somebody who comes or goes within a sweep is not there in it.
+        let whole = first.len() == middle.len() && last.len() == middle.len();
+        let ways = first.iter().zip(&last).map(|(a, b)| b.position_m - a.position_m);
+        let moving = middle.iter().zip(ways).filter(|_| whole);
+        Surroundings { room, moving: moving.map(|(&scatterer, way)| MovingScatterer { scatterer, way }).collect() }
+    }
+
+    fn moving_at(&self, time_s: f64) -> Vec<Scatterer> {
+        let hands = self
+            .hands
+            .as_ref()
+            .filter(|_| !self.play.hands_without_echo)
+            .map(|hands| hands.scatterers_at(&self.player, time_s));
+        let visitor = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
+        hands.into_iter().flatten().chain(visitor.into_iter().flatten()).collect()
+    }
+
+    /// All of it as a recording, for rooms along the tracking frame's axes; what is carried away is not in its truth.
+    pub fn recorded(&self) -> Simulated {
+        let PlaySession { seed, duration_s, beam, .. } = &self.play;
+        let known = TruthBuilder { title: "play-room, play".into(), seed: *seed, duration_s: *duration_s, beam };
+        let truth = known.build(&self.after, |t| self.head_at(t), |t| self.sensor_at(t));
+        Simulated { frames: self.frames(0..self.frame_count()), poses: self.poses().collect(), truth }
+    }
+
+    /// The poses of the head as they are tracked.
+    pub fn poses(&self) -> impl Iterator<Item = PoseSample> + '_ {
+        let mut tracker = Tracker::new(self.play.errors, self.play.seed);
+        let rate_hz = self.play.errors.rate_hz;
+        let count = ((self.play.duration_s + 2.0 * MARGIN_S) * rate_hz).floor() as u64 + 1;
+        (0..count).map(move |n| {
+            let time_s = n as f64 / rate_hz - MARGIN_S;
+            let (measured, valid) = tracker.measure(time_s, &self.head_at(time_s));
+            PoseSample { valid, ..PoseSample::valid(host_ns(time_s), &measured) }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use a121::preset;
+
+    fn session(seed: u64, duration_s: f64) -> Session {
+        PlaySession { duration_s, ..PlaySession::new(preset("d16").unwrap(), seed) }.prepare().unwrap()
+    }
+
+    #[test]
+    fn same_seed_gives_same_session_on_any_thread_count() {
+        let (a, b) = (session(3, 4.0), session(3, 4.0));
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(a.frames(100..120), pool.install(|| b.frames(100..120)));
+        assert!(a.poses().eq(b.poses()));
+        assert_ne!(a.frames(100..101), session(4, 4.0).frames(100..101));
+        assert_eq!(a.frame_count(), a.frames(0..a.frame_count()).len() as u64);
+    }
+
+    #[test]
+    fn motion_is_continuous_and_avoids_furniture() {
+        for seed in 0..4 {
+            let session = session(seed, 60.0);
+            let parts = |t: f64| session.moving_at(t).iter().map(|s| s.position_m).collect::<Vec<_>>();
+            for n in 0..6000 {
+                let (t, next) = (f64::from(n) * 0.01, f64::from(n + 1) * 0.01);
+                let head = session.player.head_at(t);
+                assert!(
+                    head.translation.distance(session.player.head_at(next).translation) < 0.03,
+                    "seed {seed} at {t}"
+                );
+                let (now, then) = (parts(t), parts(next));
+                if now.len() == then.len() {
+                    let step = now.iter().zip(&then).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+                    assert!(step < 0.09, "seed {seed} at {t}: {step}");
+                }
+                let body = |p: DVec3| DVec3::new(p.x - head.translation.x, 0.0, p.z - head.translation.z).length();
+                let nearest = session.before.scatterers().map(|s| body(s.position_m)).fold(f64::INFINITY, f64::min);
+                assert!(nearest > 0.15, "seed {seed} at {t}: {nearest}");
+            }
+        }
+    }
+
+    #[test]
+    fn player_approaches_furniture_and_visitor_crosses_twice() {
+        let session = session(1, 120.0);
+        let times: Vec<f64> = (0..1200).map(|n| f64::from(n) * 0.1).collect();
+        let level = |a: DVec3, b: DVec3| DVec3::new(a.x - b.x, 0.0, a.z - b.z).length();
+        let things = session.things();
+        let near = things.iter().filter(|thing| {
+            let nearest = |t: &f64| {
+                let head = session.head_at(*t).translation;
+                thing.thing.scatterers.iter().map(|s| level(s.position_m, head)).fold(f64::INFINITY, f64::min)
+            };
+            times.iter().map(nearest).fold(f64::INFINITY, f64::min) < 0.5
+        });
+        assert!(near.count() >= 3);
+        let there: Vec<bool> = times.iter().map(|t| !session.visitor_at(*t).is_empty()).collect();
+        assert_eq!(there.windows(2).filter(|w| !w[0] && w[1]).count(), 2);
+        let gone = session.things().iter().filter(|thing| thing.until_s == 60.0).count();
+        assert_eq!(gone, 1);
+    }
+
+    #[test]
+    fn reported_coordinates_are_the_room_transformed() {
+        let session = session(2, 20.0);
+        let turned_rad = session.tracking_from_room.rotation.to_scaled_axis();
+        assert!(turned_rad.x.hypot(turned_rad.z) < 1e-12 && turned_rad.y.abs() > 0.01, "{turned_rad}");
+        for time_s in [0.0, 7.3, 15.0] {
+            let (told, room) = (session.sensor_at(time_s), session.sensor_in_room(time_s));
+            let told_things = session.things().into_iter().flat_map(|thing| &thing.thing.scatterers);
+            for (there, here) in told_things.zip(session.before.scatterers()) {
+                let towards = |from: &Pose, to: &Scatterer| {
+                    let way = to.position_m - from.translation;
+                    DVec3::new(way.length(), way.normalize().dot(from.forward()), to.rcs_towards_dbsm(-way.normalize()))
+                };
+                assert!(towards(&told, there).distance(towards(&room, here)) < 1e-9);
+            }
+            for (wall, panel) in session.walls().iter().zip(&session.before.walls) {
+                let away_m = wall.plane.distance(told.translation);
+                assert!((away_m - panel.plane.distance(room.translation)).abs() < 1e-9);
+                assert!((wall.distance_m(told.translation) - panel.extent.distance(room.translation)).abs() < 1e-9);
+            }
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! The player's head: from stance to stance, about the play area and up to the furniture, looking where the step leads or, now and
+//! then, not; crouching, swaying. The body below the head keeps clear of what stands there.
+
+use glam::{DQuat, DVec3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::super::Room;
+use super::super::motion::{Wander, smoothstep, turn_between};
+use radar_sar::geometry::Pose;
+use radar_sar::math;
+
+/// Half of the play area, metres.
+const PLAY_HALF_M: f64 = 0.9;
+/// Least distance of the body's axis from furniture and walls on the way and in a stance, metres.
+const CLEARANCE_M: f64 = 0.28;
+/// Share of stances that are taken up near a thing, and how near its nearest part, metres.
+const NEAR_OBJECT_SHARE: f64 = 0.3;
+const NEAR_OBJECT_M: (f64, f64) = (0.3, 0.55);
+/// Share of stances near a wall, and how near.
+const WALL_SHARE: f64 = 0.05;
+/// Longest step, metres.
+const MAX_STEP_M: f64 = 1.3;
+/// From this way over the ground on a player looks where it leads, metres; but for this share of steps.
+const LOOK_AHEAD_STEP_M: f64 = 0.25;
+const STEP_WITHOUT_LOOKING_SHARE: f64 = 0.15;
+
+#[derive(Debug, Clone, Copy)]
+struct Stance {
+    from_s: f64,
+    until_s: f64,
+    position_m: DVec3,
+    yaw_rad: f64,
+    pitch_rad: f64,
+}
+
+/// Where the head is at any time.
+#[derive(Debug, Clone)]
+pub(super) struct Player {
+    stances: Vec<Stance>,
+    sway: Wander,
+}
+
+impl Player {
+    pub fn new(room: &Room, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+        let ground = Ground::new(room);
+        let mut stances =
+            vec![Stance { from_s: 0.0, until_s: 0.3, position_m: DVec3::Y * 1.65, yaw_rad: 0.0, pitch_rad: -0.1 }];
+        while let Some(&last) = stances.last().filter(|s| s.until_s < duration_s) {
+            stances.push(next_stance(&last, &ground, rng));
+        }
+        // 2 cm and about 2° of sway.
+        Self { stances, sway: Wander::new(0.02, DVec3::ONE, duration_s, rng) }
+    }
+
+    /// `tracking_from_head`.
+    pub fn head_at(&self, time_s: f64) -> Pose {
+        let (a, b, share) = self.between(time_s);
+        let sway = self.sway.at(time_s);
+        let mix = |from: f64, to: f64| from + (to - from) * share;
+        let rotation = DQuat::from_rotation_y(mix(a.yaw_rad, b.yaw_rad) + sway.z * 1.5)
+            * DQuat::from_rotation_x(mix(a.pitch_rad, b.pitch_rad) + sway.x * 1.5);
+        Pose::new(a.position_m.lerp(b.position_m, share) + sway, rotation)
+    }
+
+    /// Yaw of the head, on and on when it turns, rad.
+    pub fn yaw_at(&self, time_s: f64) -> f64 {
+        let (a, b, share) = self.between(time_s);
+        a.yaw_rad + (b.yaw_rad - a.yaw_rad) * share
+    }
+
+    fn between(&self, time_s: f64) -> (&Stance, &Stance, f64) {
+        let later = self.stances.partition_point(|s| s.from_s <= time_s).min(self.stances.len() - 1);
+        let (a, b) = (&self.stances[later.saturating_sub(1)], &self.stances[later]);
+        (a, b, smoothstep((time_s - a.until_s) / (b.from_s - a.until_s).max(1e-6)))
+    }
+}
+
+/// Where a body can stand.
+struct Ground {
+    /// What a body can touch, level.
+    parts: Vec<DVec3>,
+    /// The same by thing.
+    things: Vec<Vec<DVec3>>,
+    half: DVec3,
+}
+
+impl Ground {
+    fn new(room: &Room) -> Self {
+        let level = |p: DVec3| DVec3::new(p.x, 0.0, p.z);
+        let things: Vec<Vec<DVec3>> =
+            room.things.iter().map(|t| t.scatterers.iter().map(|s| level(s.position_m)).collect()).collect();
+        let half = room.walls.iter().map(|wall| wall.extent.max).fold(DVec3::ZERO, DVec3::max);
+        Self { parts: things.concat(), things, half }
+    }
+
+    /// From a body's axis to the nearest part or wall, metres.
+    fn clearance_m(&self, place: DVec3) -> f64 {
+        let level = DVec3::new(place.x, 0.0, place.z);
+        let walls_m = (self.half.x - place.x.abs()).min(self.half.z - place.z.abs());
+        self.parts.iter().map(|p| p.distance(level)).fold(walls_m, f64::min)
+    }
+
+    /// Whether nobody touches anything on the straight way.
+    fn is_free(&self, from: DVec3, to: DVec3) -> bool {
+        (0..=12).all(|n| self.clearance_m(from.lerp(to, f64::from(n) / 12.0)) >= CLEARANCE_M)
+    }
+}
+
+fn next_stance(last: &Stance, ground: &Ground, rng: &mut ChaCha8Rng) -> Stance {
+    let crouch = rng.random_range(0.0..1.0) < 0.12;
+    let height_m = if crouch { rng.random_range(1.0..1.3) } else { rng.random_range(1.55..1.72) };
+    let position_m = next_place(last, height_m, ground, rng);
+    let way = position_m - last.position_m;
+    // People look where they step, give or take; standing, they look about; now and then they step without looking.
+    let steps = DVec3::new(way.x, 0.0, way.z).length() > LOOK_AHEAD_STEP_M;
+    let looks = rng.random_range(0.0..1.0) >= STEP_WITHOUT_LOOKING_SHARE;
+    let turn_rad = match steps && looks {
+        true => turn_between(last.yaw_rad, math::atan2(-way.x, -way.z)) + rng.random_range(-0.6..0.6),
+        false => rng.random_range(-1.6..1.6),
+    };
+    let pitch_rad = rng.random_range(-0.75..0.15);
+    // About 0.6 m/s over the ground and 90°/s of turning on average.
+    let travel_s = (way.length() / 0.6).max(turn_rad.abs() / 1.6).max(0.4) * rng.random_range(0.9..1.3);
+    let from_s = last.until_s + travel_s;
+    let until_s = from_s + rng.random_range(0.1..0.8);
+    Stance { from_s, until_s, position_m, yaw_rad: last.yaw_rad + turn_rad, pitch_rad }
+}
+
+fn next_place(last: &Stance, height_m: f64, ground: &Ground, rng: &mut ChaCha8Rng) -> DVec3 {
+    let kind = rng.random_range(0.0..1.0);
+    for _ in 0..30 {
+        let somewhere = DVec3::new(
+            rng.random_range(-PLAY_HALF_M..PLAY_HALF_M),
+            height_m,
+            rng.random_range(-PLAY_HALF_M..PLAY_HALF_M),
+        );
+        let to = if kind < NEAR_OBJECT_SHARE && !ground.things.is_empty() {
+            let parts = &ground.things[rng.random_range(0..ground.things.len())];
+            // Towards the part that is nearest to some free place, and so far from it.
+            let level = DVec3::new(somewhere.x, 0.0, somewhere.z);
+            let nearest = parts.iter().copied().min_by(|a, b| a.distance(level).total_cmp(&b.distance(level)));
+            let part = nearest.unwrap_or(level);
+            let away = (level - part).normalize_or(DVec3::X);
+            part + away * rng.random_range(NEAR_OBJECT_M.0..NEAR_OBJECT_M.1) + DVec3::Y * height_m
+        } else if kind < NEAR_OBJECT_SHARE + WALL_SHARE {
+            let toward = somewhere.normalize_or(DVec3::X);
+            let reach_m = (ground.half.x / toward.x.abs().max(1e-6)).min(ground.half.z / toward.z.abs().max(1e-6));
+            let level = DVec3::new(toward.x, 0.0, toward.z) * (reach_m - rng.random_range(0.4..0.6));
+            level + DVec3::Y * height_m
+        } else {
+            somewhere
+        };
+        let level = DVec3::new(to.x - last.position_m.x, 0.0, to.z - last.position_m.z);
+        if level.length() < MAX_STEP_M && ground.is_free(last.position_m, to) {
+            return to;
+        }
+    }
+    DVec3::new(last.position_m.x, height_m, last.position_m.z)
+}

@@ -1,0 +1,109 @@
+//! Somebody who crosses the room twice, on a straight way that keeps clear of the player and, as far as there is one, of the furniture.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::super::{Room, Scatterer};
+use super::Player;
+
+use radar_sar::math;
+
+/// Shares of the session at which a crossing begins.
+const CROSSING_STARTS: [f64; 2] = [0.3, 0.75];
+/// Walking speed, metres a second, and steps a second.
+const SPEED_M_PER_S: (f64, f64) = (0.8, 1.2);
+const STEPS_PER_S: f64 = 0.9;
+/// Ways that are drawn for a crossing; the one that keeps clearest is taken.
+const CANDIDATE_PATHS: usize = 60;
+/// The player is kept clear of at least so far, metres.
+const PLAYER_CLEARANCE_M: f64 = 0.9;
+
+#[derive(Debug, Clone, Copy)]
+struct Crossing {
+    from_s: f64,
+    until_s: f64,
+    start_m: DVec3,
+    velocity_m_per_s: DVec3,
+}
+
+/// A person who walks.
+#[derive(Debug, Clone)]
+pub(super) struct Visitor {
+    crossings: Vec<Crossing>,
+    phases_rad: [f64; PARTS.len()],
+}
+
+/// Parts of a body: to the side, height, and how far it swings along the way with the steps, metres; dBsm.
+const PARTS: [(f64, f64, f64, f64); 13] = [
+    (0.0, 1.68, 0.0, -12.0),
+    (-0.12, 1.35, 0.0, -8.0),
+    (0.12, 1.35, 0.0, -8.0),
+    (0.0, 1.15, 0.0, -7.0),
+    (0.0, 0.95, 0.0, -9.0),
+    (-0.24, 1.1, 0.10, -16.0),
+    (0.24, 1.1, -0.10, -16.0),
+    (-0.26, 0.85, 0.22, -17.0),
+    (0.26, 0.85, -0.22, -17.0),
+    (-0.1, 0.5, -0.16, -13.0),
+    (0.1, 0.5, 0.16, -13.0),
+    (-0.1, 0.08, -0.32, -15.0),
+    (0.1, 0.08, 0.32, -15.0),
+];
+
+impl Visitor {
+    pub fn new(room: &Room, player: &Player, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
+        let crossings = CROSSING_STARTS.map(|share| crossing(room, player, share * duration_s, rng)).to_vec();
+        Self { crossings, phases_rad: [(); PARTS.len()].map(|()| rng.random_range(0.0..TAU)) }
+    }
+
+    /// What a radar sees at a time; nothing while nobody is there.
+    pub fn scatterers_at(&self, time_s: f64) -> Vec<Scatterer> {
+        let Some(now) = self.crossings.iter().find(|c| (c.from_s..c.until_s).contains(&time_s)) else {
+            return Vec::new();
+        };
+        let since_s = time_s - now.from_s;
+        let ahead = now.velocity_m_per_s.normalize_or(DVec3::Z);
+        let right = ahead.cross(DVec3::Y);
+        let swing = math::sin(TAU * STEPS_PER_S * since_s);
+        let middle = now.start_m + now.velocity_m_per_s * since_s;
+        let part = |(&(side, height, along, rcs_dbsm), &phase_rad): (&(f64, f64, f64, f64), &f64)| Scatterer {
+            position_m: middle + right * side + DVec3::Y * height + ahead * (along * swing),
+            rcs_dbsm,
+            lobe: DVec3::ZERO,
+            phase_rad,
+        };
+        PARTS.iter().zip(&self.phases_rad).map(part).collect()
+    }
+}
+
+fn crossing(room: &Room, player: &Player, from_s: f64, rng: &mut ChaCha8Rng) -> Crossing {
+    let half = room.walls.iter().map(|wall| wall.extent.max).fold(DVec3::ZERO, DVec3::max);
+    let ways = (0..CANDIDATE_PATHS).map(|_| {
+        // From one short wall to the other, so that the player can be passed.
+        let side = if rng.random_range(0.0..1.0) < 0.5 { 1.0 } else { -1.0 };
+        let x = |rng: &mut ChaCha8Rng| rng.random_range(-half.x + 0.3..half.x - 0.3);
+        let (start, end) = (DVec3::new(x(rng), 0.0, side * half.z), DVec3::new(x(rng), 0.0, -side * half.z));
+        let speed = rng.random_range(SPEED_M_PER_S.0..SPEED_M_PER_S.1);
+        let lasts_s = start.distance(end) / speed;
+        let velocity_m_per_s = (end - start) / lasts_s;
+        Crossing { from_s, until_s: from_s + lasts_s, start_m: start, velocity_m_per_s }
+    });
+    let clear = |way: &Crossing| {
+        let steps = (0..=20).map(|n| (way.until_s - way.from_s) * f64::from(n) / 20.0);
+        let level = |p: DVec3| DVec3::new(p.x, 0.0, p.z);
+        let clear = steps.map(|s| {
+            let at = way.start_m + way.velocity_m_per_s * s;
+            let player_m = level(player.head_at(way.from_s + s).translation).distance(at);
+            let things_m = room.scatterers().map(|t| level(t.position_m).distance(at)).fold(f64::INFINITY, f64::min);
+            // Furniture that is walked through does less harm to a simulation than a player who is.
+            (player_m - PLAYER_CLEARANCE_M).min(0.0) * 10.0 + things_m.min(0.4)
+        });
+        clear.fold(f64::INFINITY, f64::min)
+    };
+    let ways: Vec<Crossing> = ways.collect();
+    let best = ways.into_iter().max_by(|a, b| clear(a).total_cmp(&clear(b)));
+    best.unwrap_or(Crossing { from_s, until_s: from_s, start_m: DVec3::ZERO, velocity_m_per_s: DVec3::ZERO })
+}

@@ -1,0 +1,59 @@
+//! What is known of a simulated recording: what stood there, how near it came and how long it was in the beam.
+
+use super::Room;
+use super::scenario::{IN_BEAM_AMPLITUDE, IN_BEAM_M};
+use radar_sar::Beam;
+use radar_sar::geometry::Pose;
+use radar_sar::truth::{Truth, TruthObstacle, TruthWall};
+
+/// Between two looks at the path, seconds.
+const STEP_S: f64 = 0.02;
+
+/// A recording, as far as its truth hangs on it.
+pub(super) struct TruthBuilder<'k> {
+    /// Room and motion.
+    pub title: String,
+    /// Its seed.
+    pub seed: u64,
+    /// Its length, seconds.
+    pub duration_s: f64,
+    /// The sensor's beam.
+    pub beam: &'k Beam,
+}
+
+impl TruthBuilder<'_> {
+    /// The truth of a room, with `tracking_from_head` and `tracking_from_sensor` at any time, seconds.
+    pub fn build(&self, room: &Room, head_at: impl Fn(f64) -> Pose, sensor_at: impl Fn(f64) -> Pose) -> Truth {
+        let times: Vec<f64> = (0..(self.duration_s / STEP_S) as usize).map(|i| i as f64 * STEP_S).collect();
+        let obstacles = room.things.iter().map(|thing| {
+            let points_m: Vec<_> = thing.scatterers.iter().map(|s| s.position_m).collect();
+            let nearest = |t: f64| {
+                let head = head_at(t).translation;
+                points_m.iter().map(|p| p.distance(head)).fold(f64::INFINITY, f64::min)
+            };
+            let in_beam = |t: &&f64| {
+                let sensor = sensor_at(**t);
+                points_m.iter().any(|p| {
+                    let to = *p - sensor.translation;
+                    let cos = to.normalize_or_zero().dot(sensor.forward());
+                    to.length() <= IN_BEAM_M && self.beam.amplitude(cos) >= IN_BEAM_AMPLITUDE
+                })
+            };
+            TruthObstacle {
+                name: thing.name.clone(),
+                rcs_dbsm: thing.scatterers.iter().map(|s| s.rcs_dbsm).collect(),
+                closest_approach_m: times.iter().map(|&t| nearest(t)).fold(f64::INFINITY, f64::min),
+                in_beam_s: times.iter().filter(in_beam).count() as f64 * STEP_S,
+                points_m: points_m.clone(),
+            }
+        });
+        let walls = room.walls.iter();
+        Truth {
+            title: self.title.clone(),
+            seed: self.seed,
+            obstacles: obstacles.collect(),
+            walls: walls.map(|w| TruthWall { name: w.name.clone(), plane: w.plane, extent: w.extent }).collect(),
+            time_offset_s: 0.0,
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! Where the time goes when a room is imaged with preset d16: CPU seconds per second of data, as a share of one core.
+//!
+//!     cargo run --release --example stage_times -- [SECONDS] [SEED] [SCENE …] [whole] [rooms.blocks.memory_s=2 …]
+//!
+//! Simulates a furnished and an empty room (natural play, 10 s unless told otherwise), then times each stage by itself, in
+//! CPU time of all threads (Linux; elsewhere wall time): joining the streams, blocks (range compression and tables), the
+//! field at 5 cm and 2.5 cm, planes, the time offset's estimate once a second, the fine field of 1 cm wherever the search
+//! looks finely, brought up to date four times a second, and the whole pipeline, without and with the estimate of the time
+//! offset; what it takes beyond its stages are the looks. (In the pipeline most fine bricks are never read, and so never
+//! computed.) Each stage is repeated and the least counts. Updates are (voxel in the beam, sweep) pairs. At last the fine field
+//! is held against a dense one of 1 cm voxels. With `whole` the pipeline alone.
+
+use std::time::Instant;
+
+use a121::preset;
+use radar_chaperone::settings::Settings;
+use radar_mapping::RoomMapper;
+use radar_mapping::{Counters, Pipeline};
+use radar_mapping::{Observer, ObserverSettings, SensorState};
+use radar_sar::Observation;
+use radar_sar::subaperture::{
+    Field, FineField, FineSettings, PlaneField, Subaperture, SubapertureBuilder, SubapertureSettings,
+};
+use radar_sar::{TimeOffsetEstimator, TimeOffsetSettings};
+use radar_simulation::{Scenario, Simulated};
+
+const REPETITIONS: usize = 3;
+
+fn main() {
+    let (mut numbers, mut changes) = (Vec::new(), Vec::new());
+    let (mut scenes, mut whole_alone) = (Vec::new(), false);
+    for argument in std::env::args().skip(1) {
+        match argument.parse::<f64>() {
+            Ok(number) => numbers.push(number),
+            Err(_) if argument.contains('=') => changes.push(argument),
+            Err(_) if argument == "whole" => whole_alone = true,
+            Err(_) => scenes.push(argument),
+        }
+    }
+    if scenes.is_empty() {
+        scenes = ["furnished-room", "empty-room"].map(String::from).to_vec();
+    }
+    let settings = Settings::from_toml("", &changes).unwrap_or_else(|error| panic!("{error}"));
+    let duration_s = numbers.first().copied().unwrap_or(10.0);
+    let seed = numbers.get(1).map_or(500, |n| *n as u64);
+    for scene in scenes {
+        let scenario = Scenario::new(&scene, "natural", preset("d16").expect("d16 exists"), duration_s, seed);
+        let simulated = scenario.run().unwrap_or_else(|error| panic!("{error}"));
+        println!("{scene}, {duration_s} s, seed {seed}");
+        if !whole_alone {
+            stages(&scenario, &simulated, &settings, duration_s);
+        }
+        pipelines(&scenario, &simulated, &settings, duration_s);
+    }
+}
+
+fn line(name: &str, cpu_s: f64, duration_s: f64) {
+    println!("  {name:<44}{:>7.2} % of a core", cpu_s / duration_s * 100.0);
+}
+
+fn stages(scenario: &Scenario, simulated: &Simulated, settings: &Settings, duration_s: f64) {
+    let line = |name: &str, cpu_s: f64| line(name, cpu_s, duration_s);
+    let (join_s, (observations, path)) = timed(|| joined(scenario, simulated, settings));
+    line("joining the streams", join_s);
+    let (copy_s, _) = timed(|| observations.to_vec());
+    let (build_s, blocks) = timed(|| blocks(&observations, settings.rooms.blocks));
+    line("blocks: range compression, tables", build_s - copy_s);
+    for voxel_m in [0.05, 0.025] {
+        let with_voxel = SubapertureSettings { voxel_m, ..settings.rooms.blocks };
+        let (field_s, updates) = timed(|| {
+            let mut field = Field::new(with_voxel, with_voxel.min_cos(&settings.radar.beam));
+            blocks.iter().for_each(|block| field.add(block));
+            field.updates
+        });
+        line(&format!("field, voxels of {} cm", voxel_m * 100.0), field_s);
+        println!("      {:.2} G updates, {:.2} G/s", updates as f64 * 1e-9, updates as f64 * 1e-9 / field_s);
+    }
+    let (planes_s, _) = timed(|| {
+        let mut planes = PlaneField::new(settings.rooms.blocks, settings.rooms.blocks.min_cos(&settings.radar.beam));
+        blocks.iter().for_each(|block| planes.add(block));
+    });
+    line("planes", planes_s);
+    let (offset_s, _) = timed(|| time_offset(&observations, &path, settings));
+    line("time offset, estimated once a second", offset_s);
+    fine(&observations, &blocks, settings, duration_s);
+}
+
+fn pipelines(scenario: &Scenario, simulated: &Simulated, settings: &Settings, duration_s: f64) {
+    let mut as_set = settings.clone();
+    as_set.tracking.estimate_time_offset = false;
+    let (whole_s, _) = timed(|| whole(scenario, simulated, &as_set));
+    line("the whole pipeline, time offset as set", whole_s, duration_s);
+    let (whole_s, counters) = timed(|| whole(scenario, simulated, settings));
+    line("the whole pipeline", whole_s, duration_s);
+    println!("      {:?}", counters.engine.rooms);
+    println!("      {:?}", counters.time_offset);
+}
+
+fn joined(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> (Vec<Observation>, Vec<SensorState>) {
+    let observer = ObserverSettings {
+        history: settings.tracking.history,
+        head_from_sensor: scenario.head_from_sensor,
+        time_offset_s: settings.tracking.time_offset_s,
+    };
+    let mut observer = Observer::new(&scenario.config, observer);
+    let mut frames = simulated.frames.iter().peekable();
+    let (mut observations, mut path) = (Vec::new(), Vec::new());
+    for pose in &simulated.poses {
+        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
+            observer.push_frame(frame.clone());
+        }
+        observer.push_pose(pose);
+        observations.extend(observer.take_ready());
+        path.extend(observer.take_path());
+    }
+    observations.extend(observer.take_rest());
+    (observations, path)
+}
+
+fn time_offset(observations: &[Observation], path: &[SensorState], settings: &Settings) {
+    let errors = settings.tracking.errors;
+    let mut estimator =
+        TimeOffsetEstimator::new(TimeOffsetSettings { middle_s: settings.tracking.time_offset_s, errors });
+    let mut path = path.iter().peekable();
+    let mut next_ns = observations.first().map_or(0, |o| o.mid_time_ns) + 1_000_000_000;
+    for observation in observations {
+        estimator.push_sweep(observation);
+        while let Some(at) = path.next_if(|at| at.time_ns <= observation.mid_time_ns) {
+            estimator.push_path(at.time_ns, at.tracking_from_sensor.translation, at.velocity_m_per_s);
+        }
+        if observation.mid_time_ns >= next_ns {
+            next_ns += 1_000_000_000;
+            estimator.estimate();
+        }
+    }
+}
+
+/// One look: number of the last block before it, and the middles of the bricks that were open after it.
+type Update = (usize, Vec<glam::DVec3>);
+
+/// The fine field as the search opens it, all of it brought up to date at every look; then held against a dense one.
+fn fine(observations: &[Observation], blocks: &[Subaperture], settings: &Settings, duration_s: f64) {
+    let looks = looks(observations, settings);
+    let (fine_s, fine) = timed(|| replayed_field(blocks, &looks, settings, usize::MAX));
+    line("fine field, 1 cm wherever something is", fine_s, duration_s);
+    let open = looks.iter().map(|(_, bricks)| bricks.len()).sum::<usize>() / looks.len().max(1);
+    println!("      {open} bricks open in the mean, {:.2} G updates", fine.counters().updates as f64 * 1e-9);
+    // The look that opened most, late enough for a full window; compared a second later.
+    let new = |n: &usize| looks[*n].1.iter().filter(|brick| !looks[n - 1].1.contains(brick)).count();
+    let full = |n: &usize| window(blocks, looks[*n].0, settings).start > 0;
+    let Some(at) = (1..looks.len().saturating_sub(4)).filter(full).max_by_key(new) else { return };
+    let opened: Vec<glam::DVec3> =
+        looks[at].1.iter().filter(|b| !looks[at - 1].1.contains(b) && looks[at + 4].1.contains(b)).copied().collect();
+    let (first, last) = (window(blocks, looks[at].0, settings).start, looks[at + 4].0);
+    let voxel_m = settings.rooms.fine.voxel_m;
+    let with_voxel = SubapertureSettings { voxel_m, ..settings.rooms.blocks };
+    let mut dense = Field::new(with_voxel, with_voxel.min_cos(&settings.radar.beam));
+    let start = cpu_s();
+    blocks[first..=last].iter().for_each(|block| dense.add(block));
+    let dense_s = cpu_s().zip(start).map_or(f64::NAN, |(end, start)| end - start);
+    let span_s = (blocks[last].mid_time_ns - blocks[first].mid_time_ns) as f64 * 1e-9;
+    line("dense field, 1 cm", dense_s / span_s * duration_s, duration_s);
+    let dense_updates = dense.updates as f64 / span_s * duration_s;
+    let share = fine.counters().updates as f64 / dense_updates * 100.0;
+    println!("      {:.2} G updates; the fine field's are {share:.2} % of them", dense_updates * 1e-9);
+    let fine = replayed_field(blocks, &looks, settings, at + 4);
+    let (mut equal, mut different) = (0, 0);
+    for voxel in opened.iter().flat_map(|brick| voxels(*brick, voxel_m)) {
+        match fine.field().score_at(voxel) == dense.score_at(voxel) {
+            true => equal += 1,
+            false => different += 1,
+        }
+    }
+    println!("      {} bricks opened together, a second later: {equal} voxels equal, {different} not", opened.len());
+}
+
+/// What the search opens, look by look.
+fn looks(observations: &[Observation], settings: &Settings) -> Vec<Update> {
+    let mut search = RoomMapper::new(settings.rooms, &settings.radar.beam, settings.tracking.errors);
+    let mut looks: Vec<Update> = Vec::new();
+    for observation in observations {
+        search.push(observation.clone());
+        if search.counters().looks as usize > looks.len() {
+            looks.push((search.counters().blocks as usize - 1, search.fine().open_bricks()));
+        }
+    }
+    looks
+}
+
+/// A fine field with just these bricks open after each look, up to a look.
+fn replayed_field(blocks: &[Subaperture], looks: &[Update], settings: &Settings, last_update: usize) -> FineField {
+    let follow = FineSettings { max_opened: usize::MAX, max_bricks: usize::MAX, keep_looks: 0, ..settings.rooms.fine };
+    let rooms = &settings.rooms;
+    let mut fine = FineField::new(follow, rooms.blocks, rooms.blocks.min_cos(&settings.radar.beam));
+    let (mut next, mut first) = (0, 0);
+    for (last, bricks) in looks.iter().take(last_update.saturating_add(1)) {
+        while next <= *last {
+            fine.push_subaperture(&blocks[next]);
+            let at_hand = window(blocks, next, settings);
+            blocks[first..at_hand.start].iter().for_each(|block| fine.pop_subaperture(block));
+            (next, first) = (next + 1, at_hand.start);
+        }
+        fine.request(bricks, 1e-6);
+        fine.update_all(&blocks[first..next].iter().collect::<Vec<_>>());
+    }
+    fine
+}
+
+/// The blocks at hand when one has come.
+fn window(blocks: &[Subaperture], last: usize, settings: &Settings) -> std::ops::Range<usize> {
+    let since_ns = blocks[last].mid_time_ns - (settings.rooms.explain.window_s * 1e9) as i64;
+    blocks[..last].partition_point(|block| block.mid_time_ns < since_ns)..last + 1
+}
+
+/// Middles of a brick's voxels.
+fn voxels(brick: glam::DVec3, voxel_m: f64) -> impl Iterator<Item = glam::DVec3> {
+    let along = |n: usize| (n % 8) as f64 - 3.5;
+    (0..512).map(move |n| brick + glam::DVec3::new(along(n), along(n / 8), along(n / 64)) * voxel_m)
+}
+
+fn blocks(observations: &[Observation], settings: SubapertureSettings) -> Vec<Subaperture> {
+    let mut builder = SubapertureBuilder::new(settings);
+    let mut blocks: Vec<Subaperture> = observations.iter().filter_map(|o| builder.push(o.clone())).collect();
+    blocks.extend(builder.close());
+    blocks
+}
+
+fn whole(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> Counters {
+    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
+    let mut frames = simulated.frames.iter().peekable();
+    for pose in &simulated.poses {
+        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
+            pipeline.push_frame(frame.clone());
+        }
+        pipeline.push_pose(pose);
+    }
+    pipeline.finish();
+    pipeline.counters()
+}
+
+/// Least CPU time of some repetitions, and what came out.
+fn timed<T>(work: impl Fn() -> T) -> (f64, T) {
+    let mut least = f64::INFINITY;
+    let mut result = None;
+    for _ in 0..REPETITIONS {
+        let (start, wall) = (cpu_s(), Instant::now());
+        result = Some(work());
+        let took = cpu_s().zip(start).map_or(wall.elapsed().as_secs_f64(), |(end, start)| end - start);
+        least = least.min(took);
+    }
+    (least, result.expect("at least one repetition"))
+}
+
+/// CPU time of all threads so far, where the system tells it.
+fn cpu_s() -> Option<f64> {
+    let mut sum_ns = 0.0;
+    for task in std::fs::read_dir("/proc/self/task").ok()? {
+        let text = std::fs::read_to_string(task.ok()?.path().join("schedstat")).ok()?;
+        sum_ns += text.split_whitespace().next()?.parse::<f64>().ok()?;
+    }
+    Some(sum_ns * 1e-9)
+}

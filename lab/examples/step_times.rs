@@ -1,0 +1,68 @@
+//! How long the pipeline's steps hold up the stream: natural play in a furnished room, preset d16, every pose that is pushed
+//! timed and sorted by what it set off. Arguments: seconds, seed, threads of the pool.
+//!
+//! A step is what one pose sets off: the sweeps that it completes, mostly none of the rest; a block's imaging, a look at the
+//! evidence, an estimate of the time offset. The scene is timed by itself.
+
+use std::time::Instant;
+
+use a121::preset;
+use radar_chaperone::live::Latency;
+use radar_mapping::MappingSettings;
+use radar_mapping::{Counters, Pipeline};
+use radar_simulation::Scenario;
+
+fn main() {
+    let arguments: Vec<f64> = std::env::args().skip(1).filter_map(|word| word.parse().ok()).collect();
+    let argument = |n: usize, or: f64| arguments.get(n).copied().unwrap_or(or);
+    let (duration_s, seed, threads) = (argument(0, 30.0), argument(1, 1.0) as u64, argument(2, 1.0) as usize);
+    let config = preset("d16").expect("a preset");
+    let scenario = Scenario::new("furnished-room", "natural", config, duration_s, seed);
+    let simulated = scenario.run().unwrap_or_else(|error| panic!("{error}"));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default());
+    let mut frames = simulated.frames.into_iter().peekable();
+    let names = ["sweeps alone", "block", "block and look", "estimate", "scene"];
+    let mut times = names.map(|_| Latency::default());
+    let begin = Instant::now();
+    for pose in &simulated.poses {
+        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
+            pipeline.push_frame(frame);
+        }
+        let before = pipeline.counters();
+        let step = Instant::now();
+        pool.install(|| pipeline.push_pose(pose));
+        let took_ns = step.elapsed().as_nanos() as i64;
+        let kind = kind(&before, &pipeline.counters());
+        times[kind].push(took_ns);
+        if kind == 2 {
+            let step = Instant::now();
+            pool.install(|| std::hint::black_box(pipeline.scene()));
+            times[4].push(step.elapsed().as_nanos() as i64);
+        }
+    }
+    println!("{duration_s} s of play worked off in {:.1} s on {threads} threads", begin.elapsed().as_secs_f64());
+    println!("{:16}{:>8}{:>12}{:>12}{:>12}", "step", "times", "median ms", "p99 ms", "longest ms");
+    for (name, times) in names.iter().zip(&times) {
+        let report = times.report();
+        println!(
+            "{name:16}{:>8}{:>12.2}{:>12.2}{:>12.2}",
+            report.count,
+            report.median_s * 1e3,
+            report.p99_s * 1e3,
+            report.max_s * 1e3
+        );
+    }
+}
+
+fn kind(before: &Counters, after: &Counters) -> usize {
+    let rose = |of: fn(&Counters) -> u64| of(after) > of(before);
+    if rose(|c| c.time_offset.estimates) {
+        return 3;
+    }
+    match (rose(|c| c.engine.rooms.blocks), rose(|c| c.engine.rooms.looks)) {
+        (_, true) => 2,
+        (true, false) => 1,
+        (false, false) => 0,
+    }
+}

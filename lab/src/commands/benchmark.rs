@@ -1,0 +1,77 @@
+//! `lab benchmark [--json FILE] [--out DIR] [--quick]`: run time against error, as a table and a plot.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args;
+
+use super::check_targets;
+use lab::experiments::{Benchmark, Plan, Row, present};
+use radar_chaperone::cli::progress;
+use radar_chaperone::outln;
+use radar_chaperone::report::write_atomically;
+use radar_sar::backprojection::instruction_set;
+
+/// Measures run time against error: every statistic, voxel size, number and choice of sweeps, dense and adaptive, fresh and
+/// rolling
+///
+/// Images simulated recordings of a corner reflector 1 m away and compares the place found with the truth. The time is that
+/// of one image on all cores: from raw sweeps over tables and search to the place, refinement included where it is done;
+/// choosing the sweeps is not in it. Time and error are medians over the seeds. Rows with a * are on the front: no other is
+/// both faster and nearer the truth. Takes one to two minutes.
+#[derive(Debug, Args)]
+pub struct BenchmarkCommand {
+    /// Writes the rows as a JSON list
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Folder for benchmark.png and benchmark.md
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// A few cases and seeds: seconds
+    #[arg(long)]
+    quick: bool,
+}
+
+impl BenchmarkCommand {
+    /// Measures, prints the table and writes it.
+    ///
+    /// # Errors
+    /// Trials that fail, files that cannot be written.
+    pub fn run(&self) -> Result<()> {
+        check_targets(self.json.as_deref(), self.out.as_deref(), &["benchmark.png", "benchmark.md"])?;
+        let benchmark = Benchmark::new(if self.quick { Plan::quick() } else { Plan::full() })?;
+        let bar = progress::bar(benchmark.cases() as u64, "measuring");
+        let rows = benchmark.run(|row| {
+            log::info!("{}: {:.3} ms, {:.1} mm", row.case.name(), row.median_s * 1e3, row.error_m * 1e3);
+            bar.inc(1);
+        })?;
+        bar.finish_and_clear();
+        let (threads, instructions) = (rayon::current_num_threads(), instruction_set());
+        let machine = format!("{threads} threads, {instructions}");
+        outln!("{}", present::table(&rows).aligned())?;
+        outln!("On {machine}. *: no other row of these recordings is both faster and nearer the truth.")?;
+        if let Some(folder) = &self.out {
+            present::plot(&rows, &machine).draw().write(&folder.join("benchmark.png"))?;
+            write_atomically(&folder.join("benchmark.md"), markdown(&rows, &machine).as_bytes())?;
+            outln!("Written to {}", folder.display())?;
+        }
+        if let Some(path) = &self.json {
+            let text = serde_json::to_string_pretty(&present::json(&rows, threads, instructions))?;
+            write_atomically(path, (text + "\n").as_bytes())?;
+            outln!("Written to {}", path.display())?;
+        }
+        Ok(())
+    }
+}
+
+fn markdown(rows: &[Row], machine: &str) -> String {
+    let front: Vec<Row> = rows.iter().filter(|row| row.on_front).cloned().collect();
+    format!(
+        "# Run time against error\n\nMade by `lab benchmark --out DIR` on {machine}. Time: one image, from raw \
+         sweeps to the place. Error: distance from the truth, median and 95th percentile over seeds. `adaptive`: the voxels of \
+         at least half of the peak; `peak`: the greatest alone; `window`, `rolling`: the newest sweeps, after every sweep, \
+         fresh or from the image before.\n\n![Run time against error](benchmark.png)\n\n## The front\n\n{}\n## All\n\n{}",
+        present::table(&front).markdown(),
+        present::table(rows).markdown()
+    )
+}

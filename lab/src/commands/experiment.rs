@@ -1,0 +1,99 @@
+//! `lab experiment`: the thesis' experiments once more, with figures.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use clap::Args;
+
+use lab::experiments::{EXPERIMENTS, Experiment, Outcome, experiments_markdown, experiments_report};
+use radar_chaperone::cli::progress;
+use radar_chaperone::outln;
+use radar_chaperone::report::write_atomically;
+
+/// Makes the thesis' experiments again and says which of its findings hold
+///
+/// Everything is simulated, with the truth to hold it against. Writes report.html, one file with everything in it, report.md, its findings and tables, and for each
+/// experiment a folder of pictures (PNG), tables (CSV) and, for other tools, volumes (.npy, each with a .json) and point clouds (.ply).
+#[derive(Debug, Args)]
+pub struct ExperimentCommand {
+    /// Which: a name, several, or `all`; left out, they are listed
+    names: Vec<String>,
+    /// Folder to write into
+    #[arg(long, value_name = "DIR", default_value = "experiments")]
+    out: PathBuf,
+    /// Recordings of each kind that medians are taken over
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    seeds: u64,
+}
+
+/// Steps of the progress bar that an experiment has.
+const STEPS: u64 = 100;
+
+impl ExperimentCommand {
+    /// Runs the experiments and writes their report.
+    ///
+    /// # Errors
+    /// Names that do not exist, trials that fail, files that cannot be written.
+    pub fn run(&self) -> Result<()> {
+        let wanted = self.wanted()?;
+        if wanted.is_empty() {
+            return EXPERIMENTS.iter().try_for_each(|one| outln!("{:<16}{} ({})", one.name, one.title, one.section));
+        }
+        let mut done: Vec<(&Experiment, Outcome)> = Vec::new();
+        let bar = progress::bar(wanted.len() as u64 * STEPS, "");
+        for (n, experiment) in wanted.iter().enumerate() {
+            bar.set_message(format!("{} of {}: {}", n + 1, wanted.len(), experiment.name));
+            let start = Instant::now();
+            let told = |share: f64| bar.set_position(n as u64 * STEPS + (share * STEPS as f64) as u64);
+            told(0.0);
+            let outcome = experiment.run(self.seeds, &told)?;
+            bar.suspend(|| tell(experiment, &outcome, start.elapsed().as_secs_f64()))?;
+            write(&self.out.join(experiment.name), &outcome)?;
+            done.push((experiment, outcome));
+        }
+        bar.finish_and_clear();
+        write_atomically(&self.out.join("report.md"), experiments_markdown(&done, self.seeds).as_bytes())?;
+        let path = self.out.join("report.html");
+        experiments_report(&done)?.write(&path)?;
+        outln!("Written to {}", path.display())
+    }
+
+    fn wanted(&self) -> Result<Vec<&'static Experiment>> {
+        if self.names.iter().any(|name| name == "all") {
+            return Ok(EXPERIMENTS.iter().collect());
+        }
+        let known = |name: &String| match EXPERIMENTS.iter().find(|experiment| experiment.name == *name) {
+            Some(experiment) => Ok(experiment),
+            None => {
+                let names: Vec<&str> = EXPERIMENTS.iter().map(|experiment| experiment.name).collect();
+                bail!("there is no experiment \"{name}\": use {} or all", names.join(", "))
+            }
+        };
+        self.names.iter().map(known).collect()
+    }
+}
+
+fn tell(experiment: &Experiment, outcome: &Outcome, took_s: f64) -> Result<()> {
+    outln!("{} (section {}), {took_s:.1} s", experiment.title, experiment.section)?;
+    for finding in &outcome.findings {
+        outln!("  {:<15} {}", format!("{}:", finding.verdict()), finding.thesis)?;
+        outln!("                  {}", finding.ours)?;
+    }
+    Ok(())
+}
+
+fn write(folder: &Path, outcome: &Outcome) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    for drawn in &outcome.pictures {
+        drawn.picture.write(&folder.join(format!("{}.png", drawn.name)))?;
+    }
+    for file in &outcome.files {
+        write_atomically(&folder.join(&file.name), &file.bytes)?;
+    }
+    write_atomically(&folder.join("findings.csv"), outcome.findings_table().csv().as_bytes())?;
+    for (n, table) in outcome.tables.iter().enumerate() {
+        write_atomically(&folder.join(format!("table-{}.csv", n + 1)), table.csv().as_bytes())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,35 @@
+//! The commands: one file each; a command's head is its manual.
+
+mod benchmark;
+mod experiment;
+mod play_sessions;
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+
+pub use benchmark::BenchmarkCommand;
+pub use experiment::ExperimentCommand;
+pub use play_sessions::PlaySessions;
+
+/// Refuses what cannot be written before minutes of work: `json` may not be one of the files that `out` will hold.
+fn check_targets(json: Option<&Path>, out: Option<&Path>, names_in_out: &[&str]) -> Result<()> {
+    if let Some(folder) = out {
+        make_folder(folder)?;
+    }
+    let Some(json) = json else { return Ok(()) };
+    if json.is_dir() || json.file_name().is_none() {
+        bail!("--json {}: give the name of a file", json.display());
+    }
+    if out.is_some_and(|folder| names_in_out.iter().any(|name| folder.join(name) == *json)) {
+        bail!("--json {}: a file of --out has this name: choose another", json.display());
+    }
+    match json.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        Some(folder) => make_folder(folder),
+        None => Ok(()),
+    }
+}
+
+fn make_folder(folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make folder {}", folder.display()))
+}

@@ -1,0 +1,113 @@
+//! From chosen sweeps to a place, with the time it takes.
+
+use std::time::Instant;
+
+use glam::DVec3;
+
+use super::plan::{Case, Search};
+use super::row::{Sample, Samples};
+use crate::experiments::trial_recording::{TrialRecording, region};
+use radar_sar::backprojection::{BrickGrid, SweepStack, Threshold, dense_volume, search};
+use radar_sar::geometry::Aabb;
+use radar_sar::subaperture::SubapertureSettings;
+use radar_sar::{Beam, Observation};
+use radar_sar::{Oracle, PositionErrors, RangePower, oracle_volume, refine};
+
+pub(super) const BEAM: Beam = Beam::Lensless;
+/// Places nearer than this are not looked at by the refinement, metres: the antenna's own leakage.
+const MIN_RANGE_M: f64 = 0.15;
+/// A quick case is repeated up to so many times a recording, while it has taken less than this.
+const MAX_REPEATS: usize = 5;
+const MAX_REPEAT_S: f64 = 0.05;
+
+/// One recording after the other; the first is imaged once more beforehand, unmeasured.
+pub(super) fn samples(case: &Case, recorded: &[TrialRecording]) -> Samples {
+    let mut samples = Samples::default();
+    for (n, recorded) in recorded.iter().enumerate() {
+        let region = region(case.voxel_m, recorded.seed);
+        let start = Instant::now();
+        let sweeps = choose(case, recorded, &region);
+        samples.selection_s.push(start.elapsed().as_secs_f64());
+        if n == 0 && case.search != Search::Oracle {
+            image(case, &sweeps, &region);
+        }
+        let begin = Instant::now();
+        for repeat in 0..MAX_REPEATS {
+            let start = Instant::now();
+            let imaged = image(case, &sweeps, &region);
+            samples.times_s.push(start.elapsed().as_secs_f64());
+            if repeat == 0 {
+                samples.push(Sample {
+                    error_m: imaged.place_m.map_or(f64::INFINITY, |place| place.distance(recorded.truth_m)),
+                    updates: imaged.updates,
+                    bounds: imaged.bounds,
+                });
+            }
+            if begin.elapsed().as_secs_f64() > MAX_REPEAT_S {
+                break;
+            }
+        }
+    }
+    samples
+}
+
+fn choose(case: &Case, recorded: &TrialRecording, region: &Aabb) -> Vec<Observation> {
+    if case.sweeps == 0 {
+        return recorded.observations.clone();
+    }
+    let chosen = case.selection.choose(&recorded.observations, case.sweeps, region.center(), recorded.seed);
+    chosen.into_iter().map(|n| recorded.observations[n].clone()).collect()
+}
+
+/// What came of a trial.
+struct TrialResult {
+    /// `None`: nothing found.
+    place_m: Option<DVec3>,
+    updates: u64,
+    bounds: u64,
+}
+
+/// What is timed: tables from sweeps, the volume or the search, its peak, and the refinement where the case has one.
+fn image(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
+    let mut imaged = search_place(case, sweeps, region);
+    if case.refined {
+        imaged.place_m = imaged.place_m.map(|place| {
+            let power = RangePower::new(sweeps, &BEAM, MIN_RANGE_M);
+            // Where too few sweeps see it, the voxel stands.
+            refine(&power, place, None, &PositionErrors::default()).map_or(place, |refined| refined.position_m)
+        });
+    }
+    imaged
+}
+
+fn search_place(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
+    let grid = BrickGrid::covering(region, case.voxel_m);
+    let dense_updates = (grid.voxels() * sweeps.len()) as u64;
+    if case.search == Search::Oracle {
+        let oracle = Oracle::new(sweeps, &BEAM, &SubapertureSettings::default());
+        let volume = oracle_volume(&oracle, case.statistic, region, case.voxel_m);
+        return TrialResult { place_m: peak(&volume.values, &grid), updates: dense_updates, bounds: 0 };
+    }
+    let (stack, _) = SweepStack::of(case.statistic, &BEAM, sweeps, grid.middle_m());
+    if case.search == Search::Dense {
+        let dense = dense_volume(&stack, &grid);
+        return TrialResult { place_m: peak(&dense.volume.values, &grid), updates: dense.updates, bounds: 0 };
+    }
+    let share = if case.search == Search::Peak { 1.0 } else { 0.5 };
+    let found = search(&stack, &grid, Threshold::ShareOfPeak(share));
+    let place_m = found.peak().map(|(index, _)| center(&grid, index));
+    TrialResult { place_m, updates: found.work.updates, bounds: found.work.bounds }
+}
+
+/// Centre of the greatest voxel, the first of equals, as the adaptive search has it.
+fn peak(values: &[f32], grid: &BrickGrid) -> Option<DVec3> {
+    let first_best = |best: (usize, f32), v: (usize, f32)| if v.1 > best.1 { v } else { best };
+    let (index, value) = values.iter().copied().enumerate().fold((0, 0.0), first_best);
+    (value > 0.0).then(|| center(grid, index))
+}
+
+pub(super) fn center(grid: &BrickGrid, index: usize) -> DVec3 {
+    let [nx, ny, _] = grid.size;
+    let voxel = [index % nx, index / nx % ny, index / (nx * ny)].map(|n| n as f64 + 0.5);
+    grid.origin_m + DVec3::from_array(voxel) * grid.voxel_m
+}

@@ -1,0 +1,189 @@
+//! Learns to tell things from artefacts: what the search weighs in simulated play, held against the truth, and the table that comes of it.
+//!
+//! A place that was believed and is a thing's teaches one class, one where nothing is the other, and so does, less, what lies at a wall, the
+//! floor or the ceiling: it misleads nobody, but these are told as planes. Places that are looked at again and again count once and a
+//! little more.
+
+mod gradient_boosting;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::play::{PlayError, PlayTrial, for_each_update};
+use gradient_boosting::{BoostSettings, FittedTree, LabelledFeatures, Split, boost};
+use radar_mapping::{FEATURES, HeldOutScore, Model, ModelCard, ScoredCandidate, Tree};
+use radar_sar::math;
+use radar_simulation::{PlaySession, Session};
+
+/// Nearer than this to a scatterer it is the thing's, metres.
+const OBJECT_RADIUS_M: f64 = 0.25;
+/// What is weighed within this of another is the same place, metres.
+const MERGE_RADIUS_M: f64 = 0.25;
+/// What lies on a surface counts so much of what lies where nothing is.
+const SURFACE_WEIGHT: f64 = 0.3;
+/// As many trees as still bettered rooms that were left out of the learning.
+const SETTINGS: BoostSettings =
+    BoostSettings { trees: 250, leaves: 24, learning_rate: 0.05, min_rows: 60, l2_regularisation: 5.0 };
+
+/// Places that were weighed, and whether something is there.
+#[derive(Debug, Clone, Default)]
+pub struct TrainingSet {
+    rows: Vec<LabelledFeatures<{ FEATURES.len() }>>,
+}
+
+impl TrainingSet {
+    /// Of each seed's session. The same on any number of threads.
+    ///
+    /// # Errors
+    /// A session that cannot be simulated.
+    pub fn of(trial: &PlayTrial, seeds: &[u64]) -> Result<Self, PlayError> {
+        let of_seed = |&seed: &u64| -> Result<_, PlayError> {
+            let session = PlaySession { seed, ..trial.session.clone() }.prepare()?;
+            let mut places = Vec::new();
+            for_each_update(&session, trial, |time_s, weighed| {
+                let new = weighed.iter().filter(|weighed| weighed.may_be_new);
+                places.extend(new.map(|weighed| (weighed.clone(), true_class(&session, time_s, weighed))));
+            });
+            Ok(rows(&places))
+        };
+        let of_seeds: Vec<_> = seeds.par_iter().map(of_seed).collect::<Result<_, _>>()?;
+        Ok(Self { rows: of_seeds.concat() })
+    }
+
+    /// These and others.
+    #[must_use]
+    pub fn merged(mut self, others: Self) -> Self {
+        self.rows.extend(others.rows);
+        self
+    }
+
+    /// Number of places of things and of nothing.
+    pub fn counts(&self) -> (usize, usize) {
+        let things = self.rows.iter().filter(|row| row.is_object).count();
+        (things, self.rows.len() - things)
+    }
+
+    /// Trains a model on them; `command` is what the user ran, `worlds` says what these are.
+    pub fn train(&self, command: String, worlds: String) -> Model {
+        let (prior, trees) = boost(&self.rows, &SETTINGS);
+        let (things, artefacts) = self.counts();
+        let card = ModelCard { command, commit: String::new(), worlds, things, artefacts, held_out: None };
+        let tree = |tree: FittedTree| {
+            let split = |Split { feature, threshold, children: [not_above, above] }: &Split| {
+                (*feature as u8, rounded(*threshold), *not_above as i16, *above as i16)
+            };
+            Tree {
+                splits: tree.splits.iter().map(split).collect(),
+                leaves: tree.leaves.iter().map(|odds| rounded(*odds)).collect(),
+            }
+        };
+        Model::new((prior * 1e4).round() / 1e4, trees.into_iter().map(tree).collect(), card)
+    }
+
+    /// Scores a model on them, as weighted as they are for training; `command` is what the user ran.
+    pub fn score(&self, model: &Model, command: String) -> HeldOutScore {
+        let mut scored: Vec<(f64, &LabelledFeatures<{ FEATURES.len() }>)> =
+            self.rows.iter().map(|row| (model.log_odds(&row.features), row)).collect();
+        scored.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let of = |is_object: bool| -> f64 {
+            self.rows.iter().filter(|row| row.is_object == is_object).map(|row| row.weight).sum()
+        };
+        let loss = |(odds, row): &(f64, &LabelledFeatures<_>)| {
+            let against = if row.is_object { -odds } else { *odds };
+            row.weight * math::ln_1p(math::exp(against))
+        };
+        // Share of pairs of a thing and an artefact in which the thing has the higher odds; equal ones count half.
+        let (mut artefacts_below, mut ordered) = (0.0, 0.0);
+        for equal in scored.chunk_by(|a, b| a.0 == b.0) {
+            let sum = |is_object| equal.iter().filter(|s| s.1.is_object == is_object).map(|s| s.1.weight).sum::<f64>();
+            let (things, artefacts) = (sum(true), sum(false));
+            ordered += things * (artefacts_below + 0.5 * artefacts);
+            artefacts_below += artefacts;
+        }
+        let (things, artefacts) = self.counts();
+        let to_4_places = |value: f64| (value * 1e4).round() / 1e4;
+        HeldOutScore {
+            command,
+            things,
+            artefacts,
+            log_loss: to_4_places(scored.iter().map(loss).sum::<f64>() / (of(true) + of(false))),
+            area_under_curve: to_4_places(ordered / (of(true) * of(false))),
+        }
+    }
+}
+
+/// To four places after the point, as the file has it.
+fn rounded(value: f64) -> f32 {
+    ((value * 1e4).round() / 1e4) as f32
+}
+
+/// What is at a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum TrueClass {
+    Object,
+    /// A wall, the floor or the ceiling.
+    Surface,
+    Nothing,
+}
+
+fn true_class(session: &Session, time_s: f64, weighed: &ScoredCandidate) -> TrueClass {
+    let there = session.things().into_iter().filter(|thing| time_s < thing.until_s);
+    let parts = there.flat_map(|thing| &thing.thing.scatterers);
+    let to_thing_m = parts.map(|part| part.position_m.distance(weighed.position_m)).fold(f64::INFINITY, f64::min);
+    if to_thing_m <= OBJECT_RADIUS_M {
+        TrueClass::Object
+    } else if session.walls().iter().any(|wall| wall.distance_m(weighed.position_m) <= OBJECT_RADIUS_M) {
+        TrueClass::Surface
+    } else {
+        TrueClass::Nothing
+    }
+}
+
+/// Rows of one session: a place that was weighed n times counts √n times.
+fn rows(places: &[(ScoredCandidate, TrueClass)]) -> Vec<LabelledFeatures<{ FEATURES.len() }>> {
+    let mut middles: Vec<(DVec3, TrueClass, usize)> = Vec::new();
+    let mut middle_of = |place: DVec3, what: TrueClass| {
+        let is_same =
+            |(middle, other, _): &(DVec3, TrueClass, usize)| *other == what && middle.distance(place) < MERGE_RADIUS_M;
+        let at = middles.iter().position(is_same).unwrap_or_else(|| {
+            middles.push((place, what, 0));
+            middles.len() - 1
+        });
+        middles[at].2 += 1;
+        at
+    };
+    let of_middle: Vec<usize> = places.iter().map(|(weighed, what)| middle_of(weighed.position_m, *what)).collect();
+    let row = |((weighed, what), at): (&(ScoredCandidate, TrueClass), &usize)| LabelledFeatures {
+        features: weighed.features,
+        is_object: *what == TrueClass::Object,
+        weight: if *what == TrueClass::Surface { SURFACE_WEIGHT } else { 1.0 } / (middles[*at].2 as f64).sqrt(),
+    };
+    places.iter().zip(&of_middle).map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(strength: f64, is_object: bool) -> LabelledFeatures<{ FEATURES.len() }> {
+        let mut features = [0.0; FEATURES.len()];
+        features[16] = strength;
+        LabelledFeatures { features, is_object, weight: 1.0 }
+    }
+
+    #[test]
+    fn a_trained_model_is_scored_by_order_and_by_loss() {
+        let rows = (0..400).map(|n| row(f64::from(n % 20), n % 20 >= 10)).collect();
+        let set = TrainingSet { rows };
+        let model = set.train("test".into(), "none".into());
+        assert_eq!(Model::from_json(&model.to_json()).unwrap(), model);
+        let right = set.score(&model, "test".into());
+        assert!(right.area_under_curve == 1.0 && right.log_loss < 0.01, "{right:?}");
+        assert_eq!((right.things, right.artefacts), (200, 200));
+        // Where half of the classes are the other way round, half of the order is lost and the loss is that of a wrong certainty.
+        let mut mixed = set.clone();
+        mixed.rows.iter_mut().step_by(2).for_each(|row| row.is_object = !row.is_object);
+        let half = mixed.score(&model, "test".into());
+        assert!((half.area_under_curve - 0.5).abs() < 0.01 && half.log_loss > 2.0, "{half:?}");
+    }
+}

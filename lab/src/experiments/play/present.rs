@@ -1,0 +1,125 @@
+//! The figures of play sessions as tables.
+
+use super::figures::{Figures, Rates};
+use radar_chaperone::report::Table;
+
+/// Every kind of thing, and all together.
+pub fn by_kind(figures: &Figures) -> Table {
+    let mut rows: Vec<Vec<String>> =
+        figures.kinds().iter().map(|kind| kind_row(kind, &figures.of_kind(kind).rates())).collect();
+    rows.push(kind_row("all but walls", &figures.without_walls().rates()));
+    rows.push(kind_row("all", &figures.rates()));
+    let head = [
+        "thing", "due", "in time", "share", "visible", "first", "in time", "lead", "lead p10", "error", "p90",
+        "nearer", "wider", "higher",
+    ];
+    Table { head: head.map(str::to_owned).to_vec(), rows, caption: CAPTION.into() }
+}
+
+const CAPTION: &str = "due: approaches within 1 m of what had been in the beam for 0.75 s. visible: those whose echoes were \
+    10 dB over the noise of a block for as long, the most that any reconstruction could warn of. first: each thing's first approach. \
+    lead: how far away it was when the warning came on, m, 0 when missed. error: from reported places to the nearest scatterer, m. \
+    nearer, wider, higher: the cells of what is reported of a thing that is warned of, against the thing's scatterers; medians, m.";
+
+const CURVE_CAPTION: &str = "in time: warned of before 0.4 m or 0.6 s, of the approaches within 1 m of what had been in the beam for 0.75 s, \
+    walls left out. first: of each thing's first approach. visible: those whose echoes were 10 dB over the noise of a block for as long, the \
+    most that any reconstruction could warn of. lead: how far away it was when the warning came on, 0 when missed. false near: reported \
+    where nothing is, each time that it comes within 1 m of the body; false: each such report once, wherever it is. error: from reported places to \
+    the nearest scatterer, median. forgotten: a chair that was carried away, time in the beam until it is no longer reported, median.";
+
+fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
+    let (metres, fine) = (|m: f64| formatted(m, 2), |m: f64| formatted(m, 3));
+    vec![
+        name.into(),
+        rates.due.to_string(),
+        rates.warned.to_string(),
+        percent(rates.warned, rates.due),
+        rates.visible.to_string(),
+        rates.first_due.to_string(),
+        rates.first_warned.to_string(),
+        metres(rates.lead_median_m),
+        metres(rates.lead_p10_m),
+        fine(rates.error_median_m),
+        fine(rates.error_p90_m),
+        metres(rates.bounds_median_m[0]),
+        metres(rates.bounds_median_m[1]),
+        metres(rates.bounds_median_m[2]),
+    ]
+}
+
+/// A number; what took for ever never was, and of nothing nothing is told.
+fn formatted(value: f64, digits: usize) -> String {
+    match value {
+        f64::INFINITY => "never".into(),
+        value if value.is_nan() => "–".into(),
+        value => format!("{value:.digits$}"),
+    }
+}
+
+fn percent(part: usize, of: usize) -> String {
+    if of == 0 { "–".into() } else { format!("{:.1}", 100.0 * part as f64 / of as f64) }
+}
+
+/// The figures that decide, beside what they should be.
+pub fn totals(figures: &Figures) -> Table {
+    let (things, all) = (figures.without_walls().rates(), figures.rates());
+    let row = |name: &str, is: String, wanted: &str| vec![name.to_owned(), is, wanted.to_owned()];
+    let at_end = figures.reports_at_end.iter().sum::<usize>() as f64 / figures.reports_at_end.len().max(1) as f64;
+    let minutes = figures.played_s / 60.0;
+    let bound = |n: usize| {
+        let [median_cm, p90_cm] = [things.bounds_median_m, things.bounds_p90_m].map(|of| 100.0 * of[n]);
+        if median_cm.is_finite() { format!("{median_cm:+.0}; {p90_cm:.0}") } else { "–".into() }
+    };
+    let rows = vec![
+        row("warned before 0.4 m or 0.6 s, %", percent(things.warned, things.due), "≥ 95"),
+        row("lead distance, median, m", formatted(things.lead_median_m, 2), "≥ 1.0"),
+        row("lead distance, 10th percentile, m", formatted(things.lead_p10_m, 2), "≥ 0.5"),
+        row("reported where nothing is, near the body, a minute", formatted(all.false_near_per_min, 2), "≤ 1"),
+        row("   of these from own hands", formatted(all.hands_per_min, 2), "≤ 0.5; tracked 0"),
+        row("reported where nothing is, anywhere, a minute", formatted(all.false_per_min, 2), ""),
+        row("   of these walls", formatted(all.false_walls_per_min, 2), ""),
+        row("time with one near the body, %", formatted(100.0 * all.false_near_share, 1), ""),
+        row("removed chair forgotten after looking, median, s", formatted(all.forget_median_s, 1), "≤ 5"),
+        row("   the slowest, s", formatted(all.forget_worst_s, 1), ""),
+        row("place of what is warned of, median error, cm", formatted(100.0 * things.error_median_m, 1), "≤ 5"),
+        row("near side, reported nearer (+) than it is: median; 9 of 10 off by less, cm", bound(0), ""),
+        row("   width, reported wider (+)", bound(1), ""),
+        row("   top, reported higher (+)", bound(2), ""),
+        row("warnings that flicker, a minute", formatted(figures.flickers as f64 / minutes, 2), ""),
+        row("obstacles in the map at the end", format!("{at_end:.0}"), ""),
+        row("played, minutes", format!("{minutes:.1}"), ""),
+    ];
+    Table { head: ["figure", "is", "to reach"].map(str::to_owned).to_vec(), rows, caption: String::new() }
+}
+
+/// Found against falsely reported, one row a setting.
+pub fn curve<'f>(settings: impl Iterator<Item = (&'f str, &'f Figures)>) -> Table {
+    let row = |(name, figures): (&str, &Figures)| {
+        let (things, all) = (figures.without_walls().rates(), figures.rates());
+        vec![
+            name.into(),
+            percent(things.warned, things.due),
+            percent(things.first_warned, things.first_due),
+            percent(things.visible, things.due),
+            formatted(things.lead_median_m, 2),
+            formatted(things.lead_p10_m, 2),
+            formatted(all.false_near_per_min, 2),
+            formatted(all.false_per_min, 2),
+            formatted(100.0 * things.error_median_m, 1),
+            formatted(all.forget_median_s, 1),
+        ]
+    };
+    let head = [
+        "setting",
+        "in time, %",
+        "first, %",
+        "visible, %",
+        "lead, m",
+        "p10, m",
+        "false near, /min",
+        "false, /min",
+        "error, cm",
+        "forgotten, s",
+    ];
+    Table { head: head.map(str::to_owned).to_vec(), rows: settings.map(row).collect(), caption: CURVE_CAPTION.into() }
+}

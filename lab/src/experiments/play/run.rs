@@ -1,0 +1,172 @@
+//! Plays sessions through the whole chain: frames and poses into the pipeline, its scenes into the warnings, thirty times a second held
+//! against the truth.
+
+use rayon::prelude::*;
+
+use super::figures::Figures;
+use super::scorer::{Scorer, ShownWarnings};
+use a121::{Frame, frame_timing};
+use radar_chaperone::settings::Settings;
+use radar_chaperone::warning::{PanelKind, Player, Warnings, Watch};
+use radar_mapping::Pipeline;
+use radar_mapping::{HandsM, Scene, ScoredCandidate};
+use radar_simulation::{PlaySession, Session, SessionError};
+
+/// What to play, and with what.
+#[derive(Debug, Clone)]
+pub struct PlayTrial {
+    /// The sessions, but for their seeds.
+    pub session: PlaySession,
+    /// The settings, without the sensor's own.
+    pub settings: Settings,
+    /// Whether the player's controllers are tracked.
+    pub controllers: bool,
+}
+
+/// Why there are no figures.
+#[derive(Debug, thiserror::Error)]
+pub enum PlayError {
+    /// The simulation.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+}
+
+/// Frames that are simulated at a time, seconds.
+const BATCH_S: f64 = 4.0;
+/// Poses between two steps of the judgement: 30 a second.
+const POSES_PER_STEP: usize = 4;
+
+/// The figures of each seed's session, in the seeds' order; `done` is called as each is over. The same on any number of threads.
+///
+/// # Errors
+/// A session that cannot be simulated.
+pub fn play(trial: &PlayTrial, seeds: &[u64], done: impl Fn(u64, &Figures) + Sync) -> Result<Vec<Figures>, PlayError> {
+    let play_one = |&seed: &u64| -> Result<Figures, PlayError> {
+        let session = PlaySession { seed, ..trial.session.clone() }.prepare()?;
+        let figures = SessionRunner::new(&session, trial, |_, _| ()).play();
+        done(seed, &figures);
+        Ok(figures)
+    };
+    seeds.par_iter().map(play_one).collect()
+}
+
+/// Plays one session; `on_update` is told after each look at the evidence what was weighed in it, and when, seconds.
+pub(in crate::experiments) fn for_each_update(
+    session: &Session,
+    trial: &PlayTrial,
+    on_update: impl FnMut(f64, &[ScoredCandidate]),
+) {
+    SessionRunner::new(session, trial, on_update).play();
+}
+
+struct SessionRunner<'s, L> {
+    session: &'s Session,
+    trial: &'s PlayTrial,
+    pipeline: Pipeline,
+    watch: Watch,
+    scene: Scene,
+    evidence_ns: Option<i64>,
+    scorer: Scorer<'s>,
+    on_update: L,
+}
+
+impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
+    fn new(session: &'s Session, trial: &'s PlayTrial, on_update: L) -> Self {
+        let play = session.play();
+        Self {
+            session,
+            trial,
+            pipeline: Pipeline::new(&play.config, &play.head_from_sensor, &trial.settings.mapping()),
+            watch: Watch::new(),
+            scene: Scene::default(),
+            evidence_ns: None,
+            scorer: Scorer::new(session),
+            on_update,
+        }
+    }
+
+    fn play(mut self) -> Figures {
+        let mut frames = Frames::new(self.session);
+        let start_ns = Session::host_ns(0.0);
+        let end_ns = Session::host_ns(self.session.play().duration_s);
+        for (n, pose) in self.session.poses().enumerate() {
+            while let Some(frame) = frames.next_until(pose.time_ns) {
+                self.pipeline.push_frame(frame);
+            }
+            if let Some(hands_m) = self.tracked_hands(pose.time_ns) {
+                self.pipeline.push_hands(pose.time_ns, hands_m);
+            }
+            self.pipeline.push_pose(&pose);
+            if n % POSES_PER_STEP == 0 && (start_ns..end_ns).contains(&pose.time_ns) {
+                self.step(pose.time_ns, (pose.time_ns - start_ns) as f64 * 1e-9);
+            }
+        }
+        let reports = self.scene.obstacles.len();
+        self.scorer.end(reports)
+    }
+
+    /// Where the controllers are tracked, if they are.
+    fn tracked_hands(&self, time_ns: i64) -> Option<HandsM> {
+        let time_s = (time_ns - Session::host_ns(0.0)) as f64 * 1e-9;
+        let hands = self.session.hands_at(time_s).filter(|_| self.trial.controllers)?;
+        Some(hands.map(Some))
+    }
+
+    fn step(&mut self, time_ns: i64, time_s: f64) {
+        let evidence_ns = self.pipeline.engine().evidence_ns();
+        if evidence_ns != self.evidence_ns {
+            self.evidence_ns = evidence_ns;
+            self.scene = self.pipeline.scene();
+            (self.on_update)(time_s, self.pipeline.engine().weighed());
+            self.watch.see(&self.scene);
+        }
+        let Some((_, tracking_from_head)) = self.pipeline.head() else { return };
+        let hands_m = self.tracked_hands(time_ns).unwrap_or_default();
+        let player = Player { time_ns, tracking_from_head, hands_m };
+        let warnings = self.watch.warn(&player, &self.trial.settings.warning);
+        let shown = self.shown(&warnings);
+        self.scorer.step(time_s, &self.scene, &shown);
+    }
+
+    fn shown(&self, warnings: &Warnings) -> ShownWarnings {
+        let shapes = self.watch.shapes(warnings);
+        let walls = warnings.panels.iter().filter(|panel| panel.kind == PanelKind::Wall);
+        let plane = |panel: &radar_chaperone::warning::Panel| {
+            self.scene.walls.iter().find(|wall| wall.id == panel.id).map(|wall| wall.plane)
+        };
+        ShownWarnings {
+            points_m: shapes.iter().flat_map(|shape| shape.points_m.iter().copied()).collect(),
+            planes: walls.filter_map(plane).collect(),
+        }
+    }
+}
+
+/// A session's frames one by one, simulated some seconds at a time.
+struct Frames<'s> {
+    session: &'s Session,
+    next: u64,
+    batch: std::vec::IntoIter<Frame>,
+    pending: Option<Frame>,
+}
+
+impl<'s> Frames<'s> {
+    fn new(session: &'s Session) -> Self {
+        Self { session, next: 0, batch: Vec::new().into_iter(), pending: None }
+    }
+
+    /// The next frame, if it was measured by then.
+    fn next_until(&mut self, time_ns: i64) -> Option<Frame> {
+        if self.pending.is_none() {
+            self.pending = self.batch.next().or_else(|| self.simulate());
+        }
+        self.pending.take_if(|frame| frame.host_time_ns <= time_ns)
+    }
+
+    fn simulate(&mut self) -> Option<Frame> {
+        let batch = (BATCH_S / frame_timing(&self.session.play().config).frame_period_s).ceil() as u64;
+        let until = (self.next + batch).min(self.session.frame_count());
+        self.batch = self.session.frames(self.next..until).into_iter();
+        self.next = until;
+        self.batch.next()
+    }
+}

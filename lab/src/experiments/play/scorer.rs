@@ -1,0 +1,467 @@
+//! Holds what is warned of against what is there, step by step.
+//!
+//! The body is the upright line below the head: what is no higher than the eyes is as near as it is over the floor. A thing is
+//! approached from the moment when the body comes within 1 m of it. It must be warned of by the deadline: when the body is within
+//! 0.4 m, or would be there within 0.6 s at its speed; where neither happens, when it is nearest. A thing is warned of while a shown
+//! shape has a place within 25 cm of one of its scatterers, a wall while a panel in its plane is shown.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use glam::DVec3;
+
+use super::figures::{Approach, BoundErrors, Cause, FalseReport, Figures, Rates, RemovalOutcome};
+use a121::{frame_timing, snr_db};
+use radar_mapping::{Obstacle, Scene, Wall};
+use radar_sar::geometry::{Aabb, Plane, Pose};
+use radar_sar::math;
+use radar_simulation::{Scatterer, Session, SessionWall};
+
+/// The deadline: nearness and time to contact.
+const DEADLINE_M: f64 = 0.4;
+const DEADLINE_S: f64 = 0.6;
+/// Closing speeds below this are standing still, metres a second.
+const MIN_CLOSING_M_PER_S: f64 = 0.3;
+/// An approach is over beyond this, metres.
+const APPROACH_END_M: f64 = 1.2;
+/// What is reported farther than this from everything is reported where nothing is, metres.
+const FALSE_REPORT_M: f64 = 0.25;
+/// Somebody's parts: a report of them this near is of somebody who is there.
+const PERSON_RADIUS_M: f64 = 0.4;
+/// For so long after a moving thing was at a place it may still be reported there, seconds.
+const MOVED_AWAY_GRACE_S: f64 = 1.5;
+/// What moved at most so long before a report may be its cause, seconds.
+const CAUSE_WINDOW_S: f64 = 6.0;
+/// A place is noted as often, seconds.
+const TRAIL_STEP_S: f64 = 0.1;
+/// Power signal to noise ratio of a block from which on a scatterer is visible, dB, and a block's length, seconds.
+const MIN_VISIBLE_SNR_DB: f64 = 10.0;
+const SUBAPERTURE_S: f64 = 0.09;
+/// On and off again within this time is a flicker, seconds.
+const FLICKER_S: f64 = 1.0;
+/// A wall is warned of by a panel in a plane like its own.
+const WALL_ANGLE_DEG: f64 = 8.0;
+const WALL_OFFSET_M: f64 = 0.15;
+
+/// What is shown at a time.
+#[derive(Debug, Clone, Default)]
+pub(super) struct ShownWarnings {
+    /// Places of shapes.
+    pub points_m: Vec<DVec3>,
+    /// Planes of walls.
+    pub planes: Vec<Plane>,
+}
+
+/// One session under judgement.
+pub(super) struct Scorer<'s> {
+    session: &'s Session,
+    targets: Vec<Target<'s>>,
+    reports: BTreeMap<ReportId, ReportState>,
+    hands: VecDeque<(f64, Vec<DVec3>)>,
+    visitor: VecDeque<(f64, Vec<DVec3>)>,
+    removal: RemovalTracker,
+    last_s: f64,
+    figures: Figures,
+}
+
+/// Something that can be run into.
+struct Target<'s> {
+    geometry: TargetGeometry<'s>,
+    kind: String,
+    until_s: f64,
+    in_beam_s: f64,
+    visible_s: f64,
+    distance_m: f64,
+    is_warned: bool,
+    changed_s: f64,
+    flickered: bool,
+    /// Farthest since it is warned of without a break.
+    lead_m: f64,
+    approached: bool,
+    approach: Option<OpenApproach>,
+}
+
+enum TargetGeometry<'s> {
+    Object(&'s [Scatterer]),
+    Wall(&'s SessionWall),
+}
+
+/// An approach that is not over.
+struct OpenApproach {
+    nearest: Approach,
+    is_scored: bool,
+}
+
+/// What was reported, by its number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum ReportId {
+    Obstacle(u64),
+    Wall(u64),
+}
+
+#[derive(Default)]
+struct ReportState {
+    is_false: bool,
+    is_near: bool,
+    cause: Option<Cause>,
+}
+
+#[derive(Default)]
+struct RemovalTracker {
+    was_known: Option<bool>,
+    looked_s: f64,
+    forgotten: bool,
+}
+
+impl<'s> Scorer<'s> {
+    pub fn new(session: &'s Session) -> Self {
+        let things = session.things();
+        let thing = |t: &radar_simulation::SessionObject<'s>| {
+            Target::new(TargetGeometry::Object(&t.thing.scatterers), &t.thing.name, t.until_s)
+        };
+        let upright = session.walls().iter().filter(|wall| wall.plane.is_upright());
+        let walls = upright.map(|wall| Target::new(TargetGeometry::Wall(wall), "wall", f64::INFINITY));
+        Self {
+            session,
+            targets: things.iter().map(thing).chain(walls).collect(),
+            reports: BTreeMap::new(),
+            hands: VecDeque::new(),
+            visitor: VecDeque::new(),
+            removal: RemovalTracker::default(),
+            last_s: 0.0,
+            figures: Figures::default(),
+        }
+    }
+
+    /// What is so at a time, which goes on.
+    pub fn step(&mut self, time_s: f64, scene: &Scene, shown: &ShownWarnings) {
+        let step_s = time_s - self.last_s;
+        self.last_s = time_s;
+        let (head, sensor) = (self.session.head_at(time_s), self.session.sensor_at(time_s));
+        self.record_moving_parts(time_s);
+        for target in &mut self.targets {
+            if let Some(approach) = target.step(self.session, time_s, step_s, (&head, &sensor), scene, shown) {
+                self.figures.approaches.push(approach);
+            }
+            self.figures.flickers += u64::from(std::mem::take(&mut target.flickered));
+        }
+        self.score_reports(time_s, step_s, &head, scene);
+        self.track_removal(time_s, step_s, &sensor, scene);
+    }
+
+    /// The session is over.
+    pub fn end(mut self, reports: usize) -> Figures {
+        for target in &mut self.targets {
+            self.figures.approaches.extend(target.end());
+        }
+        self.figures.approaches.sort_by(|a, b| a.deadline_s.total_cmp(&b.deadline_s));
+        if let Some(was_known) = self.removal.was_known {
+            let looked_s = self.removal.forgotten.then_some(self.removal.looked_s);
+            self.figures.forgettings.push(RemovalOutcome { was_known, looked_s });
+        }
+        self.figures.played_s = self.last_s;
+        self.figures.reports_at_end.push(reports);
+        self.figures
+    }
+
+    fn record_moving_parts(&mut self, time_s: f64) {
+        if self.hands.back().is_some_and(|(last_s, _)| time_s - last_s < TRAIL_STEP_S) {
+            return;
+        }
+        let hands = self.session.hands_at(time_s).map(|hands| hands.to_vec()).unwrap_or_default();
+        self.hands.push_back((time_s, hands));
+        self.visitor.push_back((time_s, self.session.visitor_at(time_s)));
+        for trail in [&mut self.hands, &mut self.visitor] {
+            while trail.pop_front_if(|(at_s, _)| time_s - *at_s > CAUSE_WINDOW_S).is_some() {}
+        }
+    }
+
+    fn score_reports(&mut self, time_s: f64, step_s: f64, head: &Pose, scene: &Scene) {
+        let mut any_near = false;
+        let reported = reported_positions(scene, head.translation);
+        let mut reports = std::mem::take(&mut self.reports);
+        reports.retain(|key, _| reported.iter().any(|(other, _)| other == key));
+        for (key, place) in reported {
+            let report = reports.entry(key).or_default();
+            let is_false = !self.is_real(time_s, place);
+            let away_m = body_distance_m(head, place);
+            let is_near = is_false && away_m <= if report.is_near { APPROACH_END_M } else { Rates::NEAR_M };
+            if is_false && report.cause.is_none() {
+                report.cause = Some(self.cause(place));
+            }
+            let cause = report.cause.unwrap_or(Cause::Nothing);
+            let is_wall = matches!(key, ReportId::Wall(_));
+            let mut note = |is_near| self.figures.false_reports.push(FalseReport { time_s, cause, is_wall, is_near });
+            if is_false && !report.is_false {
+                note(false);
+            }
+            if is_near && !report.is_near {
+                note(true);
+            }
+            (report.is_false, report.is_near) = (report.is_false || is_false, is_near);
+            any_near |= is_near && away_m <= Rates::NEAR_M;
+        }
+        self.reports = reports;
+        self.figures.false_near_s += if any_near { step_s } else { 0.0 };
+    }
+
+    /// Whether something is, or was a moment ago, where something is reported.
+    fn is_real(&self, time_s: f64, place: DVec3) -> bool {
+        // What was carried away is asked for by itself.
+        let things = self.targets.iter().map(|target| target.distance_to_m(place));
+        let person = self.visitor.iter().filter(|(at_s, _)| time_s - at_s <= MOVED_AWAY_GRACE_S);
+        things.fold(f64::INFINITY, f64::min) <= FALSE_REPORT_M
+            || self.session.walls().iter().any(|wall| wall.distance_m(place) <= FALSE_REPORT_M)
+            || person.flat_map(|(_, parts)| parts).any(|part| part.distance(place) <= PERSON_RADIUS_M)
+    }
+
+    fn cause(&self, place: DVec3) -> Cause {
+        let was_there = |trail: &VecDeque<(f64, Vec<DVec3>)>, within_m: f64| {
+            trail.iter().flat_map(|(_, parts)| parts).any(|part| part.distance(place) <= within_m)
+        };
+        if was_there(&self.hands, FALSE_REPORT_M) {
+            Cause::Hand
+        } else if was_there(&self.visitor, PERSON_RADIUS_M) {
+            Cause::Visitor
+        } else {
+            Cause::Nothing
+        }
+    }
+
+    fn track_removal(&mut self, time_s: f64, step_s: f64, sensor: &Pose, scene: &Scene) {
+        let Some(gone) = self.targets.iter().find(|target| target.until_s.is_finite()) else { return };
+        let TargetGeometry::Object(parts) = gone.geometry else { return };
+        if time_s < gone.until_s || self.removal.forgotten {
+            return;
+        }
+        let stays = |place: DVec3| {
+            self.targets
+                .iter()
+                .filter(|t| t.until_s.is_infinite())
+                .any(|target| target.distance_to_m(place) <= FALSE_REPORT_M)
+        };
+        let of_it = |place: DVec3| parts.iter().any(|part| part.position_m.distance(place) <= FALSE_REPORT_M);
+        let is_known = scene.obstacles.iter().any(|o| of_it(o.position_m) && !stays(o.position_m));
+        self.removal.was_known.get_or_insert(is_known);
+        if parts.iter().any(|part| self.session.is_in_beam(sensor, part.position_m)) {
+            self.removal.looked_s += step_s;
+        }
+        self.removal.forgotten = !is_known;
+    }
+}
+
+/// What is reported and where: obstacles, and of upright walls the part that was seen nearest to the head.
+fn reported_positions(scene: &Scene, head: DVec3) -> Vec<(ReportId, DVec3)> {
+    let obstacles = scene.obstacles.iter().map(|obstacle| (ReportId::Obstacle(obstacle.id), obstacle.position_m));
+    let upright = scene.walls.iter().filter(|wall| wall.plane.is_upright());
+    let nearest = |wall: &Wall| wall.plane.foot(head.clamp(wall.seen_at.min, wall.seen_at.max));
+    obstacles.chain(upright.map(|wall| (ReportId::Wall(wall.id), nearest(wall)))).collect()
+}
+
+impl<'s> Target<'s> {
+    fn new(geometry: TargetGeometry<'s>, name: &str, until_s: f64) -> Self {
+        Self {
+            geometry,
+            kind: name.into(),
+            until_s,
+            in_beam_s: 0.0,
+            visible_s: 0.0,
+            distance_m: f64::INFINITY,
+            is_warned: false,
+            changed_s: f64::NEG_INFINITY,
+            flickered: false,
+            lead_m: 0.0,
+            approached: false,
+            approach: None,
+        }
+    }
+
+    /// From a place to its nearest scatterer, metres; infinite for walls.
+    fn distance_to_m(&self, place: DVec3) -> f64 {
+        match self.geometry {
+            TargetGeometry::Object(parts) => {
+                parts.iter().map(|s| s.position_m.distance(place)).fold(f64::INFINITY, f64::min)
+            }
+            TargetGeometry::Wall(_) => f64::INFINITY,
+        }
+    }
+
+    fn body_distance_m(&self, head: &Pose) -> f64 {
+        match self.geometry {
+            TargetGeometry::Object(parts) => {
+                parts.iter().map(|s| body_distance_m(head, s.position_m)).fold(f64::INFINITY, f64::min)
+            }
+            TargetGeometry::Wall(wall) => wall.plane.distance(head.translation),
+        }
+    }
+
+    fn is_shown(&self, shown: &ShownWarnings) -> bool {
+        match self.geometry {
+            TargetGeometry::Object(_) => {
+                shown.points_m.iter().any(|place| self.distance_to_m(*place) <= FALSE_REPORT_M)
+            }
+            TargetGeometry::Wall(wall) => shown.planes.iter().any(|plane| is_same_plane(plane, &wall.plane)),
+        }
+    }
+
+    /// Whether it is in the beam, and whether it returns enough.
+    fn is_seen(&self, session: &Session, sensor: &Pose) -> (bool, bool) {
+        match self.geometry {
+            TargetGeometry::Object(parts) => {
+                let seen = || parts.iter().filter(|part| session.is_in_beam(sensor, part.position_m));
+                (
+                    seen().next().is_some(),
+                    seen().any(|part| subaperture_snr_db(session, sensor, part) >= MIN_VISIBLE_SNR_DB),
+                )
+            }
+            TargetGeometry::Wall(wall) => {
+                let foot = wall.plane.foot(sensor.translation);
+                let seen = wall.distance_m(foot) < 1e-6 && session.is_in_beam(sensor, foot);
+                (seen, seen)
+            }
+        }
+    }
+
+    fn step(
+        &mut self,
+        session: &Session,
+        time_s: f64,
+        step_s: f64,
+        (head, sensor): (&Pose, &Pose),
+        scene: &Scene,
+        shown: &ShownWarnings,
+    ) -> Option<Approach> {
+        if time_s >= self.until_s {
+            self.approach = None;
+            return None;
+        }
+        let (in_beam, visible) = self.is_seen(session, sensor);
+        self.in_beam_s += if in_beam { step_s } else { 0.0 };
+        self.visible_s += if visible { step_s } else { 0.0 };
+        let distance_m = self.body_distance_m(head);
+        // Nothing comes nearer in the first step.
+        let before_m = if self.distance_m.is_finite() { self.distance_m } else { distance_m };
+        let closing_m_per_s = (before_m - distance_m) / step_s.max(1e-9);
+        self.distance_m = distance_m;
+        let is_warned = self.is_shown(shown);
+        if is_warned != self.is_warned {
+            self.flickered = time_s - self.changed_s < FLICKER_S;
+            (self.is_warned, self.lead_m, self.changed_s) = (is_warned, 0.0, time_s);
+        }
+        if is_warned {
+            self.lead_m = self.lead_m.max(distance_m);
+        }
+        let is_due = distance_m <= DEADLINE_M
+            || (closing_m_per_s > MIN_CLOSING_M_PER_S && distance_m / closing_m_per_s <= DEADLINE_S);
+        self.update_approach(time_s, is_due, head, scene)
+    }
+
+    /// Follows the approach, if there is one; gives it when it is over.
+    fn update_approach(&mut self, time_s: f64, is_due: bool, head: &Pose, scene: &Scene) -> Option<Approach> {
+        if self.approach.is_none() && self.distance_m < Rates::NEAR_M {
+            self.approach =
+                Some(OpenApproach { nearest: self.current_approach(time_s, head, scene), is_scored: false });
+            self.approached = true;
+        }
+        let now = self.current_approach(time_s, head, scene);
+        let open = self.approach.as_mut()?;
+        let is_first = open.nearest.is_first;
+        if !open.is_scored && (is_due || now.deadline_m <= open.nearest.deadline_m) {
+            open.nearest = Approach { is_first, ..now };
+            open.is_scored = is_due;
+        }
+        if self.distance_m > APPROACH_END_M { self.end() } else { None }
+    }
+
+    fn end(&mut self) -> Option<Approach> {
+        self.approach.take().map(|open| open.nearest)
+    }
+
+    fn current_approach(&self, time_s: f64, head: &Pose, scene: &Scene) -> Approach {
+        let errors_m =
+            scene.obstacles.iter().map(|o| self.distance_to_m(o.position_m)).filter(|m| *m <= FALSE_REPORT_M).collect();
+        Approach {
+            kind: self.kind.clone(),
+            deadline_s: time_s,
+            deadline_m: self.distance_m,
+            in_beam_s: self.in_beam_s,
+            visible_s: self.visible_s,
+            is_first: !self.approached,
+            warned: self.is_warned,
+            lead_m: if self.is_warned { self.lead_m } else { 0.0 },
+            errors_m,
+            bounds: self.bound_errors(head, scene),
+        }
+    }
+
+    /// The shape of what is reported of it, to the outer sides of its cells, against its scatterers.
+    fn bound_errors(&self, head: &Pose, scene: &Scene) -> Option<BoundErrors> {
+        let TargetGeometry::Object(parts) = self.geometry else { return None };
+        let of_it =
+            || scene.obstacles.iter().filter(|obstacle| self.distance_to_m(obstacle.position_m) <= FALSE_REPORT_M);
+        let cell_m = of_it().map(Obstacle::cell_m).fold(0.0, f64::max);
+        let shown: Vec<DVec3> = of_it().flat_map(|obstacle| obstacle.shape.iter().map(|cell| cell.0)).collect();
+        let there: Vec<DVec3> = parts.iter().map(|part| part.position_m).collect();
+        let middle = there.iter().sum::<DVec3>() / there.len() as f64;
+        let across = (middle - head.translation).with_y(0.0).try_normalize()?.cross(DVec3::Y);
+        let width_m = |places: &[DVec3]| {
+            let along = Aabb::around(places.iter().map(|place| DVec3::X * place.dot(across)))?;
+            Some(along.size().x)
+        };
+        let top_m = |places: &[DVec3]| places.iter().map(|place| place.y).fold(f64::NEG_INFINITY, f64::max);
+        let near_m = shown.iter().map(|place| body_distance_m(head, *place)).fold(f64::INFINITY, f64::min);
+        Some(BoundErrors {
+            near_m: self.distance_m - near_m + 0.5 * cell_m,
+            width_m: width_m(&shown)? - width_m(&there)? + cell_m,
+            top_m: top_m(&shown) - top_m(&there) + 0.5 * cell_m,
+        })
+    }
+}
+
+/// From the body to a place, metres.
+fn body_distance_m(head: &Pose, place: DVec3) -> f64 {
+    let to = place - head.translation;
+    if to.y > 0.0 { to.length() } else { math::hypot(to.x, to.z) }
+}
+
+fn is_same_plane(plane: &Plane, wall: &Plane) -> bool {
+    plane.outward.dot(wall.outward) >= math::cos(WALL_ANGLE_DEG.to_radians())
+        && (plane.offset_m - wall.offset_m).abs() <= WALL_OFFSET_M
+}
+
+/// Power signal to noise ratio of a scatterer after a block's sweeps are summed, dB.
+fn subaperture_snr_db(session: &Session, sensor: &Pose, part: &Scatterer) -> f64 {
+    let play = session.play();
+    let to = part.position_m - sensor.translation;
+    let direction = to.normalize_or_zero();
+    let amplitude = play.beam.amplitude(direction.dot(sensor.forward()));
+    let Some(subsweep) = play.config.subsweeps.first() else { return f64::NEG_INFINITY };
+    let timing = frame_timing(&play.config);
+    let sweeps = SUBAPERTURE_S * f64::from(play.config.sweeps_per_frame) / timing.frame_period_s;
+    snr_db(subsweep.profile, subsweep.hwaas, part.rcs_towards_dbsm(-direction), to.length())
+        + play.beam.gain_db()
+        + 20.0 * math::log10(amplitude.max(1e-9))
+        + 10.0 * math::log10(sweeps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn walls_report_the_seen_part_nearest_to_the_head_and_floors_are_left_out() {
+        let seen_at = Aabb { min: DVec3::new(-0.5, 1.5, -2.0), max: DVec3::new(0.5, 1.7, -2.0) };
+        let wall = |id: u64, outward: DVec3, offset_m: f64| Wall {
+            id,
+            plane: Plane { outward, offset_m },
+            evidence: 20.0,
+            seen_at,
+            provisional: false,
+            first_seen_ns: 0,
+            last_seen_ns: 0,
+        };
+        let walls = vec![wall(1, DVec3::NEG_Y, 0.0), wall(7, DVec3::NEG_Z, 2.0)];
+        let scene = Scene { walls, ..Scene::default() };
+        let found = reported_positions(&scene, DVec3::new(3.0, 1.6, 0.0));
+        assert_eq!(found, [(ReportId::Wall(7), DVec3::new(0.5, 1.6, -2.0))]);
+    }
+}

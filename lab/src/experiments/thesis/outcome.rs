@@ -1,0 +1,182 @@
+//! What an experiment comes to: what the thesis found and whether it holds, tables, figures; and the report of several.
+
+use glam::DVec3;
+
+use super::{ALL, Experiment};
+use radar_chaperone::report::{
+    Figure, Picture, Report, ReportError, Section, Table, VolumeInfo, ply_bytes, volume_bytes,
+};
+use radar_sar::{Statistic, Volume};
+
+/// A finding of the thesis beside ours.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// What the thesis says, in a sentence.
+    pub thesis: String,
+    /// Our figures.
+    pub ours: String,
+    /// Whether it holds by these; `None`: they do not tell.
+    pub holds: Option<bool>,
+}
+
+impl Finding {
+    /// Whether it holds, in words.
+    pub fn verdict(&self) -> &'static str {
+        match self.holds {
+            Some(true) => "holds",
+            Some(false) => "does not hold",
+            None => "not told here",
+        }
+    }
+}
+
+/// A picture with the name of its file, without ending, and what it shows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NamedPicture {
+    /// Name of the file.
+    pub name: String,
+    /// The picture.
+    pub picture: Picture,
+    /// What it shows.
+    pub caption: String,
+}
+
+/// A file for other tools.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OutputFile {
+    /// Its name, with its ending.
+    pub name: String,
+    /// What is in it.
+    pub bytes: Vec<u8>,
+}
+
+/// What an experiment comes to.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Outcome {
+    /// What was done, in a paragraph.
+    pub procedure: String,
+    /// The figures.
+    pub tables: Vec<Table>,
+    /// The pictures.
+    pub pictures: Vec<NamedPicture>,
+    /// What the thesis found.
+    pub findings: Vec<Finding>,
+    /// Volumes (.npy with a .json) and clouds (.ply) for other tools.
+    pub files: Vec<OutputFile>,
+}
+
+impl Outcome {
+    /// Adds a picture.
+    pub(super) fn draw(&mut self, name: impl Into<String>, picture: Picture, caption: impl Into<String>) {
+        self.pictures.push(NamedPicture { name: name.into(), picture, caption: caption.into() });
+    }
+
+    /// Adds a point cloud: name.ply. Centres in the tracking frame, metres, and values.
+    pub(super) fn keep_cloud(&mut self, name: &str, points: &[(DVec3, f32)]) {
+        self.keep(format!("{name}.ply"), ply_bytes(points));
+    }
+
+    /// Adds a file for other tools.
+    pub(super) fn keep(&mut self, name: impl Into<String>, bytes: Vec<u8>) {
+        self.files.push(OutputFile { name: name.into(), bytes });
+    }
+
+    /// Adds an image of so many sweeps: name.npy and name.json.
+    pub(super) fn keep_volume(
+        &mut self,
+        name: &str,
+        volume: &Volume,
+        statistic: Statistic,
+        sweeps: usize,
+    ) -> Result<(), ReportError> {
+        let dense_updates = (volume.values.len() * sweeps) as u64;
+        let mut info = VolumeInfo { statistic: statistic.name().into(), dense_updates, ..VolumeInfo::default() };
+        info.updates = dense_updates;
+        info.extra.insert("sweeps".into(), sweeps.into());
+        let [npy, json] = volume_bytes(volume, &info)?;
+        self.keep(format!("{name}.npy"), npy);
+        self.keep(format!("{name}.json"), json);
+        Ok(())
+    }
+
+    /// Adds a finding; `None` where the figures do not tell whether it holds.
+    pub(super) fn add_finding(&mut self, thesis: &str, holds: impl Into<Option<bool>>, ours: String) {
+        self.findings.push(Finding { thesis: thesis.to_owned(), ours, holds: holds.into() });
+    }
+
+    /// The findings as a table.
+    pub fn findings_table(&self) -> Table {
+        let row = |finding: &Finding| vec![finding.thesis.clone(), finding.verdict().to_owned(), finding.ours.clone()];
+        Table {
+            head: ["the thesis found", "here", "by our figures"].map(str::to_owned).to_vec(),
+            rows: self.findings.iter().map(row).collect(),
+            caption: String::new(),
+        }
+    }
+}
+
+/// Every finding and figure as Markdown, without the pictures; of so many seeds.
+pub fn markdown(done: &[(&Experiment, Outcome)], seeds: u64) -> String {
+    let names: Vec<&str> = done.iter().map(|(experiment, _)| experiment.name).collect();
+    let names = if names.len() == ALL.len() { "all".to_owned() } else { names.join(" ") };
+    let mut text = "# The thesis' experiments once more\n".to_owned();
+    text += &format!("\nMade by `radar-chaperone experiment {names} --seeds {seeds}`, as report.md of its folder.\n");
+    for (experiment, outcome) in done {
+        let Experiment { name, title, section, .. } = experiment;
+        text += &format!("\n## {title}\n\nThesis, section {section}; `experiment {name}`. {}\n", outcome.procedure);
+        for table in std::iter::once(&outcome.findings_table()).chain(&outcome.tables) {
+            text += &format!("\n{}", table.markdown());
+            if !table.caption.is_empty() {
+                text += &format!("\n{}\n", table.caption);
+            }
+        }
+    }
+    text
+}
+
+/// One page with everything in it.
+///
+/// # Errors
+/// A picture that cannot be encoded.
+pub fn report(done: &[(&Experiment, Outcome)]) -> Result<Report, ReportError> {
+    let mut report = Report::new("The thesis' experiments once more").intro(
+        "Arbitrary Motion Synthetic Aperture Radar (Lund 2023) showed its findings in pictures. Here each is made again in \
+         simulation, by the thesis' way and by this program's, with figures and with the truth to hold them against.",
+    );
+    for (experiment, outcome) in done {
+        let heading = format!("{} (thesis, section {})", experiment.title, experiment.section);
+        let mut section = Section::new(heading).text(&outcome.procedure).table(outcome.findings_table());
+        for table in &outcome.tables {
+            section = section.table(table.clone());
+        }
+        for drawn in &outcome.pictures {
+            section = section.figure(Figure::new(&drawn.picture, &drawn.caption)?);
+        }
+        if !outcome.files.is_empty() {
+            let names: Vec<&str> = outcome.files.iter().map(|file| file.name.as_str()).collect();
+            section = section.text(format!(
+                "Files for other tools, in the folder {}: {}.",
+                experiment.name,
+                names.join(", ")
+            ));
+        }
+        report = report.section(section);
+    }
+    Ok(report)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn report_states_the_command_that_made_it() {
+        let done = |count: usize| ALL.iter().take(count).map(|one| (one, Outcome::default())).collect::<Vec<_>>();
+        let third = |text: String| text.lines().nth(2).unwrap_or_default().to_owned();
+        let line = |what: &str| format!("Made by `radar-chaperone experiment {what}`, as report.md of its folder.");
+        assert_eq!(third(markdown(&done(2), 3)), line(&format!("{} {} --seeds 3", ALL[0].name, ALL[1].name)));
+        assert_eq!(third(markdown(&done(ALL.len()), 6)), line("all --seeds 6"));
+        let docs = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/experiments.md")).unwrap();
+        assert_eq!(third(docs), line("all --seeds 6"));
+    }
+}

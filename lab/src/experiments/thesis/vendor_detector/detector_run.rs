@@ -1,0 +1,159 @@
+//! A recording as the vendor's detector sees it, look by look beside the truth, and as ours does.
+
+use glam::DVec3;
+use num_complex::Complex;
+
+use super::super::SNR_DB;
+use super::super::imaging_methods::{chosen, locate};
+use super::{MAX_OFF_BORESIGHT_DEG, MIN_SPEED_M_PER_S, RANGE_MATCH_M, SPEED_MATCH_M_PER_S, SWEEPS};
+use crate::baselines::{DetectorConfig, DetectorResult, Reflection, VendorDetector};
+use crate::experiments::trial_recording::TrialRecording;
+use a121::Frame;
+use radar_mapping::{ObserverSettings, observe_all};
+use radar_sar::HistorySettings;
+use radar_sar::Observation;
+use radar_sar::math;
+use radar_sar::{Refined, Selection};
+use radar_simulation::{Scenario, ScenarioError, TrackingErrors};
+
+/// One look beside the truth.
+pub(super) struct WindowWithTruth {
+    /// Since the recording's begin, seconds.
+    pub time_s: f64,
+    /// The sensor at the middle of the window as it was, without tracking errors.
+    pub sensor: Observation,
+    /// Its velocity as tracking tells it, m/s.
+    pub tracked_m_per_s: DVec3,
+    pub look: DetectorResult,
+}
+
+impl WindowWithTruth {
+    pub fn distance_m(&self, place: DVec3) -> f64 {
+        place.distance(self.sensor.tracking_from_sensor.translation)
+    }
+
+    pub fn toward(&self, place: DVec3) -> DVec3 {
+        (place - self.sensor.tracking_from_sensor.translation).normalize_or_zero()
+    }
+
+    /// At which the distance grows.
+    pub fn velocity_m_per_s(&self, place: DVec3) -> f64 {
+        -self.sensor.velocity_m_per_s.dot(self.toward(place))
+    }
+
+    pub fn speed_m_per_s(&self) -> f64 {
+        self.sensor.velocity_m_per_s.length()
+    }
+
+    /// Between the way and a place.
+    pub fn angle_deg(&self, place: DVec3) -> f64 {
+        angle_deg(self.sensor.velocity_m_per_s, self.toward(place))
+    }
+
+    pub fn off_boresight_deg(&self, place: DVec3) -> f64 {
+        angle_deg(self.sensor.tracking_from_sensor.forward(), self.toward(place))
+    }
+
+    /// The strongest reflection, if it is at the range of a place.
+    pub fn found(&self, place: DVec3) -> Option<&Reflection> {
+        self.look.reflections.first().filter(|found| (found.distance_m - self.distance_m(place)).abs() < RANGE_MATCH_M)
+    }
+
+    /// Whether a reflection is what a place should give.
+    pub fn matches(&self, found: &Reflection, place: DVec3) -> bool {
+        (found.distance_m - self.distance_m(place)).abs() < RANGE_MATCH_M
+            && (found.velocity_m_per_s - self.velocity_m_per_s(place)).abs() < SPEED_MATCH_M_PER_S
+    }
+}
+
+pub(super) fn angle_deg(a: DVec3, b: DVec3) -> f64 {
+    math::acos(a.normalize_or_zero().dot(b).clamp(-1.0, 1.0)).to_degrees()
+}
+
+/// A recording as the detector sees it, and as ours does.
+pub(super) struct DetectorRun {
+    seed: u64,
+    windows: Vec<WindowWithTruth>,
+    /// The sweeps with tracked poses.
+    pub recorded: TrialRecording,
+    pub things_m: Vec<DVec3>,
+    begin_ns: i64,
+}
+
+impl DetectorRun {
+    pub fn of(
+        scene: &str,
+        motion: &str,
+        config: &DetectorConfig,
+        duration_s: f64,
+        seed: u64,
+    ) -> Result<Self, ScenarioError> {
+        let sensor = config.sensor();
+        let scenario =
+            Scenario { snr_db: Some(SNR_DB), ..Scenario::new(scene, motion, sensor.clone(), duration_s, seed) };
+        let simulated = scenario.run()?;
+        let exact = TrialRecording::of(&Scenario { errors: TrackingErrors::none(), ..scenario.clone() })?.observations;
+        let observer = ObserverSettings {
+            history: HistorySettings::default(),
+            head_from_sensor: scenario.head_from_sensor,
+            time_offset_s: 0.0,
+        };
+        let (observations, _) = observe_all(&sensor, observer, &simulated.frames, &simulated.poses);
+        let things_m: Vec<DVec3> = simulated.truth.obstacles.iter().flat_map(|o| o.points_m.clone()).collect();
+        let begin_ns = observations.first().map_or(0, |first| first.mid_time_ns);
+        let mut detector = VendorDetector::new(config.sampling(), &empty(&scenario)?);
+        let back_ns = (0.5 * f64::from(config.sweeps) / config.sweep_rate_hz() * 1e9) as i64;
+        let sight = |frame: &Frame| {
+            let look = detector.push(&sweeps(frame, sensor.points_per_sweep()))?;
+            let middle_ns = frame.host_time_ns - back_ns;
+            let at = |all: &[Observation]| all.get(all.partition_point(|o| o.mid_time_ns < middle_ns)).cloned();
+            let time_s = (middle_ns - begin_ns) as f64 * 1e-9;
+            let tracked_m_per_s = at(&observations)?.velocity_m_per_s;
+            Some(WindowWithTruth { time_s, sensor: at(&exact)?, tracked_m_per_s, look })
+        };
+        let windows = simulated.frames.iter().filter_map(sight).collect();
+        let truth_m = things_m.first().copied().unwrap_or(DVec3::NAN);
+        Ok(Self {
+            seed,
+            windows,
+            recorded: TrialRecording { seed, observations, truth_m, truth: simulated.truth },
+            things_m,
+            begin_ns,
+        })
+    }
+
+    /// Looks at which a thing can be asked for: within the ranges, in the beam, the sensor moving.
+    pub fn detectable(&self, config: &DetectorConfig, place: DVec3) -> impl Iterator<Item = &WindowWithTruth> {
+        let [near_m, far_m] = config.range_m;
+        self.windows.iter().filter(move |sight| {
+            (near_m..=far_m).contains(&sight.distance_m(place))
+                && sight.off_boresight_deg(place) < MAX_OFF_BORESIGHT_DEG
+                && sight.speed_m_per_s() > MIN_SPEED_M_PER_S
+        })
+    }
+
+    /// Ours from the sweeps up to a time.
+    pub fn located_until(&self, time_s: f64) -> Option<Refined> {
+        let until_ns = self.begin_ns + (time_s * 1e9) as i64;
+        let before = self.recorded.observations.iter().filter(|o| o.mid_time_ns <= until_ns);
+        let until = TrialRecording { observations: before.cloned().collect(), ..self.recorded.clone() };
+        locate(&chosen(&until, SWEEPS, Selection::FarthestPoint), self.seed).0
+    }
+}
+
+/// Sweeps of an empty space, as a calibration takes them.
+fn empty(scenario: &Scenario) -> Result<Vec<Vec<Complex<i16>>>, ScenarioError> {
+    let empty = Scenario {
+        scene: "nothing".into(),
+        motion: "stationary".into(),
+        duration_s: 0.5,
+        seed: scenario.seed ^ 0xCA11_B8A7,
+        ..scenario.clone()
+    };
+    let frames = empty.run()?.frames;
+    Ok(frames.iter().flat_map(|frame| sweeps(frame, scenario.config.points_per_sweep())).collect())
+}
+
+fn sweeps(frame: &Frame, points: usize) -> Vec<Vec<Complex<i16>>> {
+    frame.samples.chunks_exact(points.max(1)).map(<[_]>::to_vec).collect()
+}

@@ -1,0 +1,359 @@
+//! All settings, as the TOML file and `--set` spell them.
+
+use radar_mapping::{
+    MappingSettings, MappingSettingsError, ProcessingSettings, RadarSettings, ReflectorSettings, RoomMapperSettings,
+    TrackingSettings,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::warning::{CueSettings, WarningSettings, WarningSettingsError};
+
+/// A name that is less like the one that was found is no misspelling of it, 0 to 1.
+const LEAST_ALIKE: f64 = 0.8;
+
+/// Settings that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SettingsError {
+    /// Not TOML, an unknown name, or a value of the wrong kind.
+    #[error("settings: {0}")]
+    Toml(String),
+    /// `--set` without a value.
+    #[error("--set {0}: write it as name=value, for example --set tracking.time_offset_s=0.02")]
+    NoValue(String),
+    /// A name that leads through something that is no table.
+    #[error("--set {0}: there is no setting of that name")]
+    NoSuchName(String),
+    /// A value outside its bounds.
+    #[error("setting {name} is {value}: it must lie in {min} to {max}")]
+    OutOfRange {
+        /// Which.
+        name: &'static str,
+        /// What it is.
+        value: f64,
+        /// Least allowed.
+        min: f64,
+        /// Most allowed.
+        max: f64,
+    },
+    /// A setting of mapping outside its bounds.
+    #[error(transparent)]
+    Mapping(#[from] MappingSettingsError),
+    /// A warning setting outside its bounds.
+    #[error("settings: {0}")]
+    Warning(#[from] WarningSettingsError),
+}
+
+impl From<toml::de::Error> for SettingsError {
+    fn from(error: toml::de::Error) -> Self {
+        Self::Toml(for_people(&error.to_string()))
+    }
+}
+
+/// What the parser says, without the names that a programmer gives to kinds of numbers.
+fn for_people(says: &str) -> String {
+    let kind = |word: &str| match word.trim_end_matches(',') {
+        "f64" | "f32" => "a number".to_owned(),
+        "u8" => "a whole number from 0 to 255".to_owned(),
+        "u32" | "u64" | "usize" => "a whole number, 0 or more".to_owned(),
+        word => word.to_owned(),
+    };
+    let line = |line: &str| match line.split_once("expected ") {
+        Some((before, rest)) if rest.starts_with("struct ") => format!("{before}expected a table of settings"),
+        Some((before, rest)) if !rest.contains(' ') => format!("{before}expected {}", kind(rest)),
+        _ => line.to_owned(),
+    };
+    let mut lines: Vec<String> = says.trim_end().lines().map(line).collect();
+    lines.extend(says.lines().find_map(likely_name).map(|name| format!("Did you mean `{name}`?")));
+    lines.join("\n")
+}
+
+/// Of the names that the parser expected the one most like the one it found, where they are alike at all.
+fn likely_name(says: &str) -> Option<&str> {
+    let (_, rest) = says.split_once("unknown field `")?;
+    let (found, expected) = rest.split_once('`')?;
+    let names = expected.split('`').skip(1).step_by(2);
+    let likeness = |name: &str| strsim::jaro_winkler(found, name);
+    names.filter(|name| likeness(name) >= LEAST_ALIKE).max_by(|a, b| likeness(a).total_cmp(&likeness(b)))
+}
+
+/// How warnings are shown in the headset.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Display {
+    /// Rectangles standing in the room, drawn again only when their picture changes: right on every runtime.
+    #[default]
+    Panels,
+    /// Rectangles as windows, with a picture for each eye of what stands behind them, drawn every frame.
+    Stereo,
+    /// A picture for each eye over all of its view, drawn every frame.
+    Projection,
+}
+
+/// What a runtime takes the matrix of a projection to be; its manual does not say.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ProjectionMatrix {
+    /// From the tracking universe to the eye.
+    #[default]
+    EyeFromTracking,
+    /// Where the eye is.
+    TrackingFromEye,
+}
+
+/// Beside SteamVR.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct HeadsetSettings {
+    /// Whether warnings are shown at all.
+    pub warnings: bool,
+    /// How warnings are shown.
+    pub display: Display,
+    /// For the display `projection`.
+    pub projection_matrix: ProjectionMatrix,
+    /// Poses read between frames, a second; 0: at frames alone.
+    pub poses_hz: f64,
+    /// Whether SteamVR's colour, fade distance and play area serve where these settings do not name their own.
+    pub follow_chaperone: bool,
+    /// Whether the map is kept from one start to the next, for each room that the tracking system knows.
+    pub keep_map: bool,
+    /// Whether it is said in the headset when the radar sees nothing.
+    pub notices: bool,
+    /// Threads of the reconstruction; 0: the processors but one.
+    pub threads: usize,
+}
+
+impl Default for HeadsetSettings {
+    fn default() -> Self {
+        Self {
+            warnings: true,
+            display: Display::Panels,
+            projection_matrix: ProjectionMatrix::EyeFromTracking,
+            poses_hz: 250.0,
+            follow_chaperone: true,
+            keep_map: true,
+            notices: true,
+            threads: 0,
+        }
+    }
+}
+
+/// All settings.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// The sensor.
+    pub radar: RadarSettings,
+    /// Poses and time.
+    pub tracking: TrackingSettings,
+    /// Which search.
+    pub processing: ProcessingSettings,
+    /// The search in rooms.
+    pub rooms: RoomMapperSettings,
+    /// The search for single reflectors.
+    pub reflectors: ReflectorSettings,
+    /// What is drawn, from where on.
+    pub warning: WarningSettings,
+    /// What sounds and shakes.
+    pub cues: CueSettings,
+    /// Beside SteamVR.
+    pub headset: HeadsetSettings,
+}
+
+impl Settings {
+    /// From TOML text, with `name=value` changes laid over it, last one first in force.
+    ///
+    /// # Errors
+    /// Text that is no TOML, unknown names, values of the wrong kind or outside their bounds.
+    pub fn from_toml(text: &str, changes: &[String]) -> Result<Self, SettingsError> {
+        Self::from_layers(toml::Table::new(), text, changes)
+    }
+
+    /// The same over values that serve where neither text nor changes name their own.
+    ///
+    /// # Errors
+    /// As [`Settings::from_toml`].
+    pub fn from_layers(below: toml::Table, text: &str, changes: &[String]) -> Result<Self, SettingsError> {
+        let mut table = below;
+        lay_over(&mut table, toml::from_str(text)?);
+        for change in changes {
+            let (name, value) = change.split_once('=').ok_or_else(|| SettingsError::NoValue(change.clone()))?;
+            set(&mut table, change, name.trim(), parsed(value.trim()))?;
+        }
+        let settings: Self = toml::Value::Table(table).try_into()?;
+        settings.check()?;
+        Ok(settings)
+    }
+
+    /// As TOML text.
+    pub fn to_toml(&self) -> String {
+        // Every field is a number, a name, a list or a table of these: TOML has them all.
+        toml::to_string(self).unwrap_or_default()
+    }
+
+    fn check(&self) -> Result<(), SettingsError> {
+        let bounded = [
+            ("cues.volume", self.cues.volume, 0.0, 1.0),
+            ("cues.pulse_strength", self.cues.pulse_strength, 0.0, 1.0),
+            ("headset.poses_hz", self.headset.poses_hz, 0.0, 1000.0),
+            ("headset.threads", self.headset.threads as f64, 0.0, 256.0),
+        ];
+        for (name, value, min, max) in bounded {
+            if !(min..=max).contains(&value) {
+                return Err(SettingsError::OutOfRange { name, value, min, max });
+            }
+        }
+        self.mapping().check()?;
+        Ok(self.warning.check()?)
+    }
+
+    /// Those of mapping.
+    pub fn mapping(&self) -> MappingSettings {
+        let Self { radar, tracking, processing, rooms, reflectors, .. } = self.clone();
+        MappingSettings { radar, tracking, processing, rooms, reflectors }
+    }
+}
+
+/// Lays one table over another, key by key in tables within.
+fn lay_over(table: &mut toml::Table, above: toml::Table) {
+    for (key, value) in above {
+        match (table.get_mut(&key), value) {
+            (Some(toml::Value::Table(inner)), toml::Value::Table(above)) => lay_over(inner, above),
+            (_, value) => drop(table.insert(key, value)),
+        }
+    }
+}
+
+/// A TOML value where it is one, else a string: `--set radar.beam=thesis` needs no quotes.
+fn parsed(value: &str) -> toml::Value {
+    let line = format!("v = {value}");
+    let table: Option<toml::Table> = toml::from_str(&line).ok();
+    table.and_then(|mut t| t.remove("v")).unwrap_or_else(|| toml::Value::String(value.into()))
+}
+
+fn set(table: &mut toml::Table, change: &str, name: &str, value: toml::Value) -> Result<(), SettingsError> {
+    match name.split_once('.') {
+        None => {
+            // Whole numbers serve where fractions are wanted.
+            let value = match (&value, table.get(name)) {
+                (toml::Value::Integer(n), Some(toml::Value::Float(_))) => toml::Value::Float(*n as f64),
+                _ => value,
+            };
+            table.insert(name.into(), value);
+            Ok(())
+        }
+        Some((first, rest)) => {
+            let inner = table.entry(first).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+            let inner = inner.as_table_mut().ok_or_else(|| SettingsError::NoSuchName(change.into()))?;
+            set(inner, change, rest, value)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use radar_mapping::Mode;
+    use radar_sar::Beam;
+
+    use super::*;
+
+    fn with(change: &str) -> Result<Settings, SettingsError> {
+        Settings::from_toml("", &[change.into()])
+    }
+
+    #[test]
+    fn the_default_survives_its_own_text() {
+        let settings = Settings::default();
+        assert_eq!(Settings::from_toml(&settings.to_toml(), &[]).unwrap(), settings);
+    }
+
+    #[test]
+    fn changes_are_laid_over() {
+        assert_eq!(with("tracking.time_offset_s=0.02").unwrap().tracking.time_offset_s, 0.02);
+        assert_eq!(with("radar.beam=thesis").unwrap().radar.beam, Beam::Thesis);
+        assert_eq!(with("processing.mode=rooms").unwrap().processing.mode, Mode::Rooms);
+        assert_eq!(with("reflectors.max_sweeps=50").unwrap().reflectors.max_sweeps, 50);
+        assert_eq!(with("rooms.blocks.max_range_m=2").unwrap().rooms.blocks.max_range_m, 2.0);
+    }
+
+    #[test]
+    fn what_lies_below_serves_where_nothing_else_is_named() {
+        let below: toml::Table = toml::from_str("[warning]\ncolor = [1, 2, 3]\nfade_distance_m = 0.7").unwrap();
+        let text = "[warning]\nfade_distance_m = 2.0";
+        let settings = Settings::from_layers(below, text, &["warning.brightness=0.5".into()]).unwrap();
+        let warning = settings.warning;
+        assert_eq!((warning.color, warning.fade_distance_m, warning.brightness), ([1, 2, 3], 2.0, 0.5));
+    }
+
+    #[test]
+    fn wrong_ones_say_what_is_wrong() {
+        for (change, says) in [
+            ("rooms.blocks.voxel_m=0", "rooms.blocks.voxel_m is 0"),
+            ("tracking.time_offset_s=nan", "time_offset_s is NaN"),
+            ("warnings=1", "unknown field `warnings`"),
+            ("radar.beam=laser", "laser"),
+            ("radar.beam", "name=value"),
+            ("warning.fade_distance_m=-1", "fade"),
+            ("warning.style=loud", "loud"),
+            ("cues.volume=2", "cues.volume is 2"),
+            ("tracking.time_offset_s.x=1", "time_offset_s"),
+        ] {
+            let error = with(change).expect_err(change).to_string();
+            assert!(error.contains(says), "{change}: {error}");
+        }
+    }
+
+    /// The names of all numbers.
+    fn numbers(table: &toml::Table, before: &str) -> Vec<String> {
+        let names = table.iter().flat_map(|(name, value)| match value {
+            toml::Value::Table(inner) => numbers(inner, &format!("{before}{name}.")),
+            toml::Value::Float(_) | toml::Value::Integer(_) => vec![format!("{before}{name}")],
+            _ => Vec::new(),
+        });
+        names.collect()
+    }
+
+    #[test]
+    fn no_number_may_be_any_number() {
+        let table = toml::Table::try_from(Settings::default()).unwrap();
+        let names = numbers(&table, "");
+        assert!(names.len() > 70, "{}", names.len());
+        for name in names {
+            for value in ["nan", "inf", "-inf", "-1e9", "1e30"] {
+                let error = with(&format!("{name}={value}")).expect_err(&format!("{name}={value}")).to_string();
+                let own = name.rsplit('.').next().unwrap_or_default();
+                assert!(error.contains(own) || error.contains("expected"), "{name}={value}: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_could_never_be_confirmed_is_refused() {
+        for change in
+            ["rooms.map.confirm_sightings=5", "rooms.map.confirm_wall_sightings=9", "rooms.explain.max_sigma_m=-1"]
+        {
+            assert!(with(change).is_err(), "{change}");
+        }
+        assert!(with("rooms.map.confirm_wall_sightings=4").is_ok());
+    }
+
+    #[test]
+    fn the_likeliest_name_is_named() {
+        let told = |change: &str| with(change).expect_err(change).to_string();
+        assert!(told("warning.fade_distance=2").ends_with("Did you mean `fade_distance_m`?"));
+        assert!(told("room.blocks.voxel_m=2").ends_with("Did you mean `rooms`?"), "{}", told("room.blocks.voxel_m=2"));
+        assert!(!told("xyz=2").contains("Did you mean"), "{}", told("xyz=2"));
+    }
+
+    #[test]
+    fn kinds_of_values_are_told_in_words() {
+        for (change, says) in [
+            ("warning.brightness=dark", "expected a number"),
+            ("warning.color=[300, 0, 0]", "expected a whole number from 0 to 255"),
+            ("reflectors.max_sweeps=many", "expected a whole number, 0 or more"),
+            ("warning=3", "expected a table of settings"),
+        ] {
+            let error = with(change).expect_err(change).to_string();
+            assert!(error.contains(says) && !error.contains("f32") && !error.contains("struct"), "{change}: {error}");
+        }
+    }
+}
