@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::warning::{CueSettings, WarningSettings, WarningSettingsError};
 
 /// A name that is less like the one that was found is no misspelling of it, 0 to 1.
-const LEAST_ALIKE: f64 = 0.8;
+const MIN_SIMILARITY: f64 = 0.8;
 
 /// Settings that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -45,12 +45,12 @@ pub enum SettingsError {
 
 impl From<toml::de::Error> for SettingsError {
     fn from(error: toml::de::Error) -> Self {
-        Self::Toml(for_people(&error.to_string()))
+        Self::Toml(readable_message(&error.to_string()))
     }
 }
 
 /// What the parser says, without the names that a programmer gives to kinds of numbers.
-fn for_people(says: &str) -> String {
+fn readable_message(says: &str) -> String {
     let kind = |word: &str| match word.trim_end_matches(',') {
         "f64" | "f32" => "a number".to_owned(),
         "u8" => "a whole number from 0 to 255".to_owned(),
@@ -63,17 +63,17 @@ fn for_people(says: &str) -> String {
         _ => line.to_owned(),
     };
     let mut lines: Vec<String> = says.trim_end().lines().map(line).collect();
-    lines.extend(says.lines().find_map(likely_name).map(|name| format!("Did you mean `{name}`?")));
+    lines.extend(says.lines().find_map(closest_name).map(|name| format!("Did you mean `{name}`?")));
     lines.join("\n")
 }
 
 /// Of the names that the parser expected the one most like the one it found, where they are alike at all.
-fn likely_name(says: &str) -> Option<&str> {
+fn closest_name(says: &str) -> Option<&str> {
     let (_, rest) = says.split_once("unknown field `")?;
     let (found, expected) = rest.split_once('`')?;
     let names = expected.split('`').skip(1).step_by(2);
     let likeness = |name: &str| strsim::jaro_winkler(found, name);
-    names.filter(|name| likeness(name) >= LEAST_ALIKE).max_by(|a, b| likeness(a).total_cmp(&likeness(b)))
+    names.filter(|name| likeness(name) >= MIN_SIMILARITY).max_by(|a, b| likeness(a).total_cmp(&likeness(b)))
 }
 
 /// How warnings are shown in the headset.
@@ -174,7 +174,7 @@ impl Settings {
     /// As [`Settings::from_toml`].
     pub fn from_layers(below: toml::Table, text: &str, changes: &[String]) -> Result<Self, SettingsError> {
         let mut table = below;
-        lay_over(&mut table, toml::from_str(text)?);
+        merge_over(&mut table, toml::from_str(text)?);
         for change in changes {
             let (name, value) = change.split_once('=').ok_or_else(|| SettingsError::NoValue(change.clone()))?;
             set(&mut table, change, name.trim(), parsed(value.trim()))?;
@@ -214,10 +214,10 @@ impl Settings {
 }
 
 /// Lays one table over another, key by key in tables within.
-fn lay_over(table: &mut toml::Table, above: toml::Table) {
+fn merge_over(table: &mut toml::Table, above: toml::Table) {
     for (key, value) in above {
         match (table.get_mut(&key), value) {
-            (Some(toml::Value::Table(inner)), toml::Value::Table(above)) => lay_over(inner, above),
+            (Some(toml::Value::Table(inner)), toml::Value::Table(above)) => merge_over(inner, above),
             (_, value) => drop(table.insert(key, value)),
         }
     }
@@ -261,13 +261,13 @@ mod tests {
     }
 
     #[test]
-    fn the_default_survives_its_own_text() {
+    fn default_settings_roundtrip() {
         let settings = Settings::default();
         assert_eq!(Settings::from_toml(&settings.to_toml(), &[]).unwrap(), settings);
     }
 
     #[test]
-    fn changes_are_laid_over() {
+    fn changes_override_the_text() {
         assert_eq!(with("tracking.time_offset_s=0.02").unwrap().tracking.time_offset_s, 0.02);
         assert_eq!(with("radar.beam=thesis").unwrap().radar.beam, Beam::Thesis);
         assert_eq!(with("processing.mode=rooms").unwrap().processing.mode, Mode::Rooms);
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_below_serves_where_nothing_else_is_named() {
+    fn lower_layer_fills_unset_values() {
         let below: toml::Table = toml::from_str("[warning]\ncolor = [1, 2, 3]\nfade_distance_m = 0.7").unwrap();
         let text = "[warning]\nfade_distance_m = 2.0";
         let settings = Settings::from_layers(below, text, &["warning.brightness=0.5".into()]).unwrap();
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_ones_say_what_is_wrong() {
+    fn invalid_settings_state_the_reason() {
         for (change, says) in [
             ("rooms.blocks.voxel_m=0", "rooms.blocks.voxel_m is 0"),
             ("tracking.time_offset_s=nan", "time_offset_s is NaN"),
@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn no_number_may_be_any_number() {
+    fn every_number_is_bounded() {
         let table = toml::Table::try_from(Settings::default()).unwrap();
         let names = numbers(&table, "");
         assert!(names.len() > 70, "{}", names.len());
@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn what_could_never_be_confirmed_is_refused() {
+    fn unreachable_confirmation_is_rejected() {
         for change in
             ["rooms.map.confirm_sightings=5", "rooms.map.confirm_wall_sightings=9", "rooms.explain.max_sigma_m=-1"]
         {
@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn the_likeliest_name_is_named() {
+    fn closest_name_is_suggested() {
         let told = |change: &str| with(change).expect_err(change).to_string();
         assert!(told("warning.fade_distance=2").ends_with("Did you mean `fade_distance_m`?"));
         assert!(told("room.blocks.voxel_m=2").ends_with("Did you mean `rooms`?"), "{}", told("room.blocks.voxel_m=2"));
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn kinds_of_values_are_told_in_words() {
+    fn value_kinds_are_described_in_words() {
         for (change, says) in [
             ("warning.brightness=dark", "expected a number"),
             ("warning.color=[300, 0, 0]", "expected a whole number from 0 to 255"),

@@ -72,7 +72,7 @@ fn concurrent_streams_give_the_scene_of_a_replay() {
     assert_eq!(*scene, expected);
     let frames = simulated.frames.len() as u64;
     assert_eq!((counters.frames_dropped, counters.poses_dropped, counters.outdated), (0, 0, 0));
-    assert_eq!((counters.pipeline.streams.frames, counters.worked_off.count), (frames, frames));
+    assert_eq!((counters.pipeline.streams.frames, counters.processed.count), (frames, frames));
     assert!(counters.scenes >= 8 && counters.scenes <= counters.published, "{counters:?}");
     // Simulated stamps lie long before now: ages are nonsense, but each frame has one.
     assert!((frames - 8..=frames).contains(&counters.evidence_age.count), "{counters:?}");
@@ -91,7 +91,7 @@ fn data_from_before_forget_is_discarded() {
     until(all_frames_processed(&reconstruction, last_ns));
     // These wait, or are being worked off, when everything is forgotten.
     push(&simulated);
-    assert_eq!(reconstruction.forget(), 1);
+    assert_eq!(reconstruction.reset(), 1);
     let newest = reconstruction.latest();
     assert_eq!((newest.epoch, newest.scene.as_ref(), newest.newest_sweep_ns), (1, &Scene::default(), 0));
     // Only what comes now counts: the same stamps again are taken, since nobody remembers them.

@@ -12,7 +12,7 @@ use ash::vk::{self, Handle};
 use glam::{DMat3, DVec3};
 use radar_chaperone::openvr::{VulkanDevice, VulkanRequirements, VulkanTexture, open};
 use radar_chaperone::render::{EyeView, Quad, Renderer, StereoScene, Window};
-use radar_chaperone::warning::{Player, WarningSettings, Warnings, Watch};
+use radar_chaperone::warning::{WarningSettings, WarningTracker, Warnings, Wearer};
 use radar_mapping::{Observed, Obstacle, Scene, Wall};
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
@@ -125,8 +125,8 @@ fn copy_all_as_runtime(device: &VulkanDevice, renderer: &Renderer, quads: &[Quad
 }
 
 /// The warnings when a head has stood there for half a second: by then they have come up.
-fn settled_warnings(watch: &mut Watch, head: Pose, style: &WarningSettings) -> Warnings {
-    (0..50).map(|step| watch.warn(&Player::head_only(step * 10_000_000, head), style)).last().unwrap()
+fn settled_warnings(tracker: &mut WarningTracker, head: Pose, style: &WarningSettings) -> Warnings {
+    (0..50).map(|step| tracker.warn(&Wearer::head_only(step * 10_000_000, head), style)).last().unwrap()
 }
 
 /// Not a test by itself: what `validation_layer_reports_nothing` starts under the layer.
@@ -136,11 +136,11 @@ fn everything() {
     let device = device();
     let mut renderer = Renderer::from_device(device.device.clone(), device.queue.clone(), &device.name).unwrap();
     let style = WarningSettings::default();
-    let mut watch = Watch::new();
-    watch.see(&scene());
+    let mut tracker = WarningTracker::new();
+    tracker.update(&scene());
     for step in 0..8 {
         let head = Pose::from_translation(DVec3::new(0.05 * f64::from(step), 1.6, -0.02 * f64::from(step)));
-        let warnings = settled_warnings(&mut watch, head, &style);
+        let warnings = settled_warnings(&mut tracker, head, &style);
         let views = EyeView::pair(&head, 0.064, 1.6, [200 + 3 * step, 160]);
         let quads = renderer.quads(&warnings, &style).unwrap();
         assert!(quads.len() >= 4, "{} quads", quads.len());
@@ -148,7 +148,7 @@ fn everything() {
         renderer.preview(&warnings, &style, &views[0], &[(DVec3::new(0.0, 1.0, -1.0), 0.03)]).unwrap();
         renderer.prepare_for_copy(&quads).unwrap();
         copy_all_as_runtime(&device, &renderer, &quads);
-        let shapes = watch.shapes(&warnings);
+        let shapes = tracker.shapes(&warnings);
         let scenery = StereoScene { quads: &quads, shapes: &shapes, color: style.color };
         let eyes_m = views.map(|view| view.tracking_from_eye.translation);
         for window in Window::of_panels(&scenery, eyes_m) {
@@ -175,9 +175,9 @@ fn everything_but_the_hand_over() {
     let device = device();
     let mut renderer = Renderer::from_device(device.device.clone(), device.queue.clone(), &device.name).unwrap();
     let (style, head) = (WarningSettings::default(), Pose::from_translation(DVec3::Y * 1.6));
-    let mut watch = Watch::new();
-    watch.see(&scene());
-    let warnings = settled_warnings(&mut watch, head, &style);
+    let mut tracker = WarningTracker::new();
+    tracker.update(&scene());
+    let warnings = settled_warnings(&mut tracker, head, &style);
     let quads = renderer.quads(&warnings, &style).unwrap();
     renderer.preview(&warnings, &style, &EyeView::pair(&head, 0.064, 1.6, [200, 160])[0], &[]).unwrap();
     copied_by_runtime(&device, &quads[0].texture);

@@ -59,7 +59,7 @@ fn main() {
     .expect("no panic");
     let (counters, scene) = reconstruction.finish();
     println!("{:24}{:>8}{:>12}{:>10}{:>10}", "", "count", "median ms", "p99 ms", "max ms");
-    line("arrival to worked off", &counters.worked_off);
+    line("arrival to worked off", &counters.processed);
     line("sweep to frame", &to_frame.report());
     line("age of evidence", &counters.evidence_age);
     line("longest hold-ups", &counters.step);

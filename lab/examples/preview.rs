@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::Context;
 use glam::{DMat3, DQuat, DVec3};
 use radar_chaperone::render::{EyeView, Renderer, StereoScene, Window};
-use radar_chaperone::warning::{Player, WarningSettings, Warnings, Watch};
+use radar_chaperone::warning::{WarningSettings, WarningTracker, Warnings, Wearer};
 use radar_mapping::{Observed, Obstacle, Scene, Wall};
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
@@ -79,8 +79,8 @@ fn scene(tracking_from_chair: Pose) -> Scene {
 }
 
 /// The warnings when a head has stood there for half a second: by then they have come up.
-fn settled_warnings(watch: &mut Watch, tracking_from_head: Pose, settings: &WarningSettings) -> Warnings {
-    let warn = |step: i64| watch.warn(&Player::head_only(step * 10_000_000, tracking_from_head), settings);
+fn settled_warnings(tracker: &mut WarningTracker, tracking_from_head: Pose, settings: &WarningSettings) -> Warnings {
+    let warn = |step: i64| tracker.warn(&Wearer::head_only(step * 10_000_000, tracking_from_head), settings);
     (0..50).map(warn).last().unwrap_or_default()
 }
 
@@ -94,8 +94,8 @@ fn main() -> anyhow::Result<()> {
     let mut renderer = Renderer::new()?;
     println!("{}", renderer.adapter_name());
 
-    let mut watch = Watch::new();
-    watch.see(&scene);
+    let mut tracker = WarningTracker::new();
+    tracker.update(&scene);
     let head = DVec3::new(0.0, 1.65, 0.0);
     for (name, target) in [
         ("ahead", DVec3::new(0.0, 0.9, -1.0)),
@@ -104,7 +104,7 @@ fn main() -> anyhow::Result<()> {
         ("left", DVec3::new(-0.9, 1.1, -0.9)),
     ] {
         let tracking_from_head = Pose::looking_at(head, target, DVec3::Y);
-        let warnings = settled_warnings(&mut watch, tracking_from_head, &settings);
+        let warnings = settled_warnings(&mut tracker, tracking_from_head, &settings);
         let start = Instant::now();
         let count = renderer.quads(&warnings, &settings)?.len();
         println!("{name}: {count} quads handed over in {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
@@ -115,7 +115,7 @@ fn main() -> anyhow::Result<()> {
             println!("{name} {eye}: {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
             picture.save(path(&format!("{name}-{eye}.png")))?;
         }
-        let shapes = watch.shapes(&warnings);
+        let shapes = tracker.shapes(&warnings);
         let quads = renderer.quads(&warnings.clone().without_silhouettes(), &settings)?;
         let scenery = StereoScene { quads: &quads, shapes: &shapes, color: settings.color };
         for (side, view) in views.iter().enumerate() {

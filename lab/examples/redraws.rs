@@ -7,7 +7,7 @@ use a121::preset;
 use radar_chaperone::live::thread_cpu_ns;
 use radar_chaperone::render::{EyeView, Renderer, StereoScene, Window};
 use radar_chaperone::settings::Settings;
-use radar_chaperone::warning::{Player, Watch};
+use radar_chaperone::warning::{WarningTracker, Wearer};
 use radar_mapping::Pipeline;
 use radar_mapping::Scene;
 use radar_sar::geometry::Pose;
@@ -67,19 +67,19 @@ fn play(name: &str, frames: &[(Pose, Option<Scene>)], last_alone: bool, settings
     let mut renderer = Renderer::new()?;
     let last = frames.iter().rev().find_map(|(_, scene)| scene.clone()).unwrap_or_default();
     let mut scene = if last_alone { last } else { Scene::default() };
-    let mut watch = Watch::new();
-    watch.see(&scene);
+    let mut tracker = WarningTracker::new();
+    tracker.update(&scene);
     let (mut see_ns, mut warn_ns, mut quads_ns) = (Vec::new(), Vec::new(), Vec::new());
     let mut shown_frames = BTreeMap::<(u64, bool), u64>::new();
     for (frame, (head, new)) in frames.iter().enumerate() {
         if let Some(new) = new.as_ref().filter(|_| !last_alone) {
             scene = new.clone();
             let start = thread_cpu_ns();
-            watch.see(&scene);
+            tracker.update(&scene);
             see_ns.push((thread_cpu_ns() - start) as u64);
         }
         let start = thread_cpu_ns();
-        let warnings = watch.warn(&Player::head_only(frame as i64 * FRAME_NS, *head), &settings.warning);
+        let warnings = tracker.warn(&Wearer::head_only(frame as i64 * FRAME_NS, *head), &settings.warning);
         let between = thread_cpu_ns();
         let quads = renderer.quads(&warnings, &settings.warning)?;
         let end = thread_cpu_ns();
@@ -104,18 +104,18 @@ fn play(name: &str, frames: &[(Pose, Option<Scene>)], last_alone: bool, settings
 /// Every tenth frame as the displays in space show it.
 fn measure_spatial_displays(frames: &[(Pose, Option<Scene>)], settings: &Settings) -> anyhow::Result<()> {
     let mut renderer = Renderer::new()?;
-    let mut watch = Watch::new();
-    watch.see(&frames.iter().rev().find_map(|(_, scene)| scene.clone()).unwrap_or_default());
+    let mut tracker = WarningTracker::new();
+    tracker.update(&frames.iter().rev().find_map(|(_, scene)| scene.clone()).unwrap_or_default());
     let (mut windows_ns, mut eyes_ns) = (Vec::new(), Vec::new());
     for (frame, (head, _)) in frames.iter().enumerate() {
-        let warnings = watch.warn(&Player::head_only(frame as i64 * FRAME_NS, *head), &settings.warning);
+        let warnings = tracker.warn(&Wearer::head_only(frame as i64 * FRAME_NS, *head), &settings.warning);
         if frame % 10 != 0 {
             continue;
         }
         let quads = renderer.quads(&warnings.clone().without_silhouettes(), &settings.warning)?;
         let views = EyeView::pair(head, 0.064, 1.75, [1024, 1024]);
         let start = thread_cpu_ns();
-        let shapes = watch.shapes(&warnings);
+        let shapes = tracker.shapes(&warnings);
         let scenery = StereoScene { quads: &quads, shapes: &shapes, color: settings.warning.color };
         let eyes_m = views.map(|view| view.tracking_from_eye.translation);
         renderer.windows(&scenery, &Window::of_panels(&scenery, eyes_m), eyes_m)?;

@@ -8,7 +8,7 @@ use image::{Rgb, RgbImage};
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 use radar_chaperone::render::{EyeView, Renderer, StereoScene};
-use radar_chaperone::warning::{Player, Style, WarningSettings, Warnings, Watch};
+use radar_chaperone::warning::{Style, WarningSettings, WarningTracker, Warnings, Wearer};
 use radar_mapping::{Observed, Obstacle, Scene, Wall};
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
@@ -72,9 +72,9 @@ fn scene() -> Scene {
 
 /// The warnings when a head has stood there for half a second: by then they have come up.
 fn settled_warnings(head: Pose, settings: &WarningSettings) -> Warnings {
-    let mut watch = Watch::new();
-    watch.see(&scene());
-    let warn = |step: i64| watch.warn(&Player::head_only(step * 10_000_000, head), settings);
+    let mut tracker = WarningTracker::new();
+    tracker.update(&scene());
+    let warn = |step: i64| tracker.warn(&Wearer::head_only(step * 10_000_000, head), settings);
     (0..50).map(warn).last().unwrap_or_default()
 }
 

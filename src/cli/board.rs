@@ -98,7 +98,7 @@ pub(super) fn verdict(need: &LinkRequirement, line: LineSpeed) -> String {
 }
 
 /// What a stream has been through, a line each, faults only where there were some.
-pub(super) fn told_counters(counters: &StreamCounters, lost: u64) -> Vec<String> {
+pub(super) fn counter_lines(counters: &StreamCounters, lost: u64) -> Vec<String> {
     let (session, stream) = (&counters.session, &counters.session.stream);
     let mut lines = vec![format!(
         "Line       {} results, {lost} frames lost, {:.1} MB",
@@ -149,7 +149,7 @@ mod tests {
     use a121::find::Board;
 
     #[test]
-    fn what_the_board_tells_is_better_than_what_was_expected() {
+    fn reported_board_speed_overrides_expected_speed() {
         let info = |hw: &str, max_baudrate| SystemInfo {
             rss_version: "a121-v1.12.0".into(),
             sensor: None,
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_says_what_each_line_carries() {
+    fn preset_table_lists_line_capacity() {
         let table = preset_table(Some(LineSpeed::Uart(2_000_000)));
         assert_eq!(table.lines().count(), 1 + PRESETS.len());
         let row = |name: &str| table.lines().find(|line| line.starts_with(name)).unwrap();

@@ -35,11 +35,11 @@ impl Calibrate {
         let spinner = progress::spinner("reading and comparing");
         let (recording, frames, poses) = read_streams(&self.file)?;
         let header = recording.header();
-        let settings = self.settings.over(&header.settings)?;
+        let settings = self.settings.over_recorded(&header.settings)?;
         let trial = synchronisation(&header.config, &header.head_from_sensor, &settings.mapping(), &frames, &poses)
             .with_context(|| self.file.display().to_string())?;
         spinner.finish_and_clear();
-        outln!("{}", told(&trial).trim_end())?;
+        outln!("{}", report_text(&trial).trim_end())?;
         if let Some(out) = &self.out {
             let json = serde_json::to_vec_pretty(&trial)?;
             write_atomically(&out.join("calibration.json"), &json)?;
@@ -71,7 +71,7 @@ fn figure(trial: &Synchronisation, title: &str) -> crate::report::Picture {
 }
 
 /// What a person reads.
-fn told(trial: &Synchronisation) -> String {
+fn report_text(trial: &Synchronisation) -> String {
     let p = trial.reflector_m;
     let mut text = format!(
         "Reflector at ({:.3}, {:.3}, {:.3}) m, its range read {} times\n\n",

@@ -13,7 +13,7 @@ use indicatif::ProgressBar;
 
 use super::files::read_streams;
 use super::progress;
-use super::replay::{Replay, described, obstacle_table, sensor_path, write_obstacles};
+use super::replay::{Replay, obstacle_table, result_text, sensor_path, write_obstacles};
 use super::simulate::write_scenario;
 use super::view::ViewArguments;
 use crate::render::{EyeView, Renderer};
@@ -52,7 +52,7 @@ pub(super) struct Demo {
 }
 
 /// One scene of the demo.
-struct Act {
+struct DemoScene {
     heading: &'static str,
     text: &'static str,
     folder: &'static str,
@@ -70,13 +70,13 @@ enum Image {
     /// Σ |z|² over that many sweeps, in the cube ahead.
     Ls(usize),
     /// Block scores of the whole recording, in the cube ahead.
-    Blocks,
+    Subaperture,
     /// The block scores that belong to what the pipeline found, in the room.
     Found,
 }
 
-const ACTS: [Act; 6] = [
-    Act {
+const SCENES: [DemoScene; 6] = [
+    DemoScene {
         heading: "Furnished room, natural play",
         text: "Thirty seconds of standing play in a room of 4 × 5 m with specular walls: chairs, a table, a shelf, a sofa, \
                a lamp and a clothes hanger. Sensor preset d16, block scores, walls and strong things explained away first.",
@@ -88,7 +88,7 @@ const ACTS: [Act; 6] = [
         snr_db: None,
         image: Image::Found,
     },
-    Act {
+    DemoScene {
         heading: "Corner reflector, 50 cm sphere",
         text: "The thesis' test target, 1 m deep and 0.3 m left, 20 dB, by range alone: least squares over 120 sweeps a \
                second, refined to a continuous place with its covariance.",
@@ -100,7 +100,7 @@ const ACTS: [Act; 6] = [
         snr_db: Some(20.0),
         image: Image::Ls(200),
     },
-    Act {
+    DemoScene {
         heading: "Corner reflector, sensor at rest",
         text: "Without motion only the range can be known. The report says so instead of inventing a direction.",
         folder: "corner-reflector-at-rest",
@@ -111,7 +111,7 @@ const ACTS: [Act; 6] = [
         snr_db: Some(20.0),
         image: Image::Ls(100),
     },
-    Act {
+    DemoScene {
         heading: "Metal clothes hanger",
         text: "The thesis' hanger from within a 50 cm sphere, block scores.",
         folder: "clothes-hanger",
@@ -120,9 +120,9 @@ const ACTS: [Act; 6] = [
         preset: "d16",
         duration_s: 8.0,
         snr_db: None,
-        image: Image::Blocks,
+        image: Image::Subaperture,
     },
-    Act {
+    DemoScene {
         heading: "Chair of metal and wood",
         text: "Metal legs reflect more than the wooden seat and back.",
         folder: "chair",
@@ -131,9 +131,9 @@ const ACTS: [Act; 6] = [
         preset: "d16",
         duration_s: 8.0,
         snr_db: None,
-        image: Image::Blocks,
+        image: Image::Subaperture,
     },
-    Act {
+    DemoScene {
         heading: "Two chairs of different reflectivity",
         text: "The plastic chair reflects 8 dB less; the strong one does not drown it.",
         folder: "two-chairs",
@@ -142,7 +142,7 @@ const ACTS: [Act; 6] = [
         preset: "d16",
         duration_s: 8.0,
         snr_db: None,
-        image: Image::Blocks,
+        image: Image::Subaperture,
     },
 ];
 
@@ -152,7 +152,7 @@ const VOXEL_M: f64 = 0.05;
 const PREVIEW_PX: u32 = 640;
 
 /// What one act came to.
-struct Played {
+struct SceneResult {
     section: Section,
     row: Vec<String>,
     score: Score,
@@ -161,7 +161,7 @@ struct Played {
 impl Demo {
     pub fn run(&self) -> Result<()> {
         if self.view.is_wanted() {
-            return self.look();
+            return self.show_room();
         }
         let start = Instant::now();
         std::fs::create_dir_all(&self.out).with_context(|| format!("cannot make {}", self.out.display()))?;
@@ -173,17 +173,17 @@ impl Demo {
             }
         };
         // Recording, replay, image, figures and previews of each act.
-        let bar = progress::bar(ACTS.len() as u64 * 4, "");
+        let bar = progress::bar(SCENES.len() as u64 * 4, "");
         let mut played = Vec::new();
-        for act in &ACTS {
+        for act in &SCENES {
             bar.set_message(act.scene);
-            let one = self.play(act, renderer.as_mut(), &bar);
+            let one = self.run_scene(act, renderer.as_mut(), &bar);
             played.push(one.with_context(|| format!("the demo's \"{}\"", act.heading))?);
         }
         bar.finish_and_clear();
         let report = self.out.join("report.html");
         self.report(&played, renderer.as_ref()).write(&report)?;
-        for (act, one) in ACTS.iter().zip(&played) {
+        for (act, one) in SCENES.iter().zip(&played) {
             let Score { due_found, due, false_reports, direction_unknown_reports, .. } = one.score;
             let found = match direction_unknown_reports {
                 0 => format!("{due_found} of {due} found that came within 1 m"),
@@ -196,17 +196,17 @@ impl Demo {
     }
 
     /// Simulates and records the furnished room and shows its replay.
-    fn look(&self) -> Result<()> {
-        let folder = self.out.join(ACTS[0].folder);
+    fn show_room(&self) -> Result<()> {
+        let folder = self.out.join(SCENES[0].folder);
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         let file = folder.join("recording.mcap");
         let spinner = progress::spinner("simulating a furnished room");
-        self.record(&ACTS[0], &file)?;
+        self.record(&SCENES[0], &file)?;
         spinner.finish_and_clear();
-        Replay::to_look_at(file, self.view.clone()).run()
+        Replay::for_viewing(file, self.view.clone()).run()
     }
 
-    fn report(&self, played: &[Played], renderer: Option<&Renderer>) -> Report {
+    fn report(&self, played: &[SceneResult], renderer: Option<&Renderer>) -> Report {
         let head = ["scene", "came within 1 m", "found within 10 cm", "median error", "reported where nothing is"];
         let table = Table {
             head: head.map(String::from).to_vec(),
@@ -230,7 +230,7 @@ impl Demo {
         report
     }
 
-    fn play(&self, act: &Act, renderer: Option<&mut Renderer>, bar: &ProgressBar) -> Result<Played> {
+    fn run_scene(&self, act: &DemoScene, renderer: Option<&mut Renderer>, bar: &ProgressBar) -> Result<SceneResult> {
         let folder = self.out.join(act.folder);
         let file = folder.join("recording.mcap");
         std::fs::create_dir_all(&folder)?;
@@ -246,7 +246,7 @@ impl Demo {
         let score = score(&scene, &truth, &Limits::default());
         let mut section = Section::new(act.heading)
             .text(act.text)
-            .preformatted(described(&scene, &pipeline))
+            .preformatted(result_text(&scene, &pipeline))
             .preformatted(score.to_string());
         for figure in figures(act, &folder, &image, &scene, &truth, &pipeline)? {
             section = section.figure(figure);
@@ -264,10 +264,10 @@ impl Demo {
             score.median_error_m.map_or("–".into(), |m| format!("{:.1} cm", m * 100.0)),
             score.false_reports.to_string(),
         ];
-        Ok(Played { section: section.table(obstacle_table(&scene)), row, score })
+        Ok(SceneResult { section: section.table(obstacle_table(&scene)), row, score })
     }
 
-    fn record(&self, act: &Act, file: &Path) -> Result<()> {
+    fn record(&self, act: &DemoScene, file: &Path) -> Result<()> {
         let config = preset(act.preset).ok_or_else(|| anyhow!("preset {} is gone", act.preset))?;
         let mut scenario = Scenario::new(act.scene, act.motion, config, act.duration_s, self.seed);
         scenario.snr_db = act.snr_db;
@@ -301,7 +301,7 @@ fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, t
     if image == Image::Found {
         let walls = truth.walls.iter().flat_map(|w| [w.extent.min, w.extent.max]);
         let room = Aabb::around(walls).unwrap_or_else(|| cube_ahead(&Pose::IDENTITY));
-        return Ok(found_in(&room, &pipeline.scene()));
+        return Ok(volume_of_shapes(&room, &pipeline.scene()));
     }
     let (recording, frames, poses) = read_streams(file)?;
     let header = recording.header();
@@ -314,11 +314,11 @@ fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, t
     let region = cube_ahead(&observations.first().map_or(Pose::IDENTITY, |o| o.tracking_from_sensor));
     Ok(match image {
         Image::Ls(sweeps) => {
-            let (sweeps, grid) = (spread(&observations, sweeps), BrickGrid::covering(&region, VOXEL_M));
+            let (sweeps, grid) = (farthest_sweeps(&observations, sweeps), BrickGrid::covering(&region, VOXEL_M));
             let (stack, _) = SweepStack::of(Statistic::Ls, &settings.radar.beam, &sweeps, grid.middle_m());
             dense_volume(&stack, &grid).volume
         }
-        Image::Blocks | Image::Found => {
+        Image::Subaperture | Image::Found => {
             // The whole recording counts alike: what the picture shows has no now.
             let blocks = radar_sar::subaperture::SubapertureSettings { memory_s: 100.0, ..settings.rooms.blocks };
             subaperture_volume(&observations, &settings.radar.beam, &blocks, &region, VOXEL_M)
@@ -327,7 +327,7 @@ fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, t
 }
 
 /// The shapes of what was found.
-fn found_in(room: &Aabb, scene: &Scene) -> Volume {
+fn volume_of_shapes(room: &Aabb, scene: &Scene) -> Volume {
     let mut volume = Volume::covering(room, VOXEL_M);
     for (place, score) in scene.obstacles.iter().flat_map(|o| &o.shape).filter(|(place, _)| room.contains(*place)) {
         let voxel = ((*place - volume.origin_m) / volume.voxel_m).floor().to_array().map(|n| n.max(0.0) as usize);
@@ -339,14 +339,14 @@ fn found_in(room: &Aabb, scene: &Scene) -> Volume {
     volume
 }
 
-fn spread(observations: &[Observation], count: usize) -> Vec<Observation> {
+fn farthest_sweeps(observations: &[Observation], count: usize) -> Vec<Observation> {
     let positions: Vec<DVec3> = observations.iter().map(|o| o.tracking_from_sensor.translation).collect();
     farthest_points(&positions, count).into_iter().map(|n| observations[n].clone()).collect()
 }
 
 /// Cross-sections, point cloud and map, also as files of their own.
 fn figures(
-    act: &Act,
+    act: &DemoScene,
     folder: &Path,
     image: &Volume,
     scene: &Scene,
@@ -358,7 +358,7 @@ fn figures(
         // Range alone gives shells: what makes the place is that they all meet there.
         Image::Ls(_) => ("Σ|z|² above 70 % of its peak", 0.7 * image.peak().map_or(0.0, |peak| peak.1)),
         // Noise reaches scores of 2.
-        Image::Blocks => ("block score above 2", 2.0),
+        Image::Subaperture => ("block score above 2", 2.0),
         Image::Found => ("block score of what was found", 0.0),
     };
     image.values.iter_mut().for_each(|v| *v = (*v - floor).max(0.0));

@@ -5,18 +5,18 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
 
-use super::board::{BoardArguments, line_speed, preset_table, told_counters};
-use super::doctor_steamvr::tell_steamvr;
-use crate::live::{Losses, Received, SensorStream, StreamEvent, StreamOptions};
+use super::board::{BoardArguments, counter_lines, line_speed, preset_table};
+use super::doctor_steamvr::check_steamvr;
+use crate::live::{FrameLossCounter, Received, SensorStream, StreamEvent, StreamOptions};
 use a121::find::{Candidate, discover, list_ports};
 use a121::preset;
 use a121::remedy::{MODEM_MANAGER_REMEDY, modem_manager_runs, owning_group};
 use a121::{Address, Event, SensorInfo, Setup, SystemInfo};
 
 /// How long frames are measured.
-const MEASURED: Duration = Duration::from_secs(2);
+const MEASURING_TIME: Duration = Duration::from_secs(2);
 /// A board that is not streaming by then never will.
-const PATIENCE: Duration = Duration::from_secs(15);
+const MAX_START: Duration = Duration::from_secs(15);
 /// One result in a hundred may take so long to be handed over.
 const MAX_P99_S: f64 = 5e-3;
 
@@ -33,7 +33,7 @@ pub(super) struct Doctor {
 /// Tells each finding and counts those to be mended.
 #[derive(Default)]
 pub(super) struct Findings {
-    to_mend: u32,
+    to_fix: u32,
 }
 
 impl Findings {
@@ -45,41 +45,41 @@ impl Findings {
         outln!("warning  {what:<12} {text}")
     }
 
-    pub fn mend(&mut self, what: &str, text: &str) -> Result<()> {
-        self.to_mend += 1;
+    pub fn fix(&mut self, what: &str, text: &str) -> Result<()> {
+        self.to_fix += 1;
         outln!("mend     {what:<12} {text}")
     }
 }
 
 /// What the board told on the way to its first frames.
 #[derive(Default)]
-struct Heard {
+struct BoardReport {
     info: Option<SystemInfo>,
     sensors: Vec<SensorInfo>,
     frames: u64,
     first_frame: Option<Instant>,
-    losses: Losses,
+    losses: FrameLossCounter,
     trouble: Option<String>,
 }
 
 impl Doctor {
     pub fn run(&self) -> Result<()> {
         let mut findings = Findings::default();
-        self.look(&mut findings)?;
-        match findings.to_mend {
+        self.check(&mut findings)?;
+        match findings.to_fix {
             0 => Ok(()),
             1 => bail!("one thing must be mended"),
             count => bail!("{count} things must be mended"),
         }
     }
 
-    fn look(&self, findings: &mut Findings) -> Result<()> {
-        tell_steamvr(findings)?;
-        tell_ports(findings, self.board.names_port())?;
+    fn check(&self, findings: &mut Findings) -> Result<()> {
+        check_steamvr(findings)?;
+        check_ports(findings, self.board.names_port())?;
         let place = match self.board.choose() {
             Ok(place) => place,
             Err(error) => {
-                findings.mend("Board", &error.to_string())?;
+                findings.fix("Board", &error.to_string())?;
                 outln!(
                     "\nWithout a sensor: `radar-chaperone simulate furnished-room --serve tcp:127.0.0.1:6110` makes one,"
                 )?;
@@ -89,25 +89,25 @@ impl Doctor {
         };
         findings.ok("Board", &format!("{} on {}", place.board.name(), place.address))?;
         place.warnings.iter().try_for_each(|warning| findings.warn("Board", warning))?;
-        tell_access(findings, &place)?;
+        check_access(findings, &place)?;
         let name = place.board.default_preset();
         let config = preset(name).ok_or_else(|| anyhow!("preset \"{name}\" is not known"))?;
         let options = StreamOptions { baud: self.board.baud, ..Default::default() };
         let stream = match SensorStream::open(Setup::single(self.board.sensor, config), &place, &options) {
             Ok(stream) => stream,
-            Err(error) => return findings.mend("Opens", &error.to_string()),
+            Err(error) => return findings.fix("Opens", &error.to_string()),
         };
         let opened = if let Address::Tcp(_) = place.address { "connected" } else { "115200 baud, 8 bits, exclusive" };
         findings.ok("Opens", opened)?;
-        let heard = hear(&stream);
-        self.tell_board(findings, &place, &heard)?;
+        let heard = listen(&stream);
+        self.check_board(findings, &place, &heard)?;
         if let Some(trouble) = &heard.trouble {
-            return findings.mend(if heard.info.is_some() { "Sensor" } else { "Answers" }, trouble);
+            return findings.fix(if heard.info.is_some() { "Sensor" } else { "Answers" }, trouble);
         }
-        tell_stream(findings, stream, &heard, name)
+        check_stream(findings, stream, &heard, name)
     }
 
-    fn tell_board(&self, findings: &Findings, place: &Candidate, heard: &Heard) -> Result<()> {
+    fn check_board(&self, findings: &Findings, place: &Candidate, heard: &BoardReport) -> Result<()> {
         let Some(info) = &heard.info else { return Ok(()) };
         let board = info.hw.as_deref().unwrap_or(place.board.name());
         findings.ok("Answers", &format!("{board}, {} ticks a second", info.ticks_per_second))?;
@@ -128,7 +128,7 @@ impl Doctor {
 }
 
 /// Where a port is named nobody asks for others.
-fn tell_ports(findings: &Findings, is_named: bool) -> Result<()> {
+fn check_ports(findings: &Findings, is_named: bool) -> Result<()> {
     let ports = list_ports();
     let found = discover(&ports);
     if !is_named && ports.iter().all(|port| port.usb.is_none()) {
@@ -148,7 +148,7 @@ fn tell_ports(findings: &Findings, is_named: bool) -> Result<()> {
     Ok(())
 }
 
-fn tell_access(findings: &Findings, place: &Candidate) -> Result<()> {
+fn check_access(findings: &Findings, place: &Candidate) -> Result<()> {
     let Address::Serial { path, .. } = &place.address else { return Ok(()) };
     if let Some(group) = owning_group(path) {
         findings.ok("Access", &format!("{path} belongs to group {group}"))?;
@@ -160,11 +160,11 @@ fn tell_access(findings: &Findings, place: &Candidate) -> Result<()> {
 }
 
 /// Listens until enough was measured or something is wrong.
-fn hear(stream: &SensorStream) -> Heard {
-    let (start, mut heard) = (Instant::now(), Heard::default());
-    while heard.trouble.is_none() && heard.first_frame.is_none_or(|first| first.elapsed() < MEASURED) {
-        if heard.first_frame.is_none() && start.elapsed() > PATIENCE {
-            heard.trouble = Some(format!("no frame within {} s", PATIENCE.as_secs()));
+fn listen(stream: &SensorStream) -> BoardReport {
+    let (start, mut heard) = (Instant::now(), BoardReport::default());
+    while heard.trouble.is_none() && heard.first_frame.is_none_or(|first| first.elapsed() < MEASURING_TIME) {
+        if heard.first_frame.is_none() && start.elapsed() > MAX_START {
+            heard.trouble = Some(format!("no frame within {} s", MAX_START.as_secs()));
         }
         match stream.recv_timeout(Duration::from_millis(100)) {
             Received::Event(StreamEvent::Session(event)) => match event {
@@ -178,7 +178,7 @@ fn hear(stream: &SensorStream) -> Heard {
                 _ => {}
             },
             Received::Event(_) | Received::TimedOut => {}
-            Received::Over => {
+            Received::Closed => {
                 heard.trouble.get_or_insert_with(|| "the reader ended".to_owned());
             }
         }
@@ -186,9 +186,10 @@ fn hear(stream: &SensorStream) -> Heard {
     heard
 }
 
-fn tell_stream(findings: &mut Findings, stream: SensorStream, heard: &Heard, preset: &str) -> Result<()> {
+fn check_stream(findings: &mut Findings, stream: SensorStream, heard: &BoardReport, preset: &str) -> Result<()> {
     let counters = stream.finish();
-    let seconds = heard.first_frame.map_or(0.0, |first| first.elapsed().as_secs_f64()).min(MEASURED.as_secs_f64());
+    let seconds =
+        heard.first_frame.map_or(0.0, |first| first.elapsed().as_secs_f64()).min(MEASURING_TIME.as_secs_f64());
     let text = format!("preset {preset}: {} frames in {seconds:.1} s, {} lost", heard.frames, heard.losses.lost());
     match heard.losses.lost() {
         0 => findings.ok("Stream", &text)?,
@@ -197,5 +198,5 @@ fn tell_stream(findings: &mut Findings, stream: SensorStream, heard: &Heard, pre
     if counters.latency.p99_s > MAX_P99_S {
         findings.warn("Stream", "frames are handed over late: this computer is busy")?;
     }
-    told_counters(&counters, heard.losses.lost()).into_iter().try_for_each(|line| outln!("         {line}"))
+    counter_lines(&counters, heard.losses.lost()).into_iter().try_for_each(|line| outln!("         {line}"))
 }

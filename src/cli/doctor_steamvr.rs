@@ -7,24 +7,24 @@ use super::install::registration_trouble;
 use crate::openvr::{OpenVrError, Registration, Role, Runtime, RuntimePaths, Universe};
 
 /// Tells what stands between this program and SteamVR. A computer without SteamVR has nothing to mend: it records and replays.
-pub(super) fn tell_steamvr(findings: &mut Findings) -> Result<()> {
+pub(super) fn check_steamvr(findings: &mut Findings) -> Result<()> {
     let place = match RuntimePaths::find() {
         Ok(place) => place,
         Err(error @ OpenVrError::NotInstalled(_)) => {
             return findings.warn("SteamVR", &format!("{error}; for recording and replay it is not needed"));
         }
-        Err(error) => return findings.mend("SteamVR", &error.to_string()),
+        Err(error) => return findings.fix("SteamVR", &error.to_string()),
     };
     findings.ok("SteamVR", &format!("in {}", place.runtime.display()))?;
-    tell_registration(findings, &place)?;
+    check_registration(findings, &place)?;
     match Runtime::start(&place, Role::Background) {
-        Ok(runtime) => tell_running(findings, &runtime),
+        Ok(runtime) => check_running(findings, &runtime),
         Err(error @ OpenVrError::NotRunning) => findings.warn("Running", &error.to_string()),
-        Err(error) => findings.mend("Running", &error.to_string()),
+        Err(error) => findings.fix("Running", &error.to_string()),
     }
 }
 
-fn tell_registration(findings: &mut Findings, place: &RuntimePaths) -> Result<()> {
+fn check_registration(findings: &mut Findings, place: &RuntimePaths) -> Result<()> {
     let registration = match Runtime::start(place, Role::Utility) {
         Ok(runtime) => runtime.registration(),
         Err(error) => {
@@ -33,7 +33,7 @@ fn tell_registration(findings: &mut Findings, place: &RuntimePaths) -> Result<()
         }
     };
     match (&registration, registration_trouble(&registration)) {
-        (_, Some(trouble)) => findings.mend("Manifest", &trouble),
+        (_, Some(trouble)) => findings.fix("Manifest", &trouble),
         (Registration { is_registered: false, .. }, _) => {
             findings.warn("Manifest", "SteamVR does not know this program: `radar-chaperone install` has it started with the headset")
         }
@@ -46,7 +46,7 @@ fn tell_registration(findings: &mut Findings, place: &RuntimePaths) -> Result<()
     }
 }
 
-fn tell_running(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
+fn check_running(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
     findings.ok("Running", &format!("SteamVR {}", runtime.version()))?;
     let timing = runtime.display_timing();
     findings.ok("Headset", &format!("{}, {:.0} frames a second", runtime.headset_name(), timing.frame_hz))?;
@@ -61,14 +61,14 @@ fn tell_running(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
     }
     let hands = poses.hands.iter().filter(|hand| hand.valid_pose().is_some()).count();
     findings.ok("Controllers", &format!("{hands} tracked"))?;
-    tell_chaperone(findings, runtime)?;
+    check_chaperone(findings, runtime)?;
     match runtime.open_device() {
         Ok(device) => findings.ok("Graphics", &format!("{}, as SteamVR wants it", device.name)),
-        Err(error) => findings.mend("Graphics", &error.to_string()),
+        Err(error) => findings.fix("Graphics", &error.to_string()),
     }
 }
 
-fn tell_chaperone(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
+fn check_chaperone(findings: &mut Findings, runtime: &Runtime) -> Result<()> {
     let chaperone = runtime.chaperone();
     let area = match chaperone.play_area_m {
         Some([x, z]) => format!("play area {x:.1} by {z:.1} m"),

@@ -23,7 +23,7 @@ pub(super) struct SettingsArguments {
 
 impl SettingsArguments {
     /// The settings file's, else the recording's, with the changes laid over.
-    pub fn over(&self, recorded: &str) -> Result<Settings> {
+    pub fn over_recorded(&self, recorded: &str) -> Result<Settings> {
         let text = match &self.settings {
             Some(path) => {
                 std::fs::read_to_string(path).with_context(|| format!("cannot read settings {}", path.display()))?
@@ -97,12 +97,12 @@ pub(super) fn read_streams(path: &Path) -> Result<(Recording, Vec<Frame>, Vec<Po
             Event::Hands(_) => {}
         }
     }
-    tell_damage(&recording);
+    warn_of_damage(&recording);
     Ok((recording, frames, poses))
 }
 
 /// Refuses to write over a file that is read, by whatever name.
-pub(super) fn keep_inputs(out: &Path, inputs: &[&Path]) -> Result<()> {
+pub(super) fn refuse_overwriting(out: &Path, inputs: &[&Path]) -> Result<()> {
     let same = |input: &&&Path| matches!((out.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
     match inputs.iter().find(same) {
         Some(input) => {
@@ -113,7 +113,7 @@ pub(super) fn keep_inputs(out: &Path, inputs: &[&Path]) -> Result<()> {
 }
 
 /// Says what could not be read.
-pub(super) fn tell_damage(recording: &Recording) {
+pub(super) fn warn_of_damage(recording: &Recording) {
     if !recording.damage().is_none() {
         log::warn!("{} is damaged: {}. Everything readable was used.", recording.path().display(), recording.damage());
     }

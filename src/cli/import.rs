@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, anyhow};
 use clap::Args;
 
-use super::files::keep_inputs;
+use super::files::refuse_overwriting;
 use radar_recording::{ImportOptions, import_h5};
 use radar_sar::geometry::Pose;
 
@@ -33,7 +33,7 @@ pub(super) struct Import {
 impl Import {
     pub fn run(&self) -> Result<()> {
         let inputs: Vec<&Path> = std::iter::once(&self.frames).chain(&self.poses).map(PathBuf::as_path).collect();
-        keep_inputs(&self.out, &inputs)?;
+        refuse_overwriting(&self.out, &inputs)?;
         let mut options = ImportOptions::default();
         if let Some(mount) = &self.mount {
             options.head_from_sensor = parse_mount(mount)?;

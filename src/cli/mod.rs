@@ -33,10 +33,10 @@ mod recover;
 mod replay;
 mod results;
 mod run;
-mod run_feed;
 mod run_report;
 mod run_view;
 mod sensor;
+mod sensor_supervisor;
 #[cfg_attr(not(unix), path = "serve_elsewhere.rs")]
 mod serve;
 mod simulate;
@@ -92,7 +92,7 @@ fn check_run(arguments: &[String]) -> anyhow::Result<()> {
 }
 
 /// The error and its causes, each thing said once: many errors name their cause in their own words already.
-fn told(error: &anyhow::Error) -> String {
+fn error_text(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
         if !text.contains(cause.trim_end()) {
@@ -113,7 +113,7 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // Nobody may be reading; the exit code says it all the same.
-            let _ = writeln!(std::io::stderr(), "error: {}", told(&error));
+            let _ = writeln!(std::io::stderr(), "error: {}", error_text(&error));
             ExitCode::FAILURE
         }
     }

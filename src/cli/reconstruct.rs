@@ -6,7 +6,7 @@ use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value};
 
-use super::files::{SettingsArguments, keep_inputs, read_streams};
+use super::files::{SettingsArguments, read_streams, refuse_overwriting};
 use super::progress;
 use crate::report::{VolumeInfo, points_above, write_ply, write_volume};
 use crate::settings::Settings;
@@ -104,13 +104,13 @@ impl Reconstruct {
         let statistic: Statistic = self.statistic.parse()?;
         let selection: Selection = self.selection.parse()?;
         self.check_arguments()?;
-        keep_inputs(&self.out, &[&self.file])?;
+        refuse_overwriting(&self.out, &[&self.file])?;
         if let Some(cloud) = &self.cloud {
-            keep_inputs(cloud, &[&self.file])?;
+            refuse_overwriting(cloud, &[&self.file])?;
         }
         let (recording, frames, poses) = read_streams(&self.file)?;
         let header = recording.header();
-        let settings = self.settings.over(&header.settings)?;
+        let settings = self.settings.over_recorded(&header.settings)?;
         let observer = ObserverSettings {
             history: settings.tracking.history,
             head_from_sensor: settings.tracking.mount.unwrap_or(header.head_from_sensor),

@@ -8,9 +8,9 @@ use std::time::Duration;
 use anyhow::{Result, bail};
 use clap::Args;
 
-use super::files::keep_inputs;
+use super::files::refuse_overwriting;
 use super::record_file::{PoseSource, RecordFile};
-use super::sensor::{Intake, SensorArguments, Until};
+use super::sensor::{FrameIntake, SensorArguments, Until};
 use super::stop::stop_flag;
 use crate::live::HeadPoses;
 use crate::openvr::{Role, Runtime, RuntimePaths};
@@ -52,7 +52,7 @@ impl Record {
         self.check()?;
         self.sensor.mount()?;
         let sensor = self.sensor.choose()?;
-        sensor.tell()?;
+        sensor.print()?;
         let stop = stop_flag()?;
         let (sender, receiver) = std::sync::mpsc::sync_channel(MAX_WAITING_POSES);
         let runtime = self.headset();
@@ -79,7 +79,7 @@ impl Record {
             }
             let stream = sensor.open();
             let recorded = stream.and_then(|stream| {
-                let mut intake = Intake::new(&sensor, Some(RecordFile::new(&self.out, source)), &|_| {});
+                let mut intake = FrameIntake::new(&sensor, Some(RecordFile::new(&self.out, source)), &|_| {});
                 let done = intake.run(&stream, &stop, until, &String::new);
                 intake.end(stream, done)
             });
@@ -117,7 +117,7 @@ impl Record {
 /// Refuses to record over what is there, into a folder that is not, or over what is read.
 pub(super) fn check_new_file(out: &Path, inputs: &[&Option<PathBuf>]) -> Result<()> {
     let inputs: Vec<&Path> = inputs.iter().filter_map(|input| input.as_deref()).collect();
-    keep_inputs(out, &inputs)?;
+    refuse_overwriting(out, &inputs)?;
     if out.exists() {
         bail!("{} is there already: choose another name, or remove it", out.display());
     }

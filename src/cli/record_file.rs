@@ -7,20 +7,20 @@ use std::time::Duration;
 
 use anyhow::Result;
 
-use crate::live::{Merge, PoseTail, now_ns};
+use crate::live::{EventMerger, PoseTail, now_ns};
 use a121::SensorConfig;
 use a121::{SetupReply, SystemInfo};
 use radar_recording::{Event, Header, RecordingSummary, RecordingWriter, SensorMetadata};
 use radar_sar::geometry::Pose;
 
 /// Poses are written by a program of their own, in its own time: frames wait so long for them.
-const HOLD: Duration = Duration::from_millis(500);
+const POSE_WAIT: Duration = Duration::from_millis(500);
 /// Between two looks at the track.
-const TAIL_NS: i64 = 50_000_000;
+const TRACK_POLL_NS: i64 = 50_000_000;
 /// Between two times that all is handed to the system.
 const FLUSH_NS: i64 = 1_000_000_000;
 /// Poses farther from now than this are of another clock.
-const OTHER_CLOCK_NS: i64 = 10_000_000_000;
+const MAX_CLOCK_DIFFERENCE_NS: i64 = 10_000_000_000;
 
 /// Where poses come from.
 pub(super) enum PoseSource {
@@ -37,7 +37,7 @@ pub(super) struct RecordFile {
     path: PathBuf,
     writer: Option<RecordingWriter>,
     sensor: Option<SensorMetadata>,
-    merge: Merge,
+    merge: EventMerger,
     poses: Option<PoseTail>,
     live_poses: Option<Receiver<Event>>,
     flushed_ns: i64,
@@ -48,7 +48,7 @@ pub(super) struct RecordFile {
 impl RecordFile {
     pub fn new(path: &Path, poses: PoseSource) -> Self {
         let now_ns = now_ns();
-        let hold_ns = if let PoseSource::None = poses { 0 } else { HOLD.as_nanos() as i64 };
+        let hold_ns = if let PoseSource::None = poses { 0 } else { POSE_WAIT.as_nanos() as i64 };
         let (poses, live_poses) = match poses {
             PoseSource::None => (None, None),
             PoseSource::Track(path) => (Some(PoseTail::new(&path, now_ns)), None),
@@ -58,7 +58,7 @@ impl RecordFile {
             path: path.to_owned(),
             writer: None,
             sensor: None,
-            merge: Merge::new(hold_ns),
+            merge: EventMerger::new(hold_ns),
             poses,
             live_poses,
             flushed_ns: now_ns,
@@ -103,7 +103,7 @@ impl RecordFile {
     }
 
     /// Whether there is a file.
-    pub fn is_begun(&self) -> bool {
+    pub fn has_file(&self) -> bool {
         self.writer.is_some()
     }
 
@@ -115,13 +115,13 @@ impl RecordFile {
     pub fn write_due(&mut self) -> Result<()> {
         let now_ns = now_ns();
         self.take_live_poses();
-        if let Some(tail) = self.poses.as_mut().filter(|_| now_ns.saturating_sub(self.tailed_ns) >= TAIL_NS) {
+        if let Some(tail) = self.poses.as_mut().filter(|_| now_ns.saturating_sub(self.tailed_ns) >= TRACK_POLL_NS) {
             self.tailed_ns = now_ns;
             for pose in tail.read() {
                 self.merge.push(Event::Pose(pose));
             }
             let away_ns = tail.counters().newest_ns.map_or(0, |newest_ns| now_ns.saturating_sub(newest_ns));
-            if away_ns.saturating_abs() > OTHER_CLOCK_NS && !std::mem::replace(&mut self.has_warned, true) {
+            if away_ns.saturating_abs() > MAX_CLOCK_DIFFERENCE_NS && !std::mem::replace(&mut self.has_warned, true) {
                 log::warn!(
                     "the newest pose of the track is {:.1} s away from now: its times must be seconds of this computer's \
                      monotonic clock (CLOCK_MONOTONIC), now {:.3}",
@@ -148,11 +148,11 @@ impl RecordFile {
         if let Some(tail) = &mut self.poses {
             tail.read().into_iter().for_each(|pose| self.merge.push(Event::Pose(pose)));
         }
-        while let Some(event) = self.merge.take() {
+        while let Some(event) = self.merge.pop() {
             writer.write(&event)?;
         }
         let summary = writer.finish()?;
-        Ok(Some((summary, self.told_track())))
+        Ok(Some((summary, self.track_summary())))
     }
 
     fn take_live_poses(&mut self) {
@@ -161,13 +161,13 @@ impl RecordFile {
     }
 
     /// What the track was like.
-    fn told_track(&self) -> Option<String> {
+    fn track_summary(&self) -> Option<String> {
         let (tail, late) = (self.poses.as_ref()?, self.merge.late());
         let counters = tail.counters();
         Some(match tail.is_open() {
             true => format!(
                 "Track      {} poses, {} lines that are none, {} from before the recording, {late} events out of order",
-                counters.poses, counters.bad_lines, counters.before
+                counters.poses, counters.bad_lines, counters.before_start
             ),
             false => "Track      never was there".to_owned(),
         })

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args;
 
-use super::files::keep_inputs;
+use super::files::refuse_overwriting;
 use radar_recording::{Recording, RecordingWriter};
 
 /// Copies everything readable of a damaged recording into a new, sound one
@@ -20,7 +20,7 @@ pub(super) struct Recover {
 
 impl Recover {
     pub fn run(&self) -> Result<()> {
-        keep_inputs(&self.out, &[&self.file])?;
+        refuse_overwriting(&self.out, &[&self.file])?;
         let mut recording = Recording::open(&self.file)?;
         let mut writer = RecordingWriter::create(&self.out, recording.header())?;
         for event in &mut recording {

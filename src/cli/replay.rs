@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail};
 use clap::Args;
 
-use super::files::{SettingsArguments, keep_inputs, tell_damage};
+use super::files::{SettingsArguments, refuse_overwriting, warn_of_damage};
 use super::progress;
 use super::results::Results;
-use super::view::{Ended, ViewArguments};
+use super::view::{ReplayEnd, ViewArguments};
 use crate::report::{
     CloudPoint, Figure, Limits, Report, RoomMap, Section, StreamOffset, Table, room_map, score, write_cloud,
     write_obstacles_json, write_ply,
@@ -53,15 +53,15 @@ impl Replay {
             bail!("--speed {speed}: give a number above 0");
         }
         if let Some(results) = &self.results {
-            keep_inputs(results, &[&self.file])?;
+            refuse_overwriting(results, &[&self.file])?;
         }
         let summary = RecordingSummary::read(&self.file)?;
         let recording = Recording::open(&self.file)?;
-        let settings = self.settings.over(&recording.header().settings)?;
+        let settings = self.settings.over_recorded(&recording.header().settings)?;
         let header = recording.header().clone();
         let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings.mapping());
         if let Some(path) = &self.map {
-            restore(&mut pipeline, path, summary.frames.first_ns.unwrap_or(0))?;
+            restore_map(&mut pipeline, path, summary.frames.first_ns.unwrap_or(0))?;
         }
         let ended = if self.view.is_wanted() {
             let about = self.view.about(&summary, &settings, pipeline.engine().search());
@@ -70,8 +70,8 @@ impl Replay {
             self.work(recording, pipeline, &summary, &settings, None)?
         };
         match ended {
-            Ended::Done(pipeline, scene) => self.tell(&summary, &pipeline, &scene),
-            Ended::Left => Ok(outln!("The view was closed before the recording was worked off.")?),
+            ReplayEnd::Done(pipeline, scene) => self.report(&summary, &pipeline, &scene),
+            ReplayEnd::Closed => Ok(outln!("The view was closed before the recording was worked off.")?),
         }
     }
 
@@ -83,16 +83,16 @@ impl Replay {
         summary: &RecordingSummary,
         settings: &Settings,
         mut recorder: Option<Recorder>,
-    ) -> Result<Ended> {
+    ) -> Result<ReplayEnd> {
         let mut results = match &self.results {
             Some(path) => Some(Results::create(path, &summary.header, settings, pipeline.engine().search())?),
             None => None,
         };
         let events = summary.frames.count + summary.poses.count + summary.hands.count;
         if !self.feed(&mut recording, &mut pipeline, events, results.as_mut(), recorder.as_mut())? {
-            return Ok(Ended::Left);
+            return Ok(ReplayEnd::Closed);
         }
-        tell_damage(&recording);
+        warn_of_damage(&recording);
         let spinner = progress::spinner("looking for obstacles");
         pipeline.finish();
         let scene = pipeline.scene();
@@ -103,13 +103,13 @@ impl Replay {
             results.finish(&pipeline)?;
         }
         spinner.finish_and_clear();
-        Ok(Ended::Done(Box::new(pipeline), scene))
+        Ok(ReplayEnd::Done(Box::new(pipeline), scene))
     }
 
     /// Prints what was found and writes it where it was asked for.
-    fn tell(&self, summary: &RecordingSummary, pipeline: &Pipeline, scene: &Scene) -> Result<()> {
+    fn report(&self, summary: &RecordingSummary, pipeline: &Pipeline, scene: &Scene) -> Result<()> {
         let header = &summary.header;
-        outln!("{}", described(scene, pipeline).trim_end())?;
+        outln!("{}", result_text(scene, pipeline).trim_end())?;
         let scored = header.truth.as_ref().map(|truth| score(scene, truth, &Limits::default()));
         if let Some(score) = &scored {
             outln!("\nAgainst the truth in the recording:\n{score}")?;
@@ -178,7 +178,7 @@ impl Replay {
             let frame_ns = is_frame.then_some(time_ns);
             feed(pipeline, event);
             if let Some(results) = results.as_mut() {
-                results.note(pipeline, time_ns)?;
+                results.update(pipeline, time_ns)?;
             }
             if let Some(recorder) = recorder.as_mut() {
                 recorder.record(pipeline, frame_ns);
@@ -190,13 +190,13 @@ impl Replay {
     }
 
     /// A replay of a file as it is, to be looked at.
-    pub(super) fn to_look_at(file: PathBuf, view: ViewArguments) -> Self {
+    pub(super) fn for_viewing(file: PathBuf, view: ViewArguments) -> Self {
         Self { file, out: None, results: None, map: None, speed: None, settings: SettingsArguments::default(), view }
     }
 }
 
 /// A kept map into the pipeline, as if it had been written when the recording begins: no result depends on when it is replayed.
-fn restore(pipeline: &mut Pipeline, path: &Path, begin_ns: i64) -> Result<()> {
+fn restore_map(pipeline: &mut Pipeline, path: &Path, begin_ns: i64) -> Result<()> {
     let MapFile { map, standing_from_raw, .. } = MapFile::read(path)?;
     Ok(pipeline.restore(&map.moved(&standing_from_raw).later_by_ns(begin_ns))?)
 }
@@ -240,7 +240,7 @@ fn write_clouds(folder: &Path, scene: &Scene) -> Result<()> {
 }
 
 /// What a person reads after a replay.
-pub(super) fn described(scene: &Scene, pipeline: &Pipeline) -> String {
+pub(super) fn result_text(scene: &Scene, pipeline: &Pipeline) -> String {
     use std::fmt::Write;
     let streams = pipeline.counters().streams;
     let mut text = format!(

@@ -6,7 +6,7 @@ use anyhow::Result;
 
 use crate::settings::Settings;
 use crate::view::RecordingInfo;
-use radar_mapping::{Counters, Pipeline, Search};
+use radar_mapping::{Counters, MapperKind, Pipeline};
 use radar_recording::{BeamCone, Event, Header, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
 
 /// The recording again, with the pipeline's looks in it.
@@ -18,7 +18,7 @@ pub(super) struct Results {
 }
 
 impl Results {
-    pub fn create(path: &Path, header: &Header, settings: &Settings, search: Search) -> Result<Self> {
+    pub fn create(path: &Path, header: &Header, settings: &Settings, search: MapperKind) -> Result<Self> {
         let about = RecordingInfo::new(header, settings, search, 0.0);
         let beam = BeamCone { cut_off_rad: about.beam_rad, ranges_m: about.ranges_m };
         // The beam hangs on the mount that the settings say.
@@ -32,11 +32,11 @@ impl Results {
     }
 
     /// The pipeline took an event of that time.
-    pub fn note(&mut self, pipeline: &Pipeline, time_ns: i64) -> Result<()> {
+    pub fn update(&mut self, pipeline: &Pipeline, time_ns: i64) -> Result<()> {
         self.newest_ns = Some(time_ns);
         // Searching for single reflectors is one piece of work for the whole recording: its scene comes at the end.
         let looks = pipeline.counters().engine.rooms.looks;
-        if pipeline.engine().search() == Search::Rooms && looks != self.looks {
+        if pipeline.engine().search() == MapperKind::Rooms && looks != self.looks {
             self.looks = looks;
             self.snapshot(pipeline, time_ns)?;
         }
@@ -55,7 +55,7 @@ impl Results {
             evidence_ns: pipeline.engine().evidence_ns(),
             time_offset_s: pipeline.time_offset_s(),
             estimate: estimate.map(|e| OffsetEstimate { offset_s: e.offset_s, sigma_s: e.sigma_s }),
-            counted: counted(&pipeline.counters()),
+            counted: results_counters(&pipeline.counters()),
         };
         Ok(self.writer.write_snapshot(&snapshot)?)
     }
@@ -69,7 +69,7 @@ impl Results {
     }
 }
 
-fn counted(counters: &Counters) -> ResultsCounters {
+fn results_counters(counters: &Counters) -> ResultsCounters {
     let Counters { streams, engine, .. } = counters;
     ResultsCounters {
         frames: streams.frames,

@@ -13,25 +13,25 @@ use super::files::{SettingsArguments, user_folder};
 use super::install::registration_trouble;
 use super::instance::Instance;
 use super::record::check_new_file;
-use super::run_feed::{Feed, FeedPlan};
-use super::run_report::{RunReport, tell};
+use super::run_report::{RunReport, print_report};
 use super::run_view;
 use super::sensor::SensorArguments;
+use super::sensor_supervisor::{SensorSupervisor, SupervisorPlan};
 use super::stop::stop_flag;
-use crate::live::{Drawn, Ending, FrameLoop, HeadsetError, HeadsetReport, KeptMaps, SettingsDesk};
+use crate::live::{Ending, FrameLoop, HeadsetError, HeadsetReport, MapStore, RetainedGraphics, SettingsStore};
 use crate::openvr::{Chaperone, OpenVrError, Role, Runtime, RuntimePaths};
 use crate::settings::Settings;
 use crate::view::Recorder;
 use radar_recording::MapFolder;
 
 /// Between two looks for SteamVR.
-const LOOK_AGAIN: Duration = Duration::from_secs(1);
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 /// How soon being asked to stop is noticed meanwhile.
-const NOTICE: Duration = Duration::from_millis(50);
+const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// A board that does not stop in this time is left as it is, when nothing is recorded.
-const PATIENCE: Duration = Duration::from_millis(600);
+const MAX_STOP: Duration = Duration::from_millis(600);
 /// What is on its way into a recording is waited for.
-const RECORDING_PATIENCE: Duration = Duration::from_secs(40);
+const MAX_RECORDING_STOP: Duration = Duration::from_secs(40);
 
 /// Runs beside SteamVR and warns of obstacles in the headset
 ///
@@ -76,11 +76,11 @@ impl Run {
 
     /// Whether mount and settings can be used.
     pub(super) fn check(&self) -> Result<()> {
-        self.settings.check_live(&self.over()?)
+        self.settings.check_live(&self.overrides()?)
     }
 
     /// What the command line says, over the file: the mount too, where it is given.
-    fn over(&self) -> Result<Vec<String>> {
+    fn overrides(&self) -> Result<Vec<String>> {
         let mount = self.sensor.given_mount()?.map(|mount| {
             let [translation, rotation] = [mount.translation.to_array().to_vec(), mount.rotation.to_array().to_vec()];
             format!("tracking.mount={{ translation = {translation:?}, rotation = {rotation:?} }}")
@@ -91,10 +91,10 @@ impl Run {
     /// Session after session, until there is an end.
     fn sessions(&self, stop: &AtomicBool, view: Option<&Recorder>) -> Result<()> {
         let folder = user_folder("XDG_DATA_HOME", ".local/share").map(|folder| MapFolder::new(folder.join("maps")));
-        let maps = folder.map(|folder| KeptMaps::new(folder, self.forget));
+        let maps = folder.map(|folder| MapStore::new(folder, self.forget));
         loop {
             let Some(runtime) = self.connect(stop)? else { return Ok(()) };
-            let ending = self.beside(runtime, stop, view, maps.as_ref())?;
+            let ending = self.run_session(runtime, stop, view, maps.as_ref())?;
             // A recording is of one session.
             let is_again = self.wait && self.record.is_none() && ending != Ending::Asked;
             match ending {
@@ -114,7 +114,7 @@ impl Run {
             let there = Runtime::start(&place, Role::Background).map(drop);
             match there.and_then(|()| Runtime::start(&place, Role::Overlay)) {
                 Ok(runtime) => return Ok(Some(runtime)),
-                Err(error) if !(self.wait && may_pass(&error)) => return Err(error.into()),
+                Err(error) if !(self.wait && is_transient(&error)) => return Err(error.into()),
                 Err(error) if told.as_ref() != Some(&error) => {
                     outln!("Waiting for SteamVR: {error}")?;
                     told = Some(error);
@@ -122,101 +122,106 @@ impl Run {
                 Err(_) => {}
             }
             let mut waited = Duration::ZERO;
-            while waited < LOOK_AGAIN && !stop.load(Ordering::Relaxed) {
-                std::thread::sleep(NOTICE);
-                waited += NOTICE;
+            while waited < RETRY_INTERVAL && !stop.load(Ordering::Relaxed) {
+                std::thread::sleep(STOP_POLL_INTERVAL);
+                waited += STOP_POLL_INTERVAL;
             }
         }
         Ok(None)
     }
 
     /// One session, from beginning to end. The order of the end: overlays, session, graphics, sensor.
-    fn beside(
+    fn run_session(
         &self,
         runtime: Runtime,
         stop: &AtomicBool,
         view: Option<&Recorder>,
-        maps: Option<&KeptMaps>,
+        maps: Option<&MapStore>,
     ) -> Result<Ending> {
         outln!("SteamVR {}, {}", runtime.version(), runtime.headset_name())?;
         check_registration(&runtime);
         let runtime = Arc::new(runtime);
         let compose = |text: &str, changes: &[String]| compose(&runtime.chaperone(), text, changes);
-        let (desk, work) =
-            SettingsDesk::new(self.settings.live_file(), &self.over()?, &compose).map_err(|why| anyhow!(why))?;
-        if desk.newest().tracking.mount.is_none() {
+        let (store, work) =
+            SettingsStore::new(self.settings.live_file(), &self.overrides()?, &compose).map_err(|why| anyhow!(why))?;
+        if store.newest().tracking.mount.is_none() {
             log::warn!(
                 "no mount is given: the sensor is taken to sit at the head's origin, between the eyes, and obstacles stand off by as much as it \
                  sits elsewhere. Give --mount x,y,z, or tracking.mount in the settings"
             );
         }
-        let plan = FeedPlan::new(&self.sensor, self.record.clone());
-        let (feed, is_over) = Feed::start(plan, &desk.newest())?;
-        let on_new = |before: &Settings, new: &Settings| take_up(&feed, before, new);
+        let plan = SupervisorPlan::new(&self.sensor, self.record.clone());
+        let (supervisor, is_over) = SensorSupervisor::start(plan, &store.newest())?;
+        let on_new = |before: &Settings, new: &Settings| apply_settings(&supervisor, before, new);
         let no_more = AtomicBool::new(false);
         let done = std::thread::scope(|scope| {
-            let _end = EndWhenDropped(&desk, &no_more);
-            let (desk, feed, is_over) = (&desk, &feed, &no_more);
-            scope.spawn(move || work.run(desk, &compose, &on_new));
+            let _end = EndGuard(&store, &no_more);
+            let (store, supervisor, is_over) = (&store, &supervisor, &no_more);
+            scope.spawn(move || work.run(store, &compose, &on_new));
             if let Some(view) = view {
-                scope.spawn(move || run_view::watch(view, feed, desk, is_over));
+                scope.spawn(move || run_view::update_view(view, supervisor, store, is_over));
             }
-            self.draw(&runtime, feed, desk, stop, maps)
+            self.draw(&runtime, supervisor, store, stop, maps)
         });
-        feed.stop.store(true, Ordering::Relaxed);
+        supervisor.stop.store(true, Ordering::Relaxed);
         // The session ends before what it may still copy from is let go.
         drop(runtime);
         let (report, drawn) = done?;
         drop(drawn);
-        self.end(&feed, &is_over, report)
+        self.end(&supervisor, &is_over, report)
     }
 
     fn draw(
         &self,
         runtime: &Arc<Runtime>,
-        feed: &Feed,
-        settings: &SettingsDesk,
+        supervisor: &SensorSupervisor,
+        settings: &SettingsStore,
         stop: &AtomicBool,
-        maps: Option<&KeptMaps>,
-    ) -> Result<(HeadsetReport, Drawn), HeadsetError> {
+        maps: Option<&MapStore>,
+    ) -> Result<(HeadsetReport, RetainedGraphics), HeadsetError> {
         let with = FrameLoop {
             runtime,
-            reconstruction: &|| feed.reconstruction(),
-            sensor_period_ns: &|| feed.sensor_period_ns(),
-            sensor: &|| feed.sensor_count(),
-            pose_sink: &|sample| feed.push_pose(sample),
-            hand_sink: &|hands| feed.push_hands(hands),
+            reconstruction: &|| supervisor.reconstruction(),
+            sensor_period_ns: &|| supervisor.sensor_period_ns(),
+            sensor: &|| supervisor.sensor_count(),
+            pose_sink: &|sample| supervisor.push_pose(sample),
+            hand_sink: &|hands| supervisor.push_hands(hands),
             maps,
             settings,
             stop,
-            status: &feed.status,
+            status: &supervisor.status,
         };
         with.run()
     }
 
     /// The sensor's end, and what is told.
-    fn end(&self, feed: &Feed, is_over: &Receiver<Result<()>>, done: HeadsetReport) -> Result<Ending> {
-        let patience = if self.record.is_some() { RECORDING_PATIENCE } else { PATIENCE };
-        let fed = match is_over.recv_timeout(patience) {
-            Ok(fed) => fed,
+    fn end(
+        &self,
+        supervisor: &SensorSupervisor,
+        is_over: &Receiver<Result<()>>,
+        done: HeadsetReport,
+    ) -> Result<Ending> {
+        let patience = if self.record.is_some() { MAX_RECORDING_STOP } else { MAX_STOP };
+        let supervised = match is_over.recv_timeout(patience) {
+            Ok(supervised) => supervised,
             Err(_) => {
                 log::warn!("the sensor does not stop: it is left as it is");
                 Ok(())
             }
         };
-        let report = RunReport::new(&done, feed.reconstruction());
-        tell(&report)?;
+        let report = RunReport::new(&done, supervisor.reconstruction());
+        print_report(&report)?;
         if let Some(path) = &self.report {
             report.write(path)?;
         }
-        fed.map(|()| done.ending)
+        supervised.map(|()| done.ending)
     }
 }
 
 /// Ends the threads beside, however the session ends.
-struct EndWhenDropped<'d>(&'d SettingsDesk, &'d AtomicBool);
+struct EndGuard<'d>(&'d SettingsStore, &'d AtomicBool);
 
-impl Drop for EndWhenDropped<'_> {
+impl Drop for EndGuard<'_> {
     fn drop(&mut self) {
         self.0.end();
         self.1.store(true, Ordering::Relaxed);
@@ -227,20 +232,22 @@ impl Drop for EndWhenDropped<'_> {
 fn compose(chaperone: &Chaperone, text: &str, changes: &[String]) -> Result<Settings, String> {
     let own = Settings::from_toml(text, changes).map_err(|error| error.to_string())?;
     match own.headset.follow_chaperone {
-        true => Settings::from_layers(below(chaperone, &own), text, changes).map_err(|error| error.to_string()),
+        true => {
+            Settings::from_layers(chaperone_settings(chaperone, &own), text, changes).map_err(|error| error.to_string())
+        }
         false => Ok(own),
     }
 }
 
 /// Has changed settings taken up by what does not ask for them frame by frame.
-fn take_up(feed: &Feed, before: &Settings, new: &Settings) {
+fn apply_settings(supervisor: &SensorSupervisor, before: &Settings, new: &Settings) {
     let searched = |settings: &Settings| {
         let Settings { radar, tracking, processing, rooms, reflectors, .. } = settings.clone();
         Settings { radar, tracking, processing, rooms, reflectors, ..Settings::default() }
     };
     if searched(before) != searched(new) {
         log::info!("other settings for the search: it begins anew, with what was kept of the room as remembered");
-        feed.renew(new);
+        supervisor.restart_with(new);
     }
     let fixed = |settings: &Settings| (settings.headset.poses_hz, settings.headset.threads);
     if fixed(before) != fixed(new) {
@@ -252,22 +259,22 @@ fn take_up(feed: &Feed, before: &Settings, new: &Settings) {
 const CHAPERONE_FADE_M: f64 = 0.7;
 /// A chaperone that is drawn late does not make a warning of obstacles begin later than this, metres: who walks at 1.2 m/s has
 /// passed half of it before a foot is down again.
-const LEAST_FADE_M: f64 = 1.2;
+const MIN_FADE_M: f64 = 1.2;
 /// Nor earlier than this: it is as far as the map goes, metres.
-const MOST_FADE_M: f64 = 3.0;
+const MAX_FADE_M: f64 = 3.0;
 
 /// SteamVR's chaperone as settings. Its fade distance counts from bounds, which are drawn inside of the furniture, a warning's from the
 /// furniture itself: so it scales ours, by how much the user has changed it, and never below what is safe.
-fn below(chaperone: &Chaperone, own: &Settings) -> toml::Table {
+fn chaperone_settings(chaperone: &Chaperone, own: &Settings) -> toml::Table {
     let mut warning = toml::Table::new();
     if let Some(color) = chaperone.color {
         warning.insert("color".into(), color.map(i64::from).to_vec().into());
     }
     if let Some(fade_m) = chaperone.fade_distance_m {
-        let least_m = own.warning.fade_distance_m.min(LEAST_FADE_M);
+        let least_m = own.warning.fade_distance_m.min(MIN_FADE_M);
         let fade_m = (own.warning.fade_distance_m * fade_m / CHAPERONE_FADE_M)
             .max(least_m)
-            .min(MOST_FADE_M.max(own.warning.fade_distance_m));
+            .min(MAX_FADE_M.max(own.warning.fade_distance_m));
         warning.insert("fade_distance_m".into(), fade_m.into());
         warning.insert("full_distance_m".into(), own.warning.full_distance_m.min(fade_m / 2.0).into());
     }
@@ -278,7 +285,7 @@ fn below(chaperone: &Chaperone, own: &Settings) -> toml::Table {
 }
 
 /// Whether waiting may help.
-fn may_pass(error: &OpenVrError) -> bool {
+fn is_transient(error: &OpenVrError) -> bool {
     matches!(error, OpenVrError::NotRunning | OpenVrError::NoHeadset | OpenVrError::Refused { .. })
 }
 
@@ -301,12 +308,12 @@ mod tests {
 
     fn fade_m(chaperone_m: Option<f64>, own: &Settings) -> Option<f64> {
         let chaperone = Chaperone { fade_distance_m: chaperone_m, ..Default::default() };
-        let table = below(&chaperone, own);
+        let table = chaperone_settings(&chaperone, own);
         table["warning"].get("fade_distance_m").and_then(toml::Value::as_float)
     }
 
     #[test]
-    fn the_chaperones_fade_distance_scales_ours_and_shortens_it_to_no_danger() {
+    fn chaperone_fade_distance_scales_ours_within_limits() {
         let own = Settings::default();
         assert_eq!(fade_m(None, &own), None);
         assert!((fade_m(Some(0.7), &own).unwrap() - 1.5).abs() < 1e-9, "SteamVR's default changes nothing");

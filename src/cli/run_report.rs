@@ -34,7 +34,7 @@ impl RunReport {
         let HeadsetStatus { frames, .. } = self.headset;
         let reconstruction = self.reconstruction.map(|counters| {
             json!({
-                "worked_off": latency(&counters.worked_off),
+                "worked_off": latency(&counters.processed),
                 "evidence_age": latency(&counters.evidence_age),
                 "step": latency(&counters.step),
                 "cpu_s": counters.cpu_s,
@@ -49,8 +49,8 @@ impl RunReport {
         let report = json!({
             "ending": format!("{:?}", self.ending),
             "frames": frames.frames,
-            "frames_missed_by_us": frames.missed_by_us,
-            "frames_missed_for_a_core": frames.missed_for_a_core,
+            "frames_missed_by_us": frames.missed_by_loop,
+            "frames_missed_for_a_core": frames.missed_waiting_for_core,
             "frames_missed_elsewhere": frames.missed_elsewhere,
             "frame_cpu": latency(&frames.cpu),
             "frame_wall": latency(&frames.wall),
@@ -82,14 +82,14 @@ fn latency(report: &LatencyReport) -> Value {
 }
 
 /// Says it.
-pub(super) fn tell(report: &RunReport) -> Result<()> {
+pub(super) fn print_report(report: &RunReport) -> Result<()> {
     let HeadsetStatus { frames, pictures, recentred, forgotten, devices_lost, refused, .. } = report.headset;
     let ms = |seconds: f64| seconds * 1e3;
     outln!(
         "Frames    {} seen, {} missed by this program, {} for want of a free core, {} elsewhere; {:.2} ms of processor each (one in a thousand {:.2}, longest {:.2})",
         frames.frames,
-        frames.missed_by_us,
-        frames.missed_for_a_core,
+        frames.missed_by_loop,
+        frames.missed_waiting_for_core,
         frames.missed_elsewhere,
         ms(frames.cpu.median_s),
         ms(frames.cpu.p999_s),

@@ -6,19 +6,19 @@ use std::time::Duration;
 
 use anyhow::{Result, anyhow};
 
-use super::run_feed::Feed;
-use crate::live::{Published, Reconstruction, SettingsDesk};
+use super::sensor_supervisor::SensorSupervisor;
+use crate::live::{PublishedMap, Reconstruction, SettingsStore};
 use crate::settings::Settings;
 use crate::view;
 use crate::view::{Health, Recorder, RecordingInfo, VOXELS, ViewError};
 use a121::preset;
-use radar_mapping::Search;
+use radar_mapping::MapperKind;
 use radar_recording::Header;
 use radar_sar::TimeOffset;
 use radar_sar::geometry::Pose;
 
 /// How often the head is noted.
-const TURN: Duration = Duration::from_millis(33);
+const UPDATE_INTERVAL: Duration = Duration::from_millis(33);
 /// What is shown before there is a sensor, and the preset that it is as if it had.
 const NO_SENSOR: &str = "waiting for the sensor";
 const PRESET: &str = "d16";
@@ -28,7 +28,7 @@ const PRESET: &str = "d16";
 pub(super) fn show(stop: &AtomicBool, work: impl FnOnce(Recorder) -> Result<()> + Send) -> Result<()> {
     let config = preset(PRESET).ok_or_else(|| anyhow!("there is no preset {PRESET}"))?;
     let header = Header::new(NO_SENSOR, config, Pose::IDENTITY);
-    let about = RecordingInfo::live(&header, &Settings::default(), Search::Rooms);
+    let about = RecordingInfo::live(&header, &Settings::default(), MapperKind::Rooms);
     let shown = view::show_with_cancel(about, work, || stop.store(true, Ordering::Relaxed));
     shown.map_err(|error| match error {
         ViewError::NoDesktop(cause) => {
@@ -39,49 +39,51 @@ pub(super) fn show(stop: &AtomicBool, work: impl FnOnce(Recorder) -> Result<()> 
 }
 
 /// Notes what a session sees, until it is over or nobody looks.
-pub(super) fn watch(view: &Recorder, feed: &Feed, desk: &SettingsDesk, is_over: &AtomicBool) {
-    let mut watcher = Watcher { view, feed, desk, version: 0, noted: None };
+pub(super) fn update_view(view: &Recorder, supervisor: &SensorSupervisor, store: &SettingsStore, is_over: &AtomicBool) {
+    let mut updater = ViewUpdater { view, supervisor, store, version: 0, shown: None };
     while !is_over.load(Ordering::Relaxed) && !view.is_closed() {
-        watcher.turn();
-        std::thread::sleep(TURN);
+        updater.update();
+        std::thread::sleep(UPDATE_INTERVAL);
     }
-    if let Some(reconstruction) = feed.reconstruction() {
-        reconstruction.watch_evidence(0);
+    if let Some(reconstruction) = supervisor.reconstruction() {
+        reconstruction.request_evidence(0);
     }
 }
 
-struct Watcher<'w> {
+struct ViewUpdater<'w> {
     view: &'w Recorder,
-    feed: &'w Feed,
-    desk: &'w SettingsDesk,
+    supervisor: &'w SensorSupervisor,
+    store: &'w SettingsStore,
     /// Of the settings that the view knows.
     version: u64,
-    noted: Option<Arc<Published>>,
+    shown: Option<Arc<PublishedMap>>,
 }
 
-impl Watcher<'_> {
-    fn turn(&mut self) {
-        let (Some(header), Some(reconstruction)) = (self.feed.sensor(), self.feed.reconstruction()) else { return };
+impl ViewUpdater<'_> {
+    fn update(&mut self) {
+        let (Some(header), Some(reconstruction)) = (self.supervisor.sensor(), self.supervisor.reconstruction()) else {
+            return;
+        };
         let search = reconstruction.counters().pipeline.engine.search;
-        if let Some(settings) = self.desk.newer_than(&mut self.version) {
+        if let Some(settings) = self.store.newer_than(&mut self.version) {
             self.view.record_info(RecordingInfo::live(header, &settings, search));
-            reconstruction.watch_evidence(VOXELS);
+            reconstruction.request_evidence(VOXELS);
         }
-        let (pose, frame_ns) = self.feed.newest();
+        let (pose, frame_ns) = self.supervisor.newest();
         let head = pose.and_then(|pose| Some((pose.time_ns, pose.tracking_from_head().ok()?)));
         let Some((now_ns, head)) = head else { return };
         self.view.record_head(now_ns, head, frame_ns);
         let published = reconstruction.latest();
-        let is_new = !self.noted.as_ref().is_some_and(|noted| Arc::ptr_eq(&noted.scene, &published.scene));
+        let is_new = !self.shown.as_ref().is_some_and(|shown| Arc::ptr_eq(&shown.scene, &published.scene));
         if is_new {
             let (health, evidence) = (health(&published, reconstruction), reconstruction.take_evidence());
             self.view.record_update(now_ns, (*published.scene).clone(), health, evidence);
-            self.noted = Some(published);
+            self.shown = Some(published);
         }
     }
 }
 
-fn health(published: &Published, reconstruction: &Reconstruction) -> Health {
+fn health(published: &PublishedMap, reconstruction: &Reconstruction) -> Health {
     let counters = reconstruction.counters().pipeline;
     let tracks = counters.time_offset;
     let estimate = published.time_offset_sigma_s.map(|sigma_s| TimeOffset {

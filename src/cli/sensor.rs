@@ -8,21 +8,21 @@ use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use indicatif::ProgressBar;
 
-use super::board::{BoardArguments, config_table, line_speed, told_counters, verdict};
+use super::board::{BoardArguments, config_table, counter_lines, line_speed, verdict};
 use super::import::parse_mount;
 use super::progress;
 use super::record_file::RecordFile;
 use super::simulate::read_config;
-use crate::live::{Losses, Received, SensorStream, StreamEvent, StreamOptions};
+use crate::live::{FrameLossCounter, Received, SensorStream, StreamEvent, StreamOptions};
 use a121::find::Candidate;
 use a121::{Calibration, Event, LogLine, Setup, SystemInfo};
 use a121::{Frame, LinkRequirement, PRESETS, SensorConfig, preset};
 use radar_sar::geometry::Pose;
 
 /// A board that sends no frame by then never will.
-const PATIENCE: Duration = Duration::from_secs(30);
+const MAX_START: Duration = Duration::from_secs(30);
 /// How often the track is looked at and what is due is written.
-const TURN: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Longest file of calibrations.
 const MAX_CALIBRATION_BYTES: u64 = 1 << 20;
 
@@ -106,7 +106,7 @@ impl ChosenSensor {
     }
 
     /// Says which board it is, what is measured, and what looks wrong.
-    pub fn tell(&self) -> Result<()> {
+    pub fn print(&self) -> Result<()> {
         outln!("{}", self.place())?;
         let line = line_speed(&self.place, self.baud, None);
         outln!("{}", config_table(&self.name, self.config()?, line).trim_end())?;
@@ -122,16 +122,16 @@ impl ChosenSensor {
 }
 
 /// A stream that is taken up: frames handed on and recorded, what goes wrong told.
-pub(super) struct Intake<'a> {
+pub(super) struct FrameIntake<'a> {
     sensor: &'a ChosenSensor,
     file: Option<RecordFile>,
     /// Every frame goes there too.
     on_frame: &'a dyn Fn(&Frame),
     /// Follows whether the board is there.
-    is_there: Option<&'a AtomicBool>,
+    is_connected: Option<&'a AtomicBool>,
     info: Option<SystemInfo>,
     frames: u64,
-    losses: Losses,
+    losses: FrameLossCounter,
     first_frame: Option<Instant>,
     progress: ProgressBar,
 }
@@ -145,18 +145,18 @@ pub(super) enum Until {
     Stopped,
 }
 
-impl<'a> Intake<'a> {
+impl<'a> FrameIntake<'a> {
     pub fn new(sensor: &'a ChosenSensor, file: Option<RecordFile>, on_frame: &'a dyn Fn(&Frame)) -> Self {
         let progress = progress::spinner("waiting for the board");
-        let losses = Losses::default();
-        let is_there = None;
-        Self { sensor, file, on_frame, is_there, info: None, frames: 0, losses, first_frame: None, progress }
+        let losses = FrameLossCounter::default();
+        let is_connected = None;
+        Self { sensor, file, on_frame, is_connected, info: None, frames: 0, losses, first_frame: None, progress }
     }
 
     /// Whether the board is there is told here from now on: a stream outlives a plug that is pulled.
-    pub fn telling(self, is_there: &'a AtomicBool) -> Self {
-        is_there.store(true, Ordering::Relaxed);
-        Self { is_there: Some(is_there), ..self }
+    pub fn with_presence(self, is_connected: &'a AtomicBool) -> Self {
+        is_connected.store(true, Ordering::Relaxed);
+        Self { is_connected: Some(is_connected), ..self }
     }
 
     /// Takes the stream until it is over or asked to stop. `tell` adds to the line of progress.
@@ -169,19 +169,19 @@ impl<'a> Intake<'a> {
     ) -> Result<()> {
         let (start, mut told) = (Instant::now(), Instant::now());
         while !stop.load(Ordering::Relaxed) {
-            match stream.recv_timeout(TURN) {
+            match stream.recv_timeout(POLL_INTERVAL) {
                 Received::Event(event) => self.take(event)?,
                 Received::TimedOut => {}
-                Received::Over => return Ok(()),
+                Received::Closed => return Ok(()),
             }
             self.file.as_mut().map_or(Ok(()), RecordFile::write_due)?;
             if told.elapsed() >= Duration::from_secs(1) {
                 told = Instant::now();
-                self.tell_progress(stream, &tell());
+                self.show_progress(stream, &tell());
             }
             match (self.first_frame, until) {
-                (None, Until::Recorded(_)) if start.elapsed() > PATIENCE => {
-                    bail!("no frame within {} s: `radar-chaperone doctor` looks for the reason", PATIENCE.as_secs())
+                (None, Until::Recorded(_)) if start.elapsed() > MAX_START => {
+                    bail!("no frame within {} s: `radar-chaperone doctor` looks for the reason", MAX_START.as_secs())
                 }
                 (Some(first), Until::Recorded(Some(duration))) if first.elapsed() >= duration => return Ok(()),
                 _ => {}
@@ -204,7 +204,7 @@ impl<'a> Intake<'a> {
                 }
             }
             StreamEvent::Session(Event::Connected(info, _)) => {
-                self.tell_link(&info)?;
+                self.print_link(&info)?;
                 self.info = Some(info);
             }
             StreamEvent::Session(Event::SetUp(reply)) => {
@@ -219,20 +219,20 @@ impl<'a> Intake<'a> {
                     write_calibrations(path, &reply.calibrations)?;
                 }
             }
-            StreamEvent::Session(Event::Streaming) => self.losses.begin(),
+            StreamEvent::Session(Event::Streaming) => self.losses.restart(),
             StreamEvent::Session(Event::Failed(error)) => bail!(error),
             StreamEvent::Session(Event::Trouble(error)) => self.warn(&error.to_string()),
             StreamEvent::Session(Event::Recalibrating) => {
                 self.warn("the sensor asks for calibration, its temperature has changed: it is set up anew");
             }
-            StreamEvent::Session(Event::Log(line)) => self.tell_log(&line),
+            StreamEvent::Session(Event::Log(line)) => self.log_board_line(&line),
             StreamEvent::Session(Event::Stopped) => {}
             StreamEvent::Reopened(address) => {
-                self.tell_there(true);
+                self.set_connected(true);
                 self.warn(&format!("the board is back on {address}"));
             }
             StreamEvent::Waiting(reason) => {
-                self.tell_there(false);
+                self.set_connected(false);
                 self.warn(&format!("still waiting for the board: {reason}"));
             }
         }
@@ -240,7 +240,7 @@ impl<'a> Intake<'a> {
     }
 
     /// The board has told its speed: says so where it was not known, or does not carry the configuration.
-    fn tell_link(&self, info: &SystemInfo) -> Result<()> {
+    fn print_link(&self, info: &SystemInfo) -> Result<()> {
         if self.info.is_some() {
             return Ok(());
         }
@@ -256,9 +256,9 @@ impl<'a> Intake<'a> {
         Ok(())
     }
 
-    fn tell_there(&self, is_there: bool) {
-        if let Some(told) = self.is_there {
-            told.store(is_there, Ordering::Relaxed);
+    fn set_connected(&self, is_connected: bool) {
+        if let Some(told) = self.is_connected {
+            told.store(is_connected, Ordering::Relaxed);
         }
     }
 
@@ -266,13 +266,13 @@ impl<'a> Intake<'a> {
         self.progress.suspend(|| log::warn!("{text}"));
     }
 
-    fn tell_log(&self, line: &LogLine) {
+    fn log_board_line(&self, line: &LogLine) {
         let is_grave = ["error", "warning", "ERROR", "WARNING"].contains(&line.level.as_str());
         let level = if is_grave { log::Level::Warn } else { log::Level::Debug };
         self.progress.suspend(|| log::log!(level, "the board says ({}): {}", line.module, line.text));
     }
 
-    fn tell_progress(&self, stream: &SensorStream, more: &str) {
+    fn show_progress(&self, stream: &SensorStream, more: &str) {
         let Some(first) = self.first_frame else { return };
         let counters = stream.counters();
         let clock = counters.clock.unwrap_or_default();
@@ -291,19 +291,19 @@ impl<'a> Intake<'a> {
     pub fn end(mut self, stream: SensorStream, done: Result<()>) -> Result<()> {
         stream.stop();
         let mut done = done;
-        while let Received::Event(event) = stream.recv_timeout(PATIENCE) {
+        while let Received::Event(event) = stream.recv_timeout(MAX_START) {
             // The first fault is the one to tell.
             let taken = self.take(event);
             done = done.and(taken);
         }
         let counters = stream.finish();
         self.progress.finish_and_clear();
-        let told = told_counters(&counters, self.losses.lost());
+        let told = counter_lines(&counters, self.losses.lost());
         let Some(file) = self.file.take() else {
             told.into_iter().try_for_each(|line| outln!("{line}"))?;
             return done;
         };
-        let (is_begun, out) = (file.is_begun(), file.path().to_owned());
+        let (has_file, out) = (file.has_file(), file.path().to_owned());
         match file.finish() {
             Ok(Some((summary, track))) => {
                 outln!("{summary}")?;
@@ -315,7 +315,7 @@ impl<'a> Intake<'a> {
             Ok(None) => {}
             Err(error) => done = done.and(Err(error)),
         }
-        done.with_context(|| match is_begun {
+        done.with_context(|| match has_file {
             true => format!("the recording ended early; what was recorded is in {}", out.display()),
             false => "nothing was recorded".to_owned(),
         })

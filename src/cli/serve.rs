@@ -19,9 +19,9 @@ use radar_simulation::{LiveScenario, Scenario};
 /// Length of the way that the head goes there and back, seconds.
 const PATH_S: f64 = 3600.0;
 /// Longest that is served, seconds: a year.
-const LONGEST_S: f64 = 3.2e7;
+const MAX_DURATION_S: f64 = 3.2e7;
 /// Longest time that the motion may be asked to wait, seconds.
-const LONGEST_START_S: f64 = 3600.0;
+const MAX_START_DELAY_S: f64 = 3600.0;
 
 /// Serving in place of recording.
 #[derive(Debug, Args)]
@@ -53,12 +53,12 @@ pub(super) struct Serve {
 }
 
 impl Serve {
-    pub fn is_asked(&self) -> bool {
+    pub fn is_requested(&self) -> bool {
         self.serve.is_some()
     }
 
     /// Refuses what makes no sense without a place to serve at.
-    pub fn refuse_alone(&self) -> Result<()> {
+    pub fn require_serve(&self) -> Result<()> {
         let given = [
             ("--board", self.board.is_some()),
             ("--faults", self.faults.is_some()),
@@ -75,11 +75,11 @@ impl Serve {
 
     /// Serves until Ctrl-C, or for a time; `scenario.duration_s` is taken from there.
     pub fn run(&self, mut scenario: Scenario, duration_s: Option<f64>) -> Result<()> {
-        if let Some(seconds) = duration_s.filter(|s| !(0.1..=LONGEST_S).contains(s)) {
-            bail!("a duration of {seconds} s cannot be served: give 0.1 to {LONGEST_S} s, or leave it out");
+        if let Some(seconds) = duration_s.filter(|s| !(0.1..=MAX_DURATION_S).contains(s)) {
+            bail!("a duration of {seconds} s cannot be served: give 0.1 to {MAX_DURATION_S} s, or leave it out");
         }
-        if let Some(seconds) = self.start_in_s.filter(|s| !(0.0..=LONGEST_START_S).contains(s)) {
-            bail!("--start-in-s {seconds}: give 0 to {LONGEST_START_S}");
+        if let Some(seconds) = self.start_in_s.filter(|s| !(0.0..=MAX_START_DELAY_S).contains(s)) {
+            bail!("--start-in-s {seconds}: give 0 to {MAX_START_DELAY_S}");
         }
         if self.track_out.is_some() && duration_s.is_none_or(|s| s > PATH_S) {
             bail!("--track-out writes the whole track beforehand: give --duration-s, at most {PATH_S} s");
@@ -107,7 +107,7 @@ impl Serve {
         let device = Device::new(board, Box::new(source), plan, scenario.seed, monotonic_ns());
         let mut server = Server::open(place.clone(), device)?;
         let mut track = self.poses_out.as_deref().map(Track::create).transpose()?;
-        self.say_how(&place, &scenario, board, origin_ns)?;
+        self.print_usage(&place, &scenario, board, origin_ns)?;
         let end_ns = duration_s.map_or(i64::MAX, |seconds| origin_ns + (seconds * 1e9) as i64);
         let mut poses = poses;
         while monotonic_ns() < end_ns && !stopped.load(Ordering::Relaxed) {
@@ -117,10 +117,10 @@ impl Serve {
             };
             server.step(next_pose_ns.min(end_ns))?;
         }
-        outln!("{}", counted(&server.device().counters(), server.clients(), track.as_ref().map(|t| t.poses)))
+        outln!("{}", counters_text(&server.device().counters(), server.clients(), track.as_ref().map(|t| t.poses)))
     }
 
-    fn say_how(&self, place: &ServeAddress, scenario: &Scenario, board: Board, origin_ns: i64) -> Result<()> {
+    fn print_usage(&self, place: &ServeAddress, scenario: &Scenario, board: Board, origin_ns: i64) -> Result<()> {
         let port = place.port();
         outln!(
             "{}, {}, seed {}, as a board {}, at {port}",
@@ -141,7 +141,7 @@ impl Serve {
     }
 }
 
-fn counted(counters: &DeviceCounters, clients: u64, poses: Option<u64>) -> String {
+fn counters_text(counters: &DeviceCounters, clients: u64, poses: Option<u64>) -> String {
     let DeviceCounters { results, delayed, lost, bytes, commands, faults } = counters;
     let faults: Vec<String> = faults.iter().map(|(fault, count)| format!("{} {count}", fault.name())).collect();
     let faults = if faults.is_empty() { "none".to_owned() } else { faults.join(", ") };

@@ -14,11 +14,11 @@ pub(super) struct Serve {
 }
 
 impl Serve {
-    pub fn is_asked(&self) -> bool {
+    pub fn is_requested(&self) -> bool {
         self.serve.is_some()
     }
 
-    pub fn refuse_alone(&self) -> Result<()> {
+    pub fn require_serve(&self) -> Result<()> {
         Ok(())
     }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 
-use super::files::keep_inputs;
+use super::files::refuse_overwriting;
 use super::import::parse_mount;
 use super::progress;
 use super::serve::Serve;
@@ -73,15 +73,15 @@ pub(super) struct Simulate {
 
 impl Simulate {
     pub fn run(&self) -> Result<()> {
-        let Some(out) = self.out.as_ref().filter(|_| !self.live.is_asked()) else {
+        let Some(out) = self.out.as_ref().filter(|_| !self.live.is_requested()) else {
             if self.room == PLAY_ROOM {
                 bail!("{PLAY_ROOM} is recorded alone: give --out FILE.mcap, or another room to serve");
             }
             return self.live.run(self.scenario()?, self.duration_s);
         };
-        self.live.refuse_alone()?;
+        self.live.require_serve()?;
         if let Some(config) = &self.config {
-            keep_inputs(out, &[config])?;
+            refuse_overwriting(out, &[config])?;
         }
         let spinner = progress::spinner("simulating");
         let summary = if self.room == PLAY_ROOM {

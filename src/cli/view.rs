@@ -9,7 +9,7 @@ use crate::settings::Settings;
 use crate::view;
 use crate::view::{Recorder, RecordingInfo};
 use radar_mapping::Scene;
-use radar_mapping::{Pipeline, Search};
+use radar_mapping::{MapperKind, Pipeline};
 use radar_recording::{RecordingSummary, StreamSummary};
 
 /// How the recording is looked at.
@@ -24,11 +24,11 @@ pub(super) struct ViewArguments {
 }
 
 /// How a replay ended.
-pub(super) enum Ended {
+pub(super) enum ReplayEnd {
     /// With everything worked off: the pipeline, and the last scene.
     Done(Box<Pipeline>, Scene),
     /// Nobody looked any more.
-    Left,
+    Closed,
 }
 
 impl ViewArguments {
@@ -38,7 +38,7 @@ impl ViewArguments {
     }
 
     /// What the view has to know.
-    pub fn about(&self, summary: &RecordingSummary, settings: &Settings, search: Search) -> RecordingInfo {
+    pub fn about(&self, summary: &RecordingSummary, settings: &Settings, search: MapperKind) -> RecordingInfo {
         RecordingInfo::new(&summary.header, settings, search, expected_s(summary))
     }
 
@@ -67,7 +67,7 @@ mod tests {
     use radar_sar::geometry::Pose;
 
     #[test]
-    fn one_wrong_stamp_does_not_make_it_years_long() {
+    fn wrong_timestamp_does_not_extend_the_duration() {
         let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);
         let mut summary = RecordingSummary::new(header);
         let pose = |time_ns| PoseSample::valid(time_ns, &Pose::IDENTITY);

@@ -42,7 +42,7 @@ mod tests {
     use crate::live::{now_ns, thread_cpu_ns};
 
     #[test]
-    fn a_thread_that_rests_waits_for_no_core_and_one_of_many_does() {
+    fn core_wait_counts_contention_and_not_sleep() {
         let wait = CoreWait::of_this_thread();
         if wait.schedstat.is_none() {
             println!("skipped: this system does not count it");

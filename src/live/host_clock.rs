@@ -48,7 +48,7 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn it_is_the_clock_that_the_system_tells_others() {
+    fn now_ns_is_the_system_monotonic_clock() {
         // Seconds since the start of the system without what it slept: never more than the time it was up.
         let text = std::fs::read_to_string("/proc/uptime").unwrap();
         let up_s: f64 = text.split(' ').next().unwrap().parse().unwrap();

@@ -21,7 +21,7 @@ pub struct PoseTailCounters {
     /// Lines that are no pose.
     pub bad_lines: u64,
     /// Poses from before the recording.
-    pub before: u64,
+    pub before_start: u64,
     /// Times that the file was begun anew.
     pub restarts: u64,
     /// Time of the newest pose, host nanoseconds.
@@ -112,7 +112,7 @@ impl PoseTail {
             Some(Ok(Some(pose))) => {
                 self.counters.newest_ns = Some(pose.time_ns);
                 let is_before = pose.time_ns < self.start_ns;
-                let counter = if is_before { &mut self.counters.before } else { &mut self.counters.poses };
+                let counter = if is_before { &mut self.counters.before_start } else { &mut self.counters.poses };
                 *counter += 1;
                 poses.extend((!is_before).then_some(pose));
             }
@@ -143,14 +143,14 @@ mod tests {
         write(&"x".repeat(3 * MAX_TRACK_LINE_BYTES));
         write("\n4 0 0 0 0 0 0 1\n");
         assert_eq!(times(tail.read()), [3500, 4000]);
-        assert_eq!((tail.counters().bad_lines, tail.counters().before, tail.counters().poses), (2, 1, 3));
+        assert_eq!((tail.counters().bad_lines, tail.counters().before_start, tail.counters().poses), (2, 1, 3));
         std::fs::write(&path, "5 0 0 0 0 0 0 1\n").unwrap();
         assert_eq!((times(tail.read()), tail.counters().restarts), (vec![5000], 1));
         std::fs::remove_file(&path).unwrap();
     }
 
     #[test]
-    fn a_growing_csv_is_read_by_its_names_and_anew_by_new_ones() {
+    fn growing_csv_is_read_by_column_names() {
         let path = std::env::temp_dir().join(format!("radar-chaperone-tail-{}.csv", std::process::id()));
         let mut tail = PoseTail::new(&path, 0);
         std::fs::write(&path, "time_s,x,y,z,qx,qy,qz,qw\n1,0.5,0,0,0,0,0,1\n2,0,0\n3,1,0,0,0,0,0,1\n").unwrap();
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_file_is_waited_for() {
+    fn missing_file_is_waited_for() {
         let mut tail = PoseTail::new(&std::env::temp_dir(), 0);
         assert!(tail.read().is_empty() && !tail.is_open());
     }

@@ -21,7 +21,7 @@ mod tests {
     use rustix::process::getpriority_process;
 
     #[test]
-    fn one_thread_is_lowered_and_no_other() {
+    fn only_the_calling_thread_is_lowered() {
         let before = getpriority_process(None).unwrap();
         let lowered = std::thread::spawn(|| {
             lower_priority_of_this_thread(3);

@@ -15,15 +15,15 @@ use a121::find::{Candidate, find_replugged, list_ports};
 use a121::{Action, Address, ClockReport, Event, Line, PortError, Session, SessionCounters, SessionError, Setup};
 
 /// Longest wait for bytes: how soon being asked to stop is noticed.
-const LONGEST_WAIT_NS: i64 = 20_000_000;
+const MAX_WAIT_NS: i64 = 20_000_000;
 /// Between tries to open a lost line.
 const RETRY_NS: i64 = 500_000_000;
 /// A line that is lost for longer is told of, with the reason.
-const TELL_AFTER_NS: i64 = 2_000_000_000;
+const REPORT_AFTER_NS: i64 = 2_000_000_000;
 /// A board that has not stopped by then is left as it is.
-const STOP_NS: i64 = 5_000_000_000;
+const MAX_STOP_NS: i64 = 5_000_000_000;
 /// Counters are renewed this often.
-const PUBLISH_NS: i64 = 100_000_000;
+const COUNTERS_INTERVAL_NS: i64 = 100_000_000;
 /// Lines of the board's log, and other events, that wait for a slow reader.
 const MAX_LOGS: usize = 256;
 const MAX_OTHERS: usize = 1024;
@@ -179,9 +179,9 @@ impl Drop for SensorStream {
 }
 
 /// Tells the receiver that nothing comes any more, however the thread ends.
-struct EndOfQueue(Arc<Shared>);
+struct QueueCloser(Arc<Shared>);
 
-impl Drop for EndOfQueue {
+impl Drop for QueueCloser {
     fn drop(&mut self) {
         self.0.queue.end();
     }
@@ -207,15 +207,15 @@ struct Reader {
 
 impl Reader {
     fn run(mut self) {
-        let _end = EndOfQueue(Arc::clone(&self.shared));
+        let _end = QueueCloser(Arc::clone(&self.shared));
         while !self.is_over() {
-            self.heed_stop();
+            self.apply_stop();
             match self.line.is_some() {
                 true => self.serve(),
                 false => self.reopen_when_due(),
             }
-            self.hand_over();
-            self.publish(PUBLISH_NS);
+            self.forward_events();
+            self.publish(COUNTERS_INTERVAL_NS);
         }
         self.line = None;
         self.publish(0);
@@ -225,11 +225,11 @@ impl Reader {
         self.session.is_over() || self.stop_by_ns.is_some_and(|by_ns| now_ns() >= by_ns)
     }
 
-    fn heed_stop(&mut self) {
+    fn apply_stop(&mut self) {
         if self.stop_by_ns.is_none() && self.shared.stop.load(Ordering::Relaxed) {
             let now_ns = now_ns();
             self.session.stop(now_ns);
-            self.stop_by_ns = Some(now_ns.saturating_add(STOP_NS));
+            self.stop_by_ns = Some(now_ns.saturating_add(MAX_STOP_NS));
         }
     }
 
@@ -242,10 +242,10 @@ impl Reader {
                 return;
             }
             if let Err(error) = line.perform(&action) {
-                return self.lose(&error);
+                return self.close_lost_line(&error);
             }
         }
-        let wait_ns = self.session.next_deadline_ns().saturating_sub(now_ns()).clamp(0, LONGEST_WAIT_NS);
+        let wait_ns = self.session.next_deadline_ns().saturating_sub(now_ns()).clamp(0, MAX_WAIT_NS);
         // What came is read before the session judges how late it is.
         match line.read(&mut self.buffer, Duration::from_nanos(wait_ns as u64)) {
             Ok(0) => {}
@@ -253,12 +253,12 @@ impl Reader {
                 self.last_read_ns = now_ns();
                 self.session.receive(&self.buffer[..count], self.last_read_ns);
             }
-            Err(error) => return self.lose(&error),
+            Err(error) => return self.close_lost_line(&error),
         }
         self.session.poll(now_ns());
     }
 
-    fn lose(&mut self, error: &PortError) {
+    fn close_lost_line(&mut self, error: &PortError) {
         let reason = match error {
             PortError::Gone { reason, .. } => reason.clone(),
             other => other.to_string(),
@@ -272,7 +272,7 @@ impl Reader {
     fn reopen_when_due(&mut self) {
         let now_ns = now_ns();
         if now_ns < self.next_try_ns {
-            let wait_ns = (self.next_try_ns - now_ns).min(LONGEST_WAIT_NS);
+            let wait_ns = (self.next_try_ns - now_ns).min(MAX_WAIT_NS);
             return sleep(Duration::from_nanos(wait_ns as u64));
         }
         match self.address_now().and_then(|address| Line::open(&address)) {
@@ -285,7 +285,7 @@ impl Reader {
             Err(error) => {
                 self.next_try_ns = now_ns.saturating_add(RETRY_NS);
                 // A board that was just plugged in may not be ours to open for a moment.
-                if self.lost_ns.is_some_and(|lost_ns| now_ns.saturating_sub(lost_ns) > TELL_AFTER_NS) {
+                if self.lost_ns.is_some_and(|lost_ns| now_ns.saturating_sub(lost_ns) > REPORT_AFTER_NS) {
                     self.lost_ns = None;
                     self.shared.queue.push(OTHERS, StreamEvent::Waiting(error.to_string()));
                 }
@@ -307,15 +307,15 @@ impl Reader {
         Ok(self.place.address.clone())
     }
 
-    fn hand_over(&mut self) {
+    fn forward_events(&mut self) {
         while let Some(event) = self.session.next_event() {
-            let shelf = match event {
+            let channel = match event {
                 Event::Frames(_) => FRAMES,
                 Event::Log(_) => LOGS,
                 _ => OTHERS,
             };
-            self.shared.queue.push(shelf, StreamEvent::Session(event));
-            if shelf == FRAMES {
+            self.shared.queue.push(channel, StreamEvent::Session(event));
+            if channel == FRAMES {
                 self.latency.push(now_ns().saturating_sub(self.last_read_ns));
             }
         }

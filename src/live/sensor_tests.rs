@@ -9,7 +9,7 @@ use a121::SensorFrame;
 use a121::find::{Board, choose};
 
 /// Nothing takes so long.
-const HANG: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 fn open(address: &str, options: &StreamOptions) -> SensorStream {
     SensorStream::open(setup(), &choose(Some(address), &[]).unwrap(), options).unwrap()
@@ -22,7 +22,7 @@ fn link(name: &str) -> PathBuf {
 /// Events until one is what is looked for.
 fn until<T>(stream: &SensorStream, mut wanted: impl FnMut(StreamEvent) -> Option<T>) -> T {
     let start = Instant::now();
-    while start.elapsed() < HANG {
+    while start.elapsed() < TIMEOUT {
         match stream.recv_timeout(Duration::from_millis(200)) {
             Received::Event(event) => {
                 if let Some(found) = wanted(event) {
@@ -30,7 +30,7 @@ fn until<T>(stream: &SensorStream, mut wanted: impl FnMut(StreamEvent) -> Option
                 }
             }
             Received::TimedOut => {}
-            Received::Over => panic!("over too early: {:?}", stream.counters()),
+            Received::Closed => panic!("over too early: {:?}", stream.counters()),
         }
     }
     panic!("it never came: {:?}", stream.counters());
@@ -63,8 +63,8 @@ fn frames_arrive_in_order_with_their_times() {
     assert!(frames.iter().all(|f| f.frame.samples.len() == SAMPLES && f.sensor_id == 1));
     stream.stop();
     let start = Instant::now();
-    while stream.recv_timeout(Duration::from_millis(50)) != Received::Over {
-        assert!(start.elapsed() < HANG, "stopping hangs");
+    while stream.recv_timeout(Duration::from_millis(50)) != Received::Closed {
+        assert!(start.elapsed() < TIMEOUT, "stopping hangs");
     }
     let counters = stream.finish();
     assert!(counters.session.results >= 100 && counters.session.stream.skipped_bytes == 0, "{counters:?}");
@@ -74,7 +74,7 @@ fn frames_arrive_in_order_with_their_times() {
 }
 
 #[test]
-fn a_socket_that_closes_is_opened_again_and_frames_come_back() {
+fn closed_socket_is_reopened_and_streams_again() {
     let (board, address) = TestBoard::on_tcp();
     let stream = open(&format!("tcp:{address}"), &StreamOptions::default());
     next_frame(&stream);
@@ -89,7 +89,7 @@ fn a_socket_that_closes_is_opened_again_and_frames_come_back() {
 }
 
 #[test]
-fn a_terminal_that_is_pulled_and_plugged_in_again_streams_on() {
+fn replugged_terminal_streams_again() {
     let link = link("replug");
     let board = TestBoard::on_terminal(&link);
     let stream = open(link.to_str().unwrap(), &StreamOptions::default());
@@ -107,12 +107,12 @@ fn a_terminal_that_is_pulled_and_plugged_in_again_streams_on() {
 }
 
 #[test]
-fn a_slow_reader_gets_the_newest_frames_and_the_rest_is_counted() {
+fn slow_reader_gets_newest_frames_and_drops_are_counted() {
     let (_board, address) = TestBoard::on_tcp();
     let stream = open(&format!("tcp:{address}"), &StreamOptions { max_results: 10, baud: None });
     let start = Instant::now();
     while stream.counters().dropped.frames < 50 {
-        assert!(start.elapsed() < HANG, "{:?}", stream.counters());
+        assert!(start.elapsed() < TIMEOUT, "{:?}", stream.counters());
         std::thread::sleep(Duration::from_millis(20));
     }
     // What happened before them is still told.
@@ -124,24 +124,24 @@ fn a_slow_reader_gets_the_newest_frames_and_the_rest_is_counted() {
 }
 
 #[test]
-fn stopping_takes_no_longer_than_it_may() {
+fn stopping_is_bounded_in_time() {
     // A board that accepts and says nothing.
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let stream = open(&format!("tcp:{}", listener.local_addr().unwrap()), &StreamOptions::default());
     let start = Instant::now();
     stream.finish();
-    assert!(start.elapsed() < HANG);
+    assert!(start.elapsed() < TIMEOUT);
     // A board that is gone while its frames are awaited.
     let (board, address) = TestBoard::on_tcp();
     let stream = open(&format!("tcp:{address}"), &StreamOptions::default());
     next_frame(&stream);
     drop(board);
     stream.finish();
-    assert!(start.elapsed() < HANG);
+    assert!(start.elapsed() < TIMEOUT);
 }
 
 #[test]
-fn what_cannot_begin_says_so_at_once() {
+fn open_errors_are_immediate() {
     let place = choose(Some("/dev/ttyNONE7"), &[]).unwrap();
     assert_eq!(place.board, Board::Unknown);
     let error = SensorStream::open(setup(), &place, &StreamOptions::default()).err().unwrap();

@@ -50,7 +50,7 @@ const HALF_BRIGHTNESS_M: f64 = 1.0;
 pub struct StereoScene<'a> {
     /// Panels and footprints, as [`super::Renderer::quads`] gives them.
     pub quads: &'a [Quad],
-    /// Shapes of the obstacles, as [`crate::warning::Watch::shapes`] gives them.
+    /// Shapes of the obstacles, as [`crate::warning::WarningTracker::shapes`] gives them.
     pub shapes: &'a [Shape],
     /// Colour of the shapes: sRGB red, green, blue.
     pub color: [u8; 3],

@@ -279,7 +279,7 @@ mod tests {
     use a121::preset;
     use egui::{Context, Event, Key, Modifiers, Pos2, RawInput, Rect, vec2};
     use glam::DVec3;
-    use radar_mapping::Search;
+    use radar_mapping::MapperKind;
     use radar_recording::Header;
     use radar_sar::geometry::Pose;
 
@@ -292,7 +292,7 @@ mod tests {
             inside.push_frame(tick * 10_000_000);
         }
         history.lock().complete();
-        App::new(RecordingInfo::new(&header, &Settings::default(), Search::Rooms, 1.0), history)
+        App::new(RecordingInfo::new(&header, &Settings::default(), MapperKind::Rooms, 1.0), history)
     }
 
     fn pass(context: &Context, app: &mut App, time_s: f64, events: Vec<Event>) -> Duration {

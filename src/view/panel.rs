@@ -6,7 +6,7 @@ use super::history::{Health, Moment};
 use super::layers::Layers;
 use super::recording_info::RecordingInfo;
 use super::style;
-use radar_mapping::Search;
+use radar_mapping::MapperKind;
 use radar_mapping::{Observed, Obstacle};
 
 /// All of it, in one column.
@@ -70,7 +70,7 @@ fn rows(about: &RecordingInfo, health: &Health, time_s: f64) -> Vec<Row> {
         ),
         ("Time offset", offset(health), true),
     ];
-    if about.search == Search::Rooms {
+    if about.search == MapperKind::Rooms {
         rows.push(("Looks", health.counters.engine.rooms.looks.to_string(), true));
     }
     rows
@@ -215,7 +215,7 @@ mod tests {
     #[test]
     fn unhealthy_values_are_flagged() {
         let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);
-        let about = RecordingInfo::new(&header, &Settings::default(), Search::Rooms, 1.0);
+        let about = RecordingInfo::new(&header, &Settings::default(), MapperKind::Rooms, 1.0);
         let pipeline = Pipeline::new(&header.config, &Pose::IDENTITY, &MappingSettings::default());
         let mut counters = pipeline.counters();
         counters.streams.observations = (about.sweeps_per_s * 2.0) as u64 * about.subsweeps as u64;

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use super::history::{Health, History, VOXELS};
 use super::recording_info::RecordingInfo;
 use radar_mapping::{Evidence, Scene};
-use radar_mapping::{Pipeline, Search};
+use radar_mapping::{MapperKind, Pipeline};
 use radar_sar::geometry::Pose;
 
 /// Where there is no look of its own, the first is taken after so long, and the next when the recording is so much longer:
@@ -90,8 +90,8 @@ impl Recorder {
             }
         }
         let is_new = match pipeline.engine().search() {
-            Search::Rooms => pipeline.engine().counters().rooms.looks != self.updates,
-            Search::Reflectors => self.is_due(now_ns),
+            MapperKind::Rooms => pipeline.engine().counters().rooms.looks != self.updates,
+            MapperKind::Reflectors => self.is_due(now_ns),
         };
         if is_new {
             self.record_now(pipeline, now_ns);

@@ -5,7 +5,7 @@ use glam::DVec3;
 use crate::settings::Settings;
 use crate::warning::WarningSettings;
 use a121::{SensorConfig, frame_timing};
-use radar_mapping::Search;
+use radar_mapping::MapperKind;
 use radar_recording::Header;
 use radar_sar::RangeAxis;
 use radar_sar::geometry::{Aabb, Pose};
@@ -31,7 +31,7 @@ pub struct RecordingInfo {
     /// Sweeps a second that the sensor makes at most.
     pub sweeps_per_s: f64,
     /// How it is searched.
-    pub search: Search,
+    pub search: MapperKind,
     /// Score from which on a sighting counts.
     pub confirm_score: f64,
     /// What is really there, where it is known.
@@ -42,16 +42,16 @@ pub struct RecordingInfo {
 
 impl RecordingInfo {
     /// Of a recording and the settings that it is worked off with.
-    pub fn new(header: &Header, settings: &Settings, search: Search, expected_s: f64) -> Self {
+    pub fn new(header: &Header, settings: &Settings, search: MapperKind, expected_s: f64) -> Self {
         let (beam, blocks) = (&settings.radar.beam, &settings.rooms.blocks);
         let sensor_m = ranges_m(&header.config);
         let (min_cos, ranges_m) = match search {
-            Search::Rooms => {
+            MapperKind::Rooms => {
                 let ranges_m = [sensor_m[0].max(blocks.min_range_m), sensor_m[1].min(blocks.max_range_m)];
                 (blocks.min_cos(beam), ranges_m)
             }
             // Sums have no cut-off but the beam's own; its half amplitude is what one imagines.
-            Search::Reflectors => (beam.cut_off_cos(0.5), sensor_m),
+            MapperKind::Reflectors => (beam.cut_off_cos(0.5), sensor_m),
         };
         Self {
             title: header.source.clone(),
@@ -70,23 +70,23 @@ impl RecordingInfo {
     }
 
     /// Of what comes in as it happens.
-    pub fn live(header: &Header, settings: &Settings, search: Search) -> Self {
+    pub fn live(header: &Header, settings: &Settings, search: MapperKind) -> Self {
         Self { is_live: true, ..Self::new(header, settings, search, 0.0) }
     }
 
     /// Evidence below this is not shown at first: less confirms nothing.
     pub fn min_score(&self) -> f32 {
         match self.search {
-            Search::Rooms => self.confirm_score as f32,
-            Search::Reflectors => 0.0,
+            MapperKind::Rooms => self.confirm_score as f32,
+            MapperKind::Reflectors => 0.0,
         }
     }
 
     /// What the evidence is measured in.
     pub fn score_name(&self) -> &'static str {
         match self.search {
-            Search::Rooms => "block score",
-            Search::Reflectors => "excess over noise (σ)",
+            MapperKind::Rooms => "block score",
+            MapperKind::Reflectors => "excess over noise (σ)",
         }
     }
 
@@ -130,7 +130,7 @@ mod tests {
 
     fn about() -> RecordingInfo {
         let header = Header::new("test", preset("d16").unwrap(), Pose::from_translation(DVec3::Y));
-        RecordingInfo::new(&header, &Settings::default(), Search::Rooms, 3.0)
+        RecordingInfo::new(&header, &Settings::default(), MapperKind::Rooms, 3.0)
     }
 
     #[test]

@@ -314,14 +314,14 @@ mod tests {
     use super::*;
     use crate::settings::Settings;
     use a121::preset;
+    use radar_mapping::MapperKind;
     use radar_mapping::Scene;
-    use radar_mapping::Search;
     use radar_recording::Header;
     use std::sync::Arc;
 
     fn about() -> RecordingInfo {
         let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);
-        RecordingInfo::new(&header, &Settings::default(), Search::Rooms, 1.0)
+        RecordingInfo::new(&header, &Settings::default(), MapperKind::Rooms, 1.0)
     }
 
     fn obstacle(covariance_m2: DMat3) -> Obstacle {

@@ -9,19 +9,19 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::panel::{Panel, Warnings};
-use super::player::{BodyPart, Player};
+use super::wearer::{BodyPart, Wearer};
 
 /// Cues begin at this share of full brightness and end below that one.
-const BEGIN: f64 = 0.55;
-const END: f64 = 0.40;
+const START_LEVEL: f64 = 0.55;
+const STOP_LEVEL: f64 = 0.40;
 /// From one pulse's start to the next: where cues begin, and at full brightness, seconds.
-const PULSE_EVERY_S: (f64, f64) = (0.6, 0.2);
+const PULSE_INTERVAL_S: (f64, f64) = (0.6, 0.2);
 /// From one tone's start to the next, likewise, seconds.
-const TONE_EVERY_S: (f64, f64) = (1.0, 0.3);
+const TONE_INTERVAL_S: (f64, f64) = (1.0, 0.3);
 /// A pulse is made of ticks, one a frame, for so long, nanoseconds.
 const PULSE_NS: i64 = 70_000_000;
 /// A controller takes a tick every 5 ms at most, nanoseconds.
-const LEAST_TICK_NS: i64 = 6_000_000;
+const MIN_TICK_INTERVAL_NS: i64 = 6_000_000;
 /// Length of a tick where cues begin and at full brightness, microseconds; a controller takes less than 4000.
 const TICK_US: (f64, f64) = (900.0, 3500.0);
 /// A tone's length, seconds.
@@ -29,10 +29,10 @@ const TONE_S: f64 = 0.12;
 /// A tone's pitch where cues begin and at full brightness, hertz.
 const TONE_HZ: (f64, f64) = (440.0, 660.0);
 /// A cue that has gone on for so long thins out, nanoseconds ...
-const TIRES_NS: i64 = 4_000_000_000;
+const THIN_OUT_AFTER_NS: i64 = 4_000_000_000;
 /// ... to one in so many seconds, until it gets worse by so much.
-const TIRED_EVERY_S: f64 = 2.0;
-const WORSE: f64 = 0.15;
+const THINNED_INTERVAL_S: f64 = 2.0;
+const ESCALATION_LEVEL: f64 = 0.15;
 
 /// Which cues there are besides what is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -79,22 +79,22 @@ pub struct Cue {
 
 /// The state machine. The same warnings and players in the same order give the same cues.
 #[derive(Debug, Clone, Default)]
-pub struct Cues {
-    pulses: [Repeat; 2],
+pub struct CueScheduler {
+    pulses: [Repeater; 2],
     ticked_ns: [Option<i64>; 2],
-    tones: Repeat,
+    tones: Repeater,
     last_ns: Option<i64>,
 }
 
-impl Cues {
+impl CueScheduler {
     /// Nothing said yet.
     pub fn new() -> Self {
         Self::default()
     }
 
     /// What to do now. `brightness` is the warnings' greatest, their settings' own.
-    pub fn take(&mut self, warnings: &Warnings, player: &Player, brightness: f32, settings: &CueSettings) -> Cue {
-        let now_ns = player.time_ns;
+    pub fn update(&mut self, warnings: &Warnings, wearer: &Wearer, brightness: f32, settings: &CueSettings) -> Cue {
+        let now_ns = wearer.time_ns;
         if self.last_ns.is_some_and(|then_ns| now_ns < then_ns) {
             *self = Self::default();
         }
@@ -106,29 +106,29 @@ impl Cues {
                 panel.nearest_part == part || matches!(panel.nearest_part, BodyPart::Head | BodyPart::Torso)
             };
             let worst = warnings.panels.iter().filter(concerns).map(level).fold(0.0, f64::max);
-            let is_pulsing = self.pulses[hand].take(now_ns, worst, PULSE_EVERY_S);
+            let is_pulsing = self.pulses[hand].update(now_ns, worst, PULSE_INTERVAL_S);
             let ticked_ns = &mut self.ticked_ns[hand];
-            let may_tick = ticked_ns.is_none_or(|then_ns| now_ns.saturating_sub(then_ns) >= LEAST_TICK_NS);
+            let may_tick = ticked_ns.is_none_or(|then_ns| now_ns.saturating_sub(then_ns) >= MIN_TICK_INTERVAL_NS);
             if settings.pulse && is_pulsing.within(now_ns, PULSE_NS) && may_tick {
                 *ticked_ns = Some(now_ns);
                 cue.ticks_us[hand] =
-                    Some((settings.pulse_strength * between(TICK_US, worst)).clamp(0.0, 3999.0) as u16);
+                    Some((settings.pulse_strength * interpolate(TICK_US, worst)).clamp(0.0, 3999.0) as u16);
             }
         }
         let worst = warnings.panels.iter().max_by(|a, b| a.alpha.total_cmp(&b.alpha).then(b.id.cmp(&a.id)));
-        let sounds = self.tones.take(now_ns, worst.map_or(0.0, level), TONE_EVERY_S);
-        if let Some(panel) = worst.filter(|_| settings.sound && sounds == Since::Now) {
-            let hz = between(TONE_HZ, level(panel)) as f32;
+        let sounds = self.tones.update(now_ns, worst.map_or(0.0, level), TONE_INTERVAL_S);
+        if let Some(panel) = worst.filter(|_| settings.sound && sounds == LastStart::Now) {
+            let hz = interpolate(TONE_HZ, level(panel)) as f32;
             let volume = settings.volume as f32;
-            cue.tone = Some(Tone { pan: pan(panel, player), volume, hz, length_s: TONE_S as f32 });
+            cue.tone = Some(Tone { pan: pan(panel, wearer), volume, hz, length_s: TONE_S as f32 });
         }
         cue
     }
 }
 
 /// How far to the right of the head the nearest place lies: the sine of its direction.
-fn pan(panel: &Panel, player: &Player) -> f32 {
-    let head = &player.tracking_from_head;
+fn pan(panel: &Panel, wearer: &Wearer) -> f32 {
+    let head = &wearer.tracking_from_head;
     let away = (panel.nearest_m - head.translation) * DVec3::new(1.0, 0.0, 1.0);
     let right = head.transform_vector(DVec3::X);
     let pan = away.normalize_or_zero().dot(right) as f32;
@@ -136,19 +136,19 @@ fn pan(panel: &Panel, player: &Player) -> f32 {
 }
 
 /// From the value where cues begin to that at full brightness.
-fn between((begin, full): (f64, f64), level: f64) -> f64 {
-    begin + (full - begin) * ((level - BEGIN) / (1.0 - BEGIN)).clamp(0.0, 1.0)
+fn interpolate((begin, full): (f64, f64), level: f64) -> f64 {
+    begin + (full - begin) * ((level - START_LEVEL) / (1.0 - START_LEVEL)).clamp(0.0, 1.0)
 }
 
 /// When something that repeats began last.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Since {
+enum LastStart {
     Never,
     Now,
     Then(i64),
 }
 
-impl Since {
+impl LastStart {
     fn within(self, now_ns: i64, length_ns: i64) -> bool {
         match self {
             Self::Never => false,
@@ -160,28 +160,28 @@ impl Since {
 
 /// Something that repeats while it is wanted.
 #[derive(Debug, Clone, Default)]
-struct Repeat {
+struct Repeater {
     /// Since when it goes on without getting worse, and how bad it was then.
     on: Option<(i64, f64)>,
     began_ns: Option<i64>,
 }
 
-impl Repeat {
-    fn take(&mut self, now_ns: i64, level: f64, every_s: (f64, f64)) -> Since {
-        let since = || self.began_ns.map_or(Since::Never, Since::Then);
-        if level < if self.on.is_some() { END } else { BEGIN } {
+impl Repeater {
+    fn update(&mut self, now_ns: i64, level: f64, every_s: (f64, f64)) -> LastStart {
+        let since = || self.began_ns.map_or(LastStart::Never, LastStart::Then);
+        if level < if self.on.is_some() { STOP_LEVEL } else { START_LEVEL } {
             self.on = None;
             return since();
         }
-        let on = self.on.filter(|(_, worst)| level < worst + WORSE).unwrap_or((now_ns, level));
+        let on = self.on.filter(|(_, worst)| level < worst + ESCALATION_LEVEL).unwrap_or((now_ns, level));
         self.on = Some(on);
-        let is_tired = now_ns.saturating_sub(on.0) >= TIRES_NS;
-        let every_s = if is_tired { TIRED_EVERY_S } else { between(every_s, level) };
+        let is_tired = now_ns.saturating_sub(on.0) >= THIN_OUT_AFTER_NS;
+        let every_s = if is_tired { THINNED_INTERVAL_S } else { interpolate(every_s, level) };
         if self.began_ns.is_some_and(|began_ns| now_ns.saturating_sub(began_ns) < (every_s * 1e9) as i64) {
             return since();
         }
         self.began_ns = Some(now_ns);
-        Since::Now
+        LastStart::Now
     }
 }
 
@@ -214,11 +214,11 @@ mod tests {
 
     /// Cues of ten seconds at a brightness over time.
     fn played(settings: &CueSettings, part: BodyPart, level: impl Fn(f64) -> f64) -> Vec<(f64, Cue)> {
-        let mut cues = Cues::new();
+        let mut cues = CueScheduler::new();
         let at = |frame: i64| {
             let time_s = (frame * FRAME_NS) as f64 * 1e-9;
-            let player = Player::head_only(frame * FRAME_NS, Pose::from_translation(DVec3::Y * 1.6));
-            (time_s, cues.take(&warnings(level(time_s), part), &player, 1.0, settings))
+            let wearer = Wearer::head_only(frame * FRAME_NS, Pose::from_translation(DVec3::Y * 1.6));
+            (time_s, cues.update(&warnings(level(time_s), part), &wearer, 1.0, settings))
         };
         (0..900).map(at).collect()
     }
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn dim_warnings_give_none_and_bright_ones_more_often() {
+    fn cue_rate_rises_with_brightness() {
         assert!(played(&BOTH, BodyPart::Torso, |_| 0.5).iter().all(|(_, cue)| *cue == Cue::default()));
         let in_3_s =
             |level: f64| tones(&played(&BOTH, BodyPart::Torso, |_| level)).iter().filter(|t| **t < 3.0).count();
@@ -236,21 +236,21 @@ mod tests {
     }
 
     #[test]
-    fn a_brightness_that_wavers_begins_no_cue_again_and_again() {
+    fn cue_start_has_hysteresis() {
         let wavers = |time_s: f64| 0.55 + 0.1 * (40.0 * time_s).sin();
         let all = tones(&played(&BOTH, BodyPart::Torso, wavers));
         assert!(all.windows(2).all(|pair| pair[1] - pair[0] > 0.29), "{all:?}");
     }
 
     #[test]
-    fn what_goes_on_thins_out_until_it_gets_worse() {
+    fn lasting_cues_thin_out_until_brightness_rises() {
         let all = tones(&played(&BOTH, BodyPart::Torso, |time_s| if time_s < 8.0 { 0.7 } else { 0.95 }));
         let between = |from: f64, to: f64| all.iter().filter(|t| (from..to).contains(*t)).count();
         assert!(between(0.0, 4.0) >= 4 && between(4.0, 8.0) <= 3 && between(8.0, 10.0) >= 5, "{all:?}");
     }
 
     #[test]
-    fn the_hand_that_is_near_is_pulsed_and_both_for_the_body() {
+    fn near_hand_is_pulsed_and_both_hands_for_the_body() {
         let hands = |part| {
             let all = played(&BOTH, part, |_| 1.0);
             [0, 1].map(|hand| all.iter().filter(|(_, cue)| cue.ticks_us[hand].is_some()).count())
@@ -264,26 +264,27 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_what_a_controller_takes() {
-        let mut cues = Cues::new();
+    fn ticks_stay_within_controller_limits() {
+        let mut cues = CueScheduler::new();
         let mut last_ns = None;
         for millisecond in 0..3000 {
-            let player = Player::head_only(millisecond * 1_000_000, Pose::IDENTITY);
-            let cue = cues.take(&warnings(1.0, BodyPart::Head), &player, 1.0, &BOTH);
+            let wearer = Wearer::head_only(millisecond * 1_000_000, Pose::IDENTITY);
+            let cue = cues.update(&warnings(1.0, BodyPart::Head), &wearer, 1.0, &BOTH);
             if let Some(tick_us) = cue.ticks_us[0] {
                 assert!((1..4000).contains(&tick_us));
-                assert!(last_ns.is_none_or(|then: i64| player.time_ns - then >= 5_000_000));
-                last_ns = Some(player.time_ns);
+                assert!(last_ns.is_none_or(|then: i64| wearer.time_ns - then >= 5_000_000));
+                last_ns = Some(wearer.time_ns);
             }
         }
         assert!(last_ns.is_some());
     }
 
     #[test]
-    fn tones_come_from_where_the_obstacle_is() {
+    fn tones_are_panned_towards_the_obstacle() {
         let pan_of = |turn: f64| {
             let head = Pose::new(DVec3::Y * 1.6, DQuat::from_rotation_y(turn));
-            let cue = Cues::new().take(&warnings(1.0, BodyPart::Head), &Player::head_only(0, head), 1.0, &BOTH);
+            let cue =
+                CueScheduler::new().update(&warnings(1.0, BodyPart::Head), &Wearer::head_only(0, head), 1.0, &BOTH);
             cue.tone.unwrap().pan
         };
         assert!((pan_of(0.0) - 1.0).abs() < 1e-6 && (pan_of(std::f64::consts::PI) + 1.0).abs() < 1e-6);
@@ -291,10 +292,10 @@ mod tests {
     }
 
     #[test]
-    fn a_dimmer_setting_and_a_wrong_clock_do_no_harm() {
-        let mut cues = Cues::new();
+    fn cues_tolerate_low_brightness_and_backward_clock() {
+        let mut cues = CueScheduler::new();
         let mut at = |time_ns: i64, alpha| {
-            cues.take(&warnings(alpha, BodyPart::Head), &Player::head_only(time_ns, Pose::IDENTITY), 0.5, &BOTH)
+            cues.update(&warnings(alpha, BodyPart::Head), &Wearer::head_only(time_ns, Pose::IDENTITY), 0.5, &BOTH)
         };
         assert!(at(i64::MAX, 0.5).tone.is_some());
         assert!(at(0, 0.5).tone.is_some(), "backwards: it begins anew");

@@ -2,17 +2,17 @@
 
 use glam::DVec2;
 
-use super::body::Body;
 use super::hull::convex_hull;
 use super::object::Aspect;
+use super::obstacle_body::ObstacleBody;
 use super::panel::Footprint;
 
 /// Corners that a ball's circle is drawn with.
 const CORNERS: u32 = 12;
 
 /// The area on the floor.
-pub(super) fn footprint(body: &Body, aspect: &Aspect, alpha: f32) -> Footprint {
-    let aside = DVec2::new(aspect.laid_right.x, -aspect.laid_right.z) * aspect.spread_m;
+pub(super) fn footprint(body: &ObstacleBody, aspect: &Aspect, alpha: f32) -> Footprint {
+    let aside = DVec2::new(aspect.picture_right.x, -aspect.picture_right.z) * aspect.spread_m;
     let mut widened = Vec::new();
     for corner in body.hull.iter() {
         for k in 0..CORNERS {

@@ -9,64 +9,64 @@ use radar_mapping::{Observed, Obstacle};
 use radar_sar::geometry::Aabb;
 
 /// Boxes this near to each other, seen from above, join, metres: no way for a person leads between them.
-const GAP_M: f64 = 0.45;
+const MAX_GAP_M: f64 = 0.45;
 /// Widest that a group may become over the floor, metres.
-const WIDEST_M: f64 = 1.2;
+const MAX_WIDTH_M: f64 = 1.2;
 
 /// Obstacles that are one, and the box around all of them.
-struct Group {
+struct ObstacleGroup {
     /// The first, with the shapes of all.
-    all: Obstacle,
+    merged: Obstacle,
     around: Aabb,
 }
 
 /// Groups in the order of their first members; each has its first member's id and place and the shapes of all. What is known by
 /// its distance alone stays by itself.
-pub(super) fn grouped(obstacles: &[Obstacle]) -> Vec<Obstacle> {
+pub(super) fn group_obstacles(obstacles: &[Obstacle]) -> Vec<Obstacle> {
     let mut by_age: Vec<&Obstacle> = obstacles.iter().collect();
     by_age.sort_by_key(|obstacle| obstacle.id);
-    let mut groups: Vec<Group> = Vec::new();
+    let mut groups: Vec<ObstacleGroup> = Vec::new();
     for obstacle in by_age {
-        groups.extend(Group::of(obstacle));
-        join(&mut groups);
+        groups.extend(ObstacleGroup::of(obstacle));
+        merge_newest(&mut groups);
     }
-    groups.into_iter().map(|group| group.all).collect()
+    groups.into_iter().map(|group| group.merged).collect()
 }
 
 /// Joins the newest group with what it is near to, and what that brings near, until none joins any more.
-fn join(groups: &mut Vec<Group>) {
+fn merge_newest(groups: &mut Vec<ObstacleGroup>) {
     let mut newest = groups.len().saturating_sub(1);
-    while let Some(other) = (0..groups.len()).find(|&n| n != newest && groups[n].joins(&groups[newest])) {
+    while let Some(other) = (0..groups.len()).find(|&n| n != newest && groups[n].may_merge_with(&groups[newest])) {
         let (first, second) = (newest.min(other), newest.max(other));
         let joined = groups.remove(second);
-        groups[first].take(joined);
+        groups[first].merge(joined);
         newest = first;
     }
 }
 
-impl Group {
+impl ObstacleGroup {
     /// Of one; `None` when it is nowhere.
     fn of(obstacle: &Obstacle) -> Option<Self> {
         let places = obstacle.shape.iter().map(|s| s.0).chain([obstacle.position_m]);
         let around = Aabb::around(places.filter(|place| place.is_finite()))?;
-        Some(Self { all: obstacle.clone(), around })
+        Some(Self { merged: obstacle.clone(), around })
     }
 
-    fn joins(&self, other: &Self) -> bool {
+    fn may_merge_with(&self, other: &Self) -> bool {
         let both = union(&self.around, &other.around).size();
         let gap = both - self.around.size() - other.around.size();
-        self.all.observed == Observed::Position
-            && other.all.observed == Observed::Position
-            && gap.x.max(gap.z) <= GAP_M
-            && both.x.max(both.z) <= WIDEST_M
+        self.merged.observed == Observed::Position
+            && other.merged.observed == Observed::Position
+            && gap.x.max(gap.z) <= MAX_GAP_M
+            && both.x.max(both.z) <= MAX_WIDTH_M
     }
 
     /// Takes one that was found later.
-    fn take(&mut self, other: Self) {
-        self.all.shape.extend(other.all.shape);
-        self.all.provisional &= other.all.provisional;
+    fn merge(&mut self, other: Self) {
+        self.merged.shape.extend(other.merged.shape);
+        self.merged.provisional &= other.merged.provisional;
         self.around = union(&self.around, &other.around);
-        self.all.extent_m = self.around.size();
+        self.merged.extent_m = self.around.size();
     }
 }
 
@@ -96,32 +96,32 @@ mod tests {
     }
 
     #[test]
-    fn legs_of_a_chair_are_one_and_a_row_of_furniture_is_not() {
+    fn chair_legs_group_and_furniture_rows_do_not() {
         let at = |id, x| obstacle(id, x, Observed::Position);
-        let chair = grouped(&[at(1, 0.0), at(2, 0.25), at(3, 0.5)]);
+        let chair = group_obstacles(&[at(1, 0.0), at(2, 0.25), at(3, 0.5)]);
         assert_eq!((chair.len(), chair[0].id, chair[0].shape.len()), (1, 1, 3));
-        assert_eq!(grouped(&[at(1, 0.0), at(2, 0.4)]).len(), 1, "no way leads between them");
-        assert_eq!(grouped(&[at(1, 0.0), at(2, 0.5)]).len(), 2);
-        let between = grouped(&[at(1, 0.0), at(2, 0.5), at(3, 0.25)]);
+        assert_eq!(group_obstacles(&[at(1, 0.0), at(2, 0.4)]).len(), 1, "no way leads between them");
+        assert_eq!(group_obstacles(&[at(1, 0.0), at(2, 0.5)]).len(), 2);
+        let between = group_obstacles(&[at(1, 0.0), at(2, 0.5), at(3, 0.25)]);
         assert_eq!((between.len(), between[0].id), (1, 1), "the last joins the other two");
         let row: Vec<_> = (0..10).map(|n| at(n, 0.25 * n as f64)).collect();
-        assert!(grouped(&row).len() >= 2);
+        assert!(group_obstacles(&row).len() >= 2);
     }
 
     #[test]
-    fn what_stands_on_one_spot_is_one_however_high() {
+    fn stacked_obstacles_group_at_any_height() {
         let pole = [0.05, 0.5, 1.0, 1.9].map(|height_m| {
             let position_m = DVec3::new(0.02 * height_m, height_m, -1.0);
             Obstacle { position_m, shape: vec![(position_m, 1.0)], ..obstacle(1, 0.0, Observed::Position) }
         });
         let numbered: Vec<_> = (1..).zip(pole).map(|(id, part)| Obstacle { id, ..part }).collect();
-        let groups = grouped(&numbered);
+        let groups = group_obstacles(&numbered);
         assert_eq!((groups.len(), groups[0].shape.len()), (1, 4));
     }
 
     #[test]
-    fn an_unknown_direction_stays_by_itself() {
+    fn range_only_obstacles_are_not_grouped() {
         let both = [obstacle(1, 0.0, Observed::Position), obstacle(2, 0.1, Observed::RangeOnly)];
-        assert_eq!(grouped(&both).len(), 2);
+        assert_eq!(group_obstacles(&both).len(), 2);
     }
 }

@@ -12,9 +12,9 @@ pub fn convex_hull(points: &[DVec2]) -> Vec<DVec2> {
     if sorted.len() < 3 {
         return sorted;
     }
-    let mut hull = half(sorted.iter().copied());
+    let mut hull = monotone_chain(sorted.iter().copied());
     hull.pop();
-    let mut upper = half(sorted.iter().rev().copied());
+    let mut upper = monotone_chain(sorted.iter().rev().copied());
     upper.pop();
     hull.append(&mut upper);
     hull
@@ -26,21 +26,21 @@ pub(super) fn lattice_within(hull: &[DVec2], step: f64) -> impl Iterator<Item = 
         hull.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(c.y), high.max(c.y)));
     steps_within((low, high), step).flat_map(move |row| {
         let y = f64::from(row) * step;
-        steps_within(across(hull, y), step).map(move |column| DVec2::new(f64::from(column) * step, y))
+        steps_within(row_extent(hull, y), step).map(move |column| DVec2::new(f64::from(column) * step, y))
     })
 }
 
 /// More steps than this across an outline are none: what is as wide as a street is no thing that a person stands before.
-const MOST_STEPS: f64 = 500.0;
+const MAX_STEPS: f64 = 500.0;
 
 /// Whole numbers of steps from one number to another; none when they are no numbers or absurdly many.
 fn steps_within((from, to): (f64, f64), step: f64) -> std::ops::Range<i32> {
     let (from, to) = ((from / step).ceil(), (to / step).floor());
-    if to - from < MOST_STEPS && from.abs() < 1e9 { from as i32..to as i32 + 1 } else { 0..0 }
+    if to - from < MAX_STEPS && from.abs() < 1e9 { from as i32..to as i32 + 1 } else { 0..0 }
 }
 
 /// From where to where a convex outline is crossed at a height.
-fn across(hull: &[DVec2], y: f64) -> (f64, f64) {
+fn row_extent(hull: &[DVec2], y: f64) -> (f64, f64) {
     let edges = (0..hull.len()).map(|n| (hull[n], hull[(n + 1) % hull.len()]));
     let crossed = edges.filter(|(a, b)| a.y.min(b.y) <= y && y <= a.y.max(b.y) && a.y != b.y);
     crossed
@@ -49,7 +49,7 @@ fn across(hull: &[DVec2], y: f64) -> (f64, f64) {
 }
 
 /// One side of the hull, both ends included.
-fn half(points: impl Iterator<Item = DVec2>) -> Vec<DVec2> {
+fn monotone_chain(points: impl Iterator<Item = DVec2>) -> Vec<DVec2> {
     let mut chain: Vec<DVec2> = Vec::new();
     for point in points {
         while let [.., a, b] = chain[..] {
@@ -69,7 +69,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn degenerate_sets_give_what_there_is() {
+    fn degenerate_point_sets_give_their_points() {
         assert_eq!(convex_hull(&[]), vec![]);
         assert_eq!(convex_hull(&[DVec2::ONE, DVec2::ONE]), vec![DVec2::ONE]);
         let line: Vec<DVec2> = (0..5).map(|i| DVec2::splat(f64::from(i))).collect();
@@ -78,14 +78,14 @@ mod tests {
     }
 
     #[test]
-    fn a_square_keeps_its_corners_counter_clockwise() {
+    fn square_hull_is_counter_clockwise() {
         let square = [(0.0, 0.0), (1.0, 1.0), (0.5, 0.5), (0.0, 1.0), (1.0, 0.0), (0.5, 0.0)];
         let hull = convex_hull(&square.map(DVec2::from));
         assert_eq!(hull, [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(DVec2::from));
     }
 
     #[test]
-    fn a_lattice_fills_a_triangle_and_nothing_else() {
+    fn lattice_covers_exactly_the_triangle() {
         let triangle = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(DVec2::from);
         let filled: Vec<_> = lattice_within(&triangle, 0.1).collect();
         assert!((60..=66).contains(&filled.len()), "{}", filled.len());
@@ -100,7 +100,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_point_is_inside(points in prop::collection::vec(prop::array::uniform2(-2.0..2.0f64), 3..60)) {
+        fn hull_contains_all_points(points in prop::collection::vec(prop::array::uniform2(-2.0..2.0f64), 3..60)) {
             let points: Vec<DVec2> = points.into_iter().map(DVec2::from).collect();
             let hull = convex_hull(&points);
             for (i, &a) in hull.iter().enumerate() {

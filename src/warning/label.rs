@@ -4,29 +4,29 @@
 /// Between two labels, metres.
 const STEP_M: f64 = 0.1;
 /// A label stays while it is wrong by less than this, metres.
-const HELD_M: f64 = 0.08;
+const MAX_LABEL_ERROR_M: f64 = 0.08;
 /// And for at least so long, nanoseconds.
-const HOLD_NS: i64 = 250_000_000;
+const MIN_LABEL_NS: i64 = 250_000_000;
 /// The greatest that is written, metres.
-const GREATEST_M: f64 = 9.9;
+const MAX_LABEL_M: f64 = 9.9;
 
 /// To the nearest step.
 pub(super) fn rounded_label(gap_m: f64) -> f64 {
-    (gap_m / STEP_M).round().clamp(0.0, GREATEST_M / STEP_M) * STEP_M
+    (gap_m / STEP_M).round().clamp(0.0, MAX_LABEL_M / STEP_M) * STEP_M
 }
 
 /// A label from frame to frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Label {
+pub(super) struct DistanceLabel {
     shown: Option<(i64, f64)>,
 }
 
-impl Label {
+impl DistanceLabel {
     /// What to write for this room between body and thing.
-    pub fn take(&mut self, now_ns: i64, gap_m: f64) -> f64 {
+    pub fn update(&mut self, now_ns: i64, gap_m: f64) -> f64 {
         let held = self.shown.filter(|(since_ns, label_m)| {
             let age_ns = now_ns.saturating_sub(*since_ns);
-            (label_m - gap_m).abs() < HELD_M || (0..HOLD_NS).contains(&age_ns)
+            (label_m - gap_m).abs() < MAX_LABEL_ERROR_M || (0..MIN_LABEL_NS).contains(&age_ns)
         });
         let (since_ns, label_m) = held.unwrap_or_else(|| (now_ns, rounded_label(gap_m)));
         self.shown = Some((since_ns, label_m));
@@ -39,14 +39,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_label_is_right_to_a_step_and_does_not_dance() {
-        let mut label = Label::default();
+    fn label_is_accurate_to_one_step_and_stable() {
+        let mut label = DistanceLabel::default();
         let sway = |frame: i64| 0.75 + 0.02 * (frame as f64 * 0.3).sin();
-        let told: Vec<f64> = (0..900).map(|frame| label.take(frame * 11_000_000, sway(frame))).collect();
+        let told: Vec<f64> = (0..900).map(|frame| label.update(frame * 11_000_000, sway(frame))).collect();
         assert!(told.windows(2).all(|pair| pair[0] == pair[1]) && (told[0] - 0.75).abs() < 0.06, "{}", told[0]);
-        assert!((label.take(20_000_000_000, 0.42) - 0.4).abs() < 1e-9);
-        assert!((label.take(20_100_000_000, 0.1) - 0.4).abs() < 1e-9, "not that soon");
-        assert!((label.take(20_300_000_000, 0.1) - 0.1).abs() < 1e-9);
+        assert!((label.update(20_000_000_000, 0.42) - 0.4).abs() < 1e-9);
+        assert!((label.update(20_100_000_000, 0.1) - 0.4).abs() < 1e-9, "not that soon");
+        assert!((label.update(20_300_000_000, 0.1) - 0.1).abs() < 1e-9);
         assert_eq!((rounded_label(77.0), rounded_label(0.0)), (9.9, 0.0));
     }
 }

@@ -1,30 +1,30 @@
 //! How near, how bright, and the geometry to draw. No GPU here.
 
-mod body;
-mod calm;
+mod body_model;
 mod cues;
 mod footprint;
 mod group;
+mod habituation;
+mod hazard;
 mod hull;
 mod label;
-mod near;
 mod object;
+mod obstacle_body;
 mod panel;
-mod player;
+mod proximity;
 mod settings;
-mod speed;
-mod thing;
-mod track;
 mod urgency;
+mod velocity_filter;
 mod wall;
 mod warn;
-mod watch;
+mod warning_state;
+mod warning_tracker;
 mod wearer;
 
-pub use cues::{Cue, CueSettings, Cues, Tone};
+pub use cues::{Cue, CueScheduler, CueSettings, Tone};
 pub use hull::convex_hull;
 pub use panel::{Footprint, Panel, PanelKind, Shape, Warnings};
-pub use player::{BodyPart, Player};
 pub use settings::{Style, WarningSettings, WarningSettingsError};
 pub use warn::{MAX_QUADS, warn};
-pub use watch::Watch;
+pub use warning_tracker::WarningTracker;
+pub use wearer::{BodyPart, Wearer};

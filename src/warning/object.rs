@@ -13,17 +13,17 @@ use std::collections::HashSet;
 
 use glam::{DQuat, DVec2, DVec3};
 
-use super::body::Body;
 use super::hull::{convex_hull, lattice_within};
-use super::near::Near;
+use super::obstacle_body::ObstacleBody;
 use super::panel::{Panel, PanelKind};
+use super::proximity::Proximity;
 
 use radar_sar::math;
 
 /// A panel nearer to the eyes than this could not be looked at, metres.
-const NEAREST_PANEL_M: f64 = 0.2;
+const MIN_PANEL_DISTANCE_M: f64 = 0.2;
 /// The near side may be this much nearer than seen at most, however uncertain it is, metres.
-const MAX_RANGE_DOUBT_M: f64 = 0.1;
+const MAX_RANGE_MARGIN_M: f64 = 0.1;
 /// Room around the silhouette, metres.
 const MARGIN_M: f64 = 0.1;
 /// Half of the greatest width, metres.
@@ -33,7 +33,7 @@ const HEIGHT_M: (f64, f64) = (0.5, 2.4);
 /// Sizes are rounded up to this, metres.
 const SIZE_STEP_M: f64 = 0.05;
 /// Directions that a body's picture is laid out for.
-const DIRECTIONS: f64 = 24.0;
+const PICTURE_DIRECTIONS: f64 = 24.0;
 /// The width of what is unknown is rounded up to this, metres.
 const SPREAD_STEP_M: f64 = 0.1;
 /// The middle of what is shown of something very wide is rounded to this, metres.
@@ -42,7 +42,7 @@ const MIDDLE_STEP_M: f64 = 0.25;
 const DISC_STEP_M: f64 = 0.01;
 /// A thing's edge lies beyond its last reflection by so much, metres: reflections come from within what they are of, and each is placed
 /// to a centimetre or two.
-const EDGE_M: f64 = 0.03;
+const EDGE_MARGIN_M: f64 = 0.03;
 /// Most discs in a silhouette: what a graphics card draws without being noticed.
 const MAX_DISCS: usize = 384;
 
@@ -51,8 +51,8 @@ pub(super) struct Aspect {
     /// Horizontal unit vector from the body to the wearer.
     pub facing: DVec3,
     /// Horizontal unit vector to the right in the picture: to the right of one who looks from the direction it is laid out for.
-    pub laid_right: DVec3,
-    /// Half width of the unknown along `laid_right`, metres.
+    pub picture_right: DVec3,
+    /// Half width of the unknown along `picture_right`, metres.
     pub spread_m: f64,
     /// From the wearer to the panel, horizontally, metres.
     panel_distance_m: f64,
@@ -62,25 +62,25 @@ pub(super) struct Aspect {
 
 impl Aspect {
     /// `ahead` is the head's own forward direction, for a body that is where the head is.
-    pub fn of(body: &Body, head: DVec3, ahead: DVec3) -> Self {
+    pub fn of(body: &ObstacleBody, head: DVec3, ahead: DVec3) -> Self {
         let distances: Vec<f64> = body.points.iter().map(|p| distance_from_wearer(head, *p)).collect();
         let nearest = distances.iter().copied().fold(f64::INFINITY, f64::min);
         let level = body.points.iter().map(|p| horizontal(*p - head).length()).fold(f64::INFINITY, f64::min);
         let near = weighted_mean(&body.points, |i| math::exp(-(distances[i] - nearest) / 0.1));
         let fallback = horizontal(-ahead).try_normalize().unwrap_or(DVec3::Z);
         let facing = Some(horizontal(head - near)).filter(|v| v.length() > 1e-3).map_or(fallback, DVec3::normalize);
-        let laid_right = DVec3::Y.cross(nearest_direction(facing));
-        let spread_m = body.spread(laid_right, level);
+        let picture_right = DVec3::Y.cross(nearest_direction(facing));
+        let spread_m = body.spread(picture_right, level);
         // What is known to be small stays as small; what grows with the distance does so in steps.
         let spread_m = if body.has_shape { spread_m } else { -round_down_to(-spread_m, SPREAD_STEP_M) };
-        let before = body.radius_m + body.two_sigma(facing, MAX_RANGE_DOUBT_M);
-        Self { facing, laid_right, spread_m, panel_distance_m: (level - before).max(NEAREST_PANEL_M), near }
+        let before = body.radius_m + body.two_sigma(facing, MAX_RANGE_MARGIN_M);
+        Self { facing, picture_right, spread_m, panel_distance_m: (level - before).max(MIN_PANEL_DISTANCE_M), near }
     }
 }
 
 /// The panel of a body seen so.
-pub(super) fn object_panel(body: &Body, aspect: &Aspect, head: DVec3, near: &Near, alpha: f32) -> Panel {
-    let across = |p: DVec3| (p - body.anchor).dot(aspect.laid_right);
+pub(super) fn object_panel(body: &ObstacleBody, aspect: &Aspect, head: DVec3, near: &Proximity, alpha: f32) -> Panel {
+    let across = |p: DVec3| (p - body.anchor).dot(aspect.picture_right);
     let middle = (across(aspect.near) / MIDDLE_STEP_M).round() * MIDDLE_STEP_M;
     let border = body.radius_m + aspect.spread_m + MARGIN_M;
     let (lo, hi) = body.points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), p| {
@@ -108,7 +108,7 @@ pub(super) fn object_panel(body: &Body, aspect: &Aspect, head: DVec3, near: &Nea
         distance_m: near.distance_m,
         time_to_contact_s: near.time_to_contact_s(),
         nearest_part: near.part,
-        nearest_m: near.at_m,
+        nearest_m: near.nearest_m,
         label_m: None,
     }
 }
@@ -120,13 +120,13 @@ pub(super) fn upright(middle: DVec3, facing: DVec3) -> radar_sar::geometry::Pose
 
 /// Discs where the balls are on the panel and, because nobody passes between parts of one thing, within their outline; blurred by
 /// the doubt across; few enough to draw.
-fn silhouette(body: &Body, spread_m: f64, size_m: DVec2, place: impl Fn(DVec3) -> DVec2) -> Vec<(DVec2, f64)> {
+fn silhouette(body: &ObstacleBody, spread_m: f64, size_m: DVec2, place: impl Fn(DVec3) -> DVec2) -> Vec<(DVec2, f64)> {
     if !body.has_shape {
         return Vec::new();
     }
     let placed: Vec<DVec2> = body.points.iter().map(|p| place(*p)).collect();
     let hull = convex_hull(&placed);
-    let mut radius = round(math::hypot(body.radius_m + EDGE_M, spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
+    let mut radius = round(math::hypot(body.radius_m + EDGE_MARGIN_M, spread_m / 2.0).min(0.3)).max(DISC_STEP_M);
     loop {
         let cell = 0.6 * radius;
         let mut taken = HashSet::new();
@@ -165,8 +165,9 @@ fn weighted_mean(points: &[DVec3], weight: impl Fn(usize) -> f64) -> DVec3 {
 
 /// The nearest of the directions that pictures are laid out for.
 fn nearest_direction(facing: DVec3) -> DVec3 {
-    let step = std::f64::consts::TAU / DIRECTIONS;
-    let (sin, cos) = math::sin_cos((math::atan2(facing.x, facing.z) / step).round().rem_euclid(DIRECTIONS) * step);
+    let step = std::f64::consts::TAU / PICTURE_DIRECTIONS;
+    let (sin, cos) =
+        math::sin_cos((math::atan2(facing.x, facing.z) / step).round().rem_euclid(PICTURE_DIRECTIONS) * step);
     DVec3::new(sin, 0.0, cos)
 }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 
-use super::player::BodyPart;
+use super::wearer::BodyPart;
 use radar_sar::geometry::Pose;
 
 /// What a panel stands for.
@@ -45,7 +45,7 @@ pub struct Panel {
     pub nearest_part: BodyPart,
     /// The place of the obstacle that is nearest to that part, tracking frame, metres.
     pub nearest_m: DVec3,
-    /// A distance to write on the panel, metres; see [`super::Watch::warn`].
+    /// A distance to write on the panel, metres; see [`super::WarningTracker::warn`].
     pub label_m: Option<f64>,
 }
 

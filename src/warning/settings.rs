@@ -20,7 +20,7 @@ pub enum WarningSettingsError {
     #[error("grid_spacing_m = {0} must be from 0.05 to 1 m")]
     GridSpacing(f64),
     /// An area without a size, or a margin that is none.
-    #[error("play_area_m = {} and play_area_margin_m = {margin_m} must be lengths from 0 to 100 m", told_area(*area_m))]
+    #[error("play_area_m = {} and play_area_margin_m = {margin_m} must be lengths from 0 to 100 m", area_text(*area_m))]
     PlayArea {
         /// `play_area_m` as given.
         area_m: Option<[f64; 2]>,
@@ -56,7 +56,7 @@ pub enum WarningSettingsError {
     },
 }
 
-fn told_area(area_m: Option<[f64; 2]>) -> String {
+fn area_text(area_m: Option<[f64; 2]>) -> String {
     area_m.map_or("none".into(), |area_m| format!("{area_m:?}"))
 }
 
@@ -146,7 +146,7 @@ impl Default for WarningSettings {
 }
 
 /// Nothing is known of what is farther, metres.
-const FARTHEST_M: f64 = 10.0;
+const MAX_FADE_DISTANCE_M: f64 = 10.0;
 
 impl WarningSettings {
     /// Whether every value can be used.
@@ -155,7 +155,7 @@ impl WarningSettings {
     /// The first value outside the bounds that its error names.
     pub fn check(&self) -> Result<(), WarningSettingsError> {
         let (full_m, fade_m) = (self.full_distance_m, self.fade_distance_m);
-        if !(full_m >= 0.0 && fade_m > full_m && fade_m <= FARTHEST_M) {
+        if !(full_m >= 0.0 && fade_m > full_m && fade_m <= MAX_FADE_DISTANCE_M) {
             return Err(WarningSettingsError::Distances { full_m, fade_m });
         }
         if !(0.05..=1.0).contains(&self.grid_spacing_m) {
@@ -197,24 +197,24 @@ impl WarningSettings {
     /// Brightness at a distance: full up to `full_distance_m`, then falling smoothly to 0 at `fade_distance_m`; 0 when a
     /// number makes no sense.
     pub fn alpha(&self, distance_m: f64) -> f32 {
-        self.shown(self.by_distance(distance_m))
+        self.alpha_of(self.by_distance(distance_m))
     }
 
     /// Brightness of what is so urgent, 0 to 1.
-    pub(super) fn shown(&self, urgency: f64) -> f32 {
+    pub(super) fn alpha_of(&self, urgency: f64) -> f32 {
         let alpha = urgency as f32 * self.brightness;
         if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 0.0 }
     }
 
     /// How urgent what is so far from head or torso is, 0 to 1.
     pub(super) fn by_distance(&self, distance_m: f64) -> f64 {
-        falling(distance_m, self.full_distance_m, self.fade_distance_m)
+        smooth_fall(distance_m, self.full_distance_m, self.fade_distance_m)
     }
 
     /// How urgent what is so far from a hand is, 0 to 1: hands have little behind them, move where eyes follow, and are near to things
     /// all day.
     pub(super) fn by_hand_distance(&self, distance_m: f64) -> f64 {
-        falling(distance_m, self.full_hand_distance_m(), self.hand_distance_m)
+        smooth_fall(distance_m, self.full_hand_distance_m(), self.hand_distance_m)
     }
 
     /// From here on what a hand is near to is as urgent as can be, metres.
@@ -224,12 +224,12 @@ impl WarningSettings {
 
     /// How urgent what will be touched in so long is, 0 to 1.
     pub(super) fn by_contact(&self, time_s: f64) -> f64 {
-        falling(time_s, self.contact_full_s, self.contact_begin_s)
+        smooth_fall(time_s, self.contact_full_s, self.contact_begin_s)
     }
 }
 
 /// 1 up to `full`, then falling smoothly to 0 at `none`; 0 when a number makes no sense.
-fn falling(value: f64, full: f64, none: f64) -> f64 {
+fn smooth_fall(value: f64, full: f64, none: f64) -> f64 {
     let share = if value < none { ((none - value) / (none - full)).min(1.0) } else { 0.0 };
     let share = if value <= full && full < none { 1.0 } else { share };
     let smooth = share * share * (3.0 - 2.0 * share);
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_round_through_toml_and_refuse_what_they_do_not_know() {
+    fn settings_roundtrip_through_toml_and_reject_unknown_keys() {
         let settings: WarningSettings = toml::from_str("fade_distance_m = 2.0").unwrap();
         assert_eq!(settings, WarningSettings { fade_distance_m: 2.0, ..Default::default() });
         assert_eq!(toml::from_str::<WarningSettings>(&toml::to_string(&settings).unwrap()).unwrap(), settings);
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_is_named() {
+    fn invalid_settings_are_named_in_errors() {
         let turned = WarningSettings { full_distance_m: 2.0, ..Default::default() };
         assert_eq!(turned.check(), Err(WarningSettingsError::Distances { full_m: 2.0, fade_m: 1.5 }));
         let fine = WarningSettings { grid_spacing_m: 0.001, ..Default::default() };

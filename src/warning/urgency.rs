@@ -5,21 +5,21 @@
 //! counts more and more between two speeds, so that swaying, turning the head and fidgeting do nothing, and only as far as a
 //! body could come in that time: for a hand that is what an arm has left to swing.
 
-use super::near::Near;
+use super::proximity::Proximity;
 use super::settings::WarningSettings;
 
 /// Speeds from which on time to contact counts, and counts fully: of head and torso, and of hands, m/s.
 const BODY_SPEEDS_M_PER_S: (f64, f64) = (0.25, 0.5);
 const HAND_SPEEDS_M_PER_S: (f64, f64) = (0.5, 1.0);
 /// Farther off than this no contact is foreseen, metres: for the body, where the map ends; for hands, where arms do.
-pub(super) const FARTHEST_CONTACT_M: f64 = 3.0;
-const FARTHEST_HAND_CONTACT_M: f64 = 0.8;
+pub(super) const MAX_CONTACT_DISTANCE_M: f64 = 3.0;
+const MAX_HAND_CONTACT_DISTANCE_M: f64 = 0.8;
 
 /// A thing as one group of the body's parts has it: head and torso, or hands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Urgency {
     /// The part that counts.
-    pub near: Near,
+    pub near: Proximity,
     /// By its distance, 0 to 1.
     pub by_distance: f64,
     /// By its time to contact, 0 to 1.
@@ -27,10 +27,10 @@ pub(super) struct Urgency {
 }
 
 impl Urgency {
-    fn of(near: Near, settings: &WarningSettings) -> Self {
+    fn of(near: Proximity, settings: &WarningSettings) -> Self {
         let by_distance = match near.is_hand() {
-            true => settings.by_hand_distance(near.counted_m()),
-            false => settings.by_distance(near.counted_m()),
+            true => settings.by_hand_distance(near.setting_distance_m()),
+            false => settings.by_distance(near.setting_distance_m()),
         };
         Self { near, by_distance, by_contact: by_contact(&near, settings) }
     }
@@ -42,17 +42,17 @@ impl Urgency {
 }
 
 /// Of head and torso, and of hands: the most urgent part of each, the nearest among equals.
-pub(super) fn urgencies(nears: &[Near], settings: &WarningSettings) -> [Option<Urgency>; 2] {
+pub(super) fn urgencies(proximities: &[Proximity], settings: &WarningSettings) -> [Option<Urgency>; 2] {
     [false, true].map(|hands| {
-        let group = nears.iter().filter(|near| near.is_hand() == hands).map(|near| Urgency::of(*near, settings));
+        let group = proximities.iter().filter(|near| near.is_hand() == hands).map(|near| Urgency::of(*near, settings));
         group.max_by(|a, b| a.value().total_cmp(&b.value()).then(b.near.gap_m.total_cmp(&a.near.gap_m)))
     })
 }
 
-fn by_contact(near: &Near, settings: &WarningSettings) -> f64 {
+fn by_contact(near: &Proximity, settings: &WarningSettings) -> f64 {
     let (farthest_m, (from, full)) = match near.is_hand() {
-        true => (FARTHEST_HAND_CONTACT_M, HAND_SPEEDS_M_PER_S),
-        false => (FARTHEST_CONTACT_M, BODY_SPEEDS_M_PER_S),
+        true => (MAX_HAND_CONTACT_DISTANCE_M, HAND_SPEEDS_M_PER_S),
+        false => (MAX_CONTACT_DISTANCE_M, BODY_SPEEDS_M_PER_S),
     };
     let Some(time_s) = near.time_to_contact_s().filter(|_| near.gap_m <= farthest_m) else { return 0.0 };
     settings.by_contact(time_s) * ((near.closing_m_per_s - from) / (full - from)).clamp(0.0, 1.0)
@@ -65,12 +65,12 @@ mod tests {
     use glam::DVec3;
 
     fn near(part: BodyPart, gap_m: f64, closing_m_per_s: f64) -> Urgency {
-        let near = Near { part, distance_m: gap_m + 0.25, gap_m, at_m: DVec3::ZERO, closing_m_per_s };
+        let near = Proximity { part, distance_m: gap_m + 0.25, gap_m, nearest_m: DVec3::ZERO, closing_m_per_s };
         Urgency::of(near, &WarningSettings::default())
     }
 
     #[test]
-    fn who_comes_fast_is_warned_earlier() {
+    fn fast_approach_raises_urgency_earlier() {
         let value = |speed| near(BodyPart::Torso, 1.4, speed).value();
         assert_eq!(value(0.0), 0.0);
         assert_eq!(value(0.3), 0.0, "4.7 s away");
@@ -80,13 +80,13 @@ mod tests {
     }
 
     #[test]
-    fn slow_movements_change_nothing() {
+    fn slow_motion_does_not_raise_urgency() {
         let (still, sways) = (near(BodyPart::Head, 0.2, 0.0), near(BodyPart::Head, 0.2, 0.24));
         assert_eq!((sways.by_contact, sways.by_distance), (0.0, still.by_distance));
     }
 
     #[test]
-    fn a_hand_that_swings_counts_within_its_reach() {
+    fn hand_swing_counts_within_arm_reach() {
         assert_eq!(near(BodyPart::LeftHand, 0.7, 2.0).value(), 1.0);
         assert_eq!(near(BodyPart::LeftHand, 1.0, 5.0).value(), 0.0);
         assert_eq!(near(BodyPart::LeftHand, 0.7, 0.0).value(), 0.0, "a hand at rest has room");
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn the_most_urgent_part_counts() {
+    fn most_urgent_body_part_is_used() {
         let settings = WarningSettings::default();
         let parts = [near(BodyPart::Head, 0.9, 0.0).near, near(BodyPart::Torso, 0.4, 0.0).near];
         let [body, hands] = urgencies(&parts, &settings);

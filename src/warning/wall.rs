@@ -5,12 +5,12 @@
 
 use glam::{DVec2, DVec3};
 
-use super::body::is_place;
-use super::near::Near;
+use super::body_model::{BodyModel, Limb};
 use super::object::upright;
+use super::obstacle_body::is_valid_position;
 use super::panel::{Panel, PanelKind};
+use super::proximity::Proximity;
 use super::settings::WarningSettings;
-use super::wearer::{Limb, Wearer};
 use radar_mapping::Wall;
 use radar_sar::geometry::Plane;
 use radar_sar::math;
@@ -20,15 +20,15 @@ const HALF_WIDTH_M: f64 = 1.0;
 /// Height, metres.
 const HEIGHT_M: f64 = 2.2;
 /// A wall goes on this far beyond the places it was seen at, metres.
-const MARGIN_M: f64 = 0.5;
+const EDGE_MARGIN_M: f64 = 0.5;
 /// So far beyond the plane one is as near as can be, metres.
-const BEHIND_M: f64 = 0.5;
+const MAX_CONTACT_DEPTH_M: f64 = 0.5;
 
 /// The wall as each part of the body within reach has it: what was seen of it and a margin aside; none of floors and ceilings.
 ///
 /// Who is a little beyond it is at distance 0. Farther beyond, where no radar can have been right about it or there is a door, the distance
 /// grows again: a wall has two sides, and its warning must not end at a line.
-pub(super) fn wall_nears(wall: &Wall, wearer: &Wearer, reach_m: f64) -> Vec<Near> {
+pub(super) fn wall_proximities(wall: &Wall, body_model: &BodyModel, reach_m: f64) -> Vec<Proximity> {
     let Some((plane, outward)) = upright_plane(wall) else { return Vec::new() };
     let right = DVec3::Y.cross(-outward);
     let (least, greatest) = span(wall, right);
@@ -40,28 +40,28 @@ pub(super) fn wall_nears(wall: &Wall, wearer: &Wearer, reach_m: f64) -> Vec<Near
         let share = if greatest_m < 0.0 { 1.0 - share } else { share };
         let (place, moves) = limb.at(share);
         let aside_m = place.dot(right).clamp(least, greatest) - place.dot(right);
-        let through_m = least_m.max(-greatest_m - BEHIND_M).max(0.0);
+        let through_m = least_m.max(-greatest_m - MAX_CONTACT_DEPTH_M).max(0.0);
         let distance_m = math::hypot(through_m, aside_m);
-        let at_m = place + outward * ahead_m(place) + right * aside_m;
+        let nearest_m = place + outward * ahead_m(place) + right * aside_m;
         let across = if greatest_m < 0.0 { -outward } else { outward };
         let toward = (across * through_m + right * aside_m).try_normalize().unwrap_or(across);
-        (distance_m <= reach_m).then(|| Near::new(limb, distance_m, at_m, moves.dot(toward)))
+        (distance_m <= reach_m).then(|| Proximity::new(limb, distance_m, nearest_m, moves.dot(toward)))
     };
-    wearer.limbs.iter().filter_map(near).collect()
+    body_model.limbs.iter().filter_map(near).collect()
 }
 
 /// `None` for floors, ceilings, and where the wall was not seen.
 pub(super) fn wall_panel(
     wall: &Wall,
     head: DVec3,
-    near: &Near,
+    near: &Proximity,
     alpha: f32,
     settings: &WarningSettings,
 ) -> Option<Panel> {
     let (plane, outward) = upright_plane(wall)?;
     let ahead_m = plane.distance(head) / plane.outward.dot(outward);
     let right = DVec3::Y.cross(-outward);
-    let (from, to) = shown(wall, head.dot(right), right, spacing(settings))?;
+    let (from, to) = visible_span(wall, head.dot(right), right, spacing(settings))?;
     let foot = head + outward * ahead_m;
     let middle = foot + right * ((from + to) / 2.0 - foot.dot(right));
     Some(Panel {
@@ -78,29 +78,29 @@ pub(super) fn wall_panel(
         distance_m: near.distance_m,
         time_to_contact_s: near.time_to_contact_s(),
         nearest_part: near.part,
-        nearest_m: near.at_m,
+        nearest_m: near.nearest_m,
         label_m: None,
     })
 }
 
 /// The plane, and the level direction out of the room; `None` for floors, ceilings and what makes no sense.
 fn upright_plane(wall: &Wall) -> Option<(Plane, DVec3)> {
-    let plane = sound(wall.plane)?;
-    if plane.is_level() || !is_place(wall.seen_at.min) || !is_place(wall.seen_at.max) {
+    let plane = normalised(wall.plane)?;
+    if plane.is_level() || !is_valid_position(wall.seen_at.min) || !is_valid_position(wall.seen_at.max) {
         return None;
     }
     Some((plane, DVec3::new(plane.outward.x, 0.0, plane.outward.z).normalize()))
 }
 
 /// The plane with a normal of length 1 exactly; `None` when it was far from that.
-fn sound(plane: Plane) -> Option<Plane> {
+fn normalised(plane: Plane) -> Option<Plane> {
     let length = plane.outward.length();
     let near_one = (0.9..1.1).contains(&length) && plane.offset_m.is_finite();
     near_one.then(|| Plane { outward: plane.outward / length, offset_m: plane.offset_m / length })
 }
 
 /// First and last coordinate along `right` to show, at whole lines of the grid; `None` where nothing was seen.
-fn shown(wall: &Wall, head_at: f64, right: DVec3, spacing: f64) -> Option<(f64, f64)> {
+fn visible_span(wall: &Wall, head_at: f64, right: DVec3, spacing: f64) -> Option<(f64, f64)> {
     let (least, greatest) = span(wall, right);
     let from = ((head_at - HALF_WIDTH_M).max(least) / spacing).round();
     let to = ((head_at + HALF_WIDTH_M).min(greatest) / spacing).round();
@@ -110,7 +110,7 @@ fn shown(wall: &Wall, head_at: f64, right: DVec3, spacing: f64) -> Option<(f64, 
 /// Where the wall is taken to be, along `right`.
 fn span(wall: &Wall, right: DVec3) -> (f64, f64) {
     let seen = [wall.seen_at.min, wall.seen_at.max].map(|corner| corner * right);
-    (seen[0].min(seen[1]).element_sum() - MARGIN_M, seen[0].max(seen[1]).element_sum() + MARGIN_M)
+    (seen[0].min(seen[1]).element_sum() - EDGE_MARGIN_M, seen[0].max(seen[1]).element_sum() + EDGE_MARGIN_M)
 }
 
 /// The grid's spacing, or the default where it cannot be used.

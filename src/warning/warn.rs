@@ -1,13 +1,13 @@
 //! From the scene to what is drawn for one head pose. A pure function: the same scene, head and settings give the same warnings.
 
-use super::body::Body;
-use super::group::grouped;
+use super::body_model::BodyModel;
+use super::group::group_obstacles;
+use super::hazard::{Hazard, WarningVisual};
 use super::label::rounded_label;
+use super::obstacle_body::ObstacleBody;
 use super::panel::{Footprint, Panel, Warnings};
 use super::settings::WarningSettings;
-use super::thing::{Drawn, Thing};
 use super::urgency::urgencies;
-use super::wearer::Wearer;
 use radar_mapping::{Scene, Wall};
 use radar_sar::geometry::Pose;
 
@@ -16,34 +16,45 @@ pub const MAX_QUADS: usize = 8;
 
 /// Panels and footprints of everything near enough to warn of, brightest first, then nearest; at most [`MAX_QUADS`]. Never
 /// panics: a head pose that is no pose gives nothing, obstacles and walls that are none are left out. It knows no hands and no speed,
-/// and a warning is there at once: for a scene that goes on from frame to frame, [`super::Watch`] knows more and is steadier.
+/// and a warning is there at once: for a scene that goes on from frame to frame, [`super::WarningTracker`] knows more and is steadier.
 pub fn warn(scene: &Scene, tracking_from_head: &Pose, settings: &WarningSettings) -> Warnings {
-    let wearer = Wearer::still(tracking_from_head);
-    wearer.map_or_else(Warnings::default, |wearer| warn_of(&bodies(scene), &scene.walls, &wearer, settings))
+    let body_model = BodyModel::still(tracking_from_head);
+    body_model.map_or_else(Warnings::default, |body_model| {
+        warnings_of_hazards(&bodies(scene), &scene.walls, &body_model, settings)
+    })
 }
 
 /// The bodies of all obstacles, those that lie close together as one; and of what moves.
-pub(super) fn bodies(scene: &Scene) -> Vec<Body> {
-    let standing = grouped(&scene.obstacles);
-    standing.iter().filter_map(Body::of).chain(scene.moving.iter().filter_map(Body::of_moving)).collect()
+pub(super) fn bodies(scene: &Scene) -> Vec<ObstacleBody> {
+    let standing = group_obstacles(&scene.obstacles);
+    standing
+        .iter()
+        .filter_map(ObstacleBody::of)
+        .chain(scene.moving.iter().filter_map(ObstacleBody::of_moving))
+        .collect()
 }
 
 /// Warnings of these bodies and walls for one who stands there straight and still.
-fn warn_of(bodies: &[Body], walls: &[Wall], wearer: &Wearer, settings: &WarningSettings) -> Warnings {
-    let things = bodies.iter().map(Thing::Object).chain(walls.iter().map(Thing::Wall));
-    let drawn = things.filter_map(|thing| {
-        let [body, _] = urgencies(&thing.nears(wearer, settings), settings);
+fn warnings_of_hazards(
+    bodies: &[ObstacleBody],
+    walls: &[Wall],
+    body_model: &BodyModel,
+    settings: &WarningSettings,
+) -> Warnings {
+    let hazards = bodies.iter().map(Hazard::Object).chain(walls.iter().map(Hazard::Wall));
+    let drawn = hazards.filter_map(|hazard| {
+        let [body, _] = urgencies(&hazard.proximities(body_model, settings), settings);
         let (near, urgency) = body.map(|urgency| (urgency.near, urgency.value()))?;
-        let alpha = settings.shown(urgency * thing.brightness(settings));
-        let mut drawn = (alpha > 0.0).then(|| thing.draw(wearer, &near, alpha, settings))??;
+        let alpha = settings.alpha_of(urgency * hazard.brightness(settings));
+        let mut drawn = (alpha > 0.0).then(|| hazard.draw(body_model, &near, alpha, settings))??;
         drawn.panel.label_m = settings.labels.then(|| rounded_label(near.gap_m));
         Some(drawn)
     });
-    in_order(drawn)
+    sorted_by_brightness(drawn)
 }
 
 /// Brightest first, then nearest; no more than can be shown.
-pub(super) fn in_order(drawn: impl Iterator<Item = Drawn>) -> Warnings {
+pub(super) fn sorted_by_brightness(drawn: impl Iterator<Item = WarningVisual>) -> Warnings {
     let mut all: Vec<(Panel, Option<Footprint>)> = drawn.map(|drawn| (drawn.panel, drawn.footprint)).collect();
     all.sort_by(|(a, _), (b, _)| {
         b.alpha.total_cmp(&a.alpha).then(a.distance_m.total_cmp(&b.distance_m)).then(a.id.cmp(&b.id))
@@ -112,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn who_walks_up_is_warned_of_as_wide_as_the_direction_is_known() {
+    fn moving_target_panel_is_as_wide_as_direction_uncertainty() {
         let settings = WarningSettings::default();
         let of = |moving: MovingTarget, settings: &WarningSettings| {
             let scene = Scene { obstacles: vec![block(1, 2.0, 3.0)], moving: vec![moving], ..Scene::default() };
@@ -131,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn the_panel_stands_between_head_and_obstacle_and_faces_the_head() {
+    fn panel_is_between_head_and_obstacle_facing_the_head() {
         let panel = &warnings_of(vec![block(1, 0.0, -0.8)], vec![]).panels[0];
         let place = panel.tracking_from_panel.translation;
         assert!(place.z < 0.0 && place.z > -0.8 && place.z < -0.7, "{place}");
@@ -143,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_player_in_the_play_area_cannot_reach_is_left_out() {
+    fn obstacles_out_of_reach_of_the_play_area_are_excluded() {
         let shown = |area_m: [f64; 2], obstacles: Vec<Obstacle>, walls: Vec<Wall>| {
             let settings = WarningSettings { play_area_m: Some(area_m), play_area_margin_m: 0.2, ..Default::default() };
             !warn(&Scene { time_ns: 0, obstacles, walls, moving: vec![] }, &head(), &settings).panels.is_empty()
@@ -155,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn panels_move_with_the_room() {
+    fn panels_transform_with_the_scene() {
         let scene = Scene {
             time_ns: 0,
             obstacles: vec![block(1, 0.1, -0.8)],
@@ -176,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn near_is_bright_and_far_is_dark() {
+    fn brightness_falls_with_obstacle_distance() {
         assert_eq!(warnings_of(vec![block(1, 0.0, -0.3)], vec![]).panels[0].alpha, 1.0);
         assert_eq!(warnings_of(vec![block(1, 0.0, -1.7)], vec![]), Warnings::default());
         let alpha = |z| warnings_of(vec![block(1, 0.0, z)], vec![]).panels[0].alpha;
@@ -184,14 +195,14 @@ mod tests {
     }
 
     #[test]
-    fn a_stool_at_the_feet_is_near() {
+    fn low_obstacle_at_the_feet_counts_as_near() {
         let mut stool = block(1, 0.0, -0.35);
         stool.shape.retain(|(p, _)| p.y < 0.4);
         assert_eq!(warnings_of(vec![stool], vec![]).panels[0].alpha, 1.0);
     }
 
     #[test]
-    fn the_panel_is_as_wide_as_the_direction_is_uncertain() {
+    fn panel_width_follows_direction_uncertainty() {
         let width = |sigma_m: f64| {
             let mut obstacle = block(1, 0.0, -0.8);
             obstacle.covariance_m2 = DMat3::from_diagonal(DVec3::new(sigma_m * sigma_m, 1e-6, 1e-6));
@@ -207,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_shape_the_box_stands_in_for_it() {
+    fn missing_shape_falls_back_to_extent_box() {
         let mut plain = block(1, 0.0, -0.8);
         plain.shape.clear();
         let panel = &warnings_of(vec![plain], vec![]).panels[0];
@@ -216,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn the_footprint_runs_counter_clockwise_seen_from_above() {
+    fn footprint_is_counter_clockwise_from_above() {
         let corners = &warnings_of(vec![block(1, 0.2, -0.8)], vec![]).footprints[0].corners_xz_m;
         let area: f64 = (0..corners.len())
             .map(|i| {
@@ -228,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_panel_lies_in_the_wall_and_its_grid_stands_still() {
+    fn wall_panel_lies_in_the_wall_with_a_fixed_grid() {
         let at = |x: f64| {
             let head = Pose::from_translation(DVec3::new(x, 1.6, 0.0));
             let scene = Scene { walls: vec![wall(DVec3::NEG_Z, 0.7)], ..Default::default() };
@@ -250,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_eight_come_first() {
+    fn nearest_eight_are_shown() {
         // Poles around the head, too far from each other to be one thing.
         let many = (0..10).map(|i| {
             let (sin, cos) = (i as f64 * std::f64::consts::TAU / 10.0).sin_cos();
@@ -273,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn a_swaying_head_hardly_changes_the_texture() {
+    fn head_sway_rarely_changes_the_texture() {
         let scene = Scene { obstacles: vec![block(1, 0.0, -0.8)], ..Default::default() };
         let looks: Vec<_> = (0..90)
             .map(|k| {
@@ -288,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_is_laid_out_anew_every_fifteen_degrees_around_the_obstacle() {
+    fn picture_changes_every_fifteen_degrees() {
         let scene = Scene { obstacles: vec![block(1, 0.0, 0.15)], ..Default::default() };
         let panels: Vec<_> = (0..3600)
             .map(|k| {
@@ -306,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_with_a_normal_not_quite_of_length_one_still_warns() {
+    fn wall_normal_is_renormalised() {
         let outward = DVec3::new(0.94, 0.0, -0.342);
         assert_eq!(warnings_of(vec![], vec![wall(outward, 0.7)]).panels.len(), 1);
         assert_eq!(warnings_of(vec![], vec![wall(outward * 3.0, 0.7)]).panels.len(), 0);
@@ -356,7 +367,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_input_panics_and_what_comes_out_is_sound(
+        fn arbitrary_input_gives_valid_panels(
             obstacles in prop::collection::vec(any_obstacle(), 0..6),
             walls in prop::collection::vec(any_wall(), 0..3),
             place in any_point(),

@@ -25,9 +25,9 @@ mod tracks;
 pub use classifier::{FEATURES, HeldOutScore, Model, ModelCard, ModelError, ScoredCandidate, Tree};
 pub use clean::{CleanSettings, CleanWindow, Detection, Detections, ROBUST_SEGMENT_NS};
 pub use engine::{
-    Counters, DEFAULT_CUBE_M, Engine, EngineCounters, Lag, LagCurve, OffsetWindow, Pipeline, RateOffset,
-    ReflectorSeries, Search, StartLag, Synchronisation, SynchronisationError, TimeOffsetCounters, cube_ahead,
-    reflector_series, synchronisation,
+    Counters, DEFAULT_CUBE_M, Engine, EngineCounters, Lag, LagCurve, MapperKind, OffsetWindow, Pipeline, RateOffset,
+    ReflectorSeries, StartLag, Synchronisation, SynchronisationError, TimeOffsetCounters, cube_ahead, reflector_series,
+    synchronisation,
 };
 pub use evidence::Evidence;
 pub use existence::ExistenceSettings;

@@ -36,7 +36,7 @@ pub enum MappingSettingsError {
         "processing.region and reflectors.voxel_m {voxel_m} m give {places:.1e} places to search: at most {max:.0e}, \
              so choose a larger voxel or a smaller region"
     )]
-    TooManyPlaces {
+    TooManyVoxels {
         /// Edge of a voxel, metres.
         voxel_m: f64,
         /// Voxels in the region.
@@ -212,7 +212,7 @@ impl MappingSettings {
                 return Err(MappingSettingsError::Region(*region));
             }
         }
-        self.check_places()?;
+        self.check_search_size()?;
         if let Some(mount) = &tracking.mount
             && Pose::try_new(mount.translation.to_array(), mount.rotation.to_array()).is_err()
         {
@@ -221,13 +221,13 @@ impl MappingSettings {
         Ok(())
     }
 
-    fn check_places(&self) -> Result<(), MappingSettingsError> {
+    fn check_search_size(&self) -> Result<(), MappingSettingsError> {
         let size = self.processing.region.map_or(DVec3::splat(DEFAULT_CUBE_M), |region| region.size());
         let voxel_m = self.reflectors.voxel_m;
         let places = (size / voxel_m).ceil().to_array().iter().product::<f64>();
         match places <= MAX_VOXELS {
             true => Ok(()),
-            false => Err(MappingSettingsError::TooManyPlaces { voxel_m, places, max: MAX_VOXELS }),
+            false => Err(MappingSettingsError::TooManyVoxels { voxel_m, places, max: MAX_VOXELS }),
         }
     }
 }

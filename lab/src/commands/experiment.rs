@@ -48,7 +48,7 @@ impl ExperimentCommand {
             let told = |share: f64| bar.set_position(n as u64 * STEPS + (share * STEPS as f64) as u64);
             told(0.0);
             let outcome = experiment.run(self.seeds, &told)?;
-            bar.suspend(|| tell(experiment, &outcome, start.elapsed().as_secs_f64()))?;
+            bar.suspend(|| print_outcome(experiment, &outcome, start.elapsed().as_secs_f64()))?;
             write(&self.out.join(experiment.name), &outcome)?;
             done.push((experiment, outcome));
         }
@@ -74,7 +74,7 @@ impl ExperimentCommand {
     }
 }
 
-fn tell(experiment: &Experiment, outcome: &Outcome, took_s: f64) -> Result<()> {
+fn print_outcome(experiment: &Experiment, outcome: &Outcome, took_s: f64) -> Result<()> {
     outln!("{} (section {}), {took_s:.1} s", experiment.title, experiment.section)?;
     for finding in &outcome.findings {
         outln!("  {:<15} {}", format!("{}:", finding.verdict()), finding.thesis)?;

@@ -60,7 +60,7 @@ pub struct PlaySessions {
 }
 
 /// One setting's sessions and what came of them.
-struct Played {
+struct PlayResult {
     name: String,
     preset: String,
     odds: Option<f64>,
@@ -95,7 +95,7 @@ impl PlaySessions {
     }
 
     /// Plays every room with one setting.
-    fn play(&self, name: &str, odds: Option<f64>, settings: Settings) -> Result<Played> {
+    fn play(&self, name: &str, odds: Option<f64>, settings: Settings) -> Result<PlayResult> {
         let rooms = self.rooms.unwrap_or(if self.quick { 2 } else { 10 });
         let minutes = self.minutes.unwrap_or(if self.quick { 1.0 } else { 10.0 });
         let config = preset(name).ok_or_else(|| anyhow!("there is no preset {name:?}"))?;
@@ -111,7 +111,7 @@ impl PlaySessions {
         each.into_iter().for_each(|one| figures.add(one));
         outln!("{name}: {rooms} rooms of {minutes} min from seed {} on", self.seed)?;
         outln!("{}\n{}", by_kind(&figures).aligned(), totals(&figures).aligned())?;
-        Ok(Played { name, preset, odds, figures })
+        Ok(PlayResult { name, preset, odds, figures })
     }
 
     fn settings(&self, text: &str, odds: Option<f64>) -> Result<Settings> {
@@ -120,7 +120,7 @@ impl PlaySessions {
         Ok(Settings::from_toml(text, &changes)?)
     }
 
-    fn write(&self, played: &[Played]) -> Result<()> {
+    fn write(&self, played: &[PlayResult]) -> Result<()> {
         if let Some(folder) = &self.out {
             let path = folder.join("play.md");
             write_atomically(&path, self.markdown(played).as_bytes())?;
@@ -130,7 +130,7 @@ impl PlaySessions {
             outln!("Written to {}", path.display())?;
         }
         if let Some(path) = &self.json {
-            let rows = played.iter().map(|Played { preset, odds, figures, .. }| {
+            let rows = played.iter().map(|PlayResult { preset, odds, figures, .. }| {
                 json!({"preset": preset, "confirm_odds": odds, "controllers": self.controllers, "walls_db": self.walls_db,
                     "seed": self.seed, "rates": figures.rates(), "rates_without_walls": figures.without_walls().rates(),
                     "figures": figures})
@@ -142,7 +142,7 @@ impl PlaySessions {
         Ok(())
     }
 
-    fn markdown(&self, played: &[Played]) -> String {
+    fn markdown(&self, played: &[PlayResult]) -> String {
         let mut text = String::from("# Play sessions\n\nMade by `lab play --out DIR`.\n");
         if played.len() > 1 || !self.odds.is_empty() {
             let all = all_of(played);
@@ -151,7 +151,7 @@ impl PlaySessions {
         if !self.odds.is_empty() {
             return text + "\n![Warned in time against reported where nothing is](play.png)\n";
         }
-        for Played { name, figures, .. } in played {
+        for PlayResult { name, figures, .. } in played {
             let table = by_kind(figures);
             text +=
                 &format!("\n## {name}\n\n{}\n{}\n\n{}", table.markdown(), table.caption, totals(figures).markdown());
@@ -160,13 +160,13 @@ impl PlaySessions {
     }
 }
 
-fn all_of(played: &[Played]) -> Table {
+fn all_of(played: &[PlayResult]) -> Table {
     curve(played.iter().map(|played| (played.name.as_str(), &played.figures)))
 }
 
 /// A curve for each preset.
-fn chart(played: &[Played]) -> Chart {
-    let of_preset = |of: &[Played]| Series {
+fn chart(played: &[PlayResult]) -> Chart {
+    let of_preset = |of: &[PlayResult]| Series {
         name: of[0].preset.clone(),
         points: of.iter().map(|played| point(&played.figures)).collect(),
         joined: true,

@@ -11,21 +11,21 @@ use radar_sar::geometry::Pose;
 const SAME_M: f64 = 1e-4;
 const SAME_RAD: f64 = 1e-4;
 /// No head moves faster, m/s: what does is the tracking system's universe.
-const FASTEST_M_PER_S: f64 = 15.0;
+const MAX_HEAD_M_PER_S: f64 = 15.0;
 /// Nor does it get so far between two frames by a correction of tracking, metres.
-const LEAST_LEAP_M: f64 = 0.2;
+const MIN_LEAP_M: f64 = 0.2;
 /// Poses farther apart in time say nothing about a leap, nanoseconds.
-const NEXT_NS: i64 = 60_000_000;
+const MAX_PAIR_NS: i64 = 60_000_000;
 
 /// What became of the room.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Moved {
+pub(super) enum AnchorChange {
     /// Nothing.
-    No,
+    Unchanged,
     /// The user recentred: the map stays where it is in the room.
     Recentred,
     /// The places of before mean nothing any more.
-    Elsewhere,
+    NewUniverse,
 }
 
 /// The session's frame.
@@ -43,25 +43,25 @@ impl Anchor {
     }
 
     /// Takes in where the standing universe is now and which room the tracking system believes to be in.
-    pub fn look(&mut self, standing_from_raw: Pose, universe: Option<u64>) -> Moved {
+    pub fn update(&mut self, standing_from_raw: Pose, universe: Option<u64>) -> AnchorChange {
         // A room that is not told for a moment is no other room.
         if universe.is_some() && self.universe.is_some() && universe != self.universe {
             *self = Self::new(standing_from_raw, universe);
-            return Moved::Elsewhere;
+            return AnchorChange::NewUniverse;
         }
         self.universe = universe.or(self.universe);
         let (before, now) = (self.standing_from_raw, standing_from_raw);
         let is_same = before.translation.distance(now.translation) < SAME_M
             && before.rotation.angle_between(now.rotation) < SAME_RAD;
         if is_same {
-            return Moved::No;
+            return AnchorChange::Unchanged;
         }
         self.standing_from_raw = standing_from_raw;
-        Moved::Recentred
+        AnchorChange::Recentred
     }
 
     /// The raw universe has leapt: lays the session's frame anew.
-    pub fn renew(&mut self) {
+    pub fn rebase(&mut self) {
         self.session_from_raw = self.standing_from_raw;
     }
 
@@ -93,19 +93,19 @@ impl Anchor {
 
 /// Tells a leap of the raw universe from a head's motion.
 #[derive(Debug, Default)]
-pub(super) struct LeapWatch {
+pub(super) struct LeapDetector {
     last: Option<(i64, Pose)>,
 }
 
-impl LeapWatch {
+impl LeapDetector {
     /// Whether the universe has leapt between the trusted pose before and this one.
     pub fn push(&mut self, time_ns: i64, raw_from_head: Pose) -> bool {
         let Some((before_ns, before)) = self.last.replace((time_ns, raw_from_head)) else { return false };
         let apart_ns = time_ns.saturating_sub(before_ns);
-        if !(0..=NEXT_NS).contains(&apart_ns) {
+        if !(0..=MAX_PAIR_NS).contains(&apart_ns) {
             return false;
         }
-        let allowed_m = LEAST_LEAP_M.max(FASTEST_M_PER_S * apart_ns as f64 * 1e-9);
+        let allowed_m = MIN_LEAP_M.max(MAX_HEAD_M_PER_S * apart_ns as f64 * 1e-9);
         raw_from_head.translation.distance(before.translation) > allowed_m
     }
 
@@ -129,14 +129,14 @@ mod tests {
     }
 
     #[test]
-    fn recentring_moves_the_floor_and_not_the_map() {
+    fn recentring_keeps_the_map_in_place() {
         let start = turned(30.0, 0.3, -0.1);
         let mut anchor = Anchor::new(start, Some(7));
         let raw_chair = DVec3::new(1.0, 0.4, -2.0);
         let chair = anchor.session_from_raw().transform_point(raw_chair);
-        assert_eq!(anchor.look(start, Some(7)), Moved::No);
+        assert_eq!(anchor.update(start, Some(7)), AnchorChange::Unchanged);
         let after = turned(-50.0, 1.0, 0.7);
-        assert_eq!(anchor.look(after, Some(7)), Moved::Recentred);
+        assert_eq!(anchor.update(after, Some(7)), AnchorChange::Recentred);
         assert!((anchor.session_from_raw().transform_point(raw_chair) - chair).length() < 1e-12, "the map stays");
         let in_play_area = anchor.standing_from_session().transform_point(chair);
         assert!((in_play_area - after.transform_point(raw_chair)).length() < 1e-12, "drawn by the play area of now");
@@ -145,25 +145,25 @@ mod tests {
     }
 
     #[test]
-    fn another_room_begins_anew() {
+    fn new_universe_resets_the_anchor() {
         let mut anchor = Anchor::new(turned(30.0, 0.3, -0.1), Some(7));
         let there = turned(5.0, 2.0, 2.0);
-        assert_eq!(anchor.look(there, None), Moved::Recentred, "not told which");
-        assert_eq!(anchor.look(there, Some(8)), Moved::Elsewhere);
+        assert_eq!(anchor.update(there, None), AnchorChange::Recentred, "not told which");
+        assert_eq!(anchor.update(there, Some(8)), AnchorChange::NewUniverse);
         assert!(same(&anchor.standing_from_session(), &Pose::IDENTITY));
-        assert_eq!(anchor.look(there, Some(8)), Moved::No);
+        assert_eq!(anchor.update(there, Some(8)), AnchorChange::Unchanged);
     }
 
     #[test]
-    fn a_universe_that_was_never_told_is_no_other_one() {
+    fn unknown_universe_is_no_change() {
         let mut anchor = Anchor::new(Pose::IDENTITY, None);
-        assert_eq!(anchor.look(Pose::IDENTITY, Some(3)), Moved::No);
-        assert_eq!(anchor.look(Pose::IDENTITY, Some(4)), Moved::Elsewhere);
+        assert_eq!(anchor.update(Pose::IDENTITY, Some(3)), AnchorChange::Unchanged);
+        assert_eq!(anchor.update(Pose::IDENTITY, Some(4)), AnchorChange::NewUniverse);
     }
 
     #[test]
-    fn heads_do_not_leap() {
-        let mut watch = LeapWatch::default();
+    fn leap_detector_accepts_head_motion() {
+        let mut watch = LeapDetector::default();
         let at = |x: f64| Pose::from_translation(DVec3::new(x, 1.6, 0.0));
         assert!(!watch.push(0, at(0.0)));
         assert!(!watch.push(11_000_000, at(0.15)), "a correction of tracking");

@@ -1,29 +1,36 @@
 //! Cues on their way out: ticks to the controllers, tones to the sound device.
 
 use crate::live::now_ns;
-use crate::live::sound::Sound;
+use crate::live::sound::TonePlayer;
 use crate::openvr::{Hands, Runtime};
 use crate::settings::Settings;
-use crate::warning::{Cues, Player, Warnings};
+use crate::warning::{CueScheduler, Warnings, Wearer};
 
 /// A controller does not take another tick sooner, nanoseconds: SteamVR asks for 5 ms between two. Frames that are late come closer.
-const TICK_APART_NS: i64 = 6_000_000;
+const MIN_TICK_INTERVAL_NS: i64 = 6_000_000;
 
 /// Decides on cues and gives them.
 #[derive(Debug, Default)]
 pub(super) struct CueOutput {
-    cues: Cues,
-    sound: Sound,
+    cues: CueScheduler,
+    sound: TonePlayer,
     /// When each hand had its last tick, host nanoseconds.
     ticked_ns: [i64; 2],
 }
 
 impl CueOutput {
     /// What the warnings of this frame ask for.
-    pub fn give(&mut self, runtime: &Runtime, hands: Hands, warnings: &Warnings, player: &Player, settings: &Settings) {
-        let cue = self.cues.take(warnings, player, settings.warning.brightness, &settings.cues);
+    pub fn output(
+        &mut self,
+        runtime: &Runtime,
+        hands: Hands,
+        warnings: &Warnings,
+        wearer: &Wearer,
+        settings: &Settings,
+    ) {
+        let cue = self.cues.update(warnings, wearer, settings.warning.brightness, &settings.cues);
         for (hand, tick_us) in cue.ticks_us.into_iter().enumerate() {
-            let is_ready = now_ns().saturating_sub(self.ticked_ns[hand]) >= TICK_APART_NS;
+            let is_ready = now_ns().saturating_sub(self.ticked_ns[hand]) >= MIN_TICK_INTERVAL_NS;
             if let Some(tick_us) = tick_us.filter(|tick_us| *tick_us > 0 && is_ready) {
                 runtime.pulse(hands, hand, tick_us);
                 self.ticked_ns[hand] = now_ns();

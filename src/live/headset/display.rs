@@ -7,17 +7,17 @@ use glam::DVec3;
 
 use super::frames::HeadsetError;
 use super::graphics::{Graphics, GraphicsError};
-use super::slots::{SLOTS, Slots};
+use super::overlay_pool::{MAX_OVERLAYS, OverlayPool};
 use crate::openvr::{EyeSide, HeadsetEye, OpenVrError, Overlay, Runtime, Universe};
 use crate::render::{EyeView, Quad, RenderError, StereoScene, Window};
 use crate::settings::{Display, ProjectionMatrix, Settings};
-use crate::warning::{Shape, Warnings, Watch};
+use crate::warning::{Shape, WarningTracker, Warnings};
 use radar_sar::geometry::Pose;
 
 /// A picture over all of an eye's view: lines and discs need no more, pixels.
-const EYE_MOST_PX: u32 = 1024;
+const MAX_EYE_PX: u32 = 1024;
 /// Pictures of an eye kept alive after they were replaced.
-const KEPT: usize = 3;
+const RETAINED_PICTURES: usize = 3;
 
 /// Where what is shown is to be seen from, in the standing universe, and what turns places of that into the runtime's.
 pub(super) struct Viewpoint {
@@ -35,14 +35,14 @@ pub(super) enum ShowError {
 }
 
 /// The overlays of one of the displays.
-pub(super) struct Shown {
+pub(super) struct WarningDisplay {
     kind: Kind,
     eyes: Option<[HeadsetEye; 2]>,
 }
 
 enum Kind {
-    Panels(Slots),
-    Stereo(Slots),
+    Panels(OverlayPool),
+    Stereo(OverlayPool),
     /// Left and right.
     Projection {
         overlays: Vec<Overlay>,
@@ -51,17 +51,17 @@ enum Kind {
     },
 }
 
-impl Shown {
+impl WarningDisplay {
     /// # Errors
     /// The runtime refuses an overlay, or does not tell where the eyes are.
     pub fn new(runtime: &Arc<Runtime>, settings: &Settings) -> Result<Self, HeadsetError> {
         let eyes = runtime.eyes();
         let no_eyes = || OpenVrError::Call { call: "the eyes", name: "they make no picture".to_owned() };
         let kind = match settings.headset.display {
-            Display::Panels => Kind::Panels(Slots::new(runtime, false)?),
+            Display::Panels => Kind::Panels(OverlayPool::new(runtime, false)?),
             Display::Stereo => {
                 eyes.ok_or_else(no_eyes)?;
-                Kind::Stereo(Slots::new(runtime, true)?)
+                Kind::Stereo(OverlayPool::new(runtime, true)?)
             }
             Display::Projection => {
                 eyes.ok_or_else(no_eyes)?;
@@ -84,7 +84,7 @@ impl Shown {
         before: &Settings,
     ) -> Vec<Arc<wgpu::Texture>> {
         // The overlays have the same names, so those there are go first.
-        let nothing = Self { kind: Kind::Panels(Slots::none()), eyes: None };
+        let nothing = Self { kind: Kind::Panels(OverlayPool::none()), eyes: None };
         let pictures = std::mem::replace(self, nothing).end();
         let made = Self::new(runtime, settings).or_else(|error| {
             log::warn!("this display is not to be had, the one before stays: {error}");
@@ -98,9 +98,9 @@ impl Shown {
     }
 
     /// Whether the runtime still knows the overlays.
-    pub fn are_known(&self) -> bool {
+    pub fn exist(&self) -> bool {
         match &self.kind {
-            Kind::Panels(slots) | Kind::Stereo(slots) => slots.are_known(),
+            Kind::Panels(slots) | Kind::Stereo(slots) => slots.exist(),
             Kind::Projection { overlays, .. } => overlays.iter().any(Overlay::exists),
         }
     }
@@ -112,7 +112,7 @@ impl Shown {
     pub fn show(
         &mut self,
         graphics: &mut Graphics,
-        watch: &Watch,
+        tracker: &WarningTracker,
         warnings: &Warnings,
         settings: &Settings,
         from: &Viewpoint,
@@ -122,7 +122,7 @@ impl Shown {
             // The shapes themselves are there to be seen.
             _ => graphics.renderer.quads(&warnings.clone().without_silhouettes(), &settings.warning)?,
         };
-        let scene = Scene3d { quads: &quads, watch, warnings, settings };
+        let scene = Scene3d { quads: &quads, tracker, warnings, settings };
         match (&mut self.kind, &self.eyes) {
             (Kind::Panels(slots), _) => Ok(slots.show(&graphics.device, &quads, &from.raw_from_standing)?),
             (Kind::Stereo(slots), Some(eyes)) => {
@@ -134,7 +134,7 @@ impl Shown {
                     let picture = project(graphics, &scene, overlay, side, eye, from, *matrix)?;
                     pictures.push(picture);
                 }
-                let outdated = pictures.len().saturating_sub(2 * KEPT);
+                let outdated = pictures.len().saturating_sub(2 * RETAINED_PICTURES);
                 pictures.drain(..outdated);
                 Ok(2)
             }
@@ -154,9 +154,9 @@ impl Shown {
     }
 
     /// The device that drew the pictures is gone.
-    pub fn forget_pictures(&mut self) {
+    pub fn drop_pictures(&mut self) {
         match &mut self.kind {
-            Kind::Panels(slots) | Kind::Stereo(slots) => slots.forget_pictures(),
+            Kind::Panels(slots) | Kind::Stereo(slots) => slots.drop_pictures(),
             Kind::Projection { pictures, .. } => pictures.clear(),
         }
     }
@@ -181,7 +181,7 @@ impl Shown {
 /// What is to be seen in space.
 struct Scene3d<'a> {
     quads: &'a [Quad],
-    watch: &'a Watch,
+    tracker: &'a WarningTracker,
     warnings: &'a Warnings,
     settings: &'a Settings,
 }
@@ -200,9 +200,9 @@ fn windows(
     from: &Viewpoint,
 ) -> Result<Vec<Quad>, RenderError> {
     let eyes_m: [DVec3; 2] = eyes.map(|eye| (from.standing_from_head * eye.head_from_eye).translation);
-    let shapes = scene.watch.shapes(scene.warnings);
+    let shapes = scene.tracker.shapes(scene.warnings);
     let scenery = scene.scenery(&shapes);
-    let windows: Vec<Window> = Window::of_panels(&scenery, eyes_m).into_iter().take(SLOTS).collect();
+    let windows: Vec<Window> = Window::of_panels(&scenery, eyes_m).into_iter().take(MAX_OVERLAYS).collect();
     let pictures = graphics.renderer.windows(&scenery, &windows, eyes_m)?;
     let quad = |(window, texture): (Window, Arc<wgpu::Texture>)| {
         let (tracking_from_quad, size_m, (kind, id)) = (window.tracking_from_window, window.size_m, window.key);
@@ -223,10 +223,10 @@ fn project(
 ) -> Result<Arc<wgpu::Texture>, ShowError> {
     let tracking_from_eye = from.standing_from_head * eye.head_from_eye;
     let [left, right, lower, upper] = eye.tangents;
-    let height_px = f64::from(EYE_MOST_PX) * (upper - lower) / (right - left);
-    let size_px = [EYE_MOST_PX, height_px.round().clamp(16.0, 2.0 * f64::from(EYE_MOST_PX)) as u32];
+    let height_px = f64::from(MAX_EYE_PX) * (upper - lower) / (right - left);
+    let size_px = [MAX_EYE_PX, height_px.round().clamp(16.0, 2.0 * f64::from(MAX_EYE_PX)) as u32];
     let view = EyeView { tracking_from_eye, tangents: eye.tangents, size_px };
-    let shapes = scene.watch.shapes(scene.warnings);
+    let shapes = scene.tracker.shapes(scene.warnings);
     let picture = graphics.renderer.eye(&scene.scenery(&shapes), side, &view)?;
     if let Some(texture) = graphics.device.texture_handles(&picture) {
         overlay.set_texture(&texture)?;

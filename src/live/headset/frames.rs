@@ -4,21 +4,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::anchor::{Anchor, LeapWatch, Moved};
+use super::anchor::{Anchor, AnchorChange, LeapDetector};
 use super::cue_output::CueOutput;
-use super::dashboard::{Dashboard, Facts, PanelSources, PanelWork, SensorCount};
-use super::display::{ShowError, Shown, Viewpoint};
-use super::graphics::{Faults, Graphics, GraphicsError, LostDevices, Retry};
-use super::map_keeper::{KeptMaps, MapKeeper};
+use super::dashboard::{Dashboard, Facts, PanelSources, PanelWorker, SensorCount};
+use super::display::{ShowError, Viewpoint, WarningDisplay};
+use super::graphics::{DrawFaults, Graphics, GraphicsError, LostDevices, Retry};
+use super::map_autosave::{MapAutosave, MapStore};
 use super::meter::{FrameMeter, FrameReport, FrameTimes};
 use super::pose_thread::{RoomFrame, SharedFrame, read_poses};
-use super::samples::{HandsTold, player, poses_now, sample};
-use super::vitals::Vitals;
-use crate::live::{CoreWait, Reconstruction, SettingsDesk, now_ns, thread_cpu_ns};
+use super::runtime_monitor::RuntimeMonitor;
+use super::samples::{HandSampler, poses_now, sample, wearer};
+use crate::live::{CoreWait, Reconstruction, SettingsStore, now_ns, thread_cpu_ns};
 use crate::openvr::{DisplayTiming, Event, Hands, OpenVrError, Poses, Runtime, Universe};
 use crate::render::RenderError;
 use crate::settings::Settings;
-use crate::warning::Watch;
+use crate::warning::WarningTracker;
 use radar_mapping::{HandsSample, Scene};
 use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
@@ -30,11 +30,11 @@ pub type PoseSink<'a> = &'a (dyn Fn(&PoseSample) + Sync);
 pub type HandSink<'a> = &'a (dyn Fn(&HandsSample) + Sync);
 
 /// Between two looks at where the standing universe is, nanoseconds; events bring one forward.
-const LOOK_NS: i64 = 100_000_000;
+const CHECK_INTERVAL_NS: i64 = 100_000_000;
 /// Where the head was last is good for drawing for so long, nanoseconds; what stands in the room stays where it is.
-const HEAD_KEPT_NS: i64 = 1_000_000_000;
+const MAX_HEAD_AGE_NS: i64 = 1_000_000_000;
 /// Between two renewals of what others see of the loop, nanoseconds.
-const TELL_NS: i64 = 250_000_000;
+const STATUS_INTERVAL_NS: i64 = 250_000_000;
 
 /// Why the loop ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,7 +95,7 @@ pub struct HeadsetReport {
 }
 
 /// What was drawn and drawn with: to be dropped when the session is over, since the runtime may copy from it until then.
-pub struct Drawn {
+pub struct RetainedGraphics {
     _pictures: Vec<Arc<wgpu::Texture>>,
     _graphics: Option<Graphics>,
     _lost: LostDevices,
@@ -116,9 +116,9 @@ pub struct FrameLoop<'a> {
     /// Where the hands' places go.
     pub hand_sink: HandSink<'a>,
     /// Where maps are kept from one start to the next; `None`: nowhere.
-    pub maps: Option<&'a KeptMaps>,
+    pub maps: Option<&'a MapStore>,
     /// Settings, which may change at any time.
-    pub settings: &'a SettingsDesk,
+    pub settings: &'a SettingsStore,
     /// Ends the loop.
     pub stop: &'a AtomicBool,
     /// What others see; renewed four times a second.
@@ -131,24 +131,24 @@ impl FrameLoop<'_> {
     ///
     /// # Errors
     /// No graphics device that the runtime accepts, no overlays: another instance may have them.
-    pub fn run(&self) -> Result<(HeadsetReport, Drawn), HeadsetError> {
+    pub fn run(&self) -> Result<(HeadsetReport, RetainedGraphics), HeadsetError> {
         let graphics = Graphics::open(self.runtime)?;
         log::info!("drawing on {}", graphics.device.name);
         let frame = SharedFrame::new(None);
         let done = AtomicBool::new(false);
-        let (mut state, panel) = State::new(self, graphics, &frame)?;
+        let (mut state, panel) = LoopState::new(self, graphics, &frame)?;
         let poses_hz = state.settings.headset.poses_hz;
         std::thread::scope(|scope| {
-            let _done = DoneWhenDropped(&done);
-            let &Self { settings: desk, reconstruction, .. } = self;
+            let _done = DoneGuard(&done);
+            let &Self { settings: store, reconstruction, .. } = self;
             // It ends when the state does.
-            scope.spawn(move || panel.run(&PanelSources { desk, reconstruction }));
+            scope.spawn(move || panel.run(&PanelSources { store, reconstruction }));
             if poses_hz > 0.0 {
                 let (runtime, frame, sink, done) = (self.runtime, &frame, self.pose_sink, &done);
                 scope.spawn(move || read_poses(runtime, frame, poses_hz, sink, done));
             }
             if let Some(maps) = self.maps {
-                let keeper = MapKeeper { maps, frame: &frame, reconstruction, settings: desk };
+                let keeper = MapAutosave { maps, frame: &frame, reconstruction, settings: store };
                 let done = &done;
                 scope.spawn(move || keeper.run(done));
             }
@@ -160,54 +160,54 @@ impl FrameLoop<'_> {
 }
 
 /// Ends the thread that reads poses, however the loop ends.
-struct DoneWhenDropped<'d>(&'d AtomicBool);
+struct DoneGuard<'d>(&'d AtomicBool);
 
-impl Drop for DoneWhenDropped<'_> {
+impl Drop for DoneGuard<'_> {
     fn drop(&mut self) {
         self.0.store(true, Ordering::Relaxed);
     }
 }
 
-struct State<'s, 'a> {
+struct LoopState<'s, 'a> {
     with: &'s FrameLoop<'a>,
     dashboard: Dashboard,
     /// `None` while the device is lost.
     graphics: Option<Graphics>,
     retry: Retry,
-    faults: Faults,
+    faults: DrawFaults,
     lost: LostDevices,
-    shown: Shown,
+    shown: WarningDisplay,
     /// Pictures of a display that was left.
-    let_go: Vec<Arc<wgpu::Texture>>,
+    released: Vec<Arc<wgpu::Texture>>,
     shared_frame: &'s SharedFrame,
     anchor: Option<Anchor>,
-    leap: LeapWatch,
+    leap: LeapDetector,
     /// Times that the raw universe has leapt.
     leaps: u64,
     /// Times that the user wanted the map to begin anew.
-    wiped: u64,
-    looked_ns: i64,
-    vitals: Vitals,
+    map_resets: u64,
+    checked_ns: i64,
+    monitor: RuntimeMonitor,
     settings: Arc<Settings>,
     settings_version: u64,
     timing: DisplayTiming,
     hands: Hands,
-    told_hands: HandsTold,
+    hand_sampler: HandSampler,
     /// Where the head was last, in the standing universe, and when.
     head: Option<(i64, Pose)>,
     scene: PlacedScene,
     cues: CueOutput,
     meter: FrameMeter,
     status: HeadsetStatus,
-    told_ns: i64,
+    status_ns: i64,
 }
 
-impl<'s, 'a> State<'s, 'a> {
+impl<'s, 'a> LoopState<'s, 'a> {
     fn new(
         with: &'s FrameLoop<'a>,
         graphics: Graphics,
         shared_frame: &'s SharedFrame,
-    ) -> Result<(Self, PanelWork), HeadsetError> {
+    ) -> Result<(Self, PanelWorker), HeadsetError> {
         let timing = with.runtime.display_timing();
         let mut settings_version = 0;
         let settings = with.settings.newer_than(&mut settings_version).unwrap_or_else(|| with.settings.newest());
@@ -217,28 +217,28 @@ impl<'s, 'a> State<'s, 'a> {
             dashboard,
             graphics: Some(graphics),
             retry: Retry::default(),
-            faults: Faults::default(),
+            faults: DrawFaults::default(),
             lost: LostDevices::default(),
-            shown: Shown::new(with.runtime, &settings)?,
-            let_go: Vec::new(),
+            shown: WarningDisplay::new(with.runtime, &settings)?,
+            released: Vec::new(),
             shared_frame,
             anchor: None,
-            leap: LeapWatch::default(),
+            leap: LeapDetector::default(),
             leaps: 0,
-            wiped: 0,
-            looked_ns: i64::MIN,
-            vitals: Vitals::default(),
+            map_resets: 0,
+            checked_ns: i64::MIN,
+            monitor: RuntimeMonitor::default(),
             settings,
             settings_version,
             timing,
             hands: with.runtime.hands(),
-            told_hands: HandsTold::default(),
+            hand_sampler: HandSampler::default(),
             head: None,
             scene: PlacedScene::default(),
             cues: CueOutput::default(),
             meter: FrameMeter::new(timing.frame_hz),
             status: HeadsetStatus::default(),
-            told_ns: 0,
+            status_ns: 0,
         };
         Ok((state, panel))
     }
@@ -257,14 +257,14 @@ impl<'s, 'a> State<'s, 'a> {
             if self.take_events() {
                 return Ending::SteamVrQuit;
             }
-            if self.vitals.is_due(start_ns) && self.vitals.looked(start_ns, self.shown.are_known()) {
+            if self.monitor.is_due(start_ns) && self.monitor.record(start_ns, self.shown.exist()) {
                 return Ending::SteamVrGone;
             }
             self.take_settings();
             self.take_poses(start_ns);
-            self.forget_as_wished();
+            self.reset_map_if_requested();
             self.show(start_ns);
-            self.turn_dashboard(start_ns);
+            self.update_dashboard(start_ns);
             let (end_ns, end_waited_ns) = (now_ns(), core_wait.total_ns());
             self.meter.frame(FrameTimes {
                 start_ns,
@@ -274,7 +274,7 @@ impl<'s, 'a> State<'s, 'a> {
                 waited_before_ns: start_waited_ns - last_waited_ns,
             });
             last_waited_ns = end_waited_ns;
-            self.tell(end_ns);
+            self.publish_status(end_ns);
         }
     }
 
@@ -295,7 +295,7 @@ impl<'s, 'a> State<'s, 'a> {
                     return true;
                 }
                 Event::UniverseMoved => {
-                    self.looked_ns = i64::MIN;
+                    self.checked_ns = i64::MIN;
                     // The play area may be another.
                     self.with.settings.recompose();
                 }
@@ -314,14 +314,14 @@ impl<'s, 'a> State<'s, 'a> {
         let (was, is) = (&before.headset, &self.settings.headset);
         if (was.display, was.projection_matrix) != (is.display, is.projection_matrix) {
             // The runtime may still copy from them for a moment; those of the change before are long done with.
-            self.let_go = self.shown.switch(self.with.runtime, &self.settings, &before);
+            self.released = self.shown.switch(self.with.runtime, &self.settings, &before);
         }
     }
 
     fn take_poses(&mut self, now_ns: i64) {
-        if now_ns.saturating_sub(self.looked_ns) >= LOOK_NS {
-            self.looked_ns = now_ns;
-            self.look_around();
+        if now_ns.saturating_sub(self.checked_ns) >= CHECK_INTERVAL_NS {
+            self.checked_ns = now_ns;
+            self.update_anchor();
         }
         let Some((time_ns, poses)) = poses_now(self.with.runtime, self.hands) else {
             self.status.poses_untimed += 1;
@@ -332,14 +332,14 @@ impl<'s, 'a> State<'s, 'a> {
         if self.settings.headset.poses_hz <= 0.0 {
             (self.with.pose_sink)(&sample(time_ns, &poses.head, &anchor.session_from_raw()));
         }
-        if let Some(hands) = self.told_hands.next(time_ns, &poses, &anchor.session_from_raw()) {
+        if let Some(hands) = self.hand_sampler.next(time_ns, &poses, &anchor.session_from_raw()) {
             (self.with.hand_sink)(&hands);
         }
         self.status.is_tracked = poses.head.valid_pose().is_some();
     }
 
     /// Where the standing universe is now.
-    fn look_around(&mut self) {
+    fn update_anchor(&mut self) {
         let runtime = self.with.runtime;
         let Some(standing_from_raw) = runtime.standing_from_raw() else { return };
         let universe = runtime.universe_id();
@@ -350,22 +350,22 @@ impl<'s, 'a> State<'s, 'a> {
             return;
         };
         let before = anchor.universe();
-        match anchor.look(standing_from_raw, universe) {
-            Moved::No => {
+        match anchor.update(standing_from_raw, universe) {
+            AnchorChange::Unchanged => {
                 // The room's name may have been told only now.
                 if anchor.universe() != before {
                     let anchor = *anchor;
                     self.share_frame(&anchor);
                 }
             }
-            Moved::Recentred => {
+            AnchorChange::Recentred => {
                 self.status.recentred += 1;
                 let anchor = *anchor;
                 self.share_frame(&anchor);
             }
-            Moved::Elsewhere => {
+            AnchorChange::NewUniverse => {
                 let anchor = *anchor;
-                self.forget(&anchor, "this is another room for the tracking system");
+                self.reset_map(&anchor, "this is another room for the tracking system");
             }
         }
     }
@@ -375,28 +375,28 @@ impl<'s, 'a> State<'s, 'a> {
             None => self.leap.lost(),
             Some(head) if self.leap.push(time_ns, head) => {
                 let Some(anchor) = &mut self.anchor else { return };
-                anchor.renew();
+                anchor.rebase();
                 let anchor = *anchor;
                 self.leaps += 1;
-                self.forget(&anchor, "the tracking system has moved the room");
+                self.reset_map(&anchor, "the tracking system has moved the room");
             }
             Some(_) => {}
         }
     }
 
     /// The places of before mean nothing any more.
-    fn forget(&mut self, anchor: &Anchor, why: &str) {
+    fn reset_map(&mut self, anchor: &Anchor, why: &str) {
         log::warn!("{why}: the map begins anew");
         // No pose of the new frame may reach what is forgotten, none of the old one what begins: the thread that reads poses holds the
         // frame until its pose has gone where it belongs.
         let mut frame = self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(reconstruction) = (self.with.reconstruction)() {
-            self.scene.epoch = reconstruction.forget();
+            self.scene.epoch = reconstruction.reset();
         }
         *frame = Some(self.room_frame(anchor));
         drop(frame);
         self.scene.clear();
-        self.meter.forget_sweeps();
+        self.meter.reset_sweep_age();
         self.head = None;
         self.status.forgotten += 1;
     }
@@ -413,15 +413,15 @@ impl<'s, 'a> State<'s, 'a> {
             standing_from_raw: anchor.standing_from_raw(),
             universe: anchor.universe(),
             leaps: self.leaps,
-            wiped: self.wiped,
+            map_resets: self.map_resets,
         }
     }
 
     /// The user wants it in the panel.
-    fn forget_as_wished(&mut self) {
-        if let Some(anchor) = self.anchor.filter(|_| self.dashboard.takes_forgetting()) {
-            self.wiped += 1;
-            self.forget(&anchor, "the panel's button to forget the room was pressed");
+    fn reset_map_if_requested(&mut self) {
+        if let Some(anchor) = self.anchor.filter(|_| self.dashboard.take_reset_request()) {
+            self.map_resets += 1;
+            self.reset_map(&anchor, "the panel's button to forget the room was pressed");
         }
     }
 
@@ -453,15 +453,15 @@ impl<'s, 'a> State<'s, 'a> {
         if let Some(raw_from_head) = poses.head.valid_pose() {
             self.head = Some((now_ns, anchor.raw_from_standing().inverse() * raw_from_head));
         }
-        let head = self.head.filter(|(seen_ns, _)| now_ns.saturating_sub(*seen_ns) < HEAD_KEPT_NS);
+        let head = self.head.filter(|(seen_ns, _)| now_ns.saturating_sub(*seen_ns) < MAX_HEAD_AGE_NS);
         let Some((_, standing_from_head)) = head else { return Ok(self.shown.hide()?) };
         if !self.settings.headset.warnings {
             self.status.nearest_m = None;
             return Ok(self.shown.hide()?);
         }
-        let player = player(now_ns, standing_from_head, &poses, &anchor.raw_from_standing());
-        let warnings = self.scene.watch.warn(&player, &self.settings.warning);
-        self.cues.give(self.with.runtime, self.hands, &warnings, &player, &self.settings);
+        let wearer = wearer(now_ns, standing_from_head, &poses, &anchor.raw_from_standing());
+        let warnings = self.scene.tracker.warn(&wearer, &self.settings.warning);
+        self.cues.output(self.with.runtime, self.hands, &warnings, &wearer, &self.settings);
         self.status.nearest_m = warnings.panels.iter().map(|panel| panel.distance_m).min_by(f64::total_cmp);
         if warnings.panels.is_empty() && warnings.footprints.is_empty() {
             return Ok(self.shown.hide()?);
@@ -469,7 +469,7 @@ impl<'s, 'a> State<'s, 'a> {
         self.open_graphics(now_ns);
         let Some(graphics) = &mut self.graphics else { return Ok(self.shown.hide()?) };
         let from = Viewpoint { standing_from_head, raw_from_standing: anchor.raw_from_standing() };
-        let shown = self.shown.show(graphics, &self.scene.watch, &warnings, &self.settings, &from);
+        let shown = self.shown.show(graphics, &self.scene.tracker, &warnings, &self.settings, &from);
         self.status.most_picture_bytes = self.status.most_picture_bytes.max(graphics.renderer.texture_bytes());
         if let Err(ShowError::Render(error)) = &shown {
             // What is shown stays as it is, but of a lost device nothing can.
@@ -481,7 +481,7 @@ impl<'s, 'a> State<'s, 'a> {
     }
 
     /// The panel in the dashboard: its part of a frame.
-    fn turn_dashboard(&mut self, now_ns: i64) {
+    fn update_dashboard(&mut self, now_ns: i64) {
         if self.dashboard.needs_graphics() {
             self.open_graphics(now_ns);
         }
@@ -493,7 +493,7 @@ impl<'s, 'a> State<'s, 'a> {
             is_alive: (self.with.reconstruction)().map(Reconstruction::is_alive),
             may_notify: self.settings.headset.warnings && self.settings.headset.notices,
         };
-        if let Err(error) = self.dashboard.turn(now_ns, self.graphics.as_ref(), &facts)
+        if let Err(error) = self.dashboard.update(now_ns, self.graphics.as_ref(), &facts)
             && self.faults.is_lost(now_ns, &error)
             && let Err(error) = self.lose_device(&error)
         {
@@ -517,21 +517,21 @@ impl<'s, 'a> State<'s, 'a> {
     fn lose_device(&mut self, error: &RenderError) -> Result<(), ShowError> {
         log::warn!("{error}; the graphics device is opened again");
         self.status.devices_lost += 1;
-        self.shown.forget_pictures();
-        self.dashboard.forget_pictures();
+        self.shown.drop_pictures();
+        self.dashboard.drop_pictures();
         if let Some(lost) = self.graphics.take() {
             self.lost.keep(lost);
         }
         Ok(self.shown.hide()?)
     }
 
-    fn tell(&mut self, now_ns: i64) {
-        if now_ns.saturating_sub(self.told_ns) < TELL_NS {
+    fn publish_status(&mut self, now_ns: i64) {
+        if now_ns.saturating_sub(self.status_ns) < STATUS_INTERVAL_NS {
             return;
         }
         // Whoever reads it right now will see the next.
         if let Ok(mut seen) = self.with.status.try_lock() {
-            self.told_ns = now_ns;
+            self.status_ns = now_ns;
             *seen = self.status_now();
         }
     }
@@ -541,14 +541,14 @@ impl<'s, 'a> State<'s, 'a> {
     }
 
     /// Overlays go now; pictures and device after the session, which may still copy from them.
-    fn end(self) -> (HeadsetStatus, Drawn) {
+    fn end(self) -> (HeadsetStatus, RetainedGraphics) {
         let status = self.status_now();
-        let Self { mut shown, mut let_go, dashboard, graphics, lost, .. } = self;
+        let Self { mut shown, mut released, dashboard, graphics, lost, .. } = self;
         // A runtime that is gone refuses; there is nothing to hide then.
         let _ = shown.hide();
-        let_go.extend(dashboard.end());
-        let_go.extend(shown.end());
-        (status, Drawn { _pictures: let_go, _graphics: graphics, _lost: lost })
+        released.extend(dashboard.end());
+        released.extend(shown.end());
+        (status, RetainedGraphics { _pictures: released, _graphics: graphics, _lost: lost })
     }
 }
 
@@ -556,7 +556,7 @@ impl<'s, 'a> State<'s, 'a> {
 #[derive(Default)]
 struct PlacedScene {
     from: Option<(Arc<Scene>, Pose)>,
-    watch: Watch,
+    tracker: WarningTracker,
     /// Scenes of before are of another room.
     epoch: u64,
 }
@@ -568,7 +568,7 @@ impl PlacedScene {
         }
         if epoch > self.epoch {
             // Begun anew: things that were known are others now.
-            self.watch.forget();
+            self.tracker.reset();
         }
         self.epoch = epoch;
         if let Some((placed, by)) = &self.from {
@@ -577,14 +577,14 @@ impl PlacedScene {
             }
             if by != standing_from_session {
                 // What it holds on to stands elsewhere in the play area now.
-                self.watch.displace();
+                self.tracker.change_frame();
             }
         }
-        self.watch.see(&scene.moved(standing_from_session));
+        self.tracker.update(&scene.moved(standing_from_session));
         self.from = Some((Arc::clone(scene), *standing_from_session));
     }
 
     fn clear(&mut self) {
-        (self.from, self.watch) = (None, Watch::new());
+        (self.from, self.tracker) = (None, WarningTracker::new());
     }
 }

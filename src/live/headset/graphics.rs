@@ -6,9 +6,9 @@ use crate::render::{RenderError, Renderer};
 /// Between two tries to open a lost device, nanoseconds.
 const RETRY_NS: i64 = 2_000_000_000;
 /// A device that refuses work for so long without a picture in between is as good as lost, nanoseconds.
-const REFUSES_NS: i64 = 1_000_000_000;
+const MAX_REFUSING_NS: i64 = 1_000_000_000;
 /// Lost devices that are kept.
-const KEPT: usize = 4;
+const RETAINED_DEVICES: usize = 4;
 
 /// Why there is nothing to draw with.
 #[derive(Debug, thiserror::Error)]
@@ -39,7 +39,7 @@ impl Graphics {
 #[derive(Debug, Default)]
 pub(super) struct Retry {
     next_ns: i64,
-    told: Option<String>,
+    last_logged: Option<String>,
 }
 
 impl Retry {
@@ -55,22 +55,22 @@ impl Retry {
     /// Why it did not succeed: told once, and again when it is another reason.
     pub fn failed(&mut self, error: &GraphicsError) {
         let text = error.to_string();
-        if self.told.as_ref() != Some(&text) {
+        if self.last_logged.as_ref() != Some(&text) {
             log::warn!("no warnings can be drawn: {text}. It is tried again every {} s", RETRY_NS / 1_000_000_000);
-            self.told = Some(text);
+            self.last_logged = Some(text);
         }
     }
 }
 
 /// Errors of drawing: which of them mean that another device is needed.
 #[derive(Debug, Default)]
-pub(super) struct Faults {
+pub(super) struct DrawFaults {
     /// Since when the device has refused all work.
     refused_since_ns: Option<i64>,
-    told: Option<String>,
+    last_logged: Option<String>,
 }
 
-impl Faults {
+impl DrawFaults {
     /// Something was drawn.
     pub fn drawn(&mut self) {
         self.refused_since_ns = None;
@@ -80,16 +80,18 @@ impl Faults {
     pub fn is_lost(&mut self, now_ns: i64, error: &RenderError) -> bool {
         let is_lost = match error {
             RenderError::DeviceLost { .. } => true,
-            RenderError::Device(_) => now_ns.saturating_sub(*self.refused_since_ns.get_or_insert(now_ns)) >= REFUSES_NS,
+            RenderError::Device(_) => {
+                now_ns.saturating_sub(*self.refused_since_ns.get_or_insert(now_ns)) >= MAX_REFUSING_NS
+            }
             // A picture that cannot be made is no fault of the device's.
             _ => false,
         };
         let text = error.to_string();
         if is_lost {
             *self = Self::default();
-        } else if self.told.as_ref() != Some(&text) {
+        } else if self.last_logged.as_ref() != Some(&text) {
             log::warn!("a picture was not drawn: {text}");
-            self.told = Some(text);
+            self.last_logged = Some(text);
         }
         is_lost
     }
@@ -102,7 +104,7 @@ pub(super) struct LostDevices(Vec<Graphics>);
 
 impl LostDevices {
     pub fn keep(&mut self, lost: Graphics) {
-        if self.0.len() == KEPT {
+        if self.0.len() == RETAINED_DEVICES {
             self.0.remove(0);
         }
         self.0.push(lost);
@@ -114,8 +116,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_lost_device_and_one_that_keeps_refusing_are_opened_again() {
-        let mut faults = Faults::default();
+    fn only_lost_or_refusing_devices_are_reopened() {
+        let mut faults = DrawFaults::default();
         let second_ns = 1_000_000_000;
         let lost = RenderError::DeviceLost { adapter: "card".into(), cause: "pulled".into() };
         let refused = RenderError::Device("out of memory".into());

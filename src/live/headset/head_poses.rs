@@ -3,30 +3,30 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use super::anchor::{Anchor, LeapWatch, Moved};
+use super::anchor::{Anchor, AnchorChange, LeapDetector};
 use super::frames::{HandSink, PoseSink};
-use super::samples::{HandsTold, poses_now, sample};
+use super::samples::{HandSampler, poses_now, sample};
 use crate::live::now_ns;
 use crate::openvr::{Hands, Runtime};
 
 /// Between two looks at where the standing universe is, nanoseconds.
-const LOOK_NS: i64 = 250_000_000;
+const CHECK_INTERVAL_NS: i64 = 250_000_000;
 
 /// Reads the head's poses in the standing universe as it was at the first one.
 pub struct HeadPoses<'a> {
     runtime: &'a Runtime,
     anchor: Option<Anchor>,
-    leap: LeapWatch,
-    looked_ns: i64,
+    leap: LeapDetector,
+    checked_ns: i64,
     hands: Hands,
-    told_hands: HandsTold,
+    hand_sampler: HandSampler,
 }
 
 impl<'a> HeadPoses<'a> {
     /// Nothing is read yet.
     pub fn new(runtime: &'a Runtime) -> Self {
-        let (hands, told_hands) = (Hands::NONE, HandsTold::default());
-        Self { runtime, anchor: None, leap: LeapWatch::default(), looked_ns: i64::MIN, hands, told_hands }
+        let (hands, hand_sampler) = (Hands::NONE, HandSampler::default());
+        Self { runtime, anchor: None, leap: LeapDetector::default(), checked_ns: i64::MIN, hands, hand_sampler }
     }
 
     /// Reads so many poses a second until told to stop.
@@ -34,7 +34,7 @@ impl<'a> HeadPoses<'a> {
         let period = Duration::from_secs_f64(1.0 / rate_hz);
         while !stop.load(Ordering::Relaxed) {
             let start_ns = now_ns();
-            self.look_around(start_ns);
+            self.update_anchor(start_ns);
             self.read_one(sink, hand_sink);
             // SteamVR's events are of no use here, but they must not pile up.
             while self.runtime.next_event().is_some() {}
@@ -50,22 +50,22 @@ impl<'a> HeadPoses<'a> {
         match poses.head.valid_pose() {
             None => self.leap.lost(),
             Some(head) if self.leap.push(time_ns, head) => {
-                anchor.renew();
+                anchor.rebase();
                 log::warn!("the tracking system has moved the room: places before and after do not agree");
             }
             Some(_) => {}
         }
         sink(&sample(time_ns, &poses.head, &anchor.session_from_raw()));
-        if let Some(hands) = self.told_hands.next(time_ns, &poses, &anchor.session_from_raw()) {
+        if let Some(hands) = self.hand_sampler.next(time_ns, &poses, &anchor.session_from_raw()) {
             hand_sink(&hands);
         }
     }
 
-    fn look_around(&mut self, now_ns: i64) {
-        if now_ns.saturating_sub(self.looked_ns) < LOOK_NS {
+    fn update_anchor(&mut self, now_ns: i64) {
+        if now_ns.saturating_sub(self.checked_ns) < CHECK_INTERVAL_NS {
             return;
         }
-        self.looked_ns = now_ns;
+        self.checked_ns = now_ns;
         // Switched on or off meanwhile.
         self.hands = self.runtime.hands();
         let Some(standing_from_raw) = self.runtime.standing_from_raw() else { return };
@@ -73,7 +73,7 @@ impl<'a> HeadPoses<'a> {
         match &mut self.anchor {
             None => self.anchor = Some(Anchor::new(standing_from_raw, universe)),
             Some(anchor) => {
-                if anchor.look(standing_from_raw, universe) == Moved::Elsewhere {
+                if anchor.update(standing_from_raw, universe) == AnchorChange::NewUniverse {
                     log::warn!("this is another room for the tracking system: places before and after do not agree");
                 }
             }

@@ -3,7 +3,7 @@
 use crate::live::{Latency, LatencyReport};
 
 /// A frame that comes later than this share of a period after the one before it was missed by somebody.
-const LATE: f64 = 1.5;
+const LATE_PERIODS: f64 = 1.5;
 
 /// A frame that began and ended at host times.
 #[derive(Debug, Clone, Copy)]
@@ -27,8 +27,8 @@ pub(super) struct FrameMeter {
     wall: Latency,
     sweep_age: Latency,
     frames: u64,
-    missed_by_us: u64,
-    missed_for_a_core: u64,
+    missed_by_loop: u64,
+    missed_waiting_for_core: u64,
     missed_elsewhere: u64,
 }
 
@@ -38,9 +38,9 @@ pub struct FrameReport {
     /// Frames seen.
     pub frames: u64,
     /// Frames that went by while this loop was at work on the one before.
-    pub missed_by_us: u64,
+    pub missed_by_loop: u64,
     /// Frames that went by while this loop waited for a processor core that others had.
-    pub missed_for_a_core: u64,
+    pub missed_waiting_for_core: u64,
     /// Frames that went by without a reason here: the runtime was late, or the system.
     pub missed_elsewhere: u64,
     /// Processor time of the loop's thread a frame.
@@ -61,8 +61,8 @@ impl FrameMeter {
             wall: Latency::default(),
             sweep_age: Latency::default(),
             frames: 0,
-            missed_by_us: 0,
-            missed_for_a_core: 0,
+            missed_by_loop: 0,
+            missed_waiting_for_core: 0,
             missed_elsewhere: 0,
         }
     }
@@ -74,7 +74,7 @@ impl FrameMeter {
         self.wall.push(times.end_ns - times.start_ns);
         if let Some(last) = self.last.replace(times) {
             let periods = (times.start_ns - last.start_ns) as f64 / self.period_ns as f64;
-            if periods > LATE {
+            if periods > LATE_PERIODS {
                 *self.missed(&last, &times) += periods.round() as u64 - 1;
             }
         }
@@ -85,9 +85,9 @@ impl FrameMeter {
         let took_ns = last.end_ns - last.start_ns;
         let without_waiting_ns = next.start_ns - last.start_ns - last.waited_ns - next.waited_before_ns;
         if took_ns - last.waited_ns > self.period_ns {
-            &mut self.missed_by_us
-        } else if took_ns > self.period_ns || without_waiting_ns as f64 <= LATE * self.period_ns as f64 {
-            &mut self.missed_for_a_core
+            &mut self.missed_by_loop
+        } else if took_ns > self.period_ns || without_waiting_ns as f64 <= LATE_PERIODS * self.period_ns as f64 {
+            &mut self.missed_waiting_for_core
         } else {
             &mut self.missed_elsewhere
         }
@@ -107,15 +107,15 @@ impl FrameMeter {
     }
 
     /// Sweeps of before do not count: everything was forgotten.
-    pub fn forget_sweeps(&mut self) {
+    pub fn reset_sweep_age(&mut self) {
         self.newest_sweep_ns = 0;
     }
 
     pub fn report(&self) -> FrameReport {
         FrameReport {
             frames: self.frames,
-            missed_by_us: self.missed_by_us,
-            missed_for_a_core: self.missed_for_a_core,
+            missed_by_loop: self.missed_by_loop,
+            missed_waiting_for_core: self.missed_waiting_for_core,
             missed_elsewhere: self.missed_elsewhere,
             cpu: self.cpu.report(),
             wall: self.wall.report(),
@@ -131,7 +131,7 @@ mod tests {
     const MS: i64 = 1_000_000;
 
     #[test]
-    fn missed_frames_are_laid_at_the_right_door() {
+    fn missed_frames_are_attributed_to_their_cause() {
         let mut meter = FrameMeter::new(100.0);
         let times = |start_ms: i64, took_ms: i64, waited_ms: i64| FrameTimes {
             start_ns: start_ms * MS,
@@ -142,7 +142,7 @@ mod tests {
         };
         let missed = |meter: &FrameMeter| {
             let report = meter.report();
-            (report.missed_by_us, report.missed_for_a_core, report.missed_elsewhere)
+            (report.missed_by_loop, report.missed_waiting_for_core, report.missed_elsewhere)
         };
         (0..10).for_each(|frame| meter.frame(times(frame * 10, 2, 0)));
         assert_eq!(missed(&meter), (0, 0, 0));
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn every_frame_of_the_sensor_counts_once_with_its_own_age() {
+    fn each_sensor_frame_counts_once_with_its_age() {
         let mut meter = FrameMeter::new(90.0);
         meter.shown(100 * MS, 110 * MS, 15 * MS);
         assert_eq!(meter.report().sweep_to_warning.count, 0, "nothing to compare with yet");

@@ -23,7 +23,7 @@ pub(super) struct RoomFrame {
     /// Times that the raw universe has leapt.
     pub leaps: u64,
     /// Times that the user wanted the map to begin anew.
-    pub wiped: u64,
+    pub map_resets: u64,
 }
 
 /// For other threads; `None` before the session's frame is laid.

@@ -3,21 +3,21 @@
 
 use crate::live::now_ns;
 use crate::openvr::{DevicePose, Hands, Poses, Runtime, TrackingState, Universe};
-use crate::warning::Player;
+use crate::warning::Wearer;
 use radar_mapping::HandsSample;
 use radar_sar::PoseSample;
 use radar_sar::TrackingResult;
 use radar_sar::geometry::Pose;
 
 /// A call that took longer tells no time: this thread was put aside in the middle of it, nanoseconds.
-const LONGEST_CALL_NS: i64 = 1_000_000;
+const MAX_CALL_NS: i64 = 1_000_000;
 
 /// Poses and when they held, host nanoseconds; `None` when there is no telling when.
 pub(super) fn poses_now(runtime: &Runtime, hands: Hands) -> Option<(i64, Poses)> {
     let start_ns = now_ns();
     let poses = runtime.poses(Universe::Raw, 0.0, hands);
     let took_ns = now_ns() - start_ns;
-    (took_ns <= LONGEST_CALL_NS).then_some((start_ns + took_ns / 2, poses))
+    (took_ns <= MAX_CALL_NS).then_some((start_ns + took_ns / 2, poses))
 }
 
 /// The sample of a head, in the session's frame.
@@ -36,18 +36,18 @@ pub(super) fn sample(time_ns: i64, head: &DevicePose, session_from_raw: &Pose) -
 
 /// What was told of the hands: without controllers nothing is, and that the last one was lost is told once.
 #[derive(Debug, Default)]
-pub(super) struct HandsTold {
+pub(super) struct HandSampler {
     had_some: bool,
     last_ns: Option<i64>,
 }
 
 /// Hands are told of so often, nanoseconds: more serves nobody.
-const HANDS_NS: i64 = 10_000_000;
+const HAND_INTERVAL_NS: i64 = 10_000_000;
 
-impl HandsTold {
+impl HandSampler {
     /// Where the hands are, in the session's frame, as far as they are tracked; `None` when there is nothing to tell.
     pub fn next(&mut self, time_ns: i64, poses: &Poses, session_from_raw: &Pose) -> Option<HandsSample> {
-        if self.last_ns.is_some_and(|last_ns| (0..HANDS_NS).contains(&time_ns.saturating_sub(last_ns))) {
+        if self.last_ns.is_some_and(|last_ns| (0..HAND_INTERVAL_NS).contains(&time_ns.saturating_sub(last_ns))) {
             return None;
         }
         let place =
@@ -64,10 +64,10 @@ impl HandsTold {
 }
 
 /// The player in the standing universe: the head where it is known to be, hands where they are tracked.
-pub(super) fn player(time_ns: i64, standing_from_head: Pose, poses: &Poses, raw_from_standing: &Pose) -> Player {
+pub(super) fn wearer(time_ns: i64, standing_from_head: Pose, poses: &Poses, raw_from_standing: &Pose) -> Wearer {
     let standing_from_raw = raw_from_standing.inverse();
     let place = |hand: &DevicePose| hand.valid_pose().map(|pose| standing_from_raw.transform_point(pose.translation));
-    Player {
+    Wearer {
         time_ns,
         tracking_from_head: standing_from_head,
         hands_m: [place(&poses.hands[0]), place(&poses.hands[1])],

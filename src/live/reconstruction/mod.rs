@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::thread::{Builder, JoinHandle};
 
-use super::queue::{Feeder, Queue};
+use super::queue::{MapperInput, Queue};
 use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
 use crate::settings::Settings;
 use a121::{Frame, SensorConfig};
@@ -20,7 +20,7 @@ use radar_mapping::Counters;
 use radar_mapping::{Evidence, HandsSample, SavedMap, Scene};
 use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
-use worker::{Begin, Worker};
+use worker::{PipelineSpec, Worker};
 
 /// Shelves of the queue.
 const FRAMES: usize = 0;
@@ -70,7 +70,7 @@ pub enum ReconstructionError {
 
 /// What the reconstruction tells the frame loop.
 #[derive(Debug, Clone)]
-pub struct Published {
+pub struct PublishedMap {
     /// Rises with everything published.
     pub number: u64,
     /// What stands in the room. The same `Arc` until it changes.
@@ -85,7 +85,7 @@ pub struct Published {
     pub epoch: u64,
 }
 
-impl Published {
+impl PublishedMap {
     /// Nothing seen yet.
     fn nothing(epoch: u64) -> Self {
         let scene = Arc::new(Scene::default());
@@ -112,7 +112,7 @@ pub struct ReconstructionCounters {
     pub scenes: u64,
     /// From a frame's arrival until its sweeps have their poses and are part of the search, and that is published: the wait for
     /// the pose after them and for the work before them.
-    pub worked_off: LatencyReport,
+    pub processed: LatencyReport,
     /// From a frame's end to the first published scene that rests on it: evidence is taken in by blocks and looked at four times
     /// a second, so this is bounded by a block's length and the time between two looks, on top of the above.
     pub evidence_age: LatencyReport,
@@ -134,13 +134,13 @@ enum Input {
 
 /// What both sides hold.
 struct Shared {
-    newest: Mutex<Arc<Published>>,
+    newest: Mutex<Arc<PublishedMap>>,
     counters: Mutex<ReconstructionCounters>,
     epoch: AtomicU64,
     /// What is to be taken up, and in which epoch.
-    restore: Mutex<Option<(u64, SavedMap)>>,
+    pending_map: Mutex<Option<(u64, SavedMap)>>,
     /// What is known of the room, and in which epoch.
-    remembered: Mutex<Option<(u64, Arc<SavedMap>)>>,
+    saved_map: Mutex<Option<(u64, Arc<SavedMap>)>>,
     /// How many voxels of evidence are wanted; and those of the newest scene.
     evidence_wanted: AtomicUsize,
     evidence: Mutex<Option<Arc<Evidence>>>,
@@ -157,17 +157,17 @@ struct Shared {
 pub struct Reconstruction {
     shared: Arc<Shared>,
     queue: Arc<Queue<Input, 3>>,
-    frames: Feeder<Input, 3>,
-    poses: Feeder<Input, 3>,
-    hands: Feeder<Input, 3>,
+    frames: MapperInput<Input, 3>,
+    poses: MapperInput<Input, 3>,
+    hands: MapperInput<Input, 3>,
     /// What was last given out.
-    given: Mutex<Arc<Published>>,
+    last_given: Mutex<Arc<PublishedMap>>,
     max_ahead_s: f64,
     thread: Option<JoinHandle<()>>,
 }
 
 /// Longest that [`Reconstruction::finish`] works off what waits, nanoseconds.
-const FINISH_NS: u64 = 500_000_000;
+const MAX_FINISH_NS: u64 = 500_000_000;
 
 impl Reconstruction {
     /// Begins, for a sound configuration. The settings' mount goes before the one given.
@@ -180,8 +180,8 @@ impl Reconstruction {
         settings: &Settings,
         options: &ReconstructionOptions,
     ) -> Result<Self, ReconstructionError> {
-        let settings = prompt(settings, options.max_ahead_s);
-        let begin = Begin { config: config.clone(), head_from_sensor: *head_from_sensor, settings };
+        let settings = with_max_ahead(settings, options.max_ahead_s);
+        let begin = PipelineSpec { config: config.clone(), head_from_sensor: *head_from_sensor, settings };
         let pipeline = begin.pipeline();
         let shared = Arc::new(Shared::new(pipeline.counters()));
         let queue = Arc::new(Queue::new([options.max_frames, options.max_poses, MAX_HANDS]));
@@ -190,16 +190,16 @@ impl Reconstruction {
         let (told, nice) = (Arc::clone(&shared), options.nice);
         let run = move || {
             lower_priority_of_this_thread(nice);
-            guarded(&told, || pool.install(|| worker.run()));
+            run_guarded(&told, || pool.install(|| worker.run()));
         };
-        let given = Mutex::new(Arc::clone(&*lock(&shared.newest)));
+        let last_given = Mutex::new(Arc::clone(&*lock(&shared.newest)));
         let thread = Builder::new().name("reconstruction".into()).spawn(run).map_err(ReconstructionError::Thread)?;
         Ok(Self {
             max_ahead_s: options.max_ahead_s,
-            frames: Feeder::new(&queue, FRAMES),
-            poses: Feeder::new(&queue, POSES),
-            hands: Feeder::new(&queue, HANDS),
-            given,
+            frames: MapperInput::new(&queue, FRAMES),
+            poses: MapperInput::new(&queue, POSES),
+            hands: MapperInput::new(&queue, HANDS),
+            last_given,
             shared,
             queue,
             thread: Some(thread),
@@ -222,8 +222,8 @@ impl Reconstruction {
     }
 
     /// The newest there is; never waits for work.
-    pub fn latest(&self) -> Arc<Published> {
-        let mut given = lock(&self.given);
+    pub fn latest(&self) -> Arc<PublishedMap> {
+        let mut last_given = lock(&self.last_given);
         let newest = match self.shared.newest.try_lock() {
             Ok(newest) => Some(Arc::clone(&newest)),
             Err(TryLockError::Poisoned(poisoned)) => Some(Arc::clone(&poisoned.into_inner())),
@@ -231,43 +231,43 @@ impl Reconstruction {
         };
         // What was found before everything was forgotten is never given out after.
         if let Some(newest) = newest.filter(|newest| newest.epoch == self.epoch()) {
-            *given = newest;
+            *last_given = newest;
         }
-        Arc::clone(&given)
+        Arc::clone(&last_given)
     }
 
     /// Forgets everything, at once: the poses to come are those of another frame of reference. Frames and poses pushed before do
     /// not count any more, nor does what was found. Gives the epoch that begins.
-    pub fn forget(&self) -> u64 {
-        let mut given = lock(&self.given);
+    pub fn reset(&self) -> u64 {
+        let mut last_given = lock(&self.last_given);
         let epoch = self.shared.epoch.fetch_add(1, Ordering::SeqCst) + 1;
-        *given = Arc::new(Published::nothing(epoch));
+        *last_given = Arc::new(PublishedMap::nothing(epoch));
         epoch
     }
 
     /// Begins anew with other settings: what was found with those of before is forgotten, see [`Self::forget`].
-    pub fn renew(&self, settings: &Settings) -> u64 {
-        *lock(&self.shared.next_settings) = Some(prompt(settings, self.max_ahead_s));
-        self.forget()
+    pub fn restart_with(&self, settings: &Settings) -> u64 {
+        *lock(&self.shared.next_settings) = Some(with_max_ahead(settings, self.max_ahead_s));
+        self.reset()
     }
 
     /// Has it take up what is remembered of the room, in the frame of the poses of that epoch.
     pub fn restore(&self, epoch: u64, remembered: SavedMap) {
-        *lock(&self.shared.restore) = Some((epoch, remembered));
+        *lock(&self.shared.pending_map) = Some((epoch, remembered));
     }
 
     /// What is known of the room and in which epoch, as of a second ago at most; `None` before there is anything, and while something is
     /// still to be taken up. May wait for a moment: not for the frame loop.
     pub fn saved_map(&self) -> Option<(u64, Arc<SavedMap>)> {
-        let waiting = lock(&self.shared.restore);
+        let waiting = lock(&self.shared.pending_map);
         if waiting.is_some() {
             return None;
         }
-        lock(&self.shared.remembered).clone()
+        lock(&self.shared.saved_map).clone()
     }
 
     /// Has it tell of the evidence behind scenes, so many voxels at most, the strongest; 0, as at first: none.
-    pub fn watch_evidence(&self, most: usize) {
+    pub fn request_evidence(&self, most: usize) {
         self.shared.evidence_wanted.store(most, Ordering::Relaxed);
     }
 
@@ -298,7 +298,7 @@ impl Reconstruction {
 
     /// Works off what waits, for half a second at most, looks a last time, and ends.
     pub fn finish(mut self) -> (ReconstructionCounters, Arc<Scene>) {
-        self.shared.finish_by_ns.store((now_ns() as u64).saturating_add(FINISH_NS), Ordering::SeqCst);
+        self.shared.finish_by_ns.store((now_ns() as u64).saturating_add(MAX_FINISH_NS), Ordering::SeqCst);
         self.frames.flush();
         self.poses.flush();
         self.hands.flush();
@@ -332,18 +332,18 @@ impl Shared {
             outdated: 0,
             published: 0,
             scenes: 0,
-            worked_off: LatencyReport::default(),
+            processed: LatencyReport::default(),
             evidence_age: LatencyReport::default(),
             step: LatencyReport::default(),
             cpu_s: 0.0,
             running_s: 0.0,
         };
         Self {
-            newest: Mutex::new(Arc::new(Published::nothing(0))),
+            newest: Mutex::new(Arc::new(PublishedMap::nothing(0))),
             counters: Mutex::new(counters),
             epoch: AtomicU64::new(0),
-            restore: Mutex::new(None),
-            remembered: Mutex::new(None),
+            pending_map: Mutex::new(None),
+            saved_map: Mutex::new(None),
             evidence_wanted: AtomicUsize::new(0),
             evidence: Mutex::default(),
             next_settings: Mutex::new(None),
@@ -355,7 +355,7 @@ impl Shared {
 }
 
 /// The settings, with sweeps that wait for their poses no longer than that.
-fn prompt(settings: &Settings, max_ahead_s: f64) -> Settings {
+fn with_max_ahead(settings: &Settings, max_ahead_s: f64) -> Settings {
     let mut settings = settings.clone();
     let history = &mut settings.tracking.history;
     history.max_ahead_s = history.max_ahead_s.min(max_ahead_s);
@@ -363,7 +363,7 @@ fn prompt(settings: &Settings, max_ahead_s: f64) -> Settings {
 }
 
 /// Works, and tells when it is over, however it ended. A panic has been printed by the time that it arrives here.
-fn guarded(shared: &Shared, work: impl FnOnce()) {
+fn run_guarded(shared: &Shared, work: impl FnOnce()) {
     if catch_unwind(AssertUnwindSafe(work)).is_err() {
         log::error!("the reconstruction ended by a fault of its own: what was found so far stays, nothing is added");
     }
@@ -396,24 +396,24 @@ mod tests {
     use radar_mapping::Pipeline;
 
     #[test]
-    fn a_panic_ends_the_work_and_nothing_else() {
+    fn panic_ends_only_the_reconstruction() {
         let config = preset("fine").unwrap();
         let shared = Shared::new(Pipeline::new(&config, &Pose::IDENTITY, &MappingSettings::default()).counters());
         let pool = pool(&ReconstructionOptions { threads: Some(1), ..Default::default() }).unwrap();
-        guarded(&shared, || pool.install(|| panic!("on purpose")));
+        run_guarded(&shared, || pool.install(|| panic!("on purpose")));
         assert!(!shared.is_alive.load(Ordering::SeqCst));
         assert_eq!(lock(&shared.newest).epoch, 0);
     }
 
     #[test]
-    fn who_asks_never_waits_for_the_lock() {
+    fn latest_never_waits_for_the_lock() {
         let config = preset("fine").unwrap();
         let options = ReconstructionOptions { threads: Some(1), ..Default::default() };
         let reconstruction = Reconstruction::start(&config, &Pose::IDENTITY, &Settings::default(), &options).unwrap();
         let held = Arc::clone(&reconstruction.shared);
         let lock = lock(&held.newest);
         assert_eq!(reconstruction.latest().epoch, 0);
-        assert_eq!((reconstruction.forget(), reconstruction.latest().epoch), (1, 1));
+        assert_eq!((reconstruction.reset(), reconstruction.latest().epoch), (1, 1));
         drop(lock);
     }
 }

@@ -4,34 +4,34 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use super::{Input, Published, Shared, lock};
-use crate::live::freshness::Freshness;
+use super::{Input, PublishedMap, Shared, lock};
+use crate::live::latency_tracker::LatencyTracker;
 use crate::live::queue::Queue;
 use crate::live::{Latency, Received, now_ns, thread_cpu_ns};
 use crate::settings::Settings;
 use a121::{Frame, SensorConfig};
 use radar_mapping::Scene;
-use radar_mapping::{Pipeline, Search};
+use radar_mapping::{MapperKind, Pipeline};
 use radar_sar::geometry::Pose;
 
 /// Longest wait for input: how soon being asked to stop or to forget is noticed at the latest.
-const TURN: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Counters are renewed this often, nanoseconds.
-const COUNT_NS: i64 = 100_000_000;
+const COUNTERS_INTERVAL_NS: i64 = 100_000_000;
 /// What is known of the room is told this often, nanoseconds.
-const REMEMBER_NS: i64 = 1_000_000_000;
+const SAVED_MAP_INTERVAL_NS: i64 = 1_000_000_000;
 /// A search for single reflectors goes through everything kept: once a second, and for a fifth of the time at most.
-const REFLECTORS_NS: i64 = 1_000_000_000;
-const REFLECTORS_REST: i64 = 4;
+const MIN_REFLECTORS_INTERVAL_NS: i64 = 1_000_000_000;
+const REFLECTORS_IDLE_RATIO: i64 = 4;
 
 /// What a fresh pipeline is made of.
-pub(super) struct Begin {
+pub(super) struct PipelineSpec {
     pub config: SensorConfig,
     pub head_from_sensor: Pose,
     pub settings: Settings,
 }
 
-impl Begin {
+impl PipelineSpec {
     /// A fresh one, whose work waits until nothing else does.
     pub fn pipeline(&self) -> Pipeline {
         let mut pipeline = Pipeline::new(&self.config, &self.head_from_sensor, &self.settings.mapping());
@@ -43,42 +43,42 @@ impl Begin {
 /// What the thread owns.
 pub(super) struct Worker {
     pipeline: Pipeline,
-    begin: Begin,
+    spec: PipelineSpec,
     shared: Arc<Shared>,
     queue: Arc<Queue<Input, 3>>,
     epoch: u64,
-    published: Published,
+    published: PublishedMap,
     /// What the scene that is published rests on, host nanoseconds.
     evidence_ns: Option<i64>,
     next_reflectors_ns: i64,
-    freshness: Freshness,
+    latencies: LatencyTracker,
     step: Latency,
     outdated: u64,
     scenes: u64,
     start_ns: i64,
-    counted_ns: i64,
-    remembered_ns: i64,
+    counters_ns: i64,
+    saved_map_ns: i64,
 }
 
 impl Worker {
-    pub fn new(pipeline: Pipeline, begin: Begin, shared: Arc<Shared>, queue: Arc<Queue<Input, 3>>) -> Self {
+    pub fn new(pipeline: Pipeline, spec: PipelineSpec, shared: Arc<Shared>, queue: Arc<Queue<Input, 3>>) -> Self {
         let now_ns = now_ns();
         Self {
             pipeline,
-            begin,
+            spec,
             shared,
             queue,
             epoch: 0,
-            published: Published::nothing(0),
+            published: PublishedMap::nothing(0),
             evidence_ns: None,
             next_reflectors_ns: now_ns,
-            freshness: Freshness::default(),
+            latencies: LatencyTracker::default(),
             step: Latency::default(),
             outdated: 0,
             scenes: 0,
             start_ns: now_ns,
-            counted_ns: now_ns,
-            remembered_ns: now_ns,
+            counters_ns: now_ns,
+            saved_map_ns: now_ns,
         }
     }
 
@@ -86,24 +86,24 @@ impl Worker {
     pub fn run(mut self) {
         while !self.shared.stop.load(Ordering::SeqCst) && !self.is_late() {
             // What came goes before what it set off: a look at the evidence holds up no sweep.
-            let received = self.queue.receive(if self.pipeline.has_work() { Duration::ZERO } else { TURN });
-            self.heed_epoch();
-            self.take_up();
+            let received = self.queue.receive(if self.pipeline.has_work() { Duration::ZERO } else { POLL_INTERVAL });
+            self.apply_epoch();
+            self.restore_map();
             match received {
                 Received::Event(input) => self.take(input),
                 Received::TimedOut => self.work(),
-                Received::Over => break,
+                Received::Closed => break,
             }
-            self.count(COUNT_NS);
-            self.remember(REMEMBER_NS);
+            self.publish_counters(COUNTERS_INTERVAL_NS);
+            self.publish_saved_map(SAVED_MAP_INTERVAL_NS);
         }
         if !self.shared.stop.load(Ordering::SeqCst) {
-            self.heed_epoch();
+            self.apply_epoch();
             self.pipeline.finish();
             self.publish(true);
         }
-        self.count(0);
-        self.remember(0);
+        self.publish_counters(0);
+        self.publish_saved_map(0);
     }
 
     fn is_late(&self) -> bool {
@@ -111,26 +111,26 @@ impl Worker {
     }
 
     /// Begins anew when everything is to be forgotten.
-    fn heed_epoch(&mut self) {
+    fn apply_epoch(&mut self) {
         let epoch = self.shared.epoch.load(Ordering::SeqCst);
         if epoch == self.epoch {
             return;
         }
         self.epoch = epoch;
         if let Some(settings) = lock(&self.shared.next_settings).take() {
-            self.begin.settings = settings;
+            self.spec.settings = settings;
         }
-        self.pipeline = self.begin.pipeline();
-        self.freshness.forget();
+        self.pipeline = self.spec.pipeline();
+        self.latencies.reset();
         self.evidence_ns = None;
-        self.hand_over(Published { number: self.published.number, ..Published::nothing(epoch) });
+        self.publish_map(PublishedMap { number: self.published.number, ..PublishedMap::nothing(epoch) });
     }
 
     /// Takes up what is remembered of the room; it is part of the scene at once.
-    fn take_up(&mut self) {
+    fn restore_map(&mut self) {
         let shared = Arc::clone(&self.shared);
         // Held until what is told has it: nobody takes what is known without it for all there is.
-        let mut waiting = lock(&shared.restore);
+        let mut waiting = lock(&shared.pending_map);
         let Some((_, remembered)) =
             waiting.take_if(|(epoch, _)| *epoch <= self.epoch).filter(|(e, _)| *e == self.epoch)
         else {
@@ -139,23 +139,23 @@ impl Worker {
         if let Err(error) = self.pipeline.restore(&remembered) {
             log::warn!("what is remembered of the room is left out: {error}");
         }
-        self.remember(0);
-        if self.pipeline.engine().search() == Search::Rooms {
+        self.publish_saved_map(0);
+        if self.pipeline.engine().search() == MapperKind::Rooms {
             let scene = Arc::new(self.pipeline.scene());
             self.scenes += 1;
-            self.hand_over(Published { scene, ..self.published.clone() });
+            self.publish_map(PublishedMap { scene, ..self.published.clone() });
         }
     }
 
     /// Tells what is known of the room, when what was told is older than this.
-    fn remember(&mut self, age_ns: i64) {
+    fn publish_saved_map(&mut self, age_ns: i64) {
         let now_ns = now_ns();
-        if now_ns.saturating_sub(self.remembered_ns) < age_ns {
+        if now_ns.saturating_sub(self.saved_map_ns) < age_ns {
             return;
         }
-        self.remembered_ns = now_ns;
+        self.saved_map_ns = now_ns;
         let remembered = Some((self.epoch, Arc::new(self.pipeline.saved_map())));
-        let before = std::mem::replace(&mut *lock(&self.shared.remembered), remembered);
+        let before = std::mem::replace(&mut *lock(&self.shared.saved_map), remembered);
         // Let go after the lock is.
         drop(before);
     }
@@ -168,7 +168,7 @@ impl Worker {
             Input::Frame(epoch, frame, arrived_ns) if epoch == self.epoch => self.take_frame(frame, arrived_ns),
             _ => return self.outdated += 1,
         }
-        self.freshness.without_pose(self.without_pose() - without_pose);
+        self.latencies.drop_oldest(self.without_pose() - without_pose);
         self.publish(false);
         self.step.push(now_ns().saturating_sub(begin_ns));
     }
@@ -186,9 +186,9 @@ impl Worker {
         let (end_ns, refused) = (frame.host_time_ns, self.refused());
         self.pipeline.push_frame(frame);
         if self.refused() == refused {
-            self.freshness.accepted(end_ns, arrived_ns);
+            self.latencies.frame_accepted(end_ns, arrived_ns);
         }
-        self.pipeline.work_off_late();
+        self.pipeline.process_late();
     }
 
     /// Frames that no pose was found for.
@@ -215,7 +215,7 @@ impl Worker {
         self.pipeline.forget_sensor_path();
         self.scenes += u64::from(scene.is_some());
         let estimate = self.pipeline.time_offset_estimate().filter(|estimate| estimate.observable);
-        self.hand_over(Published {
+        self.publish_map(PublishedMap {
             number: self.published.number,
             scene: scene.map_or_else(|| Arc::clone(&self.published.scene), Arc::new),
             newest_sweep_ns,
@@ -224,14 +224,14 @@ impl Worker {
             epoch: self.epoch,
         });
         let now_ns = now_ns();
-        self.freshness.worked_off_until(newest_sweep_ns, now_ns);
+        self.latencies.processed_until(newest_sweep_ns, now_ns);
         if let Some(evidence_ns) = self.evidence_ns {
-            self.freshness.seen_until(evidence_ns, now_ns);
+            self.latencies.published_until(evidence_ns, now_ns);
         }
     }
 
-    fn hand_over(&mut self, published: Published) {
-        self.published = Published { number: published.number + 1, ..published };
+    fn publish_map(&mut self, published: PublishedMap) {
+        self.published = PublishedMap { number: published.number + 1, ..published };
         let published = Arc::new(self.published.clone());
         let before = std::mem::replace(&mut *lock(&self.shared.newest), published);
         // Let go after the lock is.
@@ -243,20 +243,20 @@ impl Worker {
         let engine = self.pipeline.engine();
         let evidence_ns = engine.evidence_ns();
         let begin_ns = now_ns();
-        let is_due = engine.search() == Search::Rooms || begin_ns >= self.next_reflectors_ns;
+        let is_due = engine.search() == MapperKind::Rooms || begin_ns >= self.next_reflectors_ns;
         if !is_last && (evidence_ns == self.evidence_ns || !is_due) {
             return None;
         }
         let scene = self.pipeline.scene();
         let end_ns = now_ns();
-        self.next_reflectors_ns = end_ns + REFLECTORS_NS.max(REFLECTORS_REST * (end_ns - begin_ns));
+        self.next_reflectors_ns = end_ns + MIN_REFLECTORS_INTERVAL_NS.max(REFLECTORS_IDLE_RATIO * (end_ns - begin_ns));
         self.evidence_ns = evidence_ns;
-        self.tell_evidence();
+        self.publish_evidence();
         Some(scene)
     }
 
     /// The evidence behind a scene, for who watches.
-    fn tell_evidence(&self) {
+    fn publish_evidence(&self) {
         let most = self.shared.evidence_wanted.load(Ordering::Relaxed);
         if most > 0 {
             let evidence = Arc::new(self.pipeline.engine().evidence(most));
@@ -267,12 +267,12 @@ impl Worker {
     }
 
     /// Renews the counters that others see, when they are older than this.
-    fn count(&mut self, age_ns: i64) {
+    fn publish_counters(&mut self, age_ns: i64) {
         let now_ns = now_ns();
-        if now_ns.saturating_sub(self.counted_ns) < age_ns {
+        if now_ns.saturating_sub(self.counters_ns) < age_ns {
             return;
         }
-        self.counted_ns = now_ns;
+        self.counters_ns = now_ns;
         let cpu_s = rayon::broadcast(|_| thread_cpu_ns()).into_iter().sum::<i64>() as f64 * 1e-9;
         let mut counters = lock(&self.shared.counters);
         counters.pipeline = self.pipeline.counters();
@@ -280,8 +280,8 @@ impl Worker {
         counters.outdated = self.outdated;
         counters.published = self.published.number;
         counters.scenes = self.scenes;
-        counters.worked_off = self.freshness.worked_off();
-        counters.evidence_age = self.freshness.evidence_age();
+        counters.processed = self.latencies.processed();
+        counters.evidence_age = self.latencies.evidence_age();
         counters.step = self.step.report();
         counters.cpu_s = cpu_s;
         counters.running_s = now_ns.saturating_sub(self.start_ns) as f64 * 1e-9;

@@ -14,7 +14,7 @@ use crate::warning::Tone;
 use voice::Mixer;
 
 /// Tones that may wait to begin.
-const MOST_WAITING: usize = 4;
+const MAX_WAITING_TONES: usize = 4;
 
 /// Why nothing can be heard.
 #[derive(Debug, thiserror::Error)]
@@ -33,18 +33,18 @@ enum SoundError {
 
 /// Where tones go. Silent until the first one, and when dropped.
 #[derive(Debug, Default)]
-pub struct Sound {
-    opened: Option<Opened>,
+pub struct TonePlayer {
+    opened: Option<OpenDevice>,
 }
 
 #[derive(Debug)]
-struct Opened {
+struct OpenDevice {
     tones: SyncSender<Tone>,
     /// Its thread keeps the device open until this is dropped.
     _keeps: SyncSender<()>,
 }
 
-impl Sound {
+impl TonePlayer {
     /// Begins a tone; it is left out when there is no device, or when too many wait.
     pub fn play(&mut self, tone: Tone) {
         let opened = self.opened.get_or_insert_with(open);
@@ -53,8 +53,8 @@ impl Sound {
     }
 }
 
-fn open() -> Opened {
-    let (tones, waiting) = sync_channel(MOST_WAITING);
+fn open() -> OpenDevice {
+    let (tones, waiting) = sync_channel(MAX_WAITING_TONES);
     let (keeps, ended) = sync_channel(0);
     let thread = std::thread::Builder::new().name("sound".into());
     let spawned = thread.spawn(move || {
@@ -65,7 +65,7 @@ fn open() -> Opened {
     if let Err(error) = spawned {
         log::warn!("warnings are not heard: {error}");
     }
-    Opened { tones, _keeps: keeps }
+    OpenDevice { tones, _keeps: keeps }
 }
 
 /// Plays until `ended` has no sender any more.

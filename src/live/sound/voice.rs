@@ -5,7 +5,7 @@ use std::f32::consts::{FRAC_PI_4, TAU};
 use crate::warning::Tone;
 
 /// Tones that sound at the same time.
-const MOST: usize = 4;
+const MAX_VOICES: usize = 4;
 
 /// Mixes tones into a stream.
 #[derive(Debug)]
@@ -26,14 +26,14 @@ struct Voice {
 
 impl Mixer {
     pub fn new(rate_hz: f32, channels: usize) -> Self {
-        Self { rate_hz, channels: channels.max(1), voices: Vec::with_capacity(MOST) }
+        Self { rate_hz, channels: channels.max(1), voices: Vec::with_capacity(MAX_VOICES) }
     }
 
     /// Adds a tone; with too many of them it is left out.
     pub fn begin(&mut self, tone: &Tone) {
         let angle = (tone.pan.clamp(-1.0, 1.0) + 1.0) * FRAC_PI_4;
         let samples = (tone.length_s.clamp(0.0, 2.0) * self.rate_hz) as u32;
-        if self.voices.len() < MOST && samples > 0 {
+        if self.voices.len() < MAX_VOICES && samples > 0 {
             let volume = tone.volume.clamp(0.0, 1.0);
             let step_rad = TAU * tone.hz / self.rate_hz;
             self.voices.push(Voice {
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tone_comes_from_its_side_begins_and_ends_without_a_click_and_is_over() {
+    fn tone_is_panned_click_free_and_ends() {
         let mut mixer = Mixer::new(48_000.0, 2);
         mixer.begin(&tone(-1.0));
         let samples = played(&mut mixer, 6000);
@@ -103,11 +103,11 @@ mod tests {
     }
 
     #[test]
-    fn any_number_of_channels_and_tones_stays_within_bounds() {
+    fn mixer_stays_within_bounds() {
         for channels in [1, 2, 6] {
             let mut mixer = Mixer::new(44_100.0, channels);
             (0..100).for_each(|_| mixer.begin(&Tone { volume: 1.0, ..tone(0.0) }));
-            assert_eq!(mixer.voices.len(), MOST);
+            assert_eq!(mixer.voices.len(), MAX_VOICES);
             let samples = played(&mut mixer, 4000);
             assert!(samples.iter().all(|v| v.abs() <= 1.0) && samples.iter().any(|v| v.abs() > 0.5));
             assert!(samples.chunks(channels).all(|frame| frame.iter().skip(2).all(|v| *v == 0.0)));

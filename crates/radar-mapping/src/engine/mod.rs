@@ -29,19 +29,19 @@ const SUBAPERTURES_FROM_SWEEPS_PER_S: f64 = 400.0;
 /// Edge of the cube that is searched for single reflectors unless told otherwise, metres.
 pub const DEFAULT_CUBE_M: f64 = 3.0;
 /// Observations that a search for single reflectors keeps at most; beyond, every second one goes.
-const MAX_KEPT: usize = 20_000;
+const MAX_OBSERVATIONS: usize = 20_000;
 /// A change of the time offset that ruins what a room's search has summed so far, seconds: 3 ms do no harm, 10 ms do.
 const MAX_HARMLESS_OFFSET_CHANGE_S: f64 = 4e-3;
 /// Poses are kept for this long for observations that are kept for good, seconds.
-const KEPT_FOR_GOOD_S: f64 = 1e5;
+const UNBOUNDED_RETENTION_S: f64 = 1e5;
 
 /// Block scores that noise reaches now and then.
-const SCORE_OF_NOISE: f64 = 2.0;
+const NOISE_SCORE: f64 = 2.0;
 
 /// How a recording is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Search {
+pub enum MapperKind {
     /// Blocks, planes, explaining away: furnished rooms, fast sensors.
     Rooms,
     /// Range-only sums: single reflectors, slow sensors.
@@ -52,7 +52,7 @@ pub enum Search {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EngineCounters {
     /// How it searched.
-    pub search: Search,
+    pub search: MapperKind,
     /// Observations taken in.
     pub observations: u64,
     /// Observations thinned out to bound memory (single reflectors alone).
@@ -71,7 +71,7 @@ pub struct EngineCounters {
 #[derive(Debug)]
 pub struct Engine {
     settings: MappingSettings,
-    search: Search,
+    search: MapperKind,
     rooms: RoomMapper,
     kept: Vec<Observation>,
     first_pose: Option<Pose>,
@@ -90,10 +90,10 @@ impl Engine {
     pub fn new(config: &SensorConfig, settings: &MappingSettings) -> Self {
         let sweeps_per_s = f64::from(config.sweeps_per_frame) / frame_timing(config).frame_period_s;
         let search = match settings.processing.mode {
-            Mode::Rooms => Search::Rooms,
-            Mode::Reflectors => Search::Reflectors,
-            Mode::Auto if sweeps_per_s >= SUBAPERTURES_FROM_SWEEPS_PER_S => Search::Rooms,
-            Mode::Auto => Search::Reflectors,
+            Mode::Rooms => MapperKind::Rooms,
+            Mode::Reflectors => MapperKind::Reflectors,
+            Mode::Auto if sweeps_per_s >= SUBAPERTURES_FROM_SWEEPS_PER_S => MapperKind::Rooms,
+            Mode::Auto => MapperKind::Reflectors,
         };
         Self {
             rooms: RoomMapper::new(settings.rooms, &settings.radar.beam, settings.tracking.errors),
@@ -128,7 +128,7 @@ impl Engine {
     }
 
     /// How it searches.
-    pub fn search(&self) -> Search {
+    pub fn search(&self) -> MapperKind {
         self.search
     }
 
@@ -152,15 +152,15 @@ impl Engine {
         self.newest_end_ns = Some(observation.end_ns());
         self.first_pose.get_or_insert(observation.tracking_from_sensor);
         match self.search {
-            Search::Rooms if self.is_deferred => self.rooms.push_deferred(observation),
-            Search::Rooms => self.rooms.push(observation),
-            Search::Reflectors => self.keep(observation),
+            MapperKind::Rooms if self.is_deferred => self.rooms.push_deferred(observation),
+            MapperKind::Rooms => self.rooms.push(observation),
+            MapperKind::Reflectors => self.keep(observation),
         }
     }
 
     /// Memory stays bounded: when full, every second sweep goes, so that what is kept still spans the whole motion.
     fn keep(&mut self, observation: Observation) {
-        if self.kept.len() >= MAX_KEPT {
+        if self.kept.len() >= MAX_OBSERVATIONS {
             let mut sweep = 0;
             let before = self.kept.len();
             let mut last_subsweep = None;
@@ -183,8 +183,8 @@ impl Engine {
     /// newest sweep where every scene is a search by itself.
     pub fn evidence_ns(&self) -> Option<i64> {
         match self.search {
-            Search::Rooms => self.rooms.evidence_ns(),
-            Search::Reflectors => self.newest_end_ns,
+            MapperKind::Rooms => self.rooms.evidence_ns(),
+            MapperKind::Reflectors => self.newest_end_ns,
         }
     }
 
@@ -196,7 +196,7 @@ impl Engine {
     /// When an observation to come closes a block: gives that block's sweeps the places that `sensor_at` has for them, which
     /// knows more poses than there were when each came.
     pub fn update_poses_before(&mut self, next: &Observation, sensor_at: impl Fn(i64) -> Option<(Pose, DVec3)>) {
-        if self.search == Search::Rooms {
+        if self.search == MapperKind::Rooms {
             self.rooms.update_poses_before(next, sensor_at);
         }
     }
@@ -209,8 +209,8 @@ impl Engine {
     /// What is known of the room, to be kept; nothing where single reflectors are searched.
     pub fn saved_map(&self) -> SavedMap {
         match self.search {
-            Search::Rooms => self.rooms.saved_map(),
-            Search::Reflectors => SavedMap::default(),
+            MapperKind::Rooms => self.rooms.saved_map(),
+            MapperKind::Reflectors => SavedMap::default(),
         }
     }
 
@@ -220,16 +220,16 @@ impl Engine {
     /// Numbers that are none of a room; nothing is taken up then.
     pub fn restore(&mut self, remembered: &SavedMap) -> Result<(), SavedMapError> {
         match self.search {
-            Search::Rooms => self.rooms.restore(remembered),
-            Search::Reflectors => remembered.check(),
+            MapperKind::Rooms => self.rooms.restore(remembered),
+            MapperKind::Reflectors => remembered.check(),
         }
     }
 
     /// How long observations are kept, seconds, so that they can get new poses.
-    pub fn kept_s(&self) -> f64 {
+    pub fn pose_retention_s(&self) -> f64 {
         match self.search {
-            Search::Rooms => self.settings.rooms.explain.window_s + 1.0,
-            Search::Reflectors => KEPT_FOR_GOOD_S,
+            MapperKind::Rooms => self.settings.rooms.explain.window_s + 1.0,
+            MapperKind::Reflectors => UNBOUNDED_RETENTION_S,
         }
     }
 
@@ -248,13 +248,13 @@ impl Engine {
             sensor.is_some()
         };
         match self.search {
-            Search::Reflectors => self.kept.retain_mut(repose),
-            Search::Rooms if self.is_invalidated_by(change_s) => {
+            MapperKind::Reflectors => self.kept.retain_mut(repose),
+            MapperKind::Rooms if self.is_invalidated_by(change_s) => {
                 self.rooms.restart(&mut repose);
                 while !self.is_deferred && self.rooms.work() {}
                 self.restarts += 1;
             }
-            Search::Rooms => {}
+            MapperKind::Rooms => {}
         }
         self.reposed += reposed;
         self.lost += lost;
@@ -262,12 +262,12 @@ impl Engine {
 
     /// Whether such a change of the time offset ruins what the search has summed so far, so that it begins again.
     pub fn is_invalidated_by(&self, change_s: f64) -> bool {
-        self.search == Search::Rooms && change_s.abs() >= MAX_HARMLESS_OFFSET_CHANGE_S
+        self.search == MapperKind::Rooms && change_s.abs() >= MAX_HARMLESS_OFFSET_CHANGE_S
     }
 
     /// No more observations will come: what waits is worked off.
     pub fn finish(&mut self) {
-        if self.search == Search::Rooms {
+        if self.search == MapperKind::Rooms {
             self.rooms.finish();
         }
     }
@@ -280,8 +280,8 @@ impl Engine {
     /// What stands in the room, as far as seen. For single reflectors this is where the work is done.
     pub fn scene(&self) -> Scene {
         let (obstacles, walls, moving) = match self.search {
-            Search::Rooms => (self.rooms.obstacles(), self.rooms.walls(), self.rooms.moving_targets()),
-            Search::Reflectors => {
+            MapperKind::Rooms => (self.rooms.obstacles(), self.rooms.walls(), self.rooms.moving_targets()),
+            MapperKind::Reflectors => {
                 let MappingSettings { radar, tracking, reflectors, .. } = &self.settings;
                 let found = find_reflectors(&self.kept, &radar.beam, &self.region(), reflectors, &tracking.errors);
                 (found, Vec::new(), Vec::new())
@@ -297,8 +297,8 @@ impl Engine {
     pub fn evidence(&self, most: usize) -> Evidence {
         let MappingSettings { radar, reflectors, .. } = &self.settings;
         match self.search {
-            Search::Rooms => self.rooms.evidence(SCORE_OF_NOISE, most),
-            Search::Reflectors => reflector_evidence(&self.kept, &radar.beam, &self.region(), reflectors, most),
+            MapperKind::Rooms => self.rooms.evidence(NOISE_SCORE, most),
+            MapperKind::Reflectors => reflector_evidence(&self.kept, &radar.beam, &self.region(), reflectors, most),
         }
     }
 }

@@ -5,30 +5,30 @@
 //! for longer than an estimate looks back.
 
 /// So long, nanoseconds: an estimate looks back 20 s.
-const DOUBTED_NS: i64 = 25_000_000_000;
+const MIN_DISAGREEMENT_NS: i64 = 25_000_000_000;
 
 /// What estimates have said of the offset in force.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct OffsetGuard {
     /// One has agreed with it.
-    is_vouched_for: bool,
+    is_confirmed: bool,
     /// Since when they have asked for a change that costs what the search knows.
     since_ns: Option<i64>,
 }
 
 impl OffsetGuard {
-    /// Takes an estimate; says whether it may be put in force. `is_known`: it is known well enough for that; `is_ruinous`: it costs what the search
+    /// Takes an estimate; says whether it may be put in force. `is_known`: it is known well enough for that; `invalidates_map`: it costs what the search
     /// knows.
-    pub fn allows(&mut self, now_ns: i64, is_known: bool, is_ruinous: bool) -> bool {
-        self.is_vouched_for |= is_known && !is_ruinous;
-        if !(is_known && is_ruinous && self.is_vouched_for) {
+    pub fn allows(&mut self, now_ns: i64, is_known: bool, invalidates_map: bool) -> bool {
+        self.is_confirmed |= is_known && !invalidates_map;
+        if !(is_known && invalidates_map && self.is_confirmed) {
             self.since_ns = None;
             return true;
         }
         // A time that was taken back does not make it longer.
         let since_ns = self.since_ns.map_or(now_ns, |since_ns| since_ns.min(now_ns));
         self.since_ns = Some(since_ns);
-        now_ns.saturating_sub(since_ns) >= DOUBTED_NS
+        now_ns.saturating_sub(since_ns) >= MIN_DISAGREEMENT_NS
     }
 }
 
@@ -39,22 +39,22 @@ mod tests {
     const S: i64 = 1_000_000_000;
 
     #[test]
-    fn what_nobody_agreed_with_is_given_up_at_once() {
+    fn unconfirmed_offset_is_replaced_at_once() {
         assert!(OffsetGuard::default().allows(0, true, true));
     }
 
     #[test]
-    fn what_was_agreed_with_is_given_up_when_it_is_doubted_for_long_without_a_break() {
-        let mut doubt = OffsetGuard::default();
-        assert!(doubt.allows(0, true, false));
-        assert!((1..=25).all(|s| !doubt.allows(s * S, true, true)));
-        assert!(doubt.clone().allows(26 * S, true, true));
+    fn confirmed_offset_is_replaced_only_after_lasting_disagreement() {
+        let mut offset_guard = OffsetGuard::default();
+        assert!(offset_guard.allows(0, true, false));
+        assert!((1..=25).all(|s| !offset_guard.allows(s * S, true, true)));
+        assert!(offset_guard.clone().allows(26 * S, true, true));
         // An estimate that agrees, or is none, in between: from the beginning.
-        for (is_known, is_ruinous) in [(true, false), (false, true)] {
-            let mut doubt = doubt;
-            assert!(doubt.allows(26 * S, is_known, is_ruinous));
-            assert!(!doubt.allows(27 * S, true, true) && !doubt.allows(51 * S, true, true));
-            assert!(doubt.allows(52 * S, true, true));
+        for (is_known, invalidates_map) in [(true, false), (false, true)] {
+            let mut offset_guard = offset_guard;
+            assert!(offset_guard.allows(26 * S, is_known, invalidates_map));
+            assert!(!offset_guard.allows(27 * S, true, true) && !offset_guard.allows(51 * S, true, true));
+            assert!(offset_guard.allows(52 * S, true, true));
         }
     }
 }

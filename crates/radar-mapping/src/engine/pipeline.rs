@@ -54,12 +54,12 @@ pub struct Pipeline {
     estimate: Option<TimeOffset>,
     /// 1σ of the estimate that is in force; `None`: the settings' offset is.
     applied_sigma_s: Option<f64>,
-    doubt: OffsetGuard,
+    offset_guard: OffsetGuard,
     time_offset: TimeOffsetCounters,
     is_deferred: bool,
     is_estimate_due: bool,
     /// Sweeps have their poses before these are as smooth as they will be.
-    is_early: bool,
+    poses_are_provisional: bool,
 }
 
 /// Time between two noted places of the sensor, nanoseconds.
@@ -68,12 +68,12 @@ const PATH_STEP_NS: i64 = 20_000_000;
 const ESTIMATE_NS: i64 = 1_000_000_000;
 const SETTLED_ESTIMATE_NS: i64 = 10_000_000_000;
 /// Then only the sweeps of so long before an estimate are listened to.
-const SETTLED_LISTEN_NS: i64 = 2_500_000_000;
+const SETTLED_WINDOW_NS: i64 = 2_500_000_000;
 /// The offset is changed when it is wrong by this many 1σ, and by this much, seconds.
 const SIGNIFICANT: f64 = 3.0;
 const MIN_CHANGE_S: f64 = 0.5e-3;
 /// An offset in force is also sharpened once its 1σ has fallen to this share: a bounded number of times.
-const SHARPER: f64 = 0.5;
+const SHARPER_SIGMA_RATIO: f64 = 0.5;
 
 impl Pipeline {
     /// For a sound configuration. The settings' mount goes before the one given.
@@ -89,7 +89,7 @@ impl Pipeline {
         );
         let engine = Engine::new(config, settings);
         let estimator = tracking.estimate_time_offset.then(|| {
-            observer.keep_poses_s(engine.kept_s());
+            observer.keep_poses_s(engine.pose_retention_s());
             TimeOffsetEstimator::new(TimeOffsetSettings { middle_s: tracking.time_offset_s, errors: tracking.errors })
         });
         Self {
@@ -102,11 +102,11 @@ impl Pipeline {
             listen_from_ns: i64::MIN,
             estimate: None,
             applied_sigma_s: None,
-            doubt: OffsetGuard::default(),
+            offset_guard: OffsetGuard::default(),
             time_offset: TimeOffsetCounters::default(),
             is_deferred: false,
             is_estimate_due: false,
-            is_early: tracking.history.is_early(),
+            poses_are_provisional: tracking.history.is_early(),
         }
     }
 
@@ -138,7 +138,7 @@ impl Pipeline {
     /// Takes a pose of the head.
     pub fn push_pose(&mut self, sample: &PoseSample) {
         self.observer.push_pose(sample);
-        self.work_off(false);
+        self.process_ready(false);
         let Some(now_ns) = self.observer.newest_pose_ns() else { return };
         // A time that was taken back, being wrong, must not put the next estimate off.
         self.next_estimate_ns.take_if(|next_ns| next_ns.saturating_sub(now_ns) > SETTLED_ESTIMATE_NS);
@@ -156,7 +156,7 @@ impl Pipeline {
     fn schedule_estimate(&mut self, now_ns: i64) {
         let settled = self.is_settled();
         let next_ns = now_ns.saturating_add(if settled { SETTLED_ESTIMATE_NS } else { ESTIMATE_NS });
-        self.listen_from_ns = if settled { next_ns.saturating_sub(SETTLED_LISTEN_NS) } else { i64::MIN };
+        self.listen_from_ns = if settled { next_ns.saturating_sub(SETTLED_WINDOW_NS) } else { i64::MIN };
         self.next_estimate_ns = Some(next_ns);
     }
 
@@ -184,8 +184,8 @@ impl Pipeline {
     }
 
     /// Works off frames that came after the poses they waited for. Who pushes in the order of time needs it not.
-    pub fn work_off_late(&mut self) {
-        self.work_off(false);
+    pub fn process_late(&mut self) {
+        self.process_ready(false);
     }
 
     /// Forgets where the sensor was up to now: for who runs for hours and does not draw it.
@@ -195,12 +195,12 @@ impl Pipeline {
 
     /// Both streams have ended.
     pub fn finish(&mut self) {
-        self.work_off(true);
+        self.process_ready(true);
         self.estimate_time_offset();
         self.engine.finish();
     }
 
-    fn work_off(&mut self, rest: bool) {
+    fn process_ready(&mut self, rest: bool) {
         let path = self.observer.take_path();
         let observations = if rest { self.observer.take_rest() } else { self.observer.take_ready() };
         if let Some(estimator) = &mut self.estimator {
@@ -215,7 +215,7 @@ impl Pipeline {
             if self.sensor_path.last().is_none_or(|last| time_ns.saturating_sub(last.0) >= PATH_STEP_NS) {
                 self.sensor_path.push((time_ns, observation.tracking_from_sensor));
             }
-            if self.is_early {
+            if self.poses_are_provisional {
                 let observer = &self.observer;
                 let sensor_at = |sweep_ns: i64| -> Option<(Pose, DVec3)> {
                     let sensor = observer.smoothed_sensor_at(sweep_ns, time_ns).ok()?;
@@ -236,8 +236,8 @@ impl Pipeline {
         self.time_offset.tracks_left_out = estimate.tracks_left_out as u64;
         let now_ns = self.observer.newest_pose_ns().unwrap_or(i64::MIN);
         let is_known = estimate.observable && estimate.sigma_s <= self.max_sigma_s;
-        let is_ruinous = self.engine.is_invalidated_by(estimate.offset_s - self.observer.time_offset_s());
-        if self.doubt.allows(now_ns, is_known, is_ruinous) && self.is_better(&estimate) {
+        let invalidates_map = self.engine.is_invalidated_by(estimate.offset_s - self.observer.time_offset_s());
+        if self.offset_guard.allows(now_ns, is_known, invalidates_map) && self.is_better(&estimate) {
             self.apply(&estimate);
         }
     }
@@ -256,7 +256,7 @@ impl Pipeline {
     /// Whether an estimate should replace the offset in force.
     fn is_better(&self, estimate: &TimeOffset) -> bool {
         let wrong_s = (estimate.offset_s - self.observer.time_offset_s()).abs();
-        let sharper = self.applied_sigma_s.is_some_and(|sigma_s| estimate.sigma_s <= SHARPER * sigma_s);
+        let sharper = self.applied_sigma_s.is_some_and(|sigma_s| estimate.sigma_s <= SHARPER_SIGMA_RATIO * sigma_s);
         estimate.observable
             && estimate.sigma_s <= self.max_sigma_s
             && wrong_s >= MIN_CHANGE_S
@@ -268,7 +268,7 @@ impl Pipeline {
         let change_s = estimate.offset_s - self.observer.time_offset_s();
         self.observer.set_time_offset_s(estimate.offset_s);
         self.applied_sigma_s = Some(estimate.sigma_s);
-        self.doubt = OffsetGuard::default();
+        self.offset_guard = OffsetGuard::default();
         self.time_offset.changes += 1;
         let offset_ns = (estimate.offset_s * 1e9).round() as i64;
         let sensor_at = |time_ns: i64| -> Option<(Pose, DVec3)> {

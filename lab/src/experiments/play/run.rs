@@ -7,7 +7,7 @@ use super::figures::Figures;
 use super::scorer::{Scorer, ShownWarnings};
 use a121::{Frame, frame_timing};
 use radar_chaperone::settings::Settings;
-use radar_chaperone::warning::{PanelKind, Player, Warnings, Watch};
+use radar_chaperone::warning::{PanelKind, WarningTracker, Warnings, Wearer};
 use radar_mapping::Pipeline;
 use radar_mapping::{HandsM, Scene, ScoredCandidate};
 use radar_simulation::{PlaySession, Session, SessionError};
@@ -63,7 +63,7 @@ struct SessionRunner<'s, L> {
     session: &'s Session,
     trial: &'s PlayTrial,
     pipeline: Pipeline,
-    watch: Watch,
+    tracker: WarningTracker,
     scene: Scene,
     evidence_ns: Option<i64>,
     scorer: Scorer<'s>,
@@ -77,7 +77,7 @@ impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
             session,
             trial,
             pipeline: Pipeline::new(&play.config, &play.head_from_sensor, &trial.settings.mapping()),
-            watch: Watch::new(),
+            tracker: WarningTracker::new(),
             scene: Scene::default(),
             evidence_ns: None,
             scorer: Scorer::new(session),
@@ -118,18 +118,18 @@ impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
             self.evidence_ns = evidence_ns;
             self.scene = self.pipeline.scene();
             (self.on_update)(time_s, self.pipeline.engine().weighed());
-            self.watch.see(&self.scene);
+            self.tracker.update(&self.scene);
         }
         let Some((_, tracking_from_head)) = self.pipeline.head() else { return };
         let hands_m = self.tracked_hands(time_ns).unwrap_or_default();
-        let player = Player { time_ns, tracking_from_head, hands_m };
-        let warnings = self.watch.warn(&player, &self.trial.settings.warning);
+        let player = Wearer { time_ns, tracking_from_head, hands_m };
+        let warnings = self.tracker.warn(&player, &self.trial.settings.warning);
         let shown = self.shown(&warnings);
         self.scorer.step(time_s, &self.scene, &shown);
     }
 
     fn shown(&self, warnings: &Warnings) -> ShownWarnings {
-        let shapes = self.watch.shapes(warnings);
+        let shapes = self.tracker.shapes(warnings);
         let walls = warnings.panels.iter().filter(|panel| panel.kind == PanelKind::Wall);
         let plane = |panel: &radar_chaperone::warning::Panel| {
             self.scene.walls.iter().find(|wall| wall.id == panel.id).map(|wall| wall.plane)

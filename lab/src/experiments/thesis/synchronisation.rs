@@ -120,7 +120,7 @@ impl LagEstimate {
         let series = lagging.series(&lagging.poses).ok()?;
         let curve = LagCurve::of(&series.radar_range_m, &series.pose_range_m)?;
         let once = lagging.series(&curve.corrected(&lagging.poses, lagging.start_ns)).ok()?;
-        let second_pass = curve.clone().with(LagCurve::of(&once.radar_range_m, &once.pose_range_m)?.lags());
+        let second_pass = curve.clone().plus_residual(LagCurve::of(&once.radar_range_m, &once.pose_range_m)?.lags());
         let corrected = second_pass.corrected(&lagging.poses, lagging.start_ns);
         Some(Self { series, curve, second_pass, corrected })
     }

@@ -5,16 +5,16 @@ use std::sync::Arc;
 
 use glam::{DMat2, DVec2, DVec3};
 
-use crate::live::{Published, Reconstruction};
+use crate::live::{PublishedMap, Reconstruction};
 use crate::panel::{Head, Health, PanelView, Plan, PlanMovingTarget, PlanObstacle, SensorHealth, hull};
 use crate::settings::Settings;
 use radar_mapping::{MovingTarget, Obstacle, Wall};
 use radar_sar::geometry::Pose;
 
 /// A beam ends where its two-way amplitude is down to this.
-const BEAM_FLOOR: f64 = 0.25;
+const BEAM_EDGE_AMPLITUDE: f64 = 0.25;
 /// Rates are taken over so long at least, nanoseconds.
-const RATE_NS: i64 = 1_000_000_000;
+const MIN_RATE_INTERVAL_NS: i64 = 1_000_000_000;
 
 /// What the frame loop knows.
 #[derive(Debug, Clone, Default)]
@@ -62,7 +62,7 @@ pub(super) struct Rates {
 
 impl Rates {
     /// Takes what came from a sensor, while it is there, and of poses. One that comes back counts on and is not known for a second.
-    fn take(&mut self, time_ns: i64, sensor: Option<SensorCount>, poses: u64) {
+    fn update(&mut self, time_ns: i64, sensor: Option<SensorCount>, poses: u64) {
         let before = self.from.unwrap_or_default();
         let SensorCount { sweeps, lost } = sensor.unwrap_or(SensorCount { sweeps: before.sweeps, lost: before.lost });
         self.push(Counts { time_ns, sweeps, lost, poses });
@@ -72,7 +72,7 @@ impl Rates {
     fn push(&mut self, to: Counts) {
         let Some(from) = self.from else { return self.from = Some(to) };
         let past_ns = to.time_ns.saturating_sub(from.time_ns);
-        if past_ns < RATE_NS {
+        if past_ns < MIN_RATE_INTERVAL_NS {
             return;
         }
         // What was begun anew counts from nothing.
@@ -101,7 +101,7 @@ pub(super) fn view(
 ) -> PanelView {
     let counters = reconstruction.map(Reconstruction::counters);
     let poses = counters.map_or(0, |counters| counters.pipeline.streams.poses);
-    rates.take(now_ns, facts.sensor, poses);
+    rates.update(now_ns, facts.sensor, poses);
     let published = reconstruction.map(Reconstruction::latest);
     let mut health = Health {
         sensor: match facts.sensor {
@@ -125,7 +125,7 @@ pub(super) fn view(
     PanelView { settings: settings.1.clone(), plan, health }
 }
 
-fn fill(health: &mut Health, published: &Published, now_ns: i64) {
+fn fill(health: &mut Health, published: &PublishedMap, now_ns: i64) {
     health.time_offset_s = to_tenths_of_ms(published.time_offset_s);
     health.time_offset_sigma_s = published.time_offset_sigma_s.map(to_tenths_of_ms);
     let scene = &published.scene;
@@ -142,7 +142,7 @@ fn to_tenths_of_ms(seconds: f64) -> f64 {
     (seconds * 1e4).round() / 1e4
 }
 
-fn plan(facts: &Facts, settings: &Settings, published: Option<&Published>) -> Plan {
+fn plan(facts: &Facts, settings: &Settings, published: Option<&PublishedMap>) -> Plan {
     let mut plan = Plan { play_area_m: settings.warning.play_area_m, ..Plan::default() };
     plan.head = facts.standing_from_head.map(|head| self::head(&head, settings));
     let (Some(published), Some(standing_from_session)) = (published, &facts.standing_from_session) else { return plan };
@@ -162,7 +162,7 @@ fn head(standing_from_head: &Pose, settings: &Settings) -> Head {
     Head {
         at_m: [at.x, at.z].map(|v| (v * 50.0).round() / 50.0),
         forward: [angle.cos(), angle.sin()],
-        beam_rad: settings.radar.beam.cut_off_cos(BEAM_FLOOR).acos(),
+        beam_rad: settings.radar.beam.cut_off_cos(BEAM_EDGE_AMPLITUDE).acos(),
         beam_m: settings.rooms.blocks.max_range_m,
     }
 }
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ellipse_is_that_of_the_covariance_on_the_floor() {
+    fn ellipse_matches_floor_covariance() {
         let [long, short] = axes(&obstacle());
         assert!((long[0].abs() - 0.2).abs() < 1e-9 && long[1].abs() < 1e-9, "{long:?}");
         assert!((short[1].abs() - 0.1).abs() < 1e-9 && short[0].abs() < 1e-9, "{short:?}");
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn walls_run_along_and_floors_are_none() {
+    fn walls_give_segments_and_floors_give_none() {
         let seen_at = Aabb { min: DVec3::new(-1.0, 0.5, -2.1), max: DVec3::new(2.0, 1.5, -1.9) };
         let of = |outward: DVec3, offset_m| Wall {
             id: 1,
@@ -277,11 +277,11 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_comes_back_has_not_sent_all_it_ever_sent_in_a_second() {
+    fn reconnected_sensor_gives_no_rate_spike() {
         let mut rates = Rates::default();
         let mut take = |second: i64, sweeps: Option<u64>| {
             let sensor = sweeps.map(|sweeps| SensorCount { sweeps, lost: 0 });
-            rates.take(second * 1_000_000_000, sensor, 250 * second as u64);
+            rates.update(second * 1_000_000_000, sensor, 250 * second as u64);
             (rates.is_known, rates.sweeps_per_s, rates.poses_per_s)
         };
         let steady: Vec<_> = (0..=10).map(|n| take(n, Some(1000 * n as u64))).collect();
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_are_those_of_a_second_and_begin_anew() {
+    fn rates_cover_one_second_and_restart() {
         let mut rates = Rates::default();
         let s = 1_000_000_000;
         for n in 0..=20 {
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_within_the_fade_is_near() {
+    fn obstacles_within_fade_distance_are_near() {
         let settings = Settings::default();
         let from = |x: f64| Some(head(&Pose::from_translation(DVec3::new(x, 1.6, -1.0)), &settings));
         assert!(thing(&obstacle(), from(-0.7), &settings).is_near);

@@ -7,9 +7,9 @@
 //! no notice nothing is drawn.
 
 mod facts;
-mod placard;
-mod troubles;
-mod work;
+mod fault_monitor;
+mod notice_overlay;
+mod worker;
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,10 +18,10 @@ use std::sync::{Arc, Mutex};
 
 pub(super) use facts::Facts;
 pub use facts::SensorCount;
-pub(super) use work::{PanelSources, PanelWork};
+pub(super) use worker::{PanelSources, PanelWorker};
 
-use self::placard::Placard;
-use self::troubles::Troubles;
+use self::fault_monitor::FaultMonitor;
+use self::notice_overlay::NoticeOverlay;
 use super::graphics::Graphics;
 use crate::openvr::{DashboardTab, OpenVrError, Runtime, TabEvent};
 use crate::panel;
@@ -29,16 +29,16 @@ use crate::panel::Notice;
 use crate::render::RenderError;
 
 /// Between two looks whether the tab is shown, nanoseconds; events bring one forward.
-const LOOK_NS: i64 = 250_000_000;
+const CHECK_INTERVAL_NS: i64 = 250_000_000;
 /// Events taken a frame.
-const MOST_EVENTS: usize = 64;
+const MAX_EVENTS: usize = 64;
 /// What may wait for the thread.
-const MOST_INPUTS: usize = 256;
+const MAX_INPUTS: usize = 256;
 /// Pictures kept alive after they were replaced: the runtime copies them on our queue.
-const KEPT: usize = 3;
+const RETAINED_PICTURES: usize = 3;
 
 /// What the thread is told.
-enum Input {
+enum WorkerInput {
     Open(bool),
     Pointer(TabEvent),
     /// To be drawn.
@@ -46,7 +46,7 @@ enum Input {
     /// A device to draw on, by number; the one before is gone.
     Device(u64, wgpu::Device, wgpu::Queue),
     /// The picture that was under way was handed over, or dropped.
-    Handed,
+    PictureDone,
 }
 
 /// What a picture is of.
@@ -58,7 +58,7 @@ enum Picture {
 }
 
 /// A picture that waits to be submitted.
-struct Drawing {
+struct PreparedPicture {
     device: u64,
     commands: Vec<wgpu::CommandBuffer>,
     picture: Picture,
@@ -70,56 +70,57 @@ pub(super) struct Dashboard {
     /// `None`: the runtime gives none.
     tab: Option<DashboardTab>,
     /// `None`: the runtime gives none.
-    placard: Option<Placard>,
-    troubles: Troubles,
+    notice_overlay: Option<NoticeOverlay>,
+    faults: FaultMonitor,
     /// What is to be said, and what the thread was asked to draw last.
     wanted: Option<Notice>,
-    asked: Option<Notice>,
+    requested: Option<Notice>,
     /// What the log was told last: what is said once a minute is not logged each time.
     logged: Option<Notice>,
-    to_work: SyncSender<Input>,
-    drawings: Receiver<Drawing>,
+    to_worker: SyncSender<WorkerInput>,
+    drawings: Receiver<PreparedPicture>,
     facts: Arc<Mutex<Facts>>,
     forget_room: Arc<AtomicBool>,
     is_open: bool,
-    looked_ns: i64,
+    checked_ns: i64,
     /// The device's number, and whether the thread has it.
     device: u64,
     has_device: bool,
-    under_way: Option<(Drawing, Arc<AtomicBool>)>,
+    under_way: Option<(PreparedPicture, Arc<AtomicBool>)>,
     shown: VecDeque<Arc<wgpu::Texture>>,
-    is_refused: bool,
+    refusal_logged: bool,
 }
 
 impl Dashboard {
     /// The tab, and what its thread works with.
-    pub fn new(runtime: &Arc<Runtime>) -> (Self, PanelWork) {
+    pub fn new(runtime: &Arc<Runtime>) -> (Self, PanelWorker) {
         let tab = DashboardTab::new(runtime, "radar-chaperone.dashboard", "Radar chaperone", panel::SIZE);
         let tab = tab.inspect_err(|error| log::warn!("no panel in the dashboard: {error}")).ok();
-        let placard = Placard::new(runtime).inspect_err(|error| log::warn!("no notices in the headset: {error}")).ok();
-        let (to_work, inputs) = sync_channel(MOST_INPUTS);
+        let notice_overlay =
+            NoticeOverlay::new(runtime).inspect_err(|error| log::warn!("no notices in the headset: {error}")).ok();
+        let (to_worker, inputs) = sync_channel(MAX_INPUTS);
         let (to_loop, drawings) = sync_channel(1);
         let facts = Arc::new(Mutex::default());
         let forget_room = Arc::<AtomicBool>::default();
-        let work = PanelWork::new(inputs, to_loop, Arc::clone(&facts), Arc::clone(&forget_room));
+        let work = PanelWorker::new(inputs, to_loop, Arc::clone(&facts), Arc::clone(&forget_room));
         let dashboard = Self {
             tab,
-            placard,
-            troubles: Troubles::default(),
+            notice_overlay,
+            faults: FaultMonitor::default(),
             wanted: None,
-            asked: None,
+            requested: None,
             logged: None,
-            to_work,
+            to_worker,
             drawings,
             facts,
             forget_room,
             is_open: false,
-            looked_ns: i64::MIN,
+            checked_ns: i64::MIN,
             device: 0,
             has_device: false,
             under_way: None,
             shown: VecDeque::new(),
-            is_refused: false,
+            refusal_logged: false,
         };
         (dashboard, work)
     }
@@ -130,7 +131,7 @@ impl Dashboard {
     }
 
     /// Whether the user wants the room's map to begin anew; told once.
-    pub fn takes_forgetting(&self) -> bool {
+    pub fn take_reset_request(&self) -> bool {
         self.forget_room.swap(false, Ordering::Relaxed)
     }
 
@@ -138,10 +139,10 @@ impl Dashboard {
     ///
     /// # Errors
     /// The device fails, or is lost.
-    pub fn turn(&mut self, now_ns: i64, graphics: Option<&Graphics>, facts: &Facts) -> Result<(), RenderError> {
+    pub fn update(&mut self, now_ns: i64, graphics: Option<&Graphics>, facts: &Facts) -> Result<(), RenderError> {
         self.take_events();
-        self.look(now_ns);
-        self.turn_placard(now_ns, facts);
+        self.check_visibility(now_ns);
+        self.update_notice(now_ns, facts);
         if self.is_open
             && let Ok(mut held) = self.facts.try_lock()
         {
@@ -150,59 +151,62 @@ impl Dashboard {
         let Some(graphics) = graphics else { return Ok(()) };
         if !self.has_device {
             let (device, queue) = (graphics.device.device.clone(), graphics.device.queue.clone());
-            self.has_device = self.to_work.try_send(Input::Device(self.device, device, queue)).is_ok();
+            self.has_device = self.to_worker.try_send(WorkerInput::Device(self.device, device, queue)).is_ok();
         }
         self.submit(graphics);
-        self.hand_over(graphics);
+        self.show_finished(graphics);
         if self.under_way.is_some() { graphics.renderer.check() } else { Ok(()) }
     }
 
     fn take_events(&mut self) {
         let Some(tab) = &self.tab else { return };
-        for _ in 0..MOST_EVENTS {
+        for _ in 0..MAX_EVENTS {
             match tab.next_event() {
                 None => break,
-                Some(TabEvent::Visibility) => self.looked_ns = i64::MIN,
+                Some(TabEvent::Visibility) => self.checked_ns = i64::MIN,
                 Some(TabEvent::Other) => {}
-                Some(event) => drop(self.to_work.try_send(Input::Pointer(event))),
+                Some(event) => drop(self.to_worker.try_send(WorkerInput::Pointer(event))),
             }
         }
     }
 
-    fn look(&mut self, now_ns: i64) {
-        let Some(tab) = self.tab.as_ref().filter(|_| now_ns.saturating_sub(self.looked_ns) >= LOOK_NS) else { return };
-        self.looked_ns = now_ns;
+    fn check_visibility(&mut self, now_ns: i64) {
+        let Some(tab) = self.tab.as_ref().filter(|_| now_ns.saturating_sub(self.checked_ns) >= CHECK_INTERVAL_NS)
+        else {
+            return;
+        };
+        self.checked_ns = now_ns;
         let is_open = tab.is_visible();
-        if is_open != self.is_open && self.to_work.try_send(Input::Open(is_open)).is_ok() {
+        if is_open != self.is_open && self.to_worker.try_send(WorkerInput::Open(is_open)).is_ok() {
             self.is_open = is_open;
         }
     }
 
     /// Says what there is to say, as soon as there is a picture of it.
-    fn turn_placard(&mut self, now_ns: i64, facts: &Facts) {
-        let trouble = self.troubles.look(now_ns, facts.sensor, facts.is_alive);
+    fn update_notice(&mut self, now_ns: i64, facts: &Facts) {
+        let trouble = self.faults.update(now_ns, facts.sensor, facts.is_alive);
         self.wanted = trouble.filter(|_| facts.may_notify && !self.is_open);
-        let Some(placard) = &mut self.placard else { return };
+        let Some(notice_overlay) = &mut self.notice_overlay else { return };
         if let Some(notice) = self.wanted.filter(|_| self.wanted != self.logged) {
             log::warn!("the headset says: {}", notice.headline());
             self.logged = self.wanted;
         }
-        let has_faded = placard.turn(now_ns, self.wanted);
-        if let Some(notice) = self.wanted.filter(|_| self.wanted != self.asked && matches!(has_faded, Ok(true)))
-            && self.to_work.try_send(Input::Notice(notice)).is_ok()
+        let has_faded = notice_overlay.update(now_ns, self.wanted);
+        if let Some(notice) = self.wanted.filter(|_| self.wanted != self.requested && matches!(has_faded, Ok(true)))
+            && self.to_worker.try_send(WorkerInput::Notice(notice)).is_ok()
         {
-            self.asked = Some(notice);
+            self.requested = Some(notice);
         }
-        self.told("the notice", has_faded.map(drop));
+        self.log_refusal_once("the notice", has_faded.map(drop));
     }
 
     /// What the runtime refuses is logged once.
-    fn told(&mut self, what: &str, done: Result<(), OpenVrError>) {
+    fn log_refusal_once(&mut self, what: &str, done: Result<(), OpenVrError>) {
         if let Err(error) = done
-            && !self.is_refused
+            && !self.refusal_logged
         {
             log::warn!("{what}: {error}");
-            self.is_refused = true;
+            self.refusal_logged = true;
         }
     }
 
@@ -213,7 +217,7 @@ impl Dashboard {
         }
         let Ok(mut drawing) = self.drawings.try_recv() else { return };
         if drawing.device != self.device {
-            return drop(self.to_work.try_send(Input::Handed));
+            return drop(self.to_worker.try_send(WorkerInput::PictureDone));
         }
         let queue = &graphics.device.queue;
         queue.submit(drawing.commands.drain(..));
@@ -224,33 +228,33 @@ impl Dashboard {
     }
 
     /// Gives the runtime what is drawn.
-    fn hand_over(&mut self, graphics: &Graphics) {
+    fn show_finished(&mut self, graphics: &Graphics) {
         let Some((drawing, _)) = self.under_way.take_if(|(_, is_done)| is_done.load(Ordering::Acquire)) else { return };
         if let Some(texture) = graphics.device.texture_handles(&drawing.texture) {
-            let handed = match (drawing.picture, &self.tab, &mut self.placard) {
+            let handed = match (drawing.picture, &self.tab, &mut self.notice_overlay) {
                 (Picture::Panel, Some(tab), _) => tab.set_picture(&texture),
                 (Picture::Thumbnail, Some(tab), _) => tab.set_thumbnail(&texture),
-                (Picture::Notice(notice), _, Some(placard)) => placard.set_picture(notice, &texture),
+                (Picture::Notice(notice), _, Some(notice_overlay)) => notice_overlay.set_picture(notice, &texture),
                 _ => Ok(()),
             };
-            self.told("the panel in the dashboard", handed);
+            self.log_refusal_once("the panel in the dashboard", handed);
         }
         self.shown.push_back(drawing.texture);
-        if self.shown.len() > KEPT {
+        if self.shown.len() > RETAINED_PICTURES {
             self.shown.pop_front();
         }
         // The thread asks for this before its next picture, and empties its queue more often than it fills.
-        let _ = self.to_work.try_send(Input::Handed);
+        let _ = self.to_worker.try_send(WorkerInput::PictureDone);
     }
 
     /// The device that drew is gone.
-    pub fn forget_pictures(&mut self) {
+    pub fn drop_pictures(&mut self) {
         self.device += 1;
         self.has_device = false;
         self.under_way = None;
-        self.asked = None;
-        if let Some(placard) = &mut self.placard {
-            placard.forget_picture();
+        self.requested = None;
+        if let Some(notice_overlay) = &mut self.notice_overlay {
+            notice_overlay.drop_picture();
         }
         self.shown.clear();
     }

@@ -18,40 +18,40 @@ use radar_sar::PoseSample;
 use radar_sar::math;
 
 /// Lags tried, seconds, and their grid.
-const LEAST_LAG_S: f64 = -1.2;
-const MOST_LAG_S: f64 = 1.2;
+const MIN_LAG_S: f64 = -1.2;
+const MAX_LAG_S: f64 = 1.2;
 const GRID_S: f64 = 5e-3;
 /// Time of a step, nanoseconds, and how far a lag goes in one: cells at most, and 1σ of it, cells.
 const STEP_NS: i64 = 50_000_000;
-const MOST_CELLS: usize = 6;
-const USUAL_CELLS: f64 = 2.5;
+const MAX_STEP_CELLS: usize = 6;
+const STEP_SIGMA_CELLS: f64 = 2.5;
 /// What a range may be off while the way is sought, metres, and what no distance at all costs.
-const COARSE_M: f64 = 0.02;
-const NO_DISTANCE: f64 = 3.0;
+const COARSE_SIGMA_M: f64 = 0.02;
+const NO_DISTANCE_COST: f64 = 3.0;
 /// How fast the lag's rate changes at the start, after which time hardly any more (as a normal curve falls), and later: 1/s/√s, seconds.
-const RESTLESS: f64 = 0.15;
-const FADES_S: f64 = 3.0;
-const STEADY: f64 = 3e-4;
+const START_RATE_WALK: f64 = 0.15;
+const START_DECAY_S: f64 = 3.0;
+const STEADY_RATE_WALK: f64 = 3e-4;
 /// The rate itself fades over this, seconds, and is known to this beforehand.
-const RATE_LASTS_S: f64 = 2.0;
-const RATE_PRIOR: f64 = 0.5;
+const RATE_TIME_CONSTANT_S: f64 = 2.0;
+const RATE_PRIOR_SIGMA: f64 = 0.5;
 /// b wanders by this, metres/√s, and is known to this beforehand, metres.
 const BIAS_WALK_M: f64 = 1e-3;
-const BIAS_PRIOR_M: f64 = 0.05;
+const BIAS_PRIOR_SIGMA_M: f64 = 0.05;
 /// c is known to this beforehand: 15 cm across at a metre, of 20 cm of motion.
-const SLOPE_PRIOR: f64 = 0.05;
+const SLOPE_PRIOR_SIGMA: f64 = 0.05;
 /// Least noise of a range, metres, and beyond how many of its 1σ a range counts less.
-const LEAST_NOISE_M: f64 = 0.5e-3;
-const OUTLIER: f64 = 3.0;
-const ROUNDS: usize = 3;
+const MIN_NOISE_M: f64 = 0.5e-3;
+const HUBER_SIGMAS: f64 = 3.0;
+const ITERATIONS: usize = 3;
 /// Distances change over this when their rate is asked for, nanoseconds.
 const RATE_HALF_NS: i64 = 10_000_000;
 /// A lag known worse than this tells nothing of a start, seconds; the start lasts so long, and is told from so much on.
-const TOLD_S: f64 = 0.02;
+const MAX_OBSERVABLE_SIGMA_S: f64 = 0.02;
 const START_S: f64 = 2.0;
-const LEAST_START_S: f64 = 5e-3;
+const MIN_START_LAG_S: f64 = 5e-3;
 /// Ranges that are too few.
-const LEAST_RANGES: usize = 50;
+const MIN_RANGES: usize = 50;
 
 /// The lag at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,25 +79,25 @@ impl LagCurve {
             sound.map(|p| ((p[0] * 1e9).round() as i64, p[1])).collect()
         };
         let (radar, poses) = (series(radar_m), series(poses_m));
-        if radar.len() < LEAST_RANGES || poses.len() < 2 {
+        if radar.len() < MIN_RANGES || poses.len() < 2 {
             return None;
         }
-        let evenly = Evenly::of(&poses);
-        let mut way = coarse(&radar, &evenly, 0.0);
+        let evenly = ResampledSeries::of(&poses);
+        let mut way = coarse_lags(&radar, &evenly, 0.0);
         // Once more without what the ranges are off as a whole.
         let bias_m =
             median(radar.iter().zip(&way).filter_map(|((t, r), lag_s)| Some(r - value_at(&poses, t + ns(*lag_s))?)));
-        way = coarse(&radar, &evenly, bias_m);
+        way = coarse_lags(&radar, &evenly, bias_m);
         let mut lags = Vec::new();
-        for _ in 0..ROUNDS {
-            lags = smoothed(&radar, &poses, &way, bias_m);
-            way = lags.iter().map(|lag: &Lag| lag.lag_s.clamp(LEAST_LAG_S, MOST_LAG_S)).collect();
+        for _ in 0..ITERATIONS {
+            lags = kalman_smooth(&radar, &poses, &way, bias_m);
+            way = lags.iter().map(|lag: &Lag| lag.lag_s.clamp(MIN_LAG_S, MAX_LAG_S)).collect();
         }
         lags.iter().all(|lag| lag.lag_s.is_finite() && lag.sigma_s.is_finite()).then_some(Self { lags })
     }
 
     /// Another curve laid over it: what is left of the lag once this one was taken out, at times in rising order.
-    pub fn with(mut self, left: &[Lag]) -> Self {
+    pub fn plus_residual(mut self, left: &[Lag]) -> Self {
         let left: Vec<Lag> =
             left.iter().copied().filter(|lag| (lag.time_s + lag.lag_s + lag.sigma_s).is_finite()).collect();
         if !left.is_empty() {
@@ -112,7 +112,7 @@ impl LagCurve {
 
     /// How far the first two seconds that tell anything are off from the last third of the recording; `None`: not both tell.
     pub fn start_lag(&self) -> Option<StartLag> {
-        let told: Vec<&Lag> = self.lags.iter().filter(|lag| lag.sigma_s <= TOLD_S).collect();
+        let told: Vec<&Lag> = self.lags.iter().filter(|lag| lag.sigma_s <= MAX_OBSERVABLE_SIGMA_S).collect();
         let (first_s, last_s) = (told.first()?.time_s, told.last()?.time_s);
         let rest_s = last_s - (last_s - first_s) / 3.0;
         if rest_s < first_s + START_S {
@@ -127,7 +127,7 @@ impl LagCurve {
         let both = |of: fn(&Lag) -> f64| [mean(first_s, first_s + START_S, of), mean(rest_s, last_s, of)];
         let ([early_s, late_s], [early_1s, late_1s]) = (both(|lag| lag.lag_s), both(|lag| lag.sigma_s));
         let (lag_s, sigma_s) = (early_s - late_s, math::hypot(early_1s, late_1s));
-        Some(StartLag { lag_s, sigma_s, is_significant: lag_s.abs() > (SIGNIFICANT * sigma_s).max(LEAST_START_S) })
+        Some(StartLag { lag_s, sigma_s, is_significant: lag_s.abs() > (SIGNIFICANT * sigma_s).max(MIN_START_LAG_S) })
     }
 
     /// The lag where it was told, in rising time.
@@ -181,19 +181,19 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Distances every few milliseconds, for who asks for them at many times; NaN where there is none.
-struct Evenly {
+struct ResampledSeries {
     first_ns: i64,
     values_m: Vec<f64>,
 }
 
-impl Evenly {
+impl ResampledSeries {
     const STEP_NS: i64 = 2_000_000;
     /// More than an hour.
-    const MOST: i64 = 2_000_000;
+    const MAX_STEPS: i64 = 2_000_000;
 
     fn of(series: &[(i64, f64)]) -> Self {
         let (first_ns, last_ns) = (series[0].0, series[series.len() - 1].0);
-        let count = ((last_ns - first_ns) / Self::STEP_NS).clamp(0, Self::MOST);
+        let count = ((last_ns - first_ns) / Self::STEP_NS).clamp(0, Self::MAX_STEPS);
         let value = |n: i64| value_at(series, first_ns + n * Self::STEP_NS).unwrap_or(f64::NAN);
         Self { first_ns, values_m: (0..=count).map(value).collect() }
     }
@@ -208,13 +208,13 @@ impl Evenly {
 }
 
 /// The cheapest way, as a lag at each range.
-fn coarse(radar: &[(i64, f64)], poses: &Evenly, bias_m: f64) -> Vec<f64> {
-    let cells = ((MOST_LAG_S - LEAST_LAG_S) / GRID_S).round() as usize + 1;
-    let lag_s = |cell: usize| LEAST_LAG_S + cell as f64 * GRID_S;
+fn coarse_lags(radar: &[(i64, f64)], poses: &ResampledSeries, bias_m: f64) -> Vec<f64> {
+    let cells = ((MAX_LAG_S - MIN_LAG_S) / GRID_S).round() as usize + 1;
+    let lag_s = |cell: usize| MIN_LAG_S + cell as f64 * GRID_S;
     let first_ns = radar[0].0;
     let step_of = |time_ns: i64| ((time_ns - first_ns) / STEP_NS) as usize;
     let steps = step_of(radar[radar.len() - 1].0) + 1;
-    let turn_cost: Vec<f64> = (0..=MOST_CELLS).map(|n| 0.5 * (n as f64 / USUAL_CELLS).powi(2)).collect();
+    let turn_cost: Vec<f64> = (0..=MAX_STEP_CELLS).map(|n| 0.5 * (n as f64 / STEP_SIGMA_CELLS).powi(2)).collect();
     let mut costs = vec![0.0f64; cells];
     let mut from: Vec<u16> = Vec::with_capacity(steps * cells);
     let mut rest = radar;
@@ -223,14 +223,14 @@ fn coarse(radar: &[(i64, f64)], poses: &Evenly, bias_m: f64) -> Vec<f64> {
         rest = later;
         let mut next = vec![f64::INFINITY; cells];
         for (cell, cost) in next.iter_mut().enumerate() {
-            let near = cell.saturating_sub(MOST_CELLS)..(cell + MOST_CELLS + 1).min(cells);
+            let near = cell.saturating_sub(MAX_STEP_CELLS)..(cell + MAX_STEP_CELLS + 1).min(cells);
             let best = near.map(|n| (costs[n] + turn_cost[n.abs_diff(cell)], n));
             let Some((least, before)) = best.min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
             from.push(before as u16);
             let misfit = |(t, range_m): &(i64, f64)| {
                 let distance_m = poses.at(t + ns(lag_s(cell)));
-                distance_m.map_or(NO_DISTANCE, |d| {
-                    let off = (range_m - d - bias_m) / COARSE_M;
+                distance_m.map_or(NO_DISTANCE_COST, |d| {
+                    let off = (range_m - d - bias_m) / COARSE_SIGMA_M;
                     // Beyond a few 1σ it is another echo.
                     0.5 * off.powi(2).min(16.0)
                 })
@@ -257,73 +257,77 @@ fn coarse(radar: &[(i64, f64)], poses: &Evenly, bias_m: f64) -> Vec<f64> {
 
 /// A range about the way: what is left of it, how it changes with the lag, and the distance, metres.
 #[derive(Debug, Clone, Copy)]
-struct About {
-    left_m: f64,
+struct LinearisedRange {
+    residual_m: f64,
     rate: f64,
     distance_m: f64,
 }
 
-impl About {
+impl LinearisedRange {
     /// `None`: no distance there.
     fn of(reading: &(i64, f64), poses: &[(i64, f64)], lag_s: f64) -> Option<Self> {
         let stamp_ns = reading.0.saturating_add(ns(lag_s));
         let at = |by_ns: i64| value_at(poses, stamp_ns.saturating_add(by_ns));
         let distance_m = at(0)?;
         let rate = (at(RATE_HALF_NS)? - at(-RATE_HALF_NS)?) / (2.0 * RATE_HALF_NS as f64 * 1e-9);
-        Some(Self { left_m: reading.1 - distance_m, rate, distance_m })
+        Some(Self { residual_m: reading.1 - distance_m, rate, distance_m })
     }
 }
 
 /// What the smoother remembers of a step: the state predicted and corrected with their covariances, and how it came from the step before.
-struct Step {
+struct FilterStep {
     predicted: (DVec4, DMat4),
     corrected: (DVec4, DMat4),
-    carried: DMat4,
+    transition: DMat4,
 }
 
-fn smoothed(radar: &[(i64, f64)], poses: &[(i64, f64)], way: &[f64], bias_m: f64) -> Vec<Lag> {
-    let about: Vec<Option<About>> =
-        radar.iter().zip(way).map(|(reading, lag_s)| About::of(reading, poses, *lag_s)).collect();
+fn kalman_smooth(radar: &[(i64, f64)], poses: &[(i64, f64)], way: &[f64], bias_m: f64) -> Vec<Lag> {
+    let about: Vec<Option<LinearisedRange>> =
+        radar.iter().zip(way).map(|(reading, lag_s)| LinearisedRange::of(reading, poses, *lag_s)).collect();
     let noise_m = noise_m(&about);
     let middle_m = median(about.iter().flatten().map(|about| about.distance_m));
     // State: the lag itself, its rate, b, c.
     let mut state = DVec4::new(way[0], 0.0, bias_m, 0.0);
-    let priors = DVec4::new(1.0, RATE_PRIOR, BIAS_PRIOR_M, SLOPE_PRIOR);
+    let priors = DVec4::new(1.0, RATE_PRIOR_SIGMA, BIAS_PRIOR_SIGMA_M, SLOPE_PRIOR_SIGMA);
     let mut covariance = DMat4::from_diagonal(priors * priors);
-    let mut steps: Vec<Step> = Vec::with_capacity(radar.len());
+    let mut steps: Vec<FilterStep> = Vec::with_capacity(radar.len());
     for (n, (time_ns, _)) in radar.iter().enumerate() {
         let h = if n == 0 { 0.0 } else { (time_ns - radar[n - 1].0) as f64 * 1e-9 };
         let since_s = (time_ns - radar[0].0) as f64 * 1e-9;
-        let carried =
-            DMat4::from_cols(DVec4::X, DVec4::new(h, math::exp(-h / RATE_LASTS_S), 0.0, 0.0), DVec4::Z, DVec4::W);
-        state = carried * state;
-        covariance = carried * covariance * carried.transpose() + walk(h, since_s);
+        let transition = DMat4::from_cols(
+            DVec4::X,
+            DVec4::new(h, math::exp(-h / RATE_TIME_CONSTANT_S), 0.0, 0.0),
+            DVec4::Z,
+            DVec4::W,
+        );
+        state = transition * state;
+        covariance = transition * covariance * transition.transpose() + process_noise(h, since_s);
         let predicted = (state, covariance);
-        if let Some(About { left_m, rate, distance_m }) = about[n] {
+        if let Some(LinearisedRange { residual_m, rate, distance_m }) = about[n] {
             let by = DVec4::new(rate, 0.0, 1.0, distance_m - middle_m);
             let shared = covariance * by;
-            let off = left_m + rate * way[n] - by.dot(state);
+            let off = residual_m + rate * way[n] - by.dot(state);
             let spread = (by.dot(shared) + noise_m * noise_m).sqrt();
             // What lies far off counts as if it had more noise (Huber).
-            let extra = ((off.abs() / spread) / OUTLIER).max(1.0);
+            let extra = ((off.abs() / spread) / HUBER_SIGMAS).max(1.0);
             let total = by.dot(shared) + noise_m * noise_m * extra * extra;
             state += shared * (off / total);
             let known = DMat4::from_cols(shared * shared.x, shared * shared.y, shared * shared.z, shared * shared.w);
             covariance -= known * (1.0 / total);
         }
-        steps.push(Step { predicted, corrected: (state, covariance), carried });
+        steps.push(FilterStep { predicted, corrected: (state, covariance), transition });
     }
     let told = |((time_ns, _), (state, covariance)): (&(i64, f64), &(DVec4, DMat4))| Lag {
         time_s: *time_ns as f64 * 1e-9,
         lag_s: state.x,
         sigma_s: covariance.x_axis.x.max(0.0).sqrt(),
     };
-    radar.iter().zip(&backwards(&steps)).map(told).collect()
+    radar.iter().zip(&rts_smooth(&steps)).map(told).collect()
 }
 
 /// What a state grows uncertain by over a step.
-fn walk(h: f64, since_s: f64) -> DMat4 {
-    let restless = (RESTLESS * math::exp(-(since_s / FADES_S).powi(2)) + STEADY).powi(2);
+fn process_noise(h: f64, since_s: f64) -> DMat4 {
+    let restless = (START_RATE_WALK * math::exp(-(since_s / START_DECAY_S).powi(2)) + STEADY_RATE_WALK).powi(2);
     DMat4::from_cols(
         DVec4::new(restless * h.powi(3) / 3.0, restless * h * h / 2.0, 0.0, 0.0),
         DVec4::new(restless * h * h / 2.0, restless * h, 0.0, 0.0),
@@ -333,12 +337,12 @@ fn walk(h: f64, since_s: f64) -> DMat4 {
 }
 
 /// From the end to the start: each state with what came after it.
-fn backwards(steps: &[Step]) -> Vec<(DVec4, DMat4)> {
+fn rts_smooth(steps: &[FilterStep]) -> Vec<(DVec4, DMat4)> {
     let Some(last) = steps.last() else { return Vec::new() };
     let mut all = vec![last.corrected; steps.len()];
     for n in (0..steps.len() - 1).rev() {
         let (step, next, later) = (&steps[n], &steps[n + 1], all[n + 1]);
-        let gain = step.corrected.1 * next.carried.transpose() * next.predicted.1.inverse();
+        let gain = step.corrected.1 * next.transition.transpose() * next.predicted.1.inverse();
         all[n] = (
             step.corrected.0 + gain * (later.0 - next.predicted.0),
             step.corrected.1 + gain * (later.1 - next.predicted.1) * gain.transpose(),
@@ -348,9 +352,9 @@ fn backwards(steps: &[Step]) -> Vec<(DVec4, DMat4)> {
 }
 
 /// Noise of a range by how it differs from its neighbours, metres.
-fn noise_m(about: &[Option<About>]) -> f64 {
-    let pairs = about.windows(2).filter_map(|pair| Some((pair[1]?.left_m - pair[0]?.left_m).abs()));
-    (1.4826 / 2f64.sqrt() * median(pairs)).max(LEAST_NOISE_M)
+fn noise_m(about: &[Option<LinearisedRange>]) -> f64 {
+    let pairs = about.windows(2).filter_map(|pair| Some((pair[1]?.residual_m - pair[0]?.residual_m).abs()));
+    (1.4826 / 2f64.sqrt() * median(pairs)).max(MIN_NOISE_M)
 }
 
 #[cfg(test)]
@@ -374,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lag_that_decays_is_followed_and_taken_out() {
+    fn decaying_lag_is_estimated_and_removed() {
         let lag = |t: f64| -0.06 - 0.8 * (1.0 - t.max(0.0) / 5.0).max(0.0).powi(2);
         let (radar, poses) = series(lag, 0.01);
         let curve = LagCurve::of(&radar, &poses).unwrap();
@@ -395,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_offset_is_a_flat_curve_and_rest_tells_nothing() {
+    fn constant_offset_gives_a_flat_curve_and_rest_is_unobservable() {
         let (radar, poses) = series(|_| 0.042, 0.0);
         let curve = LagCurve::of(&radar, &poses).unwrap();
         assert!(curve.lags().iter().filter(|t| t.time_s > 2.0).all(|t| (t.lag_s - 0.042).abs() < 3e-3));
@@ -406,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_series_give_none_and_no_panic() {
+    fn invalid_series_give_none() {
         assert!(LagCurve::of(&[], &[]).is_none());
         let (radar, poses) = series(|_| 0.0, 0.0);
         assert!(LagCurve::of(&radar, &[]).is_none() && LagCurve::of(&radar[..10], &poses).is_none());

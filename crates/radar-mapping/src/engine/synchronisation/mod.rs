@@ -27,14 +27,14 @@ use radar_sar::geometry::Pose;
 use radar_sar::math;
 use radar_sar::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 use ranges::RangeReader;
-use rates::{RateSeries, correlated};
+use rates::{RateSeries, offset_by_rates};
 
 /// Length of the first window, and of the others where there are not too many, seconds.
 const WINDOW_S: f64 = 2.0;
 /// Windows after the first at most: longer recordings have longer ones.
 const MAX_WINDOWS: f64 = 20.0;
 /// Estimates of the whole are made of parts of at most this length, seconds: the estimator's memory.
-const PART_S: f64 = 20.0;
+const MAX_PART_S: f64 = 20.0;
 /// Things that are tried as the reflector.
 const MAX_REFLECTORS: usize = 6;
 /// Faster than this is motion, m/s.
@@ -46,7 +46,7 @@ const TRUSTED_CORRELATION: f64 = 0.9;
 const NEAR_S: f64 = 0.07;
 /// A lag is told when it is this many 1σ, and this much, seconds.
 const SIGNIFICANT: f64 = 3.0;
-const LEAST_LAG_S: f64 = 1e-3;
+const MIN_SIGNIFICANT_LAG_S: f64 = 1e-3;
 
 /// Why a recording tells nothing.
 #[derive(Debug, thiserror::Error)]
@@ -125,7 +125,7 @@ pub struct Synchronisation {
 }
 
 /// Streams joined: what is compared.
-struct Joined {
+struct JoinedStreams {
     path: Vec<SensorState>,
     observations: Vec<Observation>,
 }
@@ -141,14 +141,15 @@ pub fn synchronisation(
     frames: &[Frame],
     poses: &[PoseSample],
 ) -> Result<Synchronisation, SynchronisationError> {
-    let joined = joined(config, head_from_sensor, settings, frames, poses);
+    let joined = join_streams(config, head_from_sensor, settings, frames, poses);
     let (start_ns, end_ns) = span(&joined)?;
-    let Followed { place, radar, by_poses } = followed(&joined, config, head_from_sensor, settings, frames, poses)?;
+    let TrackedReflector { place, radar, by_poses } =
+        track_reflector(&joined, config, head_from_sensor, settings, frames, poses)?;
     let rates = [RateSeries::of(&radar), RateSeries::of(&by_poses)];
     let set_s = settings.tracking.time_offset_s;
     let spans = spans(&joined.path, start_ns, end_ns);
     let [mut whole, windows] = [&spans[..1], &spans[1..]].map(|spans| -> Vec<OffsetWindow> {
-        let by_rates = |span: &Span| correlated(&rates[0], &rates[1], (span.from_ns, span.to_ns), set_s);
+        let by_rates = |span: &Span| offset_by_rates(&rates[0], &rates[1], (span.from_ns, span.to_ns), set_s);
         spans.iter().map(|span| span.window(start_ns, by_rates(span))).collect()
     });
     let mut windows = windows;
@@ -190,10 +191,10 @@ pub fn reflector_series(
     frames: &[Frame],
     poses: &[PoseSample],
 ) -> Result<ReflectorSeries, SynchronisationError> {
-    let joined = joined(config, head_from_sensor, settings, frames, poses);
+    let joined = join_streams(config, head_from_sensor, settings, frames, poses);
     let (start_ns, _) = span(&joined)?;
-    let Followed { radar, by_poses, .. } =
-        followed(&joined, config, head_from_sensor, settings, &frames[frames.len() / 2..], poses)?;
+    let TrackedReflector { radar, by_poses, .. } =
+        track_reflector(&joined, config, head_from_sensor, settings, &frames[frames.len() / 2..], poses)?;
     Ok(ReflectorSeries { radar_range_m: since(start_ns, &radar), pose_range_m: since(start_ns, &by_poses) })
 }
 
@@ -202,7 +203,7 @@ fn since(start_ns: i64, series: &[(i64, f64)]) -> Vec<[f64; 2]> {
 }
 
 /// From the first sweep with a pose to the last.
-fn span(joined: &Joined) -> Result<(i64, i64), SynchronisationError> {
+fn span(joined: &JoinedStreams) -> Result<(i64, i64), SynchronisationError> {
     let (Some(first), Some(last)) = (joined.observations.first(), joined.observations.last()) else {
         return Err(SynchronisationError::NoPoses);
     };
@@ -210,29 +211,29 @@ fn span(joined: &Joined) -> Result<(i64, i64), SynchronisationError> {
 }
 
 /// The reflector that is followed best, with ranges enough to compare.
-fn followed(
-    joined: &Joined,
+fn track_reflector(
+    joined: &JoinedStreams,
     config: &SensorConfig,
     head_from_sensor: &Pose,
     settings: &MappingSettings,
     frames: &[Frame],
     poses: &[PoseSample],
-) -> Result<Followed, SynchronisationError> {
+) -> Result<TrackedReflector, SynchronisationError> {
     let places = reflectors(config, head_from_sensor, settings, frames, poses);
-    let reflector = best_followed(&places, joined, settings).ok_or(SynchronisationError::NoReflector)?;
+    let reflector = best_reflector(&places, joined, settings).ok_or(SynchronisationError::NoReflector)?;
     match reflector.radar.len() {
-        count if count < ranges::LEAST => Err(SynchronisationError::FewRanges(count)),
+        count if count < ranges::MIN_RANGES => Err(SynchronisationError::FewRanges(count)),
         _ => Ok(reflector),
     }
 }
 
-fn joined(
+fn join_streams(
     config: &SensorConfig,
     head_from_sensor: &Pose,
     settings: &MappingSettings,
     frames: &[Frame],
     poses: &[PoseSample],
-) -> Joined {
+) -> JoinedStreams {
     let tracking = &settings.tracking;
     let mut observer = Observer::new(
         config,
@@ -242,7 +243,7 @@ fn joined(
             time_offset_s: tracking.time_offset_s,
         },
     );
-    let mut joined = Joined { path: Vec::new(), observations: Vec::new() };
+    let mut joined = JoinedStreams { path: Vec::new(), observations: Vec::new() };
     let mut frames = frames.iter().peekable();
     for pose in poses {
         while let Some(frame) = frames.next_if(|frame| frame.host_time_ns <= pose.time_ns) {
@@ -258,20 +259,20 @@ fn joined(
 }
 
 /// A place, its range by radar and its distance by poses.
-struct Followed {
+struct TrackedReflector {
     place: DVec3,
     radar: Vec<(i64, f64)>,
     by_poses: Vec<(i64, f64)>,
 }
 
 /// The place whose strongest echo follows its distance most often: what stands out from all around it.
-fn best_followed(places: &[DVec3], joined: &Joined, settings: &MappingSettings) -> Option<Followed> {
+fn best_reflector(places: &[DVec3], joined: &JoinedStreams, settings: &MappingSettings) -> Option<TrackedReflector> {
     let followed = |place: &DVec3| {
         let distance_m = |at: &SensorState| (at.time_ns, at.tracking_from_sensor.translation.distance(*place));
         let by_poses: Vec<(i64, f64)> = joined.path.iter().map(distance_m).collect();
         let radar = RangeReader::new(*place, settings).read(&joined.observations);
-        let count = ranges::following(&radar, &by_poses, settings.tracking.time_offset_s);
-        (count, Followed { place: *place, radar, by_poses })
+        let count = ranges::count_following(&radar, &by_poses, settings.tracking.time_offset_s);
+        (count, TrackedReflector { place: *place, radar, by_poses })
     };
     // Of equals the first, which is the strongest.
     let best = places.iter().map(followed).reduce(|best, next| if next.0 > best.0 { next } else { best });
@@ -329,7 +330,7 @@ fn spans(path: &[SensorState], start_ns: i64, end_ns: i64) -> Vec<Span> {
 }
 
 /// Puts the estimates of windows into them.
-fn estimate(windows: &mut [OffsetWindow], joined: &Joined, start_ns: i64, settings: &MappingSettings) {
+fn estimate(windows: &mut [OffsetWindow], joined: &JoinedStreams, start_ns: i64, settings: &MappingSettings) {
     for window in windows {
         let middle_s = middle_s(window, settings.tracking.time_offset_s);
         let at_ns = |since_s: f64| start_ns.saturating_add((since_s * 1e9).round() as i64);
@@ -355,8 +356,8 @@ fn middle_s(window: &OffsetWindow, set_s: f64) -> f64 {
 }
 
 /// The estimate of the whole: of parts that the estimator remembers, weighed by their variances.
-fn estimate_whole(whole: &mut OffsetWindow, joined: &Joined, start_ns: i64, settings: &MappingSettings) {
-    let parts = ((whole.to_s - whole.from_s) / PART_S).ceil().max(1.0);
+fn estimate_whole(whole: &mut OffsetWindow, joined: &JoinedStreams, start_ns: i64, settings: &MappingSettings) {
+    let parts = ((whole.to_s - whole.from_s) / MAX_PART_S).ceil().max(1.0);
     let edge_s = |n: f64| whole.from_s + (whole.to_s - whole.from_s) * n / parts;
     let part = |n: usize| OffsetWindow { from_s: edge_s(n as f64), to_s: edge_s(n as f64 + 1.0), ..*whole };
     let mut parts: Vec<OffsetWindow> = (0..parts as usize).map(part).collect();
@@ -396,5 +397,5 @@ fn start_lag(windows: &[OffsetWindow]) -> Option<StartLag> {
     let others: Vec<(f64, f64)> = others.iter().filter_map(told).collect();
     let ((first_s, first_sigma_s), (rest_s, rest_sigma_s)) = (told(first)?, mean(others.iter().copied())?);
     let (lag_s, sigma_s) = (first_s - rest_s, math::hypot(first_sigma_s, rest_sigma_s));
-    Some(StartLag { lag_s, sigma_s, is_significant: lag_s.abs() > (SIGNIFICANT * sigma_s).max(LEAST_LAG_S) })
+    Some(StartLag { lag_s, sigma_s, is_significant: lag_s.abs() > (SIGNIFICANT * sigma_s).max(MIN_SIGNIFICANT_LAG_S) })
 }

@@ -19,7 +19,7 @@ const MIN_AMPLITUDE: f64 = 0.1;
 /// Nearest range read, metres: the antenna's own leakage lies below.
 const MIN_RANGE_M: f64 = 0.2;
 /// Ranges that are enough to compare.
-pub(super) const LEAST: usize = 50;
+pub(super) const MIN_RANGES: usize = 50;
 
 /// Reads the ranges of a place.
 pub(super) struct RangeReader<'a> {
@@ -98,13 +98,13 @@ fn vertex(three: &[f64]) -> f64 {
 }
 
 /// Ranges this near to their median difference from the distances follow the place, metres.
-const FOLLOWS_M: f64 = 0.03;
+const MAX_FOLLOWING_M: f64 = 0.03;
 
 /// How many ranges follow the distances.
-pub(super) fn following(radar: &[(i64, f64)], by_poses: &[(i64, f64)], offset_s: f64) -> usize {
+pub(super) fn count_following(radar: &[(i64, f64)], by_poses: &[(i64, f64)], offset_s: f64) -> usize {
     let residuals = residuals(radar, by_poses, offset_s);
     let middle = median(&residuals);
-    residuals.iter().filter(|r| (*r - middle).abs() <= FOLLOWS_M).count()
+    residuals.iter().filter(|r| (*r - middle).abs() <= MAX_FOLLOWING_M).count()
 }
 
 /// Spread of range minus distance when poses are this much later than sweeps, as a standard deviation: 1.48 times the median

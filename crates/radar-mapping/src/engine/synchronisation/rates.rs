@@ -9,19 +9,19 @@ use super::ranges::value_at;
 /// A slope is told from what lies within this, nanoseconds.
 const HALF_NS: i64 = 50_000_000;
 /// Entries that a slope needs, and how much of the time they must span.
-const LEAST_ENTRIES: usize = 4;
-const LEAST_SPAN_NS: i64 = HALF_NS;
+const MIN_ENTRIES: usize = 4;
+const MIN_SPAN_NS: i64 = HALF_NS;
 /// Offsets are tried this far to both sides, in these steps, nanoseconds.
-const REACH_NS: i64 = 1_000_000_000;
+const SEARCH_NS: i64 = 1_000_000_000;
 const STEP_NS: i64 = 2_000_000;
 /// Share of a window's rates that must have one of the other series.
-const LEAST_SHARE: f64 = 0.6;
+const MIN_SHARE: f64 = 0.6;
 /// Rates fewer or slower than this, rms, say nothing, m/s.
-const LEAST_RATES: usize = 30;
-const LEAST_RATE_M_PER_S: f64 = 0.05;
+const MIN_RATES: usize = 30;
+const MIN_RATE_M_PER_S: f64 = 0.05;
 /// Rates that correlate less, or tell the offset less well than this 1σ, seconds, say nothing.
-const LEAST_CORRELATION: f64 = 0.8;
-const WORST_SIGMA_S: f64 = 0.02;
+const MIN_CORRELATION: f64 = 0.8;
+const MAX_SIGMA_S: f64 = 0.02;
 
 /// Rates of a distance over time: nanoseconds, m/s.
 pub(super) struct RateSeries(Vec<(i64, f64)>);
@@ -41,7 +41,7 @@ impl RateSeries {
 /// Slope of the line through entries, at their mean time.
 fn slope(entries: &[(i64, f64)]) -> Option<(i64, f64)> {
     let (first, last) = (entries.first()?, entries.last()?);
-    if entries.len() < LEAST_ENTRIES || last.0 - first.0 < LEAST_SPAN_NS {
+    if entries.len() < MIN_ENTRIES || last.0 - first.0 < MIN_SPAN_NS {
         return None;
     }
     let count = entries.len() as f64;
@@ -54,7 +54,7 @@ fn slope(entries: &[(i64, f64)]) -> Option<(i64, f64)> {
 }
 
 /// How much later the poses' rates come than the radar's, of the radar's rates from and to a time.
-pub(super) fn correlated(
+pub(super) fn offset_by_rates(
     radar: &RateSeries,
     poses: &RateSeries,
     (from_ns, to_ns): (i64, i64),
@@ -64,22 +64,22 @@ pub(super) fn correlated(
     let end = radar.0.partition_point(|(t, _)| *t <= to_ns);
     let window = radar.0.get(first..end)?;
     let moving = window.iter().map(|(_, rate)| rate * rate).sum::<f64>() / window.len().max(1) as f64;
-    if window.len() < LEAST_RATES || moving.sqrt() < LEAST_RATE_M_PER_S {
+    if window.len() < MIN_RATES || moving.sqrt() < MIN_RATE_M_PER_S {
         return None;
     }
     let middle_ns = (middle_s * 1e9).round() as i64;
     let at = |step: i64| middle_ns + step * STEP_NS;
-    let steps = REACH_NS / STEP_NS;
+    let steps = SEARCH_NS / STEP_NS;
     let tried: Vec<f64> = (-steps..=steps).map(|step| correlation(window, poses, at(step))).collect();
     let best = (0..tried.len()).max_by(|&a, &b| tried[a].total_cmp(&tried[b]))?;
-    if tried[best] < LEAST_CORRELATION || best == 0 || best + 1 == tried.len() {
+    if tried[best] < MIN_CORRELATION || best == 0 || best + 1 == tried.len() {
         return None;
     }
     let [a, b, c] = [tried[best - 1], tried[best], tried[best + 1]];
     let vertex = if a.min(c) >= 0.0 { (0.5 * (c - a) / (2.0 * b - a - c)).clamp(-1.0, 1.0) } else { 0.0 };
     let offset_ns = at(best as i64 - steps) + (vertex * STEP_NS as f64).round() as i64;
     let sigma_s = sigma_s(window, poses, offset_ns);
-    (sigma_s <= WORST_SIGMA_S).then_some(RateOffset { offset_s: offset_ns as f64 * 1e-9, sigma_s, correlation: b })
+    (sigma_s <= MAX_SIGMA_S).then_some(RateOffset { offset_s: offset_ns as f64 * 1e-9, sigma_s, correlation: b })
 }
 
 /// Pairs of a radar's rate and the poses' that much later.
@@ -101,7 +101,7 @@ fn correlation(window: &[(i64, f64)], poses: &RateSeries, offset_ns: i64) -> f64
         theirs += other * other;
     }
     let correlation = both / (ours * theirs).sqrt();
-    if count >= LEAST_SHARE * window.len() as f64 && correlation.is_finite() { correlation } else { -1.0 }
+    if count >= MIN_SHARE * window.len() as f64 && correlation.is_finite() { correlation } else { -1.0 }
 }
 
 /// What the misfit of the rates makes of the offset: neighbours within a slope's time are one.
@@ -134,23 +134,23 @@ mod tests {
     }
 
     #[test]
-    fn rates_tell_by_how_much_one_series_is_later() {
+    fn rate_correlation_finds_the_offset() {
         for late_s in [-0.45, -0.02, 0.0, 0.0123, 0.8] {
             let [radar, poses] = [series(8.0, 0.0), series(5.0, late_s)].map(|s| RateSeries::of(&s));
-            let found = correlated(&radar, &poses, (1_500_000_000, 4_500_000_000), 0.0).unwrap();
+            let found = offset_by_rates(&radar, &poses, (1_500_000_000, 4_500_000_000), 0.0).unwrap();
             assert!((found.offset_s - late_s).abs() < 0.2e-3, "{late_s}: {found:?}");
             assert!(found.correlation > 0.999 && found.sigma_s < 1e-3, "{found:?}");
         }
     }
 
     #[test]
-    fn rest_and_nothing_say_nothing() {
+    fn rest_and_empty_series_give_no_offset() {
         let still: Vec<(i64, f64)> = (0..800).map(|n| (n * 5_000_000, 0.8)).collect();
         let moving = RateSeries::of(&series(5.0, 0.0));
         let all = (0, 6_000_000_000);
-        assert!(correlated(&RateSeries::of(&still), &moving, all, 0.0).is_none());
-        assert!(correlated(&moving, &RateSeries::of(&still), all, 0.0).is_none());
-        assert!(correlated(&RateSeries::of(&[]), &moving, all, 0.0).is_none());
-        assert!(correlated(&moving, &moving, (7_000_000_000, 9_000_000_000), 0.0).is_none());
+        assert!(offset_by_rates(&RateSeries::of(&still), &moving, all, 0.0).is_none());
+        assert!(offset_by_rates(&moving, &RateSeries::of(&still), all, 0.0).is_none());
+        assert!(offset_by_rates(&RateSeries::of(&[]), &moving, all, 0.0).is_none());
+        assert!(offset_by_rates(&moving, &moving, (7_000_000_000, 9_000_000_000), 0.0).is_none());
     }
 }

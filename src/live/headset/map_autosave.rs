@@ -10,49 +10,49 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use super::pose_thread::{RoomFrame, SharedFrame};
-use crate::live::{Reconstruction, SettingsDesk, now_ns};
+use crate::live::{Reconstruction, SettingsStore, now_ns};
 use radar_mapping::SavedMap;
 use radar_recording::{MapFile, MapFileError, MapFolder};
 
 /// Between two looks at what there is to do.
-const TURN: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Between two times that the map is written, nanoseconds.
-const SAVE_NS: i64 = 30_000_000_000;
+const SAVE_INTERVAL_NS: i64 = 30_000_000_000;
 /// After a leap the tracking system may still tell that this is another universe, nanoseconds.
-const LEAP_SETTLES_NS: i64 = 1_000_000_000;
+const LEAP_SETTLE_NS: i64 = 1_000_000_000;
 
 /// Where maps are kept, and whether what is there is forgotten: once for each room, however many sessions there are.
 #[derive(Debug)]
-pub struct KeptMaps {
+pub struct MapStore {
     folder: MapFolder,
     forget: bool,
     /// Universes that were begun anew.
-    begun_anew: Mutex<Vec<u64>>,
+    reset_universes: Mutex<Vec<u64>>,
 }
 
-impl KeptMaps {
+impl MapStore {
     /// The maps of all rooms are in a folder; `forget`: each room's is removed when it is first come upon.
     pub fn new(folder: MapFolder, forget: bool) -> Self {
-        Self { folder, forget, begun_anew: Mutex::default() }
+        Self { folder, forget, reset_universes: Mutex::default() }
     }
 
     /// Whether a universe's map is to be forgotten now.
-    fn begins_anew(&self, universe: u64) -> bool {
-        let mut begun_anew = self.begun_anew.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_first = self.forget && !begun_anew.contains(&universe);
+    fn take_reset(&self, universe: u64) -> bool {
+        let mut reset_universes = self.reset_universes.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_first = self.forget && !reset_universes.contains(&universe);
         if is_first {
-            begun_anew.push(universe);
+            reset_universes.push(universe);
         }
         is_first
     }
 }
 
 /// What the thread works with.
-pub(super) struct MapKeeper<'k, 'a> {
-    pub maps: &'k KeptMaps,
+pub(super) struct MapAutosave<'k, 'a> {
+    pub maps: &'k MapStore,
     pub frame: &'k SharedFrame,
     pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
-    pub settings: &'k SettingsDesk,
+    pub settings: &'k SettingsStore,
 }
 
 /// What was done so far.
@@ -62,23 +62,23 @@ struct Progress {
     restored: Option<(u64, u64)>,
     leaps: u64,
     leapt: Option<(u64, i64)>,
-    wiped: u64,
+    map_resets: u64,
     saved_ns: i64,
     has_failed: bool,
 }
 
-impl MapKeeper<'_, '_> {
+impl MapAutosave<'_, '_> {
     /// Until the frame loop is over.
     pub fn run(&self, done: &AtomicBool) {
         let mut progress = Progress { saved_ns: now_ns(), ..Progress::default() };
         while !done.load(Ordering::Relaxed) {
-            std::thread::sleep(TURN);
-            self.turn(&mut progress, false);
+            std::thread::sleep(POLL_INTERVAL);
+            self.step(&mut progress, false);
         }
-        self.turn(&mut progress, true);
+        self.step(&mut progress, true);
     }
 
-    fn turn(&self, progress: &mut Progress, is_last: bool) {
+    fn step(&self, progress: &mut Progress, is_last: bool) {
         let Some(reconstruction) = (self.reconstruction)() else { return };
         // Whoever lays the frame anew forgets under the same lock: frame and epoch belong together.
         let frame = self.frame.lock().unwrap_or_else(PoisonError::into_inner);
@@ -86,12 +86,12 @@ impl MapKeeper<'_, '_> {
         drop(frame);
         let Some(room) = room else { return };
         let Some(universe) = room.universe else { return };
-        let (keeps, is_wiped) = (self.settings.newest().headset.keep_map, progress.wiped != room.wiped);
-        if !(keeps || is_wiped) || !self.has_settled(progress, &room, universe) {
+        let (keeps, is_reset) = (self.settings.newest().headset.keep_map, progress.map_resets != room.map_resets);
+        if !(keeps || is_reset) || !self.has_settled(progress, &room, universe) {
             return;
         }
-        if is_wiped {
-            progress.wiped = room.wiped;
+        if is_reset {
+            progress.map_resets = room.map_resets;
             self.remove(progress, universe);
             // Though it could not be removed it is not taken up again.
             progress.restored = Some((epoch, universe));
@@ -101,12 +101,12 @@ impl MapKeeper<'_, '_> {
         }
         if progress.restored != Some((epoch, universe)) {
             progress.restored = Some((epoch, universe));
-            if let Some(remembered) = self.kept(progress, &room, universe) {
+            if let Some(remembered) = self.load(progress, &room, universe) {
                 reconstruction.restore(epoch, remembered);
             }
             return;
         }
-        if is_last || now_ns().saturating_sub(progress.saved_ns) >= SAVE_NS {
+        if is_last || now_ns().saturating_sub(progress.saved_ns) >= SAVE_INTERVAL_NS {
             progress.saved_ns = now_ns();
             if let Some((_, known)) = reconstruction.saved_map().filter(|(of, _)| *of == epoch) {
                 self.save(progress, &room, universe, &known);
@@ -127,7 +127,7 @@ impl MapKeeper<'_, '_> {
                 progress.leapt = None;
                 true
             }
-            Some((_, since_ns)) if now_ns.saturating_sub(since_ns) < LEAP_SETTLES_NS => false,
+            Some((_, since_ns)) if now_ns.saturating_sub(since_ns) < LEAP_SETTLE_NS => false,
             Some(_) => {
                 progress.leapt = None;
                 if self.remove(progress, universe) {
@@ -139,8 +139,8 @@ impl MapKeeper<'_, '_> {
     }
 
     /// What was kept of a room, in the session's frame and by its clock.
-    fn kept(&self, progress: &mut Progress, room: &RoomFrame, universe: u64) -> Option<SavedMap> {
-        if self.maps.begins_anew(universe) {
+    fn load(&self, progress: &mut Progress, room: &RoomFrame, universe: u64) -> Option<SavedMap> {
+        if self.maps.take_reset(universe) {
             if self.remove(progress, universe) {
                 log::info!("the map that was kept of this room is forgotten");
             }
@@ -172,19 +172,19 @@ impl MapKeeper<'_, '_> {
         let map = known.moved(&room.session_from_raw.inverse()).later_by_ns(now_ns().saturating_neg());
         let saved = self.maps.folder.save(&MapFile::new(universe, unix_s(), room.standing_from_raw, map));
         if let Err(error) = saved {
-            tell_once(progress, &error);
+            warn_once(progress, &error);
         }
     }
 
     fn remove(&self, progress: &mut Progress, universe: u64) -> bool {
         self.maps.folder.remove(universe).unwrap_or_else(|error| {
-            tell_once(progress, &error);
+            warn_once(progress, &error);
             false
         })
     }
 }
 
-fn tell_once(progress: &mut Progress, error: &MapFileError) {
+fn warn_once(progress: &mut Progress, error: &MapFileError) {
     if !std::mem::replace(&mut progress.has_failed, true) {
         log::warn!("the map is not kept: {error}");
     }

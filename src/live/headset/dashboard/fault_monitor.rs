@@ -7,52 +7,52 @@ use super::SensorCount;
 use crate::panel::Notice;
 
 /// A sensor that begins or comes back has so long until its first sweep, nanoseconds.
-const BEGINS_NS: i64 = 12_000_000_000;
+const MAX_START_NS: i64 = 12_000_000_000;
 /// One that has sent is silent after so long: its own restart takes less, nanoseconds.
-const SILENT_NS: i64 = 4_000_000_000;
+const MAX_SILENCE_NS: i64 = 4_000_000_000;
 /// It is said for so long ...
-const SAID_NS: i64 = 8_000_000_000;
+const NOTICE_NS: i64 = 8_000_000_000;
 /// ... and again as long as it lasts, from one beginning to the next.
-const AGAIN_NS: i64 = 60_000_000_000;
+const REPEAT_NS: i64 = 60_000_000_000;
 /// That all is well again is said for so long.
-const WELL_NS: i64 = 3_000_000_000;
+const RECOVERED_NOTICE_NS: i64 = 3_000_000_000;
 
 /// Watches over the sensor's sweeps and the map.
 #[derive(Debug, Default)]
-pub(super) struct Troubles {
+pub(super) struct FaultMonitor {
     sweeps: u64,
     /// When sweeps came last; at first when it was looked for the first time.
-    came_ns: Option<i64>,
+    last_sweep_ns: Option<i64>,
     has_sent: bool,
     /// Since when the sensor is there.
-    there_ns: Option<i64>,
+    connected_ns: Option<i64>,
     /// What is the matter and since when.
     now: Option<(Notice, i64)>,
 }
 
 /// How it is at a moment.
-enum Seen {
-    Well,
-    Wrong(Notice),
+enum Condition {
+    Good,
+    Fault(Notice),
     /// It may still come; what was so before is so.
-    Unsure,
+    Unknown,
 }
 
-impl Troubles {
+impl FaultMonitor {
     /// What to say now. `sensor`: what came from it so far, while it is there; `is_alive`: whether the map is worked on, once there is one.
-    pub fn look(&mut self, now_ns: i64, sensor: Option<SensorCount>, is_alive: Option<bool>) -> Option<Notice> {
+    pub fn update(&mut self, now_ns: i64, sensor: Option<SensorCount>, is_alive: Option<bool>) -> Option<Notice> {
         let seen = match is_alive {
-            Some(false) => Seen::Wrong(Notice::MapStopped),
-            _ => self.see(now_ns, sensor),
+            Some(false) => Condition::Fault(Notice::MapStopped),
+            _ => self.condition(now_ns, sensor),
         };
         match (seen, self.now) {
             // What turns into another trouble of the sensor is not said sooner for it: one that comes and goes would be said without end.
-            (Seen::Wrong(wrong), Some((before, since_ns))) if before != Notice::Recovered => {
+            (Condition::Fault(wrong), Some((before, since_ns))) if before != Notice::Recovered => {
                 let is_graver = wrong == Notice::MapStopped && before != wrong;
                 self.now = Some((wrong, if is_graver { now_ns } else { since_ns }));
             }
-            (Seen::Wrong(wrong), _) => self.now = Some((wrong, now_ns)),
-            (Seen::Well, Some((before, _))) if before != Notice::Recovered => {
+            (Condition::Fault(wrong), _) => self.now = Some((wrong, now_ns)),
+            (Condition::Good, Some((before, _))) if before != Notice::Recovered => {
                 self.now = Some((Notice::Recovered, now_ns));
             }
             _ => {}
@@ -60,32 +60,39 @@ impl Troubles {
         let (notice, since_ns) = self.now?;
         let lasted_ns = now_ns.saturating_sub(since_ns).max(0);
         let is_said = match notice {
-            Notice::Recovered => lasted_ns < WELL_NS,
-            _ => lasted_ns % AGAIN_NS < SAID_NS,
+            Notice::Recovered => lasted_ns < RECOVERED_NOTICE_NS,
+            _ => lasted_ns % REPEAT_NS < NOTICE_NS,
         };
         is_said.then_some(notice)
     }
 
-    fn see(&mut self, now_ns: i64, sensor: Option<SensorCount>) -> Seen {
+    fn condition(&mut self, now_ns: i64, sensor: Option<SensorCount>) -> Condition {
         let Some(count) = sensor else {
-            self.there_ns = None;
-            let quiet_ns = now_ns.saturating_sub(*self.came_ns.get_or_insert(now_ns));
+            self.connected_ns = None;
+            let quiet_ns = now_ns.saturating_sub(*self.last_sweep_ns.get_or_insert(now_ns));
             return match self.has_sent {
-                true if quiet_ns > SILENT_NS => Seen::Wrong(Notice::SensorGone),
-                false if quiet_ns > BEGINS_NS => Seen::Wrong(Notice::NoSensor),
-                _ => Seen::Unsure,
+                true if quiet_ns > MAX_SILENCE_NS => Condition::Fault(Notice::SensorGone),
+                false if quiet_ns > MAX_START_NS => Condition::Fault(Notice::NoSensor),
+                _ => Condition::Unknown,
             };
         };
-        let there_ns = *self.there_ns.get_or_insert(now_ns);
+        let connected_ns = *self.connected_ns.get_or_insert(now_ns);
         if count.sweeps != self.sweeps {
-            (self.sweeps, self.came_ns, self.has_sent) = (count.sweeps, Some(now_ns), true);
-            return Seen::Well;
+            (self.sweeps, self.last_sweep_ns, self.has_sent) = (count.sweeps, Some(now_ns), true);
+            return Condition::Good;
         }
-        let came_ns = *self.came_ns.get_or_insert(now_ns);
+        let last_sweep_ns = *self.last_sweep_ns.get_or_insert(now_ns);
         // Since it is there it has either sent or is being set up.
-        let (since_ns, limit_ns) =
-            if self.has_sent && came_ns >= there_ns { (came_ns, SILENT_NS) } else { (there_ns, BEGINS_NS) };
-        if now_ns.saturating_sub(since_ns) > limit_ns { Seen::Wrong(Notice::SensorSilent) } else { Seen::Unsure }
+        let (since_ns, limit_ns) = if self.has_sent && last_sweep_ns >= connected_ns {
+            (last_sweep_ns, MAX_SILENCE_NS)
+        } else {
+            (connected_ns, MAX_START_NS)
+        };
+        if now_ns.saturating_sub(since_ns) > limit_ns {
+            Condition::Fault(Notice::SensorSilent)
+        } else {
+            Condition::Unknown
+        }
     }
 }
 
@@ -95,9 +102,9 @@ mod tests {
 
     /// What is said at each second, of a sensor that is as told at each.
     fn said(sensor: impl Fn(i64) -> Option<u64>, seconds: i64) -> Vec<Option<Notice>> {
-        let mut troubles = Troubles::default();
+        let mut troubles = FaultMonitor::default();
         let count = |sweeps| SensorCount { sweeps, lost: 0 };
-        (0..seconds).map(|s| troubles.look(s * 1_000_000_000, sensor(s).map(count), Some(true))).collect()
+        (0..seconds).map(|s| troubles.update(s * 1_000_000_000, sensor(s).map(count), Some(true))).collect()
     }
 
     fn times(said: &[Option<Notice>], what: Notice) -> Vec<usize> {
@@ -105,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_sends_is_not_talked_about() {
+    fn streaming_sensor_gives_no_notice() {
         assert!(said(|s| Some(1 + s as u64), 300).iter().all(Option::is_none));
         assert!(said(|s| (s > 8).then_some(s as u64), 300).iter().all(Option::is_none), "found after some seconds");
         let begins = said(|s| Some((s - 11).max(0) as u64), 300);
@@ -113,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_is_said_once_a_minute_and_its_end_once() {
+    fn silence_notice_repeats_each_minute_and_recovery_once() {
         let said = said(|s| Some(if s < 150 { s.min(10) as u64 } else { s as u64 }), 200);
         let silent: Vec<usize> = (15..23).chain(75..83).chain(135..143).collect();
         assert_eq!(times(&said, Notice::SensorSilent), silent);
@@ -121,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn who_pulls_the_plug_is_told_so_and_who_never_had_one_too() {
+    fn unplugged_and_missing_sensors_are_reported() {
         let pulled = said(|s| (s < 10).then_some(s as u64), 40);
         assert_eq!(times(&pulled, Notice::SensorGone), (14..22).collect::<Vec<_>>());
         let never = said(|_| None, 40);
@@ -129,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn who_plugs_it_in_late_or_again_is_not_told_to_do_so_once_more() {
+    fn late_or_repeated_plugging_gives_no_extra_notice() {
         // In after 40 s and set up for four; gone from 100 to 130 s, and set up for four again.
         let sweeps = |s: i64| match s {
             0..40 | 100..130 => None,
@@ -144,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_comes_and_goes_without_a_sweep_is_said_once_a_minute() {
+    fn flapping_sensor_is_reported_once_a_minute() {
         for (there, away) in [(2, 3), (20, 3)] {
             let said = said(|s| (s % (there + away) < there).then_some(0), 200);
             let any = said.iter().filter(|notice| notice.is_some()).count();
@@ -153,15 +160,15 @@ mod tests {
     }
 
     #[test]
-    fn a_map_that_has_stopped_is_said_at_once() {
-        let mut troubles = Troubles::default();
+    fn stopped_map_is_reported_at_once() {
+        let mut troubles = FaultMonitor::default();
         let sensor = Some(SensorCount { sweeps: 5, lost: 0 });
-        assert_eq!(troubles.look(0, sensor, None), None, "it has not begun");
-        assert_eq!(troubles.look(1, sensor, Some(false)), Some(Notice::MapStopped));
-        let mut troubles = Troubles::default();
-        let silent: Vec<_> = (0..40).map(|s| troubles.look(s * 1_000_000_000, sensor, Some(true))).collect();
+        assert_eq!(troubles.update(0, sensor, None), None, "it has not begun");
+        assert_eq!(troubles.update(1, sensor, Some(false)), Some(Notice::MapStopped));
+        let mut troubles = FaultMonitor::default();
+        let silent: Vec<_> = (0..40).map(|s| troubles.update(s * 1_000_000_000, sensor, Some(true))).collect();
         assert!(silent.contains(&Some(Notice::SensorSilent)) && silent[39].is_none(), "{silent:?}");
-        let stopped = troubles.look(40_000_000_000, sensor, Some(false));
+        let stopped = troubles.update(40_000_000_000, sensor, Some(false));
         assert_eq!(stopped, Some(Notice::MapStopped), "though another trouble was said a moment ago");
     }
 }

@@ -9,29 +9,29 @@ use glam::DVec3;
 use radar_sar::math;
 
 /// After a longer pause it begins anew, nanoseconds.
-const LONGEST_PAUSE_NS: i64 = 250_000_000;
+const MAX_PAUSE_NS: i64 = 250_000_000;
 
 /// The speed of one place.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Speed {
+pub(super) struct VelocityFilter {
     last: Option<(i64, DVec3)>,
     velocity_m_per_s: DVec3,
-    has_begun: bool,
+    has_restarted: bool,
 }
 
-impl Speed {
+impl VelocityFilter {
     /// Takes where the place is now, gives how fast it moves, m/s.
-    pub fn take(&mut self, time_ns: i64, place_m: DVec3, fastest_m_per_s: f64, smoothing_s: f64) -> DVec3 {
-        self.has_begun = false;
-        let Some((then_ns, before_m)) = self.last else { return self.begin(time_ns, place_m) };
+    pub fn update(&mut self, time_ns: i64, place_m: DVec3, fastest_m_per_s: f64, smoothing_s: f64) -> DVec3 {
+        self.has_restarted = false;
+        let Some((then_ns, before_m)) = self.last else { return self.restart(time_ns, place_m) };
         let passed_ns = time_ns.saturating_sub(then_ns);
         if passed_ns == 0 {
             return self.velocity_m_per_s;
         }
         let passed_s = passed_ns as f64 * 1e-9;
         let fresh = (place_m - before_m) / passed_s;
-        if !(0..=LONGEST_PAUSE_NS).contains(&passed_ns) || fresh.length() > fastest_m_per_s {
-            return self.begin(time_ns, place_m);
+        if !(0..=MAX_PAUSE_NS).contains(&passed_ns) || fresh.length() > fastest_m_per_s {
+            return self.restart(time_ns, place_m);
         }
         self.velocity_m_per_s = fresh.lerp(self.velocity_m_per_s, math::exp(-passed_s / smoothing_s));
         self.last = Some((time_ns, place_m));
@@ -39,12 +39,12 @@ impl Speed {
     }
 
     /// Whether the last place taken had nothing to do with the one before.
-    pub fn has_begun(&self) -> bool {
-        self.has_begun
+    pub fn has_restarted(&self) -> bool {
+        self.has_restarted
     }
 
-    fn begin(&mut self, time_ns: i64, place_m: DVec3) -> DVec3 {
-        *self = Self { last: Some((time_ns, place_m)), velocity_m_per_s: DVec3::ZERO, has_begun: true };
+    fn restart(&mut self, time_ns: i64, place_m: DVec3) -> DVec3 {
+        *self = Self { last: Some((time_ns, place_m)), velocity_m_per_s: DVec3::ZERO, has_restarted: true };
         DVec3::ZERO
     }
 }
@@ -55,13 +55,13 @@ mod tests {
 
     const FRAME_NS: i64 = 11_000_000;
 
-    fn take(speed: &mut Speed, time_ns: i64, x_m: f64) -> f64 {
-        speed.take(time_ns, DVec3::X * x_m, 6.0, 0.08).x
+    fn take(speed: &mut VelocityFilter, time_ns: i64, x_m: f64) -> f64 {
+        speed.update(time_ns, DVec3::X * x_m, 6.0, 0.08).x
     }
 
     #[test]
-    fn a_steady_walk_is_known_through_dropped_frames() {
-        let mut speed = Speed::default();
+    fn steady_velocity_survives_dropped_frames() {
+        let mut speed = VelocityFilter::default();
         let mut told = Vec::new();
         for frame in (0..200).filter(|frame| frame % 7 != 3 && !(90..100).contains(frame)) {
             let time_ns = frame * FRAME_NS;
@@ -71,16 +71,16 @@ mod tests {
     }
 
     #[test]
-    fn jitter_is_no_speed() {
-        let mut speed = Speed::default();
+    fn position_jitter_gives_no_velocity() {
+        let mut speed = VelocityFilter::default();
         let jitter = |frame: i64| 3e-4 * (frame as f64 * 12.9898).sin();
         let told = (0..200).map(|frame| take(&mut speed, frame * FRAME_NS, jitter(frame)).abs());
         assert!(told.fold(0.0, f64::max) < 0.03);
     }
 
     #[test]
-    fn time_that_stands_still_runs_back_or_pauses_and_leaps_tell_nothing_wrong() {
-        let mut speed = Speed::default();
+    fn time_anomalies_and_leaps_restart_the_filter() {
+        let mut speed = VelocityFilter::default();
         for frame in 0..60 {
             take(&mut speed, frame * FRAME_NS, 0.011 * frame as f64);
         }

@@ -4,23 +4,23 @@
 use std::collections::VecDeque;
 
 /// Intervals that the usual one is known by.
-const REMEMBERED: usize = 63;
+const MAX_INTERVALS: usize = 63;
 /// Intervals until it is known.
-const LEAST: usize = 8;
+const MIN_INTERVALS: usize = 8;
 /// A longer pause, in usual intervals, is a jump of the sensor's clock.
-const LONGEST_PAUSE: f64 = 1000.0;
+const MAX_PAUSE_INTERVALS: f64 = 1000.0;
 
 /// Counts lost frames by the frames' ticks.
 #[derive(Debug, Clone, Default)]
-pub struct Losses {
+pub struct FrameLossCounter {
     last: Option<i64>,
     intervals: VecDeque<i64>,
     lost: u64,
 }
 
-impl Losses {
+impl FrameLossCounter {
     /// The stream began anew: what is between was not to come.
-    pub fn begin(&mut self) {
+    pub fn restart(&mut self) {
         self.last = None;
     }
 
@@ -31,22 +31,22 @@ impl Losses {
         if interval <= 0 {
             return;
         }
-        if self.intervals.len() >= LEAST {
+        if self.intervals.len() >= MIN_INTERVALS {
             // Coarse ticks round an interval up by as much as one.
-            let intervals = ((interval as f64 - 0.5) / self.usual()).round();
-            if intervals > LONGEST_PAUSE {
+            let intervals = ((interval as f64 - 0.5) / self.typical_interval()).round();
+            if intervals > MAX_PAUSE_INTERVALS {
                 return;
             }
             self.lost += (intervals as u64).saturating_sub(1);
         }
-        if self.intervals.len() == REMEMBERED {
+        if self.intervals.len() == MAX_INTERVALS {
             self.intervals.pop_front();
         }
         self.intervals.push_back(interval);
     }
 
     /// The usual interval: the mean of those that are about as long as the median, since ticks may be coarse.
-    fn usual(&self) -> f64 {
+    fn typical_interval(&self) -> f64 {
         let mut sorted: Vec<i64> = self.intervals.iter().copied().collect();
         let middle = sorted.len() / 2;
         let median = *sorted.select_nth_unstable(middle).1;
@@ -67,7 +67,7 @@ mod tests {
 
     /// Losses of 1000 frames of a period in ticks, three missing after each hundred.
     fn lost(period: f64) -> u64 {
-        let mut losses = Losses::default();
+        let mut losses = FrameLossCounter::default();
         for n in 0..1000i64 {
             losses.push(((n + 3 * (n / 100)) as f64 * period) as i64);
         }
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn pauses_are_counted_in_frames_and_rounding_is_not() {
+    fn pauses_count_lost_frames_and_rounding_does_not() {
         // d16 and c16, each in ticks of 1 µs and of 1 ms.
         for period in [15_151.5, 2000.0, 15.1515, 2.0, 2.3] {
             assert_eq!(lost(period), 27, "{period}");
@@ -83,10 +83,10 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_to_come_is_not_lost() {
-        let mut losses = Losses::default();
+    fn restarts_and_clock_jumps_are_not_losses() {
+        let mut losses = FrameLossCounter::default();
         (0..20).for_each(|n| losses.push(100 * n));
-        losses.begin();
+        losses.restart();
         [1_000_000, 1_000_100, 5, i64::MAX, i64::MIN, 7].into_iter().for_each(|tick| losses.push(tick));
         assert_eq!(losses.lost(), 0);
     }

@@ -3,11 +3,11 @@
 //! A thread of its own looks at the file four times a second: its time and length, and its text where these have changed. That
 //! costs a system call a look, serves every editor and every file system, and needs nothing that watches folders. What is good is in force at
 //! once; what is not is told of once, and the last good settings stay: the defaults, where it is wrong from the start, since nobody may be
-//! there to read why a program does not start. What is wrong can be asked for ([`SettingsDesk::trouble`]) as long as it is. Changes that are made here are in force first and are written into the
+//! there to read why a program does not start. What is wrong can be asked for ([`SettingsStore::trouble`]) as long as it is. Changes that are made here are in force first and are written into the
 //! file when they rest, comments and all; a file that is wrong at that time is not written over.
 
+mod debounce;
 mod edit;
-mod follower;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,23 +16,23 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
-use self::follower::{Follower, Outcome, Seen};
+use self::debounce::{FileDebouncer, FileState, Outcome};
 use super::now_ns;
 use crate::settings::Settings;
 
 /// Between two looks at the file.
-const TURN: Duration = Duration::from_millis(250);
+const POLL_INTERVAL: Duration = Duration::from_millis(250);
 /// While something was seen that does not count yet.
-const SHORT_TURN: Duration = Duration::from_millis(80);
+const SHORT_POLL_INTERVAL: Duration = Duration::from_millis(80);
 /// A file that was changed so recently may be changed again without its time telling.
-const FRESH: Duration = Duration::from_secs(3);
-/// Changes are written when they have rested for so long, nanoseconds, and at the latest after `LATEST_NS`: a slider gives many.
-const REST_NS: i64 = 400_000_000;
-const LATEST_NS: i64 = 2_000_000_000;
+const RECENT: Duration = Duration::from_secs(3);
+/// Changes are written when they have rested for so long, nanoseconds, and at the latest after `MAX_SAVE_DELAY_NS`: a slider gives many.
+const SAVE_DELAY_NS: i64 = 400_000_000;
+const MAX_SAVE_DELAY_NS: i64 = 2_000_000_000;
 /// A settings file is not longer, bytes.
-const LONGEST: u64 = 1 << 20;
+const MAX_FILE_BYTES: u64 = 1 << 20;
 /// Orders that may wait.
-const MOST_ORDERS: usize = 256;
+const MAX_COMMANDS: usize = 256;
 
 /// Makes settings of a file's text and of changes by `name=value` over it, or says what is wrong.
 pub type Compose<'a> = &'a (dyn Fn(&str, &[String]) -> Result<Settings, String> + Sync);
@@ -41,37 +41,37 @@ pub type OnNew<'a> = &'a (dyn Fn(&Settings, &Settings) + Sync);
 
 /// A change of one setting.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Change {
+pub struct SettingChange {
     /// Its name, as in `warning.brightness`.
     pub name: String,
     /// What it is to be.
     pub value: toml::Value,
 }
 
-enum Order {
-    Change(Change),
+enum Command {
+    Change(SettingChange),
     Recompose,
     End,
 }
 
 /// Where the settings in force lie.
-pub struct SettingsDesk {
+pub struct SettingsStore {
     newest: Mutex<Arc<Settings>>,
     version: AtomicU64,
-    orders: SyncSender<Order>,
+    commands: SyncSender<Command>,
     /// Of the file as it is, and of what could not be written into it.
     trouble: Mutex<[Option<String>; 2]>,
 }
 
-/// What the desk's thread works with; see [`SettingsDesk::new`].
-pub struct DeskWork {
+/// What the desk's thread works with; see [`SettingsStore::new`].
+pub struct SettingsWatcher {
     file: Option<PathBuf>,
     /// `name=value`, laid over the file.
-    over: Vec<String>,
-    orders: Receiver<Order>,
+    overrides: Vec<String>,
+    commands: Receiver<Command>,
     /// The file's last good text.
     text: String,
-    follower: Follower,
+    debouncer: FileDebouncer,
     stamp: Option<(SystemTime, u64)>,
     /// Changes of ours that are not in the file yet.
     unsaved: BTreeMap<String, toml::Value>,
@@ -79,42 +79,46 @@ pub struct DeskWork {
     cannot_save: Option<String>,
 }
 
-impl SettingsDesk {
-    /// Reads the file, which need not be there. The other part is to be run by a thread: [`DeskWork::run`].
+impl SettingsStore {
+    /// Reads the file, which need not be there. The other part is to be run by a thread: [`SettingsWatcher::run`].
     ///
     /// # Errors
-    /// What is wrong with `over`; a file that is wrong is left out, and its trouble known.
-    pub fn new(file: Option<PathBuf>, over: &[String], compose: Compose) -> Result<(Self, DeskWork), String> {
-        let seen = file.as_deref().map_or(Seen::Absent, seen);
+    /// What is wrong with `overrides`; a file that is wrong is left out, and its trouble known.
+    pub fn new(
+        file: Option<PathBuf>,
+        overrides: &[String],
+        compose: Compose,
+    ) -> Result<(Self, SettingsWatcher), String> {
+        let seen = file.as_deref().map_or(FileState::Absent, seen);
         let read = match &seen {
-            Seen::Text(text) => compose(text, over).map(|settings| (text.clone(), settings)),
-            Seen::Absent => compose("", over).map(|settings| (String::new(), settings)),
-            Seen::Unreadable(why) => Err(why.clone()),
+            FileState::Text(text) => compose(text, overrides).map(|settings| (text.clone(), settings)),
+            FileState::Absent => compose("", overrides).map(|settings| (String::new(), settings)),
+            FileState::Unreadable(why) => Err(why.clone()),
         };
         let (text, first, wrong) = match read {
             Ok((text, settings)) => (text, settings, None),
-            Err(why) => (String::new(), compose("", over)?, Some(why)),
+            Err(why) => (String::new(), compose("", overrides)?, Some(why)),
         };
         if let (Some(why), Some(file)) = (&wrong, &file) {
             let why = why.trim_end();
             log::warn!("{}: {why}\nIt is left out: the defaults are in force until it is mended", file.display());
         }
-        let (sender, orders) = sync_channel(MOST_ORDERS);
+        let (sender, commands) = sync_channel(MAX_COMMANDS);
         let trouble = Mutex::new([wrong, None]);
-        let desk = Self { newest: Mutex::new(Arc::new(first)), version: AtomicU64::new(1), orders: sender, trouble };
+        let store = Self { newest: Mutex::new(Arc::new(first)), version: AtomicU64::new(1), commands: sender, trouble };
         let stamp = file.as_deref().and_then(stamp);
-        let work = DeskWork {
+        let work = SettingsWatcher {
             file,
-            over: over.to_vec(),
-            orders,
+            overrides: overrides.to_vec(),
+            commands,
             text,
-            follower: Follower::new(seen),
+            debouncer: FileDebouncer::new(seen),
             stamp,
             unsaved: BTreeMap::new(),
             changed_ns: None,
             cannot_save: None,
         };
-        Ok((desk, work))
+        Ok((store, work))
     }
 
     /// The settings in force.
@@ -134,19 +138,19 @@ impl SettingsDesk {
     }
 
     /// Has one setting changed, and kept in the file; never waits.
-    pub fn change(&self, change: Change) {
-        let _ = self.orders.try_send(Order::Change(change));
+    pub fn change(&self, change: SettingChange) {
+        let _ = self.commands.try_send(Command::Change(change));
     }
 
     /// Has the settings made anew: what lies below the file has changed.
     pub fn recompose(&self) {
-        let _ = self.orders.try_send(Order::Recompose);
+        let _ = self.commands.try_send(Command::Recompose);
     }
 
     /// Ends the thread.
     pub fn end(&self) {
         // It takes orders several times a second, so that there is room soon.
-        let _ = self.orders.send(Order::End);
+        let _ = self.commands.send(Command::End);
     }
 
     /// What is wrong with the file now, or why what was changed here is not in it: its first line.
@@ -177,27 +181,31 @@ impl SettingsDesk {
     }
 }
 
-impl DeskWork {
+impl SettingsWatcher {
     /// Works until told to end.
-    pub fn run(mut self, desk: &SettingsDesk, compose: Compose, on_new: OnNew) {
+    pub fn run(mut self, store: &SettingsStore, compose: Compose, on_new: OnNew) {
         loop {
-            let turn = if self.follower.is_waiting() || self.changed_ns.is_some() { SHORT_TURN } else { TURN };
-            match self.orders.recv_timeout(turn) {
-                Ok(Order::Change(change)) => self.take(change, desk, compose, on_new),
-                Ok(Order::Recompose) => self.recompose(desk, compose, on_new),
-                Ok(Order::End) | Err(RecvTimeoutError::Disconnected) => break,
-                Err(RecvTimeoutError::Timeout) => self.look(desk, compose, on_new),
+            let turn = if self.debouncer.is_waiting() || self.changed_ns.is_some() {
+                SHORT_POLL_INTERVAL
+            } else {
+                POLL_INTERVAL
+            };
+            match self.commands.recv_timeout(turn) {
+                Ok(Command::Change(change)) => self.take(change, store, compose, on_new),
+                Ok(Command::Recompose) => self.recompose(store, compose, on_new),
+                Ok(Command::End) | Err(RecvTimeoutError::Disconnected) => break,
+                Err(RecvTimeoutError::Timeout) => self.check_file(store, compose, on_new),
             }
             let now_ns = now_ns();
             let is_due = |(first_ns, last_ns): (i64, i64)| {
-                now_ns.saturating_sub(last_ns) >= REST_NS || now_ns.saturating_sub(first_ns) >= LATEST_NS
+                now_ns.saturating_sub(last_ns) >= SAVE_DELAY_NS || now_ns.saturating_sub(first_ns) >= MAX_SAVE_DELAY_NS
             };
             if self.changed_ns.is_some_and(is_due) {
-                self.save(desk, compose);
+                self.save(store, compose);
             }
         }
         if self.changed_ns.is_some() {
-            self.save(desk, compose);
+            self.save(store, compose);
         }
     }
 
@@ -208,71 +216,71 @@ impl DeskWork {
         self.unsaved.iter().fold(self.text.clone(), change)
     }
 
-    fn take(&mut self, change: Change, desk: &SettingsDesk, compose: Compose, on_new: OnNew) {
-        let Change { name, value } = change;
+    fn take(&mut self, change: SettingChange, store: &SettingsStore, compose: Compose, on_new: OnNew) {
+        let SettingChange { name, value } = change;
         // The newest word counts, though the command line said otherwise at the start.
-        let over = self.over.clone();
-        self.over.retain(|set| set.split_once('=').is_none_or(|(set, _)| set.trim() != name));
+        let overrides = self.overrides.clone();
+        self.overrides.retain(|set| set.split_once('=').is_none_or(|(set, _)| set.trim() != name));
         let before = self.unsaved.insert(name.clone(), value);
-        match compose(&self.text_now(), &self.over) {
+        match compose(&self.text_now(), &self.overrides) {
             Ok(settings) => {
                 let now_ns = now_ns();
                 self.changed_ns = Some((self.changed_ns.map_or(now_ns, |(first_ns, _)| first_ns), now_ns));
-                desk.publish(settings, on_new);
+                store.publish(settings, on_new);
             }
             Err(why) => {
                 log::warn!("{name} stays as it is: {why}");
-                self.over = over;
+                self.overrides = overrides;
                 match before {
                     Some(before) => self.unsaved.insert(name, before),
                     None => self.unsaved.remove(&name),
                 };
                 // Whoever asked for it learns that it is as it was.
-                desk.publish(Settings::clone(&desk.newest()), on_new);
+                store.publish(Settings::clone(&store.newest()), on_new);
             }
         }
     }
 
-    fn recompose(&mut self, desk: &SettingsDesk, compose: Compose, on_new: OnNew) {
-        match compose(&self.text_now(), &self.over) {
-            Ok(settings) => desk.publish(settings, on_new),
+    fn recompose(&mut self, store: &SettingsStore, compose: Compose, on_new: OnNew) {
+        match compose(&self.text_now(), &self.overrides) {
+            Ok(settings) => store.publish(settings, on_new),
             Err(why) => log::warn!("the settings stay as they are: {why}"),
         }
     }
 
-    fn look(&mut self, desk: &SettingsDesk, compose: Compose, on_new: OnNew) {
+    fn check_file(&mut self, store: &SettingsStore, compose: Compose, on_new: OnNew) {
         let Some(file) = self.file.as_deref() else { return };
         let stamp = stamp(file);
-        let is_fresh = stamp.is_some_and(|(time, _)| time.elapsed().is_ok_and(|age| age < FRESH));
-        if stamp == self.stamp && !is_fresh && !self.follower.is_waiting() {
+        let is_fresh = stamp.is_some_and(|(time, _)| time.elapsed().is_ok_and(|age| age < RECENT));
+        if stamp == self.stamp && !is_fresh && !self.debouncer.is_waiting() {
             return;
         }
         self.stamp = stamp;
         let name = file.display().to_string();
-        let over = &self.over;
-        match self.follower.look(now_ns(), seen(file), |text| compose(text, over)) {
-            Outcome::Nothing => {}
-            Outcome::Kept(why) => {
+        let overrides = &self.overrides;
+        match self.debouncer.observe(now_ns(), seen(file), |text| compose(text, overrides)) {
+            Outcome::Unchanged => {}
+            Outcome::Rejected(why) => {
                 log::warn!("{name}: {}. The settings of before stay in force", why.trim_end().trim_end_matches('.'));
-                desk.note_trouble(Some(why));
+                store.note_trouble(Some(why));
             }
-            Outcome::New(text, settings) => {
+            Outcome::Accepted(text, settings) => {
                 log::info!("{name}: its settings are in force");
-                desk.note_trouble(None);
+                store.note_trouble(None);
                 self.text = text;
                 if self.unsaved.is_empty() {
-                    desk.publish(settings, on_new);
+                    store.publish(settings, on_new);
                 } else {
                     // What was changed here and could not be written goes over it, and into it.
                     self.changed_ns = Some((now_ns(), now_ns()));
-                    self.recompose(desk, compose, on_new);
+                    self.recompose(store, compose, on_new);
                 }
             }
         }
     }
 
     /// Writes our changes into the file as it is now.
-    fn save(&mut self, desk: &SettingsDesk, compose: Compose) {
+    fn save(&mut self, store: &SettingsStore, compose: Compose) {
         self.changed_ns = None;
         let why = match self.try_save(compose) {
             Ok(()) => None,
@@ -283,9 +291,9 @@ impl DeskWork {
         }
         if why.is_none() {
             // It could be read, and is as it should be.
-            desk.note_trouble(None);
+            store.note_trouble(None);
         }
-        desk.note_unsaved(why.clone());
+        store.note_unsaved(why.clone());
         self.cannot_save = why;
     }
 
@@ -294,16 +302,16 @@ impl DeskWork {
         let named = |why: String| format!("{}: {why}", file.display());
         // Somebody may have changed it a moment ago.
         let text = match seen(file) {
-            Seen::Text(text) if !text.trim().is_empty() => text,
-            Seen::Text(_) | Seen::Absent => self.text.clone(),
-            Seen::Unreadable(why) => return Err(named(why)),
+            FileState::Text(text) if !text.trim().is_empty() => text,
+            FileState::Text(_) | FileState::Absent => self.text.clone(),
+            FileState::Unreadable(why) => return Err(named(why)),
         };
-        compose(&text, &self.over).map_err(&named)?;
+        compose(&text, &self.overrides).map_err(&named)?;
         self.text = text;
         let text = self.text_now();
-        compose(&text, &self.over).map_err(&named)?;
+        compose(&text, &self.overrides).map_err(&named)?;
         edit::replace(file, &text).map_err(|error| named(error.to_string()))?;
-        self.follower.wrote(&text);
+        self.debouncer.set_written(&text);
         self.text = text;
         self.unsaved.clear();
         Ok(())
@@ -316,16 +324,16 @@ fn stamp(file: &Path) -> Option<(SystemTime, u64)> {
     Some((metadata.modified().ok()?, metadata.len()))
 }
 
-fn seen(file: &Path) -> Seen {
+fn seen(file: &Path) -> FileState {
     match std::fs::metadata(file) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Seen::Absent,
-        Ok(metadata) if metadata.len() > LONGEST => return Seen::Unreadable("it is too long".to_owned()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return FileState::Absent,
+        Ok(metadata) if metadata.len() > MAX_FILE_BYTES => return FileState::Unreadable("it is too long".to_owned()),
         _ => {}
     }
     match std::fs::read_to_string(file) {
-        Ok(text) => Seen::Text(text),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Seen::Absent,
-        Err(error) => Seen::Unreadable(format!("cannot be read: {error}")),
+        Ok(text) => FileState::Text(text),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => FileState::Absent,
+        Err(error) => FileState::Unreadable(format!("cannot be read: {error}")),
     }
 }
 
@@ -334,24 +342,24 @@ mod tests {
     use super::*;
     use std::fs;
 
-    fn compose(text: &str, over: &[String]) -> Result<Settings, String> {
-        Settings::from_toml(text, over).map_err(|error| error.to_string())
+    fn compose(text: &str, overrides: &[String]) -> Result<Settings, String> {
+        Settings::from_toml(text, overrides).map_err(|error| error.to_string())
     }
 
     /// A desk with its thread, on a file of that text.
-    fn with_desk(name: &str, text: Option<&str>, over: &[&str], test: impl FnOnce(&SettingsDesk, &Path)) {
+    fn with_store(name: &str, text: Option<&str>, overrides: &[&str], test: impl FnOnce(&SettingsStore, &Path)) {
         let folder = std::env::temp_dir().join(format!("radar-chaperone-desk-{name}-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         let file = folder.join("settings.toml");
         if let Some(text) = text {
             fs::write(&file, text).unwrap();
         }
-        let over: Vec<String> = over.iter().map(|set| (*set).to_owned()).collect();
-        let (desk, work) = SettingsDesk::new(Some(file.clone()), &over, &compose).unwrap();
+        let overrides: Vec<String> = overrides.iter().map(|set| (*set).to_owned()).collect();
+        let (store, work) = SettingsStore::new(Some(file.clone()), &overrides, &compose).unwrap();
         std::thread::scope(|scope| {
-            scope.spawn(|| work.run(&desk, &compose, &|_, _| {}));
-            test(&desk, &file);
-            desk.end();
+            scope.spawn(|| work.run(&store, &compose, &|_, _| {}));
+            test(&store, &file);
+            store.end();
         });
         fs::remove_dir_all(&folder).unwrap();
     }
@@ -366,14 +374,14 @@ mod tests {
         panic!("{what} did not come");
     }
 
-    fn brightness(value: f64) -> Change {
-        Change { name: "warning.brightness".into(), value: value.into() }
+    fn brightness(value: f64) -> SettingChange {
+        SettingChange { name: "warning.brightness".into(), value: value.into() }
     }
 
     #[test]
-    fn the_file_is_followed_and_a_wrong_one_changes_nothing() {
-        with_desk("follow", Some("[warning]\nbrightness = 0.5\n"), &[], |desk, file| {
-            let is = |value: f32| desk.newest().warning.brightness == value;
+    fn file_changes_apply_and_invalid_files_do_not() {
+        with_store("follow", Some("[warning]\nbrightness = 0.5\n"), &[], |store, file| {
+            let is = |value: f32| store.newest().warning.brightness == value;
             assert!(is(0.5));
             fs::write(file, "[warning]\nbrightness = 0.25\n").unwrap();
             wait_for("the file", || is(0.25));
@@ -386,54 +394,54 @@ mod tests {
     }
 
     #[test]
-    fn changes_are_in_force_and_in_the_file_with_its_comments() {
+    fn changes_apply_and_are_saved_with_comments() {
         let text = "# mine\n[warning]\nbrightness = 0.5 # half\n";
-        with_desk("change", Some(text), &["warning.brightness=1.0"], |desk, file| {
-            assert_eq!(desk.newest().warning.brightness, 1.0);
-            desk.change(brightness(0.25));
-            wait_for("the change", || desk.newest().warning.brightness == 0.25);
+        with_store("change", Some(text), &["warning.brightness=1.0"], |store, file| {
+            assert_eq!(store.newest().warning.brightness, 1.0);
+            store.change(brightness(0.25));
+            wait_for("the change", || store.newest().warning.brightness == 0.25);
             wait_for("the file", || fs::read_to_string(file).unwrap() == text.replace("0.5", "0.25"));
-            desk.change(brightness(9.0));
+            store.change(brightness(9.0));
             std::thread::sleep(Duration::from_millis(100));
-            assert_eq!(desk.newest().warning.brightness, 0.25);
+            assert_eq!(store.newest().warning.brightness, 0.25);
         });
     }
 
     #[test]
-    fn a_wrong_file_is_not_written_over_and_gets_the_change_once_it_is_right() {
-        with_desk("wrong", Some(""), &[], |desk, file| {
+    fn invalid_file_is_not_overwritten_until_valid() {
+        with_store("wrong", Some(""), &[], |store, file| {
             fs::write(file, "[warning\n").unwrap();
-            desk.change(brightness(0.25));
-            wait_for("the change", || desk.newest().warning.brightness == 0.25);
+            store.change(brightness(0.25));
+            wait_for("the change", || store.newest().warning.brightness == 0.25);
             std::thread::sleep(Duration::from_millis(2500));
             assert_eq!(fs::read_to_string(file).unwrap(), "[warning\n");
             fs::write(file, "[warning]\nfade_distance_m = 2.0\n").unwrap();
             let whole = "[warning]\nfade_distance_m = 2.0\nbrightness = 0.25\n";
             wait_for("both", || fs::read_to_string(file).unwrap() == whole);
-            assert_eq!(desk.newest().warning.fade_distance_m, 2.0);
+            assert_eq!(store.newest().warning.fade_distance_m, 2.0);
         });
     }
 
     #[test]
-    fn a_file_that_is_wrong_from_the_start_leaves_the_defaults_and_is_told_of_until_it_is_right() {
-        with_desk("begins-wrong", Some("broken ["), &["warning.brightness=0.5"], |desk, file| {
+    fn initially_invalid_file_gives_defaults_and_is_reported() {
+        with_store("begins-wrong", Some("broken ["), &["warning.brightness=0.5"], |store, file| {
             let default = Settings::default().warning;
-            assert_eq!((desk.newest().warning.brightness, desk.newest().warning.style), (0.5, default.style));
-            let told = desk.trouble().expect("it is wrong");
+            assert_eq!((store.newest().warning.brightness, store.newest().warning.style), (0.5, default.style));
+            let told = store.trouble().expect("it is wrong");
             assert!(told.contains("line 1") && !told.contains('\n'), "{told}");
             fs::write(file, "[cues]\nvolume = 2.0\n").unwrap();
-            wait_for("the other fault", || desk.trouble().is_some_and(|told| told.contains("cues.volume is 2")));
+            wait_for("the other fault", || store.trouble().is_some_and(|told| told.contains("cues.volume is 2")));
             fs::write(file, "[cues]\nvolume = 0.25\n").unwrap();
-            wait_for("a good one", || desk.newest().cues.volume == 0.25 && desk.trouble().is_none());
+            wait_for("a good one", || store.newest().cues.volume == 0.25 && store.trouble().is_none());
         });
         let nonsense = ["warning.brightness=9".to_owned()];
-        assert!(SettingsDesk::new(None, &nonsense, &compose).is_err(), "the command line is refused");
+        assert!(SettingsStore::new(None, &nonsense, &compose).is_err(), "the command line is refused");
     }
 
     #[test]
-    fn a_file_that_is_not_there_is_made() {
-        with_desk("made", None, &[], |desk, file| {
-            desk.change(brightness(0.25));
+    fn missing_file_is_created() {
+        with_store("made", None, &[], |store, file| {
+            store.change(brightness(0.25));
             wait_for("the file", || {
                 fs::read_to_string(file).is_ok_and(|text| text == "[warning]\nbrightness = 0.25\n")
             });

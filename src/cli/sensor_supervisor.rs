@@ -11,8 +11,8 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 
 use super::record_file::{PoseSource, RecordFile};
-use super::sensor::{ChosenSensor, Intake, SensorArguments, Until};
-use crate::live::{FrameReport, HeadsetStatus, Losses, Reconstruction, ReconstructionOptions, SensorCount};
+use super::sensor::{ChosenSensor, FrameIntake, SensorArguments, Until};
+use crate::live::{FrameLossCounter, FrameReport, HeadsetStatus, Reconstruction, ReconstructionOptions, SensorCount};
 use crate::settings::Settings;
 use a121::{Frame, frame_timing};
 use radar_mapping::HandsSample;
@@ -20,12 +20,12 @@ use radar_recording::{Event, Header};
 use radar_sar::PoseSample;
 
 /// Between two looks for a board.
-const LOOK_AGAIN: Duration = Duration::from_secs(2);
+const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 /// How soon being asked to stop is noticed meanwhile.
-const NOTICE: Duration = Duration::from_millis(50);
+const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// What the sensor's thread and the frame loop share.
-pub(super) struct Feed {
+pub(super) struct SensorSupervisor {
     /// There once there is a sensor.
     reconstruction: OnceLock<Reconstruction>,
     /// Those that the reconstruction goes by.
@@ -49,30 +49,30 @@ pub(super) struct Feed {
 }
 
 /// What the thread works with.
-pub(super) struct FeedPlan {
+pub(super) struct SupervisorPlan {
     pub sensor: SensorArguments,
     pub record: Option<PathBuf>,
     poses: Option<Receiver<Event>>,
 }
 
-impl FeedPlan {
+impl SupervisorPlan {
     pub fn new(sensor: &SensorArguments, record: Option<PathBuf>) -> Self {
         Self { sensor: sensor.clone(), record, poses: None }
     }
 }
 
-impl Feed {
+impl SensorSupervisor {
     /// Starts the thread; the receiver is told when it is over.
     ///
     /// # Errors
     /// The system gives no thread.
-    pub fn start(mut plan: FeedPlan, settings: &Settings) -> Result<(Arc<Self>, Receiver<Result<()>>)> {
+    pub fn start(mut plan: SupervisorPlan, settings: &Settings) -> Result<(Arc<Self>, Receiver<Result<()>>)> {
         let mut recorded_poses = None;
         if plan.record.is_some() {
             let (sender, receiver) = mpsc::sync_channel(super::record::MAX_WAITING_POSES);
             (recorded_poses, plan.poses) = (Some(sender), Some(receiver));
         }
-        let feed = Arc::new(Self {
+        let supervisor = Arc::new(Self {
             reconstruction: OnceLock::new(),
             settings: Mutex::new(settings.clone()),
             sensor: OnceLock::new(),
@@ -87,10 +87,10 @@ impl Feed {
             recorded_poses,
         });
         let (over, is_over) = mpsc::sync_channel(1);
-        let own = Arc::clone(&feed);
+        let own = Arc::clone(&supervisor);
         let work = move || drop(over.send(own.run(plan)));
         std::thread::Builder::new().name("sensor feed".into()).spawn(work).context("cannot start a thread")?;
-        Ok((feed, is_over))
+        Ok((supervisor, is_over))
     }
 
     /// The reconstruction, once there is a sensor.
@@ -99,11 +99,11 @@ impl Feed {
     }
 
     /// Has the reconstruction begin anew with other settings, or begin with them when there is a sensor.
-    pub fn renew(&self, settings: &Settings) {
+    pub fn restart_with(&self, settings: &Settings) {
         let mut held = self.settings.lock().unwrap_or_else(PoisonError::into_inner);
         *held = settings.clone();
         if let Some(reconstruction) = self.reconstruction() {
-            reconstruction.renew(settings);
+            reconstruction.restart_with(settings);
         }
     }
 
@@ -155,16 +155,17 @@ impl Feed {
         }
     }
 
-    fn run(&self, mut plan: FeedPlan) -> Result<()> {
+    fn run(&self, mut plan: SupervisorPlan) -> Result<()> {
         let Some(sensor) = self.wait_for_sensor(&plan.sensor) else { return Ok(()) };
-        sensor.tell()?;
+        sensor.print()?;
         let reconstruction = self.begin(&sensor)?;
         let sweeps_per_frame = u64::from(sensor.config()?.sweeps_per_frame);
         let source = plan.poses.take().map_or(PoseSource::None, PoseSource::Live);
         let mut file = plan.record.as_deref().map(|path| RecordFile::new(path, source));
         let mut recorded = Ok(());
         while let Some(stream) = self.open(&sensor) {
-            let (losses, lost_before) = (RefCell::new(Losses::default()), self.sweeps_lost.load(Ordering::Relaxed));
+            let (losses, lost_before) =
+                (RefCell::new(FrameLossCounter::default()), self.sweeps_lost.load(Ordering::Relaxed));
             let hand_on = |frame: &Frame| {
                 losses.borrow_mut().push(frame.tick);
                 self.sweeps.fetch_add(sweeps_per_frame, Ordering::Relaxed);
@@ -174,15 +175,15 @@ impl Feed {
             };
             // A recording ends with the stream that it was begun with.
             let is_recording = file.is_some();
-            let mut intake = Intake::new(&sensor, file.take(), &hand_on).telling(&self.is_connected);
-            let taken = intake.run(&stream, &self.stop, Until::Stopped, &|| self.told_status());
+            let mut intake = FrameIntake::new(&sensor, file.take(), &hand_on).with_presence(&self.is_connected);
+            let taken = intake.run(&stream, &self.stop, Until::Stopped, &|| self.status_text());
             let done = intake.end(stream, taken);
             self.is_connected.store(false, Ordering::Relaxed);
             if self.stop.load(Ordering::Relaxed) {
                 return recorded.and(done);
             }
             let why = done.as_ref().err().map_or("it ended".to_owned(), |error| format!("{error:#}"));
-            let rest_s = LOOK_AGAIN.as_secs();
+            let rest_s = RETRY_INTERVAL.as_secs();
             if is_recording {
                 log::error!("the recording has ended: {why}. The radar is taken up again without one in {rest_s} s");
                 // Told once more at the end.
@@ -190,7 +191,7 @@ impl Feed {
             } else {
                 log::warn!("the sensor's stream: {why}. It is taken up again in {rest_s} s");
             }
-            self.rest();
+            self.pause();
         }
         recorded
     }
@@ -208,15 +209,15 @@ impl Feed {
     }
 
     fn wait_for_sensor(&self, arguments: &SensorArguments) -> Option<ChosenSensor> {
-        self.until_there(|| arguments.choose(), "no sensor yet")
+        self.retry_until(|| arguments.choose(), "no sensor yet")
     }
 
     fn open(&self, sensor: &ChosenSensor) -> Option<crate::live::SensorStream> {
-        self.until_there(|| sensor.open(), "the sensor's line does not open yet")
+        self.retry_until(|| sensor.open(), "the sensor's line does not open yet")
     }
 
     /// Tries until it succeeds or the program ends; says what is missing once.
-    fn until_there<T>(&self, attempt: impl Fn() -> Result<T>, missing: &str) -> Option<T> {
+    fn retry_until<T>(&self, attempt: impl Fn() -> Result<T>, missing: &str) -> Option<T> {
         let mut told = String::new();
         while !self.stop.load(Ordering::Relaxed) {
             match attempt() {
@@ -224,32 +225,32 @@ impl Feed {
                 Err(error) => {
                     let text = format!("{error:#}");
                     if text != told {
-                        log::warn!("{missing}: {text}. It is looked for again every {} s", LOOK_AGAIN.as_secs());
+                        log::warn!("{missing}: {text}. It is looked for again every {} s", RETRY_INTERVAL.as_secs());
                         told = text;
                     }
                 }
             }
-            self.rest();
+            self.pause();
         }
         None
     }
 
     /// Until it is time to look again, or to end.
-    fn rest(&self) {
+    fn pause(&self) {
         let mut waited = Duration::ZERO;
-        while waited < LOOK_AGAIN && !self.stop.load(Ordering::Relaxed) {
-            std::thread::sleep(NOTICE);
-            waited += NOTICE;
+        while waited < RETRY_INTERVAL && !self.stop.load(Ordering::Relaxed) {
+            std::thread::sleep(STOP_POLL_INTERVAL);
+            waited += STOP_POLL_INTERVAL;
         }
     }
 
     /// What the frame loop does, for the line of progress.
-    fn told_status(&self) -> String {
+    fn status_text(&self) -> String {
         let status = *self.status.lock().unwrap_or_else(PoisonError::into_inner);
         let tracked = if status.is_tracked { "" } else { "  head not tracked" };
         let nearest = status.nearest_m.map_or(String::new(), |m| format!("  nearest {m:.2} m"));
-        let FrameReport { frames, missed_by_us, missed_for_a_core, missed_elsewhere, .. } = status.frames;
-        let missed = missed_by_us + missed_for_a_core + missed_elsewhere;
+        let FrameReport { frames, missed_by_loop, missed_waiting_for_core, missed_elsewhere, .. } = status.frames;
+        let missed = missed_by_loop + missed_waiting_for_core + missed_elsewhere;
         format!("  {frames} display frames, {missed} missed{tracked}{nearest}")
     }
 }

@@ -1,22 +1,22 @@
 //! How bright one thing is from frame to frame: it comes at its distance, goes beyond it and after a while, and its brightness follows
 //! what is wanted only so fast.
 
-use super::calm::{Calm, FAST_M_PER_S};
-use super::label::Label;
-use super::near::Near;
+use super::body_model::BodyModel;
+use super::habituation::{FAST_HEAD_M_PER_S, Habituation};
+use super::hazard::{Hazard, WarningVisual};
+use super::label::DistanceLabel;
+use super::proximity::Proximity;
 use super::settings::WarningSettings;
-use super::thing::{Drawn, Thing};
 use super::urgency::{Urgency, urgencies};
-use super::wearer::Wearer;
 
 use radar_sar::math;
 
 /// Less urgent than this does not bring a warning up, nor keep it.
-const LEAST_URGENCY: f64 = 0.02;
+const MIN_URGENCY: f64 = 0.02;
 /// What is held on to has at least this brightness: seen by who looks for it.
-const FAINT: f64 = 0.04;
+const MIN_HELD_BRIGHTNESS: f64 = 0.04;
 /// It is held on to for so far beyond the fade distance, metres.
-const MARGIN_M: f64 = 0.15;
+const HOLD_MARGIN_M: f64 = 0.15;
 /// And for so long after that, and after the thing has gone out of the scene: two looks of the reconstruction, nanoseconds.
 const HOLD_NS: i64 = 500_000_000;
 /// From dark to full in a tenth of a second: before a step has gone 10 cm.
@@ -26,52 +26,59 @@ const WIDE_RISE_PER_S: f64 = 4.0;
 /// From full to dark.
 const FALL_PER_S: f64 = 2.0;
 /// The same for a thing that is no longer there.
-const GONE_FALL_PER_S: f64 = 4.0;
+const MISSING_FALL_PER_S: f64 = 4.0;
 /// Faster than this a part of the body goes away, m/s.
-const LEAST_RECEDING_M_PER_S: f64 = 0.1;
+const MIN_RECEDING_M_PER_S: f64 = 0.1;
 /// A panel as wide as this from the eyes fills the view, radians.
-const WIDE_RAD: f64 = 1.6;
+const WIDE_PANEL_RAD: f64 = 1.6;
 
 /// A thing from frame to frame.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Track {
+pub(super) struct WarningState {
     /// As it was drawn last.
-    pub drawn: Option<Drawn>,
+    pub drawn: Option<WarningVisual>,
     /// Brightness, 0 to 1, before the user's.
     pub shown: f64,
     /// Brightness it wants to have.
     pub wanted: f64,
     is_on: bool,
     off_since_ns: Option<i64>,
-    is_gone: bool,
-    calm: [Calm; 2],
+    is_missing: bool,
+    habituation: [Habituation; 2],
     version: u64,
-    label: Label,
-    near: Option<Near>,
+    label: DistanceLabel,
+    near: Option<Proximity>,
 }
 
-impl Track {
+impl WarningState {
     /// Nothing is shown of it yet.
     pub fn new(version: u64) -> Self {
         Self { version, ..Self::default() }
     }
 
     /// What the thing wants now. `version` is another when the thing is not what it was.
-    pub fn look(&mut self, now_ns: i64, thing: &Thing, version: u64, wearer: &Wearer, settings: &WarningSettings) {
+    pub fn update(
+        &mut self,
+        now_ns: i64,
+        hazard: &Hazard,
+        version: u64,
+        body_model: &BodyModel,
+        settings: &WarningSettings,
+    ) {
         let is_other = self.version != version;
-        let is_fast = wearer.head_speed_m_per_s > FAST_M_PER_S;
-        (self.version, self.is_gone) = (version, false);
-        let urgencies = urgencies(&thing.nears(wearer, settings), settings);
+        let is_fast = body_model.head_speed_m_per_s > FAST_HEAD_M_PER_S;
+        (self.version, self.is_missing) = (version, false);
+        let urgencies = urgencies(&hazard.proximities(body_model, settings), settings);
         let (mut urgency, mut wanted) = (0.0f64, 0.0f64);
         let mut most: Option<Urgency> = None;
-        for (calm, this) in self.calm.iter_mut().zip(&urgencies) {
+        for (habituation, this) in self.habituation.iter_mut().zip(&urgencies) {
             let Some(this) = this else {
-                *calm = Calm::default();
+                *habituation = Habituation::default();
                 continue;
             };
             // Who goes away fast is not to have it brighten behind them.
-            let is_restless = is_other || (is_fast && this.near.closing_m_per_s > -LEAST_RECEDING_M_PER_S);
-            let left = calm.left(now_ns, this, is_restless, settings);
+            let is_active = is_other || (is_fast && this.near.closing_m_per_s > -MIN_RECEDING_M_PER_S);
+            let left = habituation.brightness_factor(now_ns, this, is_active, settings);
             urgency = urgency.max(this.value());
             wanted = wanted.max(this.by_contact).max(this.by_distance * left);
             if most.is_none_or(|most| this.value() > most.value()) {
@@ -80,14 +87,14 @@ impl Track {
         }
         self.near = most.map(|most| most.near);
         let is_within_margin =
-            urgencies[0].is_some_and(|body| body.near.distance_m < settings.fade_distance_m + MARGIN_M);
-        self.hold(now_ns, urgency > LEAST_URGENCY, is_within_margin && settings.by_distance(0.0) > 0.0);
-        self.wanted = if self.is_on { (wanted * thing.brightness(settings)).max(FAINT) } else { 0.0 };
+            urgencies[0].is_some_and(|body| body.near.distance_m < settings.fade_distance_m + HOLD_MARGIN_M);
+        self.hold(now_ns, urgency > MIN_URGENCY, is_within_margin && settings.by_distance(0.0) > 0.0);
+        self.wanted = if self.is_on { (wanted * hazard.brightness(settings)).max(MIN_HELD_BRIGHTNESS) } else { 0.0 };
     }
 
     /// The thing is not in the scene any more.
-    pub fn miss(&mut self, now_ns: i64) {
-        self.is_gone = true;
+    pub fn mark_missing(&mut self, now_ns: i64) {
+        self.is_missing = true;
         self.hold(now_ns, false, false);
         if !self.is_on {
             self.wanted = 0.0;
@@ -109,19 +116,19 @@ impl Track {
     pub fn change(&self, passed_s: f64, eyes_m: glam::DVec3) -> f64 {
         let is_wide = self.drawn.as_ref().is_some_and(|drawn| {
             let away_m = drawn.panel.tracking_from_panel.translation.distance(eyes_m).max(0.1);
-            2.0 * math::atan(drawn.panel.size_m.max_element() / 2.0 / away_m) > WIDE_RAD
+            2.0 * math::atan(drawn.panel.size_m.max_element() / 2.0 / away_m) > WIDE_PANEL_RAD
         });
         let rise = if is_wide { WIDE_RISE_PER_S } else { RISE_PER_S };
-        let fall = if self.is_gone { GONE_FALL_PER_S } else { FALL_PER_S };
+        let fall = if self.is_missing { MISSING_FALL_PER_S } else { FALL_PER_S };
         (self.wanted - self.shown).clamp(-fall * passed_s, rise * passed_s)
     }
 
     /// Lays out what is drawn anew; a thing that has nothing to show where the player is goes dark.
-    pub fn lay_out(&mut self, now_ns: i64, thing: &Thing, wearer: &Wearer, settings: &WarningSettings) {
-        let drawn = self.near.and_then(|near| thing.draw(wearer, &near, 0.0, settings).map(|drawn| (drawn, near)));
+    pub fn update_visual(&mut self, now_ns: i64, hazard: &Hazard, body_model: &BodyModel, settings: &WarningSettings) {
+        let drawn = self.near.and_then(|near| hazard.draw(body_model, &near, 0.0, settings).map(|drawn| (drawn, near)));
         match drawn {
             Some((mut drawn, near)) => {
-                drawn.panel.label_m = settings.labels.then(|| self.label.take(now_ns, near.gap_m));
+                drawn.panel.label_m = settings.labels.then(|| self.label.update(now_ns, near.gap_m));
                 self.drawn = Some(drawn);
             }
             None => self.wanted = 0.0,
@@ -134,8 +141,8 @@ impl Track {
     }
 
     /// As it is drawn with its brightness; `None` when it is dark.
-    pub fn lit(&self, settings: &WarningSettings) -> Option<Drawn> {
-        let alpha = settings.shown(self.shown);
+    pub fn visual(&self, settings: &WarningSettings) -> Option<WarningVisual> {
+        let alpha = settings.alpha_of(self.shown);
         let mut drawn = self.drawn.clone().filter(|_| alpha > 0.0)?;
         drawn.set_alpha(alpha);
         Some(drawn)

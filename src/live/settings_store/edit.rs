@@ -78,7 +78,7 @@ mod tests {
     const TEXT: &str = "# mine\n[warning] # how near\nfade_distance_m = 1.5   # from here\n# bright\nbrightness = 0.5\n\n[headset]\ndisplay = \"panels\"\n";
 
     #[test]
-    fn comments_and_everything_else_stay() {
+    fn edit_preserves_comments_and_other_values() {
         let changed = with_value(TEXT, "warning.fade_distance_m", &2.0.into()).unwrap();
         assert_eq!(changed, TEXT.replace("1.5", "2.0"));
         let changed = with_value(TEXT, "headset.display", &"stereo".into()).unwrap();
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_added() {
+    fn missing_values_are_added() {
         let changed = with_value(TEXT, "warning.footprints", &false.into()).unwrap();
         let lines: Vec<&str> = changed.lines().filter(|line| !TEXT.lines().any(|old| old == *line)).collect();
         assert_eq!(lines, ["footprints = false"]);
@@ -100,13 +100,13 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_changed_is_left() {
+    fn unchangeable_names_give_none() {
         assert_eq!(with_value("a = = b", "warning.brightness", &1.0.into()), None);
         assert_eq!(with_value("warning = 3", "warning.brightness", &1.0.into()), None);
     }
 
     #[test]
-    fn a_file_is_replaced_as_a_whole_and_its_folder_made() {
+    fn file_is_replaced_atomically_and_folder_created() {
         let folder = std::env::temp_dir().join(format!("radar-chaperone-edit-{}", std::process::id()));
         let path = folder.join("deep").join("settings.toml");
         replace(&path, "a = 1\n").unwrap();

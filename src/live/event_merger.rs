@@ -9,23 +9,23 @@ use radar_recording::Event;
 pub const MAX_WAITING: usize = 65_536;
 
 /// Puts two streams into one order. What comes later than it was waited for is handed on all the same, and counted.
-pub struct Merge {
+pub struct EventMerger {
     hold_ns: i64,
     waiting: BTreeMap<(i64, u64), Event>,
     next: u64,
-    handed_on_ns: i64,
+    emitted_ns: i64,
     late: u64,
 }
 
-impl Merge {
+impl EventMerger {
     /// Everything waits so long, nanoseconds of the host's clock.
     pub fn new(hold_ns: i64) -> Self {
-        Self { hold_ns, waiting: BTreeMap::new(), next: 0, handed_on_ns: i64::MIN, late: 0 }
+        Self { hold_ns, waiting: BTreeMap::new(), next: 0, emitted_ns: i64::MIN, late: 0 }
     }
 
     /// Takes an event of either stream.
     pub fn push(&mut self, event: Event) {
-        self.late += u64::from(event.time_ns() < self.handed_on_ns);
+        self.late += u64::from(event.time_ns() < self.emitted_ns);
         self.waiting.insert((event.time_ns(), self.next), event);
         self.next += 1;
     }
@@ -34,13 +34,13 @@ impl Merge {
     pub fn next_due(&mut self, now_ns: i64) -> Option<Event> {
         let (&(time_ns, _), _) = self.waiting.first_key_value()?;
         let is_due = time_ns.saturating_add(self.hold_ns) <= now_ns || self.waiting.len() > MAX_WAITING;
-        is_due.then(|| self.take())?
+        is_due.then(|| self.pop())?
     }
 
     /// The next event, however short it waited: nothing comes any more.
-    pub fn take(&mut self) -> Option<Event> {
+    pub fn pop(&mut self) -> Option<Event> {
         let ((time_ns, _), event) = self.waiting.pop_first()?;
-        self.handed_on_ns = self.handed_on_ns.max(time_ns);
+        self.emitted_ns = self.emitted_ns.max(time_ns);
         Some(event)
     }
 
@@ -74,13 +74,13 @@ mod tests {
         })
     }
 
-    fn due(merge: &mut Merge, now_ns: i64) -> Vec<i64> {
+    fn due(merge: &mut EventMerger, now_ns: i64) -> Vec<i64> {
         std::iter::from_fn(|| merge.next_due(now_ns)).map(|event| event.time_ns()).collect()
     }
 
     #[test]
-    fn both_streams_come_out_in_one_order() {
-        let mut merge = Merge::new(100);
+    fn events_come_out_in_time_order() {
+        let mut merge = EventMerger::new(100);
         [frame(50), frame(90), pose(40), pose(60), pose(120)].into_iter().for_each(|event| merge.push(event));
         assert_eq!(due(&mut merge, 150), [40, 50]);
         merge.push(pose(55));
@@ -91,13 +91,13 @@ mod tests {
 
     #[test]
     fn equal_times_keep_their_order_and_memory_is_bounded() {
-        let mut merge = Merge::new(i64::MAX);
+        let mut merge = EventMerger::new(i64::MAX);
         (0..MAX_WAITING as i64 + 10).for_each(|n| merge.push(pose(n / 2)));
         assert_eq!(due(&mut merge, 0), [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]);
-        let mut equal = Merge::new(0);
+        let mut equal = EventMerger::new(0);
         equal.push(pose(5));
         equal.push(frame(5));
-        assert!(matches!(equal.take(), Some(Event::Pose(_))) && matches!(equal.take(), Some(Event::Frame(_))));
-        assert!(equal.take().is_none());
+        assert!(matches!(equal.pop(), Some(Event::Pose(_))) && matches!(equal.pop(), Some(Event::Frame(_))));
+        assert!(equal.pop().is_none());
     }
 }

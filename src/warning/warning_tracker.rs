@@ -13,56 +13,56 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::body::Body;
+use super::body_model::{BodyModel, PostureEstimator};
+use super::hazard::{Hazard, HazardKey};
+use super::obstacle_body::ObstacleBody;
 use super::panel::{PanelKind, Shape, Warnings};
-use super::player::Player;
 use super::settings::WarningSettings;
-use super::thing::{Key, Thing};
-use super::track::Track;
-use super::warn::{MAX_QUADS, bodies, in_order};
-use super::wearer::{Stance, Wearer};
+use super::warn::{MAX_QUADS, bodies, sorted_by_brightness};
+use super::warning_state::WarningState;
+use super::wearer::Wearer;
 use radar_mapping::{Scene, Wall};
 
 /// Movement or growth beyond this is taken at once, metres: more than the voxels' edge, which is how far the rim flickers.
-const AT_ONCE_M: f64 = 0.075;
+const IMMEDIATE_CHANGE_M: f64 = 0.075;
 /// A body stays for so long although a good part of it differs, nanoseconds.
 const HOLD_NS: i64 = 500_000_000;
 /// It stays for so long when little differs.
 const LONG_HOLD_NS: i64 = 2_000_000_000;
 /// Little: this share of all places that either has.
-const LITTLE: f64 = 0.25;
+const SMALL_DIFFERENCE: f64 = 0.25;
 /// A thing of another id this near to where one has gone is that one, metres.
-const SAME_M: f64 = 0.25;
+const SAME_OBSTACLE_M: f64 = 0.25;
 /// Walls whose normals differ by less than this cosine's angle (8°), likewise.
-const SAME_COSINE: f64 = 0.99;
+const SAME_WALL_COSINE: f64 = 0.99;
 /// What a first frame, or one after a pause, counts for, seconds.
 const FIRST_FRAME_S: f64 = 0.011;
 /// A longer frame counts for this, seconds: what hung does not flash up when it goes on.
-const LONGEST_FRAME_S: f64 = 0.05;
+const MAX_FRAME_S: f64 = 0.05;
 /// After a longer pause all begins in the dark, nanoseconds.
 const PAUSE_NS: i64 = 500_000_000;
 /// Brightness of all panels together changes at most so fast: as fast as one and a half that come up.
-const ALL_CHANGE_PER_S: f64 = 15.0;
+const MAX_TOTAL_CHANGE_PER_S: f64 = 15.0;
 /// What is shown keeps its place among the eight before what is more urgent by less than this.
-const KEEPS_PLACE: f64 = 0.1;
+const SHOWN_BONUS: f64 = 0.1;
 
 /// A scene that is being watched. The same scenes and players in the same order give the same warnings.
 #[derive(Debug, Clone, Default)]
-pub struct Watch {
-    held: Vec<Held>,
+pub struct WarningTracker {
+    held: Vec<StableBody>,
     /// Bodies that went out of the scene a moment ago: they may come back.
-    gone: Vec<Held>,
+    gone: Vec<StableBody>,
     walls: Vec<(Wall, u64)>,
-    tracks: BTreeMap<Key, Track>,
-    stance: Stance,
+    states: BTreeMap<HazardKey, WarningState>,
+    posture: PostureEstimator,
     last_ns: Option<i64>,
     /// Counts what is not what it was.
     versions: u64,
 }
 
 #[derive(Debug, Clone)]
-struct Held {
-    body: Body,
+struct StableBody {
+    body: ObstacleBody,
     since_ns: i64,
     /// Time of the last scene that had it.
     seen_ns: i64,
@@ -70,14 +70,14 @@ struct Held {
     version: u64,
 }
 
-impl Watch {
+impl WarningTracker {
     /// Nothing seen yet.
     pub fn new() -> Self {
         Self::default()
     }
 
     /// Takes the newest scene.
-    pub fn see(&mut self, scene: &Scene) {
+    pub fn update(&mut self, scene: &Scene) {
         self.versions += 1;
         let mut before = std::mem::take(&mut self.held);
         before.append(&mut self.gone);
@@ -85,21 +85,21 @@ impl Watch {
         newer.sort_by_key(|body| body.id);
         let mut taken: BTreeSet<u64> = newer.iter().map(|body| body.id).collect();
         for body in newer {
-            let by_place = |held: &&Held| !taken.contains(&held.body.id) && held.is_replaced_by(&body);
+            let by_place = |held: &&StableBody| !taken.contains(&held.body.id) && held.is_replaced_by(&body);
             let known = before.iter().find(|held| held.body.id == body.id).or_else(|| before.iter().find(by_place));
             if let Some(known) = known {
                 taken.insert(known.body.id);
-                self.rename(Key::Object(known.body.id), Key::Object(body.id));
+                self.rename(HazardKey::Object(known.body.id), HazardKey::Object(body.id));
             }
-            self.held.push(Held::of(body, known, scene.time_ns, self.versions));
+            self.held.push(StableBody::of(body, known, scene.time_ns, self.versions));
         }
-        let is_recent = |held: &Held| (0..LONG_HOLD_NS).contains(&scene.time_ns.saturating_sub(held.seen_ns));
+        let is_recent = |held: &StableBody| (0..LONG_HOLD_NS).contains(&scene.time_ns.saturating_sub(held.seen_ns));
         before.retain(|held| !taken.contains(&held.body.id) && is_recent(held));
         self.gone = before;
-        self.see_walls(&scene.walls);
+        self.update_walls(&scene.walls);
     }
 
-    fn see_walls(&mut self, walls: &[Wall]) {
+    fn update_walls(&mut self, walls: &[Wall]) {
         let before = std::mem::take(&mut self.walls);
         let gone: Vec<_> = before.iter().filter(|(old, _)| !walls.iter().any(|wall| wall.id == old.id)).collect();
         let mut taken = BTreeSet::new();
@@ -108,7 +108,7 @@ impl Watch {
             let known =
                 known.or_else(|| gone.iter().find(|(old, _)| is_same(old, wall) && taken.insert(old.id)).copied());
             if let Some((old, _)) = known {
-                self.rename(Key::Wall(old.id), Key::Wall(wall.id));
+                self.rename(HazardKey::Wall(old.id), HazardKey::Wall(wall.id));
             }
             let version = known.filter(|(old, _)| is_same(old, wall)).map_or(self.versions, |(_, version)| *version);
             self.walls.push((wall.clone(), version));
@@ -116,34 +116,34 @@ impl Watch {
     }
 
     /// What was shown under one key goes on under another.
-    fn rename(&mut self, from: Key, to: Key) {
+    fn rename(&mut self, from: HazardKey, to: HazardKey) {
         if from == to {
             return;
         }
-        if let Some(mut track) = self.tracks.remove(&from) {
-            let (Key::Object(id) | Key::Wall(id)) = to;
-            track.drawn.iter_mut().for_each(|drawn| drawn.set_id(id));
-            self.tracks.insert(to, track);
+        if let Some(mut state) = self.states.remove(&from) {
+            let (HazardKey::Object(id) | HazardKey::Wall(id)) = to;
+            state.drawn.iter_mut().for_each(|drawn| drawn.set_id(id));
+            self.states.insert(to, state);
         }
     }
 
     /// What to draw for the player now. Brightness begins in the dark and comes up within a tenth of a second; call it every frame.
     /// A player whose head is in no place gives nothing. With [`WarningSettings::labels`] panels have the room between body and thing
     /// to write on them.
-    pub fn warn(&mut self, player: &Player, settings: &WarningSettings) -> Warnings {
-        let Some(wearer) = self.stance.take(player) else { return Warnings::default() };
-        let now_ns = player.time_ns;
+    pub fn warn(&mut self, wearer: &Wearer, settings: &WarningSettings) -> Warnings {
+        let Some(body_model) = self.posture.update(wearer) else { return Warnings::default() };
+        let now_ns = wearer.time_ns;
         let passed_s = self.passed_s(now_ns);
-        self.look(now_ns, &wearer, settings);
-        self.leave_eight();
-        let changes: Vec<f64> = self.tracks.values().map(|track| track.change(passed_s, wearer.head_m)).collect();
+        self.update_states(now_ns, &body_model, settings);
+        self.drop_beyond_max();
+        let changes: Vec<f64> = self.states.values().map(|state| state.change(passed_s, body_model.head_m)).collect();
         let sum: f64 = changes.iter().map(|change| change.abs()).sum();
-        let slowed = (ALL_CHANGE_PER_S * passed_s / sum.max(1e-12)).min(1.0);
-        for (track, change) in self.tracks.values_mut().zip(changes) {
-            track.shown = (track.shown + slowed * change).clamp(0.0, 1.0);
+        let slowed = (MAX_TOTAL_CHANGE_PER_S * passed_s / sum.max(1e-12)).min(1.0);
+        for (state, change) in self.states.values_mut().zip(changes) {
+            state.shown = (state.shown + slowed * change).clamp(0.0, 1.0);
         }
-        self.tracks.retain(|_, track| !track.is_over());
-        in_order(self.tracks.values().filter_map(|track| track.lit(settings)))
+        self.states.retain(|_, state| !state.is_over());
+        sorted_by_brightness(self.states.values().filter_map(|state| state.visual(settings)))
     }
 
     /// Seconds since the last frame, as far as they count.
@@ -152,41 +152,41 @@ impl Watch {
         self.last_ns = Some(now_ns);
         match passed_ns {
             Some(ns) if ns <= 0 => 0.0,
-            Some(ns) if ns <= PAUSE_NS => (ns as f64 * 1e-9).min(LONGEST_FRAME_S),
+            Some(ns) if ns <= PAUSE_NS => (ns as f64 * 1e-9).min(MAX_FRAME_S),
             _ => {
-                self.tracks.values_mut().for_each(|track| track.shown = 0.0);
+                self.states.values_mut().for_each(|state| state.shown = 0.0);
                 FIRST_FRAME_S
             }
         }
     }
 
     /// What each thing wants, and how it is drawn.
-    fn look(&mut self, now_ns: i64, wearer: &Wearer, settings: &WarningSettings) {
-        let bodies = self.held.iter().map(|held| (Thing::Object(&held.body), held.version));
-        let walls = self.walls.iter().map(|(wall, version)| (Thing::Wall(wall), *version));
+    fn update_states(&mut self, now_ns: i64, body_model: &BodyModel, settings: &WarningSettings) {
+        let bodies = self.held.iter().map(|held| (Hazard::Object(&held.body), held.version));
+        let walls = self.walls.iter().map(|(wall, version)| (Hazard::Wall(wall), *version));
         let mut there = BTreeSet::new();
-        for (thing, version) in bodies.chain(walls) {
-            there.insert(thing.key());
-            let known = self.tracks.entry(thing.key());
-            let track = known.or_insert_with(|| Track::new(version));
-            track.look(now_ns, &thing, version, wearer, settings);
-            if !track.is_over() {
-                track.lay_out(now_ns, &thing, wearer, settings);
+        for (hazard, version) in bodies.chain(walls) {
+            there.insert(hazard.key());
+            let known = self.states.entry(hazard.key());
+            let state = known.or_insert_with(|| WarningState::new(version));
+            state.update(now_ns, &hazard, version, body_model, settings);
+            if !state.is_over() {
+                state.update_visual(now_ns, &hazard, body_model, settings);
             }
         }
-        for (_, track) in self.tracks.iter_mut().filter(|(key, _)| !there.contains(key)) {
-            track.miss(now_ns);
+        for (_, state) in self.states.iter_mut().filter(|(key, _)| !there.contains(key)) {
+            state.mark_missing(now_ns);
         }
     }
 
     /// Only eight can be shown: the others want to be dark.
-    fn leave_eight(&mut self) {
-        let rank = |track: &Track| track.wanted + if track.shown > 0.0 { KEEPS_PLACE } else { 0.0 };
-        let mut wanting: Vec<(f64, Key)> =
-            self.tracks.iter().filter(|(_, t)| t.wanted > 0.0).map(|(key, track)| (rank(track), *key)).collect();
+    fn drop_beyond_max(&mut self) {
+        let rank = |state: &WarningState| state.wanted + if state.shown > 0.0 { SHOWN_BONUS } else { 0.0 };
+        let mut wanting: Vec<(f64, HazardKey)> =
+            self.states.iter().filter(|(_, t)| t.wanted > 0.0).map(|(key, state)| (rank(state), *key)).collect();
         wanting.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         for (_, key) in wanting.iter().skip(MAX_QUADS) {
-            self.tracks.entry(*key).and_modify(|track| track.wanted = 0.0);
+            self.states.entry(*key).and_modify(|state| state.wanted = 0.0);
         }
     }
 
@@ -194,76 +194,78 @@ impl Watch {
     pub fn shapes(&self, warnings: &Warnings) -> Vec<Shape> {
         let objects = warnings.panels.iter().filter(|panel| panel.kind != PanelKind::Wall);
         let shape = |panel: &super::Panel| {
-            let shape = self.tracks.get(&Key::Object(panel.id))?.drawn.as_ref()?.shape.clone()?;
+            let shape = self.states.get(&HazardKey::Object(panel.id))?.drawn.as_ref()?.shape.clone()?;
             Some(Shape { alpha: panel.alpha, ..shape })
         };
         objects.filter_map(shape).collect()
     }
 
     /// Holds nothing any more: for when the room is another one.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         *self = Self::default();
     }
 
     /// The room is the same, but the frame it is seen in another one: what it holds on to stands elsewhere, and the next scene and player are
     /// in the new frame. Brightness stays, so that recentring is no blink.
-    pub fn displace(&mut self) {
+    pub fn change_frame(&mut self) {
         (self.held, self.gone, self.walls) = (Vec::new(), Vec::new(), Vec::new());
-        self.stance = Stance::default();
-        self.tracks.values_mut().for_each(|track| track.drawn = None);
+        self.posture = PostureEstimator::default();
+        self.states.values_mut().for_each(|state| state.drawn = None);
     }
 }
 
 fn is_same(a: &Wall, b: &Wall) -> bool {
     let middle = a.plane.foot(a.seen_at.center());
-    a.plane.outward.dot(b.plane.outward) > SAME_COSINE && b.plane.distance(middle).abs() < AT_ONCE_M
+    a.plane.outward.dot(b.plane.outward) > SAME_WALL_COSINE && b.plane.distance(middle).abs() < IMMEDIATE_CHANGE_M
 }
 
-impl Held {
+impl StableBody {
     /// The body, or the one before where it stays.
-    fn of(body: Body, known: Option<&Held>, now_ns: i64, version: u64) -> Self {
+    fn of(body: ObstacleBody, known: Option<&StableBody>, now_ns: i64, version: u64) -> Self {
         let Some(known) = known else { return Self { body, since_ns: now_ns, seen_ns: now_ns, version } };
         let age_ns = now_ns.saturating_sub(known.since_ns);
-        if age_ns < 0 || !known.is_much_like(&body) {
+        if age_ns < 0 || !known.is_similar_to(&body) {
             Self { body, since_ns: now_ns, seen_ns: now_ns, version }
-        } else if known.outlasts(&body, age_ns) {
-            Self { body: known.body.standing_for(&body), seen_ns: now_ns, ..*known }
+        } else if known.stays_over(&body, age_ns) {
+            Self { body: known.body.with_identity_of(&body), seen_ns: now_ns, ..*known }
         } else {
             Self { body, since_ns: now_ns, seen_ns: now_ns, version: known.version }
         }
     }
 
     /// Whether a body of another id is this one.
-    fn is_replaced_by(&self, body: &Body) -> bool {
+    fn is_replaced_by(&self, body: &ObstacleBody) -> bool {
         let (old, new) = (&self.body, body);
         let apart = (old.around.min - new.around.max).max(new.around.min - old.around.max).max_element();
-        old.comes_m_per_s.is_none()
-            && new.comes_m_per_s.is_none()
+        old.approach_m_per_s.is_none()
+            && new.approach_m_per_s.is_none()
             && old.has_shape == new.has_shape
-            && apart <= AT_ONCE_M
-            && old.anchor.distance(new.anchor) <= SAME_M
+            && apart <= IMMEDIATE_CHANGE_M
+            && old.anchor.distance(new.anchor) <= SAME_OBSTACLE_M
     }
 
     /// Whether nothing about the newer body has to be known at once.
-    fn is_much_like(&self, new: &Body) -> bool {
-        if new.comes_m_per_s.is_some() {
+    fn is_similar_to(&self, new: &ObstacleBody) -> bool {
+        if new.approach_m_per_s.is_some() {
             return false;
         }
         let old = &self.body;
         let growth = (old.around.min - new.around.min).max(new.around.max - old.around.max).max_element();
-        old.has_shape == new.has_shape && old.anchor.distance(new.anchor) <= AT_ONCE_M && growth <= AT_ONCE_M
+        old.has_shape == new.has_shape
+            && old.anchor.distance(new.anchor) <= IMMEDIATE_CHANGE_M
+            && growth <= IMMEDIATE_CHANGE_M
     }
 
     /// Whether this body, so old, stays although a newer one is there that is much like it.
-    fn outlasts(&self, new: &Body, age_ns: i64) -> bool {
+    fn stays_over(&self, new: &ObstacleBody, age_ns: i64) -> bool {
         let old = &self.body;
-        age_ns < if difference(old, new) > LITTLE { HOLD_NS } else { LONG_HOLD_NS }
+        age_ns < if difference(old, new) > SMALL_DIFFERENCE { HOLD_NS } else { LONG_HOLD_NS }
     }
 }
 
 /// The share of places that only one of the two has.
-fn difference(a: &Body, b: &Body) -> f64 {
-    let places = |body: &Body| -> BTreeSet<[i64; 3]> {
+fn difference(a: &ObstacleBody, b: &ObstacleBody) -> f64 {
+    let places = |body: &ObstacleBody| -> BTreeSet<[i64; 3]> {
         body.points.iter().map(|p| (*p * 100.0).round().to_array().map(|v| v as i64)).collect()
     };
     let (a, b) = (places(a), places(b));
@@ -304,95 +306,95 @@ mod tests {
     const SETTLE: i64 = 150;
     const FRAME_NS: i64 = 11_000_000;
 
-    fn stands(time_ns: i64) -> Player {
-        Player::head_only(time_ns, Pose::from_translation(DVec3::new(0.0, 1.6, 0.0)))
+    fn stands(time_ns: i64) -> Wearer {
+        Wearer::head_only(time_ns, Pose::from_translation(DVec3::new(0.0, 1.6, 0.0)))
     }
 
-    fn seen(watch: &mut Watch, scene: &Scene) -> Warnings {
-        watch.see(scene);
-        let from_ns = watch.last_ns.unwrap_or(0);
+    fn seen(tracker: &mut WarningTracker, scene: &Scene) -> Warnings {
+        tracker.update(scene);
+        let from_ns = tracker.last_ns.unwrap_or(0);
         let all =
-            (1..=SETTLE).map(|frame| watch.warn(&stands(from_ns + frame * FRAME_NS), &WarningSettings::default()));
+            (1..=SETTLE).map(|frame| tracker.warn(&stands(from_ns + frame * FRAME_NS), &WarningSettings::default()));
         all.last().unwrap()
     }
 
     #[test]
-    fn a_flickering_rim_is_held_and_taken_after_two_seconds() {
-        let mut watch = Watch::new();
-        let first = seen(&mut watch, &scene(0.0, vec![column(1, 0.0)]));
+    fn small_shape_changes_apply_after_two_seconds() {
+        let mut tracker = WarningTracker::new();
+        let first = seen(&mut tracker, &scene(0.0, vec![column(1, 0.0)]));
         let mut flickers = column(1, 0.0);
         flickers.shape.truncate(190);
         flickers.position_m.x += 0.01;
-        assert_eq!(seen(&mut watch, &scene(1.9, vec![flickers.clone()])), first);
-        let later = seen(&mut watch, &scene(2.0, vec![flickers.clone()]));
+        assert_eq!(seen(&mut tracker, &scene(1.9, vec![flickers.clone()])), first);
+        let later = seen(&mut tracker, &scene(2.0, vec![flickers.clone()]));
         assert_ne!(later, first);
-        assert_eq!(later, seen(&mut Watch::new(), &scene(2.0, vec![flickers])));
+        assert_eq!(later, seen(&mut WarningTracker::new(), &scene(2.0, vec![flickers])));
     }
 
     #[test]
-    fn what_shrinks_waits_half_a_second_and_what_grows_is_there_at_once() {
-        let mut watch = Watch::new();
-        let whole = seen(&mut watch, &scene(0.0, vec![column(1, 0.0)]));
+    fn shrinking_waits_half_a_second_and_growth_is_immediate() {
+        let mut tracker = WarningTracker::new();
+        let whole = seen(&mut tracker, &scene(0.0, vec![column(1, 0.0)]));
         let mut half = column(1, 0.0);
         half.shape.truncate(100);
-        assert_eq!(seen(&mut watch, &scene(0.4, vec![half.clone()])), whole);
-        assert_ne!(seen(&mut watch, &scene(0.5, vec![half])), whole);
-        assert_eq!(seen(&mut watch, &scene(0.6, vec![column(1, 0.0)])), whole);
+        assert_eq!(seen(&mut tracker, &scene(0.4, vec![half.clone()])), whole);
+        assert_ne!(seen(&mut tracker, &scene(0.5, vec![half])), whole);
+        assert_eq!(seen(&mut tracker, &scene(0.6, vec![column(1, 0.0)])), whole);
     }
 
     #[test]
-    fn what_moves_comes_or_goes_does_so_at_once() {
-        let mut watch = Watch::new();
-        let first = seen(&mut watch, &scene(0.0, vec![column(1, 0.0)]));
-        let moved = seen(&mut watch, &scene(0.1, vec![column(1, 0.1)]));
+    fn moves_arrivals_and_removals_are_immediate() {
+        let mut tracker = WarningTracker::new();
+        let first = seen(&mut tracker, &scene(0.0, vec![column(1, 0.0)]));
+        let moved = seen(&mut tracker, &scene(0.1, vec![column(1, 0.1)]));
         assert_ne!(moved, first);
-        assert_eq!(moved, seen(&mut Watch::new(), &scene(0.1, vec![column(1, 0.1)])));
-        assert_eq!(seen(&mut watch, &scene(0.2, vec![column(1, 0.1), column(2, -1.2)])).panels.len(), 2);
-        assert_eq!(seen(&mut watch, &scene(0.3, vec![])), Warnings::default());
-        watch.see(&scene(0.4, vec![column(1, 0.0)]));
-        watch.forget();
-        assert_eq!(watch.warn(&stands(0), &WarningSettings::default()), Warnings::default());
+        assert_eq!(moved, seen(&mut WarningTracker::new(), &scene(0.1, vec![column(1, 0.1)])));
+        assert_eq!(seen(&mut tracker, &scene(0.2, vec![column(1, 0.1), column(2, -1.2)])).panels.len(), 2);
+        assert_eq!(seen(&mut tracker, &scene(0.3, vec![])), Warnings::default());
+        tracker.update(&scene(0.4, vec![column(1, 0.0)]));
+        tracker.reset();
+        assert_eq!(tracker.warn(&stands(0), &WarningSettings::default()), Warnings::default());
     }
 
     #[test]
-    fn time_that_runs_backwards_holds_nothing() {
-        let mut watch = Watch::new();
-        seen(&mut watch, &scene(10.0, vec![column(1, 0.0)]));
+    fn backward_time_holds_no_body() {
+        let mut tracker = WarningTracker::new();
+        seen(&mut tracker, &scene(10.0, vec![column(1, 0.0)]));
         let mut other = column(1, 0.0);
         other.shape.truncate(199);
         let early = scene(1.0, vec![other]);
-        assert_eq!(seen(&mut watch, &early), seen(&mut Watch::new(), &early));
+        assert_eq!(seen(&mut tracker, &early), seen(&mut WarningTracker::new(), &early));
     }
 
     #[test]
-    fn evidence_going_up_and_down_changes_nothing() {
+    fn evidence_changes_keep_the_body() {
         let (a, b) = (column(1, 0.0), column(2, 0.55));
         let (mut weak, mut strong) = (a.clone(), b.clone());
         (weak.evidence, strong.evidence) = (9.0, 11.0);
-        let once = seen(&mut Watch::new(), &scene(0.0, vec![a, b]));
+        let once = seen(&mut WarningTracker::new(), &scene(0.0, vec![a, b]));
         assert_eq!((once.panels.len(), once.panels[0].id), (1, 1), "one group, named after the one known longest");
-        assert_eq!(once, seen(&mut Watch::new(), &scene(0.0, vec![strong, weak])));
+        assert_eq!(once, seen(&mut WarningTracker::new(), &scene(0.0, vec![strong, weak])));
     }
 
     #[test]
-    fn shapes_are_those_of_the_panels() {
-        let mut watch = Watch::new();
-        let warnings = seen(&mut watch, &scene(0.0, vec![column(1, 0.0), column(7, 30.0)]));
-        let shapes = watch.shapes(&warnings);
+    fn shapes_follow_the_panel_order() {
+        let mut tracker = WarningTracker::new();
+        let warnings = seen(&mut tracker, &scene(0.0, vec![column(1, 0.0), column(7, 30.0)]));
+        let shapes = tracker.shapes(&warnings);
         assert_eq!((shapes.len(), shapes[0].id, shapes[0].points_m.len()), (1, 1, 200));
         assert_eq!(shapes[0].alpha, warnings.panels[0].alpha);
         let bare = warnings.without_silhouettes();
         assert_eq!((bare.panels[0].kind, bare.panels[0].silhouette.len()), (PanelKind::Pane, 0));
-        assert_eq!(watch.shapes(&bare), shapes);
+        assert_eq!(tracker.shapes(&bare), shapes);
     }
 
     /// The brightness of each frame while a player goes along a path in seconds.
-    fn alphas(watch: &mut Watch, frames: std::ops::Range<i64>, place: impl Fn(f64) -> DVec3) -> Vec<f64> {
+    fn alphas(tracker: &mut WarningTracker, frames: std::ops::Range<i64>, place: impl Fn(f64) -> DVec3) -> Vec<f64> {
         let settings = WarningSettings::default();
         let alpha = |frame: i64| {
             let time_ns = frame * FRAME_NS;
             let pose = Pose::from_translation(place(time_ns as f64 * 1e-9));
-            let warnings = watch.warn(&Player::head_only(time_ns, pose), &settings);
+            let warnings = tracker.warn(&Wearer::head_only(time_ns, pose), &settings);
             warnings.panels.first().map_or(0.0, |panel| f64::from(panel.alpha))
         };
         frames.map(alpha).collect()
@@ -405,14 +407,14 @@ mod tests {
         Wall { id, plane, evidence: 5.0, seen_at, provisional: false, first_seen_ns: 0, last_seen_ns: 0 }
     }
 
-    fn before_a_wall(ahead_m: f64) -> Watch {
-        let mut watch = Watch::new();
-        watch.see(&Scene { time_ns: 0, obstacles: vec![], walls: vec![wall(1, ahead_m)], moving: vec![] });
-        watch
+    fn before_a_wall(ahead_m: f64) -> WarningTracker {
+        let mut tracker = WarningTracker::new();
+        tracker.update(&Scene { time_ns: 0, obstacles: vec![], walls: vec![wall(1, ahead_m)], moving: vec![] });
+        tracker
     }
 
     #[test]
-    fn who_runs_at_a_wall_is_warned_before_who_strolls() {
+    fn running_is_warned_before_walking() {
         let lit_from_m = |speed_m_per_s: f64| {
             let place = |time_s: f64| DVec3::new(0.0, 1.6, -(time_s - 1.0).max(0.0) * speed_m_per_s);
             let lit = alphas(&mut before_a_wall(3.5), 0..600, place);
@@ -425,15 +427,15 @@ mod tests {
     }
 
     #[test]
-    fn who_stands_still_is_not_nagged_and_is_warned_at_once_when_going_on() {
-        let mut watch = before_a_wall(0.8);
+    fn standing_still_dims_and_approaching_restores_warnings() {
+        let mut tracker = before_a_wall(0.8);
         let sways = |time_s: f64| DVec3::new(0.0, 1.6, 0.02 * (2.0 * time_s).sin());
-        let stood = alphas(&mut watch, 0..1000, sways);
+        let stood = alphas(&mut tracker, 0..1000, sways);
         let dim = stood[999] / stood[300];
         assert!((0.2..0.45).contains(&dim), "{} of {}", stood[999], stood[300]);
         assert!(stood[300..].windows(2).all(|pair| (pair[0] - pair[1]).abs() < 0.05));
         let goes = |time_s: f64| sways(time_s) - DVec3::Z * (time_s - 11.0).max(0.0) * 0.6;
-        let went = alphas(&mut watch, 1000..1040, goes);
+        let went = alphas(&mut tracker, 1000..1040, goes);
         assert!(went[27] > stood[300], "a quarter of a second and 18 cm later: {went:?}");
         let mut nearer = before_a_wall(0.2);
         let close = alphas(&mut nearer, 0..1000, |_| DVec3::Y * 1.6);
@@ -445,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_a_wall_and_within_a_thing_it_stays_bright() {
+    fn contact_never_dims() {
         for beyond_m in [0.0, 0.2, 0.45] {
             let lit = alphas(&mut before_a_wall(0.5), 0..1200, |_| DVec3::new(0.0, 1.6, -0.5 - beyond_m));
             assert_eq!(lit[1199], 1.0, "{beyond_m} m beyond");
@@ -454,23 +456,23 @@ mod tests {
         assert_eq!(far[99], 0.0);
         let mut hollow = column(1, -0.5);
         hollow.shape.extend(hollow.shape.clone().iter().map(|(p, s)| (*p - DVec3::Z * 0.9, *s)));
-        let mut watch = Watch::new();
-        watch.see(&scene(0.0, vec![hollow]));
-        let within = alphas(&mut watch, 0..1200, |_| DVec3::new(-0.3, 1.6, -1.25));
+        let mut tracker = WarningTracker::new();
+        tracker.update(&scene(0.0, vec![hollow]));
+        let within = alphas(&mut tracker, 0..1200, |_| DVec3::new(-0.3, 1.6, -1.25));
         assert_eq!(within[1199], 1.0);
     }
 
     #[test]
-    fn a_hand_that_swings_at_a_thing_lights_it() {
-        let mut watch = Watch::new();
-        watch.see(&scene(0.0, vec![column(1, -0.25)]));
+    fn hand_swing_brightens_the_obstacle() {
+        let mut tracker = WarningTracker::new();
+        tracker.update(&scene(0.0, vec![column(1, -0.25)]));
         let settings = WarningSettings { fade_distance_m: 0.6, ..Default::default() };
         let mut lit = Vec::new();
         for frame in 0..100 {
             let reach_m = if frame < 60 { 0.0 } else { 0.025 * f64::from(frame - 60) };
             let hand = DVec3::new(0.2, 0.8, -0.1 - reach_m.min(0.5));
-            let player = Player { hands_m: [None, Some(hand)], ..stands(i64::from(frame) * FRAME_NS) };
-            let warnings = watch.warn(&player, &settings);
+            let wearer = Wearer { hands_m: [None, Some(hand)], ..stands(i64::from(frame) * FRAME_NS) };
+            let warnings = tracker.warn(&wearer, &settings);
             lit.push(warnings.panels.first().map(|panel| (panel.alpha, panel.nearest_part, panel.time_to_contact_s)));
         }
         assert_eq!(lit[59], None, "a hand at rest 0.6 m away");
@@ -479,27 +481,27 @@ mod tests {
     }
 
     #[test]
-    fn nothing_flashes_up() {
+    fn new_warnings_fade_in() {
         let mut all: Vec<Obstacle> = (0..8).map(|n| column(n, 1.3 * n as f64 - 5.0)).collect();
-        for (n, thing) in all.iter_mut().enumerate() {
+        for (n, hazard) in all.iter_mut().enumerate() {
             let away = DVec3::new(-1.3 * n as f64 + 4.75, 0.0, 0.8);
             let to = glam::DQuat::from_rotation_y(n as f64 * 0.785) * DVec3::new(0.0, 0.0, -0.75);
-            thing.position_m += away + to;
-            thing.shape.iter_mut().for_each(|(place, _)| *place += away + to);
+            hazard.position_m += away + to;
+            hazard.shape.iter_mut().for_each(|(place, _)| *place += away + to);
         }
-        let mut watch = Watch::new();
-        watch.see(&scene(0.0, all));
+        let mut tracker = WarningTracker::new();
+        tracker.update(&scene(0.0, all));
         let (mut sums, settings) = (Vec::new(), WarningSettings::default());
         for frame in 0..100 {
             // A pause and a stumble of the frame loop in the middle.
             let time_ns = frame * FRAME_NS
                 + if frame > 60 { 300_000_000 } else { 0 }
                 + if frame > 80 { 5_000_000_000 } else { 0 };
-            let warnings = watch.warn(&stands(time_ns), &settings);
+            let warnings = tracker.warn(&stands(time_ns), &settings);
             sums.push(warnings.panels.iter().map(|panel| f64::from(panel.alpha)).sum::<f64>());
         }
         let rises = sums.windows(2).map(|pair| pair[1] - pair[0]);
-        assert!(sums[50] > 3.0 && rises.fold(0.0, f64::max) <= ALL_CHANGE_PER_S * LONGEST_FRAME_S + 1e-6, "{sums:?}");
+        assert!(sums[50] > 3.0 && rises.fold(0.0, f64::max) <= MAX_TOTAL_CHANGE_PER_S * MAX_FRAME_S + 1e-6, "{sums:?}");
         assert!(sums[81] < 0.2, "after a long pause it begins in the dark");
         let wide = alphas(&mut before_a_wall(0.35), 0..60, |_| DVec3::Y * 1.6);
         let full = wide.iter().position(|alpha| *alpha >= 0.95).unwrap() as f64 * FRAME_NS as f64 * 1e-9;
@@ -507,16 +509,16 @@ mod tests {
     }
 
     #[test]
-    fn what_goes_fades_and_what_is_called_otherwise_goes_on() {
-        let mut watch = Watch::new();
-        let before = seen(&mut watch, &scene(0.0, vec![column(1, 0.0)]));
-        let from = watch.last_ns.unwrap() / FRAME_NS + 1;
-        watch.see(&scene(0.25, vec![column(7, 0.02)]));
-        let renamed = watch.warn(&stands(from * FRAME_NS), &WarningSettings::default());
+    fn missing_obstacles_fade_and_renamed_ones_continue() {
+        let mut tracker = WarningTracker::new();
+        let before = seen(&mut tracker, &scene(0.0, vec![column(1, 0.0)]));
+        let from = tracker.last_ns.unwrap() / FRAME_NS + 1;
+        tracker.update(&scene(0.25, vec![column(7, 0.02)]));
+        let renamed = tracker.warn(&stands(from * FRAME_NS), &WarningSettings::default());
         assert_eq!((renamed.panels[0].id, renamed.panels[0].alpha), (7, before.panels[0].alpha));
         assert_eq!(renamed.panels[0].silhouette, before.panels[0].silhouette, "not drawn anew");
-        watch.see(&scene(0.5, vec![]));
-        let fading = alphas(&mut watch, from + 1..from + 80, |_| DVec3::Y * 1.6);
+        tracker.update(&scene(0.5, vec![]));
+        let fading = alphas(&mut tracker, from + 1..from + 80, |_| DVec3::Y * 1.6);
         assert_eq!(f64::from(before.panels[0].alpha), fading[40], "held for two looks");
         assert!(
             fading.windows(2).all(|pair| pair[0] - pair[1] < 0.05 && pair[0] >= pair[1]) && fading[78] == 0.0,
@@ -525,29 +527,29 @@ mod tests {
     }
 
     #[test]
-    fn noise_at_the_edges_makes_no_flicker() {
+    fn noise_at_the_fade_distance_does_not_flicker() {
         let mut state = 1u64;
         let mut noise = move || {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
             (state >> 33) as f64 / f64::from(1u32 << 31)
         };
         // At the fade distance, jittering by 4 cm, gone in every fifth look, and called otherwise in every tenth.
-        let mut watch = Watch::new();
+        let mut tracker = WarningTracker::new();
         let (mut lit, mut id) = (Vec::new(), 1);
         let settings = WarningSettings::default();
         for frame in 0..(60 * 90) {
             if frame % 22 == 0 {
                 id += u64::from(noise() < 0.1);
-                let mut thing = column(id, -0.25);
+                let mut hazard = column(id, -0.25);
                 let jitter = DVec3::new(noise() - 0.5, noise() - 0.5, noise() - 0.5) * 0.08 - DVec3::Z * 0.67;
-                thing.position_m += jitter;
-                thing.shape.iter_mut().for_each(|(place, _)| *place += jitter);
+                hazard.position_m += jitter;
+                hazard.shape.iter_mut().for_each(|(place, _)| *place += jitter);
                 let there = noise() > 0.2;
-                watch.see(&scene(frame as f64 * 0.011, if there { vec![thing] } else { vec![] }));
+                tracker.update(&scene(frame as f64 * 0.011, if there { vec![hazard] } else { vec![] }));
             }
             let sway = DVec3::new(0.0, 1.6, 0.01 * (frame as f64 * 0.02).sin());
-            let player = Player::head_only(frame * FRAME_NS, Pose::from_translation(sway));
-            lit.push(watch.warn(&player, &settings).panels.first().map_or(0.0, |panel| f64::from(panel.alpha)));
+            let wearer = Wearer::head_only(frame * FRAME_NS, Pose::from_translation(sway));
+            lit.push(tracker.warn(&wearer, &settings).panels.first().map_or(0.0, |panel| f64::from(panel.alpha)));
         }
         let switches = lit.windows(2).filter(|pair| (pair[0] > 0.0) != (pair[1] > 0.0)).count();
         // A reversal that can be seen: brightness that turned by more than 3 % of full.
@@ -563,12 +565,13 @@ mod tests {
     }
 
     #[test]
-    fn the_same_players_give_the_same_warnings_and_wrong_times_do_no_harm() {
+    fn tracker_is_deterministic_and_tolerates_bad_times() {
         let times = [0, 11, 22, 22, 22, 10, 21, 5000, 5011, -9_000_000_000_000, i64::MAX / 1_000_000, 33];
         let play = || {
-            let mut watch = Watch::new();
-            watch.see(&scene(0.0, vec![column(1, 0.0), column(2, -1.2)]));
-            let at = |time_ms: i64| watch.warn(&stands(time_ms.saturating_mul(1_000_000)), &WarningSettings::default());
+            let mut tracker = WarningTracker::new();
+            tracker.update(&scene(0.0, vec![column(1, 0.0), column(2, -1.2)]));
+            let at =
+                |time_ms: i64| tracker.warn(&stands(time_ms.saturating_mul(1_000_000)), &WarningSettings::default());
             times.map(at)
         };
         let once = play();
@@ -578,16 +581,16 @@ mod tests {
     }
 
     #[test]
-    fn another_frame_is_no_blink() {
-        let mut watch = Watch::new();
+    fn frame_change_keeps_brightness() {
+        let mut tracker = WarningTracker::new();
         let first = scene(0.0, vec![column(1, 0.0)]);
-        let before = seen(&mut watch, &first);
-        watch.displace();
+        let before = seen(&mut tracker, &first);
+        tracker.change_frame();
         let turned = Pose::new(DVec3::new(2.0, 0.0, 1.0), glam::DQuat::from_rotation_y(1.0));
-        watch.see(&first.moved(&turned));
+        tracker.update(&first.moved(&turned));
         let head = turned * Pose::from_translation(DVec3::new(0.0, 1.6, 0.0));
-        let player = Player::head_only(watch.last_ns.unwrap() + FRAME_NS, head);
-        let after = watch.warn(&player, &WarningSettings::default());
+        let wearer = Wearer::head_only(tracker.last_ns.unwrap() + FRAME_NS, head);
+        let after = tracker.warn(&wearer, &WarningSettings::default());
         assert_eq!(after.panels[0].alpha, before.panels[0].alpha);
         let expected = turned.transform_point(before.panels[0].tracking_from_panel.translation);
         assert!(after.panels[0].tracking_from_panel.translation.distance(expected) < 0.15);

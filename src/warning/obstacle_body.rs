@@ -13,7 +13,7 @@ use radar_mapping::{MovingTarget, Observed, Obstacle};
 use radar_sar::geometry::Aabb;
 
 /// Farther from the origin than this is no place in a room, metres.
-const FARTHEST_M: f64 = 1000.0;
+const MAX_COORDINATE_M: f64 = 1000.0;
 /// The direction of something known by its distance alone: half the beam's width, as a tangent (30°).
 const BEAM_TANGENT: f64 = 0.577;
 /// Greatest half width that is drawn for an unknown direction, metres.
@@ -22,11 +22,11 @@ const MAX_SPREAD_M: f64 = 1.0;
 const MAX_EXTENT_M: f64 = 5.0;
 
 /// What moves has ids of its own from here on: no map counts so far.
-const MOVING_IDS: u64 = 1 << 48;
+const FIRST_MOVING_ID: u64 = 1 << 48;
 
 /// Balls of one radius, and the uncertainty of them all together.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Body {
+pub(super) struct ObstacleBody {
     /// The obstacle.
     pub id: u64,
     /// Middles of the balls, tracking frame, metres; never empty.
@@ -44,30 +44,30 @@ pub(super) struct Body {
     /// The hull of the middles seen from above: x to the right, −z up; counter-clockwise.
     pub hull: Arc<[DVec2]>,
     /// How fast it comes nearer by itself, metres a second; `None`: it stands.
-    pub comes_m_per_s: Option<f64>,
+    pub approach_m_per_s: Option<f64>,
     covariance_m2: glam::DMat3,
 }
 
 /// Whether a point can be a place in a room.
-pub(super) fn is_place(point: DVec3) -> bool {
-    point.is_finite() && point.abs().max_element() <= FARTHEST_M
+pub(super) fn is_valid_position(point: DVec3) -> bool {
+    point.is_finite() && point.abs().max_element() <= MAX_COORDINATE_M
 }
 
-impl Body {
+impl ObstacleBody {
     /// `None` when the obstacle's position is no place.
     pub fn of(obstacle: &Obstacle) -> Option<Self> {
         let anchor = obstacle.position_m;
-        if !is_place(anchor) {
+        if !is_valid_position(anchor) {
             return None;
         }
         let has_shape = obstacle.observed != Observed::RangeOnly;
-        let shape: Vec<DVec3> = obstacle.shape.iter().map(|(p, _)| *p).filter(|p| is_place(*p)).collect();
+        let shape: Vec<DVec3> = obstacle.shape.iter().map(|(p, _)| *p).filter(|p| is_valid_position(*p)).collect();
         let (points, radius_m) = if !has_shape {
             (vec![anchor], 0.05)
         } else if shape.is_empty() {
-            balls_in_box(anchor, obstacle.extent_m)
+            spheres_in_box(anchor, obstacle.extent_m)
         } else {
-            let radius_m = 0.6 * voxel_of(&shape);
+            let radius_m = 0.6 * voxel_spacing(&shape);
             (shape, radius_m)
         };
         let hull = convex_hull(&points.iter().map(|p| DVec2::new(p.x, -p.z)).collect::<Vec<_>>());
@@ -80,7 +80,7 @@ impl Body {
             anchor,
             has_shape,
             provisional: obstacle.provisional,
-            comes_m_per_s: None,
+            approach_m_per_s: None,
             covariance_m2: obstacle.covariance_m2,
         })
     }
@@ -88,7 +88,7 @@ impl Body {
     /// Of something that moves: one ball at its range. `None` when that is no place.
     pub fn of_moving(moving: &MovingTarget) -> Option<Self> {
         let stands = Obstacle {
-            id: moving.id.saturating_add(MOVING_IDS),
+            id: moving.id.saturating_add(FIRST_MOVING_ID),
             position_m: moving.position_m(),
             covariance_m2: moving.covariance_m2(),
             observed: Observed::RangeOnly,
@@ -99,12 +99,12 @@ impl Body {
             first_seen_ns: moving.first_seen_ns,
             last_seen_ns: moving.last_seen_ns,
         };
-        let comes_m_per_s = Some(-moving.speed_m_per_s).filter(|speed| speed.is_finite()).unwrap_or(0.0);
-        Some(Self { comes_m_per_s: Some(comes_m_per_s), ..Self::of(&stands)? })
+        let approach_m_per_s = Some(-moving.speed_m_per_s).filter(|speed| speed.is_finite()).unwrap_or(0.0);
+        Some(Self { approach_m_per_s: Some(approach_m_per_s), ..Self::of(&stands)? })
     }
 
     /// The same under a newer one's id, and as sure as that one.
-    pub fn standing_for(&self, newer: &Self) -> Self {
+    pub fn with_identity_of(&self, newer: &Self) -> Self {
         Self { id: newer.id, provisional: newer.provisional, ..self.clone() }
     }
 
@@ -130,12 +130,12 @@ impl Body {
 }
 
 /// Points of which neighbours are looked for.
-const ASKED: usize = 16;
+const SPACING_SAMPLES: usize = 16;
 
 /// Edge of a voxel, from the least distance between neighbours, however the frame is turned; 2 to 10 cm, 5 cm when there is
 /// only one point.
-fn voxel_of(points: &[DVec3]) -> f64 {
-    let asked = points.iter().step_by(points.len().div_ceil(ASKED).max(1));
+fn voxel_spacing(points: &[DVec3]) -> f64 {
+    let asked = points.iter().step_by(points.len().div_ceil(SPACING_SAMPLES).max(1));
     let to_next = |point: &DVec3| {
         let apart = points.iter().map(|other| other.distance_squared(*point));
         apart.filter(|squared| *squared > 1e-8).fold(f64::INFINITY, f64::min)
@@ -145,7 +145,7 @@ fn voxel_of(points: &[DVec3]) -> f64 {
 }
 
 /// Fills a box with balls, at most eight along an edge.
-fn balls_in_box(middle: DVec3, extent_m: DVec3) -> (Vec<DVec3>, f64) {
+fn spheres_in_box(middle: DVec3, extent_m: DVec3) -> (Vec<DVec3>, f64) {
     let extent = extent_m.to_array().map(|e| if e.is_finite() { e.clamp(0.0, MAX_EXTENT_M) } else { 0.0 });
     let counts = extent.map(|e| (e / 0.1).ceil().clamp(1.0, 8.0));
     let cell = DVec3::from_array(extent) / DVec3::from_array(counts);

@@ -12,9 +12,9 @@ use crate::render::{Quad, QuadKind};
 use radar_sar::geometry::Pose;
 
 /// Overlays in all: the runtime's compositor draws each of them for each eye.
-pub(super) const SLOTS: usize = 8;
+pub(super) const MAX_OVERLAYS: usize = 8;
 /// Pictures of an overlay kept alive after they were replaced.
-const KEPT: usize = 2;
+const RETAINED_PICTURES: usize = 2;
 /// A display shows no finer steps of brightness: less than one is no reason to call the runtime.
 const ALPHA_STEPS: f32 = 255.0;
 /// What lies on the floor is drawn before what stands on it.
@@ -22,23 +22,23 @@ const FLOOR_ORDER: u32 = 0;
 const PANEL_ORDER: u32 = 1;
 
 /// What tells one quad from another.
-type Key = (QuadKind, u64);
+type QuadKey = (QuadKind, u64);
 
-struct Slot {
+struct PooledOverlay {
     overlay: Overlay,
-    lent_to: Option<Key>,
+    assigned_to: Option<QuadKey>,
     texture: Option<Arc<wgpu::Texture>>,
     replaced: VecDeque<Arc<wgpu::Texture>>,
 }
 
 /// A few overlays.
-pub(super) struct Slots {
-    slots: Vec<Slot>,
+pub(super) struct OverlayPool {
+    slots: Vec<PooledOverlay>,
     /// Pictures of two halves, one for each eye.
     is_stereo: bool,
 }
 
-impl Slots {
+impl OverlayPool {
     /// # Errors
     /// The runtime refuses an overlay.
     pub fn new(runtime: &Arc<Runtime>, is_stereo: bool) -> Result<Self, OpenVrError> {
@@ -48,9 +48,9 @@ impl Slots {
             if is_stereo {
                 overlay.set_side_by_side()?;
             }
-            Ok(Slot { overlay, lent_to: None, texture: None, replaced: VecDeque::new() })
+            Ok(PooledOverlay { overlay, assigned_to: None, texture: None, replaced: VecDeque::new() })
         };
-        Ok(Self { slots: (1..=SLOTS).map(slot).collect::<Result<_, _>>()?, is_stereo })
+        Ok(Self { slots: (1..=MAX_OVERLAYS).map(slot).collect::<Result<_, _>>()?, is_stereo })
     }
 
     /// No overlays.
@@ -59,7 +59,7 @@ impl Slots {
     }
 
     /// Whether the runtime still knows them.
-    pub fn are_known(&self) -> bool {
+    pub fn exist(&self) -> bool {
         self.slots.iter().any(|slot| slot.overlay.exists())
     }
 
@@ -73,16 +73,16 @@ impl Slots {
         quads: &[Quad],
         raw_from_standing: &Pose,
     ) -> Result<u64, OpenVrError> {
-        let wanted: Vec<Key> = quads.iter().map(Quad::key).take(SLOTS).collect();
-        let held: Vec<Option<Key>> = self.slots.iter().map(|slot| slot.lent_to).collect();
+        let wanted: Vec<QuadKey> = quads.iter().map(Quad::key).take(MAX_OVERLAYS).collect();
+        let held: Vec<Option<QuadKey>> = self.slots.iter().map(|slot| slot.assigned_to).collect();
         let (mut handed, mut refused) = (0, None);
         let lent = assign(&held, &wanted);
         for (slot, _) in self.slots.iter_mut().zip(&lent).filter(|(_, quad)| quad.is_none()) {
-            refused = slot.give_back().err().or(refused);
+            refused = slot.release().err().or(refused);
         }
         for (slot, quad) in self.slots.iter_mut().zip(&lent) {
             let Some(quad) = quad.and_then(|index| quads.get(index)) else { continue };
-            match slot.lend(device, quad, raw_from_standing, self.is_stereo) {
+            match slot.show_quad(device, quad, raw_from_standing, self.is_stereo) {
                 Ok(is_new) => handed += u64::from(is_new),
                 Err(error) => refused = Some(error),
             }
@@ -95,11 +95,11 @@ impl Slots {
     /// # Errors
     /// The runtime refuses.
     pub fn hide(&mut self) -> Result<(), OpenVrError> {
-        self.slots.iter_mut().map(Slot::give_back).fold(Ok(()), Result::and)
+        self.slots.iter_mut().map(PooledOverlay::release).fold(Ok(()), Result::and)
     }
 
     /// The device that drew the pictures is gone.
-    pub fn forget_pictures(&mut self) {
+    pub fn drop_pictures(&mut self) {
         for slot in &mut self.slots {
             slot.texture = None;
             slot.replaced.clear();
@@ -117,26 +117,26 @@ impl Slots {
     }
 }
 
-impl Slot {
-    fn give_back(&mut self) -> Result<(), OpenVrError> {
-        self.lent_to = None;
+impl PooledOverlay {
+    fn release(&mut self) -> Result<(), OpenVrError> {
+        self.assigned_to = None;
         self.overlay.hide()
     }
 
     /// Shows a quad; says whether its picture was handed over.
-    fn lend(
+    fn show_quad(
         &mut self,
         device: &VulkanDevice,
         quad: &Quad,
         raw_from_standing: &Pose,
         is_stereo: bool,
     ) -> Result<bool, OpenVrError> {
-        self.lent_to = Some(quad.key());
+        self.assigned_to = Some(quad.key());
         let is_new = !self.texture.as_ref().is_some_and(|texture| Arc::ptr_eq(texture, &quad.texture));
         if is_new && let Some(texture) = device.texture_handles(&quad.texture) {
             self.overlay.set_texture(&texture)?;
             self.replaced.extend(self.texture.replace(Arc::clone(&quad.texture)));
-            while self.replaced.len() > KEPT {
+            while self.replaced.len() > RETAINED_PICTURES {
                 self.replaced.pop_front();
             }
         }
@@ -154,8 +154,8 @@ impl Slot {
 }
 
 /// Which of the wanted each slot shows: its own when that is still wanted, else one that has none yet, in order.
-fn assign(held: &[Option<Key>], wanted: &[Key]) -> Vec<Option<usize>> {
-    let own = |key: &Option<Key>| key.and_then(|key| wanted.iter().position(|wanted| *wanted == key));
+fn assign(held: &[Option<QuadKey>], wanted: &[QuadKey]) -> Vec<Option<usize>> {
+    let own = |key: &Option<QuadKey>| key.and_then(|key| wanted.iter().position(|wanted| *wanted == key));
     let mut lent: Vec<Option<usize>> = held.iter().map(own).collect();
     let mut rest: VecDeque<usize> = (0..wanted.len()).filter(|index| !lent.contains(&Some(*index))).collect();
     for slot in lent.iter_mut().filter(|slot| slot.is_none()) {
@@ -169,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_obstacle_keeps_its_overlay() {
+    fn obstacle_keeps_its_overlay() {
         let [chair, table] = [1, 2].map(|id| (QuadKind::Object, id));
         let wall = (QuadKind::Wall, 3);
         assert_eq!(assign(&[None; 3], &[chair, table]), [Some(0), Some(1), None]);

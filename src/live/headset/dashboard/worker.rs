@@ -14,22 +14,22 @@ use std::time::Duration;
 use egui::{Event, Modifiers, PointerButton, RawInput, Rect, pos2, vec2};
 
 use super::facts::{Facts, Rates, view};
-use super::{Drawing, Input, Picture};
-use crate::live::{Change, Reconstruction, SettingsDesk, now_ns};
+use super::{Picture, PreparedPicture, WorkerInput};
+use crate::live::{Reconstruction, SettingChange, SettingsStore, now_ns};
 use crate::openvr::TabEvent;
 use crate::panel;
 use crate::panel::{Notice, PanelActions, PanelView};
 use crate::settings::Settings;
 
 /// Between two pictures, nanoseconds: 30 a second.
-const SOONEST_NS: i64 = 33_000_000;
+const MIN_PICTURE_INTERVAL_NS: i64 = 33_000_000;
 /// Between two pictures that differ by what they show alone: nobody touches the panel.
-const UNTOUCHED_NS: i64 = 100_000_000;
+const IDLE_PICTURE_INTERVAL_NS: i64 = 100_000_000;
 /// Turns of the thread while the tab is shown, and while it is not.
-const TURN: Duration = Duration::from_millis(15);
-const REST: Duration = Duration::from_secs(60);
+const POLL_INTERVAL: Duration = Duration::from_millis(15);
+const IDLE_POLL_INTERVAL: Duration = Duration::from_secs(60);
 /// Pointer events that wait for the next picture.
-const MOST_EVENTS: usize = 256;
+const MAX_EVENTS: usize = 256;
 /// The button's picture, pixels.
 const THUMBNAIL_PX: u32 = 256;
 /// Pictures that take turns: the runtime may still copy the last one, on the same queue.
@@ -39,14 +39,14 @@ const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
 /// Whoever knows what the panel shows, and takes what is changed.
 pub(in super::super) struct PanelSources<'a> {
-    pub desk: &'a SettingsDesk,
+    pub store: &'a SettingsStore,
     pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
 }
 
 /// What the thread works with.
-pub(in super::super) struct PanelWork {
-    inputs: Receiver<Input>,
-    to_loop: SyncSender<Drawing>,
+pub(in super::super) struct PanelWorker {
+    inputs: Receiver<WorkerInput>,
+    to_loop: SyncSender<PreparedPicture>,
     facts: Arc<Mutex<Facts>>,
     /// Told to the loop: the room's map is to begin anew.
     forget_room: Arc<AtomicBool>,
@@ -60,15 +60,15 @@ pub(in super::super) struct PanelWork {
     notice: Option<Notice>,
     events: Vec<Event>,
     drawn: Option<(i64, PanelView)>,
-    wants_more: bool,
+    repaint_requested: bool,
     rates: Rates,
     settings: Option<(Arc<Settings>, toml::Table)>,
 }
 
-impl PanelWork {
+impl PanelWorker {
     pub(super) fn new(
-        inputs: Receiver<Input>,
-        to_loop: SyncSender<Drawing>,
+        inputs: Receiver<WorkerInput>,
+        to_loop: SyncSender<PreparedPicture>,
         facts: Arc<Mutex<Facts>>,
         forget_room: Arc<AtomicBool>,
     ) -> Self {
@@ -85,7 +85,7 @@ impl PanelWork {
             notice: None,
             events: Vec::new(),
             drawn: None,
-            wants_more: false,
+            repaint_requested: false,
             rates: Rates::default(),
             settings: None,
         }
@@ -94,7 +94,7 @@ impl PanelWork {
     /// Works until the loop has ended.
     pub fn run(mut self, sources: &PanelSources) {
         loop {
-            match self.inputs.recv_timeout(if self.is_open { TURN } else { REST }) {
+            match self.inputs.recv_timeout(if self.is_open { POLL_INTERVAL } else { IDLE_POLL_INTERVAL }) {
                 Ok(input) => self.take(input),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
@@ -113,29 +113,31 @@ impl PanelWork {
         }
     }
 
-    fn take(&mut self, input: Input) {
+    fn take(&mut self, input: WorkerInput) {
         match input {
-            Input::Open(is_open) => {
+            WorkerInput::Open(is_open) => {
                 self.is_open = is_open;
                 self.drawn = None;
                 self.events.clear();
                 self.events.push(Event::PointerGone);
             }
-            Input::Pointer(event) if self.is_open && self.events.len() < MOST_EVENTS => self.point(event),
-            Input::Pointer(_) => {}
-            Input::Device(number, device, queue) => {
+            WorkerInput::Pointer(event) if self.is_open && self.events.len() < MAX_EVENTS => {
+                self.push_pointer_event(event)
+            }
+            WorkerInput::Pointer(_) => {}
+            WorkerInput::Device(number, device, queue) => {
                 // Letters and shapes were on the device before.
                 self.context = egui::Context::default();
                 let painter = catch_unwind(AssertUnwindSafe(|| Painter::new(number, device, queue)));
                 self.painter = painter.ok();
                 (self.is_busy, self.has_thumbnail, self.drawn) = (false, false, None);
             }
-            Input::Notice(notice) => self.notice = Some(notice),
-            Input::Handed => self.is_busy = false,
+            WorkerInput::Notice(notice) => self.notice = Some(notice),
+            WorkerInput::PictureDone => self.is_busy = false,
         }
     }
 
-    fn point(&mut self, event: TabEvent) {
+    fn push_pointer_event(&mut self, event: TabEvent) {
         let mut button = |[x, y]: [f32; 2], pressed| {
             let pos = pos2(x, y);
             self.events.push(Event::PointerMoved(pos));
@@ -165,21 +167,21 @@ impl PanelWork {
         }
         let now_ns = now_ns();
         let age_ns = self.drawn.as_ref().map_or(i64::MAX, |(time_ns, _)| now_ns.saturating_sub(*time_ns));
-        if !self.is_open || age_ns < SOONEST_NS {
+        if !self.is_open || age_ns < MIN_PICTURE_INTERVAL_NS {
             return;
         }
-        let is_touched = !self.events.is_empty() || self.wants_more;
-        if !is_touched && age_ns < UNTOUCHED_NS {
+        let is_touched = !self.events.is_empty() || self.repaint_requested;
+        if !is_touched && age_ns < IDLE_PICTURE_INTERVAL_NS {
             return;
         }
         let view = self.view(now_ns, sources);
         if is_touched || self.drawn.as_ref().is_none_or(|(_, before)| *before != view) {
-            self.draw_panel(now_ns, view, sources.desk);
+            self.draw_panel(now_ns, view, sources.store);
         }
     }
 
     fn view(&mut self, now_ns: i64, sources: &PanelSources) -> PanelView {
-        let newest = sources.desk.newest();
+        let newest = sources.store.newest();
         let settings = match self.settings.take().filter(|(known, _)| Arc::ptr_eq(known, &newest)) {
             Some(settings) => settings,
             // Every field is a number, a name, a list or a table of these: TOML has them all.
@@ -187,13 +189,13 @@ impl PanelWork {
         };
         let facts = self.facts.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let reconstruction = (sources.reconstruction)();
-        let trouble = sources.desk.trouble();
+        let trouble = sources.store.trouble();
         let view = view(now_ns, &facts, &settings, trouble, reconstruction, &mut self.rates);
         self.settings = Some(settings);
         view
     }
 
-    fn draw_panel(&mut self, now_ns: i64, view: PanelView, desk: &SettingsDesk) {
+    fn draw_panel(&mut self, now_ns: i64, view: PanelView, store: &SettingsStore) {
         // One press a pass: the next one finds what this one changed.
         let is_release = |event: &Event| matches!(event, Event::PointerButton { pressed: false, .. });
         let until = self.events.iter().position(is_release).map_or(self.events.len(), |at| at + 1);
@@ -209,17 +211,17 @@ impl PanelWork {
         }
         for panel::SettingChange { name, value } in wishes.changes {
             log::debug!("the panel: {name} = {value}");
-            self.show_at_once(name, &value);
-            desk.change(Change { name: name.to_owned(), value });
+            self.show_pending_change(name, &value);
+            store.change(SettingChange { name: name.to_owned(), value });
         }
-        self.wants_more =
+        self.repaint_requested =
             output.viewport_output.values().any(|viewport| viewport.repaint_delay < Duration::from_millis(100));
         self.drawn = Some((now_ns, view));
         self.send(output, panel::SIZE, Picture::Panel);
     }
 
     /// What was changed looks so before it is in force; what is in force then is shown in its place.
-    fn show_at_once(&mut self, name: &str, value: &toml::Value) {
+    fn show_pending_change(&mut self, name: &str, value: &toml::Value) {
         let table = self
             .settings
             .as_mut()
@@ -310,7 +312,7 @@ impl Painter {
         mut output: egui::FullOutput,
         size: [u32; 2],
         picture: Picture,
-    ) -> Drawing {
+    ) -> PreparedPicture {
         let texture = self.next_target(size, picture);
         let screen = egui_wgpu::ScreenDescriptor { size_in_pixels: size, pixels_per_point: output.pixels_per_point };
         let shapes = context.tessellate(std::mem::take(&mut output.shapes), output.pixels_per_point);
@@ -347,6 +349,6 @@ impl Painter {
             self.renderer.free_texture(id);
         }
         output.drop_without_applying_deltas();
-        Drawing { device: self.number, commands, picture, texture }
+        PreparedPicture { device: self.number, commands, picture, texture }
     }
 }
