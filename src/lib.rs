@@ -1,7 +1,8 @@
 //! Sees the room around a VR headset with a 60 GHz radar and warns of obstacles, chaperone-style.
 //!
-//! A121 sweeps and headset poses become observations; the engine images them by synthetic aperture from arbitrary head
-//! motion, finds obstacles and hands on warnings. The rooms below only use rooms further down; ARCHITECTURE.md draws it.
+//! A121 sweeps and headset poses become observations. The engine images them by synthetic aperture
+//! from arbitrary head motion, detects obstacles and passes them to the warnings. The modules below
+//! depend only on modules further down; ARCHITECTURE.md shows the dependencies.
 #![warn(missing_docs)]
 
 pub mod cli;

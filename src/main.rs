@@ -1,7 +1,8 @@
 //! The program: see `radar-chaperone --help`.
 //!
-//! Memory is given out by mimalloc. In the system's allocator a thread that frees what another one made takes that one's lock; held by
-//! a reconstruction of low priority that has no core just then, it cost the frame loop 5 to 15 ms, a few times a minute.
+//! Uses the allocator mimalloc. In the system's allocator, a thread that frees another thread's
+//! memory takes that thread's lock. When a low-priority reconstruction thread held the lock without
+//! having a core, it cost the frame loop 5 to 15 ms, a few times a minute.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! All settings, as the TOML file and `--set` spell them.
+//! All settings, named as in the TOML file and in `--set`.
 
 use radar_mapping::{
     MappingSettings, MappingSettingsError, ProcessingSettings, RadarSettings, ReflectorSettings, RoomMapperSettings,
@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::warning::{CueSettings, WarningSettings, WarningSettingsError};
 
-/// A name that is less like the one that was found is no misspelling of it, 0 to 1.
+/// Least similarity of an unknown name and a known one for a suggestion, 0 to 1. Choice.
 const MIN_SIMILARITY: f64 = 0.8;
 
-/// Settings that cannot be used.
+/// Invalid settings.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
     /// Not TOML, an unknown name, or a value of the wrong kind.
@@ -20,19 +20,19 @@ pub enum SettingsError {
     /// `--set` without a value.
     #[error("--set {0}: write it as name=value, for example --set tracking.time_offset_s=0.02")]
     NoValue(String),
-    /// A name that leads through something that is no table.
+    /// A name that leads through something that is not a table.
     #[error("--set {0}: there is no setting of that name")]
     NoSuchName(String),
     /// A value outside its bounds.
     #[error("setting {name} is {value}: it must lie in {min} to {max}")]
     OutOfRange {
-        /// Which.
+        /// Name of the setting.
         name: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
-        /// Least allowed.
+        /// Least allowed value.
         min: f64,
-        /// Most allowed.
+        /// Greatest allowed value.
         max: f64,
     },
     /// A setting of mapping outside its bounds.
@@ -49,7 +49,7 @@ impl From<toml::de::Error> for SettingsError {
     }
 }
 
-/// What the parser says, without the names that a programmer gives to kinds of numbers.
+/// The parser's message in the user's words, without the names of Rust's number types.
 fn readable_message(says: &str) -> String {
     let kind = |word: &str| match word.trim_end_matches(',') {
         "f64" | "f32" => "a number".to_owned(),
@@ -67,7 +67,7 @@ fn readable_message(says: &str) -> String {
     lines.join("\n")
 }
 
-/// Of the names that the parser expected the one most like the one it found, where they are alike at all.
+/// The expected name most similar to the one found, if similar enough.
 fn closest_name(says: &str) -> Option<&str> {
     let (_, rest) = says.split_once("unknown field `")?;
     let (found, expected) = rest.split_once('`')?;
@@ -80,27 +80,29 @@ fn closest_name(says: &str) -> Option<&str> {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Display {
-    /// Rectangles standing in the room, drawn again only when their picture changes: right on every runtime.
+    /// Rectangles in the room, redrawn only when their picture changes: works with every runtime.
     #[default]
     Panels,
-    /// Rectangles as windows, with a picture for each eye of what stands behind them, drawn every frame.
+    /// Rectangles as windows with a picture of the space behind them for each eye, drawn every
+    /// frame.
     Stereo,
-    /// A picture for each eye over all of its view, drawn every frame.
+    /// A picture for each eye over its whole view, drawn every frame.
     Projection,
 }
 
-/// What a runtime takes the matrix of a projection to be; its manual does not say.
+/// Convention of a runtime for the matrix of a projection overlay, which OpenVR's documentation
+/// does not specify.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProjectionMatrix {
     /// From the tracking universe to the eye.
     #[default]
     EyeFromTracking,
-    /// Where the eye is.
+    /// From the eye to the tracking universe.
     TrackingFromEye,
 }
 
-/// Beside SteamVR.
+/// Settings for running with SteamVR.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct HeadsetSettings {
@@ -110,15 +112,17 @@ pub struct HeadsetSettings {
     pub display: Display,
     /// For the display `projection`.
     pub projection_matrix: ProjectionMatrix,
-    /// Poses read between frames, a second; 0: at frames alone.
+    /// Poses read between frames, per second; 0: only at frames.
     pub poses_hz: f64,
-    /// Whether SteamVR's colour, fade distance and play area serve where these settings do not name their own.
+    /// Whether SteamVR's colour, fade distance and play area apply where these settings do not set
+    /// them.
     pub follow_chaperone: bool,
-    /// Whether the map is kept from one start to the next, for each room that the tracking system knows.
+    /// Whether the map is saved from one start to the next, for each room that the tracking system
+    /// knows.
     pub keep_map: bool,
-    /// Whether it is said in the headset when the radar sees nothing.
+    /// Whether a notice is shown in the headset when the radar has failed.
     pub notices: bool,
-    /// Threads of the reconstruction; 0: the processors but one.
+    /// Threads of the reconstruction; 0: all processors but one.
     pub threads: usize,
 }
 
@@ -145,30 +149,30 @@ pub struct Settings {
     pub radar: RadarSettings,
     /// Poses and time.
     pub tracking: TrackingSettings,
-    /// Which search.
+    /// How to map.
     pub processing: ProcessingSettings,
-    /// The search in rooms.
+    /// The room mapper.
     pub rooms: RoomMapperSettings,
     /// The search for single reflectors.
     pub reflectors: ReflectorSettings,
-    /// What is drawn, from where on.
+    /// The drawn warnings.
     pub warning: WarningSettings,
-    /// What sounds and shakes.
+    /// Sounds and controller pulses.
     pub cues: CueSettings,
-    /// Beside SteamVR.
+    /// Running with SteamVR.
     pub headset: HeadsetSettings,
 }
 
 impl Settings {
-    /// From TOML text, with `name=value` changes laid over it, last one first in force.
+    /// From TOML text with `name=value` changes over it; later changes override earlier ones.
     ///
     /// # Errors
-    /// Text that is no TOML, unknown names, values of the wrong kind or outside their bounds.
+    /// Text that is not TOML, unknown names, values of the wrong kind or outside their bounds.
     pub fn from_toml(text: &str, changes: &[String]) -> Result<Self, SettingsError> {
         Self::from_layers(toml::Table::new(), text, changes)
     }
 
-    /// The same over values that serve where neither text nor changes name their own.
+    /// The same over a lower layer of values, used where neither text nor changes set one.
     ///
     /// # Errors
     /// As [`Settings::from_toml`].
@@ -186,7 +190,8 @@ impl Settings {
 
     /// As TOML text.
     pub fn to_toml(&self) -> String {
-        // Every field is a number, a name, a list or a table of these: TOML has them all.
+        // Every field is a number, a string, a list or a table of these, so the conversion to TOML
+        // cannot fail.
         toml::to_string(self).unwrap_or_default()
     }
 
@@ -213,7 +218,7 @@ impl Settings {
     }
 }
 
-/// Lays one table over another, key by key in tables within.
+/// Merges one table over another, key by key in nested tables.
 fn merge_over(table: &mut toml::Table, above: toml::Table) {
     for (key, value) in above {
         match (table.get_mut(&key), value) {
@@ -223,7 +228,7 @@ fn merge_over(table: &mut toml::Table, above: toml::Table) {
     }
 }
 
-/// A TOML value where it is one, else a string: `--set radar.beam=thesis` needs no quotes.
+/// Parses a TOML value, else takes it as a string: `--set radar.beam=thesis` needs no quotes.
 fn parsed(value: &str) -> toml::Value {
     let line = format!("v = {value}");
     let table: Option<toml::Table> = toml::from_str(&line).ok();
@@ -233,7 +238,7 @@ fn parsed(value: &str) -> toml::Value {
 fn set(table: &mut toml::Table, change: &str, name: &str, value: toml::Value) -> Result<(), SettingsError> {
     match name.split_once('.') {
         None => {
-            // Whole numbers serve where fractions are wanted.
+            // Integers are accepted for floating-point settings.
             let value = match (&value, table.get(name)) {
                 (toml::Value::Integer(n), Some(toml::Value::Float(_))) => toml::Value::Float(*n as f64),
                 _ => value,

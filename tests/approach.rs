@@ -1,4 +1,5 @@
-//! A person walks up to a chair: it is found, and warned of where it stands, before they are at 0.8 m, on the first way there.
+//! A person walks up to a chair: it is detected, and warned of at its position, before the head is
+//! within 0.8 m, on the first approach.
 
 use a121::preset;
 use glam::DVec3;
@@ -9,7 +10,7 @@ use radar_sar::geometry::Pose;
 use radar_sar::truth::TruthObstacle;
 use radar_simulation::Scenario;
 
-/// Time that the first way there takes, the rest before it included, seconds.
+/// Duration of the first approach with the rest before it, seconds.
 const THERE_S: f64 = 6.0;
 
 fn level(v: DVec3) -> DVec3 {
@@ -20,7 +21,7 @@ fn away_m(chair: &TruthObstacle, at: DVec3) -> f64 {
     chair.points_m.iter().map(|p| level(*p - at).length()).fold(f64::INFINITY, f64::min)
 }
 
-/// Horizontal distance of the head from the chair when a panel first stands before it.
+/// Horizontal distance of the head from the chair when the first panel stands at the chair, metres.
 fn warned_from_m(scene: &str, seed: u64) -> Option<f64> {
     let scenario = Scenario::new(scene, "approach-chair", preset("d16").unwrap(), THERE_S, seed);
     let simulated = scenario.run().unwrap();
@@ -46,7 +47,7 @@ fn warned_from_m(scene: &str, seed: u64) -> Option<f64> {
     None
 }
 
-/// Whether a bright enough panel stands by the chair.
+/// Whether a sufficiently bright panel stands at the chair.
 fn panel_stands_at(pipeline: &Pipeline, head: &Pose, chair: &TruthObstacle, settings: &Settings) -> bool {
     let warnings = warn(&pipeline.scene(), head, &settings.warning);
     let objects = warnings.panels.iter().filter(|panel| panel.kind == PanelKind::Object && panel.alpha > 0.02);

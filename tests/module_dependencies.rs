@@ -1,4 +1,5 @@
-//! The table of rooms in ARCHITECTURE.md against the code: a room uses exactly the rooms in its row, all of them above it.
+//! Checks the module table in ARCHITECTURE.md against the code: a module uses exactly the modules
+//! in its row, all of them above it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -8,7 +9,7 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Rooms in the table's order, each with what its row says it uses.
+/// Modules in the table's order, each with the modules that its row names.
 fn table() -> Vec<(String, BTreeSet<String>)> {
     let text = fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();
     let rows = text.lines().skip_while(|line| *line != "| room | holds | uses |").skip(2);
@@ -20,14 +21,14 @@ fn table() -> Vec<(String, BTreeSet<String>)> {
     cells.collect()
 }
 
-/// The rooms whose names follow `crate::` in a file or any file of a folder.
+/// Collects the modules whose names follow `crate::` in a file, or in any file of a folder.
 fn uses(path: &Path, into: &mut BTreeSet<String>) {
     if path.is_dir() {
         return fs::read_dir(path).unwrap().for_each(|entry| uses(&entry.unwrap().path(), into));
     }
     if path.extension().is_some_and(|e| e == "rs") {
         let text = fs::read_to_string(path).unwrap();
-        assert!(!text.contains("crate::{"), "{}: write one use a room", path.display());
+        assert!(!text.contains("crate::{"), "{}: write one `use` per module", path.display());
         let names = text.split("crate::").skip(1).map(|rest| {
             rest.chars().take_while(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || *c == '_').collect::<String>()
         });
@@ -54,7 +55,7 @@ fn modules_use_exactly_the_modules_in_their_row() {
 fn modules_only_use_modules_above_them() {
     let mut above = BTreeSet::new();
     for (room, uses) in table() {
-        assert!(uses.is_subset(&above), "{room} uses {uses:?}, above it are {above:?}");
+        assert!(uses.is_subset(&above), "{room} uses {uses:?}, but only {above:?} are above it");
         above.insert(room);
     }
 }

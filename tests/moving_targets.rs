@@ -1,4 +1,5 @@
-//! What moves in play sessions, through the whole pipeline: a visitor is shown, nobody else is, and the rest of the scene is what it was.
+//! Moving targets in play sessions, through the whole pipeline: a visitor is shown, nobody else is,
+//! and the rest of the scene does not change.
 
 use a121::preset;
 use glam::DVec3;
@@ -12,7 +13,8 @@ fn session(seed: u64, duration_s: f64, visitor: bool) -> Session {
     play.prepare().unwrap()
 }
 
-/// Plays a session; `look` is told the time after each look, seconds, and the scene.
+/// Plays a session. `look` is called after each update of the map with the time, seconds, and the
+/// scene.
 fn played(session: &Session, changes: &[&str], mut look: impl FnMut(f64, Scene)) {
     let changes: Vec<String> = changes.iter().map(|change| (*change).to_owned()).collect();
     let settings = Settings::from_toml("", &changes).unwrap();
@@ -34,7 +36,7 @@ fn played(session: &Session, changes: &[&str], mut look: impl FnMut(f64, Scene))
     }
 }
 
-/// How far a range is from being that of somebody's nearest part, metres.
+/// Difference between a reported range and that of the nearest part of a person, metres.
 fn off_m(moving: &MovingTarget, parts: &[DVec3]) -> f64 {
     let ranges = parts.iter().map(|part| part.distance(moving.seen_from.translation));
     ranges.map(|range_m| (range_m - moving.range_m).abs()).fold(f64::INFINITY, f64::min)
@@ -53,20 +55,21 @@ fn visitor_is_shown_at_the_right_range_and_static_scene_is_unchanged() {
         }
         standing.push((scene.obstacles, scene.walls));
     });
-    // Somebody crosses twice, in and out of the beam: looks are four a second.
-    assert!(shown >= 4 && off * 4 <= shown, "{shown} times shown, {off} of them where nobody is");
+    // The visitor crosses twice, in and out of the beam; there are four updates per second.
+    assert!(shown >= 4 && off * 4 <= shown, "shown {shown} times, {off} of them where nobody is");
     let mut without = Vec::new();
     played(&session, &["rooms.moving.enabled=false"], |_, scene| {
         assert!(scene.moving.is_empty());
         without.push((scene.obstacles, scene.walls));
     });
-    assert_eq!(standing, without, "what stands is found as if nobody looked for what moves");
+    assert_eq!(standing, without, "the static scene must not depend on the search for moving targets");
 }
 
 #[test]
 fn no_moving_target_without_a_visitor() {
-    // Hands reach out all the time, controllers untracked; the player turns, steps and crouches. A minute in all: three times an hour
-    // would still pass nineteen times of twenty.
+    // Hands move all the time with untracked controllers; the player turns, steps and crouches. One
+    // minute in all: a rate of three false targets per hour would still pass nineteen times of
+    // twenty.
     for seed in [40, 41, 42] {
         played(&session(seed, 20.0, false), &[], |time_s, scene| {
             assert!(scene.moving.is_empty(), "seed {seed}, {time_s:.1} s: {:?}", scene.moving);

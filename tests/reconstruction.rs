@@ -1,4 +1,5 @@
-//! The reconstruction's thread: the pipeline's scene and nothing else, bounded queues, forgetting, ending.
+//! The reconstruction thread: it gives the pipeline's scene, its queues are bounded, it can be
+//! reset, and it ends.
 
 use std::time::{Duration, Instant};
 
@@ -17,8 +18,8 @@ fn room(duration_s: f64) -> (Scenario, Simulated) {
     (scenario, simulated)
 }
 
-/// Without the estimate of the time offset, when what is applied depends on nothing but the data; and with poses waited for
-/// as beside a headset.
+/// Without estimation of the time offset, so that the result depends on the data alone, and with
+/// the wait for poses that is used with a headset.
 fn settings() -> Settings {
     let changes = ["tracking.estimate_time_offset=false".into(), "tracking.history.max_ahead_s=0".into()];
     Settings::from_toml("", &changes).unwrap()
@@ -44,7 +45,7 @@ fn replayed(scenario: &Scenario, simulated: &Simulated) -> Scene {
 fn until(mut there: impl FnMut() -> bool) {
     let begin = Instant::now();
     while !there() {
-        assert!(begin.elapsed() < PATIENCE, "it does not come");
+        assert!(begin.elapsed() < PATIENCE, "timed out");
         std::thread::sleep(Duration::from_millis(2));
     }
 }
@@ -74,7 +75,7 @@ fn concurrent_streams_give_the_scene_of_a_replay() {
     assert_eq!((counters.frames_dropped, counters.poses_dropped, counters.outdated), (0, 0, 0));
     assert_eq!((counters.pipeline.streams.frames, counters.processed.count), (frames, frames));
     assert!(counters.scenes >= 8 && counters.scenes <= counters.published, "{counters:?}");
-    // Simulated stamps lie long before now: ages are nonsense, but each frame has one.
+    // Simulated stamps lie long in the past: the ages are meaningless, but each frame has one.
     assert!((frames - 8..=frames).contains(&counters.evidence_age.count), "{counters:?}");
 }
 
@@ -89,12 +90,12 @@ fn data_from_before_forget_is_discarded() {
     let last_ns = simulated.frames.last().unwrap().host_time_ns;
     push(&simulated);
     until(all_frames_processed(&reconstruction, last_ns));
-    // These wait, or are being worked off, when everything is forgotten.
+    // These are queued or being processed when everything is reset.
     push(&simulated);
     assert_eq!(reconstruction.reset(), 1);
     let newest = reconstruction.latest();
     assert_eq!((newest.epoch, newest.scene.as_ref(), newest.newest_sweep_ns), (1, &Scene::default(), 0));
-    // Only what comes now counts: the same stamps again are taken, since nobody remembers them.
+    // Only data pushed from here on count. The same stamps are accepted again after the reset.
     push(&simulated);
     until(all_frames_processed(&reconstruction, last_ns));
     let (counters, scene) = reconstruction.finish();

@@ -1,5 +1,5 @@
-//! What is remembered of a room: the same when it is taken up, confirmed when it is still there, gone when it is not; and hands in a
-//! recording.
+//! Saved maps: restored unchanged, confirmed where the object is still present, removed where it is
+//! not; and hands in a recording.
 
 use a121::preset;
 use glam::DVec3;
@@ -19,7 +19,7 @@ fn pipeline(scenario: &Scenario) -> Pipeline {
     Pipeline::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default())
 }
 
-/// Frames and poses in the order of time.
+/// Frames and poses by time.
 fn events(simulated: &Simulated) -> Vec<Event> {
     let frames = simulated.frames.iter().map(|frame| Event::Frame(frame.clone()));
     let mut events: Vec<Event> = frames.chain(simulated.poses.iter().map(|pose| Event::Pose(*pose))).collect();
@@ -45,9 +45,9 @@ fn present_objects_are_confirmed_under_their_id_and_absent_ones_removed() {
     let known = feed(pipeline(&scenario), events(&simulated)).saved_map();
     assert!(known.places.len() >= 3 && !known.walls.is_empty(), "{known:?}");
     let text = serde_json::to_string(&known).unwrap();
-    assert_eq!(serde_json::from_str::<SavedMap>(&text).unwrap(), known, "to the bit");
+    assert_eq!(serde_json::from_str::<SavedMap>(&text).unwrap(), known, "must be bit-identical");
 
-    // Something that was there, in free space, a metre ahead of where the player begins.
+    // A saved object that is gone, in free space a metre ahead of the player's first position.
     let first = simulated.poses[0].tracking_from_head().unwrap();
     let mut with_more = known.clone();
     let mut gone = known.places[0].clone();
@@ -70,21 +70,21 @@ fn present_objects_are_confirmed_under_their_id_and_absent_ones_removed() {
     );
     assert!(
         at_once.obstacles.iter().any(|thing| thing.position_m.distance(gone_m) < 0.05),
-        "part of the scene at once"
+        "restored objects must be in the scene at once"
     );
     assert_eq!(at_once.walls.len(), known.walls.len());
-    assert_eq!(begin().saved_map(), with_more, "what is not looked at is kept as it was");
+    assert_eq!(begin().saved_map(), with_more, "unobserved objects must be kept unchanged");
 
     let after = feed(begin(), events(&simulated));
     let (scene, left) = (after.scene(), after.saved_map());
-    assert!(left.places.iter().all(|place| place.id != 900), "looked at, and nothing there");
+    assert!(left.places.iter().all(|place| place.id != 900), "observed and absent: must be removed");
     let chair = simulated.truth.obstacles.iter().find(|thing| thing.name == "chair").unwrap();
     let at_chair = |at: DVec3| chair.points_m.iter().any(|point| point.distance(at) < 0.2);
     let is_known = |id: u64| known.places.iter().any(|place| place.id == id && at_chair(place.position_m));
     let confirmed = scene.obstacles.iter().find(|thing| !thing.provisional && is_known(thing.id));
     assert!(confirmed.is_some_and(|thing| at_chair(thing.position_m)), "{:?}", told(&scene));
     assert!(scene.walls.iter().any(|wall| !wall.provisional && known.walls.iter().any(|was| was.id == wall.id)));
-    assert_eq!(feed(begin(), events(&simulated)).scene(), scene, "the same again");
+    assert_eq!(feed(begin(), events(&simulated)).scene(), scene, "must be repeatable");
 }
 
 fn told(scene: &Scene) -> Vec<(u64, DVec3, bool)> {
@@ -95,7 +95,7 @@ fn told(scene: &Scene) -> Vec<(u64, DVec3, bool)> {
 fn recorded_hands_equal_pushed_hands() {
     let (scenario, simulated) = room(5.0);
     let plain = events(&simulated);
-    // A hand on the chair all the time: nothing is told of what is there.
+    // A hand on the chair all the time: no new detection is accepted there.
     let chair = simulated.truth.obstacles.iter().find(|thing| thing.name == "chair").unwrap();
     let hands_m = [None, Some(chair.points_m[0])];
     let hands = simulated.poses.iter().map(|pose| HandsSample { time_ns: pose.time_ns, hands_m }).step_by(3);

@@ -1,10 +1,10 @@
-//! docs/settings.toml is the manual of the settings: it must hold all of them, with the program's defaults.
+//! docs/settings.toml documents the settings: it must hold all of them with the program's defaults.
 
 use radar_chaperone::settings::Settings;
 
 const MANUAL: &str = include_str!("../docs/settings.toml");
 
-/// The tables of a TOML file as sorted dotted names.
+/// Sorted dotted names of a TOML table's values.
 fn names(prefix: &str, table: &toml::Table, into: &mut Vec<String>) {
     for (name, value) in table {
         let name = format!("{prefix}{name}");
@@ -34,7 +34,7 @@ fn manual_lists_every_setting() {
 
 #[test]
 fn commented_out_settings_are_valid() {
-    // The lines of the tables that may be absent, with their comment signs taken away.
+    // Uncomments the lines of the optional tables.
     let uncomment = |line: &str| match line.strip_prefix("# ") {
         Some(rest) if rest.starts_with('[') || rest.contains(" = [") => rest.to_owned(),
         _ => line.to_owned(),

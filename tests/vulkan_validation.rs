@@ -1,8 +1,10 @@
-//! Everything the renderer does, under Vulkan's validation layer (Debian: `vulkan-validationlayers`): no message from it.
+//! Runs all of the renderer's work under Vulkan's validation layer (Debian:
+//! `vulkan-validationlayers`); the layer must report nothing.
 //!
-//! The work is done in a process of its own, this test program started again with the layer turned on, because the layer is chosen by
-//! the environment. It takes textures over as a VR runtime does: a copy of its own on our queue, from the layout that was agreed.
-//! One run does so without the hand-over: the layer must complain then, or it is not watching.
+//! The work runs in a process of its own, this test program started again with the layer enabled,
+//! because the environment selects the layer. It takes textures over as a VR runtime does: a copy
+//! of its own on our queue, from the agreed layout. One run omits the hand-over: the layer must
+//! complain then, or it is not active.
 #![cfg(unix)]
 
 use std::path::Path;
@@ -19,7 +21,7 @@ use radar_sar::geometry::{Aabb, Plane, Pose};
 const LAYER: &str = "VK_LAYER_KHRONOS_validation";
 const MANIFESTS: [&str; 2] = ["/usr/share/vulkan/explicit_layer.d", "/etc/vulkan/explicit_layer.d"];
 
-/// A block, something of unknown direction, and a wall.
+/// A box, an obstacle of unknown direction, and a wall.
 fn scene() -> Scene {
     let shape = (0..500).map(|i| (DVec3::new((i % 5).into(), (i / 5 % 20).into(), (i / 100).into()) * 0.05, 1.0));
     let block = Obstacle {
@@ -62,10 +64,10 @@ fn device() -> VulkanDevice {
     .unwrap()
 }
 
-/// Copies a texture to the host as a runtime would: on our queue, with commands that wgpu knows nothing of.
+/// Copies a texture to the host as a runtime would: on our queue, with commands unknown to wgpu.
 fn copied_by_runtime(device: &VulkanDevice, texture: &wgpu::Texture) -> Vec<u8> {
-    // SAFETY: the device outlives this function, every object made here is destroyed here after the queue has finished with
-    // it, and nothing else submits meanwhile.
+    // SAFETY: the device outlives this function, every object made here is destroyed here after the
+    // queue has finished with it, and nothing else submits meanwhile.
     unsafe {
         let hal = device.device.as_hal::<wgpu::hal::vulkan::Api>().unwrap();
         let handed: VulkanTexture = device.texture_handles(texture).unwrap();
@@ -124,14 +126,14 @@ fn copy_all_as_runtime(device: &VulkanDevice, renderer: &Renderer, quads: &[Quad
     }
 }
 
-/// The warnings when a head has stood there for half a second: by then they have come up.
+/// The warnings after the head has stayed there for half a second, when they have faded in.
 fn settled_warnings(tracker: &mut WarningTracker, head: Pose, style: &WarningSettings) -> Warnings {
     (0..50).map(|step| tracker.warn(&Wearer::head_only(step * 10_000_000, head), style)).last().unwrap()
 }
 
-/// Not a test by itself: what `validation_layer_reports_nothing` starts under the layer.
+/// Not a test by itself: started under the layer by `validation_layer_reports_nothing`.
 #[test]
-#[ignore = "started by the_layer_has_nothing_to_say"]
+#[ignore = "started by validation_layer_reports_nothing"]
 fn everything() {
     let device = device();
     let mut renderer = Renderer::from_device(device.device.clone(), device.queue.clone(), &device.name).unwrap();
@@ -168,9 +170,9 @@ fn everything() {
     }
 }
 
-/// Not a test by itself either: what a preview looked at is copied without having been handed over.
+/// Not a test by itself: a texture used by a preview is copied without a hand-over.
 #[test]
-#[ignore = "started by the_layer_has_nothing_to_say"]
+#[ignore = "started by validation_layer_reports_nothing"]
 fn everything_but_the_hand_over() {
     let device = device();
     let mut renderer = Renderer::from_device(device.device.clone(), device.queue.clone(), &device.name).unwrap();
@@ -183,7 +185,7 @@ fn everything_but_the_hand_over() {
     copied_by_runtime(&device, &quads[0].texture);
 }
 
-/// What the layer says while one of the functions above runs.
+/// Messages of the layer while one of the functions above runs.
 fn layer_messages_during(function: &str, folder: &Path) -> String {
     let (log, settings) = (folder.join(format!("{function}.log")), folder.join(format!("{function}.txt")));
     let lines = [
@@ -210,13 +212,13 @@ fn validation_layer_reports_nothing() {
         return println!("skipped: {error}");
     }
     if !MANIFESTS.iter().any(|folder| Path::new(folder).join("VkLayer_khronos_validation.json").exists()) {
-        return println!("skipped: no validation layer; `apt install vulkan-validationlayers` brings it");
+        return println!("skipped: no validation layer; `apt install vulkan-validationlayers` installs it");
     }
     let folder = std::env::temp_dir().join(format!("radar-chaperone-validation-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let watched = layer_messages_during("everything_but_the_hand_over", &folder);
     let said = layer_messages_during("everything", &folder);
     std::fs::remove_dir_all(&folder).unwrap();
-    assert!(watched.contains("TRANSFER_SRC_OPTIMAL"), "the layer does not watch: {watched:?}");
+    assert!(watched.contains("TRANSFER_SRC_OPTIMAL"), "the layer is not active: {watched:?}");
     assert!(said.trim().is_empty(), "{said}");
 }

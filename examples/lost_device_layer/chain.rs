@@ -1,4 +1,4 @@
-//! The loader's structures (`vk_layer.h`): by these a layer learns who comes next in the chain.
+//! Structures of the Vulkan loader (`vk_layer.h`) that link a layer to the next one in the chain.
 
 use std::ffi::c_void;
 
@@ -7,7 +7,7 @@ use ash::vk;
 type GetPhysicalDeviceProcAddr =
     unsafe extern "system" fn(vk::Instance, *const std::ffi::c_char) -> vk::PFN_vkVoidFunction;
 
-/// `VkLayerFunction` of a link to the next layer.
+/// `VkLayerFunction` value of a link to the next layer.
 const LINK: i32 = 0;
 
 /// `VkNegotiateLayerInterface`.
@@ -37,7 +37,7 @@ pub struct DeviceLink {
     pub get_device_proc_addr: vk::PFN_vkGetDeviceProcAddr,
 }
 
-/// `VkLayerInstanceCreateInfo` and `VkLayerDeviceCreateInfo`: the same but for what they link.
+/// `VkLayerInstanceCreateInfo` and `VkLayerDeviceCreateInfo`, which differ only in the link type.
 #[repr(C)]
 struct LayerCreateInfo<L> {
     structure_type: vk::StructureType,
@@ -46,10 +46,10 @@ struct LayerCreateInfo<L> {
     link: *mut L,
 }
 
-/// The link in a chain of structures; the chain is moved on by one, for the next layer.
+/// Takes this layer's link from a chain of structures, and advances the chain for the next layer.
 ///
 /// # Safety
-/// A chain that the loader has made.
+/// The chain was made by the loader.
 unsafe fn take_link<L>(
     mut at: *const c_void,
     wanted: vk::StructureType,
@@ -57,8 +57,8 @@ unsafe fn take_link<L>(
 ) -> Option<*mut L> {
     while !at.is_null() {
         let info = at.cast_mut().cast::<LayerCreateInfo<L>>();
-        // SAFETY: every structure of a chain begins with its type and the next one; of this type they have a function, too, and with
-        // that function a link.
+        // SAFETY: every structure of a chain begins with its type and the next pointer. Structures
+        // of this type also have a function value, and with that value a link.
         unsafe {
             if (*info).structure_type == wanted && (*info).function == LINK {
                 let link = (*info).link;
@@ -71,12 +71,12 @@ unsafe fn take_link<L>(
     None
 }
 
-/// The next one of an instance that is being made.
+/// The next `vkGetInstanceProcAddr` for an instance that is being created.
 ///
 /// # Safety
-/// What the loader handed over.
+/// `info` comes from the loader.
 pub unsafe fn instance_link(info: *const vk::InstanceCreateInfo) -> Option<vk::PFN_vkGetInstanceProcAddr> {
-    // SAFETY: the loader's structures, alive during the call.
+    // SAFETY: the loader's structures are alive during the call.
     unsafe {
         let link =
             take_link::<InstanceLink>((*info).p_next, vk::StructureType::LOADER_INSTANCE_CREATE_INFO, |l| l.next)?;
@@ -84,14 +84,14 @@ pub unsafe fn instance_link(info: *const vk::InstanceCreateInfo) -> Option<vk::P
     }
 }
 
-/// The next ones of a device that is being made.
+/// The next functions for a device that is being created.
 ///
 /// # Safety
-/// What the loader handed over.
+/// `info` comes from the loader.
 pub unsafe fn device_link(
     info: *const vk::DeviceCreateInfo,
 ) -> Option<(vk::PFN_vkGetInstanceProcAddr, vk::PFN_vkGetDeviceProcAddr)> {
-    // SAFETY: the loader's structures, alive during the call.
+    // SAFETY: the loader's structures are alive during the call.
     unsafe {
         let link = take_link::<DeviceLink>((*info).p_next, vk::StructureType::LOADER_DEVICE_CREATE_INFO, |l| l.next)?;
         Some(((*link).get_instance_proc_addr, (*link).get_device_proc_addr))

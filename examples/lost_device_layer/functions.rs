@@ -1,5 +1,5 @@
-//! The functions that the layer has of its own: those that make and destroy, and those by which a program learns that its device is
-//! lost.
+//! The functions that the layer intercepts: creation and destruction, and those that report a lost
+//! device.
 
 use std::ffi::{CStr, c_char, c_void};
 
@@ -15,28 +15,28 @@ const LOST: vk::Result = vk::Result::ERROR_DEVICE_LOST;
 /// A function of an instance.
 ///
 /// # Safety
-/// The name is a text that ends in 0; the instance is alive or null.
+/// The name is zero-terminated; the instance is alive or null.
 pub unsafe fn of_instance(instance: vk::Instance, name: *const c_char) -> vk::PFN_vkVoidFunction {
-    // SAFETY: a text that ends in 0.
+    // SAFETY: the text is zero-terminated.
     let text = unsafe { CStr::from_ptr(name) };
     if let Some(own) = own_of_instance(text).or_else(|| own_of_device(text)) {
         return address(own);
     }
     let next = Some(instance).filter(|instance| !instance.is_null()).and_then(instance_of)?;
-    // SAFETY: the next one's function, for its own instance.
+    // SAFETY: the next layer's function, for its own instance.
     unsafe { (next.get_instance_proc_addr)(instance, name) }
 }
 
 /// A function of a device.
 ///
 /// # Safety
-/// The name is a text that ends in 0; the device is alive.
+/// The name is zero-terminated; the device is alive.
 pub unsafe fn of_device(device: vk::Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
-    // SAFETY: a text that ends in 0.
+    // SAFETY: the text is zero-terminated.
     let text = unsafe { CStr::from_ptr(name) };
-    // SAFETY: the next one's function, for its own device.
+    // SAFETY: the next layer's function, for its own device.
     let next = device_of(device).and_then(|known| unsafe { (known.get_device_proc_addr)(device, name) })?;
-    // What the driver does not have nobody has.
+    // Functions that the driver lacks are not intercepted.
     own_of_device(text).map_or(Some(next), address)
 }
 
@@ -70,8 +70,8 @@ unsafe extern "system" fn create_instance(
     allocator: *const vk::AllocationCallbacks,
     instance: *mut vk::Instance,
 ) -> vk::Result {
-    // SAFETY: the loader calls with what its manual says: a chain of its structures, and a place for the handle. A function of that
-    // name has that type.
+    // SAFETY: the loader calls with the documented arguments: a chain of its structures, and a
+    // place for the handle. A function of that name has that type.
     unsafe {
         let Some(get_instance_proc_addr) = instance_link(info) else { return vk::Result::ERROR_INITIALIZATION_FAILED };
         let create = get_instance_proc_addr(vk::Instance::null(), c"vkCreateInstance".as_ptr());
@@ -117,12 +117,12 @@ unsafe extern "system" fn destroy_device(device: vk::Device, allocator: *const v
         return;
     }
     if let Some(known) = remove_device(device) {
-        // SAFETY: the client's own call, passed on.
+        // SAFETY: forwards the client's call.
         unsafe { (known.next.fp_v1_0().destroy_device)(device, allocator) }
     }
 }
 
-/// Answers that the device is lost, or passes on.
+/// Reports the device as lost, or forwards the call.
 fn unless_lost(handle: impl Handle, pass: impl FnOnce(&Device) -> vk::Result) -> vk::Result {
     match device_of(handle) {
         Some(device) if !device.is_lost() => pass(&device),
@@ -136,7 +136,7 @@ unsafe extern "system" fn queue_submit(
     submits: *const vk::SubmitInfo,
     fence: vk::Fence,
 ) -> vk::Result {
-    // SAFETY: here and below: the client's own call, passed on as it is.
+    // SAFETY: here and below: forwards the client's call unchanged.
     unless_lost(queue, |device| unsafe { (device.next.fp_v1_0().queue_submit)(queue, count, submits, fence) })
 }
 

@@ -1,12 +1,14 @@
-//! A Vulkan layer that loses devices on demand, to try programs against what a driver's reset or a pulled card does to them.
+//! A Vulkan layer that loses devices on demand, to test programs against a driver reset or a
+//! removed card.
 //!
-//! It passes everything through until the file that `LOST_DEVICE_FILE` names is there. From then on every device answers its
-//! submissions, waits and questions with VK_ERROR_DEVICE_LOST, for good; devices that are made later work, until the file's content
-//! changes. Before the first such answer the driver is waited for, so that nothing of a lost device is still at work when the program
-//! lets go of it. docs/stand-in.md tells how a program is run with it.
+//! It forwards everything until the file named by `LOST_DEVICE_FILE` exists. From then on, every
+//! device answers submissions, waits and status queries with VK_ERROR_DEVICE_LOST permanently.
+//! Devices created later work until the content of the file changes. Before the first such answer,
+//! the layer waits for the driver, so that nothing of a lost device is still running when the
+//! program frees it. docs/stand-in.md describes its use.
 //!
-//! What a layer is, and the structures through which it and Vulkan's loader find each other: the loader's "Layer Interface to the
-//! Loader" (`vk_layer.h`), which has no other binding in Rust.
+//! Reference for layers and for the loader's structures: "Layer Interface to the Loader" of the
+//! Vulkan loader (`vk_layer.h`), for which no other Rust binding exists.
 
 mod chain;
 mod devices;
@@ -18,18 +20,18 @@ use ash::vk;
 
 use chain::NegotiateLayerInterface;
 
-/// The newest agreement between loader and layers that this layer knows.
+/// Newest version of the layer interface that this layer supports.
 const INTERFACE_VERSION: u32 = 2;
 
-/// Called first by the loader: tells it this layer's entry points.
+/// First call of the loader: receives this layer's entry points.
 ///
 /// # Safety
-/// The loader hands over its own structure, which is filled in.
+/// `agreed` is null or the loader's own structure.
 #[unsafe(no_mangle)]
 pub unsafe extern "system" fn vkNegotiateLoaderLayerInterfaceVersion(
     agreed: *mut NegotiateLayerInterface,
 ) -> vk::Result {
-    // SAFETY: null, or the loader's own structure, which nobody else holds during the call.
+    // SAFETY: null, or the loader's own structure, which nobody else uses during the call.
     let Some(agreed) = (unsafe { agreed.as_mut() }) else { return vk::Result::ERROR_INITIALIZATION_FAILED };
     if agreed.loader_layer_interface_version < INTERFACE_VERSION {
         return vk::Result::ERROR_INITIALIZATION_FAILED;
@@ -41,23 +43,24 @@ pub unsafe extern "system" fn vkNegotiateLoaderLayerInterfaceVersion(
     vk::Result::SUCCESS
 }
 
-/// A function of an instance: the layer's own, or the next one's in the chain.
+/// A function of an instance: the layer's own, or that of the next layer.
 unsafe extern "system" fn get_instance_proc_addr(
     instance: vk::Instance,
     name: *const c_char,
 ) -> vk::PFN_vkVoidFunction {
-    // SAFETY: the loader's promise: a text that ends in 0.
+    // SAFETY: the loader passes a zero-terminated text.
     unsafe { functions::of_instance(instance, name) }
 }
 
-/// The same of a device.
+/// A function of a device: the layer's own, or that of the next layer.
 unsafe extern "system" fn get_device_proc_addr(device: vk::Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
     // SAFETY: as above.
     unsafe { functions::of_device(device, name) }
 }
 
-/// A function as the loader wants it.
+/// Converts a function pointer to the loader's type.
 fn address(function: *const c_void) -> vk::PFN_vkVoidFunction {
-    // SAFETY: a pointer to a function or null, which an optional pointer to a function has the same bits for.
+    // SAFETY: a function pointer or null, which has the same representation as an optional function
+    // pointer.
     unsafe { std::mem::transmute(function) }
 }

@@ -1,4 +1,4 @@
-//! IVRApplications: manifests and autolaunch, kept in `applications.json` across processes.
+//! IVRApplications: manifests and autolaunch, stored in `applications.json` across processes.
 
 use std::collections::BTreeMap;
 use std::ffi::c_char;
@@ -26,14 +26,14 @@ const TOO_SMALL: u32 = sys::EVRApplicationError_VRApplicationError_BufferTooSmal
 const NOT_SET: u32 = sys::EVRApplicationError_VRApplicationError_PropertyNotSet;
 const NO_PROPERTY: u32 = sys::EVRApplicationError_VRApplicationError_UnknownProperty;
 const NO_CONTACT: u32 = sys::EVRApplicationError_VRApplicationError_IPCFailed;
-/// Longest manifest that is read.
+/// Limit of a manifest's size, bytes.
 const MAX_MANIFEST_BYTES: u64 = 1 << 20;
 
-/// An application as it is kept.
+/// A stored application.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Application {
     manifest: PathBuf,
-    /// Gone when the server ends.
+    /// Whether it is removed when the server ends.
     temporary: bool,
     autolaunch: bool,
     name: String,
@@ -41,19 +41,19 @@ struct Application {
     binary: String,
     arguments: String,
     is_dashboard_overlay: bool,
-    /// The last process that said it is this one.
+    /// The last process that identified itself as this application.
     #[serde(default)]
     pid: u32,
 }
 
 type Applications = BTreeMap<String, Application>;
 
-/// The applications that there are; none where the file cannot be read.
+/// The stored applications; none if the file cannot be read.
 fn load(path: &Path) -> Applications {
     std::fs::read(path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
 }
 
-/// A call that may change the applications.
+/// Runs a call that may change the applications.
 fn with_applications<T>(name: &'static str, failed: T, body: impl FnOnce(&mut World, &mut Applications) -> T) -> T {
     let mut value = None;
     call(name, NO_CONTACT, |world| {
@@ -64,14 +64,14 @@ fn with_applications<T>(name: &'static str, failed: T, body: impl FnOnce(&mut Wo
             value = Some(body(world, &mut applications));
             let after = serde_json::to_vec_pretty(&applications).unwrap_or_default();
             let written = if after == before { Ok(()) } else { write_whole(&path, &after) };
-            written.unwrap_or_else(|error| eprintln!("stand-in: {}: {error}", path.display()));
+            written.unwrap_or_else(|error| eprintln!("fake runtime: {}: {error}", path.display()));
         }
         NONE
     });
     value.unwrap_or(failed)
 }
 
-/// A text of the client's, or a violation.
+/// A text from the client. Missing, empty or non-UTF-8 texts are recorded as violations.
 fn checked<'a>(world: &mut World, name: &str, text: *const c_char) -> Option<&'a str> {
     let text = read_text(text).filter(|text| !text.is_empty());
     if text.is_none() {
@@ -80,7 +80,7 @@ fn checked<'a>(world: &mut World, name: &str, text: *const c_char) -> Option<&'a
     text
 }
 
-/// The applications of a manifest.
+/// Parses the applications of a manifest.
 fn parse(path: &Path, temporary: bool) -> Result<Applications, u32> {
     let metadata = std::fs::metadata(path).map_err(|_| NO_MANIFEST)?;
     if !metadata.is_file() || metadata.len() > MAX_MANIFEST_BYTES {
@@ -213,7 +213,7 @@ unsafe extern "C" fn error_name(error: u32) -> *mut c_char {
     })
 }
 
-/// A property of an application, with its error.
+/// Returns a property of an application, and its error.
 fn property<T>(
     name: &'static str,
     key: *const c_char,

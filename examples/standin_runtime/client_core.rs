@@ -1,5 +1,6 @@
-//! What the library exports: the object that Valve's loader and ours ask for, with C++'s layout: its first word points to
-//! a table of functions, each of which takes the object first.
+//! The exports of the library: the client core object that Valve's loader and this program request.
+//! It has the C++ layout: its first word points to a table of functions, each of which takes the
+//! object as first argument.
 
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::sync::LazyLock;
@@ -11,7 +12,7 @@ use crate::{applications, chaperone, compositor, overlay_table, settings, sys, s
 const NONE: u32 = sys::EVRInitError_VRInitError_None;
 const NOT_FOUND: u32 = sys::EVRInitError_VRInitError_Init_InterfaceNotFound;
 const NOT_INITIALIZED: u32 = sys::EVRInitError_VRInitError_Init_NotInitialized;
-/// Functions of IVRSystem_026; the last one is SetSDKVersion.
+/// Number of functions of IVRSystem_026. The last one is SetSDKVersion.
 const SYSTEM_FUNCTIONS: usize = size_of::<sys::VR_IVRSystem_FnTable>() / size_of::<usize>();
 
 #[repr(C)]
@@ -36,7 +37,8 @@ static CLIENT_CORE_TABLE: ClientCoreTable = ClientCoreTable {
 };
 static CLIENT_CORE: &ClientCoreTable = &CLIENT_CORE_TABLE;
 
-/// The tables by interface, made when first asked for and kept, as clients keep pointers into them.
+/// Function tables by interface. Created on first use and never freed, because clients keep
+/// pointers to them.
 static TABLES: LazyLock<[(&'static CStr, usize); 6]> = LazyLock::new(|| {
     [
         (sys::IVRSystem_Version, system::new_table()),
@@ -48,7 +50,7 @@ static TABLES: LazyLock<[(&'static CStr, usize); 6]> = LazyLock::new(|| {
     ]
 });
 
-/// IVRSystem for C++: Valve's loader calls SetSDKVersion through it.
+/// IVRSystem as a C++ object: Valve's loader calls SetSDKVersion through it.
 static SYSTEM_OBJECT: LazyLock<usize> = LazyLock::new(|| {
     let mut functions = [cpp_unsupported as *const () as usize; SYSTEM_FUNCTIONS];
     functions[SYSTEM_FUNCTIONS - 1] = cpp_set_sdk_version as *const () as usize;
@@ -56,10 +58,10 @@ static SYSTEM_OBJECT: LazyLock<usize> = LazyLock::new(|| {
     std::ptr::from_mut(Box::leak(Box::new(functions.as_ptr()))) as usize
 });
 
-/// Gives the client core.
+/// Returns the client core.
 ///
 /// # Safety
-/// `name` is null or a text that ends with zero, `error` null or room for a number.
+/// `name` is null or zero-terminated; `error` is null or points to an integer.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn VRClientCoreFactory(name: *const c_char, error: *mut c_int) -> *mut c_void {
     if read_text(name) == Some("IVRClientCore_003") {
@@ -74,7 +76,7 @@ unsafe extern "C" fn init(_this: *mut c_void, application_type: u32, _startup_in
     match world::init(application_type) {
         Ok(()) => NONE,
         Err((code, why)) => {
-            eprintln!("stand-in: Init: {why}");
+            eprintln!("fake runtime: Init: {why}");
             code
         }
     }
@@ -97,7 +99,7 @@ unsafe extern "C" fn is_interface_version_valid(_this: *mut c_void, name: *const
 unsafe extern "C" fn get_generic_interface(_this: *mut c_void, name: *const c_char, error: *mut u32) -> *mut c_void {
     let name = read_text(name).unwrap_or_default();
     if !world::is_running() {
-        eprintln!("stand-in: violation: {name:?} was asked for without Init");
+        eprintln!("fake runtime: violation: {name:?} was requested without Init");
         write(error, NOT_INITIALIZED);
         return std::ptr::null_mut();
     }
@@ -107,7 +109,7 @@ unsafe extern "C" fn get_generic_interface(_this: *mut c_void, name: *const c_ch
     };
     write(error, if found.is_some() { NONE } else { NOT_FOUND });
     if found.is_none() {
-        eprintln!("stand-in: there is no interface {name:?}");
+        eprintln!("fake runtime: there is no interface {name:?}");
     }
     found.map_or(std::ptr::null_mut(), |address| address as *mut c_void)
 }
@@ -116,7 +118,7 @@ unsafe extern "C" fn is_hmd_present(_this: *mut c_void) -> bool {
     true
 }
 
-/// Name and text of the errors that the stand-in gives.
+/// Name and text of the errors that the fake runtime returns.
 fn error(code: u32) -> (&'static CStr, &'static CStr) {
     match code {
         NONE => (c"VRInitError_None", c"No Error (0)"),

@@ -1,16 +1,16 @@
-//! The monotonic clock and the display's frames by it.
+//! The monotonic clock, and the display's frames on it.
 
 use std::time::Duration;
 
 use rustix::time::{ClockId, clock_gettime};
 
-/// The host's monotonic clock.
+/// Time of the host's monotonic clock, nanoseconds.
 pub fn now_ns() -> i64 {
     let now = clock_gettime(ClockId::Monotonic);
     now.tv_sec * 1_000_000_000 + now.tv_nsec
 }
 
-/// Frames of the display: number n begins `n` periods after the first one.
+/// Frames of the display: frame n begins `n` periods after the first one.
 #[derive(Debug, Clone, Copy)]
 pub struct Frames {
     first_ns: i64,
@@ -18,17 +18,17 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Frames from now on.
+    /// Frames from `first_ns` on.
     pub fn new(first_ns: i64, frequency_hz: f64) -> Self {
         Self { first_ns, period_ns: (1e9 / frequency_hz).round() as i64 }
     }
 
-    /// The frame that runs at a time.
+    /// The frame at a time.
     pub fn at(&self, time_ns: i64) -> i64 {
         (time_ns - self.first_ns).div_euclid(self.period_ns)
     }
 
-    /// When a frame begins.
+    /// Begin of a frame, nanoseconds.
     pub fn start_ns(&self, frame: i64) -> i64 {
         self.first_ns + frame * self.period_ns
     }

@@ -1,11 +1,11 @@
-//! What a script or a line of `commands.jsonl` can ask for.
+//! Commands of the configuration's script and of `commands.jsonl`.
 
 use serde::Deserialize;
 
-/// A command and when it is due.
+/// A command with its time.
 #[derive(Debug, Clone, Deserialize)]
 pub struct TimedCommand {
-    /// Seconds since Init; at once where it is missing.
+    /// Seconds since Init; at once if missing.
     #[serde(default)]
     pub at_s: f64,
     #[serde(flatten)]
@@ -21,29 +21,30 @@ pub enum RecenterTarget {
     Seated,
 }
 
-/// What the laser pointer does on a tab of the dashboard.
+/// An action of the laser pointer on a dashboard tab.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Touch {
     Move,
     Down,
     Up,
-    /// All three.
+    /// Move, down and up.
     Click,
     Leave,
 }
 
-/// What to do.
+/// A command.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case")]
 pub enum Command {
     /// Draws both eyes to `shots/NAME_left.png` and `NAME_right.png`.
     Shot { name: String },
-    /// Writes the client's tab of the dashboard to `shots/NAME.png`, its button to `shots/NAME_thumbnail.png`.
+    /// Writes the client's dashboard tab to `shots/NAME.png`, and its button to
+    /// `shots/NAME_thumbnail.png`.
     TabShot { name: String },
-    /// Opens or closes the dashboard, with the client's tab in front.
+    /// Opens or closes the dashboard, with the client's tab active.
     Dashboard { open: bool },
-    /// Touches the tab, `x` and `y` from its upper left in units of its mouse scale.
+    /// Pointer input on the tab. `x` and `y` are from its upper left, in units of its mouse scale.
     Mouse {
         action: Touch,
         #[serde(default)]
@@ -51,7 +52,7 @@ pub enum Command {
         #[serde(default)]
         y: f32,
     },
-    /// Puts the zero pose elsewhere, given in the universe as it was.
+    /// Moves the zero pose, given in the previous universe.
     Recenter {
         #[serde(default)]
         x: f64,
@@ -64,29 +65,29 @@ pub enum Command {
     },
     /// Changes the raw universe, as configured.
     Universe,
-    /// Poses are invalid for a while.
+    /// Makes poses invalid for this time, seconds.
     Invalid { for_s: f64 },
     /// Asks the client to quit.
     Quit,
-    /// The next `count` calls of a function fail.
+    /// Makes the next `count` calls of a function fail.
     Fail { function: String, count: u32 },
-    /// The headset was taken off.
+    /// The headset is taken off.
     Standby,
-    /// The headset was put on.
+    /// The headset is put on.
     Wake,
-    /// The user chose another colour for the bounds, 0 to 255.
+    /// Changes the colour of the bounds, 0 to 255.
     Color { r: i32, g: i32, b: i32, a: i32 },
-    /// The user set up another play area.
+    /// Changes the play area.
     PlayArea { x: f32, z: f32 },
-    /// The user changed a setting.
+    /// Changes a setting.
     Setting { section: String, key: String, value: serde_json::Value },
 }
 
 impl TimedCommand {
-    /// From a line.
+    /// Parses a line.
     ///
     /// # Errors
-    /// What is wrong with it, in words.
+    /// A message that describes what is wrong.
     pub fn parse(line: &str) -> Result<Self, String> {
         serde_json::from_str(line).map_err(|error| format!("{line:?} is no command: {error}"))
     }

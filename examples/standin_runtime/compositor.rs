@@ -1,4 +1,4 @@
-//! IVRCompositor: what a program that shows overlays asks of it, the Vulkan extensions above all.
+//! IVRCompositor: the functions that overlay programs use, mainly the required Vulkan extensions.
 
 use std::ffi::c_char;
 

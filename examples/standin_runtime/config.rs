@@ -1,4 +1,4 @@
-//! The configuration, `standin.json`. Everything has a default; a name that is none of these is refused.
+//! The configuration, `standin.json`. Every entry has a default; unknown names are rejected.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use crate::commands::TimedCommand;
 
-/// A place and a turn about the vertical.
+/// A position and a rotation about the vertical axis.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct YawPose {
@@ -24,23 +24,23 @@ impl YawPose {
         Self { position_m, yaw_deg }
     }
 
-    /// As a pose.
+    /// The pose.
     pub fn pose(self) -> Pose {
         Pose::new(DVec3::from_array(self.position_m), DQuat::from_rotation_y(self.yaw_deg.to_radians()))
     }
 }
 
-/// Which way a projection overlay's matrix is read.
+/// Direction of a projection overlay's matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProjectionMatrix {
-    /// It takes coordinates of the tracking space and gives those of the eye.
+    /// Transforms from tracking space to the eye.
     EyeFromTracking,
-    /// It takes coordinates of the eye and gives those of the tracking space.
+    /// Transforms from the eye to tracking space.
     TrackingFromEye,
 }
 
-/// Half angles of an eye's picture, as tangents, all positive.
+/// Half field-of-view angles of an eye, as tangents, all positive.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tangents {
@@ -57,15 +57,15 @@ pub struct Display {
     pub frequency_hz: f64,
     pub vsync_to_photons_s: f64,
     pub ipd_m: f64,
-    /// Asymmetric in both directions, so that a swapped sign shows.
+    /// Asymmetric in both directions, so that sign errors become visible.
     pub tangents: Tangents,
-    /// Recommended size of an eye's picture.
+    /// Recommended size of an eye's image, pixels.
     pub render_target: [u32; 2],
-    /// Size of an eye's picture in a shot.
+    /// Size of an eye's image in a shot, pixels.
     pub shot_size: [u32; 2],
-    /// Colour behind everything, linear.
+    /// Background colour, linear.
     pub background: [f32; 3],
-    /// Lines 1 m apart on the floor of the room, in shots.
+    /// Whether shots show a 1 m grid on the floor of the room.
     pub floor_grid: bool,
 }
 
@@ -84,7 +84,7 @@ impl Default for Display {
     }
 }
 
-/// The user's play area and its colour.
+/// The user's play area.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Chaperone {
@@ -100,31 +100,31 @@ impl Default for Chaperone {
     }
 }
 
-/// Everything.
+/// The configuration.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// The head's path in the standing universe at the start, a TUM file; none: at rest at (0, 1.6, 0).
+    /// The head's path in the initial standing universe, a TUM file; none: at rest at (0, 1.6, 0).
     pub track: Option<PathBuf>,
     pub controllers: Vec<PathBuf>,
-    /// Times of tracks count from Init, not from the monotonic clock's zero.
+    /// Whether times of tracks count from Init, instead of from the zero of the monotonic clock.
     pub track_is_relative: bool,
-    /// A relative track plays forwards and backwards in turn, for ever.
+    /// Whether a relative track repeats forever, alternately forwards and backwards.
     pub track_loops: bool,
     pub display: Display,
     pub raw_from_standing: YawPose,
     pub raw_from_seated: YawPose,
     pub universe_id: u64,
-    /// How the raw universe moves at a change of universe: its new pose in the old one.
+    /// Motion of the raw universe at a change of universe: its new pose in the old one.
     pub universe_change: YawPose,
     pub projection_matrix: ProjectionMatrix,
-    /// The Vulkan extensions asked for.
+    /// The required Vulkan extensions.
     pub instance_extensions: Vec<String>,
     pub device_extensions: Vec<String>,
-    /// Part of the name of the GPU that drives the headset; none: the first one.
+    /// Substring of the name of the GPU that drives the headset; none: the first GPU.
     pub gpu: Option<String>,
     pub chaperone: Chaperone,
-    /// Settings by section and key, over the built-in ones.
+    /// Settings by section and key, overriding the built-in ones.
     pub settings: BTreeMap<String, BTreeMap<String, serde_json::Value>>,
     pub events: Vec<TimedCommand>,
 }
@@ -164,10 +164,10 @@ impl Default for Config {
 }
 
 impl Config {
-    /// Reads it.
+    /// Reads the configuration.
     ///
     /// # Errors
-    /// What is wrong with the file, in words.
+    /// A message that describes what is wrong with the file.
     pub fn read(path: &Path) -> Result<Self, String> {
         let text = std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))?;
         let config: Self = serde_json::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))?;

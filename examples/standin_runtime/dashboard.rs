@@ -1,5 +1,5 @@
-//! The dashboard: opened and closed by a script, with the first tab of the client's in front; a laser pointer on it; and pictures of
-//! the tab as it was handed over.
+//! The dashboard: opened and closed by commands, with the client's first tab active; laser pointer
+//! input; images of the tab as submitted.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ const NOBODY: u32 = u32::MAX;
 /// `VRMouseButton_Left`: the trigger.
 const TRIGGER: u32 = 1;
 
-/// Pictures of a tab and of its button, to be read outside the lock.
+/// Images of a tab and of its button, to be read outside the lock.
 pub struct TabPicture {
     pub name: String,
     tab: Overlay,
@@ -37,18 +37,19 @@ impl World {
         self.push_tab_event(event(tab_kind, NOBODY));
     }
 
-    /// Touches the tab in front, at a place from its upper left in units of its mouse scale.
+    /// Pointer input on the active tab, at a position from its upper left in units of its mouse
+    /// scale.
     pub fn touch(&mut self, touch: Touch, x: f32, y: f32) {
         if !self.overlays.dashboard_open {
-            return eprintln!("stand-in: the dashboard is closed: nothing to touch");
+            return eprintln!("fake runtime: the dashboard is closed: pointer input ignored");
         }
         let Some(tab) = self.overlays.active_tab().map(|(_, tab)| tab) else {
-            return eprintln!("stand-in: there is no tab to touch");
+            return eprintln!("fake runtime: there is no tab for pointer input");
         };
         if tab.input_method != sys::VROverlayInputMethod_Mouse {
-            return eprintln!("stand-in: {} takes no mouse", tab.key);
+            return eprintln!("fake runtime: {} accepts no mouse input", tab.key);
         }
-        // As SteamVR has it: from the lower left.
+        // As in SteamVR: from the lower left.
         let at = [x, tab.mouse_scale[1] - y];
         let kind = match touch {
             Touch::Move => sys::EVREventType_VREvent_MouseMove,
@@ -65,7 +66,7 @@ impl World {
         let mouse =
             sys::VREvent_Mouse_t { x: at[0], y: at[1], button: if is_button { TRIGGER } else { 0 }, cursorIndex: 0 };
         if !matches!(touch, Touch::Leave) {
-            // SAFETY: the union holds a mouse's data for these kinds; it need not be aligned.
+            // SAFETY: the union holds mouse data for these kinds; it need not be aligned.
             unsafe { (&raw mut told.data).cast::<sys::VREvent_Mouse_t>().write_unaligned(mouse) };
         }
         self.push_tab_event(told);
@@ -79,10 +80,10 @@ impl World {
         }
     }
 
-    /// The tab in front as it was handed over, whether the dashboard is open or not.
+    /// The active tab as submitted, whether the dashboard is open or not.
     ///
     /// # Errors
-    /// There is none.
+    /// There is no tab.
     pub fn tab_picture(&mut self, name: &str) -> Result<TabPicture, String> {
         let tab = self.overlays.active_tab().map(|(_, tab)| tab.clone()).ok_or("there is no tab")?;
         let thumbnail = self.overlays.handle(&thumbnail_key(&tab.key));
@@ -92,10 +93,10 @@ impl World {
 }
 
 impl TabPicture {
-    /// Writes `NAME_thumbnail.png`, where it has one, and last `NAME.png`.
+    /// Writes `NAME_thumbnail.png`, if it exists, and then `NAME.png`.
     ///
     /// # Errors
-    /// What is missing or refused.
+    /// What is missing or failed.
     pub fn write(&self, folder: &Path) -> Result<(), String> {
         std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
         if let Some(thumbnail) = self.thumbnail.as_ref().filter(|thumbnail| thumbnail.texture.is_some()) {
@@ -114,7 +115,7 @@ fn write(overlay: &Overlay, path: &Path) -> Result<(), String> {
     }
     let image = image::RgbaImage::from_raw(copied.image.width, copied.image.height, pixels);
     let mut bytes = std::io::Cursor::new(Vec::new());
-    let encoded = image.ok_or("a picture came back short")?.write_to(&mut bytes, image::ImageFormat::Png);
+    let encoded = image.ok_or("an image has too few pixels")?.write_to(&mut bytes, image::ImageFormat::Png);
     encoded.map_err(|error| error.to_string())?;
     write_whole(path, &bytes.into_inner()).map_err(|error| format!("{}: {error}", path.display()))
 }

@@ -1,48 +1,49 @@
-//! What an eye sees, on the CPU, in linear light. Every pixel is 2 × 2 rays; a ray meets a quad's plane or names a direction
-//! of a view, and the texture is averaged over what lies between neighbouring rays. Overlays are drawn over everything,
-//! by sort order, then from far to near, as SteamVR draws them over a scene.
+//! Renders the view of one eye on the CPU, in linear light. Every pixel has 2 × 2 rays. A ray
+//! intersects the plane of a quad, or gives a direction of a projection view; the texture is
+//! averaged over the area between neighbouring rays. Overlays are drawn over everything, by sort
+//! order, then from far to near, as SteamVR draws them over a scene.
 
 use glam::{DMat3, DVec3};
 
 use crate::pyramid::{Pixel, Pyramid};
 use crate::snapshot::{Eye, Shape, Snapshot};
 
-/// Rays a pixel in each direction.
+/// Rays per pixel in each direction.
 const RAYS: usize = 2;
-/// The back of a quad: grey, half transparent.
+/// Colour of a quad's back: grey, half transparent.
 const BACK: Pixel = [0.05, 0.05, 0.05, 0.5];
-/// Lines on the floor, linear.
+/// Brightness of the floor lines, linear.
 const GRID: f32 = 0.02;
 const GRID_HALF_WIDTH_M: f64 = 0.006;
 
-/// What is drawn over an eye's picture.
+/// An overlay in the image of one eye.
 pub struct Layer<'a> {
-    /// Where on the texture a ray ends.
+    /// Maps rays to texture coordinates.
     pub surface: Surface,
     pub paint: Paint<'a>,
     pub alpha: f32,
     pub color: [f32; 3],
 }
 
-/// What a surface looks like.
+/// Appearance of a surface.
 pub enum Paint<'a> {
-    /// A texture, of which the part between two corners (u, v) is shown.
+    /// A texture; the part between two corners (u, v) is shown.
     Texture { pyramid: &'a Pyramid, bounds: [f64; 4] },
-    /// A quad's back.
+    /// The back of a quad.
     Back,
 }
 
-/// A surface that rays end on.
+/// A surface that rays intersect.
 #[derive(Debug, Clone, Copy)]
 pub enum Surface {
-    /// A quad: the eye in its coordinates, its turn, its size.
+    /// A quad: the eye in the quad's frame, its rotation, its size.
     Quad { eye: DVec3, overlay_from_eye: DMat3, size_m: [f64; 2] },
-    /// A view: its turn, and tangents at left, right, upper and lower edge.
+    /// A projection view: its rotation, and tangents at the left, right, upper and lower edge.
     View { view_from_eye: DMat3, edges: [f64; 4] },
 }
 
 impl Surface {
-    /// Where a shape lies for an eye; `None` for the other eye's view.
+    /// The surface of a shape for an eye; `None` for the other eye's view.
     pub fn new(shape: Shape, size_m: [f64; 2], eye: &Eye) -> Option<Self> {
         match shape {
             Shape::Quad { standing_from_overlay } => {
@@ -63,7 +64,7 @@ impl Surface {
         !matches!(self, Self::Quad { eye, .. } if eye.z <= 0.0)
     }
 
-    /// Distance to the middle; views lie in front of everything.
+    /// Distance to the centre; views are in front of everything.
     pub fn distance_m(&self) -> f64 {
         match self {
             Self::Quad { eye, .. } => eye.length(),
@@ -71,7 +72,8 @@ impl Surface {
         }
     }
 
-    /// Where a ray ends, from the upper left corner to the lower right one, 0 to 1, and beyond; `None` where it does not.
+    /// Where a ray meets the surface: (0, 0) is the upper left corner and (1, 1) the lower right
+    /// one, values outside are beyond the edges. `None` if it misses the plane.
     fn hit(&self, direction_in_eye: DVec3) -> Option<[f64; 2]> {
         match self {
             Self::Quad { eye, overlay_from_eye, size_m } => {
@@ -89,7 +91,7 @@ impl Surface {
     }
 }
 
-/// Directions of an eye's rays.
+/// Ray directions of an eye.
 struct Rays {
     first: DVec3,
     right: DVec3,
@@ -110,7 +112,7 @@ impl Rays {
 }
 
 impl Layer<'_> {
-    /// What a ray sees of the layer; `None` where it misses.
+    /// Colour of a ray on the layer; `None` if it misses.
     fn seen(&self, rays: &Rays, x: usize, y: usize) -> Option<Pixel> {
         let direction = rays.direction(x, y);
         let at = self.surface.hit(direction).filter(|at| at.iter().all(|v| (0.0..=1.0).contains(v)))?;
@@ -128,7 +130,7 @@ impl Layer<'_> {
     }
 }
 
-/// Draws an eye's picture, row by row from the top.
+/// Renders an eye's image, row by row from the top.
 pub fn draw(snapshot: &Snapshot, eye: &Eye, layers: &[Layer]) -> Vec<[f32; 3]> {
     let rays = Rays::new(eye, snapshot.size);
     let [width, height] = snapshot.size.map(|size| size as usize);
@@ -152,7 +154,7 @@ pub fn draw(snapshot: &Snapshot, eye: &Eye, layers: &[Layer]) -> Vec<[f32; 3]> {
     picture
 }
 
-/// Lines 1 m apart on the floor of the room.
+/// Draws lines 1 m apart on the floor of the room.
 fn draw_grid(picture: &mut [[f32; 3]], width: usize, snapshot: &Snapshot, eye: &Eye, rays: &Rays) {
     let world_from_eye = snapshot.standing_from_world.inverse() * eye.standing_from_eye;
     let height_m = world_from_eye.translation.y;

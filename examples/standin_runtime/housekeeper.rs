@@ -1,4 +1,5 @@
-//! A thread of the stand-in's own: carries out the script and the commands, has pictures drawn, and writes the report.
+//! The fake runtime's own thread: executes the script and the commands, requests images, and writes
+//! the report.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -14,35 +15,35 @@ use crate::paths::Paths;
 use crate::report::write_whole;
 use crate::world::{World, lock};
 
-/// How often it looks.
+/// Period of the thread.
 const TICK: Duration = Duration::from_millis(20);
-/// How often the report is written when nothing urgent happens.
+/// Interval of report writes if nothing is urgent, nanoseconds.
 const REPORT_NS: i64 = 1_000_000_000;
-/// Ticks from one look at the file of commands to the next.
+/// Ticks between two reads of the command file.
 const COMMANDS_TICKS: u64 = 5;
-/// Longest stretch of the file of commands that is read at a time.
+/// Limit of one read of the command file, bytes.
 const MAX_READ_BYTES: u64 = 1 << 20;
 
-/// The thread.
+/// Handle of the thread.
 pub struct Handle {
     stop: Sender<()>,
     thread: JoinHandle<()>,
 }
 
 impl Handle {
-    /// Ends it, once what it has begun is done.
+    /// Stops the thread after its current work.
     pub fn finish(self) {
         let _ = self.stop.send(());
         if self.thread.join().is_err() {
-            eprintln!("stand-in: its thread panicked");
+            eprintln!("fake runtime: the housekeeper thread panicked");
         }
     }
 }
 
-/// Starts it.
+/// Starts the thread.
 pub fn start(place: Paths) -> Handle {
     let (stop, stopped) = channel();
-    // Here, so that a command that is given right after Init is not taken for an old one.
+    // Opened here, so that a command given right after Init is not skipped as an old one.
     let commands = CommandTail::new(place.commands());
     let thread = std::thread::spawn(move || run(&place, commands, &stopped));
     Handle { stop, thread }
@@ -62,7 +63,7 @@ fn run(place: &Paths, mut commands: CommandTail, stopped: &Receiver<()>) {
     painter.finish();
 }
 
-/// What is done outside the lock.
+/// A file write that is done outside the lock.
 struct ReportWrite {
     path: PathBuf,
     bytes: Vec<u8>,
@@ -71,7 +72,7 @@ struct ReportWrite {
 impl ReportWrite {
     fn write(self) {
         if let Err(error) = write_whole(&self.path, &self.bytes) {
-            eprintln!("stand-in: {}: {error}", self.path.display());
+            eprintln!("fake runtime: {}: {error}", self.path.display());
         }
     }
 }
@@ -81,13 +82,13 @@ fn work(world: &mut World, painter: &Painter, lines: &[String], report_due_ns: &
     for line in lines {
         match TimedCommand::parse(line) {
             Ok(command) => world.schedule(command),
-            Err(error) => eprintln!("stand-in: commands.jsonl: {error}"),
+            Err(error) => eprintln!("fake runtime: commands.jsonl: {error}"),
         }
     }
     if world.server.alive(now_ns) {
         for command in world.due(now_ns) {
             match &command {
-                // What does not show anything has nothing to take a picture of.
+                // A client that shows nothing has no image.
                 Command::Shot { name } if world.is_overlay_client() => take_picture(world, painter, name, now_ns),
                 Command::TabShot { name } if world.is_overlay_client() => take_tab_picture(world, painter, name),
                 other => world.perform(other, now_ns),
@@ -121,11 +122,11 @@ fn take_tab_picture(world: &mut World, painter: &Painter, name: &str) {
     }
 }
 
-/// The lines that are appended to the file of commands from now on.
+/// Lines appended to the command file from now on.
 struct CommandTail {
     path: PathBuf,
     read_to: u64,
-    /// A line without its end yet.
+    /// An incomplete last line.
     rest: Vec<u8>,
 }
 
@@ -138,14 +139,14 @@ impl CommandTail {
     fn new_lines(&mut self) -> Vec<String> {
         let length = std::fs::metadata(&self.path).map_or(0, |metadata| metadata.len());
         if length < self.read_to {
-            // The file was begun anew.
+            // The file was truncated.
             self.read_to = 0;
             self.rest.clear();
         }
         if length > self.read_to {
             match self.read() {
                 Ok(read) => self.read_to += read as u64,
-                Err(error) => eprintln!("stand-in: {}: {error}", self.path.display()),
+                Err(error) => eprintln!("fake runtime: {}: {error}", self.path.display()),
             }
         }
         self.take_lines()

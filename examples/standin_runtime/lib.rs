@@ -1,9 +1,10 @@
-//! A stand-in for SteamVR's client library, to run programs against where there is no headset and no SteamVR.
+//! A fake of SteamVR's client library, for running programs without a headset and without SteamVR.
 //!
-//! A program loads it as it loads Valve's: through the registry file, then by `VRClientCoreFactory`. It plays a headset
-//! that moves on a given path, takes overlays, checks every call, and draws what each eye would see on the CPU, from the
-//! program's textures, alphas, flags and transforms. `standin_server` makes its folders and stands for SteamVR's server.
-//! docs/stand-in.md is the manual.
+//! A program loads it like Valve's library: through the registry file, then `VRClientCoreFactory`.
+//! It simulates a headset on a given path, accepts overlays, checks every call, and renders the
+//! view of each eye on the CPU from the program's textures, alphas, flags and transforms.
+//! `standin_server` creates its folders and acts as SteamVR's server. docs/stand-in.md is the
+//! manual.
 
 #![cfg(unix)]
 

@@ -1,4 +1,4 @@
-//! Overlays as the runtime knows them.
+//! The overlays of the client.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::thread::ThreadId;
@@ -11,21 +11,21 @@ use crate::report::Report;
 use crate::sys;
 use crate::vulkan::{Copied, Copier};
 
-/// Overlays there may be.
+/// Limit of overlays.
 pub const MAX_OVERLAYS: usize = sys::k_unMaxOverlayCount as usize;
-/// A first handle that is unlike a small number or a pointer.
+/// First handle. Unlike a small number or a pointer, to detect mix-ups.
 const FIRST_HANDLE: u64 = 0x5354_4e44_0000_0001;
 
-/// Where an overlay is.
+/// Placement of an overlay.
 #[derive(Debug, Clone, Copy)]
 pub enum Transform {
-    /// Not said.
+    /// Not set.
     Unset,
-    /// In a universe.
+    /// Fixed in a universe.
     Absolute { origin: u32, universe_from_overlay: Pose },
-    /// On a device.
+    /// Fixed to a device.
     Device { device: u32, device_from_overlay: Pose },
-    /// Over the whole view of one eye. Which way the matrix goes is a setting.
+    /// Covers the view of one eye. The direction of the matrix is configurable.
     Projection { origin: u32, matrix: Pose, edges: Edges, is_left: bool },
 }
 
@@ -35,7 +35,7 @@ pub struct Overlay {
     pub key: String,
     pub name: String,
     pub shown: bool,
-    /// A tab of the dashboard, whose place is SteamVR's.
+    /// Whether it is a dashboard tab, which SteamVR places.
     pub dashboard: bool,
     pub alpha: f32,
     pub color: [f32; 3],
@@ -51,16 +51,16 @@ pub struct Overlay {
     pub texture: Option<Texture>,
     pub input_method: u32,
     pub mouse_scale: [f32; 2],
-    /// Of this overlay, for PollNextOverlayEvent.
+    /// Events for PollNextOverlayEvent.
     pub events: Events,
 }
 
-/// The texture that an overlay shows.
+/// The texture of an overlay.
 #[derive(Clone)]
 pub struct Texture {
     pub size: [u32; 2],
     pub color_space: u32,
-    /// Missing where the copy could not be made.
+    /// `None` if the copy failed.
     pub copied: Option<Copied>,
 }
 
@@ -94,42 +94,42 @@ impl Overlay {
     }
 }
 
-/// The key of a dashboard tab's thumbnail.
+/// Key of a dashboard tab's thumbnail.
 pub fn thumbnail_key(key: &str) -> String {
     format!("{key}.thumbnail")
 }
 
-/// All overlays, and how their textures are copied.
+/// All overlays, and the copier of their textures.
 #[derive(Default)]
 pub struct Overlays {
     by_handle: BTreeMap<u64, Overlay>,
     created: u64,
     /// Whether the dashboard is open.
     pub dashboard_open: bool,
-    /// The thread that hands textures over.
+    /// The thread that submits textures.
     pub thread: Option<ThreadId>,
     pub copier: Option<Copier>,
 }
 
 impl Overlays {
-    /// How many there are.
+    /// Number of overlays.
     pub fn len(&self) -> usize {
         self.by_handle.len()
     }
 
-    /// Those that are shown and not in the dashboard.
+    /// Visible overlays outside the dashboard.
     pub fn visible(&self) -> impl Iterator<Item = &Overlay> {
         self.by_handle.values().filter(|overlay| overlay.shown && !overlay.dashboard)
     }
 
-    /// The tab in front when the dashboard is open: the first that was made.
+    /// The active tab of an open dashboard: the first that was created.
     pub fn active_tab(&mut self) -> Option<(u64, &mut Overlay)> {
-        // A thumbnail is made after its tab.
+        // A thumbnail is created after its tab.
         let (handle, tab) = self.by_handle.iter_mut().find(|(_, overlay)| overlay.dashboard)?;
         Some((*handle, tab))
     }
 
-    /// Whether an overlay is seen: a tab while it is in front.
+    /// Whether an overlay is visible: a tab only while it is active.
     pub fn is_seen(&mut self, handle: u64) -> bool {
         let is_active = self.dashboard_open && self.active_tab().is_some_and(|(tab, _)| tab == handle);
         is_active || self.by_handle.get(&handle).is_some_and(|overlay| overlay.shown && !overlay.dashboard)
@@ -140,7 +140,7 @@ impl Overlays {
         self.by_handle.iter().find(|(_, overlay)| overlay.key == key).map(|(handle, _)| *handle)
     }
 
-    /// Makes one.
+    /// Creates an overlay.
     pub fn create(&mut self, key: &str, name: &str) -> u64 {
         let handle = FIRST_HANDLE + self.created;
         self.created += 1;
@@ -158,25 +158,25 @@ impl Overlays {
         self.by_handle.get_mut(&handle).ok_or(why)
     }
 
-    /// Destroys one that there is, a tab of the dashboard with its thumbnail.
+    /// Destroys an existing overlay, a dashboard tab together with its thumbnail.
     pub fn destroy(&mut self, handle: u64) {
         if let Some(overlay) = self.by_handle.remove(&handle).filter(|overlay| overlay.dashboard) {
             self.by_handle.retain(|_, other| !(other.dashboard && other.key == thumbnail_key(&overlay.key)));
         }
     }
 
-    /// Whether the device that textures come from has said that it is lost.
+    /// Whether the device of the textures has reported its loss.
     pub fn is_device_lost(&mut self) -> bool {
         self.copier.as_mut().is_some_and(Copier::is_lost)
     }
 
-    /// Forgets all copies without touching them: their device may be gone.
+    /// Drops all copies without freeing them, because their device may no longer exist.
     pub fn forget_copies(&mut self) {
         self.by_handle.values_mut().filter_map(|overlay| overlay.texture.as_mut()).for_each(|t| t.copied = None);
         std::mem::forget(self.copier.take());
     }
 
-    /// Frees what the copies take.
+    /// Frees the copies.
     pub fn free(&mut self) {
         self.by_handle.clear();
         if let Some(copier) = self.copier.take() {
@@ -184,7 +184,7 @@ impl Overlays {
         }
     }
 
-    /// What must hold when the client waits for the next frame.
+    /// Checks the state at the client's wait for the next frame.
     pub fn check_frame(&self, report: &mut Report) {
         let mut eyes = BTreeSet::new();
         let mut count = 0;

@@ -24,14 +24,14 @@ const BAD_TEXTURE: u32 = sys::EVROverlayError_VROverlayError_InvalidTexture;
 const WRONG_TRANSFORM: u32 = sys::EVROverlayError_VROverlayError_WrongTransformType;
 const FAILED: u32 = sys::EVROverlayError_VROverlayError_RequestFailed;
 const TIMED_OUT: u32 = sys::EVROverlayError_VROverlayError_TimedOut;
-/// Greatest side of a texture.
+/// Largest side of a texture, pixels.
 const MAX_TEXTURE_SIDE: u32 = 4096;
 const FORMATS: [vk::Format; 4] =
     [vk::Format::R8G8B8A8_SRGB, vk::Format::R8G8B8A8_UNORM, vk::Format::B8G8R8A8_SRGB, vk::Format::B8G8R8A8_UNORM];
 
 type Outcome = Result<(), u32>;
 
-/// A call about an overlay there must be.
+/// Runs a call on an existing overlay.
 fn with_overlay(name: &'static str, handle: u64, body: impl FnOnce(&mut Overlay, &mut Report) -> Outcome) -> u32 {
     call(name, FAILED, |world| {
         let overlay = match world.overlays.get(handle) {
@@ -48,7 +48,7 @@ fn with_overlay(name: &'static str, handle: u64, body: impl FnOnce(&mut Overlay,
     })
 }
 
-/// Sets a number that must be within bounds.
+/// Sets a number after checking its range.
 fn set_number(
     name: &'static str,
     handle: u64,
@@ -66,7 +66,7 @@ fn set_number(
     })
 }
 
-/// Hands out a value.
+/// Returns a value.
 fn get<T>(name: &'static str, handle: u64, to: *mut T, value: impl FnOnce(&Overlay) -> T) -> u32 {
     with_overlay(name, handle, |overlay, report| {
         not_null(report, name, to)?;
@@ -166,7 +166,7 @@ unsafe extern "C" fn destroy_overlay(handle: u64) -> u32 {
     })
 }
 
-/// Hands out a text, with its error.
+/// Returns a text, and its error.
 fn get_text(
     name: &'static str,
     handle: u64,
@@ -352,7 +352,7 @@ unsafe extern "C" fn transform_type(handle: u64, kind: *mut i32) -> u32 {
     })
 }
 
-/// The pose that a matrix means, or a violation.
+/// The pose of a matrix. Non-rigid matrices are recorded as violations.
 fn checked_pose(report: &mut Report, name: &str, from: *const sys::HmdMatrix34_t) -> Result<Pose, u32> {
     not_null(report, name, from)?;
     let parsed = read(from).ok_or(BAD_PARAMETER).map(|matrix| pose(&matrix))?;
@@ -362,7 +362,7 @@ fn checked_pose(report: &mut Report, name: &str, from: *const sys::HmdMatrix34_t
     })
 }
 
-/// A tab's place is SteamVR's.
+/// Rejects dashboard tabs, which SteamVR places.
 fn not_a_tab(overlay: &Overlay, report: &mut Report) -> Outcome {
     if overlay.dashboard {
         report.violation("a transform for a tab of the dashboard", &overlay.key);
@@ -438,7 +438,8 @@ unsafe extern "C" fn set_projection(
         not_null(report, NAME, projection)?;
         let matrix = checked_pose(report, NAME, matrix)?;
         let p = read(projection).ok_or(BAD_PARAMETER)?;
-        // As GetProjectionRaw has them: top is the lower edge's tangent, bottom the upper edge's.
+        // As in GetProjectionRaw: top is the tangent of the lower edge, bottom that of the upper
+        // edge.
         let [left, right, down, up] = [p.fLeft, p.fRight, p.fTop, p.fBottom].map(f64::from);
         if ![left, right, down, up].iter().all(|v| v.is_finite()) || left >= right || down >= up || eye > 1 {
             report.violation("projection not possible", format!("left {left} right {right} top {down} bottom {up}"));
@@ -473,18 +474,18 @@ unsafe extern "C" fn is_visible(handle: u64) -> bool {
     code == NONE && crate::world::lock().as_mut().is_some_and(|world| world.overlays.is_seen(handle))
 }
 
-/// What WaitFrameSync does.
+/// Outcome of WaitFrameSync.
 enum Wait {
-    /// Returns when that frame begins.
+    /// Returns at the begin of this frame.
     Frame(i64),
-    /// Gives up.
+    /// Times out.
     TimesOut,
 }
 
 fn plan_wait(world: &mut World, timeout_ms: u32) -> (Wait, i64) {
     let now_ns = now_ns();
     world.overlays.check_frame(&mut world.report);
-    // Asked while the device is there: what comes next may come from another.
+    // Query the loss now: the next texture may come from another device.
     world.overlays.is_device_lost();
     let gives_up_ns = now_ns + i64::from(timeout_ms) * 1_000_000;
     let current = world.frames.at(now_ns);
@@ -505,7 +506,7 @@ unsafe extern "C" fn wait_frame_sync(timeout_ms: u32) -> u32 {
         NONE
     });
     let Some((wait, until_ns)) = plan else { return code };
-    // Outside the lock.
+    // Sleeps outside the lock.
     sleep_until(until_ns);
     let Wait::Frame(frame) = wait else { return TIMED_OUT };
     if let Some(world) = crate::world::lock().as_mut() {
@@ -522,7 +523,7 @@ unsafe extern "C" fn poll_overlay_event(handle: u64, event: *mut sys::VREvent_t,
         next = overlay.events.pop(now_ns());
         Ok(())
     });
-    // What is there is cleared where there is none.
+    // Without an event, the client's structure is cleared.
     let none = crate::events::event(sys::EVREventType_VREvent_None, u32::MAX);
     write_part(event, room, next.as_ref().unwrap_or(&none));
     next.is_some()
@@ -556,7 +557,7 @@ unsafe extern "C" fn set_mouse_scale(handle: u64, scale: *mut sys::HmdVector2_t)
     })
 }
 
-/// What a texture's description must be.
+/// Checks the description of a texture.
 fn checked_image(report: &mut Report, data: &sys::VRVulkanTextureData_t) -> Result<Image, u32> {
     let mut wrong = |kind: &str, text: String| {
         report.violation(kind, format!("SetOverlayTexture: {text}"));
@@ -579,7 +580,7 @@ fn checked_image(report: &mut Report, data: &sys::VRVulkanTextureData_t) -> Resu
     Ok(Image { image: vk::Image::from_raw(data.m_nImage), width, height, format })
 }
 
-/// The copier of the client's device, made at its first texture.
+/// The copier of the client's device. Created at its first texture.
 fn copier(world: &mut World, handles: Handles) -> Result<&mut Copier, u32> {
     let overlays = &mut world.overlays;
     if let Some(before) = overlays.copier.as_ref().map(Copier::handles).filter(|before| *before != handles) {
@@ -615,7 +616,7 @@ fn take_texture(world: &mut World, handle: u64, texture: *const sys::Texture_t) 
     world.report.textures += 1;
     let copied = copier(world, Handles::of(&data))?.copy(image);
     let copied = copied.map_err(|why| {
-        // Nobody's fault; whoever handed it over learns it from its own device.
+        // A lost device is no violation: the client learns of it from its own device.
         if !world.overlays.is_device_lost() {
             world.report.violation("Vulkan refuses", why);
         }
@@ -625,7 +626,7 @@ fn take_texture(world: &mut World, handle: u64, texture: *const sys::Texture_t) 
         world.report.textures_not_copied += 1;
     }
     let overlay = world.overlays.get(handle).map_err(|_| UNKNOWN)?;
-    // What is newer than nothing stays shown when a copy could not be begun.
+    // If the copy could not be started, the previous texture stays visible.
     let copied = copied.or_else(|| overlay.texture.take().and_then(|before| before.copied));
     if overlay.dashboard {
         world.report.dashboard_textures += 1;

@@ -1,4 +1,5 @@
-//! A thread that draws snapshots and writes them: `NAME_left.png`, `NAME_right.png`, and last `NAME.json`.
+//! A thread that renders snapshots and writes them: `NAME_left.png`, `NAME_right.png`, and last
+//! `NAME.json`.
 
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -15,57 +16,57 @@ use crate::snapshot::{Eye, Item, Snapshot};
 use crate::sys;
 use crate::world::lock;
 
-/// Snapshots that wait at most.
+/// Limit of queued snapshots.
 const MAX_QUEUED: usize = 8;
 
-/// What is wanted.
+/// A queued job.
 enum Job {
     Eyes(Box<Snapshot>),
     Tab(Box<TabPicture>),
 }
 
-/// The thread.
+/// Handle of the thread.
 pub struct Painter {
     wanted: SyncSender<Job>,
     thread: JoinHandle<()>,
 }
 
 impl Painter {
-    /// Starts it; pictures go to that folder.
+    /// Starts the thread. Images are written to `folder`.
     pub fn start(folder: PathBuf) -> Self {
         let (wanted, all) = sync_channel(MAX_QUEUED);
         let thread = std::thread::spawn(move || run(&folder, &all));
         Self { wanted, thread }
     }
 
-    /// Draws it some time.
+    /// Queues a snapshot.
     ///
     /// # Errors
-    /// When too many wait.
+    /// The queue is full.
     pub fn draw(&self, snapshot: Snapshot) -> Result<(), String> {
         self.enqueue(Job::Eyes(Box::new(snapshot)))
     }
 
-    /// Writes it some time.
+    /// Queues the images of a tab.
     ///
     /// # Errors
-    /// As above.
+    /// The queue is full.
     pub fn write(&self, picture: TabPicture) -> Result<(), String> {
         self.enqueue(Job::Tab(Box::new(picture)))
     }
 
     fn enqueue(&self, wanted: Job) -> Result<(), String> {
         self.wanted.try_send(wanted).map_err(|error| match error {
-            TrySendError::Full(_) => format!("{MAX_QUEUED} pictures wait already"),
-            TrySendError::Disconnected(_) => "the painter is gone".into(),
+            TrySendError::Full(_) => format!("{MAX_QUEUED} images are queued already"),
+            TrySendError::Disconnected(_) => "the painter thread has ended".into(),
         })
     }
 
-    /// Ends it, once what was wanted is drawn.
+    /// Stops the thread after the queued jobs.
     pub fn finish(self) {
         drop(self.wanted);
         if self.thread.join().is_err() {
-            eprintln!("stand-in: the painter panicked");
+            eprintln!("fake runtime: the painter panicked");
         }
     }
 }
@@ -85,7 +86,7 @@ fn run(folder: &Path, wanted: &Receiver<Job>) {
     }
 }
 
-/// The pyramids of an overlay: one for both eyes, or one for each.
+/// The mip pyramids of an overlay: one for both eyes, or one for each.
 fn pyramids(item: &Item) -> Result<Vec<Pyramid>, String> {
     let Some(texture) = &item.overlay.texture else { return Ok(Vec::new()) };
     let copied = texture.copied.as_ref().ok_or_else(|| format!("{}: its texture was not copied", item.overlay.key))?;
@@ -109,7 +110,7 @@ fn pyramids(item: &Item) -> Result<Vec<Pyramid>, String> {
     })
 }
 
-/// What an eye sees of an overlay.
+/// The layer of an overlay for an eye.
 fn layer<'a>(snapshot: &Snapshot, item: &'a Item, pyramids: &'a [Pyramid], eye: &Eye) -> Option<Layer<'a>> {
     let size_m = [f64::from(item.overlay.width_m), item.height_m()?];
     let surface = Surface::new(item.shape, size_m, eye)?;
@@ -124,7 +125,7 @@ fn layer<'a>(snapshot: &Snapshot, item: &'a Item, pyramids: &'a [Pyramid], eye: 
     Some(Layer { surface, paint, alpha: item.overlay.alpha, color: item.overlay.color })
 }
 
-/// An eye's layers in the order in which they are drawn.
+/// An eye's layers in drawing order.
 fn layers<'a>(snapshot: &'a Snapshot, pyramids: &'a [Vec<Pyramid>], eye: &Eye) -> Vec<Layer<'a>> {
     let items = snapshot.items.iter().zip(pyramids);
     let mut layers: Vec<_> = items
@@ -162,7 +163,7 @@ fn png(picture: &[[f32; 3]], [width, height]: [u32; 2]) -> Result<Vec<u8>, Strin
     Ok(bytes.into_inner())
 }
 
-/// Whether a name can be part of a file's name here.
+/// Whether a name is allowed as a part of a file name.
 pub fn is_name(name: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
     (1..=100).contains(&name.len()) && !name.starts_with('.') && name.chars().all(plain)

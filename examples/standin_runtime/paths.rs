@@ -1,20 +1,20 @@
-//! Where the stand-in lives: the runtime's folder, found through the registry file as Valve's own library finds it.
+//! Paths of the fake runtime, found through the registry file as in Valve's library.
 
 use std::path::{Path, PathBuf};
 
-/// The folders and files of one stand-in.
+/// The folders and files of one fake runtime.
 #[derive(Debug, Clone)]
 pub struct Paths {
-    /// What the server was given as `--dir`.
+    /// The `--dir` argument of the server.
     root: PathBuf,
     runtime: PathBuf,
 }
 
 impl Paths {
-    /// Reads the registry file that the environment names.
+    /// Reads the registry file named by the environment.
     ///
     /// # Errors
-    /// No registry file, or one without a runtime, in words.
+    /// There is no registry file, or it names no runtime.
     pub fn find() -> Result<Self, String> {
         let file = registry_file().ok_or("neither VR_PATHREG_OVERRIDE nor a home folder is known")?;
         let text = std::fs::read_to_string(&file).map_err(|error| format!("{}: {error}", file.display()))?;
@@ -31,7 +31,7 @@ impl Paths {
         self.runtime.join("standin.json")
     }
 
-    /// Locked by the server while it lives.
+    /// Locked by the server while it runs.
     pub fn server_lock(&self) -> PathBuf {
         self.runtime.join("server.lock")
     }
@@ -41,22 +41,22 @@ impl Paths {
         self.runtime.join("clients.lock")
     }
 
-    /// Applications that are registered.
+    /// Registered applications.
     pub fn applications(&self) -> PathBuf {
         self.runtime.join("applications.json")
     }
 
-    /// Commands to clients that run.
+    /// Commands to running clients.
     pub fn commands(&self) -> PathBuf {
         self.root.join("commands.jsonl")
     }
 
-    /// What a client did and did wrong.
+    /// Report about a client: its calls and violations.
     pub fn report(&self, name: &str) -> PathBuf {
         self.root.join(name)
     }
 
-    /// The folder of pictures.
+    /// Folder of images.
     pub fn shots(&self) -> PathBuf {
         self.root.join("shots")
     }

@@ -1,4 +1,4 @@
-//! Poses as the runtime hands them out.
+//! Poses as returned by the runtime.
 
 use radar_sar::geometry::Pose;
 
@@ -6,7 +6,7 @@ use crate::sys;
 use crate::track::Motion;
 use crate::world::World;
 
-/// A rigid matrix of the runtime.
+/// The runtime's matrix of a pose.
 pub fn matrix(a_from_b: &Pose) -> sys::HmdMatrix34_t {
     let columns = glam::DMat3::from_quat(a_from_b.rotation).to_cols_array_2d();
     let translation = a_from_b.translation.to_array();
@@ -14,42 +14,44 @@ pub fn matrix(a_from_b: &Pose) -> sys::HmdMatrix34_t {
     sys::HmdMatrix34_t { m: [row(0), row(1), row(2)] }
 }
 
-/// The pose that a matrix means.
+/// The pose of a matrix.
 ///
 /// # Errors
-/// Numbers that are none, or axes that are not at right angles and of length one to a thousandth, in words.
+/// A number is not finite, or the axes are not orthonormal to a thousandth.
 pub fn pose(matrix: &sys::HmdMatrix34_t) -> Result<Pose, String> {
     let m = matrix.m.map(|row| row.map(f64::from));
     if !m.iter().flatten().all(|v| v.is_finite()) {
-        return Err(format!("numbers that are none: {:?}", matrix.m));
+        return Err(format!("numbers that are not finite: {:?}", matrix.m));
     }
     let column = |c: usize| glam::DVec3::new(m[0][c], m[1][c], m[2][c]);
     let rotation = glam::DMat3::from_cols(column(0), column(1), column(2));
     let excess = rotation.transpose() * rotation - glam::DMat3::IDENTITY;
     if excess.to_cols_array().iter().any(|v| v.abs() > 1e-3) || rotation.determinant() < 0.0 {
-        return Err(format!("no rotation: {:?}", matrix.m));
+        return Err(format!("not a rotation: {:?}", matrix.m));
     }
     Ok(Pose::new(column(3), glam::DQuat::from_mat3(&rotation)))
 }
 
 impl World {
-    /// The time on a device's track.
+    /// Time on a device's track.
     fn track_time_ns(&self, time_ns: i64) -> i64 {
         if self.config.track_is_relative { time_ns - self.start_ns } else { time_ns }
     }
 
-    /// Where a device really is in the world, whether tracking sees it or not; `None` in a gap of its track.
+    /// True pose of a device in the world, whether it is tracked or not; `None` in a gap of its
+    /// track.
     pub fn device_in_world(&self, device: usize, time_ns: i64) -> Option<Pose> {
         Some(self.devices.get(device)?.at(self.track_time_ns(time_ns))?.pose)
     }
 
-    /// How a device moves in the world; `None` where tracking has lost it.
+    /// Motion of a device in the world; `None` if tracking is lost.
     pub fn motion(&self, device: usize, time_ns: i64) -> Option<Motion> {
         let lost = crate::clock::now_ns() < self.invalid_until_ns;
         self.devices.get(device).filter(|_| !lost)?.at(self.track_time_ns(time_ns))
     }
 
-    /// A device's pose as handed out, in a universe that lies in the world.
+    /// A device's pose as returned to the client, in a universe given by its pose relative to the
+    /// world.
     pub fn tracked_pose(
         &mut self,
         device: usize,
@@ -75,7 +77,7 @@ impl World {
     }
 }
 
-/// What is handed out for a device that is not there.
+/// The pose of a device that does not exist.
 pub fn no_pose() -> sys::TrackedDevicePose_t {
     sys::TrackedDevicePose_t {
         mDeviceToAbsoluteTracking: matrix(&Pose::IDENTITY),

@@ -1,15 +1,15 @@
-//! A texture in linear light, premultiplied, with its halved copies, and how it is sampled.
+//! A texture as a mip pyramid in linear light, premultiplied, and its sampling.
 
 use ash::vk;
 
 /// A pixel: red, green, blue times alpha, and alpha.
 pub type Pixel = [f32; 4];
 
-/// How bytes become light.
+/// How bytes are decoded to linear light.
 #[derive(Debug, Clone, Copy)]
 pub struct PixelDecoding {
     pub format: vk::Format,
-    /// Values are linear although the format does not say gamma.
+    /// Whether values are linear for a format without sRGB curve.
     pub linear: bool,
     pub premultiplied: bool,
     pub ignore_alpha: bool,
@@ -21,13 +21,14 @@ struct Level {
     pixels: Vec<Pixel>,
 }
 
-/// The texture and its halved copies, down to one pixel.
+/// A texture and its halved copies, down to one pixel.
 pub struct Pyramid {
     levels: Vec<Level>,
 }
 
 impl Pyramid {
-    /// From rows of four bytes a pixel; the columns `first` to `last` of rows that are `stride` pixels long.
+    /// From rows of four bytes per pixel: the columns `first` to `last` of rows that are `stride`
+    /// pixels long.
     pub fn new(bytes: &[u8], stride: usize, [first, last]: [usize; 2], reading: PixelDecoding) -> Self {
         let decode = decoding(reading);
         let columns = |row: &[u8]| -> Vec<Pixel> {
@@ -45,13 +46,13 @@ impl Pyramid {
         Self { levels }
     }
 
-    /// Pixels across and down.
+    /// Width and height, pixels.
     pub fn size(&self) -> [usize; 2] {
         [self.levels[0].width, self.levels[0].height]
     }
 
-    /// The mean around a place (0 to 1 across and down) of a stretch that `along` and `across` span in the same measure:
-    /// several samples along the longer of the two.
+    /// Mean colour around a point (0 to 1 across and down) over the area spanned by `along` and
+    /// `across` in the same units, with several samples along the longer of the two.
     pub fn sample(&self, at: [f64; 2], along: [f64; 2], across: [f64; 2]) -> Pixel {
         const MAX_SAMPLES: f64 = 8.0;
         let [width, height] = self.size().map(|size| size as f64);
@@ -101,7 +102,7 @@ impl Level {
         mean
     }
 
-    /// Means of two by two; `None` for a single pixel.
+    /// Means of two by two pixels; `None` for a single pixel.
     fn halved(&self) -> Option<Self> {
         if self.width == 1 && self.height == 1 {
             return None;
@@ -117,7 +118,7 @@ impl Level {
     }
 }
 
-/// Light by byte of a colour.
+/// Linear value of each byte.
 fn decoding(reading: PixelDecoding) -> [f32; 256] {
     let is_srgb = matches!(reading.format, vk::Format::R8G8B8A8_SRGB | vk::Format::B8G8R8A8_SRGB);
     std::array::from_fn(|byte| {
@@ -135,12 +136,12 @@ fn pixel([r, g, b, a]: [u8; 4], reading: PixelDecoding, decode: &[f32; 256]) -> 
     [r, g, b, alpha]
 }
 
-/// Light of an sRGB value, 0 to 1.
+/// Linear value of an sRGB value, 0 to 1.
 fn light(value: f32) -> f32 {
     if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The sRGB byte of a light.
+/// The sRGB byte of a linear value.
 pub fn srgb_byte(light: f32) -> u8 {
     let light = light.clamp(0.0, 1.0);
     let value = if light <= 0.003_130_8 { light * 12.92 } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 };

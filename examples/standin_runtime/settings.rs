@@ -1,4 +1,4 @@
-//! IVRSettings: sections of keys, in memory, over those that the configuration gives.
+//! IVRSettings: sections of keys, in memory, over those of the configuration.
 
 use std::collections::BTreeMap;
 use std::ffi::c_char;
@@ -13,7 +13,7 @@ use crate::{sys, table};
 const NONE: u32 = sys::EVRSettingsError_VRSettingsError_None;
 const UNSET: u32 = sys::EVRSettingsError_VRSettingsError_UnsetSettingHasNoDefault;
 const READ_FAILED: u32 = sys::EVRSettingsError_VRSettingsError_ReadFailed;
-/// Settings that a client may add to those there are.
+/// Limit of settings that a client may add.
 const MAX_ADDED_SETTINGS: usize = 1000;
 const BOUNDS: &str = "collisionBounds";
 const BOUNDS_COLOR: [&str; 4] = [
@@ -23,14 +23,14 @@ const BOUNDS_COLOR: [&str; 4] = [
     "CollisionBoundsColorGammaA",
 ];
 
-/// The settings there are.
+/// All settings.
 #[derive(Debug)]
 pub struct Settings {
     sections: BTreeMap<String, BTreeMap<String, Value>>,
 }
 
 impl Settings {
-    /// What SteamVR has where nothing was set, and over it what the configuration says.
+    /// SteamVR's defaults, overridden by the configuration.
     pub fn new(configured: &BTreeMap<String, BTreeMap<String, Value>>) -> Self {
         let mut settings = Self { sections: BTreeMap::new() };
         settings.set_bounds_color([0, 255, 255, 153]);
@@ -46,7 +46,7 @@ impl Settings {
         settings
     }
 
-    /// Sets one.
+    /// Sets a value.
     pub fn set(&mut self, section: &str, key: &str, value: Value) {
         self.sections.entry(section.to_owned()).or_default().insert(key.to_owned(), value);
     }

@@ -1,5 +1,6 @@
-//! What the eyes would see at a moment: the head, the eyes and the visible overlays, all in the standing universe, with
-//! the textures still where the GPU puts them. Taken under the lock, drawn outside it.
+//! State of one moment for rendering: the head, the eyes and the visible overlays, all in the
+//! standing universe. The textures are still in the GPU's copies. Taken under the lock, rendered
+//! outside it.
 
 use radar_sar::geometry::Pose;
 use serde_json::{Value, json};
@@ -10,12 +11,12 @@ use crate::overlay::{Overlay, Transform};
 use crate::sys;
 use crate::world::World;
 
-/// Where an overlay is drawn.
+/// Placement of an overlay.
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
-    /// A quad in the room, facing its +z; the height follows from the texture.
+    /// A quad in the room, facing its +z. Its height follows from the texture.
     Quad { standing_from_overlay: Pose },
-    /// Over one eye's view: what lies in a direction from where the client drew it.
+    /// Covers one eye's view: content appears in the direction from which the client drew it.
     View { standing_from_view: Pose, edges: Edges, is_left: bool },
 }
 
@@ -26,13 +27,13 @@ pub struct Item {
 }
 
 impl Item {
-    /// Whether each eye has its half of the texture; which half is the left eye's.
+    /// Whether the texture is side by side, and if so, whether the left half is the left eye's.
     pub fn left_half_first(&self) -> Option<bool> {
         let parallel = self.overlay.has(sys::VROverlayFlags_SideBySide_Parallel);
         (parallel || self.overlay.has(sys::VROverlayFlags_SideBySide_Crossed)).then_some(parallel)
     }
 
-    /// The quad's height: that of the part of the texture that one eye sees, at the quad's width.
+    /// The quad's height: from its width and the part of the texture that one eye sees.
     pub fn height_m(&self) -> Option<f64> {
         let [width, height] = self.overlay.texture.as_ref()?.size.map(f64::from);
         let eyes = if self.left_half_first().is_some() { 2.0 } else { 1.0 };
@@ -53,26 +54,27 @@ pub struct Eye {
 /// A moment.
 pub struct Snapshot {
     pub name: String,
-    /// When the light of the picture leaves the display.
+    /// Time at which the light of the image leaves the display, nanoseconds.
     pub time_ns: i64,
     pub standing_from_head: Pose,
-    /// The room as it was at the start, for the grid on its floor.
+    /// The room at the start, for the grid on its floor.
     pub standing_from_world: Pose,
     pub eyes: [Eye; 2],
     pub size: [u32; 2],
     pub background: [f32; 3],
     pub floor_grid: bool,
-    /// Quads have a back where the client was built with SDK 2.15 or later, unless they say otherwise.
+    /// Whether quads have a visible back: for clients built with SDK 2.15 or later, unless a quad
+    /// opts out.
     pub backs: bool,
     pub universe_id: u64,
     pub items: Vec<Item>,
 }
 
 impl World {
-    /// The present moment: the next frame's light, and what is shown now.
+    /// The present moment: the light of the next frame, and what is shown now.
     ///
     /// # Errors
-    /// When nobody knows where the head is.
+    /// The head's pose is unknown.
     pub fn snapshot(&self, name: &str, now_ns: i64) -> Result<Snapshot, String> {
         let display = &self.config.display;
         let vsync_ns = self.frames.start_ns(self.frames.at(now_ns) + 1);
@@ -104,7 +106,7 @@ impl World {
         })
     }
 
-    /// Where a transform puts an overlay; `None` where it has none, or its device is not there.
+    /// Placement of an overlay; `None` if it has no transform, or its device does not exist.
     fn shape(&self, transform: Transform, time_ns: i64) -> Option<Shape> {
         let standing_from_world = self.universes.standing_from_world();
         let standing_from = |origin| Some(standing_from_world * self.universes.universe_from_world(origin)?.inverse());
@@ -167,7 +169,7 @@ impl Item {
 }
 
 impl Snapshot {
-    /// What is beside the pictures. `tracking` is the standing universe.
+    /// Metadata of the images. `tracking` is the standing universe.
     pub fn to_json(&self) -> Value {
         let eye = |eye: &Eye| json!({ "tracking_from_eye": pose_json(&eye.standing_from_eye), "tangents": edges_json(eye.edges) });
         json!({

@@ -1,4 +1,4 @@
-//! SteamVR's C interfaces, the same text that the program under test is built with.
+//! SteamVR's C interfaces, from the same file that the program under test is built with.
 
 #![allow(non_upper_case_globals, non_camel_case_types, non_snake_case, dead_code, missing_docs)]
 #![allow(clippy::all, clippy::pedantic)]

@@ -26,7 +26,8 @@ unsafe extern "C" fn render_target_size(width: *mut u32, height: *mut u32) {
     });
 }
 
-/// The tangents of an eye as the interface gives them: `top` is the lower edge's and negative, `bottom` the upper edge's.
+/// The tangents of an eye, as in the interface: `top` is the lower edge and negative, `bottom` the
+/// upper edge.
 unsafe extern "C" fn projection_raw(eye: u32, left: *mut f32, right: *mut f32, top: *mut f32, bottom: *mut f32) {
     call("GetProjectionRaw", 0, |world| {
         let edges = world.eye_edges(eye == sys::EVREye_Eye_Left);
@@ -55,7 +56,7 @@ unsafe extern "C" fn output_device(device: *mut u64, kind: i32, instance: *mut s
     call("GetOutputDevice", 0, |world| {
         write(device, 0);
         if kind != sys::ETextureType_TextureType_Vulkan {
-            return world.report.violation("GetOutputDevice for something else than Vulkan", format!("type {kind}"));
+            return world.report.violation("GetOutputDevice for an API other than Vulkan", format!("type {kind}"));
         }
         match crate::vulkan::output_device(instance, world.config.gpu.as_deref()) {
             Ok(found) => write(device, found),
@@ -113,7 +114,7 @@ fn class_of(world: &World, device: u32) -> u32 {
     }
 }
 
-/// The first controller is the left hand's, the second the right hand's.
+/// The first controller is in the left hand, the second in the right hand.
 fn role_of(world: &World, device: u32) -> u32 {
     match device {
         1 | 2 if (device as usize) < world.devices.len() => device,
@@ -135,14 +136,12 @@ unsafe extern "C" fn role_of_device(device: u32) -> u32 {
 unsafe extern "C" fn haptic_pulse(device: u32, _axis: u32, length_us: u16) {
     call("TriggerHapticPulse", 0, |world| {
         if class_of(world, device) != sys::ETrackedDeviceClass_TrackedDeviceClass_Controller {
-            return world.report.violation("haptic pulse for no controller", format!("device {device}"));
+            return world.report.violation("haptic pulse for a non-controller", format!("device {device}"));
         }
         if !(1..4000).contains(&length_us) {
-            return world
-                .report
-                .violation("haptic pulse of a length that is none", format!("{length_us} microseconds"));
+            return world.report.violation("haptic pulse of an invalid length", format!("{length_us} microseconds"));
         }
-        // A controller takes the next one after 5 ms; less a little for the way here.
+        // A controller accepts the next pulse after 5 ms; 1 ms is allowed for the call's jitter.
         let now_ns = now_ns();
         let then_ns = world.pulsed_ns.insert(device, now_ns);
         if then_ns.is_some_and(|then_ns| now_ns - then_ns < 4_000_000) {
@@ -160,7 +159,7 @@ unsafe extern "C" fn is_connected(device: u32) -> bool {
     call("IsTrackedDeviceConnected", 0, |world| (device as usize) < world.devices.len() && world.server.alive(now_ns()))
 }
 
-/// A property, with its error.
+/// Returns a property, and its error.
 fn property<T: table::Failure>(
     name: &'static str,
     device: u32,
@@ -221,9 +220,9 @@ unsafe extern "C" fn string_property(device: u32, asked: u32, value: *mut c_char
     let needed = property("GetStringTrackedDeviceProperty", device, error, |_| {
         let known = match asked {
             sys::ETrackedDeviceProperty_Prop_TrackingSystemName_String => "standin",
-            sys::ETrackedDeviceProperty_Prop_ManufacturerName_String => "Stand-in",
-            sys::ETrackedDeviceProperty_Prop_ModelNumber_String if device == 0 => "Stand-in headset",
-            sys::ETrackedDeviceProperty_Prop_ModelNumber_String => "Stand-in controller",
+            sys::ETrackedDeviceProperty_Prop_ManufacturerName_String => "Fake",
+            sys::ETrackedDeviceProperty_Prop_ModelNumber_String if device == 0 => "Fake headset",
+            sys::ETrackedDeviceProperty_Prop_ModelNumber_String => "Fake controller",
             sys::ETrackedDeviceProperty_Prop_SerialNumber_String => {
                 return Some(write_text(value, room, &format!("STANDIN-{device}")));
             }
@@ -331,7 +330,7 @@ unsafe extern "C" fn runtime_version() -> *mut c_char {
     call("GetRuntimeVersion", 0, |_| text(c"2.15.6-standin"))
 }
 
-/// Records what the client was built with.
+/// Records the SDK version of the client.
 pub fn sdk_version(version: [u32; 3]) -> u32 {
     call("SetSDKVersion", sys::EVRInitError_VRInitError_Init_NotInitialized, |world| {
         world.report.sdk_version = Some(version);

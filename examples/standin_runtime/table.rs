@@ -1,5 +1,5 @@
-//! Function tables without a null pointer: what the stand-in gives, and for all else a function of the right type that
-//! records a violation and returns an error.
+//! Function tables without null pointers: the implemented functions, and for all others a function
+//! of the right type that records a violation and returns an error.
 
 use std::ffi::c_char;
 
@@ -7,13 +7,13 @@ use crate::{sys, world};
 
 /// A function's name, as a type.
 pub trait Named {
-    /// The interface's and the function's name.
+    /// Names of the interface and the function.
     const NAME: &'static str;
 }
 
-/// What a function returns that cannot do what it was asked for.
+/// Return value of a function that fails.
 pub trait Failure {
-    /// The value; `code` where the type is a number of errors.
+    /// The value; `code` if the type is an error number.
     fn failure(code: u32) -> Self;
 }
 
@@ -54,7 +54,7 @@ failures! {
     sys::HiddenAreaMesh_t => sys::HiddenAreaMesh_t { pVertexData: std::ptr::null_mut(), unTriangleCount: 0 },
 }
 
-/// Function pointers for which there is a function that refuses.
+/// Function pointer types for which a rejecting function exists.
 pub trait UnsupportedFn {
     /// A function that records a violation and returns the failure `CODE`.
     fn unsupported<N: Named, const CODE: u32>() -> Self;
@@ -87,7 +87,8 @@ unsupported_fn!(A B C D E F G);
 unsupported_fn!(A B C D E F G H);
 unsupported_fn!(A B C D E F G H I);
 
-/// A table: `field: function` for what is given, then lists of fields that fail with a code.
+/// A table: `field: function` for implemented functions, then lists of fields that fail with a
+/// code.
 macro_rules! table {
     ($table:ident, $interface:literal; given { $($given:ident: $function:path),* $(,)? }
      $(fails($code:expr) { $($unsupported:ident),* $(,)? })*) => {
@@ -105,12 +106,12 @@ macro_rules! table {
 }
 pub(crate) use table;
 
-/// A table for ever, as clients keep the pointer.
+/// Leaks a table, because clients keep the pointer.
 pub fn leaked<T>(table: T) -> usize {
     std::ptr::from_mut(Box::leak(Box::new(table))) as usize
 }
 
-/// A constant text as C wants it.
+/// A constant text as a C pointer.
 pub fn text(text: &'static std::ffi::CStr) -> *mut c_char {
     text.as_ptr().cast_mut()
 }

@@ -1,5 +1,5 @@
-//! A device's path from a TUM file: linear places and shortest-arc turns between its lines, nothing across a gap, at rest
-//! before and after.
+//! A device's path from a TUM file: positions are interpolated linearly and rotations along the
+//! shortest arc. There is no pose in a gap; before and after the track the device is at rest.
 
 use std::path::Path;
 
@@ -7,12 +7,12 @@ use glam::DVec3;
 use radar_recording::read_track;
 use radar_sar::geometry::Pose;
 
-/// Lines further apart than this have nothing known between them.
+/// Largest distance of neighbouring lines across which poses are interpolated, nanoseconds.
 const MAX_GAP_NS: i64 = 30_000_000;
-/// Half the stretch over which velocities are taken.
+/// Half the interval over which velocities are computed, nanoseconds.
 const VELOCITY_HALF_NS: i64 = 2_000_000;
 
-/// Where a device is and how it moves, in the universe of its track.
+/// Pose and motion of a device, in the universe of its track.
 #[derive(Debug, Clone, Copy)]
 pub struct Motion {
     pub pose: Pose,
@@ -28,15 +28,15 @@ pub struct Track {
 }
 
 impl Track {
-    /// For ever in one place.
+    /// At rest forever.
     pub fn at_rest(pose: Pose) -> Self {
         Self { poses: vec![(0, pose)], loops: false }
     }
 
-    /// Reads a TUM file, leaving out lines that are no pose and lines that do not come later than the one before.
+    /// Reads a TUM file. Lines that are no pose or not later than the previous one are skipped.
     ///
     /// # Errors
-    /// What is wrong with the file, in words.
+    /// A message that describes what is wrong with the file.
     pub fn read(path: &Path, loops: bool) -> Result<Self, String> {
         let samples = read_track(path).map_err(|error| error.to_string())?;
         let mut poses: Vec<(i64, Pose)> = Vec::with_capacity(samples.len());
@@ -52,7 +52,7 @@ impl Track {
         Ok(Self { poses, loops })
     }
 
-    /// Where the device is at a time of the track; `None` in a gap.
+    /// Motion of the device at a time of the track; `None` in a gap.
     pub fn at(&self, time_ns: i64) -> Option<Motion> {
         let pose = self.pose(time_ns)?;
         let (before, after) = (self.pose(time_ns - VELOCITY_HALF_NS), self.pose(time_ns + VELOCITY_HALF_NS));
@@ -80,7 +80,7 @@ impl Track {
         (span_ns <= MAX_GAP_NS).then(|| from.interpolate(&to, (time_ns - from_ns) as f64 / span_ns as f64))
     }
 
-    /// A time on the way there and back again.
+    /// Maps a time to a track that plays forwards and backwards in turn.
     fn ping_pong_time(&self, time_ns: i64) -> i64 {
         let (first, last) = (self.poses[0].0, self.poses[self.poses.len() - 1].0);
         let span = last - first;

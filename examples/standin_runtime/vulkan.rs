@@ -1,5 +1,5 @@
-//! The client's textures: each is copied into host memory on the client's own queue, as SteamVR copies it, and read only
-//! when a picture is wanted. Nothing here waits for the GPU while the client hands a texture over.
+//! Copies the client's textures into host memory on the client's own queue, as SteamVR does. A copy
+//! is read only when an image is requested. Submitting a texture never waits for the GPU.
 
 use std::ffi::CStr;
 use std::sync::Arc;
@@ -9,16 +9,16 @@ use ash::vk::Handle;
 
 use crate::sys;
 
-/// Copies there may be at a time, under way or kept.
+/// Limit of copies, in progress or kept.
 const MAX_SLOTS: usize = 160;
-/// From so many on, those of another size go before a new one is made.
+/// From this number on, copies of another size are freed before a new one is allocated.
 const SLOTS_BEFORE_EVICTION: usize = 48;
-/// Longest wait for a copy, when a picture is wanted or at the end.
+/// Limit of the wait for a copy, when an image is requested or at the end, nanoseconds.
 const MAX_WAIT_NS: u64 = 2_000_000_000;
 
-/// Loads Vulkan's library, which the client has loaded already.
+/// Loads the Vulkan library, which the client has loaded already.
 fn entry() -> Result<ash::Entry, String> {
-    // SAFETY: the system's Vulkan loader, as the client uses it.
+    // SAFETY: the system's Vulkan loader, which the client uses too.
     unsafe { ash::Entry::load() }.map_err(|error| format!("libvulkan: {error}"))
 }
 
@@ -27,20 +27,21 @@ fn load_instance(entry: &ash::Entry, instance: *mut sys::VkInstance_T) -> Result
     if instance.is_null() {
         return Err("the instance is null".into());
     }
-    // SAFETY: the client promises a living instance, as with SteamVR.
+    // SAFETY: the client guarantees a live instance, as with SteamVR.
     Ok(unsafe { ash::Instance::load(entry.static_fn(), vk::Instance::from_raw(instance as u64)) })
 }
 
-/// The physical device that drives the headset: the first one, or the first whose name holds `wanted`.
+/// The physical device that drives the headset: the first one, or the first whose name contains
+/// `wanted`.
 ///
 /// # Errors
 /// Why there is none.
 pub fn output_device(instance: *mut sys::VkInstance_T, wanted: Option<&str>) -> Result<u64, String> {
     let instance = load_instance(&entry()?, instance)?;
-    // SAFETY: a living instance.
+    // SAFETY: the instance is alive.
     let devices = unsafe { instance.enumerate_physical_devices() }.map_err(|error| error.to_string())?;
     let matches = |device: &vk::PhysicalDevice| {
-        // SAFETY: a device of that instance; its name is a text of Vulkan's that ends with zero.
+        // SAFETY: a device of that instance; its name is a zero-terminated text.
         let properties = unsafe { instance.get_physical_device_properties(*device) };
         let name = properties.device_name_as_c_str().map(CStr::to_string_lossy).unwrap_or_default();
         wanted.is_none_or(|wanted| name.contains(wanted))
@@ -49,7 +50,7 @@ pub fn output_device(instance: *mut sys::VkInstance_T, wanted: Option<&str>) -> 
     Ok(found.as_raw())
 }
 
-/// What a client says of a texture, checked.
+/// The checked description of a texture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Image {
     pub image: vk::Image,
@@ -69,7 +70,7 @@ pub struct Handles {
 }
 
 impl Handles {
-    /// Those of a texture.
+    /// The handles of a texture.
     pub fn of(data: &sys::VRVulkanTextureData_t) -> Self {
         Self {
             instance: data.m_pInstance,
@@ -80,13 +81,13 @@ impl Handles {
         }
     }
 
-    /// Whether one of them is null.
+    /// Whether any of them is null.
     pub fn any_null(&self) -> bool {
         self.instance.is_null() || self.physical_device.is_null() || self.device.is_null() || self.queue.is_null()
     }
 }
 
-/// Host memory that a texture is copied into, and how far the copy is.
+/// Host memory for a copy of a texture, and the state of the copy.
 pub struct Slot {
     device: ash::Device,
     buffer: vk::Buffer,
@@ -97,12 +98,13 @@ pub struct Slot {
     fence: vk::Fence,
 }
 
-// SAFETY: handles, which any thread may use, and memory that is written by the GPU alone and read once its fence says so.
+// SAFETY: handles, which any thread may use, and memory that only the GPU writes and that is read
+// after its fence is signalled.
 unsafe impl Send for Slot {}
 // SAFETY: as above; nothing is written through a shared slot.
 unsafe impl Sync for Slot {}
 
-/// A texture and the copy of it.
+/// A texture and its copy.
 #[derive(Clone)]
 pub struct Copied {
     pub image: Image,
@@ -110,16 +112,17 @@ pub struct Copied {
 }
 
 impl Copied {
-    /// The pixels, row by row; waits for the copy.
+    /// The pixels, row by row. Waits for the copy.
     ///
     /// # Errors
-    /// When the copy does not end.
+    /// The copy does not finish.
     pub fn read(&self) -> Result<Vec<u8>, String> {
         let Slot { device, fence, mapped, .. } = &*self.slot;
-        // SAFETY: the device lives until Cleanup, which waits for whoever reads.
+        // SAFETY: the device lives until Cleanup, which waits for readers.
         unsafe { device.wait_for_fences(&[*fence], true, MAX_WAIT_NS) }.map_err(|error| error.to_string())?;
         let bytes = bytes_of(&self.image) as usize;
-        // SAFETY: the memory is mapped, has at least as many bytes, and the GPU has ended writing.
+        // SAFETY: the memory is mapped, has at least this many bytes, and the GPU has finished
+        // writing.
         Ok(unsafe { std::slice::from_raw_parts(*mapped, bytes) }.to_vec())
     }
 }
@@ -128,9 +131,9 @@ fn bytes_of(image: &Image) -> u64 {
     u64::from(image.width) * u64::from(image.height) * 4
 }
 
-/// Copies textures of one device.
+/// Copies the textures of one device.
 pub struct Copier {
-    /// Keeps Vulkan's library loaded.
+    /// Keeps the Vulkan library loaded.
     _entry: ash::Entry,
     handles: Handles,
     device: ash::Device,
@@ -138,23 +141,23 @@ pub struct Copier {
     memory: vk::PhysicalDeviceMemoryProperties,
     pool: vk::CommandPool,
     slots: Vec<Arc<Slot>>,
-    /// The device has said that it is lost: nothing on it can be used any more.
+    /// Whether the device has reported its loss: nothing on it is usable any more.
     is_lost: bool,
 }
 
-// SAFETY: the handles are only compared; what they name is used under the world's lock.
+// SAFETY: the handles are only compared; the objects are used under the world's lock.
 unsafe impl Send for Copier {}
 
 impl Copier {
     /// For a client's device.
     ///
     /// # Errors
-    /// What Vulkan refuses.
+    /// The error of Vulkan.
     pub fn new(handles: Handles) -> Result<Self, String> {
         let entry = entry()?;
         let instance = load_instance(&entry, handles.instance)?;
         let physical_device = vk::PhysicalDevice::from_raw(handles.physical_device as u64);
-        // SAFETY: the client promises living handles that belong together, as with SteamVR.
+        // SAFETY: the client guarantees live handles that belong together, as with SteamVR.
         let (device, memory) = unsafe {
             let device = ash::Device::load(instance.fp_v1_0(), vk::Device::from_raw(handles.device as u64));
             (device, instance.get_physical_device_memory_properties(physical_device))
@@ -162,37 +165,39 @@ impl Copier {
         let info = vk::CommandPoolCreateInfo::default()
             .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER)
             .queue_family_index(handles.queue_family);
-        // SAFETY: a living device and one of its queue families.
+        // SAFETY: the device is alive, and the queue family is one of its own.
         let pool = unsafe { device.create_command_pool(&info, None) }.map_err(|error| error.to_string())?;
         let queue = vk::Queue::from_raw(handles.queue as u64);
         Ok(Self { _entry: entry, handles, device, queue, memory, pool, slots: Vec::new(), is_lost: false })
     }
 
-    /// Whose device it is.
+    /// Handles of the device.
     pub fn handles(&self) -> Handles {
         self.handles
     }
 
-    /// Whether the device is lost, as far as it was asked: by a copy, or here by the newest one's fence.
+    /// Whether the device is lost, as known from earlier copies or from the fence of the newest
+    /// one.
     pub fn is_lost(&mut self) -> bool {
         if let Some(slot) = self.slots.last().filter(|_| !self.is_lost) {
-            // SAFETY: a fence of that device, which lives until Cleanup even when it is lost.
+            // SAFETY: a fence of that device, which lives until Cleanup even if the device is lost.
             self.is_lost = unsafe { self.device.get_fence_status(slot.fence) } == Err(vk::Result::ERROR_DEVICE_LOST);
         }
         self.is_lost
     }
 
-    /// Begins to copy an image that lies in TRANSFER_SRC_OPTIMAL; `None` when too much is under way.
+    /// Starts copying an image in the layout TRANSFER_SRC_OPTIMAL; `None` if too many copies are in
+    /// progress.
     ///
     /// # Errors
-    /// What Vulkan refuses.
+    /// The error of Vulkan.
     pub fn copy(&mut self, image: Image) -> Result<Option<Copied>, String> {
         let Some(slot) = self.free_slot(bytes_of(&image)).map_err(|error| error.to_string())? else {
             return Ok(None);
         };
         if let Err(error) = self.submit(&slot, &image) {
             self.is_lost |= error == vk::Result::ERROR_DEVICE_LOST;
-            // Its fence may never be signalled, and the GPU has nothing to do with it.
+            // Its fence may never be signalled, and the GPU does not use it.
             self.slots.retain(|other| !Arc::ptr_eq(other, &slot));
             self.destroy(&slot);
             return Err(error.to_string());
@@ -200,7 +205,7 @@ impl Copier {
         Ok(Some(Copied { image, slot }))
     }
 
-    /// A slot that nobody holds and the GPU has done with, large enough.
+    /// A large enough slot that nobody holds and that the GPU has finished.
     fn free_slot(&mut self, bytes: u64) -> Result<Option<Arc<Slot>>, vk::Result> {
         let free = |slot: &Arc<Slot>| {
             // SAFETY: a fence of that device.
@@ -228,7 +233,7 @@ impl Copier {
         let device = self.device.clone();
         let buffer_info = vk::BufferCreateInfo::default().size(bytes).usage(vk::BufferUsageFlags::TRANSFER_DST);
         let commands_info = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
-        // SAFETY: a living device; everything is made for it, and freed by `destroy`.
+        // SAFETY: the device is alive; everything is created for it, and freed by `destroy`.
         unsafe {
             let buffer = device.create_buffer(&buffer_info, None)?;
             let needs = device.get_buffer_memory_requirements(buffer);
@@ -244,7 +249,7 @@ impl Copier {
         }
     }
 
-    /// Memory that the host sees without flushing, cached where there is such.
+    /// A host-visible coherent memory type, preferably cached.
     fn memory_type(&self, allowed: u32) -> Result<u32, vk::Result> {
         let visible = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
         let types = self.memory.memory_types_as_slice();
@@ -259,8 +264,8 @@ impl Copier {
         let commands = [slot.commands];
         let submit = vk::SubmitInfo::default().command_buffers(&commands);
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: the slot is free (its fence is signalled or new) and the client's thread, which calls us, submits to
-        // the queue, so nobody else does.
+        // SAFETY: the slot is free (its fence is signalled or new). The caller is the client's
+        // thread, the only one that submits to the queue.
         unsafe {
             self.device.begin_command_buffer(slot.commands, &begin)?;
             self.record(slot, image);
@@ -270,10 +275,11 @@ impl Copier {
         }
     }
 
-    /// After everything before it in the queue, copies, and makes the bytes visible to the host.
+    /// Records the copy: after all previous work in the queue, and with the bytes made visible to
+    /// the host.
     ///
     /// # Safety
-    /// The slot's command buffer is being recorded; the image lives until it was executed.
+    /// The slot's command buffer is being recorded; the image lives until it has been executed.
     unsafe fn record(&self, slot: &Slot, image: &Image) {
         let layers = vk::ImageSubresourceLayers {
             aspect_mask: vk::ImageAspectFlags::COLOR,
@@ -294,7 +300,7 @@ impl Copier {
         let (all, transfer, host) =
             (vk::PipelineStageFlags::ALL_COMMANDS, vk::PipelineStageFlags::TRANSFER, vk::PipelineStageFlags::HOST);
         let (layout, none) = (vk::ImageLayout::TRANSFER_SRC_OPTIMAL, vk::DependencyFlags::empty());
-        // SAFETY: as the caller promises.
+        // SAFETY: guaranteed by the caller.
         unsafe {
             self.device.cmd_pipeline_barrier(slot.commands, all, transfer, none, &[before], &[], &[]);
             self.device.cmd_copy_image_to_buffer(slot.commands, image.image, layout, slot.buffer, &[region]);
@@ -303,7 +309,7 @@ impl Copier {
     }
 
     fn destroy(&self, slot: &Slot) {
-        // SAFETY: nobody holds the slot and the GPU has done with it.
+        // SAFETY: nobody holds the slot, and the GPU has finished with it.
         unsafe {
             self.device.destroy_fence(slot.fence, None);
             self.device.free_command_buffers(self.pool, &[slot.commands]);
@@ -312,13 +318,15 @@ impl Copier {
         }
     }
 
-    /// Waits for what is under way and frees everything. The client's device must still live.
+    /// Waits for copies in progress and frees everything. The client's device must still live.
     pub fn free(self) {
         for slot in &self.slots {
             // SAFETY: a fence of that device.
             match unsafe { self.device.wait_for_fences(&[slot.fence], true, MAX_WAIT_NS) } {
                 Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST) => {}
-                Err(error) => return eprintln!("stand-in: a copy did not end, what it uses is left: {error}"),
+                Err(error) => {
+                    return eprintln!("fake runtime: a copy did not finish, its resources are leaked: {error}");
+                }
             }
         }
         self.slots.iter().for_each(|slot| self.destroy(slot));

@@ -1,4 +1,4 @@
-//! Everything behind the function tables, under one lock, from Init to Cleanup.
+//! All state behind the function tables, under one lock, from Init to Cleanup.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -22,19 +22,19 @@ use crate::table::Failure;
 use crate::track::Track;
 use crate::universes::Universes;
 
-/// Commands that may wait for their time.
+/// Limit of scheduled commands.
 const MAX_SCRIPT_COMMANDS: usize = 10_000;
 
 static WORLD: Mutex<Option<World>> = Mutex::new(None);
 
-/// What there is between Init and Cleanup, and after it the report.
+/// State between Init and Cleanup, and afterwards the report.
 pub struct World {
     pub running: bool,
     pub paths: Paths,
     pub config: Config,
     pub start_ns: i64,
     pub frames: Frames,
-    /// The frame that WaitFrameSync returned for last.
+    /// The last frame for which WaitFrameSync returned.
     pub last_frame: Option<i64>,
     pub report: Report,
     pub universes: Universes,
@@ -47,23 +47,24 @@ pub struct World {
     pub server: Server,
     script: Vec<TimedCommand>,
     failures: BTreeMap<String, u32>,
-    /// When each controller was driven last.
+    /// Time of the last pulse of each controller, nanoseconds.
     pub pulsed_ns: BTreeMap<u32, i64>,
     /// Held, shared, while the client is connected.
     clients_lock: File,
     housekeeper: Option<housekeeper::Handle>,
 }
 
-/// The lock; a panic elsewhere leaves counters and plain values, which stay usable.
+/// Locks the state. A panic elsewhere leaves only counters and plain values, which stay usable.
 pub fn lock() -> MutexGuard<'static, Option<World>> {
     WORLD.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Runs a call of the client: counted, refused before Init and after Cleanup, failing where a script says so.
+/// Runs a call of the client: counts it, rejects it before Init and after Cleanup, and makes it
+/// fail if a script says so.
 pub fn call<R: Failure>(name: &'static str, code: u32, body: impl FnOnce(&mut World) -> R) -> R {
     let mut guard = lock();
     let Some(world) = guard.as_mut() else {
-        eprintln!("stand-in: violation: {name} called before Init");
+        eprintln!("fake runtime: violation: {name} called before Init");
         return R::failure(code);
     };
     world.report.called(name);
@@ -75,13 +76,13 @@ pub fn call<R: Failure>(name: &'static str, code: u32, body: impl FnOnce(&mut Wo
     if world.fails(name) { R::failure(code) } else { body(world) }
 }
 
-/// Records a call of what the stand-in does not have.
+/// Records a call of an unsupported function.
 pub fn unsupported(name: &'static str) {
     if let Some(world) = lock().as_mut() {
         world.report.called(name);
-        world.report.violation(&format!("not in the stand-in: {name}"), name);
+        world.report.violation(&format!("not in the fake runtime: {name}"), name);
     } else {
-        eprintln!("stand-in: violation: {name} called before Init");
+        eprintln!("fake runtime: violation: {name} called before Init");
     }
 }
 
@@ -93,14 +94,14 @@ pub fn is_running() -> bool {
 /// Connects.
 ///
 /// # Errors
-/// The error of Init, and why in words.
+/// The error of Init, and a description.
 pub fn init(application_type: u32) -> Result<(), (sys::EVRInitError, String)> {
     let mut guard = lock();
     if let Some(world) = guard.as_mut().filter(|world| world.running) {
         world.report.violation("Init without Cleanup", format!("as application type {application_type}"));
         return Err((sys::EVRInitError_VRInitError_Init_Internal, "Init without Cleanup".into()));
     }
-    // What was counted before stays, whether this works or not.
+    // Earlier counts are kept, whether this succeeds or not.
     let before = guard.as_ref().map(|world| world.report.clone()).unwrap_or_default();
     let mut world = World::connect(application_type, before)?;
     world.housekeeper = Some(housekeeper::start(world.paths.clone()));
@@ -108,13 +109,13 @@ pub fn init(application_type: u32) -> Result<(), (sys::EVRInitError, String)> {
     Ok(())
 }
 
-/// Disconnects: waits for the GPU and the pictures under way, and writes the report.
+/// Disconnects: waits for the GPU and for queued images, and writes the report.
 pub fn cleanup() {
     let asked_ns = now_ns();
     let Some(housekeeper) = begin_cleanup(asked_ns) else {
         return;
     };
-    // Outside the lock, which the housekeeper wants.
+    // Outside the lock, which the housekeeper needs.
     housekeeper.finish();
     let mut guard = lock();
     if let Some(world) = guard.as_mut() {
@@ -130,7 +131,7 @@ fn begin_cleanup(asked_ns: i64) -> Option<housekeeper::Handle> {
     let Some(world) = guard.as_mut().filter(|world| world.running) else {
         match guard.as_mut() {
             Some(world) => world.report.violation("Cleanup without Init", ""),
-            None => eprintln!("stand-in: violation: Cleanup before Init"),
+            None => eprintln!("fake runtime: violation: Cleanup before Init"),
         }
         return None;
     };
@@ -147,7 +148,7 @@ impl World {
         let place = Paths::find().map_err(no_path)?;
         let config = Config::read(&place.config()).map_err(no_path)?;
         let mut server = Server::find(&place.server_lock(), now_ns).ok_or_else(|| no_server(application_type))?;
-        // Utilities, which register applications, do without.
+        // Utilities, which register applications, need no server.
         let is_utility = application_type == sys::EVRApplicationType_VRApplication_Utility;
         if !is_utility && !server.alive(now_ns) {
             return Err(no_server(application_type));
@@ -193,7 +194,7 @@ impl World {
         (time_ns - self.start_ns) as f64 * 1e-9
     }
 
-    /// Whether a script wants this call to fail.
+    /// Whether a script makes this call fail.
     fn fails(&mut self, name: &str) -> bool {
         let name = name.rsplit("::").next().unwrap_or(name);
         match self.failures.get_mut(name) {
@@ -212,7 +213,7 @@ impl World {
         }
     }
 
-    /// The next commands of the script that are due, in order.
+    /// The commands of the script that are due, in order.
     pub fn due(&mut self, time_ns: i64) -> Vec<Command> {
         let seconds = self.seconds(time_ns);
         let mut due = Vec::new();
@@ -222,16 +223,18 @@ impl World {
         due
     }
 
-    /// Adds a command to the script: at once where its time is past.
+    /// Schedules a command; at once if its time has passed.
     pub fn schedule(&mut self, command: TimedCommand) {
         if self.script.len() >= MAX_SCRIPT_COMMANDS {
-            return eprintln!("stand-in: more than {MAX_SCRIPT_COMMANDS} commands wait: {command:?} is left out");
+            return eprintln!(
+                "fake runtime: more than {MAX_SCRIPT_COMMANDS} commands are scheduled: {command:?} is dropped"
+            );
         }
         let place = self.script.partition_point(|other| other.at_s > command.at_s);
         self.script.insert(place, command);
     }
 
-    /// Carries out a command; pictures are the housekeeper's.
+    /// Executes a command. Images are handled by the housekeeper.
     pub fn perform(&mut self, command: &Command, time_ns: i64) {
         const NO_DEVICE: u32 = u32::MAX;
         match command {
@@ -290,7 +293,7 @@ impl World {
         self.send(event(kind, 0));
     }
 
-    /// The report as it is to be written.
+    /// The report to be written.
     pub fn report_json(&mut self, time_ns: i64) -> Vec<u8> {
         self.report.running_s = self.seconds(time_ns);
         self.report.server_alive = self.server.alive(time_ns);
@@ -300,7 +303,7 @@ impl World {
         self.report.to_json()
     }
 
-    /// Where the report goes: clients that only look have their own.
+    /// Path of the report. Background and utility clients have their own.
     pub fn report_path(&self) -> std::path::PathBuf {
         self.paths.report(match self.report.application_type {
             sys::EVRApplicationType_VRApplication_Background => "report_background.json",
@@ -309,12 +312,12 @@ impl World {
         })
     }
 
-    /// Whether the client may work with applications without a server.
+    /// Whether the client may use applications without a server.
     pub fn is_utility(&self) -> bool {
         self.report.application_type == sys::EVRApplicationType_VRApplication_Utility
     }
 
-    /// Whether the client shows something: what is drawn and asked to quit is meant for it.
+    /// Whether the client is an overlay application. Only such a client is drawn and asked to quit.
     pub fn is_overlay_client(&self) -> bool {
         self.report.application_type == sys::EVRApplicationType_VRApplication_Overlay
     }
@@ -322,7 +325,7 @@ impl World {
     fn write_report(&mut self) {
         let json = self.report_json(now_ns());
         if let Err(error) = write_whole(&self.report_path(), &json) {
-            eprintln!("stand-in: {}: {error}", self.report_path().display());
+            eprintln!("fake runtime: {}: {error}", self.report_path().display());
         }
     }
 }
@@ -330,10 +333,10 @@ impl World {
 fn no_server(application_type: u32) -> (sys::EVRInitError, String) {
     let code = match application_type {
         sys::EVRApplicationType_VRApplication_Background => sys::EVRInitError_VRInitError_Init_NoServerForBackgroundApp,
-        // SteamVR would be started for these; the stand-in starts nothing.
+        // SteamVR would be started for these; the fake runtime starts nothing.
         _ => sys::EVRInitError_VRInitError_IPC_ServerInitFailed,
     };
-    (code, "the stand-in's server does not run".into())
+    (code, "the server of the fake runtime is not running".into())
 }
 
 fn connect_client(place: &Paths) -> std::io::Result<File> {

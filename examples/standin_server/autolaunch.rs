@@ -1,4 +1,4 @@
-//! Starts what is registered to be started with the server.
+//! Starts the applications that are registered for automatic start.
 
 use std::fs;
 use std::process::{Child, Command};
@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::folders::Folders;
 
-/// Starts them all; what cannot be started is said and left out.
+/// Starts all of them. Failures are printed and skipped.
 pub fn start(folders: &Folders) -> Result<Vec<Child>> {
     let Ok(bytes) = fs::read(folders.applications()) else { return Ok(Vec::new()) };
     let applications: serde_json::Map<String, Value> = serde_json::from_slice(&bytes)?;
@@ -28,7 +28,7 @@ pub fn start(folders: &Folders) -> Result<Vec<Child>> {
     Ok(children)
 }
 
-/// Says which have ended.
+/// Prints which applications have ended.
 pub fn reap(children: &mut Vec<Child>) {
     children.retain_mut(|child| match child.try_wait() {
         Ok(None) => true,
@@ -40,7 +40,7 @@ pub fn reap(children: &mut Vec<Child>) {
     });
 }
 
-/// The words of a line of arguments; double quotes hold words together.
+/// Splits an argument line into words; double quotes group words.
 fn words(line: &str) -> Vec<String> {
     let mut words = Vec::new();
     let mut word: Option<String> = None;

@@ -1,4 +1,4 @@
-//! The folders of a stand-in and what lies in them.
+//! The folders of a fake runtime and their files.
 
 use std::fs;
 use std::io::Write;
@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 
-/// Where things are.
+/// Paths of a fake runtime.
 pub struct Folders {
     root: PathBuf,
 }
 
 impl Folders {
-    /// Under a root, which is made.
+    /// Under a root folder, which is created.
     pub fn new(root: &Path) -> Result<Self> {
         fs::create_dir_all(root).with_context(|| format!("{} cannot be made", root.display()))?;
         Ok(Self { root: root.canonicalize()? })
@@ -23,12 +23,12 @@ impl Folders {
         self.root.join("runtime")
     }
 
-    /// The file that `VR_PATHREG_OVERRIDE` is to name.
+    /// The registry file; `VR_PATHREG_OVERRIDE` must name it.
     pub fn registry(&self) -> PathBuf {
         self.root.join("openvrpaths.vrpath")
     }
 
-    /// Locked while the server lives; its folder is made.
+    /// Locked while the server runs. Creates its folder.
     pub fn server_lock(&self) -> Result<PathBuf> {
         fs::create_dir_all(self.runtime()).with_context(|| format!("{} cannot be made", self.runtime().display()))?;
         Ok(self.runtime().join("server.lock"))
@@ -44,7 +44,7 @@ impl Folders {
         self.runtime().join("applications.json")
     }
 
-    /// Makes folders, configuration and registry file.
+    /// Creates folders, configuration and registry file.
     pub fn make(&self, config: &Value, library: &Path) -> Result<()> {
         let binaries = self.runtime().join("bin").join("linux64");
         for folder in [&binaries, &self.root.join("config"), &self.root.join("logs")] {
@@ -64,7 +64,7 @@ impl Folders {
         Ok(fs::write(self.registry(), serde_json::to_vec_pretty(&registry)?)?)
     }
 
-    /// Applications that were registered for the time of one server go with it.
+    /// Removes applications that were registered temporarily.
     fn remove_temporary(&self) -> Result<()> {
         let Ok(bytes) = fs::read(self.applications()) else { return Ok(()) };
         let mut applications: serde_json::Map<String, Value> =
@@ -73,7 +73,7 @@ impl Folders {
         Ok(fs::write(self.applications(), serde_json::to_vec_pretty(&applications)?)?)
     }
 
-    /// Gives a command to the clients that run.
+    /// Sends a command to the running clients.
     pub fn command(&self, line: &str) -> Result<()> {
         let path = self.root.join("commands.jsonl");
         let mut file = fs::File::options().create(true).append(true).open(&path)?;
@@ -81,7 +81,7 @@ impl Folders {
     }
 }
 
-/// A symbolic link, in place of whatever link or file is there.
+/// Creates a symbolic link, replacing an existing link or file.
 fn link(to: &Path, at: &Path) -> Result<()> {
     if at.symlink_metadata().is_ok() {
         fs::remove_file(at)?;
@@ -89,7 +89,8 @@ fn link(to: &Path, at: &Path) -> Result<()> {
     std::os::unix::fs::symlink(to, at).with_context(|| format!("{} cannot be linked", at.display()))
 }
 
-/// The configuration: the given file's, with the tracks of the command line. Tracks that the file names lie beside it.
+/// The configuration: from the file, with the tracks of the command line. Tracks named in the file
+/// are relative to its folder.
 pub fn config(file: Option<&Path>, track: Option<&Path>, controllers: &[PathBuf]) -> Result<Value> {
     let mut config = file.map_or_else(|| Ok(json!({})), read_config)?;
     if let Some(track) = track {

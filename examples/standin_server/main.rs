@@ -1,9 +1,9 @@
-//! Stands for SteamVR's server beside the stand-in client library (`standin_runtime`): makes the folders through which
-//! programs find the library, holds the lock by which they know that the server lives, and asks them to quit when it is
-//! told to end. docs/stand-in.md is the manual.
+//! Acts as SteamVR's server for the fake client library (`standin_runtime`): creates the folders
+//! through which programs find the library, holds the lock that shows that the server is running,
+//! and asks the programs to quit when it ends. docs/stand-in.md is the manual.
 //!
-//! Use: `standin_server --dir DIR [--track HEAD.tum] [--controller TRACK.tum]... [--config FILE.json] [--library PATH]
-//! [--autolaunch]`.
+//! Use: `standin_server --dir DIR [--track HEAD.tum] [--controller TRACK.tum]... [--config
+//! FILE.json] [--library PATH] [--autolaunch]`.
 
 #[cfg(unix)]
 mod autolaunch;
@@ -19,5 +19,5 @@ fn main() -> anyhow::Result<()> {
 
 #[cfg(not(unix))]
 fn main() -> anyhow::Result<()> {
-    anyhow::bail!("the stand-in for SteamVR runs on Linux alone")
+    anyhow::bail!("the fake SteamVR runtime runs only on Linux")
 }

@@ -1,4 +1,4 @@
-//! The server's life: folders, lock, applications, and the end.
+//! Life cycle of the server: folders, lock, applications, shutdown.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -13,42 +13,42 @@ use crate::autolaunch;
 use crate::folders;
 use crate::folders::Folders;
 
-/// How long clients have to leave when they are asked to quit, as SteamVR gives them.
+/// Time that clients have to exit after they are asked to quit, as in SteamVR.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// How long a lock that clients probe for a moment is tried.
+/// Attempts to take a lock that clients probe briefly.
 const LOCK_TRIES: u32 = 100;
 const PAUSE: Duration = Duration::from_millis(20);
 
-/// A stand-in for SteamVR's server.
+/// A fake SteamVR server.
 #[derive(Parser)]
 struct Arguments {
-    /// Folder that everything is made in.
+    /// Folder for all files.
     #[arg(long)]
     dir: PathBuf,
-    /// The head's path (TUM), over the configuration's.
+    /// The head's path (TUM); overrides the configuration.
     #[arg(long)]
     track: Option<PathBuf>,
-    /// A controller's path (TUM), over the configuration's; the first is the left hand's.
+    /// A controller's path (TUM); overrides the configuration. The first is in the left hand.
     #[arg(long = "controller")]
     controllers: Vec<PathBuf>,
     /// Configuration to start from.
     #[arg(long)]
     config: Option<PathBuf>,
-    /// The client library; by default the one beside this program.
+    /// The client library; default: the one beside this program.
     #[arg(long)]
     library: Option<PathBuf>,
-    /// Starts the applications that are registered for it, as SteamVR does.
+    /// Starts the applications that are registered for automatic start, as SteamVR does.
     #[arg(long)]
     autolaunch: bool,
 }
 
-/// Runs it, from the command line's arguments to the end.
+/// Runs the server from argument parsing to shutdown.
 pub fn run() -> Result<()> {
     let arguments = Arguments::parse();
     let folders = Folders::new(&arguments.dir)?;
     let config = folders::config(arguments.config.as_deref(), arguments.track.as_deref(), &arguments.controllers)?;
     let library = library(arguments.library.as_deref())?;
-    // Held until the process ends, however it does.
+    // Held until the process ends.
     let _lock = lock(&folders.server_lock()?)?;
     folders.make(&config, &library)?;
     let end = Arc::new(AtomicBool::new(false));
@@ -72,7 +72,8 @@ fn library(given: Option<&Path>) -> Result<PathBuf> {
     path.canonicalize().with_context(|| format!("no client library at {}", path.display()))
 }
 
-/// The lock on a file for this process alone. Clients that look whether the server lives hold it for a moment.
+/// Locks a file exclusively. Clients that check whether the server is running hold the lock
+/// briefly.
 fn lock(path: &Path) -> Result<File> {
     let file = File::options().create(true).truncate(false).write(true).open(path)?;
     for _ in 0..LOCK_TRIES {

@@ -1,9 +1,10 @@
-//! A board that answers soundly, and set-ups for it. Spelt from the protocol, not by the code under test.
+//! A correct board, and set-ups for it. Written from the protocol, independently of the code under
+//! test.
 
 use a121::{SensorSetup, Setup};
 use a121::{IdleState, SensorConfig, Subsweep};
 
-/// Ticks of its clock in a second.
+/// Ticks of the board's clock per second.
 pub const TICKS_PER_SECOND: u32 = 1_000_000;
 
 fn config(sweeps_per_frame: u32, num_points: u32) -> SensorConfig {
@@ -15,7 +16,7 @@ fn config(sweeps_per_frame: u32, num_points: u32) -> SensorConfig {
     }
 }
 
-/// One of four set-ups: one sensor, two groups, a rate of the server's, one sample alone.
+/// One of four set-ups: one sensor; two groups; an update rate; a single sample.
 pub fn setup(choice: u8) -> Setup {
     let sensor = |sensor_id, config| SensorSetup { sensor_id, config };
     match choice % 4 {
@@ -29,7 +30,7 @@ pub fn setup(choice: u8) -> Setup {
     }
 }
 
-/// Samples of each frame, `[group][sensor]`.
+/// Samples per frame, `[group][sensor]`.
 pub fn samples(setup: &Setup) -> Vec<Vec<usize>> {
     let points = |s: &SensorSetup| {
         s.config.subsweeps.iter().map(|s| s.num_points as usize).sum::<usize>() * s.config.sweeps_per_frame as usize
@@ -53,7 +54,7 @@ pub fn result(setup: &Setup, tick: u32, flags: u8, fill: u8) -> Vec<u8> {
     [line.into_bytes(), vec![fill; bytes]].concat()
 }
 
-/// A board's state: what it was told.
+/// State of a board.
 pub struct Board {
     pub setup: Setup,
     pub streaming: bool,
@@ -66,12 +67,12 @@ impl Board {
         Self { setup, streaming: false, baud: 115_200, is_serial }
     }
 
-    /// A break, or another connection.
+    /// Resets the board, as a break or a new connection does.
     pub fn reset(&mut self) {
         (self.streaming, self.baud) = (false, 115_200);
     }
 
-    /// The answer to a command.
+    /// The reply to a command.
     pub fn answer(&mut self, command: &[u8]) -> Vec<u8> {
         let text = std::str::from_utf8(command).expect("commands are text");
         assert!(text.ends_with('\n') && text.trim_end().lines().count() == 1, "a command is a line: {text}");

@@ -1,9 +1,10 @@
-//! Hands bytes to code that reads files: one file a process, in memory where the system has such a place.
+//! Passes bytes to code that reads files: one file per process, in a memory file system if
+//! available.
 
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-/// A file that holds these bytes until the next call.
+/// Writes the bytes to a temporary file, which is valid until the next call.
 pub fn temp_file_with(bytes: &[u8]) -> &'static PathBuf {
     static PATH: OnceLock<PathBuf> = OnceLock::new();
     let path = PATH.get_or_init(|| {

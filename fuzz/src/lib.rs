@@ -1,5 +1,5 @@
-//! What the targets share: a count of the memory that the code under test takes, a file to hand bytes over in, a board,
-//! and what every corpus begins with.
+//! Shared code of the fuzz targets: an allocation counter, a temporary file, a board, and seeds for
+//! the corpora.
 
 pub mod board;
 pub mod file;

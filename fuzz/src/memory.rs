@@ -1,11 +1,12 @@
-//! Counts what the code under test takes from the allocator, so that a target can hold it to a bound.
+//! Counts the allocations of the code under test, so that a target can check their limit.
 //!
-//! libFuzzer's own limits need a sanitizer's hooks. Its own memory is C++'s and is not counted here.
+//! libFuzzer's own limits need a sanitizer's hooks. libFuzzer's memory is C++ and is not counted
+//! here.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-/// A single request beyond this ends the run at once, with the place that made it on the stack.
+/// A larger single request aborts the run at once, with the culprit on the stack, bytes. Choice.
 const ABORT_BYTES: usize = 1 << 30;
 
 static LIVE: AtomicUsize = AtomicUsize::new(0);
@@ -25,7 +26,7 @@ fn count_allocation(bytes: usize) {
     PEAK.fetch_max(LIVE.fetch_add(bytes, Relaxed) + bytes, Relaxed);
 }
 
-// SAFETY: every call is the system allocator's, with the same arguments.
+// SAFETY: every call is forwarded to the system allocator with the same arguments.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count_allocation(layout.size());
@@ -49,8 +50,8 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
-/// Runs code under test; panics when it held more than `peak_bytes` at once or asked for more than `largest_bytes` in
-/// one go.
+/// Runs code under test. Panics if it held more than `peak_bytes` at once, or requested more than
+/// `largest_bytes` at once.
 pub fn bounded<T>(peak_bytes: usize, largest_bytes: usize, run: impl FnOnce() -> T) -> T {
     let before = LIVE.load(Relaxed);
     PEAK.store(before, Relaxed);

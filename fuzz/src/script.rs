@@ -1,10 +1,10 @@
-//! Reads a fuzzer's bytes as numbers and pieces; what is missing at their end is 0.
+//! Reads a fuzzer's bytes as numbers and slices; missing bytes at the end are 0.
 
-/// The bytes that are left.
+/// The remaining bytes.
 pub struct Script<'a>(pub &'a [u8]);
 
 impl<'a> Script<'a> {
-    /// Up to so many bytes.
+    /// Up to `count` bytes.
     pub fn bytes(&mut self, count: usize) -> &'a [u8] {
         let (bytes, rest) = self.0.split_at(count.min(self.0.len()));
         self.0 = rest;

@@ -1,4 +1,4 @@
-//! What a target's corpus begins with, made by the program's own writers.
+//! Seeds of each target's corpus, made with the program's own writers.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use radar_sar::PoseSample;
 
 use crate::board::{Board, result, setup};
 
-/// Writes a target's seeds into the folder that the environment's `SEEDS` names, if it names one.
+/// Writes a target's seeds to the directory in the environment variable `SEEDS`, if set.
 pub fn write(target: &str) {
     let Some(folder) = std::env::var_os("SEEDS") else { return };
     let seeds = match target {
@@ -31,7 +31,7 @@ pub fn write(target: &str) {
     }
 }
 
-/// Streams of each set-up, and the answers before them.
+/// Streams of each set-up, after the replies to its commands.
 fn parser() -> Vec<Vec<u8>> {
     let stream = |choice: u8| {
         let setup = setup(choice);
@@ -51,7 +51,7 @@ fn parser() -> Vec<Vec<u8>> {
     (0..4).map(stream).chain([stream(0xf0)]).collect()
 }
 
-/// Scripts for the session's target: opened, streaming, with faults, lost and opened again.
+/// Scripts for the session target: open, stream, faults, lost and reopened line.
 fn sessions() -> Vec<Vec<u8>> {
     const OPEN: [u8; 14] = [12, 0, 0, 0, 0, 0, 0, 0, 7, 7, 7, 7, 7, 7];
     let script = |choice: u8, is_tcp: u8, rest: &[u8]| [&[choice, is_tcp], &OPEN[..], rest].concat();
@@ -84,7 +84,7 @@ fn config() -> SensorConfig {
     SensorConfig { subsweeps: vec![Subsweep { num_points: 4, ..Default::default() }], ..Default::default() }
 }
 
-/// One whole, one cut.
+/// A complete and a truncated recording.
 fn recordings() -> Vec<Vec<u8>> {
     let path = std::env::temp_dir().join(format!("radar-chaperone-seed-{}", std::process::id()));
     let mut writer = RecordingWriter::create(&path, &Header::new("a seed", config(), Pose::IDENTITY)).expect("a file");
@@ -104,7 +104,7 @@ fn settings() -> Vec<Vec<u8>> {
     [manual, Settings::default().to_toml(), changes.to_owned(), String::new()].map(String::into_bytes).into()
 }
 
-/// The parts of the vendor's layout that an import reads.
+/// The parts of the vendor's layout that the import reads.
 fn vendor_h5(count: usize) -> Vec<u8> {
     let mut file = FileBuilder::new();
     let server = r#"{"ticks_per_second": 1000000, "rss_version": "a121-v1.12.0", "hardware_name": "xc120"}"#;

@@ -1,14 +1,14 @@
-//! The parser of the sensor's line: any bytes, split anyhow.
+//! Parser of the board's byte stream, with any bytes in any split.
 //!
-//! Held: no panic; the same messages and counters however the bytes are split; results as long as was set up; what is
-//! held back and what is allocated stays bounded; after noise the next line is understood.
+//! Checks: no panic; messages and counters do not depend on the split; results have the length of
+//! the set-up; buffered and allocated bytes are bounded; after noise the next line is parsed.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
 use a121::{MAX_LINE_BYTES, Message, Parser, Received, Reply, ResultLayout};
 use radar_chaperone_fuzz::{board, memory, script::Script, seeds};
 
-/// Largest request: the lists that a longest line may spell, grown by doubling.
+/// Largest allocation, bytes: the lists that the longest line can describe, which grow by doubling.
 const LARGEST_BYTES: usize = 1 << 20;
 
 fuzz_target!(init: seeds::write("parser"), |data: &[u8]| {
@@ -40,7 +40,7 @@ fuzz_target!(init: seeds::write("parser"), |data: &[u8]| {
                 let is_due = settled.has_unconfirmed();
                 let before = out.len();
                 settled.accept_when_quiet(&mut out);
-                assert!(!is_due || out.len() > before, "a due result was not handed on");
+                assert!(!is_due || out.len() > before, "a due result was not emitted");
                 assert!(!settled.has_unconfirmed());
             }
             out.iter().for_each(|received| check(received, &lengths));
@@ -54,7 +54,7 @@ fuzz_target!(init: seeds::write("parser"), |data: &[u8]| {
         after.extend_from_slice(b"{\"status\":\"stop\"}\n");
         expected.clear();
         whole.push(&after, 0, &mut expected);
-        assert!(expected.iter().any(|r| r.message == Message::Reply(Reply::Stopped)), "out of step for ever");
+        assert!(expected.iter().any(|r| r.message == Message::Reply(Reply::Stopped)), "not resynchronised");
     });
 });
 

@@ -1,13 +1,14 @@
-//! The reader of recordings: any bytes as a file.
+//! Reader of recordings, with any bytes as a file.
 //!
-//! Held: no panic, no hang, memory bounded by the largest record that is read; what is read twice is the same.
+//! Checks: no panic, no hang; memory is bounded by the largest record; reading twice gives the
+//! same.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
 use radar_recording::Recording;
 use radar_chaperone_fuzz::{file, memory, seeds};
 
-/// A record of 32 MiB, unpacked, and what it holds.
+/// Limits for an unpacked record of 32 MiB and its content, bytes.
 const PEAK_BYTES: usize = 256 << 20;
 const LARGEST_BYTES: usize = 64 << 20;
 

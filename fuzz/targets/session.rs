@@ -1,8 +1,9 @@
-//! A session with a board that the fuzzer plays: sound answers, damaged ones, any bytes, at any time, with the line lost
-//! and opened in between.
+//! Session with a board controlled by the fuzzer: correct replies, damaged ones, any bytes, at any
+//! time; the line is lost and reopened.
 //!
-//! Held: no panic; frames as long as was set up, their ticks and times rising; memory bounded; every deadline is worth
-//! its poll; and whatever happened, a session that is not over streams again by itself once its board is sound.
+//! Checks: no panic; frames have the length of the set-up, with rising ticks and times; memory is
+//! bounded; polling moves every deadline; a session that is not over streams again once its board
+//! works correctly.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -12,7 +13,7 @@ use radar_chaperone_fuzz::{memory, script::Script, seeds};
 
 const S: i64 = 1_000_000_000;
 const PERIOD_NS: i64 = S / 20;
-/// A sound board is streaming again within this time.
+/// A working board must be streaming again within this time, nanoseconds.
 const RECOVERY_NS: i64 = 60 * S;
 
 const LINES: [&str; 14] = [
@@ -37,19 +38,19 @@ struct Bench {
     session: Session,
     board: Board,
     lengths: Vec<usize>,
-    /// Bytes that the board has said and the session has not heard.
+    /// Bytes sent by the board and not yet received by the session.
     on_the_way: Vec<Vec<u8>>,
     now_ns: i64,
     tick: u32,
     port_baud: u32,
     is_open: bool,
     frames: u32,
-    /// Of the newest frames, first sensor, since the last set-up.
+    /// Tick and time (host ns) of the newest frame of the first sensor since the last set-up.
     newest: Option<(i64, i64)>,
 }
 
 fuzz_target!(init: seeds::write("session"), |data: &[u8]| {
-    // Log lines of 16 kB that nobody fetches are the most that events can hold; here they are fetched.
+    // Unread log lines of 16 kB would be the most that events can hold; here events are read.
     memory::bounded((1 << 23) + 64 * data.len(), (1 << 20) + 64 * data.len(), || run(Script(data)));
 });
 
@@ -81,7 +82,7 @@ fn run(mut script: Script) {
 }
 
 impl Bench {
-    /// One thing that the fuzzer wants to happen; true when it happened at a time that no clock tells.
+    /// Performs one action of the fuzzer; returns whether it used an impossible time.
     fn step(&mut self, script: &mut Script) -> bool {
         match script.u8() % 16 {
             0..=3 => self.deliver_all(),
@@ -161,7 +162,7 @@ impl Bench {
         }
     }
 
-    /// What is on the way loses a byte, doubles one, or has one changed.
+    /// Removes, doubles or changes a byte in transit.
     fn damage(&mut self, script: &mut Script) {
         let (kind, at, bits) = (script.u8(), usize::from(script.u16()), script.u8());
         let Some(bytes) = self.on_the_way.last_mut().filter(|bytes| !bytes.is_empty()) else { return };
@@ -173,7 +174,7 @@ impl Bench {
         }
     }
 
-    /// Does what the session wants and looks at what it tells.
+    /// Performs the session's actions and checks its events.
     fn run_until_idle(&mut self) {
         while let Some(action) = self.session.next_action() {
             match action {
@@ -194,7 +195,7 @@ impl Bench {
         while let Some(event) = self.session.next_event() {
             self.check(&event);
         }
-        // A deadline that has come is worth a poll, and a poll moves it.
+        // Polling at a deadline must move it.
         let mut polls = 0;
         while self.session.next_deadline_ns() <= self.now_ns && polls < 8 {
             self.session.poll(self.now_ns);
@@ -219,7 +220,7 @@ impl Bench {
         }
     }
 
-    /// From now on the board is sound and the line holds.
+    /// From now on the board works correctly and the line holds.
     fn recover(&mut self) {
         let end_ns = self.now_ns + RECOVERY_NS;
         let before = self.frames;

@@ -1,6 +1,6 @@
-//! Settings: any text as TOML, and after a line of `%` any text as changes, one a line.
+//! Settings: any text as TOML and, after a line with `%`, any text as changes, one per line.
 //!
-//! Held: no panic; memory in step with the text; what is accepted, written out and read again is the same.
+//! Checks: no panic; memory grows in proportion to the text; accepted settings round-trip.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,6 +1,6 @@
-//! Pose tracks in the TUM format: any bytes as a file.
+//! Pose tracks in the TUM format, with any bytes as a file.
 //!
-//! Held: no panic; memory in step with the file; no more poses than lines.
+//! Checks: no panic; memory grows in proportion to the file; at most one pose per line.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,6 +1,7 @@
-//! Recordings of the vendor's tool: any bytes as a file.
+//! Recordings of the vendor's tool, with any bytes as a file.
 //!
-//! Held: no panic gets out, no hang, memory bounded, frames as long as their configuration says.
+//! Checks: no panic escapes, no hang; memory is bounded; frames have the length of their
+//! configuration.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -10,7 +11,8 @@ use radar_chaperone_fuzz::{file, memory, seeds};
 const PEAK_BYTES: usize = 1 << 30;
 
 fuzz_target!(
-    // The importer catches what the foreign reader throws; the fuzzer's own hook would end the run before it can.
+    // The importer catches panics of the HDF5 reader; the fuzzer's own panic hook would end the run
+    // first.
     init: {
         seeds::write("vendor_h5");
         std::panic::set_hook(Box::new(|_| {}));

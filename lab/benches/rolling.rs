@@ -1,10 +1,11 @@
-//! A rolling image of 600³ voxels of 5 mm at 120 sweeps a second: time for each sweep.
+//! Rolling image of 600³ voxels of 5 mm at 120 sweeps a second: time per sweep.
 //!
 //!     cargo bench --bench rolling
 //!
-//! A corner reflector 1 m deep in a 3 m cube, preset `fine`, 20 dB, a 50 cm sphere, window of 200 sweeps, 30 s. At the end
-//! the image is compared with a fresh search over the window: same voxels, same values. Each row: from which share of the
-//! peak on voxels are kept, and how much may be opened a sweep; then from which share on no voxel was missing.
+//! A corner reflector at 1 m depth in a 3 m cube, preset `fine`, 20 dB, a 50 cm sphere, window of
+//! 200 sweeps, 30 s. At the end the image is compared with a fresh search over the window: same
+//! voxels, same values. Each row gives the share of the peak above which voxels are kept, and the
+//! permitted opening work per sweep; then the share above which no voxel was missing.
 
 use std::time::Instant;
 
@@ -17,7 +18,7 @@ use radar_sar::geometry::Aabb;
 use radar_sar::{Beam, Observation};
 use radar_simulation::Scenario;
 
-/// Share of the peak, (voxel, sweep) pairs that may be opened a sweep.
+/// Share of the peak; (voxel, sweep) pairs of opening work per sweep.
 const TRIALS: [(f64, u64); 4] = [(0.5, 1_200_000), (0.5, 6_000_000), (0.7, 1_200_000), (0.7, 6_000_000)];
 
 fn main() {
@@ -70,9 +71,9 @@ fn roll(all: &[Observation], settings: RollingSettings) {
     let equal = image.voxels() == wanted;
     println!(
         "sums/rolling/ls/{}^3x{}/from {} of the peak/at most {:.1} M opened: median {:.2} ms, p99 {:.2} ms, greatest {:.2} ms, \
-         {cpu_ms:.2} ms of one core a sweep; complete after {complete} of {} sweeps, exact from {:.2} of the peak on \
-         in the median, {:.2} in 9 of 10, {:.2} in 99 of 100; at the end equal to fresh: {equal}; {} bricks \
-         rolling on average, at most {}, {} at rest, {} cubes; a sweep {:.0} bricks opened, {:.0} caught up, {:.2} M updates, \
+         {cpu_ms:.2} ms of CPU per sweep; complete after {complete} of {} sweeps; exact from {:.2} of the peak on (median), \
+         {:.2} (p90), {:.2} (p99); equal to a fresh search at the end: {equal}; {} bricks \
+         rolling on average, at most {}, {} idle, {} cubes; per sweep {:.0} bricks opened, {:.0} caught up, {:.2} M updates, \
          {:.2} M bounds; {rate:.0} M updates/s",
         grid.size[0],
         settings.window,
@@ -96,7 +97,7 @@ fn roll(all: &[Observation], settings: RollingSettings) {
     );
 }
 
-/// Processor time of the whole process, seconds; 0 where the system does not tell.
+/// Processor time of the whole process, seconds; 0 where the system does not report it.
 fn cpu_s() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let after_name = stat.rsplit(')').next().unwrap_or_default();
@@ -104,7 +105,7 @@ fn cpu_s() -> f64 {
     ticks.sum::<f64>() / 100.0
 }
 
-/// Of the whole process, as the system tells; 0 where it does not.
+/// Peak memory of the whole process, MB; 0 where the system does not report it.
 fn peak_memory_mb() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find(|l| l.starts_with("VmHWM:")).unwrap_or_default();

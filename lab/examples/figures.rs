@@ -1,5 +1,6 @@
-//! Draws every figure of a report from made-up data, and says how long each took. `cargo run --release --example figures
-//! [DIR]` writes PNGs, a volume, a point cloud, obstacles.json and report.html; without DIR into the temporary folder.
+//! Draws every figure of a report from synthetic data and prints the time each takes. `cargo run
+//! --release --example figures [DIR]` writes PNGs, a volume, a point cloud, obstacles.json and
+//! report.html; without DIR into the temporary folder.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -61,10 +62,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let table = Table {
         head: row(["obstacle", "nearest report (cm)", "evidence"]),
         rows: vec![row(["chair", "2.1", "61"]), row(["table", "4.0", "38"]), row(["floor lamp", "–", "–"])],
-        caption: "What was found, from made-up data".into(),
+        caption: "Detections, from synthetic data".into(),
     };
-    Report::new("Radar chaperone: what the figures look like")
-        .intro("All data on this page are made up; it shows how reports look.")
+    Report::new("Radar chaperone: example figures")
+        .intro("All data on this page are synthetic; it shows the layout of reports.")
         .section(Section::new("A chair").text("Gaussian blobs along a chair's edges.").figure(sections).figure(cloud))
         .section(Section::new("A room").figure(room).figure(room_image).table(table).preformatted(score.to_string()))
         .section(Section::new("Run time").figure(trade))
@@ -112,7 +113,7 @@ fn chair_volume(points: &[DVec3]) -> Volume {
     volume
 }
 
-/// Large values everywhere, and a little more where things are.
+/// Large values everywhere, and slightly larger ones at objects.
 fn room_volume(truth: &Truth) -> Volume {
     let region = Aabb { min: DVec3::new(-2.0, 0.0, -2.5), max: DVec3::new(2.0, 2.5, 2.5) };
     let mut volume = Volume::covering(&region, 0.05);

@@ -1,9 +1,10 @@
-//! How finely the coherent image resolves: widths of a point at half power against sums of power.
+//! Resolution of the coherent image: widths of a point target at half power, against sums of power.
 //!
 //!     cargo run --release --example fine_resolution -- [SEEDS]
 //!
-//! A corner reflector at about 1 m, preset d16, the thesis' 50 cm sphere for 2 s, default tracking error, images of 5 mm
-//! voxels; medians over the seeds (5 unless told otherwise). Also the time that a look at a 30 cm cube of 1 cm takes.
+//! A corner reflector at about 1 m, preset d16, the thesis' 50 cm sphere for 2 s, default tracking
+//! errors, images of 5 mm voxels; medians over the seeds (5 by default). Also prints the time for a
+//! 30 cm cube of 1 cm voxels.
 
 use std::time::Instant;
 
@@ -39,15 +40,15 @@ fn main() {
             println!("30³ voxels, {} sub-apertures: {:.1} ms\n", image.apertures, start.elapsed().as_secs_f64() * 1e3);
         }
     }
-    println!("| summed coherently | x, mm | y, mm | z, mm | peak off, mm |\n|---|---|---|---|---|");
-    let names = ["nothing".to_string()].into_iter().chain(APERTURES.map(|n| format!("{n} blocks of 90 ms at most")));
+    println!("| summed coherently (90 ms each) | x, mm | y, mm | z, mm | peak error, mm |\n|---|---|---|---|---|");
+    let names = ["nothing".to_string()].into_iter().chain(APERTURES.map(|n| format!("at most {n} sub-apertures")));
     for (name, mut widths) in names.zip(widths) {
         let [x, y, z, off] = [0, 1, 2, 3].map(|n| median_mm(&mut widths[n]));
         println!("| {name} | {x:.0} | {y:.0} | {z:.0} | {off:.1} |");
     }
 }
 
-/// Blocks of one recording, and where the reflector is.
+/// Sub-apertures of one recording, and the reflector's position.
 fn blocks(seed: u64) -> (Vec<Subaperture>, DVec3) {
     let scenario = Scenario::new("corner-reflector", "sphere-50cm", preset("d16").expect("d16 exists"), 2.0, seed);
     let simulated = scenario.run().unwrap_or_else(|error| panic!("{error}"));
@@ -64,7 +65,7 @@ fn blocks(seed: u64) -> (Vec<Subaperture>, DVec3) {
     (blocks, simulated.truth.obstacles[0].points_m[0])
 }
 
-/// Width at half power through the peak along each axis, and how far the peak is off.
+/// Width at half power through the peak along each axis, and error of the peak, metres.
 fn note(into: &mut [Vec<f64>; 4], volume: &Volume, at: DVec3) {
     let (peak, greatest) = volume.peak().expect("an echo");
     let here = volume.voxel(peak);

@@ -1,11 +1,12 @@
-//! How fresh the reconstruction is beside a frame loop, in real time: natural play in a furnished room, preset d16, frames that
-//! arrive 2 ms after their end, poses at the display's rate and in between, one who asks for the newest scene at every frame
-//! of the display and warns of it.
+//! Latency of the reconstruction beside a frame loop, in real time: natural play in a furnished
+//! room, preset d16. Frames arrive 2 ms after their end, poses at the display's rate or another
+//! one; the frame loop takes the newest scene at every display frame and computes its warnings.
 //!
 //!     cargo run --release --example live_latency -- [SECONDS] [SEED] [POSES_HZ] [THREADS]
 //!
-//! "Sweep to frame" is from a frame's arrival to the display's frame that is drawn from what it became part of: the wait for the
-//! pose after it, the work, and the wait for the display's frame. Evidence has an age on top of that, which is told apart.
+//! "Sweep to frame" is the time from a frame's arrival to the display frame drawn from data that
+//! include it: the wait for the next pose, the processing, and the wait for the display frame. The
+//! age of the evidence comes on top and is printed separately.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -17,7 +18,7 @@ use radar_chaperone::warning::warn;
 use radar_simulation::Scenario;
 
 const DISPLAY_HZ: f64 = 90.0;
-/// From a frame's end to its arrival, nanoseconds.
+/// Time from a frame's end to its arrival, nanoseconds.
 const LINK_NS: i64 = 2_000_000;
 
 fn main() {
@@ -59,10 +60,10 @@ fn main() {
     .expect("no panic");
     let (counters, scene) = reconstruction.finish();
     println!("{:24}{:>8}{:>12}{:>10}{:>10}", "", "count", "median ms", "p99 ms", "max ms");
-    line("arrival to worked off", &counters.processed);
+    line("arrival to processed", &counters.processed);
     line("sweep to frame", &to_frame.report());
     line("age of evidence", &counters.evidence_age);
-    line("longest hold-ups", &counters.step);
+    line("longest steps", &counters.step);
     line("frame loop, CPU", &frame_cpu.report());
     println!(
         "{} obstacles, {} scenes, {:.1} % of a core, dropped {} frames and {} poses, {:?}",
@@ -75,7 +76,7 @@ fn main() {
     );
 }
 
-/// Asks, warns and measures at every frame of the display.
+/// Takes the scene, computes warnings and measures, at every display frame.
 fn frame_loop(
     reconstruction: &Reconstruction,
     settings: &Settings,

@@ -1,14 +1,18 @@
-//! How well a single reflector is placed, beside the Cramér–Rao bound, and how honest its covariance is.
+//! Accuracy of a single reflector's position against the Cramér–Rao bound, and consistency of its
+//! covariance.
 //!
-//!     cargo run --release --example ls_accuracy -- [seeds=FIRST..END] [motion=NAME] [sweeps=N] [snr=DB]
-//!                                                  [without=jitter|wander|rotation|mount|all] [near] [detail]
+//!     cargo run --release --example ls_accuracy -- [seeds=FIRST..END] [motion=NAME] \
+//!         [sweeps=N] [snr=DB] [without=jitter|wander|rotation|mount|all] [near] [detail]
 //!
-//! Each row: a motion, the number of sweeps used, SNR at 1 m on the axis. Columns, mm: median and 95th percentile of the
-//! distance to the truth; rms; the bound's rms with free phases (what ranges allow) and with phases whose whole numbers are
-//! known; rms over each. `split`: seeds in which more than one reflector is reported. NEES: normalised squared error
-//! dᵀ C⁻¹ d, whose mean is 3 when the covariance is honest, with the 95 % band of that mean for that many seeds.
-//! Defaults: seeds 100..120. `without` takes a kind of tracking error out. `near` searches 0.8 m around the truth instead of
-//! the 3 m cube: quicker, the same places. `detail` adds the same along each axis of the covariance.
+//! Each row: a motion, the number of sweeps used, SNR at 1 m on the axis. Columns, mm: median and
+//! 95th percentile of the distance to the truth; rms; the bound's rms with free phases (ranges
+//! only) and with phases of known integers; rms over each. `split`: seeds in which more than one
+//! reflector is reported. NEES: normalised squared error dᵀ C⁻¹ d, 3 on average for a consistent
+//! covariance, with the 95 % band of its mean for that many seeds.
+//!
+//! Defaults: seeds 100..120. `without` removes a kind of tracking error. `near` searches 0.8 m
+//! around the truth instead of the 3 m cube: faster, with the same positions. `detail` adds the
+//! same along each axis of the covariance.
 
 use std::f64::consts::{LN_2, TAU};
 use std::ops::Range;
@@ -23,7 +27,7 @@ use radar_sar::{Beam, Observation, PHASE_RAD_PER_M, envelope};
 use radar_sar::{BoundSight, PositionErrors, cramer_rao_bound, eigen, farthest_points};
 use radar_simulation::{Scenario, TrackingErrors};
 
-/// Motions, sweeps used (0: all), SNR.
+/// Motion, number of sweeps (0: all), SNR in dB.
 const TRIALS: [(&str, usize, f64); 14] = [
     ("sphere-50cm", 50, 20.0),
     ("sphere-50cm", 200, 20.0),
@@ -40,10 +44,11 @@ const TRIALS: [(&str, usize, f64); 14] = [
     ("x-50cm", 200, 20.0),
     ("approach-1.0", 200, 20.0),
 ];
-/// The bound with all sweeps takes a second a seed: it is averaged over this many at most.
+/// Maximum number of seeds that the bound is averaged over. With all sweeps it takes a second per
+/// seed.
 const BOUND_SEEDS: usize = 20;
 
-/// What the command line asks for.
+/// The command line's arguments.
 struct Arguments {
     seeds: Range<u64>,
     motion: Option<String>,
@@ -122,7 +127,7 @@ fn row(arguments: &Arguments, motion: &str, sweeps: usize, snr_db: f64) {
     let rms = (errors_mm.iter().map(|e| e * e).sum::<f64>() / count).sqrt();
     let bound = |squares: &[f64]| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
     let (ranges, phases) = (bound(&by_ranges), bound(&by_phases));
-    // Mean of `count` chi-squares of 3: variance 6 / count.
+    // Mean of `count` chi-square variables of 3 degrees of freedom: variance 6 / count.
     let half_band = 1.96 * (6.0 / count).sqrt();
     println!(
         "{motion:13} {:>6} {snr_db:>3.0} {:>8.1} {:>7.1} {rms:>7.2}  {ranges:>14.2} {:>6.2} {phases:>8.2} {:>6.2} {split:>4}/{:<4} {:.2} ({:.2}..{:.2})",
@@ -141,7 +146,8 @@ fn row(arguments: &Arguments, motion: &str, sweeps: usize, snr_db: f64) {
     }
 }
 
-/// Along each axis of the covariance, widest first: mean normalised square (1 when honest), rms of 1σ and of the error, mm.
+/// Along each axis of the covariance, widest first: mean normalised square (1 when consistent), rms
+/// of 1σ and of the error, mm.
 fn detail(seeds: &[[(f64, f64); 3]]) {
     let each = (0..3).map(|axis| {
         let mean =
@@ -191,7 +197,7 @@ impl Trial {
         Self { observations, truth: simulated.truth.obstacles[0].points_m[0], errors: scenario.errors }
     }
 
-    /// What is found, strongest first.
+    /// Reflectors found, strongest first.
     fn found(&self, arguments: &Arguments, max_sweeps: usize) -> Vec<Obstacle> {
         let (middle, half) = if arguments.near { (self.truth, 0.4) } else { (DVec3::new(0.0, 1.5, -1.5), 1.5) };
         let region = Aabb { min: middle - half, max: middle + half };
@@ -219,9 +225,10 @@ impl Trial {
         Some(diagonal * 1e6)
     }
 
-    /// Covariance of the simulated pose errors in each axis between two moments: five sines of random phase whose
-    /// frequencies are even within 0.8 to 1.25 of their middle; rotation at the end of the mount's arm alike; jitter after a
-    /// Savitzky–Golay filter of eleven poses (1964, table for cubics).
+    /// Covariance of the simulated pose errors in each axis between two times, m²: five sines of
+    /// random phase whose frequencies are uniform within 0.8 to 1.25 of their centre; the rotation
+    /// error at the end of the mount's arm likewise; jitter after a Savitzky–Golay filter of eleven
+    /// poses (1964, table for cubics).
     fn poses_m2(&self, apart_s: f64) -> f64 {
         let line = |hz: f64| {
             let turn = TAU * hz * apart_s;
@@ -238,7 +245,8 @@ impl Trial {
     }
 }
 
-/// How a sweep sees the truth: the pulse's energy over the noise at its range and angle.
+/// Measurement accuracy of a sweep at the truth: the pulse's energy over the noise at its range and
+/// angle.
 fn sight(observation: &Observation, truth: DVec3, snr_db: f64, phases: bool) -> BoundSight {
     let distance_m = observation.distance_m(truth);
     let axis = &observation.geometry.axis;

@@ -1,12 +1,13 @@
-//! How well people who cross a room are told from what stands in it, in play sessions.
+//! Accuracy of moving targets (people crossing a room) in play sessions.
 //!
-//!     cargo run --release --example moving -- [FIRST..END] [--seconds=20] [--preset=d16] [--controllers] [--no-visitor] [--no-hands]
-//!         [--each] [rooms.moving.confirm_blocks=4 …]
+//!     cargo run --release --example moving -- [FIRST..END] [--seconds=20] [--preset=d16] \
+//!         [--controllers] [--no-visitor] [--no-hands] [--each] [rooms.moving.confirm_blocks=4 …]
 //!
-//! Each session is played into blocks and the search for what moves alone; nothing else of the program takes part. Told block by
-//! block: how often somebody in the beam (two-way amplitude 0.25) and within 2.5 m is shown at the right range, among all and among
-//! blocks in which the body's range rate is none that something at rest may have; how far the range is off; how long it takes from
-//! coming into the beam; and what is shown that nobody is at, a minute. With it what the search costs, CPU time of its thread.
+//! Each session is processed into sub-apertures and moving targets only, without the rest of the
+//! program. Counted per sub-aperture: how often a person in the beam (two-way amplitude 0.25)
+//! within 2.5 m is shown at the right range, in all sub-apertures and in those in which the body's
+//! range rate is impossible for an object at rest; the range error; the delay after entering the
+//! beam; and false targets per minute. Also the cost, CPU time of the thread.
 
 use a121::{frame_timing, preset};
 use glam::DVec3;
@@ -16,14 +17,16 @@ use radar_mapping::{Observer, ObserverSettings};
 use radar_sar::subaperture::{MtiFilter, Subaperture, SubapertureBuilder};
 use radar_simulation::{PlaySession, Session};
 
-/// Somebody within this is to be shown, metres, from this amplitude on.
+/// A person within this range, metres, and from this two-way amplitude on is to be shown.
 const NEAR_M: f64 = 2.5;
 const AMPLITUDE: f64 = 0.25;
-/// A range this near to one of somebody's parts is theirs, metres; and for so long after they were there, seconds.
+/// Maximum range difference to one of a person's parts for a correct report, metres; minimum
+/// difference for a false one, metres; time for which a person's former positions still count,
+/// seconds. Choice.
 const RIGHT_M: f64 = 0.35;
 const FALSE_M: f64 = 0.5;
 const AFTER_S: f64 = 1.2;
-/// The part of a visitor that stands for the body.
+/// Index of the visitor's part that stands for the body.
 const CHEST: usize = 3;
 
 #[derive(Default)]
@@ -81,7 +84,7 @@ fn main() {
     figures.print();
 }
 
-/// One session, block by block.
+/// One session, sub-aperture by sub-aperture.
 fn play(session: &Session, options: &Options, figures: &mut Figures) {
     let (play, settings) = (session.play(), &options.settings);
     let mut observer = Observer::new(
@@ -125,7 +128,7 @@ struct SessionMonitor<'a> {
     tracks: MovingTargetTracker,
     finder: MtiFilter,
     hands: HandTrail,
-    /// When somebody came into the beam, and whether they were shown since.
+    /// Time at which a person entered the beam, seconds, and whether they were shown since.
     came_s: Option<(f64, bool)>,
     false_ids: Vec<u64>,
 }
@@ -216,7 +219,7 @@ impl<'a> SessionMonitor<'a> {
     }
 }
 
-/// How far a range is from being that of somebody's nearest part, metres.
+/// Difference between a reported range and that of the nearest part of a person, metres.
 fn off_m(moving: &MovingTarget, parts: &[DVec3]) -> f64 {
     let ranges = parts.iter().map(|part| part.distance(moving.seen_from.translation));
     ranges.map(|range_m| (range_m - moving.range_m).abs()).fold(f64::INFINITY, f64::min)
@@ -238,23 +241,23 @@ impl Figures {
         let percent = |part: u64, of: u64| 100.0 * part as f64 / of.max(1) as f64;
         let mut off_m: Vec<f64> = self.errors_m.iter().map(|m| m.abs()).collect();
         println!(
-            "played {:.1} min, {} blocks, {:.1} % of them blind",
+            "played {:.1} min, {} sub-apertures, {:.1} % of them not evaluable",
             self.played_s / 60.0,
             self.blocks,
             percent(self.not_evaluable, self.blocks)
         );
         println!(
-            "in the beam within {NEAR_M} m: {} blocks, {:.1} % shown",
+            "in the beam within {NEAR_M} m: {} sub-apertures, {:.1} % shown",
             self.seen,
             percent(self.seen_shown, self.seen)
         );
         println!(
-            "   and told from what is at rest: {} blocks, {:.1} % shown",
+            "   and distinguishable from objects at rest: {} sub-apertures, {:.1} % shown",
             self.detectable,
             percent(self.detectable_shown, self.detectable)
         );
         println!(
-            "range off the chest's, m: median {:.2}, 90 % {:.2}, signed median {:.2}",
+            "range error to the chest, m: median {:.2}, 90 % {:.2}, signed median {:.2}",
             quantile(&mut off_m, 0.5),
             quantile(&mut off_m, 0.9),
             quantile(&mut self.errors_m, 0.5)
@@ -266,12 +269,12 @@ impl Figures {
             quantile(&mut self.delays_s, 0.9)
         );
         println!(
-            "shown where nobody is: {} times, {:.2} a minute",
+            "false targets: {}, {:.2} per minute",
             self.false_tracks,
             self.false_tracks as f64 / self.played_s * 60.0
         );
         println!(
-            "cost: {:.3} ms a block, {:.2} % of a core",
+            "cost: {:.3} ms per sub-aperture, {:.2} % of a core",
             self.cost_s * 1e3 / self.blocks as f64,
             100.0 * self.cost_s / self.played_s
         );

@@ -1,13 +1,17 @@
-//! Two reflectors 20 cm apart across range, and one that must not become two.
+//! Two reflectors 20 cm apart across range, and a single one that must not be split.
 //!
 //!     cargo run --release --example pairs -- calibrate|verify|split [seeds=FIRST..END]
 //!
-//! `calibrate` (seeds 0..20): for one corner reflector, over motions, numbers of sweeps and SNR, the largest gain of a second
-//! one as a share of the first one's power and in standard deviations of noise; for the pair, the smallest. The gate in
-//! `imaging/refine/pair.rs` lies between.
-//! `split` (seeds 100..300): how often one reflector is reported as more than one, through the whole search.
-//! `verify` (seeds 100..140): the pair through the whole search: how often two are found, median and 95th percentile of
-//! the distance of each to its truth, and the normalised squared error (3 when covariances are honest).
+//! `calibrate` (seeds 0..20): for one corner reflector, over motions, numbers of sweeps and SNR,
+//! the largest gain of a second one as a share of the first one's power and in standard deviations
+//! of noise; for the pair, the smallest. The threshold in `imaging/refine/pair.rs` lies between.
+//!
+//! `split` (seeds 100..300): how often one reflector is reported as more than one by the whole
+//! search.
+//!
+//! `verify` (seeds 100..140): the pair through the whole search: how often two are found, median
+//! and 95th percentile of each one's distance to its truth, and the normalised squared error (3
+//! when covariances are consistent).
 
 use std::ops::Range;
 
@@ -37,7 +41,7 @@ fn main() {
     }
 }
 
-/// Observations of a scene and its true places.
+/// Observations of a scene and its true positions.
 fn recorded(scene: &str, motion: &str, snr_db: f64, seed: u64) -> (Vec<Observation>, Vec<DVec3>) {
     let config = preset("fine").expect("a preset");
     let mut scenario = Scenario::new(scene, motion, config, 10.0, seed);

@@ -1,7 +1,9 @@
-//! Play sessions with any settings, for tuning: what `radar-chaperone benchmark --play` shows, and every false report.
+//! Play sessions with any settings, for tuning: the tables of `radar-chaperone benchmark --play`,
+//! and every false report.
 //!
-//!     cargo run --release --example play -- [FIRST..END] [--minutes=10] [--preset=d16] [--controllers] [--walls-db=20] [--no-hands]
-//!         [--silent-hands] [--no-visitor] [--square] [--each] [rooms.map.confirm_score=6 …]
+//!     cargo run --release --example play -- [FIRST..END] [--minutes=10] [--preset=d16] \
+//!         [--controllers] [--walls-db=20] [--no-hands] [--silent-hands] \
+//!         [--no-visitor] [--square] [--each] [rooms.map.confirm_score=6 …]
 
 use std::time::Instant;
 
@@ -47,7 +49,7 @@ fn main() {
     let figures = play(&trial, &seeds, |seed, figures| {
         let rates = figures.without_walls().rates();
         eprintln!(
-            "seed {seed}: {} of {} in time, {:.2} false near a minute",
+            "seed {seed}: {} of {} in time, {:.2} false reports near the body per minute",
             rates.warned, rates.due, rates.false_near_per_min
         );
     });

@@ -1,5 +1,6 @@
-//! What each eye sees of a chair 0.9 m ahead and a wall to the right, as PNG files: panels in a dark room, the windows of the display
-//! `stereo`, and the eyes' pictures of the display `projection`. `cargo run --release --example preview DIR`.
+//! Pictures of both eyes' views of a chair 0.9 m ahead and a wall to the right, as PNG files:
+//! panels in a dark room, the windows of the display mode `stereo`, and the eye textures of the
+//! display mode `projection`. `cargo run --release --example preview DIR`.
 
 use std::time::Instant;
 
@@ -13,7 +14,8 @@ use radar_sar::geometry::{Aabb, Plane, Pose};
 /// Edge of a voxel, metres.
 const VOXEL_M: f64 = 0.05;
 
-/// Seat, back and legs as boxes: least and greatest corner, metres, the chair's middle on the floor at the origin.
+/// Seat, back and legs as boxes: minimum and maximum corner, metres; origin on the floor below the
+/// chair's centre.
 const CHAIR: [([f64; 3], [f64; 3]); 6] = [
     ([-0.23, 0.42, -0.23], [0.23, 0.47, 0.23]),
     ([-0.23, 0.47, -0.23], [0.23, 0.95, -0.18]),
@@ -37,7 +39,7 @@ fn chair(tracking_from_chair: Pose, step_m: f64) -> Vec<DVec3> {
     points
 }
 
-/// The middles of the voxels that hold a point: what a radar image would show at best.
+/// Centres of the voxels that contain a point: the best possible radar image.
 fn voxels(points: &[DVec3]) -> Vec<(DVec3, f32)> {
     let mut cells: Vec<[i64; 3]> = points.iter().map(|p| (*p / VOXEL_M).floor().to_array().map(|v| v as i64)).collect();
     cells.sort_unstable();
@@ -78,7 +80,7 @@ fn scene(tracking_from_chair: Pose) -> Scene {
     Scene { time_ns: 0, obstacles: vec![chair, unknown], walls: vec![wall], moving: vec![] }
 }
 
-/// The warnings when a head has stood there for half a second: by then they have come up.
+/// The warnings after the head has stayed there for half a second, when they have faded in.
 fn settled_warnings(tracker: &mut WarningTracker, tracking_from_head: Pose, settings: &WarningSettings) -> Warnings {
     let warn = |step: i64| tracker.warn(&Wearer::head_only(step * 10_000_000, tracking_from_head), settings);
     (0..50).map(warn).last().unwrap_or_default()
@@ -107,7 +109,7 @@ fn main() -> anyhow::Result<()> {
         let warnings = settled_warnings(&mut tracker, tracking_from_head, &settings);
         let start = Instant::now();
         let count = renderer.quads(&warnings, &settings)?.len();
-        println!("{name}: {count} quads handed over in {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
+        println!("{name}: {count} quads ready in {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
         let views = EyeView::pair(&tracking_from_head, 0.064, 1.75, [960, 960]);
         for (eye, view) in ["left", "right"].iter().zip(&views) {
             let start = Instant::now();

@@ -1,4 +1,5 @@
-//! `cargo run --release --example readme_picture [DEMO_FOLDER]`: an eye preview of the demo beside its map, for README.md.
+//! `cargo run --release --example readme_picture [DEMO_FOLDER]`: an eye preview of the demo beside
+//! its map, for README.md.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -7,7 +8,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::imageops::{self, FilterType::Lanczos3};
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 
-/// Height of both, pixels.
+/// Height of both pictures, pixels.
 const HEIGHT: u32 = 480;
 
 fn at_height(path: &str) -> RgbImage {
@@ -22,7 +23,7 @@ fn main() {
     let mut both = RgbImage::new(eye.width() + map.width(), HEIGHT);
     imageops::replace(&mut both, &eye, 0, 0);
     imageops::replace(&mut both, &map, i64::from(eye.width()), 0);
-    // The two lowest bits are noise that nobody sees and that costs half of the file.
+    // Sets the two lowest bits: their noise is invisible and would double the file size.
     both.iter_mut().for_each(|channel| *channel |= 3);
     let file = File::create("docs/furnished-room.png").expect("docs/furnished-room.png");
     PngEncoder::new_with_quality(BufWriter::new(file), CompressionType::Best, FilterType::Adaptive)

@@ -1,5 +1,6 @@
-//! How often panels are drawn again, and what each display's drawing costs a frame (the thread's own time), while somebody plays in the demo's furnished room:
-//! `cargo run --release --example redraws [SECONDS]`.
+//! How often panels are redrawn, and the CPU time per frame of each display mode's drawing (this
+//! thread's time), during play in the demo's furnished room: `cargo run --release --example redraws
+//! [SECONDS]`.
 
 use std::collections::BTreeMap;
 
@@ -13,10 +14,10 @@ use radar_mapping::Scene;
 use radar_sar::geometry::Pose;
 use radar_simulation::{Scenario, Simulated};
 
-/// A frame of the display, nanoseconds: 90 a second.
+/// Period of a display frame, nanoseconds: 90 Hz.
 const FRAME_NS: i64 = 11_111_111;
 
-/// A head pose for every frame of the display, and the scene when it is a new one.
+/// A head pose for every display frame, and the scene when it has changed.
 fn frames(played: Simulated, scenario: &Scenario, settings: &Settings) -> Vec<(Pose, Option<Scene>)> {
     let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
     let mut sweeps = played.frames.into_iter().peekable();
@@ -57,7 +58,7 @@ fn main() -> anyhow::Result<()> {
     let frames = frames(scenario.run()?, &scenario, &settings);
     let scenes = frames.iter().filter(|(_, scene)| scene.is_some()).count();
     println!("{} frames, {scenes} scenes that differ", frames.len());
-    for (name, last_scene_alone) in [("as found while playing", false), ("all known from the start", true)] {
+    for (name, last_scene_alone) in [("detected during play", false), ("all known from the start", true)] {
         play(name, &frames, last_scene_alone, &settings)?;
     }
     measure_spatial_displays(&frames, &settings)
@@ -94,14 +95,14 @@ fn play(name: &str, frames: &[(Pose, Option<Scene>)], last_alone: bool, settings
     println!("{name}: {} obstacles of {points} points, {} walls", scene.obstacles.len(), scene.walls.len());
     println!("  {:.1} quads shown on average", shown_s / (frames.len() as f64 * FRAME_NS as f64 * 1e-9));
     let drawn = renderer.textures_drawn();
-    println!("  {drawn} textures drawn: {:.2} a second and quad shown", drawn as f64 / shown_s);
+    println!("  {drawn} textures drawn: {:.2} per second and shown quad", drawn as f64 / shown_s);
     println!("  see, for {} new scenes: {}", see_ns.len(), described(&mut see_ns));
     println!("  warn: {}", described(&mut warn_ns));
     println!("  quads: {}", described(&mut quads_ns));
     Ok(())
 }
 
-/// Every tenth frame as the displays in space show it.
+/// Every tenth frame as drawn by the display modes `stereo` and `projection`.
 fn measure_spatial_displays(frames: &[(Pose, Option<Scene>)], settings: &Settings) -> anyhow::Result<()> {
     let mut renderer = Renderer::new()?;
     let mut tracker = WarningTracker::new();

@@ -1,15 +1,23 @@
-//! How often a receiver's noise alone gets how far in the search in rooms, for every preset, and which scores hold a stated rate.
+//! False-alarm rates of the room mapper on receiver noise alone, for every preset, and scores that
+//! keep stated rates.
 //!
 //!     cargo run --release --example room_false_alarms -- [FIRST..END] [--minutes=M] [PRESET …]
 //!
-//! Plays a head's moves in empty space for M minutes a preset (default 40), divided among the seeds (default 1..17), through the whole
-//! search. First table: what noise came to. An alarm is a score above a threshold; what is within 30 cm and a second of it belongs to
-//! it. `candidates`: maxima of the field; `places`: what is left of them after explaining away; each an hour, in brackets the number
-//! counted. `block`: mean and standard deviation of what one block adds to a score, and by the model of noise. `confirmed`: obstacles and
-//! walls, and the rate that they do not exceed at 95 % confidence. Second table: by the tail of a score on noise and the
-//! places an hour that score by themselves, how often noise reaches the default thresholds, and which scores hold a rate. Third table:
-//! thresholds for stated rates by the first half of the seeds, and the rates that they have in the second half, with 95 % bounds. (Alarms come
-//! in bursts: a head that hardly turns sees the same noise all around its way.)
+//! Simulates natural head motion in empty space for M minutes per preset (default 40), divided
+//! among the seeds (default 1..17), through the whole mapper. An alarm is a score above a
+//! threshold; scores within 30 cm and one second of it belong to it.
+//!
+//! First table: measured alarms. `candidates`: maxima of the score field; `detections`: those that
+//! remain after CLEAN; each per hour, with the count in brackets. `sub-aperture`: mean and standard
+//! deviation of what one sub-aperture adds to a score, and the same by the model of noise.
+//! `confirmed`: obstacles and walls, and the upper bound of their rate at 95 % confidence.
+//!
+//! Second table: from the tail of a score on noise and the number of independent cells per hour,
+//! how often noise reaches the default thresholds, and which scores keep a rate.
+//!
+//! Third table: thresholds for stated rates from the first half of the seeds, and the rates
+//! measured in the second half, with 95 % bounds. (Alarms come in bursts: a head that hardly turns
+//! sees the same noise all along its path.)
 
 use std::ops::Range;
 
@@ -17,13 +25,13 @@ use a121::{PRESETS, SensorConfig, preset};
 use lab::experiments::{RoomNoise, rate_upper_bound_per_h};
 use radar_mapping::{CleanSettings, MapSettings};
 
-/// Thresholds that alarms are counted at.
+/// Thresholds at which alarms are counted.
 const SCORES: [f64; 4] = [1.75, 2.0, 2.25, 2.5];
-/// Rates that scores are given for, an hour.
+/// Rates for which scores are given, per hour.
 const RATES: [(f64, &str); 3] = [(60.0, "one a minute"), (1.0, "one an hour"), (1.0 / 1000.0, "one in 1000 h")];
-/// Rates that are stated and held against other noise, an hour.
+/// Rates that are stated and compared with other noise, per hour.
 const STATED: [f64; 2] = [600.0, 60.0];
-/// So long shows whether a preset makes blocks at all, seconds.
+/// Duration that shows whether a preset makes sub-apertures at all, seconds.
 const TRIAL_S: f64 = 1.0;
 
 fn main() {
@@ -44,7 +52,10 @@ fn main() {
     for name in &names {
         let config = preset(name).unwrap_or_else(|| panic!("no preset {name}: use {}", PRESETS.join(", ")));
         if noise(&config, seeds.start..seeds.start + 1, TRIAL_S, &SCORES).blocks == 0 {
-            println!("{name}: too few sweeps for a block of the default settings; searched for single reflectors");
+            println!(
+                "{name}: too few sweeps for a sub-aperture of the default settings; the preset uses the \
+                reflector search"
+            );
             continue;
         }
         let first = noise(&config, seeds.start..half, session_s, &SCORES);
@@ -58,23 +69,24 @@ fn main() {
     stated_rates_against_measured(&played);
 }
 
-/// Preset, all that was played, thresholds of its first half, and its second half.
+/// Preset, all sessions, thresholds from the first half, sessions of the second half.
 type Played<'a> = (&'a str, RoomNoise, Vec<f64>, RoomNoise);
 
-/// Sessions of so many seconds, one a seed.
+/// One session per seed, each of this duration.
 fn noise(config: &SensorConfig, seeds: Range<u64>, session_s: f64, scores: &[f64]) -> RoomNoise {
     let session = |seed| RoomNoise::of(config, seed, session_s, scores).unwrap_or_else(|error| panic!("{error}"));
     seeds.map(session).reduce(|all, session| all.merged(&session)).unwrap_or_default()
 }
 
-/// The score that noise exceeds at a rate, an hour.
+/// The score that noise exceeds at a rate per hour.
 fn score_for(noise: &RoomNoise, rate: f64) -> f64 {
     noise.tail().score((noise.independent_cells_per_h() / rate).max(1.0).ln())
 }
 
 fn measured(played: &[Played]) {
     println!(
-        "\n| preset | minutes | sweeps | voxels | block (model) | score | candidates/h | places/h | greatest | confirmed |"
+        "\n| preset | minutes | sweeps | voxels | sub-aperture (model) | score | candidates/h | detections/h | \
+         greatest | confirmed |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|");
     for (name, all, ..) in played {
@@ -89,8 +101,9 @@ fn measured(played: &[Played]) {
             let [peak, place, plane] = all.greatest;
             let confirmed = all.confirmed.iter().sum::<usize>();
             println!(
-                "| {name} | {:.0} | {:.0} | {:.0} | {mean:.4} ± {sigma:.3} ({stated:.4} ± {stated_sigma:.3}) | {score} | {candidates} | {places} \
-                 | {peak:.2}, place {place:.2}, plane {plane:.2} | {confirmed}: < {:.1}/h |",
+                "| {name} | {:.0} | {:.0} | {:.0} | {mean:.4} ± {sigma:.3} ({stated:.4} ± {stated_sigma:.3}) | \
+                 {score} | {candidates} | {places} | {peak:.2}, detection {place:.2}, plane {plane:.2} | {confirmed}: \
+                 < {:.1}/h |",
                 all.played_s / 60.0,
                 all.sweeps_per_subaperture(),
                 all.voxels(),
@@ -104,7 +117,7 @@ fn rates_from_tail(played: &[Played]) {
     let (explain, map) = (CleanSettings::default(), MapSettings::default());
     let defaults = [explain.min_candidate_score, map.confirm_score];
     println!(
-        "\n| preset | places an hour | candidates of {}/h | of {}/h | {} |",
+        "\n| preset | independent cells/h | candidates of {}/h | of {}/h | {} |",
         defaults[0],
         defaults[1],
         RATES.map(|r| r.1).join(" | ")
@@ -119,7 +132,7 @@ fn rates_from_tail(played: &[Played]) {
 }
 
 fn stated_rates_against_measured(played: &[Played]) {
-    println!("\n| preset | stated/h | score | measured/h | at most |");
+    println!("\n| preset | stated/h | score | measured/h | upper bound |");
     println!("|---|---|---|---|---|");
     for (name, _, scores, second) in played {
         for ((stated, score), alarms) in STATED.iter().zip(scores).zip(&second.candidates[SCORES.len()..]) {

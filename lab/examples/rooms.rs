@@ -1,10 +1,13 @@
-//! How well furniture is found in simulated rooms, and how much is reported where nothing is.
+//! Detection of furniture and false reports in simulated rooms.
 //!
-//!     cargo run --release --example rooms -- [FIRST..END] [SCENE] [--each] [--poses-hz=250] [rooms.explain.min_score=3 …]
+//!     cargo run --release --example rooms -- [FIRST..END] [SCENE] [--each] \
+//!         [--poses-hz=250] [rooms.explain.min_score=3 …]
 //!
-//! Plays 30 s with preset d16 for every seed through the whole pipeline and holds the scene against the truth, as `replay`
-//! does. Things that came within 1 m are due; found: a report within 10 cm of one of their points; false: a report farther
-//! than 25 cm from every point and wall. In brackets: only things that were in the beam for 0.75 s. Settings are named as in `--set`; `--each` prints every score in full.
+//! Runs 30 s with preset d16 through the whole pipeline for every seed and scores the scene against
+//! the truth, as `replay` does. Objects that came within 1 m are due. Found: a report within 10 cm
+//! of one of their points. False: a report farther than 25 cm from every point and wall. In
+//! brackets: only objects that were in the beam for 0.75 s. Settings are named as in `--set`;
+//! `--each` prints every score in full.
 
 use std::time::Instant;
 
@@ -15,7 +18,7 @@ use radar_mapping::Pipeline;
 use radar_simulation::Scenario;
 
 const DURATION_S: f64 = 30.0;
-/// Time in the beam from which on a thing can be asked for, seconds.
+/// Minimum time in the beam before an object counts, seconds. Choice.
 const SEEN_S: f64 = 0.75;
 
 fn main() {
@@ -66,7 +69,8 @@ fn line(scores: &[Score]) -> String {
     errors.sort_by(f64::total_cmp);
     let median_m = errors.get(errors.len() / 2).copied().unwrap_or(f64::NAN);
     format!(
-        "found {} of {} due ({} of {} seen ≥ 0.75 s), false {} of {} reports, at walls {}; walls found {} of {}, false {}; median error {:.0} mm",
+        "found {} of {} due ({} of {} in the beam ≥ 0.75 s), false {} of {} reports, at walls {}; walls found {} of \
+         {}, false {}; median error {:.0} mm",
         sum(|s| s.due_found),
         sum(|s| s.due),
         sum(|s| s.obstacles.iter().filter(|o| o.due && o.in_beam_s >= SEEN_S && o.found).count()),

@@ -1,10 +1,12 @@
-//! Which sweeps to keep: how well a corner reflector is placed from a few sweeps, by the way they were chosen.
+//! Selection of sweeps: how accurately a corner reflector is located from a few sweeps, by
+//! selection method.
 //!
 //!     cargo run --release --example selection -- [FIRST..END] [MOTION]
 //!
-//! 20 dB at 1 m, default tracking errors, motion sphere-50cm unless told otherwise, 10 s at 120 sweeps a second, seeds
-//! 100..130. For each selection and number of sweeps: median / 95th percentile of the 3-D error, millimetres, of what `ls`
-//! finds in a 3 m cube (refined). `thesis-hull` may keep fewer than asked: the mean number kept is in brackets.
+//! 20 dB at 1 m, default tracking errors, motion sphere-50cm by default, 10 s at 120 sweeps per
+//! second, seeds 100..130. For each selection and number of sweeps: median / 95th percentile of the
+//! 3-D error, millimetres, of the refined position that `ls` finds in a 3 m cube. `thesis-hull` may
+//! keep fewer sweeps than requested: the mean number kept is in brackets.
 
 use a121::preset;
 use glam::DVec3;
@@ -37,7 +39,7 @@ fn main() {
     println!("{:16}{all}", "all");
 }
 
-/// Observations of one recording, and where the reflector is.
+/// Observations of one recording, and the reflector's position.
 fn recording(motion: &str, seed: u64) -> (u64, Vec<Observation>, DVec3) {
     let mut scenario = Scenario::new("corner-reflector", motion, preset("fine").expect("a preset"), 10.0, seed);
     scenario.snr_db = Some(20.0);
@@ -51,7 +53,7 @@ fn recording(motion: &str, seed: u64) -> (u64, Vec<Observation>, DVec3) {
     (seed, observations, simulated.truth.obstacles[0].points_m[0])
 }
 
-/// Middle of the cube that is searched.
+/// Centre of the searched cube.
 fn middle() -> DVec3 {
     DVec3::new(0.0, 1.5, -1.5)
 }
@@ -64,7 +66,7 @@ fn cell(recordings: &[(u64, Vec<Observation>, DVec3)], choose: impl Fn(&[Observa
         let chosen: Vec<Observation> = choose(all, *seed).into_iter().map(|n| all[n].clone()).collect();
         kept += chosen.len();
         let found = find_reflectors(&chosen, &Beam::Lensless, &region, &settings, &errors);
-        // Nothing found is as wrong as it gets.
+        // No detection counts as an infinite error.
         errors_mm.push(found.first().map_or(f64::INFINITY, |o| o.position_m.distance(*truth) * 1e3));
     }
     errors_mm.sort_by(f64::total_cmp);

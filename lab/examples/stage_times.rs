@@ -1,14 +1,20 @@
-//! Where the time goes when a room is imaged with preset d16: CPU seconds per second of data, as a share of one core.
+//! Cost of each stage of room imaging with preset d16: CPU seconds per second of data, as a share
+//! of one core.
 //!
-//!     cargo run --release --example stage_times -- [SECONDS] [SEED] [SCENE …] [whole] [rooms.blocks.memory_s=2 …]
+//!     cargo run --release --example blocks_speed -- [SECONDS] [SEED] [SCENE …] [whole] \
+//!         [rooms.blocks.memory_s=2 …]
 //!
-//! Simulates a furnished and an empty room (natural play, 10 s unless told otherwise), then times each stage by itself, in
-//! CPU time of all threads (Linux; elsewhere wall time): joining the streams, blocks (range compression and tables), the
-//! field at 5 cm and 2.5 cm, planes, the time offset's estimate once a second, the fine field of 1 cm wherever the search
-//! looks finely, brought up to date four times a second, and the whole pipeline, without and with the estimate of the time
-//! offset; what it takes beyond its stages are the looks. (In the pipeline most fine bricks are never read, and so never
-//! computed.) Each stage is repeated and the least counts. Updates are (voxel in the beam, sweep) pairs. At last the fine field
-//! is held against a dense one of 1 cm voxels. With `whole` the pipeline alone.
+//! Simulates a furnished and an empty room (natural play, 10 s by default), then times each stage
+//! by itself, in CPU time of all threads (Linux; elsewhere wall time): joining the streams;
+//! sub-apertures (range compression and tables); the score field at 5 cm and 2.5 cm; planes; the
+//! time-offset estimate once a second; the fine field of 1 cm wherever the mapper opens it, updated
+//! four times a second; and the whole pipeline, with and without the time-offset estimate. What the
+//! pipeline takes beyond these stages are the map updates. In the pipeline most fine bricks are
+//! never read and so never computed.
+//!
+//! Each stage is repeated and the minimum counts. Updates are (voxel in the beam, sweep) pairs. At
+//! the end the fine field is compared with a dense one of 1 cm voxels. With `whole` only the
+//! pipeline is timed.
 
 use std::time::Instant;
 
@@ -64,7 +70,7 @@ fn stages(scenario: &Scenario, simulated: &Simulated, settings: &Settings, durat
     line("joining the streams", join_s);
     let (copy_s, _) = timed(|| observations.to_vec());
     let (build_s, blocks) = timed(|| blocks(&observations, settings.rooms.blocks));
-    line("blocks: range compression, tables", build_s - copy_s);
+    line("sub-apertures: range compression, tables", build_s - copy_s);
     for voxel_m in [0.05, 0.025] {
         let with_voxel = SubapertureSettings { voxel_m, ..settings.rooms.blocks };
         let (field_s, updates) = timed(|| {
@@ -135,17 +141,19 @@ fn time_offset(observations: &[Observation], path: &[SensorState], settings: &Se
     }
 }
 
-/// One look: number of the last block before it, and the middles of the bricks that were open after it.
+/// One map update: index of the last sub-aperture before it, and centres of the bricks open after
+/// it.
 type Update = (usize, Vec<glam::DVec3>);
 
-/// The fine field as the search opens it, all of it brought up to date at every look; then held against a dense one.
+/// The fine field as the mapper opens it, fully recomputed at every update, then compared with a
+/// dense field.
 fn fine(observations: &[Observation], blocks: &[Subaperture], settings: &Settings, duration_s: f64) {
     let looks = looks(observations, settings);
     let (fine_s, fine) = timed(|| replayed_field(blocks, &looks, settings, usize::MAX));
-    line("fine field, 1 cm wherever something is", fine_s, duration_s);
+    line("fine field, 1 cm where opened", fine_s, duration_s);
     let open = looks.iter().map(|(_, bricks)| bricks.len()).sum::<usize>() / looks.len().max(1);
-    println!("      {open} bricks open in the mean, {:.2} G updates", fine.counters().updates as f64 * 1e-9);
-    // The look that opened most, late enough for a full window; compared a second later.
+    println!("      {open} bricks open on average, {:.2} G updates", fine.counters().updates as f64 * 1e-9);
+    // The update that opened most bricks, late enough for a full window; compared one second later.
     let new = |n: &usize| looks[*n].1.iter().filter(|brick| !looks[n - 1].1.contains(brick)).count();
     let full = |n: &usize| window(blocks, looks[*n].0, settings).start > 0;
     let Some(at) = (1..looks.len().saturating_sub(4)).filter(full).max_by_key(new) else { return };
@@ -174,7 +182,7 @@ fn fine(observations: &[Observation], blocks: &[Subaperture], settings: &Setting
     println!("      {} bricks opened together, a second later: {equal} voxels equal, {different} not", opened.len());
 }
 
-/// What the search opens, look by look.
+/// The bricks that the mapper opens, update by update.
 fn looks(observations: &[Observation], settings: &Settings) -> Vec<Update> {
     let mut search = RoomMapper::new(settings.rooms, &settings.radar.beam, settings.tracking.errors);
     let mut looks: Vec<Update> = Vec::new();
@@ -187,7 +195,7 @@ fn looks(observations: &[Observation], settings: &Settings) -> Vec<Update> {
     looks
 }
 
-/// A fine field with just these bricks open after each look, up to a look.
+/// A fine field with exactly these bricks open after each update, up to a given one.
 fn replayed_field(blocks: &[Subaperture], looks: &[Update], settings: &Settings, last_update: usize) -> FineField {
     let follow = FineSettings { max_opened: usize::MAX, max_bricks: usize::MAX, keep_looks: 0, ..settings.rooms.fine };
     let rooms = &settings.rooms;
@@ -206,13 +214,13 @@ fn replayed_field(blocks: &[Subaperture], looks: &[Update], settings: &Settings,
     fine
 }
 
-/// The blocks at hand when one has come.
+/// Sub-apertures in the window when one has arrived.
 fn window(blocks: &[Subaperture], last: usize, settings: &Settings) -> std::ops::Range<usize> {
     let since_ns = blocks[last].mid_time_ns - (settings.rooms.explain.window_s * 1e9) as i64;
     blocks[..last].partition_point(|block| block.mid_time_ns < since_ns)..last + 1
 }
 
-/// Middles of a brick's voxels.
+/// Centres of a brick's voxels.
 fn voxels(brick: glam::DVec3, voxel_m: f64) -> impl Iterator<Item = glam::DVec3> {
     let along = |n: usize| (n % 8) as f64 - 3.5;
     (0..512).map(move |n| brick + glam::DVec3::new(along(n), along(n / 8), along(n / 64)) * voxel_m)
@@ -238,7 +246,7 @@ fn whole(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> Cou
     pipeline.counters()
 }
 
-/// Least CPU time of some repetitions, and what came out.
+/// Minimum CPU time of the repetitions, and the result.
 fn timed<T>(work: impl Fn() -> T) -> (f64, T) {
     let mut least = f64::INFINITY;
     let mut result = None;
@@ -251,7 +259,7 @@ fn timed<T>(work: impl Fn() -> T) -> (f64, T) {
     (least, result.expect("at least one repetition"))
 }
 
-/// CPU time of all threads so far, where the system tells it.
+/// CPU time of all threads so far, seconds, where the system provides it.
 fn cpu_s() -> Option<f64> {
     let mut sum_ns = 0.0;
     for task in std::fs::read_dir("/proc/self/task").ok()? {

@@ -1,5 +1,6 @@
-//! `steamvr_picture OUT.png SHOT…`: shots of the stand-in for SteamVR side by side, left and right eye of each, cut to where things
-//! are to be seen. `docs/beside-steamvr.sh` makes README.md's picture with it.
+//! `beside_picture OUT.png SHOT…`: shots of the fake SteamVR runtime side by side, left and right
+//! eye of each, cropped to where warnings are visible. `docs/beside-steamvr.sh` makes the picture
+//! of the live display with it.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -8,11 +9,11 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::imageops::{self, FilterType::Lanczos3};
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 
-/// What is cut out of an eye's picture, as shares of its width and height: left, top, width, height.
+/// Crop of an eye's picture, as shares of its width and height: left, top, width, height.
 const CUT: [f32; 4] = [0.12, 0.38, 0.72, 0.5];
-/// Size of each cut, pixels.
+/// Size of each crop, pixels.
 const SIZE: [u32; 2] = [300, 234];
-/// Between two eyes, and between two shots, pixels.
+/// Gap between two eyes, and between two shots, pixels.
 const GAPS: [u32; 2] = [2, 14];
 
 fn cut(path: &str) -> RgbImage {
@@ -40,7 +41,7 @@ fn main() {
         }
         at += GAPS[1] - GAPS[0];
     }
-    // The two lowest bits are noise that nobody sees and that costs half of the file.
+    // Sets the two lowest bits: their noise is invisible and would double the file size.
     all.iter_mut().for_each(|channel| *channel |= 3);
     let file = File::create(&out).unwrap_or_else(|e| panic!("{out}: {e}"));
     PngEncoder::new_with_quality(BufWriter::new(file), CompressionType::Best, FilterType::Adaptive)

@@ -1,8 +1,9 @@
-//! How long the pipeline's steps hold up the stream: natural play in a furnished room, preset d16, every pose that is pushed
-//! timed and sorted by what it set off. Arguments: seconds, seed, threads of the pool.
+//! How long single steps of the pipeline block the stream: natural play in a furnished room, preset
+//! d16. Arguments: seconds, seed, threads of the pool.
 //!
-//! A step is what one pose sets off: the sweeps that it completes, mostly none of the rest; a block's imaging, a look at the
-//! evidence, an estimate of the time offset. The scene is timed by itself.
+//! A step is the processing that one pushed pose triggers: the sweeps that it completes, usually
+//! nothing else; sometimes a sub-aperture, an update of the map, or an estimate of the time offset.
+//! Steps are sorted by what they triggered. The scene is timed separately.
 
 use std::time::Instant;
 
@@ -22,7 +23,7 @@ fn main() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
     let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default());
     let mut frames = simulated.frames.into_iter().peekable();
-    let names = ["sweeps alone", "block", "block and look", "estimate", "scene"];
+    let names = ["sweeps only", "sub-aperture", "with update", "estimate", "scene"];
     let mut times = names.map(|_| Latency::default());
     let begin = Instant::now();
     for pose in &simulated.poses {
@@ -41,7 +42,7 @@ fn main() {
             times[4].push(step.elapsed().as_nanos() as i64);
         }
     }
-    println!("{duration_s} s of play worked off in {:.1} s on {threads} threads", begin.elapsed().as_secs_f64());
+    println!("{duration_s} s of play processed in {:.1} s on {threads} threads", begin.elapsed().as_secs_f64());
     println!("{:16}{:>8}{:>12}{:>12}{:>12}", "step", "times", "median ms", "p99 ms", "longest ms");
     for (name, times) in names.iter().zip(&times) {
         let report = times.report();

@@ -1,5 +1,5 @@
-//! The four styles of warnings side by side, seen by one eye over a dark and over a bright, busy picture:
-//! `cargo run --release --example styles FILE.png`.
+//! The four warning styles side by side, as one eye sees them over a dark and over a bright,
+//! detailed game picture: `cargo run --release --example styles FILE.png`.
 
 use anyhow::{Context, Result, anyhow};
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -12,14 +12,15 @@ use radar_chaperone::warning::{Style, WarningSettings, WarningTracker, Warnings,
 use radar_mapping::{Observed, Obstacle, Scene, Wall};
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
-/// A picture of one eye, pixels.
+/// Size of one eye's picture, pixels.
 const WIDTH: u32 = 340;
 const HEIGHT: u32 = 360;
-/// Between pictures, and above them for the styles' names.
+/// Gap between pictures, and height of the style names above them, pixels.
 const GAP: u32 = 6;
 const HEAD: u32 = 34;
 
-/// Seat, back and legs as boxes: least and greatest corner, metres, the chair's middle on the floor at the origin.
+/// Seat, back and legs as boxes: minimum and maximum corner, metres; origin on the floor below the
+/// chair's centre.
 const CHAIR: [([f64; 3], [f64; 3]); 6] = [
     ([-0.23, 0.42, -0.23], [0.23, 0.47, 0.23]),
     ([-0.23, 0.47, -0.23], [0.23, 0.95, -0.18]),
@@ -70,7 +71,7 @@ fn scene() -> Scene {
     Scene { time_ns: 0, obstacles: vec![chair], walls: vec![wall], moving: vec![] }
 }
 
-/// The warnings when a head has stood there for half a second: by then they have come up.
+/// The warnings after the head has stayed there for half a second, when they have faded in.
 fn settled_warnings(head: Pose, settings: &WarningSettings) -> Warnings {
     let mut tracker = WarningTracker::new();
     tracker.update(&scene());
@@ -87,11 +88,12 @@ fn to_srgb(v: f64) -> u8 {
     (if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 } * 255.0).round() as u8
 }
 
-/// A cave at night, or a meadow of light and hard shadows: linear red, green and blue in a direction from a head of 1.65 m.
+/// A cave at night, or a meadow of light and hard shadows: linear red, green and blue in a
+/// direction from a head at 1.65 m.
 fn game(is_bright: bool, toward: DVec3) -> [f64; 3] {
     let hash = |n: DVec2| ((n.x * 127.1 + n.y * 311.7).sin() * 43_758.545).fract().abs();
     let floor = DVec2::new(toward.x, toward.z) * (1.65 / -toward.y.min(-1e-3));
-    // Tiles, which blur where they are far away.
+    // Tiles, which blur with distance.
     let tile = 0.5 + (hash((floor * 2.0).floor()) - 0.5) * (1.0 - (floor.length() - 1.5) / 2.0).clamp(0.0, 1.0);
     if !is_bright {
         let torch = (-toward.distance_squared(DVec3::new(0.5, 0.05, -0.86)) / 0.05).exp();
@@ -106,7 +108,7 @@ fn game(is_bright: bool, toward: DVec3) -> [f64; 3] {
     [0.55 + 0.45 * cloud, 0.75 + 0.25 * cloud, 1.0]
 }
 
-/// What the eye sees in a style over a game.
+/// One eye's view in a style, over a game picture.
 fn picture(renderer: &mut Renderer, style: Style, is_bright: bool) -> Result<RgbImage> {
     let settings =
         WarningSettings { style, labels: true, full_distance_m: 1.3, fade_distance_m: 2.5, ..Default::default() };
@@ -152,7 +154,7 @@ fn main() -> Result<()> {
 
 fn name_columns(whole: &mut RgbImage, size: (u32, u32)) -> Result<()> {
     register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT)
-        .map_err(|_| anyhow!("the font inside the program cannot be read"))?;
+        .map_err(|_| anyhow!("the embedded font cannot be read"))?;
     let area = BitMapBackend::with_buffer(whole, size).into_drawing_area();
     for (column, style) in (0..).zip(["grid", "outline", "solid", "minimal"]) {
         let font = ("sans-serif", 22).into_font().color(&RGBColor(28, 36, 48));

@@ -1,15 +1,19 @@
-//! How well the time between the pose stream and the sweep stream is found from the data, and what correcting it brings.
+//! Accuracy of the estimated time offset between the pose stream and the sweep stream, and the
+//! benefit of correcting it.
 //!
 //!     cargo run --release --example time_offset -- [FIRST..END] [SCENE or MOTION …] [rooms]
 //!
-//! First table: a corner reflector (20 dB at 1 m, 120 sweeps a second, default tracking errors), −20, 0 and +20 ms between
-//! the streams, seeds 100..120. For each motion and each time since the recording began: median / 95th percentile of the
-//! error, median of the stated 1σ, the normalised squared error (error/1σ)², which is 1 in the mean when the 1σ is honest,
-//! and the share of recordings in which the offset is reported as observable; errors of unobservable ones count too. With names,
-//! only the rows of those scenes or motions. straight-0.3 goes straight ahead at one speed, approach-1.0 speeds up and brakes
-//! on its way: the one must not be observable, the other is.
-//! Furnished rooms and single things (preset d16) below. Second table: the reflector's error with 20 ms between the
-//! streams, left alone and estimated, and with none. With `rooms`, the same for furnished rooms of 30 s (minutes).
+//! First table: a corner reflector (20 dB at 1 m, 120 sweeps per second, default tracking errors),
+//! −20, 0 and +20 ms between the streams, seeds 100..120. For each motion and each time since the
+//! recording began: median / 95th percentile of the error, median of the stated 1σ, the normalised
+//! squared error (error/1σ)², 1 on average when the 1σ is consistent, and the share of recordings
+//! in which the offset is reported as observable. Errors of unobservable offsets count too. Names
+//! restrict the table to these scenes or motions. straight-0.3 moves straight ahead at constant
+//! speed and must be unobservable; approach-1.0 accelerates and brakes and is observable. Furnished
+//! rooms and single objects (preset d16) follow.
+//!
+//! Second table: the reflector's error with 20 ms between the streams, uncorrected and estimated,
+//! and without offset. With `rooms`, the same for furnished rooms of 30 s (takes minutes).
 
 use a121::preset;
 use radar_chaperone::report::{Limits, score};
@@ -35,7 +39,8 @@ const TRIALS: [Trial; 12] = [
     ("nothing", "natural", "d16", [2.0, 4.0, 8.0]),
 ];
 const OFFSETS_S: [f64; 3] = [-0.02, 0.0, 0.02];
-/// The estimate needs the poses of its reach and of half the smoothing window, seconds.
+/// The estimate needs poses up to this long after a time, seconds: its own reach and half the
+/// smoothing window.
 const POSES_BEHIND_S: f64 = 0.15;
 
 fn main() {
@@ -65,7 +70,7 @@ fn main() {
     if !names.is_empty() {
         return;
     }
-    println!("\ncorner-reflector, sphere-50cm, 10 s: error of its place, median / p95");
+    println!("\ncorner-reflector, sphere-50cm, 10 s: position error, median / p95");
     for (offset_s, estimate) in [(0.0, false), (0.02, false), (0.02, true)] {
         let mut errors_mm: Vec<f64> = Vec::new();
         for seed in seeds.clone() {
@@ -89,7 +94,7 @@ fn main() {
 }
 
 fn what(offset_s: f64, estimate: bool) -> String {
-    format!("{:2.0} ms, {}", offset_s * 1e3, if estimate { "estimated" } else { "left alone" })
+    format!("{:2.0} ms, {}", offset_s * 1e3, if estimate { "estimated" } else { "uncorrected" })
 }
 
 fn simulated(
@@ -123,7 +128,7 @@ fn replayed(scenario: &Scenario, simulated: Simulated, estimate: bool) -> Pipeli
     pipeline
 }
 
-/// What is estimated when the recording has run for so long.
+/// Estimates after the given durations of the recording.
 fn estimates(scenario: &Scenario, simulated: Simulated, times_s: [f64; 3]) -> [Option<TimeOffset>; 3] {
     let start_s = simulated.frames.first().map_or(0.0, |f| f.host_time_ns as f64 * 1e-9);
     times_s.map(|time_s| {
@@ -155,7 +160,7 @@ fn row(results: &[(Option<TimeOffset>, f64)]) -> String {
     )
 }
 
-/// A quantile; not a number without values.
+/// A quantile; NaN without values.
 fn at(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     let n = ((values.len() as f64 * share) as usize).min(values.len().saturating_sub(1));

@@ -1,11 +1,16 @@
-//! Trains the classifier that tells objects from artefacts, and scores it on other rooms:
+//! Trains the classifier that separates objects from artefacts, and scores it on other rooms:
 //!
-//!     cargo run --release --example train_classifier -- train 20..50 > src/obstacles/classifier/classifier.json
-//!     cargo run --release --example train_classifier -- score 2000..2006 > with_score.json
+//!     cargo run --release --example acceptance -- train 20..50 > new.json
+//!     cargo run --release --example acceptance -- score 2000..2006 > scored.json
 //!
-//! `score` prints the program's own model with the score in its card. Each room is played for four minutes and, from another seed, for one: little is known in a session's first minute; from a third for
-//! three with the slower c16; and from a fourth for two with walls that return 20 dB more, as metal does. Train on other rooms than those
-//! that figures are taken from. What is scored depends a little on what was accepted before: train twice when the search has changed much.
+//! The output replaces the model file of `obstacles::Model`. `score` prints the program's own model
+//! with the score in its card.
+//!
+//! Each room is played for four minutes; from another seed for one minute, since little is known at
+//! a session's start; from a third for three minutes with the slower preset c16; and from a fourth
+//! for two minutes with walls that return 20 dB more, as metal does. Rooms that figures are taken
+//! from must not be trained on. The examples depend slightly on the model in use: after a large
+//! change of the mapper, train twice.
 
 use std::ops::Range;
 
@@ -15,7 +20,7 @@ use radar_chaperone::settings::Settings;
 use radar_mapping::Model;
 use radar_simulation::PlaySession;
 
-/// Preset, minutes, what the walls return more, dB, and how far these sessions' seeds lie behind the first ones'.
+/// Preset, minutes, extra reflection of the walls in dB, and offset of these sessions' seeds.
 const SESSIONS: [(&str, f64, f64, u64); 4] =
     [("d16", 4.0, 0.0, 0), ("d16", 1.0, 0.0, 100_000), ("c16", 3.0, 0.0, 200_000), ("d16", 2.0, 20.0, 300_000)];
 const USAGE: &str = "usage: acceptance train|score FIRST..END (seeds)";
@@ -51,7 +56,7 @@ fn training_set(seeds: &Range<u64>) -> TrainingSet {
 
 fn preset_training_set(name: &str, minutes: f64, walls_db: f64, seeds: impl Iterator<Item = u64>) -> TrainingSet {
     let config = preset(name).unwrap_or_else(|| panic!("there is no preset {name}"));
-    // The visitor is a person, and no object.
+    // The visitor is a person, not an object.
     let session = PlaySession { duration_s: 60.0 * minutes, visitor: false, walls_db, ..PlaySession::new(config, 0) };
     let trial = PlayTrial { session, settings: Settings::default(), controllers: false };
     TrainingSet::of(&trial, &seeds.collect::<Vec<u64>>()).unwrap_or_else(|error| panic!("{error}"))

@@ -1,4 +1,5 @@
-//! What `record` and `doctor` share: which board, what its line carries, what its faults and counters are in words.
+//! Shared by `record`, `run` and `doctor`: the board's arguments, the capacity of its link, and its
+//! faults and counters as text.
 
 use anyhow::Result;
 use clap::Args;
@@ -9,13 +10,13 @@ use a121::find::{Candidate, choose, list_ports};
 use a121::{LineSpeed, LinkCapacity, LinkRequirement, PRESETS, SensorConfig, preset, preset_purpose};
 use a121::{Link, SystemInfo};
 
-/// The board on the command line.
+/// Command-line arguments of the board.
 #[derive(Debug, Clone, Args)]
 pub(super) struct BoardArguments {
-    /// Port of the board, or tcp:HOST[:PORT] for a Raspberry Pi; without it the likeliest is taken
+    /// Port of the board, or tcp:HOST[:PORT] for a Raspberry Pi; default: the most likely one
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
-    /// Speed of a serial line, bits a second; without it the fastest that the board has
+    /// Speed of a serial port, bits per second; default: the fastest that the board supports
     #[arg(long, value_parser = clap::value_parser!(u32).range(115_200..=20_000_000))]
     pub baud: Option<u32>,
     /// Sensor on the board, from 1
@@ -24,18 +25,18 @@ pub(super) struct BoardArguments {
 }
 
 impl BoardArguments {
-    /// Whether a port was asked for.
+    /// Whether a port was given.
     pub fn names_port(&self) -> bool {
         self.port.is_some()
     }
 
-    /// The board asked for, else the likeliest.
+    /// The given board, or the most likely one.
     pub fn choose(&self) -> Result<Candidate> {
         Ok(choose(self.port.as_deref(), &list_ports())?)
     }
 }
 
-/// What carries the bytes, by what the board told of itself once it did.
+/// Speed of the link; uses the board's own report once there is one.
 pub(super) fn line_speed(place: &Candidate, baud: Option<u32>, told: Option<&SystemInfo>) -> Option<LineSpeed> {
     let expected = place.board.line_speed(baud);
     let Some(info) = told.filter(|_| !matches!(expected, Some(LineSpeed::Usb | LineSpeed::Network))) else {
@@ -48,7 +49,7 @@ pub(super) fn line_speed(place: &Candidate, baud: Option<u32>, told: Option<&Sys
     fastest.map(LineSpeed::Uart).or(expected)
 }
 
-/// What all presets need and what a line makes of them.
+/// Requirements of all presets and the share of the link that they use.
 pub(super) fn preset_table(line: Option<LineSpeed>) -> String {
     let named = PRESETS.iter().filter_map(|name| Some((*name, preset(name)?)));
     let rows = named.map(|(name, config)| {
@@ -59,7 +60,7 @@ pub(super) fn preset_table(line: Option<LineSpeed>) -> String {
     table(line, &["for"], rows.collect())
 }
 
-/// What one configuration needs and what a line makes of it.
+/// Requirements of one configuration and the share of the link that it uses.
 pub(super) fn config_table(name: &str, config: &SensorConfig, line: Option<LineSpeed>) -> String {
     table(line, &[], vec![needs(name, config, line)])
 }
@@ -87,7 +88,7 @@ fn needs(name: &str, config: &SensorConfig, line: Option<LineSpeed>) -> Vec<Stri
     ]
 }
 
-/// Whether the line carries it, and what it leaves.
+/// Whether the link is fast enough, and its load.
 pub(super) fn verdict(need: &LinkRequirement, line: LineSpeed) -> String {
     let on = need.predict(line);
     match on.capacity {
@@ -97,7 +98,7 @@ pub(super) fn verdict(need: &LinkRequirement, line: LineSpeed) -> String {
     }
 }
 
-/// What a stream has been through, a line each, faults only where there were some.
+/// A stream's counters, one line each; faults only where there were some.
 pub(super) fn counter_lines(counters: &StreamCounters, lost: u64) -> Vec<String> {
     let (session, stream) = (&counters.session, &counters.session.stream);
     let mut lines = vec![format!(
@@ -116,27 +117,27 @@ pub(super) fn counter_lines(counters: &StreamCounters, lost: u64) -> Vec<String>
         ));
     }
     lines.push(format!(
-        "Reader     last byte to hand-over {:.2} ms in the middle, {:.2} p99, {:.2} at most; {:.1} % of a core",
+        "Reader     last byte to hand-over {:.2} ms median, {:.2} p99, {:.2} at most; {:.1} % of a core",
         counters.latency.median_s * 1e3,
         counters.latency.p99_s * 1e3,
         counters.latency.max_s * 1e3,
         100.0 * counters.cpu_s / counters.running_s.max(1e-9)
     ));
     let faults = [
-        (stream.resyncs, "times out of step"),
+        (stream.resyncs, "resynchronisations"),
         (stream.skipped_bytes, "bytes skipped"),
         (stream.damaged_lines, "damaged lines"),
         (stream.damaged_payloads, "damaged payloads"),
-        (stream.misfit_results, "results of another shape"),
+        (stream.misfit_results, "results of unexpected shape"),
         (stream.unconfirmed_damage, "doubtful results"),
-        (session.refused_ticks, "results refused for their tick"),
+        (session.refused_ticks, "results rejected for their tick"),
         (session.tick_jumps, "jumps of the sensor's clock"),
-        (session.unanswered, "commands without an answer"),
+        (session.unanswered, "unanswered commands"),
         (session.silences, "silences"),
         (session.recalibrations, "calibrations asked for"),
         (session.connects.saturating_sub(1), "new connections"),
-        (counters.losses, "times that the line was lost"),
-        (counters.dropped.frames, "results dropped since nobody fetched them"),
+        (counters.losses, "losses of the connection"),
+        (counters.dropped.frames, "results dropped by a full queue"),
     ];
     let faults: Vec<String> = faults.iter().filter(|f| f.0 > 0).map(|(n, what)| format!("{n} {what}")).collect();
     lines.push(format!("Faults     {}", if faults.is_empty() { "none".to_owned() } else { faults.join(", ") }));

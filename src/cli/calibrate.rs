@@ -1,4 +1,5 @@
-//! `radar-chaperone calibrate FILE [--out DIR]`: the time between poses and sweeps of a recording.
+//! `radar-chaperone calibrate FILE [--out DIR]`: the time offset between poses and sweeps of a
+//! recording.
 
 use std::path::PathBuf;
 
@@ -10,15 +11,16 @@ use super::progress;
 use crate::report::{OffsetSpan, SynchronisationPlot, Table, synchronisation_plot, write_atomically};
 use radar_mapping::{OffsetWindow, Synchronisation, synchronisation};
 
-/// Enlarged in the figure: from so long before the first window to its end and as long after, seconds.
+/// Margin of the enlarged figure before and after the first window, seconds. Choice.
 const ENLARGED_S: f64 = 0.5;
 
-/// Tells the time between poses and sweeps of a recording, at its start and later
+/// Estimates the time offset between poses and sweeps of a recording, at its start and later
 ///
-/// Move the sensor towards a strong reflector and back, several times, beginning at rest. The offset is told over the whole
-/// recording, over the first two seconds of motion and over the rest window by window, by ranges and phases and, as a check,
-/// by rates of change. With --out writes calibration.json and synchronisation.png there. Where a motion does not tell the
-/// offset, this says so.
+/// Move the sensor towards a strong reflector and back, several times, beginning at rest. The
+/// offset is estimated over the whole recording, over the first two seconds of motion and over the
+/// rest window by window, from ranges and phases and, as a check, from rates of change. With --out
+/// writes calibration.json and synchronisation.png there. Where a motion does not make the offset
+/// observable, the output says so.
 #[derive(Debug, Args)]
 pub(super) struct Calibrate {
     /// Recording (.mcap)
@@ -70,7 +72,7 @@ fn figure(trial: &Synchronisation, title: &str) -> crate::report::Picture {
     })
 }
 
-/// What a person reads.
+/// The report as text.
 fn report_text(trial: &Synchronisation) -> String {
     let p = trial.reflector_m;
     let mut text = format!(
@@ -116,7 +118,7 @@ fn verdict(trial: &Synchronisation) -> String {
             let advice = if away { format!("; {change} sets it") } else { "; as it is set".to_owned() };
             format!("Offset     {:+.2} ± {:.2} ms{advice}\n", e.offset_s * 1e3, e.sigma_s * 1e3)
         }
-        _ => "Offset     not observable: this motion does not tell it from depth\n".to_owned(),
+        _ => "Offset     not observable: this motion does not separate it from depth\n".to_owned(),
     };
     text += &match trial.start_lag {
         Some(lag) => format!(

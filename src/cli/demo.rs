@@ -1,7 +1,8 @@
-//! `radar-chaperone demo [--out DIR] [--view]`: the whole way without hardware.
+//! `radar-chaperone demo [--out DIR] [--view]`: the whole pipeline without hardware.
 //!
-//! Six acts: each is simulated and recorded, replayed from its recording through the pipeline, imaged, scored against the
-//! truth and seen through both eyes. All ends in one self-contained report.html.
+//! Six scenes: each is simulated and recorded, replayed from its recording through the pipeline,
+//! imaged, scored against the truth and rendered for both eyes. The result is one self-contained
+//! report.html.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -35,18 +36,19 @@ use radar_sar::truth::Truth;
 use radar_sar::{Statistic, Volume, farthest_points, subaperture_volume};
 use radar_simulation::Scenario;
 
-/// Shows everything without hardware: simulated rooms, recordings, obstacles, figures, eye previews, report.html
+/// Shows everything without hardware: simulated rooms, recordings, obstacles, figures, eye
+/// previews, report.html
 ///
-/// With --view or --view-shot the furnished room alone is simulated, recorded and shown.
+/// With --view or --view-shot only the furnished room is simulated, recorded and shown.
 #[derive(Debug, Args)]
 pub(super) struct Demo {
     /// Folder for everything that the demo writes
     #[arg(long, default_value = "demo-out", value_name = "DIR")]
     out: PathBuf,
-    /// Everything random follows from it
+    /// Seed of all randomness
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    // With it the furnished room alone is simulated, recorded and shown.
+    // With it, only the furnished room is simulated, recorded and shown.
     #[command(flatten)]
     view: ViewArguments,
 }
@@ -64,14 +66,14 @@ struct DemoScene {
     image: Image,
 }
 
-/// What its volume shows.
+/// Content of a scene's volume.
 #[derive(Clone, Copy, PartialEq)]
 enum Image {
-    /// Σ |z|² over that many sweeps, in the cube ahead.
+    /// Σ |z|² over this many sweeps, in the cube ahead.
     Ls(usize),
-    /// Block scores of the whole recording, in the cube ahead.
+    /// Sub-aperture scores of the whole recording, in the cube ahead.
     Subaperture,
-    /// The block scores that belong to what the pipeline found, in the room.
+    /// Sub-aperture scores of the obstacles that the pipeline found, in the room.
     Found,
 }
 
@@ -79,7 +81,7 @@ const SCENES: [DemoScene; 6] = [
     DemoScene {
         heading: "Furnished room, natural play",
         text: "Thirty seconds of standing play in a room of 4 × 5 m with specular walls: chairs, a table, a shelf, a sofa, \
-               a lamp and a clothes hanger. Sensor preset d16, block scores, walls and strong things explained away first.",
+               a lamp and a clothes hanger. Sensor preset d16, sub-aperture scores, walls and strong obstacles detected first.",
         folder: "furnished-room",
         scene: "furnished-room",
         motion: "natural",
@@ -91,7 +93,7 @@ const SCENES: [DemoScene; 6] = [
     DemoScene {
         heading: "Corner reflector, 50 cm sphere",
         text: "The thesis' test target, 1 m deep and 0.3 m left, 20 dB, by range alone: least squares over 120 sweeps a \
-               second, refined to a continuous place with its covariance.",
+               second, refined to a continuous position with its covariance.",
         folder: "corner-reflector",
         scene: "corner-reflector",
         motion: "sphere-50cm",
@@ -113,7 +115,7 @@ const SCENES: [DemoScene; 6] = [
     },
     DemoScene {
         heading: "Metal clothes hanger",
-        text: "The thesis' hanger from within a 50 cm sphere, block scores.",
+        text: "The thesis' hanger from within a 50 cm sphere, sub-aperture scores.",
         folder: "clothes-hanger",
         scene: "clothes-hanger",
         motion: "sphere-50cm",
@@ -135,7 +137,7 @@ const SCENES: [DemoScene; 6] = [
     },
     DemoScene {
         heading: "Two chairs of different reflectivity",
-        text: "The plastic chair reflects 8 dB less; the strong one does not drown it.",
+        text: "The plastic chair reflects 8 dB less; the strong one does not mask it.",
         folder: "two-chairs",
         scene: "two-chairs",
         motion: "sphere-50cm",
@@ -146,12 +148,12 @@ const SCENES: [DemoScene; 6] = [
     },
 ];
 
-/// Edge of the voxels in the demo's volumes, metres.
+/// Edge of the voxels in the demo's volumes, metres. Choice.
 const VOXEL_M: f64 = 0.05;
-/// Side of an eye preview, pixels.
+/// Side of an eye preview, pixels. Choice.
 const PREVIEW_PX: u32 = 640;
 
-/// What one act came to.
+/// Result of one scene.
 struct SceneResult {
     section: Section,
     row: Vec<String>,
@@ -172,7 +174,7 @@ impl Demo {
                 None
             }
         };
-        // Recording, replay, image, figures and previews of each act.
+        // Recording, replay, image, figures and previews of each scene.
         let bar = progress::bar(SCENES.len() as u64 * 4, "");
         let mut played = Vec::new();
         for act in &SCENES {
@@ -214,13 +216,13 @@ impl Demo {
             caption: "Found against the truth. Where nothing is: more than 25 cm from everything that stands there."
                 .into(),
         };
-        let drawn_by = renderer.map_or("No graphics adapter: eye previews are left out.".to_owned(), |r| {
+        let drawn_by = renderer.map_or("No graphics adapter: there are no eye previews.".to_owned(), |r| {
             format!("Eye previews drawn by {}.", r.adapter_name())
         });
         let mut report = Report::new("Radar chaperone: demo")
             .intro(format!(
-                "A simulated 60 GHz radar on a headset (seed {}): every act was recorded, replayed from its recording \
-                 through the pipeline, and put beside the truth. {drawn_by}",
+                "A simulated 60 GHz radar on a headset (seed {}): every scene was recorded, replayed from its recording \
+                 through the pipeline, and compared with the truth. {drawn_by}",
                 self.seed
             ))
             .section(Section::new("At a glance").table(table));
@@ -279,7 +281,7 @@ impl Demo {
     }
 }
 
-/// The recording through the pipeline, as `replay` does it.
+/// Runs the recording through the pipeline, as `replay` does.
 fn replay(file: &Path) -> Result<(Header, Settings, Pipeline)> {
     let mut recording = Recording::open(file)?;
     let header = recording.header().clone();
@@ -296,7 +298,7 @@ fn replay(file: &Path) -> Result<(Header, Settings, Pipeline)> {
     Ok((header, settings, pipeline))
 }
 
-/// The evidence in space that an act shows.
+/// The evidence volume of a scene.
 fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, truth: &Truth) -> Result<Volume> {
     if image == Image::Found {
         let walls = truth.walls.iter().flat_map(|w| [w.extent.min, w.extent.max]);
@@ -319,14 +321,14 @@ fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, t
             dense_volume(&stack, &grid).volume
         }
         Image::Subaperture | Image::Found => {
-            // The whole recording counts alike: what the picture shows has no now.
+            // All sub-apertures have the same weight: the picture covers the whole recording.
             let blocks = radar_sar::subaperture::SubapertureSettings { memory_s: 100.0, ..settings.rooms.blocks };
             subaperture_volume(&observations, &settings.radar.beam, &blocks, &region, VOXEL_M)
         }
     })
 }
 
-/// The shapes of what was found.
+/// The shapes of the obstacles found, as a volume.
 fn volume_of_shapes(room: &Aabb, scene: &Scene) -> Volume {
     let mut volume = Volume::covering(room, VOXEL_M);
     for (place, score) in scene.obstacles.iter().flat_map(|o| &o.shape).filter(|(place, _)| room.contains(*place)) {
@@ -344,7 +346,7 @@ fn farthest_sweeps(observations: &[Observation], count: usize) -> Vec<Observatio
     farthest_points(&positions, count).into_iter().map(|n| observations[n].clone()).collect()
 }
 
-/// Cross-sections, point cloud and map, also as files of their own.
+/// Cross-sections, point cloud and map, also written as separate files.
 fn figures(
     act: &DemoScene,
     folder: &Path,
@@ -355,11 +357,11 @@ fn figures(
 ) -> Result<Vec<Figure>> {
     let mut image = image.clone();
     let (quantity, floor) = match act.image {
-        // Range alone gives shells: what makes the place is that they all meet there.
+        // Range alone gives shells; the reflector is where they all intersect.
         Image::Ls(_) => ("Σ|z|² above 70 % of its peak", 0.7 * image.peak().map_or(0.0, |peak| peak.1)),
         // Noise reaches scores of 2.
-        Image::Subaperture => ("block score above 2", 2.0),
-        Image::Found => ("block score of what was found", 0.0),
+        Image::Subaperture => ("sub-aperture score above 2", 2.0),
+        Image::Found => ("sub-aperture score of the obstacles found", 0.0),
     };
     image.values.iter_mut().for_each(|v| *v = (*v - floor).max(0.0));
     let truth_m: Vec<DVec3> = truth.obstacles.iter().flat_map(|o| o.points_m.clone()).collect();
@@ -381,7 +383,7 @@ fn figures(
     ])
 }
 
-/// What both eyes see where the warnings are brightest ahead of the head.
+/// Previews of both eyes at the head pose with the brightest warnings ahead.
 fn eye_previews(
     renderer: &mut Renderer,
     folder: &Path,
@@ -410,7 +412,7 @@ fn eye_previews(
     Ok(figures)
 }
 
-/// Sum of the panels' brightness, those near the gaze counted most.
+/// Sum of the panels' brightness, weighted by their nearness to the gaze.
 fn brightness_ahead(warnings: &Warnings, head: &Pose) -> f64 {
     let each = warnings.panels.iter().map(|panel| {
         let to = (panel.tracking_from_panel.translation - head.translation).normalize_or_zero();

@@ -1,4 +1,5 @@
-//! `radar-chaperone doctor`: what stands between this computer and warnings in the headset, one line each, with what to do.
+//! `radar-chaperone doctor`: checks everything from this computer to warnings in the headset, one
+//! line each, with remedies.
 
 use std::time::{Duration, Instant};
 
@@ -13,24 +14,25 @@ use a121::preset;
 use a121::remedy::{MODEM_MANAGER_REMEDY, modem_manager_runs, owning_group};
 use a121::{Address, Event, SensorInfo, Setup, SystemInfo};
 
-/// How long frames are measured.
+/// How long frames are measured. Choice.
 const MEASURING_TIME: Duration = Duration::from_secs(2);
-/// A board that is not streaming by then never will.
+/// Longest wait for the first frame. Choice.
 const MAX_START: Duration = Duration::from_secs(15);
-/// One result in a hundred may take so long to be handed over.
+/// Largest 99th percentile of the hand-over latency that gives no warning, seconds. Choice.
 const MAX_P99_S: f64 = 5e-3;
 
-/// Checks SteamVR, headset, graphics card, port, permissions, board, sensor and link, and says what to do
+/// Checks SteamVR, headset, graphics card, port, permissions, board, sensor and link, and says what
+/// to do
 ///
-/// Ends with 1 when something must be mended. Without a sensor, `radar-chaperone simulate … --serve tcp:127.0.0.1:6110`
-/// makes one to try: `radar-chaperone doctor --port tcp:127.0.0.1`.
+/// Exits with 1 when something must be fixed. Without a sensor, `radar-chaperone simulate … --serve
+/// tcp:127.0.0.1:6110` simulates one: `radar-chaperone doctor --port tcp:127.0.0.1`.
 #[derive(Debug, Args)]
 pub(super) struct Doctor {
     #[command(flatten)]
     board: BoardArguments,
 }
 
-/// Tells each finding and counts those to be mended.
+/// Prints each finding and counts those to be fixed.
 #[derive(Default)]
 pub(super) struct Findings {
     to_fix: u32,
@@ -47,11 +49,11 @@ impl Findings {
 
     pub fn fix(&mut self, what: &str, text: &str) -> Result<()> {
         self.to_fix += 1;
-        outln!("mend     {what:<12} {text}")
+        outln!("fix      {what:<12} {text}")
     }
 }
 
-/// What the board told on the way to its first frames.
+/// What the board reported up to its first frames.
 #[derive(Default)]
 struct BoardReport {
     info: Option<SystemInfo>,
@@ -68,8 +70,8 @@ impl Doctor {
         self.check(&mut findings)?;
         match findings.to_fix {
             0 => Ok(()),
-            1 => bail!("one thing must be mended"),
-            count => bail!("{count} things must be mended"),
+            1 => bail!("one thing must be fixed"),
+            count => bail!("{count} things must be fixed"),
         }
     }
 
@@ -127,7 +129,7 @@ impl Doctor {
     }
 }
 
-/// Where a port is named nobody asks for others.
+/// With a named port, missing USB ports are no finding.
 fn check_ports(findings: &Findings, is_named: bool) -> Result<()> {
     let ports = list_ports();
     let found = discover(&ports);

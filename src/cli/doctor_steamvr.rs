@@ -1,4 +1,5 @@
-//! The part of `doctor` that looks at SteamVR: installed, running, headset, graphics card, and whether it starts this program.
+//! The SteamVR part of `doctor`: installed, running, headset, graphics card, and whether it starts
+//! this program.
 
 use anyhow::Result;
 
@@ -6,7 +7,7 @@ use super::doctor::Findings;
 use super::install::registration_trouble;
 use crate::openvr::{OpenVrError, Registration, Role, Runtime, RuntimePaths, Universe};
 
-/// Tells what stands between this program and SteamVR. A computer without SteamVR has nothing to mend: it records and replays.
+/// Checks SteamVR. A computer without SteamVR has nothing to fix: it records and replays.
 pub(super) fn check_steamvr(findings: &mut Findings) -> Result<()> {
     let place = match RuntimePaths::find() {
         Ok(place) => place,

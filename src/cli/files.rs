@@ -1,4 +1,4 @@
-//! What several commands do with files: settings over a recording, streams read to the end.
+//! File handling shared by several commands: settings over a recording, streams read to the end.
 
 use std::path::{Path, PathBuf};
 
@@ -10,10 +10,11 @@ use a121::Frame;
 use radar_recording::{Event, Recording};
 use radar_sar::PoseSample;
 
-/// Settings on the command line.
+/// Command-line arguments of the settings.
 #[derive(Debug, Default, Args)]
 pub(super) struct SettingsArguments {
-    /// Settings file (TOML); without it the recording's own settings, or the user's file where there is no recording
+    /// Settings file (TOML); default: the recording's own settings, or the user's file where there
+    /// is no recording
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
     /// Changes one setting, for example --set tracking.time_offset_s=0.02; may be repeated
@@ -22,7 +23,7 @@ pub(super) struct SettingsArguments {
 }
 
 impl SettingsArguments {
-    /// The settings file's, else the recording's, with the changes laid over.
+    /// Settings from the file, or from the recording, with the changes applied.
     pub fn over_recorded(&self, recorded: &str) -> Result<Settings> {
         let text = match &self.settings {
             Some(path) => {
@@ -33,7 +34,8 @@ impl SettingsArguments {
         Ok(Settings::from_toml(&text, &self.changes)?)
     }
 
-    /// The file that is followed while the program runs: the one named, else the user's own, which need not be there.
+    /// The file that is followed while the program runs: the given one, or the user's own, which
+    /// may be missing.
     pub fn live_file(&self) -> Option<PathBuf> {
         self.settings.clone().or_else(user_settings)
     }
@@ -43,8 +45,8 @@ impl SettingsArguments {
         &self.changes
     }
 
-    /// What a program that goes on for long begins with: a file that was named must be good; the user's own may be wrong, since whoever
-    /// could mend it may not be there.
+    /// Checks the settings of a long-running command. A given file must be valid; the user's own
+    /// may be invalid, because nobody may be there to fix it.
     pub fn check_live(&self, over: &[String]) -> Result<()> {
         match &self.settings {
             Some(_) => self.live(toml::Table::new()).map(drop),
@@ -52,8 +54,8 @@ impl SettingsArguments {
         }
     }
 
-    /// The settings file's, else the user's own file's where there is one, with the changes laid over; `below` serves where
-    /// none names its own.
+    /// Settings from the given file, or from the user's own if it exists, with the changes applied;
+    /// `below` supplies values that neither sets.
     pub fn live(&self, below: toml::Table) -> Result<Settings> {
         let path = self.settings.clone().or_else(|| user_settings().filter(|path| path.is_file()));
         let text = match &path {
@@ -70,12 +72,12 @@ impl SettingsArguments {
     }
 }
 
-/// Where the user's own settings are looked for.
+/// Path of the user's own settings.
 pub(super) fn user_settings() -> Option<PathBuf> {
     user_folder("XDG_CONFIG_HOME", ".config").map(|folder| folder.join("settings.toml"))
 }
 
-/// This program's folder among the user's, by the desktop's rules.
+/// This program's folder in the user's home, by the platform's conventions.
 pub(super) fn user_folder(variable: &str, below_home: &str) -> Option<PathBuf> {
     let named = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
     let folder = if cfg!(windows) {
@@ -86,7 +88,7 @@ pub(super) fn user_folder(variable: &str, below_home: &str) -> Option<PathBuf> {
     folder.map(|folder| folder.join("radar-chaperone"))
 }
 
-/// Frames and poses of a recording, each in the order of the file; damage is told once.
+/// Frames and poses of a recording, each in file order; damage is logged once.
 pub(super) fn read_streams(path: &Path) -> Result<(Recording, Vec<Frame>, Vec<PoseSample>)> {
     let mut recording = Recording::open(path)?;
     let (mut frames, mut poses) = (Vec::new(), Vec::new());
@@ -101,7 +103,7 @@ pub(super) fn read_streams(path: &Path) -> Result<(Recording, Vec<Frame>, Vec<Po
     Ok((recording, frames, poses))
 }
 
-/// Refuses to write over a file that is read, by whatever name.
+/// Refuses to overwrite an input file, by whatever path it is named.
 pub(super) fn refuse_overwriting(out: &Path, inputs: &[&Path]) -> Result<()> {
     let same = |input: &&&Path| matches!((out.canonicalize(), input.canonicalize()), (Ok(a), Ok(b)) if a == b);
     match inputs.iter().find(same) {
@@ -112,7 +114,7 @@ pub(super) fn refuse_overwriting(out: &Path, inputs: &[&Path]) -> Result<()> {
     }
 }
 
-/// Says what could not be read.
+/// Logs what could not be read.
 pub(super) fn warn_of_damage(recording: &Recording) {
     if !recording.damage().is_none() {
         log::warn!("{} is damaged: {}. Everything readable was used.", recording.path().display(), recording.damage());

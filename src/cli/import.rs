@@ -1,4 +1,5 @@
-//! `radar-chaperone import FRAMES.h5 --poses TRACK --out FILE.mcap`: the vendor's recordings, with poses of any tracker.
+//! `radar-chaperone import FRAMES.h5 --poses TRACK --out FILE.mcap`: converts the vendor's
+//! recordings, with poses of any tracker.
 
 use std::path::{Path, PathBuf};
 
@@ -9,20 +10,21 @@ use super::files::refuse_overwriting;
 use radar_recording::{ImportOptions, import_h5};
 use radar_sar::geometry::Pose;
 
-/// Turns a recording of the vendor's exploration tool and a pose track into a recording
+/// Converts a recording of the vendor's exploration tool and a pose track into a recording
 ///
-/// The track is a TUM trajectory: lines of `timestamp_s tx ty tz qx qy qz qw`, seconds since the recording's first tick,
-/// metres; `#` begins a comment. Or, where its name ends in .csv, a table whose first line names the columns, in any order: time_s
-/// (or _ms, _us, _ns), x y z (metres, or x_mm, x_cm), qx qy qz qw, and valid where there is such a column. It gives the poses of what the sensor is mounted on; without --mount, of the sensor itself
-/// (looking along −z).
+/// The track is a TUM trajectory: lines of `timestamp_s tx ty tz qx qy qz qw`, seconds since the
+/// recording's first tick, metres; `#` starts a comment. Or, where its name ends in .csv, a table
+/// whose first line names the columns, in any order: time_s (or _ms, _us, _ns), x y z (metres, or
+/// x_mm, x_cm), qx qy qz qw, and valid where there is such a column. It gives the poses of what the
+/// sensor is mounted on; without --mount, of the sensor itself (looking along −z).
 #[derive(Debug, Args)]
 pub(super) struct Import {
     /// Recording of the vendor's tool (.h5)
     frames: PathBuf,
-    /// Pose track (TUM, or CSV by its ending); without it the recording holds no poses
+    /// Pose track (TUM, or CSV by its extension); without it the recording has no poses
     #[arg(long, value_name = "TRACK.tum|.csv")]
     poses: Option<PathBuf>,
-    /// Where the sensor sits on what was tracked: x,y,z in metres, or x,y,z,qx,qy,qz,qw
+    /// Pose of the sensor on the tracked object: x,y,z in metres, or x,y,z,qx,qy,qz,qw
     #[arg(long, value_name = "x,y,z[,qx,qy,qz,qw]", allow_hyphen_values = true)]
     mount: Option<String>,
     /// Recording to write
@@ -45,7 +47,7 @@ impl Import {
     }
 }
 
-/// `x,y,z` or `x,y,z,qx,qy,qz,qw`.
+/// Parses `x,y,z` or `x,y,z,qx,qy,qz,qw`.
 pub(super) fn parse_mount(text: &str) -> Result<Pose> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     match numbers.as_deref() {

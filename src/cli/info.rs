@@ -1,4 +1,4 @@
-//! `radar-chaperone info FILE`: what a recording holds.
+//! `radar-chaperone info FILE`: shows what a recording contains.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use clap::Args;
 
 use radar_recording::RecordingSummary;
 
-/// Tells what a recording holds: source, sensor, streams, mount, truth, damage
+/// Shows what a recording contains: source, sensor, streams, mount, truth, damage
 #[derive(Debug, Args)]
 pub(super) struct Info {
     /// Recording (.mcap)

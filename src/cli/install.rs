@@ -11,26 +11,26 @@ use crate::openvr::{Registration, Role, Runtime, RuntimePaths, manifest};
 
 /// Has SteamVR start this program with the headset
 ///
-/// Writes a manifest into the user's folder and tells SteamVR of it; SteamVR then starts `radar-chaperone run`. Do it again when
-/// the program was moved. `radar-chaperone doctor` says whether it holds; SteamVR shows the switch under Settings, Startup /
-/// Shutdown, Choose Startup Overlay Apps.
+/// Writes a manifest into the user's folder and registers it with SteamVR; SteamVR then starts
+/// `radar-chaperone run`. Repeat it after moving the program. `radar-chaperone doctor` checks it;
+/// SteamVR shows the switch under Settings, Startup / Shutdown, Choose Startup Overlay Apps.
 #[derive(Debug, Args)]
 pub(super) struct Install {
-    /// Tells SteamVR of the program without having it started
+    /// Registers the program without having it started
     #[arg(long)]
     no_autolaunch: bool,
-    /// What `run` is started with, for example -- --port /dev/ttyUSB0
+    /// Arguments of `run`, for example -- --port /dev/ttyUSB0
     #[arg(last = true, value_name = "ARGUMENTS")]
     arguments: Vec<String>,
 }
 
-/// Has SteamVR forget this program
+/// Removes this program from SteamVR
 #[derive(Debug, Args)]
 pub(super) struct Uninstall {}
 
 impl Install {
     pub fn run(&self) -> Result<()> {
-        // SteamVR would tell nobody what is wrong with them.
+        // SteamVR would report errors in them to nobody.
         check_run(&self.arguments)?;
         let place = RuntimePaths::find()?;
         let binary = own_path()?;
@@ -60,7 +60,7 @@ impl Install {
         }
     }
 
-    /// As one line, the way that the manifest wants it.
+    /// The arguments as one line, as the manifest requires.
     fn run_arguments(&self) -> String {
         let quoted = |word: &String| match word.contains(char::is_whitespace) {
             true => format!("\"{word}\""),
@@ -77,7 +77,7 @@ impl Uninstall {
         let runtime = Runtime::start(&place, Role::Utility)?;
         let was_known = runtime.registration().is_registered;
         if was_known {
-            // Its switch would outlive the manifest and be on again with the next one.
+            // The autolaunch switch would outlive the manifest and apply to the next one.
             if let Err(error) = runtime.set_autolaunch(false) {
                 log::warn!("{error}");
             }
@@ -94,14 +94,14 @@ impl Uninstall {
     }
 }
 
-/// What is wrong with SteamVR's knowledge of this program, if anything, in words with what to do.
+/// What is wrong with the program's registration in SteamVR, if anything, with the remedy.
 pub(super) fn registration_trouble(registration: &Registration) -> Option<String> {
     let Registration { is_registered, binary, .. } = registration;
     if !is_registered {
         return None;
     }
     let binary = binary.as_ref()?;
-    let again = "`radar-chaperone install` mends it";
+    let again = "`radar-chaperone install` fixes it";
     if !binary.exists() {
         return Some(format!("SteamVR would start {}, which is not there: {again}", binary.display()));
     }
@@ -116,7 +116,7 @@ fn own_path() -> Result<PathBuf> {
     std::env::current_exe().context("cannot tell where this program is")
 }
 
-/// Where the manifest is kept.
+/// Path of the manifest.
 pub(super) fn manifest_path() -> Result<PathBuf> {
     let folder = user_folder("XDG_DATA_HOME", ".local/share").context("there is no home folder: set HOME")?;
     Ok(folder.join("manifest.vrmanifest"))

@@ -1,4 +1,4 @@
-//! One instance at a time: two would fight over the sensor's line and the overlays.
+//! Allows one instance at a time: two would compete for the sensor's port and the overlays.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::PathBuf;
@@ -7,14 +7,15 @@ use anyhow::{Context, Result, bail};
 
 use super::files::user_folder;
 
-/// Held as long as this program may run beside SteamVR. The system lets go of it however the program ends.
+/// Held while this program runs with SteamVR. The system releases the lock however the program
+/// ends.
 pub(super) struct Instance {
     _lock: File,
 }
 
 impl Instance {
     /// # Errors
-    /// Another instance runs.
+    /// Another instance is running.
     pub fn claim() -> Result<Self> {
         let path = lock_path()?;
         let about = || format!("cannot write {}", path.display());
@@ -22,7 +23,7 @@ impl Instance {
         match lock.try_lock() {
             Ok(()) => Ok(Self { _lock: lock }),
             Err(TryLockError::WouldBlock) => {
-                bail!("another radar-chaperone runs beside SteamVR already: end that one first")
+                bail!("another radar-chaperone runs with SteamVR already: end that one first")
             }
             Err(TryLockError::Error(error)) => Err(error).with_context(about),
         }

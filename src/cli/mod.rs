@@ -1,7 +1,7 @@
-//! The command line: one file a command; a command's head is its manual.
+//! The command line: one file per command; the module documentation of a command is its manual.
 
-/// Prints a line to standard output, as `println!` does, and gives what went wrong: nothing when nobody reads any more
-/// (`… | head`), so that the rest of the work is still done.
+/// Prints a line to standard output, like `println!`, and returns the error. A closed pipe (`… |
+/// head`) is no error, so that the rest of the work is still done.
 #[macro_export]
 macro_rules! outln {
     ($($text:tt)*) => {{
@@ -53,8 +53,9 @@ use radar_sar::{INSTRUCTIONS_VARIABLE, InstructionSet};
 
 /// Sees the room around a VR headset with a 60 GHz radar and warns of obstacles.
 ///
-/// No hardware is needed to try it: `radar-chaperone demo` simulates a sensor on a headset in a furnished room, finds what
-/// stands there, and writes a report beside the truth.
+/// No hardware is needed to try it: `radar-chaperone demo` simulates a sensor on a headset in a
+/// furnished room, detects the obstacles there, and writes a report that compares them with the
+/// truth.
 #[derive(Debug, Parser)]
 #[command(name = "radar-chaperone", version, arg_required_else_help = true, max_term_width = 110)]
 struct Arguments {
@@ -79,10 +80,10 @@ enum Command {
     Recover(recover::Recover),
 }
 
-/// Whether `radar-chaperone run` takes these arguments.
+/// Checks arguments of `radar-chaperone run`.
 ///
 /// # Errors
-/// What it does not take.
+/// The arguments that it does not accept.
 fn check_run(arguments: &[String]) -> anyhow::Result<()> {
     let words = ["radar-chaperone", "run"].into_iter().chain(arguments.iter().map(String::as_str));
     let Command::Run(run) = Arguments::try_parse_from(words)?.command else {
@@ -91,7 +92,8 @@ fn check_run(arguments: &[String]) -> anyhow::Result<()> {
     run.check()
 }
 
-/// The error and its causes, each thing said once: many errors name their cause in their own words already.
+/// The error and its causes. Repetitions are dropped, because many errors contain the text of their
+/// cause.
 fn error_text(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
@@ -102,7 +104,7 @@ fn error_text(error: &anyhow::Error) -> String {
     text.trim_end().to_owned()
 }
 
-/// Runs the program; errors go to standard error with their causes.
+/// Runs the program; prints errors with their causes to standard error.
 pub fn run() -> ExitCode {
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).format_timestamp(None).init();
     let arguments = Arguments::parse();
@@ -112,7 +114,7 @@ pub fn run() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // Nobody may be reading; the exit code says it all the same.
+            // If nobody reads it, the exit code still reports the failure.
             let _ = writeln!(std::io::stderr(), "error: {}", error_text(&error));
             ExitCode::FAILURE
         }

@@ -2,7 +2,7 @@
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// A bar over a number of steps, with a word for what they are.
+/// A bar over a number of steps with a message.
 pub fn bar(steps: u64, what: &str) -> ProgressBar {
     let bar = ProgressBar::new(steps);
     let style = ProgressStyle::with_template("{msg:24} [{bar:32}] {percent:>3} %  {eta} left");
@@ -11,7 +11,7 @@ pub fn bar(steps: u64, what: &str) -> ProgressBar {
     bar
 }
 
-/// A turning sign while something of unknown length goes on.
+/// A spinner for work of unknown length.
 pub fn spinner(what: &str) -> ProgressBar {
     let spinner = ProgressBar::new_spinner();
     spinner.set_message(what.to_owned());

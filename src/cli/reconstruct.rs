@@ -1,4 +1,5 @@
-//! `radar-chaperone reconstruct FILE --statistic NAME --voxel-m V --out V.npy`: the evidence in space, as a volume.
+//! `radar-chaperone reconstruct FILE --statistic NAME --voxel-m V --out V.npy`: the evidence in
+//! space, as a volume.
 
 use std::path::PathBuf;
 
@@ -17,41 +18,45 @@ use radar_sar::backprojection::{BrickGrid, DenseVolume, SweepStack, Threshold, d
 use radar_sar::geometry::{Aabb, Pose};
 use radar_sar::{Preselection, Preselector, Selection, Statistic, Volume, subaperture_volume};
 
-/// Computes one statistic over a box of voxels: a NumPy volume [z][y][x] and a .json beside it
+/// Computes one statistic over a box of voxels: a NumPy volume [z][y][x] and a .json with it
 ///
-/// The .json tells the lowest corner of the box, the edge of a voxel, the frame, the order of the axes and the unit of the values.
-/// With --cloud the strongest voxels are also written as points (.ply), for tools that take clouds.
+/// The .json contains the lowest corner of the box, the edge of a voxel, the frame, the order of
+/// the axes and the unit of the values. With --cloud the strongest voxels are also written as
+/// points (.ply), for tools that read point clouds.
 ///
 /// Statistics: thesis-full (eq. 3.1), thesis (eq. 3.2), ls, log, glrt, coherent, blocks.
 ///
-/// `--search adaptive` finds the voxels at or above `--threshold-share` of the greatest value, the same voxels with the same
-/// values as `dense`, from a small part of its work; the others are 0 in the volume. It serves all statistics but blocks.
+/// `--search adaptive` finds the voxels at or above `--threshold-share` of the greatest value, the
+/// same voxels with the same values as `dense`, with a small part of its work; the others are 0 in
+/// the volume. It supports all statistics but blocks.
 #[derive(Debug, Args)]
 pub(super) struct Reconstruct {
     /// Recording (.mcap)
     file: PathBuf,
-    /// Which sum
+    /// The statistic
     #[arg(long, default_value = "ls")]
     statistic: String,
     /// Edge of a voxel, metres
     #[arg(long, default_value_t = 0.05)]
     voxel_m: f64,
-    /// Box in the tracking frame, metres; without it a 3 m cube ahead of the first pose
+    /// Box in the tracking frame, metres; default: a 3 m cube ahead of the first pose
     #[arg(long = "box", value_name = "x0,y0,z0,x1,y1,z1", allow_hyphen_values = true)]
     region: Option<String>,
-    /// Number of sweeps; without it all that have a pose
+    /// Number of sweeps; default: all that have a pose
     #[arg(long)]
     sweeps: Option<usize>,
-    /// How they are chosen: random, threshold, thesis-hull, farthest-point, d-optimal (for the middle of the box)
+    /// How they are chosen: random, threshold, thesis-hull, farthest-point, d-optimal (for the
+    /// centre of the box)
     #[arg(long, default_value = "farthest-point")]
     selection: String,
-    /// What a chance selection draws follows from it
+    /// Seed of a random selection
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Leaves out sweeps whose greatest power stays below this many times the noise's (which reaches 5 to 10)
+    /// Excludes sweeps whose greatest power is below this multiple of the noise power (noise
+    /// reaches 5 to 10)
     #[arg(long, default_value_t = 0.0)]
     min_peak_power: f64,
-    /// Leaves out sweeps from less than this way from the last one kept, metres; at rest ten a second stay
+    /// Excludes sweeps within this distance of the last one kept, metres; at rest ten a second stay
     #[arg(long, default_value_t = 0.0)]
     min_move_m: f64,
     /// How space is searched
@@ -84,18 +89,19 @@ enum Search {
     Adaptive,
 }
 
-/// What was computed, and how.
+/// The result of the computation.
 struct Computed {
     volume: Volume,
-    /// (voxel, sweep) pairs worked on.
+    /// Number of (voxel, sweep) pairs computed.
     updates: u64,
-    /// What the search tells besides.
+    /// More results of the search, for the .json.
     extra: Map<String, Value>,
 }
 
-/// Voxels at most: 2 GiB of volume.
+/// Largest number of voxels: 2 GiB of volume.
 const MAX_VOXELS: f64 = 512e6;
-/// Sweeps at most: their tables take 5 to 16 kB each, an adaptive search's 30 kB more.
+/// Largest number of sweeps: their tables take 5 to 16 kB each, and 30 kB more for an adaptive
+/// search.
 const MAX_SWEEPS_DENSE: usize = 60_000;
 const MAX_SWEEPS_ADAPTIVE: usize = 20_000;
 

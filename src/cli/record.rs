@@ -1,5 +1,5 @@
-//! `radar-chaperone record --out FILE.mcap`: the sensor's frames, with the headset's poses or a pose track where there is one, as a
-//! recording.
+//! `radar-chaperone record --out FILE.mcap`: records the sensor's frames, with the headset's poses
+//! or a pose track if available.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,30 +18,32 @@ use radar_mapping::HandsSample;
 use radar_recording::Event;
 use radar_sar::PoseSample;
 
-/// Poses of headset and hands that wait to be written: some four seconds.
+/// Bound of the poses of headset and hands that wait to be written: about four seconds. Choice.
 pub(super) const MAX_WAITING_POSES: usize = 1536;
-/// Poses of the headset, a second.
+/// Poses of the headset per second. Choice.
 const POSES_HZ: f64 = 250.0;
 
 /// Records a sensor's frames, and head poses from SteamVR or a track
 ///
-/// With SteamVR running, the headset's poses are recorded; with --poses, those of another program's track. Ctrl-C ends the
-/// recording properly; a crash costs its last second or two. What goes wrong on the line is told and cured where it can
-/// be: the sensor is set up again, an unplugged board is waited for.
+/// With SteamVR running, the headset's poses are recorded; with --poses, those of another program's
+/// track. Ctrl-C ends the recording properly; a crash costs its last second or two. Faults of the
+/// link are reported and corrected where possible: the sensor is set up again, an unplugged board
+/// is waited for.
 #[derive(Debug, Args)]
 pub(super) struct Record {
-    /// Recording to write; must not be there yet
+    /// Recording to write; must not exist yet
     #[arg(long, value_name = "FILE.mcap")]
     out: PathBuf,
     #[command(flatten)]
     sensor: SensorArguments,
-    /// Length, seconds from the first frame; without it until Ctrl-C
+    /// Length, seconds from the first frame; default: until Ctrl-C
     #[arg(long)]
     duration_s: Option<f64>,
-    /// Head poses, read while another program writes them: TUM, or CSV by its ending, times of this computer's monotonic clock
+    /// Head poses, read while another program writes them: TUM, or CSV by its extension, times of
+    /// this computer's monotonic clock
     #[arg(long, value_name = "TRACK.tum|.csv")]
     poses: Option<PathBuf>,
-    /// Records no poses of SteamVR's, though it may run
+    /// Records no poses from SteamVR even if it runs
     #[arg(long, conflicts_with = "poses")]
     no_poses: bool,
 }
@@ -63,14 +65,14 @@ impl Record {
         };
         match &source {
             PoseSource::None => {
-                outln!("No poses: frames alone are recorded; ranges can be read from them, places cannot")?
+                outln!("No poses: only frames are recorded; ranges can be read from them, but no positions")?
             }
             PoseSource::Live(_) => outln!("Poses of SteamVR's headset, {POSES_HZ} a second")?,
             PoseSource::Track(_) => {}
         }
         let until = Until::Recorded(self.duration_s.map(Duration::from_secs_f64));
         let over = AtomicBool::new(false);
-        // What nobody fetches in time is left out: the file's own writer must be slower than the disk for that.
+        // Poses are dropped when the channel is full, which takes a disk that is seconds behind.
         let sink = |sample: &PoseSample| drop(sender.try_send(Event::Pose(*sample)));
         let hand_sink = |hands: &HandsSample| drop(sender.try_send(Event::Hands(*hands)));
         std::thread::scope(|scope| {
@@ -88,7 +90,7 @@ impl Record {
         })
     }
 
-    /// SteamVR's, when it runs; it is never started.
+    /// SteamVR, if it runs; it is never started.
     fn headset(&self) -> Option<Runtime> {
         if self.no_poses || self.poses.is_some() {
             return None;
@@ -114,7 +116,7 @@ impl Record {
     }
 }
 
-/// Refuses to record over what is there, into a folder that is not, or over what is read.
+/// Refuses to overwrite a recording or an input, and to record into a missing folder.
 pub(super) fn check_new_file(out: &Path, inputs: &[&Option<PathBuf>]) -> Result<()> {
     let inputs: Vec<&Path> = inputs.iter().filter_map(|input| input.as_deref()).collect();
     refuse_overwriting(out, &inputs)?;

@@ -1,5 +1,5 @@
-//! The recording that `record` writes: begun when the board has told what it is, in the order of time, with a second on
-//! the disk at most a second later.
+//! The recording that `record` writes: created once the board has reported its type, in time order,
+//! and flushed every second.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::Receiver;
@@ -13,26 +13,26 @@ use a121::{SetupReply, SystemInfo};
 use radar_recording::{Event, Header, RecordingSummary, RecordingWriter, SensorMetadata};
 use radar_sar::geometry::Pose;
 
-/// Poses are written by a program of their own, in its own time: frames wait so long for them.
+/// How long frames wait for poses, which another program or thread delivers later. Choice.
 const POSE_WAIT: Duration = Duration::from_millis(500);
-/// Between two looks at the track.
+/// Interval of reads of the track, nanoseconds. Choice.
 const TRACK_POLL_NS: i64 = 50_000_000;
-/// Between two times that all is handed to the system.
+/// Interval of flushes, nanoseconds. Choice.
 const FLUSH_NS: i64 = 1_000_000_000;
-/// Poses farther from now than this are of another clock.
+/// Poses farther from now than this use another clock, nanoseconds. Choice.
 const MAX_CLOCK_DIFFERENCE_NS: i64 = 10_000_000_000;
 
-/// Where poses come from.
+/// Source of the poses.
 pub(super) enum PoseSource {
-    /// Nowhere.
+    /// None.
     None,
-    /// From a file that another program writes.
+    /// A file that another program writes.
     Track(PathBuf),
-    /// From this program, with the hands.
+    /// This program, with the hands.
     Live(Receiver<Event>),
 }
 
-/// The recording, once there is one, and what goes into it.
+/// The recording, once there is one, and its inputs.
 pub(super) struct RecordFile {
     path: PathBuf,
     writer: Option<RecordingWriter>,
@@ -67,7 +67,7 @@ impl RecordFile {
         }
     }
 
-    /// Begins the file, the first time that the board is set up.
+    /// Creates the file, the first time that the board is set up.
     pub fn begin(
         &mut self,
         source: String,
@@ -90,19 +90,19 @@ impl RecordFile {
                 self.sensor = Some(sensor);
             }
             Some(before) if *before != sensor => {
-                log::warn!("another board answers now: the recording's header tells of the first one");
+                log::warn!("another board answers now: the recording's header describes the first one");
             }
             Some(_) => {}
         }
         Ok(())
     }
 
-    /// The file's path.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether there is a file.
+    /// Whether the file exists.
     pub fn has_file(&self) -> bool {
         self.writer.is_some()
     }
@@ -111,7 +111,7 @@ impl RecordFile {
         self.merge.push(event);
     }
 
-    /// Takes what the track has and writes what has waited long enough.
+    /// Reads the track and writes events that have waited long enough.
     pub fn write_due(&mut self) -> Result<()> {
         let now_ns = now_ns();
         self.take_live_poses();
@@ -141,7 +141,7 @@ impl RecordFile {
         Ok(())
     }
 
-    /// Writes all that waits and ends the file; `None`: there never was one.
+    /// Writes all waiting events and closes the file; `None`: it never existed.
     pub fn finish(mut self) -> Result<Option<(RecordingSummary, Option<String>)>> {
         let Some(mut writer) = self.writer.take() else { return Ok(None) };
         self.take_live_poses();
@@ -160,16 +160,16 @@ impl RecordFile {
         waiting.for_each(|event| self.merge.push(event));
     }
 
-    /// What the track was like.
+    /// Summary of the track.
     fn track_summary(&self) -> Option<String> {
         let (tail, late) = (self.poses.as_ref()?, self.merge.late());
         let counters = tail.counters();
         Some(match tail.is_open() {
             true => format!(
-                "Track      {} poses, {} lines that are none, {} from before the recording, {late} events out of order",
+                "Track      {} poses, {} invalid lines, {} from before the recording, {late} events out of order",
                 counters.poses, counters.bad_lines, counters.before_start
             ),
-            false => "Track      never was there".to_owned(),
+            false => "Track      never appeared".to_owned(),
         })
     }
 }

@@ -8,7 +8,7 @@ use clap::Args;
 use super::files::refuse_overwriting;
 use radar_recording::{Recording, RecordingWriter};
 
-/// Copies everything readable of a damaged recording into a new, sound one
+/// Copies everything readable of a damaged recording into a new, valid one
 #[derive(Debug, Args)]
 pub(super) struct Recover {
     /// Damaged recording (.mcap)

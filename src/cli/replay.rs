@@ -1,4 +1,4 @@
-//! `radar-chaperone replay FILE [--out DIR] [--view]`: the whole pipeline over a recording.
+//! `radar-chaperone replay FILE [--out DIR] [--view]`: runs the whole pipeline over a recording.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -22,9 +22,10 @@ use radar_recording::{Event, MapFile, Recording, RecordingSummary};
 
 /// Runs the pipeline over a recording and writes what it finds
 ///
-/// Prints the obstacles; with --out writes obstacles.json, a map (map.png) and report.html there, and for tools that take clouds
-/// obstacles.ply (places with evidence and covariance) and shape.ply (all places with evidence). The recording's own
-/// settings serve, changed by --settings and --set. The same recording and settings give the same files, byte for byte.
+/// Prints the obstacles; with --out writes obstacles.json, a map (map.png) and report.html there,
+/// and for tools that read point clouds obstacles.ply (positions with evidence and covariance) and
+/// shape.ply (all points with evidence). Uses the recording's own settings, changed by --settings
+/// and --set. The same recording and settings give the same files, byte for byte.
 #[derive(Debug, Args)]
 pub(super) struct Replay {
     /// Recording (.mcap)
@@ -32,13 +33,14 @@ pub(super) struct Replay {
     /// Folder for the results
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Writes the recording again with what came of it at every look; opens in Foxglove and in Rerun
+    /// Writes the recording again with the results of every map update; opens in Foxglove and in
+    /// Rerun
     #[arg(long, value_name = "FILE.mcap")]
     results: Option<PathBuf>,
-    /// Begins with what is remembered of the room: a map that `run` has kept, in the standing universe as it was then
+    /// Restores a map that `run` has saved, in the standing universe as it was then
     #[arg(long, value_name = "FILE.json")]
     map: Option<PathBuf>,
-    /// Replays at this many times real time; without it as fast as it goes
+    /// Replays at this multiple of real time; default: as fast as possible
     #[arg(long, value_name = "X")]
     speed: Option<f64>,
     #[command(flatten)]
@@ -71,11 +73,11 @@ impl Replay {
         };
         match ended {
             ReplayEnd::Done(pipeline, scene) => self.report(&summary, &pipeline, &scene),
-            ReplayEnd::Closed => Ok(outln!("The view was closed before the recording was worked off.")?),
+            ReplayEnd::Closed => Ok(outln!("The view was closed before the recording was processed.")?),
         }
     }
 
-    /// The recording through the pipeline, to its end unless nobody wants it any more.
+    /// Runs the recording through the pipeline, to its end unless nobody needs the result any more.
     fn work(
         &self,
         mut recording: Recording,
@@ -106,7 +108,7 @@ impl Replay {
         Ok(ReplayEnd::Done(Box::new(pipeline), scene))
     }
 
-    /// Prints what was found and writes it where it was asked for.
+    /// Prints the result and writes it where requested.
     fn report(&self, summary: &RecordingSummary, pipeline: &Pipeline, scene: &Scene) -> Result<()> {
         let header = &summary.header;
         outln!("{}", result_text(scene, pipeline).trim_end())?;
@@ -144,12 +146,12 @@ impl Replay {
         Ok(())
     }
 
-    /// Whether anybody still wants what comes of it: files, or someone who looks.
+    /// Whether the result is still needed: for files, or by an open view.
     fn is_wanted(&self, recorder: Option<&Recorder>) -> bool {
         self.out.is_some() || self.results.is_some() || !recorder.is_some_and(Recorder::is_closed)
     }
 
-    /// Streams the recording through, at the wanted speed; says whether it came to its end.
+    /// Streams the recording at the requested speed; returns whether it reached the end.
     fn feed(
         &self,
         recording: &mut Recording,
@@ -167,7 +169,7 @@ impl Replay {
             }
             if let Some(speed) = self.speed {
                 let since_ns = event.time_ns().saturating_sub(*first_ns.get_or_insert(event.time_ns()));
-                // A recording whose time leaps is not waited for.
+                // A leap in the recording's time is not waited for.
                 let due = Duration::from_secs_f64((since_ns as f64 * 1e-9 / speed).clamp(0.0, 3600.0));
                 std::thread::sleep(due.saturating_sub(start.elapsed()).min(Duration::from_secs(1)));
             }
@@ -189,19 +191,20 @@ impl Replay {
         Ok(true)
     }
 
-    /// A replay of a file as it is, to be looked at.
+    /// A plain replay of a file, for viewing.
     pub(super) fn for_viewing(file: PathBuf, view: ViewArguments) -> Self {
         Self { file, out: None, results: None, map: None, speed: None, settings: SettingsArguments::default(), view }
     }
 }
 
-/// A kept map into the pipeline, as if it had been written when the recording begins: no result depends on when it is replayed.
+/// Restores a saved map as if it had been saved when the recording begins, so that no result
+/// depends on the time of the replay.
 fn restore_map(pipeline: &mut Pipeline, path: &Path, begin_ns: i64) -> Result<()> {
     let MapFile { map, standing_from_raw, .. } = MapFile::read(path)?;
     Ok(pipeline.restore(&map.moved(&standing_from_raw).later_by_ns(begin_ns))?)
 }
 
-/// One event into the pipeline.
+/// Pushes one event into the pipeline.
 pub(super) fn feed(pipeline: &mut Pipeline, event: Event) {
     match event {
         Event::Frame(frame) => pipeline.push_frame(frame),
@@ -210,12 +213,12 @@ pub(super) fn feed(pipeline: &mut Pipeline, event: Event) {
     }
 }
 
-/// Where the sensor was, metres.
+/// Path of the sensor, metres.
 pub(super) fn sensor_path(pipeline: &Pipeline) -> Vec<glam::DVec3> {
     pipeline.sensor_path().iter().map(|(_, pose)| pose.translation).collect()
 }
 
-/// obstacles.json with all counters.
+/// Writes obstacles.json with all counters.
 pub(super) fn write_obstacles(path: &Path, scene: &Scene, pipeline: &Pipeline) -> Result<()> {
     let counters = serde_json::to_value(pipeline.counters())?;
     let estimate = pipeline.time_offset_estimate();
@@ -227,7 +230,8 @@ pub(super) fn write_obstacles(path: &Path, scene: &Scene, pipeline: &Pipeline) -
     Ok(write_obstacles_json(path, scene, &counters, &offset)?)
 }
 
-/// The obstacles' places with evidence and covariance, and everything that belongs to them, as point clouds.
+/// Writes the obstacles' positions with evidence and covariance, and all their points, as point
+/// clouds.
 fn write_clouds(folder: &Path, scene: &Scene) -> Result<()> {
     let place = |obstacle: &radar_mapping::Obstacle| CloudPoint {
         position_m: obstacle.position_m,
@@ -239,7 +243,7 @@ fn write_clouds(folder: &Path, scene: &Scene) -> Result<()> {
     Ok(write_ply(&folder.join("shape.ply"), &shape)?)
 }
 
-/// What a person reads after a replay.
+/// The result of a replay as text.
 pub(super) fn result_text(scene: &Scene, pipeline: &Pipeline) -> String {
     use std::fmt::Write;
     let streams = pipeline.counters().streams;
@@ -292,13 +296,13 @@ pub(super) fn result_text(scene: &Scene, pipeline: &Pipeline) -> String {
     text
 }
 
-/// The time between the streams, in force and as the data tell it.
+/// The time offset between the streams, in use and as estimated.
 fn time_offset(pipeline: &Pipeline) -> String {
     let in_force = format!("{:+.1} ms", pipeline.time_offset_s() * 1e3);
     let found = match pipeline.time_offset_estimate() {
         Some(e) if e.observable => format!("the data say {:+.1} ± {:.1} ms", e.offset_s * 1e3, e.sigma_s * 1e3),
-        Some(_) => "not observable: this motion does not tell it from depth".into(),
-        None if pipeline.counters().time_offset.estimates > 0 => "the data tell nothing of it".into(),
+        Some(_) => "not observable: this motion does not separate it from depth".into(),
+        None if pipeline.counters().time_offset.estimates > 0 => "not estimated from the data".into(),
         None => "as set".into(),
     };
     format!("time offset {in_force}; {found}")

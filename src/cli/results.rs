@@ -1,4 +1,4 @@
-//! `replay --results FILE.mcap`: what the pipeline knows, written into the recording as it goes.
+//! `replay --results FILE.mcap`: writes the pipeline's results into a copy of the recording.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use crate::view::RecordingInfo;
 use radar_mapping::{Counters, MapperKind, Pipeline};
 use radar_recording::{BeamCone, Event, Header, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
 
-/// The recording again, with the pipeline's looks in it.
+/// The copy of the recording with a result for every map update.
 pub(super) struct Results {
     writer: ResultsWriter,
     looks: u64,
@@ -21,20 +21,21 @@ impl Results {
     pub fn create(path: &Path, header: &Header, settings: &Settings, search: MapperKind) -> Result<Self> {
         let about = RecordingInfo::new(header, settings, search, 0.0);
         let beam = BeamCone { cut_off_rad: about.beam_rad, ranges_m: about.ranges_m };
-        // The beam hangs on the mount that the settings say.
+        // The beam is drawn at the mount of the settings.
         let header = Header { head_from_sensor: about.head_from_sensor, ..header.clone() };
         Ok(Self { writer: ResultsWriter::create(path, &header, beam)?, looks: 0, newest_ns: None })
     }
 
-    /// Before the pipeline gets the event.
+    /// Writes an event; call it before the pipeline takes the event.
     pub fn write(&mut self, event: &Event) -> Result<()> {
         Ok(self.writer.write(event)?)
     }
 
-    /// The pipeline took an event of that time.
+    /// Call it after the pipeline has taken an event of that time.
     pub fn update(&mut self, pipeline: &Pipeline, time_ns: i64) -> Result<()> {
         self.newest_ns = Some(time_ns);
-        // Searching for single reflectors is one piece of work for the whole recording: its scene comes at the end.
+        // The search for single reflectors covers the whole recording at once: its scene is written
+        // at the end.
         let looks = pipeline.counters().engine.rooms.looks;
         if pipeline.engine().search() == MapperKind::Rooms && looks != self.looks {
             self.looks = looks;
@@ -60,7 +61,7 @@ impl Results {
         Ok(self.writer.write_snapshot(&snapshot)?)
     }
 
-    /// The pipeline has finished.
+    /// Call it after the pipeline has finished.
     pub fn finish(mut self, pipeline: &Pipeline) -> Result<()> {
         let time_ns = self.newest_ns.unwrap_or(0);
         self.snapshot(pipeline, time_ns)?;

@@ -1,4 +1,5 @@
-//! `radar-chaperone run`: beside SteamVR, with warnings in the headset. What the manifest starts.
+//! `radar-chaperone run`: runs with SteamVR and shows warnings in the headset. The manifest starts
+//! this command.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -24,34 +25,36 @@ use crate::settings::Settings;
 use crate::view::Recorder;
 use radar_recording::MapFolder;
 
-/// Between two looks for SteamVR.
+/// Interval of checks for SteamVR. Choice.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
-/// How soon being asked to stop is noticed meanwhile.
+/// Reaction time to a stop while waiting. Choice.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// A board that does not stop in this time is left as it is, when nothing is recorded.
+/// Longest wait for a board to stop when nothing is recorded. Choice.
 const MAX_STOP: Duration = Duration::from_millis(600);
-/// What is on its way into a recording is waited for.
+/// Longest wait for the end of a recording. Choice.
 const MAX_RECORDING_STOP: Duration = Duration::from_secs(40);
 
-/// Runs beside SteamVR and warns of obstacles in the headset
+/// Runs with SteamVR and warns of obstacles in the headset
 ///
-/// Reads the headset's poses and the sensor's sweeps, reconstructs the room and draws warnings where obstacles are. Ends with
-/// SteamVR, or by Ctrl-C. A sensor that is not there is waited for. `radar-chaperone install` has SteamVR start it.
+/// Reads the headset's poses and the sensor's sweeps, maps the room and draws warnings where
+/// obstacles are. Ends with SteamVR, or by Ctrl-C. A missing sensor is waited for. `radar-chaperone
+/// install` has SteamVR start it.
 #[derive(Debug, Args)]
 pub(super) struct Run {
-    /// Waits for SteamVR where it does not run yet, and again after it has ended
+    /// Waits for SteamVR if it does not run yet, and again after it has ended
     #[arg(long)]
     wait: bool,
-    /// Records frames and poses beside; must not be there yet
+    /// Also records frames and poses; must not exist yet
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
-    /// Writes what was done and what it cost, when it ends
+    /// Writes counters and costs when it ends
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
-    /// Forgets the maps that were kept of the rooms that it runs in, and begins anew; with --wait once for each room
+    /// Removes the saved maps of the rooms in which it runs; with --wait once for each room
     #[arg(long)]
     forget: bool,
-    /// Opens a window on the desktop that shows what is seen, as `replay --view` does; closing it ends nothing else
+    /// Opens a window on the desktop that shows the map, as `replay --view` does; closing it ends
+    /// nothing else
     #[arg(long)]
     view: bool,
     #[command(flatten)]
@@ -74,12 +77,12 @@ impl Run {
         }
     }
 
-    /// Whether mount and settings can be used.
+    /// Checks mount and settings.
     pub(super) fn check(&self) -> Result<()> {
         self.settings.check_live(&self.overrides()?)
     }
 
-    /// What the command line says, over the file: the mount too, where it is given.
+    /// Settings of the command line, which override the file: also the mount, where given.
     fn overrides(&self) -> Result<Vec<String>> {
         let mount = self.sensor.given_mount()?.map(|mount| {
             let [translation, rotation] = [mount.translation.to_array().to_vec(), mount.rotation.to_array().to_vec()];
@@ -88,25 +91,26 @@ impl Run {
         Ok(mount.into_iter().chain(self.settings.changes().iter().cloned()).collect())
     }
 
-    /// Session after session, until there is an end.
+    /// Runs sessions until the end.
     fn sessions(&self, stop: &AtomicBool, view: Option<&Recorder>) -> Result<()> {
         let folder = user_folder("XDG_DATA_HOME", ".local/share").map(|folder| MapFolder::new(folder.join("maps")));
         let maps = folder.map(|folder| MapStore::new(folder, self.forget));
         loop {
             let Some(runtime) = self.connect(stop)? else { return Ok(()) };
             let ending = self.run_session(runtime, stop, view, maps.as_ref())?;
-            // A recording is of one session.
+            // A recording covers one session.
             let is_again = self.wait && self.record.is_none() && ending != Ending::Asked;
             match ending {
                 _ if is_again => outln!("SteamVR has ended: waiting for it")?,
-                Ending::SteamVrGone => bail!("SteamVR went away without a word: it was killed, or has crashed"),
+                Ending::SteamVrGone => bail!("SteamVR exited unexpectedly: it was killed or has crashed"),
                 Ending::SteamVrQuit => return outln!("SteamVR has ended"),
                 Ending::Asked => return Ok(()),
             }
         }
     }
 
-    /// A session with SteamVR; `None`: asked to stop while waiting. SteamVR is never started: a session of the kind that draws would.
+    /// Connects to SteamVR; `None`: asked to stop while waiting. Never starts SteamVR, which a
+    /// session that draws would do.
     fn connect(&self, stop: &AtomicBool) -> Result<Option<Runtime>> {
         let mut told = None;
         while !stop.load(Ordering::Relaxed) {
@@ -130,7 +134,7 @@ impl Run {
         Ok(None)
     }
 
-    /// One session, from beginning to end. The order of the end: overlays, session, graphics, sensor.
+    /// Runs one session. Order of the shutdown: overlays, session, graphics, sensor.
     fn run_session(
         &self,
         runtime: Runtime,
@@ -146,8 +150,8 @@ impl Run {
             SettingsStore::new(self.settings.live_file(), &self.overrides()?, &compose).map_err(|why| anyhow!(why))?;
         if store.newest().tracking.mount.is_none() {
             log::warn!(
-                "no mount is given: the sensor is taken to sit at the head's origin, between the eyes, and obstacles stand off by as much as it \
-                 sits elsewhere. Give --mount x,y,z, or tracking.mount in the settings"
+                "no mount is given: the sensor is assumed at the head's origin, between the eyes, and obstacles are displaced by any \
+                 difference. Give --mount x,y,z, or tracking.mount in the settings"
             );
         }
         let plan = SupervisorPlan::new(&self.sensor, self.record.clone());
@@ -164,7 +168,7 @@ impl Run {
             self.draw(&runtime, supervisor, store, stop, maps)
         });
         supervisor.stop.store(true, Ordering::Relaxed);
-        // The session ends before what it may still copy from is let go.
+        // The session ends before the graphics that it may still copy from are dropped.
         drop(runtime);
         let (report, drawn) = done?;
         drop(drawn);
@@ -194,7 +198,7 @@ impl Run {
         with.run()
     }
 
-    /// The sensor's end, and what is told.
+    /// Stops the sensor and reports.
     fn end(
         &self,
         supervisor: &SensorSupervisor,
@@ -205,7 +209,7 @@ impl Run {
         let supervised = match is_over.recv_timeout(patience) {
             Ok(supervised) => supervised,
             Err(_) => {
-                log::warn!("the sensor does not stop: it is left as it is");
+                log::warn!("the sensor does not stop and is abandoned");
                 Ok(())
             }
         };
@@ -218,7 +222,7 @@ impl Run {
     }
 }
 
-/// Ends the threads beside, however the session ends.
+/// Ends the helper threads when the session ends for any reason.
 struct EndGuard<'d>(&'d SettingsStore, &'d AtomicBool);
 
 impl Drop for EndGuard<'_> {
@@ -228,7 +232,7 @@ impl Drop for EndGuard<'_> {
     }
 }
 
-/// The user's settings over what SteamVR says of its chaperone.
+/// The user's settings over those of SteamVR's chaperone.
 fn compose(chaperone: &Chaperone, text: &str, changes: &[String]) -> Result<Settings, String> {
     let own = Settings::from_toml(text, changes).map_err(|error| error.to_string())?;
     match own.headset.follow_chaperone {
@@ -239,32 +243,33 @@ fn compose(chaperone: &Chaperone, text: &str, changes: &[String]) -> Result<Sett
     }
 }
 
-/// Has changed settings taken up by what does not ask for them frame by frame.
+/// Applies changed settings where they are not read every frame.
 fn apply_settings(supervisor: &SensorSupervisor, before: &Settings, new: &Settings) {
     let searched = |settings: &Settings| {
         let Settings { radar, tracking, processing, rooms, reflectors, .. } = settings.clone();
         Settings { radar, tracking, processing, rooms, reflectors, ..Settings::default() }
     };
     if searched(before) != searched(new) {
-        log::info!("other settings for the search: it begins anew, with what was kept of the room as remembered");
+        log::info!("settings of the mapper have changed: it restarts from the saved map of the room");
         supervisor.restart_with(new);
     }
     let fixed = |settings: &Settings| (settings.headset.poses_hz, settings.headset.threads);
     if fixed(before) != fixed(new) {
-        log::warn!("headset.poses_hz and headset.threads are in force at the next start");
+        log::warn!("headset.poses_hz and headset.threads apply at the next start");
     }
 }
 
-/// SteamVR's chaperone draws its bounds from this distance on where the user has not changed it, metres.
+/// Default fade distance of SteamVR's chaperone, metres.
 const CHAPERONE_FADE_M: f64 = 0.7;
-/// A chaperone that is drawn late does not make a warning of obstacles begin later than this, metres: who walks at 1.2 m/s has
-/// passed half of it before a foot is down again.
+/// A smaller fade distance of the chaperone does not reduce the warnings' below this, metres.
+/// Choice: a walker at 1.2 m/s covers half of it before the next foot is down.
 const MIN_FADE_M: f64 = 1.2;
-/// Nor earlier than this: it is as far as the map goes, metres.
+/// A larger one does not increase it beyond this, metres. Choice: the range of the map.
 const MAX_FADE_M: f64 = 3.0;
 
-/// SteamVR's chaperone as settings. Its fade distance counts from bounds, which are drawn inside of the furniture, a warning's from the
-/// furniture itself: so it scales ours, by how much the user has changed it, and never below what is safe.
+/// SteamVR's chaperone as settings. Its fade distance starts at its bounds, which are drawn inside
+/// of the furniture; a warning's starts at the furniture itself. So it scales ours, by the user's
+/// change of its default, within safe limits.
 fn chaperone_settings(chaperone: &Chaperone, own: &Settings) -> toml::Table {
     let mut warning = toml::Table::new();
     if let Some(color) = chaperone.color {
@@ -289,7 +294,7 @@ fn is_transient(error: &OpenVrError) -> bool {
     matches!(error, OpenVrError::NotRunning | OpenVrError::NoHeadset | OpenVrError::Refused { .. })
 }
 
-/// SteamVR starts what its manifest names, which may have been moved since.
+/// SteamVR starts the path in its manifest, from which the program may have been moved.
 fn check_registration(runtime: &Runtime) {
     let registration = runtime.registration();
     if let Some(trouble) = registration_trouble(&registration) {

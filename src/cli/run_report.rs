@@ -1,4 +1,4 @@
-//! What a session beside SteamVR did and cost, in words and as JSON.
+//! Report of a session with SteamVR, as text and as JSON.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::live::{Ending, HeadsetReport, HeadsetStatus, LatencyReport, Reconstruction, ReconstructionCounters};
 
-/// A session's figures.
+/// Results of a session.
 pub(super) struct RunReport {
     ending: Ending,
     headset: HeadsetStatus,
@@ -81,12 +81,12 @@ fn latency(report: &LatencyReport) -> Value {
     })
 }
 
-/// Says it.
+/// Prints the report.
 pub(super) fn print_report(report: &RunReport) -> Result<()> {
     let HeadsetStatus { frames, pictures, recentred, forgotten, devices_lost, refused, .. } = report.headset;
     let ms = |seconds: f64| seconds * 1e3;
     outln!(
-        "Frames    {} seen, {} missed by this program, {} for want of a free core, {} elsewhere; {:.2} ms of processor each (one in a thousand {:.2}, longest {:.2})",
+        "Frames    {} seen, {} missed by this program, {} waiting for a free core, {} elsewhere; {:.2} ms of processor each (one in a thousand {:.2}, longest {:.2})",
         frames.frames,
         frames.missed_by_loop,
         frames.missed_waiting_for_core,
@@ -109,7 +109,7 @@ pub(super) fn print_report(report: &RunReport) -> Result<()> {
         outln!("Time      offset {:.1} ± {:.1} ms in force", ms(report.time_offset_s), ms(sigma_s))?;
     }
     outln!(
-        "Overlays  {pictures} pictures handed over; recentred {recentred} times, map begun anew {forgotten}, graphics device \
+        "Overlays  {pictures} pictures handed over; recentred {recentred} times, map reset {forgotten}, graphics device \
          lost {devices_lost}, calls refused {refused}"
     )
 }

@@ -1,4 +1,5 @@
-//! `run --view`: the window on the desktop, and the thread that notes in it what the session sees. It asks; nobody waits for it.
+//! `run --view`: the window on the desktop, and the thread that updates it. It polls; nothing waits
+//! for it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,14 +18,15 @@ use radar_recording::Header;
 use radar_sar::TimeOffset;
 use radar_sar::geometry::Pose;
 
-/// How often the head is noted.
+/// Interval of updates of the head pose. Choice.
 const UPDATE_INTERVAL: Duration = Duration::from_millis(33);
-/// What is shown before there is a sensor, and the preset that it is as if it had.
+/// Source and preset shown before there is a sensor.
 const NO_SENSOR: &str = "waiting for the sensor";
 const PRESET: &str = "d16";
 
-/// Does the work in a thread of its own and shows meanwhile what it notes, until the window is closed or the work is over. A window that is
-/// closed ends nothing; where there can be none, the work is asked to stop.
+/// Runs the work in its own thread and shows its state, until the window is closed or the work
+/// ends. Closing the window does not end the work; where no window can be opened, the work is asked
+/// to stop.
 pub(super) fn show(stop: &AtomicBool, work: impl FnOnce(Recorder) -> Result<()> + Send) -> Result<()> {
     let config = preset(PRESET).ok_or_else(|| anyhow!("there is no preset {PRESET}"))?;
     let header = Header::new(NO_SENSOR, config, Pose::IDENTITY);
@@ -38,7 +40,7 @@ pub(super) fn show(stop: &AtomicBool, work: impl FnOnce(Recorder) -> Result<()> 
     })?
 }
 
-/// Notes what a session sees, until it is over or nobody looks.
+/// Updates the view of a session until it ends or the window is closed.
 pub(super) fn update_view(view: &Recorder, supervisor: &SensorSupervisor, store: &SettingsStore, is_over: &AtomicBool) {
     let mut updater = ViewUpdater { view, supervisor, store, version: 0, shown: None };
     while !is_over.load(Ordering::Relaxed) && !view.is_closed() {
@@ -54,7 +56,7 @@ struct ViewUpdater<'w> {
     view: &'w Recorder,
     supervisor: &'w SensorSupervisor,
     store: &'w SettingsStore,
-    /// Of the settings that the view knows.
+    /// Version of the settings that the view has.
     version: u64,
     shown: Option<Arc<PublishedMap>>,
 }

@@ -1,4 +1,5 @@
-//! What `record` and `run` share: the sensor on the command line, and its stream taken up, told of and recorded.
+//! Shared by `record` and `run`: the sensor's arguments, and its stream received, reported and
+//! recorded.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,33 +20,34 @@ use a121::{Calibration, Event, LogLine, Setup, SystemInfo};
 use a121::{Frame, LinkRequirement, PRESETS, SensorConfig, preset};
 use radar_sar::geometry::Pose;
 
-/// A board that sends no frame by then never will.
+/// Longest wait for the first frame. Choice.
 const MAX_START: Duration = Duration::from_secs(30);
-/// How often the track is looked at and what is due is written.
+/// Interval of reads of the track and of writes. Choice.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Longest file of calibrations.
+/// Largest calibration file, bytes. Choice.
 const MAX_CALIBRATION_BYTES: u64 = 1 << 20;
 
-/// The sensor on the command line.
+/// Command-line arguments of the sensor.
 #[derive(Debug, Clone, Args)]
 pub(super) struct SensorArguments {
     #[command(flatten)]
     board: BoardArguments,
-    /// Sensor preset; without it d16 on XC120 and Raspberry Pi, c16 on XE125, slow-link on boards with a CH340
+    /// Sensor preset; default: d16 on XC120 and Raspberry Pi, c16 on XE125, slow-link on boards
+    /// with a CH340
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(PRESETS))]
     preset: Option<String>,
-    /// Sensor configuration (JSON, named as in the vendor's protocol) in place of a preset
+    /// Sensor configuration (JSON, named as in the vendor's protocol) instead of a preset
     #[arg(long, value_name = "FILE.json", conflicts_with = "preset")]
     pub config: Option<PathBuf>,
-    /// Where the sensor sits on what is tracked: x,y,z in metres, or x,y,z,qx,qy,qz,qw
+    /// Pose of the sensor on the tracked object: x,y,z in metres, or x,y,z,qx,qy,qz,qw
     #[arg(long, value_name = "x,y,z[,qx,qy,qz,qw]", allow_hyphen_values = true)]
     mount: Option<String>,
-    /// Calibration to use again; written anew when the sensor was calibrated
+    /// Calibration to reuse; rewritten when the sensor was calibrated
     #[arg(long, value_name = "FILE.json")]
     pub calibration: Option<PathBuf>,
 }
 
-/// A sensor that was chosen, and how it is set up.
+/// A chosen sensor and its set-up.
 pub(super) struct ChosenSensor {
     place: Candidate,
     name: String,
@@ -61,12 +63,13 @@ impl SensorArguments {
         Ok(self.given_mount()?.unwrap_or(Pose::IDENTITY))
     }
 
-    /// The same where it is given.
+    /// The same, if given.
     pub fn given_mount(&self) -> Result<Option<Pose>> {
         self.mount.as_deref().map(parse_mount).transpose()
     }
 
-    /// The board asked for, else the likeliest, with the configuration asked for, else the board's own.
+    /// The given board, or the most likely one, with the given configuration, or the board's
+    /// default.
     pub fn choose(&self) -> Result<ChosenSensor> {
         let mount = self.mount()?;
         let place = self.board.choose()?;
@@ -77,7 +80,7 @@ impl SensorArguments {
         Ok(ChosenSensor { place, name, setup, mount, baud: self.board.baud, calibration })
     }
 
-    /// The configuration asked for, else the board's default, with its name.
+    /// The given configuration, or the board's default, with its name.
     fn config_for(&self, place: &Candidate) -> Result<(String, SensorConfig)> {
         if let Some(path) = &self.config {
             return Ok((path.display().to_string(), read_config(path)?));
@@ -89,7 +92,7 @@ impl SensorArguments {
 }
 
 impl ChosenSensor {
-    /// What is measured.
+    /// The sensor's configuration.
     pub fn config(&self) -> Result<&SensorConfig> {
         let sensor = self.setup.sensors().next().map(|sensor| &sensor.config);
         sensor.ok_or_else(|| anyhow!("the set-up has no sensor"))
@@ -100,12 +103,12 @@ impl ChosenSensor {
         self.mount
     }
 
-    /// Which board it is, and where.
+    /// Board and address.
     pub fn place(&self) -> String {
         format!("{} on {}", self.place.board.name(), self.place.address)
     }
 
-    /// Says which board it is, what is measured, and what looks wrong.
+    /// Prints board and configuration, and logs warnings.
     pub fn print(&self) -> Result<()> {
         outln!("{}", self.place())?;
         let line = line_speed(&self.place, self.baud, None);
@@ -114,20 +117,20 @@ impl ChosenSensor {
         Ok(())
     }
 
-    /// Opens the line and begins.
+    /// Opens the port and starts the stream.
     pub fn open(&self) -> Result<SensorStream> {
         let options = StreamOptions { baud: self.baud, ..Default::default() };
         Ok(SensorStream::open(self.setup.clone(), &self.place, &options)?)
     }
 }
 
-/// A stream that is taken up: frames handed on and recorded, what goes wrong told.
+/// Receives a stream: passes frames on, records them and reports faults.
 pub(super) struct FrameIntake<'a> {
     sensor: &'a ChosenSensor,
     file: Option<RecordFile>,
-    /// Every frame goes there too.
+    /// Called with every frame.
     on_frame: &'a dyn Fn(&Frame),
-    /// Follows whether the board is there.
+    /// Follows whether the board is connected.
     is_connected: Option<&'a AtomicBool>,
     info: Option<SystemInfo>,
     frames: u64,
@@ -136,10 +139,10 @@ pub(super) struct FrameIntake<'a> {
     progress: ProgressBar,
 }
 
-/// When an intake is over.
+/// When the intake ends.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Until {
-    /// So long after the first frame, which has to come soon; `None`: when asked to stop.
+    /// This long after the first frame, which must come soon; `None`: when asked to stop.
     Recorded(Option<Duration>),
     /// When asked to stop.
     Stopped,
@@ -153,13 +156,13 @@ impl<'a> FrameIntake<'a> {
         Self { sensor, file, on_frame, is_connected, info: None, frames: 0, losses, first_frame: None, progress }
     }
 
-    /// Whether the board is there is told here from now on: a stream outlives a plug that is pulled.
+    /// Publishes from now on whether the board is connected: a stream outlives an unplugged board.
     pub fn with_presence(self, is_connected: &'a AtomicBool) -> Self {
         is_connected.store(true, Ordering::Relaxed);
         Self { is_connected: Some(is_connected), ..self }
     }
 
-    /// Takes the stream until it is over or asked to stop. `tell` adds to the line of progress.
+    /// Receives the stream until it ends or is asked to stop. `tell` adds to the progress line.
     pub fn run(
         &mut self,
         stream: &SensorStream,
@@ -223,7 +226,7 @@ impl<'a> FrameIntake<'a> {
             StreamEvent::Session(Event::Failed(error)) => bail!(error),
             StreamEvent::Session(Event::Trouble(error)) => self.warn(&error.to_string()),
             StreamEvent::Session(Event::Recalibrating) => {
-                self.warn("the sensor asks for calibration, its temperature has changed: it is set up anew");
+                self.warn("the sensor asks for calibration, its temperature has changed: it is set up again");
             }
             StreamEvent::Session(Event::Log(line)) => self.log_board_line(&line),
             StreamEvent::Session(Event::Stopped) => {}
@@ -239,7 +242,7 @@ impl<'a> FrameIntake<'a> {
         Ok(())
     }
 
-    /// The board has told its speed: says so where it was not known, or does not carry the configuration.
+    /// The board has reported its speed: prints it where it was unknown before.
     fn print_link(&self, info: &SystemInfo) -> Result<()> {
         if self.info.is_some() {
             return Ok(());
@@ -287,12 +290,13 @@ impl<'a> FrameIntake<'a> {
         ));
     }
 
-    /// Stops the board, takes what was on its way, ends the file, and tells; whatever went wrong, what there is is kept.
+    /// Stops the board, receives what was on its way, closes the file and reports. Keeps what was
+    /// recorded in any case.
     pub fn end(mut self, stream: SensorStream, done: Result<()>) -> Result<()> {
         stream.stop();
         let mut done = done;
         while let Received::Event(event) = stream.recv_timeout(MAX_START) {
-            // The first fault is the one to tell.
+            // The first fault is the one to report.
             let taken = self.take(event);
             done = done.and(taken);
         }
@@ -322,7 +326,7 @@ impl<'a> FrameIntake<'a> {
     }
 }
 
-/// Calibrations of an earlier recording; none where there is no file yet.
+/// Calibrations of an earlier recording; empty where the file does not exist yet.
 fn read_calibrations(path: &Path) -> Result<Vec<Calibration>> {
     let about = || format!("cannot read calibration {}", path.display());
     match std::fs::metadata(path) {

@@ -1,5 +1,5 @@
-//! The sensor's side of `run`: a thread that looks for the board, takes its frames, hands them to the reconstruction and records
-//! them. A board that is not there is waited for.
+//! The sensor's side of `run`: a thread that finds the board, takes its frames, passes them to the
+//! reconstruction and records them. A missing board is waited for.
 
 use std::cell::RefCell;
 use std::path::PathBuf;
@@ -19,36 +19,36 @@ use radar_mapping::HandsSample;
 use radar_recording::{Event, Header};
 use radar_sar::PoseSample;
 
-/// Between two looks for a board.
+/// Interval of searches for a board. Choice.
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
-/// How soon being asked to stop is noticed meanwhile.
+/// Reaction time to a stop while waiting. Choice.
 const STOP_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// What the sensor's thread and the frame loop share.
+/// State shared between the sensor's thread and the frame loop.
 pub(super) struct SensorSupervisor {
-    /// There once there is a sensor.
+    /// Set once there is a sensor.
     reconstruction: OnceLock<Reconstruction>,
-    /// Those that the reconstruction goes by.
+    /// Settings of the reconstruction.
     settings: Mutex<Settings>,
-    /// What is measured, and where from, once there is a sensor.
+    /// Configuration, place and mount, once there is a sensor.
     sensor: OnceLock<Header>,
     sensor_period_ns: AtomicI64,
-    /// End of the newest frame, host nanoseconds, and the newest pose of the head: for who looks on.
+    /// End of the newest frame, host nanoseconds, and the newest head pose, for the view.
     newest_frame_ns: AtomicI64,
     newest_pose: Mutex<Option<PoseSample>>,
-    /// Whether its line is open, and what came and what was lost on it.
+    /// Whether the port is open, and the sweeps received and lost.
     is_connected: AtomicBool,
     sweeps: AtomicU64,
     sweeps_lost: AtomicU64,
     /// Ends the thread.
     pub stop: AtomicBool,
-    /// What the frame loop does.
+    /// Status of the frame loop.
     pub status: Mutex<HeadsetStatus>,
-    /// Poses for the recording.
+    /// Channel of poses for the recording.
     recorded_poses: Option<SyncSender<Event>>,
 }
 
-/// What the thread works with.
+/// Parameters of the thread.
 pub(super) struct SupervisorPlan {
     pub sensor: SensorArguments,
     pub record: Option<PathBuf>,
@@ -62,10 +62,10 @@ impl SupervisorPlan {
 }
 
 impl SensorSupervisor {
-    /// Starts the thread; the receiver is told when it is over.
+    /// Starts the thread; the receiver gets its result at the end.
     ///
     /// # Errors
-    /// The system gives no thread.
+    /// The system provides no thread.
     pub fn start(mut plan: SupervisorPlan, settings: &Settings) -> Result<(Arc<Self>, Receiver<Result<()>>)> {
         let mut recorded_poses = None;
         if plan.record.is_some() {
@@ -98,7 +98,7 @@ impl SensorSupervisor {
         self.reconstruction.get()
     }
 
-    /// Has the reconstruction begin anew with other settings, or begin with them when there is a sensor.
+    /// Restarts the reconstruction with other settings, or stores them until there is a sensor.
     pub fn restart_with(&self, settings: &Settings) {
         let mut held = self.settings.lock().unwrap_or_else(PoisonError::into_inner);
         *held = settings.clone();
@@ -107,18 +107,18 @@ impl SensorSupervisor {
         }
     }
 
-    /// Length of a sensor's frame, nanoseconds.
+    /// Length of a sensor frame, nanoseconds.
     pub fn sensor_period_ns(&self) -> i64 {
         self.sensor_period_ns.load(Ordering::Relaxed)
     }
 
-    /// What came from the sensor so far; `None` while there is none.
+    /// What the sensor has sent so far; `None` while it is disconnected.
     pub fn sensor_count(&self) -> Option<SensorCount> {
         let [sweeps, lost] = [&self.sweeps, &self.sweeps_lost].map(|count| count.load(Ordering::Relaxed));
         self.is_connected.load(Ordering::Relaxed).then_some(SensorCount { sweeps, lost })
     }
 
-    /// What is measured, where from and with what mount, once there is a sensor.
+    /// Configuration, place and mount, once there is a sensor.
     pub fn sensor(&self) -> Option<&Header> {
         self.sensor.get()
     }
@@ -130,9 +130,9 @@ impl SensorSupervisor {
         (pose, (frame_ns != 0).then_some(frame_ns))
     }
 
-    /// Takes a pose of the head; never waits.
+    /// Takes a head pose; never waits.
     pub fn push_pose(&self, sample: &PoseSample) {
-        // Who looks right now sees the next.
+        // A reader that holds the lock gets the next pose.
         if let Ok(mut newest) = self.newest_pose.try_lock() {
             *newest = Some(*sample);
         }
@@ -140,12 +140,12 @@ impl SensorSupervisor {
             reconstruction.push_pose(*sample);
         }
         if let Some(recorded) = &self.recorded_poses {
-            // A disk that is four seconds behind loses poses, not the frame loop's time.
+            // A disk that is four seconds behind loses poses, but does not delay the frame loop.
             let _ = recorded.try_send(Event::Pose(*sample));
         }
     }
 
-    /// Takes where the player's hands are; never waits.
+    /// Takes the positions of the wearer's hands; never waits.
     pub fn push_hands(&self, hands: &HandsSample) {
         if let Some(reconstruction) = self.reconstruction() {
             reconstruction.push_hands(*hands);
@@ -173,7 +173,7 @@ impl SensorSupervisor {
                 self.newest_frame_ns.store(frame.host_time_ns, Ordering::Relaxed);
                 reconstruction.push_frame(frame.clone());
             };
-            // A recording ends with the stream that it was begun with.
+            // A recording ends with the stream with which it began.
             let is_recording = file.is_some();
             let mut intake = FrameIntake::new(&sensor, file.take(), &hand_on).with_presence(&self.is_connected);
             let taken = intake.run(&stream, &self.stop, Until::Stopped, &|| self.status_text());
@@ -185,11 +185,11 @@ impl SensorSupervisor {
             let why = done.as_ref().err().map_or("it ended".to_owned(), |error| format!("{error:#}"));
             let rest_s = RETRY_INTERVAL.as_secs();
             if is_recording {
-                log::error!("the recording has ended: {why}. The radar is taken up again without one in {rest_s} s");
-                // Told once more at the end.
+                log::error!("the recording has ended: {why}. The stream restarts without recording in {rest_s} s");
+                // Reported once more at the end.
                 recorded = done;
             } else {
-                log::warn!("the sensor's stream: {why}. It is taken up again in {rest_s} s");
+                log::warn!("the sensor's stream: {why}. It restarts in {rest_s} s");
             }
             self.pause();
         }
@@ -197,7 +197,7 @@ impl SensorSupervisor {
     }
 
     fn begin(&self, sensor: &ChosenSensor) -> Result<&Reconstruction> {
-        // Held until it is there: no change falls between.
+        // Held until the reconstruction exists, so that no change is lost in between.
         let settings = self.settings.lock().unwrap_or_else(PoisonError::into_inner);
         let threads = Some(settings.headset.threads).filter(|threads| *threads > 0);
         let options = ReconstructionOptions { threads, ..Default::default() };
@@ -216,7 +216,7 @@ impl SensorSupervisor {
         self.retry_until(|| sensor.open(), "the sensor's line does not open yet")
     }
 
-    /// Tries until it succeeds or the program ends; says what is missing once.
+    /// Retries until it succeeds or the program ends; logs what is missing once.
     fn retry_until<T>(&self, attempt: impl Fn() -> Result<T>, missing: &str) -> Option<T> {
         let mut told = String::new();
         while !self.stop.load(Ordering::Relaxed) {
@@ -225,7 +225,7 @@ impl SensorSupervisor {
                 Err(error) => {
                     let text = format!("{error:#}");
                     if text != told {
-                        log::warn!("{missing}: {text}. It is looked for again every {} s", RETRY_INTERVAL.as_secs());
+                        log::warn!("{missing}: {text}. Retrying every {} s", RETRY_INTERVAL.as_secs());
                         told = text;
                     }
                 }
@@ -235,7 +235,7 @@ impl SensorSupervisor {
         None
     }
 
-    /// Until it is time to look again, or to end.
+    /// Waits for the next attempt or the end.
     fn pause(&self) {
         let mut waited = Duration::ZERO;
         while waited < RETRY_INTERVAL && !self.stop.load(Ordering::Relaxed) {
@@ -244,7 +244,7 @@ impl SensorSupervisor {
         }
     }
 
-    /// What the frame loop does, for the line of progress.
+    /// Status of the frame loop, for the progress line.
     fn status_text(&self) -> String {
         let status = *self.status.lock().unwrap_or_else(PoisonError::into_inner);
         let tracked = if status.is_tracked { "" } else { "  head not tracked" };

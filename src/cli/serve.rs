@@ -1,4 +1,5 @@
-//! `simulate … --serve`: the simulated sensor behind a port, for any program that speaks the A121's protocol.
+//! `simulate … --serve`: serves the simulated sensor on a port, for any program that speaks the
+//! A121's protocol.
 
 use std::fs::File;
 use std::io::Write;
@@ -16,35 +17,37 @@ use a121::device::{
 use radar_sar::geometry::Pose;
 use radar_simulation::{LiveScenario, Scenario};
 
-/// Length of the way that the head goes there and back, seconds.
+/// Length of the head's path, which is followed back and forth, seconds. Choice.
 const PATH_S: f64 = 3600.0;
-/// Longest that is served, seconds: a year.
+/// Longest duration, seconds: a year. Choice.
 const MAX_DURATION_S: f64 = 3.2e7;
-/// Longest time that the motion may be asked to wait, seconds.
+/// Longest delay of the motion's start, seconds. Choice.
 const MAX_START_DELAY_S: f64 = 3600.0;
 
-/// Serving in place of recording.
+/// Arguments for serving instead of recording.
 #[derive(Debug, Args)]
 pub(super) struct Serve {
-    /// Serves the sensor live in place of writing a recording: pty:PATH, or tcp:127.0.0.1:6110. Its configuration comes
-    /// from whoever connects
+    /// Serves the sensor live instead of writing a recording: pty:PATH, or tcp:127.0.0.1:6110. The
+    /// client sets its configuration
     #[arg(long, value_name = "PLACE", conflicts_with_all = ["out", "preset", "config"])]
     serve: Option<String>,
-    /// Which board it is like; without it xc120
+    /// Board to simulate; default: xc120
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(Board::ALL.map(Board::name)))]
     board: Option<String>,
-    /// What goes wrong, times a minute: drop, double, flip, garbage, stall, delay, burst, error, refuse, saturate,
-    /// calibrate, wrap, jump, unplug, reboot, banner
+    /// Faults per minute: drop, double, flip, garbage, stall, delay, burst, error, refuse,
+    /// saturate, calibrate, wrap, jump, unplug, reboot, banner
     #[arg(long, value_name = "KIND=RATE,…")]
     faults: Option<String>,
-    /// Writes the head's poses as they are tracked: TUM format, times in seconds of this computer's monotonic clock
+    /// Writes the head poses as tracked: TUM format, times in seconds of this computer's monotonic
+    /// clock
     #[arg(long, value_name = "TRACK.tum")]
     poses_out: Option<PathBuf>,
-    /// Writes the whole of that track before serving begins, for who plays the headset and has to look ahead; needs
-    /// --duration-s, an hour at most
+    /// Writes the whole track before serving starts, for a simulated headset that must look ahead;
+    /// requires --duration-s, an hour at most
     #[arg(long, value_name = "TRACK.tum")]
     track_out: Option<PathBuf>,
-    /// The motion begins so many seconds after the program does, so that others can be ready; until then the head rests
+    /// The motion starts this many seconds after the program, so that others can be ready; until
+    /// then the head rests
     #[arg(long, value_name = "S")]
     start_in_s: Option<f64>,
     /// Lets other computers connect
@@ -57,7 +60,7 @@ impl Serve {
         self.serve.is_some()
     }
 
-    /// Refuses what makes no sense without a place to serve at.
+    /// Rejects arguments that require --serve.
     pub fn require_serve(&self) -> Result<()> {
         let given = [
             ("--board", self.board.is_some()),
@@ -73,7 +76,7 @@ impl Serve {
         }
     }
 
-    /// Serves until Ctrl-C, or for a time; `scenario.duration_s` is taken from there.
+    /// Serves until Ctrl-C, or for a time, which replaces `scenario.duration_s`.
     pub fn run(&self, mut scenario: Scenario, duration_s: Option<f64>) -> Result<()> {
         if let Some(seconds) = duration_s.filter(|s| !(0.1..=MAX_DURATION_S).contains(s)) {
             bail!("a duration of {seconds} s cannot be served: give 0.1 to {MAX_DURATION_S} s, or leave it out");
@@ -92,7 +95,7 @@ impl Serve {
         let live = scenario.live()?;
         let stopped = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-            // A second one ends the program at once.
+            // A second signal ends the program at once.
             signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stopped))?;
             signal_hook::flag::register(signal, Arc::clone(&stopped))?;
         }
@@ -129,7 +132,7 @@ impl Serve {
             scenario.seed,
             board.name()
         )?;
-        // The poses are the head's: who uses them has to know where the sensor sits on it.
+        // The poses are the head's, so their user needs the mount of the sensor.
         let (p, q) = (scenario.head_from_sensor.translation, scenario.head_from_sensor.rotation);
         let mount = format!("{},{},{},{},{},{},{}", p.x, p.y, p.z, q.x, q.y, q.z, q.w);
         let poses = |path: &PathBuf| format!(" --poses {} --mount {mount}", path.display());
@@ -161,13 +164,13 @@ struct RoomSamples {
 impl SampleSource for RoomSamples {
     fn frame(&mut self, request: &FrameRequest, samples: &mut Vec<Complex<i16>>) -> bool {
         let end_s = request.end_ns.saturating_sub(self.origin_ns) as f64 * 1e-9;
-        // Every frame's noise is its own, after a new start, too.
+        // Every frame has its own noise, also after a restart.
         let number = (request.end_ns as u64) << 3 | u64::from(request.sensor_id);
         self.live.frame(request.config, number, end_s, samples)
     }
 }
 
-/// Poses as they are tracked.
+/// Poses as tracked.
 #[derive(Clone)]
 struct Poses {
     live: LiveScenario,
@@ -176,21 +179,21 @@ struct Poses {
 }
 
 impl Poses {
-    /// Writes all that are due and says when the next one is.
+    /// Writes all poses that are due and returns the time of the next one.
     fn write_due(&mut self, track: &mut Track) -> Result<i64> {
         loop {
             let at_ns = self.origin_ns + (self.live.next_pose_s() * 1e9).round() as i64;
             if at_ns > monotonic_ns() {
                 return Ok(at_ns);
             }
-            // A pose that tracking does not vouch for cannot be said in this format.
+            // The format cannot express an invalid pose.
             if let Some(pose) = self.live.next_pose() {
                 track.write(at_ns + self.offset_ns, &pose)?;
             }
         }
     }
 
-    /// All of them for so long, as a track; where tracking is lost there is a gap.
+    /// All poses of this duration as a track; it has a gap where tracking is lost.
     fn whole_track(mut self, duration_s: f64) -> String {
         let mut text = HEAD_LINE.to_owned();
         while self.live.next_pose_s() <= duration_s {
@@ -203,7 +206,7 @@ impl Poses {
     }
 }
 
-/// A track in the TUM format, each line handed to the system as it is written.
+/// A track in the TUM format, flushed line by line.
 struct Track {
     file: File,
     path: PathBuf,

@@ -1,14 +1,14 @@
-//! `simulate … --serve` where there are no pseudo-terminals and no `poll`: says so.
+//! `simulate … --serve` on systems without pseudo-terminals and `poll`: fails with an explanation.
 
 use anyhow::{Result, bail};
 use clap::Args;
 
 use radar_simulation::Scenario;
 
-/// Serving in place of recording.
+/// Arguments for serving instead of recording.
 #[derive(Debug, Args)]
 pub(super) struct Serve {
-    /// Serves the sensor live in place of writing a recording: on Linux and macOS alone
+    /// Serves the sensor live instead of writing a recording: only on Linux and macOS
     #[arg(long, value_name = "PLACE", conflicts_with_all = ["out", "preset", "config"])]
     serve: Option<String>,
 }

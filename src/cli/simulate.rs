@@ -1,5 +1,5 @@
-//! `radar-chaperone simulate ROOM --motion M --out FILE.mcap`: a recording without hardware, with its truth.
-//! `… --serve PLACE`: the sensor itself without hardware.
+//! `radar-chaperone simulate ROOM --motion M --out FILE.mcap`: a recording without hardware, with
+//! its truth. `… --serve PLACE`: the sensor itself without hardware.
 
 use std::path::{Path, PathBuf};
 
@@ -23,45 +23,48 @@ const PLAY_ROOM: &str = "play-room";
 
 /// Simulates a sensor on a headset in a room and records it, with the truth, or serves it live
 ///
-/// Rooms: corner-reflector, raised-reflector, clothes-hanger, chair, two-chairs (the thesis' scenes), furnished-room, empty-room, nothing;
-/// play-room is a play session: a player among furniture, own hands in the beam, somebody who crosses the room, a chair carried away halfway.
-/// The same seed gives the same file. With --serve, whatever speaks the A121's protocol can try it as if it were a board.
+/// Rooms: corner-reflector, raised-reflector, clothes-hanger, chair, two-chairs (the thesis'
+/// scenes), furnished-room, empty-room, nothing; play-room is a play session: a player among
+/// furniture, own hands in the beam, a person who crosses the room, a chair carried away halfway.
+/// The same seed gives the same file. With --serve, any program that speaks the A121's protocol can
+/// use it like a board.
 #[derive(Debug, Args)]
 pub(super) struct Simulate {
-    /// What stands there
+    /// The room
     #[arg(value_parser = clap::builder::PossibleValuesParser::new(SCENES.into_iter().chain([PLAY_ROOM])))]
     room: String,
-    /// How the sensor moves; without it natural
+    /// How the sensor moves; default: natural
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(MOTIONS))]
     motion: Option<String>,
-    /// Everything random follows from it
+    /// Seed of all randomness
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Sensor preset; without it d16, or fine for the corner reflector
+    /// Sensor preset; default: d16, or fine for the corner reflector
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(PRESETS))]
     preset: Option<String>,
-    /// Sensor configuration (JSON, named as in the vendor's protocol) in place of a preset
+    /// Sensor configuration (JSON, named as in the vendor's protocol) instead of a preset
     #[arg(long, value_name = "FILE.json", conflicts_with = "preset")]
     config: Option<PathBuf>,
-    /// Length, seconds; without it 10, or, with --serve, until Ctrl-C
+    /// Length, seconds; default: 10, or, with --serve, until Ctrl-C
     #[arg(long)]
     duration_s: Option<f64>,
-    /// Power SNR of the strongest scatterer on the axis at 1 m, dB; without it the radar equation says
+    /// Power SNR of the strongest scatterer on the axis at 1 m, dB; default: from the radar
+    /// equation
     #[arg(long, allow_hyphen_values = true)]
     snr_db: Option<f64>,
     /// Beam: uniform, thesis, lensless, fresnel, hyperbolic
     #[arg(long, default_value = "lensless")]
     beam: String,
-    /// Where the sensor sits on the head: x,y,z in metres, or x,y,z,qx,qy,qz,qw
+    /// Pose of the sensor on the head: x,y,z in metres, or x,y,z,qx,qy,qz,qw
     #[arg(long, value_name = "x,y,z[,qx,qy,qz,qw]", allow_hyphen_values = true)]
     mount: Option<String>,
-    /// Time of a sweep's pose minus time of the sweep, as written, seconds; without it 0
+    /// Time of a sweep's pose minus time of the sweep, as written, seconds; default: 0
     #[arg(long, allow_hyphen_values = true)]
     time_offset_s: Option<f64>,
     /// Tracking without any error
     #[arg(long)]
     perfect_tracking: bool,
-    /// Times a minute that tracking is lost for 50 to 300 ms
+    /// Losses of tracking per minute, of 50 to 300 ms each
     #[arg(long, default_value_t = 0.0)]
     dropouts_per_minute: f64,
     /// Recording to write
@@ -143,13 +146,13 @@ impl Simulate {
             session.head_from_sensor = parse_mount(mount)?;
         }
         session.errors = self.errors();
-        // Whoever reads the truth finds walls along the axes.
+        // Aligns the room with the axes, so that the walls in the truth are axis-aligned.
         session.axis_aligned = true;
         Ok(session)
     }
 }
 
-/// A sensor configuration from a file, sound.
+/// A valid sensor configuration from a file.
 pub(super) fn read_config(path: &Path) -> Result<SensorConfig> {
     let text =
         std::fs::read_to_string(path).with_context(|| format!("cannot read configuration {}", path.display()))?;

@@ -1,19 +1,19 @@
-//! What ends a command that runs for long.
+//! Signals that end a long-running command.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::Result;
 
-/// Ctrl-C, being told to end, and the terminal's closing.
+/// Ctrl-C, termination, and closing of the terminal.
 #[cfg(unix)]
 const ENDING_SIGNALS: [i32; 3] =
     [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
-/// Ctrl-C, and being told to end.
+/// Ctrl-C and termination.
 #[cfg(not(unix))]
 const ENDING_SIGNALS: [i32; 2] = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM];
 
-/// Set by the first signal to end; the second ends the program at once.
+/// Set by the first signal; a second one ends the program at once.
 pub(super) fn stop_flag() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in ENDING_SIGNALS {

@@ -1,4 +1,4 @@
-//! `--view` and `--view-shot DIR`, of commands that replay a recording.
+//! `--view` and `--view-shot DIR` of commands that replay a recording.
 
 use std::path::PathBuf;
 
@@ -12,37 +12,39 @@ use radar_mapping::Scene;
 use radar_mapping::{MapperKind, Pipeline};
 use radar_recording::{RecordingSummary, StreamSummary};
 
-/// How the recording is looked at.
+/// Arguments of the view.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct ViewArguments {
-    /// Opens a window on the desktop that shows the replay in space, over time and in cross-sections; ? lists its keys
+    /// Opens a window on the desktop that shows the replay in space, over time and in
+    /// cross-sections; ? lists its keys
     #[arg(long)]
     view: bool,
-    /// Draws a few states of that view into a folder instead, as PNG and without a window: for documentation and tests
+    /// Draws a few states of that view into a folder instead, as PNG and without a window: for
+    /// documentation and tests
     #[arg(long, value_name = "DIR")]
     view_shot: Option<PathBuf>,
 }
 
 /// How a replay ended.
 pub(super) enum ReplayEnd {
-    /// With everything worked off: the pipeline, and the last scene.
+    /// Completed: the pipeline and the last scene.
     Done(Box<Pipeline>, Scene),
-    /// Nobody looked any more.
+    /// The view was closed.
     Closed,
 }
 
 impl ViewArguments {
-    /// Whether anything is to be shown.
+    /// Whether a view was requested.
     pub fn is_wanted(&self) -> bool {
         self.view || self.view_shot.is_some()
     }
 
-    /// What the view has to know.
+    /// Information about the recording for the view.
     pub fn about(&self, summary: &RecordingSummary, settings: &Settings, search: MapperKind) -> RecordingInfo {
         RecordingInfo::new(&summary.header, settings, search, expected_s(summary))
     }
 
-    /// Does the work and shows it meanwhile, or draws it afterwards.
+    /// Runs the work and shows it meanwhile, or draws it afterwards.
     pub fn show<T: Send>(&self, about: RecordingInfo, work: impl FnOnce(Recorder) -> T + Send) -> Result<T> {
         let Some(folder) = &self.view_shot else { return Ok(view::show(about, work)?) };
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
@@ -52,7 +54,7 @@ impl ViewArguments {
     }
 }
 
-/// How long a recording is, as far as its times can be believed: one wrong stamp makes it no years long.
+/// Plausible length of a recording, seconds: a single wrong timestamp does not extend it.
 fn expected_s(summary: &RecordingSummary) -> f64 {
     let usual = |stream: &StreamSummary| stream.count as f64 * stream.median_interval_s().unwrap_or(0.0);
     summary.duration_s().min(3.0 * usual(&summary.frames).max(usual(&summary.poses)))

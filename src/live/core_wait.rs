@@ -1,23 +1,25 @@
-//! How long a thread could have run and had no processor core: what a busy machine does to it, and nothing that it does itself.
+//! Time that a thread was runnable without a processor core: the effect of other load on the
+//! thread.
 //!
-//! Linux counts it for every thread: the second number of its `schedstat`, nanoseconds (Documentation/scheduler/sched-stats.rst).
+//! Linux counts it per thread: the second number of `schedstat`, nanoseconds
+//! (Documentation/scheduler/sched-stats.rst).
 
 use std::fs::File;
 
-/// Counts of the thread that made it.
+/// The counter of the thread that created it.
 #[derive(Debug)]
 pub struct CoreWait {
     schedstat: Option<File>,
 }
 
 impl CoreWait {
-    /// Of the calling thread.
+    /// For the calling thread.
     pub fn of_this_thread() -> Self {
         let path = if cfg!(target_os = "linux") { "/proc/thread-self/schedstat" } else { "" };
         Self { schedstat: File::open(path).ok() }
     }
 
-    /// So long since the thread began, nanoseconds; 0 where the system does not tell.
+    /// Total since the thread began, nanoseconds; 0 where the system does not report it.
     pub fn total_ns(&self) -> i64 {
         self.schedstat.as_ref().and_then(waited_ns).unwrap_or(0)
     }
@@ -51,7 +53,7 @@ mod tests {
         let before_ns = wait.total_ns();
         std::thread::sleep(std::time::Duration::from_millis(300));
         assert!(wait.total_ns() - before_ns < 200_000_000, "sleeping is not waiting");
-        // More threads than cores: what is neither run nor slept was waited for.
+        // More threads than cores: time neither running nor sleeping was waiting.
         let busy = || {
             let (wait, start_ns, start_cpu_ns) = (CoreWait::of_this_thread(), now_ns(), thread_cpu_ns());
             while now_ns() - start_ns < 200_000_000 {}

@@ -1,14 +1,14 @@
-//! Frames and poses, which arrive apart and late, into one order of time: each waits a while for what may still come
-//! before it.
+//! Merges frames and poses, which arrive separately and late, into one time order: each event waits
+//! for earlier ones that may still arrive.
 
 use std::collections::BTreeMap;
 
 use radar_recording::Event;
 
-/// Events that may wait; beyond, the earliest go on at once.
+/// Largest number of waiting events; beyond, the earliest are emitted at once. Choice.
 pub const MAX_WAITING: usize = 65_536;
 
-/// Puts two streams into one order. What comes later than it was waited for is handed on all the same, and counted.
+/// Merges two streams in time. An event that arrives too late is emitted all the same, and counted.
 pub struct EventMerger {
     hold_ns: i64,
     waiting: BTreeMap<(i64, u64), Event>,
@@ -18,7 +18,7 @@ pub struct EventMerger {
 }
 
 impl EventMerger {
-    /// Everything waits so long, nanoseconds of the host's clock.
+    /// `hold_ns`: how long each event waits, nanoseconds of the host's clock.
     pub fn new(hold_ns: i64) -> Self {
         Self { hold_ns, waiting: BTreeMap::new(), next: 0, emitted_ns: i64::MIN, late: 0 }
     }
@@ -37,14 +37,14 @@ impl EventMerger {
         is_due.then(|| self.pop())?
     }
 
-    /// The next event, however short it waited: nothing comes any more.
+    /// The next event, however short it has waited: for the end of the streams.
     pub fn pop(&mut self) -> Option<Event> {
         let ((time_ns, _), event) = self.waiting.pop_first()?;
         self.emitted_ns = self.emitted_ns.max(time_ns);
         Some(event)
     }
 
-    /// Events that came after later ones had been handed on.
+    /// Events that arrived after later ones had been emitted.
     pub fn late(&self) -> u64 {
         self.late
     }

@@ -1,13 +1,13 @@
-//! Frames that should have come and did not: a pause of several usual intervals has lost the frames between. By the
-//! sensor's ticks, since host times still move while the clock learns.
+//! Counts lost frames: a pause of several typical intervals has lost the frames between. Uses the
+//! sensor's ticks, because host times still shift while the clock estimate converges.
 
 use std::collections::VecDeque;
 
-/// Intervals that the usual one is known by.
+/// Intervals from which the typical one is computed. Choice.
 const MAX_INTERVALS: usize = 63;
-/// Intervals until it is known.
+/// Least number of intervals before losses are counted. Choice.
 const MIN_INTERVALS: usize = 8;
-/// A longer pause, in usual intervals, is a jump of the sensor's clock.
+/// A longer pause, in typical intervals, is a jump of the sensor's clock. Choice.
 const MAX_PAUSE_INTERVALS: f64 = 1000.0;
 
 /// Counts lost frames by the frames' ticks.
@@ -19,12 +19,12 @@ pub struct FrameLossCounter {
 }
 
 impl FrameLossCounter {
-    /// The stream began anew: what is between was not to come.
+    /// The stream restarted: the pause before the next frame is no loss.
     pub fn restart(&mut self) {
         self.last = None;
     }
 
-    /// A frame of this tick, unwrapped.
+    /// Takes a frame's unwrapped tick.
     pub fn push(&mut self, tick: i64) {
         let Some(last) = self.last.replace(tick) else { return };
         let interval = tick.saturating_sub(last);
@@ -45,7 +45,7 @@ impl FrameLossCounter {
         self.intervals.push_back(interval);
     }
 
-    /// The usual interval: the mean of those that are about as long as the median, since ticks may be coarse.
+    /// The typical interval: the mean of those near the median, because ticks may be coarse.
     fn typical_interval(&self) -> f64 {
         let mut sorted: Vec<i64> = self.intervals.iter().copied().collect();
         let middle = sorted.len() / 2;
@@ -65,7 +65,7 @@ impl FrameLossCounter {
 mod tests {
     use super::*;
 
-    /// Losses of 1000 frames of a period in ticks, three missing after each hundred.
+    /// Losses of 1000 frames at a period in ticks, with three missing after each hundred.
     fn lost(period: f64) -> u64 {
         let mut losses = FrameLossCounter::default();
         for n in 0..1000i64 {

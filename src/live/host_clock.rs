@@ -1,13 +1,13 @@
-//! The host's monotonic clock in nanoseconds, the one that other programs' stamps are on, and the time that a thread
-//! spent on the processor. `Instant` reads the same clock and hides where it begins.
+//! The host's monotonic clock in nanoseconds, which other programs' timestamps use, and the
+//! processor time of a thread. `Instant` reads the same clock but hides its origin.
 
-/// Host's monotonic clock, nanoseconds (`CLOCK_MONOTONIC`).
+/// The host's monotonic clock, nanoseconds (`CLOCK_MONOTONIC`).
 #[cfg(unix)]
 pub fn now_ns() -> i64 {
     nanoseconds(rustix::time::clock_gettime(rustix::time::ClockId::Monotonic))
 }
 
-/// Processor time of the calling thread, nanoseconds; 0 where the system does not tell.
+/// Processor time of the calling thread, nanoseconds; 0 where the system does not report it.
 #[cfg(unix)]
 pub fn thread_cpu_ns() -> i64 {
     nanoseconds(rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime))
@@ -18,14 +18,15 @@ fn nanoseconds(time: rustix::time::Timespec) -> i64 {
     time.tv_sec.saturating_mul(1_000_000_000).saturating_add(time.tv_nsec)
 }
 
-/// Nanoseconds since the program first asked: here, stamps of other programs do not compare.
+/// Nanoseconds since the first call. On this system, timestamps of other programs are not
+/// comparable.
 #[cfg(not(unix))]
 pub fn now_ns() -> i64 {
     static START: std::sync::OnceLock<std::time::Instant> = std::sync::OnceLock::new();
     START.get_or_init(std::time::Instant::now).elapsed().as_nanos() as i64
 }
 
-/// Processor time of the calling thread, nanoseconds; 0 where the system does not tell.
+/// Processor time of the calling thread, nanoseconds; 0 where the system does not report it.
 #[cfg(not(unix))]
 pub fn thread_cpu_ns() -> i64 {
     0
@@ -49,7 +50,7 @@ mod tests {
     #[test]
     #[cfg(target_os = "linux")]
     fn now_ns_is_the_system_monotonic_clock() {
-        // Seconds since the start of the system without what it slept: never more than the time it was up.
+        // Seconds since boot without suspend: never more than the uptime.
         let text = std::fs::read_to_string("/proc/uptime").unwrap();
         let up_s: f64 = text.split(' ').next().unwrap().parse().unwrap();
         let now_s = now_ns() as f64 * 1e-9;

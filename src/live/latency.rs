@@ -1,8 +1,9 @@
-//! How long things took, in fixed memory: sixteen steps an octave, so a quantile is told to 5 %; the greatest exactly.
+//! A histogram of durations in fixed memory: sixteen steps per octave, so a quantile is accurate to
+//! 5 %. The maximum is exact.
 
-/// Steps an octave: 2^4.
+/// Steps per octave: 2^4.
 const STEP_BITS: u32 = 4;
-/// Enough for all of 63 bits.
+/// Steps for durations of up to 63 bits.
 const STEPS: usize = (64 - STEP_BITS as usize) << STEP_BITS;
 
 /// A histogram of durations.
@@ -13,18 +14,18 @@ pub struct Latency {
     max_ns: i64,
 }
 
-/// What a [`Latency`] tells; all in seconds.
+/// Statistics of a [`Latency`]; all in seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LatencyReport {
-    /// How many there were.
+    /// Number of durations.
     pub count: u64,
-    /// Half took longer.
+    /// Median.
     pub median_s: f64,
-    /// One in a hundred took longer.
+    /// 99th percentile.
     pub p99_s: f64,
-    /// One in a thousand took longer.
+    /// 99.9th percentile.
     pub p999_s: f64,
-    /// The longest.
+    /// Maximum.
     pub max_s: f64,
 }
 
@@ -35,7 +36,7 @@ impl Default for Latency {
 }
 
 impl Latency {
-    /// Counts one; below 0 is 0.
+    /// Adds a duration; negative ones count as 0.
     pub fn push(&mut self, duration_ns: i64) {
         let duration_ns = duration_ns.max(0);
         self.counts[step(duration_ns as u64)] += 1;
@@ -43,7 +44,7 @@ impl Latency {
         self.max_ns = self.max_ns.max(duration_ns);
     }
 
-    /// What there was so far.
+    /// Statistics so far.
     pub fn report(&self) -> LatencyReport {
         let at = |part: f64| {
             let rank = (part * self.count as f64).ceil() as u64;
@@ -67,14 +68,14 @@ impl Latency {
     }
 }
 
-/// Which step a duration belongs to: its octave, and the bits behind the leading one.
+/// Step of a duration: its octave and the bits after the leading one.
 fn step(duration_ns: u64) -> usize {
     let octave = (63 - (duration_ns | 1).leading_zeros()).saturating_sub(STEP_BITS);
     let within = duration_ns >> octave;
     ((octave << STEP_BITS) as usize + within as usize).min(STEPS - 1)
 }
 
-/// Where a step ends, nanoseconds.
+/// Upper end of a step, nanoseconds.
 fn upper_ns(step: usize) -> f64 {
     let (octave, within) = match step >> STEP_BITS {
         0 | 1 => (0, step),

@@ -1,28 +1,29 @@
-//! How fresh the reconstruction is: from a frame's arrival to its sweeps being worked off, and from a sweep's end to the
-//! first scene that rests on it. Bounded memory.
+//! Latencies of the reconstruction: from a frame's arrival to its processing, and from a frame's
+//! end to the first published scene that contains it. Bounded memory.
 
 use std::collections::VecDeque;
 
 use super::{Latency, LatencyReport};
 
-/// Frames that are followed at most; beyond, the oldest are no longer.
+/// Largest number of frames tracked; beyond, the oldest are dropped. Choice.
 const MAX_TRACKED_FRAMES: usize = 4096;
-/// A frame's end lies behind its last sweep's by what the sensor takes to wind up: less than this, nanoseconds.
+/// Upper bound of the time from the end of the last sweep to the end of its frame, nanoseconds: the
+/// sensor's wind-up time.
 const WIND_UP_NS: i64 = 1_000_000;
 
-/// Follows frames through the reconstruction.
+/// Tracks frames through the reconstruction.
 #[derive(Default)]
 pub(super) struct LatencyTracker {
-    /// Frames that are not worked off: end of the measurement and arrival, host nanoseconds.
+    /// Frames not processed yet: end of the measurement and arrival, host nanoseconds.
     waiting: VecDeque<(i64, i64)>,
-    /// Ends of frames that no scene rests on yet, host nanoseconds.
+    /// Ends of processed frames that no published scene contains yet, host nanoseconds.
     unpublished: VecDeque<i64>,
     processed: Latency,
     evidence_age: Latency,
 }
 
 impl LatencyTracker {
-    /// A frame whose measurement ended at a time was accepted; it had arrived at another.
+    /// A frame was accepted: end of its measurement and its arrival, host nanoseconds.
     pub fn frame_accepted(&mut self, end_ns: i64, arrived_ns: i64) {
         self.waiting.push_back((end_ns, arrived_ns));
         if self.waiting.len() > MAX_TRACKED_FRAMES {
@@ -30,13 +31,13 @@ impl LatencyTracker {
         }
     }
 
-    /// So many frames, the oldest, turned out to have no pose.
+    /// Drops the oldest frames, which turned out to have no pose.
     pub fn drop_oldest(&mut self, count: u64) {
         let count = usize::try_from(count).map_or(self.waiting.len(), |count| count.min(self.waiting.len()));
         self.waiting.drain(..count);
     }
 
-    /// All frames up to this end are worked off.
+    /// All frames up to this end are processed.
     pub fn processed_until(&mut self, newest_ns: i64, now_ns: i64) {
         while let Some((end_ns, arrived_ns)) =
             self.waiting.pop_front_if(|f| f.0 <= newest_ns.saturating_add(WIND_UP_NS))
@@ -49,7 +50,7 @@ impl LatencyTracker {
         }
     }
 
-    /// A scene was published that rests on all sweeps up to this end.
+    /// A scene was published that contains all sweeps up to this end.
     pub fn published_until(&mut self, evidence_ns: i64, now_ns: i64) {
         while let Some(end_ns) =
             self.unpublished.pop_front_if(|end_ns| *end_ns <= evidence_ns.saturating_add(WIND_UP_NS))
@@ -58,18 +59,18 @@ impl LatencyTracker {
         }
     }
 
-    /// What is under way is given up.
+    /// Drops all frames in flight.
     pub fn reset(&mut self) {
         self.waiting.clear();
         self.unpublished.clear();
     }
 
-    /// From arrival to worked off.
+    /// From arrival to processing.
     pub fn processed(&self) -> LatencyReport {
         self.processed.report()
     }
 
-    /// From a frame's end to the first scene that rests on it.
+    /// From a frame's end to the first published scene that contains it.
     pub fn evidence_age(&self) -> LatencyReport {
         self.evidence_age.report()
     }

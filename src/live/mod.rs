@@ -1,5 +1,5 @@
-//! Threads and clocks around what is pure: the sensor's reader thread, the host's clock, poses that grow in a file, the
-//! reconstruction beside the frame loop, the frame loop beside SteamVR, and sounds.
+//! Everything with threads and clocks: the sensor's reader thread, the host's clock, pose files
+//! that grow, the reconstruction's thread, the frame loop with SteamVR, and sounds.
 
 mod core_wait;
 mod event_merger;

@@ -1,7 +1,8 @@
-//! A pose track (TUM, or CSV where its name ends so) read while another program writes it. Times are of the host's monotonic clock.
+//! Reads a pose track (TUM, or CSV by the file's extension) while another program writes it. Times
+//! are of the host's monotonic clock.
 //!
-//! Memory is one line and what one call gives. A file that is not there yet is waited for; one that was begun anew is
-//! read anew. A line counts when its end is there.
+//! Memory holds one line and the result of one call. A missing file is waited for; a truncated one
+//! is read from the start. A line counts once its end has been written.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -10,25 +11,25 @@ use std::path::{Path, PathBuf};
 use radar_recording::{MAX_TRACK_LINE_BYTES, TrackFormat, TrackParser};
 use radar_sar::PoseSample;
 
-/// Bytes read in one call.
+/// Bytes read per call. Choice.
 const READ_BYTES: usize = 1 << 18;
 
-/// What the track was like.
+/// Counters of a track.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PoseTailCounters {
-    /// Poses handed on.
+    /// Poses returned.
     pub poses: u64,
-    /// Lines that are no pose.
+    /// Lines that are not a pose.
     pub bad_lines: u64,
-    /// Poses from before the recording.
+    /// Poses from before the recording's start.
     pub before_start: u64,
-    /// Times that the file was begun anew.
+    /// How often the file was truncated and read from the start.
     pub restarts: u64,
     /// Time of the newest pose, host nanoseconds.
     pub newest_ns: Option<i64>,
 }
 
-/// Reads what is appended to a track. See the file's head.
+/// Reads what is appended to a track; see the module documentation.
 pub struct PoseTail {
     path: PathBuf,
     start_ns: i64,
@@ -42,7 +43,7 @@ pub struct PoseTail {
 }
 
 impl PoseTail {
-    /// Follows a file; poses before `start_ns` are left out.
+    /// Follows a file; poses before `start_ns` are ignored.
     pub fn new(path: &Path, start_ns: i64) -> Self {
         Self {
             path: path.to_owned(),
@@ -57,17 +58,17 @@ impl PoseTail {
         }
     }
 
-    /// What the track was like so far.
+    /// Counters so far.
     pub fn counters(&self) -> PoseTailCounters {
         self.counters
     }
 
-    /// Whether the file is there.
+    /// Whether the file exists.
     pub fn is_open(&self) -> bool {
         self.file.is_some()
     }
 
-    /// The poses that came since the last call, a part of them when there are many.
+    /// Poses appended since the last call; only some of them when there are many.
     pub fn read(&mut self) -> Vec<PoseSample> {
         let mut bytes = std::mem::take(&mut self.bytes);
         let count = self.read_bytes(&mut bytes).unwrap_or(0);
@@ -84,7 +85,7 @@ impl PoseTail {
     }
 
     fn read_bytes(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
-        // A pipe would hold us until somebody writes into it.
+        // Opening a pipe would block until another program writes to it.
         let is_file = std::fs::metadata(&self.path).is_ok_and(|metadata| metadata.is_file());
         if self.file.is_none() && is_file {
             self.file = Some(File::open(&self.path)?);

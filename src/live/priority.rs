@@ -1,17 +1,18 @@
-//! Work that may take its time steps back behind the frame loop.
+//! Lowers the priority of background threads, so that the frame loop runs first.
 
-/// Lowers the priority of the calling thread by so many steps (of `nice`: ten give it about a tenth of a contended core).
-/// Where the system knows no priority of a thread, or grants none, nothing happens: the work is the same, only later.
+/// Lowers the priority of the calling thread by this many steps of `nice`; ten leave it about a
+/// tenth of a contended core. Does nothing where the system has no thread priorities or refuses:
+/// the work is the same, only later.
 #[cfg(target_os = "linux")]
 pub fn lower_priority_of_this_thread(by: u8) {
     use rustix::process::{getpriority_process, setpriority_process};
-    // On Linux this is the thread's own, other than POSIX has it.
+    // On Linux the value is per thread, unlike in POSIX.
     if let Ok(now) = getpriority_process(None) {
         let _ = setpriority_process(None, (now + i32::from(by)).min(19));
     }
 }
 
-/// Lowers the priority of the calling thread: here the system has none that is a thread's own.
+/// Does nothing: this system has no priority per thread.
 #[cfg(not(target_os = "linux"))]
 pub fn lower_priority_of_this_thread(_by: u8) {}
 

@@ -1,17 +1,19 @@
-//! Between threads: bounded, and never a reason to wait for the one who fills it.
+//! A bounded queue between threads that never blocks its producer for work.
 //!
-//! Entries lie on shelves with a bound each, so that a flood of one kind costs none of another; the oldest of its own shelf
-//! goes and is counted. What comes out keeps the order in which it went in. A [`MapperInput`] does not even wait for the lock:
-//! who takes entries out may be a thread of lower priority, put aside by the system while it holds it.
+//! The queue has one channel per kind of message, each with its own bound, so that a flood of one
+//! kind does not displace another. A full channel drops and counts its oldest message. Messages
+//! come out in the order in which they went in. A [`MapperInput`] does not even wait for the lock: the
+//! consumer may be a thread of lower priority that the system has preempted while it holds the
+//! lock.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
 
-/// Times that a feeder tries for the lock before it keeps its entries for the next time: some microseconds.
+/// Attempts at the lock before the messages stay in the backlog: a few microseconds. Choice.
 const LOCK_ATTEMPTS: usize = 64;
 
-/// What nobody fetched in time.
+/// Messages dropped because nobody fetched them in time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Dropped {
     /// Results with their frames.
@@ -22,14 +24,14 @@ pub struct Dropped {
     pub others: u64,
 }
 
-/// What waiting for the next entry gave.
+/// Result of waiting for the next message.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Received<T> {
-    /// The next one.
+    /// The next message.
     Event(T),
-    /// Nothing came in time.
+    /// Nothing arrived in time.
     TimedOut,
-    /// Nothing will come any more.
+    /// The queue is closed and empty.
     Closed,
 }
 
@@ -45,14 +47,14 @@ struct Channels<T, const CHANNELS: usize> {
     is_over: bool,
 }
 
-/// The queue. See the file's head.
+/// The queue; see the module documentation.
 pub(super) struct Queue<T, const CHANNELS: usize> {
     channels: Mutex<Channels<T, CHANNELS>>,
     filled: Condvar,
 }
 
 impl<T, const CHANNELS: usize> Queue<T, CHANNELS> {
-    /// Shelves that hold at most so many entries each, and at least one.
+    /// `most`: the bound of each channel, at least one message.
     pub fn new(most: [usize; CHANNELS]) -> Self {
         let channels = most.map(|most| Channel { entries: VecDeque::new(), most: most.max(1), dropped: 0 });
         Self { channels: Mutex::new(Channels { channels, next: 0, is_over: false }), filled: Condvar::new() }
@@ -61,11 +63,11 @@ impl<T, const CHANNELS: usize> Queue<T, CHANNELS> {
     pub fn push(&self, channel: usize, entry: T) {
         let gone = self.lock().insert(channel, entry);
         self.filled.notify_one();
-        // Let go after the lock is.
+        // Dropped after the lock is released.
         drop(gone);
     }
 
-    /// Nothing more will come.
+    /// Closes the queue.
     pub fn end(&self) {
         self.lock().is_over = true;
         self.filled.notify_all();
@@ -88,18 +90,18 @@ impl<T, const CHANNELS: usize> Queue<T, CHANNELS> {
         }
     }
 
-    /// Entries of each shelf that nobody fetched in time.
+    /// Dropped messages of each channel.
     pub fn dropped(&self) -> [u64; CHANNELS] {
         let channels = self.lock();
         std::array::from_fn(|channel| channels.channels[channel].dropped)
     }
 
     fn lock(&self) -> MutexGuard<'_, Channels<T, CHANNELS>> {
-        // Nothing in here panics halfway.
+        // Nothing panics while the lock is held.
         self.channels.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The lock, if it is to be had within some microseconds.
+    /// Tries to take the lock for a few microseconds.
     fn try_lock(&self) -> Option<MutexGuard<'_, Channels<T, CHANNELS>>> {
         for _ in 0..LOCK_ATTEMPTS {
             match self.channels.try_lock() {
@@ -113,7 +115,7 @@ impl<T, const CHANNELS: usize> Queue<T, CHANNELS> {
 }
 
 impl<T, const CHANNELS: usize> Channels<T, CHANNELS> {
-    /// Gives the entry that had to go.
+    /// Returns the message that was dropped.
     fn insert(&mut self, channel: usize, entry: T) -> Option<T> {
         let number = self.next;
         self.next += 1;
@@ -131,8 +133,8 @@ impl<T, const CHANNELS: usize> Channels<T, CHANNELS> {
     }
 }
 
-/// One end of a shelf, for a thread that must not be held up: what finds the queue locked is kept, within the shelf's
-/// bound, and goes with the next entry.
+/// Non-blocking input of one channel. Messages that find the queue locked stay in a backlog, within
+/// the channel's bound, and are sent with the next message.
 pub(super) struct MapperInput<T, const CHANNELS: usize> {
     queue: Arc<Queue<T, CHANNELS>>,
     channel: usize,
@@ -152,7 +154,7 @@ impl<T, const CHANNELS: usize> MapperInput<T, CHANNELS> {
         Self { queue: Arc::clone(queue), channel, backlog }
     }
 
-    /// Puts an entry on the shelf, now or with the next one.
+    /// Sends a message now or with the next one.
     pub fn push(&self, entry: T) {
         let mut backlog = self.lock();
         backlog.entries.push_back(entry);
@@ -168,18 +170,18 @@ impl<T, const CHANNELS: usize> MapperInput<T, CHANNELS> {
         }
     }
 
-    /// Puts everything that was kept on the shelf, waiting for the lock if need be.
+    /// Sends the backlog, waiting for the lock if necessary.
     pub fn flush(&self) {
         let entries = std::mem::take(&mut self.lock().entries);
         entries.into_iter().for_each(|entry| self.queue.push(self.channel, entry));
     }
 
-    /// Entries that were kept for too long.
+    /// Messages dropped from the backlog.
     pub fn dropped(&self) -> u64 {
         self.lock().dropped
     }
 
-    /// Only the feeding thread and who counts ever hold this one.
+    /// Only the sending thread and the reader of the counters take this lock.
     fn lock(&self) -> MutexGuard<'_, Backlog<T>> {
         self.backlog.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,8 +1,9 @@
-//! One thread that owns the line to the board and its session: reads so that the port never fills, waits for bytes or
-//! for the session's next deadline, and hands events over through a queue that never holds it up.
+//! The reader thread: owns the board's port and session. It reads so that the port never fills,
+//! waits for bytes or the session's next deadline, and forwards events through a queue that never
+//! blocks it.
 //!
-//! A line that is lost is tried again every half second, by the same USB device where it is known, since a board that is
-//! plugged in again may have another path.
+//! A lost port is retried every half second. Where the USB device is known it is searched by that,
+//! because a replugged board may have another path.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,85 +15,85 @@ use super::{Dropped, Latency, LatencyReport, Received, now_ns, thread_cpu_ns};
 use a121::find::{Candidate, find_replugged, list_ports};
 use a121::{Action, Address, ClockReport, Event, Line, PortError, Session, SessionCounters, SessionError, Setup};
 
-/// Longest wait for bytes: how soon being asked to stop is noticed.
+/// Longest wait for bytes, nanoseconds: bounds the reaction time to a stop. Choice.
 const MAX_WAIT_NS: i64 = 20_000_000;
-/// Between tries to open a lost line.
+/// Interval of attempts to reopen a lost port, nanoseconds. Choice.
 const RETRY_NS: i64 = 500_000_000;
-/// A line that is lost for longer is told of, with the reason.
+/// A port that stays lost for longer is reported with the reason, nanoseconds. Choice.
 const REPORT_AFTER_NS: i64 = 2_000_000_000;
-/// A board that has not stopped by then is left as it is.
+/// A board that has not stopped by then is abandoned, nanoseconds. Choice.
 const MAX_STOP_NS: i64 = 5_000_000_000;
-/// Counters are renewed this often.
+/// Interval of the shared counters, nanoseconds. Choice.
 const COUNTERS_INTERVAL_NS: i64 = 100_000_000;
-/// Lines of the board's log, and other events, that wait for a slow reader.
+/// Bounds for lines of the board's log and for other events that wait for a slow reader. Choice.
 const MAX_LOGS: usize = 256;
 const MAX_OTHERS: usize = 1024;
-/// Shelves of the queue.
+/// Channels of the queue.
 const FRAMES: usize = 0;
 const LOGS: usize = 1;
 const OTHERS: usize = 2;
-/// Bytes read at once: more than a port holds.
+/// Bytes read at once: more than a port's buffer holds.
 const READ_BYTES: usize = 1 << 16;
 
-/// How a stream is handed over.
+/// Options of a stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StreamOptions {
-    /// Results that wait for a slow reader; beyond, the oldest are dropped and counted.
+    /// Bound of results that wait for a slow reader; beyond, the oldest are dropped and counted.
     pub max_results: usize,
-    /// Speed of a serial line, bits a second; `None`: the fastest that serves.
+    /// Speed of a serial port, bits per second; `None`: the fastest that works.
     pub baud: Option<u32>,
 }
 
 impl Default for StreamOptions {
-    /// Some 15 s of the default preset.
+    /// A bound of about 15 s of the default preset.
     fn default() -> Self {
         Self { max_results: 1024, baud: None }
     }
 }
 
-/// What a stream gives.
+/// Events of a stream.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StreamEvent {
-    /// What the session tells.
+    /// An event of the session.
     Session(Event),
-    /// A lost line is open again, at this address.
+    /// A lost port was reopened at this address.
     Reopened(String),
-    /// A lost line stays lost, and why; told once.
+    /// A lost port stays lost, with the reason; sent once.
     Waiting(String),
 }
 
-/// Why no stream begins.
+/// Why a stream cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum StreamError {
-    /// The line does not open.
+    /// The port does not open.
     #[error(transparent)]
     Port(#[from] PortError),
-    /// A set-up that breaks a rule.
+    /// The set-up is invalid.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// No thread.
+    /// The thread cannot be created.
     #[error("cannot start the reader's thread: {0}")]
     Thread(std::io::Error),
 }
 
-/// What a stream has been through.
+/// Counters of a stream.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StreamCounters {
-    /// The session's.
+    /// The session's counters.
     pub session: SessionCounters,
-    /// How good the times are; `None` before streaming.
+    /// Quality of the times; `None` before streaming.
     pub clock: Option<ClockReport>,
-    /// What nobody fetched in time.
+    /// Events dropped because nobody fetched them in time.
     pub dropped: Dropped,
-    /// Times that the line was lost.
+    /// How often the port was lost.
     pub losses: u64,
-    /// Times that it was opened again.
+    /// How often it was reopened.
     pub reopenings: u64,
-    /// From the bytes that completed a result to its hand-over.
+    /// From the bytes that completed a result to its forwarding.
     pub latency: LatencyReport,
     /// Processor time of the reader's thread, seconds.
     pub cpu_s: f64,
-    /// How long it has been running, seconds.
+    /// Running time, seconds.
     pub running_s: f64,
 }
 
@@ -102,17 +103,17 @@ struct Shared {
     stop: AtomicBool,
 }
 
-/// A board's stream. Dropping it stops the board and waits for that, at most some seconds.
+/// A board's stream. Dropping it stops the board and waits for that, a few seconds at most.
 pub struct SensorStream {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl SensorStream {
-    /// Opens the line and begins.
+    /// Opens the port and starts the session.
     ///
     /// # Errors
-    /// The line does not open; a set-up breaks a rule.
+    /// The port does not open; the set-up is invalid.
     pub fn open(setup: Setup, place: &Candidate, options: &StreamOptions) -> Result<Self, StreamError> {
         let line = Line::open(&place.address)?;
         let session = Session::new(setup, place.link(options.baud), now_ns())?;
@@ -140,24 +141,24 @@ impl SensorStream {
         Ok(Self { shared, thread: Some(thread) })
     }
 
-    /// The next event, waiting at most so long.
+    /// The next event, waiting at most this long.
     pub fn recv_timeout(&self, patience: Duration) -> Received<StreamEvent> {
         self.shared.queue.receive(patience)
     }
 
-    /// What it has been through, as of a tenth of a second ago at most.
+    /// Counters, at most 0.1 s old.
     pub fn counters(&self) -> StreamCounters {
         let counters = *self.shared.counters.lock().unwrap_or_else(PoisonError::into_inner);
         let [frames, logs, others] = self.shared.queue.dropped();
         StreamCounters { dropped: Dropped { frames, logs, others }, ..counters }
     }
 
-    /// Asks the board to stop; what is on its way still comes, then [`Received::Over`].
+    /// Asks the board to stop. Events on their way still arrive, then the stream reports its end.
     pub fn stop(&self) {
         self.shared.stop.store(true, Ordering::Relaxed);
     }
 
-    /// Stops, and waits for the thread's end: at most some seconds.
+    /// Stops and waits for the thread's end, a few seconds at most.
     pub fn finish(mut self) -> StreamCounters {
         self.end();
         self.counters()
@@ -166,7 +167,7 @@ impl SensorStream {
     fn end(&mut self) {
         self.stop();
         if let Some(thread) = self.thread.take() {
-            // A panic of its own has been printed.
+            // A panic of the thread has been printed.
             let _ = thread.join();
         }
     }
@@ -178,7 +179,7 @@ impl Drop for SensorStream {
     }
 }
 
-/// Tells the receiver that nothing comes any more, however the thread ends.
+/// Closes the queue when the thread ends for any reason.
 struct QueueCloser(Arc<Shared>);
 
 impl Drop for QueueCloser {
@@ -187,7 +188,7 @@ impl Drop for QueueCloser {
     }
 }
 
-/// What the thread owns.
+/// State of the thread.
 struct Reader {
     session: Session,
     line: Option<Line>,
@@ -197,7 +198,7 @@ struct Reader {
     start_ns: i64,
     last_read_ns: i64,
     next_try_ns: i64,
-    /// Since when the line is lost, until that was told.
+    /// Since when the port has been lost; `None` once that was reported.
     lost_ns: Option<i64>,
     stop_by_ns: Option<i64>,
     published_ns: i64,
@@ -233,7 +234,7 @@ impl Reader {
         }
     }
 
-    /// Does what the session asks for, then waits for bytes or its next deadline.
+    /// Performs the session's actions, then waits for bytes or its next deadline.
     fn serve(&mut self) {
         let Some(line) = &mut self.line else { return };
         while let Some(action) = self.session.next_action() {
@@ -246,7 +247,7 @@ impl Reader {
             }
         }
         let wait_ns = self.session.next_deadline_ns().saturating_sub(now_ns()).clamp(0, MAX_WAIT_NS);
-        // What came is read before the session judges how late it is.
+        // Received bytes are processed before the session checks its deadlines.
         match line.read(&mut self.buffer, Duration::from_nanos(wait_ns as u64)) {
             Ok(0) => {}
             Ok(count) => {
@@ -284,7 +285,7 @@ impl Reader {
             }
             Err(error) => {
                 self.next_try_ns = now_ns.saturating_add(RETRY_NS);
-                // A board that was just plugged in may not be ours to open for a moment.
+                // The permissions of a board that was just plugged in may take a moment to be set.
                 if self.lost_ns.is_some_and(|lost_ns| now_ns.saturating_sub(lost_ns) > REPORT_AFTER_NS) {
                     self.lost_ns = None;
                     self.shared.queue.push(OTHERS, StreamEvent::Waiting(error.to_string()));
@@ -293,7 +294,7 @@ impl Reader {
         }
     }
 
-    /// Where the board is by now.
+    /// The board's current address.
     fn address_now(&mut self) -> Result<Address, PortError> {
         if let (Some(usb), Address::Serial { path, .. }) = (&self.place.usb, &mut self.place.address) {
             match find_replugged(&list_ports(), usb, path) {
@@ -321,7 +322,7 @@ impl Reader {
         }
     }
 
-    /// Renews the counters that others see, when they are older than this.
+    /// Updates the shared counters when they are older than this.
     fn publish(&mut self, age_ns: i64) {
         let now_ns = now_ns();
         if now_ns.saturating_sub(self.published_ns) < age_ns {

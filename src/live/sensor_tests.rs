@@ -1,4 +1,4 @@
-//! The reader thread against a tiny board over a socket and over a pseudo-terminal.
+//! Tests of the reader thread against a small fake board over a socket and a pseudo-terminal.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -8,7 +8,7 @@ use super::*;
 use a121::SensorFrame;
 use a121::find::{Board, choose};
 
-/// Nothing takes so long.
+/// Upper bound of every wait.
 const TIMEOUT: Duration = Duration::from_secs(20);
 
 fn open(address: &str, options: &StreamOptions) -> SensorStream {
@@ -19,7 +19,7 @@ fn link(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("radar-chaperone-{name}-{}", std::process::id()))
 }
 
-/// Events until one is what is looked for.
+/// Takes events until one matches.
 fn until<T>(stream: &SensorStream, mut wanted: impl FnMut(StreamEvent) -> Option<T>) -> T {
     let start = Instant::now();
     while start.elapsed() < TIMEOUT {
@@ -115,7 +115,7 @@ fn slow_reader_gets_newest_frames_and_drops_are_counted() {
         assert!(start.elapsed() < TIMEOUT, "{:?}", stream.counters());
         std::thread::sleep(Duration::from_millis(20));
     }
-    // What happened before them is still told.
+    // Earlier events of other channels are still delivered.
     until(&stream, |event| matches!(event, StreamEvent::Session(Event::Streaming)).then_some(()));
     let oldest = next_frame(&stream).frame;
     assert!(oldest.tick >= 5000 * 50, "{}", oldest.tick);
@@ -125,13 +125,13 @@ fn slow_reader_gets_newest_frames_and_drops_are_counted() {
 
 #[test]
 fn stopping_is_bounded_in_time() {
-    // A board that accepts and says nothing.
+    // A board that accepts the connection and never answers.
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let stream = open(&format!("tcp:{}", listener.local_addr().unwrap()), &StreamOptions::default());
     let start = Instant::now();
     stream.finish();
     assert!(start.elapsed() < TIMEOUT);
-    // A board that is gone while its frames are awaited.
+    // A board that disappears while frames are expected.
     let (board, address) = TestBoard::on_tcp();
     let stream = open(&format!("tcp:{address}"), &StreamOptions::default());
     next_frame(&stream);

@@ -1,5 +1,5 @@
-//! A tiny board for the tests of this room: canned answers, small frames at a steady rate, over a socket or a
-//! pseudo-terminal that can be pulled and plugged in again.
+//! A small fake board for the tests of this module: canned answers and small frames at a steady
+//! rate, over a socket or a pseudo-terminal that can be unplugged and replugged.
 
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -14,19 +14,19 @@ use serialport::{SerialPort, TTYPort};
 use a121::Setup;
 use a121::{SensorConfig, Subsweep, preset};
 
-/// Samples of a frame.
+/// Samples per frame.
 pub(super) const SAMPLES: usize = 40;
-/// Between frames.
+/// Interval of frames.
 const PERIOD: Duration = Duration::from_millis(5);
 
-/// What the board is asked for.
+/// The set-up that the tests request.
 pub(super) fn setup() -> Setup {
     let d16 = preset("d16").unwrap();
     let subsweeps = vec![Subsweep { num_points: 10, ..d16.subsweeps[0] }];
     Setup::single(1, SensorConfig { sweeps_per_frame: 4, frame_rate: Some(200.0), subsweeps, ..d16 })
 }
 
-/// A board in a thread of its own; dropping it ends it.
+/// A fake board in its own thread; dropping it ends the thread.
 pub(super) struct TestBoard {
     pulled: Arc<AtomicBool>,
     over: Arc<AtomicBool>,
@@ -35,11 +35,11 @@ pub(super) struct TestBoard {
 }
 
 impl TestBoard {
-    /// Listens on a free port of this computer; the address is `host:port`.
+    /// Listens on a free local port; returns the address as `host:port`.
     pub fn on_tcp() -> (Self, String) {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
-        // Pulled: nobody listens.
+        // While unplugged, nothing listens.
         let mut listener = Some(listener);
         let board = Self::start(None, move |pulled| {
             if pulled {
@@ -56,7 +56,7 @@ impl TestBoard {
         (board, address.to_string())
     }
 
-    /// Behind a link of this name to whatever terminal it has by now.
+    /// Behind a symbolic link of this name to its current terminal.
     pub fn on_terminal(link: &Path) -> Self {
         let path = link.to_owned();
         let board = Self::start(Some(path.clone()), move |pulled| {
@@ -75,7 +75,7 @@ impl TestBoard {
         board
     }
 
-    /// Gone, until it is plugged in.
+    /// Unplugs it until it is plugged in again.
     pub fn pull(&self) {
         self.pulled.store(true, Ordering::Relaxed);
     }
@@ -109,7 +109,7 @@ impl Drop for TestBoard {
     }
 }
 
-/// Speaks to one client until it hangs up or the board is pulled.
+/// Serves one client until it disconnects or the board is unplugged.
 fn serve(mut wire: impl Read + Write, is_gone: impl Fn() -> bool) {
     let (mut line, mut buffer, mut next_frame, mut count) = (Vec::new(), [0; 4096], None::<Instant>, 0u32);
     while !is_gone() {
@@ -117,7 +117,7 @@ fn serve(mut wire: impl Read + Write, is_gone: impl Fn() -> bool) {
             Ok(0) => return,
             Ok(read) => line.extend_from_slice(&buffer[..read]),
             Err(error) if error.kind() == std::io::ErrorKind::ConnectionReset => return,
-            // A terminal that nobody has open yet gives errors as well.
+            // A terminal that nobody has opened yet also gives errors.
             Err(_) => sleep(Duration::from_micros(100)),
         }
         while let Some(end) = line.iter().position(|&byte| byte == b'\n') {

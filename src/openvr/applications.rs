@@ -1,4 +1,5 @@
-//! This program in SteamVR's list of applications: its manifest, and whether SteamVR starts it.
+//! Registration of this program with SteamVR: its manifest, and whether SteamVR starts it
+//! automatically.
 
 use std::ffi::{CStr, CString, c_char};
 use std::path::{Path, PathBuf};
@@ -9,11 +10,11 @@ use super::error::OpenVrError;
 use super::runtime::{Runtime, call, string_from};
 use super::sys;
 
-/// The name by which SteamVR knows this program.
+/// Application key of this program in SteamVR.
 pub const APP_KEY: &str = "radar-chaperone.overlay";
 const KEY: &CStr = c"radar-chaperone.overlay";
 
-/// The manifest: what SteamVR starts, with which arguments, and what it is called.
+/// The manifest: which binary SteamVR starts, with which arguments, and its display name.
 pub fn manifest(binary: &Path, arguments: &str) -> String {
     let path = binary.display().to_string();
     let path_key = if cfg!(windows) { "binary_path_windows" } else { "binary_path_linux" };
@@ -36,19 +37,19 @@ pub fn manifest(binary: &Path, arguments: &str) -> String {
     format!("{manifest:#}\n")
 }
 
-/// How SteamVR knows this program.
+/// Registration of this program in SteamVR.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Registration {
-    /// Whether it knows it at all.
+    /// Whether this program is registered.
     pub is_registered: bool,
-    /// The program that it would start.
+    /// The binary that SteamVR would start.
     pub binary: Option<PathBuf>,
-    /// Whether it starts it with the headset.
+    /// Whether SteamVR starts it automatically.
     pub autolaunch: bool,
 }
 
 impl Runtime {
-    /// How SteamVR knows this program now.
+    /// The current registration.
     pub fn registration(&self) -> Registration {
         let is_registered = call!(self.applications, IsApplicationInstalled(key()));
         Registration {
@@ -71,10 +72,10 @@ impl Runtime {
             .then(|| PathBuf::from(String::from_utf8_lossy(&text[..until]).into_owned()))
     }
 
-    /// Tells SteamVR of the manifest, for good.
+    /// Registers the manifest permanently.
     ///
     /// # Errors
-    /// SteamVR refuses it.
+    /// SteamVR rejects the manifest.
     pub fn register(&self, manifest: &Path) -> Result<(), OpenVrError> {
         let path = path_text(manifest)?;
         self.check_call(
@@ -83,31 +84,31 @@ impl Runtime {
         )
     }
 
-    /// Has SteamVR forget the manifest.
+    /// Removes the manifest.
     ///
     /// # Errors
-    /// SteamVR refuses; it never knew it.
+    /// SteamVR rejects the call, or the manifest is not registered.
     pub fn unregister(&self, manifest: &Path) -> Result<(), OpenVrError> {
         let path = path_text(manifest)?;
         let error = call!(self.applications, RemoveApplicationManifest(path.as_ptr().cast_mut()));
-        self.check_call("to forget the manifest", error)
+        self.check_call("to remove the manifest", error)
     }
 
-    /// Whether SteamVR shall start this program by itself.
+    /// Sets whether SteamVR starts this program automatically.
     ///
     /// # Errors
-    /// SteamVR refuses; it does not know this program.
+    /// SteamVR rejects the call, or this program is not registered.
     pub fn set_autolaunch(&self, starts: bool) -> Result<(), OpenVrError> {
-        self.check_call("to start it by itself", call!(self.applications, SetApplicationAutoLaunch(key(), starts)))
+        self.check_call("automatic start", call!(self.applications, SetApplicationAutoLaunch(key(), starts)))
     }
 
     /// Tells SteamVR that this process is the application of the manifest, however it was started.
     ///
     /// # Errors
-    /// SteamVR does not know the application.
+    /// The application is not registered.
     pub fn identify(&self) -> Result<(), OpenVrError> {
         let error = call!(self.applications, IdentifyApplication(std::process::id(), key()));
-        self.check_call("to know this program", error)
+        self.check_call("to identify this program", error)
     }
 
     fn check_call(&self, call: &'static str, error: sys::EVRApplicationError) -> Result<(), OpenVrError> {

@@ -1,23 +1,25 @@
-//! SteamVR's own chaperone: its colour, the distance from which it is drawn, and the play area.
+//! Settings of SteamVR's chaperone: its colour, the distance from which it is drawn, and the play
+//! area.
 
 use std::ffi::CStr;
 
 use super::runtime::{Runtime, call};
 use super::sys;
 
-/// What the user has set for the chaperone, as far as the runtime tells.
+/// The user's chaperone settings, as far as the runtime provides them.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Chaperone {
     /// Colour of the bounds: sRGB red, green, blue, 0 to 255.
     pub color: Option<[u8; 3]>,
     /// Distance from which the bounds are drawn, metres.
     pub fade_distance_m: Option<f64>,
-    /// The play area's width (x) and depth (z), metres, with its middle at the standing universe's origin.
+    /// Width (x) and depth (z) of the play area, metres. Its centre is the origin of the standing
+    /// universe.
     pub play_area_m: Option<[f64; 2]>,
 }
 
 impl Runtime {
-    /// What is set now.
+    /// The current settings.
     pub fn chaperone(&self) -> Chaperone {
         let section = sys::k_pch_CollisionBounds_Section;
         let fade_m = self.float_setting(section, sys::k_pch_CollisionBounds_FadeDistance_Float);

@@ -1,4 +1,4 @@
-//! A tab of the dashboard: a picture that SteamVR shows where it likes, a small one for its button, and the laser pointer on it.
+//! A dashboard tab: its image, the image of its button, and laser pointer input.
 
 use std::ffi::CString;
 use std::marker::PhantomData;
@@ -10,43 +10,43 @@ use super::runtime::{Runtime, call};
 use super::sys;
 use super::vulkan::VulkanTexture;
 
-/// Width of the tab's picture, metres: as wide as others'.
+/// Width of the tab, metres. Choice: as wide as other tabs.
 const TAB_WIDTH_M: f32 = 2.4;
 
-/// What the user does to the tab. Places are pixels from the upper left.
+/// Input on the tab. Positions are pixels from the upper left.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TabEvent {
-    /// The pointer is there.
+    /// The pointer moved to this position.
     Moved([f32; 2]),
-    /// The trigger was pulled there.
+    /// The trigger was pressed at this position.
     Pressed([f32; 2]),
-    /// It was let go there.
+    /// The trigger was released at this position.
     Released([f32; 2]),
-    /// The pointer has left.
+    /// The pointer left the tab.
     Left,
-    /// The tab is shown or hidden.
+    /// The tab was shown or hidden.
     Visibility,
-    /// Anything else.
+    /// Any other event.
     Other,
 }
 
-/// A tab; destroyed when dropped.
+/// A dashboard tab. Destroyed when dropped.
 pub struct DashboardTab {
-    /// Keeps the table alive.
+    /// Keeps the function table valid.
     _runtime: Arc<Runtime>,
     table: &'static sys::VR_IVROverlay_FnTable,
     main: sys::VROverlayHandle_t,
     thumbnail: sys::VROverlayHandle_t,
     height_px: f32,
-    /// Neither sent to another thread nor shared with one.
+    /// Makes the type neither `Send` nor `Sync`.
     thread: PhantomData<*const ()>,
 }
 
 impl DashboardTab {
-    /// A tab for pictures of that size. The key must be the only one of its kind in SteamVR.
+    /// Creates a tab for images of this size. The key must be unique in SteamVR.
     ///
     /// # Errors
-    /// The runtime refuses, or has no dashboard.
+    /// The runtime rejects the call, or has no dashboard.
     pub fn new(runtime: &Arc<Runtime>, key: &str, name: &str, size_px: [u32; 2]) -> Result<Self, OpenVrError> {
         let text = |text: &str| CString::new(text).unwrap_or_default();
         let (key, name) = (text(key), text(name));
@@ -67,16 +67,18 @@ impl DashboardTab {
         Ok(tab)
     }
 
-    /// What the user did, if there is more.
+    /// Next event, if any.
     pub fn next_event(&self) -> Option<TabEvent> {
         let mut event = std::mem::MaybeUninit::<sys::VREvent_t>::zeroed();
         let length = size_of::<sys::VREvent_t>() as u32;
         if !call!(self.table, PollNextOverlayEvent(self.main, event.as_mut_ptr(), length)) {
             return None;
         }
-        // SAFETY: all zero is an event of kind 0, and the kind is a plain number whatever the runtime wrote.
+        // SAFETY: all zeros is an event of kind 0, and the kind is a plain number whatever the
+        // runtime wrote.
         let kind = unsafe { (*event.as_ptr()).eventType } as sys::EVREventType;
-        // SAFETY: the data are numbers whatever the runtime wrote; they are looked at where the kind says that they are a mouse's.
+        // SAFETY: the data is plain numbers whatever the runtime wrote. It is used only if the kind
+        // says that it is mouse data.
         let mouse =
             unsafe { std::ptr::addr_of!((*event.as_ptr()).data).cast::<sys::VREvent_Mouse_t>().read_unaligned() };
         // The runtime counts from the lower edge.
@@ -91,23 +93,23 @@ impl DashboardTab {
         })
     }
 
-    /// Whether it is shown now.
+    /// Whether it is shown.
     pub fn is_visible(&self) -> bool {
         call!(self.table, IsOverlayVisible(self.main))
     }
 
-    /// Its picture; as [`super::Overlay::set_texture`].
+    /// Sets its image, as [`super::Overlay::set_texture`].
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn set_picture(&self, texture: &VulkanTexture) -> Result<(), OpenVrError> {
         submit_texture(self.table, self.main, texture)
     }
 
-    /// The picture of its button.
+    /// Sets the image of its button.
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn set_thumbnail(&self, texture: &VulkanTexture) -> Result<(), OpenVrError> {
         submit_texture(self.table, self.thumbnail, texture)
     }
@@ -115,7 +117,7 @@ impl DashboardTab {
 
 impl Drop for DashboardTab {
     fn drop(&mut self) {
-        // Its thumbnail goes with it; a runtime that is gone has forgotten both already.
+        // The runtime destroys the thumbnail too. If the runtime has exited, both no longer exist.
         call!(self.table, DestroyOverlay(self.main));
     }
 }

@@ -1,4 +1,4 @@
-//! The headset's display: its frames, its eyes, and what tells one headset and one room from another.
+//! The headset's display: frame timing, eyes, and the identity of headset and tracking universe.
 
 use std::time::Duration;
 
@@ -8,25 +8,25 @@ use super::sys;
 use radar_sar::geometry::Pose;
 
 pub(super) const HEADSET: u32 = sys::k_unTrackedDeviceIndex_Hmd as u32;
-/// Where a headset tells nothing, seconds: the usual 90 Hz, and a frame of light.
+/// Defaults if the headset reports nothing: 90 Hz, and the display time of one such frame, seconds.
 const DEFAULT_FRAME_HZ: f64 = 90.0;
 const DEFAULT_VSYNC_TO_PHOTONS_S: f64 = 0.011;
 
-/// When a frame's light comes.
+/// When the light of a frame is emitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DisplayTiming {
-    /// Frames a second.
+    /// Frame rate, Hz.
     pub frame_hz: f64,
-    /// From the display's sync to the middle of its light, seconds.
+    /// From the display's vertical sync to the middle of its light, seconds.
     pub vsync_to_photons_s: f64,
 }
 
 /// An eye of the headset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeadsetEye {
-    /// Where it sits in the head.
+    /// Pose of the eye in the head frame.
     pub head_from_eye: Pose,
-    /// Left, right, top, bottom as `GetProjectionRaw` gives them: top is the lower edge.
+    /// Left, right, top, bottom as in `GetProjectionRaw`: top is the lower edge.
     pub tangents: [f64; 4],
 }
 
@@ -41,7 +41,7 @@ impl Runtime {
         }
     }
 
-    /// How far ahead the light of the frame that is drawn now is, seconds.
+    /// Time from now until the light of the frame that is being drawn, seconds.
     pub fn time_to_photons_s(&self, timing: &DisplayTiming) -> f64 {
         let (mut since_s, mut frame) = (0.0f32, 0u64);
         let is_told = call!(self.system, GetTimeSinceLastVsync(&mut since_s, &mut frame));
@@ -50,14 +50,15 @@ impl Runtime {
         period_s - since_s.clamp(0.0, period_s) + timing.vsync_to_photons_s
     }
 
-    /// Waits for the next frame, at most so long; false when it did not come or the runtime cannot tell.
+    /// Waits for the next frame, at most `patience`. Returns false if it did not come or the
+    /// runtime cannot wait for it.
     pub fn wait_frame(&self, patience: Duration) -> bool {
         let timeout_ms = patience.as_millis().clamp(1, 1000) as u32;
         let Some(overlay) = self.overlay else { return false };
         call!(overlay, WaitFrameSync(timeout_ms)) == sys::EVROverlayError_VROverlayError_None
     }
 
-    /// Left and right eye; `None` where the runtime gives what is none.
+    /// Left and right eye; `None` if the runtime returns invalid values.
     pub fn eyes(&self) -> Option<[HeadsetEye; 2]> {
         let eye = |which| {
             let head_from_eye = pose(&call!(self.system, GetEyeToHeadTransform(which)))?;
@@ -72,7 +73,7 @@ impl Runtime {
         Some([eye(sys::EVREye_Eye_Left)?, eye(sys::EVREye_Eye_Right)?])
     }
 
-    /// Width and height that the runtime would have an eye drawn with, pixels.
+    /// Width and height that the runtime recommends for one eye's image, pixels.
     pub fn eye_size_px(&self) -> [u32; 2] {
         let (mut width, mut height) = (0, 0);
         call!(self.system, GetRecommendedRenderTargetSize(&mut width, &mut height));
@@ -89,7 +90,7 @@ impl Runtime {
         system.map_or(name.clone(), |system| format!("{name} ({system})"))
     }
 
-    /// Which room the tracking system believes to be in; a change makes all places of before worthless.
+    /// Id of the tracking universe. When it changes, all earlier positions are invalid.
     pub fn universe_id(&self) -> Option<u64> {
         let mut error = 0;
         let property = sys::ETrackedDeviceProperty_Prop_CurrentUniverseId_Uint64;

@@ -1,60 +1,60 @@
-//! What goes wrong between this program and SteamVR, with what to do about it.
+//! Errors between this program and SteamVR, with their remedies.
 
 use std::path::PathBuf;
 
-/// An error of SteamVR or on the way to it.
+/// An error of SteamVR or of finding it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum OpenVrError {
-    /// No list of runtimes where Valve's loader looks for one.
+    /// There is no registry file where Valve's loader looks for it.
     #[error("SteamVR is not installed: there is no {}. Install it in Steam and start it once", .0.display())]
     NotInstalled(PathBuf),
-    /// The list of runtimes cannot be used.
-    #[error("the list of VR runtimes {} cannot be used: {reason}. Starting SteamVR once writes it anew", path.display())]
+    /// The registry file cannot be used.
+    #[error("the list of VR runtimes {} cannot be used: {reason}. Starting SteamVR once creates it again", path.display())]
     Registry {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         reason: String,
     },
-    /// The runtime's library is not there.
-    #[error("SteamVR's library {} is not there: let Steam check its files, or mend VR_OVERRIDE", .0.display())]
+    /// The runtime's library is missing.
+    #[error("SteamVR's library {} is missing: let Steam verify its files, or correct VR_OVERRIDE", .0.display())]
     NoLibrary(PathBuf),
-    /// The runtime's library does not load, or is none.
+    /// The runtime's library does not load, or is not a VR runtime.
     #[error("SteamVR's library {} cannot be used: {reason}", path.display())]
     Library {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         reason: String,
     },
-    /// SteamVR does not run, and nobody asked to start it.
+    /// SteamVR is not running, and this role does not start it.
     #[error("SteamVR is not running: start it, or wait for it with `radar-chaperone run --wait`")]
     NotRunning,
     /// SteamVR has no headset.
     #[error("SteamVR finds no headset: is it plugged in and switched on?")]
     NoHeadset,
-    /// It does not let this program in.
-    #[error("SteamVR does not let this program in: {text} ({name}, {code})")]
+    /// SteamVR rejected the connection.
+    #[error("SteamVR rejected the connection: {text} ({name}, {code})")]
     Refused {
-        /// Number of the error.
+        /// Error number.
         code: i64,
-        /// Its name.
+        /// Error name.
         name: String,
-        /// The runtime's own words.
+        /// Error text of the runtime.
         text: String,
     },
-    /// An interface that this program was written for is missing.
+    /// A required interface is missing.
     #[error("SteamVR has no {0}: it is older than this program needs. Let Steam update it")]
     Interface(String),
-    /// A call was refused.
+    /// SteamVR rejected a call.
     #[error("SteamVR refused {call}: {name}")]
     Call {
-        /// What was asked.
+        /// What was requested.
         call: &'static str,
-        /// Name of the error.
+        /// Error name.
         name: String,
     },
-    /// SteamVR went away without a word.
-    #[error("SteamVR does not answer any more")]
+    /// SteamVR exited unexpectedly.
+    #[error("SteamVR exited unexpectedly")]
     Gone,
 }

@@ -1,24 +1,25 @@
-//! What the runtime tells of itself.
+//! Events of the runtime.
 
 use super::runtime::{Runtime, call};
 use super::sys;
 
-/// An event, as far as it matters here.
+/// An event that this program handles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
-    /// SteamVR ends: leave within seconds.
+    /// SteamVR quits: exit within seconds.
     Quit,
-    /// The user recentred, or set the room up anew: the standing universe has moved, or the room is another.
+    /// The user recentred or set up the room again: the standing universe has moved, or the
+    /// universe is another one.
     UniverseMoved,
     /// Colour or distance of the chaperone changed.
     ChaperoneChanged,
-    /// A device came or went, or hands were told apart anew.
+    /// A device was connected or disconnected, or the hand roles changed.
     DevicesChanged,
     /// The headset was taken off.
     Standby,
     /// The headset was put on.
     Awake,
-    /// Anything else.
+    /// Any other event.
     Other,
 }
 
@@ -44,16 +45,18 @@ impl Event {
 }
 
 impl Runtime {
-    /// The next event, if any waits.
+    /// The next event, if any.
     pub fn next_event(&self) -> Option<Event> {
         let mut event = std::mem::MaybeUninit::<sys::VREvent_t>::zeroed();
         let length = size_of::<sys::VREvent_t>() as u32;
         let is_there = call!(self.system, PollNextEvent(event.as_mut_ptr(), length));
-        // SAFETY: all zero is an event of kind 0, and the kind is a plain number whatever the runtime wrote.
+        // SAFETY: all zeros is an event of kind 0, and the kind is a plain number whatever the
+        // runtime wrote.
         is_there.then(|| Event::of(unsafe { (*event.as_ptr()).eventType }))
     }
 
-    /// Tells the runtime, after [`Event::Quit`], that this program is on its way out and need not be ended.
+    /// Tells the runtime, after [`Event::Quit`], that this program is exiting and need not be
+    /// killed.
     pub fn acknowledge_quit(&self) {
         call!(self.system, AcknowledgeQuit_Exiting());
     }

@@ -1,4 +1,5 @@
-//! The graphics device as the runtime wants it: what it asks for, put before [`super::vulkan`].
+//! Opens the graphics device with the extensions and adapter that the runtime requests: passes
+//! these to [`super::vulkan`].
 
 use std::ffi::{CString, c_char};
 
@@ -6,11 +7,11 @@ use super::runtime::{Runtime, call};
 use super::sys;
 use super::vulkan::{VulkanDevice, VulkanError, VulkanRequirements, open};
 
-/// No list of extensions is longer.
+/// Limit of an extension list, bytes. Choice.
 const MAX_LIST_BYTES: u32 = 1 << 16;
 
 impl Runtime {
-    /// Opens a device on the adapter that the headset is on, with all extensions that handing textures over takes.
+    /// Opens a device on the headset's adapter, with all extensions needed to hand over textures.
     ///
     /// # Errors
     /// Vulkan, the adapter or an extension is missing.
@@ -33,7 +34,8 @@ impl Runtime {
     }
 }
 
-/// The names in a list with spaces between them, which `ask` writes into a buffer, saying how long it is.
+/// Splits a space-separated list of names, which `ask` writes into a buffer. `ask` returns the
+/// length of the list in bytes.
 fn extensions(ask: impl Fn(*mut c_char, u32) -> u32) -> Vec<CString> {
     let length = ask(std::ptr::null_mut(), 0).min(MAX_LIST_BYTES);
     let mut text = vec![0u8; length as usize];
@@ -49,12 +51,12 @@ fn extensions(ask: impl Fn(*mut c_char, u32) -> u32) -> Vec<CString> {
 mod tests {
     use super::*;
 
-    /// As the runtime does it: says how long the list is, and writes it when there is room.
+    /// Behaves like the runtime: returns the length of the list, and writes it if there is room.
     fn given(list: &'static str) -> impl Fn(*mut c_char, u32) -> u32 {
         move |text, length| {
             let needed = list.len() as u32 + u32::from(!list.is_empty());
             if length >= needed && !text.is_null() && !list.is_empty() {
-                // SAFETY: there is room for the list and its end.
+                // SAFETY: there is room for the list and its terminator.
                 unsafe {
                     text.cast::<u8>().copy_from_nonoverlapping(list.as_ptr(), list.len());
                     *text.add(list.len()) = 0;
@@ -69,7 +71,7 @@ mod tests {
         assert_eq!(extensions(given("VK_KHR_a VK_EXT_b")), [c"VK_KHR_a".to_owned(), c"VK_EXT_b".to_owned()]);
         assert_eq!(extensions(given(" VK_KHR_a  ")), [c"VK_KHR_a".to_owned()]);
         assert!(extensions(given("")).is_empty());
-        // A length that cannot be: no more than a list is ever long is asked for.
+        // An impossible length: the request is limited to the maximum.
         assert!(extensions(|_, _| u32::MAX).is_empty());
     }
 }

@@ -1,14 +1,14 @@
-//! OpenVR's matrices, three rows of four floats, and poses.
+//! Conversion between OpenVR's matrices (three rows of four floats) and poses.
 
 use glam::{DMat3, DQuat, DVec3};
 
 use super::sys::HmdMatrix34_t;
 use radar_sar::geometry::Pose;
 
-/// A turn's matrix may be so far from one, in any entry of its product with its transpose.
+/// Tolerance of each entry of a rotation matrix times its transpose against the identity. Choice.
 const ORTHONORMALITY_TOLERANCE: f64 = 1e-3;
 
-/// The pose of a matrix `a_from_b`; `None` when it is none.
+/// The pose of a matrix `a_from_b`; `None` if the matrix is not rigid.
 pub(super) fn pose(matrix: &HmdMatrix34_t) -> Option<Pose> {
     let entry = |row: usize, column: usize| f64::from(matrix.m[row][column]);
     let column = |c: usize| DVec3::new(entry(0, c), entry(1, c), entry(2, c));
@@ -44,7 +44,8 @@ mod tests {
 
     #[test]
     fn quarter_turn_matches_openvr_matrix_layout() {
-        // Row-major, m[row][column]: the columns are b's axes in a. +y up: turned left, what was ahead (−z) is at −x.
+        // Row-major, m[row][column]: the columns are b's axes in a. +y is up: after a turn to the
+        // left, forward (−z) is at −x.
         let left = Pose::new(DVec3::new(1.0, 2.0, 3.0), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2));
         let m = matrix(&left).m;
         let expected = [[0.0, 0.0, 1.0, 1.0], [0.0, 1.0, 0.0, 2.0], [-1.0, 0.0, 0.0, 3.0]];

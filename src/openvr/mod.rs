@@ -1,8 +1,10 @@
-//! SteamVR: the runtime's library found and loaded, poses, display, events, overlays, the user's settings for the chaperone, and
-//! this program in SteamVR's list. Foreign types never leave this room.
+//! SteamVR: finds and loads the runtime's library; poses, display, events, overlays, the user's
+//! chaperone settings, and the registration of this program. Foreign types do not leave this
+//! module.
 //!
-//! The interfaces are those of Valve's header, bound by bindgen (build.rs). Without SteamVR all else works:
-//! nothing is loaded before [`Runtime::start`]. Positions and turns come out as poses in f64, `universe_from_device`.
+//! The interfaces are those of Valve's header, bound by bindgen (build.rs). Everything else works
+//! without SteamVR: nothing is loaded before [`Runtime::start`]. Positions and rotations are
+//! returned as poses in f64, `universe_from_device`.
 
 mod applications;
 mod chaperone;

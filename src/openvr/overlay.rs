@@ -1,8 +1,10 @@
-//! Overlays: rectangles that the runtime draws over everything, each with a picture, a place and a brightness.
+//! Overlays: rectangles that the runtime draws over everything, each with a texture, a pose and a
+//! brightness.
 //!
-//! An overlay belongs to the thread that made it, which is the one that submits to the graphics queue: the runtime
-//! submits its copy of a texture on the same queue, within [`Overlay::set_texture`]. What was set last is remembered, so that saying the same again
-//! costs no call to the runtime.
+//! An overlay belongs to the thread that created it, which must be the one that submits to the
+//! graphics queue: the runtime submits its copy of a texture on the same queue, within
+//! [`Overlay::set_texture`]. The last values are cached, so setting the same value again makes no
+//! call to the runtime.
 
 use std::cell::Cell;
 use std::ffi::{CString, c_void};
@@ -18,7 +20,7 @@ use super::sys;
 use super::vulkan::VulkanTexture;
 use radar_sar::geometry::Pose;
 
-/// Which eye a projection is for.
+/// The eye of a projection overlay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EyeSide {
     /// Left.
@@ -27,9 +29,9 @@ pub enum EyeSide {
     Right,
 }
 
-/// An overlay; destroyed when dropped.
+/// An overlay. Destroyed when dropped.
 pub struct Overlay {
-    /// Keeps the table alive.
+    /// Keeps the function table valid.
     _runtime: Arc<Runtime>,
     table: &'static sys::VR_IVROverlay_FnTable,
     handle: sys::VROverlayHandle_t,
@@ -39,15 +41,16 @@ pub struct Overlay {
     texel_aspect: Cell<f64>,
     sort_order: Cell<u32>,
     pose: Cell<Option<(Universe, Pose)>>,
-    /// Neither sent to another thread nor shared with one.
+    /// Makes the type neither `Send` nor `Sync`.
     thread: PhantomData<*const ()>,
 }
 
 impl Overlay {
-    /// A hidden overlay with colours that are multiplied by alpha already. The key must be the only one of its kind in SteamVR.
+    /// Creates a hidden overlay for premultiplied colours. The key must be unique in SteamVR.
     ///
     /// # Errors
-    /// The key is in use: another instance of this program draws. The runtime has no room, or is gone.
+    /// The key is in use (another instance of this program is running), the runtime has no room for
+    /// it, or the runtime has exited.
     pub fn new(runtime: &Arc<Runtime>, key: &str, name: &str) -> Result<Self, OpenVrError> {
         let text = |text: &str| CString::new(text).unwrap_or_default();
         let (key, name) = (text(key), text(name));
@@ -69,15 +72,15 @@ impl Overlay {
             thread: PhantomData,
         };
         overlay.set_flag(sys::VROverlayFlags_IsPremultiplied)?;
-        // Otherwise SteamVR draws a plain backing for who looks from behind.
+        // Otherwise SteamVR draws a plain backside.
         overlay.set_flag(sys::VROverlayFlags_NoBackside)?;
         Ok(overlay)
     }
 
-    /// Makes it show the left half of its picture to the left eye and the right half to the right.
+    /// Shows the left half of the texture to the left eye and the right half to the right eye.
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn set_side_by_side(&self) -> Result<(), OpenVrError> {
         self.set_flag(sys::VROverlayFlags_SideBySide_Parallel)
     }
@@ -87,10 +90,11 @@ impl Overlay {
         check_call(self.table, "a flag of an overlay", error)
     }
 
-    /// Where it stands: `universe_from_overlay`, its middle, +x to the right and +y up on it, +z towards who looks.
+    /// Sets its pose `universe_from_overlay`: origin at its centre, +x to the right and +y up on
+    /// it, +z towards the viewer.
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn set_pose(&self, universe: Universe, pose: &Pose) -> Result<(), OpenVrError> {
         if self.pose.get() == Some((universe, *pose)) {
             return Ok(());
@@ -102,10 +106,10 @@ impl Overlay {
         Ok(())
     }
 
-    /// Where it is before the eyes, moving with the head: `head_from_overlay`.
+    /// Fixes it to the head: `head_from_overlay`.
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn set_pose_on_head(&self, pose: &Pose) -> Result<(), OpenVrError> {
         let mut place = matrix(pose);
         let error = call!(self.table, SetOverlayTransformTrackedDeviceRelative(self.handle, HEADSET, &mut place));
@@ -113,11 +117,11 @@ impl Overlay {
         check_call(self.table, "the place of an overlay on the head", error)
     }
 
-    /// Makes it fill the view of one eye: the picture was drawn from a pose with these tangents (left, right, top, bottom as
-    /// `GetProjectionRaw` gives them).
+    /// Makes it fill the view of one eye. `pose` and `tangents` (left, right, top, bottom as in
+    /// `GetProjectionRaw`) are those that the texture was drawn with.
     ///
     /// # Errors
-    /// The runtime refuses, or does not know this kind of overlay.
+    /// The runtime rejects the call, or does not support projection overlays.
     pub fn set_projection(
         &self,
         universe: Universe,
@@ -140,10 +144,10 @@ impl Overlay {
         check_call(self.table, "the projection of an overlay", error)
     }
 
-    /// Its width, metres; the height follows from the picture's shape.
+    /// Sets its width, metres. The height follows from the aspect ratio of the texture.
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn set_width_m(&self, width_m: f64) -> Result<(), OpenVrError> {
         if self.width_m.get() == width_m {
             return Ok(());
@@ -154,10 +158,11 @@ impl Overlay {
         Ok(())
     }
 
-    /// Width of a pixel of its picture over its height; its height is what width and picture make of this.
+    /// Sets the width of a texel over its height. The overlay's height follows from this, its width
+    /// and the texture.
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn set_texel_aspect(&self, aspect: f64) -> Result<(), OpenVrError> {
         if self.texel_aspect.get() == aspect {
             return Ok(());
@@ -168,10 +173,10 @@ impl Overlay {
         Ok(())
     }
 
-    /// Its brightness, 0 to 1.
+    /// Sets its brightness, 0 to 1.
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn set_alpha(&self, alpha: f32) -> Result<(), OpenVrError> {
         if self.alpha.get() == alpha {
             return Ok(());
@@ -182,10 +187,10 @@ impl Overlay {
         Ok(())
     }
 
-    /// Greater numbers are drawn over smaller ones.
+    /// Sets its sort order. Overlays with greater numbers are drawn over those with smaller ones.
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn set_sort_order(&self, order: u32) -> Result<(), OpenVrError> {
         if self.sort_order.get() == order {
             return Ok(());
@@ -196,11 +201,11 @@ impl Overlay {
         Ok(())
     }
 
-    /// Its picture: the runtime copies it on the queue that the texture names. The texture must have been left ready to be copied
-    /// from, and must stay alive until that copy is done.
+    /// Sets its texture. The runtime copies it on the queue given in `texture`. The texture must be
+    /// in the copy-source layout, and must stay alive until the copy is done.
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn set_texture(&self, texture: &VulkanTexture) -> Result<(), OpenVrError> {
         submit_texture(self.table, self.handle, texture)
     }
@@ -208,7 +213,7 @@ impl Overlay {
     /// Shows it.
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn show(&self) -> Result<(), OpenVrError> {
         if self.is_shown.get() {
             return Ok(());
@@ -221,7 +226,7 @@ impl Overlay {
     /// Hides it.
     ///
     /// # Errors
-    /// The runtime refuses.
+    /// The runtime rejects the call.
     pub fn hide(&self) -> Result<(), OpenVrError> {
         if !self.is_shown.get() {
             return Ok(());
@@ -236,7 +241,8 @@ impl Overlay {
         self.is_shown.get()
     }
 
-    /// Whether the runtime still knows it: it does not when it has gone away without a word.
+    /// Whether the runtime still knows this overlay. It does not if the runtime exited
+    /// unexpectedly.
     pub fn exists(&self) -> bool {
         let mut alpha = 0.0;
         let error = call!(self.table, GetOverlayAlpha(self.handle, &mut alpha));
@@ -246,12 +252,12 @@ impl Overlay {
 
 impl Drop for Overlay {
     fn drop(&mut self) {
-        // A runtime that is gone has forgotten it already.
+        // If the runtime has exited, the overlay no longer exists.
         call!(self.table, DestroyOverlay(self.handle));
     }
 }
 
-/// Hands a texture over for an overlay.
+/// Hands a texture to the runtime for an overlay.
 pub(super) fn submit_texture(
     table: &'static sys::VR_IVROverlay_FnTable,
     overlay: sys::VROverlayHandle_t,

@@ -1,7 +1,8 @@
-//! Where headset and controllers are.
+//! Poses of the headset and the controllers.
 //!
-//! Read at any time from any thread. A pose asked for 0 s ahead is where the device is now: what the radar wants. For drawing, the
-//! pose at the time when light leaves the display is wanted ([`Runtime::time_to_photons_s`]).
+//! Can be read at any time from any thread. The radar uses the pose 0 s ahead, which is the current
+//! one. Drawing uses the pose at the time when the light leaves the display
+//! ([`Runtime::time_to_photons_s`]).
 
 use glam::DVec3;
 
@@ -10,12 +11,12 @@ use super::runtime::{Runtime, call};
 use super::sys;
 use radar_sar::geometry::Pose;
 
-/// What positions are relative to.
+/// Reference frame of positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Universe {
     /// The play area: y = 0 on the floor. Moves when the user recentres.
     Standing,
-    /// The tracking system's own: recentring does not move it.
+    /// The tracking system's own frame: recentring does not move it.
     Raw,
 }
 
@@ -28,29 +29,29 @@ impl Universe {
     }
 }
 
-/// How a device is tracked.
+/// Tracking state of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrackingState {
-    /// Running and within its range.
+    /// Running and in range.
     Ok,
-    /// Running, but guessing.
+    /// Running, but extrapolated.
     OutOfRange,
-    /// Rotation alone.
+    /// Rotation only.
     RotationOnly,
-    /// Still finding itself, or not at all.
+    /// Calibrating, or not tracked.
     NotTracking,
 }
 
-/// A device's pose as the runtime tells it.
+/// A device's pose as reported by the runtime.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DevicePose {
-    /// Whether there is a device.
+    /// Whether the device is connected.
     pub connected: bool,
-    /// Whether the runtime calls the pose valid.
+    /// Whether the runtime marks the pose as valid.
     pub valid: bool,
-    /// How it is tracked.
+    /// Tracking state.
     pub state: TrackingState,
-    /// `universe_from_device`; `None` when the numbers make no pose.
+    /// `universe_from_device`; `None` if the matrix is not a pose.
     pub pose: Option<Pose>,
     /// Velocity in the universe's frame, m/s.
     pub velocity_m_per_s: DVec3,
@@ -82,13 +83,13 @@ impl DevicePose {
         }
     }
 
-    /// The pose, when it can be trusted.
+    /// The pose, if it is connected, valid and tracked.
     pub fn valid_pose(&self) -> Option<Pose> {
         self.pose.filter(|_| self.connected && self.valid && self.state == TrackingState::Ok)
     }
 }
 
-/// Where the user is.
+/// Poses of the user's devices.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Poses {
     /// The headset.
@@ -97,7 +98,7 @@ pub struct Poses {
     pub hands: [DevicePose; 2],
 }
 
-/// Which devices the controllers are; changes when they are switched on.
+/// Device indices of the controllers. They change when controllers are switched on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Hands([u32; 2]);
 
@@ -109,7 +110,7 @@ impl Hands {
 const MAX_DEVICES: usize = sys::k_unMaxTrackedDeviceCount as usize;
 
 impl Runtime {
-    /// Which devices the controllers are now.
+    /// Current device indices of the controllers.
     pub fn hands(&self) -> Hands {
         let roles = [
             sys::ETrackedControllerRole_TrackedControllerRole_LeftHand,
@@ -118,18 +119,19 @@ impl Runtime {
         Hands(roles.map(|role| call!(self.system, GetTrackedDeviceIndexForControllerRole(role))))
     }
 
-    /// Drives a hand's controller for so many microseconds, less than 4000 and 5 ms after the last time at the soonest; does nothing where there
-    /// is none. The call is an old one, made before controllers were bound to actions, and so it needs no bindings from the user.
+    /// Starts a haptic pulse on a hand's controller. `length_us` is below 4000, and pulses must be
+    /// at least 5 ms apart. Does nothing without a controller. This legacy call needs no input
+    /// bindings from the user.
     pub fn pulse(&self, hands: Hands, hand: usize, length_us: u16) {
         if let Some(index) = hands.0.get(hand).filter(|index| (**index as usize) < MAX_DEVICES) {
             call!(self.system, TriggerHapticPulse(*index, 0, length_us.min(3999)));
         }
     }
 
-    /// Poses so many seconds from now.
+    /// Poses `ahead_s` seconds from now.
     pub fn poses(&self, universe: Universe, ahead_s: f64, hands: Hands) -> Poses {
         let mut told = [INVALID_POSE; MAX_DEVICES];
-        // No more than is looked at.
+        // Requests only the devices that are used.
         let count = hands.0.iter().filter(|index| (**index as usize) < MAX_DEVICES).max().map_or(1, |last| last + 1);
         call!(
             self.system,
@@ -139,10 +141,11 @@ impl Runtime {
         Poses { head: device(sys::k_unTrackedDeviceIndex_Hmd as u32), hands: hands.0.map(device) }
     }
 
-    /// What turns positions of the raw universe into those of the standing one, as the user has set it now.
+    /// The transform from the raw to the standing universe, as currently set by the user.
     ///
-    /// The manual's words leave the direction open, so both are held against where the head is in either; `None` when the
-    /// runtime gives no pose, or the head is not tracked.
+    /// The manual leaves the direction of the matrix open, so both directions are compared with the
+    /// head's pose in either universe. `None` if the runtime gives no pose, or the head is not
+    /// tracked.
     pub fn standing_from_raw(&self) -> Option<Pose> {
         let told = pose(&call!(self.system, GetRawZeroPoseToStandingAbsoluteTrackingPose()))?;
         let head = |universe| self.poses(universe, 0.0, Hands::NONE).head.valid_pose();

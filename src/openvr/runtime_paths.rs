@@ -1,5 +1,6 @@
-//! Where the VR runtime is, found as Valve's loader finds it: a JSON file in the user's folder names it, environment
-//! variables name another file (`VR_PATHREG_OVERRIDE`) or another runtime (`VR_OVERRIDE`).
+//! Finds the VR runtime as Valve's loader does: a JSON registry file in the user's folder names it.
+//! Environment variables name another file (`VR_PATHREG_OVERRIDE`) or another runtime
+//! (`VR_OVERRIDE`).
 
 use std::ffi::OsString;
 use std::io::Read;
@@ -7,9 +8,9 @@ use std::path::{Path, PathBuf};
 
 use super::error::OpenVrError;
 
-/// No list of runtimes is longer.
+/// Limit of the registry file, bytes. Choice.
 const MAX_REGISTRY_BYTES: u64 = 1 << 20;
-/// The library within a runtime.
+/// Path of the library within a runtime.
 const LIBRARY: &str = if cfg!(windows) {
     r"bin\vrclient_x64.dll"
 } else if cfg!(target_os = "macos") {
@@ -18,29 +19,29 @@ const LIBRARY: &str = if cfg!(windows) {
     "bin/linux64/vrclient.so"
 };
 
-/// A runtime on this computer.
+/// An installed runtime.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RuntimePaths {
     /// Its folder.
     pub runtime: PathBuf,
     /// Its library.
     pub library: PathBuf,
-    /// Where it keeps its settings, when told.
+    /// Its configuration folder, if given.
     pub config: Option<PathBuf>,
 }
 
 impl RuntimePaths {
-    /// The runtime that Valve's loader would take.
+    /// The runtime that Valve's loader would use.
     ///
     /// # Errors
-    /// No list of runtimes, one that cannot be used, or no library where it points.
+    /// The registry file is missing or cannot be used, or there is no library where it points.
     pub fn find() -> Result<Self, OpenVrError> {
         Self::find_with(|name| std::env::var_os(name).filter(|value| !value.is_empty()))
     }
 
     fn find_with(variable: impl Fn(&str) -> Option<OsString>) -> Result<Self, OpenVrError> {
         let chosen = variable("VR_OVERRIDE").map(PathBuf::from);
-        // With all three named nothing is left that the file could tell.
+        // If all three variables are set, the file is not needed.
         let is_needed = chosen.is_none() || variable("VR_CONFIG_PATH").is_none() || variable("VR_LOG_PATH").is_none();
         let registry = if is_needed { Some(Registry::read(&registry_path(&variable))?) } else { None };
         let config = variable("VR_CONFIG_PATH").map(PathBuf::from).or(registry.as_ref().and_then(|r| r.config.clone()));
@@ -57,7 +58,7 @@ impl RuntimePaths {
     }
 }
 
-/// Where the list of runtimes is.
+/// Path of the registry file.
 fn registry_path(variable: &impl Fn(&str) -> Option<OsString>) -> PathBuf {
     if let Some(path) = variable("VR_PATHREG_OVERRIDE") {
         return path.into();
@@ -70,7 +71,7 @@ fn registry_path(variable: &impl Fn(&str) -> Option<OsString>) -> PathBuf {
     folder.unwrap_or_default().join("openvr").join("openvrpaths.vrpath")
 }
 
-/// What the list says, as far as it is needed.
+/// Contents of the registry file, as far as needed.
 struct Registry {
     runtime: PathBuf,
     config: Option<PathBuf>,
@@ -91,7 +92,7 @@ impl Registry {
         if length as u64 > MAX_REGISTRY_BYTES {
             return Err(bad(format!("it is longer than {MAX_REGISTRY_BYTES} bytes")));
         }
-        // Windows' programs like to begin a text with a mark of its encoding.
+        // Windows programs often write a byte order mark.
         let json: serde_json::Value =
             serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(|error| bad(error.to_string()))?;
         let first = |key: &str| json[key][0].as_str().filter(|text| !text.is_empty()).map(PathBuf::from);
@@ -105,7 +106,8 @@ mod tests {
     use super::*;
     use std::fs;
 
-    /// A folder with a runtime and a list that names it, and the variable that names the list.
+    /// Creates a folder with a runtime and a registry file, and returns the variable that names the
+    /// registry file.
     fn installed(name: &str, list: &str) -> (PathBuf, impl Fn(&str) -> Option<OsString> + use<>) {
         let folder = std::env::temp_dir().join(format!("radar-chaperone-place-{name}-{}", std::process::id()));
         let library = folder.join("SteamVR").join(LIBRARY);
@@ -141,7 +143,7 @@ mod tests {
         let chosen =
             |name: &str| if name == "VR_OVERRIDE" { Some(own.clone().into_os_string()) } else { variable(name) };
         assert_eq!(RuntimePaths::find_with(chosen).unwrap().runtime, own);
-        // Without the list, config and log have to be named as well.
+        // Without the registry file, the configuration and log folders must be given as well.
         let alone = |name: &str| (name == "VR_OVERRIDE").then(|| own.clone().into_os_string());
         assert!(matches!(RuntimePaths::find_with(alone), Err(OpenVrError::NotInstalled(_))));
         let all = |name: &str| match name {

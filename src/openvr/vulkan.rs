@@ -1,9 +1,11 @@
-//! A graphics device as a VR runtime wants it, and the handles by which it takes textures over.
+//! A graphics device that meets the requirements of a VR runtime, and the handles with which the
+//! runtime takes textures.
 //!
-//! A runtime copies our textures on our own queue, so it asks for extensions of its own on instance and device, and names the
-//! adapter that the headset hangs on. wgpu opens neither of them so by itself: its Vulkan layer does, with the extensions
-//! added in its callbacks, and is then lifted to ordinary wgpu objects. What the runtime says comes in as plain
-//! numbers and names; nothing here knows OpenVR.
+//! A runtime copies our textures on our own queue. It therefore requires extensions on the instance
+//! and the device, and names the headset's adapter. wgpu alone cannot add these extensions, but its
+//! Vulkan layer can: it adds them in callbacks, and the result is then converted to ordinary wgpu
+//! objects. The runtime's requirements come in as plain numbers and names; this file does not
+//! depend on OpenVR.
 
 use std::collections::BTreeSet;
 use std::ffi::{CStr, CString};
@@ -15,56 +17,57 @@ use wgpu::hal::{ExposedAdapter, InstanceDescriptor, OpenDevice};
 
 use crate::render::needed_limits;
 
-/// What a runtime asks of the device. Handles are Vulkan's, as numbers.
+/// Requirements of a runtime. Handles are Vulkan handles as numbers.
 pub struct VulkanRequirements<'a> {
     /// Instance extensions.
     pub instance_extensions: Vec<CString>,
-    /// From a `VkPhysicalDevice` to the device extensions wanted on it.
+    /// Maps a `VkPhysicalDevice` to the device extensions required on it.
     pub device_extensions: &'a dyn Fn(u64) -> Vec<CString>,
-    /// From the `VkInstance` to the `VkPhysicalDevice` that the headset is on; `None` when there is no telling, and the fastest
-    /// one is taken.
+    /// Maps the `VkInstance` to the headset's `VkPhysicalDevice`. If it returns `None`, the fastest
+    /// adapter is used.
     pub adapter: &'a dyn Fn(u64) -> Option<u64>,
 }
 
-/// Why there is no device.
+/// Why the device could not be opened.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum VulkanError {
-    /// No Vulkan loader, or it gives no instance.
+    /// There is no Vulkan loader, or it creates no instance.
     #[error("no Vulkan on this machine: {0}. Install the graphics driver (Linux: with its Vulkan part and libvulkan1)")]
     NoVulkan(String),
-    /// The loader or driver lacks what the runtime asks for on the instance.
+    /// The loader or driver lacks instance extensions that the runtime requires.
     #[error("Vulkan here lacks {}, which the VR runtime asks for: update the graphics driver", .0.join(", "))]
     InstanceExtensions(Vec<String>),
-    /// The runtime named an adapter that is not there.
+    /// The runtime named an adapter that does not exist.
     #[error("the VR runtime names a graphics adapter that wgpu does not offer; it offers {}", joined(.0))]
     NoSuchAdapter(Vec<String>),
-    /// No adapter at all.
+    /// There is no adapter.
     #[error("no graphics adapter offers Vulkan: install the graphics driver")]
     NoAdapter,
-    /// The adapter lacks what the runtime asks for on the device.
+    /// The adapter lacks device extensions that the runtime requires.
     #[error("graphics adapter {adapter} lacks {}, which the VR runtime asks for: update its driver", .missing.join(", "))]
     DeviceExtensions {
-        /// The adapter's name.
+        /// Name of the adapter.
         adapter: String,
-        /// What it lacks.
+        /// Names of the missing extensions.
         missing: Vec<String>,
     },
-    /// The adapter gives no device.
+    /// The adapter could not open a device.
     #[error("graphics adapter {adapter} gives no device: {cause}")]
     NoDevice {
-        /// The adapter's name.
+        /// Name of the adapter.
         adapter: String,
-        /// What it said.
+        /// Error text of the driver.
         cause: String,
     },
 }
 
-/// An open device, and what a runtime must know of it.
+/// An open device, with the handles that a runtime needs.
 #[derive(Debug)]
 pub struct VulkanDevice {
-    /// The device; it suits [`crate::render::Renderer::from_device`].
+    /// The device, usable for [`crate::render::Renderer::from_device`].
     pub device: wgpu::Device,
-    /// Its queue: the runtime submits on it too, so all calls that hand textures over belong on the thread that submits.
+    /// Its queue. The runtime submits on it too, so all calls that hand over textures must be on
+    /// the thread that submits.
     pub queue: wgpu::Queue,
     /// Name of the adapter.
     pub name: String,
@@ -80,7 +83,8 @@ struct Handles {
     queue_family: u32,
 }
 
-/// A texture as Vulkan names it: all that a runtime needs to copy it. Valid as long as the texture and its device live.
+/// Vulkan handles of a texture: all that a runtime needs to copy it. Valid as long as the texture
+/// and its device live.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct VulkanTexture {
     /// `VkImage`.
@@ -93,22 +97,22 @@ pub struct VulkanTexture {
     pub device: u64,
     /// `VkQueue`.
     pub queue: u64,
-    /// Index of the queue's family.
+    /// Queue family index.
     pub queue_family: u32,
-    /// Pixels across.
+    /// Width, pixels.
     pub width: u32,
-    /// Pixels down.
+    /// Height, pixels.
     pub height: u32,
     /// `VkFormat`.
     pub format: u32,
-    /// Samples a pixel.
+    /// Samples per pixel.
     pub samples: u32,
 }
 
-/// Opens the device that the runtime asks for.
+/// Opens the device that the runtime requires.
 ///
 /// # Errors
-/// Vulkan, the adapter or an extension is missing, by name; or the driver refuses.
+/// Vulkan, the adapter or an extension is missing, or the driver rejects the call.
 pub fn open(requirements: &VulkanRequirements) -> Result<VulkanDevice, VulkanError> {
     let hal_instance = open_instance(&requirements.instance_extensions)?;
     let raw_instance = hal_instance.shared_instance().raw_instance().handle().as_raw();
@@ -120,9 +124,9 @@ pub fn open(requirements: &VulkanRequirements) -> Result<VulkanDevice, VulkanErr
     let extensions = (requirements.device_extensions)(physical_device);
     let opened = open_device(&adapter, &limits, extensions)?;
 
-    // SAFETY: the instance was made just now by wgpu's own Vulkan layer and is moved in whole.
+    // SAFETY: the instance was just created by wgpu's own Vulkan layer and is moved in whole.
     let instance = unsafe { wgpu::Instance::from_hal::<Vulkan>(hal_instance) };
-    // SAFETY: the adapter was enumerated from this very instance.
+    // SAFETY: the adapter was enumerated from this instance.
     let adapter = unsafe { instance.create_adapter_from_hal(adapter) };
     let described = wgpu::DeviceDescriptor {
         label: Some("radar-chaperone for a VR runtime"),
@@ -137,10 +141,11 @@ pub fn open(requirements: &VulkanRequirements) -> Result<VulkanDevice, VulkanErr
 }
 
 impl VulkanDevice {
-    /// The handles of one of this device's textures; `None` for a destroyed texture and for a format that no runtime takes.
+    /// Handles of one of this device's textures; `None` for a destroyed texture and for a format
+    /// that no runtime accepts.
     pub fn texture_handles(&self, texture: &wgpu::Texture) -> Option<VulkanTexture> {
         let Handles { instance, physical_device, device, queue, queue_family } = self.handles;
-        // SAFETY: the handle is read and nothing is done to the texture.
+        // SAFETY: the handle is only read.
         let image = unsafe { texture.as_hal::<Vulkan>()?.raw_handle() }.as_raw();
         Some(VulkanTexture {
             image,
@@ -157,7 +162,7 @@ impl VulkanDevice {
     }
 }
 
-/// An instance with the extensions that wgpu wants and those that the runtime wants.
+/// An instance with the extensions that wgpu and the runtime need.
 fn open_instance(wanted: &[CString]) -> Result<Instance, VulkanError> {
     let wanted = interned(wanted);
     let mut missing = Vec::new();
@@ -171,7 +176,7 @@ fn open_instance(wanted: &[CString]) -> Result<Instance, VulkanError> {
     };
     let missing_names = &mut missing;
     let add = Box::new(move |args: wgpu::hal::vulkan::CreateInstanceCallbackArgs| {
-        // SAFETY: the loader is open, and no layer is asked for.
+        // SAFETY: the loader is open, and no layer is requested.
         let offered = unsafe { args.entry.enumerate_instance_extension_properties(None) }.unwrap_or_default();
         for name in wanted {
             if !offered.iter().any(|offer| offer.extension_name_as_c_str() == Ok(name)) {
@@ -189,9 +194,9 @@ fn open_instance(wanted: &[CString]) -> Result<Instance, VulkanError> {
     instance.map_err(|error| VulkanError::NoVulkan(error.to_string()))
 }
 
-/// The adapter of that handle, or the fastest one where none is named.
+/// The adapter with this handle, or the fastest one if none is named.
 fn choose_adapter(instance: &Instance, named: Option<u64>) -> Result<ExposedAdapter<Vulkan>, VulkanError> {
-    // SAFETY: no surface is given that would have to be of this instance.
+    // SAFETY: no surface is given that would have to belong to this instance.
     let mut offered = unsafe { wgpu::hal::Instance::enumerate_adapters(instance, None) };
     let Some(named) = named else {
         let slowness = |kind| match kind {
@@ -224,7 +229,7 @@ fn open_device(
         let new: Vec<_> = wanted.into_iter().filter(|name| !args.extensions.contains(name)).collect();
         args.extensions.extend(new);
     });
-    // Memory is a game's here: it is taken in pieces of 8 MB instead of 128.
+    // A game needs the GPU memory: allocates in blocks of 8 MB instead of 128 MB.
     let (features, hints) = (wgpu::Features::empty(), wgpu::MemoryHints::MemoryUsage);
     // SAFETY: the callback only adds extensions that the adapter offers.
     unsafe { adapter.adapter.open_with_callback(features, limits, &hints, Some(add)) }
@@ -238,7 +243,7 @@ fn missing_extensions(adapter: &Adapter, wanted: &[&'static CStr]) -> Vec<String
 }
 
 fn handles_of(device: &wgpu::Device, instance: u64) -> Option<Handles> {
-    // SAFETY: handles are read and nothing is done to the device.
+    // SAFETY: the handles are only read.
     let open = unsafe { device.as_hal::<Vulkan>() }?;
     Some(Handles {
         instance,
@@ -249,7 +254,8 @@ fn handles_of(device: &wgpu::Device, instance: u64) -> Option<Handles> {
     })
 }
 
-/// Names that live as long as the program, as wgpu wants them: each once, however often a device is opened.
+/// Interns names for the lifetime of the process, as wgpu requires: each only once, however often a
+/// device is opened.
 fn interned(names: &[CString]) -> Vec<&'static CStr> {
     static INTERNED: Mutex<BTreeSet<&'static CStr>> = Mutex::new(BTreeSet::new());
     let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
@@ -265,7 +271,7 @@ fn interned(names: &[CString]) -> Vec<&'static CStr> {
     wanted
 }
 
-/// The formats that textures for a runtime have.
+/// The texture formats that a runtime accepts.
 fn vulkan_format(format: wgpu::TextureFormat) -> Option<u32> {
     let format = match format {
         wgpu::TextureFormat::Rgba8UnormSrgb => ash::vk::Format::R8G8B8A8_SRGB,
@@ -285,7 +291,7 @@ mod tests {
     use crate::render::Renderer;
     use crate::warning::{WarningSettings, Warnings};
 
-    /// What runtimes ask for, of what every driver has.
+    /// Typical requirements that every driver meets.
     fn requirements() -> VulkanRequirements<'static> {
         VulkanRequirements {
             instance_extensions: vec![c"VK_KHR_external_memory_capabilities".into(), c"VK_KHR_surface".into()],
@@ -294,7 +300,7 @@ mod tests {
         }
     }
 
-    /// The device, or `None` where the machine has no adapter, saying so.
+    /// The device, or `None` with a printed note if the machine has no adapter.
     fn opened(requirements: &VulkanRequirements) -> Option<VulkanDevice> {
         match open(requirements) {
             Ok(device) => Some(device),
@@ -309,7 +315,7 @@ mod tests {
     #[test]
     fn device_has_requested_extensions_and_texture_handles() {
         let Some(device) = opened(&requirements()) else { return };
-        // SAFETY: names are read and nothing is done to the device.
+        // SAFETY: the names are only read.
         let enabled = unsafe { device.device.as_hal::<Vulkan>() }.unwrap().enabled_device_extensions().to_vec();
         assert!(enabled.contains(&c"VK_KHR_external_memory") && enabled.contains(&c"VK_KHR_dedicated_allocation"));
         let texture = device.device.create_texture(&wgpu::TextureDescriptor {
@@ -338,7 +344,8 @@ mod tests {
     #[test]
     fn named_adapter_is_used_and_unknown_adapter_rejected() {
         let Some(first) = opened(&requirements()) else { return };
-        // A physical device's handle belongs to its instance: it must be found anew in each.
+        // A physical device's handle belongs to its instance, so it must be looked up again in
+        // each.
         let named = std::cell::Cell::new(0);
         let lister = |physical: u64| {
             named.set(physical);

@@ -1,20 +1,21 @@
-//! The button that has the room's map begin anew. It asks back: it has to be pressed twice within some seconds.
+//! The button that erases the room's map. It asks for confirmation: it must be pressed twice within
+//! some seconds.
 
 use egui::{Align2, Id, Rect, Sense, Ui, pos2, vec2};
 
 use super::{BAD, FAINT, HOVERED, RAISED, ROUND, TEXT, font};
 
 const SIZE: [f32; 2] = [236.0, 56.0];
-/// The second press comes within so many seconds.
+/// Time for the second press, seconds. Choice.
 const CONFIRM_WITHIN_S: f64 = 5.0;
 
-/// In the upper right corner of the plan.
+/// Position: upper right corner of the plan.
 pub(super) fn place(plan: Rect) -> Rect {
     let [width, height] = SIZE;
     Rect::from_min_size(pos2(plan.max.x - 16.0 - width, plan.min.y + 16.0), vec2(width, height))
 }
 
-/// Draws the button; whether it was pressed for the second time.
+/// Draws the button. Returns true on the second press.
 pub(super) fn draw(ui: &Ui, rect: Rect) -> bool {
     let (id, now_s) = (Id::unique("forget the room"), ui.input(|input| input.time));
     let asked_s: Option<f64> = ui.data(|data| data.get_temp(id));
@@ -29,7 +30,7 @@ pub(super) fn draw(ui: &Ui, rect: Rect) -> bool {
     ui.painter().rect_filled(rect, ROUND, ground);
     ui.painter().text(rect.center(), Align2::CENTER_CENTER, text, font(25.0), color);
     if is_asking {
-        // Until it asks no more.
+        // Repaints until the confirmation time is over.
         ui.ctx().request_repaint();
     }
     if !response.clicked() {

@@ -1,63 +1,64 @@
-//! How sensor, tracking and reconstruction are: numbers in, plain words out, with what to do where something is wrong.
+//! State of sensor, tracking and reconstruction: turns numbers into plain text, with a remedy for
+//! each fault.
 
 use egui::{Align2, Color32, Painter, Rect, pos2, vec2};
 
 use super::{BAD, CARD, FAINT, FAIR, GOOD, ROUND, TEXT, font};
 
-/// So many sweeps lost of a hundred are worth a word.
+/// A warning is shown from this share of lost sweeps on, percent. Choice.
 const HIGH_LOSS_PERCENT: f64 = 2.0;
-/// A sweep so old means that nothing comes, or that nothing is worked off, seconds.
+/// An older newest sweep means that no data arrives or none is processed, seconds. Choice.
 const STALE_AGE_S: f64 = 1.0;
-/// An offset known to this serves all that is drawn, seconds.
+/// A time offset with this 1σ is accurate enough for everything that is drawn, seconds. Choice.
 const GOOD_OFFSET_SIGMA_S: f64 = 3e-3;
 
-/// The sensor's line.
+/// State of the sensor.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum SensorHealth {
-    /// None was found yet, or the line does not open.
+    /// Not found yet, or its port does not open.
     #[default]
     Missing,
-    /// It is there; how much it sends is not known yet.
+    /// Connected; its rate is not known yet.
     Starting,
-    /// It is there and sends nothing.
+    /// Connected, but it sends no data.
     Silent,
-    /// It sends.
+    /// It sends data.
     Streaming {
-        /// Sweeps a second.
+        /// Sweep rate, Hz.
         sweeps_per_s: f64,
-        /// Share of them that is lost, of a hundred.
+        /// Share of lost sweeps, percent.
         lost_percent: f64,
     },
 }
 
-/// All of it.
+/// State of the whole system.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Health {
     /// The sensor.
     pub sensor: SensorHealth,
     /// Whether the head is tracked.
     pub is_tracked: bool,
-    /// Poses a second that reach the reconstruction.
+    /// Rate of poses that reach the reconstruction, Hz.
     pub poses_per_s: f64,
-    /// Time of a sweep's pose minus time of the sweep, seconds, and its 1σ where the data tell it.
+    /// Time of a sweep's pose minus time of the sweep, seconds.
     pub time_offset_s: f64,
-    /// See `time_offset_s`.
+    /// 1σ of `time_offset_s`, seconds, if it was estimated from the data.
     pub time_offset_sigma_s: Option<f64>,
-    /// Age of the newest sweep worked off, seconds; `None` before the first.
+    /// Age of the newest processed sweep, seconds; `None` before the first.
     pub age_s: Option<f64>,
-    /// Whether the reconstruction works.
+    /// Whether the reconstruction is running.
     pub is_running: bool,
-    /// Obstacles and walls on the map.
+    /// Number of obstacles in the map.
     pub obstacles: usize,
-    /// See `obstacles`.
+    /// Number of walls in the map.
     pub walls: usize,
-    /// How many of both are remembered from before and not seen again yet.
+    /// Number of obstacles and walls from the saved map that were not detected again yet.
     pub restored: usize,
-    /// What is wrong with the settings' file, in a line.
+    /// Error in the settings file, in one line.
     pub settings_trouble: Option<String>,
 }
 
-/// How grave it is.
+/// Severity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum State {
     Good,
@@ -75,23 +76,23 @@ impl State {
     }
 }
 
-/// One thing to say.
+/// The content of one status card.
 #[derive(Debug, PartialEq)]
 pub(super) struct StatusCard {
     pub title: &'static str,
     pub state: State,
     pub headline: String,
-    /// Numbers where it is well, what to do where it is not.
+    /// Numbers if all is well, else the remedy.
     pub detail: String,
 }
 
 impl Health {
-    /// Sensor, headset, timing, room.
+    /// Cards for sensor, headset, timing, room.
     pub(super) fn status_cards(&self) -> [StatusCard; 4] {
         [self.sensor(), self.headset(), self.timing(), self.room()]
     }
 
-    /// What has no card and must be said: nothing is shown, or the settings are not what their file says.
+    /// Problems without a card: warnings are switched off, or the settings file is invalid.
     pub(super) fn notice(&self, warnings: bool) -> Option<(State, String)> {
         match (&self.settings_trouble, warnings) {
             (Some(why), _) => Some((State::Fair, format!("Settings file: {}", shortened(why)))),
@@ -105,7 +106,7 @@ impl Health {
             SensorHealth::Missing => {
                 (State::Bad, "No radar sensor found".into(), "Plug it in: it is looked for every two seconds.".into())
             }
-            SensorHealth::Starting => (State::Good, "Radar is there".into(), "Its sweeps are being counted.".into()),
+            SensorHealth::Starting => (State::Good, "Radar is connected".into(), "Measuring its sweep rate.".into()),
             SensorHealth::Silent => (
                 State::Bad,
                 "The sensor sends nothing".into(),
@@ -113,7 +114,7 @@ impl Health {
             ),
             SensorHealth::Streaming { sweeps_per_s, lost_percent } if *lost_percent >= HIGH_LOSS_PERCENT => (
                 State::Fair,
-                format!("{lost_percent:.0} % of the radar is lost"),
+                format!("{lost_percent:.0} % of the sweeps are lost"),
                 format!("{sweeps_per_s:.0} sweeps a second arrive. Use another USB port or a shorter cable."),
             ),
             SensorHealth::Streaming { sweeps_per_s, lost_percent } => (
@@ -127,9 +128,7 @@ impl Health {
 
     fn headset(&self) -> StatusCard {
         let (state, says, more) = match self.is_tracked {
-            true if self.poses_per_s < 1.0 => {
-                (State::Good, "Headset is tracked".into(), "Its poses wait for the radar.".into())
-            }
+            true if self.poses_per_s < 1.0 => (State::Good, "Headset is tracked".into(), "No poses used yet.".into()),
             true => (State::Good, "Headset is tracked".into(), format!("{:.0} poses a second", self.poses_per_s)),
             false => (
                 State::Bad,
@@ -171,7 +170,7 @@ impl Health {
             }
             None => (State::Fair, "Nothing mapped yet".into(), "The map begins with the first sweeps.".into()),
             Some(age_s) if age_s > STALE_AGE_S => {
-                (State::Bad, "The map stands still".into(), format!("{} known, {}", found(), age_text(age_s)))
+                (State::Bad, "The map is not updating".into(), format!("{} known, {}", found(), age_text(age_s)))
             }
             Some(_) if self.obstacles + self.walls == 0 => {
                 (State::Fair, "Nothing found yet".into(), "Look around the room for some seconds.".into())
@@ -185,7 +184,7 @@ impl Health {
     }
 }
 
-/// As much as the header has room for.
+/// Shortens a text to the width of the header.
 fn shortened(text: &str) -> String {
     const MOST: usize = 60;
     match text.char_indices().nth(MOST) {
@@ -205,7 +204,7 @@ fn age_text(age_s: f64) -> String {
     }
 }
 
-/// Two by two.
+/// Draws the cards in a grid of two by two.
 pub(super) fn cards(painter: &Painter, area: Rect, status_cards: &[StatusCard; 4]) {
     const GAP: f32 = 14.0;
     let size = (area.size() - vec2(GAP, GAP)) / 2.0;

@@ -1,10 +1,10 @@
-//! The tab's picture: a radar's waves in front of a corner of the room.
+//! The tab's icon: radar waves in front of a corner of the room.
 
 use egui::{Color32, CornerRadius, Painter, Pos2, Rect, Stroke, Ui, vec2};
 
 use super::{ACCENT, FAIR};
 
-/// Fills what is given with the picture.
+/// Fills the given area with the icon.
 pub fn icon(ui: &Ui, size_px: f32) {
     draw(ui.painter(), Rect::from_min_size(Pos2::ZERO, vec2(size_px, size_px)));
 }

@@ -1,7 +1,9 @@
-//! The panel in SteamVR's dashboard, as egui draws it: switches, the room from above, and how sensor and tracking are. It has
-//! no window, no GPU and no clock; it is given plain data ([`PanelView`]) and gives back what the user wants ([`PanelActions`]).
+//! The panel in SteamVR's dashboard, drawn with egui: switches, the room from above, and the state
+//! of sensor and tracking. It has no window, no GPU and no clock. Its input is plain data
+//! ([`PanelView`]), its output the user's actions ([`PanelActions`]).
 //!
-//! It is read at arm's length and touched with a laser pointer: large type, large targets, a fixed layout.
+//! It is viewed at arm's length and operated with a laser pointer: large type, large targets, a
+//! fixed layout.
 
 mod forget_button;
 mod health;
@@ -17,7 +19,7 @@ pub use plan::{Head, Plan, PlanMovingTarget, PlanObstacle, hull};
 
 use egui::{Align2, Color32, CornerRadius, FontId, Pos2, Rect, Ui, pos2, vec2};
 
-/// Width and height, pixels, which are egui's points.
+/// Width and height, pixels. One egui point is one pixel.
 pub const SIZE: [u32; 2] = [1600, 1000];
 
 const BACKGROUND: Color32 = Color32::from_rgb(15, 19, 27);
@@ -40,33 +42,33 @@ const HEALTH_HEIGHT: f32 = 332.0;
 /// What the panel shows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PanelView {
-    /// The settings in force, as their file spells them.
+    /// The active settings, with the keys of the settings file.
     pub settings: toml::Table,
     /// The room from above.
     pub plan: Plan,
-    /// Sensor, tracking and what is made of them.
+    /// State of sensor, tracking and reconstruction.
     pub health: Health,
 }
 
-/// What the user has changed.
+/// A setting that the user changed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SettingChange {
-    /// The setting, as in `warning.brightness`.
+    /// Name of the setting, for example `warning.brightness`.
     pub name: &'static str,
-    /// What it is to be.
+    /// New value.
     pub value: toml::Value,
 }
 
-/// What the user wants.
+/// What the user did.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PanelActions {
-    /// Settings that are to be others.
+    /// Changed settings.
     pub changes: Vec<SettingChange>,
-    /// The room's map is to begin anew.
+    /// Erase the room's map.
     pub forget_room: bool,
 }
 
-/// Draws the panel and gives what the user wants by this pass's input.
+/// Draws the panel and returns the user's actions of this pass.
 pub fn panel(ui: &Ui, view: &PanelView) -> PanelActions {
     let painter = ui.painter();
     painter.rect_filled(whole(), CornerRadius::ZERO, BACKGROUND);
@@ -76,14 +78,15 @@ pub fn panel(ui: &Ui, view: &PanelView) -> PanelActions {
     header(ui, &status_cards, notice.as_ref());
     health::cards(painter, health_area(), &status_cards);
     plan::draw(painter, plan_area(), &view.plan);
-    // Of a room that nothing is known of there is nothing to forget.
+    // An empty map cannot be erased.
     let is_known = view.health.obstacles + view.health.walls > 0;
     let forget_room = is_known && forget_button::draw(ui, forget_button::place(plan_area()));
     PanelActions { changes: switches::draw(ui, switches_area(), &view.settings), forget_room }
 }
 
-/// Where a switch is to be pressed, pixels from the upper left: `headset.warnings`, or with the part of it: `warning.brightness+`,
-/// `warning.brightness-`, `headset.display=stereo`; or the button `forget`.
+/// Position of a switch, pixels from the upper left. Names: `headset.warnings`, or a part of a
+/// switch: `warning.brightness+`, `warning.brightness-`, `headset.display=stereo`; or the button
+/// `forget`.
 pub fn target(settings: &toml::Table, name: &str) -> Option<[f32; 2]> {
     let mut places = switches::targets(switches_area(), settings);
     places.push(("forget".to_owned(), forget_button::place(plan_area())));
@@ -121,14 +124,14 @@ fn health_area() -> Rect {
     Rect::from_min_max(pos2(rect.min.x, rect.max.y - HEALTH_HEIGHT), rect.max)
 }
 
-/// The name, and the worst of what there is to say.
+/// The program's name and the most severe state.
 fn header(ui: &Ui, status_cards: &[health::StatusCard], notice: Option<&(health::State, String)>) {
     let painter = ui.painter();
     let middle = HEADER / 2.0 + 2.0;
     icon::draw(painter, Rect::from_center_size(pos2(MARGIN + 30.0, middle), vec2(60.0, 60.0)));
     painter.text(pos2(MARGIN + 78.0, middle), Align2::LEFT_CENTER, "Radar chaperone", font(42.0), TEXT);
     let said = status_cards.iter().map(|finding| (finding.state, finding.headline.as_str()));
-    // Of what is equally grave the notice: the others have their cards.
+    // At equal severity the notice wins: the others have their cards.
     let worst = said.chain(notice.map(|(state, says)| (*state, says.as_str()))).max_by_key(|(state, _)| *state);
     let (text, color) = match worst {
         Some((state, says)) if state > health::State::Good => (says, state.color()),
@@ -207,7 +210,8 @@ mod tests {
         assert_eq!(press(&context, &view, at("warning.style=minimal")), change("warning.style", "minimal".into()));
         assert_eq!(press(&context, &view, at("cues.sound")), change("cues.sound", true.into()));
         assert_eq!(press(&context, &view, [1590.0, 10.0]), []);
-        // The full distance stays below the one of the fade, so that no press is refused.
+        // The full-brightness distance must stay below the fade distance, so that no press is
+        // rejected.
         let mut near = view.clone();
         near.settings["warning"]["full_distance_m"] = 1.4.into();
         assert_eq!(press(&context, &near, at("warning.full_distance_m+")), []);

@@ -1,26 +1,26 @@
-//! What a player must be told in the headset while the panel, which tells it too, is not open: that the radar sees nothing, and that it sees
-//! again. Silence would be taken for a room without obstacles.
+//! Notices shown in the headset while the panel is closed: the radar sees nothing, or sees again.
+//! Without them, no warnings would look like a room without obstacles.
 
 use egui::{CornerRadius, Rect, Stroke, StrokeKind, Ui, pos2, vec2};
 
 use super::health::State;
 use super::{BACKGROUND, FAINT, TEXT, font, icon};
 
-/// Width and height of its picture, pixels.
+/// Width and height of the notice, pixels.
 pub const NOTICE_SIZE: [u32; 2] = [1040, 200];
 
-/// What there is to say.
+/// What to tell the user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Notice {
     /// No sensor was found since the start.
     NoSensor,
-    /// It was there and is not any more.
+    /// The sensor was disconnected.
     SensorGone,
-    /// It is there and sends nothing.
+    /// The sensor is connected but sends no data.
     SensorSilent,
-    /// The reconstruction has ended.
+    /// The reconstruction has stopped.
     MapStopped,
-    /// It is well again.
+    /// The fault is over.
     Recovered,
 }
 
@@ -29,7 +29,7 @@ impl Notice {
         if self == Self::Recovered { State::Good } else { State::Bad }
     }
 
-    /// What it says first: for the log as well.
+    /// The first line. Also used in the log.
     pub fn headline(self) -> &'static str {
         self.texts()[0]
     }
@@ -39,15 +39,15 @@ impl Notice {
             Self::NoSensor => ["No radar sensor: no new warnings", "Plug it in. Nothing new is seen without it."],
             Self::SensorGone => ["Radar lost: no new warnings", "Plug it in again. Only known obstacles are shown."],
             Self::SensorSilent => {
-                ["Radar is silent: no new warnings", "Unplug it and plug it in again, if it stays so."]
+                ["Radar is silent: no new warnings", "If this persists, unplug it and plug it in again."]
             }
             Self::MapStopped => ["The map stopped: no new warnings", "Restart Radar chaperone."],
-            Self::Recovered => ["The radar measures", "Obstacles are warned of as they are seen."],
+            Self::Recovered => ["The radar works again", "Warnings are active again."],
         }
     }
 }
 
-/// Draws it: the program's sign, what is the matter, what to do.
+/// Draws the notice: the program's icon, the fault, the remedy.
 pub fn notice(ui: &Ui, notice: Notice) {
     let painter = ui.painter();
     let [width, height] = NOTICE_SIZE.map(|px| px as f32);

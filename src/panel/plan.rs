@@ -1,34 +1,35 @@
-//! The room from above, as the play area lies: ahead is up.
+//! The room from above in the axes of the play area: forward is up.
 
 use egui::{Align2, Color32, Painter, Pos2, Rect, Shape, Stroke, StrokeKind, Vec2, pos2, vec2};
 
 use super::{ACCENT, CARD, FAINT, FAIR, ROUND, TEXT, font};
 
-/// What moves by itself: no colour of furniture.
+/// Colour of moving targets. Choice: unlike the colours of furniture.
 const MOVING_COLOR: Color32 = Color32::from_rgb(255, 92, 168);
-/// An obstacle; and so much of its colour where it is remembered and not seen again yet.
+/// Colour of obstacles, and the share of it for those from the saved map that were not detected
+/// again yet.
 const OBSTACLE_COLOR: Color32 = Color32::from_rgb(120, 150, 196);
 const RESTORED_ALPHA: f32 = 0.45;
-/// The plan shows no less and no more than so much from one edge to the other, metres.
+/// Smallest and largest extent of the plan, metres. Choice.
 const MIN_SPAN_M: f64 = 3.5;
 const MAX_SPAN_M: f64 = 10.0;
-/// No obstacle is drawn smaller, pixels from its middle.
+/// Smallest radius of a drawn obstacle, pixels.
 const MIN_RADIUS_PX: f32 = 11.0;
-/// The legend's strip below, pixels.
+/// Height of the legend below the plan, pixels.
 const LEGEND_PX: f32 = 52.0;
-/// Around what is shown, metres.
+/// Margin around the content, metres.
 const MARGIN_M: f64 = 0.4;
 
-/// The head: where, and which way it looks (right, ahead: components of a unit vector along x and z).
+/// Position and view direction of the head.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Head {
-    /// x and z, metres.
+    /// Position x and z, metres.
     pub at_m: [f64; 2],
-    /// Along x and z.
+    /// Unit vector of the view direction, x and z.
     pub forward: [f64; 2],
-    /// Half the beam's opening, radians, and how far the search looks, metres.
+    /// Half opening angle of the beam, radians.
     pub beam_rad: f64,
-    /// See `beam_rad`.
+    /// Largest range of the search, metres.
     pub beam_m: f64,
 }
 
@@ -37,41 +38,41 @@ pub struct Head {
 pub struct PlanObstacle {
     /// Its outline: corners of a convex polygon, x and z, metres.
     pub outline_m: Vec<[f64; 2]>,
-    /// Its strongest place.
+    /// Position of its strongest point, x and z, metres.
     pub at_m: [f64; 2],
-    /// 1σ of that: two half axes of an ellipse, metres.
+    /// 1σ of that position: two half axes of an ellipse, metres.
     pub sigma_m: [[f64; 2]; 2],
-    /// Whether it is warned of now.
+    /// Whether it is warned of at the moment.
     pub is_near: bool,
-    /// Whether it is remembered from before and not seen again yet.
+    /// Whether it is from the saved map and was not detected again yet.
     pub is_restored: bool,
 }
 
-/// Something that moves: somewhere on an arc.
+/// A moving target: somewhere on an arc.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlanMovingTarget {
-    /// Where it was seen from.
+    /// Sensor position at the observation.
     pub from_m: [f64; 2],
     /// The arc, from end to end.
     pub arc_m: Vec<[f64; 2]>,
 }
 
-/// What there is; places are x and z of the standing universe, metres.
+/// Content of the plan. Positions are x and z of the standing universe, metres.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Plan {
-    /// Width and depth of the play area, around the origin.
+    /// Width and depth of the play area, centred on the origin.
     pub play_area_m: Option<[f64; 2]>,
-    /// The head, while it is known.
+    /// The head, if tracked.
     pub head: Option<Head>,
-    /// Walls, from end to end.
+    /// Walls, as pairs of end points.
     pub walls_m: Vec<[[f64; 2]; 2]>,
     /// Obstacles.
     pub obstacles: Vec<PlanObstacle>,
-    /// What moves by itself.
+    /// Moving targets.
     pub moving: Vec<PlanMovingTarget>,
 }
 
-/// The corners of what contains all places, in order around it.
+/// Convex hull: the corners in order around it.
 pub fn hull(places: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut sorted: Vec<[f64; 2]> = places.iter().copied().filter(|p| p[0].is_finite() && p[1].is_finite()).collect();
     sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
@@ -98,7 +99,7 @@ pub fn hull(places: &[[f64; 2]]) -> Vec<[f64; 2]> {
     all
 }
 
-/// From metres to the picture.
+/// Maps metres to pixels.
 struct View {
     area: Rect,
     middle_m: [f64; 2],
@@ -106,7 +107,7 @@ struct View {
 }
 
 impl View {
-    /// All of it in the picture, as far as that may be.
+    /// Shows all content, within the limits of the extent.
     fn of(plan: &Plan, area: Rect) -> Self {
         let mut least = [-MIN_SPAN_M / 2.0; 2];
         let mut most = [MIN_SPAN_M / 2.0; 2];
@@ -122,7 +123,7 @@ impl View {
         plan.walls_m.iter().flatten().copied().for_each(&mut hold);
         plan.obstacles.iter().flat_map(|thing| &thing.outline_m).copied().for_each(&mut hold);
         plan.head.iter().for_each(|head| hold(head.at_m));
-        // By whole half metres, so that the picture does not breathe.
+        // Rounded to half metres, so that the scale does not change continuously.
         let [least, most] = [least.map(|v| (v * 2.0).floor() / 2.0), most.map(|v| (v * 2.0).ceil() / 2.0)];
         let scale = |i: usize, px: f32| f64::from(px) / (most[i] - least[i]);
         let px_per_m = scale(0, area.width()).min(scale(1, area.height()));
@@ -196,7 +197,7 @@ fn draw_obstacle(painter: &Painter, view: &View, thing: &PlanObstacle) {
     let corners: Vec<Pos2> = thing.outline_m.iter().map(|corner| view.at(*corner)).collect();
     let around = Rect::from_points(&corners);
     match corners.len() {
-        // What is too small to see is seen all the same.
+        // Obstacles too small to be visible get the smallest radius.
         0..=2 => drop(painter.circle_filled(view.at(thing.at_m), MIN_RADIUS_PX, color)),
         _ if around.width().max(around.height()) < 2.0 * MIN_RADIUS_PX => {
             painter.circle_filled(around.center(), MIN_RADIUS_PX, color);
@@ -206,7 +207,7 @@ fn draw_obstacle(painter: &Painter, view: &View, thing: &PlanObstacle) {
             painter.add(shape);
         }
     }
-    // Two sigmas: it is within, nineteen times of twenty along each axis.
+    // 2σ ellipse: the obstacle is inside with 95 % probability along each axis.
     let axes = thing.sigma_m.map(|axis| view.along(axis.map(|v| 2.0 * v)));
     if axes.iter().any(|axis| axis.length() > MIN_RADIUS_PX + 2.0) {
         let middle = view.at(thing.at_m);
@@ -219,7 +220,7 @@ fn draw_obstacle(painter: &Painter, view: &View, thing: &PlanObstacle) {
     }
 }
 
-/// The wedge that it was seen in and the arc that it is on.
+/// Draws the wedge in which the target was observed, and the arc it is on.
 fn draw_moving_target(painter: &Painter, view: &View, mover: &PlanMovingTarget) {
     let arc: Vec<Pos2> = mover.arc_m.iter().map(|place| view.at(*place)).collect();
     let mut wedge = vec![view.at(mover.from_m)];
@@ -236,7 +237,7 @@ fn draw_head(painter: &Painter, view: &View, head: &Head) {
     painter.circle(middle, 18.0, TEXT, Stroke::new(4.0, ACCENT));
 }
 
-/// What is what, below the plan; or why it is empty.
+/// Legend below the plan, or why the plan is empty.
 fn legend(painter: &Painter, area: Rect, plan: &Plan) {
     let y = area.max.y - LEGEND_PX / 2.0;
     let mut x = area.min.x + 24.0;
@@ -246,7 +247,7 @@ fn legend(painter: &Painter, area: Rect, plan: &Plan) {
         (Some(OBSTACLE_COLOR), "obstacle"),
         (Some(FAIR), "near you"),
         (Some(ACCENT), "play area"),
-        // There is room for one of them.
+        // There is room for only one of these.
         match (plan.moving.is_empty(), is_any_remembered) {
             (false, _) => (Some(MOVING_COLOR), "moving"),
             (true, true) => (Some(OBSTACLE_COLOR.gamma_multiply(RESTORED_ALPHA)), "remembered"),
@@ -291,7 +292,7 @@ mod tests {
             assert!(area.contains(view.at(place)), "{place:?} at {}", view.at(place));
         }
         assert!(view.at([0.0, -1.0]).y < view.at([0.0, 1.0]).y && view.at([1.0, 0.0]).x > view.at([-1.0, 0.0]).x);
-        // What is far away does not shrink the room to nothing.
+        // A distant wall does not shrink the room to nothing.
         let far = Plan { walls_m: vec![[[900.0, 0.0], [900.0, f64::NAN]]], ..Plan::default() };
         assert!(View::of(&far, area).px_per_m > 40.0);
     }

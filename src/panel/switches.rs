@@ -1,10 +1,10 @@
-//! The switches: a table of settings, each with how it is changed. To have another on the panel, add a row.
+//! The switches: a table of settings and their controls. To add a switch, add a row.
 
 use egui::{Align2, Color32, CornerRadius, Id, Painter, Rect, Sense, Stroke, StrokeKind, Ui, pos2, vec2};
 
 use super::{ACCENT, CARD, FAINT, HOVERED, RAISED, ROUND, SettingChange, TEXT, font};
 
-/// A row: setting, name, what it does, and how it is changed.
+/// A row: setting, label, hint and control.
 struct Switch {
     name: &'static str,
     label: &'static str,
@@ -15,11 +15,11 @@ struct Switch {
 enum Control {
     /// On or off.
     Toggle,
-    /// A number, up and down.
+    /// A number with buttons for less and more.
     Steps { step: f64, min: f64, max: f64, unit: Unit, limit: Limit },
-    /// One of some: value and label.
+    /// One of several values, with labels.
     Choice(&'static [(&'static str, &'static str)]),
-    /// One of some colours.
+    /// One of several colours.
     Color(&'static [[u8; 3]]),
 }
 
@@ -29,14 +29,14 @@ enum Unit {
     Percent,
 }
 
-/// Another setting that this one stays below or above, by a step at least.
+/// Another setting that this one must stay below or above, by at least one step.
 enum Limit {
     None,
     Below(&'static str),
     Above(&'static str),
 }
 
-/// The table. A setting that this version does not have is left out.
+/// The table. Settings that do not exist in this version are skipped.
 const SWITCHES: &[Switch] = &[
     Switch {
         name: "headset.warnings",
@@ -96,7 +96,7 @@ const SWITCHES: &[Switch] = &[
     Switch {
         name: "warning.style",
         label: "Style",
-        hint: "what is drawn of a thing",
+        hint: "how an object is drawn",
         control: Control::Choice(&[
             ("grid", "Grid"),
             ("outline", "Outline"),
@@ -125,7 +125,7 @@ const SWITCHES: &[Switch] = &[
     Switch {
         name: "cues.pulse",
         label: "Controllers pulse",
-        hint: "in the hand that is near to something",
+        hint: "in the hand close to an obstacle",
         control: Control::Toggle,
     },
     Switch {
@@ -142,15 +142,15 @@ const SWITCHES: &[Switch] = &[
     },
 ];
 
-/// A row is no higher, and no lower.
+/// Limits of a row's height, pixels.
 const MAX_ROW_HEIGHT: f32 = 108.0;
 const MIN_ROW_HEIGHT: f32 = 57.0;
 const GAP: f32 = 10.0;
-/// Two lines of the usual size have room in a row as high as this.
+/// From this row height on, both lines have their full size, pixels.
 const FULL_SIZE_ROW_HEIGHT: f32 = 78.0;
 const CONTROL_WIDTH: f32 = 366.0;
 
-/// What a part of a control does.
+/// Action of a part of a control.
 #[derive(Clone, Copy, PartialEq)]
 enum Part {
     Toggle,
@@ -159,14 +159,14 @@ enum Part {
     Choose(usize),
 }
 
-/// Draws the switches; gives what was changed.
+/// Draws the switches and returns the changed settings.
 pub(super) fn draw(ui: &Ui, area: Rect, settings: &toml::Table) -> Vec<SettingChange> {
     let mut changes = Vec::new();
     for (switch, value, row) in rows(area, settings) {
         let painter = ui.painter();
         painter.rect_filled(row, ROUND, CARD);
         let left = row.min.x + 24.0;
-        // In low rows both lines are a little smaller, to keep away from the edges.
+        // In lower rows, both lines are smaller, to keep a distance from the edges.
         let scale = (row.height() / FULL_SIZE_ROW_HEIGHT).min(1.0);
         let line = |y: f32| pos2(left, row.center().y + y * scale);
         painter.text(line(-15.0), Align2::LEFT_CENTER, switch.label, font(31.0 * scale), TEXT);
@@ -188,7 +188,7 @@ pub(super) fn draw(ui: &Ui, area: Rect, settings: &toml::Table) -> Vec<SettingCh
     changes
 }
 
-/// Every part that can be pressed, by name, with its place.
+/// Every target by name, with its position.
 pub(super) fn targets(area: Rect, settings: &toml::Table) -> Vec<(String, Rect)> {
     let of_row = |(switch, _, row): (&'static Switch, _, Rect)| {
         parts(switch, row)
@@ -198,7 +198,7 @@ pub(super) fn targets(area: Rect, settings: &toml::Table) -> Vec<(String, Rect)>
     rows(area, settings).into_iter().flat_map(of_row).collect()
 }
 
-/// The switches that there are settings for, with their values and places.
+/// Switches whose settings exist, with their values and positions.
 fn rows(area: Rect, settings: &toml::Table) -> Vec<(&'static Switch, &toml::Value, Rect)> {
     let there: Vec<_> = SWITCHES.iter().filter_map(|switch| Some((switch, value_of(settings, switch.name)?))).collect();
     let height = ((area.height() + GAP) / there.len().max(1) as f32 - GAP).clamp(MIN_ROW_HEIGHT, MAX_ROW_HEIGHT);
@@ -207,7 +207,7 @@ fn rows(area: Rect, settings: &toml::Table) -> Vec<(&'static Switch, &toml::Valu
     there.into_iter().enumerate().map(|(n, (switch, value))| (switch, value, place(n))).collect()
 }
 
-/// The parts of a control, with their places at the right of a row.
+/// The parts of a control, with their positions at the right of a row.
 fn parts(switch: &Switch, row: Rect) -> Vec<(Part, Rect)> {
     let height = (row.height() - 28.0).clamp(48.0, 68.0);
     let right = row.max.x - 16.0;
@@ -226,7 +226,7 @@ fn parts(switch: &Switch, row: Rect) -> Vec<(Part, Rect)> {
     }
 }
 
-/// What tells a part's name from those of others of its row.
+/// Suffix that distinguishes a part's name from the others of its row.
 fn target_suffix(switch: &Switch, part: Part) -> String {
     match (part, &switch.control) {
         (Part::Less, _) => "-".to_owned(),
@@ -280,7 +280,7 @@ fn draw_part(painter: &Painter, switch: &Switch, value: &toml::Value, part: Part
     }
 }
 
-/// What a setting is after a part was pressed; `None`: it stays as it is.
+/// New value after a part was pressed; `None` if it does not change.
 fn pressed(switch: &Switch, value: &toml::Value, part: Part, settings: &toml::Table) -> Option<toml::Value> {
     let new = match (part, &switch.control) {
         (Part::Toggle, _) => (!value.as_bool()?).into(),
@@ -294,7 +294,7 @@ fn pressed(switch: &Switch, value: &toml::Value, part: Part, settings: &toml::Ta
                 Limit::Below(name) => (*min, other(name)?.min(*max + step) - step),
                 Limit::Above(name) => (other(name)?.max(*min - step) + step, *max),
             };
-            // On the grid of steps, and without the tail that tenths have in binary.
+            // Rounds to the grid of steps and removes binary rounding errors.
             let stepped = ((number(value) / step).round() + up) * step;
             let clamped = (stepped * 1e6).round() / 1e6;
             return (min - 1e-6..=max + 1e-6).contains(&clamped).then_some(clamped.into());

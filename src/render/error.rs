@@ -1,6 +1,6 @@
-//! Why nothing could be drawn.
+//! Errors of rendering.
 
-/// Errors of drawing; the rest of a run goes on without pictures.
+/// Errors of rendering. Callers continue without images.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RenderError {
     /// Neither a graphics card nor a software renderer offers Vulkan.
@@ -12,41 +12,41 @@ pub enum RenderError {
     /// The adapter is there but cannot be used.
     #[error("graphics adapter {adapter} gives no device: {cause}")]
     NoDevice {
-        /// Its name.
+        /// Name of the adapter.
         adapter: String,
-        /// What it said.
+        /// Error text of the driver.
         cause: String,
     },
-    /// A picture without pixels, or with more than the device can hold.
+    /// The image has no pixels or is larger than the device allows.
     #[error("picture of {width} × {height} pixels: each side must be from 1 to {greatest}")]
     ImageSize {
-        /// Width asked for.
+        /// Requested width, pixels.
         width: u32,
-        /// Height asked for.
+        /// Requested height, pixels.
         height: u32,
-        /// The device's limit.
+        /// Largest side that the device supports, pixels.
         greatest: u32,
     },
-    /// An eye that looks nowhere.
+    /// The eye's projection is degenerate.
     #[error(
         "eye with tangents left, right, top, bottom {tangents:?} at {position_m:?} m: left must be below right, top below bottom, all finite"
     )]
     View {
         /// The tangents as given.
         tangents: [f64; 4],
-        /// Where the eye is.
+        /// Position of the eye, tracking frame, metres.
         position_m: [f64; 3],
     },
-    /// The device is gone: the driver was reset or updated, or the card was pulled. Nothing on it can be used any more; a new
-    /// renderer on a new device can.
+    /// The device is lost: the driver was reset or updated, or the card was removed. Nothing on it
+    /// is usable any more; a new renderer on a new device is.
     #[error("graphics adapter {adapter} lost its device: {cause}")]
     DeviceLost {
-        /// Its name.
+        /// Name of the adapter.
         adapter: String,
-        /// What it said.
+        /// Error text of the driver.
         cause: String,
     },
-    /// The device refused work.
+    /// The device rejected an operation.
     #[error("the graphics device failed: {0}")]
     Device(String),
 }

@@ -1,32 +1,35 @@
-//! An eye: where it is, and how wide it sees.
+//! The pose and projection of one eye.
 //!
-//! Tangents are as OpenVR's `GetProjectionRaw` gives them: `[left, right, top, bottom]`, each the tangent of the angle from
-//! the eye's −z axis to that edge of the picture, x to the right. Its names for the vertical edges are swapped against what
-//! its values mean with y up (openvr issues 110, 254, 816): `top` is the tangent of the *lower* edge, negative in front of
-//! any headset, and `bottom` that of the *upper* edge, positive. `ComposeProjection` of OpenVR's manual reads them so too.
+//! The tangents are those of OpenVR's `GetProjectionRaw`: `[left, right, top, bottom]`, each the
+//! tangent of the angle from the eye's −z axis to that edge of the image, x to the right. With y
+//! up, the names of the vertical edges are swapped against their values (openvr issues 110, 254,
+//! 816): `top` is the tangent of the *lower* edge, negative for any headset, and `bottom` is that
+//! of the *upper* edge, positive. `ComposeProjection` in OpenVR's manual uses them in the same way.
 
 use glam::{DMat4, DVec2, DVec3, DVec4, Mat4};
 
 use super::error::RenderError;
 use radar_sar::geometry::Pose;
 
-/// Nothing nearer to the eye is drawn, metres.
+/// Distance of the near plane, metres. Choice.
 const NEAR_M: f64 = 0.03;
 
-/// One eye's view.
+/// Pose and projection of one eye.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EyeView {
-    /// Where the eye is and how it is turned; it looks along −z, +y is up in its picture.
+    /// Pose of the eye. It looks along −z; +y is up in its image.
     pub tracking_from_eye: Pose,
-    /// Left, right, "top" (the lower edge, negative) and "bottom" (the upper edge, positive), as `GetProjectionRaw` gives them.
+    /// Left, right, "top" (the lower edge, negative) and "bottom" (the upper edge, positive), as
+    /// returned by `GetProjectionRaw`.
     pub tangents: [f64; 4],
-    /// Width and height of its picture, pixels.
+    /// Width and height of its image, pixels.
     pub size_px: [u32; 2],
 }
 
 impl EyeView {
-    /// Left and right eye of a head, looking straight ahead side by side. `ipd_m`: the distance between the pupils, 0.064 m for
-    /// most people; `fov_rad`: the full horizontal field of view; the vertical one follows from the picture's shape.
+    /// Left and right eye of a head, both looking straight ahead. `ipd_m`: distance between the
+    /// pupils, 0.064 m for most people. `fov_rad`: full horizontal field of view; the vertical one
+    /// follows from the aspect ratio of the image.
     pub fn pair(tracking_from_head: &Pose, ipd_m: f64, fov_rad: f64, size_px: [u32; 2]) -> [Self; 2] {
         let x = (fov_rad / 2.0).tan();
         let y = x * f64::from(size_px[1]) / f64::from(size_px[0]);
@@ -37,7 +40,8 @@ impl EyeView {
         })
     }
 
-    /// The pixel, from the picture's upper left corner, where a point of the tracking frame appears; `None` behind the eye.
+    /// Pixel, from the upper left corner of the image, at which a point of the tracking frame
+    /// appears; `None` behind the eye.
     pub fn project(&self, point_m: DVec3) -> Option<DVec2> {
         let in_eye = self.tracking_from_eye.inverse().transform_point(point_m);
         let clip = self.clip_from_eye() * in_eye.extend(1.0);
@@ -52,7 +56,8 @@ impl EyeView {
     }
 
     /// # Errors
-    /// A pose or tangents that make no picture.
+    /// [`RenderError::View`] if the pose or the tangents are not finite, the rotation is not
+    /// normalised, or the tangents are not in ascending order.
     pub(super) fn check(&self) -> Result<(), RenderError> {
         let [left, right, lower, upper] = self.edges();
         let finite = self.tangents.iter().all(|t| t.is_finite());
@@ -64,7 +69,8 @@ impl EyeView {
         Err(RenderError::View { tangents: self.tangents, position_m })
     }
 
-    /// Perspective with depth 1 at the near plane and 0 at infinity: floats are finest where they are needed.
+    /// Perspective projection with reversed depth: 1 at the near plane and 0 at infinity. This
+    /// gives the best float precision.
     fn clip_from_eye(&self) -> DMat4 {
         let [left, right, lower, upper] = self.edges();
         let (width, height) = (right - left, upper - lower);
@@ -76,7 +82,7 @@ impl EyeView {
         )
     }
 
-    /// For places relative to the eye along the tracking frame's axes.
+    /// For points relative to the eye, in the axes of the tracking frame.
     pub(super) fn clip_from_place(&self) -> Mat4 {
         let eye_from_place = DMat4::from_quat(self.tracking_from_eye.rotation.conjugate());
         (self.clip_from_eye() * eye_from_place).as_mat4()
@@ -89,7 +95,8 @@ mod tests {
 
     #[test]
     fn tangents_project_to_image_edges() {
-        // A Rift's left eye: it sees further down (1.11) than up (0.89) and further left than right.
+        // Left eye of a Rift: it sees further down (1.11) than up (0.89), and further left than
+        // right.
         let eye =
             EyeView { tracking_from_eye: Pose::IDENTITY, tangents: [-0.96, 0.72, -1.11, 0.89], size_px: [1000, 1200] };
         let close = |point: DVec3, x: f64, y: f64| (eye.project(point).unwrap() - DVec2::new(x, y)).length() < 1e-9;

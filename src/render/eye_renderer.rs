@@ -1,9 +1,10 @@
-//! What an eye sees, part by part: backdrop, dots where things truly are, balls of an obstacle's shape, quads. [`super::preview`]
-//! and [`super::scenery`] put the parts together.
+//! Draws the parts of one eye's view: backdrop, dots at the true objects, balls of obstacle shapes,
+//! quads. [`super::preview`] and [`super::stereo`] combine the parts.
 //!
-//! Four samples a pixel, one depth buffer, nearer is greater. Dots and balls hide what is behind them; quads are tested
-//! against these and blended, from far to near. Places reach the GPU relative to the eye: the difference is taken in f64, so a
-//! room far from the origin is as sharp as one at it.
+//! Four samples per pixel, one depth buffer, reversed depth (nearer is greater). Dots and balls
+//! occlude what is behind them. Quads are depth-tested against these and blended from far to near.
+//! Positions reach the GPU relative to the eye, with the difference taken in f64, so precision does
+//! not depend on the distance to the origin.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -39,11 +40,11 @@ struct QuadCorner {
 /// A ball in the room.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ball {
-    /// Middle, tracking frame, metres.
+    /// Centre, tracking frame, metres.
     pub position_m: DVec3,
-    /// Metres.
+    /// Radius, metres.
     pub radius_m: f64,
-    /// Linear red, green, blue, multiplied by alpha, and alpha.
+    /// Linear red, green, blue, premultiplied by alpha, and alpha.
     pub color: [f32; 4],
 }
 
@@ -54,7 +55,7 @@ struct BallInstance {
     color: [f32; 4],
 }
 
-/// The pipelines of all parts.
+/// Pipelines of all parts.
 pub(super) struct EyeRenderer {
     backdrop: wgpu::RenderPipeline,
     dots: wgpu::RenderPipeline,
@@ -65,10 +66,10 @@ pub(super) struct EyeRenderer {
     sampler: wgpu::Sampler,
 }
 
-/// What is drawn for one eye, on the GPU.
+/// GPU data of one eye's view.
 pub(super) struct DrawList {
     eye: wgpu::BindGroup,
-    /// Dots, balls and corners of quads, one after the other; where the latter two begin, bytes.
+    /// Dots, balls and quad corners, one after the other, with the byte offsets of the latter two.
     vertices: wgpu::Buffer,
     balls_at: u64,
     corners_at: u64,
@@ -124,7 +125,7 @@ impl EyeRenderer {
         Self { backdrop, dots, balls, quads, eye_layout, image_layout, sampler }
     }
 
-    /// Brings to the GPU what an eye sees of dots (places and radii, metres), balls and quads.
+    /// Uploads what one eye sees of dots (points and radii, metres), balls and quads.
     pub fn draw_list(
         &self,
         gpu: &Gpu,
@@ -150,7 +151,7 @@ impl EyeRenderer {
         }
     }
 
-    /// Fills the picture: a dark room's floor and horizon.
+    /// Fills the image with the floor and horizon of a dark room.
     pub fn draw_backdrop(&self, pass: &mut wgpu::RenderPass, sight: &DrawList) {
         pass.set_bind_group(0, &sight.eye, &[]);
         pass.set_pipeline(&self.backdrop);
@@ -211,7 +212,7 @@ impl EyeRenderer {
     }
 }
 
-/// The multisampled picture and depth buffer of one size that are drawn on before a picture is resolved from them.
+/// Multisampled colour and depth buffers of one size. Images are drawn here and then resolved.
 pub(super) struct Canvas {
     samples: wgpu::TextureView,
     depth: wgpu::TextureView,
@@ -223,7 +224,8 @@ impl Canvas {
         Self { samples: view(FORMAT), depth: view(DEPTH) }
     }
 
-    /// A pass that begins transparent and ends up in `picture`, which is of the canvas' size.
+    /// Starts a pass that begins transparent and resolves into `picture`, which must have the size
+    /// of the canvas.
     pub fn begin<'e>(&self, encoder: &'e mut wgpu::CommandEncoder, picture: &wgpu::Texture) -> wgpu::RenderPass<'e> {
         let nothing = wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT);
         encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -243,7 +245,7 @@ impl Canvas {
     }
 }
 
-/// Those on the floor first, then by falling distance from the eye.
+/// Quads on the floor first, then by decreasing distance from the eye.
 fn far_to_near<'q>(quads: &[&'q Quad], view: &EyeView) -> Vec<&'q Quad> {
     let eye = view.tracking_from_eye.translation;
     let distance = |quad: &Quad| quad.tracking_from_quad.translation.distance(eye);
@@ -252,7 +254,7 @@ fn far_to_near<'q>(quads: &[&'q Quad], view: &EyeView) -> Vec<&'q Quad> {
     order
 }
 
-/// Corners in the order of a triangle strip.
+/// Corners in triangle-strip order.
 fn quad_corners(quad: &Quad, view: &EyeView) -> [QuadCorner; 4] {
     [[0.0, 1.0], [1.0, 1.0], [0.0, 0.0], [1.0, 0.0]].map(|uv: [f64; 2]| {
         let on_quad = DVec3::new((uv[0] - 0.5) * quad.size_m.x, (0.5 - uv[1]) * quad.size_m.y, 0.0);
@@ -261,7 +263,7 @@ fn quad_corners(quad: &Quad, view: &EyeView) -> [QuadCorner; 4] {
     })
 }
 
-/// Places relative to the eye and radii, of those that are places.
+/// Positions relative to the eye, with radii. Non-finite entries are left out.
 fn dot_instances(truth: &[(DVec3, f64)], view: &EyeView) -> Vec<[f32; 4]> {
     let eye = view.tracking_from_eye.translation;
     let sound = truth.iter().filter(|(place, radius)| place.is_finite() && radius.is_finite() && *radius >= 0.0);
@@ -283,12 +285,12 @@ fn layout<T>(step_mode: wgpu::VertexStepMode, attributes: &[wgpu::VertexAttribut
     wgpu::VertexBufferLayout { array_stride: size_of::<T>() as u64, step_mode, attributes }
 }
 
-/// What tells one pipeline from another.
+/// What distinguishes one pipeline from another.
 struct Part<'a> {
     /// Vertex and fragment entry points.
     entries: [&'a str; 2],
     vertices: Option<wgpu::VertexBufferLayout<'a>>,
-    /// Whether it writes depth, and the test.
+    /// Whether it writes depth, and the depth test.
     depth: (bool, wgpu::CompareFunction),
     blend: Option<wgpu::BlendState>,
     alpha_to_coverage: bool,

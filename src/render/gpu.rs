@@ -1,4 +1,5 @@
-//! The graphics device: found without a window, or taken over from someone who opened it (SteamVR wants its own extensions).
+//! The graphics device: opened without a window, or taken over from a caller that opened it with
+//! the extensions of SteamVR.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -9,17 +10,18 @@ use wgpu::hal::api::Vulkan;
 
 use super::error::RenderError;
 
-/// Format of every picture: 8 bits a channel, sRGB curve.
+/// Format of every image: 8 bits per channel, sRGB curve.
 pub(super) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
 
-/// The limits that a device must have been opened with to serve a renderer, of those that its adapter offers.
+/// Limits with which a device must be opened to be usable by a renderer, given the limits of its
+/// adapter.
 pub fn needed_limits(offered: &wgpu::Limits) -> wgpu::Limits {
     wgpu::Limits::downlevel_defaults().using_resolution(offered.clone())
 }
 
-/// A device, its queue, and what it complained of.
+/// A device, its queue, and the errors that it reported.
 pub(super) struct Gpu {
-    /// Goes before its device.
+    /// Declared first: dropped before its device.
     probe: Option<LossProbe>,
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
@@ -27,24 +29,25 @@ pub(super) struct Gpu {
     errors: Arc<Mutex<DeviceErrors>>,
 }
 
-/// A fence that nothing ever signals: asked for its state, the driver says whether the device is lost.
+/// A fence that is never signalled. Its status query returns whether the device is lost.
 struct LossProbe {
     device: ash::Device,
     fence: vk::Fence,
 }
 
 impl LossProbe {
-    /// `None`: the device is no Vulkan device, or has no fence to give.
+    /// `None` if the device is not a Vulkan device or cannot create a fence.
     fn of(device: &wgpu::Device) -> Option<Self> {
-        // SAFETY: the handle is used to make a fence and to ask for its state alone; whoever holds the probe holds the device.
+        // SAFETY: the handle is used only to create a fence and query its state. The owner of the
+        // probe keeps the device alive.
         let device = unsafe { device.as_hal::<Vulkan>()?.raw_device().clone() };
-        // SAFETY: a living device.
+        // SAFETY: the device is alive.
         let fence = unsafe { device.create_fence(&vk::FenceCreateInfo::default(), None) }.ok()?;
         Some(Self { device, fence })
     }
 
     fn is_device_lost(&self) -> bool {
-        // SAFETY: a fence of that device.
+        // SAFETY: the fence belongs to this device.
         let state = unsafe { self.device.get_fence_status(self.fence) };
         state == Err(vk::Result::ERROR_DEVICE_LOST)
     }
@@ -52,21 +55,21 @@ impl LossProbe {
 
 impl Drop for LossProbe {
     fn drop(&mut self) {
-        // SAFETY: nothing was ever submitted with it, and the device is dropped after it.
+        // SAFETY: the fence was never submitted, and the device is dropped after it.
         unsafe { self.device.destroy_fence(self.fence, None) }
     }
 }
 
 #[derive(Default)]
 struct DeviceErrors {
-    /// The first error since the last check.
+    /// First error since the last check.
     error: Option<String>,
-    /// Why the device was lost; it stays so.
+    /// Why the device was lost. Never reset.
     lost: Option<String>,
 }
 
 impl Gpu {
-    /// Opens the fastest Vulkan adapter, a software one if there is no other.
+    /// Opens the fastest Vulkan adapter, or a software renderer if there is no other.
     pub fn headless() -> Result<Self, RenderError> {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         descriptor.backends = wgpu::Backends::VULKAN;
@@ -80,7 +83,7 @@ impl Gpu {
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("radar-chaperone"),
             required_limits: needed_limits(&adapter.limits()),
-            // Memory is taken in pieces of 8 MB instead of 128.
+            // Allocates memory in blocks of 8 MB instead of 128 MB.
             memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..Default::default()
         }))
@@ -104,28 +107,29 @@ impl Gpu {
         Self { probe, device, queue, name, errors }
     }
 
-    /// Whether the device still works: its first complaint since the last call, if any. Also lets it free what it is done with.
+    /// First error of the device since the last call, if any. Also lets wgpu free resources that
+    /// are no longer in use.
     pub fn check(&self) -> Result<(), RenderError> {
         self.poll(wgpu::PollType::Poll)
     }
 
-    /// The same, for any kind of waiting. wgpu panics where the wait itself finds the device lost, so a lost one is looked for before,
-    /// and whatever happens in between is caught.
+    /// As [`Self::check`], for any poll type. wgpu panics when a wait discovers a lost device, so
+    /// the loss is checked before, and a panic in between is caught.
     fn poll(&self, kind: wgpu::PollType) -> Result<(), RenderError> {
         self.take_error()?;
         if self.probe.as_ref().is_some_and(LossProbe::is_device_lost) {
-            lock_errors(&self.errors).lost.get_or_insert("the driver says so".to_owned());
+            lock_errors(&self.errors).lost.get_or_insert("reported by the driver".to_owned());
             return self.take_error();
         }
         let polled = catch_unwind(AssertUnwindSafe(|| self.device.poll(kind)));
         if polled.is_err() {
-            lock_errors(&self.errors).lost.get_or_insert("it was lost while it worked".to_owned());
+            lock_errors(&self.errors).lost.get_or_insert("lost while the GPU was working".to_owned());
         }
         self.take_error()?;
         polled.map_or(Ok(()), |polled| polled.map(drop).map_err(device_error))
     }
 
-    /// The first complaint since the last call, if any.
+    /// First error since the last call, if any.
     fn take_error(&self) -> Result<(), RenderError> {
         let mut errors = lock_errors(&self.errors);
         if let Some(cause) = &errors.lost {
@@ -134,7 +138,8 @@ impl Gpu {
         errors.error.take().map_or(Ok(()), |cause| Err(RenderError::Device(cause)))
     }
 
-    /// A buffer that holds these bytes, a multiple of four. Written by the queue: to map a new buffer of a lost device panics.
+    /// A buffer with these bytes, whose length must be a multiple of four. The queue writes it,
+    /// because mapping a new buffer of a lost device panics.
     pub fn buffer(&self, contents: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
             label: None,
@@ -148,19 +153,19 @@ impl Gpu {
         buffer
     }
 
-    /// Whether a picture of this size can be made.
+    /// Checks that an image of this size is possible.
     pub fn check_size(&self, [width, height]: [u32; 2]) -> Result<(), RenderError> {
         let greatest = self.device.limits().max_texture_dimension_2d;
         let fits = (1..=greatest).contains(&width) && (1..=greatest).contains(&height);
         if fits { Ok(()) } else { Err(RenderError::ImageSize { width, height, greatest }) }
     }
 
-    /// A texture to draw into, with `samples` a pixel.
+    /// A render target with `samples` samples per pixel.
     pub fn target(&self, [width, height]: [u32; 2], format: wgpu::TextureFormat, samples: u32) -> wgpu::Texture {
         self.texture([width, height], format, samples, 1)
     }
 
-    /// A texture to draw into and, when it has one sample a pixel, to read from.
+    /// A render target. With one sample per pixel, it can also be read.
     pub fn texture(
         &self,
         [width, height]: [u32; 2],
@@ -182,7 +187,7 @@ impl Gpu {
         })
     }
 
-    /// The finest level of a texture in [`FORMAT`], as a picture.
+    /// The finest level of a texture in [`FORMAT`], as an image.
     pub fn read(&self, texture: &wgpu::Texture) -> Result<RgbaImage, RenderError> {
         let (width, height) = (texture.width(), texture.height());
         let row = (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT);
@@ -206,7 +211,7 @@ impl Gpu {
         self.poll(wgpu::PollType::wait_indefinitely())?;
         let mapped = buffer.get_mapped_range(..).map_err(device_error)?;
         let pixels = mapped.chunks(row as usize).flat_map(|line| &line[..4 * width as usize]).copied().collect();
-        RgbaImage::from_raw(width, height, pixels).ok_or_else(|| RenderError::Device("picture came back short".into()))
+        RgbaImage::from_raw(width, height, pixels).ok_or_else(|| RenderError::Device("image has too few pixels".into()))
     }
 }
 

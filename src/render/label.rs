@@ -1,13 +1,14 @@
-//! A short text as a field of distances to its outline, for a shader to draw with a rim at any size.
+//! A short text as a signed distance field, which a shader draws with an outline at any size.
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
 
-/// Height of the font, texels.
+/// Font height, texels. Choice.
 const FONT_PX: f32 = 40.0;
-/// Room around the text, and the greatest distance told, texels.
+/// Margin around the text and largest distance stored, texels. Choice.
 const MARGIN_TEXELS: i32 = 7;
 
-/// Distances to a text's outline in texels, negative inside, row by row from the top.
+/// Signed distances to the outline of a text, texels, negative inside, `[row][column]` from the
+/// top.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Label {
     pub columns: u32,
@@ -16,7 +17,7 @@ pub(super) struct Label {
 }
 
 impl Label {
-    /// The text in one line; empty where the font cannot be read.
+    /// The text in one line. Empty if the font cannot be read.
     pub fn new(text: &str) -> Self {
         let Ok(font) = FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT) else { return Self::default() };
         let font = font.as_scaled(PxScale::from(FONT_PX));
@@ -50,7 +51,8 @@ impl Label {
     }
 }
 
-/// To the nearest texel that is on the other side of the outline, corrected by how much of it is covered.
+/// Distance of each texel to the nearest texel on the other side of the outline, corrected by the
+/// coverage of that texel.
 fn distances(covered: &[f32], columns: i32, rows: i32) -> Vec<f32> {
     let at = |x: i32, y: i32| {
         let is_there = (0..columns).contains(&x) && (0..rows).contains(&y);

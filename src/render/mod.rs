@@ -1,9 +1,11 @@
-//! Warnings as pictures, by wgpu: panel textures and where the panels stand, and a preview of what each eye sees.
+//! Renders warnings with wgpu: panel textures with their poses, stereo windows, eye images, and a
+//! preview.
 //!
-//! Parts that can be used apart. [`Renderer::quads`] draws textures and says where they stand: all that a SteamVR overlay
-//! needs. [`Renderer::window`] and [`Renderer::eye`] draw them, with the shapes of obstacles, as an eye sees them, for displays that
-//! show each eye its own picture. [`Renderer::preview`] shows quads in a dark room: for reports, and without a headset. Nothing
-//! opens a window of the desktop. The same input gives the same bytes on the same machine.
+//! The parts can be used separately. [`Renderer::quads`] draws textures and returns their poses,
+//! which is all that a SteamVR overlay needs. [`Renderer::window`] and [`Renderer::eye`] draw
+//! panels and obstacle shapes as one eye sees them, for displays with a separate image per eye.
+//! [`Renderer::preview`] shows quads in a dark room, for reports and without a headset. No desktop
+//! window is opened. The same input gives the same bytes on the same machine.
 
 mod error;
 mod eye;

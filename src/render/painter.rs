@@ -1,9 +1,9 @@
-//! Draws the textures of panels and footprints. Knows nothing of where they stand: the same texture serves the preview and a
-//! SteamVR overlay.
+//! Draws the textures of panels and footprints. It does not know their poses: the preview and
+//! SteamVR overlays use the same textures.
 //!
-//! RGBA, 8 bits, sRGB curve, colour multiplied by alpha; row 0 is the upper edge. A runtime copies the finest level alone. The
-//! smaller ones, which keep a far panel from shimmering, are drawn when one of our own views first needs them. A new
-//! texture is left ready to be copied.
+//! RGBA, 8 bits, sRGB curve, premultiplied alpha; row 0 is the upper edge. A VR runtime copies only
+//! the finest mip level. The coarser levels, which avoid shimmering on distant panels, are drawn
+//! when this program first samples the texture. A new texture is in the copy-source state.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec2;
@@ -12,25 +12,25 @@ use super::gpu::{FORMAT, Gpu};
 use super::label::Label;
 use crate::warning::{PanelKind, Style, WarningSettings};
 
-/// Sharpness of a texture: a grid line is two pixels wide.
+/// Texture resolution. Choice: a grid line is two pixels wide.
 const PIXELS_PER_M: f64 = 512.0;
-/// Longest side of a texture; larger panels are drawn less sharp.
+/// Longest side of a texture. Larger panels get fewer pixels per metre.
 const MAX_SIDE_PX: f64 = 1024.0;
 
-/// Height of a text with the room around it, metres: read at 1.5 m without effort.
+/// Height of the distance label with its margin, metres. Choice: readable at 1.5 m.
 const LABEL_HEIGHT_M: f64 = 0.13;
-/// Its middle above a silhouette, metres.
+/// Height of the label's centre above the silhouette, metres.
 const LABEL_ABOVE_M: f64 = 0.06;
-/// Its middle above the floor where there is no silhouette, metres.
+/// Height of the label's centre above the floor if there is no silhouette, metres.
 const LABEL_ON_WALL_M: f64 = 1.3;
 
-/// What a panel's texture shows.
+/// Content of a panel's texture.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct PanelContent<'a> {
     pub kind: PanelKind,
     pub size_m: DVec2,
     pub silhouette: &'a [(DVec2, f64)],
-    /// Tenths of a metre to write on it.
+    /// Distance on the label, tenths of a metre.
     pub label_dm: Option<i32>,
 }
 
@@ -60,7 +60,7 @@ struct FootprintUniform {
     color: [f32; 4],
 }
 
-/// The pipelines that draw textures.
+/// Pipelines that draw the textures.
 pub(super) struct Painter {
     panel: wgpu::RenderPipeline,
     footprint: wgpu::RenderPipeline,
@@ -106,7 +106,8 @@ impl Painter {
         self.paint(gpu, &self.panel, look.size_m, bytemuck::bytes_of(&uniform), list)
     }
 
-    /// The texture of a footprint: corners from the middle, counter-clockwise with y up, metres.
+    /// The texture of a footprint. `corners_m`: corners relative to its centre, counter-clockwise
+    /// with y up, metres.
     pub fn footprint(&self, gpu: &Gpu, size_m: DVec2, corners_m: &[DVec2], style: &WarningSettings) -> wgpu::Texture {
         let corners: Vec<[f32; 4]> = corners_m.iter().map(|c| [c.x as f32, c.y as f32, 0.0, 0.0]).collect();
         let uniform = FootprintUniform {
@@ -126,7 +127,7 @@ impl Painter {
         uniform: &[u8],
         mut list: Vec<[f32; 4]>,
     ) -> wgpu::Texture {
-        // A storage buffer may not be empty.
+        // A storage buffer must not be empty.
         if list.is_empty() {
             list.push([0.0; 4]);
         }
@@ -166,7 +167,7 @@ impl Painter {
         texture
     }
 
-    /// Draws a texture's smaller levels, each from the one before.
+    /// Draws the coarser mip levels, each from the previous one.
     pub fn draw_mip_levels(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, texture: &wgpu::Texture) {
         let views: Vec<_> = (0..texture.mip_level_count()).map(|level| level_view(texture, level)).collect();
         for pair in views.windows(2) {
@@ -175,7 +176,7 @@ impl Painter {
     }
 }
 
-/// As the shader knows it.
+/// Style number used by the shader.
 pub(super) fn style_number(style: Style) -> u32 {
     match style {
         Style::Grid => 0,
@@ -185,7 +186,8 @@ pub(super) fn style_number(style: Style) -> u32 {
     }
 }
 
-/// Middle and half size of the text: above the silhouette's top, on a wall a little below the eyes of most.
+/// Centre and half size of the label: above the top of the silhouette, or slightly below eye height
+/// on a wall.
 fn label_rect(look: &PanelContent, label: &Label) -> [f32; 4] {
     let half_size = DVec2::new(label.aspect(), 1.0) * LABEL_HEIGHT_M / 2.0;
     let highest = look.silhouette.iter().max_by(|a, b| (a.0.y + a.1).total_cmp(&(b.0.y + b.1)));
@@ -198,7 +200,8 @@ fn label_rect(look: &PanelContent, label: &Label) -> [f32; 4] {
     [middle.x, middle.y, half_size.x, half_size.y].map(|v| v as f32)
 }
 
-/// Leaves textures in the layout that a runtime takes them over in (Vulkan's `TRANSFER_SRC_OPTIMAL`).
+/// Leaves textures in the layout in which a VR runtime takes them (Vulkan's
+/// `TRANSFER_SRC_OPTIMAL`).
 pub(super) fn transition_to_copy_source<'t>(
     encoder: &mut wgpu::CommandEncoder,
     textures: impl Iterator<Item = &'t wgpu::Texture>,
@@ -240,19 +243,19 @@ fn pipeline(gpu: &Gpu, shader: wgpu::ShaderModuleDescriptor) -> wgpu::RenderPipe
     })
 }
 
-/// Pixels for a size in metres, 16 at least.
+/// Texture size in pixels for a size in metres; at least 16.
 fn texture_size(size_m: DVec2) -> [u32; 2] {
     let scale = PIXELS_PER_M.min(MAX_SIDE_PX / size_m.max_element().max(1e-3));
     (size_m * scale).to_array().map(|v| v.round().clamp(16.0, MAX_SIDE_PX) as u32)
 }
 
-/// The grid's spacing, bounded so that any setting can be drawn.
+/// Grid spacing, metres, limited to a range that can be drawn.
 fn spacing(style: &WarningSettings) -> f32 {
     let given = style.grid_spacing_m as f32;
     if given.is_finite() { given.clamp(0.05, 1.0) } else { 0.2 }
 }
 
-/// Linear red, green, blue of an sRGB colour; fourth 1.
+/// Linear red, green, blue of an sRGB colour; the fourth value is 1.
 pub(super) fn linear(srgb: [u8; 3]) -> [f32; 4] {
     let [red, green, blue] = srgb.map(|v| {
         let v = f32::from(v) / 255.0;

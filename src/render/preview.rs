@@ -1,5 +1,5 @@
-//! The preview: what an eye sees of the warnings, over a dark room with a floor grid of one metre, with dots where things
-//! truly are.
+//! The preview: warnings as one eye sees them, in a dark room with a 1 m floor grid and dots at the
+//! true objects.
 
 use glam::DVec3;
 use image::RgbaImage;
@@ -10,7 +10,7 @@ use super::eye_renderer::{Canvas, EyeRenderer};
 use super::gpu::{FORMAT, Gpu};
 use super::quads::Quad;
 
-/// The picture of one eye. `truth`: places and radii, metres.
+/// The image of one eye. `truth`: points and radii, metres.
 pub(super) fn preview(
     gpu: &Gpu,
     viewer: &EyeRenderer,

@@ -1,8 +1,9 @@
-//! Warnings as textured quads standing in the room, each with a texture that is drawn again only when its content changes.
+//! Warnings as textured quads in the room. A texture is redrawn only when its content changes.
 //!
-//! The key of a texture is its content, rounded to half a millimetre; brightness and pose are no part of it. Textures that
-//! nothing showed for a while are dropped, the longest unused first when there are many. One that was shown within the last few
-//! frames never is: a VR runtime may still be copying it, and no one tells us when it is done.
+//! The cache key of a texture is its content, rounded to half a millimetre. Brightness and pose are
+//! not part of it. Textures that were not used for a while are dropped, the least recently used
+//! first when the cache is full. Textures used within the last few frames are never dropped,
+//! because a VR runtime may still be copying them and does not report when it has finished.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -15,18 +16,18 @@ use super::painter::{Painter, PanelContent, style_number, transition_to_copy_sou
 use crate::warning::{Footprint, Panel, PanelKind, WarningSettings, Warnings};
 use radar_sar::geometry::Pose;
 
-/// A texture is dropped after so many uses of the cache without it: ten seconds of frames.
+/// Unused textures are dropped after this many calls: ten seconds of frames. Choice.
 const MAX_UNUSED_CALLS: u64 = 900;
-/// More memory than this is not kept in textures, but for those in flight, bytes: what eight panels show, and as much again of what
-/// they showed lately.
+/// Limit of the texture cache, not counting textures in flight, bytes. Choice: eight panels, and as
+/// much again of recent ones.
 const MAX_CACHE_BYTES: u64 = 48 << 20;
-/// A texture used so few uses ago may still be in flight.
+/// A texture used within this many calls may still be in flight. Choice.
 const IN_FLIGHT_CALLS: u64 = 4;
-/// Room around a footprint for its glow, metres.
+/// Margin around a footprint for its glow, metres.
 const GLOW_MARGIN_M: f64 = 0.08;
-/// Footprints lie this far above the floor, metres.
+/// Height of footprints above the floor, metres.
 const HEIGHT_ABOVE_FLOOR_M: f64 = 0.003;
-/// Corners of a footprint are rounded to this, metres.
+/// Footprint corners are rounded to this, metres.
 const CORNER_STEP_M: f64 = 0.005;
 
 /// What a quad shows.
@@ -36,48 +37,48 @@ pub enum QuadKind {
     Object,
     /// A wall's panel.
     Wall,
-    /// The area where an object stands.
+    /// The area on the floor under an object.
     Footprint,
 }
 
-/// A rectangle in the room with a picture on it.
+/// A textured rectangle in the room.
 #[derive(Debug, Clone)]
 pub struct Quad {
     /// What it shows.
     pub kind: QuadKind,
-    /// The obstacle or wall it warns of.
+    /// Id of the obstacle or wall that it warns of.
     pub id: u64,
     /// Whether it lies on the floor.
     pub on_floor: bool,
-    /// Middle; +x to the right and +y up in the picture, +z towards who looks at it.
+    /// Pose of its centre: +x to the right and +y up in the image, +z towards the viewer.
     pub tracking_from_quad: Pose,
     /// Width and height, metres.
     pub size_m: DVec2,
     /// Brightness, 0 to 1.
     pub alpha: f32,
-    /// The picture; the same `Arc` as long as it is the same picture.
+    /// Its texture. The same `Arc` as long as the content is the same.
     pub texture: Arc<wgpu::Texture>,
 }
 
 impl Quad {
-    /// What stays the same from frame to frame while the same thing is shown. Who holds a slot for each quad, an overlay for
-    /// example, leaves a quad in the slot of its key: nothing but its pose, size and brightness then changes from frame to
-    /// frame, and its picture seldom. Keys of one frame differ.
+    /// Identifies the quad from frame to frame. A caller with a slot per quad, for example one
+    /// overlay each, keeps a quad in the slot of its key: only pose, size and brightness change
+    /// often, the texture rarely. Keys within one frame are unique.
     pub fn key(&self) -> (QuadKind, u64) {
         (self.kind, self.id)
     }
 }
 
-/// What a picture shows, in whole numbers.
+/// Texture content as integers: the cache key.
 type ContentKey = Vec<i32>;
 
 struct CachedTexture {
     texture: Arc<wgpu::Texture>,
     is_drawn: Arc<AtomicBool>,
     last_used: u64,
-    /// Whether its smaller levels are drawn.
+    /// Whether the coarser mip levels are drawn.
     has_mip_levels: bool,
-    /// Whether it was left in the layout in which a runtime takes it over.
+    /// Whether the texture is in the copy-source layout.
     is_copy_source: bool,
 }
 
@@ -86,16 +87,16 @@ struct CachedTexture {
 pub(super) struct QuadCache {
     textures: HashMap<ContentKey, CachedTexture>,
     calls: u64,
-    /// Textures drawn so far.
+    /// Number of textures drawn so far.
     pub drawn: u64,
-    /// What is shown at leisure.
+    /// Quads shown last by the incremental mode.
     last_shown: HashMap<(QuadKind, u64), Quad>,
-    /// The one that is being drawn for it.
+    /// The texture that the incremental mode is drawing.
     pending: Option<(ContentKey, Quad)>,
 }
 
 impl QuadCache {
-    /// Quads of all that shines: footprints first, then panels in the order given.
+    /// Quads of all visible warnings: footprints first, then panels in the given order.
     pub fn quads(&mut self, gpu: &Gpu, painter: &Painter, warnings: &Warnings, style: &WarningSettings) -> Vec<Quad> {
         self.calls += 1;
         let quads = quad_requests(warnings, style).map(|wanted| {
@@ -107,8 +108,8 @@ impl QuadCache {
         quads
     }
 
-    /// The same for who must not wait for a slow graphics card: at most one picture is being drawn at any time, and what has
-    /// none yet is shown as it was before, or not at all.
+    /// As [`Self::quads`], without waiting for a slow GPU: at most one texture is being drawn at
+    /// any time. A quad whose texture is not ready keeps its previous state, or is left out.
     pub fn quads_incremental(
         &mut self,
         gpu: &Gpu,
@@ -137,7 +138,8 @@ impl QuadCache {
         quads
     }
 
-    /// What was under way and is drawn may be shown, although by now something else may be wanted there: it is newer than what was.
+    /// Shows the pending quad once it is drawn. It is newer than the previous one even if a
+    /// different quad is requested by now.
     fn take_finished(&mut self) {
         let textures = &self.textures;
         let is_drawn =
@@ -147,7 +149,8 @@ impl QuadCache {
         }
     }
 
-    /// Before our own views sample these quads: their smaller levels are drawn, and they will not be ready to be copied.
+    /// Call before these textures are sampled: draws their mip levels and marks them as no longer
+    /// copy sources.
     pub fn prepare_for_sampling(&mut self, gpu: &Gpu, painter: &Painter, quads: &[Quad]) {
         let mut encoder = None;
         for kept in self.textures.values_mut().filter(|kept| is_among(&kept.texture, quads)) {
@@ -162,7 +165,8 @@ impl QuadCache {
         }
     }
 
-    /// Makes the textures of these quads ready to be copied by a runtime; submits nothing when they are.
+    /// Puts the textures of these quads into the copy-source layout. Submits nothing if they
+    /// already are.
     pub fn prepare_for_copy(&mut self, gpu: &Gpu, quads: &[Quad]) {
         let sampled = self.textures.values_mut().filter(|kept| !kept.is_copy_source && is_among(&kept.texture, quads));
         let textures: Vec<_> = sampled
@@ -178,12 +182,12 @@ impl QuadCache {
         }
     }
 
-    /// Memory that textures take, bytes.
+    /// Memory used by textures, bytes.
     pub fn bytes(&self) -> u64 {
         self.textures.values().map(|kept| bytes_of(&kept.texture)).sum()
     }
 
-    /// Whether all of these could be handed over as they are.
+    /// Whether all of these textures are in the copy-source layout.
     #[cfg(test)]
     pub fn all_copy_sources(&self, quads: &[Quad]) -> bool {
         self.textures.values().filter(|kept| is_among(&kept.texture, quads)).all(|kept| kept.is_copy_source)
@@ -199,7 +203,7 @@ impl QuadCache {
         let mut by_use: Vec<(u64, u64)> =
             self.textures.values().map(|kept| (kept.last_used, bytes_of(&kept.texture))).collect();
         by_use.sort_unstable();
-        // Each use stamps a handful of textures, so one stamp more or less to drop makes no difference.
+        // One call marks only a few textures, so dropping by call number is precise enough.
         let mut oldest = 0;
         for (last_used, bytes) in by_use {
             if excess == 0 || last_used + IN_FLIGHT_CALLS > uses {
@@ -231,7 +235,7 @@ impl QuadCache {
     }
 }
 
-/// A quad without its picture, and what the picture shows.
+/// A quad without its texture, and the content of that texture.
 struct QuadRequest<'w> {
     kind: QuadKind,
     id: u64,
@@ -244,7 +248,7 @@ struct QuadRequest<'w> {
 
 enum QuadContent<'w> {
     Panel(&'w Panel),
-    /// Corners from the middle.
+    /// Corners relative to the centre.
     Footprint(Vec<DVec2>),
 }
 
@@ -266,7 +270,7 @@ impl QuadRequest<'_> {
     }
 }
 
-/// All that shines: footprints first, then panels in the order given.
+/// Requests for all visible warnings: footprints first, then panels in the given order.
 fn quad_requests<'w>(warnings: &'w Warnings, style: &'w WarningSettings) -> impl Iterator<Item = QuadRequest<'w>> {
     let areas = warnings.footprints.iter().filter(|f| f.alpha > 0.0 && f.corners_xz_m.len() >= 3);
     let panels =
@@ -323,7 +327,7 @@ fn footprint_request<'w>(area: &Footprint, style: &WarningSettings) -> QuadReque
     }
 }
 
-/// All levels of a texture, bytes: the smaller ones add a third.
+/// All mip levels of a texture, bytes. The coarser levels add a third.
 fn bytes_of(texture: &wgpu::Texture) -> u64 {
     u64::from(texture.width()) * u64::from(texture.height()) * 16 / 3
 }

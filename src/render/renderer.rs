@@ -1,4 +1,4 @@
-//! The renderer: a device, the painter of textures with its cache, the preview, and pictures in space.
+//! The renderer: a device, the texture cache, the preview and the stereo images.
 
 use std::sync::Arc;
 
@@ -25,19 +25,22 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Opens a graphics card, or a software renderer where there is none.
+    /// Opens a graphics card, or a software renderer if there is none.
     ///
     /// # Errors
-    /// [`RenderError::NoAdapter`] when the machine has neither; [`RenderError::NoDevice`] when what it has cannot be used.
+    /// [`RenderError::NoAdapter`] if the machine has neither; [`RenderError::NoDevice`] if the
+    /// adapter cannot be used.
     pub fn new() -> Result<Self, RenderError> {
         Self::on(Gpu::headless()?)
     }
 
-    /// On a device that someone else opened, with [`super::needed_limits`]: SteamVR wants its own extensions on it. The renderer
-    /// takes the device's callbacks for errors and for its loss. `name` is for messages.
+    /// Uses a device that the caller opened with [`super::needed_limits`] and the extensions that
+    /// SteamVR needs. The renderer takes the device's callbacks for errors and for its loss. `name`
+    /// is for messages.
     ///
     /// # Errors
-    /// [`RenderError::Device`] when it cannot hold the pipelines, [`RenderError::DeviceLost`] when it is gone.
+    /// [`RenderError::Device`] if the device cannot create the pipelines;
+    /// [`RenderError::DeviceLost`] if it is lost.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue, name: &str) -> Result<Self, RenderError> {
         Self::on(Gpu::of(device, queue, name.to_owned()))
     }
@@ -53,19 +56,21 @@ impl Renderer {
         &self.gpu.name
     }
 
-    /// Where each warning stands and its texture; only textures whose content changed are drawn. Footprints first, then panels
-    /// in the order given. New textures are ready to be handed to a runtime.
+    /// Poses and textures of all warnings. Only textures whose content changed are drawn.
+    /// Footprints first, then panels in the given order. New textures can be handed to a VR
+    /// runtime.
     ///
     /// # Errors
-    /// [`RenderError::Device`] when the device failed since the last call, [`RenderError::DeviceLost`] when it is gone.
+    /// [`RenderError::Device`] if the device failed since the last call;
+    /// [`RenderError::DeviceLost`] if it is lost.
     pub fn quads(&mut self, warnings: &Warnings, style: &WarningSettings) -> Result<Vec<Quad>, RenderError> {
         let quads = self.cache.quads(&self.gpu, &self.painter, warnings, style);
         self.gpu.check()?;
         Ok(quads)
     }
 
-    /// The same for who must not wait for a slow graphics card, frame after frame: one picture is drawn at a time, and what has
-    /// none yet is shown as it was before, or left out.
+    /// As [`Self::quads`], for callers that must not wait for a slow GPU: one texture is drawn at a
+    /// time. A quad whose texture is not ready keeps its previous state, or is left out.
     ///
     /// # Errors
     /// As [`Self::quads`].
@@ -80,7 +85,8 @@ impl Renderer {
         Ok(quads)
     }
 
-    /// Whether the device still works, for who draws on it beside: errors of theirs come to the renderer, too.
+    /// Whether the device still works. For callers that draw on it too: their errors are also
+    /// reported here.
     ///
     /// # Errors
     /// As [`Self::quads`].
@@ -93,25 +99,25 @@ impl Renderer {
         self.cache.drawn
     }
 
-    /// Memory that the textures of quads take, bytes.
+    /// Memory used by the textures of quads, bytes.
     pub fn texture_bytes(&self) -> u64 {
         self.cache.bytes()
     }
 
-    /// A quad's texture as a picture: colour multiplied by alpha, row 0 on top.
+    /// A quad's texture as an image: premultiplied alpha, row 0 at the top.
     ///
     /// # Errors
-    /// [`RenderError::Device`] when the device failed.
+    /// [`RenderError::Device`] if the device failed.
     pub fn picture_of(&self, quad: &Quad) -> Result<RgbaImage, RenderError> {
         self.gpu.read(&quad.texture)
     }
 
-    /// What an eye sees of the warnings in a dark room with a floor grid of one metre. `truth`: places and radii (metres) of what
-    /// is really there, drawn as dim dots.
+    /// The warnings as one eye sees them, in a dark room with a 1 m floor grid. `truth`: points and
+    /// radii of the true objects, drawn as dim dots, metres.
     ///
     /// # Errors
-    /// [`RenderError::View`] and [`RenderError::ImageSize`] for an eye that makes no picture; [`RenderError::Device`] when the
-    /// device failed.
+    /// [`RenderError::View`] and [`RenderError::ImageSize`] for an invalid eye;
+    /// [`RenderError::Device`] if the device failed.
     pub fn preview(
         &mut self,
         warnings: &Warnings,
@@ -124,9 +130,10 @@ impl Renderer {
         preview(&self.gpu, &self.viewer, &quads, view, truth)
     }
 
-    /// Makes the textures of these quads ready for a runtime, which copies them on our queue: needed after anything else looked
-    /// at them, a preview or [`Self::window`]; nothing is submitted otherwise. Textures stay alive for some frames
-    /// after they were last shown; whoever drops the renderer sees to it that the runtime is done first.
+    /// Prepares the textures of these quads for a VR runtime, which copies them on our queue.
+    /// Needed after a preview or [`Self::window`] sampled them; otherwise nothing is submitted.
+    /// Textures stay alive for some frames after their last use. Before dropping the renderer, the
+    /// caller must wait until the runtime has finished.
     ///
     /// # Errors
     /// As [`Self::quads`].
@@ -135,9 +142,10 @@ impl Renderer {
         self.gpu.check()
     }
 
-    /// What both eyes (left, right; tracking frame, metres) see through a window of the obstacle it belongs to: left and right
-    /// half of one texture, each of `half_px`. Transparent where there is nothing, colour multiplied by alpha, ready to be handed
-    /// to a runtime; drawn over after two more calls for this window.
+    /// What both eyes (left, right; tracking frame, metres) see of an obstacle through its window:
+    /// the left and right half of one texture, each of `half_px`. Transparent background,
+    /// premultiplied alpha, ready to be handed to a VR runtime. The texture is overwritten after
+    /// two more calls for this window.
     ///
     /// # Errors
     /// [`RenderError::ImageSize`], and as [`Self::quads`].
@@ -152,7 +160,8 @@ impl Renderer {
         textures.pop().ok_or_else(|| RenderError::Device("a window was not drawn".into()))
     }
 
-    /// [`Self::window`] for several windows in one go, which costs less than one by one; each has [`Window::half_px`].
+    /// [`Self::window`] for several windows in one submission, which is cheaper. Each has the size
+    /// [`Window::half_px`].
     ///
     /// # Errors
     /// As [`Self::window`].
@@ -178,10 +187,11 @@ impl Renderer {
         Ok(textures)
     }
 
-    /// All that one eye sees (`side`: 0 left, 1 right); otherwise as [`Self::window`].
+    /// The full image of one eye (`side`: 0 left, 1 right). Otherwise as [`Self::window`].
     ///
     /// # Errors
-    /// [`RenderError::View`] and [`RenderError::ImageSize`] for an eye that makes no picture, and as [`Self::quads`].
+    /// [`RenderError::View`] and [`RenderError::ImageSize`] for an invalid eye, and as
+    /// [`Self::quads`].
     pub fn eye(
         &mut self,
         scenery: &StereoScene,
@@ -194,7 +204,8 @@ impl Renderer {
         Ok(texture)
     }
 
-    /// A texture of [`Self::window`] or [`Self::eye`] as a picture: colour multiplied by alpha, row 0 on top.
+    /// A texture of [`Self::window`] or [`Self::eye`] as an image: premultiplied alpha, row 0 at
+    /// the top.
     ///
     /// # Errors
     /// As [`Self::picture_of`].
@@ -213,7 +224,8 @@ pub(super) mod tests {
     use crate::warning::{BodyPart, Footprint, Panel, PanelKind, Style};
     use radar_sar::geometry::Pose;
 
-    /// Runs a test on the one renderer of all tests; says so when the machine has no adapter.
+    /// Runs a test on the renderer shared by all tests. Prints a note if the machine has no
+    /// adapter.
     pub fn with_renderer(test: impl FnOnce(&mut Renderer)) {
         static SHARED: OnceLock<Option<Mutex<Renderer>>> = OnceLock::new();
         let shared = SHARED.get_or_init(|| match Renderer::new() {
@@ -262,7 +274,7 @@ pub(super) mod tests {
         renderer.preview(warnings, &WarningSettings::default(), view, &[]).unwrap()
     }
 
-    /// Least and greatest x and y of the pixels that differ; `None` when none do.
+    /// Smallest and largest x and y of the pixels that differ; `None` if there are none.
     fn changed(a: &RgbaImage, b: &RgbaImage) -> Option<[f64; 4]> {
         let differs = a.enumerate_pixels().filter(|(x, y, pixel)| {
             let other = b.get_pixel(*x, *y);
@@ -324,7 +336,7 @@ pub(super) mod tests {
         });
     }
 
-    /// Linear luminance of a texture's pixel over a background, as WCAG computes it.
+    /// Linear luminance of a texture's pixel over a background, as defined by WCAG.
     fn luminance(pixel: &image::Rgba<u8>, behind: f64) -> f64 {
         let linear = |v: u8| {
             let v = f64::from(v) / 255.0;
@@ -335,7 +347,8 @@ pub(super) mod tests {
         own + behind * (1.0 - f64::from(alpha) / 255.0)
     }
 
-    /// The greatest contrast across a line along a row of pixels, over white, black and a busy grey that has little of its own.
+    /// Largest contrast across a line along a row of pixels, over white, black and a busy grey
+    /// background with little contrast of its own.
     fn contrasts(picture: &RgbaImage, row: u32, columns: std::ops::Range<u32>) -> [f64; 3] {
         let behinds: [fn(u32) -> f64; 3] = [|_| 1.0, |_| 0.0, |x| if (x / 3).is_multiple_of(2) { 0.17 } else { 0.27 }];
         behinds.map(|behind| {
@@ -356,7 +369,9 @@ pub(super) mod tests {
                 let picture = renderer.picture_of(&quads[0]).unwrap();
                 let px = |m: f64| (m / size_m.x * f64::from(picture.width())) as u32;
                 let row = |m_from_middle: f64| px(0.4 - m_from_middle);
-                // A disc by itself is drawn at 0.55 of its radius: voxels overlap. Where lines cross a row of pixels, metres from the left, and the row's height from the middle.
+                // An isolated disc is drawn at 0.55 of its radius, because voxels normally overlap.
+                // Positions at which lines cross a row of pixels: metres from the left, and height
+                // of the row from the centre.
                 let crossed: &[(f64, f64)] = match style {
                     Style::Grid => &[(0.1, -0.3), (0.5, -0.3), (0.229, -0.1), (0.371, -0.1), (0.015, -0.3)],
                     Style::Outline | Style::Solid => &[(0.229, -0.1), (0.371, -0.1)],
@@ -367,7 +382,7 @@ pub(super) mod tests {
                     let contrasts = contrasts(&picture, row(*height_m), columns);
                     assert!(contrasts.iter().all(|c| *c >= 3.0), "{style:?} at {line_m} m: {contrasts:.1?}");
                 }
-                // The foot: across it means up and down.
+                // The foot line is horizontal: check it along a column.
                 let turned = image::imageops::rotate90(&picture);
                 let foot = contrasts(&turned, px(0.07), 0..px(0.03));
                 assert!(foot.iter().all(|c| *c >= 3.0), "{style:?}, foot: {foot:.1?}");
@@ -438,13 +453,15 @@ pub(super) mod tests {
             wait(renderer);
             let quads = renderer.quads_incremental(&both(0.61), &style).unwrap();
             assert_eq!((quads.len(), renderer.textures_drawn()), (2, drawn + 2));
-            // Another picture of the first: the one before stays, where it is, until the other is drawn.
+            // The first panel changes: its previous texture stays in place until the new one is
+            // drawn.
             let moved = Warnings { panels: vec![Panel { alpha: 0.3, ..of(1, 0.9) }, of(2, 0.62)], footprints: vec![] };
             let during = renderer.quads_incremental(&moved, &style).unwrap();
             assert!(Arc::ptr_eq(&during[0].texture, &quads[0].texture) && during[0].size_m == quads[0].size_m);
             assert_eq!(during[0].alpha, 0.3, "brightness follows at once");
             wait(renderer);
-            // By now yet another one is wanted: what was drawn meanwhile is shown all the same.
+            // A further change was requested in the meantime: the finished texture is shown
+            // nevertheless.
             let after = renderer.quads_incremental(&both(1.2), &style).unwrap();
             assert_eq!(after[0].size_m.x, 0.9);
             assert!(renderer.quads_incremental(&only(of(2, 0.62)), &style).unwrap().len() == 1, "what is gone is gone");
@@ -564,7 +581,7 @@ pub(super) mod tests {
                 assert!(shown.iter().all(|texture| texture.strong_count() > 0), "frame {k}");
                 most = most.max(renderer.texture_bytes());
             }
-            // Of 1.4 to 1.7 MB each.
+            // Each texture takes 1.4 to 1.7 MB.
             assert!((40 << 20..56 << 20).contains(&most), "{most} bytes");
         });
     }
@@ -577,7 +594,7 @@ pub(super) mod tests {
             let mut renderer = Renderer::on(gpu).unwrap();
             let (warnings, style) = (only(panel(DVec3::ZERO)), WarningSettings::default());
             let quads = renderer.quads(&warnings, &style).unwrap();
-            // A device that still works is not told to be lost before it is done.
+            // The loss is reported only after the device has finished its work.
             device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
             device.destroy();
             for _ in 0..2 {

@@ -1,13 +1,15 @@
-//! Warnings in space: panels, footprints and the obstacles' shapes as an eye sees them, on a transparent ground. For displays that
-//! show each eye a picture of its own.
+//! Warnings in 3D: panels, footprints and obstacle shapes as one eye sees them, on a transparent
+//! background. For displays with a separate image per eye.
 //!
-//! Two ways. A *window* is a quad standing at an obstacle: its texture holds side by side what the left and the right eye see
-//! through it of that obstacle (perspective through the quad's corners). What lies in the window's plane stays
-//! where it is when the head moves after the picture was drawn, and what lies behind moves by as much less. A *picture of an
-//! eye* is all that it sees within its tangents, for a projection overlay.
+//! Two modes. A *window* is a quad at an obstacle. Its texture holds, side by side, what the left
+//! and the right eye see of that obstacle through the quad (perspective through its corners).
+//! Points in the window's plane stay in place when the head moves after drawing; points behind it
+//! lag in proportion to their distance from the plane. An *eye image* covers the full field of view
+//! of one eye, for a projection overlay.
 //!
-//! Colour is multiplied by alpha, and brightness by distance is already in it: an overlay shows it with alpha 1. Each window
-//! and eye has three textures that take turns, so that a runtime may still copy the last ones.
+//! Alpha is premultiplied, and brightness by distance is already applied: show the overlay with
+//! alpha 1. Each window and eye rotates through three textures, so that a VR runtime may still be
+//! copying the previous ones.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,53 +25,53 @@ use super::quads::{Quad, QuadKind};
 use crate::warning::Shape;
 use radar_sar::geometry::Pose;
 
-/// Textures that take turns.
+/// Textures per window or eye, used in turn.
 const TEXTURES_PER_TARGET: usize = 3;
-/// Canvases of as many sizes are kept.
+/// Number of canvas sizes that are kept.
 const MAX_CANVASES: usize = 3;
-/// A window's textures are dropped after so many drawings of others: some seconds.
+/// Textures of a window are dropped after this many draws of other windows: some seconds.
 const MAX_UNUSED_CALLS: u64 = 2000;
-/// An eye nearer to a window's plane than this does not see through it, metres.
+/// An eye closer to a window's plane than this does not see through it, metres.
 const MIN_EYE_DISTANCE_M: f64 = 0.05;
-/// Room around what a window shows, metres.
+/// Margin around the content of a window, metres.
 const MARGIN_M: f64 = 0.05;
-/// Sides of a window are multiples of this, metres, so that its texture keeps its size for a while.
+/// Window sides are multiples of this, metres, so that the texture size rarely changes.
 const SIDE_STEP_M: f64 = 0.25;
-/// No edge of a window is farther than this from the panel's middle, metres.
+/// Largest distance of a window's edge from the centre of its panel, metres.
 const MAX_EDGE_DISTANCE_M: f64 = 2.5;
-/// Sharpness of a window's picture, and its greatest side.
+/// Resolution of a window's texture, and its longest side.
 const PIXELS_PER_M: f64 = 512.0;
 const MAX_SIDE_PX: f64 = 1024.0;
-/// How much of the light behind it a ball takes away, at full brightness.
+/// Share of the background light that a ball hides at full brightness.
 const BALL_ALPHA: f32 = 0.55;
-/// Balls this much farther than the nearest have half their brightness, metres.
+/// Balls this much farther away than the nearest one have half its brightness, metres.
 const HALF_BRIGHTNESS_M: f64 = 1.0;
 
-/// What is to be seen in space.
+/// Content of a stereo image.
 #[derive(Debug, Clone, Copy)]
 pub struct StereoScene<'a> {
-    /// Panels and footprints, as [`super::Renderer::quads`] gives them.
+    /// Panels and footprints, from [`super::Renderer::quads`].
     pub quads: &'a [Quad],
-    /// Shapes of the obstacles, as [`crate::warning::WarningTracker::shapes`] gives them.
+    /// Obstacle shapes, from [`crate::warning::WarningTracker::shapes`].
     pub shapes: &'a [Shape],
     /// Colour of the shapes: sRGB red, green, blue.
     pub color: [u8; 3],
 }
 
-/// A quad in the room that shows what is behind it.
+/// A quad in the room through which its obstacle is seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Window {
-    /// Kind and id of the panel that it belongs to: see [`Quad::key`].
+    /// Kind and id of its panel: see [`Quad::key`].
     pub key: (QuadKind, u64),
-    /// Middle; +x to the right, +y up, +z towards who looks through it.
+    /// Pose of its centre: +x to the right, +y up, +z towards the viewer.
     pub tracking_from_window: Pose,
     /// Width and height, metres.
     pub size_m: DVec2,
 }
 
 impl Window {
-    /// The window for each panel: in the panel's plane, as large as needed to see the panel and the obstacle's shape from between
-    /// the eyes.
+    /// One window per panel: in the plane of the panel, and large enough to show the panel and the
+    /// obstacle's shape from the midpoint of the eyes.
     pub fn of_panels(scenery: &StereoScene, eyes_m: [DVec3; 2]) -> Vec<Self> {
         let eye_m = (eyes_m[0] + eyes_m[1]) / 2.0;
         let panels = scenery.quads.iter().filter(|quad| !quad.on_floor && quad.alpha > 0.0);
@@ -84,7 +86,8 @@ impl Window {
         let own = shapes.iter().filter(|shape| panel.key() == (QuadKind::Object, shape.id));
         for (point_m, radius_m) in own.flat_map(|shape| shape.points_m.iter().map(|p| (*p, shape.radius_m))) {
             let to = panel_from_tracking.transform_point(point_m) - eye;
-            // Where the sight crosses the plane; what is beside the eye or behind it is not seen through it.
+            // Intersection of the line of sight with the plane. Points beside or behind the eye are
+            // not visible through it.
             let share = eye.z / -to.z;
             if eye.z > MIN_EYE_DISTANCE_M && to.z < -MIN_EYE_DISTANCE_M && share.is_finite() {
                 let crossing = (eye + to * share).truncate();
@@ -104,13 +107,13 @@ impl Window {
         }
     }
 
-    /// Width and height of each half of its texture that show it as sharp as panels are.
+    /// Width and height of each half of its texture at the resolution of panels.
     pub fn half_px(&self) -> [u32; 2] {
         let scale = PIXELS_PER_M.min(MAX_SIDE_PX / self.size_m.max_element().max(1e-3));
         (self.size_m * scale).to_array().map(|v| v.round().clamp(16.0, MAX_SIDE_PX) as u32)
     }
 
-    /// What an eye sees through it, as a view whose picture is the window; `None` for an eye behind it or in its plane.
+    /// View whose image is exactly the window; `None` for an eye behind the window or in its plane.
     pub fn view(&self, eye_m: DVec3, size_px: [u32; 2]) -> Option<EyeView> {
         let eye = self.tracking_from_window.inverse().transform_point(eye_m);
         let half = self.size_m / 2.0;
@@ -119,7 +122,7 @@ impl Window {
         (eye.z > MIN_EYE_DISTANCE_M).then_some(EyeView { tracking_from_eye, tangents, size_px })
     }
 
-    /// The parts that belong to it: its panel and, of an object, its footprint and shape.
+    /// Whether the quad belongs to this window: its panel and, for an object, its footprint.
     fn includes(&self, quad: &Quad) -> bool {
         let (kind, id) = self.key;
         quad.key() == self.key || (kind == QuadKind::Object && quad.key() == (QuadKind::Footprint, id))
@@ -130,7 +133,7 @@ impl Window {
     }
 }
 
-/// Which textures take turns.
+/// Identifies a set of textures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum TargetKey {
     Window(QuadKind, u64),
@@ -144,17 +147,18 @@ struct TextureRing {
     last_used: u64,
 }
 
-/// The textures of all windows and eyes.
+/// Textures of all windows and eyes.
 #[derive(Default)]
 pub(super) struct RenderTargets {
     targets: BTreeMap<TargetKey, TextureRing>,
     draws: u64,
-    /// With their sizes, the last used last.
+    /// Canvases by size; the most recently used is last.
     canvases: Vec<([u32; 2], Canvas)>,
 }
 
 impl RenderTargets {
-    /// Both eyes' halves of each window, with the size of a half in pixels; all in one submission.
+    /// Textures with both eyes' halves of each window, and the size of one half in pixels. One
+    /// submission.
     pub fn windows(
         &mut self,
         gpu: &Gpu,
@@ -184,7 +188,7 @@ impl RenderTargets {
         Ok(textures)
     }
 
-    /// What one eye sees; `side`: 0 left, 1 right.
+    /// Image of one eye. `side`: 0 left, 1 right.
     pub fn eye(
         &mut self,
         gpu: &Gpu,
@@ -206,7 +210,7 @@ impl RenderTargets {
         Ok(texture)
     }
 
-    /// The canvas of that size: the same one for all pictures, which are drawn one after the other.
+    /// The canvas of this size. All images share it, because they are drawn one after the other.
     fn canvas(&mut self, gpu: &Gpu, size_px: [u32; 2]) -> &Canvas {
         match self.canvases.iter().position(|(size, _)| *size == size_px) {
             Some(at) => self.canvases[at..].rotate_left(1),
@@ -221,7 +225,8 @@ impl RenderTargets {
         &self.canvases[last].1
     }
 
-    /// The texture whose turn it is; a new one when its size is another. It was handed out three drawings ago.
+    /// The next texture in turn; a new one if the size changed. It was last handed out three draws
+    /// ago.
     fn next_texture(&mut self, gpu: &Gpu, screen: TargetKey, size_px: [u32; 2]) -> Arc<wgpu::Texture> {
         self.draws += 1;
         let uses = self.draws;
@@ -237,12 +242,12 @@ impl RenderTargets {
     }
 }
 
-/// The size of two halves side by side.
+/// Size of two halves side by side.
 fn side_by_side_size([width, height]: [u32; 2]) -> [u32; 2] {
     [width.saturating_mul(2), height]
 }
 
-/// What each eye sees through a window, and the left edge of its half; nothing for an eye behind it.
+/// What each eye sees through a window, with the left edge of its half. Empty for an eye behind it.
 fn eye_draw_lists(
     gpu: &Gpu,
     viewer: &EyeRenderer,
@@ -259,7 +264,7 @@ fn eye_draw_lists(
     halves.map(|(view, left_px)| (viewer.draw_list(gpu, &view, &[], &balls, &quads), left_px)).collect()
 }
 
-/// Draws what each eye sees into its part of a texture, `(sight, left edge)`.
+/// Draws each eye's part of a texture: `(draw list, left edge)`.
 fn draw(
     encoder: &mut wgpu::CommandEncoder,
     viewer: &EyeRenderer,
@@ -277,7 +282,7 @@ fn draw(
     }
 }
 
-/// The balls of shapes, in falling light from the nearest to the farthest.
+/// Balls of the shapes. Brightness falls with distance beyond the nearest.
 fn balls<'s>(shapes: impl Iterator<Item = &'s Shape>, eye_m: DVec3, color: [u8; 3]) -> Vec<Ball> {
     let [red, green, blue, _] = linear(color);
     let mut balls = Vec::new();
@@ -305,7 +310,7 @@ mod tests {
     const HALF_PX: [u32; 2] = [400, 500];
     const EYES: [DVec3; 2] = [DVec3::new(-0.032, 1.6, 0.0), DVec3::new(0.032, 1.6, 0.0)];
 
-    /// One metre wide, standing on the floor a metre ahead, turned a little.
+    /// One metre wide, on the floor one metre ahead, slightly rotated.
     fn window() -> Window {
         let pose = Pose::new(DVec3::new(0.1, 0.7, -1.0), glam::DQuat::from_rotation_y(0.2));
         Window { key: (QuadKind::Object, 1), tracking_from_window: pose, size_m: DVec2::new(1.2, 1.5) }
@@ -321,7 +326,8 @@ mod tests {
         renderer.picture_of_texture(&texture).unwrap()
     }
 
-    /// Middle of what is lit between two columns, weighed by alpha, pixels from the left of the texture.
+    /// Alpha-weighted centre of the lit pixels between two columns, pixels from the left of the
+    /// texture.
     fn middle_of(picture: &RgbaImage, columns: std::ops::Range<u32>) -> Option<DVec2> {
         let (mut sum, mut weight) = (DVec2::ZERO, 0.0);
         for (x, y, pixel) in picture.enumerate_pixels().filter(|(x, ..)| columns.contains(x)) {
@@ -332,7 +338,8 @@ mod tests {
         (weight > 0.0).then(|| sum / weight)
     }
 
-    /// Where the ray from an eye to a point crosses the window, in pixels of that eye's half: by intersecting, without any matrix.
+    /// Where the ray from an eye to a point crosses the window, in pixels of that eye's half.
+    /// Computed by intersection, without matrices.
     fn crossing_px(eye: DVec3, point: DVec3) -> DVec2 {
         let window = window();
         let normal = window.tracking_from_window.rotation * DVec3::Z;
@@ -459,7 +466,7 @@ mod tests {
             let scenery = StereoScene { quads: &quads, shapes: &[], color: style.color };
             let windows = Window::of_panels(&scenery, EYES);
             assert_eq!((windows.len(), windows[0].key), (1, quads[0].key()));
-            // As many pixels a metre as the panel's texture has, and whole pixels of margin.
+            // Same resolution as the panel's texture, and a margin of whole pixels.
             let scale = f64::from(quads[0].texture.width()) / quads[0].size_m.x;
             let half_px = (windows[0].size_m * scale).round().as_uvec2().to_array();
             let texture = renderer.window(&scenery, &windows[0], EYES, half_px).unwrap();

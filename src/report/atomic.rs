@@ -1,5 +1,5 @@
-//! Writes a file whole or not at all: into a neighbour with another name first, renamed when complete. A reader never sees
-//! half a file, and an old one survives a failure.
+//! Atomic file writes: to a temporary file in the same folder, which is renamed when complete. A
+//! reader never sees half a file, and the old file survives a failure.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,10 +7,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::ReportError;
 
-/// Writes `bytes` to `path`; missing folders are made.
+/// Writes `bytes` to `path`. Missing folders are created.
 ///
 /// # Errors
-/// A folder or file that cannot be made, written or renamed.
+/// A folder or file cannot be created, written or renamed.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), ReportError> {
     let failed = |source| ReportError::File { path: path.to_owned(), source };
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -19,7 +19,7 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), ReportError> {
     let neighbour = neighbour(path);
     let written = fs::write(&neighbour, bytes).and_then(|()| fs::rename(&neighbour, path));
     written.map_err(|source| {
-        // The first failure is the one to tell of.
+        // The first failure is the one to report.
         let _ = fs::remove_file(&neighbour);
         failed(source)
     })

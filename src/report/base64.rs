@@ -1,8 +1,8 @@
-//! Base 64 with padding (RFC 4648, section 4), for pictures inside a page.
+//! Base64 with padding (RFC 4648, section 4), for images inside an HTML page.
 
 const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 
-/// The text of some bytes.
+/// The Base64 text of some bytes.
 pub fn base64(bytes: &[u8]) -> String {
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for three in bytes.chunks(3) {

@@ -1,6 +1,7 @@
-//! A raster to draw on: signed-distance shapes and text, at twice the finished size in each direction and averaged down, so
-//! that edges are smooth. All lengths are pixels of the finished picture, x to the right, y down. Shapes with coordinates
-//! that are not finite are left out; nothing here panics on what it is asked to draw.
+//! A raster canvas: signed-distance shapes and text, drawn at twice the final size in each
+//! direction and averaged down for smooth edges. All lengths are pixels of the final image, x to
+//! the right, y down. Shapes with non-finite coordinates are skipped; nothing here panics on its
+//! input.
 
 use super::Picture;
 use super::style::{PAPER, Rgb, font};
@@ -8,18 +9,18 @@ use super::style::{PAPER, Rgb, font};
 const SCALE: usize = 2;
 const S: f64 = SCALE as f64;
 
-/// Where a text lies relative to its point.
+/// Alignment of a text relative to its anchor point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Align {
-    /// The point is at its left end.
+    /// The point is at the left end.
     Left,
-    /// The point is at its middle.
+    /// The point is at the centre.
     Center,
-    /// The point is at its right end.
+    /// The point is at the right end.
     Right,
 }
 
-/// An upright rectangle.
+/// An axis-aligned rectangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rect {
     /// Left edge.
@@ -53,7 +54,7 @@ impl Rect {
         self.x < other.right() && other.x < self.right() && self.y < other.bottom() && other.y < self.bottom()
     }
 
-    /// The area both share with the other on each side; 0 when apart.
+    /// Area of the intersection; 0 if disjoint.
     pub fn shared_area(&self, other: &Self) -> f64 {
         let width = self.right().min(other.right()) - self.x.max(other.x);
         let height = self.bottom().min(other.bottom()) - self.y.max(other.y);
@@ -61,7 +62,7 @@ impl Rect {
     }
 }
 
-/// A picture being drawn.
+/// An image being drawn.
 pub struct Canvas {
     width: usize,
     height: usize,
@@ -70,13 +71,13 @@ pub struct Canvas {
 }
 
 impl Canvas {
-    /// White, `width` × `height` finished pixels.
+    /// A white canvas of `width` × `height` final pixels.
     pub fn new(width: usize, height: usize) -> Self {
         let pixels = vec![PAPER[0]; 3 * SCALE * SCALE * width * height];
         Self { width, height, pixels, clip: Rect::new(0.0, 0.0, width as f64, height as f64) }
     }
 
-    /// Draws with everything outside `area` left as it is.
+    /// Draws with everything outside `area` left unchanged.
     pub fn clipped(&mut self, area: Rect, draw: impl FnOnce(&mut Self)) {
         let before = std::mem::replace(&mut self.clip, area);
         draw(self);
@@ -112,7 +113,7 @@ impl Canvas {
         self.shape(area, color, alpha, |x, y| (x - cx).hypot(y - cy) - radius);
     }
 
-    /// A circle's line, `width_px` wide around `radius`.
+    /// A circle, with a line `width_px` wide centred on `radius`.
     pub fn ring(&mut self, [cx, cy]: [f64; 2], radius: f64, width_px: f64, color: Rgb) {
         let outer = radius + 0.5 * width_px;
         let area = Rect::new(cx - outer, cy - outer, 2.0 * outer, 2.0 * outer);
@@ -126,7 +127,7 @@ impl Canvas {
         if !length.is_finite() || length > 1e5 {
             return;
         }
-        // A long slanted line in one piece would visit all the pixels of its bounding box.
+        // A long oblique line in one piece would visit all pixels of its bounding box.
         let upright = from[0] == to[0] || from[1] == to[1];
         let pieces = if upright { 1.0 } else { (length / PIECE).ceil().max(1.0) };
         let at = |share: f64| [from[0] + (to[0] - from[0]) * share, from[1] + (to[1] - from[1]) * share];
@@ -135,14 +136,14 @@ impl Canvas {
         }
     }
 
-    /// Lines from point to point; the line is broken at points that are not finite.
+    /// Line segments from point to point, interrupted at non-finite points.
     pub fn polyline(&mut self, points: &[[f64; 2]], width_px: f64, color: Rgb) {
         for pair in visible_indices(points).windows(2) {
             self.line(points[pair[0]], points[pair[1]], width_px, color);
         }
     }
 
-    /// Dashes `dash_px` long with gaps as long, from point to point.
+    /// A dashed polyline: dashes and gaps are `dash_px` long.
     pub fn dashed(&mut self, points: &[[f64; 2]], dash_px: f64, width_px: f64, color: Rgb) {
         let mut walked = 0.0;
         for pair in points.windows(2) {
@@ -162,7 +163,7 @@ impl Canvas {
         }
     }
 
-    /// The inside of a convex polygon whose corners run clockwise on the screen.
+    /// Fills a convex polygon whose corners run clockwise on the screen.
     pub fn convex(&mut self, corners: &[[f64; 2]], color: Rgb, alpha: f64) {
         let Some(area) = bounding_box(corners) else { return };
         let edges: Vec<([f64; 2], [f64; 2])> =
@@ -173,7 +174,8 @@ impl Canvas {
         });
     }
 
-    /// Colours `area` pixel by pixel; `color` takes the shares of its width and height, 0 to 1 from the upper left.
+    /// Colours `area` pixel by pixel. `color` takes the relative position, 0 to 1 from the upper
+    /// left.
     pub fn paint(&mut self, area: Rect, color: impl Fn(f64, f64) -> Rgb) {
         let Some([x0, x1, y0, y1]) = self.raster(area, 0.0) else { return };
         for j in y0..y1 {
@@ -188,23 +190,23 @@ impl Canvas {
         }
     }
 
-    /// One line of text; `y` is the middle of its capital letters.
+    /// One line of text. `y` is the middle of the capital letters.
     pub fn text(&mut self, [x, y]: [f64; 2], align: Align, text: &str, height_px: f64, color: Rgb) {
         self.glyphs([x, y], align, text, height_px, color, |[x, y], along, up| [x + along, y + up]);
     }
 
-    /// Text that is made smaller, by no more than a third, where it would be wider than `most_px`.
+    /// Text that is scaled down, by at most a third, if it would be wider than `most_px`.
     pub fn text_fitted(&mut self, place: [f64; 2], align: Align, text: &str, height_px: f64, most_px: f64, color: Rgb) {
         let share = most_px / text_width(text, height_px).max(1.0);
         self.text(place, align, text, height_px * share.clamp(0.67, 1.0), color);
     }
 
-    /// Text that reads from bottom to top; `x` is the middle of its capital letters.
+    /// Text that reads from bottom to top. `x` is the middle of the capital letters.
     pub fn text_upwards(&mut self, [x, y]: [f64; 2], align: Align, text: &str, height_px: f64, color: Rgb) {
         self.glyphs([x, y], align, text, height_px, color, |[x, y], along, up| [x + up, y - along]);
     }
 
-    /// Text with a rim in another colour, to be read on any ground.
+    /// Text with an outline in another colour, readable on any background.
     pub fn text_rimmed(&mut self, [x, y]: [f64; 2], align: Align, text: &str, height_px: f64, color: Rgb, rim: Rgb) {
         for [dx, dy] in [[-1.2, 0.0], [1.2, 0.0], [0.0, -1.2], [0.0, 1.2], [-0.9, -0.9], [0.9, 0.9]] {
             self.text([x + dx, y + dy], align, text, height_px, rim);
@@ -212,7 +214,7 @@ impl Canvas {
         self.text([x, y], align, text, height_px, color);
     }
 
-    /// The finished picture.
+    /// The final image.
     pub fn finish(self) -> Picture {
         let row = 3 * SCALE * self.width;
         let mut rgb = Vec::with_capacity(3 * self.width * self.height);
@@ -237,7 +239,8 @@ impl Canvas {
         });
     }
 
-    /// Blends `color` wherever `distance` (to the shape's edge, negative inside) says so, within `area`.
+    /// Blends `color` within `area` according to `distance`, the signed distance to the shape's
+    /// edge, negative inside.
     fn shape(&mut self, area: Rect, color: Rgb, alpha: f64, distance: impl Fn(f64, f64) -> f64) {
         let Some([x0, x1, y0, y1]) = self.raster(area, 1.0) else { return };
         for j in y0..y1 {
@@ -251,7 +254,8 @@ impl Canvas {
         }
     }
 
-    /// Raster columns and rows of an area grown by `margin_px`, within the clip; `None` when that is nothing.
+    /// Raster columns and rows of an area enlarged by `margin_px`, within the clip; `None` if
+    /// empty.
     fn raster(&self, area: Rect, margin_px: f64) -> Option<[usize; 4]> {
         if ![area.x, area.y, area.width, area.height].iter().all(|v| v.is_finite()) {
             return None;
@@ -289,7 +293,8 @@ impl Canvas {
             Align::Center => -0.5 * text_width(text, height_px),
             Align::Right => -text_width(text, height_px),
         };
-        // The font puts the baseline half a size below the point; capitals are 0.6 of the size high.
+        // The font puts the baseline half a size below the point; capitals are 0.6 of the size
+        // high.
         let lift = 0.30 * size - 0.5 * size;
         let mut dots = Vec::new();
         let _ = font(size).draw(text, (0, 0), |along, down, covered| {
@@ -297,7 +302,7 @@ impl Canvas {
             Ok::<(), std::convert::Infallible>(())
         });
         for (along, down, covered) in dots {
-            // The light font is drawn twice, half a pixel apart, which makes a regular one of it.
+            // The light font is drawn twice, half a pixel apart, to look like a regular weight.
             for thicker in 0..2 {
                 let [x, y] = place(origin, start + (along + thicker) as f64 / S, (down as f64 + lift) / S);
                 let (i, j) = ((x * S).round(), (y * S).round());
@@ -311,13 +316,14 @@ impl Canvas {
     }
 }
 
-/// Indices of the points that matter on the screen: the first, the last, and those more than half a pixel from the one kept
-/// before. Thousands of poses a second fall on the same few pixels.
+/// Indices of the points that are distinguishable on the screen: the first, the last, and those
+/// more than half a pixel from the one kept before. Thousands of poses per second fall on the same
+/// few pixels.
 pub fn visible_indices(points: &[[f64; 2]]) -> Vec<usize> {
     let mut kept: Vec<usize> = Vec::new();
     for (n, point) in points.iter().enumerate() {
         let moved = kept.last().map_or(f64::NAN, |&k| (point[0] - points[k][0]).hypot(point[1] - points[k][1]));
-        // A distance that is not a number keeps the point: the line is broken there.
+        // A NaN distance keeps the point: the line is interrupted there.
         if n + 1 == points.len() || moved.is_nan() || moved > 0.5 {
             kept.push(n);
         }
@@ -325,7 +331,7 @@ pub fn visible_indices(points: &[[f64; 2]]) -> Vec<usize> {
     kept
 }
 
-/// Width of a line of text.
+/// Width of a line of text, pixels.
 pub fn text_width(text: &str, height_px: f64) -> f64 {
     font(height_px * S).box_size(text).map_or(0.0, |(width, _)| width as f64 / S)
 }

@@ -1,4 +1,5 @@
-//! Curves and dots over two axes, linear or logarithmic: error against run time, error against signal, and the like.
+//! Line and scatter charts over two axes, linear or logarithmic: error against run time, error
+//! against signal, and so on.
 
 use super::Picture;
 use super::canvas::{Align, Canvas, Rect};
@@ -10,36 +11,37 @@ const SIZE: [f64; 2] = [900.0, 540.0];
 pub(super) const COLORS: [Rgb; 7] =
     [FOUND_INK, FALSE_INK, PATH_INK, [204, 121, 167], [230, 159, 0], [86, 180, 233], [70, 76, 88]];
 
-/// What one curve shows.
+/// One curve.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Series {
-    /// Its name in the legend.
+    /// Name in the legend.
     pub name: String,
-    /// Pairs of x and y. Ones that are not finite, or not above 0 on a logarithmic axis, are left out.
+    /// Pairs of x and y. Non-finite values are skipped, and values not above 0 on a logarithmic
+    /// axis.
     pub points: Vec<[f64; 2]>,
-    /// Joined by lines, in their order; otherwise dots alone.
+    /// Whether the points are joined by lines in their order; otherwise only dots are drawn.
     pub joined: bool,
 }
 
-/// A figure of curves.
+/// A chart of curves.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Chart {
     /// Title of the figure.
     pub title: String,
-    /// What x is, with its unit.
+    /// Label of x, with its unit.
     pub x_label: String,
-    /// What y is, with its unit.
+    /// Label of y, with its unit.
     pub y_label: String,
-    /// x is logarithmic.
+    /// Whether x is logarithmic.
     pub x_log: bool,
-    /// y is logarithmic.
+    /// Whether y is logarithmic.
     pub y_log: bool,
-    /// The curves; colours repeat after seven.
+    /// The curves. Colours repeat after seven.
     pub series: Vec<Series>,
 }
 
 impl Chart {
-    /// Draws it.
+    /// Draws the chart.
     pub fn draw(&self) -> Picture {
         let mut canvas = Canvas::new(SIZE[0] as usize, SIZE[1] as usize);
         canvas.text([18.0, 26.0], Align::Left, &self.title, TITLE_PX, INK);
@@ -67,14 +69,14 @@ impl Chart {
         canvas.finish()
     }
 
-    /// On the axes' own scale: logarithms where the axis is logarithmic.
+    /// Points in axis coordinates: logarithms on a logarithmic axis.
     fn placed(&self, points: &[[f64; 2]]) -> Vec<[f64; 2]> {
         let scaled = |v: f64, log: bool| if log { v.log10() } else { v };
         let placed = points.iter().map(|p| [scaled(p[0], self.x_log), scaled(p[1], self.y_log)]);
         placed.filter(|p| p.iter().all(|v| v.is_finite() && v.abs() < 1e12)).collect()
     }
 
-    /// Entries in as many rows as they need; gives the top of the plot below.
+    /// Draws the legend in as many rows as needed. Returns the top of the plot below.
     fn draw_legend(&self, canvas: &mut Canvas) -> f64 {
         let (mut x, mut y) = (18.0, 58.0);
         for (series, color) in self.series.iter().zip(COLORS.iter().cycle()) {
@@ -113,7 +115,8 @@ impl Chart {
     }
 }
 
-/// The range of all points on one axis with some air; from 0 on a linear axis whose values are all above it.
+/// Range of all points on one axis with a margin. Starts at 0 on a linear axis if all values are
+/// above 0.
 pub(super) fn range(curves: &[Vec<[f64; 2]>], axis: usize, log: bool) -> [f64; 2] {
     let values = || curves.iter().flatten().map(|p| p[axis]);
     let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
@@ -125,7 +128,8 @@ pub(super) fn range(curves: &[Vec<[f64; 2]>], axis: usize, log: bool) -> [f64; 2
     [if from_zero { 0.0 } else { low - air }, high + air]
 }
 
-/// 1, 2 and 5 of each decade within a range of logarithms; the decades alone where those would be too many.
+/// Ticks at 1, 2 and 5 of each decade within a range of logarithms; only at decades if these would
+/// be too many.
 pub(super) fn log_ticks([low, high]: [f64; 2]) -> Vec<f64> {
     let decades = high - low;
     let (leads, every): (&[f64], usize) = match decades {

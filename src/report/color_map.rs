@@ -1,21 +1,21 @@
-//! Colours for numbers: steps of equal value look equally large (matplotlib's inferno and viridis, by nine anchors).
+//! Perceptually uniform colour maps (matplotlib's inferno and viridis, from nine anchors).
 
 use super::style::Rgb;
 
 const INFERNO: [u32; 9] = [0x000004, 0x210c4a, 0x56106e, 0x89226a, 0xbb3754, 0xe35932, 0xf98c0a, 0xf9c932, 0xfcffa4];
 const VIRIDIS: [u32; 9] = [0x440154, 0x472d7b, 0x3b528b, 0x2c728e, 0x21908c, 0x27ad81, 0x5dc863, 0xaadc32, 0xfde725];
 
-/// Black over purple and orange to pale yellow, for `share` 0 to 1: how much is there.
+/// Black over purple and orange to pale yellow, for `share` 0 to 1. For magnitudes.
 pub fn inferno(share: f64) -> Rgb {
     interpolate(&INFERNO, share)
 }
 
-/// Dark blue over green to yellow, for `share` 0 to 1: which one, when.
+/// Dark blue over green to yellow, for `share` 0 to 1. For categories and times.
 pub fn viridis(share: f64) -> Rgb {
     interpolate(&VIRIDIS, share)
 }
 
-/// `a` with `share` of `b`.
+/// `a` blended with `share` of `b`.
 pub fn mix(a: Rgb, b: Rgb, share: f64) -> Rgb {
     std::array::from_fn(|n| (a[n] as f64 + (b[n] as f64 - a[n] as f64) * share).round() as u8)
 }

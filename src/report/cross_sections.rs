@@ -1,6 +1,7 @@
-//! Accumulated cross-sections (thesis, section 4.1, figure 4.2): the values summed along x, along y and along z, as if one
-//! looked through a slightly transparent volume from the side, from above and from behind. Each view has its own colour
-//! scale from its least to its greatest sum; values that are not finite are skipped.
+//! Accumulated cross-sections (thesis, section 4.1, figure 4.2): the values summed along x, along y
+//! and along z, as if looking through a slightly transparent volume from the side, from above and
+//! from behind. Each view has its own colour scale from its smallest to its largest sum. Non-finite
+//! values are skipped.
 
 use radar_sar::Volume;
 
@@ -18,16 +19,16 @@ const TOP: f64 = 108.0;
 /// Sums along one axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Accumulated {
-    /// The axis summed along: 0, 1, 2 for x, y, z.
+    /// The axis of summation: 0, 1, 2 for x, y, z.
     pub along: usize,
-    /// Number of voxels on the two axes that are left, in the order x, y, z.
+    /// Number of voxels on the two remaining axes, in the order x, y, z.
     pub size: [usize; 2],
-    /// The sums; of the two axes, the first runs fastest.
+    /// The sums. The first of the two axes runs fastest.
     pub sums: Vec<f64>,
 }
 
 impl Accumulated {
-    /// Least and greatest sum; `None` without any.
+    /// Smallest and largest sum; `None` if there are none.
     pub fn range(&self) -> Option<[f64; 2]> {
         let low = self.sums.iter().copied().fold(f64::INFINITY, f64::min);
         let high = self.sums.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -35,12 +36,14 @@ impl Accumulated {
     }
 }
 
-/// Sums of a volume along axis 0, 1 or 2 (x, y, z; greater counts as 2). Values that are not finite count as 0.
+/// Sums of a volume along axis 0, 1 or 2 (x, y, z; larger values count as 2). Non-finite values
+/// count as 0.
 pub fn accumulate(volume: &Volume, along: usize) -> Accumulated {
     folded(volume, along, |sum, value| sum + value)
 }
 
-/// The greatest values of a volume along axis 0, 1 or 2, and 0 where none is above it. Values that are not finite count as 0.
+/// Maximum values of a volume along axis 0, 1 or 2, and 0 where no value is above it. Non-finite
+/// values count as 0.
 pub fn greatest(volume: &Volume, along: usize) -> Accumulated {
     folded(volume, along, f64::max)
 }
@@ -48,7 +51,7 @@ pub fn greatest(volume: &Volume, along: usize) -> Accumulated {
 fn folded(volume: &Volume, along: usize, fold: impl Fn(f64, f64) -> f64) -> Accumulated {
     let along = along.min(2);
     let [x_count, y_count, z_count] = volume.size;
-    // Where a step along x, y, z leads in the sums.
+    // Index steps in the sums for a step along x, y, z.
     let (size, [x_step, y_step, z_step]) = match along {
         0 => ([y_count, z_count], [0, 1, y_count]),
         1 => ([x_count, z_count], [1, 0, x_count]),
@@ -66,7 +69,8 @@ fn folded(volume: &Volume, along: usize, fold: impl Fn(f64, f64) -> f64) -> Accu
     Accumulated { along, size, sums }
 }
 
-/// Draws them. `quantity` says what the values are, with a unit: "log-likelihood (nats)"; it labels the colour scales.
+/// Draws the cross-sections. `quantity` is the label of the colour scales with a unit:
+/// "log-likelihood (nats)".
 pub fn cross_sections(volume: &Volume, title: &str, quantity: &str, marks: &Marks) -> Picture {
     let region = with_path(&volume.region(), marks.path_m, 0.6);
     let plots = plots(&region, [6.0, TOP], WIDTH - 12.0, 470.0);
@@ -122,7 +126,7 @@ fn cell((axis, backwards): (usize, bool), share: f64, volume: &Volume) -> (usize
     (axis, ((share * count as f64) as usize).min(count.saturating_sub(1)))
 }
 
-/// A horizontal colour scale with the values of its ends, and what they are.
+/// A horizontal colour scale with its end values and its label.
 pub(super) fn color_bar(canvas: &mut Canvas, bar: Rect, [low, high]: [f64; 2], label: &str) {
     canvas.paint(bar, |u, _| inferno(u));
     canvas.outline(bar, 1.0, INK);

@@ -1,45 +1,45 @@
-//! What can go wrong when a report is written.
+//! Errors of writing and reading reports.
 
 use std::path::PathBuf;
 
-/// Why a file of a report was not written or not read back.
+/// Errors of writing and reading reports.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// The file system said no.
+    /// A file system error.
     #[error("{path}: {source}", path = path.display())]
     File {
-        /// The file in question.
+        /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A picture that the PNG encoder refused.
+    /// The PNG encoder rejected an image.
     #[error("a picture of {width} × {height} pixels does not make a PNG: {source}")]
     Png {
-        /// Pixels across.
+        /// Width, pixels.
         width: usize,
-        /// Pixels down.
+        /// Height, pixels.
         height: usize,
-        /// What the encoder said.
+        /// The encoder's error.
         source: image::ImageError,
     },
-    /// A number that no file of ours may hold.
+    /// A number that must be finite is not.
     #[error("{what} is {value}, which is not a finite number")]
     NotFinite {
-        /// Which number, as a path into the data: `obstacles[2].position_m`.
+        /// Path of the number in the data: `obstacles[2].position_m`.
         what: String,
         /// Its value.
         value: f64,
     },
-    /// A value that does not become JSON.
+    /// A value cannot be converted to JSON.
     #[error("{path}: {source}", path = path.display())]
     Json {
-        /// The file in question.
+        /// The file.
         path: PathBuf,
-        /// What the serializer said.
+        /// The serializer's error.
         source: serde_json::Error,
     },
-    /// A volume whose sizes do not fit its values.
+    /// The size of a volume does not match its number of values.
     #[error("a volume of {size:?} voxels (x, y, z) has {values} values")]
     VolumeSize {
         /// Voxels along x, y, z.
@@ -47,23 +47,23 @@ pub enum ReportError {
         /// Number of values.
         values: usize,
     },
-    /// An extra entry that would hide one of the file's own.
-    #[error("the extra entry \"{0}\" has the name of one that the file has anyway")]
+    /// An extra entry has the name of a standard entry.
+    #[error("the extra entry \"{0}\" has the name of a standard entry")]
     ExtraKey(String),
-    /// A file that is not the .npy volume it should be.
+    /// The file is not the expected .npy volume.
     #[error("{path}: no little-endian f32 volume in C order: {reason}", path = path.display())]
     NotNpy {
-        /// The file in question.
+        /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The reason.
         reason: String,
     },
-    /// A file that is not the .ply cloud it should be.
+    /// The file is not the expected .ply point cloud.
     #[error("{path}: no point cloud of ours: {reason}", path = path.display())]
     NotPly {
-        /// The file in question.
+        /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The reason.
         reason: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Values over two axes as colours, with marks: what a range and speed show, and the like.
+//! Heat maps over two axes with marks: range and speed, for example.
 
 use super::Picture;
 use super::canvas::{Align, Canvas, Rect};
@@ -9,38 +9,39 @@ use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
 use super::style::{FOUND, INK, TITLE_PX, TRUTH};
 
 const SIZE: [f64; 2] = [900.0, 600.0];
-/// Pixels below the axes that the colour scale takes.
+/// Height of the colour scale below the axes, pixels.
 const BAR_PX: f64 = 66.0;
 
-/// A figure of cells.
+/// A heat map.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct HeatChart {
     /// Title of the figure.
     pub title: String,
-    /// What x is, with its unit.
+    /// Label of x, with its unit.
     pub x_label: String,
-    /// What y is, with its unit.
+    /// Label of y, with its unit.
     pub y_label: String,
-    /// What the values are, with their unit.
+    /// Label of the values, with their unit.
     pub quantity: String,
     /// Outer edges of the first and last column.
     pub x: [f64; 2],
     /// Outer edges of the lowest and highest row.
     pub y: [f64; 2],
-    /// Columns.
+    /// Number of columns.
     pub columns: usize,
-    /// Row by row from the lowest, the columns from left to right; ones that are not finite are drawn as the least.
+    /// Values `[row][column]`, rows from the lowest, columns from the left. Non-finite values are
+    /// drawn as the smallest.
     pub values: Vec<f64>,
-    /// Values at the ends of the colour scale; beyond them colours stay.
+    /// Values at the ends of the colour scale. Values beyond are clamped.
     pub scale: [f64; 2],
-    /// Crosses: what is really there.
+    /// Crosses: true positions.
     pub truth: Vec<[f64; 2]>,
-    /// Rings: what was found.
+    /// Rings: detected positions.
     pub found: Vec<[f64; 2]>,
 }
 
 impl HeatChart {
-    /// Draws it.
+    /// Draws the heat map.
     pub fn draw(&self) -> Picture {
         let mut canvas = Canvas::new(SIZE[0] as usize, SIZE[1] as usize);
         canvas.text([18.0, 26.0], Align::Left, &self.title, TITLE_PX, INK);

@@ -1,5 +1,5 @@
-//! report.html: one file with everything in it. No scripts and nothing from elsewhere; all text is escaped; light or dark
-//! as the reader's system is.
+//! report.html: one self-contained file. No scripts and no external resources; all text is escaped;
+//! light or dark according to the reader's system.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -9,19 +9,19 @@ use super::{Picture, ReportError, write_atomically};
 
 const STYLE: &str = include_str!("report.css");
 
-/// A picture with words.
+/// An image with a caption.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    /// The bytes of a PNG file, as [`Picture::png`] gives them.
+    /// Bytes of a PNG file, from [`Picture::png`].
     pub png: Vec<u8>,
-    /// What it shows, for who does not see it.
+    /// Alternative text.
     pub alt: String,
-    /// What stands below it.
+    /// Caption below the image.
     pub caption: String,
 }
 
 impl Figure {
-    /// From a picture; the caption also serves who does not see it.
+    /// A figure from an image. The caption is also the alternative text.
     ///
     /// # Errors
     /// As [`Picture::png`].
@@ -31,14 +31,14 @@ impl Figure {
     }
 }
 
-/// Rows of text; cells that are numbers stand to the right.
+/// A table of text. Numeric cells are right-aligned.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Table {
-    /// Heads of the columns; none for a table without.
+    /// Column heads; empty for none.
     pub head: Vec<String>,
     /// The rows, each as long as the head.
     pub rows: Vec<Vec<String>>,
-    /// What stands above it; empty for nothing.
+    /// Caption above the table; empty for none.
     pub caption: String,
 }
 
@@ -50,7 +50,7 @@ enum Block {
     Figure(Figure),
 }
 
-/// A part of a report: a heading, and what stands below it in the order it was added.
+/// A section of a report: a heading, and its blocks in the order of addition.
 #[derive(Debug, Clone)]
 pub struct Section {
     heading: String,
@@ -58,7 +58,7 @@ pub struct Section {
 }
 
 impl Section {
-    /// Empty, with a heading.
+    /// An empty section with a heading.
     pub fn new(heading: impl Into<String>) -> Self {
         Self { heading: heading.into(), blocks: Vec::new() }
     }
@@ -68,7 +68,7 @@ impl Section {
         self.with(Block::Text(text.into()))
     }
 
-    /// Adds lines as they are, in letters of equal width: a score's table, say.
+    /// Adds monospaced lines, for example the table of a score.
     pub fn preformatted(self, text: impl Into<String>) -> Self {
         self.with(Block::Preformatted(text.into()))
     }
@@ -89,7 +89,7 @@ impl Section {
     }
 }
 
-/// A page in the making.
+/// A report page under construction.
 #[derive(Debug, Clone)]
 pub struct Report {
     title: String,
@@ -98,7 +98,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// Empty, with a title.
+    /// An empty report with a title.
     pub fn new(title: impl Into<String>) -> Self {
         Self { title: title.into(), intro: Vec::new(), sections: Vec::new() }
     }
@@ -115,7 +115,7 @@ impl Report {
         self
     }
 
-    /// The page.
+    /// The HTML page.
     pub fn html(&self) -> String {
         let title = escaped(&self.title);
         let mut page = format!(
@@ -142,10 +142,10 @@ impl Report {
         page
     }
 
-    /// Writes the page, whole or not at all.
+    /// Writes the page atomically.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), ReportError> {
         write_atomically(path, self.html().as_bytes())
     }
@@ -204,7 +204,7 @@ fn push_row(page: &mut String, element: &str, cells: &[String], classes: &[&str]
     page.push_str("</tr>\n");
 }
 
-/// A number, perhaps with a unit or a dash for none.
+/// A number, possibly with a unit, or a dash for a missing value.
 fn is_number(cell: &str) -> bool {
     let first = cell.split_whitespace().next().unwrap_or_default().trim_end_matches(['%', '×']);
     matches!(first, "–" | "-") || first.replace('−', "-").parse::<f64>().is_ok()
@@ -219,7 +219,7 @@ fn escaped(text: &str) -> String {
             '>' => safe.push_str("&gt;"),
             '"' => safe.push_str("&quot;"),
             '\'' => safe.push_str("&#39;"),
-            // HTML has no way to write these.
+            // HTML cannot represent these.
             c if c.is_control() && !matches!(c, '\n' | '\t') => safe.push('\u{fffd}'),
             c => safe.push(c),
         }

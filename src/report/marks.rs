@@ -1,24 +1,25 @@
-//! What is drawn over images of space, the same in all figures: a cross is the truth, a ring was found, a line is the
-//! sensor's path with a dot at its start. All have a dark rim, so that they show on dark and on bright ground.
+//! Marks over images, the same in all figures: a cross is the truth, a ring is a detection, a line
+//! is the sensor's path with a dot at its start. All have a dark outline, so that they are visible
+//! on dark and bright backgrounds.
 
 use glam::DVec3;
 
 use super::canvas::{Align, Canvas, text_width};
 use super::style::{FALSE_INK, FOUND, FOUND_INK, INK, LABEL_PX, MUTED, PATH, PATH_INK, Rgb, TRUTH};
 
-/// Places to mark, tracking frame, metres. Ones that are not finite are left out.
+/// Positions to mark, tracking frame, metres. Non-finite ones are skipped.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Marks<'a> {
-    /// Where something really is.
+    /// True positions.
     pub truth_m: &'a [DVec3],
-    /// Where something was found.
+    /// Detected positions.
     pub found_m: &'a [DVec3],
-    /// Where the sensor was, in order of time.
+    /// Positions of the sensor in order of time.
     pub path_m: &'a [DVec3],
 }
 
 impl Marks<'_> {
-    /// Draws all of them where `project` puts them.
+    /// Draws all marks at the pixels given by `project`.
     pub fn draw(&self, canvas: &mut Canvas, project: impl Fn(DVec3) -> [f64; 2]) {
         let path: Vec<[f64; 2]> = self.path_m.iter().map(|&p| project(p)).collect();
         draw_path(canvas, &path, PATH);
@@ -30,7 +31,7 @@ impl Marks<'_> {
         }
     }
 
-    /// What the legend has to say of them.
+    /// Entries for the legend.
     pub fn legend(&self) -> Vec<(Symbol, &'static str)> {
         let all = [
             (!self.truth_m.is_empty(), Symbol::Truth, "truth"),
@@ -41,16 +42,16 @@ impl Marks<'_> {
     }
 }
 
-/// What stands before a legend's text.
+/// Symbol of a legend entry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Symbol {
-    /// White cross with a dark rim.
+    /// White cross with a dark outline.
     Truth,
-    /// Bright ring with a dark rim.
+    /// Bright ring with a dark outline.
     Found,
     /// Bright line with a dot.
     Path,
-    /// Dots in grey: true scatterers on white.
+    /// Grey dots: true scatterers on white.
     TruthInk,
     /// Ring on white.
     FoundInk,
@@ -66,15 +67,15 @@ pub enum Symbol {
     Wall,
     /// Dashed line.
     FoundWall,
-    /// Square of a colour.
+    /// Coloured square.
     Square(Rgb),
-    /// Dot of a colour.
+    /// Coloured dot.
     Dot(Rgb),
-    /// Line of a colour.
+    /// Coloured line.
     Line(Rgb),
 }
 
-/// A line with a rim and a dot where it begins.
+/// A line with an outline, and a dot at its start.
 pub fn draw_path(canvas: &mut Canvas, points: &[[f64; 2]], color: Rgb) {
     canvas.polyline(points, 3.6, [0, 0, 0]);
     canvas.polyline(points, 1.8, color);
@@ -84,7 +85,7 @@ pub fn draw_path(canvas: &mut Canvas, points: &[[f64; 2]], color: Rgb) {
     }
 }
 
-/// A diagonal cross with a rim.
+/// A diagonal cross with an outline.
 pub fn cross(canvas: &mut Canvas, [x, y]: [f64; 2], arm: f64, color: Rgb) {
     for (width, color) in [(3.8, [0, 0, 0]), (1.8, color)] {
         canvas.line([x - arm, y - arm], [x + arm, y + arm], width, color);
@@ -92,25 +93,25 @@ pub fn cross(canvas: &mut Canvas, [x, y]: [f64; 2], arm: f64, color: Rgb) {
     }
 }
 
-/// A ring with a rim.
+/// A ring with an outline.
 pub fn ring_mark(canvas: &mut Canvas, center: [f64; 2], radius: f64, color: Rgb) {
     canvas.ring(center, radius, 4.4, [0, 0, 0]);
     canvas.ring(center, radius, 2.4, color);
 }
 
-/// A ring struck through: reported, but nothing is there.
+/// A crossed-out ring: a false detection.
 pub fn false_mark(canvas: &mut Canvas, [x, y]: [f64; 2], radius: f64) {
     canvas.ring([x, y], radius, 2.4, FALSE_INK);
     let d = radius * 0.7;
     canvas.line([x - d, y + d], [x + d, y - d], 2.4, FALSE_INK);
 }
 
-/// Width of a legend entry, its symbol and the gap after it included.
+/// Width of a legend entry, including its symbol and the gap after it, pixels.
 pub fn legend_width(text: &str) -> f64 {
     34.0 + text_width(text, LABEL_PX) + 26.0
 }
 
-/// One entry, its symbol's left end at `x`, its middle at `y`.
+/// Draws one entry: the left end of its symbol is at `x`, its middle at `y`.
 pub fn legend_entry(canvas: &mut Canvas, [x, y]: [f64; 2], symbol: Symbol, text: &str) {
     let (left, middle, right) = ([x, y], [x + 12.0, y], [x + 24.0, y]);
     match symbol {
@@ -146,7 +147,7 @@ pub fn legend_entry(canvas: &mut Canvas, [x, y]: [f64; 2], symbol: Symbol, text:
     canvas.text([x + 34.0, y], Align::Left, text, LABEL_PX, INK);
 }
 
-/// Entries side by side.
+/// Draws entries side by side.
 pub fn legend_row(canvas: &mut Canvas, [mut x, y]: [f64; 2], entries: &[(Symbol, &str)]) {
     for &(symbol, text) in entries {
         legend_entry(canvas, [x, y], symbol, text);

@@ -1,5 +1,6 @@
-//! Plain data to files: figures, volumes, point clouds, scores, the report. Nothing here computes what it shows; all of it
-//! draws empty, flat or broken data without a panic, and writes files whole or not at all.
+//! Writes plain data to files: figures, volumes, point clouds, scores, the HTML report. Nothing
+//! here computes results. All functions accept empty, flat or invalid data without panicking, and
+//! write files atomically.
 
 mod atomic;
 mod base64;

@@ -1,5 +1,5 @@
-//! The sensor's path, which is the virtual antenna array (thesis, figure 3.8): from the right, from above and from behind,
-//! coloured by time, and each coordinate against time.
+//! The sensor's path, which is the synthetic aperture (thesis, figure 3.8): from the right, from
+//! above and from behind, coloured by time, and each coordinate against time.
 
 use glam::DVec3;
 
@@ -17,8 +17,8 @@ const WIDTH: f64 = 1320.0;
 const TOP: f64 = 84.0;
 const COORDINATES: [(&str, Rgb); 3] = [("x, right", FALSE_INK), ("y, up", PATH_INK), ("z, back", FOUND_INK)];
 
-/// Draws a path: time in seconds and place in the tracking frame, metres, in order of time. Entries that are not finite are
-/// left out.
+/// Draws a path: time in seconds and position in the tracking frame, metres, in order of time.
+/// Non-finite entries are skipped.
 pub fn motion_plot(path: &[(f64, DVec3)], title: &str) -> Picture {
     let path: Vec<(f64, DVec3)> = path.iter().copied().filter(|(t, p)| t.is_finite() && p.is_finite()).collect();
     let plots = plots(&region(&path), [6.0, TOP], WIDTH - 12.0, 360.0);
@@ -39,7 +39,7 @@ pub fn motion_plot(path: &[(f64, DVec3)], title: &str) -> Picture {
     canvas.finish()
 }
 
-/// A box around the path, no side less than an eighth of the longest, with some air.
+/// A box around the path with a margin; no side is less than an eighth of the longest.
 fn region(path: &[(f64, DVec3)]) -> Aabb {
     let Some(tight) = Aabb::around(path.iter().map(|&(_, place)| place)) else {
         return Aabb { min: DVec3::splat(-0.5), max: DVec3::splat(0.5) };
@@ -84,7 +84,7 @@ fn time_bar(canvas: &mut Canvas, times: [f64; 2]) {
     canvas.text([bar.right() + 12.0, y], Align::Left, &format!("end {} s", short_number(last)), TICK_PX, INK);
 }
 
-/// Each coordinate, less its mean: what matters is how far the sensor moves.
+/// Each coordinate minus its mean, to show how far the sensor moves.
 fn against_time(canvas: &mut Canvas, path: &[(f64, DVec3)], times: [f64; 2], area: Rect) {
     let mean = path.iter().map(|&(_, place)| place).sum::<DVec3>() / path.len().max(1) as f64;
     let most = path.iter().map(|&(_, place)| (place - mean).abs().max_element()).fold(0.01, f64::max) * 1.1;

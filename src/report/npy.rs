@@ -1,6 +1,7 @@
-//! A volume as NumPy reads it (NPY format 1.0: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>):
-//! C-ordered little-endian f32, shape `[z][y][x]`, and beside it a .json that says where it is and what it holds: origin, edge of a
-//! voxel, frame, order of the axes, units.
+//! Volumes in NumPy's NPY format 1.0
+//! (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>): C-ordered
+//! little-endian f32, shape `[z][y][x]`. A .json file beside it gives origin, voxel edge, frame,
+//! axis order and units.
 
 use std::fs;
 use std::path::Path;
@@ -13,23 +14,23 @@ use radar_sar::{Statistic, Volume};
 use super::{ReportError, write_atomically};
 
 const MAGIC: &[u8] = b"\x93NUMPY\x01\x00";
-/// The data begin at a multiple of this.
+/// The data begins at a multiple of this, bytes (NPY format).
 const ALIGNMENT: usize = 64;
-/// What the array's three indices run along.
+/// Axes of the array's three indices.
 const AXES: [&str; 3] = ["z", "y", "x"];
-/// What coordinates are given in.
+/// Frame of the coordinates.
 const FRAME: &str = "tracking: right-handed, x right, y up, z back, metres";
 
-/// What the .json beside a volume says besides where it is.
+/// Metadata of a volume, written to its .json file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct VolumeInfo {
     /// Name of the statistic: `thesis`, `ls`, …
     pub statistic: String,
-    /// Voxel updates done.
+    /// Number of voxel updates computed.
     pub updates: u64,
-    /// Voxel updates that a dense run over the same box would do.
+    /// Number of voxel updates of a dense computation over the same box.
     pub dense_updates: u64,
-    /// Anything else, appended in the map's order.
+    /// Further entries, appended in the map's order.
     pub extra: Map<String, Value>,
 }
 
@@ -48,12 +49,12 @@ struct Header<'a> {
     extra: &'a Map<String, Value>,
 }
 
-/// Writes `path` (.npy) and, beside it, the same name with .json: `origin_m` is the lowest corner of the box (the first
-/// voxel's centre lies half a voxel above it), `shape` is `[z, y, x]`.
+/// Writes `path` (.npy) and a .json file of the same name. `origin_m` is the lowest corner of the
+/// box (the centre of the first voxel is half a voxel above it); `shape` is `[z, y, x]`.
 ///
 /// # Errors
-/// Sizes that do not fit the values, an origin or voxel edge that is not finite, an extra entry with the name of one of the
-/// file's own, files that cannot be written.
+/// The size does not match the number of values, the origin or voxel edge is not finite, an extra
+/// entry has the name of a standard entry, or a file cannot be written.
 pub fn write_volume(path: &Path, volume: &Volume, info: &VolumeInfo) -> Result<(), ReportError> {
     let [npy, json] = volume_bytes(volume, info)?;
     write_atomically(path, &npy)?;
@@ -63,24 +64,24 @@ pub fn write_volume(path: &Path, volume: &Volume, info: &VolumeInfo) -> Result<(
 /// The bytes of both files, the .npy first.
 ///
 /// # Errors
-/// As [`write_volume`], but for the files.
+/// As [`write_volume`], except for file errors.
 pub fn volume_bytes(volume: &Volume, info: &VolumeInfo) -> Result<[Vec<u8>; 2], ReportError> {
     Ok([npy_bytes(volume)?, header_bytes(volume, info)?])
 }
 
-/// Reads both files back. `extra` holds what [`VolumeInfo`] has no field for.
+/// Reads both files. `extra` receives the entries for which [`VolumeInfo`] has no field.
 ///
 /// # Errors
-/// Files that cannot be read, or are not such as [`write_volume`] writes.
+/// A file cannot be read, or is not in the format of [`write_volume`].
 pub fn read_volume(path: &Path) -> Result<(Volume, VolumeInfo), ReportError> {
     let read = |path: &Path| fs::read(path).map_err(|source| ReportError::File { path: path.to_owned(), source });
     volume_of(&read(path)?, &read(&path.with_extension("json"))?, path)
 }
 
-/// The volume that the bytes of both files hold; `path` is what errors name.
+/// Parses the bytes of both files. `path` is named in errors.
 ///
 /// # Errors
-/// Bytes that are not such as [`volume_bytes`] gives.
+/// The bytes are not in the format of [`volume_bytes`].
 pub fn volume_of(npy: &[u8], json: &[u8], path: &Path) -> Result<(Volume, VolumeInfo), ReportError> {
     let wrong = |reason: &str| ReportError::NotNpy { path: path.to_owned(), reason: reason.to_owned() };
     let ([z, y, x], values) = parse(npy).map_err(wrong)?;
@@ -96,7 +97,7 @@ pub fn volume_of(npy: &[u8], json: &[u8], path: &Path) -> Result<(Volume, Volume
     if take("shape") != serde_json::json!([z, y, x]) {
         return Err(wrong("its shape is not the one in the .json"));
     }
-    // Files from before had no word of these: they were the same.
+    // Files of earlier versions lack these entries; the values were the same.
     if ![Value::Null, serde_json::json!(AXES)].contains(&take("axes")) {
         return Err(wrong("its axes are not [z][y][x]"));
     }
@@ -221,14 +222,15 @@ mod tests {
             (&serde_json::json!(["z", "y", "x"]), &serde_json::json!([2, 3, 4]))
         );
         assert_eq!((&told["value_unit"], &told["voxel_m"]), (&serde_json::json!("LSB²"), &serde_json::json!(0.05)));
-        // What another reader would do with it: the voxel at [k][j][i] lies half a voxel above the corner, and so on.
+        // As another reader would compute it: the voxel at [k][j][i] is half a voxel above the
+        // corner, and so on.
         let (read, _) = volume_of(&npy, &json, Path::new("v.npy")).unwrap();
         assert!(read.center([0, 0, 0]).distance(DVec3::new(-1.475, 0.275, -2.975)) < 1e-12);
         let turned = String::from_utf8(json).unwrap().replace("\"z\"", "\"x\"");
         assert!(volume_of(&npy, turned.as_bytes(), Path::new("v.npy")).is_err());
     }
 
-    /// NumPy itself, where there is one.
+    /// Reads the file with NumPy, if installed.
     #[test]
     fn numpy_reads_what_we_write() {
         let python = |script: &str| std::process::Command::new("python3").args(["-c", script]).output();

@@ -1,5 +1,6 @@
-//! `obstacles.json`: the scene as a file for people and programs. The same scene and counters give the same bytes: keys
-//! have a fixed order, numbers are the shortest that read back as the same f64, and each obstacle has its own line.
+//! `obstacles.json`: the scene as a file for people and programs. The same scene and counters give
+//! the same bytes: the order of keys is fixed, numbers are the shortest that parse to the same f64,
+//! and each obstacle is on its own line.
 
 use std::io;
 use std::path::Path;
@@ -25,14 +26,14 @@ struct File<'a> {
     time_offset_observable: bool,
 }
 
-/// The time between the streams, as the file states it.
+/// The time offset between the streams, as written to the file.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct StreamOffset {
-    /// Time of a sweep's pose minus time of the sweep, as the poses were taken, seconds.
+    /// Time of a sweep's pose minus time of the sweep, seconds.
     pub offset_s: f64,
-    /// 1σ of the offset that the data tell, seconds; `None` when they tell none.
+    /// 1σ of the offset as estimated from the data, seconds; `None` if it was not estimated.
     pub sigma_s: Option<f64>,
-    /// Whether the motion told the offset apart from everything else.
+    /// Whether the motion made the offset observable.
     pub observable: bool,
 }
 
@@ -60,7 +61,8 @@ struct WallEntry {
     last_seen_s: f64,
 }
 
-/// Something that moves: at a range from where it was last seen from, along that boresight, its direction as wide as the beam.
+/// A moving target: at a range from the sensor position of its last observation, along that
+/// boresight. The direction is as uncertain as the beam is wide.
 #[derive(Serialize)]
 struct MovingEntry {
     id: u64,
@@ -76,10 +78,10 @@ struct MovingEntry {
     last_seen_s: f64,
 }
 
-/// The bytes of the file. Times are seconds of the host's clock.
+/// The bytes of the file. Times are seconds of the host clock.
 ///
 /// # Errors
-/// A number of the scene, or the time offset, that is not finite.
+/// A number of the scene, or the time offset, is not finite.
 pub fn obstacles_json(scene: &Scene, counters: &Value, time_offset: &StreamOffset) -> Result<Vec<u8>, ReportError> {
     let entries = scene.obstacles.iter().enumerate().map(|(n, obstacle)| obstacle_entry(n, obstacle));
     let walls = scene.walls.iter().enumerate().map(|(n, wall)| wall_entry(n, wall));
@@ -102,10 +104,10 @@ pub fn obstacles_json(scene: &Scene, counters: &Value, time_offset: &StreamOffse
     Ok(bytes)
 }
 
-/// Writes the file, whole or not at all.
+/// Writes the file atomically.
 ///
 /// # Errors
-/// As [`obstacles_json`], or a file that cannot be written.
+/// As [`obstacles_json`], or the file cannot be written.
 pub fn write_obstacles_json(
     path: &Path,
     scene: &Scene,
@@ -160,7 +162,7 @@ fn moving_entry(n: usize, moving: &MovingTarget) -> Result<MovingEntry, ReportEr
     })
 }
 
-/// Divided, not multiplied by 1e-9, which is no f64: 1.5 s stay 1.5.
+/// Divides instead of multiplying by 1e-9, which is not exact in f64: 1.5 s stays 1.5.
 fn seconds(ns: i64) -> f64 {
     ns as f64 / 1e9
 }
@@ -176,12 +178,13 @@ fn vector(v: DVec3, what: impl FnOnce() -> String) -> Result<[f64; 3], ReportErr
     }
 }
 
-/// Row by row.
+/// Rows of a matrix.
 fn matrix(m: DMat3, what: impl Fn() -> String + Copy) -> Result<[[f64; 3]; 3], ReportError> {
     Ok([vector(m.row(0), what)?, vector(m.row(1), what)?, vector(m.row(2), what)?])
 }
 
-/// JSON with a line for each entry of the file, and for each entry of those entries; nothing deeper is broken up.
+/// JSON with one line per entry of the file, and per entry of those entries. Deeper levels are not
+/// broken into lines.
 #[derive(Default)]
 struct EntryPerLineFormatter {
     depth: usize,

@@ -1,5 +1,5 @@
-//! Price against gain over two logarithmic axes: many ways to do one thing, and the front of those that no other beats in
-//! both. Points on the front carry numbers, and a key beside the plot says what they are.
+//! Cost against error over two logarithmic axes: many variants of a computation, and their Pareto
+//! front. Points on the front are numbered, and a key beside the plot lists them.
 
 use super::Picture;
 use super::canvas::{Align, Canvas, Rect};
@@ -9,21 +9,21 @@ use super::plot::{BOTTOM_MARGIN, LEFT_MARGIN, Plot};
 use super::style::{GRID, HEADING_PX, INK, LABEL_PX, MUTED, PAPER, Rgb, TICK_PX, TITLE_PX, short_number};
 
 const SIZE: [f64; 2] = [1240.0, 720.0];
-/// Width of the key.
+/// Width of the key, pixels.
 const KEY_PX: f64 = 400.0;
 
-/// What a point's shape says.
+/// Symbol of a variant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TradeOffMarker {
-    /// Ring: everything is computed.
+    /// Ring: all voxels are computed.
     Dense,
-    /// Dot: only what can matter is.
+    /// Dot: only relevant voxels are computed.
     Adaptive,
-    /// Diamond: the same, and then refined.
+    /// Diamond: adaptive, then refined.
     Refined,
-    /// Square: after each new datum.
+    /// Square: updated with each new datum.
     Rolling,
-    /// Cross: the plain computation.
+    /// Cross: the reference computation.
     Slow,
 }
 
@@ -33,7 +33,7 @@ impl TradeOffMarker {
         (Self::Adaptive, "adaptive: same result"),
         (Self::Refined, "adaptive, then refined"),
         (Self::Rolling, "window: fresh / rolling"),
-        (Self::Slow, "f64, straight from the formula"),
+        (Self::Slow, "f64, direct formula"),
     ];
 
     fn draw(self, canvas: &mut Canvas, [x, y]: [f64; 2], color: Rgb) {
@@ -57,20 +57,20 @@ impl TradeOffMarker {
     }
 }
 
-/// One way.
+/// One variant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TradeOffPoint {
-    /// Those of one series have one colour.
+    /// Name of its series. A series has one colour.
     pub series: String,
-    /// Its shape.
+    /// Its symbol.
     pub mark: TradeOffMarker,
-    /// Price and error. A point with a value that is not finite and above 0 is left out.
+    /// Cost and error. Points with a value that is not finite and above 0 are skipped.
     pub at: [f64; 2],
-    /// What the key says of it when it is on the front.
+    /// Text in the key, if it is on the front.
     pub label: String,
-    /// Index of a point that it is an improvement on: a faint line leads here from there.
+    /// Index of the point that this one improves on. A faint line joins them.
     pub from: Option<usize>,
-    /// No other beats it in both.
+    /// Whether it is on the Pareto front.
     pub on_front: bool,
 }
 
@@ -79,22 +79,22 @@ pub struct TradeOffPoint {
 pub struct TradeOff {
     /// Title of the figure.
     pub title: String,
-    /// What has to be known to read it, a line each.
+    /// Notes above the plot, one per line.
     pub notes: Vec<String>,
-    /// What x is, with its unit.
+    /// Label of x, with its unit.
     pub x_label: String,
-    /// What y is, with its unit.
+    /// Label of y, with its unit.
     pub y_label: String,
     /// Unit of x, for the key.
     pub x_unit: String,
     /// Unit of y, for the key.
     pub y_unit: String,
-    /// The ways.
+    /// The variants.
     pub points: Vec<TradeOffPoint>,
 }
 
-/// Indices of the points that no other beats: none is at most as great in both and less in one. By rising x; of equals the
-/// first. Points that are not finite are left out.
+/// Indices of the non-dominated points: no other point is at most as large in both values and
+/// smaller in one. By ascending x; of equal points the first. Non-finite points are skipped.
 pub fn pareto_front(points: &[[f64; 2]]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).filter(|&n| points[n].iter().all(|v| v.is_finite())).collect();
     order.sort_by(|&a, &b| points[a][0].total_cmp(&points[b][0]).then(points[a][1].total_cmp(&points[b][1])));
@@ -109,7 +109,7 @@ pub fn pareto_front(points: &[[f64; 2]]) -> Vec<usize> {
 }
 
 impl TradeOff {
-    /// Draws it.
+    /// Draws the figure.
     pub fn draw(&self) -> Picture {
         let mut canvas = Canvas::new(SIZE[0] as usize, SIZE[1] as usize);
         canvas.text([18.0, 26.0], Align::Left, &self.title, TITLE_PX, INK);
@@ -143,7 +143,7 @@ impl TradeOff {
         canvas.finish()
     }
 
-    /// Names in the order of their first point.
+    /// Series names in the order of their first point.
     fn series(&self) -> Vec<&str> {
         let mut names: Vec<&str> = Vec::new();
         for point in &self.points {
@@ -154,7 +154,7 @@ impl TradeOff {
         names
     }
 
-    /// Points on the front that can be drawn, by rising x.
+    /// Drawable points on the front, by ascending x.
     fn front(&self, placed: &[[f64; 2]]) -> Vec<usize> {
         let can = |&n: &usize| self.points[n].on_front && drawable(&placed[n]);
         let mut front: Vec<usize> = (0..placed.len()).filter(can).collect();
@@ -162,7 +162,7 @@ impl TradeOff {
         front
     }
 
-    /// Colours in one row, shapes in the next; gives the top of the plot.
+    /// Draws the legend: colours in one row, symbols in the next. Returns the top of the plot.
     fn draw_legend(&self, canvas: &mut Canvas, series: &[&str], top: f64) -> f64 {
         let (mut x, mut y) = (18.0, top);
         for name in series {
@@ -191,7 +191,7 @@ impl TradeOff {
         }
     }
 
-    /// Numbers at the points of the front, and what they are.
+    /// Numbers at the points of the front, and their key.
     fn draw_key(&self, canvas: &mut Canvas, plot: &Plot, placed: &[[f64; 2]], front: &[usize], series: &[&str]) {
         let left = plot.area.right() + 26.0;
         let mut y = plot.area.y + 8.0;
@@ -222,7 +222,7 @@ fn color_of(series: &[&str], name: &str) -> Rgb {
     COLORS[at % COLORS.len()]
 }
 
-/// In steps: between two points of the front, what is reached is what the faster one reaches.
+/// A step line: between two points of the front, the error of the faster one is reached.
 fn draw_front(canvas: &mut Canvas, plot: &Plot, front: &[[f64; 2]]) {
     let corners = front.windows(2).flat_map(|pair| [pair[0], [pair[1][0], pair[0][1]]]);
     let steps: Vec<[f64; 2]> = corners.chain(front.last().copied()).collect();

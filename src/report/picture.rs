@@ -1,4 +1,4 @@
-//! A finished picture: to a PNG file, or to the bytes of one for a report.
+//! A finished image: written as a PNG file, or as PNG bytes for a report.
 
 use std::path::Path;
 
@@ -7,12 +7,12 @@ use image::{ExtendedColorType, ImageEncoder};
 
 use super::{ReportError, write_atomically};
 
-/// Pixels, ready to be written.
+/// An image.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Picture {
-    /// Pixels across.
+    /// Width, pixels.
     pub width: usize,
-    /// Pixels down.
+    /// Height, pixels.
     pub height: usize,
     /// Red, green, blue, 8 bits each, row by row from the upper left.
     pub rgb: Vec<u8>,
@@ -22,7 +22,7 @@ impl Picture {
     /// The bytes of a PNG file.
     ///
     /// # Errors
-    /// A picture without pixels, or with a number of bytes that does not fit its size.
+    /// The image has no pixels, or its number of bytes does not match its size.
     pub fn png(&self) -> Result<Vec<u8>, ReportError> {
         let failed = |source| ReportError::Png { width: self.width, height: self.height, source };
         if self.rgb.len() != 3 * self.width * self.height {
@@ -39,7 +39,7 @@ impl Picture {
     /// Writes a PNG file.
     ///
     /// # Errors
-    /// As [`Picture::png`], or a file that cannot be written.
+    /// As [`Picture::png`], or the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), ReportError> {
         write_atomically(path, &self.png()?)
     }

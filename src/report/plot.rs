@@ -1,17 +1,17 @@
-//! A rectangle of a figure with two axes: maps values to pixels and draws frame, ticks and labels.
+//! A plot area with two axes: maps values to pixels, and draws frame, ticks and labels.
 
 use super::canvas::{Align, Canvas, Rect, text_width};
 use super::style::{GRID, HEADING_PX, INK, LABEL_PX, MUTED, TICK_PX, tick_text, ticks};
 
-/// Pixels left of a plot that its numbers and label take.
+/// Width of the numbers and the label left of a plot, pixels.
 pub const LEFT_MARGIN: f64 = 68.0;
-/// Pixels below a plot that its numbers and label take.
+/// Height of the numbers and the label below a plot, pixels.
 pub const BOTTOM_MARGIN: f64 = 50.0;
 
-/// Where a plot is and what it shows.
+/// Position and ranges of a plot.
 #[derive(Debug, Clone, Copy)]
 pub struct Plot {
-    /// Its frame, pixels.
+    /// Frame, pixels.
     pub area: Rect,
     /// Values at the left and right edge.
     pub x: [f64; 2],
@@ -20,7 +20,7 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// Ranges that are empty or not finite are widened to ones that can be drawn.
+    /// Ranges that are empty or not finite are replaced by drawable ones.
     pub fn new(area: Rect, x: [f64; 2], y: [f64; 2]) -> Self {
         Self { area, x: drawable(x), y: drawable(y) }
     }
@@ -31,17 +31,17 @@ impl Plot {
         [self.area.x + share(x, self.x) * self.area.width, self.area.bottom() - share(y, self.y) * self.area.height]
     }
 
-    /// Pixels of many.
+    /// Pixels of several pairs of values.
     pub fn all_at(&self, values: impl IntoIterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
         values.into_iter().map(|v| self.at(v)).collect()
     }
 
-    /// Faint lines at the ticks; to be drawn before the content.
+    /// Faint lines at the ticks. Draw before the content.
     pub fn grid(&self, canvas: &mut Canvas) {
         self.grid_where(canvas, [true, true]);
     }
 
-    /// The same on one axis, the other, or both.
+    /// As [`Self::grid`], for one axis or both.
     pub fn grid_where(&self, canvas: &mut Canvas, [on_x, on_y]: [bool; 2]) {
         let Rect { x, y, .. } = self.area;
         for tick in self.x_ticks_where(on_x) {
@@ -54,12 +54,12 @@ impl Plot {
         }
     }
 
-    /// Frame, numbers and labels; to be drawn after the content.
+    /// Frame, numbers and labels. Draw after the content.
     pub fn axes(&self, canvas: &mut Canvas, heading: &str, x_label: &str, y_label: &str) {
         self.axes_where(canvas, heading, x_label, y_label, [true, true]);
     }
 
-    /// The same with numbers on one axis, the other, or both.
+    /// As [`Self::axes`], with numbers on one axis or both.
     pub fn axes_where(
         &self,
         canvas: &mut Canvas,

@@ -1,6 +1,6 @@
-//! A point cloud as a binary little-endian .ply: MeshLab, CloudCompare, Blender and Open3D read it. Each point has x, y, z (tracking
-//! frame, metres, f32) and a value; where a point's uncertainty is known, all have the six different elements of a covariance, m², not a
-//! number where one has none.
+//! Point clouds as binary little-endian .ply files, readable by MeshLab, CloudCompare, Blender and
+//! Open3D. Each point has x, y, z (tracking frame, metres, f32) and a value. If any point has a
+//! covariance, all points have its six independent elements, m²; NaN for points without one.
 
 use std::path::Path;
 
@@ -11,16 +11,16 @@ use super::{ReportError, write_atomically};
 /// A point of a cloud.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CloudPoint {
-    /// Tracking frame, metres.
+    /// Position, tracking frame, metres.
     pub position_m: DVec3,
-    /// Its score, evidence or whatever the cloud's values are.
+    /// Its score or evidence.
     pub value: f32,
-    /// How well its place is known, m²; `None` for a voxel.
+    /// Covariance of the position, m²; `None` for a voxel.
     pub covariance_m2: Option<DMat3>,
 }
 
 const PLACE: [&str; 4] = ["x", "y", "z", "value"];
-/// Elements of the covariance, row and column.
+/// Elements of the covariance: name, and row and column.
 const COVARIANCE: [(&str, [usize; 2]); 6] = [
     ("cov_xx", [0, 0]),
     ("cov_xy", [0, 1]),
@@ -30,13 +30,13 @@ const COVARIANCE: [(&str, [usize; 2]); 6] = [
     ("cov_zz", [2, 2]),
 ];
 
-/// The bytes of a file without covariances; points with anything that is not finite are left out.
+/// The bytes of a file without covariances. Non-finite points are skipped.
 pub fn ply_bytes(points: &[(DVec3, f32)]) -> Vec<u8> {
     let point = |&(position_m, value): &(DVec3, f32)| CloudPoint { position_m, value, covariance_m2: None };
     cloud_bytes(&points.iter().map(point).collect::<Vec<_>>())
 }
 
-/// The bytes of a file; points with a place or value that is not finite are left out.
+/// The bytes of a file. Points with a non-finite position or value are skipped.
 pub fn cloud_bytes(points: &[CloudPoint]) -> Vec<u8> {
     let sound = || points.iter().filter(|point| point.position_m.is_finite() && point.value.is_finite());
     let has_covariance = points.iter().any(|point| point.covariance_m2.is_some());
@@ -63,7 +63,7 @@ pub fn cloud_bytes(points: &[CloudPoint]) -> Vec<u8> {
 /// Writes a .ply file without covariances.
 ///
 /// # Errors
-/// A file that cannot be written.
+/// The file cannot be written.
 pub fn write_ply(path: &Path, points: &[(DVec3, f32)]) -> Result<(), ReportError> {
     write_atomically(path, &ply_bytes(points))
 }
@@ -71,15 +71,15 @@ pub fn write_ply(path: &Path, points: &[(DVec3, f32)]) -> Result<(), ReportError
 /// Writes a .ply file.
 ///
 /// # Errors
-/// A file that cannot be written.
+/// The file cannot be written.
 pub fn write_cloud(path: &Path, points: &[CloudPoint]) -> Result<(), ReportError> {
     write_atomically(path, &cloud_bytes(points))
 }
 
-/// The points that the bytes of a file hold; `path` is what errors name.
+/// Parses the bytes of a file. `path` is named in errors.
 ///
 /// # Errors
-/// Bytes that are not such as [`cloud_bytes`] gives.
+/// The bytes are not in the format of [`cloud_bytes`].
 pub fn cloud_of(bytes: &[u8], path: &Path) -> Result<Vec<CloudPoint>, ReportError> {
     parse(bytes).map_err(|reason| ReportError::NotPly { path: path.to_owned(), reason: reason.to_owned() })
 }
@@ -92,11 +92,11 @@ fn parse(bytes: &[u8]) -> Result<Vec<CloudPoint>, &'static str> {
         return Err("it is no binary little-endian .ply");
     }
     let count = header.lines().find_map(|line| line.strip_prefix("element vertex ")).ok_or("it has no points")?;
-    let count: usize = count.trim().parse().map_err(|_| "its number of points is none")?;
+    let count: usize = count.trim().parse().map_err(|_| "its number of points is invalid")?;
     let names: Vec<&str> = header.lines().filter_map(|line| line.strip_prefix("property float ")).collect();
     let whole: Vec<&str> = PLACE.into_iter().chain(COVARIANCE.iter().map(|(name, _)| *name)).collect();
     if names != whole && names != whole[..PLACE.len()] {
-        return Err("its properties are not those of a cloud of ours");
+        return Err("its properties are not those of this program's clouds");
     }
     let row = 4 * names.len();
     if count.checked_mul(row) != Some(bytes.len() - end) {

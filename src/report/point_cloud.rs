@@ -1,5 +1,6 @@
-//! The voxels above a share of the peak as a cloud of balls in a box (thesis, figure 4.1b): parallel projection from above
-//! and behind the right shoulder, far balls drawn first, greater values larger and brighter, with their shadow on the floor.
+//! The voxels above a share of the peak as balls in a box (thesis, figure 4.1b): parallel
+//! projection from above and behind the right shoulder. Far balls are drawn first, larger values
+//! are larger and brighter, and balls cast a shadow on the floor.
 
 use glam::DVec3;
 
@@ -20,11 +21,11 @@ const GROUND: Rgb = [22, 25, 34];
 const GROUND_GRID: Rgb = [62, 69, 84];
 const EDGE: Rgb = [112, 122, 142];
 const LETTERS: Rgb = [206, 213, 224];
-/// Beyond this number of points the weakest are left out: more would hide each other.
+/// Beyond this number of points, the weakest are skipped: they would hide each other. Choice.
 const MAX_POINTS: usize = 40_000;
 
-/// Centres and values of the voxels with at least `share` of the peak, in the order of the volume; none without a peak
-/// above 0. Values that are not finite are left out, and the peak is the greatest that is.
+/// Centres and values of the voxels with at least `share` of the peak, in the order of the volume.
+/// Empty if the peak is not above 0. Non-finite values are skipped, also for the peak.
 pub fn points_above(volume: &Volume, share: f64) -> Vec<(DVec3, f32)> {
     let voxels = volume.size.iter().product::<usize>();
     let values = || volume.values.iter().copied().enumerate().take(voxels).filter(|v| v.1.is_finite());
@@ -34,7 +35,8 @@ pub fn points_above(volume: &Volume, share: f64) -> Vec<(DVec3, f32)> {
     above.map(|(index, value)| (volume.center(volume.voxel(index)), value)).collect()
 }
 
-/// Draws the voxels above `share` (0 to 1) of the peak. `quantity` says what the values are, with a unit.
+/// Draws the voxels above `share` (0 to 1) of the peak. `quantity` is the label of the values with
+/// a unit.
 pub fn point_cloud(volume: &Volume, title: &str, quantity: &str, share: f64, marks: &Marks) -> Picture {
     let mut points = points_above(volume, share);
     if points.len() > MAX_POINTS {
@@ -59,7 +61,7 @@ pub fn point_cloud(volume: &Volume, title: &str, quantity: &str, share: f64, mar
     canvas.finish()
 }
 
-/// What is drawn, in words; where every voxel above 0 is, there is no share to tell.
+/// Description of the selection. If all voxels above 0 are drawn, no share is stated.
 fn kept_text(share: f64, count: usize) -> String {
     match 100.0 * share.clamp(0.0, 1.0) {
         percent if percent >= 0.5 => format!("voxels above {percent:.0} % of the peak: {count}"),
@@ -67,7 +69,8 @@ fn kept_text(share: f64, count: usize) -> String {
     }
 }
 
-/// The part of the volume's box that has points or marks in it, with some air; from the box's bottom up.
+/// The part of the volume's box that contains points or marks, with a margin; it starts at the
+/// bottom of the box.
 fn shown_region(volume: &Volume, points: &[(DVec3, f32)], marks: &Marks) -> Aabb {
     let whole = volume.region();
     let marked = marks.truth_m.iter().chain(marks.found_m).copied().filter(|&place| whole.contains(place));
@@ -82,7 +85,7 @@ struct Camera {
     region: Aabb,
     right: DVec3,
     up: DVec3,
-    /// From the scene towards the eye.
+    /// Direction from the scene towards the eye.
     back: DVec3,
     px_per_m: f64,
     offset_px: [f64; 2],
@@ -112,7 +115,7 @@ impl Camera {
         [0, 1].map(|n| flat[n] * self.px_per_m + self.offset_px[n])
     }
 
-    /// The place of the box whose coordinates are `shares` of its edges.
+    /// The point at the relative position `shares` within the box.
     fn place(&self, shares: [f64; 3]) -> DVec3 {
         self.region.min + self.region.size() * DVec3::from_array(shares)
     }
@@ -132,7 +135,8 @@ fn corners(region: &Aabb) -> [DVec3; 8] {
     })
 }
 
-/// Floor grid and the edges; those nearest to the eye stay away, so that nothing is drawn over the points.
+/// Floor grid and box edges. The edges nearest to the eye are omitted, so that they do not cover
+/// the points.
 fn draw_box(canvas: &mut Canvas, camera: &Camera) {
     for axis in [0, 2] {
         for tick in camera.axis_ticks(axis).0 {
@@ -171,20 +175,20 @@ fn draw_points(canvas: &mut Canvas, camera: &Camera, points: &mut [(DVec3, f32)]
         let radius = full * (0.6 + 0.4 * share);
         let color = point_color(share);
         let [x, y] = camera.at(place);
-        // Weak ones let the strong ones behind them shine through.
+        // Weak points are transparent, so that strong points behind them are visible.
         let alpha = 0.45 + 0.5 * share;
         canvas.blend_disc([x, y], radius, mix(color, [0, 0, 0], 0.45), alpha);
         canvas.blend_disc([x - 0.12 * radius, y - 0.12 * radius], 0.8 * radius, color, alpha);
     }
 }
 
-/// The darkest colours would not show on dark ground.
+/// The darkest colours would not be visible on the dark background.
 fn point_color(share: f64) -> Rgb {
     inferno(0.36 + 0.62 * share)
 }
 
 fn draw_labels(canvas: &mut Canvas, camera: &Camera) {
-    // Each axis is written along an edge of the box's outline as the eye sees it.
+    // Each axis label is along an edge of the box's outline as seen by the eye.
     let axes: [(usize, [f64; 3], [f64; 2], &str); 3] = [
         (0, [0.5, 0.0, 1.0], [-0.35, 1.0], "right, x (m)"),
         (1, [1.0, 0.5, 0.0], [1.0, 0.0], "up, y (m)"),

@@ -1,5 +1,5 @@
-//! The room from above: what is there, what was found and how well it is known, where the head went. x to the right, −z up,
-//! as one looks at a map with the way ahead upwards.
+//! The room from above: ground truth, detections with their uncertainty, the path of the head. x to
+//! the right, −z up: forward is up.
 
 use glam::{DMat2, DVec2, DVec3};
 
@@ -18,16 +18,16 @@ use super::views::drawable;
 const TOP: f64 = 58.0;
 const LEGEND_WIDTH: f64 = 290.0;
 
-/// What the map shows.
+/// Content of the map.
 #[derive(Debug, Clone, Copy)]
 pub struct RoomMap<'a> {
     /// Title of the figure.
     pub title: &'a str,
-    /// What was found.
+    /// Detected scene.
     pub scene: &'a Scene,
-    /// What is really there, where it is known.
+    /// Ground truth, if known.
     pub truth: Option<&'a Truth>,
-    /// Where the head was, in order of time, tracking frame, metres.
+    /// Positions of the head in order of time, tracking frame, metres.
     pub path_m: &'a [DVec3],
 }
 
@@ -105,7 +105,7 @@ fn draw_walls(canvas: &mut Canvas, plot: &Plot, map: &RoomMap) {
     }
 }
 
-/// The 2σ ellipse of the covariance in x and z, and the box around what was seen.
+/// The 2σ ellipse of the covariance in x and z, and the box of the observed extent.
 fn draw_uncertainty(canvas: &mut Canvas, plot: &Plot, found: &Obstacle, color: Rgb) {
     let c = found.covariance_m2;
     let flat = DMat2::from_cols(DVec2::new(c.x_axis.x, c.x_axis.z), DVec2::new(c.z_axis.x, c.z_axis.z));
@@ -115,15 +115,16 @@ fn draw_uncertainty(canvas: &mut Canvas, plot: &Plot, found: &Obstacle, color: R
     let seen = Aabb::around(found.shape.iter().map(|voxel| voxel.0));
     let half = 0.5 * found.extent_m;
     let seen = seen.unwrap_or(Aabb { min: found.position_m - half, max: found.position_m + half });
-    // The voxels' centres span less than the voxels; the box has the stated size around their middle.
+    // The extent includes half a voxel around the outer voxel centres, so the box is centred on
+    // their bounding box.
     let [a, b] = [seen.center() - half, seen.center() + half].map(|corner| plot.at([corner.x, corner.z]));
     if (b[0] - a[0]).abs() > 2.0 && (b[1] - a[1]).abs() > 2.0 {
         canvas.outline(Rect::new(a[0].min(b[0]), a[1].min(b[1]), (b[0] - a[0]).abs(), (b[1] - a[1]).abs()), 1.2, color);
     }
 }
 
-/// Points of the ellipse `sigmas` standard deviations from the centre, clockwise on a screen with y down; empty when the
-/// matrix has a negative or non-finite variance.
+/// Points of the ellipse at `sigmas` standard deviations from the centre, clockwise on a screen
+/// with y down. Empty if the matrix has a negative or non-finite variance.
 fn ellipse(center: DVec2, covariance: DMat2, sigmas: f64) -> Vec<DVec2> {
     let (a, b, d) = (covariance.x_axis.x, 0.5 * (covariance.x_axis.y + covariance.y_axis.x), covariance.y_axis.y);
     let (mean, half) = (0.5 * (a + d), (0.5 * (a - d)).hypot(b));
@@ -138,7 +139,7 @@ fn ellipse(center: DVec2, covariance: DMat2, sigmas: f64) -> Vec<DVec2> {
     (0..64).map(|n| center + sigmas * (major * turn(n).cos() + minor * turn(n).sin())).collect()
 }
 
-/// The ends of an upright plane's line (x, z) within a box; `None` when it passes by.
+/// The end points of a vertical plane's line (x, z) within a box; `None` if it misses the box.
 fn line_within(plane: &Plane, region: &Aabb) -> Option<[DVec2; 2]> {
     let normal = DVec2::new(plane.outward.x, plane.outward.z);
     let offset = plane.offset_m - plane.outward.y * region.center().y;
@@ -168,7 +169,7 @@ fn color_of(found: &Obstacle, map: &RoomMap) -> Rgb {
     if is_false(found, map) { FALSE_INK } else { FOUND_INK }
 }
 
-/// Everything that has a place, with a margin.
+/// Bounding box of everything with a position, with a margin.
 fn region(map: &RoomMap) -> Aabb {
     let truth = map.truth.iter();
     let walls = truth.clone().flat_map(|truth| &truth.walls).flat_map(|wall| [wall.extent.min, wall.extent.max]);
@@ -212,7 +213,7 @@ fn legend(canvas: &mut Canvas, map: &RoomMap, [x, mut y]: [f64; 2]) {
     }
 }
 
-/// Writes labels beside their marks where they cover least.
+/// Places labels beside their marks with the least overlap.
 struct Labels {
     area: Rect,
     taken: Vec<Rect>,

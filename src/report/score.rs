@@ -1,8 +1,10 @@
-//! What was found, held against the truth: which obstacles were found and how near, which reports are of nothing.
+//! Compares detections with the ground truth: which obstacles were found, with which error, and
+//! which reports are false.
 //!
-//! An obstacle of the truth is *due* when the head came near enough to it to need a warning, and *found* when a report lies
-//! within `found_m` of one of its scatterers. A report *matches* within `found_m` of any scatterer, is *near* up to
-//! `false_m`, otherwise *at a wall* within `false_m` of a wall's extent, otherwise *false*.
+//! An obstacle of the truth is *due* if the head came close enough to it to need a warning, and
+//! *found* if a report is within `found_m` of one of its scatterers. A report *matches* within
+//! `found_m` of any scatterer, is *near* up to `false_m`, else *at a wall* within `false_m` of a
+//! wall's extent, else *false*.
 
 use std::fmt;
 
@@ -12,18 +14,18 @@ use serde::Serialize;
 use radar_mapping::{Observed, Obstacle, Scene, Wall};
 use radar_sar::truth::{Truth, TruthObstacle, TruthWall};
 
-/// The distances that decide.
+/// Distance limits of the score.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Limits {
-    /// An obstacle is due when the head came this near, metres.
+    /// An obstacle is due if the head came this close, metres.
     pub due_m: f64,
-    /// It is found by a report this near to one of its scatterers, metres.
+    /// An obstacle is found by a report this close to one of its scatterers, metres.
     pub found_m: f64,
     /// A report farther than this from everything is false, metres.
     pub false_m: f64,
-    /// A wall is found when the normals differ by no more, degrees.
+    /// A wall is found if the angle between the normals is at most this, degrees.
     pub wall_angle_deg: f64,
-    /// … and the planes by no more at the true wall's middle, metres.
+    /// … and the distance of the planes at the true wall's centre is at most this, metres.
     pub wall_offset_m: f64,
 }
 
@@ -33,7 +35,7 @@ impl Default for Limits {
     }
 }
 
-/// What a report is worth.
+/// Classification of a report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -41,71 +43,74 @@ pub enum Verdict {
     Match,
     /// Between `found_m` and `false_m` from the nearest scatterer.
     Near,
-    /// Of no obstacle, but within `false_m` of a wall.
+    /// Close to no obstacle, but within `false_m` of a wall.
     AtWall,
-    /// Of something whose direction it says it does not know: an obstacle lies within 3σ of its widest uncertainty.
+    /// The report states that its direction is unknown, and an obstacle is within 3σ of its largest
+    /// uncertainty.
     DirectionUnknown,
-    /// Of nothing.
+    /// Close to nothing.
     False,
 }
 
-/// One obstacle of the truth.
+/// Score of one obstacle of the truth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ObstacleScore {
-    /// Its name in the truth.
+    /// Name in the truth.
     pub name: String,
-    /// Least distance from the head during the recording, metres.
+    /// Smallest distance from the head during the recording, metres.
     pub closest_approach_m: f64,
-    /// Time that it was in the beam, seconds.
+    /// Time in the beam, seconds.
     pub in_beam_s: f64,
-    /// The head came near enough to need a warning.
+    /// Whether the head came close enough to need a warning.
     pub due: bool,
-    /// A report lies near enough.
+    /// Whether a report is close enough.
     pub found: bool,
-    /// From the nearest report, whatever it is, to the nearest scatterer, metres; `None` without reports.
+    /// Distance from the nearest report of any kind to the nearest scatterer, metres; `None`
+    /// without reports.
     pub nearest_report_m: Option<f64>,
 }
 
-/// The whole.
+/// The complete score.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Score {
-    /// The distances that decided.
+    /// The distance limits used.
     pub limits: Limits,
-    /// Obstacles that are due, and how many of them were found.
+    /// Number of due obstacles.
     pub due: usize,
-    /// See `due`.
+    /// Number of due obstacles that were found.
     pub due_found: usize,
-    /// All obstacles of the truth, and how many of them were found.
+    /// Number of obstacles of the truth.
     pub present: usize,
-    /// See `present`.
+    /// Number of obstacles that were found.
     pub found: usize,
-    /// All reports.
+    /// Number of reports.
     pub reports: usize,
-    /// Reports of nothing.
+    /// Number of false reports.
     pub false_reports: usize,
-    /// Reports between `found_m` and `false_m` from an obstacle.
+    /// Number of reports between `found_m` and `false_m` from an obstacle.
     pub near_reports: usize,
-    /// Reports of no obstacle, but at a wall.
+    /// Number of reports close to no obstacle, but at a wall.
     pub wall_reports: usize,
-    /// Reports that know their direction is unknown, of an obstacle within it.
+    /// Number of reports with a stated unknown direction that covers an obstacle.
     pub direction_unknown_reports: usize,
-    /// Reports beyond the first whose nearest obstacle, within `false_m`, is the same.
+    /// Number of further reports with the same nearest obstacle, within `false_m`.
     pub duplicates: usize,
-    /// Median distance from found obstacles (due or not) to their nearest report, metres; `None` when none was found.
+    /// Median distance from found obstacles (due or not) to their nearest report, metres; `None` if
+    /// none was found.
     pub median_error_m: Option<f64>,
-    /// 90th percentile of the same (linear between neighbours), metres.
+    /// 90th percentile of the same distance (linear interpolation), metres.
     pub p90_error_m: Option<f64>,
-    /// Walls of the truth, and how many of them were found.
+    /// Number of walls of the truth.
     pub walls: usize,
-    /// See `walls`.
+    /// Number of walls that were found.
     pub walls_found: usize,
-    /// Reported walls that are none of the true ones.
+    /// Number of reported walls that match no true wall.
     pub walls_false: usize,
-    /// Obstacle by obstacle, in the truth's order.
+    /// Scores of the obstacles, in the order of the truth.
     pub obstacles: Vec<ObstacleScore>,
 }
 
-/// Holds a scene against the truth.
+/// Compares a scene with the truth.
 pub fn score(scene: &Scene, truth: &Truth, limits: &Limits) -> Score {
     let reports: Vec<DVec3> = scene.obstacles.iter().map(|obstacle| obstacle.position_m).collect();
     let obstacles: Vec<ObstacleScore> =
@@ -135,7 +140,7 @@ pub fn score(scene: &Scene, truth: &Truth, limits: &Limits) -> Score {
     }
 }
 
-/// What a report is worth. A place that is not finite is false.
+/// Classifies a report. A non-finite position is false.
 pub fn verdict(report: &Obstacle, truth: &Truth, limits: &Limits) -> Verdict {
     let report_m = report.position_m;
     let obstacle_m = nearest_obstacle(report_m, truth).map_or(f64::INFINITY, |(_, distance)| distance);
@@ -155,7 +160,7 @@ pub fn verdict(report: &Obstacle, truth: &Truth, limits: &Limits) -> Verdict {
     }
 }
 
-/// 1σ in the worst direction is at most the root of the covariance's trace.
+/// Upper bound of 1σ in the worst direction: the square root of the covariance's trace.
 fn widest_sigma_m(report: &Obstacle) -> f64 {
     let c = &report.covariance_m2;
     (c.x_axis.x + c.y_axis.y + c.z_axis.z).max(0.0).sqrt()
@@ -173,7 +178,7 @@ fn score_obstacle(obstacle: &TruthObstacle, reports: &[DVec3], limits: &Limits) 
     }
 }
 
-/// From a place to the obstacle's nearest scatterer; infinite without one.
+/// Distance from a point to the obstacle's nearest scatterer; infinite without scatterers.
 fn distance(obstacle: &TruthObstacle, place: DVec3) -> f64 {
     obstacle.points_m.iter().map(|point| point.distance(place)).fold(f64::INFINITY, f64::min)
 }
@@ -205,7 +210,7 @@ fn sorted_errors(obstacles: &[ObstacleScore]) -> Vec<f64> {
     errors
 }
 
-/// Of rising values, linear between neighbours; `None` of none.
+/// Quantile of ascending values, linear interpolation; `None` if there are none.
 fn quantile(rising: &[f64], share: f64) -> Option<f64> {
     let at = share * rising.len().checked_sub(1)? as f64;
     let (below, above) = (rising[at.floor() as usize], rising[at.ceil() as usize]);
@@ -270,7 +275,8 @@ mod tests {
         }
     }
 
-    /// A chair of two points at x = 0 and 0.4, a lamp at x = 2 that the head never came near, a wall at z = −3.
+    /// A chair of two points at x = 0 and 0.4, a lamp at x = 2 that the head never came close to, a
+    /// wall at z = −3.
     fn truth() -> Truth {
         let wall = TruthWall {
             name: "wall north".into(),
@@ -325,7 +331,7 @@ mod tests {
         let found = |degrees: f64, offset_m: f64| {
             let (sin, cos) = degrees.to_radians().sin_cos();
             let outward = DVec3::new(sin, 0.0, -cos);
-            // Through the true wall's middle, moved along the normal.
+            // A plane through the true wall's centre, displaced along the normal.
             let plane = Plane { outward, offset_m: outward.dot(DVec3::new(0.0, 1.25, -3.0)) + offset_m };
             let seen_at = Aabb { min: DVec3::ZERO, max: DVec3::ZERO };
             let wall =

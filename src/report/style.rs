@@ -1,5 +1,5 @@
-//! How all figures look: colours, sizes, fonts, ticks. Colours are from Okabe and Ito's set, which the colour-blind can tell
-//! apart; sizes are pixels of the finished picture.
+//! Style of all figures: colours, sizes, fonts, ticks. The colours are from the set of Okabe and
+//! Ito, which is distinguishable with colour blindness. Sizes are pixels of the final image.
 
 use std::sync::Once;
 
@@ -12,19 +12,19 @@ pub type Rgb = [u8; 3];
 pub const PAPER: Rgb = [255, 255, 255];
 /// Titles, numbers, frames.
 pub const INK: Rgb = [28, 36, 48];
-/// Labels and what matters less.
+/// Labels and secondary text.
 pub const MUTED: Rgb = [96, 106, 120];
-/// Grid lines and empty ground.
+/// Grid lines and empty background.
 pub const GRID: Rgb = [226, 230, 236];
-/// What is really there.
+/// Ground truth.
 pub const TRUTH: Rgb = [255, 255, 255];
-/// What was found, on dark ground.
+/// Detections, on dark background.
 pub const FOUND: Rgb = [64, 224, 255];
-/// The sensor's path, on dark ground.
+/// The sensor's path, on dark background.
 pub const PATH: Rgb = [120, 235, 140];
-/// What was found, on white.
+/// Detections, on white.
 pub const FOUND_INK: Rgb = [0, 114, 178];
-/// Reported, but nothing is there.
+/// False detections.
 pub const FALSE_INK: Rgb = [213, 60, 0];
 /// The sensor's path, on white.
 pub const PATH_INK: Rgb = [0, 158, 115];
@@ -40,7 +40,7 @@ pub const TICK_PX: f64 = 15.0;
 
 const FAMILY: &str = "radar-chaperone-figures";
 
-/// The figures' font, `height_px` from the lowest descender to the highest ascender.
+/// The font of the figures, `height_px` from the lowest descender to the highest ascender.
 pub fn font(height_px: f64) -> FontDesc<'static> {
     static REGISTERED: Once = Once::new();
     REGISTERED.call_once(|| {
@@ -51,7 +51,8 @@ pub fn font(height_px: f64) -> FontDesc<'static> {
     FontDesc::new(FontFamily::Name(FAMILY), height_px, FontStyle::Normal)
 }
 
-/// Round numbers within `[low, high]`, rising, about `about` of them; none for a range that is not finite.
+/// Round numbers within `[low, high]`, ascending, about `about` of them. Empty if the range is not
+/// finite.
 pub fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
     let (low, high) = (low.min(high), low.max(high));
     let span = high - low;
@@ -70,14 +71,16 @@ pub fn ticks(low: f64, high: f64, about: usize) -> Vec<f64> {
     (0..=(last - first) as usize).map(|n| (first + n as f64) * step).collect()
 }
 
-/// A number of an axis whose ticks are `step` apart: as many decimals as the step needs, a true minus sign.
+/// Text of a tick on an axis with ticks `step` apart: as many decimals as the step needs, and a
+/// typographic minus sign.
 pub fn tick_text(value: f64, step: f64) -> String {
     let decimals = if step > 0.0 { (-(step * 1.001).log10().floor()).clamp(0.0, 6.0) as usize } else { 0 };
     let value = if value.abs() < step * 1e-6 { 0.0 } else { value };
     format!("{value:.decimals$}").replace('-', "−")
 }
 
-/// A number in three significant digits: for evidence, colour bars and the like. Powers of ten beyond 1e5 and below 1e-3.
+/// A number with three significant digits, for evidence and colour bars. Scientific notation from
+/// 1e5 and below 1e-3.
 pub fn short_number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");

@@ -1,5 +1,5 @@
-//! Poses and radar laid over each other in time (thesis, figures 4.10 and 5.1): the distance of a reflector by both, the
-//! start of the motion enlarged, and the time offset window by window.
+//! Time alignment of poses and radar (thesis, figures 4.10 and 5.1): the distance of a reflector
+//! from both, the start of the motion enlarged, and the time offset window by window.
 
 use super::Picture;
 use super::canvas::{Align, Canvas, Rect};
@@ -11,43 +11,43 @@ const WIDTH: f64 = 1200.0;
 const LEFT: f64 = 6.0 + LEFT_MARGIN;
 const HEIGHTS: [f64; 3] = [220.0, 220.0, 190.0];
 const TOP: f64 = 118.0;
-/// Between a panel's lower margin and the next one's frame.
+/// Gap between a panel's lower margin and the next panel's frame, pixels.
 const GAP: f64 = 44.0;
 const RADAR: Rgb = [86, 180, 233];
 const POSES: Rgb = [230, 159, 0];
 
-/// An offset as one method has it: value and 1σ, seconds.
+/// A time offset and its 1σ, seconds; `None` if not estimated.
 pub type OffsetMark = Option<(f64, f64)>;
 
-/// The offset of a part of the recording.
+/// The time offset of a part of the recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OffsetSpan {
-    /// From and to, seconds.
+    /// Begin and end, seconds.
     pub span_s: [f64; 2],
-    /// By ranges and phases.
+    /// Estimated from ranges and phases.
     pub by_phases: OffsetMark,
-    /// By rates.
+    /// Estimated from rates.
     pub by_rates: OffsetMark,
 }
 
-/// What the figure shows. Times are seconds since the first sweep; entries that are not finite are left out.
+/// Content of the figure. Times are seconds since the first sweep. Non-finite entries are skipped.
 #[derive(Debug, Clone, Copy)]
 pub struct SynchronisationPlot<'a> {
     /// Title of the figure.
     pub title: &'a str,
-    /// Range by radar: time and metres.
+    /// Range from the radar: time and metres.
     pub radar_m: &'a [[f64; 2]],
-    /// Distance by poses, at the times that they are stamped with.
+    /// Distance from the poses, at their timestamps.
     pub poses_m: &'a [[f64; 2]],
-    /// Time of a sweep's pose minus time of the sweep, when it was found.
+    /// Time of a sweep's pose minus time of the sweep, if estimated.
     pub offset_s: Option<f64>,
     /// The offset over time.
     pub offsets: &'a [OffsetSpan],
-    /// The part that is enlarged, seconds.
+    /// The enlarged part, seconds.
     pub enlarged_s: [f64; 2],
 }
 
-/// Draws it.
+/// Draws the figure.
 pub fn synchronisation_plot(plot: &SynchronisationPlot) -> Picture {
     let height = TOP + HEIGHTS.iter().sum::<f64>() + 3.0 * BOTTOM_MARGIN + 2.0 * GAP + 6.0;
     let mut canvas = Canvas::new(WIDTH as usize, height as usize);
@@ -93,7 +93,7 @@ fn ranges(canvas: &mut Canvas, shown: &SynchronisationPlot, area: Rect, time_s: 
         for point in plot.all_at(radar.iter().copied()) {
             canvas.disc(point, 2.6, RADAR);
         }
-        // Over the dots, which are so many that they would hide the lines.
+        // The lines are drawn over the dots, which would hide them.
         joined(canvas, &plot, &poses, POSES);
         if shown.offset_s.is_some() {
             joined(canvas, &plot, &corrected, PATH_INK);
@@ -101,7 +101,7 @@ fn ranges(canvas: &mut Canvas, shown: &SynchronisationPlot, area: Rect, time_s: 
     });
     plot.axes(canvas, heading, "time since the first sweep (s)", "distance (m)");
     if radar.is_empty() {
-        canvas.text(area.center(), Align::Center, "no echo was read", LABEL_PX, MUTED);
+        canvas.text(area.center(), Align::Center, "no echo was detected", LABEL_PX, MUTED);
     }
 }
 
@@ -123,7 +123,7 @@ fn offsets(canvas: &mut Canvas, shown: &SynchronisationPlot, area: Rect, time_s:
         marks.map(|(t, (value, sigma))| (t, value * MS, sigma * MS)).filter(|m| (m.0 + m.1 + m.2).is_finite())
     };
     let both: [Vec<(f64, f64, f64)>; 2] = [marks(|o| o.by_phases).collect(), marks(|o| o.by_rates).collect()];
-    // The error bars of what is hardly known must not flatten all the rest.
+    // Large error bars of uncertain values must not determine the scale.
     let least = |(_, value, sigma): &(f64, f64, f64)| [value - sigma.min(5.0), value + sigma.min(5.0)];
     let values = span(both.iter().flatten().flat_map(least).chain(shown.offset_s.map(|s| s * MS)));
     let air = (0.12 * (values[1] - values[0])).max(0.5);
@@ -149,11 +149,11 @@ fn offsets(canvas: &mut Canvas, shown: &SynchronisationPlot, area: Rect, time_s:
     });
     plot.axes(canvas, "Time offset: pose time minus sweep time", "time since the first sweep (s)", "offset (ms)");
     if both.iter().all(Vec::is_empty) {
-        canvas.text(area.center(), Align::Center, "the motion does not tell it", LABEL_PX, MUTED);
+        canvas.text(area.center(), Align::Center, "not observable from this motion", LABEL_PX, MUTED);
     }
 }
 
-/// Least and greatest; 0 to 1 without any.
+/// Smallest and largest value; 0 to 1 if there are none.
 fn span(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let finite = values.filter(|v| v.is_finite());
     let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));

@@ -1,9 +1,9 @@
-//! A table as text: aligned for a terminal, or in Markdown.
+//! Tables as text: aligned for a terminal, as Markdown, or as CSV.
 
 use super::Table;
 
 impl Table {
-    /// Columns side by side, numbers to the right, one row a line.
+    /// Columns side by side, numbers right-aligned, one row per line.
     pub fn aligned(&self) -> String {
         let widths = self.widths();
         let line = |row: &Vec<String>| {
@@ -16,7 +16,7 @@ impl Table {
         std::iter::once(&self.head).chain(&self.rows).map(line).collect()
     }
 
-    /// As Markdown, with the source aligned too.
+    /// As Markdown, with aligned source text.
     pub fn markdown(&self) -> String {
         let widths = self.widths();
         let line = |row: &Vec<String>| {
@@ -52,7 +52,7 @@ impl Table {
         (0..self.head.len()).map(width).collect()
     }
 
-    /// Whether every cell of a column is a number, a dash or empty, and some are numbers.
+    /// Whether all cells of a column are numbers, dashes or empty, with at least one number.
     fn is_numeric(&self, column: usize) -> bool {
         let cells = || self.rows.iter().filter_map(|row| row.get(column));
         let number = |cell: &&String| cell.parse::<f64>().is_ok();
@@ -76,7 +76,7 @@ mod tests {
         assert_eq!(Table::default().aligned(), "\n");
     }
 
-    /// Reads comma-separated values back, by RFC 4180.
+    /// Parses comma-separated values (RFC 4180).
     fn read_csv(text: &str) -> Vec<Vec<String>> {
         let (mut rows, mut row, mut cell) = (Vec::new(), Vec::new(), String::new());
         let (mut is_quoted, mut letters) = (false, text.chars().peekable());

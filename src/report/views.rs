@@ -1,5 +1,6 @@
-//! The three views of the thesis' figure 4.2 side by side, all at one scale: height against depth from the right, width
-//! against depth from above, height against width from behind. Depth is −z, ahead; width is x, to the right.
+//! The three views of the thesis' figure 4.2 side by side at one scale: height against depth from
+//! the right, width against depth from above, height against width from behind. Depth is −z,
+//! forward; width is x, to the right.
 
 use glam::DVec3;
 
@@ -8,12 +9,12 @@ use radar_sar::geometry::Aabb;
 use super::canvas::Rect;
 use super::plot::{LEFT_MARGIN, Plot};
 
-/// Pixels between a plot and the next one's labels.
+/// Gap between a plot and the next one's labels, pixels.
 const GAP: f64 = 16.0;
-/// Pixels that a plot's words need, however narrow it is.
+/// Smallest width of a plot including its labels, pixels.
 const MIN_SLOT_PX: f64 = 180.0;
 
-/// One way to look at space.
+/// A projection direction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum View {
     /// From the right: depth to the right, height upwards.
@@ -24,7 +25,7 @@ pub enum View {
     Front,
 }
 
-/// In the thesis' order.
+/// In the order of the thesis.
 pub const VIEWS: [View; 3] = [View::Side, View::Top, View::Front];
 
 impl View {
@@ -37,7 +38,7 @@ impl View {
         }
     }
 
-    /// What a place has on the horizontal and the vertical axis, metres.
+    /// Coordinates of a point on the horizontal and the vertical axis, metres.
     pub fn project(self, place: DVec3) -> [f64; 2] {
         match self {
             Self::Side => [-place.z, place.y],
@@ -46,7 +47,7 @@ impl View {
         }
     }
 
-    /// Heading, and the labels of the horizontal and the vertical axis.
+    /// Heading, and labels of the horizontal and the vertical axis.
     pub fn labels(self) -> [&'static str; 3] {
         match self {
             Self::Side => ["Side view, from the right", "depth −z (m)", "height y (m)"],
@@ -55,7 +56,7 @@ impl View {
         }
     }
 
-    /// The axis looked along, as a word.
+    /// Name of the axis of projection.
     pub fn along_name(self) -> &'static str {
         ["x", "y", "z"][self.along()]
     }
@@ -70,8 +71,8 @@ impl View {
     }
 }
 
-/// The three plots in a row that is `width` pixels wide with all labels, and no plot higher than `height`; they begin at
-/// `top_left`. All have the same pixels a metre.
+/// Three plots in a row `width` pixels wide including labels, none higher than `height`, starting
+/// at `top_left`. All have the same scale.
 pub fn plots(region: &Aabb, top_left: [f64; 2], width: f64, height: f64) -> [Plot; 3] {
     let region = drawable(region);
     let size = region.size();
@@ -89,7 +90,8 @@ pub fn plots(region: &Aabb, top_left: [f64; 2], width: f64, height: f64) -> [Plo
     })
 }
 
-/// Pixels a metre so that plots of these widths (metres), none in less than its least slot, share `room` pixels.
+/// Scale in pixels per metre for plots of these widths (metres) that share `room` pixels, each at
+/// least one slot wide.
 fn scale(widths_m: [f64; 3], room: f64) -> f64 {
     let mut px_per_m = room / widths_m.iter().sum::<f64>();
     for _ in 0..2 {
@@ -101,7 +103,7 @@ fn scale(widths_m: [f64; 3], room: f64) -> f64 {
     px_per_m
 }
 
-/// The region, or one that can be drawn where it is flat, endless or no region at all.
+/// The region, or a drawable replacement if it is flat, infinite or invalid.
 pub fn drawable(region: &Aabb) -> Aabb {
     let sound = |v: DVec3| v.is_finite() && v.abs().max_element() < 1e9;
     if !(sound(region.min) && sound(region.max)) {
@@ -112,7 +114,7 @@ pub fn drawable(region: &Aabb) -> Aabb {
     Aabb { min: center - half, max: center + half }
 }
 
-/// The region, grown to show a path that lies outside, but by no more than `most_m` on each side.
+/// The region, enlarged to include a path outside it, but by at most `most_m` on each side.
 pub fn with_path(region: &Aabb, path_m: &[DVec3], most_m: f64) -> Aabb {
     let near = Aabb { min: region.min - most_m, max: region.max + most_m };
     let margin = 0.05 * region.size().max_element();

@@ -1,5 +1,5 @@
-//! The window's content and what is done in it. Knows no window and no GPU: a pass over it takes input and gives shapes and the
-//! picture of the room that is wanted.
+//! The content of the window and its actions. It knows no window and no GPU: a pass takes input,
+//! and returns egui shapes and a request for an image of the room.
 
 use std::time::Duration;
 
@@ -20,49 +20,50 @@ use super::{panel, style, timeline};
 use crate::warning::{Panel as WarningPanel, warn};
 use radar_sar::geometry::Aabb;
 
-/// While the recording is worked off, the strip is drawn so often.
+/// Repaint interval of the timeline while the recording is being processed.
 const BUFFERING_REPAINT: Duration = Duration::from_millis(100);
-/// What comes in as it happens is drawn so often.
+/// Repaint interval of live data.
 const LIVE_REPAINT: Duration = Duration::from_millis(50);
-/// No more time than this passes between two passes, seconds: who comes back to a window does not miss half a minute.
+/// Limit of the time between two passes, seconds. After a pause, playback does not skip ahead by
+/// more than this.
 const MAX_PASS_S: f64 = 0.25;
-/// Share of the width that the room has beside the maps.
+/// Share of the width that the room has if maps are beside it.
 const ROOM_SHARE: f32 = 0.68;
-/// Places of the head's path that are drawn at most.
+/// Limit of drawn points of the head's path.
 const PATH_POINTS: usize = 1500;
 
-/// What is shown in the middle.
+/// What the central area shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Arrangement {
     /// The room.
     Room,
-    /// The room, the maps beside it.
+    /// The room with the maps beside it.
     Both,
     /// The maps.
     Maps,
 }
 
-/// The picture of the room that is wanted.
+/// A request for an image of the room.
 pub struct RoomRequest {
-    /// The eye.
+    /// The camera.
     pub eye: Eye,
-    /// What it sees.
+    /// What to draw.
     pub drawing: Drawing,
-    /// How large, points.
+    /// Size, egui points.
     pub size: egui::Vec2,
 }
 
-/// Everything that the window shows.
+/// State of everything that the window shows.
 pub struct App {
     about: RecordingInfo,
     history: SharedHistory,
-    /// Where in the recording one is.
+    /// Playback state.
     pub player: Player,
-    /// Which layers are shown.
+    /// Visible layers.
     pub layers: Layers,
     arrangement: Arrangement,
     camera: Camera,
-    /// The view that follows what is known, until it is moved by hand.
+    /// The named view that follows the content, until the user moves the camera.
     view: Option<View>,
     maps: MapView,
     is_help: bool,
@@ -72,7 +73,8 @@ pub struct App {
 }
 
 impl App {
-    /// At the beginning; `texture`: where the picture of the room will be.
+    /// At the beginning of the recording. `texture`: the texture that will hold the image of the
+    /// room.
     pub fn new(about: RecordingInfo, history: SharedHistory) -> Self {
         Self {
             layers: Layers::new(about.min_score()),
@@ -90,27 +92,27 @@ impl App {
         }
     }
 
-    /// Where the picture of the room will be.
+    /// Sets the texture that will hold the image of the room.
     pub fn set_texture(&mut self, texture: egui::TextureId) {
         self.texture = texture;
     }
 
-    /// Shows a view by its name.
+    /// Selects a named view.
     pub fn set_view(&mut self, view: View) {
         self.view = Some(view);
     }
 
-    /// Room, maps or both.
+    /// Selects room, maps or both.
     pub fn set_arrangement(&mut self, arrangement: Arrangement) {
         self.arrangement = arrangement;
     }
 
-    /// Where maps are cut.
+    /// Selects where the maps are cut.
     pub fn set_cut(&mut self, cut: Cut) {
         self.maps.set_cut(cut);
     }
 
-    /// The share of the recording at which the warnings straight ahead are brightest.
+    /// Time as a share of the recording at which the warnings straight ahead are brightest.
     pub fn brightest(&self, duration_s: f64) -> f64 {
         let brightness = |share: &f64| {
             let moment = self.history.lock().moment(share * duration_s, 2);
@@ -126,17 +128,17 @@ impl App {
         all.fold((1.0, 0.0), |best, one| if one.1 > best.1 { one } else { best }).0
     }
 
-    /// The picture that is wanted since the last pass.
+    /// The image requested since the last pass, if any.
     pub fn take_room_request(&mut self) -> Option<RoomRequest> {
         self.room_request.take()
     }
 
-    /// Whether there is nothing more to look at: what came in as it happened has ended.
+    /// Whether live data has ended.
     pub fn is_over(&self) -> bool {
         self.about.is_live && self.history.lock().extent().is_complete
     }
 
-    /// One pass.
+    /// Runs one pass.
     pub fn ui(&mut self, ui: &mut Ui) {
         if let Some(about) = self.history.take_info() {
             self.about = about;
@@ -171,7 +173,7 @@ impl App {
         self.ask_for_more(ui, &extent);
     }
 
-    /// Draws again only when something will have changed.
+    /// Requests a repaint only if something will change.
     fn ask_for_more(&self, ui: &Ui, extent: &super::player::Extent) {
         let is_waiting = self.player.time_s() >= extent.buffered_s && !extent.is_complete;
         if self.player.is_at_edge() && !extent.is_complete {
@@ -257,7 +259,7 @@ impl App {
         }
     }
 
-    /// To the frame before or after; stops.
+    /// Steps to the previous or next frame and pauses.
     fn step(&mut self, way: i32) {
         if way == 0 {
             return;

@@ -1,29 +1,31 @@
-//! Where one looks from: around a place, or out of the head. Right-handed, +y up, depth 1 at the near plane and 0 at infinity.
+//! The camera: orbits around a target, or looks out of the head. Right-handed, +y up, reversed
+//! depth: 1 at the near plane and 0 at infinity.
 
 use glam::{DMat4, DQuat, DVec2, DVec3, DVec4};
 
 use radar_sar::geometry::{Aabb, Pose};
 
-/// Nothing nearer is drawn, metres.
+/// Distance of the near plane, metres.
 const NEAR_M: f64 = 0.03;
-/// Nearest and farthest that one can be from the place looked at, metres.
+/// Smallest and largest distance from the target, metres.
 const DISTANCES_M: [f64; 2] = [0.3, 60.0];
-/// How wide the vertical field of view is, radians.
+/// Vertical field of view, radians.
 const ORBIT_FOV_RAD: f64 = 0.75;
 const HEAD_FOV_RAD: f64 = 1.5;
-/// Straight up and down are left out by this, radians: there the direction to the right is not known.
+/// Straight up and down are excluded by this angle, radians: there the direction to the right is
+/// undefined.
 const POLE_RAD: f64 = 1e-3;
-/// A box that fits ends so far from the view's middle, in shares of its sides.
+/// Distance of a fitted box's edge from the centre of the view, as a share of the view's sides.
 const FIT_SHARE: f64 = 0.46;
-/// Radians for a pointer's way across the whole height of the view.
+/// Rotation for a pointer movement over the full height of the view, radians.
 const ORBIT_RAD_PER_HEIGHT: f64 = 4.0;
 
-/// The views that have a name.
+/// Named views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum View {
-    /// From behind above.
+    /// From above and behind.
     Overview,
-    /// From above, ahead (−z) is up.
+    /// From above; forward (−z) is up.
     Above,
     /// From the right side.
     Side,
@@ -31,18 +33,18 @@ pub enum View {
     FirstPerson,
 }
 
-/// Where one looks from.
+/// Camera position and mode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
-    /// The place looked at.
+    /// The target.
     pub target_m: DVec3,
-    /// To the right around +y: 0 looks along −z, radians.
+    /// Rotation to the right around +y; 0 looks along −z, radians.
     pub yaw_rad: f64,
-    /// Downwards, radians.
+    /// Downward rotation, radians.
     pub pitch_rad: f64,
-    /// From the place looked at, metres.
+    /// Distance to the target, metres.
     pub distance_m: f64,
-    /// Whether one looks out of the head instead.
+    /// Whether the camera looks out of the head instead.
     pub is_first_person: bool,
 }
 
@@ -53,7 +55,7 @@ impl Default for Camera {
 }
 
 impl Camera {
-    /// A view of everything within `radius_m` of a place.
+    /// A named view of everything within `radius_m` of a point.
     pub fn of(view: View, middle_m: DVec3, radius_m: f64) -> Self {
         let (yaw_rad, pitch_rad) = match view {
             View::Overview | View::FirstPerson => (-0.6, 0.65),
@@ -64,7 +66,7 @@ impl Camera {
         Self { target_m: middle_m, yaw_rad, pitch_rad, distance_m, is_first_person: view == View::FirstPerson }
     }
 
-    /// A view in which a box just fits.
+    /// A named view in which a box just fits.
     pub fn fitting(view: View, bounds: &Aabb, aspect: f64) -> Self {
         let mut camera = Self::of(view, bounds.center(), 0.5 * bounds.size().length());
         let corner = |n: usize| {
@@ -88,14 +90,14 @@ impl Camera {
         camera
     }
 
-    /// The pointer went so far, in shares of the view's height: turns around the place looked at.
+    /// Rotates around the target. `way`: pointer movement in shares of the view's height.
     pub fn orbit(&mut self, way: DVec2) {
         let most = std::f64::consts::FRAC_PI_2 - POLE_RAD;
         self.yaw_rad = (self.yaw_rad + way.x * ORBIT_RAD_PER_HEIGHT) % std::f64::consts::TAU;
         self.pitch_rad = (self.pitch_rad + way.y * ORBIT_RAD_PER_HEIGHT).clamp(-most, most);
     }
 
-    /// The pointer went so far, in shares of the view's height: takes the place looked at along.
+    /// Moves the target. `way`: pointer movement in shares of the view's height.
     pub fn pan(&mut self, way: DVec2) {
         let height_m = 2.0 * (ORBIT_FOV_RAD / 2.0).tan() * self.distance_m;
         let rotation = self.rotation();
@@ -103,7 +105,7 @@ impl Camera {
         self.target_m = self.target_m.clamp(DVec3::splat(-1e3), DVec3::splat(1e3));
     }
 
-    /// Nearer for factors above 1.
+    /// Zooms in for factors above 1.
     pub fn zoom(&mut self, factor: f64) {
         if factor.is_finite() && factor > 0.0 {
             self.distance_m = (self.distance_m / factor).clamp(DISTANCES_M[0], DISTANCES_M[1]);
@@ -114,7 +116,7 @@ impl Camera {
         DQuat::from_rotation_y(-self.yaw_rad) * DQuat::from_rotation_x(-self.pitch_rad)
     }
 
-    /// The eye with a head at its place and a view so many times as wide as high.
+    /// The eye, given the pose of the head and the aspect ratio (width over height) of the view.
     pub fn eye(&self, head: Option<&Pose>, aspect: f64) -> Eye {
         match head.filter(|_| self.is_first_person) {
             Some(head) => Eye { tracking_from_eye: *head, fov_rad: HEAD_FOV_RAD, aspect },
@@ -127,19 +129,19 @@ impl Camera {
     }
 }
 
-/// An eye and how much it sees.
+/// An eye and its field of view.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Eye {
-    /// Looks along −z, +y is up.
+    /// Pose of the eye: looks along −z, +y is up.
     pub tracking_from_eye: Pose,
-    /// Upright field of view, radians.
+    /// Vertical field of view, radians.
     pub fov_rad: f64,
     /// Width of the view over its height.
     pub aspect: f64,
 }
 
 impl Eye {
-    /// For places relative to the eye along the tracking frame's axes.
+    /// For points relative to the eye, in the axes of the tracking frame.
     pub fn clip_from_place(&self) -> DMat4 {
         let y = 1.0 / (self.fov_rad / 2.0).tan();
         let clip_from_eye = DMat4::from_cols(
@@ -151,7 +153,7 @@ impl Eye {
         clip_from_eye * DMat4::from_quat(self.tracking_from_eye.rotation.conjugate())
     }
 
-    /// Where a place appears, 0 to 1 from the upper left corner; `None` behind the eye.
+    /// Where a point appears, 0 to 1 from the upper left corner; `None` behind the eye.
     pub fn project(&self, position_m: DVec3) -> Option<DVec2> {
         let clip = self.clip_from_place() * (position_m - self.tracking_from_eye.translation).extend(1.0);
         (clip.w > NEAR_M).then(|| DVec2::new(clip.x, -clip.y) / clip.w * 0.5 + 0.5)

@@ -1,28 +1,29 @@
-//! A bounded row of values over time: when it is full, every second one goes, and what comes later is kept as seldom. The
-//! first and the newest are always there.
+//! A bounded time series. When it is full, every second value is dropped, and later values are kept
+//! at the halved rate. The first and the newest value are always kept.
 
-/// Values by rising time, no more than were asked for.
+/// Values in ascending time, limited in number.
 #[derive(Debug, Clone)]
 pub struct DecimatedSeries<T> {
     entries: Vec<(i64, T)>,
     capacity: usize,
-    /// Kept values lie at least so far apart, but for the newest; 0 until something had to go.
+    /// Smallest distance between kept values, except for the newest, nanoseconds; 0 until values
+    /// had to be dropped.
     step_ns: i64,
 }
 
 impl<T> DecimatedSeries<T> {
-    /// Empty; keeps `capacity` values, 4 at least.
+    /// An empty series for at most `capacity` values, 4 at least.
     pub fn new(capacity: usize) -> Self {
         Self { entries: Vec::new(), capacity: capacity.max(4), step_ns: 0 }
     }
 
-    /// Takes a value. One that is not later than the newest takes its place.
+    /// Adds a value. A value that is not later than the newest replaces it.
     pub fn push(&mut self, time_ns: i64, value: T) {
         if let Some(last) = self.entries.last_mut().filter(|last| time_ns <= last.0) {
             last.1 = value;
             return;
         }
-        // The newest stands in for what comes until it is far enough from the one before it.
+        // The newest value is replaced until it is far enough from the one before it.
         let before = self.entries.len().checked_sub(2).map(|at| self.entries[at].0);
         let last = self.entries.last().map(|last| last.0);
         if let (Some(before), Some(last)) = (before, last)
@@ -62,7 +63,7 @@ impl<T> DecimatedSeries<T> {
         self.entries.get(self.entries.partition_point(|entry| entry.0 < time_ns).checked_sub(1)?)
     }
 
-    /// All that are not later than a time.
+    /// All values that are not later than a time.
     pub fn until(&self, time_ns: i64) -> &[(i64, T)] {
         &self.entries[..self.count_until(time_ns)]
     }
@@ -77,7 +78,7 @@ impl<T> DecimatedSeries<T> {
         self.entries.last()
     }
 
-    /// How many are kept.
+    /// Number of values.
     #[cfg(test)]
     pub fn len(&self) -> usize {
         self.entries.len()

@@ -1,4 +1,5 @@
-//! What is drawn in space, as lists of lines, faces and points; and the bodies they are put together to. No GPU here.
+//! Contents of the 3D view as lists of lines, faces and points, and the bodies made of them. Knows
+//! no GPU.
 
 use glam::{DMat3, DVec3};
 
@@ -7,40 +8,40 @@ use radar_sar::geometry::{Aabb, Pose};
 /// Red, green, blue (sRGB) and alpha, 0 to 1.
 pub type Color = [f32; 4];
 
-/// A straight line of some pixels' width.
+/// A line with a width in pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Line {
-    /// One end, tracking frame, metres.
+    /// Start point, tracking frame, metres.
     pub from_m: DVec3,
-    /// The other.
+    /// End point, tracking frame, metres.
     pub to_m: DVec3,
-    /// Pixels.
+    /// Width, pixels.
     pub width_px: f32,
-    /// Its colour.
+    /// Colour.
     pub color: Color,
 }
 
 /// A triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Face {
-    /// Tracking frame, metres.
+    /// Corners, tracking frame, metres.
     pub corners_m: [DVec3; 3],
-    /// Its colour.
+    /// Colour.
     pub color: Color,
 }
 
 /// A ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// Middle, tracking frame, metres.
+    /// Centre, tracking frame, metres.
     pub position_m: DVec3,
-    /// Metres.
+    /// Radius, metres.
     pub radius_m: f32,
-    /// Its colour.
+    /// Colour.
     pub color: Color,
 }
 
-/// Everything that is drawn.
+/// Everything in the 3D view.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Drawing {
     /// Opaque faces.
@@ -49,25 +50,25 @@ pub struct Drawing {
     pub points: Vec<Point>,
     /// Lines.
     pub lines: Vec<Line>,
-    /// Faces that let through what is behind them; they hide nothing.
+    /// Transparent faces. They hide nothing.
     pub transparent_faces: Vec<Face>,
 }
 
-/// Where the light comes from.
+/// Direction towards the light.
 const LIGHT: DVec3 = DVec3::new(0.35, 0.85, 0.4);
-/// Rings and segments of a ball.
+/// Rings and segments of a ball's mesh.
 const RINGS: u32 = 10;
 const SEGMENTS: u32 = 20;
 
 impl Drawing {
-    /// A line.
+    /// Adds a line.
     pub fn line(&mut self, from_m: DVec3, to_m: DVec3, width_px: f32, color: Color) {
         if from_m.is_finite() && to_m.is_finite() {
             self.lines.push(Line { from_m, to_m, width_px, color });
         }
     }
 
-    /// Lines from each place to the next.
+    /// Adds lines from each point to the next.
     pub fn polyline(&mut self, places_m: impl IntoIterator<Item = DVec3>, width_px: f32, color: Color) {
         let mut before = None;
         for place in places_m {
@@ -77,19 +78,19 @@ impl Drawing {
         }
     }
 
-    /// A ball.
+    /// Adds a ball.
     pub fn point(&mut self, position_m: DVec3, radius_m: f64, color: Color) {
         if position_m.is_finite() && radius_m.is_finite() {
             self.points.push(Point { position_m, radius_m: radius_m as f32, color });
         }
     }
 
-    /// A flat area that lets through what is behind it.
+    /// Adds a transparent polygon.
     pub fn transparent_polygon(&mut self, corners_m: &[DVec3], color: Color) {
         fan(&mut self.transparent_faces, corners_m, color);
     }
 
-    /// The edges of a box, in a frame of its own.
+    /// Adds the edges of a box given in its own frame.
     pub fn box_edges(&mut self, tracking_from_box: &Pose, bounds: &Aabb, width_px: f32, color: Color) {
         let corner = |n: usize| {
             let pick = |axis: usize| if n >> axis & 1 == 1 { bounds.max[axis] } else { bounds.min[axis] };
@@ -102,7 +103,7 @@ impl Drawing {
         }
     }
 
-    /// A solid box, lit.
+    /// Adds a solid, shaded box.
     pub fn solid_box(&mut self, tracking_from_box: &Pose, bounds: &Aabb, color: Color) {
         let (middle, half) = (bounds.center(), bounds.size() / 2.0);
         for axis in 0..3 {
@@ -117,13 +118,13 @@ impl Drawing {
         }
     }
 
-    /// A solid ball, stretched by a matrix, lit.
+    /// Adds a solid, shaded ball, scaled by a matrix.
     pub fn solid_ball(&mut self, middle_m: DVec3, axes_m: &DMat3, color: Color) {
         let faces = ball_faces(middle_m, axes_m, |normal| lit(color, normal));
         self.faces.extend(faces);
     }
 
-    /// A ball that lets light through, stretched by a matrix, with the three great circles of its axes.
+    /// Adds a transparent ball, scaled by a matrix, with the three great circles of its axes.
     pub fn transparent_ball(&mut self, middle_m: DVec3, axes_m: &DMat3, color: Color) {
         let [r, g, b, alpha] = color;
         self.transparent_faces.extend(ball_faces(middle_m, axes_m, |_| [r, g, b, 0.25 * alpha]));
@@ -134,7 +135,7 @@ impl Drawing {
     }
 }
 
-/// Places on an ellipse with these half axes; the first is also the last.
+/// Points on an ellipse with these half axes. The first point is repeated at the end.
 pub fn circle(middle_m: DVec3, u: DVec3, v: DVec3, segments: u32) -> impl Iterator<Item = DVec3> {
     (0..=segments).map(move |n| {
         let (sin, cos) = (f64::from(n) / f64::from(segments) * std::f64::consts::TAU).sin_cos();

@@ -1,33 +1,33 @@
-//! Why there is no view.
+//! Errors of the desktop view.
 
 use crate::render::RenderError;
 
-/// Errors of the view.
+/// Errors of the desktop view.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewError {
-    /// The desktop cannot be reached.
+    /// There is no desktop.
     #[error(
         "no window can be opened: {0}. A view needs a desktop (on Linux an X server named by DISPLAY); --view-shot DIR draws pictures without one"
     )]
     NoDesktop(String),
-    /// The desktop is there but gives no window.
+    /// The desktop does not create a window.
     #[error("the desktop gives no window: {0}")]
     NoWindow(String),
-    /// The window cannot be drawn to.
+    /// The window has no drawable surface.
     #[error("the window cannot be drawn to: {0}")]
     NoSurface(String),
-    /// Nothing can be drawn.
+    /// Rendering failed.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// A picture cannot be written.
+    /// An image cannot be written.
     #[error("cannot write {path}: {cause}")]
     Write {
-        /// Where to.
+        /// The path.
         path: String,
-        /// What went wrong.
+        /// The cause.
         cause: String,
     },
-    /// The pipeline's thread stopped working.
+    /// The thread of the pipeline stopped.
     #[error("the reconstruction stopped: {0}")]
     Stopped(String),
 }

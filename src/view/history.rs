@@ -1,9 +1,10 @@
-//! What was known when: every look's scene, the evidence, the head's way, in memory that is bounded. Going back in it shows what
-//! was known then.
+//! State over time, in bounded memory: the scene of every map update, the evidence, the path of the
+//! head. Seeking back shows what was known at that time.
 //!
-//! Kept at most: 4096 scenes with their counters (17 minutes at four looks a second), 128 images of the evidence of 20 000 voxels
-//! each (41 MB), 16 384 poses of the head, the times of a million frames, 1024 marks. When one is full, every second entry goes,
-//! and from then on entries are kept as seldom.
+//! Limits: 4096 scenes with their counters (17 minutes at four updates per second), 128 evidence
+//! images of 20 000 voxels each (41 MB), 16 384 head poses, the times of a million frames, 1024
+//! marks. When a series is full, every second entry is dropped, and later entries are kept at the
+//! halved rate.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -17,57 +18,58 @@ use radar_mapping::{Evidence, Scene};
 use radar_sar::TimeOffset;
 use radar_sar::geometry::{Aabb, Pose};
 
-/// Scenes kept at most.
+/// Limit of scenes.
 const SCENES: usize = 4096;
-/// Images of the evidence kept at most, and voxels of each.
+/// Limit of evidence images.
 const IMAGES: usize = 128;
-/// See `IMAGES`.
+/// Limit of voxels per evidence image.
 pub const VOXELS: usize = 20_000;
-/// Poses of the head kept at most.
+/// Limit of head poses.
 const HEADS: usize = 16_384;
-/// Times of frames kept at most.
+/// Limit of frame times.
 const FRAMES: usize = 1 << 20;
-/// Obstacles whose first time is kept at most.
+/// Limit of marks.
 const MARKS: usize = 1024;
 
-/// What was taken, left out and done until then.
+/// Counters and time offset at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Health {
-    /// The pipeline's own.
+    /// Counters of the pipeline.
     pub counters: Counters,
-    /// The time offset in force, seconds.
+    /// The active time offset, seconds.
     pub time_offset_s: f64,
-    /// The last estimate of it.
+    /// The latest estimate of the time offset.
     pub estimate: Option<TimeOffset>,
 }
 
-/// An obstacle is there for the first time.
+/// First confirmation of an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mark {
-    /// When, host nanoseconds.
+    /// Time, host nanoseconds.
     pub time_ns: i64,
-    /// Which.
+    /// Id of the obstacle.
     pub id: u64,
 }
 
-/// What was known at one time.
+/// State at one time.
 #[derive(Debug, Clone)]
 pub struct Moment {
     /// Seconds from the beginning.
     pub time_s: f64,
-    /// What stood in the room, as far as seen.
+    /// The scene.
     pub scene: Arc<Scene>,
-    /// Where there was evidence.
+    /// The evidence.
     pub evidence: Arc<Evidence>,
-    /// The head.
+    /// Pose of the head.
     pub head: Option<Pose>,
-    /// Where the head was before, oldest first: seconds from the beginning, and places in metres.
+    /// Earlier positions of the head, oldest first: seconds from the beginning, and position in
+    /// metres.
     pub path: Vec<(f64, DVec3)>,
-    /// What was taken, left out and done.
+    /// Counters and time offset.
     pub health: Option<Health>,
 }
 
-/// Everything that was known, over time.
+/// State over the whole recording.
 #[derive(Debug)]
 pub struct History {
     updates: DecimatedSeries<(Arc<Scene>, Health)>,
@@ -83,7 +85,7 @@ pub struct History {
 }
 
 impl History {
-    /// Empty; `expected_s`: how long the recording says it is.
+    /// An empty history. `expected_s`: the announced duration, seconds.
     pub fn new(expected_s: f64) -> Self {
         Self {
             updates: DecimatedSeries::new(SCENES),
@@ -99,7 +101,7 @@ impl History {
         }
     }
 
-    /// The head is here now. Times only rise.
+    /// Adds a pose of the head. Ignored unless its time is later than the previous one.
     pub fn push_head(&mut self, time_ns: i64, head: Pose) {
         if self.heads.last().is_none_or(|last| time_ns > last.0) {
             self.heads.push(time_ns, head);
@@ -108,47 +110,47 @@ impl History {
         }
     }
 
-    /// A frame ended.
+    /// Adds the end of a frame. Ignored unless its time is later than the previous one.
     pub fn push_frame(&mut self, time_ns: i64) {
         if self.frames.last().is_none_or(|last| time_ns > last.0) {
             self.frames.push(time_ns, ());
         }
     }
 
-    /// This is known from now on.
+    /// Adds a scene.
     pub fn push_update(&mut self, time_ns: i64, scene: Scene, health: Health) {
         let new = scene.obstacles.iter().map(|obstacle| obstacle.id).filter(|id| !self.known.contains(id));
         let new: Vec<u64> = new.take(MARKS.saturating_sub(self.marks.len())).collect();
         self.marks.extend(new.iter().map(|&id| Mark { time_ns, id }));
         self.known.extend(new);
-        // As it was before: the same scene again costs nothing.
+        // An unchanged scene shares the memory of the previous one.
         let same = self.updates.last().map(|last| Arc::clone(&last.1.0)).filter(|last| **last == scene);
         self.updates.push(time_ns, (same.unwrap_or_else(|| Arc::new(scene)), health));
     }
 
-    /// There is this evidence from now on.
+    /// Adds evidence.
     pub fn push_evidence(&mut self, time_ns: i64, evidence: impl Into<Arc<Evidence>>) {
         let evidence = evidence.into();
         self.greatest_score = evidence.voxels.first().map_or(0.0, |voxel| voxel.1).max(self.greatest_score);
         self.evidence.push(time_ns, evidence);
     }
 
-    /// Nothing more will come.
+    /// Marks the end of the data.
     pub fn complete(&mut self) {
         self.is_complete = true;
     }
 
-    /// The greatest score that any evidence had so far: the end of the colour scale.
+    /// The largest score of any evidence so far: the end of the colour scale.
     pub fn greatest_score(&self) -> f32 {
         self.greatest_score
     }
 
-    /// The box around all places of the head so far.
+    /// The box around all positions of the head so far.
     pub fn heads_around(&self) -> Option<Aabb> {
         self.heads_around
     }
 
-    /// Where the recording begins, host nanoseconds.
+    /// Begin of the recording, host nanoseconds.
     fn start_ns(&self) -> i64 {
         let firsts = [self.heads.first().map(|h| h.0), self.frames.first().map(|f| f.0)];
         firsts.into_iter().flatten().min().unwrap_or(0)
@@ -167,14 +169,14 @@ impl History {
         self.start_ns().saturating_add((time_s * 1e9).round() as i64)
     }
 
-    /// How much there is.
+    /// Buffered and total duration.
     pub fn extent(&self) -> Extent {
         let buffered_s = self.seconds(self.end_ns());
         let duration_s = if self.is_complete { buffered_s } else { buffered_s.max(self.expected_s) };
         Extent { buffered_s, duration_s, is_complete: self.is_complete }
     }
 
-    /// When obstacles were first there: seconds from the beginning, and which.
+    /// First confirmations of obstacles: seconds from the beginning, and id.
     pub fn marks(&self) -> impl Iterator<Item = (f64, u64)> {
         self.marks.iter().map(|mark| (self.seconds(mark.time_ns), mark.id))
     }
@@ -186,13 +188,14 @@ impl History {
         frame.map(|frame| self.seconds(frame.0))
     }
 
-    /// What was known at a time, with at most `path_points` places of the head before.
+    /// State at a time, with at most about `path_points` earlier positions of the head.
     pub fn moment(&self, time_s: f64, path_points: usize) -> Moment {
         let time_ns = self.nanoseconds(time_s);
         let look = self.updates.at(time_ns).map(|look| &look.1);
         let heads = self.heads.until(time_ns);
         let step = heads.len().div_ceil(path_points.max(2)).max(1);
-        // Always the same ones, whatever the time: a path that grows does not flicker.
+        // The step is a power of two, so the same positions are chosen at every time: a growing
+        // path does not flicker.
         let path = heads.iter().step_by(step.next_power_of_two()).chain(heads.last());
         Moment {
             time_s,
@@ -238,7 +241,7 @@ mod tests {
 
     const MS: i64 = 1_000_000;
 
-    /// Ten seconds at 10 poses and 4 looks a second; calls `after` whenever something came.
+    /// Ten seconds at 10 poses and 4 scenes per second. Calls `after` after every addition.
     fn filled(mut after: impl FnMut(&History)) -> History {
         let mut history = History::new(12.0);
         for tick in 0..=100 {

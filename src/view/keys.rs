@@ -1,41 +1,41 @@
-//! The keys, and the list of them that is laid over the view.
+//! The keyboard shortcuts and their help list.
 
 use egui::{Context, Grid, InputState, Key, RichText};
 
 use super::style;
 
-/// What a key asks for.
+/// Action of a key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action {
     /// Play or pause.
     Toggle,
-    /// A frame back or on.
+    /// One frame back or forward.
     Step(i32),
-    /// A second back or on.
+    /// One second back or forward.
     Jump(i32),
     /// To the beginning.
     Home,
     /// To the end.
     End,
-    /// Loop or not.
+    /// Loop on or off.
     Loop,
     /// Faster or slower.
     Speed(i32),
     /// A view by its number.
     View(usize),
-    /// The next arrangement of view and maps.
+    /// The next arrangement of room and maps.
     Arrangement,
-    /// What is really there.
+    /// Ground truth on or off.
     Truth,
-    /// Warnings.
+    /// Warnings on or off.
     Warnings,
-    /// The list of keys.
+    /// Show the help list.
     Help,
-    /// The list of keys goes.
+    /// Hide the help list.
     NoHelp,
 }
 
-/// Keys, as they are written in the list, what they do, and what they ask for.
+/// Keys as shown in the list, description, and actions.
 type Entry = (&'static str, &'static str, &'static [(Key, bool, Action)]);
 
 const KEYS: [Entry; 12] = [
@@ -78,7 +78,7 @@ const KEYS: [Entry; 12] = [
     ("W", "warnings on or off", &[(Key::W, false, Action::Warnings)]),
     (
         "?, F1, Esc",
-        "this list; it goes",
+        "show, hide this list",
         &[
             (Key::Questionmark, false, Action::Help),
             (Key::Questionmark, true, Action::Help),
@@ -90,7 +90,7 @@ const KEYS: [Entry; 12] = [
     ("mouse", "drag: turn; right or shift-drag: move; wheel: nearer or farther", &[]),
 ];
 
-/// What the keys pressed since the last pass ask for.
+/// Actions of the keys pressed since the last pass.
 pub fn pressed(input: &InputState) -> Vec<Action> {
     let mut actions = Vec::new();
     for event in &input.events {
@@ -104,7 +104,7 @@ pub fn pressed(input: &InputState) -> Vec<Action> {
     actions
 }
 
-/// The list, over everything else.
+/// Draws the help list over everything else.
 pub fn list(context: &Context, is_open: &mut bool) {
     egui::Window::new("Keys")
         .open(is_open)

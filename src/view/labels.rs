@@ -1,24 +1,24 @@
-//! Where names go so that none covers another.
+//! Places labels so that they do not overlap.
 
 use egui::{Rect, Vec2, vec2};
 
-/// Between two names, pixels.
+/// Gap between two labels, pixels.
 const GAP: f32 = 1.0;
-/// A name goes above so many others at most.
+/// Limit of stacked labels.
 const STEPS: usize = 8;
 
-/// Places that names have taken already.
+/// Areas that are taken by labels.
 #[derive(Default)]
 pub struct Labels(Vec<Rect>);
 
 impl Labels {
-    /// Takes a place whatever is there.
+    /// Takes an area regardless of overlap.
     pub fn take(&mut self, place: Rect) -> Rect {
         self.0.push(place);
         place
     }
 
-    /// Takes a place, or the free one above those that cover it.
+    /// Takes an area, or the free one above the labels that overlap it.
     pub fn place_above(&mut self, mut place: Rect) -> Rect {
         for _ in 0..STEPS {
             let Some(under) = self.0.iter().find(|other| other.intersects(place)) else { break };
@@ -27,8 +27,8 @@ impl Labels {
         self.take(place)
     }
 
-    /// Takes the first free place for a name of a size at a corner of a mark, if possible where no other mark is; none if all are taken by
-    /// names.
+    /// Takes the first free area for a label at a corner of a mark, preferably one that covers no
+    /// other mark. `None` if other labels cover all corners.
     pub fn place_beside(&mut self, mark: Rect, size: Vec2, marks: &[Rect]) -> Option<Rect> {
         let (right, left) = (mark.right() + GAP, mark.left() - GAP - size.x);
         let (high, low) = (mark.center().y - 0.5 * GAP - size.y, mark.center().y + 0.5 * GAP);

@@ -1,32 +1,32 @@
-//! Which layers are shown.
+//! The visible layers.
 
-/// What is shown and what is not.
+/// The visible layers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layers {
     /// Obstacles with their uncertainty and distance.
     pub obstacles: bool,
-    /// What moves by itself.
+    /// Moving targets.
     pub moving: bool,
     /// Walls, floor and ceiling.
     pub walls: bool,
-    /// Where there is evidence.
+    /// Evidence.
     pub evidence: bool,
     /// The radar's beam.
     pub beam: bool,
-    /// The way the head took.
+    /// The path of the head.
     pub path: bool,
-    /// Warnings as the player sees them.
+    /// Warnings as the user sees them.
     pub warnings: bool,
-    /// What is really there.
+    /// Ground truth.
     pub truth: bool,
-    /// Evidence below this is not shown.
+    /// Evidence below this is hidden.
     pub min_score: f32,
-    /// The obstacle that maps are cut at; none: everything.
+    /// The obstacle at which the maps are cut; none: no cut.
     pub selected: Option<u64>,
 }
 
 impl Layers {
-    /// What a newcomer sees first; `min_score` as the search's noise wants it.
+    /// The default layers. `min_score` depends on the noise of the search mode.
     pub fn new(min_score: f32) -> Self {
         Self {
             obstacles: true,

@@ -1,4 +1,4 @@
-//! The three cross-sections on the screen, side by side at one scale, with axes, colour bar, obstacles and head.
+//! The three cross-sections side by side at one scale, with axes, colour bar, obstacles and head.
 
 use egui::{
     Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, StrokeKind, TextureHandle, TextureOptions, Ui, Vec2, pos2, vec2,
@@ -11,10 +11,10 @@ use super::style;
 use super::viewport::{ViewContent, color_bar};
 use crate::report::inferno;
 
-/// What of the evidence is shown.
+/// Which part of the evidence is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Cut {
-    /// All of it.
+    /// All evidence.
     #[default]
     All,
     /// A slab around the head.
@@ -23,10 +23,10 @@ pub enum Cut {
     Selected,
 }
 
-/// Room for words around each plot, points: left, top, right, bottom.
+/// Margins for labels around each plot, egui points: left, top, right, bottom.
 const MARGINS: [f32; 4] = [44.0, 24.0, 8.0, 34.0];
 
-/// What the maps on the screen were made of.
+/// The inputs from which the current maps were made.
 #[derive(Clone, PartialEq)]
 struct MapCacheKey {
     evidence: usize,
@@ -35,7 +35,7 @@ struct MapCacheKey {
     scale: [f32; 2],
 }
 
-/// The maps, made anew only when something changed.
+/// The maps. They are only recomputed if their inputs change.
 #[derive(Default)]
 pub struct MapView {
     cut: Cut,
@@ -44,12 +44,12 @@ pub struct MapView {
 }
 
 impl MapView {
-    /// Shows what is this far around a place, or all.
+    /// Selects the slab to show, or everything.
     pub fn set_cut(&mut self, cut: Cut) {
         self.cut = cut;
     }
 
-    /// The row of maps, in all the room there is.
+    /// Draws the row of maps in the available area.
     pub fn show(&mut self, ui: &mut Ui, shown: &ViewContent) {
         self.choice(ui, shown);
         let least = shown.layers.min_score;
@@ -91,7 +91,7 @@ impl MapView {
         });
     }
 
-    /// The place that is cut through.
+    /// The point at which the maps are cut.
     fn around(&self, shown: &ViewContent) -> Option<DVec3> {
         match self.cut {
             Cut::All => None,
@@ -128,7 +128,8 @@ impl MapView {
     }
 }
 
-/// Where the plots go, all at one scale: the arrangement (columns of plots) that makes them largest.
+/// Areas of the plots, all at one scale: chooses the arrangement (columns of plots) in which they
+/// are largest.
 fn layout(area: Rect, sizes_m: &[[f32; 2]]) -> Vec<Rect> {
     let columns: [&[&[usize]]; 3] = [&[&[0], &[1], &[2]], &[&[0, 1, 2]], &[&[0], &[1, 2]]];
     let margins = vec2(MARGINS[0] + MARGINS[2], MARGINS[1] + MARGINS[3]);
@@ -196,7 +197,8 @@ fn one(painter: &egui::Painter, plot: Rect, map: &Map, texture: &TextureHandle, 
     }
 }
 
-/// A ring with a number for each, the selected one's first; where too many stand at one place only the first few have numbers.
+/// Draws a ring with a number for each mark, the selected one first. Numbers without room are
+/// omitted.
 fn numbered(painter: &egui::Painter, marks: impl Iterator<Item = (u64, Pos2)>, selected: Option<u64>) {
     const RADIUS: f32 = 5.0;
     let mut marks: Vec<_> = marks.collect();
@@ -225,7 +227,7 @@ fn axes(painter: &egui::Painter, plot: Rect, map: &Map, on_plot: &impl Fn([f64; 
         FontId::proportional(13.0),
         style::INK,
     );
-    // Above the plot, where it is not in the way of the numbers.
+    // Above the plot, where it does not collide with the numbers.
     painter.text(
         plot.right_top() - vec2(0.0, 5.0),
         Align2::RIGHT_BOTTOM,

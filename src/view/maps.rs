@@ -1,4 +1,5 @@
-//! The three cross-sections of the evidence: the greatest score along the third axis, of everything or of a slab around a place.
+//! The three cross-sections of the evidence: the maximum score along the third axis, of all
+//! evidence or of a slab around a point.
 
 use glam::DVec3;
 
@@ -7,27 +8,27 @@ use radar_mapping::Evidence;
 use radar_sar::Volume;
 use radar_sar::geometry::Aabb;
 
-/// Half of a slab's thickness, metres.
+/// Half thickness of a slab, metres.
 pub const SLAB_HALF_M: f64 = 0.25;
-/// Cells along an axis at most.
+/// Limit of cells along an axis.
 const CELLS: f64 = 320.0;
 
-/// One way to look at space. What is to the right and what is up are the same as in the views of the room.
+/// A projection direction. Right and up match the views of the room.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Plane {
-    /// From above: x to the right, ahead (−z) up.
+    /// From above: x to the right, forward (−z) up.
     Top,
     /// From behind: x to the right, y up.
     Front,
-    /// From the right: ahead (−z) to the right, y up.
+    /// From the right: forward (−z) to the right, y up.
     Side,
 }
 
-/// In the order shown.
+/// In display order.
 pub const PLANES: [Plane; 3] = [Plane::Top, Plane::Front, Plane::Side];
 
 impl Plane {
-    /// What a place has to the right and upwards, metres.
+    /// Coordinates of a point to the right and upwards, metres.
     pub fn project(self, place: DVec3) -> [f64; 2] {
         match self {
             Self::Top => [place.x, -place.z],
@@ -36,7 +37,7 @@ impl Plane {
         }
     }
 
-    /// Heading, and what is to the right and upwards.
+    /// Heading, and labels of the horizontal and vertical axis.
     pub fn labels(self) -> [&'static str; 3] {
         match self {
             Self::Top => ["From above", "x (m)", "−z (m), ahead"],
@@ -45,7 +46,7 @@ impl Plane {
         }
     }
 
-    /// The axis looked along: 0, 1, 2 for x, y, z.
+    /// The axis along which it looks: 0, 1, 2 for x, y, z.
     fn along(self) -> usize {
         match self {
             Self::Top => 1,
@@ -55,22 +56,22 @@ impl Plane {
     }
 }
 
-/// One cross-section, as cells row by row from the upper left.
+/// One cross-section, as cells `[row][column]` from the upper left.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Map {
-    /// The way it is looked at.
+    /// Projection direction.
     pub plane: Plane,
-    /// Least and greatest to the right, least and greatest upwards, metres.
+    /// Smallest and largest coordinate to the right, then upwards, metres.
     pub ranges_m: [[f64; 2]; 2],
     /// Columns and rows.
     pub size: [usize; 2],
-    /// The greatest score of each cell; 0 where there is none.
+    /// Maximum score of each cell; 0 if there is none.
     pub scores: Vec<f32>,
 }
 
 impl Map {
-    /// Of the evidence within a box; `around`: only what is this near to a place along the axis looked along. Scores below `least`
-    /// are left out.
+    /// The map of the evidence within a box. `around`: only voxels within half a slab of this
+    /// point, along the projection direction. Scores below `least` are left out.
     pub fn of(evidence: &Evidence, plane: Plane, bounds: &Aabb, around: Option<DVec3>, least: f32) -> Self {
         let voxel_m = evidence.voxel_m.max(0.01).max(bounds.size().max_element() / CELLS);
         let low = (bounds.min / voxel_m).floor() * voxel_m;
@@ -101,7 +102,7 @@ impl Map {
             Plane::Side => ([second, first], [[-high.z, -low.z], [low.y, high.y]]),
         };
         let cell = |column: usize, row: usize| match plane {
-            // The first row lies farthest ahead: least z.
+            // The first row is farthest ahead: smallest z.
             Plane::Top => at(column, row),
             Plane::Front => at(column, second - 1 - row),
             Plane::Side => at(first - 1 - row, second - 1 - column),
@@ -110,7 +111,7 @@ impl Map {
         Self { plane, ranges_m, size, scores }
     }
 
-    /// As pixels: from the scale's dark end, at `least`, to its bright one, at `top`.
+    /// As an image: the colour scale runs from `least` (dark) to `top` (bright).
     pub fn image(&self, least: f32, top: f32) -> egui::ColorImage {
         let pixel = |score: &f32| {
             let share = (score - least) / (top - least).max(1e-6);
@@ -137,7 +138,7 @@ mod tests {
         Evidence { voxel_m: 0.05, voxels }
     }
 
-    /// Middle of the cell with a score.
+    /// Centre of the cell with a score.
     fn place_of(map: &Map, score: f32) -> Option<[f64; 2]> {
         let n = map.scores.iter().position(|s| *s == score)?;
         let share = [(n % map.size[0]) as f64 + 0.5, (map.size[1] - 1 - n / map.size[0]) as f64 + 0.5];

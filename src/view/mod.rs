@@ -1,10 +1,11 @@
-//! The desktop view: a window in which a recording is replayed, or what is seen right now is shown, in space, over time and in
+//! The desktop view: a window that replays a recording or shows live data, in 3D, over time and in
 //! cross-sections.
 //!
-//! The pipeline runs forward only, in a thread of its own and as fast as it can; a [`Recorder`] asks it after every event and notes
-//! what it knows in a bounded [`History`]. The window shows any moment of that, so going back shows what was known then. State that
-//! can be tested without a GPU (player, camera, history, maps, what is drawn) lies in files that know none; `space` draws it,
-//! `screen` lays egui over it, `window` and `shots` are the two ways to look at it.
+//! The pipeline only runs forward, in its own thread and as fast as it can. A [`Recorder`] reads
+//! its state after every event and stores it in a bounded [`History`]. The window shows any moment
+//! of that history, so seeking back shows what was known at that time. State that can be tested
+//! without a GPU (player, camera, history, maps, drawings) is in files without GPU code. `space`
+//! draws it, `screen` adds egui, `window` and `shots` are the two outputs.
 
 mod app;
 mod camera;
@@ -40,16 +41,18 @@ pub use history::{Health, History, VOXELS};
 pub use recorder::Recorder;
 pub use recording_info::RecordingInfo;
 
-/// Runs `work` in a thread of its own and shows in a window what its recorder notes, until the window is closed. Then `work` is
-/// waited for; a recorder says whether anybody still looks. Gives what `work` gave.
+/// Runs `work` in its own thread and shows the state that its recorder stores, until the window is
+/// closed. Then waits for `work`; its recorder reports that the window is closed. Returns the
+/// result of `work`.
 ///
 /// # Errors
-/// No window, or nothing that draws to it. `work` has ended by then.
+/// There is no window or no surface. `work` has ended by then.
 pub fn show<T: Send>(about: RecordingInfo, work: impl FnOnce(Recorder) -> T + Send) -> Result<T, ViewError> {
     show_with_cancel(about, work, || {})
 }
 
-/// The same for work that goes on when the window is closed, and has to be told to end, by `give_up`, where there is none.
+/// As [`show`], for work that continues after the window is closed. If there is no window,
+/// `give_up` must make the work end.
 ///
 /// # Errors
 /// As [`show`].
@@ -74,10 +77,11 @@ pub fn show_with_cancel<T: Send>(
     })
 }
 
-/// Runs `work` to its end and draws a few states of what its recorder noted into a folder. Gives the files and what `work` gave.
+/// Runs `work` to its end and draws some states of its history into a folder. Returns the files and
+/// the result of `work`.
 ///
 /// # Errors
-/// No graphics adapter, a device that fails, a folder that cannot be written to.
+/// There is no graphics adapter, the device fails, or the folder cannot be written.
 pub fn draw<T>(
     about: RecordingInfo,
     folder: &Path,

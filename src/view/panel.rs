@@ -1,4 +1,4 @@
-//! The recording's own panel: how sound it is, what was found, which layers are shown.
+//! The side panel: state of the recording, detected obstacles, visible layers.
 
 use egui::{CollapsingHeader, Color32, Grid, RichText, ScrollArea, Ui};
 
@@ -9,7 +9,7 @@ use super::style;
 use radar_mapping::MapperKind;
 use radar_mapping::{Observed, Obstacle};
 
-/// All of it, in one column.
+/// Draws the panel in one column.
 pub fn panel(ui: &mut Ui, about: &RecordingInfo, moment: &Moment, layers: &mut Layers, top_score: f32) {
     ScrollArea::vertical().auto_shrink([false, false]).show(ui, |ui| {
         let heading = if about.is_live { "Sensor and tracking" } else { "Recording" };
@@ -20,19 +20,20 @@ pub fn panel(ui: &mut Ui, about: &RecordingInfo, moment: &Moment, layers: &mut L
 }
 
 fn open(ui: &mut Ui, heading: &str, content: impl FnOnce(&mut Ui)) {
-    // Its place in the column, not its words, tells whether it is open: words change.
+    // The open state belongs to the first word of the heading, because the rest of the text
+    // changes.
     let id = heading.split(' ').next().unwrap_or_default().to_owned();
     CollapsingHeader::new(RichText::new(heading).strong()).id_salt(id).default_open(true).show(ui, content);
     ui.add_space(6.0);
 }
 
-/// Name, value, and whether it is as it should be.
+/// Name, value, and whether the value is healthy.
 type Row = (&'static str, String, bool);
 
 fn health(ui: &mut Ui, about: &RecordingInfo, moment: &Moment) {
     ui.label(RichText::new(&about.title).color(style::MUTED));
     let Some(health) = &moment.health else {
-        ui.label("Nothing worked off yet.");
+        ui.label("Nothing processed yet.");
         return;
     };
     Grid::new("health").num_columns(2).spacing([10.0, 3.0]).show(ui, |ui| {
@@ -61,22 +62,22 @@ fn rows(about: &RecordingInfo, health: &Health, time_s: f64) -> Vec<Row> {
         ("Sweeps imaged", sweeps.to_string(), true),
         ("Sweep rate", format!("{rate:.0} of {:.0} a second", about.sweeps_per_s), rate > 0.5 * about.sweeps_per_s),
         ("Frames", streams.frames.to_string(), true),
-        ("Frames left out", lost.to_string(), lost * 50 <= streams.frames),
+        ("Frames rejected", lost.to_string(), lost * 50 <= streams.frames),
         ("Sweeps without pose", without_pose.to_string(), without_pose * 20 <= streams.observations),
         (
             "Poses",
-            format!("{} used, {refused} refused", streams.poses.saturating_sub(refused)),
+            format!("{} used, {refused} rejected", streams.poses.saturating_sub(refused)),
             refused * 20 <= streams.poses,
         ),
         ("Time offset", offset(health), true),
     ];
     if about.search == MapperKind::Rooms {
-        rows.push(("Looks", health.counters.engine.rooms.looks.to_string(), true));
+        rows.push(("Map updates", health.counters.engine.rooms.looks.to_string(), true));
     }
     rows
 }
 
-/// The offset in force, and its 1σ where the data tell it.
+/// The active offset, and its 1σ if it was estimated from the data.
 fn offset(health: &Health) -> String {
     let in_force = format!("{:+.1} ms", health.time_offset_s * 1e3);
     match health.estimate {
@@ -122,7 +123,7 @@ fn row(ui: &mut Ui, distance_m: f64, obstacle: &Obstacle, layers: &mut Layers) {
     let color = if obstacle.provisional { style::MUTED } else { style::FOUND };
     let name = ui.selectable_label(is_selected, RichText::new(format!("#{}", obstacle.id)).color(color));
     let since =
-        if obstacle.provisional { "Remembered from before and not yet seen again" } else { "Seen in this session" };
+        if obstacle.provisional { "From the saved map, not detected again yet" } else { "Seen in this session" };
     if name.on_hover_text(since).clicked() {
         layers.selected = (!is_selected).then_some(obstacle.id);
     }
@@ -138,7 +139,7 @@ fn row(ui: &mut Ui, distance_m: f64, obstacle: &Obstacle, layers: &mut Layers) {
     ui.label(if is_known { text } else { text.color(style::BAD) }).on_hover_text(observed(obstacle.observed));
 }
 
-/// Greatest 2σ along an axis, or what is not known.
+/// Largest 2σ along an axis, or what is unknown.
 fn uncertainty_text(obstacle: &Obstacle) -> (String, bool) {
     let c = &obstacle.covariance_m2;
     let greatest = [c.x_axis.x, c.y_axis.y, c.z_axis.z].into_iter().fold(0.0, f64::max);
@@ -151,9 +152,9 @@ fn uncertainty_text(obstacle: &Obstacle) -> (String, bool) {
 
 fn observed(observed: Observed) -> &'static str {
     match observed {
-        Observed::Position => "Its place is known in all three directions; the greatest 2σ along an axis.",
-        Observed::RangeAndOneDirection => "One direction was not observed: the motion did not tell it.",
-        Observed::RangeOnly => "Only the range was observed: its direction is not known.",
+        Observed::Position => "Its position is known in all three directions; the greatest 2σ along an axis.",
+        Observed::RangeAndOneDirection => "One direction was not observable from the motion.",
+        Observed::RangeOnly => "Only the range was observed: its direction is unknown.",
     }
 }
 
@@ -171,31 +172,26 @@ fn switches(ui: &mut Ui, about: &RecordingInfo, layers: &mut Layers, top_score: 
         &mut layers.obstacles,
         style::FOUND,
         "Obstacles",
-        "What was found: box, ellipsoid of two 1σ, distance from the head",
+        "Detected obstacles: box, 2σ ellipsoid, distance from the head",
     );
     switch(
         &mut layers.moving,
         style::MOVING,
-        "What moves",
+        "Moving targets",
         "People and pets: their range, and the wedge that they are in",
     );
     switch(&mut layers.walls, style::WALL, "Walls", "Planes; brighter where their reflections came from");
     switch(&mut layers.evidence, style::evidence(0.7), "Evidence", "Voxels by their score");
-    switch(&mut layers.beam, style::BEAM, "Radar beam", "The cone that is looked at, from the first to the last range");
+    switch(&mut layers.beam, style::BEAM, "Radar beam", "The cone that is searched, from the first to the last range");
     switch(&mut layers.path, style::HEAD, "Path of the head", "Bright: the last four seconds");
-    switch(
-        &mut layers.warnings,
-        Color32::from_rgb(r, g, b),
-        "Warnings",
-        "Panels and footprints as the player sees them",
-    );
+    switch(&mut layers.warnings, Color32::from_rgb(r, g, b), "Warnings", "Panels and footprints as the user sees them");
     if about.truth.is_some() {
-        switch(&mut layers.truth, style::TRUTH, "Truth", "What the recording says is really there");
+        switch(&mut layers.truth, style::TRUTH, "Truth", "The true objects, from the recording");
     } else if !about.is_live {
-        ui.label(RichText::new("The recording knows no truth.").small().color(style::MUTED));
+        ui.label(RichText::new("The recording has no ground truth.").small().color(style::MUTED));
     }
     ui.add_space(4.0);
-    ui.label(RichText::new(format!("Evidence from this {} on", about.score_name())).color(style::MUTED));
+    ui.label(RichText::new(format!("Smallest {} of shown evidence", about.score_name())).color(style::MUTED));
     let top = top_score.max(about.min_score() + 1.0);
     ui.add(egui::Slider::new(&mut layers.min_score, 0.0..=top).fixed_decimals(1));
 }
@@ -229,7 +225,7 @@ mod tests {
         let bad: Vec<_> = rows(&about, &health, 2.0).into_iter().filter(|row| !row.2).collect();
         assert_eq!(
             bad.iter().map(|row| (row.0, row.1.as_str())).collect::<Vec<_>>(),
-            [("Frames left out", "3"), ("Poses", "70 used, 30 refused")]
+            [("Frames rejected", "3"), ("Poses", "70 used, 30 rejected")]
         );
         let estimate = TimeOffset { offset_s: 0.004, sigma_s: 0.0003, observable: true, tracks: 3, tracks_left_out: 0 };
         health.estimate = Some(estimate);

@@ -1,32 +1,33 @@
-//! The player: where in the recording one is, and how time goes on. No clock: who draws says how much time has passed.
+//! The player: position in the recording, and playback. It has no clock: the caller passes the
+//! elapsed time.
 
-/// Slowest and fastest.
+/// Slowest and fastest playback, times real time.
 pub const SPEEDS: [f64; 2] = [0.1, 8.0];
 /// A press of + or − changes the speed by this factor.
 const SPEED_STEP: f64 = std::f64::consts::SQRT_2;
 
-/// Where in the recording one is. Times are seconds from its beginning.
+/// Position in the recording. Times are seconds from its beginning.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Player {
     time_s: f64,
     speed: f64,
     is_playing: bool,
     is_looping: bool,
-    /// Whether what is shown comes in as it happens, and whether one is at its newest end.
+    /// Whether the data arrives live, and whether the newest data is shown.
     is_live: bool,
     is_at_edge: bool,
-    /// Where one wants to be that is not worked off yet.
+    /// Requested position that is not processed yet.
     awaited_s: Option<f64>,
 }
 
-/// How much of the recording there is.
+/// Duration of the recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extent {
-    /// Worked off so far, seconds.
+    /// Processed so far, seconds.
     pub buffered_s: f64,
-    /// In all, seconds; what is buffered once everything is worked off.
+    /// In total, seconds. Equals the buffered duration once everything is processed.
     pub duration_s: f64,
-    /// Whether everything is worked off.
+    /// Whether everything is processed.
     pub is_complete: bool,
 }
 
@@ -45,47 +46,47 @@ impl Default for Player {
 }
 
 impl Player {
-    /// Of what comes in as it happens: at its newest end, until one goes back or stops.
+    /// For live data: follows the newest data until the user seeks back or pauses.
     pub fn live() -> Self {
         Self { is_live: true, is_at_edge: true, ..Self::default() }
     }
 
-    /// Whether what is shown comes in as it happens.
+    /// Whether the data arrives live.
     pub fn is_live(&self) -> bool {
         self.is_live
     }
 
-    /// Whether the newest is shown, whatever comes.
+    /// Whether the newest data is followed.
     pub fn is_at_edge(&self) -> bool {
         self.is_at_edge
     }
 
-    /// Time shown.
+    /// The displayed time.
     pub fn time_s(&self) -> f64 {
         self.time_s
     }
 
-    /// Where one wants to be that is not worked off yet.
+    /// Requested position that is not processed yet.
     pub fn awaited_s(&self) -> Option<f64> {
         self.awaited_s
     }
 
-    /// Times real time.
+    /// Playback speed, times real time.
     pub fn speed(&self) -> f64 {
         self.speed
     }
 
-    /// Whether time goes on.
+    /// Whether playback is running.
     pub fn is_playing(&self) -> bool {
         self.is_playing
     }
 
-    /// Whether it begins again at the end.
+    /// Whether playback restarts at the end.
     pub fn is_looping(&self) -> bool {
         self.is_looping
     }
 
-    /// Goes on or stops; at the end it begins again.
+    /// Plays or pauses. At the end, playback restarts.
     pub fn toggle(&mut self, extent: &Extent) {
         self.is_playing = !self.is_playing;
         self.is_at_edge = false;
@@ -94,24 +95,24 @@ impl Player {
         }
     }
 
-    /// Stops.
+    /// Pauses.
     pub fn pause(&mut self) {
         (self.is_playing, self.is_at_edge) = (false, false);
     }
 
-    /// Whether it begins again at the end.
+    /// Sets whether playback restarts at the end.
     pub fn set_looping(&mut self, looping: bool) {
         self.is_looping = looping;
     }
 
-    /// Times real time, within [`SPEEDS`]; what is no number changes nothing.
+    /// Sets the speed, times real time, limited to [`SPEEDS`]. Non-finite values are ignored.
     pub fn set_speed(&mut self, speed: f64) {
         if speed.is_finite() {
             self.speed = speed.clamp(SPEEDS[0], SPEEDS[1]);
         }
     }
 
-    /// One step faster (+1) or slower (−1); 1 is not stepped over.
+    /// One step faster (+1) or slower (−1). Speed 1 is never skipped.
     pub fn change_speed(&mut self, steps: i32) {
         let before = self.speed;
         self.set_speed(before * SPEED_STEP.powi(steps));
@@ -120,7 +121,7 @@ impl Player {
         }
     }
 
-    /// Goes to a time. What is not worked off yet is awaited: until then the newest that is there is shown.
+    /// Seeks to a time. If it is not processed yet, the newest data is shown until then.
     pub fn seek(&mut self, time_s: f64, extent: &Extent) {
         let wanted_s = if time_s.is_finite() { time_s.clamp(0.0, extent.duration_s.max(0.0)) } else { self.time_s };
         self.time_s = wanted_s.min(extent.buffered_s);
@@ -128,13 +129,13 @@ impl Player {
         self.reach_edge(extent);
     }
 
-    /// Who is at the newest end of what comes in stays there.
+    /// At the newest live data, follow mode is enabled.
     fn reach_edge(&mut self, extent: &Extent) {
         self.is_at_edge = self.is_live && !extent.is_complete && self.time_s >= extent.buffered_s;
         self.is_playing |= self.is_at_edge;
     }
 
-    /// Time has passed: `passed_s` seconds of a clock. Says whether what is shown changed.
+    /// Advances by `passed_s` seconds of real time. Returns whether the display changes.
     pub fn advance(&mut self, passed_s: f64, extent: &Extent) -> bool {
         let before = (self.time_s, self.awaited_s);
         if self.is_at_edge && !extent.is_complete {
@@ -150,7 +151,7 @@ impl Player {
     fn play(&mut self, passed_s: f64, extent: &Extent) {
         let next_s = self.time_s + passed_s * self.speed;
         if !(extent.is_complete && next_s >= extent.duration_s) {
-            // No faster than it is worked off.
+            // Not beyond the processed part.
             self.time_s = next_s.min(extent.buffered_s).max(self.time_s.min(extent.buffered_s));
             self.reach_edge(extent);
         } else if self.is_looping && extent.duration_s > 0.0 {

@@ -1,5 +1,5 @@
-//! Writes into the history what a pipeline knows, as it goes. To be asked after every event; the pipeline need not know. Who has no
-//! pipeline at hand, since it works elsewhere, notes what that one tells.
+//! Stores the state of a pipeline in the history. Call it after every event; the pipeline does not
+//! depend on it. Callers whose pipeline runs elsewhere can store its published state.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,54 +10,55 @@ use radar_mapping::{Evidence, Scene};
 use radar_mapping::{MapperKind, Pipeline};
 use radar_sar::geometry::Pose;
 
-/// Where there is no look of its own, the first is taken after so long, and the next when the recording is so much longer:
-/// each is a search through everything.
+/// Search modes without map updates: the first image is made after this time, nanoseconds, and the
+/// next whenever the recording is longer by the factor. Each image is a search over all data.
+/// Choice.
 const FIRST_UPDATE_NS: i64 = 1_000_000_000;
 const UPDATE_GROWTH: f64 = 1.1;
-/// A frame whose time is farther than this from the newest pose's is not noted, nanoseconds.
+/// A frame whose time differs by more than this from the newest pose is ignored, nanoseconds.
 const MAX_FRAME_POSE_GAP_NS: i64 = 1_000_000_000;
 
-/// The history, as both threads have it.
+/// The history, shared by both threads.
 #[derive(Debug, Clone)]
 pub struct SharedHistory(Arc<Shared>);
 
 #[derive(Debug)]
 struct Shared {
     history: Mutex<History>,
-    /// What holds for all of it, where that became known, or another, only now.
+    /// New recording information, if it changed.
     about: Mutex<Option<RecordingInfo>>,
     is_closed: AtomicBool,
 }
 
 impl SharedHistory {
-    /// Of a recording that says it is so long, seconds.
+    /// For a recording with this announced duration, seconds.
     pub fn new(expected_s: f64) -> Self {
         let history = Mutex::new(History::new(expected_s));
         Self(Arc::new(Shared { history, about: Mutex::default(), is_closed: AtomicBool::new(false) }))
     }
 
-    /// The history, for a short while.
+    /// Locks the history. Hold the lock only briefly.
     pub fn lock(&self) -> MutexGuard<'_, History> {
         self.0.history.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What holds for all of it, when that is another than before.
+    /// New recording information, if it changed since the last call.
     pub fn take_info(&self) -> Option<RecordingInfo> {
         self.0.about.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Nobody looks any more.
+    /// Marks the view as closed.
     pub fn close(&self) {
         self.0.is_closed.store(true, Ordering::Relaxed);
     }
 
-    /// Whether nobody looks any more.
+    /// Whether the view is closed.
     pub fn is_closed(&self) -> bool {
         self.0.is_closed.load(Ordering::Relaxed)
     }
 }
 
-/// Notes what a pipeline knows.
+/// Stores the state of a pipeline.
 #[derive(Debug)]
 pub struct Recorder {
     history: SharedHistory,
@@ -67,17 +68,17 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Into this history.
+    /// Stores into this history.
     pub fn new(history: &SharedHistory) -> Self {
         Self { history: history.clone(), updates: 0, start_ns: None, next_ns: i64::MIN }
     }
 
-    /// Whether nobody looks any more.
+    /// Whether the view is closed.
     pub fn is_closed(&self) -> bool {
         self.history.is_closed()
     }
 
-    /// The pipeline took an event; `frame_ns`: the time of the frame, if it was one.
+    /// Call after every event of the pipeline. `frame_ns`: time of the frame, if the event was one.
     pub fn record(&mut self, pipeline: &Pipeline, frame_ns: Option<i64>) {
         let Some((now_ns, head)) = pipeline.head() else { return };
         {
@@ -98,12 +99,12 @@ impl Recorder {
         }
     }
 
-    /// What holds for all of it is this from now on.
+    /// Replaces the recording information.
     pub fn record_info(&self, about: RecordingInfo) {
         *self.history.0.about.lock().unwrap_or_else(PoisonError::into_inner) = Some(about);
     }
 
-    /// The head is here, and the sensor's newest frame ended then, host nanoseconds.
+    /// Stores a head pose, and the end of the sensor's newest frame, host nanoseconds.
     pub fn record_head(&self, now_ns: i64, head: Pose, frame_ns: Option<i64>) {
         let mut history = self.history.lock();
         history.push_head(now_ns, head);
@@ -112,7 +113,7 @@ impl Recorder {
         }
     }
 
-    /// This is known now; `evidence` where there is new one.
+    /// Stores a scene, with evidence if there is new evidence.
     pub fn record_update(&self, now_ns: i64, scene: Scene, health: Health, evidence: Option<Arc<Evidence>>) {
         let mut history = self.history.lock();
         history.push_update(now_ns, scene, health);
@@ -121,7 +122,7 @@ impl Recorder {
         }
     }
 
-    /// For searches that have no looks of their own.
+    /// For search modes without map updates.
     fn is_due(&mut self, now_ns: i64) -> bool {
         let start_ns = *self.start_ns.get_or_insert(now_ns);
         if self.next_ns == i64::MIN {
@@ -149,7 +150,7 @@ impl Recorder {
         history.push_evidence(now_ns, evidence);
     }
 
-    /// The pipeline has finished.
+    /// Call when the pipeline has finished.
     pub fn finish(&mut self, pipeline: &Pipeline) {
         if let Some((now_ns, _)) = pipeline.head() {
             self.record_now(pipeline, pipeline.engine().newest_sweep_ns().unwrap_or(now_ns).max(now_ns));
@@ -157,7 +158,7 @@ impl Recorder {
     }
 }
 
-/// Nothing more will come, be it that the work is done or that it broke off.
+/// Marks the history as complete, also if the work ended with an error.
 impl Drop for Recorder {
     fn drop(&mut self) {
         self.history.lock().complete();

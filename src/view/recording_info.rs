@@ -1,4 +1,4 @@
-//! What holds for the whole recording, as the view needs it.
+//! Information about a whole recording that the view needs.
 
 use glam::DVec3;
 
@@ -11,37 +11,37 @@ use radar_sar::RangeAxis;
 use radar_sar::geometry::{Aabb, Pose};
 use radar_sar::truth::Truth;
 
-/// What holds for the whole recording.
+/// Information about a whole recording.
 #[derive(Debug, Clone)]
 pub struct RecordingInfo {
-    /// Where it comes from.
+    /// Source of the recording.
     pub title: String,
-    /// How long it says it is, seconds.
+    /// Announced duration, seconds.
     pub expected_s: f64,
-    /// It comes in as it happens, and has no end yet.
+    /// Whether the data arrives live; then the recording has no end yet.
     pub is_live: bool,
-    /// Where the sensor sits on the head.
+    /// Pose of the sensor in the head frame.
     pub head_from_sensor: Pose,
-    /// Widest angle to the boresight that counts, radians.
+    /// Half opening angle of the beam: the largest angle to the boresight that is used, radians.
     pub beam_rad: f64,
-    /// First and last range that is looked at, metres.
+    /// First and last range that is used, metres.
     pub ranges_m: [f64; 2],
-    /// Subsweeps of a sweep.
+    /// Subsweeps per sweep.
     pub subsweeps: usize,
-    /// Sweeps a second that the sensor makes at most.
+    /// Largest sweep rate of the sensor, Hz.
     pub sweeps_per_s: f64,
-    /// How it is searched.
+    /// Search mode.
     pub search: MapperKind,
-    /// Score from which on a sighting counts.
+    /// Score from which an observation counts.
     pub confirm_score: f64,
-    /// What is really there, where it is known.
+    /// The true objects, if known.
     pub truth: Option<Truth>,
-    /// How warnings look.
+    /// Style of the warnings.
     pub warning: WarningSettings,
 }
 
 impl RecordingInfo {
-    /// Of a recording and the settings that it is worked off with.
+    /// For a recording and the settings with which it is processed.
     pub fn new(header: &Header, settings: &Settings, search: MapperKind, expected_s: f64) -> Self {
         let (beam, blocks) = (&settings.radar.beam, &settings.rooms.blocks);
         let sensor_m = ranges_m(&header.config);
@@ -50,7 +50,8 @@ impl RecordingInfo {
                 let ranges_m = [sensor_m[0].max(blocks.min_range_m), sensor_m[1].min(blocks.max_range_m)];
                 (blocks.min_cos(beam), ranges_m)
             }
-            // Sums have no cut-off but the beam's own; its half amplitude is what one imagines.
+            // The backprojection has no cut-off except the beam itself; its half-amplitude angle is
+            // shown.
             MapperKind::Reflectors => (beam.cut_off_cos(0.5), sensor_m),
         };
         Self {
@@ -69,12 +70,12 @@ impl RecordingInfo {
         }
     }
 
-    /// Of what comes in as it happens.
+    /// For live data.
     pub fn live(header: &Header, settings: &Settings, search: MapperKind) -> Self {
         Self { is_live: true, ..Self::new(header, settings, search, 0.0) }
     }
 
-    /// Evidence below this is not shown at first: less confirms nothing.
+    /// Evidence below this is hidden at first, because it confirms nothing.
     pub fn min_score(&self) -> f32 {
         match self.search {
             MapperKind::Rooms => self.confirm_score as f32,
@@ -82,15 +83,16 @@ impl RecordingInfo {
         }
     }
 
-    /// What the evidence is measured in.
+    /// Name and unit of the evidence.
     pub fn score_name(&self) -> &'static str {
         match self.search {
-            MapperKind::Rooms => "block score",
+            MapperKind::Rooms => "coherence score",
             MapperKind::Reflectors => "excess over noise (σ)",
         }
     }
 
-    /// The box that is shown: the true room, else what the radar reaches around where the head was.
+    /// The displayed box: the true room if known, else the radar's range around the positions of
+    /// the head.
     pub fn bounds(&self, heads_m: impl IntoIterator<Item = DVec3>) -> Aabb {
         let walls = self.truth.iter().flat_map(|truth| &truth.walls).flat_map(|w| [w.extent.min, w.extent.max]);
         let things = self.truth.iter().flat_map(|truth| &truth.obstacles).flat_map(|o| o.points_m.iter().copied());
@@ -99,13 +101,13 @@ impl RecordingInfo {
         let known = Aabb::around(walls.chain(things).filter(sound));
         let heads = Aabb::around(heads_m.into_iter().filter(sound));
         let around = heads.map(|heads| {
-            // A head near 0 stands in a frame that does not begin at the floor.
+            // A head near height 0 is in a frame whose origin is not on the floor.
             let floor_m = if heads.min.y > 0.5 { 0.0 } else { heads.min.y - 1.0 };
             let low = (heads.min - reach).with_y(floor_m);
             Aabb { min: low, max: (heads.max + reach).with_y(heads.max.y + 0.4) }
         });
         match (known, around, heads) {
-            // The room, and the head within it.
+            // The true room, enlarged to contain the head.
             (Some(known), _, Some(heads)) => {
                 Aabb { min: known.min.min(heads.min - 0.3), max: known.max.max(heads.max + 0.3) }
             }

@@ -1,5 +1,5 @@
-//! What is known at one moment, put into space: floor, walls, obstacles, evidence, the head with its path and beam, warnings, the
-//! truth.
+//! Draws one moment in 3D: floor, walls, obstacles, evidence, the head with its path and beam,
+//! warnings, ground truth.
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 
@@ -13,22 +13,23 @@ use radar_mapping::{Evidence, MovingTarget, Observed, Obstacle, Wall};
 use radar_sar::eigen;
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
-/// The path is bright for so long, seconds.
+/// The path is bright for this time, seconds.
 const RECENT_S: f64 = 4.0;
-/// Walls are drawn so far around where they were seen, metres.
+/// Walls extend this far beyond where they were observed, metres.
 const WALL_MARGIN_M: f64 = 0.4;
-/// Their upper edge when their height is not known, metres.
+/// Upper edge of walls with unknown height, metres.
 const WALL_HEIGHT_M: f64 = 2.2;
-/// Steps of the evidence's colours.
+/// Number of colour steps of the evidence.
 const SHADES: f64 = 12.0;
-/// Uncertainty is drawn at so many 1σ, and no larger than this, metres.
+/// Uncertainty is drawn at this many standard deviations, with limits of the radius, metres.
 const SIGMAS: f64 = 2.0;
 const MAX_RADIUS_M: f64 = 0.7;
 const MIN_RADIUS_M: f64 = 0.008;
-/// So much of its colour has what is remembered from before and not seen again yet.
+/// Share of its colour for an object from the saved map that was not detected again yet.
 const RESTORED_ALPHA: f32 = 0.4;
 
-/// All of a moment in space. `bounds`: the box that is shown; `top_score`: the end of the evidence's colours.
+/// Draws a moment. `bounds`: the displayed box. `top_score`: the end of the evidence colour scale.
+/// `inside`: first-person view.
 pub fn room(
     about: &RecordingInfo,
     moment: &Moment,
@@ -57,7 +58,7 @@ pub fn room(
         moment.scene.moving.iter().for_each(|one| moving(&mut drawing, one));
     }
     let Some(head) = &moment.head else { return drawing };
-    // From within, head, path and beam would stand in one's own way.
+    // In the first-person view, head, path and beam would block the view.
     if !inside {
         if layers.path {
             path(&mut drawing, moment);
@@ -92,7 +93,7 @@ fn floor(drawing: &mut Drawing, bounds: &Aabb) {
     }
 }
 
-/// Ends of the axes with their names.
+/// End points of the axes with their names.
 pub fn axis_names(bounds: &Aabb) -> [(DVec3, &'static str); 3] {
     let origin = DVec3::ZERO.with_y(bounds.min.y);
     [(origin + DVec3::X * 0.58, "x"), (origin + DVec3::Y * 0.58, "y"), (origin + DVec3::Z * 0.58, "z")]
@@ -105,7 +106,7 @@ fn wall(drawing: &mut Drawing, wall: &Wall, bounds: &Aabb) {
     let u = if is_level { DVec3::X } else { DVec3::Y.cross(outward).normalize_or(DVec3::X) };
     let v = if is_level { DVec3::Z } else { DVec3::Y };
     let middle = wall.plane.foot(seen.center());
-    // Half of the box along a direction.
+    // Half the size of the observed box along a direction.
     let reach = |along: DVec3| (along.abs() * (seen.size() * 0.5)).element_sum();
     let on_wall = |a: f64, b: f64| wall.plane.foot(middle + u * a + v * b);
     let patch = |u_m: f64, v_m: [f64; 2]| {
@@ -118,7 +119,7 @@ fn wall(drawing: &mut Drawing, wall: &Wall, bounds: &Aabb) {
     let color = |alpha: f32| rgba(style::WALL, if wall.provisional { RESTORED_ALPHA * alpha } else { alpha });
     drawing.transparent_polygon(&corners, color(0.10));
     drawing.polyline(corners.into_iter().chain([corners[0]]), 1.5, color(0.8));
-    // Where its reflections came from.
+    // The area that reflected.
     drawing.transparent_polygon(&patch(reach(u) + 0.1, [-reach(v) - 0.1, reach(v) + 0.1]), color(0.22));
 }
 
@@ -136,7 +137,7 @@ fn truth(drawing: &mut Drawing, about: &RecordingInfo) {
 fn evidence(drawing: &mut Drawing, evidence: &Evidence, least: f32, top: f32) {
     for &(place, score) in evidence.voxels.iter().filter(|voxel| voxel.1 >= least) {
         let share = f64::from(((score - least) / (top - least).max(1e-6)).clamp(0.0, 1.0));
-        // Few colours are told apart more easily.
+        // A few discrete colours are easier to distinguish.
         let color = rgba(style::evidence((share * SHADES).round() / SHADES), 1.0);
         drawing.point(place.as_dvec3(), evidence.voxel_m * (0.10 + 0.22 * share), color);
     }
@@ -151,13 +152,13 @@ fn obstacle(drawing: &mut Drawing, obstacle: &Obstacle, is_selected: bool) {
     drawing.transparent_ball(obstacle.position_m, &uncertainty(obstacle), color);
 }
 
-/// The part of the sphere of its range that it may be on, the wedge that it was seen in, and an arrow the way it comes or goes in a
-/// second.
+/// The part of the range sphere on which the target may be, the wedge in which it was observed, and
+/// an arrow of its radial motion within one second.
 fn moving(drawing: &mut Drawing, moving: &MovingTarget) {
     const PARTS: i32 = 8;
     let color = |alpha: f32| rgba(style::MOVING, alpha);
     let half_rad = moving.half_width_rad();
-    // Round, as the beam is.
+    // Round, like the beam.
     let at = |share: f64, turn: f64| {
         let (sin, cos) = turn.sin_cos();
         moving.place_m(half_rad * share * cos, half_rad * share * sin)
@@ -167,7 +168,7 @@ fn moving(drawing: &mut Drawing, moving: &MovingTarget) {
         let share = |ring: i32| f64::from(2 * ring) / f64::from(PARTS);
         let (inner, outer) = (share(ring), share(ring + 1));
         let corners = [at(inner, turn(n)), at(outer, turn(n)), at(outer, turn(n + 1)), at(inner, turn(n + 1))];
-        // The likeliest is the brightest.
+        // The most likely part is the brightest.
         drawing.transparent_polygon(&corners, color(0.30 - 0.24 * outer as f32));
     }
     drawing.polyline((0..=4 * PARTS).map(|n| at(1.0, turn(n))), 1.5, color(0.8));
@@ -179,7 +180,7 @@ fn moving(drawing: &mut Drawing, moving: &MovingTarget) {
     drawing.line(place, place + way, 2.5, color(1.0));
 }
 
-/// Half axes of the ellipsoid of two 1σ, as columns.
+/// Half axes of the 2σ ellipsoid, as columns.
 fn uncertainty(obstacle: &Obstacle) -> DMat3 {
     if !obstacle.covariance_m2.is_finite() {
         return DMat3::from_diagonal(DVec3::splat(MAX_RADIUS_M));
@@ -196,7 +197,7 @@ fn uncertainty(obstacle: &Obstacle) -> DMat3 {
     )
 }
 
-/// What its label says.
+/// Text of its label.
 pub fn label(obstacle: &Obstacle, head: Option<&Pose>) -> String {
     let distance = head.map_or(String::new(), |head| format!("  {:.2} m", obstacle.distance_m(head.translation)));
     let doubt = match obstacle.observed {
@@ -211,7 +212,7 @@ pub fn label(obstacle: &Obstacle, head: Option<&Pose>) -> String {
 fn path(drawing: &mut Drawing, moment: &Moment) {
     for pair in moment.path.windows(2) {
         let age_s = moment.time_s - pair[1].0;
-        // A gap in the poses is no way.
+        // A gap in the poses is not part of the path.
         if pair[1].1.distance(pair[0].1) < 0.5 {
             let alpha = if age_s < RECENT_S { 1.0 - 0.7 * age_s / RECENT_S } else { 0.3 };
             drawing.line(pair[0].1, pair[1].1, 2.0, rgba(style::HEAD, alpha as f32));
@@ -219,7 +220,7 @@ fn path(drawing: &mut Drawing, moment: &Moment) {
     }
 }
 
-/// A head with a headset on: what looks ahead is dark.
+/// A head with a headset: the front is dark.
 fn headset(drawing: &mut Drawing, tracking_from_head: &Pose) {
     let turn = DMat3::from_quat(tracking_from_head.rotation);
     let skull = tracking_from_head.transform_point(DVec3::new(0.0, 0.005, 0.095));
@@ -238,7 +239,7 @@ fn headset(drawing: &mut Drawing, tracking_from_head: &Pose) {
     drawing.line(tracking_from_head.transform_point(DVec3::NEG_Z * 0.07), ahead, 2.0, rgba(style::HEAD, 1.0));
 }
 
-/// The cone to the cut-off angle, from the first to the last range.
+/// The cone up to the cut-off angle, from the first to the last range.
 fn beam(drawing: &mut Drawing, tracking_from_sensor: &Pose, about: &RecordingInfo) {
     let (sin, cos) = about.beam_rad.sin_cos();
     let rim = |range_m: f64, turn: f64| {
@@ -257,7 +258,7 @@ fn beam(drawing: &mut Drawing, tracking_from_sensor: &Pose, about: &RecordingInf
     }
     for turn in turns.iter().step_by(8).take(4) {
         drawing.line(rim(first_m, *turn), rim(last_m, *turn), 1.0, color(0.55));
-        // Over the last range's sphere, through the boresight.
+        // Arc on the sphere of the last range, through the boresight.
         let arc = (0..=12).map(|n| {
             let (s, c) = (about.beam_rad * f64::from(n) / 12.0).sin_cos();
             let aside = DQuat::from_rotation_z(*turn) * DVec3::X * s;
@@ -281,7 +282,7 @@ fn warnings(drawing: &mut Drawing, warnings: &Warnings, color: [u8; 3], floor_m:
     }
 }
 
-/// A panel with its grid, as its texture has it.
+/// A panel with its grid, as on its texture.
 fn panel(drawing: &mut Drawing, panel: &Panel, color: impl Fn(f32) -> Color) {
     let half = panel.size_m / 2.0;
     let at = |x: f64, y: f64| panel.tracking_from_panel.transform_point(DVec3::new(x, y, 0.0));
@@ -462,7 +463,7 @@ mod tests {
             drawing.transparent_faces.iter().map(|face| face.color).chain(drawing.lines.iter().map(|line| line.color));
         let own = colors(rgba(style::MOVING, 1.0));
         assert!(all.map(colors).all(|color| color == own) && own != colors(rgba(style::FOUND, 1.0)));
-        // An arrow towards where it was seen from.
+        // An arrow towards the sensor.
         let arrow = drawing.lines.last().unwrap();
         assert!((arrow.to_m.distance(from) - 0.7).abs() < 1e-9);
         let mut nowhere = Drawing::default();

@@ -1,4 +1,4 @@
-//! A pass over the window's content onto a texture: the room's picture first, then everything else by egui.
+//! Renders one pass of the window's content to a texture: first the image of the room, then egui.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -8,13 +8,13 @@ use super::space::Space;
 use super::style;
 use crate::render::{RenderError, needed_limits};
 
-/// The device and everything on it.
+/// The device and its resources.
 pub struct Screen {
     /// The device.
     pub device: wgpu::Device,
     /// Its queue.
     pub queue: wgpu::Queue,
-    /// egui's state.
+    /// egui's context.
     pub context: egui::Context,
     renderer: egui_wgpu::Renderer,
     space: Space,
@@ -22,15 +22,15 @@ pub struct Screen {
     first_error: Arc<Mutex<Option<String>>>,
 }
 
-/// What a pass asks for.
+/// What a pass requests.
 pub struct PassOutput {
     /// Cursor, clipboard.
     pub platform: egui::PlatformOutput,
-    /// Another pass is wanted after so long.
+    /// Time until the next pass.
     pub again_after: Duration,
 }
 
-/// The adapter that can draw to a surface, or to textures.
+/// An adapter that can draw to the surface, or to textures.
 ///
 /// # Errors
 /// There is none.
@@ -44,15 +44,15 @@ pub fn adapter(instance: &wgpu::Instance, surface: Option<&wgpu::Surface>) -> Re
 }
 
 impl Screen {
-    /// On an adapter; `format`: of the textures that passes end on.
+    /// Opens a device on an adapter. `format`: format of the target textures.
     ///
     /// # Errors
-    /// The adapter gives no device.
+    /// The adapter cannot open a device.
     pub fn new(adapter: &wgpu::Adapter, format: wgpu::TextureFormat) -> Result<Self, RenderError> {
         let described = wgpu::DeviceDescriptor {
             label: Some("radar-chaperone view"),
             required_limits: needed_limits(&adapter.limits()),
-            // As in `render`: memory is taken in pieces of 8 MB instead of 128.
+            // As in `render`: allocates memory in blocks of 8 MB instead of 128 MB.
             memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..Default::default()
         };
@@ -66,12 +66,12 @@ impl Screen {
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| note(&keep, error.to_string())));
         let keep = Arc::clone(&first_error);
         device.set_device_lost_callback(move |reason, message| {
-            // A device that is given back in order is no complaint.
+            // A device that is destroyed in order is no error.
             if reason != wgpu::DeviceLostReason::Destroyed {
                 note(&keep, format!("the device was lost: {message}"));
             }
         });
-        // Without dithering pictures of the same state are the same and small.
+        // Without dithering, images of the same state are equal and compress well.
         let options = egui_wgpu::RendererOptions { dithering: false, ..Default::default() };
         let mut renderer = egui_wgpu::Renderer::new(&device, format, options);
         let space = Space::new(&device);
@@ -92,15 +92,15 @@ impl Screen {
         Ok(Self { device, queue, context, renderer, space, texture, first_error })
     }
 
-    /// Where the picture of the room is.
+    /// The texture with the image of the room.
     pub fn texture(&self) -> egui::TextureId {
         self.texture
     }
 
-    /// One pass onto a target of so many pixels.
+    /// Renders one pass to a target with this size in pixels.
     ///
     /// # Errors
-    /// The device complained of something.
+    /// The device reported an error.
     pub fn pass(
         &mut self,
         app: &mut App,
@@ -155,7 +155,7 @@ impl Screen {
     }
 
     /// # Errors
-    /// The first complaint of the device.
+    /// The first error that the device reported.
     pub fn check(&self) -> Result<(), RenderError> {
         let first_error = self.first_error.lock().unwrap_or_else(PoisonError::into_inner).take();
         first_error.map_or(Ok(()), |cause| Err(RenderError::Device(cause)))

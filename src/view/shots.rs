@@ -1,4 +1,5 @@
-//! Pictures of the view without a window, as PNG: for documentation and tests. The same recording gives the same states.
+//! Screenshots of the view without a window, as PNG files, for documentation and tests. The same
+//! recording gives the same states.
 
 use std::path::{Path, PathBuf};
 
@@ -13,18 +14,18 @@ use super::screen::{Screen, adapter};
 use super::space::FORMAT;
 use crate::render::RenderError;
 
-/// Size of the pictures.
+/// Size of the images, pixels.
 const SIZE_PX: [u32; 2] = [1600, 1000];
-/// Passes until everything has found its place.
+/// Passes until the layout has settled.
 const PASSES: u32 = 4;
 
-/// The name of a picture, and what puts the app into its state.
+/// Name of an image, and the function that sets the app's state.
 type State = (&'static str, fn(&mut App));
 
-/// Draws the states into a folder; the app's history is complete. Gives the files.
+/// Draws the states into a folder. The app's history must be complete. Returns the files.
 ///
 /// # Errors
-/// No graphics adapter, a device that fails, a folder that cannot be written to.
+/// There is no graphics adapter, the device fails, or the folder cannot be written.
 pub fn shots(app: &mut App, folder: &Path, duration_s: f64) -> Result<Vec<PathBuf>, ViewError> {
     let mut described = wgpu::InstanceDescriptor::new_without_display_handle();
     described.backends = wgpu::Backends::VULKAN;
@@ -84,7 +85,7 @@ fn picture(screen: &mut Screen, app: &mut App) -> Result<RgbaImage, ViewError> {
         let size = egui::vec2(width as f32, height as f32);
         let input = egui::RawInput {
             screen_rect: Some(egui::Rect::from_min_size(egui::Pos2::ZERO, size)),
-            // What moves by itself has come to rest.
+            // Animations have ended by then.
             time: Some(screen.context.input(|input| input.time) + f64::from(n)),
             max_texture_side: Some(screen.device.limits().max_texture_dimension_2d as usize),
             ..Default::default()
@@ -118,7 +119,7 @@ fn read(screen: &Screen, texture: &wgpu::Texture) -> Result<RgbaImage, RenderErr
     waited.map_err(|error| failed(&error))?;
     let mapped = buffer.get_mapped_range(..).map_err(|error| failed(&error))?;
     let pixels = mapped.chunks(row as usize).flat_map(|line| &line[..4 * width as usize]).copied().collect();
-    let mut picture = RgbaImage::from_raw(width, height, pixels).ok_or_else(|| failed(&"picture came back short"))?;
+    let mut picture = RgbaImage::from_raw(width, height, pixels).ok_or_else(|| failed(&"image has too few pixels"))?;
     picture.pixels_mut().for_each(|pixel| pixel[3] = 255);
     Ok(picture)
 }

@@ -1,5 +1,6 @@
-//! Draws a [`Drawing`] on the GPU: into a texture, four samples a pixel, with depth. Places reach the GPU relative to the eye; the
-//! difference is taken in f64, so a room far from the origin is as sharp as one at it.
+//! Draws a [`Drawing`] on the GPU: to a texture, with four samples per pixel and depth. Positions
+//! reach the GPU relative to the eye, with the difference taken in f64, so precision does not
+//! depend on the distance to the origin.
 
 use bytemuck::{Pod, Zeroable};
 use glam::DVec3;
@@ -8,11 +9,11 @@ use super::camera::Eye;
 use super::drawing::{Drawing, Face};
 use super::style;
 
-/// Of the texture drawn into: sRGB colours are stored as they are, as egui wants them.
+/// Format of the target texture. sRGB colours are stored unconverted, as egui expects.
 pub const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 const DEPTH: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 const SAMPLES: u32 = 4;
-/// Lines begin so far before the eye, metres.
+/// Lines are clipped at this distance from the eye, metres.
 const LINE_NEAR_M: f32 = 0.04;
 
 #[repr(C)]
@@ -47,7 +48,7 @@ struct LineInstance {
     width_px: f32,
 }
 
-/// The pipelines, and the picture of the present size.
+/// The pipelines, and the target of the current size.
 pub struct Space {
     faces: wgpu::RenderPipeline,
     balls: wgpu::RenderPipeline,
@@ -64,7 +65,7 @@ struct Canvas {
 }
 
 impl Space {
-    /// Compiles what is needed.
+    /// Creates the pipelines.
     pub fn new(device: &wgpu::Device) -> Self {
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: None,
@@ -116,7 +117,7 @@ impl Space {
         }
     }
 
-    /// Draws; gives the picture, and whether it is another one than last time.
+    /// Draws. Returns the target, and whether it is a new texture.
     pub fn draw(
         &mut self,
         device: &wgpu::Device,
@@ -257,13 +258,13 @@ fn vertices<T>(step_mode: wgpu::VertexStepMode, attributes: &[wgpu::VertexAttrib
     wgpu::VertexBufferLayout { array_stride: size_of::<T>() as u64, step_mode, attributes }
 }
 
-/// What tells one pipeline from another.
+/// What distinguishes one pipeline from another.
 struct Part<'a> {
     /// Vertex and fragment entry points.
     entries: [&'a str; 2],
     vertices: wgpu::VertexBufferLayout<'a>,
     topology: wgpu::PrimitiveTopology,
-    /// Whether it hides what is behind it.
+    /// Whether it occludes what is behind it.
     hides: bool,
 }
 

@@ -1,32 +1,32 @@
-//! The few colours of the view, sRGB, and what numbers look like.
+//! Colours of the view (sRGB), and number formats.
 
 use egui::Color32;
 
-/// Behind everything.
+/// Background.
 pub const GROUND: Color32 = Color32::from_rgb(0x14, 0x16, 0x1a);
 /// Panels of the window.
 pub const PANEL: Color32 = Color32::from_rgb(0x1b, 0x1e, 0x23);
-/// Lines between things, the floor's grid.
+/// Lines between widgets, and the floor grid.
 pub const GRID: Color32 = Color32::from_rgb(0x35, 0x3a, 0x42);
-/// Every metre of the floor's grid.
+/// Floor grid lines at full metres.
 pub const GRID_METRE: Color32 = Color32::from_rgb(0x4b, 0x52, 0x5c);
 /// Text.
 pub const INK: Color32 = Color32::from_rgb(0xe6, 0xe8, 0xeb);
-/// Text beside the matter.
+/// Secondary text.
 pub const MUTED: Color32 = Color32::from_rgb(0x9a, 0xa1, 0xab);
-/// Where the player is: the head and its path, the playhead.
+/// The head and its path, and the playhead.
 pub const HEAD: Color32 = Color32::from_rgb(0xf2, 0xf4, 0xf7);
 /// The radar's beam.
 pub const BEAM: Color32 = Color32::from_rgb(0xc9, 0x9b, 0xe8);
-/// What was found.
+/// Detected obstacles.
 pub const FOUND: Color32 = Color32::from_rgb(0x6f, 0xe3, 0x9a);
-/// Walls that were found.
+/// Detected walls.
 pub const WALL: Color32 = Color32::from_rgb(0x5b, 0x93, 0xf0);
-/// What moves by itself.
+/// Moving targets.
 pub const MOVING: Color32 = Color32::from_rgb(0xff, 0x5c, 0xa8);
-/// What is really there.
+/// Ground truth.
 pub const TRUTH: Color32 = Color32::from_rgb(0x8d, 0x95, 0xa0);
-/// What is not as it should be.
+/// Unhealthy values.
 pub const BAD: Color32 = Color32::from_rgb(0xf0, 0x8a, 0x6a);
 
 /// Red, green, blue and alpha, 0 to 1.
@@ -35,8 +35,8 @@ pub fn rgba(color: Color32, alpha: f32) -> [f32; 4] {
     [r, g, b, alpha]
 }
 
-/// The colour for a share from 0 to 1 of the greatest evidence. Its darkest part, which would not stand out of the ground, is
-/// left out.
+/// The colour for a share of the largest evidence, 0 to 1. The darkest part of the scale, which is
+/// not visible on the background, is not used.
 pub fn evidence(share: f64) -> Color32 {
     let [r, g, b] = crate::report::inferno(0.25 + 0.75 * share.clamp(0.0, 1.0));
     Color32::from_rgb(r, g, b)
@@ -48,7 +48,7 @@ pub fn clock(time_s: f64) -> String {
     format!("{}:{:02}.{:02}", hundredths / 6000, hundredths / 100 % 60, hundredths % 100)
 }
 
-/// Greys and few colours for the whole window.
+/// Applies the colours to the whole window.
 pub fn apply(context: &egui::Context) {
     context.set_theme(egui::Theme::Dark);
     let mut visuals = egui::Visuals::dark();

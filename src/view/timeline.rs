@@ -1,25 +1,25 @@
-//! The strip with the recording's time: what is worked off, where obstacles were first there, where one is.
+//! The timeline: what is processed, when obstacles were first confirmed, and the current position.
 
 use egui::{Align2, FontId, Pos2, Rect, Sense, Stroke, StrokeKind, Ui, vec2};
 
 use super::player::{Extent, Player};
 use super::style;
 
-/// Steps between two ticks, seconds.
+/// Possible intervals between two ticks, seconds.
 const TICKS_S: [f64; 12] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0];
-/// Two ticks lie at least so far apart, points.
+/// Smallest distance between two ticks, egui points.
 const TICK_POINTS: f64 = 70.0;
 
-/// What was asked of the buttons beside the strip.
+/// Actions of the buttons beside the timeline.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct TimelineActions {
-    /// A step of frames back or on.
+    /// Step frames back or forward.
     pub step: i32,
-    /// The list of keys.
+    /// Show or hide the help list.
     pub help: bool,
 }
 
-/// Buttons and strip; seeks, plays and stops by itself.
+/// Draws buttons and timeline. Applies seek, play and pause to the player.
 pub fn timeline(ui: &mut Ui, player: &mut Player, extent: &Extent, marks: &[(f64, u64)]) -> TimelineActions {
     let mut asked = TimelineActions::default();
     ui.add_space(4.0);
@@ -35,7 +35,7 @@ pub fn timeline(ui: &mut Ui, player: &mut Player, extent: &Extent, marks: &[(f64
     asked
 }
 
-/// What is painted on a button: the fonts at hand have no such signs.
+/// Icons painted on buttons, because the fonts lack these glyphs.
 #[derive(Clone, Copy)]
 enum Icon {
     First,
@@ -101,7 +101,7 @@ fn buttons(ui: &mut Ui, player: &mut Player, extent: &Extent, asked: &mut Timeli
     ui.label(egui::RichText::new(time).monospace().size(15.0));
 }
 
-/// What is being worked off, in words.
+/// Progress of the processing, as text.
 fn state(player: &Player, extent: &Extent) -> String {
     if extent.is_complete {
         return String::new();
@@ -109,13 +109,13 @@ fn state(player: &Player, extent: &Extent) -> String {
     if player.is_live() {
         return match extent.buffered_s - player.time_s() {
             _ if player.is_at_edge() => "live".to_owned(),
-            behind_s => format!("{} ago; End goes to now", style::clock(behind_s.max(0.0))),
+            behind_s => format!("{} behind live; press End to follow", style::clock(behind_s.max(0.0))),
         };
     }
     let percent = 100.0 * extent.buffered_s / extent.duration_s.max(1e-9);
     match player.awaited_s() {
-        Some(awaited_s) => format!("working towards {} … {percent:.0} %", style::clock(awaited_s)),
-        None => format!("working through the recording … {percent:.0} %"),
+        Some(awaited_s) => format!("processing up to {} … {percent:.0} %", style::clock(awaited_s)),
+        None => format!("processing the recording … {percent:.0} %"),
     }
 }
 
@@ -175,7 +175,7 @@ fn ticks(painter: &egui::Painter, bar: Rect, duration_s: f64, x: &impl Fn(f64) -
         } else {
             format!("{}:{:02}", time_s as u64 / 60, time_s as u64 % 60)
         };
-        // The first one would stick out on the left.
+        // The first tick label is left-aligned, so that it does not stick out.
         let anchor = if time_s > 0.0 { Align2::CENTER_TOP } else { Align2::LEFT_TOP };
         let beside = if time_s > 0.0 { 0.0 } else { -6.0 };
         painter.text(at + vec2(beside, 4.0), anchor, text, FontId::proportional(11.0), style::MUTED);

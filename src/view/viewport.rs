@@ -1,4 +1,4 @@
-//! The room on the screen: turns, moves and zooms with the mouse; writes names and distances beside things.
+//! The room on the screen: mouse control of the camera, and labels with names and distances.
 
 use egui::{Align2, Color32, CornerRadius, FontId, PointerButton, Pos2, Rect, Sense, Ui, pos2, vec2};
 use glam::{DVec2, DVec3};
@@ -13,26 +13,26 @@ use super::style;
 use radar_mapping::{MovingTarget, Obstacle};
 use radar_sar::geometry::{Aabb, Plane};
 
-/// So many obstacles have their distance beside them.
+/// Number of obstacles that are labelled with their distance.
 const MAX_FULL_LABELS: usize = 6;
 
-/// What is to be seen.
+/// Content of the view.
 pub struct ViewContent<'a> {
-    /// The recording.
+    /// Information about the recording.
     pub about: &'a RecordingInfo,
-    /// The moment.
+    /// The displayed moment.
     pub moment: &'a Moment,
-    /// The layers.
+    /// The visible layers.
     pub layers: &'a Layers,
-    /// The box around all of it.
+    /// The displayed box.
     pub bounds: &'a Aabb,
-    /// The end of the evidence's colours.
+    /// The end of the evidence colour scale.
     pub top_score: f32,
-    /// Where the picture of the room is.
+    /// The texture with the image of the room.
     pub texture: egui::TextureId,
 }
 
-/// The view; gives the eye to draw the picture with, and whether the camera was moved by hand.
+/// Draws the view. Returns the eye for the next image, and whether the user moved the camera.
 pub fn viewport(ui: &mut Ui, area: Rect, camera: &mut Camera, shown: &ViewContent) -> (Eye, bool) {
     let response = ui.allocate_rect(area, Sense::click_and_drag());
     let is_moved = steer(ui, area, &response, camera);
@@ -106,7 +106,7 @@ fn names(painter: &egui::Painter, shown: &ViewContent, on_screen: &impl Fn(DVec3
     }
 }
 
-/// What a plane is to somebody in the room.
+/// Name of a plane for the user.
 fn plane_name(plane: &Plane) -> &'static str {
     match plane.is_level() {
         true if plane.outward.y < 0.0 => "floor",
@@ -115,7 +115,7 @@ fn plane_name(plane: &Plane) -> &'static str {
     }
 }
 
-/// Metres along two edges of the floor.
+/// Distances along two edges of the floor, metres.
 fn metres(bounds: &Aabb, small: &mut impl FnMut(DVec3, &str, Color32)) {
     let y = bounds.min.y;
     for x in bounds.min.x.ceil() as i32..=bounds.max.x.floor() as i32 {
@@ -126,7 +126,7 @@ fn metres(bounds: &Aabb, small: &mut impl FnMut(DVec3, &str, Color32)) {
     }
 }
 
-/// Beside the arc's end, where nothing of it is.
+/// Labels a moving target beside the end of its arc.
 fn moving_name(
     painter: &egui::Painter,
     moving: &MovingTarget,
@@ -142,7 +142,7 @@ fn moving_name(
     painter.galley(chip.min + vec2(4.0, 1.0), galley, style::MOVING);
 }
 
-/// Distances beside the nearest ones and the selected one, numbers beside the rest.
+/// Labels the nearest obstacles and the selected one with distances, the others with numbers.
 fn obstacle_names(
     painter: &egui::Painter,
     shown: &ViewContent,
@@ -176,7 +176,7 @@ fn obstacle_names(
     }
 }
 
-/// What colours mean, and the grid's step.
+/// Legend: meaning of the colours, and the grid spacing.
 fn legend(painter: &egui::Painter, area: Rect, shown: &ViewContent) {
     let font = FontId::proportional(12.0);
     let mut at = area.left_bottom() + vec2(14.0, -14.0);
@@ -196,7 +196,7 @@ fn legend(painter: &egui::Painter, area: Rect, shown: &ViewContent) {
     }
 }
 
-/// A scale of colours from left to right.
+/// A horizontal colour scale.
 pub fn color_bar(painter: &egui::Painter, bar: Rect, color: impl Fn(f64) -> Color32) {
     const PARTS: u16 = 64;
     for n in 0..PARTS {

@@ -1,4 +1,4 @@
-//! The window on the desktop: events in, pictures out, one whenever something changed and none otherwise.
+//! The desktop window: redraws whenever something changed, and only then.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -17,7 +17,7 @@ use crate::render::RenderError;
 /// Shows the app in a window until it is closed.
 ///
 /// # Errors
-/// There is no desktop, no window, nothing that draws to it, or the device failed.
+/// There is no desktop, no window or no surface, or the device failed.
 pub fn show(app: &mut App, title: &str) -> Result<(), ViewError> {
     let event_loop = EventLoop::new().map_err(|error| ViewError::NoDesktop(strip_source_location(&error)))?;
     let mut desktop = Desktop { app, title: title.to_owned(), open: None, failure: None, next: None };
@@ -25,7 +25,7 @@ pub fn show(app: &mut App, title: &str) -> Result<(), ViewError> {
     desktop.failure.map_or(Ok(()), Err)
 }
 
-/// What an error of the desktop says, without the place in the source code that it names first.
+/// Text of an error of the desktop, without the source location with which it begins.
 fn strip_source_location(error: &winit::error::EventLoopError) -> String {
     let text = error.to_string();
     let said = text.rsplit_once(".rs:").and_then(|(_, said)| said.split_once(": ")).map(|(_, said)| said.to_owned());
@@ -37,11 +37,11 @@ struct Desktop<'a> {
     title: String,
     open: Option<OpenWindow>,
     failure: Option<ViewError>,
-    /// When to draw again if nothing else happens.
+    /// Next redraw if nothing else happens.
     next: Option<Instant>,
 }
 
-/// The open window. The surface goes before the window that it is on.
+/// The open window. Declared in drop order: the surface before its window.
 struct OpenWindow {
     surface: wgpu::Surface<'static>,
     config: wgpu::SurfaceConfiguration,
@@ -72,7 +72,7 @@ impl OpenWindow {
         let mut config = surface
             .get_default_config(&adapter, size.width.max(1), size.height.max(1))
             .ok_or_else(|| no_surface(format!("{} cannot show pictures on this display", adapter.get_info().name)))?;
-        // egui's colours are sRGB as they are: a format that does not convert them.
+        // egui's colours are already sRGB: use a format without conversion.
         let plain = [wgpu::TextureFormat::Bgra8Unorm, wgpu::TextureFormat::Rgba8Unorm];
         let offered = surface.get_capabilities(&adapter).formats;
         config.format = plain.into_iter().find(|format| offered.contains(format)).unwrap_or(config.format);
@@ -93,7 +93,8 @@ impl OpenWindow {
         self.surface.configure(&self.screen.device, &self.config);
     }
 
-    /// Draws; gives after how long again. `None`: at once, the surface was made anew or was not ready.
+    /// Draws. Returns the time until the next redraw. `None`: at once, because the surface was
+    /// recreated or was not ready.
     fn draw(&mut self, app: &mut App) -> Result<Option<Duration>, ViewError> {
         use wgpu::CurrentSurfaceTexture as Current;
         let frame = match self.surface.get_current_texture() {
@@ -107,7 +108,7 @@ impl OpenWindow {
             }
             Current::Validation => {
                 self.screen.check()?;
-                return Err(ViewError::Render(RenderError::Device("the window gives no picture to draw on".into())));
+                return Err(ViewError::Render(RenderError::Device("the window has no drawable image".into())));
             }
         };
         let target = frame.texture.create_view(&Default::default());

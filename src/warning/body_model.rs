@@ -1,14 +1,15 @@
-//! The player's body: head and neck, torso, arms.
+//! Body model of the wearer: head and neck, torso, arms.
 //!
-//! Of a player the headset and the controllers are tracked. The torso is taken to be upright, from below the head to the floor, so
-//! that crouching lowers it. Its place follows the head: a head that leans leaves it behind by up to 15 cm, which is what
-//! trunk and neck give before hips or feet follow, and within a third of a second it stands under the head again. It cannot be known better:
-//! a head alone does not tell a step from a bow, and the error that is left leans to the careful side, a body believed to
-//! have come along. An arm runs straight from its shoulder to its hand.
+//! Only the headset and the controllers are tracked. The torso is assumed upright, from below the
+//! head to the floor, so crouching lowers it. Its position follows the head: a leaning head leaves
+//! it behind by up to 15 cm, as far as trunk and neck give before hips or feet follow, and it is
+//! under the head again within a third of a second. A head alone does not distinguish a step from a
+//! bow; the remaining error is on the safe side, a body assumed to have followed. An arm is a
+//! straight line from the shoulder to the hand.
 //!
-//! Distances are from these parts' axes: the torso's upright line, the line from between the eyes to the neck, the line along an arm. What
-//! room there is to the body's surface is that less the part's radius, half the breadth across the shoulders (about half a
-//! metre in adults), the head's with a headset on it, a hand's with its controller.
+//! Distances start from the axes of these parts: the torso's vertical line, the line from between
+//! the eyes to the neck, the line along an arm. The gap to the body's surface is that distance less
+//! the part's radius.
 
 use glam::DVec3;
 
@@ -18,33 +19,33 @@ use super::wearer::{BodyPart, Wearer};
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 
-/// Half the breadth across the shoulders, metres.
+/// Half of the shoulder breadth (about half a metre in adults), metres.
 const TORSO_RADIUS_M: f64 = 0.25;
-/// Head with a headset, metres.
+/// Radius of the head with a headset, metres.
 const HEAD_RADIUS_M: f64 = 0.12;
-/// A hand that holds a controller, metres.
+/// Radius of a hand with a controller, metres.
 const HAND_RADIUS_M: f64 = 0.08;
-/// From the eyes down to where the shoulders begin, metres.
+/// From the eyes down to the shoulders, metres.
 const NECK_M: f64 = 0.25;
-/// From the spine to a shoulder's joint, metres.
+/// From the spine to a shoulder joint, metres.
 const SHOULDER_M: f64 = 0.18;
-/// The torso reaches at least so far down: the floor may be lower than the tracking frame says, metres.
+/// Least length of the torso, metres: the floor may be lower than the tracking frame says.
 const MIN_TORSO_M: f64 = 1.6;
-/// A head leans so far before hips follow, metres.
+/// Largest lean of the head before the hips follow, metres.
 const LEAN_M: f64 = 0.15;
-/// Time in which the torso comes under the head, seconds.
+/// Time constant of the torso following the head, seconds.
 const TORSO_FOLLOW_S: f64 = 0.3;
-/// A hand farther from the head than this is not this player's, metres.
+/// A hand farther from the head than this is not the wearer's, metres. Choice.
 const MAX_HAND_DISTANCE_M: f64 = 1.5;
-/// Faster than this no head moves: the frame has leapt, m/s.
+/// A faster head is a leap of the tracking frame, m/s. Choice.
 const MAX_HEAD_M_PER_S: f64 = 6.0;
-/// Faster than this no hand moves, m/s.
+/// A faster hand is a tracking error, m/s. Choice.
 const MAX_HAND_M_PER_S: f64 = 15.0;
-/// Smoothing of a head's speed and a hand's, seconds.
+/// Smoothing time constants of the velocities of head and hands, seconds. Choice.
 const HEAD_SMOOTHING_S: f64 = 0.08;
 const HAND_SMOOTHING_S: f64 = 0.04;
 
-/// A part of the body: a line with a thickness, and how its ends move.
+/// A body part: a line with a radius and the velocities of its ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Limb {
     pub part: BodyPart,
@@ -54,14 +55,14 @@ pub(super) struct Limb {
 }
 
 impl Limb {
-    /// Where on the axis, 0 to 1, a place is nearest.
+    /// Position on the axis nearest to a point, 0 to 1.
     pub fn share_near(&self, place: DVec3) -> f64 {
         let along = self.ends[1] - self.ends[0];
         let length = along.length_squared();
         if length < 1e-9 { 0.0 } else { ((place - self.ends[0]).dot(along) / length).clamp(0.0, 1.0) }
     }
 
-    /// The place on the axis and how it moves.
+    /// Point and velocity at a position on the axis.
     pub fn at(&self, share: f64) -> (DVec3, DVec3) {
         let [from, to] = self.ends;
         let [from_moves, to_moves] = self.velocities_m_per_s;
@@ -75,18 +76,19 @@ pub(super) struct BodyModel {
     pub head_m: DVec3,
     /// The head's forward direction.
     pub ahead: DVec3,
-    /// How fast the head moves, m/s.
+    /// Speed of the head, m/s.
     pub head_speed_m_per_s: f64,
     pub limbs: Vec<Limb>,
 }
 
 impl BodyModel {
-    /// Standing straight and still; `None` when the pose is none.
+    /// Standing upright and still; `None` for an invalid pose.
     pub fn still(tracking_from_head: &Pose) -> Option<Self> {
         Self::of(&Wearer::head_only(0, *tracking_from_head), None, [DVec3::ZERO; 4])
     }
 
-    /// With the torso at x and z of `hips`, or straight below the head. Velocities of head, hips, left and right hand.
+    /// With the torso at x and z of `hips`, or straight below the head. Velocities of head, hips,
+    /// left and right hand.
     fn of(wearer: &Wearer, hips: Option<DVec3>, velocities: [DVec3; 4]) -> Option<Self> {
         let head = wearer.tracking_from_head.translation;
         let ahead = wearer.tracking_from_head.forward();
@@ -116,18 +118,18 @@ impl BodyModel {
     }
 }
 
-/// What is remembered of the player from frame to frame.
+/// Estimates the wearer's posture from frame to frame.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct PostureEstimator {
     head: VelocityFilter,
     hips: VelocityFilter,
     hands: [VelocityFilter; 2],
-    /// Where the hips are, as x and z of it, and when.
+    /// Time and position of the hips; only x and z are used.
     hips_m: Option<(i64, DVec3)>,
 }
 
 impl PostureEstimator {
-    /// The body now; `None` when the head's pose is none.
+    /// The body now; `None` for an invalid head pose.
     pub fn update(&mut self, wearer: &Wearer) -> Option<BodyModel> {
         let head = wearer.tracking_from_head.translation;
         if !is_valid_position(head) {

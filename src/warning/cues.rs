@@ -1,9 +1,11 @@
-//! When to sound and when to shake a controller: a state machine over the warnings of each frame.
+//! When to play a tone and when to pulse a controller: a state machine over the warnings of each
+//! frame.
 //!
-//! A cue follows how bright a warning is, so it knows distance, time to contact and calm: who stands still before a wall hears and
-//! feels nothing, since the warning has dimmed below where cues begin. It begins at one brightness and ends at a lower
-//! one, repeats the faster the brighter, never faster than a bound, and thins out when it has gone on for some seconds without getting
-//! worse: what has been said need not be said again and again.
+//! A cue follows the brightness of a warning, which contains distance, time to contact and
+//! habituation. A wearer who stands still near a wall gets no cues, because the warning has dimmed
+//! below the start level. Cues have hysteresis: they start at one brightness and stop at a lower
+//! one. They repeat faster with brightness, up to a limit, and thin out after some seconds at the
+//! same level.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -11,45 +13,48 @@ use serde::{Deserialize, Serialize};
 use super::panel::{Panel, Warnings};
 use super::wearer::{BodyPart, Wearer};
 
-/// Cues begin at this share of full brightness and end below that one.
+/// Share of full brightness at which cues start, and the lower one at which they stop. Choice.
 const START_LEVEL: f64 = 0.55;
 const STOP_LEVEL: f64 = 0.40;
-/// From one pulse's start to the next: where cues begin, and at full brightness, seconds.
+/// Interval between starts of pulses, seconds: at the start level, and at full brightness. Choice.
 const PULSE_INTERVAL_S: (f64, f64) = (0.6, 0.2);
-/// From one tone's start to the next, likewise, seconds.
+/// Interval between starts of tones, seconds: at the start level, and at full brightness. Choice.
 const TONE_INTERVAL_S: (f64, f64) = (1.0, 0.3);
-/// A pulse is made of ticks, one a frame, for so long, nanoseconds.
+/// Length of a pulse, nanoseconds. A pulse consists of ticks, one per frame. Choice.
 const PULSE_NS: i64 = 70_000_000;
-/// A controller takes a tick every 5 ms at most, nanoseconds.
+/// Least interval between ticks, nanoseconds. SteamVR accepts one every 5 ms at most.
 const MIN_TICK_INTERVAL_NS: i64 = 6_000_000;
-/// Length of a tick where cues begin and at full brightness, microseconds; a controller takes less than 4000.
+/// Length of a tick at the start level and at full brightness, microseconds. A controller accepts
+/// less than 4000.
 const TICK_US: (f64, f64) = (900.0, 3500.0);
-/// A tone's length, seconds.
+/// Length of a tone, seconds. Choice.
 const TONE_S: f64 = 0.12;
-/// A tone's pitch where cues begin and at full brightness, hertz.
+/// Pitch of a tone at the start level and at full brightness, hertz. Choice.
 const TONE_HZ: (f64, f64) = (440.0, 660.0);
-/// A cue that has gone on for so long thins out, nanoseconds ...
+/// A cue thins out after this time at one level, nanoseconds. Choice.
 const THIN_OUT_AFTER_NS: i64 = 4_000_000_000;
-/// ... to one in so many seconds, until it gets worse by so much.
+/// Interval of a thinned-out cue, seconds, and the rise of the level that ends the thinning.
+/// Choice.
 const THINNED_INTERVAL_S: f64 = 2.0;
 const ESCALATION_LEVEL: f64 = 0.15;
 
-/// Which cues there are besides what is drawn.
+/// Settings of the cues that accompany the drawn warnings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CueSettings {
     /// Whether soft tones sound from the direction of the nearest obstacle.
     pub sound: bool,
-    /// How loud they are, 0 to 1.
+    /// Volume of the tones, 0 to 1.
     pub volume: f64,
-    /// Whether the controller in the hand that is near to an obstacle pulses; both when head or torso is.
+    /// Whether the controller of a hand near an obstacle pulses; both pulse for head or torso.
     pub pulse: bool,
-    /// How strong, 0 to 1.
+    /// Strength of the pulses, 0 to 1.
     pub pulse_strength: f64,
 }
 
 impl Default for CueSettings {
-    /// A pulse is felt by the player alone and says which hand. A sound mixes with the game's, and not everyone plays alone: off.
+    /// Pulses are on: only the wearer feels them, and they indicate the hand. Sound is off: it
+    /// mixes with the game's sound, and other people may be in the room.
     fn default() -> Self {
         Self { sound: false, volume: 0.4, pulse: true, pulse_strength: 0.7 }
     }
@@ -58,9 +63,9 @@ impl Default for CueSettings {
 /// A short soft tone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tone {
-    /// From −1, left, to 1, right.
+    /// Position from −1 (left) to 1 (right).
     pub pan: f32,
-    /// 0 to 1.
+    /// Volume, 0 to 1.
     pub volume: f32,
     /// Pitch, hertz.
     pub hz: f32,
@@ -68,16 +73,17 @@ pub struct Tone {
     pub length_s: f32,
 }
 
-/// What is to be done in one frame.
+/// The cues of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Cue {
-    /// How long the left and the right controller are to be driven, microseconds.
+    /// How long to drive the left and the right controller, microseconds.
     pub ticks_us: [Option<u16>; 2],
-    /// A tone to begin.
+    /// A tone to start.
     pub tone: Option<Tone>,
 }
 
-/// The state machine. The same warnings and players in the same order give the same cues.
+/// Schedules cues. Deterministic: the same warnings and wearers in the same order give the same
+/// cues.
 #[derive(Debug, Clone, Default)]
 pub struct CueScheduler {
     pulses: [Repeater; 2],
@@ -87,12 +93,12 @@ pub struct CueScheduler {
 }
 
 impl CueScheduler {
-    /// Nothing said yet.
+    /// Without any history.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// What to do now. `brightness` is the warnings' greatest, their settings' own.
+    /// The cues for this frame. `brightness` is the greatest brightness of the settings.
     pub fn update(&mut self, warnings: &Warnings, wearer: &Wearer, brightness: f32, settings: &CueSettings) -> Cue {
         let now_ns = wearer.time_ns;
         if self.last_ns.is_some_and(|then_ns| now_ns < then_ns) {
@@ -126,7 +132,7 @@ impl CueScheduler {
     }
 }
 
-/// How far to the right of the head the nearest place lies: the sine of its direction.
+/// Sine of the horizontal direction of the nearest point, positive to the right of the head.
 fn pan(panel: &Panel, wearer: &Wearer) -> f32 {
     let head = &wearer.tracking_from_head;
     let away = (panel.nearest_m - head.translation) * DVec3::new(1.0, 0.0, 1.0);
@@ -135,12 +141,12 @@ fn pan(panel: &Panel, wearer: &Wearer) -> f32 {
     if pan.is_finite() { pan.clamp(-1.0, 1.0) } else { 0.0 }
 }
 
-/// From the value where cues begin to that at full brightness.
+/// Interpolates from the value at the start level to that at full brightness.
 fn interpolate((begin, full): (f64, f64), level: f64) -> f64 {
     begin + (full - begin) * ((level - START_LEVEL) / (1.0 - START_LEVEL)).clamp(0.0, 1.0)
 }
 
-/// When something that repeats began last.
+/// Last start of a repeating cue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum LastStart {
     Never,
@@ -158,10 +164,10 @@ impl LastStart {
     }
 }
 
-/// Something that repeats while it is wanted.
+/// Repeats a cue while its level is high enough.
 #[derive(Debug, Clone, Default)]
 struct Repeater {
-    /// Since when it goes on without getting worse, and how bad it was then.
+    /// Start time and level of the current run; it restarts when the level rises by `ESCALATION_LEVEL`.
     on: Option<(i64, f64)>,
     began_ns: Option<i64>,
 }
@@ -212,7 +218,7 @@ mod tests {
         Warnings { panels: vec![panel], footprints: vec![] }
     }
 
-    /// Cues of ten seconds at a brightness over time.
+    /// The cues of ten seconds for a brightness over time.
     fn played(settings: &CueSettings, part: BodyPart, level: impl Fn(f64) -> f64) -> Vec<(f64, Cue)> {
         let mut cues = CueScheduler::new();
         let at = |frame: i64| {

@@ -1,4 +1,5 @@
-//! Where an obstacle stands: the convex hull of its balls seen from above, as wide as its direction is uncertain.
+//! Footprint of an obstacle on the floor: the convex hull of its spheres from above, widened by the
+//! direction uncertainty.
 
 use glam::DVec2;
 
@@ -7,10 +8,10 @@ use super::object::Aspect;
 use super::obstacle_body::ObstacleBody;
 use super::panel::Footprint;
 
-/// Corners that a ball's circle is drawn with.
+/// Corners of the polygon that stands for a sphere's circle. Choice.
 const CORNERS: u32 = 12;
 
-/// The area on the floor.
+/// The footprint of an obstacle.
 pub(super) fn footprint(body: &ObstacleBody, aspect: &Aspect, alpha: f32) -> Footprint {
     let aside = DVec2::new(aspect.picture_right.x, -aspect.picture_right.z) * aspect.spread_m;
     let mut widened = Vec::new();

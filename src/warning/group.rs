@@ -1,27 +1,29 @@
-//! One panel for one thing: obstacles that lie close together are drawn as one.
+//! Groups obstacles that lie close together, so that one piece of furniture gets one panel.
 //!
-//! A chair gives several strong reflections, each an obstacle of its own in the scene, and no more than eight panels can be shown: legs that
-//! had a panel each would leave none for the sofa. In the order in which they were found, each joins the first group that is near
-//! enough seen from above, and groups that it brings near enough join each other, as long as none becomes wider than a piece of
-//! furniture. Evidence goes up and down and plays no part, so that groups stay what they are.
+//! A chair gives several strong reflections, and each becomes an obstacle of the scene. At most
+//! eight panels can be shown, so a panel for each chair leg would leave none for the sofa.
+//! Obstacles are added in the order in which they were found. Each joins the first group that is
+//! near enough seen from above, and groups that it connects merge, as long as none becomes wider
+//! than a piece of furniture. Evidence varies and is not used, so the groups stay stable.
 
 use radar_mapping::{Observed, Obstacle};
 use radar_sar::geometry::Aabb;
 
-/// Boxes this near to each other, seen from above, join, metres: no way for a person leads between them.
+/// Largest gap between boxes of one group, seen from above, metres. Choice: too narrow for a person
+/// to pass.
 const MAX_GAP_M: f64 = 0.45;
-/// Widest that a group may become over the floor, metres.
+/// Largest horizontal extent of a group, metres. Choice: about a piece of furniture.
 const MAX_WIDTH_M: f64 = 1.2;
 
-/// Obstacles that are one, and the box around all of them.
+/// A group of obstacles and its bounding box.
 struct ObstacleGroup {
-    /// The first, with the shapes of all.
+    /// The first member with the shapes of all members.
     merged: Obstacle,
     around: Aabb,
 }
 
-/// Groups in the order of their first members; each has its first member's id and place and the shapes of all. What is known by
-/// its distance alone stays by itself.
+/// Groups in the order of their first members. Each has the id and position of its first member and
+/// the shapes of all. Range-only obstacles are not grouped.
 pub(super) fn group_obstacles(obstacles: &[Obstacle]) -> Vec<Obstacle> {
     let mut by_age: Vec<&Obstacle> = obstacles.iter().collect();
     by_age.sort_by_key(|obstacle| obstacle.id);
@@ -33,7 +35,7 @@ pub(super) fn group_obstacles(obstacles: &[Obstacle]) -> Vec<Obstacle> {
     groups.into_iter().map(|group| group.merged).collect()
 }
 
-/// Joins the newest group with what it is near to, and what that brings near, until none joins any more.
+/// Merges the newest group with those near it, until nothing merges any more.
 fn merge_newest(groups: &mut Vec<ObstacleGroup>) {
     let mut newest = groups.len().saturating_sub(1);
     while let Some(other) = (0..groups.len()).find(|&n| n != newest && groups[n].may_merge_with(&groups[newest])) {
@@ -45,7 +47,7 @@ fn merge_newest(groups: &mut Vec<ObstacleGroup>) {
 }
 
 impl ObstacleGroup {
-    /// Of one; `None` when it is nowhere.
+    /// A group of one obstacle; `None` when it has no finite position.
     fn of(obstacle: &Obstacle) -> Option<Self> {
         let places = obstacle.shape.iter().map(|s| s.0).chain([obstacle.position_m]);
         let around = Aabb::around(places.filter(|place| place.is_finite()))?;
@@ -61,7 +63,7 @@ impl ObstacleGroup {
             && both.x.max(both.z) <= MAX_WIDTH_M
     }
 
-    /// Takes one that was found later.
+    /// Merges a group that was found later into this one.
     fn merge(&mut self, other: Self) {
         self.merged.shape.extend(other.merged.shape);
         self.merged.provisional &= other.merged.provisional;

@@ -1,30 +1,34 @@
-//! Who stands still by a wall need not be told of it for ever: after some seconds a warning dims.
+//! Dims a warning after the wearer has stood still near a hazard for some seconds.
 //!
-//! Calm is who has come no nearer, is not about to touch and does not move fast, before a thing that is what it was. Distance
-//! counts from the farthest since, so that creeping up is not calm either. The first step nearer ends it, and the brightness rises as
-//! fast as it does at first. The nearer to the thing within `full_distance_m`, the less it dims; at distance 0, beyond a wall or
-//! within a thing, not at all: the longer one stands there unawares, the more one needs it.
+//! The wearer is calm when they have not come nearer, are not about to touch the hazard and do not
+//! move fast, and the hazard is unchanged. The distance is compared with the largest one since
+//! then, so slow creeping is not calm either. The first approach ends the state, and the brightness
+//! rises as fast as for a new warning. Within `full_distance_m` the warning dims less the nearer
+//! the hazard is. At distance 0, beyond a wall or inside an obstacle, it does not dim at all: that
+//! is where the wearer needs it most.
 
 use super::settings::WarningSettings;
 use super::urgency::Urgency;
 
-/// So much nearer is approaching, metres: more than a standing body sways.
+/// Decrease of distance that counts as an approach, metres. Choice: more than a standing body
+/// sways.
 const MIN_APPROACH_M: f64 = 0.08;
-/// Contact this urgent is approaching.
+/// Contact urgency from which on the wearer counts as approaching, 0 to 1. Choice.
 const MIN_CONTACT_URGENCY: f64 = 0.1;
-/// A head faster than this is on its way, m/s.
+/// Head speed from which on the wearer counts as moving, m/s. Choice.
 pub(super) const FAST_HEAD_M_PER_S: f64 = 0.7;
-/// Dimming takes so long, seconds.
+/// Duration of the dimming, seconds. Choice.
 const DIM_DURATION_S: f64 = 2.0;
 
-/// How calm the player is before one thing.
+/// How long the wearer has been calm near one hazard: since when, and the largest distance since
+/// then.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Habituation {
     since: Option<(i64, f64)>,
 }
 
 impl Habituation {
-    /// How much is left of the brightness by distance, `calm_brightness` to 1.
+    /// Factor on the brightness by distance, from `calm_brightness` to 1.
     pub fn brightness_factor(
         &mut self,
         now_ns: i64,
@@ -47,7 +51,8 @@ impl Habituation {
     }
 }
 
-/// What is left in the end: 1 at distance 0, `calm_brightness` from the distance of full brightness on.
+/// Factor after full dimming: 1 at distance 0, `calm_brightness` from the distance of full
+/// brightness on.
 fn min_brightness_factor(urgency: &Urgency, settings: &WarningSettings) -> f64 {
     let distance_m = urgency.near.setting_distance_m();
     let full_m = if urgency.near.is_hand() { settings.full_hand_distance_m() } else { settings.full_distance_m };

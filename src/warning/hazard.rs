@@ -1,4 +1,4 @@
-//! What can be warned of: a body or a wall, how near it is, and how it is drawn.
+//! What can be warned of: an obstacle or a wall, with its distance to the body and its visual.
 
 use super::body_model::BodyModel;
 use super::footprint::footprint;
@@ -11,24 +11,25 @@ use super::urgency::MAX_CONTACT_DISTANCE_M;
 use super::wall::{wall_panel, wall_proximities};
 use radar_mapping::Wall;
 
-/// Beyond the fade distance things are still looked at, metres: who is there may hold on to what is shown.
+/// Hazards are tracked this far beyond the fade distance, metres, because a warning is held beyond
+/// it. Choice.
 const REACH_MARGIN_M: f64 = 0.3;
 
-/// Walls and bodies have ids of their own each.
+/// Key of a hazard; walls and obstacles count their ids separately.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum HazardKey {
     Object(u64),
     Wall(u64),
 }
 
-/// A body or a wall.
+/// An obstacle or a wall.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Hazard<'s> {
     Object(&'s ObstacleBody),
     Wall(&'s Wall),
 }
 
-/// A thing as it is drawn.
+/// What is drawn for a hazard.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct WarningVisual {
     pub panel: Panel,
@@ -44,7 +45,7 @@ impl Hazard<'_> {
         }
     }
 
-    /// So much of its brightness is left: what is remembered from before and not seen again yet is fainter.
+    /// Factor on the brightness: what was restored from a saved map and not seen again is fainter.
     pub fn brightness(&self, settings: &WarningSettings) -> f64 {
         match self {
             Self::Object(ObstacleBody { provisional: true, .. }) | Self::Wall(Wall { provisional: true, .. }) => {
@@ -54,7 +55,7 @@ impl Hazard<'_> {
         }
     }
 
-    /// The thing as each part of the body has it; empty where it is out of reach of a player who keeps to the play area.
+    /// Distances to each body part; empty where a wearer who stays in the play area cannot reach.
     pub fn proximities(&self, body_model: &BodyModel, settings: &WarningSettings) -> Vec<Proximity> {
         let reach_m = MAX_CONTACT_DISTANCE_M.max(settings.fade_distance_m + REACH_MARGIN_M);
         match self {
@@ -65,7 +66,7 @@ impl Hazard<'_> {
         }
     }
 
-    /// How it is drawn for the part of the body that it is urgent for.
+    /// What is drawn for the body part with the greatest urgency.
     pub fn draw(
         &self,
         body_model: &BodyModel,
@@ -92,14 +93,14 @@ impl Hazard<'_> {
 }
 
 impl WarningVisual {
-    /// With another brightness.
+    /// Sets the brightness.
     pub fn set_alpha(&mut self, alpha: f32) {
         self.panel.alpha = alpha;
         self.footprint.iter_mut().for_each(|area| area.alpha = alpha);
         self.shape.iter_mut().for_each(|shape| shape.alpha = alpha);
     }
 
-    /// With another id.
+    /// Sets the id.
     pub fn set_id(&mut self, id: u64) {
         self.panel.id = id;
         self.footprint.iter_mut().for_each(|area| area.id = id);

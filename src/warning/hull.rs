@@ -1,10 +1,11 @@
-//! Convex hull in the plane by Andrew's monotone chain: sort by x, then y; walk the lower and the upper side, dropping every
-//! corner that does not turn left. O(n log n).
+//! Convex hull in the plane by Andrew's monotone chain: sorts by x, then y, and walks the lower and
+//! the upper side, dropping every corner that does not turn left. O(n log n).
 
 use glam::DVec2;
 
-/// Corners of the convex hull, counter-clockwise in a plane of x to the right and y up, without collinear or double ones.
-/// One point gives one corner, points on a line give two. Points that are not finite are left out.
+/// Corners of the convex hull, counter-clockwise with x to the right and y up, without collinear or
+/// duplicate points. One point gives one corner, collinear points give two. Points that are not
+/// finite are ignored.
 pub fn convex_hull(points: &[DVec2]) -> Vec<DVec2> {
     let mut sorted: Vec<DVec2> = points.iter().copied().filter(|p| p.is_finite()).collect();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
@@ -20,7 +21,8 @@ pub fn convex_hull(points: &[DVec2]) -> Vec<DVec2> {
     hull
 }
 
-/// Points of a square lattice through the origin within a convex outline, row by row from below; `hull` counter-clockwise.
+/// Points of a square lattice through the origin that lie within a convex polygon, row by row from
+/// below. `hull` is counter-clockwise.
 pub(super) fn lattice_within(hull: &[DVec2], step: f64) -> impl Iterator<Item = DVec2> {
     let (low, high) =
         hull.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(c.y), high.max(c.y)));
@@ -30,16 +32,18 @@ pub(super) fn lattice_within(hull: &[DVec2], step: f64) -> impl Iterator<Item = 
     })
 }
 
-/// More steps than this across an outline are none: what is as wide as a street is no thing that a person stands before.
+/// Largest number of steps across a polygon; more give an empty range. Choice: an outline as wide
+/// as a street is no obstacle in a room.
 const MAX_STEPS: f64 = 500.0;
 
-/// Whole numbers of steps from one number to another; none when they are no numbers or absurdly many.
+/// Whole steps from one number to another; empty for numbers that are not finite and for too many
+/// steps.
 fn steps_within((from, to): (f64, f64), step: f64) -> std::ops::Range<i32> {
     let (from, to) = ((from / step).ceil(), (to / step).floor());
     if to - from < MAX_STEPS && from.abs() < 1e9 { from as i32..to as i32 + 1 } else { 0..0 }
 }
 
-/// From where to where a convex outline is crossed at a height.
+/// Extent in x of a convex polygon at height y.
 fn row_extent(hull: &[DVec2], y: f64) -> (f64, f64) {
     let edges = (0..hull.len()).map(|n| (hull[n], hull[(n + 1) % hull.len()]));
     let crossed = edges.filter(|(a, b)| a.y.min(b.y) <= y && y <= a.y.max(b.y) && a.y != b.y);

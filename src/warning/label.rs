@@ -1,28 +1,28 @@
-//! The distance that is written on a panel: in steps of 10 cm, held while it is nearly right, so that its picture is seldom drawn
-//! anew.
+//! Distance label of a panel: in steps of 10 cm, held while nearly right, so that the panel's
+//! texture changes rarely.
 
-/// Between two labels, metres.
+/// Step of the labels, metres. Choice.
 const STEP_M: f64 = 0.1;
-/// A label stays while it is wrong by less than this, metres.
+/// A label stays while its error is below this, metres. Choice.
 const MAX_LABEL_ERROR_M: f64 = 0.08;
-/// And for at least so long, nanoseconds.
+/// Least time a label stays, nanoseconds. Choice.
 const MIN_LABEL_NS: i64 = 250_000_000;
-/// The greatest that is written, metres.
+/// Largest label, metres. Choice.
 const MAX_LABEL_M: f64 = 9.9;
 
-/// To the nearest step.
+/// Rounded to the nearest step.
 pub(super) fn rounded_label(gap_m: f64) -> f64 {
     (gap_m / STEP_M).round().clamp(0.0, MAX_LABEL_M / STEP_M) * STEP_M
 }
 
-/// A label from frame to frame.
+/// Label state from frame to frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct DistanceLabel {
     shown: Option<(i64, f64)>,
 }
 
 impl DistanceLabel {
-    /// What to write for this room between body and thing.
+    /// The label for this gap between the wearer's body and the hazard.
     pub fn update(&mut self, now_ns: i64, gap_m: f64) -> f64 {
         let held = self.shown.filter(|(since_ns, label_m)| {
             let age_ns = now_ns.saturating_sub(*since_ns);

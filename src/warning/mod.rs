@@ -1,4 +1,5 @@
-//! How near, how bright, and the geometry to draw. No GPU here.
+//! Warnings: which obstacles to warn of, how bright, and the geometry to draw. Independent of the
+//! GPU.
 
 mod body_model;
 mod cues;

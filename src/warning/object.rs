@@ -1,13 +1,14 @@
-//! The panel of an object: upright, at its near side, turned about the vertical to face the wearer.
+//! The panel of an obstacle: upright, at its near side, turned about the vertical to face the
+//! wearer.
 //!
-//! It stands before what is nearest to the vertical line from the head down to the floor: a stool at the feet is near although
-//! it is far from the eyes. It faces from a mean of the nearest points, weighted by nearness, so that noise in single voxels
-//! does not turn it.
+//! It stands in front of the points nearest to the vertical line from the head to the floor: a
+//! stool at the feet is near although it is far from the eyes. It faces the wearer from a mean of
+//! the nearest points, weighted by nearness, so that noise in single voxels does not turn it.
 //!
-//! The panel turns smoothly, its content does not: what is drawn on it is the body as seen from the nearest of 24 directions,
-//! with lengths rounded to centimetres. So a head may sway, come nearer and turn, and the picture stays the same; when it has
-//! gone a 24th around the body, the next one is drawn. A silhouette is then wrong by 8° at most, less than a radar's image
-//! is.
+//! The panel turns continuously, its content does not. The content shows the obstacle from the
+//! nearest of 24 directions, with lengths rounded to centimetres. The texture stays the same while
+//! the head sways, approaches and turns, and changes every 15° around the obstacle. The silhouette
+//! is then wrong by 8° at most, less than the radar image is.
 
 use std::collections::HashSet;
 
@@ -20,48 +21,50 @@ use super::proximity::Proximity;
 
 use radar_sar::math;
 
-/// A panel nearer to the eyes than this could not be looked at, metres.
+/// Least distance from the eyes to a panel, metres. Choice: a nearer panel cannot be focused on.
 const MIN_PANEL_DISTANCE_M: f64 = 0.2;
-/// The near side may be this much nearer than seen at most, however uncertain it is, metres.
+/// Largest shift of the near side by the position uncertainty, metres. Choice.
 const MAX_RANGE_MARGIN_M: f64 = 0.1;
-/// Room around the silhouette, metres.
+/// Margin around the silhouette, metres. Choice.
 const MARGIN_M: f64 = 0.1;
-/// Half of the greatest width, metres.
+/// Half of the greatest width, metres. Choice.
 const MAX_HALF_WIDTH_M: f64 = 1.25;
-/// Height of a panel: least and greatest, metres.
+/// Least and greatest height of a panel, metres. Choice.
 const HEIGHT_M: (f64, f64) = (0.5, 2.4);
-/// Sizes are rounded up to this, metres.
+/// Sizes are rounded up to this step, metres. Choice.
 const SIZE_STEP_M: f64 = 0.05;
-/// Directions that a body's picture is laid out for.
+/// Number of directions for which a picture is laid out. Choice.
 const PICTURE_DIRECTIONS: f64 = 24.0;
-/// The width of what is unknown is rounded up to this, metres.
+/// The width of the unknown region is rounded up to this step, metres. Choice.
 const SPREAD_STEP_M: f64 = 0.1;
-/// The middle of what is shown of something very wide is rounded to this, metres.
+/// The centre of the visible part of a very wide obstacle is rounded to this step, metres. Choice.
 const MIDDLE_STEP_M: f64 = 0.25;
-/// Discs are rounded to this, metres.
+/// Discs are rounded to this step, metres. Choice.
 const DISC_STEP_M: f64 = 0.01;
-/// A thing's edge lies beyond its last reflection by so much, metres: reflections come from within what they are of, and each is placed
-/// to a centimetre or two.
+/// Margin from the last reflection to an obstacle's edge, metres. Choice: reflections come from
+/// inside an object, and each is placed to a centimetre or two.
 const EDGE_MARGIN_M: f64 = 0.03;
-/// Most discs in a silhouette: what a graphics card draws without being noticed.
+/// Largest number of discs in a silhouette. Choice: a graphics card draws so many at negligible
+/// cost.
 const MAX_DISCS: usize = 384;
 
-/// A body seen from a head: where it is nearest and which way the panel faces.
+/// How an obstacle is seen from the head: its near side and the panel's direction.
 pub(super) struct Aspect {
-    /// Horizontal unit vector from the body to the wearer.
+    /// Horizontal unit vector from the obstacle to the wearer.
     pub facing: DVec3,
-    /// Horizontal unit vector to the right in the picture: to the right of one who looks from the direction it is laid out for.
+    /// Horizontal unit vector to the right in the picture, for a viewer in the direction it is laid
+    /// out for.
     pub picture_right: DVec3,
-    /// Half width of the unknown along `picture_right`, metres.
+    /// Half width of the unknown region along `picture_right`, metres.
     pub spread_m: f64,
-    /// From the wearer to the panel, horizontally, metres.
+    /// Horizontal distance from the wearer to the panel, metres.
     panel_distance_m: f64,
-    /// The point the panel is turned to the wearer from.
+    /// Weighted mean of the nearest points; the panel faces from it to the wearer.
     near: DVec3,
 }
 
 impl Aspect {
-    /// `ahead` is the head's own forward direction, for a body that is where the head is.
+    /// `ahead` is the head's forward direction, used when the obstacle is at the head's position.
     pub fn of(body: &ObstacleBody, head: DVec3, ahead: DVec3) -> Self {
         let distances: Vec<f64> = body.points.iter().map(|p| distance_from_wearer(head, *p)).collect();
         let nearest = distances.iter().copied().fold(f64::INFINITY, f64::min);
@@ -71,14 +74,15 @@ impl Aspect {
         let facing = Some(horizontal(head - near)).filter(|v| v.length() > 1e-3).map_or(fallback, DVec3::normalize);
         let picture_right = DVec3::Y.cross(nearest_direction(facing));
         let spread_m = body.spread(picture_right, level);
-        // What is known to be small stays as small; what grows with the distance does so in steps.
+        // A small known width is used as it is; one that grows with distance is rounded up to
+        // steps.
         let spread_m = if body.has_shape { spread_m } else { -round_down_to(-spread_m, SPREAD_STEP_M) };
         let before = body.radius_m + body.two_sigma(facing, MAX_RANGE_MARGIN_M);
         Self { facing, picture_right, spread_m, panel_distance_m: (level - before).max(MIN_PANEL_DISTANCE_M), near }
     }
 }
 
-/// The panel of a body seen so.
+/// The panel of an obstacle seen this way.
 pub(super) fn object_panel(body: &ObstacleBody, aspect: &Aspect, head: DVec3, near: &Proximity, alpha: f32) -> Panel {
     let across = |p: DVec3| (p - body.anchor).dot(aspect.picture_right);
     let middle = (across(aspect.near) / MIDDLE_STEP_M).round() * MIDDLE_STEP_M;
@@ -118,8 +122,8 @@ pub(super) fn upright(middle: DVec3, facing: DVec3) -> radar_sar::geometry::Pose
     radar_sar::geometry::Pose::new(middle, DQuat::from_rotation_y(math::atan2(facing.x, facing.z)))
 }
 
-/// Discs where the balls are on the panel and, because nobody passes between parts of one thing, within their outline; blurred by
-/// the doubt across; few enough to draw.
+/// Discs at the spheres on the panel and within their outline, since nobody passes between parts of
+/// one object. The radius grows with the uncertainty across, and until the discs are few enough.
 fn silhouette(body: &ObstacleBody, spread_m: f64, size_m: DVec2, place: impl Fn(DVec3) -> DVec2) -> Vec<(DVec2, f64)> {
     if !body.has_shape {
         return Vec::new();
@@ -145,7 +149,8 @@ fn silhouette(body: &ObstacleBody, spread_m: f64, size_m: DVec2, place: impl Fn(
     }
 }
 
-/// From the vertical line between head and floor to a point; above the head, from the head.
+/// Distance from the vertical line between head and floor to a point; above the head, from the
+/// head.
 fn distance_from_wearer(head: DVec3, point: DVec3) -> f64 {
     let away = point - head;
     if away.y > 0.0 { away.length() } else { horizontal(away).length() }
@@ -163,7 +168,7 @@ fn weighted_mean(points: &[DVec3], weight: impl Fn(usize) -> f64) -> DVec3 {
     sum / total
 }
 
-/// The nearest of the directions that pictures are laid out for.
+/// The nearest direction for which pictures are laid out.
 fn nearest_direction(facing: DVec3) -> DVec3 {
     let step = std::f64::consts::TAU / PICTURE_DIRECTIONS;
     let (sin, cos) =
@@ -171,7 +176,7 @@ fn nearest_direction(facing: DVec3) -> DVec3 {
     DVec3::new(sin, 0.0, cos)
 }
 
-/// Down to a whole step of a panel's size; a hair above one counts as on it.
+/// Rounds down to a step of the panel size; a value slightly above a step counts as that step.
 fn round_down(v: f64) -> f64 {
     round_down_to(v, SIZE_STEP_M)
 }

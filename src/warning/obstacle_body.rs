@@ -1,8 +1,9 @@
-//! An obstacle as the warning sees it: balls where there is evidence, and how far off its place may be.
+//! An obstacle's geometry for warnings: a set of spheres and its position uncertainty.
 //!
-//! The shape's voxels give the balls. Without a shape the box `extent_m` around the position is filled with them. An obstacle
-//! of which only the distance is known is one ball; its direction is then as wide as the beam. So is what moves. Numbers that make no sense
-//! (not finite, beyond a kilometre) are left out; an uncertainty that is none counts as the greatest one.
+//! The voxels of the obstacle's shape become spheres. Without a shape, spheres fill the box
+//! `extent_m` around the position. A range-only obstacle is one sphere whose direction is as
+//! uncertain as the beam is wide; so is a moving target. Positions that are not finite or lie
+//! beyond 1 km are dropped. An invalid uncertainty counts as the largest one.
 
 use std::sync::Arc;
 
@@ -12,49 +13,51 @@ use super::hull::convex_hull;
 use radar_mapping::{MovingTarget, Observed, Obstacle};
 use radar_sar::geometry::Aabb;
 
-/// Farther from the origin than this is no place in a room, metres.
+/// Largest valid coordinate, metres. Choice: farther away nothing can be in a room.
 const MAX_COORDINATE_M: f64 = 1000.0;
-/// The direction of something known by its distance alone: half the beam's width, as a tangent (30°).
+/// Direction uncertainty of a range-only obstacle: tangent of half the beam width (30°).
 const BEAM_TANGENT: f64 = 0.577;
-/// Greatest half width that is drawn for an unknown direction, metres.
+/// Largest half width drawn for an unknown direction, metres. Choice.
 const MAX_SPREAD_M: f64 = 1.0;
-/// An extent beyond this is not believed, metres.
+/// Largest extent that is used along one axis, metres. Choice.
 const MAX_EXTENT_M: f64 = 5.0;
 
-/// What moves has ids of its own from here on: no map counts so far.
+/// Ids of moving targets start here, so that they differ from the map's ids. Choice: no map counts
+/// so far.
 const FIRST_MOVING_ID: u64 = 1 << 48;
 
-/// Balls of one radius, and the uncertainty of them all together.
+/// Spheres of one radius with a common position uncertainty.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ObstacleBody {
-    /// The obstacle.
+    /// Id of the obstacle.
     pub id: u64,
-    /// Middles of the balls, tracking frame, metres; never empty.
+    /// Centres of the spheres, tracking frame, metres; never empty.
     pub points: Arc<[DVec3]>,
-    /// Radius of each, metres: a little more than half a voxel, so that neighbours overlap.
+    /// Radius of each sphere, metres. A little more than half a voxel, so that neighbours overlap.
     pub radius_m: f64,
-    /// The obstacle's own place: what the panel is laid out from, so that it stays put.
+    /// The obstacle's own position. The panel is laid out from it, so that the panel stays in
+    /// place.
     pub anchor: DVec3,
-    /// Whether a silhouette says anything: not so when only the distance is known.
+    /// Whether the silhouette is meaningful: false for a range-only obstacle.
     pub has_shape: bool,
-    /// Remembered from before and not yet seen again.
+    /// Restored from a saved map and not yet seen again.
     pub provisional: bool,
-    /// The box around the balls' middles.
+    /// Bounding box of the centres.
     pub around: Aabb,
-    /// The hull of the middles seen from above: x to the right, −z up; counter-clockwise.
+    /// Convex hull of the centres seen from above: x to the right, −z up; counter-clockwise.
     pub hull: Arc<[DVec2]>,
-    /// How fast it comes nearer by itself, metres a second; `None`: it stands.
+    /// Own approach speed of a moving target, m/s; `None` for a stationary obstacle.
     pub approach_m_per_s: Option<f64>,
     covariance_m2: glam::DMat3,
 }
 
-/// Whether a point can be a place in a room.
+/// Whether a point is a valid position in a room.
 pub(super) fn is_valid_position(point: DVec3) -> bool {
     point.is_finite() && point.abs().max_element() <= MAX_COORDINATE_M
 }
 
 impl ObstacleBody {
-    /// `None` when the obstacle's position is no place.
+    /// From an obstacle; `None` when its position is invalid.
     pub fn of(obstacle: &Obstacle) -> Option<Self> {
         let anchor = obstacle.position_m;
         if !is_valid_position(anchor) {
@@ -85,7 +88,7 @@ impl ObstacleBody {
         })
     }
 
-    /// Of something that moves: one ball at its range. `None` when that is no place.
+    /// From a moving target: one sphere at its range. `None` when its position is invalid.
     pub fn of_moving(moving: &MovingTarget) -> Option<Self> {
         let stands = Obstacle {
             id: moving.id.saturating_add(FIRST_MOVING_ID),
@@ -103,37 +106,37 @@ impl ObstacleBody {
         Some(Self { approach_m_per_s: Some(approach_m_per_s), ..Self::of(&stands)? })
     }
 
-    /// The same under a newer one's id, and as sure as that one.
+    /// This geometry with the id and the provisional flag of a newer one.
     pub fn with_identity_of(&self, newer: &Self) -> Self {
         Self { id: newer.id, provisional: newer.provisional, ..self.clone() }
     }
 
-    /// How far off it may be along a unit direction: two standard deviations, metres, at most `cap_m`.
+    /// Position uncertainty along a unit direction: 2σ, metres, at most `cap_m`.
     pub fn two_sigma(&self, along: DVec3, cap_m: f64) -> f64 {
         let variance = along.dot(self.covariance_m2 * along);
         let two_sigma = 2.0 * variance.max(0.0).sqrt();
         if variance.is_nan() { cap_m } else { two_sigma.min(cap_m) }
     }
 
-    /// Whether a place, seen from above, lies within the outline of what is seen of it.
+    /// Whether a position, seen from above, lies within the hull.
     pub fn spans(&self, place: DVec3) -> bool {
         let flat = DVec2::new(place.x, -place.z);
         let edge = |n: usize| (self.hull[n], self.hull[(n + 1) % self.hull.len()]);
         self.hull.len() >= 3 && (0..self.hull.len()).map(edge).all(|(a, b)| (b - a).perp_dot(flat - a) >= 0.0)
     }
 
-    /// Half width of the unknown in the direction across the sight, metres.
+    /// Half width of the unknown region across the line of sight, metres.
     pub fn spread(&self, across: DVec3, distance_m: f64) -> f64 {
         let known = self.two_sigma(across, MAX_SPREAD_M);
         if self.has_shape { known } else { known.max(distance_m * BEAM_TANGENT).min(MAX_SPREAD_M) }
     }
 }
 
-/// Points of which neighbours are looked for.
+/// Points whose nearest neighbour is searched to estimate the voxel size. Choice: bounds the work.
 const SPACING_SAMPLES: usize = 16;
 
-/// Edge of a voxel, from the least distance between neighbours, however the frame is turned; 2 to 10 cm, 5 cm when there is
-/// only one point.
+/// Edge of a voxel, metres: the smallest distance between neighbours, in any orientation of the
+/// frame. Clamped to 2 to 10 cm; 5 cm for a single point.
 fn voxel_spacing(points: &[DVec3]) -> f64 {
     let asked = points.iter().step_by(points.len().div_ceil(SPACING_SAMPLES).max(1));
     let to_next = |point: &DVec3| {
@@ -144,7 +147,7 @@ fn voxel_spacing(points: &[DVec3]) -> f64 {
     if least.is_finite() { least.clamp(0.02, 0.1) } else { 0.05 }
 }
 
-/// Fills a box with balls, at most eight along an edge.
+/// Fills a box with spheres, at most eight along an edge; returns centres and radius.
 fn spheres_in_box(middle: DVec3, extent_m: DVec3) -> (Vec<DVec3>, f64) {
     let extent = extent_m.to_array().map(|e| if e.is_finite() { e.clamp(0.0, MAX_EXTENT_M) } else { 0.0 });
     let counts = extent.map(|e| (e / 0.1).ceil().clamp(1.0, 8.0));

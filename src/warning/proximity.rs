@@ -1,7 +1,8 @@
-//! Which part of the body is how near to a thing, and how fast it comes nearer.
+//! Distance and closing speed between each body part and a hazard.
 //!
-//! Distances are from the axes of the body's parts (`wearer.rs`) to the near side of the thing, which is as much nearer than seen as
-//! its place is uncertain in that direction. A part within the outline of a thing, or beyond a wall, is at distance 0.
+//! Distances run from the axes of the body parts in the body model to the near side of the hazard.
+//! The near side is moved towards the wearer by the position uncertainty in that direction. A body
+//! part inside an obstacle's outline, or beyond a wall, has distance 0.
 
 use glam::DVec3;
 
@@ -9,12 +10,12 @@ use super::body_model::{BodyModel, Limb};
 use super::obstacle_body::ObstacleBody;
 use super::wearer::BodyPart;
 
-/// The near side may be this much nearer than seen at most, however uncertain it is, metres.
+/// Largest shift of the near side by the position uncertainty, metres. Choice.
 const MAX_RANGE_MARGIN_M: f64 = 0.1;
-/// Slower than this nothing approaches, m/s.
+/// Least closing speed that gives a time to contact, m/s. Choice.
 const MIN_CLOSING_M_PER_S: f64 = 0.1;
 
-/// A thing as one part of the body has it.
+/// Distance of a hazard to one body part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Proximity {
     pub part: BodyPart,
@@ -22,9 +23,9 @@ pub(super) struct Proximity {
     pub distance_m: f64,
     /// From the part's surface, metres.
     pub gap_m: f64,
-    /// The place of the thing that is nearest.
+    /// Nearest point of the hazard.
     pub nearest_m: DVec3,
-    /// How fast the part and the thing come nearer to each other, m/s.
+    /// Closing speed between part and hazard, m/s.
     pub closing_m_per_s: f64,
 }
 
@@ -34,12 +35,13 @@ impl Proximity {
         Self { part: limb.part, distance_m, gap_m, nearest_m, closing_m_per_s }
     }
 
-    /// Until the part touches it at this speed, seconds.
+    /// Time until contact at this speed, seconds.
     pub fn time_to_contact_s(&self) -> Option<f64> {
         (self.closing_m_per_s > MIN_CLOSING_M_PER_S).then(|| self.gap_m / self.closing_m_per_s)
     }
 
-    /// What the settings' distances are compared with: from head and torso as the axis has it, from hands as the surface does.
+    /// Distance to compare with the settings: from the axis for head and torso, from the surface
+    /// for hands.
     pub fn setting_distance_m(&self) -> f64 {
         if self.is_hand() { self.gap_m } else { self.distance_m }
     }
@@ -49,7 +51,7 @@ impl Proximity {
     }
 }
 
-/// The thing as each part has it that is within `reach_m`.
+/// Distances to all parts within `reach_m` of an obstacle.
 pub(super) fn proximities(body: &ObstacleBody, body_model: &BodyModel, reach_m: f64) -> Vec<Proximity> {
     let is_in_reach = |limb: &&Limb| {
         let (least, greatest) = (limb.ends[0].min(limb.ends[1]), limb.ends[0].max(limb.ends[1]));
@@ -73,7 +75,8 @@ fn near(body: &ObstacleBody, limb: &Limb) -> Proximity {
     Proximity::new(limb, distance_m, nearest_m, moves.dot(toward) + body.approach_m_per_s.unwrap_or(0.0))
 }
 
-/// Whether the part's axis runs through the outline of the thing, at a height that it has.
+/// Whether the part's axis passes through the obstacle's outline at a height that the obstacle
+/// covers.
 fn is_within(body: &ObstacleBody, limb: &Limb) -> bool {
     let [from, to] = limb.ends;
     let (low, high) = (from.y.min(to.y), from.y.max(to.y));

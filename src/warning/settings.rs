@@ -1,12 +1,12 @@
-//! What the player may change about warnings: how near they begin, and how they look.
+//! User settings of the warnings: where they begin and how they look.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-/// A setting that cannot be used, with its value.
+/// A setting outside its bounds, with its value.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum WarningSettingsError {
-    /// The fade must run over some distance.
+    /// The fade must span some distance.
     #[error(
         "full_distance_m = {full_m} must be at least 0 and less than fade_distance_m = {fade_m}, which is 10 at most"
     )]
@@ -19,7 +19,7 @@ pub enum WarningSettingsError {
     /// A grid too fine or too wide to read.
     #[error("grid_spacing_m = {0} must be from 0.05 to 1 m")]
     GridSpacing(f64),
-    /// An area without a size, or a margin that is none.
+    /// An area without a size, or an invalid margin.
     #[error("play_area_m = {} and play_area_margin_m = {margin_m} must be lengths from 0 to 100 m", area_text(*area_m))]
     PlayArea {
         /// `play_area_m` as given.
@@ -30,7 +30,7 @@ pub enum WarningSettingsError {
     /// Brighter than the display, or negative.
     #[error("brightness = {0} must be from 0 to 1")]
     Brightness(f32),
-    /// Times that do not follow each other.
+    /// Times in the wrong order.
     #[error(
         "contact_full_s = {full_s} must be at least 0 and less than contact_begin_s = {begin_s}, which is 10 at most"
     )]
@@ -43,10 +43,10 @@ pub enum WarningSettingsError {
     /// Farther than arms reach.
     #[error("hand_distance_m = {0} must be from 0 to 2 m")]
     HandDistance(f64),
-    /// A share that is none.
+    /// Not a share from 0 to 1.
     #[error("provisional_brightness = {0} must be from 0 to 1")]
     ProvisionalBrightness(f64),
-    /// A time that is none, or a share that is none.
+    /// An invalid time, or not a share from 0 to 1.
     #[error("calm_after_s = {after_s} must be from 0 to 3600, and calm_brightness = {brightness} from 0 to 1")]
     Calm {
         /// `calm_after_s` as given.
@@ -67,7 +67,7 @@ pub enum Style {
     /// A grid with the silhouette in it.
     #[default]
     Grid,
-    /// The silhouette's outline; of a wall, and of what has no silhouette, the frame.
+    /// The silhouette's outline; the frame for walls and for panels without a silhouette.
     Outline,
     /// The silhouette filled, on a tinted surface.
     Solid,
@@ -76,48 +76,53 @@ pub enum Style {
 }
 
 impl Style {
-    /// All there are.
+    /// All styles.
     pub const ALL: [Self; 4] = [Self::Grid, Self::Outline, Self::Solid, Self::Minimal];
 }
 
-/// Distances and looks of the warnings.
+/// Distances and appearance of the warnings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct WarningSettings {
-    /// At this distance and nearer a warning has its full brightness, metres: from the upright line through the torso, or from the head.
+    /// Warnings have full brightness up to this distance, metres, from the upright line through the
+    /// torso or from the head.
     pub full_distance_m: f64,
-    /// From this distance on there is no warning, metres.
+    /// No warning from this distance on, metres.
     pub fade_distance_m: f64,
-    /// From this distance on there is no warning of what only a hand is near to, metres; 0: hands do not count. Full at 3/10 of it.
+    /// No warning from this distance to a hand on, metres, for what is near only to a hand. 0:
+    /// hands are ignored. Full brightness at 3/10 of it.
     pub hand_distance_m: f64,
-    /// Full brightness when the body touches within this time at its speed, seconds, however far it is.
+    /// Full brightness when contact is this time away or less at the current speed, seconds, at any
+    /// distance.
     pub contact_full_s: f64,
-    /// From this time to contact on there is no warning for it, seconds; 0: time to contact does not count.
+    /// No contribution of the time to contact from this time on, seconds. 0: time to contact is
+    /// ignored.
     pub contact_begin_s: f64,
-    /// A warning dims when the player has neither approached nor moved fast for so long, seconds.
+    /// A warning dims when the wearer has neither approached nor moved fast for this time, seconds.
     pub calm_after_s: f64,
-    /// So much of its brightness is left then; 1: it never dims.
+    /// Share of its brightness that is left then; 1: it never dims.
     pub calm_brightness: f64,
-    /// So much of its brightness is left to what is remembered from before and not seen again yet.
+    /// Share of its brightness for an obstacle restored from a saved map and not yet seen again.
     pub provisional_brightness: f64,
-    /// Whether what moves by itself is warned of, people and pets.
+    /// Whether to warn of moving targets, such as people and pets.
     pub moving: bool,
-    /// How they are drawn.
+    /// How warnings are drawn.
     pub style: Style,
-    /// Whether the distance is written on them.
+    /// Whether the distance is written on the panels.
     pub labels: bool,
     /// Colour of lines and silhouettes: sRGB red, green, blue, 0 to 255.
     pub color: [u8; 3],
     /// Greatest brightness, 0 to 1.
     pub brightness: f32,
-    /// Distance between two lines of the grid, metres.
+    /// Spacing of the grid lines, metres.
     pub grid_spacing_m: f64,
-    /// Whether obstacles are also drawn as areas on the floor.
+    /// Whether footprints are drawn on the floor as well.
     pub footprints: bool,
-    /// The area the player keeps to: width (x) and depth (z) around the origin of the tracking frame, metres; left out: none.
+    /// Play area: width (x) and depth (z) around the origin of the tracking frame, metres; left
+    /// out: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub play_area_m: Option<[f64; 2]>,
-    /// What lies wholly farther than this outside the play area is not warned of, metres.
+    /// Obstacles wholly farther than this outside the play area are ignored, metres.
     pub play_area_margin_m: f64,
 }
 
@@ -145,11 +150,11 @@ impl Default for WarningSettings {
     }
 }
 
-/// Nothing is known of what is farther, metres.
+/// Largest fade distance, metres. Choice: the map does not reach farther.
 const MAX_FADE_DISTANCE_M: f64 = 10.0;
 
 impl WarningSettings {
-    /// Whether every value can be used.
+    /// Checks every value.
     ///
     /// # Errors
     /// The first value outside the bounds that its error names.
@@ -186,7 +191,7 @@ impl WarningSettings {
         Ok(())
     }
 
-    /// Whether a player who keeps to the play area can come near a place.
+    /// Whether a wearer who stays in the play area can come near a position.
     pub(super) fn is_in_reach(&self, place: DVec3) -> bool {
         self.play_area_m.is_none_or(|[width_m, depth_m]| {
             let margin_m = self.play_area_margin_m;
@@ -194,41 +199,41 @@ impl WarningSettings {
         })
     }
 
-    /// Brightness at a distance: full up to `full_distance_m`, then falling smoothly to 0 at `fade_distance_m`; 0 when a
-    /// number makes no sense.
+    /// Brightness at a distance: full up to `full_distance_m`, then falling smoothly to 0 at
+    /// `fade_distance_m`; 0 for invalid numbers.
     pub fn alpha(&self, distance_m: f64) -> f32 {
         self.alpha_of(self.by_distance(distance_m))
     }
 
-    /// Brightness of what is so urgent, 0 to 1.
+    /// Brightness for an urgency of 0 to 1.
     pub(super) fn alpha_of(&self, urgency: f64) -> f32 {
         let alpha = urgency as f32 * self.brightness;
         if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 0.0 }
     }
 
-    /// How urgent what is so far from head or torso is, 0 to 1.
+    /// Urgency by the distance from head or torso, 0 to 1.
     pub(super) fn by_distance(&self, distance_m: f64) -> f64 {
         smooth_fall(distance_m, self.full_distance_m, self.fade_distance_m)
     }
 
-    /// How urgent what is so far from a hand is, 0 to 1: hands have little behind them, move where eyes follow, and are near to things
-    /// all day.
+    /// Urgency by the distance from a hand, 0 to 1. Hands use shorter distances: they have little
+    /// mass behind them, move where the eyes follow, and are near objects all the time.
     pub(super) fn by_hand_distance(&self, distance_m: f64) -> f64 {
         smooth_fall(distance_m, self.full_hand_distance_m(), self.hand_distance_m)
     }
 
-    /// From here on what a hand is near to is as urgent as can be, metres.
+    /// Distance from a hand up to which the urgency is greatest, metres.
     pub(super) fn full_hand_distance_m(&self) -> f64 {
         0.3 * self.hand_distance_m
     }
 
-    /// How urgent what will be touched in so long is, 0 to 1.
+    /// Urgency by the time to contact, 0 to 1.
     pub(super) fn by_contact(&self, time_s: f64) -> f64 {
         smooth_fall(time_s, self.contact_full_s, self.contact_begin_s)
     }
 }
 
-/// 1 up to `full`, then falling smoothly to 0 at `none`; 0 when a number makes no sense.
+/// 1 up to `full`, then falling smoothly to 0 at `none`; 0 for invalid numbers.
 fn smooth_fall(value: f64, full: f64, none: f64) -> f64 {
     let share = if value < none { ((none - value) / (none - full)).min(1.0) } else { 0.0 };
     let share = if value <= full && full < none { 1.0 } else { share };

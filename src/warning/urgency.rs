@@ -1,28 +1,31 @@
-//! How urgent a thing is: by distance, and by the time until it is touched.
+//! Urgency of a hazard: by distance, and by time to contact.
 //!
-//! Distance alone warns one who runs too late, and time alone does not warn one who stands before a shelf and is about to lift
-//! an arm: so the greater of the two counts. Time to contact takes the speed of the part of the body along the line to the thing. It
-//! counts more and more between two speeds, so that swaying, turning the head and fidgeting do nothing, and only as far as a
-//! body could come in that time: for a hand that is what an arm has left to swing.
+//! Distance alone warns a runner too late. Time alone does not warn someone who stands in front of
+//! a shelf and is about to lift an arm. The greater of the two counts. The time to contact uses the
+//! body part's speed along the line to the hazard. Its weight rises between two speeds, so that
+//! swaying, turning the head and fidgeting have no effect, and only within the distance that the
+//! body part can cover in that time.
 
 use super::proximity::Proximity;
 use super::settings::WarningSettings;
 
-/// Speeds from which on time to contact counts, and counts fully: of head and torso, and of hands, m/s.
+/// Speeds at which the time to contact begins to count and counts fully, m/s: head and torso, and
+/// hands. Choice.
 const BODY_SPEEDS_M_PER_S: (f64, f64) = (0.25, 0.5);
 const HAND_SPEEDS_M_PER_S: (f64, f64) = (0.5, 1.0);
-/// Farther off than this no contact is foreseen, metres: for the body, where the map ends; for hands, where arms do.
+/// Largest distance for which contact is predicted, metres: range of the map for the body, reach of
+/// an arm for hands. Choice.
 pub(super) const MAX_CONTACT_DISTANCE_M: f64 = 3.0;
 const MAX_HAND_CONTACT_DISTANCE_M: f64 = 0.8;
 
-/// A thing as one group of the body's parts has it: head and torso, or hands.
+/// Urgency for one group of body parts: head and torso, or hands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Urgency {
-    /// The part that counts.
+    /// The body part that determines it.
     pub near: Proximity,
-    /// By its distance, 0 to 1.
+    /// By distance, 0 to 1.
     pub by_distance: f64,
-    /// By its time to contact, 0 to 1.
+    /// By time to contact, 0 to 1.
     pub by_contact: f64,
 }
 
@@ -41,7 +44,8 @@ impl Urgency {
     }
 }
 
-/// Of head and torso, and of hands: the most urgent part of each, the nearest among equals.
+/// Urgencies of head and torso, and of hands: the most urgent part of each, the nearest among
+/// equals.
 pub(super) fn urgencies(proximities: &[Proximity], settings: &WarningSettings) -> [Option<Urgency>; 2] {
     [false, true].map(|hands| {
         let group = proximities.iter().filter(|near| near.is_hand() == hands).map(|near| Urgency::of(*near, settings));

@@ -1,17 +1,17 @@
-//! How fast a tracked place moves, from its successive places.
+//! Velocity of a tracked point from successive positions.
 //!
-//! Displacement over time passed, so that dropped frames do no harm, smoothed exponentially, so that tracking's jitter does none. Where
-//! time stands still nothing is learned; where it runs backwards, pauses or the place leaps, what was known means nothing and
-//! it begins anew.
+//! Displacement over elapsed time, so that dropped frames do no harm, smoothed exponentially
+//! against tracking jitter. Equal times change nothing. Backward times, long pauses and position
+//! leaps restart the filter.
 
 use glam::DVec3;
 
 use radar_sar::math;
 
-/// After a longer pause it begins anew, nanoseconds.
+/// A longer pause restarts the filter, nanoseconds. Choice.
 const MAX_PAUSE_NS: i64 = 250_000_000;
 
-/// The speed of one place.
+/// Velocity of one point.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct VelocityFilter {
     last: Option<(i64, DVec3)>,
@@ -20,7 +20,7 @@ pub(super) struct VelocityFilter {
 }
 
 impl VelocityFilter {
-    /// Takes where the place is now, gives how fast it moves, m/s.
+    /// Takes a position and returns the velocity, m/s.
     pub fn update(&mut self, time_ns: i64, place_m: DVec3, fastest_m_per_s: f64, smoothing_s: f64) -> DVec3 {
         self.has_restarted = false;
         let Some((then_ns, before_m)) = self.last else { return self.restart(time_ns, place_m) };
@@ -38,7 +38,7 @@ impl VelocityFilter {
         self.velocity_m_per_s
     }
 
-    /// Whether the last place taken had nothing to do with the one before.
+    /// Whether the last position restarted the filter.
     pub fn has_restarted(&self) -> bool {
         self.has_restarted
     }

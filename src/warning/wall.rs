@@ -1,7 +1,8 @@
-//! The panel of a wall: in the wall's plane around the foot of the perpendicular from the head, no wider than what was seen.
+//! The panel of a wall: in the wall's plane around the foot of the perpendicular from the head, no
+//! wider than the observed part.
 //!
-//! Its edges keep to multiples of the grid's spacing, so that the grid stands still on the wall while the head moves along
-//! it, and the texture stays the same. Floors and ceilings give none.
+//! Its edges are multiples of the grid spacing, so that the grid stays fixed on the wall while the
+//! head moves along it and the texture stays the same. Floors and ceilings get no panel.
 
 use glam::{DVec2, DVec3};
 
@@ -15,19 +16,21 @@ use radar_mapping::Wall;
 use radar_sar::geometry::Plane;
 use radar_sar::math;
 
-/// Half of the width shown at once, metres.
+/// Half of the width shown at once, metres. Choice.
 const HALF_WIDTH_M: f64 = 1.0;
-/// Height, metres.
+/// Height, metres. Choice.
 const HEIGHT_M: f64 = 2.2;
-/// A wall goes on this far beyond the places it was seen at, metres.
+/// A wall extends this far beyond its observed part, metres. Choice.
 const EDGE_MARGIN_M: f64 = 0.5;
-/// So far beyond the plane one is as near as can be, metres.
+/// Up to this depth beyond the plane the distance is 0, metres. Choice.
 const MAX_CONTACT_DEPTH_M: f64 = 0.5;
 
-/// The wall as each part of the body within reach has it: what was seen of it and a margin aside; none of floors and ceilings.
+/// Distances of the body parts within reach to the observed part of a wall with its margin; none
+/// for floors and ceilings.
 ///
-/// Who is a little beyond it is at distance 0. Farther beyond, where no radar can have been right about it or there is a door, the distance
-/// grows again: a wall has two sides, and its warning must not end at a line.
+/// A part slightly beyond the plane is at distance 0. Farther beyond, where the wall cannot be
+/// right or has a door, the distance grows again: a wall has two sides, and its warning must not
+/// stop abruptly.
 pub(super) fn wall_proximities(wall: &Wall, body_model: &BodyModel, reach_m: f64) -> Vec<Proximity> {
     let Some((plane, outward)) = upright_plane(wall) else { return Vec::new() };
     let right = DVec3::Y.cross(-outward);
@@ -50,7 +53,7 @@ pub(super) fn wall_proximities(wall: &Wall, body_model: &BodyModel, reach_m: f64
     body_model.limbs.iter().filter_map(near).collect()
 }
 
-/// `None` for floors, ceilings, and where the wall was not seen.
+/// `None` for floors, ceilings, and where the wall was not observed.
 pub(super) fn wall_panel(
     wall: &Wall,
     head: DVec3,
@@ -67,7 +70,8 @@ pub(super) fn wall_panel(
     Some(Panel {
         id: wall.id,
         kind: PanelKind::Wall,
-        // Overlays are seen from their front alone, and one who has walked into the wall needs it most.
+        // Overlays are visible only from the front, and a wearer who has walked into the wall needs
+        // it most.
         tracking_from_panel: upright(
             DVec3::new(middle.x, HEIGHT_M / 2.0, middle.z),
             if ahead_m < 0.0 { outward } else { -outward },
@@ -83,7 +87,8 @@ pub(super) fn wall_panel(
     })
 }
 
-/// The plane, and the level direction out of the room; `None` for floors, ceilings and what makes no sense.
+/// The plane and the horizontal direction out of the room; `None` for floors, ceilings and invalid
+/// planes.
 fn upright_plane(wall: &Wall) -> Option<(Plane, DVec3)> {
     let plane = normalised(wall.plane)?;
     if plane.is_level() || !is_valid_position(wall.seen_at.min) || !is_valid_position(wall.seen_at.max) {
@@ -92,14 +97,15 @@ fn upright_plane(wall: &Wall) -> Option<(Plane, DVec3)> {
     Some((plane, DVec3::new(plane.outward.x, 0.0, plane.outward.z).normalize()))
 }
 
-/// The plane with a normal of length 1 exactly; `None` when it was far from that.
+/// The plane with a normalised normal; `None` when its length was far from 1.
 fn normalised(plane: Plane) -> Option<Plane> {
     let length = plane.outward.length();
     let near_one = (0.9..1.1).contains(&length) && plane.offset_m.is_finite();
     near_one.then(|| Plane { outward: plane.outward / length, offset_m: plane.offset_m / length })
 }
 
-/// First and last coordinate along `right` to show, at whole lines of the grid; `None` where nothing was seen.
+/// First and last coordinate along `right` to show, at grid lines; `None` where nothing was
+/// observed.
 fn visible_span(wall: &Wall, head_at: f64, right: DVec3, spacing: f64) -> Option<(f64, f64)> {
     let (least, greatest) = span(wall, right);
     let from = ((head_at - HALF_WIDTH_M).max(least) / spacing).round();
@@ -107,13 +113,13 @@ fn visible_span(wall: &Wall, head_at: f64, right: DVec3, spacing: f64) -> Option
     (to > from).then_some((from * spacing, to * spacing))
 }
 
-/// Where the wall is taken to be, along `right`.
+/// Extent of the wall along `right`.
 fn span(wall: &Wall, right: DVec3) -> (f64, f64) {
     let seen = [wall.seen_at.min, wall.seen_at.max].map(|corner| corner * right);
     (seen[0].min(seen[1]).element_sum() - EDGE_MARGIN_M, seen[0].max(seen[1]).element_sum() + EDGE_MARGIN_M)
 }
 
-/// The grid's spacing, or the default where it cannot be used.
+/// The grid spacing, or the default where it is invalid.
 fn spacing(settings: &WarningSettings) -> f64 {
     let given = settings.grid_spacing_m;
     if (0.05..=1.0).contains(&given) { given } else { WarningSettings::default().grid_spacing_m }

@@ -1,4 +1,5 @@
-//! From the scene to what is drawn for one head pose. A pure function: the same scene, head and settings give the same warnings.
+//! From the scene to what is drawn for one head pose. A pure function: the same scene, head and
+//! settings give the same warnings.
 
 use super::body_model::BodyModel;
 use super::group::group_obstacles;
@@ -11,12 +12,14 @@ use super::urgency::urgencies;
 use radar_mapping::{Scene, Wall};
 use radar_sar::geometry::Pose;
 
-/// Most quads at a time, panels and footprints together: each is an overlay that the compositor draws.
+/// Largest number of quads at a time, panels and footprints together. Choice: each is an overlay
+/// that the compositor draws.
 pub const MAX_QUADS: usize = 8;
 
-/// Panels and footprints of everything near enough to warn of, brightest first, then nearest; at most [`MAX_QUADS`]. Never
-/// panics: a head pose that is no pose gives nothing, obstacles and walls that are none are left out. It knows no hands and no speed,
-/// and a warning is there at once: for a scene that goes on from frame to frame, [`super::WarningTracker`] knows more and is steadier.
+/// Panels and footprints of everything near enough, brightest first, then nearest; at most
+/// [`MAX_QUADS`]. Never panics: an invalid head pose gives nothing, invalid obstacles and walls are
+/// ignored. It uses no hands and no velocities and does not fade. For a live scene use
+/// [`super::WarningTracker`].
 pub fn warn(scene: &Scene, tracking_from_head: &Pose, settings: &WarningSettings) -> Warnings {
     let body_model = BodyModel::still(tracking_from_head);
     body_model.map_or_else(Warnings::default, |body_model| {
@@ -24,7 +27,7 @@ pub fn warn(scene: &Scene, tracking_from_head: &Pose, settings: &WarningSettings
     })
 }
 
-/// The bodies of all obstacles, those that lie close together as one; and of what moves.
+/// Geometries of all obstacles, grouped where they lie close together, and of the moving targets.
 pub(super) fn bodies(scene: &Scene) -> Vec<ObstacleBody> {
     let standing = group_obstacles(&scene.obstacles);
     standing
@@ -34,7 +37,7 @@ pub(super) fn bodies(scene: &Scene) -> Vec<ObstacleBody> {
         .collect()
 }
 
-/// Warnings of these bodies and walls for one who stands there straight and still.
+/// Warnings of these obstacles and walls for a wearer who stands upright and still.
 fn warnings_of_hazards(
     bodies: &[ObstacleBody],
     walls: &[Wall],
@@ -53,7 +56,7 @@ fn warnings_of_hazards(
     sorted_by_brightness(drawn)
 }
 
-/// Brightest first, then nearest; no more than can be shown.
+/// Brightest first, then nearest; at most [`MAX_QUADS`].
 pub(super) fn sorted_by_brightness(drawn: impl Iterator<Item = WarningVisual>) -> Warnings {
     let mut all: Vec<(Panel, Option<Footprint>)> = drawn.map(|drawn| (drawn.panel, drawn.footprint)).collect();
     all.sort_by(|(a, _), (b, _)| {
@@ -77,7 +80,7 @@ mod tests {
         Pose::from_translation(DVec3::new(0.0, 1.6, 0.0))
     }
 
-    /// A block of 0.3 × 0.9 × 0.3 m standing on the floor, its near side at `z`, in voxels of 5 cm.
+    /// A box of 0.3 × 0.9 × 0.3 m standing on the floor, its near side at `z`, in voxels of 5 cm.
     fn block(id: u64, x: f64, z: f64) -> Obstacle {
         let shape = (0..6 * 18 * 6)
             .map(|i| DVec3::new((i % 6).into(), (i / 6 % 18).into(), -f64::from(i / 108)))
@@ -107,7 +110,7 @@ mod tests {
         warn(&Scene { time_ns: 0, obstacles, walls, moving: vec![] }, &head(), &WarningSettings::default())
     }
 
-    /// Somebody 1.2 m ahead.
+    /// A person 1.2 m ahead.
     fn someone(speed_m_per_s: f64) -> MovingTarget {
         MovingTarget {
             id: 1,
@@ -133,7 +136,8 @@ mod tests {
         let [panel] = &comes.panels[..] else { panic!("{comes:?}") };
         assert!(panel.kind == PanelKind::Object && panel.silhouette.is_empty() && panel.size_m.x > 1.0, "{panel:?}");
         assert!(panel.time_to_contact_s.is_some_and(|s| (0.5..1.2).contains(&s)), "{panel:?}");
-        // Nearer in time is brighter than nearer in space alone, and the obstacle of the same number is another thing.
+        // A short time to contact is brighter than distance alone, and the obstacle with the same
+        // id is another hazard.
         assert!(panel.alpha > stands.panels[0].alpha && panel.id != 1);
         assert!(of(someone(-1.0), &WarningSettings { moving: false, ..settings.clone() }).panels.is_empty());
         for bad in [MovingTarget { range_m: f64::NAN, ..someone(-1.0) }, someone(f64::NAN)] {
@@ -180,7 +184,7 @@ mod tests {
         assert_eq!(before.panels.len(), moved.panels.len());
         for (was, is) in before.panels.iter().zip(&moved.panels) {
             let expected = to_from.transform_point(was.tracking_from_panel.translation);
-            // Sizes and a wall's edges keep to steps, which lie elsewhere in a turned frame.
+            // Sizes and a wall's edges are rounded to steps, which differ in a turned frame.
             assert!(is.tracking_from_panel.translation.distance(expected) < 0.15, "{:?}", is.kind);
             assert!((is.distance_m - was.distance_m).abs() < 1e-9, "{} {}", is.distance_m, was.distance_m);
         }
@@ -262,7 +266,7 @@ mod tests {
 
     #[test]
     fn nearest_eight_are_shown() {
-        // Poles around the head, too far from each other to be one thing.
+        // Poles around the head, too far apart to be grouped.
         let many = (0..10).map(|i| {
             let (sin, cos) = (i as f64 * std::f64::consts::TAU / 10.0).sin_cos();
             let distance_m = 1.4 - 0.01 * i as f64;

@@ -1,5 +1,5 @@
-//! How bright one thing is from frame to frame: it comes at its distance, goes beyond it and after a while, and its brightness follows
-//! what is wanted only so fast.
+//! Brightness of one hazard from frame to frame: it appears at the fade distance, disappears beyond
+//! it and after a delay, and follows the wanted brightness at a limited rate.
 
 use super::body_model::BodyModel;
 use super::habituation::{FAST_HEAD_M_PER_S, Habituation};
@@ -11,35 +11,36 @@ use super::urgency::{Urgency, urgencies};
 
 use radar_sar::math;
 
-/// Less urgent than this does not bring a warning up, nor keep it.
+/// Least urgency that starts or keeps a warning. Choice.
 const MIN_URGENCY: f64 = 0.02;
-/// What is held on to has at least this brightness: seen by who looks for it.
+/// Least brightness of a held warning. Choice: visible to someone who looks for it.
 const MIN_HELD_BRIGHTNESS: f64 = 0.04;
-/// It is held on to for so far beyond the fade distance, metres.
+/// A warning is held this far beyond the fade distance, metres. Choice.
 const HOLD_MARGIN_M: f64 = 0.15;
-/// And for so long after that, and after the thing has gone out of the scene: two looks of the reconstruction, nanoseconds.
+/// A warning is held this long after that, and after the hazard has left the scene, nanoseconds.
+/// Choice: two updates of the map.
 const HOLD_NS: i64 = 500_000_000;
-/// From dark to full in a tenth of a second: before a step has gone 10 cm.
+/// Rise of the brightness: from dark to full in 0.1 s, before a step has covered 10 cm. Choice.
 const RISE_PER_S: f64 = 10.0;
-/// What fills the view comes up in a quarter: no flash.
+/// Rise for a panel that fills the view: 0.25 s, so that it does not flash. Choice.
 const WIDE_RISE_PER_S: f64 = 4.0;
-/// From full to dark.
+/// Fall from full to dark: 0.5 s. Choice.
 const FALL_PER_S: f64 = 2.0;
-/// The same for a thing that is no longer there.
+/// Fall for a hazard that has left the scene. Choice.
 const MISSING_FALL_PER_S: f64 = 4.0;
-/// Faster than this a part of the body goes away, m/s.
+/// Least speed at which a body part counts as receding, m/s. Choice.
 const MIN_RECEDING_M_PER_S: f64 = 0.1;
-/// A panel as wide as this from the eyes fills the view, radians.
+/// Angular size from which on a panel fills the view, radians. Choice.
 const WIDE_PANEL_RAD: f64 = 1.6;
 
-/// A thing from frame to frame.
+/// Warning state of one hazard.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct WarningState {
-    /// As it was drawn last.
+    /// The last visual.
     pub drawn: Option<WarningVisual>,
-    /// Brightness, 0 to 1, before the user's.
+    /// Brightness, 0 to 1, before the user's factor.
     pub shown: f64,
-    /// Brightness it wants to have.
+    /// Wanted brightness.
     pub wanted: f64,
     is_on: bool,
     off_since_ns: Option<i64>,
@@ -51,12 +52,13 @@ pub(super) struct WarningState {
 }
 
 impl WarningState {
-    /// Nothing is shown of it yet.
+    /// Nothing shown yet.
     pub fn new(version: u64) -> Self {
         Self { version, ..Self::default() }
     }
 
-    /// What the thing wants now. `version` is another when the thing is not what it was.
+    /// Updates the wanted brightness. `version` differs from the last one when the hazard has
+    /// changed.
     pub fn update(
         &mut self,
         now_ns: i64,
@@ -76,7 +78,7 @@ impl WarningState {
                 *habituation = Habituation::default();
                 continue;
             };
-            // Who goes away fast is not to have it brighten behind them.
+            // Someone who moves away fast must not make the warning brighter behind them.
             let is_active = is_other || (is_fast && this.near.closing_m_per_s > -MIN_RECEDING_M_PER_S);
             let left = habituation.brightness_factor(now_ns, this, is_active, settings);
             urgency = urgency.max(this.value());
@@ -92,7 +94,7 @@ impl WarningState {
         self.wanted = if self.is_on { (wanted * hazard.brightness(settings)).max(MIN_HELD_BRIGHTNESS) } else { 0.0 };
     }
 
-    /// The thing is not in the scene any more.
+    /// The hazard has left the scene.
     pub fn mark_missing(&mut self, now_ns: i64) {
         self.is_missing = true;
         self.hold(now_ns, false, false);
@@ -105,14 +107,14 @@ impl WarningState {
         if comes || (stays && self.is_on) {
             (self.is_on, self.off_since_ns) = (true, None);
         } else if self.is_on {
-            // Where time runs backwards it is off since now.
+            // After time ran backwards, it counts as off from now on.
             let since_ns = self.off_since_ns.unwrap_or(now_ns).min(now_ns);
             self.off_since_ns = Some(since_ns);
             self.is_on = now_ns.saturating_sub(since_ns) < HOLD_NS;
         }
     }
 
-    /// How much the brightness may change in so many seconds.
+    /// Change of the brightness within a time, limited by the rates.
     pub fn change(&self, passed_s: f64, eyes_m: glam::DVec3) -> f64 {
         let is_wide = self.drawn.as_ref().is_some_and(|drawn| {
             let away_m = drawn.panel.tracking_from_panel.translation.distance(eyes_m).max(0.1);
@@ -123,7 +125,7 @@ impl WarningState {
         (self.wanted - self.shown).clamp(-fall * passed_s, rise * passed_s)
     }
 
-    /// Lays out what is drawn anew; a thing that has nothing to show where the player is goes dark.
+    /// Updates the visual; a hazard with nothing to show at this place goes dark.
     pub fn update_visual(&mut self, now_ns: i64, hazard: &Hazard, body_model: &BodyModel, settings: &WarningSettings) {
         let drawn = self.near.and_then(|near| hazard.draw(body_model, &near, 0.0, settings).map(|drawn| (drawn, near)));
         match drawn {
@@ -135,12 +137,12 @@ impl WarningState {
         }
     }
 
-    /// Whether there is anything left to see or to remember.
+    /// Whether nothing is shown or held any more.
     pub fn is_over(&self) -> bool {
         !self.is_on && self.shown <= 0.0
     }
 
-    /// As it is drawn with its brightness; `None` when it is dark.
+    /// The visual with its brightness; `None` when dark.
     pub fn visual(&self, settings: &WarningSettings) -> Option<WarningVisual> {
         let alpha = settings.alpha_of(self.shown);
         let mut drawn = self.drawn.clone().filter(|_| alpha > 0.0)?;

@@ -1,15 +1,16 @@
-//! Warnings from frame to frame: bodies are made once a scene, and stay as they are while nothing speaks against it; brightness
-//! follows what the player does.
+//! Warnings from frame to frame: keeps obstacle geometries stable between scenes and follows the
+//! wearer with the brightness.
 //!
-//! A radar's image of a thing that stands still flickers at its rim: from look to look single voxels come and go. Drawn as they
-//! are, silhouettes would twinkle and every picture be drawn anew several times a second. So a body is kept while the
-//! newer one agrees with it. What matters at once is taken at once: what is new, what is gone, what has moved, and what
-//! reaches farther than before. The rest waits half a second, small changes two; times are those of the scene.
+//! The radar image of a stationary object flickers at its edge: single voxels come and go between
+//! map updates. Drawn directly, silhouettes would flicker and textures change several times a
+//! second. So a geometry is kept while the newer one agrees with it. New and removed obstacles,
+//! movement and growth apply at once. Other changes wait half a second, small ones two; times are
+//! those of the scene.
 //!
-//! How bright a thing is: its urgency (`urgency.rs`), dimmed before who is calm (`calm.rs`), held on to at the edges and followed at
-//! limited speed (`track.rs`). A thing that goes out of the scene fades where it was; one that comes back under another id at the
-//! same place goes on. All panels together change by so much a frame and no more: a room that is known from one frame to the next does
-//! not flash up.
+//! The brightness of a hazard is its urgency, dimmed by habituation, held at the edges and limited
+//! in rate. A hazard that leaves the scene fades at its last position. One that returns with
+//! another id at the same place continues. The sum of all brightness changes per frame is limited,
+//! so that a map that appears in one frame does not flash.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -23,40 +24,43 @@ use super::warning_state::WarningState;
 use super::wearer::Wearer;
 use radar_mapping::{Scene, Wall};
 
-/// Movement or growth beyond this is taken at once, metres: more than the voxels' edge, which is how far the rim flickers.
+/// Movement or growth that applies at once, metres. Choice: more than the voxel edge, which is how
+/// far the image flickers.
 const IMMEDIATE_CHANGE_M: f64 = 0.075;
-/// A body stays for so long although a good part of it differs, nanoseconds.
+/// A geometry is kept for this time although a good part differs, nanoseconds. Choice.
 const HOLD_NS: i64 = 500_000_000;
-/// It stays for so long when little differs.
+/// A geometry is kept for this time when little differs, nanoseconds. Choice.
 const LONG_HOLD_NS: i64 = 2_000_000_000;
-/// Little: this share of all places that either has.
+/// Small difference: share of the points that only one of the two has. Choice.
 const SMALL_DIFFERENCE: f64 = 0.25;
-/// A thing of another id this near to where one has gone is that one, metres.
+/// An obstacle with a new id within this distance of a removed one is the same, metres. Choice.
 const SAME_OBSTACLE_M: f64 = 0.25;
-/// Walls whose normals differ by less than this cosine's angle (8°), likewise.
+/// Cosine above which the normals of two walls are the same (8°). Choice.
 const SAME_WALL_COSINE: f64 = 0.99;
-/// What a first frame, or one after a pause, counts for, seconds.
+/// Duration assumed for the first frame and for one after a pause, seconds. Choice.
 const FIRST_FRAME_S: f64 = 0.011;
-/// A longer frame counts for this, seconds: what hung does not flash up when it goes on.
+/// Longest duration counted for a frame, seconds, so that nothing flashes after a stall. Choice.
 const MAX_FRAME_S: f64 = 0.05;
-/// After a longer pause all begins in the dark, nanoseconds.
+/// After a longer pause all warnings start dark, nanoseconds. Choice.
 const PAUSE_NS: i64 = 500_000_000;
-/// Brightness of all panels together changes at most so fast: as fast as one and a half that come up.
+/// Limit of the summed brightness change of all panels per second: one and a half panels at full
+/// rise. Choice.
 const MAX_TOTAL_CHANGE_PER_S: f64 = 15.0;
-/// What is shown keeps its place among the eight before what is more urgent by less than this.
+/// Bonus that keeps a shown warning among the eight against slightly more urgent ones. Choice.
 const SHOWN_BONUS: f64 = 0.1;
 
-/// A scene that is being watched. The same scenes and players in the same order give the same warnings.
+/// Tracks the warnings of a scene. Deterministic: the same scenes and wearers in the same order
+/// give the same warnings.
 #[derive(Debug, Clone, Default)]
 pub struct WarningTracker {
     held: Vec<StableBody>,
-    /// Bodies that went out of the scene a moment ago: they may come back.
+    /// Geometries that left the scene recently; they may return.
     gone: Vec<StableBody>,
     walls: Vec<(Wall, u64)>,
     states: BTreeMap<HazardKey, WarningState>,
     posture: PostureEstimator,
     last_ns: Option<i64>,
-    /// Counts what is not what it was.
+    /// Counts changes of hazards.
     versions: u64,
 }
 
@@ -64,14 +68,14 @@ pub struct WarningTracker {
 struct StableBody {
     body: ObstacleBody,
     since_ns: i64,
-    /// Time of the last scene that had it.
+    /// Time of the last scene that contained it.
     seen_ns: i64,
-    /// Another one when the body is not what it was.
+    /// Differs from before when the hazard has changed.
     version: u64,
 }
 
 impl WarningTracker {
-    /// Nothing seen yet.
+    /// Without any history.
     pub fn new() -> Self {
         Self::default()
     }
@@ -115,7 +119,7 @@ impl WarningTracker {
         }
     }
 
-    /// What was shown under one key goes on under another.
+    /// Moves the warning state from one key to another.
     fn rename(&mut self, from: HazardKey, to: HazardKey) {
         if from == to {
             return;
@@ -127,9 +131,9 @@ impl WarningTracker {
         }
     }
 
-    /// What to draw for the player now. Brightness begins in the dark and comes up within a tenth of a second; call it every frame.
-    /// A player whose head is in no place gives nothing. With [`WarningSettings::labels`] panels have the room between body and thing
-    /// to write on them.
+    /// What to draw for the wearer now. Brightness starts dark and rises within 0.1 s; call it
+    /// every frame. A wearer with an invalid head position gives nothing. With
+    /// [`WarningSettings::labels`] the panels carry the gap between body and hazard as a label.
     pub fn warn(&mut self, wearer: &Wearer, settings: &WarningSettings) -> Warnings {
         let Some(body_model) = self.posture.update(wearer) else { return Warnings::default() };
         let now_ns = wearer.time_ns;
@@ -146,7 +150,7 @@ impl WarningTracker {
         sorted_by_brightness(self.states.values().filter_map(|state| state.visual(settings)))
     }
 
-    /// Seconds since the last frame, as far as they count.
+    /// Counted seconds since the last frame.
     fn passed_s(&mut self, now_ns: i64) -> f64 {
         let passed_ns = self.last_ns.map(|then_ns| now_ns.saturating_sub(then_ns));
         self.last_ns = Some(now_ns);
@@ -160,7 +164,7 @@ impl WarningTracker {
         }
     }
 
-    /// What each thing wants, and how it is drawn.
+    /// Updates wanted brightness and visual of every hazard.
     fn update_states(&mut self, now_ns: i64, body_model: &BodyModel, settings: &WarningSettings) {
         let bodies = self.held.iter().map(|held| (Hazard::Object(&held.body), held.version));
         let walls = self.walls.iter().map(|(wall, version)| (Hazard::Wall(wall), *version));
@@ -179,7 +183,7 @@ impl WarningTracker {
         }
     }
 
-    /// Only eight can be shown: the others want to be dark.
+    /// Only [`MAX_QUADS`] can be shown: the others fade out.
     fn drop_beyond_max(&mut self) {
         let rank = |state: &WarningState| state.wanted + if state.shown > 0.0 { SHOWN_BONUS } else { 0.0 };
         let mut wanting: Vec<(f64, HazardKey)> =
@@ -190,7 +194,7 @@ impl WarningTracker {
         }
     }
 
-    /// The shapes of the obstacles that panels warn of, in the panels' order.
+    /// Shapes of the obstacles that have panels, in the order of the panels.
     pub fn shapes(&self, warnings: &Warnings) -> Vec<Shape> {
         let objects = warnings.panels.iter().filter(|panel| panel.kind != PanelKind::Wall);
         let shape = |panel: &super::Panel| {
@@ -200,13 +204,14 @@ impl WarningTracker {
         objects.filter_map(shape).collect()
     }
 
-    /// Holds nothing any more: for when the room is another one.
+    /// Drops all history: for another room.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// The room is the same, but the frame it is seen in another one: what it holds on to stands elsewhere, and the next scene and player are
-    /// in the new frame. Brightness stays, so that recentring is no blink.
+    /// The room is the same but its frame has changed: drops all positions and keeps the
+    /// brightness, so that recentring does not blink. The next scene and wearer must be in the new
+    /// frame.
     pub fn change_frame(&mut self) {
         (self.held, self.gone, self.walls) = (Vec::new(), Vec::new(), Vec::new());
         self.posture = PostureEstimator::default();
@@ -220,7 +225,7 @@ fn is_same(a: &Wall, b: &Wall) -> bool {
 }
 
 impl StableBody {
-    /// The body, or the one before where it stays.
+    /// The new geometry, or the previous one where it is kept.
     fn of(body: ObstacleBody, known: Option<&StableBody>, now_ns: i64, version: u64) -> Self {
         let Some(known) = known else { return Self { body, since_ns: now_ns, seen_ns: now_ns, version } };
         let age_ns = now_ns.saturating_sub(known.since_ns);
@@ -233,7 +238,7 @@ impl StableBody {
         }
     }
 
-    /// Whether a body of another id is this one.
+    /// Whether a geometry with another id is the same obstacle.
     fn is_replaced_by(&self, body: &ObstacleBody) -> bool {
         let (old, new) = (&self.body, body);
         let apart = (old.around.min - new.around.max).max(new.around.min - old.around.max).max_element();
@@ -244,7 +249,7 @@ impl StableBody {
             && old.anchor.distance(new.anchor) <= SAME_OBSTACLE_M
     }
 
-    /// Whether nothing about the newer body has to be known at once.
+    /// Whether the new geometry has no change that must apply at once.
     fn is_similar_to(&self, new: &ObstacleBody) -> bool {
         if new.approach_m_per_s.is_some() {
             return false;
@@ -256,14 +261,14 @@ impl StableBody {
             && growth <= IMMEDIATE_CHANGE_M
     }
 
-    /// Whether this body, so old, stays although a newer one is there that is much like it.
+    /// Whether this geometry is kept at this age instead of a similar newer one.
     fn stays_over(&self, new: &ObstacleBody, age_ns: i64) -> bool {
         let old = &self.body;
         age_ns < if difference(old, new) > SMALL_DIFFERENCE { HOLD_NS } else { LONG_HOLD_NS }
     }
 }
 
-/// The share of places that only one of the two has.
+/// Share of the points that only one of the two has.
 fn difference(a: &ObstacleBody, b: &ObstacleBody) -> f64 {
     let places = |body: &ObstacleBody| -> BTreeSet<[i64; 3]> {
         body.points.iter().map(|p| (*p * 100.0).round().to_array().map(|v| v as i64)).collect()
@@ -302,7 +307,7 @@ mod tests {
         Scene { time_ns: (time_s * 1e9) as i64, obstacles, walls: vec![], moving: vec![] }
     }
 
-    /// Frames that are enough for all brightness to have come up and gone.
+    /// Enough frames for all brightness to settle.
     const SETTLE: i64 = 150;
     const FRAME_NS: i64 = 11_000_000;
 
@@ -388,7 +393,7 @@ mod tests {
         assert_eq!(tracker.shapes(&bare), shapes);
     }
 
-    /// The brightness of each frame while a player goes along a path in seconds.
+    /// Brightness of each frame while the wearer follows a path over time in seconds.
     fn alphas(tracker: &mut WarningTracker, frames: std::ops::Range<i64>, place: impl Fn(f64) -> DVec3) -> Vec<f64> {
         let settings = WarningSettings::default();
         let alpha = |frame: i64| {
@@ -533,7 +538,8 @@ mod tests {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
             (state >> 33) as f64 / f64::from(1u32 << 31)
         };
-        // At the fade distance, jittering by 4 cm, gone in every fifth look, and called otherwise in every tenth.
+        // At the fade distance, with 4 cm of jitter, missing in every fifth update and renamed in
+        // every tenth.
         let mut tracker = WarningTracker::new();
         let (mut lit, mut id) = (Vec::new(), 1);
         let settings = WarningSettings::default();
@@ -552,7 +558,7 @@ mod tests {
             lit.push(tracker.warn(&wearer, &settings).panels.first().map_or(0.0, |panel| f64::from(panel.alpha)));
         }
         let switches = lit.windows(2).filter(|pair| (pair[0] > 0.0) != (pair[1] > 0.0)).count();
-        // A reversal that can be seen: brightness that turned by more than 3 % of full.
+        // A visible reversal: the brightness turned by more than 3 % of full.
         let (mut reversals, mut turned_at, mut rising) = (0, lit[0], true);
         for alpha in &lit {
             turned_at = if rising { alpha.max(turned_at) } else { alpha.min(turned_at) };

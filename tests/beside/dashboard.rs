@@ -1,4 +1,4 @@
-//! The panel in the dashboard: seen, touched, closed; and a runtime that gives none.
+//! The dashboard panel: shown, operated, closed; and a runtime without a dashboard.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -19,7 +19,7 @@ fn press(rig: &Rig, name: &str) {
     rig.send_command(&json!({"do": "mouse", "action": "click", "x": x, "y": y}));
 }
 
-/// The tab as it was handed over last.
+/// The tab as submitted last.
 fn shoot(rig: &Rig, name: &str) -> image::RgbaImage {
     rig.send_command(&json!({"do": "tab_shot", "name": name}));
     let path = rig.path(&format!("vr/shots/{name}.png"));
@@ -43,19 +43,19 @@ fn panel_is_shown_and_its_changes_are_saved() {
     rig.start_steamvr(&json!({}), true);
     let program = rig.start_run(&["--report", "run.json"]);
     rig.wait_report("a warning", |report| is_warning(report) && report["frames"].as_u64() > Some(1000));
-    assert_eq!(textures(&rig.report()), 1, "the button's alone: nobody looks at the panel");
+    assert_eq!(textures(&rig.report()), 1, "only the button's: the panel is not shown");
 
     rig.send_command(&json!({"do": "dashboard", "open": true}));
     rig.wait_report("the panel", |report| textures(report) > 5);
     let picture = shoot(&rig, "open");
     assert_eq!([picture.width(), picture.height()], panel::SIZE);
-    assert!(picture.pixels().all(|pixel| pixel[3] == 255), "nothing of the game shines through");
+    assert!(picture.pixels().all(|pixel| pixel[3] == 255), "the panel must be opaque");
     let colors: BTreeSet<[u8; 4]> = picture.pixels().map(|pixel| pixel.0).collect();
     assert!(colors.len() > 100, "{} colours", colors.len());
     let thumbnail = image::open(rig.path("vr/shots/open_thumbnail.png")).unwrap().to_rgba8();
-    assert!(thumbnail.pixels().any(|pixel| pixel[2] > 150), "a picture");
+    assert!(thumbnail.pixels().any(|pixel| pixel[2] > 150), "the button must have an icon");
 
-    // A switch: in force, in the picture, and in the file with everything else.
+    // A switch changes the active settings, the image, and the file, which keeps everything else.
     press(&rig, "headset.warnings");
     rig.wait_report("no warnings", |report| !is_warning(report));
     rig.wait_for("the file", || {
@@ -71,7 +71,7 @@ fn panel_is_shown_and_its_changes_are_saved() {
     println!("the switch looks off in shot {}", shots.start);
     press(&rig, "headset.warnings");
     rig.wait_report("warnings", is_warning);
-    // A number, twice.
+    // A number, changed twice.
     press(&rig, "warning.fade_distance_m-");
     press(&rig, "warning.fade_distance_m-");
     let changed = TEXT.replace("3.5", "3.3");
@@ -81,11 +81,11 @@ fn panel_is_shown_and_its_changes_are_saved() {
     std::thread::sleep(std::time::Duration::from_secs(2));
     let closed = textures(&rig.wait_report("a report", |_| true));
     std::thread::sleep(std::time::Duration::from_secs(2));
-    assert_eq!(textures(&rig.report()), closed, "nothing is drawn that nobody sees");
+    assert_eq!(textures(&rig.report()), closed, "a closed panel must not be drawn");
 
     let ended = program.interrupt();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
-    assert_eq!(ended.err.matches("settings").count(), 0, "our own writing is no news: {}", ended.err);
+    assert_eq!(ended.err.matches("settings").count(), 0, "the program's own write must not be reported: {}", ended.err);
     let report = rig.report();
     assert_eq!((&report["violations"], &report["left_at_cleanup"]), (&json!({}), &json!(0)));
 }

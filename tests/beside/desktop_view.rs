@@ -1,4 +1,4 @@
-//! `run --view`: what it does where there is no desktop. What it shows is looked at under a virtual one.
+//! `run --view` without a desktop. Its content is tested under a virtual desktop.
 
 use serde_json::json;
 

@@ -1,4 +1,4 @@
-//! The other two displays, and the chaperone's colour.
+//! The other two display modes, and the chaperone's colour.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use crate::eyes::Eye;
 use crate::rig::{Program, Rig};
 
-/// Starts with these settings, and shoots when the head is at the chair.
+/// Starts with these settings and takes a shot when the head is at the chair.
 fn at_the_chair(rig: &mut Rig, configuration: &Value, settings: &[&str]) -> (Program, [Eye; 2], Value) {
     rig.start_sensor("furnished-room", "approach-chair", 1, 60);
     let mut configuration = configuration.clone();
@@ -26,7 +26,7 @@ fn end(rig: &Rig, program: Program) {
     assert_eq!((&report["violations"], &report["left_at_cleanup"]), (&json!({}), &json!(0)));
 }
 
-/// The chair's parts are lit in both eyes, most of them within a degree.
+/// The chair is lit in both eyes, most of its points within a degree.
 fn shows_the_chair(eyes: &[Eye; 2]) {
     let chair = crate::warnings::chair();
     for eye in eyes {

@@ -1,4 +1,4 @@
-//! What an eye saw: a picture of the stand-in's, and where things of the room are in it.
+//! Images of the fake runtime, and positions of the room's objects in them.
 
 use std::path::Path;
 
@@ -6,13 +6,13 @@ use glam::{DQuat, DVec2, DVec3};
 use image::RgbaImage;
 use serde_json::Value;
 
-/// Brighter than the stand-in's background by so much counts as lit, of 255.
+/// Brightness above the fake runtime's background from which a pixel counts as lit, of 255.
 const LIT: i32 = 24;
 
 pub struct Eye {
     place: DVec3,
     turn: DQuat,
-    /// Tangents of left, right, lower and upper edge.
+    /// Tangents of the left, right, lower and upper edge.
     edges: [f64; 4],
     picture: RgbaImage,
 }
@@ -33,13 +33,13 @@ impl Eye {
         Self { place: DVec3::new(x, y, z), turn: DQuat::from_xyzw(qx, qy, qz, qw).normalize(), edges, picture }
     }
 
-    /// Tangents right and up of where a place is seen; `None` behind the eye.
+    /// Tangents right and up of a point; `None` behind the eye.
     fn tangents(&self, place: DVec3) -> Option<DVec2> {
         let seen = self.turn.conjugate() * (place - self.place);
         (seen.z < -0.01).then(|| DVec2::new(seen.x / -seen.z, seen.y / -seen.z))
     }
 
-    /// The direction of a pixel's middle.
+    /// Direction of a pixel's centre.
     fn direction_of(&self, x: u32, y: u32) -> DVec3 {
         let [left, right, lower, upper] = self.edges;
         let share = |at: u32, of: u32| (f64::from(at) + 0.5) / f64::from(of);
@@ -48,23 +48,23 @@ impl Eye {
         DVec3::new(right, up, -1.0).normalize()
     }
 
-    /// The direction of a place.
+    /// Direction of a point.
     pub fn direction(&self, place: DVec3) -> Option<DVec3> {
         self.tangents(place).map(|t| DVec3::new(t.x, t.y, -1.0).normalize())
     }
 
-    /// Mean angle to the right of these directions, weighed by their brightness.
+    /// Mean angle to the right of these directions, weighted by brightness.
     pub fn mean_right_rad(&self, lit: &[(DVec3, i32)]) -> f64 {
         let sum: DVec3 = lit.iter().map(|(at, weight)| *at * f64::from(*weight)).sum();
         sum.x.atan2(-sum.z)
     }
 
-    /// Greatest red and green of any pixel.
+    /// Largest red and green of any pixel.
     pub fn brightest_red_and_green(&self) -> [u8; 2] {
         [0, 1].map(|channel| self.picture.pixels().map(|pixel| pixel[channel]).max().unwrap_or(0))
     }
 
-    /// How much brighter than the background each pixel is, with its direction; dark ones are left out.
+    /// Direction and brightness above the background of each lit pixel.
     pub fn lit(&self) -> Vec<(DVec3, i32)> {
         let background = *self.picture.get_pixel(0, 0);
         let over =
@@ -74,7 +74,7 @@ impl Eye {
     }
 }
 
-/// How much further right the left eye sees a place than the right eye.
+/// Disparity of a point: how much further right the left eye sees it than the right eye.
 pub fn disparity_rad(left: &Eye, right: &Eye, place: DVec3) -> f64 {
     let right_rad = |eye: &Eye| eye.tangents(place).map_or(f64::NAN, |t| t.x.atan());
     right_rad(left) - right_rad(right)

@@ -1,4 +1,4 @@
-//! The graphics device goes away under the program: its driver was reset, or the card was pulled.
+//! The graphics device is lost while the program runs: driver reset or removed card.
 
 use serde_json::{Value, json};
 
@@ -15,7 +15,9 @@ fn lost_device_is_reopened_and_warnings_return() {
     for round in 1..=2u64 {
         rig.wait_report("a warning", |report| is_shown(report) && report["frames"].as_u64() > Some(400));
         std::fs::write(&lose, round.to_string()).unwrap();
-        rig.wait_for("its word", || (program.err().matches("lost its device").count() as u64 >= round).then_some(()));
+        rig.wait_for("its message", || {
+            (program.err().matches("lost its device").count() as u64 >= round).then_some(())
+        });
         // Textures come from another device, and are shown.
         rig.wait_report("a warning on the new device", |report| {
             report["devices_lost"].as_u64() == Some(round) && is_shown(report)
@@ -23,7 +25,7 @@ fn lost_device_is_reopened_and_warnings_return() {
     }
     let ended = program.interrupt();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
-    assert_eq!(ended.err.matches("lost its device").count(), 2, "told once each: {}", ended.err);
+    assert_eq!(ended.err.matches("lost its device").count(), 2, "reported once each: {}", ended.err);
     assert!(!ended.err.contains("panicked"), "{}", ended.err);
     let report = rig.report();
     assert_eq!((&report["violations"], &report["left_at_cleanup"]), (&json!({}), &json!(0)));

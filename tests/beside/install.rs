@@ -1,4 +1,5 @@
-//! SteamVR's list of programs: installed, started by SteamVR, moved, uninstalled; and what `doctor` says of it.
+//! Registration with SteamVR: installed, started by SteamVR, moved, uninstalled; and the output of
+//! `doctor`.
 
 use std::fs;
 
@@ -28,7 +29,7 @@ fn install_and_uninstall_register_the_manifest() {
     let application = &manifest["applications"][0];
     assert_eq!(application["binary_path_linux"], env!("CARGO_BIN_EXE_radar-chaperone"));
     assert_eq!(application["arguments"], "run --port \"a b\" --preset c16");
-    assert!(rig.run(&["install"]).code == Some(0), "again does no harm");
+    assert!(rig.run(&["install"]).code == Some(0), "installing twice must work");
     assert!(doctor(&rig).contains("SteamVR starts this program with the headset"));
 
     let removed = rig.run(&["uninstall"]);
@@ -47,9 +48,9 @@ fn moved_binary_is_reported() {
     assert!(doctor(&rig).contains("another copy of this program"));
     fs::remove_file(&copy).unwrap();
     let said = doctor(&rig);
-    assert!(said.contains("mend") && said.contains("which is not there: `radar-chaperone install` mends it"), "{said}");
+    assert!(said.contains("fix ") && said.contains("which is not there: `radar-chaperone install` fixes it"), "{said}");
     let program = rig.start_run(&[]);
-    rig.wait_for("its word", || program.err().contains("`radar-chaperone install` mends it").then_some(()));
+    rig.wait_for("its message", || program.err().contains("`radar-chaperone install` fixes it").then_some(()));
     assert_eq!(program.interrupt().code, Some(0));
 }
 
@@ -72,7 +73,7 @@ fn doctor_reports_headset_and_graphics() {
     assert!(doctor(&rig).contains("SteamVR is not installed"));
     rig.start_steamvr(&json!({}), false);
     let said = doctor(&rig);
-    for word in ["Stand-in headset", "90 frames a second", "the head is at 0.00, 1.60, 0.00 m", "play area"] {
+    for word in ["Fake headset", "90 frames a second", "the head is at 0.00, 1.60, 0.00 m", "play area"] {
         assert!(said.contains(word), "{word} is not in: {said}");
     }
     assert!(said.contains("as SteamVR wants it") || said.contains("graphics"), "{said}");

@@ -1,4 +1,5 @@
-//! Beginnings and ends: SteamVR not there, coming, going, killed; the program asked to end, killed, started twice.
+//! Start and exit: SteamVR missing, starting, quitting, killed; the program interrupted, killed,
+//! started twice.
 
 use std::path::Path;
 use std::time::Duration;
@@ -7,10 +8,10 @@ use serde_json::json;
 
 use crate::rig::{Program, Rig};
 
-/// What a user takes for at once. The program is done long before; the machine may be busy.
+/// Limit that a user perceives as immediate. The program is much faster; the machine may be busy.
 const EXIT_LIMIT: Duration = Duration::from_secs(3);
 
-/// Rounds of the tests that repeat: few by default, as many as a life has with `RADAR_CHAPERONE_LONG=1`.
+/// Rounds of the repeated tests: three by default, the full number with `RADAR_CHAPERONE_LONG=1`.
 fn rounds(long: usize) -> usize {
     if std::env::var_os("RADAR_CHAPERONE_LONG").is_some() { long } else { 3 }
 }
@@ -38,12 +39,12 @@ fn wait_option_waits_for_steamvr_and_survives_its_exit() {
 
     rig.start_sensor("empty-room", "natural", 1, 300);
     let program = rig.start_run(&["--wait"]);
-    rig.wait_for("its word", || program.out().contains("Waiting for SteamVR").then_some(()));
+    rig.wait_for("its message", || program.out().contains("Waiting for SteamVR").then_some(()));
     for session in 1..=2 {
         rig.start_steamvr(&json!({}), true);
         rig.wait_report("frames", |report| report["frames"].as_u64() > Some(20));
         rig.end_steamvr();
-        rig.wait_for("its word", || (program.out().matches("SteamVR has ended").count() == session).then_some(()));
+        rig.wait_for("its message", || (program.out().matches("SteamVR has ended").count() == session).then_some(()));
     }
     let (ended, took) = program.interrupt_timed();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
@@ -123,7 +124,7 @@ fn killed_runtime_is_detected_and_the_next_one_used() {
         rig.kill_steamvr();
         let ended = program.ended();
         assert_eq!(ended.code, Some(1), "{}", ended.out);
-        assert!(ended.err.contains("went away without a word"), "{}", ended.err);
+        assert!(ended.err.contains("exited unexpectedly"), "{}", ended.err);
         nothing_is_left(&rig);
     }
 }
@@ -133,7 +134,7 @@ fn missing_sensor_is_waited_for() {
     let mut rig = Rig::new("no-sensor");
     rig.start_steamvr(&json!({}), false);
     let program = rig.start_run(&[]);
-    rig.wait_for("its word", || program.err().contains("looked for again").then_some(()));
+    rig.wait_for("its message", || program.err().contains("Retrying every").then_some(()));
     rig.start_sensor("empty-room", "natural", 1, 120);
     rig.wait_for("the sensor", || program.out().contains("ticks a second").then_some(()));
     let ended = program.interrupt();
@@ -141,7 +142,7 @@ fn missing_sensor_is_waited_for() {
     assert!(ended.out.contains("0 frames lost"), "{}", ended.out);
 }
 
-/// The program, once frames of display and sensor go through it.
+/// The program, once display and sensor frames arrive.
 fn streaming(rig: &Rig) -> Program {
     let _ = std::fs::remove_file(rig.path("vr/report.json"));
     let program = rig.start_run(&[]);
@@ -150,7 +151,7 @@ fn streaming(rig: &Rig) -> Program {
     program
 }
 
-/// No process but those of the rig, nothing in the home but the lock.
+/// Only the processes of the rig run, and only the lock is left in the home folder.
 fn nothing_is_left(rig: &Rig) {
     let state = rig.path("home/.local/state/radar-chaperone");
     let left: Vec<String> = std::fs::read_dir(&state)

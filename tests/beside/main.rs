@@ -1,5 +1,6 @@
-//! The program beside the stand-in for SteamVR, with the simulated sensor on a pseudo terminal: everything as a user has it, but for
-//! the hardware. These tests live in real time and need the machine to themselves, so they run one after the other.
+//! The program with the fake SteamVR runtime and the simulated sensor on a pseudo terminal: the
+//! complete system except for the hardware. These tests run in real time and need the machine to
+//! themselves, so they run one after the other.
 #![cfg(target_os = "linux")]
 
 mod dashboard;

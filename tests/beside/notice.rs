@@ -1,16 +1,17 @@
-//! A radar that is silent or unplugged is told of in the headset: a room without warnings looks like one without obstacles.
+//! A silent or unplugged radar is reported in the headset: a room without warnings looks like one
+//! without obstacles.
 
 use serde_json::{Value, json};
 
 use crate::rig::{Program, Rig};
 
-/// The sign is known by its key.
+/// Counts the notice's overlays, identified by key.
 fn notices(shot: &Value) -> usize {
     let overlays = shot["overlays"].as_array().unwrap();
     overlays.iter().filter(|overlay| overlay["key"] == "radar-chaperone.notice").count()
 }
 
-/// Looks until the sign is there or is not.
+/// Takes shots until the notice is shown or hidden.
 fn wait_notice(rig: &Rig, what: &str, wanted: usize) -> Value {
     let number = std::cell::Cell::new(0);
     rig.wait_for(what, || {
@@ -33,17 +34,17 @@ fn silent_or_unplugged_radar_is_reported_in_the_headset() {
     rig.start_sensor("empty-room", "natural", 1, 300);
     rig.start_steamvr(&json!({}), true);
     let program = streaming(&rig, &[]);
-    assert_eq!(notices(&rig.shoot("well")), 0, "nothing is the matter");
+    assert_eq!(notices(&rig.shoot("well")), 0, "there is no fault");
     let says = |rig: &Rig, words: &str| rig.wait_for(words, || program.err().contains(words).then_some(()));
     rig.hold_sensor(true);
-    says(&rig, "the headset says: Radar is silent");
+    says(&rig, "notice in the headset: Radar is silent");
     wait_notice(&rig, "silent", 1);
-    assert!(!program.err().contains("connection is lost"), "it is there");
+    assert!(!program.err().contains("connection is lost"), "the sensor is connected");
     rig.hold_sensor(false);
-    says(&rig, "the headset says: The radar measures");
+    says(&rig, "notice in the headset: The radar measures");
     wait_notice(&rig, "nothing more", 0);
     rig.unplug_sensor();
-    says(&rig, "the headset says: Radar lost");
+    says(&rig, "notice in the headset: Radar lost");
     wait_notice(&rig, "unplugged", 1);
     let ended = program.interrupt();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
@@ -58,7 +59,7 @@ fn notices_can_be_disabled() {
     rig.start_steamvr(&json!({}), true);
     let program = streaming(&rig, &["--set", "headset.notices=false"]);
     rig.unplug_sensor();
-    rig.wait_for("its word", || program.err().contains("connection is lost").then_some(()));
+    rig.wait_for("its message", || program.err().contains("connection is lost").then_some(()));
     std::thread::sleep(std::time::Duration::from_secs(8));
     assert_eq!(notices(&rig.shoot("without")), 0);
     assert_eq!(program.interrupt().code, Some(0));

@@ -1,10 +1,10 @@
-//! What was recorded beside SteamVR replays like any recording.
+//! Recordings made with SteamVR replay like any other recording.
 
 use serde_json::{Value, json};
 
 use crate::rig::{MOUNT, Rig};
 
-/// Replays, and gives what was found.
+/// Replays a recording and returns the detections.
 fn replayed(rig: &Rig, file: &str) -> Value {
     let ended = rig.run(&["replay", file, "--out", "out"]);
     assert_eq!(ended.code, Some(0), "{}", ended.err);

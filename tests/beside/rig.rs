@@ -1,4 +1,4 @@
-//! A stand-in for SteamVR, a simulated sensor, and the program between them, in a folder and a home of their own.
+//! The fake runtime, a simulated sensor, and the program, with their own working and home folders.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::Write;
@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 
-/// Whatever is waited for comes sooner, even on a slow machine.
+/// Limit of all waits, generous for slow machines.
 pub const TIMEOUT: Duration = Duration::from_secs(40);
-/// A program that was asked to end has ended by then: ten times as long as it may take on a machine that is free.
+/// Limit of the program's exit: ten times as long as it may take on an idle machine.
 const EXIT_TIMEOUT: Duration = Duration::from_secs(10);
 
 static EXCLUSIVE: Mutex<()> = Mutex::new(());
@@ -22,19 +22,19 @@ pub struct Rig {
     folder: PathBuf,
     steamvr: Option<Child>,
     sensor: Option<Child>,
-    /// More for the program's environment.
+    /// Additional environment variables of the program.
     environment: Vec<(String, PathBuf)>,
     _exclusive: MutexGuard<'static, ()>,
 }
 
-/// The program, running.
+/// The running program.
 pub struct Program {
     child: Child,
     out: PathBuf,
     err: PathBuf,
 }
 
-/// The program, when it has ended.
+/// The program after its exit.
 #[derive(Debug)]
 pub struct Ended {
     pub code: Option<i32>,
@@ -56,26 +56,27 @@ impl Rig {
         self.folder.join(name)
     }
 
-    /// In an environment of its own: nothing of this user's is seen or touched.
+    /// A command in its own environment: the user's files are neither read nor written.
     pub fn command(&self, program: impl AsRef<std::ffi::OsStr>) -> Command {
         let mut command = Command::new(program);
         command.current_dir(&self.folder).stdin(Stdio::null()).env("HOME", self.path("home"));
         for variable in ["XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "VR_OVERRIDE", "RUST_LOG"] {
             command.env_remove(variable);
         }
-        // Graphics libraries complain on standard error where there is none.
+        // Graphics libraries print errors if this variable is missing.
         command.env("XDG_RUNTIME_DIR", &self.folder);
         command.env("VR_PATHREG_OVERRIDE", self.path("vr/openvrpaths.vrpath"));
         command.envs(self.environment.iter().map(|(name, value)| (name, value)));
         command
     }
 
-    /// Has what is started from now on find this in its environment.
+    /// Sets an environment variable for commands started from now on.
     pub fn set(&mut self, name: &str, value: &str) {
         self.environment.push((name.to_owned(), value.into()));
     }
 
-    /// Puts the layer that loses devices under what is started from now on; gives the file whose content has it do so.
+    /// Adds the layer that loses devices to commands started from now on. Returns the control file
+    /// of the layer.
     pub fn with_devices_to_lose(&mut self) -> PathBuf {
         let library = examples().join("liblost_device_layer.so");
         assert!(library.is_file(), "{} is not built", library.display());
@@ -100,7 +101,8 @@ impl Rig {
         command.args(arguments).stdout(log.try_clone().unwrap()).stderr(log).spawn().unwrap()
     }
 
-    /// Starts the stand-in; `configuration` is its own, `has_track`: the head moves as the simulated sensor does.
+    /// Starts the fake runtime. `configuration` is its configuration; with `has_track`, the head
+    /// moves like the simulated sensor.
     pub fn start_steamvr(&mut self, configuration: &Value, has_track: bool) {
         self.start_steamvr_with(configuration, if has_track { &["--track", "track.tum"] } else { &[] });
     }
@@ -112,7 +114,7 @@ impl Rig {
         let server = examples().join("standin_server");
         assert!(server.is_file(), "{} is not built: cargo test builds it, --test alone does not", server.display());
         self.steamvr = Some(self.spawn(server, &arguments, "steamvr.log"));
-        self.wait_for("the stand-in", || {
+        self.wait_for("the fake runtime", || {
             fs::read_to_string(self.path("steamvr.log")).ok().filter(|log| !log.is_empty())
         });
     }
@@ -133,7 +135,7 @@ impl Rig {
         }
     }
 
-    /// Serves the sensor; the head's track is written first.
+    /// Serves the sensor. The head's track is written first.
     pub fn start_sensor(&mut self, scene: &str, motion: &str, seed: u64, duration_s: u32) {
         let (seed, duration) = (seed.to_string(), duration_s.to_string());
         let arguments = [
@@ -155,13 +157,13 @@ impl Rig {
         self.wait_for("the track", || fs::metadata(self.path("track.tum")).ok().filter(|m| m.len() > 0));
     }
 
-    /// Has the simulated sensor stand still, as one that hangs, or go on.
+    /// Stops the simulated sensor, as if it hung, or continues it.
     pub fn hold_sensor(&self, is_held: bool) {
         let signal = if is_held { Signal::STOP } else { Signal::CONT };
         kill_process(Pid::from_child(self.sensor.as_ref().unwrap()), signal).unwrap();
     }
 
-    /// Pulls the sensor's plug.
+    /// Unplugs the sensor.
     pub fn unplug_sensor(&mut self) {
         let mut child = self.sensor.take().unwrap();
         child.kill().unwrap();
@@ -179,7 +181,7 @@ impl Rig {
         Program { child: command.spawn().unwrap(), out, err }
     }
 
-    /// `run` with the simulated sensor.
+    /// Starts `run` with the simulated sensor.
     pub fn start_run(&self, more: &[&str]) -> Program {
         let arguments = ["run", "--port", "sensor", "--preset", "d16", "--mount", MOUNT];
         self.start(&[&arguments[..], more].concat())
@@ -190,31 +192,31 @@ impl Rig {
         self.start(arguments).ended()
     }
 
-    /// Has the stand-in do something now.
+    /// Sends a command to the fake runtime.
     pub fn send_command(&self, what: &Value) {
         let mut file = OpenOptions::new().create(true).append(true).open(self.path("vr/commands.jsonl")).unwrap();
         writeln!(file, "{what}").unwrap();
     }
 
-    /// What the stand-in has counted.
+    /// The report of the fake runtime.
     pub fn report(&self) -> Value {
-        self.wait_for("the stand-in's report", || {
+        self.wait_for("the report of the fake runtime", || {
             serde_json::from_slice(&fs::read(self.path("vr/report.json")).ok()?).ok()
         })
     }
 
-    /// Waits until the stand-in has counted what is wanted.
+    /// Waits until the report of the fake runtime meets a condition.
     pub fn wait_report(&self, what: &str, is_there: impl Fn(&Value) -> bool) -> Value {
         self.wait_for(what, || Some(self.report()).filter(&is_there))
     }
 
-    /// What both eyes see now.
+    /// Takes a shot of both eyes now.
     pub fn shoot(&self, name: &str) -> Value {
         self.send_command(&json!({"do": "shot", "name": name}));
         self.shot(name)
     }
 
-    /// What both eyes saw.
+    /// A shot of both eyes, when it exists.
     pub fn shot(&self, name: &str) -> Value {
         let path = self.path(&format!("vr/shots/{name}.json"));
         self.wait_for("the picture", || serde_json::from_slice(&fs::read(&path).ok()?).ok())
@@ -232,7 +234,7 @@ impl Rig {
     }
 }
 
-/// Where the simulated sensor sits on the head.
+/// Position of the simulated sensor on the head.
 pub const MOUNT: &str = "0,0.03,-0.10";
 
 impl Drop for Rig {
@@ -245,13 +247,13 @@ impl Drop for Rig {
 }
 
 impl Program {
-    /// Ctrl-C, and how it ended.
+    /// Interrupts it (Ctrl-C) and waits for its end.
     pub fn interrupt(self) -> Ended {
         signal(&self.child, Signal::INT);
         self.ended()
     }
 
-    /// How long it takes to end after Ctrl-C.
+    /// As [`Self::interrupt`], with the time it took to end.
     pub fn interrupt_timed(self) -> (Ended, Duration) {
         let begin = Instant::now();
         let ended = self.interrupt();

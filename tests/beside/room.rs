@@ -1,4 +1,5 @@
-//! The room moves under the program: the user recentres, tracking is lost, the tracking system takes the room for another.
+//! The room moves while the program runs: the user recentres, tracking is lost, or the tracking
+//! universe changes.
 
 use glam::DVec3;
 use radar_sar::geometry::Pose;
@@ -6,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::rig::Rig;
 
-/// Starts the program in a furnished room, and waits until it warns of something.
+/// Starts the program in a furnished room, and waits for a warning.
 fn warning(rig: &mut Rig) -> crate::rig::Program {
     rig.start_sensor("furnished-room", "approach-chair", 1, 120);
     rig.start_steamvr(&json!({}), true);
@@ -26,14 +27,14 @@ fn end(rig: &Rig, program: crate::rig::Program) -> Value {
 fn recentring_keeps_warnings_fixed_in_the_room() {
     let mut rig = Rig::new("recentre");
     let program = warning(&mut rig);
-    // The head stays at the chair from the fifth second to the eighth.
+    // The head is at the chair from the fifth to the eighth second.
     rig.wait_report("the way to the chair", |report| report["frames"].as_u64() > Some(500));
     let before = rig.shoot("before");
     rig.send_command(&json!({"do": "recenter", "x": 0.4, "z": -0.3, "yaw_deg": 50.0}));
-    // The command is carried out a few times a second; the program looks ten times a second.
+    // The command is executed a few times per second; the program polls ten times per second.
     std::thread::sleep(std::time::Duration::from_millis(800));
     let after = rig.shoot("after");
-    // What stood somewhere in the room stands there still, but for what the head saw meanwhile.
+    // Warnings stay where they were in the room, except for what the head has seen meanwhile.
     let places = |shot: &Value| -> Vec<DVec3> {
         let world_from_tracking = pose(&shot["tracking_from_world"]).inverse();
         let overlays = shot["overlays"].as_array().unwrap().iter();
@@ -53,7 +54,7 @@ fn universe_change_restarts_the_map() {
     let mut rig = Rig::new("universe");
     let program = warning(&mut rig);
     rig.send_command(&json!({"do": "universe"}));
-    rig.wait_for("its word", || program.err().contains("the map begins anew").then_some(()));
+    rig.wait_for("its message", || program.err().contains("the map is reset").then_some(()));
     let report = end(&rig, program);
     assert!(report["forgotten"].as_u64() >= Some(1));
 }

@@ -1,4 +1,4 @@
-//! The map is kept from one start to the next.
+//! The map is saved from one start to the next.
 
 use std::fmt::Write;
 
@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use crate::rig::Rig;
 use crate::warnings::chair;
 
-/// How far from the chair the head is at the second start, along the floor, metres.
+/// Distance of the head from the chair at the second start, along the floor, metres.
 const AWAY_M: f64 = 0.7;
 
 #[test]
@@ -21,7 +21,7 @@ fn saved_map_warns_before_redetection() {
     rig.start_sensor("furnished-room", "approach-chair", 1, 300);
     rig.start_steamvr(&json!({}), true);
     let program = rig.start_run(&[]);
-    // The head has been at the chair by then.
+    // By then, the head has been at the chair.
     rig.wait_report("the way to the chair", |report| report["frames"].as_u64() > Some(720));
     let ended = program.interrupt();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
@@ -35,7 +35,7 @@ fn saved_map_warns_before_redetection() {
     assert!(in_room.places.iter().any(|place| to(&chair, place.position_m) < 0.2), "{in_room:?}");
     rig.end_steamvr();
 
-    // The head stands beside the chair and looks away from it.
+    // The head is beside the chair and looks away from it.
     let middle = chair.points_m.iter().sum::<DVec3>() / chair.points_m.len() as f64;
     let away = DVec3::new(-middle.x, 0.0, -middle.z).normalize_or(DVec3::Z);
     let edge = chair.points_m.iter().map(|point| (*point - middle).dot(away)).fold(0.0, f64::max);
@@ -45,18 +45,18 @@ fn saved_map_warns_before_redetection() {
     let program = rig.start_run(&[]);
     rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));
     let warned = panels_at(&rig.shoot("again"), &chair);
-    assert!(warned.iter().any(|alpha| *alpha > 0.0 && *alpha <= 0.6), "fainter than what was seen: {warned:?}");
+    assert!(warned.iter().any(|alpha| *alpha > 0.0 && *alpha <= 0.6), "fainter than a detected obstacle: {warned:?}");
 
-    // The panel's button: what is known goes, and what was kept with it.
+    // The panel's button erases the map and its file.
     rig.send_command(&json!({"do": "dashboard", "open": true}));
     rig.wait_report("the panel", |report| report["dashboard_textures"].as_u64() > Some(5));
     let [x, y] = panel::target(&toml::Table::new(), "forget").unwrap();
     let press = json!({"do": "mouse", "action": "click", "x": x, "y": y});
     rig.send_command(&press);
     std::thread::sleep(std::time::Duration::from_secs(1));
-    assert!(!panels_at(&rig.shoot("asked"), &chair).is_empty(), "it asks back");
+    assert!(!panels_at(&rig.shoot("asked"), &chair).is_empty(), "it must ask for confirmation");
     rig.send_command(&press);
-    rig.wait_for("its word", || program.err().contains("button to forget the room").then_some(()));
+    rig.wait_for("its message", || program.err().contains("button to forget the room").then_some(()));
     rig.wait_for("no map", || (std::fs::read_dir(&folder).unwrap().count() == 0).then_some(()));
     let warned = panels_at(&rig.shoot("wiped"), &chair);
     assert!(warned.is_empty(), "{warned:?}");
@@ -65,7 +65,7 @@ fn saved_map_warns_before_redetection() {
         let in_room = file.map.moved(&file.standing_from_raw);
         in_room.places.iter().any(|place| to(&chair, place.position_m) < 0.2)
     };
-    assert!(!MapFile::read(file).is_ok_and(is_kept), "nor is it written again at the end");
+    assert!(!MapFile::read(file).is_ok_and(is_kept), "it must not be written again at the end");
 
     std::fs::write(file, bytes).unwrap();
     let _ = std::fs::remove_file(rig.path("vr/report.json"));
@@ -77,7 +77,7 @@ fn saved_map_warns_before_redetection() {
     assert_eq!(rig.report()["violations"], json!({}));
 }
 
-/// Brightness of the panels that stand by the chair.
+/// Brightness of the panels at the chair.
 fn panels_at(shot: &Value, chair: &TruthObstacle) -> Vec<f64> {
     let panels = shot["overlays"].as_array().unwrap().iter().filter(|overlay| overlay["sort_order"] == 1);
     let place = |overlay: &Value| {
@@ -87,13 +87,14 @@ fn panels_at(shot: &Value, chair: &TruthObstacle) -> Vec<f64> {
     panels.filter(|overlay| to(chair, place(overlay)) < 0.3).map(|panel| panel["alpha"].as_f64().unwrap()).collect()
 }
 
-/// Along the floor, metres.
+/// Distance along the floor, metres.
 fn to(chair: &TruthObstacle, place: DVec3) -> f64 {
     let level = |v: DVec3| DVec2::new(v.x, v.z).length();
     chair.points_m.iter().map(|point| level(*point - place)).fold(f64::INFINITY, f64::min)
 }
 
-/// A head that does not move for ten minutes from now, fifty poses a second: the stand-in takes 30 ms without one for a gap.
+/// Track of a head at rest for ten minutes from now, fifty poses per second: the fake runtime
+/// treats 30 ms without a pose as a gap.
 fn still(head: &Pose) -> String {
     let now_s = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic).tv_sec as f64;
     let (p, q) = (head.translation, head.rotation);

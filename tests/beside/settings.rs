@@ -1,4 +1,4 @@
-//! The settings file is changed while the program runs.
+//! The settings file changes while the program runs.
 
 use std::fs;
 use std::path::Path;
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::eyes::Eye;
 use crate::rig::{Rig, TIMEOUT};
 
-/// What is brightest in what the left eye sees; `None` while there is no warning to see.
+/// Brightest colour channel in the left eye's image; `None` without a visible warning.
 fn hue(rig: &Rig, number: &mut u32) -> Option<char> {
     *number += 1;
     let name = format!("look{number}");
@@ -49,24 +49,24 @@ fn settings_changes_apply_at_once_and_invalid_ones_are_ignored() {
     fs::write(&file, color("[255, 0, 0]")).unwrap();
     wait_for_hue(&rig, number, 'r');
 
-    // Garbage: told of once, and nothing changes.
+    // Invalid content: reported once, and nothing changes.
     fs::write(&file, color("[0, 255, 0")).unwrap();
-    rig.wait_for("its word", || program.err().contains("own.toml").then_some(()));
+    rig.wait_for("its message", || program.err().contains("own.toml").then_some(()));
     wait_for_hue(&rig, number, 'r');
     sleep(Duration::from_secs(1));
-    assert_eq!(program.err().matches("stay in force").count(), 1, "{}", program.err());
+    assert_eq!(program.err().matches("stay in use").count(), 1, "{}", program.err());
     // Empty, then away: as some editors save, and as some files end.
     fs::write(&file, "").unwrap();
-    rig.wait_for("its word", || program.err().contains("it is empty").then_some(()));
+    rig.wait_for("its message", || program.err().contains("it is empty").then_some(()));
     fs::remove_file(&file).unwrap();
-    rig.wait_for("its word", || program.err().contains("not there any more").then_some(()));
+    rig.wait_for("its message", || program.err().contains("it was removed").then_some(()));
     wait_for_hue(&rig, number, 'r');
     // By renaming.
     fs::write(rig.path("new.toml"), color("[0, 255, 0]")).unwrap();
     fs::rename(rig.path("new.toml"), &file).unwrap();
     wait_for_hue(&rig, number, 'g');
 
-    // Another display, no warnings, another search: while it runs.
+    // Another display mode, no warnings, another search mode: while it runs.
     fs::write(&file, color("[255, 0, 0]") + "[headset]\ndisplay = \"stereo\"\n").unwrap();
     wait_for_hue(&rig, number, 'r');
     fs::write(&file, color("[255, 0, 0]") + "[headset]\nwarnings = false\n").unwrap();
@@ -90,7 +90,7 @@ fn invalid_settings_at_start_fall_back_to_defaults() {
     fs::create_dir_all(&folder).unwrap();
     fs::write(folder.join("settings.toml"), "broken [").unwrap();
     let program = rig.start_run(&[]);
-    rig.wait_for("its word", || program.err().contains("the defaults are in force").then_some(()));
+    rig.wait_for("its message", || program.err().contains("the defaults apply").then_some(()));
     rig.wait_report("a warning", |report| report["visible"].as_u64() > Some(0));
     let ended = program.interrupt();
     assert_eq!(ended.code, Some(0), "{}", ended.err);
@@ -103,7 +103,7 @@ fn play_area_changes_are_followed() {
     rig.start_steamvr(&json!({ "chaperone": { "size_m": [0.1, 0.1] } }), true);
     let arguments = ["--set", "warning.play_area_margin_m=0", "--set", "warning.fade_distance_m=3.5"];
     let program = rig.start_run(&[&arguments[..], &["--report", "run.json"]].concat());
-    // Long enough for the room to be known: nothing of it can be reached.
+    // Long enough for the room to be mapped: none of it is within reach.
     sleep(Duration::from_secs(10));
     assert_eq!(rig.report()["visible"], 0);
     rig.send_command(&json!({ "do": "play_area", "x": 8, "z": 8 }));

@@ -12,23 +12,24 @@ use crate::eyes::{Eye, disparity_rad};
 use crate::rig::Rig;
 
 const SEED: u64 = 1;
-/// Looks at what the eyes see, one a second.
+/// Number of shots, one per second.
 const SHOTS: u32 = 14;
-/// The head is at the chair when it is nearer than this, and away from it when farther than that, metres.
+/// The head is at the chair below the first distance, and away from it above the second, metres.
 const NEAR_M: f64 = 0.5;
 const AWAY_M: f64 = 1.95;
-/// What is known of the chair grows meanwhile, by a voxel or two: this much nearer is nearer all the same, metres.
+/// Tolerance for comparing distances, metres: the detected part of the chair grows by a voxel or
+/// two meanwhile.
 const MIN_DIFFERENCE_M: f64 = 0.2;
 
-/// One look.
+/// One shot.
 struct Shot {
     eyes: [Eye; 2],
     head_m: DVec3,
-    /// From the head to the nearest part of the chair, along the floor, metres.
+    /// Distance from the head to the nearest part of the chair, along the floor, metres.
     away_m: f64,
     /// Brightness of the chair's panel; 0 without one.
     alpha: f64,
-    /// Where that panel stands.
+    /// Position of that panel.
     panel_m: Option<DVec3>,
 }
 
@@ -54,7 +55,7 @@ fn chair_warning_is_at_the_chair_in_both_eyes() {
     }
     let first_m = looks.iter().find(|look| look.alpha > 0.0).map(|look| look.away_m).unwrap();
     println!("warned of from {first_m:.2} m on, by looks of one second");
-    // Nearer is brighter, and on the way back it goes.
+    // The warning is brighter the closer the head is, and disappears on the way back.
     let leaving: Vec<&Shot> = looks.iter().skip_while(|look| look.away_m > NEAR_M).collect();
     for (nearer, farther) in leaving.iter().flat_map(|a| leaving.iter().map(move |b| (a, b))) {
         if nearer.away_m + MIN_DIFFERENCE_M < farther.away_m {
@@ -78,7 +79,7 @@ fn controllers_pulse_near_the_chair_only() {
     rig.start_sensor("furnished-room", "approach-chair", SEED, 60);
     let shots: Vec<Value> =
         (1..=SHOTS).map(|second| json!({"at_s": second, "do": "shot", "name": second.to_string()})).collect();
-    // A controller that goes where the head goes, as one that is held does; the other hand's is switched off.
+    // A controller that follows the head, as if held; the other hand's controller is off.
     rig.start_steamvr(&json!({"events": shots, "controllers": ["track.tum"]}), true);
     let program = rig.start_run(&[]);
     let chair = chair();
@@ -91,14 +92,14 @@ fn controllers_pulse_near_the_chair_only() {
     }
     assert_eq!(program.interrupt().code, Some(0));
     println!("{pulsed:.2?}");
-    // The report is a second old at most. On the way there are other things beside.
+    // The report is at most a second old. There are other objects on the way.
     let far = pulsed.iter().take_while(|(away_m, _)| *away_m > 1.9).map(|(_, count)| *count).max();
     assert_eq!(far, Some(0), "{pulsed:.2?}");
     assert!(pulsed.last().unwrap().1 >= 10, "{pulsed:.2?}");
     assert_eq!(rig.report()["violations"], json!({}));
 }
 
-/// Within a degree, in both eyes, and as far away.
+/// The warning is within a degree of the chair in both eyes, and at the same distance.
 fn stands_where_the_chair_is(look: &Shot, panel: DVec3, chair: &TruthObstacle) {
     let lit = look.eyes.each_ref().map(Eye::lit);
     for (eye, lit) in look.eyes.iter().zip(&lit) {
@@ -106,7 +107,8 @@ fn stands_where_the_chair_is(look: &Shot, panel: DVec3, chair: &TruthObstacle) {
             let seen = eye.direction(*part).unwrap();
             lit.iter().map(|(at, _)| at.angle_between(seen)).fold(f64::INFINITY, f64::min).to_degrees()
         };
-        // What a player would run into first, and most of the rest; a radar does not see all of a chair.
+        // The part that a user would hit first, and most of the rest: a radar does not see all of a
+        // chair.
         let level = |part: &DVec3| DVec2::new(part.x - look.head_m.x, part.z - look.head_m.z).length();
         let first = chair.points_m.iter().min_by(|a, b| level(a).total_cmp(&level(b))).unwrap();
         let mut all: Vec<f64> = chair.points_m.iter().map(from_lit_deg).collect();
@@ -115,7 +117,7 @@ fn stands_where_the_chair_is(look: &Shot, panel: DVec3, chair: &TruthObstacle) {
         assert!(from_lit_deg(first) < 1.0, "{first} is {:.1} degrees from what is lit", from_lit_deg(first));
         assert!(all[all.len() / 2] < 1.0, "{all:.1?} degrees from what is lit");
     }
-    // The panel's own picture lies this much further right for the left eye than for the right one.
+    // Disparity of the panel's image.
     let [left, right] = &look.eyes;
     let expected = disparity_rad(left, right, panel).to_degrees();
     let around = |eye: &Eye, lit: &[(DVec3, i32)]| {
@@ -127,7 +129,7 @@ fn stands_where_the_chair_is(look: &Shot, panel: DVec3, chair: &TruthObstacle) {
     assert!(expected > 1.0 && (shown - expected).abs() < 1.0, "disparity {shown:.2} degrees, {expected:.2} expected");
 }
 
-/// Where the chair really is.
+/// True position of the chair.
 pub fn chair() -> TruthObstacle {
     let scenario = Scenario::new("furnished-room", "approach-chair", preset("d16").unwrap(), 0.5, SEED);
     let truth = scenario.run().unwrap().truth;
@@ -141,9 +143,10 @@ fn take_shot(rig: &Rig, name: &str, chair: &TruthObstacle) -> Shot {
     let level = |v: DVec3| DVec2::new(v.x, v.z);
     let to_chair = |at: DVec3| chair.points_m.iter().map(|p| level(*p - at).length()).fold(f64::INFINITY, f64::min);
     let overlays = shot["overlays"].as_array().unwrap();
-    // Panels stand upright: what lies on the floor is a footprint.
+    // Panels are vertical; overlays on the floor are footprints.
     let panels = overlays.iter().filter(|overlay| overlay["sort_order"] == 1);
-    // The chair may share its panel with what stands too close to it to be passed: its panel is one that has it behind it.
+    // The chair may share a panel with objects too close to it to pass between: its panel is one
+    // that has the chair behind it.
     let before_chair = |overlay: &&Value| {
         let [from, to] = ends(overlay).map(|end| level(end - head));
         let is_between =
@@ -163,7 +166,7 @@ fn take_shot(rig: &Rig, name: &str, chair: &TruthObstacle) -> Shot {
     }
 }
 
-/// Left and right edge of an overlay at half of its height.
+/// Left and right edge of an overlay at half its height.
 fn ends(overlay: &Value) -> [DVec3; 2] {
     let pose = &overlay["tracking_from_overlay"];
     let [x, y, z, w] = [0, 1, 2, 3].map(|i| pose["quaternion_xyzw"][i].as_f64().unwrap());

@@ -1,5 +1,5 @@
-//! Runs the program as a person does, in a folder of its own, and checks what holds for every run: it ends by itself within
-//! a minute, and it never panics.
+//! Runs the program as a user does, each test in its own folder, and checks what every run must
+//! satisfy: it ends by itself within a minute and never panics.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-/// A run that takes longer counts as a hang.
+/// A run that takes longer counts as a hang. Choice.
 const RUN_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// An empty folder for one test. Command lines name the files in it without a path.
@@ -20,7 +20,7 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Named after the test; emptied of what an earlier run left.
+    /// Named after the test; files of an earlier run are removed.
     pub fn new(test: &str) -> Self {
         let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("program").join(test);
         let _ = fs::remove_dir_all(&path);
@@ -44,7 +44,8 @@ impl Folder {
         serde_json::from_slice(&self.read(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
-    /// Copies one of the real recordings here. `None`, and a line that says so, where they are not at hand.
+    /// Copies one of the real recordings here. Without the recordings it prints so and returns
+    /// `None`.
     pub fn copy_real(&self, name: &str) -> Option<()> {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/recordings").join(name);
         let Ok(bytes) = fs::read(path) else {
@@ -55,19 +56,19 @@ impl Folder {
         Some(())
     }
 
-    /// Runs the program; arguments are parted by blanks.
+    /// Runs the program; arguments are separated by blanks.
     pub fn run(&self, line: &str) -> Outcome {
         self.run_with(line, &[])
     }
 
-    /// The same, in a changed environment.
+    /// The same with additional environment variables.
     pub fn run_with(&self, line: &str, environment: &[(&str, &str)]) -> Outcome {
         let out = self.stream("out");
         let outcome = self.run_into(File::create(&out).unwrap().into(), line, environment);
         Outcome { out: text(&out), ..outcome }
     }
 
-    /// Runs the program while nobody reads what it prints, as in `… | true`.
+    /// Runs the program with a closed standard output, as in `… | true`.
     pub fn run_unread(&self, line: &str) -> Outcome {
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
@@ -93,7 +94,7 @@ impl Folder {
         outcome
     }
 
-    /// A new file for what a run prints.
+    /// A new file for a run's output.
     fn stream(&self, name: &str) -> PathBuf {
         let number = self.runs.fetch_add(1, Ordering::Relaxed);
         self.path.join(format!("streams/{number}.{name}"))
@@ -104,7 +105,7 @@ fn text(path: &Path) -> String {
     String::from_utf8(fs::read(path).unwrap()).unwrap()
 }
 
-/// Waits for the end; ends the process itself when that takes too long.
+/// Waits for the end; kills the process on timeout.
 fn wait_for_exit(mut child: Child, line: &str) -> ExitStatus {
     let start = Instant::now();
     loop {
@@ -120,7 +121,7 @@ fn wait_for_exit(mut child: Child, line: &str) -> ExitStatus {
     }
 }
 
-/// What a run of the program left.
+/// Result of a run of the program.
 #[derive(Debug)]
 pub struct Outcome {
     pub line: String,
@@ -131,30 +132,30 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// The run did what was asked, without a complaint.
+    /// Asserts success without an error message.
     pub fn succeeds(self) -> Self {
         assert_eq!(self.code, Some(0), "{self:#?}");
         assert!(!self.err.contains("error:"), "`{}`: {self:#?}", self.line);
         self
     }
 
-    /// The run refused, and the error says so.
+    /// Asserts failure with this text in the error message.
     pub fn fails_with(self, says: &str) -> Self {
         assert!(!self.succeeded(), "should be refused: {self:#?}");
-        assert!(self.err.contains(says), "should say \"{says}\": {self:#?}");
+        assert!(self.err.contains(says), "should print \"{says}\": {self:#?}");
         self
     }
 
-    /// Whether the run did what was asked; if not, checks that there is an error.
+    /// Whether the run succeeded; on failure asserts that there is an error message.
     pub fn succeeded(&self) -> bool {
         let well = self.code == Some(0);
         assert!(well || self.err.starts_with("error: ") || self.err.contains("\nerror: "), "no error: {self:#?}");
         well
     }
 
-    /// Standard output has this in it.
+    /// Asserts that standard output contains this text.
     pub fn prints(self, text: &str) -> Self {
-        assert!(self.out.contains(text), "should say \"{text}\": {self:#?}");
+        assert!(self.out.contains(text), "should print \"{text}\": {self:#?}");
         self
     }
 }

@@ -1,8 +1,8 @@
-//! Settings and arguments that make no sense: refused before any work, with a word on what to do.
+//! Invalid settings and arguments: refused before any work, with a message that says what to do.
 
 use crate::common::Folder;
 
-/// A recording to give the arguments with.
+/// A folder with a recording for the commands.
 fn folder(test: &str) -> Folder {
     let folder = Folder::new(test);
     folder.run("simulate corner-reflector --motion stationary --snr-db 20 --duration-s 0.3 --out r.mcap").succeeds();
@@ -23,7 +23,7 @@ fn impossible_settings_are_refused() {
         ("--set reflectors.voxel_m=small", "expected a number"),
         ("--set reflectors.voxel_m=0", "setting reflectors.voxel_m is 0: it must lie in 0.005 to 0.5"),
         ("--set reflectors.voxel_m=nan", "setting reflectors.voxel_m is NaN"),
-        ("--set reflectors.voxel_m=0.005", "places to search"),
+        ("--set reflectors.voxel_m=0.005", "voxels to search"),
         ("--set reflectors.threshold_sigma=nan", "setting reflectors.threshold_sigma is NaN"),
         ("--set reflectors.max_sweeps=-1", "expected a whole number"),
         ("--set rooms.explain.min_score=nan", "setting rooms.explain.min_score is NaN"),
@@ -37,7 +37,7 @@ fn impossible_settings_are_refused() {
         ("--set processing.mode=fast", "unknown variant `fast`, expected one of `auto`"),
         ("--set processing.region={min=[1,0,0],max=[0,1,1]}", "setting processing.region"),
         ("--set processing.region={min=[0,0,0],max=[1e9,1,1]}", "setting processing.region"),
-        ("--set processing.region={min=[0,0,0],max=[50,50,50]}", "places to search"),
+        ("--set processing.region={min=[0,0,0],max=[50,50,50]}", "voxels to search"),
         ("--settings missing.toml", "cannot read settings missing.toml"),
         ("--settings r.mcap", "cannot read settings r.mcap"),
         ("--settings text", "settings: TOML parse error at line 1"),
@@ -46,7 +46,7 @@ fn impossible_settings_are_refused() {
     ] {
         for command in ["replay r.mcap", "reconstruct r.mcap --out v.npy"] {
             let outcome = folder.run(&format!("{command} {arguments}")).fails_with(says);
-            assert_eq!(outcome.err.matches(says).count(), 1, "said twice: {outcome:#?}");
+            assert_eq!(outcome.err.matches(says).count(), 1, "printed twice: {outcome:#?}");
         }
     }
     assert!(!folder.path("v.npy").exists());
@@ -126,7 +126,7 @@ fn impossible_scenarios_are_refused() {
         ("nothing --snr-db 1e9", "give −100 to 100 dB"),
         ("nothing --mount 1,2", "\"1,2\" is no mount: give x,y,z or x,y,z,qx,qy,qz,qw"),
         ("nothing --mount nan,0,0", "is not finite"),
-        ("nothing --mount 0,0,0,0,0,0,0", "has length zero: it names no rotation"),
+        ("nothing --mount 0,0,0,0,0,0,0", "has length zero: it defines no rotation"),
         ("nothing --time-offset-s nan", "a time offset of NaN s cannot be simulated: give −10 to 10 s"),
         ("nothing --time-offset-s 1e9", "a time offset of 1000000000 s cannot be simulated"),
         ("nothing --dropouts-per-minute nan", "NaN dropouts a minute cannot be simulated"),
@@ -176,7 +176,7 @@ fn unwritable_outputs_are_reported_once() {
         "replay r.mcap --out r.mcap",
     ] {
         let outcome = folder.run(line).fails_with("os error");
-        assert_eq!(outcome.err.matches("os error").count(), 1, "said twice: {outcome:#?}");
+        assert_eq!(outcome.err.matches("os error").count(), 1, "printed twice: {outcome:#?}");
     }
 }
 

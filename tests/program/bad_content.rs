@@ -1,5 +1,5 @@
-//! Recordings that are sound as files and hold what no sensor or headset should send: each bad frame or pose is counted
-//! and left out, and the rest serves.
+//! Recordings that are valid as files but contain invalid data: each bad frame or pose is counted
+//! and skipped, and the rest is used.
 
 use a121::{Frame, preset};
 use num_complex::Complex;
@@ -11,7 +11,7 @@ use radar_simulation::Scenario;
 use crate::common::Folder;
 use crate::found::counter;
 
-/// Frames and poses to spoil.
+/// Frames and poses to be damaged.
 #[derive(Clone)]
 struct Streams {
     header: Header,
@@ -19,14 +19,14 @@ struct Streams {
     poses: Vec<PoseSample>,
 }
 
-/// What is done to them, and what replay says of it.
+/// A kind of damage, and what replay prints about it.
 struct Case {
     name: &'static str,
     damage: fn(&mut Streams),
     says: &'static str,
 }
 
-/// The bad ones stand in the second half, so that something is left to image.
+/// The second half, so that enough good data remain to be imaged.
 fn late<T>(all: &mut [T]) -> impl Iterator<Item = &mut T> {
     let half = all.len() / 2;
     all[half..].iter_mut()
@@ -44,7 +44,7 @@ const NUMBERS: &str = "left out: 5 poses with impossible numbers";
 const LENGTH: &str = "left out: 5 frames of wrong length";
 const NO_POSE: &str = "No sweep has a pose";
 const CASES: [Case; 29] = [
-    Case { name: "nothing amiss", damage: |_| {}, says: " 0 frames without a pose skipped\n\n" },
+    Case { name: "no damage", damage: |_| {}, says: " 0 frames without a pose skipped\n\n" },
     Case { name: "position NaN", damage: |s| each_pose(s, |p| p.position_m[1] = f64::NAN), says: NUMBERS },
     Case { name: "position infinite", damage: |s| each_pose(s, |p| p.position_m[2] = f64::INFINITY), says: NUMBERS },
     Case { name: "rotation NaN", damage: |s| each_pose(s, |p| p.quaternion_xyzw[0] = f64::NAN), says: NUMBERS },
@@ -57,14 +57,10 @@ const CASES: [Case; 29] = [
     Case { name: "rotation tiny", damage: |s| each_pose(s, |p| p.quaternion_xyzw = [1e-300; 4]), says: NUMBERS },
     Case { name: "rotation huge", damage: |s| each_pose(s, |p| p.quaternion_xyzw = [1e300; 4]), says: "obstacle" },
     Case { name: "poses far out", damage: |s| each_pose(s, |p| p.position_m = [1e6, -1e6, 1e6]), says: "obstacle" },
-    Case {
-        name: "poses at the end of numbers",
-        damage: |s| each_pose(s, |p| p.position_m = [1e300; 3]),
-        says: "obstacle",
-    },
+    Case { name: "poses at 1e300 m", damage: |s| each_pose(s, |p| p.position_m = [1e300; 3]), says: "obstacle" },
     Case { name: "all far out", damage: |s| s.poses.iter_mut().for_each(|p| p.position_m[0] += 1e9), says: "obstacle" },
     Case {
-        name: "all at the end of numbers",
+        name: "all at 1e300 m",
         damage: |s| s.poses.iter_mut().for_each(|p| p.position_m = [1e300; 3]),
         says: "obstacle",
     },
@@ -90,7 +86,7 @@ const CASES: [Case; 29] = [
         says: "poses not later than the one before",
     },
     Case {
-        name: "pose times at the end of numbers",
+        name: "pose times at the limits of i64",
         damage: |s| (s.poses[0].time_ns, s.poses[1].time_ns) = (i64::MIN, i64::MAX),
         says: "left out: 2 poses far ahead in time",
     },
@@ -105,7 +101,7 @@ const CASES: [Case; 29] = [
         says: "frames not later than the one before",
     },
     Case {
-        name: "frame times at the end of numbers",
+        name: "frame times at the limits of i64",
         damage: |s| (s.frames[0].host_time_ns, s.frames[1].host_time_ns) = (i64::MIN, i64::MAX),
         says: "left out: 2 frames far ahead in time",
     },
@@ -157,7 +153,7 @@ fn replay_each_case(preset_name: &str, motion: &str) {
     }
 }
 
-/// Both streams side by side, whatever their times say.
+/// Writes both streams interleaved, whatever their times are.
 fn write(folder: &Folder, streams: &Streams) {
     let mut writer = RecordingWriter::create(folder.path("r.mcap"), &streams.header).unwrap();
     let (frames, poses) = (&streams.frames, &streams.poses);

@@ -1,4 +1,4 @@
-//! Files that are not what a command wants: missing, empty, foreign, cut, damaged.
+//! Files that a command cannot use: missing, empty, foreign, truncated, damaged.
 
 use crate::common::Folder;
 
@@ -22,7 +22,7 @@ fn write_foreign_files(folder: &Folder) {
     folder.write("empty", "");
     folder.write("text", "timestamp_s tx ty tz qx qy qz qw\n0 0 0 0 0 0 0 1\n");
     folder.write("picture", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01\x08\x02\0\0\0");
-    // MCAP, but the records are another program's.
+    // MCAP, but without this program's records.
     folder.write("mcap", b"\x89MCAP0\r\n");
     std::fs::create_dir(folder.path("folder")).unwrap();
 }
@@ -87,7 +87,7 @@ fn truncated_recording_is_read_up_to_the_cut() {
             }
         }
     }
-    // All but the closing index is there.
+    // Everything but the closing index is there.
     assert_eq!(most, 70);
 }
 
@@ -111,7 +111,7 @@ fn flipped_bytes_are_counted_or_refused_without_panic() {
             }
         }
     }
-    assert!(damage_seen > 15, "damage was told {damage_seen} times");
+    assert!(damage_seen > 15, "damage was reported {damage_seen} times");
 }
 
 #[test]
@@ -130,7 +130,8 @@ fn damaged_chunk_loses_only_its_own_second() {
     assert!(replayed.err.contains("damaged.mcap is damaged: 1 chunk"), "{replayed:#?}");
 }
 
-/// Where the chunks stand in an MCAP file: records of one byte of kind, eight of length, then the content.
+/// Byte ranges of the chunks in an MCAP file: each record is one byte of type, eight of length,
+/// then the content.
 fn chunks(bytes: &[u8]) -> Vec<std::ops::Range<usize>> {
     const CHUNK: u8 = 6;
     let mut chunks = Vec::new();

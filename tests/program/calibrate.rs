@@ -1,4 +1,5 @@
-//! `calibrate`: known offsets come back, a lag at the start shows, what is not observable is called so.
+//! `calibrate`: known offsets are estimated, a lag at the start is detected, unobservable offsets
+//! are reported as such.
 
 use a121::preset;
 use radar_mapping::MappingSettings;
@@ -39,7 +40,7 @@ fn known_offsets_are_estimated_by_both_methods() {
             assert!(told.spread_as_set_m > 2.0 * told.spread_corrected_m.unwrap());
         }
         let error_m = told.reflector_m.distance(simulated.truth.obstacles[0].points_m[0]);
-        // The way is straight: across it, the place is hardly known.
+        // The path is straight: the cross-range position is hardly known.
         assert!(error_m < 0.5, "{error_m}");
     }
 }
@@ -50,7 +51,7 @@ fn start_lag_is_detected_in_the_first_window() {
         let (scenario, mut simulated) = trial("to-and-fro", 0.0, seed);
         let until_ns = simulated.frames[0].host_time_ns + 3_300_000_000;
         let lag_ns = (lag_s * 1e9) as i64;
-        // Sweeps of the first seconds are stamped late: their poses were earlier.
+        // The sweeps of the first seconds are stamped late: their poses were earlier.
         for frame in simulated.frames.iter_mut().filter(|frame| frame.host_time_ns < until_ns) {
             frame.host_time_ns += lag_ns;
         }
@@ -97,5 +98,5 @@ fn command_prints_the_offset_and_writes_the_figure() {
     assert_eq!(&folder.read("found/synchronisation.png")[1..4], b"PNG");
     folder.run("calibrate missing.mcap").fails_with("missing.mcap");
     folder.run("simulate nothing --motion to-and-fro --duration-s 2 --out b.mcap").succeeds();
-    folder.run("calibrate b.mcap").fails_with("nothing that stands still was found");
+    folder.run("calibrate b.mcap").fails_with("no stationary reflector was found");
 }

@@ -1,4 +1,5 @@
-//! Every fault on the sensor's line, some times each, as `examples/a121_faults` does a thousand times.
+//! Every fault on the sensor's line, 40 times each; `examples/a121_faults` does the same a thousand
+//! times.
 
 #[path = "../../crates/a121/examples/a121_faults/trial.rs"]
 mod trial;
@@ -14,7 +15,7 @@ fn sessions_recover_from_every_fault_and_deliver_only_sent_frames() {
         for index in 0..TIMES {
             let outcome = trial::run(fault, index, 99);
             assert!(outcome.failures.is_empty(), "{} {index}: {:?}", fault.name(), outcome.failures);
-            // What is off for longer than it takes to notice and to begin anew.
+            // Longest time to detect the fault and to reconnect.
             assert!(outcome.recovery_s < 15.0, "{} {index}: {} s", fault.name(), outcome.recovery_s);
             let bytes_alone = matches!(fault, Fault::Drop | Fault::Double | Fault::Flip | Fault::Garbage);
             assert!(outcome.lost <= 3 || !bytes_alone, "{} {index}: {} lost", fault.name(), outcome.lost);
@@ -33,7 +34,7 @@ fn sessions_recover_from_every_fault_and_deliver_only_sent_frames() {
 
 #[test]
 fn flipped_tick_of_another_sensor_is_refused_even_when_plausible() {
-    // A second later to the tick: 50 results ahead.
+    // The flipped digit moves the tick by one second: 50 results ahead.
     let outcome = trial::run(Fault::Flip, 979, 2);
     assert!(outcome.failures.is_empty(), "{:?}", outcome.failures);
     assert_eq!(outcome.counters.refused_ticks, 1);

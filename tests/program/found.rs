@@ -1,11 +1,11 @@
-//! What a replay wrote to obstacles.json, as far as tests ask for it.
+//! The parts of a replay's obstacles.json that tests need.
 
 use glam::DVec3;
 use serde_json::Value;
 
 use crate::common::Folder;
 
-/// An obstacle of obstacles.json.
+/// One obstacle.
 pub struct Found {
     pub position_m: DVec3,
     pub observed: String,
@@ -26,7 +26,7 @@ pub fn only(mut obstacles: Vec<Found>) -> Found {
     obstacles.remove(0)
 }
 
-/// A count of what was taken and left out, of the folder's last replay.
+/// A stream counter of the folder's last replay.
 pub fn counter(folder: &Folder, name: &str) -> u64 {
     folder.json("found/obstacles.json")["counters"]["streams"][name].as_u64().unwrap()
 }

@@ -1,7 +1,7 @@
-//! Five recordings whose outputs never change unnoticed: `tests/golden/README.md`.
+//! Golden outputs of five recordings: `tests/golden/README.md`.
 //!
-//! Each is replayed by the program; obstacles are compared as text, everything else by checksum. The same files serve every
-//! operating system, instruction set and number of threads.
+//! Each recording is replayed by the program. Obstacles are compared as text, everything else by
+//! checksum. The same files serve every operating system, instruction set and number of threads.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -10,17 +10,17 @@ use std::path::{Path, PathBuf};
 
 use crate::common::Folder;
 
-/// Set: writes what the program makes in place of comparing it.
+/// When set, the test writes the files instead of comparing them.
 const UPDATE: &str = "GOLDEN_UPDATE";
 const STATISTICS: [&str; 7] = ["thesis-full", "thesis", "ls", "log", "glrt", "coherent", "blocks"];
-/// A box with the reflector in it: 16³ voxels.
+/// A box around the reflector: 16³ voxels.
 const BOX: &str = "-0.7,1.1,-1.4,0.1,1.9,-0.6";
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name)
 }
 
-/// What a test looks at: text and checksums of the outputs of one recording.
+/// Text and checksums of the outputs of one recording.
 #[derive(Debug, PartialEq)]
 struct Outputs {
     obstacles: String,
@@ -28,7 +28,7 @@ struct Outputs {
 }
 
 impl Outputs {
-    /// Replays a recording of this folder, in a changed environment.
+    /// Replays a recording of this folder with additional environment variables.
     fn of_replay(folder: &Folder, name: &str, environment: &[(&str, &str)]) -> Self {
         folder.run_with(&format!("replay {name}.mcap --out out --results results.mcap"), environment).succeeds();
         let mut checksums = String::new();
@@ -41,7 +41,7 @@ impl Outputs {
         Self { obstacles: String::from_utf8(folder.read("out/obstacles.json")).unwrap(), checksums }
     }
 
-    /// Adds a volume per statistic.
+    /// Adds one volume per statistic.
     fn with_volumes(mut self, folder: &Folder, name: &str, environment: &[(&str, &str)]) -> Self {
         for statistic in STATISTICS {
             let options = format!("--statistic {statistic} --sweeps 60 --box={BOX} --out v.npy");
@@ -64,7 +64,7 @@ impl Outputs {
             if std::env::var_os(UPDATE).is_some() {
                 fs::write(&path, now).unwrap();
             }
-            // A checkout on Windows may have turned the ends of lines.
+            // A checkout on Windows may have converted the line ends.
             let before = fs::read_to_string(&path).unwrap().replace("\r\n", "\n");
             let differing = before.lines().zip(now.lines()).find(|(a, b)| a != b);
             assert!(before == now, "{} differs, first (before, now): {differing:?}", path.display());
@@ -72,8 +72,8 @@ impl Outputs {
     }
 }
 
-/// Number of messages of each topic, and the checksum of their times and bytes. The frames and poses of the recording itself
-/// are its own copy and the log is prose: neither is a result.
+/// Number of messages of each topic, and checksum of their times and bytes. Without the copies of
+/// the recording's own frames and poses and without the log's text: these are no results.
 fn topics(bytes: &[u8]) -> BTreeMap<String, (usize, u32)> {
     let mut hashers: BTreeMap<String, (usize, crc32fast::Hasher)> = BTreeMap::new();
     for message in mcap::MessageStream::new(bytes).unwrap() {
@@ -133,7 +133,8 @@ fn golden_damaged_recording() {
     Outputs::of_replay(&folder, "damaged", &[]).compare("damaged");
 }
 
-/// One thread and every instruction set that this processor has; on one without AVX-512 that limit changes nothing.
+/// Runs with one thread, and with every instruction set that this processor has; without AVX-512
+/// that limit changes nothing.
 #[test]
 fn golden_outputs_do_not_depend_on_threads_and_instructions() {
     for instructions in ["portable", "avx2", "avx512"] {

@@ -1,5 +1,5 @@
-//! The whole program, run as a person runs it: every command over sound, damaged, foreign and impossible input, and the
-//! physics from simulation or real recording to obstacle.
+//! Tests of the whole program, run as a user runs it: every command with valid, damaged, foreign
+//! and invalid input, and the physics from simulation or real recording to obstacle.
 
 mod arguments;
 mod bad_content;

@@ -7,8 +7,8 @@ use crate::found::{obstacles_of, only};
 
 const CORNER_REFLECTOR_M: DVec3 = DVec3::new(-0.3, 1.5, -1.0);
 
-/// One seed may be lucky: the mount's 2 mm error points in a random direction, and 1 mm of tracking drift comes with it, so
-/// single errors lie between 0 and 6 mm. Of five, three must be good; one bad draw does not fail them.
+/// A single seed may be lucky: the mount's 2 mm error has a random direction, and tracking drift
+/// adds 1 mm, so single errors lie between 0 and 6 mm. Three of five seeds must be good.
 #[test]
 fn a_corner_reflector_is_found_within_5_mm_in_the_median_of_five_seeds() {
     let folder = Folder::new("corner_reflector");
@@ -31,7 +31,7 @@ fn stationary_sensor_reports_range_only() {
     folder.run("simulate corner-reflector --motion stationary --snr-db 20 --duration-s 1 --out r.mcap").succeeds();
     let found = only(obstacles_of(&folder, "r.mcap --set reflectors.max_sweeps=50"));
     assert_eq!(found.observed, "range_only");
-    // Straight ahead is −z, so x and y are across.
+    // Straight ahead is −z, so x and y are cross-range.
     assert!(found.sigma_m.x > 0.3 && found.sigma_m.y > 0.3 && found.sigma_m.z < 0.1, "{}", found.sigma_m);
     let sensor_m = DVec3::new(0.0, 1.5, 0.0);
     let range_error_m = found.position_m.distance(sensor_m) - CORNER_REFLECTOR_M.distance(sensor_m);
@@ -56,7 +56,7 @@ fn offset_of_20_ms_degrades_until_set_or_estimated() {
     let file = folder.json("found/obstacles.json");
     let (offset_s, sigma_s) = (&file["time_offset_s"], &file["time_offset_sigma_s"]);
     assert!((offset_s.as_f64().unwrap() - 0.02).abs() < 0.002 && sigma_s.as_f64().unwrap() < 0.001, "{offset_s}");
-    // Every sweep has the pose of the new offset, also those that came before it was known.
+    // Every sweep gets the pose of the new offset, also those from before it was known.
     assert_eq!(file["counters"]["engine"]["observations_lost"], 0);
     assert_eq!(file["time_offset_observable"], true);
 }

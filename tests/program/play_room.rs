@@ -1,5 +1,5 @@
-//! A play session as a recording: what a player with moving hands, a visitor and a chair that is carried away looks like to everything
-//! that reads recordings.
+//! A play session as a recording: a player with moving hands, a visitor and a chair that is carried
+//! away.
 
 use crate::common::Folder;
 use crate::found::obstacles_of;
@@ -9,7 +9,7 @@ fn play_session_is_recorded_with_truth_and_reconstructed() {
     let folder = Folder::new("play_room");
     let said = folder.run("simulate play-room --duration-s 20 --seed 4 --out a.mcap").succeeds();
     assert!(said.out.contains("chair at the wall") && said.out.contains("6 walls"), "{}", said.out);
-    assert!(!said.out.contains("chair to be removed"), "what is carried away is no truth: {}", said.out);
+    assert!(!said.out.contains("chair to be removed"), "the removed chair must not be part of the truth: {}", said.out);
     folder.run("simulate play-room --duration-s 20 --seed 4 --out b.mcap").succeeds();
     assert!(folder.read("a.mcap") == folder.read("b.mcap"), "the same seed gives the same file");
     let found = obstacles_of(&folder, "a.mcap");

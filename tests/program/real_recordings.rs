@@ -1,7 +1,8 @@
-//! The vendor's real recordings, where they are at hand.
+//! The vendor's real recordings, where they are available.
 //!
-//! What first and last frames hold was read with another HDF5 library, h5py 3.16 over HDF5 2.0: `frame[i]` as
-//! little-endian i16, real before imaginary, through `zlib.crc32`; tick, temperature and flags as they stand.
+//! The expected first and last frames were read with another HDF5 library, h5py 3.16 with HDF5 2.0:
+//! `frame[i]` as little-endian i16, real before imaginary, through `zlib.crc32`; tick, temperature
+//! and flags as stored.
 
 use a121::Frame;
 use radar_recording::{Event, Recording};
@@ -40,7 +41,7 @@ fn recordings_without_poses_import_and_replay_reports_missing_poses() {
     }
 }
 
-/// A frame as another reader gives it.
+/// A frame as read by another reader.
 struct Known {
     tick: i64,
     temperature_c: i16,
@@ -52,7 +53,7 @@ const fn known(tick: i64, temperature_c: i16, samples: usize, crc32: u32) -> Kno
     Known { tick, temperature_c, samples, crc32 }
 }
 
-/// File, number of frames, ticks in a second, first and last frame. None of them has a flag set.
+/// File, number of frames, ticks per second, first and last frame. None of them has a flag set.
 const FIRST_AND_LAST: [(&str, usize, f64, Known, Known); 5] = [
     ("medium_tank", 1740, 1e3, known(67_977, 28, 287, 0x9199_6de3), known(88_100, 30, 287, 0xfd6f_2e96)),
     ("corner-reflector", 113, 1e3, known(7_092, 33, 74, 0xdd0c_3641), known(9_332, 32, 74, 0x66a6_9039)),
@@ -94,7 +95,7 @@ fn assert_is(frame: &Frame, known: &Known, name: &str) {
     assert!(!(frame.data_saturated || frame.frame_delayed || frame.calibration_needed), "{name}");
 }
 
-/// CRC-32 as zlib's, bit by bit.
+/// CRC-32 as in zlib, bit by bit.
 fn crc32(bytes: impl Iterator<Item = u8>) -> u32 {
     let shifted = |crc: u32| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 };
     !bytes.fold(u32::MAX, |crc, byte| (0..8).fold(crc ^ u32::from(byte), |crc, _| shifted(crc)))

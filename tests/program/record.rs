@@ -1,4 +1,5 @@
-//! `record` and `doctor`: what they refuse and say without any hardware, and against a tiny board on a socket.
+//! `record` and `doctor`: their messages without hardware, and their work with a minimal board on a
+//! socket.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -12,7 +13,8 @@ use serde_json::Value;
 
 use crate::common::Folder;
 
-/// A board that answers one client after the other, for as long as the tests run; its address.
+/// Starts a board that serves one client after the other for as long as the tests run; returns its
+/// address.
 fn board() -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -109,18 +111,18 @@ fn ports_that_cannot_be_opened_say_why() {
     let folder = Folder::new("record_ports");
     for (port, says) in [
         ("/dev/ttyNONE7", "there is no port /dev/ttyNONE7: there is"),
-        ("/dev/null", "/dev/null is no serial port"),
-        ("tcp:", "\"tcp:\" is no address: write tcp:HOST or tcp:HOST:PORT"),
+        ("/dev/null", "/dev/null is not a serial port"),
+        ("tcp:", "\"tcp:\" is not an address: write tcp:HOST or tcp:HOST:PORT"),
         ("tcp:127.0.0.1:1", "tcp:127.0.0.1:1 refuses the connection: start the exploration server there"),
     ] {
         folder.run(&format!("record --out r.mcap --port {port}")).fails_with(says);
-        let doctor = folder.run(&format!("doctor --port {port}")).fails_with("one thing must be mended");
-        assert!(doctor.out.contains("mend ") && doctor.out.contains(says), "{doctor:#?}");
+        let doctor = folder.run(&format!("doctor --port {port}")).fails_with("one thing must be fixed");
+        assert!(doctor.out.contains("fix ") && doctor.out.contains(says), "{doctor:#?}");
     }
     assert!(!folder.path("r.mcap").exists());
     if discover(&list_ports()).candidates.is_empty() {
         folder.run("record --out r.mcap").fails_with("no A121 board is found: there is");
-        let doctor = folder.run("doctor").fails_with("one thing must be mended").prints("no A121 board is found");
+        let doctor = folder.run("doctor").fails_with("one thing must be fixed").prints("no A121 board is found");
         let doctor = doctor.prints("simulate furnished-room --serve").prints("carried by line").prints("not known yet");
         assert!(doctor.out.contains("slow-link      6.63        25        25    9.2"), "{doctor:#?}");
     }
@@ -138,7 +140,7 @@ fn busy_port_names_the_process_that_holds_it() {
     let says = format!("{path} is in use by ");
     let outcome = folder.run(&format!("record --out r.mcap --port {path}")).fails_with(&says);
     assert!(outcome.err.contains(&format!("(process {})", std::process::id())), "{outcome:#?}");
-    folder.run(&format!("doctor --port {path}")).fails_with("one thing must be mended").prints(&says);
+    folder.run(&format!("doctor --port {path}")).fails_with("one thing must be fixed").prints(&says);
 }
 
 #[test]
@@ -153,7 +155,7 @@ fn a_board_is_recorded_with_poses_and_calibration() {
         "record --port {port} --out r.mcap --duration-s 1 --poses t.tum --mount 0,0.03,-0.1 --calibration c.json"
     ));
     let outcome = outcome.succeeds().prints("Raspberry Pi on tcp:").prints("yes, 2 % of it").prints("Faults     none");
-    let outcome = outcome.prints("0 frames lost").prints("1 lines that are none").prints("Written to r.mcap");
+    let outcome = outcome.prints("0 frames lost").prints("1 invalid lines").prints("Written to r.mcap");
     assert!(outcome.out.contains("tiny, software a121-v1.12.0, 1000000 ticks a second"), "{outcome:#?}");
     let info = folder.run("info r.mcap").succeeds().prints("Raspberry Pi on tcp:").prints("Damage     none");
     let info = info.prints("Board      tiny, software a121-v1.12.0, 1000000 ticks").prints("+0.100 m ahead");
@@ -171,7 +173,7 @@ fn doctor_passes_a_healthy_board() {
     for says in ["ok       Board", "ok       Opens", "ok       Answers", "ok       Sensors      connected: 1 of 1"] {
         assert!(outcome.out.contains(says), "{says}: {outcome:#?}");
     }
-    assert!(outcome.out.contains("carried by network") && !outcome.out.contains("mend "), "{outcome:#?}");
+    assert!(outcome.out.contains("carried by network") && !outcome.out.contains("fix "), "{outcome:#?}");
     assert!(outcome.out.contains("Stream       preset d16: ") && outcome.out.contains(" 0 lost"), "{outcome:#?}");
 }
 

@@ -1,4 +1,5 @@
-//! A recording with results, read back by the published schemas: every topic holds what `docs/results.md` says.
+//! A recording with results, read back with the published schemas: every topic holds what
+//! `docs/results.md` says.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,7 +10,7 @@ use radar_recording::results_messages as wire;
 
 use crate::common::Folder;
 
-/// What the file holds, topic by topic: time and bytes in the order of the file.
+/// Messages by topic, time and bytes in the order of the file, and the topics' schemas.
 struct File {
     messages: BTreeMap<String, Vec<(u64, Vec<u8>)>>,
     schemas: BTreeMap<String, String>,
@@ -34,7 +35,7 @@ impl File {
     }
 }
 
-/// The furnished room, some seconds, with results.
+/// The furnished room for some seconds, with results.
 fn furnished(folder: &Folder) -> File {
     folder.run("simulate furnished-room --duration-s 8 --out room.mcap").succeeds();
     folder.run("replay room.mcap --results results.mcap").succeeds();
@@ -46,7 +47,7 @@ fn assert_turn(q: &Quaternion) {
     assert!((length - 1.0).abs() < 1e-9, "{q:?}");
 }
 
-/// Number of points; each is a finite place in the room.
+/// Checks that every point is finite and in the room; returns the number of points.
 fn assert_cloud(topic: &str, cloud: &PointCloud) -> usize {
     assert_eq!(cloud.frame_id, if topic == "/beam/outline" { "sensor" } else { "tracking" });
     let stride = cloud.point_stride as usize;
@@ -96,7 +97,7 @@ fn results_recording_has_every_documented_topic() {
         assert_eq!(file.schemas.get(topic).map(String::as_str), Some(schema), "{topic}");
     }
     for (topic, messages) in &file.messages {
-        assert!(messages.windows(2).all(|pair| pair[0].0 <= pair[1].0), "{topic} goes back in time");
+        assert!(messages.windows(2).all(|pair| pair[0].0 <= pair[1].0), "{topic}: times decrease");
     }
     let mut parents = BTreeMap::new();
     for topic in ["/room", "/tracking/head", "/tracking/mount"] {
@@ -117,7 +118,7 @@ fn results_recording_has_every_documented_topic() {
         let greatest = clouds.iter().map(|(_, cloud)| assert_cloud(topic, cloud)).max().unwrap();
         assert!((least..=most).contains(&greatest), "{topic}: {greatest} points");
     }
-    // A file with results is a recording like another: it says the same again.
+    // A file with results is also a recording: its replay gives the same again.
     let again = folder.run("replay results.mcap --results again.mcap").succeeds();
     assert_eq!(again.out, folder.run("replay room.mcap").succeeds().out);
     assert!(folder.read("again.mcap") == folder.read("results.mcap"), "the same results from the same recording");
@@ -135,12 +136,12 @@ fn scene_figures_and_log_agree() {
         assert_eq!(time, figures_time);
         for deletion in &update.deletions {
             assert_eq!(deletion.r#type, i32::from(Deletion::MatchingId));
-            assert!(standing.remove(&deletion.id), "{} never stood", deletion.id);
+            assert!(standing.remove(&deletion.id), "{} was never in the scene", deletion.id);
         }
         let names: BTreeSet<String> = update.entities.iter().map(|entity| entity.id.clone()).collect();
-        assert_eq!(names.len(), update.entities.len(), "a name twice");
+        assert_eq!(names.len(), update.entities.len(), "duplicate name");
         standing.extend(names.iter().cloned());
-        assert_eq!(standing, names, "what is not known any more is deleted");
+        assert_eq!(standing, names, "removed objects must be deleted");
         ever.extend(names);
         update.entities.iter().for_each(|entity| assert_entity(entity, "tracking"));
         let obstacles = standing.iter().filter(|name| name.starts_with("obstacle ")).count();

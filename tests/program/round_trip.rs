@@ -1,4 +1,4 @@
-//! Golden runs: every command over short recordings, and the same bytes on every run.
+//! Every command over short recordings, with the same bytes on every run.
 
 use crate::common::Folder;
 
@@ -8,7 +8,7 @@ fn a_recording_goes_through_every_command() {
     let written = folder.run("simulate chair --preset c16 --duration-s 2 --seed 3 --out r.mcap").succeeds();
     let written = written.prints("Source     simulation: chair, natural, seed 3").prints("Written to r.mcap");
     let info = folder.run("info r.mcap").succeeds().prints("Frames     1000 over").prints("Damage     none");
-    assert!(written.out.starts_with(info.out.trim_end()), "info should say what simulate said: {}", info.out);
+    assert!(written.out.starts_with(info.out.trim_end()), "info should print what simulate printed: {}", info.out);
     folder
         .run("replay r.mcap --out found")
         .succeeds()
@@ -119,7 +119,7 @@ fn the_peak_of_a_volume_lies_at_the_reflector() {
     folder.run("simulate corner-reflector --motion sphere-50cm --snr-db 20 --duration-s 10 --out r.mcap").succeeds();
     let line = "reconstruct r.mcap --box -0.6,1.2,-1.3,0,1.8,-0.7 --voxel-m 0.02 --sweeps 100 --out v.npy";
     let text = folder.run(line).succeeds().out;
-    let peak = text.split("at (").nth(1).and_then(|rest| rest.split(')').next()).expect("a peak is told");
+    let peak = text.split("at (").nth(1).and_then(|rest| rest.split(')').next()).expect("a peak is printed");
     let peak: Vec<f64> = peak.split(',').map(|n| n.trim().parse().unwrap()).collect();
     let errors = [(peak[0] + 0.3).abs(), (peak[1] - 1.5).abs(), (peak[2] + 1.0).abs()];
     assert!(errors.iter().all(|&e| e < 0.03), "peak at {peak:?} m");

@@ -1,10 +1,12 @@
-//! Every rule of the sensor, broken once in a configuration file: the message names field, value and bound.
+//! Every rule of the sensor, broken once in a configuration file: the message names field, value
+//! and bound.
 
 use serde_json::{Value, json};
 
 use crate::common::Folder;
 
-/// A configuration with these fields over the vendor's defaults, its one subsweep likewise.
+/// A configuration with these fields on top of the vendor's defaults, and likewise for its one
+/// subsweep.
 fn config(fields: Value, subsweep: Value) -> Value {
     let mut config = json!({"subsweeps": [subsweep]});
     config.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
@@ -122,12 +124,12 @@ fn a_sound_configuration_is_simulated() {
 fn extreme_valid_configurations_are_simulated_and_replayed() {
     let folder = Folder::new("borders");
     let table = [
-        // One frame in a thousand million seconds; more frames than a sensor can make.
+        // One frame in 10⁹ seconds; more frames than a sensor can make.
         config(json!({"frame_rate": 1e-9}), json!({"num_points": 1})),
         config(json!({"frame_rate": 1e9}), json!({"num_points": 1})),
         config(json!({"sweep_rate": 1e38}), json!({"num_points": 1, "hwaas": 1})),
         config(json!({"sweep_rate": 1e-37}), json!({"num_points": 1, "hwaas": 511})),
-        // All points before the antenna.
+        // All points are before the antenna.
         config(json!({"sweeps_per_frame": 500}), json!({"num_points": 1, "start_point": -275})),
         json!({"sweeps_per_frame": 10, "subsweeps": [
             {"num_points": 2, "start_point": -275},

@@ -1,4 +1,5 @@
-//! `simulate --serve`, talked to by a client that knows nothing but the protocol, over TCP and over a pseudo terminal.
+//! `simulate --serve` with a client that implements only the protocol, over TCP and over a
+//! pseudo-terminal.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -16,7 +17,7 @@ use crate::common::Folder;
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// The program, serving; ended when dropped.
+/// The serving program; killed when dropped.
 struct Serving(Child);
 
 impl Serving {
@@ -32,13 +33,13 @@ impl Serving {
         Self(child)
     }
 
-    /// Ctrl-C, and what it said.
+    /// Sends Ctrl-C and returns the output.
     fn end(mut self, folder: &Folder) -> String {
         let id = rustix::process::Pid::from_child(&self.0);
         rustix::process::kill_process(id, rustix::process::Signal::INT).unwrap();
         let begin = Instant::now();
         while self.0.try_wait().unwrap().is_none() {
-            assert!(begin.elapsed() < PATIENCE, "does not end");
+            assert!(begin.elapsed() < PATIENCE, "does not exit");
             sleep(Duration::from_millis(5));
         }
         assert_eq!(String::from_utf8(folder.read("err.txt")).unwrap(), "");
@@ -53,7 +54,7 @@ impl Drop for Serving {
     }
 }
 
-/// A client of a port.
+/// A protocol client on a port.
 struct Client<T> {
     port: T,
     held: Vec<u8>,
@@ -105,7 +106,7 @@ impl<T: Read + Write> Client<T> {
         self.hear().0
     }
 
-    /// Sets up, streams for a second and stops; gives the number of frames.
+    /// Sets up, streams for a second and stops; returns the number of frames.
     fn stream(&mut self) -> usize {
         let config = json!({"sweeps_per_frame": 16, "sweep_rate": 0.0, "frame_rate": 66.0,
             "inter_frame_idle_state": "ready", "inter_sweep_idle_state": "ready",
@@ -120,7 +121,7 @@ impl<T: Read + Write> Client<T> {
             assert_eq!(payload.len(), 3200, "{header}");
             frames.push((header["result_info"][0][0]["tick"].as_u64().unwrap() as u32, payload));
         }
-        // Even ticks, and no frame twice.
+        // Evenly spaced ticks, and no frame twice.
         for pair in frames.windows(2) {
             let step = pair[1].0.wrapping_sub(pair[0].0);
             assert!((15_000..15_300).contains(&step) && pair[0].1 != pair[1].1, "{step}");
@@ -137,12 +138,12 @@ fn until<T>(mut there: impl FnMut() -> Option<T>) -> T {
         if let Some(value) = there() {
             return value;
         }
-        assert!(begin.elapsed() < PATIENCE, "nothing is served");
+        assert!(begin.elapsed() < PATIENCE, "no board is served");
         sleep(Duration::from_millis(5));
     }
 }
 
-/// As a client opens a serial port: raw, and not waiting.
+/// Opens a serial port as a client does: raw and non-blocking.
 fn open_terminal(path: &Path, baud: u32) -> File {
     let file = File::options().read(true).write(true).open(path).unwrap();
     let mut modes = tcgetattr(&file).unwrap();
@@ -190,7 +191,7 @@ fn client_streams_repeatedly_over_a_pseudo_terminal() {
         let info = client.ask(json!({"cmd": "get_system_info"}));
         assert_eq!(info["system_info"]["max_baudrate"], 2_000_000);
         assert_eq!(client.ask(json!({"cmd": "set_uart_baudrate", "baudrate": 1_000_000}))["status"], "ok");
-        // At the old speed the board hears a break and begins anew; at the new one it answers.
+        // At the old speed the board sees a break and restarts; at the new speed it answers.
         let mut modes = tcgetattr(&client.port).unwrap();
         modes.set_speed(1_000_000).unwrap();
         tcsetattr(&client.port, OptionalActions::Now, &modes).unwrap();
@@ -231,7 +232,7 @@ fn track_out_equals_the_poses_written_while_serving() {
     let all = times(&track);
     assert!((all[0] - origin_s).abs() < 1.0 && (all[all.len() - 1] - origin_s - 60.0).abs() < 1.0);
     assert!(all.iter().map(|t| (t - origin_s) * 120.0).all(|n| (n - n.round()).abs() < 1e-4));
-    // Lost tracking is a gap.
+    // Lost tracking leaves a gap.
     assert!(all.len() < 7000 && all.windows(2).any(|t| t[1] - t[0] > 0.05), "{}", all.len());
     let meanwhile = written();
     let complete = meanwhile.lines().count() - 1;
@@ -257,13 +258,13 @@ fn places_that_cannot_be_served_are_refused() {
     folder.write("taken", "a file");
     for (arguments, says) in [
         ("--serve tcp:0.0.0.0:6110", "0.0.0.0:6110 can be reached from other computers: use 127.0.0.1"),
-        ("--serve tcp:localhost", "is no place to serve a board: write pty:PATH, or tcp:"),
-        ("--serve udp:1", "is no place to serve a board"),
-        ("--serve pty:", "is no place to serve a board"),
-        ("--serve pty:taken", "taken is there already and is no link to a terminal"),
+        ("--serve tcp:localhost", "is not an address to serve a board at: write pty:PATH, or tcp:"),
+        ("--serve udp:1", "is not an address to serve a board at"),
+        ("--serve pty:", "is not an address to serve a board at"),
+        ("--serve pty:taken", "taken exists and is not a link to a terminal"),
         ("--serve pty:missing/board", "cannot serve at missing/board"),
         ("--serve pty:board --faults fly=1", "fault \"fly\" is not known: use drop, double"),
-        ("--serve pty:board --faults flip", "\"flip\" is no fault: write kind=times-a-minute"),
+        ("--serve pty:board --faults flip", "\"flip\" is not a fault: write kind=times-a-minute"),
         ("--serve pty:board --faults flip=1e9", "1000000000 times a minute: give 0 to 6000"),
         ("--serve pty:board --duration-s 0", "a duration of 0 s cannot be served"),
         ("--serve pty:board --board xe999", "invalid value 'xe999' for '--board"),

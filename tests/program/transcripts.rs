@@ -4,10 +4,11 @@ use std::path::Path;
 
 use crate::common::Folder;
 
-/// Stands for any text: within a line for a part of it, alone on a line for any lines.
+/// Placeholder for any text: within a line for a part of it, alone on a line for any number of
+/// lines.
 const ANYTHING: char = '…';
 
-/// A command of a `console` block and the lines that should follow it.
+/// A command of a `console` block and the expected lines.
 struct Transcript {
     command: String,
     lines: Vec<String>,
@@ -28,7 +29,7 @@ fn transcripts() -> Vec<Transcript> {
     found
 }
 
-/// Whether a line of the document stands for a line of the program.
+/// Whether a line of the document matches a line of the program.
 fn is_line(wanted: &str, line: &str) -> bool {
     let mut parts = wanted.split(ANYTHING);
     let Some(mut rest) = parts.next().and_then(|first| line.strip_prefix(first)) else { return false };
@@ -46,7 +47,7 @@ fn is_line(wanted: &str, line: &str) -> bool {
     true
 }
 
-/// Whether the lines of the document stand for those of the program.
+/// Whether the lines of the document match those of the program.
 fn are_lines(wanted: &[String], lines: &[&str]) -> bool {
     match wanted.split_first() {
         None => lines.is_empty(),

@@ -1,5 +1,5 @@
-//! A file as the vendor's exploration tool writes it, and a pose track beside it, made from a simulation: the way that
-//! real data take, with a known truth.
+//! Import of a file in the format of the vendor's exploration tool with a pose track, both made
+//! from a simulation: the path that real data take, with known truth.
 
 use std::fmt::Write;
 
@@ -15,7 +15,8 @@ use crate::found::{obstacles_of, only};
 #[test]
 fn imported_corner_reflector_is_as_accurate_as_simulated() {
     let folder = Folder::new("vendor_file");
-    // Five seeds keep the test short; `examples/ls_accuracy.rs` has the median over twenty: 3.5 mm.
+    // Five seeds keep the test short; `examples/ls_accuracy.rs` measured a median of 3.5 mm over
+    // twenty.
     let mut errors_m: Vec<f64> = (1..=5).map(|seed| error_of_import_m(&folder, seed)).collect();
     errors_m.sort_by(f64::total_cmp);
     assert!(errors_m[2] <= 0.005 && errors_m[4] <= 0.012, "{errors_m:?} m");
@@ -61,7 +62,8 @@ fn csv_and_tum_tracks_give_equal_poses() {
         .fails_with("short.csv, line 4: 2 cells under 8 names");
 }
 
-/// Simulated, written as the vendor's file and a track, imported, replayed with 50 sweeps: distance to the truth.
+/// Simulated, written as the vendor's file and a track, imported, replayed with 50 sweeps: distance
+/// to the truth, metres.
 fn error_of_import_m(folder: &Folder, seed: u64) -> f64 {
     let config = preset("fine").unwrap();
     let mut scenario = Scenario::new("corner-reflector", "sphere-50cm", config, 10.0, seed);

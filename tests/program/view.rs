@@ -1,4 +1,4 @@
-//! The desktop view without a desktop: its pictures, and that looking changes nothing.
+//! The desktop view without a desktop: its pictures, and that it does not change the results.
 
 use std::collections::BTreeSet;
 
@@ -6,16 +6,16 @@ use crate::common::{Folder, Outcome};
 
 const SHOTS: [&str; 4] = ["overview.png", "above.png", "first-person.png", "maps.png"];
 
-/// A furnished room, walked through for some seconds.
+/// Records a walk through a furnished room.
 fn recorded(folder: &Folder) {
     let line = "simulate furnished-room --motion natural --preset d16 --duration-s 6 --seed 3 --out room.mcap";
     folder.run(line).succeeds();
 }
 
-/// Mesa's choice of devices complains on standard error where there is no desktop: left out.
+/// Silences Mesa's device selection, which prints on standard error where there is no desktop.
 const QUIET: [(&str, &str); 1] = [("NODEVICE_SELECT", "1")];
 
-/// Runs it; `None`, and a line that says so, where nothing can draw.
+/// Runs the program; `None`, and a printed line, without a graphics adapter.
 fn drawn(folder: &Folder, line: &str) -> Option<Outcome> {
     let run = folder.run_with(line, &QUIET);
     if run.err.contains("no graphics adapter") {
@@ -25,7 +25,7 @@ fn drawn(folder: &Folder, line: &str) -> Option<Outcome> {
     Some(run.succeeds())
 }
 
-/// Colours in a picture, up to a thousand.
+/// Number of colours in a picture, at most 1000.
 fn colors(folder: &Folder, name: &str) -> usize {
     let picture = image::load_from_memory(&folder.read(name)).unwrap().into_rgb8();
     assert_eq!(picture.dimensions(), (1600, 1000), "{name}");
@@ -47,7 +47,7 @@ fn view_pictures_have_content_and_do_not_change_results() {
         assert!(colors(&folder, &path) >= 100, "{name} has few colours");
         assert!(folder.read(&path).len() <= 400_000, "{name}: {} bytes", folder.read(&path).len());
     }
-    // Different states, not one picture four times.
+    // The pictures differ from each other.
     let pictures: BTreeSet<Vec<u8>> = SHOTS.iter().map(|name| folder.read(&format!("shots/{name}"))).collect();
     assert_eq!(pictures.len(), SHOTS.len());
 }

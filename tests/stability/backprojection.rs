@@ -1,4 +1,4 @@
-//! Dense volumes, searches and the compressed sweeps under them, against the oracle.
+//! Dense volumes, searches and compressed sweeps against the oracle.
 
 use std::sync::Arc;
 
@@ -14,13 +14,15 @@ use rayon::prelude::*;
 use crate::cases::{Case, Damage, PATHS, Path, cases, rows, sound, sweeps};
 use crate::{agrees, quick_or_long};
 
-/// `dense_volume`'s tolerance, as a share of the volume's peak.
+/// Tolerance of `dense_volume` as a share of the volume's peak.
 const SHARE: f64 = 5e-3;
-/// Widest step of its tables, metres: nearer to a sensor D is held, and from there on linear between steps.
+/// Largest step of its tables, metres. Nearer to a sensor D is held constant; beyond, it is linear
+/// between steps.
 const TABLE_STEP_M: f64 = 5e-3;
 
-/// Whether a place lies so near to an edge of range or beam of some sweep that it may count on one side alone, or where
-/// the nearest sample changes (`thesis`), or so near to a sensor that D is held.
+/// Whether a point is so near to an edge of some sweep's range or beam that it may count on one
+/// side only, or to a change of the nearest sample (`thesis`), or so near to a sensor that D is
+/// held constant.
 fn at_an_edge(place: DVec3, observations: &[Observation], beam: &Beam, statistic: Statistic) -> bool {
     observations.iter().any(|o| {
         let (d, axis) = (o.distance_m(place), &o.geometry.axis);
@@ -35,7 +37,7 @@ fn at_an_edge(place: DVec3, observations: &[Observation], beam: &Beam, statistic
     })
 }
 
-/// What the linear pieces of D, or of the D² that a sum is divided by, may be off at a place, as a share of its value:
+/// Relative error of the piecewise linear D, or of the D² that a sum is divided by, at a point:
 /// ¾·(step/d)² or 1¼·(step/d)² at the nearest sensor.
 fn near_share(place: DVec3, observations: &[Observation], statistic: Statistic) -> f64 {
     let bend = if matches!(statistic, Statistic::Glrt | Statistic::Coherent) { 1.3 } else { 0.8 };
@@ -43,7 +45,7 @@ fn near_share(place: DVec3, observations: &[Observation], statistic: Statistic) 
     bend * (TABLE_STEP_M / nearest).powi(2)
 }
 
-/// One statistic of one case along one path, everywhere: what is off comes back as text.
+/// Checks one statistic of one case along one path at every voxel; returns the violations as text.
 fn check(case: &Case, path: &Path, observations: &[Observation], statistic: Statistic) -> Vec<String> {
     let what = format!("{} / {} / {}", case.name, path.name, statistic.name());
     let grid = BrickGrid::covering(&case.region(), case.voxel_m);
@@ -59,7 +61,7 @@ fn check(case: &Case, path: &Path, observations: &[Observation], statistic: Stat
     let exact: Vec<f64> = (0..fast.values.len()).into_par_iter().map(|n| oracle.value(statistic, place(n))).collect();
     let peak = exact.iter().copied().fold(0.0, f64::max);
     let rounding = if stack.sums_whole_numbers() { 2.0 * stack.step() * (sound.len() as f64).sqrt() } else { 0.0 };
-    // Where f32 has no full precision left, each sweep may be off by its least step.
+    // Where f32 has no full precision left, each sweep may be off by the smallest normal number.
     let least = f64::from(f32::MIN_POSITIVE) * sound.len() as f64;
     let mut worst = (0.0f64, String::new());
     for (index, (value, exact)) in fast.values.iter().zip(&exact).enumerate() {
@@ -77,13 +79,13 @@ fn check(case: &Case, path: &Path, observations: &[Observation], statistic: Stat
         }
     }
     if worst.0 > 1.0 {
-        wrong.push(format!("{} ({:.1} × what is allowed)", worst.1, worst.0));
+        wrong.push(format!("{} ({:.1} × the tolerance)", worst.1, worst.0));
     }
     wrong.extend(check_search(&what, &stack, &grid, &fast));
     wrong
 }
 
-/// The search has the dense set and its values.
+/// The search must give the dense set with its values.
 fn check_search(what: &str, stack: &SweepStack, grid: &BrickGrid, dense: &Volume) -> Option<String> {
     for share in [0.95, 0.5] {
         let found = search(stack, grid, Threshold::ShareOfPeak(share));
@@ -129,7 +131,7 @@ fn compressed_sweeps_match_their_definition() {
             let range_m = |n: u32| axis.first_m + (axis.last_m() - axis.first_m) * (f64::from(n) + 0.31) / 200.0;
             let exact: Vec<Complex64> = (0..200).map(|n| exact(range_m(n))).collect();
             let peak = exact.iter().map(|z| z.norm()).fold(0.0, f64::max);
-            // As its documentation says.
+            // The documented tolerance.
             let share = if case.pulse_fwhm_m == Profile::P1.envelope_fwhm_m() { 3e-3 } else { 5e-4 };
             for (n, exact) in (0..200).zip(exact) {
                 let (range_m, z) = (range_m(n), compressed.at(range_m(n)));
@@ -142,7 +144,7 @@ fn compressed_sweeps_match_their_definition() {
     assert!(wrong.is_empty(), "{} wrong:\n{}", wrong.len(), wrong.join("\n"));
 }
 
-/// Index and memory stay right for as many sweeps as the engine ever keeps.
+/// Index and memory arithmetic hold for as many sweeps as the engine ever keeps.
 #[test]
 fn search_equals_dense_volume_for_twenty_thousand_sweeps() {
     let case = &cases()[2];
@@ -156,7 +158,7 @@ fn search_equals_dense_volume_for_twenty_thousand_sweeps() {
         let dense = dense_volume(&stack, &grid).volume;
         let wrong = check_search(&format!("{count} sweeps / {}", statistic.name()), &stack, &grid, &dense);
         assert_eq!((refused, wrong), (0, None));
-        // Each sweep counts as often as it comes.
+        // Each sweep counts as often as it occurs.
         let times = (count / few.len()) as f64;
         let once = Oracle::new(&few, &case.beam, &SubapertureSettings::default());
         let factor = if statistic == Statistic::Ls { times } else { times.sqrt() };

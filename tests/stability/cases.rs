@@ -1,5 +1,5 @@
-//! The tables: cases (range axis, pulse, beam, noise, what is wrong with the samples) and paths of the sensor. Sweeps come
-//! straight from the signal model.
+//! Tables of cases (range axis, pulse, beam, noise, damage to the samples) and of sensor paths.
+//! Sweeps are computed directly from the signal model.
 
 use std::sync::Arc;
 
@@ -19,40 +19,40 @@ pub const NOISE_LSB: f64 = 20.0;
 /// Time from sweep to sweep, seconds.
 const SWEEP_S: f64 = 1e-3;
 
-/// What happens to samples on their way.
+/// Damage done to the samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Damage {
     /// Nothing.
     None,
-    /// Every ninth sweep ten thousand times as strong.
+    /// Every ninth sweep is ten thousand times as strong.
     Bursts,
     /// Both parts at the converter's limit.
     Saturated,
-    /// So small that f32 has no full precision for it.
+    /// So small that f32 has no full precision.
     Denormal,
-    /// Zero.
+    /// All samples zero.
     Silent,
     /// Every seventh sweep has a NaN, every eleventh an infinity.
     NotFinite,
-    /// Every fifth sweep has a finite sample whose square is none.
+    /// Every fifth sweep has a finite sample whose square overflows.
     Huge,
 }
 
-/// One row.
+/// One row of the table.
 #[derive(Debug, Clone)]
 pub struct Case {
     pub name: String,
-    /// Where the path's middle lies, tracking frame, metres.
+    /// Centre of the path, tracking frame, metres.
     pub origin: DVec3,
     pub axis: RangeAxis,
     pub pulse_fwhm_m: f64,
     pub beam: Beam,
-    /// Where the reflector lies from the path's middle, metres.
+    /// Reflector relative to the path's centre, metres.
     pub target: DVec3,
     /// Power of the echo's greatest sample over the noise, dB.
     pub snr_db: f64,
     pub damage: Damage,
-    /// Half of the edges of the box that is imaged around the reflector, and its voxels, metres.
+    /// Half edge of the imaged box around the reflector, and edge of its voxels, metres.
     pub half_m: f64,
     pub voxel_m: f64,
 }
@@ -76,18 +76,18 @@ impl Case {
         }
     }
 
-    /// Where the reflector lies, tracking frame.
+    /// Position of the reflector, tracking frame, metres.
     pub fn at(&self) -> DVec3 {
         self.origin + self.target
     }
 
-    /// The box that is imaged.
+    /// The imaged box.
     pub fn region(&self) -> Aabb {
         Aabb { min: self.at() - self.half_m, max: self.at() + self.half_m }
     }
 }
 
-/// Every case.
+/// All cases.
 pub fn cases() -> Vec<Case> {
     let mut all: Vec<Case> =
         (-1..=6).map(|n| Case { snr_db: 10.0 * f64::from(n), ..Case::new(format!("{} dB", 10 * n)) }).collect();
@@ -130,13 +130,13 @@ pub fn cases() -> Vec<Case> {
     all
 }
 
-/// Where the sensor goes, from the path's middle, as a share 0..1 of it, and how it turns.
+/// A sensor path: position and rotation as functions of the share 0..1 of the path.
 pub struct Path {
     pub name: &'static str,
-    /// Metres.
+    /// Position relative to the path's centre, metres.
     pub place: fn(f64) -> DVec3,
     pub turn: fn(f64) -> DQuat,
-    /// As `velocity_m_per_s` says; the places are what they are.
+    /// Stated velocity; it need not agree with the positions.
     pub velocity_m_per_s: DVec3,
 }
 
@@ -148,7 +148,7 @@ fn winding(share: f64) -> DVec3 {
     0.15 * DVec3::new((8.0 * share).sin(), (13.0 * share).cos(), (10.0 * share + 0.5).sin())
 }
 
-/// Every path.
+/// All paths.
 pub static PATHS: [Path; 9] = [
     Path { name: "winding", place: winding, turn: straight_on, velocity_m_per_s: DVec3::ZERO },
     Path {
@@ -196,7 +196,7 @@ pub static PATHS: [Path; 9] = [
     },
 ];
 
-/// Each case along each path; in the quick suite each case along three of them, all paths in turn.
+/// Each case along each path; in the quick suite along three of them, such that all paths occur.
 pub fn rows(cases: &[Case]) -> Vec<(&Case, &'static Path)> {
     let each = cases.iter().enumerate().flat_map(|(n, case)| PATHS.iter().enumerate().map(move |p| (n, case, p)));
     let taken = each.filter(|(n, _, (p, _))| quick_or_long((n + p) % 3 == 0, true));
@@ -208,7 +208,8 @@ pub fn sweeps(case: &Case, path: &Path, count: usize, seed: u64) -> Vec<Observat
     sweeps_along(case, path, count, count, seed)
 }
 
-/// The same, where only `count` of `all` sweeps' way is gone: slowly, as blocks need it.
+/// The same, but only the first `count` of `all` sweeps along the path: slow motion, as
+/// sub-apertures need it.
 pub fn sweeps_along(case: &Case, path: &Path, count: usize, all: usize, seed: u64) -> Vec<Observation> {
     let geometry = Arc::new(SweepGeometry {
         subsweep: 0,
@@ -258,7 +259,7 @@ fn apply_damage(samples: &mut [Complex32], damage: Damage, sweep: usize) {
     }
 }
 
-/// Sweeps that a sum takes in: those of which the suite knows that they are sound.
+/// The valid sweeps, which a sum accepts.
 pub fn sound(observations: &[Observation]) -> Vec<Observation> {
     let fits = |o: &&Observation| o.samples.iter().all(|x| x.re.abs() <= 1e9 && x.im.abs() <= 1e9);
     observations.iter().filter(fits).cloned().collect()

@@ -1,9 +1,12 @@
-//! Numerical stability: every result finite, every fast path at its slow definition within the tolerance that its
-//! documentation states, whatever the sweeps are.
+//! Numerical stability: every result is finite and every fast path agrees with its slow definition
+//! within the documented tolerance, whatever the sweeps are.
 //!
-//! Quick (some seconds): `cargo test --release --test stability`. Long (minutes: more seeds and sweeps, a million sweeps
-//! through the rolling image): `RADAR_CHAPERONE_LONG=1 cargo test --release --test stability`.
-//! Each check is a table of cases × paths of the sensor; a failure names both, the place, the value and the oracle's.
+//! Quick (seconds): `cargo test --release --test stability`. Long (minutes: more seeds and sweeps,
+//! a million sweeps through the rolling image): `RADAR_CHAPERONE_LONG=1 cargo test --release --test
+//! stability`.
+//!
+//! Each check is a table of cases × sensor paths. A failure names both, the position, the value and
+//! the oracle's value.
 mod backprojection;
 mod cases;
 mod refine;
@@ -11,17 +14,17 @@ mod rolling;
 mod streams;
 mod subaperture;
 
-/// Whether the long suite is asked for.
+/// Whether the long suite is requested.
 fn long() -> bool {
     std::env::var_os("RADAR_CHAPERONE_LONG").is_some_and(|value| value != "0")
 }
 
-/// The first in the quick suite, the second in the long one.
+/// The first value in the quick suite, the second in the long one.
 fn quick_or_long<T>(quick: T, thorough: T) -> T {
     if long() { thorough } else { quick }
 }
 
-/// Whether a value is a number and as near to the exact one as allowed.
+/// Whether a value is finite and within the tolerance of the exact one. False for NaN.
 fn agrees(value: f64, exact: f64, allowed: f64) -> bool {
     (value - exact).abs() <= allowed
 }

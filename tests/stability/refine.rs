@@ -1,4 +1,5 @@
-//! Refinement and the search for single reflectors: finite places, covariances that are some, whatever the geometry.
+//! Refinement and the reflector search: finite positions and valid covariances, whatever the
+//! geometry.
 
 use glam::{DMat3, DVec3};
 use radar_mapping::{ReflectorSettings, find_reflectors};
@@ -8,8 +9,8 @@ use radar_sar::{PositionErrors, RangePower, refine};
 use crate::cases::{cases, rows, sound, sweeps};
 use crate::quick_or_long;
 
-/// Why a matrix is no covariance: not finite, not symmetric, or with a negative variance in some direction (Cholesky's
-/// pivots, apart from rounding).
+/// Why a matrix is no covariance: not finite, not symmetric, or with a negative variance in some
+/// direction (Cholesky pivots, up to rounding).
 fn covariance_defect(m: &DMat3) -> Option<&'static str> {
     if !m.is_finite() {
         return Some("not finite");

@@ -1,4 +1,4 @@
-//! The rolling image over very many sweeps with bursts: at the end as exact as at the start.
+//! The rolling image over very many sweeps with bursts: as exact at the end as at the start.
 
 use std::sync::Arc;
 
@@ -8,14 +8,15 @@ use radar_sar::backprojection::{BrickGrid, RollingImage, RollingSettings, dense_
 use crate::cases::{Case, Damage, NOISE_LSB, PATHS, cases, sound, sweeps};
 use crate::quick_or_long;
 
-/// Pushes sweeps round and round, and now and then holds the image against the dense one of its window, bit for bit.
+/// Pushes sweeps in a cycle and compares the image at intervals with the dense one of its window,
+/// bit for bit.
 fn roll(case: &Case, statistic: Statistic, count: usize, compare_every: usize) {
     let observations: Vec<_> = PATHS[..6].iter().flat_map(|path| sweeps(case, path, 83, 5)).collect();
     let grid = BrickGrid::covering(&case.region(), 2.0 * case.voxel_m);
     let settings =
         RollingSettings { statistic, window: 12, min_sweeps: 6, noise_rms_lsb: NOISE_LSB, ..Default::default() };
     let geometries = [Arc::clone(&observations[0].geometry)];
-    // The paths' geometries are equal, but not one and the same.
+    // The paths' geometries are equal, but separate allocations.
     let mut image = RollingImage::new(settings, &case.beam, &geometries, &grid).unwrap();
     let (mut compared, mut shown) = (0, 0);
     for (n, observation) in observations.iter().cycle().take(count).enumerate() {
@@ -25,7 +26,7 @@ fn roll(case: &Case, statistic: Statistic, count: usize, compare_every: usize) {
             continue;
         }
         let what = format!("{} / {} / sweep {n}", case.name, statistic.name());
-        assert!(image.is_complete(), "{what}: something waits");
+        assert!(image.is_complete(), "{what}: the image is not complete");
         let (dense, threshold) = (dense_volume(image.stack(), &grid).volume, image.threshold());
         let wanted: Vec<_> = dense.values.iter().copied().enumerate().filter(|v| v.1 >= threshold).collect();
         assert_eq!(image.voxels(), wanted, "{what}, threshold {threshold}");
@@ -34,9 +35,9 @@ fn roll(case: &Case, statistic: Statistic, count: usize, compare_every: usize) {
         shown += usize::from(!wanted.is_empty());
     }
     assert!(compared > 20, "{}: compared {compared} times", case.name);
-    // Nothing stands out where all samples are alike, or where the beam is cut off.
+    // Nothing exceeds the threshold where all samples are alike, or where the beam is cut off.
     let silent = case.damage != Damage::None || case.snr_db < 5.0 || case.name.contains("off the boresight");
-    assert!(silent || shown > 0, "{} / {}: nothing was ever shown", case.name, statistic.name());
+    assert!(silent || shown > 0, "{} / {}: no voxel ever exceeded the threshold", case.name, statistic.name());
     assert_eq!(image.work().sweeps + image.work().refused, count as u64);
 }
 
@@ -74,7 +75,7 @@ fn windows_of_any_length_accept_saturated_sweeps() {
                 let (dense, threshold) = (dense_volume(image.stack(), &grid).volume, image.threshold());
                 let wanted: Vec<_> = dense.values.iter().copied().enumerate().filter(|v| v.1 >= threshold).collect();
                 assert_eq!(image.voxels(), wanted, "window {window}, sweep {n}");
-                assert!(!wanted.is_empty(), "window {window}, sweep {n}: nothing is shown");
+                assert!(!wanted.is_empty(), "window {window}, sweep {n}: no voxel exceeds the threshold");
             }
         }
     }

@@ -1,5 +1,5 @@
-//! Whole streams of bad frames and poses through the pipeline: counted, never a number that is none in the scene, and sound
-//! data among bad ones give what they give alone.
+//! Streams of invalid frames and poses through the pipeline: they are counted, the scene stays
+//! finite, and valid data among them give the same scene as alone.
 
 use a121::{Frame, FrameLayout, SensorConfig, frame_timing, preset};
 use glam::DVec3;
@@ -32,7 +32,7 @@ fn seconds(time_ns: i64) -> f64 {
     (time_ns - START_NS) as f64 * 1e-9
 }
 
-/// Frames of a chair before the moving head, and its poses.
+/// Frames of a chair in front of the moving head, and the head's poses.
 fn sound_streams(config: &SensorConfig, duration_s: f64, seed: u64) -> (Vec<Frame>, Vec<PoseSample>) {
     let layout = FrameLayout::of(config);
     let axis = range_axis(&config.subsweeps[0]);
@@ -70,14 +70,14 @@ fn sound_streams(config: &SensorConfig, duration_s: f64, seed: u64) -> (Vec<Fram
     (frames, (-30..(duration_s * 120.0) as i64 + 60).map(pose).collect())
 }
 
-/// What comes next.
+/// An event of a stream.
 #[derive(Debug, Clone, PartialEq)]
 enum Event {
     Pose(PoseSample),
     Frame(Frame),
 }
 
-/// Both streams in the order in which they come.
+/// Both streams merged by time.
 fn sound_events(config: &SensorConfig, duration_s: f64, seed: u64) -> Vec<Event> {
     let (frames, poses) = sound_streams(config, duration_s, seed);
     let mut events: Vec<(i64, Event)> = frames.into_iter().map(|f| (f.host_time_ns, Event::Frame(f))).collect();
@@ -102,7 +102,7 @@ fn run(config: &SensorConfig, mode: Mode, events: &[Event]) -> Pipeline {
     pipeline
 }
 
-/// What of a pipeline's results is no number.
+/// The results of a pipeline that are not finite.
 fn not_finite(pipeline: &Pipeline) -> Vec<String> {
     let mut wrong = Vec::new();
     let scene = pipeline.scene();
@@ -126,7 +126,7 @@ fn not_finite(pipeline: &Pipeline) -> Vec<String> {
         }
     }
     if !pipeline.time_offset_s().is_finite() || pipeline.time_offset_s().abs() > 0.11 {
-        wrong.push(format!("time offset {} s in force", pipeline.time_offset_s()));
+        wrong.push(format!("applied time offset of {} s", pipeline.time_offset_s()));
     }
     if let Some((time_ns, pose)) = pipeline.sensor_path().iter().find(|(_, pose)| !pose.translation.is_finite()) {
         wrong.push(format!("sensor at {time_ns} ns at {pose:?}"));
@@ -134,9 +134,9 @@ fn not_finite(pipeline: &Pipeline) -> Vec<String> {
     wrong
 }
 
-/// Damage done to a stream: each event becomes some.
+/// Damage to a stream: each event becomes zero or more events.
 type Damage = fn(usize, Event) -> Vec<Event>;
-/// The counter that must tell of it; `None`: nothing is refused.
+/// The counter that must count the damage; `None`: nothing is refused.
 type ExpectedCounter = Option<fn(&ObserverCounters) -> u64>;
 
 fn pose(n: usize, event: Event, every: usize, change: impl Fn(&mut PoseSample)) -> Vec<Event> {
@@ -178,12 +178,12 @@ const DAMAGES: [(&str, Damage, ExpectedCounter); 23] = [
         Some(|c| c.frames_time_not_rising),
     ),
     (
-        "a frame at the end of time",
+        "a frame at the maximum time",
         |n, e| frame(usize::from(n < 150), e, 2, |f| f.host_time_ns = i64::MAX),
         Some(|c| c.frames_time_leapt),
     ),
     (
-        "a frame before time",
+        "a frame at the minimum time",
         |n, e| frame(usize::from(n < 150), e, 2, |f| f.host_time_ns = i64::MIN),
         Some(|c| c.frames_time_not_rising),
     ),
@@ -199,13 +199,13 @@ const DAMAGES: [(&str, Damage, ExpectedCounter); 23] = [
     ("invalid poses", |n, e| pose(n, e, 7, |p| p.result = TrackingResult::OutOfRange), Some(|c| c.poses_invalid)),
     ("poses back in time", |n, e| pose(n, e, 5, |p| p.time_ns -= 200_000_000), Some(|c| c.poses_time_not_rising)),
     (
-        "a pose at the end of time",
+        "a pose at the maximum time",
         |n, e| pose(usize::from(n < 170), e, 2, |p| p.time_ns = i64::MAX),
         Some(|c| c.poses_time_leapt),
     ),
-    ("a pose before time", |n, e| pose(n, e, 91, |p| p.time_ns = i64::MIN), Some(|c| c.poses_time_not_rising)),
+    ("a pose at the minimum time", |n, e| pose(n, e, 91, |p| p.time_ns = i64::MIN), Some(|c| c.poses_time_not_rising)),
     ("leaps of 100 m", |n, e| pose(n, e, 41, |p| p.position_m[0] += 100.0), None),
-    ("leaps beyond all measure", |n, e| pose(n, e, 41, |p| p.position_m[0] = 1e300), None),
+    ("leaps to 1e300 m", |n, e| pose(n, e, 41, |p| p.position_m[0] = 1e300), None),
     ("a still head", |n, e| pose(n, e, 1, |p| p.position_m = [0.0, 1.5, 0.0]), None),
 ];
 
@@ -218,7 +218,7 @@ fn bad_streams_are_counted_and_the_scene_stays_finite() {
         for (damage, harm, tells) in DAMAGES {
             let what = format!("{name} / {damage}");
             let events: Vec<Event> = sound.iter().cloned().enumerate().flat_map(|(n, e)| harm(n, e)).collect();
-            // Rates of the streams must not hide one of them from its damage.
+            // The modulus must not miss all events of one of the streams.
             if (events == sound) != (damage == "nothing") {
                 wrong.push(format!("{what}: no damage was done"));
             }
@@ -240,7 +240,7 @@ fn bad_streams_are_counted_and_the_scene_stays_finite() {
                 let nearest =
                     pipeline.scene().obstacles.iter().map(|o| o.position_m.distance(CHAIR)).fold(9.0, f64::min);
                 if nearest > 0.15 {
-                    wrong.push(format!("{what}: the chair is {nearest} m from what was found"));
+                    wrong.push(format!("{what}: the chair is {nearest} m from the nearest obstacle"));
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! Block scores, as a volume and in the field, against the oracle.
+//! Coherence scores, as a volume and in the score field, against the oracle.
 
 use radar_sar::subaperture::{Field, SubapertureBuilder, SubapertureSettings};
 use radar_sar::{Oracle, Statistic, subaperture_volume};
@@ -6,7 +6,7 @@ use radar_sar::{Oracle, Statistic, subaperture_volume};
 use crate::cases::{cases, rows, sound, sweeps_along};
 use crate::{agrees, quick_or_long};
 
-/// `subaperture_volume`'s tolerance: this share of the peak, and this.
+/// Tolerance of `subaperture_volume`: this share of the peak, plus this constant.
 const SHARE: f64 = 0.02;
 const FLOOR: f64 = 0.02;
 
@@ -31,7 +31,7 @@ fn coherence_scores_match_the_oracle() {
             if !agrees(f64::from(*value), exact, allowed) {
                 wrong.push(format!("{what} at {place}: {value}, oracle {exact}"));
             }
-            // The field has its own grid: the oracle goes to the middle of its voxel.
+            // The field has its own grid: the oracle is evaluated at the centre of its voxel.
             let middle = ((*place / settings.voxel_m).floor() + 0.5) * settings.voxel_m;
             let (value, exact) = (field.score_at(*place), oracle.value(Statistic::Subaperture, middle));
             if value.is_some_and(|value| !agrees(value, exact, allowed + SHARE * exact.abs())) {
@@ -39,7 +39,7 @@ fn coherence_scores_match_the_oracle() {
             }
         }
         if field.peaks(0.0, 0.15, i64::MIN).iter().any(|peak| !peak.score.is_finite()) {
-            wrong.push(format!("{what}: a peak of the field is no number"));
+            wrong.push(format!("{what}: a peak of the field is not finite"));
         }
     }
     wrong.truncate(200);

@@ -1,4 +1,4 @@
-//! Manifests, autolaunch, and what is kept of them.
+//! Manifests, autolaunch, and their persistence.
 
 use std::ffi::{CString, c_char};
 use std::path::Path;

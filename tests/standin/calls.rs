@@ -1,4 +1,4 @@
-//! Calls in order and out of order, wrong calls, and the end of things.
+//! Calls in order and out of order, invalid calls, and shutdown.
 
 use std::ffi::CStr;
 use std::os::unix::process::ExitStatusExt;
@@ -54,7 +54,7 @@ fn overlay_properties_roundtrip() {
     });
 }
 
-/// Every wrong call with the kind that it is told as.
+/// Invalid calls, each with the violation that it is recorded as.
 fn wrong_calls(runtime: &Runtime) -> Vec<(&'static str, u32, u32)> {
     let table = runtime.overlay;
     let (handle, gone) = (runtime.create(c"test.panel"), runtime.create(c"test.gone"));
@@ -117,17 +117,17 @@ fn wrong_calls(runtime: &Runtime) -> Vec<(&'static str, u32, u32)> {
         ),
         ("SetOverlayRaw is not for frames", raw, FAILED),
         (
-            "not in the stand-in: IVROverlay::SetOverlayFromFile",
+            "not in the fake runtime: IVROverlay::SetOverlayFromFile",
             call!(table, SetOverlayFromFile, handle, text(c"a")),
             FAILED,
         ),
     ]
 }
 
-/// 128 bytes and the zero.
+/// 128 bytes and the terminator.
 const LONG: &CStr = c"0123456789012345678901234567890123456789012345678901234567890123456789012345678901234567890123456789012345678901234567890123456789";
 
-/// Textures that are refused before Vulkan sees them.
+/// Textures that are rejected before they reach Vulkan.
 fn wrong_textures(runtime: &Runtime) -> Vec<(&'static str, u32, u32)> {
     const BAD_TEXTURE: u32 = sys::EVROverlayError_VROverlayError_InvalidTexture;
     let handle = runtime.create(c"test.texture");
@@ -169,7 +169,7 @@ fn wrong_calls_fail_and_are_reported() {
     alone("calls::wrong_calls_fail_and_are_told", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let calls: Vec<_> = wrong_calls(&runtime).into_iter().chain(wrong_textures(&runtime)).collect();
-        // What can only be told at the end of a frame.
+        // Violations that can only be detected at the end of a frame.
         let bare = runtime.create(c"test.bare");
         assert_eq!(call!(runtime.overlay, ShowOverlay, bare), 0);
         call!(runtime.overlay, WaitFrameSync, 100);
@@ -260,10 +260,10 @@ fn dashboard_tab_and_thumbnail_are_destroyed_together() {
     });
 }
 
-/// Whether a table of functions has no null pointer.
+/// Whether a function table has no null pointer.
 fn is_whole<T>(table: &T) -> bool {
     let words = size_of::<T>() / size_of::<usize>();
-    // SAFETY: a table is nothing but pointers.
+    // SAFETY: a table consists only of pointers.
     let words = unsafe { std::slice::from_raw_parts(std::ptr::from_ref(table).cast::<usize>(), words) };
     words.iter().all(|word| *word != 0)
 }
@@ -278,7 +278,7 @@ fn function_tables_have_no_null_pointers() {
         let error = call!(runtime.compositor, WaitGetPoses, null, 0, none, 0);
         assert_eq!(error, sys::EVRCompositorError_VRCompositorError_RequestFailed);
         runtime.cleanup();
-        assert_eq!(rig.report()["violations"]["not in the stand-in: IVRCompositor::WaitGetPoses"]["count"], 1);
+        assert_eq!(rig.report()["violations"]["not in the fake runtime: IVRCompositor::WaitGetPoses"]["count"], 1);
     });
 }
 
@@ -314,7 +314,8 @@ fn frames_are_sequential_and_missed_ones_counted() {
         }
         std::thread::sleep(std::time::Duration::from_millis(100));
         assert_eq!(call!(runtime.overlay, WaitFrameSync, 1000), 0);
-        // Shorter than what is left of a frame, but for one time in many; then it is tried again.
+        // A zero timeout is shorter than the rest of a frame, except rarely; then it is tried
+        // again.
         until("a wait that is too short", || (call!(runtime.overlay, WaitFrameSync, 0) == TIMED_OUT).then_some(()));
         runtime.cleanup();
         assert!(rig.report()["frames_missed"].as_u64().unwrap() >= 8, "{:#}", rig.report());
@@ -334,7 +335,7 @@ fn server_shutdown_is_requested_and_timed() {
         let times = ["quit_asked_s", "quit_delivered_s", "quit_acknowledged_s", "cleanup_s"]
             .map(|name| report[name].as_f64().unwrap_or_else(|| panic!("{name} is missing in {report:#}")));
         assert!(times.is_sorted(), "{times:?}");
-        // The server has waited for us and ends.
+        // The server has waited for this client and exits.
         let lock = std::fs::File::open(rig.folder.join("runtime/server.lock")).unwrap();
         until("the end of the server", || lock.try_lock_shared().ok());
     });

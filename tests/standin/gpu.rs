@@ -1,4 +1,4 @@
-//! Textures made with wgpu and handed over as a program does it.
+//! Textures made with wgpu and submitted as a program does.
 
 use ash::vk::Handle;
 use wgpu::hal::api::Vulkan;
@@ -14,19 +14,19 @@ pub struct Gpu {
 }
 
 impl Gpu {
-    /// Opens one; `None`, with a word, where there is no Vulkan.
+    /// Opens a device; `None`, with a printed note, without Vulkan.
     pub fn open() -> Option<Self> {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         descriptor.backends = wgpu::Backends::VULKAN;
         let instance = wgpu::Instance::new(descriptor);
         let Ok(adapter) = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())) else {
-            eprintln!("left out: no Vulkan adapter");
+            eprintln!("skipped: no Vulkan adapter");
             return None;
         };
         let wanted = wgpu::DeviceDescriptor { required_limits: adapter.limits(), ..Default::default() };
         let (device, queue) = pollster::block_on(adapter.request_device(&wanted)).unwrap();
         let handles = {
-            // SAFETY: only handles are read; the device outlives every use of them.
+            // SAFETY: the handles are only read; the device outlives all of their uses.
             let hal = unsafe { device.as_hal::<Vulkan>() }.unwrap();
             sys::VRVulkanTextureData_t {
                 m_nImage: 0,
@@ -49,7 +49,7 @@ impl Gpu {
         (self.handles.m_pPhysicalDevice as u64, self.handles.m_pInstance)
     }
 
-    /// A texture with these bytes, ready to be handed over.
+    /// A texture with these pixels, ready to be submitted.
     pub fn texture(
         &self,
         [width, height]: [u32; 2],
@@ -82,9 +82,9 @@ impl Gpu {
         texture
     }
 
-    /// Hands a texture over; the error.
+    /// Submits a texture. Returns the error code.
     pub fn show(&self, runtime: &Runtime, overlay: u64, texture: &wgpu::Texture) -> u32 {
-        // SAFETY: only the handle is read; the texture outlives every use of it.
+        // SAFETY: the handle is only read; the texture outlives all of its uses.
         let image = unsafe { texture.as_hal::<Vulkan>().unwrap().raw_handle() };
         let mut data = sys::VRVulkanTextureData_t {
             m_nImage: image.as_raw(),

@@ -1,5 +1,5 @@
-//! The stand-in runtime itself, as a program meets it: through the folders that its server makes, the library that lies
-//! there, and the function tables. Each test has a server, a folder and a process of its own.
+//! The fake runtime as a program sees it: through the folders that its server creates, the library
+//! in them, and the function tables. Each test has its own server, folder and process.
 
 #![cfg(unix)]
 

@@ -1,5 +1,5 @@
-//! The pictures that the stand-in draws, against where geometry puts the corners of a quad and what colours they have,
-//! computed here from the matrices that the interface gives.
+//! Images of the fake runtime, compared with the expected corners and colours of quads, which are
+//! computed here from the matrices of the interface.
 
 use glam::{DMat4, DVec2, DVec3};
 use image::RgbImage;
@@ -19,7 +19,7 @@ const GREEN: [u8; 3] = [0, 255, 0];
 const BLUE: [u8; 3] = [0, 0, 255];
 const GREY: [u8; 3] = [128, 128, 128];
 
-/// A small picture, and a head at rest that is turned and tilted.
+/// A small image, and a head at rest that is rotated and tilted.
 fn config() -> Value {
     let turn = glam::DQuat::from_rotation_y(0.3) * glam::DQuat::from_rotation_x(-0.2);
     let [x, y, z, w] = turn.to_array();
@@ -30,7 +30,7 @@ fn config() -> Value {
     json!({ "files": { "rest.tum": track }, "track": "rest.tum", "display": { "shot_size": SIZE } })
 }
 
-/// An eye, by the interface's matrices.
+/// An eye, from the matrices of the interface.
 struct Eye {
     eye_from_standing: DMat4,
     /// Tangents at the left, right, upper and lower edge.
@@ -43,21 +43,21 @@ fn eyes(runtime: &Runtime) -> [Eye; 2] {
         let head_from_eye = from_matrix(&call!(runtime.system, GetEyeToHeadTransform, eye));
         let (mut left, mut right, mut top, mut bottom) = (0.0, 0.0, 0.0, 0.0);
         call!(runtime.system, GetProjectionRaw, eye, &mut left, &mut right, &mut top, &mut bottom);
-        // What the interface calls top is the lower edge.
+        // The interface's "top" is the lower edge.
         let edges = [left, right, bottom, top].map(f64::from);
         Eye { eye_from_standing: (standing_from_head * head_from_eye).inverse(), edges }
     })
 }
 
 impl Eye {
-    /// Where a point appears, in pixels from the upper left.
+    /// Pixel of a point, from the upper left.
     fn pixel(&self, point: DVec3) -> DVec2 {
         let p = self.eye_from_standing.transform_point3(point);
         assert!(p.z < 0.0, "{p} is behind the eye");
         self.direction_pixel(DVec2::new(p.x, p.y) / -p.z)
     }
 
-    /// Where a direction, given by its tangents, appears.
+    /// Pixel of a direction given by its tangents.
     fn direction_pixel(&self, tangents: DVec2) -> DVec2 {
         let [left, right, up, down] = self.edges;
         let share = DVec2::new((tangents.x - left) / (right - left), (up - tangents.y) / (up - down));
@@ -74,13 +74,13 @@ struct Quad {
 }
 
 impl Quad {
-    /// A point of it, 0 to 1 from the upper left.
+    /// A point on the quad, 0 to 1 from the upper left.
     fn point(&self, u: f64, v: f64) -> DVec3 {
         let place = DVec3::new((u - 0.5) * self.width_m, (0.5 - v) * self.height_m, 0.0);
         self.standing_from_overlay.transform_point3(place)
     }
 
-    /// How far a pixel lies inside (positive) or outside of the quad's picture, in pixels.
+    /// Distance of a pixel from the quad's outline, positive inside, pixels.
     fn depth(&self, eye: &Eye, pixel: DVec2) -> f64 {
         let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(u, v)| eye.pixel(self.point(u, v)));
         let distance = |i: usize| {
@@ -115,7 +115,7 @@ fn assert_color(picture: &RgbImage, at: DVec2, expected: [f64; 3]) {
     assert!(differs(seen, expected) <= 2.0, "at {at}: {seen:?}, expected {expected:?}");
 }
 
-/// The quad is where it must be, to a pixel and a half, and nothing is anywhere else.
+/// The quad is at its expected position to 1.5 pixels, and the rest is background.
 #[track_caller]
 fn assert_outline(picture: &RgbImage, quad: &Quad, eye: &Eye) {
     let background = over_background(RED, 0.0);
@@ -141,7 +141,7 @@ fn plain(gpu: &Gpu, [r, g, b]: [u8; 3]) -> wgpu::Texture {
     gpu.texture([16, 16], SRGB, |_, _| [r, g, b, 255])
 }
 
-/// A shown overlay with a place.
+/// A visible overlay with a pose.
 fn overlay(runtime: &Runtime, key: &std::ffi::CStr, quad: &Quad) -> u64 {
     let handle = runtime.create(key);
     let mut matrix = to_matrix(quad.standing_from_overlay);
@@ -151,7 +151,7 @@ fn overlay(runtime: &Runtime, key: &std::ffi::CStr, quad: &Quad) -> u64 {
     handle
 }
 
-/// In front of the head, turned and tilted, and clear of the pictures' edges.
+/// In front of the head, rotated and tilted, and away from the edges of the image.
 fn ahead(width_m: f64, height_m: f64, distance_m: f64) -> Quad {
     let head =
         DMat4::from_translation(DVec3::new(0.2, 1.5, 0.4)) * DMat4::from_rotation_y(0.3) * DMat4::from_rotation_x(-0.2);
@@ -187,7 +187,7 @@ fn quad_is_drawn_at_its_pose_and_moves_with_its_universe() {
             assert_outline(picture, &quad, &eye);
             assert_quarters(picture, &quad, &eye, 0.5);
         }
-        // Standing coordinates stay, so the quad goes where the universe goes.
+        // Standing coordinates stay the same, so the quad moves with the universe.
         rig.command(&json!({ "do": "recenter", "x": 0.2, "z": 0.1, "yaw_deg": 10 }));
         crate::rig::until("the event", || runtime.event());
         let (_, moved) = rig.shot("moved");
@@ -217,7 +217,7 @@ fn disparity_matches_distance() {
             let [left, right, ..] = eyes[side].edges;
             left + (right - left) * sum / count / f64::from(SIZE[0])
         };
-        // A near thing lies further to the right for the left eye.
+        // A near object is further to the right for the left eye.
         assert!((tangent(0) - tangent(1) - 0.063 / 1.5).abs() < 0.002, "{} {}", tangent(0), tangent(1));
         assert!(((tangent(0) + tangent(1)) / 2.0 - 0.1 / 1.5).abs() < 0.002);
         runtime.cleanup();
@@ -229,7 +229,8 @@ fn side_by_side_halves_and_bounds_are_applied() {
     alone("pictures::halves_go_to_their_eyes_and_bounds_cut", &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
-        // 64 × 32 for both eyes: each has a square half, and texels twice as wide as high make it half as high.
+        // 64 × 32 for both eyes: each has a square half, and texels twice as wide as high make it
+        // half as high.
         let quad = ahead(0.8, 0.4, 1.6);
         let handle = overlay(&runtime, c"test.stereo", &quad);
         let texture = quarters(&gpu, [64, 32], [RED, GREEN, RED, GREEN]);
@@ -244,7 +245,7 @@ fn side_by_side_halves_and_bounds_are_applied() {
                 assert_color(picture, eye.pixel(quad.point(u, v)), over_background(color, 1.0));
             }
         }
-        // The right half of a flat quad: a square of the second colour.
+        // The right half of a quad: a square of the second colour.
         assert_eq!(call!(runtime.overlay, SetOverlayFlag, handle, flag, false), 0);
         assert_eq!(call!(runtime.overlay, SetOverlayTexelAspect, handle, 1.0), 0);
         let mut bounds = sys::VRTextureBounds_t { uMin: 0.5, vMin: 0.0, uMax: 1.0, vMax: 1.0 };
@@ -349,7 +350,8 @@ fn quad_back_follows_sdk_version_and_flag() {
     });
 }
 
-/// Projections over both eyes, drawn with the view turned by 0.1 rad to the left; the matrix in the given direction.
+/// Projections over both eyes, drawn with the view rotated by 0.1 rad to the left; the matrix in
+/// the given direction.
 fn projection(rig: &Rig, direction: &str) {
     let Some(gpu) = Gpu::open() else { return };
     let runtime = Runtime::connected();
@@ -380,7 +382,7 @@ fn projection(rig: &Rig, direction: &str) {
             let at = eye.direction_pixel(DVec2::new(seen.x, seen.y) / -seen.z);
             assert_color(picture, at, over_background(color, 1.0));
         }
-        // Beside the view, on the right, is nothing.
+        // Beside the view, on the right, there is nothing.
         let beside = DVec2::new(f64::from(SIZE[0]) - 2.0, f64::from(SIZE[1]) / 2.0);
         assert_color(picture, beside, over_background(RED, 0.0));
     }

@@ -1,5 +1,5 @@
-//! A server with its folder, and a test that runs in a process of its own: the library has one world a process, and finds
-//! it through the environment.
+//! A server with its folder, and a test in its own process: the library has one state per process,
+//! and finds it through the environment.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -11,16 +11,16 @@ use serde_json::Value;
 const TEST: &str = "STANDIN_TEST";
 const FOLDER: &str = "STANDIN_FOLDER";
 const SERVER: &str = "STANDIN_SERVER";
-/// What is waited for comes at once, but on a machine that has much else to do.
+/// Limit of all waits, generous for busy machines.
 const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// What a test's process has.
+/// Environment of a test's process.
 pub struct Rig {
     pub folder: PathBuf,
     server: i32,
 }
 
-/// A server that ends with the value.
+/// A server that ends when dropped.
 pub struct Server {
     child: Child,
     pub folder: PathBuf,
@@ -34,7 +34,7 @@ impl Drop for Server {
     }
 }
 
-/// A program beside this one, which `cargo test` builds with it.
+/// A program built by `cargo test` beside this one.
 fn example(name: &str) -> PathBuf {
     let deps = std::env::current_exe().unwrap();
     let path = deps.parent().unwrap().parent().unwrap().join("examples").join(name);
@@ -42,7 +42,7 @@ fn example(name: &str) -> PathBuf {
     path
 }
 
-/// A folder of that name, empty.
+/// An empty folder of that name.
 pub fn folder(name: &str) -> PathBuf {
     let folder = std::env::temp_dir().join(format!("standin-{}-{}", std::process::id(), name.replace(':', "-")));
     let _ = std::fs::remove_dir_all(&folder);
@@ -50,7 +50,7 @@ pub fn folder(name: &str) -> PathBuf {
     folder
 }
 
-/// The server's program, for a folder.
+/// The server's command, for a folder.
 pub fn server_command(folder: &Path) -> Command {
     let mut command = Command::new(example("standin_server"));
     command.arg("--dir").arg(folder);
@@ -58,7 +58,8 @@ pub fn server_command(folder: &Path) -> Command {
 }
 
 impl Server {
-    /// Starts one with that configuration; `files` in it, texts by name, are written beside it.
+    /// Starts a server with that configuration. Its entry `files` (texts by name) is written beside
+    /// it.
     pub fn start(folder: PathBuf, config: &Value, arguments: &[&str]) -> Self {
         let mut config = config.clone();
         for (name, text) in config["files"].take().as_object().into_iter().flatten() {
@@ -81,7 +82,8 @@ impl Server {
     }
 }
 
-/// Runs a test's body in a process of its own, beside a server with that configuration. `name` is the test's full one.
+/// Runs a test's body in its own process, with a server with that configuration. `name` is the full
+/// name of the test.
 pub fn alone(name: &str, config: &Value, body: fn(&Rig)) {
     if std::env::var(TEST).is_ok_and(|running| running == name) {
         let folder = PathBuf::from(std::env::var_os(FOLDER).unwrap());
@@ -100,11 +102,11 @@ pub fn alone(name: &str, config: &Value, body: fn(&Rig)) {
         .unwrap();
     let said = format!("{}{}", String::from_utf8_lossy(&run.stdout), String::from_utf8_lossy(&run.stderr));
     assert!(run.status.success(), "{name} in a process of its own: {}\n{said}", run.status);
-    // A name that is none would run nothing and succeed.
+    // With a wrong name, the process would run nothing and succeed.
     assert!(server.folder.join("done").exists(), "{name} did not run:\n{said}");
 }
 
-/// Waits until something is there.
+/// Waits until `look` returns a value.
 pub fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
     let begun = Instant::now();
     loop {
@@ -123,7 +125,7 @@ impl Rig {
         rustix::process::kill_process(server, signal).unwrap();
     }
 
-    /// Kills the server without a warning, and waits until its lock is free.
+    /// Kills the server, and waits until its lock is free.
     pub fn kill_server(&self) {
         self.signal(rustix::process::Signal::KILL);
         let lock = std::fs::File::open(self.folder.join("runtime/server.lock")).unwrap();
@@ -131,30 +133,30 @@ impl Rig {
         lock.unlock().unwrap();
     }
 
-    /// Tells the server to end.
+    /// Asks the server to exit.
     pub fn end_server(&self) {
         self.signal(rustix::process::Signal::TERM);
     }
 
-    /// Gives the library a command.
+    /// Sends the library a command.
     pub fn command(&self, command: &Value) {
         let path = self.folder.join("commands.jsonl");
         let mut file = std::fs::File::options().create(true).append(true).open(path).unwrap();
         writeln!(file, "{command}").unwrap();
     }
 
-    /// What the library wrote about this process.
+    /// The library's report about this process.
     pub fn report(&self) -> Value {
         self.try_report().unwrap()
     }
 
-    /// The same, if it was written yet.
+    /// As [`Self::report`], if it was written yet.
     pub fn try_report(&self) -> Option<Value> {
         let path = self.folder.join("report.json");
         path.exists().then(|| read_json(&path))
     }
 
-    /// Has a picture taken and reads what belongs to it.
+    /// Takes a shot and reads its metadata and images.
     pub fn shot(&self, name: &str) -> (Value, [image::RgbImage; 2]) {
         self.command(&serde_json::json!({ "do": "shot", "name": name }));
         let shots = self.folder.join("shots");
@@ -170,7 +172,7 @@ impl Rig {
     }
 }
 
-/// A file of JSON.
+/// Reads a JSON file.
 pub fn read_json(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }

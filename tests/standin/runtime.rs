@@ -1,4 +1,4 @@
-//! The library, loaded and called as a program does it.
+//! Loads the library and calls it as a program does.
 
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 
@@ -9,7 +9,8 @@ use crate::sys;
 /// Calls a function of a table.
 macro_rules! call {
     ($table:expr, $name:ident $(, $argument:expr)* $(,)?) => {
-        // SAFETY: the function of a living library; what is handed over is as the interface wants it, or null on purpose.
+        // SAFETY: the function of a loaded library; the arguments are as the interface requires, or
+        // null on purpose.
         unsafe { ($table.$name.expect(stringify!($name)))($($argument),*) }
     };
 }
@@ -37,14 +38,16 @@ pub struct Runtime {
 }
 
 fn core_table(core: *mut c_void) -> &'static CoreTable {
-    // SAFETY: the first word of the client core points to its functions, for as long as the library is loaded.
+    // SAFETY: the first word of the client core points to its functions, for as long as the library
+    // is loaded.
     unsafe { &**core.cast::<*const CoreTable>() }
 }
 
 fn table<T>(core: *mut c_void, version: &CStr) -> &'static T {
     let name = CString::new(format!("FnTable:{}", version.to_str().unwrap())).unwrap();
     let (mut error, table) = (u32::MAX, core_table(core));
-    // SAFETY: a living core, a text, room for a number; the table stays for as long as the library is loaded.
+    // SAFETY: a live core, a zero-terminated text and room for a number; the table is valid for as
+    // long as the library is loaded.
     unsafe {
         assert_eq!((table.is_interface_version_valid)(core, version.as_ptr()), 0);
         let found = (table.get_generic_interface)(core, name.as_ptr(), &mut error).cast::<T>();
@@ -53,12 +56,13 @@ fn table<T>(core: *mut c_void, version: &CStr) -> &'static T {
     }
 }
 
-/// Loads the library from where the registry file says; its client core.
+/// Loads the library named by the registry file. Returns its client core.
 fn load() -> *mut c_void {
     let registry = crate::rig::read_json(std::env::var("VR_PATHREG_OVERRIDE").unwrap().as_ref());
     let path = format!("{}/bin/linux64/vrclient.so", registry["runtime"][0].as_str().unwrap());
     let mut error = -1;
-    // SAFETY: the stand-in's library, which is never unloaded; the factory takes a text and room for a number.
+    // SAFETY: the library of the fake runtime, which is never unloaded; the factory takes a
+    // zero-terminated text and room for a number.
     let core = unsafe {
         let library = Box::leak(Box::new(libloading::Library::new(path).unwrap()));
         let factory = library.get::<Factory>(b"VRClientCoreFactory\0").unwrap();
@@ -70,21 +74,21 @@ fn load() -> *mut c_void {
 }
 
 fn init(core: *mut c_void, kind: sys::EVRApplicationType) -> u32 {
-    // SAFETY: a living core; no startup info.
+    // SAFETY: a live core; no startup info.
     unsafe { (core_table(core).init)(core, kind, std::ptr::null()) }
 }
 
-/// Without Init there is nothing to ask for.
+/// Without Init, no interface is available.
 fn assert_nothing_before_init(core: *mut c_void) {
     let mut error = 0;
     let name = c"FnTable:IVRSystem_026".as_ptr();
-    // SAFETY: a living core, a text, room for a number.
+    // SAFETY: a live core, a zero-terminated text, room for a number.
     let found = unsafe { (core_table(core).get_generic_interface)(core, name, &mut error) };
     assert_eq!((found.is_null(), error), (true, sys::EVRInitError_VRInitError_Init_NotInitialized));
 }
 
 impl Runtime {
-    /// Loads it, connects as something, and asks for the tables.
+    /// Loads the library, connects with an application type, and requests the tables.
     pub fn connected_as(kind: sys::EVRApplicationType) -> Self {
         let core = load();
         assert_nothing_before_init(core);
@@ -100,23 +104,25 @@ impl Runtime {
         }
     }
 
-    /// Loads it and connects as an overlay.
+    /// Loads the library and connects as an overlay.
     pub fn connected() -> Self {
         Self::connected_as(sys::EVRApplicationType_VRApplication_Overlay)
     }
 
-    /// Connects again; the error.
+    /// Connects again. Returns the error code.
     pub fn init_as(&self, kind: sys::EVRApplicationType) -> u32 {
         init(self.core, kind)
     }
 
-    /// Tells the SDK's version through IVRSystem as a C++ object, as Valve's loader does; the error.
+    /// Sets the SDK version through IVRSystem as a C++ object, as Valve's loader does. Returns the
+    /// error code.
     pub fn set_sdk_version_in_cpp(&self, [major, minor, build]: [u32; 3]) -> u32 {
         type SetSdkVersion = unsafe extern "C" fn(*mut c_void, u32, u32, u32) -> u32;
-        // The last one of the class.
+        // The last function of the class.
         let last = size_of::<sys::VR_IVRSystem_FnTable>() / size_of::<usize>() - 1;
         let (mut error, name) = (u32::MAX, sys::IVRSystem_Version.as_ptr());
-        // SAFETY: the first word of a C++ object points to its functions, each of which takes the object first.
+        // SAFETY: the first word of a C++ object points to its functions, each of which takes the
+        // object first.
         unsafe {
             let object = (core_table(self.core).get_generic_interface)(self.core, name, &mut error);
             assert_eq!((object.is_null(), error), (false, 0));
@@ -126,7 +132,7 @@ impl Runtime {
 
     /// Disconnects.
     pub fn cleanup(&self) {
-        // SAFETY: a living core.
+        // SAFETY: a live core.
         unsafe { (core_table(self.core).cleanup)(self.core) }
     }
 
@@ -137,7 +143,7 @@ impl Runtime {
         poses
     }
 
-    /// Where the head is in a universe.
+    /// Pose of the head in a universe.
     pub fn head(&self, origin: u32) -> DMat4 {
         let pose = self.poses(origin, 0.0)[0];
         assert!(pose.bPoseIsValid);
@@ -146,12 +152,12 @@ impl Runtime {
 
     /// The next event.
     pub fn event(&self) -> Option<sys::VREvent_t> {
-        // SAFETY: an event is numbers, for which zeros are a value.
+        // SAFETY: an event consists of numbers, for which zeros are valid.
         let mut event: sys::VREvent_t = unsafe { std::mem::zeroed() };
         call!(self.system, PollNextEvent, &mut event, size_of::<sys::VREvent_t>() as u32).then_some(event)
     }
 
-    /// Makes an overlay.
+    /// Creates an overlay.
     pub fn create(&self, key: &CStr) -> u64 {
         let mut handle = 0;
         let error = call!(self.overlay, CreateOverlay, text(key), text(key), &mut handle);
@@ -174,7 +180,7 @@ pub fn text(text: &CStr) -> *mut c_char {
     text.as_ptr().cast_mut()
 }
 
-/// A runtime's matrix as one of four rows.
+/// A runtime's matrix as a 4 × 4 matrix.
 pub fn from_matrix(matrix: &sys::HmdMatrix34_t) -> DMat4 {
     let row = |r: usize| DVec4::from_array(matrix.m[r].map(f64::from));
     DMat4::from_cols(row(0), row(1), row(2), DVec4::W).transpose()
@@ -186,12 +192,12 @@ pub fn to_matrix(matrix: DMat4) -> sys::HmdMatrix34_t {
     sys::HmdMatrix34_t { m: [row(0), row(1), row(2)] }
 }
 
-/// A turn about y and a place.
+/// A rotation about y and a translation.
 pub fn placed(yaw_deg: f64, place: [f64; 3]) -> DMat4 {
     DMat4::from_translation(DVec3::from_array(place)) * DMat4::from_rotation_y(yaw_deg.to_radians())
 }
 
-/// Whether two transforms are the same to what 32-bit numbers hold.
+/// Asserts that two transforms are equal to the precision of 32-bit numbers.
 #[track_caller]
 pub fn assert_same(a: DMat4, b: DMat4) {
     assert!(a.abs_diff_eq(b, 2e-6), "{a}\n{b}");

@@ -1,4 +1,4 @@
-//! SteamVR's C interfaces, as the program under test has them.
+//! SteamVR's C interfaces, as in the program under test.
 
 #![allow(non_upper_case_globals, non_camel_case_types, non_snake_case, dead_code, missing_docs)]
 #![allow(clippy::all, clippy::pedantic)]

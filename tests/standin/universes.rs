@@ -17,7 +17,7 @@ fn now_s() -> f64 {
     now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
 }
 
-/// The next event of a kind; others before it are passed over.
+/// The next event of a kind; earlier events of other kinds are discarded.
 fn event(runtime: &Runtime, kind: u32) -> sys::VREvent_t {
     until("the event", || runtime.event().filter(|event| event.eventType == kind))
 }
@@ -25,7 +25,7 @@ fn event(runtime: &Runtime, kind: u32) -> sys::VREvent_t {
 #[test]
 fn poses_match_the_track_at_the_requested_time() {
     let begin_s = now_s();
-    // Half a metre a second along x, a quarter of a radian a second about y, for ten minutes; then 5 s of nothing.
+    // 0.5 m/s along x and 0.25 rad/s about y for ten minutes; then a gap of 5 s.
     let mut track = String::new();
     for step in 0..60_000 {
         let t = f64::from(step) * 0.01;
@@ -109,7 +109,7 @@ fn universe_id(runtime: &Runtime) -> u64 {
     id
 }
 
-/// What the matrices between universes say must be what the poses say.
+/// The matrices between universes must match the poses.
 fn assert_consistent(runtime: &Runtime) {
     let standing_from_raw = from_matrix(&call!(runtime.system, GetRawZeroPoseToStandingAbsoluteTrackingPose));
     let standing_from_seated = from_matrix(&call!(runtime.system, GetSeatedZeroPoseToStandingAbsoluteTrackingPose));
@@ -140,7 +140,7 @@ fn recentring_moves_standing_and_not_raw() {
         rig.command(&json!({ "do": "recenter", "x": 0.4, "z": -0.2, "yaw_deg": 30 }));
         event(&runtime, sys::EVREventType_VREvent_StandingZeroPoseReset);
         let changed = event(&runtime, sys::EVREventType_VREvent_ChaperoneUniverseHasChanged);
-        // SAFETY: the kind says that this is what the event holds.
+        // SAFETY: the event kind determines the content of the union.
         let current = unsafe { (&raw const changed.data.chaperone.m_nCurrentUniverse).read_unaligned() };
         assert_eq!((current, universe_id(&runtime)), (77, 77));
         let old_from_new = placed(30.0, [0.4, 0.0, -0.2]);

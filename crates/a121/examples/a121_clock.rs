@@ -1,8 +1,10 @@
-//! How well sweep times are told from ticks and late arrivals: rms error after 2 s, over seeds, against the truth.
+//! Accuracy of sweep times estimated from sensor ticks and late arrivals: rms error after 2 s
+//! against the truth, over seeds.
 //!
-//! Use: `cargo run --release --example a121_clock [SEEDS]` (20 by default). Boards' clocks drift by 40 ppm and creep as
-//! they warm up, frames are regular to 10 µs, results come 0.1 ms late on average besides, and then as the reader lets
-//! them: `stalls`: polls of 1 ms, one time in ten a stall of up to 30 ms; `bursts`: nothing but bursts, one every 30 ms.
+//! Use: `cargo run --release --example a121_clock [SEEDS]` (20 by default). The simulated boards'
+//! clocks drift by 40 ppm and change as they warm up. Frames are regular to 10 µs. Results arrive
+//! 0.1 ms late on average, plus a delay by the reading process: `stalls`: polls of 1 ms, one in ten
+//! with a stall of up to 30 ms; `bursts`: one burst every 30 ms.
 
 #[path = "../src/clock_simulation.rs"]
 mod clock_simulation;
@@ -10,7 +12,7 @@ mod clock_simulation;
 use a121::{Clock, ClockReport};
 use clock_simulation::{ArrivalPattern, SimulatedClock, TRANSFER_S};
 
-/// Rms error from 2 s to `to_s`, seconds, and what the clock says of itself.
+/// Rms error from 2 s to `to_s`, seconds, and the clock's own report.
 fn rms_error_s(world: &mut SimulatedClock, to_s: f64) -> (f64, ClockReport) {
     let mut clock = Clock::new(world.ticks_per_second as u32, 1.0 / world.frame_rate, TRANSFER_S);
     let (mut sum, mut count) = (0.0, 0.0);

@@ -1,63 +1,72 @@
-//! Host time of ticks, from when results arrived.
+//! Converts board ticks to host time, from the arrival times of results.
 //!
-//! A result arrives late by the time on the line, then by whatever keeps bytes waiting: USB, a busy board, a late
-//! reader. That is never less than nothing, so the earliest arrivals tell the clock: arrival minus tick lies above a
-//! line, whose slope is the drift of the two clocks. Delays are taken as exponential above it, drift as normal about
-//! none, and the line is the likeliest below all arrivals of the last 30 s, lowered by what the earliest of so many
-//! still was late. After Moon, Skelly and Towsley, "Estimation and removal of clock skew from network delay
-//! measurements", 1999, with the drift's prior added.
+//! Used by [`super::Session`] for every result of a stream. A result arrives late by its transfer
+//! time on the line, plus queueing delays: USB, a busy board, a late reader. Delays are never
+//! negative. So all points (tick, arrival − tick) lie above a line, whose slope is the drift
+//! between the two clocks. The model takes delays above the line as exponential and the drift as
+//! normal around zero. The clock uses the most likely line below all arrivals of the last 30 s,
+//! lowered by the expected lateness of the earliest arrival. Source: Moon, Skelly and Towsley,
+//! "Estimation and removal of clock skew from network delay measurements", 1999; the prior on the
+//! drift is added here.
 //!
-//! Where everything comes in bursts, any delay up to a burst's pause is as likely as any other, and the earliest says
-//! little. But what had not come with the result before was not ready then, so (next tick, arrival before) lies below
-//! the line: the likeliest line between both is taken, each bound softened by the board's own delays.
+//! When results arrive in bursts only, any delay up to the burst interval is equally likely, and
+//! the earliest arrivals say little. But a result that did not arrive with the previous burst was
+//! not ready then. So each point (next tick, previous arrival) lies below the line. The clock then
+//! uses the most likely line between both sets of points. Each bound is softened by the delays of
+//! the board itself.
 //!
-//! What no one-way measurement tells is a delay that all results share. The time that their bytes take on the line is
-//! given and taken off; the rest is part of the time offset between sweeps and poses, which imaging estimates. Where
-//! nothing ever comes but in bursts, the earliest of them is late itself: `examples/a121_clock.rs` says by how much.
+//! Limits: one-way measurements cannot show a delay that all results share. The caller gives the
+//! transfer time and the clock subtracts it; the rest is part of the time offset between sweeps and
+//! poses, which imaging estimates. If results only ever arrive in bursts, even the earliest of them
+//! is late; `examples/a121_clock.rs` measures by how much.
 //!
-//! Of several sensors the first one's ticks lead: results wait for the last, which is one more delay that all share.
+//! With several sensors, the ticks of the first one define the time. Results wait for the last
+//! sensor, which is one more shared delay.
 
 use std::collections::VecDeque;
 
 use super::tick_dequantiser::{FrameNumber, TickDequantiser};
 
-/// Arrivals are remembered this long, seconds.
+/// Arrivals are kept this long, seconds. Choice.
 const WINDOW_S: f64 = 30.0;
-/// The earliest of each of these stretches is kept, seconds.
+/// Width of an arrival bin, seconds; each bin keeps its earliest arrival. Choice.
 const BIN_S: f64 = 0.1;
-/// Drift between two boards' clocks that is nothing special, 1σ.
+/// Usual drift between the clocks of two boards, as a fraction, 1σ. Choice.
 const DRIFT_SIGMA: f64 = 50e-6;
-/// Drift beyond which no line is looked for.
+/// Largest drift considered, as a fraction. Choice.
 const MAX_DRIFT: f64 = 1e-3;
-/// Ticks finer than this need no smoothing, seconds.
+/// Ticks shorter than this are used without dequantisation, seconds. Choice.
 const FINE_TICK_S: f64 = 50e-6;
-/// Stretches until the clock refuses what comes too early.
+/// Bins needed before the clock rejects arrivals as too early. Choice.
 const MIN_BINS_TO_REJECT: usize = 5;
-/// Too early by less than this is a faster line, seconds.
+/// An arrival that is early by less than this counts as a faster line, seconds. Choice.
 const EARLY_TOLERANCE_S: f64 = 1.5e-3;
-/// So many medians late is a fault: of exponential delays one in a thousand is.
+/// A delay above this many medians counts as a fault. Choice: one exponential delay in a thousand
+/// exceeds it.
 const OUTLIER_MEDIANS: f64 = 10.0;
-/// Stretches until that is asked.
+/// Bins needed before delays are tested for faults. Choice.
 const MIN_BINS_FOR_OUTLIERS: usize = 10;
-/// Mean of boards' own delays, and of noting the time, by which bursts' bounds are softened, seconds.
+/// Softness of the bounds in burst mode, seconds: the mean of the board's own delays and of the
+/// error in reading the time. Choice.
 const BOUND_SOFTNESS_S: f64 = 0.1e-3;
-/// Levels that are tried between bursts' bounds, and rounds in which the drift between them is found.
+/// Candidate levels between the bounds in burst mode, and iterations of the search for the drift.
+/// Choice.
 const LEVELS: usize = 32;
 const DRIFT_ROUNDS: usize = 22;
-/// Least mean delay, seconds: no reader's clock is better.
+/// Lower limit of the mean delay, seconds. Choice: no reader's clock is better.
 const MIN_LATENESS_S: f64 = 1e-6;
 
-/// The earliest arrival of a stretch.
+/// The earliest arrival of a bin.
 #[derive(Debug, Clone, Copy)]
 struct ArrivalPoint {
     bin: i64,
     tick: i64,
     frame_number: Option<FrameNumber>,
-    /// Arrival since the reference, seconds.
+    /// Arrival since the reference, host seconds.
     arrival_s: f64,
-    /// Sensor's time since the reference, seconds, as ticks tell it by now.
+    /// Sensor time since the reference, seconds, from all ticks so far.
     sensor_s: f64,
-    /// It came together with the result before.
+    /// Whether it arrived together with the previous result.
     is_in_burst: bool,
 }
 
@@ -70,12 +79,12 @@ impl ArrivalPoint {
 /// The line below all arrivals.
 #[derive(Debug, Clone, Copy, Default)]
 struct Line {
-    /// Where its level is held, sensor seconds.
+    /// Sensor time at which `level_s` holds, seconds.
     middle_s: f64,
-    /// Arrival minus sensor's time there, seconds.
+    /// Arrival minus sensor time at `middle_s`, seconds.
     level_s: f64,
     drift: f64,
-    /// What the earliest arrivals of all stretches are late by, and the line is uncertain by.
+    /// Expected lateness of the earliest arrivals, which is also the 1σ of the level, seconds.
     lateness_s: f64,
     drift_sigma: f64,
 }
@@ -86,33 +95,34 @@ impl Line {
     }
 }
 
-/// How good the times are.
+/// Quality of the host times.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ClockReport {
-    /// Results that times were told for since the clock began.
+    /// Results timed since the clock started.
     pub results: u64,
-    /// How much faster the host's clock runs than the sensor's, parts per million.
+    /// Drift: how much faster the host's clock runs than the sensor's, parts per million.
     pub drift_ppm: f64,
-    /// What the times are uncertain by, 1σ, seconds, but for a delay that all results share.
+    /// 1σ of the times, seconds, without any delay that all results share.
     pub sigma_s: f64,
-    /// Rms, over the last 30 s about, of the steps by which new knowledge moved the times, seconds.
+    /// Rms step of the times when the line is refitted, seconds, over about the last 30 s.
     pub jitter_s: f64,
-    /// Mean delay of results behind the earliest, over the last 30 s about, seconds.
+    /// Mean delay of results behind the line, seconds, over about the last 30 s.
     pub mean_delay_s: f64,
-    /// Greatest delay behind the earliest since the clock began, seconds.
+    /// Largest delay behind the line since the clock started, seconds.
     pub max_delay_s: f64,
 }
 
-/// Tells the host time of ticks.
+/// Converts ticks to host time. See the head of this file.
 #[derive(Debug, Clone)]
 pub struct Clock {
     tick_s: f64,
     transfer_s: f64,
     dequantiser: Option<TickDequantiser>,
-    /// First tick and arrival: everything is counted from them.
+    /// First tick and first arrival (host ns); all times are relative to them.
     reference: Option<(i64, i64)>,
     earliest: VecDeque<ArrivalPoint>,
-    /// Of each stretch the latest that a result had not come yet: its tick, with the arrival of the one before.
+    /// For each bin, the highest lower bound: the tick of a result with the arrival of the previous
+    /// one, when it had not arrived yet.
     lower_bounds: VecDeque<ArrivalPoint>,
     last_arrival_s: Option<f64>,
     line: Line,
@@ -122,8 +132,8 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// For a board's ticks, frames every `period_s` by the configuration, and results that take `transfer_s` on the
-    /// line.
+    /// Creates a clock for a board with this tick rate, frames every `period_s` by the
+    /// configuration, and a transfer time of `transfer_s` for each result.
     pub fn new(ticks_per_second: u32, period_s: f64, transfer_s: f64) -> Self {
         let rate = f64::from(ticks_per_second.max(1));
         let dequantiser = (1.0 / rate > FINE_TICK_S).then(|| TickDequantiser::new(period_s * rate, rate));
@@ -142,7 +152,7 @@ impl Clock {
         }
     }
 
-    /// Forgets all: the sensor's clock jumped. Times go on rising.
+    /// Drops all arrivals after a jump of the sensor's clock. Returned times keep rising.
     pub fn reset(&mut self) {
         (self.reference, self.line, self.steps_s2) = (None, Line::default(), 0.0);
         self.earliest.clear();
@@ -150,7 +160,8 @@ impl Clock {
         self.last_arrival_s = None;
     }
 
-    /// Whether a result of this tick may have arrived at this time: not before it was measured.
+    /// Whether a result with this tick can have arrived at this time, i.e. not before its
+    /// measurement ended.
     pub fn is_possible(&self, tick: i64, arrival_ns: i64) -> bool {
         let Some(reference) = self.reference.filter(|_| self.earliest.len() >= MIN_BINS_TO_REJECT) else { return true };
         let sensor_s = self.tick_s * (tick.saturating_sub(reference.0) as f64);
@@ -158,8 +169,8 @@ impl Clock {
         lag_s - self.line.at(sensor_s) > -(EARLY_TOLERANCE_S + 2.0 * self.tick_s + 4.0 * self.line.lateness_s)
     }
 
-    /// The host time, nanoseconds, of the end of the measurement with this tick, whose result arrived at that time.
-    /// Ticks rise.
+    /// Returns the host time, nanoseconds, of the end of the measurement with this tick, whose
+    /// result arrived at `arrival_ns`. Ticks must rise; the returned times always rise.
     pub fn time_ns(&mut self, tick: i64, arrival_ns: i64) -> i64 {
         let reference = *self.reference.get_or_insert((tick, arrival_ns));
         let frame_number = self.dequantiser.as_mut().map(|dequantiser| dequantiser.add(tick));
@@ -179,7 +190,7 @@ impl Clock {
         self.last_ns
     }
 
-    /// How good the times are now.
+    /// Returns the current quality of the times.
     pub fn report(&self) -> ClockReport {
         let newest_s = self.earliest.back().map_or(0.0, |e| e.sensor_s);
         let by_drift_s = self.line.drift_sigma * (newest_s - self.line.middle_s);
@@ -188,7 +199,7 @@ impl Clock {
         ClockReport { drift_ppm: self.line.drift * 1e6, sigma_s, jitter_s: self.steps_s2.sqrt(), ..self.report }
     }
 
-    /// Sensor's time of the end of a measurement since the reference.
+    /// Sensor time of the end of a measurement, seconds since the reference.
     fn sensor_s(&self, tick: i64, frame_number: Option<FrameNumber>) -> f64 {
         let within = self
             .dequantiser
@@ -232,7 +243,7 @@ impl Clock {
     }
 
     fn refit(&mut self, now_s: f64) {
-        // Ticks may be known better than when they came.
+        // Later frames may have refined the position of a frame within its tick.
         let mut lower_bounds = std::mem::take(&mut self.lower_bounds);
         let mut earliest = std::mem::take(&mut self.earliest);
         earliest.iter_mut().chain(&mut lower_bounds).for_each(|e| e.sensor_s = self.sensor_s(e.tick, e.frame_number));
@@ -244,7 +255,7 @@ impl Clock {
     }
 }
 
-/// The line, by how results came; see the file's head.
+/// Fits the line with the model that suits the arrivals: bursts or single results.
 fn fit_line(points: &[ArrivalPoint], lower_bounds: &[ArrivalPoint]) -> Line {
     let in_bursts = points.iter().filter(|p| p.is_in_burst).count();
     match 2 * in_bursts > points.len() && !lower_bounds.is_empty() {
@@ -253,7 +264,7 @@ fn fit_line(points: &[ArrivalPoint], lower_bounds: &[ArrivalPoint]) -> Line {
     }
 }
 
-/// Arrivals behind the sensor, over the sensor's time from their middle on.
+/// Upper bounds of the line: arrival minus sensor time, over the sensor time from its mean.
 struct UpperBounds {
     middle_s: f64,
     spread_s: f64,
@@ -268,12 +279,12 @@ impl UpperBounds {
         Self { middle_s, spread_s: variance_s2.sqrt(), points: about(points, middle_s) }
     }
 
-    /// Height of the highest line of a drift below all.
+    /// Level of the highest line with this drift below all points.
     fn upper(&self, drift: f64) -> f64 {
         self.points.iter().map(|(at_s, lag_s)| lag_s - drift * at_s).fold(f64::INFINITY, f64::min)
     }
 
-    /// The line of a drift so far below the highest, uncertain by so much.
+    /// The line with this drift, `below_s` below the highest one, with a 1σ of `uncertain_s`.
     fn line(&self, drift: f64, below_s: f64, uncertain_s: f64) -> Line {
         let by_points = if self.spread_s > 0.0 { uncertain_s / self.spread_s } else { f64::INFINITY };
         let drift_sigma = libm::pow(by_points.powi(-2) + DRIFT_SIGMA.powi(-2), -0.5);
@@ -286,11 +297,11 @@ fn about(points: &[ArrivalPoint], middle_s: f64) -> Vec<(f64, f64)> {
     points.iter().map(|p| (p.sensor_s - middle_s, p.lag_s())).collect()
 }
 
-/// The likeliest line below all arrivals when delays are exponential.
+/// Most likely line below all arrivals, for exponential delays.
 fn fit_line_below(points: &[ArrivalPoint]) -> Line {
     let (heights, count) = (UpperBounds::new(points), points.len() as f64);
     let (mut drift, mut lateness_s) = (0.0, 0.0);
-    // How sharply delays fall off is told by the line, and the line by that: three rounds settle it.
+    // The mean delay depends on the line and the line on the mean delay; three iterations converge.
     for _ in 0..3 {
         let upper_s = heights.upper(drift);
         let delays_s = heights.points.iter().map(|(at_s, lag_s)| lag_s - drift * at_s - upper_s);
@@ -301,7 +312,7 @@ fn fit_line_below(points: &[ArrivalPoint]) -> Line {
     heights.line(drift, lateness_s, lateness_s)
 }
 
-/// The likeliest line between the arrivals and what had not come yet.
+/// Most likely line between the arrivals and the lower bounds.
 fn fit_line_between(points: &[ArrivalPoint], lower_bounds: &[ArrivalPoint]) -> Line {
     let heights = UpperBounds::new(points);
     let bounds = BurstBounds { lower_bounds: about(lower_bounds, heights.middle_s), arrived: &heights };
@@ -311,17 +322,17 @@ fn fit_line_between(points: &[ArrivalPoint], lower_bounds: &[ArrivalPoint]) -> L
     heights.line(drift, below_s, sigma_s)
 }
 
-/// What bursts say of the line.
+/// Upper and lower bounds of the line in burst mode.
 struct BurstBounds<'a> {
     arrived: &'a UpperBounds,
     lower_bounds: Vec<(f64, f64)>,
 }
 
-/// How likely levels of a line of one drift are.
+/// Posterior over the level of a line with a given drift.
 struct LevelPosterior {
-    /// Of the drift, over all levels.
+    /// Log likelihood of the drift, integrated over all levels.
     log_likelihood: f64,
-    /// Mean and standard deviation of how far the line lies below the highest, seconds.
+    /// Mean and standard deviation of the distance below the highest line, seconds.
     below_s: f64,
     sigma_s: f64,
 }
@@ -332,13 +343,14 @@ impl BurstBounds<'_> {
         let height_s = |(at_s, lag_s): &(f64, f64)| lag_s - drift * at_s - upper_s;
         let lower_s = self.lower_bounds.iter().map(height_s).fold(-1.0, f64::max);
         let depth_s = 5.0 * BOUND_SOFTNESS_S - lower_s.min(0.0);
-        // Points farther from every level than this are as sure as can be.
+        // Points farther from every level contribute nothing.
         let near: Vec<f64> = self.arrived.points.iter().map(height_s).filter(|h| *h < 8.0 * BOUND_SOFTNESS_S).collect();
         let above: Vec<f64> = self.lower_bounds.iter().map(height_s).filter(|h| *h > -depth_s).collect();
         let below_s = |level: usize| (level as f64 + 0.5) / LEVELS as f64 * depth_s;
         let log_likelihood = |level: usize| {
             let below_s = below_s(level);
-            // A result that arrived was ready: its own delay was at most what is left. One that had not come had more.
+            // An arrived result was ready: its own delay is at most the distance to the line. A
+            // result that had not arrived had a longer delay.
             let arrived: f64 = near.iter().map(|h| libm::log1p(-libm::exp(-(h + below_s) / BOUND_SOFTNESS_S))).sum();
             let not_come: f64 = above.iter().map(|h| (h + below_s).max(0.0) / BOUND_SOFTNESS_S).sum();
             arrived - not_come
@@ -356,8 +368,8 @@ impl BurstBounds<'_> {
     }
 }
 
-/// Mean of delays, in which one that is no delay but a fault (a board that hung for seconds) weighs no more than a late one,
-/// once there are enough to tell them apart.
+/// Mean delay. Once there are enough delays, faults (such as a board that hung for seconds) count
+/// as no more than `OUTLIER_MEDIANS` medians.
 fn mean_delay_s(mut delays_s: Vec<f64>) -> f64 {
     let (count, middle) = (delays_s.len(), delays_s.len() / 2);
     let (_, median_s, _) = delays_s.select_nth_unstable_by(middle, f64::total_cmp);
@@ -366,7 +378,7 @@ fn mean_delay_s(mut delays_s: Vec<f64>) -> f64 {
     delays_s.iter().map(|delay_s| delay_s.min(most_s)).sum::<f64>() / delays_s.len() as f64
 }
 
-/// Where a concave function is greatest, by thirds.
+/// Maximises a concave function by ternary search.
 pub(super) fn maximise_concave(value: impl Fn(f64) -> f64, low: f64, high: f64) -> f64 {
     ternary_search(value, low, high, 50)
 }
@@ -392,7 +404,8 @@ mod tests {
 
     const S: i64 = 1_000_000_000;
 
-    /// Rms error of the times from `from_s` to `to_s` after the start, seconds, and the clock in the end.
+    /// Rms error of the times between `from_s` and `to_s` after the start, seconds, and the final
+    /// clock.
     fn rms_error_s(world: &mut SimulatedClock, from_s: f64, to_s: f64) -> (f64, Clock) {
         let mut clock = Clock::new(world.ticks_per_second as u32, 1.0 / world.frame_rate, TRANSFER_S);
         let (mut sum, mut count, mut last_ns) = (0.0, 0.0, i64::MIN);
@@ -421,7 +434,8 @@ mod tests {
     #[test]
     fn ticks_of_1_ms_give_times_within_half_a_millisecond() {
         for reader in [ArrivalPattern::Stalls, ArrivalPattern::Bursts] {
-            // d16, an XM125 that runs free, the thesis'; and frames nearly locked to the tick, over some slips.
+            // Frame rates: d16, a free-running XM125, the thesis, and one nearly locked to the
+            // tick, long enough for some slips.
             for (frame_rate, to_s) in [(66.0, 20.0), (86.3, 20.0), (120.0, 20.0), (500.0, 60.0)] {
                 let rms_s = rms_of_seeds_s(frame_rate, 1e3, reader, to_s);
                 assert!(rms_s < 0.5e-3, "{frame_rate} Hz: {rms_s}");
@@ -446,7 +460,7 @@ mod tests {
         let mut world = SimulatedClock::new(3, 66.0, 1e6, ArrivalPattern::Stalls);
         let (_, clock) = rms_error_s(&mut world, 2.0, 60.0);
         let report = clock.report();
-        // The board loses 40 ppm, and wins some of them back as it warms up.
+        // The board's clock loses 40 ppm and gains some back as it warms up.
         assert!((report.drift_ppm - 37.5).abs() < 2.0, "{report:?}");
         assert!(report.jitter_s < 0.05e-3 && report.sigma_s < 0.05e-3, "{report:?}");
         assert!((0.029..0.035).contains(&report.max_delay_s) && report.mean_delay_s > 1e-3, "{report:?}");
@@ -459,7 +473,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let mut worst_ns = 0;
         for k in 0..400i64 {
-            // The board hung for 5 s in the middle of the 200th.
+            // The board hangs for 5 s during the 200th result.
             let end_ns = k * 15_000_000 + i64::from(k > 200) * 5 * S;
             let late_ns = i64::from(k == 200) * 5 * S;
             let time_ns = clock.time_ns(end_ns / 1000, end_ns + late_ns + rng.random_range(0..100_000));

@@ -1,18 +1,20 @@
-//! A board's clock and a late reader, for the tests of [`super::Clock`] and the study of it (`examples/a121_clock.rs`).
+//! Simulates a board's clock and a late reader, for the tests of [`super::Clock`] and for
+//! `examples/a121_clock.rs`.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// How results come to the reader.
+/// Pattern in which results arrive at the reader.
 #[derive(Clone, Copy, PartialEq)]
 pub enum ArrivalPattern {
-    /// 1 ms polls, and one time in ten a stall of 30 ms.
+    /// Polling every 1 ms, and in one case of ten a stall of up to 30 ms.
     Stalls,
-    /// All bytes in bursts, one every 30 ms give or take a tenth.
+    /// All bytes arrive in bursts, every 27 to 33 ms.
     Bursts,
 }
 
-/// Truth and arrival of frames: 40 ppm of drift that creeps as a board warms up, frames regular to 10 µs.
+/// True end times and arrivals of frames. The board's clock drifts by 40 ppm, less while it warms
+/// up; frames have 10 µs of jitter.
 pub struct SimulatedClock {
     rng: ChaCha8Rng,
     pub frame_rate: f64,
@@ -22,7 +24,7 @@ pub struct SimulatedClock {
     stalled_until_s: f64,
 }
 
-/// Time that a result's bytes take on the line, seconds; the clock is told.
+/// Transfer time of a result on the line, seconds; given to the clock under test.
 pub const TRANSFER_S: f64 = 3e-4;
 
 impl SimulatedClock {
@@ -31,13 +33,13 @@ impl SimulatedClock {
         Self { rng, frame_rate, ticks_per_second, reader, next_read_s: 0.0, stalled_until_s: 0.0 }
     }
 
-    /// End of frame k, its tick, its arrival.
+    /// Returns the true end of frame `k` (s), its tick and its arrival (s).
     pub fn frame(&mut self, k: u64) -> (f64, i64, f64) {
         let phase = 0.377 / self.frame_rate;
         let end_s = 5.0 + phase + k as f64 / self.frame_rate + self.rng.random_range(-1e-5..1e-5);
         let warming = 5e-6 * 60.0 * (1.0 - (-end_s / 60.0).exp());
         let board_s = 100.0 + end_s * (1.0 - 40e-6) + warming;
-        // Time on the line, then the board's and the bus' own.
+        // Transfer time, then the delay of the board and the bus.
         let ready_s = end_s + TRANSFER_S - 1e-4 * (1.0 - self.rng.random_range(0.0f64..1.0)).ln();
         (end_s, (board_s * self.ticks_per_second) as i64, self.read(ready_s))
     }

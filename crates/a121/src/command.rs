@@ -1,39 +1,40 @@
-//! What is said to the server: one line of JSON each.
+//! Commands of the exploration protocol: one line of JSON each.
 
 use serde_json::{Map, Value, json};
 
 use super::Version;
 use crate::{SensorConfig, Subsweep};
 
-/// One sensor of a group and how it shall measure.
+/// One sensor of a group and its configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorSetup {
     /// Sensor on the board, from 1.
     pub sensor_id: u32,
-    /// A sound configuration, see [`SensorConfig::validate`].
+    /// A valid configuration, see [`SensorConfig::validate`].
     pub config: SensorConfig,
 }
 
-/// A sensor's calibration, as the server gave it, to spare the next set-up the measuring of it.
+/// A sensor's calibration as the server sent it. Sending it back saves the next set-up a
+/// calibration.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Calibration {
     /// Sensor on the board, from 1.
     pub sensor_id: u32,
-    /// Chip temperature when it was made, °C.
+    /// Chip temperature at calibration, °C.
     #[serde(default, skip_serializing)]
     pub temperature: Option<f64>,
-    /// The server's own text; nothing in it is interpreted.
+    /// The server's own text, not interpreted.
     pub data: String,
 }
 
-/// What to measure: groups that measure one after the other, the sensors of a group together.
+/// What to measure: groups run one after the other, the sensors of a group at the same time.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Setup {
     /// `[group][sensor]`.
     pub groups: Vec<Vec<SensorSetup>>,
-    /// Results a second, kept by the server; excludes `frame_rate` in the configurations.
+    /// Results per second, timed by the server; excludes `frame_rate` in the configurations.
     pub update_rate_hz: Option<f64>,
-    /// Calibrations to use again.
+    /// Calibrations to reuse.
     pub calibrations: Vec<Calibration>,
 }
 
@@ -49,28 +50,28 @@ impl Setup {
     }
 }
 
-/// From this version on the server knows the key `iq_imbalance_compensation`.
+/// First version whose server knows the key `iq_imbalance_compensation`.
 const IQ_IMBALANCE_SINCE: Version = Version::development(1, 9, 1, 84);
 
 /// A command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command<'a> {
-    /// Board, version, ticks.
+    /// Asks for board, version and tick rate.
     GetSystemInfo,
-    /// Which sensors are connected.
+    /// Asks which sensors are connected.
     GetSensorInfo,
-    /// Another speed of the serial line, from the answer on.
+    /// Sets the baud rate of the serial line, valid after the reply.
     SetUartBaudrate(u32),
-    /// What to measure, in the words of a server of this version.
+    /// Sets up the measurement, for a server of this version.
     Setup(&'a Setup, Version),
-    /// Begin.
+    /// Starts streaming.
     StartStreaming,
-    /// End.
+    /// Stops streaming.
     StopStreaming,
 }
 
 impl Command<'_> {
-    /// The line, with its end.
+    /// The command as a line, with its newline.
     pub fn to_bytes(self) -> Vec<u8> {
         let message = match self {
             Self::GetSystemInfo => json!({"cmd": "get_system_info"}),
@@ -99,7 +100,7 @@ fn setup_message(setup: &Setup, version: Version) -> Value {
     message
 }
 
-/// A configuration in the protocol's words: names and enumerations are spelt alike; no rate is 0.
+/// A configuration as the protocol writes it: same names and enumerations, but 0 for "no rate".
 fn config_message(config: &SensorConfig, version: Version) -> Value {
     json!({
         "sweeps_per_frame": config.sweeps_per_frame,

@@ -1,10 +1,11 @@
-//! The sensor's configuration, named and spelt as the exploration protocol does, with the vendor's defaults.
+//! Configuration of the sensor, with the names of the exploration protocol and the vendor's
+//! defaults.
 
 use serde::{Deserialize, Serialize};
 
 use super::{BASE_STEP_M, Prf, Profile};
 
-/// How deeply the sensor sleeps while it waits; deeper takes longer to wake.
+/// Idle state of the sensor while it waits; a deeper one takes longer to wake.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum IdleState {
@@ -19,7 +20,7 @@ pub enum IdleState {
     DeepSleep,
 }
 
-/// One stretch of range points measured in one go.
+/// A range of points measured together.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Subsweep {
@@ -31,17 +32,17 @@ pub struct Subsweep {
     pub step_length: u32,
     /// Pulse length.
     pub profile: Profile,
-    /// Hardware-accelerated average samples for a point, 1 to 511.
+    /// Hardware-accelerated averages per point (HWAAS), 1 to 511.
     pub hwaas: u32,
     /// Receiver gain, 0 to 23.
     pub receiver_gain: u32,
     /// Whether the transmitter is on.
     pub enable_tx: bool,
-    /// Transmit into the receiver inside the chip.
+    /// Whether the chip's transmitter is looped back to its receiver.
     pub enable_loopback: bool,
-    /// Makes the phase flat over a pulse; imaging needs it on.
+    /// Flattens the phase over a pulse; imaging needs it on.
     pub phase_enhancement: bool,
-    /// Evens out the in-phase and quadrature channels.
+    /// Compensates imbalance between the in-phase and quadrature channels.
     pub iq_imbalance_compensation: bool,
     /// Pulse repetition frequency.
     pub prf: Prf,
@@ -88,19 +89,19 @@ impl Subsweep {
 pub struct SensorConfig {
     /// Sweeps in a frame.
     pub sweeps_per_frame: u32,
-    /// Sweeps a second inside a frame; `None`: as fast as it goes.
+    /// Sweeps per second inside a frame; `None`: as fast as possible.
     pub sweep_rate: Option<f64>,
-    /// Frames a second; `None`: as fast as it goes.
+    /// Frames per second; `None`: as fast as possible.
     pub frame_rate: Option<f64>,
-    /// Sweeps follow each other evenly over the frames' borders.
+    /// Sweeps keep their period across frames.
     pub continuous_sweep_mode: bool,
-    /// Measures one frame while the last one is read.
+    /// Measures a frame while the previous one is read.
     pub double_buffering: bool,
     /// Idle state between frames.
     pub inter_frame_idle_state: IdleState,
     /// Idle state between sweeps.
     pub inter_sweep_idle_state: IdleState,
-    /// The range points, stretch by stretch; measured in this order in every sweep.
+    /// The subsweeps, measured in this order in every sweep.
     pub subsweeps: Vec<Subsweep>,
 }
 

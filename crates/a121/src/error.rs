@@ -1,131 +1,131 @@
-//! What can go wrong with a session: each message says what happened and what to do.
+//! Errors of a session. Each message says what happened and what to do.
 
 use super::Version;
 use crate::ConfigError;
 
-/// Why a session cannot begin, or begins anew.
+/// Why a session cannot start, or has to start again.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SessionError {
-    /// A configuration that no sensor takes.
+    /// The configuration breaks a rule of the sensor.
     #[error("sensor {sensor_id}: {source}")]
     Config {
-        /// Whose.
+        /// Sensor of the configuration.
         sensor_id: u32,
-        /// The rule.
+        /// The broken rule.
         source: ConfigError,
     },
-    /// Nothing to measure.
+    /// A set-up without sensors.
     #[error("no sensor is set up: give at least one in every group")]
     NoSensors,
-    /// A sensor cannot measure twice at once.
-    #[error("sensor {0} stands twice in one group: put it into another group")]
+    /// The same sensor appears twice in a group.
+    #[error("sensor {0} appears twice in one group: put it into another group")]
     SensorTwice(u32),
-    /// Sensors are counted from 1.
+    /// A sensor id outside 1 to `MAX_SENSORS`.
     #[error("sensor id {0} does not exist: ids are 1 to {max}", max = super::session::MAX_SENSORS)]
     SensorId(u32),
-    /// Either the server or the sensor keeps the rate.
+    /// Both the server and the sensor are asked to control the rate.
     #[error(
         "update_rate {update_rate_hz} with frame_rate {frame_rate_hz} of sensor {sensor_id}: leave one of them out"
     )]
     BothRates {
-        /// What the server should keep.
+        /// Rate asked of the server, Hz.
         update_rate_hz: f64,
-        /// What the sensor should keep.
+        /// Rate asked of the sensor, Hz.
         frame_rate_hz: f64,
         /// Which sensor.
         sensor_id: u32,
     },
-    /// A rate that is no rate.
+    /// An update rate that is not positive.
     #[error("update_rate is {0}: it must be above 0, or left out")]
     UpdateRate(f64),
-    /// No answer.
+    /// The board did not answer a command.
     #[error(
-        "no answer to {asked} within {seconds:.1} s: is it the board's right port, and is flow control as it needs \
-         it? {hint}"
+        "no answer to {asked} within {seconds:.1} s: check the board's port and its flow control. \
+         {hint}"
     )]
     NoAnswer {
-        /// Which command.
+        /// The command.
         asked: &'static str,
-        /// How long was waited.
+        /// How long the session waited, seconds.
         seconds: f64,
-        /// What else to look at.
+        /// Further advice.
         hint: &'static str,
     },
-    /// No two answers were the same.
-    #[error("the board never says the same twice of itself: check its cable, or try a slower baud rate")]
+    /// No two answers about the board were the same.
+    #[error("the board's answers about itself keep changing: check its cable, or try a slower baud rate")]
     AnswersDiffer,
     /// Frames stopped.
     #[error("no frame for {seconds:.1} s: the sensor is set up again; if this repeats, check its cable and power")]
     Silent {
-        /// How long was waited.
+        /// How long the session waited, seconds.
         seconds: f64,
     },
-    /// The server gave up by itself.
-    #[error("the board ended the session by itself: it is set up again")]
+    /// The server ended the session.
+    #[error("the board ended the session: it is set up again")]
     EndedByServer,
-    /// The server refuses.
+    /// The server refused a command.
     #[error("the board refuses {asked}: {message}")]
     Refused {
-        /// Which command, or streaming.
+        /// The command, or streaming.
         asked: &'static str,
-        /// In its words.
+        /// The server's message.
         message: String,
     },
-    /// Another sensor's server.
-    #[error("the board speaks to a sensor \"{0}\", not to an A121: flash the A121 exploration server")]
+    /// The server is built for another sensor.
+    #[error("the board's server is for a sensor \"{0}\", not for an A121: flash the A121 exploration server")]
     WrongSensor(String),
-    /// A version that is none.
-    #[error("the board's version \"{0}\" is not understood: flash the A121 exploration server anew")]
+    /// A version that cannot be parsed.
+    #[error("the board's version \"{0}\" is not understood: flash the A121 exploration server again")]
     UnknownVersion(String),
-    /// Too old for anything.
-    #[error("the board's version {found} is too old, {needed} is the first that is understood: flash a newer one")]
+    /// The server's version is not supported.
+    #[error("the board's version {found} is too old, {needed} is the first supported one: flash a newer one")]
     TooOld {
-        /// What it has.
+        /// Version of the server.
         found: Version,
-        /// First that serves.
+        /// First supported version.
         needed: Version,
     },
-    /// Too old for the configuration.
+    /// The server's version does not know the PRF.
     #[error(
         "the board's version {found} does not know prf {prf_mhz} MHz ({needed} does): flash a newer one or choose \
          another prf"
     )]
     TooOldForPrf {
-        /// What it has.
+        /// Version of the server.
         found: Version,
-        /// First that serves.
+        /// First version that knows the PRF.
         needed: Version,
-        /// What was asked for.
+        /// Requested PRF, MHz.
         prf_mhz: f64,
     },
-    /// A clock without ticks.
-    #[error("the board says that its clock makes no ticks: flash the A121 exploration server anew")]
+    /// The board reports 0 ticks per second.
+    #[error("the board reports a clock with no ticks: flash the A121 exploration server again")]
     NoTicks,
-    /// No sensor where one should be.
+    /// No sensor is connected where the set-up needs one.
     #[error(
-        "no sensor is connected at place {sensor_id} ({connected}): check the flat cable, both ends, contacts \
+        "no sensor is connected at connector {sensor_id} ({connected}): check the flat cable, both ends, contacts \
          facing the board"
     )]
     NotConnected {
-        /// Where it should be.
+        /// Sensor id without a sensor.
         sensor_id: u32,
-        /// Where there are some.
+        /// Text: where sensors are connected.
         connected: String,
     },
-    /// A speed that the board does not offer.
+    /// A baud rate that the board does not offer.
     #[error("baud rate {asked} is not offered: choose 115200 to {max}")]
     Baud {
-        /// What was asked for.
+        /// Requested baud rate.
         asked: u32,
-        /// The board's fastest.
+        /// Highest baud rate of the board.
         max: u32,
     },
-    /// The server would send other frames.
+    /// The server set up frames of another length.
     #[error(
-        "the board set up frames of another length than the configuration has: its version and this program do not fit"
+        "the board set up frames of another length than the configuration has: its version and this program do not match"
     )]
     OtherFrames,
-    /// The line is gone.
+    /// The line was lost.
     #[error("the connection is lost ({0}): waiting for the board to come back")]
     LineLost(String),
 }

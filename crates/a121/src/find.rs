@@ -1,8 +1,8 @@
-//! Which port is the board's: from what USB devices say of themselves to candidates, the likeliest first.
+//! Finds the board's port: from descriptions of USB devices to candidates, most likely first.
 //!
-//! Boards are known by ids (XC120, the CP2105 of an XE125, the CH340 of a SparkFun XM125) or by a product string with a
-//! name such as `XC120`. An XE125 has two ports, of which the one called Enhanced is the server's. Choosing is pure;
-//! listing the ports is not.
+//! Boards are recognised by USB ids (XC120, the CP2105 of an XE125, the CH340 of a SparkFun XM125)
+//! or by a product string that contains a name such as `XC120`. An XE125 has two ports; the server
+//! is on the one called Enhanced. Choosing is pure; only [`list_ports`] does I/O.
 
 use std::path::Path;
 
@@ -11,31 +11,31 @@ use serialport::SerialPortType;
 use super::{Address, FIRST_BAUD, Link, PortError, TCP_PORT};
 use crate::{LineSpeed, LinkRequirement, preset};
 
-/// What a USB device says of itself.
+/// Description of a USB device.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct UsbDescription {
-    /// Vendor.
+    /// Vendor id.
     pub vid: u16,
-    /// Product.
+    /// Product id.
     pub pid: u16,
     /// Serial number.
     pub serial: Option<String>,
-    /// Who made it, in its words.
+    /// Manufacturer string.
     pub manufacturer: Option<String>,
-    /// What it is, in its words.
+    /// Product string.
     pub product: Option<String>,
-    /// Which of the device's interfaces.
+    /// Number of the interface within the device.
     pub interface_number: Option<u8>,
-    /// What the interface is called.
+    /// Name of the interface.
     pub interface: Option<String>,
 }
 
-/// A port that is there.
+/// A port of this computer.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PortDescription {
-    /// What opens it.
+    /// Path or name that opens it.
     pub path: String,
-    /// `None`: not on USB.
+    /// `None` if the port is not on USB.
     pub usb: Option<UsbDescription>,
 }
 
@@ -55,22 +55,23 @@ impl std::fmt::Display for PortDescription {
 /// A kind of board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Board {
-    /// XC120 with an XE121: USB of its own.
+    /// XC120 with an XE121, with its own USB.
     Xc120,
     /// XE125 with an XM125, behind a CP2105.
     Xe125,
-    /// SparkFun's XM125, behind a CH340 that is reliable at 115200 baud alone, without flow control.
+    /// SparkFun's XM125, behind a CH340, which is reliable only at 115200 baud without flow
+    /// control.
     SparkfunXm125,
-    /// One that calls itself something like it.
+    /// A device whose product string contains a board name.
     Named,
-    /// A Raspberry Pi's server.
+    /// The server on a Raspberry Pi.
     RaspberryPi,
-    /// Whatever the user says it is.
+    /// A port that the user named and that is not recognised.
     Unknown,
 }
 
 impl Board {
-    /// For people.
+    /// Name for messages.
     pub fn name(self) -> &'static str {
         match self {
             Self::Xc120 => "XC120",
@@ -87,7 +88,7 @@ impl Board {
         self != Self::SparkfunXm125
     }
 
-    /// What carries its bytes, as far as known before it answers.
+    /// Type and speed of the link, as far as known before the board answers.
     pub fn line_speed(self, baud: Option<u32>) -> Option<LineSpeed> {
         match (self, baud) {
             (Self::Xc120, _) => Some(LineSpeed::Usb),
@@ -99,7 +100,7 @@ impl Board {
         }
     }
 
-    /// The preset that serves where none is asked for.
+    /// The preset to use when none is requested.
     pub fn default_preset(self) -> &'static str {
         match self {
             Self::Xc120 | Self::RaspberryPi => "d16",
@@ -109,21 +110,21 @@ impl Board {
     }
 }
 
-/// A port that may be a board's.
+/// A port that may have a board.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
     /// Which board.
     pub board: Board,
-    /// How it is opened.
+    /// How to open it.
     pub address: Address,
-    /// What its USB device says, to find it again on another path.
+    /// Its USB description, to find it again on another path.
     pub usb: Option<UsbDescription>,
-    /// What to know about it.
+    /// Warnings about it.
     pub warnings: Vec<String>,
 }
 
 impl Candidate {
-    /// How the session reaches it: at a speed, else at the fastest that serves.
+    /// Link of the session, at the given baud rate or the highest usable one.
     pub fn link(&self, baud: Option<u32>) -> Link {
         match (&self.address, self.board) {
             (Address::Tcp(_), _) => Link::Tcp,
@@ -133,22 +134,22 @@ impl Candidate {
     }
 }
 
-/// What was found.
+/// Result of a search.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Discovery {
-    /// Boards, the likeliest first.
+    /// Boards, most likely first.
     pub candidates: Vec<Candidate>,
-    /// Ports that are none of ours, each with the reason.
+    /// Ports without a known board, each with the reason.
     pub rejected: Vec<(PortDescription, &'static str)>,
 }
 
-/// What the ids and words of a port make it.
+/// What the USB ids and strings say about a port.
 enum Classification {
     Board(Board),
     Rejected(&'static str),
 }
 
-/// Sorts ports by what they are.
+/// Splits ports into candidates and others.
 pub fn discover(ports: &[PortDescription]) -> Discovery {
     let mut discovery = Discovery::default();
     for port in ports {
@@ -157,7 +158,7 @@ pub fn discover(ports: &[PortDescription]) -> Discovery {
             Classification::Rejected(reason) => discovery.rejected.push((port.clone(), reason)),
         }
     }
-    // Ids of Acconeer's own first; then names; then chips that others use as well.
+    // Acconeer's own ids first, then names, then chips that other devices use too.
     let rank = |board: Board| match board {
         Board::Xc120 => 0,
         Board::Named => 1,
@@ -180,11 +181,12 @@ fn classify(port: &PortDescription) -> Classification {
         _ if names_xe125 => xe125(usb),
         (0x1A86, 0x7523) => Classification::Board(Board::SparkfunXm125),
         _ if usb.product.as_deref().is_some_and(has_board_name) => Classification::Board(Board::Named),
-        _ => Classification::Rejected("no A121 board that is known"),
+        _ => Classification::Rejected("not a known A121 board"),
     }
 }
 
-/// The second port of an XE125 is not the server's. The CP2105's interface 0 is the Enhanced one.
+/// An XE125 has its server on the CP2105's interface 0, called Enhanced; its second port is
+/// rejected.
 fn xe125(usb: &UsbDescription) -> Classification {
     let is_enhanced = match &usb.interface {
         Some(name) if !name.is_empty() => name.to_ascii_lowercase().contains("enhanced"),
@@ -196,7 +198,7 @@ fn xe125(usb: &UsbDescription) -> Classification {
     }
 }
 
-/// An X, a capital letter, three digits.
+/// Whether the text contains an X, a capital letter and three digits.
 fn has_board_name(product: &str) -> bool {
     product
         .as_bytes()
@@ -210,24 +212,24 @@ fn candidate(board: Board, port: &PortDescription) -> Candidate {
     Candidate { board, address, usb: port.usb.clone(), warnings }
 }
 
-/// What 115200 baud leave.
+/// Warning about what is possible at 115200 baud.
 fn slow_warning() -> String {
     let rate_hz = |name| {
         let need = preset(name).map(|config| LinkRequirement::of(&config));
         need.map_or(0.0, |need| need.predict(LineSpeed::Uart(FIRST_BAUD)).sequential_hz)
     };
     format!(
-        "a CH340 is reliable at {FIRST_BAUD} baud alone, without flow control: that leaves {:.0} frames a second with \
-         preset slow-link, {:.0} instead of 500 with c16. Other devices have the same chip",
+        "a CH340 is reliable only at {FIRST_BAUD} baud, without flow control: that allows {:.0} frames a second with \
+         preset slow-link, {:.0} instead of 500 with c16. Other devices use the same chip",
         rate_hz("slow-link"),
         rate_hz("c16")
     )
 }
 
-/// The board to use: the one asked for (a path, or `tcp:HOST[:PORT]`), else the likeliest.
+/// Chooses the board: the requested one (a path, or `tcp:HOST[:PORT]`), else the most likely one.
 ///
 /// # Errors
-/// No board, or an address that is none. Whether the port is there is told by opening it.
+/// No board, or an invalid address. Whether a named port exists is only known when it is opened.
 pub fn choose(asked: Option<&str>, ports: &[PortDescription]) -> Result<Candidate, PortError> {
     let Some(asked) = asked else {
         let found = discover(ports).candidates.into_iter().next();
@@ -237,7 +239,7 @@ pub fn choose(asked: Option<&str>, ports: &[PortDescription]) -> Result<Candidat
         let address = Address::Tcp(host_and_port(host).ok_or_else(|| PortError::Address(asked.to_owned()))?);
         return Ok(Candidate { board: Board::RaspberryPi, address, usb: None, warnings: Vec::new() });
     }
-    // A link such as /dev/serial/by-id/… has the port's path behind it.
+    // A link such as /dev/serial/by-id/… resolves to the port's path.
     let behind = Path::new(asked).canonicalize().ok();
     let is_asked = |port: &&PortDescription| port.path == asked || behind.as_deref() == Some(Path::new(&port.path));
     let Some(port) = ports.iter().find(is_asked) else {
@@ -266,7 +268,7 @@ fn host_and_port(text: &str) -> Option<String> {
     sound.then(|| if is_bare_v6 { format!("[{host}]:{port}") } else { format!("{host}:{port}") })
 }
 
-/// The port of the same device after it was plugged in again, whatever its path is by now.
+/// Finds the port of the same device after it was plugged in again, whatever its path is now.
 pub fn find_replugged<'a>(
     ports: &'a [PortDescription],
     usb: &UsbDescription,
@@ -278,11 +280,11 @@ pub fn find_replugged<'a>(
                 == (usb.vid, usb.pid, &usb.serial, usb.interface_number)
         })
     };
-    // Two boards without serial numbers are told apart by their paths, if at all.
+    // Boards without serial numbers differ only by their paths.
     ports.iter().filter(same).find(|port| port.path == path).or_else(|| ports.iter().find(same))
 }
 
-/// The ports that are there, in words.
+/// Text that lists the available USB ports.
 pub fn describe_ports(ports: &[PortDescription]) -> String {
     let usb: Vec<String> = ports.iter().filter(|port| port.usb.is_some()).map(ToString::to_string).collect();
     match usb.is_empty() {
@@ -293,7 +295,7 @@ pub fn describe_ports(ports: &[PortDescription]) -> String {
 
 /// The serial ports of this computer, by path.
 pub fn list_ports() -> Vec<PortDescription> {
-    // The crate panics where the folder that it reads is missing.
+    // The serialport crate panics if the directory that it reads is missing.
     if cfg!(target_os = "linux") && !Path::new("/sys/class/tty").is_dir() {
         return Vec::new();
     }
@@ -319,7 +321,8 @@ fn port_description(port: serialport::SerialPortInfo) -> PortDescription {
     PortDescription { path: port.port_name, usb }
 }
 
-/// The interface's own name, which the crate does not read. A UART's tty hangs below its interface, a modem's is it.
+/// Reads the name of the interface, which the serialport crate does not read. The tty of a UART is
+/// below its interface; the tty of a modem is the interface itself.
 fn interface_name(path: &str) -> Option<String> {
     let device = Path::new("/sys/class/tty").join(Path::new(path).file_name()?).join("device").canonicalize().ok()?;
     let places = [device.join("interface"), device.parent()?.join("interface")];
@@ -346,7 +349,7 @@ mod tests {
 
     #[test]
     fn boards_are_identified_by_usb_ids_or_product() {
-        // Ids, product, interface; the board, or a word of the reason to leave it out.
+        // USB ids, product, interface; then the board, or a word of the reason for rejection.
         type Row = ((u16, u16), &'static str, (u8, &'static str), Result<Board, &'static str>);
         let table: &[Row] = &[
             ((0x0483, 0xA42D), "", (0, ""), Ok(Board::Xc120)),
@@ -354,19 +357,19 @@ mod tests {
             ((0xACC0, 0xE121), "", (2, ""), Ok(Board::Xc120)),
             ((0x0483, 0xA41D), "XC120", (0, ""), Err("flash")),
             ((0x0483, 0xA42C), "", (0, ""), Err("flash")),
-            ((0x0483, 0x5740), "STM32 Virtual ComPort", (0, ""), Err("no A121 board")),
+            ((0x0483, 0x5740), "STM32 Virtual ComPort", (0, ""), Err("not a known A121 board")),
             ((0x10C4, 0xEA70), "CP2105 Dual USB to UART", (0, "Enhanced Com Port"), Ok(Board::Xe125)),
             ((0x10C4, 0xEA70), "CP2105 Dual USB to UART", (1, "Standard Com Port"), Err("second port")),
             ((0x10C4, 0xEA70), "CP2105 Dual USB to UART", (0, ""), Ok(Board::Xe125)),
             ((0x10C4, 0xEA70), "CP2105 Dual USB to UART", (1, ""), Err("second port")),
-            ((0x10C4, 0xEA60), "CP2102", (0, ""), Err("no A121 board")),
+            ((0x10C4, 0xEA60), "CP2102", (0, ""), Err("not a known A121 board")),
             ((0x0403, 0x6010), "XE125", (1, "ENHANCED"), Ok(Board::Xe125)),
             ((0x0403, 0x6010), "XE125", (0, "Standard"), Err("second port")),
             ((0x1A86, 0x7523), "USB Serial", (0, ""), Ok(Board::SparkfunXm125)),
-            ((0x1A86, 0x55D4), "USB Single Serial", (0, ""), Err("no A121 board")),
+            ((0x1A86, 0x55D4), "USB Single Serial", (0, ""), Err("not a known A121 board")),
             ((0x1234, 0x5678), "Acconeer XC120 rev 2", (0, ""), Ok(Board::Named)),
-            ((0x1234, 0x5678), "XM12", (0, ""), Err("no A121 board")),
-            ((0x1234, 0x5678), "xc120", (0, ""), Err("no A121 board")),
+            ((0x1234, 0x5678), "XM12", (0, ""), Err("not a known A121 board")),
+            ((0x1234, 0x5678), "xc120", (0, ""), Err("not a known A121 board")),
         ];
         for (ids, product, interface, expected) in table {
             let discovery = discover(&[port("/dev/ttyX0", *ids, product, *interface)]);

@@ -1,10 +1,10 @@
-//! Raw frames as the sensor sends them, and how to take sweeps out of them.
+//! Raw frames of the sensor, and their sweeps.
 
 use num_complex::Complex;
 
 use super::{FrameTiming, SensorConfig, frame_timing};
 
-/// One frame as it came, nothing interpreted.
+/// One raw frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Sensor tick at the END of the measurement, unwrapped to 64 bits.
@@ -13,30 +13,30 @@ pub struct Frame {
     pub host_time_ns: i64,
     /// Chip temperature, °C.
     pub temperature_c: i16,
-    /// Some sample hit the converter's limit.
+    /// Whether a sample hit the limit of the converter.
     pub data_saturated: bool,
-    /// The sensor could not keep its rate.
+    /// Whether the sensor could not keep its rate.
     pub frame_delayed: bool,
-    /// The sensor asks to be calibrated again.
+    /// Whether the sensor requests a calibration.
     pub calibration_needed: bool,
     /// Complex samples in LSB, `[sweep][point]`, subsweeps concatenated inside each sweep.
     pub samples: Vec<Complex<i16>>,
 }
 
-/// One subsweep of one sweep, cut out of a frame.
+/// One subsweep of one sweep of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sweep<'a> {
-    /// Which subsweep of the configuration.
+    /// Index of the subsweep in the configuration.
     pub subsweep: usize,
     /// When its first point was measured, host nanoseconds.
     pub first_point_time_ns: i64,
-    /// Time from point to point, seconds.
+    /// Time between points, seconds.
     pub point_period_s: f64,
-    /// Its samples, nearest range first.
+    /// Its samples, by rising range.
     pub samples: &'a [Complex<i16>],
 }
 
-/// Lengths and times of the frames of one configuration.
+/// Layout and timing of the frames of a configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameLayout {
     timing: FrameTiming,
@@ -45,7 +45,7 @@ pub struct FrameLayout {
 }
 
 impl FrameLayout {
-    /// The layout of a sound configuration.
+    /// The layout of a valid configuration.
     pub fn of(config: &SensorConfig) -> Self {
         Self {
             timing: frame_timing(config),
@@ -54,7 +54,7 @@ impl FrameLayout {
         }
     }
 
-    /// Times of a frame.
+    /// Timing of a frame.
     pub fn timing(&self) -> &FrameTiming {
         &self.timing
     }
@@ -64,8 +64,8 @@ impl FrameLayout {
         self.sweeps_per_frame * self.subsweep_points.iter().sum::<usize>()
     }
 
-    /// The sweeps of a frame, oldest first, each with its own time; `None` when the frame is not as long as the
-    /// configuration says.
+    /// The sweeps of a frame, oldest first, each with its own time; `None` if the frame's length
+    /// differs from the configuration's.
     pub fn sweeps<'a>(&'a self, frame: &'a Frame) -> Option<impl Iterator<Item = Sweep<'a>>> {
         if frame.samples.len() != self.samples_per_frame() || frame.samples.is_empty() {
             return None;

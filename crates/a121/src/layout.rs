@@ -1,4 +1,5 @@
-//! What a result must look like, known from the set-up: nothing in a header is believed against it.
+//! Expected layout of a result, known from the set-up. Headers are checked against it and never
+//! trusted.
 
 use num_complex::Complex;
 
@@ -7,7 +8,7 @@ use super::{ResultInfo, Setup, SetupReply};
 /// Bytes of a sample: i16 real, i16 imaginary, little-endian.
 const SAMPLE_BYTES: usize = 4;
 
-/// Shape of the results of one set-up.
+/// Layout of the results of one set-up.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ResultLayout {
     /// Samples of a frame, `[group][sensor]`.
@@ -15,7 +16,7 @@ pub struct ResultLayout {
 }
 
 impl ResultLayout {
-    /// The layout of a sound set-up.
+    /// The layout of a valid set-up.
     pub fn of(setup: &Setup) -> Self {
         let frames = |group: &Vec<super::SensorSetup>| group.iter().map(|s| s.config.points_per_frame()).collect();
         Self { samples: setup.groups.iter().map(frames).collect() }
@@ -26,21 +27,21 @@ impl ResultLayout {
         self.samples.iter().flatten().sum::<usize>() * SAMPLE_BYTES
     }
 
-    /// Whether the server, answering the set-up, sees it alike.
+    /// Whether the server's reply to the set-up has the same layout.
     pub fn agrees_with(&self, reply: &SetupReply) -> bool {
         let said = reply.metadata.iter().map(|group| group.iter().map(|sensor| sensor.frame_data_length));
         self.samples.len() == reply.metadata.len()
             && self.samples.iter().zip(said).all(|(ours, theirs)| ours.iter().map(|&n| n as u64).eq(theirs))
     }
 
-    /// Whether a header announces what this layout says.
+    /// Whether a header matches this layout.
     pub(super) fn fits(&self, info: &[Vec<ResultInfo>], payload_bytes: u64) -> bool {
         payload_bytes == self.payload_bytes() as u64
             && self.samples.len() == info.len()
             && self.samples.iter().zip(info).all(|(samples, info)| samples.len() == info.len())
     }
 
-    /// Cuts a payload of [`Self::payload_bytes`] into frames, group by group, sensor by sensor.
+    /// Splits a payload of [`Self::payload_bytes`] into frames, by group, then by sensor.
     pub(super) fn split(&self, payload: &[u8]) -> Vec<Vec<Complex<i16>>> {
         let mut rest = payload;
         let frames = self.samples.iter().flatten().map(|&samples| {

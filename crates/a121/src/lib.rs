@@ -1,8 +1,10 @@
-//! The A121 behind its exploration server: the protocol, its clock, its session, all pure; and the line to it.
+//! The A121 sensor behind its exploration server: protocol, clock and session (pure), and the line
+//! to the board.
 //!
-//! Bytes and host times in, bytes to send and events out. `port` (the line), `find` (the ports there are) and `remedy`
-//! (what keeps one from being opened) are the only files with I/O; threads and clocks are `live`'s. The server stamps frames in ticks and checks nothing on the
-//! line, so what a fault may look like is part of every file here.
+//! The pure part takes bytes and host times, and returns bytes to send and events. Only `port` (the
+//! line), `find` (available ports) and `remedy` (why a port cannot be opened) do I/O; threads and
+//! clocks are in `live`. The server stamps frames with ticks and sends no checksums, so every file
+//! here considers transmission faults.
 
 #![warn(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

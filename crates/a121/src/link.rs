@@ -1,36 +1,39 @@
-//! What a configuration asks of the line between board and host, before anything is connected.
+//! Predicts whether the line between board and host carries the frames of a configuration.
 //!
-//! A result is a line of JSON of some 170 bytes and four bytes a point. What is not known of a board is whether it
-//! measures the next frame while it still sends the last one, so two rates are told: with one after the other, and
-//! with both at once. The facts at hand agree with one after the other on the UART: the thesis' configuration gives 8
-//! frames a second at 115200 baud, and about 80 at 2 Mbaud where the line alone would carry 137.
+//! A result is a JSON line of about 170 bytes, plus four bytes per point. Whether a board measures
+//! the next frame while it still sends the last one is unknown, so there are two predictions:
+//! sequential and pipelined. Known facts agree with sequential operation on the UART: the thesis'
+//! configuration gives 8 frames per second at 115200 baud, and about 80 at 2 Mbaud, where the line
+//! alone would carry 137.
 
 use super::{SensorConfig, frame_timing};
 
-/// Bytes of the line before each payload, for one sensor.
+/// Size of the JSON line before each payload, bytes, for one sensor.
 const HEADER_BYTES: f64 = 170.0;
-/// Bytes of a point.
+/// Bytes per point.
 const POINT_BYTES: f64 = 4.0;
-/// Bits that a byte takes on a UART: start, eight, stop.
+/// Bits per byte on a UART: start, eight, stop.
 const UART_BITS: f64 = 10.0;
-/// What full-speed USB carries in bulk, bytes a second: some 1.2 MB/s in theory, this much in practice.
+/// Bulk throughput of full-speed USB, bytes per second: about 1.2 MB/s in theory; this value is
+/// what to expect in practice.
 const USB_BYTES_PER_S: f64 = 1.0e6;
-/// What the slowest network of a Raspberry Pi carries, bytes a second: 100 Mbit/s, of which some nine tenths.
+/// Throughput of the slowest network of a Raspberry Pi, bytes per second: about nine tenths of 100
+/// Mbit/s.
 const NETWORK_BYTES_PER_S: f64 = 11.0e6;
 
-/// What carries the bytes.
+/// Type and speed of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LineSpeed {
-    /// A UART, bits a second.
+    /// A UART, with its baud rate.
     Uart(u32),
-    /// The board's own USB: its baud rate is a name.
+    /// The board's own USB, where the baud rate has no effect.
     Usb,
-    /// A socket.
+    /// A network socket.
     Network,
 }
 
 impl LineSpeed {
-    /// Bytes a second that it carries.
+    /// Throughput, bytes per second.
     pub fn bytes_per_s(self) -> f64 {
         match self {
             Self::Uart(baud) => f64::from(baud) / UART_BITS,
@@ -50,49 +53,49 @@ impl std::fmt::Display for LineSpeed {
     }
 }
 
-/// Whether a line carries a configuration.
+/// Whether a link carries a configuration's frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LinkCapacity {
-    /// Whatever the board does meanwhile.
+    /// Yes, in either case.
     Yes,
     /// Only if the board measures while it sends.
     IfPipelined,
-    /// Never.
+    /// No.
     No,
 }
 
-/// What a configuration needs of one sensor and its line.
+/// What a configuration requires of sensor and link.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkRequirement {
-    /// Time that one sweep takes, seconds.
+    /// Duration of a sweep, seconds.
     pub sweep_s: f64,
-    /// Frames a second that were asked for; `None`: as fast as it goes.
+    /// Requested frame rate, Hz; `None`: as fast as possible.
     pub requested_hz: Option<f64>,
-    /// Frames a second that the sensor reaches, whatever was asked for.
+    /// Highest frame rate of the sensor with this configuration, Hz.
     pub max_frame_hz: f64,
-    /// Frames a second of the sensor: what was asked for, or as fast as it goes.
+    /// Frame rate of the sensor: the requested one, limited by the sensor, Hz.
     pub frame_hz: f64,
-    /// Sweeps a second at that rate.
+    /// Sweeps per second at that rate.
     pub sweeps_hz: f64,
-    /// Bytes of a frame on the line.
+    /// Size of a frame on the line, bytes.
     pub frame_bytes: f64,
 }
 
-/// What a line makes of it.
+/// Prediction for a link.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkPrediction {
     /// Whether it carries the sensor's rate.
     pub capacity: LinkCapacity,
-    /// Frames a second if the board measures and sends one after the other.
+    /// Frame rate if the board measures and sends one after the other, Hz.
     pub sequential_hz: f64,
-    /// Frames a second if it measures while it sends.
+    /// Frame rate if it measures while it sends, Hz.
     pub pipelined_hz: f64,
-    /// Part of the line's time that the sensor's rate would take.
+    /// Share of the link's throughput at the sensor's rate.
     pub load: f64,
 }
 
 impl LinkRequirement {
-    /// Of a sound configuration.
+    /// The requirement of a valid configuration.
     pub fn of(config: &SensorConfig) -> Self {
         let timing = frame_timing(config);
         let fastest = frame_timing(&SensorConfig { frame_rate: None, ..config.clone() });
@@ -107,20 +110,20 @@ impl LinkRequirement {
         }
     }
 
-    /// Bytes a second at the sensor's rate.
+    /// Bytes per second at the sensor's rate.
     pub fn bytes_per_s(&self) -> f64 {
         self.frame_bytes * self.frame_hz
     }
 
-    /// Whether the sensor reaches what was asked of it.
+    /// Whether the sensor reaches the requested rate.
     pub fn is_rate_reachable(&self) -> bool {
         self.requested_hz.is_none_or(|asked| asked <= self.max_frame_hz * (1.0 + 1e-9))
     }
 
-    /// What a line makes of it.
+    /// Predicts the frame rate over a link.
     pub fn predict(&self, line: LineSpeed) -> LinkPrediction {
         let transfer_s = self.frame_bytes / line.bytes_per_s();
-        // USB and sockets have a processor of their own: nothing waits for them.
+        // USB and sockets have their own processor, so measuring does not wait for them.
         let sequential_s =
             if let LineSpeed::Uart(_) = line { transfer_s + 1.0 / self.max_frame_hz } else { transfer_s };
         let (sequential_hz, pipelined_hz) =
@@ -148,7 +151,7 @@ mod tests {
         let thesis = need("thesis");
         assert!((thesis.sweep_s - 5.68e-3).abs() < 0.02e-3);
         assert_eq!(thesis.frame_bytes, 1454.0);
-        // 1.74 Mbit/s on a UART; 8 frames a second at 115200 baud, about 80 at 2 Mbaud.
+        // 1.74 Mbit/s on a UART; 8 frames per second at 115200 baud, about 80 at 2 Mbaud.
         assert!((thesis.bytes_per_s() * UART_BITS / 1e6 - 1.745).abs() < 0.005);
         let slow = thesis.predict(LineSpeed::Uart(115_200));
         assert!((slow.sequential_hz - 7.6).abs() < 0.1 && slow.capacity == LinkCapacity::No, "{slow:?}");
@@ -162,7 +165,7 @@ mod tests {
         assert_eq!(need("d16").predict(LineSpeed::Usb).capacity, LinkCapacity::Yes);
         assert_eq!(need("d16").predict(LineSpeed::Network).capacity, LinkCapacity::Yes);
         assert_eq!(need("d16").predict(LineSpeed::Uart(2_000_000)).capacity, LinkCapacity::No);
-        // 92 % of the line: whether the board measures while it sends decides between 360 and 500 a second.
+        // 92 % of the line: 360 frames per second if sequential, 500 if pipelined.
         let c16 = need("c16").predict(LineSpeed::Uart(2_000_000));
         assert!(c16.capacity == LinkCapacity::IfPipelined && (c16.load - 0.925).abs() < 0.001, "{c16:?}");
         assert!((c16.sequential_hz - 360.0).abs() < 1.0, "{c16:?}");

@@ -1,30 +1,34 @@
-//! From bytes to messages, and back into step after every fault.
+//! Parses the byte stream into messages and resynchronises after every fault.
 //!
-//! The stream is a JSON line, then as many raw bytes as it announces, and nothing that checks either. So nothing is
-//! taken out of the buffer until it is believed: a line must parse with every field a result has, announce exactly the
-//! payload that was set up, and its payload must be followed by the beginning of a line. What fails is given up one
-//! byte at a time until a line begins, so a fault costs the messages that it touched.
+//! The stream is a JSON line, then as many raw bytes as the line announces, without any checksum. A
+//! message is accepted only if it is consistent: the line must parse with every field of a result,
+//! announce exactly the payload of the set-up, and the start of another line must follow the
+//! payload. Otherwise the parser drops one byte at a time until a line starts. So a fault loses
+//! only the messages that it touched.
 //!
-//! Whether a payload is followed by a line is known when more comes. Streams pause between frames, so a complete
-//! payload waits until then, or until [`Parser::settle`] is told that the line has been quiet, unless it ends as a line
-//! begins.
+//! Whether a line follows a payload is known when more bytes arrive. Streams pause between frames.
+//! So a complete payload waits for more bytes, or until the caller reports a quiet line with
+//! [`Parser::accept_when_quiet`], unless the payload itself ends like the start of a line.
 //!
-//! What cannot be told here: a flipped bit of a sample, of a temperature, or of a tick (see [`super::TickUnwrapper`] for that).
-//! A doubled byte in a payload of which the last byte comes only after `settle`; it is counted as `unconfirmed_damage`, too late.
-//! One byte lost and another gained in one payload.
+//! Not detectable here: a flipped bit in a sample, a temperature or a tick (for ticks see
+//! [`super::TickUnwrapper`]); one byte lost and another gained in the same payload; a doubled byte in a
+//! payload whose last byte arrives after `accept_when_quiet`. The last case is counted
+//! afterwards as `unconfirmed_damage`.
 //!
-//! Memory: a line has at most [`MAX_LINE_BYTES`], a payload is what was set up; nothing longer is ever held.
+//! Memory is bounded: a line has at most [`MAX_LINE_BYTES`] and a payload has the size of the
+//! set-up.
 
 use num_complex::Complex;
 
 use super::reply::Header;
 use super::{Reply, ResultInfo, ResultLayout};
 
-/// Longest line, bytes. A result's has some 170 for each sensor; answers to a set-up with calibrations are the longest.
+/// Longest line, bytes. A result's line has about 170 bytes per sensor; replies to a set-up with
+/// calibrations are the longest. Choice.
 pub const MAX_LINE_BYTES: usize = 16 << 10;
-/// Bytes looked at in one go.
+/// Bytes processed at a time. Choice.
 const PIECE_BYTES: usize = 4096;
-/// Keys that lines begin with: where one stands in a payload, bytes were lost before it.
+/// Keys that a line can start with. If one appears in a payload, bytes were lost before it.
 const KEYS: [&[u8]; 8] = [
     b"\"result_info\"",
     b"\"status\"",
@@ -36,125 +40,127 @@ const KEYS: [&[u8]; 8] = [
     b"\"message\"",
 ];
 
-/// Bytes of a line's beginning that are looked at behind a payload: a brace and the first of a key.
+/// Bytes checked after a payload: the brace of a line and the start of a key. Choice.
 const LINE_START_BYTES: usize = 5;
 
-/// A result: what was said of its frames, and their samples.
+/// A result: metadata of its frames, and their samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResultMessage {
     /// One for each sensor, group by group.
     pub infos: Vec<ResultInfo>,
-    /// One for each sensor, group by group; `[sweep][point]`, subsweeps concatenated inside each sweep.
+    /// One for each sensor, group by group; `[sweep][point]`, subsweeps concatenated inside each
+    /// sweep.
     pub frames: Vec<Vec<Complex<i16>>>,
 }
 
-/// What came.
+/// A message of the server.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Message {
-    /// An answer, a line of the log, an error.
+    /// A reply, a log line or an error.
     Reply(Reply),
-    /// A result of the layout set.
+    /// A result with the expected layout.
     Result(ResultMessage),
     /// A result while none is expected, or of another set-up; its payload is skipped.
     StaleResult,
 }
 
-/// A message and when its last byte came, host nanoseconds.
+/// A message and the arrival time of its last byte, host nanoseconds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Received {
-    /// What came.
+    /// The message.
     pub message: Message,
-    /// When the piece with its last byte was received.
+    /// When the read with its last byte returned, host nanoseconds.
     pub arrival_ns: i64,
 }
 
-/// What the stream has been like.
+/// Counters of the stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StreamCounters {
-    /// All bytes.
+    /// All bytes received.
     pub bytes: u64,
-    /// Bytes of no message.
+    /// Bytes that belong to no message.
     pub skipped_bytes: u64,
-    /// Times that the stream fell out of step and was skipped to the next line.
+    /// Times that the parser lost synchronisation and skipped to the next line.
     pub resyncs: u64,
-    /// Lines that begin like one and are none of the protocol's.
+    /// Lines that start like one but are not part of the protocol.
     pub damaged_lines: u64,
-    /// Results with another shape or length than was set up.
+    /// Results with another shape or length than the set-up.
     pub misfit_results: u64,
-    /// Results that came while none was expected.
+    /// Results that arrived while none was expected.
     pub stale_results: u64,
-    /// Payloads with bytes lost or gained.
+    /// Payloads with lost or gained bytes.
     pub damaged_payloads: u64,
-    /// Results handed on by [`Parser::settle`] that no line followed: they may have been damaged.
+    /// Results accepted by [`Parser::accept_when_quiet`] that no line followed; they may be
+    /// damaged.
     pub unconfirmed_damage: u64,
-    /// Results handed on.
+    /// Results emitted.
     pub results: u64,
 }
 
-/// What a complete payload is followed by.
+/// What follows a complete payload.
 enum PayloadCheck {
     Line,
     Damage,
     NeedsMoreBytes,
 }
 
-/// How far a line at the buffer's start has come.
+/// State of the line at the buffer's start.
 enum LineEnd {
     At(usize),
     NoLine,
     NotYet,
 }
 
-/// A result's line that was believed and waits for its payload.
+/// An accepted result line that waits for its payload.
 struct Announced {
     infos: Vec<ResultInfo>,
     line_bytes: usize,
 }
 
-/// Takes a stream apart. See the file's head for what it believes.
+/// Parser of the byte stream. See the head of this file for what it accepts.
 #[derive(Default)]
 pub struct Parser {
     buffer: Vec<u8>,
     start: usize,
-    /// Bytes from the start on that are known to hold no control character, so no line's end.
+    /// Bytes from `start` on that are known to contain no control character, so no end of a line.
     scanned: usize,
     announced: Option<Announced>,
-    /// Where pieces end in the buffer, and when they came.
+    /// For each read: its end in the buffer and its arrival time.
     pieces: std::collections::VecDeque<(usize, i64)>,
     layout: Option<ResultLayout>,
     out_of_sync: bool,
-    /// A payload has been handed on by `settle`, so what follows it was not seen.
+    /// The last payload was accepted by `accept_when_quiet`, before the bytes after it arrived.
     accepted_when_quiet: bool,
     counters: StreamCounters,
-    /// Bytes looked through for a line's end.
+    /// Total bytes scanned for the end of a line.
     #[cfg(test)]
     scanned_bytes: u64,
 }
 
 impl Parser {
-    /// Results of this layout are expected from now on; `None`: none are.
+    /// Sets the layout of the results to expect; `None` to expect none.
     pub fn expect_results(&mut self, layout: Option<ResultLayout>) {
         self.announced = None;
         self.layout = layout;
     }
 
-    /// Forgets what it holds: the line was closed or flushed. Counters go on.
+    /// Drops all buffered bytes, after the line was closed or flushed. Counters are kept.
     pub fn clear(&mut self) {
         *self = Self { layout: self.layout.take(), counters: self.counters, ..Default::default() };
     }
 
-    /// What the stream has been like so far.
+    /// The counters so far.
     pub fn counters(&self) -> &StreamCounters {
         &self.counters
     }
 
-    /// Bytes held back for want of more.
+    /// Bytes buffered until more arrive.
     pub fn held_bytes(&self) -> usize {
         self.buffer.len() - self.start
     }
 
-    /// Takes bytes received at a host time and appends what they complete. How a stream is split changes nothing but
-    /// the times.
+    /// Takes bytes received at a host time and appends the messages that they complete. How the
+    /// stream is split affects only the times.
     pub fn push(&mut self, bytes: &[u8], now_ns: i64, out: &mut Vec<Received>) {
         self.counters.bytes += bytes.len() as u64;
         for piece in bytes.chunks(PIECE_BYTES) {
@@ -168,7 +174,8 @@ impl Parser {
         }
     }
 
-    /// The line has been quiet for longer than a pause inside a message: a payload that is complete is handed on.
+    /// Reports that the line has been quiet for longer than any pause inside a message; a complete
+    /// payload is accepted.
     pub fn accept_when_quiet(&mut self, out: &mut Vec<Received>) {
         if self.step(true, out) {
             while self.step(false, out) {}
@@ -176,9 +183,9 @@ impl Parser {
         }
     }
 
-    /// Whether [`Self::settle`] would hand something on.
+    /// Whether [`Self::accept_when_quiet`] would emit a message.
     pub fn has_unconfirmed(&self) -> bool {
-        // A payload that ends as a line begins waits for more, however quiet it is.
+        // A payload that ends like the start of a line always waits for more bytes.
         self.payload_end().is_some_and(|end| end == self.buffer.len()) && !ends_with_line_start(&self.buffer)
     }
 
@@ -186,7 +193,7 @@ impl Parser {
         Some(self.start + self.announced.as_ref()?.line_bytes + self.layout.as_ref()?.payload_bytes())
     }
 
-    /// One decision; false when more bytes are needed.
+    /// Makes one parsing step; returns false when more bytes are needed.
     fn step(&mut self, is_quiet: bool, out: &mut Vec<Received>) -> bool {
         if self.announced.is_some() {
             return self.step_payload(is_quiet, out);
@@ -214,8 +221,9 @@ impl Parser {
         }
     }
 
-    /// The end of the line at the start. Control characters, which noise is full of, stand in no line. Noise may seem to
-    /// begin a line at every other byte: no byte is looked at twice all the same.
+    /// Finds the end of the line at the buffer's start. Lines contain no control characters, which
+    /// are frequent in noise. Noise may look like the start of a line at every other byte; still,
+    /// no byte is scanned twice.
     fn line_end(&mut self) -> LineEnd {
         let data = &self.buffer[self.start..];
         if data.get(1).is_some_and(|&byte| byte != b'"' && byte != b' ') {
@@ -237,7 +245,7 @@ impl Parser {
     fn step_line(&mut self, end: usize, out: &mut Vec<Received>) {
         let line = &self.buffer[self.start..self.start + end];
         let Some(header) = Header::parse(line) else {
-            // Only what could be a line counts as a damaged one: noise has braces, too.
+            // Noise contains braces too, so only a plausible line counts as damaged.
             self.counters.damaged_lines += u64::from(line.starts_with(b"{\"") && line.len() > 8);
             return self.skip(1);
         };
@@ -246,7 +254,7 @@ impl Parser {
             (Header::Result(..), None) => {
                 self.counters.stale_results += 1;
                 self.emit(Message::StaleResult, end + 1, out);
-                // Its payload has to be skipped, which is no fault.
+                // Skipping its payload is not a fault.
                 self.out_of_sync = true;
             }
             (Header::Result(infos, bytes), Some(layout)) if layout.fits(&infos, bytes) => {
@@ -320,15 +328,15 @@ impl Parser {
     }
 }
 
-/// Whether a line follows a payload, or the payload lost or gained bytes.
+/// Checks whether a line follows a payload, or the payload lost or gained bytes.
 fn check_payload_end(payload: &[u8], rest: &[u8]) -> PayloadCheck {
     if contains_key(payload) {
         return PayloadCheck::Damage;
     }
     match *rest {
-        // A payload that ends with a brace and gained a byte, or a brace doubled: cannot be told apart.
+        // Ambiguous: a payload that ends with a brace and gained a byte, or a doubled brace.
         [b'{', b'{', ..] => PayloadCheck::Damage,
-        // The line's own brace lost, or the payload's last byte.
+        // The brace of the line was lost, or the last byte of the payload.
         [b'"', ..] if payload.last() == Some(&b'{') => PayloadCheck::Damage,
         _ if rest.len() < LINE_START_BYTES + 1 => PayloadCheck::NeedsMoreBytes,
         _ if is_line_start(rest) => PayloadCheck::Line,
@@ -336,8 +344,8 @@ fn check_payload_end(payload: &[u8], rest: &[u8]) -> PayloadCheck {
     }
 }
 
-/// Whether these bytes are the beginning of a line: with any key, or with one of those known, of which one byte may have
-/// been lost, doubled or damaged. Noise begins so once in 10⁷ times.
+/// Whether these bytes start a line: with any lower-case key, or with a known key of which one byte
+/// may be lost, doubled or damaged. Noise matches once in 10⁷ cases.
 fn is_line_start(rest: &[u8]) -> bool {
     if rest.starts_with(b"{\"") && rest[2..LINE_START_BYTES].iter().all(u8::is_ascii_lowercase) {
         return true;
@@ -350,7 +358,7 @@ fn is_line_start(rest: &[u8]) -> bool {
             (same..LINE_START_BYTES - missing).all(|at| rest[at + skipped] == wanted(at + missing))
         };
         let is_damaged = (same + 1..LINE_START_BYTES).all(|at| rest[at] == wanted(at));
-        // A byte before all of it is one that the payload gained.
+        // An extra byte in front belongs to the payload, which gained it.
         same == LINE_START_BYTES || is_damaged || (same > 0 && goes_on(1, 0)) || goes_on(0, 1)
     })
 }
@@ -360,7 +368,7 @@ fn contains_key(payload: &[u8]) -> bool {
     quotes.into_iter().any(|(at, _)| KEYS.iter().any(|key| payload[at..].starts_with(key)))
 }
 
-/// Whether the last bytes could be the beginning of the next line: `{`, `{"`, `{"res`.
+/// Whether the last bytes could be the start of the next line: `{`, `{"`, `{"res`.
 fn ends_with_line_start(payload: &[u8]) -> bool {
     let longest = KEYS.iter().map(|key| key.len()).max().unwrap_or(0) + 1;
     let tail = &payload[payload.len().saturating_sub(longest)..];
@@ -382,7 +390,7 @@ mod tests {
 
     const RESULTS: u32 = 12;
 
-    /// A stream of results with lines of the log between some, and where each result's bytes lie.
+    /// A stream of results with some log lines between them, and the position of each result.
     struct Stream {
         bytes: Vec<u8>,
         results: Vec<(std::ops::Range<usize>, ResultMessage)>,
@@ -399,7 +407,7 @@ mod tests {
                 calibration_needed: rng.random_bool(0.3),
                 frame_delayed: rng.random_bool(0.3),
             };
-            // Full range: braces, quotes and line ends are as likely as any byte.
+            // Any byte value: braces, quotes and newlines are as likely as others.
             let payload: Vec<u8> =
                 (0..ResultLayout::of(&small_setup()).payload_bytes()).map(|_| rng.random()).collect();
             let begin = bytes.len();
@@ -468,7 +476,8 @@ mod tests {
         assert!(out.is_empty() && parser.has_unconfirmed());
         parser.accept_when_quiet(&mut out);
         assert_eq!(out, [Received { message: Message::Result(result.clone()), arrival_ns: 5 }]);
-        // One byte lost, and the next line's brace stands for it: quiet proves nothing.
+        // One byte is lost and the brace of the next line takes its place: a quiet line proves
+        // nothing.
         let mut short = stream.bytes[..range.end].to_vec();
         short.remove(range.end - 9);
         short.push(b'{');
@@ -483,7 +492,7 @@ mod tests {
         let stream = stream(5);
         let (first, second) = (&stream.results[0].0, &stream.results[1]);
         let payload_bytes = ResultLayout::of(&small_setup()).payload_bytes();
-        // Nine bytes come in between, and where the payload would end stands what lines begin with: a brace.
+        // Nine extra bytes; the position of the payload's end then looks like the start of a line.
         for begin in [&b"{x"[..], b"{7k", b"a\"9", b"{\"\x80"] {
             let mut bytes = stream.bytes[first.clone()].to_vec();
             let at = bytes.len() - 9;
@@ -497,8 +506,8 @@ mod tests {
         }
     }
 
-    /// One fault in a stream: what may be lost is what it touched, and what is handed on is right but for what cannot
-    /// be told.
+    /// Applies one fault to a stream. Only touched results may be lost; emitted results must be
+    /// right, except for undetectable damage.
     fn check_fault(stream: &Stream, at: usize, kind: usize, flip: u8) -> StreamCounters {
         let mut bytes = stream.bytes.clone();
         match kind {
@@ -513,7 +522,8 @@ mod tests {
         for result in &got {
             let exact = stream.results.iter().position(|(_, original)| original == result);
             let index = exact.unwrap_or_else(|| {
-                // Not as sent: a flip in a payload, or a digit of a line's tick or temperature.
+                // Differs from what was sent: a flip in a payload, or a digit of a tick or
+                // temperature.
                 let touched = stream.results.iter().position(|(range, _)| range.contains(&at)).expect("in a result");
                 let (range, original) = &stream.results[touched];
                 if at >= range.end - payload_bytes {
@@ -529,8 +539,8 @@ mod tests {
         }
         for index in left {
             let range = &stream.results[index].0;
-            // A second brace at a line's start looks like a payload's last byte doubled: the result before it is given
-            // up.
+            // A second brace at a line's start looks like a doubled last byte of the payload, so
+            // the previous result is dropped.
             let brace_after = bytes.get(range.end..range.end + 2) == Some(b"{{");
             assert!(range.contains(&at) || brace_after && at <= range.end + 1, "fault {kind} at {at} cost {range:?}");
         }
@@ -545,7 +555,7 @@ mod tests {
             for trial in 0..1500 {
                 let stream = stream(trial % 7);
                 let end = stream.bytes.len() - 20;
-                // Every third fault strikes a line: they are short.
+                // Every third fault hits a line, since lines are short.
                 let at = match trial % 3 {
                     0 => stream.results[rng.random_range(0..RESULTS as usize)].0.start + rng.random_range(0..130),
                     _ => rng.random_range(0..end),
@@ -555,8 +565,9 @@ mod tests {
                 told += u32::from(faults + counters.resyncs > 0);
                 cost += u64::from(RESULTS) - counters.results;
             }
-            // What a byte lost or gained changes is told, but for the digits of ticks and temperatures.
-            assert!(told > if kind == 2 { 200 } else { 1400 }, "{kind}: {told} told");
+            // Lost and doubled bytes are always detected, except in digits of ticks and
+            // temperatures.
+            assert!(told > if kind == 2 { 200 } else { 1400 }, "{kind}: {told} detected");
             assert!(cost <= 1500, "{kind}: {cost} results lost");
         }
     }
@@ -578,7 +589,7 @@ mod tests {
         let messages = parsed(&mut parser, &bytes);
         assert_eq!(messages.iter().filter(|m| **m == Message::StaleResult).count(), RESULTS as usize);
         assert_eq!(messages.last(), Some(&Message::Reply(Reply::Stopped)));
-        // A size beyond all memory is a misfit.
+        // A size beyond any memory is counted as a misfit.
         let mut expecting = super::tests::parser();
         let info = stream(5).results[0].1.infos[0];
         bytes = result_bytes(&info, &[]);
@@ -605,14 +616,14 @@ mod tests {
             assert!(parsed(&mut parser, &[b"{\"".to_vec(), vec![b'a'; 5000]].concat()).is_empty());
             assert!(parser.held_bytes() <= MAX_LINE_BYTES + PIECE_BYTES);
         }
-        // Many beginnings, each of which has to be looked into.
+        // Many line starts, each of which has to be examined.
         for text in ["{\"", "{\"a\":", "{\"a\":[{\"b\":1},", "[[{\"tick\":"] {
             assert!(parsed(&mut parser, text.repeat(20_000).as_bytes()).is_empty());
         }
         assert!(parsed(&mut parser, b"\n{\"status\":\"stop\"}\n").contains(&Message::Reply(Reply::Stopped)));
     }
 
-    /// Bytes as noise, and pieces that lines are made of, in any order.
+    /// Noise and fragments of lines, in any order.
     fn any_stream() -> impl Strategy<Value = Vec<u8>> {
         let info = ResultInfo {
             tick: 77,
@@ -660,7 +671,8 @@ mod tests {
             }
             prop_assert_eq!(&got, &expected);
             prop_assert_eq!(split.counters(), whole.counters());
-            // Whatever came before, the next line is understood once noise ends the last.
+            // Whatever came before, the next line is parsed once noise has ended the previous
+            // message.
             let mut after = vec![0u8; 2 * ResultLayout::of(&small_setup()).payload_bytes()];
             after.extend_from_slice(b"{\"status\":\"stop\"}\n");
             prop_assert!(parsed(&mut whole, &after).contains(&Message::Reply(Reply::Stopped)));

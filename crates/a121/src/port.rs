@@ -1,9 +1,10 @@
-//! A line that is open: a serial port, or a socket of the Raspberry Pi's server. This file and `find` are the only ones
-//! of this room that do I/O.
+//! An open line to a board: a serial port, or a TCP socket to a server on a Raspberry Pi. Only this
+//! file, `find` and `remedy` do I/O in this module.
 //!
-//! Reading waits with the precision of the system's timers (`ppoll`), since a payload counts as ended when the line was
-//! quiet for 300 µs. Nothing here waits without end: a board that holds its flow control stops a write, a break and
-//! even closing, so output is written in pieces that the driver has room for and thrown away before break and closing.
+//! Reads wait with the precision of the system's timers (`ppoll`), because a payload counts as
+//! ended after 300 µs without bytes. Nothing here blocks forever. A board that holds its flow
+//! control would block a write, a break and even closing. So output is written in pieces that fit
+//! the driver's buffer, and is discarded before a break and before closing.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -15,27 +16,27 @@ use serialport::{ClearBuffer, DataBits, FlowControl, Parity, SerialPort, StopBit
 
 use super::{Action, FIRST_BAUD, find, remedy};
 
-/// Port of the Raspberry Pi's server.
+/// TCP port of the server on a Raspberry Pi.
 pub const TCP_PORT: u16 = 6110;
-/// A command that is not written by then is not going to be.
+/// Timeout for writing a command. Choice.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
-/// A server that does not answer by then is not there.
+/// Timeout for connecting. Choice.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
-/// How long a break lasts.
+/// Duration of a break. Choice.
 const BREAK_DURATION: Duration = Duration::from_millis(250);
-/// Bytes written at once: a driver that has room has room for these.
+/// Bytes per write. Choice: a driver that reports room has room for these.
 const WRITE_CHUNK_BYTES: usize = 64;
-/// Longest single wait.
+/// Longest single wait. Choice.
 const MAX_WAIT: Duration = Duration::from_secs(60);
 
-/// Where a board is.
+/// Address of a board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// A serial port.
     Serial {
-        /// `/dev/ttyACM0`, `COM3`.
+        /// Path or name, such as `/dev/ttyACM0` or `COM3`.
         path: String,
-        /// RTS/CTS; off for boards with a CH340.
+        /// RTS/CTS flow control; off for boards with a CH340.
         flow_control: bool,
     },
     /// A socket, `host:port`.
@@ -51,107 +52,107 @@ impl std::fmt::Display for Address {
     }
 }
 
-/// Why a line cannot be opened, or broke.
+/// Why a line cannot be opened, or was lost.
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
-    /// No port of that name.
+    /// No port with this name.
     #[error("there is no port {path}: {available}")]
     NotFound {
-        /// What was asked for.
+        /// Requested path.
         path: String,
-        /// What there is instead.
+        /// Text that lists the available ports.
         available: String,
     },
-    /// No board at all.
+    /// No board was found.
     #[error(
         "no A121 board is found: {available}. Plug one in, or name its port with --port (a path, or tcp:HOST[:PORT] for a \
          Raspberry Pi)"
     )]
     NoBoard {
-        /// What there is instead.
+        /// Text that lists the available ports.
         available: String,
     },
-    /// The user may not.
+    /// The user lacks the permission.
     #[error("no permission to open {path}: {remedy}")]
     Permission {
-        /// Which.
+        /// Path of the port.
         path: String,
         /// What to do.
         remedy: String,
     },
-    /// Somebody else has it.
+    /// Another process has the port open.
     #[error("{path} is in use by {holder}: {remedy}")]
     Busy {
-        /// Which.
+        /// Path of the port.
         path: String,
-        /// Who has it, where that can be seen.
+        /// The process, if known.
         holder: String,
         /// What to do.
         remedy: String,
     },
-    /// Something that is no serial port.
-    #[error("{0} is no serial port: give the board's port, such as /dev/ttyACM0, or tcp:HOST[:PORT]")]
+    /// Not a serial port.
+    #[error("{0} is not a serial port: give the board's port, such as /dev/ttyACM0, or tcp:HOST[:PORT]")]
     NotAPort(String),
-    /// Not an address.
-    #[error("\"{0}\" is no address: write tcp:HOST or tcp:HOST:PORT")]
+    /// Not a valid address.
+    #[error("\"{0}\" is not an address: write tcp:HOST or tcp:HOST:PORT")]
     Address(String),
-    /// Nobody listens.
+    /// The connection was refused.
     #[error("{address} refuses the connection: start the exploration server there, and check host and port")]
     Refused {
-        /// Which.
+        /// The address.
         address: String,
     },
-    /// Nobody is there.
+    /// The host cannot be reached.
     #[error("{address} cannot be reached ({reason}): check host, port and network")]
     Unreachable {
-        /// Which.
+        /// The address.
         address: String,
-        /// The system's words.
+        /// The system's message.
         reason: String,
     },
-    /// Gone while open.
-    #[error("{address} is gone ({reason}): unplugged, or without power")]
+    /// The line was lost while open.
+    #[error("{address} was disconnected ({reason}): unplugged, or without power")]
     Gone {
-        /// Which.
+        /// The address.
         address: String,
-        /// The system's words.
+        /// The system's message.
         reason: String,
     },
     /// A command could not be written.
-    #[error("{address} takes no bytes: the board holds its flow control; is it the board's right port?")]
+    #[error("{address} accepts no bytes: the board holds its flow control; check that it is the right port")]
     Stuck {
-        /// Which.
+        /// The address.
         address: String,
     },
-    /// Anything else.
+    /// Any other error.
     #[error("cannot {doing} {address}: {reason}")]
     Other {
-        /// "open", "set the speed of" …
+        /// The failed operation: "open", "set the speed of", …
         doing: &'static str,
-        /// Which.
+        /// The address.
         address: String,
-        /// The system's words.
+        /// The system's message.
         reason: String,
     },
 }
 
-/// The open end.
+/// The underlying transport.
 enum Transport {
     Serial(Box<dyn SerialPort>),
     Tcp(TcpStream),
 }
 
-/// A line that is open.
+/// An open line.
 pub struct Line {
     address: Address,
     end: Transport,
 }
 
 impl Line {
-    /// Opens a line; a serial port with 115200 8N1, exclusive.
+    /// Opens a line; a serial port exclusively, at 115200 8N1.
     ///
     /// # Errors
-    /// Not found, no permission, in use, refused: each with what to do.
+    /// Not found, no permission, in use, refused: each says what to do.
     pub fn open(address: &Address) -> Result<Self, PortError> {
         let end = match address {
             Address::Serial { path, flow_control } => Transport::Serial(open_serial(path, *flow_control)?),
@@ -160,15 +161,16 @@ impl Line {
         Ok(Self { address: address.clone(), end })
     }
 
-    /// Where it leads.
+    /// The address of the line.
     pub fn address(&self) -> &Address {
         &self.address
     }
 
-    /// Reads what is there, waiting for the first byte at most so long; 0: nothing came.
+    /// Reads available bytes and waits at most `patience` for the first one; returns 0 if none
+    /// arrived.
     ///
     /// # Errors
-    /// The line is gone.
+    /// The line was lost.
     pub fn read(&mut self, buffer: &mut [u8], patience: Duration) -> Result<usize, PortError> {
         let patience = patience.min(MAX_WAIT);
         let read = match &mut self.end {
@@ -179,7 +181,7 @@ impl Line {
             Transport::Tcp(socket) => read_socket(socket, buffer, patience),
         };
         match read {
-            // A hung-up terminal and a closed socket are at their end.
+            // End of file: a terminal that hung up, or a closed socket.
             Ok(0) => Err(self.gone("closed by the other side")),
             Ok(count) => Ok(count),
             Err(error) if is_nothing_yet(error.kind()) => Ok(0),
@@ -187,10 +189,11 @@ impl Line {
         }
     }
 
-    /// Does what a session asks for, but for [`Action::Reopen`], which is up to who owns the line.
+    /// Performs an action of a session, except [`Action::Reopen`], which is up to the owner of the
+    /// line.
     ///
     /// # Errors
-    /// The line is gone or takes nothing.
+    /// The line was lost, or accepts no bytes.
     pub fn perform(&mut self, action: &Action) -> Result<(), PortError> {
         match action {
             Action::Send(bytes) => self.write(bytes),
@@ -204,7 +207,7 @@ impl Line {
         }
     }
 
-    /// Writes all bytes.
+    /// Writes all bytes, or fails after `WRITE_TIMEOUT`.
     fn write(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         let start = Instant::now();
         let mut rest = bytes;
@@ -229,11 +232,11 @@ impl Line {
         Ok(())
     }
 
-    /// A break. Boards that know none (a pseudo-terminal, some USB firmware) are asked all the same: what they stream is
-    /// noticed and stopped by the session.
+    /// Sends a break. Some ports do not support it (pseudo-terminals, some USB firmware); if such a
+    /// board is streaming, the session notices and stops it.
     fn send_break(&mut self) {
         let Transport::Serial(port) = &mut self.end else { return };
-        // The system lets output drain first, which a board may never do.
+        // The system would drain the output first, which a board may block forever.
         let _ = port.clear(ClearBuffer::Output);
         if port.set_break().is_ok() {
             sleep(BREAK_DURATION);
@@ -268,7 +271,7 @@ impl Line {
 }
 
 impl Drop for Line {
-    /// Closing waits half a minute for output that a board does not take.
+    /// Discards pending output: closing would otherwise wait 30 s for a board that accepts none.
     fn drop(&mut self) {
         if let Transport::Serial(port) = &self.end {
             let _ = port.clear(ClearBuffer::Output);
@@ -290,7 +293,7 @@ fn open_serial(path: &str, flow_control: bool) -> Result<Box<dyn SerialPort>, Po
     builder.open().map_err(|error| open_error(path, &error))
 }
 
-/// The error for people.
+/// Converts an error of the serialport crate.
 fn open_error(path: &str, error: &serialport::Error) -> PortError {
     let path = path.to_owned();
     match error.kind() {
@@ -319,11 +322,11 @@ fn open_error(path: &str, error: &serialport::Error) -> PortError {
 fn open_tcp(host: &str) -> Result<TcpStream, PortError> {
     let unreachable = |reason: String| PortError::Unreachable { address: format!("tcp:{host}"), reason };
     let addresses = host.to_socket_addrs().map_err(|error| unreachable(error.to_string()))?;
-    let mut failed = unreachable("the name stands for no address".into());
+    let mut failed = unreachable("the name has no address".into());
     for address in addresses {
         match TcpStream::connect_timeout(&address, CONNECT_TIMEOUT) {
             Ok(socket) => {
-                // Commands are small and waited for.
+                // Commands are small and each waits for its reply.
                 let _ = socket.set_nodelay(true);
                 return Ok(socket);
             }
@@ -336,7 +339,7 @@ fn open_tcp(host: &str) -> Result<TcpStream, PortError> {
     Err(failed)
 }
 
-/// Sockets' own time-outs are as coarse as the system's tick.
+/// Uses `poll`, since the timeouts of sockets are as coarse as the system tick.
 #[cfg(unix)]
 fn read_socket(socket: &mut TcpStream, buffer: &mut [u8], patience: Duration) -> io::Result<usize> {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -367,7 +370,7 @@ mod tests {
         Address::Serial { path: path.into(), flow_control: true }
     }
 
-    /// A pseudo-terminal: its board's end, and the path of ours.
+    /// A pseudo-terminal: the board's end, and the path of ours.
     fn terminal() -> (TTYPort, String) {
         let (board, ours) = TTYPort::pair().unwrap();
         let path = ours.name().unwrap();

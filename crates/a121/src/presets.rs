@@ -1,22 +1,28 @@
-//! Configurations that serve, by name.
+//! Named configurations for common uses.
 //!
-//! - `d16`: the default. Speed counts more than range samples, since the 14 cm envelope needs a sample only every 60 mm;
-//!   1056 sweeps a second follow the phase up to 1.31 m/s. 211 kB/s: USB.
-//! - `c16`: the same points once a frame, 500 sweeps a second, 100 kB/s: slower links.
-//! - `slow-link`: the same points once a frame, 25 sweeps a second, for boards held at 115200 baud, of which it takes
-//!   eight tenths. The line is the bottleneck, so each point averages eight times as much: 9 dB more signal.
-//! - `close`: 0.15–0.61 m, for what nearly touches the head. Profile 1: its 4 cm pulse is over before echoes from 0.15 m
-//!   come back, and parts what longer pulses blur; points every 20 mm. 1200 sweeps a second follow 1.48 m/s. All of it is within
-//!   the hands' reach: nothing is confirmed unless `rooms.map.hands_reach_m` is 0, and tracked hands account for nearly all of it while
-//!   they are in the beam.
-//! - `far`: 0.4–6.5 m, for halls. Profile 5 hears most (21.6 dB) and its 32 cm envelope needs a sample only every
-//!   120 mm; 13 MHz measures to 7 m. 440 sweeps a second follow 0.54 m/s. 101 kB/s.
-//! - `fine`: 10 mm points to 3.2 m, 120 sweeps a second, for single reflectors and range-only sums.
-//! - `thesis`: Table 3.1 of the thesis, 0.20–1.00 m at 2.5 mm, 120 sweeps a second.
+//! - `d16`: the default. Sweep rate matters more than range samples, since the 14 cm envelope needs
+//!   a sample only every 60 mm; 1056 sweeps per second follow the phase up to 1.31 m/s. 211 kB/s:
+//!   USB.
+//! - `c16`: the same points with one sweep per frame, 500 sweeps per second, 100 kB/s: slower
+//!   links.
+//! - `slow-link`: the same points with one sweep per frame, 25 sweeps per second, for boards at
+//!   115200 baud, of which it uses eight tenths. The line is the bottleneck, so each point has
+//!   eight times the averages: 9 dB more signal.
+//! - `close`: 0.15–0.61 m, for objects that nearly touch the head. Profile 1: its 4 cm pulse is
+//!   over before echoes from 0.15 m come back, and it resolves what longer pulses blur; points
+//!   every 20 mm. 1200 sweeps per second follow the phase up to 1.48 m/s. All of it is within reach
+//!   of the hands: nothing is confirmed unless `rooms.map.hands_reach_m` is 0, and tracked hands
+//!   explain nearly all echoes while they are in the beam.
+//! - `far`: 0.4–6.5 m, for halls. Profile 5 has the highest loop gain (21.6 dB), and its 32 cm
+//!   envelope needs a sample only every 120 mm; a PRF of 13 MHz measures to 7 m. 440 sweeps per
+//!   second follow the phase up to 0.54 m/s. 101 kB/s.
+//! - `fine`: points every 10 mm to 3.2 m, 120 sweeps per second, for single reflectors and
+//!   range-only backprojection.
+//! - `thesis`: Table 3.1 of the thesis, 0.20–1.00 m at 2.5 mm, 120 sweeps per second.
 
 use super::{IdleState, Prf, Profile, SensorConfig, Subsweep};
 
-/// Names that [`preset`] knows.
+/// Names of all presets.
 pub const PRESETS: [&str; 7] = ["d16", "c16", "slow-link", "close", "far", "fine", "thesis"];
 
 fn one_subsweep(sweeps_per_frame: u32, frame_rate: f64, subsweep: Subsweep) -> SensorConfig {
@@ -35,7 +41,7 @@ fn points(num_points: u32, step_length: u32) -> Subsweep {
     Subsweep { start_point: 80, num_points, step_length, hwaas: 16, phase_enhancement: true, ..Default::default() }
 }
 
-/// The configuration of that name.
+/// The preset with this name.
 pub fn preset(name: &str) -> Option<SensorConfig> {
     match name {
         "d16" => Some(one_subsweep(16, 66.0, points(50, 24))),
@@ -53,12 +59,12 @@ pub fn preset(name: &str) -> Option<SensorConfig> {
     }
 }
 
-/// What a preset is for, in a few words.
+/// Purpose of a preset, in a few words.
 pub fn preset_purpose(name: &str) -> &'static str {
     match name {
         "d16" => "rooms, over USB or network",
         "c16" => "rooms, over a fast UART",
-        "slow-link" => "boards held at 115200 baud",
+        "slow-link" => "boards limited to 115200 baud",
         "close" => "0.15 to 0.6 m, hands away",
         "far" => "to 6.5 m",
         "fine" => "single reflectors",
@@ -85,7 +91,7 @@ mod tests {
             let sweeps_hz = f64::from(config.sweeps_per_frame) / timing.frame_period_s;
             assert!((sweeps_hz * (299_792_458.0 / 60.5e9) / 4.0 - speed_m_per_s).abs() < 0.01, "{name}: {sweeps_hz}");
             assert!(timing.frame_s / timing.frame_period_s < 0.97, "{name}: no time to spare");
-            // A sample at least twice an envelope.
+            // At least two samples per envelope.
             let subsweep = config.subsweeps[0];
             let step_m = f64::from(subsweep.step_length) * super::super::BASE_STEP_M;
             assert!(step_m <= subsweep.profile.envelope_fwhm_m() / 2.0 + 1e-3, "{name}");

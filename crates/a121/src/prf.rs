@@ -1,4 +1,4 @@
-//! Pulse repetition frequencies. A higher one measures faster and sees less far.
+//! Pulse repetition frequencies. A higher one measures faster and to a shorter range.
 
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +26,7 @@ pub enum Prf {
 }
 
 impl Prf {
-    /// Hz.
+    /// The frequency, Hz.
     pub fn hz(self) -> f64 {
         match self {
             Self::Mhz19_5 => 19.5e6,
@@ -38,7 +38,7 @@ impl Prf {
         }
     }
 
-    /// Farthest range that a point may be set to, metres.
+    /// Farthest range of a point, metres.
     pub fn max_measurable_m(self) -> f64 {
         match self {
             Self::Mhz19_5 => 3.1,

@@ -1,4 +1,4 @@
-//! The five pulse lengths: longer pulses carry more energy and resolve less.
+//! The five pulse profiles: longer pulses carry more energy and have a coarser resolution.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +18,7 @@ pub enum Profile {
     P5,
 }
 
-/// The protocol says 3, the vendor's session files say "PROFILE_3".
+/// Serialised form: 3 in the protocol, "PROFILE_3" in the vendor's session files.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Spelling {
@@ -47,15 +47,16 @@ impl From<Profile> for u8 {
 }
 
 impl Profile {
-    /// All, shortest pulse first.
+    /// All profiles, shortest pulse first.
     pub const ALL: [Profile; 5] = [Self::P1, Self::P2, Self::P3, Self::P4, Self::P5];
 
-    /// 1 to 5.
+    /// The profile with this number, 1 to 5.
     pub fn from_number(number: u8) -> Option<Self> {
         Self::ALL.get(usize::from(number).checked_sub(1)?).copied()
     }
 
-    /// Full width at half maximum of the AMPLITUDE envelope, metres (0.039 and 0.138 measured for profiles 1 and 3).
+    /// Full width at half maximum of the AMPLITUDE envelope, metres. Data of the vendor; 0.039 and
+    /// 0.138 measured for profiles 1 and 3.
     pub fn envelope_fwhm_m(self) -> f64 {
         [0.04, 0.07, 0.14, 0.19, 0.32][self as usize]
     }
@@ -65,7 +66,7 @@ impl Profile {
         [11.3, 13.7, 19.0, 20.5, 21.6][self as usize]
     }
 
-    /// Time of one hardware average, and of a point's overhead, at PRF 15.6 MHz, seconds.
+    /// Duration of one hardware average, and overhead of a point, at a PRF of 15.6 MHz, seconds.
     pub(super) fn sample_and_overhead_s_at_15_6_mhz(self) -> (f64, f64) {
         match self {
             Self::P1 => (1795e-9, 2102e-9),

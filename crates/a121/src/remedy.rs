@@ -1,12 +1,12 @@
-//! What this computer says about a port that cannot be opened, and what to do about it.
+//! Finds out why a port cannot be opened, and what to do about it.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Processes looked at, at most.
+/// Limit of the number of processes examined. Choice.
 const MAX_PROCESSES: usize = 65_536;
 
-/// What lets this user open a port.
+/// How this user can get access to a port.
 pub(super) fn permission(path: &str) -> String {
     match owning_group(path) {
         Some(group) => format!(
@@ -21,7 +21,7 @@ pub(super) fn permission(path: &str) -> String {
     }
 }
 
-/// Who has a port open, and what to do.
+/// The process that has a port open, and what to do.
 pub(super) fn holder_and_remedy(path: &str) -> (String, String) {
     let holder = holder(path);
     let remedy = if holder.as_deref().is_some_and(|name| name.starts_with("ModemManager")) || modem_manager_runs() {
@@ -32,7 +32,7 @@ pub(super) fn holder_and_remedy(path: &str) -> (String, String) {
     (holder.unwrap_or_else(|| "another program".to_owned()), remedy)
 }
 
-/// What keeps ModemManager away from boards.
+/// How to keep ModemManager away from boards.
 pub const MODEM_MANAGER_REMEDY: &str = "ModemManager asks new ports whether they are modems, for some 30 s; wait, or \
      tell it to leave the board alone: put ATTRS{idVendor}==\"0483\", ENV{ID_MM_DEVICE_IGNORE}=\"1\" (the vendor's id as \
      doctor shows it) into /etc/udev/rules.d/99-a121.rules, run `sudo udevadm control --reload`, plug the board in again";
@@ -42,20 +42,20 @@ pub fn modem_manager_runs() -> bool {
     processes().any(|process| name_of(&process).is_some_and(|name| name == "ModemManager"))
 }
 
-/// The group that owns a port.
+/// Name of the group that owns a port.
 #[cfg(unix)]
 pub fn owning_group(path: &str) -> Option<String> {
     use std::os::unix::fs::MetadataExt;
     group_name(fs::metadata(path).ok()?.gid(), &fs::read_to_string("/etc/group").ok()?)
 }
 
-/// The group that owns a port: there is none here.
+/// Name of the group that owns a port: always `None` on this system.
 #[cfg(not(unix))]
 pub fn owning_group(_path: &str) -> Option<String> {
     None
 }
 
-/// The name of a group in the words of `/etc/group`; root's is no group to join.
+/// Name of a group in the format of `/etc/group`; `None` for root, which users cannot join.
 #[cfg(unix)]
 fn group_name(gid: u32, table: &str) -> Option<String> {
     let rows = table.lines().map(|line| line.split(':').collect::<Vec<_>>());
@@ -63,7 +63,7 @@ fn group_name(gid: u32, table: &str) -> Option<String> {
     named.next().map(|row| row[0].to_owned()).filter(|name| gid != 0 && !name.is_empty())
 }
 
-/// The process that has a port open, as far as this user may see it.
+/// The process that has a port open, if this user may see it.
 fn holder(path: &str) -> Option<String> {
     let path = Path::new(path).canonicalize().ok()?;
     let has_it = |process: &PathBuf| {

@@ -1,4 +1,4 @@
-//! What the server says: the JSON line before every payload, taken apart.
+//! Replies of the server: parses the JSON line that precedes every payload.
 
 use serde::Deserialize;
 
@@ -9,28 +9,28 @@ use super::Calibration;
 pub struct SystemInfo {
     /// The software's version, see [`super::Version::parse`].
     pub rss_version: String,
-    /// Which sensor it speaks to: `a121`.
+    /// Type of the sensor: `a121`.
     pub sensor: Option<String>,
-    /// Sensors that the board may have.
+    /// Number of sensor connectors.
     pub sensor_count: u32,
-    /// Ticks of the board's clock in a second.
+    /// Ticks of the board's clock per second.
     pub ticks_per_second: u32,
-    /// The board, `xc120`.
+    /// Name of the board, such as `xc120`.
     pub hw: Option<String>,
-    /// Fastest speed of the serial line, where it has one.
+    /// Highest baud rate of the serial line, if it has one.
     pub max_baudrate: Option<u32>,
 }
 
-/// A place for a sensor.
+/// One sensor connector.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct SensorInfo {
-    /// Whether a sensor answers there.
+    /// Whether a sensor is connected.
     pub connected: bool,
     /// Its serial number.
     pub serial: Option<String>,
 }
 
-/// What the server makes of one sensor's configuration.
+/// The server's metadata of one sensor's configuration.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct SensorMetadata {
     /// Samples in a frame.
@@ -39,48 +39,48 @@ pub struct SensorMetadata {
     pub sweep_data_length: u64,
     /// Chip temperature at calibration, °C.
     pub calibration_temperature: Option<f64>,
-    /// Metres between points at step 1.
+    /// Distance between points at step length 1, metres.
     pub base_step_length_m: Option<f64>,
-    /// Fastest sweeps a second, as the server reckons.
+    /// Highest sweep rate by the server's calculation, Hz.
     pub max_sweep_rate: Option<f64>,
-    /// The sensor's high-speed mode is in use.
+    /// Whether the sensor's high-speed mode is in use.
     pub high_speed_mode: Option<bool>,
 }
 
-/// The answer to a set-up.
+/// Reply to a set-up.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SetupReply {
     /// Ticks between results, 0 without an update rate.
     pub tick_period: u32,
     /// `[group][sensor]`, in the order of the set-up.
     pub metadata: Vec<Vec<SensorMetadata>>,
-    /// Calibrations, to be used again.
+    /// Calibrations, for reuse.
     pub calibrations: Vec<Calibration>,
 }
 
-/// What one sensor says of one frame. Every field is asked for, so that a damaged name is noticed.
+/// Metadata of one sensor's frame. Every field is required, so that a damaged key is noticed.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct ResultInfo {
     /// The board's clock at the END of the measurement; wraps.
     pub tick: u32,
-    /// Some sample hit the converter's limit.
+    /// Whether a sample hit the limit of the converter.
     pub data_saturated: bool,
     /// Chip temperature, °C.
     pub temperature: i16,
-    /// The sensor asks to be calibrated again.
+    /// Whether the sensor requests a calibration.
     pub calibration_needed: bool,
-    /// The sensor could not keep its rate.
+    /// Whether the sensor could not keep its rate.
     pub frame_delayed: bool,
 }
 
 /// A line of the server's log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogLine {
-    /// Its weight: `error`, `warning`, `info` …
+    /// Level: `error`, `warning`, `info` …
     pub level: String,
-    /// The part of the server that speaks.
+    /// Module of the server.
     pub module: String,
-    /// What it says.
+    /// The message.
     pub text: String,
 }
 
@@ -93,29 +93,29 @@ pub enum Reply {
     Sensors(Vec<SensorInfo>),
     /// To `setup`.
     Setup(SetupReply),
-    /// To a command without an answer of its own.
+    /// To a command without a specific reply.
     Ok,
-    /// Streaming began.
+    /// Streaming started.
     Started,
-    /// Streaming ended.
+    /// Streaming stopped.
     Stopped,
-    /// A line of the log, between anything.
+    /// A log line; may come at any time.
     Log(LogLine),
-    /// The server refuses, in its words.
+    /// The server refuses; its message.
     Error(String),
-    /// The server ended the session by itself.
+    /// The server ended the session.
     SessionEnded,
 }
 
-/// A line taken apart.
+/// A parsed line.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Header {
     Reply(Reply),
-    /// `[group][sensor]`, and the bytes of payload that follow.
+    /// Metadata as `[group][sensor]`, and the size of the payload that follows, bytes.
     Result(Vec<Vec<ResultInfo>>, u64),
 }
 
-/// The line as it stands; which fields there are says what it is.
+/// The line as JSON; the fields that are present determine its type.
 #[derive(Deserialize)]
 struct Line {
     status: String,
@@ -134,7 +134,7 @@ struct Line {
 }
 
 impl Header {
-    /// Takes a line without its end apart; `None` when it is none of the protocol's.
+    /// Parses a line without its newline; `None` if it is not part of the protocol.
     pub fn parse(line: &[u8]) -> Option<Self> {
         let line: Line = serde_json::from_slice(line).ok()?;
         if line.status == "ok"
@@ -143,7 +143,7 @@ impl Header {
             let ended = info.is_empty() && line.payload_size == 0;
             return Some(if ended { Self::Reply(Reply::SessionEnded) } else { Self::Result(info, line.payload_size) });
         }
-        // Nothing else has a payload.
+        // Only results have a payload.
         (line.payload_size == 0).then_some(())?;
         let reply = match line.status.as_str() {
             "ok" => match (line.system_info, line.sensor_info, line.metadata) {

@@ -1,149 +1,149 @@
-//! What a configuration may be. Each refusal names the field, its value and the bound.
+//! Rules of a configuration. Each error names the field, its value and the limit.
 
 use super::{IdleState, Prf, Profile, SensorConfig, Subsweep};
 
-/// A rule that a configuration breaks. Subsweeps are counted from 0.
+/// A broken rule of a configuration. Subsweeps are counted from 0.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ConfigError {
-    /// Nothing to measure.
+    /// No subsweeps.
     #[error("subsweeps is empty: give 1 to 4")]
     NoSubsweeps,
-    /// More than the sensor takes.
+    /// Too many subsweeps.
     #[error("subsweeps has {0} entries: give 1 to 4")]
     TooManySubsweeps(usize),
     /// A number outside its range.
     #[error("{field} is {value}: it must lie in {min} to {max}")]
     OutOfRange {
-        /// Field, with the subsweep it belongs to.
+        /// The field, with its subsweep.
         field: String,
-        /// What it is.
+        /// Its value.
         value: i64,
-        /// Least allowed.
+        /// Lowest allowed value.
         min: i64,
-        /// Most allowed.
+        /// Highest allowed value.
         max: i64,
     },
-    /// Steps that the sensor cannot make.
+    /// A step length that the sensor does not support.
     #[error("subsweeps[{subsweep}].step_length is {value}: it must divide 24 or be a multiple of 24")]
     StepLength {
-        /// Which subsweep.
+        /// Index of the subsweep.
         subsweep: usize,
-        /// What it is.
+        /// Its step length.
         value: u32,
     },
-    /// Loopback would damage the measurement.
+    /// Loopback with profile 2, which would spoil the measurement.
     #[error("subsweeps[{0}].enable_loopback is true with profile 2: choose another profile or switch it off")]
     LoopbackWithProfile2(usize),
-    /// The fastest repetition suits the shortest pulse alone.
+    /// The highest PRF requires profile 1.
     #[error(
         "subsweeps[{subsweep}].prf is 19.5 MHz with profile {profile}: it needs profile 1; choose 15.6 MHz or less"
     )]
     PrfNeedsProfile1 {
-        /// Which subsweep.
+        /// Index of the subsweep.
         subsweep: usize,
         /// Its profile.
         profile: u8,
     },
-    /// The measurement would reach beyond what the PRF can tell apart.
+    /// The last point lies beyond the unambiguous range of the PRF.
     #[error(
         "subsweeps[{subsweep}] ends at {end_m:.2} m: prf {prf_mhz} MHz measures to {max_m} m; lower the prf or num_points"
     )]
     BeyondPrf {
-        /// Which subsweep.
+        /// Index of the subsweep.
         subsweep: usize,
-        /// Its last point, metres.
+        /// Range of its last point, metres.
         end_m: f64,
         /// Its PRF, MHz.
         prf_mhz: f64,
-        /// The bound, metres.
+        /// Farthest allowed range, metres.
         max_m: f64,
     },
-    /// The PRF may only fall from one subsweep to the next.
+    /// The PRF rises from one subsweep to the next.
     #[error("subsweeps[{subsweep}].prf is {value_mhz} MHz, above {before_mhz} MHz before it: it must not rise")]
     PrfRises {
-        /// The later subsweep.
+        /// Index of the later subsweep.
         subsweep: usize,
-        /// Its PRF.
+        /// Its PRF, MHz.
         value_mhz: f64,
-        /// The one before.
+        /// PRF of the subsweep before, MHz.
         before_mhz: f64,
     },
-    /// A rate that is no rate.
+    /// A rate that is not positive and finite.
     #[error("{field} is {value:?}: it must be above 0 and below 3e38, or left out for as fast as possible")]
     Rate {
         /// `frame_rate` or `sweep_rate`.
         field: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
     },
-    /// Frames cannot come faster than their sweeps.
+    /// The frame rate is too high for the sweep rate.
     #[error(
         "frame_rate is {frame_rate}: with {sweeps_per_frame} sweeps at sweep_rate {sweep_rate} it may be {max} at most"
     )]
     FrameRateAboveSweeps {
-        /// What it is.
+        /// Frame rate, Hz.
         frame_rate: f64,
-        /// The sweep rate.
+        /// Sweep rate, Hz.
         sweep_rate: f64,
         /// Sweeps in a frame.
         sweeps_per_frame: u32,
-        /// The bound.
+        /// Highest frame rate, Hz.
         max: f64,
     },
-    /// Frames would have to idle less deeply than sweeps.
+    /// The idle state between frames is less deep than the one between sweeps.
     #[error("inter_frame_idle_state is {frame:?}, less deep than inter_sweep_idle_state {sweep:?}: make it as deep")]
     FrameIdleShallower {
-        /// Between frames.
+        /// Idle state between frames.
         frame: IdleState,
-        /// Between sweeps.
+        /// Idle state between sweeps.
         sweep: IdleState,
     },
-    /// Continuous sweeps leave no room for a frame rate of its own.
+    /// Continuous sweep mode excludes a frame rate.
     #[error("continuous_sweep_mode with frame_rate {0}: leave frame_rate out")]
     ContinuousWithFrameRate(f64),
-    /// Continuous sweeps need a rate.
+    /// Continuous sweep mode requires a sweep rate.
     #[error("continuous_sweep_mode without sweep_rate: set sweep_rate")]
     ContinuousWithoutSweepRate,
-    /// Continuous sweeps idle alike everywhere.
+    /// Continuous sweep mode requires equal idle states.
     #[error(
         "continuous_sweep_mode with inter_frame_idle_state {frame:?} and inter_sweep_idle_state {sweep:?}: make them equal"
     )]
     ContinuousIdleStates {
-        /// Between frames.
+        /// Idle state between frames.
         frame: IdleState,
-        /// Between sweeps.
+        /// Idle state between sweeps.
         sweep: IdleState,
     },
-    /// The sensor's memory.
+    /// The frame exceeds the sensor's buffer.
     #[error(
         "num_points × sweeps_per_frame is {per_sweep} × {sweeps_per_frame} = {points}: the sensor holds {max}{hint}"
     )]
     Buffer {
-        /// Points × sweeps.
+        /// Points × sweeps of the configuration.
         points: u64,
         /// Points in a sweep.
         per_sweep: u64,
         /// Sweeps in a frame.
         sweeps_per_frame: u32,
-        /// The bound.
+        /// Buffer size, points.
         max: u64,
-        /// What halves it.
+        /// Text: why the buffer is halved, if it is.
         hint: &'static str,
     },
 }
 
-/// Most subsweeps in a sweep.
+/// Most subsweeps in a sweep. Physics: sensor.
 const MAX_SUBSWEEPS: usize = 4;
-/// Points that the sensor's buffer holds.
+/// Size of the sensor's buffer, points. Physics: sensor.
 const BUFFER_POINTS: u64 = 4095;
-/// The same when double buffering splits it.
+/// Size of the buffer when double buffering splits it, points. Physics: sensor.
 const BUFFER_POINTS_DOUBLE: u64 = 2047;
 
 impl SensorConfig {
-    /// Checks every rule of the sensor; the first broken one is the error.
+    /// Checks every rule of the sensor and returns the first broken one.
     ///
     /// # Errors
-    /// The rule that is broken.
+    /// The broken rule.
     pub fn validate(&self) -> Result<(), ConfigError> {
         if self.subsweeps.is_empty() {
             return Err(ConfigError::NoSubsweeps);
@@ -184,7 +184,8 @@ impl SensorConfig {
 
     fn validate_rates(&self) -> Result<(), ConfigError> {
         for (field, rate) in [("sweep_rate", self.sweep_rate), ("frame_rate", self.frame_rate)] {
-            // Servers keep rates as 32-bit floats: what is 0 or endless there is no rate, however it is spelt.
+            // Servers store rates as 32-bit floats; a rate that becomes 0 or infinite there is
+            // invalid.
             if let Some(value) = rate.filter(|v| !((*v as f32).is_normal() && *v > 0.0)) {
                 return Err(ConfigError::Rate { field, value });
             }

@@ -1,5 +1,6 @@
-//! Each rule by an accepted and a refused configuration one step apart, and all rules at once against the sensor's limits
-//! restated here, from the vendor's documents and not from the code under test.
+//! Tests each rule with an accepted and a rejected configuration one step apart, and all rules
+//! together against the sensor's limits, restated here from the vendor's documents and not from the
+//! code under test.
 
 use proptest::prelude::*;
 
@@ -15,7 +16,7 @@ fn every_preset_is_valid() {
 
 type Change = fn(&mut SensorConfig);
 
-/// What the refusal says, an accepted change of the default, and a refused one a step away.
+/// Rows: text of the error, an accepted change of the default, and a rejected one a step away.
 fn neighbours() -> Vec<(&'static str, Change, Change)> {
     vec![
         ("subsweeps is empty", |c| c.subsweeps.truncate(1), |c| c.subsweeps.truncate(0)),
@@ -145,7 +146,7 @@ fn each_rule_rejects_and_accepts_its_neighbouring_examples() {
     assert_eq!(told, [true; 15], "a rule without examples");
 }
 
-/// Rules by number: a new one does not compile until it is counted here.
+/// Index of each rule; a new rule does not compile until it has one.
 fn rule_of(error: &ConfigError) -> usize {
     match error {
         ConfigError::NoSubsweeps => 0,
@@ -166,7 +167,7 @@ fn rule_of(error: &ConfigError) -> usize {
     }
 }
 
-/// PRF, MHz, and how far points may lie at it, metres.
+/// PRF, MHz, and the farthest range of a point, metres.
 const PRF_LIMITS: [(Prf, f64, f64); 6] = [
     (Prf::Mhz19_5, 19.5, 3.1),
     (Prf::Mhz15_6, 15.6, 5.1),
@@ -175,7 +176,7 @@ const PRF_LIMITS: [(Prf, f64, f64); 6] = [
     (Prf::Mhz6_5, 6.5, 18.5),
     (Prf::Mhz5_2, 5.2, 24.3),
 ];
-/// Metres between points at step 1, as every recording of the vendor's has it.
+/// Distance between points at step length 1, metres, as in every recording of the vendor.
 const STEP_M: f64 = 0.002_502_274_001_017_21;
 
 #[test]
@@ -201,10 +202,10 @@ fn both_vendor_spellings_are_parsed() {
     assert!(serde_json::from_str::<Subsweep>(r#"{"profile": 6}"#).unwrap_err().to_string().contains("1 to 5"));
 }
 
-/// Whether the sensor takes it, in the words of the vendor's documents.
+/// Whether the sensor accepts the configuration, by the vendor's documents.
 fn is_within_limits(config: &SensorConfig) -> bool {
     let SensorConfig { sweeps_per_frame, sweep_rate, frame_rate, subsweeps, .. } = config;
-    // Servers keep rates as 32-bit floats, of which 0 means none.
+    // Servers store rates as 32-bit floats, of which 0 means none.
     let is_rate = |rate: f64| (1.175_494_4e-38..=3.402_823_4e38).contains(&rate);
     let depth = |state: IdleState| match state {
         IdleState::Ready => 0,
@@ -244,7 +245,7 @@ fn is_subsweep_within_limits(s: &Subsweep) -> bool {
     all.into_iter().all(|holds| holds)
 }
 
-/// Mostly values that serve, a few at the borders and beyond.
+/// Mostly valid values, with a few at and beyond the limits.
 fn mostly<T: Clone + std::fmt::Debug + 'static>(sound: &[T], odd: &[T]) -> impl Strategy<Value = T> + use<T> {
     prop_oneof![30 => prop::sample::select(sound.to_vec()), 1 => prop::sample::select(odd.to_vec())]
 }
@@ -302,7 +303,7 @@ fn any_config() -> impl Strategy<Value = SensorConfig> {
     )
 }
 
-/// Everything that a timing tells, in one row.
+/// All times of a timing, in one row.
 fn times_s(timing: &FrameTiming) -> Vec<f64> {
     let FrameTiming { sweep_period_s, sweep_s, frame_s, frame_period_s, .. } = *timing;
     [sweep_period_s, sweep_s, frame_s, frame_period_s].into_iter().chain(timing.subsweeps.iter().map(|s| s.1)).collect()

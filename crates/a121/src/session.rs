@@ -1,14 +1,15 @@
-//! From an open line to timed frames, and back after every fault. Pure: bytes and host times in, actions and events
-//! out.
+//! A session with a board: from an open line to timed frames, and recovery from every fault. Pure:
+//! takes bytes and host times, returns actions and events.
 //!
-//! Way: break (serial) → system → sensors → baud rate (serial) → set-up → start → streaming → stop and drain. Whatever
-//! goes wrong on it is told as an event; what another try may cure is tried again from the break, after a pause that
-//! doubles up to 8 s. Nothing checks an answer on the line: what the system says is asked until two answers agree, and
-//! what ends a session over its set-up has to be said twice. A board that asks for calibration is stopped and set up
-//! anew. Calibrations are used again after faults.
+//! Sequence: break (serial only) → system info → sensor info → baud rate (serial only) → set-up →
+//! start → streaming → stop and drain. Every problem is reported as an event. If a retry can help,
+//! the session restarts from the break after a pause, which doubles up to 8 s. Replies have no
+//! checksum, so the session asks for the system info until two replies agree, and a set-up error
+//! ends the session only if it occurs twice. A board that requests a calibration is stopped and set
+//! up again. Calibrations are reused after faults.
 //!
-//! The caller writes what [`Session::next_action`] says, gives what it reads to [`Session::receive`], and calls
-//! [`Session::poll`] when [`Session::next_deadline_ns`] has come.
+//! The caller performs the actions of [`Session::next_action`], passes received bytes to
+//! [`Session::receive`], and calls [`Session::poll`] at [`Session::next_deadline_ns`].
 
 use std::collections::VecDeque;
 
@@ -19,48 +20,49 @@ use super::{
 };
 use crate::{Frame, FrameTiming, Prf, SensorConfig, frame_timing};
 
-/// Sensors that a board may have.
+/// Highest number of sensors of a board.
 pub const MAX_SENSORS: u32 = 5;
-/// Every session begins at this speed.
+/// Baud rate at the start of every session.
 pub const FIRST_BAUD: u32 = 115_200;
 
 const S: i64 = 1_000_000_000;
-/// After a break the server needs a second; sending the break takes a quarter of one, and is asked for at its beginning.
+/// Wait after requesting a break, nanoseconds: 0.25 s for the break itself, and 1 s that the server
+/// needs afterwards.
 const BREAK_NS: i64 = S + S / 4;
-/// An answer is waited for this long.
+/// Timeout for a reply, nanoseconds. Choice.
 const ANSWER_NS: i64 = 2 * S;
-/// Stopping may take this much longer.
+/// Additional timeout for stopping, nanoseconds. Choice.
 const STOP_EXTRA_NS: i64 = S;
-/// A line quiet for this long has ended a payload: one without a speed of its own, and a serial one, of which
-/// converters hand the bytes on in pieces, one every millisecond.
+/// A line without bytes for this long has ended a payload, nanoseconds. Serial lines need longer,
+/// because converters pass bytes on in pieces, one per millisecond. Choice.
 const QUIET_NS: i64 = 300_000;
 const QUIET_SERIAL_NS: i64 = 2_000_000;
-/// Different answers to the first question until the line is given up for now.
+/// Limit of differing replies to the first command before the session restarts. Choice.
 const MAX_ANSWERS: usize = 6;
-/// Pauses between tries.
+/// First and longest pause before a retry, nanoseconds. Choice.
 const RETRY_PAUSE_NS: (i64, i64) = (S / 2, 8 * S);
-/// A board that asks for calibration again sooner than this is left alone.
+/// A calibration request sooner than this after the last one is ignored, nanoseconds. Choice.
 const RECALIBRATE_NS: i64 = 10 * S;
-/// Events kept for a caller that does not fetch them.
+/// Limit of unread events. Choice.
 const MAX_EVENTS: usize = 4096;
-/// Bytes of a result's line, about: with the payload, what a slow line takes its time for.
+/// Approximate size of a result's line, bytes; with the payload it gives the transfer time.
 const LINE_BYTES: f64 = 170.0;
 
-/// Versions up to this one are not understood.
+/// Versions up to this one are not supported.
 const LAST_UNSUPPORTED: Version = Version::release(0, 2, 0);
 const CALIBRATION_REUSE_SINCE: Version = Version::development(0, 4, 3, 280);
 const PRF_5_2_SINCE: Version = Version::development(0, 4, 3, 310);
 const PRF_15_6_SINCE: Version = Version::development(0, 7, 1, 37);
 
-/// How the board is reached.
+/// Link to the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Link {
-    /// A serial port; the speed to switch to, `None`: the board's fastest.
+    /// A serial port.
     Serial {
-        /// Bits a second.
+        /// Baud rate to switch to; `None` for the highest one of the board.
         baud: Option<u32>,
     },
-    /// A socket of the Raspberry Pi's server.
+    /// A socket to the server on a Raspberry Pi.
     Tcp,
 }
 
@@ -71,7 +73,7 @@ pub enum Action {
     Send(Vec<u8>),
     /// Send a break.
     SendBreak,
-    /// Throw away what was received and not yet given to the session.
+    /// Discard bytes that were received but not yet passed to the session.
     FlushInput,
     /// Switch the local port to this speed.
     SetBaud(u32),
@@ -79,85 +81,85 @@ pub enum Action {
     Reopen,
 }
 
-/// One sensor's frame, with its time.
+/// A frame of one sensor, with its host time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorFrame {
-    /// Group of the set-up.
+    /// Group within the set-up.
     pub group: usize,
     /// Sensor on the board, from 1.
     pub sensor_id: u32,
-    /// The frame; its host time is the end of its measurement.
+    /// The frame; its host time is the end of the measurement.
     pub frame: Frame,
 }
 
-/// What happened.
+/// An event of the session.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
     /// The board answered.
     Connected(SystemInfo, Vec<SensorInfo>),
     /// The sensors are set up.
     SetUp(SetupReply),
-    /// Frames will come.
+    /// Streaming started.
     Streaming,
     /// The frames of one result, group by group.
     Frames(Vec<SensorFrame>),
     /// A line of the board's log.
     Log(LogLine),
-    /// A sensor asked for calibration: everything is set up anew.
+    /// A sensor requested a calibration; all sensors are set up again.
     Recalibrating,
-    /// Something went wrong; the session tries again by itself.
+    /// A problem; the session retries.
     Trouble(SessionError),
-    /// Something went wrong that no other try cures; the session is over.
+    /// A problem that a retry cannot solve; the session is over.
     Failed(SessionError),
-    /// Stopped as asked.
+    /// Stopped on request.
     Stopped,
 }
 
-/// What a session has been through.
+/// Counters of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SessionCounters {
-    /// The stream's.
+    /// Counters of the byte stream.
     pub stream: StreamCounters,
-    /// Results handed on as frames.
+    /// Results emitted as frames.
     pub results: u64,
-    /// Results that only served to witness the first tick.
+    /// Results that only served to confirm the first tick.
     pub unconfirmed: u64,
-    /// Results refused for their tick.
+    /// Results rejected because of their tick.
     pub refused_ticks: u64,
-    /// Times that the sensor's clock jumped.
+    /// Jumps of the sensor's clock.
     pub tick_jumps: u64,
-    /// Tries to connect.
+    /// Connection attempts.
     pub connects: u64,
-    /// Answers that did not come.
+    /// Missing replies.
     pub unanswered: u64,
     /// Times that frames stopped.
     pub silences: u64,
-    /// Answers that nobody asked for.
+    /// Replies without a request.
     pub unexpected_replies: u64,
-    /// Times that a sensor asked for calibration and was set up anew.
+    /// New set-ups after a calibration request.
     pub recalibrations: u64,
-    /// Events that nobody fetched.
+    /// Events dropped because they were not read.
     pub dropped_events: u64,
 }
 
-/// Where a session stands.
+/// State of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
-    /// Between tries.
+    /// Waits before a retry.
     Pausing,
     /// The line is closed.
     Closed,
     Breaking,
     Awaiting(Request),
     Streaming,
-    /// Stopping: to end, or to be set up anew.
+    /// Stopping, either to end or to set up again.
     Stopping {
         ends: bool,
     },
     Over,
 }
 
-/// What an answer is awaited to.
+/// The request whose reply is awaited.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Request {
     System,
@@ -179,12 +181,12 @@ impl Request {
     }
 }
 
-/// What is known of the board that answered.
+/// The board that answered.
 #[derive(Debug, Clone)]
 struct Board {
     info: SystemInfo,
     version: Version,
-    /// Speed of the line where it is a true one, bits a second.
+    /// Baud rate; `None` if the link has no baud rate.
     baud: Option<u32>,
 }
 
@@ -199,15 +201,15 @@ pub struct Session {
     deadline_ns: i64,
     last_bytes_ns: i64,
     pause_ns: i64,
-    /// What boards said of themselves since the last break.
+    /// Different system infos received since the last break.
     system_infos: Vec<SystemInfo>,
     board: Option<Board>,
-    /// Why the set-up failed the last time.
+    /// Error of the last set-up, if it failed.
     unconfirmed_error: Option<SessionError>,
     calibrations: Vec<Calibration>,
     recalibrated_ns: Option<i64>,
     stop_sent: bool,
-    /// What was told to stop has not said yet that it did.
+    /// A stop command was sent to an older stream, and its reply is still missing.
     stop_reply_pending: bool,
     ticks: Vec<TickUnwrapper>,
     clock: Option<Clock>,
@@ -217,10 +219,10 @@ pub struct Session {
 }
 
 impl Session {
-    /// A session on a line that is open, begun at once.
+    /// Starts a session on an open line.
     ///
     /// # Errors
-    /// A set-up that breaks a rule.
+    /// The set-up breaks a rule.
     pub fn new(setup: Setup, link: Link, now_ns: i64) -> Result<Self, SessionError> {
         check(&setup)?;
         let timings = setup.sensors().map(|s| frame_timing(&s.config)).collect();
@@ -251,17 +253,17 @@ impl Session {
         Ok(session)
     }
 
-    /// What to do next with the line, in order.
+    /// The next action to perform on the line, in order.
     pub fn next_action(&mut self) -> Option<Action> {
         self.actions.pop_front()
     }
 
-    /// What happened next.
+    /// The next event.
     pub fn next_event(&mut self) -> Option<Event> {
         self.events.pop_front()
     }
 
-    /// When [`Self::poll`] has something to do, host nanoseconds.
+    /// When [`Self::poll`] is due, host nanoseconds.
     pub fn next_deadline_ns(&self) -> i64 {
         match self.parser.has_unconfirmed() && self.state != State::Over {
             true => self.deadline_ns.min(self.last_bytes_ns.saturating_add(self.quiet_ns())),
@@ -274,17 +276,17 @@ impl Session {
         self.state == State::Over
     }
 
-    /// What it has been through.
+    /// The counters.
     pub fn counters(&self) -> SessionCounters {
         SessionCounters { stream: *self.parser.counters(), ..self.counters }
     }
 
-    /// How good the times are; `None` before streaming.
+    /// Quality of the frame times; `None` before streaming.
     pub fn clock_report(&self) -> Option<ClockReport> {
         self.clock.as_ref().map(Clock::report)
     }
 
-    /// Bytes that were read at a host time.
+    /// Takes bytes that were read at a host time.
     pub fn receive(&mut self, bytes: &[u8], now_ns: i64) {
         if matches!(self.state, State::Over | State::Closed | State::Breaking) {
             return;
@@ -295,7 +297,7 @@ impl Session {
         self.handle_all(&mut received, now_ns);
     }
 
-    /// Does what is due at a host time.
+    /// Performs what is due at a host time.
     pub fn poll(&mut self, now_ns: i64) {
         if self.parser.has_unconfirmed() && now_ns.saturating_sub(self.last_bytes_ns) >= self.quiet_ns() {
             let mut received = std::mem::take(&mut self.received);
@@ -307,7 +309,7 @@ impl Session {
         }
     }
 
-    /// Asks for the end: what is on its way is still handed on, then [`Event::Stopped`] comes.
+    /// Ends the session: frames in transit are still emitted, then [`Event::Stopped`].
     pub fn stop(&mut self, now_ns: i64) {
         match self.state {
             State::Over => {}
@@ -317,7 +319,7 @@ impl Session {
         }
     }
 
-    /// The line broke: unplugged, or closed by the other side.
+    /// Reports that the line was lost: unplugged, or closed by the other side.
     pub fn line_lost(&mut self, reason: &str) {
         self.actions.clear();
         if self.state == (State::Stopping { ends: true }) {
@@ -328,7 +330,7 @@ impl Session {
         }
     }
 
-    /// The line is open again.
+    /// Reports that the line is open again.
     pub fn line_opened(&mut self, now_ns: i64) {
         if self.state != State::Over {
             self.connect(now_ns);
@@ -386,12 +388,13 @@ impl Session {
         self.enter(State::Awaiting(asked), now_ns.saturating_add(extra_ns));
     }
 
-    /// How long the next frame may take.
+    /// Timeout for the next frame, nanoseconds.
     fn frame_patience_ns(&self) -> i64 {
         ANSWER_NS.max(((1.5 * self.result_period_s() + 1.0).min(1e6) * 1e9) as i64)
     }
 
-    /// From result to result, seconds: as the rates say, but no faster than groups can measure one after the other.
+    /// Time between results, seconds: as configured, but at least the time that the groups need one
+    /// after the other.
     fn result_period_s(&self) -> f64 {
         let busy_s =
             |s: &SensorSetup| frame_timing(&SensorConfig { frame_rate: None, ..s.config.clone() }).frame_period_s;
@@ -432,7 +435,7 @@ impl Session {
                     now_ns,
                 );
             }
-            // It was asked to stop and says nothing more: as good as stopped.
+            // No reply after the stop command counts as stopped.
             State::Stopping { ends: true } => self.finish(Event::Stopped),
             State::Stopping { ends: false } => {
                 self.counters.unanswered += 1;
@@ -451,7 +454,7 @@ impl Session {
         self.pause_ns = (2 * self.pause_ns).min(RETRY_PAUSE_NS.1);
     }
 
-    /// What no other try cures ends the session, when it is said again: the line may have made it up.
+    /// Ends the session if the same error occurs twice; once, it may be a transmission fault.
     fn fail(&mut self, error: SessionError, now_ns: i64) {
         if self.unconfirmed_error.as_ref() == Some(&error) {
             return self.finish(Event::Failed(error));
@@ -495,7 +498,8 @@ impl Session {
                 self.parser.expect_results(None);
                 self.ask(Request::Setup, now_ns);
             }
-            // An older session's stream was stopped: its board listens now, and may not have before.
+            // The stream of an older session has stopped. The board may not have processed the
+            // earlier command, so it is sent again.
             (State::Awaiting(asked), Reply::Stopped) if self.stop_reply_pending => {
                 self.stop_reply_pending = false;
                 if let Request::System | Request::Sensors = asked {
@@ -507,7 +511,8 @@ impl Session {
                 self.retry_after_pause(SessionError::EndedByServer, now_ns);
             }
             (State::Awaiting(Request::Setup), Reply::Error(message)) => {
-                // A calibration that does not fit may be why: without any, the next refusal is about the configuration.
+                // A rejected calibration may be the cause. Without calibrations, the next error is
+                // about the configuration.
                 let error = SessionError::Refused { asked: "setup", message };
                 match std::mem::take(&mut self.calibrations).is_empty() {
                     true => self.fail(error, now_ns),
@@ -579,7 +584,7 @@ impl Session {
             let connected: Vec<String> =
                 (1..=sensors.len() as u32).filter(|&id| is_connected(id)).map(|id| id.to_string()).collect();
             let connected = match connected.is_empty() {
-                true => "none is connected anywhere".to_owned(),
+                true => "none is connected at all".to_owned(),
                 false => format!("connected: {}", connected.join(", ")),
             };
             return self.retry_after_pause(SessionError::NotConnected { sensor_id, connected }, now_ns);
@@ -625,7 +630,7 @@ impl Session {
         self.enter(State::Stopping { ends }, now_ns.saturating_add(self.frame_patience_ns() + STOP_EXTRA_NS));
     }
 
-    /// A board that still streams for somebody who is gone.
+    /// Stops a board that still streams for an earlier client.
     fn handle_stale(&mut self, now_ns: i64) {
         if self.state == State::Awaiting(Request::System) && !std::mem::replace(&mut self.stop_sent, true) {
             self.stop_reply_pending = true;
@@ -635,7 +640,7 @@ impl Session {
     }
 
     fn handle_result(&mut self, result: ResultMessage, arrival_ns: i64, now_ns: i64) {
-        // The line that says so was lost.
+        // The reply to the start command was lost.
         if self.state == State::Awaiting(Request::Start) {
             self.begin_streaming(now_ns);
         }
@@ -662,12 +667,13 @@ impl Session {
         }
     }
 
-    /// The unwrapped ticks of all sensors, when all are believed.
+    /// The unwrapped ticks of all sensors, if all are accepted.
     fn accepted_ticks(&mut self, result: &ResultMessage, arrival_ns: i64) -> Option<Vec<i64>> {
         let (mut accepted, mut is_first, mut has_jumped) = (Vec::new(), false, false);
         let mut of_first = None;
         for (index, (ticks, info)) in self.ticks.iter_mut().zip(&result.infos).enumerate() {
-            // The clock follows the first sensor's ticks; the others' are of the same board.
+            // The clock follows the first sensor; the other sensors' ticks come from the same board
+            // clock.
             let since_first = info.tick.wrapping_sub(result.infos[0].tick) as i32;
             let is_possible = |tick| {
                 let on_clock = if index == 0 {
@@ -711,7 +717,8 @@ impl Session {
         let parts = places.zip(ticks).zip(result.infos.iter().zip(result.frames));
         let frame =
             |(((group, sensor_id), &tick), (info, samples)): (((usize, u32), &i64), (&super::ResultInfo, _))| {
-                // Each sensor's ticks were unwrapped from its own first one, which may lie beyond a wrap.
+                // Each sensor's ticks were unwrapped from its own first tick, which may be beyond a
+                // wrap.
                 let after = (tick as u32).wrapping_sub(first as u32) as i32;
                 let after_ns = (f64::from(after) / rate * 1e9).round() as i64;
                 let frame = Frame {
@@ -729,7 +736,7 @@ impl Session {
     }
 }
 
-/// Whether a set-up keeps all rules that are known before a board is.
+/// Checks all rules that do not depend on the board.
 fn check(setup: &Setup) -> Result<(), SessionError> {
     if setup.groups.is_empty() || setup.groups.iter().any(Vec::is_empty) {
         return Err(SessionError::NoSensors);

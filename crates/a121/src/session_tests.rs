@@ -1,4 +1,4 @@
-//! Sessions with a board made for tests, in simulated time.
+//! Tests of the session with a simulated board, in simulated time.
 
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use super::super::test_stream::{Fault, Sent, TestBoard, small_setup};
 use super::*;
 
-/// Time in the system, nanoseconds; on the line, bytes take theirs.
+/// Latency of the system, nanoseconds; the transfer time comes on top.
 const DELAY_NS: i64 = 100_000;
 
 /// A session, its board, and the line between them.
@@ -20,7 +20,7 @@ struct Bench {
     on_the_way: VecDeque<(i64, Vec<u8>)>,
     events: Vec<Event>,
     actions: Vec<Action>,
-    /// Faults of this kind strike one frame in eight.
+    /// If set, this fault hits one frame in eight.
     faults: Option<fn(&mut ChaCha8Rng) -> Fault>,
 }
 
@@ -92,7 +92,7 @@ impl Bench {
         if self.board.dead {
             return;
         }
-        // In two pieces, 50 µs apart.
+        // In two reads, 50 µs apart.
         let (first, second) = bytes.split_at(self.rng.random_range(0..bytes.len()));
         let ready_ns =
             self.now_ns + DELAY_NS + (bytes.len() as f64 * 1e10 / f64::from(self.port_baud.max(1_000_000))) as i64;
@@ -135,7 +135,8 @@ fn session_streams_at_the_boards_baud_rate_and_stops() {
     bench.run_s(1.0);
     assert_eq!(bench.events.last(), Some(&Event::Stopped));
     assert!(bench.session.is_over() && bench.troubles().is_empty());
-    // All but the first, which waits for its witness; each with its samples, flags and time.
+    // All frames except the first, which waits for confirmation, with their samples, flags and
+    // times.
     let (frames, sent) = (bench.frames(), &bench.board.frames[1..]);
     assert_eq!(frames.len(), sent.len());
     assert!(sent.len() > 190);
@@ -159,8 +160,8 @@ fn tick_wrap_loses_no_frame() {
     assert!(bench.frames().last().unwrap().tick > 1 << 32);
 }
 
-/// A thousand and more faults of one kind in one session: frames lost are frames struck, none is wrong but where
-/// nothing tells.
+/// More than a thousand faults of one kind in one session: only faulty frames are lost, and emitted
+/// frames are right unless the fault is undetectable.
 fn thousand_faults(kind: fn(&mut ChaCha8Rng) -> Fault) {
     let mut bench = Bench::serial();
     bench.run_s(3.0);
@@ -191,7 +192,7 @@ fn thousand_faults(kind: fn(&mut ChaCha8Rng) -> Fault) {
         assert!(frame.data_saturated == sent.info.data_saturated && !frame.calibration_needed, "{sent:?}");
     }
     assert_eq!(next, frames.len());
-    println!("{} struck, {wrong} handed on, {:?}", struck.len(), bench.session.counters());
+    println!("{} faults, {wrong} emitted, {:?}", struck.len(), bench.session.counters());
 }
 
 #[test]
@@ -240,7 +241,7 @@ fn session_resumes_after_a_lost_line() {
     bench.session.line_opened(bench.now_ns);
     bench.run_s(2.25);
     assert!(bench.session.counters().results > before + 50);
-    // Times go on rising through it all.
+    // Times keep rising.
     assert!(bench.frames().windows(2).all(|f| f[1].host_time_ns > f[0].host_time_ns));
 }
 
@@ -271,7 +272,7 @@ fn fatal_errors_say_what_to_do() {
         (|b| b.rss_version = "banana".into(), true, "\"banana\" is not understood"),
         (|b| b.rss_version = "a121-v0.7.0".into(), true, "does not know prf 15.6 MHz (0.7.1.dev37 does)"),
         (|b| b.ticks_per_second = 0, true, "no ticks"),
-        (|b| b.connected = false, false, "no sensor is connected at place 1 (none is connected anywhere)"),
+        (|b| b.connected = false, false, "no sensor is connected at connector 1 (none is connected at all)"),
         (|b| b.refuses = Some("setup"), true, "refuses setup: I do not want to"),
     ];
     for (change, is_over, text) in cases {
@@ -301,7 +302,7 @@ fn damaged_system_info_is_not_accepted() {
         let mut bench = Bench::serial();
         bench.run_s(0.999);
         (bench.board.ticks_per_second, bench.board.rss_version) = (ticks, version.into());
-        // Until the first answer is on its way.
+        // Waits until the first reply is in transit.
         while bench.board.commands.is_empty() {
             bench.run_s(1e-4);
         }
@@ -311,7 +312,7 @@ fn damaged_system_info_is_not_accepted() {
         assert!(bench.troubles().is_empty() && bench.frames().len() > 50, "{ticks} {version}");
         assert_eq!(bench.session.board.as_ref().unwrap().info.ticks_per_second, 1_000_000);
     }
-    // A board that goes on saying something else is given up for the time being.
+    // A board with ever-changing replies is given up for now.
     let mut bench = Bench::serial();
     for step in 0..30_000 {
         bench.board.ticks_per_second = 1_000_000 + step;
@@ -325,7 +326,7 @@ fn doubled_byte_in_a_split_payload_is_detected() {
     let mut bench = Bench::serial();
     bench.run_s(3.0);
     let before = bench.frames().len();
-    // All but the last byte, which comes a millisecond later, as converters do it.
+    // All bytes but the last, which arrives 1 ms later, as with a USB converter.
     let bytes = bench.board.frame(|length| Some((Fault::Double, length - 50)));
     let (first, second) = bytes.split_at(bytes.len() - 1);
     bench.on_the_way.push_back((bench.now_ns, first.to_vec()));
@@ -352,7 +353,7 @@ fn server_still_streaming_is_stopped_first() {
         (true, 1_000_000, Some("get_system_info"));
     bench.board.refuses = None;
     bench.board.dead = false;
-    // Its answer to the first question is lost in the stream.
+    // The reply to the first command is lost in the stream.
     bench.act();
     bench.on_the_way.clear();
     bench.run_s(3.0);
@@ -372,7 +373,7 @@ fn calibration_request_triggers_one_new_setup() {
     assert_eq!((bench.board.setups, bench.session.counters().recalibrations), (2, 1));
     assert!(bench.board.commands.iter().rev().find(|c| c["cmd"] == "setup").unwrap().get("calibration_info").is_none());
     assert!(bench.events.contains(&Event::Recalibrating) && bench.troubles().is_empty());
-    // One that goes on asking is not set up without end.
+    // A sensor that keeps requesting a calibration is not set up endlessly.
     bench.board.calibration_needed = true;
     bench.run_s(35.0);
     assert!((3..=6).contains(&bench.board.setups), "{}", bench.board.setups);
@@ -414,7 +415,7 @@ fn unread_events_are_bounded_and_counted() {
     assert_eq!((bench.session.events.len(), bench.session.counters().dropped_events), (MAX_EVENTS, 10));
 }
 
-/// A session over TCP that was told these lines, one at a time.
+/// A session over TCP that has received these lines, one at a time.
 fn session_with_lines(setup: Setup, lines: &[&str]) -> Session {
     let mut session = Session::new(setup, Link::Tcp, 0).unwrap();
     lines.iter().for_each(|line| session.receive(line.as_bytes(), 1_000_000));
@@ -431,7 +432,7 @@ const SENSORS: &str = "{\"status\":\"ok\",\"sensor_info\":[{\"connected\":true},
 
 #[test]
 fn damaged_system_info_does_not_end_the_session() {
-    // One byte of the first answer changed: the version, the sensor's name, the rate of its clock.
+    // One byte of the first reply is changed: version, sensor name, tick rate.
     let changes =
         [("v1.12.0", "v1.1x.0"), ("\"a121\"", "\"a131\""), ("1000000,", "1800000,"), ("1000000,", "1000001,")];
     for (right, wrong) in changes {
@@ -444,11 +445,11 @@ fn damaged_system_info_does_not_end_the_session() {
         session.receive(SENSORS.as_bytes(), 3_000_000);
         assert_eq!(session.board.as_ref().unwrap().info.ticks_per_second, 1_000_000, "{wrong}");
         assert!(matches!(session.next_event(), Some(Event::Connected(..))));
-        // Said twice, it is so.
+        // The same reply twice is accepted.
         let mut session = session_with_lines(small_setup(), &[&wrong_info, &wrong_info]);
         assert_eq!(commands_of(&mut session), if wrong.starts_with('1') { 3 } else { 2 });
     }
-    // Another one each time: told, and tried again from the start.
+    // A different reply each time is reported, and the session restarts.
     let odd = |n: u32| SYSTEM.replace("1000000", &n.to_string());
     let lines: Vec<String> = (1..=MAX_ANSWERS as u32).map(odd).collect();
     let mut session = session_with_lines(small_setup(), &lines.iter().map(String::as_str).collect::<Vec<_>>());
@@ -472,12 +473,12 @@ fn damaged_setup_reply_does_not_end_the_session() {
 
 #[test]
 fn late_and_endless_stop_replies_are_handled() {
-    // The board still streamed for somebody, and answered at once all the same.
+    // The board still streamed for an earlier client, but replies at once.
     let stale = "{\"result_info\":[[{\"tick\":5,\"data_saturated\":false,\"temperature\":3,\
                  \"calibration_needed\":false,\"frame_delayed\":false}]],\"status\":\"ok\",\"payload_size\":0}\n";
     let session = session_with_lines(small_setup(), &[stale, SYSTEM, SYSTEM, "{\"status\":\"stop\"}\n", SENSORS]);
     assert_eq!(session.state, State::Awaiting(Request::Setup));
-    // A board that says nothing else is not asked without end, and its silence is noticed.
+    // A board that sends nothing else is not asked endlessly, and the missing reply is noticed.
     let mut session = session_with_lines(small_setup(), &["{\"status\":\"stop\"}\n"; 500]);
     assert!(commands_of(&mut session) <= 2);
     session.poll(3 * S);
@@ -530,7 +531,8 @@ fn sensors_and_groups_stay_in_time_over_a_tick_wrap() {
                  \"frame_delayed\":false}}"
             )
         };
-        // The second group ends 300 µs after the first, whose sensors end 2 µs apart: over the wrap in the first result.
+        // The second group ends 300 µs after the first, whose sensors end 2 µs apart; the first
+        // result spans the wrap.
         let (a, b, c) = (info(0), info(2), info(300));
         let line = format!("{{\"result_info\":[[{a},{b}],[{c}]],\"status\":\"ok\",\"payload_size\":480}}\n");
         let now_ns = S + 20_000_000 * i64::from(k);
@@ -553,10 +555,10 @@ fn sensors_and_groups_stay_in_time_over_a_tick_wrap() {
 fn frame_timeout_adds_up_over_groups() {
     let mut setup = two_groups();
     setup.groups.iter_mut().flatten().for_each(|s| s.config.sweep_rate = Some(0.3));
-    // Four sweeps of two groups: 2 · 3 / 0.3 s and a little.
+    // Four sweeps of two groups take 2 · 3 / 0.3 s, plus overhead.
     let session = Session::new(setup.clone(), Link::Tcp, 0).unwrap();
     assert!(session.frame_patience_ns() > 31 * S, "{}", session.frame_patience_ns());
-    // A server that should be faster than its sensors is not.
+    // An update rate above what the sensors can do does not shorten the timeout.
     setup.update_rate_hz = Some(10.0);
     assert!(Session::new(setup, Link::Tcp, 0).unwrap().frame_patience_ns() > 31 * S);
 }

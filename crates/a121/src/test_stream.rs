@@ -1,9 +1,9 @@
-//! What a server sends, for the tests of this room: spelt by hand, not by the code under test.
+//! Server messages for the tests of this module, written by hand and not by the code under test.
 
 use super::{ResultInfo, Setup};
 use crate::{SensorConfig, Subsweep, preset};
 
-/// Forty samples a frame, otherwise as the default preset.
+/// A set-up with 40 samples per frame, otherwise the default preset.
 pub(super) fn small_setup() -> Setup {
     let d16 = preset("d16").expect("a preset");
     let subsweeps = vec![Subsweep { num_points: 10, ..d16.subsweeps[0] }];
@@ -25,29 +25,29 @@ pub(super) fn result_bytes(info: &ResultInfo, payload: &[u8]) -> Vec<u8> {
     [line.as_bytes(), payload].concat()
 }
 
-/// A fault on the way from the board.
+/// A transmission fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fault {
-    /// A byte lost.
+    /// A byte is lost.
     Lose,
-    /// A byte doubled.
+    /// A byte is doubled.
     Double,
-    /// These bits of a byte turned.
+    /// These bits of a byte are flipped.
     Flip(u8),
 }
 
-/// What a board sent as one result.
+/// A result as the board sent it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sent {
     pub info: ResultInfo,
-    /// When its measurement ended, host nanoseconds.
+    /// End of its measurement, host nanoseconds.
     pub end_ns: i64,
     pub payload: Vec<u8>,
-    /// What befell it, and at which of its bytes.
+    /// Its fault, and the byte that it hit.
     pub fault: Option<(Fault, usize)>,
 }
 
-/// A board that speaks the protocol: a state machine of its own, with what a test wants to go wrong.
+/// A simulated board with its own protocol state machine, and the faults that a test asks for.
 pub(super) struct TestBoard {
     pub rss_version: String,
     pub max_baudrate: Option<u32>,
@@ -55,9 +55,9 @@ pub(super) struct TestBoard {
     pub connected: bool,
     pub baud: u32,
     pub streaming: bool,
-    /// Says nothing at all.
+    /// The board sends nothing.
     pub dead: bool,
-    /// Refuses this command with an error.
+    /// Command that the board refuses with an error.
     pub refuses: Option<&'static str>,
     pub calibration_needed: bool,
     pub first_tick: u64,
@@ -89,7 +89,7 @@ impl TestBoard {
         }
     }
 
-    /// A break sets it back.
+    /// Resets the board, as a break does.
     pub fn reset(&mut self) {
         (self.baud, self.streaming, self.next_frame_ns) = (115_200, false, i64::MAX);
     }
@@ -149,7 +149,7 @@ impl TestBoard {
         text.into_bytes()
     }
 
-    /// The bytes of the frame that ends now, samples different in every frame.
+    /// The bytes of the frame that ends now; the samples differ between frames.
     pub fn frame(&mut self, fault: impl FnOnce(usize) -> Option<(Fault, usize)>) -> Vec<u8> {
         let end_ns = self.next_frame_ns;
         self.next_frame_ns += self.period_ns;

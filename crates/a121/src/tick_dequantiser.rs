@@ -1,35 +1,38 @@
-//! Finer times than the ticks tell, where frames are regular: a straight line through the ticks of the last 30 s.
+//! Tick dequantiser: gives regular frames a finer time than the tick, by fitting a straight line
+//! through the ticks of the last 30 s.
 //!
-//! A tick of 1 ms says when a frame ended to within 1 ms. Frames that follow the sensor's own timer fall on different
-//! parts of the tick, so a line that passes through every frame's tick, as far from their edges as it can, tells far
-//! more. Every time stays inside its tick, so an irregular stream loses nothing. Frames nearly locked to the tick teach
-//! where in it they lie only when they slip; until then that is a constant, which arrivals tell.
+//! A tick of 1 ms gives the end of a frame to within 1 ms. Frames that follow the sensor's own
+//! timer end at varying positions within the tick. So the line that passes through all ticks, with
+//! the greatest margin to their edges, gives a much finer time. Every time stays inside its tick,
+//! so an irregular stream loses no accuracy. Limit: frames nearly locked to the tick show their
+//! position in it only when they slip; until then it is an unknown constant, part of the clock's
+//! shared delay.
 
 use std::collections::VecDeque;
 
 use super::clock::maximise_concave;
 
-/// How long a line is, seconds.
+/// Length of the fit, seconds. Choice.
 const FIT_SPAN_S: f64 = 30.0;
-/// The lowest and the highest frame of each of these stretches are kept, seconds.
+/// Width of a bin, seconds; each bin keeps its lowest and highest frame. Choice.
 const BIN_S: f64 = 0.1;
-/// Frames that each have a stretch of their own to begin with.
+/// Number of initial frames that each get their own bin. Choice.
 const FIRST_FRAMES: u32 = 16;
-/// The configuration's period may be off by this part.
+/// Tolerance of the configured period, as a fraction. Choice.
 const PERIOD_TOLERANCE: f64 = 0.05;
-/// Part of itself by which the period may change from stretch to stretch.
+/// Change of the period allowed between fits, as a fraction. Choice: temperature.
 const PERIOD_DRIFT_PER_BIN: f64 = 1e-8;
-/// Off the line by this many ticks is off the beat.
+/// A frame farther from the line than this starts a new fit, ticks. Choice.
 const RESTART_OFFSET_TICKS: f64 = 0.75;
 
-/// A frame's number, counted on its beat, within a stretch of frames that were on one beat.
+/// Number of a frame, counted in periods, within a run of regular frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct FrameNumber {
     epoch: u32,
     number: i64,
 }
 
-/// The frames of a stretch that bound the line: (number, tick).
+/// The frames of a bin that bound the line, as (number, tick).
 #[derive(Debug, Clone, Copy)]
 struct Bounds {
     bin: i64,
@@ -37,16 +40,16 @@ struct Bounds {
     highest: (i64, i64),
 }
 
-/// Places the ends of frames inside their ticks.
+/// Estimates the ends of frames within their ticks.
 #[derive(Debug, Clone)]
 pub(super) struct TickDequantiser {
     span_ticks: f64,
     bin_ticks: f64,
-    /// Ticks from frame to frame.
+    /// Frame period, ticks.
     period: f64,
-    /// Between which bounds older frames have shown it.
+    /// Bounds of the period from older frames, ticks.
     known_period: (f64, f64),
-    /// Newest frame, and the line there, ticks after its tick.
+    /// Newest frame as (number, tick), and the line there, in ticks after its tick.
     newest: (i64, i64),
     level: f64,
     epoch: u32,
@@ -55,7 +58,7 @@ pub(super) struct TickDequantiser {
 }
 
 impl TickDequantiser {
-    /// For frames that come every `period_ticks`, about.
+    /// Creates a dequantiser for frames about `period_ticks` apart.
     pub fn new(period_ticks: f64, ticks_per_second: f64) -> Self {
         Self {
             span_ticks: FIT_SPAN_S * ticks_per_second,
@@ -70,15 +73,16 @@ impl TickDequantiser {
         }
     }
 
-    /// Takes the next frame's tick.
+    /// Takes the tick of the next frame.
     pub fn add(&mut self, tick: i64) -> FrameNumber {
         let (last_number, last_tick) = self.newest;
         let step = tick.saturating_sub(last_tick) as f64;
-        // Where a frame may have slipped or been lost, slipped: frames two ticks apart do that in one step of three.
+        // A step that fits both a slipped and a lost frame counts as slipped: frames two ticks
+        // apart slip in one step of three.
         let number = last_number.saturating_add(((step / self.period - 0.1).round() as i64).max(1));
         let off = self.line_at(number, tick) - 0.5;
         if self.frames > 0 && off.abs() > 0.5 + RESTART_OFFSET_TICKS {
-            // Nothing before says where in its tick it lies.
+            // After a restart the position within the tick is unknown.
             (self.frames, self.level) = (0, 0.5);
             self.epoch = self.epoch.wrapping_add(1);
             self.bounds.clear();
@@ -93,7 +97,7 @@ impl TickDequantiser {
         FrameNumber { epoch: self.epoch, number }
     }
 
-    /// Where a frame ended, ticks after its tick began: 0 to 1.
+    /// Position of a frame's end within its tick, 0 to 1.
     pub fn within_tick(&self, frame_number: FrameNumber, tick: i64) -> f64 {
         if frame_number.epoch == self.epoch { self.line_at(frame_number.number, tick).clamp(0.0, 1.0) } else { 0.5 }
     }
@@ -105,7 +109,7 @@ impl TickDequantiser {
         self.level + frames_between * self.period - tick.saturating_sub(newest_tick) as f64
     }
 
-    /// Remembers a frame where it bounds the line; true when the line should be drawn again.
+    /// Keeps a frame if it bounds the line; returns true if the line has to be fitted again.
     fn add_bound(&mut self, number: i64, tick: i64) -> bool {
         let frame = (number, tick);
         let bin = if self.frames <= FIRST_FRAMES { i64::MIN } else { (tick as f64 / self.bin_ticks) as i64 };
@@ -124,17 +128,17 @@ impl TickDequantiser {
             back.lowest = if is_lowest { frame } else { lowest };
             back.highest = if is_highest { frame } else { highest };
         }
-        // The line passes through the newest tick, or it has to move.
+        // The line must pass through the newest tick.
         !(-1.0..=0.0).contains(&height)
     }
 
-    /// Draws the line that keeps farthest from the edges of all ticks.
+    /// Fits the line with the greatest margin to the edges of all ticks.
     fn fit(&mut self) {
         let (newest_number, newest_tick) = self.newest;
         let relative =
             |(n, t): (i64, i64)| (n.saturating_sub(newest_number) as f64, t.saturating_sub(newest_tick) as f64);
         let ends: Vec<_> = self.bounds.iter().map(|b| (relative(b.lowest), relative(b.highest))).collect();
-        // The highest and the lowest level that lines of this slope may have at the newest frame.
+        // Highest and lowest level at the newest frame for lines of this slope.
         let levels = |slope: f64| {
             ends.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(high, low), &((n_low, t_low), (n_high, t_high))| {
                 (high.min(t_low + 1.0 - slope * n_low), low.max(t_high - slope * n_high))
@@ -148,11 +152,11 @@ impl TickDequantiser {
         let (mut below, mut above) = (self.period * (1.0 - tolerance), self.period * (1.0 + tolerance));
         if ends.len() > 2 {
             let widest = maximise_concave(margin, below, above);
-            // All lines that pass through every tick are as good: the one in their middle. None does: the one that
-            // misses least.
+            // All lines through every tick are equally good, so take the middle one. If no line
+            // passes through every tick, take the one that misses least.
             below = bisect_boundary(|slope| margin(slope) >= 0.0, widest, below);
             above = bisect_boundary(|slope| margin(slope) >= 0.0, widest, above);
-            // What older frames told of the period is kept, but for what temperature may have changed since.
+            // Keep the period's bounds from older frames, widened for changes of temperature.
             let (known_below, known_above) = self.known_period;
             let joint = (
                 below.max(known_below * (1.0 - PERIOD_DRIFT_PER_BIN)),
@@ -166,8 +170,8 @@ impl TickDequantiser {
     }
 }
 
-/// How far from `from` towards `to` a test that holds on one stretch goes on holding; `from` when it does not hold
-/// there.
+/// Bisects for the farthest point from `from` towards `to` up to which the test holds; `from` if it
+/// does not hold there.
 fn bisect_boundary(holds: impl Fn(f64) -> bool, from: f64, to: f64) -> f64 {
     let (mut inside, mut outside) = (from, to);
     if !holds(from) || holds(to) {
@@ -184,7 +188,8 @@ fn bisect_boundary(holds: impl Fn(f64) -> bool, from: f64, to: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Greatest error, ticks, of frames this many ticks apart, from one frame on; every hundredth frame is lost.
+    /// Largest error, ticks, of frames with this period, from frame `from` on; one frame in a
+    /// hundred is lost.
     fn worst_error(period: f64, nominal: f64, frames: i64, from: i64) -> f64 {
         let mut dequantiser = TickDequantiser::new(nominal, 1000.0);
         let mut worst: f64 = 0.0;
@@ -204,7 +209,7 @@ mod tests {
         assert!(worst < 0.2, "{worst}");
         let worst = worst_error(11.59, 11.9, 10_000, 240);
         assert!(worst < 0.05, "{worst}");
-        // Nearly locked: known once they have slipped.
+        // Nearly locked to the tick: the position is known after a slip.
         let worst = worst_error(2.0 * 1.00004, 2.0, 60_000, 30_000);
         assert!(worst < 0.1, "{worst}");
     }

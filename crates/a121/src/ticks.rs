@@ -1,52 +1,54 @@
-//! Which ticks to believe: unwrapped to 64 bits, and judged by what the sensor can do.
+//! Unwraps ticks to 64 bits and rejects implausible ones.
 //!
-//! Lines have no checksum, so a damaged digit makes another tick of it. Told by this file: a step shorter than a
-//! frame's measurement, a leap beyond a pause's length, and, where frames have been regular, one off their beat. A tick
-//! that is not believed waits for a witness: when the next goes on from it, as far as it arrived after it, the sensor's
-//! clock did jump, and both are right. The first tick waits likewise. So one wrong tick costs its own result, and a
-//! true jump costs one result.
+//! Lines have no checksum, so a damaged digit gives a wrong tick. Rejected ticks: a step shorter
+//! than the measurement of a frame; a step longer than any pause; and, once frames have been
+//! regular, a step off their period. A rejected tick waits for confirmation: if the next tick
+//! continues from it, by as much as the arrivals differ, the sensor's clock has jumped and both are
+//! right. The first tick waits likewise. So a wrong tick loses only its own result, and a jump of
+//! the clock loses one result.
 //!
-//! Not told: a wrong tick within the beat's tolerance (3 % of the period, 2 ticks at least), or, before frames have
-//! been regular for a while, anywhere a frame may lie. [`super::Clock`] then refuses what would have come before it was
-//! measured.
+//! Not detected: a wrong tick within the tolerance of the period (3 %, at least 2 ticks), and,
+//! before frames have been regular for a while, any plausible step. [`super::Clock`] then rejects
+//! ticks whose measurement would end after the arrival.
 
-/// Regular steps in a row until steps off the beat are refused.
+/// Regular steps in a row before steps off the period are rejected. Choice.
 const REGULAR_STEPS: u32 = 16;
-/// Off the beat, in parts of its period.
+/// Tolerance of a step, as a fraction of the period. Choice.
 const PERIOD_TOLERANCE: f64 = 0.03;
-/// Off the beat, ticks: one for each end of a step.
+/// Tolerance of a step, ticks: one for each end of the step.
 const PERIOD_TOLERANCE_TICKS: f64 = 2.0;
-/// A witness' step may differ this much from that of the arrivals, seconds: they come in bursts.
+/// Tolerance between the step of ticks and the step of arrivals, seconds. Choice: results arrive in
+/// bursts.
 const ARRIVAL_TOLERANCE_S: f64 = 0.06;
-/// How much of a new step goes into the period.
+/// Weight of a new step in the period. Choice.
 const PERIOD_GAIN: f64 = 1.0 / 32.0;
 
 /// Verdict on a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TickVerdict {
-    /// It goes on from the one before; unwrapped.
+    /// It continues from the previous one; unwrapped.
     Next(i64),
-    /// It goes on from one that was refused: the sensor's clock jumped, and times have to be told anew.
+    /// It continues from a rejected one: the sensor's clock jumped and the clock has to be reset.
     Jumped(i64),
-    /// The first after a start: used as soon as the next goes on from it.
+    /// The first after a start; accepted when the next one continues from it.
     First,
-    /// Not later than the one before, or sooner after it than a frame takes.
+    /// Not later than the previous one, or sooner than a frame takes.
     TooSoon,
-    /// Farther ahead than streams pause.
+    /// Later than any pause of a stream.
     TooLate,
-    /// Off the beat of frames that have been regular.
+    /// Off the period of regular frames.
     OffPeriod,
-    /// Refused by the caller's own test.
+    /// Rejected by the caller's test.
     Impossible,
 }
 
-/// Judges the ticks of one sensor.
+/// Checks the ticks of one sensor.
 #[derive(Debug, Clone)]
 pub struct TickUnwrapper {
     min_step: u32,
     max_step: u32,
     last: Option<i64>,
-    /// One that was not believed.
+    /// The last rejected tick and its arrival (host ns).
     unconfirmed: Option<(u32, i64)>,
     tick_s: f64,
     period: f64,
@@ -54,17 +56,18 @@ pub struct TickUnwrapper {
 }
 
 impl TickUnwrapper {
-    /// For frames that take `frame_s` to measure and come every `period_s` by the configuration.
+    /// Creates a checker for frames that take `frame_s` to measure and come every `period_s` by the
+    /// configuration.
     pub fn new(frame_s: f64, period_s: f64, ticks_per_second: u32) -> Self {
         let rate = f64::from(ticks_per_second);
-        // The timing model holds to 4 %.
+        // The timing model is accurate to 4 %.
         let min_step = ((frame_s * 0.9 * rate).floor() - 1.0).clamp(1.0, 1e9) as u32;
         let max_step = ((1.0 + 4.0 * period_s) * rate).clamp(f64::from(min_step), 2e9) as u32;
         Self { min_step, max_step, last: None, unconfirmed: None, tick_s: 1.0 / rate.max(1.0), period: 0.0, regular: 0 }
     }
 
-    /// Judges the next tick, whose result arrived at a host time; `is_possible` is asked of the unwrapped tick before
-    /// it is believed.
+    /// Checks the next tick, whose result arrived at a host time. Before it is accepted,
+    /// `is_possible` is called with the unwrapped tick.
     pub fn check(&mut self, tick: u32, arrival_ns: i64, is_possible: impl FnOnce(i64) -> bool) -> TickVerdict {
         let Some(last) = self.last else {
             let Some(first) = self.unconfirmed.replace((tick, arrival_ns)) else {
@@ -102,7 +105,7 @@ impl TickUnwrapper {
         refusal
     }
 
-    /// Whether a tick goes on from a doubted one.
+    /// Whether a tick continues from a rejected one.
     fn confirms(&self, unconfirmed: (u32, i64), tick: u32, arrival_ns: i64) -> bool {
         let step = tick.wrapping_sub(unconfirmed.0);
         let arrivals_s = arrival_ns.saturating_sub(unconfirmed.1) as f64 * 1e-9;
@@ -195,7 +198,7 @@ mod tests {
         let mut ticks = regular(0);
         let last = 15_152 * 39;
         assert_eq!(judged(&mut ticks, [last + 3 * 15_152]), [Next(i64::from(last + 3 * 15_152))]);
-        // The board began anew, or its frames moved against their beat.
+        // The board restarted, or its frames shifted against their period.
         assert_eq!(judged(&mut ticks, [3_000, 18_152, 33_304])[0], TooSoon);
         let mut ticks = regular(0);
         let verdicts = judged(&mut ticks, [last + 22_000, last + 37_152, last + 52_304]);
@@ -217,7 +220,7 @@ mod tests {
             })
             .collect();
         assert!(verdicts[1..].iter().all(|v| matches!(v, Next(_))), "{verdicts:?}");
-        // Coarse ticks of regular frames are regular enough: 11 and 12 ms by turns.
+        // Coarse ticks of regular frames count as regular: 11 and 12 ms alternate.
         let mut ticks = TickUnwrapper::new(5e-3, 11.6e-3, 1_000);
         let verdicts = judged(&mut ticks, (0..300u32).map(|k| (f64::from(k) * 11.6) as u32));
         assert!(verdicts[1..].iter().all(|v| matches!(v, Next(_))), "{verdicts:?}");

@@ -1,22 +1,23 @@
-//! When each point is measured (vendor's timing model, see the presets for figures).
+//! Timing of the points of a sweep (the vendor's timing model; see the presets for figures).
 //!
-//! A sweep takes n·τ_point + 3·τ_sample per subsweep, plus fixed overheads; τ_point = HWAAS·τ_sample + τ_overhead.
-//! Known at 15.6 MHz for all profiles and, for profiles 3–5, to scale with 1/PRF; the same scaling is assumed for 1 and 2.
+//! A sweep takes n·τ_point + 3·τ_sample per subsweep, plus fixed overheads; τ_point =
+//! HWAAS·τ_sample + τ_overhead. The values at 15.6 MHz are known for all profiles. For profiles 3–5
+//! they scale with 1/PRF; the same scaling is assumed for profiles 1 and 2.
 
 use super::{IdleState, Profile, SensorConfig, Subsweep};
 
-/// Times of one frame, seconds.
+/// Timing of a frame, seconds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameTiming {
     /// From the start of a sweep to the start of the next one in the frame.
     pub sweep_period_s: f64,
-    /// Time that measuring one sweep takes.
+    /// Duration of a sweep.
     pub sweep_s: f64,
-    /// For each subsweep: from the sweep's start to its first point, and from point to point.
+    /// For each subsweep: from the sweep's start to its first point, and between points.
     pub subsweeps: Vec<(f64, f64)>,
     /// From the first sweep's start to the frame's end.
     pub frame_s: f64,
-    /// From frame to frame: the configured rate, or as fast as it goes.
+    /// Frame period: by the configured rate, or as fast as possible.
     pub frame_period_s: f64,
 }
 
@@ -35,7 +36,8 @@ fn wake_s(state: IdleState) -> f64 {
     }
 }
 
-/// The sensor's high-speed mode: fewer overheads, entered by itself.
+/// Whether the sensor is in high-speed mode, which has smaller overheads and is entered
+/// automatically.
 fn high_speed_mode(config: &SensorConfig) -> bool {
     !config.continuous_sweep_mode
         && config.inter_sweep_idle_state == IdleState::Ready
@@ -43,7 +45,7 @@ fn high_speed_mode(config: &SensorConfig) -> bool {
         && config.subsweeps.iter().all(|s| s.profile >= Profile::P3)
 }
 
-/// The times that a sound configuration leads to.
+/// The timing of a valid configuration.
 pub fn frame_timing(config: &SensorConfig) -> FrameTiming {
     let fast = high_speed_mode(config);
     let mut subsweeps = Vec::with_capacity(config.subsweeps.len());
@@ -89,7 +91,7 @@ mod tests {
 
     #[test]
     fn sweep_rates_match_board_reports_within_4_percent() {
-        // 160 points, HWAAS 8, profile 3, PRF 13 MHz: an XC120 reported 531.6 sweeps a second.
+        // 160 points, HWAAS 8, profile 3, PRF 13 MHz: an XC120 reported 531.6 sweeps per second.
         let mut config = SensorConfig::default();
         config.subsweeps[0].prf = Prf::Mhz13_0;
         let rate = 1.0 / frame_timing(&config).sweep_period_s;

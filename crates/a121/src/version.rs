@@ -1,12 +1,12 @@
-//! Versions of the sensor's software, as boards name them, in their order.
+//! Versions of the sensor's software as boards report them, and their order.
 //!
-//! `a121-v1.12.0` is 1.12.0. `a121-v1.2.0-4-gc500451b56` was built 4 commits after 1.2.0, on the way to the next: it
-//! reads as 1.2.1.dev4, which comes before 1.2.1. A release candidate, `v1.2.0-rc1`, comes before 1.2.0 and after its
-//! own dev builds.
+//! `a121-v1.12.0` is 1.12.0. `a121-v1.2.0-4-gc500451b56` was built 4 commits after 1.2.0: it parses
+//! as 1.2.1.dev4, which is before 1.2.1. A release candidate, `v1.2.0-rc1`, is before 1.2.0 and
+//! after its development builds.
 
 use std::fmt;
 
-/// Whether a version is a step on the way to the release of its numbers, or that release.
+/// Stage of a version on the way to the release with its numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Stage {
     Development(u32),
@@ -14,7 +14,7 @@ enum Stage {
     Release,
 }
 
-/// A version; versions order as they were made.
+/// A version; versions order by release.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Version {
     numbers: (u32, u32, u32),
@@ -32,14 +32,14 @@ impl Version {
         Self { numbers: (major, minor, patch), stage: Stage::Development(dev) }
     }
 
-    /// Reads a board's `rss_version`; `None` when it is no such name.
+    /// Parses a board's `rss_version`; `None` if it is not a version.
     pub fn parse(rss_version: &str) -> Option<Self> {
         let name = rss_version.strip_prefix("a121-").unwrap_or(rss_version);
         let mut parts = name.strip_prefix('v').unwrap_or(name).split('-');
         let mut numbers = parts.next()?.split('.');
         let mut number = || numbers.next()?.parse::<u32>().ok();
         let (major, minor, patch) = (number()?, number()?, number()?);
-        // What follows a fourth dot is a development build already spelt out: 0.4.3.dev280.
+        // A fourth field is an explicit development build: 0.4.3.dev280.
         let mut stage = match numbers.next() {
             None => Stage::Release,
             Some(dev) => Stage::Development(dev.strip_prefix("dev")?.parse().ok()?),

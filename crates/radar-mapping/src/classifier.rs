@@ -1,11 +1,14 @@
-//! Whether what was believed is a thing or an artefact, as log odds learned from simulated play.
+//! Classifier: log odds that a detection is a real object and not an artefact, learned from
+//! simulated play.
 //!
-//! Evidence alone does not tell: pieces of several things that happen to lie right, and what floor and walls scatter, score as much as a
-//! weak thing does. But they differ in how they come by it: how much is left without the best moment, how even the strengths are, where in
-//! the beam they lie, what else is at the range, whether an echo elsewhere explains as much, what was seen there before, how near walls,
-//! floor and known things are. Boosted decision trees (Friedman 2001, Annals of Statistics 29:1189) weigh these: each asks a few questions
-//! and adds to the log odds. The model is a data file, `acceptance/classifier.json`, made by
-//! `examples/train_classifier.rs` from rooms that no figure is taken from.
+//! The score alone does not separate the two. Parts of several objects that happen to fit, and what
+//! floor and walls scatter, score as much as a weak object. They differ in other features: the
+//! score without the best moment, the spread of the strengths, the position in the beam, the
+//! clutter at the same range, whether an echo elsewhere explains as much, what was seen there
+//! before, and the distance to walls, floor and known objects. Gradient-boosted trees combine these
+//! (Friedman 2001, Annals of Statistics 29:1189). The model is a data file
+//! that is compiled in. `examples/acceptance.rs` makes it, from rooms that no published figure is
+//! taken from.
 
 mod model;
 
@@ -17,8 +20,7 @@ use radar_sar::math;
 
 pub use model::{HeldOutScore, Model, ModelCard, ModelError, Tree};
 
-/// What a tree may ask for, in the table's order.
-/// `ln`: natural logarithm.
+/// The features, in the table's order. `ln`: natural logarithm.
 pub const FEATURES: [&str; 27] = [
     "ln score",
     "ln robust score",
@@ -49,55 +51,57 @@ pub const FEATURES: [&str; 27] = [
     "sub-apertures of the history that observe it",
 ];
 
-/// What the blocks from before the window say of a place.
+/// What the sub-apertures from before the window indicate about a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct HistorySummary {
-    /// How much likelier they make it that something is there, log odds.
+    /// Log odds that they add for an object there.
     pub log_odds: f64,
-    /// 1σ of the place by the window and them, all directions together, metres.
+    /// 1σ of the point by the window and the history together, all directions together, metres.
     pub sigma_m: f64,
-    /// Blocks of them that tell of it.
+    /// Number of sub-apertures of the history with a significant response.
     pub significant: usize,
 }
 
-/// What is around a place that may be a thing.
+/// Surroundings of a candidate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Surroundings {
-    /// To the nearest known thing, and the same seen from above, metres; infinite where nothing is known.
+    /// Distance to the nearest known object and its horizontal part, metres; infinite where nothing
+    /// is known.
     pub nearest_track_m: f64,
     /// See `nearest_track_m`.
     pub nearest_track_horizontal_m: f64,
-    /// To the nearest known wall, metres; negative beyond it.
+    /// Distance to the nearest known wall, metres; negative behind it.
     pub wall_m: f64,
-    /// Logarithm of what the nearest known thing returns at most, 0 where nothing is known.
+    /// Logarithm of the greatest strength of the nearest known object; 0 where nothing is known.
     pub nearest_track_ln_strength: f64,
-    /// What the blocks from before the window say.
+    /// Evidence from before the window.
     pub history: HistorySummary,
-    /// To the sensor as it is now, and the same seen from above, metres.
+    /// Distance to the sensor in the newest sub-aperture and its horizontal part, metres.
     pub sensor_m: f64,
     /// See `sensor_m`.
     pub sensor_horizontal_m: f64,
-    /// How long blocks have been coming, seconds.
+    /// Time since the first sub-aperture, seconds.
     pub age_s: f64,
-    /// How many of the last looks have weighed it.
+    /// Number of recent updates that scored this point.
     pub recent_updates: usize,
 }
 
-/// A place that was weighed, for who learns from it.
+/// A scored candidate, for training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoredCandidate {
-    /// Where, tracking frame, metres.
+    /// Position in the tracking frame, metres.
     pub position_m: DVec3,
-    /// By [`FEATURES`].
+    /// Values of [`FEATURES`].
     pub features: [f64; FEATURES.len()],
-    /// It is no known place seen again, and all else allows it to be a thing.
+    /// It is not a known object seen again, and everything else allows it to be a new one.
     pub may_be_new: bool,
 }
 
-/// What is past counts for no more than this, log odds: things are moved into a place, too.
+/// Most log odds that the history may add or subtract (choice): an object can be put where nothing
+/// was.
 const MAX_HISTORY_LOG_ODDS: f64 = 10.0;
 
-/// Of a place, by [`FEATURES`].
+/// The [`FEATURES`] of a detection.
 pub(super) fn features(detection: &Detection<DVec3>, around: &Surroundings) -> [f64; FEATURES.len()] {
     [
         math::ln(detection.score.max(0.1)),
@@ -130,21 +134,22 @@ pub(super) fn features(detection: &Detection<DVec3>, around: &Surroundings) -> [
     ]
 }
 
-/// Log odds that it is a thing; 0 is even.
+/// Log odds that it is a real object; 0 is even.
 pub(super) fn log_odds(features: &[f64; FEATURES.len()]) -> f64 {
     Model::embedded().log_odds(features)
 }
 
-/// Log odds of what is beyond doubt.
+/// Log odds given to a detection that stands out (choice).
 const CERTAIN_LOG_ODDS: f64 = 3.0;
-/// What is beyond doubt has such a score, keeps so much of it without its best moment, and is determined so well, 1σ in metres: of all
-/// that was believed where nothing is, in 150 minutes of play, nothing came to that.
+/// A detection that stands out has such a score, such a robust score and such a 1σ, in metres.
+/// Nothing that was detected where nothing is reached these (measured in 150 minutes of play).
 const CERTAIN_MIN_SCORE: f64 = 15.0;
 const CERTAIN_MIN_ROBUST_SCORE: f64 = 9.0;
 const CERTAIN_MAX_SIGMA_M: f64 = 0.05;
 
-/// The log odds, but no less than [`CERTAIN_LOG_ODDS`] of what stands out so far that it is there whatever was learned: a strong thing that hangs
-/// alone at the height of the head is like no furniture, and nothing is worse to run into. What is `at_surface` is left to what was learned.
+/// The log odds, but at least [`CERTAIN_LOG_ODDS`] for a detection that stands out. A strong object
+/// that hangs alone at head height is unlike the furniture of the training set, and nothing is
+/// worse to run into. A detection `at_surface`, which is near a wall, is left to the classifier.
 pub(super) fn raise_if_certain(log_odds: f64, detection: &Detection<DVec3>, at_surface: bool) -> f64 {
     let stands_out = detection.score >= CERTAIN_MIN_SCORE && detection.robust_score >= CERTAIN_MIN_ROBUST_SCORE;
     let is_sure = stands_out && detection.sigma_m <= CERTAIN_MAX_SIGMA_M && !at_surface;
@@ -156,7 +161,7 @@ mod tests {
     use super::*;
     use crate::clean::Aspect;
 
-    /// Of a chair's back in a room that is known.
+    /// Detection of a chair's back in a known room.
     fn thing() -> Detection<DVec3> {
         Detection {
             estimate: DVec3::new(0.3, 0.8, -1.2),
@@ -196,7 +201,7 @@ mod tests {
         recent_updates: 4,
     };
 
-    /// The past speaks against it.
+    /// A history that speaks against the object.
     fn against(log_odds: f64) -> Surroundings {
         Surroundings { history: HistorySummary { log_odds, sigma_m: 0.1, significant: 0 }, ..AROUND }
     }

@@ -1,12 +1,17 @@
-//! Explaining away: strong things claim what they account for before weak things are believed.
+//! Detection by CLEAN: strong returns account for their echoes before weak ones are tested.
 //!
-//! Over the last seconds of blocks, planes and places by falling score: each is scored again on the blocks in which nothing
-//! stronger claims its range and direction, and if enough is left it claims these itself. A block sees a thing at a range
-//! and at a cosine to the sensor's way; both are known as well as pulse and aperture allow, and that is the claim.
+//! Input: the sub-apertures of the last seconds (the window) and candidate planes and points. The
+//! candidate with the highest score is taken first. It then masks its range and direction in every
+//! sub-aperture, and the scores of the other candidates are computed again without the masked
+//! responses. This repeats until no candidate scores enough. A sub-aperture measures a range and
+//! the cosine between the direction to the object and the sensor's direction of motion. The widths
+//! of a mask in these two follow from the pulse length and the aperture.
 //!
-//! What a still head or a straight path sees could lie anywhere on a circle around the path, and did, as most ghosts of the
-//! first experiments. So a place counts only when its blocks tell it from the rest of the circle, and a plane only when its
-//! mirror points have moved; and what is known already claims first, since it is what most of a new circle belongs to.
+//! Limits: a sensor at rest or on a straight path measures only a circle around the path, so a
+//! point on it could lie anywhere on that circle. Most false detections of the first experiments
+//! came from this. A point therefore counts only when its sub-apertures distinguish it from the
+//! rest of the circle, and a plane only when the feet of its perpendiculars have moved. What is
+//! known already masks first, because most of the echoes on a new circle belong to it.
 
 mod aspect;
 mod masks;
@@ -30,34 +35,37 @@ use radar_sar::subaperture::{Subaperture, SubapertureSettings};
 pub use scoring::ROBUST_SEGMENT_NS;
 use scoring::{Score, WeightedResponse, amplitude_spread_of, robust_score};
 
-/// Parameters of explaining away.
+/// Parameters of CLEAN.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CleanSettings {
-    /// Blocks of this last time are explained, seconds.
+    /// Length of the window, seconds.
     pub window_s: f64,
-    /// Score that is left and still counts as a thing.
+    /// Least score of a point detection, computed on its unmasked responses.
     pub min_score: f64,
-    /// Score of the field from which on a place is looked at. A receiver's noise alone gets there less than three times an hour in every
-    /// preset, and never to what confirms: `examples/room_false_alarms.rs`.
+    /// Least score of a maximum of the field that becomes a candidate. Receiver noise alone reaches
+    /// it less than three times an hour in every preset, and it never reaches what confirms
+    /// (measured: `examples/room_false_alarms.rs`).
     pub min_candidate_score: f64,
-    /// Candidates at most, the strongest.
+    /// Most candidates per update; the ones with the highest scores are used.
     pub max_candidates: usize,
-    /// Blocks that a plane must have been seen in.
+    /// Least number of sub-apertures that a plane must have been seen in.
     pub plane_min_blocks: u32,
-    /// Score from which on a plane is believed.
+    /// Least score of a plane detection.
     pub plane_min_score: f64,
-    /// Least half-length of a claim in range, metres.
+    /// Least half-width of a mask in range, metres.
     pub claim_range_m: f64,
-    /// Half-width of a claim in direction, in units of λ/2L, L the block's aperture.
+    /// Half-width of a mask in cosine, in units of λ/2L, where L is the sub-aperture's aperture.
     pub claim_lobes: f64,
-    /// Evidence that a place loses for the square of every e-fold by which a block's echo is stronger or weaker than the others tell.
+    /// Evidence that a point loses for the squared deviation, in e-folds, of each sub-aperture's
+    /// implied reflected power from their mean.
     pub uneven_cost: f64,
-    /// A place is determined when its 1σ is at most this in every direction, metres.
+    /// A point is observable when its 1σ, all directions together, is at most this, metres.
     pub max_sigma_m: f64,
-    /// A plane is determined when the feet of its perpendiculars spread by at least this, rms, metres.
+    /// A plane is observable when the feet of its perpendiculars spread by at least this, rms,
+    /// metres, and `min_over_point` is met too.
     pub min_feet_rms_m: f64,
-    /// And when its score is by this much greater than that of the best single place.
+    /// A plane is observable only when its score exceeds that of the best single point by this.
     pub min_over_point: f64,
 }
 
@@ -80,51 +88,54 @@ impl Default for CleanSettings {
     }
 }
 
-/// A thing that was believed.
+/// A detected plane or point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Detection<T> {
-    /// Plane or place.
+    /// Estimated plane or point.
     pub estimate: T,
-    /// A/√B over the blocks that nothing stronger claimed; of a place less what speaks against it.
+    /// A/√B over the unmasked sub-apertures; for a point, A is reduced by what its uneven strengths
+    /// cost.
     pub score: f64,
-    /// Number of these blocks.
+    /// Number of unmasked sub-apertures.
     pub subapertures: usize,
-    /// It is told from others like it, a place from the rest of its circle, a plane from a point: by these blocks, or, once the search has asked
-    /// them, together with those from before the window.
+    /// Observable: a point is distinguishable from the rest of its range circle, a plane from a
+    /// point. This holds for these sub-apertures or, once the mapper has queried the history, for
+    /// them together with those from before the window.
     pub observable: bool,
-    /// 1σ of a place, all directions together, as far as ranges and directions can tell it from others, metres; of a plane, of where it is 1 m
-    /// beside where it was seen.
+    /// For a point: 1σ, all directions together, from ranges and directions, metres. For a plane:
+    /// 1σ of its position 1 m beside where it was seen, metres.
     pub sigma_m: f64,
-    /// The score without the best [`ROBUST_SEGMENT_NS`] of them: what is there longer than a hand that passes, or an artefact of one movement,
-    /// keeps most of its score.
+    /// The score without the best [`ROBUST_SEGMENT_NS`] of the window. An object that is present for
+    /// longer than a passing hand, or than an artefact of one movement, keeps most of its score.
     pub robust_score: f64,
-    /// Mean of the logarithm of what else there was at its range, over the noise, in the blocks that tell of it: artefacts live on what
-    /// else there is.
+    /// Mean of the logarithm of the clutter at its range, relative to noise, over the significant
+    /// responses. Artefacts need such clutter.
     pub ln_clutter: f64,
-    /// Greatest distance at which it was seen, metres.
+    /// Greatest range among the significant responses, metres.
     pub farthest_m: f64,
-    /// How far the strengths differ that the blocks imply which tell of it, 1σ in e-folds of power.
+    /// Spread of the reflected powers that the significant responses imply, 1σ in e-folds of power.
     pub amplitude_spread: f64,
-    /// Share of the blocks that do not tell of it.
+    /// Share of the unmasked sub-apertures whose response is not significant.
     pub miss_fraction: f64,
-    /// The score of the best place elsewhere that the same echoes would have spoken for, as a part of its own: 1 where one cannot tell
-    /// which of the two it is.
+    /// The highest score of a point elsewhere that the same echoes would support, relative to its
+    /// own score. At 1 the two cannot be told apart.
     pub ambiguity: f64,
-    /// How it was seen.
+    /// Geometry and strength at which it was seen.
     pub aspect: Aspect,
-    /// Log odds that it is a thing and no artefact; infinite where that was not asked.
+    /// Log odds that it is a real object and not an artefact; infinite where the classifier was not
+    /// asked.
     pub log_odds: f64,
-    /// First and last of these blocks, host nanoseconds.
+    /// Middle times of the first and last of these sub-apertures, host nanoseconds.
     pub first_ns: i64,
     /// See `first_ns`.
     pub last_ns: i64,
 }
 
-/// The blocks of a window and what is claimed in them.
+/// The sub-apertures of a window and what is masked in each.
 pub struct CleanWindow<'a> {
     blocks: Vec<&'a Subaperture>,
     weights: Vec<f64>,
-    /// `[block]`
+    /// `[sub-aperture]`
     masks: Vec<Vec<Mask>>,
     settings: &'a CleanSettings,
     block_settings: &'a SubapertureSettings,
@@ -134,38 +145,39 @@ pub struct CleanWindow<'a> {
     cache: &'a mut ResponseCache,
 }
 
-/// What a candidate is.
+/// A candidate's geometry.
 #[derive(Debug, Clone, Copy)]
 enum Hypothesis {
     Plane(Plane),
     Point(DVec3),
 }
 
-/// Something that may be there, and what each block says of it; views that a claim covers are taken out.
+/// A candidate and the response of each sub-aperture to it; masked responses are removed.
 struct Candidate {
     hypothesis: Hypothesis,
-    /// Which of the places that were asked for.
+    /// Index of the queried point that it started from.
     query_index: Option<usize>,
-    /// `[block]`
+    /// `[sub-aperture]`
     responses: Vec<Option<Response>>,
     unmasked: Option<Score>,
 }
 
-/// What is believed, each strongest first.
+/// Detected planes and points, each strongest first.
 #[derive(Debug, Clone, Default)]
 pub struct Detections {
-    /// Walls, floor, ceiling; new ones are all determined.
+    /// Walls, floor, ceiling. New ones are all observable.
     pub planes: Vec<Detection<Plane>>,
-    /// Places.
+    /// Points.
     pub places: Vec<Detection<DVec3>>,
-    /// Of each place that was asked for, in that order: what the blocks say of it in which nothing stronger claims it, `[place][block]`.
+    /// For each queried point, in the order of the query: its unmasked responses,
+    /// `[point][sub-aperture]`.
     pub(super) responses: Vec<Vec<Option<Response>>>,
-    /// Which of the places that were asked for each of `places` was, before it was moved uphill.
+    /// For each of `places`: the index of the queried point that it was before the hill climb.
     pub(super) query_indices: Vec<usize>,
 }
 
 impl<'a> CleanWindow<'a> {
-    /// Nothing claimed yet but by the player's own hands, where they were tracked. `blocks` in time.
+    /// A window in which only the wearer's tracked hands are masked. `blocks`: in rising time.
     pub fn new(
         blocks: impl Iterator<Item = &'a Subaperture>,
         hands: &HandTrail,
@@ -184,18 +196,20 @@ impl<'a> CleanWindow<'a> {
         Self { masks, weights, blocks, settings, block_settings, beam, min_cos, mirror_min_cos, cache }
     }
 
-    /// Believes places alone.
+    /// Detects points alone.
     pub fn detect_points(&mut self, candidates: &[DVec3]) -> Vec<Detection<DVec3>> {
         self.detect(&[], candidates).places
     }
 
-    /// Believes planes and places by falling score: what explains the same blocks better wins. Claims of earlier calls hold,
-    /// so a call with what is known already gives it precedence.
+    /// Detects planes and points in the order of falling score, so the better explanation of the
+    /// same sub-apertures wins. Masks of earlier calls stay, so a first call with what is known
+    /// gives it precedence.
     pub fn detect(&mut self, planes: &[Plane], places: &[DVec3]) -> Detections {
         self.detect_with(planes, places, false)
     }
 
-    /// The same of what is known: a known plane accounts for its echoes, whether or not these blocks can tell it from a point.
+    /// Does the same for known objects. A known plane masks its echoes even when these
+    /// sub-apertures cannot distinguish it from a point.
     pub fn detect_known(&mut self, planes: &[Plane], places: &[DVec3]) -> Detections {
         self.detect_with(planes, places, true)
     }
@@ -237,7 +251,7 @@ impl<'a> CleanWindow<'a> {
         detections
     }
 
-    /// A candidate with what is claimed already taken out.
+    /// A candidate without its masked responses.
     fn masked_candidate(&self, hypothesis: Hypothesis, responses: Vec<Option<Response>>) -> Candidate {
         let mut candidate = Candidate { hypothesis, query_index: None, responses, unmasked: None };
         let responses = candidate.responses.iter_mut().zip(&self.masks);
@@ -246,13 +260,13 @@ impl<'a> CleanWindow<'a> {
         candidate
     }
 
-    /// A place that was asked for.
+    /// The candidate at a queried point.
     fn point_candidate(&self, place: DVec3) -> Candidate {
         let responses = self.cache.cached(place).iter().map(|cached| cached.flatten()).collect();
         self.masked_candidate(Hypothesis::Point(place), responses)
     }
 
-    /// The score of a place that was asked for; −∞ when too few blocks are left to it.
+    /// The score of a queried point; −∞ when too few sub-apertures are unmasked.
     fn score_of_point(&self, place: DVec3) -> f64 {
         let unmasked = |(cached, masks): (&'_ CachedResponse, &Vec<Mask>)| -> Option<Response> {
             let is_masked = |v: &Response| masks.iter().any(|mask| mask.covers(v.range_m, v.cos));
@@ -263,8 +277,9 @@ impl<'a> CleanWindow<'a> {
         unmasked.map_or(f64::NEG_INFINITY, |unmasked| unmasked.score)
     }
 
-    /// Moves a strong place uphill between the voxels, in ever smaller steps: a claim from beside the maximum would leave
-    /// some of the thing unexplained. Places lie on a lattice around the first, so that most were asked for before.
+    /// Moves a strong point uphill between the voxels, in ever smaller steps. A mask beside the
+    /// maximum would leave part of the object's echo unmasked. The points lie on a lattice around
+    /// the first one, so most of them are in the cache.
     fn hill_climb(&mut self, candidate: &mut Candidate) {
         let (Hypothesis::Point(start), Some(unmasked)) = (candidate.hypothesis, candidate.unmasked) else { return };
         let mut score = unmasked.score;
@@ -289,7 +304,8 @@ impl<'a> CleanWindow<'a> {
         }
     }
 
-    /// The candidate with the greatest score, if that suffices. Claims only take away: what falls short now always will.
+    /// Removes the candidate with the highest score, if that suffices. Masks only remove responses,
+    /// so a candidate that falls short now is dropped for good.
     fn take_best(&self, open: &mut Vec<Candidate>, responses: &mut [Vec<Option<Response>>]) -> Option<Candidate> {
         let min_score = |c: &Candidate| match c.hypothesis {
             Hypothesis::Plane(_) => self.settings.plane_min_score,
@@ -307,7 +323,7 @@ impl<'a> CleanWindow<'a> {
         best.map(|n| open.remove(n))
     }
 
-    /// What is left of a thing: the blocks in which nothing claims it.
+    /// Score of a hypothesis over its unmasked responses.
     fn unmasked_score<'v>(
         &'v self,
         hypothesis: Hypothesis,
@@ -320,7 +336,7 @@ impl<'a> CleanWindow<'a> {
         }
     }
 
-    /// Views with their blocks' weights and times.
+    /// Responses with the weights and times of their sub-apertures.
     fn weighted<'v>(
         &'v self,
         responses: impl Iterator<Item = Option<&'v Response>>,
@@ -331,7 +347,7 @@ impl<'a> CleanWindow<'a> {
         })
     }
 
-    /// What is believed, with what else the blocks say of it.
+    /// The detection of a candidate, with its features.
     fn detection<T>(
         &self,
         estimate: T,
@@ -362,7 +378,8 @@ impl<'a> CleanWindow<'a> {
         }
     }
 
-    /// The greatest score of a place elsewhere that would lose most of it to this one; 0 when there is none.
+    /// The highest score of a point elsewhere that would lose more than half of it to this
+    /// candidate's masks; 0 when there is none.
     fn ambiguity(&self, best: &Candidate, open: &[Candidate]) -> f64 {
         let Hypothesis::Point(place) = best.hypothesis else { return 0.0 };
         let masks = self.masks_of(best);
@@ -385,8 +402,8 @@ impl<'a> CleanWindow<'a> {
         greatest
     }
 
-    /// What each block says of places that were asked for, and whether something else accounts for it: what is not `unmasked` to them is
-    /// claimed.
+    /// Each sub-aperture's response to queried points, and whether it is masked. `unmasked` holds the
+    /// unmasked responses.
     pub(super) fn likelihoods(
         &self,
         places: &[DVec3],
@@ -404,7 +421,7 @@ impl<'a> CleanWindow<'a> {
         places.iter().zip(unmasked).map(of_point).collect()
     }
 
-    /// Views that say something, each with its block.
+    /// Significant responses, each with its sub-aperture.
     fn significant<'v>(
         &'v self,
         responses: &'v [Option<Response>],
@@ -413,12 +430,12 @@ impl<'a> CleanWindow<'a> {
         seen.filter(|(_, response)| response.is_significant())
     }
 
-    /// Covariance of a place, m², from what ranges and directions to the sensor's way can tell apart.
+    /// Covariance of a point, m², from ranges and from directions relative to the sensor's motion.
     fn covariance_m2(&self, responses: &[Option<Response>]) -> DMat3 {
         information(DMat3::IDENTITY * 1e-6, self.significant(responses)).inverse()
     }
 
-    /// Asks the blocks for places, but where things are claimed already.
+    /// Queries the sub-apertures for points; masked points count as not queried.
     fn query(&mut self, places: &[DVec3]) {
         let mut cache = std::mem::take(self.cache);
         cache.query(places, |block, places| self.subaperture_responses(block, places));
@@ -451,7 +468,7 @@ impl<'a> CleanWindow<'a> {
 }
 
 impl Candidate {
-    /// Gives what the blocks say of it to who asked.
+    /// Stores its responses for the caller.
     fn store_responses(&self, responses: &mut [Vec<Option<Response>>]) {
         if let Some(query_index) = self.query_index.and_then(|n| responses.get_mut(n)) {
             query_index.clone_from(&self.responses);
@@ -459,20 +476,23 @@ impl Candidate {
     }
 }
 
-/// Range of a place, the direction towards it, and that direction's cosine to the sensor's way.
+/// Range of a point, the direction towards it, and the cosine of that direction to the sensor's
+/// motion.
 fn range_and_direction(block: &Subaperture, place: DVec3) -> (f64, DVec3, f64) {
     let range_m = block.distance_m(place);
     let toward = (place - block.middle.translation) / range_m.max(1e-9);
     (range_m, toward, toward.dot(block.motion))
 }
 
-/// Places from this score on are moved uphill before they claim, at most by this much, metres.
+/// Points with at least this score are moved uphill before they mask (choice). `CLIMB_REACH_M` is
+/// the greatest displacement, metres.
 const CLIMB_FROM_SCORE: f64 = 5.0;
-/// Climbing begins with steps of so many units, voxels, and ends with one.
+/// First step of the hill climb in units of `CLIMB_UNIT`, which is in voxels (choice). The last
+/// step is one unit.
 const CLIMB_UNITS: i32 = 4;
 const CLIMB_UNIT: f64 = 0.2;
 const CLIMB_REACH_M: f64 = 0.12;
-/// Places nearer to each other than this are no rivals: they are the same thing, metres.
+/// Points closer than this are the same object and so not ambiguous, metres (choice).
 const MIN_AMBIGUITY_DISTANCE_M: f64 = 0.3;
 
 #[cfg(test)]
@@ -566,7 +586,11 @@ mod tests {
             Detections { planes: walls, ..window.detect(&[WALL], &foot) }
         });
         assert!(known.planes.len() == 1 && !known.planes[0].observable && known.places.is_empty(), "{known:?}");
-        assert_eq!(detected(nearly, &echoes, &[], &foot).places.len(), 1, "else it passes for a place");
+        assert_eq!(
+            detected(nearly, &echoes, &[], &foot).places.len(),
+            1,
+            "without the known wall it is detected as a point"
+        );
     }
 
     #[test]
@@ -609,12 +633,13 @@ mod tests {
             .detect_points(places)
         };
         let mut cache = ResponseCache::default();
-        // Blocks come and go, and so do places.
+        // Sub-apertures and points both come and go.
         for (range, places) in [(0..12, &places[..]), (3..15, &places[1..]), (3..18, &places), (9..24, &places)] {
             let found = look(range.clone(), &mut cache, places);
             assert_eq!(found, look(range, &mut ResponseCache::default(), places));
         }
-        // Climbing asks for places around those that were given; most of it is remembered from look to look too.
+        // The hill climb queries points around those given; most of them stay cached between
+        // updates.
         let fresh = |range: std::ops::Range<usize>, places: &[DVec3]| {
             let mut cache = ResponseCache::default();
             look(range, &mut cache, places);

@@ -1,18 +1,19 @@
-//! Where in space there is evidence at all, for eyes: more than what became an obstacle.
+//! Voxels with evidence for display: more than the evidence that became an obstacle.
 
 use glam::{DVec3, Vec3};
 
-/// Scores on voxels, the strongest first.
+/// Scores of voxels, the highest first.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Evidence {
     /// Edge of a voxel, metres.
     pub voxel_m: f64,
-    /// Centres, tracking frame, metres, and scores; single precision, since many are kept.
+    /// Centres, tracking frame, metres, and scores. Single precision, because many are kept.
     pub voxels: Vec<(Vec3, f32)>,
 }
 
 impl Evidence {
-    /// The strongest of these, `most` at most. What is as strong is taken in the order of the places.
+    /// The `most` highest of these. Equal scores are ordered by position. Non-finite ones are
+    /// dropped.
     pub fn strongest(voxel_m: f64, mut voxels: Vec<(DVec3, f32)>, most: usize) -> Self {
         voxels.retain(|(place, score)| place.is_finite() && score.is_finite());
         let order = |a: &(DVec3, f32), b: &(DVec3, f32)| {

@@ -1,17 +1,24 @@
-//! Whether a known place still has something in it: log odds that grow when blocks see it and fall when blocks should and do not.
+//! Existence of a known object as log odds: they grow when sub-apertures see it and fall when
+//! sub-apertures should see it and do not.
 //!
-//! A thing that returned so much, at its range and in the beam's gain there, is expected to return as much again. Echoes fluctuate
-//! (Swerling's first case), so under presence m is exponential with mean 1 + m̂, under absence with mean 1, and a block's log likelihood
-//! ratio is m·m̂/(1 + m̂) − ln(1 + m̂). Other energy at the same range lowers m̂ as it lowers m: a thing that is drowned is not gone.
-//! Furniture returns well into some directions and badly into others, so what was seen from a direction is expected from there more
-//! surely than from elsewhere: the ratio is that of a mixture, and never being seen from a new side costs little. How surely is learned
-//! for every side: what is seen from there each time is missed at once, what is seen now and then is given time.
+//! The model: an object is expected to reflect as much again as it did before, at its range and in
+//! the beam's gain there. Echoes fluctuate (Swerling case 1). With an object present, m is
+//! exponential with mean 1 + m̂, without one it is exponential with mean 1. A sub-aperture's log
+//! likelihood ratio is therefore m·m̂/(1 + m̂) − ln(1 + m̂). Clutter at the same range lowers m̂ as
+//! it lowers m, so a masked object is not taken for a removed one.
 //!
-//! Furniture goes as a whole: where one thing has gone, what stands beside it and was not seen since is in doubt too. Else a leg at the floor,
-//! which nobody looks at, would be all that is left of a chair, and be warned of for ever.
+//! Furniture reflects well into some directions and badly into others. The expectation is therefore
+//! kept for each azimuth sector, and the ratio is that of a mixture with a probability of
+//! detection. Not being seen from a new side then costs little. The probability of detection is
+//! learned for each sector: an object that is always seen from there is missed at once, one that is
+//! seen now and then is given time.
 //!
-//! What is only ever where something else accounts for the echoes has to go too: so blocks that have a thing in their beam without seeing
-//! it by itself cost a little.
+//! Furniture is removed as a whole. When an object is removed, its neighbours that were not seen
+//! since then are weakened too. Otherwise the leg of a chair that has been taken away would stay,
+//! since nobody looks at it, and would be warned of for ever.
+//!
+//! An object that is only ever where another one masks its echoes must go as well. Sub-apertures
+//! that have it in their beam, without seeing it by itself, therefore cost a little.
 
 use std::f64::consts::TAU;
 
@@ -22,27 +29,28 @@ use super::responses::Response;
 use radar_sar::math;
 use radar_sar::subaperture::Subaperture;
 
-/// Parameters of forgetting.
+/// Parameters of the existence model.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExistenceSettings {
-    /// Log odds that a thing needs to be confirmed.
+    /// Log odds that a new object must reach to be confirmed.
     pub confirm: f64,
-    /// A new thing begins with so much of the log odds that it was believed with.
+    /// Share of the classifier's log odds that a new object begins with.
     pub newly: f64,
-    /// Log odds that are not exceeded: how much it takes to forget what was seen for long.
+    /// Greatest log odds: bounds the evidence needed to remove an object that was seen for long.
     pub most: f64,
-    /// How sure it is that a thing is seen from where it was seen before, 0 to 1, before that is learned.
+    /// Probability of detection from a sector that it was seen from, 0 to 1, before it is learned.
     pub familiar: f64,
-    /// So many blocks that should see it from there say as much as `familiar` does.
+    /// Weight of `familiar` as a prior, in sub-apertures that should see the object from a sector.
     pub familiar_blocks: f64,
-    /// How sure it is from a side that it was never seen from, 0 to 1.
+    /// Probability of detection from a sector that it was never seen from, 0 to 1.
     pub unfamiliar: f64,
-    /// Log odds lost in every block that would see it if nothing else were there.
+    /// Log odds lost in every sub-aperture that would see it if there were no clutter.
     pub leak: f64,
-    /// The same in blocks where its echo is accounted for by something else.
+    /// The same in sub-apertures where something else masks its echo.
     pub shadow_leak: f64,
-    /// Log odds that are left to what stands beside a thing that is gone and was not seen since; what has no more goes with it.
+    /// Log odds left to a neighbour of a removed object, unless it was seen since. A neighbour that
+    /// has no more than this is removed too.
     pub beside: f64,
 }
 
@@ -62,52 +70,52 @@ impl Default for ExistenceSettings {
     }
 }
 
-/// Sides that a thing is seen from, around the vertical.
+/// Number of azimuth sectors that an object is seen from, around the vertical (choice).
 pub(super) const AZIMUTH_SECTORS: usize = 16;
-/// Log odds that what is remembered begins with: two or three blocks that miss it do away with it.
+/// Log odds of a restored object (choice): two or three missed sub-apertures remove it.
 const RESTORED_LOG_ODDS: f64 = 1.5;
-/// Nothing begins with less, log odds.
+/// Least log odds that a new object begins with (choice).
 const MIN_INITIAL_LOG_ODDS: f64 = 0.5;
-/// Share that a new echo has in what is expected of a side.
+/// Weight of a new echo in the running mean of a sector's strength (choice).
 const STRENGTH_SMOOTHING: f64 = 0.2;
-/// What would stand so far out of the noise should be seen.
+/// Expected power, relative to noise, from which on an object should be seen (choice).
 const MIN_DETECTABLE_POWER: f64 = 3.0;
-/// Nothing is learned to be seen less or more surely than this.
+/// Bounds of the learned probability of detection (choice).
 const P_DETECT_BOUNDS: (f64, f64) = (0.05, 0.9);
-/// From an unfamiliar side so much of the strongest side's power is expected.
+/// Share of the strongest sector's power that is expected from a sector never seen from (choice).
 const UNSEEN_SECTOR_POWER_SHARE: f64 = 0.3;
-/// Greatest that one block adds to the log odds.
+/// Most that one sub-aperture adds to the log odds (choice).
 const MAX_LOG_ODDS_PER_SUBAPERTURE: f64 = 1.0;
 
-/// Log odds do not fall lower: what comes to a place where nothing was is believed soon.
+/// Least log odds (choice): an object put where nothing was is accepted soon.
 const MIN_LOG_ODDS: f64 = -2.0;
 
-/// The log odds of one place.
+/// The existence of one object.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Existence {
     log_odds: f64,
-    /// Power at 1 m on the axis, in units of the noise, by side; 0: never seen.
+    /// Power at 1 m on the axis, relative to noise, by sector; 0: never seen.
     strengths: [f64; AZIMUTH_SECTORS],
-    /// By side: blocks that should have seen it, and that did.
+    /// By sector: sub-apertures that should have seen it, and those that did.
     opportunities: [f64; AZIMUTH_SECTORS],
     hits: [f64; AZIMUTH_SECTORS],
     newest_ns: i64,
-    /// The last block that spoke for it.
+    /// Time of the last sub-aperture that raised the log odds.
     last_support_ns: i64,
-    /// Whether it ever was as sure as can be.
+    /// Whether the log odds ever reached their greatest value.
     reached_max_log_odds: bool,
 }
 
-/// What a block says of a place.
+/// One sub-aperture's response to an object.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Likelihood {
     pub response: Response,
-    /// Something else accounts for what comes from there.
+    /// Something else accounts for the echo.
     pub is_masked: bool,
 }
 
 impl Existence {
-    /// Nothing seen yet.
+    /// Nothing observed yet.
     pub fn new() -> Self {
         let [strengths, opportunities, hits] = [[0.0; AZIMUTH_SECTORS]; 3];
         Self {
@@ -121,39 +129,40 @@ impl Existence {
         }
     }
 
-    /// Known for sure, and gone now.
+    /// An object that had reached the greatest log odds and is gone now.
     #[cfg(test)]
     pub fn known_and_gone() -> Self {
         Self { reached_max_log_odds: true, ..Self::new() }
     }
 
-    /// Remembered from before, with what it returned to each side.
+    /// A restored object, with the power that it reflected by sector.
     pub fn restored(strengths: [f64; AZIMUTH_SECTORS]) -> Self {
         Self { log_odds: RESTORED_LOG_ODDS, strengths, ..Self::new() }
     }
 
-    /// What it returned to each side.
+    /// Power that it reflected, by sector.
     pub fn strengths(&self) -> [f64; AZIMUTH_SECTORS] {
         self.strengths
     }
 
-    /// The most that it returned to any side; 0: never seen.
+    /// The greatest power over the sectors; 0: never seen.
     pub fn greatest_strength(&self) -> f64 {
         self.strengths.iter().copied().fold(0.0, f64::max)
     }
 
-    /// How surely something is there: 0 is even odds.
+    /// Log odds that it exists: 0 is even odds.
     pub fn log_odds(&self) -> f64 {
         self.log_odds
     }
 
-    /// Believed with these log odds, and so no surer: the blocks that it was seen in are what they come from and do not count twice.
+    /// Limits the log odds to these, but not below `MIN_INITIAL_LOG_ODDS`. The sub-apertures in which a new
+    /// object was seen are those that its log odds come from, so they do not count twice.
     pub fn limit_initial_log_odds(&mut self, log_odds: f64) {
         self.log_odds = self.log_odds.min(log_odds.max(MIN_INITIAL_LOG_ODDS));
         self.reached_max_log_odds = false;
     }
 
-    /// Takes what blocks that are newer than the last ones say of it.
+    /// Takes the responses of sub-apertures newer than the last ones.
     pub fn update<'b>(
         &mut self,
         likelihoods: impl Iterator<Item = (&'b Subaperture, Likelihood)>,
@@ -168,19 +177,21 @@ impl Existence {
         }
     }
 
-    /// Whether it ever was as sure as can be: what never was may have been nothing from the beginning.
+    /// Whether the log odds ever reached their greatest value. An object that never did may have
+    /// been an artefact from the beginning.
     pub fn reached_max_log_odds(&self) -> bool {
         self.reached_max_log_odds
     }
 
-    /// Something beside it has turned out to be gone: unless this was seen since then it is in doubt too, and goes where it was already.
+    /// A neighbour has been removed. Unless this object was seen since then its log odds drop to
+    /// `settings.beside`, and to 0 if they were no greater already.
     pub fn weaken(&mut self, since_ns: i64, settings: &ExistenceSettings) {
         if self.last_support_ns < since_ns {
             self.log_odds = if self.log_odds > settings.beside { settings.beside } else { 0.0 };
         }
     }
 
-    /// Gives what it changes in the log odds.
+    /// Returns the change in the log odds.
     fn apply(&mut self, likelihood: &Likelihood, settings: &ExistenceSettings) -> f64 {
         let response = &likelihood.response;
         let side = sector_of(-response.toward);
@@ -201,7 +212,7 @@ impl Existence {
         change
     }
 
-    /// Learns what is seen from a side, and how surely.
+    /// Learns the sector's strength and its probability of detection.
     fn learn(&mut self, side: usize, response: &Response, expected: f64) {
         if expected >= MIN_DETECTABLE_POWER || response.is_significant() {
             self.opportunities[side] += 1.0;
@@ -214,7 +225,7 @@ impl Existence {
         }
     }
 
-    /// The strength that is expected from a side, and how surely.
+    /// Expected strength from a sector, and the probability of detection.
     fn expected_return(&self, side: usize, settings: &ExistenceSettings) -> (f64, f64) {
         let beside = [side, (side + 1) % AZIMUTH_SECTORS, (side + AZIMUTH_SECTORS - 1) % AZIMUTH_SECTORS]
             .map(|n| self.strengths[n]);
@@ -232,13 +243,13 @@ impl Existence {
     }
 }
 
-/// The direction from the thing that a side's middle lies in.
+/// The direction from the object to the middle of a sector.
 pub(super) fn sector_direction(side: usize) -> DVec3 {
     let turn = (side as f64 + 0.5) / AZIMUTH_SECTORS as f64 * TAU;
     DVec3::new(math::sin(turn), 0.0, math::cos(turn))
 }
 
-/// The side that a direction from the thing leads to.
+/// The sector that a direction from the object lies in.
 pub(super) fn sector_of(from_thing: DVec3) -> usize {
     let turn = math::atan2(from_thing.x, from_thing.z).rem_euclid(TAU) / TAU;
     ((turn * AZIMUTH_SECTORS as f64) as usize).min(AZIMUTH_SECTORS - 1)
@@ -257,7 +268,7 @@ mod tests {
         Likelihood { response, is_masked: false }
     }
 
-    /// What a thing that is known for sure loses by less than this, it outlasts.
+    /// Whether an object at the greatest log odds lost less than this.
     fn outlasts(log_odds: f64, loss: f64) -> bool {
         log_odds > ExistenceSettings::default().most - loss
     }
@@ -289,7 +300,7 @@ mod tests {
 
     #[test]
     fn clutter_at_same_range_does_not_remove_object() {
-        // Ten times its power from beside it at the same range.
+        // Clutter of ten times its power at the same range.
         let (seen, drowned) = (response(30.0, 30.0, DVec3::X), response(1.0, 300.0, DVec3::X));
         let responses: Vec<Response> = [vec![seen; 10], vec![drowned; 30]].concat();
         assert!(outlasts(after(&responses), 1.5), "it leaks a little: {}", after(&responses));
@@ -316,17 +327,17 @@ mod tests {
         leg.last_support_ns = 1000;
         let known = leg.log_odds;
         leg.weaken(900, &settings);
-        assert_eq!(leg.log_odds, known, "it was seen after the seat was not");
+        assert_eq!(leg.log_odds, known, "it was seen after the seat was missed");
         leg.weaken(1100, &settings);
-        assert_eq!(leg.log_odds, settings.beside, "the seat is gone");
+        assert_eq!(leg.log_odds, settings.beside, "the seat was removed");
         leg.apply(&likelihood(response(30.0, 30.0, DVec3::X)), &settings);
-        assert!(leg.log_odds > settings.beside, "it is there all the same");
+        assert!(leg.log_odds > settings.beside, "it was seen again");
         leg.weaken(1100, &settings);
         leg.weaken(1100, &settings);
-        assert!(leg.log_odds <= 0.0, "the back is gone too");
+        assert!(leg.log_odds <= 0.0, "the back was removed too");
         assert!(leg.reached_max_log_odds());
         leg.limit_initial_log_odds(9.0);
-        assert!(!leg.reached_max_log_odds(), "the blocks it is believed by do not count twice");
+        assert!(!leg.reached_max_log_odds(), "the sub-apertures that it was detected by do not count twice");
     }
 
     #[test]

@@ -1,4 +1,6 @@
-//! Where the player's own hands were, as far as their controllers are tracked: what is there is no furniture, and no hand goes through any.
+//! Positions of the wearer's tracked hands, from the controllers.
+//!
+//! Echoes near a hand are not furniture. Conversely, no hand passes through furniture.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -8,43 +10,48 @@ use glam::DVec3;
 /// Left and right hand, tracking frame, metres; `None` for one that is not tracked.
 pub type HandsM = [Option<DVec3>; 2];
 
-/// Where the hands were at a time.
+/// Positions of the hands at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HandsSample {
     /// Host's monotonic clock, nanoseconds.
     pub time_ns: i64,
-    /// Where they were.
+    /// Positions of the hands.
     pub hands_m: HandsM,
 }
 
-/// No hand is farther from the radar on the forehead than an arm reaches, metres: such a controller was put down.
+/// Longest distance from the radar, on the forehead, to a held controller, metres (choice: an arm's
+/// reach). A controller farther away was put down.
 const ARM_LENGTH_M: f64 = 1.2;
-/// A hand with what it holds and the pulse's width: so far around its range everything may be the hand, metres.
+/// Range on either side of the palm that a hand, what it holds and the pulse's width may occupy,
+/// metres (choice).
 const HAND_HALF_EXTENT_M: f64 = 0.17;
-/// The forearm, from wrist to elbow, echoes from as much nearer than the hand, metres.
+/// Length of the forearm, wrist to elbow, which echoes from as much nearer than the hand, metres
+/// (choice).
 const FOREARM_LENGTH_M: f64 = 0.2;
 
-/// Between which ranges a hand, what it holds and its forearm echo, if the palm is at a range, metres.
+/// Range interval in which a hand, what it holds and its forearm echo, for the palm at a range.
 pub fn hand_ranges_m(palm_range_m: f64) -> Range<f64> {
     palm_range_m - FOREARM_LENGTH_M - HAND_HALF_EXTENT_M..palm_range_m + HAND_HALF_EXTENT_M
 }
 
-/// Places of before are kept for so long, nanoseconds: longer than any window of blocks.
+/// Retention of samples, nanoseconds (choice: longer than any window).
 const RETENTION_NS: i64 = 25_000_000_000;
-/// Between two that are kept, nanoseconds.
+/// Least spacing of the samples kept, nanoseconds (choice).
 const MIN_STEP_NS: i64 = 10_000_000;
-/// Nobody's times go back so far, nanoseconds.
+/// A time that is earlier than the newest by more than this shows that the newest were wrong,
+/// nanoseconds (choice).
 const MAX_BACKWARD_STEP_NS: i64 = 1_000_000_000;
-/// A place says nothing of times farther away than this, nanoseconds.
+/// Greatest distance in time to a sample that is used, nanoseconds (choice).
 const MAX_SAMPLE_DISTANCE_NS: i64 = 100_000_000;
 
-/// Places of the hands over the last seconds, in time.
+/// Positions of the hands over the last seconds, in rising time.
 #[derive(Debug, Default)]
 pub struct HandTrail(VecDeque<(i64, HandsM)>);
 
 impl HandTrail {
-    /// Takes where they are; what is not newer than the newest is left out, and so are places that are none and controllers that are out of
-    /// reach of where the radar is, if that is known. A time far before the newest shows that the newest were wrong.
+    /// Adds positions. Ignores a sample less than 10 ms after the newest one, a position that is
+    /// not finite and, if the sensor's position is known, a controller out of reach of it. A time
+    /// far before the newest one drops the later samples.
     pub fn push(&mut self, time_ns: i64, hands_m: HandsM, sensor_m: Option<DVec3>) {
         if self.0.back().is_some_and(|(last_ns, _)| last_ns.saturating_sub(time_ns) > MAX_BACKWARD_STEP_NS) {
             while self.0.pop_back_if(|(later_ns, _)| *later_ns > time_ns).is_some() {}
@@ -58,13 +65,13 @@ impl HandTrail {
         while self.0.pop_front_if(|(old_ns, _)| time_ns.saturating_sub(*old_ns) > RETENTION_NS).is_some() {}
     }
 
-    /// Whether a hand was this near to a place since a time.
+    /// Whether a hand was within this distance of a point since a time.
     pub fn came_near(&self, place: DVec3, within_m: f64, since_ns: i64) -> bool {
         let recent = self.0.iter().rev().take_while(|(at_ns, _)| *at_ns >= since_ns);
         recent.flat_map(|(_, hands_m)| hands_m).flatten().any(|hand| hand.distance(place) < within_m)
     }
 
-    /// Where they were at a time.
+    /// Positions at a time.
     pub fn at(&self, time_ns: i64) -> HandsM {
         let later = self.0.partition_point(|(at_ns, _)| *at_ns < time_ns);
         let around = [later.checked_sub(1).and_then(|n| self.0.get(n)), self.0.get(later)];
@@ -108,7 +115,8 @@ mod tests {
         assert!(trail.0.len() <= 1300);
         let came_near = |x: f64, since: i64| trail.came_near(DVec3::new(x, 0.0, 0.1), 0.2, since * 20_000_000);
         assert!(came_near(9_999.0, 9_000) && came_near(9_500.0, 9_500) && !came_near(9_400.0, 9_500));
-        // One stamp far in the future costs itself alone, one a little late too, and so do places that are none.
+        // A time stamp far in the future costs itself alone, and so does one a little late.
+        // Positions that are not finite are ignored.
         trail.push(i64::MAX, hand(0.0), None);
         trail.push(10_000 * 20_000_000, hand(10_000.0), None);
         trail.push(10_000 * 20_000_000 - 5, hand(0.0), None);

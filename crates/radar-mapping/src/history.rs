@@ -1,9 +1,11 @@
-//! What was seen at a place before the window: some of the blocks that have left it, for most of a minute.
+//! History: a share of the sub-apertures that have left the window, for most of a minute.
 //!
-//! An artefact of the last seconds' movement stands where the beam has been before and nothing was; a weak thing was seen a little each
-//! time. A place that is newly believed is therefore asked of the past: had a thing of this strength been there, some blocks should
-//! have seen it. Things are moved, so the past is evidence among other evidence and no proof, and the newest looks at the place alone
-//! count: a chair that was put where nothing was is believed after some seconds in sight.
+//! An artefact of the last seconds' movement appears where the beam has been before and nothing was
+//! seen, while a weak object was seen a little each time. A new detection is therefore tested
+//! against the history: had an object of this strength been there, some sub-apertures should have
+//! seen it. Objects are moved, so the history is evidence among other evidence and no proof. Only
+//! the newest sub-apertures that have the point in their beam count, so a chair that was just
+//! placed is accepted after some seconds in view.
 
 use std::collections::VecDeque;
 
@@ -14,59 +16,62 @@ use radar_sar::Beam;
 use radar_sar::math;
 use radar_sar::subaperture::{PointSubaperture, Subaperture, SubapertureSettings};
 
-/// One block of so many is kept.
+/// One of this many sub-apertures is kept (choice).
 const KEEP_EVERY: u64 = 3;
-/// So many are kept: 50 s of preset d16.
+/// Number of sub-apertures kept (choice): 50 s of preset d16.
 const MAX_SUBAPERTURES: usize = 190;
-/// How sure it is that a block sees a thing that is there: most things return into some directions only.
+/// Probability that a sub-aperture sees a present object (choice): most objects reflect into some
+/// directions only.
 const P_DETECT: f64 = 0.5;
-/// So many blocks that have it in their beam count, the newest.
+/// Number of the newest sub-apertures, with the point in their beam, that are used (choice).
 const MAX_QUERIED: usize = 16;
-/// What is gone was so near to where it was known, metres.
+/// A removal applies to points within this distance of it, metres (choice).
 const REMOVED_RADIUS_M: f64 = 0.4;
-/// Greatest that one block adds to the log odds.
+/// Most that one sub-aperture adds to the log odds (choice).
 const MAX_LOG_ODDS_PER_SUBAPERTURE: f64 = 1.0;
 
-/// What the past says of a place.
+/// Evidence of the history about a point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HistoryEvidence {
-    /// How much likelier it makes it that something is there, log odds; 0 where it says nothing.
+    /// Log odds that it adds for an object there; 0 where it indicates nothing.
     pub log_odds: f64,
-    /// Blocks that tell of it, and how well these know where it is, 1/m².
+    /// Number of sub-apertures with a significant response.
     pub significant: usize,
-    /// See `significant`.
+    /// Information of these on the position, 1/m².
     pub information: DMat3,
 }
 
-/// Blocks that have left the window.
+/// Sub-apertures that have left the window.
 #[derive(Debug, Default)]
 pub(super) struct History {
     blocks: VecDeque<PointSubaperture>,
     received: u64,
-    /// Where something was and is gone, and the time of the newest block that was known then.
+    /// Positions of removed objects, and the time of the newest sub-aperture known at the removal.
     removed: VecDeque<(DVec3, i64)>,
 }
 
 impl History {
-    /// A block leaves the window.
+    /// Adds a sub-aperture that leaves the window.
     pub fn push(&mut self, block: &Subaperture) {
         self.received += 1;
         if !self.received.is_multiple_of(KEEP_EVERY) {
             return;
         }
-        // Memory that is taken and given back among what stays goes to pieces.
+        // Reuses the memory of the oldest, as freeing it among live data would fragment the heap.
         let oldest = if self.blocks.len() == MAX_SUBAPERTURES { self.blocks.pop_front() } else { None };
         self.blocks.push_back(PointSubaperture::of(block, oldest));
         let from_ns = self.blocks.front().map_or(i64::MAX, PointSubaperture::mid_time_ns);
         self.removed.retain(|(_, until_ns)| *until_ns >= from_ns);
     }
 
-    /// What was at a place is gone: blocks up to then say nothing of what is there now.
+    /// Records that the object at a point was removed. Sub-apertures up to then are ignored for
+    /// that point.
     pub fn mark_removed(&mut self, place: DVec3, until_ns: i64) {
         self.removed.push_back((place, until_ns));
     }
 
-    /// What it says of a place which returns what these views of the window say.
+    /// The history's evidence for an object at a point, of the strength that the window's responses
+    /// imply.
     pub fn evidence_at(
         &self,
         place: DVec3,
@@ -98,7 +103,7 @@ impl History {
     }
 }
 
-/// What a thing returns at 1 m on the axis, over the noise: the geometric mean of what telling views say.
+/// Strength at 1 m on the axis, relative to noise: the geometric mean of the significant responses.
 fn strength(responses: &[Option<Response>]) -> Option<f64> {
     let logs = || responses.iter().flatten().filter_map(|response| response.ln_strength);
     let count = logs().count();
@@ -126,7 +131,8 @@ mod tests {
         Some(Response::new((&block.middle, block.motion), coherence, range_m, toward, &Beam::Lensless))
     }
 
-    /// What these blocks, when they have left the window, say of a thing of the strength of what is at `THING`, at a place.
+    /// Log odds that these sub-apertures, having left the window, give to an object of the strength
+    /// of `THING` at a point.
     fn log_odds(place: DVec3, left: Vec<Subaperture>) -> f64 {
         let (settings, beam, mut past) = (SubapertureSettings::default(), Beam::Lensless, History::default());
         let responses: Vec<_> = blocks(2.0, &SEEN).iter().map(view_of_thing).collect();
@@ -142,7 +148,7 @@ mod tests {
         let (thing, nothing) = (log_odds(THING, blocks(3.0, &SEEN)), log_odds(NOTHING, blocks(3.0, &SEEN)));
         assert!(thing > 5.0 && nothing < -4.0, "{thing} {nothing}");
         let behind = log_odds(DVec3::new(0.0, 0.0, 1.5), blocks(3.0, &SEEN));
-        assert_eq!(behind, 0.0, "where nobody looked");
+        assert_eq!(behind, 0.0, "never in the beam");
         assert_eq!(
             History::default()
                 .evidence_at(THING, &[None], (&SubapertureSettings::default(), 0.5), &Beam::Lensless)
@@ -168,7 +174,7 @@ mod tests {
         let before = evidence(&past);
         assert!(before.log_odds > 5.0 && before.significant > 3 && before.information.x_axis.x > 0.0);
         past.mark_removed(NOTHING + DVec3::X, left[left.len() - 1].mid_time_ns);
-        assert_eq!(evidence(&past).significant, before.significant, "something else is gone");
+        assert_eq!(evidence(&past).significant, before.significant, "another object was removed");
         past.mark_removed(THING + DVec3::X * 0.2, left[left.len() / 2].mid_time_ns);
         let after = evidence(&past);
         assert!(

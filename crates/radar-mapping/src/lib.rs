@@ -1,4 +1,5 @@
-//! What stands in the room: obstacles with position, covariance and extent; walls as planes.
+//! Detection and mapping of a room: obstacles with position, covariance and extent, walls as
+//! planes.
 
 #![warn(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -1,17 +1,26 @@
-//! What moves by itself: a person, a pet. Echoes that cannot be at rest (`imaging/blocks/movers.rs`), followed from block to block.
+//! Moving targets: persons and pets. Echoes whose Doppler excludes an object at rest
+//! are found in each sub-aperture and tracked from one to the next.
 //!
-//! A track is a range and a speed of its own along the line of sight; the sensor's own way is taken out of the range by the boresight,
-//! since the direction is known no better than the beam is wide. A small Kalman filter with a gate joins echoes to tracks. A range rate
-//! that is known modulo the ambiguity is tried as each value that somebody in a room may have; what the ranges do not follow dies.
-//! A track is confirmed when most of the last blocks had it and what its echoes lie beyond everything at rest comes to a way of
-//! [`MtiSettings::min_travel_m`]: what vibrates or sways has both signs, or turns back. It is dropped when unseen for a while.
+//! A track is a range and a radial speed of its own. The sensor's displacement is taken out of the
+//! range along the boresight, since the direction is known no better than the beam is wide. A small
+//! Kalman filter with a gate assigns echoes to tracks. A range rate is known modulo the ambiguity,
+//! so each value that a person in a room may have begins a track; tracks that the ranges do not
+//! follow are dropped.
 //!
-//! Blocks in which what stands still may have the same range rate say nothing for or against.
+//! A track is confirmed when most of the last sub-apertures had it and it has travelled at least
+//! [`MtiSettings::min_travel_m`]. Travel counts only the part of the range rate beyond that of
+//! everything at rest. Vibrating or swaying objects have travel of both signs, or turn back. A
+//! track is dropped when unseen for a while. Sub-apertures in which objects at rest may have the
+//! same range rate count neither for nor against a track.
 //!
-//! The player's own hands move as well. What is nearer than hands reach begins no track; with tracked hands, what is no farther than
-//! the farther of them, since arms hang on hands. A track that was confirmed beyond is followed nearer, with a narrower gate and never by
-//! what a tracked hand accounts for. Not told apart: one's own legs, should they be in the beam and farther than hands reach; two people
-//! at one range; who walks across the line of sight from what stands still.
+//! The wearer's own hands move as well. No track begins within the hands' reach. With tracked hands
+//! this is the range of the farther hand, because arms end in hands. A track that was confirmed
+//! beyond it is followed nearer, with a narrower gate and never by echoes that a tracked hand
+//! accounts for.
+//!
+//! Limits: the tracker cannot separate the wearer's legs, should they be in the beam and beyond the
+//! hands' reach, two persons at one range, or a person who walks across the line of sight from
+//! objects at rest.
 
 mod track;
 
@@ -25,19 +34,19 @@ use radar_sar::math;
 use radar_sar::subaperture::{MtiEcho, MtiFilter, MtiResult, Subaperture};
 use track::{Association, MtiTrack, candidate_speeds};
 
-/// Parameters of the search for what moves.
+/// Parameters of the moving target indication (MTI).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MtiSettings {
-    /// Whether it is looked for.
+    /// Whether moving targets are looked for.
     pub enabled: bool,
-    /// Share of blocks in which noise may make an echo that moves.
+    /// Share of sub-apertures in which noise may make a moving echo.
     pub alarms_per_block: f64,
-    /// Of the last six blocks that could have it, so many must.
+    /// A target is confirmed by this many of the last six sub-apertures that could have it.
     pub confirm_blocks: usize,
-    /// Way of its own, along the line of sight, that confirms a thing, metres.
+    /// Radial travel of its own that confirms a target, metres.
     pub min_travel_m: f64,
-    /// What is unseen for so long is gone, seconds.
+    /// A track unseen for this long is dropped, seconds.
     pub forget_s: f64,
 }
 
@@ -47,36 +56,37 @@ impl Default for MtiSettings {
     }
 }
 
-/// Something that moves by itself. Where it is, is known as a range; its direction is anywhere in the beam.
+/// A moving target. Its range is known; its direction is anywhere in the beam.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MovingTarget {
-    /// Stays the same while it is followed.
+    /// Stays the same while the target is tracked.
     pub id: u64,
-    /// Where it was seen from last, `tracking_from_sensor`: range and direction are from there, along its boresight.
+    /// Sensor pose at the last detection, `tracking_from_sensor`. Range and direction are relative
+    /// to it, the direction along its boresight.
     pub seen_from: Pose,
-    /// Its range from there now, metres.
+    /// Predicted present range from there, metres.
     pub range_m: f64,
-    /// 1σ of that, metres.
+    /// 1σ of the range, metres.
     pub range_sigma_m: f64,
-    /// 1σ of its direction about the boresight, every way, radians: as wide as the beam.
+    /// 1σ of its direction about the boresight in either axis, radians: as wide as the beam.
     pub direction_sigma_rad: f64,
-    /// Its own speed along the line of sight, metres a second; positive: away.
+    /// Radial speed of its own, metres a second; positive: receding.
     pub speed_m_per_s: f64,
-    /// Power of its last echo over what else there is at its range.
+    /// Power of its last echo relative to everything else at its range.
     pub evidence: f64,
-    /// First and last block that had it, host nanoseconds.
+    /// Times of the first and last sub-aperture that had it, host nanoseconds.
     pub first_seen_ns: i64,
     /// See `first_seen_ns`.
     pub last_seen_ns: i64,
 }
 
 impl MovingTarget {
-    /// The middle of where it may be, tracking frame, metres.
+    /// The middle of the region that it may be in, tracking frame, metres.
     pub fn position_m(&self) -> DVec3 {
         self.seen_from.translation + self.seen_from.forward() * self.range_m
     }
 
-    /// Covariance of that, m²: that of the tangent plane, as of an obstacle whose range alone is known.
+    /// Covariance of that, m²: of the tangent plane, as for an obstacle whose range alone is known.
     pub fn covariance_m2(&self) -> DMat3 {
         let ahead = self.seen_from.forward();
         let along = DMat3::from_cols(ahead * ahead.x, ahead * ahead.y, ahead * ahead.z);
@@ -84,12 +94,13 @@ impl MovingTarget {
         along * self.range_sigma_m.powi(2) + (DMat3::IDENTITY - along) * across_m.powi(2)
     }
 
-    /// Half the width of where it may be, radians about the place that it was seen from: 2σ.
+    /// Half the width of the region that it may be in, radians about its `seen_from`: 2σ.
     pub fn half_width_rad(&self) -> f64 {
         2.0 * self.direction_sigma_rad
     }
 
-    /// A place at its range: so far to the right of the boresight and above it, radians; level whichever way the sensor is rolled.
+    /// A point at its range, this far to the right of and above the boresight, radians, level
+    /// however the sensor is rolled.
     pub fn place_m(&self, right_rad: f64, above_rad: f64) -> DVec3 {
         let ahead = self.seen_from.forward();
         let right = ahead.cross(DVec3::Y).try_normalize().unwrap_or(DVec3::X);
@@ -97,14 +108,14 @@ impl MovingTarget {
         self.seen_from.translation + turned * ahead * self.range_m
     }
 
-    /// The level arc that it is on, from left to right, tracking frame, metres.
+    /// The level arc that it lies on, from left to right, tracking frame, metres.
     pub fn arc_m(&self) -> impl Iterator<Item = DVec3> {
         const STEPS: i32 = 16;
         let step_rad = self.half_width_rad() / f64::from(STEPS / 2);
         (-STEPS / 2..=STEPS / 2).map(move |n| self.place_m(f64::from(n) * step_rad, 0.0))
     }
 
-    /// What its label says: from a head, and whether it comes or goes.
+    /// Its label: distance from a head, and whether it approaches or recedes.
     pub fn label(&self, head: Option<&Pose>) -> String {
         let from = head.map_or(self.seen_from.translation, |head| head.translation);
         let way = match self.speed_m_per_s {
@@ -115,24 +126,25 @@ impl MovingTarget {
         format!("moving {}  {:.1} m  {way}", self.id, self.position_m().distance(from))
     }
 
-    /// The same in another frame: `to_from` takes coordinates of this one's.
+    /// The same in another frame: `to_from` transforms from this frame's coordinates.
     pub(super) fn moved(&self, to_from: &Pose) -> Self {
         Self { seen_from: *to_from * self.seen_from, ..*self }
     }
 }
 
-/// What comes or goes slower than this is said to pass, metres a second.
+/// A target that approaches or recedes slower than this is labelled as passing, metres a second
+/// (choice).
 const MIN_RADIAL_SPEED_M_PER_S: f64 = 0.15;
-/// What is nearer than a track by less than this, or farther by less than that, is of the same body: feet are farther than a chest,
-/// metres.
+/// A track nearer than another by less than the first of these, or farther by less than the second,
+/// belongs to the same body, metres (choice): feet are farther than a chest.
 const BODY_NEARER_M: f64 = 0.35;
 const BODY_FARTHER_M: f64 = 0.7;
-/// Tracks at most, the oldest.
+/// Most tracks (choice). Further ones are not started.
 const MAX_TRACKS: usize = 24;
-/// A longer pause ends all tracks, seconds.
+/// A longer pause between sub-apertures ends all tracks, seconds (choice).
 const MAX_PAUSE_S: f64 = 1.0;
 
-/// Follows what moves.
+/// Tracks moving targets.
 #[derive(Debug, Clone)]
 pub struct MovingTargetTracker {
     settings: MtiSettings,
@@ -140,12 +152,12 @@ pub struct MovingTargetTracker {
     direction_sigma_rad: f64,
     tracks: Vec<MtiTrack>,
     next_id: u64,
-    /// Time and pose of the newest block.
+    /// Time and pose of the newest sub-aperture.
     newest: Option<(i64, Pose)>,
 }
 
 impl MovingTargetTracker {
-    /// Nothing seen yet.
+    /// Nothing tracked yet.
     pub fn new(settings: MtiSettings, beam: &Beam) -> Self {
         Self {
             mti_filter: MtiFilter::new(beam, settings.alarms_per_block),
@@ -157,7 +169,7 @@ impl MovingTargetTracker {
         }
     }
 
-    /// Takes a block; blocks in time. `hands_reach_m`: how far the hands reach that are not tracked.
+    /// Adds a sub-aperture, in rising time. `hands_reach_m`: how far untracked hands reach, metres.
     pub fn push(&mut self, block: &Subaperture, hands: &HandTrail, hands_reach_m: f64) {
         if self.settings.enabled {
             let reach_m = hand_reach_m(block, hands, hands_reach_m);
@@ -169,7 +181,7 @@ impl MovingTargetTracker {
         }
     }
 
-    /// What moves now: confirmed, brought up to a time.
+    /// Confirmed targets, predicted to the time of the newest sub-aperture.
     pub fn targets(&self) -> Vec<MovingTarget> {
         let Some((now_ns, _)) = self.newest else { return Vec::new() };
         let moving = |track: &MtiTrack| {
@@ -213,7 +225,9 @@ impl MovingTargetTracker {
         self.merge_same_body();
     }
 
-    /// Each echo goes to the confirmed track that it fits best, else to all others that it fits, else it begins one.
+    /// Each echo goes to the confirmed track that it fits best. If it fits no confirmed track, it
+    /// goes to every other track that it fits. If it fits none at all and lies beyond the hands'
+    /// reach, it begins a track.
     fn assign_echoes(&mut self, sensor: &Pose, now_ns: i64, movers: &MtiResult, reach_m: f64, passed_s: f64) {
         let mut is_seen = vec![false; self.tracks.len()];
         for echo in &movers.echoes {
@@ -244,7 +258,7 @@ impl MovingTargetTracker {
         }
     }
 
-    /// A track for every value that the range rate may have.
+    /// One track for every value that the range rate may have.
     fn start_tracks(&mut self, sensor: &Pose, now_ns: i64, echo: &MtiEcho, movers: &MtiResult, passed_s: f64) {
         for speed_m_per_s in candidate_speeds(echo, movers) {
             if self.tracks.len() >= MAX_TRACKS {
@@ -254,7 +268,8 @@ impl MovingTargetTracker {
         }
     }
 
-    /// Of tracks of one body the confirmed one stays; of several such the nearest, under the oldest one's name.
+    /// Keeps one track of a body. A confirmed one stays; of several confirmed ones the nearest
+    /// stays, under the id of the oldest.
     fn merge_same_body(&mut self) {
         let mut bodies: Vec<MtiTrack> = Vec::new();
         self.tracks.sort_by(|a, b| a.id.is_none().cmp(&b.id.is_none()).then(a.range_m.total_cmp(&b.range_m)));
@@ -275,20 +290,20 @@ impl MovingTargetTracker {
     }
 }
 
-/// How far nothing may begin to move: the hands', tracked or not.
+/// Range within which no track may begin: the reach of the hands, tracked or not.
 fn hand_reach_m(block: &Subaperture, hands: &HandTrail, hands_reach_m: f64) -> f64 {
     let hands = hands.at(block.mid_time_ns);
     let reach_m = |hand: Option<DVec3>| hand.map_or(hands_reach_m, |hand| hand_ranges_m(block.distance_m(hand)).end);
     hands.into_iter().map(reach_m).fold(0.0, f64::max)
 }
 
-/// Whether a tracked hand or its forearm accounts for it.
+/// Whether a tracked hand or its forearm accounts for the echo.
 fn is_from_hand(echo: &MtiEcho, block: &Subaperture, hands: &HandTrail) -> bool {
     let mut tracked = hands.at(block.mid_time_ns).into_iter().flatten();
     tracked.any(|hand| hand_ranges_m(block.distance_m(hand)).contains(&echo.range_m))
 }
 
-/// 1σ of the direction of an echo about the boresight, along either axis, by what a beam lets through.
+/// 1σ of an echo's direction about the boresight in either axis, weighted by the beam's power.
 fn direction_sigma_rad(beam: &Beam) -> f64 {
     let angles = (0..=180).map(|degrees| f64::from(degrees).to_radians());
     let (sum, weight) = angles.fold((0.0, 0.0), |(sum, total), angle| {
@@ -307,7 +322,7 @@ mod tests {
 
     const STEP_NS: i64 = 90_000_000;
 
-    /// What a still sensor's block says of echoes of these ranges and range rates.
+    /// What a sensor at rest measures of echoes at these (range, range rate).
     fn mti_result(echoes: &[(f64, f64)], ambiguity_m_per_s: f64) -> MtiResult {
         let echo = |&(range_m, rate): &(f64, f64)| {
             let turns = (rate / ambiguity_m_per_s).round();
@@ -327,7 +342,7 @@ mod tests {
         MovingTargetTracker::new(MtiSettings::default(), &Beam::Lensless)
     }
 
-    /// What is shown after each of so many blocks.
+    /// Confirmed targets after each of so many sub-apertures.
     fn targets_after_each(blocks: i64, reach_m: f64, movers: impl Fn(f64) -> MtiResult) -> Vec<Vec<MovingTarget>> {
         let mut tracks = tracks();
         let step = |n: i64| {
@@ -348,7 +363,8 @@ mod tests {
             assert!((one.range_m - (2.3 - 0.09 * n as f64)).abs() < 0.05 && (one.speed_m_per_s + 1.0).abs() < 0.2);
             assert_eq!((one.id, one.first_seen_ns), (1, 0));
         }
-        // Unseen while it would be told it came no nearer; after a second it is gone.
+        // Unseen although detectable, its speed is limited to those that objects at rest hide, so
+        // it comes no nearer. After a second it is gone.
         assert!(shown[24][0].range_m > 0.3 && shown[33].is_empty(), "{:?}", shown[24]);
     }
 
@@ -416,7 +432,7 @@ mod tests {
         DVec3::new(0.1 * (1.1 * time_s).sin(), 0.02 * (2.3 * time_s).sin(), 0.06 * (1.7 * time_s).cos())
     }
 
-    /// Furniture and a wall, and somebody whose middle is at `place` while there is one.
+    /// Furniture and a wall, and a person whose middle is at `place` while it is `Some`.
     fn room(duration_s: f64, place: impl Fn(f64) -> Option<DVec3>, seed: u64) -> Vec<Observation> {
         let wall = radar_sar::geometry::Plane { outward: DVec3::NEG_Z, offset_m: 2.6 };
         let things = [(0.5, -0.4, -1.1, 20.0), (-0.6, 0.2, -1.5, 12.0), (0.1, -0.8, -1.9, 8.0)];
@@ -425,7 +441,7 @@ mod tests {
         let mut all = sweeps(duration_s, head, &still, seed);
         for (part, snr) in [(DVec3::ZERO, 1.0), (DVec3::new(0.15, 0.1, 0.05), 0.7), (DVec3::new(-0.1, -0.6, -0.1), 0.6)]
         {
-            // From the part the head goes the other way.
+            // Relative to the part, the head moves the other way.
             let from = |t: f64| head(t) - place(t).unwrap_or(DVec3::splat(1e3)) - part;
             let moving = sweeps(duration_s, from, &[(Echo::Point(DVec3::ZERO), snr)], seed + 7);
             let samples = all
@@ -437,7 +453,7 @@ mod tests {
         all
     }
 
-    /// Time and what is shown after each block.
+    /// Time and confirmed targets after each sub-aperture.
     fn timed_targets(observations: Vec<Observation>) -> Vec<(f64, Vec<MovingTarget>)> {
         let (mut builder, mut tracks) = (SubapertureBuilder::new(SubapertureSettings::default()), tracks());
         let blocks: Vec<Subaperture> = observations.into_iter().filter_map(|o| builder.push(o)).collect();

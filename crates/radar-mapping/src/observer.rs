@@ -1,8 +1,9 @@
-//! Joins the two streams: frames and poses in, observations out.
+//! Observer: joins the stream of frames with that of poses, and gives observations.
 //!
-//! A frame waits until the poses around its sweeps are there (half the smoothing window past its end, or less by the settings), then each sweep
-//! gets the sensor's pose at its own time: pose time = sweep time + time offset. A frame that has waited behind 256 others
-//! makes do with the poses at hand. Frames that never get poses are counted.
+//! A frame waits until the poses around its sweeps have arrived: half the smoothing window past its
+//! end, or less by the settings. Each sweep then gets the sensor's pose at its own time: pose time
+//! = sweep time + time offset. A frame that waits behind 256 others uses the poses at hand. Frames
+//! without any pose are counted.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -18,13 +19,14 @@ use radar_sar::geometry::Pose;
 use radar_sar::{HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
 use radar_sar::{Observation, SweepGeometry};
 
-/// Frames that wait for poses at most: half a second of the fastest ones.
+/// Most frames that wait for poses (choice): half a second of the fastest ones.
 const MAX_WAITING_FRAMES: usize = 256;
-/// Step of the sensor's path, nanoseconds.
+/// Time step of the sensor's path, nanoseconds (choice).
 const PATH_STEP_NS: i64 = 5_000_000;
-/// The path is not drawn across pauses longer than this, nanoseconds; poses are not joined across them either.
+/// The path is not computed across longer pauses, nanoseconds (choice); poses are not joined across
+/// them either.
 const MAX_PATH_PAUSE_NS: i64 = 2_000_000_000;
-/// Poses kept at most: 14 minutes at 120 Hz.
+/// Most poses kept (choice): 14 minutes at 120 Hz.
 const MAX_POSES: usize = 100_000;
 
 /// How the streams are joined.
@@ -32,13 +34,13 @@ const MAX_POSES: usize = 100_000;
 pub struct ObserverSettings {
     /// How poses become a path.
     pub history: HistorySettings,
-    /// Where the sensor's phase centre sits on the head, a full rigid transform.
+    /// Pose of the sensor's phase centre on the head, a full rigid transform.
     pub head_from_sensor: Pose,
     /// Added to a sweep's time to get the time of its pose, seconds.
     pub time_offset_s: f64,
 }
 
-/// Where the sensor was at a time of the pose stream.
+/// State of the sensor at a time of the pose stream.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorState {
     /// Time of the pose stream, host nanoseconds.
@@ -49,22 +51,23 @@ pub struct SensorState {
     pub velocity_m_per_s: DVec3,
 }
 
-/// What came and what was left out, by reason.
+/// What arrived and what was skipped, by reason.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ObserverCounters {
-    /// Frames taken in.
+    /// Frames received.
     pub frames: u64,
     /// Observations given out (sweeps × subsweeps).
     pub observations: u64,
-    /// Poses taken in.
+    /// Poses received.
     pub poses: u64,
     /// Poses marked invalid, out of range or not tracking.
     pub poses_invalid: u64,
-    /// Poses with numbers that make no pose: NaN, infinite, zero quaternion.
+    /// Poses with invalid numbers: NaN, infinite, zero quaternion.
     pub poses_bad_numbers: u64,
     /// Poses not later than the one before.
     pub poses_time_not_rising: u64,
-    /// Poses far ahead in time of the one before, with no other pose to confirm it; or a first one that none confirmed.
+    /// Poses far ahead in time of the one before, with no other pose to confirm it; or a first one
+    /// that none confirmed.
     pub poses_time_leapt: u64,
     /// Frames skipped: saturated samples.
     pub frames_saturated: u64,
@@ -72,7 +75,8 @@ pub struct ObserverCounters {
     pub frames_wrong_length: u64,
     /// Frames skipped: not later than the one before.
     pub frames_time_not_rising: u64,
-    /// Frames skipped: far ahead in time of the one before, with no other to confirm it; or a first one that none confirmed.
+    /// Frames skipped: far ahead in time of the one before, with no other to confirm it; or a first
+    /// one that none confirmed.
     pub frames_time_leapt: u64,
     /// Frames without a pose for any sweep.
     pub frames_without_pose: u64,
@@ -80,11 +84,11 @@ pub struct ObserverCounters {
     pub sweeps_outside_poses: u64,
     /// Sweeps skipped: in a gap between poses.
     pub sweeps_in_pose_gap: u64,
-    /// Sweeps skipped: beside an invalid pose.
+    /// Sweeps skipped: next to an invalid pose.
     pub sweeps_at_invalid_pose: u64,
 }
 
-/// Joins frames and poses of one configuration.
+/// Joins the frames and poses of one configuration.
 #[derive(Debug)]
 pub struct Observer {
     settings: ObserverSettings,
@@ -101,7 +105,7 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// For frames of a sound configuration.
+    /// For frames of a valid configuration.
     pub fn new(config: &SensorConfig, settings: ObserverSettings) -> Self {
         let layout = FrameLayout::of(config);
         let geometries = config.subsweeps.iter().zip(&layout.timing().subsweeps).enumerate();
@@ -123,13 +127,13 @@ impl Observer {
             frame_timestamps: TimestampFilter::default(),
             pose_timestamps: TimestampFilter::default(),
             next_path_ns: None,
-            // Older poses than the window before a frame serve nobody, unless asked for.
+            // Poses older than the window before a frame are not used, unless requested.
             keep_s: settings.history.smoothing_window_s + settings.history.max_gap_s + 0.5,
             counters: ObserverCounters::default(),
         }
     }
 
-    /// What was taken and left out so far.
+    /// Counters so far.
     pub fn counters(&self) -> &ObserverCounters {
         &self.counters
     }
@@ -139,13 +143,13 @@ impl Observer {
         self.history.last_pose()
     }
 
-    /// Time of the newest pose whose time was believed, valid or not.
+    /// Time of the newest pose that was accepted, valid or not.
     pub fn newest_pose_ns(&self) -> Option<i64> {
         self.history.last_time_ns()
     }
 
-    /// Keeps poses for this long behind the newest frame, seconds (within a bound of their number): for
-    /// [`sensor_at`](Self::sensor_at).
+    /// Keeps poses for this long before the newest frame, seconds, for
+    /// [`sensor_at`](Self::sensor_at). The number kept is bounded.
     pub fn keep_poses_s(&mut self, keep_s: f64) {
         self.keep_s = self.keep_s.max(keep_s);
     }
@@ -155,21 +159,21 @@ impl Observer {
         self.settings.time_offset_s
     }
 
-    /// Changes the time offset for all frames that still wait and those to come.
+    /// Changes the time offset for the frames that still wait and those to come.
     pub fn set_time_offset_s(&mut self, time_offset_s: f64) {
         self.settings.time_offset_s = time_offset_s;
     }
 
-    /// The sensor at a time of the pose stream, as sweeps get it.
+    /// The sensor at a time of the pose stream, in the same way as for a sweep.
     ///
     /// # Errors
-    /// Outside the poses still kept, in a gap, or beside an invalid pose.
+    /// Outside the poses still kept, in a gap, or next to an invalid pose.
     pub fn sensor_at(&self, time_ns: i64) -> Result<SensorState, NoPose> {
         sensor_at(&self.history, time_ns, &self.settings.head_from_sensor, i64::MIN)
     }
 
-    /// The sensor at the time of a sweep, by the poses that are known since another sweep, later, has its own: smoother than
-    /// the sweep had it when poses are not waited for long.
+    /// The sensor at the time of a sweep, fitted to the poses known when a later sweep has its own.
+    /// This is smoother than the sweep's own pose when poses are not waited for long.
     ///
     /// # Errors
     /// As [`sensor_at`](Self::sensor_at).
@@ -179,8 +183,8 @@ impl Observer {
         sensor_at(&self.history, at_ns, &self.settings.head_from_sensor, known_until_ns)
     }
 
-    /// The sensor's path since the last call, every 5 ms, as far as it is as smooth as it will be, however early sweeps have
-    /// their poses.
+    /// The sensor's path since the last call, every 5 ms, up to where no later pose makes it
+    /// smoother. This does not depend on how early sweeps get their poses.
     pub fn take_path(&mut self) -> Vec<SensorState> {
         let smooth_ns = self.settings.history.smooth_ns();
         let Some(last_ns) = self.history.last_time_ns() else { return Vec::new() };
@@ -196,7 +200,7 @@ impl Observer {
         path
     }
 
-    /// Takes a pose; a bad one is counted and used no further.
+    /// Adds a pose. A bad one is counted and ignored.
     pub fn push_pose(&mut self, sample: &PoseSample) {
         self.counters.poses += 1;
         match self.pose_timestamps.classify(sample.time_ns) {
@@ -218,7 +222,7 @@ impl Observer {
         self.history.keep_newest(MAX_POSES);
     }
 
-    /// Takes a frame; a bad one is counted and used no further.
+    /// Adds a frame. A bad one is counted and ignored.
     pub fn push_frame(&mut self, frame: Frame) {
         self.counters.frames += 1;
         if frame.samples.len() != self.layout.samples_per_frame() {
@@ -256,7 +260,7 @@ impl Observer {
         std::mem::take(&mut self.ready)
     }
 
-    /// Observations of everything still waiting: no more poses will come.
+    /// Observations of all frames that still wait, when no more poses will come.
     pub fn take_rest(&mut self) -> Vec<Observation> {
         for frame in std::mem::take(&mut self.waiting) {
             self.observe(&frame);
@@ -295,7 +299,7 @@ impl Observer {
     }
 }
 
-/// All observations of streams that are at hand as a whole, in time, with the counters.
+/// All observations of complete streams, in rising time, with the counters.
 pub fn observe_all(
     config: &SensorConfig,
     settings: ObserverSettings,

@@ -1,8 +1,9 @@
-//! Single reflectors from range alone: the `ls` sum over a dense grid, one reflector after the other.
+//! Single reflectors from range alone: the `ls` sum over a dense grid, one reflector after the
+//! other.
 //!
-//! The place with the greatest excess over noise is refined, its ranges are claimed in every sweep, and the search goes on
-//! in what is left, until nothing stands out. For trials and slow sensors; rooms need blocks, since range-only sums do not
-//! find furniture before a wall.
+//! The point with the greatest excess over noise is refined, its ranges are masked in every sweep,
+//! and the search continues in the rest until nothing stands out. For trials and slow sensors.
+//! Rooms need sub-apertures, because range-only sums do not find furniture in front of a wall.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -16,17 +17,18 @@ use radar_sar::{PositionErrors, RangePower, Refined, Volume, farthest_points, re
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ReflectorSettings {
-    /// Edge of the search's voxels, metres; refinement goes on from there.
+    /// Edge of the search's voxels, metres; the refinement continues from there.
     pub voxel_m: f64,
-    /// Sweeps used at most, chosen by farthest point; 0: all.
+    /// Most sweeps used, chosen by farthest point; 0: all.
     pub max_sweeps: usize,
-    /// Sweeps that the dense search uses at most; refinement uses all chosen.
+    /// Most sweeps that the dense search uses; the refinement uses all chosen.
     pub search_sweeps: usize,
-    /// Places nearer than this to the sensor are not looked at in a sweep, metres: the antenna's own leakage.
+    /// Points nearer than this to the sensor are ignored in a sweep, metres: the antenna's own
+    /// leakage.
     pub min_range_m: f64,
-    /// Excess over noise in its standard deviations that a reflector needs.
+    /// Excess over noise, in standard deviations, that a reflector needs.
     pub threshold_sigma: f64,
-    /// Reflectors reported at most.
+    /// Most reflectors reported.
     pub max_reflectors: usize,
 }
 
@@ -43,25 +45,29 @@ impl Default for ReflectorSettings {
     }
 }
 
-/// A reflector needs at least this share of the sweeps that see its place to be unclaimed, and at least this many.
+/// Least share of the sweeps that see its point, and least number, that must be unmasked for a
+/// reflector (choice).
 const MIN_UNCLAIMED_SHARE: f64 = 0.3;
 const MIN_SWEEPS: usize = 3;
 
-/// Share of the strongest reflector's evidence below which its own skirts and the pose errors cannot be told from others.
+/// Share of the strongest reflector's evidence below which others cannot be told from its own
+/// sidelobes and pose errors (choice).
 const DYNAMIC_RANGE: f64 = 1e-3;
-/// Rms range residual of something that stands still, without noise, in pulse widths: 17 mm of a 14 cm pulse.
+/// Rms range residual of a static object, without noise, in pulse widths: 17 mm of a 14 cm pulse
+/// (choice).
 const MAX_STATIC_RESIDUAL_WIDTHS: f64 = 0.12;
 
-/// Whether the ranges of all sweeps agree on one place, as far as their noise allows: what moves with the sensor (its own
-/// housing, a moving thing) leaves them apart. `mean_power`: mean excess of a sweep over noise. Asked of all but the
-/// strongest, which is reported in any case, its covariance grown by the misfit.
+/// Whether the ranges of all sweeps agree on one point, as far as their noise allows. Objects that
+/// move with the sensor (its own housing) or by themselves leave them apart. `mean_power`: mean
+/// excess of a sweep over noise. It is tested for all but the strongest, which is reported in any
+/// case, with its covariance grown by the misfit.
 fn is_static(refined: &Refined, mean_power: f64) -> bool {
     let noise2 = 1.0 / (8.0 * std::f64::consts::LN_2 * mean_power.max(1e-9));
     refined.residual_widths * refined.residual_widths
         <= MAX_STATIC_RESIDUAL_WIDTHS * MAX_STATIC_RESIDUAL_WIDTHS + noise2
 }
 
-/// Finds reflectors in a region, strongest first. `observations` in time.
+/// Finds reflectors in a region, strongest first. `observations` in rising time.
 pub fn find_reflectors(
     observations: &[Observation],
     beam: &Beam,
@@ -96,7 +102,8 @@ pub fn find_reflectors(
         let pair = if stands_out { split(&power, &refined, errors) } else { None };
         let stands = stands_out && (pair.is_some() || found.is_empty() || is_static(&refined, sum / count as f64));
         let parts = pair.map_or(vec![refined], Vec::from);
-        // Claimed in any case: the search must go on elsewhere. Nothing left to claim ends it.
+        // Masked in any case: the search must go on elsewhere. It ends when nothing is left to
+        // mask.
         let left_before = search.excess(places[start]).1;
         for part in &parts {
             if stands && found.len() < settings.max_reflectors {
@@ -112,8 +119,9 @@ pub fn find_reflectors(
     found
 }
 
-/// The excess over noise in its standard deviations on the search's voxels, before anything is claimed: where it reaches the
-/// threshold and half of the greatest, the `most` strongest. Range alone gives shells; reflectors stand where they meet.
+/// The excess over noise in standard deviations on the search's voxels, before anything is masked.
+/// Of the voxels that reach the threshold and half of the greatest, the `most` highest. Range alone
+/// gives shells, and reflectors stand where shells meet.
 pub fn reflector_evidence(
     observations: &[Observation],
     beam: &Beam,

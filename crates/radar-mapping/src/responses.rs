@@ -1,5 +1,6 @@
-//! What blocks say of places, remembered from one look to the next: most places and most blocks are the same as the last
-//! time. A place that is not remembered is asked for block by block, many places of a block at once.
+//! Responses of sub-apertures to points, cached from one update to the next, because most points
+//! and most sub-apertures are the same as the last time. A point that is not in the cache is
+//! queried for each sub-aperture, many points of a sub-aperture at once.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -11,13 +12,14 @@ use radar_sar::math;
 use radar_sar::subaperture::{Coherence, MEAN_LOG_OF_NOISE, Subaperture};
 use radar_sar::{Beam, SweepGeometry, WAVELENGTH_M};
 
-/// A place that was not asked for is remembered for so many looks: maxima move to the voxel beside and back again.
+/// Updates that a point is kept for without a query (choice): maxima move to the next voxel and
+/// back.
 const CACHED_UPDATES: u32 = 4;
 
-/// A view of lower m does not say where something is.
+/// A response of lower m does not measure a position (choice).
 pub(super) const SIGNIFICANT_COHERENCE: f64 = 3.0;
 
-/// What a block says of one thing.
+/// A sub-aperture's response to a point or plane.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Response {
     pub m: f64,
@@ -27,16 +29,17 @@ pub(super) struct Response {
     pub range_m: f64,
     /// Direction towards it, unit length.
     pub toward: DVec3,
-    /// Cosine of that to the sensor's way.
+    /// Cosine of that direction to the sensor's motion.
     pub cos: f64,
     /// Two-way power gain of beam and distance, 1 at 1 m on the axis.
     pub gain: f64,
-    /// Logarithm of what a thing there returns at 1 m on the axis, over the noise; only where the view [tells](Self::is_significant).
+    /// Logarithm of the strength that an object there has at 1 m on the axis, relative to noise;
+    /// only where the response [is significant](Self::is_significant).
     pub ln_strength: Option<f64>,
 }
 
 impl Response {
-    /// From the block's middle pose and its way.
+    /// From the pose and the direction of motion at the middle of the sub-aperture.
     pub fn new(
         (middle, motion): (&Pose, DVec3),
         coherence: Coherence,
@@ -57,17 +60,18 @@ impl Response {
         math::ln_1p(f64::from(m)) - MEAN_LOG_OF_NOISE
     }
 
-    /// The part of the power that adds up, over the noise.
+    /// The part of the coherent power that adds up, relative to noise.
     pub fn net_coherent_power(&self) -> f64 {
         self.power * self.m / (1.0 + self.m)
     }
 
-    /// Whether it says where something is.
+    /// Whether the response is significant, so that it measures a position.
     pub fn is_significant(&self) -> bool {
         self.ln_strength.is_some()
     }
 
-    /// What range and direction to the sensor's way tell of where the thing is, 1/m²: of a block that moved this way over this aperture.
+    /// Information on the object's position, 1/m², from the range and from the direction relative
+    /// to the sensor's motion, for a sub-aperture with this motion and aperture.
     pub fn information(&self, motion: DVec3, geometry: &SweepGeometry, aperture_m: f64) -> DMat3 {
         let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
         let across = (motion - self.toward * self.cos) / self.range_m.max(1e-3);
@@ -76,30 +80,32 @@ impl Response {
         outer(self.toward) * range_sigma_m.powi(-2) + outer(across) * cos_sigma.powi(-2)
     }
 
-    /// How far a thing of that strength would stand out of the noise and of what else there is.
+    /// Expected m̂ of an object of that strength, relative to noise and clutter.
     pub fn expected_m(&self, strength: f64) -> f64 {
         strength * self.gain / self.clutter()
     }
 
-    /// How much likelier m is where there is a thing of that strength than where there is none: echoes fluctuate (Swerling's first case), so
-    /// m is exponential with mean 1 + m̂ or 1. What else is in this range drowns m̂ as it drowned m.
+    /// Likelihood of m with an object of that strength, relative to that without one. Echoes
+    /// fluctuate (Swerling case 1), so m is exponential with mean 1 + m̂ or 1. Clutter at the same
+    /// range lowers m̂ as it lowers m.
     pub fn likelihood_ratio(&self, strength: f64) -> f64 {
         let expected_m = self.expected_m(strength);
         math::exp((self.m * expected_m / (1.0 + expected_m)).min(30.0)) / (1.0 + expected_m)
     }
 
-    /// What else there is at the same range: energy that does not add up for this thing, over the noise; at least 1.
+    /// Clutter at the same range: energy that does not add up for this object, relative to noise;
+    /// at least 1.
     pub fn clutter(&self) -> f64 {
         (self.power / self.m.max(1e-9)).max(1.0)
     }
 
-    /// Its logarithm.
+    /// Logarithm of the clutter.
     pub fn ln_clutter(&self) -> f64 {
         math::ln(self.clutter())
     }
 }
 
-/// What is known of where a thing is, 1/m², and what these blocks' telling views add.
+/// Adds the information of these sub-apertures' significant responses to `known`, 1/m².
 pub(super) fn information<'v>(
     known: DMat3,
     significant: impl Iterator<Item = (&'v Subaperture, &'v Response)>,
@@ -110,18 +116,19 @@ pub(super) fn information<'v>(
     significant.map(of_view).fold(known, |sum, one| sum + one)
 }
 
-/// 1σ of a place, all directions together, metres.
+/// 1σ of a point, all directions together, metres.
 pub(super) fn sigma_m(covariance_m2: &DMat3) -> f64 {
     (covariance_m2.x_axis.x + covariance_m2.y_axis.y + covariance_m2.z_axis.z).sqrt()
 }
 
-/// What a block says of a place: a view, or nothing since the place is not in its beam; `None`: not asked.
+/// A sub-aperture's response to a point; inner `None`: the point is not in its beam; outer `None`:
+/// not queried.
 pub(super) type CachedResponse = Option<Option<Response>>;
 
-/// Time and subsweep tell a block.
+/// Time and subsweep identify a sub-aperture.
 type SubapertureKey = (i64, usize);
 
-/// What blocks said of a place, from the block of a number on.
+/// The cached responses to one point, beginning at the sub-aperture of a number.
 #[derive(Debug, Default)]
 struct Row {
     updates_unqueried: u32,
@@ -129,26 +136,27 @@ struct Row {
     cached: Vec<CachedResponse>,
 }
 
-/// What blocks said of places.
+/// The cached responses to all points.
 #[derive(Debug, Default)]
 pub struct ResponseCache {
-    /// The blocks at hand, in time, and the number of the first: blocks leave at the beginning and come at the end.
+    /// The sub-apertures at hand, in time, and the number of the first one. They leave at the front
+    /// and come at the back.
     keys: VecDeque<SubapertureKey>,
     first: u64,
     rows: BTreeMap<[u64; 3], Row>,
-    /// (place, block) pairs that were looked up, and computed.
+    /// (point, sub-aperture) pairs found in the cache, and computed.
     pub hits: u64,
     /// See `hits`.
     pub misses: u64,
 }
 
-/// A place as a key.
+/// A point as a key.
 fn key(place: DVec3) -> [u64; 3] {
     place.to_array().map(f64::to_bits)
 }
 
 impl ResponseCache {
-    /// A new look at these blocks, in time.
+    /// Begins an update with these sub-apertures, in time.
     pub(super) fn begin_update(&mut self, blocks: &[&Subaperture]) {
         let names: VecDeque<SubapertureKey> = blocks.iter().map(|b| (b.mid_time_ns, b.geometry().subsweep)).collect();
         let gone = self.keys.iter().take_while(|name| names.front() != Some(name)).count();
@@ -164,12 +172,13 @@ impl ResponseCache {
         });
     }
 
-    /// What was said of a place, block by block; nothing before [`Self::query`].
+    /// Responses to a point, one for each sub-aperture; empty before [`Self::query`].
     pub(super) fn cached(&self, place: DVec3) -> &[CachedResponse] {
         self.rows.get(&key(place)).map_or(&[], |row| &row.cached)
     }
 
-    /// Asks all blocks for all places. `look`: what a block, by its place in the window, says of some.
+    /// Queries all sub-apertures for all points. The function evaluates some points in one
+    /// sub-aperture, given by its index in the window.
     pub(super) fn query(&mut self, places: &[DVec3], evaluate: impl Fn(usize, &[DVec3]) -> Vec<CachedResponse> + Sync) {
         let mut rows: Vec<Row> = places.iter().map(|&place| self.take_row(place)).collect();
         let missing: Vec<Vec<usize>> = (0..self.keys.len())
@@ -188,7 +197,7 @@ impl ResponseCache {
         self.rows.extend(places.iter().map(|place| key(*place)).zip(rows));
     }
 
-    /// The row of a place, as long as there are blocks.
+    /// The row of a point, resized to the sub-apertures at hand.
     fn take_row(&mut self, place: DVec3) -> Row {
         let mut row = self.rows.remove(&key(place)).unwrap_or_default();
         let gone = self.first.saturating_sub(row.first).min(row.cached.len() as u64);

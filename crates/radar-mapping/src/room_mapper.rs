@@ -1,11 +1,12 @@
-//! Obstacles in rooms: sweeps → blocks → scores → explaining away → sightings → obstacles and walls.
+//! Mapper: sweeps → sub-apertures → scores → CLEAN → tracks → obstacles and walls.
 //!
-//! What a block sets off is done in stages, so that a stream need not wait for all of it: a block's imaging, and of a look at
-//! the evidence the candidates, explaining away, the places. Whenever the stages are worked off, before the next block, the
-//! result is the same.
+//! A sub-aperture triggers work in stages, so a stream need not wait for all of it: imaging of the
+//! sub-aperture and, for an update, the candidates, CLEAN and the positions. The result is the same
+//! whenever the stages are worked off, as long as it is before the next sub-aperture closes.
 //!
-//! The place that the block score finds is refined by `ls` over the sweeps that saw it, with the ranges of everything else
-//! that was explained left out; both are weighed by their covariances.
+//! The position that the sub-aperture score finds is refined by `ls` over the sweeps that saw it,
+//! with the ranges of all other detections masked. Both estimates are weighted by their
+//! covariances.
 
 mod refinement;
 mod restore;
@@ -35,66 +36,66 @@ use radar_sar::subaperture::{
 use radar_sar::{Beam, Observation};
 use shapes::Shape;
 
-/// Parameters of the search in rooms.
+/// Parameters of the mapper.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RoomMapperSettings {
-    /// Blocks and their score.
+    /// Sub-apertures and their score.
     pub blocks: SubapertureSettings,
-    /// Explaining away.
+    /// CLEAN.
     pub explain: CleanSettings,
-    /// Sightings over time.
+    /// Tracks over time.
     pub map: MapSettings,
     /// Fine voxels wherever something is.
     pub fine: FineSettings,
-    /// What moves by itself.
+    /// Moving targets.
     pub moving: MtiSettings,
 }
 
-/// Time between two looks at the evidence, nanoseconds of the recording: 4 Hz.
+/// Period of the updates, nanoseconds of the recording (choice): 4 Hz.
 const UPDATE_NS: i64 = 250_000_000;
-/// Peaks of the field are maxima within this radius, metres.
+/// Peaks of the field are maxima within this radius, metres (choice).
 const PEAK_RADIUS_M: f64 = 0.15;
-/// Edge of the cube around a strong place that is looked at finely, metres.
+/// Edge of the cube around a strong point that is imaged finely, metres (choice).
 const FINE_EDGE_M: f64 = 0.1;
 
-/// What was done, for the counters.
+/// Work done, for the counters.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RoomMapperCounters {
-    /// Blocks imaged.
+    /// Sub-apertures imaged.
     pub blocks: u64,
-    /// Sweeps left out: too few before a pause to make a block.
+    /// Sweeps skipped: too few before a pause to make a sub-aperture.
     pub sweeps_without_block: u64,
     /// (voxel, sweep) pairs summed.
     pub voxel_updates: u64,
     /// Bricks of 8³ voxels that were ever in the beam.
     pub bricks: u64,
-    /// Looks at the evidence.
+    /// Updates of the map.
     pub looks: u64,
-    /// Confirmed places that were forgotten, since nothing was at them any more.
+    /// Confirmed points that were removed, because nothing was there any more.
     pub forgotten: u64,
     /// The fine field.
     pub fine: FineCounters,
 }
 
-/// What a look came upon before anything was confirmed.
+/// Results of an update before anything is confirmed.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Update {
     /// Maxima of the field, by falling score; the first `max_candidates` were candidates.
     pub peaks: Vec<Peak>,
     /// Maxima over planes, by falling score.
     pub plane_peaks: Vec<PlanePeak>,
-    /// Places that were newly believed, strongest first.
+    /// New point detections, strongest first.
     pub places: Vec<Detection<DVec3>>,
-    /// Planes that were newly believed, strongest first.
+    /// New plane detections, strongest first.
     pub planes: Vec<Detection<Plane>>,
-    /// Places that counted as sighted.
+    /// Point detections that counted as hits.
     pub point_hits: usize,
-    /// Planes that counted as sighted.
+    /// Plane detections that counted as hits.
     pub wall_hits: usize,
 }
 
-/// The place of a sighting, refined.
+/// The refined position of a track.
 #[derive(Debug, Clone)]
 struct RefinedPoint {
     position_m: DVec3,
@@ -102,20 +103,20 @@ struct RefinedPoint {
     shape: Shape,
 }
 
-/// What is to be done next.
+/// The next stage of the work.
 #[derive(Debug)]
 enum Stage {
-    /// A block is imaged.
+    /// Image a sub-aperture.
     Image(Box<Subaperture>),
-    /// A look begins: what may be there.
+    /// Begin an update: find candidates.
     Candidates,
-    /// What is there.
+    /// Detect with CLEAN.
     Detect { planes: Vec<Plane>, peaks: Vec<DVec3> },
-    /// Where it is.
+    /// Refine the positions.
     Refine { walls: Vec<Detection<Plane>>, points: Vec<Detection<DVec3>> },
 }
 
-/// Searches a room.
+/// Maps a room.
 #[derive(Debug)]
 pub struct RoomMapper {
     settings: RoomMapperSettings,
@@ -127,53 +128,53 @@ pub struct RoomMapper {
     fine: FineField,
     planes: PlaneField,
     window: VecDeque<Subaperture>,
-    /// Those that have left it.
+    /// Sub-apertures that have left the window.
     history: History,
     response_cache: ResponseCache,
-    /// Sweeps of the window, for refinement.
+    /// Sweeps of the window, for the refinement.
     sweeps: VecDeque<Observation>,
     next_update_ns: Option<i64>,
     middle: Option<DVec3>,
     points: TrackList<DVec3>,
     walls: TrackList<Plane>,
-    /// By sighting: its refined place and the quality that it was refined at.
+    /// By track: its refined position and the quality that it was refined at.
     refined: BTreeMap<u64, (f64, RefinedPoint)>,
-    /// By sighting that is confirmed: whether it is still there.
+    /// By confirmed track: whether it still exists.
     existences: BTreeMap<u64, Existence>,
-    /// Where the player's own hands were.
+    /// Positions of the wearer's hands.
     hands: HandTrail,
-    /// Where the newest sweep was taken.
+    /// Position of the sensor at the newest sweep.
     sensor_m: Option<DVec3>,
-    /// What moves by itself.
+    /// Tracker of moving targets.
     mti: MovingTargetTracker,
     /// By wall: feet of the perpendiculars that it was seen at.
     wall_feet: BTreeMap<u64, Aabb>,
-    /// By wall: looks at where it should be, without any sign of it, since it was last believed.
+    /// By wall: updates since its last detection in which it should have been seen.
     missed_updates: BTreeMap<u64, u32>,
-    /// What was remembered from before.
+    /// What was restored from a saved map.
     restored: SavedMap,
-    /// The next stage of what the last block set off, and how many sweeps were taken since.
+    /// The next stage of the work of the last sub-aperture, and the number of sweeps taken since.
     pending: Option<Stage>,
     sweeps_since: usize,
-    /// Sweeps that are to be taken first, when the search began again.
+    /// Sweeps that are processed first after a restart.
     backlog: VecDeque<Observation>,
-    /// End of the newest sweep of the last look's blocks, host nanoseconds.
+    /// End of the newest sub-aperture of the last update, host nanoseconds.
     evidence_ns: Option<i64>,
-    /// Middle of the first block, host nanoseconds.
+    /// Middle of the first sub-aperture, host nanoseconds.
     first_ns: Option<i64>,
-    /// What the last look weighed.
+    /// Candidates that the last update scored.
     scored: Vec<ScoredCandidate>,
-    /// Places that the last looks weighed and that may be new.
+    /// Candidates that the last updates scored and that may be new.
     recent_candidates: VecDeque<Vec<DVec3>>,
-    /// What it came upon.
+    /// Results of the last update.
     update: Update,
     counters: RoomMapperCounters,
-    /// What was done before the search began again.
+    /// Work done before the last restart.
     counters_before_restart: RoomMapperCounters,
 }
 
 impl RoomMapper {
-    /// Nothing seen yet.
+    /// An empty map.
     pub fn new(settings: RoomMapperSettings, beam: &Beam, errors: PositionErrors) -> Self {
         let min_cos = settings.blocks.min_cos(beam);
         Self {
@@ -214,8 +215,9 @@ impl RoomMapper {
         }
     }
 
-    /// Forgets everything but what was remembered from before and the sweeps of the window, which `keep` may change or drop; those are searched again by
-    /// [`work`](Self::work), before any that come.
+    /// Restarts from an empty map. Restored objects, the hands' positions and the sweeps of the
+    /// window stay. `keep` may change or drop sweeps; the rest are processed again by
+    /// [`work`](Self::work), before any new ones.
     pub fn restart(&mut self, mut keep: impl FnMut(&mut Observation) -> bool) {
         let counters_before_restart = self.counters();
         let mut backlog = std::mem::take(&mut self.sweeps);
@@ -223,11 +225,11 @@ impl RoomMapper {
         backlog.retain_mut(|sweep| keep(sweep));
         let (hands, remembered) = (std::mem::take(&mut self.hands), self.still_saved());
         *self = Self { counters_before_restart, backlog, hands, ..Self::new(self.settings, &self.beam, self.errors) };
-        // It was sound when it was taken up.
+        // It was valid when it was restored.
         let _ = self.restore(&remembered);
     }
 
-    /// What was done so far.
+    /// Work done so far.
     pub fn counters(&self) -> RoomMapperCounters {
         let dropped: u64 = self.builders.values().map(|b| b.dropped_sweeps).sum();
         RoomMapperCounters {
@@ -241,45 +243,46 @@ impl RoomMapper {
         }
     }
 
-    /// End of the newest sweep that obstacles and walls rest on, host nanoseconds.
+    /// End of the newest sub-aperture that obstacles and walls rest on, host nanoseconds.
     pub fn evidence_ns(&self) -> Option<i64> {
         self.evidence_ns
     }
 
-    /// Places that the last look weighed.
+    /// Candidates that the last update scored.
     pub fn scored_candidates(&self) -> &[ScoredCandidate] {
         &self.scored
     }
 
-    /// What the last look came upon.
+    /// Results of the last update.
     pub fn last_update(&self) -> &Update {
         &self.update
     }
 
-    /// Every voxel that was ever seen and scores at least `min_score`, the `most` strongest.
+    /// Every voxel that was ever seen and scores at least `min_score`, the `most` highest.
     pub fn evidence(&self, min_score: f64, most: usize) -> Evidence {
         let peaks = self.field.above(min_score, i64::MIN);
         let voxels = peaks.into_iter().map(|peak| (peak.position_m, peak.score as f32)).collect();
         Evidence::strongest(self.settings.blocks.voxel_m, voxels, most)
     }
 
-    /// The score on fine voxels, where something is.
+    /// The scores on fine voxels, where something is.
     pub fn fine(&self) -> &FineField {
         &self.fine
     }
 
-    /// Takes where the player's own hands are.
+    /// Adds positions of the wearer's hands.
     pub fn push_hands(&mut self, time_ns: i64, hands_m: HandsM) {
         self.hands.push(time_ns, hands_m, self.sensor_m);
     }
 
-    /// Takes a sweep; images the block that it closes and, four times a second, looks at the evidence.
+    /// Adds a sweep. Images the sub-aperture that it closes and, four times a second, updates the
+    /// map.
     pub fn push(&mut self, observation: Observation) {
         self.push_deferred(observation);
         while self.work() {}
     }
 
-    /// Takes a sweep and leaves what it sets off to [`work`](Self::work).
+    /// Adds a sweep and leaves its work to [`work`](Self::work).
     pub fn push_deferred(&mut self, observation: Observation) {
         self.sensor_m = Some(observation.tracking_from_sensor.translation);
         match self.backlog.is_empty() {
@@ -288,8 +291,9 @@ impl RoomMapper {
         }
     }
 
-    /// When a sweep would close the block at hand: gives that block's sweeps the places that `sensor_at` has for their times.
-    /// To be called before the sweep is taken.
+    /// When a sweep would close the current sub-aperture: gives that sub-aperture's sweeps the
+    /// sensor poses and velocities that `sensor_at` returns for their times. Call it before the
+    /// sweep is added.
     pub fn update_poses_before(&mut self, next: &Observation, sensor_at: impl Fn(i64) -> Option<(Pose, DVec3)>) {
         let subsweep = next.geometry.subsweep;
         let builder = self.builders.get_mut(&subsweep).filter(|builder| builder.is_closed_by(next.mid_time_ns));
@@ -297,7 +301,7 @@ impl RoomMapper {
             return;
         };
         let Some(first_ns) = sweeps.first().map(|sweep| sweep.mid_time_ns) else { return };
-        // Those kept for refinement are copies of them.
+        // The sweeps kept for the refinement are copies of these.
         let kept = self.sweeps.iter_mut().rev().take_while(|sweep| sweep.mid_time_ns >= first_ns);
         for sweep in sweeps.iter_mut().chain(kept.filter(|sweep| sweep.geometry.subsweep == subsweep)) {
             if let Some((tracking_from_sensor, velocity_m_per_s)) = sensor_at(sweep.mid_time_ns) {
@@ -312,7 +316,7 @@ impl RoomMapper {
         self.sweeps_since += 1;
         let subsweep = observation.geometry.subsweep;
         if self.builders.get(&subsweep).is_some_and(|builder| builder.is_closed_by(observation.mid_time_ns)) {
-            // What is known is what the blocks before say.
+            // The known walls must include the results of the sub-apertures before.
             while self.run_next_stage() {}
             self.cancel_walls();
         }
@@ -322,13 +326,13 @@ impl RoomMapper {
         }
     }
 
-    /// Blocks are to be without the walls that are known now.
+    /// Makes the following sub-apertures cancel the walls known now.
     fn cancel_walls(&mut self) {
         let mirrors: Vec<Plane> = self.walls.confirmed().map(|wall| wall.estimate).collect();
         self.builders.values_mut().for_each(|builder| builder.cancel_walls(&mirrors));
     }
 
-    /// Does a part of what is to be done; false when nothing is.
+    /// Does a part of the work; false when there is none.
     pub fn work(&mut self) -> bool {
         while self.pending.is_none()
             && let Some(sweep) = self.backlog.pop_front()
@@ -338,10 +342,11 @@ impl RoomMapper {
         self.run_next_stage()
     }
 
-    /// Does the next stage of what the last block set off; false when there is none.
+    /// Does the next stage of the last sub-aperture's work; false when there is none.
     fn run_next_stage(&mut self) -> bool {
         let Some(stage) = self.pending.take() else { return false };
-        // All of a stage's parallel loops from within the pool: one hand-over instead of one for each loop.
+        // Runs all parallel loops of a stage within the pool: one hand-over instead of one for each
+        // loop.
         self.pending = rayon::scope(|_| self.run_stage(stage));
         true
     }
@@ -351,7 +356,7 @@ impl RoomMapper {
         self.pending.is_some() || !self.backlog.is_empty()
     }
 
-    /// Images what is left and looks at the evidence a last time.
+    /// Images the rest and updates the map a last time.
     pub fn finish(&mut self) {
         while self.work() {}
         self.cancel_walls();
@@ -363,7 +368,7 @@ impl RoomMapper {
         }
     }
 
-    /// Does a stage and gives the next.
+    /// Does a stage and returns the next.
     fn run_stage(&mut self, stage: Stage) -> Option<Stage> {
         match stage {
             Stage::Image(block) => self.process_subaperture(*block).then_some(Stage::Candidates),
@@ -376,7 +381,7 @@ impl RoomMapper {
         }
     }
 
-    /// Images a block; says whether it is time for a look.
+    /// Images a sub-aperture. Returns whether an update is due.
     fn process_subaperture(&mut self, block: Subaperture) -> bool {
         self.counters.blocks += 1;
         self.middle.get_or_insert(block.middle.translation);
@@ -406,7 +411,7 @@ impl RoomMapper {
         (self.settings.explain.window_s * 1e9) as i64
     }
 
-    /// A look begins: planes and places that may be there.
+    /// Begins an update: candidate planes and points.
     fn candidates(&mut self) -> Option<Stage> {
         let since_ns = self.window.back()?.mid_time_ns - self.window_ns();
         self.counters.looks += 1;
@@ -421,12 +426,12 @@ impl RoomMapper {
         Some(stage)
     }
 
-    /// Explains the window's blocks, and takes the sightings.
+    /// Detects in the window's sub-apertures and updates the tracks.
     fn detect(&mut self, planes: &[Plane], peaks: &[DVec3]) -> Stage {
         let explain = self.settings.explain;
         let (blocks, memory) = (&self.settings.blocks, &mut self.response_cache);
         let mut window = CleanWindow::new(self.window.iter(), &self.hands, &explain, blocks, &self.beam, memory);
-        // What is known claims before anything new does.
+        // Known objects mask before new ones do.
         let known_walls: Vec<Plane> = self.walls.confirmed().map(|w| w.estimate).collect();
         let (ids, known_points): (Vec<u64>, Vec<DVec3>) = self.points.confirmed().map(|p| (p.id, p.estimate)).unzip();
         let known = window.detect_known(&known_walls, &known_points);
@@ -449,7 +454,7 @@ impl RoomMapper {
         Stage::Refine { walls, points }
     }
 
-    /// The look ends: where things are.
+    /// Ends the update: refines the positions.
     fn refine_positions(&mut self, walls: &[Detection<Plane>], points: &[Detection<DVec3>]) {
         self.request_fine_imaging(points);
         self.update_feet(walls);
@@ -457,7 +462,8 @@ impl RoomMapper {
         self.evidence_ns = self.window.back().map(|block| block.end_ns);
     }
 
-    /// Keeps the fine field around what is known and around what may soon be: places that were believed and are determined.
+    /// Keeps the fine field around known objects and around detections that may soon be confirmed:
+    /// those that are observable and strong enough.
     fn request_fine_imaging(&mut self, detections: &[Detection<DVec3>]) {
         let strong =
             detections.iter().filter(|p| p.observable && p.score >= self.settings.fine.min_score).map(|p| p.estimate);
@@ -465,7 +471,7 @@ impl RoomMapper {
         self.fine.request(&places, FINE_EDGE_M);
     }
 
-    /// What moves by itself, the longest followed first.
+    /// Confirmed moving targets, the longest tracked first.
     pub fn moving_targets(&self) -> Vec<MovingTarget> {
         self.mti.targets()
     }

@@ -1,7 +1,10 @@
-//! What is known of a room as plain data: kept from one start to the next, and taken up again as provisional until it is confirmed.
+//! Saved map of a room as plain data: kept from one start to the next, and restored as provisional
+//! until confirmed.
 //!
-//! A place comes with what it returned into which direction (`existence.rs`), so that it can be missed: its log odds begin low, and a
-//! chair that was moved goes within a second of looking at where it stood. Only what is determined in all three coordinates is in the map, so there is no [`super::Observed`] here.
+//! A point comes with the power that it reflected by sector (`existence.rs`), so that it can be
+//! missed. Its log odds begin low, and a chair that was moved is removed within a second of looking
+//! at where it stood. Only objects that are observable in all three coordinates are in the map, so
+//! there is no [`super::Observed`] here.
 
 use std::collections::BTreeSet;
 
@@ -11,59 +14,61 @@ use serde::{Deserialize, Serialize};
 use super::existence::AZIMUTH_SECTORS;
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
-/// Most places and walls that are taken up.
+/// Most points and walls that are restored (choice).
 const MAX_PLACES: usize = 2000;
 const MAX_WALLS: usize = 200;
-/// Most cells of a place's shape: the strongest, as many as leave a full map short enough for its file.
+/// Most cells of a point's shape (choice): the strongest ones, as many as leave a full map small
+/// enough for its file.
 const MAX_SHAPE: usize = 48;
-/// Ids beyond this are nobody's.
+/// Greatest valid id (choice).
 const MAX_ID: u64 = 1 << 48;
-/// Nothing in a room is farther from its origin, metres.
+/// Greatest distance of a coordinate from the origin, metres (choice).
 const MAX_COORDINATE_M: f64 = 1000.0;
-/// Greatest strength and score that can be told.
+/// Greatest valid strength and score (choice).
 const MAX_STRENGTH: f64 = 1e12;
 
-/// Why something is not taken up.
+/// Why a map is refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SavedMapError {
     /// More than a room holds.
-    #[error("{places} places and {walls} walls are more than {MAX_PLACES} and {MAX_WALLS}")]
+    #[error("{places} points and {walls} walls are more than {MAX_PLACES} and {MAX_WALLS}")]
     TooMany {
-        /// How many places there are.
+        /// Number of points.
         places: usize,
-        /// How many walls there are.
+        /// Number of walls.
         walls: usize,
     },
-    /// Two of one id, or an id that is none.
-    #[error("id {0} is there twice, or no id")]
+    /// Two of one id, or an invalid id.
+    #[error("id {0} is duplicated or invalid")]
     Id(u64),
-    /// A number that is none, or beyond all bounds.
-    #[error("{what} of {id} is no number of a room")]
+    /// A number that is not finite, or out of range.
+    #[error("{what} of {id} is not a valid value for a room")]
     Number {
-        /// Which one.
+        /// Which number.
         what: &'static str,
-        /// The place's or the wall's id.
+        /// The point's or the wall's id.
         id: u64,
     },
 }
 
-/// A place with something in it.
+/// A point of an object.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SavedPoint {
     /// Stays the same.
     pub id: u64,
-    /// Where, refined, metres.
+    /// Refined position, tracking frame, metres.
     pub position_m: DVec3,
-    /// Its covariance, m².
+    /// Covariance of the position, m².
     pub covariance_m2: DMat3,
-    /// Its best score.
+    /// Best score.
     pub score: f64,
-    /// Power that it returned at 1 m on the axis, in units of the noise, by side around the vertical; 0: never seen from there.
+    /// Power that it reflected at 1 m on the axis, relative to noise, by sector around the
+    /// vertical; 0: never seen from there.
     pub strengths: [f64; AZIMUTH_SECTORS],
     /// Cells around it that have evidence, and their scores.
     pub shape: Vec<(DVec3, f32)>,
-    /// First and last sighting, host nanoseconds.
+    /// First and last time with evidence, host nanoseconds.
     pub first_ns: i64,
     /// See `first_ns`.
     pub last_ns: i64,
@@ -75,23 +80,23 @@ pub struct SavedPoint {
 pub struct SavedWall {
     /// Stays the same.
     pub id: u64,
-    /// Where it is.
+    /// The plane.
     pub plane: Plane,
-    /// Its best score.
+    /// Best score.
     pub score: f64,
-    /// The feet of the perpendiculars that it was seen at.
+    /// Box around the feet of the perpendiculars that it was seen at.
     pub seen_at: Aabb,
-    /// First and last sighting, host nanoseconds.
+    /// First and last time with evidence, host nanoseconds.
     pub first_ns: i64,
     /// See `first_ns`.
     pub last_ns: i64,
 }
 
-/// What is known of a room.
+/// Saved map of a room.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SavedMap {
-    /// Confirmed places, and those that were remembered and not looked at since, by id.
+    /// Confirmed points, and restored ones that were not observed since, by id.
     pub places: Vec<SavedPoint>,
     /// The same of walls.
     pub walls: Vec<SavedWall>,
@@ -107,10 +112,10 @@ impl SavedMap {
         self.places.is_empty() && self.walls.is_empty()
     }
 
-    /// Whether every number can be one of a room.
+    /// Checks that every number can be valid for a room.
     ///
     /// # Errors
-    /// The first that cannot.
+    /// The first one that cannot.
     pub fn check(&self) -> Result<(), SavedMapError> {
         let (places, walls) = (self.places.len(), self.walls.len());
         if places > MAX_PLACES || walls > MAX_WALLS {
@@ -122,7 +127,8 @@ impl SavedMap {
         self.walls.iter().try_for_each(SavedWall::check)
     }
 
-    /// The same in another frame, whose vertical is the same: `to_from` takes coordinates of this one's.
+    /// The same in another frame with the same vertical: `to_from` transforms from this frame's
+    /// coordinates.
     pub fn moved(&self, to_from: &Pose) -> Self {
         Self {
             places: self.places.iter().map(|place| place.moved(to_from)).collect(),
@@ -130,7 +136,7 @@ impl SavedMap {
         }
     }
 
-    /// The same by another clock, on which all times are so much later.
+    /// The same by another clock, on which all times are later by this.
     pub fn later_by_ns(mut self, by_ns: i64) -> Self {
         let places = self.places.iter_mut().map(|place| [&mut place.first_ns, &mut place.last_ns]);
         let walls = self.walls.iter_mut().map(|wall| [&mut wall.first_ns, &mut wall.last_ns]);
@@ -145,7 +151,7 @@ impl SavedPoint {
         let variances = self.covariance_m2.to_cols_array_2d();
         let is_shape = |(place, score): &(DVec3, f32)| is_position(*place) && is_strength(f64::from(*score));
         let sound = [
-            ("the place", is_position(self.position_m)),
+            ("the position", is_position(self.position_m)),
             ("the covariance", columns.into_iter().all(is_position) && (0..3).all(|n| variances[n][n] >= 0.0)),
             ("the score", is_strength(self.score)),
             ("the strength", self.strengths.iter().all(|s| is_strength(*s)) && self.strengths.iter().any(|s| *s > 0.0)),
@@ -179,7 +185,10 @@ impl SavedWall {
         let sound = [
             ("the plane", is_unit && plane.offset_m.abs() <= MAX_COORDINATE_M),
             ("the score", is_strength(self.score)),
-            ("the place", is_position(seen_at.min) && is_position(seen_at.max) && seen_at.size().min_element() >= 0.0),
+            (
+                "the position",
+                is_position(seen_at.min) && is_position(seen_at.max) && seen_at.size().min_element() >= 0.0,
+            ),
         ];
         check_all(self.id, &sound)
     }
@@ -247,10 +256,10 @@ pub(super) mod tests {
 
     #[test]
     fn moved_by_pose_and_inverse_is_identity() {
-        // A quarter of a turn: boxes along the axes and sides stay so.
+        // A quarter of a turn keeps boxes along the axes, and sectors.
         let to_from = Pose::new(DVec3::new(0.3, -0.1, 2.0), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2));
         let (before, there) = (some(), some().moved(&to_from));
-        assert_ne!(there.places[0].strengths, before.places[0].strengths, "sides turn along");
+        assert_ne!(there.places[0].strengths, before.places[0].strengths, "sectors rotate too");
         let back = there.moved(&to_from.inverse());
         let (place, wall) = (&back.places[0], &back.walls[0]);
         assert_eq!(place.strengths, before.places[0].strengths);
@@ -276,11 +285,11 @@ pub(super) mod tests {
         assert_eq!(some().check(), Ok(()));
         type Spurious = fn(&mut SavedMap);
         let spoils: [(Spurious, &str); 8] = [
-            (|r| r.places[0].position_m.x = f64::NAN, "the place of 3"),
+            (|r| r.places[0].position_m.x = f64::NAN, "the position of 3"),
             (|r| r.places[0].covariance_m2.y_axis.y = -1.0, "the covariance of 3"),
             (|r| r.places[0].strengths[1] = f64::INFINITY, "the strength of 3"),
             (|r| r.places[0].shape = vec![(DVec3::ZERO, 1.0); MAX_SHAPE + 1], "the shape of 3"),
-            (|r| r.places[0].id = u64::MAX, "no id"),
+            (|r| r.places[0].id = u64::MAX, "or invalid"),
             (|r| r.places.push(r.places[0].clone()), "id 3"),
             (|r| r.walls[0].plane.outward = DVec3::ONE, "the plane of 2"),
             (|r| r.walls = vec![r.walls[0].clone(); MAX_WALLS + 1], "201 walls"),

@@ -1,4 +1,4 @@
-//! The scene: everything the engine says of the room at one time.
+//! The scene: everything the engine reports of the room at one time.
 
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
@@ -6,27 +6,28 @@ use serde::{Deserialize, Serialize};
 use super::MovingTarget;
 use radar_sar::geometry::{Aabb, Plane, Pose};
 
-/// How much of an obstacle's place the data determine.
+/// How much of an obstacle's position the data determine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Observed {
     /// All three coordinates.
     Position,
-    /// The distance, and the direction along one line of the cross-range plane alone.
+    /// The distance, and the direction along one line of the cross-range plane only.
     RangeAndOneDirection,
-    /// The distance from the sensor alone; the direction is anywhere in the beam.
+    /// The distance from the sensor only; the direction is anywhere in the beam.
     RangeOnly,
 }
 
-/// Something that stands in the room.
+/// An object in the room.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Obstacle {
     /// Stays the same while the obstacle is known.
     pub id: u64,
-    /// Most likely place of its strongest reflection, tracking frame, metres.
+    /// Most likely position of its strongest reflection, tracking frame, metres.
     pub position_m: DVec3,
-    /// Covariance of the position, m²; honest about directions that were not observed. Where only the range is known it is
-    /// that of the tangent plane: the place lies on the sphere of that range, within the width that the covariance gives.
+    /// Covariance of the position, m²; large in directions that were not observed. Where only the
+    /// range is known it is that of the tangent plane: the point lies on the sphere of that range,
+    /// within the width that the covariance gives.
     pub covariance_m2: DMat3,
     /// What the data determine.
     pub observed: Observed,
@@ -34,9 +35,10 @@ pub struct Obstacle {
     pub extent_m: DVec3,
     /// Strength of the evidence: the score of the statistic that found it.
     pub evidence: f64,
-    /// Places with evidence that belong to it (voxel centres), tracking frame, and their scores: its shape as far as seen.
+    /// Points with evidence that belong to it (voxel centres), tracking frame, and their scores:
+    /// its shape as far as seen.
     pub shape: Vec<(DVec3, f32)>,
-    /// Remembered from before and not yet seen again.
+    /// Restored from a saved map and not yet seen again.
     pub provisional: bool,
     /// First and last sweep that gave evidence, host nanoseconds.
     pub first_seen_ns: i64,
@@ -44,18 +46,19 @@ pub struct Obstacle {
     pub last_seen_ns: i64,
 }
 
-/// A wall, floor or ceiling: a smooth plane, seen where the sensor looked at it squarely.
+/// A wall, floor or ceiling: a smooth plane, seen where the sensor faced it squarely.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wall {
     /// Stays the same while the wall is known.
     pub id: u64,
-    /// Where it is, tracking frame.
+    /// The plane, tracking frame.
     pub plane: Plane,
     /// Score of the plane statistic.
     pub evidence: f64,
-    /// The feet of the perpendiculars it was seen at: least and greatest corner, metres.
+    /// Box around the feet of the perpendiculars that it was seen at: least and greatest corner,
+    /// metres.
     pub seen_at: Aabb,
-    /// Remembered from before and not yet seen again.
+    /// Restored from a saved map and not yet seen again.
     pub provisional: bool,
     /// First and last sweep that gave evidence, host nanoseconds.
     pub first_seen_ns: i64,
@@ -63,7 +66,7 @@ pub struct Wall {
     pub last_seen_ns: i64,
 }
 
-/// All of it, at one time.
+/// The whole scene, at one time.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Scene {
     /// Time of the newest sweep in it, host nanoseconds.
@@ -72,13 +75,14 @@ pub struct Scene {
     pub obstacles: Vec<Obstacle>,
     /// Walls, by falling evidence.
     pub walls: Vec<Wall>,
-    /// What moves by itself, the longest followed first; never one of the obstacles.
+    /// Moving targets, the longest tracked first; never one of the obstacles.
     pub moving: Vec<MovingTarget>,
 }
 
 impl Scene {
-    /// The same in another frame: `to_from` takes coordinates of this one's. Boxes around obstacles are those around the turned boxes, so
-    /// they grow when turned; walls stay as long as they are.
+    /// The same in another frame: `to_from` transforms from this frame's coordinates. Boxes around
+    /// obstacles are those around the rotated boxes, so they grow when rotated. Walls stay as long
+    /// as they are.
     pub fn moved(&self, to_from: &Pose) -> Self {
         let obstacles = self.obstacles.iter().map(|obstacle| obstacle.moved(to_from)).collect();
         let walls = self.walls.iter().map(|wall| wall.moved(to_from)).collect();
@@ -96,13 +100,14 @@ impl Obstacle {
         (self.extent_m.max_element() > 0.0 && around.min.is_finite() && around.max.is_finite()).then_some(around)
     }
 
-    /// Edge of the cells of its shape, metres: by so much its box is greater than the one around their middles.
+    /// Edge of the cells of its shape, metres: its box is greater than the one around their centres
+    /// by this.
     pub fn cell_m(&self) -> f64 {
         let around = Aabb::around(self.shape.iter().map(|cell| cell.0));
         around.map_or(0.0, |around| (self.extent_m - around.size()).max_element().max(0.0))
     }
 
-    /// From a place to the nearest place that belongs to it, metres.
+    /// From a point to the nearest point that belongs to it, metres.
     pub fn distance_m(&self, from: DVec3) -> f64 {
         let places = self.shape.iter().map(|voxel| voxel.0).chain([self.position_m]);
         places.map(|place| place.distance(from)).fold(f64::INFINITY, f64::min)
@@ -154,7 +159,7 @@ mod tests {
 
     #[test]
     fn moved_by_pose_and_inverse_is_identity() {
-        // A quarter of a turn: boxes along the axes stay so.
+        // A quarter of a turn keeps boxes along the axes.
         let to_from = Pose::new(DVec3::new(0.3, -0.1, 2.0), DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2));
         let (before, moved) = (scene(), scene().moved(&to_from));
         let back = moved.moved(&to_from.inverse());

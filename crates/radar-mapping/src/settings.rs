@@ -25,15 +25,15 @@ pub enum MappingSettingsError {
         /// Most allowed.
         max: f64,
     },
-    /// A mount that is none.
+    /// An invalid mount.
     #[error("setting {0} has a number that is not finite, or a rotation of length zero")]
     NotFinite(&'static str),
-    /// A box that is none.
+    /// An invalid box.
     #[error("setting processing.region is {0:?}: each coordinate of max must lie above min's, by 50 m at most")]
     Region(Aabb),
-    /// A search that would take hours and all memory.
+    /// A search that would take hours and exhaust the memory.
     #[error(
-        "processing.region and reflectors.voxel_m {voxel_m} m give {places:.1e} places to search: at most {max:.0e}, \
+        "processing.region and reflectors.voxel_m {voxel_m} m give {places:.1e} voxels to search: at most {max:.0e}, \
              so choose a larger voxel or a smaller region"
     )]
     TooManyVoxels {
@@ -46,7 +46,7 @@ pub enum MappingSettingsError {
     },
 }
 
-/// The sensor, as imaging sees it.
+/// The sensor, as imaging uses it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RadarSettings {
@@ -60,7 +60,7 @@ impl Default for RadarSettings {
     }
 }
 
-/// Where the sensor was.
+/// Pose and time of the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackingSettings {
@@ -70,12 +70,12 @@ pub struct TrackingSettings {
     pub estimate_time_offset: bool,
     /// An estimate is applied when its 1σ is at most this, seconds.
     pub max_time_offset_sigma_s: f64,
-    /// Where the sensor sits on the head; left out: what the recording says.
+    /// Pose of the sensor on the head; left out: that of the recording.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mount: Option<Pose>,
     /// How poses become a path.
     pub history: HistorySettings,
-    /// How well the poses are known.
+    /// Accuracy of the poses.
     pub errors: PositionErrors,
 }
 
@@ -92,24 +92,24 @@ impl Default for TrackingSettings {
     }
 }
 
-/// How to search.
+/// How to map.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
-    /// Rooms from 400 sweeps a second on, else single reflectors.
+    /// Rooms from 400 sweeps per second on, else single reflectors.
     #[default]
     Auto,
-    /// Blocks, planes, explaining away.
+    /// Sub-apertures, planes, CLEAN.
     Rooms,
     /// Range-only sums.
     Reflectors,
 }
 
-/// What is searched, and how.
+/// What is mapped, and how.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProcessingSettings {
-    /// How to search.
+    /// How to map.
     pub mode: Mode,
     /// Box searched for single reflectors; left out: a 3 m cube ahead of the first pose.
     #[serde(skip_serializing_if = "Option::is_none")]

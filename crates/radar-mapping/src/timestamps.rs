@@ -1,21 +1,23 @@
-//! Which time stamps of a stream to believe: one that leaps far ahead counts only when the next one goes on from there.
+//! Filter of time stamps: one that jumps far ahead is accepted only when the next one follows it.
 //!
-//! Streams must rise in time, so a single wrong stamp far in the future would shut out everything after it. A leap therefore
-//! waits for its witness: the sample itself is given up, and nothing else. The first stamp of all has nothing to be held
-//! against; when the next two go on from each other far before it, the first was the wrong one and is taken back.
+//! The times of a stream must rise, so a single wrong time stamp far in the future would block
+//! everything after it. A jump therefore waits for a second time stamp to confirm it; the sample
+//! itself is dropped, and nothing else. The first time stamp of a stream has nothing to be compared
+//! with. When the next two follow each other far before it, the first was wrong and is revoked.
 
-/// Stamps farther ahead than this leap, nanoseconds: longer than a stream pauses without a reason, and short enough for a
-/// smaller error to pass by itself.
+/// A time stamp farther ahead than this is a jump, nanoseconds (choice): longer than a stream
+/// pauses without a reason, and short enough that a smaller error passes by itself.
 const MAX_STEP_NS: i64 = 1_000_000_000;
-/// Streams slower than that are known by two equal steps, up to this one, nanoseconds.
+/// Streams slower than that are recognised by two equal steps, up to this one, nanoseconds
+/// (choice).
 const SLOWEST_STEP_NS: i64 = 10_000_000_000;
 
 /// What to do with a sample, by its time stamp.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum TimestampVerdict {
-    /// It goes on from the one before.
+    /// It follows the one before.
     Next,
-    /// It goes on from another far before the first one, which was wrong: begin anew with this one.
+    /// It follows another far before the first one, which was wrong: restart with this one.
     Restart,
     /// Not later than the one before: not used.
     NotRising,
@@ -23,15 +25,15 @@ pub(super) enum TimestampVerdict {
     Jump,
 }
 
-/// Judges the stamps of one stream.
+/// Classifies the time stamps of one stream.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TimestampFilter {
     last_ns: Option<i64>,
-    /// One far away that waits for its witness.
+    /// A time stamp far away that is not confirmed yet.
     pending_ns: Option<i64>,
-    /// Another stamp has gone on from the last one, or it from another.
+    /// The last one was confirmed: it followed another, or another followed it.
     is_confirmed: bool,
-    /// Widest step that is no leap.
+    /// Widest step that is not a jump.
     max_step_ns: i64,
 }
 
@@ -42,7 +44,7 @@ impl Default for TimestampFilter {
 }
 
 impl TimestampFilter {
-    /// Judges the next stamp.
+    /// Classifies the next time stamp.
     pub fn classify(&mut self, time_ns: i64) -> TimestampVerdict {
         let Some(last_ns) = self.last_ns else {
             self.last_ns = Some(time_ns);
@@ -56,7 +58,7 @@ impl TimestampFilter {
             let (step_ns, leap_ns) = (time_ns.saturating_sub(pending_ns), pending_ns.saturating_sub(last_ns));
             if step_ns <= self.max_step_ns.max(leap_ns.min(SLOWEST_STEP_NS)) {
                 self.accept(time_ns);
-                // A slow stream: its steps are no leaps.
+                // A slow stream: its steps are no jumps.
                 self.max_step_ns = self.max_step_ns.max(step_ns.saturating_mul(2)).min(2 * SLOWEST_STEP_NS);
                 return if pending_ns > last_ns { TimestampVerdict::Next } else { TimestampVerdict::Restart };
             }
@@ -97,16 +99,16 @@ mod tests {
     fn wrong_first_timestamp_is_revoked() {
         assert_eq!(classified(&[i64::MAX, 0, 10, 20]), [Next, NotRising, Restart, Next]);
         assert_eq!(classified(&[i64::MIN, 0, 10, 20]), [Next, Jump, Next, Next]);
-        // One wrong one far before it is no witness against it.
+        // A single wrong one far before it does not revoke it.
         assert_eq!(classified(&[0, i64::MIN, 10, 20]), [Next, NotRising, Next, Next]);
-        // Once gone on from, it stands.
+        // Once another has followed, it stands.
         assert_eq!(classified(&[5000, 5010, 0, 10, 5020]), [Next, Next, NotRising, NotRising, Next]);
     }
 
     #[test]
     fn real_pause_drops_one_sample() {
         assert_eq!(classified(&[0, 10, 60_000, 60_010, 60_020]), [Next, Next, Jump, Next, Next]);
-        // Two wrong ones that do not go on from each other confirm nothing.
+        // Two wrong ones that do not follow each other confirm nothing.
         assert_eq!(classified(&[0, 10, 60_000, 90_000, 20]), [Next, Next, Jump, Jump, Next]);
     }
 

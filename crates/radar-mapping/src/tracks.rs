@@ -1,4 +1,5 @@
-//! Obstacles over time: confirmed when seen again, kept while unseen. `existence.rs` says when one is gone.
+//! Track list: detections over time become tracks, which are confirmed by hits in M of N updates
+//! and kept while unseen. `existence.rs` decides when a confirmed point track is removed.
 
 use std::collections::VecDeque;
 
@@ -10,24 +11,25 @@ use super::existence::ExistenceSettings;
 use radar_sar::geometry::Plane;
 use radar_sar::math;
 
-/// Parameters of the map.
+/// Parameters of the track list.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MapSettings {
-    /// Score that counts as a sighting.
+    /// Least score of a hit, a detection that counts for a track.
     pub confirm_score: f64,
-    /// Sightings among the last four updates that confirm a place.
+    /// Hits among the last four updates that confirm a point.
     pub confirm_sightings: usize,
-    /// Sightings among the last four updates that confirm a wall.
+    /// Hits among the last four updates that confirm a wall.
     pub confirm_wall_sightings: usize,
-    /// Log odds, learned from simulated play, of being a thing and no artefact that a sighting must have.
+    /// Least log odds of a hit, from the classifier, which was learned from simulated play.
     pub confirm_odds: f64,
-    /// What was never seen from beyond this distance may be the player's own hand, elbow or knee and is not confirmed, metres. Also with
-    /// tracked hands: in play that costs nothing, and a quarter less is reported near the body where nothing is.
+    /// A detection that was never seen from beyond this distance may be the wearer's own hand,
+    /// elbow or knee, and is not confirmed, metres. This holds for tracked hands too: in play it
+    /// costs nothing, and the false reports near the body drop by a quarter.
     pub hands_reach_m: f64,
-    /// A sighting this near belongs to a known place, metres.
+    /// A detection within this distance of a known point belongs to it, metres.
     pub match_m: f64,
-    /// When what is no longer there is forgotten.
+    /// When a confirmed object is removed.
     pub forget: ExistenceSettings,
 }
 
@@ -47,13 +49,13 @@ impl Default for MapSettings {
 }
 
 impl MapSettings {
-    /// The same for planes, which have demands of their own before they are believed.
+    /// The same for planes, which have tests of their own before they are detected.
     pub fn for_planes(&self) -> Self {
         let confirm_sightings = self.confirm_wall_sightings;
         Self { confirm_sightings, hands_reach_m: 0.0, ..*self }
     }
 
-    /// Whether something that was believed counts as a sighting.
+    /// Whether a detection counts as a hit.
     pub fn is_hit<T>(&self, detection: &Detection<T>) -> bool {
         detection.observable
             && detection.score >= self.confirm_score
@@ -62,32 +64,34 @@ impl MapSettings {
     }
 }
 
-/// Updates that are looked back on: no more sightings can be asked for.
+/// Number of updates in which hits are counted, and so the most hits that can be demanded.
 pub const RECENT_UPDATES: usize = 4;
-/// A place that is not confirmed and not seen in this many updates is forgotten.
+/// An unconfirmed track without a hit for this many updates is removed (choice).
 const UNCONFIRMED_TIMEOUT_UPDATES: u64 = 8;
 
-/// No sighting is taken as better determined than this, metres.
+/// The uncertainty of no detection is taken as smaller than this, metres (choice).
 const MIN_SIGMA_M: f64 = 0.02;
 
-/// A place that was sighted.
+/// A tracked point or plane.
 #[derive(Debug, Clone)]
 pub struct Track<T> {
     /// Stays the same.
     pub id: u64,
-    /// Where, as its best sighting says.
+    /// Estimate by its best detection.
     pub estimate: T,
     /// Best score.
     pub score: f64,
-    /// Of the sighting that `thing` comes from: score over 1σ, per metre. A better one moves the thing.
+    /// Score over 1σ, per metre, of the detection that the estimate comes from. A better one moves
+    /// it.
     pub quality: f64,
-    /// Log odds of the first sighting that it is a thing; infinite where that was not asked.
+    /// Log odds of the first detection that it is a real object; infinite where the classifier was
+    /// not asked.
     pub log_odds: f64,
-    /// Seen often enough.
+    /// Confirmed by enough hits.
     pub confirmed: bool,
-    /// Remembered from before and neither sighted nor otherwise confirmed since.
+    /// Restored from a saved map, with no hit nor other confirmation since.
     pub provisional: bool,
-    /// First and last sighting, host nanoseconds.
+    /// First and last time with evidence, host nanoseconds.
     pub first_ns: i64,
     /// See `first_ns`.
     pub last_ns: i64,
@@ -95,7 +99,7 @@ pub struct Track<T> {
     last_update: u64,
 }
 
-/// What was sighted, of one kind.
+/// The tracks of one kind.
 #[derive(Debug)]
 pub struct TrackList<T> {
     tracks: Vec<Track<T>>,
@@ -110,7 +114,8 @@ impl<T> Default for TrackList<T> {
 }
 
 impl<T: Copy> TrackList<T> {
-    /// Takes one update's sightings, strongest first; those that are not determined are passed over; `same` tells whether two are the same thing.
+    /// Takes one update's detections, strongest first. Those that are not observable are ignored.
+    /// `same` decides whether two estimates belong to one track.
     pub fn update(&mut self, found: &[Detection<T>], settings: &MapSettings, same: impl Fn(&T, &T) -> bool) {
         self.update += 1;
         for known in &mut self.tracks {
@@ -144,7 +149,8 @@ impl<T: Copy> TrackList<T> {
         self.tracks.retain(|k| k.confirmed || now - k.last_update < UNCONFIRMED_TIMEOUT_UPDATES);
     }
 
-    /// Takes up a thing that is remembered, unless it is known; under another id where its own is taken. Gives the id.
+    /// Restores a track from a saved map, unless it is known already. Takes another id if its own
+    /// is in use. Returns the id.
     pub fn restore(
         &mut self,
         id: u64,
@@ -162,7 +168,7 @@ impl<T: Copy> TrackList<T> {
             id,
             estimate,
             score,
-            // The first sighting says better where it is now.
+            // The first hit replaces the position.
             quality: 0.0,
             log_odds: f64::INFINITY,
             confirmed: true,
@@ -175,17 +181,17 @@ impl<T: Copy> TrackList<T> {
         Some(id)
     }
 
-    /// What is surely there is provisional no more.
+    /// Clears the provisional flag of tracks that exist with certainty.
     pub fn confirm_provisional(&mut self, is_surely_there: impl Fn(u64) -> bool) {
         self.tracks.iter_mut().for_each(|known| known.provisional &= !is_surely_there(known.id));
     }
 
-    /// Forgets those that are not to be kept.
+    /// Keeps the tracks for which `keep` returns true.
     pub fn retain(&mut self, keep: impl Fn(&Track<T>) -> bool) {
         self.tracks.retain(keep);
     }
 
-    /// The confirmed ones.
+    /// The confirmed tracks.
     pub fn confirmed(&self) -> impl Iterator<Item = &Track<T>> {
         self.tracks.iter().filter(|k| k.confirmed)
     }
@@ -208,17 +214,17 @@ impl<T: Copy> Track<T> {
     }
 }
 
-/// Strong evidence from many sides says best where a thing is.
+/// Strong evidence with small uncertainty gives the best position.
 fn quality<T>(detection: &Detection<T>) -> f64 {
     detection.score / detection.sigma_m.max(MIN_SIGMA_M)
 }
 
-/// The same place: within the settings' distance.
+/// Whether two points are the same: within the settings' distance.
 pub fn same_point(match_m: f64) -> impl Fn(&DVec3, &DVec3) -> bool {
     move |a, b| a.distance(*b) <= match_m
 }
 
-/// The same plane: within 8° and 15 cm at a place near the middle of the room.
+/// Whether two planes are the same: within 8° and 15 cm at a point near the room's middle.
 pub fn same_plane(middle: DVec3) -> impl Fn(&Plane, &Plane) -> bool {
     move |a, b| {
         a.outward.dot(b.outward) > math::cos(8f64.to_radians())
@@ -263,7 +269,7 @@ mod tests {
         let settings = MapSettings::default();
         let with = |odds: f64| settings.is_hit(&Detection { log_odds: odds, ..detection(0.0, 60.0, true) });
         assert!(with(settings.confirm_odds) && !with(settings.confirm_odds - 0.1) && !with(f64::NAN));
-        assert!(settings.for_planes().is_hit(&detection(0.0, 60.0, true)), "of planes it is not asked");
+        assert!(settings.for_planes().is_hit(&detection(0.0, 60.0, true)), "the classifier does not apply to planes");
     }
 
     #[test]
@@ -272,7 +278,7 @@ mod tests {
         assert_eq!(after(&[good]), []);
         assert_eq!(after(&[good, &[], &[], better]), [(1, 0.05)]);
         assert_eq!(after(&[better, good]), [(1, 0.05)]);
-        // Five updates apart: the first one has left the four.
+        // Five updates apart, the first hit has left the four recent ones.
         assert_eq!(after(&[good, &[], &[], &[], good]), []);
     }
 
@@ -285,7 +291,7 @@ mod tests {
         let mut once = vec![seen];
         once.extend(vec![&[][..]; UNCONFIRMED_TIMEOUT_UPDATES as usize]);
         once.extend([seen, seen]);
-        // A new id: the first sighting is gone.
+        // A new id, because the first track is gone.
         assert_eq!(after(&once), [(2, 0.0)]);
     }
 

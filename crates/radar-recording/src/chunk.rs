@@ -1,20 +1,21 @@
-//! Unpacks one chunk, whole or cut, with every claimed size checked first.
+//! Unpacks one MCAP chunk, complete or truncated. Every claimed size is checked first.
 //!
-//! The mcap crate's sans-io reader does the unpacking. A whole chunk is checked against its checksum before any record is
-//! given out; a cut one (the last of a truncated file) gives the records that its bytes still hold.
+//! The mcap crate's sans-I/O reader does the unpacking. A complete chunk is checked against its
+//! checksum before any record is returned. A truncated one (the last of a truncated file) gives the
+//! records that its bytes still hold.
 
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::record::{chunk_header, op};
 
-/// Most bytes of a record, and of a chunk when unpacked. Chunks are written with about 1 MiB.
+/// Limit of a record, and of an unpacked chunk, bytes. Choice: chunks are written with about 1 MiB.
 pub(super) const MAX_RECORD_BYTES: usize = 32 << 20;
 
-/// Hands each record (opcode, content) of a chunk record to `take`. `claimed_bytes` is the chunk's length as its file
-/// says; fewer bytes make it a cut one.
+/// Passes each record (opcode, content) of a chunk record to `take`. `claimed_bytes` is the chunk's
+/// length according to the file; with fewer bytes the chunk is truncated.
 ///
 /// # Errors
-/// Why the chunk, or the rest of it, is given up.
+/// Why the chunk, or the rest of it, was skipped.
 pub(super) fn unpack(record: &[u8], claimed_bytes: u64, mut take: impl FnMut(u8, &[u8])) -> Result<(), String> {
     let whole = record.len() as u64 == claimed_bytes;
     check_chunk_header(record, whole)?;
@@ -46,7 +47,7 @@ pub(super) fn unpack(record: &[u8], claimed_bytes: u64, mut take: impl FnMut(u8,
     }
 }
 
-/// Refuses sizes that nobody writes and whatever the unpacking would take on trust.
+/// Rejects implausible sizes, and everything that the unpacking would trust.
 fn check_chunk_header(record: &[u8], whole: bool) -> Result<(), String> {
     let claims = chunk_header(record).ok_or("its head is cut off or unreadable")?;
     let held_bytes = claims.packed.len() as u64;
@@ -58,7 +59,8 @@ fn check_chunk_header(record: &[u8], whole: bool) -> Result<(), String> {
     }
     match claims.compression {
         "zstd" => {}
-        // Such records are cut out by length alone: bytes beyond the claimed ones would be taken for records.
+        // Uncompressed records are split by length alone, so bytes beyond the claimed ones would be
+        // taken for records.
         "" if claims.packed_bytes == held_bytes || (!whole && claims.packed_bytes > held_bytes) => {}
         "" => return Err(format!("it claims {} bytes and holds {held_bytes}", claims.packed_bytes)),
         other => return Err(format!("it is packed with {other:?}, which is not read; only zstd is")),
@@ -73,7 +75,7 @@ fn check_chunk_header(record: &[u8], whole: bool) -> Result<(), String> {
 mod tests {
     use super::*;
 
-    /// A chunk record with unpacked content.
+    /// A chunk record with uncompressed content.
     fn chunk(content: &[u8], packed_bytes: u64) -> Vec<u8> {
         let mut record = vec![0; 16];
         record.extend((content.len() as u64).to_le_bytes());

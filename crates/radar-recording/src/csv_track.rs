@@ -1,46 +1,51 @@
-//! Pose tracks as CSV: a line of names, then a pose a line, as robot controllers and trackers export them.
+//! Pose tracks as CSV: a header line with column names, then one pose per line, as robot
+//! controllers and trackers export them.
 //!
-//! | column | names it may have | unit |
-//! |---|---|---|
-//! | time | `time_s` `timestamp_s` `time` `timestamp` `t`; `time_ms` `time_us` `time_ns` and the same of `timestamp` | s; as named |
-//! | position | `x` `y` `z`, with nothing or `t` `p` `pos_` `position_` `translation_` before; `_m`, `_cm` or `_mm` after | m; as named |
-//! | rotation | `qx` `qy` `qz` `qw`, also `q_x` `quat_x` `quaternion_x` `rotation_x` `orientation_x` and so on | – |
-//! | validity | `valid`, may be missing: `1` `0` `true` `false` | – |
+//! Columns, in any order, in upper or lower case (dots and spaces in names count as `_`):
 //!
-//! In any order, in small or capital letters; dots and spaces in names count as `_`. Other columns are left alone. Cells are parted by comma, semicolon or
-//! tab, whichever the line of names has, and may be in quotes, without what parts them inside. Numbers have a decimal point. `#` begins a comment.
-//! Frames as everywhere: +y up, −z forward. Angles in place of a quaternion are refused: nobody knows in which order they turn.
+//! - time: `time_s`, `timestamp_s`, `time`, `timestamp` or `t`, in seconds; `time_ms`, `time_us`,
+//!   `time_ns`, and the same with `timestamp` or `t`, in that unit.
+//! - position: `x`, `y`, `z`, with the prefix `t`, `p`, `pos_`, `position_`, `translation_` or
+//!   none; in metres, or with the suffix `_m`, `_cm` or `_mm` in that unit.
+//! - rotation: `qx`, `qy`, `qz`, `qw`, or with the prefix `q_`, `quat_`, `quaternion_`, `rotation_`
+//!   or `orientation_`.
+//! - validity: `valid`, optional: `1`, `0`, `true`, `false`.
+//!
+//! Other columns are ignored. The separator is a comma, semicolon or tab, whichever is most
+//! frequent in the header line. Cells may be quoted, but must not contain the separator. Numbers
+//! use a decimal point. `#` starts a comment. Frames are as everywhere: +y up, −z forward. Limit:
+//! angles instead of a quaternion are rejected, since the order of their rotations is unknown.
 
 use radar_sar::PoseSample;
 use radar_sar::TrackingResult;
 
 use super::tum::time_ns;
 
-/// A line of names in the order that [`csv_line`] writes.
+/// Header line for the columns of [`csv_line`].
 pub const CSV_HEAD: &str = "time_s,x_m,y_m,z_m,qx,qy,qz,qw,valid";
 
-/// Names beyond this are another kind of file.
+/// Limit of the number of columns. Choice: more columns mean another kind of file.
 const MAX_COLUMNS: usize = 256;
-/// What is wanted of a line, by its name in messages.
+/// Required columns, by their name in messages.
 const WANTED: [&str; 8] = ["time", "x", "y", "z", "qx", "qy", "qz", "qw"];
 const VALID: usize = WANTED.len();
 
-/// What the columns are.
+/// Columns of a track.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Columns {
     separator: char,
-    /// Number of names.
+    /// Number of columns.
     count: usize,
-    /// Which column, and what its numbers are multiplied with: time, position, quaternion.
+    /// Index and unit factor of each required column: time, position, quaternion.
     wanted: [(usize, f64); 8],
     valid: Option<usize>,
 }
 
 impl Columns {
-    /// From the line of names.
+    /// Parses the header line.
     ///
     /// # Errors
-    /// A column that is missing or there twice; more than 256.
+    /// A required column is missing or occurs twice; more than 256 columns.
     pub fn of(line: &str) -> Result<Self, String> {
         let most = [',', ';', '\t'].map(|separator| (line.matches(separator).count(), separator));
         let separator = most.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a }).map_or(',', |most| most.1);
@@ -52,7 +57,7 @@ impl Columns {
         for (column, name) in names.iter().enumerate() {
             let Some((what, unit)) = column_of_name(name) else { continue };
             if found[what].replace((column, unit)).is_some() {
-                return Err(format!("the column {} is there twice", WANTED.get(what).unwrap_or(&"valid")));
+                return Err(format!("the column {} occurs twice", WANTED.get(what).unwrap_or(&"valid")));
             }
         }
         let missing: Vec<&str> = (0..VALID).filter(|&what| found[what].is_none()).map(|what| WANTED[what]).collect();
@@ -63,10 +68,11 @@ impl Columns {
         Ok(Self { separator, count: names.len(), wanted, valid: found[VALID].map(|(column, _)| column) })
     }
 
-    /// The pose on a line. A time that is NaN becomes the one before, and the pose invalid.
+    /// Parses the pose on a line. A NaN time is replaced by the previous time, and the pose is
+    /// invalid.
     ///
     /// # Errors
-    /// Why it is none.
+    /// Why the line is not a pose.
     pub fn pose(&self, line: &str, previous_ns: i64) -> Result<PoseSample, String> {
         let cells = line.split(self.separator).count();
         if cells != self.count {
@@ -102,20 +108,21 @@ impl Columns {
     }
 }
 
-/// A pose as a line under [`CSV_HEAD`], without its end.
+/// A pose as a line for [`CSV_HEAD`], without its newline.
 pub fn csv_line(pose: &PoseSample) -> String {
     let [x, y, z] = pose.position_m;
     let [qx, qy, qz, qw] = pose.quaternion_xyzw;
     format!("{:.9},{x},{y},{z},{qx},{qy},{qz},{qw},{}", pose.time_ns as f64 * 1e-9, u8::from(pose.valid))
 }
 
-/// Without blanks and quotes around it.
+/// Strips blanks and quotes.
 fn unquote(cell: &str) -> &str {
     let cell = cell.trim();
     cell.strip_prefix('"').and_then(|cell| cell.strip_suffix('"')).unwrap_or(cell).trim()
 }
 
-/// Which of [`WANTED`] a name is, or [`VALID`], and its unit in seconds or metres.
+/// Index in [`WANTED`], or [`VALID`], of a column name, and the factor of its unit to seconds or
+/// metres.
 fn column_of_name(name: &str) -> Option<(usize, f64)> {
     let name: String = unquote(name)
         .chars()
@@ -184,7 +191,7 @@ mod tests {
     fn errors_name_the_problem() {
         let error = |head: &str, line: &str| read(head, line).unwrap_err();
         assert_eq!(error("time_s,x,y,roll,pitch,yaw", ""), "no column for z, qx, qy, qz, qw");
-        assert_eq!(error("t,x,px,y,z,qx,qy,qz,qw", ""), "the column x is there twice");
+        assert_eq!(error("t,x,px,y,z,qx,qy,qz,qw", ""), "the column x occurs twice");
         assert_eq!(error(CSV_HEAD, "1,2,3"), "3 cells under 9 names");
         assert_eq!(error(CSV_HEAD, "1,,0,0,0,0,0,1,1"), "x is empty");
         assert_eq!(error(CSV_HEAD, "1,0,zero,0,0,0,0,1,1"), "y: \"zero\" is not a number");

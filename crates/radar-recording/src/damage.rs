@@ -1,22 +1,22 @@
-//! What could not be read of a recording.
+//! Damage found while reading a recording.
 
 use std::fmt;
 
-/// Everything readable was given all the same; this says what was not.
+/// Damage of a recording; everything readable was returned nevertheless.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Damage {
-    /// Where and why reading stopped before the file's proper end.
+    /// Where and why reading stopped before the proper end of the file.
     pub ended_early: Option<String>,
-    /// Chunks (at most a second each) that were given up, wholly or in part.
+    /// Chunks (of at most a second each) that were skipped, completely or in part.
     pub chunks_damaged: u64,
-    /// Messages left out: their length or numbers make no frame and no pose.
+    /// Messages skipped because their length or numbers are invalid.
     pub messages_skipped: u64,
-    /// Why the first damaged chunk or message was left out.
+    /// Reason for the first skipped chunk or message.
     pub first_reason: Option<String>,
 }
 
 impl Damage {
-    /// Whether the file was sound.
+    /// Whether there is no damage.
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }

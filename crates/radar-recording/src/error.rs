@@ -1,4 +1,4 @@
-//! What can go wrong with recordings and imports: each message says what happened and what to do.
+//! Errors of recordings and imports. Each message says what happened and what to do.
 
 use std::path::PathBuf;
 
@@ -7,23 +7,23 @@ use a121::ConfigError;
 /// A recording that cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// The system refused the file.
+    /// The system refused a file operation.
     #[error("cannot {doing} {path}: {source}")]
     Io {
-        /// "open", "read", "create", "write".
+        /// The operation: "open", "read", "create", "write".
         doing: &'static str,
         /// The file.
         path: PathBuf,
-        /// The system's reason.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A folder or a device where a file should be.
+    /// A directory or device instead of a file.
     #[error("{0} is a folder or a device: give the recording's file")]
     NotAFile(PathBuf),
-    /// No bytes.
+    /// An empty file.
     #[error("{0} is empty: the recording ended before anything was written; record again")]
     Empty(PathBuf),
-    /// Another format.
+    /// Not an MCAP file.
     #[error("{path} is not a recording: it does not begin as an MCAP file; {hint}")]
     NotMcap {
         /// The file.
@@ -31,7 +31,7 @@ pub enum RecordingError {
         /// What to do.
         hint: &'static str,
     },
-    /// MCAP, but without the records that say how it was measured.
+    /// An MCAP file without the header of a recording.
     #[error(
         "{path} is an MCAP file, but holds no radar-chaperone header ({found}): it comes from another program or was cut \
          right at its start"
@@ -39,94 +39,94 @@ pub enum RecordingError {
     NoHeader {
         /// The file.
         path: PathBuf,
-        /// What stood where the header should be.
+        /// What was found instead of the header.
         found: String,
     },
-    /// Written by a later program.
+    /// The file has a newer format.
     #[error("the recording has format {found}, this program reads up to {known}: update radar-chaperone")]
     NewerFormat {
-        /// What the file says.
+        /// Format of the file.
         found: u32,
-        /// What this program knows.
+        /// Newest supported format.
         known: u32,
     },
-    /// A header field that is missing or makes no sense.
+    /// A header field is missing or invalid.
     #[error("the recording's header field {field} is unusable: {reason}")]
     HeaderField {
-        /// Which.
+        /// The field.
         field: &'static str,
-        /// Why.
+        /// What is wrong with it.
         reason: String,
     },
-    /// A configuration that no sensor takes.
+    /// The configuration breaks a rule of the sensor.
     #[error("the recording's sensor configuration breaks a rule of the sensor: {0}")]
     Config(#[from] ConfigError),
 }
 
-/// A foreign recording or track that cannot be imported.
+/// A recording of another program, or a track, that cannot be imported.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    /// The system refused the file.
+    /// The system refused a file operation.
     #[error("cannot read {path}: {source}")]
     Io {
         /// The file.
         path: PathBuf,
-        /// The system's reason.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// A folder or a device where a file should be.
+    /// A directory or device instead of a file.
     #[error("{0} is a folder or a device: give the file itself")]
     NotAFile(PathBuf),
-    /// Larger than anything the vendor's tool records in one go.
+    /// Larger than anything that the vendor's tool records at once.
     #[error("{path}: {what} is {bytes} bytes, more than the {max} bytes that are imported: record in shorter pieces")]
     TooBig {
         /// The file.
         path: PathBuf,
-        /// File, data set or chunk.
+        /// The file, data set or chunk.
         what: String,
-        /// Its size.
+        /// Its size, bytes.
         bytes: u64,
-        /// The bound.
+        /// The limit, bytes.
         max: u64,
     },
-    /// Not HDF5, or cut, or damaged.
+    /// Not an HDF5 file, or truncated or damaged.
     #[error("{path} cannot be read as HDF5 (at {at}): {reason}; it is damaged, cut short or of another format")]
     Hdf5 {
         /// The file.
         path: PathBuf,
-        /// Which object.
+        /// The object in the file.
         at: String,
-        /// The reader's reason.
+        /// The HDF5 reader's message.
         reason: String,
     },
-    /// HDF5, but not as the vendor's exploration tool writes it.
+    /// An HDF5 file with another layout than the vendor's exploration tool writes.
     #[error("{path}: {at} {reason}; is it a recording of the vendor's A121 exploration tool?")]
     Layout {
         /// The file.
         path: PathBuf,
-        /// Which object.
+        /// The object in the file.
         at: String,
         /// What is wrong with it.
         reason: String,
     },
-    /// A configuration that no sensor takes.
+    /// The configuration breaks a rule of the sensor.
     #[error("{path}: the sensor configuration breaks a rule of the sensor: {source}")]
     Config {
         /// The file.
         path: PathBuf,
-        /// The rule.
+        /// The broken rule.
         source: ConfigError,
     },
-    /// A line of a track that is no pose.
+    /// An invalid line of a track.
     #[error("{path}, line {line}: {reason}; {example}")]
     TrackLine {
         /// The file.
         path: PathBuf,
-        /// Counted from 1.
+        /// Line number, from 1.
         line: usize,
         /// What is wrong with it.
         reason: String,
-        /// What a track of this format looks like.
+        /// Text: an example of a valid line.
         example: &'static str,
     },
 }

@@ -1,26 +1,26 @@
-//! Poses in the Foxglove schemas, so that Foxglove and Rerun show a recording as it is; and the parts of its messages.
+//! Poses as messages of the Foxglove schemas, so that Foxglove and Rerun can show a recording.
 
 use foxglove::messages::{FrameTransform, Pose as FoxglovePose, PoseInFrame, Quaternion, Timestamp, Vector3};
 use glam::{DQuat, DVec3};
 
 use radar_sar::geometry::Pose;
 
-/// Frames as they are called in Foxglove.
+/// Names of the frames in Foxglove.
 pub(super) const TRACKING: &str = "tracking";
 pub(super) const HEAD: &str = "head";
 pub(super) const SENSOR: &str = "sensor";
 
-/// Where the head is.
+/// Pose of the head.
 pub(super) fn head_transform(time_ns: i64, tracking_from_head: &Pose) -> FrameTransform {
     transform(time_ns, TRACKING, HEAD, tracking_from_head)
 }
 
-/// Where the sensor sits on the head.
+/// Pose of the sensor on the head (mount).
 pub(super) fn mount_transform(time_ns: i64, head_from_sensor: &Pose) -> FrameTransform {
     transform(time_ns, HEAD, SENSOR, head_from_sensor)
 }
 
-/// Where a hand is; how it is turned is not recorded.
+/// Position of a hand; its rotation is not recorded.
 pub(super) fn hand_pose(time_ns: i64, place_m: DVec3) -> PoseInFrame {
     PoseInFrame {
         timestamp: Some(timestamp(time_ns)),
@@ -29,7 +29,7 @@ pub(super) fn hand_pose(time_ns: i64, place_m: DVec3) -> PoseInFrame {
     }
 }
 
-/// Where a frame is in another.
+/// Pose of the child frame in the parent frame.
 pub(super) fn transform(time_ns: i64, parent: &str, child: &str, parent_from_child: &Pose) -> FrameTransform {
     FrameTransform {
         timestamp: Some(timestamp(time_ns)),
@@ -52,7 +52,7 @@ fn quaternion(q: DQuat) -> Quaternion {
     Quaternion { x: q.x, y: q.y, z: q.z, w: q.w }
 }
 
-/// Foxglove's times begin at 0; earlier ones stay there, later ones than its 32-bit seconds at their end.
+/// Converts a time. Foxglove's times start at 0 and have 32-bit seconds; times outside are clamped.
 pub(super) fn timestamp(time_ns: i64) -> Timestamp {
     let time_ns = time_ns.max(0);
     match u32::try_from(time_ns / 1_000_000_000) {

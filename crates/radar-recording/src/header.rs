@@ -1,5 +1,5 @@
-//! What a recording says of itself, and how it stands in MCAP metadata records: text fields, numbers in JSON whose
-//! floating-point numbers come back bit for bit.
+//! Header of a recording and its form in MCAP metadata records: text fields, with numbers as JSON.
+//! Floating-point numbers round-trip bit for bit.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use a121::SensorConfig;
 use radar_sar::geometry::Pose;
 use radar_sar::truth::Truth;
 
-/// Format that is written; all up to it are read.
+/// Format version that is written; all versions up to it are read.
 pub const FORMAT_VERSION: u32 = 1;
 /// Name of the metadata record with the header.
 pub(super) const HEADER_RECORD: &str = "radar_chaperone";
@@ -20,13 +20,13 @@ pub(super) const TRUTH_RECORD: &str = "radar_chaperone.truth";
 /// Its only key.
 const TRUTH_KEY: &str = "truth";
 
-/// What the board said of itself; unknown parts stay out.
+/// Information from the board; unknown parts are `None`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SensorMetadata {
-    /// Ticks of [`Frame::tick`](a121::Frame) in a second.
+    /// Ticks of [`Frame::tick`](crate::radar::Frame) per second.
     pub ticks_per_second: Option<u32>,
-    /// Distance of neighbouring range points at step 1, metres.
+    /// Distance between neighbouring range points at step length 1, metres.
     pub base_step_length_m: Option<f64>,
     /// "xc120", "xm125", "simulated", …
     pub board: Option<String>,
@@ -34,24 +34,24 @@ pub struct SensorMetadata {
     pub rss_version: Option<String>,
 }
 
-/// What holds for a whole recording; stands at the file's start.
+/// Header of a recording, stored at the start of the file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
-    /// Where it comes from: "xc120 on /dev/ttyACM0", "simulation: sphere-50cm, seed 1", "import of x.h5".
+    /// Origin: "xc120 on /dev/ttyACM0", "simulation: sphere-50cm, seed 1", "import of x.h5".
     pub source: String,
-    /// How the sensor measured; keeps every rule of the sensor.
+    /// Configuration of the sensor; breaks no rule of the sensor.
     pub config: SensorConfig,
-    /// What the board said of itself.
+    /// Information from the board.
     pub sensor: SensorMetadata,
-    /// Where the sensor's phase centre sits on the head.
+    /// Pose of the sensor's phase centre on the head (mount).
     pub head_from_sensor: Pose,
-    /// The program's settings as text (TOML); empty when none were in force.
+    /// The program's settings as TOML; empty if there were none.
     pub settings: String,
-    /// What is really there, when known.
+    /// Ground truth, if known.
     pub truth: Option<Truth>,
 }
 
-/// The mount as seven numbers.
+/// The mount as numbers.
 #[derive(Serialize, Deserialize)]
 struct MountNumbers {
     position_m: [f64; 3],
@@ -59,7 +59,7 @@ struct MountNumbers {
 }
 
 impl Header {
-    /// A header without settings, truth or knowledge of the board.
+    /// A header without settings, truth or board information.
     pub fn new(source: impl Into<String>, config: SensorConfig, head_from_sensor: Pose) -> Self {
         Self {
             source: source.into(),
@@ -93,10 +93,10 @@ impl Header {
         self.truth.as_ref().map(|truth| BTreeMap::from([(TRUTH_KEY.to_owned(), json(truth))]))
     }
 
-    /// From the fields of [`HEADER_RECORD`]; the truth comes apart.
+    /// Parses the fields of [`HEADER_RECORD`]; the truth is stored separately.
     ///
     /// # Errors
-    /// A newer format, a field that is missing or makes no sense, a configuration that breaks a rule.
+    /// A newer format, a missing or invalid field, a configuration that breaks a rule.
     pub(super) fn from_fields(fields: &BTreeMap<String, String>) -> Result<Self, RecordingError> {
         check_version(text(fields, "format_version")?)?;
         let config: SensorConfig = parsed(fields, "sensor_config")?;
@@ -111,18 +111,18 @@ impl Header {
         })
     }
 
-    /// The truth from the fields of [`TRUTH_RECORD`].
+    /// Parses the fields of [`TRUTH_RECORD`].
     ///
     /// # Errors
-    /// The field is missing or makes no sense.
+    /// The field is missing or invalid.
     pub(super) fn truth_from_fields(fields: &BTreeMap<String, String>) -> Result<Truth, RecordingError> {
         parsed(fields, TRUTH_KEY)
     }
 
-    /// Whether reading gives back what is written.
+    /// Checks that reading returns what is written.
     ///
     /// # Errors
-    /// The field that would be refused or changed: a rule broken, a number that is not finite.
+    /// The field that would be rejected or changed: a broken rule, or a number that is not finite.
     pub(super) fn check_readable(&self) -> Result<(), RecordingError> {
         let mut back = Self::from_fields(&self.to_fields())?;
         if let Some(fields) = self.truth_to_fields() {
@@ -139,7 +139,7 @@ fn unusable(field: &'static str, reason: String) -> RecordingError {
     RecordingError::HeaderField { field, reason }
 }
 
-/// None of the header's types can fail to become JSON: they hold numbers, text and lists alone.
+/// Serialises a value. The header's types hold only numbers, text and lists, so this cannot fail.
 fn json(value: &impl Serialize) -> String {
     serde_json::to_string(value).unwrap_or_default()
 }
@@ -163,7 +163,7 @@ fn check_version(version: &str) -> Result<(), RecordingError> {
     }
 }
 
-/// Taken as it stands, not normalised again: the bits stay.
+/// Checks the mount and keeps its bits: the quaternion is not normalised again.
 fn mount(numbers: MountNumbers) -> Result<Pose, RecordingError> {
     let MountNumbers { position_m, quaternion_xyzw } = numbers;
     Pose::try_new(position_m, quaternion_xyzw).map_err(|error| unusable("head_from_sensor", error.to_string()))?;

@@ -1,4 +1,5 @@
-//! Turns a recording of the vendor's exploration tool, and a pose track made beside it, into one of ours.
+//! Imports a recording of the vendor's exploration tool, optionally with a pose track, as a
+//! recording of this program.
 
 use std::path::Path;
 
@@ -8,17 +9,17 @@ use a121::Frame;
 use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
 
-/// What the files do not say.
+/// Information that the files do not contain.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImportOptions {
-    /// Where the sensor sits on what the track follows. The identity when the track is the sensor's own.
+    /// Pose of the sensor on the tracked object; identity if the track is the sensor's own.
     pub head_from_sensor: Pose,
-    /// The program's settings, kept in the header.
+    /// The program's settings, for the header.
     pub settings: String,
 }
 
 impl Default for ImportOptions {
-    /// The track is the sensor's own.
+    /// Options for a track of the sensor itself.
     fn default() -> Self {
         Self { head_from_sensor: Pose::IDENTITY, settings: String::new() }
     }
@@ -27,18 +28,20 @@ impl Default for ImportOptions {
 /// An imported recording, in memory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imported {
-    /// What holds for the whole of it.
+    /// The header.
     pub header: Header,
-    /// Frames in the file's order; the first one ends at time 0.
+    /// Frames in the order of the file; the first one ends at time 0.
     pub frames: Vec<Frame>,
-    /// Poses in the track's order, sound or not.
+    /// Poses in the order of the track, valid or not.
     pub poses: Vec<PoseSample>,
 }
 
-/// Reads the vendor's .h5 and, when given, a track (TUM, or CSV where its name ends so) with times since the first tick.
+/// Reads the vendor's .h5 and, if given, a track with times since the first tick: TUM, or CSV if
+/// its name ends in `.csv`.
 ///
 /// # Errors
-/// A file that is foreign, damaged, too big or breaks a rule of the sensor; a line of the track that is no pose.
+/// A file that is of another format, damaged, too big or breaks a rule of the sensor; an invalid
+/// line of the track.
 pub fn import_h5(frames: &Path, poses: Option<&Path>, options: &ImportOptions) -> Result<Imported, ImportError> {
     let vendor = vendor_h5::read(frames)?;
     let name = |path: &Path| path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
@@ -56,7 +59,7 @@ pub fn import_h5(frames: &Path, poses: Option<&Path>, options: &ImportOptions) -
 }
 
 impl Imported {
-    /// Frames and poses by time; each stream keeps its own order even where its times run backwards.
+    /// Frames and poses by time. Each stream keeps its own order even if its times run backwards.
     pub fn events(&self) -> impl Iterator<Item = Event> + '_ {
         let mut frames = self.frames.iter().peekable();
         let mut poses = self.poses.iter().peekable();
@@ -76,7 +79,7 @@ impl Imported {
     /// Writes it as a recording.
     ///
     /// # Errors
-    /// A mount that is no pose, or a file that cannot be written.
+    /// An invalid mount, or a file that cannot be written.
     pub fn write(&self, path: impl AsRef<Path>) -> Result<RecordingSummary, RecordingError> {
         let mut writer = RecordingWriter::create(path, &self.header)?;
         for event in self.events() {
@@ -86,7 +89,7 @@ impl Imported {
     }
 }
 
-/// The usual mistake: a track that counts from another moment than the first tick.
+/// Warns of the usual mistake: a track whose times do not start at the first tick.
 fn warn_if_no_overlap(frames: &[Frame], poses: &[PoseSample]) {
     let span = |times: &mut dyn Iterator<Item = i64>| {
         times.fold(None, |span, t| span.map_or(Some((t, t)), |(a, b): (i64, i64)| Some((a.min(t), b.max(t)))))
@@ -114,14 +117,15 @@ mod tests {
     use super::super::{Recording, RecordingSummary};
     use super::*;
 
-    /// FNV-1a; the constants below come from h5py and the same sum in Python.
+    /// FNV-1a hash. The constants below come from h5py and the same hash in Python.
     fn checksum(bytes: impl IntoIterator<Item = u8>) -> u64 {
         bytes.into_iter().fold(0xcbf2_9ce4_8422_2325, |sum, b| (sum ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
     }
 
     #[test]
     fn real_recordings_match_h5py() {
-        // Frames, points a frame, checksums of samples, ticks and temperatures, last time in ns.
+        // Name, frames, points per frame; hashes of samples, ticks and temperatures; last time in
+        // ns.
         let known: [(&str, usize, usize, [u64; 3], i64); 5] = [
             (
                 "corner-reflector.h5",

@@ -1,19 +1,20 @@
-//! Recordings: MCAP out and in, import of the vendor's .h5 and of pose tracks; and the maps of rooms that are kept.
+//! Recordings: writing and reading MCAP files, importing the vendor's .h5 and pose tracks, and
+//! saved maps of rooms.
 //!
-//! A file begins with metadata records (the [`Header`]), so that even a cut one can be read; then come chunks of at most
-//! one second with these topics:
+//! A file starts with metadata records (the [`Header`]), so that even a truncated file can be read.
+//! Then come chunks of at most one second, with these topics (name, schema, content):
 //!
-//! | topic | schema | what |
-//! |---|---|---|
-//! | `/radar/frame` | `radar_chaperone.Frame` | raw frames |
-//! | `/tracking/head_raw` | `radar_chaperone.TrackedPose` | every pose as it came, sound or not |
-//! | `/tracking/head` | `foxglove.FrameTransform` | the sound poses, tracking → head |
-//! | `/tracking/mount` | `foxglove.FrameTransform` | head → sensor, once |
-//! | `/tracking/hands_raw` | `radar_chaperone.TrackedHands` | where the player's hands are; `none` where a hand is not tracked |
-//! | `/tracking/left_hand`, `/tracking/right_hand` | `foxglove.PoseInFrame` | the tracked ones, without a turn |
+//! - `/radar/frame`, `radar_chaperone.Frame`: raw frames.
+//! - `/tracking/head_raw`, `radar_chaperone.TrackedPose`: every pose as received, valid or not.
+//! - `/tracking/head`, `foxglove.FrameTransform`: the valid poses, tracking → head.
+//! - `/tracking/mount`, `foxglove.FrameTransform`: head → sensor, once.
+//! - `/tracking/hands_raw`, `radar_chaperone.TrackedHands`: positions of the player's hands; `none`
+//!   if a hand is not tracked.
+//! - `/tracking/left_hand` and `/tracking/right_hand`, `foxglove.PoseInFrame`: tracked hands,
+//!   without rotation.
 //!
-//! Topics of hands are there when there are some. A recording with results ([`ResultsWriter`]) has more, which reading skips: the table is
-//! at the head of `results`.
+//! The topics of hands exist only if there are hands. A recording with results ([`ResultsWriter`])
+//! has more topics, which reading skips; the head of `results` lists them.
 
 #![warn(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -1,7 +1,9 @@
-//! The map of a room as a file: what is kept from one start to the next, one file for each universe of the tracking system, as JSON.
+//! Saved map of a room: a JSON file per universe of the tracking system, kept from one start to the
+//! next.
 //!
-//! A file is written whole or not at all, at most [`MAX_ROOMS`] are kept, and nothing in one is trusted: a file that is too long, of
-//! another format or universe, or with numbers that are none is an error, which costs the map and nothing else.
+//! A file is written atomically, and at most [`MAX_ROOMS`] are kept. Nothing in a file is trusted:
+//! one that is too long, of another format or universe, or with invalid numbers is an error. The
+//! only consequence is that the map is lost.
 
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -12,46 +14,46 @@ use serde::{Deserialize, Serialize};
 use radar_mapping::{SavedMap, SavedMapError};
 use radar_sar::geometry::Pose;
 
-/// The only format there is.
+/// The only supported format version.
 const FORMAT_VERSION: u32 = 1;
-/// A longer file is no map.
+/// Limit of a file's size, bytes. Choice.
 const MAX_BYTES: u64 = 8 << 20;
-/// Rooms that are kept; the one that was not written for longest goes.
+/// Number of maps kept; the one written least recently is removed first. Choice.
 pub const MAX_ROOMS: usize = 16;
 
-/// Why there is no map.
+/// Why a map cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum MapFileError {
-    /// The system refuses.
+    /// The system refused a file operation.
     #[error("cannot {doing} {}: {source}", path.display())]
     Io {
-        /// What was tried.
+        /// The operation.
         doing: &'static str,
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
-    /// No map by its length.
+    /// The file is too long for a map.
     #[error("{} is longer than a map: {MAX_BYTES} bytes at most", .0.display())]
     TooLong(PathBuf),
-    /// Not what is written.
-    #[error("{} is no map: {source}", path.display())]
+    /// The file is not valid JSON of a map.
+    #[error("{} is not a map: {source}", path.display())]
     Json {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The parser's error.
         source: serde_json::Error,
     },
-    /// A format that is not known.
-    #[error("{} is a map of format {found}; {FORMAT_VERSION} is known", path.display())]
+    /// An unsupported format version.
+    #[error("{} is a map of format {found}; only {FORMAT_VERSION} is supported", path.display())]
     Format {
         /// The file.
         path: PathBuf,
-        /// Its format.
+        /// Its format version.
         found: u32,
     },
-    /// Of another room.
+    /// The map of another universe.
     #[error("{} is the map of another universe, {found}", path.display())]
     Universe {
         /// The file.
@@ -59,42 +61,42 @@ pub enum MapFileError {
         /// Its universe.
         found: u64,
     },
-    /// Numbers that are none.
-    #[error("{} has numbers that make no map: {source}", path.display())]
+    /// Invalid numbers in the map.
+    #[error("{} has invalid numbers: {source}", path.display())]
     Numbers {
         /// The file.
         path: PathBuf,
-        /// Which.
+        /// The error.
         source: SavedMapError,
     },
-    /// A pose or time that is none.
-    #[error("{} has a standing universe or a time that is none", .0.display())]
+    /// An invalid pose or time.
+    #[error("{} has an invalid standing universe or time", .0.display())]
     Place(PathBuf),
 }
 
-/// The map of a room, in the raw universe's frame, which recentring does not move.
+/// The map of a room, in the frame of the raw universe, which recentring does not move.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MapFile {
     format_version: u32,
-    /// The tracking system's name for the room.
+    /// The tracking system's id of the room.
     pub universe: u64,
-    /// When it was written, seconds of Unix time.
+    /// Time of writing, Unix seconds.
     pub saved_unix_s: f64,
-    /// Where the standing universe was then.
+    /// Pose of the standing universe at that time.
     pub standing_from_raw: Pose,
-    /// What is known; times are nanoseconds since it was written, so none is above 0.
+    /// The map. Its times are nanoseconds relative to the time of writing, so none is above 0.
     pub map: SavedMap,
 }
 
-/// The format alone: what else there is depends on it.
+/// The format version alone, since the other fields depend on it.
 #[derive(Deserialize)]
 struct Format {
     format_version: u32,
 }
 
 impl MapFile {
-    /// A map as it is now.
+    /// A map of the current format.
     pub fn new(universe: u64, saved_unix_s: f64, standing_from_raw: Pose, map: SavedMap) -> Self {
         Self { format_version: FORMAT_VERSION, universe, saved_unix_s, standing_from_raw, map }
     }
@@ -102,7 +104,7 @@ impl MapFile {
     /// Reads a file.
     ///
     /// # Errors
-    /// The file is not there, too long, damaged, of another format, or has numbers that are none.
+    /// The file does not exist, is too long, damaged or of another format, or has invalid numbers.
     pub fn read(path: &Path) -> Result<Self, MapFileError> {
         let (read, own) = (io_error("read", path), || path.to_owned());
         let mut text = Vec::new();
@@ -124,7 +126,7 @@ impl MapFile {
         Ok(file)
     }
 
-    /// Writes the file, whole or not at all; its folder is made.
+    /// Writes the file atomically and creates its directory.
     ///
     /// # Errors
     /// The system refuses.
@@ -137,19 +139,19 @@ impl MapFile {
             fs::rename(&beside, path)
         };
         write().map_err(|source| {
-            // The first failure is the one to tell of.
+            // The first error is the one to report.
             let _ = fs::remove_file(&beside);
             error(source)
         })
     }
 }
 
-/// The folder with the maps of all rooms.
+/// Directory with the maps of all rooms.
 #[derive(Debug, Clone)]
 pub struct MapFolder(PathBuf);
 
 impl MapFolder {
-    /// It need not be there.
+    /// The directory need not exist.
     pub fn new(folder: PathBuf) -> Self {
         Self(folder)
     }
@@ -158,10 +160,10 @@ impl MapFolder {
         self.0.join(format!("universe-{universe}.json"))
     }
 
-    /// The map of a room; `None`: there is none.
+    /// Loads the map of a room; `None` if there is none.
     ///
     /// # Errors
-    /// See [`MapFile::read`]; and a map of another universe.
+    /// As [`MapFile::read`], and for a map of another universe.
     pub fn load(&self, universe: u64) -> Result<Option<MapFile>, MapFileError> {
         let path = self.file(universe);
         match MapFile::read(&path) {
@@ -171,7 +173,8 @@ impl MapFolder {
         }
     }
 
-    /// Keeps the map of a room; the oldest of too many go. Nothing is written where there is neither a map nor anything to keep.
+    /// Saves the map of a room and removes the oldest beyond [`MAX_ROOMS`]. An empty map is not
+    /// written unless it replaces a file.
     ///
     /// # Errors
     /// The system refuses.
@@ -187,7 +190,7 @@ impl MapFolder {
         Ok(())
     }
 
-    /// Forgets the map of a room, and what was put aside of it; says whether there was one.
+    /// Removes the map of a room and an unusable one moved aside; returns whether there was a map.
     ///
     /// # Errors
     /// The system refuses.
@@ -203,7 +206,8 @@ impl MapFolder {
         Ok(was_there)
     }
 
-    /// Puts a room's map aside that cannot be used, so that it is not written over; says where it is now. One that was put aside before goes.
+    /// Renames an unusable map so that it is not overwritten; returns its new path. An earlier one
+    /// is replaced.
     ///
     /// # Errors
     /// The system refuses.
@@ -214,7 +218,7 @@ impl MapFolder {
         Ok(aside)
     }
 
-    /// Maps but this one, newest first.
+    /// All maps except this one, newest first.
     fn others_by_age(&self, but: &Path) -> Vec<PathBuf> {
         let entries = fs::read_dir(&self.0).into_iter().flatten().filter_map(Result::ok);
         let is_map = |path: &Path| {
@@ -229,7 +233,7 @@ impl MapFolder {
     }
 }
 
-/// Where a map is put that cannot be used.
+/// Path of an unusable map.
 fn aside_path(map: &Path) -> PathBuf {
     map.with_extension("json.bad")
 }
@@ -298,14 +302,14 @@ mod tests {
         let loaded = maps.load(7).unwrap().unwrap();
         assert_eq!(loaded.map, map(7).map, "to the bit");
         assert!(loaded.standing_from_raw.translation == map(7).standing_from_raw.translation);
-        assert_eq!(fs::read_dir(&folder.0).unwrap().count(), 1, "nothing is left beside it");
+        assert_eq!(fs::read_dir(&folder.0).unwrap().count(), 1, "no temporary file is left");
         assert!(maps.remove(7).unwrap() && !maps.remove(7).unwrap());
         let empty = MapFile { map: SavedMap::default(), ..map(7) };
         maps.save(&empty).unwrap();
-        assert!(maps.load(7).unwrap().is_none(), "nothing is not written");
+        assert!(maps.load(7).unwrap().is_none(), "an empty map is not written");
         maps.save(&map(7)).unwrap();
         maps.save(&empty).unwrap();
-        assert!(maps.load(7).unwrap().unwrap().map.is_empty(), "but what is gone is gone");
+        assert!(maps.load(7).unwrap().unwrap().map.is_empty(), "an empty map replaces a file");
     }
 
     #[test]
@@ -319,7 +323,7 @@ mod tests {
         maps.save(&map(3)).unwrap();
         assert_eq!(fs::read_to_string(&aside).unwrap(), "no map");
         assert!(maps.load(3).unwrap().is_some());
-        assert!(maps.remove(3).unwrap() && !aside.exists() && !maps.remove(3).unwrap(), "all of it is forgotten");
+        assert!(maps.remove(3).unwrap() && !aside.exists() && !maps.remove(3).unwrap(), "both files are removed");
     }
 
     #[test]
@@ -343,12 +347,12 @@ mod tests {
         maps.save(&map(7)).unwrap();
         let text = fs::read_to_string(maps.file(7)).unwrap();
         let spoilt: [(String, &str); 7] = [
-            (text[..text.len() / 2].to_owned(), "is no map"),
-            (String::new(), "is no map"),
+            (text[..text.len() / 2].to_owned(), "is not a map"),
+            (String::new(), "is not a map"),
             (text.replace("\"format_version\":1", "\"format_version\":2"), "format 2"),
             (text.replace("\"universe\":7", "\"universe\":8"), "another universe, 8"),
             (text.replace("\"score\":8.7", "\"score\":-8.7"), "the score of 3"),
-            (text.replace("\"score\":8.7", "\"score\":1e999"), "is no map"),
+            (text.replace("\"score\":8.7", "\"score\":1e999"), "is not a map"),
             (" ".repeat(MAX_BYTES as usize + 1), "longer than a map"),
         ];
         for (spoilt, says) in spoilt {
@@ -361,7 +365,7 @@ mod tests {
         for at in (0..flipped.len()).step_by(3) {
             flipped[at] ^= 0x11;
             fs::write(maps.file(7), &flipped).unwrap();
-            // Whatever it is taken for, it is sound.
+            // Whatever was parsed must be valid.
             if let Ok(Some(file)) = maps.load(7) {
                 file.map.check().unwrap();
             }

@@ -1,4 +1,4 @@
-//! Frames, poses and hands as protobuf messages, exact to the bit both ways.
+//! Frames, poses and hands as protobuf messages, exact to the bit in both directions.
 
 use num_complex::Complex;
 use prost::Message;
@@ -10,48 +10,49 @@ use radar_mapping::HandsSample;
 use radar_sar::PoseSample;
 use radar_sar::TrackingResult;
 
-/// Types made from proto/radar_chaperone.proto.
+/// Types generated from proto/radar_chaperone.proto.
 mod wire {
     #![allow(clippy::all, missing_docs)]
     include!(concat!(env!("OUT_DIR"), "/radar_chaperone.rs"));
 }
 
-/// The compiled descriptors of proto/radar_chaperone.proto: the schema data of both messages.
+/// Compiled descriptors of proto/radar_chaperone.proto: schema data of its messages.
 pub(super) const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/radar_chaperone.descriptors"));
-/// Numbers of the topics that every recording has.
+/// Channel ids that every recording has.
 pub(super) const FRAME_CHANNEL: u16 = 1;
 pub(super) const POSE_CHANNEL: u16 = 2;
 pub(super) const HEAD_CHANNEL: u16 = 3;
 pub(super) const MOUNT_CHANNEL: u16 = 4;
-/// Numbers of the topics that only recordings with hands have.
+/// Channel ids that only recordings with hands have.
 pub(super) const HANDS_CHANNEL: u16 = 7;
 pub(super) const HAND_CHANNELS: [u16; 2] = [8, 9];
-/// How all messages are written.
+/// Encoding of all messages.
 pub(super) const MESSAGE_ENCODING: &str = "protobuf";
 /// Topic and schema of frames.
 pub(super) const FRAME_TOPIC: &str = "/radar/frame";
 pub(super) const FRAME_SCHEMA: &str = "radar_chaperone.Frame";
-/// Topic and schema of poses as they came.
+/// Topic and schema of raw poses.
 pub(super) const POSE_TOPIC: &str = "/tracking/head_raw";
 pub(super) const POSE_SCHEMA: &str = "radar_chaperone.TrackedPose";
 
-/// Topic and schema of the hands as they came.
+/// Topic and schema of raw hands.
 pub(super) const HANDS_TOPIC: &str = "/tracking/hands_raw";
 pub(super) const HANDS_SCHEMA: &str = "radar_chaperone.TrackedHands";
 
-/// What a recording gives, in the order of the file.
+/// An event of a recording, in the order of the file.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
     /// A raw frame.
     Frame(Frame),
-    /// A pose of the head as it came, sound or not.
+    /// A raw pose of the head, valid or not.
     Pose(PoseSample),
-    /// Where the player's hands were.
+    /// Positions of the player's hands.
     Hands(HandsSample),
 }
 
 impl Event {
-    /// Host's monotonic clock, nanoseconds: a frame's end, the time of a pose or of hands.
+    /// Time on the host's monotonic clock, nanoseconds: the end of a frame, the time of a pose or
+    /// of hands.
     pub fn time_ns(&self) -> i64 {
         match self {
             Self::Frame(frame) => frame.host_time_ns,
@@ -78,9 +79,9 @@ pub(super) fn encode_frame(frame: &Frame) -> Vec<u8> {
     .encode_to_vec()
 }
 
-/// The reason when the bytes make no frame.
+/// Decodes a frame, or returns why the bytes are not a frame.
 pub(super) fn decode_frame(bytes: &[u8]) -> Result<Frame, String> {
-    let message = wire::Frame::decode(bytes).map_err(|error| format!("a frame is no protobuf message ({error})"))?;
+    let message = wire::Frame::decode(bytes).map_err(|error| format!("a frame is not a protobuf message ({error})"))?;
     let (points, rest) = message.samples.as_chunks::<4>();
     if !rest.is_empty() {
         return Err(format!("a frame has {} bytes of samples, not a multiple of 4", message.samples.len()));
@@ -120,10 +121,10 @@ pub(super) fn encode_pose(pose: &PoseSample) -> Vec<u8> {
     .encode_to_vec()
 }
 
-/// The reason when the bytes make no pose.
+/// Decodes a pose, or returns why the bytes are not a pose.
 pub(super) fn decode_pose(bytes: &[u8]) -> Result<PoseSample, String> {
     let message =
-        wire::TrackedPose::decode(bytes).map_err(|error| format!("a pose is no protobuf message ({error})"))?;
+        wire::TrackedPose::decode(bytes).map_err(|error| format!("a pose is not a protobuf message ({error})"))?;
     let lengths = (message.position_m.len(), message.quaternion_xyzw.len());
     let (Ok(position_m), Ok(quaternion_xyzw)) = (message.position_m.try_into(), message.quaternion_xyzw.try_into())
     else {
@@ -141,7 +142,7 @@ pub(super) fn decode_pose(bytes: &[u8]) -> Result<PoseSample, String> {
     Ok(PoseSample { time_ns: message.time_ns, position_m, quaternion_xyzw, valid: message.valid, result })
 }
 
-/// A hand in no place is one that is not tracked.
+/// Encodes hands; a position that is not finite counts as not tracked.
 pub(super) fn encode_hands(hands: &HandsSample) -> Vec<u8> {
     let numbers =
         |hand: Option<DVec3>| hand.filter(|place| place.is_finite()).map_or(vec![], |p| p.to_array().to_vec());
@@ -149,14 +150,14 @@ pub(super) fn encode_hands(hands: &HandsSample) -> Vec<u8> {
     wire::TrackedHands { time_ns: hands.time_ns, left_m, right_m }.encode_to_vec()
 }
 
-/// The reason when the bytes make no hands.
+/// Decodes hands, or returns why the bytes are not hands.
 pub(super) fn decode_hands(bytes: &[u8]) -> Result<HandsSample, String> {
     let message =
-        wire::TrackedHands::decode(bytes).map_err(|error| format!("hands are no protobuf message ({error})"))?;
+        wire::TrackedHands::decode(bytes).map_err(|error| format!("hands are not a protobuf message ({error})"))?;
     let place = |numbers: &[f64]| match numbers {
         [] => Ok(None),
         &[x, y, z] if [x, y, z].iter().all(|v| v.is_finite()) => Ok(Some(DVec3::new(x, y, z))),
-        _ => Err(format!("a hand has the place {numbers:?}, not three numbers or none")),
+        _ => Err(format!("a hand has the position {numbers:?}, not three numbers or none")),
     };
     Ok(HandsSample { time_ns: message.time_ns, hands_m: [place(&message.left_m)?, place(&message.right_m)?] })
 }

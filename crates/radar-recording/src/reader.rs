@@ -1,7 +1,8 @@
-//! Reads a recording from start to end, a chunk at a time: whatever is readable, and what was not.
+//! Reads a recording from start to end, one chunk at a time, and reports what could not be read.
 //!
-//! A damaged chunk is left out and reading goes on behind it; where the file's own framing breaks, reading ends. Nothing
-//! in the file is trusted: records beyond [`MAX_RECORD_BYTES`] are refused before memory is taken for them.
+//! A damaged chunk is skipped. If the framing of the file itself is broken, reading ends. Nothing
+//! in the file is trusted: records beyond [`MAX_RECORD_BYTES`] are rejected before memory is
+//! allocated for them.
 
 use std::collections::{HashMap, VecDeque};
 use std::fs::File;
@@ -17,23 +18,24 @@ use super::message::{
 use super::record::{Fields, channel, message, metadata, op};
 use super::{Damage, RecordingError};
 
-/// An open recording: its header, and an iterator over its frames, poses and hands in the order of the file.
+/// An open recording: its header, and an iterator over its frames, poses and hands in the order of
+/// the file.
 ///
-/// After the last event, [`damage`](Self::damage) tells what could not be read.
+/// After the last event, [`damage`](Self::damage) reports what could not be read.
 #[derive(Debug)]
 pub struct Recording {
     path: PathBuf,
     header: Header,
     source: RecordSource,
-    /// What came right behind the header.
+    /// The record after the header.
     pending: Option<FetchedRecord>,
     content: Content,
-    /// The data section is over; only the index follows.
+    /// Whether the data section has ended; only the index follows.
     data_ended: bool,
     ended: bool,
 }
 
-/// What came out of the chunks so far and was not yet fetched.
+/// Content of the chunks read so far.
 #[derive(Debug)]
 struct Content {
     topics: HashMap<u16, Topic>,
@@ -49,21 +51,21 @@ enum Topic {
     Other,
 }
 
-/// The file as a row of top-level records.
+/// The file as a sequence of top-level records.
 #[derive(Debug)]
 struct RecordSource {
     input: BufReader<File>,
     offset: u64,
-    /// Where the last record began.
+    /// Offset of the last record, bytes.
     record_start: u64,
 }
 
 #[derive(Debug)]
 enum FetchedRecord {
     Record(u8, Vec<u8>),
-    /// The file ends inside a record that claims so many bytes.
+    /// The file ends inside a record with this claimed length.
     Cut(u8, Vec<u8>, u64),
-    /// The file ends, and no record is open.
+    /// The file ends between records.
     End,
     Broken(String),
 }
@@ -72,7 +74,7 @@ impl Recording {
     /// Opens a file and reads its header.
     ///
     /// # Errors
-    /// Not a file, not a recording, a header that makes no sense; each says what to do.
+    /// Not a file, not a recording, or an invalid header; each message says what to do.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let path = path.as_ref().to_owned();
         let io_error = |doing| {
@@ -95,12 +97,12 @@ impl Recording {
         &self.path
     }
 
-    /// What holds for the whole recording.
+    /// The header.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// What could not be read so far; complete once the iterator has given its last event.
+    /// What could not be read so far; complete after the last event.
     pub fn damage(&self) -> &Damage {
         &self.content.damage
     }
@@ -143,8 +145,8 @@ impl Iterator for Recording {
 }
 
 impl Content {
-    /// The topics as the writer numbers them, in case the chunk that declares them is damaged; what the file declares goes
-    /// before.
+    /// The topics with the writer's channel ids, in case the chunk that declares them is damaged.
+    /// Declarations in the file take precedence.
     fn new() -> Self {
         let topics = [(FRAME_CHANNEL, Topic::Frames), (POSE_CHANNEL, Topic::Poses), (HANDS_CHANNEL, Topic::Hands)];
         let [left, right] = HAND_CHANNELS;
@@ -152,7 +154,7 @@ impl Content {
         Self { topics: topics.into_iter().chain(others).collect(), events: VecDeque::new(), damage: Damage::default() }
     }
 
-    /// Takes a top-level record; fewer bytes than claimed make it a cut one.
+    /// Takes a top-level record; with fewer bytes than claimed it is truncated.
     fn take(&mut self, opcode: u8, record: &[u8], claimed_bytes: u64) {
         if opcode == op::CHUNK {
             let unpacked = unpack(record, claimed_bytes, |opcode, record| self.take_plain(opcode, record));
@@ -164,7 +166,7 @@ impl Content {
         }
     }
 
-    /// Takes a record that is no chunk.
+    /// Takes a record that is not a chunk.
     fn take_plain(&mut self, opcode: u8, record: &[u8]) {
         match opcode {
             op::CHANNEL => match channel(record) {
@@ -223,7 +225,7 @@ impl RecordSource {
             (Some([opcode]), None) => return Ok(FetchedRecord::Cut(opcode, Vec::new(), 1)),
         };
         if opcode == op::INVALID {
-            return Ok(FetchedRecord::Broken("zeros stand where a record should begin".into()));
+            return Ok(FetchedRecord::Broken("there are zeros where a record should begin".into()));
         }
         if length > MAX_RECORD_BYTES as u64 {
             let reason = format!("a record claims {length} bytes, more than the {MAX_RECORD_BYTES} allowed");
@@ -238,7 +240,7 @@ impl RecordSource {
     }
 }
 
-/// So many bytes, or what is left; memory grows with what is there, not with what is asked for.
+/// Reads up to this many bytes. Memory grows with what is there, not with what is requested.
 fn read_up_to(input: &mut impl Read, bytes: u64) -> io::Result<Vec<u8>> {
     let mut read = Vec::new();
     input.take(bytes).read_to_end(&mut read)?;
@@ -249,14 +251,14 @@ fn check_magic(path: &Path, start: &[u8]) -> Result<(), RecordingError> {
     let hint = match start {
         [] => return Err(RecordingError::Empty(path.to_owned())),
         start if start == mcap::MAGIC => return Ok(()),
-        [0x89, b'H', b'D', b'F', ..] => "it is an HDF5 file: turn it into one with `radar-chaperone import`",
+        [0x89, b'H', b'D', b'F', ..] => "it is an HDF5 file: import it with `radar-chaperone import`",
         start if mcap::MAGIC.starts_with(start) => "it was cut right at its start: record again",
         _ => "give a file that radar-chaperone has written",
     };
     Err(RecordingError::NotMcap { path: path.to_owned(), hint })
 }
 
-/// The header, and what came behind it.
+/// Reads the header; also returns the record after it.
 fn read_header(
     path: &Path,
     source: &mut RecordSource,
@@ -368,7 +370,8 @@ mod tests {
         let (events, recording) = read(&recorded(&written)).unwrap();
         assert_same(&events, &written);
         assert!(recording.damage().is_none(), "{}", recording.damage());
-        // A place that is none is a hand that is not tracked; without hands the file is what it was without their topics.
+        // A position that is not finite counts as not tracked. Without hands, the file has no
+        // topics of hands.
         let (events, _) = read(&recorded(&[hands(1, Some(DVec3::NAN), Some(here))])).unwrap();
         assert_same(&events, &[hands(1, None, Some(here))]);
         let topic = b"/tracking/hands_raw";
@@ -382,7 +385,7 @@ mod tests {
             let mut message = vec![0x12, bytes.len() as u8 * 8];
             message.extend(bytes.iter().flat_map(|v| v.to_le_bytes()));
             let refused = decode_hands(&message).unwrap_err();
-            assert!(refused.starts_with("a hand has the place"), "{refused}");
+            assert!(refused.starts_with("a hand has the position"), "{refused}");
         }
     }
 
@@ -413,7 +416,7 @@ mod tests {
     fn flipped_byte_loses_at_most_one_chunk() {
         let written = events(4);
         let bytes = recorded(&written);
-        // NaN does not equal itself; its written form does.
+        // NaN does not equal itself; its text does.
         let known: HashSet<String> = written.iter().map(|event| format!("{event:?}")).collect();
         let (mut files, mut sound) = (0, 0);
         for position in (0..bytes.len()).step_by(211) {
@@ -422,7 +425,7 @@ mod tests {
             files += 1;
             let Ok((events, recording)) = read(&damaged) else { continue };
             assert!(events.len() <= written.len());
-            // Framing breaks seldom; mostly one chunk of about 61 events goes.
+            // Usually one chunk of about 61 events is lost; broken framing is rare.
             sound += usize::from(events.len() + 62 >= written.len() && !recording.damage().is_none());
             assert!(events.iter().all(|e| known.contains(&format!("{e:?}"))), "a made-up event, byte {position}");
         }
@@ -453,7 +456,7 @@ mod tests {
         assert_eq!((recording.damage().chunks_damaged, recording.damage().messages_skipped), (1, 0));
     }
 
-    /// Where the first top-level record with this opcode has its content, behind `from`.
+    /// Offset of the content of the first top-level record with this opcode, from `from` on.
     fn content_of(bytes: &[u8], opcode: u8, from: usize) -> usize {
         let mut at = from;
         while bytes[at] != opcode {
@@ -467,12 +470,12 @@ mod tests {
         let bytes = recorded(&events(2));
         let topics = content_of(&bytes, op::CHUNK, 8);
         let chunk = content_of(&bytes, op::CHUNK, topics - 9 + 9 + chunk_length(&bytes, topics));
-        // A chunk that claims 100 GB when unpacked: left out.
+        // A chunk that claims 100 GB when unpacked is skipped.
         let mut bomb = bytes.clone();
         bomb[chunk + 16..chunk + 24].copy_from_slice(&100_000_000_000u64.to_le_bytes());
         let (_, recording) = read(&bomb).unwrap();
         assert!(recording.damage().first_reason.as_ref().unwrap().contains("100000000000 bytes"));
-        // A record that claims 100 GB: reading ends there.
+        // A record that claims 100 GB ends reading.
         let mut long = bytes.clone();
         long[chunk - 8..chunk].copy_from_slice(&100_000_000_000u64.to_le_bytes());
         let (events, recording) = read(&long).unwrap();
@@ -482,7 +485,7 @@ mod tests {
         let mut name = bytes.clone();
         name[chunk + 28..chunk + 32].copy_from_slice(&u32::MAX.to_le_bytes());
         assert_eq!(read(&name).unwrap().1.damage().chunks_damaged, 1);
-        // Zeros, as a file system leaves them after a power cut.
+        // Zeros, as a file system may leave them after a power failure.
         let mut zeros = bytes[..chunk - 9].to_vec();
         zeros.extend([0; 5000]);
         assert!(read(&zeros).unwrap().1.damage().ended_early.as_ref().unwrap().contains("zeros"));

@@ -1,11 +1,11 @@
-//! MCAP records taken apart by hand, from a slice, with no length believed.
+//! Parses MCAP records from a slice without trusting any length.
 //!
-//! The mcap crate's own `parse_record` reserves as many bytes as a string's length field claims (up to 4 GiB), so it
-//! serves for files one has written oneself, not for any file.
+//! The mcap crate's own `parse_record` allocates as many bytes as a string's length field claims
+//! (up to 4 GiB), so it is unsuitable for untrusted files.
 
 use std::collections::BTreeMap;
 
-/// Opcodes of the records that matter here.
+/// Opcodes of the records used here.
 pub(super) mod op {
     pub const INVALID: u8 = 0x00;
     pub const HEADER: u8 = 0x01;
@@ -17,7 +17,7 @@ pub(super) mod op {
     pub const DATA_END: u8 = 0x0F;
 }
 
-/// Takes little-endian fields off the front of a slice; `None` when it is too short.
+/// Reads little-endian fields from the front of a slice; `None` if it is too short.
 #[derive(Clone, Copy)]
 pub(super) struct Fields<'a>(pub &'a [u8]);
 
@@ -46,7 +46,7 @@ impl<'a> Fields<'a> {
         self.array().map(u64::from_le_bytes)
     }
 
-    /// Bytes whose count stands before them.
+    /// Bytes after a 32-bit count.
     pub fn sized(&mut self) -> Option<&'a [u8]> {
         let count = self.u32()?;
         self.bytes(usize::try_from(count).ok()?)
@@ -84,19 +84,19 @@ pub(super) fn message(record: &[u8]) -> Option<(u16, &[u8])> {
     Some((channel, fields.0))
 }
 
-/// What a chunk says of its content.
+/// Header of a chunk, with sizes as claimed by the file.
 pub(super) struct ChunkHeader<'a> {
-    /// Length of its records when unpacked.
+    /// Size of its records when unpacked, bytes.
     pub unpacked_bytes: u64,
-    /// "zstd", or empty.
+    /// "zstd", or empty for none.
     pub compression: &'a str,
-    /// Length of its records as packed.
+    /// Size of its packed records, bytes.
     pub packed_bytes: u64,
-    /// The packed records as far as they are there.
+    /// The packed records, as far as present.
     pub packed: &'a [u8],
 }
 
-/// The claims at a chunk record's start.
+/// Parses the header of a chunk record.
 pub(super) fn chunk_header(record: &[u8]) -> Option<ChunkHeader<'_>> {
     let mut fields = Fields(record);
     let (_start, _end) = (fields.u64()?, fields.u64()?);

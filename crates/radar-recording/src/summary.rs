@@ -1,4 +1,4 @@
-//! What a recording holds, at a glance: what `radar-chaperone info FILE` prints.
+//! Summary of a recording, as printed by `radar-chaperone info FILE`.
 
 use std::fmt;
 use std::path::Path;
@@ -10,31 +10,31 @@ use radar_mapping::range_axis;
 use radar_sar::geometry::Pose;
 use radar_sar::{HistorySettings, PoseSample};
 
-/// An interval this many times the usual one is a gap.
+/// An interval longer than this many median intervals is a gap. Choice.
 const GAP_FACTOR: f64 = 2.5;
 
-/// What a recording holds.
+/// Summary of a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordingSummary {
-    /// What holds for the whole recording.
+    /// The header.
     pub header: Header,
     /// Times of the frames.
     pub frames: StreamSummary,
-    /// Frames with samples at the converter's limit; not used.
+    /// Frames with samples at the limit of the converter; not used.
     pub frames_saturated: u64,
-    /// Frames that the sensor sent late.
+    /// Frames that the sensor marked as late.
     pub frames_delayed: u64,
-    /// Frames that are not as long as the configuration says; not used.
+    /// Frames whose length differs from the configuration; not used.
     pub frames_wrong_length: u64,
-    /// Times of the poses, sound or not.
+    /// Times of the poses, valid or not.
     pub poses: StreamSummary,
-    /// Poses that are invalid, not fully tracked, or of numbers that make no pose; not used.
+    /// Poses that are invalid, not fully tracked, or have invalid numbers; not used.
     pub poses_invalid: u64,
-    /// Times at which the hands' places were told.
+    /// Times of the hands.
     pub hands: StreamSummary,
-    /// Of these, how often the left and the right hand was tracked.
+    /// How many of these have the left and the right hand tracked.
     pub hands_tracked: [u64; 2],
-    /// Results written along.
+    /// Snapshots of results.
     pub scenes: u64,
     /// What could not be read.
     pub damage: Damage,
@@ -49,10 +49,11 @@ pub struct StreamSummary {
     pub first_ns: Option<i64>,
     /// Latest time, host nanoseconds.
     pub last_ns: Option<i64>,
-    /// Entries not later than the one before.
+    /// Entries that are not later than the one before.
     pub not_rising: u64,
     previous_ns: Option<i64>,
-    /// Rising intervals, nanoseconds: eight bytes an entry, for the usual interval and the gaps.
+    /// Positive intervals, nanoseconds, for the median interval and the gaps; eight bytes per
+    /// entry.
     intervals_ns: Vec<i64>,
 }
 
@@ -76,14 +77,14 @@ impl StreamSummary {
         }
     }
 
-    /// The usual (median) interval, seconds.
+    /// Median interval, seconds.
     pub fn median_interval_s(&self) -> Option<f64> {
         let mut sorted = self.intervals_ns.clone();
         let middle = sorted.len() / 2;
         (!sorted.is_empty()).then(|| *sorted.select_nth_unstable(middle).1 as f64 * 1e-9)
     }
 
-    /// Entries a second outside gaps.
+    /// Entries per second outside gaps.
     pub fn rate_hz(&self) -> Option<f64> {
         let border_s = self.gap_threshold_s(0.0);
         let usual = self.intervals_ns.iter().map(|&ns| ns as f64 * 1e-9).filter(|&s| s <= border_s);
@@ -91,12 +92,13 @@ impl StreamSummary {
         (sum_s > 0.0).then(|| count / sum_s)
     }
 
-    /// An interval above this is a gap, seconds.
+    /// Shortest interval that counts as a gap, seconds.
     fn gap_threshold_s(&self, least_s: f64) -> f64 {
         self.median_interval_s().map_or(least_s, |usual_s| least_s.max(GAP_FACTOR * usual_s))
     }
 
-    /// Number of gaps, and the longest one in seconds: intervals above `least_s` and 2.5 times the usual one.
+    /// Number of gaps, and the longest one in seconds: intervals above `least_s` and 2.5 times the
+    /// median.
     pub fn gaps(&self, least_s: f64) -> (usize, f64) {
         let border_s = self.gap_threshold_s(least_s);
         let gaps_s = self.intervals_ns.iter().map(|&ns| ns as f64 * 1e-9).filter(|&s| s > border_s);
@@ -105,7 +107,7 @@ impl StreamSummary {
 }
 
 impl RecordingSummary {
-    /// Nothing in it yet.
+    /// An empty summary.
     pub fn new(header: Header) -> Self {
         Self {
             header,
@@ -122,10 +124,10 @@ impl RecordingSummary {
         }
     }
 
-    /// Reads a whole recording, a chunk at a time.
+    /// Reads a whole recording, one chunk at a time.
     ///
     /// # Errors
-    /// The recording cannot be opened; damage further on is part of the summary.
+    /// The recording cannot be opened; later damage is part of the summary.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let mut recording = Recording::open(path)?;
         let mut summary = Self::new(recording.header().clone());
@@ -159,7 +161,7 @@ impl RecordingSummary {
         self.poses_invalid += u64::from(pose.tracking_from_head().is_err());
     }
 
-    /// Counts where the hands were.
+    /// Counts hands.
     pub fn push_hands(&mut self, hands: &HandsSample) {
         self.hands.push(hands.time_ns);
         for (count, place_m) in self.hands_tracked.iter_mut().zip(hands.hands_m) {
@@ -220,7 +222,7 @@ impl RecordingSummary {
 
     fn poses_text(&self) -> String {
         if self.poses.count == 0 {
-            return "none: ranges can be read, places cannot".into();
+            return "none: ranges can be read, positions cannot".into();
         }
         let invalid =
             if self.poses_invalid == 0 { "all valid".into() } else { format!("{} invalid", self.poses_invalid) };
@@ -274,7 +276,7 @@ fn subsweep_text(subsweep: &Subsweep) -> String {
         subsweep.hwaas,
         subsweep.receiver_gain,
         subsweep.prf.hz() / 1e6,
-        if subsweep.phase_enhancement { "" } else { ", phase enhancement OFF (imaging wants it on)" }
+        if subsweep.phase_enhancement { "" } else { ", phase enhancement OFF (imaging needs it)" }
     )
 }
 
@@ -305,7 +307,7 @@ mod tests {
     #[test]
     fn summary_text_is_as_expected() {
         let mut written = events(4);
-        // A second without poses, and a pose whose time runs backwards.
+        // One second without poses, and a pose whose time runs backwards.
         written.retain(|e| !matches!(e, Event::Pose(p) if (1_000_000_000..2_000_000_000).contains(&p.time_ns)));
         let last = written.iter().rposition(|e| matches!(e, Event::Pose(_))).unwrap();
         if let Event::Pose(pose) = &mut written[last] {

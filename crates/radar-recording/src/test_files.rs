@@ -1,4 +1,4 @@
-//! Files for this room's tests: small made ones, and the real recordings where they are at hand.
+//! Files for the tests of this module: small generated ones, and real recordings if available.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -15,7 +15,7 @@ use radar_sar::truth::{Truth, TruthObstacle};
 
 const MS: i64 = 1_000_000;
 
-/// A path of its own in the system's temporary folder; the file goes away with it.
+/// A unique path in the system's temporary directory; the file is removed on drop.
 pub struct TestFile(pub PathBuf);
 
 impl TestFile {
@@ -38,7 +38,7 @@ impl Drop for TestFile {
     }
 }
 
-/// A real recording; `None`, and a line that says so, where they are not at hand.
+/// Path of a real recording; `None`, with a message, if it is not available.
 pub fn real_recording(name: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/recordings").join(name);
     if !path.exists() {
@@ -70,7 +70,7 @@ pub fn header() -> Header {
     header
 }
 
-/// Some seconds of frames at 20 Hz with noise in them, and poses at 40 Hz of which some are not sound.
+/// Frames at 20 Hz with noise, and poses at 40 Hz, some of them invalid.
 pub fn events(seconds: i64) -> Vec<Event> {
     let mut noise = 1u32;
     let mut next = move || {
@@ -113,7 +113,7 @@ pub fn recorded(events: &[Event]) -> Vec<u8> {
     std::fs::read(&file.0).unwrap()
 }
 
-/// Equal to the bit: NaN equals the same NaN, and −0 does not equal 0.
+/// Asserts equality to the bit: NaN equals the same NaN, and −0 does not equal 0.
 pub fn assert_same(read: &[Event], written: &[Event]) {
     assert_eq!(read.len(), written.len());
     for (a, b) in read.iter().zip(written) {

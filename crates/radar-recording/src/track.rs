@@ -1,5 +1,5 @@
-//! Pose tracks of any tracker, headset or robot's arm: TUM, or CSV by the ending of the file's name. Read line by line, whole or while
-//! another program writes.
+//! Pose tracks of any tracker, headset or robot arm: TUM, or CSV by the file extension. Read line
+//! by line, from a complete file or while another program writes it.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -10,28 +10,29 @@ use super::csv_track::{CSV_HEAD, Columns, csv_line};
 use super::tum::{parse_line, tum_line};
 use radar_sar::PoseSample;
 
-/// Longest file that is read: some 20 hours at 120 Hz.
+/// Limit of a file's size, bytes. Choice: about 20 hours at 120 Hz.
 const MAX_TRACK_BYTES: u64 = 1 << 30;
-/// Longest line: eight numbers take less than 200, and CSV may have other columns beside them.
+/// Limit of a line's length, bytes. Choice: eight numbers take less than 200, and CSV may have
+/// other columns.
 pub const MAX_TRACK_LINE_BYTES: usize = 4096;
 
-/// How a track is written.
+/// Format of a track.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrackFormat {
-    /// A line `timestamp_s tx ty tz qx qy qz qw` a pose.
+    /// One pose per line: `timestamp_s tx ty tz qx qy qz qw`.
     Tum,
-    /// A line of names and a line a pose, see `csv_track`.
+    /// A header line, then one pose per line; see `csv_track`.
     Csv,
 }
 
 impl TrackFormat {
-    /// CSV when the name ends in `.csv`, else TUM.
+    /// CSV if the name ends in `.csv`, else TUM.
     pub fn of(path: &Path) -> Self {
         let is_csv = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("csv"));
         if is_csv { Self::Csv } else { Self::Tum }
     }
 
-    /// What a track looks like, for messages.
+    /// Example of a line, for messages.
     fn example_line(self) -> &'static str {
         match self {
             Self::Tum => "a line is `timestamp_s tx ty tz qx qy qz qw`",
@@ -39,7 +40,7 @@ impl TrackFormat {
         }
     }
 
-    /// Poses as a track.
+    /// Writes poses as a track.
     pub fn write(self, poses: &[PoseSample]) -> String {
         let (head, line): (&str, fn(&PoseSample) -> String) = match self {
             Self::Tum => ("# timestamp_s tx ty tz qx qy qz qw", tum_line),
@@ -51,7 +52,7 @@ impl TrackFormat {
     }
 }
 
-/// Reads a track line after line.
+/// Parser of a track, line by line.
 #[derive(Debug, Clone)]
 pub struct TrackParser {
     format: TrackFormat,
@@ -60,16 +61,16 @@ pub struct TrackParser {
 }
 
 impl TrackParser {
-    /// At a track's beginning.
+    /// A parser at the start of a track.
     pub fn new(format: TrackFormat) -> Self {
         Self { format, columns: None, previous_ns: 0 }
     }
 
-    /// The pose on the next line; `None` for comments, blank lines and the line of names. A time that is NaN becomes the one before, and
-    /// its pose invalid.
+    /// Parses the next line; `None` for comments, blank lines and the header line. A NaN time is
+    /// replaced by the previous time, and the pose is invalid.
     ///
     /// # Errors
-    /// Why it is none.
+    /// Why the line is not a pose.
     pub fn line(&mut self, line: &str) -> Result<Option<PoseSample>, String> {
         let pose = match self.format {
             TrackFormat::Tum => parse_line(line, self.previous_ns)?,
@@ -91,13 +92,13 @@ impl TrackParser {
     }
 }
 
-/// Reads a track. Positions and quaternions that are NaN or zero, and times that run backwards, stay as they are: who uses
-/// the poses counts and skips them. A time that is NaN cannot stay: such a pose is marked invalid and given the time of
-/// the one before.
+/// Reads a track. NaN or zero positions and quaternions, and times that run backwards, are kept:
+/// the user of the poses counts and skips them. A NaN time is replaced by the previous time and the
+/// pose is marked invalid.
 ///
 /// # Errors
-/// A file that cannot be read; a line with too few or too many columns, with a word that is no number, or with a time
-/// beyond ±292 years; a CSV whose first line names no columns.
+/// A file that cannot be read; a line with too few or too many columns, with a word that is not a
+/// number, or with a time beyond ±292 years; a CSV whose first line has no column names.
 pub fn read_track(path: &Path) -> Result<Vec<PoseSample>, ImportError> {
     let io_error = |source| ImportError::Io { path: path.to_owned(), source };
     let metadata = std::fs::metadata(path).map_err(io_error)?;
@@ -112,7 +113,7 @@ pub fn read_track(path: &Path) -> Result<Vec<PoseSample>, ImportError> {
     read_track_from(input, TrackFormat::of(path), path)
 }
 
-/// Reads a track that is at hand; `name` is what messages call it.
+/// Reads a track from an open input; `name` is its name in messages.
 ///
 /// # Errors
 /// As [`read_track`].

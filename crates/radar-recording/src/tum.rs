@@ -1,12 +1,14 @@
-//! Pose tracks in the TUM format: a line `timestamp_s tx ty tz qx qy qz qw` a pose, `#` begins a comment.
+//! Pose tracks in the TUM format: one pose per line, `timestamp_s tx ty tz qx qy qz qw`; `#` starts
+//! a comment.
 
 use radar_sar::PoseSample;
 use radar_sar::TrackingResult;
 
-/// The pose on a line of a track; `None` for comments and blank lines. A time that is NaN becomes the one before.
+/// Parses a line of a track; `None` for comments and blank lines. A NaN time is replaced by the
+/// previous time.
 ///
 /// # Errors
-/// Why it is none.
+/// Why the line is not a pose.
 pub fn parse_line(line: &str, previous_ns: i64) -> Result<Option<PoseSample>, String> {
     let content = line.trim_start_matches('\u{feff}').split('#').next().unwrap_or_default();
     let words: Vec<&str> = content.split_whitespace().collect();
@@ -30,13 +32,13 @@ pub fn parse_line(line: &str, previous_ns: i64) -> Result<Option<PoseSample>, St
     }))
 }
 
-/// Seconds as nanoseconds.
+/// Converts seconds to nanoseconds.
 pub(super) fn time_ns(time_s: f64) -> Result<i64, String> {
     let ns = (time_s * 1e9).round();
     if ns.abs() < 9.2e18 { Ok(ns as i64) } else { Err(format!("a time of {time_s} s")) }
 }
 
-/// A pose as a line, without its end. The format has no place for validity.
+/// A pose as a line, without its newline. The format cannot store validity.
 pub fn tum_line(pose: &PoseSample) -> String {
     let [x, y, z] = pose.position_m;
     let [qx, qy, qz, qw] = pose.quaternion_xyzw;

@@ -1,9 +1,10 @@
-//! Recordings of the vendor's exploration tool (HDF5, A121 generation): first session, first group, first sensor.
+//! Reads recordings of the vendor's exploration tool (HDF5, A121 generation): first session, first
+//! group, first sensor.
 //!
 //! Layout: `server_info` (JSON); `session` or `sessions/session_0` with `session_config` (JSON) and
-//! `group_0/entry_0/{sensor_id, metadata (JSON), result/…}`; `result/` holds `frame` [frame, sweep, point] of {real, imag:
-//! i16}, `tick`, `temperature` and three flags, one for each frame. There are no host times: a frame's time is its tick,
-//! counted from the first one.
+//! `group_0/entry_0/{sensor_id, metadata (JSON), result/…}`. `result/` holds `frame` [frame, sweep,
+//! point] of {real, imag: i16}, and per frame `tick`, `temperature` and three flags. There are no
+//! host times: a frame's time is its tick, counted from the first one.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -16,14 +17,16 @@ use super::message::complex_from_le_bytes;
 use super::{ImportError, SensorMetadata};
 use a121::{Frame, SensorConfig};
 
-/// Largest file, and largest data set when unpacked: about 80 minutes of the fastest preset.
+/// Limit of a file, and of an unpacked data set, bytes. Choice: about 80 minutes of the fastest
+/// preset.
 const MAX_BYTES: u64 = 1 << 30;
-/// Largest chunk of a data set when unpacked; the vendor's have some ten thousand bytes.
+/// Limit of an unpacked chunk of a data set, bytes. Choice: the vendor's have about ten thousand
+/// bytes.
 const MAX_CHUNK_BYTES: u64 = 64 << 20;
-/// Longest JSON text.
+/// Limit of a JSON text, bytes. Choice.
 const MAX_TEXT_BYTES: usize = 16 << 20;
 
-/// What such a file holds.
+/// Content of a file.
 #[derive(Debug)]
 pub(super) struct VendorRecording {
     pub config: SensorConfig,
@@ -31,7 +34,7 @@ pub(super) struct VendorRecording {
     pub frames: Vec<Frame>,
 }
 
-/// The parts of `server_info` that matter; older files lack some.
+/// The used parts of `server_info`; older files lack some.
 #[derive(Deserialize)]
 struct ServerInfo {
     ticks_per_second: u32,
@@ -39,7 +42,7 @@ struct ServerInfo {
     hardware_name: Option<String>,
 }
 
-/// The part of an entry's `metadata` that matters.
+/// The used part of an entry's `metadata`.
 #[derive(Deserialize)]
 struct EntryMetadata {
     base_step_length_m: Option<f64>,
@@ -48,7 +51,8 @@ struct EntryMetadata {
 /// Reads a file.
 ///
 /// # Errors
-/// Not such a file, damaged, too big, or with a configuration that breaks a rule of the sensor.
+/// Another kind of file, damaged, too big, or with a configuration that breaks a rule of the
+/// sensor.
 pub(super) fn read(path: &Path) -> Result<VendorRecording, ImportError> {
     let io_error = |source| ImportError::Io { path: path.to_owned(), source };
     let metadata = std::fs::metadata(path).map_err(io_error)?;
@@ -56,9 +60,10 @@ pub(super) fn read(path: &Path) -> Result<VendorRecording, ImportError> {
         return Err(ImportError::NotAFile(path.to_owned()));
     }
     too_big_unless(metadata.len() <= MAX_BYTES, path, "the file", metadata.len(), MAX_BYTES)?;
-    // Read here, so that what the system refuses and what the parser refuses stay apart.
+    // Read here, to separate errors of the system from errors of the parser.
     let bytes = std::fs::read(path).map_err(io_error)?;
-    // The parser is foreign code and the file may be anything: a panic in there is one more way to be unreadable.
+    // The file is untrusted and the parser is a third-party crate: a panic in it counts as an
+    // unreadable file.
     catch_unwind(AssertUnwindSafe(|| Reader::open(path, bytes)?.read())).unwrap_or_else(|_| {
         Err(ImportError::Hdf5 { path: path.to_owned(), at: "/".into(), reason: "the HDF5 reader gave up".into() })
     })
@@ -97,7 +102,8 @@ impl<'a> Reader<'a> {
         Ok(VendorRecording { config, sensor, frames })
     }
 
-    /// `session` is a group in older files and a link in newer ones; some readers' copies lack the link.
+    /// Path of the session. `session` is a group in older files and a link in newer ones; some
+    /// copies lack the link.
     fn session(&self) -> Result<&'static str, ImportError> {
         let known = ["session", "sessions/session_0"];
         known
@@ -159,7 +165,7 @@ impl<'a> Reader<'a> {
         frames.collect()
     }
 
-    /// Number of frames, and all samples as stored: real, imaginary, little-endian.
+    /// Number of frames, and all samples as stored: real, imaginary, little-endian i16.
     fn samples(&self, at: &str, config: &SensorConfig) -> Result<(usize, Vec<u8>), ImportError> {
         let dataset = self.dataset(at)?;
         let shape = dataset.shape().map_err(|error| hdf5_error(self.path, at, error))?;
@@ -185,7 +191,7 @@ impl<'a> Reader<'a> {
         Ok((count, bytes))
     }
 
-    /// The data set's bytes, once its claimed sizes are known to be bearable.
+    /// The bytes of a data set, after checking its claimed sizes.
     fn raw(&self, at: &str, dataset: &Dataset, elements: u64) -> Result<Vec<u8>, ImportError> {
         self.check_size(at, dataset, elements)?;
         dataset.read_raw().map_err(|error| hdf5_error(self.path, at, error))
@@ -201,7 +207,7 @@ impl<'a> Reader<'a> {
         too_big_unless(chunk_bytes <= MAX_CHUNK_BYTES, self.path, at, chunk_bytes, MAX_CHUNK_BYTES)
     }
 
-    /// So many integers, or a single one without a shape.
+    /// This many integers, or a scalar.
     fn integers(&self, at: &str, count: usize) -> Result<Vec<i64>, ImportError> {
         let dataset = self.dataset(at)?;
         self.check_count(at, &dataset, count)?;
@@ -210,7 +216,7 @@ impl<'a> Reader<'a> {
         self.counted(at, values, count)
     }
 
-    /// So many booleans, stored as one byte each.
+    /// This many booleans, stored as one byte each.
     fn flags(&self, at: &str, count: usize) -> Result<Vec<bool>, ImportError> {
         let dataset = self.dataset(at)?;
         self.check_count(at, &dataset, count)?;
@@ -239,7 +245,7 @@ impl<'a> Reader<'a> {
         let texts = dataset.read_vlen_strings(limits).or_else(|_| dataset.read_string());
         let texts = texts.map_err(|error| hdf5_error(self.path, at, error))?;
         let text = texts.first().ok_or_else(|| self.layout(at, "is empty"))?;
-        serde_json::from_str(text).map_err(|error| self.layout(at, format!("is no JSON as expected: {error}")))
+        serde_json::from_str(text).map_err(|error| self.layout(at, format!("is not the expected JSON: {error}")))
     }
 
     fn dataset(&self, at: &str) -> Result<Dataset, ImportError> {
@@ -259,7 +265,8 @@ fn too_big_unless(fits: bool, path: &Path, what: &str, bytes: u64, max: u64) -> 
     if fits { Ok(()) } else { Err(ImportError::TooBig { path: path.to_owned(), what: what.to_owned(), bytes, max }) }
 }
 
-/// `groups[0]` is a map from sensor id to configuration; the protocol's own form is a list of {sensor_id, config}.
+/// Finds the sensor's configuration. `groups[0]` is a map from sensor id to configuration; in the
+/// protocol's form it is a list of {sensor_id, config}.
 fn first_groups_config(session: &Value, sensor_id: i64) -> Option<&Value> {
     match session.get("groups")?.get(0)? {
         Value::Object(map) => map.get(&sensor_id.to_string()).or_else(|| map.values().next()),
@@ -277,7 +284,7 @@ fn is_complex_i16(datatype: &Datatype) -> bool {
         })
 }
 
-/// Time of a tick since the first one, nanoseconds, rounded; `None` when it is beyond 292 years.
+/// Time of a tick since the first one, nanoseconds, rounded; `None` beyond 292 years.
 fn time_ns(tick: i64, first_tick: i64, ticks_per_second: u32) -> Option<i64> {
     let per_second = i128::from(ticks_per_second);
     let doubled = (i128::from(tick) - i128::from(first_tick)) * 2_000_000_000;

@@ -1,5 +1,6 @@
-//! Writes a recording: header first, then chunks of at most a second, each handed to the system as soon as it is whole,
-//! so that a crash costs the last second and nothing before it. The same input gives the same bytes.
+//! Writes a recording: header, then chunks of at most one second. Each chunk is passed to the
+//! system when it is complete, so a crash loses at most the last second. The same input gives the
+//! same bytes.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -23,20 +24,20 @@ use a121::Frame;
 use radar_mapping::HandsSample;
 use radar_sar::PoseSample;
 
-/// Longest time in a chunk.
+/// Longest duration of a chunk, nanoseconds. Choice.
 const CHUNK_NS: i64 = 1_000_000_000;
-/// A chunk ends once it holds this many bytes.
+/// A chunk ends when it holds this many bytes. Choice.
 const CHUNK_BYTES: usize = 1 << 20;
-/// What the file says wrote it; fixed, so that the bytes depend on the input alone.
+/// Library name in the file; constant, so that the bytes depend only on the input.
 const LIBRARY: &str = "radar-chaperone";
 
-/// A topic of the file.
+/// A channel of the file.
 struct Channel {
     id: u16,
     messages: u32,
 }
 
-/// A topic that is made when its first message comes.
+/// A topic whose channel is created with its first message.
 pub(super) struct Topic {
     id: u16,
     name: &'static str,
@@ -46,32 +47,33 @@ pub(super) struct Topic {
 }
 
 impl Topic {
-    /// Of protobuf messages.
+    /// A topic of protobuf messages.
     pub(super) fn new(id: u16, name: &'static str, schema: &str, descriptors: &[u8]) -> Self {
         Self { id, name, schema: schema.to_owned(), descriptors: descriptors.to_vec(), channel: None }
     }
 
-    /// Of a schema of Foxglove's.
+    /// A topic with a Foxglove schema.
     pub(super) fn foxglove<M: Encode>(id: u16, name: &'static str) -> Self {
         let (schema, descriptors) = M::get_schema().map_or_else(Default::default, |s| (s.name, s.data.into_owned()));
         Self::new(id, name, &schema, &descriptors)
     }
 }
 
-/// What the open chunk holds.
+/// Content of the open chunk.
 struct OpenChunk {
     earliest_ns: i64,
     latest_ns: i64,
     bytes: usize,
 }
 
-/// The file, and the chunk that is being filled.
+/// The file, and the open chunk.
 struct Output {
     mcap: mcap::Writer<BufWriter<File>>,
     chunk: Option<OpenChunk>,
 }
 
-/// Writes one recording. Dropping it without [`finish`](Self::finish) still ends the file properly, but hides errors.
+/// Writer of a recording. Dropping it without [`finish`](Self::finish) still ends the file
+/// properly, but hides errors.
 pub struct RecordingWriter {
     path: PathBuf,
     output: Output,
@@ -79,16 +81,17 @@ pub struct RecordingWriter {
     raw_poses: Channel,
     head: Channel,
     mount: Channel,
-    /// As they came, and each of both for Foxglove; there once there are some.
+    /// Raw hands, and one channel per hand for Foxglove; created with the first hands.
     hands: Option<(Channel, [Channel; 2])>,
     summary: RecordingSummary,
 }
 
 impl RecordingWriter {
-    /// Creates the file, or empties the one that is there, and writes the header.
+    /// Creates or truncates the file and writes the header.
     ///
     /// # Errors
-    /// A header that could not be read back (a rule broken, a number not finite), or a file that cannot be written.
+    /// A header that could not be read back (a broken rule, a number that is not finite), or a file
+    /// that cannot be written.
     pub fn create(path: impl AsRef<Path>, header: &Header) -> Result<Self, RecordingError> {
         let path = path.as_ref().to_owned();
         header.check_readable()?;
@@ -108,13 +111,13 @@ impl RecordingWriter {
         let raw_poses = output.add_channel(POSE_CHANNEL, POSE_TOPIC, POSE_SCHEMA, DESCRIPTORS)?;
         let head = output.add_foxglove_channel::<FrameTransform>(HEAD_CHANNEL, "/tracking/head")?;
         let mount = output.add_foxglove_channel::<FrameTransform>(MOUNT_CHANNEL, "/tracking/mount")?;
-        // The topics stand in a chunk of their own: a damaged second later on does not take them along.
+        // The topics get a chunk of their own, so that damage to later chunks does not affect them.
         output.flush()?;
         let (path, summary) = (path.to_owned(), RecordingSummary::new(header.clone()));
         Ok(Self { path, output, frames, raw_poses, head, mount, hands: None, summary })
     }
 
-    /// Writes a frame as it is, of whatever length.
+    /// Writes a frame, of any length.
     ///
     /// # Errors
     /// The system refuses the bytes.
@@ -126,7 +129,7 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Writes a pose as it is, and a sound one for Foxglove besides.
+    /// Writes a raw pose, and a valid one also for Foxglove.
     ///
     /// # Errors
     /// The system refuses the bytes.
@@ -145,7 +148,7 @@ impl RecordingWriter {
         }
     }
 
-    /// Writes where the hands are, and each that is tracked for Foxglove besides.
+    /// Writes raw hands, and each tracked one also for Foxglove.
     ///
     /// # Errors
     /// The system refuses the bytes.
@@ -176,7 +179,7 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Writes a frame, a pose or hands.
+    /// Writes an event.
     ///
     /// # Errors
     /// The system refuses the bytes.
@@ -188,7 +191,7 @@ impl RecordingWriter {
         }
     }
 
-    /// Writes a message of results. Reading skips it.
+    /// Writes a message of a results topic, which reading skips.
     pub(super) fn write_to_topic(
         &mut self,
         topic: &mut Topic,
@@ -207,12 +210,12 @@ impl RecordingWriter {
         self.output.message(channel, time_ns, bytes)
     }
 
-    /// Results were written along once more.
+    /// Counts a snapshot of results.
     pub(super) fn count_scene(&mut self) {
         self.summary.scenes += 1;
     }
 
-    /// Ends the open chunk and hands it to the system: after this, a crash takes nothing of what was written so far.
+    /// Ends the open chunk and passes it to the system; a later crash does not affect it.
     ///
     /// # Errors
     /// The system refuses the bytes.
@@ -220,7 +223,7 @@ impl RecordingWriter {
         self.output.flush().map_err(|error| write_error(&self.path, error))
     }
 
-    /// Writes the index and ends the file; says what is in it.
+    /// Writes the index and ends the file; returns a summary.
     ///
     /// # Errors
     /// The system refuses the bytes.
@@ -230,7 +233,7 @@ impl RecordingWriter {
         Ok(self.summary)
     }
 
-    /// Ends the chunk when it is full; puts the mount before the very first event.
+    /// Starts a new chunk if necessary, and writes the mount before the first event.
     fn begin(&mut self, time_ns: i64) -> McapResult<()> {
         self.output.start_chunk_if_needed(time_ns)?;
         if self.mount.messages == 0 {
@@ -248,7 +251,7 @@ impl Output {
             .compression_threads(0)
             .library(LIBRARY)
             .chunk_size(None)
-            // Chunks are put together in memory and written whole.
+            // Chunks are assembled in memory and written whole.
             .disable_seeking(true)
             .create(BufWriter::new(file))?;
         Ok(Self { mcap, chunk: None })
@@ -291,7 +294,8 @@ impl Output {
         self.message(channel, time_ns, &bytes)
     }
 
-    /// MCAP's times begin at 0; earlier ones are filed there, and stay exact inside the message.
+    /// Writes a message. MCAP's times start at 0; earlier times are logged as 0 and stay exact
+    /// inside the message.
     fn message(&mut self, channel: &mut Channel, time_ns: i64, bytes: &[u8]) -> McapResult<()> {
         let filed_ns = u64::try_from(time_ns).unwrap_or(0);
         let header = MessageHeader {

@@ -1,12 +1,14 @@
-//! Dense sums, updates (voxel, sweep) per second: the workload of tuned near-field backprojection.
+//! Dense backprojection, (voxel, sweep) updates per second: the workload of optimised near-field
+//! backprojection.
 //!
 //!     cargo bench --bench backprojection [-- <part of a name>]
 //!
-//! `box/…`: a box of 0.8 m in front of the sensor, sweeps of 321 points 5 mm apart from 0.2 m on, from a winding path,
-//! looking about. `room/…`: the thesis' job, a cube of 3 m in voxels of 10 cm, with 300 points 10 mm apart as well.
-//! Minimum over repetitions of about a second: wall time, and on Linux, on average, the processors' own time, which
-//! neighbours on the same machine disturb less. `tables` is from observations to a stack, `in all` from observations to the
-//! volume, once with a new stack each time and once with one that is filled again.
+//! `box/…`: a box of 0.8 m in front of the sensor, sweeps of 321 points 5 mm apart from 0.2 m on,
+//! from a winding path with changing directions. `room/…`: the thesis's workload, a cube of 3 m in
+//! voxels of 10 cm, with 300 points 10 mm apart as well. Minimum over repetitions of about a
+//! second: wall time, and on Linux the mean processor time, which other load on the machine
+//! disturbs less. `tables` is from observations to a stack, `in all` from observations to the
+//! volume, once with a new stack each time and once with a refilled one.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -47,7 +49,8 @@ fn sweeps(axis: RangeAxis, count: usize) -> Vec<Observation> {
 }
 
 fn main() {
-    // On a thread of the pool: from outside each parallel loop would wait until one of them is awake.
+    // On a thread of the pool: from outside it, each parallel loop would wait for a pool thread to
+    // wake up.
     rayon::scope(|_| jobs());
 }
 
@@ -76,27 +79,27 @@ fn job(place: &str, region: &Aabb, voxels: u32, observations: &[Observation], pa
         println!("{name}: {sums}, {:.0} ({:.0}) M updates/s", rate(sums.wall_s), rate(sums.processor_s));
         let tables = least(&mut || drop(make()));
         let all = least(&mut || drop(dense_volume(&make(), &grid)));
-        println!("    from nothing: tables {tables}, in all {all}");
+        println!("    new stack: tables {tables}, in all {all}");
         let (mut kept, middle) = (make(), grid.middle_m());
         let tables = least(&mut || assert_eq!(kept.refill(observations, middle), 0));
         let all = least(&mut || {
             kept.refill(observations, middle);
             drop(dense_volume(&kept, &grid));
         });
-        println!("    in a stack that is there: tables {tables}, in all {all}");
+        println!("    refilled stack: tables {tables}, in all {all}");
     }
 }
 
-/// The least of many repetitions.
+/// The minimum over many repetitions.
 struct Least {
     wall_s: f64,
-    /// On average: the system counts it in ticks.
+    /// Mean: the system counts it in ticks. NaN where it is not reported.
     processor_s: f64,
 }
 
 impl std::fmt::Display for Least {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{:.3} ms (processors {:.3})", self.wall_s * 1e3, self.processor_s * 1e3)
+        write!(f, "{:.3} ms (CPU {:.3})", self.wall_s * 1e3, self.processor_s * 1e3)
     }
 }
 
@@ -113,7 +116,8 @@ fn least(work: &mut dyn FnMut()) -> Least {
     Least { wall_s, processor_s: (processor_s() - processor_start_s) / count }
 }
 
-/// Time that all threads of this process have run, seconds; not a number where the system does not tell.
+/// Time that all threads of this process have run, seconds; NaN where the system does not report
+/// it.
 fn processor_s() -> f64 {
     let Ok(threads) = std::fs::read_dir("/proc/self/task") else { return f64::NAN };
     let of_thread = |path: std::path::PathBuf| {

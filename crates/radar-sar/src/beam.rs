@@ -1,28 +1,29 @@
-//! The beam: how much weaker a reflector appears away from the boresight.
+//! Beam pattern: amplitude of an echo against the angle from the boresight.
 //!
-//! One figure for both planes: A(θ) is the two-way amplitude factor, which equals the one-way power pattern. No pattern of
-//! the bare A121 is published; the lensless half-power width is that of the A111 (60°), lenses are the means of both planes
-//! of the vendor's lens kit at its shorter focal distance. So it is a setting.
+//! The same pattern holds in both planes. A(θ) is the two-way amplitude factor, which equals the
+//! one-way power pattern. No pattern of the bare A121 is published: the half-power width without a
+//! lens is that of the A111 (60°). Lenses are the means of both planes of the vendor's lens kit at
+//! its shorter focal distance. The beam is therefore a setting.
 
 use serde::{Deserialize, Serialize};
 
 use crate::math;
 
-/// A beam that cannot be used.
+/// An invalid beam.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BeamError {
-    /// No such name.
+    /// Unknown name.
     #[error(
         "beam \"{0}\" is not known: use uniform, thesis, lensless, fresnel, hyperbolic, or a table of [angle_deg, factor]"
     )]
     UnknownName(String),
-    /// Too short to interpolate.
+    /// Too few rows to interpolate.
     #[error("beam table has {0} rows: give at least 2 of [angle_deg, factor]")]
     TooShort(usize),
-    /// A row that makes no sense.
+    /// An invalid row.
     #[error("beam table row {row} is [{angle_deg}, {factor}]: angles must rise within 0 to 180, factors lie in 0 to 1")]
     BadRow {
-        /// Which row, from 0.
+        /// Index of the row, from 0.
         row: usize,
         /// Its angle.
         angle_deg: f64,
@@ -31,26 +32,27 @@ pub enum BeamError {
     },
 }
 
-/// Amplitude against the angle to the boresight.
+/// Two-way amplitude against the angle from the boresight.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Written", into = "Written")]
 pub enum Beam {
     /// A = 1 everywhere.
     Uniform,
-    /// The thesis' kind: a lens' lobe (half at 20°), total suppression beyond 45°. Its figure 3.3 gives no numbers; the
-    /// lobe's width is read off its text and lens.
+    /// As in the thesis: the lobe of a lens (half at 20°), zero beyond 45°. Figure 3.3 of the
+    /// thesis gives no numbers; the width follows from its text and lens.
     Thesis,
-    /// No lens: half at 30°, nothing behind the sensor.
+    /// No lens: half at 30°, zero behind the sensor.
     Lensless,
     /// Fresnel lens: half at 11.75°, +5.7 dB loop gain.
     Fresnel,
     /// Hyperbolic lens: half at 13.75°, +5.8 dB loop gain.
     Hyperbolic,
-    /// Rows of angle (degrees, rising) and factor (0 to 1), linear between, 0 beyond the last.
+    /// Rows of angle (degrees, rising) and factor (0 to 1); linear in between, 0 beyond the last
+    /// row.
     Table(Vec<[f64; 2]>),
 }
 
-/// How settings and recordings spell a beam.
+/// Serialised form of a beam in settings and recordings.
 #[derive(Serialize, Deserialize)]
 #[serde(untagged)]
 enum Written {
@@ -82,10 +84,10 @@ impl From<Beam> for Written {
 }
 
 impl Beam {
-    /// The beam of that name.
+    /// The beam with this name.
     ///
     /// # Errors
-    /// No such beam.
+    /// Unknown name.
     pub fn from_name(name: &str) -> Result<Self, BeamError> {
         match name {
             "uniform" => Ok(Self::Uniform),
@@ -97,10 +99,10 @@ impl Beam {
         }
     }
 
-    /// A measured beam.
+    /// A beam from a measured table.
     ///
     /// # Errors
-    /// Fewer than two rows, angles that do not rise, values out of bounds or not finite.
+    /// Fewer than two rows, angles that do not rise, values out of range or not finite.
     pub fn from_table(rows: Vec<[f64; 2]>) -> Result<Self, BeamError> {
         if rows.len() < 2 {
             return Err(BeamError::TooShort(rows.len()));
@@ -114,7 +116,7 @@ impl Beam {
         Ok(Self::Table(rows))
     }
 
-    /// Two-way amplitude factor at the angle whose cosine is given; 0 beyond the cut-off.
+    /// Two-way amplitude factor at the angle with this cosine; 0 beyond the cut-off.
     pub fn amplitude(&self, cos_off_boresight: f64) -> f64 {
         let angle_deg = math::acos(cos_off_boresight.clamp(-1.0, 1.0)).to_degrees();
         let lobe = |half_deg: f64, cut_deg: f64| {
@@ -130,7 +132,8 @@ impl Beam {
         }
     }
 
-    /// Cosine of the widest angle whose amplitude is at least `floor`, found to 0.05°; −1 if the beam never falls below.
+    /// Cosine of the widest angle with an amplitude of at least `floor`, to 0.05°; −1 if the beam
+    /// never falls below it.
     pub fn cut_off_cos(&self, floor: f64) -> f64 {
         let steps = (0..=3600).map(|i| f64::from(i) * 0.05f64);
         let widest = steps.take_while(|deg| self.amplitude(math::cos(deg.to_radians())) >= floor).last();

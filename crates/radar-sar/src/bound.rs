@@ -1,33 +1,37 @@
-//! The Cramér–Rao bound of a reflector's place: how well any estimator can do, given what noise and poses are.
+//! Cramér–Rao bound of a reflector's position: the accuracy limit of any estimator, given noise and
+//! pose errors.
 //!
-//! Dense matrices, straight from the formula: lengths l = U·s + e + n with e ~ N(0, K), K_ij = u_i·u_j k(t_i − t_j) +
-//! (R_i⁻¹u_i)·(R_j⁻¹u_j) m², n independent. The bound is (Uᵀ (K + N)⁻¹ U)⁻¹. With phases, each sweep measures l twice, the
-//! second time with an offset that all sweeps share: its whole number of half wavelengths is taken as known. For studies, where
-//! the truth is known; the yardstick of `refine`.
+//! Dense matrices, straight from the formula: lengths l = U·s + e + n with e ~ N(0, K), K_ij =
+//! u_i·u_j k(t_i − t_j) + (R_i⁻¹u_i)·(R_j⁻¹u_j) m², n independent. The bound is (Uᵀ (K + N)⁻¹ U)⁻¹.
+//! With phases, each sweep measures l twice, the second time with an offset that all sweeps share.
+//! The whole number of half wavelengths is taken as known. For studies with a known truth; the
+//! reference for `refine`.
 
 use glam::{DMat3, DQuat, DVec3};
 
-/// A sweep that sees the reflector.
+/// One sweep's view of the reflector.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoundSight {
-    /// Seconds from any fixed moment.
+    /// Time since an arbitrary fixed moment, seconds.
     pub time_s: f64,
     /// Unit vector from the sensor to the reflector, tracking frame.
     pub toward: DVec3,
     /// `tracking_from_sensor`.
     pub rotation: DQuat,
-    /// Variance of the range that the pulse alone gives, m².
+    /// Variance of the range from the pulse alone, m².
     pub range_variance_m2: f64,
-    /// Variance of the length that the phase gives, m²; `None`: phases are free and say nothing.
+    /// Variance of the length from the phase, m²; `None`: the phase is not used.
     pub phase_variance_m2: Option<f64>,
 }
 
-/// Least covariance of the place, m². `poses_m2`: covariance of the pose error in each axis between two moments that far
-/// apart, seconds; `mount_m2`: variance of the mount's error in each axis. `None` when the sights determine no place.
+/// Least covariance of the position, m². `poses_m2`: covariance of the pose error per axis between
+/// two moments that many seconds apart. `mount_m2`: variance of the mount error per axis. `None`
+/// when the sweeps do not determine a position.
 pub fn cramer_rao_bound(sights: &[BoundSight], poses_m2: impl Fn(f64) -> f64, mount_m2: f64) -> Option<DMat3> {
     let count = sights.len();
     let in_sensor: Vec<DVec3> = sights.iter().map(|s| s.rotation.conjugate() * s.toward).collect();
-    // Weight of range and phase in each sweep's best length; they differ by the offset with the rest.
+    // Weights of range and phase in each sweep's best length. Their difference determines the
+    // offset, together with the rest.
     let weights: Vec<(f64, f64)> =
         sights.iter().map(|s| (1.0 / s.range_variance_m2, s.phase_variance_m2.map_or(0.0, |v| 1.0 / v))).collect();
     let mut lower: Vec<Vec<f64>> = Vec::with_capacity(count);
@@ -64,10 +68,11 @@ pub fn cramer_rao_bound(sights: &[BoundSight], poses_m2: impl Fn(f64) -> f64, mo
     (bound.is_finite() && largest_m2 <= MAX_VARIANCE_M2).then_some(bound)
 }
 
-/// A variance beyond this says nothing of a place in a room.
+/// Largest variance of a meaningful position in a room.
 const MAX_VARIANCE_M2: f64 = 1e4;
 
-/// Cholesky's factor in place of a symmetric matrix's lower half; `None` when it is not positive.
+/// Cholesky factor, in place, of a symmetric matrix's lower half; `None` when it is not positive
+/// definite.
 fn factor(lower: &mut [Vec<f64>]) -> Option<()> {
     for i in 0..lower.len() {
         let (above, from_here) = lower.split_at_mut(i);
@@ -114,7 +119,7 @@ mod tests {
         (0..60).map(sight).collect()
     }
 
-    /// What the filter along the path makes of the same sights.
+    /// Covariance from the path filter for the same sweeps.
     fn filtered(sights: &[BoundSight], errors: &PositionErrors) -> DMat3 {
         let mut filter = PathFilter::new(&DMat3::from_diagonal(DVec3::splat(100.0)), errors);
         for one in sights {
@@ -144,7 +149,8 @@ mod tests {
             let bound = cramer_rao_bound(&sights, poses_m2, errors.mount_variance_m2()).unwrap();
             let filtered = filtered(&sights, &errors);
             let largest = bound.to_cols_array().into_iter().fold(0.0f64, |a, b| a.max(b.abs()));
-            // The filter's offset starts 10 cm wide instead of quite open, its place 10 m.
+            // The filter's offset starts with a σ of 10 cm and not unbounded, its position with 10
+            // m.
             let apart = (bound - filtered).to_cols_array().into_iter().fold(0.0f64, |a, b| a.max(b.abs()));
             assert!(apart < 1e-3 * largest, "{phase}: {bound} {filtered}");
         }

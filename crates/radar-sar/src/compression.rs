@@ -1,8 +1,8 @@
 //! Range compression: the matched filter over fast time, tabulated finely enough to interpolate.
 //!
-//! z(r) = Σ_n x[n] E(r_n − r) / √Σ_n E(r_n − r)². Phase enhancement makes the pulse's phase flat, so the template is real.
-//! The table has a value at least every 10 mm; cubics between its values reproduce z to 5e-4 of its peak (profile 1: 3e-3,
-//! its pulse being but four steps wide).
+//! z(r) = Σ_n x[n] E(r_n − r) / √Σ_n E(r_n − r)². Phase enhancement makes the pulse's phase flat,
+//! so the template is real. The table has an entry at least every 10 mm. Cubic interpolation
+//! reproduces z to 5e-4 of its peak (profile 1: 3e-3, because its pulse is only four steps wide).
 
 use std::sync::Arc;
 
@@ -13,21 +13,23 @@ use super::backprojection::lanes::{LANES, Lanes};
 use super::cubic;
 use crate::{Observation, SweepGeometry, envelope};
 
-/// Widest step of the table, metres (a little above four base steps).
+/// Widest table step, metres: slightly above four base steps.
 const TABLE_STEP_M: f64 = 0.010_1;
-/// Template values below this are left out of the sum.
+/// Template values below this are omitted from the sum.
 const NEGLIGIBLE_ENVELOPE: f64 = 1e-4;
 
-/// The matched filter of one range axis, ready to use: a polyphase filter, one phase for each table entry of a step.
+/// Matched filter of one range axis: a polyphase filter with one phase per table entry within a
+/// range step.
 #[derive(Debug, Clone)]
 pub struct RangeCompressor {
     first_m: f64,
     step_m: f64,
     points: usize,
-    /// `[phase][tap]`: the template at the samples around, the first tap `reach` samples before the entry's own.
+    /// `[phase][tap]`: the template at the surrounding samples; the first tap is `reach` samples
+    /// before the entry's own.
     taps: Vec<Vec<f32>>,
     reach: usize,
-    /// `[entry]`: 1 / √Σ E² over the samples that there are.
+    /// `[entry]`: 1 / √Σ E² over the samples within the axis.
     norms: Vec<f32>,
 }
 
@@ -43,17 +45,18 @@ pub struct CompressedSweep {
 }
 
 impl RangeCompressor {
-    /// For sweeps of a geometry, with the default table: a value at least every 10 mm.
+    /// For sweeps of a geometry, with the default table step.
     pub fn new(geometry: &SweepGeometry) -> Self {
         Self::with_step(geometry, TABLE_STEP_M)
     }
 
-    /// For sweeps of a geometry; table steps are a whole part of the axis' step, at most `widest_step_m` wide.
+    /// For sweeps of a geometry. The table step is the axis's step divided by an integer, at most
+    /// `widest_step_m`.
     pub fn with_step(geometry: &SweepGeometry, widest_step_m: f64) -> Self {
         let axis = &geometry.axis;
         let phases = (axis.step_m / widest_step_m).ceil().max(1.0) as usize;
         let step_m = axis.step_m / phases as f64;
-        // Axes of fewer than four points are tabulated as if they went on: interpolation needs four.
+        // Axes of fewer than four points get four entries, because interpolation needs four.
         let entries = (axis.points.saturating_sub(1) * phases + 1).max(4);
         let template =
             |offset_m: f64| Some(envelope(geometry.pulse_fwhm_m, offset_m)).filter(|e| *e >= NEGLIGIBLE_ENVELOPE);
@@ -66,7 +69,7 @@ impl RangeCompressor {
             (0..phases).map(|phase| (0..2 * reach + 2).map(|k| tap(phase, k)).collect()).collect();
         let energies: Vec<Vec<f64>> = taps.iter().map(|taps| sums_of_squares(taps)).collect();
         let norm = |entry: usize| {
-            // The taps that meet a sample: the first lies `reach` samples before the entry's own.
+            // The taps that meet a sample: the first tap is `reach` samples before the entry's own.
             let (sums, at) = (&energies[entry % phases], entry / phases);
             let first = reach.saturating_sub(at).min(sums.len() - 1);
             let end = (axis.points + reach).saturating_sub(at).min(sums.len() - 1);
@@ -93,13 +96,13 @@ impl RangeCompressor {
         self.step_m
     }
 
-    /// Entries of a table.
+    /// Number of table entries.
     pub fn entries(&self) -> usize {
         self.norms.len()
     }
 
-    /// Compresses one sweep, each value times `scale` (1 / noise rms makes it noise-normalised). Samples that are missing
-    /// count as zero, those beyond the axis are left out.
+    /// Compresses one sweep; each value is multiplied by `scale` (1 / noise rms makes z
+    /// noise-normalised). Missing samples count as zero, samples beyond the axis are ignored.
     pub fn compress(&self, samples: &[Complex32], scale: f32) -> CompressedSweep {
         let mut room = CompressionScratch::default();
         self.compress_in(samples, scale, &mut room);
@@ -107,7 +110,7 @@ impl RangeCompressor {
         CompressedSweep { first_m: self.first_m, step_m: self.step_m, z }
     }
 
-    /// The same into room that is kept from sweep to sweep.
+    /// The same, into memory that is reused from sweep to sweep.
     pub(super) fn compress_in(&self, samples: &[Complex32], scale: f32, room: &mut CompressionScratch) {
         let phase_len = self.pad(room);
         on_widest(SplitComplex { samples, points: self.points, reach: self.reach, padded: &mut room.padded });
@@ -120,7 +123,7 @@ impl RangeCompressor {
         }
     }
 
-    /// Σ_n a[n] E(r_n − r) at every entry, not normalised: real values spread over the pulse.
+    /// Σ_n a[n] E(r_n − r) at every entry, not normalised: convolves real values with the pulse.
     pub(super) fn convolve_in(&self, values: &[f32], room: &mut CompressionScratch) {
         let phase_len = self.pad(room);
         let padded = room.padded[0][self.reach..].iter_mut().take(self.points);
@@ -131,12 +134,13 @@ impl RangeCompressor {
         room.re.extend((0..self.entries()).map(|n| room.filtered[0][n % phases * phase_len + n / phases]));
     }
 
-    /// Values of one phase: three more than the axis has, in whole vectors.
+    /// Length of one phase's values: three more than the axis's points, rounded up to whole
+    /// vectors.
     fn phase_len(&self) -> usize {
         (self.points + 3).next_multiple_of(LANES)
     }
 
-    /// Makes the room large enough, with zeros for samples; values of one phase.
+    /// Resizes the buffers and zeroes the samples; returns the length of one phase's values.
     fn pad(&self, room: &mut CompressionScratch) -> usize {
         let phase_len = self.phase_len();
         for padded in &mut room.padded {
@@ -149,7 +153,8 @@ impl RangeCompressor {
         phase_len
     }
 
-    /// Two parts of the padded samples through every phase: `[part][phase · phase_len + sample]`.
+    /// Filters both parts of the padded samples through every phase: `[part][phase · long +
+    /// sample]`.
     fn filter(&self, room: &mut CompressionScratch) {
         let phase_len = self.phase_len();
         let (padded, [re, im]) = (&room.padded, &mut room.filtered);
@@ -167,17 +172,17 @@ impl RangeCompressor {
     }
 }
 
-/// Memory that compression works in; what lies in it afterwards is `re` and `im`.
+/// Scratch memory of the compression; its results are `re` and `im`.
 #[derive(Debug, Default)]
 pub(super) struct CompressionScratch {
-    /// Both parts of z, entry after entry.
+    /// Real and imaginary parts of z, by entry.
     pub(super) re: Vec<f32>,
     pub(super) im: Vec<f32>,
     padded: [Vec<f32>; 2],
     filtered: [Vec<f32>; 2],
 }
 
-/// Parts samples into real and imaginary ones.
+/// Splits samples into real and imaginary parts.
 struct SplitComplex<'a> {
     samples: &'a [Complex32],
     points: usize,
@@ -199,7 +204,7 @@ impl Kernel for SplitComplex<'_> {
     }
 }
 
-/// Puts the phases' values side by side, each times its norm.
+/// Interleaves the phases' values, each multiplied by its norm.
 struct Interleave<'a> {
     filtered: &'a [f32],
     phase_len: usize,
@@ -221,7 +226,7 @@ impl Kernel for Interleave<'_> {
                 }
             }
             2 => {
-                // One entry more than twice the samples but one.
+                // There are twice as many entries as samples, minus one.
                 let (even, odd) = filtered.split_at(phase_len);
                 let pairs = out.chunks_exact_mut(2).zip(norms.chunks_exact(2));
                 for (((out, norm), even), odd) in pairs.zip(even).zip(odd) {
@@ -231,7 +236,8 @@ impl Kernel for Interleave<'_> {
                 out[last] = filtered[last % 2 * phase_len + last / 2] * (norms[last] * scale);
             }
             phases => {
-                // Indices: stepping iterators would not be compiled for the kernel's instructions.
+                // Indexed loops: stepping iterators would not be compiled for the kernel's
+                // instructions.
                 for phase in 0..phases {
                     let values = &filtered[phase * phase_len..(phase + 1) * phase_len];
                     let entries = out.len().min(norms.len()).saturating_sub(phase).div_ceil(phases);
@@ -260,7 +266,7 @@ impl Kernel for Filter<'_> {
     fn run<S: Lanes>(self, s: S) {
         let [[re, im], [re_next, im_next]] = self.out;
         let [taps, taps_next] = self.taps;
-        // Indices: iterators over windows would not be compiled for the kernel's instructions.
+        // Indexed loops: window iterators would not be compiled for the kernel's instructions.
         for at in (0..re.len()).step_by(LANES) {
             let [mut a, mut b, mut c, mut d] = [s.splat(0.0); 4];
             for k in 0..taps.len().min(taps_next.len()) {
@@ -277,7 +283,7 @@ impl Kernel for Filter<'_> {
     }
 }
 
-/// Sixteen values from an index on, which all exist.
+/// Sixteen values from an index on; all must exist.
 #[inline(always)]
 fn sixteen<S: Lanes>(s: S, values: &[f32], at: usize) -> S::F {
     match values[at..].first_chunk() {
@@ -286,7 +292,7 @@ fn sixteen<S: Lanes>(s: S, values: &[f32], at: usize) -> S::F {
     }
 }
 
-/// One phase of the filter over both parts of the samples, thirty-two at once.
+/// One phase of the filter over both parts of the samples, thirty-two values at once.
 struct FilterOne<'a> {
     samples: &'a [Vec<f32>; 2],
     taps: &'a [f32],
@@ -317,7 +323,7 @@ impl Kernel for FilterOne<'_> {
     }
 }
 
-/// Σ of the squares of the first 0, 1, 2, … values.
+/// Sums of the squares of the first 0, 1, 2, … values.
 fn sums_of_squares(values: &[f64]) -> Vec<f64> {
     let mut sums = vec![0.0];
     for value in values {
@@ -326,7 +332,7 @@ fn sums_of_squares(values: &[f64]) -> Vec<f64> {
     sums
 }
 
-/// Compresses sweeps, each by its own geometry's filter and times its own scale.
+/// Compresses sweeps, each with its own geometry's filter and its own scale.
 pub(super) fn compress_all(observations: &[Observation], scale: impl Fn(&Observation) -> f32) -> Vec<CompressedSweep> {
     let mut compressors: Vec<(Arc<SweepGeometry>, RangeCompressor)> = Vec::new();
     let compress = |observation: &Observation| {
@@ -341,7 +347,7 @@ pub(super) fn compress_all(observations: &[Observation], scale: impl Fn(&Observa
 }
 
 impl CompressedSweep {
-    /// z at a range by cubics; outside the table the nearest cubic goes on.
+    /// z at a range by cubic interpolation; outside the table the nearest cubic is extrapolated.
     pub fn at(&self, range_m: f64) -> num_complex::Complex64 {
         let (first, u) = cubic::four_around((range_m - self.first_m) / self.step_m, self.z.len());
         self.weighted(first, cubic::weights(u))

@@ -1,21 +1,22 @@
-//! Cubic (four-point Lagrange) interpolation in a table, the ends mirrored into quadratics by shifting the four points.
+//! Cubic (four-point Lagrange) interpolation in a table. At the ends the four points stay within
+//! the table, so the outer intervals use the nearest four.
 
-/// First of the four table entries around `at` (a fractional index within 0..=len−1), and `at` relative to it.
-/// Needs `len ≥ 4`.
+/// Index of the first of the four table entries around `at` (a fractional index within 0..=len−1),
+/// and `at` relative to it. Needs `len ≥ 4`.
 #[inline(always)]
 pub(super) fn four_around(at: f64, len: usize) -> (usize, f64) {
     let first = (at.floor() as isize - 1).clamp(0, len as isize - 4) as usize;
     (first, at - first as f64)
 }
 
-/// Lagrange weights of four points 0, 1, 2, 3 at `u`.
+/// Lagrange weights at `u` of four points at 0, 1, 2, 3.
 #[inline(always)]
 pub(super) fn weights(u: f64) -> [f64; 4] {
     let (a, b, c, d) = (u, u - 1.0, u - 2.0, u - 3.0);
     [-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0]
 }
 
-/// Derivatives of the weights by `u`.
+/// Derivatives of the weights with respect to `u`.
 pub(super) fn weight_slopes(u: f64) -> [f64; 4] {
     let (a, b, c, d) = (u, u - 1.0, u - 2.0, u - 3.0);
     [

@@ -1,10 +1,13 @@
-//! A detection threshold with a false-alarm rate: the value that the greatest of a search passes once in so many searches of noise.
+//! Detection threshold for a given false-alarm rate: the value that the maximum of a search exceeds
+//! once in so many searches of noise.
 //!
-//! A search takes the greatest of very many values that are not independent, and how many independent ones they amount to depends on
-//! pulse, path, beam and box: no formula tells. So the search is done on the same sweeps with noise in place of what was measured
-//! ([`noise_like`]), some hundred times, and Gumbel's distribution, to which greatest values tend, is laid through what comes of it
-//! ([`NoiseMaxima`]). It fits well where the values' tail is exponential; a sum's is not, so sums go in as their [`surprisal`]. Values are
-//! to be in units of each sweep's own noise: then a louder receiver changes nothing.
+//! A search takes the maximum of very many dependent values. How many independent values that
+//! equals depends on pulse, path, beam and box, and no formula gives it. So the search is run some
+//! hundred times on the same sweeps with noise in place of the data ([`noise_like`]). A Gumbel
+//! distribution, the limit distribution of maxima, is fitted to the results ([`NoiseMaxima`]). It
+//! fits well where the values' tail is exponential. A sum's tail is not, so sums are converted to
+//! their surprisal ([`surprisal`]). Values must be in units of each sweep's own noise, which makes
+//! them independent of the receiver's gain.
 
 use num_complex::Complex32;
 use rand::SeedableRng;
@@ -14,10 +17,10 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::Observation;
 use crate::math;
 
-/// Euler's constant: a Gumbel distribution's mean above its mode, in its scale.
+/// Euler's constant: a Gumbel distribution's mean minus its mode, in units of its scale.
 const EULER: f64 = 0.577_215_664_901_532_9;
 
-/// Sweeps of a receiver's noise alone, complex rms `rms_lsb`, as if measured along the same path.
+/// Sweeps of receiver noise alone, complex rms `rms_lsb`, with the same poses and times.
 pub fn noise_like(observations: &[Observation], rms_lsb: f64, seed: u64) -> Vec<Observation> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0xFA15_E0A1);
     let mut part = move || -> f32 {
@@ -31,13 +34,13 @@ pub fn noise_like(observations: &[Observation], rms_lsb: f64, seed: u64) -> Vec<
     observations.iter().map(&mut noise).collect()
 }
 
-/// −ln of the chance that |z|² of so many values of noise, each of mean 1, sum up to more than that: a sum's improbability, whose tail is
-/// exponential. 0 for a sum that is not above 0.
+/// Surprisal of a sum: −ln of the probability that the sum of `count` |z|² values of noise, each of
+/// mean 1, exceeds `sum`. Its tail is exponential. 0 for sums not above 0.
 pub fn surprisal(sum: f64, count: usize) -> f64 {
     if !(sum > 0.0 && sum.is_finite()) || count == 0 {
         return 0.0;
     }
-    // A sum of exponentials: e^−x Σ x^k/k! over k below the count, in logarithms.
+    // Tail of a sum of exponentials: e^−x Σ x^k/k! for k < count, in logarithms.
     let mut logarithm = 0.0;
     let logarithms: Vec<f64> = (0..count)
         .map(|k| {
@@ -50,7 +53,7 @@ pub fn surprisal(sum: f64, count: usize) -> f64 {
     (sum - greatest - math::ln(rest)).max(0.0)
 }
 
-/// The sum of a surprise: [`surprisal`] turned round.
+/// The sum with a given surprisal: the inverse of [`surprisal`].
 pub fn sum_from_surprisal(surprised: f64, count: usize) -> f64 {
     let (mut low, mut high) = (0.0, 2.0 * (surprised.max(0.0) + count as f64) + 60.0);
     while surprisal(high, count) < surprised && high < 1e12 {
@@ -63,7 +66,7 @@ pub fn sum_from_surprisal(surprised: f64, count: usize) -> f64 {
     0.5 * (low + high)
 }
 
-/// How high noise reaches in a search: Gumbel's distribution of the greatest value.
+/// Gumbel distribution of the maximum of a search of noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseMaxima {
     mode: f64,
@@ -71,8 +74,9 @@ pub struct NoiseMaxima {
 }
 
 impl NoiseMaxima {
-    /// From the greatest values of many searches of noise, by their mean and spread; `None` without two different finite ones. A
-    /// hundred tell the threshold of one in a hundred to about a fifth of what noise spreads by.
+    /// From the maxima of many searches of noise, by their mean and standard deviation; `None`
+    /// without two different finite ones. A hundred searches determine the 1 % threshold to about a
+    /// fifth of the maxima's spread.
     pub fn of(greatest: &[f64]) -> Option<Self> {
         let finite: Vec<f64> = greatest.iter().copied().filter(|value| value.is_finite()).collect();
         let count = finite.len() as f64;
@@ -82,12 +86,14 @@ impl NoiseMaxima {
         (scale.is_finite() && scale > 0.0).then_some(Self { mode: mean - EULER * scale, scale })
     }
 
-    /// What the greatest of a search passes at a rate, above 0 and below 1: 0.01 is once in a hundred searches.
+    /// Threshold that the maximum of a search exceeds at a rate strictly between 0 and 1; 0.01 is
+    /// once in a hundred searches.
     pub fn threshold(&self, rate: f64) -> f64 {
         self.mode - self.scale * math::ln(-math::ln_1p(-rate))
     }
 
-    /// How often the greatest of a search passes a threshold: [`Self::threshold`] turned round.
+    /// Rate at which the maximum of a search exceeds a threshold: the inverse of
+    /// [`Self::threshold`].
     pub fn rate_above(&self, threshold: f64) -> f64 {
         -math::exp_m1(-math::exp(-(threshold - self.mode) / self.scale))
     }
@@ -98,7 +104,7 @@ mod tests {
     use super::*;
     use crate::test_data::{sweeps, winding};
 
-    /// Greatest of four hundred independent exponentials each.
+    /// Maxima of four hundred independent exponentials each.
     fn greatest(searches: usize, seed: u64) -> Vec<f64> {
         let path = sweeps(0.008, winding, &[], 1);
         let one = |n: usize| {
@@ -112,13 +118,13 @@ mod tests {
     fn noise_passes_the_threshold_as_often_as_stated() {
         let maxima = NoiseMaxima::of(&greatest(800, 1)).unwrap();
         let others = greatest(2000, 2);
-        // Three standard deviations of what 800 searches calibrate and 2000 measure.
+        // Three standard deviations with 800 searches for calibration and 2000 for measurement.
         for (rate, allowed) in [(0.1, 0.03), (0.01, 0.008)] {
             let threshold = maxima.threshold(rate);
             assert!((maxima.rate_above(threshold) / rate - 1.0).abs() < 1e-9);
             let measured = others.iter().filter(|value| **value > threshold).count() as f64 / 2000.0;
             assert!((measured - rate).abs() < allowed, "{measured} {rate}");
-            // Of four hundred independent exponentials.
+            // Exact for four hundred independent exponentials.
             let exact = -(-(1.0 - rate).powf(1.0 / 400.0)).ln_1p();
             assert!((threshold - exact).abs() < 0.5, "{threshold} {exact}");
         }

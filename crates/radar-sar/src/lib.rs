@@ -1,6 +1,7 @@
-//! Sweeps and poses → evidence in space.
+//! Sweeps and poses → statistics over space: images, ranges, refined positions, time offset.
 //!
-//! `oracle` is the slow, obvious f64 computation of every statistic; everything else here is tested against it.
+//! `oracle` computes every statistic slowly, straight from its formula, in f64. All fast paths are
+//! tested against it.
 
 #![warn(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -1,11 +1,13 @@
-//! Local cubic least squares: the Savitzky–Golay filter (1964) for samples at uneven times, read off between them.
+//! Local cubic least squares: the Savitzky–Golay filter (1964) for samples at uneven times,
+//! evaluated between them.
 //!
-//! Fits x(t) = c0 + c1·t + c2·t² + c3·t³ to the samples around t = 0; c0 is the smoothed value, c1 its rate. With eleven
-//! samples of 120 Hz the noise of c0 falls to 0.46 of a sample's, and a cubic motion passes unchanged.
+//! Fits x(t) = c0 + c1·t + c2·t² + c3·t³ to the samples around t = 0; c0 is the smoothed value, c1
+//! its rate. With eleven samples at 120 Hz the noise of c0 falls to 0.46 of a sample's, and a cubic
+//! motion passes unchanged.
 
-/// Weights that turn sample values into the value at t = 0 and the rate there. `times_s` are relative to the wanted time.
-/// The degree falls with the number of samples (cubic from 6, quadratic from 4, else linear). `None` when the times
-/// determine nothing: fewer than two different ones.
+/// Weights that turn sample values into the value at t = 0 and the rate there. `times_s` are
+/// relative to the wanted time. The degree falls with the number of samples (cubic from 6,
+/// quadratic from 4, else linear). `None` when there are fewer than two different times.
 pub(super) fn value_and_rate_weights(times_s: &[f64]) -> Option<Vec<[f64; 2]>> {
     let terms = match times_s.len() {
         0 | 1 => return None,
@@ -39,7 +41,8 @@ pub(super) fn value_and_rate_weights(times_s: &[f64]) -> Option<Vec<[f64; 2]>> {
     Some(powers.iter().map(|p| [dot(&value_row, p), dot(&rate_row, p) / scale]).collect())
 }
 
-/// Row `wanted` of the inverse of a symmetric positive matrix, by Gauss–Jordan elimination with pivoting.
+/// Row `wanted` of the inverse of a symmetric positive matrix, by Gauss–Jordan elimination with
+/// pivoting.
 fn solve(mut matrix: [[f64; 4]; 4], size: usize, wanted: usize) -> Option<[f64; 4]> {
     let mut right = [0.0; 4];
     right[wanted] = 1.0;

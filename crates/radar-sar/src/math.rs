@@ -1,8 +1,9 @@
-//! Elementary functions that give the same bits on every system.
+//! Elementary functions with the same bits on every system.
 //!
-//! Rust's own `exp`, `ln`, `sin` and the like call the C library, whose last bits differ between systems (glibc against
-//! Windows: 2e-10 in a scene). These call the crate `libm`, a port of musl's, compiled with the program. Square roots,
-//! rounding and fused multiply-adds are exact by IEEE 754 and need none of this. `clippy.toml` forbids the others.
+//! Rust's own `exp`, `ln`, `sin` and the like call the C library, whose last bits differ between
+//! systems (glibc against Windows: 2e-10 in a scene). These functions call the crate `libm`, a port
+//! of musl's, compiled into the program. Square roots, rounding and fused multiply-adds are exact
+//! by IEEE 754 and need no replacement. `clippy.toml` forbids the others.
 
 use std::ops::Mul;
 
@@ -10,7 +11,7 @@ use num_complex::Complex;
 
 macro_rules! functions {
     ($($(#[$doc:meta])* $name:ident($($x:ident),+) -> $($out:tt)|+, $double:path, $single:path;)*) => {
-        /// `f32` and `f64`: what the functions of this module take.
+        /// `f32` and `f64`, the argument types of this module's functions.
         pub trait Real: Copy + Mul<Output = Self> {
             $($(#[$doc])* fn $name($($x: Self),+) -> functions!(@type $($out)|+);)*
         }
@@ -36,11 +37,11 @@ functions! {
     exp(x) -> one, libm::exp, libm::expf;
     /// 2^x.
     exp2(x) -> one, libm::exp2, libm::exp2f;
-    /// e^x − 1, exact near 0.
+    /// e^x − 1, accurate near 0.
     exp_m1(x) -> one, libm::expm1, libm::expm1f;
     /// Natural logarithm.
     ln(x) -> one, libm::log, libm::logf;
-    /// Natural logarithm of 1 + x, exact near 0.
+    /// Natural logarithm of 1 + x, accurate near 0.
     ln_1p(x) -> one, libm::log1p, libm::log1pf;
     /// Logarithm to base 2.
     log2(x) -> one, libm::log2, libm::log2f;
@@ -72,7 +73,7 @@ functions! {
     tanh(x) -> one, libm::tanh, libm::tanhf;
 }
 
-/// Complex number of this modulus and argument in radians.
+/// Complex number of the given modulus and argument in radians.
 #[inline]
 pub fn from_polar<T: Real>(modulus: T, argument_rad: T) -> Complex<T> {
     let (sin, cos) = sin_cos(argument_rad);
@@ -103,7 +104,7 @@ mod tests {
 
     use super::*;
 
-    /// Places over many magnitudes, both signs.
+    /// Values over many magnitudes, both signs.
     fn places() -> impl Iterator<Item = f64> {
         (1..=2000).flat_map(|n| {
             let x = f64::from(n) * 0.0171 * 10f64.powi(n % 7 - 4);

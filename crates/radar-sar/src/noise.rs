@@ -1,16 +1,16 @@
-//! How loud the receiver is, from the data at hand.
+//! Receiver noise level, estimated from the sweeps themselves.
 
 use num_complex::Complex32;
 
-/// Complex noise rms of one sweep, LSB: the median of |x|² is ln 2 · σ². Echoes in a tenth of the points raise it by 8 %.
-/// At least 1e-3 LSB, so that nothing divides by zero.
+/// Complex noise rms of one sweep, LSB, from the median of |x|², which is ln 2 · σ². Echoes in a
+/// tenth of the points raise it by 8 %. At least 1e-3 LSB, to prevent division by zero.
 pub fn sweep_noise_rms(samples: &[Complex32]) -> f64 {
     let mut powers: Vec<f64> = samples.iter().map(power).collect();
     (quantile(&mut powers, 0.5) / std::f64::consts::LN_2).sqrt().max(1e-3)
 }
 
-/// Complex noise rms of consecutive sweeps, LSB: each point's mean power over the sweeps, then the level that the quietest
-/// fifth of the points keeps below. Holds while a fifth of the points is free of echoes. At least 1e-3 LSB.
+/// Complex noise rms of consecutive sweeps, LSB: the 20 % quantile, over points, of the mean power
+/// over sweeps. Valid while at least a fifth of the points is free of echoes. At least 1e-3 LSB.
 pub fn subaperture_noise_rms<'a>(sweeps: impl IntoIterator<Item = &'a [Complex32]>) -> f64 {
     let mut sums: Vec<f64> = Vec::new();
     let mut count = 0;
@@ -24,7 +24,8 @@ pub fn subaperture_noise_rms<'a>(sweeps: impl IntoIterator<Item = &'a [Complex32
     if count == 0 {
         return 1e-3;
     }
-    // The quietest fifth of many means of `count` exponentials lies 0.84 of their spread, 1/√count, below 1.
+    // For means of `count` exponentials, the 20 % quantile lies 0.84 standard deviations (1/√count
+    // each) below 1.
     let below = 1.0 - 0.84 / f64::from(count).sqrt().max(1.7);
     (quantile(&mut sums, 0.2) / f64::from(count) / below).sqrt().max(1e-3)
 }
@@ -33,7 +34,7 @@ fn power(sample: &Complex32) -> f64 {
     f64::from(sample.re).powi(2) + f64::from(sample.im).powi(2)
 }
 
-/// The value that a share of them lies below; 0 without any.
+/// The given quantile; 0 without values.
 fn quantile(values: &mut [f64], share: f64) -> f64 {
     if values.is_empty() {
         return 0.0;
@@ -62,7 +63,7 @@ mod tests {
     fn sweep_noise_rms_is_estimated_with_echoes_in_a_tenth_of_the_points() {
         let mean = |echoes| (0..50).map(|seed| sweep_noise_rms(&noisy(40.0, echoes, seed))).sum::<f64>() / 50.0;
         assert!((mean(0) / 40.0 - 1.0).abs() < 0.02, "{}", mean(0));
-        // With a tenth of the points lit, half of all are five ninths of the noise.
+        // With a tenth of the points in an echo, the median is the 5/9 quantile of the noise.
         let raised = (2.25f64.ln() / 2f64.ln()).sqrt();
         assert!((mean(30) / 40.0 - raised).abs() < 0.02, "{}", mean(30));
         assert_eq!(sweep_noise_rms(&[]), 1e-3);

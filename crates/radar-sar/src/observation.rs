@@ -1,4 +1,4 @@
-//! A sweep and where the sensor was: what imaging works on.
+//! A sweep with the sensor's pose: the input of imaging.
 
 use std::sync::Arc;
 
@@ -8,37 +8,39 @@ use num_complex::Complex32;
 use super::RangeAxis;
 use crate::geometry::Pose;
 
-/// What all observations of one subsweep share.
+/// Geometry that all observations of a subsweep share.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepGeometry {
-    /// Which subsweep of the configuration.
+    /// Index of the subsweep in the configuration.
     pub subsweep: usize,
-    /// Where its points lie.
+    /// Ranges of its points.
     pub axis: RangeAxis,
-    /// Full width at half maximum of the pulse's amplitude envelope, metres.
+    /// Its pulse profile.
     pub pulse_fwhm_m: f64,
-    /// Time from point to point, seconds.
+    /// Time between points, seconds.
     pub point_period_s: f64,
 }
 
-/// One subsweep of one sweep with the sensor's pose. Only sound data become one: finite, unsaturated, with a valid pose.
+/// One subsweep of one sweep with the sensor's pose. Only valid data become observations: finite,
+/// unsaturated, with a valid pose.
 #[derive(Debug, Clone)]
 pub struct Observation {
     /// Time of the middle of the sweep, host nanoseconds.
     pub mid_time_ns: i64,
     /// Pose at that time.
     pub tracking_from_sensor: Pose,
-    /// Velocity of the phase centre at that time, tracking frame, m/s. Points were measured one after the other: point n
-    /// lies at `(n − (points − 1)/2) · point_period_s` from the middle.
+    /// Velocity of the phase centre at that time, tracking frame, m/s. The points of a sweep are
+    /// measured one after the other: point n at `(n − (points − 1)/2) · point_period_s` from the
+    /// middle.
     pub velocity_m_per_s: DVec3,
-    /// Range axis, pulse, timing.
+    /// Range axis, pulse and timing.
     pub geometry: Arc<SweepGeometry>,
-    /// Complex samples, LSB, as stored; one for each point of the axis.
+    /// Complex samples, LSB, as stored; one per point of the axis.
     pub samples: Vec<Complex32>,
 }
 
 impl Observation {
-    /// Time of a (fractional) point, seconds from the middle of the sweep.
+    /// Time of a (fractional) point from the middle of the sweep, seconds.
     pub fn point_time_s(&self, point: f64) -> f64 {
         (point - (self.geometry.axis.points as f64 - 1.0) / 2.0) * self.geometry.point_period_s
     }
@@ -49,9 +51,8 @@ impl Observation {
         self.mid_time_ns.saturating_add((half_s * 1e9).round() as i64)
     }
 
-    /// Distance to a place as the point that saw it measured it, metres: the sensor moves during a sweep, so the distance
-    /// is taken from where the sensor was when the point at that range was sampled. Two steps of the fixed point suffice
-    /// below 100 m/s.
+    /// Distance to a point in space, metres, from where the sensor was when it sampled that range;
+    /// the sensor moves during a sweep. Two fixed-point iterations suffice below 100 m/s.
     pub fn distance_m(&self, place: DVec3) -> f64 {
         let from_mid = place - self.tracking_from_sensor.translation;
         let mut distance = from_mid.length();
@@ -62,7 +63,8 @@ impl Observation {
         distance
     }
 
-    /// Cosine of the angle between the boresight and the direction to a place; 1 when they coincide with the sensor.
+    /// Cosine of the angle between the boresight and the direction to a point; 1 at the sensor's
+    /// own position.
     pub fn cos_off_boresight(&self, place: DVec3) -> f64 {
         let to = place - self.tracking_from_sensor.translation;
         let length = to.length();

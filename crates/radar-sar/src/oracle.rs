@@ -1,7 +1,9 @@
-//! Every statistic in f64, straight from its formula, one place at a time. Slow on purpose; kept for ever.
+//! Reference implementation: every statistic in f64, straight from its formula, one point at a
+//! time. Slow on purpose; all fast paths are tested against it.
 //!
-//! d = |s − p| with p where the sensor was when the point at that range was sampled; w = D·A; a sweep counts only if
-//! r_first ≤ d ≤ r_last and A > 0, and a place at the sensor itself (d = 0) counts for no sweep.
+//! d = |s − p|, with p the sensor position when the point at that range was sampled; w = D·A. A
+//! sweep counts only if r_first ≤ d ≤ r_last and A > 0. A point at the sensor itself (d = 0) counts
+//! for no sweep.
 
 use num_complex::{Complex32, Complex64};
 
@@ -22,18 +24,18 @@ pub fn compressed_at(geometry: &SweepGeometry, samples: &[Complex32], range_m: f
     if energy > 0.0 { sum / energy.sqrt() } else { Complex64::ZERO }
 }
 
-/// Evaluates any statistic at any place.
+/// Evaluates any statistic at any point.
 #[derive(Debug)]
 pub struct Oracle<'a> {
     observations: &'a [Observation],
     beam: &'a Beam,
     noise_rms: Vec<f64>,
     settings: SubapertureSettings,
-    /// Indices of each block's observations, and the block's noise.
+    /// Indices of each sub-aperture's observations, and its noise rms.
     blocks: Vec<(Vec<usize>, f64)>,
 }
 
-/// One sweep as a place sees it.
+/// One sweep's geometry at a point.
 struct PointGeometry {
     distance_m: f64,
     /// w = D·A.
@@ -42,7 +44,7 @@ struct PointGeometry {
 }
 
 impl<'a> Oracle<'a> {
-    /// Over the given sweeps.
+    /// For the given sweeps.
     pub fn new(observations: &'a [Observation], beam: &'a Beam, settings: &SubapertureSettings) -> Self {
         let samples = |i: &usize| observations[*i].samples.as_slice();
         let with_noise = |block: Vec<usize>| {
@@ -65,7 +67,7 @@ impl<'a> Oracle<'a> {
         counts.then(|| PointGeometry { distance_m, weight: distance_falloff(distance_m) * amplitude, amplitude })
     }
 
-    /// The statistic's value at a place, tracking frame, metres.
+    /// The statistic's value at a point, tracking frame, metres.
     pub fn value(&self, statistic: Statistic, place: glam::DVec3) -> f64 {
         match statistic {
             Statistic::Subaperture => self.subaperture_score(place),
@@ -123,7 +125,7 @@ impl<'a> Oracle<'a> {
         each.sum()
     }
 
-    /// A/√B over the blocks that had the place in the beam.
+    /// A/√B over the sub-apertures that had the point in the beam.
     fn subaperture_score(&self, place: glam::DVec3) -> f64 {
         let Some(newest_ns) = self.observations.iter().map(|o| o.mid_time_ns).max() else { return 0.0 };
         let (mut a, mut b) = (0.0, 0.0);
@@ -142,7 +144,7 @@ impl<'a> Oracle<'a> {
         if b > 0.0 { a / b.sqrt() } else { 0.0 }
     }
 
-    /// m of one block: power that adds up in phase against power that does not.
+    /// m of one sub-aperture: coherent power over max(1, incoherent power).
     fn coherence(&self, block: &[usize], noise_rms: f64, place: glam::DVec3) -> f64 {
         let count = block.len() as f64;
         let mut coherent = Complex64::ZERO;
@@ -174,7 +176,7 @@ mod tests {
     use crate::geometry::Pose;
     use crate::test_data::PULSE_FWHM_M;
 
-    /// Two sweeps of five points, a metre and 0.8 m from the origin, looking at it; samples without any pattern.
+    /// Two sweeps of five points, 1 m and 0.8 m from the origin, looking at it; arbitrary samples.
     fn two_sweeps() -> Vec<Observation> {
         let axis = RangeAxis { first_m: 0.7, step_m: 0.1, points: 5 };
         let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, pulse_fwhm_m: PULSE_FWHM_M, point_period_s: 1e-5 });
@@ -219,7 +221,7 @@ mod tests {
         close(Statistic::Glrt, (z1.norm() * w1 + z2.norm() * w2) / root);
         let turn = |d: f64| Complex64::from_polar(1.0, -4.0 * std::f64::consts::PI * d * 60.5e9 / 299_792_458.0);
         close(Statistic::Coherent, (z1 * w1 * turn(1.0) + z2 * w2 * turn(0.8)).norm() / root);
-        // Nearest samples: 1.0 m is point 3 of the first sweep, 0.8 m point 1 of the second.
+        // Nearest samples: 1.0 m is point 3 of the first sweep, 0.8 m is point 1 of the second.
         close(Statistic::Thesis, 109f64.sqrt() * w1 + 65f64.sqrt() * w2);
         let full = |samples: &[Complex32], d: f64, w: f64| -> f64 {
             let e = |n: usize| 2f64.powf(-4.0 * ((0.7 + 0.1 * n as f64 - d) / 0.14).powi(2));
@@ -234,7 +236,8 @@ mod tests {
         let uniform = Beam::Uniform;
         let settings = SubapertureSettings::default();
         let oracle = Oracle::new(&sweeps, &uniform, &settings);
-        // 0.1 m behind the origin the second sweep sees 0.9 m, the first 1.1 m, its last point; 5 cm more only the second.
+        // 0.15 m behind the origin the second sweep sees 0.95 m; for the first sweep 1.15 m is out
+        // of range.
         let only_second = oracle.value(Statistic::Ls, DVec3::Z * -0.15);
         assert!((only_second - z_by_hand(&sweeps[1].samples, 0.95).norm_sqr()).abs() < 1e-9);
         // At the sensor itself everything is finite; far away nothing counts.
@@ -244,13 +247,13 @@ mod tests {
         }
         let thesis = Beam::Thesis;
         let narrow = Oracle::new(&sweeps, &thesis, &settings);
-        // 50° off the boresight of both: the thesis' beam is cut off.
+        // 50° off the boresight of both sweeps, beyond the cut of the thesis's beam.
         assert_eq!(narrow.value(Statistic::Ls, DVec3::new(0.9, 0.0, 0.3)), 0.0);
     }
 
     #[test]
     fn coherent_point_scores_high_and_its_surroundings_low() {
-        // Twenty sweeps at a slant, a point 1 m ahead, phase as the sensor shows it.
+        // Twenty sweeps along a slant, a point 1 m ahead, with the sensor's phase.
         let axis = RangeAxis { first_m: 0.7, step_m: 0.06, points: 11 };
         let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, pulse_fwhm_m: PULSE_FWHM_M, point_period_s: 0.0 });
         let target = DVec3::NEG_Z;
@@ -278,7 +281,7 @@ mod tests {
         let at_target = oracle.value(Statistic::Subaperture, target);
         let beside = oracle.value(Statistic::Subaperture, target + DVec3::X * 0.2);
         assert!(at_target > 4.0 && at_target > beside + 3.0, "{at_target} {beside}");
-        // Conjugated data run the wrong way: nothing at the true place.
+        // Conjugated data have the wrong phase direction and score low at the true position.
         let conjugated: Vec<_> = sweeps
             .iter()
             .map(|o| Observation { samples: o.samples.iter().map(|s| s.conj()).collect(), ..o.clone() })

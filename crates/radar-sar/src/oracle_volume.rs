@@ -1,11 +1,11 @@
-//! Whole volumes of any statistic, place by place from the oracle: what faster volumes are measured against.
+//! Volumes of any statistic, voxel by voxel from the oracle: the reference for fast volumes.
 
 use rayon::prelude::*;
 
 use super::{Oracle, Statistic, Volume};
 use crate::geometry::Aabb;
 
-/// Any statistic, place by place.
+/// Any statistic at every voxel's centre.
 pub fn oracle_volume(oracle: &Oracle, statistic: Statistic, region: &Aabb, voxel_m: f64) -> Volume {
     let mut volume = Volume::covering(region, voxel_m);
     let mut values = std::mem::take(&mut volume.values);

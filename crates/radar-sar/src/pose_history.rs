@@ -1,4 +1,5 @@
-//! The poses so far, and the pose at any time between them, never across a gap or an invalid pose.
+//! Pose history, and interpolation to any time between poses, never across a gap or an invalid
+//! pose.
 
 use std::collections::VecDeque;
 
@@ -15,10 +16,11 @@ use crate::geometry::Pose;
 pub struct HistorySettings {
     /// Poses farther apart than this are not joined, seconds.
     pub max_gap_s: f64,
-    /// Width of the local cubic fit that smooths the path, seconds; 0 joins neighbours by straight lines.
+    /// Width of the local cubic fit that smooths the path, seconds; 0 interpolates linearly.
     pub smoothing_window_s: f64,
-    /// How long after a sweep its poses may come, seconds: the fit takes no later ones, but for the next. Half the window is
-    /// as good as any more; less has sweeps earlier and less smooth.
+    /// How long after a sweep its poses may arrive, seconds. The fit uses no later ones, except the
+    /// next pose after the sweep. Half of the window is as good as anything longer. Less gives
+    /// sweeps earlier and less smooth poses.
     pub max_ahead_s: f64,
 }
 
@@ -29,28 +31,29 @@ impl Default for HistorySettings {
     }
 }
 
-/// Least time after a sweep that poses are waited for where the settings allow it, seconds.
+/// Least time to wait for poses after a sweep, where `max_ahead_s` allows it, seconds (choice).
 const MIN_WAIT_S: f64 = 0.02;
 
 impl HistorySettings {
-    /// Whether poses are waited for less long than the smoothing would take them.
+    /// Whether poses are waited for less long than the smoothing could use them.
     pub fn is_early(&self) -> bool {
         self.max_ahead_s < self.smoothing_window_s * 0.5
     }
 
-    /// So long after a time no pose changes the path there any more, but for the next one, nanoseconds.
+    /// After this time, no later pose changes the path at a point, except the next one,
+    /// nanoseconds.
     pub fn ahead_ns(&self) -> i64 {
         let most_ns = (self.max_ahead_s * 1e9).round() as i64;
         self.smooth_ns().min(most_ns)
     }
 
-    /// So long after a time no pose makes the path there smoother, nanoseconds.
+    /// After this time, no later pose makes the path at a point smoother, nanoseconds.
     pub fn smooth_ns(&self) -> i64 {
         ((self.smoothing_window_s * 0.5).max(MIN_WAIT_S) * 1e9).round() as i64
     }
 }
 
-/// A pose between samples, and how it moves.
+/// An interpolated pose with its velocities.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmoothPose {
     /// `tracking_from_head` at the wanted time.
@@ -65,24 +68,24 @@ pub struct SmoothPose {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum NoPose {
     /// Before the first or after the last pose.
-    #[error("outside the poses in time")]
+    #[error("outside the time span of the poses")]
     Outside,
     /// The neighbours are too far apart.
     #[error("in a gap of {0:.3} s between poses")]
     Gap(f64),
     /// An invalid pose lies between the neighbours.
-    #[error("beside an invalid pose")]
+    #[error("next to an invalid pose")]
     Invalid,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Entry {
     time_ns: i64,
-    /// `None`: an invalid pose; nothing joins across it.
+    /// `None`: an invalid pose; nothing is joined across it.
     pose: Option<Pose>,
 }
 
-/// Poses in rising time, oldest dropped on request.
+/// Poses in rising time. The oldest are dropped on request.
 #[derive(Debug, Clone, Default)]
 pub struct PoseHistory {
     settings: HistorySettings,
@@ -90,12 +93,13 @@ pub struct PoseHistory {
 }
 
 impl PoseHistory {
-    /// Nothing tracked yet.
+    /// An empty history.
     pub fn new(settings: HistorySettings) -> Self {
         Self { settings, entries: VecDeque::new() }
     }
 
-    /// Takes a pose. A refused one with a rising time stays as a border that nothing is interpolated across.
+    /// Adds a pose. A refused pose with a rising time stays as a border that is not interpolated
+    /// across.
     ///
     /// # Errors
     /// The reason why it is not used.
@@ -118,14 +122,14 @@ impl PoseHistory {
         self.entries.iter().rev().find_map(|e| e.pose.map(|p| (e.time_ns, p)))
     }
 
-    /// Forgets what is older than `time_ns`.
+    /// Drops entries older than `time_ns`.
     pub fn remove_before(&mut self, time_ns: i64) {
         while self.entries.front().is_some_and(|e| e.time_ns < time_ns) {
             self.entries.pop_front();
         }
     }
 
-    /// Forgets the oldest entries beyond a number.
+    /// Drops the oldest entries beyond a number.
     pub fn keep_newest(&mut self, count: usize) {
         while self.entries.len() > count {
             self.entries.pop_front();
@@ -142,7 +146,7 @@ impl PoseHistory {
         self.entries.is_empty()
     }
 
-    /// Whether poses before entry `later` and at it may be joined.
+    /// Checks that the poses before entry `later` and at it may be joined.
     fn check_joined(&self, later: usize) -> Result<(), NoPose> {
         let (a, b) = (&self.entries[later - 1], &self.entries[later]);
         if a.pose.is_none() || b.pose.is_none() {
@@ -155,12 +159,13 @@ impl PoseHistory {
     /// The pose at a time.
     ///
     /// # Errors
-    /// Outside the poses, in a gap, or beside an invalid pose.
+    /// Outside the poses, in a gap, or next to an invalid pose.
     pub fn at(&self, time_ns: i64) -> Result<SmoothPose, NoPose> {
         self.at_with_poses_until(time_ns, i64::MIN)
     }
 
-    /// The pose at a time by the poses up to another, or as [`at`](Self::at) has it where that takes more.
+    /// The pose at a time, fitted to the poses up to `known_until_ns`, or up to where
+    /// [`at`](Self::at) uses them if that is later.
     ///
     /// # Errors
     /// As [`at`](Self::at).
@@ -181,8 +186,9 @@ impl PoseHistory {
         self.fit(time_ns, first, last).ok_or(NoPose::Outside)
     }
 
-    /// First and last entry (inclusive) around `later` that the fit may use: unbroken, within the smoothing window, not
-    /// beyond what is waited for or known, and at least the two neighbours.
+    /// First and last entry (inclusive) around `later` that the fit may use: unbroken, within the
+    /// smoothing window, not later than what is waited for or known, and at least the two
+    /// neighbours.
     fn fit_window(&self, time_ns: i64, later: usize, known_until_ns: i64) -> (usize, usize) {
         let until_ns = known_until_ns.max(time_ns.saturating_add(self.settings.ahead_ns()));
         let half_ns = (self.settings.smoothing_window_s * 0.5e9) as i64;
@@ -198,7 +204,7 @@ impl PoseHistory {
         {
             last += 1;
         }
-        // A lone sample still needs a neighbour to have a velocity.
+        // A single sample needs a neighbour to have a velocity.
         if first == last {
             if first > 0 && self.check_joined(first).is_ok() {
                 first -= 1;
@@ -224,7 +230,8 @@ impl PoseHistory {
                 angular_velocity_rad_per_s: DVec3::ZERO,
             });
         };
-        // Relative to the nearest pose, so that origins far away cost no digits and turns are small.
+        // Relative to the nearest pose, so that distant origins cost no digits and rotations are
+        // small.
         let mut position = DVec3::ZERO;
         let mut velocity = DVec3::ZERO;
         let mut turn = DVec3::ZERO;
@@ -248,7 +255,7 @@ impl PoseHistory {
     }
 }
 
-/// Axis times angle, the short way round.
+/// Axis times angle, of the shorter rotation.
 fn rotation_vector(rotation: DQuat) -> DVec3 {
     if rotation.w < 0.0 { (-rotation).to_scaled_axis() } else { rotation.to_scaled_axis() }
 }
@@ -337,7 +344,7 @@ mod tests {
         }
         assert_eq!(history.at(293 * MS), Err(NoPose::Invalid));
         assert_eq!(history.at(295 * MS), Err(NoPose::Invalid));
-        // Beside the border the fit uses one side alone: nothing of the jump leaks in.
+        // Next to the border the fit uses one side only, so nothing of the jump leaks in.
         assert!((history.at(288 * MS).unwrap().tracking_from_head.translation.x - 5.0).abs() < 1e-9);
         assert!((history.at(302 * MS).unwrap().tracking_from_head.translation.x - 6.0).abs() < 1e-9);
         assert_eq!(history.at(-1), Err(NoPose::Outside));

@@ -1,24 +1,24 @@
-//! One tracked pose of the head as it came, and why some are refused.
+//! A tracked head pose as received, and why some are refused.
 
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Pose, PoseError};
 
-/// What the tracking system says of a pose.
+/// The tracking system's state for a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TrackingResult {
     /// Running and within its range.
     Ok,
-    /// Running, but guessing.
+    /// Running, but out of range: the pose is a guess.
     OutOfRange,
-    /// Rotation alone is tracked.
+    /// Only the rotation is tracked.
     RotationOnly,
-    /// Still finding itself, or not at all.
+    /// Still initialising, or not tracking at all.
     NotTracking,
 }
 
-/// A pose as the tracking system gave it, sound or not; recordings keep it as it is.
+/// A pose as the tracking system gave it, valid or not. Recordings keep it as it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseSample {
     /// Host's monotonic clock, nanoseconds.
@@ -27,13 +27,13 @@ pub struct PoseSample {
     pub position_m: [f64; 3],
     /// Rotation `tracking_from_head` as x, y, z, w.
     pub quaternion_xyzw: [f64; 4],
-    /// The system calls the pose valid.
+    /// The system marks the pose valid.
     pub valid: bool,
-    /// How the system tracks.
+    /// The system's state.
     pub result: TrackingResult,
 }
 
-/// Why a pose is not used. The recording keeps it all the same.
+/// Why a pose is not used. A recording keeps it all the same.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PoseRefusal {
     /// Marked invalid by the system.
@@ -50,7 +50,7 @@ pub enum PoseRefusal {
     TimeNotRising {
         /// Its time.
         time_ns: i64,
-        /// The time before.
+        /// The time of the pose before.
         before_ns: i64,
     },
 }
@@ -67,7 +67,7 @@ impl PoseSample {
         }
     }
 
-    /// `tracking_from_head`, when everything about it is sound.
+    /// `tracking_from_head`, when everything about it is valid.
     ///
     /// # Errors
     /// Marked invalid, not tracking fully, or numbers that make no pose.

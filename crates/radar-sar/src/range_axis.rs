@@ -1,4 +1,4 @@
-//! Where the points of a subsweep lie.
+//! Ranges of the points of a subsweep.
 
 /// Range of point `n`: `first_m + n · step_m`, metres from the sensor's phase centre.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,6 +1,7 @@
-//! Power over range, sweep by sweep: what `ls` sums, with ranges that are already explained left out.
+//! Power over range, sweep by sweep: the terms of `ls`, with ranges of known reflectors masked.
 //!
-//! For a reflector of unknown amplitude and phase in every sweep, Σ |z|²/σ² is the log-likelihood of its place.
+//! For a reflector of unknown amplitude and phase in every sweep, Σ |z|²/σ² is the log-likelihood
+//! of its position.
 
 use glam::DVec3;
 use num_complex::{Complex32, Complex64};
@@ -12,10 +13,10 @@ use crate::geometry::Plane;
 use crate::math;
 use crate::{Beam, Observation, PHASE_RAD_PER_M};
 
-/// A stretch of one sweep's range that a known reflector accounts for.
+/// An interval of one sweep's range that a known reflector accounts for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MaskedRange {
-    /// Middle, metres.
+    /// Middle of the interval, metres.
     pub middle_m: f64,
     /// Half of its length, metres.
     pub half_m: f64,
@@ -28,37 +29,39 @@ pub struct RangePower<'a> {
     compressed: Vec<CompressedSweep>,
     beam: &'a Beam,
     min_range_m: f64,
-    /// `[sweep]`: what is explained.
+    /// `[sweep]`: masked intervals.
     masks: Vec<Vec<MaskedRange>>,
 }
 
-/// What one sweep says of a place.
+/// One sweep's measurement at a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
     /// Index of the sweep.
     pub sweep: usize,
-    /// Distance from the sensor, as its point measured it, metres.
+    /// Distance from the sensor when the point at that range was sampled, metres.
     pub distance_m: f64,
     /// |z|²/σ².
     pub power: f64,
-    /// Derivative of the power by the distance, per metre.
+    /// Derivative of the power with respect to distance, per metre.
     pub slope_per_m: f64,
-    /// Curvature that the pulse gives to the log-likelihood there, per m²: 8 ln2 · power / FWHM².
+    /// Curvature of the log-likelihood due to the pulse, per m²: 8 ln2 · power / FWHM².
     pub curvature_per_m2: f64,
-    /// What the phase shows beyond the distance, metres, within ±λ/4 and up to an offset that all sweeps share.
+    /// Length from the phase minus the distance, metres, within ±λ/4 and up to an offset shared by
+    /// all sweeps.
     pub phase_off_m: f64,
 }
 
 impl<'a> RangePower<'a> {
-    /// Compresses sweeps; places nearer than `min_range_m` are not looked at.
+    /// Compresses sweeps; points nearer than `min_range_m` do not count.
     pub fn new(observations: &'a [Observation], beam: &'a Beam, min_range_m: f64) -> Self {
         let compressed = compress_all(observations, |o| (1.0 / echo_free_noise_rms(o)) as f32);
         let masks = vec![Vec::new(); observations.len()];
         Self { observations, compressed, beam, min_range_m, masks }
     }
 
-    /// The same sweeps with the phase taken out that the sensor's own motion turns, between the points of a sweep, on an echo
-    /// from a place: at 1 m/s it is a radian over a pulse of 14 cm. Echoes from near there then have a flat phase.
+    /// The same sweeps with motion within a sweep compensated for an echo from `place`: removes the
+    /// phase that the sensor's motion between points of a sweep adds (at 1 m/s a radian over a 14
+    /// cm pulse). Echoes from near there then have a flat phase.
     pub(super) fn motion_compensated(&self, place: DVec3) -> Self {
         let motion_compensated = self.observations.iter().map(|observation| {
             let from_mid = place - observation.tracking_from_sensor.translation;
@@ -71,17 +74,17 @@ impl<'a> RangePower<'a> {
             Observation { samples: observation.samples.iter().enumerate().map(turned).collect(), ..observation.clone() }
         });
         let motion_compensated: Vec<Observation> = motion_compensated.collect();
-        // A turned sample is as loud as before, so the noise is that of the sweep as it came.
+        // Turning a sample keeps its power, so the noise is that of the original sweep.
         let compressed = compress_all(&motion_compensated, |o| (1.0 / echo_free_noise_rms(o)) as f32);
         Self { compressed, masks: self.masks.clone(), ..*self }
     }
 
-    /// The sweeps it works on.
+    /// The underlying sweeps.
     pub fn observations(&self) -> &'a [Observation] {
         self.observations
     }
 
-    /// The distance from a sweep to a place, if the sweep counts for it and has it unclaimed.
+    /// Distance from a sweep to a point, if the sweep counts for it and the range is not masked.
     fn distance_m(&self, sweep: usize, place: DVec3) -> Option<f64> {
         let observation = &self.observations[sweep];
         let distance_m = observation.distance_m(place);
@@ -93,21 +96,23 @@ impl<'a> RangePower<'a> {
         (counts && !self.masks[sweep].iter().any(claimed)).then_some(distance_m)
     }
 
-    /// Sum over sweeps of (|z|²/σ² − 1), which noise keeps around 0 with a variance of the count, and the count.
+    /// Sum over sweeps of (|z|²/σ² − 1), and the number of sweeps. For noise the sum has mean 0 and
+    /// the count as variance.
     pub fn excess(&self, place: DVec3) -> (f64, usize) {
         let each = (0..self.observations.len())
             .filter_map(|sweep| self.distance_m(sweep, place).map(|d| self.compressed[sweep].at(d).norm_sqr() - 1.0));
         each.fold((0.0, 0), |(sum, count), excess| (sum + excess, count + 1))
     }
 
-    /// A sweep's distance to a place, z/σ there and its derivative by the distance, if the sweep counts for it.
+    /// A sweep's distance to a point, z/σ there and its derivative with respect to distance, if the
+    /// sweep counts for it.
     pub(super) fn echo(&self, sweep: usize, place: DVec3) -> Option<(f64, Complex64, Complex64)> {
         let distance_m = self.distance_m(sweep, place)?;
         let (z, slope) = self.compressed[sweep].value_and_slope(distance_m);
         Some((distance_m, z, slope))
     }
 
-    /// What each sweep says of a place.
+    /// Every sweep's measurement at a point.
     pub fn readings(&self, place: DVec3) -> Vec<Reading> {
         let reading = |sweep: usize| {
             let (distance_m, z, slope) = self.echo(sweep, place)?;
@@ -125,17 +130,18 @@ impl<'a> RangePower<'a> {
         (0..self.observations.len()).filter_map(reading).collect()
     }
 
-    /// The excess at many places, in parallel.
+    /// The excess at many points, in parallel.
     pub fn excess_at(&self, places: &[DVec3]) -> Vec<(f64, usize)> {
         places.par_iter().map(|&place| self.excess(place)).collect()
     }
 
-    /// Marks the ranges that a reflector at a place explains: as far as its pulse stands out of the noise, and 2 cm.
+    /// Masks the ranges of a reflector at a point: as far as its pulse exceeds the noise, plus 2
+    /// cm.
     pub fn mask_point(&mut self, place: DVec3) {
         self.mask_at(|observation| observation.distance_m(place));
     }
 
-    /// Marks the ranges that a mirror explains.
+    /// Masks the ranges of a specular plane.
     pub fn mask_plane(&mut self, plane: &Plane) {
         self.mask_at(|observation| plane.distance(observation.tracking_from_sensor.translation));
     }
@@ -153,8 +159,9 @@ impl<'a> RangePower<'a> {
     }
 }
 
-/// Complex noise rms of a sweep without what echoes in it: the median again, over the points that lie a pulse away from all
-/// that stands out of the first one. The plain median while less than half of the points are left.
+/// Complex noise rms of a sweep with its echoes excluded: the median over points at least a pulse
+/// away from any point louder than [`ECHO_POWER`] times the plain estimate. The plain estimate when
+/// fewer than half of the points remain.
 fn echo_free_noise_rms(observation: &Observation) -> f64 {
     let samples = &observation.samples;
     let plain = sweep_noise_rms(samples);
@@ -175,7 +182,7 @@ fn echo_free_noise_rms(observation: &Observation) -> f64 {
     if 2 * quiet.len() >= samples.len() { sweep_noise_rms(&quiet) } else { plain }
 }
 
-/// Power over noise that noise itself reaches in one of 10 000 points.
+/// Power over noise that noise exceeds in one of 10 000 points.
 const ECHO_POWER: f64 = 9.2;
 
 #[cfg(test)]
@@ -187,7 +194,8 @@ mod tests {
 
     #[test]
     fn an_echo_does_not_raise_the_noise() {
-        // Points every 6 cm: a strong pulse lights a tenth of them. The data's noise is 20 LSB.
+        // With points every 6 cm, a strong pulse covers a tenth of them. The data's noise is 20
+        // LSB.
         let lit = sweeps(0.2, |_| DVec3::ZERO, &[(Echo::Point(AT), 200.0)], 5);
         let mean = |rms: fn(&Observation) -> f64| lit.iter().map(|o| rms(o).powi(2)).sum::<f64>() / lit.len() as f64;
         let (plain, quiet) = (mean(|o| sweep_noise_rms(&o.samples)).sqrt(), mean(echo_free_noise_rms).sqrt());
@@ -196,14 +204,14 @@ mod tests {
 
     #[test]
     fn motion_compensated_echo_has_a_flat_phase() {
-        // 2 m/s towards it: between two points 6 cm apart the sensor moves by 36 µm.
+        // 2 m/s towards the point: between two points 6 cm apart the sensor moves by 36 µm.
         let fast = sweeps(0.02, |t| DVec3::NEG_Z * 2.0 * t, &[(Echo::Point(AT), 1000.0)], 5);
         let power = RangePower::new(&fast, &Beam::Lensless, 0.15);
         let turning = |power: &RangePower| {
             let (_, z, slope) = power.echo(10, AT).unwrap();
             (slope / z).im
         };
-        // Half of k·v·(time a metre): the matched filter sees half of the ramp.
+        // Half of k·v·(time per metre): the matched filter sees half of the ramp.
         let expected = 0.5 * PHASE_RAD_PER_M * 2.0 * 1.8e-5 / 0.06;
         assert!((turning(&power).abs() / expected - 1.0).abs() < 0.1, "{} {expected}", turning(&power));
         assert!(turning(&power.motion_compensated(AT)).abs() < 0.1 * expected);

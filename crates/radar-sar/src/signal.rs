@@ -1,4 +1,4 @@
-//! The signal model, eq. 3.3 of the thesis: a point reflector seen by one range point.
+//! Signal model of a point reflector, eq. 3.3 of the thesis.
 
 use num_complex::Complex64;
 
@@ -6,19 +6,20 @@ use super::PHASE_RAD_PER_M;
 
 use crate::math;
 
-/// Gaussian amplitude envelope E at an offset from its centre: 1 there, ½ at half its full width at half maximum.
+/// Gaussian amplitude envelope E at an offset from its centre: 1 at the centre, ½ at half the
+/// profile's FWHM.
 pub fn envelope(pulse_fwhm_m: f64, offset_m: f64) -> f64 {
     let x = offset_m / pulse_fwhm_m;
     math::exp(-4.0 * std::f64::consts::LN_2 * x * x)
 }
 
-/// Amplitude falloff D(d) = 1/d² (eq. 3.4). Infinite at 0: callers skip ranges at or below 0.
+/// Amplitude falloff D(d) = 1/d² (eq. 3.4). Infinite at 0; callers skip ranges at or below 0.
 pub fn distance_falloff(distance_m: f64) -> f64 {
     1.0 / (distance_m * distance_m)
 }
 
-/// Eq. 3.3: what a point at `range_m` shows of a reflector at `distance_m` and the beam's amplitude factor there.
-/// Phase grows with distance, as measured on the sensor.
+/// Sample at range `range_m` of a reflector at `distance_m`, with the beam's amplitude factor (eq.
+/// 3.3). The phase grows with distance, as measured on the sensor.
 pub fn template(pulse_fwhm_m: f64, range_m: f64, distance_m: f64, beam_amplitude: f64) -> Complex64 {
     let amplitude = envelope(pulse_fwhm_m, range_m - distance_m) * distance_falloff(distance_m) * beam_amplitude;
     math::from_polar(amplitude, PHASE_RAD_PER_M * distance_m)

@@ -1,7 +1,8 @@
-//! Which vector instructions the kernels use.
+//! Vector instructions used by the kernels.
 //!
-//! The best that the processor has, or what `RADAR_CHAPERONE_INSTRUCTIONS` limits it to (`portable`, `avx2`, `avx512`), so that
-//! each can be tested and timed wherever it exists. Results are the same bits on all of them.
+//! The best that the processor supports, or what `RADAR_CHAPERONE_INSTRUCTIONS` limits it to
+//! (`portable`, `avx2`, `avx512`), so that each can be tested and timed wherever it exists. Results
+//! have the same bits on all of them.
 
 use std::str::FromStr;
 use std::sync::LazyLock;
@@ -9,20 +10,21 @@ use std::sync::LazyLock;
 /// The environment variable that limits the instructions.
 pub const INSTRUCTIONS_VARIABLE: &str = "RADAR_CHAPERONE_INSTRUCTIONS";
 
-/// Vector instructions that kernels are compiled for, in rising order.
+/// Vector instructions for which kernels are compiled, in ascending order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum InstructionSet {
-    /// What every processor of the architecture has.
+    /// The architecture's baseline.
     Portable,
     /// AVX2 and FMA.
     Avx2,
-    /// AVX-512 F, VL, BW and DQ, and FMA: what every processor with AVX-512 since Skylake-X has.
+    /// AVX-512 F, VL, BW and DQ, and FMA: supported by every processor with AVX-512 since
+    /// Skylake-X.
     Avx512,
 }
 
-/// No such set of instructions.
+/// Unknown name of an instruction set.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("\"{0}\" is no instruction set: use portable, avx2 or avx512")]
+#[error("\"{0}\" is not an instruction set: use portable, avx2 or avx512")]
 pub struct UnknownInstructionSet(String);
 
 impl FromStr for InstructionSet {
@@ -39,7 +41,7 @@ impl FromStr for InstructionSet {
 }
 
 impl InstructionSet {
-    /// What the kernels use in this process. The environment is read once.
+    /// The instructions that kernels use in this process. The environment is read once.
     pub fn in_use() -> Self {
         static IN_USE: LazyLock<InstructionSet> = LazyLock::new(|| {
             let limit = InstructionSet::limit().ok().flatten().unwrap_or(InstructionSet::Avx512);
@@ -48,10 +50,10 @@ impl InstructionSet {
         *IN_USE
     }
 
-    /// What the environment limits it to; `None` without a limit.
+    /// The limit set in the environment; `None` without one.
     ///
     /// # Errors
-    /// The variable holds something else than one of the three names.
+    /// The variable holds something other than one of the three names.
     pub fn limit() -> Result<Option<Self>, UnknownInstructionSet> {
         match std::env::var(INSTRUCTIONS_VARIABLE) {
             Ok(name) if !name.is_empty() => name.parse().map(Some),
@@ -59,7 +61,7 @@ impl InstructionSet {
         }
     }
 
-    /// The best that the processor has.
+    /// The best that the processor supports.
     pub fn of_processor() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
@@ -80,7 +82,7 @@ impl InstructionSet {
     }
 }
 
-/// What a dispatcher asks on every call.
+/// Queried by dispatchers on every call.
 #[cfg(target_arch = "x86_64")]
 pub(super) fn has(wanted: InstructionSet) -> bool {
     InstructionSet::in_use() >= wanted

@@ -1,42 +1,44 @@
-//! The sums that evidence can be made of. Definitions: the table in ARCHITECTURE.md; computed literally in `oracle`.
+//! Statistics of evidence over sweeps. Definitions: the table in ARCHITECTURE.md; computed
+//! literally in `oracle`.
 
 use serde::{Deserialize, Serialize};
 
-/// Which sum.
+/// A statistic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Statistic {
     /// Eq. 3.1 of the thesis: every range point against the template.
     ThesisFull,
-    /// Eq. 3.2: the range point nearest to the place alone.
+    /// Eq. 3.2 of the thesis: only the range point nearest to the position.
     Thesis,
-    /// Σ |z|²: least squares with a free amplitude for each sweep.
+    /// Σ |z|²: least squares with a free amplitude in each sweep.
     Ls,
-    /// Σ ln(1 + |z|²/σ²): the same, less led by strong sweeps.
+    /// Σ ln(1 + |z|²/σ²): the same, less dominated by strong sweeps.
     Log,
-    /// Σ |z| w / √Σ w²: likelihood ratio with one amplitude for all.
+    /// Σ |z| w / √Σ w²: likelihood ratio with one amplitude for all sweeps.
     Glrt,
-    /// |Σ z w e^{−j4πd/λ}| / √Σ w²: all sweeps in phase.
+    /// |Σ z w e^{−j4πd/λ}| / √Σ w²: all sweeps coherent.
     Coherent,
-    /// Coherent inside blocks of 50–100 ms, each against its own incoherent energy, summed over blocks.
+    /// Coherent within sub-apertures of 50–100 ms, each normalised by its own incoherent energy,
+    /// summed over sub-apertures.
     #[serde(alias = "blocks")]
     Subaperture,
 }
 
-/// The name of [`Statistic::Subaperture`] in settings and commands of before.
+/// The name of [`Statistic::Subaperture`] in older settings and commands.
 const FORMER_SUBAPERTURE_NAME: &str = "blocks";
 
-/// No such statistic.
+/// Unknown name of a statistic.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("statistic \"{0}\" is not known: use {list}", list = Statistic::ALL.map(Statistic::name).join(", "))]
 pub struct UnknownStatistic(pub String);
 
 impl Statistic {
-    /// All of them.
+    /// All statistics.
     pub const ALL: [Statistic; 7] =
         [Self::ThesisFull, Self::Thesis, Self::Ls, Self::Log, Self::Glrt, Self::Coherent, Self::Subaperture];
 
-    /// As settings and the command line spell it.
+    /// Name in settings and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::ThesisFull => "thesis-full",

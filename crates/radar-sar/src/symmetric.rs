@@ -1,24 +1,26 @@
-//! Inverse of a symmetric matrix that may be singular, by its eigenvectors (Jacobi's rotations).
+//! Inverse of a symmetric, possibly singular matrix by its eigenvectors (Jacobi rotations).
 //!
-//! Cofactors lose what is left of nearly singular matrices: ranges known to a hundredth of a millimetre beside directions
-//! known to a hundred metres cancel to anything, negative variances included. Eigenvalues are off by no more than rounding of
-//! the greatest, and what is below the floor counts as 0 there: the inverse is positive definite whatever comes in.
+//! Cofactors lose the small part of nearly singular matrices: ranges known to 0.01 mm next to
+//! directions known to 100 m cancel to arbitrary values, even negative variances. Eigenvalues are
+//! accurate to rounding relative to the greatest, and values below the floor count as 0. The
+//! inverse is positive definite for any input.
 
 use glam::{DMat3, DVec3};
 
 use crate::math;
 
-/// Rotations converge quadratically: four or five rounds suffice.
+/// Choice: rotations converge quadratically, four or five rounds suffice.
 const ROUNDS: usize = 12;
 
-/// (m + floor·1)⁻¹ of a symmetric matrix without negative eigenvalues but for rounding; `floor` above 0.
+/// (m + floor·1)⁻¹ of a symmetric matrix whose eigenvalues are non-negative up to rounding; `floor`
+/// above 0.
 pub(super) fn inverse_above(m: &DMat3, floor: f64) -> DMat3 {
     let (values, vectors) = eigen(m);
     let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
     (0..3).fold(DMat3::ZERO, |sum, n| sum + outer(vectors.col(n)) * (1.0 / (values[n].max(0.0) + floor)))
 }
 
-/// Eigenvalues and, in the same order, eigenvectors as columns, of a symmetric matrix.
+/// Eigenvalues of a symmetric matrix and, in the same order, eigenvectors as columns.
 pub fn eigen(m: &DMat3) -> ([f64; 3], DMat3) {
     let mut a = (*m + m.transpose()) * 0.5;
     let mut vectors = DMat3::IDENTITY;
@@ -28,7 +30,7 @@ pub fn eigen(m: &DMat3) -> ([f64; 3], DMat3) {
             if off == 0.0 {
                 continue;
             }
-            // The angle that makes the element 0, the smaller of the two.
+            // The smaller of the two angles that zero the element.
             let ratio = (a.col(q)[q] - a.col(p)[p]) / (2.0 * off);
             let tan = ratio.signum() / (ratio.abs() + math::hypot(ratio, 1.0));
             let cos = 1.0 / math::hypot(tan, 1.0);

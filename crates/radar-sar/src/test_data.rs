@@ -1,4 +1,4 @@
-//! Sweeps for tests, straight from the signal model: points and mirrors seen along a path, with noise.
+//! Sweeps for tests, straight from the signal model: points and planes along a path, with noise.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::geometry::{Plane, Pose};
 use crate::{Observation, PHASE_RAD_PER_M, RangeAxis, SweepGeometry, envelope};
 
-/// What returns an echo.
+/// A reflector.
 #[derive(Debug, Clone, Copy)]
 pub enum Echo {
     /// A point reflector.
@@ -25,12 +25,13 @@ pub const PULSE_FWHM_M: f64 = 0.14;
 /// Rms of the noise, LSB.
 const NOISE_RMS: f64 = 20.0;
 
-/// A path that turns through all directions, looking along −z from about the origin: a Lissajous figure of 30 cm.
+/// A path through all directions around the origin, looking along −z: a Lissajous figure of 30 cm.
 pub fn winding(time_s: f64) -> DVec3 {
     0.15 * DVec3::new((2.1 * time_s).sin(), (3.4 * time_s).cos(), (2.7 * time_s + 0.5).sin())
 }
 
-/// Preset d16 in small: 50 points from 0.2 m in steps of 6 cm, 1000 sweeps a second. Each echo has an amplitude SNR.
+/// A small version of preset d16: 50 points from 0.2 m in steps of 6 cm, 1000 sweeps a second. Each
+/// echo has an amplitude SNR.
 pub fn sweeps(duration_s: f64, path: impl Fn(f64) -> DVec3, echoes: &[(Echo, f64)], seed: u64) -> Vec<Observation> {
     let axis = RangeAxis { first_m: 0.2, step_m: 0.06, points: 50 };
     let geometry = Arc::new(SweepGeometry { subsweep: 0, axis, pulse_fwhm_m: PULSE_FWHM_M, point_period_s: 1.8e-5 });
@@ -64,13 +65,13 @@ pub fn sweeps(duration_s: f64, path: impl Fn(f64) -> DVec3, echoes: &[(Echo, f64
     (0..(duration_s * 1e3) as usize).map(sweep).collect()
 }
 
-/// The same sweeps with their phase turned round: what no real scene gives.
+/// The same sweeps with conjugated phase, which no real scene produces.
 pub fn conjugated(mut observations: Vec<Observation>) -> Vec<Observation> {
     observations.iter_mut().flat_map(|o| &mut o.samples).for_each(|x| *x = x.conj());
     observations
 }
 
-/// On a pool of one thread.
+/// Runs on a pool of one thread.
 pub fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(work)
 }

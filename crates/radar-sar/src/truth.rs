@@ -1,18 +1,18 @@
-//! What is really there, where a recording knows it (simulated ones do).
+//! Ground truth of a recording, where it is known (simulated recordings).
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Aabb, Plane};
 
-/// The truth behind a recording.
+/// Ground truth of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
-    /// Room and motion, as `simulate` names them.
+    /// Room and motion, as named by `simulate`.
     pub title: String,
-    /// Seed of everything random in it.
+    /// Seed of all randomness in it.
     pub seed: u64,
-    /// What stands in the room.
+    /// Objects in the room.
     pub obstacles: Vec<TruthObstacle>,
     /// Walls, floor, ceiling.
     pub walls: Vec<TruthWall>,
@@ -20,7 +20,7 @@ pub struct Truth {
     pub time_offset_s: f64,
 }
 
-/// Something that stands in the room.
+/// An object in the room.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TruthObstacle {
     /// "chair", "table", …
@@ -31,16 +31,16 @@ pub struct TruthObstacle {
     pub rcs_dbsm: Vec<f64>,
     /// Least distance from the head's origin to any of its points during the recording, metres.
     pub closest_approach_m: f64,
-    /// Time that any of its points was in the beam within 2.3 m, seconds.
+    /// Time for which any of its points was in the beam within 2.3 m, seconds.
     pub in_beam_s: f64,
 }
 
-/// A smooth wall: seen by its mirror point alone.
+/// A smooth wall: only its specular point is visible.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TruthWall {
     /// "floor", "wall north", …
     pub name: String,
-    /// Where it is.
+    /// The wall's plane.
     pub plane: Plane,
     /// Its extent, a flat box.
     pub extent: Aabb,

@@ -4,7 +4,8 @@ use glam::DVec3;
 
 use crate::geometry::Aabb;
 
-/// Values on a regular grid. The centre of voxel (i, j, k) along x, y, z lies at `origin_m + (i + ½, j + ½, k + ½) · voxel_m`.
+/// Values on a regular grid. The centre of voxel (i, j, k) along x, y, z lies at `origin_m + (i +
+/// ½, j + ½, k + ½) · voxel_m`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
     /// Lowest corner of the box, tracking frame, metres.
@@ -18,13 +19,13 @@ pub struct Volume {
 }
 
 impl Volume {
-    /// All zero, over a box; the last voxels may reach beyond it.
+    /// All zero, covering a box; the last voxels may extend beyond it.
     pub fn covering(region: &Aabb, voxel_m: f64) -> Self {
         let size = Self::size_covering(region, voxel_m);
         Self { origin_m: region.min, voxel_m, size, values: vec![0.0; size.iter().product()] }
     }
 
-    /// Number of voxels along x, y, z that cover a box; the last ones may reach beyond it.
+    /// Number of voxels along x, y, z that cover a box; the last ones may extend beyond it.
     pub fn size_covering(region: &Aabb, voxel_m: f64) -> [usize; 3] {
         (region.size() / voxel_m - 1e-9).ceil().max(DVec3::ONE).to_array().map(|n| n as usize)
     }

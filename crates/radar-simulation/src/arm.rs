@@ -1,5 +1,6 @@
-//! Sensors on machines: a swinging arm that turns about one axis (thesis, 3.6) and a robot's arm that goes to and fro in rows over a plane
-//! (thesis, 6.3). Poses are offsets in the starting sensor frame.
+//! Motions of a sensor on a machine: a swinging arm that rotates about one axis (thesis, 3.6) and a
+//! robot arm that scans a plane row by row (thesis, 6.3). Poses are offsets in the frame of the
+//! sensor at the start.
 
 use std::f64::consts::TAU;
 
@@ -11,18 +12,19 @@ use radar_sar::math;
 
 /// Length of the arm, metres.
 pub const ARM_M: f64 = 0.30;
-/// How far it swings to either side, rad.
+/// Amplitude of the swing to either side, rad. Choice.
 const SWING_RAD: f64 = std::f64::consts::FRAC_PI_3;
-/// Time of a swing there and back, seconds.
+/// Period of a swing, seconds. Choice.
 const SWING_S: f64 = 4.0;
-/// How sharply it turns round: 1 at once, less more softly.
+/// Sharpness of the turning points: 1 is abrupt, lower is softer. Choice.
 const SHARPNESS: f64 = 0.95;
-/// At rest before, seconds, and how long it takes to set in.
+/// Time at rest before the swing, and time to fade it in, seconds. Choice.
 pub const ARM_REST_S: f64 = 2.0;
 const FADE_IN_S: f64 = 0.5;
 
-/// A sensor at the tip of an upright arm that a motor swings to either side, at an almost constant angular velocity; the axis points ahead,
-/// as the sensor looks, so that it keeps what lies ahead in its beam.
+/// A sensor at the tip of an upright arm that a motor swings to either side at an almost constant
+/// angular velocity. The axis points ahead, in the sensor's viewing direction, so objects ahead
+/// stay in its beam.
 pub(super) fn swinging_arm(time_s: f64) -> Pose {
     let since_s = (time_s - ARM_REST_S).max(0.0);
     let swing = math::asin(SHARPNESS * math::sin(TAU * since_s / SWING_S)) / math::asin(SHARPNESS);
@@ -30,14 +32,15 @@ pub(super) fn swinging_arm(time_s: f64) -> Pose {
     Pose::new(turn * (DVec3::Y * ARM_M) - DVec3::Y * ARM_M, turn)
 }
 
-/// Rows of the raster, their length and the distance between neighbours, metres, and the time for one, seconds.
+/// Raster: number of rows, their length and spacing, metres; time per row and per change of row,
+/// seconds. Choice.
 const ROWS: usize = 9;
 const ROW_M: f64 = 0.5;
 const ROW_SPACING_M: f64 = 0.0625;
 const ROW_S: f64 = 1.0;
 const ROW_CHANGE_S: f64 = 0.2;
 
-/// A raster over a plane across the boresight, from row to row and back again; it never turns.
+/// A raster over a plane across the boresight, forth and back over the rows, without rotation.
 pub(super) fn raster(time_s: f64) -> Pose {
     let step_s = ROW_S + ROW_CHANGE_S;
     let rows = 2 * (ROWS - 1);

@@ -1,4 +1,5 @@
-//! Furniture as point scatterers: where a radar of 60 GHz gets its echoes from legs, edges, corners and hooks.
+//! Furniture as point scatterers, at legs, edges, corners and hooks, where a 60 GHz radar gets its
+//! echoes.
 
 use glam::DVec3;
 use rand::RngExt;
@@ -14,7 +15,7 @@ pub(super) fn corner_reflector(draw: &mut Draw, position_m: DVec3) -> SceneObjec
     SceneObject { name: "corner reflector".into(), scatterers: vec![scatterer] }
 }
 
-/// Cross-sections of a chair's parts, dBsm.
+/// Radar cross-sections of the parts of a chair, dBsm.
 #[derive(Clone, Copy)]
 pub(super) struct ChairRcs {
     legs: f64,
@@ -22,12 +23,12 @@ pub(super) struct ChairRcs {
     back: f64,
 }
 
-/// Metal legs, wooden seat and back.
+/// Metal legs, wooden seat and back. Choice.
 pub(super) const METAL_CHAIR: ChairRcs = ChairRcs { legs: -18.0, seat: -24.0, back: -22.0 };
-/// Plastic and fabric: 8 dB less.
+/// Plastic and fabric, about 8 dB less. Choice.
 pub(super) const PLASTIC_CHAIR: ChairRcs = ChairRcs { legs: -26.0, seat: -30.0, back: -28.0 };
 
-/// Draws everything random of a room.
+/// Random numbers of a room.
 pub(super) struct Draw(pub ChaCha8Rng);
 
 impl Draw {
@@ -39,7 +40,8 @@ impl Draw {
         self.uniform(0.0, std::f64::consts::TAU)
     }
 
-    /// A point whose lobe points away from `center`, tilted at random; its strength varies by ±3 dB.
+    /// A scatterer whose lobe points away from `center` with a random tilt; its cross-section
+    /// varies by ±3 dB.
     fn point(&mut self, position_m: DVec3, center: DVec3, rcs_dbsm: f64) -> Scatterer {
         let tilt = DVec3::new(self.uniform(-0.7, 0.7), self.uniform(-0.3, 0.7), self.uniform(-0.7, 0.7));
         let outward = (position_m - center).normalize_or(DVec3::Y);
@@ -57,13 +59,13 @@ impl Draw {
     }
 }
 
-/// Turns a local offset (x right, z back) about +y and puts it at `base`.
+/// Rotates a local offset (x right, z back) about +y and adds it to `base`.
 pub(super) fn placed(base: DVec3, yaw: f64, x: f64, y: f64, z: f64) -> DVec3 {
     let (sin, cos) = math::sin_cos(yaw);
     base + DVec3::new(cos * x + sin * z, y, cos * z - sin * x)
 }
 
-/// A chair whose seat's middle is above `foot` (its y is the floor).
+/// A chair with its seat centred above `foot` (on the floor).
 pub(super) fn chair(draw: &mut Draw, name: &str, foot: DVec3, yaw: f64, rcs: ChairRcs) -> SceneObject {
     let mut points = Vec::new();
     for (x, z) in [(-0.2, -0.2), (0.2, -0.2), (-0.2, 0.2), (0.2, 0.2)] {
@@ -76,7 +78,7 @@ pub(super) fn chair(draw: &mut Draw, name: &str, foot: DVec3, yaw: f64, rcs: Cha
     draw.thing(name, placed(foot, yaw, 0.0, 0.4, 0.0), &points)
 }
 
-/// A metal clothes hanger, hook at `hook`: bar, shoulders, hook.
+/// A metal clothes hanger with its hook at `hook`: bar, shoulders, hook.
 pub(super) fn clothes_hanger(draw: &mut Draw, hook: DVec3, yaw: f64) -> SceneObject {
     let at = |x: f64, y: f64| placed(hook, yaw, x, y, 0.0);
     let points = [
@@ -127,14 +129,14 @@ pub(super) fn lamp(draw: &mut Draw, foot: DVec3) -> SceneObject {
     let points = [(0.03, -18.0), (0.5, -23.0), (1.0, -23.0), (1.5, -17.0)];
     let points: Vec<_> = points.iter().map(|&(y, rcs)| (foot + DVec3::Y * y, rcs)).collect();
     let mut lamp = draw.thing("lamp", foot, &points);
-    // A round pole looks alike from all sides.
+    // A round pole reflects equally to all sides.
     for scatterer in &mut lamp.scatterers {
         scatterer.lobe = DVec3::ZERO;
     }
     lamp
 }
 
-/// A stool of metal legs: its seat's middle above `foot`.
+/// A stool with metal legs and its seat centred above `foot`.
 pub(super) fn stool(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
     let mut points = vec![(placed(foot, yaw, 0.0, 0.46, 0.0), -20.0)];
     for (x, z) in [(-0.15, -0.15), (0.15, -0.15), (0.0, 0.17)] {
@@ -144,7 +146,8 @@ pub(super) fn stool(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
     draw.thing("stool", placed(foot, yaw, 0.0, 0.25, 0.0), &points)
 }
 
-/// A metal cabinet: corners and edges that send much of what comes back where it came from. Its front is towards −z.
+/// A metal cabinet, with corners and edges that are strong retroreflectors. Its front is towards
+/// −z.
 pub(super) fn cabinet(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
     let mut points = Vec::new();
     for x in [-0.3, 0.3] {
@@ -156,7 +159,7 @@ pub(super) fn cabinet(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
     draw.thing("cabinet", placed(foot, yaw, 0.0, 0.6, 0.1), &points)
 }
 
-/// The frame of an open door: two posts and a lintel, the opening's middle at `foot`.
+/// The frame of an open door: two posts and a lintel; the opening is centred at `foot`.
 pub(super) fn door_frame(draw: &mut Draw, foot: DVec3, yaw: f64) -> SceneObject {
     let mut points = Vec::new();
     for x in [-0.43, 0.43] {

@@ -1,7 +1,9 @@
-//! Rooms, motions, tracking error and radar noise → the same frames and poses that the real ones give, with the truth.
+//! Simulation of rooms, motions, tracking errors and radar noise. Gives frames and poses as the
+//! real devices do, and the ground truth.
 //!
-//! Physics with seeds: it shares constants with the reconstruction (wavelength, pulse widths, loop gains), not its code.
-//! Not simulated: multipath, leakage from transmitter to receiver, timing drift, shadows.
+//! Seeded physics: it shares constants with the reconstruction (wavelength, pulse widths, loop
+//! gains), but no code. Not simulated: multipath, leakage from transmitter to receiver, timing
+//! drift, shadowing.
 
 #![warn(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -1,8 +1,7 @@
-//! A room and a moving head for as long as wanted: the samples of a frame at any time, and the tracked poses one after the
-//! other.
+//! Endless scenario: samples of a frame at any time, and the tracked poses in order.
 //!
-//! A motion is drawn for the scenario's length, so memory is bounded; what goes on longer goes the same way back, and
-//! there again. Before its time nothing moves.
+//! A motion has the scenario's length, so memory is bounded. After its end it runs backwards, then
+//! forwards again, and so on. Before time 0 nothing moves.
 
 use num_complex::Complex;
 
@@ -11,7 +10,7 @@ use super::tracker::Tracker;
 use a121::{SensorConfig, frame_timing};
 use radar_sar::geometry::Pose;
 
-/// A scenario without an end.
+/// An endless scenario.
 #[derive(Debug, Clone)]
 pub struct LiveScenario {
     prepared: PreparedScenario,
@@ -25,20 +24,20 @@ impl LiveScenario {
         Self { prepared, tracker, poses: 0 }
     }
 
-    /// Appends the samples of a frame of a sound configuration whose measurement ends at a time, seconds; says whether one
-    /// saturated. Frames of different numbers have different noise.
+    /// Appends the samples of a frame of a valid configuration whose measurement ends at `end_s`,
+    /// seconds; returns whether a sample saturated. Each frame number has its own noise.
     pub fn frame(&self, config: &SensorConfig, number: u64, end_s: f64, samples: &mut Vec<Complex<i16>>) -> bool {
         let start_s = end_s - frame_timing(config).frame_s;
         let sensor_at = |t: f64| self.prepared.sensor_at(self.path_time_s(t));
         self.prepared.frame(config, number, start_s, sensor_at, samples)
     }
 
-    /// When the next pose is, seconds.
+    /// Time of the next pose, seconds.
     pub fn next_pose_s(&self) -> f64 {
         self.poses as f64 / self.prepared.scenario.errors.rate_hz
     }
 
-    /// The next pose as it is tracked, `tracking_from_head`; `None` when tracking is lost.
+    /// The next tracked pose, `tracking_from_head`; `None` if tracking is lost.
     pub fn next_pose(&mut self) -> Option<Pose> {
         let time_s = self.next_pose_s();
         let pose = self.prepared.head_at(self.path_time_s(time_s));
@@ -47,7 +46,8 @@ impl LiveScenario {
         valid.then_some(measured)
     }
 
-    /// At rest where it begins, then there and back again.
+    /// Time on the scenario's path, seconds: at rest before the start, then forwards and backwards
+    /// in turn.
     fn path_time_s(&self, time_s: f64) -> f64 {
         let length_s = self.prepared.scenario.duration_s;
         if time_s <= length_s {
@@ -74,7 +74,7 @@ mod tests {
             let mut samples = Vec::new();
             let end_s = index as f64 * timing.frame_period_s + timing.frame_s;
             live.frame(&config, index, end_s, &mut samples);
-            // Times a rounding apart turn a sample by one step at most.
+            // Rounding of times changes a sample by one step at most.
             let differ = samples.iter().zip(&recorded.frames[index as usize].samples).filter(|(a, b)| a != b).count();
             assert!(samples.len() == 800 && differ < 8, "{differ}");
         }

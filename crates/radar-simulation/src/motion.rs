@@ -1,4 +1,4 @@
-//! How the sensor or the head moves: smooth, seeded, a pose for any time.
+//! Motion of the sensor or the head: smooth and seeded, with a pose at any time.
 
 use std::f64::consts::TAU;
 
@@ -12,7 +12,8 @@ use super::strokes::{ChairWalk, ToAndFro};
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 
-/// Motions by name: the thesis' (3.5.4 to 3.5.6, 3.6), a robot's arm, natural play, and a walk up to a chair.
+/// Names of all motions: those of the thesis (3.5.4 to 3.5.6, 3.6), a robot arm, natural play, and
+/// a walk up to a chair.
 pub const MOTIONS: [&str; 14] = [
     "stationary",
     "sphere-10cm",
@@ -30,33 +31,33 @@ pub const MOTIONS: [&str; 14] = [
     "approach-chair",
 ];
 
-/// Why there is no such motion.
+/// Why a motion cannot be created.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MotionError {
-    /// No motion of that name.
+    /// Unknown name.
     #[error("motion \"{0}\" is not known: use {list}", list = MOTIONS.join(", "))]
     Unknown(String),
-    /// A walk up to a chair, and none there.
+    /// A walk up to a chair in a scene without a chair.
     #[error("motion \"approach-chair\" needs a chair to walk up to: use it in chair, two-chairs or furnished-room")]
     NoChair,
 }
 
-/// A path through space.
+/// A motion.
 #[derive(Debug, Clone)]
 pub enum Motion {
-    /// The thesis' kinds: `tracking_from_sensor`.
+    /// Motions of the thesis: `tracking_from_sensor`.
     Sensor(SensorMotion),
-    /// Play: `tracking_from_head`.
+    /// Natural play: `tracking_from_head`.
     Head(NaturalMotion),
-    /// A walk: `tracking_from_head`.
+    /// A walk up to a chair: `tracking_from_head`.
     Walk(ChairWalk),
 }
 
 impl Motion {
-    /// The motion of that name through a scene, for a recording of that length.
+    /// The motion with this name in a scene, for a recording of `duration_s`.
     ///
     /// # Errors
-    /// No such motion, or no chair where one is walked up to.
+    /// An unknown name, or no chair in the scene to walk up to.
     pub fn from_name(name: &str, scene: &Scene, duration_s: f64, seed: u64) -> Result<Self, MotionError> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x0070_710A);
         let kind = match name {
@@ -78,7 +79,7 @@ impl Motion {
             "straight-0.3" => Shape::Straight { speed_m_per_s: 0.3 },
             other => return Err(MotionError::Unknown(other.into())),
         };
-        // Hand-held wandering turns the sensor by a few degrees; the other trials keep it straight.
+        // Hand-held motion also turns the sensor by a few degrees; the other motions do not.
         let gaze = match name.starts_with("sphere") {
             true => Wander::new(6f64.to_radians(), DVec3::new(1.0, 1.0, 0.4), duration_s, &mut rng),
             false => Wander::none(),
@@ -86,7 +87,7 @@ impl Motion {
         Ok(Self::Sensor(SensorMotion { start: Pose::looking_at(scene.start_m, scene.look_at_m, DVec3::Y), kind, gaze }))
     }
 
-    /// `tracking_from_head` at a time.
+    /// `tracking_from_head` at a time, seconds.
     pub fn tracking_from_head(&self, time_s: f64, head_from_sensor: &Pose) -> Pose {
         match self {
             Self::Sensor(motion) => motion.at(time_s) * head_from_sensor.inverse(),
@@ -96,16 +97,16 @@ impl Motion {
     }
 }
 
-/// Smooth wandering: a sum of sines in each axis, pressed into a ball that it fills about evenly, faded in from zero, scaled
-/// to reach the ball's surface and not beyond.
+/// Smooth random motion: a sum of sines per axis, mapped into a ball that it fills about evenly,
+/// faded in from zero, and scaled so that it just reaches the ball's surface.
 #[derive(Debug, Clone)]
 pub struct Wander {
-    /// Amplitude, angular frequency and phase of each sine, for each axis.
+    /// Amplitude, angular frequency and phase of each sine, per axis.
     sines: Vec<[DVec3; 3]>,
     scale: f64,
 }
 
-/// Time that the wandering takes to set in, seconds.
+/// Time to fade the motion in, seconds. Choice.
 const FADE_IN_S: f64 = 0.6;
 
 impl Wander {
@@ -113,7 +114,7 @@ impl Wander {
         Self { sines: Vec::new(), scale: 0.0 }
     }
 
-    /// Reaches so far, along the axes given.
+    /// A motion that reaches `reach` along the given axes.
     pub(super) fn new(reach: f64, axes: DVec3, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
         let sines = [0.13, 0.29, 0.47, 0.83].map(|middle_hz: f64| {
             let mut each = |low: f64, high: f64| DVec3::from_array([(); 3].map(|()| rng.random_range(low..high)));
@@ -135,30 +136,31 @@ impl Wander {
             .iter()
             .map(|[amplitude, omega, phase]| *amplitude * (*omega * time_s + *phase).map(math::sin))
             .sum();
-        // Sines add up to about a normal distribution of 0.5 in each axis; this spreads it over the ball.
+        // The sines add up to about a normal distribution with σ = 0.5 per axis; this spreads it
+        // over the ball.
         sum * (self.scale * fade / (sum.length_squared() + 0.36).sqrt())
     }
 }
 
-/// What the sensor's place does.
+/// Motion of the sensor relative to its start.
 #[derive(Debug, Clone)]
 enum Shape {
     Still,
     Wander(Wander),
     ToAndFro(ToAndFro),
-    /// What a machine does at a time, seconds: place and turn.
+    /// Motion of a machine: pose at a time, seconds.
     Mechanical(fn(f64) -> Pose),
-    /// Straight ahead and back: 0.6 m at the given speed, easing at the ends.
+    /// Straight ahead and back by 0.6 m, as a sine with this peak speed.
     Approach {
         speed_m_per_s: f64,
     },
-    /// Straight ahead at one speed, before the recording begins and for as long as it lasts.
+    /// Straight ahead at constant speed, from before the start of the recording to its end.
     Straight {
         speed_m_per_s: f64,
     },
 }
 
-/// Length of the approach, metres.
+/// Length of the approach, metres. Choice.
 const APPROACH_M: f64 = 0.6;
 
 impl Shape {
@@ -166,7 +168,7 @@ impl Shape {
         Self::Wander(Wander::new(reach_m, axes, duration_s, rng))
     }
 
-    /// In the starting sensor frame.
+    /// Pose in the frame of the sensor at the start.
     fn pose(&self, time_s: f64) -> Pose {
         match self {
             Self::Mechanical(at) => at(time_s),
@@ -174,7 +176,7 @@ impl Shape {
         }
     }
 
-    /// Offset in the starting sensor frame, metres.
+    /// Offset in the frame of the sensor at the start, metres.
     fn offset_m(&self, time_s: f64) -> DVec3 {
         match self {
             Self::Still => DVec3::ZERO,
@@ -182,7 +184,7 @@ impl Shape {
             Self::Wander(wander) => wander.at(time_s),
             Self::ToAndFro(strokes) => strokes.offset_m(time_s),
             Self::Straight { speed_m_per_s } => DVec3::NEG_Z * (speed_m_per_s * time_s),
-            // A sine whose greatest speed is the wanted one.
+            // A sine with this peak speed.
             Self::Approach { speed_m_per_s } => {
                 let omega = 2.0 * speed_m_per_s / APPROACH_M;
                 DVec3::NEG_Z * (APPROACH_M * 0.5 * (1.0 - math::cos(omega * time_s)))
@@ -206,8 +208,8 @@ impl SensorMotion {
     }
 }
 
-/// Standing play: the head moves from stance to stance, looks where it steps and about when it stands, sways, crouches now
-/// and then.
+/// Natural play while standing: the head moves between stances, looks in the direction of its steps
+/// or around, sways, and sometimes crouches.
 #[derive(Debug, Clone)]
 pub struct NaturalMotion {
     stances: Vec<Stance>,
@@ -216,7 +218,7 @@ pub struct NaturalMotion {
 
 #[derive(Debug, Clone, Copy)]
 struct Stance {
-    /// When it is reached, and left again.
+    /// Arrival and departure, seconds.
     from_s: f64,
     until_s: f64,
     position_m: DVec3,
@@ -224,11 +226,11 @@ struct Stance {
     pitch_rad: f64,
 }
 
-/// Half of the play area, metres.
+/// Half the size of the play area, metres. Choice.
 const PLAY_HALF_M: f64 = 0.8;
-/// From this way over the ground on a player looks where it leads, metres.
+/// A player looks in the direction of a step longer than this, metres. Choice.
 const LOOK_AHEAD_STEP_M: f64 = 0.25;
-/// Nearest that a player keeps from furniture, metres.
+/// Smallest distance to furniture, metres. Choice.
 const CLEARANCE_M: f64 = 0.4;
 
 impl NaturalMotion {
@@ -246,7 +248,7 @@ impl NaturalMotion {
         let crouch = rng.random_range(0.0..1.0) < 0.12;
         let height_m = if crouch { rng.random_range(1.0..1.3) } else { rng.random_range(1.55..1.72) };
         let mut position_m = DVec3::new(last.position_m.x, height_m, last.position_m.z);
-        // A step somewhere free: the whole way keeps clear of furniture.
+        // A step to a free position; the whole path keeps clear of furniture.
         for _ in 0..20 {
             let to = DVec3::new(
                 rng.random_range(-PLAY_HALF_M..PLAY_HALF_M),
@@ -262,14 +264,14 @@ impl NaturalMotion {
         }
         let way = position_m - last.position_m;
         let way_m = way.length();
-        // People look where they step, give or take; standing, they look about.
+        // Players look roughly in the direction of their steps; while standing they look around.
         let turn_rad = match DVec3::new(way.x, 0.0, way.z).length() > LOOK_AHEAD_STEP_M {
             true => turn_between(last.yaw_rad, math::atan2(-way.x, -way.z)) + rng.random_range(-0.6..0.6),
             false => rng.random_range(-1.6..1.6),
         };
         let yaw_rad = last.yaw_rad + turn_rad;
         let pitch_rad = rng.random_range(-0.75..0.15);
-        // About 0.6 m/s over the ground and 90°/s of turning on average.
+        // On average about 0.6 m/s over the ground and 90°/s of rotation.
         let travel_s = (way_m / 0.6).max(turn_rad.abs() / 1.6).max(0.4) * rng.random_range(0.9..1.3);
         let from_s = last.until_s + travel_s;
         Stance { from_s, until_s: from_s + rng.random_range(0.1..0.8), position_m, yaw_rad, pitch_rad }
@@ -287,12 +289,12 @@ impl NaturalMotion {
     }
 }
 
-/// The short way round from one yaw to another, within ±π.
+/// The shorter rotation from one yaw to another, within ±π.
 pub(super) fn turn_between(from_rad: f64, to_rad: f64) -> f64 {
     (to_rad - from_rad + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI
 }
 
-/// 0 to 1 with no jerk at the ends (10x³ − 15x⁴ + 6x⁵).
+/// Smooth step from 0 to 1, with zero speed and acceleration at the ends (10x³ − 15x⁴ + 6x⁵).
 pub(super) fn smoothstep(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * x * (10.0 + x * (6.0 * x - 15.0))

@@ -1,5 +1,5 @@
-//! What the radar's converter puts out: echoes of every scatterer and wall at each point's own sampling time, receiver
-//! noise, 16-bit quantisation, saturation.
+//! Output of the radar's converter: echoes of all scatterers and walls at each point's own sampling
+//! time, receiver noise, 16-bit quantisation, saturation.
 
 use glam::DVec3;
 use num_complex::{Complex, Complex64};
@@ -12,33 +12,33 @@ use radar_sar::geometry::Pose;
 use radar_sar::math;
 use radar_sar::{Beam, CARRIER_HZ, RangeAxis, SPEED_OF_LIGHT_M_PER_S};
 
-/// Echoes below this share of the noise are left out: −40 dB.
+/// Echoes below this fraction of the noise are omitted (−40 dB). Choice.
 const MIN_ECHO_TO_NOISE: f64 = 0.01;
 
 /// A subsweep's receiver in a room.
 pub(super) struct Receiver<'a> {
     pub room: &'a Room,
-    /// What moves while the sweep is measured.
+    /// Scatterers that move during the sweep.
     pub moving: &'a [MovingScatterer],
     pub subsweep: &'a Subsweep,
     pub beam: &'a Beam,
-    /// Added to every cross-section, dB.
+    /// Offset added to every radar cross-section, dB.
     pub rcs_offset_db: f64,
-    /// Receiver noise on or off.
+    /// Whether there is receiver noise.
     pub noise: bool,
 }
 
-/// A scatterer that moves: where it is in the middle of a sweep, and how far it comes within it.
+/// A moving scatterer: its state in the middle of a sweep, and its displacement during the sweep.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct MovingScatterer {
     pub scatterer: Scatterer,
-    /// From the first point's time to the last one's, metres.
+    /// Displacement from the time of the first point to that of the last one, metres.
     pub way: DVec3,
 }
 
-/// One echo at the middle of a sweep.
+/// An echo at the middle of a sweep.
 struct Echo {
-    /// Where it comes from; `None`: the mirror point of a wall.
+    /// Source of the echo.
     source: Source,
     /// Amplitude at the envelope's peak, LSB.
     amplitude: f64,
@@ -48,7 +48,7 @@ struct Echo {
 
 enum Source {
     Point(DVec3),
-    /// Where it is in the middle of the sweep, and its way within it.
+    /// Position in the middle of the sweep and displacement during it, metres.
     Moving(DVec3, DVec3),
     Wall(usize),
 }
@@ -93,7 +93,7 @@ impl Receiver<'_> {
         echoes
     }
 
-    /// From a sensor's place to an echo's source, at a share of the sweep.
+    /// Distance from a sensor position to the source of an echo, metres, at a share of the sweep.
     fn distance_m(&self, echo: &Echo, position: DVec3, share: f64) -> f64 {
         match echo.source {
             Source::Point(at) => at.distance(position),
@@ -102,8 +102,8 @@ impl Receiver<'_> {
         }
     }
 
-    /// Appends one sweep's samples; `sensor_at` gives the pose at a time after the sweep's first point, seconds. Returns
-    /// whether a sample saturated.
+    /// Appends the samples of one sweep; `sensor_at` gives the pose at a time after the sweep's
+    /// first point, seconds. Returns whether a sample saturated.
     pub fn sweep(
         &self,
         sensor_at: impl Fn(f64) -> Pose,
@@ -118,12 +118,12 @@ impl Receiver<'_> {
         let mut signal = vec![Complex64::ZERO; axis.points];
         let width_m = self.subsweep.profile.envelope_fwhm_m();
         for echo in self.echoes(&middle) {
-            // Beyond 1.6 widths the pulse is 60 dB down; 2 cm more for what moves within a sweep.
+            // Beyond 1.6 widths the pulse is 60 dB down; 2 cm allow for motion during a sweep.
             let reach_m = 1.6 * width_m + 0.02;
             let first = axis.point_at(echo.mid_distance_m - reach_m).ceil().max(0.0) as usize;
             let beyond = (axis.point_at(echo.mid_distance_m + reach_m).floor() + 1.0).clamp(0.0, axis.points as f64);
             for (n, sample) in signal.iter_mut().enumerate().take(beyond as usize).skip(first) {
-                // Within one sweep (≤ 6 ms) the path is straight.
+                // During a sweep (≤ 6 ms) the path is straight.
                 let share = if last > 0.0 { n as f64 / last } else { 0.0 };
                 let distance_m = self.distance_m(&echo, start.translation.lerp(end.translation, share), share);
                 let off = (axis.range_m(n) - distance_m) / width_m;
@@ -198,7 +198,8 @@ mod tests {
 
     #[test]
     fn moving_scatterer_shifts_phase_within_a_sweep() {
-        // 1 cm away from the sensor within the sweep: 4 turns of the half wavelength's phase over 300 points.
+        // 1 cm away from the sensor during the sweep, i.e. four periods of the phase over 300
+        // points.
         let at = DVec3::new(0.0, 0.0, -0.6);
         let scatterer = Scatterer { position_m: at, rcs_dbsm: 0.0, lobe: DVec3::ZERO, phase_rad: 0.0 };
         let (subsweep, empty) = (subsweep(), Room::default());

@@ -1,30 +1,32 @@
-//! What stands in a simulated room: point scatterers with a lobe each, and smooth walls that mirror.
+//! Content of a simulated room: point scatterers, each with a lobe, and smooth walls that reflect
+//! specularly.
 
 use glam::DVec3;
 
 use radar_sar::geometry::{Aabb, Plane, Pose};
 use radar_sar::math;
 
-/// A point that reflects.
+/// A point scatterer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scatterer {
-    /// Where, tracking frame, metres.
+    /// Position, tracking frame, metres.
     pub position_m: DVec3,
-    /// Radar cross-section at the lobe's middle, dBsm.
+    /// Radar cross-section at the centre of its lobe, dBsm.
     pub rcs_dbsm: f64,
-    /// Direction that it reflects into best; zero: all directions alike.
+    /// Direction of its lobe; zero for an isotropic scatterer.
     pub lobe: DVec3,
-    /// Phase that the reflection adds, radians.
+    /// Phase added by the reflection, radians.
     pub phase_rad: f64,
 }
 
-/// Two-way fall of a lobe at 90° from its middle, dB.
+/// Two-way loss of a lobe at 90° from its centre, dB. Choice.
 const LOBE_FALL_AT_90_DEG_DB: f64 = 8.0;
-/// Deepest that a lobe falls, dB.
+/// Highest loss of a lobe, dB. Choice.
 const LOBE_FLOOR_DB: f64 = 15.0;
 
 impl Scatterer {
-    /// Cross-section towards a direction (unit vector from the scatterer to the sensor), dBsm.
+    /// Radar cross-section towards a direction (unit vector from the scatterer to the sensor),
+    /// dBsm.
     pub fn rcs_towards_dbsm(&self, to_sensor: DVec3) -> f64 {
         if self.lobe == DVec3::ZERO {
             return self.rcs_dbsm;
@@ -33,56 +35,58 @@ impl Scatterer {
         self.rcs_dbsm - (LOBE_FALL_AT_90_DEG_DB * angle * angle).min(LOBE_FLOOR_DB)
     }
 
-    /// The same in another frame.
+    /// The same scatterer in another frame.
     fn moved(&self, to_from: &Pose) -> Self {
         let (position_m, lobe) = (to_from.transform_point(self.position_m), to_from.transform_vector(self.lobe));
         Self { position_m, lobe, ..*self }
     }
 }
 
-/// A named group of scatterers: a chair, a table.
+/// A named group of scatterers, such as a chair or a table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneObject {
-    /// What it is.
+    /// Its name.
     pub name: String,
     /// Its scatterers.
     pub scatterers: Vec<Scatterer>,
 }
 
 impl SceneObject {
-    /// The same in another frame: `to_from` takes coordinates of this one's.
+    /// The same object in another frame; `to_from` transforms from the current frame.
     pub fn moved(&self, to_from: &Pose) -> Self {
         let scatterers = self.scatterers.iter().map(|scatterer| scatterer.moved(to_from)).collect();
         Self { name: self.name.clone(), scatterers }
     }
 }
 
-/// A smooth wall, floor or ceiling: seen only by the mirror point below the sensor.
+/// A smooth wall, floor or ceiling; its only echo comes from the foot of the perpendicular from the
+/// sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WallPanel {
-    /// What it is.
+    /// Its name.
     pub name: String,
-    /// Where it is; the normal points out of the room.
+    /// Its plane; the normal points out of the room.
     pub plane: Plane,
     /// Its extent, a flat box.
     pub extent: Aabb,
-    /// Power reflected at normal incidence, dB (plasterboard about −10).
+    /// Reflected power at normal incidence, dB (about −10 for plasterboard).
     pub reflection_db: f64,
 }
 
 impl WallPanel {
-    /// Cross-section that a point would need to return as much as an endless mirror at a distance: π d² |Γ|², dBsm.
+    /// Cross-section of a point that would return as much as an infinite mirror at this distance: π
+    /// d² |Γ|², dBsm.
     pub fn equivalent_rcs_dbsm(&self, distance_m: f64) -> f64 {
         10.0 * math::log10(std::f64::consts::PI * distance_m * distance_m) + self.reflection_db
     }
 }
 
-/// All of it.
+/// A room.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Room {
-    /// What stands in it.
+    /// Its objects.
     pub things: Vec<SceneObject>,
-    /// What bounds it.
+    /// Its walls, floor and ceiling.
     pub walls: Vec<WallPanel>,
 }
 
@@ -92,7 +96,7 @@ impl Room {
         self.things.iter().flat_map(|t| &t.scatterers)
     }
 
-    /// Least distance from a place to any scatterer, metres; infinite in an empty room.
+    /// Smallest distance from a point to any scatterer, metres; infinite in an empty room.
     pub fn clearance_m(&self, place: DVec3) -> f64 {
         self.scatterers().map(|s| s.position_m.distance(place)).fold(f64::INFINITY, f64::min)
     }

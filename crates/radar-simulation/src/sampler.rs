@@ -1,4 +1,5 @@
-//! The samples of a frame: each sweep and subsweep at its own time, each frame with noise of its own, whatever thread makes it.
+//! Samples of a frame: each sweep and subsweep at its own time. The noise depends only on the
+//! frame's number, so frames can be generated on any thread.
 
 use num_complex::Complex;
 use rand::SeedableRng;
@@ -10,25 +11,26 @@ use a121::{SensorConfig, frame_timing};
 use radar_sar::Beam;
 use radar_sar::geometry::Pose;
 
-/// What there is around a sensor during a sweep.
+/// Surroundings of the sensor during a sweep.
 pub(super) struct Surroundings<'a> {
     pub room: &'a Room,
     pub moving: Vec<MovingScatterer>,
 }
 
-/// Measures frames.
+/// Generates the samples of frames.
 pub(super) struct Sampler<'a> {
     pub config: &'a SensorConfig,
     pub beam: &'a Beam,
-    /// Of the noise, with the frame's number.
+    /// Seed of the noise, together with the frame's number.
     pub seed: u64,
-    /// Added to every cross-section, dB.
+    /// Offset added to every radar cross-section, dB.
     pub rcs_offset_db: f64,
 }
 
 impl Sampler<'_> {
-    /// Appends the samples of a frame whose measurement starts at a time; says whether one saturated. `sensor_at` gives the pose at
-    /// a time, `around` what is there from the first point's time to the last one's.
+    /// Appends the samples of a frame whose measurement starts at `start_s`; returns whether a
+    /// sample saturated. `sensor_at` gives the pose at a time; the other callback gives the
+    /// surroundings from the time of a sweep's first point to that of its last one.
     pub fn frame<'a>(
         &self,
         number: u64,

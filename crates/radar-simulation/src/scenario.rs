@@ -1,4 +1,5 @@
-//! A whole simulated recording: scene, motion, sensor, tracking, receiver → frames, poses, truth.
+//! A complete simulated recording: scene, motion, sensor, tracking and receiver give frames, poses
+//! and truth.
 
 use glam::DVec3;
 use num_complex::Complex;
@@ -13,15 +14,16 @@ use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
 use radar_sar::truth::Truth;
 
-/// Host time at which simulated recordings begin, nanoseconds.
+/// Host time of the start of simulated recordings, nanoseconds.
 const START_NS: i64 = 1_000_000_000;
-/// Poses begin before the first sweep and go on after the last, seconds.
+/// Poses start before the first sweep and end after the last one by this time, seconds. Choice.
 pub(super) const POSE_MARGIN_S: f64 = 0.2;
-/// "In the beam": two-way amplitude at least this, and at most [`IN_BEAM_M`] away.
+/// An object is in the beam if its two-way amplitude is at least this, and its distance at most
+/// [`IN_BEAM_M`], metres. Choice.
 pub(super) const IN_BEAM_AMPLITUDE: f64 = 0.25;
 pub(super) const IN_BEAM_M: f64 = 2.3;
 
-/// What to simulate.
+/// Scenario to simulate.
 #[derive(Debug, Clone)]
 pub struct Scenario {
     /// Name of the scene, see `SCENES`.
@@ -30,49 +32,50 @@ pub struct Scenario {
     pub motion: String,
     /// Length, seconds.
     pub duration_s: f64,
-    /// Everything random follows from it.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// The sensor.
+    /// Configuration of the sensor.
     pub config: SensorConfig,
-    /// The beam.
+    /// Beam of the sensor.
     pub beam: Beam,
-    /// Where the sensor is believed to sit on the head.
+    /// Assumed pose of the sensor on the head (mount).
     pub head_from_sensor: Pose,
-    /// What the tracking adds.
+    /// Errors of the tracking.
     pub errors: TrackingErrors,
-    /// Power SNR that the strongest scatterer has on the axis at 1 m, dB; `None`: as the radar equation says.
+    /// Power SNR of the strongest scatterer on the axis at 1 m, dB; `None`: by the radar equation.
     pub snr_db: Option<f64>,
-    /// Time of a sweep's pose minus time of the sweep, as written, seconds.
+    /// Time offset of the recording, seconds: time of a sweep's pose minus time of the sweep.
     pub time_offset_s: f64,
-    /// What the sensor is turned to at the start of the thesis' motions, tracking frame, metres; `None`: as the scene says.
+    /// Point that the sensor faces at the start of the thesis' motions, tracking frame, metres;
+    /// `None`: as in the scene.
     pub look_at_m: Option<DVec3>,
 }
 
 /// Why a scenario cannot be simulated.
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
-    /// No such scene.
+    /// Unknown scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// No such motion.
+    /// Invalid motion.
     #[error(transparent)]
     Motion(#[from] MotionError),
-    /// A configuration that the sensor would refuse.
+    /// The configuration breaks a rule of the sensor.
     #[error("sensor configuration: {0}")]
     Config(#[from] ConfigError),
-    /// A length that is none.
+    /// Duration out of range.
     #[error("a duration of {0} s cannot be simulated: give 0.1 to 3600 s")]
     Duration(f64),
-    /// An SNR that is none.
+    /// SNR out of range.
     #[error("an SNR of {0} dB cannot be simulated: give −100 to 100 dB")]
     Snr(f64),
-    /// A time between the streams that is none.
+    /// Time offset out of range.
     #[error("a time offset of {0} s cannot be simulated: give −10 to 10 s")]
     TimeOffset(f64),
-    /// A place to look at that is none.
-    #[error("a sensor cannot be turned to {0}: give a place that is finite and not its own")]
+    /// Invalid point to look at.
+    #[error("a sensor cannot be turned to {0}: give a finite point other than its own position")]
     LookAt(DVec3),
-    /// A rate of dropouts that is none.
+    /// Rate of dropouts out of range.
     #[error("{0} dropouts a minute cannot be simulated: give 0 to 6000")]
     Dropouts(f64),
 }
@@ -80,16 +83,17 @@ pub enum ScenarioError {
 /// A simulated recording.
 #[derive(Debug, Clone)]
 pub struct Simulated {
-    /// Frames in rising time.
+    /// Frames by rising time.
     pub frames: Vec<Frame>,
-    /// Poses in rising time.
+    /// Poses by rising time.
     pub poses: Vec<PoseSample>,
-    /// What is really there.
+    /// Ground truth.
     pub truth: Truth,
 }
 
 impl Scenario {
-    /// Default tracking, the default mount (3 cm above, 10 cm before the eyes), the lensless beam.
+    /// A scenario with default tracking errors, the default mount (3 cm above and 10 cm in front of
+    /// the eyes) and the lensless beam.
     pub fn new(scene: &str, motion: &str, config: SensorConfig, duration_s: f64, seed: u64) -> Self {
         Self {
             scene: scene.into(),
@@ -106,11 +110,11 @@ impl Scenario {
         }
     }
 
-    /// Makes the recording.
+    /// Simulates the recording.
     ///
     /// # Errors
-    /// An unknown name, a configuration that breaks a rule, a duration, SNR, time offset or rate of dropouts out of bounds, a
-    /// place that cannot be looked at.
+    /// An unknown name, a configuration that breaks a rule; a duration, SNR, time offset or dropout
+    /// rate out of range; an invalid point to look at.
     pub fn run(&self) -> Result<Simulated, ScenarioError> {
         let prepared = self.prepare()?;
         let head_at = |t: f64| prepared.head_at(t);
@@ -123,7 +127,7 @@ impl Scenario {
         Ok(Simulated { frames, poses, truth })
     }
 
-    /// The same room and motion for as long as wanted; the motion is as long as the scenario, there and back again.
+    /// The same scenario without end; its motion runs forwards and backwards in turn.
     ///
     /// # Errors
     /// As [`Self::run`].
@@ -131,7 +135,7 @@ impl Scenario {
         Ok(LiveScenario::new(self.prepare()?))
     }
 
-    /// The tracked poses alone, as [`Self::run`] has them.
+    /// Only the tracked poses, the same as those of [`Self::run`].
     ///
     /// # Errors
     /// As [`Self::run`].
@@ -139,7 +143,7 @@ impl Scenario {
         Ok(self.poses(&self.prepare()?))
     }
 
-    /// Where the head really is.
+    /// The true path of the head.
     ///
     /// # Errors
     /// As [`Self::run`].
@@ -203,7 +207,7 @@ impl Scenario {
     }
 }
 
-/// A scenario with its room furnished and its path drawn.
+/// A scenario with its scene and motion generated.
 #[derive(Debug, Clone)]
 pub(super) struct PreparedScenario {
     pub scenario: Scenario,
@@ -221,7 +225,8 @@ impl PreparedScenario {
         self.head_at(time_s) * self.true_mount
     }
 
-    /// Appends the samples of a frame whose measurement starts at a time; says whether one saturated.
+    /// Appends the samples of a frame whose measurement starts at `start_s`; returns whether a
+    /// sample saturated.
     pub fn frame(
         &self,
         config: &SensorConfig,
@@ -251,7 +256,7 @@ impl PreparedScenario {
     }
 }
 
-/// Where a sensor in the headset's front sits, as far as anyone knows before calibrating.
+/// Default mount: a sensor at the front of the headset.
 pub(super) fn default_mount() -> Pose {
     Pose::from_translation(DVec3::new(0.0, 0.03, -0.10))
 }
@@ -319,7 +324,7 @@ mod tests {
         (scenario.duration_s, scenario.motion) = (1.0, "stationary".into());
         for nowhere in [DVec3::NAN, DVec3::new(0.0, 1.5, 0.0)] {
             scenario.look_at_m = Some(nowhere);
-            assert!(scenario.run().unwrap_err().to_string().contains("not its own"));
+            assert!(scenario.run().unwrap_err().to_string().contains("other than its own"));
         }
     }
 }

@@ -1,5 +1,5 @@
-//! The thesis' scenes and furnished rooms, floor at y = 0. Thesis scenes lie ahead (−z) of where the sensor starts; rooms
-//! have their middle at the origin.
+//! Scenes of the thesis and furnished rooms, with the floor at y = 0. Scenes of the thesis lie
+//! ahead (−z) of the sensor's start; rooms are centred at the origin.
 
 use glam::DVec3;
 use rand::SeedableRng;
@@ -11,7 +11,7 @@ use super::furniture::{
 use super::{Room, SceneObject, WallPanel};
 use radar_sar::geometry::{Aabb, Plane};
 
-/// Scenes by name.
+/// Names of all scenes.
 pub const SCENES: [&str; 9] = [
     "corner-reflector",
     "raised-reflector",
@@ -24,26 +24,26 @@ pub const SCENES: [&str; 9] = [
     "nothing",
 ];
 
-/// No such scene.
+/// Unknown scene.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("scene \"{0}\" is not known: use {list}", list = SCENES.join(", "))]
 pub struct SceneError(pub String);
 
-/// A room and where the thesis' motions start in it.
+/// A room, and the start of the thesis' motions in it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
-    /// What stands in it.
+    /// The room.
     pub room: Room,
-    /// Where the sensor starts, metres.
+    /// Start of the sensor, metres.
     pub start_m: DVec3,
-    /// What it is turned to, metres.
+    /// Point that the sensor faces, metres.
     pub look_at_m: DVec3,
 }
 
-/// The scene of that name; the seed places furniture and draws phases and lobes.
+/// The scene with this name; the seed varies furniture positions, phases and lobes.
 ///
 /// # Errors
-/// No such scene.
+/// Unknown scene.
 pub fn scene(name: &str, seed: u64) -> Result<Scene, SceneError> {
     let mut draw = Draw(ChaCha8Rng::seed_from_u64(seed ^ 0x5CE7_E5ED));
     let standing = DVec3::new(0.0, 1.5, 0.0);
@@ -54,7 +54,8 @@ pub fn scene(name: &str, seed: u64) -> Result<Scene, SceneError> {
     };
     match name {
         "corner-reflector" => Ok(ahead(vec![corner_reflector(&mut draw, DVec3::new(-0.3, 1.5, -1.0))])),
-        // Where a sensor that moves level, or not at all, cannot tell its height.
+        // A sensor that moves only horizontally, or not at all, cannot determine the height of this
+        // one.
         "raised-reflector" => Ok(ahead(vec![corner_reflector(&mut draw, DVec3::new(-0.3, 1.7, -1.0))])),
         "pair" => Ok(ahead(pair(&mut draw, DVec3::new(-0.3, 1.5, -1.0), standing).into())),
         "clothes-hanger" => Ok(ahead(vec![clothes_hanger(&mut draw, DVec3::new(0.1, 1.55, -1.1), 0.3)])),
@@ -73,14 +74,15 @@ pub fn scene(name: &str, seed: u64) -> Result<Scene, SceneError> {
     }
 }
 
-/// Things on the floor, seen from a metre up, the sensor turned to their middle.
+/// Objects on the floor, with the sensor 1 m above the floor and facing their centre.
 fn looking_at_things(things: Vec<SceneObject>) -> Scene {
     let room = Room { things, walls: Vec::new() };
     let middle = Aabb::around(room.scatterers().map(|s| s.position_m)).map_or(DVec3::NEG_Z, |b| b.center());
     Scene { room, start_m: DVec3::new(0.0, 1.0, 0.0), look_at_m: middle }
 }
 
-/// Two equal corner reflectors 20 cm apart, level, across the line of sight from `seen_from` to their middle.
+/// Two equal corner reflectors 20 cm apart, horizontally across the line of sight from `seen_from`
+/// to their centre.
 fn pair(draw: &mut Draw, middle: DVec3, seen_from: DVec3) -> [SceneObject; 2] {
     let across = (middle - seen_from).cross(DVec3::Y).normalize() * 0.1;
     let named = |name: &str, thing: SceneObject| SceneObject { name: name.into(), ..thing };
@@ -108,7 +110,7 @@ pub(super) fn room_walls(width_m: f64, depth_m: f64, height_m: f64) -> Vec<WallP
     ]
 }
 
-/// 4 × 5 m: furniture along the walls and into the room, each jittered by the seed.
+/// A room of 4 × 5 m with furniture along the walls and inside, at seeded offsets.
 fn furnished_room(draw: &mut Draw) -> Room {
     let jitter =
         |draw: &mut Draw, x: f64, z: f64| DVec3::new(x + draw.uniform(-0.12, 0.12), 0.0, z + draw.uniform(-0.12, 0.12));
@@ -150,7 +152,7 @@ mod tests {
         assert_eq!((both.len(), both[0].rcs_dbsm), (2, both[1].rcs_dbsm));
         assert!((both[0].position_m.distance(both[1].position_m) - 0.2).abs() < 1e-9);
         assert!((both[0].position_m.distance(scene.start_m) - both[1].position_m.distance(scene.start_m)).abs() < 1e-9);
-        // Left of the boresight's left: the first named.
+        // The first one is on the left.
         assert!(both[0].position_m.x < both[1].position_m.x);
     }
 

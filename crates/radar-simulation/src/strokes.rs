@@ -1,8 +1,9 @@
-//! Ways that are walked or slid again and again: rests at places along a line, and smooth strokes between them.
+//! Motions that repeat along a line: rests, and smooth strokes between them.
 //!
-//! Two motions are made of it. `approach-chair`: a person walks up to a chair from 2 m to 0.4 m, stays, and goes away again
-//! backwards, looking at it all the while; for the warning of it. `to-and-fro`: the sensor is moved straight towards a reflector
-//! and back several times, in strokes of different lengths and speeds (thesis, 3.5.4); for the time between poses and sweeps.
+//! Two motions use it. `approach-chair`: a person walks up to a chair from 2 m to 0.4 m, stays, and
+//! walks backwards again, always looking at it; for tests of warnings. `to-and-fro`: the sensor
+//! moves straight towards a reflector and back several times, with strokes of different lengths and
+//! speeds (thesis, 3.5.4); for estimating the time offset between poses and sweeps.
 
 use glam::{DQuat, DVec3};
 use rand::RngExt;
@@ -13,11 +14,11 @@ use super::motion::{Wander, smoothstep};
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 
-/// Rests along a line, by rising time, and what is repeated.
+/// Rests along a line by rising time, repeated with a period.
 #[derive(Debug, Clone)]
 struct Strokes {
     rests: Vec<Rest>,
-    /// After this time it begins again, seconds.
+    /// Period, seconds.
     period_s: f64,
 }
 
@@ -25,12 +26,12 @@ struct Strokes {
 struct Rest {
     from_s: f64,
     until_s: f64,
-    /// How far along the line, metres.
+    /// Position along the line, metres.
     along_m: f64,
 }
 
 impl Strokes {
-    /// Of rests that are given by how long the way there takes, how long they last, and where they are.
+    /// Creates strokes from legs: travel time (s), time at rest (s), position (m).
     fn new(legs: impl IntoIterator<Item = (f64, f64, f64)>) -> Self {
         let mut rests: Vec<Rest> = Vec::new();
         for (way_s, stay_s, along_m) in legs {
@@ -50,38 +51,39 @@ impl Strokes {
     }
 }
 
-/// The walk to a chair: poses of the head.
+/// Walk up to a chair: poses of the head.
 #[derive(Debug, Clone)]
 pub struct ChairWalk {
     strokes: Strokes,
-    /// Where it begins, eyes of one who stands there, metres.
+    /// Start of the eyes of a standing person, metres.
     start_m: DVec3,
-    /// Horizontal unit vector towards the chair, and the one to its right.
+    /// Horizontal unit vectors, towards the chair and to the right.
     ahead: DVec3,
     right: DVec3,
-    /// Middle of the chair, metres.
+    /// Centre of the chair, metres.
     look_at_m: DVec3,
     sway: Wander,
     weave: Wander,
 }
 
-/// Height of the eyes, metres.
+/// Height of the eyes, metres. Choice.
 const EYES_M: f64 = 1.6;
-/// From where, and how near at the least, horizontally from the nearest part of the chair, metres.
+/// Farthest and nearest horizontal distance from the nearest part of the chair, metres. Choice.
 const FAR_M: f64 = 2.0;
 const NEAR_M: f64 = 0.4;
-/// Seconds: at rest before, the way there, at rest there, the way back, at rest after.
+/// Seconds: rest before, approach, rest at the chair, return, rest after. Choice.
 const WALK_S: [f64; 5] = [2.0, 4.0, 3.0, 4.0, 1.0];
-/// How far one looks down at the most, rad.
+/// Steepest downward view, rad. Choice.
 const MAX_PITCH_RAD: f64 = 0.85;
-/// How far a person who walks or stands wavers to the sides, metres, and otherwise.
+/// Lateral deviation of a walking or standing person, and other deviations, metres. Choice.
 const WEAVE_M: f64 = 0.07;
 const SWAY_M: f64 = 0.02;
-/// Least distance of the walls and of other things, metres.
+/// Wanted distance from walls and other objects, metres. Choice.
 const CLEARANCE_M: f64 = 0.45;
 
 impl ChairWalk {
-    /// Towards the first chair of a scene, from where the way is freest; `None`: there is no chair.
+    /// A walk to the first chair of a scene, from the direction with the most room; `None` if there
+    /// is no chair.
     pub(super) fn new(scene: &Scene, duration_s: f64, rng: &mut ChaCha8Rng) -> Option<Self> {
         let chair = scene.room.things.iter().find(|thing| thing.name.contains("chair"))?;
         let parts: Vec<DVec3> = chair.scatterers.iter().map(|s| s.position_m).collect();
@@ -94,7 +96,7 @@ impl ChairWalk {
             way.map(|at| free_m(scene, at, &chair.name).min(CLEARANCE_M)).fold(f64::INFINITY, f64::min)
         };
         let ways = (0..16).map(|n| DQuat::from_rotation_y(f64::from(n) * std::f64::consts::TAU / 16.0) * DVec3::Z);
-        // Of equally free ones the first: from the front, as far as the scene's axes go.
+        // Among equal directions the first: from the front in the scene's axes.
         let away = ways.reduce(|best, way| if freedom(&way) > freedom(&best) { way } else { best })?;
         let until_m = |wanted_m: f64| {
             let steps = (0..400).map(|n| 0.01 * f64::from(n));
@@ -126,7 +128,7 @@ impl ChairWalk {
     }
 }
 
-/// Distance to the walls and to everything but one thing, horizontally, metres.
+/// Horizontal distance to the walls and to all objects but one, metres.
 fn free_m(scene: &Scene, at: DVec3, but: &str) -> f64 {
     let level = |v: DVec3| DVec3::new(v.x, 0.0, v.z).length();
     let others = scene.room.things.iter().filter(|thing| thing.name != but).flat_map(|thing| &thing.scatterers);
@@ -135,16 +137,16 @@ fn free_m(scene: &Scene, at: DVec3, but: &str) -> f64 {
     walls.map(|wall| wall.plane.distance(at)).fold(to_things, f64::min)
 }
 
-/// A sensor moved straight ahead and back: offsets in its starting frame, metres.
+/// A sensor that moves straight ahead and back: offsets in its frame at the start, metres.
 #[derive(Debug, Clone)]
 pub struct ToAndFro {
     strokes: Strokes,
     lateral: Wander,
 }
 
-/// Strokes before they repeat.
+/// Number of strokes before they repeat. Choice.
 const STROKES: usize = 24;
-/// How far a hand that is careful deviates, metres.
+/// Lateral deviation of a careful hand, metres. Choice.
 const LATERAL_M: f64 = 0.005;
 
 impl ToAndFro {

@@ -1,4 +1,4 @@
-//! What a headset's tracking makes of the true pose: jitter, slow wander, rotation error, dropouts.
+//! Errors of a headset's tracking: jitter, slow drift, rotation error, dropouts.
 
 use std::f64::consts::TAU;
 
@@ -12,21 +12,21 @@ use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 
-/// Sizes of the tracking errors. The default is what good lighthouse tracking shows.
+/// Sizes of the tracking errors. The default is typical of good lighthouse tracking.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackingErrors {
-    /// Poses a second.
+    /// Poses per second.
     pub rate_hz: f64,
     /// Standard deviation of each pose in each axis, metres.
     pub jitter_m: f64,
     /// Rms of a slow drift (0.05–0.5 Hz) in each axis, metres.
     pub wander_m: f64,
-    /// Length of the error of the mount's offset, in a random direction, metres.
+    /// Length of the error of the mount's translation, in a random direction, metres.
     pub mount_m: f64,
     /// Rms of a slow rotation error about each axis, degrees.
     pub rotation_deg: f64,
-    /// Times a minute that tracking is lost for 50 to 300 ms.
+    /// Tracking losses per minute, of 50 to 300 ms each.
     pub dropouts_per_minute: f64,
 }
 
@@ -50,14 +50,15 @@ impl TrackingErrors {
         Self { jitter_m: zero, wander_m: zero, mount_m: zero, rotation_deg: zero, ..Self::default() }
     }
 
-    /// The true offset of the sensor, given the one that everyone believes.
+    /// True mount of the sensor, given the assumed one.
     pub(super) fn true_mount(&self, head_from_sensor: &Pose, seed: u64) -> Pose {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x3007);
         let direction = normal_vector(&mut rng).normalize_or(DVec3::X);
         Pose { translation: head_from_sensor.translation + direction * self.mount_m, ..*head_from_sensor }
     }
 
-    /// The pose stream over a path, from `first_s` to `last_s`; `time_ns` turns path time into host time.
+    /// Tracked poses along a path, from `first_s` to `last_s`; `time_ns` converts path time to host
+    /// time.
     pub(super) fn track(
         &self,
         path: impl Fn(f64) -> Pose,
@@ -76,7 +77,7 @@ impl TrackingErrors {
     }
 }
 
-/// Tracking under way: asked for one pose after the other.
+/// Tracking in progress; measures one pose after the other.
 #[derive(Debug, Clone)]
 pub(super) struct Tracker {
     errors: TrackingErrors,
@@ -94,7 +95,7 @@ impl Tracker {
         Self { errors, rng, drift, turn, lost_until_s: f64::NEG_INFINITY }
     }
 
-    /// What the tracking makes of the pose at a time, and whether it vouches for it.
+    /// The tracked pose for a true one, and whether it is valid.
     pub fn measure(&mut self, time_s: f64, pose: &Pose) -> (Pose, bool) {
         let TrackingErrors { rate_hz, jitter_m, dropouts_per_minute, .. } = self.errors;
         let jitter = normal_vector(&mut self.rng) * jitter_m;
@@ -116,7 +117,7 @@ pub fn normal_vector(rng: &mut ChaCha8Rng) -> DVec3 {
     DVec3::from_array([(); 3].map(|()| StandardNormal.sample(rng)))
 }
 
-/// Slow drift of a given rms: five sines in each axis.
+/// Slow drift with a given rms: five sines per axis.
 #[derive(Debug, Clone)]
 struct Drift([[DVec3; 3]; 5]);
 

@@ -1,4 +1,5 @@
-//! What is known of a simulated recording: what stood there, how near it came and how long it was in the beam.
+//! Ground truth of a simulated recording: objects, their closest approach and their time in the
+//! beam.
 
 use super::Room;
 use super::scenario::{IN_BEAM_AMPLITUDE, IN_BEAM_M};
@@ -6,23 +7,24 @@ use radar_sar::Beam;
 use radar_sar::geometry::Pose;
 use radar_sar::truth::{Truth, TruthObstacle, TruthWall};
 
-/// Between two looks at the path, seconds.
+/// Time step along the path, seconds. Choice.
 const STEP_S: f64 = 0.02;
 
-/// A recording, as far as its truth hangs on it.
+/// Data of a recording that its truth depends on.
 pub(super) struct TruthBuilder<'k> {
-    /// Room and motion.
+    /// Scene and motion.
     pub title: String,
-    /// Its seed.
+    /// Seed of the recording.
     pub seed: u64,
-    /// Its length, seconds.
+    /// Length, seconds.
     pub duration_s: f64,
     /// The sensor's beam.
     pub beam: &'k Beam,
 }
 
 impl TruthBuilder<'_> {
-    /// The truth of a room, with `tracking_from_head` and `tracking_from_sensor` at any time, seconds.
+    /// The truth of a room, with `tracking_from_head` and `tracking_from_sensor` as functions of
+    /// time, seconds.
     pub fn build(&self, room: &Room, head_at: impl Fn(f64) -> Pose, sensor_at: impl Fn(f64) -> Pose) -> Truth {
         let times: Vec<f64> = (0..(self.duration_s / STEP_S) as usize).map(|i| i as f64 * STEP_S).collect();
         let obstacles = room.things.iter().map(|thing| {

@@ -1,5 +1,5 @@
-//! Other people's ways to see obstacles with the same sensor, to hold ours against; written from public descriptions, in f64, for
-//! experiments alone.
+//! Baselines: other detectors for the same sensor, for comparison in experiments only. Written from
+//! public descriptions, in f64.
 
 mod vendor;
 

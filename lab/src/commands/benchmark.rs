@@ -1,4 +1,5 @@
-//! `lab benchmark [--json FILE] [--out DIR] [--quick]`: run time against error, as a table and a plot.
+//! `radar-chaperone benchmark [--json FILE] [--out DIR] [--quick]`: run time against error, as a
+//! table and a plot. `… --play`: play sessions.
 
 use std::path::PathBuf;
 
@@ -12,22 +13,25 @@ use radar_chaperone::outln;
 use radar_chaperone::report::write_atomically;
 use radar_sar::backprojection::instruction_set;
 
-/// Measures run time against error: every statistic, voxel size, number and choice of sweeps, dense and adaptive, fresh and
-/// rolling
+/// Measures run time against error: every statistic, voxel size, number and choice of sweeps, dense
+/// and adaptive, fresh and rolling
 ///
-/// Images simulated recordings of a corner reflector 1 m away and compares the place found with the truth. The time is that
-/// of one image on all cores: from raw sweeps over tables and search to the place, refinement included where it is done;
-/// choosing the sweeps is not in it. Time and error are medians over the seeds. Rows with a * are on the front: no other is
-/// both faster and nearer the truth. Takes one to two minutes.
+/// Images simulated recordings of a corner reflector 1 m away and compares the estimated position
+/// with the truth. The time is that of one image on all cores, from raw sweeps over tables and
+/// search to the position, including refinement where it is done; choosing the sweeps is not
+/// included. Time and error are medians over the seeds. Rows with a * are on the Pareto front: no
+/// other row is both faster and more accurate. Takes one to two minutes. With --play: simulated
+/// players in furnished rooms instead, and how well the warnings serve them.
 #[derive(Debug, Args)]
 pub struct BenchmarkCommand {
     /// Writes the rows as a JSON list
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Folder for benchmark.png and benchmark.md
+    /// Folder for benchmark.png and benchmark.md; with --play for play.md and, with --odds,
+    /// play.png
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// A few cases and seeds: seconds
+    /// Only a few cases and seeds: seconds
     #[arg(long)]
     quick: bool,
 }

@@ -1,4 +1,4 @@
-//! `lab experiment`: the thesis' experiments once more, with figures.
+//! `radar-chaperone experiment`: repeats the thesis' experiments, with figures.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -11,23 +11,24 @@ use radar_chaperone::cli::progress;
 use radar_chaperone::outln;
 use radar_chaperone::report::write_atomically;
 
-/// Makes the thesis' experiments again and says which of its findings hold
+/// Repeats the thesis' experiments and says which of its findings hold
 ///
-/// Everything is simulated, with the truth to hold it against. Writes report.html, one file with everything in it, report.md, its findings and tables, and for each
-/// experiment a folder of pictures (PNG), tables (CSV) and, for other tools, volumes (.npy, each with a .json) and point clouds (.ply).
+/// Everything is simulated, so the truth is known. Writes report.html, one file with everything in
+/// it, report.md, its findings and tables, and for each experiment a folder of pictures (PNG),
+/// tables (CSV) and, for other tools, volumes (.npy, each with a .json) and point clouds (.ply).
 #[derive(Debug, Args)]
 pub struct ExperimentCommand {
-    /// Which: a name, several, or `all`; left out, they are listed
+    /// Names of experiments, or `all`; without names, lists them
     names: Vec<String>,
     /// Folder to write into
     #[arg(long, value_name = "DIR", default_value = "experiments")]
     out: PathBuf,
-    /// Recordings of each kind that medians are taken over
+    /// Recordings of each kind over which medians are taken
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: u64,
 }
 
-/// Steps of the progress bar that an experiment has.
+/// Steps of the progress bar per experiment.
 const STEPS: u64 = 100;
 
 impl ExperimentCommand {

@@ -1,4 +1,5 @@
-//! `lab play`: simulated players in furnished rooms, and what the warnings are worth to them.
+//! `radar-chaperone benchmark --play`: simulated players in furnished rooms, and how well the
+//! warnings serve them.
 
 use std::path::PathBuf;
 
@@ -15,9 +16,7 @@ use radar_chaperone::report::{Chart, Series, Table, write_atomically};
 use radar_chaperone::settings::Settings;
 use radar_simulation::PlaySession;
 
-/// Plays simulated sessions and scores the warnings
-///
-/// Rooms with chairs, tables, sofas, a hanger, hard and soft objects, the player's own hands and a visitor.
+/// Arguments of the play sessions.
 #[derive(Debug, Args)]
 pub struct PlaySessions {
     /// Writes the figures as a JSON list
@@ -35,7 +34,7 @@ pub struct PlaySessions {
     /// Minutes in each [default: 10, with --quick 1]
     #[arg(long)]
     minutes: Option<f64>,
-    /// The first room's seed; the others follow
+    /// Seed of the first room, with --play; the others follow
     #[arg(long, default_value_t = 1000)]
     seed: u64,
     /// Sensor presets; one after the other
@@ -48,18 +47,19 @@ pub struct PlaySessions {
     /// Added to the reflection of the walls, dB
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     walls_db: f64,
-    /// Plays the same at each of these values of rooms.map.confirm_odds: the curve of found against falsely reported
+    /// Plays the same at each of these values of rooms.map.confirm_odds, with --play: the curve of
+    /// detections against false reports
     #[arg(long, value_name = "ODDS", value_delimiter = ',', allow_hyphen_values = true)]
     odds: Vec<f64>,
     /// Settings file
     #[arg(long, value_name = "FILE")]
     settings: Option<std::path::PathBuf>,
-    /// A setting; may be given again and again
+    /// A setting, with --play; may be repeated
     #[arg(long, value_name = "NAME=VALUE")]
     set: Vec<String>,
 }
 
-/// One setting's sessions and what came of them.
+/// Result of the sessions with one setting.
 struct PlayResult {
     name: String,
     preset: String,
@@ -74,7 +74,7 @@ impl PlaySessions {
     /// Settings or files that cannot be read or written.
     pub fn run(&self) -> Result<()> {
         check_targets(self.json.as_deref(), self.out.as_deref(), &["play.png", "play.md"])?;
-        // Read and refused before minutes of work.
+        // Invalid settings fail before minutes of work.
         let text = match &self.settings {
             Some(path) => std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?,
             None => String::new(),

@@ -1,4 +1,4 @@
-//! Trials of the whole chain against the truth: simulated, imaged, timed, compared.
+//! Experiments: the whole processing chain on simulated data, scored against the truth and timed.
 
 mod benchmark;
 mod classifier_training;

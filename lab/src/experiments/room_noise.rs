@@ -1,12 +1,16 @@
-//! How far a receiver's noise alone gets in the search in rooms: a head that moves as in play, no scene, the whole search.
+//! False alarms of the room mapper on receiver noise: natural head motion, empty scene, the whole
+//! mapper.
 //!
-//! Noise comes from the simulated receiver, so blocks, their noise estimates and all that follows are what a sensor in empty space would
-//! give. What is counted are alarms: scores above a threshold that are nearer than [`SAME_ALARM_M`] and [`SAME_ALARM_S`] to each other are one, since a
-//! voxel keeps most of its score from look to look.
+//! The noise comes from the simulated receiver, so sub-apertures, their noise estimates and all
+//! later stages work as with a sensor in empty space. Alarms are counted: scores above a threshold
+//! that are nearer than [`SAME_ALARM_M`] and [`SAME_ALARM_S`] to each other are one alarm, since a voxel keeps
+//! most of its score from one update to the next.
 //!
-//! How often noise exceeds a score is the tail of a block score on noise ([`NoiseTail`]) times the number of places an hour that score by
-//! themselves. How many these are depends on beam, range axis, pulse and path, and no formula tells; the alarms at a low score do
-//! ([`RoomNoise::independent_cells_per_h`]). Then every score has its rate and every rate its score, far beyond what can be waited for.
+//! The rate at which noise exceeds a score is the tail of a coherence score on noise
+//! ([`NoiseTail`]) times the number of independent cells per hour. That number depends on beam,
+//! range axis, pulse and path and has no closed form; it is estimated from the alarms at a low
+//! score ([`RoomNoise::independent_cells_per_h`]). With it every score has a rate and every rate a score,
+//! far beyond what a simulation can reach.
 
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
@@ -23,43 +27,44 @@ use radar_sar::subaperture::{
 use radar_sar::{Beam, Observation};
 use radar_simulation::{Scenario, ScenarioError};
 
-/// Scores above a threshold this near to each other are one alarm, metres.
+/// Alarms nearer than this to each other are one, metres. Choice.
 pub const SAME_ALARM_M: f64 = 0.3;
-/// See [`SAME_ALARM_M`], seconds.
+/// Alarms nearer than this in time are one, seconds. Choice; see [`SAME_ALARM_M`].
 pub const SAME_ALARM_S: f64 = 1.0;
-/// Where alarms are more, some are taken for one: a quarter of them at five times as many.
+/// Rate of alarms up to which they rarely merge, per hour. At five times as many, a quarter of them
+/// merge.
 const MAX_SEPARABLE_ALARMS_PER_H: f64 = 1000.0;
-/// Places that each block is asked for, to tell what noise does there.
+/// Number of random points at which each sub-aperture's score on noise is sampled. Choice.
 const SAMPLES_PER_SUBAPERTURE: usize = 32;
 const BEAM: Beam = Beam::Lensless;
 
-/// What noise did in a session, or in several of one preset.
+/// Effect of noise in one session, or in several of one preset.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RoomNoise {
-    /// Thresholds that alarms are counted at.
+    /// Thresholds at which alarms are counted.
     pub scores: Vec<f64>,
-    /// Alarms among the field's maxima, by threshold.
+    /// Alarms among the maxima of the score field, by threshold.
     pub candidates: Vec<u64>,
-    /// Alarms among what is left of them after explaining away, by threshold.
+    /// Alarms among the detections that remain after CLEAN, by threshold.
     pub places: Vec<u64>,
-    /// Greatest score of a maximum, of a place after explaining away, and of a plane; −∞ without any.
+    /// Greatest score of a maximum, of a detection after CLEAN, and of a plane; −∞ without any.
     pub greatest: [f64; 3],
-    /// Looks at which a place, and a wall, counted as sighted.
+    /// Number of updates with an observation of an obstacle, and of a wall.
     pub sightings: [u64; 2],
-    /// Obstacles and walls that were confirmed in the end.
+    /// Number of obstacles and of walls confirmed at the end.
     pub confirmed: [usize; 2],
     /// Time played, seconds.
     pub played_s: f64,
-    /// Blocks imaged.
+    /// Sub-apertures imaged.
     pub blocks: u64,
-    /// Looks at the evidence.
+    /// Updates of the map.
     pub looks: u64,
     sweeps: u64,
     voxel_updates: u64,
     evidence: ScoreMoments,
 }
 
-/// ln(1 + m) − 0.596 at places anywhere in beam and range: how many, their sum and the sum of their squares.
+/// ln(1 + m) − 0.596 at random points in beam and range: count, sum and sum of squares.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct ScoreMoments {
     count: f64,
@@ -68,11 +73,12 @@ struct ScoreMoments {
 }
 
 impl RoomNoise {
-    /// A head's moves of a seed in empty space. The least of the scores, thresholds to count alarms at, is what the search looks at and
-    /// believes from; what it confirms stays as it is, but that there are no hands, so that nothing is left for later.
+    /// Simulates one seed's natural head motion in empty space. The lowest of `scores` replaces the
+    /// default thresholds of candidates and detections. The confirmation thresholds keep their
+    /// defaults. The hands' reach is 0, so that confirmation is never postponed.
     ///
     /// # Errors
-    /// A configuration that the sensor would refuse, a length that is none.
+    /// A configuration that the sensor refuses, or an invalid duration.
     pub fn of(config: &SensorConfig, seed: u64, duration_s: f64, scores: &[f64]) -> Result<Self, ScenarioError> {
         let recorded = TrialRecording::of(&Scenario::new("nothing", "natural", config.clone(), duration_s, seed))?;
         let mut settings = RoomMapperSettings::default();
@@ -84,7 +90,7 @@ impl RoomNoise {
         Ok(Self { played_s: duration_s, ..session.noise() })
     }
 
-    /// Both together; thresholds are those of the first.
+    /// Both sessions together, with the thresholds of the first.
     pub fn merged(mut self, other: &Self) -> Self {
         let add = |to: &mut u64, from: &u64| *to += from;
         self.candidates.iter_mut().zip(&other.candidates).for_each(|(to, from)| add(to, from));
@@ -106,24 +112,25 @@ impl RoomNoise {
         self
     }
 
-    /// Sweeps in a block, on average.
+    /// Mean number of sweeps per sub-aperture.
     pub fn sweeps_per_subaperture(&self) -> f64 {
         self.sweeps as f64 / self.blocks.max(1) as f64
     }
 
-    /// Voxels in the beam of a block, on average.
+    /// Mean number of voxels in the beam of a sub-aperture.
     pub fn voxels(&self) -> f64 {
         self.voxel_updates as f64 / self.sweeps.max(1) as f64
     }
 
-    /// Mean and standard deviation of what a block adds to a place's score.
+    /// Mean and standard deviation of what one sub-aperture adds to a score.
     pub fn of_subaperture(&self) -> [f64; 2] {
         let ScoreMoments { count, sum, squares } = self.evidence;
         let mean = sum / count.max(1.0);
         [mean, (squares / count.max(1.0) - mean * mean).max(0.0).sqrt()]
     }
 
-    /// The tail that a place's score should have: of a window's worth of blocks as long as those that there were.
+    /// Theoretical tail of a score on noise, for a window of sub-apertures as long as the measured
+    /// ones.
     pub fn tail(&self) -> NoiseTail {
         let settings = RoomMapperSettings::default();
         let block_s = self.played_s / self.blocks.max(1) as f64;
@@ -131,8 +138,8 @@ impl RoomNoise {
         NoiseTail::new(self.sweeps_per_subaperture(), blocks, block_s, settings.blocks.memory_s)
     }
 
-    /// Places an hour that score by themselves, as alarms tell: those of the threshold with most of them at which they are too rare to run
-    /// into each other; 0 without any.
+    /// Independent cells per hour, estimated from the alarms at the threshold with the highest rate
+    /// that still counts as rare; 0 without any.
     pub fn independent_cells_per_h(&self) -> f64 {
         let rates =
             self.scores.iter().zip(&self.candidates).map(|(score, alarms)| (*score, *alarms as f64 / self.hours()));
@@ -146,9 +153,10 @@ impl RoomNoise {
     }
 }
 
-/// The rate that so many events within some hours do not exceed, at 95 % confidence, an hour: 3/T without any.
+/// Upper bound of an event rate, per hour, at 95 % confidence, given the number of events in some
+/// hours: 3/T without events.
 pub fn rate_upper_bound_per_h(events: u64, hours: f64) -> f64 {
-    // A gamma variable's quantile, by Wilson and Hilferty.
+    // Quantile of a gamma variable (Wilson and Hilferty).
     let shape = events as f64 + 1.0;
     shape * (1.0 - 1.0 / (9.0 * shape) + 1.6449 / (3.0 * shape.sqrt())).powi(3) / hours
 }
@@ -156,7 +164,7 @@ pub fn rate_upper_bound_per_h(events: u64, hours: f64) -> f64 {
 /// Alarms above one threshold.
 #[derive(Debug, Clone, Default)]
 struct Alarms {
-    /// Those that may go on: where, and when last above.
+    /// Alarms that may continue: position, and time at which last exceeded, nanoseconds.
     open: Vec<(DVec3, i64)>,
     count: u64,
 }
@@ -176,7 +184,7 @@ impl Alarms {
     }
 }
 
-/// A search that noise goes through, watched.
+/// A mapper fed with noise, and its counts.
 struct NoiseSession {
     settings: RoomMapperSettings,
     search: RoomMapper,
@@ -222,7 +230,7 @@ impl NoiseSession {
         }
     }
 
-    /// Counts what a look came upon.
+    /// Counts the results of one update.
     fn count_update(&mut self, time_ns: i64) {
         let Update { peaks, places, point_hits, wall_hits, .. } = self.search.last_update();
         for (n, score) in self.totals.scores.iter().enumerate() {
@@ -258,7 +266,7 @@ impl NoiseSession {
     }
 }
 
-/// What a block says of some places, anywhere in its beam and range.
+/// A sub-aperture's score at random points in its beam and range.
 fn sample_scores(block: &Subaperture, settings: &SubapertureSettings, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let within = settings.within(&block.geometry().axis);
     let min_cos = settings.min_cos(&BEAM);
@@ -278,8 +286,8 @@ mod tests {
     use super::*;
     use a121::preset;
 
-    /// Preset, seconds, and the places an hour that score by themselves by the alarms above [`SCORE`], from 24 minutes of other seeds
-    /// (`examples/room_false_alarms.rs`).
+    /// Preset, duration in seconds, and independent cells per hour by the alarms above [`SCORE`],
+    /// measured on 24 minutes of other seeds (`examples/room_false_alarms.rs`).
     const CALIBRATED: [(&str, f64, f64); 4] =
         [("d16", 40.0, 2.8e8), ("c16", 40.0, 3.5e8), ("far", 80.0, 2.2e8), ("close", 400.0, 1.8e7)];
     const SCORE: f64 = 1.75;
@@ -289,17 +297,18 @@ mod tests {
         for (name, duration_s, independent_cells_per_h) in CALIBRATED {
             let config = preset(name).unwrap();
             let noise = RoomNoise::of(&config, 9001, duration_s, &[SCORE, 2.25]).unwrap();
-            // What one block adds: mean and spread, by the model of noise.
+            // Mean and spread of one sub-aperture's score against the model of noise.
             let (measured, stated) = (noise.of_subaperture(), noise.tail().of_subaperture());
             assert!((measured[0] - stated[0]).abs() < 0.02, "{name}: {measured:?} {stated:?}");
             assert!((measured[1] / stated[1] - 1.0).abs() < 0.05, "{name}: {measured:?} {stated:?}");
-            // Alarms: neither more nor fewer than stated, by the spread of their count and a fifth. Neither none nor twice as many.
+            // The number of alarms agrees with the stated one within four standard deviations of
+            // the count plus 20 %.
             let expected = independent_cells_per_h * (-noise.tail().surprisal(SCORE)).exp() * noise.hours();
             let alarms = noise.candidates[0] as f64;
-            assert!(expected > 35.0, "{name}: too short to tell: {expected}");
+            assert!(expected > 35.0, "{name}: too few expected alarms: {expected}");
             let allowed = 4.0 * expected.sqrt() + 0.2 * expected;
             assert!((alarms - expected).abs() < allowed, "{name}: {alarms} alarms, stated {expected}");
-            // Ten times and more fewer half a unit on.
+            // More than ten times fewer alarms at a score half a unit higher.
             assert!(noise.candidates[1] * 10 < noise.candidates[0], "{name}: {noise:?}");
             assert!(noise.places[0] > 0 && noise.places[0] < noise.candidates[0], "{name}: {noise:?}");
             assert_eq!((noise.sightings, noise.confirmed), ([0, 0], [0, 0]), "{name}");
@@ -311,7 +320,7 @@ mod tests {
         let mut alarms = Alarms::default();
         let seconds = |s: f64| (s * 1e9) as i64;
         for n in 0..8 {
-            // It drifts, as a maximum does.
+            // The position drifts, as a maximum does.
             alarms.take([DVec3::X * 0.1 * f64::from(n)].into_iter(), seconds(0.25 * f64::from(n)));
         }
         assert_eq!(alarms.count, 1);
@@ -330,7 +339,7 @@ mod tests {
         let both = a.clone().merged(&b);
         assert_eq!(both.candidates[0], a.candidates[0] + b.candidates[0]);
         assert!((both.sweeps_per_subaperture() - 45.0).abs() < 0.5 && (both.hours() - 6.0 / 3600.0).abs() < 1e-12);
-        // Alarms every second say nothing of how many places score by themselves.
+        // Frequent alarms merge, so they give no estimate of the number of independent cells.
         assert!(
             both.candidates[0] as f64 > MAX_SEPARABLE_ALARMS_PER_H * both.hours()
                 && both.independent_cells_per_h() == 0.0

@@ -1,4 +1,4 @@
-//! A simulated recording, joined: what trials image.
+//! A simulated recording with its sweeps and poses joined: the input of the trials.
 
 use glam::DVec3;
 
@@ -9,25 +9,25 @@ use radar_sar::truth::Truth;
 use radar_sar::{HistorySettings, PoseSample};
 use radar_simulation::{Scenario, ScenarioError, Simulated};
 
-/// Sweeps with their poses, and what is really there.
+/// Sweeps with their poses, and the truth.
 #[derive(Debug, Clone)]
 pub(super) struct TrialRecording {
     pub seed: u64,
     pub observations: Vec<Observation>,
-    /// The first point of what stands there, tracking frame, metres; NaN when nothing does.
+    /// First point of the first obstacle, tracking frame, metres; NaN without obstacles.
     pub truth_m: DVec3,
-    /// All of what is there.
+    /// The whole truth.
     pub truth: Truth,
 }
 
 impl TrialRecording {
-    /// Simulates a scenario; poses are taken to be as late as the sweeps, as they are.
+    /// Simulates a scenario. The time offset between poses and sweeps is left uncorrected.
     pub fn of(scenario: &Scenario) -> Result<Self, ScenarioError> {
         let simulated = scenario.run()?;
         Ok(Self::joined(scenario, &simulated, &simulated.poses))
     }
 
-    /// A simulated recording with poses of any tracker.
+    /// A simulated recording with the poses of any tracker.
     pub fn joined(scenario: &Scenario, simulated: &Simulated, poses: &[PoseSample]) -> Self {
         let observer = ObserverSettings {
             history: HistorySettings::default(),
@@ -40,7 +40,7 @@ impl TrialRecording {
         Self { seed: scenario.seed, observations, truth_m, truth: simulated.truth.clone() }
     }
 
-    /// The part of it between two host times, nanoseconds.
+    /// The part between two host times, nanoseconds.
     pub fn between(&self, from_ns: i64, to_ns: i64) -> Self {
         let within = |sweep: &&Observation| (from_ns..to_ns).contains(&sweep.mid_time_ns);
         Self {
@@ -51,23 +51,23 @@ impl TrialRecording {
     }
 }
 
-/// Edge of the cube that is searched, metres: the thesis' (section 3.5.1).
+/// Edge of the searched cube, metres: the thesis', section 3.5.1.
 pub(super) const CUBE_M: f64 = 3.0;
 
-/// The part of a voxel by which a seed shifts the cube that is searched, −½ to ½ each way: or the reflector would always lie in
-/// the same corner of one.
+/// Shift of the searched cube for a seed, in voxels, −½ to ½ along each axis. Without it the
+/// reflector would lie at the same place in a voxel for every seed.
 pub(super) fn offset(seed: u64) -> DVec3 {
-    // Powers of the plastic number's inverse spread evenly over a cube.
+    // Multiples of the powers of the plastic number's inverse, modulo 1, spread evenly over a cube.
     DVec3::from_array([0.819_172_5, 0.671_043_6, 0.549_700_5].map(|step| (step * seed as f64).fract() - 0.5))
 }
 
-/// The cube that is searched, shifted by the seed.
+/// The searched cube, shifted by the seed.
 pub(super) fn region(voxel_m: f64, seed: u64) -> Aabb {
     let middle = DVec3::new(0.0, 1.5, -0.5 * CUBE_M) + offset(seed) * voxel_m;
     Aabb { min: middle - 0.5 * CUBE_M, max: middle + 0.5 * CUBE_M }
 }
 
-/// The value at a share of the sorted ones, the middle of two where it lies between; 0 without any.
+/// Quantile of values, interpolated linearly; 0 without values.
 pub(super) fn quantile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -1,23 +1,27 @@
-//! Inertia and intermittent optical poses fused: an error-state Kalman filter with the unit's biases, scales and misalignments and with the
-//! tracker's slow error (Solà, "Quaternion kinematics for the error-state Kalman filter", 2017, §5 and §7: errors of attitude in the
-//! outer frame; Markley 2003 on why errors and not quaternions).
+//! Fusion of inertial samples with intermittent optical poses: an error-state Kalman filter with
+//! the unit's biases, scales and misalignments, and with the tracker's slow error (Solà,
+//! "Quaternion kinematics for the error-state Kalman filter", 2017, §5 and §7: attitude errors in
+//! the outer frame; Markley 2003 on why errors and not quaternions).
 //!
-//! The nominal state is dead reckoning with corrected measurements, `ω = (I + M_g)⁻¹(ω_m − b_g)` and likewise for the force. Its error, blocks of three:
+//! The nominal state is dead reckoning with corrected measurements, `ω = (I + M_g)⁻¹(ω_m − b_g)`
+//! and likewise for the force. Its error, in blocks of three:
 //!
-//! | block | what | how it goes on over h |
+//! | block | what | propagation over h |
 //! |---|---|---|
 //! | p | position, m | p + h v + ½ δv |
 //! | v | velocity, m/s | v + δv, δv = −[R F h]× θ − R C_a h Σ_j u_j a_j + white |
 //! | θ | attitude, tracking frame, rad | θ − R C_g h Σ_j w_j g_j + white |
 //! | g_0…g_3 | gyroscope: bias, columns of M_g; w = (1, ω) | walk |
 //! | a_0…a_3 | accelerometer: bias, columns of M_a; u = (1, F) | walk |
-//! | s, r | what the tracker wanders, m and rad | e^(−h/T), Gauss–Markov |
+//! | s, r | the tracker's drift, m and rad | e^(−h/T), Gauss–Markov |
 //!
-//! An optical pose measures p + s and θ + r with white noise; one that contradicts the state (χ² of three beyond 1 in 10⁶) is left out
-//! and counted. After half a second of nothing but contradictions the tracker is believed and the motion begins anew.
+//! An optical pose measures p + s and θ + r with white noise. One that contradicts the state (χ²
+//! with three degrees of freedom, beyond 1 in 10⁶) is ignored and counted. After half a second of
+//! nothing but contradictions the tracker is trusted and the filter restarts.
 //!
-//! Times: a pose waits until a sample covers its time, and the sample's interval is divided there. What lies before the state's
-//! time is refused, so both streams must come in rising time; poses are late by at most one sample.
+//! Times: a pose waits until a sample covers its time, and the sample's interval is divided there.
+//! Poses and samples before the state's time are refused, so both streams must have rising times;
+//! poses are late by at most one sample.
 
 use std::collections::VecDeque;
 
@@ -29,20 +33,20 @@ use radar_sar::geometry::Pose;
 use radar_sar::math;
 use radar_sar::{PoseRefusal, PoseSample};
 
-/// Poses that wait for the unit's samples at most.
+/// Most poses that wait for samples (choice).
 const MAX_WAITING: usize = 256;
-/// χ² with three degrees of freedom that chance exceeds once in a million.
+/// χ² gate: with three degrees of freedom, exceeded once in a million.
 const GATE_CHI2: f64 = 30.7;
-/// Contradictions in a row from which on the tracker is believed, seconds.
+/// Duration of contradictions in a row from which on the tracker is trusted, seconds (choice).
 const MAX_CONTRADICTION_S: f64 = 0.5;
-/// What is known of a body's motion beforehand, 1σ: m/s.
+/// 1σ of a body's speed before any measurement, m/s (choice).
 const SPEED_PRIOR_M_PER_S: f64 = 2.0;
-/// Speed that a body changes by in a second without samples, m/s/√s, and what it turns by, rad/√s.
+/// Random walk without samples: of the speed, m/s/√s, and of the rotation, rad/√s (choice).
 const COASTING_WALK: f64 = 5.0;
-/// After a pause of the samples longer than this the motion begins anew, seconds.
+/// The filter restarts after a longer pause of the samples, seconds (choice).
 const MAX_COAST_S: f64 = 5.0;
 
-// The blocks of the error state.
+// Blocks of the error state.
 const P: usize = 0;
 const V: usize = 1;
 const TURN: usize = 2;
@@ -54,25 +58,25 @@ const BLOCKS: usize = 13;
 
 type Blocks = [[DMat3; BLOCKS]; BLOCKS];
 
-/// What is known of the unit and of the tracker.
+/// Error model of the unit and of the tracker.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FusionSettings {
     /// The unit.
     pub imu: ImuSpec,
-    /// White noise of an optical position, an axis, metres.
+    /// White noise of an optical position, one axis, metres.
     pub jitter_m: f64,
-    /// White noise of an optical rotation, an axis, rad.
+    /// White noise of an optical rotation, one axis, rad.
     pub jitter_rad: f64,
-    /// Rms of what the tracker's positions wander, an axis, metres.
+    /// Rms drift of the tracker's positions, one axis, metres.
     pub wander_m: f64,
-    /// Rms of what its rotations wander, an axis, rad.
+    /// Rms drift of its rotations, one axis, rad.
     pub wander_rad: f64,
-    /// Over which time that stays alike, seconds.
+    /// Correlation time of the drift, seconds.
     pub wander_time_s: f64,
 }
 
 impl FusionSettings {
-    /// A part beside good lighthouse tracking.
+    /// A unit with good lighthouse tracking.
     pub fn of(imu: ImuSpec) -> Self {
         Self {
             imu,
@@ -88,10 +92,10 @@ impl FusionSettings {
 /// Why a pose or a sample was not used.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum FusionRefusal {
-    /// A pose that is none.
+    /// A pose that was refused.
     #[error(transparent)]
     Pose(#[from] PoseRefusal),
-    /// Before what was taken already.
+    /// Before the state.
     #[error("time {time_ns} ns lies before {before_ns} ns, which was taken already")]
     Late {
         /// Its time.
@@ -99,12 +103,12 @@ pub enum FusionRefusal {
         /// The time of the state.
         before_ns: i64,
     },
-    /// A sample with numbers that are none.
+    /// A sample that is not finite.
     #[error("the sample's numbers are not finite")]
     Numbers,
 }
 
-/// What came and what became of it.
+/// What arrived and what became of it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct FusionCounters {
     /// Samples that moved the state.
@@ -113,13 +117,13 @@ pub struct FusionCounters {
     pub poses: u64,
     /// Poses that contradicted it.
     pub contradictions: u64,
-    /// Times that the motion began anew.
+    /// Restarts of the filter.
     pub restarts: u64,
-    /// Poses that waited in vain.
+    /// Poses dropped while waiting.
     pub dropped: u64,
 }
 
-/// Bias and sensitivity of a triad as far as they are known.
+/// Estimated bias and sensitivity of a triad.
 #[derive(Debug, Clone, Copy)]
 struct Triad {
     bias: DVec3,
@@ -134,7 +138,7 @@ impl Triad {
         (DMat3::IDENTITY + self.matrix).inverse()
     }
 
-    /// Adds what a correction says of its four blocks.
+    /// Adds the correction of its four blocks.
     fn correct(&mut self, by: &[DVec3]) {
         self.bias += by[0];
         self.matrix += DMat3::from_cols(by[1], by[2], by[3]);
@@ -153,14 +157,14 @@ pub struct PoseFusion {
     wander_rad: DVec3,
     covariance: Box<Blocks>,
     before: Option<(Means, f64)>,
-    /// Since when every pose contradicts.
+    /// Time since which every pose contradicts.
     contradicted_since_ns: Option<i64>,
     newest_pose_ns: Option<i64>,
     counters: FusionCounters,
 }
 
 impl PoseFusion {
-    /// Nothing known yet but what the settings say.
+    /// Nothing known but the settings.
     pub fn new(settings: FusionSettings) -> Self {
         let mut covariance = Box::new([[DMat3::ZERO; BLOCKS]; BLOCKS]);
         for (first, figures) in [(GYRO, &settings.imu.gyroscope), (ACCEL, &settings.imu.accelerometer)] {
@@ -204,15 +208,15 @@ impl PoseFusion {
         [P, V, TURN].map(|block| self.covariance[block][block])
     }
 
-    /// What came and what became of it.
+    /// What arrived and what became of it.
     pub fn counters(&self) -> &FusionCounters {
         &self.counters
     }
 
-    /// Takes an optical pose. It corrects the state when the next sample covers its time.
+    /// Adds an optical pose. It corrects the state when the next sample covers its time.
     ///
     /// # Errors
-    /// A pose that the tracker does not vouch for or that is none; one before another that was taken.
+    /// A pose that is refused, or a pose before the state or before another one.
     pub fn push_pose(&mut self, sample: &PoseSample) -> Result<(), FusionRefusal> {
         let pose = sample.tracking_from_head()?;
         let state_ns = self.state.map(|state| state.time_ns);
@@ -232,10 +236,11 @@ impl PoseFusion {
         Ok(())
     }
 
-    /// Takes a sample: moves the state to its time, by way of the poses that waited for it. Before the first pose it does nothing.
+    /// Adds a sample: moves the state to its time, correcting it by the poses that waited for it.
+    /// Before the first pose it does nothing.
     ///
     /// # Errors
-    /// Numbers that are not finite, or a time that is not later than the state's.
+    /// Numbers that are not finite, or a time not later than the state's.
     pub fn push_imu(&mut self, sample: &ImuSample) -> Result<(), FusionRefusal> {
         if !sample.is_finite() {
             return Err(FusionRefusal::Numbers);
@@ -262,7 +267,7 @@ impl PoseFusion {
         Ok(())
     }
 
-    /// At a pose, moving anyhow.
+    /// Initialises at a pose, with an unknown velocity.
     fn initialise(&mut self, time_ns: i64, pose: Pose) {
         self.state = Some(NavState::at_rest(time_ns, pose));
         let FusionSettings { jitter_m, jitter_rad, wander_m, wander_rad, .. } = self.settings;
@@ -275,7 +280,7 @@ impl PoseFusion {
         }
         let c = &mut self.covariance;
         c[V][V] = variance(SPEED_PRIOR_M_PER_S);
-        // The pose is off by what the tracker wanders: the two are known together alone.
+        // The pose is wrong by the tracker's drift, so the two errors are correlated.
         for (block, wander, jitter_1s, wander_1s) in [(P, S, jitter_m, wander_m), (TURN, R, jitter_rad, wander_rad)] {
             c[wander][wander] = variance(wander_1s);
             c[block][block] = variance(jitter_1s) + c[wander][wander];
@@ -284,7 +289,7 @@ impl PoseFusion {
         }
     }
 
-    /// Moves the state on to a time with what a sample says of it.
+    /// Moves the state to a time, with a sample that covers it.
     fn advance(&mut self, to_ns: i64, sample: &ImuSample) {
         let Some(state) = self.state else { return };
         let all_s = to_ns.saturating_sub(state.time_ns) as f64 * 1e-9;
@@ -309,7 +314,7 @@ impl PoseFusion {
         (self.state, self.before) = (Some(next), Some((means, h)));
     }
 
-    /// Straight on, knowing the speed less and less.
+    /// Constant velocity, with growing uncertainty.
     fn coast(&mut self, time_s: f64) {
         let Some(state) = &mut self.state else { return };
         state.tracking_from_body.translation += state.velocity_m_per_s * time_s;
@@ -346,7 +351,7 @@ impl PoseFusion {
             next
         };
         let c = &mut self.covariance;
-        // Φ to the columns, and to the columns of the transpose.
+        // Φ on the columns, and on the columns of the transpose.
         for _ in 0..2 {
             for column in 0..BLOCKS {
                 let mapped = on(std::array::from_fn(|row| c[row][column]));
@@ -370,7 +375,7 @@ impl PoseFusion {
         self.wander_rad *= keeps;
     }
 
-    /// Corrects the state, which is at the pose's time, by a pose.
+    /// Corrects the state by a pose at its time.
     fn correct(&mut self, time_ns: i64, pose: &Pose) {
         let FusionSettings { jitter_m, jitter_rad, .. } = self.settings;
         let measured = [(P, S, jitter_m), (TURN, R, jitter_rad)];
@@ -396,7 +401,7 @@ impl PoseFusion {
         }
     }
 
-    /// By how much a pose differs from what the state expects: in position, or in attitude.
+    /// Difference of a pose from the state's prediction: in position, or in attitude.
     fn innovation(&self, block: usize, pose: &Pose) -> DVec3 {
         let Some(NavState { tracking_from_body: nominal, .. }) = self.state else { return DVec3::ZERO };
         if block == P {
@@ -407,13 +412,13 @@ impl PoseFusion {
         turn.to_scaled_axis() - self.wander_rad
     }
 
-    /// Covariance of that difference.
+    /// Covariance of the difference.
     fn innovation_covariance(&self, block: usize, wander: usize, jitter: f64) -> DMat3 {
         let c = &self.covariance;
         c[block][block] + c[block][wander] + c[wander][block] + c[wander][wander] + variance(jitter)
     }
 
-    /// One measurement of a block plus what the tracker wanders.
+    /// Kalman update with a measurement of a block plus the tracker's drift.
     fn apply_measurement(&mut self, block: usize, wander: usize, jitter: f64, off: DVec3) {
         let weight = self.innovation_covariance(block, wander, jitter).inverse();
         let c = &mut self.covariance;
@@ -438,7 +443,7 @@ impl PoseFusion {
     }
 }
 
-/// The same 1σ in all directions.
+/// The same 1σ on all axes.
 fn variance(sigma: f64) -> DMat3 {
     DMat3::from_diagonal(DVec3::splat(sigma * sigma))
 }
@@ -464,7 +469,7 @@ mod tests {
 
     const STEP_NS: i64 = 2_500_000;
 
-    /// At rest for so many samples, a pose at every fourth.
+    /// At rest for these samples, with a pose at every fourth.
     fn rested(fusion: &mut PoseFusion, samples: std::ops::Range<i64>, pose: Pose) {
         for n in samples {
             if n % 4 == 0 {
@@ -518,7 +523,7 @@ mod tests {
         let old = PoseSample::valid(0, &Pose::IDENTITY);
         assert!(matches!(fusion.push_pose(&old), Err(FusionRefusal::Late { .. })));
         assert_eq!(fusion.pose(), before);
-        // A short pause is coasted over, a long one begins anew, and poses without samples are bounded.
+        // A short pause is coasted over, a long one restarts, and waiting poses are bounded.
         fusion.push_imu(&resting(40 * STEP_NS + 1_000_000_000)).unwrap();
         assert!(fusion.covariances()[0].x_axis.x > 1.0 && fusion.counters().restarts == 0);
         for n in 0..1000 {

@@ -1,7 +1,8 @@
-//! What an inertial measurement unit gives, and how far it is to be believed.
+//! Samples of an inertial measurement unit and its error model.
 //!
-//! Figures are 1σ, in SI units, an axis each. White noise, instability and random walk are what an Allan deviation shows (IEEE Std 952):
-//! its slope −½, its flat bottom and its slope +½. Tolerances of data sheets ("±") are taken for 2σ.
+//! Values are 1σ, in SI units, for each axis. White noise, instability and random walk are what an
+//! Allan deviation shows (IEEE Std 952): its slope −½, its flat bottom and its slope +½. Tolerances
+//! of data sheets ("±") are taken as 2σ.
 
 use glam::DVec3;
 
@@ -10,17 +11,18 @@ use radar_sar::math;
 /// Acceleration of free fall, tracking frame.
 pub const GRAVITY_M_PER_S2: DVec3 = DVec3::new(0.0, -9.806_65, 0.0);
 
-/// A bias of the size of the instability stays alike for this long, seconds.
+/// Correlation time of a bias of the size of the instability, seconds (choice).
 pub const INSTABILITY_TIME_S: f64 = 300.0;
 
-/// What was measured since the sample before: means over the interval, which an integrating sensor gives.
+/// Measurement since the sample before: means over the interval, as an integrating sensor gives
+/// them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImuSample {
     /// End of the interval, host nanoseconds.
     pub time_ns: i64,
-    /// Angular velocity of the body against the room, body frame, rad/s.
+    /// Angular velocity of the body relative to the room, body frame, rad/s.
     pub angular_rate_rad_per_s: DVec3,
-    /// Acceleration less gravity's, body frame: at rest it points up, m/s².
+    /// Acceleration less gravity's, body frame, m/s². At rest it points up.
     pub specific_force_m_per_s2: DVec3,
 }
 
@@ -40,11 +42,11 @@ pub struct TriadSpec {
     pub instability: f64,
     /// Random walk of the bias, unit/√s.
     pub walk: f64,
-    /// Bias after it is switched on, unit.
+    /// Bias at switch-on, unit.
     pub turn_on: f64,
-    /// Error of scale, of 1.
+    /// Relative scale error.
     pub scale: f64,
-    /// What an axis sees of another one, of 1.
+    /// Relative cross-axis sensitivity.
     pub cross: f64,
 }
 
@@ -52,19 +54,19 @@ impl TriadSpec {
     /// No errors at all.
     pub const PERFECT: Self = Self { white: 0.0, instability: 0.0, walk: 0.0, turn_on: 0.0, scale: 0.0, cross: 0.0 };
 
-    /// Density with which a filter lets the bias wander, unit/√s: the walk, and the instability's changes over times shorter
-    /// than it lasts.
+    /// Random walk of the bias that a filter assumes, unit/√s: the walk, and the instability's
+    /// changes over times shorter than its correlation time.
     pub fn bias_walk(&self) -> f64 {
         math::hypot(self.walk, self.instability * (2.0 / INSTABILITY_TIME_S).sqrt())
     }
 }
 
-/// A part.
+/// An inertial measurement unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImuSpec {
-    /// As it is known.
+    /// Its product name.
     pub name: &'static str,
-    /// Samples a second.
+    /// Samples per second.
     pub rate_hz: f64,
     /// In rad/s.
     pub gyroscope: TriadSpec,
@@ -80,11 +82,13 @@ impl ImuSpec {
 
 const DEG: f64 = std::f64::consts::PI / 180.0;
 const MILLI_G: f64 = 9.806_65e-3;
-/// Random walks that users of such parts calibrate with, rad/s² and m/s³ per √Hz (the example of Kalibr's manual).
+/// Bias random walks that users of such parts calibrate with, rad/s² and m/s³ per √Hz (source: the
+/// example of Kalibr's manual).
 const CONSUMER_WALKS: [f64; 2] = [4.0e-6, 2.0e-4];
 
-/// What hobbyists' boards carried for a decade, and one such as a prototype has. Data sheet: 0.005 °/s/√Hz, 400 µg/√Hz, ±20 °/s, ±50 mg,
-/// ±3 %, ±2 % across; instabilities as users measured them: 4.3 °/h; 36 µg of the sister MPU-6000 (Greenheck 2009).
+/// What hobby boards carried for a decade, as in a prototype. Data sheet: 0.005 °/s/√Hz, 400
+/// µg/√Hz, ±20 °/s, ±50 mg, ±3 %, ±2 % cross-axis. Instabilities as users measured them: 4.3 °/h;
+/// 36 µg of the sister MPU-6000 (Greenheck 2009).
 pub const MPU_6050: ImuSpec = ImuSpec {
     name: "MPU-6050",
     rate_hz: 400.0,
@@ -106,8 +110,9 @@ pub const MPU_6050: ImuSpec = ImuSpec {
     },
 };
 
-/// What phones and headsets carry ten years later. Data sheet (DS-000347): 0.0028 °/s/√Hz, 70 µg/√Hz. Taken as is usual of such parts:
-/// ±0.5 °/s, ±20 mg, ±0.5 %, ±1 % across; instabilities and walks as above.
+/// What phones and headsets carry ten years later. Data sheet (DS-000347): 0.0028 °/s/√Hz, 70
+/// µg/√Hz. Assumed as usual of such parts: ±0.5 °/s, ±20 mg, ±0.5 %, ±1 % cross-axis; instabilities
+/// and walks as above.
 pub const ICM_42688: ImuSpec = ImuSpec {
     name: "ICM-42688-P",
     rate_hz: 400.0,
@@ -127,8 +132,9 @@ pub const ICM_42688: ImuSpec = ImuSpec {
     },
 };
 
-/// The class of sophisticated and expensive ones (thesis, 2.6.1), as its makers state about: 0.04 °/√h, 0.25 °/h, 0.03 m/s/√h, 25 µg, calibrated in the
-/// factory. No one part; walks are taken for a tenth of a consumer part's.
+/// The class of sophisticated and expensive units (thesis, 2.6.1), from what its makers state: 0.04
+/// °/√h, 0.25 °/h, 0.03 m/s/√h, 25 µg, calibrated in the factory. Not one part; walks are assumed
+/// to be a tenth of a consumer part's.
 pub const TACTICAL: ImuSpec = ImuSpec {
     name: "tactical grade",
     rate_hz: 400.0,

@@ -1,6 +1,8 @@
-//! Poses by inertia: what an inertial measurement unit (IMU) gives, dead reckoning with it, and its fusion with optical poses.
+//! Inertial poses: the samples of an inertial measurement unit (IMU), dead reckoning with it, and
+//! its fusion with optical poses.
 //!
-//! Frames as everywhere: `tracking` has +y up, `body` is what is tracked, and the unit sits at its origin with its axes.
+//! Frames as everywhere: `tracking` has +y up, `body` is what is tracked. The unit is at the body's
+//! origin with its axes.
 
 mod fusion;
 mod imu;

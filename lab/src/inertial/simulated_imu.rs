@@ -1,7 +1,9 @@
-//! An inertial measurement unit on a path: what it measures, with the errors that its part's figures say.
+//! Simulated inertial measurement unit on a path, with the errors of a part's figures.
 //!
-//! A measured triad is (I + M)·true + bias + white noise, M of scales and misalignments, the bias one of switching on, one that comes and
-//! goes (first order, as large as the instability) and a random walk. Means over a sample's interval are made of parts of it.
+//! A measured triad is (I + M)·true + bias + white noise. M holds scale errors and misalignments.
+//! The bias is the sum of a turn-on bias, a first-order Gauss-Markov process with the size of the
+//! bias instability, and a random walk. Means over a sample's interval are computed from parts of
+//! it.
 
 use glam::{DMat3, DVec3};
 use rand::SeedableRng;
@@ -12,9 +14,9 @@ use radar_sar::geometry::Pose;
 use radar_sar::math;
 use radar_simulation::{TruePath, normal_vector};
 
-/// Parts of an interval.
+/// Parts of a sample's interval. Choice.
 const INTERVAL_PARTS: usize = 4;
-/// Velocities are told from places so far to both sides, seconds.
+/// Half the interval of the difference quotient for velocities, seconds. Choice.
 const VELOCITY_STEP_S: f64 = 1e-4;
 
 /// The true state of the head at a host time.
@@ -36,7 +38,7 @@ fn velocity_m_per_s(place: impl Fn(f64) -> DVec3, time_s: f64) -> DVec3 {
     (place(time_s + VELOCITY_STEP_S) - place(time_s - VELOCITY_STEP_S)) / (2.0 * VELOCITY_STEP_S)
 }
 
-/// Errors of three gyroscopes or three accelerometers as time goes by.
+/// Errors of three gyroscopes or three accelerometers over time.
 struct Triad {
     figures: TriadSpec,
     matrix: DMat3,
@@ -62,7 +64,7 @@ impl Triad {
         }
     }
 
-    /// The true mean over an interval as it is measured.
+    /// Measured value for a true mean over an interval.
     fn measured(&mut self, mean: DVec3, interval_s: f64, rng: &mut ChaCha8Rng) -> DVec3 {
         let TriadSpec { white, instability, walk, .. } = self.figures;
         let keeps = math::exp(-interval_s / INSTABILITY_TIME_S);
@@ -149,13 +151,14 @@ mod tests {
             (differences.sum::<f64>() / (2.0 * (means.len() - 1) as f64)).sqrt()
         };
         let white = MPU_6050.gyroscope.white;
-        // White noise falls with the root of time, and at the bottom there is more than it.
+        // White noise falls with the square root of time; at long times other errors exceed it.
         assert!((deviation(400) / white - 1.0).abs() < 0.1, "{}", deviation(400) / white);
         assert!((deviation(4) / (10.0 * white) - 1.0).abs() < 0.05);
         assert!(deviation(40_000) > 0.12 * white, "{}", deviation(40_000) / white);
     }
 
-    /// Mean of eᵀ P⁻¹ e of position, velocity and attitude over seeds, of 3 each where the covariance is right.
+    /// Mean normalised squared error eᵀ P⁻¹ e of position, velocity and attitude over seeds; 3 for
+    /// each if the covariance is right.
     fn misfit(errors: TrackingErrors, settings: FusionSettings, lost_s: f64) -> [f64; 3] {
         const SEEDS: u64 = 24;
         let mut sums = [0.0; 3];
@@ -194,9 +197,10 @@ mod tests {
             FusionSettings { wander_m: 1e-6, wander_rad: 1e-6, jitter_rad: 1e-5, ..FusionSettings::of(ICM_42688) };
         for lost_s in [0.0, 1.0] {
             let misfit = misfit(white, settings, lost_s);
-            // The mean of 24 with three degrees of freedom lies within 3 ± 1.5 but for one in a thousand.
+            // The mean of 24 values with three degrees of freedom lies within 3 ± 1.5 in all but
+            // one of a thousand cases.
             assert!((1.5..4.5).contains(&misfit[0]) && (1.5..4.5).contains(&misfit[1]), "{lost_s}: {misfit:?}");
-            // Rotations come without noise of their own here, less than the filter grants them.
+            // Rotations have no own noise here, which is less than the filter assumes.
             assert!(misfit[2] < 4.5, "{lost_s}: {misfit:?}");
         }
     }

@@ -1,31 +1,32 @@
-//! Dead reckoning with an inertial measurement unit that is strapped to the body: rotation, velocity and position from the means of
-//! angular velocity ω and specific force F over each interval h (Savage, "Strapdown Inertial Navigation Integration Algorithm
-//! Design", J. Guidance 21, 1998).
+//! Dead reckoning with an inertial measurement unit that is strapped to the body: rotation,
+//! velocity and position from the means of angular velocity ω and specific force F over each
+//! interval h (Savage, "Strapdown Inertial Navigation Integration Algorithm Design", J. Guidance
+//! 21, 1998).
 //!
-//! With ω̇ and Ḟ by the interval before, both taken as straight lines over time:
+//! With ω̇ and Ḟ from the interval before, both linear in time:
 //!
 //! ```text
-//! turn      φ  = h ω + h³/12 ω × ω̇                                         (coning)
-//! velocity  Δv = h F + h²/2 ω × F + h³/6 ω × (ω × F) + h³/12 (ω × Ḟ − ω̇ × F)  (rotation, sculling)
-//! position  Δp = h v + h²/2 F − h³/12 Ḟ + h³/6 ω × F, gravity added to both
+//! turn     φ = h ω + h³/12 ω × ω̇                                        (coning)
+//! velocity Δv = h F + h²/2 ω × F + h³/6 ω × (ω × F) + h³/12 (ω × Ḟ − ω̇ × F) (rotation, sculling)
+//! position Δp = h v + h²/2 F − h³/12 Ḟ + h³/6 ω × F, gravity added to both
 //! ```
 //!
-//! so what is left out is of the fourth order in h. It knows nothing of errors: it takes what it is given for true.
+//! The rest is of the fourth order in h. It has no error model: measurements are taken as true.
 
 use glam::{DQuat, DVec3};
 
 use super::{GRAVITY_M_PER_S2, ImuSample};
 use radar_sar::geometry::Pose;
 
-/// Longest interval that one sample is believed to stand for, seconds.
+/// Longest interval that one sample is used for, seconds (choice).
 pub(super) const MAX_INTERVAL_S: f64 = 0.1;
 
-/// Where a body is and how it moves.
+/// State of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NavState {
     /// Host nanoseconds.
     pub time_ns: i64,
-    /// Its pose.
+    /// Pose of the body.
     pub tracking_from_body: Pose,
     /// Velocity of its origin, tracking frame, m/s.
     pub velocity_m_per_s: DVec3,
@@ -38,7 +39,7 @@ pub(super) struct Means {
     pub force: DVec3,
 }
 
-/// How the means change over time, from two intervals that follow each other.
+/// Slopes of the means over time, from two consecutive intervals.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Slopes {
     rate: DVec3,
@@ -96,8 +97,9 @@ impl Strapdown {
         &self.state
     }
 
-    /// Takes the next sample and gives the state at its time. One that is not later, or has numbers that are none, changes nothing;
-    /// after a pause of more than 0.1 s the sample stands for its last 0.1 s, and the body is taken to have gone straight on before.
+    /// Adds a sample and returns the state at its time. A sample that is not later, or not finite,
+    /// changes nothing. After a pause of more than 0.1 s the sample counts for its last 0.1 s, and
+    /// the body is assumed to have moved on straight before.
     pub fn push(&mut self, sample: &ImuSample) -> &NavState {
         let interval_s = sample.time_ns.saturating_sub(self.state.time_ns) as f64 * 1e-9;
         if interval_s > 0.0 && sample.is_finite() {
@@ -120,8 +122,8 @@ impl Strapdown {
 mod tests {
     use super::*;
 
-    /// Greatest error of the position, metres, and of the rotation, rad, after 4 s of a body that cones and swings, with samples that
-    /// are exact means.
+    /// Greatest error of the position, metres, and of the rotation, rad, after 4 s of a coning and
+    /// swinging body, with samples that are exact means.
     fn errors(rate_hz: f64) -> (f64, f64) {
         let place = |t: f64| DVec3::new((2.0 * t).sin() * 0.3, 0.1 * (3.1 * t).cos(), 0.2 * (1.7 * t).sin());
         let rotation =
@@ -139,7 +141,7 @@ mod tests {
         let mut worst = (0.0f64, 0.0f64);
         for n in 0..(4.0 * rate_hz) as usize {
             let (mut rate, mut force) = (DVec3::ZERO, DVec3::ZERO);
-            // Means by Simpson-fine parts: their own error is far below the integration's.
+            // Means by fine steps: their own error is far below the integration's.
             for part in 0..64 {
                 let [a, b] = [part, part + 1].map(|p| (n as f64 + f64::from(p) / 64.0) * h);
                 let middle = rotation(0.5 * (a + b));

@@ -1,4 +1,4 @@
-//! `benchmark` and `play`: their rows, its files, its refusals. Nothing timed is compared.
+//! `benchmark`: its rows, its files, its error messages. Times are not compared.
 
 use std::collections::BTreeMap;
 
@@ -34,7 +34,7 @@ fn a_quick_benchmark_writes_table_plot_and_rows() {
             .push((&row["search"], &row["error_m"]));
     }
     let pairs: Vec<_> = of_workload.values().filter(|rows| rows.len() > 1).collect();
-    // Five statistics at two voxel sizes dense and adaptive, and a window fresh and rolling.
+    // Five statistics at two voxel sizes, dense and adaptive, and a window, fresh and rolling.
     assert_eq!(pairs.len(), 11, "{of_workload:#?}");
     assert!(pairs.iter().all(|rows| rows.iter().all(|row| row.1 == rows[0].1)), "{pairs:#?}");
     assert!(rows.iter().any(|row| row["pareto"] == true));
@@ -75,7 +75,7 @@ fn play_sessions_report_warning_rates_reproducibly() {
     assert!(2 * rates["warned"].as_u64().unwrap() >= rates["due"].as_u64().unwrap(), "{rates}");
     assert!(rates["lead_median_m"].as_f64().unwrap() > 0.5, "{rates}");
     assert_eq!(first, play("b.json", "--seed 1000"), "a seed gives the same figures");
-    // Nothing is confirmed: nothing is warned of, and nothing is reported.
+    // Nothing is confirmed: no warnings and no reports.
     let deaf = play("c.json", "--seed 1000 --set rooms.map.confirm_score=1e5");
     assert_eq!(deaf[0]["rates_without_walls"]["warned"], 0);
     assert_eq!(deaf[0]["rates"]["false_per_min"], 0.0);

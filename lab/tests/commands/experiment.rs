@@ -1,4 +1,4 @@
-//! `experiment`: pictures, tables and a report of what is asked for.
+//! `experiment`: writes pictures, tables and a report of the requested experiments.
 
 use crate::common::Folder;
 
@@ -8,10 +8,10 @@ fn an_experiment_writes_its_report_pictures_and_tables() {
     let run = folder.run("experiment data-set-size thinning --seeds 1 --out out").succeeds();
     assert!(run.out.contains("Data set size") && run.out.contains("Thinning"), "{run:#?}");
     assert!(!run.out.contains("Sensor velocity"), "{run:#?}");
-    // Standard error is no terminal here: nothing of the progress.
+    // Standard error is no terminal here, so there is no progress output.
     assert!(!run.err.contains("1 of 2"), "{run:#?}");
     let page = String::from_utf8(folder.read("out/report.html")).unwrap();
-    assert!(page.contains("One sweep tells the depth") && page.contains("data:image/png;base64,"));
+    assert!(page.contains("One sweep gives the depth") && page.contains("data:image/png;base64,"));
     for picture in ["sweeps-1", "sweeps-50", "error-over-sweeps"] {
         assert!(folder.read(&format!("out/data-set-size/{picture}.png")).len() > 3_000, "{picture}");
     }

@@ -1,34 +1,37 @@
-//! Where the room lies: what keeps the map in its place when the user recentres, and says when it is worthless.
+//! The session frame: keeps the map in place when the user recentres, and detects when it becomes
+//! invalid.
 //!
-//! The radar's map is kept in a frame of the session: the standing universe as it was at the start, fixed to the raw universe, which
-//! recentring does not move. So poses and map agree at every moment, whenever news of a recentring arrives; only the standing
-//! universe, which says where the floor is, moves against both. A tracking system that takes the room for another, or whose raw
-//! universe leaps, makes all places of before worthless: then the session's frame is laid anew and everything is forgotten.
+//! The map uses the session frame: the standing universe at the start, fixed to the raw universe,
+//! which recentring does not move. So poses and map agree at any time, whenever the news of a
+//! recentring arrives. Only the standing universe, which defines the floor, moves against both.
+//! When the tracking system reports another room, or its raw universe leaps, all earlier positions
+//! are invalid: the session frame is defined anew and the map is reset.
 
 use radar_sar::geometry::Pose;
 
-/// Poses of the universe this much apart are the same.
+/// Poses of the universe closer than this are the same, metres and radians. Choice.
 const SAME_M: f64 = 1e-4;
 const SAME_RAD: f64 = 1e-4;
-/// No head moves faster, m/s: what does is the tracking system's universe.
+/// Largest speed of a head, m/s; a faster pose is a leap of the tracking universe. Choice.
 const MAX_HEAD_M_PER_S: f64 = 15.0;
-/// Nor does it get so far between two frames by a correction of tracking, metres.
+/// Least step that counts as a leap, metres: tracking corrections between two frames are smaller.
+/// Choice.
 const MIN_LEAP_M: f64 = 0.2;
-/// Poses farther apart in time say nothing about a leap, nanoseconds.
+/// Poses farther apart in time are not compared, nanoseconds. Choice.
 const MAX_PAIR_NS: i64 = 60_000_000;
 
-/// What became of the room.
+/// Change of the tracking frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum AnchorChange {
-    /// Nothing.
+    /// No change.
     Unchanged,
-    /// The user recentred: the map stays where it is in the room.
+    /// The user recentred: the map stays in place in the room.
     Recentred,
-    /// The places of before mean nothing any more.
+    /// All earlier positions are invalid.
     NewUniverse,
 }
 
-/// The session's frame.
+/// The session frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Anchor {
     session_from_raw: Pose,
@@ -37,14 +40,14 @@ pub(super) struct Anchor {
 }
 
 impl Anchor {
-    /// The session's frame is the standing universe of now.
+    /// Defines the session frame as the current standing universe.
     pub fn new(standing_from_raw: Pose, universe: Option<u64>) -> Self {
         Self { session_from_raw: standing_from_raw, standing_from_raw, universe }
     }
 
-    /// Takes in where the standing universe is now and which room the tracking system believes to be in.
+    /// Takes the current standing universe and the tracking system's id of the room.
     pub fn update(&mut self, standing_from_raw: Pose, universe: Option<u64>) -> AnchorChange {
-        // A room that is not told for a moment is no other room.
+        // A missing id is not another room.
         if universe.is_some() && self.universe.is_some() && universe != self.universe {
             *self = Self::new(standing_from_raw, universe);
             return AnchorChange::NewUniverse;
@@ -60,45 +63,45 @@ impl Anchor {
         AnchorChange::Recentred
     }
 
-    /// The raw universe has leapt: lays the session's frame anew.
+    /// The raw universe has leapt: defines the session frame anew.
     pub fn rebase(&mut self) {
         self.session_from_raw = self.standing_from_raw;
     }
 
-    /// What turns poses of the raw universe into the session's.
+    /// Transforms poses of the raw universe into the session frame.
     pub fn session_from_raw(&self) -> Pose {
         self.session_from_raw
     }
 
-    /// Where the standing universe is now.
+    /// Transforms poses of the raw universe into the current standing universe.
     pub fn standing_from_raw(&self) -> Pose {
         self.standing_from_raw
     }
 
-    /// The tracking system's name for the room.
+    /// The tracking system's id of the room.
     pub fn universe(&self) -> Option<u64> {
         self.universe
     }
 
-    /// What turns the map's places into those of the play area as it is now.
+    /// Transforms positions of the map into the current play area.
     pub fn standing_from_session(&self) -> Pose {
         self.standing_from_raw * self.session_from_raw.inverse()
     }
 
-    /// What turns places of the play area into those of the raw universe.
+    /// Transforms positions of the play area into the raw universe.
     pub fn raw_from_standing(&self) -> Pose {
         self.standing_from_raw.inverse()
     }
 }
 
-/// Tells a leap of the raw universe from a head's motion.
+/// Distinguishes a leap of the raw universe from motion of the head.
 #[derive(Debug, Default)]
 pub(super) struct LeapDetector {
     last: Option<(i64, Pose)>,
 }
 
 impl LeapDetector {
-    /// Whether the universe has leapt between the trusted pose before and this one.
+    /// Whether the universe has leapt between the previous valid pose and this one.
     pub fn push(&mut self, time_ns: i64, raw_from_head: Pose) -> bool {
         let Some((before_ns, before)) = self.last.replace((time_ns, raw_from_head)) else { return false };
         let apart_ns = time_ns.saturating_sub(before_ns);
@@ -109,7 +112,7 @@ impl LeapDetector {
         raw_from_head.translation.distance(before.translation) > allowed_m
     }
 
-    /// The head was lost: what comes next may be elsewhere.
+    /// Tracking was lost: the next pose may be anywhere.
     pub fn lost(&mut self) {
         self.last = None;
     }

@@ -1,4 +1,4 @@
-//! Cues on their way out: ticks to the controllers, tones to the sound device.
+//! Outputs cues: ticks to the controllers, tones to the sound device.
 
 use crate::live::now_ns;
 use crate::live::sound::TonePlayer;
@@ -6,20 +6,21 @@ use crate::openvr::{Hands, Runtime};
 use crate::settings::Settings;
 use crate::warning::{CueScheduler, Warnings, Wearer};
 
-/// A controller does not take another tick sooner, nanoseconds: SteamVR asks for 5 ms between two. Frames that are late come closer.
+/// Least interval of ticks to one controller, nanoseconds. SteamVR requires 5 ms, and late frames
+/// come closer together.
 const MIN_TICK_INTERVAL_NS: i64 = 6_000_000;
 
-/// Decides on cues and gives them.
+/// Schedules cues and outputs them.
 #[derive(Debug, Default)]
 pub(super) struct CueOutput {
     cues: CueScheduler,
     sound: TonePlayer,
-    /// When each hand had its last tick, host nanoseconds.
+    /// Time of the last tick of each hand, host nanoseconds.
     ticked_ns: [i64; 2],
 }
 
 impl CueOutput {
-    /// What the warnings of this frame ask for.
+    /// Outputs the cues for the warnings of this frame.
     pub fn output(
         &mut self,
         runtime: &Runtime,

@@ -1,5 +1,6 @@
-//! The three ways to show warnings. `panels`: quads that stand in the room. `stereo`: windows at the obstacles with a picture for each eye of what is behind
-//! them. `projection`: a picture for each eye over all of its view.
+//! The three display modes of warnings. `panels`: quads in the room. `stereo`: windows at the
+//! obstacles with a picture of the space behind for each eye. `projection`: a picture for each eye
+//! over its whole view.
 
 use std::sync::Arc;
 
@@ -14,12 +15,12 @@ use crate::settings::{Display, ProjectionMatrix, Settings};
 use crate::warning::{Shape, WarningTracker, Warnings};
 use radar_sar::geometry::Pose;
 
-/// A picture over all of an eye's view: lines and discs need no more, pixels.
+/// Largest width of an eye's picture, pixels. Choice: lines and discs need no more.
 const MAX_EYE_PX: u32 = 1024;
-/// Pictures of an eye kept alive after they were replaced.
+/// Pictures per eye kept alive after they were replaced. Choice.
 const RETAINED_PICTURES: usize = 3;
 
-/// Where what is shown is to be seen from, in the standing universe, and what turns places of that into the runtime's.
+/// Viewpoint in the standing universe, and the transform from there into the runtime's universe.
 pub(super) struct Viewpoint {
     pub standing_from_head: Pose,
     pub raw_from_standing: Pose,
@@ -34,7 +35,7 @@ pub(super) enum ShowError {
     Render(#[from] RenderError),
 }
 
-/// The overlays of one of the displays.
+/// The overlays of one display mode.
 pub(super) struct WarningDisplay {
     kind: Kind,
     eyes: Option<[HeadsetEye; 2]>,
@@ -53,7 +54,7 @@ enum Kind {
 
 impl WarningDisplay {
     /// # Errors
-    /// The runtime refuses an overlay, or does not tell where the eyes are.
+    /// The runtime refuses an overlay or does not report the eyes.
     pub fn new(runtime: &Arc<Runtime>, settings: &Settings) -> Result<Self, HeadsetError> {
         let eyes = runtime.eyes();
         let no_eyes = || OpenVrError::Call { call: "the eyes", name: "they make no picture".to_owned() };
@@ -75,19 +76,19 @@ impl WarningDisplay {
         Ok(Self { kind, eyes })
     }
 
-    /// Shows warnings another way from now on; gives the pictures that were shown. Where the runtime refuses that way, the one before
-    /// is taken again.
+    /// Switches to another display mode and returns the pictures of the previous one. Where the
+    /// runtime refuses the new mode, the previous one is created again.
     pub fn switch(
         &mut self,
         runtime: &Arc<Runtime>,
         settings: &Settings,
         before: &Settings,
     ) -> Vec<Arc<wgpu::Texture>> {
-        // The overlays have the same names, so those there are go first.
+        // The overlays have the same names, so the existing ones must go first.
         let nothing = Self { kind: Kind::Panels(OverlayPool::none()), eyes: None };
         let pictures = std::mem::replace(self, nothing).end();
         let made = Self::new(runtime, settings).or_else(|error| {
-            log::warn!("this display is not to be had, the one before stays: {error}");
+            log::warn!("display mode not available, keeping the previous one: {error}");
             Self::new(runtime, before)
         });
         match made {
@@ -97,7 +98,7 @@ impl WarningDisplay {
         pictures
     }
 
-    /// Whether the runtime still knows the overlays.
+    /// Whether the overlays still exist in the runtime.
     pub fn exist(&self) -> bool {
         match &self.kind {
             Kind::Panels(slots) | Kind::Stereo(slots) => slots.exist(),
@@ -105,7 +106,7 @@ impl WarningDisplay {
         }
     }
 
-    /// Shows warnings; says how many pictures were handed over.
+    /// Shows warnings; returns the number of new pictures passed to the runtime.
     ///
     /// # Errors
     /// The runtime refuses something, or the device fails.
@@ -119,7 +120,7 @@ impl WarningDisplay {
     ) -> Result<u64, ShowError> {
         let quads = match self.kind {
             Kind::Panels(_) => graphics.renderer.quads_incremental(warnings, &settings.warning)?,
-            // The shapes themselves are there to be seen.
+            // These modes draw the shapes themselves.
             _ => graphics.renderer.quads(&warnings.clone().without_silhouettes(), &settings.warning)?,
         };
         let scene = Scene3d { quads: &quads, tracker, warnings, settings };
@@ -142,7 +143,7 @@ impl WarningDisplay {
         }
     }
 
-    /// Hides all.
+    /// Hides all overlays.
     ///
     /// # Errors
     /// The runtime refuses.
@@ -153,7 +154,7 @@ impl WarningDisplay {
         }
     }
 
-    /// The device that drew the pictures is gone.
+    /// Drops all pictures after the device was lost.
     pub fn drop_pictures(&mut self) {
         match &mut self.kind {
             Kind::Panels(slots) | Kind::Stereo(slots) => slots.drop_pictures(),
@@ -161,7 +162,7 @@ impl WarningDisplay {
         }
     }
 
-    /// How many overlays are shown.
+    /// Number of overlays shown.
     pub fn count(&self) -> usize {
         match &self.kind {
             Kind::Panels(slots) | Kind::Stereo(slots) => slots.shown(),
@@ -169,7 +170,8 @@ impl WarningDisplay {
         }
     }
 
-    /// Destroys the overlays. Their pictures come back: the runtime may still copy them until the session is over.
+    /// Destroys the overlays. Returns their pictures, because the runtime may still copy them until
+    /// the session is over.
     pub fn end(self) -> Vec<Arc<wgpu::Texture>> {
         match self.kind {
             Kind::Panels(slots) | Kind::Stereo(slots) => slots.end(),
@@ -178,7 +180,7 @@ impl WarningDisplay {
     }
 }
 
-/// What is to be seen in space.
+/// What is drawn in space.
 struct Scene3d<'a> {
     quads: &'a [Quad],
     tracker: &'a WarningTracker,
@@ -192,7 +194,8 @@ impl Scene3d<'_> {
     }
 }
 
-/// A window for each panel with what both eyes see through it, as quads: brightness is in the pictures already.
+/// A window for each panel with what both eyes see through it, as quads. The brightness is in the
+/// pictures already.
 fn windows(
     graphics: &mut Graphics,
     scene: &Scene3d,
@@ -211,7 +214,7 @@ fn windows(
     Ok(windows.into_iter().zip(pictures).map(quad).collect())
 }
 
-/// Shows all that an eye sees; gives the picture, to be kept.
+/// Shows the whole view of an eye; returns the picture, which must be kept alive.
 fn project(
     graphics: &mut Graphics,
     scene: &Scene3d,

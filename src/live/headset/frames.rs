@@ -1,4 +1,4 @@
-//! The frame loop. See the room's head (`mod.rs`).
+//! The frame loop; see the parent module's documentation.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -23,17 +23,17 @@ use radar_mapping::{HandsSample, Scene};
 use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
 
-/// Takes every pose of the head, in the session's frame; must not wait for anything.
+/// Takes every head pose, in the session frame; must not block.
 pub type PoseSink<'a> = &'a (dyn Fn(&PoseSample) + Sync);
 
-/// Takes where the player's hands are, in the session's frame; must not wait for anything.
+/// Takes the positions of the wearer's hands, in the session frame; must not block.
 pub type HandSink<'a> = &'a (dyn Fn(&HandsSample) + Sync);
 
-/// Between two looks at where the standing universe is, nanoseconds; events bring one forward.
+/// Interval of checks of the standing universe, nanoseconds; an event triggers one at once. Choice.
 const CHECK_INTERVAL_NS: i64 = 100_000_000;
-/// Where the head was last is good for drawing for so long, nanoseconds; what stands in the room stays where it is.
+/// Longest age of a head pose for drawing, nanoseconds. Choice: panels are fixed in the room.
 const MAX_HEAD_AGE_NS: i64 = 1_000_000_000;
-/// Between two renewals of what others see of the loop, nanoseconds.
+/// Interval of the shared status, nanoseconds. Choice.
 const STATUS_INTERVAL_NS: i64 = 250_000_000;
 
 /// Why the loop ended.
@@ -41,96 +41,98 @@ const STATUS_INTERVAL_NS: i64 = 250_000_000;
 pub enum Ending {
     /// This program was asked to end.
     Asked,
-    /// SteamVR ends.
+    /// SteamVR quits.
     SteamVrQuit,
-    /// SteamVR went away without a word.
+    /// SteamVR exited unexpectedly.
     SteamVrGone,
 }
 
-/// Why there is no loop.
+/// Why the loop cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum HeadsetError {
-    /// SteamVR.
+    /// SteamVR refuses something.
     #[error(transparent)]
     SteamVr(#[from] OpenVrError),
-    /// The graphics device.
+    /// There is no usable graphics device.
     #[error(transparent)]
     Graphics(#[from] GraphicsError),
 }
 
-/// What the loop is doing.
+/// Status of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct HeadsetStatus {
-    /// Frames and what they cost.
+    /// Frames and their cost.
     pub frames: FrameReport,
     /// Whether the head is tracked.
     pub is_tracked: bool,
-    /// Overlays shown.
+    /// Number of overlays shown.
     pub overlays_shown: usize,
-    /// To the nearest obstacle that is warned of, metres.
+    /// Distance to the nearest obstacle with a warning, metres.
     pub nearest_m: Option<f64>,
-    /// Pictures handed over so far.
+    /// Pictures passed to the runtime so far.
     pub pictures: u64,
-    /// Most memory that pictures of panels took, bytes.
+    /// Most memory used by the panels' pictures, bytes.
     pub most_picture_bytes: u64,
-    /// Times that the user recentred.
+    /// How often the user recentred.
     pub recentred: u64,
-    /// Times that everything was forgotten: the room was another, or the user wanted it.
+    /// How often the map was reset: for another room, or by the user.
     pub forgotten: u64,
-    /// Times that the graphics device was lost.
+    /// How often the graphics device was lost.
     pub devices_lost: u64,
-    /// Calls that the runtime refused.
+    /// Calls refused by the runtime.
     pub refused: u64,
-    /// Poses that took too long to read to tell when they were.
+    /// Poses dropped because reading them took too long to know their time.
     pub poses_untimed: u64,
 }
 
-/// The loop when it has ended.
+/// Result of a loop that has ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeadsetReport {
     /// Why it ended.
     pub ending: Ending,
-    /// What it did.
+    /// Its last status.
     pub status: HeadsetStatus,
 }
 
-/// What was drawn and drawn with: to be dropped when the session is over, since the runtime may copy from it until then.
+/// Pictures and devices that must outlive the session, because the runtime may copy from them until
+/// then.
 pub struct RetainedGraphics {
     _pictures: Vec<Arc<wgpu::Texture>>,
     _graphics: Option<Graphics>,
     _lost: LostDevices,
 }
 
-/// What the loop works with.
+/// Inputs and outputs of the loop.
 pub struct FrameLoop<'a> {
     /// The session.
     pub runtime: &'a Arc<Runtime>,
     /// The reconstruction, once there is one.
     pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
-    /// Length of a sensor's frame, nanoseconds, for the age of sweeps.
+    /// Length of a sensor frame, nanoseconds, for the age of sweeps.
     pub sensor_period_ns: &'a (dyn Fn() -> i64 + Sync),
-    /// What came from the sensor so far, once there is one.
+    /// What the sensor has sent so far, once there is one.
     pub sensor: &'a (dyn Fn() -> Option<SensorCount> + Sync),
-    /// Where poses go.
+    /// Target of the poses.
     pub pose_sink: PoseSink<'a>,
-    /// Where the hands' places go.
+    /// Target of the hand positions.
     pub hand_sink: HandSink<'a>,
-    /// Where maps are kept from one start to the next; `None`: nowhere.
+    /// Where maps are saved from one start to the next; `None`: nowhere.
     pub maps: Option<&'a MapStore>,
     /// Settings, which may change at any time.
     pub settings: &'a SettingsStore,
     /// Ends the loop.
     pub stop: &'a AtomicBool,
-    /// What others see; renewed four times a second.
+    /// Shared status, updated four times a second.
     pub status: &'a Mutex<HeadsetStatus>,
 }
 
 impl FrameLoop<'_> {
-    /// Runs until asked to end, or SteamVR ends or is gone. All overlays are gone when it returns; the graphics device is given back, for the
-    /// caller to drop it after the session.
+    /// Runs until asked to end, or SteamVR quits or is gone. All overlays are destroyed when it
+    /// returns; the caller drops the returned graphics device after the session.
     ///
     /// # Errors
-    /// No graphics device that the runtime accepts, no overlays: another instance may have them.
+    /// There is no graphics device that the runtime accepts, or no overlays: another instance may
+    /// have them.
     pub fn run(&self) -> Result<(HeadsetReport, RetainedGraphics), HeadsetError> {
         let graphics = Graphics::open(self.runtime)?;
         log::info!("drawing on {}", graphics.device.name);
@@ -141,7 +143,7 @@ impl FrameLoop<'_> {
         std::thread::scope(|scope| {
             let _done = DoneGuard(&done);
             let &Self { settings: store, reconstruction, .. } = self;
-            // It ends when the state does.
+            // It ends with the state.
             scope.spawn(move || panel.run(&PanelSources { store, reconstruction }));
             if poses_hz > 0.0 {
                 let (runtime, frame, sink, done) = (self.runtime, &frame, self.pose_sink, &done);
@@ -159,7 +161,7 @@ impl FrameLoop<'_> {
     }
 }
 
-/// Ends the thread that reads poses, however the loop ends.
+/// Ends the helper threads when the loop ends for any reason.
 struct DoneGuard<'d>(&'d AtomicBool);
 
 impl Drop for DoneGuard<'_> {
@@ -177,14 +179,14 @@ struct LoopState<'s, 'a> {
     faults: DrawFaults,
     lost: LostDevices,
     shown: WarningDisplay,
-    /// Pictures of a display that was left.
+    /// Pictures of the previous display mode.
     released: Vec<Arc<wgpu::Texture>>,
     shared_frame: &'s SharedFrame,
     anchor: Option<Anchor>,
     leap: LeapDetector,
-    /// Times that the raw universe has leapt.
+    /// How often the raw universe has leapt.
     leaps: u64,
-    /// Times that the user wanted the map to begin anew.
+    /// How often the user requested a map reset.
     map_resets: u64,
     checked_ns: i64,
     monitor: RuntimeMonitor,
@@ -193,7 +195,7 @@ struct LoopState<'s, 'a> {
     timing: DisplayTiming,
     hands: Hands,
     hand_sampler: HandSampler,
-    /// Where the head was last, in the standing universe, and when.
+    /// Last head pose in the standing universe, and its time.
     head: Option<(i64, Pose)>,
     scene: PlacedScene,
     cues: CueOutput,
@@ -278,7 +280,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         }
     }
 
-    /// Until the next frame begins; by our own clock where the runtime does not say.
+    /// Waits for the next frame; uses our own clock where the runtime does not report it.
     fn wait(&self, period: Duration, last_ns: i64) {
         if !self.with.runtime.wait_frame(2 * period) {
             let since_ns = now_ns().saturating_sub(last_ns).max(0);
@@ -286,7 +288,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         }
     }
 
-    /// Whether SteamVR ends.
+    /// Takes events; returns whether SteamVR quits.
     fn take_events(&mut self) -> bool {
         while let Some(event) = self.with.runtime.next_event() {
             match event {
@@ -296,7 +298,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
                 }
                 Event::UniverseMoved => {
                     self.checked_ns = i64::MIN;
-                    // The play area may be another.
+                    // The play area may have changed.
                     self.with.settings.recompose();
                 }
                 Event::ChaperoneChanged => self.with.settings.recompose(),
@@ -307,13 +309,14 @@ impl<'s, 'a> LoopState<'s, 'a> {
         false
     }
 
-    /// What has changed is in force with this frame.
+    /// Applies changed settings to this frame.
     fn take_settings(&mut self) {
         let Some(settings) = self.with.settings.newer_than(&mut self.settings_version) else { return };
         let before = std::mem::replace(&mut self.settings, settings);
         let (was, is) = (&before.headset, &self.settings.headset);
         if (was.display, was.projection_matrix) != (is.display, is.projection_matrix) {
-            // The runtime may still copy from them for a moment; those of the change before are long done with.
+            // The runtime may still copy from these pictures; those of the previous switch are
+            // done.
             self.released = self.shown.switch(self.with.runtime, &self.settings, &before);
         }
     }
@@ -338,7 +341,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         self.status.is_tracked = poses.head.valid_pose().is_some();
     }
 
-    /// Where the standing universe is now.
+    /// Checks the standing universe.
     fn update_anchor(&mut self) {
         let runtime = self.with.runtime;
         let Some(standing_from_raw) = runtime.standing_from_raw() else { return };
@@ -352,7 +355,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         let before = anchor.universe();
         match anchor.update(standing_from_raw, universe) {
             AnchorChange::Unchanged => {
-                // The room's name may have been told only now.
+                // The room's id may have become known only now.
                 if anchor.universe() != before {
                     let anchor = *anchor;
                     self.share_frame(&anchor);
@@ -365,7 +368,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
             }
             AnchorChange::NewUniverse => {
                 let anchor = *anchor;
-                self.reset_map(&anchor, "this is another room for the tracking system");
+                self.reset_map(&anchor, "the tracking system reports another room");
             }
         }
     }
@@ -378,17 +381,17 @@ impl<'s, 'a> LoopState<'s, 'a> {
                 anchor.rebase();
                 let anchor = *anchor;
                 self.leaps += 1;
-                self.reset_map(&anchor, "the tracking system has moved the room");
+                self.reset_map(&anchor, "the origin of the tracking system has moved");
             }
             Some(_) => {}
         }
     }
 
-    /// The places of before mean nothing any more.
+    /// Resets the map: all earlier positions are invalid.
     fn reset_map(&mut self, anchor: &Anchor, why: &str) {
-        log::warn!("{why}: the map begins anew");
-        // No pose of the new frame may reach what is forgotten, none of the old one what begins: the thread that reads poses holds the
-        // frame until its pose has gone where it belongs.
+        log::warn!("{why}: the map is reset");
+        // No pose of the new frame may reach the old map, and none of the old frame the new map:
+        // the pose thread holds this lock until its pose has been pushed.
         let mut frame = self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(reconstruction) = (self.with.reconstruction)() {
             self.scene.epoch = reconstruction.reset();
@@ -402,7 +405,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
     }
 
     fn share_frame(&self, anchor: &Anchor) {
-        // Written a few times a session; its reader holds it for as long as a pose is read.
+        // Written a few times a session; the reader holds it while it reads a pose.
         let shared = self.room_frame(anchor);
         *self.shared_frame.lock().unwrap_or_else(PoisonError::into_inner) = Some(shared);
     }
@@ -417,7 +420,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         }
     }
 
-    /// The user wants it in the panel.
+    /// Resets the map if the user requested it in the panel.
     fn reset_map_if_requested(&mut self) {
         if let Some(anchor) = self.anchor.filter(|_| self.dashboard.take_reset_request()) {
             self.map_resets += 1;
@@ -440,7 +443,8 @@ impl<'s, 'a> LoopState<'s, 'a> {
         }
     }
 
-    /// The newest scene in the standing universe; gives the end of the newest sweep behind it.
+    /// Takes the newest scene in the standing universe; returns the end of its newest sweep and the
+    /// length of a sensor frame.
     fn take_scene(&mut self, anchor: &Anchor) -> Option<(i64, i64)> {
         let published = (self.with.reconstruction)()?.latest();
         self.scene.place(&published.scene, published.epoch, &anchor.standing_from_session());
@@ -472,7 +476,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         let shown = self.shown.show(graphics, &self.scene.tracker, &warnings, &self.settings, &from);
         self.status.most_picture_bytes = self.status.most_picture_bytes.max(graphics.renderer.texture_bytes());
         if let Err(ShowError::Render(error)) = &shown {
-            // What is shown stays as it is, but of a lost device nothing can.
+            // The shown pictures stay, except on a lost device.
             return if self.faults.is_lost(now_ns, error) { self.lose_device(error) } else { Ok(()) };
         }
         self.faults.drawn();
@@ -480,7 +484,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         Ok(())
     }
 
-    /// The panel in the dashboard: its part of a frame.
+    /// The dashboard's part of a frame.
     fn update_dashboard(&mut self, now_ns: i64) {
         if self.dashboard.needs_graphics() {
             self.open_graphics(now_ns);
@@ -501,7 +505,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         }
     }
 
-    /// Opens what draws again when it was lost and it is time.
+    /// Reopens a lost device when a retry is due.
     fn open_graphics(&mut self, now_ns: i64) {
         if self.graphics.is_none() && self.retry.is_due(now_ns) {
             match Graphics::open(self.with.runtime) {
@@ -515,7 +519,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
     }
 
     fn lose_device(&mut self, error: &RenderError) -> Result<(), ShowError> {
-        log::warn!("{error}; the graphics device is opened again");
+        log::warn!("{error}; reopening the graphics device");
         self.status.devices_lost += 1;
         self.shown.drop_pictures();
         self.dashboard.drop_pictures();
@@ -529,7 +533,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         if now_ns.saturating_sub(self.status_ns) < STATUS_INTERVAL_NS {
             return;
         }
-        // Whoever reads it right now will see the next.
+        // A reader that holds the lock gets the next update.
         if let Ok(mut seen) = self.with.status.try_lock() {
             self.status_ns = now_ns;
             *seen = self.status_now();
@@ -540,7 +544,7 @@ impl<'s, 'a> LoopState<'s, 'a> {
         HeadsetStatus { frames: self.meter.report(), overlays_shown: self.shown.count(), ..self.status }
     }
 
-    /// Overlays go now; pictures and device after the session, which may still copy from them.
+    /// Destroys the overlays now; pictures and device must outlive the session.
     fn end(self) -> (HeadsetStatus, RetainedGraphics) {
         let status = self.status_now();
         let Self { mut shown, mut released, dashboard, graphics, lost, .. } = self;
@@ -552,12 +556,13 @@ impl<'s, 'a> LoopState<'s, 'a> {
     }
 }
 
-/// The newest scene as it is watched, in the standing universe of now; moved again only when either changes.
+/// Tracks the warnings of the newest scene in the current standing universe; transforms the scene
+/// only when one of the two changes.
 #[derive(Default)]
 struct PlacedScene {
     from: Option<(Arc<Scene>, Pose)>,
     tracker: WarningTracker,
-    /// Scenes of before are of another room.
+    /// Scenes of earlier epochs belong to a map that was reset.
     epoch: u64,
 }
 
@@ -567,7 +572,7 @@ impl PlacedScene {
             return;
         }
         if epoch > self.epoch {
-            // Begun anew: things that were known are others now.
+            // After a reset, ids belong to other obstacles.
             self.tracker.reset();
         }
         self.epoch = epoch;
@@ -576,7 +581,7 @@ impl PlacedScene {
                 return;
             }
             if by != standing_from_session {
-                // What it holds on to stands elsewhere in the play area now.
+                // The tracked positions have moved in the play area.
                 self.tracker.change_frame();
             }
         }

@@ -1,22 +1,22 @@
-//! The graphics device on the headset's adapter, with what draws on it; opened again when it is lost.
+//! The graphics device on the headset's adapter with its renderer; reopened after a loss.
 
 use crate::openvr::{Runtime, VulkanDevice, VulkanError};
 use crate::render::{RenderError, Renderer};
 
-/// Between two tries to open a lost device, nanoseconds.
+/// Interval of attempts to reopen a lost device, nanoseconds. Choice.
 const RETRY_NS: i64 = 2_000_000_000;
-/// A device that refuses work for so long without a picture in between is as good as lost, nanoseconds.
+/// A device that refuses work for this long without a success counts as lost, nanoseconds. Choice.
 const MAX_REFUSING_NS: i64 = 1_000_000_000;
-/// Lost devices that are kept.
+/// Number of lost devices kept. Choice.
 const RETAINED_DEVICES: usize = 4;
 
-/// Why there is nothing to draw with.
+/// Why there is no renderer.
 #[derive(Debug, thiserror::Error)]
 pub enum GraphicsError {
     /// No device.
     #[error(transparent)]
     Device(#[from] VulkanError),
-    /// It cannot draw what is drawn.
+    /// The device cannot draw the warnings.
     #[error(transparent)]
     Render(#[from] RenderError),
 }
@@ -35,7 +35,7 @@ impl Graphics {
     }
 }
 
-/// When to try again.
+/// Schedules attempts to reopen.
 #[derive(Debug, Default)]
 pub(super) struct Retry {
     next_ns: i64,
@@ -43,7 +43,7 @@ pub(super) struct Retry {
 }
 
 impl Retry {
-    /// Whether it is time; the next time is a while later.
+    /// Whether an attempt is due; schedules the next one.
     pub fn is_due(&mut self, now_ns: i64) -> bool {
         let is_due = now_ns >= self.next_ns;
         if is_due {
@@ -52,17 +52,17 @@ impl Retry {
         is_due
     }
 
-    /// Why it did not succeed: told once, and again when it is another reason.
+    /// Logs a failed attempt, once per reason.
     pub fn failed(&mut self, error: &GraphicsError) {
         let text = error.to_string();
         if self.last_logged.as_ref() != Some(&text) {
-            log::warn!("no warnings can be drawn: {text}. It is tried again every {} s", RETRY_NS / 1_000_000_000);
+            log::warn!("warnings cannot be drawn: {text}. Retrying every {} s", RETRY_NS / 1_000_000_000);
             self.last_logged = Some(text);
         }
     }
 }
 
-/// Errors of drawing: which of them mean that another device is needed.
+/// Decides which drawing errors mean that the device is lost.
 #[derive(Debug, Default)]
 pub(super) struct DrawFaults {
     /// Since when the device has refused all work.
@@ -76,14 +76,14 @@ impl DrawFaults {
         self.refused_since_ns = None;
     }
 
-    /// Takes in an error; true when the device is lost. One that is not is told once, not once a frame.
+    /// Takes an error; true when the device is lost. Other errors are logged once, not every frame.
     pub fn is_lost(&mut self, now_ns: i64, error: &RenderError) -> bool {
         let is_lost = match error {
             RenderError::DeviceLost { .. } => true,
             RenderError::Device(_) => {
                 now_ns.saturating_sub(*self.refused_since_ns.get_or_insert(now_ns)) >= MAX_REFUSING_NS
             }
-            // A picture that cannot be made is no fault of the device's.
+            // A picture that cannot be made is not the device's fault.
             _ => false,
         };
         let text = error.to_string();
@@ -97,8 +97,8 @@ impl DrawFaults {
     }
 }
 
-/// Lost devices, kept until the session is over: the runtime has objects of its own on them and frees them when it likes. The
-/// oldest of many go.
+/// Lost devices, kept until the session is over: the runtime has its own objects on them and frees
+/// them at any time. Beyond a limit the oldest are dropped.
 #[derive(Default)]
 pub(super) struct LostDevices(Vec<Graphics>);
 

@@ -1,4 +1,4 @@
-//! The poses of head and hands alone, for a recording without a frame loop.
+//! Reads the poses of head and hands only, for a recording without a frame loop.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -9,10 +9,10 @@ use super::samples::{HandSampler, poses_now, sample};
 use crate::live::now_ns;
 use crate::openvr::{Hands, Runtime};
 
-/// Between two looks at where the standing universe is, nanoseconds.
+/// Interval of checks of the standing universe, nanoseconds. Choice.
 const CHECK_INTERVAL_NS: i64 = 250_000_000;
 
-/// Reads the head's poses in the standing universe as it was at the first one.
+/// Reads head poses in the standing universe as it was at the first pose.
 pub struct HeadPoses<'a> {
     runtime: &'a Runtime,
     anchor: Option<Anchor>,
@@ -23,20 +23,20 @@ pub struct HeadPoses<'a> {
 }
 
 impl<'a> HeadPoses<'a> {
-    /// Nothing is read yet.
+    /// Without any pose yet.
     pub fn new(runtime: &'a Runtime) -> Self {
         let (hands, hand_sampler) = (Hands::NONE, HandSampler::default());
         Self { runtime, anchor: None, leap: LeapDetector::default(), checked_ns: i64::MIN, hands, hand_sampler }
     }
 
-    /// Reads so many poses a second until told to stop.
+    /// Reads poses at this rate until told to stop.
     pub fn read(mut self, rate_hz: f64, sink: PoseSink, hand_sink: HandSink, stop: &AtomicBool) {
         let period = Duration::from_secs_f64(1.0 / rate_hz);
         while !stop.load(Ordering::Relaxed) {
             let start_ns = now_ns();
             self.update_anchor(start_ns);
             self.read_one(sink, hand_sink);
-            // SteamVR's events are of no use here, but they must not pile up.
+            // SteamVR's events are not used, but their queue must be emptied.
             while self.runtime.next_event().is_some() {}
             let took = Duration::from_nanos(now_ns().saturating_sub(start_ns).max(0) as u64);
             std::thread::sleep(period.saturating_sub(took));
@@ -51,7 +51,7 @@ impl<'a> HeadPoses<'a> {
             None => self.leap.lost(),
             Some(head) if self.leap.push(time_ns, head) => {
                 anchor.rebase();
-                log::warn!("the tracking system has moved the room: places before and after do not agree");
+                log::warn!("the origin of the tracking system has moved: positions before and after do not match");
             }
             Some(_) => {}
         }
@@ -66,7 +66,7 @@ impl<'a> HeadPoses<'a> {
             return;
         }
         self.checked_ns = now_ns;
-        // Switched on or off meanwhile.
+        // Controllers may have been switched on or off.
         self.hands = self.runtime.hands();
         let Some(standing_from_raw) = self.runtime.standing_from_raw() else { return };
         let universe = self.runtime.universe_id();
@@ -74,7 +74,7 @@ impl<'a> HeadPoses<'a> {
             None => self.anchor = Some(Anchor::new(standing_from_raw, universe)),
             Some(anchor) => {
                 if anchor.update(standing_from_raw, universe) == AnchorChange::NewUniverse {
-                    log::warn!("this is another room for the tracking system: places before and after do not agree");
+                    log::warn!("the tracking system reports another room: positions before and after do not match");
                 }
             }
         }

@@ -1,9 +1,9 @@
-//! Keeps the map from one start to the next: a thread of its own beside the frame loop, since it reads and writes files.
+//! Saves the map from one start to the next, in its own thread, because it accesses files.
 //!
-//! Once it is known which universe this is and there is a reconstruction, the universe's map is handed to that as provisional; every half
-//! minute and at the end what is known is written. What is written is in the raw universe's frame. A raw universe that leaps while its name
-//! stays makes what was kept of it worthless; and who
-//! presses the panel's button to forget the room wants that of what is kept as well.
+//! Once the universe is known and there is a reconstruction, the universe's saved map is restored
+//! as provisional. Every half minute and at the end the map is saved, in the raw universe's frame.
+//! When the raw universe leaps and its id stays, the saved map is invalid and removed. The panel's
+//! button to forget the room removes the saved map as well.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -14,29 +14,30 @@ use crate::live::{Reconstruction, SettingsStore, now_ns};
 use radar_mapping::SavedMap;
 use radar_recording::{MapFile, MapFileError, MapFolder};
 
-/// Between two looks at what there is to do.
+/// Polling interval. Choice.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Between two times that the map is written, nanoseconds.
+/// Interval of saves, nanoseconds. Choice.
 const SAVE_INTERVAL_NS: i64 = 30_000_000_000;
-/// After a leap the tracking system may still tell that this is another universe, nanoseconds.
+/// Time after a leap during which the tracking system may still report another universe,
+/// nanoseconds. Choice.
 const LEAP_SETTLE_NS: i64 = 1_000_000_000;
 
-/// Where maps are kept, and whether what is there is forgotten: once for each room, however many sessions there are.
+/// The folder of the saved maps, and whether to remove them: once for each room, over all sessions.
 #[derive(Debug)]
 pub struct MapStore {
     folder: MapFolder,
     forget: bool,
-    /// Universes that were begun anew.
+    /// Universes whose map was removed.
     reset_universes: Mutex<Vec<u64>>,
 }
 
 impl MapStore {
-    /// The maps of all rooms are in a folder; `forget`: each room's is removed when it is first come upon.
+    /// `forget`: the map of each room is removed when the room is first entered.
     pub fn new(folder: MapFolder, forget: bool) -> Self {
         Self { folder, forget, reset_universes: Mutex::default() }
     }
 
-    /// Whether a universe's map is to be forgotten now.
+    /// Whether to remove a universe's map now; true once per universe.
     fn take_reset(&self, universe: u64) -> bool {
         let mut reset_universes = self.reset_universes.lock().unwrap_or_else(PoisonError::into_inner);
         let is_first = self.forget && !reset_universes.contains(&universe);
@@ -55,10 +56,10 @@ pub(super) struct MapAutosave<'k, 'a> {
     pub settings: &'k SettingsStore,
 }
 
-/// What was done so far.
+/// State of the thread.
 #[derive(Default)]
 struct Progress {
-    /// In this epoch, of this universe, what was kept has been taken up.
+    /// Epoch and universe whose saved map was restored.
     restored: Option<(u64, u64)>,
     leaps: u64,
     leapt: Option<(u64, i64)>,
@@ -68,7 +69,7 @@ struct Progress {
 }
 
 impl MapAutosave<'_, '_> {
-    /// Until the frame loop is over.
+    /// Runs until the frame loop has ended.
     pub fn run(&self, done: &AtomicBool) {
         let mut progress = Progress { saved_ns: now_ns(), ..Progress::default() };
         while !done.load(Ordering::Relaxed) {
@@ -80,7 +81,7 @@ impl MapAutosave<'_, '_> {
 
     fn step(&self, progress: &mut Progress, is_last: bool) {
         let Some(reconstruction) = (self.reconstruction)() else { return };
-        // Whoever lays the frame anew forgets under the same lock: frame and epoch belong together.
+        // A map reset changes frame and epoch under this lock, so they belong together.
         let frame = self.frame.lock().unwrap_or_else(PoisonError::into_inner);
         let (room, epoch) = (*frame, reconstruction.epoch());
         drop(frame);
@@ -93,7 +94,7 @@ impl MapAutosave<'_, '_> {
         if is_reset {
             progress.map_resets = room.map_resets;
             self.remove(progress, universe);
-            // Though it could not be removed it is not taken up again.
+            // Even if it could not be removed it is not restored again.
             progress.restored = Some((epoch, universe));
         }
         if !keeps {
@@ -114,7 +115,7 @@ impl MapAutosave<'_, '_> {
         }
     }
 
-    /// Whether it is known which room this is; what was kept of one that has leapt is removed.
+    /// Whether the current room is certain; removes the saved map of a room that has leapt.
     fn has_settled(&self, progress: &mut Progress, room: &RoomFrame, universe: u64) -> bool {
         let now_ns = now_ns();
         if room.leaps != progress.leaps {
@@ -131,18 +132,18 @@ impl MapAutosave<'_, '_> {
             Some(_) => {
                 progress.leapt = None;
                 if self.remove(progress, universe) {
-                    log::warn!("the map that was kept of this room is of no use any more: it begins anew");
+                    log::warn!("the saved map of this room is no longer valid and was removed");
                 }
                 true
             }
         }
     }
 
-    /// What was kept of a room, in the session's frame and by its clock.
+    /// Loads the saved map of a room, into the session frame and the host's clock.
     fn load(&self, progress: &mut Progress, room: &RoomFrame, universe: u64) -> Option<SavedMap> {
         if self.maps.take_reset(universe) {
             if self.remove(progress, universe) {
-                log::info!("the map that was kept of this room is forgotten");
+                log::info!("the saved map of this room was removed");
             }
             return None;
         }
@@ -152,17 +153,17 @@ impl MapAutosave<'_, '_> {
                 let age_s = (unix_s() - file.saved_unix_s).max(0.0);
                 let saved_ns = now_ns().saturating_sub((age_s * 1e9) as i64);
                 let (places, walls) = (file.map.places.len(), file.map.walls.len());
-                log::info!("{places} places and {walls} walls are remembered of this room");
+                log::info!("{places} points and {walls} walls are restored from the saved map of this room");
                 Some(file.map.moved(&room.session_from_raw).later_by_ns(saved_ns))
             }
             Err(error) => {
                 let aside = match error {
-                    // It may be sound.
+                    // The file itself may be valid.
                     MapFileError::Io { .. } => None,
                     _ => self.maps.folder.move_aside(universe).ok(),
                 };
                 let aside = aside.map_or(String::new(), |path| format!("; it is kept as {}", path.display()));
-                log::warn!("the map that was kept of this room is left out: {error}{aside}");
+                log::warn!("the saved map of this room is ignored: {error}{aside}");
                 None
             }
         }
@@ -186,7 +187,7 @@ impl MapAutosave<'_, '_> {
 
 fn warn_once(progress: &mut Progress, error: &MapFileError) {
     if !std::mem::replace(&mut progress.has_failed, true) {
-        log::warn!("the map is not kept: {error}");
+        log::warn!("the map is not saved: {error}");
     }
 }
 

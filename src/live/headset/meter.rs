@@ -1,20 +1,22 @@
-//! What the frame loop costs, whether it kept up, and how old sweeps are when a frame shows what they told. Fixed memory.
+//! Measures the frame loop: its cost, missed frames, and the age of sweeps when a frame shows their
+//! result. Fixed memory.
 
 use crate::live::{Latency, LatencyReport};
 
-/// A frame that comes later than this share of a period after the one before it was missed by somebody.
+/// A frame that starts later than this many periods after the previous one follows a missed frame.
+/// Choice.
 const LATE_PERIODS: f64 = 1.5;
 
-/// A frame that began and ended at host times.
+/// A frame's start and end in host time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FrameTimes {
     pub start_ns: i64,
     pub end_ns: i64,
-    /// Processor time of it.
+    /// Its processor time.
     pub cpu_ns: i64,
-    /// Time of it in which the loop could have gone on and had no core.
+    /// Time during the frame in which the loop was runnable and had no core.
     pub waited_ns: i64,
-    /// The same of the time since the end of the frame before.
+    /// The same between the end of the previous frame and this one.
     pub waited_before_ns: i64,
 }
 
@@ -32,22 +34,23 @@ pub(super) struct FrameMeter {
     missed_elsewhere: u64,
 }
 
-/// What the loop cost, and whether it kept up.
+/// Cost of the loop and missed frames.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FrameReport {
     /// Frames seen.
     pub frames: u64,
-    /// Frames that went by while this loop was at work on the one before.
+    /// Frames missed because the loop was still working on the previous one.
     pub missed_by_loop: u64,
-    /// Frames that went by while this loop waited for a processor core that others had.
+    /// Frames missed because the loop waited for a processor core used by others.
     pub missed_waiting_for_core: u64,
-    /// Frames that went by without a reason here: the runtime was late, or the system.
+    /// Frames missed for another reason: the runtime or the system was late.
     pub missed_elsewhere: u64,
-    /// Processor time of the loop's thread a frame.
+    /// Processor time of the loop's thread per frame.
     pub cpu: LatencyReport,
-    /// From a frame's beginning to the end of its work.
+    /// From the start of a frame to the end of its work.
     pub wall: LatencyReport,
-    /// From the end of a sensor's frame to the end of the first frame whose warnings rest on a reconstruction that has worked it off.
+    /// From the end of a sensor frame to the end of the first display frame whose warnings include
+    /// it.
     pub sweep_to_warning: LatencyReport,
 }
 
@@ -67,7 +70,7 @@ impl FrameMeter {
         }
     }
 
-    /// The next frame.
+    /// Takes the next frame.
     pub fn frame(&mut self, times: FrameTimes) {
         self.frames += 1;
         self.cpu.push(times.cpu_ns);
@@ -80,7 +83,7 @@ impl FrameMeter {
         }
     }
 
-    /// Whose it is that frames went by between two.
+    /// The counter to which missed frames between two frames are attributed.
     fn missed(&mut self, last: &FrameTimes, next: &FrameTimes) -> &mut u64 {
         let took_ns = last.end_ns - last.start_ns;
         let without_waiting_ns = next.start_ns - last.start_ns - last.waited_ns - next.waited_before_ns;
@@ -93,20 +96,21 @@ impl FrameMeter {
         }
     }
 
-    /// Warnings that rest on all sweeps up to a time were shown at a time; a sensor's frame takes so long.
+    /// Warnings that include all sweeps up to a time were shown. `sensor_period_ns`: length of a
+    /// sensor frame.
     pub fn shown(&mut self, newest_sweep_ns: i64, now_ns: i64, sensor_period_ns: i64) {
         let before_ns = std::mem::replace(&mut self.newest_sweep_ns, newest_sweep_ns);
         if before_ns == 0 || newest_sweep_ns <= before_ns {
             return;
         }
-        // Every frame of the sensor that came with it counts, the oldest too.
+        // Every sensor frame that arrived with it counts, the oldest too.
         let most = (newest_sweep_ns - before_ns) / sensor_period_ns.max(1);
         for back in 0..most.clamp(1, 1000) {
             self.sweep_age.push(now_ns - (newest_sweep_ns - back * sensor_period_ns));
         }
     }
 
-    /// Sweeps of before do not count: everything was forgotten.
+    /// Earlier sweeps do not count after a reset.
     pub fn reset_sweep_age(&mut self) {
         self.newest_sweep_ns = 0;
     }

@@ -1,8 +1,9 @@
-//! The frame loop beside SteamVR: poses in, warnings out, every frame.
+//! The frame loop with SteamVR: poses in, warnings out, every frame.
 //!
-//! The loop waits for the runtime's next frame and for nothing else: poses go into the reconstruction's queue, the newest
-//! scene is taken from where it lies, pictures are drawn only when they change. It owns graphics device and overlays, which belong to
-//! one thread. Poses between frames are read by a thread of their own, since the loop sleeps in the runtime then.
+//! The loop waits only for the runtime's next frame. Poses go into the reconstruction's queue, the
+//! newest scene is read without waiting, and pictures are drawn only when they change. The loop
+//! owns the graphics device and the overlays, which belong to one thread. Another thread reads
+//! poses between frames, while the loop sleeps in the runtime.
 
 mod anchor;
 mod cue_output;

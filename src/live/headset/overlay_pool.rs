@@ -1,8 +1,9 @@
-//! Quads onto overlays, for the displays `panels` and `stereo`: a few overlays that live as long as the session, each lent to an obstacle for as long as it is warned of.
+//! Shows quads on overlays, for the displays `panels` and `stereo`: a pool of overlays that live as
+//! long as the session, each assigned to an obstacle while it has a warning.
 //!
-//! An obstacle keeps its overlay, so that nothing jumps from one to another; an overlay is hidden, not destroyed, when its
-//! obstacle goes. A picture is handed over only when it is another one. The runtime copies it on our queue after we have
-//! forgotten it, so the last few stay alive.
+//! An obstacle keeps its overlay, so that nothing jumps between overlays. An overlay without an
+//! obstacle is hidden, not destroyed. A picture is passed to the runtime only when it has changed.
+//! The runtime copies it on our queue later, so the last few stay alive.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -11,17 +12,17 @@ use crate::openvr::{OpenVrError, Overlay, Runtime, Universe, VulkanDevice};
 use crate::render::{Quad, QuadKind};
 use radar_sar::geometry::Pose;
 
-/// Overlays in all: the runtime's compositor draws each of them for each eye.
+/// Number of overlays. Choice: the runtime's compositor draws each of them for each eye.
 pub(super) const MAX_OVERLAYS: usize = 8;
-/// Pictures of an overlay kept alive after they were replaced.
+/// Pictures per overlay kept alive after they were replaced. Choice.
 const RETAINED_PICTURES: usize = 2;
-/// A display shows no finer steps of brightness: less than one is no reason to call the runtime.
+/// Brightness is rounded to the steps of a display, to save calls of the runtime.
 const ALPHA_STEPS: f32 = 255.0;
-/// What lies on the floor is drawn before what stands on it.
+/// Sort orders: what lies on the floor is drawn before what stands on it.
 const FLOOR_ORDER: u32 = 0;
 const PANEL_ORDER: u32 = 1;
 
-/// What tells one quad from another.
+/// Identifies a quad.
 type QuadKey = (QuadKind, u64);
 
 struct PooledOverlay {
@@ -31,10 +32,10 @@ struct PooledOverlay {
     replaced: VecDeque<Arc<wgpu::Texture>>,
 }
 
-/// A few overlays.
+/// A pool of overlays.
 pub(super) struct OverlayPool {
     slots: Vec<PooledOverlay>,
-    /// Pictures of two halves, one for each eye.
+    /// Pictures have two halves, one for each eye.
     is_stereo: bool,
 }
 
@@ -53,20 +54,21 @@ impl OverlayPool {
         Ok(Self { slots: (1..=MAX_OVERLAYS).map(slot).collect::<Result<_, _>>()?, is_stereo })
     }
 
-    /// No overlays.
+    /// An empty pool.
     pub fn none() -> Self {
         Self { slots: Vec::new(), is_stereo: false }
     }
 
-    /// Whether the runtime still knows them.
+    /// Whether the overlays still exist in the runtime.
     pub fn exist(&self) -> bool {
         self.slots.iter().any(|slot| slot.overlay.exists())
     }
 
-    /// Shows these quads, whose places are in the standing universe, and nothing else; says how many pictures were handed over.
+    /// Shows these quads, whose positions are in the standing universe, and hides all others;
+    /// returns the number of new pictures passed to the runtime.
     ///
     /// # Errors
-    /// The runtime refuses something; what could be shown is shown.
+    /// The runtime refuses something; the rest is shown.
     pub fn show(
         &mut self,
         device: &VulkanDevice,
@@ -90,7 +92,7 @@ impl OverlayPool {
         refused.map_or(Ok(handed), Err)
     }
 
-    /// Hides all.
+    /// Hides all overlays.
     ///
     /// # Errors
     /// The runtime refuses.
@@ -98,7 +100,7 @@ impl OverlayPool {
         self.slots.iter_mut().map(PooledOverlay::release).fold(Ok(()), Result::and)
     }
 
-    /// The device that drew the pictures is gone.
+    /// Drops all pictures after the device was lost.
     pub fn drop_pictures(&mut self) {
         for slot in &mut self.slots {
             slot.texture = None;
@@ -106,12 +108,13 @@ impl OverlayPool {
         }
     }
 
-    /// Destroys the overlays. Their pictures come back: the runtime may still copy them until the session is over.
+    /// Destroys the overlays. Returns their pictures, because the runtime may still copy them until
+    /// the session is over.
     pub fn end(self) -> Vec<Arc<wgpu::Texture>> {
         self.slots.into_iter().flat_map(|slot| slot.texture.into_iter().chain(slot.replaced)).collect()
     }
 
-    /// How many are shown.
+    /// Number of overlays shown.
     pub fn shown(&self) -> usize {
         self.slots.iter().filter(|slot| slot.overlay.is_shown()).count()
     }
@@ -123,7 +126,7 @@ impl PooledOverlay {
         self.overlay.hide()
     }
 
-    /// Shows a quad; says whether its picture was handed over.
+    /// Shows a quad; returns whether its picture was passed to the runtime.
     fn show_quad(
         &mut self,
         device: &VulkanDevice,
@@ -140,7 +143,7 @@ impl PooledOverlay {
                 self.replaced.pop_front();
             }
         }
-        // Of two halves the runtime takes one for the shape.
+        // For a picture of two halves, the runtime uses the aspect of one.
         let width_px = f64::from(quad.texture.width()) / if is_stereo { 2.0 } else { 1.0 };
         let height_px = f64::from(quad.texture.height());
         self.overlay.set_texel_aspect((quad.size_m.x / width_px) / (quad.size_m.y / height_px))?;
@@ -153,7 +156,7 @@ impl PooledOverlay {
     }
 }
 
-/// Which of the wanted each slot shows: its own when that is still wanted, else one that has none yet, in order.
+/// The quad for each overlay: its own when still wanted, else the next unassigned one, in order.
 fn assign(held: &[Option<QuadKey>], wanted: &[QuadKey]) -> Vec<Option<usize>> {
     let own = |key: &Option<QuadKey>| key.and_then(|key| wanted.iter().position(|wanted| *wanted == key));
     let mut lent: Vec<Option<usize>> = held.iter().map(own).collect();
@@ -173,10 +176,10 @@ mod tests {
         let [chair, table] = [1, 2].map(|id| (QuadKind::Object, id));
         let wall = (QuadKind::Wall, 3);
         assert_eq!(assign(&[None; 3], &[chair, table]), [Some(0), Some(1), None]);
-        // The table is nearer now and comes first; a wall takes the place that is free.
+        // The table is nearer now and comes first; a wall takes the free overlay.
         assert_eq!(assign(&[Some(chair), Some(table), None], &[table, chair, wall]), [Some(1), Some(0), Some(2)]);
         assert_eq!(assign(&[Some(chair), Some(table), None], &[wall]), [Some(0), None, None]);
-        // A footprint is not its panel.
+        // A footprint has another key than its panel.
         assert_eq!(assign(&[Some(chair), None], &[(QuadKind::Footprint, 1)]), [Some(0), None]);
         assert_eq!(assign(&[Some(chair)], &[table, wall]), [Some(0)], "what does not fit is left out");
         assert_eq!(assign(&[Some(table), Some(chair)], &[]), [None, None]);

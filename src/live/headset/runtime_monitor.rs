@@ -1,11 +1,13 @@
-//! Whether the runtime is still there. When SteamVR is killed nobody says so: calls fail from then on, for good.
+//! Detects when the runtime is gone. When SteamVR is killed there is no event: all calls fail from
+//! then on.
 
-/// A runtime that answers nothing for so long is gone, nanoseconds. Its compositor may start again within a second or two.
+/// A runtime that has not answered for this time is gone, nanoseconds. Choice: its compositor may
+/// restart within a second or two.
 const MAX_SILENCE_NS: i64 = 3_000_000_000;
-/// Between two looks, nanoseconds.
+/// Interval of checks, nanoseconds. Choice.
 const CHECK_INTERVAL_NS: i64 = 250_000_000;
 
-/// Watches over the runtime.
+/// Monitors the runtime.
 #[derive(Debug, Default)]
 pub(super) struct RuntimeMonitor {
     checked_ns: Option<i64>,
@@ -14,12 +16,12 @@ pub(super) struct RuntimeMonitor {
 }
 
 impl RuntimeMonitor {
-    /// Whether it is time to look.
+    /// Whether a check is due.
     pub fn is_due(&self, now_ns: i64) -> bool {
         self.checked_ns.is_none_or(|checked_ns| now_ns.saturating_sub(checked_ns) >= CHECK_INTERVAL_NS)
     }
 
-    /// Takes in whether it answered; true when it is gone.
+    /// Takes the result of a check; true when the runtime is gone.
     pub fn record(&mut self, now_ns: i64, answered: bool) -> bool {
         self.checked_ns = Some(now_ns);
         if answered {

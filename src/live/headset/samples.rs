@@ -1,5 +1,5 @@
-//! The head's poses for the radar: where the head is now, not where it will be when a frame is seen, with the time at which it
-//! was there. And the player for the warnings, as they will be when a frame is seen.
+//! Samples poses: for the radar the current head pose with its time, not the one predicted for
+//! display; for the warnings the wearer as predicted for display.
 
 use crate::live::now_ns;
 use crate::openvr::{DevicePose, Hands, Poses, Runtime, TrackingState, Universe};
@@ -9,10 +9,11 @@ use radar_sar::PoseSample;
 use radar_sar::TrackingResult;
 use radar_sar::geometry::Pose;
 
-/// A call that took longer tells no time: this thread was put aside in the middle of it, nanoseconds.
+/// A call that took longer was interrupted, so the time of its pose is unknown, nanoseconds.
+/// Choice.
 const MAX_CALL_NS: i64 = 1_000_000;
 
-/// Poses and when they held, host nanoseconds; `None` when there is no telling when.
+/// Poses and their time, host nanoseconds; `None` when the time is unknown.
 pub(super) fn poses_now(runtime: &Runtime, hands: Hands) -> Option<(i64, Poses)> {
     let start_ns = now_ns();
     let poses = runtime.poses(Universe::Raw, 0.0, hands);
@@ -20,7 +21,7 @@ pub(super) fn poses_now(runtime: &Runtime, hands: Hands) -> Option<(i64, Poses)>
     (took_ns <= MAX_CALL_NS).then_some((start_ns + took_ns / 2, poses))
 }
 
-/// The sample of a head, in the session's frame.
+/// The head's sample in the session frame.
 pub(super) fn sample(time_ns: i64, head: &DevicePose, session_from_raw: &Pose) -> PoseSample {
     let result = match head.state {
         TrackingState::Ok => TrackingResult::Ok,
@@ -29,23 +30,24 @@ pub(super) fn sample(time_ns: i64, head: &DevicePose, session_from_raw: &Pose) -
         TrackingState::NotTracking => TrackingResult::NotTracking,
     };
     let pose = head.pose.map_or(Pose::IDENTITY, |raw_from_head| *session_from_raw * raw_from_head);
-    // Numbers that make no pose are as good as none.
+    // Invalid numbers count as no pose.
     let valid = head.connected && head.valid && head.pose.is_some();
     PoseSample { valid, result, ..PoseSample::valid(time_ns, &pose) }
 }
 
-/// What was told of the hands: without controllers nothing is, and that the last one was lost is told once.
+/// Samples hand positions. Without controllers there are no samples; the loss of the last
+/// controller gives one.
 #[derive(Debug, Default)]
 pub(super) struct HandSampler {
     had_some: bool,
     last_ns: Option<i64>,
 }
 
-/// Hands are told of so often, nanoseconds: more serves nobody.
+/// Least interval of hand samples, nanoseconds. Choice.
 const HAND_INTERVAL_NS: i64 = 10_000_000;
 
 impl HandSampler {
-    /// Where the hands are, in the session's frame, as far as they are tracked; `None` when there is nothing to tell.
+    /// Positions of the tracked hands in the session frame; `None` when no sample is due.
     pub fn next(&mut self, time_ns: i64, poses: &Poses, session_from_raw: &Pose) -> Option<HandsSample> {
         if self.last_ns.is_some_and(|last_ns| (0..HAND_INTERVAL_NS).contains(&time_ns.saturating_sub(last_ns))) {
             return None;
@@ -63,7 +65,7 @@ impl HandSampler {
     }
 }
 
-/// The player in the standing universe: the head where it is known to be, hands where they are tracked.
+/// The wearer in the standing universe: the head pose given, and the hands that are tracked.
 pub(super) fn wearer(time_ns: i64, standing_from_head: Pose, poses: &Poses, raw_from_standing: &Pose) -> Wearer {
     let standing_from_raw = raw_from_standing.inverse();
     let place = |hand: &DevicePose| hand.valid_pose().map(|pose| standing_from_raw.transform_point(pose.translation));

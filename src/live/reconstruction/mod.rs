@@ -1,9 +1,11 @@
-//! The reconstruction beside the frame loop: a thread and a pool of its own, at lower priority, around a pipeline.
+//! The reconstruction: a pipeline in its own thread and thread pool, at lower priority than the
+//! frame loop.
 //!
-//! Streams in: poses and frames, from any threads, each in its own order. Out: the newest scene, whenever asked. Whoever pushes
-//! or asks never waits for work, not even for a lock that a thread of lower priority holds: what finds the queue locked goes
-//! in with the next push, and who finds the newest scene locked is given the one before. The queue is bounded; its oldest go
-//! and are counted.
+//! Inputs: poses, hands and frames, from any thread, each stream in its own order. Output: the
+//! newest scene on request. Pushing and reading never wait for work, not even for a lock held by a
+//! thread of lower priority: a push that finds the queue locked goes in with the next one, and a
+//! read that finds the newest scene locked returns the previous one. The queue is bounded; the
+//! oldest messages are dropped and counted.
 
 mod worker;
 
@@ -22,158 +24,162 @@ use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
 use worker::{PipelineSpec, Worker};
 
-/// Shelves of the queue.
+/// Channels of the queue.
 const FRAMES: usize = 0;
 const POSES: usize = 1;
 const HANDS: usize = 2;
-/// Hands that wait at most: some two seconds.
+/// Bound of the channel of hand samples: about two seconds. Choice.
 const MAX_HANDS: usize = 256;
 
-/// How the reconstruction is run.
+/// Options of the reconstruction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReconstructionOptions {
-    /// Threads of its pool; `None`: the processors but one, and at least one.
+    /// Threads of its pool; `None`: all processors but one, at least one.
     pub threads: Option<usize>,
-    /// Steps of `nice` by which its threads stand back behind the one that starts it.
+    /// Steps of `nice` by which its threads are lowered below the starting thread.
     pub nice: u8,
-    /// Frames that wait at most; beyond, the oldest are dropped and counted.
+    /// Bound of waiting frames; beyond, the oldest are dropped and counted.
     pub max_frames: usize,
-    /// Poses that wait at most; the same.
+    /// Bound of waiting poses; as for frames.
     pub max_poses: usize,
-    /// How long after a sweep its poses may come, seconds, where the settings would wait longer: see
-    /// [`HistorySettings::max_ahead_s`](radar_sar::HistorySettings::max_ahead_s).
+    /// Upper limit of how long after a sweep its poses may arrive, seconds; see
+    /// [`HistorySettings::max_ahead_s`](crate::tracking::HistorySettings::max_ahead_s).
     pub max_ahead_s: f64,
 }
 
 impl Default for ReconstructionOptions {
-    /// Some four seconds of the default preset and of poses; sweeps wait for the next pose alone.
+    /// Bounds of about four seconds of the default preset and of poses. Sweeps wait for the next
+    /// pose only.
     fn default() -> Self {
         Self { threads: None, nice: 5, max_frames: 256, max_poses: 1024, max_ahead_s: 0.0 }
     }
 }
 
-/// Why no reconstruction begins.
+/// Why the reconstruction cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum ReconstructionError {
-    /// No pool.
+    /// The thread pool cannot be created.
     #[error("cannot start the {threads} threads of the reconstruction: {source}")]
     Pool {
-        /// How many were wanted.
+        /// Number of threads requested.
         threads: usize,
-        /// What the system says.
+        /// Error of the system.
         source: rayon::ThreadPoolBuildError,
     },
-    /// No thread.
+    /// The thread cannot be created.
     #[error("cannot start the reconstruction's thread: {0}")]
     Thread(std::io::Error),
 }
 
-/// What the reconstruction tells the frame loop.
+/// What the reconstruction publishes to the frame loop.
 #[derive(Debug, Clone)]
 pub struct PublishedMap {
-    /// Rises with everything published.
+    /// Increases with every publication.
     pub number: u64,
-    /// What stands in the room. The same `Arc` until it changes.
+    /// The map's scene. The same `Arc` until it changes.
     pub scene: Arc<Scene>,
-    /// End of the newest sweep worked off, host nanoseconds; 0 before the first.
+    /// End of the newest processed sweep, host nanoseconds; 0 before the first.
     pub newest_sweep_ns: i64,
-    /// The time offset in force: time of a sweep's pose minus time of the sweep, seconds.
+    /// The time offset in use: time of a sweep's pose minus time of the sweep, seconds.
     pub time_offset_s: f64,
-    /// 1σ of the last estimate of the time offset, where the data tell it.
+    /// 1σ of the last estimate of the time offset, where it is observable.
     pub time_offset_sigma_s: Option<f64>,
-    /// How often everything was forgotten before.
+    /// Number of resets before it.
     pub epoch: u64,
 }
 
 impl PublishedMap {
-    /// Nothing seen yet.
+    /// An empty map.
     fn nothing(epoch: u64) -> Self {
         let scene = Arc::new(Scene::default());
         Self { number: 0, scene, newest_sweep_ns: 0, time_offset_s: 0.0, time_offset_sigma_s: None, epoch }
     }
 }
 
-/// What the reconstruction has been through.
+/// Counters of the reconstruction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReconstructionCounters {
-    /// The pipeline's, since everything was last forgotten.
+    /// The pipeline's counters since the last reset.
     pub pipeline: Counters,
-    /// How often everything was forgotten.
+    /// Number of resets.
     pub epoch: u64,
-    /// Frames and poses that nobody had time for.
+    /// Frames dropped because the queue was full.
     pub frames_dropped: u64,
-    /// See `frames_dropped`.
+    /// Poses dropped because the queue was full.
     pub poses_dropped: u64,
-    /// Frames and poses from before everything was forgotten.
+    /// Frames and poses discarded because they were from before a reset.
     pub outdated: u64,
-    /// Times that something was published.
+    /// Number of publications.
     pub published: u64,
-    /// Scenes among it.
+    /// Scenes among them.
     pub scenes: u64,
-    /// From a frame's arrival until its sweeps have their poses and are part of the search, and that is published: the wait for
-    /// the pose after them and for the work before them.
+    /// From a frame's arrival until its sweeps have their poses, are part of the map's evidence and
+    /// that is published. Includes the wait for the next pose and for earlier work.
     pub processed: LatencyReport,
-    /// From a frame's end to the first published scene that rests on it: evidence is taken in by blocks and looked at four times
-    /// a second, so this is bounded by a block's length and the time between two looks, on top of the above.
+    /// From a frame's end to the first published scene that contains it. Evidence is added in
+    /// sub-apertures and the map is updated four times a second, so the length of a sub-aperture
+    /// and the update interval come on top of the above.
     pub evidence_age: LatencyReport,
-    /// How long a frame or pose, or a part of what they set off, kept the next from being taken.
+    /// Duration of a work step (a frame, a pose or a part of what they trigger), during which the
+    /// next input waits.
     pub step: LatencyReport,
     /// Processor time of all its threads, seconds.
     pub cpu_s: f64,
-    /// How long it has been running, seconds.
+    /// Running time, seconds.
     pub running_s: f64,
 }
 
-/// What one thread hands to the other, with the epoch in which it was pushed.
+/// Messages to the thread, with the epoch in which they were pushed.
 enum Input {
     Pose(u64, PoseSample),
     Hands(u64, HandsSample),
-    /// And when it arrived, host nanoseconds.
+    /// With its arrival, host nanoseconds.
     Frame(u64, Frame, i64),
 }
 
-/// What both sides hold.
+/// State shared by both sides.
 struct Shared {
     newest: Mutex<Arc<PublishedMap>>,
     counters: Mutex<ReconstructionCounters>,
     epoch: AtomicU64,
-    /// What is to be taken up, and in which epoch.
+    /// A saved map to restore, and its epoch.
     pending_map: Mutex<Option<(u64, SavedMap)>>,
-    /// What is known of the room, and in which epoch.
+    /// The current map for saving, and its epoch.
     saved_map: Mutex<Option<(u64, Arc<SavedMap>)>>,
-    /// How many voxels of evidence are wanted; and those of the newest scene.
+    /// Number of evidence voxels requested, and those of the newest scene.
     evidence_wanted: AtomicUsize,
     evidence: Mutex<Option<Arc<Evidence>>>,
-    /// Settings for whatever begins next, where they are to be others.
+    /// Settings for the next pipeline, where they have changed.
     next_settings: Mutex<Option<Settings>>,
     is_alive: AtomicBool,
-    /// Leave everything and end.
+    /// Discard everything and stop.
     stop: AtomicBool,
-    /// Work off what waits, but not beyond this host time, and end.
+    /// Process what waits until this host time at the latest, then stop.
     finish_by_ns: AtomicU64,
 }
 
-/// The reconstruction. Dropping it leaves what waits and ends its threads.
+/// The reconstruction. Dropping it discards waiting input and ends its threads.
 pub struct Reconstruction {
     shared: Arc<Shared>,
     queue: Arc<Queue<Input, 3>>,
     frames: MapperInput<Input, 3>,
     poses: MapperInput<Input, 3>,
     hands: MapperInput<Input, 3>,
-    /// What was last given out.
+    /// The last value returned to a reader.
     last_given: Mutex<Arc<PublishedMap>>,
     max_ahead_s: f64,
     thread: Option<JoinHandle<()>>,
 }
 
-/// Longest that [`Reconstruction::finish`] works off what waits, nanoseconds.
+/// Longest time that [`Reconstruction::finish`] processes waiting input, nanoseconds. Choice.
 const MAX_FINISH_NS: u64 = 500_000_000;
 
 impl Reconstruction {
-    /// Begins, for a sound configuration. The settings' mount goes before the one given.
+    /// Starts it for a valid configuration. A mount in the settings has precedence over the one
+    /// given.
     ///
     /// # Errors
-    /// The system gives no threads.
+    /// The system provides no threads.
     pub fn start(
         config: &SensorConfig,
         head_from_sensor: &Pose,
@@ -206,22 +212,23 @@ impl Reconstruction {
         })
     }
 
-    /// Takes a pose of the head; never waits.
+    /// Takes a head pose; never waits.
     pub fn push_pose(&self, sample: PoseSample) {
         self.poses.push(Input::Pose(self.epoch(), sample));
     }
 
-    /// Takes where the player's hands are, in the frame of the poses; never waits. What nobody has time for goes.
+    /// Takes the positions of the wearer's hands, in the frame of the poses; never waits. Samples
+    /// are dropped when the queue is full.
     pub fn push_hands(&self, hands: HandsSample) {
         self.hands.push(Input::Hands(self.epoch(), hands));
     }
 
-    /// Takes a frame that arrived now; never waits.
+    /// Takes a frame that has just arrived; never waits.
     pub fn push_frame(&self, frame: Frame) {
         self.frames.push(Input::Frame(self.epoch(), frame, now_ns()));
     }
 
-    /// The newest there is; never waits for work.
+    /// The newest map; never waits for work.
     pub fn latest(&self) -> Arc<PublishedMap> {
         let mut last_given = lock(&self.last_given);
         let newest = match self.shared.newest.try_lock() {
@@ -229,15 +236,15 @@ impl Reconstruction {
             Err(TryLockError::Poisoned(poisoned)) => Some(Arc::clone(&poisoned.into_inner())),
             Err(TryLockError::WouldBlock) => None,
         };
-        // What was found before everything was forgotten is never given out after.
+        // Results from before a reset are never returned after it.
         if let Some(newest) = newest.filter(|newest| newest.epoch == self.epoch()) {
             *last_given = newest;
         }
         Arc::clone(&last_given)
     }
 
-    /// Forgets everything, at once: the poses to come are those of another frame of reference. Frames and poses pushed before do
-    /// not count any more, nor does what was found. Gives the epoch that begins.
+    /// Resets the map at once, because the next poses are in another frame of reference. Frames and
+    /// poses pushed before are discarded. Returns the new epoch.
     pub fn reset(&self) -> u64 {
         let mut last_given = lock(&self.last_given);
         let epoch = self.shared.epoch.fetch_add(1, Ordering::SeqCst) + 1;
@@ -245,19 +252,19 @@ impl Reconstruction {
         epoch
     }
 
-    /// Begins anew with other settings: what was found with those of before is forgotten, see [`Self::forget`].
+    /// Resets the map and starts again with other settings. Returns the new epoch.
     pub fn restart_with(&self, settings: &Settings) -> u64 {
         *lock(&self.shared.next_settings) = Some(with_max_ahead(settings, self.max_ahead_s));
         self.reset()
     }
 
-    /// Has it take up what is remembered of the room, in the frame of the poses of that epoch.
+    /// Restores a saved map, in the frame of the poses of that epoch.
     pub fn restore(&self, epoch: u64, remembered: SavedMap) {
         *lock(&self.shared.pending_map) = Some((epoch, remembered));
     }
 
-    /// What is known of the room and in which epoch, as of a second ago at most; `None` before there is anything, and while something is
-    /// still to be taken up. May wait for a moment: not for the frame loop.
+    /// The current map for saving and its epoch, at most a second old; `None` before there is one
+    /// and while a restore is pending. May wait for a moment: not for the frame loop.
     pub fn saved_map(&self) -> Option<(u64, Arc<SavedMap>)> {
         let waiting = lock(&self.shared.pending_map);
         if waiting.is_some() {
@@ -266,27 +273,29 @@ impl Reconstruction {
         lock(&self.shared.saved_map).clone()
     }
 
-    /// Has it tell of the evidence behind scenes, so many voxels at most, the strongest; 0, as at first: none.
+    /// Requests the evidence behind each scene: this many of the strongest voxels; 0, the default:
+    /// none.
     pub fn request_evidence(&self, most: usize) {
         self.shared.evidence_wanted.store(most, Ordering::Relaxed);
     }
 
-    /// The newest evidence, where it is watched and there is a newer one than was last taken. May wait for a moment: not for the frame loop.
+    /// The newest evidence, if it was requested and is newer than the last one taken. May wait for
+    /// a moment: not for the frame loop.
     pub fn take_evidence(&self) -> Option<Arc<Evidence>> {
         lock(&self.shared.evidence).take()
     }
 
-    /// How often everything was forgotten.
+    /// Number of resets.
     pub fn epoch(&self) -> u64 {
         self.shared.epoch.load(Ordering::SeqCst)
     }
 
-    /// Whether it still works: false after a panic of its own, which leaves the last scene as it was.
+    /// Whether it is running: false after a panic, which leaves the last scene in place.
     pub fn is_alive(&self) -> bool {
         self.shared.is_alive.load(Ordering::SeqCst)
     }
 
-    /// What it has been through, as of a tenth of a second ago at most. May wait for a moment: not for the frame loop.
+    /// Counters, at most 0.1 s old. May wait for a moment: not for the frame loop.
     pub fn counters(&self) -> ReconstructionCounters {
         let [frames, poses, _] = self.queue.dropped();
         ReconstructionCounters {
@@ -296,7 +305,7 @@ impl Reconstruction {
         }
     }
 
-    /// Works off what waits, for half a second at most, looks a last time, and ends.
+    /// Processes waiting input for at most half a second, updates the map a last time, and stops.
     pub fn finish(mut self) -> (ReconstructionCounters, Arc<Scene>) {
         self.shared.finish_by_ns.store((now_ns() as u64).saturating_add(MAX_FINISH_NS), Ordering::SeqCst);
         self.frames.flush();
@@ -309,7 +318,7 @@ impl Reconstruction {
     fn end(&mut self) {
         self.queue.end();
         if let Some(thread) = self.thread.take() {
-            // Its panics are caught within.
+            // Its panics are caught inside.
             let _ = thread.join();
         }
     }
@@ -354,7 +363,7 @@ impl Shared {
     }
 }
 
-/// The settings, with sweeps that wait for their poses no longer than that.
+/// The settings with this limit on the wait for poses.
 fn with_max_ahead(settings: &Settings, max_ahead_s: f64) -> Settings {
     let mut settings = settings.clone();
     let history = &mut settings.tracking.history;
@@ -362,10 +371,10 @@ fn with_max_ahead(settings: &Settings, max_ahead_s: f64) -> Settings {
     settings
 }
 
-/// Works, and tells when it is over, however it ended. A panic has been printed by the time that it arrives here.
+/// Runs the work and marks the end, however it ended. A panic has been printed by then.
 fn run_guarded(shared: &Shared, work: impl FnOnce()) {
     if catch_unwind(AssertUnwindSafe(work)).is_err() {
-        log::error!("the reconstruction ended by a fault of its own: what was found so far stays, nothing is added");
+        log::error!("the reconstruction failed: the map stays as it is and is not updated any more");
     }
     shared.is_alive.store(false, Ordering::SeqCst);
 }
@@ -382,7 +391,7 @@ fn pool(options: &ReconstructionOptions) -> Result<rayon::ThreadPool, Reconstruc
         .map_err(|source| ReconstructionError::Pool { threads, source })
 }
 
-/// What is in there is whole at any time.
+/// The data are consistent at any time, even after a panic.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,4 +1,4 @@
-//! What the reconstruction's thread does: takes poses and frames, works them off, publishes.
+//! The reconstruction's thread: takes poses and frames, processes them, publishes the map.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -14,17 +14,18 @@ use radar_mapping::Scene;
 use radar_mapping::{MapperKind, Pipeline};
 use radar_sar::geometry::Pose;
 
-/// Longest wait for input: how soon being asked to stop or to forget is noticed at the latest.
+/// Longest wait for input: bounds the reaction time to stop and reset. Choice.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Counters are renewed this often, nanoseconds.
+/// Interval of the shared counters, nanoseconds. Choice.
 const COUNTERS_INTERVAL_NS: i64 = 100_000_000;
-/// What is known of the room is told this often, nanoseconds.
+/// Interval of the shared map for saving, nanoseconds. Choice.
 const SAVED_MAP_INTERVAL_NS: i64 = 1_000_000_000;
-/// A search for single reflectors goes through everything kept: once a second, and for a fifth of the time at most.
+/// A search for single reflectors covers everything kept: at most once a second, and at most a
+/// fifth of the time. Choice.
 const MIN_REFLECTORS_INTERVAL_NS: i64 = 1_000_000_000;
 const REFLECTORS_IDLE_RATIO: i64 = 4;
 
-/// What a fresh pipeline is made of.
+/// What a new pipeline is built from.
 pub(super) struct PipelineSpec {
     pub config: SensorConfig,
     pub head_from_sensor: Pose,
@@ -32,7 +33,7 @@ pub(super) struct PipelineSpec {
 }
 
 impl PipelineSpec {
-    /// A fresh one, whose work waits until nothing else does.
+    /// A new pipeline that defers its work until no input waits.
     pub fn pipeline(&self) -> Pipeline {
         let mut pipeline = Pipeline::new(&self.config, &self.head_from_sensor, &self.settings.mapping());
         pipeline.defer();
@@ -40,7 +41,7 @@ impl PipelineSpec {
     }
 }
 
-/// What the thread owns.
+/// State of the thread.
 pub(super) struct Worker {
     pipeline: Pipeline,
     spec: PipelineSpec,
@@ -48,7 +49,7 @@ pub(super) struct Worker {
     queue: Arc<Queue<Input, 3>>,
     epoch: u64,
     published: PublishedMap,
-    /// What the scene that is published rests on, host nanoseconds.
+    /// End of the newest sweep in the published scene, host nanoseconds.
     evidence_ns: Option<i64>,
     next_reflectors_ns: i64,
     latencies: LatencyTracker,
@@ -82,10 +83,10 @@ impl Worker {
         }
     }
 
-    /// Works until asked to stop, or until nothing comes any more. To be called inside the pool.
+    /// Runs until asked to stop or the queue is closed. Call it inside the pool.
     pub fn run(mut self) {
         while !self.shared.stop.load(Ordering::SeqCst) && !self.is_late() {
-            // What came goes before what it set off: a look at the evidence holds up no sweep.
+            // Input has precedence over deferred work: a map update delays no sweep.
             let received = self.queue.receive(if self.pipeline.has_work() { Duration::ZERO } else { POLL_INTERVAL });
             self.apply_epoch();
             self.restore_map();
@@ -110,7 +111,7 @@ impl Worker {
         now_ns() as u64 >= self.shared.finish_by_ns.load(Ordering::SeqCst)
     }
 
-    /// Begins anew when everything is to be forgotten.
+    /// Starts a new pipeline after a reset.
     fn apply_epoch(&mut self) {
         let epoch = self.shared.epoch.load(Ordering::SeqCst);
         if epoch == self.epoch {
@@ -126,10 +127,11 @@ impl Worker {
         self.publish_map(PublishedMap { number: self.published.number, ..PublishedMap::nothing(epoch) });
     }
 
-    /// Takes up what is remembered of the room; it is part of the scene at once.
+    /// Restores a pending saved map; it is part of the scene at once.
     fn restore_map(&mut self) {
         let shared = Arc::clone(&self.shared);
-        // Held until what is told has it: nobody takes what is known without it for all there is.
+        // The lock is held until the shared map contains it, so that nobody saves the map without
+        // it.
         let mut waiting = lock(&shared.pending_map);
         let Some((_, remembered)) =
             waiting.take_if(|(epoch, _)| *epoch <= self.epoch).filter(|(e, _)| *e == self.epoch)
@@ -137,7 +139,7 @@ impl Worker {
             return;
         };
         if let Err(error) = self.pipeline.restore(&remembered) {
-            log::warn!("what is remembered of the room is left out: {error}");
+            log::warn!("the saved map of the room is ignored: {error}");
         }
         self.publish_saved_map(0);
         if self.pipeline.engine().search() == MapperKind::Rooms {
@@ -147,7 +149,7 @@ impl Worker {
         }
     }
 
-    /// Tells what is known of the room, when what was told is older than this.
+    /// Publishes the map for saving when the published one is older than this.
     fn publish_saved_map(&mut self, age_ns: i64) {
         let now_ns = now_ns();
         if now_ns.saturating_sub(self.saved_map_ns) < age_ns {
@@ -156,7 +158,7 @@ impl Worker {
         self.saved_map_ns = now_ns;
         let remembered = Some((self.epoch, Arc::new(self.pipeline.saved_map())));
         let before = std::mem::replace(&mut *lock(&self.shared.saved_map), remembered);
-        // Let go after the lock is.
+        // Dropped after the lock is released.
         drop(before);
     }
 
@@ -173,7 +175,7 @@ impl Worker {
         self.step.push(now_ns().saturating_sub(begin_ns));
     }
 
-    /// A part of what was set off.
+    /// Does a part of the deferred work.
     fn work(&mut self) {
         let begin_ns = now_ns();
         if self.pipeline.work() {
@@ -191,12 +193,12 @@ impl Worker {
         self.pipeline.process_late();
     }
 
-    /// Frames that no pose was found for.
+    /// Frames for which no pose was found.
     fn without_pose(&self) -> u64 {
         self.pipeline.counters().streams.frames_without_pose
     }
 
-    /// Frames that the pipeline would not have.
+    /// Frames that the pipeline rejected.
     fn refused(&self) -> u64 {
         let streams = self.pipeline.counters().streams;
         streams.frames_saturated
@@ -205,7 +207,7 @@ impl Worker {
             + streams.frames_time_leapt
     }
 
-    /// Publishes what is new.
+    /// Publishes what has changed.
     fn publish(&mut self, is_last: bool) {
         let newest_sweep_ns = self.pipeline.engine().newest_sweep_ns().unwrap_or(0);
         let scene = self.new_scene(is_last);
@@ -234,7 +236,7 @@ impl Worker {
         self.published = PublishedMap { number: published.number + 1, ..published };
         let published = Arc::new(self.published.clone());
         let before = std::mem::replace(&mut *lock(&self.shared.newest), published);
-        // Let go after the lock is.
+        // Dropped after the lock is released.
         drop(before);
     }
 
@@ -255,18 +257,18 @@ impl Worker {
         Some(scene)
     }
 
-    /// The evidence behind a scene, for who watches.
+    /// Publishes the evidence behind a scene, if requested.
     fn publish_evidence(&self) {
         let most = self.shared.evidence_wanted.load(Ordering::Relaxed);
         if most > 0 {
             let evidence = Arc::new(self.pipeline.engine().evidence(most));
             let before = lock(&self.shared.evidence).replace(evidence);
-            // Let go after the lock is.
+            // Dropped after the lock is released.
             drop(before);
         }
     }
 
-    /// Renews the counters that others see, when they are older than this.
+    /// Updates the shared counters when they are older than this.
     fn publish_counters(&mut self, age_ns: i64) {
         let now_ns = now_ns();
         if now_ns.saturating_sub(self.counters_ns) < age_ns {

@@ -1,63 +1,63 @@
-//! What a settings file that others write means: when what is seen of it counts.
+//! Debounces a settings file that other programs write.
 //!
-//! Editors save by writing over, by renaming, or through an empty file, and files are seen half written. So text counts once it
-//! has stayed the same for a moment and can be used; that it cannot, or that there is none, counts when it has stayed so for longer.
-//! Each state counts once: a wrong file is told of once, until it is another.
+//! Editors overwrite a file, rename one over it, or empty it first, and a file may be read half
+//! written. So a text is accepted once it has been stable for a moment and is valid. An invalid or
+//! missing file is rejected once that has lasted for longer. Each state is reported once.
 
-/// Text that has stayed the same for so long is whole, nanoseconds.
+/// A text that has been stable for this time is complete, nanoseconds. Choice.
 const STABLE_NS: i64 = 150_000_000;
-/// What cannot be used is told of after so long, nanoseconds: an editor may be at work.
+/// An invalid file is reported after this time, nanoseconds. Choice: an editor may be saving it.
 const REPORT_AFTER_NS: i64 = 1_000_000_000;
 
-/// What is seen of the file.
+/// State of the file as read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum FileState {
     /// No file.
     Absent,
-    /// It cannot be read: why.
+    /// Unreadable, with the reason.
     Unreadable(String),
     /// Its text.
     Text(String),
 }
 
-/// What is to be done.
+/// Result of an observation.
 #[derive(Debug, PartialEq)]
 pub(super) enum Outcome<T> {
-    /// Nothing.
+    /// Nothing to do.
     Unchanged,
-    /// The text, and what its check made of it, is in force from now on.
+    /// A new text and the value that its check returned; in use from now on.
     Accepted(String, T),
-    /// It stays as it was; why, for people.
+    /// Rejected, with the reason for the user.
     Rejected(String),
 }
 
-/// Follows one file.
+/// Debounces one file.
 #[derive(Debug)]
 pub(super) struct FileDebouncer {
-    /// What counted last.
+    /// The last state that was accepted or rejected.
     settled: FileState,
-    /// What was seen since, and since when.
+    /// A newer state, and since when it has been seen.
     coming: Option<(FileState, i64)>,
 }
 
 impl FileDebouncer {
-    /// After a first look, whose text is in force.
+    /// Starts with the first state, whose text is in use.
     pub fn new(first: FileState) -> Self {
         Self { settled: first, coming: None }
     }
 
-    /// Whether something was seen that does not count yet.
+    /// Whether a newer state waits to be accepted or rejected.
     pub fn is_waiting(&self) -> bool {
         self.coming.is_some()
     }
 
-    /// We have written it ourselves.
+    /// This program has written the text itself.
     pub fn set_written(&mut self, text: &str) {
         self.settled = FileState::Text(text.to_owned());
         self.coming = None;
     }
 
-    /// Takes in a look at the file. `check` says what a text means, or what is wrong with it.
+    /// Takes the file's current state. `check` validates a text.
     pub fn observe<T>(
         &mut self,
         now_ns: i64,
@@ -87,7 +87,7 @@ impl FileDebouncer {
                 }
                 Err(why) => why,
             },
-            FileState::Absent => "it is not there any more".to_owned(),
+            FileState::Absent => "it was removed".to_owned(),
             FileState::Unreadable(why) => why.clone(),
         };
         if age_ns < REPORT_AFTER_NS {
@@ -112,12 +112,12 @@ mod tests {
         FileState::Text(text.to_owned())
     }
 
-    /// A number is good.
+    /// Accepts a number.
     fn check(text: &str) -> Result<i32, String> {
         text.trim().parse().map_err(|_| format!("{text} is no number"))
     }
 
-    /// Looks every 100 ms for a while; what came of it, and after how many looks.
+    /// Observes every 100 ms for a while; the results and their observation numbers.
     fn look_for(debouncer: &mut FileDebouncer, from_ms: i64, looks: i64, seen: &FileState) -> Vec<(i64, Outcome<i32>)> {
         let outcomes = (0..looks).map(|n| (n, debouncer.observe((from_ms + 100 * n) * MS, seen.clone(), check)));
         outcomes.filter(|(_, outcome)| *outcome != Outcome::Unchanged).collect()

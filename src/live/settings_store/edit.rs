@@ -1,4 +1,4 @@
-//! Changes to a settings file as a person would make them: one value is another, comments and everything else stay as they are.
+//! Edits a settings file as a person would: changes one value, keeps comments and everything else.
 
 use std::fs;
 use std::io::Write;
@@ -6,8 +6,8 @@ use std::path::Path;
 
 use toml_edit::{DocumentMut, Item, Table, Value};
 
-/// The text with one value changed; a value or table that is not there is added. `None`: the text is no TOML, or the name leads through
-/// something that is no table.
+/// The text with one value changed; a missing value or table is added. `None`: the text is not
+/// TOML, or the name leads through something that is not a table.
 pub(super) fn with_value(text: &str, name: &str, value: &toml::Value) -> Option<String> {
     let mut document: DocumentMut = text.parse().ok()?;
     let mut path: Vec<&str> = name.split('.').collect();
@@ -19,7 +19,7 @@ pub(super) fn with_value(text: &str, name: &str, value: &toml::Value) -> Option<
     let mut new = edited(value);
     match table.get_mut(last).and_then(Item::as_value_mut) {
         Some(old) => {
-            // What stands around it, a comment behind it above all.
+            // Keeps the surrounding whitespace and a comment after the value.
             *new.decor_mut() = old.decor().clone();
             *old = new;
         }
@@ -42,12 +42,12 @@ fn edited(value: &toml::Value) -> Value {
     }
 }
 
-/// Puts a text in a file's place as a whole: readers see the old one or the new one.
+/// Replaces a file atomically: readers see the old text or the new one.
 ///
 /// # Errors
-/// What the system refuses.
+/// Errors of the file system.
 pub(super) fn replace(path: &Path, text: &str) -> std::io::Result<()> {
-    // Behind a link the file itself is replaced.
+    // For a symbolic link, the target is replaced.
     let path = &fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder)?;

@@ -1,10 +1,12 @@
-//! Settings while the program runs: whoever changes them, in the file or in the dashboard's panel, and whoever goes by them.
+//! Settings that can change while the program runs, from the file or from the dashboard's panel.
 //!
-//! A thread of its own looks at the file four times a second: its time and length, and its text where these have changed. That
-//! costs a system call a look, serves every editor and every file system, and needs nothing that watches folders. What is good is in force at
-//! once; what is not is told of once, and the last good settings stay: the defaults, where it is wrong from the start, since nobody may be
-//! there to read why a program does not start. What is wrong can be asked for ([`SettingsStore::trouble`]) as long as it is. Changes that are made here are in force first and are written into the
-//! file when they rest, comments and all; a file that is wrong at that time is not written over.
+//! A thread polls the file four times a second: its time and length, and its text where these have
+//! changed. That costs one system call per poll, works with every editor and file system, and needs
+//! no file notification. Valid settings apply at once. Invalid ones are logged once, and the last
+//! valid settings stay in use: the defaults, where the file is invalid from the start, since nobody
+//! may see why a program does not start. The current fault can be read with
+//! [`SettingsStore::trouble`]. Changes made in the program apply first and are saved to the file
+//! after a delay, preserving comments; a file that is invalid at that time is not overwritten.
 
 mod debounce;
 mod edit;
@@ -20,23 +22,26 @@ use self::debounce::{FileDebouncer, FileState, Outcome};
 use super::now_ns;
 use crate::settings::Settings;
 
-/// Between two looks at the file.
+/// Polling interval of the file. Choice.
 const POLL_INTERVAL: Duration = Duration::from_millis(250);
-/// While something was seen that does not count yet.
+/// Polling interval while a change is pending. Choice.
 const SHORT_POLL_INTERVAL: Duration = Duration::from_millis(80);
-/// A file that was changed so recently may be changed again without its time telling.
+/// A file modified this recently may be modified again within the resolution of its timestamp.
+/// Choice.
 const RECENT: Duration = Duration::from_secs(3);
-/// Changes are written when they have rested for so long, nanoseconds, and at the latest after `MAX_SAVE_DELAY_NS`: a slider gives many.
+/// Changes are saved after this time without another, nanoseconds, and after `MAX_SAVE_DELAY_NS` at the
+/// latest: a slider sends many. Choice.
 const SAVE_DELAY_NS: i64 = 400_000_000;
 const MAX_SAVE_DELAY_NS: i64 = 2_000_000_000;
-/// A settings file is not longer, bytes.
+/// Largest settings file, bytes. Choice.
 const MAX_FILE_BYTES: u64 = 1 << 20;
-/// Orders that may wait.
+/// Bound of waiting commands. Choice.
 const MAX_COMMANDS: usize = 256;
 
-/// Makes settings of a file's text and of changes by `name=value` over it, or says what is wrong.
+/// Builds settings from a file's text and overriding `name=value` changes, or returns what is
+/// wrong.
 pub type Compose<'a> = &'a (dyn Fn(&str, &[String]) -> Result<Settings, String> + Sync);
-/// Told the settings before and those in force from now on.
+/// Called with the previous settings and the new ones.
 pub type OnNew<'a> = &'a (dyn Fn(&Settings, &Settings) + Sync);
 
 /// A change of one setting.
@@ -44,7 +49,7 @@ pub type OnNew<'a> = &'a (dyn Fn(&Settings, &Settings) + Sync);
 pub struct SettingChange {
     /// Its name, as in `warning.brightness`.
     pub name: String,
-    /// What it is to be.
+    /// Its new value.
     pub value: toml::Value,
 }
 
@@ -54,36 +59,36 @@ enum Command {
     End,
 }
 
-/// Where the settings in force lie.
+/// Holds the settings in use.
 pub struct SettingsStore {
     newest: Mutex<Arc<Settings>>,
     version: AtomicU64,
     commands: SyncSender<Command>,
-    /// Of the file as it is, and of what could not be written into it.
+    /// Fault of the file, and why changes could not be saved to it.
     trouble: Mutex<[Option<String>; 2]>,
 }
 
-/// What the desk's thread works with; see [`SettingsStore::new`].
+/// State of the watcher thread; see [`SettingsStore::new`].
 pub struct SettingsWatcher {
     file: Option<PathBuf>,
-    /// `name=value`, laid over the file.
+    /// `name=value` changes that override the file.
     overrides: Vec<String>,
     commands: Receiver<Command>,
-    /// The file's last good text.
+    /// The file's last valid text.
     text: String,
     debouncer: FileDebouncer,
     stamp: Option<(SystemTime, u64)>,
-    /// Changes of ours that are not in the file yet.
+    /// Own changes that are not in the file yet.
     unsaved: BTreeMap<String, toml::Value>,
     changed_ns: Option<(i64, i64)>,
     cannot_save: Option<String>,
 }
 
 impl SettingsStore {
-    /// Reads the file, which need not be there. The other part is to be run by a thread: [`SettingsWatcher::run`].
+    /// Reads the file, which may be missing. Run the second value in a thread: [`SettingsWatcher::run`].
     ///
     /// # Errors
-    /// What is wrong with `overrides`; a file that is wrong is left out, and its trouble known.
+    /// What is wrong with `overrides`. An invalid file is ignored, and its fault kept.
     pub fn new(
         file: Option<PathBuf>,
         overrides: &[String],
@@ -101,7 +106,7 @@ impl SettingsStore {
         };
         if let (Some(why), Some(file)) = (&wrong, &file) {
             let why = why.trim_end();
-            log::warn!("{}: {why}\nIt is left out: the defaults are in force until it is mended", file.display());
+            log::warn!("{}: {why}\nThe file is ignored: the defaults apply until it is fixed", file.display());
         }
         let (sender, commands) = sync_channel(MAX_COMMANDS);
         let trouble = Mutex::new([wrong, None]);
@@ -121,12 +126,12 @@ impl SettingsStore {
         Ok((store, work))
     }
 
-    /// The settings in force.
+    /// The settings in use.
     pub fn newest(&self) -> Arc<Settings> {
         Arc::clone(&self.newest.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// The settings in force, where they are others than those of that version; never waits.
+    /// The settings in use, if they are newer than that version; never waits.
     pub fn newer_than(&self, version: &mut u64) -> Option<Arc<Settings>> {
         let now = self.version.load(Ordering::Acquire);
         if now == *version {
@@ -137,23 +142,23 @@ impl SettingsStore {
         Some(Arc::clone(&newest))
     }
 
-    /// Has one setting changed, and kept in the file; never waits.
+    /// Requests a change of one setting, to be saved to the file; never waits.
     pub fn change(&self, change: SettingChange) {
         let _ = self.commands.try_send(Command::Change(change));
     }
 
-    /// Has the settings made anew: what lies below the file has changed.
+    /// Requests rebuilding the settings, because the values below the file have changed.
     pub fn recompose(&self) {
         let _ = self.commands.try_send(Command::Recompose);
     }
 
     /// Ends the thread.
     pub fn end(&self) {
-        // It takes orders several times a second, so that there is room soon.
+        // The thread takes commands several times a second, so there will be room soon.
         let _ = self.commands.send(Command::End);
     }
 
-    /// What is wrong with the file now, or why what was changed here is not in it: its first line.
+    /// First line of the file's current fault, or of why changes could not be saved to it.
     pub fn trouble(&self) -> Option<String> {
         let [of_file, unsaved] = &*self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
         let why = of_file.as_deref().or(unsaved.as_deref())?;
@@ -182,7 +187,7 @@ impl SettingsStore {
 }
 
 impl SettingsWatcher {
-    /// Works until told to end.
+    /// Runs until told to end.
     pub fn run(mut self, store: &SettingsStore, compose: Compose, on_new: OnNew) {
         loop {
             let turn = if self.debouncer.is_waiting() || self.changed_ns.is_some() {
@@ -209,7 +214,7 @@ impl SettingsWatcher {
         }
     }
 
-    /// The last good text with our changes in it.
+    /// The last valid text with the own changes.
     fn text_now(&self) -> String {
         let change =
             |text: String, (name, value): (&String, &toml::Value)| edit::with_value(&text, name, value).unwrap_or(text);
@@ -218,7 +223,7 @@ impl SettingsWatcher {
 
     fn take(&mut self, change: SettingChange, store: &SettingsStore, compose: Compose, on_new: OnNew) {
         let SettingChange { name, value } = change;
-        // The newest word counts, though the command line said otherwise at the start.
+        // The newest change overrides the command line.
         let overrides = self.overrides.clone();
         self.overrides.retain(|set| set.split_once('=').is_none_or(|(set, _)| set.trim() != name));
         let before = self.unsaved.insert(name.clone(), value);
@@ -229,13 +234,13 @@ impl SettingsWatcher {
                 store.publish(settings, on_new);
             }
             Err(why) => {
-                log::warn!("{name} stays as it is: {why}");
+                log::warn!("{name} is not changed: {why}");
                 self.overrides = overrides;
                 match before {
                     Some(before) => self.unsaved.insert(name, before),
                     None => self.unsaved.remove(&name),
                 };
-                // Whoever asked for it learns that it is as it was.
+                // The sender of the change sees that the old value is still in use.
                 store.publish(Settings::clone(&store.newest()), on_new);
             }
         }
@@ -244,7 +249,7 @@ impl SettingsWatcher {
     fn recompose(&mut self, store: &SettingsStore, compose: Compose, on_new: OnNew) {
         match compose(&self.text_now(), &self.overrides) {
             Ok(settings) => store.publish(settings, on_new),
-            Err(why) => log::warn!("the settings stay as they are: {why}"),
+            Err(why) => log::warn!("the settings are not changed: {why}"),
         }
     }
 
@@ -261,17 +266,17 @@ impl SettingsWatcher {
         match self.debouncer.observe(now_ns(), seen(file), |text| compose(text, overrides)) {
             Outcome::Unchanged => {}
             Outcome::Rejected(why) => {
-                log::warn!("{name}: {}. The settings of before stay in force", why.trim_end().trim_end_matches('.'));
+                log::warn!("{name}: {}. The previous settings stay in use", why.trim_end().trim_end_matches('.'));
                 store.note_trouble(Some(why));
             }
             Outcome::Accepted(text, settings) => {
-                log::info!("{name}: its settings are in force");
+                log::info!("{name}: settings applied");
                 store.note_trouble(None);
                 self.text = text;
                 if self.unsaved.is_empty() {
                     store.publish(settings, on_new);
                 } else {
-                    // What was changed here and could not be written goes over it, and into it.
+                    // Changes that could not be saved override the new text, and are saved to it.
                     self.changed_ns = Some((now_ns(), now_ns()));
                     self.recompose(store, compose, on_new);
                 }
@@ -279,18 +284,18 @@ impl SettingsWatcher {
         }
     }
 
-    /// Writes our changes into the file as it is now.
+    /// Saves the own changes to the file as it is now.
     fn save(&mut self, store: &SettingsStore, compose: Compose) {
         self.changed_ns = None;
         let why = match self.try_save(compose) {
             Ok(()) => None,
-            Err(why) => Some(format!("what was changed holds until the program ends, and is not saved: {why}")),
+            Err(why) => Some(format!("changes apply until the program ends and are not saved: {why}")),
         };
         if why.is_some() && why != self.cannot_save {
             log::warn!("{}", why.as_deref().unwrap_or_default());
         }
         if why.is_none() {
-            // It could be read, and is as it should be.
+            // The file was readable and is valid now.
             store.note_trouble(None);
         }
         store.note_unsaved(why.clone());
@@ -298,9 +303,9 @@ impl SettingsWatcher {
     }
 
     fn try_save(&mut self, compose: Compose) -> Result<(), String> {
-        let file = self.file.as_deref().ok_or("this user has no folder for settings")?;
+        let file = self.file.as_deref().ok_or("there is no settings folder for this user")?;
         let named = |why: String| format!("{}: {why}", file.display());
-        // Somebody may have changed it a moment ago.
+        // It may have been changed a moment ago.
         let text = match seen(file) {
             FileState::Text(text) if !text.trim().is_empty() => text,
             FileState::Text(_) | FileState::Absent => self.text.clone(),
@@ -318,7 +323,7 @@ impl SettingsWatcher {
     }
 }
 
-/// Time and length of a file.
+/// Modification time and length of a file.
 fn stamp(file: &Path) -> Option<(SystemTime, u64)> {
     let metadata = std::fs::metadata(file).ok()?;
     Some((metadata.modified().ok()?, metadata.len()))
@@ -346,7 +351,7 @@ mod tests {
         Settings::from_toml(text, overrides).map_err(|error| error.to_string())
     }
 
-    /// A desk with its thread, on a file of that text.
+    /// Runs a test on a store with its thread, on a file with that text.
     fn with_store(name: &str, text: Option<&str>, overrides: &[&str], test: impl FnOnce(&SettingsStore, &Path)) {
         let folder = std::env::temp_dir().join(format!("radar-chaperone-desk-{name}-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();

@@ -1,8 +1,8 @@
-//! Tones from the computer's sound device, for cues.
+//! Plays the tones of cues on the computer's sound device.
 //!
-//! The device is opened when the first tone is wanted, on a thread of its own, since opening may take a while and a stream may not change
-//! threads on every system. A machine without one is told of once; tones are then dropped. Tones go through a bounded queue, and who
-//! plays one never waits.
+//! The device is opened at the first tone, in its own thread: opening may take a while, and on some
+//! systems a stream must stay in its thread. A missing device is logged once and tones are dropped.
+//! Tones go through a bounded queue, and playing one never waits.
 
 mod voice;
 
@@ -13,10 +13,10 @@ use cpal::traits::{DeviceTrait, HostTrait, StreamTrait};
 use crate::warning::Tone;
 use voice::Mixer;
 
-/// Tones that may wait to begin.
+/// Bound of tones that wait to start. Choice.
 const MAX_WAITING_TONES: usize = 4;
 
-/// Why nothing can be heard.
+/// Why no sound can be played.
 #[derive(Debug, thiserror::Error)]
 enum SoundError {
     #[error("there is no sound device")]
@@ -27,11 +27,11 @@ enum SoundError {
     Build(#[from] cpal::BuildStreamError),
     #[error("the sound device does not play: {0}")]
     Play(#[from] cpal::PlayStreamError),
-    #[error("the sound device takes no samples that are known here ({0})")]
+    #[error("the sound device uses an unsupported sample format ({0})")]
     Format(cpal::SampleFormat),
 }
 
-/// Where tones go. Silent until the first one, and when dropped.
+/// Plays tones. Silent before the first tone and after it is dropped.
 #[derive(Debug, Default)]
 pub struct TonePlayer {
     opened: Option<OpenDevice>,
@@ -40,15 +40,15 @@ pub struct TonePlayer {
 #[derive(Debug)]
 struct OpenDevice {
     tones: SyncSender<Tone>,
-    /// Its thread keeps the device open until this is dropped.
+    /// The thread keeps the device open until this is dropped.
     _keeps: SyncSender<()>,
 }
 
 impl TonePlayer {
-    /// Begins a tone; it is left out when there is no device, or when too many wait.
+    /// Starts a tone; it is dropped when there is no device or too many wait.
     pub fn play(&mut self, tone: Tone) {
         let opened = self.opened.get_or_insert_with(open);
-        // A queue that is full or has no reader any more: the next tone is as good.
+        // The queue is full or has no reader any more: dropping the tone is fine.
         let _ = opened.tones.try_send(tone);
     }
 }
@@ -59,16 +59,16 @@ fn open() -> OpenDevice {
     let thread = std::thread::Builder::new().name("sound".into());
     let spawned = thread.spawn(move || {
         if let Err(error) = stream(waiting, &ended) {
-            log::warn!("warnings are not heard: {error}");
+            log::warn!("warnings have no sound: {error}");
         }
     });
     if let Err(error) = spawned {
-        log::warn!("warnings are not heard: {error}");
+        log::warn!("warnings have no sound: {error}");
     }
     OpenDevice { tones, _keeps: keeps }
 }
 
-/// Plays until `ended` has no sender any more.
+/// Plays until the sender of `ended` is dropped.
 fn stream(tones: Receiver<Tone>, ended: &Receiver<()>) -> Result<(), SoundError> {
     let device = cpal::default_host().default_output_device().ok_or(SoundError::NoDevice)?;
     let config = device.default_output_config()?;
@@ -81,7 +81,7 @@ fn stream(tones: Receiver<Tone>, ended: &Receiver<()>) -> Result<(), SoundError>
         other => return Err(SoundError::Format(other)),
     }?;
     stream.play()?;
-    // Nothing is ever sent: this returns when the other end is dropped.
+    // Nothing is ever sent: this returns when the sender is dropped.
     let _ = ended.recv();
     Ok(())
 }
@@ -98,11 +98,11 @@ fn build<T: cpal::SizedSample + cpal::FromSample<f32>>(
         }
         mixer.fill(samples, T::from_sample);
     };
-    // A device that was unplugged says so again and again.
+    // An unplugged device reports the error repeatedly.
     let mut told = false;
     let failed = move |error| {
         if !std::mem::replace(&mut told, true) {
-            log::warn!("warnings are not heard any more: {error}");
+            log::warn!("warnings no longer have sound: {error}");
         }
     };
     device.build_output_stream(config, fill, failed, None)

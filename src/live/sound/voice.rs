@@ -1,10 +1,11 @@
-//! Tones as samples: sines that swell and fade without a click, placed between left and right with equal power, a few at a time.
+//! Synthesises tones: sines with a raised-cosine envelope, panned with equal power, a few at a
+//! time.
 
 use std::f32::consts::{FRAC_PI_4, TAU};
 
 use crate::warning::Tone;
 
-/// Tones that sound at the same time.
+/// Largest number of simultaneous tones. Choice.
 const MAX_VOICES: usize = 4;
 
 /// Mixes tones into a stream.
@@ -29,7 +30,7 @@ impl Mixer {
         Self { rate_hz, channels: channels.max(1), voices: Vec::with_capacity(MAX_VOICES) }
     }
 
-    /// Adds a tone; with too many of them it is left out.
+    /// Adds a tone; it is dropped when too many are playing.
     pub fn begin(&mut self, tone: &Tone) {
         let angle = (tone.pan.clamp(-1.0, 1.0) + 1.0) * FRAC_PI_4;
         let samples = (tone.length_s.clamp(0.0, 2.0) * self.rate_hz) as u32;
@@ -46,7 +47,8 @@ impl Mixer {
         }
     }
 
-    /// Fills frames of all channels: the first is the left, the second the right, others are silent; of one alone it is both.
+    /// Fills interleaved frames: the first channel is left, the second right, others are silent; a
+    /// single channel gets both.
     pub fn fill<T>(&mut self, samples: &mut [T], of: impl Fn(f32) -> T) {
         for frame in samples.chunks_mut(self.channels) {
             let (mut left, mut right) = (0.0, 0.0);
@@ -67,7 +69,7 @@ impl Mixer {
 impl Voice {
     fn next(&mut self) -> f32 {
         let share = self.done as f32 / self.samples as f32;
-        // A raised cosine: the slowest start and end that a tone of this length can have.
+        // A raised cosine starts and ends without a click.
         let envelope = 0.5 - 0.5 * (TAU * share).cos();
         let value = (self.step_rad * self.done as f32).sin() * envelope;
         self.done = (self.done + 1).min(self.samples);

@@ -1,4 +1,5 @@
-// The texture of a footprint: the area filled faintly, stronger towards its outline. Metres, +y away from the reader's feet.
+// Texture of a footprint: the area is filled faintly, more strongly towards its outline. Metres; +y
+// points away from the viewer's feet.
 
 struct Footprint {
     size: vec2f,
@@ -9,7 +10,7 @@ struct Footprint {
 }
 
 @group(0) @binding(0) var<uniform> footprint: Footprint;
-// Corners x, y from the middle, counter-clockwise; the others are not used.
+// Corners relative to the centre in x and y, counter-clockwise; z and w are unused.
 @group(0) @binding(1) var<storage, read> corners: array<vec4f>;
 
 struct Corner {
@@ -23,7 +24,8 @@ fn corner(@builtin(vertex_index) index: u32) -> Corner {
     return Corner(vec4f(ndc, 0.0, 1.0), ndc * 0.5 * footprint.size);
 }
 
-// Distance to the outline, negative inside: nearest edge, and inside where every edge has the place on its left.
+// Signed distance to the outline, negative inside: distance to the nearest edge. A point is inside
+// if it is to the left of every edge.
 fn polygon(p: vec2f) -> f32 {
     var nearest = 1e9;
     var inside = true;
@@ -45,7 +47,7 @@ fn paint(in: Corner) -> @location(0) vec4f {
     let pixel = fwidth(in.place.x);
     let inside = clamp(0.5 - d / pixel, 0.0, 1.0);
     let outline = clamp((0.003 - abs(d)) / pixel + 0.5, 0.0, 1.0);
-    // Bright between dark rims, as the panels' lines.
+    // Bright line between dark borders, like the lines of panels.
     let rim = 0.75 * (1.0 - smoothstep(0.0055, 0.009 + pixel, abs(d)));
     let glow = inside * (0.10 + 0.14 * exp(min(d, 0.0) / 0.05))
         + (1.0 - inside) * 0.16 * exp(-max(d, 0.0) / 0.02) * smoothstep(0.08, 0.05, d);

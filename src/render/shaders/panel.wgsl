@@ -1,22 +1,23 @@
-// The texture of a panel: grid, silhouette, border. Metres on the panel; the derivative of the place gives the width of a
-// pixel, so every edge is exactly one pixel soft at any resolution.
+// Texture of a panel: grid, silhouette, border. Units are metres on the panel. The derivative of
+// the position gives the width of a pixel, so every edge is exactly one pixel soft at any
+// resolution.
 
 struct Panel {
     size: vec2f,
     spacing: f32,
-    // Where the grid's first upright line is, from the middle.
+    // Position of the first vertical grid line, relative to the centre.
     grid_from: f32,
     // Linear red, green, blue.
     color: vec3f,
     disc_count: u32,
-    // 1 when the panel stands for something of unknown direction: a soft fog in place of a silhouette.
+    // 1 if the panel's object has an unknown direction: draws fog instead of a silhouette.
     fog: f32,
-    // 1 when its sides have a border; else they end softly.
+    // 1 if the sides have a border; otherwise they fade out.
     border: f32,
     style: u32,
-    // The text's texels follow the discs, four in each; no columns: no text.
+    // The label's texels follow the discs, four per element. No columns: no label.
     label_columns: u32,
-    // Middle and half size.
+    // Centre and half size.
     label: vec4f,
     label_rows: u32,
 }
@@ -25,12 +26,13 @@ const GRID = 0u;
 const OUTLINE = 1u;
 const SOLID = 2u;
 const MINIMAL = 3u;
-// Width of the dark rims beside bright lines, and around letters.
+// Width of the dark borders beside bright lines and around letters, metres.
 const RIM = 0.005;
 const LETTER_RIM = 0.011;
 
 @group(0) @binding(0) var<uniform> panel: Panel;
-// Middle x, y and radius of each disc, the fourth not used; then distances to the text's outline.
+// Centre x, y and radius of each disc, the fourth value unused; then distances to the outline of
+// the text.
 @group(0) @binding(1) var<storage, read> discs: array<vec4f>;
 
 struct Corner {
@@ -44,7 +46,8 @@ fn corner(@builtin(vertex_index) index: u32) -> Corner {
     return Corner(vec4f(ndc, 0.0, 1.0), ndc * 0.5 * panel.size);
 }
 
-// How much of a pixel a line covers whose middle is d away; thinner than a pixel it turns fainter, not narrower.
+// Coverage of a pixel by a line at distance d. A line thinner than a pixel becomes fainter, not
+// narrower.
 fn line(d: f32, half_width: f32, pixel: f32) -> f32 {
     let drawn = max(half_width, 0.5 * pixel);
     return clamp((drawn - abs(d)) / pixel + 0.5, 0.0, 1.0) * half_width / drawn;
@@ -54,7 +57,8 @@ fn to_grid(x: f32) -> f32 {
     return abs(fract(x / panel.spacing + 0.5) - 0.5) * panel.spacing;
 }
 
-// Distance to the silhouette's edge, negative inside: the discs' union, its notches rounded (a soft minimum).
+// Signed distance to the silhouette, negative inside: union of the discs with rounded notches
+// (smooth minimum).
 fn silhouette(p: vec2f) -> f32 {
     var sum = 1e-30;
     let softness = 0.65 * discs[0].z;
@@ -62,16 +66,17 @@ fn silhouette(p: vec2f) -> f32 {
         let disc = discs[i];
         sum += exp((disc.z - distance(p, disc.xy)) / softness);
     }
-    // Overlapping neighbours swell the soft union: three at an edge. A little beyond it single voxels leave neither dents nor holes.
+    // Overlapping neighbours enlarge the smooth union, by up to three discs at an edge. With this
+    // offset, single voxels leave neither dents nor holes.
     return softness * (0.7 - log(sum));
 }
 
-// Colour multiplied by alpha, laid over what is there.
+// Alpha-blends a colour over premultiplied content.
 fn lay(below: vec4f, color: vec3f, a: f32) -> vec4f {
     return vec4f(color * a, a) + below * (1.0 - a);
 }
 
-// A bright line between two dark rims: seen over bright and over dark pictures.
+// A bright line between two dark borders: visible over bright and dark backgrounds.
 fn rimmed(below: vec4f, d: f32, half_width: f32, strength: f32, white: f32, pixel: f32) -> vec4f {
     let away = abs(d) - half_width;
     let rim = 0.82 * strength * (1.0 - smoothstep(0.5 * RIM, RIM + pixel, away));
@@ -79,7 +84,7 @@ fn rimmed(below: vec4f, d: f32, half_width: f32, strength: f32, white: f32, pixe
     return lay(lay(below, vec3f(0.0), rim), bright, min(1.0, strength * line(d, half_width, pixel)));
 }
 
-// A bow across the panel: something is somewhere along it.
+// An arc across the panel: the object is somewhere along it.
 fn bow(p: vec2f) -> f32 {
     let half = 0.45 * panel.size.x;
     let rise = 0.35 * half;
@@ -94,7 +99,7 @@ fn label_texel(x: i32, y: i32) -> f32 {
     return discs[panel.disc_count + index / 4u][index % 4u];
 }
 
-// Distance to the outline of the text, metres; far away outside of its box.
+// Distance to the outline of the text, metres; 1 outside its box.
 fn label_distance(p: vec2f) -> f32 {
     let from_middle = p - panel.label.xy;
     let half = panel.label.zw;
@@ -130,7 +135,7 @@ fn paint(in: Corner) -> @location(0) vec4f {
         to_shape = silhouette(p);
     }
 
-    // A breath of tint makes a surface of it.
+    // A faint tint makes the surface visible.
     var seen = lay(vec4f(0.0), panel.color, select(select(0.0, 0.12, is_solid && !shaped), 0.035, is_grid));
     if is_grid {
         let across = to_grid(p.x - panel.grid_from);
@@ -140,12 +145,12 @@ fn paint(in: Corner) -> @location(0) vec4f {
         seen = rimmed(seen, nearest, 0.0022, 0.95, 0.0, pixel);
     }
 
-    // Ends: an object's panel has a border, a wall and something of unknown direction just end softly.
+    // Sides: an object's panel has a border; a wall's panel and one of unknown direction fade out.
     let framed = (is_grid && bordered) || panel.style == MINIMAL || (!is_grid && !shaped && !foggy);
     if framed {
         let inset = 0.012;
         let thin = select(0.004, 0.003, panel.style == MINIMAL);
-        // The frame is open to the floor, where the foot closes it.
+        // The frame is open at the floor, where the foot line closes it.
         seen = rimmed(seen, to_side - inset, thin, 0.95, 0.0, pixel);
     }
     let side_fade = select(smoothstep(0.0, min(0.3, 0.3 * panel.size.x), to_side), 1.0, bordered || framed);
@@ -157,7 +162,7 @@ fn paint(in: Corner) -> @location(0) vec4f {
     if foggy {
         seen = rimmed(seen, bow(p), 0.004, side_fade, 0.2, pixel);
     }
-    // It stands on the floor: a bright foot.
+    // A bright foot line: the panel stands on the floor.
     let foot = rimmed(seen, to_floor - 0.008, 0.005, 1.0, 0.0, pixel);
     seen = mix(seen, lay(foot, panel.color, 0.22 * exp(-to_floor / 0.04)), side_fade);
 
@@ -165,13 +170,13 @@ fn paint(in: Corner) -> @location(0) vec4f {
         let inside = clamp(0.5 - to_shape / pixel, 0.0, 1.0);
         let fill = select(select(0.0, 0.22, is_grid), 0.62, is_solid);
         let edge = select(0.0, 0.16, is_grid || is_solid) * exp(min(to_shape, 0.0) / 0.03);
-        // A silhouette in front of the grid: what is in it dims the lines.
+        // The silhouette is in front of the grid and dims the lines inside it.
         seen *= 1.0 - inside * select(0.0, 0.35, is_grid);
         seen = lay(seen, panel.color, inside * (fill + edge));
-        // The glow ends before the panel does.
+        // The glow ends before the edge of the panel.
         let rim = smoothstep(0.0, 0.05, min(to_side, to_top));
         seen = lay(seen, panel.color, (1.0 - inside) * 0.30 * exp(-max(to_shape, 0.0) / 0.025) * rim);
-        // Dark on the outside alone: what is a little thin inside must not be spotted.
+        // Dark border only on the outside, so that thin places inside do not become spotted.
         let thick = select(0.005, 0.006, panel.style == OUTLINE);
         let dark = 0.82 * smoothstep(0.0, thick, to_shape) * (1.0 - smoothstep(0.5 * RIM, RIM + pixel, to_shape - thick));
         seen = lay(lay(seen, vec3f(0.0), dark), mix(panel.color, vec3f(1.0), 0.35), line(to_shape, thick, pixel));

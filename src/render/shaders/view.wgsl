@@ -1,15 +1,16 @@
-// What an eye sees: a dark room with a floor grid of one metre, dots where things truly are, the shapes of obstacles, and the
-// warnings. Places are relative to the eye, along the tracking frame's axes.
+// View of one eye: a dark room with a 1 m floor grid, dots at the true objects, obstacle shapes,
+// and the warnings. Positions are relative to the eye, in the axes of the tracking frame.
 
 struct Eye {
     clip_from_place: mat4x4f,
-    // Axes of the eye in the tracking frame, each in xyz.
+    // Axes of the eye in the tracking frame, in xyz.
     right: vec4f,
     up: vec4f,
     back: vec4f,
     // Tangents: left, right, lower, upper edge; y up.
     tangents: vec4f,
-    // The eye's x and z within its square metre, its height, and the angle of a pixel as a tangent.
+    // x and z of the eye within its square metre, its height, and the angle of a pixel as a
+    // tangent.
     on_floor: vec2f,
     height: f32,
     pixel: f32,
@@ -31,7 +32,7 @@ fn backdrop_corner(@builtin(vertex_index) index: u32) -> Sight {
     return Sight(vec4f(ndc, 0.0, 1.0), mix(eye.tangents.xz, eye.tangents.yw, share));
 }
 
-// How much of a line every metre, 8 mm wide, a pixel of this width sees.
+// Coverage of a pixel of this width by lines 8 mm wide, one per metre.
 fn metre_line(x: f32, pixel: f32) -> f32 {
     let half_width = 0.004;
     let d = abs(fract(x + 0.5) - 0.5);
@@ -47,7 +48,8 @@ fn backdrop(in: Sight) -> @location(0) vec4f {
     let level = max(1e-4, -sight.y);
     let away = eye.height / level;
     let place = eye.on_floor + sight.xz * away;
-    // A pixel's width on the floor: along and across the line of sight, by how steeply it meets the floor.
+    // Width of a pixel on the floor, along and across the line of sight, from the angle at which it
+    // meets the floor.
     let pixel = vec2f(length(vec2f(1.0, sight.x / level)), length(vec2f(1.0, sight.z / level))) * away * eye.pixel;
     let lines = max(metre_line(place.x, pixel.x), metre_line(place.y, pixel.y));
     let far = exp(-away * length(sight) / 6.0);
@@ -81,7 +83,7 @@ fn quad(in: QuadCorner) -> @location(0) vec4f {
     return textureSample(image, smooth_sampler, in.uv) * in.alpha;
 }
 
-// ---- dots where things truly are
+// ---- dots at the true objects
 
 struct DotCorner {
     @builtin(position) clip: vec4f,
@@ -103,19 +105,20 @@ fn ball(in: DotCorner) -> @location(0) vec4f {
     let from_middle = length(in.on_dot);
     let soft = fwidth(from_middle);
     let covered = clamp((1.0 - from_middle) / soft + 0.5, 0.0, 1.0);
-    // A little ball, lit from above.
+    // A small ball, lit from above.
     let lit = 0.65 + 0.35 * in.on_dot.y - 0.25 * from_middle * from_middle;
     return vec4f(vec3f(0.10, 0.095, 0.09) * lit * in.light, covered);
 }
 
-// ---- shapes of obstacles: balls that hide each other, each shaded as a ball and deep as one
+// ---- obstacle shapes: balls that occlude each other, with the shading and depth of a sphere
 
 struct BallCorner {
     @builtin(position) clip: vec4f,
-    // For each sample: the rim is as smooth as the picture's samples, and hides no more than them.
+    // Interpolated per sample: the edge is as smooth as the image's samples, and occludes only
+    // those.
     @location(0) @interpolate(perspective, sample) on_ball: vec2f,
     @location(1) @interpolate(flat) color: vec4f,
-    // Depth times distance, distance of the middle along the sight, radius.
+    // Depth times distance, distance of the centre along the line of sight, radius.
     @location(2) @interpolate(flat) deep: vec3f,
 }
 
@@ -126,7 +129,7 @@ fn ball_corner(
     @location(1) color: vec4f,
 ) -> BallCorner {
     let on_ball = vec2f(f32(index & 1u) * 2.0 - 1.0, f32(index >> 1u) * 2.0 - 1.0);
-    // Turned to the eye, not to the picture: seen slantwise through a window a ball stays round.
+    // Faces the eye, not the image plane: a ball seen obliquely through a window stays round.
     let away = max(length(ball.xyz), 1e-6);
     let to_eye = -ball.xyz / away;
     let aside = cross(eye.up.xyz, to_eye);
@@ -150,7 +153,7 @@ fn shape_ball(in: BallCorner) -> BallPixel {
     }
     let bulge = sqrt(1.0 - outside);
     let depth = in.deep.x / max(in.deep.y - in.deep.z * bulge, in.deep.x);
-    // Lit from the eye and a little from above.
+    // Lit from the eye and slightly from above.
     let lit = 0.45 + 0.4 * bulge + 0.15 * in.on_ball.y;
     return BallPixel(vec4f(in.color.rgb * lit, in.color.a), clamp(depth, 0.0, 1.0));
 }

@@ -1,4 +1,5 @@
-// Faces, balls and lines in space. Places come relative to the eye; colours are sRGB, not multiplied by alpha.
+// Faces, balls and lines in 3D. Positions are relative to the eye; colours are sRGB, alpha is not
+// premultiplied.
 
 struct Eye {
     clip_from_place: mat4x4<f32>,
@@ -49,7 +50,7 @@ fn ball(in: Ball) -> @location(0) vec4<f32> {
     if from_middle > 1.0 {
         discard;
     }
-    // Where many small ones lie side by side, shades would be in the way of their colours.
+    // Small balls are not shaded, so that their colours stay readable side by side.
     if in.radius < 0.02 {
         return vec4(in.color.rgb * in.color.a, in.color.a);
     }
@@ -57,7 +58,7 @@ fn ball(in: Ball) -> @location(0) vec4<f32> {
     return vec4(in.color.rgb * light * in.color.a, in.color.a);
 }
 
-// The part of a line before the near plane, then widened by pixels.
+// Clips the line at the near plane, then widens it by pixels.
 @vertex
 fn line_corner(
     @builtin(vertex_index) corner: u32,

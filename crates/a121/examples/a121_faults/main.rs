@@ -1,9 +1,11 @@
-//! What each fault on the sensor's line costs: every fault many times, at random places of sessions with a simulated
-//! board, in simulated time. Ends with an error when a session panics, hands on a frame that was not sent, tells a time
-//! beyond what it promises, or does not come back by itself.
+//! Effect of each fault on the sensor's line: every fault many times, at random times of sessions
+//! with a simulated board, in simulated time.
 //!
-//! Use: `cargo run --release --example a121_faults [TIMES] [SEED] [FILE.md]` (1000 times each, seed 1; docs/faults.md is
-//! made with both defaults).
+//! Fails when a session panics, delivers a frame that was not sent, gives a time beyond its stated
+//! accuracy, or does not recover by itself.
+//!
+//! Use: `cargo run --release --example a121_faults [TIMES] [SEED] [FILE.md]` (1000 times each, seed
+//! 1; docs/faults.md is made with both defaults).
 
 mod trial;
 
@@ -20,7 +22,7 @@ fn quantiles(mut values: Vec<f64>) -> (f64, f64) {
     (values.get(values.len() / 2).copied().unwrap_or(0.0), values.last().copied().unwrap_or(0.0))
 }
 
-/// The counters that say that something was wrong, by name.
+/// The counters of irregularities, by name.
 fn named(c: &SessionCounters) -> [(&'static str, u64); 14] {
     [
         ("resyncs", c.stream.resyncs),
@@ -76,16 +78,16 @@ const HEAD: &str = "# Faults on the sensor's line
 
 Made by `cargo run --release --example a121_faults TIMES SEED docs/faults.md`: sessions with a simulated board (XC120 over USB
 and TCP, one and three sensors; XM125 at 2 Mbaud; SparkFun's at 115 200 baud), in simulated time. Each session meets one
-fault at a random place: three in ten before streaming, with the answer to one of the commands, six in ten while frames
-come, one in ten with the end. Every frame that is handed on is held against what the board sent with that tick, bit for
-bit, and its time against the true end of its measurement.
+fault at a random time: three in ten before streaming, with the reply to one of the commands, six in ten while frames are
+streamed, one in ten while the session stops. Every delivered frame is compared with what the board sent with that tick, bit for
+bit, and its time with the true end of its measurement.
 
-- *Recovery*, while frames come: from the fault to the frame from which on none is missed, seconds; *lost*: frames missed.
-- *Opening*: from a fault before streaming to the first frame, seconds; without one it takes up to 1.7 s: the break
-  and the second of quiet that boards want after it, 0.2 s of calibration, two frames. *Stop*: from a fault at the end to the end.
-- *Untold*: frames handed on with a flipped bit in a sample, or another digit in a temperature or, within 3 % of a period,
-  in a tick: the protocol has no checksum, and nothing can tell.
-- *Time*: greatest error of a frame's time once 2 s of frames have come, milliseconds, but for the delay that all share.
+- *Recovery*, while streaming: from the fault to the frame from which on none is missed, seconds; *lost*: frames missed.
+- *Opening*: from a fault before streaming to the first frame, seconds; without a fault up to 1.7 s: the break and the
+  second of silence that boards require after it, 0.2 s of calibration, two frames. *Stop*: from a fault while stopping to the end.
+- *Undetected*: frames delivered with a flipped bit in a sample, or a changed digit in a temperature or, within 3 % of a
+  period, in a tick: the protocol has no checksum, so they cannot be detected.
+- *Time*: greatest error of a frame's time after the first 2 s of frames, milliseconds, without the delay common to all.
 ";
 
 fn main() -> ExitCode {
@@ -97,7 +99,7 @@ fn main() -> ExitCode {
     table.push_str(
         "\n| fault | times | recovery (s): median | worst | lost: median | worst | opening (s): median | worst | ",
     );
-    table.push_str("stop (s): worst | untold | time (ms): worst | counted |\n");
+    table.push_str("stop (s): worst | undetected | time (ms): worst | counted |\n");
     table.push_str("|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|\n");
     for fault in Fault::ALL {
         let outcomes: Vec<Outcome> = (0..times).into_par_iter().map(|index| trial::run(fault, index, seed)).collect();
@@ -112,7 +114,7 @@ fn main() -> ExitCode {
         let _ = writeln!(table, "{row}");
     }
     let _ =
-        writeln!(table, "\nSeed {seed}. {accepted} frames were handed on; sessions that failed in any way: {failed}.");
+        writeln!(table, "\nSeed {seed}. {accepted} frames were delivered; sessions that failed in any way: {failed}.");
     let written = match arguments.next() {
         Some(path) => std::fs::write(path, &table),
         None => std::io::Write::write_all(&mut std::io::stdout(), table.as_bytes()),

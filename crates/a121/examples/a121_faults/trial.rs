@@ -1,5 +1,5 @@
-//! One fault, at a random place of one session with a simulated board, in simulated time: what arrives is held against
-//! what was sent.
+//! One fault, at a random time of one session with a simulated board, in simulated time. What
+//! arrives is compared with what was sent.
 
 use std::collections::VecDeque;
 
@@ -10,47 +10,52 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 const S: i64 = 1_000_000_000;
-/// What the session takes a result's line for, bytes a sensor: with it goes the share of the delay that it takes off.
+/// Length of a result's line that the session assumes, bytes per sensor. With it goes the part of
+/// the delay that the session subtracts.
 const LINE_BYTES: i64 = 170;
-/// A session that is not back after this long has failed.
+/// Time after which a session that has not recovered counts as failed, nanoseconds. Choice.
 const RECOVERY_TIMEOUT_NS: i64 = 120 * S;
-/// It is back when no frame was missed for this long.
+/// A session has recovered when no frame was missed for this long, nanoseconds. Choice.
 const STABLE_NS: i64 = 2 * S;
-/// Once the clock has had frames of this long, seconds, times are held to so many of the sigmas that it states, or to their tick where that is
-/// longer, and to what the board's own delays differ by, seconds; before, to the longest that anything was held back.
+/// Accuracy required of times. After `SETTLED_S` seconds of frames: the greater of `SIGMAS` stated
+/// standard deviations and one tick, plus `BOARD_DELAY_S` seconds for differences between the board's
+/// own delays. Before: `UNSETTLED_TOLERANCE_S` seconds, the longest delay that is simulated.
 const SETTLED_S: f64 = 2.0;
 const SIGMAS: f64 = 5.0;
 const BOARD_DELAY_S: f64 = 0.1e-3;
 const UNSETTLED_TOLERANCE_S: f64 = 0.25;
-/// A flipped digit of a tick is noticed when it takes the tick farther off the beat than this part of the period.
+/// A flipped digit of a tick is detected when it moves the tick by more than this share of the
+/// period.
 const UNDETECTED_TICK_SHARE: f64 = 0.03;
 
-/// When the fault comes.
+/// Time of the fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
-    /// Before streaming: with the answer to one of the commands.
+    /// Before streaming: with the reply to one of the commands.
     Opening,
-    /// While frames come.
+    /// While frames are streamed.
     Streaming,
-    /// With the end.
+    /// While the session stops.
     Stopping,
 }
 
-/// How a trial went.
+/// Result of a trial.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     pub phase: Phase,
-    /// From the fault to the frame after which none was missed, to the first frame, or to the end, seconds.
+    /// Time from the fault to the frame after which none was missed, to the first frame, or to the
+    /// end, seconds.
     pub recovery_s: f64,
     /// Frames missed.
     pub lost: u64,
-    /// Frames accepted; of them, with a flipped bit where nothing can tell.
+    /// Frames accepted; and, of them, frames with a flipped bit that cannot be detected.
     pub accepted: u64,
     pub undetected: u64,
-    /// Greatest error of a time, once the clock had settled, seconds; a delay that all results share is left out.
+    /// Greatest error of a time once the clock had settled, seconds, without the delay common to
+    /// all results.
     pub worst_error_s: f64,
     pub counters: SessionCounters,
-    /// What should never be: the trial's failures, in words.
+    /// Violations found in the trial, as text.
     pub failures: Vec<String>,
 }
 
@@ -66,20 +71,21 @@ struct SimulatedLine {
     tick_s: f64,
     sent: VecDeque<SentResult>,
     first_frame_ns: Option<i64>,
-    /// Since when the session's clock has counted, and how many frames.
+    /// Time since which the session's clock has run, nanoseconds, and number of frames since then.
     streaming_since_ns: i64,
     frames_since: u64,
     tick_jumps: u64,
-    /// The end of the last frame accepted.
+    /// End of the last accepted frame, nanoseconds.
     last_end_ns: Option<i64>,
-    /// Arrival of the last frame before which one was missed, or of the first after the fault.
+    /// Arrival of the last frame before which one was missed, or of the first after the fault,
+    /// nanoseconds.
     back_ns: Option<i64>,
     fault_ns: Option<i64>,
     ended: Option<Event>,
     outcome: Outcome,
 }
 
-/// A trial's set-up: which board, over which line.
+/// Board, link and set-up of a trial.
 fn board_and_setup(trial: u64) -> (Board, Link, Setup) {
     let d16 = preset("d16").expect("a preset");
     let config = |points, rate| {
@@ -142,7 +148,7 @@ impl SimulatedLine {
         }
     }
 
-    /// Runs until a time, or until something is so.
+    /// Runs until a time, or until a condition holds.
     fn run(&mut self, until_ns: i64, is_so: impl Fn(&Self) -> bool) {
         loop {
             self.apply_actions();
@@ -183,7 +189,7 @@ impl SimulatedLine {
         }
     }
 
-    /// Bytes between two speeds are noise.
+    /// Bytes sent at one speed and received at another are noise.
     fn garbled(&mut self, bytes: Vec<u8>, baud: Option<u32>) -> Vec<u8> {
         match baud.filter(|baud| *baud != self.port_baud) {
             Some(_) => bytes.iter().map(|_| self.rng.random()).collect(),
@@ -217,26 +223,29 @@ impl SimulatedLine {
             Event::Streaming => (self.streaming_since_ns, self.frames_since) = (self.now_ns, 0),
             Event::Stopped => self.ended = Some(event),
             Event::Failed(ref error) => {
-                self.outcome.failures.push(format!("given up: {error}"));
+                self.outcome.failures.push(format!("gave up: {error}"));
                 self.ended = Some(event);
             }
             _ => {}
         }
     }
 
-    /// Holds the frames of a result against what was sent.
+    /// Compares the frames of a result with what was sent.
     fn check(&mut self, frames: &[SensorFrame]) {
         self.sent.extend(self.device.take_sent());
         self.outcome.accepted += 1;
         let jumps = self.session.counters().tick_jumps;
         if jumps > std::mem::replace(&mut self.tick_jumps, jumps) {
-            // The session's clock began anew.
+            // The session's clock restarted.
             (self.streaming_since_ns, self.frames_since) = (self.now_ns, 0);
         }
         self.frames_since += 1;
         let Some((index, is_exact)) = self.matching(frames) else {
             let faults: Vec<_> = self.sent.iter().rev().take(3).map(|sent| &sent.faults).collect();
-            return self.outcome.failures.push(format!("a frame that was not sent so; last: {faults:?}"));
+            return self.outcome.failures.push(format!(
+                "a frame that differs from every sent one; last faults: \
+                {faults:?}"
+            ));
         };
         self.outcome.undetected += u64::from(!is_exact);
         let sent = self.sent[index].clone();
@@ -254,8 +263,8 @@ impl SimulatedLine {
         self.first_frame_ns.get_or_insert(self.now_ns);
     }
 
-    /// Which result was sent like this, and whether exactly so; with a bit or a word wrong where nothing can tell it, the
-    /// result that was struck.
+    /// Index of the sent result that equals the frames, and whether it is equal exactly. Otherwise
+    /// a damaged result whose damage cannot be detected.
     fn matching(&self, frames: &[SensorFrame]) -> Option<(usize, bool)> {
         let samples: Vec<_> = frames.iter().flat_map(|f| &f.frame.samples).copied().collect();
         let same_headers = |sent: &SentResult| {
@@ -318,7 +327,7 @@ impl SimulatedLine {
         self.deliver(out);
     }
 
-    /// Runs until no frame has been missed for a while.
+    /// Runs until no frame has been missed for `STABLE_NS`.
     fn await_recovery(&mut self) {
         let fault_ns = self.fault_ns.unwrap_or(self.now_ns);
         let is_back = |world: &Self| {
@@ -329,7 +338,7 @@ impl SimulatedLine {
         self.run(fault_ns + RECOVERY_TIMEOUT_NS, is_back);
         match self.back_ns.filter(|_| self.ended.is_none() && is_back(self)) {
             Some(at) => self.outcome.recovery_s = (at - fault_ns) as f64 * 1e-9,
-            None => self.outcome.failures.push("not back".into()),
+            None => self.outcome.failures.push("did not recover".into()),
         }
     }
 
@@ -343,7 +352,7 @@ impl SimulatedLine {
     }
 }
 
-/// Runs one trial: the fault at a random place of that phase.
+/// Runs one trial, with the fault at a random time of its phase.
 pub fn run(fault: Fault, trial: u64, seed: u64) -> Outcome {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ (trial << 8) ^ ((fault as u64) << 48));
     let phase = match rng.random_range(0..10) {

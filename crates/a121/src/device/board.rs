@@ -1,24 +1,25 @@
-//! The boards there are, and their clocks.
+//! Board types of the simulated device, and their clocks.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// A board.
+/// Type of board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Board {
-    /// XC120 with XE121: USB, ticks of 1 µs, up to five sensors; over TCP, the Raspberry Pi's server is like it.
+    /// XC120 with XE121: USB, ticks of 1 µs, up to five sensors. Served over TCP it stands for the
+    /// server on a Raspberry Pi.
     Xc120,
     /// XE125 with XM125: a serial line of up to 2 Mbaud, ticks of 1 ms.
     Xm125,
-    /// SparkFun's XM125: 115 200 baud and no more.
+    /// SparkFun's XM125: 115 200 baud only.
     Sparkfun,
 }
 
 impl Board {
-    /// All of them.
+    /// All types.
     pub const ALL: [Self; 3] = [Self::Xc120, Self::Xm125, Self::Sparkfun];
 
-    /// As the command line spells it.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Xc120 => "xc120",
@@ -27,12 +28,12 @@ impl Board {
         }
     }
 
-    /// The board of that name.
+    /// The type with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|board| board.name() == name)
     }
 
-    /// Ticks of its clock in a second.
+    /// Ticks of the clock per second.
     pub fn ticks_per_second(self) -> u32 {
         match self {
             Self::Xc120 => 1_000_000,
@@ -40,7 +41,7 @@ impl Board {
         }
     }
 
-    /// Fastest speed of its line, bits a second; `None`: its line has no speed of its own.
+    /// Highest baud rate of the line; `None` if the line has no baud rate.
     pub fn max_baudrate(self) -> Option<u32> {
         match self {
             Self::Xc120 => None,
@@ -49,7 +50,7 @@ impl Board {
         }
     }
 
-    /// Places for sensors. All of XC120's first two and the XM125's one are taken.
+    /// Number of sensor connectors.
     pub fn sensor_count(self) -> u32 {
         match self {
             Self::Xc120 => 5,
@@ -57,12 +58,12 @@ impl Board {
         }
     }
 
-    /// Sensors that are connected, from the first place on.
+    /// Number of connected sensors, from the first connector on: two of an XC120, one of an XM125.
     pub fn connected(self) -> u32 {
         self.sensor_count().min(2)
     }
 
-    /// What it calls itself.
+    /// Name in the system info.
     pub(super) fn hardware(self) -> &'static str {
         match self {
             Self::Xc120 => "xc120",
@@ -71,13 +72,14 @@ impl Board {
     }
 }
 
-/// Greatest drift of a board's crystal against the host's clock.
+/// Largest drift of a board's crystal against the host's clock, as a fraction. Choice.
 const MAX_DRIFT: f64 = 60e-6;
-/// How far the crystal creeps while the board warms up, and how fast.
+/// Additional drift while the board is cold, as a fraction, and the time constant of warming up,
+/// seconds. Choice.
 const WARM_UP_DRIFT: f64 = 5e-6;
 const WARM_UP_S: f64 = 60.0;
 
-/// A board's clock: ticks since it was switched on, by a crystal that drifts.
+/// A board's clock: ticks since power-on, from a crystal with drift.
 #[derive(Debug, Clone)]
 pub(super) struct BoardClock {
     boot_ns: i64,
@@ -97,32 +99,32 @@ impl BoardClock {
         }
     }
 
-    /// Switched off and on.
+    /// Resets the counter, as power-cycling does.
     pub fn restart(&mut self, boot_ns: i64) {
         (self.boot_ns, self.offset_ticks) = (boot_ns, 0);
     }
 
-    /// The counter jumps ahead.
+    /// Advances the counter by a number of ticks.
     pub fn jump(&mut self, ticks: u32) {
         self.offset_ticks += u64::from(ticks);
     }
 
-    /// Sets the counter so that it begins anew this long after a host time.
+    /// Sets the counter so that it wraps this long after a host time.
     pub fn wrap_after(&mut self, now_ns: i64, after_s: f64) {
         let left = u32::MAX.wrapping_sub(self.tick(now_ns));
         self.jump(left.wrapping_sub((after_s * self.ticks_per_second) as u32));
     }
 
-    /// The board's own time at a host time, seconds since it was switched on.
+    /// Board time at a host time, seconds since power-on.
     pub fn board_s(&self, host_ns: i64) -> f64 {
         let host_s = host_ns.saturating_sub(self.boot_ns) as f64 * 1e-9;
         host_s * (1.0 + self.drift) + WARM_UP_DRIFT * WARM_UP_S * (1.0 - libm::exp(-host_s.max(0.0) / WARM_UP_S))
     }
 
-    /// The host time of the board's own time.
+    /// Host time at a board time, nanoseconds.
     pub fn host_ns(&self, board_s: f64) -> i64 {
         let ns = |s: f64| self.boot_ns.saturating_add((s * 1e9).round() as i64);
-        // Both run nearly alike, so that each round leaves 10⁻⁴ of the error.
+        // Both clocks run at nearly the same rate; each iteration leaves 10⁻⁴ of the error.
         let mut host_s = board_s;
         for _ in 0..4 {
             host_s += board_s - self.board_s(ns(host_s));

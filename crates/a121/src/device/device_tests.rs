@@ -1,4 +1,4 @@
-//! The simulated board against what the protocol says, spelt by hand.
+//! Tests of the simulated board against the protocol, with messages written by hand.
 
 use serde_json::{Value, json};
 
@@ -6,12 +6,12 @@ use super::*;
 
 const S: i64 = 1_000_000_000;
 
-/// A board and who talks to it.
+/// A board and its client.
 struct Bench {
     device: Device,
     now_ns: i64,
     heard: Vec<u8>,
-    /// When bytes came, how many, at which speed.
+    /// For each piece: arrival (host ns), bytes, baud rate.
     pieces: Vec<(i64, usize, Option<u32>)>,
     plugs: Vec<Output>,
 }
@@ -47,7 +47,7 @@ impl Bench {
         self.now_ns = end_ns;
     }
 
-    /// Says a command and gives the first answer within half a second that is no log line.
+    /// Sends a command and returns the first reply within 0.5 s that is not a log line.
     fn ask(&mut self, command: Value) -> Value {
         self.heard.clear();
         self.device.receive(format!("{command}\n").as_bytes(), self.now_ns);
@@ -81,7 +81,7 @@ fn commands_are_answered_by_the_protocol() {
     assert_eq!(bench.device.baud(), Some(115_200));
     assert_eq!(bench.ask(json!({"cmd": "set_uart_baudrate", "baudrate": 1_000_000}))["status"], "ok");
     assert_eq!(bench.device.baud(), Some(1_000_000));
-    // The answer itself came at the old speed.
+    // The reply itself has the old baud rate.
     assert_eq!(bench.pieces.last().unwrap().2, Some(115_200));
     assert_eq!(bench.start()["message"], "not set up");
     let reply = bench.set_up(66.0);
@@ -161,7 +161,7 @@ fn slow_line_delays_and_marks_frames() {
     assert!((bytes as f64 / 5.0 / 11_520.0 - 1.0).abs() < 0.02 && before > 0, "{bytes}");
     let sent = bench.device.take_sent();
     assert!(sent[10..].iter().all(|result| result.infos[0].frame_delayed));
-    // Nobody takes bytes: nothing is measured either, and memory stays as it is.
+    // While nobody reads, nothing is measured and memory stays bounded.
     bench.device.set_blocked(true, bench.now_ns);
     bench.run_s(100.0);
     assert!(bench.device.take_sent().len() <= KEPT_RESULTS);
@@ -223,7 +223,7 @@ fn each_fault_has_its_effect() {
         bench.set_up(66.0);
         bench.start();
         bench.run_s(0.2);
-        // The counter began anew.
+        // The tick counter restarted.
         assert!(bench.device.take_sent().last().unwrap().infos[0].tick < 7_000_000);
     }
     let mut bench = streaming();

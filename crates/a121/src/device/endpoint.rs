@@ -1,8 +1,9 @@
-//! The end of a line that a simulated board is reached by: a pseudo terminal, or a TCP port.
+//! Endpoint at which a simulated board is served: a pseudo-terminal or a TCP port.
 //!
-//! A pseudo terminal knows the speed that the other side set, so that two speeds make noise, but carries no break. What
-//! stands for one: opening it; 115 200 baud when the board has another; and, where the board streams, the question that
-//! every session begins with.
+//! A pseudo-terminal knows the baud rate that the client set, so differing rates give noise. It
+//! cannot transmit a break. These events count as one: a client opens it; the client sets 115 200
+//! baud while the board has another rate; and, while the board streams, the first command of a
+//! session.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -15,42 +16,44 @@ use rustix::termios::OptionalActions;
 
 use super::FIRST_BAUD;
 
-/// Where a board is served.
+/// Address at which a board is served.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ServeAddress {
-    /// A link of this name leads to a pseudo terminal.
+    /// A symbolic link of this name, to a pseudo-terminal.
     Pty(PathBuf),
-    /// This address.
+    /// A TCP address.
     Tcp(SocketAddr),
 }
 
-/// A place that cannot be served.
+/// An address that cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// Neither of the two forms.
-    #[error("\"{0}\" is no place to serve a board: write pty:PATH, or tcp:ADDRESS:PORT such as tcp:127.0.0.1:6110")]
+    /// Neither `pty:PATH` nor `tcp:ADDRESS:PORT`.
+    #[error(
+        "\"{0}\" is not an address to serve a board at: write pty:PATH, or tcp:ADDRESS:PORT such as tcp:127.0.0.1:6110"
+    )]
     InvalidAddress(String),
-    /// Others could reach it.
-    #[error("{0} can be reached from other computers: use 127.0.0.1, or say --any-address")]
+    /// An address that other computers can reach.
+    #[error("{0} can be reached from other computers: use 127.0.0.1, or pass --any-address")]
     NotLoopback(SocketAddr),
-    /// The link's name is taken.
-    #[error("{0} is there already and is no link to a terminal: choose another name")]
+    /// The path exists and is not a link.
+    #[error("{0} exists and is not a link to a terminal: choose another name")]
     Taken(PathBuf),
     /// The system refuses.
     #[error("cannot serve at {place}: {source}")]
     Io {
-        /// Where.
+        /// The address.
         place: String,
-        /// Why.
+        /// The system's error.
         source: std::io::Error,
     },
 }
 
 impl ServeAddress {
-    /// Reads `pty:PATH` or `tcp:ADDRESS:PORT`; addresses beyond this computer only where `any_address`.
+    /// Parses `pty:PATH` or `tcp:ADDRESS:PORT`; addresses other than loopback need `any_address`.
     ///
     /// # Errors
-    /// What is of neither form, or can be reached from elsewhere.
+    /// Another form, or an address that other computers can reach.
     pub fn parse(text: &str, any_address: bool) -> Result<Self, ServeError> {
         let no_place = || ServeError::InvalidAddress(text.to_owned());
         match text.split_once(':').ok_or_else(no_place)? {
@@ -66,7 +69,7 @@ impl ServeAddress {
         }
     }
 
-    /// As a client's port is named.
+    /// The name of the port for a client.
     pub fn port(&self) -> String {
         match self {
             Self::Pty(path) => path.display().to_string(),
@@ -92,7 +95,7 @@ impl ServeAddress {
     }
 }
 
-/// The open end.
+/// An open endpoint.
 pub(super) enum Endpoint {
     Pty { link: PathBuf, terminal: PathBuf, master: File, is_open: bool },
     Tcp { listener: TcpListener, stream: Option<TcpStream> },
@@ -105,7 +108,8 @@ fn open_pty(path: &Path) -> std::io::Result<Endpoint> {
     rustix::io::ioctl_fionbio(&master, true)?;
     let name = rustix::pty::ptsname(&master, Vec::new())?;
     let terminal = PathBuf::from(String::from_utf8_lossy(name.as_bytes()).into_owned());
-    // Raw from the start, or it would echo. Opened and closed once, it says whether anybody has it open.
+    // Raw mode from the start, or it would echo. After it was opened and closed once, a hang-up
+    // shows that no client has it open.
     let slave = File::options().read(true).write(true).open(&terminal)?;
     let mut modes = rustix::termios::tcgetattr(&slave)?;
     modes.make_raw();
@@ -129,15 +133,15 @@ impl Drop for Endpoint {
     }
 }
 
-/// What happened on the wire.
+/// An event of the endpoint.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum EndpointEvent {
-    /// Somebody came, or went.
+    /// A client connected (true) or disconnected (false).
     Connected(bool),
     Bytes(Vec<u8>),
 }
 
-/// A pseudo terminal that nobody has open is looked at this often, nanoseconds.
+/// Polling interval while no client has the pseudo-terminal open, nanoseconds. Choice.
 const POLL_NS: i64 = 10_000_000;
 
 impl Endpoint {
@@ -148,7 +152,7 @@ impl Endpoint {
         }
     }
 
-    /// The speed that the other side set, where there is one.
+    /// The baud rate that the client set, if any.
     pub fn baud(&self) -> Option<u32> {
         match self {
             Self::Pty { master, .. } => rustix::termios::tcgetattr(master).ok().map(|modes| modes.output_speed()),
@@ -156,12 +160,12 @@ impl Endpoint {
         }
     }
 
-    /// Writes what the other side takes; says how much.
+    /// Writes as many bytes as the client accepts; returns their number.
     pub fn write(&mut self, bytes: &[u8]) -> usize {
         let written = match self {
             Self::Pty { master, is_open: true, .. } => master.write(bytes),
             Self::Tcp { stream: Some(stream), .. } => stream.write(bytes),
-            // Nobody is there: what a board says to nobody is lost.
+            // Without a client, the board's output is lost.
             _ => return bytes.len(),
         };
         match written {
@@ -171,7 +175,7 @@ impl Endpoint {
         }
     }
 
-    /// Sleeps until something comes, there is room where that is waited for, or the time is over.
+    /// Waits for an event, for room to write if wanted, or for the timeout.
     pub fn wait(&mut self, timeout_ns: i64, wants_room: bool, heard: &mut Vec<EndpointEvent>) -> std::io::Result<()> {
         let events = if wants_room { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
         match self {
@@ -211,7 +215,8 @@ impl Endpoint {
                 if of_client.intersects(PollFlags::IN | PollFlags::HUP | PollFlags::ERR) {
                     read(&*client, heard);
                 } else if of_listener.contains(PollFlags::IN) {
-                    // One at a time: whoever else comes is sent away, unless this one may be going.
+                    // One client at a time: others are refused, unless this one may be about to
+                    // disconnect.
                     drop(listener.accept());
                 }
             }
@@ -235,7 +240,7 @@ fn read(mut from: impl Read, heard: &mut Vec<EndpointEvent>) {
     }
 }
 
-/// Sleeps with the system's finest timer; a signal ends it, too.
+/// Waits with the system's finest timer; a signal ends the wait early.
 pub(super) fn sleep(look: &mut [PollFd], timeout_ns: i64) -> std::io::Result<()> {
     let timeout_ns = timeout_ns.clamp(0, 1_000_000_000);
     let timeout = Timespec { tv_sec: timeout_ns / 1_000_000_000, tv_nsec: (timeout_ns % 1_000_000_000) as _ };

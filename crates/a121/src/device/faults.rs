@@ -1,49 +1,50 @@
-//! What goes wrong with a simulated board, and when: by seeded rates, at a given byte, or at a word.
+//! Faults of the simulated board and their schedule: at seeded rates, at a given byte, or on
+//! request.
 
 use std::collections::BTreeMap;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// A fault.
+/// Kind of fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Fault {
     /// A byte is lost.
     Drop,
-    /// A byte comes twice.
+    /// A byte is sent twice.
     Double,
-    /// A bit of a byte is turned.
+    /// A bit of a byte is flipped.
     Flip,
-    /// Up to 64 bytes of noise come in between.
+    /// Up to 64 bytes of noise are inserted.
     Garbage,
-    /// The board hangs in the middle of what it sends, for 0.05 to 5 s; what it would have measured is lost.
+    /// The board hangs in the middle of a message, for 0.05 to 5 s; frames of that time are lost.
     Stall,
-    /// The way holds what is sent for 1 to 200 ms.
+    /// The transport delays a message by 1 to 200 ms.
     Delay,
-    /// For a second, bytes come in bursts, one every 30 ms: USB, or a reader that is late.
+    /// For 1 s, bytes arrive in bursts every 30 ms, as with USB or a late reader.
     Burst,
-    /// An error that nobody asked for, between two messages.
+    /// The board sends an error without a command, between two messages.
     Error,
-    /// The next command is answered by an error.
+    /// The board answers the next command with an error.
     Refuse,
-    /// A frame hits the converter's limit.
+    /// The samples of a frame are at the limit of the converter.
     Saturate,
-    /// The sensor asks to be calibrated, until it is set up again.
+    /// The sensor requests a calibration, until it is set up again.
     Calibrate,
-    /// The tick counter is about to wrap when streaming starts next: within 0.2 to 2 s.
+    /// The tick counter wraps 0.2 to 2 s after the next start of streaming.
     Wrap,
     /// The tick counter jumps.
     Jump,
-    /// The board is unplugged, for 0.1 to 3 s; plugged in again it starts anew.
+    /// The board is unplugged for 0.1 to 3 s; then it restarts.
     Unplug,
-    /// The board starts anew: 0.3 s without a word, then all is forgotten.
+    /// The board restarts: it is silent for 0.3 s and loses its state.
     Reboot,
-    /// The board prints what boards print when they start.
+    /// The board prints its start-up banner.
     Banner,
 }
 
 impl Fault {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 16] = [
         Self::Drop,
         Self::Double,
@@ -63,7 +64,7 @@ impl Fault {
         Self::Banner,
     ];
 
-    /// As the command line spells it.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Drop => "drop",
@@ -85,48 +86,48 @@ impl Fault {
         }
     }
 
-    /// The fault of that name.
+    /// The kind with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|fault| fault.name() == name)
     }
 
-    /// Strikes a byte of the next message, as likely one as another.
+    /// Whether the fault hits a random byte of the next message.
     pub(super) fn corrupts_bytes(self) -> bool {
         matches!(self, Self::Drop | Self::Double | Self::Flip | Self::Garbage | Self::Stall | Self::Delay)
     }
 }
 
-/// What shall go wrong by itself.
+/// Plan of the faults to inject.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FaultPlan {
-    /// How often a minute, on average.
+    /// Mean rate, per minute.
     pub rates_per_minute: BTreeMap<Fault, f64>,
-    /// At this byte of all that the board sends, from 0.
+    /// Faults at given bytes, counted from 0 over all that the board sends.
     pub at_bytes: BTreeMap<u64, Fault>,
 }
 
-/// Most of one kind a minute.
+/// Highest rate of one kind, per minute. Choice.
 pub const MAX_FAULTS_PER_MINUTE: f64 = 6000.0;
 
-/// A plan that cannot be followed.
+/// An invalid plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FaultPlanError {
     /// Not `kind=rate`.
-    #[error("\"{0}\" is no fault: write kind=times-a-minute, for example flip=60")]
+    #[error("\"{0}\" is not a fault: write kind=times-a-minute, for example flip=60")]
     NoFault(String),
     /// No such kind.
     #[error("fault \"{0}\" is not known: use {list}", list = Fault::ALL.map(Fault::name).join(", "))]
     UnknownKind(String),
-    /// A rate that is none.
+    /// A rate out of range.
     #[error("{0} times a minute: give 0 to {MAX_FAULTS_PER_MINUTE}")]
     Rate(f64),
 }
 
 impl FaultPlan {
-    /// Reads `kind=rate,kind=rate`, times a minute.
+    /// Parses `kind=rate,kind=rate`, with rates per minute.
     ///
     /// # Errors
-    /// What is not of that form.
+    /// The text does not have this form.
     pub fn parse(text: &str) -> Result<Self, FaultPlanError> {
         let mut plan = Self::default();
         for part in text.split(',').filter(|part| !part.is_empty()) {
@@ -143,11 +144,11 @@ impl FaultPlan {
     }
 }
 
-/// A plan on its way, with everything random about faults.
+/// A plan in progress, with the random numbers of all faults.
 #[derive(Debug, Clone)]
 pub(super) struct Schedule {
     pub rng: ChaCha8Rng,
-    /// Kind, mean pause, next time.
+    /// Kind, mean pause (s) and next time (host ns).
     due: Vec<(Fault, f64, i64)>,
     at_bytes: BTreeMap<u64, Fault>,
     sent_bytes: u64,
@@ -170,14 +171,14 @@ impl Schedule {
         self.due.iter().map(|(_, _, at)| *at).min().unwrap_or(i64::MAX)
     }
 
-    /// A fault that is due by now.
+    /// Returns a fault that is due.
     pub fn take(&mut self, now_ns: i64) -> Option<Fault> {
         let (fault, pause_s, at_ns) = self.due.iter_mut().find(|(_, _, at)| *at <= now_ns)?;
         *at_ns = now_ns.saturating_add(random_pause_ns(*pause_s, &mut self.rng));
         Some(*fault)
     }
 
-    /// Faults for the bytes of the next message, by their place in it.
+    /// Faults for the bytes of the next message, as (offset in the message, kind).
     pub fn at_bytes(&mut self, count: usize) -> Vec<(usize, Fault)> {
         let beyond = self.sent_bytes + count as u64;
         let later = self.at_bytes.split_off(&beyond);

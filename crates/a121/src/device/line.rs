@@ -1,51 +1,51 @@
-//! The line from the board: bytes leave the board no faster than its speed, in pieces, and reach the reader later when
-//! something on the way holds them.
+//! Simulated line from the board to the reader. Bytes leave the board at its baud rate, in pieces,
+//! and reach the reader later if the transport delays them.
 
 use std::collections::VecDeque;
 
 use super::Fault;
 
-/// Longest piece, as time on the line, nanoseconds: what a USB converter hands on in one go.
+/// Longest piece, as time on the line, nanoseconds: what a USB converter passes on at a time.
 const PIECE_NS: i64 = 1_000_000;
-/// Bits on the line for a byte.
+/// Bits per byte on a UART: start, eight, stop.
 const BITS_A_BYTE: i64 = 10;
 
-/// What happens when a parcel has left.
+/// What happens when a transmission has left the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum AfterSent {
     Nothing,
-    /// The line has this speed from then on.
+    /// The line changes its baud rate.
     Baud(u32),
-    /// The board ends in the middle of it.
+    /// The board fails in the middle of the transmission.
     Fault(Fault),
 }
 
-/// What is sent in one go.
+/// Bytes sent together.
 #[derive(Debug, Clone)]
 pub(super) struct Transmission {
     pub bytes: Vec<u8>,
-    /// When it may leave.
+    /// Earliest time of sending, host nanoseconds.
     pub from_ns: i64,
-    /// How long the way holds it, and all that comes after.
+    /// Delay by the transport, for these bytes and all later ones, nanoseconds.
     pub hold_ns: i64,
-    /// The last of a result.
+    /// Whether these bytes end a result.
     pub ends_result: bool,
     pub then: AfterSent,
 }
 
-/// From the board to the reader.
+/// Line from the board to the reader.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Line {
-    /// Bits a second; `None`: no limit.
+    /// Baud rate; `None` for no limit.
     pub baud: Option<u32>,
     queue: VecDeque<Transmission>,
     sent_of_first: usize,
     free_ns: i64,
     is_blocked: bool,
-    /// Pieces that left the board, at which speed, and when they reach the reader.
+    /// Pieces in transit: arrival (host ns), baud rate, bytes.
     on_the_way: VecDeque<(i64, Option<u32>, Vec<u8>)>,
     held_until_ns: i64,
-    /// Until when bytes reach the reader only at whole multiples of a time.
+    /// End of the burst mode and interval of its bursts, host nanoseconds.
     bursts: Option<(i64, i64)>,
 }
 
@@ -58,7 +58,7 @@ impl Line {
         self.queue.push_back(parcel);
     }
 
-    /// What has not left the board never will; `and_way`: nor does the rest reach the reader.
+    /// Discards bytes that have not left the board; with `and_way` also those in transit.
     pub fn clear(&mut self, and_way: bool) {
         self.queue.clear();
         self.sent_of_first = 0;
@@ -67,12 +67,12 @@ impl Line {
         }
     }
 
-    /// Until a time, bytes reach the reader together every so often.
+    /// Until `until_ns`, bytes reach the reader only every `every_ns`.
     pub fn burst_until(&mut self, until_ns: i64, every_ns: i64) {
         self.bursts = Some((until_ns, every_ns.max(1)));
     }
 
-    /// Flow control: whether the other side takes bytes.
+    /// Flow control: whether the other side accepts no bytes.
     pub fn set_blocked(&mut self, is_blocked: bool, now_ns: i64) {
         if self.is_blocked && !is_blocked {
             self.free_ns = self.free_ns.max(now_ns);
@@ -80,12 +80,12 @@ impl Line {
         self.is_blocked = is_blocked;
     }
 
-    /// Results that have not wholly left the board.
+    /// Number of results that have not completely left the board.
     pub fn results(&self) -> usize {
         self.queue.iter().filter(|parcel| parcel.ends_result).count()
     }
 
-    /// When [`Self::leave`] or [`Self::arrive`] has something.
+    /// When [`Self::leave`] or [`Self::arrive`] is due, host nanoseconds.
     pub fn next_ns(&self) -> i64 {
         let arrives_ns = self.on_the_way.front().map_or(i64::MAX, |(at, ..)| *at);
         self.next_leaves_ns().min(arrives_ns)
@@ -102,7 +102,7 @@ impl Line {
         self.baud.map_or(left, |baud| left.min((PIECE_NS / byte_ns(baud)).max(1) as usize))
     }
 
-    /// Lets the next piece leave the board, when it has by now; says when, and what happens then.
+    /// Lets the next piece leave the board if it is due; returns when, and what happens then.
     pub fn leave(&mut self, now_ns: i64) -> Option<(i64, AfterSent)> {
         let left_ns = self.next_leaves_ns();
         let first = self.queue.front().filter(|_| left_ns <= now_ns)?;
@@ -138,7 +138,7 @@ impl Line {
         self.on_the_way.back().map_or(burst_ns, |(last_ns, ..)| burst_ns.max(*last_ns))
     }
 
-    /// The next piece, when it has reached the reader by now, and the speed it was sent at.
+    /// Returns the next piece that has reached the reader, with its baud rate.
     pub fn arrive(&mut self, now_ns: i64) -> Option<(Option<u32>, Vec<u8>)> {
         self.on_the_way.pop_front_if(|(at, ..)| *at <= now_ns).map(|(_, baud, piece)| (baud, piece))
     }

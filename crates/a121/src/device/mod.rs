@@ -1,12 +1,14 @@
-//! A simulated board: the server's side of the protocol, pure. Bytes and host times in, bytes with the times at which
-//! they reach the reader out; whatever is wanted goes wrong. [`Server`] alone has a clock and a port.
+//! Simulated board: the server's side of the protocol, with fault injection. Pure, except for
+//! [`Server`], which has a clock and a port: takes bytes and host times, returns bytes with the
+//! times at which they reach the reader.
 //!
-//! Written from the protocol and from what boards are known to do. Inferred, where nothing is known: answers take 2 ms
-//! and calibration 200 ms; while it streams, a board refuses all commands but the one to stop; a board keeps two
-//! results and starts the next measurement late when the line has not taken the older one by then.
+//! Based on the protocol and on the known behaviour of boards. Assumptions where nothing is known:
+//! replies take 2 ms and a calibration 200 ms; while streaming, a board refuses all commands except
+//! the stop command; a board keeps two results and starts the next measurement late if the line has
+//! not taken the older one by then.
 //!
-//! The caller gives what the host sends to [`Device::receive`] and [`Device::receive_break`], calls [`Device::poll`]
-//! when [`Device::next_ns`] has come, and hands the bytes on.
+//! The caller passes bytes from the host to [`Device::receive`] and [`Device::receive_break`],
+//! calls [`Device::poll`] at [`Device::next_ns`], and passes the returned bytes on.
 
 mod board;
 #[cfg(unix)]
@@ -41,77 +43,80 @@ use line::{AfterSent, Line, Transmission};
 use protocol::BoardSetup;
 use stream::{Measured, Stream, Timing};
 
-/// Speed of the line after a break.
+/// Baud rate after a break.
 const FIRST_BAUD: u32 = 115_200;
-/// Longest command, bytes.
+/// Longest command, bytes. Choice.
 const MAX_COMMAND_BYTES: usize = 64 << 10;
-/// Time for an answer, for calibrating a sensor, and from switching on until the board listens, nanoseconds.
+/// Time for a reply, for calibrating a sensor, and from power-on until the board listens,
+/// nanoseconds. Choice.
 const ANSWER_NS: i64 = 2_000_000;
 const CALIBRATING_NS: i64 = 200_000_000;
 const BOOT_NS: i64 = 300_000_000;
-/// From the end of a measurement until its result may leave, at least, nanoseconds: reading and formatting.
+/// Shortest time from the end of a measurement until its result is sent, nanoseconds: readout and
+/// formatting. Choice.
 pub const READING_NS: i64 = 300_000;
-/// How much longer that takes on average, and the interrupt's latency at most, nanoseconds.
+/// Mean of the additional time for that, and largest interrupt latency, nanoseconds. Choice.
 const READING_JITTER_NS: f64 = 50_000.0;
 const LATENCY_NS: i64 = 8_000;
-/// Results that a board keeps.
+/// Results that a board can hold. Choice.
 const KEPT_RESULTS: usize = 2;
-/// Pauses between log lines while streaming, seconds.
+/// Pauses between log lines while streaming, seconds. Choice.
 const LOG_PAUSE_S: (f64, f64) = (1.0, 10.0);
-/// What the way's bursts are like, nanoseconds.
+/// Duration of the burst fault and interval of its bursts, nanoseconds. Choice.
 const BURST_NS: (i64, i64) = (1_000_000_000, 30_000_000);
 
-/// What comes from a board.
+/// Output of a board.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Output {
     /// Bytes reach the reader.
     Bytes {
-        /// As sent.
+        /// The bytes.
         bytes: Vec<u8>,
-        /// At this speed: a reader at another one gets noise; `None`: the line has no speed of its own.
+        /// Their baud rate; a reader at another rate gets noise. `None` if the line has no baud
+        /// rate.
         baud: Option<u32>,
     },
-    /// The plug is pulled.
+    /// The board was unplugged.
     Unplugged,
-    /// It is plugged in again.
+    /// The board was plugged in again.
     Plugged,
 }
 
-/// A result as it was sent, for who checks what arrives.
+/// A result as the board sent it, for comparison with what arrives.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SentResult {
-    /// One for each sensor, group by group.
+    /// One per sensor, by group.
     pub infos: Vec<SentInfo>,
     /// True end of each sensor's measurement, host nanoseconds.
     pub ends_ns: Vec<i64>,
-    /// Samples of all sensors, group by group.
+    /// Samples of all sensors, by group.
     pub samples: Vec<Complex<i16>>,
-    /// Bytes of its line.
+    /// Size of its JSON line.
     pub line_bytes: usize,
-    /// At which of its bytes something befell it, and what.
+    /// Faults that hit it, as (offset, kind).
     pub faults: Vec<(usize, Fault)>,
 }
 
-/// What a board has done.
+/// Counters of a board.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct DeviceCounters {
     /// Results sent.
     pub results: u64,
-    /// Of them, later than asked for.
+    /// Results that were later than requested.
     pub delayed: u64,
-    /// Results never sent: the board hung or started anew.
+    /// Results never sent, because the board hung or restarted.
     pub lost: u64,
     /// Bytes sent.
     pub bytes: u64,
-    /// Commands.
+    /// Commands received.
     pub commands: u64,
     /// Faults by kind.
     pub faults: BTreeMap<Fault, u64>,
 }
 
-/// What the board does.
+/// State of the board.
 enum State {
-    /// Without power, or starting; until then it hears nothing.
+    /// Unplugged or starting; the board receives nothing until then.
     Off {
         until_ns: i64,
         unplugged: bool,
@@ -120,7 +125,7 @@ enum State {
     Streaming(Box<Stream>),
 }
 
-/// A simulated board. See the file's head.
+/// A simulated board. See the head of this file.
 pub struct Device {
     board: Board,
     seed: u64,
@@ -138,17 +143,17 @@ pub struct Device {
     saturates_next: bool,
     asks_for_calibration: bool,
     wraps_next: bool,
-    /// The board hangs until then.
+    /// The board hangs until this host time.
     hung_until_ns: i64,
     next_log_ns: i64,
-    /// Since when there is room for another result.
+    /// Since when there is room for another result, host nanoseconds.
     slot_free_since_ns: i64,
     sent: Option<Vec<SentResult>>,
     counters: DeviceCounters,
 }
 
 impl Device {
-    /// A board, switched on a while ago.
+    /// Creates a board that was switched on some time ago.
     pub fn new(board: Board, source: Box<dyn SampleSource + Send>, plan: FaultPlan, seed: u64, now_ns: i64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0xB0A2D);
         let on_for_ns = (rng.random_range(2.0..2000.0) * 1e9) as i64;
@@ -176,32 +181,32 @@ impl Device {
         }
     }
 
-    /// Remembers what is sent, for [`Self::take_sent`].
+    /// Starts recording what is sent, for [`Self::take_sent`].
     pub fn record_sent(&mut self) {
         self.sent.get_or_insert_default();
     }
 
-    /// What was sent since the last call.
+    /// Returns what was sent since the last call.
     pub fn take_sent(&mut self) -> Vec<SentResult> {
         self.sent.as_mut().map(std::mem::take).unwrap_or_default()
     }
 
-    /// Speed of the board's side of the line; `None`: it has none of its own.
+    /// Baud rate of the board's side; `None` if the line has no baud rate.
     pub fn baud(&self) -> Option<u32> {
         self.line.baud
     }
 
-    /// Whether it streams.
+    /// Whether the board streams.
     pub fn is_streaming(&self) -> bool {
         matches!(self.state, State::Streaming(_))
     }
 
-    /// What it has done.
+    /// The counters.
     pub fn counters(&self) -> DeviceCounters {
         DeviceCounters { faults: self.schedule.counts.clone(), ..self.counters.clone() }
     }
 
-    /// When [`Self::poll`] has something, host nanoseconds.
+    /// When [`Self::poll`] is due, host nanoseconds.
     pub fn next_ns(&self) -> i64 {
         let own_ns = match &self.state {
             State::Off { until_ns, .. } => *until_ns,
@@ -212,12 +217,12 @@ impl Device {
         own_ns.min(self.line.next_ns()).min(self.schedule.next_ns())
     }
 
-    /// Flow control: whether the reader takes bytes.
+    /// Flow control: whether the reader accepts no bytes.
     pub fn set_blocked(&mut self, is_blocked: bool, now_ns: i64) {
         self.line.set_blocked(is_blocked, now_ns);
     }
 
-    /// Does what is due at a host time and appends what reaches the reader.
+    /// Performs what is due at a host time and appends what reaches the reader.
     pub fn poll(&mut self, now_ns: i64, out: &mut Vec<Output>) {
         loop {
             while let Some((baud, bytes)) = self.line.arrive(now_ns) {
@@ -244,7 +249,7 @@ impl Device {
         Some(left)
     }
 
-    /// One step of the board's own; false when nothing is due.
+    /// Performs one step of the board; returns false if nothing is due.
     fn step(&mut self, now_ns: i64, out: &mut Vec<Output>) -> bool {
         match &self.state {
             State::Off { until_ns, unplugged } if *until_ns <= now_ns => {
@@ -270,7 +275,7 @@ impl Device {
         }
     }
 
-    /// A break: the session of whoever spoke before is over.
+    /// Receives a break, which ends the current session.
     pub fn receive_break(&mut self) {
         if matches!(self.state, State::Off { .. }) {
             return;
@@ -287,7 +292,7 @@ impl Device {
         self.next_log_ns = i64::MAX;
     }
 
-    /// Bytes from the host.
+    /// Receives bytes from the host.
     pub fn receive(&mut self, bytes: &[u8], now_ns: i64) {
         if matches!(self.state, State::Off { .. }) {
             return;
@@ -372,12 +377,13 @@ impl Device {
         if !self.is_streaming() {
             return self.answer(protocol::error("not streaming"), now_ns);
         }
-        // The set-up stays, as it may be started again.
+        // The set-up is kept for another start.
         (self.state, self.next_log_ns) = (State::Idle, i64::MAX);
         self.answer(serde_json::json!({"status": "stop"}), now_ns);
     }
 
-    /// Measures a result that starts at that time of the board's; samples are made at once, long before its end.
+    /// Measures a result that starts at this board time. The samples are made at once, before the
+    /// measurement ends.
     fn measure(&mut self, setup: &BoardSetup, index: u64, start_s: f64, is_late: bool) -> Measured {
         let saturates = std::mem::take(&mut self.saturates_next);
         let temperature = 30 + libm::sin(start_s / 20.0).round() as i16;
@@ -406,7 +412,7 @@ impl Device {
         Measured { start_s, end_ns, ends_ns, infos, samples }
     }
 
-    /// The result that was measured is read and sent, and the next one measured.
+    /// Reads out and sends the measured result, and measures the next one.
     fn finish_result(&mut self, mut read_ns: i64) {
         let State::Streaming(mut stream) = std::mem::replace(&mut self.state, State::Idle) else { return };
         if read_ns < self.hung_until_ns {
@@ -461,7 +467,7 @@ impl Device {
         self.dispatch(bytes, from_ns, false, then);
     }
 
-    /// Puts a message on the line, with what strikes it on the way; says what did, and where.
+    /// Puts a message on the line and applies its faults; returns them as (offset, kind).
     fn dispatch(
         &mut self,
         mut bytes: Vec<u8>,
@@ -476,7 +482,7 @@ impl Device {
         self.counters.bytes += bytes.len() as u64;
         let (mut parcel_ends, mut hold_ns, mut stall_ns, mut ending) = (None, 0, 0, None);
         for &(at, fault) in &faults {
-            // Others may have taken bytes before.
+            // Earlier faults may have removed bytes.
             let at = at.min(bytes.len() - 1);
             *self.schedule.counts.entry(fault).or_default() += 1;
             match fault {
@@ -491,7 +497,7 @@ impl Device {
                 Fault::Stall => (parcel_ends, stall_ns) = (Some(at), self.schedule.seconds(0.05, 5.0)),
                 Fault::Delay => (parcel_ends, hold_ns) = (Some(at), self.schedule.seconds(1e-3, 0.2)),
                 Fault::Unplug | Fault::Reboot => (parcel_ends, ending) = (Some(at), Some(AfterSent::Fault(fault))),
-                // Nothing of a byte's own: it happens to the next result.
+                // These faults do not affect a byte but the next result.
                 Fault::Saturate => self.saturates_next = true,
                 Fault::Calibrate => self.asks_for_calibration = true,
                 Fault::Refuse => self.refuses_next = true,
@@ -523,12 +529,12 @@ impl Device {
         self.clock.jump(ticks);
     }
 
-    /// Lets something go wrong now, or with the next message.
+    /// Injects a fault now, or into the next message.
     pub fn inject(&mut self, fault: Fault, now_ns: i64, out: &mut Vec<Output>) {
         let is_idle = !self.is_streaming();
         match fault {
             _ if fault.corrupts_bytes() => return self.pending_faults.push(fault),
-            // In the middle of a message or between two, as likely one as the other.
+            // Equally likely in the middle of a message and between two.
             Fault::Unplug | Fault::Reboot if !is_idle && self.schedule.rng.random_bool(0.5) => {
                 return self.pending_faults.push(fault);
             }
@@ -546,7 +552,7 @@ impl Device {
         *self.schedule.counts.entry(fault).or_default() += 1;
     }
 
-    /// Unplugged or started anew: everything is forgotten.
+    /// Unplugs or restarts the board; it loses its state.
     fn go_off(&mut self, fault: Fault, now_ns: i64, out: &mut Vec<Output>) {
         if matches!(self.state, State::Off { .. }) {
             return;
@@ -567,7 +573,7 @@ impl Device {
     }
 }
 
-/// What boards print when they start: not one line of the protocol.
+/// Start-up banner of a board; not part of the protocol.
 fn banner(board: Board) -> Vec<u8> {
     format!("\r\n*** {} ***\r\nExploration server [a121] {{ready}}\r\n", board.hardware()).into_bytes()
 }
@@ -578,7 +584,7 @@ fn line_of(value: &Value) -> Vec<u8> {
     line
 }
 
-/// As far from none as a converter goes.
+/// The converter's limit with the sign of the sample.
 fn clamped(value: i16) -> i16 {
     if value < 0 { i16::MIN } else { i16::MAX }
 }

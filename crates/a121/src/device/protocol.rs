@@ -1,4 +1,5 @@
-//! Commands taken apart and answers spelt, as a server does: written from the protocol, not from the session's side.
+//! Parses commands and writes replies, as a server does. Written from the protocol, independently
+//! of the session's code.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -21,7 +22,7 @@ struct CalibrationEntry {
     data: String,
 }
 
-/// The command that sets up.
+/// The set-up command.
 #[derive(Debug, Deserialize)]
 pub(super) struct SetupCommand {
     groups: Vec<Vec<SensorEntry>>,
@@ -30,18 +31,18 @@ pub(super) struct SetupCommand {
     calibration_info: Vec<CalibrationEntry>,
 }
 
-/// What was set up.
+/// An accepted set-up.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct BoardSetup {
     pub groups: Vec<Vec<SensorEntry>>,
     pub timing: Timing,
-    /// Whether a sensor was calibrated for it, which takes time.
+    /// Whether a sensor had to be calibrated, which takes time.
     pub calibrated: bool,
 }
 
-/// Bytes of a calibration.
+/// Size of a calibration, bytes. Choice.
 const CALIBRATION_BYTES: usize = 192;
-/// Degrees Celsius at calibration.
+/// Chip temperature at calibration, °C. Choice.
 const CALIBRATION_TEMPERATURE: i32 = 31;
 
 pub(super) fn error(message: &str) -> Value {
@@ -67,7 +68,7 @@ pub(super) fn sensor_info(board: Board) -> Value {
     json!({"status": "ok", "sensor_info": (0..board.sensor_count()).map(place).collect::<Vec<_>>()})
 }
 
-/// Sets up, or says why not.
+/// Checks a set-up; returns it with the reply, or the reason for refusing it.
 pub(super) fn set_up(command: Value, board: Board, seed: u64) -> Result<(BoardSetup, Value), String> {
     let mut command: SetupCommand = serde_json::from_value(command).map_err(|error| error.to_string())?;
     if command.groups.is_empty() || command.groups.iter().any(Vec::is_empty) {
@@ -76,7 +77,7 @@ pub(super) fn set_up(command: Value, board: Board, seed: u64) -> Result<(BoardSe
     for group in &mut command.groups {
         for index in 0..group.len() {
             let entry = &mut group[index];
-            // 0 is how the protocol says "as fast as it goes".
+            // In the protocol, 0 stands for "as fast as possible".
             entry.config.sweep_rate = entry.config.sweep_rate.filter(|rate| *rate != 0.0);
             entry.config.frame_rate = entry.config.frame_rate.filter(|rate| *rate != 0.0);
             entry.config.validate().map_err(|rule| format!("invalid config: {rule}"))?;
@@ -139,7 +140,7 @@ fn metadata(config: &SensorConfig) -> Value {
     })
 }
 
-/// A sensor's calibration, the same whenever it is made; any other is refused.
+/// A sensor's calibration, which depends only on sensor and seed; any other is refused.
 fn calibration(sensor_id: u32, seed: u64) -> String {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0xCA11_0000 ^ u64::from(sensor_id));
     (0..CALIBRATION_BYTES).map(|_| format!("{:02x}", rng.random::<u8>())).collect()

@@ -1,33 +1,33 @@
-//! Where a simulated board's samples come from.
+//! Source of the samples of a simulated board.
 
 use num_complex::Complex;
 
 use crate::SensorConfig;
 
-/// A frame that is wanted.
+/// Request for a frame.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameRequest<'a> {
     /// Sensor on the board, from 1.
     pub sensor_id: u32,
-    /// How it measures.
+    /// Its configuration.
     pub config: &'a SensorConfig,
-    /// Counted from the start of streaming.
+    /// Index of the frame since the start of streaming.
     pub index: u64,
-    /// Tick that will be sent with it.
+    /// Tick sent with it.
     pub tick: u32,
     /// End of its measurement, host nanoseconds.
     pub end_ns: i64,
 }
 
-/// Gives the samples of frames.
+/// Source of samples.
 pub trait SampleSource {
-    /// Appends the frame's samples, `[sweep][point]`, as many as the configuration has; returns whether one hit the
-    /// converter's limit.
+    /// Appends the frame's samples, `[sweep][point]`, as many as the configuration has; returns
+    /// whether a sample hit the limit of the converter.
     fn frame(&mut self, request: &FrameRequest, samples: &mut Vec<Complex<i16>>) -> bool;
 }
 
-/// Noise that follows from sensor and tick: cheap, every byte as likely as any, and a frame that comes with another's
-/// tick is recognised.
+/// Noise seeded by sensor and tick. It is cheap, all byte values are equally likely, and samples
+/// under a wrong tick are recognised.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TickSeededNoise;
 

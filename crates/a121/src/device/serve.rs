@@ -5,9 +5,9 @@ use rustix::time::{ClockId, clock_gettime};
 use super::endpoint::{Endpoint, EndpointEvent, sleep};
 use super::{Device, FIRST_BAUD, Output, ServeAddress, ServeError};
 
-/// What a real port holds for a reader that is late, bytes; a pseudo terminal holds 12 kB itself.
+/// Buffer of a port for a late reader, bytes; a pseudo-terminal itself holds 12 kB. Choice.
 const PORT_BYTES: usize = 64 << 10;
-/// What every session begins with.
+/// Start of the first command of every session.
 const FIRST_COMMAND: &[u8] = b"{\"cmd\":\"get_system_info\"";
 
 /// The host's monotonic clock, nanoseconds.
@@ -16,21 +16,21 @@ pub fn monotonic_ns() -> i64 {
     now.tv_sec * 1_000_000_000 + now.tv_nsec as i64
 }
 
-/// A board at a place.
+/// A board served at an address.
 pub struct Server {
     place: ServeAddress,
     device: Device,
     endpoint: Option<Endpoint>,
-    /// What the other side has not taken yet.
+    /// Bytes that the client has not accepted yet.
     unsent: Vec<u8>,
     clients: u64,
 }
 
 impl Server {
-    /// Opens the place.
+    /// Opens the address.
     ///
     /// # Errors
-    /// It cannot be opened.
+    /// The address cannot be opened.
     pub fn open(place: ServeAddress, device: Device) -> Result<Self, ServeError> {
         let endpoint = Some(place.open()?);
         Ok(Self { place, device, endpoint, unsent: Vec::new(), clients: 0 })
@@ -41,15 +41,15 @@ impl Server {
         &self.device
     }
 
-    /// How often somebody came.
+    /// Number of connections so far.
     pub fn clients(&self) -> u64 {
         self.clients
     }
 
-    /// Serves until a host time at most, or until something happened that may change what is due.
+    /// Performs one step: serves until a host time, or until an event that may change what is due.
     ///
     /// # Errors
-    /// The system refuses to go on, or to open the place again after an unplugging.
+    /// The system fails, or the address cannot be opened again after unplugging.
     pub fn step(&mut self, until_ns: i64) -> Result<(), ServeError> {
         let mut out = Vec::new();
         self.device.poll(monotonic_ns(), &mut out);
@@ -123,7 +123,7 @@ impl Server {
     }
 }
 
-/// What bytes look like at another speed.
+/// What bytes look like at a wrong baud rate.
 fn noise(bytes: &[u8]) -> Vec<u8> {
     bytes.iter().map(|byte| byte.rotate_left(3) ^ 0xA5).collect()
 }

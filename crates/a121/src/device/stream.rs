@@ -1,27 +1,28 @@
-//! When a streaming board's frames are measured, and what is sent of them.
+//! Timing of a streaming board's frames, and the bytes of its results.
 
 use num_complex::Complex;
 
 use super::protocol::{BoardSetup, SensorEntry};
 use crate::frame_timing;
 
-/// Between the end of a measurement and the next one's start, or the server's reading of it, seconds: measured on a
-/// free-running XC120.
+/// Time between the end of a measurement and the start of the next one or its readout, seconds.
+/// Measured on a free-running XC120.
 const READ_S: f64 = 0.88e-3;
 
-/// Times of a result, seconds.
+/// Timing of a result, seconds.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Timing {
-    /// For each sensor, group by group: from the start of the first to the end of its own.
+    /// For each sensor, by group: from the start of the result to the end of the sensor's
+    /// measurement.
     ends_s: Vec<f64>,
-    /// From the start of the first to the end of the last.
+    /// From the start of the result to the end of its last measurement.
     pub whole_s: f64,
-    /// From result to result, where nothing is late.
+    /// Result period, if nothing is late.
     pub period_s: f64,
 }
 
 impl Timing {
-    /// Groups measure one after the other, the sensors of a group together.
+    /// Groups measure one after the other, the sensors of a group at the same time.
     pub fn of(groups: &[Vec<SensorEntry>], update_rate: Option<f64>) -> Self {
         let (mut ends_s, mut whole_s, mut period_s) = (Vec::new(), 0.0f64, update_rate.map_or(0.0, |rate| 1.0 / rate));
         for group in groups {
@@ -34,22 +35,22 @@ impl Timing {
     }
 }
 
-/// What is said of a frame.
+/// Metadata of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SentInfo {
-    /// The counter at the end of its measurement.
+    /// Tick at the end of its measurement.
     pub tick: u32,
-    /// Whether a sample hit the limit.
+    /// Whether a sample hit the limit of the converter.
     pub data_saturated: bool,
-    /// °C.
+    /// Chip temperature, °C.
     pub temperature: i16,
-    /// Whether the sensor asks to be calibrated.
+    /// Whether the sensor requests a calibration.
     pub calibration_needed: bool,
-    /// Whether it comes later than asked for.
+    /// Whether it is later than requested.
     pub frame_delayed: bool,
 }
 
-/// A result that is measured, or waits to be read.
+/// A measured result that waits for its readout.
 #[derive(Debug, Clone)]
 pub(super) struct Measured {
     pub start_s: f64,
@@ -59,7 +60,7 @@ pub(super) struct Measured {
     pub samples: Vec<Complex<i16>>,
 }
 
-/// A stream under way.
+/// A running stream.
 #[derive(Debug, Clone)]
 pub(super) struct Stream {
     pub setup: BoardSetup,
@@ -68,24 +69,24 @@ pub(super) struct Stream {
 }
 
 impl BoardSetup {
-    /// For each sensor, group by group: itself, and when its frame ends after the result's start, seconds.
+    /// The sensors, by group, each with the end of its frame after the result's start, seconds.
     pub fn ends_s(&self) -> impl Iterator<Item = (&SensorEntry, f64)> {
         self.groups.iter().flatten().zip(self.timing.ends_s.iter().copied())
     }
 }
 
 impl Stream {
-    /// When the next measurement starts, board's seconds, where this one was read at that time; and whether that is
-    /// later than asked for.
+    /// Start of the next measurement, board seconds, if this one was read at `read_s`; and whether
+    /// that is later than requested.
     pub fn next_start_s(&self, read_s: f64) -> (f64, bool) {
         let wanted_s = self.next.start_s + self.setup.timing.period_s;
         let free_s = read_s.max(self.next.start_s + self.setup.timing.whole_s + READ_S);
-        // A frame that the configuration itself makes as long as its period is as asked for.
+        // A frame that is as long as its period by configuration is not late.
         (wanted_s.max(free_s), free_s > wanted_s + READ_S)
     }
 }
 
-/// The bytes of a result and how many of them are its line.
+/// The bytes of a result, and the size of its JSON line.
 pub(super) fn result_bytes(groups: &[Vec<SensorEntry>], result: &Measured) -> (Vec<u8>, usize) {
     use std::fmt::Write;
     let mut infos = result.infos.iter();
@@ -94,7 +95,7 @@ pub(super) fn result_bytes(groups: &[Vec<SensorEntry>], result: &Measured) -> (V
         line.push_str(if index == 0 { "[" } else { ",[" });
         for (index, info) in infos.by_ref().take(group.len()).enumerate() {
             let comma = if index == 0 { "" } else { "," };
-            // Writing to a string does not fail.
+            // Writing to a string cannot fail.
             let _ = write!(
                 line,
                 "{comma}{{\"tick\":{},\"data_saturated\":{},\"temperature\":{},\"calibration_needed\":{},\

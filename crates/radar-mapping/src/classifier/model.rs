@@ -1,7 +1,8 @@
-//! The classifier's model: boosted decision trees as a data file, checked when it is loaded.
+//! The classifier's model: gradient-boosted trees as a data file, checked when it is loaded.
 //!
-//! The file names its features in order and carries a hash of them, so that a model made for other features is refused instead
-//! of giving wrong odds; and its card: the command and commit that made it, its training worlds, its score on held-out ones.
+//! The file names its features in order and carries a hash of them. A model made for other features
+//! is refused instead of giving wrong odds. Its card states the command and commit that made it,
+//! its training worlds, and its score on held-out ones.
 
 use std::sync::LazyLock;
 
@@ -9,16 +10,16 @@ use serde::{Deserialize, Serialize};
 
 use super::FEATURES;
 
-/// The version of the file's layout.
+/// Version of the file's layout.
 const FORMAT: u32 = 1;
 
-/// What the program uses.
+/// The model in use.
 static EMBEDDED: LazyLock<Model> = LazyLock::new(|| {
     // The file is compiled in, and a test loads it.
     Model::from_json(include_str!("classifier.json")).expect("classifier.json is sound")
 });
 
-/// Boosted decision trees and where they come from.
+/// Gradient-boosted trees and their origin.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Model {
@@ -32,30 +33,30 @@ pub struct Model {
     trees: Vec<Tree>,
 }
 
-/// Where a model comes from and what it is worth.
+/// Origin and quality of a model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelCard {
-    /// The command that trained it.
+    /// Command that trained it.
     pub command: String,
-    /// The commit of the program that ran it; empty until it is known.
+    /// Commit of the program that ran it; empty until it is known.
     pub commit: String,
-    /// What it was trained on.
+    /// Training worlds.
     pub worlds: String,
     /// Training examples at real objects.
     pub things: usize,
     /// Training examples where nothing is.
     pub artefacts: usize,
-    /// Its score on worlds that it was not trained on; `None` until it is measured.
+    /// Score on worlds that it was not trained on; `None` until measured.
     #[serde(default)]
     pub held_out: Option<HeldOutScore>,
 }
 
-/// A model's score on worlds that it was not trained on.
+/// Score of a model on worlds that it was not trained on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeldOutScore {
-    /// The command that measured it.
+    /// Command that measured it.
     pub command: String,
     /// Examples at real objects.
     pub things: usize,
@@ -63,7 +64,8 @@ pub struct HeldOutScore {
     pub artefacts: usize,
     /// Weighted mean of −ln(probability of the right class), nats; 0.693 for a coin.
     pub log_loss: f64,
-    /// Area under the curve of detections against false alarms: 0.5 for chance, 1 for a perfect order.
+    /// Area under the curve of detections against false alarms: 0.5 for chance, 1 for a perfect
+    /// order.
     pub area_under_curve: f64,
 }
 
@@ -71,8 +73,8 @@ pub struct HeldOutScore {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Tree {
-    /// Feature, bound, and where to go on where the feature is not above the bound, and where it is: a later split's number, or
-    /// `!` a leaf's.
+    /// Feature, bound, where to continue if the feature is not above the bound, and where if it is:
+    /// the index of a later split, or `!` a leaf's.
     pub splits: Vec<(u8, f32, i16, i16)>,
     /// Log odds.
     pub leaves: Vec<f32>,
@@ -81,7 +83,7 @@ pub struct Tree {
 /// Why a model is refused.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
-    /// No JSON, or other fields.
+    /// Not JSON, or other fields.
     #[error("the classifier's model cannot be read: {0}")]
     Json(#[from] serde_json::Error),
     /// A later layout.
@@ -98,20 +100,20 @@ pub enum ModelError {
         /// Of [`FEATURES`].
         expected: String,
     },
-    /// A split that names no feature, no later split and no leaf, or a number that is not finite.
+    /// A split without a feature, a later split or a leaf, or with a number that is not finite.
     #[error("tree {tree} of the classifier's model is broken at split {split}")]
     Split {
-        /// Number of the tree.
+        /// Index of the tree.
         tree: usize,
-        /// Number of the split in it.
+        /// Index of the split in it.
         split: usize,
     },
-    /// A number that is not finite, or a tree without leaves.
+    /// A leaf that is not finite, or a tree without leaves.
     #[error("tree {0} of the classifier's model has no leaves, or one that is not finite")]
     Leaf(usize),
 }
 
-/// Strings, numbers and lists of them always become JSON.
+/// Plain strings, numbers and lists always convert to JSON.
 fn json(value: &impl Serialize) -> String {
     serde_json::to_string(value).expect("plain data")
 }
@@ -139,7 +141,7 @@ impl Model {
     /// Reads and checks a model.
     ///
     /// # Errors
-    /// It is not for [`FEATURES`] in their order, or a tree is not sound.
+    /// It is not for [`FEATURES`] in their order, or a tree is invalid.
     pub fn from_json(text: &str) -> Result<Self, ModelError> {
         let model: Self = serde_json::from_str(text)?;
         if model.format != FORMAT {
@@ -171,7 +173,7 @@ impl Model {
         )
     }
 
-    /// Where it comes from.
+    /// Its origin.
     pub fn card(&self) -> &ModelCard {
         &self.card
     }
@@ -183,7 +185,7 @@ impl Model {
         self
     }
 
-    /// Log odds that it is a thing; 0 is even.
+    /// Log odds of a real object; 0 is even.
     pub fn log_odds(&self, features: &[f64; FEATURES.len()]) -> f64 {
         self.prior + self.trees.iter().map(|tree| tree.log_odds(features)).sum::<f64>()
     }
@@ -199,7 +201,7 @@ impl Tree {
         f64::from(self.leaves[!at as usize])
     }
 
-    /// Every split leads to a later one or to a leaf, so that each walk ends.
+    /// Every split leads to a later one or to a leaf, so each walk ends.
     fn check(&self, tree: usize) -> Result<(), ModelError> {
         if self.leaves.is_empty() || self.leaves.iter().any(|leaf| !leaf.is_finite()) {
             return Err(ModelError::Leaf(tree));
@@ -214,7 +216,7 @@ impl Tree {
                 return Err(ModelError::Split { tree, split });
             }
         }
-        // Without a split there is nowhere to begin.
+        // A tree needs at least one split to start from.
         if self.splits.is_empty() { Err(ModelError::Split { tree, split: 0 }) } else { Ok(()) }
     }
 }
@@ -239,7 +241,7 @@ mod tests {
         let mut swapped = Model::from_json(EMBEDDED_TEXT).unwrap();
         swapped.features.swap(3, 4);
         assert!(matches!(Model::from_json(&swapped.to_json()), Err(ModelError::Schema { .. })));
-        // Nor does a hash made to fit help.
+        // A hash made to fit does not help.
         swapped.schema = schema_hash(swapped.features.iter().map(String::as_str));
         assert!(matches!(Model::from_json(&swapped.to_json()), Err(ModelError::Schema { .. })));
         let mut forged = Model::from_json(EMBEDDED_TEXT).unwrap();

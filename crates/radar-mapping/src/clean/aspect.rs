@@ -1,7 +1,8 @@
-//! How a place was seen: what the blocks that tell of it have in common.
+//! Aspect of a point: averages over its significant responses.
 //!
-//! Of all the places on a circle the one near the middle of the beam is the likeliest, and a thing that was seen from several sides is
-//! surer than one from a single side: artefacts lie towards the beam's edge, near, and strong for what they are taken for.
+//! Of all points on a range circle the one near the middle of the beam is the likeliest. An object
+//! that was seen from several sides is surer than one from a single side. Artefacts lie towards the
+//! beam's edge, near the sensor, and are stronger than the objects that they are taken for.
 
 use glam::DVec3;
 
@@ -9,25 +10,25 @@ use super::super::responses::Response;
 
 use radar_sar::math;
 
-/// Means over the blocks that tell of a place; zeros when none does.
+/// Means over the significant responses of a point; zeros when there are none.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Aspect {
     /// Distance from the sensor, metres.
     pub range_m: f64,
     /// Amplitude of the beam towards it, two-way, 1 on the axis.
     pub beam: f64,
-    /// Logarithm of the power that it returns at 1 m on the axis, over the noise.
+    /// Logarithm of the power that it reflects at 1 m on the axis, relative to noise.
     pub ln_strength: f64,
-    /// How far the directions to it differ: 0 when all are the same, 1 when they cancel.
+    /// Spread of the directions to it: 0 when all are the same, 1 when they cancel.
     pub spread: f64,
-    /// Logarithm of how far it stands out of the noise and of what else is at its range.
+    /// Logarithm of m, the coherent power relative to noise and clutter.
     pub ln_coherence: f64,
     /// 1σ of its height, metres.
     pub sigma_up_m: f64,
 }
 
 impl Aspect {
-    /// Of views that tell.
+    /// Of significant responses.
     pub(super) fn of<'v>(responses: impl Iterator<Item = &'v Response>, sigma_up_m: f64) -> Self {
         let (mut sums, mut toward, mut count) = ([0.0; 4], DVec3::ZERO, 0.0);
         for response in responses {

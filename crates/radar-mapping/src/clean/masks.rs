@@ -1,4 +1,5 @@
-//! Claims: range and direction in each block that something believed accounts for, as wide as pulse and aperture tell them.
+//! Masks: the range and direction in each sub-aperture that a detection accounts for, as wide as
+//! pulse and aperture resolve them.
 
 use std::ops::Range;
 
@@ -11,7 +12,7 @@ use radar_sar::WAVELENGTH_M;
 use radar_sar::math;
 use radar_sar::subaperture::Subaperture;
 
-/// Range and direction in one block that are accounted for.
+/// A masked range and direction in one sub-aperture.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Mask {
     range_m: f64,
@@ -21,19 +22,19 @@ pub(crate) struct Mask {
 }
 
 impl Mask {
-    /// Whether something seen there is accounted for.
+    /// Whether a response there is masked.
     pub fn covers(&self, range_m: f64, cos: f64) -> bool {
         (range_m - self.range_m).abs() < self.half_range_m && (cos - self.cos).abs() < self.half_cos
     }
 
-    /// Takes a view out that it covers.
+    /// Removes a response that it covers.
     pub fn apply(&self, response: &mut Option<Response>) {
         response.take_if(|v| self.covers(v.range_m, v.cos));
     }
 }
 
-/// What the player's own hands account for: everything at their ranges and their forearms', whatever its direction seems to be, since
-/// they move.
+/// What the wearer's own hands account for: everything at the ranges of hand and forearm, whatever
+/// its apparent direction, because they move.
 pub(crate) fn hand_masks(block: &Subaperture, hands: &HandTrail) -> Vec<Mask> {
     let hands = hands.at(block.mid_time_ns).into_iter().flatten();
     let to_hand = hands.map(|hand| hand - block.middle.translation);
@@ -46,7 +47,7 @@ pub(crate) fn hand_masks(block: &Subaperture, hands: &HandTrail) -> Vec<Mask> {
 }
 
 impl CleanWindow<'_> {
-    /// Claims what a thing accounts for and takes it from the others.
+    /// Masks what a detection accounts for and removes it from the other candidates.
     pub(super) fn mask(&mut self, best: &Candidate, open: &mut [Candidate]) {
         let masks = self.masks_of(best);
         for candidate in open {
@@ -61,7 +62,7 @@ impl CleanWindow<'_> {
         self.masks.iter_mut().zip(masks).for_each(|(all, mask)| all.extend(mask));
     }
 
-    /// `[block]`
+    /// `[sub-aperture]`
     pub(super) fn masks_of(&self, candidate: &Candidate) -> Vec<Option<Mask>> {
         candidate.responses.iter().enumerate().map(|(n, response)| response.map(|v| self.mask_of(n, &v))).collect()
     }
@@ -69,7 +70,7 @@ impl CleanWindow<'_> {
     fn mask_of(&self, n: usize, response: &Response) -> Mask {
         let block = self.blocks[n];
         let half_width_m = block.geometry().pulse_fwhm_m * 0.5;
-        // As far as the pulse's skirt still stands out of the noise.
+        // As far as the pulse's skirt stands out of the noise.
         let skirt_m = half_width_m * math::log2(response.power.max(1.0)).sqrt();
         Mask {
             range_m: response.range_m,

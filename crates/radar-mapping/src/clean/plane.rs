@@ -1,8 +1,9 @@
-//! Planes: what blocks say of them, where exactly they are, and whether they are planes at all.
+//! Planes: responses, refinement, and the test that they are planes.
 //!
-//! The search knows planes 1.5° and 5 cm apart; what is taken for a wall's echo, and claimed for it, must be nearer to it than that. So a plane
-//! that is about to be believed is moved uphill first. And it must explain its echoes better than any single place does: a chair's leg
-//! seen by a head that hardly moved sideways is a plane as good as any.
+//! The search grid of planes is 1.5° and 5 cm fine. The mask of a wall's echo must be more
+//! accurate, so a plane is moved uphill before it is accepted. It must also explain its echoes
+//! better than any single point does: for a head that hardly moved sideways, a chair's leg looks
+//! the same as a plane.
 
 use glam::{DQuat, DVec3, IVec2};
 use rayon::prelude::*;
@@ -13,21 +14,23 @@ use radar_sar::geometry::Plane;
 use radar_sar::math;
 use radar_sar::subaperture::{PlaneAt, Subaperture};
 
-/// A step of the finest kind: turned by this, radians, and moved by this, metres.
+/// A step of the finest kind: rotation, radians, and displacement, metres (choice).
 const UNIT_RAD: f64 = 0.25 * std::f64::consts::PI / 180.0;
 const UNIT_M: f64 = 0.005;
-/// Climbing begins with steps of so many units and goes no farther than so many.
+/// First step of the hill climb and its greatest reach, in units of the above (choice).
 const UNITS: i32 = 4;
 const REACH_UNITS: i32 = 12;
-/// The point that a plane is held against is looked for this far from the middle of where the plane was seen, in ever smaller steps, metres.
+/// Steps and reach of the search for the best single point, from the middle of where the plane was
+/// seen, metres (choice).
 const POINT_STEPS_M: [f64; 3] = [0.12, 0.06, 0.03];
 const POINT_REACH_M: f64 = 0.4;
 
-/// 1σ of the range of a plane that was climbed to, metres.
+/// 1σ of the range of a refined plane, metres (choice).
 const RANGE_SIGMA_M: f64 = 0.01;
 
 impl CleanWindow<'_> {
-    /// Nothing of blocks that the plane is out of range of, or so far from the beam's axis that not even a mirror returns anything.
+    /// `None` for a sub-aperture that has the plane out of range, or so far off the beam's axis
+    /// that not even a mirror returns anything.
     pub(super) fn plane_responses(&self, plane: &Plane) -> Vec<Option<Response>> {
         let response = |block: &&Subaperture| {
             let range_m = plane.distance(block.middle.translation);
@@ -44,8 +47,9 @@ impl CleanWindow<'_> {
         self.blocks.iter().map(response).collect()
     }
 
-    /// Moves a plane to where what is left of the blocks is strongest for it: turned about the vertical through the middle of where it was seen, and
-    /// nearer or farther. Walls stand upright; floor and ceiling are level.
+    /// Moves a plane uphill in the coherent power of its unmasked responses: rotated about the
+    /// vertical through the middle of where it was seen, and nearer or farther. Walls stand
+    /// upright; floor and ceiling are level.
     pub(super) fn hill_climb_plane(&self, candidate: &mut Candidate) {
         let (Hypothesis::Plane(start), Some(_)) = (candidate.hypothesis, candidate.unmasked) else { return };
         let Some(pivot) = self.mean_foot(&candidate.responses) else { return };
@@ -72,8 +76,8 @@ impl CleanWindow<'_> {
         }
     }
 
-    /// How strong a plane's echoes are where it is taken to be, those that add up: unlike the score this has its greatest value at the very middle
-    /// of a pulse, however strong it is.
+    /// Weighted sum of the logarithms of the powers that add up. Unlike the score it has its
+    /// maximum at the very middle of a pulse, however strong it is.
     fn coherent_log_power(&self, candidate: &Candidate) -> f64 {
         let of_block = |(response, weight): (&Option<Response>, &f64)| {
             response.map_or(0.0, |response| weight * math::ln_1p(response.net_coherent_power()))
@@ -81,18 +85,20 @@ impl CleanWindow<'_> {
         candidate.responses.iter().zip(&self.weights).map(of_block).sum()
     }
 
-    /// Whether it is a plane: its mirror points have moved, and no single place accounts for the same echoes.
+    /// Whether it is a plane: the feet of its perpendiculars have moved, and no single point
+    /// accounts for the same echoes.
     pub(super) fn is_plane(&self, responses: &[Option<Response>]) -> bool {
         self.feet_rms_m(responses) >= self.settings.min_feet_rms_m
             && self.margin_over_point(responses) >= self.settings.min_over_point
     }
 
-    /// 1σ of where a plane is 1 m beside where it was seen: its direction is known as well as ranges and the way along it allow.
+    /// 1σ of the plane 1 m beside where it was seen, metres, from the accuracy of the ranges and
+    /// the spread of the feet.
     pub(super) fn plane_sigma_m(&self, responses: &[Option<Response>]) -> f64 {
         RANGE_SIGMA_M / self.feet_rms_m(responses).max(RANGE_SIGMA_M)
     }
 
-    /// By how much better a plane accounts for its echoes than the best single place near where it was seen.
+    /// Score by which a plane exceeds the best single point near where it was seen.
     fn margin_over_point(&self, responses: &[Option<Response>]) -> f64 {
         let Some(start) = self.mean_foot(responses) else { return 0.0 };
         let margin_over = |place: DVec3| self.margin_over(responses, place);
@@ -112,7 +118,7 @@ impl CleanWindow<'_> {
         least
     }
 
-    /// By how much more the blocks say for a plane than for a place, in units of the score.
+    /// Score by which the sub-apertures favour a plane over a point.
     fn margin_over(&self, responses: &[Option<Response>], place: DVec3) -> f64 {
         let (mut sum, mut squares) = (0.0, 0.0);
         for ((block, weight), response) in self.blocks.iter().zip(&self.weights).zip(responses) {
@@ -136,7 +142,7 @@ impl CleanWindow<'_> {
         (count > 0.0).then(|| sum / count)
     }
 
-    /// How far the feet of a plane's perpendiculars spread, rms, metres.
+    /// Rms spread of the feet of a plane's perpendiculars, metres.
     fn feet_rms_m(&self, responses: &[Option<Response>]) -> f64 {
         let Some(mean) = self.mean_foot(responses) else { return 0.0 };
         let foot = |(block, response): (&Subaperture, &Response)| {

@@ -1,20 +1,23 @@
-//! What a window's blocks come to for one thing: its score, and what else tells things from artefacts.
+//! Score of one hypothesis over a window's responses, and other features that separate objects from
+//! artefacts.
 //!
-//! A thing returns about the same from block to block, once distance and beam are allowed for. A place on the wrong side of a circle, or
-//! one put together from pieces of several things, does not: the strengths that it would need differ. So the score of a place is its
-//! evidence less a cost of their squared differences.
+//! An object returns about the same power from sub-aperture to sub-aperture, once distance and beam
+//! are allowed for. A point on the wrong side of a range circle, or one put together from parts of
+//! several objects, does not, as the strengths that it would need differ. The score of a point is
+//! therefore its evidence less a cost of their squared deviations.
 
 use std::collections::BTreeMap;
 
 use super::super::responses::Response;
 use super::CleanSettings;
 
-/// Length of the time that a score leaves out to be called lasting, nanoseconds.
+/// Length of the time segments, of which the robust score leaves out the best one, nanoseconds
+/// (choice).
 pub const ROBUST_SEGMENT_NS: i64 = 300_000_000;
-/// Fewer blocks than this say nothing.
+/// Least number of sub-apertures of a score (choice).
 const MIN_SUBAPERTURES: usize = 3;
 
-/// A view with its block's weight and time.
+/// A response with its sub-aperture's weight and time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WeightedResponse<'v> {
     pub response: &'v Response,
@@ -22,10 +25,10 @@ pub(super) struct WeightedResponse<'v> {
     pub time_ns: i64,
 }
 
-/// What views come to.
+/// Score over responses.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Score {
-    /// A/√B, of a place less what its strengths' differences cost.
+    /// A/√B; for a point, A is reduced by the cost of uneven strengths.
     pub score: f64,
     pub subapertures: usize,
     pub first_ns: i64,
@@ -33,12 +36,12 @@ pub(super) struct Score {
 }
 
 impl Score {
-    /// Of a plane: it returns from another place of itself each time.
+    /// For a plane: it returns from another point of itself each time.
     pub fn of_plane<'v>(responses: impl Iterator<Item = WeightedResponse<'v>>) -> Option<Self> {
         Self::of(responses, 0.0)
     }
 
-    /// Of a place.
+    /// For a point.
     pub fn of_point<'v>(
         responses: impl Iterator<Item = WeightedResponse<'v>>,
         settings: &CleanSettings,
@@ -61,8 +64,8 @@ impl Score {
     }
 }
 
-/// Logarithms of the strengths that telling views imply: weighted sums about the first, which loses nothing that matters to
-/// cancellation.
+/// Logarithms of the strengths that significant responses imply: weighted sums relative to the
+/// first, so no significant precision is lost to cancellation.
 #[derive(Debug, Clone, Copy, Default)]
 struct Strengths {
     first: Option<f64>,
@@ -80,20 +83,20 @@ impl Strengths {
         self.sum_of_squares += weight * off * off;
     }
 
-    /// Weighted sum of the squares of what each differs from the mean.
+    /// Weighted sum of the squared deviations from the mean.
     fn squared_deviations(&self) -> f64 {
         (self.sum_of_squares - self.sum * self.sum / self.weight.max(1e-300)).max(0.0)
     }
 }
 
-/// How far the strengths differ that telling views imply, 1σ in e-folds of power.
+/// Spread of the strengths that significant responses imply, 1σ in e-folds of power.
 pub(super) fn amplitude_spread_of<'v>(responses: impl Iterator<Item = &'v Response>) -> f64 {
     let mut strengths = Strengths::default();
     responses.for_each(|response| strengths.push(response, 1.0));
     (strengths.squared_deviations() / strengths.weight.max(1.0)).sqrt()
 }
 
-/// The score without the segment of time that does most for it; −∞ when there is but one.
+/// The score without the segment of time that contributes most to it; −∞ when there is only one.
 pub(super) fn robust_score<'v>(responses: impl Iterator<Item = WeightedResponse<'v>>) -> f64 {
     let (mut whole, mut segments) = ([0.0; 2], BTreeMap::<i64, [f64; 2]>::new());
     for WeightedResponse { response, weight, time_ns } in responses {

@@ -1,7 +1,8 @@
-//! The pipeline: observation in, scene out. No clock, no I/O, no threads of its own making; the same observations and
-//! settings give the same scene, byte for byte.
+//! The engine: observations in, scene out. It has no clock, no I/O and no threads of its own; the
+//! same observations and settings give the same scene, byte for byte.
 //!
-//! Stream in: `Observation`s in time (or frames and poses, through [`Pipeline`]). Out: a `Scene` whenever asked.
+//! Input: `Observation`s in time order, or frames and poses through [`Pipeline`]. Output: a `Scene`
+//! on request.
 
 mod offset_guard;
 mod pipeline;
@@ -24,50 +25,53 @@ pub use synchronisation::{
     reflector_series, synchronisation,
 };
 
-/// Sweeps a second from which on blocks follow the phase: λ/4 a sweep at 0.5 m/s.
+/// Sweeps per second from which on sub-apertures can follow the phase. Physics: λ/4 per sweep at
+/// 0.5 m/s.
 const SUBAPERTURES_FROM_SWEEPS_PER_S: f64 = 400.0;
-/// Edge of the cube that is searched for single reflectors unless told otherwise, metres.
+/// Default edge of the cube searched for single reflectors, metres. Choice.
 pub const DEFAULT_CUBE_M: f64 = 3.0;
-/// Observations that a search for single reflectors keeps at most; beyond, every second one goes.
+/// Largest number of observations kept for single reflectors; beyond, every second sweep is
+/// dropped. Choice.
 const MAX_OBSERVATIONS: usize = 20_000;
-/// A change of the time offset that ruins what a room's search has summed so far, seconds: 3 ms do no harm, 10 ms do.
+/// Change of the time offset that invalidates the room mapper's sums, seconds. 3 ms are
+/// harmless, 10 ms are not.
 const MAX_HARMLESS_OFFSET_CHANGE_S: f64 = 4e-3;
-/// Poses are kept for this long for observations that are kept for good, seconds.
+/// How long poses are kept for observations that are kept without limit, seconds. Choice.
 const UNBOUNDED_RETENTION_S: f64 = 1e5;
 
-/// Block scores that noise reaches now and then.
+/// Sub-aperture score that noise reaches occasionally.
 const NOISE_SCORE: f64 = 2.0;
 
-/// How a recording is searched.
+/// How a recording is mapped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MapperKind {
-    /// Blocks, planes, explaining away: furnished rooms, fast sensors.
+    /// Sub-apertures, planes, CLEAN: furnished rooms, fast sensors.
     Rooms,
     /// Range-only sums: single reflectors, slow sensors.
     Reflectors,
 }
 
-/// What the engine did.
+/// Counters of the engine.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EngineCounters {
-    /// How it searched.
+    /// How it maps.
     pub search: MapperKind,
-    /// Observations taken in.
+    /// Observations taken.
     pub observations: u64,
-    /// Observations thinned out to bound memory (single reflectors alone).
+    /// Observations dropped to bound memory (single reflectors only).
     pub observations_thinned: u64,
-    /// Observations that got a new pose by a new time offset.
+    /// Observations that got a new pose from a new time offset.
     pub observations_reposed: u64,
-    /// Observations that the new time offset left without a pose.
+    /// Observations for which the new time offset gives no pose.
     pub observations_lost: u64,
-    /// Times that the search in rooms began again since its poses had been wrong.
+    /// How often the room mapper restarted because its poses had been wrong.
     pub searches_begun_again: u64,
-    /// Blocks and voxels (rooms alone).
+    /// Counters of the room mapper.
     pub rooms: RoomMapperCounters,
 }
 
-/// Observation in, scene out.
+/// Observations in, scene out.
 #[derive(Debug)]
 pub struct Engine {
     settings: MappingSettings,
@@ -86,7 +90,7 @@ pub struct Engine {
 }
 
 impl Engine {
-    /// For sweeps of a sound configuration.
+    /// For a valid configuration.
     pub fn new(config: &SensorConfig, settings: &MappingSettings) -> Self {
         let sweeps_per_s = f64::from(config.sweeps_per_frame) / frame_timing(config).frame_period_s;
         let search = match settings.processing.mode {
@@ -112,12 +116,13 @@ impl Engine {
         }
     }
 
-    /// From now on sweeps are only taken; what they set off is left to [`work`](Self::work).
+    /// From now on [`push`](Self::push) only stores sweeps, and [`work`](Self::work) processes
+    /// them.
     pub fn defer(&mut self) {
         self.is_deferred = true;
     }
 
-    /// Does a part of what the sweeps set off; false when nothing is left to do.
+    /// Does a part of the deferred work; false when nothing is left.
     pub fn work(&mut self) -> bool {
         self.rooms.work()
     }
@@ -127,12 +132,12 @@ impl Engine {
         self.rooms.has_work()
     }
 
-    /// How it searches.
+    /// How it maps.
     pub fn search(&self) -> MapperKind {
         self.search
     }
 
-    /// What was done so far.
+    /// Counters so far.
     pub fn counters(&self) -> EngineCounters {
         EngineCounters {
             search: self.search,
@@ -158,7 +163,8 @@ impl Engine {
         }
     }
 
-    /// Memory stays bounded: when full, every second sweep goes, so that what is kept still spans the whole motion.
+    /// Bounds memory: when full, every second sweep is dropped, so that the rest still spans the
+    /// whole motion.
     fn keep(&mut self, observation: Observation) {
         if self.kept.len() >= MAX_OBSERVATIONS {
             let mut sweep = 0;
@@ -174,13 +180,13 @@ impl Engine {
         self.kept.push(observation);
     }
 
-    /// End of the newest sweep taken in, host nanoseconds.
+    /// End of the newest sweep taken, host nanoseconds.
     pub fn newest_sweep_ns(&self) -> Option<i64> {
         self.newest_end_ns
     }
 
-    /// End of the newest sweep that [`scene`](Self::scene) rests on, host nanoseconds: of the last look at a room, or of the
-    /// newest sweep where every scene is a search by itself.
+    /// End of the newest sweep contained in [`scene`](Self::scene), host nanoseconds: of the last
+    /// map update, or of the newest sweep for single reflectors.
     pub fn evidence_ns(&self) -> Option<i64> {
         match self.search {
             MapperKind::Rooms => self.rooms.evidence_ns(),
@@ -188,25 +194,25 @@ impl Engine {
         }
     }
 
-    /// Places that the last look at a room weighed, for who learns from them.
+    /// Candidates scored in the last map update, for training the classifier.
     pub fn weighed(&self) -> &[ScoredCandidate] {
         self.rooms.scored_candidates()
     }
 
-    /// When an observation to come closes a block: gives that block's sweeps the places that `sensor_at` has for them, which
-    /// knows more poses than there were when each came.
+    /// If the next observation completes a sub-aperture, updates the poses of its sweeps with
+    /// `sensor_at`, which knows more poses than when each sweep arrived.
     pub fn update_poses_before(&mut self, next: &Observation, sensor_at: impl Fn(i64) -> Option<(Pose, DVec3)>) {
         if self.search == MapperKind::Rooms {
             self.rooms.update_poses_before(next, sensor_at);
         }
     }
 
-    /// Takes where the player's own hands are: what is there is no furniture.
+    /// Takes the positions of the wearer's hands: detections there are not furniture.
     pub fn push_hands(&mut self, time_ns: i64, hands_m: HandsM) {
         self.rooms.push_hands(time_ns, hands_m);
     }
 
-    /// What is known of the room, to be kept; nothing where single reflectors are searched.
+    /// The map for saving; empty for single reflectors.
     pub fn saved_map(&self) -> SavedMap {
         match self.search {
             MapperKind::Rooms => self.rooms.saved_map(),
@@ -214,10 +220,10 @@ impl Engine {
         }
     }
 
-    /// Takes up what is remembered of this room, as provisional; not where single reflectors are searched.
+    /// Restores a saved map as provisional; ignored for single reflectors.
     ///
     /// # Errors
-    /// Numbers that are none of a room; nothing is taken up then.
+    /// Numbers that are not valid for a room; nothing is restored then.
     pub fn restore(&mut self, remembered: &SavedMap) -> Result<(), SavedMapError> {
         match self.search {
             MapperKind::Rooms => self.rooms.restore(remembered),
@@ -225,7 +231,7 @@ impl Engine {
         }
     }
 
-    /// How long observations are kept, seconds, so that they can get new poses.
+    /// How long observations are kept so that they can get new poses, seconds.
     pub fn pose_retention_s(&self) -> f64 {
         match self.search {
             MapperKind::Rooms => self.settings.rooms.explain.window_s + 1.0,
@@ -233,9 +239,10 @@ impl Engine {
         }
     }
 
-    /// Gives what is kept the poses of a new time offset; those that have none any more go. `change_s` is how far the
-    /// offset moved, `sensor_at` the pose and velocity of a sweep's middle. The search in rooms keeps sums, not sweeps:
-    /// when the change ruins them it begins again with the sweeps of its window.
+    /// Gives kept observations the poses of a new time offset and drops those without one.
+    /// `change_s`: change of the offset; `sensor_at`: pose and velocity at the middle of a sweep.
+    /// The room mapper keeps sums, not sweeps: when the change invalidates them it restarts with
+    /// the sweeps of its window.
     pub fn repose(&mut self, change_s: f64, sensor_at: impl Fn(i64) -> Option<(Pose, DVec3)>) {
         let (mut reposed, mut lost) = (0, 0);
         let mut repose = |observation: &mut Observation| {
@@ -260,24 +267,26 @@ impl Engine {
         self.lost += lost;
     }
 
-    /// Whether such a change of the time offset ruins what the search has summed so far, so that it begins again.
+    /// Whether such a change of the time offset invalidates the mapper's sums, so that it restarts.
     pub fn is_invalidated_by(&self, change_s: f64) -> bool {
         self.search == MapperKind::Rooms && change_s.abs() >= MAX_HARMLESS_OFFSET_CHANGE_S
     }
 
-    /// No more observations will come: what waits is worked off.
+    /// Ends the input and finishes the deferred work.
     pub fn finish(&mut self) {
         if self.search == MapperKind::Rooms {
             self.rooms.finish();
         }
     }
 
-    /// The box searched for single reflectors: the settings', else a cube ahead of the first pose.
+    /// The box searched for single reflectors: from the settings, or a cube ahead of the first
+    /// pose.
     pub fn region(&self) -> Aabb {
         self.settings.processing.region.unwrap_or_else(|| cube_ahead(&self.first_pose.unwrap_or(Pose::IDENTITY)))
     }
 
-    /// What stands in the room, as far as seen. For single reflectors this is where the work is done.
+    /// The obstacles, walls and moving targets found so far. For single reflectors this does the
+    /// search.
     pub fn scene(&self) -> Scene {
         let (obstacles, walls, moving) = match self.search {
             MapperKind::Rooms => (self.rooms.obstacles(), self.rooms.walls(), self.rooms.moving_targets()),
@@ -292,8 +301,8 @@ impl Engine {
 }
 
 impl Engine {
-    /// Where in space there is evidence, the `most` strongest voxels: block scores of 2, which noise reaches, and more; for
-    /// single reflectors the excess over noise.
+    /// The `most` strongest voxels with evidence: sub-aperture scores from 2 on, which noise
+    /// reaches; for single reflectors the excess over noise.
     pub fn evidence(&self, most: usize) -> Evidence {
         let MappingSettings { radar, reflectors, .. } = &self.settings;
         match self.search {
@@ -303,7 +312,7 @@ impl Engine {
     }
 }
 
-/// A 3 m cube along the axes whose middle lies 1.5 m ahead of a sensor.
+/// An axis-aligned 3 m cube centred 1.5 m ahead of a sensor.
 pub fn cube_ahead(tracking_from_sensor: &Pose) -> Aabb {
     let half = DEFAULT_CUBE_M * 0.5;
     let middle = tracking_from_sensor.translation + tracking_from_sensor.forward() * half;

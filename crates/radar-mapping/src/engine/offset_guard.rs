@@ -1,31 +1,32 @@
-//! Whether a new time offset may cost what the search knows.
+//! Guards the time offset in use against single wrong estimates.
 //!
-//! Echoes that beat against each other make a wrong estimate now and then, ten milliseconds off and sure of itself. A room's search would begin
-//! again with it, and forget its map. So an offset that an estimate has agreed with is not given up for one that does this until that was asked
-//! for longer than an estimate looks back.
+//! Interfering echoes occasionally give an estimate that is wrong by ten milliseconds with a small
+//! 1σ. Applying it would make the room mapper start again and lose its map. So an offset that an
+//! estimate has confirmed is replaced by an incompatible one only after the disagreement has lasted
+//! longer than the estimator's window.
 
-/// So long, nanoseconds: an estimate looks back 20 s.
+/// Least duration of the disagreement, nanoseconds. Choice: the estimator's window is 20 s.
 const MIN_DISAGREEMENT_NS: i64 = 25_000_000_000;
 
-/// What estimates have said of the offset in force.
+/// Agreement of the estimates with the offset in use.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct OffsetGuard {
-    /// One has agreed with it.
+    /// An estimate has agreed with it.
     is_confirmed: bool,
-    /// Since when they have asked for a change that costs what the search knows.
+    /// Since when all estimates have disagreed so far that the map would be lost.
     since_ns: Option<i64>,
 }
 
 impl OffsetGuard {
-    /// Takes an estimate; says whether it may be put in force. `is_known`: it is known well enough for that; `invalidates_map`: it costs what the search
-    /// knows.
+    /// Takes an estimate; returns whether it may be applied. `is_known`: it is accurate enough;
+    /// `invalidates_map`: applying it loses the map.
     pub fn allows(&mut self, now_ns: i64, is_known: bool, invalidates_map: bool) -> bool {
         self.is_confirmed |= is_known && !invalidates_map;
         if !(is_known && invalidates_map && self.is_confirmed) {
             self.since_ns = None;
             return true;
         }
-        // A time that was taken back does not make it longer.
+        // Backward times must not lengthen the duration.
         let since_ns = self.since_ns.map_or(now_ns, |since_ns| since_ns.min(now_ns));
         self.since_ns = Some(since_ns);
         now_ns.saturating_sub(since_ns) >= MIN_DISAGREEMENT_NS
@@ -49,7 +50,7 @@ mod tests {
         assert!(offset_guard.allows(0, true, false));
         assert!((1..=25).all(|s| !offset_guard.allows(s * S, true, true)));
         assert!(offset_guard.clone().allows(26 * S, true, true));
-        // An estimate that agrees, or is none, in between: from the beginning.
+        // An estimate that agrees or is unknown restarts the duration.
         for (is_known, invalidates_map) in [(true, false), (false, true)] {
             let mut offset_guard = offset_guard;
             assert!(offset_guard.allows(26 * S, is_known, invalidates_map));

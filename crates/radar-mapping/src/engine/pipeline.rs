@@ -1,7 +1,9 @@
-//! Frames and poses in, scene out: the observer and the engine in one, as replay, demo and the headset use them.
+//! Frames and poses in, scene out: combines the observer and the engine, for replay, demo and the
+//! headset.
 //!
-//! Once a second the time offset between the streams is estimated. When it is known well and differs, sweeps from then on
-//! get their poses by it, and what the engine keeps gets new poses.
+//! The time offset between the streams is estimated once a second. When the estimate is accurate
+//! and differs from the offset in use, it is applied to later sweeps, and kept observations get new
+//! poses.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -16,31 +18,31 @@ use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
 use radar_sar::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 
-/// Everything that was taken, left out and done.
+/// All counters of the pipeline.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Counters {
-    /// Joining the streams.
+    /// Counters of joining the streams.
     pub streams: ObserverCounters,
-    /// The engine.
+    /// Counters of the engine.
     pub engine: EngineCounters,
-    /// The time between the streams.
+    /// Counters of the time offset.
     pub time_offset: TimeOffsetCounters,
 }
 
-/// What was done about the time between the streams.
+/// Counters of the time offset between the streams.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TimeOffsetCounters {
     /// Estimates made.
     pub estimates: u64,
-    /// Times that the offset in force was changed.
+    /// How often the offset in use was changed.
     pub changes: u64,
-    /// Tracks that the last estimate rests on, and tracks that it left out.
+    /// Tracks used for the last estimate.
     pub tracks: u64,
-    /// Tracks left out of the last estimate: they moved, or contradicted the others.
+    /// Tracks excluded from the last estimate: they moved, or contradicted the others.
     pub tracks_left_out: u64,
 }
 
-/// The whole way from raw streams to the scene.
+/// The whole path from raw streams to the scene.
 #[derive(Debug)]
 pub struct Pipeline {
     observer: Observer,
@@ -49,34 +51,36 @@ pub struct Pipeline {
     estimator: Option<TimeOffsetEstimator>,
     max_sigma_s: f64,
     next_estimate_ns: Option<i64>,
-    /// Sweeps from then on are listened to for the next estimate.
+    /// Sweeps from this time on are used for the next estimate.
     listen_from_ns: i64,
     estimate: Option<TimeOffset>,
-    /// 1σ of the estimate that is in force; `None`: the settings' offset is.
+    /// 1σ of the estimate in use; `None` while the settings' offset is in use.
     applied_sigma_s: Option<f64>,
     offset_guard: OffsetGuard,
     time_offset: TimeOffsetCounters,
     is_deferred: bool,
     is_estimate_due: bool,
-    /// Sweeps have their poses before these are as smooth as they will be.
+    /// Sweeps get their poses before these have their final smoothing.
     poses_are_provisional: bool,
 }
 
-/// Time between two noted places of the sensor, nanoseconds.
+/// Interval of the recorded sensor path, nanoseconds. Choice.
 const PATH_STEP_NS: i64 = 20_000_000;
-/// Time between two estimates of the offset, nanoseconds; and while the one in force holds good.
+/// Interval of estimates, nanoseconds, and the interval while the offset in use is confirmed.
+/// Choice.
 const ESTIMATE_NS: i64 = 1_000_000_000;
 const SETTLED_ESTIMATE_NS: i64 = 10_000_000_000;
-/// Then only the sweeps of so long before an estimate are listened to.
+/// While it is confirmed, an estimate uses only sweeps of this time before it, nanoseconds. Choice.
 const SETTLED_WINDOW_NS: i64 = 2_500_000_000;
-/// The offset is changed when it is wrong by this many 1σ, and by this much, seconds.
+/// The offset is changed when it is wrong by this many 1σ and by this many seconds. Choice.
 const SIGNIFICANT: f64 = 3.0;
 const MIN_CHANGE_S: f64 = 0.5e-3;
-/// An offset in force is also sharpened once its 1σ has fallen to this share: a bounded number of times.
+/// An estimated offset is also refined once the 1σ has fallen to this share, which bounds the
+/// number of changes. Choice.
 const SHARPER_SIGMA_RATIO: f64 = 0.5;
 
 impl Pipeline {
-    /// For a sound configuration. The settings' mount goes before the one given.
+    /// For a valid configuration. A mount in the settings has precedence over the one given.
     pub fn new(config: &SensorConfig, head_from_sensor: &Pose, settings: &MappingSettings) -> Self {
         let tracking = &settings.tracking;
         let mut observer = Observer::new(
@@ -110,14 +114,15 @@ impl Pipeline {
         }
     }
 
-    /// From now on poses and frames are only taken, so that the stream is never held up for long; what they set off is left
-    /// to [`work`](Self::work). The scene comes to the same, but for estimates of the time offset, which may come later.
+    /// From now on poses and frames are only stored, so that the stream is never delayed for long,
+    /// and [`work`](Self::work) processes them. The scene is the same, except that time-offset
+    /// estimates may come later.
     pub fn defer(&mut self) {
         self.is_deferred = true;
         self.engine.defer();
     }
 
-    /// Does a part of what poses and frames set off; false when nothing is left to do.
+    /// Does a part of the deferred work; false when nothing is left.
     pub fn work(&mut self) -> bool {
         if self.engine.work() {
             return true;
@@ -135,15 +140,16 @@ impl Pipeline {
         self.engine.has_work() || self.is_estimate_due
     }
 
-    /// Takes a pose of the head.
+    /// Takes a head pose.
     pub fn push_pose(&mut self, sample: &PoseSample) {
         self.observer.push_pose(sample);
         self.process_ready(false);
         let Some(now_ns) = self.observer.newest_pose_ns() else { return };
-        // A time that was taken back, being wrong, must not put the next estimate off.
+        // A wrong time that was taken back must not delay the next estimate.
         self.next_estimate_ns.take_if(|next_ns| next_ns.saturating_sub(now_ns) > SETTLED_ESTIMATE_NS);
         if self.next_estimate_ns.is_none_or(|next_ns| now_ns >= next_ns) {
-            // The first one has nothing to go by; a leap in time does not bring a burst of them.
+            // The first estimate has no data yet; a leap in time must not trigger a burst of
+            // estimates.
             let first = self.next_estimate_ns.is_none();
             self.is_estimate_due |= self.is_deferred && !first;
             if !first && !self.is_deferred {
@@ -160,20 +166,21 @@ impl Pipeline {
         self.next_estimate_ns = Some(next_ns);
     }
 
-    /// Takes where the player's own hands are, tracking frame, `None` for one that is not tracked: what is there is no furniture.
+    /// Takes the positions of the wearer's hands, tracking frame, `None` for an untracked one:
+    /// detections there are not furniture.
     pub fn push_hands(&mut self, time_ns: i64, hands_m: HandsM) {
         self.engine.push_hands(time_ns, hands_m);
     }
 
-    /// What is known of the room, to be kept.
+    /// The map for saving.
     pub fn saved_map(&self) -> SavedMap {
         self.engine.saved_map()
     }
 
-    /// Takes up what is remembered of this room, in the tracking frame, as provisional.
+    /// Restores a saved map, in the tracking frame, as provisional.
     ///
     /// # Errors
-    /// Numbers that are none of a room; nothing is taken up then.
+    /// Numbers that are not valid for a room; nothing is restored then.
     pub fn restore(&mut self, remembered: &SavedMap) -> Result<(), SavedMapError> {
         self.engine.restore(remembered)
     }
@@ -183,17 +190,18 @@ impl Pipeline {
         self.observer.push_frame(frame);
     }
 
-    /// Works off frames that came after the poses they waited for. Who pushes in the order of time needs it not.
+    /// Processes frames that arrived after the poses they needed. Not necessary when events are
+    /// pushed in time order.
     pub fn process_late(&mut self) {
         self.process_ready(false);
     }
 
-    /// Forgets where the sensor was up to now: for who runs for hours and does not draw it.
+    /// Clears the recorded sensor path, for long runs that do not draw it.
     pub fn forget_sensor_path(&mut self) {
         self.sensor_path.clear();
     }
 
-    /// Both streams have ended.
+    /// Ends both streams.
     pub fn finish(&mut self) {
         self.process_ready(true);
         self.estimate_time_offset();
@@ -242,7 +250,8 @@ impl Pipeline {
         }
     }
 
-    /// Whether the last estimate is well known and agrees with the offset in force: it need not be looked at so often then.
+    /// Whether the last estimate is accurate and agrees with the offset in use, so that estimates
+    /// can be less frequent.
     fn is_settled(&self) -> bool {
         let agrees = |estimate: &TimeOffset| {
             let wrong_s = (estimate.offset_s - self.observer.time_offset_s()).abs();
@@ -253,7 +262,7 @@ impl Pipeline {
         self.estimate.as_ref().is_some_and(agrees)
     }
 
-    /// Whether an estimate should replace the offset in force.
+    /// Whether an estimate should replace the offset in use.
     fn is_better(&self, estimate: &TimeOffset) -> bool {
         let wrong_s = (estimate.offset_s - self.observer.time_offset_s()).abs();
         let sharper = self.applied_sigma_s.is_some_and(|sigma_s| estimate.sigma_s <= SHARPER_SIGMA_RATIO * sigma_s);
@@ -263,7 +272,7 @@ impl Pipeline {
             && (wrong_s >= SIGNIFICANT * estimate.sigma_s || sharper)
     }
 
-    /// Sweeps from now on, and those that the engine keeps, get their poses by the estimate.
+    /// Applies the estimate to later sweeps and to those that the engine keeps.
     fn apply(&mut self, estimate: &TimeOffset) {
         let change_s = estimate.offset_s - self.observer.time_offset_s();
         self.observer.set_time_offset_s(estimate.offset_s);
@@ -283,32 +292,32 @@ impl Pipeline {
         &self.engine
     }
 
-    /// The time offset in force: time of a sweep's pose minus time of the sweep, seconds.
+    /// The time offset in use: time of a sweep's pose minus time of the sweep, seconds.
     pub fn time_offset_s(&self) -> f64 {
         self.observer.time_offset_s()
     }
 
-    /// The last estimate of the time offset, in force or not; `None` when the data told nothing or nobody asked.
+    /// The last estimate of the time offset, applied or not; `None` when there was none.
     pub fn time_offset_estimate(&self) -> Option<TimeOffset> {
         self.estimate
     }
 
-    /// The newest valid pose of the head and its time.
+    /// The newest valid head pose and its time.
     pub fn head(&self) -> Option<(i64, Pose)> {
         self.observer.head()
     }
 
-    /// Where the sensor was, every 20 ms: time and `tracking_from_sensor`.
+    /// The sensor path, every 20 ms: time and `tracking_from_sensor`.
     pub fn sensor_path(&self) -> &[(i64, Pose)] {
         &self.sensor_path
     }
 
-    /// What stands in the room, as far as seen.
+    /// The obstacles, walls and moving targets found so far.
     pub fn scene(&self) -> Scene {
         self.engine.scene()
     }
 
-    /// What was taken, left out and done so far.
+    /// All counters so far.
     pub fn counters(&self) -> Counters {
         Counters { streams: *self.observer.counters(), engine: self.engine.counters(), time_offset: self.time_offset }
     }

@@ -1,4 +1,5 @@
-//! One thing that moves, followed: a small Kalman filter of range and own speed, the gate before it, and what confirms it.
+//! One moving target track: a Kalman filter of range and speed, the gate before it, and the
+//! confirmation after it.
 
 use std::collections::VecDeque;
 
@@ -8,48 +9,54 @@ use super::MtiSettings;
 use radar_sar::geometry::Pose;
 use radar_sar::subaperture::{MtiEcho, MtiResult};
 
-/// 1σ of an echo's range about the middle of a body, and of its speed about the body's: limbs swing.
+/// 1σ of an echo's range about the middle of a body, and of its speed about the body's (choice):
+/// limbs swing.
 const RANGE_SIGMA_M: f64 = 0.12;
 const SPEED_SIGMA_M_PER_S: f64 = 0.3;
-/// How people speed up and slow down along the line of sight, metres a second squared: 1σ, held for a block.
+/// 1σ of a person's radial acceleration, metres a second squared, constant over a sub-aperture
+/// (choice).
 const ACCELERATION_M_PER_S2: f64 = 3.0;
-/// What begins may have any speed of this 1σ about what its echo says.
+/// 1σ of the speed of a new track about its echo's (choice).
 const INITIAL_SPEED_SIGMA_M_PER_S: f64 = 0.3;
-/// An echo farther from where a track should be is not its own: 1σ's, and metres.
+/// Gate: an echo farther from the predicted range than the lesser of these, in 1σ and in metres, is
+/// not the track's (choice).
 const GATE_SIGMAS: f64 = 3.0;
 const GATE_M: f64 = 0.5;
-/// Speeds that differ by more are of something else, metres a second.
+/// Gate: a greater difference of the speeds is another object's, metres a second (choice).
 const GATE_M_PER_S: f64 = 1.2;
-/// Within the hands' reach so much of that.
+/// Factor on the gate within the hands' reach (choice).
 const HAND_GATE_FACTOR: f64 = 0.4;
-/// Nothing in a room goes faster towards or away from the player, metres a second: where range rates are ambiguous, no other is tried.
+/// Fastest radial speed of an object in a room, metres a second (choice). Where range rates are
+/// ambiguous, no other value is tried.
 const MAX_SPEED_M_PER_S: f64 = 1.5;
-/// Blocks that are looked back on; what is not confirmed and misses so many in a row is none.
+/// Number of recent sub-apertures that are looked back on, and the most misses in a row of an
+/// unconfirmed track (choice).
 const RECENT_SUBAPERTURES: usize = 6;
 const MAX_MISSES: usize = 3;
-/// An echo so long after the last one stands alone, nanoseconds.
+/// An echo this long after the last one stands alone, nanoseconds (choice).
 const MAX_ECHO_GAP_NS: i64 = 300_000_000;
-/// Share of the sensor's way, and of its speeds, that is unknown of what is not straight ahead.
+/// Share of the sensor's displacement and of the range rates that is unknown for targets off the
+/// boresight (choice).
 const TANGENTIAL_SHARE: f64 = 0.35;
-/// No block counts for more of a way, seconds.
+/// Longest time for which a sub-aperture's travel is counted, seconds (choice).
 const MAX_SUBAPERTURE_S: f64 = 0.2;
 
-/// Something that may move, from its first echo on.
+/// A possible target, from its first echo on.
 #[derive(Debug, Clone)]
 pub(super) struct MtiTrack {
-    /// Of a confirmed one.
+    /// Of a confirmed track.
     pub id: Option<u64>,
     pub range_m: f64,
     pub speed_m_per_s: f64,
-    /// Covariance of both: range, range and speed, speed.
+    /// Covariance: range variance, range-speed covariance, speed variance.
     pub covariance: [f64; 3],
     pub seen_from: Pose,
-    /// Range when it was last seen.
+    /// Range at the last detection.
     pub seen_range_m: f64,
     pub evidence: f64,
     pub first_ns: i64,
     pub last_ns: i64,
-    /// When an echo came that none was near to in time.
+    /// Time of an echo that stood alone.
     pub lone_echo_ns: Option<i64>,
     pub recent_hits: VecDeque<bool>,
     pub travel_m: f64,
@@ -57,14 +64,15 @@ pub(super) struct MtiTrack {
 
 /// How an echo fits a track.
 pub(super) struct Association {
-    /// In 1σ's, squared.
+    /// Squared statistical distance, in 1σ.
     pub distance2: f64,
-    /// The speed of its own that it then has, metres a second.
+    /// The target's own radial speed, metres a second.
     pub speed_m_per_s: f64,
 }
 
 impl MtiTrack {
-    /// From its first echo on, with one of the speeds of its own that this may have; it lasted so long, seconds.
+    /// From its first echo, with one of the speeds that this may have. `passed_s` is the time since
+    /// the sub-aperture before, for the travel.
     pub fn start(
         sensor: &Pose,
         now_ns: i64,
@@ -88,18 +96,18 @@ impl MtiTrack {
         }
     }
 
-    /// Whether it turned out to be nothing: not confirmed, and missed too often in a row.
+    /// Whether it is unconfirmed and missed too often in a row.
     pub fn is_abandoned(&self) -> bool {
         let misses = self.recent_hits.iter().rev().take_while(|hit| !**hit).count();
         self.id.is_none() && misses >= MAX_MISSES
     }
 
-    /// Time passes, and the sensor goes a way.
+    /// Prediction over a time in which the sensor moves.
     pub fn predict(&mut self, passed_s: f64, way: DVec3, before: &Pose) {
         let [range2, both, speed2] = self.covariance;
         self.range_m += self.speed_m_per_s * passed_s - way.dot(before.forward());
         let noise = (ACCELERATION_M_PER_S2 * passed_s).powi(2);
-        // The way counts less for what is not straight ahead.
+        // The displacement counts less for targets off the boresight.
         let aside2 = (way.length() * TANGENTIAL_SHARE).powi(2);
         self.covariance = [
             range2 + 2.0 * passed_s * both + passed_s.powi(2) * (speed2 + 0.25 * noise) + aside2,
@@ -108,13 +116,14 @@ impl MtiTrack {
         ];
     }
 
-    /// Whether an echo is its own, and with which of the range rates that it may have.
+    /// Whether an echo falls into the gate, and with which of the speeds that its range rate may
+    /// mean.
     pub fn associate(&self, echo: &MtiEcho, movers: &MtiResult, reach_m: f64) -> Option<Association> {
         let speed_m_per_s = candidate_speeds(echo, movers)
             .min_by(|a, b| (a - self.speed_m_per_s).abs().total_cmp(&(b - self.speed_m_per_s).abs()))?;
         let (off_m, off_m_per_s) = (echo.range_m - self.range_m, speed_m_per_s - self.speed_m_per_s);
         let range2 = self.covariance[0] + RANGE_SIGMA_M.powi(2);
-        // Where hands are about less is taken for the body that came so near.
+        // Fewer echoes are accepted where hands are.
         let gate = if echo.range_m < reach_m { HAND_GATE_FACTOR } else { 1.0 };
         let gate_m = gate * GATE_M.min(GATE_SIGMAS * range2.sqrt());
         let is_near = off_m.abs() <= gate_m && off_m_per_s.abs() <= gate * GATE_M_PER_S;
@@ -122,7 +131,7 @@ impl MtiTrack {
         is_near.then_some(Association { distance2, speed_m_per_s })
     }
 
-    /// Takes an echo.
+    /// Updates the track with an echo.
     pub fn update(
         &mut self,
         sensor: &Pose,
@@ -132,7 +141,7 @@ impl MtiTrack {
         fit: &Association,
         passed_s: f64,
     ) {
-        // After a while one echo may be noise: it takes another to go on.
+        // After a gap, one echo may be noise. A second one must follow it.
         let is_recent = |then_ns: i64| now_ns.saturating_sub(then_ns) <= MAX_ECHO_GAP_NS;
         if !is_recent(self.last_ns) && !self.lone_echo_ns.replace(now_ns).is_some_and(is_recent) {
             return;
@@ -147,7 +156,7 @@ impl MtiTrack {
         self.last_ns = now_ns;
     }
 
-    /// A measurement of one of both, by how much it is off.
+    /// Kalman correction by a measurement of range or speed, with this innovation and variance.
     fn correct(&mut self, off: f64, [of_range, of_speed]: [f64; 2], sigma2: f64) {
         let [range2, both, speed2] = self.covariance;
         let (with_range, with_speed) = (range2 * of_range + both * of_speed, both * of_range + speed2 * of_speed);
@@ -161,8 +170,10 @@ impl MtiTrack {
         ];
     }
 
-    /// Notes whether a block had it; one that could not tell says nothing. What is not told although it would be at its speed has come to
-    /// move as what stands still does, if it is there at all: somebody who walks past comes no nearer.
+    /// Records whether a sub-aperture had the target. A miss does not count where the target's
+    /// range rate cannot be told from that of objects at rest, or where its range was not measured.
+    /// After a miss that counts by its range rate, the speed is limited to the range rates that
+    /// objects at rest hide: a person who walks past comes no nearer.
     pub fn record_hit(&mut self, is_seen: bool, movers: &MtiResult) {
         let [first_m, last_m] = movers.ranges_m;
         let rate = self.speed_m_per_s + movers.ahead_m_per_s;
@@ -185,20 +196,23 @@ impl MtiTrack {
     }
 }
 
-/// The speeds of its own that an echo may have, slow ones first where they are told apart at all.
+/// The radial speeds that an echo may have: the measured one and those one or two ambiguities away,
+/// as far as they occur in a room.
 pub(super) fn candidate_speeds(echo: &MtiEcho, movers: &MtiResult) -> impl Iterator<Item = f64> {
     let (measured, step) = (echo.range_rate_m_per_s - movers.ahead_m_per_s, movers.ambiguity_m_per_s);
     let all = [0.0, -1.0, 1.0, -2.0, 2.0].map(|turns| measured + turns * step);
     all.into_iter().filter(|speed| speed.abs() <= MAX_SPEED_M_PER_S)
 }
 
-/// How far something of that speed went at least while a block lasted, whatever its direction, with its sign, metres.
+/// The least distance travelled in a sub-aperture whatever the direction, with its sign, metres:
+/// from the part of the range rate beyond that of all objects at rest.
 fn travel_m(speed_m_per_s: f64, movers: &MtiResult, passed_s: f64) -> f64 {
     let (rate, [least, greatest]) = (speed_m_per_s + movers.ahead_m_per_s, movers.clutter_m_per_s);
     ((rate - greatest).max(0.0) + (rate - least).min(0.0)) * passed_s.min(MAX_SUBAPERTURE_S)
 }
 
-/// Variance of an echo's speed about that of its body: its limbs, and what stands still aside of straight ahead.
+/// Variance of an echo's speed about that of its body: limbs, and objects at rest off the
+/// boresight.
 fn speed_sigma2(movers: &MtiResult) -> f64 {
     let [least, greatest] = movers.clutter_m_per_s;
     SPEED_SIGMA_M_PER_S.powi(2) + (TANGENTIAL_SHARE * (greatest - least)).powi(2)

@@ -1,4 +1,5 @@
-//! Where what was sighted is: the block score's place, from the greatest fine voxel, and that of `ls`, weighed by their covariances.
+//! Position refinement of tracks: the sub-aperture score's position, at the greatest fine voxel,
+//! and that of `ls`, weighted by their covariances.
 
 use glam::{DMat3, DVec3};
 
@@ -9,13 +10,14 @@ use radar_sar::Observation;
 use radar_sar::geometry::{Aabb, Plane};
 use radar_sar::{RangePower, Refined, farthest_points, refine};
 
-/// `ls` uses at most this many of a window's sweeps for one place, by farthest point.
+/// Most sweeps of the window used by `ls` for one point, chosen by farthest point (choice).
 const REFINE_SWEEPS: usize = 150;
-/// Farthest that `ls` may move a place, metres: a voxel and a half.
+/// Farthest that `ls` may move a point, metres (choice): a voxel and a half.
 const REFINE_REACH_M: f64 = 0.075;
 
 impl RoomMapper {
-    /// The greatest fine voxel around a place and the shape around it, when the place is looked at finely.
+    /// The greatest fine voxel around a point and the shape around it, when the point is imaged
+    /// finely.
     fn fine_maximum(&mut self, at: DVec3) -> Option<(DVec3, Shape)> {
         let around = Aabb { min: at - FINE_EDGE_M * 0.5, max: at + FINE_EDGE_M * 0.5 };
         let voxels = self.fine.above_within(&around, 0.0, &self.window.iter().collect::<Vec<_>>())?;
@@ -23,7 +25,7 @@ impl RoomMapper {
         Some((greatest.position_m, Shape::of_fine(&voxels)))
     }
 
-    /// Refines the places of confirmed sightings that moved.
+    /// Refines confirmed tracks whose quality has improved.
     pub(super) fn refine_new(&mut self, walls: &[Detection<Plane>], points: &[Detection<DVec3>]) {
         let stale: Vec<(u64, DVec3, f64, f64)> = self
             .points
@@ -38,7 +40,7 @@ impl RoomMapper {
         }
     }
 
-    /// The block score's place and that of `ls`, weighed by their covariances.
+    /// The position of the sub-aperture score and that of `ls`, weighted by their covariances.
     fn refined_position(&self, at: DVec3, walls: &[Detection<Plane>], points: &[Detection<DVec3>]) -> (DVec3, DMat3) {
         let block_variance = (self.settings.blocks.voxel_m * 0.5).powi(2);
         let by_blocks = (at, DMat3::from_diagonal(DVec3::splat(block_variance)));

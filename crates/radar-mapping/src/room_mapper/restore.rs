@@ -1,4 +1,4 @@
-//! A search that begins with what is remembered of its room, and what it remembers itself. See `obstacles/remembered.rs`.
+//! Restores a saved map into the mapper, and makes the map to save.
 
 use glam::DVec3;
 
@@ -7,10 +7,11 @@ use super::{Existence, RefinedPoint, RoomMapper, same_plane, same_point};
 use crate::saved_map::{SavedMap, SavedMapError, SavedPoint, SavedWall};
 
 impl RoomMapper {
-    /// Takes up what is remembered of this room, as provisional: what was seen already is left as it is.
+    /// Restores a saved map of this room as provisional. Objects already known are left as they
+    /// are.
     ///
     /// # Errors
-    /// Numbers that are none of a room; nothing is taken up then.
+    /// A value is not valid for a room; nothing is restored then.
     pub fn restore(&mut self, remembered: &SavedMap) -> Result<(), SavedMapError> {
         remembered.check()?;
         let is_same = same_point(self.settings.map.match_m);
@@ -34,10 +35,11 @@ impl RoomMapper {
         Ok(())
     }
 
-    /// What is known of the room, by id: what was confirmed and looked at since, and what was taken up and is not gone.
+    /// What is known of the room, by id: confirmed objects observed since, and restored ones that
+    /// still exist.
     pub fn saved_map(&self) -> SavedMap {
         let place = |track: &crate::Track<DVec3>| {
-            // What was never looked at again cannot be missed either.
+            // An object that was never observed again cannot be missed either.
             let strengths = self.existences.get(&track.id)?.strengths();
             strengths.iter().any(|strength| *strength > 0.0).then(|| {
                 let place = self.refined_point_of(track);
@@ -70,7 +72,7 @@ impl RoomMapper {
         SavedMap { places, walls }
     }
 
-    /// What was taken up and is not gone, as it was: for a search that begins again.
+    /// The restored objects that still exist, as they were, for a restart.
     pub(super) fn still_saved(&mut self) -> SavedMap {
         let mut rest = std::mem::take(&mut self.restored);
         rest.places.retain(|place| self.points.confirmed().any(|known| known.id == place.id));
@@ -78,7 +80,7 @@ impl RoomMapper {
         rest
     }
 
-    /// After a look: what is surely there is provisional no more.
+    /// After an update: clears the provisional flag of objects that exist with certainty.
     pub(super) fn confirm_provisional_tracks(&mut self) {
         let enough = self.settings.map.forget.confirm;
         let existences = &self.existences;

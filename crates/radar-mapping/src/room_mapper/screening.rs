@@ -1,4 +1,4 @@
-//! What is there: known places that nothing is at any more are forgotten, and what is newly believed is weighed.
+//! Screening of detections: removes known objects that no longer exist, and scores new detections.
 
 use std::collections::VecDeque;
 
@@ -12,28 +12,30 @@ use super::RoomMapper;
 use radar_sar::math;
 use radar_sar::subaperture::Subaperture;
 
-/// What is no higher than this may be the reflection of the floor, which is at height 0 of the standing universe, metres: at the beam's edge it
-/// is placed badly.
+/// Detections no higher than this, metres, may be the reflection of the floor (choice). The floor
+/// is at height 0 of the standing universe; at the beam's edge its echo is placed badly.
 const MAX_FLOOR_HEIGHT_M: f64 = 0.3;
-/// The floor's reflection is placed this near to the point below the sensor, seen from above, metres; and at the beam's edge, which has less
-/// than this amplitude.
+/// Horizontal distance from the sensor within which the floor's echo is placed, metres; the same
+/// for echoes at the beam's edge; and the two-way beam amplitude below which an echo is at the edge
+/// (choice).
 const FLOOR_ECHO_RADIUS_M: f64 = 0.35;
 const FLOOR_ECHO_RADIUS_AT_BEAM_EDGE_M: f64 = 0.8;
 const BEAM_EDGE_AMPLITUDE: f64 = 0.4;
-/// What is this near to a known wall, floor or ceiling may be its reflection, metres.
+/// A detection this near to a known wall, floor or ceiling may be its reflection, metres (choice).
 const AT_SURFACE_M: f64 = 0.25;
-/// Nothing stands this near to where a hand was: palm, fingers, what it holds, and how well such a place is known, metres.
+/// No object is accepted this near to a hand's position, metres (choice): palm, fingers, what it
+/// holds, and the uncertainty of the detection.
 const HAND_EXCLUSION_M: f64 = 0.25;
-/// It has been away when it was not there for so long, nanoseconds.
+/// The hand has left when it was not there for this long, nanoseconds (choice).
 const HAND_EXCLUSION_NS: i64 = 10_000_000_000;
-/// What is this near to each other, seen from above, may be of one piece, metres; what was seen so short a time before the other turned out to be
-/// gone is not in doubt, nanoseconds.
+/// Objects this near to each other horizontally may be of one piece, metres; one that was seen
+/// within this time before the other turned out to be gone is not weakened, nanoseconds (choice).
 const LATERAL_M: f64 = 0.6;
 const RECENT_SUPPORT_NS: i64 = 1_000_000_000;
-/// Looks of which it is kept what they weighed: two seconds.
+/// Updates whose candidates are kept (choice): two seconds.
 const CANDIDATE_HISTORY_UPDATES: usize = 8;
 
-/// What blocks that have a place in their beam say of it.
+/// The responses of sub-apertures that have a point in their beam.
 fn with_subaperture<'b>(
     window: &'b VecDeque<Subaperture>,
     likelihoods: impl Iterator<Item = Option<Likelihood>> + 'b,
@@ -41,13 +43,13 @@ fn with_subaperture<'b>(
     window.iter().zip(likelihoods).filter_map(|(block, likelihood)| Some((block, likelihood?)))
 }
 
-/// Of a place of which the blocks from before the window were not asked.
+/// For a point for which the history was not queried.
 fn no_history(place: &Detection<DVec3>) -> HistorySummary {
     HistorySummary { log_odds: 0.0, sigma_m: place.sigma_m, significant: 0 }
 }
 
 impl RoomMapper {
-    /// Forgets known places that nothing is at any more, by what the blocks say of each.
+    /// Removes known objects that no longer exist, by the sub-apertures' responses to each.
     pub(super) fn update_existence(&mut self, ids: &[u64], likelihoods: &[Vec<Option<Likelihood>>]) {
         let settings = &self.settings.map.forget;
         for (&id, likelihoods) in ids.iter().zip(likelihoods) {
@@ -80,7 +82,8 @@ impl RoomMapper {
         }
     }
 
-    /// Those of what was known that still is: what has just been forgotten is not seen again by the blocks that it was forgotten for.
+    /// Confirmed objects that still exist. Objects just removed are excluded, so the same
+    /// sub-apertures cannot confirm them again.
     pub(super) fn known_detections(&self, detections: &Detections) -> Vec<(Detection<DVec3>, ScoredCandidate)> {
         let is_same = same_point(self.settings.map.match_m);
         let is_known = |place: DVec3| self.points.confirmed().any(|known| is_same(&known.estimate, &place));
@@ -88,7 +91,7 @@ impl RoomMapper {
         known.map(|place| self.score_candidate(place, no_history(place))).collect()
     }
 
-    /// Those of what is newly believed that are still there by the newest blocks that could tell.
+    /// New detections that still exist by the newest sub-apertures that could see them.
     pub(super) fn new_detections(&self, new: &Detections) -> Vec<(Detection<DVec3>, ScoredCandidate)> {
         let settings = &self.settings.map.forget;
         let is_there = |responses: &[Option<Response>]| {
@@ -109,22 +112,24 @@ impl RoomMapper {
         there.map(with_history).map(|(place, history)| self.score_candidate(&place, history)).collect()
     }
 
-    /// The floor returns most from right below the sensor, and so near to other things that it may be taken for a part of them. Nothing else is
-    /// there: the wearer stands on it. Farther away it is the floor when it was seen at the beam's edge alone.
+    /// The floor returns most from right below the sensor, and so near to other objects that it may
+    /// be taken for part of them. No other object is there, because the wearer stands on it.
+    /// Farther away it is the floor if it was seen at the beam's edge alone.
     fn is_floor_below(&self, place: DVec3, beam: f64) -> bool {
         let reach_m = if beam < BEAM_EDGE_AMPLITUDE { FLOOR_ECHO_RADIUS_AT_BEAM_EDGE_M } else { FLOOR_ECHO_RADIUS_M };
         let is_over = |block: &Subaperture| (block.middle.translation - place).with_y(0.0).length() < reach_m;
         place.y.abs() < MAX_FLOOR_HEIGHT_M && self.window.iter().any(is_over)
     }
 
-    /// Where a tracked hand has just been nothing stands, and what is seen there was the hand, what it holds, or nothing at all. What is touched was
-    /// mostly known before; if not it is when the hand has been away for a while.
+    /// Rejects new detections where a tracked hand was in the last 10 s. What is seen there is the
+    /// hand, what it holds, or an artefact. A touched object was mostly known before; if not, it is
+    /// detected once the hand has left.
     fn is_near_recent_hand(&self, place: DVec3) -> bool {
         let now_ns = self.window.back().map_or(i64::MIN, |block| block.mid_time_ns);
         self.hands.came_near(place, HAND_EXCLUSION_M, now_ns.saturating_sub(HAND_EXCLUSION_NS))
     }
 
-    /// A place with the odds that it is a thing, by what is around it and what is known from before the window.
+    /// A detection with its log odds, from its surroundings and the history.
     pub(super) fn score_candidate(
         &self,
         place: &Detection<DVec3>,
@@ -166,17 +171,17 @@ impl RoomMapper {
         }
     }
 
-    /// Whether a place that was believed may be a new thing, as far as the settings' bounds go.
+    /// Whether a detection may be a new object, within the limits of the settings.
     fn may_be_new(&self, place: &Detection<DVec3>) -> bool {
         self.is_new(place) && place.farthest_m >= self.settings.map.hands_reach_m
     }
 
-    /// Whether it is well enough seen and nothing that is known.
+    /// Whether it is observable and not a known object.
     fn is_new(&self, place: &Detection<DVec3>) -> bool {
         place.observable && self.would_be_new(place)
     }
 
-    /// Whether it would be new if it were determined.
+    /// Whether it would be new if it were observable.
     fn would_be_new(&self, place: &Detection<DVec3>) -> bool {
         let map = &self.settings.map;
         let is_same = same_point(map.match_m);
@@ -184,8 +189,9 @@ impl RoomMapper {
             && !self.points.confirmed().any(|known| is_same(&known.estimate, &place.estimate))
     }
 
-    /// A place that would be new with what the past says of it: how likely it is, and, where the window leaves it open along its circle and the past
-    /// agrees, whereabouts.
+    /// A detection that would be new, with the history's evidence: how likely it is and, where the
+    /// window leaves it open along its range circle and the history agrees, whether it is
+    /// observable.
     fn with_history(
         &self,
         place: &Detection<DVec3>,
@@ -204,7 +210,8 @@ impl RoomMapper {
         (Detection { observable: place.observable || is_determined, ..*place }, history)
     }
 
-    /// Keeps what a look has weighed that may be new.
+    /// Keeps the scored candidates of an update, and for some updates the positions of those that
+    /// may be new.
     pub(super) fn record_candidates(&mut self, scored: Vec<ScoredCandidate>) {
         let recent_candidates = scored.iter().filter(|scored| scored.may_be_new).map(|scored| scored.position_m);
         self.recent_candidates.push_back(recent_candidates.collect());
@@ -235,7 +242,7 @@ mod tests {
         assert!(search.is_near_recent_hand(place));
         assert!(!search.is_near_recent_hand(place + DVec3::Z), "elsewhere");
         search.window.iter_mut().for_each(|block| block.mid_time_ns += HAND_EXCLUSION_NS + 1);
-        assert!(!search.is_near_recent_hand(place), "that was a while ago");
+        assert!(!search.is_near_recent_hand(place), "the hand left long ago");
     }
 
     #[test]
@@ -256,7 +263,7 @@ mod tests {
         };
         let known = Existence::restored([1.0; 16]).log_odds();
         assert_eq!(beside(Existence::known_and_gone()), [RoomMapperSettings::default().map.forget.beside, known]);
-        assert_eq!(beside(Existence::new()), [known, known], "it may have been nothing from the beginning");
+        assert_eq!(beside(Existence::new()), [known, known], "it may never have been a real object");
     }
 
     #[test]
@@ -281,7 +288,7 @@ mod tests {
             (place.observable, search.with_history(&place, &detections.responses[0]).0.observable)
         };
         assert_eq!(glimpsed([level, upright]), (false, true));
-        assert_eq!(glimpsed([upright, upright]), (false, false), "the same circle twice");
+        assert_eq!(glimpsed([upright, upright]), (false, false), "the same range circle twice");
     }
 
     #[test]
@@ -297,7 +304,7 @@ mod tests {
         let ahead = below + DVec3::NEG_Z * 0.6;
         assert!(
             search.is_floor_below(ahead, 0.2) && !search.is_floor_below(ahead, 0.9),
-            "a foot of a chair is seen from afar"
+            "a chair's foot is seen away from the beam's edge"
         );
     }
 }

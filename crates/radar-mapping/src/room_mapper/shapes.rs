@@ -1,8 +1,10 @@
-//! What is told of things: sightings near each other are one obstacle, with the shapes of all.
+//! Obstacles from tracks: tracks near each other are one obstacle, with the shapes of all.
 //!
-//! A sighting's shape are the fine voxels around its place that score at least three quarters of the greatest of them: an image that is
-//! coherent within each block and summed over the window's. It is taken when the place is refined, so it sharpens when the thing is seen
-//! better and stays as it is meanwhile. Cells of 4 cm are few enough to be measured against at every frame that is drawn.
+//! The shape of a track is the fine voxels around its position that score at least three quarters
+//! of the greatest. This image is coherent within each sub-aperture and summed over the window. It
+//! is made when the position is refined, so it sharpens when the object is seen better and stays as
+//! it is in between. Cells of 4 cm are few enough to compute distances to at every frame that is
+//! drawn.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashSet};
@@ -14,28 +16,29 @@ use crate::{Observed, Obstacle, Track};
 use radar_sar::geometry::Aabb;
 use radar_sar::subaperture::Peak;
 
-/// Sightings nearer than this to each other are one obstacle, metres.
+/// Tracks nearer to each other than this are one obstacle, metres (choice).
 const CLUSTER_M: f64 = 0.30;
-/// Edge of a shape's cell, metres.
+/// Edge of a shape's cell, metres (choice).
 const CELL_M: f64 = 0.04;
-/// Share of the greatest score from which on a voxel belongs to the shape.
+/// Share of the greatest score that a voxel of the shape has at least (choice).
 const MIN_SCORE_SHARE: f64 = 0.75;
 
-/// Where a sighting has evidence: centres of cells and their scores. All shapes share one lattice of cells.
+/// The cells with evidence of a track: centres and scores. All shapes share one lattice.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Shape {
     pub cells: Vec<(DVec3, f32)>,
 }
 
 impl Shape {
-    /// Of the fine voxels around a place: the greatest score in each cell.
+    /// Of the fine voxels around a point: the greatest score in each cell.
     pub fn of_fine(voxels: &[Peak]) -> Self {
         let greatest = voxels.iter().map(|voxel| voxel.score).fold(0.0, f64::max);
         let strong = voxels.iter().filter(|voxel| voxel.score >= MIN_SCORE_SHARE * greatest);
         Self::of_cells(strong.map(|voxel| (cell_of(voxel.position_m), voxel.score)))
     }
 
-    /// Of voxels of this edge: the cells whose centres lie in one, no less than one for each, and no more than three along an edge.
+    /// Of voxels of this edge: the cells whose centres lie in one, at least one for each voxel and
+    /// at most three along an edge.
     fn of_voxels(voxels: impl Iterator<Item = (DVec3, f64)>, voxel_m: f64) -> Self {
         let cells = voxels.flat_map(|(middle, score)| {
             let [low, high] =
@@ -56,7 +59,7 @@ impl Shape {
         Self { cells: greatest.into_iter().map(|(cell, score)| (center_of(IVec3::from(cell)), score)).collect() }
     }
 
-    /// The strongest cells, `most` at most.
+    /// The `most` highest-scoring cells.
     pub fn strongest(mut self, most: usize) -> Vec<(DVec3, f32)> {
         self.cells.sort_by(by_falling_score);
         self.cells.truncate(most);
@@ -64,7 +67,7 @@ impl Shape {
     }
 }
 
-/// The cell that a place is in.
+/// The cell that contains a point.
 fn cell_of(place: DVec3) -> IVec3 {
     (place / CELL_M).floor().as_ivec3()
 }
@@ -73,14 +76,15 @@ fn center_of(cell: IVec3) -> DVec3 {
     (cell.as_dvec3() + 0.5) * CELL_M
 }
 
-/// The stronger cell first; of equal ones the order is that of their places.
+/// Higher score first, equal scores by position.
 fn by_falling_score(a: &(DVec3, f32), b: &(DVec3, f32)) -> Ordering {
     let by_place = |a: &DVec3, b: &DVec3| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
     b.1.total_cmp(&a.1).then_with(|| by_place(&a.0, &b.0))
 }
 
 impl RoomMapper {
-    /// The voxels around a sighting that score at least three quarters of what it does: where nothing finer is at hand.
+    /// The voxels around a track that score at least three quarters of its score, for where no fine
+    /// voxels are at hand.
     pub(super) fn coarse_shape(&self, place: DVec3, score: f64) -> Shape {
         let voxel_m = self.settings.blocks.voxel_m;
         let offset = |n: i32| DVec3::new(f64::from(n % 3 - 1), f64::from(n / 3 % 3 - 1), f64::from(n / 9 - 1));
@@ -89,7 +93,7 @@ impl RoomMapper {
         Shape::of_voxels(scores.filter(|(_, here)| *here >= MIN_SCORE_SHARE * score), voxel_m)
     }
 
-    /// Where a sighting is, as far as it was refined.
+    /// The refined position of a track, or a coarse one if it was not refined.
     pub(super) fn refined_point_of(&self, track: &Track<DVec3>) -> RefinedPoint {
         let unrefined = || RefinedPoint {
             position_m: track.estimate,
@@ -99,8 +103,8 @@ impl RoomMapper {
         self.refined.get(&track.id).map_or_else(unrefined, |(_, place)| place.clone())
     }
 
-    /// Confirmed obstacles, by falling evidence: sightings near each other belong to one, which stands where its strongest
-    /// does.
+    /// Confirmed obstacles, by falling evidence. Tracks near each other belong to one obstacle,
+    /// which has the position of the strongest.
     pub fn obstacles(&self) -> Vec<Obstacle> {
         let mut tracks: Vec<_> = self.points.confirmed().collect();
         tracks.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
@@ -121,7 +125,7 @@ impl RoomMapper {
     }
 }
 
-/// The obstacle that a sighting is by itself.
+/// The obstacle of a single track.
 fn obstacle_from_track(track: &Track<DVec3>, place: RefinedPoint) -> Obstacle {
     Obstacle {
         id: track.id,
@@ -137,7 +141,7 @@ fn obstacle_from_track(track: &Track<DVec3>, place: RefinedPoint) -> Obstacle {
     }
 }
 
-/// A sighting's cells; the one that its place is in when it has none.
+/// A track's cells; the one that contains its position when it has none.
 fn cells(track: &Track<DVec3>, place: &RefinedPoint) -> Vec<(DVec3, f32)> {
     match place.shape.cells.is_empty() {
         true => vec![(center_of(cell_of(place.position_m)), track.score as f32)],
@@ -145,7 +149,7 @@ fn cells(track: &Track<DVec3>, place: &RefinedPoint) -> Vec<(DVec3, f32)> {
     }
 }
 
-/// With each cell once, the strongest first, and the box around all.
+/// With each cell once, the highest score first, and the box around all cells.
 fn with_extent(mut obstacle: Obstacle) -> Obstacle {
     obstacle.shape.sort_by(by_falling_score);
     let mut taken = HashSet::new();
@@ -173,7 +177,8 @@ mod tests {
         let cells = |middles: &[DVec3], voxel_m: f64| {
             Shape::of_voxels(middles.iter().map(|middle| (*middle, 5.0)), voxel_m).cells.len()
         };
-        // 20 cm are four voxels of 5 cm and five cells of 4 cm: no cell is left out between them and none comes twice.
+        // 20 cm are four voxels of 5 cm and five cells of 4 cm: none is left out between them or
+        // comes twice.
         let row: Vec<DVec3> = (0..4).map(|n| DVec3::new(0.05 * f64::from(n) + 0.025, 0.02, 0.02)).collect();
         assert_eq!(cells(&row, 0.05), 5);
         assert_eq!(cells(&[DVec3::splat(0.05)], 0.02), 1, "of a voxel smaller than a cell");

@@ -1,7 +1,8 @@
-//! What is told of walls, and when a wall is forgotten.
+//! Walls: reporting and removal.
 //!
-//! A wall is known by its reflections from where the sensor looked at it squarely. One that is looked at so again, where it was seen, for
-//! some seconds without any sign of it, is not there: it was an artefact, or a door that stands open now.
+//! A wall is known by its specular reflections, from where the sensor faced it, with the wall's
+//! normal within the beam. If the sensor faces it again, where it was seen, for some seconds
+//! without any sign of it, it is not there: it was an artefact, or a door that is open now.
 
 use glam::DVec3;
 
@@ -11,10 +12,10 @@ use crate::{Track, Wall};
 use radar_sar::geometry::{Aabb, Plane};
 use radar_sar::subaperture::Subaperture;
 
-/// A wall goes after so many looks at where it was seen without any sign of it: longer than the window is, so that it would have been
-/// believed.
+/// Missed updates after which a wall is removed (choice): longer than the window, so that a real
+/// wall would have been detected.
 const MAX_MISSED_UPDATES: u32 = 24;
-/// A wall is looked at where it was seen, and so far beyond, metres.
+/// A wall is expected where it was seen, and this far beyond, metres (choice).
 const LATERAL_M: f64 = 0.6;
 
 impl RoomMapper {
@@ -37,12 +38,12 @@ impl RoomMapper {
         walls
     }
 
-    /// Where known walls are being seen: those that were believed in this look.
+    /// Updates the extents of the known walls that were detected in this update.
     pub(super) fn update_feet(&mut self, detections: &[Detection<Plane>]) {
         let is_same = same_plane(self.middle.unwrap_or_default());
         let is_seen = |wall: &&Track<Plane>| detections.iter().any(|other| is_same(&other.estimate, &wall.estimate));
         for wall in self.walls.confirmed().filter(is_seen) {
-            // A wall that is new was seen by any of the blocks it was believed by.
+            // A new wall was seen by any of the sub-apertures of the window.
             let blocks = if self.wall_feet.contains_key(&wall.id) { 1 } else { self.window.len() };
             let wall_feet =
                 self.window.iter().rev().take(blocks).filter_map(|block| self.foot_seen_by(block, &wall.estimate));
@@ -52,12 +53,12 @@ impl RoomMapper {
         }
     }
 
-    /// The foot of the perpendicular on a wall that the newest block looks at squarely and in range.
+    /// The foot of the perpendicular on a wall that the newest sub-aperture faces, within range.
     fn foot_in_view(&self, wall: &Plane) -> Option<DVec3> {
         self.foot_seen_by(self.window.back()?, wall)
     }
 
-    /// Whether the newest block cannot tell it from a tracked hand.
+    /// Whether a tracked hand masks the wall in the newest sub-aperture.
     fn is_masked_by_hand(&self, wall: &Plane) -> bool {
         let is_hidden = |block: &Subaperture| {
             let range_m = wall.distance(block.middle.translation);
@@ -72,7 +73,7 @@ impl RoomMapper {
         (squarely && in_range).then(|| wall.foot(block.middle.translation))
     }
 
-    /// Forgets walls that were looked at in vain; `detections` are the planes of this look.
+    /// Removes walls that were faced in vain. `detections` are the planes detected in this update.
     pub(super) fn remove_missed_walls(&mut self, detections: &[Detection<Plane>]) {
         let is_same = same_plane(self.middle.unwrap_or_default());
         let known: Vec<(u64, Plane)> = self.walls.confirmed().map(|wall| (wall.id, wall.estimate)).collect();
@@ -91,7 +92,8 @@ impl RoomMapper {
             .retain(|id, unseen| *unseen < MAX_MISSED_UPDATES && known.iter().any(|(other, _)| other == id));
     }
 
-    /// A wall of which it is not known where it was seen is looked at wherever it should be seen: else it would stay for ever.
+    /// Whether a wall was seen near a foot. A wall of unknown extent counts anywhere, else it would
+    /// stay for ever.
     fn was_seen_near(&self, wall: u64, foot: DVec3) -> bool {
         self.wall_feet.get(&wall).is_none_or(|seen_at| {
             seen_at.min.cmple(foot + LATERAL_M).all() && seen_at.max.cmpge(foot - LATERAL_M).all()
@@ -120,9 +122,9 @@ mod tests {
         };
         let shut = [(Echo::Plane(door), 3.0)];
         assert_eq!(push(&shut, 0, 4.0), 1);
-        assert_eq!(push(&[], 4, 3.0), 1, "a moment without an echo says nothing");
+        assert_eq!(push(&[], 4, 3.0), 1, "a short time without an echo is not enough");
         assert_eq!(push(&[], 7, 9.0), 0);
-        assert_eq!(push(&shut, 16, 4.0), 1, "and it may be shut again");
+        assert_eq!(push(&shut, 16, 4.0), 1, "it is found again when shut");
     }
 
     #[test]
@@ -144,7 +146,7 @@ mod tests {
     #[test]
     fn wall_without_recorded_feet_can_be_missed_anywhere() {
         let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
-        assert!(search.was_seen_near(7, DVec3::new(3.0, 1.0, -2.0)), "else it would stay for ever");
+        assert!(search.was_seen_near(7, DVec3::new(3.0, 1.0, -2.0)), "else it would never be removed");
         search.wall_feet.insert(7, Aabb { min: DVec3::ZERO, max: DVec3::X });
         assert!(search.was_seen_near(7, DVec3::new(1.0 + 0.9 * LATERAL_M, 0.0, 0.0)));
         assert!(!search.was_seen_near(7, DVec3::new(1.0 + 1.1 * LATERAL_M, 0.0, 0.0)));

@@ -1,4 +1,5 @@
-//! The beam in the sensor's frame: a cone to the cut-off angle between the first and the last range that count.
+//! Outline of the beam in the sensor's frame: a cone at the cut-off angle, between the first and
+//! the last range.
 
 use std::f64::consts::TAU;
 
@@ -9,20 +10,21 @@ use radar_sar::math;
 /// The beam's outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BeamCone {
-    /// Widest angle to the boresight that counts, radians.
+    /// Cut-off angle from the boresight, radians.
     pub cut_off_rad: f64,
-    /// First and last range that count, metres.
+    /// First and last range, metres.
     pub ranges_m: [f64; 2],
 }
 
-/// Corners of a circle, and edges from the first to the last range.
+/// Points of a circle, and edges of the cone. Choice.
 const CIRCLE_POINTS: u32 = 32;
 const CONE_EDGES: u32 = 4;
-/// Steps of an arc from the boresight to the edge.
+/// Steps of an arc from the boresight to the edge. Choice.
 const ARC_STEPS: u32 = 12;
 
 impl BeamCone {
-    /// Lines that show it: circles at both ranges, edges between them, and arcs over the last range through the boresight.
+    /// Lines of the outline: circles at both ranges, edges between them, and arcs at the last range
+    /// through the boresight.
     pub fn lines(&self) -> Vec<Vec<DVec3>> {
         let [first_m, last_m] = self.ranges_m;
         let turn = |n: u32, of: u32| f64::from(n) / f64::from(of) * TAU;
@@ -37,7 +39,7 @@ impl BeamCone {
         [circle(first_m), circle(last_m)].into_iter().chain(edges).collect()
     }
 
-    /// At a share of the cut-off angle from the boresight.
+    /// The point at a range, a share of the cut-off angle and a turn about the boresight.
     fn point_at(&self, range_m: f64, share: f64, turn_rad: f64) -> DVec3 {
         let (sin, cos) = math::sin_cos(self.cut_off_rad * share);
         (DQuat::from_rotation_z(turn_rad) * DVec3::X * sin + DVec3::NEG_Z * cos) * range_m

@@ -1,5 +1,5 @@
-//! Coloured points. The colours are in fields that both viewers read; `value` is the score, or the number of what the point
-//! belongs to.
+//! Coloured points as a Foxglove point cloud. The colour fields are those that both Foxglove and
+//! Rerun read; `value` is the score, or the id of the obstacle or wall.
 
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{PackedElementField, PointCloud};
@@ -8,7 +8,7 @@ use glam::Vec3;
 use super::super::foxglove_messages::{foxglove_pose, timestamp};
 use radar_sar::geometry::Pose;
 
-/// x, y, z, value as f32, then red, green, blue, alpha as bytes.
+/// Bytes of a point: x, y, z, value as f32, then red, green, blue, alpha as bytes.
 const STRIDE_BYTES: u32 = 20;
 
 /// A coloured point.
@@ -44,7 +44,8 @@ pub fn cloud(time_ns: i64, frame: &str, dots: &[Dot]) -> PointCloud {
     }
 }
 
-/// From blue over orange to yellow as the share goes from 0 to 1: told apart by those who do not tell red from green.
+/// Colour map from blue over orange to yellow for a share from 0 to 1; suitable for red-green
+/// colour blindness.
 pub fn heat(share: f32) -> [u8; 4] {
     const STOPS: [[f32; 3]; 4] =
         [[40.0, 60.0, 160.0], [150.0, 60.0, 150.0], [240.0, 120.0, 40.0], [255.0, 240.0, 120.0]];

@@ -1,5 +1,6 @@
-//! Obstacles, walls, what moves and the beam as entities of a scene. An entity keeps its name as long as its obstacle or wall is known;
-//! each update holds all that are known and deletes those that are not any more.
+//! Obstacles, walls, moving targets and the beam as entities of a Foxglove scene. An entity keeps
+//! its name as long as its obstacle or wall exists. Each update holds all current entities and
+//! deletes those that no longer exist.
 
 use foxglove::messages::line_primitive::Type as LineType;
 use foxglove::messages::scene_entity_deletion::Type as Deletion;
@@ -17,13 +18,15 @@ use super::snapshot::Snapshot;
 use radar_mapping::{MovingTarget, Observed, Obstacle, Wall};
 use radar_sar::geometry::Pose;
 
-/// Cells of an obstacle that are drawn, the strongest; and obstacles and walls, the strongest of each.
+/// Limit of the drawn cells of an obstacle (the strongest), and of drawn obstacles, walls and
+/// moving targets each. Choice.
 const MAX_CELLS: usize = 96;
 const MAX_ENTITIES: usize = 200;
-/// Height of a label's letters, metres, and its place above the box.
+/// Height of a label's letters, and of the label above its box, metres. Choice.
 const LABEL_HEIGHT_M: f64 = 0.08;
 
-/// All that is known, and the deletion of what `before` names and is not known any more; leaves the names of now in `before`.
+/// All current entities, and deletions of those in `before` that no longer exist; stores the
+/// current names in `before`.
 pub fn scene_update(snapshot: &Snapshot, before: &mut Vec<String>) -> SceneUpdate {
     let obstacles =
         snapshot.scene.obstacles.iter().take(MAX_ENTITIES).map(|obstacle| obstacle_entity(snapshot, obstacle));
@@ -40,7 +43,7 @@ pub fn scene_update(snapshot: &Snapshot, before: &mut Vec<String>) -> SceneUpdat
     SceneUpdate { deletions: gone.map(deletion).collect(), entities }
 }
 
-/// The beam, fixed to the sensor.
+/// The beam as an entity in the sensor's frame.
 pub fn beam_update(time_ns: i64, beam: &BeamCone) -> SceneUpdate {
     let lines = beam.lines().into_iter().map(|corners| polyline(&corners, color(BEAM, 0.8)));
     let facts = [
@@ -57,7 +60,7 @@ pub fn beam_update(time_ns: i64, beam: &BeamCone) -> SceneUpdate {
     SceneUpdate { deletions: Vec::new(), entities: vec![entity] }
 }
 
-/// What its label says.
+/// Text of an obstacle's label.
 fn label(obstacle: &Obstacle, head: Option<Pose>) -> String {
     let distance = head.map_or(String::new(), |head| format!("  {:.2} m", obstacle.distance_m(head.translation)));
     let doubt = match obstacle.observed {
@@ -107,15 +110,15 @@ fn obstacle_entity(snapshot: &Snapshot, obstacle: &Obstacle) -> SceneEntity {
     }
 }
 
-/// Edge of a cube that stands for a place, metres.
+/// Edge of the cube for an obstacle without extent, metres. Choice.
 const POINT_CUBE_M: f64 = 0.05;
 
-/// The strongest cells of its shape, the more solid the stronger.
+/// The strongest cells of its shape; stronger cells are more opaque.
 fn cells(obstacle: &Obstacle) -> Vec<CubePrimitive> {
     let mut shape: Vec<&(DVec3, f32)> = obstacle.shape.iter().collect();
     shape.sort_by(|a, b| b.1.total_cmp(&a.1));
     let strongest = shape.first().map_or(1.0, |voxel| voxel.1.max(f32::MIN_POSITIVE));
-    // A single reflector is a place without an extent.
+    // A single reflector is a point without extent.
     let edge_m = Some(obstacle.cell_m()).filter(|edge_m| *edge_m > 0.0).unwrap_or(POINT_CUBE_M);
     let cube = |&&(place, score): &&(DVec3, f32)| CubePrimitive {
         pose: Some(foxglove_pose(&Pose::from_translation(place))),
@@ -137,7 +140,7 @@ fn wall_entity(snapshot: &Snapshot, wall: &Wall) -> SceneEntity {
     let [a, b, c, d] = wall_patch(wall);
     let triangles = TriangleListPrimitive {
         pose: Some(foxglove_pose(&Pose::IDENTITY)),
-        // Both sides, so that it is seen from within and from without.
+        // Both sides, so that it is visible from inside and outside.
         points: [a, b, c, a, c, d, c, b, a, d, c, a].map(point).to_vec(),
         color: Some(color(WALL, 0.25)),
         ..Default::default()

@@ -1,25 +1,25 @@
-//! Numbers of a look, to be plotted. Rates are over the time since the look before.
+//! Numbers of a snapshot, for plots. Rates are relative to the snapshot before.
 
 use glam::DVec3;
 
 use super::snapshot::{ResultsCounters, Snapshot};
 
-/// Types made from proto/results.proto.
+/// Types generated from proto/results.proto.
 pub mod wire {
     #![allow(clippy::all, missing_docs)]
     include!(concat!(env!("OUT_DIR"), "/radar_chaperone.results.rs"));
 }
 
-/// The compiled descriptors of proto/results.proto.
+/// Compiled descriptors of proto/results.proto.
 pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/results.descriptors"));
 /// The schema of figures.
 pub const SCHEMA: &str = "radar_chaperone.results.Figures";
 
-/// The numbers of a look; `before`: when the look before was, and what was counted by then.
+/// The numbers of a snapshot; `before` has the time (host ns) and the counters of the one before.
 pub fn figures(snapshot: &Snapshot, before: Option<&(i64, ResultsCounters)>) -> wire::Figures {
     let head = snapshot.head.map(|head| head.translation);
     let least = |distances_m: &mut dyn Iterator<Item = f64>| {
-        // f64::min gives the other one where one is NaN.
+        // If one operand of f64::min is NaN, the result is the other one.
         distances_m.fold(f64::NAN, f64::min)
     };
     let of_obstacles = |head: DVec3| least(&mut snapshot.scene.obstacles.iter().map(|o| o.distance_m(head)));

@@ -1,4 +1,4 @@
-//! What happened between two looks, in words.
+//! Log lines about the changes between two snapshots.
 
 use std::collections::BTreeMap;
 
@@ -6,12 +6,12 @@ use glam::DVec3;
 
 use super::snapshot::{ResultsCounters, Snapshot};
 
-/// Lines of one look at most; the rest is counted.
+/// Limit of the lines per snapshot; the rest is only counted. Choice.
 const MAX_LINES: usize = 40;
-/// A change of the time offset that is told, seconds.
+/// Smallest change of the time offset that is logged, seconds. Choice.
 const MIN_OFFSET_CHANGE_S: f64 = 1e-7;
 
-/// What is compared with.
+/// State at the snapshot before.
 #[derive(Debug, Default)]
 pub struct LogState {
     obstacles: BTreeMap<u64, DVec3>,
@@ -21,7 +21,7 @@ pub struct LogState {
     counted: ResultsCounters,
 }
 
-/// A line, and whether something is wrong.
+/// A log line, and whether it is a warning.
 #[derive(Debug, PartialEq)]
 pub struct Line {
     pub text: String,
@@ -29,7 +29,7 @@ pub struct Line {
 }
 
 impl LogState {
-    /// What is new, gone or changed since the look before.
+    /// Returns what is new, gone or changed since the snapshot before.
     pub fn lines_for(&mut self, snapshot: &Snapshot) -> Vec<Line> {
         let mut lines = Vec::new();
         let mut say = |text: String, is_warning| lines.push(Line { text, is_warning });
@@ -55,11 +55,11 @@ impl LogState {
         }
         for moving in scene.moving.iter().filter(|m| !self.moving.contains_key(&m.id)) {
             let (range_m, speed) = (moving.range_m, moving.speed_m_per_s);
-            say(format!("something moves: {}, {range_m:.2} m ahead at {speed:+.2} m/s", moving.id), false);
+            say(format!("moving target {} found {range_m:.2} m ahead at {speed:+.2} m/s", moving.id), false);
         }
         let moving: BTreeMap<u64, f64> = scene.moving.iter().map(|m| (m.id, m.range_m)).collect();
         for (id, range_m) in self.moving.iter().filter(|(id, _)| !moving.contains_key(id)) {
-            say(format!("what moves, {id}, lost at {range_m:.2} m"), false);
+            say(format!("moving target {id} lost at {range_m:.2} m"), false);
         }
         (self.obstacles, self.walls, self.moving) = (obstacles, walls, moving);
         let before_s = self.time_offset_s.replace(snapshot.time_offset_s);

@@ -1,19 +1,26 @@
-//! A recording with what came of it: beside the topics of every recording, these. Each message of a topic holds all that
-//! the topic shows, so a viewer that jumps to a time needs the last one alone.
+//! Recordings with results: topics in addition to those of every recording. Each message holds
+//! everything that its topic shows, so a viewer that jumps to a time needs only the last one.
 //!
-//! | topic | schema | frame | what |
-//! |---|---|---|---|
-//! | `/room` | `foxglove.FrameTransform` | | `room` → `tracking`, once: `room` has +z up, as viewers do |
-//! | `/beam` | `foxglove.SceneUpdate` | `sensor` | the beam's edge between the first and the last range, once |
-//! | `/beam/outline` | `foxglove.PointCloud` | `sensor` | the same in dots |
-//! | `/scene` | `foxglove.SceneUpdate` | `tracking` | obstacles, walls and what moves, at every look |
-//! | `/scene/points` | `foxglove.PointCloud` | `tracking` | the voxels of the obstacles, when they changed |
-//! | `/scene/outlines` | `foxglove.PointCloud` | `tracking` | boxes, uncertainties, walls and what moves in dots, when they changed |
-//! | `/evidence` | `foxglove.PointCloud` | `tracking` | the strongest voxels, twice a second at most |
-//! | `/figures` | `radar_chaperone.results.Figures` | | numbers to plot, at every look |
-//! | `/log` | `foxglove.Log` | | what was found and forgotten, changes of the time offset, what was left out |
+//! Topics (name, schema, frame, content):
 //!
-//! Foxglove shows all of it. Rerun (0.41) knows no `SceneUpdate`: for it the outlines are drawn in dots.
+//! - `/room`, `foxglove.FrameTransform`: `room` → `tracking`, once; `room` has +z up, as viewers
+//!   do.
+//! - `/beam`, `foxglove.SceneUpdate`, in `sensor`: outline of the beam between the first and the
+//!   last range, once.
+//! - `/beam/outline`, `foxglove.PointCloud`, in `sensor`: the same as dots.
+//! - `/scene`, `foxglove.SceneUpdate`, in `tracking`: obstacles, walls and moving targets, for
+//!   every snapshot.
+//! - `/scene/points`, `foxglove.PointCloud`, in `tracking`: voxels of the obstacles, when they
+//!   change.
+//! - `/scene/outlines`, `foxglove.PointCloud`, in `tracking`: boxes, uncertainties, walls and
+//!   moving targets as dots, when they change.
+//! - `/evidence`, `foxglove.PointCloud`, in `tracking`: the strongest voxels, at most twice a
+//!   second.
+//! - `/figures`, `radar_chaperone.results.Figures`: numbers to plot, for every snapshot.
+//! - `/log`, `foxglove.Log`: new and removed objects, changes of the time offset, skipped data.
+//!
+//! Foxglove shows all of it. Rerun (0.41) does not support `SceneUpdate`; it shows the outlines as
+//! dots.
 
 mod beam;
 mod cloud;

@@ -1,4 +1,5 @@
-//! Boxes, uncertainties, walls and the beam in dots, for viewers that show points and no lines.
+//! Outlines of boxes, uncertainties, walls and the beam as dots, for viewers that show points but
+//! not lines.
 
 use std::f64::consts::TAU;
 
@@ -9,10 +10,10 @@ use super::cloud::Dot;
 use super::shapes::{edges, moving_lines, uncertainty, wall_patch};
 use radar_mapping::{Obstacle, Scene};
 
-/// Between two dots, metres; and dots a circle of an uncertainty.
+/// Spacing of the dots on a line, metres, and dots per circle of an uncertainty. Choice.
 const DOT_SPACING_M: f64 = 0.04;
 const DOTS_PER_CIRCLE: u32 = 20;
-/// Dots of one line at most, and of a scene.
+/// Limit of the dots of a line, and of a scene. Choice.
 const MAX_DOTS_PER_LINE: usize = 200;
 const MAX_DOTS: usize = 12_000;
 
@@ -22,7 +23,7 @@ pub const WALL: [u8; 4] = [77, 153, 255, 255];
 pub const MOVING: [u8; 4] = [255, 70, 160, 255];
 pub const BEAM: [u8; 4] = [90, 220, 150, 255];
 
-/// The scene's outlines; `value` is the number of the obstacle or wall.
+/// Outlines of a scene; `value` is the id of the obstacle or wall.
 pub fn scene_dots(scene: &Scene) -> Vec<Dot> {
     let mut dots = Vec::new();
     for obstacle in &scene.obstacles {
@@ -65,7 +66,7 @@ fn line(dots: &mut Vec<Dot>, corners: &[DVec3], id: u64, rgba: [u8; 4]) {
     }
 }
 
-/// The three great circles of the ellipsoid.
+/// Three great circles of the uncertainty ellipsoid.
 fn circles(dots: &mut Vec<Dot>, obstacle: &Obstacle) {
     let (pose, radii_m) = uncertainty(obstacle);
     for axis in [DVec3::X, DVec3::Y, DVec3::Z] {

@@ -1,4 +1,4 @@
-//! The shapes that obstacles, walls and the beam have in space, for entities and for dots alike.
+//! Shapes of obstacles, walls and moving targets in space, shared by entities and dots.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -6,13 +6,14 @@ use radar_mapping::{MovingTarget, Obstacle, Wall};
 use radar_sar::eigen;
 use radar_sar::geometry::{Aabb, Pose};
 
-/// Uncertainties are drawn at this many 1σ, and no smaller or greater than this, metres.
+/// Uncertainties are drawn at this many standard deviations, within these radii, metres. Choice.
 const DRAWN_SIGMAS: f64 = 2.0;
 const RADII_M: [f64; 2] = [0.008, 0.7];
-/// A wall is drawn this far beyond where its reflections came from, metres.
+/// Margin of a drawn wall around the reflections on it, metres. Choice.
 const WALL_MARGIN_M: f64 = 0.5;
 
-/// The ellipsoid of two 1σ: where it stands and how it is turned, and its radii along its own axes, metres.
+/// The uncertainty ellipsoid at two standard deviations: its pose, and its radii along its axes,
+/// metres.
 pub fn uncertainty(obstacle: &Obstacle) -> (Pose, DVec3) {
     if !obstacle.covariance_m2.is_finite() {
         return (Pose::from_translation(obstacle.position_m), DVec3::splat(RADII_M[1]));
@@ -22,14 +23,14 @@ pub fn uncertainty(obstacle: &Obstacle) -> (Pose, DVec3) {
         true => (DRAWN_SIGMAS * variance.max(0.0).sqrt()).clamp(RADII_M[0], RADII_M[1]),
         false => RADII_M[1],
     };
-    // A turn keeps right hands right.
+    // The third axis is chosen so that the matrix is a proper rotation.
     let turn = DMat3::from_cols(axes.x_axis, axes.y_axis, axes.x_axis.cross(axes.y_axis));
     let rotation = DQuat::from_mat3(&turn).normalize();
     let rotation = if rotation.is_finite() { rotation } else { DQuat::IDENTITY };
     (Pose::new(obstacle.position_m, rotation), DVec3::from_array(variances.map(radius)))
 }
 
-/// The corners of a wall around where it was seen, in order.
+/// The corners of a wall around its reflections, in order.
 pub fn wall_patch(wall: &Wall) -> [DVec3; 4] {
     let outward = wall.plane.outward;
     let is_level = wall.plane.is_level();
@@ -55,8 +56,8 @@ pub fn edges(around: &Aabb) -> [[DVec3; 2]; 12] {
     found
 }
 
-/// The wedge of what moves: the level arc that it is on, its ends seen from where it was last seen from, and how far up and down it may
-/// be.
+/// Lines of a moving target: a wedge from the sensor at the last detection to the arc of possible
+/// positions at its level, and the vertical extent.
 pub fn moving_lines(moving: &MovingTarget) -> Vec<Vec<DVec3>> {
     let from = moving.seen_from.translation;
     let half_rad = moving.half_width_rad();

@@ -1,46 +1,46 @@
-//! What is known at one moment, as it is handed over: plain data.
+//! Snapshot of the results at one moment.
 
 use radar_mapping::{Evidence, Scene};
 use radar_sar::geometry::Pose;
 
-/// What is known at one moment.
+/// Snapshot of the results at one moment.
 #[derive(Debug, Clone, Copy)]
 pub struct Snapshot<'a> {
-    /// When it is known, host nanoseconds: the time of the newest event that was worked off.
+    /// Its time: that of the newest processed event, host nanoseconds.
     pub time_ns: i64,
     /// Newest pose of the head, `tracking_from_head`.
     pub head: Option<Pose>,
-    /// What stands in the room.
+    /// The detected objects.
     pub scene: &'a Scene,
-    /// Where there is evidence.
+    /// The evidence, by voxel.
     pub evidence: &'a Evidence,
-    /// End of the newest sweep that it rests on, host nanoseconds.
+    /// End of the newest sweep in the evidence, host nanoseconds.
     pub evidence_ns: Option<i64>,
-    /// Time of a sweep's pose minus time of the sweep, as it is in force, seconds.
+    /// Time offset in use, seconds: time of a sweep's pose minus time of the sweep.
     pub time_offset_s: f64,
-    /// The same as the data tell it.
+    /// Time offset estimated from the data.
     pub estimate: Option<OffsetEstimate>,
-    /// What was taken and left out since the beginning.
+    /// Counters since the start.
     pub counted: ResultsCounters,
 }
 
-/// The time offset as the data tell it.
+/// Estimate of the time offset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OffsetEstimate {
-    /// Seconds.
+    /// The offset, seconds.
     pub offset_s: f64,
     /// Its 1σ, seconds.
     pub sigma_s: f64,
 }
 
-/// What was taken and left out since the beginning.
+/// Counters since the start.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ResultsCounters {
-    /// Frames taken in.
+    /// Frames used.
     pub frames: u64,
     /// Sweeps imaged.
     pub sweeps: u64,
-    /// Poses taken in.
+    /// Poses used.
     pub poses: u64,
     /// Frames skipped.
     pub frames_left_out: u64,
@@ -48,8 +48,8 @@ pub struct ResultsCounters {
     pub sweeps_left_out: u64,
     /// Poses not used.
     pub poses_left_out: u64,
-    /// Looks at the evidence.
+    /// Updates of the map.
     pub updates: u64,
-    /// Confirmed places that were forgotten.
+    /// Confirmed objects removed from the map.
     pub removed: u64,
 }

@@ -1,5 +1,5 @@
-//! Writes a recording again with what came of it. A look is written after the event that brought it and with its time, so
-//! the file is in the order of time where the recording is.
+//! Writes a recording together with its results. A snapshot is written after the event that led to
+//! it, with the time of the event, so the file is ordered by time if the recording is.
 
 use std::path::Path;
 
@@ -22,19 +22,20 @@ use super::snapshot::{ResultsCounters, Snapshot};
 use radar_mapping::Scene;
 use radar_sar::geometry::Pose;
 
-/// The frame with +z up.
+/// Name of the frame with +z up.
 const ROOM: &str = "room";
-/// Who writes the log.
+/// Name of the logger.
 const NAME: &str = "radar-chaperone";
-/// Evidence is written no more often than this, nanoseconds, and so many voxels of it.
+/// Shortest interval of the evidence topic, nanoseconds, and limit of its voxels. Choice.
 const EVIDENCE_NS: i64 = 500_000_000;
 const MAX_EVIDENCE: usize = 2000;
-/// Voxels of all obstacles.
+/// Limit of the voxels of all obstacles together. Choice.
 const MAX_POINTS: usize = 6000;
-/// Times that go back by less than this are put behind the look before, nanoseconds.
+/// A snapshot that is earlier than the one before by less than this is written just after it,
+/// nanoseconds. Choice.
 const MAX_CORRECTED_STEP_BACK_NS: i64 = 1_000_000_000;
 
-/// Writes one recording with results.
+/// Writer of a recording with results.
 pub struct ResultsWriter {
     recording: RecordingWriter,
     beam: BeamCone,
@@ -48,7 +49,7 @@ pub struct ResultsWriter {
     evidence: Topic,
     figures: Topic,
     log: Topic,
-    /// Names of the entities that stand in the scene.
+    /// Names of the current entities of the scene.
     names: Vec<String>,
     log_state: LogState,
     before: Option<(i64, ResultsCounters)>,
@@ -58,10 +59,10 @@ pub struct ResultsWriter {
 }
 
 impl ResultsWriter {
-    /// Voxels of evidence that are worth handing over.
+    /// Number of evidence voxels that are written at most.
     pub const MAX_EVIDENCE: usize = MAX_EVIDENCE;
 
-    /// Creates the file, or empties the one that is there, and writes the header.
+    /// Creates or truncates the file and writes the header.
     ///
     /// # Errors
     /// A header that could not be read back, or a file that cannot be written.
@@ -88,7 +89,7 @@ impl ResultsWriter {
         })
     }
 
-    /// Writes a frame or a pose as it is.
+    /// Writes an event of the recording.
     ///
     /// # Errors
     /// The system refuses the bytes.
@@ -100,7 +101,7 @@ impl ResultsWriter {
         }
     }
 
-    /// What holds for the whole recording.
+    /// Writes the messages that occur once.
     fn begin(&mut self, time_ns: i64) -> Result<(), RecordingError> {
         let upright = Pose::new(DVec3::ZERO, DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2));
         put(&mut self.recording, &mut self.room, time_ns, &transform(time_ns, ROOM, TRACKING, &upright))?;
@@ -109,7 +110,7 @@ impl ResultsWriter {
         put(&mut self.recording, &mut self.beam_dots, time_ns, &dots)
     }
 
-    /// Writes what is known now.
+    /// Writes a snapshot.
     ///
     /// # Errors
     /// The system refuses the bytes.
@@ -127,7 +128,7 @@ impl ResultsWriter {
                 *before = Some(dots);
             }
         }
-        // A time taken back must not put the evidence off.
+        // A time that ran back must not suppress the evidence.
         self.evidence_ns.take_if(|then_ns| *then_ns > time_ns);
         if self.evidence_ns.is_none_or(|then_ns| time_ns.saturating_sub(then_ns) >= EVIDENCE_NS) {
             self.evidence_ns = Some(time_ns);
@@ -151,7 +152,7 @@ impl ResultsWriter {
         Ok(())
     }
 
-    /// Looks follow each other in time; a recording whose time leaps back takes them along.
+    /// Makes the times of snapshots rise, except after large steps back in the recording.
     fn rising(&self, time_ns: i64) -> i64 {
         match self.before {
             Some((then, _)) if time_ns <= then && then.saturating_sub(time_ns) < MAX_CORRECTED_STEP_BACK_NS => {
@@ -161,7 +162,7 @@ impl ResultsWriter {
         }
     }
 
-    /// Writes the index and ends the file; says what is in it.
+    /// Writes the index and ends the file; returns a summary.
     ///
     /// # Errors
     /// The system refuses the bytes.
@@ -177,12 +178,12 @@ fn put<M: Encode>(
     message: &M,
 ) -> Result<(), RecordingError> {
     let mut bytes = Vec::new();
-    // Into memory it cannot fail.
+    // Encoding into memory cannot fail.
     let _ = message.encode(&mut bytes);
     recording.write_to_topic(topic, time_ns, &bytes)
 }
 
-/// The voxels of all obstacles; an obstacle without any is its own place.
+/// The voxels of all obstacles; an obstacle without voxels is shown at its position.
 fn shape_dots(scene: &Scene) -> Vec<Dot> {
     let dots = scene.obstacles.iter().flat_map(|obstacle| {
         let alone = obstacle.shape.is_empty().then_some(obstacle.position_m);
@@ -192,7 +193,7 @@ fn shape_dots(scene: &Scene) -> Vec<Dot> {
     dots.take(MAX_POINTS).collect()
 }
 
-/// The strongest evidence, the strongest of all the brightest.
+/// The strongest evidence; the strongest voxel is the brightest.
 fn evidence_dots(snapshot: &Snapshot) -> Vec<Dot> {
     let voxels = &snapshot.evidence.voxels[..snapshot.evidence.voxels.len().min(MAX_EVIDENCE)];
     let (least, top) = voxels.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), v| (a.min(v.1), b.max(v.1)));
@@ -269,7 +270,7 @@ mod tests {
     #[test]
     fn removed_obstacles_are_deleted_once_and_logged() {
         let events = events(1);
-        // Obstacles 0 and 1, then 1 alone, then 1 and 2.
+        // Obstacles 0 and 1, then only 1, then 1 and 2.
         let ids = |time_ns: i64| match time_ns / 300_000_000 {
             0 => 0..2,
             1 => 1..2,

@@ -1,32 +1,34 @@
-//! The beam's amplitude over the cosine to the boresight, as kernels look it up.
+//! The beam's amplitude over the cosine to the boresight, in the form that kernels look up.
 
 use std::sync::{Arc, OnceLock};
 
 use crate::Beam;
 use crate::math;
 
-/// Steps of the table over cosines −1 to 1; linear between them, within 1e-4 of every beam that has a name.
+/// Table steps over cosines −1 to 1; linear interpolation is within 1e-4 of every named beam.
 const STEPS: usize = 4096;
 
-/// A(cos) between −1 and 1, and from which cosine on it counts.
+/// A(cos) between −1 and 1, and the cosine at which the beam is cut off.
 #[derive(Debug, Clone)]
 pub(super) struct BeamTable {
-    /// Places at a smaller cosine are out of the beam.
+    /// Points at a smaller cosine are out of the beam.
     pub cut_cos: f32,
-    /// Every place within the cut is in the beam; otherwise an amplitude of 0 is out of it too.
+    /// Every point within the cut is in the beam; otherwise an amplitude of 0 is out of the beam
+    /// too.
     pub solid: bool,
-    /// The same amplitude everywhere: nothing to look up.
+    /// The amplitude is the same everywhere, so no lookup is needed.
     pub uniform: bool,
-    /// A at `index · 2 / STEPS − 1`; beyond the cut the amplitude goes on, so that lookups beside it are right.
+    /// A at `index · 2 / STEPS − 1`. Beyond the cut the amplitude is continued, so that
+    /// interpolation next to it is correct.
     pub amplitudes: Vec<f32>,
-    /// A without a table, where that is good enough.
+    /// A as a polynomial, where that is accurate enough.
     pub polynomial: Option<Polynomial>,
 }
 
-/// A between the cut and the axis as a polynomial: no lookup at all.
+/// A between the cut and the axis as a polynomial, without a lookup.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Polynomial {
-    /// Of 1, t, t², …, where t = cos · `per_cos` + `at_zero` runs from −1 to 1.
+    /// Coefficients of 1, t, t², …, where t = cos · `per_cos` + `at_zero` runs from −1 to 1.
     pub coefficients: [f32; COEFFICIENTS],
     pub per_cos: f32,
     pub at_zero: f32,
@@ -34,11 +36,12 @@ pub(super) struct Polynomial {
 
 const COEFFICIENTS: usize = 9;
 
-/// Largest error that a polynomial may have, as a share of the amplitude; bounds allow for twice as much.
+/// Largest relative error of a polynomial. Choice: bounds allow for twice as much.
 const POLYNOMIAL_ERROR: f64 = 5e-4;
 
 impl Polynomial {
-    /// Through the zeros of the next Chebyshev polynomial; `None` where the beam is no such smooth curve.
+    /// Interpolates at the zeros of the next Chebyshev polynomial; `None` where the beam is not
+    /// smooth enough.
     fn of(beam: &Beam, cut_cos: f64) -> Option<Self> {
         let half = 0.5 * (1.0 - cut_cos);
         let at = |t: f64| beam.amplitude((cut_cos + half * (t + 1.0)).clamp(cut_cos, 1.0));
@@ -47,7 +50,7 @@ impl Polynomial {
             let sum: f64 = (0..COEFFICIENTS).map(|i| at(math::cos(angle(i))) * math::cos(k as f64 * angle(i))).sum();
             sum * if k == 0 { 1.0 } else { 2.0 } / COEFFICIENTS as f64
         };
-        // Chebyshev polynomials by powers of t, each from the two before.
+        // Chebyshev polynomials in powers of t, each from the two before.
         let (mut sum, mut before, mut now) = ([0.0; COEFFICIENTS], [0.0; COEFFICIENTS], [0.0; COEFFICIENTS]);
         (before[1], now[0]) = (1.0, 1.0);
         for k in 0..COEFFICIENTS {
@@ -72,7 +75,7 @@ impl Polynomial {
 /// Table entries per unit of cosine.
 pub(super) const ENTRIES_PER_COS: f32 = STEPS as f32 * 0.5;
 
-/// Tables of the beams that have a name, made once: four thousand arc cosines each.
+/// Tables of the named beams, computed once: four thousand arc cosines each.
 static NAMED: [OnceLock<Arc<BeamTable>>; 5] = [const { OnceLock::new() }; 5];
 
 impl BeamTable {
@@ -107,7 +110,7 @@ impl BeamTable {
     }
 }
 
-/// The least cosine in the beam, to 1e-12, between the entry found and the one before.
+/// The least cosine in the beam, to 1e-12, by bisection between the entry found and the one before.
 fn cut(beam: &Beam, found: f64, step: f64) -> f64 {
     if found <= -1.0 {
         return -1.0;
@@ -147,7 +150,7 @@ mod tests {
                 let cos = table.cut_cos + (1.0 - table.cut_cos) * i as f32 / 3000.0;
                 let t = cos * polynomial.per_cos + polynomial.at_zero;
                 let near = polynomial.coefficients.iter().rev().fold(0.0, |sum, c| sum * t + c);
-                // The cut itself as f32 may lie out of the beam.
+                // The cut rounded to f32 may lie out of the beam.
                 let exact = beam.amplitude(f64::from(cos) + 1e-7);
                 assert!((f64::from(near) - exact).abs() < 6e-4 * exact, "{beam:?} {cos} {near} {exact}");
             }

@@ -1,10 +1,12 @@
-//! The most that a sweep can add anywhere in a box: what lets a search skip empty space and miss nothing.
+//! Upper bound of a sweep's contribution anywhere in a box, which lets a search skip empty space
+//! without missing a voxel.
 //!
-//! The box's distances from the sensor lie between those of its nearest point and its farthest corner, widened by what the
-//! kernels' distances may be off. The greatest table value over that stretch comes from a sparse table of range maxima
-//! (two overlapping stretches of 2^n entries), times the greatest amplitude that the beam has over the box where the
-//! statistic weighs by it. Bounds are whole numbers, rounded up, so their sums are exact and can roll. `glrt` and `coherent`
-//! are bounded through Σ |z|² (Cauchy and Schwarz): each is at most its root.
+//! The box's distances from the sensor lie between those of its nearest point and its farthest
+//! corner, widened by the error of the kernels' distances. The greatest table value over that
+//! interval comes from a sparse table of range maxima (two overlapping intervals of 2^n entries),
+//! times the beam's greatest amplitude over the box where the statistic is weighted by it. Bounds
+//! are integers, rounded up, so their sums are exact and can roll. `glrt` and `coherent` are
+//! bounded through Σ |z|² (Cauchy–Schwarz): each is at most its square root.
 
 use glam::DVec3;
 
@@ -15,9 +17,9 @@ use super::sweep_stack::{Group, SweepStack};
 use crate::Statistic;
 use crate::math;
 
-/// Widest error of a kernel's distance, metres, twice over.
+/// Twice the greatest error of a kernel's distance, metres.
 const DISTANCE_ERROR_M: f32 = 1e-4;
-/// Greatest bound of one sweep where the unit can be chosen.
+/// Greatest bound of one sweep where the unit can be chosen, in units.
 const FINE_STEPS: f64 = (1 << 22) as f64;
 
 /// Range maxima of every sweep of a stack.
@@ -25,19 +27,20 @@ const FINE_STEPS: f64 = (1 << 22) as f64;
 pub(super) struct RangeMaxima {
     levels: usize,
     stride: usize,
-    /// `[slot][level][entry]`: greatest whole number over 2^level stretches from the entry on.
+    /// `[slot][level][entry]`: greatest integer over 2^level intervals from the entry on.
     maxima: Vec<i32>,
-    /// What one step of a bound is worth.
+    /// Value of one unit of a bound.
     unit: f64,
-    /// What f32 sums of so many sweeps may be off.
+    /// Factor that covers the rounding of f32 sums of so many sweeps.
     slack: f64,
-    /// The beam's amplitude grows with the cosine, so that its greatest value over a box is at the greatest cosine.
+    /// The beam's amplitude grows with the cosine, so its greatest value over a box is at the
+    /// greatest cosine.
     monotone: bool,
     weighs_beam: bool,
 }
 
 impl RangeMaxima {
-    /// Of all sweeps that a stack holds.
+    /// For all sweeps of a stack.
     pub(super) fn of(stack: &SweepStack) -> Self {
         let stride = stack.stride;
         let levels = stride.ilog2() as usize + 1;
@@ -60,7 +63,7 @@ impl RangeMaxima {
         all
     }
 
-    /// Takes over a slot's tables.
+    /// Computes a slot's maxima from its tables.
     pub(super) fn fill(&mut self, stack: &SweepStack, slot: usize) {
         let (stride, unit) = (self.stride, self.unit);
         let rows = &mut self.maxima[slot * self.levels * stride..][..self.levels * stride];
@@ -76,7 +79,7 @@ impl RangeMaxima {
         }
     }
 
-    /// The least value that a statistic with such a sum of bounds cannot exceed.
+    /// A value that the statistic cannot exceed when its bounds have this sum.
     pub(super) fn value_of(&self, stack: &SweepStack, bound: i64) -> f32 {
         if stack.sums_whole_numbers() {
             return stack.value_of(bound);
@@ -87,13 +90,13 @@ impl RangeMaxima {
     }
 }
 
-/// What each stretch between entries adds at most to the bounded sum: steps for `ls` and `log`, |z|² for `glrt` and
-/// `coherent`, |x|·D for the thesis' sums.
+/// Upper bound of each table interval's contribution to the bounded sum: steps for `ls` and `log`,
+/// |z|² for `glrt` and `coherent`, |x|·D for the thesis's statistics.
 fn interval_maxima(stack: &SweepStack, slot: usize) -> impl Iterator<Item = f64> {
     let plane = move |plane: usize| stack.table(slot, plane.min(stack.planes - 1)).split_at(stack.stride);
     let ((a, slopes), (b, _), (c, _)) = (plane(0), plane(1), plane(2));
     let statistic = stack.statistic();
-    // Entries beyond the axis hold zeros: no D² there.
+    // Entries beyond the axis are zero, so D² is zero there.
     let power = move |n: usize| match statistic {
         Statistic::Glrt if b[n] > 0.0 => f64::from(a[n]).powi(2) / f64::from(b[n]),
         Statistic::Coherent if c[n] > 0.0 => (f64::from(a[n]).powi(2) + f64::from(b[n]).powi(2)) / f64::from(c[n]),
@@ -108,14 +111,14 @@ fn interval_maxima(stack: &SweepStack, slot: usize) -> impl Iterator<Item = f64>
 /// A box of voxel centres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct VoxelBox {
-    /// From the stack's origin, metres.
+    /// Centre, from the stack's origin, metres.
     pub center_m: [f32; 3],
-    /// Half of its edges, metres; a little more than exact.
+    /// Half of its edges, metres; rounded up slightly.
     pub half_m: [f32; 3],
 }
 
 impl VoxelBox {
-    /// The voxels of a cube of 2^level bricks, as far as they lie in the grid; `None` when none does.
+    /// The voxels of a cube of 2^level bricks within the grid; `None` when there are none.
     pub(super) fn of(grid: &BrickGrid, origin_m: DVec3, level: u32, cube: [usize; 3]) -> Option<Self> {
         let (mut center_m, mut half_m) = ([0.0; 3], [0.0; 3]);
         let base = (grid.origin_m - origin_m).to_array();
@@ -136,12 +139,12 @@ impl VoxelBox {
 /// Sweeps in lanes with their range maxima.
 pub(super) struct SweepLanes<'a, S: Lanes> {
     sweeps: Sweeps<S>,
-    /// How fast the sensor moves, and how far it gets while range goes by a metre.
+    /// The sensor's speed, and its movement while range increases by a metre.
     speed: S::F,
     drift: S::F,
-    /// Range maxima of these sweeps alone, so that indices stay small however many sweeps there are.
+    /// Range maxima of these sweeps only, so that indices stay small for any number of sweeps.
     rows: &'a [i32],
-    /// Where each sweep's begin.
+    /// Start of each sweep's maxima.
     maxima: S::I,
 }
 
@@ -174,7 +177,8 @@ impl<'a, S: Lanes> SweepLanes<'a, S> {
     }
 }
 
-/// The most that sweeps can add in boxes, lane by lane; 0 where none of a box is in range and beam.
+/// Upper bounds of the sweeps' contributions in boxes, lane by lane; 0 where a box is entirely out
+/// of range or beam.
 #[inline(always)]
 pub(super) fn bounds<S: Lanes>(
     s: S,
@@ -190,8 +194,8 @@ pub(super) fn bounds<S: Lanes>(
     let pose_distance = s.sqrt(dot(s, from_pose, from_pose));
     let time = s.mul_add(pose_distance, sweep.time_per_m, sweep.time_at_zero);
     let offset = sub3(s, from_pose, scale3(s, sweep.velocity, time));
-    // Points of other ranges are sampled from elsewhere: by the speed, the time between them, and what the time's own first
-    // step was off.
+    // Points at other ranges are sampled from other positions. The difference is limited by the
+    // speed, the time between them, and the error of the first estimate of the time.
     let late = s.mul(lanes.speed, s.abs(time));
     let wide = s.mul(s.add(s.add(radius, late), s.add(radius, late)), lanes.drift);
     let slack = s.add(wide, s.mul_add(pose_distance, s.splat(1e-6), s.splat(DISTANCE_ERROR_M)));
@@ -206,7 +210,8 @@ pub(super) fn bounds<S: Lanes>(
     let most = s.min(s.add(s.sqrt(dot(s, far, far)), slack), sweep.last);
     let mut some = s.at_most(least, most);
     let along = dot(s, from_pose, sweep.forward);
-    // The direction to a voxel differs from the centre's by at most 2ρ/(2d − ρ), which is 4ρ/3d or less from 2ρ on.
+    // The direction to a voxel differs from the centre's by at most 2ρ/(2d − ρ), which is at most
+    // 4ρ/3d for d ≥ 2ρ.
     let across = s.mul_add(radius, s.splat(4.0 / 3.0), s.mul(pose_distance, s.splat(1e-5)));
     if stack.beam.cut_cos > -1.0 {
         let near = s.at_most(pose_distance, s.add(radius, radius));
@@ -220,7 +225,7 @@ pub(super) fn bounds<S: Lanes>(
     let entry = s.splat(maxima.stride as f32 - 1.0);
     let low = s.min(s.max(s.floor(s.mul(s.sub(least, sweep.first), sweep.per_m)), zero), entry);
     let high = s.min(s.max(s.floor(s.mul(s.sub(most, sweep.first), sweep.per_m)), low), entry);
-    // The two stretches of a power of two that cover them all.
+    // The two intervals of 2^n entries that cover the range.
     let (span, level) = s.octave(s.add(s.sub(high, low), s.splat(1.0)));
     let row = s.mul(s.to_float(level), s.splat(maxima.stride as f32));
     let from_low = s.add_int(lanes.maxima, s.to_int(s.add(row, low)));
@@ -240,9 +245,9 @@ pub(super) fn bounds<S: Lanes>(
 /// Boxes of voxel centres in lanes, metres from the stack's origin.
 pub(super) struct BoxLanes<S: Lanes> {
     pub center: [S::F; 3],
-    /// Half of their edges; a little more than exact.
+    /// Half of their edges; rounded up slightly.
     pub half: [S::F; 3],
-    /// From the centre to the corners.
+    /// Distance from the centre to the corners.
     pub radius: S::F,
 }
 

@@ -1,9 +1,12 @@
-//! How sixteen sweeps see a brick of 4 × 4 × 4 voxels: out of range or beam, wholly inside, or across an edge.
+//! Geometry between sixteen sweeps and a brick of 4 × 4 × 4 voxels: out of range or beam, entirely
+//! inside, or crossed by an edge.
 //!
-//! Inside, distances are expanded to third order about the brick's centre, d ≈ r + q + (|δ|² − q²)(1 − q/r)/2r with q = u·δ,
-//! whose error is at most ρ⁴/(8 r³ (1 − ρ/r)³): no root for each voxel. A brick is inside only where that error is small and
-//! all its ranges fit the window of table entries that is held in registers. Where an edge of range or beam crosses the brick,
-//! or the sensor is near or within it, each voxel is taken by itself, with a root and a test.
+//! Inside, distances are expanded to third order about the brick's centre, d ≈ r + q + (|δ|² −
+//! q²)(1 − q/r)/2r with q = u·δ, whose error is at most ρ⁴/(8 r³ (1 − ρ/r)³). This avoids a square
+//! root per voxel. A brick counts as inside only where that error is small and all its ranges fit
+//! the window of table entries held in registers. Where an edge of range or beam crosses the brick,
+//! or the sensor is near or within it, each voxel is computed separately, with a square root and a
+//! test.
 
 use super::lanes::{LANES, Lanes, WIDE_WINDOW, WINDOW};
 use super::sweep_stack::{Group, SweepStack};
@@ -15,19 +18,20 @@ pub const EDGE: usize = 4;
 /// Voxels in a brick.
 pub const VOXELS: usize = EDGE * EDGE * EDGE;
 
-/// Voxels of one size, and what follows from it.
+/// Voxels of one size, and derived lengths.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BrickShape {
     pub voxel_m: f32,
-    /// From the brick's centre to its outermost voxel centres, along an axis and across.
+    /// Distances from the brick's centre to its outermost voxel centres, along an axis and to the
+    /// corner.
     pub half_m: f32,
     pub radius_m: f32,
-    /// Nearest distance at which the expansion is good enough.
+    /// Least distance at which the expansion is accurate enough.
     nearest_m: f32,
 }
 
 impl BrickShape {
-    /// `error_m`: largest error of a distance.
+    /// `error_m`: greatest permitted error of a distance.
     pub(super) fn new(voxel_m: f64, error_m: f64) -> Self {
         let half_m = voxel_m * (EDGE as f64 - 1.0) * 0.5;
         let radius_m = half_m * 3f64.sqrt();
@@ -40,7 +44,7 @@ impl BrickShape {
         }
     }
 
-    /// Voxel centres along an axis from the brick's centre, metres.
+    /// Positions of voxel centres along an axis, relative to the brick's centre, metres.
     #[inline(always)]
     pub(super) fn heights(&self) -> [f32; EDGE] {
         let v = self.voxel_m;
@@ -92,36 +96,38 @@ impl<S: Lanes> Sweeps<S> {
     }
 }
 
-/// How sweeps and bricks see each other, lane by lane: sixteen sweeps before one brick, or one sweep before sixteen.
+/// Geometry between sweeps and bricks, lane by lane: sixteen sweeps and one brick, or one sweep and
+/// sixteen bricks.
 pub(super) struct Sight {
-    /// Sweeps that see every voxel, and those of which an edge may cross the brick.
+    /// Lanes that see every voxel, and lanes of which an edge may cross the brick.
     pub inside: u16,
     pub edge: u16,
-    /// Those whose table entries over the brick fit a wide window.
+    /// Lanes whose table entries over the brick fit a wide window.
     pub wide: u16,
-    /// Unit vector from the sensor to the brick's centre, and from the pose in the middle of the sweep.
+    /// Unit vector from the sensor, when it sampled points at the brick's range, to the brick's
+    /// centre.
     pub toward: [[f32; LANES]; 3],
-    /// The brick's centre from the pose in the middle of the sweep.
+    /// Vector from the pose in the middle of the sweep to the brick's centre.
     pub offset_from_pose_m: [[f32; LANES]; 3],
-    /// Distance of the centre, ½ of its inverse and of its inverse's square.
+    /// Distance of the centre, half of its inverse and half of its inverse square.
     pub distance_m: [f32; LANES],
     pub half_per_m: [f32; LANES],
     pub half_per_m2: [f32; LANES],
-    /// What a deviation from the centre's distance is multiplied by: the sensor moves while it samples.
+    /// Factor of a deviation from the centre's distance, because the sensor moves while it samples.
     pub stretch: [f32; LANES],
-    /// The same in table entries.
+    /// The same in table entries per metre.
     pub entries_per_m: [f32; LANES],
     /// First entry of the window, and the centre's entry relative to it.
     pub window: [i32; LANES],
     pub entry: [f32; LANES],
-    /// Cosine to the boresight of the centre.
+    /// Cosine to the boresight at the centre.
     pub cos: [f32; LANES],
     /// Distance of the centre from the pose in the middle of the sweep.
     pub pose_distance_m: [f32; LANES],
 }
 
 impl Sight {
-    /// Sixteen sweeps before a brick whose centre is given relative to the stack's origin.
+    /// Sixteen sweeps and one brick with its centre relative to the stack's origin.
     #[inline(always)]
     pub(super) fn new<S: Lanes>(s: S, stack: &SweepStack, group: &Group, center: [f32; 3], shape: &BrickShape) -> Self {
         Self::between(s, stack, &Sweeps::sixteen(s, group), splat3(s, center), shape)
@@ -151,7 +157,7 @@ impl Sight {
         let stretch = s.neg_mul_add(dot(s, toward, velocity), time_per_m, s.splat(1.0));
         let cos = s.div(dot(s, from_pose, sweeps.forward), s.max(pose_distance, s.splat(1e-6)));
 
-        // Ranges of the voxels: at least the tangent plane's, at most that and the bend.
+        // Ranges of the voxels: at least the tangent plane's, at most that plus the curvature.
         let half = s.splat(shape.half_m);
         let reach = s.mul(s.add(s.abs(toward[0]), s.add(s.abs(toward[1]), s.abs(toward[2]))), half);
         let slack = s.mul_add(s.abs(s.sub(stretch, s.splat(1.0))), radius, s.splat(1e-5));
@@ -165,7 +171,8 @@ impl Sight {
         let mut inside = s.and(s.at_most(range_first, least), s.at_most(most, range_last));
         inside = s.and(inside, s.and(fits, s.at_most(s.splat(shape.nearest_m), distance)));
 
-        // Whether some voxel may count: by the ball around the brick, which holds near and far.
+        // Whether some voxel may count, from the brick's bounding sphere, which is valid near and
+        // far.
         let wide = s.add(radius, slack);
         let mut some =
             s.and(s.at_most(range_first, s.add(distance, wide)), s.at_most(s.sub(distance, wide), range_last));
@@ -247,7 +254,8 @@ pub(super) fn scale3<S: Lanes>(s: S, v: [S::F; 3], by: S::F) -> [S::F; 3] {
     [s.mul(v[0], by), s.mul(v[1], by), s.mul(v[2], by)]
 }
 
-/// Where the voxels of a brick lie from its centre. Lanes are x and y, x fastest; the four layers are z.
+/// Positions of a brick's voxels relative to its centre. Lanes are x and y, x fastest; the four
+/// layers are z.
 pub(super) struct Offsets<S: Lanes> {
     pub x: S::F,
     pub y: S::F,
@@ -275,7 +283,7 @@ impl<S: Lanes> Offsets<S> {
         offsets
     }
 
-    /// Voxels of a layer from the brick's centre.
+    /// Voxels of a layer relative to the brick's centre.
     #[inline(always)]
     pub(super) fn layer(&self, layer: usize) -> [S::F; 3] {
         [self.x, self.y, self.z[layer]]

@@ -1,7 +1,8 @@
-//! The bricks of a rolling image: those that may reach the threshold are rolled with every sweep, the others rest until they
-//! may again, and are then caught up with.
+//! Bricks of a rolling image. Those that may reach the threshold are rolling: updated with every
+//! sweep. The others are idle until they may reach it again, and are then caught up.
 //!
-//! Rolling takes sixteen bricks before one sweep at a time; catching up takes one brick before the sweeps that came and went.
+//! Rolling processes sixteen bricks for one sweep at a time; catching up processes one brick for
+//! all the sweeps added and removed since.
 
 use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, Sweeps, VOXELS, load3};
 use super::dispatch::Kernel;
@@ -17,13 +18,14 @@ pub(super) struct Brick {
     pub(super) cube: u32,
     /// Bit n: voxel n lies within the grid.
     pub(super) within: u64,
-    /// Number of the last sweep that is in the sums.
+    /// Number of the last sweep included in the sums.
     pub(super) sweep: u64,
-    /// Of the sums.
+    /// Greatest sum of its voxels.
     pub(super) greatest: i32,
 }
 
-/// A brick's steps, layer by layer; apart from the rest, so that rolling streams through them.
+/// A brick's sums in steps, layer by layer; stored apart from the rest, because rolling streams
+/// through them.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 pub(super) struct Sums(pub(super) [[i32; LANES]; EDGE]);
@@ -34,14 +36,14 @@ impl Sums {
         each.map(|(n, sum)| if within >> n & 1 == 1 { *sum } else { 0 }).fold(0, i32::max)
     }
 
-    /// Of whole sums, each sweep's being held to its part of what 32 bit can hold.
+    /// From 64-bit sums; each sweep's contribution is limited so that sums fit 32 bits.
     pub(super) fn of(sums: &[i64; VOXELS]) -> Self {
         let mut narrow = Self([[0; LANES]; EDGE]);
         narrow.0.as_flattened_mut().iter_mut().zip(sums).for_each(|(to, sum)| *to = *sum as i32);
         narrow
     }
 
-    /// What came added, what went taken out.
+    /// With the sums of added sweeps added and those of removed sweeps subtracted.
     pub(super) fn caught_up(&self, came: &[i64; VOXELS], went: &[i64; VOXELS]) -> Self {
         let mut now = *self;
         let changes = came.iter().zip(went).map(|(came, went)| (came - went) as i32);
@@ -50,7 +52,7 @@ impl Sums {
     }
 }
 
-/// Adds one sweep to each brick and takes another out; gives the updates and the greatest sum.
+/// Adds one sweep to each brick and subtracts another; returns the updates and the greatest sum.
 pub(super) struct RollBricks<'a> {
     pub(super) stack: &'a SweepStack,
     pub(super) shape: BrickShape,
@@ -58,7 +60,7 @@ pub(super) struct RollBricks<'a> {
     pub(super) sums: &'a mut [Sums],
     pub(super) new: usize,
     pub(super) old: Option<usize>,
-    /// The new sweep's.
+    /// Number of the new sweep.
     pub(super) number: u64,
 }
 

@@ -1,4 +1,4 @@
-//! Whole volumes, brick by brick, on all cores.
+//! Dense volumes, brick by brick, on all cores.
 
 use rayon::prelude::*;
 
@@ -10,21 +10,23 @@ use super::sweep_stack::SweepStack;
 use super::weighted::{AddWeighted, weighted_shape};
 use crate::{Statistic, Volume};
 
-/// A volume and what it took.
+/// A volume and the work it took.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DenseVolume {
     /// The statistic's value at every voxel.
     pub volume: Volume,
-    /// (voxel, sweep) pairs worked on: sweeps that see nothing of a brick are skipped.
+    /// (voxel, sweep) pairs processed; sweeps that do not see a brick are skipped.
     pub updates: u64,
 }
 
-/// The statistic of all of a stack's sweeps at every voxel. The same bits on any number of threads and any processor.
+/// The statistic of all of a stack's sweeps at every voxel. The same bits on any number of threads
+/// and any processor.
 ///
-/// Agrees with the oracle to 0.5 % of the volume's peak (and, for `ls` and `log`, the rounding of each sweep to whole steps),
-/// but for voxels within 0.1 mm of an edge of range or beam, which may count where the oracle's do not, and for voxels at a
-/// sensor: from a table step (at most 5 mm) on inwards D is held, and at d a value may be off by ¾·(step/d)² of
-/// itself, for `glrt` and `coherent`, which divide by D², by 1¼·(step/d)².
+/// Agrees with the oracle to 0.5 % of the volume's peak, plus, for `ls` and `log`, the rounding of
+/// each sweep to whole steps. Two exceptions: voxels within 0.1 mm of an edge of range or beam may
+/// count differently from the oracle's. For voxels near a sensor, D is held constant within one
+/// table step (at most 5 mm), and at distance d a value may be off by ¾·(step/d)² of itself; for
+/// `glrt` and `coherent`, which divide by D², by 1¼·(step/d)².
 pub fn dense_volume(stack: &SweepStack, grid: &BrickGrid) -> DenseVolume {
     let bricks = Bricks::new(stack, grid);
     let mut volume = grid.volume();
@@ -50,7 +52,7 @@ pub(super) struct Bricks<'a> {
     stack: &'a SweepStack,
     grid: BrickGrid,
     shape: BrickShape,
-    /// Every sweep, for the sums of whole numbers.
+    /// All sweeps, for the integer sums.
     slots: Vec<(usize, u16)>,
 }
 
@@ -74,7 +76,7 @@ impl<'a> Bricks<'a> {
         }
     }
 
-    /// Adds one group of sweeps to a brick's sums of whole numbers; returns the updates.
+    /// Adds one group of sweeps to a brick's integer sums; returns the updates.
     pub(super) fn add_group(&self, brick: [usize; 3], group: usize, sums: &mut [i64; VOXELS]) -> u64 {
         let center = self.grid.brick_center(brick, self.stack.origin_m());
         let slots = &self.slots[group..=group];
@@ -83,7 +85,8 @@ impl<'a> Bricks<'a> {
         found.updates
     }
 
-    /// Writes a brick's values into its slab of four layers, row by row; what reaches beyond the box is left out.
+    /// Writes a brick's values into its slab of four layers, row by row; voxels beyond the box are
+    /// left out.
     fn put(&self, values: &[f32; VOXELS], [x, y]: [usize; 2], slab: &mut [f32]) {
         let [nx, ny, _] = self.grid.size;
         let (x, y) = (x * EDGE, y * EDGE);
@@ -110,7 +113,7 @@ mod tests {
 
     const AT: DVec3 = DVec3::new(0.1, 0.0, -1.2);
 
-    /// Sweeps of a moving, turning sensor.
+    /// Sweeps of a moving, rotating sensor.
     fn observations(seed: u64) -> Vec<Observation> {
         let mut all: Vec<_> = sweeps(1.2, |t| winding(3.0 * t), &[(Echo::Point(AT), 8.0)], seed);
         for (n, o) in all.iter_mut().enumerate() {
@@ -124,14 +127,14 @@ mod tests {
         dense_volume(&SweepStack::of(statistic, beam, observations, grid.middle_m()).0, grid)
     }
 
-    /// Whether a place lies within 0.1 mm of an edge of some sweep's range (or, for `thesis`, of where the nearest point
-    /// changes) or within 0.05° of its beam's.
+    /// Whether a point lies within 0.1 mm of an edge of some sweep's range (or, for `thesis`, of
+    /// where the nearest point changes) or within 0.05° of its beam's edge.
     fn at_an_edge(place: DVec3, observations: &[Observation], beam: &Beam, statistic: Statistic) -> bool {
         observations.iter().any(|o| {
             let (d, axis) = (o.distance_m(place), &o.geometry.axis);
             let edge = |d: f64, border: f64| (d - border).abs() < 1e-4;
             let cos = o.cos_off_boresight(place);
-            // The hole in a hollow beam is as fine as the beam's table.
+            // The hole in a hollow beam is only as sharp as the beam's table.
             let hollow = beam.amplitude(1.0) == 0.0;
             let turned =
                 |deg: f64| beam.amplitude((cos.acos() + deg.to_radians()).min(std::f64::consts::PI - 1e-4).cos()) > 0.0;
@@ -145,7 +148,8 @@ mod tests {
         })
     }
 
-    /// Every statistic but blocks, over a box, at its oracle's values; `share` of the peak apart.
+    /// Compares every statistic but the sub-aperture one with the oracle over a box; tolerance
+    /// `share` of the peak.
     fn check(beam: &Beam, region: Aabb, voxel_m: f64, share: f64) {
         let observations = observations(1);
         let oracle = Oracle::new(&observations, beam, &SubapertureSettings::default());

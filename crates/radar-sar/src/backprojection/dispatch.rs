@@ -1,22 +1,23 @@
-//! Runs a kernel on the widest instructions that the processor has.
+//! Runs a kernel on the widest vector instructions of the processor.
 
 use super::lanes::{Lanes, Plain};
 
-/// A kernel, written once for any width. `run` must be `#[inline(always)]`, so that it is compiled for the caller's
-/// instructions.
+/// A kernel, written once for any width. `run` must be `#[inline(always)]`, so that it is compiled
+/// for the caller's instructions.
 pub(crate) trait Kernel {
-    /// What it gives.
+    /// Result of the kernel.
     type Out;
     fn run<S: Lanes>(self, s: S) -> Self::Out;
 }
 
-/// Runs it. Every choice gives the same bits.
+/// Runs a kernel. Every choice gives the same bits.
 pub(crate) fn on_widest<K: Kernel>(kernel: K) -> K::Out {
     #[cfg(target_arch = "x86_64")]
     {
         use super::lanes::{Avx2, Avx512};
         if let Some(s) = Avx512::detect() {
-            // SAFETY: `s` exists, so the processor has the instructions that this copy is compiled for.
+            // SAFETY: `s` exists, so the processor has the instructions that this copy is compiled
+            // for.
             return unsafe { avx512(s, kernel) };
         }
         if let Some(s) = Avx2::detect() {
@@ -27,7 +28,7 @@ pub(crate) fn on_widest<K: Kernel>(kernel: K) -> K::Out {
     kernel.run(Plain)
 }
 
-/// The instructions that sums run on, on this machine.
+/// Name of the vector instructions that backprojection uses on this machine.
 pub fn instruction_set() -> &'static str {
     #[cfg(target_arch = "x86_64")]
     {
@@ -59,7 +60,7 @@ pub(super) mod tests {
     use super::*;
     use crate::backprojection::lanes::{Avx2, Avx512};
 
-    /// The kernel's result on each kind of instructions that this processor has, widest last.
+    /// The kernel's result on each instruction set of this processor, widest last.
     pub(in crate::backprojection) fn on_each<K: Kernel + Clone>(kernel: &K) -> Vec<K::Out> {
         let mut all = vec![kernel.clone().run(Plain)];
         if let Some(s) = Avx2::detect() {

@@ -1,5 +1,5 @@
-//! A volume as bricks of 4 × 4 × 4 voxels. Every path (dense, adaptive, rolling) works on the same bricks, so that a voxel's
-//! value does not depend on the path.
+//! A volume as bricks of 4 × 4 × 4 voxels. All algorithms (dense, adaptive, rolling) work on the
+//! same bricks, so a voxel's value does not depend on the algorithm.
 
 use glam::DVec3;
 
@@ -7,7 +7,7 @@ use super::brick_geometry::EDGE;
 use crate::Volume;
 use crate::geometry::Aabb;
 
-/// Where the voxels and bricks of a box lie.
+/// Layout of the voxels and bricks of a box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BrickGrid {
     /// Lowest corner of the box, tracking frame, metres.
@@ -19,33 +19,33 @@ pub struct BrickGrid {
 }
 
 impl BrickGrid {
-    /// Over a box, as [`Volume::covering`] lays it out.
+    /// Covers a box, with the layout of [`Volume::covering`].
     pub fn covering(region: &Aabb, voxel_m: f64) -> Self {
         Self { origin_m: region.min, voxel_m, size: Volume::size_covering(region, voxel_m) }
     }
 
-    /// Bricks along x, y, z; the last ones may reach beyond the box.
+    /// Bricks along x, y, z; the last ones may extend beyond the box.
     pub fn bricks(&self) -> [usize; 3] {
         self.size.map(|n| n.div_ceil(EDGE))
     }
 
-    /// Voxels in all.
+    /// Total number of voxels.
     pub fn voxels(&self) -> usize {
         self.size.iter().product()
     }
 
-    /// Middle of the box: what kernels count from.
+    /// Centre of the box: the origin of kernel coordinates.
     pub fn middle_m(&self) -> DVec3 {
         self.origin_m + DVec3::from_array(self.size.map(|n| n as f64)) * (0.5 * self.voxel_m)
     }
 
-    /// Centre of a brick from a place, metres.
+    /// Centre of a brick relative to `from`, metres.
     pub(super) fn brick_center(&self, brick: [usize; 3], from: DVec3) -> [f32; 3] {
         let voxels = DVec3::from_array(brick.map(|n| (n * EDGE) as f64 + EDGE as f64 * 0.5));
         (self.origin_m - from + voxels * self.voxel_m).as_vec3().to_array()
     }
 
-    /// Index into a volume's values of each voxel of a brick that lies within the box: (index in the brick, index).
+    /// Voxels of a brick within the box: (index in the brick, index into a volume's values).
     pub(super) fn voxels_of(&self, brick: [usize; 3]) -> impl Iterator<Item = (usize, usize)> + use<> {
         let [nx, ny, nz] = self.size;
         let first = brick.map(|n| n * EDGE);
@@ -55,7 +55,7 @@ impl BrickGrid {
         })
     }
 
-    /// An empty volume over it.
+    /// A zero volume with this layout.
     pub fn volume(&self) -> Volume {
         Volume { origin_m: self.origin_m, voxel_m: self.voxel_m, size: self.size, values: vec![0.0; self.voxels()] }
     }

@@ -1,21 +1,22 @@
-//! Sixteen values side by side, on the widest vector unit that the processor has.
+//! Sixteen values in lanes, on the widest vector unit of the processor.
 //!
-//! Kernels are written once against [`Lanes`] and compiled for AVX-512, for AVX2 with FMA, and for any processor. Every
-//! operation is an IEEE one (fused multiply-add included), so all three give the same bits. A value of [`Avx512`] or
-//! [`Avx2`] exists only where the processor was asked: it is the proof that makes the instructions allowed.
+//! Kernels are written once against [`Lanes`] and compiled for AVX-512, for AVX2 with FMA, and for
+//! any processor. Every operation is an IEEE one (fused multiply-add included), so all three give
+//! the same bits. A value of [`Avx512`] or [`Avx2`] is created only after detecting the processor's
+//! features: it is the proof that the instructions may be used.
 
-/// Values handled at once.
+/// Number of lanes.
 pub(crate) const LANES: usize = 16;
-/// Entries that [`Lanes::look_up`] chooses from.
+/// Number of entries from which [`Lanes::look_up`] selects.
 pub(super) const WINDOW: usize = 32;
 
-/// Entries that [`Lanes::look_up_half`] chooses from.
+/// Number of entries from which [`Lanes::look_up_half`] selects.
 pub(super) const HALF_WINDOW: usize = 64;
 
-/// Entries that [`Lanes::look_up_wide`] chooses from.
+/// Number of entries from which [`Lanes::look_up_wide`] selects.
 pub(super) const WIDE_WINDOW: usize = 128;
 
-/// Where an f32 has its exponent.
+/// Exponent bits of an f32.
 const EXPONENT_BITS: i32 = 0x7f80_0000;
 
 /// Vector operations, lane by lane.
@@ -24,7 +25,7 @@ pub(crate) trait Lanes: Copy {
     type F: Copy;
     /// Sixteen i32.
     type I: Copy;
-    /// Sixteen yes or no.
+    /// Sixteen booleans.
     type M: Copy;
 
     fn splat(self, value: f32) -> Self::F;
@@ -41,27 +42,27 @@ pub(crate) trait Lanes: Copy {
     /// c − a · b, rounded once.
     fn neg_mul_add(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F;
     fn sqrt(self, a: Self::F) -> Self::F;
-    /// The lesser; `b` when either is no number.
+    /// The lesser; `b` when either is NaN.
     fn min(self, a: Self::F, b: Self::F) -> Self::F;
-    /// The greater; `b` when either is no number.
+    /// The greater; `b` when either is NaN.
     fn max(self, a: Self::F, b: Self::F) -> Self::F;
     fn abs(self, a: Self::F) -> Self::F;
     fn floor(self, a: Self::F) -> Self::F;
-    /// The greatest power of two that is not above a value from 1 on, and its exponent.
+    /// For values from 1 on: the greatest power of two not above the value, and its exponent.
     fn octave(self, a: Self::F) -> (Self::F, Self::I);
-    /// −a in lanes whose number has bit 5 (32) set.
+    /// −a in lanes whose `n` has bit 5 (32) set.
     fn negate_where_bit_5(self, a: Self::F, n: Self::I) -> Self::F;
     /// Whether a ≤ b.
     fn at_most(self, a: Self::F, b: Self::F) -> Self::M;
     fn and(self, a: Self::M, b: Self::M) -> Self::M;
     fn or(self, a: Self::M, b: Self::M) -> Self::M;
-    /// Lane l from bit l.
+    /// Lane l is bit l.
     fn mask(self, bits: u16) -> Self::M;
     /// Bit l is lane l.
     fn bits(self, mask: Self::M) -> u16;
     fn or_zero(self, mask: Self::M, a: Self::F) -> Self::F;
     fn or_zero_int(self, mask: Self::M, a: Self::I) -> Self::I;
-    /// The nearest i32, halves to even; only for values within ±2³⁰.
+    /// The nearest i32, ties to even; only for values within ±2³⁰.
     fn to_int(self, a: Self::F) -> Self::I;
     fn splat_int(self, value: i32) -> Self::I;
     fn load_int(self, values: &[i32; LANES]) -> Self::I;
@@ -71,19 +72,20 @@ pub(crate) trait Lanes: Copy {
     fn to_float(self, a: Self::I) -> Self::F;
     fn max_int(self, a: Self::I, b: Self::I) -> Self::I;
     fn min_int(self, a: Self::I, b: Self::I) -> Self::I;
-    /// `window[index]`; the index counts modulo 32.
+    /// `window[index]`; the index is taken modulo 32.
     fn look_up(self, window: &[f32; WINDOW], index: Self::I) -> Self::F;
-    /// `window[index]`; the index counts modulo 64.
+    /// `window[index]`; the index is taken modulo 64.
     fn look_up_half(self, window: &[f32; HALF_WINDOW], index: Self::I) -> Self::F;
-    /// `window[index]`; the index counts modulo 128.
+    /// `window[index]`; the index is taken modulo 128.
     fn look_up_wide(self, window: &[f32; WIDE_WINDOW], index: Self::I) -> Self::F;
-    /// The same for whole numbers.
+    /// `table[index]`; an index outside takes the nearest entry.
     fn gather_int(self, table: &[i32], index: Self::I) -> Self::I;
-    /// `table[index]` and `table[index + 1]`; an index outside takes the nearest pair. The table has at least two entries.
+    /// `table[index]` and `table[index + 1]`; an index outside takes the nearest pair. The table
+    /// must have at least two entries.
     fn gather_pairs(self, table: &[f32], index: Self::I) -> (Self::F, Self::F);
 }
 
-/// Any processor, lane after lane.
+/// Portable implementation, lane by lane.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Plain;
 
@@ -261,7 +263,7 @@ impl Lanes for Plain {
 #[cfg(target_arch = "x86_64")]
 pub(super) use x86::{Avx2, Avx512};
 
-/// Each call of an instruction in here is sound because the token exists only where the processor has it.
+/// Each instruction in here is sound because the token exists only where the processor supports it.
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::*;
@@ -274,7 +276,7 @@ mod x86 {
     pub(in super::super) struct Avx512(());
 
     impl Avx512 {
-        /// `None` where the processor has not got it.
+        /// `None` where the processor does not support it.
         pub(in super::super) fn detect() -> Option<Self> {
             has(InstructionSet::Avx512).then_some(Self(()))
         }
@@ -444,7 +446,7 @@ mod x86 {
         }
         #[inline(always)]
         fn look_up(self, window: &[f32; WINDOW], index: Self::I) -> Self::F {
-            // The window is thirty-two values long; the permute takes the index modulo 32.
+            // The window has thirty-two values; the permute takes the index modulo 32.
             wide!({
                 let low = _mm512_loadu_ps(window.as_ptr());
                 let high = _mm512_loadu_ps(window.as_ptr().add(LANES));
@@ -453,7 +455,7 @@ mod x86 {
         }
         #[inline(always)]
         fn look_up_half(self, window: &[f32; HALF_WINDOW], index: Self::I) -> Self::F {
-            // Four times sixteen values; bit 5 chooses between two permutes.
+            // Four times sixteen values; bit 5 selects between two permutes.
             wide!({
                 let at = window.as_ptr();
                 let (a, b) = (_mm512_loadu_ps(at), _mm512_loadu_ps(at.add(LANES)));
@@ -464,7 +466,8 @@ mod x86 {
         }
         #[inline(always)]
         fn look_up_wide(self, window: &[f32; WIDE_WINDOW], index: Self::I) -> Self::F {
-            // Eight times sixteen values; each permute takes the index modulo 32, bits 5 and 6 choose among four.
+            // Eight times sixteen values; each permute takes the index modulo 32, bits 5 and 6
+            // select among four.
             wide!({
                 let at = window.as_ptr();
                 let (a, b) = (_mm512_loadu_ps(at), _mm512_loadu_ps(at.add(LANES)));
@@ -493,7 +496,8 @@ mod x86 {
             assert!(table.len() >= 2);
             let last = self.splat_int((table.len() - 2).min(i32::MAX as usize) as i32);
             let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
-            // Every pair lies within the table. Two gathers of 64 bit take as long as one of the first values alone.
+            // Every pair lies within the table. Two 64-bit gathers take as long as one of the first
+            // values alone.
             wide!({
                 let (low, high) = (_mm512_castsi512_si256(index), _mm512_extracti64x4_epi64::<1>(index));
                 let low = _mm512_castpd_ps(_mm512_i32gather_pd::<4>(low, table.as_ptr().cast()));
@@ -505,7 +509,7 @@ mod x86 {
         }
     }
 
-    /// Which of thirty-two values are the first, and the second, of their pairs.
+    /// Indices, among thirty-two values, of the first and of the second value of each pair.
     const FIRST_OF_PAIRS: [i32; LANES] = [0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30];
     const NEXT_OF_PAIRS: [i32; LANES] = [1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31];
 
@@ -514,7 +518,7 @@ mod x86 {
     pub(in super::super) struct Avx2(());
 
     impl Avx2 {
-        /// `None` where the processor has not got it.
+        /// `None` where the processor does not support it.
         pub(in super::super) fn detect() -> Option<Self> {
             has(InstructionSet::Avx2).then_some(Self(()))
         }
@@ -556,7 +560,7 @@ mod x86 {
     /// All bits where the value is above 0.
     ///
     /// # Safety
-    /// The processor has AVX2.
+    /// The processor must support AVX2.
     #[inline(always)]
     unsafe fn as_mask(value: __m256i) -> __m256 {
         // SAFETY: by contract.
@@ -770,7 +774,7 @@ mod x86 {
             assert!(table.len() >= 2);
             let last = self.splat_int((table.len() - 2).min(i32::MAX as usize) as i32);
             let index = self.min_int(self.max_int(index, self.splat_int(0)), last);
-            // Within each eight 0, 1, 4, 5, then 2, 3, 6, 7: as the shuffles put them right.
+            // Within each eight 0, 1, 4, 5, then 2, 3, 6, 7, as the shuffles require.
             let order = self.load_int(&[0, 1, 4, 5, 2, 3, 6, 7, 0, 1, 4, 5, 2, 3, 6, 7]);
             let index = both!(_mm256_permutevar8x32_epi32, index, order);
             // Every pair lies within the table.
@@ -789,10 +793,10 @@ mod x86 {
     /// Four pairs of values.
     ///
     /// # Safety
-    /// The processor has AVX2, and two values lie at each index.
+    /// The processor must support AVX2, and two values must lie at each index.
     #[inline(always)]
     unsafe fn four_pairs(table: *const f32, index: __m128i) -> __m256 {
-        // SAFETY: by contract; gathers ask for no alignment.
+        // SAFETY: by contract; gathers do not require alignment.
         unsafe { _mm256_castpd_ps(_mm256_i32gather_pd::<4>(table.cast(), index)) }
     }
 }

@@ -1,4 +1,5 @@
-//! Sums over sweeps, as fast as the machine goes: dense, adaptive and rolling, all from the same bricks.
+//! Backprojection statistics: sums over sweeps at every voxel, computed dense, adaptively or
+//! rolling, all from the same bricks.
 //!
 //! A [`SweepStack`] holds the sweeps, a [`BrickGrid`] the voxels.
 

@@ -1,8 +1,11 @@
-//! The octree of a rolling image: cubes with the most that they can hold, which says enough until it reaches the threshold.
+//! Octree of a rolling image: cubes with upper bounds of the sums within them. A cube stays closed
+//! while its bound is below the threshold.
 //!
-//! Each cube carries the sum of its sweeps' bounds; one sweep at a time comes to all cubes and another goes. A brick at rest
-//! has a second bound: the greatest sum that it had, and what has come since at most. The lesser of the two counts. What
-//! every sweep changes lies by itself and takes 96 bytes for eight cubes: the time goes into streaming through it.
+//! Each cube holds the sum of the window's per-sweep bounds; each new sweep is added to all cubes
+//! and the oldest one subtracted. An idle brick has a second bound: the greatest of its sums when
+//! it became idle, plus the bounds of all sweeps since. The lesser of the two counts. Data that
+//! change with every sweep are stored separately, 96 bytes for eight cubes, because the time goes
+//! into streaming through them.
 
 use super::bounds::{BoxLanes, RangeMaxima, SweepLanes, bounds};
 use super::brick_geometry::EDGE;
@@ -11,7 +14,7 @@ use super::grid::BrickGrid;
 use super::lanes::{LANES, Lanes};
 use super::sweep_stack::SweepStack;
 
-/// Where a cube of 2^level bricks lies: its number along each axis.
+/// Position of a cube of 2^level bricks: its index along each axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct CubeIndex {
     pub(super) level: u32,
@@ -23,27 +26,28 @@ impl CubeIndex {
         self.at.map(|n| n as usize)
     }
 
-    /// Whether some voxel of the grid lies in it.
+    /// Whether the cube contains a voxel of the grid.
     fn is_within(self, grid: &BrickGrid) -> bool {
         (0..3).all(|axis| ((self.at[axis] as usize) << self.level) * EDGE < grid.size[axis])
     }
 }
 
-/// Not opened: the cube's bound says enough.
+/// Not opened: the cube's bound is sufficient.
 pub(super) const CLOSED: u32 = u32::MAX;
 /// The bound of a cube whose sums were never known.
 const UNKNOWN: i32 = i32::MAX;
 
-/// Eight cubes that fill a larger one. Cube `n` of eight `e` has the index 8·e + n.
+/// Octet: eight sibling cubes that fill a larger one. Cube `n` of octet `e` has the index 8·e + n.
 #[derive(Debug, Clone)]
 pub(super) struct Octet {
-    /// Of the cubes.
+    /// Level of the eight cubes.
     level: u32,
-    /// Of the larger cube.
+    /// Position of the larger cube.
     at: [u32; 3],
-    /// Index of the larger cube; [`CLOSED`] for the root's.
+    /// Index of the larger cube; [`CLOSED`] for the root.
     pub(super) parent: u32,
-    /// What each has been opened to: an eight, or at level 0 a brick.
+    /// What each cube was opened to: the index of an octet, or at level 0 of a brick; else
+    /// [`CLOSED`].
     pub(super) children: [u32; 8],
 }
 
@@ -61,7 +65,7 @@ impl Octet {
         CubeIndex { level: self.level, at: std::array::from_fn(|axis| self.at[axis] * 2 + bits[axis] as u32) }
     }
 
-    /// None of the cubes has been opened.
+    /// Whether none of the cubes is open.
     pub(super) fn has_no_children(&self) -> bool {
         self.children == [CLOSED; 8]
     }
@@ -71,26 +75,26 @@ impl Octet {
 #[derive(Debug, Clone)]
 #[repr(align(32))]
 pub(super) struct Bounds {
-    /// The sum of the window's bounds. Each sweep's is held to its part of what 32 bit can hold.
+    /// The sum of the window's bounds. Each sweep's bound is limited so that the sum fits 32 bits.
     sum: [i32; 8],
-    /// What a brick at rest can hold at most by its own sums.
+    /// Greatest possible sum of an idle brick according to its own sums.
     most: [i32; 8],
-    /// Of the larger cube, metres from the stack's origin.
+    /// Centre of the larger cube, metres from the stack's origin.
     center_m: [f32; 3],
-    /// From it to the centres of the eight along an axis, metres.
+    /// Distance from it to the centres of the eight along an axis, metres.
     apart_m: f32,
-    /// Half of an edge between the outermost voxel centres of a cube, metres; a little more than exact.
+    /// Half of the edge between the outermost voxel centres of a cube, metres; rounded up slightly.
     half_m: f32,
-    /// The greatest bound that was watched when the last sweep came, or 0.
+    /// The greatest watched bound after the last sweep, or 0.
     pub(super) greatest: i32,
     /// Bit n: cube n lies in the grid and is in use.
     in_use: u8,
-    /// Bit n: cube n is neither opened nor rolled with every sweep, so that its bound has to be watched.
+    /// Bit n: cube n is neither opened nor a rolling brick, so its bound must be watched.
     watched: u8,
 }
 
 impl Bounds {
-    /// Of an eight that nothing has come to yet.
+    /// For an octet without any sweep yet.
     pub(super) fn new(eight: &Octet, grid: &BrickGrid, stack: &SweepStack) -> Self {
         let edge_m = (EDGE << eight.level) as f64 * grid.voxel_m;
         let middle = glam::DVec3::from_array(eight.at.map(|n| (f64::from(n) + 0.5) * 2.0 * edge_m));
@@ -107,7 +111,7 @@ impl Bounds {
         }
     }
 
-    /// An unused eight's.
+    /// Marks the octet as unused.
     pub(super) fn retire(&mut self) {
         (self.in_use, self.watched, self.greatest) = (0, 0, 0);
     }
@@ -116,7 +120,7 @@ impl Bounds {
         self.in_use != 0
     }
 
-    /// Watches cube 0 alone.
+    /// Uses and watches only cube 0.
     pub(super) fn watch_first_only(&mut self) {
         (self.in_use, self.watched) = (1, 1);
     }
@@ -125,24 +129,24 @@ impl Bounds {
         self.watched >> n & 1 == 1
     }
 
-    /// The most that cube `n` can hold.
+    /// Upper bound of the sums within cube `n`.
     pub(super) fn bound(&self, n: usize) -> i32 {
         self.sum[n].min(self.most[n])
     }
 
-    /// Watches cube `n` from now on; `most`: what its sums allow.
+    /// Watches cube `n` from now on; `most`: the greatest of its sums, if known.
     pub(super) fn watch(&mut self, n: usize, most: Option<i32>) {
         self.watched |= 1 << n;
         self.most[n] = most.unwrap_or(UNKNOWN);
     }
 
-    /// Cube `n` is followed by what it was opened to.
+    /// Stops watching cube `n`, which is open or rolling.
     pub(super) fn unwatch(&mut self, n: usize) {
         self.watched &= !(1 << n);
     }
 }
 
-/// On which side of the larger cube's centre each of eight cubes lies, twice.
+/// Sign of each cube's centre relative to the larger cube's, for eight cubes twice.
 const SIDES: [[f32; LANES]; 3] = {
     let mut sides = [[-1.0; LANES]; 3];
     let mut n = 0;
@@ -159,12 +163,13 @@ const SIDES: [[f32; LANES]; 3] = {
     sides
 };
 
-/// Adds sweeps' bounds to those of cubes and takes another sweep's out; gives the (cube, sweep) pairs.
+/// Adds sweeps' bounds to those of cubes and subtracts another sweep's; returns the (cube, sweep)
+/// pairs.
 pub(super) struct RollCubes<'a> {
     pub(super) stack: &'a SweepStack,
     pub(super) maxima: &'a RangeMaxima,
     pub(super) octets: &'a mut [Bounds],
-    /// Sweep after sweep, since the tables of one stay at hand then.
+    /// One sweep after the other, because the tables of one sweep then stay in the cache.
     pub(super) new: &'a [usize],
     pub(super) old: Option<usize>,
 }
@@ -181,7 +186,7 @@ impl Kernel for RollCubes<'_> {
             for two in octets.chunks_mut(2).filter(|two| two.iter().any(Bounds::is_in_use)) {
                 let come = s.store_int(bounds(s, stack, maxima, &sweep, &two_octets(s, two)));
                 for (eight, come) in two.iter_mut().zip(come.as_chunks::<8>().0) {
-                    // What is not in use would drift: it misses sweeps.
+                    // Unused ones must not be updated: they miss sweeps and would drift.
                     if !eight.is_in_use() {
                         continue;
                     }
@@ -198,7 +203,7 @@ impl Kernel for RollCubes<'_> {
             for two in octets.chunks_mut(2).filter(|two| two.iter().any(Bounds::is_in_use)) {
                 let go = s.store_int(bounds(s, stack, maxima, &sweep, &two_octets(s, two)));
                 for (eight, go) in two.iter_mut().zip(go.as_chunks::<8>().0) {
-                    // What is not in use would drift: it misses sweeps.
+                    // Unused ones must not be updated: they miss sweeps and would drift.
                     if !eight.is_in_use() {
                         continue;
                     }
@@ -220,7 +225,7 @@ impl Kernel for RollCubes<'_> {
     }
 }
 
-/// The cubes of two eights, or those of one twice.
+/// The cubes of two octets, or those of one twice.
 #[inline(always)]
 fn two_octets<S: Lanes>(s: S, two: &[Bounds]) -> BoxLanes<S> {
     let (a, b) = (&two[0], &two[two.len() - 1]);
@@ -232,6 +237,6 @@ fn two_octets<S: Lanes>(s: S, two: &[Bounds]) -> BoxLanes<S> {
         s.mul_add(apart, s.load(z), s.splat_two(a.center_m[2], b.center_m[2])),
     ];
     let half = s.splat_two(a.half_m, b.half_m);
-    // A little more than the root of three.
+    // Slightly more than √3.
     BoxLanes { center, half: [half; 3], radius: s.mul(half, s.splat(1.732_051)) }
 }

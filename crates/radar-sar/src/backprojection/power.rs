@@ -1,34 +1,35 @@
-//! Sums of whole numbers over a brick: `ls` and `log`.
+//! Integer sums over a brick: `ls` and `log`.
 //!
-//! Each sweep adds to each voxel the value of its table at the voxel's distance, rounded to whole steps, so the sum depends
-//! neither on the order of the sweeps nor on what was added and taken out again in between: rolling, adaptive and dense images
-//! are equal bit for bit. Sums of 32 bit are moved to 64 bit before they could overflow.
+//! Each sweep adds to each voxel its table value at the voxel's distance, rounded to whole steps.
+//! The sum therefore depends neither on the order of the sweeps nor on earlier additions and
+//! subtractions: rolling, adaptive and dense images are equal bit for bit. 32-bit sums are moved to
+//! 64 bits before they could overflow.
 
 use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS, add3, dot, lane3, load3, scale3, splat3, sub3};
 use super::dispatch::{Kernel, on_widest};
 use super::lanes::{HALF_WINDOW, LANES, Lanes, WIDE_WINDOW, WINDOW};
 use super::sweep_stack::SweepStack;
 
-/// Largest error of a distance, metres: a ten-thousandth of a table step's worth of slope.
+/// Greatest error of a distance, metres.
 const DISTANCE_ERROR_M: f64 = 5e-5;
 
-/// A shape that is good enough for these sums.
+/// A brick shape accurate enough for these sums.
 pub(super) fn power_shape(voxel_m: f64) -> BrickShape {
     BrickShape::new(voxel_m, DISTANCE_ERROR_M)
 }
 
-/// Adds (or takes out) sweeps of a stack to the voxels of one brick.
+/// Sums sweeps of a stack over the voxels of one brick.
 #[derive(Clone)]
 pub(super) struct AddPower<'a> {
     pub stack: &'a SweepStack,
     pub shape: BrickShape,
-    /// Relative to the stack's origin, metres.
+    /// Centre of the brick relative to the stack's origin, metres.
     pub center: [f32; 3],
-    /// Slots, as a group and a mask of its lanes.
+    /// Sweeps, as groups with masks of their lanes.
     pub slots: &'a [(usize, u16)],
 }
 
-/// Sums in steps, x fastest, and the (voxel, sweep) pairs that were worked on.
+/// Sums in steps, x fastest, and the (voxel, sweep) pairs processed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct PowerSums {
     pub sums: [i64; VOXELS],
@@ -36,7 +37,7 @@ pub(super) struct PowerSums {
 }
 
 impl AddPower<'_> {
-    /// On the widest instructions.
+    /// Runs on the widest instructions.
     pub(super) fn sums(self) -> PowerSums {
         on_widest(self)
     }
@@ -49,7 +50,7 @@ impl Kernel for AddPower<'_> {
     fn run<S: Lanes>(self, s: S) -> PowerSums {
         let (offsets, heights) = (Offsets::new(s, &self.shape), self.shape.heights());
         let mut out = PowerSums { sums: [0; VOXELS], updates: 0 };
-        // Sums of the two paths by themselves: those of the inside stay in registers.
+        // Separate sums for the two paths: those of the inner path stay in registers.
         let (mut sums, mut greatest) = ([s.splat_int(0); EDGE], 0i64);
         let (mut edge_sums, mut edge_greatest) = ([s.splat_int(0); EDGE], 0i64);
         for &(group, lanes) in self.slots {
@@ -102,7 +103,7 @@ impl Kernel for AddPower<'_> {
     }
 }
 
-/// Moves what was summed in 32 bit to 64 bit.
+/// Moves 32-bit sums to 64 bits.
 #[inline(always)]
 fn widen<S: Lanes>(s: S, sums: &mut [S::I; EDGE], into: &mut [i64; VOXELS]) {
     for (layer, sum) in sums.iter_mut().enumerate() {
@@ -114,7 +115,7 @@ fn widen<S: Lanes>(s: S, sums: &mut [S::I; EDGE], into: &mut [i64; VOXELS]) {
     }
 }
 
-/// All voxels within range and beam: the window of the table in registers.
+/// All voxels are within range and beam: the window of the table is in registers.
 #[inline(always)]
 pub(super) fn add_inside<S: Lanes>(
     s: S,
@@ -147,14 +148,15 @@ pub(super) fn window(table: &[f32], first: usize) -> Option<&[f32; WINDOW]> {
     table.get(first..)?.first_chunk()
 }
 
-/// How one sweep sees a brick's voxels, each by itself.
+/// Geometry of one sweep and a brick's voxels, each voxel separately.
 pub(super) struct Edges<'a, S: Lanes> {
     stack: &'a SweepStack,
     from_pose: Exact<S>,
     along: Along<S>,
     first: S::F,
     last: S::F,
-    /// Where the sensor moves while it samples: the centre from its pose, its velocity, and when it samples.
+    /// If the sensor moves while it samples: the centre relative to its pose, its velocity, and the
+    /// sampling times (per metre and at zero).
     moving: Option<([f32; 3], [f32; 3], [f32; 2])>,
 }
 
@@ -180,20 +182,21 @@ impl<'a, S: Lanes> Edges<'a, S> {
             stack,
             from_pose: Exact::new(s, from_pose, offsets, heights),
             along: Along::new(s, from_pose, lane_vector(&sweeps.forward, l), offsets, heights),
-            // A place at the sensor itself has no direction and does not count.
+            // A point at the sensor itself has no direction and does not count.
             first: s.splat(sweeps.first_m[l].max(f32::MIN_POSITIVE)),
             last: s.splat(sweeps.last_m[l]),
             moving,
         }
     }
 
-    /// One layer.
+    /// One layer's voxels.
     #[inline(always)]
     pub(super) fn layer(&self, s: S, offsets: &Offsets<S>, layer: usize) -> AtEdge<S> {
         let pose_distance = s.sqrt(self.from_pose.squares(s, layer));
         let mut distance = pose_distance;
         if let Some(([x, y, z], velocity, [time_per_m, time_at_zero])) = self.moving {
-            // When points at about this range were sampled, and how far the sensor had moved by then.
+            // The time at which points at about this range were sampled, and the sensor's
+            // displacement by then.
             let time = s.mul_add(pose_distance, s.splat(time_per_m), s.splat(time_at_zero));
             let from_pose = add3(s, offsets.layer(layer), splat3(s, [x, y, z]));
             let from = sub3(s, from_pose, scale3(s, splat3(s, velocity), time));
@@ -211,11 +214,11 @@ impl<'a, S: Lanes> Edges<'a, S> {
     }
 }
 
-/// One layer's voxels as a sweep saw them, each by itself.
+/// One sweep's geometry at one layer's voxels, each separately.
 pub(super) struct AtEdge<S: Lanes> {
-    /// Distance from where the sensor was when it sampled points at about this range.
+    /// Distance from the sensor when it sampled points at about this range.
     pub distance: S::F,
-    /// Distance from the sweep's pose, and its part along the boresight.
+    /// Distance from the sweep's pose, and its component along the boresight.
     pub pose_distance: S::F,
     pub along: S::F,
     /// Which voxels lie within range and beam.
@@ -231,15 +234,15 @@ impl<S: Lanes> AtEdge<S> {
     }
 }
 
-/// Where in a table the voxels of the four layers lie: the entry before, and how far on.
+/// Table positions of the voxels of the four layers: the entry before, and the fraction beyond it.
 pub(super) type Places<S> = [(<S as Lanes>::I, <S as Lanes>::F); EDGE];
 
-/// A table's values there, linear between entries.
+/// A table's values at these positions, linear between entries.
 #[inline(always)]
 pub(super) fn read<S: Lanes>(s: S, table: &[f32], sight: &Sight, l: usize, places: &Places<S>) -> [S::F; EDGE] {
     let mut values = [s.splat(0.0); EDGE];
     if let Some((first, window)) = wide_window(table, sight, l) {
-        // One window for all lookups: it stays in registers.
+        // One window for all lookups, which stays in registers.
         let (here, next) = (s.splat_int(-first), s.splat_int(1 - first));
         for (value, &(n, rest)) in values.iter_mut().zip(places) {
             let (here, next) = (s.add_int(n, here), s.add_int(n, next));
@@ -255,19 +258,21 @@ pub(super) fn read<S: Lanes>(s: S, table: &[f32], sight: &Sight, l: usize, place
     values
 }
 
-/// The window that holds all entries that a brick needs, and its first; `None` where the brick spans too many.
+/// The window with all entries that a brick needs, and its first entry; `None` where the brick
+/// spans too many.
 #[inline(always)]
 fn wide_window<'a>(table: &'a [f32], sight: &Sight, l: usize) -> Option<(i32, &'a [f32; WIDE_WINDOW])> {
     if sight.wide >> l & 1 == 0 {
         return None;
     }
-    // Moved down where the table ends.
+    // Moved down at the end of the table.
     let first = (sight.window[l] as usize).min(table.len().checked_sub(WIDE_WINDOW)?);
     Some((first as i32, table.get(first..)?.first_chunk()?))
 }
 
-/// Sweeps at an edge of nothing, of which each voxel counts: the brick is but too large or too near for the expansion. As long as
-/// the direction from which it is seen stays the same within it, as far as the sensor's motion matters.
+/// Lanes at an edge whose voxels all count nevertheless: the brick is only too large or too near
+/// for the expansion. The direction to the sensor must be nearly constant within it, as far as the
+/// sensor's motion matters.
 #[inline(always)]
 pub(super) fn fully_visible<S: Lanes>(
     s: S,
@@ -282,19 +287,21 @@ pub(super) fn fully_visible<S: Lanes>(
     let sweeps = &stack.groups[group];
     let (distance, pose_distance) = (s.load(&sight.distance_m), s.load(&sight.pose_distance_m));
     let (radius, half) = (s.splat(shape.radius_m), s.splat(shape.half_m));
-    // Ranges: at least the tangent plane's, at most that and the bend.
+    // Ranges: at least the tangent plane's, at most that plus the curvature.
     let slack = s.mul_add(s.abs(s.sub(s.load(&sight.stretch), s.splat(1.0))), radius, s.splat(1e-5));
     let reach = s.mul_add(extent(s, load3(s, &sight.toward)), half, slack);
     let bend = s.mul(s.mul(radius, radius), s.load(&sight.half_per_m));
     let (near, far) = (s.sub(distance, reach), s.add(distance, s.add(reach, bend)));
     let mut whole = s.and(s.at_most(s.load(&sweeps.first_m), near), s.at_most(far, s.load(&sweeps.last_m)));
     whole = s.and(whole, s.at_most(s.splat(1e-3), near));
-    // Over the brick the direction turns by ρ/d, and what the motion adds to the distance by as much of itself.
+    // Over the brick the direction turns by up to ρ/d, and the motion's contribution to the
+    // distance changes by that share.
     let speed = extent(s, load3(s, &sweeps.velocity_m_per_s));
     let moved = s.mul(speed, s.mul(s.load(&sweeps.time_s_per_m), s.splat(shape.radius_m * shape.radius_m)));
     whole = s.and(whole, s.at_most(moved, s.mul(distance, s.splat(DISTANCE_ERROR_M as f32))));
     if stack.beam.cut_cos > -1.0 {
-        // What lies along the boresight, against the cut's share of the distance: the one least, the other greatest.
+        // Component along the boresight against the cut's share of the distance: the least of the
+        // former, the greatest of the latter.
         let reach = s.mul_add(extent(s, load3(s, &sweeps.forward)), half, s.splat(1e-5));
         let along = s.sub(s.mul(s.load(&sight.cos), pose_distance), reach);
         let least = s.mul(s.splat(stack.beam.cut_cos), s.add(pose_distance, s.splat(shape.radius_m + 1e-5)));
@@ -303,20 +310,20 @@ pub(super) fn fully_visible<S: Lanes>(
     s.bits(whole)
 }
 
-/// |x| + |y| + |z|: how far a box of unit halves reaches along a unit vector.
+/// |x| + |y| + |z|: the extent of a box with half-edges of 1 along a unit vector.
 #[inline(always)]
 pub(super) fn extent<S: Lanes>(s: S, [x, y, z]: [S::F; 3]) -> S::F {
     s.add(s.add(s.abs(x), s.abs(y)), s.abs(z))
 }
 
-/// Distances of a brick's voxels from a place, without expansion: |p + δ|², layer by layer.
+/// Exact distances of a brick's voxels from a point: |p + δ|², layer by layer.
 pub(super) struct Exact<S: Lanes> {
     flat: S::F,
     up: [f32; EDGE],
 }
 
 impl<S: Lanes> Exact<S> {
-    /// Of a brick whose centre lies at `from` from the place.
+    /// Of a brick whose centre lies at `from` relative to the point.
     #[inline(always)]
     pub(super) fn new(s: S, [x, y, z]: [f32; 3], offsets: &Offsets<S>, heights: [f32; EDGE]) -> Self {
         let (x, y) = (s.add(offsets.x, s.splat(x)), s.add(offsets.y, s.splat(y)));
@@ -324,14 +331,14 @@ impl<S: Lanes> Exact<S> {
         Self { flat: s.mul_add(x, x, s.mul(y, y)), up: [a * a, b * b, c * c, d * d] }
     }
 
-    /// The squares of a layer's distances.
+    /// Squared distances of a layer.
     #[inline(always)]
     pub(super) fn squares(&self, s: S, layer: usize) -> S::F {
         s.add(self.flat, s.splat(self.up[layer]))
     }
 }
 
-/// What adds up along a direction, layer by layer: (p + δ)·b.
+/// Component along a direction, layer by layer: (p + δ)·b.
 struct Along<S: Lanes> {
     flat: S::F,
     up: [f32; EDGE],
@@ -351,20 +358,21 @@ impl<S: Lanes> Along<S> {
     }
 }
 
-/// One lane of three.
+/// One lane of three vectors.
 #[inline(always)]
 pub(super) fn lane_vector(v: &[[f32; LANES]; 3], l: usize) -> [f32; 3] {
     [v[0][l], v[1][l], v[2][l]]
 }
 
-/// The brick's centre from where the sensor was when it sampled points at its range.
+/// Vector to the brick's centre from the sensor when it sampled points at its range.
 #[inline(always)]
 pub(super) fn from_sensor(sight: &Sight, l: usize) -> [f32; 3] {
     let ([x, y, z], distance) = (lane_vector(&sight.toward, l), sight.distance_m[l]);
     [x * distance, y * distance, z * distance]
 }
 
-/// All voxels within range and beam, each with its own root, in the table of every other entry.
+/// All voxels are within range and beam; each takes its own square root, in the table of every
+/// other entry.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn add_fully_visible<S: Lanes>(
@@ -394,7 +402,7 @@ fn add_fully_visible<S: Lanes>(
         let (n, rest) = (s.to_int(whole), s.sub(at, whole));
         let value = s.mul_add(rest, s.look_up_half(slopes, n), s.look_up_half(values, n));
         let value = s.mul_add(s.max(s.sub(rest, middle), zero), s.look_up_half(turns, n), value);
-        // Rounding alone leaves the table's bounds.
+        // Only rounding can leave the table's bounds.
         *sum = s.add_int(*sum, s.to_int(s.max(s.min(value, most), zero)));
     }
 }
@@ -404,7 +412,7 @@ fn half(table: &[f32], first: usize) -> Option<&[f32; HALF_WINDOW]> {
     table.get(first..)?.first_chunk()
 }
 
-/// Some voxels may be out of range or beam: each by itself.
+/// Some voxels may be out of range or beam: each is tested.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
 fn add_edge<S: Lanes>(
@@ -419,7 +427,7 @@ fn add_edge<S: Lanes>(
 ) {
     let sweeps = &stack.groups[group];
     let edges = Edges::new(s, stack, group, sight, l, offsets, heights);
-    // First where each layer's values lie, then the values: the processor waits for no single one.
+    // First all table positions, then the values, so that lookups do not wait for each other.
     let mut places = [(s.splat_int(0), s.splat(0.0)); EDGE];
     let mut counting = [s.mask(0); EDGE];
     for (layer, (place, counting)) in places.iter_mut().zip(&mut counting).enumerate() {

@@ -1,30 +1,31 @@
-//! The cubes that wait to be looked into, the most promising first: sorted into classes by their bound, since a full order
+//! Queue of cubes to be examined, approximately by falling bound: bucketed, because a full order
 //! would cost more than it saves.
 
 use super::octree_bounds::Bounds;
 
-/// Classes: sixteen for each doubling of the bound, by the first bits of its mantissa.
+/// Number of buckets: sixteen per doubling of the bound, by the first bits of its mantissa.
 const BUCKETS: usize = 128;
 const MANTISSA_BITS_DROPPED: u32 = 23 - 4;
-/// Cubes looked into side by side at most; a number, so that nothing depends on the number of threads.
+/// Greatest number of cubes examined in parallel; a constant, so that results do not depend on the
+/// number of threads.
 const BATCH: usize = 512;
 
-/// A cube that may hold a voxel at the threshold.
+/// A cube that may contain a voxel at the threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Candidate {
     pub(super) bound: i64,
-    /// Of the cube.
+    /// Index of the cube.
     pub(super) index: u32,
 }
 
 impl Candidate {
-    /// Eight, and which of them.
+    /// Index of its octet, and its number in it.
     pub(super) fn cube(&self) -> (usize, usize) {
         (self.index as usize / 8, self.index as usize % 8)
     }
 }
 
-/// The cubes of an eight that are watched and may reach the threshold.
+/// The watched cubes of an octet that may reach the threshold.
 pub(super) fn candidates_of(index: u32, eight: &Bounds, threshold: i64) -> impl Iterator<Item = Candidate> {
     (0..8).filter_map(move |n| {
         let bound = i64::from(eight.bound(n));
@@ -32,27 +33,27 @@ pub(super) fn candidates_of(index: u32, eight: &Bounds, threshold: i64) -> impl 
     })
 }
 
-/// Cubes by classes; within a class last come, first served.
+/// Cubes in buckets; within a bucket last in, first out.
 #[derive(Debug)]
 pub(super) struct PriorityBuckets {
-    /// Where the first class begins.
+    /// Lower end of the first bucket.
     threshold: i64,
     buckets: [Vec<Candidate>; BUCKETS],
 }
 
 impl PriorityBuckets {
-    /// Nobody waits.
+    /// An empty queue.
     pub(super) fn new() -> Self {
         Self { threshold: 0, buckets: [const { Vec::new() }; BUCKETS] }
     }
 
-    /// Sends all away; from now on those come that may reach a threshold.
+    /// Empties the queue and sets a new threshold.
     pub(super) fn clear(&mut self, threshold: i64) {
         self.threshold = threshold;
         self.buckets.iter_mut().for_each(Vec::clear);
     }
 
-    /// Puts a cube in, if it may reach the threshold.
+    /// Adds a cube if it may reach the threshold.
     pub(super) fn put(&mut self, promise: Candidate) {
         if promise.bound >= self.threshold {
             let bits = |bound: i64| ((bound as f32).to_bits() >> MANTISSA_BITS_DROPPED) as usize;
@@ -61,8 +62,8 @@ impl PriorityBuckets {
         }
     }
 
-    /// Takes up to so many out that may reach a threshold no lower than before, those with the greatest bounds; none when none
-    /// is left.
+    /// Removes up to `count` cubes of the greatest bucket that may reach a threshold, which must
+    /// not be lower than before; none when none is left.
     pub(super) fn pop_best(&mut self, threshold: i64, count: usize) -> Vec<Candidate> {
         let mut most = Vec::new();
         for class in self.buckets.iter_mut().rev() {
@@ -79,7 +80,7 @@ impl PriorityBuckets {
         most
     }
 
-    /// How many may reach the threshold, and the greatest bound of them.
+    /// Number of cubes that may reach the threshold, and the greatest of their bounds.
     pub(super) fn remaining(&self, threshold: i64) -> (usize, Option<i64>) {
         let bounds = self.buckets.iter().flatten().map(|promise| promise.bound).filter(|bound| *bound >= threshold);
         bounds.fold((0, None), |(count, greatest), bound| (count + 1, greatest.max(Some(bound))))

@@ -1,12 +1,14 @@
-//! A rolling image: the newest sweeps of a window over a fine grid, kept only where something is.
+//! Rolling image: a fine grid of the newest sweeps in a window, stored only where there is signal.
 //!
-//! Each new sweep is added and the one that leaves is taken out, on the bricks of voxels that may reach the threshold. All
-//! else is an octree of cubes and of bricks at rest, each with a bound that says enough until it reaches the threshold. Then
-//! a brick is caught up with, or a cube bounded afresh and, if it may still hold such a voxel, opened. Sums and bounds are
-//! whole numbers, so after any number of sweeps a sum equals a fresh one over the window, bit for bit. What is looked into is
-//! bounded for each sweep, the most promising first; what waits is carried over and counted. So the image is exact at every
-//! sweep: its voxels are those of the dense image of the window from some value on, which is the threshold while nothing
-//! waits and the greatest bound of what waits otherwise.
+//! Each new sweep is added and the oldest one subtracted, on the bricks of voxels that may reach
+//! the threshold. Everything else is an octree of closed cubes and idle bricks, each with an upper
+//! bound below the threshold. When a bound reaches the threshold, an idle brick is caught up, or a
+//! cube is bounded afresh and, if it may still contain such a voxel, opened. Sums and bounds are
+//! integers, so after any number of sweeps a sum equals a fresh one over the window, bit for bit.
+//! The work per sweep is bounded, with the greatest bounds first; the remainder is carried over and
+//! counted. The image is exact after every sweep: from some value on, its voxels are those of the
+//! dense image of the window. That value is the threshold while nothing is deferred, else the
+//! greatest deferred bound plus one step.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -28,24 +30,25 @@ use crate::Statistic;
 use crate::subaperture::MEAN_LOG_OF_NOISE;
 use crate::{Beam, Observation, SweepGeometry};
 
-/// How an image rolls.
+/// Parameters of a rolling image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RollingSettings {
     /// `ls` or `log`.
     pub statistic: Statistic,
     /// Sweeps in the window.
     pub window: usize,
-    /// Sweeps that it takes before anything is looked at.
+    /// Least number of sweeps before the image is evaluated.
     pub min_sweeps: usize,
-    /// Voxels from this share of the greatest value on are kept,
+    /// Voxels of at least this share of the peak are kept,
     pub share_of_peak: f64,
-    /// and at least this many standard deviations above what noise sums to.
+    /// and at least this many standard deviations above the mean sum of noise.
     pub min_sigma: f64,
-    /// A brick rests, and opened cubes are closed, when they fall below this share of the threshold.
+    /// A brick becomes idle, and opened cubes are closed, below this share of the threshold.
     pub drop_share: f64,
-    /// (voxel, sweep) pairs at most for catching up and opening, each sweep; a (cube, sweep) pair counts as four.
+    /// Limit per sweep of (voxel, sweep) pairs for catching up and opening; a (cube, sweep) pair
+    /// counts as four.
     pub max_opening: u64,
-    /// Bricks in memory at most, rolling and at rest: 300 bytes each.
+    /// Greatest number of bricks in memory, rolling and idle: 300 bytes each.
     pub max_bricks: usize,
     /// Noise of a sample, rms, LSB.
     pub noise_rms_lsb: f64,
@@ -67,49 +70,50 @@ impl Default for RollingSettings {
     }
 }
 
-/// What a rolling image cannot be made of.
+/// Why a rolling image cannot be created.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum RollingError {
-    /// A statistic whose sum is no sum of whole numbers.
-    #[error("{} cannot roll: use ls or log", .0.name())]
+    /// A statistic that is not a sum of integers.
+    #[error("statistic {} is not available for rolling images: use ls or log", .0.name())]
     Statistic(Statistic),
-    /// An empty window, or one that no memory holds.
-    #[error("a window of {0} sweeps cannot roll: use 1 to {MAX_WINDOW}")]
+    /// An empty window, or one too large for the memory.
+    #[error("a rolling window of {0} sweeps is not possible: use 1 to {MAX_WINDOW}")]
     Window(usize),
 }
 
-/// Sweeps in a window at most: their tables and range maxima take 40 kB each.
+/// Choice: greatest window; tables and range maxima take 40 kB per sweep.
 const MAX_WINDOW: usize = 4096;
 
-/// What was done so far.
+/// Work done so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct RollingWork {
-    /// Sweeps taken in.
+    /// Sweeps added.
     pub sweeps: u64,
-    /// Sweeps refused: numbers that are none, unknown geometry.
+    /// Sweeps refused: not finite, or of unknown geometry.
     pub refused: u64,
-    /// (voxel, sweep) pairs added or taken out.
+    /// (voxel, sweep) pairs added or subtracted.
     pub updates: u64,
     /// (cube, sweep) pairs bounded.
     pub bounds: u64,
     /// Bricks opened.
     pub opened: u64,
-    /// Bricks at rest that were caught up with.
+    /// Idle bricks caught up.
     pub caught_up: u64,
-    /// Bricks forgotten.
+    /// Bricks dropped.
     pub dropped: u64,
-    /// Cubes and bricks that waited to be looked into, summed over sweeps.
+    /// Deferred cubes and bricks, summed over sweeps.
     pub carried_over: u64,
 }
 
-/// Eights of cubes, or bricks, that one thread works on at a time.
+/// Octets of cubes, and bricks, per parallel task.
 const OCTETS_PER_TASK: usize = 512;
 const BRICKS_PER_TASK: usize = 512;
-/// Bricks that one thread sums at a time.
+/// Least number of bricks that one task sums.
 const MIN_BRICKS_PER_SUM_TASK: usize = 16;
-/// Updates that cost about as much as one bound.
+/// Cost of one bound, in updates.
 const UPDATES_PER_BOUND: u64 = 4;
-/// Of the bricks at rest, one in so many is looked at each sweep, whether it has rested too long to be caught up with.
+/// One in so many idle bricks is checked with each sweep, whether it has been idle too long to be
+/// caught up.
 const IDLE_SCAN_SWEEPS: usize = 32;
 
 /// The image.
@@ -118,36 +122,38 @@ pub struct RollingImage {
     settings: RollingSettings,
     grid: BrickGrid,
     shape: BrickShape,
-    /// The window's sweeps, sweep n in slot n modulo the number of slots.
+    /// The window's sweeps: sweep n in slot n modulo the number of slots.
     stack: SweepStack,
     maxima: RangeMaxima,
-    /// Sweeps that left last, for bricks that still hold them: the n-th that left in slot n modulo the number of slots.
+    /// Sweeps removed last, for bricks that still include them: the n-th removed one in slot n
+    /// modulo the number of slots.
     departed: SweepStack,
     /// All groups of the window with all their lanes.
     every_slot: Vec<(usize, u16)>,
-    /// The root alone in the first, then in no order that matters.
+    /// The first contains only the root; the order of the others is irrelevant.
     octets: Vec<Octet>,
     bounds: Vec<Bounds>,
-    /// Eights that wait to be used again.
+    /// Unused octets.
     free_octets: Vec<u32>,
-    /// The first `rolling` hold all sweeps of the window, the rest as many as had come when they were laid to rest.
+    /// The first `rolling` include all sweeps of the window, the others those up to when they
+    /// became idle.
     bricks: Vec<Brick>,
     sums: Vec<Sums>,
     rolling: usize,
-    /// The brick at rest to be looked at next.
+    /// The next idle brick to be checked.
     idle_cursor: usize,
     threshold: i64,
-    /// No voxel from this sum on is missing.
+    /// No voxel with at least this sum is missing.
     exact_from: i64,
     queue: PriorityBuckets,
     work: RollingWork,
 }
 
 impl RollingImage {
-    /// Nothing in the window yet. `geometries`: of all sweeps that will come.
+    /// An empty window. `geometries`: those of all sweeps to come.
     ///
     /// # Errors
-    /// A statistic that cannot roll, a window that is none.
+    /// A statistic that cannot roll, or a window outside 1 to 4096.
     pub fn new(
         settings: RollingSettings,
         beam: &Beam,
@@ -161,11 +167,11 @@ impl RollingImage {
             return Err(RollingError::Window(settings.window));
         }
         let step = ls_step(settings.noise_rms_lsb, 0.0);
-        // One slot more than the window: the new sweep comes before the old one goes.
+        // One slot more than the window: the new sweep is added before the old one is removed.
         let slots = settings.window + 1;
         let stack_of = |slots| SweepStack::new(settings.statistic, beam, geometries, grid.middle_m(), slots, step);
         let mut stack = stack_of(slots);
-        // Sums of bounds, rounded up, still fit 32 bit.
+        // Sums of rounded-up bounds then still fit 32 bits.
         stack.limit_steps((f64::from(i32::MAX / slots as i32) * 0.9999) as i32 - 4);
         let departed = stack_of(max_missed_sweeps(&settings) as usize);
         Ok(Self {
@@ -190,10 +196,10 @@ impl RollingImage {
         })
     }
 
-    /// Takes a sweep in, and the oldest one out when the window is full.
+    /// Adds a sweep, and removes the oldest one when the window is full.
     ///
     /// # Errors
-    /// A sweep that cannot be used; it is counted and changes nothing.
+    /// An unusable sweep; it is counted and changes nothing.
     pub fn push(&mut self, observation: &Observation) -> Result<(), SweepRefusal> {
         let number = self.work.sweeps + 1;
         let new = slot(number, self.settings.window + 1);
@@ -221,7 +227,7 @@ impl RollingImage {
         Ok(())
     }
 
-    /// How many sweeps had left when sweep `number` had come.
+    /// Number of sweeps removed by the time sweep `number` was added.
     fn departed_count(&self, number: u64) -> u64 {
         number.saturating_sub(self.settings.window as u64)
     }
@@ -230,7 +236,7 @@ impl RollingImage {
         (self.work.sweeps - self.departed_count(self.work.sweeps)) as usize
     }
 
-    /// Adds one sweep to every rolling brick and takes another out; returns the greatest sum.
+    /// Adds one sweep to every rolling brick and subtracts another; returns the greatest sum.
     fn roll(&mut self, new: usize, old: Option<usize>) -> i32 {
         let (stack, shape, number) = (&self.stack, self.shape, self.work.sweeps);
         let bricks = self.bricks[..self.rolling].par_chunks_mut(BRICKS_PER_TASK);
@@ -241,10 +247,10 @@ impl RollingImage {
         greatest
     }
 
-    /// The share of the peak, but no lower than what noise may reach.
+    /// The share of the peak, at least the level that noise may reach.
     fn threshold_for(&self, greatest: i32) -> i64 {
         let sweeps = self.in_window() as f64;
-        // Mean and spread of one sweep's term under noise: |z|²/σ² is exponential.
+        // Mean and standard deviation of one sweep's term under noise: |z|²/σ² is exponential.
         let (mean, spread) = match self.settings.statistic {
             Statistic::Log => (MEAN_LOG_OF_NOISE, 0.5),
             _ => (self.settings.noise_rms_lsb.powi(2), self.settings.noise_rms_lsb.powi(2)),
@@ -254,12 +260,12 @@ impl RollingImage {
         floor.max(share).max(1.0) as i64
     }
 
-    /// What falls below this need not be followed from sweep to sweep.
+    /// Sums below this need no rolling.
     fn drop_below(&self) -> i64 {
         (self.threshold as f64 * self.settings.drop_share) as i64
     }
 
-    /// Rolling bricks that are too low now rest.
+    /// Makes rolling bricks idle that are too low now.
     fn move_low_bricks_to_idle(&mut self) {
         let limit = self.drop_below();
         for brick in (0..self.rolling).rev() {
@@ -285,7 +291,8 @@ impl RollingImage {
         }
     }
 
-    /// Some bricks at rest in turn: those that it would cost more to catch up with than to sum afresh go. Their bounds stay.
+    /// Checks some idle bricks in turn and drops those that would cost more to catch up than to sum
+    /// afresh. Their bounds remain.
     fn drop_stale_idle_bricks(&mut self) {
         for _ in 0..(self.bricks.len() - self.rolling).div_ceil(IDLE_SCAN_SWEEPS) {
             let at = self.next_idle();
@@ -297,7 +304,7 @@ impl RollingImage {
         }
     }
 
-    /// The brick at rest whose turn it is.
+    /// The idle brick to be checked next.
     fn next_idle(&mut self) -> usize {
         if !(self.rolling..self.bricks.len()).contains(&self.idle_cursor) {
             self.idle_cursor = self.rolling;
@@ -305,7 +312,7 @@ impl RollingImage {
         self.idle_cursor
     }
 
-    /// Drops a brick at rest, but not its bound.
+    /// Drops an idle brick, but not its bound.
     fn drop_brick(&mut self, brick: usize) {
         let cube = self.bricks[brick].cube as usize;
         self.swap_bricks(brick, self.bricks.len() - 1);
@@ -315,8 +322,8 @@ impl RollingImage {
         self.work.dropped += 1;
     }
 
-    /// Adds one sweep's bounds to every cube and takes another's out, and closes cubes that are hopeless; returns those that
-    /// may hold a voxel at the threshold.
+    /// Adds one sweep's bounds to every cube and subtracts another's, and closes cubes far below
+    /// the threshold; returns those that may contain a voxel at the threshold.
     fn roll_cubes(&mut self, new: usize, old: Option<usize>) -> Vec<Candidate> {
         let (stack, maxima, threshold, limit) = (&self.stack, &self.maxima, self.threshold, self.drop_below());
         let octets = &self.octets;
@@ -343,7 +350,7 @@ impl RollingImage {
         promising
     }
 
-    /// Eight cubes become the one again that they fill.
+    /// Replaces eight cubes by the larger one that they fill.
     fn close(&mut self, eight: usize) {
         let parent = std::mem::replace(&mut self.octets[eight].parent, CLOSED) as usize;
         self.bounds[eight].retire();
@@ -352,9 +359,10 @@ impl RollingImage {
         self.bounds[parent / 8].watch(parent % 8, None);
     }
 
-    /// Looks into what may hold a voxel at the threshold, the most promising first, as far as the work allows.
+    /// Examines candidates for voxels at the threshold, greatest bounds first, within the work
+    /// limit.
     fn refine_candidates(&mut self, promising: Vec<Candidate>) {
-        // Apart from the rest while that changes.
+        // Taken out while the rest is modified.
         let mut queue = std::mem::replace(&mut self.queue, PriorityBuckets::new());
         queue.clear(self.threshold);
         promising.into_iter().for_each(|promise| queue.put(promise));
@@ -393,7 +401,8 @@ impl RollingImage {
         self.queue = queue;
     }
 
-    /// A brick's sums over the window, from what they were if it is at rest, and the updates that it took.
+    /// A brick's sums over the window, updated from its old sums if it is idle, and the updates
+    /// that took.
     fn sums_of(&self, (e, n): (usize, usize)) -> (Sums, u64) {
         let sum = |stack, center, slots: &[_]| AddPower { stack, shape: self.shape, center, slots }.sums();
         let at_rest = (self.octets[e].children[n] != CLOSED).then(|| self.octets[e].children[n] as usize);
@@ -417,7 +426,8 @@ impl RollingImage {
         }
     }
 
-    /// The eight cubes within each of some cubes, their bounds over the window, and how many (cube, sweep) pairs that took.
+    /// The eight cubes within each of some cubes, their bounds over the window, and the (cube,
+    /// sweep) pairs that took.
     fn open_cubes(&self, cubes: &[(usize, usize)]) -> (Vec<Octet>, Vec<Bounds>, u64) {
         let open = |&(e, n): &(usize, usize)| {
             let place = self.octets[e].cube_index(n);
@@ -428,7 +438,7 @@ impl RollingImage {
         (octets, bounds, pairs)
     }
 
-    /// The bounds of cubes, summed afresh over the window.
+    /// Bounds of cubes, summed afresh over the window.
     fn bounded(&self, octets: &[Octet]) -> (Vec<Bounds>, u64) {
         let numbers = self.departed_count(self.work.sweeps) + 1..self.work.sweeps + 1;
         let all: Vec<usize> = numbers.map(|number| slot(number, self.settings.window + 1)).collect();
@@ -473,7 +483,7 @@ impl RollingImage {
         self.rolling += 1;
     }
 
-    /// Room for one more brick, at rest.
+    /// Allocates an idle brick.
     fn new_brick(&mut self, (e, n): (usize, usize)) -> usize {
         if self.bricks.len() >= self.settings.max_bricks && self.bricks.len() > self.rolling {
             let oldest = self.next_idle();
@@ -499,7 +509,7 @@ impl RollingImage {
         self.bounds.append(&mut bounds);
     }
 
-    /// The voxels of rolling bricks with their sums: index into a volume's values and sum.
+    /// The voxels of rolling bricks: index into a volume's values, and sum.
     fn rolling_voxels(&self, least: i64) -> impl Iterator<Item = (usize, i64)> {
         let rolling = self.bricks[..self.rolling].iter().zip(&self.sums);
         let high = rolling.filter(move |(brick, _)| i64::from(brick.greatest) >= least);
@@ -511,7 +521,8 @@ impl RollingImage {
         })
     }
 
-    /// The voxels that are [exact](Self::exact_from): index into a volume's values and value, by rising index.
+    /// The voxels that are [exact](Self::exact_from): index into a volume's values, and value, by
+    /// rising index.
     pub fn voxels(&self) -> Vec<(usize, f32)> {
         let above = self.rolling_voxels(self.exact_from).map(|(index, sum)| (index, self.stack.value_of(sum)));
         let mut voxels: Vec<(usize, f32)> = above.collect();
@@ -519,8 +530,9 @@ impl RollingImage {
         voxels
     }
 
-    /// The greatest voxel's centre and value, the first of equals; `None` when nothing known reaches the threshold. While
-    /// much waits a greater one may not be found yet: when the value is below [`exact_from`](Self::exact_from).
+    /// Centre and value of the greatest voxel, the first of equals; `None` when nothing known
+    /// reaches the threshold. While work is deferred, a greater one may not be found yet: this is
+    /// the case when the value is below [`exact_from`](Self::exact_from).
     pub fn peak(&self) -> Option<(DVec3, f32)> {
         let greatest = self.bricks[..self.rolling].iter().map(|brick| i64::from(brick.greatest)).max()?;
         let (index, sum) = self.rolling_voxels(greatest.max(self.threshold)).min()?;
@@ -529,28 +541,28 @@ impl RollingImage {
         Some((self.grid.origin_m + DVec3::from_array(voxel) * self.grid.voxel_m, self.stack.value_of(sum)))
     }
 
-    /// From which value of the statistic on voxels are to be kept.
+    /// Least value of the statistic at which voxels are to be kept.
     pub fn threshold(&self) -> f32 {
         self.stack.value_of(self.threshold)
     }
 
-    /// From which value on the voxels are those of the dense image, none missing: the threshold, or more while something
-    /// waits to be looked into. Infinite before so many sweeps have come that anything is looked at.
+    /// Value from which on the voxels are those of the dense image, without exception: the
+    /// threshold, or more while work is deferred. Infinite before the least number of sweeps.
     pub fn exact_from(&self) -> f32 {
         if self.exact_from == i64::MAX { f32::INFINITY } else { self.stack.value_of(self.exact_from) }
     }
 
-    /// Whether nothing waits to be looked into.
+    /// Whether no work is deferred.
     pub fn is_complete(&self) -> bool {
         self.exact_from == self.threshold
     }
 
-    /// What was done so far.
+    /// Work done so far.
     pub fn work(&self) -> RollingWork {
         self.work
     }
 
-    /// What is kept.
+    /// Number of cubes and bricks.
     pub fn kept(&self) -> RollingSize {
         RollingSize {
             cubes: (self.octets.len() - self.free_octets.len()) * 8,
@@ -565,33 +577,35 @@ impl RollingImage {
     }
 }
 
-/// What a rolling image keeps.
+/// Size of a rolling image.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct RollingSize {
     /// Cubes of the octree.
     pub cubes: usize,
-    /// Bricks that follow every sweep.
+    /// Bricks updated with every sweep.
     pub rolling_bricks: usize,
-    /// Bricks that are caught up with when they may reach the threshold again.
+    /// Idle bricks, caught up when they may reach the threshold again.
     pub idle_bricks: usize,
 }
 
-/// Sweeps that a brick may have missed and still be caught up with: more cost as much as all of the window.
+/// Greatest number of sweeps that a brick may have missed to be caught up; beyond it, catching up
+/// costs as much as the whole window.
 fn max_missed_sweeps(settings: &RollingSettings) -> u64 {
     (settings.window as u64 / 2).max(1)
 }
 
-/// Cubes that one thread opens at a time: many spare it fetching every sweep's range maxima again, few keep all threads busy.
+/// Cubes per parallel task: more per task fetch each sweep's range maxima less often, fewer keep
+/// all threads busy.
 fn cubes_per_task(cubes: usize) -> usize {
     (cubes / 16).clamp(8, 64)
 }
 
-/// Where the sweep with a number is.
+/// Slot of a sweep, by its number.
 fn slot(number: u64, slots: usize) -> usize {
     (number % slots as u64) as usize
 }
 
-/// Slots of sweeps with these numbers, as groups with masks of their lanes.
+/// Slots of the sweeps with these numbers, as groups with masks of their lanes.
 fn lanes_of(numbers: Range<u64>, slots: usize) -> Vec<(usize, u16)> {
     let mut groups: Vec<(usize, u16)> = Vec::new();
     for slot in numbers.map(|number| slot(number, slots)) {
@@ -619,7 +633,8 @@ mod tests {
         RollingSettings { statistic, window: 40, min_sweeps: 20, ..Default::default() }
     }
 
-    /// A moving sensor before a reflector that jumps halfway, with bursts of 10⁴ times the amplitude.
+    /// A moving sensor in front of a reflector that jumps halfway, with bursts of 10⁴ times the
+    /// amplitude.
     fn observations(seed: u64) -> Vec<Observation> {
         let path = |t: f64| winding(3.0 * t) * 1.5;
         let mut all = sweeps(3.0, path, &[(Echo::Point(AT), 12.0)], seed);

@@ -1,9 +1,10 @@
-//! Adaptive search: the voxels above a threshold, with exactly the values that the dense computation has, from a small part
-//! of its work.
+//! Adaptive search: the voxels above a threshold, with exactly the values of the dense computation,
+//! at a small part of its cost.
 //!
-//! Branch and bound over an octree whose leaves are bricks. The cube that promises most is opened first; what cannot reach
-//! the threshold any more is never looked into. A child's bound is summed group by group of sweeps, and given up as soon as
-//! what its parent allows for the rest cannot reach the threshold.
+//! Branch and bound over an octree whose leaves are bricks. The cube with the greatest bound is
+//! opened first; cubes that cannot reach the threshold any more are never opened. A child's bound
+//! is summed group by group of sweeps, and abandoned as soon as the parent's bound for the
+//! remaining groups cannot reach the threshold.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -19,25 +20,25 @@ use super::lanes::{LANES, Lanes};
 use super::sweep_stack::SweepStack;
 use crate::Volume;
 
-/// From which value on voxels are wanted.
+/// Least value of the voxels wanted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Threshold {
     /// This value.
     Value(f32),
-    /// This share of the greatest value (above 0, at most 1).
+    /// A share of the greatest value (above 0, at most 1).
     ShareOfPeak(f32),
 }
 
-/// What a search took, in (place, sweep) pairs.
+/// Work of a search, in (point, sweep) pairs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct SearchWork {
-    /// Voxels summed.
+    /// Voxel updates.
     pub updates: u64,
-    /// Cubes bounded.
+    /// Cube bounds.
     pub bounds: u64,
     /// Bricks summed.
     pub bricks: u64,
-    /// Updates that a dense volume has.
+    /// Updates of a dense volume.
     pub dense_updates: u64,
 }
 
@@ -51,16 +52,16 @@ impl SearchWork {
 /// The voxels at or above the threshold.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
-    /// Index into a volume's values and the value, by rising index.
+    /// Index into a volume's values, and value, by rising index.
     pub voxels: Vec<(usize, f32)>,
     /// The threshold as a value.
     pub threshold: f32,
-    /// What it took.
+    /// Work of the search.
     pub work: SearchWork,
 }
 
 impl Found {
-    /// The greatest value, the first of equals; `None` when nothing is above the threshold.
+    /// The greatest value, the first of equals; `None` when nothing reaches the threshold.
     pub fn peak(&self) -> Option<(usize, f32)> {
         self.voxels.iter().copied().reduce(|best, v| if v.1 > best.1 { v } else { best })
     }
@@ -73,17 +74,18 @@ impl Found {
     }
 }
 
-/// Cubes opened side by side; a number, so that the work does not depend on the number of threads.
+/// Cubes opened in parallel; a constant, so that the work does not depend on the number of threads.
 const BATCH: usize = 64;
 
-/// A cube of 2^level bricks; greater bounds come first, of equals the one nearer to the origin.
+/// A cube of 2^level bricks, ordered by bound; of equals, lower levels and positions come first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Cube {
     bound: i64,
     at: Reverse<(u32, [usize; 3])>,
 }
 
-/// All voxels of a grid whose value is at least the threshold. Same set and same values as [`super::dense_volume`] has.
+/// All voxels of a grid with at least the threshold's value: the same set and values as
+/// [`super::dense_volume`].
 pub fn search(stack: &SweepStack, grid: &BrickGrid, threshold: Threshold) -> Found {
     let maxima = RangeMaxima::of(stack);
     let searcher = Searcher { stack, grid, maxima: &maxima, bricks: Bricks::new(stack, grid) };
@@ -112,7 +114,7 @@ pub fn search(stack: &SweepStack, grid: &BrickGrid, threshold: Threshold) -> Fou
     Found { voxels, threshold: limit, work }
 }
 
-/// The smallest positive value at least: a voxel that no sweep sees is never wanted.
+/// At least the smallest positive value: a voxel that no sweep sees is never wanted.
 fn limit_of(threshold: Threshold, best: f32) -> f32 {
     let limit = match threshold {
         Threshold::Value(value) => value,
@@ -128,7 +130,7 @@ struct Searcher<'a> {
     bricks: Bricks<'a>,
 }
 
-/// What came of a cube.
+/// Result of opening a cube.
 #[derive(Default)]
 struct Opened {
     children: Vec<Cube>,
@@ -137,7 +139,7 @@ struct Opened {
 }
 
 impl Searcher<'_> {
-    /// The cube around everything.
+    /// The cube around the whole grid.
     fn root(&self, limit: f32, work: &mut SearchWork) -> Option<Cube> {
         let most = self.grid.bricks().into_iter().max().unwrap_or(1);
         let level = most.next_power_of_two().ilog2();
@@ -163,8 +165,8 @@ impl Searcher<'_> {
         opened
     }
 
-    /// A brick's values, unless none can reach the limit, and the updates. Whole numbers are summed group by group and given
-    /// up as soon as what the rest can add does not suffice for any voxel.
+    /// A brick's values, unless none can reach the limit, and the updates. Integers are summed
+    /// group by group and abandoned as soon as the remaining bounds do not suffice for any voxel.
     fn brick(&self, at: [usize; 3], limit: f32, rest: &[i64]) -> (Option<[f32; VOXELS]>, u64) {
         if !self.stack.sums_whole_numbers() {
             let (values, updates) = self.bricks.values(at);
@@ -190,7 +192,7 @@ impl Searcher<'_> {
         Some(Cube { bound: bound?, at: Reverse((level, at)) })
     }
 
-    /// What the sweeps from each group on can add within a cube at most.
+    /// `[group]`: upper bound of what the sweeps from that group on can add within a cube.
     fn remaining_bounds(&self, level: u32, at: [usize; 3], bounds: &mut u64) -> Vec<i64> {
         let Some(of) = VoxelBox::of(self.grid, self.stack.origin_m(), level, at) else { return Vec::new() };
         *bounds += self.stack.sweeps() as u64;
@@ -203,19 +205,19 @@ impl Searcher<'_> {
     }
 }
 
-/// The sum of all sweeps' bounds for a box; given up when it cannot reach the limit.
+/// Sum of all sweeps' bounds for a box; abandoned when it cannot reach the limit.
 #[derive(Clone)]
 struct BoundBox<'a> {
     stack: &'a SweepStack,
     maxima: &'a RangeMaxima,
     of: VoxelBox,
-    /// What the groups from each on can add at most.
+    /// `[group]`: upper bound of what the groups from there on can add.
     rest: Option<&'a [i64]>,
     limit: f32,
 }
 
 impl Kernel for BoundBox<'_> {
-    /// The bound, and how many groups of sweeps it took.
+    /// The bound, and the number of groups processed.
     type Out = (Option<i64>, usize);
 
     #[inline(always)]

@@ -1,10 +1,11 @@
-//! Sweeps as kernels want them: sixteen side by side, places relative to one origin, and for each sweep its tables over
-//! range.
+//! Sweeps prepared for kernels: sixteen in lanes, positions relative to one origin, and tables over
+//! range for each sweep.
 //!
-//! A table holds what the statistic needs as a function of range alone (fast time), in steps of at most 5 mm and a sixteenth
-//! of the pulse, with the slope to the next entry beside it: linear interpolation of |z|² is then within 0.3 % of its peak
-//! (0.1 % for profiles 3 to 5). What sums whole numbers (`ls`, `log`) is scaled so that a step of 1 is a small part of the noise. A stack has slots that can be filled again, so that a
-//! window of sweeps can roll.
+//! A table holds what the statistic needs as a function of range alone (fast time), in steps of at
+//! most 5 mm and a sixteenth of the pulse, together with the slope to the next entry. Linear
+//! interpolation of |z|² is then within 0.3 % of its peak (0.1 % for profiles 3 to 5). Integer
+//! statistics (`ls`, `log`) are scaled so that a step of 1 is a small part of the noise. A stack
+//! has slots that can be refilled, so that a window of sweeps can roll.
 
 use std::sync::Arc;
 
@@ -22,39 +23,40 @@ use crate::{RangeCompressor, Statistic, sweep_noise_rms};
 
 /// Widest step of the tables, metres.
 const TABLE_STEP_M: f64 = 0.005;
-/// Table steps in a pulse's width, at least: |z|² is as wide as the pulse, and a Gaussian's chord over such a step lies at
-/// most (2.355 / 16)² / 8 of its height below it.
+/// Least number of table steps per pulse width. |z|² is as wide as the pulse, and over such a step
+/// a Gaussian's chord lies at most (2.355 / 16)² / 8 of its height below it.
 const STEPS_PER_PULSE: f64 = 16.0;
-/// Greatest sample that is taken for one, LSB: the converter ends at 2¹⁵, and squares stay numbers in f32 far beyond.
+/// Greatest sample accepted, LSB. The converter ends at 2¹⁵, and squares stay finite in f32 far
+/// beyond.
 const MAX_SAMPLE_LSB: f32 = 1e9;
-/// `log` counts in parts of this size.
+/// Step of `log`.
 const LOG_STEP: f64 = 1.0 / 4096.0;
-/// Sweeps whose tables one task makes, at least.
+/// Least number of sweeps whose tables one task computes.
 const SWEEPS_AT_ONCE: usize = 4;
-/// So that a half window from any entry on lies within the tables of short axes too.
+/// Ensures that a half window from any entry on lies within the tables of short axes too.
 const MIN_STRIDE: usize = 96;
 /// Greatest value of an entry, in steps: one sweep alone never overflows.
 const MAX_STEPS: f32 = (1 << 30) as f32;
 
-/// A sweep that no sum takes in.
+/// Why a sweep is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum SweepRefusal {
     /// A sample, the pose or the velocity is NaN or infinite.
-    #[error("the sweep has a number that is not finite")]
+    #[error("the sweep contains a value that is not finite")]
     NotFinite,
-    /// A sample that no converter gives; its square would leave f32.
+    /// A sample beyond any converter's range; its square could overflow f32.
     #[error("the sweep has a sample beyond {MAX_SAMPLE_LSB} LSB")]
     TooLarge,
     /// More or fewer samples than its axis has points.
     #[error("the sweep has {samples} samples, its axis {points} points")]
     WrongLength {
-        /// Samples given.
+        /// Number of samples in the sweep.
         samples: usize,
-        /// Points expected.
+        /// Number of points on its axis.
         points: usize,
     },
-    /// The stack was not made for sweeps of this geometry.
-    #[error("the sweep's range axis is not one of those that the image was made for")]
+    /// The stack was not created for sweeps of this geometry.
+    #[error("the sweep's range axis is not one of those for which the image was created")]
     UnknownGeometry,
 }
 
@@ -71,7 +73,7 @@ pub(super) struct Group {
     pub last_m: [f32; LANES],
     /// Table entries per metre.
     pub entries_per_m: [f32; LANES],
-    /// Points of the axis per metre, and table entries from one to the next.
+    /// Points of the axis per metre, and table entries per point.
     pub points_per_m: [f32; LANES],
     pub entries_per_point: [i32; LANES],
     /// A point at range d is sampled `d · time_s_per_m + time_at_zero_s` after the pose's time.
@@ -94,12 +96,12 @@ impl Group {
     };
 }
 
-/// A geometry with its filter and falloff tables.
+/// A geometry with its filter and falloff table.
 #[derive(Debug, Clone)]
 struct Axis {
     geometry: Arc<SweepGeometry>,
     compressor: RangeCompressor,
-    /// D at each entry; held below one step, where it would go to infinity.
+    /// D at each entry; held constant below one step, where it would diverge.
     falloff: Vec<f32>,
 }
 
@@ -110,7 +112,7 @@ pub struct SweepStack {
     origin_m: DVec3,
     pub(super) beam: Arc<BeamTable>,
     axes: Vec<Axis>,
-    /// What one step of a summed whole number is worth (`ls`, `log`).
+    /// Value of one step of an integer sum (`ls`, `log`).
     step: f64,
     /// Greatest value of a table's entry, in steps.
     most_steps: f32,
@@ -119,12 +121,12 @@ pub struct SweepStack {
     pub(super) planes: usize,
     pub(super) stride: usize,
     tables: Vec<f32>,
-    /// Greatest whole number that each slot can add to a place.
+    /// Greatest integer that each slot can add to a voxel.
     greatest: Vec<i64>,
 }
 
-/// What one step of `ls` is worth, LSB²: a power of two, a 64th to a 128th of the noise's power, unless samples of the
-/// given size would not fit then.
+/// Value of one step of `ls`, LSB²: a power of two, 1/128 to 1/64 of the noise power, or more if
+/// samples of the given size would not fit otherwise.
 pub fn ls_step(noise_rms_lsb: f64, greatest_sample_lsb: f64) -> f64 {
     let fine = math::exp2(math::log2((noise_rms_lsb * noise_rms_lsb / 64.0).max(1e-12)).floor());
     // |z|² is at most (Σ E)²/Σ E² times the greatest |x|²: 21 on a 10 mm axis, 84 on a 2.5 mm one.
@@ -135,8 +137,8 @@ pub fn ls_step(noise_rms_lsb: f64, greatest_sample_lsb: f64) -> f64 {
 }
 
 impl SweepStack {
-    /// Room for `slots` sweeps of the given geometries, none filled yet. `step`: of `ls` (see [`ls_step`]), ignored by the
-    /// other statistics.
+    /// Allocates `slots` empty slots for sweeps of the given geometries. `step`: value of one step
+    /// of `ls` (see [`ls_step`]), ignored by the other statistics.
     pub fn new(
         statistic: Statistic,
         beam: &Beam,
@@ -181,7 +183,8 @@ impl SweepStack {
         }
     }
 
-    /// All the sweeps that can be used, and how many cannot. The step of `ls` follows the median noise of nine of them.
+    /// A stack of all usable sweeps, and the number of unusable ones. The step of `ls` follows from
+    /// the median noise of up to nine of them.
     pub fn of(statistic: Statistic, beam: &Beam, observations: &[Observation], origin_m: DVec3) -> (Self, usize) {
         Self::of_beam(statistic, BeamTable::of(beam), observations, origin_m)
     }
@@ -203,8 +206,9 @@ impl SweepStack {
         (stack, refused)
     }
 
-    /// The same as [`SweepStack::of`] with this stack's statistic and beam, in the memory that it has: for as many sweeps of
-    /// the same geometries nothing is allocated or computed anew but their tables. How many sweeps cannot be used.
+    /// Like [`SweepStack::of`], with this stack's statistic and beam, in its memory: for as many
+    /// sweeps of the same geometries only their tables are computed, and nothing is allocated.
+    /// Returns the number of unusable sweeps.
     pub fn refill(&mut self, observations: &[Observation], origin_m: DVec3) -> usize {
         let known = |o: &Observation| self.axes.iter().any(|axis| Arc::ptr_eq(&axis.geometry, &o.geometry));
         if observations.len().div_ceil(LANES) != self.groups.len() || !observations.iter().all(known) {
@@ -218,37 +222,37 @@ impl SweepStack {
         self.fill_all(observations)
     }
 
-    /// Holds sweeps filled in from now on to so many steps at a place.
+    /// Limits the contribution of sweeps filled in from now on to so many steps per voxel.
     pub(super) fn limit_steps(&mut self, most_steps: i32) {
         self.most_steps = (most_steps as f32).min(MAX_STEPS);
     }
 
-    /// Which sum.
+    /// The statistic.
     pub fn statistic(&self) -> Statistic {
         self.statistic
     }
 
-    /// What places are relative to, tracking frame, metres.
+    /// Origin of kernel positions, tracking frame, metres.
     pub fn origin_m(&self) -> DVec3 {
         self.origin_m
     }
 
-    /// What one step of a summed whole number is worth.
+    /// Value of one step of an integer sum.
     pub fn step(&self) -> f64 {
         self.step
     }
 
-    /// Whether it sums whole numbers of steps (`ls`, `log`).
+    /// Whether its sums are integers in steps (`ls`, `log`).
     pub fn sums_whole_numbers(&self) -> bool {
         matches!(self.statistic, Statistic::Ls | Statistic::Log)
     }
 
-    /// A sum of steps as the statistic's value.
+    /// Converts a sum of steps to the statistic's value.
     pub(super) fn value_of(&self, sum: i64) -> f32 {
         (sum as f64 * self.step) as f32
     }
 
-    /// Slots in all.
+    /// Total number of slots.
     pub fn slots(&self) -> usize {
         self.filled.len()
     }
@@ -258,12 +262,12 @@ impl SweepStack {
         self.filled[slot]
     }
 
-    /// Sweeps in it.
+    /// Number of sweeps in it.
     pub fn sweeps(&self) -> usize {
         self.filled.iter().filter(|filled| **filled).count()
     }
 
-    /// Values of one plane of a slot's tables, then, `stride` further on, their slopes.
+    /// Values of one plane of a slot's tables and, `stride` further on, their slopes.
     #[inline(always)]
     pub(super) fn table(&self, slot: usize, plane: usize) -> &[f32] {
         let at = (slot * self.planes + plane) * 2 * self.stride;
@@ -276,7 +280,7 @@ impl SweepStack {
         self.table(slot, 1)
     }
 
-    /// Greatest whole number that a slot can add to a place; 0 when empty.
+    /// Greatest integer that a slot can add to a voxel; 0 when empty.
     pub(super) fn greatest(&self, slot: usize) -> i64 {
         self.greatest[slot]
     }
@@ -284,7 +288,8 @@ impl SweepStack {
     /// Puts a sweep into a slot.
     ///
     /// # Errors
-    /// Numbers that are not finite, a wrong length, an unknown geometry: the slot is then empty.
+    /// Numbers that are not finite, samples that are too large, a wrong length, or an unknown
+    /// geometry. The slot is then empty.
     pub fn fill(&mut self, slot: usize, observation: &Observation) -> Result<(), SweepRefusal> {
         self.empty(slot);
         let axis = check(observation, extent(observation), &self.axes)?;
@@ -295,8 +300,9 @@ impl SweepStack {
         Ok(())
     }
 
-    /// Fills an empty stack on all cores; how many sweeps are refused. Neighbours in time go to different groups, so that each
-    /// group of sixteen has seen the whole motion: bounds over the first groups then say most.
+    /// Fills an empty stack on all cores; returns the number of refused sweeps. Neighbours in time
+    /// go to different groups, so that each group of sixteen covers the whole motion. Bounds over
+    /// the first groups are then tighter.
     fn fill_all(&mut self, observations: &[Observation]) -> usize {
         let extents: Vec<Extent> = observations.iter().map(extent).collect();
         let check = |(o, extent): (&Observation, &Extent)| check(o, *extent, &self.axes).ok();
@@ -327,7 +333,7 @@ impl SweepStack {
         axes.iter().filter(|axis| axis.is_none()).count()
     }
 
-    /// Numbers of all tables of a slot.
+    /// Number of values in all tables of a slot.
     fn table_len(&self) -> usize {
         self.planes * 2 * self.stride
     }
@@ -342,7 +348,7 @@ impl SweepStack {
         self.filled[slot] = true;
     }
 
-    /// Puts the sweep in another stack's slot, which is made for the same sweeps, into one of this one's.
+    /// Copies a slot of another stack, created for the same sweeps, into a slot of this one.
     pub(super) fn copy_slot(&mut self, slot: usize, other: &Self, from: usize) {
         let long = self.table_len();
         self.tables[slot * long..][..long].copy_from_slice(&other.tables[from * long..][..long]);
@@ -351,7 +357,7 @@ impl SweepStack {
         self.filled[slot] = other.filled[from];
     }
 
-    /// Takes a sweep out.
+    /// Removes a sweep.
     pub fn empty(&mut self, slot: usize) {
         let (group, l) = (&mut self.groups[slot / LANES], slot % LANES);
         (group.first_m[l], group.last_m[l]) = (f32::MAX, f32::MIN);
@@ -360,7 +366,7 @@ impl SweepStack {
     }
 }
 
-/// Makes the tables of one sweep.
+/// Computes the tables of one sweep.
 #[derive(Debug, Clone, Copy)]
 struct TableMaker {
     statistic: Statistic,
@@ -370,7 +376,7 @@ struct TableMaker {
 }
 
 impl TableMaker {
-    /// The greatest entry where they are whole numbers.
+    /// Returns the greatest entry for integer statistics, else 0.
     fn write(self, axis: &Axis, observation: &Observation, tables: &mut [f32], room: &mut CompressionScratch) -> i64 {
         let samples = &observation.samples;
         match self.statistic {
@@ -450,14 +456,14 @@ impl Kernel for WriteTables<'_> {
     }
 }
 
-/// |x|, whose square need not fit f32.
+/// |x|, even where its square does not fit f32.
 #[inline(always)]
 fn magnitude(x: &Complex32) -> f32 {
     let (re, im) = (f64::from(x.re), f64::from(x.im));
     (re * re + im * im).sqrt() as f32
 }
 
-/// A plane of products, linear from entry to entry.
+/// A plane of products, linear between entries.
 #[inline(always)]
 fn multiply(plane: &mut [f32], a: &[f32], b: &[f32]) {
     for ((to, a), b) in plane.iter_mut().zip(a).zip(b) {
@@ -466,7 +472,7 @@ fn multiply(plane: &mut [f32], a: &[f32], b: &[f32]) {
     write_slopes(plane, b.len());
 }
 
-/// The slopes of a plane whose values are written; zeros beyond its entries.
+/// Computes the slopes of a plane whose values are written; zeros beyond its entries.
 #[inline(always)]
 fn write_slopes(plane: &mut [f32], entries: usize) {
     let (value, slope) = plane.split_at_mut(plane.len() / 2);
@@ -477,8 +483,9 @@ fn write_slopes(plane: &mut [f32], entries: usize) {
     slope[entries - 1..].fill(0.0);
 }
 
-/// The same function with every other entry: its value, the slope from there, and by how much the slope changes halfway to
-/// the next, where the entry lies that is left out. Half as many entries are to be looked up for coarse voxels.
+/// The same function with every other entry: its value, the slope from there, and the change of
+/// slope halfway to the next entry, where the omitted entry lies. Coarse voxels then look up half
+/// as many entries.
 #[inline(always)]
 fn write_decimated(values: &[f32], halves: &mut [f32]) {
     let apart = halves.len() / 4;
@@ -497,7 +504,7 @@ fn write_decimated(values: &[f32], halves: &mut [f32]) {
     turn[count..].fill(0.0);
 }
 
-/// The greatest of values that are not negative: their bits rise with them.
+/// The greatest of non-negative values: their bits are ordered like the values.
 #[inline(always)]
 fn greatest(values: &[f32]) -> f32 {
     let mut most = 0;
@@ -507,7 +514,7 @@ fn greatest(values: &[f32]) -> f32 {
     f32::from_bits(most)
 }
 
-/// |x of the nearest point| · D: it jumps halfway between points, where the tables have entries.
+/// |x of the nearest point| · D. It jumps halfway between points, where the tables have entries.
 #[inline(always)]
 fn write_nearest(magnitudes: &[f32], axis: &Axis, plane: &mut [f32]) {
     let (value, slope) = plane.split_at_mut(plane.len() / 2);
@@ -530,10 +537,10 @@ fn write_nearest(magnitudes: &[f32], axis: &Axis, plane: &mut [f32]) {
     }
 }
 
-/// Sweeps whose noise is looked at to choose a step.
+/// Number of sweeps whose noise determines the step.
 const SWEEPS_FOR_STEP: usize = 9;
 
-/// From the greatest sample and the median noise of sweeps from all over the time.
+/// From the greatest sample and the median noise of sweeps spread over the whole time.
 fn step_for<'a>(sweeps: impl Iterator<Item = &'a Observation> + Clone) -> f64 {
     let count = sweeps.clone().count();
     let some = sweeps.clone().step_by(count.div_ceil(SWEEPS_FOR_STEP).max(1));
@@ -544,7 +551,7 @@ fn step_for<'a>(sweeps: impl Iterator<Item = &'a Observation> + Clone) -> f64 {
     ls_step(median.unwrap_or(1.0), f64::from(sweeps.map(power).fold(0.0, f32::max)).sqrt())
 }
 
-/// The greatest |x|² of samples that are not refused.
+/// The greatest |x|² of accepted samples.
 struct GreatestPower<'a> {
     samples: &'a [Complex32],
 }
@@ -562,7 +569,8 @@ impl Kernel for GreatestPower<'_> {
     }
 }
 
-/// The greatest part of a sweep's samples, without its sign; no number when one of them is none.
+/// The greatest absolute real or imaginary part of a sweep's samples; not finite if one of them is
+/// not.
 #[derive(Debug, Clone, Copy)]
 struct Extent(f32);
 
@@ -579,7 +587,7 @@ impl Kernel for FindExtent<'_> {
 
     #[inline(always)]
     fn run<S: Lanes>(self, _: S) -> Extent {
-        // Without their signs numbers rise with their bits; the infinite and what is no number come last.
+        // Without signs, floats are ordered like their bits, with infinity and NaN last.
         let mut most = 0;
         for sample in self.samples {
             most = most.max(sample.re.abs().to_bits()).max(sample.im.abs().to_bits());
@@ -592,7 +600,7 @@ fn axis(geometry: &Arc<SweepGeometry>, statistic: Statistic) -> Axis {
     let step_m = geometry.axis.step_m;
     let widest_m = TABLE_STEP_M.min(geometry.pulse_fwhm_m / STEPS_PER_PULSE);
     let least = |widest_m: f64| (step_m / widest_m - 1e-9).ceil().max(1.0);
-    // Of `thesis` there must be an entry halfway between points.
+    // `thesis` needs an entry halfway between points.
     let halves = statistic == Statistic::Thesis;
     let phases = if halves { 2.0 * least(2.0 * widest_m) } else { least(widest_m) };
     let compressor = RangeCompressor::with_step(geometry, step_m / phases * (1.0 + 1e-9));

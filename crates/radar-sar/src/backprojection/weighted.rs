@@ -1,9 +1,10 @@
 //! Sums of amplitudes times w = D·A over a brick: `thesis-full`, `thesis`, `glrt` and `coherent`.
 //!
-//! D is in the tables. Inside, A comes from a parabola in the cosine to the boresight, expanded to second order about the
-//! brick's centre, where that is good enough; so does Σ w², summed over all such sweeps as ten coefficients and evaluated
-//! once a brick. Else A comes from the beam's table voxel by voxel. Voxels are summed in f32, group by group of sixteen
-//! sweeps, in the order of the sweeps, those at an edge after the others.
+//! D is part of the tables. Inside, where accurate enough, A is a parabola in the cosine to the
+//! boresight, expanded to second order about the brick's centre. So is Σ w², accumulated over all
+//! such sweeps as ten coefficients and evaluated once per brick. Elsewhere A comes from the beam's
+//! table voxel by voxel. Voxels are summed in f32, group by group of sixteen sweeps in order, with
+//! separate sums for the sweeps at an edge.
 
 use super::beam_table::{BeamTable, ENTRIES_PER_COS};
 use super::brick_geometry::{BrickShape, EDGE, Offsets, Sight, VOXELS, dot, lane3, load3, scale3, sub3};
@@ -14,23 +15,26 @@ use super::sweep_stack::{Group, SweepStack};
 use crate::Statistic;
 use crate::WAVELENGTH_M;
 
-/// Largest error of a distance, metres: 1 % of a radian of phase.
+/// Greatest error of a distance, metres: 1 % of a radian of phase.
 const DISTANCE_ERROR_M: f64 = 4e-6;
-/// Largest error of the beam's amplitude that its expansion may leave, and the same as a share of the amplitude.
+/// Greatest absolute error of the beam's amplitude due to its expansion, and greatest relative
+/// error.
 const AMPLITUDE_ERROR: f32 = 2e-3;
 const AMPLITUDE_ERROR_SHARE: f32 = 2e-2;
 
-/// How far a sensor may have moved from its pose for one distance to serve for range, beam and falloff, as a share of it.
+/// Greatest displacement of the sensor from its pose, relative to the distance, at which one
+/// distance serves for range, beam and falloff.
 const MOVED_SHARE: f32 = 2e-4;
-/// Nearer than the widest table step D is held.
+/// Upper bound of the distance below which D is held constant, metres: the widest table step.
 const HELD_M: f32 = 5e-3;
 
-/// A shape that is good enough for sums with phase; without, [`super::power::power_shape`] is.
+/// A brick shape accurate enough for sums with phase; without phase use
+/// [`super::power::power_shape`].
 pub(super) fn weighted_shape(voxel_m: f64) -> BrickShape {
     BrickShape::new(voxel_m, DISTANCE_ERROR_M)
 }
 
-/// The beam's amplitude at a cosine, linear between its table's entries.
+/// The beam's amplitude at a cosine, linear between table entries.
 #[inline(always)]
 pub(super) fn amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
     let at = s.mul(s.add(cos, s.splat(1.0)), s.splat(ENTRIES_PER_COS));
@@ -39,7 +43,7 @@ pub(super) fn amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
     s.mul_add(s.sub(at, whole), s.sub(next, here), here)
 }
 
-/// The same for voxels by themselves: by the beam's polynomial where it has one.
+/// The same for separate voxels: by the beam's polynomial where it has one.
 #[inline(always)]
 fn edge_amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
     let Some(polynomial) = &beam.polynomial else { return amplitude(s, beam, cos) };
@@ -51,16 +55,16 @@ fn edge_amplitude<S: Lanes>(s: S, beam: &BeamTable, cos: S::F) -> S::F {
     sum
 }
 
-/// The statistic over the voxels of one brick, all sweeps of a stack.
+/// The statistic over the voxels of one brick, from all sweeps of a stack.
 #[derive(Clone)]
 pub(super) struct AddWeighted<'a> {
     pub stack: &'a SweepStack,
     pub shape: BrickShape,
-    /// Relative to the stack's origin, metres.
+    /// Centre of the brick relative to the stack's origin, metres.
     pub center: [f32; 3],
 }
 
-/// Values, x fastest, and the (voxel, sweep) pairs that were worked on.
+/// Values, x fastest, and the (voxel, sweep) pairs processed.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct WeightedValues {
     pub values: [f32; VOXELS],
@@ -68,13 +72,13 @@ pub(super) struct WeightedValues {
 }
 
 impl AddWeighted<'_> {
-    /// On the widest instructions.
+    /// Runs on the widest instructions.
     pub(super) fn values(self) -> WeightedValues {
         on_widest(self)
     }
 }
 
-/// What the voxels have gathered: the sum (or its real part) and the imaginary part.
+/// Sums of the voxels: the sum (or its real part) and the imaginary part.
 struct Gathered<S: Lanes> {
     re: [S::F; EDGE],
     im: [S::F; EDGE],
@@ -102,11 +106,11 @@ impl Kernel for AddWeighted<'_> {
 }
 
 impl AddWeighted<'_> {
-    /// `PLANES`: 1 sums amplitudes, 2 sums Σ w² too, 3 sums both parts with their phase.
+    /// `PLANES`: 1 sums amplitudes, 2 also Σ w², 3 sums both parts with their phase.
     #[inline(always)]
     fn sums<S: Lanes, const PLANES: usize>(&self, s: S) -> WeightedValues {
         let offsets = Offsets::new(s, &self.shape);
-        // Sums of the two paths by themselves: those of the inside stay in registers.
+        // Separate sums for the two paths: those of the inner path stay in registers.
         let (mut gathered, mut at_edge) = (Gathered::none(s), Gathered::none(s));
         let (mut weights, mut edge_weights) = (WeightSum::none(s), [s.splat(0.0); EDGE]);
         let mut updates = 0;
@@ -179,7 +183,7 @@ impl AddWeighted<'_> {
         let flat = s.mul_add(offsets.x, ux, s.mul(offsets.y, uy));
         let flat_g = s.mul_add(offsets.x, gx, s.mul(offsets.y, gy));
         let ray = Ray { sight, beam, phase, l, windows, flat, flat_g };
-        // Four times the same, so that the sums have names and stay in registers.
+        // Written four times, so that the sums have names and stay in registers.
         let Gathered { re, im } = gathered;
         (re[0], im[0]) = ray.add::<PLANES>(s, offsets, 0, re[0], im[0]);
         (re[1], im[1]) = ray.add::<PLANES>(s, offsets, 1, re[1], im[1]);
@@ -205,7 +209,7 @@ impl AddWeighted<'_> {
         let center_parts = s.splat(phase.center_parts[l]);
         let zero = s.splat(0.0);
         let edges = Edges::new(s, self.stack, group, sight, l, offsets, self.shape.heights());
-        // First where each layer's values lie, then the values: the processor waits for no single one.
+        // First all table positions, then the values, so that lookups do not wait for each other.
         let mut places = [(s.splat_int(0), zero); EDGE];
         let mut seens = [LayerVisibility::<S> { counts: s.mask(0), amplitude: zero, parts: zero }; EDGE];
         for (layer, (place, of_layer)) in places.iter_mut().zip(&mut seens).enumerate() {
@@ -222,7 +226,7 @@ impl AddWeighted<'_> {
             *values = read(s, &self.stack.table(slot, plane)[..self.stack.stride], sight, l, &places);
         }
         for (layer, LayerVisibility { counts, amplitude, parts }) in seens.into_iter().enumerate() {
-            // What does not count may be no number; it must not reach the sums.
+            // Voxels that do not count may be NaN; this must not reach the sums.
             for values in &mut planes {
                 values[layer] = s.or_zero(counts, values[layer]);
             }
@@ -239,7 +243,7 @@ impl AddWeighted<'_> {
         }
     }
 
-    /// A of voxels by themselves, 0 where they do not count.
+    /// A of separate voxels, 0 where they do not count.
     #[inline(always)]
     fn edge_amplitude<S: Lanes>(&self, s: S, seen: &AtEdge<S>) -> S::F {
         if self.stack.beam.uniform {
@@ -248,7 +252,7 @@ impl AddWeighted<'_> {
         s.or_zero(seen.counts, edge_amplitude(s, &self.stack.beam, seen.cos(s)))
     }
 
-    /// `thesis`, voxels by themselves: |x| of the nearest point, D and A as they are.
+    /// `thesis`, separate voxels: |x| of the nearest point, exact D and A.
     #[inline(always)]
     fn add_edge_nearest<S: Lanes>(
         &self,
@@ -274,7 +278,8 @@ impl AddWeighted<'_> {
         self.add_points(s, group, sight, l, &places, sums);
     }
 
-    /// Sweeps of which [`Self::add_fully_visible_nearest`] may take all voxels at once: the sensor hardly moves while it samples.
+    /// Lanes whose voxels [`Self::add_fully_visible_nearest`] can process: the sensor hardly moves while it
+    /// samples.
     #[inline(always)]
     fn fully_visible<S: Lanes>(&self, s: S, group: usize, sight: &Sight) -> u16 {
         if self.stack.beam.polynomial.is_none() {
@@ -289,7 +294,7 @@ impl AddWeighted<'_> {
         s.bits(s.and(still, beyond_first)) & fully_visible(s, self.stack, group, sight, &self.shape)
     }
 
-    /// The same where each voxel counts and the sensor stands still: one distance is enough.
+    /// The same where each voxel counts and the sensor is nearly at rest: one distance is enough.
     #[inline(always)]
     fn add_fully_visible_nearest<S: Lanes>(
         &self,
@@ -304,7 +309,7 @@ impl AddWeighted<'_> {
         let (sweeps, heights) = (&self.stack.groups[group], self.shape.heights());
         let exact = Exact::new(s, from_sensor(sight, l), offsets, heights);
         let [forward, from_pose] = [lane3(s, &sweeps.forward, l), lane3(s, &sight.offset_from_pose_m, l)];
-        // t of the beam's polynomial is `along` over the distance and `at_zero`.
+        // t of the beam's polynomial is `along` / distance + `at_zero`.
         let along = dot(s, from_pose, forward);
         let along = s.mul_add(offsets.x, forward[0], s.mul_add(offsets.y, forward[1], along));
         let (per_cos, at_zero) = (s.splat(polynomial.per_cos), s.splat(polynomial.at_zero));
@@ -342,11 +347,11 @@ impl AddWeighted<'_> {
         sums: &mut [S::F; EDGE],
     ) {
         let (sweeps, points) = (&self.stack.groups[group], self.stack.points(group * LANES + l));
-        // The window's first point: as far from the first as the first entry.
+        // The window's first point, at the same distance along the axis as its first entry.
         let first = sight.window[l] / sweeps.entries_per_point[l];
         let from = if sight.wide >> l & 1 == 1 { points.get(first as usize..).unwrap_or_default() } else { &[] };
         let offset = s.splat_int(-first);
-        // A brick that spans so few entries spans half as many points.
+        // A brick that spans so few entries spans at most half as many points.
         let halves = if sweeps.entries_per_point[l] >= 2 { from } else { &[] };
         if let Some(window) = halves.first_chunk::<HALF_WINDOW>() {
             for (sum, &(n, weight)) in sums.iter_mut().zip(places) {
@@ -364,12 +369,12 @@ impl AddWeighted<'_> {
     }
 }
 
-/// How a layer's voxels were seen.
+/// One sweep's geometry at a layer's voxels.
 #[derive(Clone, Copy)]
 struct LayerVisibility<S: Lanes> {
     counts: S::M,
     amplitude: S::F,
-    /// Phase.
+    /// Phase, in parts.
     parts: S::F,
 }
 
@@ -381,13 +386,14 @@ struct Ray<'a, S: Lanes> {
     l: usize,
     /// Values and slopes of the table, for each part.
     windows: [(&'a [f32; WINDOW], &'a [f32; WINDOW]); 2],
-    /// Of the layer through the centre: along the line of sight, and what the cosine follows.
+    /// For the layer through the centre: component along the line of sight, and g, on which the
+    /// cosine depends.
     flat: S::F,
     flat_g: S::F,
 }
 
 impl<S: Lanes> Ray<'_, S> {
-    /// The sums of a layer with this sweep in them.
+    /// The sums of a layer with this sweep added.
     #[inline(always)]
     fn add<const PLANES: usize>(&self, s: S, offsets: &Offsets<S>, layer: usize, re: S::F, im: S::F) -> (S::F, S::F) {
         let (sight, beam, phase, l) = (self.sight, self.beam, self.phase, self.l);
@@ -415,9 +421,9 @@ impl<S: Lanes> Ray<'_, S> {
     }
 }
 
-/// Phases count in parts of a turn.
+/// Phases are counted in this many parts of a turn.
 const PARTS: usize = 64;
-/// Parts of phase per metre of distance, there and back, and what f32 cannot hold of it.
+/// Parts of phase per metre of distance (two-way), and what f32 cannot represent of it.
 const PARTS_PER_M: f64 = 2.0 * PARTS as f64 / WAVELENGTH_M;
 const PARTS_PER_M_REST: f32 = (PARTS_PER_M - PARTS_PER_M as f32 as f64) as f32;
 /// Radians of a part.
@@ -445,7 +451,7 @@ const fn sines() -> [f32; PARTS / 4 * 3] {
 
 /// Phases at a brick's centre, for each of sixteen sweeps.
 struct Phase {
-    /// Whole turns left out.
+    /// In parts, without whole turns.
     center_parts: [f32; LANES],
     parts_per_m: [f32; LANES],
 }
@@ -455,7 +461,7 @@ impl Phase {
     fn new<S: Lanes>(s: S, sight: &Sight) -> Self {
         let (distance, per_m) = (s.load(&sight.distance_m), s.splat(PARTS_PER_M as f32));
         let parts = s.mul(distance, per_m);
-        // What the product lost by rounding: d·k − rounded(d·k) is exact in one operation.
+        // Rounding error of the product: d·k − rounded(d·k) is exact in one operation.
         let lost = s.sub(s.splat(0.0), s.neg_mul_add(distance, per_m, parts));
         let lost = s.mul_add(distance, s.splat(PARTS_PER_M_REST), lost);
         let turns = s.mul(s.floor(s.mul(parts, s.splat(1.0 / PARTS as f32))), s.splat(PARTS as f32));
@@ -466,15 +472,16 @@ impl Phase {
     }
 }
 
-/// Adds A·(re + j·im)·e^(−jφ) to a sum; φ in parts. The nearest whole part comes from a table in registers, the rest, at most
-/// 0.05 rad, turns to first order: to 1e-3 of the amplitude and 5e-5 rad.
+/// Adds A·(re + j·im)·e^(−jφ) to a sum; φ in parts. The nearest whole part comes from a table in
+/// registers; the remainder, at most 0.05 rad, is applied to first order. Accurate to 1e-3 of the
+/// amplitude and 5e-5 rad.
 #[inline(always)]
 fn add_turned<S: Lanes>(s: S, [re, im]: [S::F; 2], amplitude: S::F, parts: S::F, sums: [S::F; 2]) -> (S::F, S::F) {
     let (Some(sines), Some(cosines)) = (SINES.first_chunk(), SINES.last_chunk()) else { return (sums[0], sums[1]) };
     let n = s.to_int(parts);
     let rest = s.mul(s.sub(parts, s.to_float(n)), s.splat(PART_RAD));
     let (cos, sin) = (s.look_up(cosines, n), s.look_up(sines, n));
-    // The tables hold half a turn; the other half has the other sign.
+    // The tables hold half a turn; the other half has the opposite sign.
     let amplitude = s.negate_where_bit_5(amplitude, n);
     let a = s.mul_add(im, sin, s.mul(re, cos));
     let b = s.neg_mul_add(re, sin, s.mul(im, cos));
@@ -494,25 +501,26 @@ fn value<S: Lanes, const PLANES: usize>(s: S, re: S::F, im: S::F, weights: S::F)
     }
 }
 
-/// A about a brick's centre, for each of sixteen sweeps, to second order in a voxel's offset δ from it:
-/// A ≈ a0 + g·(a1 + a2·g − a1·q/d) − a1·cos·(|δ|² − q²)/2d², with q along the line of sight and g = δ·(b − cos·u)/d.
+/// A about a brick's centre, for each of sixteen sweeps, to second order in a voxel's offset δ from
+/// it: A ≈ a0 + g·(a1 + a2·g − a1·q/d) − a1·cos·(|δ|² − q²)/2d², with q along the line of sight and
+/// g = δ·(b − cos·u)/d.
 struct BeamExpansion {
-    /// A and its slopes by the cosine to the boresight.
+    /// A and its derivatives with respect to the cosine to the boresight.
     terms: [[f32; LANES]; 3],
-    /// (b − cos·u)/d: what g is made of.
+    /// (b − cos·u)/d: the gradient of g.
     gradient_per_m: [[f32; LANES]; 3],
-    /// How much each layer adds to q and to g.
+    /// Contribution of each layer to q and to g.
     up: [[f32; LANES]; EDGE],
     up_g: [[f32; LANES]; EDGE],
     /// −a1/d and −a1·cos/2d².
     along_per_m: [f32; LANES],
     across_per_m2: [f32; LANES],
-    /// Sweeps for which it is good enough over the whole brick.
+    /// Lanes for which it is accurate enough over the whole brick.
     good: u16,
 }
 
 impl BeamExpansion {
-    /// A = 1, before it is known how the layers lie.
+    /// A = 1, with layer contributions still to be set.
     const FLAT: Self = Self {
         terms: [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
         gradient_per_m: [[0.0; LANES]; 3],
@@ -533,10 +541,11 @@ impl BeamExpansion {
         }
         let cos = s.load(&sight.cos);
         let per_m = s.div(s.splat(1.0), s.max(s.load(&sight.pose_distance_m), s.splat(1e-6)));
-        // The cosine changes by at most ρ/d, and a little for the bend.
+        // The cosine changes by at most ρ/d, and slightly more due to curvature.
         let turn = s.mul(s.splat(shape.radius_m * 1.1), per_m);
         let ([a0, a1, a2], mut good) = parabola(s, beam, cos, turn);
-        // Terms of third order are left out: g·e² is at most 0.4 ρ³/d³, across and along the line of sight.
+        // Third-order terms are neglected: g·e² is at most 0.4 ρ³/d³, across and along the line of
+        // sight.
         let left_out = s.mul(s.mul(s.abs(a1), s.splat(0.4)), s.mul(turn, s.mul(turn, turn)));
         good = s.and(good, s.at_most(left_out, tolerance(s, a0)));
         let gradient = scale3(s, sub3(s, load3(s, &sweeps.forward), scale3(s, toward, cos)), per_m);
@@ -554,7 +563,7 @@ impl BeamExpansion {
     }
 }
 
-/// A slope along z as what each layer adds.
+/// A slope along z as the contribution of each layer.
 #[inline(always)]
 fn steps<S: Lanes>(s: S, slope: S::F, heights: [f32; EDGE]) -> [[f32; LANES]; EDGE] {
     let mut steps = [[0.0; LANES]; EDGE];
@@ -564,17 +573,19 @@ fn steps<S: Lanes>(s: S, slope: S::F, heights: [f32; EDGE]) -> [[f32; LANES]; ED
     steps
 }
 
-/// How far an amplitude may be off.
+/// Permitted error of an amplitude.
 #[inline(always)]
 fn tolerance<S: Lanes>(s: S, amplitude: S::F) -> S::F {
     s.min(s.splat(AMPLITUDE_ERROR), s.mul(amplitude, s.splat(AMPLITUDE_ERROR_SHARE)))
 }
 
-/// A ≈ a0 + Δcos·(a1 + Δcos·a2) for cosines within `turn` of one, and where that is good enough.
+/// A ≈ a0 + Δcos·(a1 + Δcos·a2) for cosines within `turn` of `cos`, and where that is accurate
+/// enough.
 #[inline(always)]
 fn parabola<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, turn: S::F) -> ([S::F; 3], S::M) {
     let width = s.max(s.min(turn, s.splat(0.25)), s.splat(2.0 / ENTRIES_PER_COS));
-    // Three points `width` apart, the highest at most 1: near the axis they move to the side that there is.
+    // Three points `width` apart, the highest at most 1: near the axis they shift to the available
+    // side.
     let high = s.min(width, s.sub(s.splat(1.0), cos));
     let [a_low, a_middle, a_high] = [
         below(s, beam, cos, high, width, 2.0),
@@ -595,7 +606,7 @@ fn parabola<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, turn: S::F) -> ([S::F; 
     ([a0, a1, a2], s.at_most(s.max(s.abs(off), s.abs(off_far)), tolerance(s, a0)))
 }
 
-/// A at some widths below the highest point.
+/// A at the given number of widths below the highest point.
 #[inline(always)]
 fn below<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, high: S::F, width: S::F, widths: f32) -> S::F {
     amplitude(s, beam, s.add(cos, s.neg_mul_add(width, s.splat(widths), high)))
@@ -604,7 +615,8 @@ fn below<S: Lanes>(s: S, beam: &BeamTable, cos: S::F, high: S::F, width: S::F, w
 /// Coefficients of 1, x, y, z, x², y², z², xy, xz, yz.
 const TERMS: usize = 10;
 
-/// Σ w² of the sweeps that see the whole brick, to second order in a voxel's offset from its centre. Lanes are sweeps.
+/// Σ w² of the sweeps that see the whole brick, to second order in a voxel's offset from its
+/// centre. Lanes are sweeps.
 struct WeightSum<S: Lanes> {
     terms: [S::F; TERMS],
 }
@@ -669,7 +681,7 @@ struct Products<S: Lanes> {
 }
 
 impl<S: Lanes> Products<S> {
-    /// Its part for two axes, the same both ways.
+    /// Its coefficient for two axes, symmetric.
     #[inline(always)]
     fn of(&self, s: S, [ga, ua]: [S::F; 2], [gb, ub]: [S::F; 2]) -> S::F {
         let mixed = s.mul(s.mul(self.gu, s.splat(0.5)), s.mul_add(ga, ub, s.mul(gb, ua)));

@@ -1,4 +1,4 @@
-//! A box along the axes.
+//! An axis-aligned box.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -31,7 +31,7 @@ impl Aabb {
         self.max - self.min
     }
 
-    /// Middle.
+    /// Centre.
     pub fn center(&self) -> DVec3 {
         (self.min + self.max) * 0.5
     }

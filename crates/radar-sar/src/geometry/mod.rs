@@ -1,5 +1,5 @@
-//! Poses, boxes and planes, in f64 and metres. Transforms are named `tracking_from_sensor`: they take sensor coordinates
-//! and give tracking coordinates, so neighbours in a product share a name.
+//! Poses, boxes and planes, in f64 and metres. A transform named `tracking_from_sensor` takes
+//! sensor coordinates and gives tracking coordinates, so neighbours in a product share a name.
 
 mod aabb;
 mod plane;

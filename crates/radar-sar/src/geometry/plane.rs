@@ -1,4 +1,4 @@
-//! A plane, as a mirror seen by a radar: the sensor measures its distance along the normal.
+//! A plane as a specular reflector: the sensor measures its distance along the normal.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -14,9 +14,9 @@ pub struct Plane {
     pub offset_m: f64,
 }
 
-/// What a normal has upwards from which on a plane lies rather than stands.
+/// Choice: least absolute vertical component of the normal of a level plane.
 const MIN_LEVEL_NORMAL_Y: f64 = 0.7;
-/// What a normal has upwards up to which a plane stands as a wall does.
+/// Choice: greatest absolute vertical component of the normal of an upright plane.
 const MAX_UPRIGHT_NORMAL_Y: f64 = 0.5;
 
 impl Plane {
@@ -30,25 +30,28 @@ impl Plane {
         point + self.outward * self.distance(point)
     }
 
-    /// Whether it lies, as floors and ceilings do, rather than stands.
+    /// Whether it is level, as floors and ceilings are.
     pub fn is_level(&self) -> bool {
         self.outward.y.abs() >= MIN_LEVEL_NORMAL_Y
     }
 
-    /// Whether it stands as a wall does; a slanting roof neither stands nor lies.
+    /// Whether it is upright, as walls are. A sloping roof is neither upright nor level.
     pub fn is_upright(&self) -> bool {
         self.outward.y.abs() < MAX_UPRIGHT_NORMAL_Y
     }
 
-    /// The same in another frame: `to_from` takes coordinates of this one's.
+    /// The same plane in another frame: `to_from` takes coordinates of this frame to the other.
     pub fn moved(&self, to_from: &Pose) -> Self {
         let outward = to_from.transform_vector(self.outward);
         Self { outward, offset_m: self.offset_m + outward.dot(to_from.translation) }
     }
 
-    /// The box around a patch of the plane, in another frame, the patch given by the box around it in this one. A box that is turned as
-    /// such grows each time; this one is as long along the plane ever after: of an upright plane the stretch between two ends is
-    /// moved, of a level one the box keeps its size.
+    /// The bounding box, in another frame, of a patch of the plane given by its bounding box in
+    /// this frame.
+    ///
+    /// Rotating a bounding box makes it grow each time. This patch keeps its extent along the
+    /// plane: of an upright plane the segment between two ends is moved, of a level one the box
+    /// keeps its size.
     pub fn patch_moved(&self, patch: &Aabb, to_from: &Pose) -> Aabb {
         let half = patch.size() * 0.5;
         let Some(along) = self.outward.cross(DVec3::Y).try_normalize().filter(|_| !self.is_level()) else {

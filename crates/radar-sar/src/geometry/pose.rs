@@ -3,42 +3,42 @@
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-/// Why numbers do not make a pose.
+/// Why numbers do not form a pose.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PoseError {
-    /// A position that is not a place.
+    /// A component of the position is not finite.
     #[error("position {0:?} m is not finite")]
     PositionNotFinite([f64; 3]),
-    /// A rotation that is not a number.
+    /// A component of the rotation is not finite.
     #[error("quaternion (x y z w) {0:?} is not finite")]
     RotationNotFinite([f64; 4]),
-    /// A quaternion too short to carry a direction.
-    #[error("quaternion (x y z w) {0:?} has length zero: it names no rotation")]
+    /// A quaternion too short to define a rotation.
+    #[error("quaternion (x y z w) {0:?} has length zero: it defines no rotation")]
     RotationZero([f64; 4]),
 }
 
-/// `a_from_b`: maps points of frame `b` to frame `a`; also the place and attitude of `b` in `a`.
+/// `a_from_b`: maps points of frame `b` to frame `a`; also the position and attitude of `b` in `a`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
-    /// Where `b`'s origin lies in `a`, metres.
+    /// Origin of `b` in `a`, metres.
     pub translation: DVec3,
-    /// How `b`'s axes lie in `a`, unit length.
+    /// Axes of `b` in `a`, unit length.
     pub rotation: DQuat,
 }
 
 impl Pose {
-    /// Both frames the same.
+    /// The identity.
     pub const IDENTITY: Self = Self { translation: DVec3::ZERO, rotation: DQuat::IDENTITY };
 
-    /// From parts known to be sound. For data from outside use [`Pose::try_new`].
+    /// From valid parts. For external data use [`Pose::try_new`].
     pub fn new(translation: DVec3, rotation: DQuat) -> Self {
         Self { translation, rotation: rotation.normalize() }
     }
 
-    /// From numbers that anyone may have written; the quaternion (x, y, z, w) is normalised.
+    /// From external data; the quaternion (x, y, z, w) is normalised.
     ///
     /// # Errors
-    /// A component that is not finite, or a quaternion shorter than 1e-6.
+    /// A component that is not finite, or a quaternion whose components are all below 1e-6.
     pub fn try_new(position_m: [f64; 3], quaternion_xyzw: [f64; 4]) -> Result<Self, PoseError> {
         if !position_m.iter().all(|v| v.is_finite()) {
             return Err(PoseError::PositionNotFinite(position_m));
@@ -55,12 +55,13 @@ impl Pose {
         Ok(Self { translation: DVec3::from_array(position_m), rotation: scaled.normalize() })
     }
 
-    /// A place without a turn.
+    /// A pose without rotation.
     pub fn from_translation(translation: DVec3) -> Self {
         Self { translation, rotation: DQuat::IDENTITY }
     }
 
-    /// At `eye`, looking along −z towards `target`, +y as near `up` as it can be. `target` must differ from `eye`.
+    /// At `eye`, looking along −z towards `target`, with +y as close to `up` as possible. `target`
+    /// must differ from `eye`.
     pub fn looking_at(eye: DVec3, target: DVec3, up: DVec3) -> Self {
         let back = (eye - target).normalize_or(DVec3::Z);
         let right = up.cross(back);
@@ -90,7 +91,8 @@ impl Pose {
         self.rotation * DVec3::NEG_Z
     }
 
-    /// Straight-line position and shortest-arc rotation between two poses; `share` 0 gives `self`, 1 gives `other`.
+    /// Interpolates between two poses: linear in position, along the shortest arc in rotation.
+    /// `share` 0 gives `self`, 1 gives `other`.
     pub fn interpolate(&self, other: &Self, share: f64) -> Self {
         Self {
             translation: self.translation.lerp(other.translation, share),

@@ -1,35 +1,39 @@
-//! Two reflectors whose pulses overlap, in one sweep: both amplitudes free, both ranges to be found.
+//! Two reflectors with overlapping pulses in one sweep: both amplitudes free, both ranges to be
+//! estimated.
 //!
-//! With unit-energy templates at d₁ and d₂, correlated by ρ = exp(−2 ln2 (d₁ − d₂)²/w²), the best amplitudes are a = C⁻¹z,
-//! C = [[1, ρ], [ρ, 1]], and what they explain is zᴴC⁻¹z. Where the ranges are nearly equal only the sum of both is known:
-//! a ridge, the noise over the power at hand, keeps the difference from being made of noise.
+//! With unit-energy templates at d₁ and d₂, correlated by ρ = exp(−2 ln2 (d₁ − d₂)²/w²), the best
+//! amplitudes are a = C⁻¹z, C = [[1, ρ], [ρ, 1]], and they explain the power zᴴC⁻¹z. Where the
+//! ranges are nearly equal, only the sum of both is determined. A ridge, the noise over the
+//! available power, keeps the difference from being fitted to noise.
 
 use num_complex::Complex64;
 
 use crate::math;
 
-/// What one sweep says of two ranges.
+/// One sweep's measurement of two ranges.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct JointReading {
-    /// Power explained, in units of the noise, beyond what noise would give.
+    /// Explained power, in units of the noise, minus what noise alone would give.
     pub excess: f64,
-    /// Derivatives of the power explained by both ranges, per metre.
+    /// Derivatives of the explained power with respect to both ranges, per metre.
     pub slope_per_m: [f64; 2],
-    /// Information on both ranges with the amplitudes unknown: diagonal (the same for unit amplitude times power) and between.
+    /// Information on both ranges with unknown amplitudes: the diagonal (proportional to each
+    /// amplitude's power), and the off-diagonal terms.
     pub information_per_m2: [[f64; 2]; 2],
     /// Amplitudes, in units of the noise.
     pub amplitudes: [Complex64; 2],
     /// Variance of an amplitude.
     pub amplitude_variance: f64,
-    /// The information that the true amplitudes have: theirs is less than what the noisy ones show.
+    /// The information for the true amplitudes: it is lower than that of the noisy ones.
     pub true_information_per_m2: [[f64; 2]; 2],
 }
 
-/// Distance, z/σ and its derivative at each of two places; `width_m`: the envelope's FWHM.
+/// `echoes`: distance, z/σ and its derivative at each of two points; `width_m`: the envelope's
+/// FWHM.
 pub(super) fn joint_reading(echoes: &[(f64, Complex64, Complex64); 2], width_m: f64, ridge: f64) -> JointReading {
     let [(d1, z1, slope1), (d2, z2, slope2)] = *echoes;
     let apart_m = d1 - d2;
-    // Curvature of ρ at 0.
+    // Minus the curvature of ρ at 0.
     let c = 4.0 * std::f64::consts::LN_2 / (width_m * width_m);
     let rho = math::exp(-0.5 * c * apart_m * apart_m);
     let rho_slope = -c * apart_m * rho;
@@ -46,7 +50,8 @@ pub(super) fn joint_reading(echoes: &[(f64, Complex64, Complex64); 2], width_m: 
     let shared = -rho_curvature - rho * lost;
     let shared = shared.clamp(-kept, kept);
     let between = 2.0 * shared * (a1.conj() * a2).re;
-    // Noise in the amplitudes is C⁻¹: it adds to their powers and, negative, to their product.
+    // Amplitude noise has covariance C⁻¹: it adds to the amplitudes' powers and, negatively, to
+    // their product.
     let amplitude_variance = own / determinant;
     let true_power = |a: Complex64| (a.norm_sqr() - amplitude_variance).max(0.0);
     let true_between = 2.0 * shared * ((a1.conj() * a2).re + rho / determinant);
@@ -63,7 +68,8 @@ pub(super) fn joint_reading(echoes: &[(f64, Complex64, Complex64); 2], width_m: 
     }
 }
 
-/// Solves a symmetric positive system of six in place by elimination; `None` when it is singular.
+/// Solves a symmetric positive definite system of six in place by elimination; `None` when it is
+/// singular.
 pub(super) fn solve_six(mut matrix: [[f64; 6]; 6], mut right: [f64; 6]) -> Option<[f64; 6]> {
     for col in 0..6 {
         let pivot = matrix[col];
@@ -91,7 +97,7 @@ mod tests {
 
     const WIDTH_M: f64 = 0.14;
 
-    /// z and its slope at a distance, of two unit-energy pulses without noise.
+    /// z and its slope at a distance, for two unit-energy pulses without noise.
     fn echo(at_m: f64, pulses: [(f64, Complex64); 2]) -> (f64, Complex64, Complex64) {
         let c = 4.0 * std::f64::consts::LN_2 / (WIDTH_M * WIDTH_M);
         let rho = |x: f64| (-0.5 * c * x * x).exp();
@@ -130,7 +136,7 @@ mod tests {
             let expected = by_steps(1.012, 1.055, first);
             assert!((slope - expected).abs() < 1e-3 * expected.abs().max(1.0), "{slope} {expected}");
         }
-        // At the truth the information is minus the second derivative.
+        // At the truth the information equals minus the second derivative.
         let truth = at(1.00, 1.06);
         let second = (at(1.00 + step, 1.06).slope_per_m[0] - at(1.00 - step, 1.06).slope_per_m[0]) / (2.0 * step);
         assert!((truth.information_per_m2[0][0] / -second - 1.0).abs() < 1e-3, "{second} {truth:?}");

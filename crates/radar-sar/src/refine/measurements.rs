@@ -1,4 +1,5 @@
-//! Readings of a place as measured lengths along sights, and what the filter makes of all of them.
+//! Converts measurements at a point to lengths along lines of sight, and fits a position to all of
+//! them.
 
 use glam::{DMat3, DVec3};
 
@@ -9,34 +10,34 @@ use crate::PHASE_RAD_PER_M;
 use crate::math;
 use crate::range_power::{RangePower, Reading};
 
-/// One sweep's lengths, as offsets from the distance to the place that the sights were taken at.
+/// One sweep's lengths, as differences from the distance to the linearisation point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Measured {
     pub sight: Sight,
     pub range_off_m: f64,
     pub range_variance_m2: f64,
-    /// Known up to λ/2 and an offset.
+    /// Known up to multiples of λ/2 and an offset.
     pub phase_off_m: f64,
-    /// `None`: too weak to have a phase.
+    /// `None`: too weak for a phase.
     pub phase_variance_m2: Option<f64>,
 }
 
-/// |z|²/σ² from which on a sweep has a range, and from which on a phase.
+/// Least |z|²/σ² of a sweep to be used for range, and for phase.
 const MIN_RANGE_POWER: f64 = 1.5;
 const MIN_PHASE_POWER: f64 = 12.0;
-/// What a reflector's phase wanders by itself as it is seen from elsewhere, 1σ, metres.
+/// Variation of a reflector's own phase with aspect, 1σ, metres.
 const PHASE_FLOOR_M: f64 = 0.03e-3;
-/// 1σ of a place of which nothing is known, metres.
+/// 1σ of an unknown position, metres.
 const OPEN_M: f64 = 10.0;
-/// Mean normalised square of the phases' innovations beyond which they do not follow the model.
+/// Mean normalised square of the phase innovations above which they do not follow the model.
 const MAX_PHASE_MISFIT: f64 = 2.0;
 
-/// Variance of the length that a phase shows, with the power over the noise.
+/// Variance of the length from a phase, given the power over the noise.
 fn phase_variance_m2(power: f64) -> f64 {
     0.5 / (power * PHASE_RAD_PER_M * PHASE_RAD_PER_M) + PHASE_FLOOR_M * PHASE_FLOOR_M
 }
 
-/// Readings as lengths, in time.
+/// Measurements as lengths, in time order.
 pub(super) fn measured(power: &RangePower, readings: &[Reading], place: DVec3) -> Vec<Measured> {
     let observations = power.observations();
     let start_ns = readings.first().map_or(0, |r| observations[r.sweep].mid_time_ns);
@@ -50,7 +51,8 @@ pub(super) fn measured(power: &RangePower, readings: &[Reading], place: DVec3) -
                 toward,
                 toward_in_sensor: observation.tracking_from_sensor.rotation.conjugate() * toward,
             };
-            // Of |z|² one part is noise: signal is power − 1, and the slope's variance is that of power, not of signal.
+            // |z|² includes one unit of noise: the signal is power − 1, and the slope's variance
+            // follows from the power, not from the signal.
             let signal = (reading.power - 1.0) / reading.power;
             Measured {
                 sight,
@@ -65,29 +67,29 @@ pub(super) fn measured(power: &RangePower, readings: &[Reading], place: DVec3) -
     all
 }
 
-/// What the filter says of the place.
+/// Result of the filter for the position.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fit {
-    /// Information times the offset of the most likely place.
+    /// Information matrix times the offset of the most likely position.
     information_vector: DVec3,
     information: DMat3,
     misfit: f64,
 }
 
 impl Fit {
-    /// `likely`: how likely each of the filter's guesses is; they sum to 1.
+    /// `likely`: probability of each of the filter's hypotheses; they sum to 1.
     fn of(filter: &PathFilter, likely: &[f64], misfit: f64) -> Self {
         let open = DMat3::IDENTITY * (1.0 / (OPEN_M * OPEN_M));
         let guesses = || filter.places_m().zip(likely);
         let mean_m = guesses().map(|(place, share)| place * *share).sum::<DVec3>();
         let spread_m2 = guesses().fold(DMat3::ZERO, |sum, (place, share)| sum + outer(place - mean_m) * *share);
         let information = regular_inverse(&(filter.place_covariance_m2() + spread_m2));
-        // The open start pulls towards 0, so it adds to the information alone.
+        // The initial covariance pulls towards 0, so it contributes to the information only.
         Self { information_vector: information * mean_m, information: information - open, misfit }
     }
 
-    /// The step to the most likely place, the beam's prior in it. `data_m2`: the data's covariance with all that the filter
-    /// does not know.
+    /// Step to the most likely position, including the beam's prior. `data_m2`: the data's
+    /// covariance including effects unknown to the filter.
     pub fn step(&self, data_m2: &DMat3, prior: &Prior, place: DVec3) -> DVec3 {
         let worth = regular_inverse(data_m2);
         let information_vector = worth * (regular_inverse(&self.information) * self.information_vector)
@@ -95,21 +97,21 @@ impl Fit {
         regular_inverse(&(worth + prior.information())) * information_vector
     }
 
-    /// Covariance as the data alone give it, m².
+    /// Covariance from the data alone, m².
     pub fn covariance_m2(&self) -> DMat3 {
         regular_inverse(&self.information) * self.misfit
     }
 }
 
-/// Mean normalised square of innovations, as far as chance does not explain it; at least 1. Three of them went into the
-/// place.
+/// Mean normalised square of innovations, divided by what chance explains; at least 1. Three
+/// degrees of freedom belong to the position.
 fn misfit(squares: &[f64]) -> f64 {
     let free = squares.len().saturating_sub(3);
     if free == 0 {
         return 1.0;
     }
     let mean = squares.iter().sum::<f64>() / free as f64;
-    // Two sigmas of the mean of that many.
+    // Two sigma of a mean of that many values.
     (mean / (1.0 + 2.0 * (2.0 / free as f64).sqrt())).max(1.0)
 }
 
@@ -117,7 +119,7 @@ fn open_start(errors: &PositionErrors) -> PathFilter {
     PathFilter::new(&DMat3::from_diagonal(DVec3::splat(OPEN_M * OPEN_M)), errors)
 }
 
-/// From ranges alone.
+/// Fits the ranges alone.
 pub(super) fn fit_ranges(all: &[Measured], errors: &PositionErrors) -> Fit {
     let mut filter = open_start(errors);
     let mut squares = Vec::with_capacity(all.len());
@@ -133,11 +135,11 @@ pub(super) fn fit_ranges(all: &[Measured], errors: &PositionErrors) -> Fit {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Phase {
     pub variance_m2: f64,
-    /// Nothing joins it to what was before: a new offset.
+    /// Not joined to earlier phases: a new offset.
     pub begins: bool,
 }
 
-/// From ranges and phases together, every way that phases may be continuous weighed by its likelihood; `None` when the
+/// Fits ranges and phases together, every hypothesis weighted by its likelihood; `None` when the
 /// phases do not follow the model.
 pub(super) fn fit_ranges_and_phases(all: &[Measured], unwrapped: &Unwrapped, errors: &PositionErrors) -> Option<Fit> {
     let mut filter = open_start(errors);
@@ -176,7 +178,7 @@ pub(super) fn fit_ranges_and_phases(all: &[Measured], unwrapped: &Unwrapped, err
     follows.then(|| Fit::of(&filter, &likely, misfit(&ranges[best])))
 }
 
-/// Where the least is.
+/// Index of the least value.
 fn least(costs: &[f64]) -> usize {
     (0..costs.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0)
 }

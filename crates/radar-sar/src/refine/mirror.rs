@@ -1,27 +1,31 @@
-//! The other place that fits alike: ranges from within a plane are the same on both of its sides.
+//! Mirror ambiguity: sweeps from within a plane measure the same ranges to points on both of its
+//! sides.
 //!
-//! Three sweeps always lie in a plane and a head that turns about its neck nearly does. Each place has its mirror image there, and
-//! only the beam may tell the two. Where neither that nor the sweeps' being out of plane does, the place that fits better is kept,
-//! its covariance reaches to the other, and the direction between them counts as not observed.
+//! Three sweeps always lie in a plane, and a head that rotates about its neck nearly does. Each
+//! position then has a mirror image, and only the beam can distinguish them. Where neither the beam
+//! nor sweeps outside the plane do, the better fitting position is kept, its covariance extends to
+//! the other one, and the direction between them counts as unobserved.
 
 use glam::{DMat3, DVec3};
 
 use super::{OBSERVED_SHARE, PointEstimate, Prior, Refined, climb, longest_axis, objective, outer, scatter, trace};
 use crate::range_power::RangePower;
 
-/// Log-likelihood by which a place must fit better than its mirror image to be the one: odds of a thousand to one.
+/// Log-likelihood by which a position must fit better than its mirror image to be unambiguous: odds
+/// of a thousand to one.
 const MIN_LOG_LIKELIHOOD_GAIN: f64 = 6.9;
-/// The image must have this share of the place's log-likelihood before it is climbed from: the true one starts near its top.
+/// Least share of the position's log-likelihood that the image needs before it is optimised. The
+/// true position starts near its maximum.
 const MIN_IMAGE_SHARE: f64 = 0.3;
-/// How far from the image its maximum may lie, in distances between the two.
+/// Greatest distance of the image's maximum from the image, in distances between the two.
 const MAX_IMAGE_SHIFT: f64 = 0.25;
 
-/// The maximum near the mirror image, if it is another place than this one and fits about as well.
+/// The maximum near the mirror image, if it is a distinct position and fits about as well.
 pub(super) fn equally_likely_image(power: &RangePower, weighed: &PointEstimate, prior: &Prior) -> Option<DVec3> {
     let normal = plane_normal(&scatter(power, &weighed.readings, prior.seen_from))?;
     let apart_m = 2.0 * (weighed.place - prior.seen_from).dot(normal);
     let distance_m = weighed.place.distance(prior.seen_from);
-    // What lies next to the plane is next to its image as well, which the covariance tells.
+    // A position next to the plane is close to its image, which the covariance covers already.
     if apart_m.abs() < 2.0 * OBSERVED_SHARE * distance_m {
         return None;
     }
@@ -36,11 +40,11 @@ pub(super) fn equally_likely_image(power: &RangePower, weighed: &PointEstimate, 
     (enough && objective(&readings, prior, other) > best - MIN_LOG_LIKELIHOOD_GAIN).then_some(other)
 }
 
-/// A place that may as well be `other`.
+/// Widens the uncertainty of a position to include `other`.
 pub(super) fn with_image(refined: Refined, other: DVec3) -> Refined {
     let apart = other - refined.position_m;
     Refined {
-        // Each of the two with a half: the second moment about this one.
+        // Each of the two with weight one half: the second moment about this one.
         covariance_m2: refined.covariance_m2 + outer(apart) * 0.5,
         cross_range_sigma_m: [
             refined.cross_range_sigma_m[0].max(apart.length() * 0.5f64.sqrt()),
@@ -50,7 +54,8 @@ pub(super) fn with_image(refined: Refined, other: DVec3) -> Refined {
     }
 }
 
-/// The axis of the least scatter; none when the sweeps lie on a line, whose circle is told elsewhere.
+/// The axis of least scatter; `None` when the sweeps lie on a line, whose circle is handled
+/// elsewhere.
 fn plane_normal(scatter: &DMat3) -> Option<DVec3> {
     let first = longest_axis(scatter);
     let rest = *scatter - outer(first) * first.dot(*scatter * first);
@@ -67,7 +72,7 @@ mod tests {
     use crate::refine::refine;
     use crate::test_data::{Echo, sweeps};
 
-    /// Sweeps from the plane of the sight and an axis across it, or out of it by so much.
+    /// Sweeps from the plane of the line of sight and an axis across it, or displaced from it.
     fn refined(at: DVec3, count: usize, out_of_plane_m: f64, start: DVec3) -> Refined {
         let path = |t: f64| DVec3::new(0.25 * (4.0 * t).sin(), out_of_plane_m * (7.0 * t).sin(), 0.2 * (5.5 * t).cos());
         let all = sweeps(1.5, path, &[(Echo::Point(at), 30.0)], 3);

@@ -1,14 +1,18 @@
-//! From a voxel to a place: the continuous maximum of Σ |z|²/σ², what the poses' errors leave of it, and how sure it is.
+//! Refines a voxel to a position: the continuous maximum of Σ |z|²/σ², corrected for pose errors,
+//! with its covariance.
 //!
-//! 1. `climb`: damped Newton steps on the log-likelihood, every sweep by itself. Finds the maximum, errors ignored.
-//! 2. `least_squares`: around it each sweep is a measured range. Tracking wander moves neighbouring sweeps alike and the mount's
-//!    error turns with the head: generalised least squares, a filter along the path (`path_filter`), gives place and
-//!    covariance together.
-//! 3. `follow_phase`: where all directions were observed and the phase can be followed from sweep to sweep, it measures
-//!    changes of range a hundred times more finely than the pulse does; where it cannot, it is left alone (`phase`).
+//! 1. `climb`: damped Newton steps on the log-likelihood, each sweep independently. Finds the
+//!    maximum without regard to pose errors.
+//! 2. `least_squares`: around it each sweep is a measured range. Tracking drift affects neighbouring sweeps
+//!    alike, and the mount's error rotates with the head. Generalised least squares, implemented as
+//!    a filter along the path (`path_filter`), gives position and covariance together.
+//! 3. `follow_phase`: where all directions are observed and the phase can be unwrapped from sweep
+//!    to sweep, it measures changes of range a hundred times more finely than the pulse. Otherwise
+//!    it is not used (`phase`).
 //!
-//! Directions that the path did not observe are held by the beam alone: the place then stays near the boresight and the
-//! covariance says so. Sweeps from within a plane, as three always are, leave two places, mirrored in it (`mirror`).
+//! Directions that the path does not observe are constrained by the beam alone: the position then
+//! stays near the boresight, and the covariance shows it. Sweeps from within a plane, as three
+//! always are, leave two positions that mirror each other (`mirror`).
 
 mod errors;
 mod joint;
@@ -34,24 +38,27 @@ pub(crate) use path_filter::{JITTER_S, PathFilter, Sight};
 #[cfg(test)]
 pub(crate) use wander::correlation;
 
-/// A refined place.
+/// A refined position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Refined {
     /// Tracking frame, metres.
     pub position_m: DVec3,
-    /// Covariance, m²: data, pose errors, and the beam as the last resort.
+    /// Covariance, m²: from data, pose errors, and finally the beam.
     pub covariance_m2: DMat3,
-    /// Mean place of the sensor, metres.
+    /// Mean position of the sensor, metres.
     pub seen_from_m: DVec3,
-    /// 1σ across the line of sight as the data alone give it, greater and lesser, metres; infinite when unobserved.
+    /// 1σ across the line of sight from the data alone, greater and lesser, metres; infinite when
+    /// unobserved.
     pub cross_range_sigma_m: [f64; 2],
-    /// Sweeps that counted.
+    /// Number of sweeps used.
     pub sweeps: usize,
-    /// Rms of the sweeps' range residuals, weighed by power, in pulse widths: small when the thing stands still.
+    /// Rms of the sweeps' range residuals, weighted by power, in pulse widths: small for a
+    /// stationary object.
     pub residual_widths: f64,
 }
 
-/// A cross-range direction counts as observed when its 1σ is at most this share of the distance (3.4°).
+/// A cross-range direction counts as observed when its 1σ is at most this share of the distance
+/// (3.4°).
 const OBSERVED_SHARE: f64 = 0.06;
 
 impl Refined {
@@ -62,29 +69,32 @@ impl Refined {
     }
 }
 
-/// Half-width of the beam as a prior: tan 30°.
+/// Half-width of the beam used as a prior: tan 30°.
 const PRIOR_TANGENT: f64 = 0.577;
-/// Newton steps at most.
+/// Greatest number of Newton steps.
 const MAX_STEPS: usize = 60;
-/// Longest step, metres: less than half of the pulse.
+/// Longest step, metres: less than half of the pulse width.
 const MAX_STEP_M: f64 = 0.05;
-/// Fewer sweeps determine nothing.
+/// Least number of sweeps that determine a position.
 const MIN_SWEEPS: usize = 3;
-/// 1σ across a direction whose whole aperture the poses' errors may have feigned, in distances: nothing is known.
+/// 1σ, in distances, of a direction whose whole aperture pose errors could have caused: effectively
+/// unknown.
 const SPURIOUS_APERTURE_SIGMA: f64 = 3.0;
-/// Share of a step that is taken along an open direction.
+/// Fraction of a step taken along an unobserved direction.
 const OPEN_STEP_SHARE: f64 = 0.7;
-/// Steps of generalised least squares at most; they converge like Newton's.
+/// Greatest number of generalised least-squares steps; they converge like Newton's.
 const MAX_LEAST_SQUARES_STEPS: usize = 12;
-/// A step this short ends them, metres.
+/// A step shorter than this ends the iteration, metres.
 const CONVERGED_STEP_M: f64 = 2e-5;
-/// Rounds of following the phase at most.
+/// Greatest number of phase-following rounds.
 const PHASE_ROUNDS: usize = 4;
-/// Squared normalised distance that the phase may move a place; chi-square of 3 exceeds it once in 10 000.
+/// Greatest squared normalised distance by which the phase may move a position; chi-square of 3
+/// degrees of freedom exceeds it once in 10 000.
 const MAX_PHASE_SHIFT_CHI2: f64 = 21.0;
 
-/// Climbs from `start` to the nearest maximum and weighs it; stays within `reach_m` of `start` when given, and then uses no
-/// phase. `None` when too few sweeps see it.
+/// Climbs from `start` to the nearest maximum and estimates position and covariance there. With
+/// `reach_m` it stays within that distance of `start` and does not use the phase. `None` when too
+/// few sweeps see it.
 pub fn refine(power: &RangePower, start: DVec3, reach_m: Option<f64>, errors: &PositionErrors) -> Option<Refined> {
     let readings = power.readings(start);
     if readings.len() < MIN_SWEEPS {
@@ -109,7 +119,8 @@ pub fn refine(power: &RangePower, start: DVec3, reach_m: Option<f64>, errors: &P
         }
         return Some(follow_phase(power, &weighed, &prior, errors).unwrap_or(refined));
     }
-    // An open direction: from the beam's middle, so that noise cannot drag the place along it.
+    // With an unobserved direction, start from the beam's axis, so that noise cannot move the
+    // position along that direction.
     let prior = prior.moved_to_range(weighed.place);
     let settled = least_squares(power, prior.at, StepConstraint::Open, &prior, errors)?;
     Some(to_refined(power, &settled, &prior.moved_to_range(settled.place)))
@@ -149,12 +160,12 @@ fn climb(power: &RangePower, start: DVec3, reach_m: Option<f64>, prior: &Prior) 
     place
 }
 
-/// A place with what the data say of it.
+/// A position with its measurements and covariance.
 #[derive(Debug, Clone)]
 struct PointEstimate {
     place: DVec3,
     readings: Vec<Reading>,
-    /// Covariance as the data alone give it, m².
+    /// Covariance from the data alone, m².
     data_m2: DMat3,
     /// With the beam's prior, m².
     covariance_m2: DMat3,
@@ -167,18 +178,19 @@ impl PointEstimate {
     }
 }
 
-/// How far the steps of generalised least squares may go.
+/// Constraint on the generalised least-squares steps.
 #[derive(Debug, Clone, Copy)]
 enum StepConstraint {
     /// Around a maximum that the data determine.
     None,
-    /// Within a reach of a start, metres.
+    /// Within a distance of a start, metres.
     Reach(DVec3, f64),
-    /// Along an open direction: smaller steps, since the range bends away from every one of them, and more of them.
+    /// Along an unobserved direction: smaller steps, because the range is curved along each of
+    /// them, and more of them.
     Open,
 }
 
-/// Steps of generalised least squares until the place stays.
+/// Generalised least-squares steps until the position converges.
 fn least_squares(
     power: &RangePower,
     from: DVec3,
@@ -222,8 +234,9 @@ fn least_squares(
     Some(PointEstimate::new(place, readings, data_m2, prior))
 }
 
-/// The place with the phase's help; `None` where the phase cannot be followed or does not agree with the ranges. Lengths are
-/// taken at the place that the ranges give, then once more at each better one, as long as that goes well.
+/// Position with the help of the phase; `None` where the phase cannot be unwrapped or contradicts
+/// the ranges. Lengths are linearised at the ranges' position first, then at each improved one, as
+/// long as rounds succeed.
 fn follow_phase(power: &RangePower, ranged: &PointEstimate, prior: &Prior, errors: &PositionErrors) -> Option<Refined> {
     let mut best: Option<PointEstimate> = None;
     for _ in 0..PHASE_ROUNDS {
@@ -240,7 +253,8 @@ fn follow_phase(power: &RangePower, ranged: &PointEstimate, prior: &Prior, error
     best.map(|weighed| to_refined(power, &weighed, prior))
 }
 
-/// Lengths taken at a place, whole numbers from what the ranges know, and what ranges and phases together say then.
+/// One round: lengths linearised at a position, whole wavelength numbers from the ranges, then a
+/// fit of ranges and phases together.
 fn phase_round(
     power: &RangePower,
     ranged: &PointEstimate,
@@ -257,14 +271,14 @@ fn phase_round(
     (readings.len() >= MIN_SWEEPS).then(|| PointEstimate::new(place, readings, data_m2, prior))
 }
 
-/// Whether what the phase adds lies where the ranges allow it.
+/// Whether the phase's correction is consistent with the ranges.
 fn agrees(ranged: &PointEstimate, phased: &PointEstimate) -> bool {
     let moved = phased.place - ranged.place;
     let allowed = ranged.covariance_m2 - phased.covariance_m2 + ranged.covariance_m2 * 0.05;
     moved.dot(regular_inverse(&allowed) * moved) <= MAX_PHASE_SHIFT_CHI2
 }
 
-/// What is known before any range: the direction lies somewhere in the beam.
+/// Prior knowledge: the direction lies somewhere in the beam.
 struct Prior {
     at: DVec3,
     seen_from: DVec3,
@@ -282,13 +296,13 @@ impl Prior {
         Self { at: seen_from + forward * distance_m, seen_from, forward, sigma_m: PRIOR_TANGENT * distance_m.max(0.05) }
     }
 
-    /// The same direction, at the distance of a place.
+    /// The same direction, at a point's distance.
     fn moved_to_range(&self, place: DVec3) -> Self {
         let distance_m = place.distance(self.seen_from);
         Self { at: self.seen_from + self.forward * distance_m, ..*self }
     }
 
-    /// Across the boresight alone.
+    /// Only across the boresight.
     fn information(&self) -> DMat3 {
         (DMat3::IDENTITY - outer(self.forward)) * (1.0 / (self.sigma_m * self.sigma_m))
     }
@@ -311,8 +325,8 @@ fn slope_and_information(power: &RangePower, readings: &[Reading], place: DVec3)
     })
 }
 
-/// Covariance as the data give it: the filter's, and what an aperture no wider than the wander itself may feign. Such a one
-/// is none, though the poses say so.
+/// Covariance from the data: the filter's, plus the contribution of an aperture that pose errors
+/// alone could have caused. Such an aperture carries no information, whatever the poses say.
 fn data_covariance(
     power: &RangePower,
     fit: &Fit,
@@ -323,7 +337,8 @@ fn data_covariance(
     let count = readings.len() as f64;
     let geometry = readings.iter().map(|r| outer(direction(power, r, place))).fold(DMat3::ZERO, |a, b| a + b) / count;
     let distance_m = readings.iter().map(|r| r.distance_m).sum::<f64>() / count;
-    // Share of each direction's aperture that errors of two sigmas make up. It counts where it is large, hence the powers.
+    // Share of each direction's aperture that errors of two sigma make up. It matters only where it
+    // is large, hence the fourth power.
     let errors_m2 = errors.slow_variance_m2() + errors.jitter_m.powi(2);
     let share = (4.0 * errors_m2 / (distance_m * distance_m)).max(1e-12);
     let feigned = inverse_above(&geometry, share) * share;
@@ -347,8 +362,9 @@ fn to_refined(power: &RangePower, weighed: &PointEstimate, prior: &Prior) -> Ref
     refined
 }
 
-/// A path that is nearly a line leaves a circle around itself open. The tangent's variance is in the covariance already;
-/// this adds how far the circle bends away from its tangent, towards the path.
+/// A nearly straight path leaves a circle around itself unobserved. The covariance already contains
+/// the variance along the tangent. This adds the deviation of the circle from its tangent, towards
+/// the path.
 fn circle_sagitta(power: &RangePower, readings: &[Reading], refined: &Refined) -> DMat3 {
     let axis = longest_axis(&scatter(power, readings, refined.seen_from_m));
     let radius = (refined.position_m - refined.seen_from_m).reject_from_normalized(axis);
@@ -358,20 +374,21 @@ fn circle_sagitta(power: &RangePower, readings: &[Reading], refined: &Refined) -
     outer(radius.normalize_or_zero() * bend_m)
 }
 
-/// Second moments of where the sweeps were taken, about `middle`, m².
+/// Second moments of the sensor positions about `middle`, m².
 fn scatter(power: &RangePower, readings: &[Reading], middle: DVec3) -> DMat3 {
     let sensor = |r: &Reading| power.observations()[r.sweep].tracking_from_sensor.translation - middle;
     readings.iter().map(|r| outer(sensor(r))).fold(DMat3::ZERO, |a, b| a + b)
 }
 
-/// The axis of the greatest scatter, by power iteration from the column that is longest.
+/// The axis of the greatest scatter, by power iteration from the longest column.
 fn longest_axis(scatter: &DMat3) -> DVec3 {
     let axes = [scatter.x_axis, scatter.y_axis, scatter.z_axis];
     let start = axes.into_iter().max_by(|a, b| a.length().total_cmp(&b.length())).unwrap_or(DVec3::X);
     (0..40).fold(start.normalize_or(DVec3::X), |v, _| (*scatter * v).normalize_or(v))
 }
 
-/// Rms range residual in pulse widths, weighed by power. A Gaussian pulse gives a sweep's residual as slope / curvature.
+/// Rms range residual in pulse widths, weighted by power. For a Gaussian pulse, a sweep's residual
+/// is slope / curvature.
 fn residual_widths(readings: &[Reading]) -> f64 {
     let (mut sum, mut weight) = (0.0, 0.0);
     for reading in readings.iter().filter(|r| r.curvature_per_m2 > 0.0) {
@@ -399,7 +416,8 @@ fn trace(m: &DMat3) -> f64 {
     m.x_axis.x + m.y_axis.y + m.z_axis.z
 }
 
-/// Inverse of a symmetric, possibly singular matrix: directions without information get a very large variance.
+/// Inverse of a symmetric, possibly singular matrix: directions without information get a very
+/// large variance.
 fn regular_inverse(m: &DMat3) -> DMat3 {
     let floor = (trace(m) * 1e-12).max(1e-12);
     inverse_above(m, floor)
@@ -436,7 +454,8 @@ mod tests {
         let refined = refined(|_| DVec3::ZERO);
         assert_eq!(refined.observed_directions(), 0);
         assert!((refined.position_m.length() - AT.length()).abs() < 5e-3, "{refined:?}");
-        // Across the line of sight as wide as the beam; the truth lies within two sigmas of it.
+        // Across the line of sight the covariance is as wide as the beam; the truth lies within two
+        // sigma.
         let sight = refined.position_m.normalize();
         let across = (AT - refined.position_m).reject_from_normalized(sight);
         let along = across.normalize();
@@ -452,7 +471,8 @@ mod tests {
         assert_eq!(refine(&power, AT, None, &PositionErrors::default()), None);
     }
 
-    /// A 6 cm path whose poses wander by a millimetre; every tenth of a thousand sweeps a second.
+    /// A 6 cm path with poses that drift by a millimetre; every tenth of a thousand sweeps a
+    /// second.
     fn with_wrong_poses(seed: u64) -> Vec<crate::Observation> {
         let path = |t: f64| winding(t * 2.0) * 0.4;
         let mut all = sweeps(6.0, path, &[(Echo::Point(AT), 10.0)], seed);
@@ -482,7 +502,7 @@ mod tests {
             }
         }
         assert!(by_phase < 0.25 * by_ranges, "{by_phase} {by_ranges}");
-        // Mean of sixteen: 3 ± 0.6; the wander of this test is no Matérn process.
+        // Mean of sixteen values: 3 ± 0.6. This test's drift is not the filter's process.
         assert!((1.0..5.0).contains(&normalised), "{normalised}");
     }
 

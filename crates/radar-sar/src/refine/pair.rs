@@ -1,16 +1,19 @@
-//! Two reflectors closer than a pulse, where one was found: a joint fit of both places, and the gate that it must pass.
+//! Two reflectors closer than a pulse where one was found: a joint fit of both positions, and the
+//! decision threshold.
 //!
-//! A sum of powers has one maximum for such a pair. In each sweep the two pulses overlap differently, so that two ranges with
-//! free amplitudes explain more than one range does. But so do wrong poses: each sweep's range is off by a millimetre or two,
-//! and a second pulse beside the first takes that up. Noise alone therefore cannot set the gate. Nor may the sensor's motion
-//! within a sweep, which turns the phase over the pulse, be left in: at 0.5 m/s it looks like a second reflector with up to
-//! 4 % of the power.
+//! The sum of powers has one maximum for such a pair. But the two pulses overlap differently in
+//! each sweep, so two ranges with free amplitudes explain more than one range does. Wrong poses
+//! have the same effect: each sweep's range is off by a millimetre or two, and a second pulse next
+//! to the first absorbs that. So noise alone cannot set the threshold. The sensor's motion within a
+//! sweep must be compensated too, because it turns the phase over the pulse: at 0.5 m/s it looks
+//! like a second reflector with up to 4 % of the power.
 //!
-//! Calibration (`examples/pairs.rs calibrate seeds=0..6`; 10 s at 120 sweeps a second, 50, 200 and all sweeps, 10 to 40 dB,
-//! default pose errors). Gain as a share of the first one's power: one corner reflector at most 0.0004 in any of four
-//! motions; two equal ones 20 cm apart across range at least 0.030 (50 cm sphere), 0.069 (50 cm along x), 0.013 (straight
-//! approach), 0.0008 to 0.005 (10 cm sphere, from 20 dB on). The gate is four times what the poses' errors leave of a pulse,
-//! 0.0014 with default errors, and eight sigmas of noise.
+//! Calibration (`examples/pairs.rs calibrate seeds=0..6`; 10 s at 120 sweeps a second, 50, 200 and
+//! all sweeps, 10 to 40 dB, default pose errors). Gain as a share of the first reflector's power:
+//! one corner reflector at most 0.0004 in any of four motions; two equal ones 20 cm apart across
+//! range at least 0.030 (50 cm sphere), 0.069 (50 cm along x), 0.013 (straight approach), 0.0008 to
+//! 0.005 (10 cm sphere, from 20 dB on). The threshold is four times what pose errors leave
+//! unexplained of a pulse, 0.0014 with default errors, and eight sigma of noise.
 
 use glam::DVec3;
 
@@ -25,47 +28,49 @@ use crate::farthest_points;
 use crate::math;
 use crate::range_power::RangePower;
 
-/// A second reflector must explain this many times the share of the first one's power that wrong poses leave unexplained.
+/// A second reflector must explain at least this multiple of the share of power that pose errors
+/// leave unexplained.
 const GATE_POSES: f64 = 4.0;
-/// And at least this share: interpolation and quantisation leave some, too.
+/// And at least this share: interpolation and quantisation leave some power unexplained too.
 const MIN_SHARE: f64 = 0.5e-3;
-/// And this share where it lies behind the first, in range: a pulse that is not quite the template's looks so.
+/// And this share where it lies behind the first in range: a pulse that differs from the template
+/// looks like that.
 const GATE_BEHIND: f64 = 0.02;
-/// And this many standard deviations of what noise would.
+/// And this many standard deviations of the gain under noise.
 const GATE_SIGMA: f64 = 8.0;
-/// Sweeps that the search among starts uses at most.
+/// Greatest number of sweeps used for the search among starts.
 const SEARCH_SWEEPS: usize = 60;
-/// Distances between the two at the start, in widths of the pulse.
+/// Initial distances between the two, in pulse widths.
 const APART_WIDTHS: [f64; 3] = [0.7, 1.4, 2.1];
-/// Directions across the line of sight that starts lie in, over the full turn.
+/// Initial directions across the line of sight, over a full turn.
 const DIRECTIONS: usize = 8;
-/// Starts that are followed up, the best.
+/// Number of best starts that are optimised.
 const FOLLOWED: usize = 8;
-/// Steps of the joint fit at most.
+/// Greatest number of steps of the joint fit.
 const MAX_STEPS: usize = 60;
-/// Longest step of a place, metres.
+/// Longest step of a position, metres.
 const MAX_STEP_M: f64 = 0.04;
-/// Farther apart than this many widths they are found one after the other.
+/// Beyond this many pulse widths, reflectors are found one after the other instead.
 const FAR_WIDTHS: f64 = 4.0;
-/// Power of both amplitudes over their noise from which on a sweep tells their ranges apart.
+/// Least power of both amplitudes over their noise at which a sweep separates their ranges.
 const MIN_AMPLITUDE_POWER: f64 = 6.0;
 
-/// Two places fitted jointly, whatever they are worth.
+/// Two positions fitted jointly, without a decision.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointFit {
     /// Tracking frame, metres.
     pub places_m: [DVec3; 2],
-    /// Power that two explain beyond one and beyond what noise would give, in units of the noise.
+    /// Power that two reflectors explain beyond one and beyond noise, in units of the noise.
     pub gain: f64,
-    /// Power that one explains, in units of the noise.
+    /// Power that one reflector explains, in units of the noise.
     pub single: f64,
-    /// Sweeps that see both.
+    /// Number of sweeps that see both.
     pub sweeps: usize,
 }
 
 impl JointFit {
-    /// Whether the gain is more than noise, the poses' errors and the pulse's shape make of one reflector. `single` is the
-    /// one; `width_m`: the envelope's FWHM.
+    /// Whether the gain exceeds what noise, pose errors and the pulse shape produce with one
+    /// reflector. `single` is that one; `width_m` is the envelope's FWHM.
     pub fn passes(&self, single: &Refined, width_m: f64, errors: &PositionErrors) -> bool {
         let sight = (single.position_m - single.seen_from_m).normalize_or_zero();
         let behind = (self.places_m[1] - self.places_m[0]).normalize_or_zero().dot(sight).powi(2);
@@ -74,13 +79,14 @@ impl JointFit {
     }
 }
 
-/// Share of a pulse's power that a wrong range of the poses' size leaves unexplained: half the curvature of its square.
+/// Share of a pulse's power that range errors of the poses' size leave unexplained: half the
+/// curvature of its squared magnitude times their variance.
 fn unexplained_share(width_m: f64, errors: &PositionErrors) -> f64 {
     let variance_m2 = errors.slow_variance_m2() + errors.mount_variance_m2() + errors.jitter_m * errors.jitter_m;
     (4.0 * std::f64::consts::LN_2 / (width_m * width_m) * variance_m2).max(MIN_SHARE / GATE_POSES)
 }
 
-/// Two reflectors where a refined one was taken for one; `None` when one is enough.
+/// Splits a refined reflector into two; `None` when one is enough.
 pub fn split(power: &RangePower, single: &Refined, errors: &PositionErrors) -> Option<[Refined; 2]> {
     let motion_compensated = power.motion_compensated(single.position_m);
     let width_m = power.observations().first()?.geometry.pulse_fwhm_m;
@@ -99,7 +105,8 @@ pub fn split(power: &RangePower, single: &Refined, errors: &PositionErrors) -> O
     (told_apart && observed).then_some(pair)
 }
 
-/// Quick look: z's derivative at the place is what a second pulse nearby would feed on. It must be a share of the power.
+/// Quick pre-test: a second pulse nearby would explain z's derivative at the position. Its power
+/// must be a share of the total.
 fn may_be_two(power: &RangePower, single: &Refined, share: f64) -> bool {
     let (mut derived, mut total) = (0.0, 0.0);
     for sweep in 0..power.observations().len() {
@@ -111,7 +118,8 @@ fn may_be_two(power: &RangePower, single: &Refined, share: f64) -> bool {
     derived > share * total
 }
 
-/// The best two places around one, fitted to the ranges of all sweeps that see both. `None` when too few do.
+/// The best two positions around one, fitted to the ranges of all sweeps that see both. `None` when
+/// too few do.
 pub fn best_pair(power: &RangePower, single: &Refined) -> Option<JointFit> {
     best_of_compensated(&power.motion_compensated(single.position_m), single)
 }
@@ -140,7 +148,8 @@ fn best_of_compensated(power: &RangePower, single: &Refined) -> Option<JointFit>
     Some(JointFit { places_m, gain: evaluated.gain, single: evaluated.single, sweeps: evaluated.sweeps })
 }
 
-/// Pairs to begin with: both sides of the one place, or it and another, across the line of sight; and along it.
+/// Initial pairs: on both sides of the single position, or it and another one, across the line of
+/// sight; and along it.
 fn starts(power: &RangePower, single: &Refined, sweep: usize) -> Vec<[DVec3; 2]> {
     let width_m = power.observations()[sweep].geometry.pulse_fwhm_m;
     let sight = (single.position_m - single.seen_from_m).normalize_or(DVec3::NEG_Z);
@@ -170,7 +179,7 @@ struct Joint<'a, 'b> {
     ridge: f64,
 }
 
-/// The joint likelihood at two places.
+/// The joint likelihood and its derivatives at two positions.
 struct Evaluated {
     gain: f64,
     single: f64,
@@ -179,7 +188,7 @@ struct Evaluated {
     information: [[f64; 6]; 6],
 }
 
-/// What one sweep says of two places.
+/// One sweep's measurement of two positions.
 struct PairMeasurement {
     sweep: usize,
     toward: [DVec3; 2],
@@ -219,7 +228,8 @@ impl Joint<'_, '_> {
         (sum.sweeps >= MIN_SWEEPS.max(self.sweeps.len() / 2)).then_some(sum)
     }
 
-    /// Damped Newton steps; the gain and the places that they end at.
+    /// Damped Newton steps; returns the final gain and positions. `None` when they end too far
+    /// apart.
     fn climb(&self, mut places: [DVec3; 2]) -> Option<(f64, [DVec3; 2])> {
         let mut here = self.evaluate(places)?;
         let mut damping = 1e-2;
@@ -258,8 +268,8 @@ impl Joint<'_, '_> {
     }
 }
 
-/// Both places with the covariance that noise and the poses' errors leave them. The places stay where the joint fit puts
-/// them: its sums are free of the bias that sweeps with nearly equal ranges give to single lengths.
+/// Both positions with the covariance due to noise and pose errors. The positions stay at the joint
+/// fit, whose sums lack the bias that sweeps with nearly equal ranges give to single lengths.
 fn assess_pair(power: &RangePower, fit: &JointFit, errors: &PositionErrors) -> Option<[Refined; 2]> {
     let mean_power = fit.single / fit.sweeps.max(1) as f64;
     let sweeps = (0..power.observations().len()).collect();
@@ -279,7 +289,7 @@ fn assess_pair(power: &RangePower, fit: &JointFit, errors: &PositionErrors) -> O
     Some([judge_one(0)?, judge_one(1)?])
 }
 
-/// Lengths to one of the two places as the joint reading leaves them, the other's range unknown.
+/// Lengths to one of the two positions from the joint measurement, with the other's range unknown.
 fn lengths(power: &RangePower, measurements: &[PairMeasurement], which: usize) -> Vec<Measured> {
     let start_ns = measurements.first().map_or(0, |l| power.observations()[l.sweep].mid_time_ns);
     let mut all: Vec<Measured> = measurements
@@ -296,12 +306,13 @@ fn lengths(power: &RangePower, measurements: &[PairMeasurement], which: usize) -
             }
             let determinant = true_info[0][0] * true_info[1][1] - true_info[0][1] * true_info[1][0];
             let other = 1 - which;
-            // This row of the inverse turns slopes into ranges; the slopes vary as the noisy amplitudes say.
+            // This row of the inverse converts slopes to ranges; the slopes' variance follows from
+            // the noisy amplitudes.
             let (own, across) = (true_info[other][other] / determinant, -true_info[0][1] / determinant);
             let off_m = own * slope[which] + across * slope[other];
             let variance_m2 =
                 own * own * info[which][which] + 2.0 * own * across * info[0][1] + across * across * info[other][other];
-            // A range that may lie a third of a pulse away is none.
+            // A range uncertain by a third of a pulse is not used.
             if !(determinant > 0.0 && variance_m2 > 0.0 && variance_m2 < width_m * width_m / 9.0) {
                 return None;
             }

@@ -1,11 +1,13 @@
-//! Generalised least squares along the path: a Kalman filter whose state holds the place and everything that makes ranges
-//! err alike.
+//! Generalised least squares along the path: a Kalman filter whose state holds the position and all
+//! correlated range errors.
 //!
-//! A sweep's range is |s − p| plus u·(R m + b + j): s the place, u the direction to it, m the mount's error (turns with the
-//! sensor's rotation R), b slow wander (noise through a steep low-pass in each axis, see `wander`), j what jitter the
-//! smoothing leaves (an Ornstein–Uhlenbeck process in each axis). A phase reads the same length with an offset that nobody knows. The filter
-//! carries all of them jointly, so the place's covariance is right by construction, at a cost linear in the sweeps. Tested
-//! against the same sum with dense matrices in `bound`.
+//! A sweep's range is |s − p| plus u·(R m + b + j): s is the position, u the direction to it, m the
+//! mount's error (rotating with the sensor's rotation R), b slow drift (noise through a steep
+//! low-pass in each axis, see `wander`), j the jitter left by smoothing (an Ornstein–Uhlenbeck
+//! process in each axis). A phase measures the same length with an unknown offset. The filter
+//! estimates all of them jointly, so the position's covariance is consistent by construction, at a
+//! cost linear in the number of sweeps. Tested against the same model with dense matrices in
+//! `bound`.
 
 use glam::{DMat3, DVec3};
 
@@ -14,33 +16,34 @@ use super::wander::{Step, WANDER_STATES, Wander};
 
 use crate::math;
 
-/// Place 0..3, mount 3..6, phase offset 6, jitter 7..10, then the states of the wander, axis by axis.
+/// State layout: position 0..3, mount 3..6, phase offset 6, jitter 7..10, then the drift's states,
+/// axis by axis.
 const STATES: usize = WANDER + 3 * WANDER_STATES;
 const MOUNT: usize = 3;
 const OFFSET: usize = 6;
 const JITTER: usize = 7;
 const WANDER: usize = 10;
 
-/// Time over which the error of a smoothed pose stays alike, seconds: a fifth of the smoothing's window.
+/// Correlation time of a smoothed pose's error, seconds: a fifth of the smoothing window.
 pub(crate) const JITTER_S: f64 = 0.02;
-/// 1σ of an offset that nobody knows, metres.
+/// 1σ of an unknown offset, metres.
 const OPEN_OFFSET_M: f64 = 0.1;
-/// Innovations beyond this many sigmas count as if they lay there.
+/// Innovations beyond this many sigma are limited to it.
 const OUTLIER_SIGMA: f64 = 3.5;
 
-/// Where a sweep looked: what the filter needs of its geometry.
+/// One sweep's geometry as the filter needs it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Sight {
-    /// Seconds from any fixed moment.
+    /// Time since an arbitrary fixed moment, seconds.
     pub time_s: f64,
-    /// Unit vector from the sensor to the place, tracking frame.
+    /// Unit vector from the sensor to the position, tracking frame.
     pub toward: DVec3,
-    /// The same in the sensor's frame.
+    /// The same in the sensor frame.
     pub toward_in_sensor: DVec3,
 }
 
-/// The filter, after the sweeps so far. It may carry several states, guesses that differ in what they take measurements to
-/// be: the covariance does not depend on that and is the same for all.
+/// The filter after the sweeps so far. It can carry several hypotheses that differ in the measured
+/// values they assume. The covariance does not depend on the values and is shared.
 #[derive(Debug, Clone)]
 pub(crate) struct PathFilter {
     states: Vec<[f64; STATES]>,
@@ -50,19 +53,19 @@ pub(crate) struct PathFilter {
     time_s: Option<f64>,
 }
 
-/// A measurement about to be taken.
+/// A predicted measurement.
 #[derive(Debug, Clone)]
 pub(crate) struct Innovation {
-    /// What each guess expects it to be, metres.
+    /// Each hypothesis's prediction, metres.
     pub expected_m: Vec<f64>,
-    /// Variance of what is measured around that, m².
+    /// Variance of the measurement around the prediction, m².
     pub variance_m2: f64,
-    /// Covariance of it with the state.
+    /// Covariance of the measurement with the state.
     shared: [f64; STATES],
 }
 
 impl PathFilter {
-    /// Before the first sweep: the place lies at 0 with this covariance.
+    /// Before the first sweep: the position is 0 with this covariance.
     pub fn new(place_covariance_m2: &DMat3, errors: &PositionErrors) -> Self {
         let wander = Wander::new(errors);
         let jitter_variance_m2 = errors.jitter_m * errors.jitter_m;
@@ -80,28 +83,29 @@ impl PathFilter {
         Self { states: vec![[0.0; STATES]], covariance, wander, jitter_variance_m2, time_s: None }
     }
 
-    /// The same, the place not at 0 but there, metres.
+    /// The same, with the position at `place_m`, metres.
     pub fn starting_at(mut self, place_m: DVec3) -> Self {
         self.states.iter_mut().for_each(|state| state[..3].copy_from_slice(&place_m.to_array()));
         self
     }
 
-    /// Each guess' offset of the place from where the sights were taken, metres.
+    /// Each hypothesis's position, relative to the point at which the sweeps were linearised,
+    /// metres.
     pub fn places_m(&self) -> impl Iterator<Item = DVec3> {
         self.states.iter().map(|state| DVec3::new(state[0], state[1], state[2]))
     }
 
-    /// Guesses that go on: by number, any number any number of times.
+    /// Replaces the hypotheses by copies of those numbered; each may occur any number of times.
     pub fn branch(&mut self, from: impl Iterator<Item = usize>) {
         self.states = from.map(|n| self.states[n]).collect();
     }
 
-    /// The place's covariance in each guess, m².
+    /// The position's covariance in each hypothesis, m².
     pub fn place_covariance_m2(&self) -> DMat3 {
         DMat3::from_cols_array_2d(&[0, 1, 2].map(|col| [0, 1, 2].map(|row| self.covariance[row][col])))
     }
 
-    /// Lets time pass until a sight.
+    /// Advances the time to a sweep.
     pub fn advance(&mut self, sight: &Sight) {
         let passed_s = self.time_s.map_or(0.0, |before| (sight.time_s - before).max(0.0));
         self.time_s = Some(sight.time_s);
@@ -126,7 +130,7 @@ impl PathFilter {
         }
     }
 
-    /// Forgets the phase's offset: a new one begins.
+    /// Resets the phase offset to unknown.
     pub fn open_offset(&mut self) {
         for other in 0..STATES {
             self.covariance[OFFSET][other] = 0.0;
@@ -135,7 +139,7 @@ impl PathFilter {
         self.states.iter_mut().for_each(|state| state[OFFSET] = 0.0);
         self.covariance[OFFSET][OFFSET] = OPEN_OFFSET_M * OPEN_OFFSET_M;
     }
-    /// How a measured length would fare; `phase`: it has the unknown offset.
+    /// Predicts a measured length; `phase`: it includes the unknown offset.
     pub fn predict(&self, sight: &Sight, phase: bool, variance_m2: f64) -> Innovation {
         let mut reads = [0.0; STATES];
         let (toward, in_sensor) = (sight.toward.to_array(), sight.toward_in_sensor.to_array());
@@ -154,8 +158,9 @@ impl PathFilter {
         Innovation { expected_m, variance_m2: dot(&reads, &shared) + variance_m2, shared }
     }
 
-    /// Takes a measured length: for each guess, its offset from the length that the sight was taken at. Held back where it is an
-    /// outlier to the guess `likeliest`. Returns each guess' square of what was not expected over its variance.
+    /// Updates with a measured length: `off_m` holds, for each hypothesis, its difference from the
+    /// linearisation's length. Its effect is limited if it is an outlier to hypothesis `likeliest`.
+    /// Returns each hypothesis's squared innovation over its variance.
     pub fn update(&mut self, innovation: &Innovation, off_m: &[f64], likeliest: usize) -> Vec<f64> {
         let surprises_m: Vec<f64> =
             off_m.iter().zip(&innovation.expected_m).map(|(off, expected)| off - expected).collect();
@@ -175,7 +180,7 @@ impl PathFilter {
     }
 }
 
-/// A row of the covariance, or the state, after some time: what is measured along it.
+/// Advances one row of the covariance, or a state, by a time step.
 fn advance_row(row: &mut [f64; STATES], step: &Step, keep: f64) {
     row[JITTER..JITTER + 3].iter_mut().for_each(|value| *value *= keep);
     row[WANDER..].chunks_exact_mut(WANDER_STATES).for_each(|axis| step.turn_row(axis));

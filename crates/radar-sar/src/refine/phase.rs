@@ -1,10 +1,11 @@
-//! Following the phase from sweep to sweep: which whole number of half wavelengths each one hides.
+//! Phase unwrapping from sweep to sweep: finds the whole number of half wavelengths in each length.
 //!
-//! A filter that starts from what ranges know of the place, and then hears phases alone, expects each next phase. Every whole
-//! number that it cannot rule out makes a guess of its own; guesses fall behind by how badly later phases fit them, and the
-//! hopeless ones end. Where the next phase is expected so loosely that it says nothing, a new stretch with a new offset
-//! begins. All guesses that are left go into the place, each as far as all ranges and phases together make it likely, so the
-//! doubt is in the covariance.
+//! A filter initialised with the ranges' position and then updated with phases alone predicts each
+//! next phase. Every whole number that it cannot rule out becomes a hypothesis. Hypotheses
+//! accumulate cost for later phases that fit badly, and hopeless ones are dropped. Where the
+//! prediction is too uncertain, a new segment with a new offset begins. All remaining hypotheses
+//! contribute to the position, weighted by their likelihood given all ranges and phases, so the
+//! ambiguity is part of the covariance.
 
 use glam::{DMat3, DVec3};
 
@@ -13,37 +14,38 @@ use super::measurements::{Measured, Phase};
 use super::path_filter::PathFilter;
 use crate::WAVELENGTH_M;
 
-/// The phase repeats with this length.
+/// The phase repeats with this length, metres.
 const PERIOD_M: f64 = WAVELENGTH_M * 0.5;
-/// A phase is followed when half a period is this many sigmas; else one in three would go to the next whole number.
+/// A phase is unwrapped when half a period is at least this many sigma of its prediction; at one
+/// sigma, one in three would be assigned to a neighbouring whole number.
 const FOLLOWED_SIGMAS: f64 = 1.0;
-/// Whole numbers farther than this many sigmas from what is expected are no guess.
+/// Whole numbers farther than this many sigma from the prediction are not considered.
 const WIDEST_SIGMAS: f64 = 4.0;
-/// A guess ends that is e to this many times less likely than the likeliest.
+/// A hypothesis is dropped when its log-likelihood is this far below the best.
 const MAX_COST_ABOVE_BEST: f64 = 12.0;
-/// Guesses at most.
+/// Greatest number of hypotheses.
 const MAX_GUESSES: usize = 64;
 
-/// One way of making phases continuous.
+/// One way of unwrapping the phases.
 #[derive(Debug, Clone)]
 struct Guess {
-    /// Minus the logarithm of its likelihood.
+    /// Negative log-likelihood.
     cost: f64,
-    /// One for each sweep; 0 where it has no phase.
+    /// One length offset per sweep; 0 where it has no phase.
     off_m: Vec<f64>,
 }
 
-/// Phases made continuous.
+/// Unwrapped phases.
 #[derive(Debug, Clone)]
 pub(super) struct Unwrapped {
-    /// One for each sweep; `None` where it has none.
+    /// One per sweep; `None` where it has no phase.
     pub phases: Vec<Option<Phase>>,
-    /// Lengths that the phases show, one for each sweep, in each way that they may be continuous; the likeliest first.
+    /// Lengths from the phases, one per sweep, for each hypothesis; the likeliest first.
     pub guesses: Vec<Vec<f64>>,
 }
 
-/// Phases of sweeps in time, made continuous from what is known of the place: its offset from where sights were taken, and
-/// covariance. `None` where no two join.
+/// Unwraps the phases of sweeps in time order, given the position relative to the linearisation
+/// point, and its covariance. `None` where no two phases can be joined.
 pub(super) fn unwrap_phases(
     all: &[Measured],
     place_m: DVec3,
@@ -81,8 +83,8 @@ pub(super) fn unwrap_phases(
     (joins > 0).then_some(Unwrapped { phases, guesses })
 }
 
-/// Every guess with every whole number that is likely enough: which guess each comes from, and they themselves, the
-/// likeliest first.
+/// Every hypothesis extended by every sufficiently likely whole number: the parent of each, and the
+/// new hypotheses, the likeliest first.
 fn branched(guesses: &[Guess], phase_off_m: f64, expected_m: &[f64], variance_m2: f64) -> (Vec<usize>, Vec<Guess>) {
     let sigma_m = variance_m2.sqrt();
     let mut next: Vec<(f64, usize, f64)> = Vec::new();

@@ -1,10 +1,11 @@
-//! Slow drift of the poses in one axis, as a state that a filter can carry: white noise through a Butterworth low-pass.
+//! Slow pose drift in one axis as filter states: white noise through a Butterworth low-pass.
 //!
-//! Drift of tracking has a fastest rate, about half a hertz, and next to nothing above it: a flat spectrum with a steep edge,
-//! 1/(1 + (f/f_c)¹⁶). How steep matters as soon as phases are heard: heads move about as fast as poses drift, and a spectrum
-//! that falls slowly takes phases for drift and drift for phases, so that covariances come out wrong both ways. The
-//! low-pass' eight poles make four pairs of states: each turns and fades by itself, all are driven by the same noise, and the
-//! drift is a sum of them. Stationary covariance and transition have closed forms.
+//! Tracking drift has a fastest rate, about half a hertz, and almost no power above it: a flat
+//! spectrum with a steep edge, 1/(1 + (f/f_c)¹⁶). The steepness matters as soon as phases are used.
+//! Heads move about as fast as poses drift, and with a slowly falling spectrum the filter confuses
+//! phases with drift, so that covariances are wrong both ways. The low-pass's eight poles form four
+//! pairs of states. Each pair rotates and decays independently, all are driven by the same noise,
+//! and the drift is a weighted sum of them. Stationary covariance and transition have closed forms.
 
 use std::f64::consts::{PI, TAU};
 
@@ -14,26 +15,26 @@ use super::PositionErrors;
 
 use crate::math;
 
-/// Pairs of poles; the low-pass' order is twice as high.
+/// Pairs of poles; the low-pass's order is twice as high.
 const PAIRS: usize = 4;
-/// States in an axis: real and imaginary part of each pair.
+/// States per axis: real and imaginary part of each pair.
 pub(super) const WANDER_STATES: usize = 2 * PAIRS;
 
 /// The process in one axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wander {
-    /// 2π times the edge of the spectrum, per second.
+    /// 2π times the edge frequency of the spectrum, per second.
     rate: f64,
-    /// Drift as a sum of states.
+    /// Weights of the states in the drift.
     pub reads: [f64; WANDER_STATES],
     pub stationary: [[f64; WANDER_STATES]; WANDER_STATES],
 }
 
-/// What a stretch of time does to it.
+/// Transition over a time interval.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
     turns: [Complex64; PAIRS],
-    /// Covariance that noise adds.
+    /// Covariance added by the driving noise.
     pub added: [[f64; WANDER_STATES]; WANDER_STATES],
 }
 
@@ -47,7 +48,8 @@ impl Wander {
             let residue = (others.product::<Complex64>() * (pole - pole.conj())).inv();
             (reads[2 * k], reads[2 * k + 1]) = (2.0 * residue.re, -2.0 * residue.im);
         }
-        // Modes k and l driven by the same noise: −1/(p_k + p_l) for their product, the second conjugated or not.
+        // Modes k and l driven by the same noise: their covariance is −1/(p_k + p_l), with the
+        // second pole conjugated or not.
         let mut stationary = [[0.0; WANDER_STATES]; WANDER_STATES];
         for (k, a) in poles.iter().enumerate() {
             for (l, b) in poles.iter().enumerate() {
@@ -65,10 +67,10 @@ impl Wander {
         Self { rate: TAU * edge_hz(errors.wander_s), reads, stationary }
     }
 
-    /// Over a time, seconds.
+    /// Transition over a time, seconds.
     pub fn step(&self, passed_s: f64) -> Step {
         let turns = poles().map(|pole| math::exp_complex(pole * self.rate * passed_s));
-        // What is there for ever, less what is left of it.
+        // Stationary covariance minus what remains of it after the transition.
         let mut left = self.stationary;
         left.iter_mut().for_each(|row| turn_row(row, &turns));
         turn_rows(&mut left, &turns);
@@ -81,12 +83,12 @@ impl Wander {
 }
 
 impl Step {
-    /// Turns the states of one axis, or a row of a covariance along them.
+    /// Applies the transition to the states of one axis, or to a row of a covariance.
     pub fn turn_row(&self, row: &mut [f64]) {
         turn_row(row, &self.turns);
     }
 
-    /// Turns the rows of a covariance that belong to the states of one axis.
+    /// Applies the transition to the rows of a covariance that belong to the states of one axis.
     pub fn turn_rows<const N: usize>(&self, rows: &mut [[f64; N]]) {
         turn_rows(rows, &self.turns);
     }
@@ -107,7 +109,8 @@ fn turn_rows<const N: usize>(rows: &mut [[f64; N]], turns: &[Complex64; PAIRS]) 
     }
 }
 
-/// Poles above the real axis of the low-pass whose edge is at 1 rad a unit of time (Butterworth, 1930).
+/// Poles in the upper half plane of a low-pass with its edge at 1 rad per unit of time
+/// (Butterworth, 1930).
 fn poles() -> [Complex64; PAIRS] {
     std::array::from_fn(|k| {
         let order = WANDER_STATES as f64;
@@ -115,8 +118,8 @@ fn poles() -> [Complex64; PAIRS] {
     })
 }
 
-/// Where the spectrum ends: the drift's fastest half period is the time over which it stays alike. A twentieth beyond, since
-/// at its edge the low-pass lets only half of the power through.
+/// Edge of the spectrum: the drift's fastest half period is its correlation time. Raised by a
+/// twentieth, because the low-pass passes only half of the power at its edge.
 fn edge_hz(wander_s: f64) -> f64 {
     0.525 / wander_s
 }
@@ -125,7 +128,7 @@ fn dot(a: &[f64; WANDER_STATES], b: &[f64; WANDER_STATES]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Correlation of two moments of wander, summed over the spectrum.
+/// Correlation of the drift at two times, summed over the spectrum.
 #[cfg(test)]
 pub(crate) fn correlation(apart_s: f64, wander_s: f64) -> f64 {
     const PARTS: usize = 2000;
@@ -159,7 +162,7 @@ mod tests {
     #[test]
     fn two_steps_equal_one_longer_step() {
         let wander = Wander::new(&PositionErrors::default());
-        // Two steps are one: what the first added is turned by the second.
+        // Two steps equal one: the covariance added by the first is transformed by the second.
         let (one, two, both) = (wander.step(0.3), wander.step(0.5), wander.step(0.8));
         let mut added = one.added;
         added.iter_mut().for_each(|row| two.turn_row(row));

@@ -1,13 +1,15 @@
-//! D-optimal: greedily the sweep that tells most about a place.
+//! D-optimal selection: greedily takes the sweep that adds most information about a point.
 //!
-//! A range tells of a place along u, the direction to it: Σ u uᵀ is the information of all. The determinant grows by
-//! uᵀ M⁻¹ u with each, so the next is always where that is greatest; of equals the oldest.
+//! A range carries information about a point along u, the direction to it; Σ u uᵀ is the
+//! information of all. Adding a sweep multiplies the determinant by 1 + uᵀ M⁻¹ u, so the next sweep
+//! is the one with the greatest uᵀ M⁻¹ u; of equals the oldest.
 
 use glam::{DMat3, DVec3};
 
 use super::first_best;
 
-/// What is taken as known of each direction beforehand: less than one sweep tells over a thousandth of a radian.
+/// Prior information in each direction: less than one sweep gives at an angle of a thousandth of a
+/// radian.
 const PRIOR: f64 = 1e-6;
 
 /// Indices of `count` positions, in rising order; all when there are no more.

@@ -1,5 +1,6 @@
-//! Farthest point: starts with the sweep nearest to the middle of all sensor positions, then takes again and again the
-//! one whose nearest chosen neighbour is farthest. Spreads the aperture as widely as it goes; of equals the oldest wins.
+//! Farthest-point selection: starts with the sweep nearest to the mean of all sensor positions,
+//! then repeatedly takes the sweep farthest from its nearest selected neighbour. Spreads the
+//! aperture as widely as possible; of equals the oldest.
 
 use glam::DVec3;
 
@@ -22,7 +23,7 @@ pub fn farthest_points(positions: &[DVec3], count: usize) -> Vec<usize> {
         for (distance, p) in nearest_chosen.iter_mut().zip(positions) {
             *distance = distance.min(p.distance_squared(positions[next]));
         }
-        // A chosen one never comes again, not even among coincident positions.
+        // A selected sweep is never selected again, even among coincident positions.
         nearest_chosen[next] = f64::NEG_INFINITY;
         next = first_best(nearest_chosen.iter().copied());
     }

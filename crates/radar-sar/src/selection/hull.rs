@@ -1,11 +1,12 @@
-//! Corners of a convex hull in space: points are added one by one, the faces that see the new one give way to a cone over
-//! their rim. Points on a plane, on a line or in one place have the hull of that dimension.
+//! Vertices of a convex hull in space, incrementally: the faces that a new point sees are replaced
+//! by a cone over their rim. Coplanar, collinear or coincident points have the hull of that
+//! dimension.
 
 use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-/// Points this near to a face lie on it, in units of the hull's extent.
+/// Points this close to a face count as on it, in units of the hull's extent.
 const FLAT: f64 = 1e-9;
 
 #[derive(Debug, Clone, Copy)]
@@ -15,15 +16,16 @@ struct Face {
     offset: f64,
 }
 
-/// Indices of the corners of the points' convex hull, in rising order; of points in one place the first. Points that are
-/// not finite are left out.
+/// Indices of the vertices of the points' convex hull, in rising order; of coincident points the
+/// first. Points that are not finite are ignored.
 pub fn hull_vertices(points: &[DVec3]) -> Vec<usize> {
     let all: Vec<usize> = (0..points.len()).filter(|&n| points[n].is_finite()).collect();
     let Some(&first) = all.first() else { return Vec::new() };
     let farthest = |of: &dyn Fn(DVec3) -> f64| {
         all.iter().fold((first, 0.0), |best, &n| if of(points[n]) > best.1 { (n, of(points[n])) } else { best })
     };
-    // An extreme point, then always the one farthest from the place, line or plane of those before.
+    // An extreme point, then in turn the point farthest from the point, line and plane of those
+    // before.
     let start = farthest(&|p| p.distance(points[first])).0;
     let (second, extent) = farthest(&|p| p.distance(points[start]));
     let flat = FLAT * extent;
@@ -88,7 +90,7 @@ fn solid_hull(points: &[DVec3], all: &[usize], start: [usize; 4], flat: f64) -> 
         if !faces.iter().any(sees) {
             continue;
         }
-        // The rim: edges of faces that see the point whose other side does not.
+        // The rim: edges of visible faces whose other face is not visible.
         let mut edges: BTreeMap<(usize, usize), usize> = BTreeMap::new();
         for Face { corners: [a, b, c], .. } in faces.iter().filter(|f| sees(f)) {
             for (p, q) in [(*a, *b), (*b, *c), (*c, *a)] {
@@ -105,8 +107,8 @@ fn solid_hull(points: &[DVec3], all: &[usize], start: [usize; 4], flat: f64) -> 
     normals.into_iter().filter(|(_, around)| is_corner(around)).map(|(n, _)| n).collect()
 }
 
-/// Whether the faces around a point turn in all directions: a point on an edge or a face, added before its corners, stays
-/// in the faces but is no corner.
+/// Whether the normals of the faces around a point span all directions. A point on an edge or a
+/// face, added before that face's vertices, remains in the faces but is no vertex.
 fn is_corner(normals: &[DVec3]) -> bool {
     let greatest = |of: &dyn Fn(DVec3) -> f64| normals.iter().map(|&n| of(n)).fold(0.0, f64::max);
     let Some(&first) = normals.first() else { return false };
@@ -158,7 +160,7 @@ mod tests {
                 let extreme = (0..points.len()).max_by(|&a, &b| reach(a).total_cmp(&reach(b))).unwrap();
                 prop_assert!(corners.contains(&extreme), "{extreme} of {corners:?}");
             }
-            // And no corner lies inside: each sticks out of the hull of the others.
+            // No vertex lies inside: each sticks out of the hull of the others.
             for &corner in corners.iter().take(5) {
                 let others: Vec<DVec3> = points.iter().enumerate().filter(|o| o.0 != corner).map(|o| *o.1).collect();
                 let mut with = others.clone();

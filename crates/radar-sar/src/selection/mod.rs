@@ -1,4 +1,5 @@
-//! Which sweeps to keep when all are too many, and which to leave out before any imaging. One way a file.
+//! Selection of sweeps when there are too many, and preselection before any imaging. One method per
+//! file.
 
 mod d_optimal;
 mod farthest_point;
@@ -20,34 +21,35 @@ pub use preselection::{Preselection, PreselectionCounters, Preselector};
 pub use random::random;
 pub use thesis::{THRESHOLD_COEFFICIENT, above_threshold, hull_above_threshold};
 
-/// How sweeps are chosen.
+/// Selection method.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Selection {
-    /// Any, by chance.
+    /// At random.
     Random,
-    /// Eq. 3.6 of the thesis: those with amplitudes of at least T · x_max; of these any, by chance.
+    /// Eq. 3.6 of the thesis: sweeps with amplitudes of at least T · x_max, at random among these.
     Threshold,
-    /// Eq. 3.7: the convex hull's, with amplitudes of at least T · x_max; of these any, by chance. May be fewer than asked.
+    /// Eq. 3.7: vertices of the convex hull with amplitudes of at least T · x_max, at random among
+    /// these. May be fewer than requested.
     ThesisHull,
-    /// Always the one farthest from all that are chosen.
+    /// Repeatedly the sweep farthest from all that are selected.
     #[default]
     FarthestPoint,
-    /// Always the one that tells most about a place: greatest determinant of Σ u uᵀ.
+    /// Repeatedly the sweep with most information about a point: greatest determinant of Σ u uᵀ.
     DOptimal,
 }
 
-/// No such selection.
+/// Unknown name of a selection method.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("selection \"{0}\" is not known: use {list}", list = Selection::ALL.map(Selection::name).join(", "))]
 pub struct UnknownSelection(pub String);
 
 impl Selection {
-    /// All of them.
+    /// All methods.
     pub const ALL: [Selection; 5] =
         [Self::Random, Self::Threshold, Self::ThesisHull, Self::FarthestPoint, Self::DOptimal];
 
-    /// As settings and the command line spell it.
+    /// Name in settings and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Random => "random",
@@ -58,8 +60,8 @@ impl Selection {
         }
     }
 
-    /// Indices of `count` sweeps at most, in rising order. `place` is where something is looked for (the region's middle
-    /// serves); chance follows from `seed` alone.
+    /// Indices of at most `count` sweeps, in rising order. `place` is the point of interest (the
+    /// centre of the region will do). Random choices depend on `seed` alone.
     pub fn choose(self, observations: &[Observation], count: usize, place: DVec3, seed: u64) -> Vec<usize> {
         let positions: Vec<DVec3> = observations.iter().map(|o| o.tracking_from_sensor.translation).collect();
         let amplitudes = || observations.iter().map(peak_amplitude).collect::<Vec<f64>>();
@@ -86,7 +88,7 @@ fn peak_amplitude(observation: &Observation) -> f64 {
     observation.samples.iter().map(|x| f64::from(math::norm(*x))).fold(0.0, f64::max)
 }
 
-/// Index of the first of the greatest values; 0 without any.
+/// Index of the first of the greatest values; 0 without values.
 fn first_best(values: impl Iterator<Item = f64>) -> usize {
     values.enumerate().fold((0, f64::NEG_INFINITY), |best, (i, v)| if v > best.1 { (i, v) } else { best }).0
 }

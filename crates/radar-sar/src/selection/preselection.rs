@@ -1,7 +1,8 @@
-//! Left out before any imaging: sweeps without signal, and sweeps from where the last one was kept.
+//! Preselection before imaging: drops sweeps without signal, and sweeps from the position of the
+//! last kept one.
 //!
-//! A sensor at rest goes on seeing: one sweep every tenth of a second is kept all the same, so that what it shows stays
-//! fresh and its noise averages out.
+//! A stationary sensor keeps contributing one sweep every tenth of a second, so that its data stay
+//! current and noise averages out.
 
 use std::sync::Arc;
 
@@ -14,31 +15,31 @@ use crate::{RangeCompressor, sweep_noise_rms};
 /// A sweep is kept after this time even without motion, nanoseconds.
 const STILL_NS: i64 = 100_000_000;
 
-/// What a sweep needs to be kept. Zeros keep all.
+/// Requirements for keeping a sweep. Zeros keep all.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Preselection {
     /// Least peak of |z|²/σ² over range. Noise alone reaches 5 to 10.
     pub min_peak_power: f64,
-    /// Least way from the last one kept, metres.
+    /// Least distance from the last kept sweep's position, metres.
     pub min_move_m: f64,
 }
 
-/// How many were left out, and why.
+/// Number of dropped sweeps, by reason.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PreselectionCounters {
-    /// Nothing in them stood out of the noise.
+    /// Nothing in them exceeded the noise.
     pub without_signal: u64,
     /// The sensor had not moved.
     pub without_motion: u64,
 }
 
-/// Decides sweep by sweep, in time.
+/// Decides sweep by sweep, in time order.
 #[derive(Debug, Default)]
 pub struct Preselector {
     settings: Preselection,
     compressors: Vec<(Arc<SweepGeometry>, RangeCompressor)>,
-    /// For each subsweep: time and place of the last one kept.
+    /// Per subsweep: time and position of the last kept sweep.
     last: Vec<(usize, i64, DVec3)>,
     counters: PreselectionCounters,
 }
@@ -49,7 +50,7 @@ impl Preselector {
         Self { settings, ..Self::default() }
     }
 
-    /// How many were left out so far.
+    /// Number of dropped sweeps so far.
     pub fn counters(&self) -> PreselectionCounters {
         self.counters
     }
@@ -80,7 +81,7 @@ impl Preselector {
     fn peak_power(&mut self, observation: &Observation) -> f64 {
         let Observation { geometry, samples, .. } = observation;
         let at = self.compressors.iter().position(|(of, _)| Arc::ptr_eq(of, geometry)).unwrap_or_else(|| {
-            // One geometry a subsweep; a new one takes the old one's place.
+            // One geometry per subsweep; a new one replaces the old one.
             self.compressors.retain(|(of, _)| of.subsweep != geometry.subsweep);
             self.compressors.push((Arc::clone(geometry), RangeCompressor::new(geometry)));
             self.compressors.len() - 1
@@ -95,7 +96,7 @@ mod tests {
     use super::*;
     use crate::test_data::{Echo, sweeps};
 
-    /// Moves for half a second at 0.2 m/s, then stands.
+    /// Moves for half a second at 0.2 m/s, then stops.
     fn path(t: f64) -> DVec3 {
         DVec3::X * 0.2 * t.min(0.5)
     }

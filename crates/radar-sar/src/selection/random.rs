@@ -1,9 +1,10 @@
-//! Any sweeps, by chance: the first steps of a Fisher–Yates shuffle.
+//! Random selection: the first steps of a Fisher–Yates shuffle.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// `count` of the numbers below `from`, each as likely as any, in rising order; all when there are no more.
+/// `count` of the numbers below `from`, all equally likely, in rising order; all when there are no
+/// more.
 pub fn random(from: usize, count: usize, seed: u64) -> Vec<usize> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut all: Vec<usize> = (0..from).collect();

@@ -1,15 +1,18 @@
-//! The fast inner loop: m of one block over a small box of voxels, many sweeps at a time.
+//! Fast inner loop: m of one sub-aperture over a small box of voxels, many sweeps at a time.
 //!
-//! Factorised backprojection (Yegulalp 1999, Ulander 2003) with the box as the last stage. For each box and each run of sweeps
-//! (`subapertures`) what the run sums up to is tabulated once over the distance, as if all were seen from the box's middle:
-//! every sweep's z, shifted to its own exact distance from there and turned back by that distance's phase. A voxel then needs
-//! one distance, one phase and one look-up for the whole run, where the exact kernel needs them for each sweep. What the
-//! sweeps of a run differ by away from the box's middle is κ·s·x: s, how far along the run's way a sweep lies, x, how much
-//! the cosine to that way differs from the middle's. It is carried to second order by tables of the first and second moment in
-//! s, with Chebyshev's economised coefficients; the length of runs is chosen so that κ·s·x stays within [`MAX_PHASE_RAD`].
+//! Factorised backprojection (Yegulalp 1999, Ulander 2003) with the box as the last stage. For each
+//! box and each leaf (`subapertures`) the leaf's sum is tabulated once over distance, as seen from
+//! the box's middle: every sweep's z, shifted by its own exact distance from there and demodulated
+//! by that distance's phase. A voxel then needs one distance, one phase and one lookup per leaf,
+//! where the exact kernel needs them per sweep. Away from the box's middle, the sweeps of a leaf
+//! differ in phase by κ·s·x: s is how far along the leaf's motion a sweep lies, x is how much the
+//! cosine to that motion differs from its value at the middle. This phase is expanded to second
+//! order by tables of the first and second moment in s, with Chebyshev-economised coefficients. The
+//! leaves are short enough that κ·s·x stays within [`MAX_PHASE_RAD`].
 //!
-//! The tables have sixteen entries, a register: lanes are voxels, 4 × 4 of a layer, and pick their entries within it. m agrees
-//! with the exact kernel to 1 % of itself plus 0.02, as that does with the oracle.
+//! Each table has sixteen entries, one register. Lanes are voxels, 4 × 4 of a layer, and select
+//! their entries within it. m agrees with the exact kernel to 1 % of itself plus 0.02, as that
+//! kernel does with the oracle.
 
 use super::Subaperture;
 use super::lanes::{LANES, Lanes, Portable, ROUNDER, Vector};
@@ -20,26 +23,29 @@ use crate::{PHASE_RAD_PER_M, WAVELENGTH_M};
 
 /// Entries of a box's tables.
 const ENTRIES: usize = LANES;
-/// The box's middle in its tables.
+/// Table position of the box's middle, entries.
 const MIDDLE: f32 = (ENTRIES - 1) as f32 * 0.5;
-/// Farthest that a voxel may lie from the box's middle, in table entries: the outermost have no neighbour to interpolate with.
+/// Greatest distance of a voxel from the box's middle, in table entries. The outermost entries have
+/// no neighbour for interpolation.
 const REACH_ENTRIES: f32 = MIDDLE - 0.5;
-/// Distance of table entries, in widths of the pulse: quadratics between them are right to 1e-3.
+/// Distance between table entries, in pulse widths: quadratic interpolation is then accurate to
+/// 1e-3.
 const ENTRY_WIDTHS: f64 = 0.15;
-/// Greatest κ·s·x.
+/// Greatest κ·s·x, rad.
 const MAX_PHASE_RAD: f32 = 0.5;
-/// Below this the second order is left out, and below that the first.
+/// Below the first, the second-order term is omitted; below the second, the first-order term as
+/// well.
 const SECOND_ORDER_FROM_RAD: f32 = 0.1;
 const FIRST_ORDER_FROM_RAD: f32 = 0.004;
 
-/// z of all sweeps, laid out so that every `stride`-th entry is in a row.
+/// z of all sweeps, arranged so that every `stride`-th entry is contiguous.
 #[derive(Debug, Clone)]
 pub(super) struct Rows {
-    /// `[sweep][phase][re, im][entry / stride]`; zeros on either side.
+    /// `[sweep][phase][re, im][entry / stride]`, zero-padded on either side.
     values: Vec<f32>,
     sweep_len: usize,
     row_len: usize,
-    /// `[entry]`: where in a sweep's values the row that starts with it starts.
+    /// `[entry]`: index, within a sweep's values, of the row that begins with that entry.
     starts: Vec<u32>,
     /// Fractional entry = range · entries_per_m + entry_at_zero.
     entries_per_m: f32,
@@ -49,7 +55,7 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    /// Room for the sweeps of a block; `entries` at `step_m` from `first_m` on.
+    /// Allocates for the sweeps of a sub-aperture; `entries` at `step_m` from `first_m` on.
     pub fn new(sweeps: usize, entries: usize, first_m: f64, step_m: f64, pulse_m: f64) -> Self {
         let stride = ((ENTRY_WIDTHS * pulse_m / step_m) as usize).max(1);
         let zeros = (ENTRIES + 1) * stride;
@@ -69,7 +75,7 @@ impl Rows {
         }
     }
 
-    /// No room.
+    /// Without memory, for sub-apertures that evaluate single points only.
     pub fn none() -> Self {
         let (values, starts, none) = (Vec::new(), Vec::new(), 0.0);
         Self { values, sweep_len: 0, row_len: 0, starts, entries_per_m: none, entry_at_zero: none, box_step_m: none }
@@ -89,44 +95,46 @@ impl Rows {
     }
 }
 
-/// A box of voxels in layers of 4 × 4, lane l at (l mod 4, l / 4).
+/// A box of voxels in layers of 4 × 4; lane l is at (l mod 4, l / 4).
 pub(super) struct VoxelBox<'a> {
-    /// Relative to the block's middle, metres.
+    /// Middle of the box relative to the sub-aperture's middle, metres.
     pub middle_m: [f32; 3],
-    /// Edge of a voxel.
+    /// Edge of a voxel, metres.
     pub voxel_m: f32,
-    /// Farthest voxel from the middle, metres.
+    /// Greatest distance of a voxel from the box's middle, metres.
     pub radius_m: f32,
-    /// Lane 0 of each layer, relative to the box's middle, metres.
+    /// Position of lane 0 of each layer, relative to the box's middle, metres.
     pub layers_m: &'a [[f32; 3]],
 }
 
-/// The sweeps of a block as a box sees them, sweep by sweep, and the box's sums; kept from box to box for its memory.
+/// Per-sweep values for one box, and the box's sums; reused between boxes for its memory.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
-    /// Where a sweep's table for the box starts among all values, and where one that lies an entry farther on does.
+    /// `[sweep]`: index of its table for the box among all values, and of the table one entry
+    /// farther.
     starts: Vec<[u32; 2]>,
-    /// How far the box's entries lie from the one towards the other.
+    /// `[sweep]`: fraction of the way from the first to the second of these tables.
     share: Vec<f32>,
-    /// The turn that undoes the sweep's phase at the box's middle.
+    /// Phasor that removes the sweep's phase at the box's middle.
     cos: Vec<f32>,
     sin: Vec<f32>,
     sums: Vec<Sums>,
 }
 
 impl Subaperture {
-    /// Farthest that a voxel may lie from its box's middle, metres.
+    /// Greatest permitted distance of a voxel from its box's middle, metres.
     pub(super) fn box_reach_m(&self) -> f32 {
         REACH_ENTRIES * self.rows.box_step_m
     }
 
-    /// Whether places at these distances from the block's middle lie within all its sweeps' range axes.
+    /// Whether points between these distances from the sub-aperture's middle lie within the range
+    /// axes of all its sweeps.
     pub(super) fn covers(&self, nearest_m: f32, farthest_m: f32) -> bool {
         nearest_m - self.reach_m >= self.first_m && farthest_m + self.reach_m <= self.last_m
     }
 
-    /// m of the layers' voxels. Needs a radius of at most [`Subaperture::box_reach_m`]; where voxels lie outside the range axes
-    /// ([`Subaperture::covers`]) the values there mean nothing.
+    /// m of the layers' voxels. The box's radius must be at most [`Subaperture::box_reach_m`]. Values of
+    /// voxels outside the range axes ([`Subaperture::covers`]) are meaningless.
     pub(super) fn coherence_in_box(&self, voxels: &VoxelBox, scratch: &mut Scratch, m: &mut [Lanes]) {
         let mut sums = std::mem::take(&mut scratch.sums);
         sums.resize(voxels.layers_m.len(), [[0.0; LANES]; 3]);
@@ -149,7 +157,8 @@ impl Subaperture {
                 all::<Avx2>(block, voxels, scratch, sums);
             }
             if has(InstructionSet::Avx512) {
-                // SAFETY: the processor has the instructions that this copy of the code is compiled for.
+                // SAFETY: the processor has the instructions that this copy of the code is compiled
+                // for.
                 return unsafe { avx512(self, voxels, scratch, sums) };
             }
             if has(InstructionSet::Avx2) {
@@ -161,10 +170,10 @@ impl Subaperture {
     }
 }
 
-/// Real, imaginary, energy of sixteen voxels.
+/// Real part, imaginary part and energy of sixteen voxels.
 pub(super) type Sums = [Lanes; 3];
 
-/// m from the sums of so many sweeps, compiled for what the processor has.
+/// m from the sums of `count` sweeps, compiled for the processor's instructions.
 fn coherences(sums: &[Sums], count: f32, m: &mut [Lanes]) {
     #[inline(always)]
     fn each(sums: &[Sums], count: f32, m: &mut [Lanes]) {
@@ -188,7 +197,8 @@ fn coherences(sums: &[Sums], count: f32, m: &mut [Lanes]) {
             each(sums, count, m);
         }
         if has(InstructionSet::Avx512) {
-            // SAFETY: the processor has the instructions that this copy of the code is compiled for.
+            // SAFETY: the processor has the instructions that this copy of the code is compiled
+            // for.
             return unsafe { avx512(sums, count, m) };
         }
         if has(InstructionSet::Avx2) {
@@ -219,8 +229,8 @@ fn all<V: Vector>(block: &Subaperture, voxels: &VoxelBox, scratch: &mut Scratch,
 }
 
 impl Subaperture {
-    /// How much the cosine between a line of sight and any direction differs over a box at most: the chord of the angle that
-    /// the box's ball fills.
+    /// Upper bound of how much the cosine between a line of sight and any fixed direction varies
+    /// over a box: the chord of the angle that the box's bounding sphere subtends.
     #[inline(always)]
     fn cosine_spread(&self, voxels: &VoxelBox) -> f32 {
         let distance_m = dot(voxels.middle_m, voxels.middle_m).sqrt() - self.reach_m;
@@ -229,7 +239,8 @@ impl Subaperture {
     }
 }
 
-/// Each sweep's exact distance from the box's middle: where its table starts there, and the turn that undoes its phase.
+/// For each sweep, from its exact distance to the box's middle: the start of its table there, and
+/// the phasor that removes its phase.
 #[inline(always)]
 fn demodulate_sweeps<V: Vector>(block: &Subaperture, middle_m: [f32; 3], scratch: &mut Scratch) {
     let rows = &block.rows;
@@ -240,7 +251,7 @@ fn demodulate_sweeps<V: Vector>(block: &Subaperture, middle_m: [f32; 3], scratch
     }
     let last = rows.starts.len() - 2;
     for (g, group) in block.groups.iter().enumerate() {
-        // Nothing here is a closure: those would not be compiled for the wider instructions.
+        // No closures here: they would not be compiled for the wider instructions.
         let mut axes = [(V::splat(0.0), V::splat(0.0)); 3];
         for axis in 0..3 {
             let position = V::load(&group.position_m[axis]);
@@ -262,14 +273,14 @@ fn demodulate_sweeps<V: Vector>(block: &Subaperture, middle_m: [f32; 3], scratch
         bits.store(&mut lanes);
         for (l, starts) in scratch.starts[first..first + LANES].iter_mut().enumerate() {
             let entry = (lanes[l].to_bits().wrapping_sub(ROUNDER.to_bits()) as i32).clamp(0, last as i32) as usize;
-            // The last group's lanes beyond the last sweep point nowhere, and nobody asks for them.
+            // Lanes of the last group beyond the last sweep have no values; they are never read.
             let sweep = ((first + l) * rows.sweep_len) as u32;
             *starts = [rows.starts[entry] + sweep, rows.starts[entry + 1] + sweep];
         }
     }
 }
 
-/// Into the first sixteen values.
+/// Stores into the first sixteen values.
 #[inline(always)]
 fn store<V: Vector>(vector: V, values: &mut [f32]) {
     if let Some(lanes) = values.first_chunk_mut() {
@@ -282,13 +293,14 @@ fn length<V: Vector>([x, y, z]: [V; 3]) -> V {
     x.mul_add(x, y.mul_add(y, z.mul(z))).sqrt()
 }
 
-/// Where in a layer of 4 × 4 a lane lies.
+/// Position of a lane in a layer of 4 × 4.
 const COLUMN: Lanes = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
 const ROW: Lanes = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];
 
 const HALF_TURNS_PER_M: f32 = (4.0 / WAVELENGTH_M) as f32;
 
-/// Tables of one run over one box: value, slope and half the second difference at each entry; of the moments value and slope.
+/// Tables of one leaf over one box: value, slope and half the second difference at each entry; for
+/// the moments, value and slope.
 struct Tables<V> {
     energy: [V; 3],
     re: [V; 3],
@@ -349,7 +361,7 @@ fn tabulate<V: Vector, const ORDER: usize>(
     }
 }
 
-/// Sixteen values from there on; zeros at the end of a row that is too short for them.
+/// Sixteen values from `at` on; zeros where the row is too short.
 #[inline(always)]
 fn load_or_zero<V: Vector>(row: &[f32], at: usize) -> V {
     match row.get(at..at + LANES) {
@@ -361,13 +373,13 @@ fn load_or_zero<V: Vector>(row: &[f32], at: usize) -> V {
     }
 }
 
-/// Entry before and after each.
+/// The entries before and after each entry.
 #[inline(always)]
 fn neighbors<V: Vector>(table: V) -> (V, V) {
     (table.look_up(V::load(&LANE_BEFORE)), table.look_up(V::load(&LANE_AFTER)))
 }
 
-/// Each lane's neighbours, round the ends, as look-ups take them.
+/// Index of each lane's neighbour, wrapping at the ends, in the encoding of lookups.
 const LANE_BEFORE: Lanes = lane_plus(LANES - 1);
 const LANE_AFTER: Lanes = lane_plus(1);
 
@@ -380,8 +392,9 @@ const fn lane_plus(shift: usize) -> Lanes {
     lanes
 }
 
-/// Value, slope and curvature: what the quartic through five entries is within half an entry of the middle one, economised to
-/// a quadratic. At the tables' ends, where the fifth is missing, the cubic through four.
+/// Value, slope and curvature at each entry: the quartic through five entries, economised to a
+/// quadratic within half an entry of the middle one. Next to the tables' ends, where the fifth
+/// entry is missing, the cubic through four.
 #[inline(always)]
 fn quadratics<V: Vector>(table: V) -> [V; 3] {
     let (before, after) = neighbors(table);
@@ -398,8 +411,8 @@ fn quadratics<V: Vector>(table: V) -> [V; 3] {
     ]
 }
 
-/// How much the rise of curvature after an entry, the one before it, and their difference count: both sides where there are
-/// two neighbours on each, else the inner side alone.
+/// Weights of the change of curvature after an entry, before it, and of their difference. Both
+/// sides count where an entry has two neighbours on each; otherwise the inner side alone.
 const AFTER: Lanes = [0.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0];
 const BEFORE: Lanes = [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 0.0];
 const INNER: Lanes = [0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0];
@@ -432,14 +445,14 @@ fn add_leaf<V: Vector, const ORDER: usize>(
     sums: &mut [Sums],
 ) {
     let tables = tabulate::<V, ORDER>(block, scratch, run, offset_m, cosine_spread);
-    // From where the run's middle was when the box's middle was sampled.
+    // Vector from the leaf's middle, when the box's middle was sampled, to the box's middle.
     let resting = minus(voxels.middle_m, run.position_m);
     let time_s = dot(resting, resting).sqrt() * block.time_s_per_m + block.time_at_zero_s;
     let [vx, vy, vz] = run.velocity_m_per_s;
     let away = minus(resting, [vx * time_s, vy * time_s, vz * time_s]);
     let middle2 = dot(away, away);
     let middle_m = middle2.sqrt().max(1e-6);
-    // Places beyond the middle were sampled later, by when the sensor had moved on.
+    // Points beyond the middle are sampled later, when the sensor has moved on.
     let lag = 1.0 - dot(away, run.velocity_m_per_s) / middle_m * block.time_s_per_m;
     let entries_per_m = lag / block.rows.box_step_m;
     let entry_at_zero = MIDDLE - middle_m * entries_per_m;
@@ -451,7 +464,7 @@ fn add_leaf<V: Vector, const ORDER: usize>(
     let (column, row) = (V::load(&COLUMN).mul(voxel_m), V::load(&ROW).mul(voxel_m));
     let distance2_in_layer = column.mul(column).add(row.mul(row));
     for (corner, sums) in voxels.layers_m.iter().zip(sums) {
-        // |away + corner + in-layer|², lane 0's part and the rest.
+        // |away + corner + in-layer|², split into lane 0's part and the rest.
         let from = [away[0] + corner[0], away[1] + corner[1], away[2] + corner[2]];
         let cross = column.mul_add(V::splat(2.0 * from[0]), row.mul(V::splat(2.0 * from[1])));
         let distance = distance2_in_layer.add(cross).add(V::splat(dot(from, from))).sqrt();
@@ -498,7 +511,8 @@ mod tests {
         builder.close().unwrap()
     }
 
-    /// Layers of a cube of 4 × 4 × 4 voxels around its middle, and the farthest voxel.
+    /// Layers of a cube of 4 × 4 × 4 voxels around its middle, and the greatest distance of a
+    /// voxel.
     fn cube(voxel_m: f32) -> (Vec<[f32; 3]>, f32) {
         let low = -1.5 * voxel_m;
         ((0..4).map(|z| [low, low, low + z as f32 * voxel_m]).collect(), 1.5 * voxel_m * 3f32.sqrt())
@@ -556,7 +570,7 @@ mod tests {
         let fast = |t: f64| winding(2.5 * t);
         let straight = |t: f64| DVec3::new(1.2 * t, 0.0, 0.0);
         let still = |_: f64| DVec3::ZERO;
-        // 72 m/s²: no head does that.
+        // 72 m/s²: more than a head can do.
         let whirling = |t: f64| DVec3::new(0.02 * (60.0 * t).cos(), 0.02 * (60.0 * t).sin(), 0.3 * t);
         let paths: [(&str, Path, f32); 5] = [
             ("natural", &winding, 1.0),
@@ -570,7 +584,8 @@ mod tests {
                 let (worst, rms) = differences(path, snr);
                 assert!(worst <= most && rms <= 0.35, "{name}, {snr}: {worst} {rms}");
             }
-            // In the skirts of an echo 30 dB above the noise what does not add up is a difference of large numbers.
+            // In the sidelobes of an echo 30 dB above the noise, the incoherent part is a
+            // difference of large numbers.
             let (worst, rms) = differences(path, 30.0);
             assert!(worst <= 6.0 && rms <= 0.8, "{name}, strong: {worst} {rms}");
         }
@@ -588,7 +603,7 @@ mod tests {
                 let place = block.middle.translation + DVec3::from_array(place.map(f64::from));
                 let score = oracle.value(Statistic::Subaperture, place);
                 if score != 0.0 {
-                    // The score of a single block is ln(1 + m) less its mean under noise.
+                    // The score of a single sub-aperture is ln(1 + m) minus its mean under noise.
                     let exact = (score + MEAN_LOG_OF_NOISE).exp() - 1.0;
                     assert!((f64::from(found) - exact).abs() < 0.01 * exact + 0.02, "{place}: {found} {exact}");
                 }

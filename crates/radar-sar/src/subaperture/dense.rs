@@ -1,4 +1,4 @@
-//! Block scores of a whole recording over a box: every voxel, every block.
+//! Sub-aperture scores of a whole recording over a box: every voxel, every sub-aperture.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -9,12 +9,15 @@ use crate::geometry::Aabb;
 use crate::math;
 use crate::{Beam, Observation};
 
-/// Voxels that one thread works on at a time.
+/// Voxels that one task handles.
 const CHUNK: usize = 256;
 
-/// A/√B at the time of the newest sweep. Agrees with the oracle to 0.02 of the peak and 0.02. Needs sweeps of one subsweep
-/// in time, others are left out; voxels that no block had in its beam are 0. The same bits on any number of threads: voxels
-/// are independent, and each sums its blocks in time.
+/// A/√B at the time of the newest sweep.
+///
+/// Agrees with the oracle to 0.02 of the peak plus 0.02. Uses the sweeps of the first one's
+/// subsweep, which must be in time order; others are left out. The value is 0 where no sub-aperture
+/// had a voxel in its beam. The result has the same bits on any number of threads: voxels are
+/// independent, and each sums its sub-apertures in time order.
 pub fn subaperture_volume(
     observations: &[Observation],
     beam: &Beam,

@@ -1,11 +1,13 @@
-//! Block scores of all voxels that were ever in the beam, in bricks of 8 × 8 × 8.
+//! Sub-aperture scores of all voxels that were ever in the beam, in bricks of 8 × 8 × 8.
 //!
-//! Each voxel keeps A, B and when it was last seen; its score is A/√B. A voxel that is not looked at keeps its score. Evidence
-//! fades by weighing what is new: block b counts g = e^(t/memory) times as much as one at time 0 would, which leaves A/√B as
-//! if all older ones had faded. So that g stays small time is cut into epochs in which it grows 256-fold; from epoch to
-//! epoch A and B are divided by powers of two, which rounds nothing. What a voxel holds is therefore a function of the blocks
-//! that had it in the beam and of nothing else: not of when the field began, nor of blocks that passed it by. A field built
-//! anew from the same blocks is the same, bit for bit.
+//! Each voxel holds A, B and the time it was last in the beam; its score is A/√B. A voxel outside
+//! the beam keeps its score. Evidence decays by weighting new evidence more: a sub-aperture at time
+//! t has weight g = e^(t/memory), which leaves A/√B as if all older evidence had decayed. To keep g
+//! small, time is divided into epochs in which it grows 256-fold. From epoch to epoch A and B are
+//! divided by powers of two, which is exact. A voxel's state is therefore a function of the
+//! sub-apertures that had it in the beam, and of nothing else: neither of when the field began, nor
+//! of sub-apertures that missed it. A field rebuilt from the same sub-apertures is the same, bit
+//! for bit.
 
 mod maxima;
 mod view;
@@ -33,20 +35,21 @@ const EDGE: usize = 8;
 const EDGE_LOG2: i32 = 3;
 /// Voxels in a brick.
 const VOXELS: usize = EDGE * EDGE * EDGE;
-/// Layers of 4 × 4 voxels in a brick; four on top of each other are a tile, and a brick's voxels are stored tile by tile.
+/// Layers of 4 × 4 voxels in a brick. Four stacked layers form a tile, and a brick's voxels are
+/// stored tile by tile.
 const LAYERS: usize = VOXELS / LANES;
 const TILE_LAYERS: usize = 4;
-/// A grows by 2 to this power in an epoch.
+/// The weight grows by 2 to this power in an epoch.
 const EPOCH_DOUBLINGS: i32 = 8;
 /// Ticks in an epoch, as a power of two.
 const TICKS_LOG2: u32 = 16;
 
-/// Sixteen voxels' evidence.
+/// Evidence of sixteen voxels.
 #[derive(Debug, Clone, Copy)]
 struct Layer {
     a: Lanes,
     b: Lanes,
-    /// Ticks of the field's clock; negative when never seen.
+    /// Time last in the beam, ticks of the field's clock; negative when never.
     seen: [i32; LANES],
 }
 
@@ -55,15 +58,15 @@ struct Brick {
     /// Brick coordinates: its lowest voxel is `key · EDGE`.
     key: IVec3,
     layers: Box<[Layer; LAYERS]>,
-    /// Each layer's greatest score, squared with its sign; −∞ when never seen.
+    /// Each layer's greatest score, squared with its sign; −∞ when never in the beam.
     greatest2: [f32; LAYERS],
-    /// When any of its voxels was last seen.
+    /// Latest time at which any of its voxels was in the beam, ticks.
     newest: i32,
-    /// What was found in it when somebody last looked for maxima.
+    /// Result of the last search for maxima in it.
     found: BrickPeaks,
 }
 
-/// When a block was, for fading.
+/// Time and weight of a sub-aperture.
 #[derive(Debug, Clone, Copy)]
 struct Moment {
     ticks: i32,
@@ -76,11 +79,11 @@ struct Moment {
 pub struct Field {
     settings: SubapertureSettings,
     min_cos: f64,
-    /// Epoch of the first block: ticks count from its beginning.
+    /// Epoch of the first sub-aperture: ticks count from its beginning.
     first_epoch: Option<i64>,
     bricks: Vec<Brick>,
     index: BTreeMap<[i32; 3], usize>,
-    /// Maxima that were last looked for, and every voxel's neighbours within their radius.
+    /// Parameters of the last search for maxima, and every voxel's neighbours within its radius.
     last_query: Option<PeakQuery>,
     neighbors: Neighbors,
     /// (voxel, sweep) pairs summed so far.
@@ -88,7 +91,7 @@ pub struct Field {
 }
 
 impl Field {
-    /// Empty. `min_cos`: cosine of the widest angle in the beam.
+    /// An empty field. `min_cos`: cosine of the widest angle in the beam.
     pub fn new(settings: SubapertureSettings, min_cos: f64) -> Self {
         let (bricks, index) = (Vec::new(), BTreeMap::new());
         let (last_query, neighbors) = (None, Neighbors::default());
@@ -100,7 +103,8 @@ impl Field {
         self.bricks.len()
     }
 
-    /// Adds a block to every voxel that it had in the beam. The same bits on any number of threads: voxels are independent.
+    /// Adds a sub-aperture to every voxel in its beam. Voxels are independent, so the bits are the
+    /// same on any number of threads.
     pub fn add(&mut self, block: &Subaperture) {
         let moment = self.moment(block.mid_time_ns);
         let view = BeamView::new(block, &self.settings, self.min_cos);
@@ -125,12 +129,12 @@ impl Field {
         self.updates += (visited * block.sweep_count()) as u64;
     }
 
-    /// Takes note of a block that is to be added later: ticks count from the first one.
+    /// Registers the time of a sub-aperture that is added later: ticks count from the first one.
     pub(super) fn register_time(&mut self, block: &Subaperture) {
         self.moment(block.mid_time_ns);
     }
 
-    /// Makes empty bricks; those that are there stay as they are.
+    /// Inserts empty bricks; existing ones stay as they are.
     pub(super) fn insert_bricks(&mut self, keys: &[IVec3]) {
         for &key in keys {
             let next = self.bricks.len();
@@ -140,7 +144,8 @@ impl Field {
         }
     }
 
-    /// Adds to every brick there is those of the blocks (in time, all noted) that it lacks, by its key.
+    /// Adds to every existing brick the sub-apertures it is missing, given by its key as a range of
+    /// `blocks` (in time order, all registered).
     pub(super) fn add_missing(&mut self, blocks: &[&Subaperture], missing: impl Fn(&[i32; 3]) -> Range<usize> + Sync) {
         let moments: Vec<Moment> = blocks.iter().map(|block| self.moment(block.mid_time_ns)).collect();
         let views: Vec<BeamView> =
@@ -154,9 +159,9 @@ impl Field {
         self.updates += updates as u64;
     }
 
-    /// Drops bricks.
+    /// Removes bricks.
     pub(super) fn close(&mut self, keys: &[[i32; 3]]) {
-        // Maxima beside what goes are others then.
+        // Removing bricks can change maxima next to them.
         self.last_query = None;
         for key in keys {
             if let Some(at) = self.index.remove(key) {
@@ -186,7 +191,7 @@ impl Field {
         keys
     }
 
-    /// Voxels in a box with at least that score, in brick order.
+    /// Voxels within a box with at least that score, in brick order.
     pub(super) fn above_within(&self, region: &Aabb, min_score: f64) -> Vec<Peak> {
         let mut found = Vec::new();
         for key in self.keys_around(region) {
@@ -234,7 +239,7 @@ impl Field {
             .collect()
     }
 
-    /// Score at the voxel that holds a place; `None` where nothing was ever seen.
+    /// Score of the voxel that contains a point; `None` where it was never in the beam.
     pub fn score_at(&self, place: DVec3) -> Option<f64> {
         let voxel = (place / self.settings.voxel_m).floor().as_ivec3();
         let key = voxel.map(|n| n.div_euclid(EDGE as i32));
@@ -242,7 +247,8 @@ impl Field {
         brick.score(index_in_brick(voxel - key * EDGE as i32)).map(f64::from)
     }
 
-    /// Every voxel seen since a time whose score is at least `min_score`: centre and score, in brick order.
+    /// Every voxel in the beam since `since_ns` with a score of at least `min_score`: centre and
+    /// score, in brick order.
     pub fn above(&self, min_score: f64, since_ns: i64) -> Vec<Peak> {
         let since = self.ticks_at(since_ns);
         let voxel_m = self.settings.voxel_m;
@@ -257,18 +263,18 @@ impl Field {
     }
 }
 
-/// Ticks since the beginning of an epoch; as many as there are at most from some months on.
+/// Ticks since the beginning of an epoch; saturates after some months.
 fn ticks(epochs: f64, first_epoch: i64) -> i32 {
     ((epochs - first_epoch as f64) * f64::from(1u32 << TICKS_LOG2)).floor().clamp(0.0, f64::from(i32::MAX)) as i32
 }
 
-/// Where a voxel of a brick is stored: tile, layer, row, column.
+/// Storage index of a voxel in a brick: tile, layer, row, column.
 fn index_in_brick(voxel: IVec3) -> usize {
     let [x, y, z] = voxel.to_array().map(|n| n as usize);
     ((z / 4 * 2 + y / 4) * 2 + x / 4) * 64 + z % 4 * 16 + y % 4 * 4 + x % 4
 }
 
-/// The voxel that is stored there.
+/// The voxel at a storage index.
 fn in_brick(n: usize) -> IVec3 {
     let (tile, n) = (n / 64, n % 64);
     IVec3::new((tile % 2 * 4 + n % 4) as i32, (tile / 2 % 2 * 4 + n / 4 % 4) as i32, (tile / 4 * 4 + n / 16) as i32)
@@ -277,11 +283,11 @@ fn in_brick(n: usize) -> IVec3 {
 impl Layer {
     const EMPTY: Self = Self { a: [0.0; LANES], b: [0.0; LANES], seen: [-1; LANES] };
 
-    /// Adds m to the lanes that were seen.
+    /// Adds m to the lanes in the beam.
     #[inline(always)]
     fn add(&mut self, m: &Lanes, seen: &[bool; LANES], now: Moment) {
         for l in 0..LANES {
-            // 2^(−doublings · epochs since), which is exact, or nothing.
+            // 2^(−doublings · epochs since), exact; 0 from sixteen epochs on.
             let epochs = (now.ticks >> TICKS_LOG2) - (self.seen[l] >> TICKS_LOG2);
             let exponent = (127 - EPOCH_DOUBLINGS * epochs.min(16)).max(0);
             let faded = f32::from_bits((exponent as u32) << 23);
@@ -294,7 +300,7 @@ impl Layer {
         }
     }
 
-    /// The greatest score, squared with its sign; −∞ when never seen.
+    /// The greatest score, squared with its sign; −∞ when never in the beam.
     #[inline(always)]
     fn greatest2(&self) -> f32 {
         let mut scores2 = [f32::NEG_INFINITY; LANES];
@@ -302,7 +308,7 @@ impl Layer {
             let of_seen = a * a.abs() / b;
             *score2 = if *b > 0.0 { of_seen } else { f32::NEG_INFINITY };
         }
-        // By halves: whole vectors, where one after the other would be one lane at a time.
+        // By halves, so that whole vectors are compared, not one lane at a time.
         let mut half = LANES / 2;
         while half > 0 {
             let (low, high) = scores2.split_at_mut(half);
@@ -315,7 +321,7 @@ impl Layer {
     }
 }
 
-/// Adds m to a brick's layers, each with the lanes that were seen and its number.
+/// Adds m to a brick's layers, each given by its mask of lanes in the beam and its number.
 fn add_layers(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
     #[inline(always)]
     fn all(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], now: Moment) {
@@ -336,7 +342,8 @@ fn add_layers(brick: &mut Brick, seen: &[([bool; LANES], usize)], m: &[Lanes], n
             all(brick, seen, m, now);
         }
         if has(InstructionSet::Avx512) {
-            // SAFETY: the processor has the instructions that this copy of the code is compiled for.
+            // SAFETY: the processor has the instructions that this copy of the code is compiled
+            // for.
             return unsafe { avx512(brick, seen, m, now) };
         }
         if has(InstructionSet::Avx2) {
@@ -363,7 +370,7 @@ impl Brick {
         (b > 0.0).then(|| a / b.sqrt())
     }
 
-    /// Adds a block to the voxels in its beam; returns how many there were.
+    /// Adds a sub-aperture to the voxels in its beam; returns their number.
     fn add(&mut self, view: &BeamView, moment: Moment, scratch: &mut Scratch) -> usize {
         let tiles = tiles_in_box(view.block.box_reach_m(), view.settings.voxel_m);
         let each = (0..LAYERS / TILE_LAYERS).step_by(tiles);
@@ -374,8 +381,8 @@ impl Brick {
         }
     }
 
-    /// Adds to `N` layers from tile `first` on, as one box. (For each `N` a copy of its own: most boxes have few layers, and
-    /// room for many would be cleared for nothing.)
+    /// Adds to `N` layers from tile `first` on, as one box. Each `N` is compiled separately: most
+    /// boxes have few layers, and initialising room for many would be wasted.
     fn add_to_box<const N: usize>(
         &mut self,
         view: &BeamView,
@@ -432,7 +439,7 @@ impl Brick {
     }
 }
 
-/// Tiles of 4³ voxels that one box may hold: all eight, the four of a storey, or one.
+/// Tiles of 4³ voxels per box: all eight, the four of one half, or one.
 fn tiles_in_box(reach_m: f32, voxel_m: f64) -> usize {
     let radius = |x: f64, y: f64, z: f64| (DVec3::new(x, y, z) * voxel_m * 0.5).length() as f32 * 1.000_01;
     if radius(7.0, 7.0, 7.0) <= reach_m {
@@ -477,7 +484,8 @@ mod tests {
         let mut field = field(observations.clone());
         let peaks = field.peaks(-9.0, 0.15, 0);
         assert!(peaks.len() > 50);
-        // The field fades when a voxel is seen again, the oracle up to the newest sweep: equal where seen all the time.
+        // The field decays when a voxel is seen again, the oracle up to the newest sweep: both are
+        // equal where a voxel is in the beam all the time.
         let most = peaks[0].score;
         for peak in peaks.iter().take(20).chain(peaks.iter().rev().take(20)) {
             let exact = oracle.value(Statistic::Subaperture, peak.position_m);
@@ -495,7 +503,8 @@ mod tests {
         let mut found = 0;
         for n in 0..blocks.len() {
             field.add(&blocks[n]);
-            // Now and then two blocks between looks; what was seen long ago counts no more; other questions in between.
+            // Sometimes two sub-apertures between searches; a time limit; other search parameters
+            // in between.
             if n % 3 == 1 {
                 continue;
             }
@@ -541,7 +550,7 @@ mod tests {
     fn noise_and_conjugated_echoes_score_low() {
         for seed in 0..3 {
             let noise = field(sweeps(0.6, winding, &[], seed)).peaks(0.0, 0.15, 0);
-            // Of some thousand voxels the greatest may lie a few standard deviations up.
+            // Among a few thousand voxels the greatest may lie a few standard deviations up.
             assert!(noise[0].score < 4.5, "{:?}", noise[0]);
         }
         let echo = sweeps(0.6, winding, &[(Echo::Point(CHAIR), 1.0)], 4);
@@ -553,7 +562,8 @@ mod tests {
 
     #[test]
     fn wall_20_db_stronger_keeps_most_of_a_chairs_score() {
-        // Behind the chair; where both share a range cell the wall does raise what the chair is measured against.
+        // Behind the chair. Where both share a range cell the wall does raise the chair's
+        // normalisation.
         let wall = Plane { outward: DVec3::NEG_Z, offset_m: 1.7 };
         let score = |wall_snr: f64| {
             let echoes = [(Echo::Point(CHAIR), 1.0), (Echo::Plane(wall), wall_snr)];
@@ -565,7 +575,8 @@ mod tests {
 
     #[test]
     fn score_depends_only_on_subapertures_that_cover_the_voxel() {
-        // Head turned away for a while, over several epochs; another field begins in the middle of it.
+        // Head turned away for a while, over several epochs; another field begins in the middle of
+        // it.
         let settings = SubapertureSettings { memory_s: 0.02, ..SubapertureSettings::default() };
         let new = || Field::new(settings, settings.min_cos(&Beam::Lensless));
         let blocks = blocks(sweeps(1.5, winding, &[(Echo::Point(CHAIR), 1.0)], 6));
@@ -584,7 +595,7 @@ mod tests {
         let found = rolling.above_within(&ahead, -99.0);
         assert!(found.len() > 1000);
         assert_eq!(found, fresh.above_within(&ahead, -99.0));
-        // What lies before the head began to look there is forgotten, and does not matter.
+        // Sub-apertures before the start of a late field do not matter.
         let mut late = new();
         blocks[8..].iter().for_each(|block| late.add(block));
         let mut anew = new();
@@ -606,7 +617,7 @@ mod tests {
         };
         let mut time_ns = 3_000_000_000_000;
         for n in 0..200_000u64 {
-            // 90 ms, now and then a pause of minutes; m exponential, with bursts.
+            // 90 ms, with occasional pauses of minutes; m exponential, with bursts.
             time_ns += if n % 5000 == 4999 { 200_000_000_000 } else { 90_909_091 };
             let burst = if n % 977 < 3 { 1e4 } else { 1.0 };
             let m: Lanes = std::array::from_fn(|_| (-(1.0 - uniform()).ln() * burst) as f32);
@@ -622,7 +633,7 @@ mod tests {
                 }
             }
         }
-        // What is no number never reaches a sum.
+        // NaN never reaches a sum.
         let held = layer.a;
         layer.add(&[f32::NAN; LANES], &[true; LANES], field.moment(time_ns));
         let expected = held.map(|a| a - MEAN_LOG_OF_NOISE as f32 * field.moment(time_ns).weight);

@@ -1,10 +1,12 @@
-//! The block score on fine voxels wherever something is.
+//! The sub-aperture score on fine voxels, only where it is needed.
 //!
-//! A second field, of 1 cm, holds the bricks alone that are asked for: those around strong places and around what is known.
-//! A brick is worth what the blocks at hand when it was asked for and all since then say, bit for bit as in a dense fine field
-//! of those blocks. But a block is added to it only when somebody reads the brick, or when the block is about to be gone:
-//! most bricks that are asked for are dropped again before anybody read them, and those cost next to nothing. A look opens so
-//! many bricks at most and reads so many; the others wait, and are counted. Bricks that nobody asked for in a while go.
+//! A second field, of 1 cm, holds only requested bricks: those around strong points and around
+//! known objects. A brick's value covers the current sub-apertures at the time of the request and
+//! all since then, bit for bit as in a dense fine field of those sub-apertures. A sub-aperture is
+//! added to a brick only when the brick is read, or just before the sub-aperture expires: most
+//! requested bricks are dropped before anybody reads them, and cost next to nothing. Each update
+//! opens and reads a bounded number of bricks; the others are deferred and counted. Bricks not
+//! requested for a while are dropped.
 
 use std::collections::BTreeMap;
 
@@ -20,13 +22,13 @@ use crate::geometry::Aabb;
 pub struct FineSettings {
     /// Edge of a voxel, metres.
     pub voxel_m: f64,
-    /// Score that is left of a place from which on it is looked at finely.
+    /// Least remaining score of a point at which it is examined on fine voxels.
     pub min_score: f64,
-    /// Bricks of 8³ voxels that one look opens at most, and brings up to date at most.
+    /// Bricks of 8³ voxels that one update opens at most, and brings up to date at most.
     pub max_opened: usize,
-    /// Bricks held at most.
+    /// Greatest number of bricks held.
     pub max_bricks: usize,
-    /// Looks after which a brick that nobody asks for is dropped.
+    /// Updates after which a brick that is not requested is dropped.
     pub keep_looks: u32,
 }
 
@@ -36,23 +38,23 @@ impl Default for FineSettings {
     }
 }
 
-/// What was done, and what waits.
+/// Work done and deferred.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FineCounters {
     /// Bricks opened.
     pub opened: u64,
     /// Bricks dropped.
     pub dropped: u64,
-    /// Bricks that a look asked for, or wanted to read, and left for a later one, summed over the looks.
+    /// Bricks that an update requested, or wanted to read, and deferred; summed over the updates.
     pub put_off: u64,
-    /// Bricks asked for that would not have fitted, summed over the looks.
+    /// Requested bricks that exceeded the limit, summed over the updates.
     pub refused: u64,
     /// (voxel, sweep) pairs summed.
     pub updates: u64,
 }
 
 impl FineCounters {
-    /// Both together.
+    /// Sum of both.
     pub fn and(&self, more: &Self) -> Self {
         Self {
             opened: self.opened + more.opened,
@@ -64,54 +66,54 @@ impl FineCounters {
     }
 }
 
-/// A brick that is open.
+/// An open brick.
 #[derive(Debug, Clone, Copy)]
 struct Open {
-    /// Looks since it was last asked for.
+    /// Updates since its last request.
     idle: u32,
-    /// Number of the first block that it lacks.
+    /// Number of the first sub-aperture missing from it.
     missing: u64,
 }
 
-/// The score on fine voxels, where it was asked for.
+/// The score on requested fine voxels.
 #[derive(Debug)]
 pub struct FineField {
     settings: FineSettings,
     field: Field,
     open: BTreeMap<[i32; 3], Open>,
-    /// Blocks that came so far and that are gone again; those between are at hand.
+    /// Numbers of sub-apertures added and expired so far; those between are current.
     pushed: u64,
     popped: u64,
-    /// Bricks that may still be brought up to date in this look.
+    /// Bricks that may still be brought up to date in this update.
     updates_left: usize,
     counters: FineCounters,
 }
 
 impl FineField {
-    /// Empty. `min_cos`: cosine of the widest angle in the beam.
+    /// An empty field. `min_cos`: cosine of the widest angle in the beam.
     pub fn new(settings: FineSettings, blocks: SubapertureSettings, min_cos: f64) -> Self {
         let field = Field::new(SubapertureSettings { voxel_m: settings.voxel_m, ..blocks }, min_cos);
         let (open, counters) = (BTreeMap::new(), FineCounters::default());
         Self { settings, field, open, pushed: 0, popped: 0, updates_left: settings.max_opened, counters }
     }
 
-    /// What was done so far.
+    /// Work done so far.
     pub fn counters(&self) -> FineCounters {
         FineCounters { updates: self.field.updates, ..self.counters }
     }
 
-    /// The field itself.
+    /// The underlying field.
     pub fn field(&self) -> &Field {
         &self.field
     }
 
-    /// A block has come and is at hand from now on. Blocks come in time.
+    /// Adds a sub-aperture, which is current from now on. Sub-apertures must come in time order.
     pub fn push_subaperture(&mut self, block: &Subaperture) {
         self.field.register_time(block);
         self.pushed += 1;
     }
 
-    /// The oldest block at hand goes: bricks that lack it get it.
+    /// Expires the oldest current sub-aperture; bricks missing it receive it first.
     pub fn pop_subaperture(&mut self, block: &Subaperture) {
         let number = self.popped;
         self.popped += 1;
@@ -121,8 +123,8 @@ impl FineField {
         self.open.values_mut().for_each(|o| o.missing = o.missing.max(self.popped));
     }
 
-    /// Asks for places, each a cube of `edge_m`, the most important first; opens what is new as far as the settings go and
-    /// drops what was not asked for in a while. Begins a look.
+    /// Requests points, each as a cube of `edge_m`, the most important first. Opens new bricks
+    /// within the limits and drops those not requested for a while. Begins an update.
     pub fn request(&mut self, places: &[DVec3], edge_m: f64) {
         self.updates_left = self.settings.max_opened;
         self.open.values_mut().for_each(|o| o.idle += 1);
@@ -155,8 +157,8 @@ impl FineField {
         self.open.extend(wanted.iter().map(|key| (key.to_array(), Open { idle: 0, missing: self.popped })));
     }
 
-    /// Open voxels within a box of at least that score, in brick order; `at_hand`: all blocks at hand, in time. `None` when
-    /// too many bricks were read in this look already.
+    /// Open voxels within a box of at least that score, in brick order. `at_hand`: all current
+    /// sub-apertures, in time order. `None` when this update has already read too many bricks.
     pub fn above_within(&mut self, region: &Aabb, min_score: f64, at_hand: &[&Subaperture]) -> Option<Vec<Peak>> {
         debug_assert_eq!(at_hand.len() as u64, self.pushed - self.popped);
         let keys = self.field.keys_around(region).into_iter().map(|key| key.to_array());
@@ -171,14 +173,14 @@ impl FineField {
         Some(self.field.above_within(region, min_score))
     }
 
-    /// Brings every open brick up to date, however many there are.
+    /// Brings every open brick up to date, without a limit.
     pub fn update_all(&mut self, at_hand: &[&Subaperture]) {
         let behind =
             self.open.iter().filter(|(_, o)| o.missing < self.pushed).map(|(key, o)| (*key, o.missing)).collect();
         self.catch_up(&behind, at_hand);
     }
 
-    /// Gives bricks the blocks from that number on.
+    /// Adds to bricks the sub-apertures from their given number on.
     fn catch_up(&mut self, behind: &BTreeMap<[i32; 3], u64>, at_hand: &[&Subaperture]) {
         let all = at_hand.len();
         let missing = |key: &[i32; 3]| behind.get(key).map_or(all, |missing| (missing - self.popped) as usize)..all;
@@ -188,7 +190,7 @@ impl FineField {
         }
     }
 
-    /// Middles of the bricks that are open.
+    /// Centres of the open bricks.
     pub fn open_bricks(&self) -> Vec<DVec3> {
         let edge_m = self.field.brick_edge_m();
         self.open.keys().map(|key| (IVec3::from_array(*key).as_dvec3() + 0.5) * edge_m).collect()
@@ -234,8 +236,8 @@ mod tests {
         blocks.iter().for_each(|block| dense.add(block));
         let run = || {
             let mut fine = fine(FineSettings::default());
-            // One place from the third block on, the other from the sixth; the first is read in between, and the first two
-            // blocks go before the end.
+            // One point from the third sub-aperture on, the other from the sixth. The first is read
+            // in between, and the first two sub-apertures expire before the end.
             for (n, block) in blocks.iter().enumerate() {
                 fine.push_subaperture(block);
                 match n {
@@ -282,13 +284,13 @@ mod tests {
         fine.request(&[CHAIR], 0.1);
         assert_eq!(fine.counters().opened, asked.min(12));
         assert_eq!(fine.open_bricks().len() as u64, asked.min(12));
-        // Nobody has read anything yet, and more than five bricks are not read at once.
+        // Nothing has been read yet, and at most five bricks are read at once.
         assert_eq!(fine.counters().updates, 0);
         let at_hand: Vec<&Subaperture> = blocks.iter().collect();
         assert_eq!(fine.above_within(&cube, 0.0, &at_hand), None);
         assert!(fine.above_within(&Aabb { min: CHAIR, max: CHAIR }, 0.0, &at_hand).is_some());
         assert!(fine.counters().updates > 0);
-        // Nobody asks any more: after two looks all of it goes.
+        // Without requests everything is dropped after two updates.
         fine.request(&[], 0.1);
         assert_eq!(fine.counters().dropped, 0);
         fine.request(&[], 0.1);

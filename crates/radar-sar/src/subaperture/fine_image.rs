@@ -1,9 +1,11 @@
-//! Fine coherent imaging: the shape of what was found, at 1 cm and finer.
+//! Fine coherent imaging of a detected object at voxels of 1 cm and smaller.
 //!
-//! Coherent within sub-apertures (one block or a few in a row: what tracking holds still for), incoherent across: the sum over
-//! sub-apertures of abs(Σ_k w_k z_k(d_k) e^(−jκd_k))² / K. It cannot find things in a room, where one wall outweighs all
-//! else; inside a region that is known to hold something it resolves a wavelength over the sub-aperture's angle, where sums
-//! of power resolve the pulse. Longer sub-apertures resolve more until tracking wanders.
+//! Coherent within an aperture (one sub-aperture or a few consecutive ones, over which tracking is
+//! stable), incoherent across apertures: the mean over apertures of abs(Σ_k w_k z_k(d_k)
+//! e^(−jκd_k))² / K. It cannot detect objects in a room, where one wall dominates everything else.
+//! Within a region known to hold an object its cross-range resolution is a wavelength over the
+//! aperture's angle, while incoherent sums resolve only the pulse. Longer apertures resolve more
+//! until tracking drifts.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -14,25 +16,30 @@ use super::lanes::LANES;
 use crate::Volume;
 use crate::geometry::Aabb;
 
-/// Voxels along the edge of what one thread works on: 8 × 8 × 8 where the tables reach so far, else 4 × 4 × 4.
+/// Edge of the voxel cube that one task images: 8 × 8 × 8 where the box tables reach that far, else
+/// 4 × 4 × 4.
 const EDGES: [usize; 2] = [8, 4];
-/// Blocks farther apart than this are not summed coherently: tracking wanders, nanoseconds.
+/// Sub-apertures farther apart than this are not summed coherently, nanoseconds, because tracking
+/// drifts.
 const MAX_GAP_NS: i64 = 150_000_000;
 
-/// Power in a region, noise = 1 for each sub-aperture.
+/// Power in a region, normalised so that noise gives 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FineImage {
-    /// Coherent within sub-apertures, mean over them.
+    /// Coherent within apertures, mean over them.
     pub coherent: Volume,
-    /// Σ abs(z)² over the same sweeps, mean: what the coherent image is to be held against.
+    /// Σ abs(z)² over the same sweeps, mean: the reference for the coherent image.
     pub incoherent: Volume,
-    /// Sub-apertures summed; those that had a voxel outside their range axes are left out.
+    /// Apertures used. Sub-apertures whose range axes do not cover the whole region are left out.
     pub apertures: usize,
 }
 
-/// Images a region from blocks of one subsweep in time, `per_aperture` of them at most in each sub-aperture. Needs voxels of
-/// at most a third of the pulse's tables' reach (5 cm for the 14 cm pulse); `None` when they are larger, or nothing covers the
-/// region. The same bits on any number of threads.
+/// Images a region from the sub-apertures of one subsweep in time order, at most `per_aperture` of
+/// them in each aperture.
+///
+/// The voxel cube of one task must fit the box tables, which allows voxels of up to 5 cm for the 14
+/// cm pulse. Returns `None` when voxels are larger, or when no sub-aperture covers the region. The
+/// result has the same bits on any number of threads.
 pub fn fine_image(blocks: &[&Subaperture], region: &Aabb, voxel_m: f64, per_aperture: usize) -> Option<FineImage> {
     let sound = voxel_m > 0.0 && region.size().is_finite() && region.size().min_element() >= 0.0;
     if !sound || (region.size() / voxel_m).to_array().iter().product::<f64>() > MAX_VOXELS {
@@ -65,10 +72,10 @@ pub fn fine_image(blocks: &[&Subaperture], region: &Aabb, voxel_m: f64, per_aper
     Some(image)
 }
 
-/// More voxels than this are refused: 2 GB.
+/// Regions of more voxels than this are refused: 2 GB.
 const MAX_VOXELS: f64 = 1e8;
 
-/// Blocks in runs without gaps, those alone that cover the region.
+/// Sub-apertures that cover the region, in runs without gaps.
 fn coherent_runs<'a>(blocks: &[&'a Subaperture], region: &Aabb, per_aperture: usize) -> Vec<Vec<&'a Subaperture>> {
     let half_m = region.size().length() * 0.5;
     let covers = |block: &&&Subaperture| {
@@ -90,7 +97,7 @@ fn coherent_runs<'a>(blocks: &[&'a Subaperture], region: &Aabb, per_aperture: us
     found
 }
 
-/// Coherent and incoherent power of a cube of voxels, tile by tile of 4 × 4 columns, layer by layer.
+/// Coherent and incoherent power of a cube of voxels, in tiles of 4 × 4 columns, layer by layer.
 fn image_box(
     apertures: &[Vec<&Subaperture>],
     low: DVec3,
@@ -131,8 +138,8 @@ fn image_box(
     image
 }
 
-/// The voxels that hang together with the greatest and have at least a share of it: centre and value, greatest first. Empty
-/// when nothing is above 0.
+/// The voxels connected to the peak (by faces, edges or corners) with at least `share` of its
+/// value: centre and value, greatest first. Empty when nothing is above 0.
 pub fn connected_region(volume: &Volume, share: f32) -> Vec<(DVec3, f32)> {
     let Some((peak, greatest)) = volume.peak() else { return Vec::new() };
     let mut reached = vec![false; volume.values.len()];
@@ -153,7 +160,7 @@ pub fn connected_region(volume: &Volume, share: f32) -> Vec<(DVec3, f32)> {
             }
         }
     }
-    // Equal values fall back to the place, so that the order is always the same.
+    // Ties are broken by position, so the order is deterministic.
     let by_place = |a: &DVec3, b: &DVec3| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
     found.sort_by(|a, b| b.1.total_cmp(&a.1).then_with(|| by_place(&a.0, &b.0)));
     found
@@ -217,7 +224,7 @@ mod tests {
         let image = image(sweeps(3.0, winding, &pair, 2), 0.1, 0.01, 8);
         let found = connected_region(&image.coherent, 0.5);
         let nearest = |place: DVec3| found.iter().map(|(at, _)| at.distance(place)).fold(f64::INFINITY, f64::min);
-        // One of them hangs together; the other does not belong to it.
+        // One point is connected to the peak; the other is not.
         let distances = [nearest(AT), nearest(beside)];
         assert!(distances.iter().any(|d| *d < 0.012) && distances.iter().any(|d| *d > 0.02), "{distances:?}");
         assert!(found.windows(2).all(|pair| pair[0].1 >= pair[1].1));

@@ -1,4 +1,5 @@
-//! One block: its sweeps range-compressed and noise-normalised, positions relative to its middle.
+//! One sub-aperture: its sweeps range-compressed and noise-normalised, positions relative to its
+//! middle sweep.
 
 use std::sync::{Arc, OnceLock};
 
@@ -15,58 +16,62 @@ use crate::geometry::{Plane, Pose};
 use crate::{Observation, SweepGeometry};
 use crate::{RangeCompressor, subaperture_noise_rms};
 
-/// Consecutive sweeps that are summed coherently.
+/// Consecutive sweeps that are summed coherently (a coherent processing interval).
 #[derive(Debug, Clone)]
 pub struct Subaperture {
-    /// Pose of the middle sweep, `tracking_from_sensor`; kernel coordinates are relative to its translation.
+    /// Pose of the middle sweep, `tracking_from_sensor`. Kernel coordinates are relative to its
+    /// translation.
     pub middle: Pose,
     /// Time of the middle sweep, host nanoseconds.
     pub mid_time_ns: i64,
-    /// End of its last sweep, host nanoseconds.
+    /// End of the last sweep, host nanoseconds.
     pub end_ns: i64,
-    /// Unit vector along the sensor's way through the block; zero when it stood still.
+    /// Unit vector from the first sensor position to the last; zero when the sensor did not move.
     pub motion: DVec3,
-    /// Length of that way, metres.
+    /// Distance from the first sensor position to the last, metres.
     pub aperture_m: f64,
-    /// Noise rms that z is normalised by, LSB.
+    /// Noise rms by which z is normalised, LSB.
     pub noise_rms_lsb: f64,
     /// Range of the first table entry, and of the last point, metres.
     pub(super) first_m: f32,
     pub(super) last_m: f32,
-    /// Distance between table entries, and its inverse.
+    /// Distance between table entries, metres, and its inverse.
     pub(super) entry_step_m: f32,
     pub(super) entries_per_m: f32,
-    /// Entries of one sweep's table.
+    /// Number of entries in one sweep's table.
     pub(super) entries: usize,
-    /// A point at range d is sampled `d · time_s_per_m + time_at_zero_s` after the middle of its sweep.
+    /// A point at range d is sampled `d · time_s_per_m + time_at_zero_s` after the middle of its
+    /// sweep.
     pub(super) time_s_per_m: f32,
     pub(super) time_at_zero_s: f32,
     pub(super) sweep_count: usize,
-    /// Places of the sweeps, sixteen by sixteen.
+    /// Positions and velocities of the sweeps, in groups of sixteen.
     pub(super) groups: Vec<Group>,
-    /// z times the taper, `[entry][group]` then `[re, im][sweep]`; zero where a group has no sweep left.
+    /// z times the taper, `[entry][group]` then `[re, im][sweep]`; zero in lanes beyond the last
+    /// sweep.
     pub(super) z: Vec<[Lanes; 2]>,
-    /// The same sweep by sweep.
+    /// The same values sweep by sweep, for the box kernel.
     pub(super) rows: Rows,
-    /// Times of the sweeps, seconds from the first.
+    /// Times of the sweeps, seconds after the first.
     pub(super) times_s: Vec<f32>,
-    /// No sweep was measured farther from the middle than this, metres.
+    /// Upper bound of the distance between any sampling position and the middle, metres.
     pub(super) reach_m: f32,
-    /// In each group of sixteen sweeps all lie within some table entries of the middle one.
+    /// Within each group of sixteen, every sweep lies at most [`SMOOTH_ENTRIES`] table entries from
+    /// the group's middle one.
     pub(super) is_smooth: bool,
-    /// By greatest half-length, made when first asked for.
+    /// By greatest half-length; computed on first use.
     partitions: [OnceLock<Partition>; PARTITIONS],
     geometry: Arc<SweepGeometry>,
-    /// The same with the mirrors in it that were taken out of this one.
+    /// The same sub-aperture before wall cancellation; `None` when nothing was cancelled.
     uncancelled: Option<Arc<Subaperture>>,
 }
 
-/// A block that is asked for single places alone: half the memory.
+/// A sub-aperture reduced to what evaluating single points needs: half the memory.
 #[derive(Debug, Clone)]
 pub struct PointSubaperture(Subaperture);
 
 impl PointSubaperture {
-    /// What a block says of places; in the memory of one that is no longer needed, where there is one.
+    /// Copies what point evaluation needs; reuses the memory of `old` if given.
     pub fn of(block: &Subaperture, old: Option<Self>) -> Self {
         let (mut z, mut groups) = old.map_or_else(Default::default, |old| (old.0.z, old.0.groups));
         z.clone_from(&block.z);
@@ -113,18 +118,18 @@ impl PointSubaperture {
         self.0.distance_m(place)
     }
 
-    /// Coherence of a place, tracking frame, metres.
+    /// Coherence of a point, tracking frame, metres.
     pub fn coherence_at(&self, place: DVec3) -> Coherence {
         let relative = (place - self.0.middle.translation).as_vec3().to_array();
         self.0.coherence_at_points(&[relative])[0]
     }
 }
 
-/// Partitions are made for half-lengths from this on, each so many times the one before.
+/// Partitions exist for half-lengths from this one on, metres; each is longer by the ratio.
 const SHORTEST_HALF_LENGTH_M: f32 = 1e-4;
 const LENGTH_RATIO: f32 = 1.3;
 const PARTITIONS: usize = 24;
-/// Farthest that the parabola through three table entries is asked for.
+/// Farthest offset, in table entries, at which the parabola through three entries is evaluated.
 const SMOOTH_ENTRIES: f32 = 3.5;
 
 impl Subaperture {
@@ -187,7 +192,7 @@ impl Subaperture {
         }
     }
 
-    /// Its sweeps in runs of at most that half-length, or of the shortest there are.
+    /// The sweeps as leaves of at most that half-length, or of the shortest one tabulated.
     pub(super) fn partition(&self, half_length_m: f32) -> &Partition {
         let (mut at, mut bound_m) = (0, SHORTEST_HALF_LENGTH_M);
         while at + 1 < PARTITIONS && bound_m * LENGTH_RATIO <= half_length_m {
@@ -196,7 +201,7 @@ impl Subaperture {
         self.partitions[at].get_or_init(|| partition(&self.groups, self.sweep_count, bound_m))
     }
 
-    /// It as it was measured, with the mirrors that were taken out of it.
+    /// The sub-aperture as measured, before wall cancellation.
     pub fn uncancelled(&self) -> &Self {
         self.uncancelled.as_deref().unwrap_or(self)
     }
@@ -211,13 +216,14 @@ impl Subaperture {
         &self.geometry
     }
 
-    /// Distance from its middle to a place, metres.
+    /// Distance from the middle to a point, metres.
     pub fn distance_m(&self, place: DVec3) -> f64 {
         place.distance(self.middle.translation)
     }
 }
 
-/// Straight lines between entries lie inside the curve; entries moved out by the mean of that even it out.
+/// Compensates linear interpolation: chords between entries lie inside the curve, so each entry is
+/// moved outwards by the mean of that error.
 fn compensate_interpolation(values: &[f32], scale: f32, evened: &mut [f32]) {
     let last = values.len() - 1;
     let evened_at = |before: f32, value: f32, after: f32| (value - (before + after - value * 2.0) / 12.0) * scale;
@@ -228,12 +234,12 @@ fn compensate_interpolation(values: &[f32], scale: f32, evened: &mut [f32]) {
     evened[last] = evened_at(values[last - 1], values[last], values[last]);
 }
 
-/// From a time to a later one, seconds.
+/// Time from `first_ns` to a later time, seconds.
 fn since_s(time_ns: i64, first_ns: i64) -> f32 {
     (time_ns.saturating_sub(first_ns) as f64 * 1e-9) as f32
 }
 
-/// How far from a place any point of a sweep was measured.
+/// Farthest distance from `origin` at which a point of the sweep was sampled, metres.
 fn farthest_m(observation: &Observation, origin: DVec3) -> f64 {
     let half_s = observation
         .point_time_s(0.0)
@@ -242,7 +248,7 @@ fn farthest_m(observation: &Observation, origin: DVec3) -> f64 {
     observation.tracking_from_sensor.translation.distance(origin) + observation.velocity_m_per_s.length() * half_s
 }
 
-/// Up to sixteen sweeps side by side; the last one fills up.
+/// Up to sixteen sweeps in lanes; the last sweep fills unused lanes.
 fn group(sweeps: &[Observation], origin: DVec3) -> Group {
     let lanes = |value: &dyn Fn(&Observation) -> DVec3| {
         let of = |l: usize| value(&sweeps[l.min(sweeps.len() - 1)]).as_vec3().to_array();
@@ -255,7 +261,7 @@ fn group(sweeps: &[Observation], origin: DVec3) -> Group {
 }
 
 impl Group {
-    /// Farthest that a sweep lies from the middle one, metres.
+    /// Greatest distance of a sweep from the group's middle one, metres.
     fn reach_m(&self) -> f32 {
         let from_middle = |l: usize| -> f32 {
             self.position_m.iter().map(|axis| (axis[l] - axis[LANES / 2]).powi(2)).sum::<f32>().sqrt()
@@ -264,7 +270,7 @@ impl Group {
     }
 }
 
-/// Gathers the sweeps of one subsweep into blocks.
+/// Collects the sweeps of one subsweep into sub-apertures.
 #[derive(Debug)]
 pub struct SubapertureBuilder {
     settings: SubapertureSettings,
@@ -272,12 +278,12 @@ pub struct SubapertureBuilder {
     room: CompressionScratch,
     pending: Vec<Observation>,
     planes: Vec<Plane>,
-    /// Sweeps that came to lie in no block: too few before a pause.
+    /// Sweeps dropped because too few of them came before a pause.
     pub dropped_sweeps: u64,
 }
 
 impl SubapertureBuilder {
-    /// Nothing gathered yet.
+    /// An empty builder.
     pub fn new(settings: SubapertureSettings) -> Self {
         Self {
             settings,
@@ -289,7 +295,7 @@ impl SubapertureBuilder {
         }
     }
 
-    /// Whether a sweep of that time would close the block at hand.
+    /// Whether a sweep of that time would close the current sub-aperture.
     pub fn is_closed_by(&self, mid_time_ns: i64) -> bool {
         match (self.pending.first(), self.pending.last()) {
             (Some(first), Some(last)) => !self.settings.continues(first.mid_time_ns, last.mid_time_ns, mid_time_ns),
@@ -297,25 +303,27 @@ impl SubapertureBuilder {
         }
     }
 
-    /// The sweeps of the block at hand, to be changed.
+    /// The sweeps of the current sub-aperture, mutable.
     pub fn sweeps_mut(&mut self) -> &mut [Observation] {
         &mut self.pending
     }
 
-    /// Takes these mirrors' echoes out of blocks that are closed from now on; see [`Subaperture::uncancelled`].
+    /// Cancels the echoes of these planes in all sub-apertures closed from now on; see
+    /// [`Subaperture::uncancelled`].
     pub fn cancel_walls(&mut self, planes: &[Plane]) {
         self.planes.clear();
         self.planes.extend_from_slice(planes);
     }
 
-    /// Takes a sweep; gives the block that it closes, if it closes one. All sweeps must share one geometry.
+    /// Adds a sweep; returns the sub-aperture that it closes, if any. All sweeps must share one
+    /// geometry.
     pub fn push(&mut self, observation: Observation) -> Option<Subaperture> {
         let closed = if self.is_closed_by(observation.mid_time_ns) { self.close() } else { None };
         self.pending.push(observation);
         closed
     }
 
-    /// Closes the block at hand.
+    /// Closes the current sub-aperture; `None` when it has too few sweeps.
     pub fn close(&mut self) -> Option<Subaperture> {
         let sweeps = std::mem::take(&mut self.pending);
         if sweeps.len() < self.settings.min_sweeps.max(2) {
@@ -341,7 +349,7 @@ mod tests {
     #[test]
     fn subapertures_match_the_oracle_partition() {
         let mut observations = sweeps(0.5, winding, &[], 1);
-        // A pause, and a rest too short for a block.
+        // A pause, and a remainder too short for a sub-aperture.
         observations.drain(200..260);
         observations.drain(265..430);
         let settings = SubapertureSettings::default();

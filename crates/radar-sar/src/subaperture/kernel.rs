@@ -1,12 +1,14 @@
-//! The exact inner loop: coherent sum and incoherent energy of one block at one place after the other.
+//! Exact inner loop: coherent sum and incoherent energy of one sub-aperture, point by point.
 //!
-//! Sixteen sweeps stand side by side, so a place's distances, table rows and phases are whole vectors read in a row, with
-//! nothing gathered: over sixteen sweeps a place stays within some table entries of the middle one, and a parabola through
-//! that entry and its neighbours reaches so far. Where a place lies near an end of the range axis, or the sensor jumped, a
-//! careful copy of the loop asks in each lane. f32 throughout: places are relative to the block's middle, distances stay below
-//! some metres, phase is taken to ±½ turn before the sine. Against the oracle m agrees to 1 % of itself plus 0.02.
+//! Sixteen sweeps are processed in lanes, so a point's distances, table rows and phases are whole
+//! vectors read contiguously, without gathers: over sixteen sweeps a point stays within a few table
+//! entries of the middle one, and a parabola through that entry and its neighbours covers that
+//! distance. Where a point lies near an end of the range axis, or the sensor jumped, a checked copy
+//! of the loop tests each lane. All in f32: positions are relative to the sub-aperture's middle,
+//! distances stay below a few metres, and phase is reduced to ±½ turn before the sine. m agrees
+//! with the oracle to 1 % of itself plus 0.02.
 //!
-//! For single places and planes; volumes go through `brick`, which handles many sweeps at a time.
+//! For single points and planes. Volumes use `brick`, which handles many sweeps at a time.
 
 use super::Subaperture;
 use super::lanes::{LANES, Lanes, Portable, ROUNDER, Vector};
@@ -14,7 +16,8 @@ use crate::WAVELENGTH_M;
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{InstructionSet, has};
 
-/// Where sixteen consecutive sweeps were measured, relative to the block's middle; the last ones may repeat a sweep.
+/// Positions and velocities of sixteen consecutive sweeps, relative to the sub-aperture's middle;
+/// the last lanes may repeat a sweep.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Group {
     /// `[axis][sweep]`, metres.
@@ -23,28 +26,28 @@ pub(super) struct Group {
     pub velocity_m_per_s: [Lanes; 3],
 }
 
-/// What one block says of a place.
+/// One sub-aperture's measurement at a point or plane.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Coherence {
-    /// m: coherent power against what does not add up.
+    /// m: coherent power over max(1, incoherent power).
     pub m: f32,
-    /// P: coherent power, noise = 1.
+    /// P: coherent power; noise gives 1.
     pub power: f32,
 }
 
-/// A plane as a block sees it.
+/// A plane relative to a sub-aperture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlaneAt {
-    /// Unit normal, towards the plane.
+    /// Unit normal, pointing towards the plane.
     pub toward: [f32; 3],
-    /// Its distance from the block's middle, metres.
+    /// Its distance from the sub-aperture's middle, metres.
     pub distance_m: f32,
 }
 
-/// What has a distance: a point (relative to the block's middle) or a plane.
+/// Anything with a distance: a point (relative to the sub-aperture's middle) or a plane.
 trait RangeTarget: Copy {
     fn distance_m(self, from: [f32; 3]) -> f32;
-    /// Sixteen at once.
+    /// Distances from sixteen positions.
     fn distances<V: Vector>(self, from: [V; 3]) -> V;
     #[inline(always)]
     fn distances_m(self, from: &[Lanes; 3]) -> Lanes {
@@ -85,7 +88,7 @@ impl RangeTarget for PlaneAt {
 }
 
 impl Subaperture {
-    /// Coherence at places relative to the block's middle, metres.
+    /// Coherence at points relative to the sub-aperture's middle, metres.
     pub fn coherence_at_points(&self, points: &[[f32; 3]]) -> Vec<Coherence> {
         dispatch(self, points)
     }
@@ -109,7 +112,8 @@ fn dispatch(block: &Subaperture, places: &[impl RangeTarget]) -> Vec<Coherence> 
             all::<Avx2>(block, places)
         }
         if has(InstructionSet::Avx512) {
-            // SAFETY: the processor has the instructions that this copy of the code is compiled for.
+            // SAFETY: the processor has the instructions that this copy of the code is compiled
+            // for.
             return unsafe { avx512(block, places) };
         }
         if has(InstructionSet::Avx2) {
@@ -131,7 +135,8 @@ fn all<V: Vector>(block: &Subaperture, places: &[impl RangeTarget]) -> Vec<Coher
     found
 }
 
-/// Where every sweep sees the place within its range axis and near its group's middle one.
+/// For a point within the range axis of every sweep, with every sweep close to its group's middle
+/// one.
 #[inline(always)]
 fn coherence<V: Vector>(block: &Subaperture, place: impl RangeTarget) -> Coherence {
     let zero = V::splat(0.0);
@@ -190,13 +195,14 @@ fn bounds_checked_coherence(block: &Subaperture, place: impl RangeTarget) -> Coh
     let (mut sum_re, mut sum_im, mut energy) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
     let turns_per_m = (2.0 / WAVELENGTH_M) as f32;
     for (g, group) in block.groups.iter().enumerate() {
-        // The middle sweep tells the table entry, and when points at about this range were sampled.
+        // The middle sweep determines the table entry, and the time at which points at about this
+        // range were sampled.
         let [x, y, z] = &group.position_m;
         let middle_m = place.distance_m([x[LANES / 2], y[LANES / 2], z[LANES / 2]]);
         let distance = place.distances_m(&group.moved(middle_m * block.time_s_per_m + block.time_at_zero_s));
         let (re, im) = block.look_up(g, middle_m, &distance);
         for l in 0..LANES {
-            // Within 100 m and a number, so that what counts for nothing adds zero and not NaN.
+            // Limited to 100 m and NaN-free, so that lanes that do not count add zero and not NaN.
             let turns = distance[l].abs().min(100.0) * turns_per_m;
             let (cos, sin) = cos_sin_of_turns(turns - ((turns + ROUNDER) - ROUNDER));
             // z · e^(−j·2π·turns)
@@ -209,7 +215,7 @@ fn bounds_checked_coherence(block: &Subaperture, place: impl RangeTarget) -> Coh
 }
 
 impl Group {
-    /// Where the sensor was that much later.
+    /// Sensor positions after that time.
     #[inline(always)]
     fn moved(&self, time_s: f32) -> [Lanes; 3] {
         let mut position_m = self.position_m;
@@ -223,11 +229,11 @@ impl Group {
 }
 
 impl Subaperture {
-    /// The table entry nearest to a distance that has neighbours, and its range.
+    /// The interior table entry nearest to a distance, and its range.
     #[inline(always)]
     fn entry_at(&self, middle_m: f32) -> (usize, f32) {
         let at = (middle_m - self.first_m) * self.entries_per_m + 0.5;
-        // Written so that a distance that is no number lands on the first entry; it counts for nothing.
+        // A NaN distance falls on the first entry; it does not count.
         let at = if at >= 1.0 { at.min((self.entries - 2) as f32) } else { 1.0 } as i32;
         (at as usize, self.first_m + at as f32 * self.entry_step_m)
     }
@@ -245,7 +251,8 @@ impl Subaperture {
         let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
         for l in 0..LANES {
             let u = (distance[l] - entry_m) * self.entries_per_m;
-            // Sixteen sweeps share an entry: one that was elsewhere by more than four entries was no part of their motion.
+            // Sixteen sweeps share an entry. A sweep more than four entries away does not belong to
+            // their motion.
             let inside = (distance[l] >= self.first_m) & (distance[l] <= self.last_m) & (u.abs() <= 4.0);
             let (u, inside) = if inside { (u, 1.0) } else { (0.0, 0.0) };
             let (low, middle, high) = (0.5 * (u * u - u) * inside, (1.0 - u * u) * inside, 0.5 * (u * u + u) * inside);
@@ -310,7 +317,7 @@ mod tests {
         builder.close().unwrap()
     }
 
-    /// Places around the echo at `AT`, and from a near one on to far ones.
+    /// Points around the echo at `AT`, and along the boresight from near to far.
     fn places() -> Vec<DVec3> {
         let around = (0..60).map(|n| AT + 0.2 * winding(f64::from(n)));
         around.chain((0..40).map(|n| DVec3::NEG_Z * (0.5 + 0.04 * f64::from(n)))).collect()
@@ -327,7 +334,7 @@ mod tests {
         let places = places();
         let relative: Vec<_> = places.iter().map(|p| (*p - block.middle.translation).as_vec3().to_array()).collect();
         for (place, found) in places.iter().zip(block.coherence_at_points(&relative)) {
-            // The score of a single block is ln(1 + m) less its mean under noise.
+            // The score of a single sub-aperture is ln(1 + m) minus its mean under noise.
             let exact = (oracle.value(Statistic::Subaperture, *place) + MEAN_LOG_OF_NOISE).exp() - 1.0;
             assert!((f64::from(found.m) - exact).abs() < 0.01 * exact + 0.02, "{place}: {found:?} {exact}");
         }
@@ -341,7 +348,7 @@ mod tests {
         let toward = [0.6, 0.0, -0.8];
         let planes: Vec<_> = (0..60).map(|n| PlaneAt { toward, distance_m: 0.3 + 0.05 * n as f32 }).collect();
         assert_eq!(all::<Portable>(&block, &planes), block.coherence_of_planes(&planes));
-        // The careful loop differs by rounding alone.
+        // The checked loop differs by rounding only.
         for (plain, place) in block.coherence_at_points(&relative).iter().zip(&relative) {
             let careful = bounds_checked_coherence(&block, *place);
             assert!((plain.m - careful.m).abs() < 2e-3 * careful.m + 1e-3, "{plain:?} {careful:?}");

@@ -1,14 +1,16 @@
-//! Sixteen f32 side by side, for AVX-512, AVX2 with FMA, and any processor.
+//! Vectors of sixteen f32 for AVX-512, AVX2 with FMA, and any processor.
 //!
-//! Every operation is rounded as IEEE 754 says, or moves bits, so all three give the same bits; the portable one is what the
-//! others are tested against. There is one table look-up: sixteen entries stay in a register and sixteen lanes pick among
-//! them, which costs an instruction where a gather from memory costs seventeen.
+//! Every operation is rounded as IEEE 754 requires, or only moves bits, so all three give the same
+//! bits. The portable one is the reference in tests. There is one table lookup: sixteen entries
+//! stay in a register and sixteen lanes select among them, which costs one instruction where a
+//! gather from memory costs seventeen.
 
 /// Lanes of a vector.
 pub(super) const LANES: usize = 16;
 pub(super) type Lanes = [f32; LANES];
 
-/// 1.5 · 2²³: what is added to it is rounded to the nearest integer, whose low bits are then the sum's low bits.
+/// 1.5 · 2²³. Adding it rounds a number to the nearest integer, whose low bits are then the low
+/// bits of the sum.
 pub(super) const ROUNDER: f32 = 12_582_912.0;
 
 /// Sixteen lanes.
@@ -25,12 +27,12 @@ pub(super) trait Vector: Copy {
     fn mul_add(self, factor: Self, plus: Self) -> Self;
     /// minus − self · factor, rounded once.
     fn neg_mul_add(self, factor: Self, minus: Self) -> Self;
-    /// `self`'s entry that the low four bits of each lane of `at` name.
+    /// The entry of `self` selected by the low four bits of each lane of `at`.
     fn look_up(self, at: Self) -> Self;
-    /// Changes the sign where the lowest bit of `odd` is set.
+    /// Flips the sign where the lowest bit of `odd` is set.
     fn negate_where_odd(self, odd: Self) -> Self;
 
-    /// The nearest integer, as a number and as low bits; for values below 2²².
+    /// The nearest integer, as a float and as low bits; for values below 2²².
     #[inline(always)]
     fn rounded(self) -> (Self, Self) {
         let bits = self.add(Self::splat(ROUNDER));
@@ -52,7 +54,7 @@ pub(super) trait Vector: Copy {
     }
 }
 
-/// One after the other, for any processor.
+/// Lane by lane, for any processor.
 #[derive(Clone, Copy)]
 pub(super) struct Portable(Lanes);
 
@@ -117,8 +119,9 @@ impl Vector for Portable {
 #[cfg(target_arch = "x86_64")]
 pub(super) use x86::{Avx2, Avx512};
 
-/// The methods below may run only where the processor has the instructions: the kernels choose by what it says it has, in
-/// functions compiled for these instructions, into which everything here is inlined.
+/// Methods below may run only on processors with the instructions. Kernels select by the detected
+/// features and run in functions compiled for these instructions, into which everything here is
+/// inlined.
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::*;
@@ -129,7 +132,8 @@ mod x86 {
     #[derive(Clone, Copy)]
     pub(crate) struct Avx512(__m512);
 
-    // SAFETY, for every block below: called only where AVX-512F is there (see above); loads and stores stay in the array.
+    // SAFETY, for every block below: called only where AVX-512F is available (see above); loads and
+    // stores stay within the array.
     impl Vector for Avx512 {
         #[inline(always)]
         fn splat(value: f32) -> Self {
@@ -188,7 +192,8 @@ mod x86 {
     #[derive(Clone, Copy)]
     pub(crate) struct Avx2(__m256, __m256);
 
-    // SAFETY, for every block below: called only where AVX2 and FMA are there (see above); loads and stores stay in the array.
+    // SAFETY, for every block below: called only where AVX2 and FMA are available (see above);
+    // loads and stores stay within the array.
     impl Vector for Avx2 {
         #[inline(always)]
         fn splat(value: f32) -> Self {
@@ -250,7 +255,7 @@ mod x86 {
         unsafe {
             let index = _mm256_castps_si256(at);
             let (low, high) = (_mm256_permutevar8x32_ps(table.0, index), _mm256_permutevar8x32_ps(table.1, index));
-            // Bit 3 tells the half; blending looks at the sign bit.
+            // Bit 3 selects the half; the blend tests the sign bit.
             _mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index)))
         }
     }
@@ -265,7 +270,8 @@ mod x86 {
     }
 }
 
-/// ln(1 + m) to 4e-7, for m from 0; 0 for what is no number or beyond 1e30, so that it never reaches a sum.
+/// ln(1 + m) to 4e-7, for m ≥ 0; 0 for NaN and for values of 1e30 and above, so that they never
+/// reach a sum.
 #[inline(always)]
 pub(super) fn ln_1p(m: f32) -> f32 {
     let y = 1.0 + if m < 1e30 { m } else { 0.0 };
@@ -349,7 +355,7 @@ mod tests {
                 assert_eq!(unsafe { avx2() }, portable);
             }
         }
-        // And they are what they say.
+        // The values are also correct.
         for (l, (cos, sin)) in portable[10].iter().zip(&portable[11]).enumerate() {
             let exact = (std::f64::consts::PI * f64::from(0.3 + l as f32 * 211.7)).sin_cos();
             assert!((f64::from(*cos) - exact.1).abs() < 1e-4 && (f64::from(*sin) - exact.0).abs() < 1e-4);

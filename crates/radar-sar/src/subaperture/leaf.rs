@@ -1,39 +1,42 @@
-//! A block's sweeps in runs along which the sensor moved straight and no farther than so much.
+//! Partitions a sub-aperture's sweeps into leaves: runs along which the sensor moved in a straight
+//! line of bounded length.
 //!
-//! Over a small box of places such a run acts as one: what its sweeps sum up to depends on the distance from the run's middle
-//! and on the cosine to its way alone. How long a run may be follows from how far the cosine varies over the box.
+//! Leaves are the lowest level of the factorised backprojection. Over a small box of points a leaf
+//! acts as one unit: its sum depends only on the distance from the leaf's middle and on the cosine
+//! to its direction of motion. How long a leaf may be follows from how much the cosine varies over
+//! the box.
 
 use super::kernel::Group;
 use super::lanes::LANES;
 
-/// Consecutive sweeps that act as one.
+/// Consecutive sweeps that act as one unit.
 #[derive(Debug, Clone)]
 pub(super) struct Leaf {
     pub first: usize,
     pub end: usize,
-    /// Mean place of the sensor at the middle of the sweeps, relative to the block's middle.
+    /// Mean sensor position over its sweeps, relative to the sub-aperture's middle.
     pub position_m: [f32; 3],
     /// Mean velocity.
     pub velocity_m_per_s: [f32; 3],
-    /// Unit vector along the way; zero where it stood still.
+    /// Unit vector of the motion; zero when the sensor did not move.
     pub along: [f32; 3],
-    /// Farthest that a sweep lies from the mean, along the way.
+    /// Greatest distance of a sweep from the mean position along the motion.
     pub half_length_m: f32,
 }
 
-/// All sweeps of a block in runs.
+/// All sweeps of a sub-aperture, partitioned into leaves.
 #[derive(Debug, Clone)]
 pub(super) struct Partition {
     pub runs: Vec<Leaf>,
-    /// `[sweep]`: how far along its run it lies from the mean place.
+    /// `[sweep]`: signed distance along its leaf's direction from the leaf's mean position.
     pub offset_m: Vec<f32>,
 }
 
-/// A sweep may lie this share of the half-length beside its run's line.
+/// Greatest lateral distance of a sweep from its leaf's line, as a share of the half-length.
 const MAX_LATERAL_SHARE: f32 = 0.1;
 
-/// As few runs as a walk from the first sweep on makes, each with a half-length of at most `half_length_m`; runs of one sweep
-/// always do.
+/// Greedy partition from the first sweep on, each leaf with a half-length of at most
+/// `half_length_m`. A leaf of one sweep is always allowed.
 pub(super) fn partition(groups: &[Group], sweep_count: usize, half_length_m: f32) -> Partition {
     let positions: Vec<[f32; 3]> = per_sweep(groups, sweep_count, |group| &group.position_m);
     let velocities: Vec<[f32; 3]> = per_sweep(groups, sweep_count, |group| &group.velocity_m_per_s);
@@ -42,7 +45,8 @@ pub(super) fn partition(groups: &[Group], sweep_count: usize, half_length_m: f32
     while first < sweep_count {
         let mut line = Line::through(&positions[first..=first]);
         let mut end = first + 1;
-        // Ever longer steps while they fit, then shorter ones: the longest run is found without trying each length.
+        // Constant steps forward while they fit, then halved steps: finds a long run without trying
+        // every length.
         let mut step = 4;
         while step > 0 && end < sweep_count {
             let longer = Line::through(&positions[first..(end + step).min(sweep_count)]);
@@ -68,12 +72,12 @@ pub(super) fn partition(groups: &[Group], sweep_count: usize, half_length_m: f32
     found
 }
 
-/// From lanes to one sweep after the other.
+/// From lanes to one vector per sweep.
 fn per_sweep(groups: &[Group], count: usize, of: impl Fn(&Group) -> &[[f32; LANES]; 3]) -> Vec<[f32; 3]> {
     (0..count).map(|k| std::array::from_fn(|axis| of(&groups[k / LANES])[axis][k % LANES])).collect()
 }
 
-/// A line through places, and how far they lie from its middle along and beside it.
+/// A line through positions, and their greatest distances from its middle along and beside it.
 struct Line {
     middle_m: [f32; 3],
     along: [f32; 3],

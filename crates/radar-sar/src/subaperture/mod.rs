@@ -1,7 +1,8 @@
-//! Block scores: coherent inside 50–100 ms, each block against its own incoherent energy, summed over blocks.
+//! Sub-aperture statistic: coherent within 50–100 ms of sweeps, each sub-aperture normalised by its
+//! own incoherent energy, summed over sub-apertures.
 //!
-//! What finds furniture before a wall: power that adds up in phase is compared with power that does not, block by block, so
-//! a strong wall in the same range does not drown a chair.
+//! It finds furniture in front of a wall. Coherent power is compared with incoherent power one
+//! sub-aperture at a time, so a strong wall at the same range does not mask a chair.
 
 mod brick;
 mod dense;
@@ -29,5 +30,5 @@ pub use planes::{PlaneField, PlanePeak};
 pub use score_null_distribution::NoiseTail;
 pub use settings::{SubapertureSettings, partition, taper};
 
-/// Mean of ln(1 + m) when m is exponential with mean 1, as noise makes it: e·E₁(1).
+/// Mean of ln(1 + m) for m exponential with mean 1, its distribution under noise: e·E₁(1).
 pub const MEAN_LOG_OF_NOISE: f64 = 0.596_347;

@@ -1,20 +1,26 @@
-//! What in a block cannot be at rest: echoes whose Doppler lies beyond that of everything that stands still.
+//! Moving target indication: detects echoes in a sub-aperture whose Doppler lies outside that of
+//! all stationary clutter.
 //!
-//! A sensor that moves with v sees what stands still in direction u at a range rate of −v·u. The beam bounds u, so one interval of
-//! range rates holds all of it; energy beyond is of something that moves by itself, and at least as fast as it lies beyond.
+//! For a sensor moving with velocity v, a stationary point in direction u has a range rate of −v·u.
+//! The beam bounds u, so stationary clutter occupies one interval of range rates. Energy outside it
+//! comes from a target with its own velocity, at least as fast as its distance from the interval.
 //!
-//! What stands still is up to 55 dB stronger than what is looked for, and sweeps come in frames with pauses between, which no window
-//! over an FFT forgives: a missing sweep in seventeen puts copies 24 dB down all over the spectrum. So it is not windowed away but
-//! projected away: tones over the interval, at the times at which sweeps really were measured, made orthonormal (the discrete
-//! prolate functions of the band, but for a rotation), and taken out of every range's sweeps. What is left is held against tones
-//! beyond the interval, at each range. Of noise of mean power 1 a tone's power |sᴴe|²/K is exponential with mean 1 at most, so a bound
-//! follows from the number of cells and the false alarms that are allowed in a block. Where more is left at a range than noise and
-//! what moves as fast account for, it must stand out of that instead: no two terms of wrong modelling make a mover.
+//! Clutter is up to 55 dB stronger than the targets, and sweeps come in frames with pauses between
+//! them. A windowed FFT does not tolerate that: one missing sweep in seventeen puts copies 24 dB
+//! down all over the spectrum. Clutter is therefore removed by projection, not by a window. Tones
+//! over the interval, sampled at the actual sweep times, are orthonormalised (up to a rotation, the
+//! discrete prolate functions of the band) and projected out of every range's sweeps. The residual
+//! is correlated with tones outside the interval, at each range. For noise of mean power 1, a
+//! tone's power |sᴴe|²/K is exponential with mean at most 1, so the threshold follows from the
+//! number of cells and the permitted false alarms per sub-aperture. Where the mean residual at a
+//! range, without the tones near the strongest one, exceeds the noise, the echo is measured against
+//! that mean instead. So modelling errors do not become targets.
 //!
-//! The interval reaches to where the beam is down to [`BEAM_EDGE_AMPLITUDE`], −40 dB: a wall there returns as much as noise does. Range
-//! rates are known modulo λ/2 over the time between sweeps; they are told within ± half of that around the interval's middle, which
-//! is right for whatever moves slower than that by itself. What moves across the line of sight, or within the interval, is not told
-//! from what is at rest.
+//! The interval extends to where the beam is [`BEAM_EDGE_AMPLITUDE`], −40 dB: a wall there returns about
+//! as much as noise. Range rates are ambiguous modulo λ/2 divided by the sweep period. They are
+//! reported within half of that on either side of the interval's middle, which is correct for
+//! targets whose own speed is below it. Motion across the line of sight, or within the interval,
+//! cannot be distinguished from clutter.
 
 use glam::DVec3;
 
@@ -25,60 +31,66 @@ use crate::backprojection::lanes::Lanes;
 use crate::math;
 use crate::{Beam, WAVELENGTH_M};
 
-/// Two-way amplitude of the beam at the edge of what is looked for at rest.
+/// Two-way beam amplitude at the edge of the directions treated as clutter.
 const BEAM_EDGE_AMPLITUDE: f64 = 0.01;
-/// How wrong the sensor's speed may be, metres a second.
+/// Error of the sensor's speed, metres a second.
 const SPEED_ERROR_M_PER_S: f64 = 0.03;
-/// Tones of what stands still lie so far apart, and reach so far beyond the interval, in units of 1/T, T the block's length.
+/// Spacing of the clutter tones, and their margin beyond the interval, in units of 1/T, with T the
+/// sub-aperture's duration.
 const TONE_STEP: f64 = 0.6;
 const CLUTTER_BAND_MARGIN: f64 = 1.0;
-/// A tone of which less than this is left by those before is left out: it would stand for what lies outside of the interval.
+/// A tone whose orthogonal residual is below this share is dropped: it would represent signals
+/// outside the interval.
 const MIN_RESIDUAL_AMPLITUDE: f32 = 0.1;
-/// From so far beyond the interval on most of a tone is left, in units of 1/T.
+/// Guard band beyond the interval, in units of 1/T: past it, most of a tone survives the
+/// projection.
 const GUARD_BAND: f64 = 2.5;
-/// Distance of the tones that are looked for, in units of 1/T.
+/// Spacing of the tones searched for targets, in units of 1/T.
 const DOPPLER_STEP: f64 = 0.6;
-/// Most tones of either kind; and the share of the sweeps' freedom that what stands still may take up. Beyond, nothing is said.
+/// Limits: clutter tones, Doppler cells, and the share of the sweeps' degrees of freedom that
+/// clutter may take. Beyond these limits there is no result.
 const MAX_CLUTTER_TONES: usize = 160;
 const MAX_DOPPLER_CELLS: usize = 1024;
 const MAX_CLUTTER_SHARE: f64 = 0.8;
-/// Echoes nearer in range to a stronger one are its own: parts of one body, and the pulse's skirt, metres.
+/// Echoes nearer in range to a stronger one count as part of it: the same body, and the pulse's
+/// sidelobes, metres.
 const MIN_TARGET_SEPARATION_M: f64 = 0.3;
-/// Most echoes of one block.
+/// Most echoes reported for one sub-aperture.
 const MAX_ECHOES: usize = 4;
-/// Around the strongest tone these belong to it, metres a second.
+/// Tones within this distance of the strongest one belong to it, metres a second.
 const TARGET_DOPPLER_HALF_WIDTH_M_PER_S: f64 = 0.2;
 
-/// An echo of something that moves by itself.
+/// An echo of a moving target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MtiEcho {
-    /// Its range from the block's middle, metres.
+    /// Range from the sub-aperture's middle, metres.
     pub range_m: f64,
-    /// How fast that grows, metres a second; the sensor's own motion included.
+    /// Range rate, metres a second, positive when receding; includes the sensor's own motion.
     pub range_rate_m_per_s: f64,
-    /// Power of its tone over what else there is at its range.
+    /// Power of its tone over the rest of the residual at its range.
     pub power: f64,
 }
 
-/// What a block says of what moves.
+/// MTI result of one sub-aperture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MtiResult {
-    /// Strongest first.
+    /// Detected echoes, strongest first.
     pub echoes: Vec<MtiEcho>,
-    /// Least and greatest range rate of what stands still, metres a second; what an echo's lies beyond it is a speed of its own.
+    /// Least and greatest range rate of stationary clutter, metres a second. The part of an echo's
+    /// range rate beyond the interval is the target's own.
     pub clutter_m_per_s: [f64; 2],
-    /// So far beyond it nothing is told yet, metres a second.
+    /// Width of the guard band on either side of it, metres a second, in which nothing is detected.
     pub guard_m_per_s: f64,
-    /// Range rate of what stands still straight ahead, metres a second.
+    /// Range rate of stationary clutter straight ahead, metres a second.
     pub ahead_m_per_s: f64,
-    /// Range rates that differ by this look alike, metres a second.
+    /// Range rates that differ by this are ambiguous, metres a second.
     pub ambiguity_m_per_s: f64,
-    /// First and last range looked at, metres.
+    /// First and last range searched, metres.
     pub ranges_m: [f64; 2],
 }
 
 impl MtiResult {
-    /// Whether something of a range rate would be told from what stands still.
+    /// Whether a target of a range rate can be distinguished from stationary clutter.
     pub fn is_observable(&self, range_rate_m_per_s: f64) -> bool {
         let [least, greatest] = self.clutter_m_per_s;
         let off = range_rate_m_per_s - 0.5 * (least + greatest);
@@ -87,7 +99,7 @@ impl MtiResult {
     }
 }
 
-/// Finds them, with what depends on the beam alone.
+/// MTI filter, with everything that depends on the beam alone.
 #[derive(Debug, Clone)]
 pub struct MtiFilter {
     edge_cos: f64,
@@ -95,12 +107,13 @@ pub struct MtiFilter {
 }
 
 impl MtiFilter {
-    /// Of noise it makes a false echo in this share of the blocks at most.
+    /// `alarms_per_block`: upper bound of the mean number of false alarms per sub-aperture of
+    /// noise.
     pub fn new(beam: &Beam, alarms_per_block: f64) -> Self {
         Self { edge_cos: beam.cut_off_cos(BEAM_EDGE_AMPLITUDE), alarms_per_block }
     }
 
-    /// What moves in a block; `None` where what stands still may have any Doppler, so that nothing can be said.
+    /// Moving targets in a sub-aperture; `None` where clutter leaves no usable Doppler interval.
     pub fn detect(&self, block: &Subaperture) -> Option<MtiResult> {
         let slow = SlowTime::of(block)?;
         let ([least, greatest], ahead) = self.clutter_rates(block);
@@ -129,8 +142,8 @@ impl MtiFilter {
         })
     }
 
-    /// Least and greatest range rate of what stands still in the beam, while the block was measured; and the mean of what stands straight
-    /// ahead.
+    /// Least and greatest range rate of stationary clutter in the beam during the sub-aperture; and
+    /// the mean range rate straight ahead.
     fn clutter_rates(&self, block: &Subaperture) -> ([f64; 2], f64) {
         let ahead = block.middle.forward();
         let edge_rad = math::acos(self.edge_cos.clamp(-1.0, 1.0));
@@ -140,7 +153,7 @@ impl MtiFilter {
             let velocity = DVec3::new(x, y, z);
             let speed = velocity.length();
             let off_rad = math::acos((velocity.dot(ahead) / speed.max(1e-9)).clamp(-1.0, 1.0));
-            // What lies straight ahead of the way comes nearest the fastest.
+            // A point straight ahead along the motion approaches fastest.
             let nearing = speed * math::cos((off_rad - edge_rad).max(0.0));
             let leaving = -speed * math::cos((off_rad + edge_rad).min(std::f64::consts::PI));
             rates = [rates[0].min(-nearing), rates[1].max(leaving)];
@@ -150,32 +163,32 @@ impl MtiFilter {
     }
 }
 
-/// The times of a block's sweeps.
+/// The times of a sub-aperture's sweeps (slow time).
 struct SlowTime {
-    /// From the middle of the block, seconds.
+    /// Relative to the middle of the sub-aperture, seconds.
     times_s: Vec<f32>,
-    /// How long all sweeps together last, with a sweep's share after the last.
+    /// Duration of all sweeps, with one sweep's share after the last, seconds.
     length_s: f64,
-    /// Between sweeps of a frame.
+    /// Sweep period within a frame (median), seconds.
     step_s: f64,
 }
 
-/// Sweeps as columns of ranges, what stands still turned to around 0 Hz.
+/// Sweeps as columns of ranges, demodulated so that clutter is centred on 0 Hz.
 struct Demodulated {
-    /// `[sweep][re, im][range]`, `width` floats a row.
+    /// `[sweep][re, im][range]`, `width` floats per row.
     values: Vec<f32>,
     width: usize,
     ranges: usize,
     step_m: f64,
 }
 
-/// Turns a second of a range rate.
+/// Doppler frequency of a range rate, Hz.
 fn hz(rate_m_per_s: f64) -> f64 {
     2.0 * rate_m_per_s / WAVELENGTH_M
 }
 
 impl SlowTime {
-    /// `None` where there are too few sweeps to tell anything, or times that are none.
+    /// `None` with fewer than eight sweeps, or times that do not increase.
     fn of(block: &Subaperture) -> Option<Self> {
         let (first, last) = (*block.times_s.first()?, *block.times_s.last()?);
         let (count, middle) = (block.times_s.len(), 0.5 * (first + last));
@@ -196,12 +209,12 @@ impl SlowTime {
         self.times_s.len()
     }
 
-    /// Sweeps in whole vectors.
+    /// Number of sweeps, rounded up to whole vectors.
     fn padded(&self) -> usize {
         self.sweeps().next_multiple_of(LANES)
     }
 
-    /// Range rates that differ by this are a cell apart.
+    /// Doppler resolution as a range rate.
     fn resolution_m_per_s(&self) -> f64 {
         WAVELENGTH_M / (2.0 * self.length_s)
     }
@@ -210,7 +223,8 @@ impl SlowTime {
         WAVELENGTH_M / (2.0 * self.step_s)
     }
 
-    /// Range rates that are looked at, from the middle of what stands still: at least so far from it; `None` where none is left.
+    /// Range rates searched, relative to the middle of the clutter, at least `from_m_per_s` from
+    /// it; `None` where there are none.
     fn cells(&self, from_m_per_s: f64) -> Option<Vec<f64>> {
         let step = DOPPLER_STEP * self.resolution_m_per_s();
         let count = (0.5 * self.ambiguity_m_per_s() / step).floor();
@@ -220,8 +234,8 @@ impl SlowTime {
         is_some.then(|| side(-1.0).collect::<Vec<_>>().into_iter().rev().chain(side(1.0)).collect())
     }
 
-    /// An orthonormal basis of what has a range rate up to that of the middle, `[tone][sweep]`, sweeps padded with zeros; `None`
-    /// where it would take up too much.
+    /// Orthonormal basis of signals within ±`half_m_per_s` of the clutter's middle,
+    /// `[tone][sweep]`, sweeps zero-padded; `None` where it would take up too much.
     fn clutter_basis(&self, half_m_per_s: f64) -> Option<Vec<f32>> {
         let most = MAX_CLUTTER_TONES.min((MAX_CLUTTER_SHARE * self.sweeps() as f64) as usize);
         let step_hz = TONE_STEP / self.length_s;
@@ -230,7 +244,7 @@ impl SlowTime {
             return None;
         }
         let mut basis = Vec::with_capacity((most + 1) * self.padded());
-        // From tone to tone every sweep's phase grows by the same.
+        // From tone to tone each sweep's phase grows by a constant.
         let step_rad = |time_s: &f32| std::f64::consts::TAU * step_hz * f64::from(*time_s);
         let turns: Vec<(f32, f32)> =
             self.times_s.iter().map(|t| (math::cos(step_rad(t)) as f32, math::sin(step_rad(t)) as f32)).collect();
@@ -254,7 +268,8 @@ impl SlowTime {
         Some(basis)
     }
 
-    /// The block's sweeps without their taper, at ranges half a pulse apart, turned back by a range rate.
+    /// The sub-aperture's sweeps with the taper removed, at ranges half a pulse apart, demodulated
+    /// by a range rate.
     fn demodulated(&self, block: &Subaperture, rate_m_per_s: f64) -> Demodulated {
         let pulse_m = block.geometry().pulse_fwhm_m;
         let stride = ((0.5 * pulse_m * f64::from(block.entries_per_m)).round() as usize).max(1);
@@ -278,7 +293,7 @@ impl SlowTime {
     }
 }
 
-/// Makes the last row orthogonal to those before and of length 1; false where too little of it is left.
+/// Orthonormalises the last row against those before it; false where too little of it remains.
 struct Orthonormal<'a> {
     basis: &'a mut [f32],
     row: usize,
@@ -291,7 +306,7 @@ impl Kernel for Orthonormal<'_> {
     fn run<S: Lanes>(self, s: S) -> bool {
         let (before, last) = self.basis.split_at_mut(self.basis.len() - self.row);
         let length2 = dot(s, last, last);
-        // Twice is enough.
+        // Gram–Schmidt twice is enough.
         for _ in 0..2 {
             for row in before.chunks_exact(self.row) {
                 let along = s.splat(dot(s, row, last));
@@ -318,7 +333,7 @@ fn dot<S: Lanes>(s: S, a: &[f32], b: &[f32]) -> f32 {
     s.store(sum).iter().sum()
 }
 
-/// Takes a basis out of every column.
+/// Projects a basis out of every column.
 struct Project<'a> {
     basis: &'a [f32],
     sweeps: usize,
@@ -349,7 +364,7 @@ impl Kernel for Project<'_> {
     }
 }
 
-/// Sixteen values from an index on, which all exist.
+/// Sixteen values from an index on; all must exist.
 #[inline(always)]
 fn sixteen<S: Lanes>(s: S, values: &[f32], at: usize) -> S::F {
     match values[at..].first_chunk() {
@@ -365,7 +380,7 @@ struct Tone<'a> {
     /// `[sweep]`: the tone's conjugate.
     cos: &'a [f32],
     sin: &'a [f32],
-    /// What the power is divided by.
+    /// Divisor of the power.
     count: f32,
     power: &'a mut [f32],
 }
@@ -392,12 +407,12 @@ impl Kernel for Tone<'_> {
 
 /// Power over range rate and range.
 struct Spectrum<'a> {
-    /// Range rates from the middle of what stands still, rising, metres a second.
+    /// Range rates relative to the clutter's middle, rising, metres a second.
     rates: &'a [f64],
-    /// `[rate][range]`, `width` floats a row.
+    /// `[rate][range]`, `width` floats per row.
     powers: Vec<f32>,
     width: usize,
-    /// `[range]`: all that is left at it, and how many noise values that would be.
+    /// `[range]`: residual energy, and its number of degrees of freedom.
     residual: Vec<f32>,
     degrees_of_freedom: f64,
 }
@@ -414,7 +429,7 @@ impl<'a> Spectrum<'a> {
                 .map(|(s, c)| (c as f32, s as f32))
                 .unzip()
         };
-        // From tone to tone they turn by the same, but where the interval is left out.
+        // From tone to tone the phasors turn by a constant, except across the excluded interval.
         let step = rates.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
         let (turn_cos, turn_sin) = if step.is_finite() { phasors(step) } else { phasors(0.0) };
         let (mut cos, mut sin) = (Vec::new(), Vec::new());
@@ -441,18 +456,19 @@ impl<'a> Spectrum<'a> {
         f64::from(self.powers[rate * self.width + range])
     }
 
-    /// The strongest tone at a range and how far it stands out.
+    /// The strongest tone at a range, and its power over the level there.
     fn strongest(&self, range: usize) -> (usize, f64) {
         let at =
             (0..self.rates.len()).max_by(|a, b| self.power(*a, range).total_cmp(&self.power(*b, range))).unwrap_or(0);
-        // A body is no tone: what is near in speed is of it.
+        // A body is not a single tone: neighbouring range rates belong to it.
         let own = self.around(at).map(|n| self.power(n, range)).sum::<f64>() * DOPPLER_STEP;
         let degrees_of_freedom = self.degrees_of_freedom - self.around(at).count() as f64 * DOPPLER_STEP;
         let level = (f64::from(self.residual[range]) - own) / degrees_of_freedom.max(1.0);
         (at, self.power(at, range) / level.max(1.0))
     }
 
-    /// Fractional range, range rate and strength of what stands out by the bound, strongest first.
+    /// Fractional range index, range rate and strength of echoes above the threshold, strongest
+    /// first.
     fn echoes(&self, bound: f64, step_m: f64) -> Vec<(f64, f64, f64)> {
         let mut open: Vec<(usize, usize, f64)> = Vec::new();
         for range in 0..self.residual.len() {
@@ -474,7 +490,7 @@ impl<'a> Spectrum<'a> {
         echoes
     }
 
-    /// Where the middle of a body is, by the strongest tone at each range around.
+    /// Centre of a body in range: mean of nearby ranges, weighted by each range's strongest tone.
     fn middle_of_range(&self, range: usize, step_m: f64) -> f64 {
         let reach = (0.5 * MIN_TARGET_SEPARATION_M / step_m).round() as usize;
         let around = range.saturating_sub(reach)..=(range + reach).min(self.residual.len() - 1);
@@ -482,19 +498,19 @@ impl<'a> Spectrum<'a> {
         mean(around.map(|n| (n as f64, weigh(n))))
     }
 
-    /// How fast it is, by the tones around the strongest.
+    /// Centre of its range rate, from the tones around the strongest.
     fn middle_of_rate(&self, rate: usize, range: usize) -> f64 {
         mean(self.around(rate).map(|n| (self.rates[n], self.power(n, range))))
     }
 
-    /// Range rates of the same body.
+    /// Indices of range rates attributed to the same body.
     fn around(&self, rate: usize) -> impl Iterator<Item = usize> {
         let is_near = move |n: &usize| (self.rates[*n] - self.rates[rate]).abs() <= TARGET_DOPPLER_HALF_WIDTH_M_PER_S;
         (0..self.rates.len()).filter(is_near)
     }
 }
 
-/// The weighted mean.
+/// Weighted mean.
 fn mean(values: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (sum, weight) = values.fold((0.0, 0.0), |(sum, total), (value, weight)| (sum + value * weight, total + weight));
     sum / weight.max(f64::MIN_POSITIVE)
@@ -517,7 +533,7 @@ mod tests {
         MtiFilter::new(&Beam::Lensless, 0.1)
     }
 
-    /// Strong things all over the beam and a wall.
+    /// Strong points all over the beam, and a wall.
     fn clutter() -> Vec<(Echo, f64)> {
         let place = |azimuth: f64, range_m: f64| {
             Echo::Point(DVec3::new(azimuth.sin(), 0.3 * azimuth.cos(), -azimuth.cos()).normalize() * range_m)
@@ -532,7 +548,7 @@ mod tests {
         let count: usize = blocks.iter().map(|block| finder().detect(block).unwrap().echoes.len()).sum();
         let allowed = 0.1 * blocks.len() as f64;
         assert!((count as f64) < allowed + 3.0 * allowed.sqrt(), "{count} in {} blocks", blocks.len());
-        // The bound is one: with ten times as many allowed some come.
+        // The threshold is effective: at a permitted rate a thousand times as high, echoes appear.
         let often = MtiFilter::new(&Beam::Lensless, 100.0);
         assert!(blocks.iter().any(|block| !often.detect(block).unwrap().echoes.is_empty()));
     }
@@ -584,7 +600,7 @@ mod tests {
         assert!(blocks(sweeps(0.5, fast, &clutter(), 3)).iter().all(|block| finder().detect(block).is_none()));
         let slow = blocks(sweeps(0.5, |t| DVec3::NEG_Z * (0.3 * t), &[], 3));
         let movers = finder().detect(&slow[2]).unwrap();
-        // Towards what is ahead: things come nearer, at most as fast as the sensor goes.
+        // Moving forwards: everything approaches, at most as fast as the sensor moves.
         let [least, greatest] = movers.clutter_m_per_s;
         assert!((-0.36..-0.3).contains(&least) && (-0.1..0.0).contains(&greatest), "{movers:?}");
         assert!((movers.ahead_m_per_s + 0.3).abs() < 0.01);

@@ -1,7 +1,9 @@
-//! The same score over planes: walls, floor and ceiling, which a radar sees as mirrors.
+//! The sub-aperture statistic over planes: walls, floor and ceiling, which a radar sees as specular
+//! reflectors.
 //!
-//! A plane is a direction and an offset; its range is offset − u·p along u: the mirror point moves with the head, a pole's
-//! does not. Walls stand upright (normals level, at any yaw), floor and ceiling lie flat.
+//! A plane is a unit normal u and an offset; its range from sensor position p is offset − u·p. The
+//! specular point moves with the head, a point reflector does not. Walls are upright (horizontal
+//! normals at any yaw), floor and ceiling are level.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -10,7 +12,7 @@ use super::{MEAN_LOG_OF_NOISE, PlaneAt, Subaperture, SubapertureSettings};
 use crate::geometry::Plane;
 use crate::math;
 
-/// Directions of upright planes around the compass.
+/// Directions of upright planes, evenly spaced in yaw.
 const YAW_STEPS: usize = 240;
 /// Distance between offsets, metres: a third of the 14 cm pulse.
 const OFFSET_STEP_M: f64 = 0.05;
@@ -22,18 +24,18 @@ struct Cell {
     a: f32,
     b: f32,
     seen_s: f32,
-    /// Blocks that had it in the beam.
+    /// Sub-apertures that had the plane in the beam.
     blocks: u32,
 }
 
 /// A local maximum over planes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanePeak {
-    /// Where.
+    /// The plane.
     pub plane: Plane,
     /// A/√B.
     pub score: f64,
-    /// Blocks that had it in the beam.
+    /// Sub-apertures that had it in the beam.
     pub blocks: u32,
 }
 
@@ -43,7 +45,7 @@ pub struct PlaneField {
     settings: SubapertureSettings,
     min_cos: f64,
     start_ns: Option<i64>,
-    /// Offsets are counted from the plane through this place.
+    /// Offsets are counted from the plane through this point.
     origin: DVec3,
     directions: Vec<DVec3>,
     /// `[direction][offset]`.
@@ -60,7 +62,7 @@ impl PlaneField {
         Self { settings, min_cos, start_ns: None, origin: DVec3::ZERO, directions, cells }
     }
 
-    /// Adds a block to every plane that it had in the beam.
+    /// Adds a sub-aperture to every plane in its beam.
     pub fn add(&mut self, block: &Subaperture) {
         if self.start_ns.is_none() {
             self.origin = block.middle.translation;
@@ -69,7 +71,7 @@ impl PlaneField {
         let now_s = ((block.mid_time_ns - start_ns) as f64 * 1e-9) as f32;
         let memory_s = self.settings.memory_s as f32;
         let (origin, min_cos) = (self.origin, self.min_cos);
-        // Walls are strong: they are followed half a metre beyond what obstacles are.
+        // Walls are strong, so they are followed half a metre beyond the range used for obstacles.
         let max_range_m = self.settings.max_range_m + 0.5;
         let settings = SubapertureSettings { max_range_m, ..self.settings }.within(&block.geometry().axis);
         self.cells.par_iter_mut().zip(&self.directions).for_each(|(cells, &toward)| {
@@ -89,7 +91,8 @@ impl PlaneField {
         });
     }
 
-    /// Planes with at least that score and that many blocks, greatest within 10° and 20 cm, by falling score.
+    /// Planes of at least that score, seen by at least `min_blocks` sub-apertures and since
+    /// `since_ns`. Each is the greatest within 10° and 20 cm. In order of falling score.
     pub fn peaks(&self, min_score: f64, min_blocks: u32, since_ns: i64) -> Vec<PlanePeak> {
         let since_s = self.start_ns.map_or(0.0, |start| (since_ns - start) as f64 * 1e-9) as f32;
         let mut found = Vec::new();

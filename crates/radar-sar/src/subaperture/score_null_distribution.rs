@@ -1,30 +1,32 @@
-//! How far noise alone raises a block score: the tail of A/√B.
+//! Distribution of the sub-aperture score A/√B under noise alone: its upper tail.
 //!
-//! Under noise a block's coherent power is exponential, and what it is held against, max(1, the mean of its incoherent power), about a
-//! gamma variable's: the fewer the sweeps, the wider that is, and since it is never below 1, the lower m. The score is a sum of few terms
-//! far from normal, so its tail is in no table; but its cumulants are integrals over one term, and with them the saddle point gives
-//! the tail to some percent of itself, however far out (Lugannani and Rice 1980, Advances in Applied Probability 12:475). Not in it: that
-//! the noise is estimated from the block itself, to some percent.
+//! Under noise, the coherent power of a sub-aperture is exponential. Its divisor, max(1, mean
+//! incoherent power), follows from a gamma variable: the fewer the sweeps, the wider its spread,
+//! and since it is never below 1, the lower m. The score is a sum of few, far from normal terms, so
+//! no table holds its tail. Its cumulants are integrals over one term, and the saddle-point
+//! approximation (Lugannani and Rice 1980, Advances in Applied Probability 12:475) gives the tail
+//! to some percent of itself at any distance. Not modelled: the noise level is itself estimated
+//! from the sub-aperture, to some percent.
 
 use super::MEAN_LOG_OF_NOISE;
 
 use crate::math;
 
-/// Steps of the integrals over ln(1 + m).
+/// Integration steps over ln(1 + m).
 const STEPS: usize = 160;
-/// Mean of the taper's fourth power, its mean square being 1.
+/// Mean of the taper's fourth power; its mean square is 1.
 const TAPER_FOURTH: f64 = 1.401;
-/// Incoherent powers are taken at so many parts of 1σ, to 4σ.
+/// Quadrature points per σ for the incoherent power, out to 4σ.
 const PARTS_OF_SIGMA: i32 = 2;
-/// What has faded below this share moves nothing.
+/// Weights below this share are neglected.
 const NEGLIGIBLE_SHARE: f64 = 1e-4;
 
-/// What noise scores at a place that blocks of one length saw one after the other.
+/// Score distribution under noise for a point seen by consecutive sub-apertures of equal length.
 #[derive(Debug, Clone)]
 pub struct NoiseTail {
-    /// Weights of the blocks over √B.
+    /// Weights of the sub-apertures divided by √B.
     shares: Vec<f64>,
-    /// What coherent power is divided by, and how likely that is.
+    /// Divisors of the coherent power, and their probabilities.
     divisors: Vec<(f64, f64)>,
 }
 
@@ -37,7 +39,8 @@ struct Cumulants {
 }
 
 impl NoiseTail {
-    /// Of `blocks` blocks of so many sweeps, one every `block_s`, faded with `memory_s`.
+    /// For `blocks` sub-apertures of `sweeps` sweeps, one every `block_s`, decaying with
+    /// `memory_s`.
     pub fn new(sweeps: f64, blocks: usize, block_s: f64, memory_s: f64) -> Self {
         let weights = (0..blocks).map(|n| math::exp(-(n as f64) * block_s / memory_s));
         let weights: Vec<f64> = weights.take_while(|weight| *weight > NEGLIGIBLE_SHARE).collect();
@@ -45,19 +48,20 @@ impl NoiseTail {
         Self { shares: weights.iter().map(|weight| weight / root).collect(), divisors: divisors(sweeps) }
     }
 
-    /// Mean and standard deviation of what one block adds.
+    /// Mean and standard deviation of one sub-aperture's term.
     pub fn of_subaperture(&self) -> [f64; 2] {
         let one = self.subaperture_cumulants(0.0);
         [one.first, one.second.sqrt()]
     }
 
-    /// −ln of the chance that noise scores more than that. Good from where a tenth of it does; 0 for scores that are not above its mean.
+    /// Surprisal: −ln of the probability that noise scores more than `score`. Accurate for scores
+    /// that less than a tenth of noise exceeds; 0 for scores not above the mean under noise.
     pub fn surprisal(&self, score: f64) -> f64 {
         let mut sums = self.cumulants(0.0);
         if self.shares.is_empty() || !score.is_finite() || score <= sums.first {
             return 0.0;
         }
-        // Where the slope is the score: Newton's steps, held between what is known to be too little and too much.
+        // Solves K′(t) = score by Newton's method, bracketed by a lower and an upper bound.
         let (mut t, mut low, mut high) = (0.0f64, 0.0, f64::INFINITY);
         for _ in 0..60 {
             let off = sums.first - score;
@@ -81,7 +85,8 @@ impl NoiseTail {
         -ln_tail(far, wide)
     }
 
-    /// The score that noise exceeds with a chance of e^−surprise: [`Self::surprisal`] turned round.
+    /// The score that noise exceeds with probability e^−surprisal: the inverse of
+    /// [`Self::surprisal`].
     pub fn score(&self, surprisal: f64) -> f64 {
         let (mut low, mut high) = (0.0, 1.0);
         while self.surprisal(high) < surprisal && high < 1e3 {
@@ -106,10 +111,12 @@ impl NoiseTail {
         self.shares.iter().fold(Cumulants::default(), of)
     }
 
-    /// Of ln(1 + m) − 0.596: where power is divided by g, u = ln(1 + m) has the density g·e^(u + g − g·e^u).
+    /// Of ln(1 + m) − 0.596. For power divided by g, u = ln(1 + m) has the density g·e^(u + g −
+    /// g·e^u).
     fn subaperture_cumulants(&self, t: f64) -> Cumulants {
         let mut sums = [0.0; 3];
-        // The least divisor reaches farthest; its greatest exponent is taken out, so that no t overflows.
+        // The least divisor reaches farthest. Its greatest exponent is factored out to prevent
+        // overflow at any t.
         let exponent = |u: f64, g: f64| (1.0 + t) * u + g - g * math::exp(u);
         let middle = math::ln(1.0 + t);
         let greatest = exponent(middle, 1.0);
@@ -132,7 +139,8 @@ impl NoiseTail {
     }
 }
 
-/// max(1, g), g the mean incoherent power of so many sweeps: gamma, by Wilson and Hilferty's cube of a normal variable.
+/// max(1, g), with g the mean incoherent power of so many sweeps: gamma, approximated by Wilson and
+/// Hilferty's cube of a normal variable.
 fn divisors(sweeps: f64) -> Vec<(f64, f64)> {
     let shape = ((sweeps - 1.0) / TAPER_FOURTH).max(0.5);
     let mut found: Vec<(f64, f64)> = vec![(1.0, 0.0)];
@@ -147,15 +155,15 @@ fn divisors(sweeps: f64) -> Vec<(f64, f64)> {
     found
 }
 
-/// ln of Lugannani and Rice's tail: Φ(−r) + φ(r)·(1/w − 1/r).
+/// ln of the Lugannani–Rice tail: Φ(−r) + φ(r)·(1/w − 1/r), with r = `far` and w = `wide`.
 fn ln_tail(far: f64, wide: f64) -> f64 {
     let rest = if far > 1e-3 { 1.0 / wide - 1.0 / far } else { 0.0 };
-    // In units of the density, so that nothing underflows.
+    // In units of the density, to prevent underflow.
     let ln_density = -0.5 * far * far - 0.5 * math::ln(std::f64::consts::TAU);
     (ln_density + math::ln((mills_ratio(far) + rest).max(1e-300))).min(0.0)
 }
 
-/// Mills' ratio Φ(−x)/φ(x), x not below 0: a series near 0, a continued fraction beyond.
+/// Mills' ratio Φ(−x)/φ(x) for x ≥ 0: a series near 0, a continued fraction beyond.
 fn mills_ratio(x: f64) -> f64 {
     if x > 2.5 {
         return 1.0 / (1..=80).rev().fold(x, |below, n| x + f64::from(n) / below);
@@ -175,7 +183,7 @@ mod tests {
     use rand::SeedableRng;
     use rand_distr::{Distribution, Exp1};
 
-    /// So many sweeps that what power is held against is known.
+    /// So many sweeps that the divisor is exactly 1.
     const MANY: f64 = 1e12;
 
     #[test]
@@ -201,7 +209,8 @@ mod tests {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
         for (sweeps, blocks, draws) in [(12, 4, 60_000), (40, 25, 10_000)] {
             let tail = NoiseTail::new(f64::from(sweeps), blocks, 0.09, 1.5);
-            // Plain means of the other powers, spread as those that the taper weighs are.
+            // Plain means of independent powers, as many as give the same spread as the tapered
+            // ones.
             let others = (f64::from(sweeps - 1) / TAPER_FOURTH).round() as usize;
             let mut power = || -> f64 { Exp1.sample(&mut rng) };
             let mut draw = || -> f64 {
@@ -216,7 +225,7 @@ mod tests {
                 let expected = chance * f64::from(draws);
                 let threshold = tail.score(-chance.ln());
                 let above = scores.iter().filter(|score| **score > threshold).count() as f64;
-                // Three standard deviations of the count, and the formula's few percent.
+                // Three standard deviations of the count, and the approximation's few percent.
                 let allowed = 3.0 * expected.sqrt() + 0.04 * expected;
                 assert!((above - expected).abs() < allowed, "{sweeps} {blocks}: {above} {expected}");
             }

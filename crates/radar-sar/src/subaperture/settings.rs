@@ -1,4 +1,4 @@
-//! What a block is, and what it sees.
+//! What makes up a sub-aperture, and which points it covers.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -7,23 +7,23 @@ use crate::geometry::Pose;
 use crate::math;
 use crate::{Beam, Observation, RangeAxis};
 
-/// Parameters of the block score.
+/// Parameters of the sub-aperture statistic.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SubapertureSettings {
-    /// Length of a block, seconds.
+    /// Length of a sub-aperture, seconds.
     pub block_s: f64,
-    /// A block of fewer sweeps is dropped.
+    /// A sub-aperture of fewer sweeps is dropped.
     pub min_sweeps: usize,
-    /// Time in which evidence fades to 1/e as newer comes in, seconds.
+    /// Time in which old evidence decays to 1/e relative to new evidence, seconds.
     pub memory_s: f64,
-    /// A place is in the beam from this two-way amplitude on.
+    /// Least two-way amplitude at which a point counts as in the beam.
     pub min_amplitude: f64,
-    /// And a mirror, as walls are, from this one on: it returns so much more.
+    /// The same for a plane such as a wall. It is lower because planes return far more power.
     pub mirror_min_amplitude: f64,
-    /// Nearest range looked at, metres.
+    /// Nearest range used, metres.
     pub min_range_m: f64,
-    /// Farthest range looked at, metres.
+    /// Farthest range used, metres.
     pub max_range_m: f64,
     /// Edge of a voxel, metres.
     pub voxel_m: f64,
@@ -50,30 +50,31 @@ impl SubapertureSettings {
         beam.cut_off_cos(self.min_amplitude)
     }
 
-    /// Cosine of the widest angle at which a mirror counts as in the beam.
+    /// Cosine of the widest angle at which a plane counts as in the beam.
     pub fn mirror_min_cos(&self, beam: &Beam) -> f64 {
         beam.cut_off_cos(self.mirror_min_amplitude)
     }
 
-    /// The same for sweeps of a range axis: where it does not reach, they say nothing.
+    /// The same, limited to a sweep's range axis: sweeps carry no information beyond it.
     pub fn within(&self, axis: &RangeAxis) -> Self {
         let (min_range_m, max_range_m) = (self.min_range_m.max(axis.first_m), self.max_range_m.min(axis.last_m()));
         Self { min_range_m, max_range_m, ..*self }
     }
 
-    /// Whether a sensor pose has a place in its beam and range.
+    /// Whether a point is in the beam and range of a sensor pose.
     pub fn sees(&self, tracking_from_sensor: &Pose, min_cos: f64, place: DVec3) -> bool {
         let to = place - tracking_from_sensor.translation;
         let along = to.dot(tracking_from_sensor.forward());
-        // Squares with their sign spare the root.
+        // Comparing signed squares avoids the square root.
         let distance2 = to.length_squared();
         distance2 >= self.min_range_m * self.min_range_m
             && distance2 <= self.max_range_m * self.max_range_m
             && along * along.abs() >= min_cos * min_cos.abs() * distance2
     }
 
-    /// Whether a sweep at `time_ns` still belongs to a block that began at `first_ns` and whose last sweep was at `last_ns`:
-    /// within the block's length, and after no pause longer than a third of it.
+    /// Whether a sweep at `time_ns` belongs to the sub-aperture that began at `first_ns` and whose
+    /// last sweep was at `last_ns`: it lies within the sub-aperture's length, and the pause before
+    /// it is shorter than a third of that length.
     pub fn continues(&self, first_ns: i64, last_ns: i64, time_ns: i64) -> bool {
         let block_ns = self.block_s * 1e9;
         ((time_ns.saturating_sub(first_ns)) as f64) < block_ns
@@ -81,13 +82,15 @@ impl SubapertureSettings {
     }
 }
 
-/// Weight of sweep `k` of `count` in its block: 1 − ½·cos over the block, mean square 1.
+/// Taper weight of sweep `k` of `count` in its sub-aperture: 1 − ½·cos, normalised to mean square
+/// 1.
 pub fn taper(k: usize, count: usize) -> f64 {
     let turn = std::f64::consts::TAU * (k as f64 + 0.5) / count as f64;
     (1.0 - 0.5 * math::cos(turn)) / 1.125f64.sqrt()
 }
 
-/// Indices of the sweeps of each block, in time; each subsweep has blocks of its own.
+/// Indices of the sweeps of each sub-aperture, in time order. Each subsweep is partitioned
+/// separately.
 pub fn partition(observations: &[Observation], settings: &SubapertureSettings) -> Vec<Vec<usize>> {
     let mut open: std::collections::BTreeMap<usize, Vec<usize>> = Default::default();
     let mut done = Vec::new();
@@ -118,7 +121,7 @@ mod tests {
         let short = settings.within(&RangeAxis { first_m: 0.4, step_m: 0.02, points: 11 });
         let sees = |range_m: f64| short.sees(&Pose::IDENTITY, 0.5, DVec3::NEG_Z * range_m);
         assert_eq!([0.39, 0.41, 0.59, 0.61].map(sees), [false, true, true, false]);
-        // An axis that lies wholly beyond.
+        // An axis entirely beyond the farthest range.
         let nothing = settings.within(&RangeAxis { first_m: 3.0, step_m: 0.02, points: 11 });
         assert!([0.5, 2.0, 3.1].iter().all(|range_m| !nothing.sees(&Pose::IDENTITY, 0.5, DVec3::NEG_Z * *range_m)));
     }

@@ -1,10 +1,14 @@
-//! Takes the echoes of known mirrors, walls, floor and ceiling, out of a block's sweeps before places are scored.
+//! Wall cancellation: subtracts the echoes of known specular planes (walls, floor, ceiling) from
+//! the sweeps of a sub-aperture before points are scored.
 //!
-//! A wall returns a thousand to a million times what a chair's leg does, and the skirts of its pulse stand out of the noise for 30 cm to
-//! either side. But its echo is known in everything but its amplitude: the distance along the way is the plane's, the pulse is the
-//! sensor's. The amplitude is measured over groups of sweeps, goes over from one group to the next in straight lines, and what it accounts
-//! for is subtracted. A thing at the wall's very range loses what cannot be told from the wall within a group: so groups are as long as
-//! leaves no more of the wall than there is noise. Tracking does not hold the phase of a strong one still for a whole block.
+//! A wall returns a thousand to a million times the power of a chair leg, and the sidelobes of its
+//! pulse exceed the noise for 30 cm on either side. But everything about its echo except the
+//! amplitude is known: the distance along the path is the plane's, the pulse is the sensor's. The
+//! amplitude is estimated over groups of sweeps, interpolated linearly between groups, and the
+//! modelled echo is subtracted. An object at exactly the wall's range loses whatever cannot be
+//! distinguished from the wall within one group. Groups are therefore as long as possible while the
+//! wall's residual stays below the noise. Tracking does not keep the phase of a strong wall stable
+//! over a whole sub-aperture.
 
 use num_complex::{Complex32, Complex64};
 
@@ -12,20 +16,21 @@ use crate::geometry::Plane;
 use crate::math;
 use crate::{Observation, PHASE_RAD_PER_M, envelope};
 
-/// Lengths of a group that are tried, seconds: the longest that does.
+/// Candidate group lengths, seconds; the longest sufficient one is used.
 const GROUP_LENGTHS_S: [f64; 4] = [1.0, 0.045, 0.03, 0.015];
-/// Mirrors are taken out from this power of one sweep's echo on, over the noise: what drowns other things at its range. A block adds up some
-/// dozens of sweeps, so that this is much in a block.
+/// Least echo power of one sweep, over the noise, at which a plane is cancelled: enough to mask
+/// other objects at its range, since a sub-aperture adds dozens of sweeps.
 const MIN_POWER_OVER_NOISE: f64 = 2.0;
-/// And when groups add up to at least this share of their sweeps' energy, noise left aside, in phase: otherwise it is not the mirror that is strong there.
+/// With the shortest groups, least share of the sweeps' energy (noise subtracted) that must add up
+/// in phase. Below it, the strong echo is not the plane's.
 const MIN_IN_PHASE_SHARE: f64 = 0.7;
-/// The echo is looked for so many steps nearer and farther than the plane is known to be; a step, metres.
+/// The echo is searched this many steps nearer and farther than the known plane; step in metres.
 const STEPS: i32 = 4;
 const STEP_M: f64 = 0.02;
-/// The pulse is followed down to −60 dB: in widths.
+/// Extent of the modelled pulse, down to −60 dB, in pulse widths.
 const REACH_WIDTHS: f64 = 1.6;
 
-/// The sweeps without the echoes of strong mirrors; `None` when there are none.
+/// The sweeps without the echoes of strong planes; `None` when there are none.
 pub(super) fn subtract_planes(
     sweeps: &[Observation],
     planes: &[Plane],
@@ -42,16 +47,16 @@ pub(super) fn subtract_planes(
     cleaned
 }
 
-/// A mirror's echo in a block.
+/// A plane's echo in a sub-aperture.
 struct PlaneEcho<'m> {
     plane: &'m Plane,
-    /// So much farther than the plane is known to be, metres.
+    /// Offset of the echo's range from the known plane's, metres; positive is farther.
     range_offset_m: f64,
-    /// Of each group: its middle, in sweeps, and its amplitude, LSB.
+    /// For each group: its middle, as a sweep index, and its amplitude, LSB.
     amplitudes: Vec<(f64, Complex64)>,
 }
 
-/// What a group of sweeps says of an echo.
+/// Correlation of a group of sweeps with the echo's template.
 #[derive(Clone, Copy, Default)]
 struct Sums {
     /// Σ x e^(−jκd) E, and Σ E².
@@ -102,7 +107,8 @@ impl<'m> PlaneEcho<'m> {
         }
     }
 
-    /// Of a sweep: in straight lines from the middle of one group to that of the next, and beyond the last ones.
+    /// Amplitude at a sweep: linear between the middles of neighbouring groups, extrapolated at the
+    /// ends.
     fn amplitude(&self, sweep: f64) -> Complex64 {
         let last = self.amplitudes.len() - 1;
         let after = self.amplitudes.partition_point(|(middle, _)| *middle <= sweep).clamp(1.min(last), last);
@@ -112,7 +118,8 @@ impl<'m> PlaneEcho<'m> {
     }
 }
 
-/// By how much the echo comes from farther away than the plane is known to be, metres; `None` when it does not come from near it.
+/// Offset of the echo's range from the known plane's, metres, positive farther; `None` when the
+/// maximum lies at the edge of the search.
 fn estimate_range_offset_m(sweeps: &[Observation], plane: &Plane) -> Option<f64> {
     let groups = groups(sweeps, GROUP_LENGTHS_S[GROUP_LENGTHS_S.len() - 1]);
     let of_groups = |range_offset_m: f64| -> f64 {
@@ -126,7 +133,7 @@ fn estimate_range_offset_m(sweeps: &[Observation], plane: &Plane) -> Option<f64>
     Some((best as f64 - f64::from(STEPS) + between.clamp(-0.5, 0.5)) * STEP_M)
 }
 
-/// First sweep and the one behind the last of each group, which are about so long.
+/// First sweep and end (exclusive) of each group of about `group_s`.
 fn groups(sweeps: &[Observation], group_s: f64) -> Vec<(usize, usize)> {
     let span_ns = sweeps[sweeps.len() - 1].mid_time_ns.saturating_sub(sweeps[0].mid_time_ns);
     let count = ((span_ns as f64 * 1e-9 / group_s).round() as usize).clamp(1, sweeps.len().div_ceil(2));
@@ -153,8 +160,8 @@ fn coherent_energy(sums: &Sums) -> f64 {
     sums.in_phase.norm_sqr() / sums.template.max(1e-12)
 }
 
-/// What a mirror that returns 1 LSB gives at each point of a sweep, where that is something: pulse and phase for the sensor's place at the
-/// point's own time.
+/// Template of a plane that returns 1 LSB, at each point of a sweep where it is not negligible:
+/// pulse and phase for the sensor position at the point's own time.
 fn templates(sweep: &Observation, plane: &Plane, range_offset_m: f64) -> impl Iterator<Item = (usize, Complex64)> {
     let (axis, pulse_fwhm_m) = (sweep.geometry.axis, sweep.geometry.pulse_fwhm_m);
     let distance_m = |n: usize| {
@@ -194,7 +201,7 @@ mod tests {
 
     #[test]
     fn cancelling_a_strong_wall_restores_coherence_of_an_object_in_front() {
-        // At nearly the wall's range, and elsewhere in direction as seen from the sensor's way.
+        // At nearly the wall's range, but in another direction as seen along the sensor's path.
         let chair = DVec3::new(0.8, -0.8, -1.2);
         let alone = coherence(&first_subaperture(&[(Echo::Point(chair), 0.5)], &[]), chair);
         for snr in [30.0, 1000.0] {

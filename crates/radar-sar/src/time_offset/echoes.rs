@@ -1,4 +1,5 @@
-//! Echoes of a few consecutive sweeps: where their mean power over range peaks as one pulse does.
+//! Echoes of a few consecutive sweeps: peaks of their mean power over range with the shape of one
+//! pulse.
 
 use std::sync::Arc;
 
@@ -9,32 +10,34 @@ use crate::math;
 use crate::{CompressedSweep, RangeCompressor, subaperture_noise_rms, sweep_noise_rms};
 use crate::{Observation, SweepGeometry};
 
-/// Sweeps of this time are read as one, nanoseconds: at 1 m/s a thing moves by a twentieth of the pulse.
+/// Sweeps within this time are evaluated together, nanoseconds: at 1 m/s an object moves by a
+/// twentieth of the pulse.
 const GROUP_NS: i64 = 8_000_000;
-/// Sweeps from which on the noise is told point by point.
+/// Least number of sweeps for estimating the noise point by point.
 const MANY_SWEEPS: usize = 4;
-/// An echo's |z|²/σ², summed over the sweeps.
+/// Least |z|²/σ² of an echo, summed over the sweeps.
 const MIN_POWER_SUM: f64 = 40.0;
-/// An echo's mean |z|²/σ².
+/// Least mean |z|²/σ² of an echo.
 const MIN_POWER: f64 = 8.0;
-/// The peak of one pulse has a curvature of 8 ln2 / FWHM² (of ln |z|²); two that overlap have another.
+/// Permitted curvature of the peak relative to that of one pulse, 8 ln2 / FWHM² (of ln |z|²);
+/// overlapping pulses differ from it.
 const CURVATURE_SHARE: [f64; 2] = [0.6, 1.6];
 
 /// One echo of a group of sweeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Echo {
-    /// When its point was measured, host nanoseconds of the sweep stream.
+    /// When its point was sampled, host nanoseconds of the sweep stream.
     pub time_ns: i64,
     /// Its range, metres.
     pub range_m: f64,
-    /// Variance that noise gives the range, m².
+    /// Variance of the range due to noise, m².
     pub variance_m2: f64,
-    /// Phase of the sweep in the middle of the group there, rad, and when its point was measured.
+    /// Phase at that range in the group's middle sweep, rad, and the time its point was sampled.
     pub phase_rad: f64,
     pub phase_time_ns: i64,
 }
 
-/// Reads the echoes of one subsweep.
+/// Extracts the echoes of one subsweep.
 #[derive(Debug)]
 pub(super) struct EchoReader {
     geometry: Arc<SweepGeometry>,
@@ -55,7 +58,7 @@ impl EchoReader {
         }
     }
 
-    /// Takes a sweep; gives the echoes of the group that it closes.
+    /// Adds a sweep; returns the echoes of the group that it closes.
     pub fn push(&mut self, observation: &Observation) -> Option<Vec<Echo>> {
         let closes = self.group.first().is_some_and(|first| observation.mid_time_ns - first.0 >= GROUP_NS);
         let echoes = closes.then(|| self.echoes());
@@ -100,7 +103,7 @@ impl EchoReader {
         (1..power.len().saturating_sub(1)).filter_map(echo).collect()
     }
 
-    /// Mean |z|² of the group over range, and its middle sweep, each times `scale` before.
+    /// Mean |z|² of the group over range, and its middle sweep, each scaled by `scale` first.
     fn mean_power(&mut self, scale: f32, middle: usize) -> (Vec<f64>, CompressedSweep) {
         let Self { compressor, group, room, .. } = self;
         let (mut power, mut middle_z) = (vec![0.0; compressor.entries()], Vec::new());
@@ -118,8 +121,8 @@ impl EchoReader {
     }
 }
 
-/// Where the parabola through three logarithms peaks (−1 to 1, from the middle one), its value and its curvature; `None`
-/// when the middle one is no maximum.
+/// Peak of the parabola through three logarithms: its position (−1 to 1, relative to the middle
+/// one), value and curvature; `None` when the middle one is not a maximum.
 fn peak(three: &[f64]) -> Option<(f64, f64, f64)> {
     if !(three[1] > three[0] && three[1] >= three[2] && three[0] > 0.0 && three[2] > 0.0) {
         return None;
@@ -136,7 +139,7 @@ mod tests {
     use crate::test_data::{Echo as Source, sweeps, winding};
     use glam::DVec3;
 
-    /// Echoes of a point, and their errors in their own standard deviations.
+    /// Range errors of the echoes of a point, in their own standard deviations.
     fn errors(sources: &[(Source, f64)], at: DVec3) -> Vec<f64> {
         let observations = sweeps(0.5, winding, sources, 3);
         let mut reader = EchoReader::new(&observations[0].geometry, 0.2);

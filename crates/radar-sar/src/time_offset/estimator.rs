@@ -1,4 +1,4 @@
-//! The estimate while data come in: tracks are fitted when they end, those that go on whenever it is asked for.
+//! Incremental time-offset estimator: tracks are fitted when they end, open ones at every query.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -12,46 +12,48 @@ use super::tracks::{Track, Tracks};
 use crate::Observation;
 use crate::PositionErrors;
 
-/// Time from which tracks count, seconds: slow drifts of the offset are followed.
+/// Age up to which tracks count, seconds, so that slow drifts of the offset are followed.
 const MEMORY_S: f64 = 20.0;
-/// A track follows one thing that stands still when the fit carries this share of its phases and leaves no more of them
-/// than this, metres; interference may then pull its ranges by so much, metres.
+/// A track follows one stationary object when the fit unwraps at least this share of its phases
+/// with at most this rms residual, metres; interference may then shift its ranges by at most this,
+/// metres.
 const COHERENT_SHARE: f64 = 0.8;
 const COHERENT_RMS_M: f64 = 0.3e-3;
 const COHERENT_EXCESS_M: f64 = 0.015;
-/// Or, without phases, when its ranges leave no more than this unexplained, metres; not when phases contradict by this.
+/// Without phases, the ranges' unexplained rms must be at most this, metres; the track is rejected
+/// when unwrapped phases contradict it by more than this rms, metres.
 const INCOHERENT_EXCESS_M: f64 = 0.004;
 const CONTRADICTING_RMS_M: f64 = 0.6e-3;
-/// Nearest range read, metres: the antenna's own leakage lies below.
+/// Nearest range used, metres: below it lies the antenna's leakage.
 const MIN_RANGE_M: f64 = 0.2;
-/// Tracks that disagree by more than this many of their standard deviations are left out.
+/// Tracks that deviate by more than this many of their standard deviations are rejected.
 const MAX_DEVIATION: f64 = 3.0;
-/// From this 1σ on an offset counts as not observed, seconds: it would heal nothing.
+/// An offset with a greater 1σ counts as unobserved, seconds: it would not improve anything.
 const OBSERVED_S: f64 = 5e-3;
-/// Ended tracks that wait for the path's end, at most.
+/// Greatest number of ended tracks that wait for the path to catch up.
 const MAX_WAITING: usize = 256;
 
-/// Where the offset is looked for, and what is known of the poses.
+/// Search interval of the offset, and the pose errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TimeOffsetSettings {
-    /// Middle of the search, pose time minus sweep time, seconds; it reaches 0.1 s to both sides.
+    /// Middle of the search, pose time minus sweep time, seconds; it extends 0.1 s to both sides.
     pub middle_s: f64,
-    /// How well the poses are known.
+    /// Pose error model.
     pub errors: PositionErrors,
 }
 
-/// The offset as far as the data tell it.
+/// An estimate of the offset.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TimeOffset {
     /// Time of a sweep's pose minus time of the sweep, seconds.
     pub offset_s: f64,
     /// Its 1σ, seconds.
     pub sigma_s: f64,
-    /// Whether the motion told the offset apart from everything else, to 5 ms or better.
+    /// Whether the motion made the offset observable, to 5 ms or better.
     pub observable: bool,
-    /// Tracks that it rests on.
+    /// Number of tracks used.
     pub tracks: usize,
-    /// Tracks that were left out: what they follow moves, or they contradict the others.
+    /// Number of rejected tracks: their object moves, or they contradict the others.
     pub tracks_left_out: usize,
 }
 
@@ -66,7 +68,7 @@ pub struct TimeOffsetEstimator {
 }
 
 impl TimeOffsetEstimator {
-    /// Nothing known yet.
+    /// An estimator without data.
     pub fn new(settings: TimeOffsetSettings) -> Self {
         Self {
             settings,
@@ -77,12 +79,13 @@ impl TimeOffsetEstimator {
         }
     }
 
-    /// Takes the sensor's place and velocity at a time of the pose stream, about every 5 ms, in rising time.
+    /// Adds the sensor's position and velocity at a time of the pose stream, about every 5 ms, in
+    /// rising time.
     pub fn push_path(&mut self, time_ns: i64, position_m: DVec3, velocity_m_per_s: DVec3) {
         self.path.push(time_ns, position_m, velocity_m_per_s);
     }
 
-    /// Takes a sweep; of its pose only the boresight serves, so an offset in it does no harm.
+    /// Adds a sweep. Only the boresight of its pose is used, so a time offset in it does no harm.
     pub fn push_sweep(&mut self, observation: &Observation) {
         let geometry = &observation.geometry;
         let new = || (EchoReader::new(geometry, MIN_RANGE_M), Tracks::default());
@@ -96,7 +99,7 @@ impl TimeOffsetEstimator {
         }
     }
 
-    /// The offset from what came so far; `None` while no track tells anything.
+    /// The offset from the data so far; `None` while no track is usable.
     pub fn estimate(&mut self) -> Option<TimeOffset> {
         let TimeOffsetSettings { middle_s, errors } = self.settings;
         let end_ns = self.path.end_ns()?;
@@ -116,7 +119,7 @@ impl TimeOffsetEstimator {
     }
 }
 
-/// Whether a track's phases, or its ranges, agree on one thing that does not move.
+/// Whether a track's phases, or its ranges, are consistent with one stationary object.
 fn is_stationary(fit: &TrackFit) -> bool {
     let carried = fit.carried_share >= COHERENT_SHARE;
     match carried && fit.phase_rms_m <= COHERENT_RMS_M {
@@ -126,7 +129,8 @@ fn is_stationary(fit: &TrackFit) -> bool {
     }
 }
 
-/// The mean of what stands still, weighed by variance; tracks that contradict the others go, the worst first.
+/// Mean over the stationary tracks, weighted by inverse variance; tracks that contradict the others
+/// are rejected, the worst first.
 fn combined(fits: &[TrackFit]) -> Option<TimeOffset> {
     let mut kept: Vec<&TrackFit> = fits.iter().filter(|f| is_stationary(f)).collect();
     loop {
@@ -160,7 +164,7 @@ mod tests {
     const AT: DVec3 = DVec3::new(0.2, 0.1, -1.2);
     const POINT: [(Echo, f64); 1] = [(Echo::Point(AT), 8.0)];
 
-    /// Sweeps along one path, poses along another that are stamped later by the offset.
+    /// Sweeps along one path, poses along another with time stamps late by the offset.
     fn estimated(
         seen: impl Fn(f64) -> DVec3,
         told: impl Fn(f64) -> DVec3,
@@ -203,7 +207,7 @@ mod tests {
         let approach = |t: f64| DVec3::new(0.0, 0.0, -0.3 * t);
         let estimate = estimated(approach, approach, &POINT, 0.02);
         assert!(estimate.is_none_or(|e| !e.observable && e.sigma_s > 0.01), "{estimate:?}");
-        // At rest the poses' jitter is no motion.
+        // At rest, pose jitter does not count as motion.
         let jitter = |t: f64| 0.12e-3 * DVec3::new((61.0 * t).sin(), (53.0 * t).cos(), (57.0 * t).sin());
         let estimate = estimated(|_| DVec3::ZERO, jitter, &POINT, 0.02);
         assert!(estimate.is_none_or(|e| !e.observable), "{estimate:?}");
@@ -211,7 +215,7 @@ mod tests {
 
     #[test]
     fn moving_target_gives_no_confident_wrong_offset() {
-        // That the thing swings by 6 cm is as if the sensor swung the other way.
+        // An object that swings by 6 cm is equivalent to a sensor that swings the other way.
         let swinging = |t: f64| winding(t) - 0.06 * DVec3::new((5.0 * t).sin(), 0.0, (4.0 * t).cos());
         let estimate = estimated(swinging, winding, &POINT, 0.0);
         assert!(estimate.is_none_or(|e| !e.observable || e.offset_s.abs() < 3.0 * e.sigma_s), "{estimate:?}");
@@ -239,7 +243,7 @@ mod tests {
         let all = combined(&fits).unwrap();
         assert!((all.offset_s - 0.020).abs() < 1e-9 && (all.sigma_s - 1e-3 / 3f64.sqrt()).abs() < 1e-9, "{all:?}");
         assert_eq!((all.tracks, all.tracks_left_out), (3, 1));
-        // Two that contradict each other: nobody knows which is right.
+        // Two that contradict each other: neither can be preferred.
         let two = combined(&[track(20.0, 1.0), track(-20.0, 1.0)]).unwrap();
         assert!(!two.observable, "{two:?}");
         assert_eq!(combined(&[TrackFit { excess_m: 0.02, ..track(5.0, 0.1) }]), None);

@@ -1,8 +1,11 @@
-//! One track against the path: what returned it, a point or a mirror, and the offset, by Gauss–Newton.
+//! Fits one track to the path: its reflector, a point or a plane, and the time offset, by
+//! Levenberg–Marquardt.
 //!
-//! Range i = |s − p(t_i + τ)| (point) or r₀ − n·(p(t_i + τ) − p̄) (mirror), plus a slow error of the poses along the line
-//! of sight. That error is estimated along: bumps whose sum has the correlation exp(−Δt²/T²) and the wander's size. So the
-//! 1σ of τ holds what wander can feign. Where the data cannot tell τ from depth, the 1σ stays near its prior.
+//! Range i = |s − p(t_i + τ)| (point) or r₀ − n·(p(t_i + τ) − p̄) (plane), plus a slow pose error
+//! along the line of sight. That error is estimated as well, as a sum of Gaussian basis functions
+//! ("bumps") with the correlation exp(−Δt²/T²) and the drift's variance. The 1σ of τ therefore
+//! includes what drift can imitate. Where the data cannot distinguish τ from depth, the 1σ stays
+//! near its prior.
 
 use std::collections::BTreeMap;
 
@@ -15,62 +18,66 @@ use crate::PositionErrors;
 use crate::math;
 use crate::{PHASE_RAD_PER_M, WAVELENGTH_M};
 
-/// Farthest that the offset may lie from where it is looked for, seconds.
+/// Greatest distance of the offset from the middle of the search, seconds.
 pub(super) const REACH_S: f64 = 0.1;
 /// A phase's time differs from its range's by less than this, seconds.
 const GROUP_S: f64 = 0.01;
-/// The coarse search begins at offsets this far apart, seconds, and at directions this far off the boresight, tangent.
+/// Grid of the coarse search: spacing of the offsets, seconds, and angle of the directions off the
+/// boresight, tangent.
 const COARSE_STEP_S: f64 = 0.05;
 const COARSE_TANGENT: f64 = 0.6;
-/// Echoes that it uses.
+/// Greatest number of echoes used in the coarse search.
 const COARSE_ECHOES: usize = 40;
-/// Explanations of a track that are followed, the best ones.
+/// Greatest number of candidate explanations of a track that are followed, best first.
 const MAX_EXPLANATIONS: usize = 5;
-/// What is known beforehand, 1σ: the offset, seconds, and the direction off the boresight, rad.
+/// Priors, 1σ: the offset, seconds, and the direction off the boresight, rad.
 const OFFSET_PRIOR_S: f64 = 0.1;
 const DIRECTION_PRIOR_RAD: f64 = 0.6;
 /// Jitter of the smoothed path, metres.
 const JITTER_M: f64 = 0.15e-3;
-/// Speed that 0.3 mm of jitter feigns in the smoothed path (0.23 of it a pose's period: 8 mm/s), with room to spare, m/s.
+/// Apparent speed due to 0.3 mm of jitter in the smoothed path (0.23 of it per pose period: 8
+/// mm/s), with a margin, m/s.
 const SPEED_ERROR_M_PER_S: f64 = 0.015;
-/// Tracks of fewer echoes, or shorter, say nothing.
+/// Tracks with fewer echoes, or shorter ones, are not used.
 const MIN_ECHOES: usize = 25;
 const MIN_SPAN_S: f64 = 0.25;
-/// T of the wander's correlation exp(−Δt²/T²), in times over which it stays alike.
+/// T of the drift's correlation exp(−Δt²/T²), in correlation times.
 const WANDER_WIDTH: f64 = 0.75;
-/// Residuals within this time are taken as one when judging how alike they are, seconds.
+/// Residuals within this time are summed when estimating their correlation, seconds.
 const CORRELATION_BIN_S: f64 = 0.1;
-/// Residuals beyond this many of their spread count less (Huber).
+/// Residuals beyond this many times their spread get less weight (Huber).
 const OUTLIER: f64 = 2.5;
-/// Phases are carried on from echo to echo within this time, seconds, while they turn by no more than this share of half a
-/// wavelength beyond what the fit expects.
+/// Phases are unwrapped ("carried") from echo to echo across at most this time, seconds, while they
+/// deviate from the fit's prediction by at most this share of half a wavelength.
 const CARRY_S: f64 = 0.03;
 const CARRY_SHARE: f64 = 0.3;
-/// Carried phases of fewer echoes are left alone.
+/// Unwrapped segments of fewer echoes are not used.
 const MIN_CARRIED: usize = 12;
-/// Error of a carried phase, metres: the jitter's, which is alike over the eleven poses that are smoothed together.
+/// Error of an unwrapped phase, metres: the jitter's, which is correlated over the eleven poses
+/// that are smoothed together.
 const PHASE_ERROR_M: f64 = 0.5e-3;
-/// What an echo counts whose phase the fit cannot carry.
+/// Cost of an echo whose phase cannot be unwrapped.
 const UNCARRIED_COST: f64 = 4.0;
 const MAX_STEPS: usize = 25;
-/// Share of the cost that a step must gain to be followed by another: where the result is but a start for more, and at the end.
+/// Relative decrease of the cost below which the iteration stops: for intermediate results, and for
+/// the final one.
 const COARSE_GAIN: f64 = 1e-3;
 const FINE_GAIN: f64 = 1e-6;
 const MAX_KNOTS: usize = 20;
 
-/// What one track says of the offset.
+/// A track's estimate of the offset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TrackFit {
     /// Pose time minus sweep time, seconds.
     pub offset_s: f64,
     /// Its variance, s².
     pub variance_s2: f64,
-    /// Rms of the range residuals that noise does not explain, metres.
+    /// Rms of the range residuals in excess of noise, metres.
     pub excess_m: f64,
-    /// Share of the echoes whose phase the fit carries on, and the rms of what it leaves of them, metres.
+    /// Share of the echoes whose phase is unwrapped, and the rms of their phase residuals, metres.
     pub carried_share: f64,
     pub phase_rms_m: f64,
-    /// When the track ended, host nanoseconds.
+    /// End of the track, host nanoseconds.
     pub last_ns: i64,
 }
 
@@ -80,7 +87,7 @@ enum Kind {
     Plane,
 }
 
-/// What returns the echo, seen from the middle of the path.
+/// A reflector, relative to the middle of the path.
 #[derive(Debug, Clone, Copy)]
 struct Source {
     kind: Kind,
@@ -90,7 +97,7 @@ struct Source {
 }
 
 impl Source {
-    /// Range from a place, and the unit vector towards the source.
+    /// Range from a position, and the unit vector towards the reflector.
     fn seen_from(&self, place: DVec3) -> (f64, DVec3) {
         let to = self.pivot_m + self.direction * self.range_m - place;
         match self.kind {
@@ -99,7 +106,8 @@ impl Source {
         }
     }
 
-    /// Derivatives of the range from a place by range and by turns about the two axes across.
+    /// Derivatives of the range from a position with respect to range and rotations about the two
+    /// transverse axes.
     fn derivatives(&self, (a, b): (DVec3, DVec3), place: DVec3, towards: DVec3) -> [f64; 3] {
         match self.kind {
             Kind::Point => [towards.dot(self.direction), self.range_m * towards.dot(a), self.range_m * towards.dot(b)],
@@ -118,34 +126,35 @@ impl Source {
     }
 }
 
-/// A measured range, its time, its variance and the slow error's bumps at that time.
+/// A measured range, its time and variance, and the basis functions at that time.
 struct Row {
     time_ns: i64,
     range_m: f64,
     variance_m2: f64,
-    /// Range by phase, up to whole half wavelengths, and its time.
+    /// Range from phase, up to whole half wavelengths, and its time.
     phase_m: f64,
     phase_time_ns: i64,
     bumps: Vec<f64>,
 }
 
-/// A range by phase that was carried on from the one before: its row, the range up to one constant for the whole piece, and
-/// the bumps less their mean over the piece.
+/// An unwrapped range from phase: its row, the range up to a constant shared by the segment, and
+/// the basis functions minus their mean over the segment.
 struct Carried {
     row: usize,
     range_m: f64,
     bumps: Vec<f64>,
 }
 
-/// What a fit is held against: weights of the rows, ranges by phase piece by piece, and what these add to the equations
-/// whatever the unknowns are.
+/// Data of a fit: weights of the rows, unwrapped segments, and their contribution to the equations
+/// that does not depend on the unknowns.
 struct Data<'a> {
     weights: &'a [f64],
     carried: &'a [Vec<Carried>],
     constant: NormalEquations,
 }
 
-/// One range by phase: time, measured minus modelled less the piece's mean, derivatives less theirs.
+/// Residual of one range from phase: time, measured minus modelled range without the segment's
+/// mean, derivatives without theirs.
 struct PhaseResidual<'a> {
     time_ns: i64,
     residual_m: f64,
@@ -157,12 +166,13 @@ struct PhaseResidual<'a> {
 struct Unknowns {
     source: Source,
     offset_s: f64,
-    /// Weights of the bumps, metres.
+    /// Weights of the basis functions, metres.
     drift_m: Vec<f64>,
 }
 
-/// Whether two explanations, with their costs, will settle in one offset: one kind, within 3 ms, and either within 3° or
-/// as good as each other (the circle around a straight path).
+/// Whether two explanations, given with their costs, will converge to one offset: same kind,
+/// offsets within 3 ms, and either directions within 3° or about equal costs (the circle around a
+/// straight path).
 fn are_near(a: &(Unknowns, f64), b: &(Unknowns, f64)) -> bool {
     let (first, second) = (&a.0.source, &b.0.source);
     let same_kind = matches!(first.kind, Kind::Point) == matches!(second.kind, Kind::Point);
@@ -170,7 +180,7 @@ fn are_near(a: &(Unknowns, f64), b: &(Unknowns, f64)) -> bool {
     same_kind && alike && (a.0.offset_s - b.0.offset_s).abs() < 3e-3
 }
 
-/// Which unknown the offset is.
+/// Index of the offset among the unknowns.
 const OFFSET: usize = HEAD - 1;
 
 struct Problem<'a> {
@@ -181,14 +191,14 @@ struct Problem<'a> {
     bump_variance_m2: f64,
 }
 
-/// Fits a track; `None` when it is too short, or the path around it is not whole.
+/// Fits a track; `None` when it is too short, or the path around it has gaps.
 pub(super) fn fit(track: &Track, path: &SensorPath, middle_s: f64, errors: &PositionErrors) -> Option<TrackFit> {
     let problem = Problem::of(track, path, middle_s, errors)?;
     let start = problem.start()?;
     let mut coarse: Vec<(Unknowns, f64)> =
         [Kind::Point, Kind::Plane].into_iter().flat_map(|kind| problem.coarse(Source { kind, ..start })).collect();
     coarse.sort_by(|a, b| a.1.total_cmp(&b.1));
-    // Explanations that come to the same once all rows count need not be followed further twice.
+    // Explanations that coincide once all rows count are followed only once.
     let mut by_range: Vec<(Unknowns, f64)> =
         apart(coarse).into_iter().filter_map(|(found, _)| problem.by_range(found)).collect();
     by_range.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -207,8 +217,9 @@ fn apart(sorted: Vec<(Unknowns, f64)>) -> Vec<(Unknowns, f64)> {
     apart
 }
 
-/// Several explanations of one track as one, each with its cost and misfit: each counts by its likelihood, the noise as
-/// large as the best one finds it, and what they disagree about is not known.
+/// Combines several explanations of one track, each with its cost and misfit. Each is weighted by
+/// its likelihood, with the noise estimated from the best one, and their disagreement adds to the
+/// variance.
 fn combine_explanations(fits: &[(TrackFit, f64, f64)]) -> Option<TrackFit> {
     let best = fits.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
     let weight = |cost: f64| math::exp(-0.5 * (cost - best.1) / best.2);
@@ -266,7 +277,8 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// Least costs over the source alone, at offsets all over the reach and from directions all over the beam.
+    /// Local minima over reflector and offset, without the slow error, from starting offsets over
+    /// the whole search interval and starting directions over the beam.
     fn coarse(&self, start: Source) -> Vec<(Unknowns, f64)> {
         let thinned = self.rows.len().div_ceil(COARSE_ECHOES);
         let some: Vec<f64> = (0..self.rows.len()).map(|n| if n % thinned == 0 { 1.0 } else { 0.0 }).collect();
@@ -283,7 +295,7 @@ impl<'a> Problem<'a> {
         found.collect()
     }
 
-    /// Everything together, over all rows, by range.
+    /// Fit of all unknowns to the ranges of all rows.
     fn by_range(&self, coarse: Unknowns) -> Option<(Unknowns, f64)> {
         let start = Unknowns { drift_m: vec![0.0; self.rows[0].bumps.len()], ..coarse };
         let size = HEAD + start.drift_m.len();
@@ -292,12 +304,12 @@ impl<'a> Problem<'a> {
         self.descend(unknowns, &self.data(&weights, &[], size), FINE_GAIN)
     }
 
-    /// By phase as well; with the cost and the misfit.
+    /// Fit of ranges and phases, with the cost and the misfit.
     fn by_phase(&self, by_range: Unknowns, last_ns: i64) -> Option<(TrackFit, f64, f64)> {
         let size = HEAD + by_range.drift_m.len();
         let weights = self.robust_weights(&by_range)?;
         let (mut unknowns, mut cost, mut carried) = (by_range, 0.0, Vec::new());
-        // Twice: what the phases sharpen lets more of them be carried.
+        // Twice: a more accurate fit unwraps more phases.
         for _ in 0..2 {
             carried = self.carried(&unknowns)?;
             (unknowns, cost) = self.descend(unknowns, &self.data(&weights, &carried, size), FINE_GAIN)?;
@@ -307,7 +319,7 @@ impl<'a> Problem<'a> {
         Some((fit, cost + left as f64 * UNCARRIED_COST, misfit))
     }
 
-    /// Ranges by phase, carried on from echo to echo by what the fit expects between them.
+    /// Ranges from phase, unwrapped from echo to echo by the model's prediction.
     fn carried(&self, at: &Unknowns) -> Option<Vec<Vec<Carried>>> {
         let half_m = WAVELENGTH_M / 2.0;
         let mut all: Vec<Vec<Carried>> = Vec::new();
@@ -316,7 +328,7 @@ impl<'a> Problem<'a> {
         for (n, row) in self.rows.iter().enumerate() {
             let model_m = model.range_m(row.phase_time_ns)? + drift_m(at, &row.bumps);
             let off_m = row.phase_m - model_m;
-            // The whole half wavelengths that bring it nearest to the one before.
+            // The multiple of half a wavelength that brings it closest to the previous one.
             let carried = before.map(|(before_ns, before_m)| {
                 let near_m = off_m + ((before_m - off_m) / half_m).round() * half_m;
                 let pause_s = seconds(row.phase_time_ns - before_ns);
@@ -341,7 +353,7 @@ impl<'a> Problem<'a> {
         Some(all)
     }
 
-    /// What a fit of that many unknowns is held against.
+    /// The data of a fit with `size` unknowns.
     fn data<'d>(&self, weights: &'d [f64], carried: &'d [Vec<Carried>], size: usize) -> Data<'d> {
         let mut constant = NormalEquations::new(size);
         if size > HEAD {
@@ -355,7 +367,7 @@ impl<'a> Problem<'a> {
         Data { weights, carried, constant }
     }
 
-    /// Levenberg–Marquardt, until a step gains less than that share of the cost.
+    /// Levenberg–Marquardt, until a step reduces the cost by less than the given share.
     fn descend(&self, start: Unknowns, data: &Data, least_gain: f64) -> Option<(Unknowns, f64)> {
         let mut at = start;
         let mut equations = self.equations(&at, data)?;
@@ -388,7 +400,8 @@ impl<'a> Problem<'a> {
         next
     }
 
-    /// Measured minus modelled ranges by phase, each less the mean of its piece: so the constant falls out.
+    /// Measured minus modelled ranges from phase, minus the mean of their segment, which removes
+    /// the unknown constant.
     fn phase_residuals<'c>(&self, piece: &'c [Carried], at: &Unknowns) -> Option<Vec<PhaseResidual<'c>>> {
         let mut all = Vec::with_capacity(piece.len());
         let model = Model::new(self.path, at);
@@ -438,7 +451,7 @@ impl<'a> Problem<'a> {
         self.rows.iter().map(|row| Some(residual_m(row)? / row.variance_m2.sqrt())).collect()
     }
 
-    /// Less weight for what lies beyond the others' spread.
+    /// Reduced weights for residuals beyond the spread.
     fn robust_weights(&self, at: &Unknowns) -> Option<Vec<f64>> {
         let residuals: Vec<f64> = self.residuals(at)?.into_iter().map(f64::abs).collect();
         let mut sorted = residuals.clone();
@@ -447,11 +460,11 @@ impl<'a> Problem<'a> {
         Some(residuals.iter().map(|r| (OUTLIER * spread / r.max(1e-9)).min(1.0)).collect())
     }
 
-    /// The offset with its variance: as noise and wander give it, grown by the misfit, or by how alike neighbouring
-    /// residuals are, whichever says more.
+    /// The offset with its variance: from noise and drift, increased by the misfit or by the
+    /// correlation of neighbouring residuals, whichever is greater.
     fn assess(&self, at: &Unknowns, data: &Data, last_ns: i64) -> Option<(TrackFit, f64)> {
         let inverse = self.equations(at, data)?.inverse_row(OFFSET)?;
-        // Time, residual over its variance, derivatives, and the residual's square over its variance, of everything.
+        // For every range and phase: its time, and by how much its residual shifts the offset.
         let mut pulls: Vec<(i64, f64)> = Vec::new();
         let influence = |head: &[f64; HEAD], bumps: &[f64]| -> f64 {
             inverse.iter().zip(head.iter().chain(bumps)).map(|(c, d)| c * d).sum()
@@ -476,7 +489,8 @@ impl<'a> Problem<'a> {
         let in_phase = pulls.len() as f64 - count;
         let noise_m2 = self.rows.iter().map(|r| r.variance_m2).sum::<f64>() / count;
         let variance_s2 = (inverse[OFFSET] * all_misfit).max(self.correlated_variance_s2(&pulls));
-        // Rms speed along the line of sight that nothing but the offset accounts for; jitter of the path is none of it.
+        // Apparent speed variance that jitter of the path alone explains carries no information on
+        // the offset.
         let told: f64 = self.rows.iter().zip(data.weights).map(|(r, w)| w / r.variance_m2).sum::<f64>()
             + in_phase * PHASE_ERROR_M.powi(-2);
         let false_share = SPEED_ERROR_M_PER_S.powi(2) * inverse[OFFSET] * told;
@@ -491,7 +505,8 @@ impl<'a> Problem<'a> {
         Some((fit, all_misfit))
     }
 
-    /// Variance of the offset from what each residual pulls it by, those of [`CORRELATION_BIN_S`] summed before they are squared.
+    /// Variance of the offset from the shift due to each residual, summed within [`CORRELATION_BIN_S`] before
+    /// squaring.
     fn correlated_variance_s2(&self, pulls: &[(i64, f64)]) -> f64 {
         let mut together: BTreeMap<i64, f64> = BTreeMap::new();
         for (time_ns, pull) in pulls {
@@ -502,11 +517,11 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// What the unknowns say of ranges, the slow error apart.
+/// Range model for given unknowns, without the slow error.
 struct Model<'a> {
     path: &'a SensorPath,
     source: Source,
-    /// Two directions across the source's.
+    /// Two transverse directions.
     across: (DVec3, DVec3),
     offset_ns: i64,
 }
@@ -517,12 +532,13 @@ impl<'a> Model<'a> {
         Self { path, source: at.source, across, offset_ns: nanoseconds(at.offset_s) }
     }
 
-    /// The range that an echo of that time should have.
+    /// The modelled range of an echo of that time.
     fn range_m(&self, time_ns: i64) -> Option<f64> {
         Some(self.source.seen_from(self.path.at(time_ns.saturating_add(self.offset_ns))?.0).0)
     }
 
-    /// The same, with the derivatives by the source's range and direction and by the offset.
+    /// The same, with derivatives with respect to the reflector's range and direction and to the
+    /// offset.
     fn range_and_derivatives(&self, time_ns: i64) -> Option<(f64, [f64; HEAD])> {
         let (place, velocity) = self.path.at(time_ns.saturating_add(self.offset_ns))?;
         let (range_m, towards) = self.source.seen_from(place);
@@ -531,12 +547,12 @@ impl<'a> Model<'a> {
     }
 }
 
-/// The slow error where the bumps are so great.
+/// The slow error for given values of the basis functions.
 fn drift_m(at: &Unknowns, bumps: &[f64]) -> f64 {
     at.drift_m.iter().zip(bumps).map(|(a, b)| a * b).sum()
 }
 
-/// Bumps over time whose random sum has the wander's size and correlation.
+/// Gaussian basis functions over time, whose random sum has the drift's variance and correlation.
 struct GaussianBasis {
     first_ns: i64,
     spacing_s: f64,
@@ -548,11 +564,11 @@ struct GaussianBasis {
 impl GaussianBasis {
     fn over(first_ns: i64, last_ns: i64, errors: &PositionErrors) -> Self {
         let span_s = seconds(last_ns - first_ns);
-        // Wander faster than a seventh of the track is as good as noise.
+        // Drift faster than a seventh of the track acts like noise.
         let width_s = (WANDER_WIDTH * errors.wander_s).max(span_s / 7.0);
         let spacing_s = width_s / 2.0;
         let count = (((span_s + 2.0 * width_s) / spacing_s).ceil() as usize + 1).min(MAX_KNOTS);
-        // Σ exp(−4u²/T²) over the bumps is T√π/2 a spacing.
+        // Σ exp(−4u²/T²) over the basis functions is T√π/2 divided by their spacing.
         let variance_m2 = errors.wander_m.powi(2) * 2.0 * spacing_s / (width_s * std::f64::consts::PI.sqrt());
         let count = if variance_m2 > 0.0 { count } else { 0 };
         Self { first_ns: first_ns.saturating_sub(nanoseconds(width_s)), spacing_s, width_s, count, variance_m2 }

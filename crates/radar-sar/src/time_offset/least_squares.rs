@@ -1,16 +1,17 @@
-//! Normal equations of a few unknowns: gathered row by row, solved by Cholesky.
+//! Normal equations of a few unknowns: accumulated row by row, solved by Cholesky factorisation.
 //!
-//! The first [`HEAD`] unknowns may enter the model in any way; the rest enters it linearly, so that the derivatives by it never
-//! change and their part of the matrix is gathered once for all iterations.
+//! The first [`HEAD`] unknowns may enter the model in any way. The others enter it linearly, so the
+//! derivatives with respect to them are constant, and their part of the matrix is accumulated once
+//! for all iterations.
 
-/// Unknowns whose derivatives change from iteration to iteration.
+/// Number of unknowns whose derivatives change between iterations.
 pub(super) const HEAD: usize = 4;
 
 /// Σ w j jᵀ and Σ w j r over rows j with residuals r, and Σ w r².
 #[derive(Debug, Clone)]
 pub(super) struct NormalEquations {
     size: usize,
-    /// Row by row, lower triangle filled.
+    /// Row-major; only the lower triangle is filled.
     matrix: Vec<f64>,
     right: Vec<f64>,
     /// Σ w r².
@@ -18,13 +19,13 @@ pub(super) struct NormalEquations {
 }
 
 impl NormalEquations {
-    /// Of at least [`HEAD`] unknowns.
+    /// For at least [`HEAD`] unknowns.
     pub fn new(size: usize) -> Self {
         Self { size, matrix: vec![0.0; size * size], right: vec![0.0; size], cost: 0.0 }
     }
 
-    /// Adds a row, but for what [`add_rest`](Self::add_rest) adds: derivatives of the model by the unknowns, measured minus
-    /// model, weight.
+    /// Adds a row, except the part that [`add_rest`](Self::add_rest) adds: derivatives of the model
+    /// with respect to the unknowns, measured minus modelled value, weight.
     pub fn add(&mut self, head: &[f64; HEAD], rest: &[f64], residual: f64, weight: f64) {
         let size = self.size;
         for (i, a) in head.iter().enumerate() {
@@ -44,7 +45,7 @@ impl NormalEquations {
         self.cost += weight * residual * residual;
     }
 
-    /// Adds the part of a row that does not change: the products of the linear unknowns' derivatives.
+    /// Adds the constant part of a row: the products of the linear unknowns' derivatives.
     pub fn add_rest(&mut self, rest: &[f64], weight: f64) {
         let rows = self.matrix[HEAD * self.size..].chunks_exact_mut(self.size);
         for (i, (row, a)) in rows.zip(rest).enumerate() {
@@ -54,14 +55,15 @@ impl NormalEquations {
         }
     }
 
-    /// Adds what is known of one unknown beforehand: its distance from there, and 1/variance.
+    /// Adds a prior on one unknown: its mean minus the current value, and 1/variance.
     pub fn expect(&mut self, unknown: usize, residual: f64, weight: f64) {
         self.matrix[unknown * self.size + unknown] += weight;
         self.right[unknown] += weight * residual;
         self.cost += weight * residual * residual;
     }
 
-    /// The step to the least cost, its diagonal raised by a share (Levenberg's damping); `None` when undetermined.
+    /// The step to the least cost, with the diagonal raised by a share (Levenberg's damping);
+    /// `None` when undetermined.
     pub fn step(&self, damping: f64) -> Option<Vec<f64>> {
         let factor = self.factor(damping)?;
         Some(self.back_substituted(&factor, self.right.clone()))
@@ -117,7 +119,7 @@ mod tests {
         let mut equations = NormalEquations::new(HEAD + 1);
         for x in 0..5 {
             let x = f64::from(x);
-            // The constant among the unknowns of the head, the slope at the end; the others serve for nothing.
+            // The constant is in the head, the slope in the rest; the other unknowns are unused.
             equations.add(&[1.0, 0.0, 0.0, 0.0], &[x], 3.0 - 0.5 * x, 4.0);
             equations.add_rest(&[x], 4.0);
         }

@@ -1,9 +1,10 @@
-//! The time between the pose stream and the sweep stream, from the data: where it is wrong, the range to a thing that
-//! stands still disagrees with the path by speed × offset.
+//! Estimates the time offset between the pose stream and the sweep stream from the data. A wrong
+//! offset makes the range to a stationary object disagree with the path by speed × offset.
 //!
-//! Sweeps → echoes (range, when its point was sampled) → tracks → for each track a fit of what returned it, a point or a
-//! mirror, jointly with the offset → the offset of all tracks with its 1σ. Works on ranges alone, so tracks that cross or
-//! beat cost accuracy and show as misfit; a path along which an offset looks like depth leaves the 1σ wide.
+//! Sweeps → echoes (range, and the time its point was sampled) → tracks → for each track a joint
+//! fit of its reflector, a point or a plane, and the offset → the offset over all tracks with its
+//! 1σ. It works on ranges alone, so tracks that cross or interfere lose accuracy and show as
+//! misfit. A path along which an offset looks like depth leaves a large 1σ.
 
 mod echoes;
 mod estimator;

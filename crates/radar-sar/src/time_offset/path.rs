@@ -1,4 +1,4 @@
-//! The sensor's way over time, between even samples of it: what a fit of the offset moves its readings along.
+//! The sensor's path over time, interpolated between samples.
 
 use glam::DVec3;
 
@@ -12,14 +12,14 @@ struct Sample {
     velocity_m_per_s: DVec3,
 }
 
-/// Places and velocities in rising time; cubic between neighbours, nothing across a gap.
+/// Positions and velocities in rising time; cubic between neighbours, undefined across a gap.
 #[derive(Debug, Clone, Default)]
 pub(super) struct SensorPath {
     samples: Vec<Sample>,
 }
 
 impl SensorPath {
-    /// Takes the next sample; one that is not later than the last is left out.
+    /// Adds the next sample; ignored unless it is later than the last one and finite.
     pub fn push(&mut self, time_ns: i64, position_m: DVec3, velocity_m_per_s: DVec3) {
         let rises = self.samples.last().is_none_or(|last| time_ns > last.time_ns);
         if rises && position_m.is_finite() && velocity_m_per_s.is_finite() {
@@ -32,13 +32,13 @@ impl SensorPath {
         self.samples.last().map(|s| s.time_ns)
     }
 
-    /// Forgets what is older.
+    /// Removes older samples.
     pub fn forget_before(&mut self, time_ns: i64) {
         let old = self.samples.partition_point(|s| s.time_ns < time_ns);
         self.samples.drain(..old);
     }
 
-    /// Whether the path is unbroken from one time to the other.
+    /// Whether the path has no gap from one time to the other.
     pub fn covers(&self, from_ns: i64, to_ns: i64) -> bool {
         let first = self.samples.partition_point(|s| s.time_ns <= from_ns);
         let last = self.samples.partition_point(|s| s.time_ns < to_ns);
@@ -46,7 +46,7 @@ impl SensorPath {
         first > 0 && last < self.samples.len() && (first..=last).all(unbroken)
     }
 
-    /// Number of samples before a time: where it would be if samples came evenly, or else searched for.
+    /// Number of samples before a time: first guessed for evenly spaced samples, then searched.
     fn first_from(&self, time_ns: i64) -> usize {
         if let [first, second, ..] = self.samples[..]
             && time_ns > first.time_ns
@@ -63,7 +63,7 @@ impl SensorPath {
         self.samples.partition_point(|s| s.time_ns < time_ns)
     }
 
-    /// Place and velocity at a time; `None` outside and in gaps.
+    /// Position and velocity at a time; `None` outside the path and in gaps.
     pub fn at(&self, time_ns: i64) -> Option<(DVec3, DVec3)> {
         let later = self.first_from(time_ns).max(1);
         let (a, b) = (self.samples.get(later - 1)?, self.samples.get(later)?);
@@ -72,7 +72,7 @@ impl SensorPath {
         }
         let step_s = (b.time_ns - a.time_ns) as f64 * 1e-9;
         let u = (time_ns - a.time_ns) as f64 * 1e-9 / step_s;
-        // Hermite's cubic: places and velocities of both neighbours.
+        // Hermite cubic from positions and velocities of both neighbours.
         let (way, from, to) = (b.position_m - a.position_m, a.velocity_m_per_s * step_s, b.velocity_m_per_s * step_s);
         let (c2, c3) = (way * 3.0 - from * 2.0 - to, from + to - way * 2.0);
         let position_m = a.position_m + (from + (c2 + c3 * u) * u) * u;

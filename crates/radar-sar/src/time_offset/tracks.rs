@@ -1,29 +1,30 @@
-//! Echoes that follow each other over time.
+//! Links echoes over time into tracks.
 
 use glam::DVec3;
 
 use super::echoes::Echo;
 use crate::geometry::Pose;
 
-/// A track without an echo for this long has ended, nanoseconds.
+/// A track without an echo for this long ends, nanoseconds.
 const MAX_PAUSE_NS: i64 = 40_000_000;
-/// A track that has lasted this long ends, so that work on it stays bounded, nanoseconds.
+/// A track ends at this length, to bound the work on it, nanoseconds.
 const MAX_SPAN_NS: i64 = 5_000_000_000;
-/// Echoes lie within this of where a track goes on, metres and metres a second.
+/// An echo belongs to a track if it lies within this of the prediction: metres, plus metres per
+/// second since the last echo.
 const GATE_M: f64 = 0.02;
 const GATE_M_PER_S: f64 = 0.8;
 /// Weight of a new echo in the track's speed.
 const SPEED_GAIN: f64 = 0.15;
-/// Fastest that a range changes, m/s.
+/// Greatest range rate, m/s.
 const MAX_SPEED_M_PER_S: f64 = 3.0;
-/// Tracks open at a time.
+/// Greatest number of open tracks.
 const MAX_OPEN: usize = 24;
 
-/// What one thing returned while it was followed.
+/// The echoes of one object while it was followed.
 #[derive(Debug, Clone)]
 pub(super) struct Track {
     pub echoes: Vec<Echo>,
-    /// Sum of the sensor's boresights, for where the thing may be.
+    /// Sum of the sensor's boresights, an estimate of the object's direction.
     pub forward: DVec3,
     speed_m_per_s: f64,
 }
@@ -41,7 +42,7 @@ impl Track {
         self.echoes.last().map_or(0, |e| e.time_ns)
     }
 
-    /// How far an echo lies from where the track goes on, when it may belong to it.
+    /// Distance of an echo from the track's prediction, if it may belong to the track.
     fn distance_m(&self, echo: &Echo) -> Option<f64> {
         let last = self.echoes.last()?;
         let pause_s = (echo.time_ns - last.time_ns) as f64 * 1e-9;
@@ -66,10 +67,11 @@ pub(super) struct Tracks {
 }
 
 impl Tracks {
-    /// Takes the echoes of one moment; gives the tracks that ended.
+    /// Adds the echoes of one time; returns the tracks that ended.
     pub fn push(&mut self, echoes: &[Echo], now_ns: i64, sensor: &Pose) -> Vec<Track> {
         let mut free: Vec<Echo> = echoes.to_vec();
-        // The longest track chooses first: a newcomer must not steal its echo.
+        // Tracks choose in order of age, the oldest first, so that a new track cannot take an older
+        // one's echo.
         for track in &mut self.open {
             let distances = free.iter().enumerate().filter_map(|(n, e)| Some((n, track.distance_m(e)?)));
             if let Some((nearest, _)) = distances.min_by(|a, b| a.1.total_cmp(&b.1)) {
@@ -84,7 +86,7 @@ impl Tracks {
         done
     }
 
-    /// Tracks that go on.
+    /// Tracks that have not ended.
     pub fn open(&self) -> &[Track] {
         &self.open
     }
@@ -105,7 +107,7 @@ mod tests {
         let mut done = Vec::new();
         for step in 0..100 {
             let t = step as f64 * 0.008;
-            // Two things pass each other in range; near each other one of them is not seen.
+            // Two objects cross in range; close to each other, one of them is not seen.
             let (a, b) = (1.0 + t, 1.9 - t);
             let echoes = if (a - b).abs() < 0.02 { vec![echo(step, a)] } else { vec![echo(step, a), echo(step, b)] };
             done.extend(tracks.push(&echoes, step * 8_000_000, &Pose::IDENTITY));

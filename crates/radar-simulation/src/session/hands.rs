@@ -1,5 +1,6 @@
-//! The player's own hands with a controller in each: held before the chest, swaying, and every few seconds reaching out. They turn with
-//! the torso, which follows the head's yaw half a second late.
+//! The player's hands, each with a controller: held in front of the chest with some sway, and
+//! reaching out every few seconds. They turn with the torso, which follows the head's yaw with a
+//! delay of half a second.
 
 use glam::{DQuat, DVec3};
 use rand::RngExt;
@@ -11,28 +12,29 @@ use super::Player;
 
 use radar_sar::math;
 
-/// Shoulders: below the eyes and to the side, metres; the head's own −z is ahead.
+/// Position of the right shoulder from the eyes, metres; −z is ahead. Choice.
 const SHOULDER_M: DVec3 = DVec3::new(0.19, -0.28, 0.08);
-/// Where a hand rests: from the shoulder, metres.
+/// Rest position of the right hand from the shoulder, metres. Choice.
 const REST_M: DVec3 = DVec3::new(0.02, -0.25, -0.36);
-/// Length of the upper arm: where the elbow is on the way from shoulder to hand, below the straight line.
+/// Distance of the elbow below the middle of the line from shoulder to hand, metres. Choice.
 const ELBOW_DROP_M: f64 = 0.14;
-/// How far a hand sways, metres.
+/// Sway of a hand, metres. Choice.
 const SWAY_M: f64 = 0.07;
 
-/// Cross-sections, dBsm: of a palm with its knuckles, a plastic controller with its electronics, a forearm.
+/// Radar cross-sections, dBsm: palm with knuckles, plastic controller with electronics, forearm.
+/// Choice.
 const PALM_DBSM: f64 = -22.0;
 const CONTROLLER_DBSM: f64 = -21.0;
 const FOREARM_DBSM: f64 = -24.0;
 
-/// One reach: out, there, and back.
+/// One reach: out, hold, back.
 #[derive(Debug, Clone, Copy)]
 struct Reach {
     from_s: f64,
     out_s: f64,
     stay_s: f64,
     back_s: f64,
-    /// From the shoulder, torso's frame, metres.
+    /// Target from the shoulder, torso's frame, metres.
     to_m: DVec3,
 }
 
@@ -54,20 +56,20 @@ impl Hands {
         Self([-1.0, 1.0].map(|side| Hand::new(side, duration_s, rng)))
     }
 
-    /// Left and right palm.
+    /// Positions of the left and right palm.
     pub fn palms_at(&self, player: &Player, time_s: f64) -> [DVec3; 2] {
         let torso = Torso::at(player, time_s);
         self.0.each_ref().map(|hand| torso.place(hand.shoulder() + hand.reach_m(time_s)))
     }
 
-    /// What a radar sees of them.
+    /// Scatterers of both hands.
     pub fn scatterers_at(&self, player: &Player, time_s: f64) -> Vec<Scatterer> {
         let torso = Torso::at(player, time_s);
         self.0.iter().flat_map(|hand| hand.scatterers(&torso, time_s)).collect()
     }
 }
 
-/// Below the head, turned as the chest is.
+/// Position of the head and rotation of the chest.
 struct Torso {
     head_m: DVec3,
     turn: DQuat,
@@ -88,7 +90,7 @@ impl Hand {
     fn new(side: f64, duration_s: f64, rng: &mut ChaCha8Rng) -> Self {
         let (mut reaches, mut time_s) = (Vec::new(), rng.random_range(0.5..3.0));
         while time_s < duration_s {
-            // Mostly ahead and to its own side, from the hip to over the head.
+            // Mostly ahead and to its own side, from the hip to above the head.
             let azimuth = side * rng.random_range(-0.5..1.1f64);
             let elevation = rng.random_range(-0.9..0.7f64);
             let level = math::cos(elevation);

@@ -1,11 +1,11 @@
-//! A play session: a furnished room, a player who turns, steps, reaches, crouches and comes near the furniture, the player's own hands,
-//! a person who crosses the room twice, and a chair that is carried away halfway. Frames and poses as a sensor and a headset give
-//! them, and what was really where at any time.
+//! Simulated play session: a furnished room; a player who turns, steps, reaches, crouches and comes
+//! near the furniture; the player's hands; a person who crosses the room twice; and a chair that is
+//! removed halfway. Gives frames and poses, and the true position of everything at any time.
 //!
-//! The room is built along its own axes; the tracking frame stands in it at any angle and some way off, as a headset's does that was set
-//! up anywhere. Whatever is told of a session is in the tracking frame.
+//! The room has its own axes. The tracking frame is rotated and offset in it, as for a headset set
+//! up anywhere. All public coordinates are in the tracking frame.
 //!
-//! Not simulated: multipath, shadows (what stands in front of a thing does not hide it), timing drift.
+//! Not simulated: multipath, shadowing (objects do not hide those behind them), timing drift.
 
 mod hands;
 mod player;
@@ -36,49 +36,50 @@ use player::Player;
 use rooms::play_room;
 use visitor::Visitor;
 
-/// What to play.
+/// Parameters of a play session.
 #[derive(Debug, Clone)]
 pub struct PlaySession {
     /// Length, seconds.
     pub duration_s: f64,
-    /// Everything random follows from it.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// The sensor.
+    /// Configuration of the sensor.
     pub config: SensorConfig,
-    /// The beam.
+    /// Beam of the sensor.
     pub beam: Beam,
-    /// Where the sensor is believed to sit on the head.
+    /// Assumed pose of the sensor on the head (mount).
     pub head_from_sensor: Pose,
-    /// What the tracking adds.
+    /// Errors of the tracking.
     pub errors: TrackingErrors,
-    /// Whether the player's own hands are there.
+    /// Whether the session has the player's hands.
     pub hands: bool,
-    /// Whether they return nothing: what is reported at them then is so by chance.
+    /// Whether the hands return no echoes; detections at their positions are then coincidental.
     pub hands_without_echo: bool,
-    /// Whether somebody crosses the room.
+    /// Whether a person crosses the room.
     pub visitor: bool,
-    /// Added to the walls' reflection, dB.
+    /// Offset added to the walls' reflection, dB.
     pub walls_db: f64,
-    /// Whether the tracking frame stands along the walls, in the middle of the floor.
+    /// Whether the tracking frame is aligned with the walls and centred on the floor.
     pub axis_aligned: bool,
 }
 
-/// Why there is no session.
+/// Why a session cannot be simulated.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
-    /// A configuration that the sensor would refuse.
+    /// The configuration breaks a rule of the sensor.
     #[error("sensor configuration: {0}")]
     Config(#[from] ConfigError),
-    /// A length that is none.
+    /// Duration out of range.
     #[error("a session of {0} s cannot be simulated: give 1 to 3600 s")]
     Duration(f64),
 }
 
-/// Seconds before the session begins from which on poses are given, and after it ends.
+/// Poses start before the session and end after it by this time, seconds. Choice.
 const MARGIN_S: f64 = 0.2;
 
 impl PlaySession {
-    /// Ten minutes, everybody there, default tracking and mount, the lensless beam.
+    /// A session of ten minutes with hands and visitor, default tracking and mount, and the
+    /// lensless beam.
     pub fn new(config: SensorConfig, seed: u64) -> Self {
         Self {
             duration_s: 600.0,
@@ -95,10 +96,10 @@ impl PlaySession {
         }
     }
 
-    /// Furnishes the room and draws everybody's ways.
+    /// Generates the room and all motions.
     ///
     /// # Errors
-    /// A configuration that breaks a rule, a length out of bounds.
+    /// A configuration that breaks a rule, or a duration out of range.
     pub fn prepare(&self) -> Result<Session, SessionError> {
         self.config.validate()?;
         if !(1.0..=3600.0).contains(&self.duration_s) {
@@ -133,29 +134,30 @@ impl PlaySession {
     }
 }
 
-/// `tracking_from_room`: turned any way about the vertical; level with the floor, as headsets are set up.
+/// A random `tracking_from_room`: rotated about the vertical only, since headsets are level with
+/// the floor.
 fn random_tracking_from_room(rng: &mut ChaCha8Rng) -> Pose {
     let mut off_m = || rng.random_range(-0.5..0.5);
     let translation = DVec3::new(off_m(), 0.0, off_m());
     Pose::new(translation, DQuat::from_rotation_y(rng.random_range(0.0..TAU)))
 }
 
-/// What is carried away halfway.
+/// Name of the object that is removed halfway.
 const REMOVED_CHAIR: &str = "chair to be removed";
 
-/// Something that stands in the room, and until when.
+/// An object in the room, and its time of removal.
 #[derive(Debug, Clone, Copy)]
 pub struct SessionObject<'s> {
-    /// The thing.
+    /// The object.
     pub thing: &'s SceneObject,
-    /// From then on it is gone, seconds; infinite: it stays.
+    /// Time of its removal, seconds; infinite if it stays.
     pub until_s: f64,
 }
 
 /// A wall, floor or ceiling of the room.
 #[derive(Debug, Clone)]
 pub struct SessionWall {
-    /// Where it is; the normal points out of the room.
+    /// Its plane; the normal points out of the room.
     pub plane: Plane,
     panel: WallPanel,
     room_from_tracking: Pose,
@@ -167,13 +169,13 @@ impl SessionWall {
         Self { plane, panel: panel.clone(), room_from_tracking: tracking_from_room.inverse() }
     }
 
-    /// From a place to the nearest of it, metres.
+    /// Distance from a point to the wall's extent, metres.
     pub fn distance_m(&self, place: DVec3) -> f64 {
         self.panel.extent.distance(self.room_from_tracking.transform_point(place))
     }
 }
 
-/// A session whose room is furnished and whose ways are drawn.
+/// A session with its room and motions generated.
 #[derive(Debug, Clone)]
 pub struct Session {
     play: PlaySession,
@@ -191,17 +193,17 @@ pub struct Session {
 }
 
 impl Session {
-    /// What was asked for.
+    /// Parameters of the session.
     pub fn play(&self) -> &PlaySession {
         &self.play
     }
 
-    /// The host time of a time in the session, nanoseconds.
+    /// Host time of a time in the session, nanoseconds.
     pub fn host_ns(time_s: f64) -> i64 {
         host_ns(time_s)
     }
 
-    /// Everything that stands there.
+    /// All objects.
     pub fn things(&self) -> Vec<SessionObject<'_>> {
         let until = |index: usize| if Some(index) == self.removed { self.removed_s } else { f64::INFINITY };
         self.things.iter().enumerate().map(|(n, thing)| SessionObject { thing, until_s: until(n) }).collect()
@@ -212,42 +214,42 @@ impl Session {
         &self.walls
     }
 
-    /// `tracking_from_head`, as it really is.
+    /// True `tracking_from_head`.
     pub fn head_at(&self, time_s: f64) -> Pose {
         self.tracking_from_room * self.player.head_at(time_s)
     }
 
-    /// `tracking_from_sensor`, as it really is.
+    /// True `tracking_from_sensor`.
     pub fn sensor_at(&self, time_s: f64) -> Pose {
         self.head_at(time_s) * self.true_mount
     }
 
-    /// Left and right palm, as they really are; `None` in a session without hands.
+    /// True positions of the left and right palm; `None` in a session without hands.
     pub fn hands_at(&self, time_s: f64) -> Option<[DVec3; 2]> {
         let palms = self.hands.as_ref()?.palms_at(&self.player, time_s);
         Some(palms.map(|palm| self.tracking_from_room.transform_point(palm)))
     }
 
-    /// Where the visitor's parts are; empty while nobody is there.
+    /// Positions of the visitor's scatterers; empty while there is no visitor.
     pub fn visitor_at(&self, time_s: f64) -> Vec<DVec3> {
         let parts = self.visitor.as_ref().map(|visitor| visitor.scatterers_at(time_s));
         parts.into_iter().flatten().map(|part| self.tracking_from_room.transform_point(part.position_m)).collect()
     }
 
-    /// Whether a place lies in the beam, at the amplitude and range that count.
+    /// Whether a point is in the beam, by amplitude and distance.
     pub fn is_in_beam(&self, tracking_from_sensor: &Pose, place: DVec3) -> bool {
         let to = place - tracking_from_sensor.translation;
         let cos = to.normalize_or_zero().dot(tracking_from_sensor.forward());
         to.length() <= IN_BEAM_M && self.play.beam.amplitude(cos) >= IN_BEAM_AMPLITUDE
     }
 
-    /// Frames of the whole session.
+    /// Number of frames of the session.
     pub fn frame_count(&self) -> u64 {
         let timing = frame_timing(&self.play.config);
         ((self.play.duration_s - timing.frame_s) / timing.frame_period_s).floor().max(0.0) as u64 + 1
     }
 
-    /// Frames by number, in parallel: the same on any number of threads.
+    /// Frames by number, computed in parallel; the result does not depend on the number of threads.
     pub fn frames(&self, numbers: std::ops::Range<u64>) -> Vec<Frame> {
         let PlaySession { config, beam, seed, .. } = &self.play;
         let sampler = Sampler { config, beam, seed: *seed, rcs_offset_db: 0.0 };
@@ -271,7 +273,7 @@ impl Session {
         numbers.into_par_iter().map(frame).collect()
     }
 
-    /// `room_from_sensor`, as it really is.
+    /// True `room_from_sensor`.
     fn sensor_in_room(&self, time_s: f64) -> Pose {
         self.player.head_at(time_s) * self.true_mount
     }
@@ -280,7 +282,7 @@ impl Session {
         let middle_s = 0.5 * (first_s + last_s);
         let room = if middle_s < self.removed_s { &self.before } else { &self.after };
         let [first, middle, last] = [first_s, middle_s, last_s].map(|t| self.moving_at(t));
-        // Somebody who comes or goes within a sweep is not there in it.
+        // A visitor who arrives or leaves during a sweep is not in it.
         let whole = first.len() == middle.len() && last.len() == middle.len();
         let ways = first.iter().zip(&last).map(|(a, b)| b.position_m - a.position_m);
         let moving = middle.iter().zip(ways).filter(|_| whole);
@@ -297,7 +299,8 @@ impl Session {
         hands.into_iter().flatten().chain(visitor.into_iter().flatten()).collect()
     }
 
-    /// All of it as a recording, for rooms along the tracking frame's axes; what is carried away is not in its truth.
+    /// The whole session as a recording, for an axis-aligned tracking frame; the removed object is
+    /// not in its truth.
     pub fn recorded(&self) -> Simulated {
         let PlaySession { seed, duration_s, beam, .. } = &self.play;
         let known = TruthBuilder { title: "play-room, play".into(), seed: *seed, duration_s: *duration_s, beam };
@@ -305,7 +308,7 @@ impl Session {
         Simulated { frames: self.frames(0..self.frame_count()), poses: self.poses().collect(), truth }
     }
 
-    /// The poses of the head as they are tracked.
+    /// The tracked poses of the head.
     pub fn poses(&self) -> impl Iterator<Item = PoseSample> + '_ {
         let mut tracker = Tracker::new(self.play.errors, self.play.seed);
         let rate_hz = self.play.errors.rate_hz;

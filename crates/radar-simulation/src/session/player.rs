@@ -1,5 +1,6 @@
-//! The player's head: from stance to stance, about the play area and up to the furniture, looking where the step leads or, now and
-//! then, not; crouching, swaying. The body below the head keeps clear of what stands there.
+//! The player's head: it moves between stances in the play area and near the furniture, usually
+//! looks in the direction of its steps, sometimes crouches, and sways. The body below the head
+//! keeps clear of objects.
 
 use glam::{DQuat, DVec3};
 use rand::RngExt;
@@ -10,18 +11,19 @@ use super::super::motion::{Wander, smoothstep, turn_between};
 use radar_sar::geometry::Pose;
 use radar_sar::math;
 
-/// Half of the play area, metres.
+/// Half the size of the play area, metres. Choice.
 const PLAY_HALF_M: f64 = 0.9;
-/// Least distance of the body's axis from furniture and walls on the way and in a stance, metres.
+/// Smallest distance of the body's axis from furniture and walls, metres. Choice.
 const CLEARANCE_M: f64 = 0.28;
-/// Share of stances that are taken up near a thing, and how near its nearest part, metres.
+/// Share of stances near an object, and their distance from its nearest part, metres. Choice.
 const NEAR_OBJECT_SHARE: f64 = 0.3;
 const NEAR_OBJECT_M: (f64, f64) = (0.3, 0.55);
-/// Share of stances near a wall, and how near.
+/// Share of stances near a wall. Choice.
 const WALL_SHARE: f64 = 0.05;
-/// Longest step, metres.
+/// Longest step, metres. Choice.
 const MAX_STEP_M: f64 = 1.3;
-/// From this way over the ground on a player looks where it leads, metres; but for this share of steps.
+/// The player looks in the direction of a step longer than this, metres, except for this share of
+/// steps. Choice.
 const LOOK_AHEAD_STEP_M: f64 = 0.25;
 const STEP_WITHOUT_LOOKING_SHARE: f64 = 0.15;
 
@@ -34,7 +36,7 @@ struct Stance {
     pitch_rad: f64,
 }
 
-/// Where the head is at any time.
+/// Motion of the player's head.
 #[derive(Debug, Clone)]
 pub(super) struct Player {
     stances: Vec<Stance>,
@@ -53,7 +55,7 @@ impl Player {
         Self { stances, sway: Wander::new(0.02, DVec3::ONE, duration_s, rng) }
     }
 
-    /// `tracking_from_head`.
+    /// `room_from_head`.
     pub fn head_at(&self, time_s: f64) -> Pose {
         let (a, b, share) = self.between(time_s);
         let sway = self.sway.at(time_s);
@@ -63,7 +65,7 @@ impl Player {
         Pose::new(a.position_m.lerp(b.position_m, share) + sway, rotation)
     }
 
-    /// Yaw of the head, on and on when it turns, rad.
+    /// Yaw of the head, without wrapping, rad.
     pub fn yaw_at(&self, time_s: f64) -> f64 {
         let (a, b, share) = self.between(time_s);
         a.yaw_rad + (b.yaw_rad - a.yaw_rad) * share
@@ -76,11 +78,11 @@ impl Player {
     }
 }
 
-/// Where a body can stand.
+/// Floor plan for finding free positions.
 struct Ground {
-    /// What a body can touch, level.
+    /// Scatterers of all objects, at floor level, metres.
     parts: Vec<DVec3>,
-    /// The same by thing.
+    /// The same, by object.
     things: Vec<Vec<DVec3>>,
     half: DVec3,
 }
@@ -94,14 +96,14 @@ impl Ground {
         Self { parts: things.concat(), things, half }
     }
 
-    /// From a body's axis to the nearest part or wall, metres.
+    /// Distance from a body's axis to the nearest scatterer or wall, metres.
     fn clearance_m(&self, place: DVec3) -> f64 {
         let level = DVec3::new(place.x, 0.0, place.z);
         let walls_m = (self.half.x - place.x.abs()).min(self.half.z - place.z.abs());
         self.parts.iter().map(|p| p.distance(level)).fold(walls_m, f64::min)
     }
 
-    /// Whether nobody touches anything on the straight way.
+    /// Whether the straight path keeps clear of everything.
     fn is_free(&self, from: DVec3, to: DVec3) -> bool {
         (0..=12).all(|n| self.clearance_m(from.lerp(to, f64::from(n) / 12.0)) >= CLEARANCE_M)
     }
@@ -112,7 +114,8 @@ fn next_stance(last: &Stance, ground: &Ground, rng: &mut ChaCha8Rng) -> Stance {
     let height_m = if crouch { rng.random_range(1.0..1.3) } else { rng.random_range(1.55..1.72) };
     let position_m = next_place(last, height_m, ground, rng);
     let way = position_m - last.position_m;
-    // People look where they step, give or take; standing, they look about; now and then they step without looking.
+    // Players look roughly in the direction of their steps; while standing they look around;
+    // sometimes they step without looking.
     let steps = DVec3::new(way.x, 0.0, way.z).length() > LOOK_AHEAD_STEP_M;
     let looks = rng.random_range(0.0..1.0) >= STEP_WITHOUT_LOOKING_SHARE;
     let turn_rad = match steps && looks {
@@ -120,7 +123,7 @@ fn next_stance(last: &Stance, ground: &Ground, rng: &mut ChaCha8Rng) -> Stance {
         false => rng.random_range(-1.6..1.6),
     };
     let pitch_rad = rng.random_range(-0.75..0.15);
-    // About 0.6 m/s over the ground and 90°/s of turning on average.
+    // On average about 0.6 m/s over the ground and 90°/s of rotation.
     let travel_s = (way.length() / 0.6).max(turn_rad.abs() / 1.6).max(0.4) * rng.random_range(0.9..1.3);
     let from_s = last.until_s + travel_s;
     let until_s = from_s + rng.random_range(0.1..0.8);
@@ -137,7 +140,7 @@ fn next_place(last: &Stance, height_m: f64, ground: &Ground, rng: &mut ChaCha8Rn
         );
         let to = if kind < NEAR_OBJECT_SHARE && !ground.things.is_empty() {
             let parts = &ground.things[rng.random_range(0..ground.things.len())];
-            // Towards the part that is nearest to some free place, and so far from it.
+            // At a random distance from the part that is nearest to a random position.
             let level = DVec3::new(somewhere.x, 0.0, somewhere.z);
             let nearest = parts.iter().copied().min_by(|a, b| a.distance(level).total_cmp(&b.distance(level)));
             let part = nearest.unwrap_or(level);

@@ -1,4 +1,5 @@
-//! Rooms to play in: a play area with furniture around it, so near that a player comes at it; hard and soft, −25 to +10 dBsm.
+//! Rooms for play sessions: a play area with furniture around it, near enough for the player to
+//! approach; −25 to +10 dBsm.
 
 use std::f64::consts::TAU;
 
@@ -15,11 +16,11 @@ use super::REMOVED_CHAIR;
 
 use radar_sar::math;
 
-/// Furniture besides the chairs that every room has.
+/// Pieces of furniture in addition to the chairs that every room has. Choice.
 const EXTRA_FURNITURE: usize = 5;
-/// From the room's middle to the nearest side of what stands around it, metres.
+/// Distance from the room's centre to the near side of the furniture, metres. Choice.
 const RING_M: (f64, f64) = (0.95, 1.35);
-/// From the middle of a chair to the wall behind it, metres.
+/// Distance from the centre of a chair to the wall behind it, metres. Choice.
 const CHAIR_TO_WALL_M: f64 = 0.5;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,7 +40,7 @@ enum Kind {
 }
 
 impl Kind {
-    /// From its middle to the side that faces the player, metres.
+    /// Distance from its centre to the side that faces the player, metres.
     fn half_depth_m(self) -> f64 {
         match self {
             Self::Table => 0.3,
@@ -50,7 +51,8 @@ impl Kind {
     }
 }
 
-/// A room of 3.8 to 4.6 m by 4.4 to 5.2 m, its middle at the origin; furniture at equal angles around it, in a drawn order.
+/// A room of 3.8 to 4.6 m by 4.4 to 5.2 m, centred at the origin, with furniture at equal angles in
+/// random order.
 pub(super) fn play_room(rng: &mut ChaCha8Rng) -> Room {
     let (width_m, depth_m) = (rng.random_range(3.8..4.6), rng.random_range(4.4..5.2));
     let mut kinds = vec![Kind::MetalChair, Kind::SoftChair, Kind::ChairAtWall, Kind::RemovedChair];
@@ -76,16 +78,16 @@ fn shuffle<T>(items: &mut [T], rng: &mut ChaCha8Rng) {
     }
 }
 
-/// A thing in a direction from the middle, its front towards the middle.
+/// An object in a direction from the centre, with its front towards the centre.
 fn thing(draw: &mut Draw, kind: Kind, angle_rad: f64, [width_m, depth_m]: [f64; 2]) -> SceneObject {
     let ahead = DVec3::new(math::sin(angle_rad), 0.0, -math::cos(angle_rad));
-    // Turned by this about +y a thing's front, its −z, looks at the middle.
+    // With this yaw the front (−z) of an object faces the centre.
     let yaw = std::f64::consts::PI - angle_rad;
     let to_wall_m = (width_m / 2.0 / ahead.x.abs().max(1e-9)).min(depth_m / 2.0 / ahead.z.abs().max(1e-9));
     let ring_m = draw.uniform(RING_M.0, RING_M.1) + kind.half_depth_m();
     let at_ring = ahead * ring_m.min(to_wall_m - kind.half_depth_m() - 0.1);
     let turned = yaw + draw.uniform(-0.4, 0.4);
-    // The wall that the direction leads to, and the way straight to it.
+    // The wall in this direction, and the shortest way to it.
     let along_x = width_m / 2.0 / ahead.x.abs().max(1e-9) < depth_m / 2.0 / ahead.z.abs().max(1e-9);
     let outward = if along_x { DVec3::X * ahead.x.signum() } else { DVec3::Z * ahead.z.signum() };
     let before_wall = |m: f64| {

@@ -1,4 +1,5 @@
-//! Somebody who crosses the room twice, on a straight way that keeps clear of the player and, as far as there is one, of the furniture.
+//! A person who crosses the room twice, on a straight path that keeps clear of the player and, if
+//! possible, of the furniture.
 
 use std::f64::consts::TAU;
 
@@ -11,14 +12,14 @@ use super::Player;
 
 use radar_sar::math;
 
-/// Shares of the session at which a crossing begins.
+/// Starts of the crossings, as shares of the session. Choice.
 const CROSSING_STARTS: [f64; 2] = [0.3, 0.75];
-/// Walking speed, metres a second, and steps a second.
+/// Range of walking speeds, m/s, and step frequency, Hz. Choice.
 const SPEED_M_PER_S: (f64, f64) = (0.8, 1.2);
 const STEPS_PER_S: f64 = 0.9;
-/// Ways that are drawn for a crossing; the one that keeps clearest is taken.
+/// Number of random candidate paths for a crossing; the clearest one is used. Choice.
 const CANDIDATE_PATHS: usize = 60;
-/// The player is kept clear of at least so far, metres.
+/// Smallest distance from the player, metres. Choice.
 const PLAYER_CLEARANCE_M: f64 = 0.9;
 
 #[derive(Debug, Clone, Copy)]
@@ -29,14 +30,15 @@ struct Crossing {
     velocity_m_per_s: DVec3,
 }
 
-/// A person who walks.
+/// A walking person.
 #[derive(Debug, Clone)]
 pub(super) struct Visitor {
     crossings: Vec<Crossing>,
     phases_rad: [f64; PARTS.len()],
 }
 
-/// Parts of a body: to the side, height, and how far it swings along the way with the steps, metres; dBsm.
+/// Scatterers of the body: lateral offset, height and swing along the path, metres; radar
+/// cross-section, dBsm. Choice.
 const PARTS: [(f64, f64, f64, f64); 13] = [
     (0.0, 1.68, 0.0, -12.0),
     (-0.12, 1.35, 0.0, -8.0),
@@ -59,7 +61,7 @@ impl Visitor {
         Self { crossings, phases_rad: [(); PARTS.len()].map(|()| rng.random_range(0.0..TAU)) }
     }
 
-    /// What a radar sees at a time; nothing while nobody is there.
+    /// Scatterers at a time; empty while there is no visitor.
     pub fn scatterers_at(&self, time_s: f64) -> Vec<Scatterer> {
         let Some(now) = self.crossings.iter().find(|c| (c.from_s..c.until_s).contains(&time_s)) else {
             return Vec::new();
@@ -82,7 +84,7 @@ impl Visitor {
 fn crossing(room: &Room, player: &Player, from_s: f64, rng: &mut ChaCha8Rng) -> Crossing {
     let half = room.walls.iter().map(|wall| wall.extent.max).fold(DVec3::ZERO, DVec3::max);
     let ways = (0..CANDIDATE_PATHS).map(|_| {
-        // From one short wall to the other, so that the player can be passed.
+        // From one short wall to the other, so that there is room to pass the player.
         let side = if rng.random_range(0.0..1.0) < 0.5 { 1.0 } else { -1.0 };
         let x = |rng: &mut ChaCha8Rng| rng.random_range(-half.x + 0.3..half.x - 0.3);
         let (start, end) = (DVec3::new(x(rng), 0.0, side * half.z), DVec3::new(x(rng), 0.0, -side * half.z));
@@ -98,7 +100,8 @@ fn crossing(room: &Room, player: &Player, from_s: f64, rng: &mut ChaCha8Rng) -> 
             let at = way.start_m + way.velocity_m_per_s * s;
             let player_m = level(player.head_at(way.from_s + s).translation).distance(at);
             let things_m = room.scatterers().map(|t| level(t.position_m).distance(at)).fold(f64::INFINITY, f64::min);
-            // Furniture that is walked through does less harm to a simulation than a player who is.
+            // Walking through furniture matters less to a simulation than walking through the
+            // player.
             (player_m - PLAYER_CLEARANCE_M).min(0.0) * 10.0 + things_m.min(0.4)
         });
         clear.fold(f64::INFINITY, f64::min)

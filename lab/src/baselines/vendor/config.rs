@@ -1,38 +1,39 @@
-//! How the sensor is set up for the detector.
+//! Configuration of the vendor's detector and of the sensor for it.
 
 use a121::{BASE_STEP_M, IdleState, Profile, SensorConfig, Subsweep};
 use radar_mapping::range_axis;
 use radar_sar::{RangeAxis, WAVELENGTH_M};
 
-/// What the detector needs to know of the sweeps that it gets.
+/// Sampling of the detector's sweeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sampling {
-    /// Where their points lie.
+    /// Ranges of the points.
     pub axis: RangeAxis,
-    /// Their pulse.
+    /// Pulse profile.
     pub profile: Profile,
-    /// Sweeps a second, evenly.
+    /// Sweep rate, Hz; constant.
     pub sweep_rate_hz: f64,
-    /// Sweeps in a window.
+    /// Sweeps per window.
     pub sweeps: usize,
 }
 
-/// The detector's settings; the default is the vendor's.
+/// Settings of the detector; the defaults are the vendor's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DetectorConfig {
-    /// Nearest and farthest range looked at, metres. A pulse more is measured at either end, which the range filter takes.
+    /// Nearest and farthest range, metres. The sensor measures one pulse width more at either end,
+    /// which the range filter removes.
     pub range_m: [f64; 2],
     /// Base steps between points.
     pub step_length: u32,
-    /// Averages for a point.
+    /// Hardware averages per point.
     pub hwaas: u32,
-    /// Pulse.
+    /// Pulse profile.
     pub profile: Profile,
-    /// Sweeps in a window.
+    /// Sweeps per window.
     pub sweeps: u32,
-    /// Looks a second that are wanted.
+    /// Wanted updates per second.
     pub update_hz: f64,
-    /// Greatest speed that is told without ambiguity, m/s.
+    /// Highest unambiguous speed, m/s.
     pub max_speed_m_per_s: f64,
 }
 
@@ -51,13 +52,14 @@ impl Default for DetectorConfig {
 }
 
 impl DetectorConfig {
-    /// Sweeps a second: at the greatest speed the phase turns by half from one to the next, which is λ/4 of way.
+    /// Sweep rate, Hz: at the highest speed the phase changes by π per sweep, which is λ/4 of
+    /// range.
     pub fn sweep_rate_hz(&self) -> f64 {
         self.max_speed_m_per_s / (WAVELENGTH_M / 4.0)
     }
 
-    /// The sensor's configuration. A window takes longer than the time between two looks (16 sweeps at 404 Hz are 40 ms, a look comes
-    /// every 20 ms), so sweeps come evenly for ever, in frames of as many as a look is to add.
+    /// The sensor's configuration. A window is longer than an update (16 sweeps at 404 Hz are 40
+    /// ms, an update comes every 20 ms), so sweeps are continuous, in frames of one update.
     pub fn sensor(&self) -> SensorConfig {
         let step_m = f64::from(self.step_length) * BASE_STEP_M;
         let margin_m = self.profile.envelope_fwhm_m();
@@ -84,7 +86,7 @@ impl DetectorConfig {
         }
     }
 
-    /// The sweeps that this configuration gives.
+    /// The sampling of this configuration.
     pub fn sampling(&self) -> Sampling {
         Sampling {
             axis: range_axis(&self.sensor().subsweeps[0]),

@@ -1,10 +1,13 @@
-//! The vendor's obstacle detector (thesis, section 2.5): a robot goes straight ahead at a speed that it knows; each thing shows up at
-//! its range and at the speed at which that range changes, and the two speeds give the angle to the way.
+//! The vendor's obstacle detector (thesis, section 2.5). A robot moves straight ahead at a known
+//! speed. Each object appears at its range and its radial velocity, which together with the robot's
+//! speed gives the angle to the direction of motion.
 //!
-//! Sweeps are smoothed over range (`range_filter`) and Fourier transformed over time (`spectrum`); what exceeds the noise of
-//! calibration sweeps (`threshold`) is taken peak by peak (`peaks`) and followed from look to look (`tracks`). It needs no poses, and
-//! its limits follow from that: one speed for a whole window, an angle to the way and nothing around it, nothing while at rest.
-//! Written from a description of the algorithm; what that leaves open is said where it is decided.
+//! Sweeps are smoothed over range (`range_filter`) and Fourier transformed over time (`spectrum`).
+//! What exceeds the noise of calibration sweeps (`threshold`) is extracted peak by peak (`peaks`)
+//! and tracked over updates (`tracks`). The detector needs no poses, and its limits follow from
+//! that: one speed per window; only the angle to the direction of motion, not the direction around
+//! it; nothing while at rest. Written from a description of the algorithm; comments say where the
+//! description leaves a choice.
 
 mod config;
 mod peaks;
@@ -28,18 +31,18 @@ pub use peaks::Reflection;
 pub use spectrum::RangeVelocity;
 pub use tracks::Track;
 
-/// What the newest window shows.
+/// Result for the newest window.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectorResult {
-    /// Reflections, strongest excess first.
+    /// Reflections, by falling excess over the threshold.
     pub reflections: Vec<Reflection>,
-    /// What is followed from look to look, nearest first.
+    /// Tracks, by rising distance.
     pub tracks: Vec<Track>,
-    /// What they were found in.
+    /// The spectrum in which they were found.
     pub spectrum: RangeVelocity,
 }
 
-/// The detector: sweeps in, reflections and tracks out.
+/// The detector: takes sweeps, returns reflections and tracks.
 #[derive(Debug, Clone)]
 pub struct VendorDetector {
     sampling: Sampling,
@@ -50,8 +53,9 @@ pub struct VendorDetector {
 }
 
 impl VendorDetector {
-    /// Calibrated with sweeps in which nothing moves that it should report, `[sweep][point]`. Sweeps of another length than the axis
-    /// are left out here and later; without any that fits everything is a peak.
+    /// Creates a detector, calibrated with sweeps without moving objects, `[sweep][point]`. Sweeps
+    /// of another length than the axis are skipped, here and later. Without any valid calibration
+    /// sweep, everything is a peak.
     pub fn new(sampling: Sampling, calibration: &[Vec<Complex<i16>>]) -> Self {
         let filter = RangeFilter::new(&sampling);
         let filtered: Vec<_> = calibration.iter().filter_map(|sweep| filter.filtered(sweep)).collect();
@@ -59,7 +63,8 @@ impl VendorDetector {
         Self { sampling, filter, thresholds, window: VecDeque::new(), tracks: Tracks::default() }
     }
 
-    /// Takes the next sweeps, in time and without a gap; a look at the newest window, once there is a whole one.
+    /// Takes the next sweeps, in order and without gaps; returns a result if there is a complete
+    /// window.
     pub fn push(&mut self, sweeps: &[Vec<Complex<i16>>]) -> Option<DetectorResult> {
         self.window.extend(sweeps.iter().filter_map(|sweep| self.filter.filtered(sweep)));
         let beyond = self.window.len().saturating_sub(self.sampling.sweeps);
@@ -74,15 +79,17 @@ impl VendorDetector {
         Some(DetectorResult { reflections, tracks, spectrum })
     }
 
-    /// Ranges that are looked at, metres: the axis less a pulse at either end.
+    /// Nearest and farthest range of the result, metres: the axis without one pulse width at either
+    /// end.
     pub fn range_m(&self) -> [f64; 2] {
         [self.filter.axis().first_m, self.filter.axis().last_m()]
     }
 }
 
-/// The angle between the robot's way and a thing, from the speed at which its distance grows and from the robot's own: a cone around
-/// the way, since what lies left, right, above and below changes its distance alike. `None` where the thing is faster than the robot,
-/// or the robot stands.
+/// Angle between the robot's direction of motion and an object, from the object's radial velocity
+/// and the robot's speed. It defines a cone around the direction of motion, since all directions on
+/// it have the same radial velocity. `None` if the object is faster than the robot, or the robot
+/// stands.
 pub fn cone_angle_rad(velocity_m_per_s: f64, robot_m_per_s: f64) -> Option<f64> {
     let cos = -velocity_m_per_s / robot_m_per_s;
     (robot_m_per_s > 0.0 && cos.abs() <= 1.0).then(|| math::acos(cos))
@@ -96,10 +103,11 @@ pub(super) mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// Rms of the test's noise, LSB.
+    /// Rms of the noise in tests, LSB.
     pub const NOISE_RMS: f64 = 50.0;
 
-    /// Sweeps of reflectors, each of a range at the first sweep, a speed and an amplitude in LSB, straight from the signal model.
+    /// Sweeps of reflectors, from the signal model. Each has a range at the first sweep (m), a
+    /// speed (m/s) and an amplitude (LSB).
     pub fn sweeps(sampling: &Sampling, count: usize, things: &[(f64, f64, f64)], seed: u64) -> Vec<Vec<Complex<i16>>> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut noise = move || -> f64 { StandardNormal.sample(&mut rng) };
@@ -140,7 +148,8 @@ pub(super) mod tests {
         let all = sweeps(&sampling, 16 * 200, &[], 5);
         let looks: Vec<_> = all.chunks(16).filter_map(|sweeps| detector.push(sweeps)).collect();
         let alarms: usize = looks.iter().map(|look| look.reflections.len()).sum();
-        // Five standard deviations of the complex noise: e^−25 in each of 16 bins of some 20 independent ranges.
+        // Five standard deviations of complex noise: e^−25 in each of 16 bins at about 20
+        // independent ranges.
         assert_eq!((looks.len(), alarms), (200, 0));
     }
 

@@ -1,8 +1,10 @@
-//! Peaks of the transform, one after the other: the greatest excess over its threshold, made finer between its neighbours, then what
-//! it itself may have put anywhere is taken from the excess.
+//! Peaks of the spectrum, extracted in order of their excess over the threshold. Each is
+//! interpolated between its neighbours; then its own possible contribution everywhere is subtracted
+//! from the excess.
 //!
-//! Over range that is a triangle of two pulses' width at either side. Over speed the description says nothing: a tone without a window
-//! function has side lobes below 1 / (N sin(πx/N)) at x bins from it, so that is taken.
+//! Over range, the contribution is a triangle of two pulse widths at either side. Over speed the
+//! description is silent; a tone without a window function has side lobes below 1 / (N sin(πx/N))
+//! at x bins from it, so this bound is used.
 
 use std::f64::consts::PI;
 
@@ -13,24 +15,24 @@ use super::threshold::Thresholds;
 use a121::Profile;
 use radar_sar::math;
 
-/// Peaks taken from a window at most.
+/// Limit of the peaks per window.
 const MAX_REFLECTIONS: usize = 10;
-/// Peaks as near as this are one.
+/// Peaks closer than this in range and speed are merged.
 const MERGE_M: f64 = 0.05;
 const MERGE_M_PER_S: f64 = 0.05;
 
-/// Something that reflects, as one window shows it.
+/// A reflection found in a window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reflection {
-    /// Metres.
+    /// Distance, metres.
     pub distance_m: f64,
-    /// Positive when the distance grows, m/s.
+    /// Radial velocity, m/s; positive when the distance grows.
     pub velocity_m_per_s: f64,
-    /// Magnitude of the transform at its peak, LSB times sweeps.
+    /// Magnitude of the spectrum at the peak, LSB times sweeps.
     pub magnitude: f64,
 }
 
-/// All peaks, the greatest excess first.
+/// All peaks, by falling excess.
 pub(super) fn peaks(spectrum: &RangeVelocity, thresholds: &Thresholds, profile: Profile) -> Vec<Reflection> {
     let (bins, ranges) = (spectrum.bins.len(), spectrum.axis.points);
     let magnitude = |(bin, range): (usize, usize)| math::norm(spectrum.bins[bin][range]);
@@ -39,7 +41,7 @@ pub(super) fn peaks(spectrum: &RangeVelocity, thresholds: &Thresholds, profile: 
     let mut found = Vec::new();
     while found.len() < MAX_REFLECTIONS {
         let Some(best) = (0..places.len()).max_by(|&a, &b| excess[a].total_cmp(&excess[b])) else { break };
-        // Also where a value is no number.
+        // Also stops at NaN.
         if excess[best].total_cmp(&0.0).is_le() || !excess[best].is_finite() {
             break;
         }
@@ -55,7 +57,7 @@ pub(super) fn peaks(spectrum: &RangeVelocity, thresholds: &Thresholds, profile: 
             velocity_m_per_s: spectrum.velocity_m_per_s(fine_bin),
             magnitude: magnitude((bin, range)),
         });
-        // What the tone would be worth at its own speed, between the bins.
+        // Magnitude of the tone at its own speed, between the bins.
         let whole = magnitude((bin, range)) / side_lobe(bin as f64 - fine_bin, bins).max(0.5);
         let reach = 2.0 * profile.envelope_fwhm_m() / spectrum.axis.step_m;
         for (&(b, n), excess) in places.iter().zip(&mut excess) {
@@ -69,27 +71,29 @@ pub(super) fn peaks(spectrum: &RangeVelocity, thresholds: &Thresholds, profile: 
     found
 }
 
-/// Share of a tone's magnitude that lies some bins from it.
+/// Magnitude of a tone at `off` bins from it, relative to its peak.
 fn side_lobe(off: f64, bins: usize) -> f64 {
     let count = bins as f64;
     let below = count * math::sin(PI * off / count);
     if below.abs() < 1e-9 { 1.0 } else { (math::sin(PI * off) / below).abs() }
 }
 
-/// What that is never more than.
+/// Upper bound of [`side_lobe`].
 fn bound(off: f64, bins: usize) -> f64 {
     let count = bins as f64;
     (1.0 / (count * math::sin(PI * off / count)).abs()).min(1.0)
 }
 
-/// From the middle of three magnitudes to the top of the parabola through them, in steps; 0 at an edge.
+/// Offset of the vertex of the parabola through three magnitudes from the middle one, in steps; 0
+/// at an edge.
 fn parabola(three: &[Option<f64>; 3]) -> f64 {
     let &[Some(before), Some(at), Some(after)] = three else { return 0.0 };
     let curvature = before - 2.0 * at + after;
     if curvature < 0.0 { (0.5 * (before - after) / curvature).clamp(-0.5, 0.5) } else { 0.0 }
 }
 
-/// From the middle of three bins to the tone's frequency, in bins: Quinn's second estimator (1997).
+/// Offset of a tone's frequency from the middle of three bins, in bins: Quinn's second estimator
+/// (1997).
 fn quinn(three: &[Complex64; 3]) -> f64 {
     let [before, at, after] = three;
     let ratio = |side: &Complex64| (side / at).re;
@@ -103,7 +107,7 @@ fn quinn(three: &[Complex64; 3]) -> f64 {
     if off.is_finite() { off.clamp(-1.0, 1.0) } else { 0.0 }
 }
 
-/// Peaks that are near each other in range and speed as one, the stronger.
+/// Merges peaks that are close in range and speed; the stronger one stays.
 pub(super) fn merged(peaks: Vec<Reflection>) -> Vec<Reflection> {
     let mut kept: Vec<Reflection> = Vec::new();
     for peak in peaks {

@@ -1,5 +1,6 @@
-//! The range filter: a Butterworth low-pass of first order over the points of a sweep, forwards and then backwards, so that nothing is
-//! shifted. It lets through what is as wide as the pulse; a pulse at either end, where it has not settled, is cut off.
+//! Range filter: a first-order Butterworth low-pass over the points of a sweep, forwards and then
+//! backwards, so it does not shift pulses. It passes structures as wide as the pulse. One pulse
+//! width at either end, where the filter has not settled, is removed.
 
 use num_complex::{Complex, Complex64};
 
@@ -11,21 +12,21 @@ use radar_sar::math;
 #[derive(Debug, Clone)]
 pub(super) struct RangeFilter {
     points: usize,
-    /// Points cut off at either end.
+    /// Points removed at either end.
     margin: usize,
     axis: RangeAxis,
-    /// Gain of the present and the last input.
+    /// Gain of the current and the previous input.
     gain: f64,
-    /// Share of the last output that stays.
+    /// Weight of the previous output.
     feedback: f64,
 }
 
 impl RangeFilter {
     pub fn new(sampling: &Sampling) -> Self {
         let Sampling { axis, profile, .. } = *sampling;
-        // In parts of half the sampling rate: one step over the pulse's width.
+        // Cut-off as a fraction of half the sampling rate: one step per pulse width.
         let cut_off = (axis.step_m / profile.envelope_fwhm_m()).clamp(1e-6, 0.99);
-        // The analogue low-pass by the bilinear transform.
+        // Bilinear transform of the analogue low-pass.
         let k = math::tan(std::f64::consts::FRAC_PI_2 * cut_off);
         let margin = (profile.envelope_fwhm_m() / axis.step_m).round() as usize;
         let left = axis.points.saturating_sub(2 * margin);
@@ -33,12 +34,12 @@ impl RangeFilter {
         Self { points: axis.points, margin, axis: cropped, gain: k / (1.0 + k), feedback: (1.0 - k) / (1.0 + k) }
     }
 
-    /// The axis of what it gives.
+    /// Range axis of the output.
     pub fn axis(&self) -> &RangeAxis {
         &self.axis
     }
 
-    /// One sweep, filtered and cut; `None` when it is not as long as the axis.
+    /// Filters a sweep and removes its ends; `None` if its length differs from the axis.
     pub fn filtered(&self, sweep: &[Complex<i16>]) -> Option<Vec<Complex64>> {
         if sweep.len() != self.points || sweep.is_empty() {
             return None;
@@ -52,7 +53,7 @@ impl RangeFilter {
         Some(values.split_off(self.margin.min(values.len())).into_iter().take(self.axis.points).collect())
     }
 
-    /// Forwards, as if the first value had been there for ever.
+    /// Filters forwards, with the first value as the initial state.
     fn pass(&self, values: &mut [Complex64]) {
         let Some(&first) = values.first() else { return };
         let (mut input, mut output) = (first, first);
@@ -90,7 +91,7 @@ mod tests {
         let sampling = DetectorConfig::default().sampling();
         let filter = RangeFilter::new(&sampling);
         let ripple: Vec<_> = (0..sampling.axis.points).map(|n| Complex::new([100, 0, -100, 0][n % 4], 0)).collect();
-        // But for what is left of the edges' transients, a pulse away.
+        // Except for the transients from the edges, one pulse width away.
         assert!(filter.filtered(&ripple).unwrap().iter().all(|z| z.norm() < 6.0));
     }
 }

@@ -1,5 +1,5 @@
-//! A window of sweeps as range and speed: at each range a Fourier transform over the sweeps, no window function. A thing that comes
-//! nearer turns its phase from sweep to sweep.
+//! Range-velocity spectrum of a window of sweeps: a Fourier transform over the sweeps at each
+//! range, without a window function. The phase of a moving object changes from sweep to sweep.
 
 use std::collections::VecDeque;
 
@@ -8,19 +8,20 @@ use num_complex::Complex64;
 use radar_sar::math;
 use radar_sar::{RangeAxis, WAVELENGTH_M};
 
-/// The transform of a window.
+/// Range-velocity spectrum of a window.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RangeVelocity {
-    /// Where its ranges lie.
+    /// Ranges of the spectrum.
     pub axis: RangeAxis,
-    /// From bin to bin, m/s.
+    /// Velocity step between bins, m/s.
     pub bin_m_per_s: f64,
-    /// `[bin][range]`, not normalised; the second half of the bins are negative speeds, the sensor's distance growing in positive ones.
+    /// `[bin][range]`, not normalised. Positive velocities mean a growing distance; the second half
+    /// of the bins has negative velocities.
     pub bins: Vec<Vec<Complex64>>,
 }
 
 impl RangeVelocity {
-    /// Of filtered sweeps, all as long as the axis.
+    /// Spectrum of filtered sweeps, all as long as the axis.
     pub(super) fn of(window: &VecDeque<Vec<Complex64>>, axis: &RangeAxis, sweep_rate_hz: f64) -> Self {
         let count = window.len();
         let turn = |bin: usize, sweep: usize| {
@@ -39,7 +40,7 @@ impl RangeVelocity {
         Self { axis: *axis, bin_m_per_s, bins: (0..count).map(bin).collect() }
     }
 
-    /// Speed of a (fractional) bin, positive when the distance grows, m/s.
+    /// Velocity of a (fractional) bin, m/s; positive when the distance grows.
     pub fn velocity_m_per_s(&self, bin: f64) -> f64 {
         let count = self.bins.len() as f64;
         let half = count / 2.0;
@@ -59,7 +60,7 @@ mod tests {
         let spectrum = RangeVelocity::of(&window, &axis, 400.0);
         assert!((spectrum.bins[3][0].norm() - 16.0).abs() < 1e-9 && spectrum.bins[4][0].norm() < 1e-9);
         assert!((spectrum.bins[13][1].norm() - 16.0).abs() < 1e-9);
-        // Half a wavelength a turn, 25 windows a second.
+        // One cycle is half a wavelength of range; 25 windows per second.
         let expected = 3.0 * 25.0 * WAVELENGTH_M / 2.0;
         assert!((spectrum.velocity_m_per_s(3.0) - expected).abs() < 1e-12);
         assert!((spectrum.velocity_m_per_s(13.0) + expected).abs() < 1e-12);

@@ -1,26 +1,27 @@
-//! What is more than noise: from calibration sweeps the mean and the spread at each range. Noise adds up to the root of the number of
-//! sweeps in every bin; what stands still (leakage, the robot's own parts) adds up in phase, in bin 0 alone.
+//! Detection thresholds, from the mean and spread of calibration sweeps at each range. Noise grows
+//! with the square root of the number of sweeps, in every bin. Stationary echoes (leakage, the
+//! robot's own parts) add up in phase, only in bin 0.
 
 use num_complex::Complex64;
 
 use radar_sar::math;
 
-/// Standard deviations that a peak needs.
+/// Threshold over the noise, standard deviations.
 const NOISE_SIGMAS: f64 = 5.0;
-/// Means of what stands still that a peak without speed needs.
+/// Additional threshold in bin 0, in means of the stationary echoes.
 const STATIC_MEANS: f64 = 2.0;
 
-/// Thresholds on the magnitude of the transform.
+/// Thresholds of the magnitude of the spectrum.
 #[derive(Debug, Clone)]
 pub(super) struct Thresholds {
-    /// In every bin, `[range]`.
+    /// For every bin, `[range]`.
     noise: Vec<f64>,
-    /// More in bin 0, `[range]`.
+    /// Additional for bin 0, `[range]`.
     stationary: Vec<f64>,
 }
 
 impl Thresholds {
-    /// From filtered sweeps, `[sweep][range]`, for windows of so many.
+    /// Thresholds from filtered sweeps, `[sweep][range]`, for windows of `window` sweeps.
     pub fn of(sweeps: &[Vec<Complex64>], ranges: usize, window: usize) -> Self {
         let (count, window) = (sweeps.len().max(1) as f64, window as f64);
         let mean = |n: usize| sweeps.iter().map(|sweep| sweep[n]).sum::<Complex64>() / count;
@@ -32,7 +33,7 @@ impl Thresholds {
         }
     }
 
-    /// Of a bin at a range.
+    /// Threshold of a bin at a range.
     pub fn at(&self, bin: usize, range: usize) -> f64 {
         self.noise[range] + if bin == 0 { self.stationary[range] } else { 0.0 }
     }

@@ -1,33 +1,34 @@
-//! Reflections followed from look to look: a Kalman filter on distance and speed each, which goes on by dead reckoning for half a
-//! second where nothing is seen.
+//! Tracks reflections over updates with a Kalman filter on distance and velocity. A track without
+//! detections coasts for half a second.
 //!
-//! The description gives no noises: here the speed wanders by 3 cm/s from look to look (20 ms), as it does when a thing is passed by,
-//! and a look is right to 1 cm and 1 cm/s.
+//! The description gives no noise values. Here the velocity changes by 3 cm/s (1σ) between updates
+//! (20 ms), as when passing an object, and a detection has an error of 1 cm and 1 cm/s (1σ).
 
 use super::Reflection;
 
-/// Variance that the speed gains in a second, m²/s³.
+/// Process noise: growth of the velocity's variance, m²/s³. Choice.
 const SPEED_NOISE_M2_PER_S3: f64 = 0.05;
-/// 1σ of a look.
+/// 1σ of a detection, m and m/s. Choice.
 const DISTANCE_SIGMA_M: f64 = 0.01;
 const VELOCITY_SIGMA_M_PER_S: f64 = 0.01;
-/// Squared normalised distance within which a reflection belongs to a track: 99 % of two normal numbers.
+/// Gate: squared Mahalanobis distance within which a reflection belongs to a track: 99 % of
+/// a two-dimensional normal distribution.
 const GATE: f64 = 9.2;
-/// Time that a track goes on unseen, seconds.
+/// Time that a track coasts without detections, seconds.
 const DEAD_RECKONING_S: f64 = 0.5;
 
-/// Something followed.
+/// A track.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Track {
-    /// Metres.
+    /// Distance, metres.
     pub distance_m: f64,
-    /// Positive when the distance grows, m/s.
+    /// Radial velocity, m/s; positive when the distance grows.
     pub velocity_m_per_s: f64,
-    /// Variance of the distance, covariance, variance of the speed; m², m²/s, m²/s².
+    /// Variance of the distance, covariance, variance of the velocity; m², m²/s, m²/s².
     pub covariance: [f64; 3],
-    /// Looks that saw it.
+    /// Number of detections.
     pub detections: u32,
-    /// Time since the last one, seconds.
+    /// Time since the last detection, seconds.
     pub unseen_s: f64,
 }
 
@@ -54,7 +55,7 @@ impl Track {
         self.unseen_s += dt_s;
     }
 
-    /// Covariance of what a look should show less what it shows, and that difference.
+    /// Innovation of a detection: its covariance and its value.
     fn innovation(&self, seen: &Reflection) -> ([f64; 3], [f64; 2]) {
         let [dd, dv, vv] = self.covariance;
         let spread = [dd + DISTANCE_SIGMA_M.powi(2), dv, vv + VELOCITY_SIGMA_M_PER_S.powi(2)];
@@ -70,7 +71,7 @@ impl Track {
         let ([a, b, c], [d, v]) = self.innovation(seen);
         let [dd, dv, vv] = self.covariance;
         let det = a * c - b * b;
-        // Gain: covariance times the innovation's inverse.
+        // Gain: covariance times the inverse of the innovation's covariance.
         let row = |x: f64, y: f64| [(x * c - y * b) / det, (y * a - x * b) / det];
         let (first, second) = (row(dd, dv), row(dv, vv));
         self.distance_m += first[0] * d + first[1] * v;
@@ -85,12 +86,13 @@ impl Track {
     }
 }
 
-/// All that is followed.
+/// All tracks.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Tracks(Vec<Track>);
 
 impl Tracks {
-    /// So much later, with what is seen then; nearest first. Each reflection goes to the track that it fits best, the strongest first.
+    /// Advances all tracks by `elapsed_s` and updates them with the reflections; returns them by
+    /// rising distance. Each reflection, strongest first, goes to the track that it fits best.
     pub fn step(&mut self, seen: &[Reflection], elapsed_s: f64) -> Vec<Track> {
         self.0.iter_mut().for_each(|track| track.predict(elapsed_s));
         let mut free: Vec<usize> = (0..self.0.len()).collect();

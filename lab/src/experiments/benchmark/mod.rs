@@ -1,7 +1,7 @@
-//! Run time against error: one reflector, many ways to image it.
+//! Benchmark of run time against error: one reflector, many ways to image it.
 //!
-//! Every case images the same simulated recordings, one a seed, and is timed from its sweeps to the place it gives; the
-//! distance from there to the truth is its error.
+//! Every case images the same simulated recordings, one per seed. Each run is timed from raw sweeps
+//! to the estimated position; its error is the distance of that position from the truth.
 
 mod plan;
 pub mod present;
@@ -20,30 +20,30 @@ use crate::experiments::trial_recording::TrialRecording;
 pub use plan::{Case, Plan, Search};
 pub use row::Row;
 
-/// Why a benchmark did not come to its end.
+/// Why a benchmark failed.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchmarkError {
-    /// A recording that could not be simulated.
+    /// A recording cannot be simulated.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
-    /// A rolling image that could not be made.
+    /// A rolling image cannot be made.
     #[error(transparent)]
     Rolling(#[from] RollingError),
-    /// No such sensor preset.
+    /// Unknown sensor preset.
     #[error("preset \"{0}\" is not known")]
     Preset(&'static str),
 }
 
-/// A plan with its recordings.
+/// A plan with its simulated recordings.
 #[derive(Debug)]
 pub struct Benchmark {
     plan: Plan,
-    /// By motion, one a seed.
+    /// By motion, one recording per seed.
     recorded: BTreeMap<&'static str, Vec<TrialRecording>>,
 }
 
 impl Benchmark {
-    /// Simulates what the plan needs.
+    /// Simulates the recordings that the plan needs.
     ///
     /// # Errors
     /// A scenario that cannot be simulated.
@@ -59,7 +59,8 @@ impl Benchmark {
         Ok(Self { plan, recorded })
     }
 
-    /// Runs every case, one after the other, each with all cores; `done` is given each row when it is.
+    /// Runs the cases one after the other, each on all cores. `done` receives each row when its
+    /// case has finished.
     ///
     /// # Errors
     /// A case that cannot be imaged.
@@ -80,7 +81,7 @@ impl Benchmark {
         Ok(rows)
     }
 
-    /// Cases in all.
+    /// Number of cases.
     pub fn cases(&self) -> usize {
         self.plan.cases.len()
     }

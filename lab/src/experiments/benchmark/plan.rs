@@ -1,27 +1,28 @@
-//! What is measured.
+//! The benchmark's cases.
 
 use crate::experiments::trial_recording::CUBE_M;
 use radar_sar::{Selection, Statistic};
 
-/// How the place is searched for.
+/// How the position is searched for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Search {
-    /// Every voxel, place by place in f64 straight from the formula.
+    /// Every voxel, in f64 straight from the formula.
     Oracle,
-    /// Every voxel.
+    /// Every voxel, by the production code.
     Dense,
     /// The voxels of at least half of the peak, by branch and bound.
     Adaptive,
     /// The greatest voxel alone, by branch and bound.
     Peak,
-    /// After each new sweep the voxels of at least half of the peak over the newest sweeps, from the image before.
+    /// After each new sweep, the voxels of at least half of the peak over the newest sweeps,
+    /// updated from the previous image.
     Rolling,
-    /// The same, from nothing.
+    /// The same window, imaged from scratch.
     Window,
 }
 
 impl Search {
-    /// As tables and names spell it.
+    /// Name in tables and case names.
     pub fn name(self) -> &'static str {
         match self {
             Self::Oracle => "oracle",
@@ -39,32 +40,32 @@ impl Search {
 pub struct Case {
     /// Motion of the head.
     pub motion: &'static str,
-    /// Which sum.
+    /// Statistic to be imaged.
     pub statistic: Statistic,
     /// Edge of a voxel, metres.
     pub voxel_m: f64,
-    /// Sweeps chosen, or in the window; 0: all.
+    /// Number of sweeps chosen, or in the window; 0: all.
     pub sweeps: usize,
-    /// How they are chosen; not used by a window, which has the newest.
+    /// How sweeps are chosen. Unused by windows, which take the newest.
     pub selection: Selection,
-    /// How the place is searched for.
+    /// How the position is searched for.
     pub search: Search,
-    /// Whether the voxel is refined to a continuous place.
+    /// Whether the voxel is refined to a continuous position.
     pub refined: bool,
 }
 
 impl Case {
-    /// Over a window that moves on with every sweep.
+    /// Whether the case images a window that advances with every sweep.
     pub fn has_window(&self) -> bool {
         matches!(self.search, Search::Rolling | Search::Window)
     }
 
-    /// Sweeps, in words: a number, or "all".
+    /// Number of sweeps as text, or "all".
     pub fn sweeps_text(&self) -> String {
         if self.sweeps == 0 { "all".into() } else { self.sweeps.to_string() }
     }
 
-    /// How sweeps are chosen, in words.
+    /// Selection as text.
     pub fn selection_name(&self) -> &'static str {
         match self.sweeps {
             _ if self.has_window() => "newest",
@@ -73,7 +74,7 @@ impl Case {
         }
     }
 
-    /// Unlike any other case's, workload left out.
+    /// Name that is unique among cases of one workload.
     pub fn name(&self) -> String {
         let refined = if self.refined { "/refined" } else { "" };
         let (statistic, search) = (self.statistic.name(), self.search.name());
@@ -82,23 +83,23 @@ impl Case {
     }
 }
 
-/// Cases, and over how many seeds.
+/// Cases, and the number of recordings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// In the order of the table.
     pub cases: Vec<Case>,
-    /// Recordings of each motion, seeds 1 to this.
+    /// Recordings per motion: seeds 1 to this.
     pub seeds: u64,
-    /// The first of them that the oracle has time for,
+    /// Recordings imaged by the oracle: the first of them. Choice: run time.
     pub oracle_seeds: u64,
-    /// and rolling windows.
+    /// Recordings imaged by rolling and fresh windows: the first of them. Choice: run time.
     pub rolling_seeds: u64,
 }
 
-/// The statistics that everything is measured for. `blocks` is none of them: it needs a faster sensor.
+/// Statistics of the benchmark. Not `blocks`: it needs a faster sensor than the preset `fine`.
 const STATISTICS: [Statistic; 5] =
     [Statistic::Thesis, Statistic::Ls, Statistic::Log, Statistic::Glrt, Statistic::Coherent];
-/// Dense volumes with more updates are left out, except for those of `ls`, up to the second number.
+/// Dense volumes with more updates are left out to save time. The second limit applies to `ls`.
 const MAX_DENSE_UPDATES: f64 = 3e7;
 const MAX_DENSE_UPDATES_LS: f64 = 4e8;
 
@@ -113,7 +114,7 @@ const BASE: Case = Case {
 };
 
 impl Plan {
-    /// Everything.
+    /// The full benchmark.
     pub fn full() -> Self {
         let mut cases = vec![Case { voxel_m: 0.1, sweeps: 20, search: Search::Oracle, ..BASE }];
         for statistic in STATISTICS {
@@ -139,7 +140,7 @@ impl Plan {
         Self { cases: deduplicated(cases), seeds: 6, oracle_seeds: 2, rolling_seeds: 1 }
     }
 
-    /// A little of everything, in seconds.
+    /// A small selection that runs within seconds.
     pub fn quick() -> Self {
         let mut cases = vec![Case { voxel_m: 0.2, sweeps: 20, search: Search::Oracle, ..BASE }];
         for statistic in STATISTICS {
@@ -152,7 +153,7 @@ impl Plan {
         Self { cases: deduplicated(cases), seeds: 3, oracle_seeds: 1, rolling_seeds: 1 }
     }
 
-    /// How many recordings a case images.
+    /// Number of recordings that a case images.
     pub fn seeds_of(&self, case: &Case) -> u64 {
         match case.search {
             Search::Oracle => self.oracle_seeds.min(self.seeds),
@@ -162,7 +163,8 @@ impl Plan {
     }
 }
 
-/// Voxel sizes times numbers of sweeps, adaptive, and dense where that does not take too long.
+/// Every voxel size with every number of sweeps: adaptive, and dense where the number of updates
+/// allows it.
 fn voxel_sweep_grid(statistic: Statistic, voxels_m: &[f64], sweeps: &[usize]) -> Vec<Case> {
     let most = if statistic == Statistic::Ls { MAX_DENSE_UPDATES_LS } else { MAX_DENSE_UPDATES };
     let mut cases = Vec::new();
@@ -178,7 +180,7 @@ fn voxel_sweep_grid(statistic: Statistic, voxels_m: &[f64], sweeps: &[usize]) ->
     cases
 }
 
-/// Later ones of the same are left out.
+/// Removes repeated cases and keeps the first of each.
 fn deduplicated(cases: Vec<Case>) -> Vec<Case> {
     let mut kept: Vec<Case> = Vec::new();
     for case in cases {

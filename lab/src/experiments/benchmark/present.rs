@@ -1,4 +1,4 @@
-//! Rows as a table, as JSON and as a plot.
+//! Benchmark results as a table, as JSON and as a plot.
 
 use serde_json::{Value, json};
 
@@ -7,7 +7,7 @@ use super::row::Row;
 use radar_chaperone::report::{Table, TradeOff, TradeOffMarker, TradeOffPoint};
 use radar_sar::math;
 
-/// One row a case; those on the front have a star.
+/// One table row per case; those on the Pareto front are starred.
 pub fn table(rows: &[Row]) -> Table {
     let head = [
         "front",
@@ -48,7 +48,7 @@ pub fn table(rows: &[Row]) -> Table {
     Table { head, rows: rows.iter().map(cells).collect(), caption: String::new() }
 }
 
-/// A list with one object a row. `threads`, `instructions`: the machine.
+/// One JSON object per row. `threads` and `instructions` describe the machine.
 pub fn json(rows: &[Row], threads: usize, instructions: &str) -> Value {
     let object = |row: &Row| {
         let case = &row.case;
@@ -79,7 +79,8 @@ pub fn json(rows: &[Row], threads: usize, instructions: &str) -> Value {
     rows.iter().map(object).collect()
 }
 
-/// All that compete, the oracle and the windows beside them.
+/// Plot of the cases with the wide motion. Oracle and windows are shown, but do not compete for the
+/// front.
 pub fn plot(rows: &[Row], machine: &str) -> TradeOff {
     let shown: Vec<&Row> = rows.iter().filter(|row| row.case.motion == "sphere-50cm").collect();
     let partner = |row: &Row| {
@@ -98,7 +99,7 @@ pub fn plot(rows: &[Row], machine: &str) -> TradeOff {
     TradeOff {
         title: "Run time against error: one reflector at 1 m, found in a 3 m cube".into(),
         notes: vec![
-            "Lower left is better. Each point: one way to image the same recordings, from raw sweeps to the place."
+            "Lower left is better. Each point: one way to image the same recordings, from raw sweeps to the position."
                 .into(),
             format!("Head motion within 50 cm, 20 dB, tracking errors; median error over seeds. {machine}."),
         ],
@@ -120,7 +121,7 @@ fn mark(case: &Case) -> TradeOffMarker {
     }
 }
 
-/// A case in a few words.
+/// Short label of a case.
 fn case_label(case: &Case) -> String {
     let statistic = case.statistic.name();
     let (voxel_cm, sweeps) = (case.voxel_m * 100.0, case.sweeps_text());
@@ -141,7 +142,7 @@ fn millimetres(error_m: f64) -> String {
     if error_m.is_finite() { format!("{:.1}", error_m * 1e3) } else { "–".into() }
 }
 
-/// Three significant digits, no exponent.
+/// Three significant digits, without exponent.
 fn digits(value: f64) -> String {
     let decimals = if value > 0.0 { (2.0 - math::log10(value).floor()).clamp(0.0, 4.0) as usize } else { 0 };
     format!("{value:.decimals$}")

@@ -1,4 +1,5 @@
-//! What all cases image: a corner reflector 1 m deep, seen for 10 s by the preset `fine`, 20 dB at 1 m, default tracking error.
+//! The recordings of all cases: a corner reflector at 1 m, preset `fine` for 10 s, 20 dB at 1 m,
+//! default tracking errors.
 
 use super::BenchmarkError;
 use crate::experiments::trial_recording::{CUBE_M, TrialRecording};
@@ -9,7 +10,7 @@ const PRESET: &str = "fine";
 const DURATION_S: f64 = 10.0;
 const SNR_DB: f64 = 20.0;
 
-/// In words.
+/// The workload as text.
 pub(super) fn workload(motion: &str) -> String {
     format!("corner reflector at 1 m, {motion}, {DURATION_S:.0} s, {PRESET}, {SNR_DB:.0} dB, {CUBE_M:.0} m cube")
 }

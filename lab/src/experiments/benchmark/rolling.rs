@@ -1,4 +1,4 @@
-//! A window over the newest sweeps: from the image before, or from nothing.
+//! Benchmark of a window over the newest sweeps: the rolling image against an image from scratch.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -10,10 +10,12 @@ use super::trial::{BEAM, center};
 use crate::experiments::trial_recording::{TrialRecording, region};
 use radar_sar::backprojection::{BrickGrid, RollingImage, RollingSettings, SweepStack, Threshold, ls_step, search};
 
-/// The place is compared with the truth after every so many sweeps; only there is a fresh image made.
+/// Number of sweeps between two comparisons with the truth. Fresh images are made only there.
+/// Choice: run time.
 const COMPARE_EVERY_SWEEPS: usize = 25;
 
-/// What is timed: taking one sweep in (and one out) and giving the peak; or tables, search and peak of the same window.
+/// Times, per window: for the rolling image one sweep in, one out and the peak; for the fresh one
+/// tables, search and peak.
 pub(super) fn samples(case: &Case, recorded: &[TrialRecording]) -> Result<Samples, BenchmarkError> {
     let mut samples = Samples::default();
     for recorded in recorded {
@@ -34,7 +36,7 @@ fn rolling(case: &Case, recorded: &TrialRecording, samples: &mut Samples) -> Res
     for (n, observation) in observations.iter().enumerate() {
         let before = image.work();
         let start = Instant::now();
-        // A sweep that is refused is counted by the image and leaves it as it was.
+        // A refused sweep is counted by the image and does not change it.
         let taken = image.push(observation).is_ok();
         let place = image.peak().map(|peak| peak.0);
         let time_s = start.elapsed().as_secs_f64();
@@ -56,7 +58,7 @@ fn rolling(case: &Case, recorded: &TrialRecording, samples: &mut Samples) -> Res
 fn fresh(case: &Case, recorded: &TrialRecording, samples: &mut Samples) {
     let observations = &recorded.observations;
     let grid = BrickGrid::covering(&region(case.voxel_m, recorded.seed), case.voxel_m);
-    // As the rolling image rounds.
+    // Same rounding as in the rolling image.
     let step = ls_step(RollingSettings::default().noise_rms_lsb, 0.0);
     for newest in (case.sweeps..observations.len()).filter(|n| n % COMPARE_EVERY_SWEEPS == 0) {
         let window = &observations[newest + 1 - case.sweeps..=newest];

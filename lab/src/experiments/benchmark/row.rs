@@ -1,11 +1,11 @@
-//! Measurements of one case, and what a table says of them.
+//! Measurements of one case and the statistics that the table shows.
 
 use super::plan::{Case, Search};
 use super::record::workload;
 use crate::experiments::trial_recording::quantile;
 use radar_chaperone::report::pareto_front;
 
-/// One image.
+/// Measurement of one image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sample {
     /// Distance from the truth, metres; infinite when nothing was found.
@@ -14,13 +14,13 @@ pub(super) struct Sample {
     pub bounds: u64,
 }
 
-/// All images of a case.
+/// Measurements of all images of a case.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Samples {
     pub errors_m: Vec<f64>,
     pub updates: Vec<f64>,
     pub bounds: Vec<f64>,
-    /// More than there are errors: quick cases are repeated.
+    /// Run times, seconds. More entries than errors, since quick cases are repeated.
     pub times_s: Vec<f64>,
     pub selection_s: Vec<f64>,
 }
@@ -33,30 +33,30 @@ impl Samples {
     }
 }
 
-/// A case's figures.
+/// Results of one case.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
     /// The case.
     pub case: Case,
-    /// What it images, in words.
+    /// Workload as text.
     pub workload: String,
-    /// Images that the error is taken over.
+    /// Number of images that the error is taken over.
     pub trials: usize,
-    /// Median time of an image from its sweeps to the place, seconds,
+    /// Median run time of an image from its sweeps to the position, seconds.
     pub median_s: f64,
-    /// and its 95th percentile.
+    /// 95th percentile of the run time, seconds.
     pub p95_s: f64,
-    /// Median time of choosing the sweeps, seconds; not in the other times.
+    /// Median time for choosing the sweeps, seconds; not part of the run time.
     pub selection_s: f64,
-    /// Median (voxel, sweep) pairs summed,
+    /// Median number of (voxel, sweep) pairs summed.
     pub updates: u64,
-    /// and (cube, sweep) pairs bounded to find which.
+    /// Median number of (cube, sweep) pairs bounded during the search.
     pub bounds: u64,
-    /// Median distance from the truth, metres; infinite when mostly nothing was found.
+    /// Median distance from the truth, metres; infinite when most trials found nothing.
     pub error_m: f64,
-    /// Its 95th percentile.
+    /// 95th percentile of the distance.
     pub error_p95_m: f64,
-    /// No case of the same recordings is both faster and nearer.
+    /// Pareto optimal: no case of the same recordings is both faster and more accurate.
     pub on_front: bool,
 }
 
@@ -77,8 +77,8 @@ impl Row {
         }
     }
 
-    /// Whether it is measured against others for the front: the wide motion, all of its 10 s to choose sweeps from, all
-    /// seeds.
+    /// Whether the case competes for the Pareto front: wide motion, sweeps chosen from all of the
+    /// 10 s, all seeds.
     pub fn competes(&self) -> bool {
         self.case.motion == "sphere-50cm" && !self.case.has_window() && self.case.search != Search::Oracle
     }

@@ -1,4 +1,4 @@
-//! From chosen sweeps to a place, with the time it takes.
+//! One timed trial: from chosen sweeps to a position.
 
 use std::time::Instant;
 
@@ -14,13 +14,15 @@ use radar_sar::{Beam, Observation};
 use radar_sar::{Oracle, PositionErrors, RangePower, oracle_volume, refine};
 
 pub(super) const BEAM: Beam = Beam::Lensless;
-/// Places nearer than this are not looked at by the refinement, metres: the antenna's own leakage.
+/// Minimum range used by the refinement, metres: nearer lies the antenna's own leakage.
 const MIN_RANGE_M: f64 = 0.15;
-/// A quick case is repeated up to so many times a recording, while it has taken less than this.
+/// A case is repeated up to this many times per recording, until it has run for `MAX_REPEAT_S` seconds.
+/// Choice.
 const MAX_REPEATS: usize = 5;
 const MAX_REPEAT_S: f64 = 0.05;
 
-/// One recording after the other; the first is imaged once more beforehand, unmeasured.
+/// Images each recording in turn. The first one is imaged once more beforehand, unmeasured, as a
+/// warm-up.
 pub(super) fn samples(case: &Case, recorded: &[TrialRecording]) -> Samples {
     let mut samples = Samples::default();
     for (n, recorded) in recorded.iter().enumerate() {
@@ -59,7 +61,7 @@ fn choose(case: &Case, recorded: &TrialRecording, region: &Aabb) -> Vec<Observat
     chosen.into_iter().map(|n| recorded.observations[n].clone()).collect()
 }
 
-/// What came of a trial.
+/// Result of one trial.
 struct TrialResult {
     /// `None`: nothing found.
     place_m: Option<DVec3>,
@@ -67,13 +69,13 @@ struct TrialResult {
     bounds: u64,
 }
 
-/// What is timed: tables from sweeps, the volume or the search, its peak, and the refinement where the case has one.
+/// The timed part: range tables, volume or search, peak, and refinement if the case has one.
 fn image(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResult {
     let mut imaged = search_place(case, sweeps, region);
     if case.refined {
         imaged.place_m = imaged.place_m.map(|place| {
             let power = RangePower::new(sweeps, &BEAM, MIN_RANGE_M);
-            // Where too few sweeps see it, the voxel stands.
+            // Where too few sweeps see the point, the voxel's centre stays.
             refine(&power, place, None, &PositionErrors::default()).map_or(place, |refined| refined.position_m)
         });
     }
@@ -99,7 +101,7 @@ fn search_place(case: &Case, sweeps: &[Observation], region: &Aabb) -> TrialResu
     TrialResult { place_m, updates: found.work.updates, bounds: found.work.bounds }
 }
 
-/// Centre of the greatest voxel, the first of equals, as the adaptive search has it.
+/// Centre of the greatest voxel; the first of equals, as in the adaptive search.
 fn peak(values: &[f32], grid: &BrickGrid) -> Option<DVec3> {
     let first_best = |best: (usize, f32), v: (usize, f32)| if v.1 > best.1 { v } else { best };
     let (index, value) = values.iter().copied().enumerate().fold((0, 0.0), first_best);

@@ -1,13 +1,16 @@
-//! Gradient boosting of trees for two classes (Friedman 2001, Annals of Statistics 29:1189), with second derivatives of the logistic loss
-//! (Chen and Guestrin 2016, KDD, eq. 7): a tree grows where a question gains most, until it has its leaves; each leaf takes a shortened
-//! Newton step. Splits are searched exactly, ties go to the first feature and the lower bound, so the same rows give the same trees on any
-//! number of threads.
+//! Gradient-boosted trees for two classes (Friedman 2001, Annals of Statistics 29:1189), with
+//! second derivatives of the logistic loss (Chen and Guestrin 2016, KDD, eq. 7).
+//!
+//! Each tree grows best first: the split with the greatest gain is made next, until the tree has
+//! its number of leaves. Each leaf takes a Newton step times the learning rate. Splits are searched
+//! exactly. Ties go to the first feature and the lower threshold, so equal rows give equal trees on
+//! any number of threads.
 
 use rayon::prelude::*;
 
 use radar_sar::math;
 
-/// A labelled row of features, none of them NaN.
+/// One labelled feature vector; no feature is NaN.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LabelledFeatures<const N: usize> {
     pub features: [f64; N],
@@ -15,7 +18,8 @@ pub(super) struct LabelledFeatures<const N: usize> {
     pub weight: f64,
 }
 
-/// Whether a feature is above a bound, and where to go on, below and above: a question's number, or `!` a leaf's.
+/// One split. `then` is the next node for values at or below the bound and for values above it: the
+/// index of a split, or `!index` of a leaf.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Split {
     pub feature: usize,
@@ -23,28 +27,29 @@ pub(super) struct Split {
     pub children: [isize; 2],
 }
 
-/// Questions, the first one first, and what each leaf adds to the log odds.
+/// One tree: its splits, root first, and the log odds that each leaf adds.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct FittedTree {
     pub splits: Vec<Split>,
     pub leaves: Vec<f64>,
 }
 
-/// How trees are fitted.
+/// Hyperparameters of the fit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BoostSettings {
     pub trees: usize,
-    /// Leaves of a tree at most.
+    /// Maximum number of leaves of a tree.
     pub leaves: usize,
-    /// A leaf takes so much of its step.
+    /// Learning rate: each leaf takes this share of its Newton step.
     pub learning_rate: f64,
-    /// Rows that a leaf has at least.
+    /// Minimum number of rows in a leaf.
     pub min_rows: usize,
-    /// Added to a leaf's curvature: what few rows say counts for less.
+    /// L2 regularisation, added to a leaf's curvature: leaves of few rows take smaller steps.
     pub l2_regularisation: f64,
 }
 
-/// Log odds before any question, and the trees.
+/// Fits the prior log odds and the trees. Without rows of both classes the prior is not finite and
+/// there are no trees.
 pub(super) fn boost<const N: usize>(rows: &[LabelledFeatures<N>], settings: &BoostSettings) -> (f64, Vec<FittedTree>) {
     let total: f64 = rows.iter().map(|row| row.weight).sum();
     let things: f64 = rows.iter().filter(|row| row.is_object).map(|row| row.weight).sum();
@@ -65,7 +70,7 @@ pub(super) fn boost<const N: usize>(rows: &[LabelledFeatures<N>], settings: &Boo
 }
 
 impl FittedTree {
-    /// What the tree adds to the log odds.
+    /// Log odds that the tree adds for these features.
     pub fn log_odds<const N: usize>(&self, features: &[f64; N]) -> f64 {
         let mut at = 0;
         while at >= 0 {
@@ -82,7 +87,7 @@ impl FittedTree {
     }
 }
 
-/// Numbers of the rows by each feature, rising.
+/// Row indices sorted by each feature, ascending.
 fn sorted_rows<const N: usize>(rows: &[LabelledFeatures<N>]) -> Vec<Vec<u32>> {
     let by = |feature: usize| {
         let mut order: Vec<u32> = (0..rows.len() as u32).collect();
@@ -92,7 +97,8 @@ fn sorted_rows<const N: usize>(rows: &[LabelledFeatures<N>]) -> Vec<Vec<u32>> {
     (0..N).map(by).collect()
 }
 
-/// First derivative of the likelihood by the log odds, and the second's magnitude; sums of them.
+/// First derivative of the log likelihood by the log odds and magnitude of the second, for one row
+/// or summed over rows.
 #[derive(Debug, Clone, Copy, Default)]
 struct GradientSums {
     gradient: f64,
@@ -114,13 +120,14 @@ impl GradientSums {
         Self { gradient: self.gradient - other.gradient, curvature: self.curvature - other.curvature }
     }
 
-    /// Twice what the best step gains.
+    /// Twice the gain in log likelihood of the best step.
     fn gain(self, l2_regularisation: f64) -> f64 {
         self.gradient.powi(2) / (self.curvature + l2_regularisation)
     }
 }
 
-/// A leaf that may be divided: its rows by each feature, whose side of which question it is, and the best question.
+/// A leaf that can still be split: its rows sorted by each feature, its parent split and side, and
+/// its best split.
 struct Leaf {
     sorted_rows: Vec<Vec<u32>>,
     parent: Option<(usize, usize)>,
@@ -135,7 +142,7 @@ struct TreeFitter<'r, const N: usize> {
 }
 
 impl<const N: usize> TreeFitter<'_, N> {
-    /// The next tree; `None` when nothing can be divided.
+    /// Fits the next tree; `None` when nothing can be split.
     fn tree(&self, sorted_rows: &[Vec<u32>]) -> Option<FittedTree> {
         let mut tree = FittedTree::default();
         let mut open = vec![self.leaf(sorted_rows.to_vec(), None)];
@@ -176,13 +183,13 @@ impl<const N: usize> TreeFitter<'_, N> {
         Leaf { sorted_rows, parent, sum, best }
     }
 
-    /// Those of the rows that are below or above a bound, by each feature.
+    /// The rows at or below the bound, or above it, sorted by each feature.
     fn partition(&self, sorted_rows: &[Vec<u32>], (feature, threshold): (usize, f64), above: bool) -> Vec<Vec<u32>> {
         let is_there = |n: &u32| (self.rows[*n as usize].features[feature] > threshold) == above;
         sorted_rows.par_iter().map(|order| order.iter().copied().filter(is_there).collect()).collect()
     }
 
-    /// The bound on a feature that gains most, and how much.
+    /// The split of one feature with the greatest gain, and the gain.
     fn best_split(&self, feature: usize, order: &[u32], sum: GradientSums) -> Option<(f64, (usize, f64))> {
         let BoostSettings { l2_regularisation, min_rows, .. } = *self.settings;
         let (whole, mut below) = (sum.gain(l2_regularisation), GradientSums::default());
@@ -214,7 +221,7 @@ mod tests {
         prior + trees.iter().map(|tree| tree.log_odds(features)).sum::<f64>()
     }
 
-    /// What neither feature tells alone.
+    /// Labels that depend on both features together and on neither alone.
     fn checkerboard() -> Vec<LabelledFeatures<2>> {
         let place = |n: usize| [(n % 20) as f64 / 10.0 - 0.95, (n / 20) as f64 / 10.0 - 0.9];
         (0..380)

@@ -1,8 +1,10 @@
-//! Learns to tell things from artefacts: what the search weighs in simulated play, held against the truth, and the table that comes of it.
+//! Trains and scores the classifier that separates objects from artefacts, on simulated play
+//! sessions with known truth.
 //!
-//! A place that was believed and is a thing's teaches one class, one where nothing is the other, and so does, less, what lies at a wall, the
-//! floor or the ceiling: it misleads nobody, but these are told as planes. Places that are looked at again and again count once and a
-//! little more.
+//! A detection within 25 cm of an object's scatterer is a positive example. One where nothing is
+//! present is a negative example. One on a wall, the floor or the ceiling is a negative example of
+//! lower weight: surfaces are reported as planes, so it misleads nobody. Detections of the same
+//! place in many updates share one place's weight: n of them count √n.
 
 mod gradient_boosting;
 
@@ -15,24 +17,27 @@ use radar_mapping::{FEATURES, HeldOutScore, Model, ModelCard, ScoredCandidate, T
 use radar_sar::math;
 use radar_simulation::{PlaySession, Session};
 
-/// Nearer than this to a scatterer it is the thing's, metres.
+/// A detection nearer than this to a scatterer belongs to its object, metres. Choice: the play
+/// scorer uses the same limit.
 const OBJECT_RADIUS_M: f64 = 0.25;
-/// What is weighed within this of another is the same place, metres.
+/// Detections within this of each other are the same place, metres. Choice.
 const MERGE_RADIUS_M: f64 = 0.25;
-/// What lies on a surface counts so much of what lies where nothing is.
+/// Weight of a detection on a surface relative to one where nothing is. Choice.
 const SURFACE_WEIGHT: f64 = 0.3;
-/// As many trees as still bettered rooms that were left out of the learning.
+/// Hyperparameters. The number of trees is the largest that still improved rooms held out of the
+/// training.
 const SETTINGS: BoostSettings =
     BoostSettings { trees: 250, leaves: 24, learning_rate: 0.05, min_rows: 60, l2_regularisation: 5.0 };
 
-/// Places that were weighed, and whether something is there.
+/// Labelled features of detections in simulated sessions.
 #[derive(Debug, Clone, Default)]
 pub struct TrainingSet {
     rows: Vec<LabelledFeatures<{ FEATURES.len() }>>,
 }
 
 impl TrainingSet {
-    /// Of each seed's session. The same on any number of threads.
+    /// Plays one session per seed and labels its detections. The result does not depend on the
+    /// number of threads.
     ///
     /// # Errors
     /// A session that cannot be simulated.
@@ -50,20 +55,21 @@ impl TrainingSet {
         Ok(Self { rows: of_seeds.concat() })
     }
 
-    /// These and others.
+    /// Both sets together.
     #[must_use]
     pub fn merged(mut self, others: Self) -> Self {
         self.rows.extend(others.rows);
         self
     }
 
-    /// Number of places of things and of nothing.
+    /// Number of positive examples (objects) and of negative examples.
     pub fn counts(&self) -> (usize, usize) {
         let things = self.rows.iter().filter(|row| row.is_object).count();
         (things, self.rows.len() - things)
     }
 
-    /// Trains a model on them; `command` is what the user ran, `worlds` says what these are.
+    /// Trains a model on this set; `command` is what the user ran, `worlds` describes the sessions.
+    /// Both go into the model card.
     pub fn train(&self, command: String, worlds: String) -> Model {
         let (prior, trees) = boost(&self.rows, &SETTINGS);
         let (things, artefacts) = self.counts();
@@ -80,7 +86,7 @@ impl TrainingSet {
         Model::new((prior * 1e4).round() / 1e4, trees.into_iter().map(tree).collect(), card)
     }
 
-    /// Scores a model on them, as weighted as they are for training; `command` is what the user ran.
+    /// Scores a model on this set with the training weights; `command` is what the user ran.
     pub fn score(&self, model: &Model, command: String) -> HeldOutScore {
         let mut scored: Vec<(f64, &LabelledFeatures<{ FEATURES.len() }>)> =
             self.rows.iter().map(|row| (model.log_odds(&row.features), row)).collect();
@@ -92,7 +98,8 @@ impl TrainingSet {
             let against = if row.is_object { -odds } else { *odds };
             row.weight * math::ln_1p(math::exp(against))
         };
-        // Share of pairs of a thing and an artefact in which the thing has the higher odds; equal ones count half.
+        // Area under the ROC curve: share of pairs of an object and an artefact in which the object
+        // has the higher odds. Equal odds count half.
         let (mut artefacts_below, mut ordered) = (0.0, 0.0);
         for equal in scored.chunk_by(|a, b| a.0 == b.0) {
             let sum = |is_object| equal.iter().filter(|s| s.1.is_object == is_object).map(|s| s.1.weight).sum::<f64>();
@@ -112,12 +119,12 @@ impl TrainingSet {
     }
 }
 
-/// To four places after the point, as the file has it.
+/// Rounds to four decimals, as the model file stores them.
 fn rounded(value: f64) -> f32 {
     ((value * 1e4).round() / 1e4) as f32
 }
 
-/// What is at a place.
+/// What is truly at a detection's position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum TrueClass {
     Object,
@@ -139,7 +146,7 @@ fn true_class(session: &Session, time_s: f64, weighed: &ScoredCandidate) -> True
     }
 }
 
-/// Rows of one session: a place that was weighed n times counts √n times.
+/// Rows of one session: a place detected n times counts √n times.
 fn rows(places: &[(ScoredCandidate, TrueClass)]) -> Vec<LabelledFeatures<{ FEATURES.len() }>> {
     let mut middles: Vec<(DVec3, TrueClass, usize)> = Vec::new();
     let mut middle_of = |place: DVec3, what: TrueClass| {
@@ -180,7 +187,8 @@ mod tests {
         let right = set.score(&model, "test".into());
         assert!(right.area_under_curve == 1.0 && right.log_loss < 0.01, "{right:?}");
         assert_eq!((right.things, right.artefacts), (200, 200));
-        // Where half of the classes are the other way round, half of the order is lost and the loss is that of a wrong certainty.
+        // With the labels of half of the rows inverted, the order is random and the loss that of
+        // confident errors.
         let mut mixed = set.clone();
         mixed.rows.iter_mut().step_by(2).for_each(|row| row.is_object = !row.is_object);
         let half = mixed.score(&model, "test".into());

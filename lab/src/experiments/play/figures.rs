@@ -1,147 +1,155 @@
-//! What is noted of sessions, and what comes of it.
+//! Raw figures of play sessions, and the rates computed from them.
 
 use serde::Serialize;
 
-/// Why something was reported that is not there.
+/// Cause of a false report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Cause {
-    /// The player's own hands were there a moment ago.
+    /// The player's own hands were there shortly before.
     Hand,
-    /// The visitor was there a moment ago.
+    /// The visitor was there shortly before.
     Visitor,
-    /// Nothing that is known of.
+    /// No known cause.
     Nothing,
 }
 
-/// The body came within [`Rates::NEAR_M`] of a thing.
+/// The body came within [`Rates::NEAR_M`] of an object or wall.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Approach {
-    /// What it is: "chair", "wall".
+    /// Kind of object: "chair", "wall".
     pub kind: String,
-    /// When it had to be warned of, seconds.
+    /// Time at which it had to be warned of, seconds.
     pub deadline_s: f64,
-    /// How near the body was then, metres.
+    /// Distance from the body at that time, metres.
     pub deadline_m: f64,
-    /// Time that it had been in the beam by then, seconds.
+    /// Time in the beam up to the deadline, seconds.
     pub in_beam_s: f64,
-    /// Time that it had returned enough for any reconstruction with this sensor, seconds.
+    /// Time up to the deadline in which its echo was strong enough for any reconstruction with this
+    /// sensor, seconds.
     pub visible_s: f64,
-    /// The first of this thing.
+    /// Whether it is the first approach to this object.
     pub is_first: bool,
-    /// It was being warned of at the deadline.
+    /// Whether a warning was shown at the deadline.
     pub warned: bool,
-    /// From how far on it had been warned of without a break, metres; 0 when it was not.
+    /// Distance from which on the warning was shown without a break, metres; 0 when it was not
+    /// shown.
     pub lead_m: f64,
-    /// From reported places of it to its nearest scatterer, metres.
+    /// Distances from the reported positions to the object's nearest scatterer, metres.
     pub errors_m: Vec<f64>,
-    /// How what was reported of it is bounded; `None` of what was not reported, and of walls.
+    /// Errors of the reported bounds; `None` for objects that were not reported, and for walls.
     pub bounds: Option<BoundErrors>,
 }
 
-/// What is reported of a thing against the thing's own scatterers, metres: positive where it is shown nearer, wider, higher
-/// than it is.
+/// Bounds of the report against the object's own scatterers, metres. Positive: reported nearer,
+/// wider or higher than it is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct BoundErrors {
-    /// Its near side, seen from the body.
+    /// Near side, as seen from the body.
     pub near_m: f64,
-    /// Its width, across the line of sight and level.
+    /// Width, horizontal and across the line of sight.
     pub width_m: f64,
-    /// Its top.
+    /// Top.
     pub top_m: f64,
 }
 
-/// Something was reported where nothing is.
+/// A report where nothing is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FalseReport {
-    /// When, seconds.
+    /// Time, seconds.
     pub time_s: f64,
-    /// Why.
+    /// Cause.
     pub cause: Cause,
-    /// As a wall.
+    /// Whether it was reported as a wall.
     pub is_wall: bool,
     /// Within [`Rates::NEAR_M`] of the body.
     pub is_near: bool,
 }
 
-/// What became of a thing that was carried away.
+/// Outcome for an object that was carried away.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RemovalOutcome {
-    /// It was known when it went.
+    /// Whether it was reported when it was carried away.
     pub was_known: bool,
-    /// Time that its place was in the beam from then on, until it was no longer reported, seconds; `None`: it still is.
+    /// Time that its former position was in the beam until it was no longer reported, seconds;
+    /// `None`: still reported.
     pub looked_s: Option<f64>,
 }
 
-/// All that was noted of some sessions.
+/// Figures of one or more sessions.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Figures {
     /// Time played, seconds.
     pub played_s: f64,
-    /// Approaches, session by session, by their deadlines.
+    /// Approaches, session by session, by deadline.
     pub approaches: Vec<Approach>,
-    /// Reports of nothing: each time one appears anywhere, and each time that one comes near the body.
+    /// False reports: one entry when one first appears anywhere, and one each time that one comes
+    /// near the body.
     pub false_reports: Vec<FalseReport>,
-    /// Time during which a report of nothing was near the body, seconds.
+    /// Time with a false report near the body, seconds.
     pub false_near_s: f64,
     /// Chairs that were carried away.
     pub forgettings: Vec<RemovalOutcome>,
-    /// Obstacles in the map at the end of each session.
+    /// Number of obstacles in the map at the end of each session.
     pub reports_at_end: Vec<usize>,
-    /// Times that a warning came on or went out within a second of doing the opposite, for the same thing.
+    /// Number of times that a warning switched on or off within a second of the opposite, for the
+    /// same object.
     pub flickers: u64,
 }
 
-/// What the figures come to.
+/// Rates computed from the figures.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Rates {
-    /// Approaches of things that had been in the beam for [`Rates::SEEN_S`].
+    /// Approaches of objects that had been in the beam for [`Rates::SEEN_S`].
     pub due: usize,
     /// Of these, warned of in time.
     pub warned: usize,
-    /// Of the due, those that had returned enough for long enough: no reconstruction could warn of more.
+    /// Of the due, those whose echo was strong enough for long enough: the upper bound for any
+    /// reconstruction.
     pub visible: usize,
-    /// The first approach of each thing: due and warned.
+    /// First approaches only: due.
     pub first_due: usize,
-    /// See `first_due`.
+    /// First approaches only: warned of in time.
     pub first_warned: usize,
-    /// Lead of the due approaches, missed ones at 0: median and 10th percentile, metres.
+    /// Median distance at which the warning came on, of the due approaches, missed ones at 0,
+    /// metres.
     pub lead_median_m: f64,
-    /// See `lead_median_m`.
+    /// 10th percentile of that distance, metres.
     pub lead_p10_m: f64,
-    /// Reports of nothing a minute, wherever they are.
+    /// False reports per minute, anywhere.
     pub false_per_min: f64,
-    /// Times a minute that a report of nothing is near the body.
+    /// Times per minute that a false report is near the body.
     pub false_near_per_min: f64,
-    /// Of these, from the player's own hands.
+    /// Of these, caused by the player's own hands.
     pub hands_per_min: f64,
-    /// Walls that are none a minute, wherever they are.
+    /// False walls per minute, anywhere.
     pub false_walls_per_min: f64,
-    /// Share of time with a report of nothing near the body.
+    /// Share of time with a false report near the body.
     pub false_near_share: f64,
-    /// Position error of what was warned of: median and 90th percentile, metres.
+    /// Median position error of objects warned of, metres.
     pub error_median_m: f64,
-    /// See `error_median_m`.
+    /// 90th percentile of that error, metres.
     pub error_p90_m: f64,
-    /// Of what was warned of, how much nearer, wider and higher it is reported than it is: medians, metres.
+    /// Median excess of the reported bounds (nearer, wider, higher) of objects warned of, metres.
     pub bounds_median_m: [f64; 3],
-    /// The 90th percentiles of how far these are off either way.
+    /// 90th percentiles of the magnitude of that excess, metres.
     pub bounds_p90_m: [f64; 3],
-    /// Time in the beam until a removed chair is forgotten: median and greatest, seconds; infinite: it never was.
+    /// Median time in the beam until a removed chair is no longer reported, seconds; infinite:
+    /// never.
     pub forget_median_s: f64,
-    /// See `forget_median_s`.
+    /// Longest such time, seconds.
     pub forget_worst_s: f64,
 }
 
 impl Rates {
-    /// Near the body, metres.
+    /// Distance that counts as near the body, metres. Choice.
     pub const NEAR_M: f64 = 1.0;
-    /// Time in the beam from which on a thing can be asked for, seconds.
+    /// Minimum time in the beam before an object counts as due, seconds. Choice.
     pub const SEEN_S: f64 = 0.75;
 }
 
 impl Figures {
-    /// Adds another session's.
+    /// Adds another session's figures.
     pub fn add(&mut self, other: Self) {
         self.played_s += other.played_s;
         self.approaches.extend(other.approaches);
@@ -152,7 +160,7 @@ impl Figures {
         self.flickers += other.flickers;
     }
 
-    /// Approaches of one kind of thing alone.
+    /// Approaches of one kind of object alone.
     pub fn of_kind(&self, kind: &str) -> Self {
         let approaches = self.approaches.iter().filter(|a| a.kind == kind).cloned().collect();
         Self { approaches, ..self.clone() }
@@ -164,7 +172,7 @@ impl Figures {
         Self { approaches, ..self.clone() }
     }
 
-    /// Kinds of things that were approached, by name.
+    /// Kinds of objects that were approached, sorted by name.
     pub fn kinds(&self) -> Vec<String> {
         let mut kinds: Vec<String> = self.approaches.iter().map(|a| a.kind.clone()).collect();
         kinds.sort();
@@ -172,7 +180,7 @@ impl Figures {
         kinds
     }
 
-    /// What they come to.
+    /// Computes the rates.
     pub fn rates(&self) -> Rates {
         let due: Vec<&Approach> = self.approaches.iter().filter(|a| a.in_beam_s >= Rates::SEEN_S).collect();
         let firsts = || due.iter().filter(|a| a.is_first);
@@ -214,8 +222,8 @@ fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values
 }
 
-/// Of rising values, the nearest; NaN of none. (`recorded::quantile` lies between two of them and is 0 of none: here it is to be one that was
-/// measured, and of nothing nothing is told.)
+/// Quantile of sorted values: the nearest of them; NaN without any. (`recorded::quantile`
+/// interpolates and gives 0 without values; here the result is a measured value, or none.)
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     let at = (share * sorted.len().saturating_sub(1) as f64).round() as usize;
     sorted.get(at).copied().unwrap_or(f64::NAN)

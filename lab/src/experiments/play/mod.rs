@@ -1,5 +1,6 @@
-//! Play sessions: simulated players in furnished rooms, the whole chain from sweeps to warnings, and what it is worth to them:
-//! approaches warned of in time, warnings of nothing, how long a thing that is gone is still believed in.
+//! Play sessions: simulated players in furnished rooms through the whole chain from sweeps to
+//! warnings. Measures approaches warned of in time, false warnings, and how long a removed object
+//! stays reported.
 
 mod figures;
 mod present;

@@ -1,9 +1,9 @@
-//! The figures of play sessions as tables.
+//! Tables of play-session figures.
 
 use super::figures::{Figures, Rates};
 use radar_chaperone::report::Table;
 
-/// Every kind of thing, and all together.
+/// One row per kind of object, and all together.
 pub fn by_kind(figures: &Figures) -> Table {
     let mut rows: Vec<Vec<String>> =
         figures.kinds().iter().map(|kind| kind_row(kind, &figures.of_kind(kind).rates())).collect();
@@ -16,16 +16,19 @@ pub fn by_kind(figures: &Figures) -> Table {
     Table { head: head.map(str::to_owned).to_vec(), rows, caption: CAPTION.into() }
 }
 
-const CAPTION: &str = "due: approaches within 1 m of what had been in the beam for 0.75 s. visible: those whose echoes were \
-    10 dB over the noise of a block for as long, the most that any reconstruction could warn of. first: each thing's first approach. \
-    lead: how far away it was when the warning came on, m, 0 when missed. error: from reported places to the nearest scatterer, m. \
-    nearer, wider, higher: the cells of what is reported of a thing that is warned of, against the thing's scatterers; medians, m.";
+const CAPTION: &str = "due: approaches within 1 m of an object that had been in the beam for 0.75 s. visible: those \
+    whose echoes were 10 dB over the noise of a sub-aperture for as long, the upper bound for any reconstruction. \
+    first: each object's first approach. lead: distance at which the warning came on, m, 0 when missed. error: from \
+    reported positions to the nearest scatterer, m. nearer, wider, higher: bounds of the reported cells of objects \
+    warned of, minus those of the objects' scatterers; medians, m.";
 
-const CURVE_CAPTION: &str = "in time: warned of before 0.4 m or 0.6 s, of the approaches within 1 m of what had been in the beam for 0.75 s, \
-    walls left out. first: of each thing's first approach. visible: those whose echoes were 10 dB over the noise of a block for as long, the \
-    most that any reconstruction could warn of. lead: how far away it was when the warning came on, 0 when missed. false near: reported \
-    where nothing is, each time that it comes within 1 m of the body; false: each such report once, wherever it is. error: from reported places to \
-    the nearest scatterer, median. forgotten: a chair that was carried away, time in the beam until it is no longer reported, median.";
+const CURVE_CAPTION: &str = "in time: warned of before 0.4 m or 0.6 s, of the approaches within 1 m of an object \
+    that had been in the beam for 0.75 s, without walls. first: of each object's first approach. visible: those whose \
+    echoes were 10 dB over the noise of a sub-aperture for as long, the upper bound for any reconstruction. lead: \
+    distance at which the warning came on, 0 when missed. false near: false reports, counted each time that one comes \
+    within 1 m of the body; false: each false report once, anywhere. error: from reported positions to the nearest \
+    scatterer, median. forgotten: a chair that was carried away, time in the beam until it is no longer reported, \
+    median.";
 
 fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
     let (metres, fine) = (|m: f64| formatted(m, 2), |m: f64| formatted(m, 3));
@@ -47,7 +50,7 @@ fn kind_row(name: &str, rates: &Rates) -> Vec<String> {
     ]
 }
 
-/// A number; what took for ever never was, and of nothing nothing is told.
+/// A number as text: infinity is "never", NaN is a dash.
 fn formatted(value: f64, digits: usize) -> String {
     match value {
         f64::INFINITY => "never".into(),
@@ -60,7 +63,7 @@ fn percent(part: usize, of: usize) -> String {
     if of == 0 { "–".into() } else { format!("{:.1}", 100.0 * part as f64 / of as f64) }
 }
 
-/// The figures that decide, beside what they should be.
+/// The figures that decide, with their targets.
 pub fn totals(figures: &Figures) -> Table {
     let (things, all) = (figures.without_walls().rates(), figures.rates());
     let row = |name: &str, is: String, wanted: &str| vec![name.to_owned(), is, wanted.to_owned()];
@@ -74,25 +77,25 @@ pub fn totals(figures: &Figures) -> Table {
         row("warned before 0.4 m or 0.6 s, %", percent(things.warned, things.due), "≥ 95"),
         row("lead distance, median, m", formatted(things.lead_median_m, 2), "≥ 1.0"),
         row("lead distance, 10th percentile, m", formatted(things.lead_p10_m, 2), "≥ 0.5"),
-        row("reported where nothing is, near the body, a minute", formatted(all.false_near_per_min, 2), "≤ 1"),
-        row("   of these from own hands", formatted(all.hands_per_min, 2), "≤ 0.5; tracked 0"),
-        row("reported where nothing is, anywhere, a minute", formatted(all.false_per_min, 2), ""),
-        row("   of these walls", formatted(all.false_walls_per_min, 2), ""),
-        row("time with one near the body, %", formatted(100.0 * all.false_near_share, 1), ""),
-        row("removed chair forgotten after looking, median, s", formatted(all.forget_median_s, 1), "≤ 5"),
+        row("false reports near the body, per minute", formatted(all.false_near_per_min, 2), "≤ 1"),
+        row("   of these, from the player's hands", formatted(all.hands_per_min, 2), "≤ 0.5; tracked 0"),
+        row("false reports anywhere, per minute", formatted(all.false_per_min, 2), ""),
+        row("   of these, walls", formatted(all.false_walls_per_min, 2), ""),
+        row("time with a false report near the body, %", formatted(100.0 * all.false_near_share, 1), ""),
+        row("removed chair no longer reported, time in beam, median, s", formatted(all.forget_median_s, 1), "≤ 5"),
         row("   the slowest, s", formatted(all.forget_worst_s, 1), ""),
-        row("place of what is warned of, median error, cm", formatted(100.0 * things.error_median_m, 1), "≤ 5"),
-        row("near side, reported nearer (+) than it is: median; 9 of 10 off by less, cm", bound(0), ""),
+        row("position error of objects warned of, median, cm", formatted(100.0 * things.error_median_m, 1), "≤ 5"),
+        row("near side, reported nearer (+) than true: median; 90 % of magnitudes, cm", bound(0), ""),
         row("   width, reported wider (+)", bound(1), ""),
         row("   top, reported higher (+)", bound(2), ""),
-        row("warnings that flicker, a minute", formatted(figures.flickers as f64 / minutes, 2), ""),
+        row("flickering warnings, per minute", formatted(figures.flickers as f64 / minutes, 2), ""),
         row("obstacles in the map at the end", format!("{at_end:.0}"), ""),
         row("played, minutes", format!("{minutes:.1}"), ""),
     ];
     Table { head: ["figure", "is", "to reach"].map(str::to_owned).to_vec(), rows, caption: String::new() }
 }
 
-/// Found against falsely reported, one row a setting.
+/// Detections against false reports, one row per setting.
 pub fn curve<'f>(settings: impl Iterator<Item = (&'f str, &'f Figures)>) -> Table {
     let row = |(name, figures): (&str, &Figures)| {
         let (things, all) = (figures.without_walls().rates(), figures.rates());

@@ -1,5 +1,5 @@
-//! Plays sessions through the whole chain: frames and poses into the pipeline, its scenes into the warnings, thirty times a second held
-//! against the truth.
+//! Plays sessions through the whole chain: frames and poses into the pipeline, its scenes into the
+//! warnings, scored against the truth thirty times a second.
 
 use rayon::prelude::*;
 
@@ -12,12 +12,12 @@ use radar_mapping::Pipeline;
 use radar_mapping::{HandsM, Scene, ScoredCandidate};
 use radar_simulation::{PlaySession, Session, SessionError};
 
-/// What to play, and with what.
+/// Sessions to play, and the settings to play them with.
 #[derive(Debug, Clone)]
 pub struct PlayTrial {
-    /// The sessions, but for their seeds.
+    /// The session; its seed is replaced.
     pub session: PlaySession,
-    /// The settings, without the sensor's own.
+    /// The settings. Mount and sensor configuration come from the session.
     pub settings: Settings,
     /// Whether the player's controllers are tracked.
     pub controllers: bool,
@@ -26,17 +26,18 @@ pub struct PlayTrial {
 /// Why there are no figures.
 #[derive(Debug, thiserror::Error)]
 pub enum PlayError {
-    /// The simulation.
+    /// The session cannot be simulated.
     #[error(transparent)]
     Session(#[from] SessionError),
 }
 
-/// Frames that are simulated at a time, seconds.
+/// Duration of frames simulated at a time, seconds.
 const BATCH_S: f64 = 4.0;
-/// Poses between two steps of the judgement: 30 a second.
+/// Poses between two scoring steps: 30 steps per second.
 const POSES_PER_STEP: usize = 4;
 
-/// The figures of each seed's session, in the seeds' order; `done` is called as each is over. The same on any number of threads.
+/// Plays one session per seed and returns the figures in the seeds' order. `done` is called when
+/// each is over. The result does not depend on the number of threads.
 ///
 /// # Errors
 /// A session that cannot be simulated.
@@ -50,7 +51,8 @@ pub fn play(trial: &PlayTrial, seeds: &[u64], done: impl Fn(u64, &Figures) + Syn
     seeds.par_iter().map(play_one).collect()
 }
 
-/// Plays one session; `on_update` is told after each look at the evidence what was weighed in it, and when, seconds.
+/// Plays one session. `on_update` is called after each update of the map with the time, seconds, and the
+/// scored detections.
 pub(in crate::experiments) fn for_each_update(
     session: &Session,
     trial: &PlayTrial,
@@ -105,7 +107,7 @@ impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
         self.scorer.end(reports)
     }
 
-    /// Where the controllers are tracked, if they are.
+    /// Positions of the controllers, if they are tracked.
     fn tracked_hands(&self, time_ns: i64) -> Option<HandsM> {
         let time_s = (time_ns - Session::host_ns(0.0)) as f64 * 1e-9;
         let hands = self.session.hands_at(time_s).filter(|_| self.trial.controllers)?;

@@ -1,9 +1,11 @@
-//! Holds what is warned of against what is there, step by step.
+//! Scores reports and warnings of a play session against the truth, step by step.
 //!
-//! The body is the upright line below the head: what is no higher than the eyes is as near as it is over the floor. A thing is
-//! approached from the moment when the body comes within 1 m of it. It must be warned of by the deadline: when the body is within
-//! 0.4 m, or would be there within 0.6 s at its speed; where neither happens, when it is nearest. A thing is warned of while a shown
-//! shape has a place within 25 cm of one of its scatterers, a wall while a panel in its plane is shown.
+//! The body is modelled as the vertical line below the head: a point no higher than the eyes is as
+//! near as its horizontal distance. An approach to an object begins when the body comes within 1 m
+//! of it. It must be warned of by the deadline: when the body is within 0.4 m, or would be there
+//! within 0.6 s at its speed; if neither happens, when it is nearest. An object counts as warned of
+//! while a shown shape has a point within 25 cm of one of its scatterers, a wall while a panel in
+//! its plane is shown.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -16,42 +18,45 @@ use radar_sar::geometry::{Aabb, Plane, Pose};
 use radar_sar::math;
 use radar_simulation::{Scatterer, Session, SessionWall};
 
-/// The deadline: nearness and time to contact.
+/// Deadline of a warning: distance and time to contact. Choice.
 const DEADLINE_M: f64 = 0.4;
 const DEADLINE_S: f64 = 0.6;
-/// Closing speeds below this are standing still, metres a second.
+/// Closing speeds below this count as standing still, metres per second. Choice.
 const MIN_CLOSING_M_PER_S: f64 = 0.3;
-/// An approach is over beyond this, metres.
+/// Distance beyond which an approach is over, metres. Choice.
 const APPROACH_END_M: f64 = 1.2;
-/// What is reported farther than this from everything is reported where nothing is, metres.
+/// A report farther than this from everything is false, metres. Choice.
 const FALSE_REPORT_M: f64 = 0.25;
-/// Somebody's parts: a report of them this near is of somebody who is there.
+/// Distance from a person's parts within which a report is of the person, metres. Choice.
 const PERSON_RADIUS_M: f64 = 0.4;
-/// For so long after a moving thing was at a place it may still be reported there, seconds.
+/// Time after a moving person was at a place during which a report there is not false, seconds.
+/// Choice.
 const MOVED_AWAY_GRACE_S: f64 = 1.5;
-/// What moved at most so long before a report may be its cause, seconds.
+/// Maximum time between a movement and a false report that it may have caused, seconds. Choice.
 const CAUSE_WINDOW_S: f64 = 6.0;
-/// A place is noted as often, seconds.
+/// Interval at which positions of hands and visitor are stored, seconds. Choice.
 const TRAIL_STEP_S: f64 = 0.1;
-/// Power signal to noise ratio of a block from which on a scatterer is visible, dB, and a block's length, seconds.
+/// Power SNR of one sub-aperture from which on a scatterer counts as visible, dB, and the length of
+/// a sub-aperture, seconds.
 const MIN_VISIBLE_SNR_DB: f64 = 10.0;
 const SUBAPERTURE_S: f64 = 0.09;
-/// On and off again within this time is a flicker, seconds.
+/// A warning that switches on and off again within this time flickers, seconds. Choice.
 const FLICKER_S: f64 = 1.0;
-/// A wall is warned of by a panel in a plane like its own.
+/// A wall is warned of by a panel whose plane differs by at most this angle, degrees, and this
+/// offset, metres. Choice.
 const WALL_ANGLE_DEG: f64 = 8.0;
 const WALL_OFFSET_M: f64 = 0.15;
 
-/// What is shown at a time.
+/// What is shown at one time.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ShownWarnings {
-    /// Places of shapes.
+    /// Points of the shown shapes, tracking frame, metres.
     pub points_m: Vec<DVec3>,
-    /// Planes of walls.
+    /// Planes of the shown walls.
     pub planes: Vec<Plane>,
 }
 
-/// One session under judgement.
+/// Scores one session.
 pub(super) struct Scorer<'s> {
     session: &'s Session,
     targets: Vec<Target<'s>>,
@@ -63,7 +68,7 @@ pub(super) struct Scorer<'s> {
     figures: Figures,
 }
 
-/// Something that can be run into.
+/// An object or wall that can be run into.
 struct Target<'s> {
     geometry: TargetGeometry<'s>,
     kind: String,
@@ -74,7 +79,7 @@ struct Target<'s> {
     is_warned: bool,
     changed_s: f64,
     flickered: bool,
-    /// Farthest since it is warned of without a break.
+    /// Greatest distance since the current unbroken warning began, metres.
     lead_m: f64,
     approached: bool,
     approach: Option<OpenApproach>,
@@ -85,13 +90,13 @@ enum TargetGeometry<'s> {
     Wall(&'s SessionWall),
 }
 
-/// An approach that is not over.
+/// An approach in progress.
 struct OpenApproach {
     nearest: Approach,
     is_scored: bool,
 }
 
-/// What was reported, by its number.
+/// Key of a reported obstacle or wall.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum ReportId {
     Obstacle(u64),
@@ -132,7 +137,7 @@ impl<'s> Scorer<'s> {
         }
     }
 
-    /// What is so at a time, which goes on.
+    /// Scores one step; times increase.
     pub fn step(&mut self, time_s: f64, scene: &Scene, shown: &ShownWarnings) {
         let step_s = time_s - self.last_s;
         self.last_s = time_s;
@@ -148,7 +153,7 @@ impl<'s> Scorer<'s> {
         self.track_removal(time_s, step_s, &sensor, scene);
     }
 
-    /// The session is over.
+    /// Ends the session. `reports` is the number of obstacles in the map.
     pub fn end(mut self, reports: usize) -> Figures {
         for target in &mut self.targets {
             self.figures.approaches.extend(target.end());
@@ -204,9 +209,10 @@ impl<'s> Scorer<'s> {
         self.figures.false_near_s += if any_near { step_s } else { 0.0 };
     }
 
-    /// Whether something is, or was a moment ago, where something is reported.
+    /// Whether something is, or shortly before was, at a reported position.
     fn is_real(&self, time_s: f64, place: DVec3) -> bool {
-        // What was carried away is asked for by itself.
+        // A removed object counts as present here: how long it stays reported is measured
+        // separately.
         let things = self.targets.iter().map(|target| target.distance_to_m(place));
         let person = self.visitor.iter().filter(|(at_s, _)| time_s - at_s <= MOVED_AWAY_GRACE_S);
         things.fold(f64::INFINITY, f64::min) <= FALSE_REPORT_M
@@ -249,7 +255,8 @@ impl<'s> Scorer<'s> {
     }
 }
 
-/// What is reported and where: obstacles, and of upright walls the part that was seen nearest to the head.
+/// Reported positions: obstacles, and of each upright wall the part nearest to the head of where it
+/// was seen.
 fn reported_positions(scene: &Scene, head: DVec3) -> Vec<(ReportId, DVec3)> {
     let obstacles = scene.obstacles.iter().map(|obstacle| (ReportId::Obstacle(obstacle.id), obstacle.position_m));
     let upright = scene.walls.iter().filter(|wall| wall.plane.is_upright());
@@ -275,7 +282,7 @@ impl<'s> Target<'s> {
         }
     }
 
-    /// From a place to its nearest scatterer, metres; infinite for walls.
+    /// Distance from a point to the nearest scatterer, metres; infinite for walls.
     fn distance_to_m(&self, place: DVec3) -> f64 {
         match self.geometry {
             TargetGeometry::Object(parts) => {
@@ -303,7 +310,7 @@ impl<'s> Target<'s> {
         }
     }
 
-    /// Whether it is in the beam, and whether it returns enough.
+    /// Whether it is in the beam, and whether its echo is strong enough.
     fn is_seen(&self, session: &Session, sensor: &Pose) -> (bool, bool) {
         match self.geometry {
             TargetGeometry::Object(parts) => {
@@ -338,7 +345,7 @@ impl<'s> Target<'s> {
         self.in_beam_s += if in_beam { step_s } else { 0.0 };
         self.visible_s += if visible { step_s } else { 0.0 };
         let distance_m = self.body_distance_m(head);
-        // Nothing comes nearer in the first step.
+        // The closing speed of the first step is 0.
         let before_m = if self.distance_m.is_finite() { self.distance_m } else { distance_m };
         let closing_m_per_s = (before_m - distance_m) / step_s.max(1e-9);
         self.distance_m = distance_m;
@@ -355,7 +362,7 @@ impl<'s> Target<'s> {
         self.update_approach(time_s, is_due, head, scene)
     }
 
-    /// Follows the approach, if there is one; gives it when it is over.
+    /// Updates the approach, if there is one; returns it when it is over.
     fn update_approach(&mut self, time_s: f64, is_due: bool, head: &Pose, scene: &Scene) -> Option<Approach> {
         if self.approach.is_none() && self.distance_m < Rates::NEAR_M {
             self.approach =
@@ -393,7 +400,8 @@ impl<'s> Target<'s> {
         }
     }
 
-    /// The shape of what is reported of it, to the outer sides of its cells, against its scatterers.
+    /// Errors of the reported shape's bounds, taken at the outer sides of its cells, against the
+    /// object's scatterers.
     fn bound_errors(&self, head: &Pose, scene: &Scene) -> Option<BoundErrors> {
         let TargetGeometry::Object(parts) = self.geometry else { return None };
         let of_it =
@@ -417,7 +425,7 @@ impl<'s> Target<'s> {
     }
 }
 
-/// From the body to a place, metres.
+/// Distance from the body to a point, metres.
 fn body_distance_m(head: &Pose, place: DVec3) -> f64 {
     let to = place - head.translation;
     if to.y > 0.0 { to.length() } else { math::hypot(to.x, to.z) }
@@ -428,7 +436,7 @@ fn is_same_plane(plane: &Plane, wall: &Plane) -> bool {
         && (plane.offset_m - wall.offset_m).abs() <= WALL_OFFSET_M
 }
 
-/// Power signal to noise ratio of a scatterer after a block's sweeps are summed, dB.
+/// Power SNR of a scatterer after the sweeps of one sub-aperture are summed, dB.
 fn subaperture_snr_db(session: &Session, sensor: &Pose, part: &Scatterer) -> f64 {
     let play = session.play();
     let to = part.position_m - sensor.translation;

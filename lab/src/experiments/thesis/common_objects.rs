@@ -1,4 +1,4 @@
-//! Clothes hanger, chair, two chairs: what of them is imaged.
+//! Thesis experiment "common objects": how clothes hanger, chair and two chairs are imaged.
 
 use glam::DVec3;
 
@@ -14,13 +14,13 @@ use radar_sar::math;
 use radar_sar::{Selection, Statistic, Volume};
 use radar_simulation::{Scatterer, scene};
 
-/// The thesis' three.
+/// The thesis' three scenes.
 const SCENES: [(&str, &str); 3] =
     [("clothes-hanger", "clothes hanger"), ("chair", "chair"), ("two-chairs", "two chairs")];
 const HANGER: usize = 0;
 const CHAIR: usize = 1;
 const CHAIRS: usize = 2;
-/// Ways to an image: name, file, what its values are.
+/// Imaging methods: name, file, meaning of the values.
 const METHODS: [(&str, &str, &str); 5] = [
     ("the thesis' sum", "plain", "correlation (amplitude)"),
     ("squared", "squared", "correlation² (power)"),
@@ -33,44 +33,47 @@ const SQUARED: usize = 1;
 const FINER: usize = 2;
 const COHERENT: usize = 3;
 const COHERENT_SQUARED: usize = 4;
-/// Ways that are drawn, the thesis' own and ours: as cross-sections, as a cloud, and from which share of the greatest value on.
+/// Methods that are drawn, the thesis' and ours: as cross-sections, as a cloud, and the cloud's
+/// threshold as a share of the greatest value.
 const DRAWN: [(usize, usize, f64); 2] = [(SQUARED, SQUARED, 0.5), (COHERENT_SQUARED, COHERENT, 0.35)];
-/// Thinner than the thesis' voxel, to see whether that is what hides detail, metres.
+/// A voxel edge below the thesis' 10 cm, to test whether the voxel size hides detail, metres.
 const FINER_VOXEL_M: f64 = 0.04;
 const SWEEPS: usize = 50;
-/// Long enough for the sub-apertures to see from all over the sphere, seconds.
+/// Duration of the coherent recording, seconds: long enough for views from all over the sphere.
 const COHERENT_S: f64 = 4.0;
-/// A chair's points lower than this are its metal legs' feet, the others its seat and back, metres.
+/// Chair points below this height are the feet of the metal legs, the others seat and back, metres.
 const LEGS_BELOW_M: f64 = 0.2;
-/// A size is about right when it is off by a voxel of the thesis on either side at most, metres.
+/// Tolerance of a size, metres: one thesis voxel on either side.
 const SIZE_TOLERANCE_M: f64 = 2.0 * THESIS_VOXEL_M;
 
-/// Thresholds of the curves: from 95 % of the greatest amplitude down to this share in steps.
+/// Lowest threshold of the precision–recall curves as a share of the greatest amplitude; from 95 %
+/// downwards in steps of `SHARE_STEP`.
 const MIN_SHARE: f64 = 0.3;
 const SHARE_STEP: f64 = 0.05;
 
-/// One way to one object's image, medians.
+/// Figures of one method and one object; medians over the seeds.
 #[derive(Debug, Clone, Copy)]
 struct Figures {
     accuracy: ShapeAccuracy,
     true_extent_m: DVec3,
-    /// Of a chair: the greatest value at seat and back as a share of that at the legs, and the share of each that is imaged.
+    /// Chairs: greatest value at seat and back as a share of that at the legs.
     wood: f64,
-    /// As the sensor receives it: power of the strongest point of seat and back over the strongest of the legs, dB.
+    /// Chairs: received power of the strongest point of seat and back over that of the legs, dB.
     received_db: f64,
     legs_recall: f64,
     wood_recall: f64,
-    /// Of two chairs; `None` where the image has nothing at one of them in most trials.
+    /// Two chairs; `None` where most trials have no value at one of them.
     apart: Option<PeakSeparation>,
 }
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
         procedure: format!(
-            "A clothes hanger, a chair, and a metal chair beside a plastic one (8 dB weaker), seen from within a sphere of 50 cm, their strongest point \
-             with 40 dB at 1 m; {} seeds, medians. The thesis' way: its sum from {SWEEPS} sweeps by its thinning (10 s, preset fine), plain, \
-             and squared as it drew it. Ours: {COHERENT_S:.0} s with preset d16, coherent within sub-apertures of 360 ms, power across them, \
-             voxels of 1.25 cm. An image is what has at least half of its greatest value.",
+            "A clothes hanger, a chair, and a metal chair beside a plastic one (8 dB weaker), imaged from within a \
+             sphere of 50 cm, 40 dB at 1 m for the strongest point; {} seeds, medians. The thesis' method: its sum \
+             over {SWEEPS} sweeps chosen by its thinning (10 s, preset fine), plain, and squared as the thesis drew \
+             it. Ours: {COHERENT_S:.0} s with preset d16, coherent within sub-apertures of 360 ms, power summed across \
+             them, voxels of 1.25 cm. A voxel counts as imaged when it has at least half of the greatest value.",
             trials.seeds
         ),
         ..Outcome::default()
@@ -114,9 +117,9 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     tables(&mut outcome, rows, &all);
     let series = curves.into_iter().map(|(name, points)| Series { name, points, joined: true });
     let chart = Chart {
-        title: "What is imaged of what is there, and what beside it, as the threshold falls from the peak".into(),
-        x_label: "points of the object that are imaged, within 10 cm (%)".into(),
-        y_label: "imaged voxels at the object, within 10 cm (%)".into(),
+        title: "Precision over recall as the threshold falls from the peak".into(),
+        x_label: "recall: object points with an imaged voxel within 10 cm (%)".into(),
+        y_label: "precision: imaged voxels within 10 cm of the object (%)".into(),
         x_log: false,
         y_log: false,
         series: series.collect(),
@@ -124,20 +127,20 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     outcome.draw(
         "precision-over-recall",
         chart.draw(),
-        "Thresholds from 95 to 30 % of the greatest amplitude, medians. Squaring moves along these curves and does not change them: it keeps \
-         the voxels' order.",
+        "Thresholds from 95 to 30 % of the greatest amplitude, medians. Squaring keeps the order of the voxels: it \
+         moves along these curves and does not change them.",
     );
     findings(&mut outcome, &all, point_extent_m(trials)?);
     Ok(outcome)
 }
 
-/// By each way.
+/// One image per method.
 fn images(slow: &TrialRecording, fast: &TrialRecording) -> [Volume; 5] {
     let sweeps = chosen(slow, SWEEPS, Selection::ThesisHull);
     let plain = volume(&sweeps, Statistic::Thesis, THESIS_VOXEL_M, slow.seed);
     let squared = squared(plain.clone());
     let finer = self::squared(volume(&sweeps, Statistic::Thesis, FINER_VOXEL_M, slow.seed));
-    // Where nothing is seen the image is empty.
+    // An empty image where nothing is detected.
     let coherent = subaperture_image(fast)
         .unwrap_or_else(|| Volume::covering(&Aabb { min: DVec3::ZERO, max: DVec3::splat(FINE_VOXEL_M) }, FINE_VOXEL_M));
     let coherent_squared = self::squared(coherent.clone());
@@ -221,7 +224,7 @@ impl Figures {
     }
 }
 
-/// How much more the sensor receives of a chair's seat and back than of its legs, strongest point against strongest, power, dB.
+/// Received power of a chair's strongest point of seat and back over that of its legs, dB.
 fn received_db(name: &str, recorded: &TrialRecording) -> Result<f64, ExperimentError> {
     let room = scene(name, recorded.seed).map_err(|error| ExperimentError::Scenario(error.into()))?.room;
     let power = |scatterer: &Scatterer| {
@@ -239,7 +242,7 @@ fn received_db(name: &str, recorded: &TrialRecording) -> Result<f64, ExperimentE
     Ok(10.0 * math::log10(strongest(false) / strongest(true)))
 }
 
-/// How large a corner reflector, which is a point, comes out by the thesis' sum squared, metres.
+/// Extent of a point target (corner reflector) in the squared thesis sum, metres.
 fn point_extent_m(trials: &Trials) -> Result<DVec3, ExperimentError> {
     let extents: Vec<DVec3> = trials
         .reflector("sphere-50cm", "fine", 10.0)?
@@ -253,13 +256,13 @@ fn point_extent_m(trials: &Trials) -> Result<DVec3, ExperimentError> {
     Ok(DVec3::from_array([0, 1, 2].map(|axis| quantile(&extents.iter().map(|e| e[axis]).collect::<Vec<_>>(), 0.5))))
 }
 
-/// Width, height and depth in centimetres.
+/// Width, height and depth as text, centimetres.
 fn size(metres: DVec3) -> String {
     let [x, y, z] = (metres * 100.0).to_array();
     format!("{x:.0} × {y:.0} × {z:.0}")
 }
 
-/// Recall and precision in per cent at thresholds of amplitude from high to low.
+/// Recall and precision, per cent, at amplitude thresholds from high to low.
 fn trade_off(image: &Volume, points: &[DVec3]) -> Vec<[f64; 2]> {
     let greatest = image.peak().map_or(f32::INFINITY, |peak| peak.1);
     let mut shown = vec![0.0f32; points.len()];
@@ -285,7 +288,7 @@ fn trade_off(image: &Volume, points: &[DVec3]) -> Vec<[f64; 2]> {
     (6..20).rev().map(at).collect()
 }
 
-/// The median over the seeds at each threshold.
+/// Median over the seeds at each threshold.
 fn median_curve(each: &[Vec<[f64; 2]>]) -> Vec<[f64; 2]> {
     let at = |n: usize, axis: usize| quantile(&each.iter().map(|curve| curve[n][axis]).collect::<Vec<_>>(), 0.5);
     (0..each.first().map_or(0, Vec::len)).map(|n| [at(n, 0), at(n, 1)]).collect()
@@ -310,7 +313,7 @@ fn draw(outcome: &mut Outcome, scene: &str, words: &str, images: &[Volume; 5], r
         outcome.draw(
             &*file,
             cloud,
-            format!("{title}, from {} % of the greatest value on, as figure 4.1b.", percent(share)),
+            format!("{title}, voxels above {} % of the greatest value, as figure 4.1b.", percent(share)),
         );
         outcome.keep_cloud(&file, &points_above(&images[spatial], share));
     }
@@ -325,12 +328,12 @@ fn tables(outcome: &mut Outcome, rows: Vec<Vec<String>>, all: &[[Figures; 5]]) {
             "precision (%)",
             "recall (%)",
             "width × height × depth (cm)",
-            "truly (cm)",
+            "true size (cm)",
             "too high by (cm)",
         ]),
         rows,
-        caption: "Of the voxels of at least half of the greatest value. Distance: to the nearest true point. Precision: share of the voxels within 10 cm \
-            of one; recall: share of the points with a voxel within 10 cm."
+        caption: "For the voxels of at least half of the greatest value. Distance: to the nearest true point. \
+            Precision: share of the voxels within 10 cm of one; recall: share of the points with a voxel within 10 cm."
             .into(),
     });
     let parts = METHODS.iter().zip(&all[CHAIR]).map(|((way, _, _), figures)| {
@@ -338,10 +341,15 @@ fn tables(outcome: &mut Outcome, rows: Vec<Vec<String>>, all: &[[Figures; 5]]) {
         vec![(*way).to_owned(), format!("{:.2}", figures.wood), legs, wood]
     });
     outcome.tables.push(Table {
-        head: head(&["image of the chair", "seat and back over legs (ratio)", "legs imaged (%)", "seat and back imaged (%)"]),
+        head: head(&[
+            "image of the chair",
+            "seat and back over legs (ratio)",
+            "legs imaged (%)",
+            "seat and back imaged (%)",
+        ]),
         rows: parts.collect(),
-        caption: "Greatest value within 10 cm of seat and back against that of the legs' feet; share of the points of each with an imaged voxel \
-            within 10 cm."
+        caption: "Ratio: greatest value within 10 cm of seat and back over that at the legs' feet. Imaged: share of \
+            the points with an imaged voxel within 10 cm."
             .into(),
     });
     let two = METHODS.iter().zip(&all[CHAIRS]).map(|((way, _, _), figures)| {
@@ -350,10 +358,11 @@ fn tables(outcome: &mut Outcome, rows: Vec<Vec<String>>, all: &[[Figures; 5]]) {
         vec![(*way).to_owned(), percent(weaker), percent(dip), if is_apart { "yes" } else { "no" }.into()]
     });
     outcome.tables.push(Table {
-        head: head(&["image of the two chairs", "weaker peak (% of the stronger)", "dip between (%)", "told apart"]),
+        head: head(&["image of the two chairs", "weaker peak (% of the stronger)", "dip between (%)", "resolved"]),
         rows: two.collect(),
         caption: format!(
-            "Dip: how far the image falls below the weaker chair's peak on the best way to the other's. Told apart: by {:.1} % at least, Rayleigh's measure.",
+            "Dip: how far the image falls below the weaker chair's peak on the highest path to the other peak. \
+             Resolved: a dip of at least {:.1} %, Rayleigh's criterion.",
             RAYLEIGH_DIP * 100.0
         ),
     });
@@ -362,7 +371,7 @@ fn tables(outcome: &mut Outcome, rows: Vec<Vec<String>>, all: &[[Figures; 5]]) {
 fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
     let told = |figures: &Figures| {
         format!(
-            "{} cm against {} cm, voxels {} cm off in the median",
+            "{} cm against a true {} cm, median voxel {} cm off",
             size(figures.accuracy.extent_m),
             size(figures.true_extent_m),
             cm(figures.accuracy.off_m)
@@ -370,10 +379,10 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
     };
     let hanger = &all[HANGER];
     outcome.add_finding(
-        "The hanger is a blob of about the right size and shape in the right place.",
+        "The hanger appears as a blob of about the right size and shape at the right position.",
         hanger[SQUARED].size_matches() && hanger[SQUARED].accuracy.off_m <= THESIS_VOXEL_M,
         format!(
-            "squared: {}, where a single point comes out as {} cm; by sub-apertures {}",
+            "squared: {}, where a single point appears as {} cm; by sub-apertures {}",
             told(&hanger[SQUARED]),
             size(point_m),
             told(&hanger[COHERENT_SQUARED])
@@ -382,15 +391,15 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
     outcome.add_finding(
         "The hanger's top is stronger, having more corners.",
         None,
-        "here the hook is given the greatest cross-section: that is put in, not found".into(),
+        "the simulated hook has the greatest cross-section: an assumption of the simulation, not a result".into(),
     );
     let chair = &all[CHAIR];
     outcome.add_finding(
-        "The chair has a clear outline, a little below its place.",
+        "The chair has a clear outline, a little below its true position.",
         chair[SQUARED].accuracy.shift_m.y < -0.02,
         format!(
-            "squared: {} cm too high, {} % of its points imaged; by sub-apertures {} cm and {} %: the legs are points at their feet here, which reflect \
-             outward and down, past a sensor a metre up",
+            "squared: {} cm too high, {} % of its points imaged; by sub-apertures {} cm and {} %. In the simulation \
+             the legs are points at their feet that reflect outward and down, past a sensor one metre up",
             cm(chair[SQUARED].accuracy.shift_m.y),
             percent(chair[SQUARED].accuracy.recall),
             cm(chair[COHERENT_SQUARED].accuracy.shift_m.y),
@@ -398,13 +407,14 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
         ),
     );
     outcome.add_finding(
-        "The metal legs are stronger than the wooden seat and back, and squaring exaggerates it.",
+        "The metal legs are stronger than the wooden seat and back, and squaring exaggerates the difference.",
         chair[PLAIN].wood < 1.0 && chair[SQUARED].wood_recall < chair[PLAIN].wood_recall,
         format!(
-            "seat and back show {:.1} times the legs' value plain and {:.0} times squared: though given 4 to 6 dB less, their strongest point \
-             returns {:.0} dB more to the sensor than the feet's, which are farther and reflect outward and down, and the sum weighs by 1/d² once \
-             more (by sub-apertures {:.1} times). Squaring exaggerates, whichever is stronger: of seat and back {} % are imaged plain and {} % \
-             squared, of the legs {} and {} %",
+            "seat and back have {:.1} times the legs' value plain and {:.0} times squared. Their cross-section is 4 \
+             to 6 dB lower, yet their strongest point returns {:.0} dB more to the sensor than the feet, which are \
+             farther away and reflect outward and down; the sum also weights by 1/d² (by sub-apertures {:.1} times). \
+             Squaring exaggerates whichever is stronger: of seat and back {} % are imaged plain and {} % squared, of \
+             the legs {} and {} %",
             chair[PLAIN].wood,
             chair[SQUARED].wood,
             chair[PLAIN].received_db,
@@ -416,19 +426,19 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
         ),
     );
     outcome.add_finding(
-        "Flat surfaces turned away reflect past the sensor and are not seen.",
+        "Flat surfaces turned away reflect past the sensor and are not imaged.",
         None,
-        "furniture is made of points with lobes here; mirrors are walls alone".into(),
+        "not simulated: furniture consists of points with lobes, only walls are specular planes".into(),
     );
     let chairs = &all[CHAIRS];
     let weaker = |way: usize| chairs[way].apart.map_or(0.0, |apart| apart.weaker);
     let dip = |way: usize| chairs[way].apart.map_or(0.0, |apart| apart.dip);
     outcome.add_finding(
-        "Of two chairs one is clear and the other barely: strong things raise the threshold for weak ones.",
+        "Of two chairs one is clear and the other barely visible: strong objects raise the threshold for weak ones.",
         weaker(SQUARED) > 0.0 && weaker(SQUARED) < 0.5,
         format!(
-            "the plastic chair's peak has {} % of the metal one's squared, {} % plain, {} % by sub-apertures ({} % squared); it is given 8 dB less and \
-             stands farther off",
+            "the plastic chair's peak has {} % of the metal one's squared, {} % plain, {} % by sub-apertures ({} % \
+             squared); it is 8 dB weaker and farther away",
             percent(weaker(SQUARED)),
             percent(weaker(PLAIN)),
             percent(weaker(COHERENT)),
@@ -436,7 +446,7 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
         ),
     );
     outcome.add_finding(
-        "Both chairs are in the image: several things are told apart.",
+        "Both chairs are in the image: several objects are resolved.",
         chairs[SQUARED].apart.is_some_and(|apart| apart.is_resolved()),
         format!(
             "between them the image falls by {} % of the weaker peak squared, {} % plain, {} % by sub-apertures ({} % squared)",
@@ -447,11 +457,12 @@ fn findings(outcome: &mut Outcome, all: &[[Figures; 5]], point_m: DVec3) {
         ),
     );
     outcome.add_finding(
-        "Nothing finer shows, for want of voxels finer than 10 cm.",
+        "No finer detail shows because the voxels are 10 cm.",
         chair[FINER].accuracy.off_m < 0.7 * chair[SQUARED].accuracy.off_m,
         format!(
-            "chair with voxels of 10 and of 4 cm: voxels {} and {} cm off it, {} and {} cm in size; by sub-apertures {} cm off: what lacks is not \
-             voxels but the phase, the pulse being 14 cm long",
+            "chair with voxels of 10 and of 4 cm: median voxel {} and {} cm off, {} and {} cm in size; by \
+             sub-apertures {} cm off. Not the voxel size limits the detail but the unused phase: the pulse is 14 cm \
+             long",
             cm(chair[SQUARED].accuracy.off_m),
             cm(chair[FINER].accuracy.off_m),
             size(chair[SQUARED].accuracy.extent_m),

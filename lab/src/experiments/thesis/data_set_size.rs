@@ -1,4 +1,4 @@
-//! How many sweeps it takes.
+//! Thesis experiment "data set size": error against the number of sweeps.
 
 use super::imaging_methods::{Quality, THESIS_VOXEL_M, chosen, locate, observed, volume};
 use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, mm};
@@ -6,19 +6,20 @@ use crate::experiments::trial_recording::quantile;
 use radar_chaperone::report::{Chart, Marks, Series, Table, cross_sections};
 use radar_sar::{Selection, Statistic};
 
-/// The thesis' three, those between that it left to be measured, and on.
+/// The thesis' three numbers of sweeps, and further ones.
 const COUNTS: [usize; 8] = [1, 2, 3, 5, 20, 50, 200, 1200];
-/// A thing that returns a hundredth of that, dB.
+/// SNR of a weak target, dB: a hundredth of the reflector's power.
 const WEAK_DB: f64 = 20.0;
-/// Those of which the thesis has pictures.
+/// Numbers of sweeps with a picture in the thesis.
 const SHOWN: [usize; 3] = [1, 5, 50];
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
         procedure: format!(
-            "A corner reflector 1 m deep, 0.3 m to the left and 0.2 m above the sensor, seen for 10 s from within a sphere of 50 cm with preset \
-             fine at 40 and at 20 dB; {} seeds. The thesis' way: its sum over voxels of 10 cm, sweeps by its hull thinning. Ours: least \
-             squares, sweeps by farthest point, the place refined.",
+            "A corner reflector 1 m deep, 0.3 m to the left and 0.2 m above the sensor, observed for 10 s from \
+             within a sphere of 50 cm with preset fine at 40 and at 20 dB; {} seeds. The thesis' method: its sum over \
+             voxels of 10 cm, sweeps chosen by its hull thinning. Ours: least squares, sweeps chosen by farthest \
+             point, the position refined.",
             trials.seeds
         ),
         ..Outcome::default()
@@ -51,24 +52,24 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         head: head(&[
             "sweeps",
             "SNR (dB)",
-            "left by the thinning",
+            "kept by the thinning",
             "thesis: error (cm)",
-            "at most (cm)",
+            "maximum (cm)",
             "footprint (l)",
             "ours: error (mm)",
             "observed",
         ]),
         rows: rows.collect(),
-        caption: "Medians over the seeds, and the greatest. SNR: power, of one sweep, on the axis at 1 m. Footprint: volume of the voxels of at least \
-            half of the greatest value."
+        caption: "Medians over the seeds, and the maximum. SNR: power, of one sweep, on the axis at 1 m. Footprint: \
+            volume of the voxels of at least half of the greatest value."
             .into(),
     });
     Ok(outcome)
 }
 
-/// So many sweeps, medians over the seeds.
+/// Results for one number of sweeps; medians over the seeds.
 struct SweepCountResult {
-    /// That the thesis' thinning leaves of those asked for.
+    /// Sweeps that the thesis' thinning keeps of those requested.
     kept: f64,
     error_m: f64,
     worst_m: f64,
@@ -86,7 +87,7 @@ impl SweepCountResult {
     }
 }
 
-/// One for each of `COUNTS`.
+/// One entry for each of `COUNTS`.
 type ResultsAtSnr = Vec<SweepCountResult>;
 
 fn at_snr(trials: &Trials, snr_db: f64, outcome: &mut Outcome) -> Result<ResultsAtSnr, ExperimentError> {
@@ -128,10 +129,10 @@ fn at_snr(trials: &Trials, snr_db: f64, outcome: &mut Outcome) -> Result<Results
 
 fn findings(outcome: &mut Outcome, strong: &ResultsAtSnr, weak: &ResultsAtSnr) {
     outcome.add_finding(
-        "One sweep tells the depth and not the direction.",
+        "One sweep gives the depth, not the direction.",
         strong[0].worst_m > 0.15 && strong[0].known == "range alone",
         format!(
-            "one sweep: {} cm off in the median and up to {} cm by the thesis' sum; ours says that the {} was observed",
+            "one sweep: {} cm off in the median and up to {} cm by the thesis' sum; ours reports as observed: {}",
             cm(strong[0].error_m),
             cm(strong[0].worst_m),
             strong[0].known
@@ -141,8 +142,9 @@ fn findings(outcome: &mut Outcome, strong: &ResultsAtSnr, weak: &ResultsAtSnr) {
         "Three points that span both axes should suffice (a theory of 5.1, left to be measured).",
         strong[2].refined_error_m < THESIS_VOXEL_M,
         format!(
-            "two sweeps: {} cm off by the thesis' sum; three: {} cm, and {} cm by ours from the three farthest from each other, by which \
-             it observed the {}: three ranges meet in two places, mirrored in the plane of the three points, and which of them it is they do not tell",
+            "two sweeps: {} cm off by the thesis' sum; three: {} cm, and {} cm by ours from the three farthest from \
+             each other, observed: {}. Three ranges meet in two points, mirror images in the plane of the three sensor \
+             positions; the data do not decide between them",
             cm(strong[1].error_m),
             cm(strong[2].error_m),
             cm(strong[2].refined_error_m),
@@ -150,7 +152,7 @@ fn findings(outcome: &mut Outcome, strong: &ResultsAtSnr, weak: &ResultsAtSnr) {
         ),
     );
     outcome.add_finding(
-        "Five sweeps place the reflector.",
+        "Five sweeps locate the reflector.",
         strong[3].error_m < 0.2,
         format!(
             "five sweeps: {} cm by the thesis' sum, {} cm by ours; at 20 dB {} and {} cm",
@@ -164,11 +166,9 @@ fn findings(outcome: &mut Outcome, strong: &ResultsAtSnr, weak: &ResultsAtSnr) {
         "Fifty sharpen the image; the gain diminishes rapidly.",
         strong[5].footprint_l < 0.9 * strong[3].footprint_l && strong[7].footprint_l > 0.9 * strong[5].footprint_l,
         format!(
-            "half of the peak fills {:.0} l with 5 sweeps, {:.0} l with 50, {:.0} l with 1200: of 50 the thinning, which keeps the hull within 6 dB of the \
-             strongest sweep, leaves {:.0}, of 1200 {:.0}",
-            strong[3].footprint_l, strong[5].footprint_l, strong[7].footprint_l,
-            strong[5].kept,
-            strong[7].kept
+            "voxels above half of the peak fill {:.0} l with 5 sweeps, {:.0} l with 50, {:.0} l with 1200: of 50 the \
+             thinning, which keeps the hull within 6 dB of the strongest sweep, keeps {:.0}, of 1200 {:.0}",
+            strong[3].footprint_l, strong[5].footprint_l, strong[7].footprint_l, strong[5].kept, strong[7].kept
         ),
     );
 }

@@ -1,5 +1,6 @@
-//! Detection at a constant false-alarm rate: for every preset the threshold on the greatest value of a least-squares image that noise
-//! passes at a stated rate, how often other noise passes it, and from which signal on a reflector does.
+//! Detection at a constant false-alarm rate (CFAR). For every preset: the threshold on the greatest
+//! value of a least-squares image that noise exceeds at a stated rate, how often other noise
+//! exceeds it, and the SNR from which on a reflector does.
 
 use glam::DVec3;
 use radar_mapping::range_axis;
@@ -15,34 +16,37 @@ use radar_sar::{Beam, Observation};
 use radar_sar::{NoiseMaxima, Statistic, noise_like, sum_from_surprisal, surprisal, sweep_noise_rms};
 use radar_simulation::Scenario;
 
-/// Sweeps of a look, as many as the thesis images.
+/// Sweeps of one trial, as many as the thesis images.
 const SWEEPS: usize = 50;
-/// Looks that a recording of noise gives.
+/// Maximum number of trials taken from a recording of noise.
 const NOISE_TRIALS: usize = 60;
-/// Recordings along whose paths thresholds are calibrated, and looks of each: how many sweeps see a place depends on the path.
+/// Recordings whose paths calibrate the thresholds, and trials per path. How many sweeps see a
+/// point depends on the path.
 const PATHS: u64 = 12;
 const TRIALS_PER_PATH: usize = 10;
-/// Stated false-alarm rates of a look.
+/// Stated false-alarm rates per trial.
 const RATES: [f64; 2] = [0.1, 0.01];
-/// Presets whose detections are counted (those of equal range points do as `d16`), and the signals.
+/// Presets whose detections are counted (presets of equal range points behave as `d16`), and the
+/// SNRs, dB.
 const DETECTION_PRESETS: [&str; 3] = ["d16", "far", "fine"];
 const SNRS_DB: [f64; 11] = [-12.0, -10.0, -8.0, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, 8.0];
-/// Looks of a recording with a reflector, and its length, seconds.
+/// Trials taken from a recording with a reflector, and its duration, seconds.
 const REFLECTOR_TRIALS: usize = 8;
 const REFLECTOR_DURATION_S: f64 = 4.0;
-/// What a reflector must pass to be believed by default, standard deviations (`reflectors.threshold_sigma`).
+/// The default detection threshold of reflectors, standard deviations
+/// (`reflectors.threshold_sigma`).
 const DEFAULT_SIGMA: f64 = 7.0;
-/// Parts of the experiment's work; those of the other files are the first twenty.
+/// Parts of the experiment's progress; `filters.rs` accounts for the first twenty.
 const PARTS: usize = 50;
 const BEAM: Beam = Beam::Lensless;
 
-/// What a preset's looks search.
+/// Search grid of a preset.
 struct Search {
     grid: BrickGrid,
 }
 
 impl Search {
-    /// As far as the preset sees ahead, 3 m at most, in voxels of half a pulse.
+    /// A cube as deep as the preset's range, at most 3 m, in voxels of half a pulse.
     fn of(config: &SensorConfig) -> Self {
         let subsweep = &config.subsweeps[0];
         let edge_m = (2.0 * range_axis(subsweep).last_m()).min(3.0);
@@ -51,7 +55,7 @@ impl Search {
         Self { grid: BrickGrid::covering(&region, 0.5 * subsweep.profile.envelope_fwhm_m()) }
     }
 
-    /// How surprising the greatest Σ|z|² is, in units of the sweeps' own noise.
+    /// Surprise of the greatest Σ|z|², in units of the sweeps' own noise.
     fn greatest(&self, sweeps: &[Observation]) -> f64 {
         let (stack, _) = SweepStack::of(Statistic::Ls, &BEAM, sweeps, self.grid.middle_m());
         let greatest = dense_volume(&stack, &self.grid).volume.peak().map_or(0.0, |peak| f64::from(peak.1));
@@ -60,23 +64,25 @@ impl Search {
     }
 }
 
-/// Every so many-th sweep of a recording, beginning at each in turn, so that every look has its whole way; `most` at most.
+/// Splits a recording into trials of every n-th sweep, each beginning at another sweep, so that
+/// every trial spans the whole path; `most` at most.
 fn sweep_sets(recorded: &TrialRecording, most: usize) -> Vec<Vec<Observation>> {
     let count = (recorded.observations.len() / SWEEPS).max(1);
     let look = |n: usize| recorded.observations.iter().skip(n).step_by(count).take(SWEEPS).cloned().collect();
     (0..count.min(most)).map(look).collect()
 }
 
-/// Empty space, for as many looks as wanted.
+/// A recording of empty space, long enough for all trials.
 fn noise(name: &str, config: &SensorConfig, seed: u64) -> Result<TrialRecording, ExperimentError> {
     let sweeps_hz = f64::from(config.sweeps_per_frame) / frame_timing(config).frame_period_s;
     let duration_s = ((NOISE_TRIALS * SWEEPS) as f64 / sweeps_hz).max(1.0) * 1.02;
-    // A sensor that sees no farther than it moves sees nothing from all of its way.
+    // A sensor whose range is shorter than its motion would see no point from all of its path.
     let motion = if name == "close" { "sphere-10cm" } else { "sphere-50cm" };
     Ok(TrialRecording::of(&Scenario::new("nothing", motion, config.clone(), duration_s, seed))?)
 }
 
-/// Adds them to the experiment of the filters, of whose work they are the last three fifths.
+/// Adds the CFAR part to the matched-filter experiment, whose progress it takes the last three
+/// fifths of.
 pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), ExperimentError> {
     let (mut rows, mut pooled, mut all_near, mut maxima) = (Vec::new(), [0usize; 2], true, Vec::new());
     let mut searched = 0;
@@ -88,7 +94,7 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
         for seed in 0..PATHS {
             paths.extend(sweep_sets(&noise(name, &config, 501 + seed)?, TRIALS_PER_PATH));
         }
-        // The strength is any: thresholds are in units of the noise.
+        // The noise strength is arbitrary: thresholds are in units of the noise.
         let made = |(seed, path): (usize, &Vec<Observation>)| search.greatest(&noise_like(path, 100.0, seed as u64));
         let calibrated = paths.par_iter().enumerate().map(made);
         let Some(of_noise) = NoiseMaxima::of(&calibrated.collect::<Vec<_>>()) else { continue };
@@ -126,8 +132,9 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
         "CFAR detection, a threshold that follows the noise, can find targets in noise (5.8.1).",
         all_near && (0.005..=0.02).contains(&seldom),
         format!(
-            "thresholds calibrated on noise for 10 and 1 looks in 100: other noise passes them {:.1} and {:.2} times in 100 ({searched} looks of all presets); \
-             at the latter half of all looks find a reflector from {} on",
+            "thresholds calibrated on noise for 10 and 1 false alarms in 100 trials: other noise exceeds them {:.1} \
+             and {:.2} times in 100 ({searched} trials of all presets); at the second threshold half of all trials \
+             detect a reflector from {} on",
             100.0 * often,
             100.0 * seldom,
             halves.join(", ")
@@ -141,21 +148,23 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
             "measured (%)",
             "threshold for 1 % (σ)",
             "measured (%)",
-            "looks",
+            "trials",
             "rate at the default of 7 σ",
         ]),
         rows,
         caption: format!(
-            "False alarms. A look: least squares over {SWEEPS} sweeps from within a sphere of 50 cm (close: 10 cm), all voxels (half a pulse wide) ahead as far as \
-             the preset sees, 3 m at most. σ: what the greatest sum is above that of noise, in standard deviations of a sum. Thresholds by {} looks of \
-             made noise along {PATHS} paths, measured on simulated recordings of empty space with other seeds and paths.",
+            "False alarms. A trial: least squares over {SWEEPS} sweeps from within a sphere of 50 cm (close: 10 cm), \
+             all voxels (half a pulse wide) ahead within the preset's range, at most 3 m. σ: excess of the greatest \
+             sum over the mean of noise, in standard deviations of a sum. Thresholds from {} trials of synthetic noise \
+             along {PATHS} paths, measured on simulated recordings of empty space with other seeds and paths.",
             TRIALS_PER_PATH * PATHS as usize
         ),
     });
     Ok(())
 }
 
-/// The share of looks in which the greatest value passes the threshold of one false alarm in a hundred, over the signal.
+/// Share of trials in which the greatest value exceeds the threshold of one false alarm in a
+/// hundred, over the SNR.
 fn detected(trials: &Trials, maxima: &[(&'static str, Search, NoiseMaxima)]) -> Result<Vec<Series>, ExperimentError> {
     let mut curves = Vec::new();
     for (n, (name, search, of_noise)) in maxima.iter().filter(|(name, ..)| DETECTION_PRESETS.contains(name)).enumerate()
@@ -181,7 +190,7 @@ fn detected(trials: &Trials, maxima: &[(&'static str, Search, NoiseMaxima)]) -> 
     Ok(curves)
 }
 
-/// Where a rising curve passes 50 %.
+/// Where a rising curve crosses 50 %.
 fn half_crossing(points: &[[f64; 2]]) -> Option<f64> {
     let pair = points.windows(2).find(|pair| pair[0][1] < 50.0 && pair[1][1] >= 50.0)?;
     Some(pair[0][0] + (pair[1][0] - pair[0][0]) * (50.0 - pair[0][1]) / (pair[1][1] - pair[0][1]))
@@ -189,9 +198,9 @@ fn half_crossing(points: &[[f64; 2]]) -> Option<f64> {
 
 fn draw(outcome: &mut Outcome, curves: &[Series]) {
     let chart = Chart {
-        title: format!("How often {SWEEPS} sweeps find a reflector, with one false alarm in 100 looks"),
+        title: format!("Probability that {SWEEPS} sweeps detect a reflector, at one false alarm in 100 trials"),
         x_label: "signal to noise of one range point on the axis at 1 m (dB)".into(),
-        y_label: "looks that find it (%)".into(),
+        y_label: "trials that detect it (%)".into(),
         series: curves.to_vec(),
         ..Chart::default()
     };

@@ -1,4 +1,4 @@
-//! The matched filter, full and reduced, and what else can be summed.
+//! Thesis experiment "matched filter": the full and the reduced filter and other statistics.
 
 use std::time::Instant;
 
@@ -8,26 +8,26 @@ use crate::experiments::trial_recording::quantile;
 use radar_chaperone::report::{Marks, Table, cross_sections};
 use radar_sar::{Selection, Statistic};
 
-/// All that is one sum over sweeps.
+/// All statistics that are one sum over sweeps.
 const STATISTICS: [Statistic; 6] =
     [Statistic::ThesisFull, Statistic::Thesis, Statistic::Ls, Statistic::Log, Statistic::Glrt, Statistic::Coherent];
 const SWEEPS: usize = 50;
-/// Finer than the thesis', to see more than its voxels, metres.
+/// Voxel edge below the thesis', to see more than the voxel size, metres.
 const FINE_VOXEL_M: f64 = 0.04;
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let recorded = trials.reflector("sphere-50cm", "fine", 10.0)?;
     let mut outcome = Outcome {
         procedure: format!(
-            "The same {SWEEPS} sweeps, chosen by farthest point, summed by every statistic over voxels of 10 and of 4 cm; {} seeds, medians. \
-             Times are of a dense volume, tables included. Then sub-apertures, sums in phase over some consecutive sweeps, and thresholds that \
-             noise passes at a stated rate.",
+            "The same {SWEEPS} sweeps, chosen by farthest point, imaged by every statistic over voxels of 10 and of \
+             4 cm; {} seeds, medians. Times are of a dense volume, tables included. Then sub-apertures (coherent sums \
+             over consecutive sweeps) and thresholds that noise exceeds at a stated rate.",
             recorded.len()
         ),
         ..Outcome::default()
     };
     let (mut rows, mut figures) = (Vec::new(), Vec::new());
-    // The other two parts take about four times as long.
+    // Sub-apertures and false alarms take about four times as long.
     for (n, statistic) in STATISTICS.into_iter().enumerate() {
         trials.report_progress(n, 5 * STATISTICS.len());
         let mut row = vec![statistic.name().to_owned()];
@@ -63,8 +63,9 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         "The reduced filter (eq. 3.2) gives the image of the full one (eq. 3.1) in less time.",
         (full.0 - reduced.0).abs() < 0.1 && reduced.1 < full.1,
         format!(
-            "10 cm voxels: {} against {} cm off, {:.2} against {:.2} ms: either looks one value up for each voxel and sweep here, since the full \
-             one's sum over the pulse is tabulated by range; and it smooths by the pulse once more, which spreads its peak",
+            "10 cm voxels: {} against {} cm off, {:.2} against {:.2} ms. Both look up one value per voxel and sweep, \
+             since the full filter's sum over the pulse is tabulated by range; the full filter smooths by the pulse \
+             once more, which widens its peak",
             cm(reduced.0),
             cm(full.0),
             reduced.1,
@@ -82,8 +83,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     outcome.tables.push(Table {
         head: [head(&["statistic"]), of("10 cm"), of("4 cm")].concat(),
         rows,
-        caption: "Contrast: the greatest value over the median one. The coherent sum over all sweeps needs poses right to a fraction of a \
-            wavelength (5 mm), which tracking does not give."
+        caption: "Contrast: the greatest value over the median one. The coherent sum over all sweeps needs poses \
+            right to a fraction of a wavelength (5 mm), which tracking does not provide."
             .into(),
     });
     trials.report_progress(1, 5);

@@ -1,5 +1,5 @@
-//! One recording imaged: the thesis' way, which is a sum over voxels of 10 cm and its greatest value, and this program's, which is a
-//! place with a covariance.
+//! The two ways to image a recording: the thesis' sum over voxels of 10 cm with its greatest voxel,
+//! and this program's refined position with covariance.
 
 use std::time::Instant;
 
@@ -12,27 +12,27 @@ use radar_sar::math;
 use radar_sar::{Beam, Observation};
 use radar_sar::{PositionErrors, RangePower, Refined, Selection, Statistic, Volume, refine};
 
-/// The thesis' voxels (section 5.6), metres.
+/// The thesis' voxel edge (section 5.6), metres.
 pub(super) const THESIS_VOXEL_M: f64 = 0.1;
-/// Ours, before the place is refined, metres.
+/// Voxel edge of our search before refinement, metres. Choice.
 const OWN_VOXEL_M: f64 = 0.05;
-/// Nearer than this there is the antenna's own leakage, metres.
+/// Minimum range, metres: nearer lies the antenna's own leakage.
 pub(super) const MIN_RANGE_M: f64 = 0.15;
 pub(super) const BEAM: Beam = Beam::Lensless;
 
-/// So many of a recording's sweeps, all where it has no more.
+/// Selects a number of a recording's sweeps; all where it has no more.
 pub(super) fn chosen(recorded: &TrialRecording, count: usize, by: Selection) -> Vec<Observation> {
     let place = region(THESIS_VOXEL_M, recorded.seed).center();
     let chosen = by.choose(&recorded.observations, count, place, recorded.seed);
     chosen.into_iter().map(|n| recorded.observations[n].clone()).collect()
 }
 
-/// A sum over the cube.
+/// Image of the search cube.
 pub(super) fn volume(sweeps: &[Observation], statistic: Statistic, voxel_m: f64, seed: u64) -> Volume {
     volume_with_beam(&BEAM, sweeps, statistic, voxel_m, seed)
 }
 
-/// A sum over the cube, by the model of a beam.
+/// Image of the search cube with another beam model.
 pub(super) fn volume_with_beam(
     beam: &Beam,
     sweeps: &[Observation],
@@ -43,7 +43,7 @@ pub(super) fn volume_with_beam(
     volume_of(beam, sweeps, statistic, voxel_m, &region(voxel_m, seed))
 }
 
-/// A sum over a cube of this edge around a place.
+/// Image of a cube of this edge around a point.
 pub(super) fn volume_around(
     sweeps: &[Observation],
     statistic: Statistic,
@@ -61,10 +61,11 @@ fn volume_of(beam: &Beam, sweeps: &[Observation], statistic: Statistic, voxel_m:
     dense_volume(&stack, &grid).volume
 }
 
-/// Power over the noise's from which on a sweep sees a thing: 10 dB, which noise reaches once in 20 000 times.
+/// Power over the noise from which on a sweep sees an object: 10 dB, which noise reaches once in 20
+/// 000 times.
 const SEEN_POWER: f64 = 10.0;
 
-/// Share of the sweeps that see one of the points at least.
+/// Share of the sweeps that see at least one of the points.
 pub(super) fn seen_share(sweeps: &[Observation], points_m: &[DVec3]) -> f64 {
     let power = RangePower::new(sweeps, &Beam::Uniform, MIN_RANGE_M);
     let mut seen = vec![false; sweeps.len()];
@@ -74,12 +75,12 @@ pub(super) fn seen_share(sweeps: &[Observation], points_m: &[DVec3]) -> f64 {
     seen.iter().filter(|seen| **seen).count() as f64 / sweeps.len().max(1) as f64
 }
 
-/// How good an image of one thing is.
+/// Quality of an image of one object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Quality {
     /// From the truth to the greatest voxel, metres.
     pub off_m: DVec3,
-    /// The box around the voxels of at least half of the greatest value, metres.
+    /// Size of the box around the voxels of at least half of the greatest value, metres.
     pub extent_m: DVec3,
     /// Volume of the voxels of at least half of the greatest value, litres.
     pub footprint_l: f64,
@@ -88,7 +89,7 @@ pub(super) struct Quality {
 }
 
 impl Quality {
-    /// Of an image of one thing that is there.
+    /// Of an image with one true point.
     pub fn of(volume: &Volume, truth_m: DVec3) -> Self {
         let peak = volume.peak();
         let place = peak.map(|(index, _)| volume.center(volume.voxel(index)));
@@ -112,17 +113,18 @@ impl Quality {
     }
 }
 
-/// This program's way: `ls`, the greatest voxel by branch and bound, refined; and how long it took, seconds.
+/// This program's method: `ls`, the greatest voxel by branch and bound, refinement; and the run
+/// time, seconds.
 pub(super) fn locate(sweeps: &[Observation], seed: u64) -> (Option<Refined>, f64) {
     locate_by(&BEAM, sweeps, seed, &PositionErrors::default())
 }
 
-/// The same by the model of a beam.
+/// The same with another beam model.
 pub(super) fn locate_with_beam(beam: &Beam, sweeps: &[Observation], seed: u64) -> (Option<Refined>, f64) {
     locate_by(beam, sweeps, seed, &PositionErrors::default())
 }
 
-/// The same with poses that are known so well.
+/// The same with stated position errors.
 pub(super) fn locate_with_errors(sweeps: &[Observation], seed: u64, errors: &PositionErrors) -> (Option<Refined>, f64) {
     locate_by(&BEAM, sweeps, seed, errors)
 }
@@ -141,7 +143,7 @@ fn locate_by(beam: &Beam, sweeps: &[Observation], seed: u64, errors: &PositionEr
     (refined, start.elapsed().as_secs_f64())
 }
 
-/// What was observed of refined places in the middle one of several trials, in words.
+/// Text for what the median trial observed of the position.
 pub(super) fn observed(refined: &[Option<Refined>]) -> &'static str {
     let mut directions: Vec<usize> =
         refined.iter().map(|refined| refined.as_ref().map_or(0, Refined::observed_directions)).collect();
@@ -153,8 +155,8 @@ pub(super) fn observed(refined: &[Option<Refined>]) -> &'static str {
     }
 }
 
-/// By how much more the range of one place exceeds that of another in one sweep than in any other, metres: within the pulse, sums of
-/// amplitudes can hardly tell the two.
+/// Spread over the sweeps of the range difference between two points, metres. Below the pulse
+/// length, sums of amplitudes can hardly separate the two.
 pub(super) fn range_difference_spread_m(sweeps: &[Observation], places_m: [DVec3; 2]) -> f64 {
     let misfits = || sweeps.iter().map(|sweep| sweep.distance_m(places_m[0]) - sweep.distance_m(places_m[1]));
     (misfits().fold(f64::NEG_INFINITY, f64::max) - misfits().fold(f64::INFINITY, f64::min)).max(0.0)

@@ -1,4 +1,5 @@
-//! Poses by inertia: the thesis' prototype on a swinging arm, and inertia beside a tracker that goes away.
+//! Thesis experiment "IMU prototype": poses from inertia alone on a swinging arm, and inertia
+//! beside a tracker with outages.
 
 mod dead_reckoning;
 mod drifts;
@@ -15,28 +16,30 @@ use radar_sar::geometry::Pose;
 use radar_sar::{Selection, Statistic};
 use radar_simulation::{ARM_M, ARM_REST_S, Scenario, Simulated, TruePath};
 
-/// From what a prototype has to what costs a car.
+/// IMU grades: the thesis' prototype, a current consumer part, tactical grade.
 const IMU_PARTS: [ImuSpec; 3] = [MPU_6050, ICM_42688, TACTICAL];
-/// Time at rest that offsets are told from, seconds: the arm rests that long.
+/// Time at rest from which offsets are estimated, seconds: as long as the arm rests.
 const REST_S: f64 = ARM_REST_S;
-/// Drift is read after these times, seconds.
+/// Times at which the drift is read, seconds.
 const DRIFT_TIMES_S: [f64; 5] = [0.5, 1.0, 2.0, 5.0, 10.0];
-/// Images are of the first so many seconds of the swing.
+/// Durations of the swing that are imaged, from its start, seconds.
 const SWING_DURATIONS_S: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
-/// The tracker goes away then, seconds, for so long; 0 is not at all.
+/// Start and durations of the tracker's outages, seconds; 0: no outage.
 const OUTAGE_START_S: f64 = 8.0;
 const OUTAGE_DURATIONS_S: [f64; 8] = [0.0, 0.1, 0.3, 0.5, 1.0, 3.0, 5.0, 10.0];
-/// Images are of so much before the tracker comes back, seconds: a swing there and back, so that all have the same aperture.
+/// Time before the tracker's return that is imaged, seconds: one swing to and fro, so that all
+/// images have the same aperture.
 const WINDOW_S: f64 = 4.0;
 const DURATION_S: f64 = OUTAGE_START_S + 10.0;
 const SWEEPS: usize = 50;
-/// Voxels in which a blur shows, metres.
+/// Voxel edge at which blur is visible, metres.
 const FINE_VOXEL_M: f64 = 0.04;
-/// An image counts as sharp while the reflector is placed this well, metres, and half of the peak fills at most so much more than it did.
+/// An image is sharp when the reflector's error is at most this, metres, and the footprint at most
+/// this many times that without an outage. Choice.
 const SHARP_M: f64 = 0.02;
 const SHARP_RATIO: f64 = 1.5;
 
-/// One seed of the arm, with what is shared by all units.
+/// One seed of the swinging arm, shared by all units.
 struct SwingTrial {
     scenario: Scenario,
     simulated: Simulated,
@@ -62,7 +65,7 @@ impl SwingTrial {
     }
 }
 
-/// Radar and unit on one plate, as the prototype's: the unit's frame is the sensor's.
+/// Radar and IMU on one plate, as in the prototype: the IMU's frame is the sensor's.
 fn scenario(motion: &str, duration_s: f64, seed: u64) -> Result<Scenario, ExperimentError> {
     let config = preset("fine").ok_or(ExperimentError::Preset("fine"))?;
     let mut scenario = Scenario::new("corner-reflector", motion, config, duration_s, seed);
@@ -77,7 +80,8 @@ fn medians(rows: &[Vec<f64>]) -> Vec<f64> {
     (0..columns).map(|n| quantile(&rows.iter().map(|row| row[n]).collect::<Vec<_>>(), 0.5)).collect()
 }
 
-/// Error of the thesis' image, footprint of the fine one in litres, and error of the refined place.
+/// Error of the thesis' image, metres; footprint of the fine image, litres; error of the refined
+/// position, metres.
 fn image_errors(recorded: &TrialRecording) -> [f64; 3] {
     let sweeps = chosen(recorded, SWEEPS, Selection::FarthestPoint);
     if sweeps.is_empty() {
@@ -90,7 +94,7 @@ fn image_errors(recorded: &TrialRecording) -> [f64; 3] {
     [thesis.error_m(), fine.footprint_l, own]
 }
 
-/// States as poses of a tracker, at half the unit's rate.
+/// Navigation states as tracker poses, at half the IMU's rate.
 fn pose_samples(states: &[NavState]) -> Vec<PoseSample> {
     states.iter().step_by(2).map(|state| PoseSample::valid(state.time_ns, &state.tracking_from_body)).collect()
 }
@@ -98,10 +102,12 @@ fn pose_samples(states: &[NavState]) -> Vec<PoseSample> {
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
         procedure: format!(
-            "An arm of {:.0} cm swings the sensor by 60° to either side, facing the reflector; an inertial measurement unit (IMU) sits beside the sensor, \
-             simulated by its part's Allan figures, offsets, scales and misalignments, 400 samples a second; {} seeds, medians. It rests for {REST_S:.0} s \
-             first, which tells its offsets. The script integrates twice what the accelerometer reports; dead reckoning also turns with the gyroscope; \
-             fusion is an error-state Kalman filter of inertia and optical poses, with offsets, scales, misalignments and the tracker's wander as unknowns.",
+            "An arm of {:.0} cm swings the sensor by 60° to either side, facing the reflector; an inertial \
+             measurement unit (IMU) sits beside the sensor, simulated from its part's Allan deviation, offsets, scale \
+             errors and misalignments, 400 samples per second; {} seeds, medians. The arm rests for {REST_S:.0} s \
+             first, from which the offsets are estimated. The script integrates the accelerometer twice; dead \
+             reckoning also integrates the gyroscope; fusion is an error-state Kalman filter of inertia and optical \
+             poses that estimates offsets, scale errors, misalignments and the tracker's drift.",
             ARM_M * 100.0,
             trials.seeds
         ),

@@ -1,7 +1,8 @@
-//! What a lens gives and takes.
+//! Thesis experiment "lens choice": images with and without a lens.
 //!
-//! The simulated lens is the Fresnel lens of `radar::Beam`: 5.7 dB more on the axis, half the amplitude at 11.75° in place of 30°. It has no
-//! side lobes: far off the gaze a real one keeps a little more than nothing.
+//! The simulated lens is the Fresnel lens of `radar::Beam`: 5.7 dB more on the axis, half the
+//! amplitude at 11.75° instead of 30°. It has no side lobes; a real lens keeps a small response far
+//! off the boresight.
 
 use glam::DVec3;
 
@@ -15,33 +16,35 @@ use radar_sar::math;
 use radar_sar::{Selection, Statistic, Volume};
 use radar_simulation::{Room, SceneError, scene};
 
-/// Without and with, and the words for them.
+/// Without and with lens, and their names.
 const LENSES: [(Beam, &str); 2] = [(Beam::Lensless, "no lens"), (Beam::Fresnel, "Fresnel lens")];
-/// Amplitude models that images are made by. The thesis had the first for everything: measured with a lens, nothing beyond 45°.
+/// Beam models used for imaging. The thesis used the first one everywhere: measured with a lens,
+/// nothing beyond 45°.
 const TEMPLATES: [(Beam, &str); 3] =
     [(Beam::Thesis, "the thesis'"), (Beam::Lensless, "lensless"), (Beam::Fresnel, "Fresnel")];
-/// What is looked at: scene, the words for it, and its strength.
+/// Objects: scene, name, and SNR at 1 m in dB; `None`: by the radar equation.
 const OBJECTS: [(&str, &str, Option<f64>); 3] = [
     ("raised-reflector", "reflector", Some(SNR_DB)),
     ("chair", "chair, 40 dB", Some(SNR_DB)),
     ("chair", "chair, radar equation", None),
 ];
-/// How far off the gaze the reflector stands, degrees.
+/// Angles of the reflector off the boresight, degrees.
 const ANGLES_DEG: [f64; 7] = [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0];
 const SWEEPS: usize = 50;
-/// Farther than this from the object an image shows something else, metres: two of the thesis' voxels and the pulse.
+/// Distance from the object beyond which the image counts as elsewhere, metres: two thesis voxels
+/// plus the pulse.
 const ELSEWHERE_M: f64 = 0.3;
 
-/// Medians of one lens and one template over the seeds.
+/// Figures of one lens and one beam model; medians over the seeds.
 #[derive(Debug, Clone, Copy, Default)]
 struct Figures {
     error_m: f64,
-    /// Sweeps that the thesis' thinning leaves.
+    /// Sweeps that the thesis' thinning keeps.
     kept: f64,
     footprint_l: f64,
-    /// Greatest value over the greatest one away from the object.
+    /// Greatest value at the object over the greatest one elsewhere, dB.
     contrast_db: f64,
-    /// Shares of the imaged voxels near to the thing, and of its points that are imaged.
+    /// Precision and recall of the imaged voxels.
     precision: f64,
     recall: f64,
     refined_error_m: f64,
@@ -51,9 +54,10 @@ struct Figures {
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
         procedure: format!(
-            "A corner reflector and a chair, 10 s from within a sphere of 50 cm with preset fine, without a lens and with the Fresnel lens: 5.7 dB \
-             more on the axis, half the amplitude at 11.75° in place of 30°, no side lobes. The thesis' image from {SWEEPS} sweeps by its \
-             thinning, once by each model of the beam; ours by the right one, from as many by farthest point. {} seeds, medians.",
+            "A corner reflector and a chair, 10 s from within a sphere of 50 cm with preset fine, without a lens and \
+             with the Fresnel lens: 5.7 dB more on the axis, half the amplitude at 11.75° instead of 30°, no side \
+             lobes. The thesis' image from {SWEEPS} sweeps chosen by its thinning, with each beam model; ours with the \
+             true one, from as many sweeps by farthest point. {} seeds, medians.",
             trials.seeds
         ),
         ..Outcome::default()
@@ -64,7 +68,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     Ok(outcome)
 }
 
-/// What a lens' name is followed by in a legend, and the value drawn.
+/// Suffix of the lens' name in a legend, and the value drawn.
 type Curve = (&'static str, fn(&Figures) -> f64);
 
 /// `[object][lens][template]`.
@@ -76,7 +80,7 @@ fn images(trials: &Trials, outcome: &mut Outcome) -> Result<ObjectFigures, Exper
         let mut of_object = [[Figures::default(); 3]; 2];
         for ((beam, lens), of_lens) in LENSES.iter().zip(&mut of_object) {
             let stage = scene(name, 1).map_err(scenario_error)?;
-            // Looked at, as the thesis calls its ideal conditions: the middle of what stands there.
+            // The thesis' ideal condition: the boresight points at the middle of the object.
             let middle = middle(&stage.room);
             let recorded = trials.recorded("fine", 10.0, |scenario| {
                 scenario.scene = name.into();
@@ -106,8 +110,8 @@ fn images(trials: &Trials, outcome: &mut Outcome) -> Result<ObjectFigures, Exper
         head: head(&[
             "object",
             "sensor",
-            "model of the beam",
-            "left by the thinning",
+            "beam model",
+            "kept by the thinning",
             "thesis: error (cm)",
             "footprint (l)",
             "contrast (dB)",
@@ -117,10 +121,11 @@ fn images(trials: &Trials, outcome: &mut Outcome) -> Result<ObjectFigures, Exper
             "sweeps that see it (%)",
         ]),
         rows,
-        caption: "The sensor is turned to the object at the start. Error: from the greatest voxel to the nearest true point. Precision: share of the \
-            voxels of at least half of the greatest value within 10 cm of the object; recall: share of its points with such a voxel within \
-            10 cm. Contrast: greatest value at the object over the greatest more than 30 cm away from it. A sweep sees the object with \
-            10 dB over the noise at the range of one of its points."
+        caption: "The boresight points at the object at the start. Error: from the greatest voxel to the nearest \
+            true point. Precision: share of the voxels of at least half of the greatest value within 10 cm of the \
+            object; recall: share of its points with such a voxel within 10 cm. Contrast: greatest value at the object \
+            over the greatest more than 30 cm away from it. A sweep sees the object with 10 dB over the noise at the \
+            range of one of its points."
             .into(),
     });
     Ok(figures)
@@ -148,9 +153,9 @@ fn error_off_boresight(trials: &Trials, outcome: &mut Outcome) -> Result<[Vec<Fi
     }
     outcome.tables.push(Table {
         head: head(&[
-            "off the gaze (°)",
+            "off boresight (°)",
             "sensor",
-            "left by the thinning",
+            "kept by the thinning",
             "thesis: error (cm)",
             "footprint (l)",
             "contrast (dB)",
@@ -160,7 +165,8 @@ fn error_off_boresight(trials: &Trials, outcome: &mut Outcome) -> Result<[Vec<Fi
             "sweeps that see it (%)",
         ]),
         rows,
-        caption: "The reflector so far aside of where the sensor is turned to; moving within the sphere changes the angle by up to 29° either way."
+        caption: "The reflector at this angle from the initial boresight; motion within the sphere changes the angle \
+            by up to ±29°."
             .into(),
     });
     let chart = |title: &str, y_label: &str, y_log: bool, of: &[Curve]| {
@@ -171,7 +177,7 @@ fn error_off_boresight(trials: &Trials, outcome: &mut Outcome) -> Result<[Vec<Fi
                 joined: true,
             })
         });
-        let x_label = "reflector off the gaze (°)".into();
+        let x_label = "reflector off boresight (°)".into();
         Chart { title: title.into(), x_label, y_label: y_label.into(), x_log: false, y_log, series: series.collect() }
             .draw()
     };
@@ -183,7 +189,7 @@ fn error_off_boresight(trials: &Trials, outcome: &mut Outcome) -> Result<[Vec<Fi
     );
     outcome.draw("seen-off-gaze", seen, "Share of the sweeps with 10 dB over the noise at the reflector's range.");
     let errors = chart(
-        "Error off the gaze",
+        "Error off boresight",
         "error (cm)",
         true,
         &[
@@ -200,11 +206,12 @@ fn findings(outcome: &mut Outcome, objects: &ObjectFigures, angles: &[Vec<Figure
     let of = |object: &[[Figures; 3]; 2], lens: usize| object[lens][0];
     let (bare, lens) = (of(reflector, 0), of(reflector, 1));
     outcome.add_finding(
-        "With and without the lens the reflector is placed precisely.",
+        "With and without the lens the reflector is located precisely.",
         bare.error_m < 0.15 && lens.error_m < 0.15,
         format!(
-            "{} cm off without, {} cm with, by the {:.0} and {:.0} sweeps that the thinning leaves of {SWEEPS}: half of the peak of a sum of amplitudes fills \
-             {:.0} and {:.0} l, and within that the greatest voxel lies anywhere; ours {} and {} mm off",
+            "{} cm off without, {} cm with, from the {:.0} and {:.0} sweeps that the thinning keeps of {SWEEPS}: \
+             voxels above half of the peak of a sum of amplitudes fill {:.0} and {:.0} l, and the greatest voxel can \
+             lie anywhere within them; ours {} and {} mm off",
             cm(bare.error_m),
             cm(lens.error_m),
             bare.kept,
@@ -216,11 +223,11 @@ fn findings(outcome: &mut Outcome, objects: &ObjectFigures, angles: &[Vec<Figure
         ),
     );
     let footprints =
-        format!("half of the peak fills {:.0} l without, {:.0} l with", bare.footprint_l, lens.footprint_l);
+        format!("voxels above half of the peak fill {:.0} l without, {:.0} l with", bare.footprint_l, lens.footprint_l);
     outcome.add_finding(
         "The reflector's image without the lens is a little more concentrated (4.1.1).",
         bare.footprint_l < lens.footprint_l,
-        format!("{footprints}: the narrower beam leaves fewer directions to share the echo"),
+        format!("{footprints}: the narrower beam spreads the echo over fewer directions"),
     );
     outcome.add_finding(
         "With the lens the reflector's footprint is a lot smaller (5.2).",
@@ -241,11 +248,11 @@ fn findings(outcome: &mut Outcome, objects: &ObjectFigures, angles: &[Vec<Figure
         angles[lens][n]
     };
     outcome.add_finding(
-        "A lens takes from what stands at the beam's edge; without one an object is in it for longer.",
+        "A lens weakens objects at the beam's edge; without one an object is in the beam for longer.",
         at(1, 40.0).seen < at(0, 40.0).seen && of(weak, 1).seen < of(weak, 0).seen,
         format!(
-            "sweeps that see the reflector 40° off the gaze: {} % without, {} % with; the chair that is looked at, as weak as the radar equation \
-             has it: {} and {} %",
+            "sweeps that see the reflector 40° off boresight: {} % without, {} % with; the chair on boresight, at \
+             the power of the radar equation: {} and {} %",
             percent(at(0, 40.0).seen),
             percent(at(1, 40.0).seen),
             percent(of(weak, 0).seen),
@@ -253,12 +260,12 @@ fn findings(outcome: &mut Outcome, objects: &ObjectFigures, angles: &[Vec<Figure
         ),
     );
     outcome.add_finding(
-        "The lens impedes good images of common things; so no lens.",
+        "The lens impedes good images of common objects; so no lens.",
         lens_chair.recall < bare_chair.recall || lens_chair.error_m > bare_chair.error_m + 0.05,
         format!(
-            "chair looked at, and so within either beam: {} % of its points imaged without, {} % with, {} and {} cm off; it is what is not looked at that the \
-             lens costs: reflector 40° off the gaze: {} and {} cm off by the \
-             thesis' sum, {} and {} mm by ours",
+            "chair on boresight, within both beams: {} % of its points imaged without, {} % with, {} and {} cm off; \
+             the lens costs accuracy off boresight: reflector at 40°: {} and {} cm off by the thesis' sum, {} and {} \
+             mm by ours",
             percent(bare_chair.recall),
             percent(lens_chair.recall),
             cm(bare_chair.error_m),
@@ -274,17 +281,17 @@ fn findings(outcome: &mut Outcome, objects: &ObjectFigures, angles: &[Vec<Figure
         errors.iter().map(|e| quantile(e, 1.0) - quantile(e, 0.0)).fold(0.0, f64::max)
     };
     outcome.add_finding(
-        "One template serves with and without a lens: the falloff over the angle is no precise art.",
+        "One template suffices with and without a lens: the falloff over the angle need not be precise.",
         spread(0) < THESIS_VOXEL_M && spread(1) < THESIS_VOXEL_M,
         format!(
-            "three models of the beam put the greatest voxel at most {} cm farther off than one another without the lens, {} cm with it",
+            "the errors by three beam models differ by at most {} cm without the lens, {} cm with it",
             cm(spread(0)),
             cm(spread(1))
         ),
     );
 }
 
-/// A place as far as another that stands so far to the right of it as a sensor sees it, degrees.
+/// A point at the distance of another one, this many degrees to the right as seen from the sensor.
 fn off_axis_point(from: DVec3, place: DVec3, angle_deg: f64) -> DVec3 {
     let to = place - from;
     let right = to.cross(DVec3::Y).normalize();
@@ -292,7 +299,7 @@ fn off_axis_point(from: DVec3, place: DVec3, angle_deg: f64) -> DVec3 {
     from + to * cos + right * (to.length() * sin)
 }
 
-/// Mean place of the points that reflect.
+/// Mean position of the scatterers.
 fn middle(room: &Room) -> DVec3 {
     let count = room.scatterers().count().max(1);
     room.scatterers().map(|scatterer| scatterer.position_m).sum::<DVec3>() / count as f64
@@ -307,7 +314,7 @@ fn thesis_image(recorded: &TrialRecording, template: &Beam) -> Volume {
     volume_with_beam(template, &sweeps, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed)
 }
 
-/// The thesis' image by a template, ours by the beam that there is.
+/// The thesis' image with a beam model; our position with the true beam.
 fn figures_of(recorded: &TrialRecording, beam: &Beam, template: &Beam) -> Figures {
     let points = points(recorded);
     let nearest = |place: DVec3| points.iter().map(|p| p.distance(place)).fold(f64::INFINITY, f64::min);
@@ -327,8 +334,9 @@ fn figures_of(recorded: &TrialRecording, beam: &Beam, template: &Beam) -> Figure
     }
 }
 
-/// Greatest value over the greatest one away from the object, dB of amplitude. The median voxel, which is outside of most sweeps'
-/// beam, would tell how steep the model of the beam is.
+/// Greatest value at the object over the greatest one elsewhere, dB of amplitude. The median voxel
+/// is no reference: it lies outside the beam of most sweeps and would measure how steep the beam
+/// model is.
 fn contrast_db(image: &Volume, nearest_m: &impl Fn(DVec3) -> f64) -> f64 {
     let away = |index: &usize| nearest_m(image.center(image.voxel(*index))) > ELSEWHERE_M;
     let elsewhere = (0..image.values.len()).filter(away).map(|index| image.values[index]).fold(0.0, f32::max);

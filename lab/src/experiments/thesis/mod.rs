@@ -1,8 +1,10 @@
-//! The experiments of the master's thesis "Arbitrary Motion Synthetic Aperture Radar" (Lund 2023, chapters 3.5, 4 and 5) once more: where it
-//! had pictures of one trial, here are figures over several seeds, the truth beside them, and whether each finding holds.
+//! The experiments of the master's thesis "Arbitrary Motion Synthetic Aperture Radar" (Lund 2023,
+//! chapters 3.5, 4 and 5), repeated in simulation. Where the thesis shows pictures of one trial,
+//! these give figures over several seeds, the truth, and whether each finding holds.
 //!
-//! An experiment is a row in [`ALL`] and a file. Everything is simulated with the thesis' scenes and motions; the thesis' way is its
-//! reduced filter (eq. 3.2) over voxels of 10 cm with its thinning, ours what this program does.
+//! An experiment is a row in [`ALL`] and a file. Scenes and motions are the thesis'. "The thesis'
+//! method" is its reduced filter (eq. 3.2) over voxels of 10 cm with its thinning; "ours" is what
+//! this program does.
 
 mod common_objects;
 mod data_set_size;
@@ -33,19 +35,19 @@ use radar_simulation::{Scenario, ScenarioError};
 
 pub use outcome::{Finding, NamedPicture, Outcome, OutputFile, markdown, report};
 
-/// Why an experiment came to nothing.
+/// Why an experiment failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ExperimentError {
-    /// A recording that could not be simulated.
+    /// A recording cannot be simulated.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
-    /// A file that could not be made.
+    /// A file cannot be made.
     #[error(transparent)]
     Report(#[from] ReportError),
-    /// A track that cannot be read back.
+    /// A track cannot be read back.
     #[error(transparent)]
     Track(#[from] ImportError),
-    /// No such sensor preset.
+    /// Unknown sensor preset.
     #[error("preset \"{0}\" is not known")]
     Preset(&'static str),
 }
@@ -53,16 +55,16 @@ pub enum ExperimentError {
 /// One experiment.
 #[derive(Debug, Clone, Copy)]
 pub struct Experiment {
-    /// As the command line spells it.
+    /// Name on the command line.
     pub name: &'static str,
-    /// As the report's heading has it.
+    /// Heading in the report.
     pub title: &'static str,
     /// Section of the thesis.
     pub section: &'static str,
     run: fn(&Trials) -> Result<Outcome, ExperimentError>,
 }
 
-/// All there are, in the thesis' order.
+/// All experiments, in the thesis' order.
 pub const ALL: &[Experiment] = &[
     Experiment {
         name: "vendor-detector",
@@ -95,7 +97,8 @@ pub const ALL: &[Experiment] = &[
 ];
 
 impl Experiment {
-    /// Runs it with so many seeds; `progress` is told the share that is done, 0 to 1, now and then.
+    /// Runs it with this number of seeds. `progress` is called from time to time with the share that is
+    /// done, 0 to 1.
     ///
     /// # Errors
     /// A scenario that cannot be simulated.
@@ -104,23 +107,25 @@ impl Experiment {
     }
 }
 
-/// What experiments are made of.
+/// Number of seeds and progress callback of an experiment.
 struct Trials<'a> {
     seeds: u64,
-    /// Told the share that is done.
+    /// Receives the share that is done, 0 to 1.
     progress: &'a dyn Fn(f64),
 }
 
-/// Power signal to noise ratio of the reflector at 1 m, dB: well below that of a corner reflector of 10 cm, which is 12 dBsm.
+/// Power SNR of the reflector at 1 m, dB. Choice: well below that of a corner reflector of 10 cm,
+/// which is 12 dBsm.
 const SNR_DB: f64 = 40.0;
 
 impl Trials<'_> {
-    /// So many of an experiment's parts are done, of about equal length.
+    /// Reports progress: a number of parts of about equal length are done.
     fn report_progress(&self, parts: usize, of: usize) {
         (self.progress)(parts as f64 / of.max(1) as f64);
     }
 
-    /// The thesis' corner reflector 1 m deep and 0.3 m to the left, seen with a preset for so long, once a seed.
+    /// The thesis' corner reflector, 1 m deep and 0.3 m to the left, recorded with a preset, once
+    /// per seed.
     fn reflector(
         &self,
         motion: &str,
@@ -133,7 +138,8 @@ impl Trials<'_> {
         })
     }
 
-    /// What a preset sees for so long, once a seed: a corner reflector from within a sphere of 50 cm but for what is changed.
+    /// Recordings of a preset, one per seed: a corner reflector from within a sphere of 50 cm, with
+    /// the changes applied.
     fn recorded(
         &self,
         name: &'static str,
@@ -150,17 +156,17 @@ impl Trials<'_> {
     }
 }
 
-/// Metres as centimetres.
+/// Metres as text in centimetres.
 fn cm(metres: f64) -> String {
     if metres.is_finite() { format!("{:.1}", metres * 100.0) } else { "–".into() }
 }
 
-/// Metres as millimetres.
+/// Metres as text in millimetres.
 fn mm(metres: f64) -> String {
     if metres.is_finite() { format!("{:.1}", metres * 1e3) } else { "–".into() }
 }
 
-/// A share as a percentage.
+/// A share as text in per cent.
 fn percent(share: f64) -> String {
     format!("{:.0}", share * 100.0)
 }
@@ -173,7 +179,7 @@ fn head(names: &[&str]) -> Vec<String> {
 mod tests {
     use super::*;
 
-    /// The share that is done rises and stays within 0 to 1.
+    /// Runs an experiment and checks that its progress rises and stays within 0 to 1.
     fn run_and_watch(experiment: &Experiment) -> Outcome {
         let last = std::cell::Cell::new(0.0);
         let progress =

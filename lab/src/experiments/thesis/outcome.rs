@@ -1,4 +1,4 @@
-//! What an experiment comes to: what the thesis found and whether it holds, tables, figures; and the report of several.
+//! Result of an experiment (findings, tables, pictures, files), and the report of several.
 
 use glam::DVec3;
 
@@ -8,58 +8,58 @@ use radar_chaperone::report::{
 };
 use radar_sar::{Statistic, Volume};
 
-/// A finding of the thesis beside ours.
+/// A finding of the thesis and our figures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
-    /// What the thesis says, in a sentence.
+    /// The thesis' statement, in a sentence.
     pub thesis: String,
     /// Our figures.
     pub ours: String,
-    /// Whether it holds by these; `None`: they do not tell.
+    /// Whether the figures confirm it; `None`: not tested.
     pub holds: Option<bool>,
 }
 
 impl Finding {
-    /// Whether it holds, in words.
+    /// The verdict as text.
     pub fn verdict(&self) -> &'static str {
         match self.holds {
             Some(true) => "holds",
             Some(false) => "does not hold",
-            None => "not told here",
+            None => "not tested here",
         }
     }
 }
 
-/// A picture with the name of its file, without ending, and what it shows.
+/// A picture with its file name, without extension, and its caption.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedPicture {
     /// Name of the file.
     pub name: String,
     /// The picture.
     pub picture: Picture,
-    /// What it shows.
+    /// Caption.
     pub caption: String,
 }
 
 /// A file for other tools.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OutputFile {
-    /// Its name, with its ending.
+    /// Name with extension.
     pub name: String,
-    /// What is in it.
+    /// Content.
     pub bytes: Vec<u8>,
 }
 
-/// What an experiment comes to.
+/// Result of an experiment.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Outcome {
-    /// What was done, in a paragraph.
+    /// Procedure, in a paragraph.
     pub procedure: String,
-    /// The figures.
+    /// Tables of figures.
     pub tables: Vec<Table>,
-    /// The pictures.
+    /// Pictures.
     pub pictures: Vec<NamedPicture>,
-    /// What the thesis found.
+    /// Findings of the thesis.
     pub findings: Vec<Finding>,
     /// Volumes (.npy with a .json) and clouds (.ply) for other tools.
     pub files: Vec<OutputFile>,
@@ -71,7 +71,7 @@ impl Outcome {
         self.pictures.push(NamedPicture { name: name.into(), picture, caption: caption.into() });
     }
 
-    /// Adds a point cloud: name.ply. Centres in the tracking frame, metres, and values.
+    /// Adds a point cloud, name.ply: centres in the tracking frame, metres, and values.
     pub(super) fn keep_cloud(&mut self, name: &str, points: &[(DVec3, f32)]) {
         self.keep(format!("{name}.ply"), ply_bytes(points));
     }
@@ -81,7 +81,7 @@ impl Outcome {
         self.files.push(OutputFile { name: name.into(), bytes });
     }
 
-    /// Adds an image of so many sweeps: name.npy and name.json.
+    /// Adds a volume, name.npy and name.json, imaged from a number of sweeps.
     pub(super) fn keep_volume(
         &mut self,
         name: &str,
@@ -99,7 +99,7 @@ impl Outcome {
         Ok(())
     }
 
-    /// Adds a finding; `None` where the figures do not tell whether it holds.
+    /// Adds a finding; `None` where the figures do not test it.
     pub(super) fn add_finding(&mut self, thesis: &str, holds: impl Into<Option<bool>>, ours: String) {
         self.findings.push(Finding { thesis: thesis.to_owned(), ours, holds: holds.into() });
     }
@@ -108,18 +108,18 @@ impl Outcome {
     pub fn findings_table(&self) -> Table {
         let row = |finding: &Finding| vec![finding.thesis.clone(), finding.verdict().to_owned(), finding.ours.clone()];
         Table {
-            head: ["the thesis found", "here", "by our figures"].map(str::to_owned).to_vec(),
+            head: ["finding of the thesis", "here", "our figures"].map(str::to_owned).to_vec(),
             rows: self.findings.iter().map(row).collect(),
             caption: String::new(),
         }
     }
 }
 
-/// Every finding and figure as Markdown, without the pictures; of so many seeds.
+/// Findings and tables as Markdown, without pictures.
 pub fn markdown(done: &[(&Experiment, Outcome)], seeds: u64) -> String {
     let names: Vec<&str> = done.iter().map(|(experiment, _)| experiment.name).collect();
     let names = if names.len() == ALL.len() { "all".to_owned() } else { names.join(" ") };
-    let mut text = "# The thesis' experiments once more\n".to_owned();
+    let mut text = "# The thesis' experiments repeated\n".to_owned();
     text += &format!("\nMade by `radar-chaperone experiment {names} --seeds {seeds}`, as report.md of its folder.\n");
     for (experiment, outcome) in done {
         let Experiment { name, title, section, .. } = experiment;
@@ -134,14 +134,14 @@ pub fn markdown(done: &[(&Experiment, Outcome)], seeds: u64) -> String {
     text
 }
 
-/// One page with everything in it.
+/// One HTML page with everything.
 ///
 /// # Errors
 /// A picture that cannot be encoded.
 pub fn report(done: &[(&Experiment, Outcome)]) -> Result<Report, ReportError> {
-    let mut report = Report::new("The thesis' experiments once more").intro(
-        "Arbitrary Motion Synthetic Aperture Radar (Lund 2023) showed its findings in pictures. Here each is made again in \
-         simulation, by the thesis' way and by this program's, with figures and with the truth to hold them against.",
+    let mut report = Report::new("The thesis' experiments repeated").intro(
+        "Arbitrary Motion Synthetic Aperture Radar (Lund 2023) shows its findings in pictures. This report repeats \
+         each experiment in simulation, by the thesis' method and by this program's, with figures and the truth.",
     );
     for (experiment, outcome) in done {
         let heading = format!("{} (thesis, section {})", experiment.title, experiment.section);

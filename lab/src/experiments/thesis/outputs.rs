@@ -1,4 +1,5 @@
-//! What other tools take: volumes for learning, clouds for mapping. Written, read back by readers of their own, and compared.
+//! Thesis experiment "outputs": volumes and point clouds for other tools, written, read back by
+//! independent readers, and compared.
 
 use std::path::Path;
 
@@ -20,21 +21,21 @@ use radar_sar::subaperture::SubapertureSettings;
 use radar_sar::{PositionErrors, Selection, Statistic, Volume, subaperture_volume};
 use radar_simulation::{Scenario, scene};
 
-/// Two chairs, seen for so long with preset d16.
+/// Duration of the recording of two chairs, seconds, preset d16.
 const CHAIRS_S: f64 = 6.0;
-/// Around both of them, tracking frame, metres; and the voxels.
+/// Box around both chairs, tracking frame, metres; and the voxel edge.
 const CHAIRS: Aabb = Aabb { min: DVec3::new(-1.2, 0.0, -2.2), max: DVec3::new(1.2, 1.4, -0.6) };
 const VOXEL_M: f64 = 0.04;
-/// Share of the greatest score from which on a voxel of the plain image would be a point.
+/// Threshold of the plain image's voxels as a share of the greatest score.
 const SHARE: f64 = 0.4;
-/// A point belongs to a chair when it is as near to one of its scatterers, metres.
+/// Maximum distance from a chair's scatterer of a point that belongs to it, metres.
 const NEAR_SCATTERER_M: f64 = 0.12;
-/// Sweeps of the reflector's image.
+/// Number of sweeps of the reflector's image.
 const SWEEPS: usize = 200;
-/// A place is kept when it comes back as near, metres: single precision holds it to 0.1 µm.
+/// Tolerance of a position read back, metres: single precision holds it to 0.1 µm.
 const ROUND_TRIP_TOLERANCE_M: f64 = 1e-6;
 
-/// A row of the table, and what was lost.
+/// A row of the table, and the greatest differences after reading back.
 struct RoundTrip {
     row: Vec<String>,
     value: f64,
@@ -44,11 +45,12 @@ struct RoundTrip {
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
         procedure: format!(
-            "Two chairs seen for {CHAIRS_S:.0} s from within a sphere of 50 cm with preset d16, as the program sees them: what it believes in, with all places that \
-             belong to it, and the block score of every voxel. And the thesis' corner reflector with preset \
-             fine at {SNR_DB:.0} dB, by least squares and placed with its covariance; one seed. Volumes are written as NumPy arrays with a .json \
-             beside them (origin, edge of a voxel, frame, axes, units), clouds as .ply with a score and, where there is one, a covariance; then \
-             both are read back and compared with what was written."
+            "Two chairs observed for {CHAIRS_S:.0} s from within a sphere of 50 cm with preset d16: the detected \
+             obstacles with their shapes, and the coherence score of every voxel. And the thesis' corner reflector \
+             with preset fine at {SNR_DB:.0} dB, by least squares and as a position with covariance; one seed. Volumes \
+             are written as NumPy arrays with a .json beside them (origin, edge of a voxel, frame, axes, units), \
+             clouds as .ply with a score and, where there is one, a covariance; then both are read back and compared \
+             with what was written."
         ),
         ..Outcome::default()
     };
@@ -58,30 +60,32 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     reflector(&mut outcome, &mut compared)?;
     let lost = |f: fn(&RoundTrip) -> f64| compared.iter().map(f).fold(0.0, f64::max);
     let (value, place_m) = (lost(|one| one.value), lost(|one| one.place_m));
-    let intact =
-        format!("what is written comes back: values differ by {value} at most, places by {:.2} µm", place_m * 1e6);
+    let intact = format!(
+        "files read back equal what was written: values differ by at most {value}, positions by {:.2} µm",
+        place_m * 1e6
+    );
     let is_intact = value == 0.0 && place_m < ROUND_TRIP_TOLERANCE_M;
     outcome.add_finding(
         "The clouds could be data for machine learning (5.8.2, 6.3).",
         if is_intact { None } else { Some(false) },
-        format!("{intact}; nothing was taught with them here"),
+        format!("{intact}; nothing was trained with them here"),
     );
     outcome.add_finding(
         "The system could be the basis of simultaneous localisation and mapping (6.3).",
         if is_intact { None } else { Some(false) },
-        "places go out with their covariances, which such programs weigh by; none was run here".into(),
+        "positions are written with covariances, which such programs use as weights; none was run here".into(),
     );
     outcome.tables.push(Table {
-        head: head(&["file", "bytes", "holds", "values differ by", "places differ by (µm)"]),
+        head: head(&["file", "bytes", "holds", "values differ by", "positions differ by (µm)"]),
         rows: compared.into_iter().map(|one| one.row).collect(),
-        caption: "Each file read back and compared; the covariance's elements count as values, as a share of the greatest. Places of a cloud are in single \
-            precision."
+        caption: "Each file read back and compared; the covariance's elements count as values, as a share of the \
+            greatest. Positions of a cloud are in single precision."
             .into(),
     });
     Ok(outcome)
 }
 
-/// The block score of two chairs: a volume, and a cloud of what stands out.
+/// Two chairs: the coherence score as a volume, and the detected objects as clouds.
 fn chairs(outcome: &mut Outcome, compared: &mut Vec<RoundTrip>) -> Result<(), ExperimentError> {
     const NAME: &str = "two-chairs";
     let config = preset("d16").ok_or(ExperimentError::Preset("d16"))?;
@@ -111,8 +115,8 @@ fn chairs(outcome: &mut Outcome, compared: &mut Vec<RoundTrip>) -> Result<(), Ex
         "The system creates point clouds of objects in three dimensions (5.8.2).",
         share >= 0.8 && on_each.iter().all(|count| *count > 0),
         format!(
-            "two chairs: {} points, {:.0} % of them within {:.0} cm of a true scatterer; {} of the one chair, {} of the other; of the plain \
-             image's voxels above {:.0} % of the greatest score {:.0} %",
+            "two chairs: {} points, {:.0} % of them within {:.0} cm of a true scatterer; {} of one chair, {} of the \
+             other; of the plain image's voxels above {:.0} % of the greatest score {:.0} %",
             cloud.len(),
             100.0 * share,
             100.0 * NEAR_SCATTERER_M,
@@ -125,12 +129,13 @@ fn chairs(outcome: &mut Outcome, compared: &mut Vec<RoundTrip>) -> Result<(), Ex
     let all: Vec<DVec3> = truth.concat();
     let path: Vec<DVec3> = recorded.observations.iter().map(|o| o.tracking_from_sensor.translation).collect();
     let marks = Marks { truth_m: &all, found_m: &[], path_m: &path };
-    let picture = point_cloud(&rasterised(&cloud, &image), "Two chairs as a point cloud", "block score", 0.0, &marks);
+    let picture =
+        point_cloud(&rasterised(&cloud, &image), "Two chairs as a point cloud", "coherence score", 0.0, &marks);
     outcome.draw("chairs", picture, "The points of chairs.ply; crosses are the chairs' true scatterers.");
     Ok(())
 }
 
-/// What the program believes in after a recording.
+/// Obstacles that the program reports after a recording.
 fn detected_obstacles(scenario: &Scenario) -> Result<Vec<Obstacle>, ExperimentError> {
     let simulated = scenario.run()?;
     let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default());
@@ -168,7 +173,7 @@ fn cloud_point(obstacle: &Obstacle) -> CloudPoint {
     }
 }
 
-/// Least squares of the reflector: a volume, a cloud, and its place with a covariance.
+/// The reflector: least squares as a volume, and its position with covariance as a cloud.
 fn reflector(outcome: &mut Outcome, compared: &mut Vec<RoundTrip>) -> Result<(), ExperimentError> {
     let config = preset("fine").ok_or(ExperimentError::Preset("fine"))?;
     let scenario =
@@ -189,7 +194,7 @@ fn without_covariance(cloud: &[(DVec3, f32)]) -> Vec<CloudPoint> {
     cloud.iter().map(|&(position_m, value)| CloudPoint { position_m, value, covariance_m2: None }).collect()
 }
 
-/// The volume that was kept last, read back.
+/// Reads the last kept volume back.
 fn reread_volume(outcome: &Outcome, image: &Volume) -> Result<RoundTrip, ExperimentError> {
     let [.., npy, json] = &outcome.files[..] else { unreachable!("a volume was kept") };
     let (read, info) = volume_of(&npy.bytes, &json.bytes, Path::new(&npy.name))?;
@@ -220,7 +225,7 @@ fn keep_cloud(
             (Some(a), Some(b)) => {
                 let [a, b] = [a, b].map(|m| m.to_cols_array());
                 let greatest = a.iter().fold(f64::MIN_POSITIVE, |most, element| most.max(element.abs()));
-                // To what single precision keeps.
+                // Within single precision.
                 let off = a.iter().zip(b).map(|(a, b)| (a - b).abs() / greatest).fold(0.0, f64::max);
                 value = value.max(if off < f64::from(f32::EPSILON) { 0.0 } else { off });
                 covariances += 1;

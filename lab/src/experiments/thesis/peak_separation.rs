@@ -1,28 +1,29 @@
-//! Whether an image tells two things apart: how far the values fall on the best way from the one's peak to the other's.
+//! Whether an image resolves two objects: the dip of the values between their peaks.
 //!
-//! Voxels are let in from the greatest value down; what touches hangs together. The value at which the two peaks first hang
-//! together is the height of the pass between them.
+//! Voxels are added in descending order of value and joined with their neighbours (union-find). The
+//! value at which the two peaks first become connected is the height of the saddle between them.
 
 use glam::DVec3;
 
 use radar_sar::Volume;
 
-/// A thing's peak lies within this of one of its points, metres.
+/// Maximum distance of an object's peak from one of its points, metres. Choice.
 const PEAK_RADIUS_M: f64 = 0.15;
-/// Rayleigh: two equal points are told apart when the power between them falls by this share.
+/// Rayleigh's criterion: two equal points are resolved when the power between them falls by this
+/// share.
 pub(super) const RAYLEIGH_DIP: f64 = 0.265;
 
-/// Two things in one image.
+/// Peaks of two objects in one image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PeakSeparation {
-    /// The weaker one's peak as a share of the stronger one's.
+    /// The weaker peak as a share of the stronger one.
     pub weaker: f64,
-    /// How far below the weaker peak the pass between them lies, as a share of it; 0: it has no peak of its own.
+    /// Depth of the saddle below the weaker peak, as a share of that peak; 0: no peak of its own.
     pub dip: f64,
 }
 
 impl PeakSeparation {
-    /// Of two things with their points; `None` where the image has nothing at one of them.
+    /// For two objects given by their points; `None` where the image has no value at one of them.
     pub fn of(volume: &Volume, things_m: [&[DVec3]; 2]) -> Option<Self> {
         let peaks = peaks(volume, things_m);
         let (a, b) = (peaks[0]?, peaks[1]?);
@@ -32,13 +33,13 @@ impl PeakSeparation {
         Some(Self { weaker: weaker / stronger, dip: 1.0 - saddle / weaker })
     }
 
-    /// By Rayleigh's measure.
+    /// By Rayleigh's criterion.
     pub fn is_resolved(&self) -> bool {
         self.dip >= RAYLEIGH_DIP
     }
 }
 
-/// The greatest voxel of each thing among those near to it and nearer than to the other.
+/// The greatest voxel near each object, among the voxels nearer to it than to the other.
 fn peaks(volume: &Volume, things_m: [&[DVec3]; 2]) -> [Option<usize>; 2] {
     let mut best: [Option<usize>; 2] = [None; 2];
     for (index, value) in volume.values.iter().enumerate().filter(|(_, value)| **value > 0.0) {
@@ -52,7 +53,7 @@ fn peaks(volume: &Volume, things_m: [&[DVec3]; 2]) -> [Option<usize>; 2] {
     best
 }
 
-/// The greatest value at which two voxels hang together; 0 when they never do.
+/// The greatest threshold at which two voxels are connected; 0 when they never are.
 fn saddle(volume: &Volume, from: usize, to: usize) -> f32 {
     let mut order: Vec<usize> = (0..volume.values.len()).filter(|&n| volume.values[n] > 0.0).collect();
     order.sort_by(|&a, &b| volume.values[b].total_cmp(&volume.values[a]).then(a.cmp(&b)));
@@ -73,7 +74,7 @@ fn saddle(volume: &Volume, from: usize, to: usize) -> f32 {
     0.0
 }
 
-/// The voxels that touch one, corners included.
+/// The 26 neighbours of a voxel, as far as they lie in the volume.
 fn neighbours(volume: &Volume, index: usize) -> impl Iterator<Item = usize> {
     let at = volume.voxel(index);
     (0..27usize).filter(|n| *n != 13).filter_map(move |n| {
@@ -83,7 +84,7 @@ fn neighbours(volume: &Volume, index: usize) -> impl Iterator<Item = usize> {
     })
 }
 
-/// The voxel that stands for all that hangs together with one; ways are halved as they are walked.
+/// Root of a voxel's connected component, with path halving.
 fn root(parent: &mut [usize], mut index: usize) -> usize {
     while parent[index] != index {
         parent[index] = parent[parent[index]];
@@ -107,11 +108,11 @@ mod tests {
         let apart = of(&[0.0, 4.0, 3.0, 1.0, 2.0, 2.2, 2.5, 0.0]).unwrap();
         assert!((apart.weaker - 0.625).abs() < 1e-6 && (apart.dip - 0.6).abs() < 1e-6, "{apart:?}");
         assert!(apart.is_resolved());
-        // On the slope of the other it has no peak of its own.
+        // On the slope of the other peak it has no peak of its own.
         let slope = of(&[0.0, 4.0, 3.0, 2.5, 2.0, 1.5, 1.0, 0.0]).unwrap();
         assert!(slope.dip == 0.0 && !slope.is_resolved());
         assert_eq!(of(&[0.0, 4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), None);
-        // A second layer leads around the gap.
+        // A path through the second layer avoids the gap.
         let around = Volume { size: [4, 2, 1], values: vec![4.0, 0.0, 0.0, 4.0, 0.0, 3.0, 3.0, 0.0], ..line(&[]) };
         let ends = [DVec3::new(0.05, 0.05, 0.05), DVec3::new(0.35, 0.05, 0.05)];
         assert!((PeakSeparation::of(&around, [&ends[..1], &ends[1..]]).unwrap().dip - 0.25).abs() < 1e-6);

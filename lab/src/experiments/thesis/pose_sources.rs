@@ -1,4 +1,5 @@
-//! Other sources of poses than a headset: a robot's arm, whose track is written, read back, and imaged with.
+//! Thesis experiment "pose sources": poses from sources other than a headset. A robot arm's track
+//! is written, read back and imaged with.
 
 use std::path::Path;
 
@@ -18,18 +19,20 @@ use radar_sar::{PositionErrors, Selection, Statistic};
 use radar_simulation::{Scenario, TrackingErrors};
 
 const DURATION_S: f64 = 12.0;
-/// Sweeps of the thesis' image, and of the coherent one.
+/// Number of sweeps of the thesis' image, and of the coherent one.
 const SWEEPS: usize = 50;
 const COHERENT_SWEEPS: usize = 300;
-/// Voxels and edge of the cube of the coherent image, metres: half a wavelength is the least that it resolves.
+/// Voxel edge and edge of the cube of the coherent image, metres. Choice: its finest resolution is
+/// half a wavelength.
 const COHERENT_VOXEL_M: f64 = 2.5e-3;
 const COHERENT_CUBE_M: f64 = 0.12;
-/// Voxels of the incoherent one, metres.
+/// Voxel edge of the incoherent image, metres.
 const FINE_VOXEL_M: f64 = 0.04;
-/// As well placed as it takes to grip or to warn, metres.
+/// Accuracy sufficient for gripping or warning, metres. Choice.
 const ACCURATE_M: f64 = 0.01;
 
-/// A source of poses: what moves, what it measures wrong, and what the reconstruction is told of that.
+/// A source of poses: motion, its measurement errors, and the errors that the reconstruction
+/// assumes.
 struct PoseSource {
     name: &'static str,
     motion: &'static str,
@@ -38,7 +41,8 @@ struct PoseSource {
     is_arm: bool,
 }
 
-/// An industrial arm repeats to some hundredths of a millimetre; where its tool's centre is on it is calibrated to half of one.
+/// An industrial arm repeats to some hundredths of a millimetre; its tool centre point is
+/// calibrated to half a millimetre.
 fn sources() -> [PoseSource; 3] {
     let arm = TrackingErrors {
         rate_hz: 125.0,
@@ -63,18 +67,19 @@ fn sources() -> [PoseSource; 3] {
         is_arm: false,
     };
     [
-        PoseSource { name: "robot's arm, raster", motion: "robot-arm", track: arm, known, is_arm: true },
+        PoseSource { name: "robot arm, raster", motion: "robot-arm", track: arm, known, is_arm: true },
         headset("headset, hand-held within 50 cm", "sphere-50cm"),
         headset("headset, natural play", "natural"),
     ]
 }
 
-/// What became of one recording.
+/// Results of one recording.
 struct RecordingResult {
     thesis_m: f64,
     footprint_l: f64,
     refined_error_m: f64,
-    /// Root of the covariance's trace, metres, and eᵀC⁻¹e, of 3.
+    /// Root of the covariance's trace, metres, and the normalised squared error eᵀC⁻¹e, 3 on
+    /// average.
     sigma_m: f64,
     misfit: f64,
     known: &'static str,
@@ -109,7 +114,7 @@ impl RecordingResult {
     }
 }
 
-/// The coherent image around a place, of sweeps that have it in the beam, evenly over time.
+/// The coherent image around a point, from sweeps that have it in the beam, evenly spaced in time.
 fn coherent(recorded: &TrialRecording, around_m: DVec3) -> Quality {
     let has_it = |sweep: &&radar_sar::Observation| {
         let range_m = sweep.distance_m(around_m);
@@ -122,7 +127,7 @@ fn coherent(recorded: &TrialRecording, around_m: DVec3) -> Quality {
     Quality::of(&image, recorded.truth_m)
 }
 
-/// A track written and read back by the program's own reader.
+/// Writes a track and reads it back with the program's own reader.
 fn read_back(poses: &[PoseSample], format: TrackFormat) -> Result<Vec<PoseSample>, ExperimentError> {
     let text = format.write(poses);
     Ok(read_track_from(text.as_bytes(), format, Path::new("track"))?)
@@ -131,9 +136,11 @@ fn read_back(poses: &[PoseSample], format: TrackFormat) -> Result<Vec<PoseSample
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
         procedure: format!(
-            "The reflector 1 m deep and 0.3 m to the left once from a robot's arm, in nine rows of 50 cm, and with a headset's tracking: hand-held, and in natural play. {DURATION_S:.0} s \
-             with preset fine, 40 dB, {} seeds, medians. The arm's poses, 125 a second, are off by 0.03 mm of jitter, 0.1 mm and 0.01° that wander and 0.5 mm of mount, \
-             the headset's by 0.3, 1 mm, 0.1° and 2 mm. Each track is written as TUM and as CSV, read back as `import` reads it, and imaged from that.",
+            "The reflector, 1 m deep and 0.3 m to the left, imaged from a robot arm in nine rows of 50 cm, and with \
+             a headset's tracking: hand-held, and in natural play. {DURATION_S:.0} s with preset fine, 40 dB, {} \
+             seeds, medians. Errors of the arm's poses, 125 per second: jitter 0.03 mm, drift 0.1 mm and 0.01°, mount \
+             0.5 mm; of the headset's: 0.3 mm, 1 mm and 0.1°, 2 mm. Each track is written as TUM and as CSV, read back \
+             as `import` reads it, and imaged from that.",
             trials.seeds
         ),
         ..Outcome::default()
@@ -156,7 +163,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     Ok(outcome)
 }
 
-/// A recording with its poses from the CSV that they were written to; counts poses and those that TUM or CSV changed.
+/// A recording with the poses as read back from CSV. Counts the poses written, and those that TUM
+/// or CSV changed.
 fn recorded(
     source: &PoseSource,
     seed: u64,
@@ -170,7 +178,7 @@ fn recorded(
         ..Scenario::new("corner-reflector", source.motion, config, DURATION_S, seed)
     };
     if source.is_arm {
-        // An arm's controller tells the pose of its tool, which is the sensor.
+        // An arm's controller reports the pose of its tool, which is the sensor.
         scenario.head_from_sensor = Pose::IDENTITY;
     }
     let simulated = scenario.run()?;
@@ -211,11 +219,14 @@ fn findings(outcome: &mut Outcome, figures: &Figures, written: usize, changed: u
     let own = |source: usize| middle(&figures[source].1, |seen| seen.refined_error_m);
     let worst = quantile(&figures[0].1.iter().map(|seen| seen.refined_error_m).collect::<Vec<_>>(), 1.0);
     outcome.add_finding(
-        "The system can be mounted on something whose motion is controlled with fine precision, such as a robot's arm (6.3).",
+        "The system can be mounted on something whose motion is controlled with fine precision, such as a robot arm \
+         (6.3).",
         worst < ACCURATE_M && changed == 0,
         format!(
-            "from the arm's track the reflector is placed {} mm off, at most {} mm; of {written} poses written as TUM and CSV and read back {changed} changed",
-            mm(own(0)), mm(worst)
+            "from the arm's track the reflector's error is {} mm, at most {} mm; of {written} poses written as TUM \
+             and CSV and read back {changed} changed",
+            mm(own(0)),
+            mm(worst)
         ),
     );
     outcome.add_finding(
@@ -228,9 +239,14 @@ fn findings(outcome: &mut Outcome, figures: &Figures, written: usize, changed: u
         "If the path is measured with precision the algorithm works at a level comparable to traditional SAR (6).",
         coherent(0, |seen| seen.coherent_m) < ACCURATE_M && coherent(0, |seen| seen.coherent_cm3) < 10.0,
         format!(
-            "the coherent sum, which traditional SAR is: from the arm's poses {} mm off, half of its peak fills {:.1} cm³ and stands {:.0} dB out; from the hand-held headset's {} mm, {:.1} cm³ and {:.0} dB",
-            mm(coherent(0, |seen| seen.coherent_m)), coherent(0, |seen| seen.coherent_cm3), coherent(0, |seen| seen.coherent_db),
-            mm(coherent(1, |seen| seen.coherent_m)), coherent(1, |seen| seen.coherent_cm3), coherent(1, |seen| seen.coherent_db)
+            "the coherent sum of traditional SAR: from the arm's poses {} mm off, footprint {:.1} cm³, contrast \
+             {:.0} dB; from the hand-held headset's {} mm, {:.1} cm³ and {:.0} dB",
+            mm(coherent(0, |seen| seen.coherent_m)),
+            coherent(0, |seen| seen.coherent_cm3),
+            coherent(0, |seen| seen.coherent_db),
+            mm(coherent(1, |seen| seen.coherent_m)),
+            coherent(1, |seen| seen.coherent_cm3),
+            coherent(1, |seen| seen.coherent_db)
         ),
     );
     outcome.add_finding(
@@ -262,7 +278,7 @@ fn table(figures: &Figures) -> Table {
             "thesis: error (cm)",
             "footprint (l)",
             "ours: error (mm)",
-            "1σ said (mm)",
+            "stated 1σ (mm)",
             "error² over covariance",
             "observed",
             "coherent: error (mm)",
@@ -271,8 +287,10 @@ fn table(figures: &Figures) -> Table {
         ]),
         rows: figures.iter().map(row).collect(),
         caption: format!(
-            "Footprint: what at least half of the greatest value of least squares fills, {COHERENT_SWEEPS} sweeps, voxels of 4 cm. 1σ: root of the covariance's trace. Error² over covariance: about 3 where the covariance is right (median \
-             2.4). Coherent: up to {COHERENT_SWEEPS} sweeps summed in phase over voxels of 2.5 mm in 12 cm around the place found."
+            "Footprint: volume of the voxels of at least half of the greatest value, least squares, \
+             {COHERENT_SWEEPS} sweeps, voxels of 4 cm. 1σ: root of the covariance's trace. Error² over covariance: \
+             about 3 where the covariance is right (median 2.4). Coherent: up to {COHERENT_SWEEPS} sweeps summed in \
+             phase over voxels of 2.5 mm in 12 cm around the estimated position."
         ),
     }
 }

@@ -1,4 +1,5 @@
-//! How fine and how far: what voxels and cubes cost, with every voxel summed and by branch and bound.
+//! Thesis experiment "resolution and search area": what voxel and cube sizes cost, densely and by
+//! branch and bound.
 
 use std::time::Instant;
 
@@ -15,35 +16,35 @@ use radar_sar::geometry::Aabb;
 use radar_sar::math;
 use radar_sar::{Selection, Statistic};
 
-/// Edges of voxels and of the cubes that are searched, metres.
+/// Edges of the voxels and of the searched cubes, metres.
 const VOXELS_M: [f64; 5] = [0.1, 0.05, 0.02, 0.01, 0.005];
 const CUBES_M: [f64; 4] = [1.0, 2.0, 3.0, 6.0];
-/// The thesis' cube, metres.
+/// Edge of the thesis' cube, metres.
 const THESIS_CUBE_M: f64 = 3.0;
 const STATISTICS: [(Statistic, &str); 2] = [(Statistic::Thesis, "the thesis' sum"), (Statistic::Ls, "least squares")];
 const SWEEPS: usize = 50;
-/// Volumes of more voxels than this are not made: four bytes each, 128 MiB in all.
+/// Volumes with more voxels are not made: at four bytes each, 128 MiB. Choice.
 const MAX_DENSE_VOXELS: usize = 32 << 20;
-/// Volumes of more than this are made from two recordings alone, for time.
+/// Volumes with more voxels are made from two recordings only. Choice: run time.
 const TWO_RECORDINGS_VOXELS: usize = 4 << 20;
 
-/// One voxel's edge in one cube, medians.
+/// Results for one voxel edge and one cube; medians.
 #[derive(Debug, Clone, Copy)]
 struct Trial {
     cube_m: f64,
     voxel_m: f64,
     voxels: usize,
-    /// `None`: the volume would be too large.
+    /// Run time of the dense volume, seconds; `None`: not made.
     dense_s: Option<f64>,
-    /// Every voxel of at least half of the greatest value, by branch and bound.
+    /// Run time of every voxel of at least half of the greatest value by branch and bound, seconds.
     image_s: f64,
-    /// The greatest voxel alone.
+    /// Run time of the greatest voxel alone, seconds.
     peak_s: f64,
     error_m: f64,
     footprint_l: f64,
-    /// Updates and bounds of the image against the dense volume's updates.
+    /// Updates and bounds of the image as a share of the dense volume's updates.
     work: f64,
-    /// Every voxel that both ways have is the same.
+    /// Whether both ways give equal voxels.
     same: bool,
 }
 
@@ -51,9 +52,10 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let recorded = trials.reflector("sphere-50cm", "fine", 10.0)?;
     let mut outcome = Outcome {
         procedure: format!(
-            "A reflector seen from within a sphere of 50 cm (preset fine, 40 dB), {SWEEPS} sweeps by farthest point, {} seeds, medians: voxels of 10 cm \
-             to 5 mm in cubes of 1 to 6 m, every voxel summed, and by branch and bound, which looks only where the image can reach half of its \
-             greatest value. Times are wall times on this machine, tables over range included.",
+            "A reflector observed from within a sphere of 50 cm (preset fine, 40 dB), {SWEEPS} sweeps by farthest \
+             point, {} seeds, medians: voxels of 10 cm to 5 mm in cubes of 1 to 6 m, with every voxel summed, and by \
+             branch and bound, which evaluates only where the image can reach half of its greatest value. Times are \
+             wall times on this machine, range tables included.",
             recorded.len()
         ),
         ..Outcome::default()
@@ -69,7 +71,10 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         outcome.draw(
             format!("time-over-voxels-{}", statistic.name()),
             time_chart(words, &done),
-            format!("Run time in the thesis' cube of 3 m, {words}. Where the dots of every voxel end, the volume would not fit in 128 MiB."),
+            format!(
+                "Run time in the thesis' cube of 3 m, {words}. The dense curve ends where the volume would not \
+                fit in 128 MiB."
+            ),
         );
         all.push(done);
     }
@@ -141,7 +146,8 @@ fn sub_aperture_litres(trials: &Trials) -> Result<f64, ExperimentError> {
     Ok(quantile(&footprints, 0.5))
 }
 
-/// Exponent of the run time of every voxel in their number, by least squares over the trials of at least 100 000.
+/// Exponent of the dense run time over the number of voxels: least-squares fit to the trials of at
+/// least 100 000 voxels.
 fn run_time_exponent(done: &[Trial]) -> f64 {
     let points: Vec<[f64; 2]> = done
         .iter()
@@ -153,7 +159,8 @@ fn run_time_exponent(done: &[Trial]) -> f64 {
     sum(&|p| (p[0] - mean[0]) * (p[1] - mean[1])) / sum(&|p| (p[0] - mean[0]).powi(2))
 }
 
-/// A cube ahead of the sensor with the reflector in it, shifted by a part of a voxel with every seed.
+/// A cube ahead of the sensor that contains the reflector, shifted by a part of a voxel for each
+/// seed.
 fn cube(edge_m: f64, voxel_m: f64, seed: u64) -> Aabb {
     let middle = DVec3::new(0.0, 1.5, -(0.5 * edge_m).max(1.0)) + offset(seed) * voxel_m;
     Aabb { min: middle - 0.5 * edge_m, max: middle + 0.5 * edge_m }
@@ -200,7 +207,8 @@ fn table(words: &str, done: &[Trial]) -> Table {
         ]),
         rows: done.iter().map(row).collect(),
         caption: format!(
-            "{words}. Not made: more than {:.0} MiB. The image is every voxel of at least half of the greatest value, which together are the footprint.",
+            "{words}. Not made: more than {:.0} MiB. Image and footprint: the voxels of at least half of the \
+             greatest value.",
             MAX_DENSE_VOXELS as f64 * 4.0 / f64::from(1 << 20)
         ),
     }
@@ -263,9 +271,10 @@ fn findings(outcome: &mut Outcome, thesis: &[Trial], ls: &[Trial], refined_m: f6
         "A resolution of a few millimetres should be possible, since the sensor has it.",
         across(fine.footprint_l) < 0.01,
         format!(
-            "half of the peak fills {:.1} l with voxels of 10 cm and {:.1} l with 5 mm, a cube of {} cm: the pulse is 14 cm long however near its points \
-             lie; coherent sub-apertures come to {:.3} l, a cube of {} cm. The place is told far better than things are told apart: {} cm off with voxels \
-             of 5 mm (least squares {} cm), {} mm refined",
+            "voxels above half of the peak fill {:.1} l with voxels of 10 cm and {:.1} l with 5 mm, a cube of {} cm: \
+             the pulse is 14 cm long, whatever its sampling; coherent sub-apertures reach {:.3} l, a cube of {} cm. \
+             Position accuracy is far better than resolution: {} cm off with voxels of 5 mm (least squares {} cm), {} \
+             mm refined",
             coarse.footprint_l,
             fine.footprint_l,
             cm(across(fine.footprint_l)),
@@ -295,8 +304,8 @@ fn findings(outcome: &mut Outcome, thesis: &[Trial], ls: &[Trial], refined_m: f6
         "The time grows exponentially with the number of sampling points.",
         powers.iter().all(|power| *power > 1.5),
         format!(
-            "every voxel: as their number to the power of {:.2} ({:.2} with least squares), which is in proportion; by branch and bound from 10 cm to 5 mm, \
-             8000 times the voxels, {:.0} times the time",
+            "every voxel: time grows as their number to the power of {:.2} ({:.2} with least squares), about \
+             proportionally; by branch and bound from 10 cm to 5 mm, 8000 times the voxels, {:.0} times the time",
             powers[0],
             powers[1],
             fine.image_s / coarse.image_s
@@ -304,7 +313,7 @@ fn findings(outcome: &mut Outcome, thesis: &[Trial], ls: &[Trial], refined_m: f6
     );
     let same = thesis.iter().chain(ls).all(|trial| trial.same);
     outcome.add_finding(
-        "Looking closely only where scores are high would help hugely.",
+        "Fine voxels only where scores are high would help hugely.",
         same && dense_s > 5.0 * centimetre.image_s,
         format!(
             "1 cm in 3 m: {:.0} ms for every voxel, {:.0} ms by branch and bound with {:.1} % of the work, {}",
@@ -325,8 +334,9 @@ fn findings(outcome: &mut Outcome, thesis: &[Trial], ls: &[Trial], refined_m: f6
             "How far the search area may reach was left open.",
             None,
             format!(
-                "voxels of 5 mm: from 1 to 6 m the number grows 216 times, the time by branch and bound from {:.0} to {:.0} ms; every voxel of 6 m would take \
-                 {:.1} GiB. The sensor's range (3.2 m here) ends the image, not the time",
+                "voxels of 5 mm: from 1 to 6 m the number grows 216 times, the time by branch and bound from {:.0} \
+                 to {:.0} ms; every voxel of 6 m would take {:.1} GiB. The sensor's range (3.2 m here) limits the \
+                 image, not the time",
                 one.image_s * 1e3,
                 six.image_s * 1e3,
                 memory_mib(six) / 1024.0

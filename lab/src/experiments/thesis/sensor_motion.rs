@@ -1,4 +1,5 @@
-//! What motion tells: at rest, within spheres, along a line.
+//! Thesis experiment "sensor motion": what can be observed at rest, within spheres and along a
+//! line.
 
 use glam::DVec3;
 
@@ -9,7 +10,7 @@ use radar_chaperone::report::{Marks, Table, cross_sections, motion_plot};
 use radar_sar::Observation;
 use radar_sar::{Selection, Statistic};
 
-/// The thesis' motions, with the words for them.
+/// The thesis' motions, and their names.
 const MOTIONS: [(&str, &str); 5] = [
     ("stationary", "at rest"),
     ("sphere-10cm", "within a sphere of 10 cm"),
@@ -17,17 +18,18 @@ const MOTIONS: [(&str, &str); 5] = [
     ("x-10cm", "along x by 10 cm"),
     ("x-50cm", "along x by 50 cm"),
 ];
-/// Sweeps that the thesis images.
+/// Number of sweeps that the thesis images.
 const SWEEPS: usize = 50;
-/// A thing that returns a hundredth of the reflector's power, dB.
+/// SNR of a weak target, dB: a hundredth of the reflector's power.
 const WEAK_DB: f64 = 20.0;
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
         procedure: format!(
-            "A reflector 1 m deep, 0.3 m to the left and 0.2 m above the sensor, 10 s with preset fine, 40 dB, {} seeds; the thesis' image from \
-             {SWEEPS} sweeps by its thinning, ours from as many by farthest point. At {WEAK_DB:.0} dB the thesis' sum is often greatest beside the \
-             sensor, where its weight 1/d² lifts the noise.",
+            "A reflector 1 m deep, 0.3 m to the left and 0.2 m above the sensor, 10 s with preset fine, 40 dB, {} \
+             seeds; the thesis' image from {SWEEPS} sweeps by its thinning, ours from as many by farthest point. At \
+             {WEAK_DB:.0} dB the thesis' sum is often greatest close to the sensor, where its weight 1/d² amplifies \
+             the noise.",
             trials.seeds
         ),
         ..Outcome::default()
@@ -61,7 +63,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
                 outcome.draw(
                     format!("thinned-{motion}"),
                     after,
-                    "The thesis' thinning: those on the hull, strong enough.",
+                    "The thesis' thinning: strong sweeps on the convex hull.",
                 );
             }
         }
@@ -82,21 +84,22 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     }
     let [rest, _, _, short, long] = [0, 1, 2, 3, 4].map(|n: usize| thesis[n]);
     outcome.add_finding(
-        "At rest the reflector is seen right in front, wherever it is.",
+        "At rest the reflector is imaged straight ahead, wherever it is.",
         (rest[1] - 0.3).abs() < 0.1 && (rest[2] - 0.2).abs() < 0.1,
         format!(
-            "at rest {}; {} cm of it in x and {} cm in y, and it stands 30 cm to the left and 20 cm above",
+            "at rest {}; {} cm of it in x and {} cm in y; the reflector is 30 cm to the left and 20 cm above",
             told[0],
             cm(rest[1]),
             cm(rest[2])
         ),
     );
     outcome.add_finding(
-        "Ten centimetres of motion place it, slightly blurred; fifty place it well.",
+        "Ten centimetres of motion locate it, slightly blurred; fifty locate it well.",
         thesis[1][0] < 0.25 && thesis[2][0] < 0.15,
         format!(
-            "10 cm: {}; 50 cm: {}. Over 10 cm the ranges to the image's greatest voxel and to the reflector differ by {} cm from sweep to sweep and the \
-             pulse is 14 cm long: the thesis' sum hardly tells the two, a fit of ranges does",
+            "10 cm: {}; 50 cm: {}. Over 10 cm the ranges to the image's greatest voxel and to the reflector differ \
+             by {} cm from sweep to sweep and the pulse is 14 cm long: the thesis' sum hardly separates the two, a fit \
+             of ranges does",
             told[1], told[2], rows[1][1]
         ),
     );
@@ -104,17 +107,19 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         "Ten centimetres along x do not suffice: the image stays in the middle.",
         short[1] > 0.2,
         format!(
-            "along x by 10 cm it comes halfway: {} cm off in x, of 30; in all {}: over so short a way the ranges to both places differ by centimetres",
+            "along x by 10 cm the image lies halfway: {} cm off in x, of 30; in total {}: over so short a path the \
+             ranges to both points differ by only centimetres",
             cm(short[1]),
             told[3]
         ),
     );
     outcome.add_finding(
-        "Motion along x by fifty tells x and leaves the height open: the image is left of the middle and not above it.",
+        "Motion along x by fifty determines x and leaves the height open: the image is left of the middle and not \
+         above it.",
         long[1] < 0.15 && (long[2] - 0.2).abs() < 0.1,
         format!(
-            "along x by 50 cm: {} cm off in x and {} cm in y, where it stands 20 cm above; ours says that {} was observed; half of the thesis' peak spans \
-             {} cm in x and {} cm in y",
+            "along x by 50 cm: {} cm off in x and {} cm in y, of a height of 20 cm; ours reports as observed: {}; \
+             voxels above half of the thesis' peak span {} cm in x and {} cm in y",
             cm(long[1]),
             cm(long[2]),
             rows[4][8],
@@ -135,8 +140,9 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             "observed",
         ]),
         rows,
-        caption: "Medians. Ranges: by how much those of the image's greatest voxel and of the reflector differ from sweep to sweep. Spans: the box around the voxels of at least half of \
-            the greatest value. Observed: what our covariance says that the motion told."
+        caption: "Medians. Ranges: by how much those of the image's greatest voxel and of the reflector differ from \
+            sweep to sweep. Spans: the box around the voxels of at least half of the greatest value. Observed: which \
+            directions the motion determined, by our covariance."
             .into(),
     });
     Ok(outcome)
@@ -155,7 +161,7 @@ fn thesis_quality(recorded: &TrialRecording) -> Quality {
     Quality::of(&volume(&sweeps, Statistic::Thesis, THESIS_VOXEL_M, recorded.seed), recorded.truth_m)
 }
 
-/// A path as it is drawn: seconds since the first sweep, and places.
+/// Path for the plot: seconds since the first sweep, and positions.
 fn timed(sweeps: &[Observation]) -> Vec<(f64, DVec3)> {
     let start_ns = sweeps.iter().map(|sweep| sweep.mid_time_ns).min().unwrap_or(0);
     let mut path: Vec<(f64, DVec3)> = sweeps

@@ -1,30 +1,30 @@
-//! How like the thing an image of it is: the imaged voxels against the points that are there.
+//! Accuracy of an object's image: the imaged voxels against the true points.
 
 use glam::DVec3;
 
 use crate::experiments::trial_recording::quantile;
 use radar_sar::geometry::Aabb;
 
-/// A voxel this near to a point shows it, metres: the thesis' voxel.
+/// Distance within which a voxel images a point, metres: the thesis' voxel edge.
 const NEAR_M: f64 = 0.1;
 
 /// Imaged voxels against true points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct ShapeAccuracy {
-    /// Median distance from an imaged voxel to the nearest point, metres.
+    /// Median distance from an imaged voxel to the nearest point, metres; infinite without voxels.
     pub off_m: f64,
     /// Share of the imaged voxels within 10 cm of a point.
     pub precision: f64,
     /// Share of the points that have an imaged voxel within 10 cm.
     pub recall: f64,
-    /// Size of the box around the imaged voxels, voxels included, metres.
+    /// Size of the box around the imaged voxels, voxel edge included, metres.
     pub extent_m: DVec3,
-    /// From the middle of the points to the middle of the imaged voxels, weighed by their values, metres.
+    /// From the points' mean to the imaged voxels' centroid, weighted by their values, metres.
     pub shift_m: DVec3,
 }
 
 impl ShapeAccuracy {
-    /// Of voxels (centre, value) of an edge; without any nothing is near.
+    /// For voxels (centre, value) of the given edge.
     pub fn of(imaged: &[(DVec3, f32)], voxel_m: f64, points_m: &[DVec3]) -> Self {
         let nearest = |place: DVec3| points_m.iter().map(|p| p.distance(place)).fold(f64::INFINITY, f64::min);
         let distances: Vec<f64> = imaged.iter().map(|(place, _)| nearest(*place)).collect();

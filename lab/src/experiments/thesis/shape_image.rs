@@ -1,6 +1,8 @@
-//! The shape of what stands there by sub-apertures: coherent within a few blocks, power across them.
+//! Object shapes by sub-apertures: coherent sums within groups of sub-apertures, power summed
+//! across groups.
 //!
-//! Nothing is known beforehand: the cube is imaged coarsely in tiles, block by block, and finely in those tiles that show something.
+//! No prior knowledge: the cube is imaged in coarse tiles first, and finely in the tiles that show
+//! something.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -10,17 +12,18 @@ use radar_sar::Volume;
 use radar_sar::geometry::Aabb;
 use radar_sar::subaperture::{Subaperture, SubapertureBuilder, SubapertureSettings, fine_image};
 
-/// Edge of the tiles, of coarse voxels and of fine ones, metres.
+/// Edges of the tiles, of coarse voxels and of fine ones, metres.
 const TILE_M: f64 = 0.2;
 const COARSE_VOXEL_M: f64 = 0.05;
 pub(super) const FINE_VOXEL_M: f64 = 0.0125;
 const FINE_IN_TILE: usize = 16;
-/// Tiles with this share of the greatest coarse power are imaged finely: −10 dB.
+/// Tiles with this share of the greatest coarse power are imaged finely: −10 dB. Choice.
 const MIN_TILE_SHARE: f32 = 0.1;
-/// Blocks of 90 ms that are summed coherently: 360 ms, for which tracking holds still.
+/// Sub-apertures of 90 ms in one coherent sum: 360 ms, over which tracking drift is negligible.
 const SUBAPERTURES_PER_GROUP: usize = 4;
 
-/// Amplitude (root of the power, noise at most 1) by sub-apertures, 0 where nothing is; `None` where no tile was seen.
+/// Amplitude (root of the power, noise at most 1) by sub-apertures, 0 where nothing is imaged;
+/// `None` where no tile was covered.
 pub(super) fn subaperture_image(recorded: &TrialRecording) -> Option<Volume> {
     let blocks = subapertures(recorded);
     let cube = region(COARSE_VOXEL_M, recorded.seed);
@@ -40,7 +43,7 @@ pub(super) fn subaperture_image(recorded: &TrialRecording) -> Option<Volume> {
     assembled(&cube, &fine)
 }
 
-/// Amplitude in a box of ±15 cm around a place, voxels of 5 mm; `None` where it is not covered.
+/// Amplitude in a box of ±15 cm around a point, voxels of 5 mm; `None` where it is not covered.
 pub(super) fn close_image(recorded: &TrialRecording, place: DVec3) -> Option<Volume> {
     let blocks = subapertures(recorded);
     let region = Aabb { min: place - 0.15, max: place + 0.15 };
@@ -54,8 +57,8 @@ fn subapertures(recorded: &TrialRecording) -> Vec<Subaperture> {
     blocks
 }
 
-/// Power in a tile by the blocks that have it in their range, summed and divided by the number of all: what few see is not brighter for it,
-/// and tiles fit together.
+/// Power in a tile: the sum over the sub-apertures that cover it, divided by the number of all
+/// sub-apertures. So tiles that few of them cover are not brighter, and tiles fit together.
 fn tile_image(
     blocks: &[Subaperture],
     cube: &Aabb,
@@ -77,7 +80,7 @@ fn amplitude(mut power: Volume) -> Volume {
     power
 }
 
-/// The box around the tiles with their amplitudes in it.
+/// Joins the tiles' amplitudes in one volume.
 fn assembled(cube: &Aabb, tiles: &[([usize; 3], Volume)]) -> Option<Volume> {
     let bound = |start: usize, pick: fn(usize, usize) -> usize| {
         [0, 1, 2].map(|axis| tiles.iter().map(|(tile, _)| tile[axis]).fold(start, pick))

@@ -1,5 +1,8 @@
-//! Sub-apertures: sums in phase over so many consecutive sweeps, their powers summed. Between least squares (each sweep by itself) and
-//! the fully coherent sum; more in phase resolves more and asks more of the poses.
+//! Sub-apertures of the thesis' sweeps: coherent sums over a number of consecutive sweeps, powers
+//! summed across them.
+//!
+//! This lies between least squares (each sweep alone) and the fully coherent sum. Longer
+//! sub-apertures resolve more and need more accurate poses.
 
 use glam::DVec3;
 
@@ -13,13 +16,13 @@ use radar_sar::{Beam, Observation};
 use radar_sar::{Statistic, Volume};
 use radar_simulation::{Scenario, TrackingErrors};
 
-/// Two seconds of preset fine: 240 sweeps; how many of them are in phase.
+/// Two seconds of preset fine, 240 sweeps; numbers of sweeps per coherent sum.
 const DURATION_S: f64 = 2.0;
 const LENGTHS: [(usize, &str); 4] = [(1, "1: least squares"), (12, "12"), (40, "40"), (usize::MAX, "all: coherent")];
-/// Around the truth the greatest value is looked for this far, in voxels of this edge, metres.
+/// Half edge of the box around the truth that is searched for the peak, and its voxel edge, metres.
 const AROUND_M: f64 = 0.04;
 const VOXEL_M: f64 = 2e-3;
-/// Widths are looked for this far on either side, metres.
+/// Widths are measured up to this far on either side, metres.
 const REACH_M: f64 = 0.6;
 const BEAM: Beam = Beam::Lensless;
 
@@ -35,10 +38,10 @@ fn image(sweeps: &[Observation], length: usize, region: &Aabb) -> Volume {
     sum
 }
 
-/// How wide the image is about a place along an axis, at half of its greatest value, metres; what is wider than the reach is told as that.
+/// Full width at half maximum through a point along an axis, metres; limited to twice the reach.
 fn width_m(sweeps: &[Observation], length: usize, at: DVec3, axis: DVec3) -> f64 {
     let line = Aabb::from_corners(at - axis * REACH_M, at + axis * REACH_M);
-    // One voxel thick, its middle on the line.
+    // One voxel thick, centred on the line.
     let thick = (DVec3::ONE - axis) * (0.5 * VOXEL_M);
     let values = image(sweeps, length, &Aabb { min: line.min - thick, max: line.max + thick }).values;
     let middle = values.len() / 2;
@@ -50,7 +53,7 @@ fn width_m(sweeps: &[Observation], length: usize, at: DVec3, axis: DVec3) -> f64
     (left + right) as f64 * VOXEL_M
 }
 
-/// Adds them to the experiment of the filters.
+/// Adds the sub-aperture part to the matched-filter experiment.
 pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), ExperimentError> {
     let config = preset("fine").ok_or(ExperimentError::Preset("fine"))?;
     let errors = [TrackingErrors::none(), TrackingErrors::default()];
@@ -66,7 +69,7 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
             };
             let recorded = TrialRecording::of(&scenario)?;
             let truth = recorded.truth_m;
-            // Every seed puts the truth into another part of a voxel.
+            // Each seed puts the truth at another place within a voxel.
             let shift = region(VOXEL_M, seed).center() - region(0.0, seed).center();
             let around = Aabb { min: truth + shift - AROUND_M, max: truth + shift + AROUND_M };
             for (n, &(length, _)) in LENGTHS.iter().enumerate() {
@@ -92,8 +95,9 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
         "The choice of method depends on the application and on the data (5.8.1).",
         short[2] < single[2] / 3.0 && whole[2] < short[2] / 3.0 && whole[1] > 2.0 * whole[0],
         format!(
-            "in phase over 1, 12 and all of 240 sweeps the image is {}, {} and {} mm wide in x; poses as tracked put it {}, {} and {} mm off, exact ones {}, {} and {} mm: twelve in phase are the \
-             best of both, and more asks more of the poses than tracking gives",
+            "in phase over 1, 12 and all of 240 sweeps the image is {}, {} and {} mm wide in x; tracked poses put it \
+             {}, {} and {} mm off, exact ones {}, {} and {} mm. Twelve in phase are the best compromise: more needs \
+             better poses than tracking provides",
             mm(single[2]),
             mm(short[2]),
             mm(whole[2]),
@@ -108,20 +112,23 @@ pub(super) fn add(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experime
     outcome.add_finding(
         "Polarimetric and interferometric images are candidates (5.8.1).",
         None,
-        "an A121 has one antenna of one polarisation, so there is nothing to compare; phases from pass to pass are what sums in phase use".into(),
+        "an A121 has one antenna of one polarisation, so there is nothing to compare; coherent sums use the phases \
+         between passes"
+            .into(),
     );
     outcome.tables.push(Table {
         head: head(&[
             "sweeps in phase",
-            "wide in x (mm)",
-            "wide in z (mm)",
-            "off, exact poses (mm)",
-            "off, poses as tracked (mm)",
+            "width in x (mm)",
+            "width in z (mm)",
+            "error, exact poses (mm)",
+            "error, tracked poses (mm)",
         ]),
         rows: LENGTHS.iter().map(|length| length.1).zip(&figures).map(row).collect(),
         caption: format!(
-            "Sub-apertures. {DURATION_S:.0} s of preset fine within a sphere of 50 cm. Wide: at half of the greatest power, with exact poses. Off: from the truth to \
-             the greatest of the voxels of {} mm within {:.0} cm of it. Medians.",
+            "Sub-apertures. {DURATION_S:.0} s of preset fine within a sphere of 50 cm. Width: at half of the \
+             greatest power, with exact poses. Error: from the truth to the greatest voxel of {} mm within {:.0} cm of \
+             it. Medians.",
             VOXEL_M * 1e3,
             AROUND_M * 100.0
         ),

@@ -1,4 +1,5 @@
-//! Poses and radar out of step at the start: found, followed and taken out.
+//! Thesis experiment "synchronisation": poses and radar out of step at the start. The lag is
+//! detected, followed as a curve, and corrected.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -19,24 +20,26 @@ use radar_sar::PoseSample;
 use radar_sar::{Selection, Statistic};
 use radar_simulation::{Scenario, Simulated};
 
-/// What the thesis saw: so much at the start, gone after so long, and so many frames of its 120 a second left, one seed after the other.
+/// Injected lag, as the thesis saw it: the value at the start, seconds; the time after which it has
+/// settled, seconds; and the residual in frames of 120 per second, one value per seed.
 const START_LAG_S: f64 = 0.8;
 const SETTLED_S: f64 = 5.0;
 const FRAME_S: f64 = 1.0 / 120.0;
 const RESIDUAL_FRAMES: [f64; 6] = [7.0, 5.0, 10.0, 6.0, 9.0, 8.0];
 const DURATION_S: f64 = 12.0;
-/// Errors of the curve count from here on: before, the sensor rests and nothing can tell.
+/// Errors of the curve count from here on, seconds: before, the sensor rests and the lag is
+/// unobservable.
 const FIRST_MOTION_S: f64 = 1.5;
-/// The running estimate is asked this often, seconds.
+/// Interval of the running estimate, seconds.
 const ESTIMATE_INTERVAL_S: f64 = 0.5;
 const SWEEPS: usize = 50;
-/// Sweeps that the reflector is placed by before it is followed.
+/// Number of sweeps that locate the reflector before its range is followed.
 const PLACE_SWEEPS: usize = 150;
-/// Sweeps and voxels of the search before, metres.
+/// Number of sweeps and voxel edge, metres, of the coarse search for the reflector.
 const SEARCH_SWEEPS: usize = 40;
 const SEARCH_VOXEL_M: f64 = 0.1;
 
-/// Pose stamps minus times of sweeps, seconds: the radar is late, so they are less.
+/// Pose stamp minus sweep time, seconds. Negative, since the radar is late.
 fn injected_lag_s(time_s: f64, residual_frames: f64) -> f64 {
     -START_LAG_S * (1.0 - time_s.max(0.0) / SETTLED_S).max(0.0).powi(2) - residual_frames * FRAME_S
 }
@@ -72,8 +75,8 @@ impl LaggingRecording {
         synchronisation(config, head_from_sensor, &MappingSettings::default(), &self.simulated.frames, poses)
     }
 
-    /// The reflector by radar and by poses, by every second frame and a coarse search for its place: what is found is
-    /// refined all the same.
+    /// The reflector's range by radar and by poses, from every second frame and a coarse search;
+    /// the position is refined afterwards in any case.
     fn series(&self, poses: &[PoseSample]) -> Result<ReflectorSeries, SynchronisationError> {
         let Scenario { config, head_from_sensor, .. } = &self.scenario;
         let mut settings = MappingSettings::default();
@@ -105,17 +108,18 @@ impl LaggingRecording {
     }
 }
 
-/// What was made of one recording.
+/// Results of one recording.
 struct LagEstimate {
     series: ReflectorSeries,
-    /// By the series as stamped, and with what a second round finds, the reflector's place being better then.
+    /// Lag curve from the streams as stamped, and from a second round, in which the reflector's
+    /// position is more accurate.
     curve: LagCurve,
     second_pass: LagCurve,
     corrected: Vec<PoseSample>,
 }
 
 impl LagEstimate {
-    /// `None` where the recording tells nothing.
+    /// `None` where the lag is unobservable.
     fn of(lagging: &LaggingRecording) -> Option<Self> {
         let series = lagging.series(&lagging.poses).ok()?;
         let curve = LagCurve::of(&series.radar_range_m, &series.pose_range_m)?;
@@ -126,17 +130,17 @@ impl LagEstimate {
     }
 }
 
-/// What is left in a window, at its middle.
+/// Offset estimate of a window, at the window's middle.
 fn window_lag(window: &OffsetWindow) -> Option<Lag> {
     let estimate = window.estimate.filter(|estimate| estimate.observable)?;
     let time_s = 0.5 * (window.from_s + window.to_s);
     Some(Lag { time_s, lag_s: estimate.offset_s, sigma_s: estimate.sigma_s })
 }
 
-/// The curve's newest value by what had come until then, with its time.
+/// The newest value of the curve, estimated from the data up to each time.
 fn running_lags(told: &ReflectorSeries) -> Vec<Lag> {
     let until = |time_s: f64| {
-        // What comes from then on is not known yet: stamps may be ahead of sweeps.
+        // Later data are not known yet: stamps may be ahead of sweeps.
         let [radar, poses] = [&told.radar_range_m, &told.pose_range_m]
             .map(|series| &series[..series.partition_point(|point| point[0] <= time_s)]);
         let curve = LagCurve::of(radar, poses)?;
@@ -145,7 +149,7 @@ fn running_lags(told: &ReflectorSeries) -> Vec<Lag> {
     (2..).map(|n| f64::from(n) * ESTIMATE_INTERVAL_S).take_while(|s| *s <= DURATION_S).filter_map(until).collect()
 }
 
-/// From when on the running estimate stays this near to the truth, seconds.
+/// Time from which on the running estimate stays this near to the truth, seconds.
 fn converged_after_s(running_lags: &[Lag], lagging: &LaggingRecording, within_s: f64) -> f64 {
     let is_off = |lag: &&Lag| (lag.lag_s - lagging.truth_s(lag.time_s)).abs() > within_s;
     let last_off = running_lags.iter().rposition(|lag| is_off(&lag));
@@ -153,7 +157,7 @@ fn converged_after_s(running_lags: &[Lag], lagging: &LaggingRecording, within_s:
     running_lags.get(first).map_or(f64::INFINITY, |lag| lag.time_s)
 }
 
-/// Error of the thesis' image and of the refined place, metres.
+/// Error of the thesis' image and of the refined position, metres.
 fn image_errors(recorded: &TrialRecording) -> [f64; 2] {
     let sweeps = chosen(recorded, SWEEPS, Selection::FarthestPoint);
     if sweeps.is_empty() {
@@ -168,10 +172,12 @@ fn image_errors(recorded: &TrialRecording) -> [f64; 2] {
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
         procedure: format!(
-            "The sensor goes towards the reflector and back again and again (3.5.4), {DURATION_S:.0} s with preset fine, {} seeds. Into the poses' stamps goes what the thesis \
-             saw: the radar {START_LAG_S} s late at the start, settled after {SETTLED_S:.0} s, and 5 to 10 frames of 120 a second that stay. The lag is followed as a curve, \
-             from the ranges of the reflector by radar and by poses (a way through a grid of lags, then a Kalman smoother), taken out, and followed once more, since the \
-             reflector's place is better known then. Images are of a hand-held motion within 50 cm with the same lag.",
+            "The sensor moves towards the reflector and back repeatedly (3.5.4), {DURATION_S:.0} s with preset fine, \
+             {} seeds. The poses' stamps get the lag that the thesis saw: the radar {START_LAG_S} s late at the start, \
+             settled after {SETTLED_S:.0} s, and a residual of 5 to 10 frames of 120 per second. The lag is estimated \
+             as a curve, from the ranges of the reflector by radar and by poses (a path through a grid of lags, then a \
+             Kalman smoother), corrected, and estimated once more, since the reflector's position is more accurate \
+             then. Images are of a hand-held motion within 50 cm with the same lag.",
             trials.seeds
         ),
         ..Outcome::default()
@@ -189,7 +195,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     Ok(outcome)
 }
 
-/// Whether a lag at the start is seen where there is one, and is not where there is none.
+/// Tests whether a lag at the start is detected where there is one, and not where there is none.
 fn detection(
     outcome: &mut Outcome,
     trials: &Trials,
@@ -208,16 +214,17 @@ fn detection(
     let false_alarms = in_step.par_iter().filter_map(curve).filter(is_late).count();
     let seeds = trials.seeds as usize;
     outcome.add_finding(
-        "Laid over each other, headset and radar show a delay of about 0.8 s at the start that is gone after 4 to 5 s.",
+        "Overlaid, headset and radar show a delay of about 0.8 s at the start that vanishes after 4 to 5 s.",
         (seen == seeds && false_alarms == 0).then_some(true),
         format!(
-            "put in here; by the curve the first two seconds of motion are told from the rest in {seen} of {seeds} recordings, and in {false_alarms} of {seeds} without any lag"
+            "injected here; by the curve the first two seconds of motion differ significantly from the rest in \
+             {seen} of {seeds} recordings, and in {false_alarms} of {seeds} without any lag"
         ),
     );
     let Some((lagging, followed)) = pairs.first() else { return Ok(()) };
     let both = [
         ("overlaid-before", &lagging.poses, "as stamped"),
-        ("overlaid-after", &followed.corrected, "with the lag taken out"),
+        ("overlaid-after", &followed.corrected, "with the lag corrected"),
     ];
     for (name, poses, words) in both {
         let Ok(told) = lagging.estimate(poses) else { continue };
@@ -226,17 +233,22 @@ fn detection(
             name,
             overlaid(&told, &title),
             format!(
-                "As the thesis' figure 4.10: {words}. Below, the offset window by window, taken for constant in each."
+                "As the thesis' figure 4.10: {words}. Below, the offset window by window, assumed constant in each."
             ),
         );
         if name == "overlaid-before" {
             let windows: Vec<Lag> = told.windows.iter().filter_map(window_lag).collect();
             let runs = running_lags(&followed.series);
-            outcome.draw("lag-curve", curves(lagging, followed, &runs, &windows), "Put in and found. By what had come until then: what a program beside the headset knows at that moment.");
+            outcome.draw(
+                "lag-curve",
+                curves(lagging, followed, &runs, &windows),
+                "Injected and estimated. Running \
+                estimate: from the data up to that time, as a live program has them.",
+            );
             outcome.draw(
                 "lag-error",
                 errors(lagging, followed, &runs),
-                "What remains. Before the sensor moves nothing can tell.",
+                "Remaining error. Before the sensor moves the lag is unobservable.",
             );
         }
     }
@@ -261,7 +273,7 @@ fn overlaid(told: &Synchronisation, title: &str) -> radar_chaperone::report::Pic
     })
 }
 
-/// How well the curve is followed, and when it is known.
+/// How accurately the curve is followed, and from when on.
 fn lag_findings(outcome: &mut Outcome, pairs: &[(&LaggingRecording, &LagEstimate)]) {
     let (mut rows, mut known) = (Vec::new(), Vec::new());
     let mut figures: Vec<[f64; 6]> = Vec::new();
@@ -298,25 +310,47 @@ fn lag_findings(outcome: &mut Outcome, pairs: &[(&LaggingRecording, &LagEstimate
     let [five_s, one_s] = [0, 1].map(|n: usize| quantile(&known.iter().map(|k| k[n]).collect::<Vec<_>>(), 0.5));
     let told_s = |s: f64| if s.is_finite() { format!("{s:.2} s") } else { "never within the recording".into() };
     outcome.add_finding(
-        "Waiting ten seconds before logging is needed to be rid of it.",
+        "Waiting ten seconds before logging is needed to avoid it.",
         (!pairs.is_empty()).then_some(five_s > 10.0),
         format!(
-            "as it comes the lag is known within 5 ms from {} on and within 1 ms from {} on (medians); from the whole recording it is taken out from the first motion on, to \
-             {:.1} ms rms until {SETTLED_S:.0} s and {:.2} ms after",
-            told_s(five_s), told_s(one_s), middle(3), middle(5)
+            "the running estimate is within 5 ms from {} on and within 1 ms from {} on (medians); from the whole \
+             recording the lag is corrected from the first motion on, to {:.1} ms rms until {SETTLED_S:.0} s and {:.2} \
+             ms after",
+            told_s(five_s),
+            told_s(one_s),
+            middle(3),
+            middle(5)
         ),
     );
     outcome.add_finding(
-        "What is left, 5 to 10 frames (42 to 83 ms), is adjusted by hand.",
+        "The residual, 5 to 10 frames (42 to 83 ms), is adjusted by hand.",
         (!pairs.is_empty()).then_some(middle(5) > 1e3 * FRAME_S),
-        format!("no hand is needed: what remains after {SETTLED_S:.0} s is {:.2} ms rms after the first round and {:.2} ms after the second", middle(2), middle(5)),
+        format!(
+            "no manual adjustment is needed: the error after {SETTLED_S:.0} s is {:.2} ms rms in the first round \
+            and {:.2} ms in the second",
+            middle(2),
+            middle(5)
+        ),
     );
     outcome.tables.push(Table {
         head: head(&[
-            "seed", "frames that stay", "first round: rms to 5 s (ms)", "greatest (ms)", "rms after (ms)", "second round: rms to 5 s (ms)", "greatest (ms)", "rms after (ms)", "known to 5 ms (s)", "to 1 ms (s)",
+            "seed",
+            "residual (frames)",
+            "first round: rms to 5 s (ms)",
+            "maximum (ms)",
+            "rms after (ms)",
+            "second round: rms to 5 s (ms)",
+            "maximum \
+                (ms)",
+            "rms after (ms)",
+            "known to 5 ms (s)",
+            "to 1 ms (s)",
         ]),
         rows,
-        caption: format!("Error of the lag from {FIRST_MOTION_S} s on, when the sensor moves. Known: from when on the estimate by what had come until then stays that near, the reflector's place given; – never in {DURATION_S:.0} s."),
+        caption: format!(
+            "Error of the lag from {FIRST_MOTION_S} s on, when the sensor moves. Known: time from which on \
+            the running estimate stays that near, the reflector's position given; – never in {DURATION_S:.0} s."
+        ),
     });
 }
 
@@ -330,25 +364,25 @@ fn curves(
     let times = (0..).map(|n| f64::from(n) * 0.5).take_while(|t| *t <= DURATION_S);
     let moving = followed.second_pass.lags().iter().filter(|lag| lag.time_s > 1.2).step_by(45);
     Chart {
-        title: "The lag of the radar behind the headset, put in and found".into(),
+        title: "The lag of the radar behind the headset, injected and estimated".into(),
         x_label: "time since the first sweep (s)".into(),
         y_label: "pose stamp minus sweep time (ms)".into(),
         x_log: false,
         y_log: false,
         series: vec![
             Series {
-                name: "put in".into(),
+                name: "injected".into(),
                 points: times.map(|t| [t, lagging.truth_s(t) * 1e3]).collect(),
                 joined: true,
             },
-            Series { name: "found".into(), points: moving.map(ms).collect(), joined: false },
+            Series { name: "estimated".into(), points: moving.map(ms).collect(), joined: false },
             Series {
-                name: "found by what had come until then".into(),
+                name: "found running estimate".into(),
                 points: running_lags.iter().filter(|lag| lag.time_s > 1.2).map(ms).collect(),
                 joined: false,
             },
             Series {
-                name: "taken for constant in windows".into(),
+                name: "assumed constant in windows".into(),
                 points: windows.iter().map(ms).collect(),
                 joined: false,
             },
@@ -367,7 +401,7 @@ fn errors(
         lags.iter().filter(|lag| lag.time_s > FIRST_MOTION_S).step_by(step).map(off).collect::<Vec<_>>()
     };
     Chart {
-        title: "What remains of the lag".into(),
+        title: "Remaining lag error".into(),
         x_label: "time since the first sweep (s)".into(),
         y_label: "error of the lag (ms)".into(),
         x_log: false,
@@ -375,16 +409,16 @@ fn errors(
         series: vec![
             Series { name: "curve, first round".into(), points: from(followed.curve.lags(), 12), joined: true },
             Series { name: "curve, second round".into(), points: from(followed.second_pass.lags(), 12), joined: true },
-            Series { name: "by what had come until then".into(), points: from(running_lags, 1), joined: false },
+            Series { name: "running estimate".into(), points: from(running_lags, 1), joined: false },
         ],
     }
     .draw()
 }
 
-/// Images before and after, from the first five seconds and from later.
+/// Images before and after correction, from the first five seconds and from later.
 fn images(outcome: &mut Outcome, trials: &Trials) -> Result<(), ExperimentError> {
     const SPANS: [(&str, f64, f64); 2] = [("first 5 s", 0.0, SETTLED_S), ("after", SETTLED_S, DURATION_S)];
-    const WAYS: [&str; 3] = ["as stamped", "lag taken out", "never out of step"];
+    const WAYS: [&str; 3] = ["as stamped", "lag corrected", "never out of step"];
     let mut figures = vec![vec![Vec::new(); SPANS.len()]; WAYS.len()];
     let recorded = |seed: u64| -> Result<_, ExperimentError> {
         let lagging = LaggingRecording::new("sphere-50cm", seed, true)?;
@@ -429,15 +463,16 @@ fn images(outcome: &mut Outcome, trials: &Trials) -> Result<(), ExperimentError>
         "With synchronisation issues the system cannot be expected to give viable results; without, images improve significantly.",
         middle(0, 0, 1) > 0.1 && middle(1, 0, 1) < 0.5 * middle(0, 0, 1),
         format!(
-            "the reflector by the first 5 s: {} mm off as stamped, {} mm with the lag taken out, {} mm had it never been there; after them {}, {} and {} mm",
+            "the reflector from the first 5 s: {} mm off as stamped, {} mm with the lag corrected, {} mm without any \
+             lag; from later sweeps {}, {} and {} mm",
             mm(middle(0, 0, 1)), mm(middle(1, 0, 1)), mm(middle(2, 0, 1)), mm(middle(0, 1, 1)), mm(middle(1, 1, 1)), mm(middle(2, 1, 1))
         ),
     );
     outcome.tables.push(Table {
-        head: head(&["poses", "sweeps of", "thesis: error (cm)", "ours: error (mm)", "at most (mm)"]),
+        head: head(&["poses", "sweeps of", "thesis: error (cm)", "ours: error (mm)", "maximum (mm)"]),
         rows,
         caption: format!(
-            "Images from {SWEEPS} sweeps within a sphere of 50 cm, medians over the seeds, and the greatest of ours."
+            "Images from {SWEEPS} sweeps within a sphere of 50 cm, medians over the seeds, and the maximum of ours."
         ),
     });
     Ok(())

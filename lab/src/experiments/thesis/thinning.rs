@@ -1,4 +1,4 @@
-//! Which sweeps to keep.
+//! Thesis experiment "thinning the data set": which sweeps to keep.
 
 use std::time::Instant;
 
@@ -43,8 +43,9 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         (at(Selection::ThesisHull, 1), at(Selection::FarthestPoint, 1), at(Selection::DOptimal, 1));
     let mut outcome = Outcome {
         procedure: format!(
-            "From the 1200 sweeps of a recording within a sphere of 50 cm so many are kept, by chance, by the thesis' threshold (eq. 3.6), by its \
-             hull (eq. 3.7), by farthest point and by the determinant of what they tell (D-optimal); {} seeds, medians.",
+            "From the 1200 sweeps of a recording within a sphere of 50 cm a number is kept: at random, by the \
+             thesis' threshold (eq. 3.6), by its hull (eq. 3.7), by farthest point and by the determinant of the \
+             information matrix (D-optimal); {} seeds, medians.",
             recorded.len()
         ),
         ..Outcome::default()
@@ -53,8 +54,9 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         "Few sweeps suffice when they are chosen well; the hull's are.",
         hull < random,
         format!(
-            "ten sweeps: by chance {random:.1} mm, hull {hull:.1} mm, farthest point {farthest:.1} mm, D-optimal {best:.1} mm: few do suffice, but of the \
-             hull's many points ten are drawn by chance, and they may lie close together"
+            "ten sweeps: random {random:.1} mm, hull {hull:.1} mm, farthest point {farthest:.1} mm, D-optimal \
+             {best:.1} mm: few do suffice, but of the hull's many points ten are drawn at random, and they may lie \
+             close together"
         ),
     );
     outcome.tables.push(Table {
@@ -65,7 +67,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let series =
         curves.into_iter().map(|(selection, points)| Series { name: selection.name().into(), points, joined: true });
     let chart = Chart {
-        title: "Error of the refined place against the number of sweeps".into(),
+        title: "Error of the refined position against the number of sweeps".into(),
         x_label: "sweeps kept".into(),
         y_label: "error (mm)".into(),
         x_log: true,

@@ -1,4 +1,4 @@
-//! What speed does to the image.
+//! Thesis experiment "sensor velocity": what speed does to the image.
 
 use super::imaging_methods::{Quality, THESIS_VOXEL_M, locate, volume};
 use super::{ExperimentError, Outcome, SNR_DB, Trials, cm, head, mm};
@@ -6,20 +6,21 @@ use crate::experiments::trial_recording::quantile;
 use radar_chaperone::report::{Marks, Table, cross_sections};
 use radar_sar::Statistic;
 
-/// The thesis' speeds, m/s.
+/// The thesis' motions and their speeds, m/s.
 const SPEEDS: [(&str, f64); 3] = [("approach-1.0", 1.0), ("approach-1.5", 1.5), ("approach-2.5", 2.5)];
-/// Poses against sweeps, seconds: in time, and as far off as a link or a plugin may be.
+/// Time offsets between poses and sweeps, seconds: none, and as much as a link or a plugin may
+/// cause.
 const OFFSETS_S: [f64; 3] = [0.0, 0.005, 0.02];
-/// Those that are drawn.
+/// Offsets that are drawn, seconds.
 const DRAWN_S: [f64; 2] = [0.0, 0.02];
-/// Long enough for the slowest to come near, seconds.
+/// Duration, seconds: long enough for the slowest motion to come near.
 const DURATION_S: f64 = 2.0;
 
 pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     let mut outcome = Outcome {
         procedure: format!(
-            "The sensor goes towards the reflector and back at three speeds, {DURATION_S:.0} s with preset fine (120 sweeps a second, as the \
-             thesis had), {} seeds, all sweeps.",
+            "The sensor moves towards the reflector and back at three speeds, {DURATION_S:.0} s with preset fine \
+             (120 sweeps a second, as the thesis had), {} seeds, all sweeps.",
             trials.seeds
         ),
         ..Outcome::default()
@@ -40,7 +41,8 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
             depth.push(quality.off_m.z.abs());
             sizes.push(quality.footprint_l);
             let (refined, _) = locate(&recorded.observations, recorded.seed);
-            // An approach tells the range; what it does not tell is no error of the speed's.
+            // An approach determines the range only; the cross-range error is not caused by the
+            // speed and is left out.
             let off = refined.map(|refined| {
                 let toward = (recorded.truth_m - refined.seen_from_m).length();
                 (refined.position_m.distance(refined.seen_from_m) - toward).abs()
@@ -52,7 +54,7 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
                 let marks = Marks { truth_m: &[recorded.truth_m], found_m: &[], path_m: &path };
                 let late = format!("{:.0} ms", offset_s * 1e3);
                 let (words, file) = match offset_s > 0.0 {
-                    true => (format!(", poses {late} out of time"), format!("-{late}").replace(' ', "")),
+                    true => (format!(", poses offset by {late}"), format!("-{late}").replace(' ', "")),
                     false => Default::default(),
                 };
                 let title = format!("The thesis' image at {speed} m/s{words}");
@@ -72,10 +74,11 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     }
     let (slow, fast) = (figures[0], figures[2]);
     outcome.add_finding(
-        "At 2.5 m/s the image is slightly more blurred than at 1 m/s, of no practical weight.",
+        "At 2.5 m/s the image is slightly more blurred than at 1 m/s, without practical relevance.",
         fast.0 > slow.0 && fast.0 < 1.5 * slow.0,
         format!(
-            "half of the peak fills {:.0} l at 1 m/s and {:.0} l at 2.5 m/s; every point has the pose of its own time here",
+            "voxels above half of the peak fill {:.0} l at 1 m/s and {:.0} l at 2.5 m/s; each range point is imaged \
+             with the pose of its own time here",
             slow.0, fast.0
         ),
     );
@@ -86,8 +89,9 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
         "The blur may come from small discrepancies in time between poses and sweeps.",
         footprint_growth(2) > 1.05 * footprint_growth(0) && litres(2, 2) > 1.05 * litres(0, 2),
         format!(
-            "half of the peak at 2.5 m/s fills {:.0} l in time, {:.0} l with 5 ms and {:.0} l with 20 ms between the streams; at 1 m/s {:.0}, {:.0} and {:.0} l. \
-             Our range is {} mm off at 2.5 m/s in time, {} mm with 5 ms and {} mm with 20 ms",
+            "voxels above half of the peak at 2.5 m/s fill {:.0} l without offset, {:.0} l with 5 ms and {:.0} l \
+             with 20 ms between the streams; at 1 m/s {:.0}, {:.0} and {:.0} l. Our range is {} mm off at 2.5 m/s \
+             without offset, {} mm with 5 ms and {} mm with 20 ms",
             litres(0, 2),
             litres(1, 2),
             litres(2, 2),
@@ -102,13 +106,13 @@ pub(super) fn run(trials: &Trials) -> Result<Outcome, ExperimentError> {
     outcome.tables.push(Table {
         head: head(&[
             "speed (m/s)",
-            "poses against sweeps (ms)",
+            "pose offset (ms)",
             "thesis: depth error (cm)",
             "footprint (l)",
             "ours: range error (mm)",
         ]),
         rows,
-        caption: "An approach tells range and little else: errors across it are left out.".into(),
+        caption: "An approach determines the range only: cross-range errors are left out.".into(),
     });
     Ok(outcome)
 }

@@ -1,5 +1,5 @@
-//! What the panel shows, gathered from whoever knows it. In rounded numbers, so that the panel is drawn again only when somebody
-//! would see it.
+//! Collects what the dashboard's panel shows. Numbers are rounded, so that the panel is redrawn
+//! only for visible changes.
 
 use std::sync::Arc;
 
@@ -11,37 +11,37 @@ use crate::settings::Settings;
 use radar_mapping::{MovingTarget, Obstacle, Wall};
 use radar_sar::geometry::Pose;
 
-/// A beam ends where its two-way amplitude is down to this.
+/// Two-way amplitude at the edge of the drawn beam. Choice.
 const BEAM_EDGE_AMPLITUDE: f64 = 0.25;
-/// Rates are taken over so long at least, nanoseconds.
+/// Least interval over which rates are computed, nanoseconds. Choice.
 const MIN_RATE_INTERVAL_NS: i64 = 1_000_000_000;
 
-/// What the frame loop knows.
+/// State of the frame loop.
 #[derive(Debug, Clone, Default)]
 pub(in super::super) struct Facts {
-    /// In the standing universe, while it is known.
+    /// Head pose in the standing universe, while known.
     pub standing_from_head: Option<Pose>,
-    /// From the session's frame, in which the map is.
+    /// Transforms the session frame, which the map uses, into the standing universe.
     pub standing_from_session: Option<Pose>,
     pub is_tracked: bool,
-    /// What came from the sensor, while it is there.
+    /// What the sensor has sent, while it is connected.
     pub sensor: Option<SensorCount>,
-    /// Whether the reconstruction works, once there is one.
+    /// Whether the reconstruction is running, once there is one.
     pub is_alive: Option<bool>,
-    /// Whether the player wants to be told in the headset what is wrong.
+    /// Whether the user wants notices in the headset.
     pub may_notify: bool,
 }
 
-/// What came from the sensor so far.
+/// What the sensor has sent so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SensorCount {
-    /// Sweeps taken.
+    /// Sweeps received.
     pub sweeps: u64,
-    /// Sweeps that were measured and never came.
+    /// Sweeps that were measured and lost.
     pub lost: u64,
 }
 
-/// Counts and when they were.
+/// Counters at a time.
 #[derive(Debug, Clone, Copy, Default)]
 struct Counts {
     time_ns: i64,
@@ -50,7 +50,7 @@ struct Counts {
     poses: u64,
 }
 
-/// Rates of what only counts are known of.
+/// Rates computed from counters.
 #[derive(Debug, Default)]
 pub(super) struct Rates {
     from: Option<Counts>,
@@ -61,7 +61,8 @@ pub(super) struct Rates {
 }
 
 impl Rates {
-    /// Takes what came from a sensor, while it is there, and of poses. One that comes back counts on and is not known for a second.
+    /// Takes the counters of the sensor, while connected, and of poses. Rates of a reconnected
+    /// sensor are unknown for a second.
     fn update(&mut self, time_ns: i64, sensor: Option<SensorCount>, poses: u64) {
         let before = self.from.unwrap_or_default();
         let SensorCount { sweeps, lost } = sensor.unwrap_or(SensorCount { sweeps: before.sweeps, lost: before.lost });
@@ -75,12 +76,12 @@ impl Rates {
         if past_ns < MIN_RATE_INTERVAL_NS {
             return;
         }
-        // What was begun anew counts from nothing.
+        // Counters may have restarted at zero.
         let rate = |from: u64, to: u64| to.saturating_sub(from) as f64 / (past_ns as f64 * 1e-9);
         let lost = rate(from.lost, to.lost);
         let sweeps = rate(from.sweeps, to.sweeps);
         self.lost_percent = (1000.0 * lost / (lost + sweeps).max(1e-9)).round() / 10.0;
-        // To two digits: what is steady looks steady.
+        // Two significant digits, so that steady rates do not flicker.
         let rounded = |rate: f64| {
             let step = 10f64.powf((rate.max(1.0)).log10().floor() - 1.0).max(1.0);
             (rate / step).round() * step
@@ -90,7 +91,7 @@ impl Rates {
     }
 }
 
-/// All that the panel shows.
+/// Everything that the panel shows.
 pub(super) fn view(
     now_ns: i64,
     facts: &Facts,
@@ -120,7 +121,7 @@ pub(super) fn view(
         fill(&mut health, published, now_ns);
     }
     let plan = plan(facts, &settings.0, published.as_deref());
-    // Floor and ceiling are no walls to a player.
+    // Floor and ceiling do not count as walls for the user.
     health.walls = plan.walls_m.len();
     PanelView { settings: settings.1.clone(), plan, health }
 }
@@ -153,7 +154,7 @@ fn plan(facts: &Facts, settings: &Settings, published: Option<&PublishedMap>) ->
     plan
 }
 
-/// To the centimetre, and to two hundredths of a turn's radius.
+/// Position rounded to 2 cm, direction to 0.04 rad.
 fn head(standing_from_head: &Pose, settings: &Settings) -> Head {
     let ahead = standing_from_head.transform_vector(-DVec3::Z);
     let level = DVec2::new(ahead.x, ahead.z).try_normalize().unwrap_or(-DVec2::Y);
@@ -167,7 +168,7 @@ fn head(standing_from_head: &Pose, settings: &Settings) -> Head {
     }
 }
 
-/// From end to end of what was seen of it; floors and ceilings are none.
+/// Both ends of the observed part; `None` for floors and ceilings.
 fn wall(wall: &Wall) -> Option<[[f64; 2]; 2]> {
     let outward = DVec2::new(wall.plane.outward.x, wall.plane.outward.z);
     let outward = outward.try_normalize().filter(|_| !wall.plane.is_level())?;
@@ -175,12 +176,12 @@ fn wall(wall: &Wall) -> Option<[[f64; 2]; 2]> {
     let foot = wall.plane.foot(wall.seen_at.center());
     let middle = DVec2::new(foot.x, foot.z);
     let half = wall.seen_at.size() / 2.0;
-    // A wall that was seen at one spot is drawn half a metre wide.
+    // A wall observed at one spot is drawn half a metre wide.
     let reach = (along.x.abs() * half.x + along.y.abs() * half.z).max(0.25);
     Some([middle - along * reach, middle + along * reach].map(|end| end.to_array()))
 }
 
-/// To five centimetres; `None` for what is nowhere.
+/// Rounded to 5 cm; `None` for positions that are not finite.
 fn mover(moving: &MovingTarget) -> Option<PlanMovingTarget> {
     let level = |place: DVec3| [place.x, place.z].map(|v| (v * 20.0).round() / 20.0);
     let mover =
@@ -210,7 +211,7 @@ fn thing(obstacle: &Obstacle, head: Option<Head>, settings: &Settings) -> PlanOb
     }
 }
 
-/// Half axes of the ellipse of 1σ on the floor.
+/// Half axes of the 1σ ellipse on the floor.
 fn axes(obstacle: &Obstacle) -> [[f64; 2]; 2] {
     let c = obstacle.covariance_m2;
     let level = DMat2::from_cols(DVec2::new(c.x_axis.x, c.x_axis.z), DVec2::new(c.z_axis.x, c.z_axis.z));

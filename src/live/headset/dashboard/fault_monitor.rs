@@ -1,52 +1,55 @@
-//! When the player must be told that the radar sees nothing, or sees again: a state machine over what came from the sensor.
+//! When to notify the wearer that the radar has failed or recovered: a state machine over the
+//! sensor's sweeps.
 //!
-//! What is wrong is said when it has lasted, for some seconds, and again once a minute as long as it is so: nobody shall believe that
-//! they are warned, nobody shall be kept from playing.
+//! A fault is reported once it has lasted for some seconds, and again once a minute: nobody should
+//! rely on missing warnings, and nobody should be kept from playing.
 
 use super::SensorCount;
 use crate::panel::Notice;
 
-/// A sensor that begins or comes back has so long until its first sweep, nanoseconds.
+/// Longest time from connecting to the first sweep, nanoseconds. Choice.
 const MAX_START_NS: i64 = 12_000_000_000;
-/// One that has sent is silent after so long: its own restart takes less, nanoseconds.
+/// Longest silence of a streaming sensor, nanoseconds. Choice: its own restart takes less.
 const MAX_SILENCE_NS: i64 = 4_000_000_000;
-/// It is said for so long ...
+/// Duration of a notice, nanoseconds. Choice.
 const NOTICE_NS: i64 = 8_000_000_000;
-/// ... and again as long as it lasts, from one beginning to the next.
+/// Interval from the start of a notice to its repetition, nanoseconds. Choice.
 const REPEAT_NS: i64 = 60_000_000_000;
-/// That all is well again is said for so long.
+/// Duration of the notice of a recovery, nanoseconds. Choice.
 const RECOVERED_NOTICE_NS: i64 = 3_000_000_000;
 
-/// Watches over the sensor's sweeps and the map.
+/// Monitors the sensor's sweeps and the reconstruction.
 #[derive(Debug, Default)]
 pub(super) struct FaultMonitor {
     sweeps: u64,
-    /// When sweeps came last; at first when it was looked for the first time.
+    /// Time of the last sweeps; before the first, time of the first check.
     last_sweep_ns: Option<i64>,
     has_sent: bool,
-    /// Since when the sensor is there.
+    /// Since when the sensor has been connected.
     connected_ns: Option<i64>,
-    /// What is the matter and since when.
+    /// The current notice and since when it applies.
     now: Option<(Notice, i64)>,
 }
 
-/// How it is at a moment.
+/// Condition at a moment.
 enum Condition {
     Good,
     Fault(Notice),
-    /// It may still come; what was so before is so.
+    /// Still undecided: the previous condition holds.
     Unknown,
 }
 
 impl FaultMonitor {
-    /// What to say now. `sensor`: what came from it so far, while it is there; `is_alive`: whether the map is worked on, once there is one.
+    /// The notice to show now. `sensor`: what it has sent, while connected; `is_alive`: whether the
+    /// reconstruction is running, once there is one.
     pub fn update(&mut self, now_ns: i64, sensor: Option<SensorCount>, is_alive: Option<bool>) -> Option<Notice> {
         let seen = match is_alive {
             Some(false) => Condition::Fault(Notice::MapStopped),
             _ => self.condition(now_ns, sensor),
         };
         match (seen, self.now) {
-            // What turns into another trouble of the sensor is not said sooner for it: one that comes and goes would be said without end.
+            // A change from one sensor fault to another does not restart the interval: a flapping
+            // sensor would be reported without end.
             (Condition::Fault(wrong), Some((before, since_ns))) if before != Notice::Recovered => {
                 let is_graver = wrong == Notice::MapStopped && before != wrong;
                 self.now = Some((wrong, if is_graver { now_ns } else { since_ns }));
@@ -82,7 +85,7 @@ impl FaultMonitor {
             return Condition::Good;
         }
         let last_sweep_ns = *self.last_sweep_ns.get_or_insert(now_ns);
-        // Since it is there it has either sent or is being set up.
+        // Since it was connected, it has either streamed or is being set up.
         let (since_ns, limit_ns) = if self.has_sent && last_sweep_ns >= connected_ns {
             (last_sweep_ns, MAX_SILENCE_NS)
         } else {
@@ -100,7 +103,7 @@ impl FaultMonitor {
 mod tests {
     use super::*;
 
-    /// What is said at each second, of a sensor that is as told at each.
+    /// Notices of each second for a sensor's state in each second.
     fn said(sensor: impl Fn(i64) -> Option<u64>, seconds: i64) -> Vec<Option<Notice>> {
         let mut troubles = FaultMonitor::default();
         let count = |sweeps| SensorCount { sweeps, lost: 0 };
@@ -137,7 +140,8 @@ mod tests {
 
     #[test]
     fn late_or_repeated_plugging_gives_no_extra_notice() {
-        // In after 40 s and set up for four; gone from 100 to 130 s, and set up for four again.
+        // Connected after 40 s and set up for four; gone from 100 to 130 s, then set up for four
+        // again.
         let sweeps = |s: i64| match s {
             0..40 | 100..130 => None,
             40..100 => Some((s - 43).max(0) as u64),

@@ -1,10 +1,11 @@
-//! The panel in SteamVR's dashboard, on the side of the frame loop: the tab, the pointer on it, and pictures handed over. And the notice that is
-//! shown while no dashboard is open, when the radar sees nothing.
+//! The frame loop's side of the panel in SteamVR's dashboard: the tab, its pointer, and the
+//! handover of pictures. Also the notice that is shown outside the dashboard when the radar has
+//! failed.
 //!
-//! A thread of its own lays the panel out and prepares its pictures; see `work.rs`. The loop hands on what the user does,
-//! submits a prepared picture and gives it to the runtime when the graphics card is done with it: one is under way at a time, and the
-//! loop waits for none. While the tab is not shown and there is
-//! no notice nothing is drawn.
+//! A worker thread lays the panel out and prepares its pictures. The loop forwards user input,
+//! submits a prepared picture and passes it to the runtime once the graphics card has finished it.
+//! One picture is in flight at a time, and the loop waits for none. While the tab is hidden and
+//! there is no notice, nothing is drawn.
 
 mod facts;
 mod fault_monitor;
@@ -28,28 +29,29 @@ use crate::panel;
 use crate::panel::Notice;
 use crate::render::RenderError;
 
-/// Between two looks whether the tab is shown, nanoseconds; events bring one forward.
+/// Interval of visibility checks, nanoseconds; an event triggers one at once. Choice.
 const CHECK_INTERVAL_NS: i64 = 250_000_000;
-/// Events taken a frame.
+/// Events taken per frame. Choice.
 const MAX_EVENTS: usize = 64;
-/// What may wait for the thread.
+/// Bound of messages to the worker. Choice.
 const MAX_INPUTS: usize = 256;
-/// Pictures kept alive after they were replaced: the runtime copies them on our queue.
+/// Pictures kept alive after they were replaced, because the runtime copies them on our queue.
+/// Choice.
 const RETAINED_PICTURES: usize = 3;
 
-/// What the thread is told.
+/// Messages to the worker.
 enum WorkerInput {
     Open(bool),
     Pointer(TabEvent),
-    /// To be drawn.
+    /// A notice to draw.
     Notice(Notice),
-    /// A device to draw on, by number; the one before is gone.
+    /// A device to draw with, by number; the previous one is gone.
     Device(u64, wgpu::Device, wgpu::Queue),
-    /// The picture that was under way was handed over, or dropped.
+    /// The picture in flight was shown or dropped.
     PictureDone,
 }
 
-/// What a picture is of.
+/// Content of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Picture {
     Panel,
@@ -57,7 +59,7 @@ enum Picture {
     Notice(Notice),
 }
 
-/// A picture that waits to be submitted.
+/// A picture that is ready to be submitted.
 struct PreparedPicture {
     device: u64,
     commands: Vec<wgpu::CommandBuffer>,
@@ -67,15 +69,15 @@ struct PreparedPicture {
 
 /// The loop's side.
 pub(super) struct Dashboard {
-    /// `None`: the runtime gives none.
+    /// `None`: the runtime provides none.
     tab: Option<DashboardTab>,
-    /// `None`: the runtime gives none.
+    /// `None`: the runtime provides none.
     notice_overlay: Option<NoticeOverlay>,
     faults: FaultMonitor,
-    /// What is to be said, and what the thread was asked to draw last.
+    /// The notice to show, and the one last requested from the worker.
     wanted: Option<Notice>,
     requested: Option<Notice>,
-    /// What the log was told last: what is said once a minute is not logged each time.
+    /// The last notice logged: a repeated notice is not logged again.
     logged: Option<Notice>,
     to_worker: SyncSender<WorkerInput>,
     drawings: Receiver<PreparedPicture>,
@@ -83,7 +85,7 @@ pub(super) struct Dashboard {
     forget_room: Arc<AtomicBool>,
     is_open: bool,
     checked_ns: i64,
-    /// The device's number, and whether the thread has it.
+    /// The device's number, and whether the worker has it.
     device: u64,
     has_device: bool,
     under_way: Option<(PreparedPicture, Arc<AtomicBool>)>,
@@ -92,7 +94,7 @@ pub(super) struct Dashboard {
 }
 
 impl Dashboard {
-    /// The tab, and what its thread works with.
+    /// Creates the tab and its worker.
     pub fn new(runtime: &Arc<Runtime>) -> (Self, PanelWorker) {
         let tab = DashboardTab::new(runtime, "radar-chaperone.dashboard", "Radar chaperone", panel::SIZE);
         let tab = tab.inspect_err(|error| log::warn!("no panel in the dashboard: {error}")).ok();
@@ -125,20 +127,20 @@ impl Dashboard {
         (dashboard, work)
     }
 
-    /// Whether there is something to be drawn: it is looked at, or there is something to be said.
+    /// Whether there is something to draw: the tab is open or there is a notice.
     pub fn needs_graphics(&self) -> bool {
         self.is_open || self.wanted.is_some()
     }
 
-    /// Whether the user wants the room's map to begin anew; told once.
+    /// Whether the user has requested a map reset; true once per request.
     pub fn take_reset_request(&self) -> bool {
         self.forget_room.swap(false, Ordering::Relaxed)
     }
 
-    /// A frame's work.
+    /// The work of a frame.
     ///
     /// # Errors
-    /// The device fails, or is lost.
+    /// The device fails or is lost.
     pub fn update(&mut self, now_ns: i64, graphics: Option<&Graphics>, facts: &Facts) -> Result<(), RenderError> {
         self.take_events();
         self.check_visibility(now_ns);
@@ -182,13 +184,13 @@ impl Dashboard {
         }
     }
 
-    /// Says what there is to say, as soon as there is a picture of it.
+    /// Shows the current notice once its picture is ready.
     fn update_notice(&mut self, now_ns: i64, facts: &Facts) {
         let trouble = self.faults.update(now_ns, facts.sensor, facts.is_alive);
         self.wanted = trouble.filter(|_| facts.may_notify && !self.is_open);
         let Some(notice_overlay) = &mut self.notice_overlay else { return };
         if let Some(notice) = self.wanted.filter(|_| self.wanted != self.logged) {
-            log::warn!("the headset says: {}", notice.headline());
+            log::warn!("notice in the headset: {}", notice.headline());
             self.logged = self.wanted;
         }
         let has_faded = notice_overlay.update(now_ns, self.wanted);
@@ -200,7 +202,7 @@ impl Dashboard {
         self.log_refusal_once("the notice", has_faded.map(drop));
     }
 
-    /// What the runtime refuses is logged once.
+    /// Logs the first refusal of the runtime.
     fn log_refusal_once(&mut self, what: &str, done: Result<(), OpenVrError>) {
         if let Err(error) = done
             && !self.refusal_logged
@@ -210,7 +212,7 @@ impl Dashboard {
         }
     }
 
-    /// Submits a picture that has been prepared, when none is under way.
+    /// Submits a prepared picture when none is in flight.
     fn submit(&mut self, graphics: &Graphics) {
         if self.under_way.is_some() {
             return;
@@ -227,7 +229,7 @@ impl Dashboard {
         self.under_way = Some((drawing, is_done));
     }
 
-    /// Gives the runtime what is drawn.
+    /// Passes finished pictures to the runtime.
     fn show_finished(&mut self, graphics: &Graphics) {
         let Some((drawing, _)) = self.under_way.take_if(|(_, is_done)| is_done.load(Ordering::Acquire)) else { return };
         if let Some(texture) = graphics.device.texture_handles(&drawing.texture) {
@@ -243,11 +245,12 @@ impl Dashboard {
         if self.shown.len() > RETAINED_PICTURES {
             self.shown.pop_front();
         }
-        // The thread asks for this before its next picture, and empties its queue more often than it fills.
+        // The worker waits for this before its next picture, and empties its queue faster than it
+        // fills.
         let _ = self.to_worker.try_send(WorkerInput::PictureDone);
     }
 
-    /// The device that drew is gone.
+    /// Drops all pictures after the device was lost.
     pub fn drop_pictures(&mut self) {
         self.device += 1;
         self.has_device = false;
@@ -259,7 +262,8 @@ impl Dashboard {
         self.shown.clear();
     }
 
-    /// Destroys tab and notice and ends the thread. Pictures come back: the runtime may still copy them until the session is over.
+    /// Destroys tab and notice and ends the worker. Returns the pictures, because the runtime may
+    /// still copy them until the session is over.
     pub fn end(self) -> Vec<Arc<wgpu::Texture>> {
         self.shown.into_iter().chain(self.under_way.map(|(drawing, _)| drawing.texture)).collect()
     }

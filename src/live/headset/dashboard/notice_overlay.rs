@@ -1,4 +1,5 @@
-//! Shows a notice before the player's eyes: below the middle of the view, moving with the head, coming and going softly.
+//! Overlay for a notice in front of the wearer's eyes: below the centre of the view, head-locked,
+//! with a fade.
 
 use std::sync::Arc;
 
@@ -8,20 +9,21 @@ use crate::openvr::{OpenVrError, Overlay, Runtime, VulkanTexture};
 use crate::panel::Notice;
 use radar_sar::geometry::Pose;
 
-/// So far away, and so far below the straight look that it hides little of the game, metres.
+/// Distance from the eyes, and depth below the straight view so that it hides little of the game,
+/// metres. Choice.
 const DISTANCE_M: f64 = 1.2;
 const BELOW_M: f64 = 0.36;
-/// Letters of a degree and a half.
+/// Width, metres: letters of 1.5°. Choice.
 const WIDTH_M: f64 = 0.82;
-/// From nothing to full brightness, nanoseconds.
+/// Duration of a fade, nanoseconds. Choice.
 const FADE_NS: i64 = 400_000_000;
-/// Over all that warns.
+/// Sort order: in front of all warnings. Choice.
 const SORT_ORDER: u32 = 1000;
 
 /// The notice's overlay.
 pub(super) struct NoticeOverlay {
     overlay: Overlay,
-    /// What its picture says.
+    /// The notice that its picture shows.
     picture_of: Option<Notice>,
     alpha: f32,
     turned_ns: i64,
@@ -49,8 +51,8 @@ impl NoticeOverlay {
         self.overlay.set_texture(texture)
     }
 
-    /// A frame's work: shows what is wanted when its picture is there. Another picture is not taken before the last one has faded:
-    /// says whether it has.
+    /// The work of a frame: shows the wanted notice once its picture is there. Returns whether the
+    /// overlay has faded out, which another picture must wait for.
     ///
     /// # Errors
     /// The runtime refuses.
@@ -69,7 +71,7 @@ impl NoticeOverlay {
         Ok(self.alpha == 0.0)
     }
 
-    /// The device that drew its picture is gone.
+    /// Drops the picture after the device was lost.
     pub fn drop_picture(&mut self) {
         self.picture_of = None;
     }

@@ -1,9 +1,10 @@
-//! The panel's thread: lays it out, takes the pointer, and prepares its pictures up to the submission, which belongs to the frame
-//! loop: runtime and program share the queue, and one thread may use it.
+//! The panel's worker thread: lays the panel out, handles the pointer, and prepares pictures up to
+//! the submission. The submission belongs to the frame loop: runtime and program share the queue,
+//! and only one thread may use it.
 //!
-//! A picture is prepared when the pointer did something or what is shown has changed, at most 30 times a second, and not
-//! before the one under way was handed over. While the tab is not shown the thread sleeps, but for the signs before
-//! the eyes, which it draws too.
+//! A picture is prepared when the pointer did something or the content has changed, at most 30
+//! times a second, and not before the one in flight was shown. While the tab is hidden the thread
+//! sleeps, except for notices, which it draws as well.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,42 +22,42 @@ use crate::panel;
 use crate::panel::{Notice, PanelActions, PanelView};
 use crate::settings::Settings;
 
-/// Between two pictures, nanoseconds: 30 a second.
+/// Least interval of pictures, nanoseconds: 30 a second. Choice.
 const MIN_PICTURE_INTERVAL_NS: i64 = 33_000_000;
-/// Between two pictures that differ by what they show alone: nobody touches the panel.
+/// Least interval of pictures without user input, nanoseconds. Choice.
 const IDLE_PICTURE_INTERVAL_NS: i64 = 100_000_000;
-/// Turns of the thread while the tab is shown, and while it is not.
+/// Polling interval while the tab is shown, and while it is hidden. Choice.
 const POLL_INTERVAL: Duration = Duration::from_millis(15);
 const IDLE_POLL_INTERVAL: Duration = Duration::from_secs(60);
-/// Pointer events that wait for the next picture.
+/// Bound of pointer events that wait for the next picture. Choice.
 const MAX_EVENTS: usize = 256;
-/// The button's picture, pixels.
+/// Size of the dashboard button's picture, pixels. Choice.
 const THUMBNAIL_PX: u32 = 256;
-/// Pictures that take turns: the runtime may still copy the last one, on the same queue.
+/// Textures in rotation: the runtime may still copy the last one, on the same queue. Choice.
 const TARGETS: usize = 3;
-/// As the runtime takes it, with egui's own blending.
+/// The format that the runtime accepts, with egui's own blending.
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 
-/// Whoever knows what the panel shows, and takes what is changed.
+/// Sources of the panel's content and target of its changes.
 pub(in super::super) struct PanelSources<'a> {
     pub store: &'a SettingsStore,
     pub reconstruction: &'a (dyn Fn() -> Option<&'a Reconstruction> + Sync),
 }
 
-/// What the thread works with.
+/// State of the worker.
 pub(in super::super) struct PanelWorker {
     inputs: Receiver<WorkerInput>,
     to_loop: SyncSender<PreparedPicture>,
     facts: Arc<Mutex<Facts>>,
-    /// Told to the loop: the room's map is to begin anew.
+    /// Tells the loop that the user requested a map reset.
     forget_room: Arc<AtomicBool>,
     context: egui::Context,
     painter: Option<Painter>,
     is_open: bool,
-    /// A picture is under way.
+    /// A picture is in flight.
     is_busy: bool,
     has_thumbnail: bool,
-    /// To be drawn.
+    /// A notice to draw.
     notice: Option<Notice>,
     events: Vec<Event>,
     drawn: Option<(i64, PanelView)>,
@@ -91,7 +92,7 @@ impl PanelWorker {
         }
     }
 
-    /// Works until the loop has ended.
+    /// Runs until the loop has ended.
     pub fn run(mut self, sources: &PanelSources) {
         loop {
             match self.inputs.recv_timeout(if self.is_open { POLL_INTERVAL } else { IDLE_POLL_INTERVAL }) {
@@ -105,7 +106,7 @@ impl PanelWorker {
             if self.is_busy || self.painter.is_none() {
                 continue;
             }
-            // What cannot be prepared on a device that was lost a moment ago panics in places; another device comes.
+            // Preparing a picture on a device that was just lost may panic; another device follows.
             let worked = catch_unwind(AssertUnwindSafe(|| self.draw_due(sources)));
             if worked.is_err() {
                 self.painter = None;
@@ -126,7 +127,7 @@ impl PanelWorker {
             }
             WorkerInput::Pointer(_) => {}
             WorkerInput::Device(number, device, queue) => {
-                // Letters and shapes were on the device before.
+                // Glyphs and shapes were on the previous device.
                 self.context = egui::Context::default();
                 let painter = catch_unwind(AssertUnwindSafe(|| Painter::new(number, device, queue)));
                 self.painter = painter.ok();
@@ -153,7 +154,7 @@ impl PanelWorker {
         }
     }
 
-    /// Draws what there is to draw: a notice, the button once, the panel when something is new.
+    /// Draws what is due: a notice, the button once, the panel when something has changed.
     fn draw_due(&mut self, sources: &PanelSources) {
         if let Some(notice) = self.notice {
             self.draw_notice(notice);
@@ -184,7 +185,8 @@ impl PanelWorker {
         let newest = sources.store.newest();
         let settings = match self.settings.take().filter(|(known, _)| Arc::ptr_eq(known, &newest)) {
             Some(settings) => settings,
-            // Every field is a number, a name, a list or a table of these: TOML has them all.
+            // Every field is a number, a string, a list or a table of these, so the conversion to
+            // TOML cannot fail.
             None => (Arc::clone(&newest), toml::Table::try_from(&*newest).unwrap_or_default()),
         };
         let facts = self.facts.lock().unwrap_or_else(PoisonError::into_inner).clone();
@@ -196,7 +198,7 @@ impl PanelWorker {
     }
 
     fn draw_panel(&mut self, now_ns: i64, view: PanelView, store: &SettingsStore) {
-        // One press a pass: the next one finds what this one changed.
+        // One press per pass: the next one sees what this one changed.
         let is_release = |event: &Event| matches!(event, Event::PointerButton { pressed: false, .. });
         let until = self.events.iter().position(is_release).map_or(self.events.len(), |at| at + 1);
         let events = self.events.drain(..until).collect();
@@ -220,7 +222,7 @@ impl PanelWorker {
         self.send(output, panel::SIZE, Picture::Panel);
     }
 
-    /// What was changed looks so before it is in force; what is in force then is shown in its place.
+    /// Shows a change before it applies; then the value in use replaces it.
     fn show_pending_change(&mut self, name: &str, value: &toml::Value) {
         let table = self
             .settings
@@ -262,7 +264,7 @@ fn input(size: [u32; 2], now_ns: i64, events: Vec<Event>) -> RawInput {
     }
 }
 
-/// What draws egui's shapes on a device.
+/// Draws egui's shapes with a device.
 struct Painter {
     number: u64,
     device: wgpu::Device,

@@ -1,14 +1,19 @@
-//! The time between poses and radar as a curve: for recordings whose streams start out of step and fall into it (thesis, 4.1.3).
+//! The time lag between poses and radar as a curve, for recordings whose streams start out of step
+//! and converge (thesis, 4.1.3).
 //!
-//! Two series of one reflector, its range by radar r(t) and its distance by poses d(s) at stamps s, and a lag τ(t) with
-//! r(t) = d(t + τ(t)) + b(t) + c·(d − d̄): b what mount and wander add, c what a place that is a little wrong makes of the way to it. Two steps:
+//! The input is two series of one reflector: its radar range r(t), and its distance by poses d(s)
+//! at timestamps s. The model is r(t) = d(t + τ(t)) + b(t) + c·(d − d̄), with the lag τ(t), an
+//! offset b from mount and tracking wander, and a slope c from an error of the reflector's
+//! position. Two steps:
 //!
-//! 1. Coarse: the cheapest way through a grid of lags, one step every 50 ms (dynamic programming, as in time warping): finds lags of up to a
-//!    second without a start, as long as they change by less than half a second a second.
-//! 2. Fine: a Kalman smoother (Rauch, Tung and Striebel 1965) of τ, its rate, b and c about the coarse way, three times over.
-//!    A lag may change fast in the first seconds and hardly later: that is what starting up means here.
+//! 1. Coarse: the cheapest path through a grid of lags, one step every 50 ms (dynamic programming,
+//!    as in time warping). It finds lags of up to a second without an initial guess, if they change
+//!    by less than half a second per second.
+//! 2. Fine: a Kalman smoother (Rauch, Tung and Striebel 1965) of τ, its rate, b and c about the
+//!    coarse path, iterated three times. The lag may change fast in the first seconds and hardly
+//!    later, as at a start of the streams.
 //!
-//! Limits: what does not move tells no lag, and the 1σ says so.
+//! Limits: without motion the lag is unobservable, and the 1σ shows it.
 
 use glam::{DMat4, DVec4};
 
@@ -17,48 +22,53 @@ use super::{SIGNIFICANT, StartLag};
 use radar_sar::PoseSample;
 use radar_sar::math;
 
-/// Lags tried, seconds, and their grid.
+/// Range of the lags tried, and their grid, seconds. Choice.
 const MIN_LAG_S: f64 = -1.2;
 const MAX_LAG_S: f64 = 1.2;
 const GRID_S: f64 = 5e-3;
-/// Time of a step, nanoseconds, and how far a lag goes in one: cells at most, and 1σ of it, cells.
+/// Time step, nanoseconds, and the change of the lag per step in grid cells: the limit and its 1σ.
+/// Choice.
 const STEP_NS: i64 = 50_000_000;
 const MAX_STEP_CELLS: usize = 6;
 const STEP_SIGMA_CELLS: f64 = 2.5;
-/// What a range may be off while the way is sought, metres, and what no distance at all costs.
+/// 1σ of a range in the coarse step, metres, and the cost of a lag for which there is no distance.
+/// Choice.
 const COARSE_SIGMA_M: f64 = 0.02;
 const NO_DISTANCE_COST: f64 = 3.0;
-/// How fast the lag's rate changes at the start, after which time hardly any more (as a normal curve falls), and later: 1/s/√s, seconds.
+/// Random walk of the lag's rate at the start, 1/s/√s; decay time of it (a Gaussian), seconds; and
+/// random walk later. Choice.
 const START_RATE_WALK: f64 = 0.15;
 const START_DECAY_S: f64 = 3.0;
 const STEADY_RATE_WALK: f64 = 3e-4;
-/// The rate itself fades over this, seconds, and is known to this beforehand.
+/// Time constant of the rate's decay, seconds, and its prior 1σ. Choice.
 const RATE_TIME_CONSTANT_S: f64 = 2.0;
 const RATE_PRIOR_SIGMA: f64 = 0.5;
-/// b wanders by this, metres/√s, and is known to this beforehand, metres.
+/// Random walk of b, metres/√s, and its prior 1σ, metres. Choice.
 const BIAS_WALK_M: f64 = 1e-3;
 const BIAS_PRIOR_SIGMA_M: f64 = 0.05;
-/// c is known to this beforehand: 15 cm across at a metre, of 20 cm of motion.
+/// Prior 1σ of c: a position error of 15 cm across at 1 m, for 20 cm of motion. Choice.
 const SLOPE_PRIOR_SIGMA: f64 = 0.05;
-/// Least noise of a range, metres, and beyond how many of its 1σ a range counts less.
+/// Least noise of a range, metres; number of 1σ beyond which a range is down-weighted; iterations
+/// of the smoother. Choice.
 const MIN_NOISE_M: f64 = 0.5e-3;
 const HUBER_SIGMAS: f64 = 3.0;
 const ITERATIONS: usize = 3;
-/// Distances change over this when their rate is asked for, nanoseconds.
+/// Half of the interval over which the distance's rate is computed, nanoseconds. Choice.
 const RATE_HALF_NS: i64 = 10_000_000;
-/// A lag known worse than this tells nothing of a start, seconds; the start lasts so long, and is told from so much on.
+/// A lag with a larger 1σ is unobservable, seconds; length of the start, seconds; least lag at the
+/// start that is reported, seconds. Choice.
 const MAX_OBSERVABLE_SIGMA_S: f64 = 0.02;
 const START_S: f64 = 2.0;
 const MIN_START_LAG_S: f64 = 5e-3;
-/// Ranges that are too few.
+/// Least number of ranges. Choice.
 const MIN_RANGES: usize = 50;
 
 /// The lag at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lag {
-    /// Since the first sweep, in sweeps' time, seconds.
+    /// Sweep time since the first sweep, seconds.
     pub time_s: f64,
-    /// Stamp of the pose minus time of the sweep, seconds.
+    /// Timestamp of the pose minus time of the sweep, seconds.
     pub lag_s: f64,
     /// Its 1σ, seconds.
     pub sigma_s: f64,
@@ -71,8 +81,8 @@ pub struct LagCurve {
 }
 
 impl LagCurve {
-    /// From a reflector's range by radar and distance by poses, each in rising time, seconds and metres; `None`: too few ranges, or
-    /// numbers that are none.
+    /// From a reflector's radar ranges and its distances by poses, each as [time, length] in rising
+    /// time, seconds and metres; `None`: too few ranges, or invalid numbers.
     pub fn of(radar_m: &[[f64; 2]], poses_m: &[[f64; 2]]) -> Option<Self> {
         let series = |points: &[[f64; 2]]| -> Vec<(i64, f64)> {
             let sound = points.iter().filter(|p| p[0].abs() < 1e6 && p[1].is_finite());
@@ -84,7 +94,7 @@ impl LagCurve {
         }
         let evenly = ResampledSeries::of(&poses);
         let mut way = coarse_lags(&radar, &evenly, 0.0);
-        // Once more without what the ranges are off as a whole.
+        // Once more without the common offset of the ranges.
         let bias_m =
             median(radar.iter().zip(&way).filter_map(|((t, r), lag_s)| Some(r - value_at(&poses, t + ns(*lag_s))?)));
         way = coarse_lags(&radar, &evenly, bias_m);
@@ -96,7 +106,7 @@ impl LagCurve {
         lags.iter().all(|lag| lag.lag_s.is_finite() && lag.sigma_s.is_finite()).then_some(Self { lags })
     }
 
-    /// Another curve laid over it: what is left of the lag once this one was taken out, at times in rising order.
+    /// Adds the residual lag that was estimated after this curve had been removed, in rising time.
     pub fn plus_residual(mut self, left: &[Lag]) -> Self {
         let left: Vec<Lag> =
             left.iter().copied().filter(|lag| (lag.time_s + lag.lag_s + lag.sigma_s).is_finite()).collect();
@@ -110,7 +120,8 @@ impl LagCurve {
         self
     }
 
-    /// How far the first two seconds that tell anything are off from the last third of the recording; `None`: not both tell.
+    /// Lag of the first two observable seconds relative to the last third of the recording; `None`:
+    /// not both are observable.
     pub fn start_lag(&self) -> Option<StartLag> {
         let told: Vec<&Lag> = self.lags.iter().filter(|lag| lag.sigma_s <= MAX_OBSERVABLE_SIGMA_S).collect();
         let (first_s, last_s) = (told.first()?.time_s, told.last()?.time_s);
@@ -123,19 +134,19 @@ impl LagCurve {
                 told.iter().filter(|lag| (from_s..=to_s).contains(&lag.time_s)).map(|lag| of(lag)).collect();
             values.iter().sum::<f64>() / values.len().max(1) as f64
         };
-        // Neighbours err alike, so their mean is known no better than they are.
+        // Errors of neighbours are correlated, so their mean has the 1σ of a single value.
         let both = |of: fn(&Lag) -> f64| [mean(first_s, first_s + START_S, of), mean(rest_s, last_s, of)];
         let ([early_s, late_s], [early_1s, late_1s]) = (both(|lag| lag.lag_s), both(|lag| lag.sigma_s));
         let (lag_s, sigma_s) = (early_s - late_s, math::hypot(early_1s, late_1s));
         Some(StartLag { lag_s, sigma_s, is_significant: lag_s.abs() > (SIGNIFICANT * sigma_s).max(MIN_START_LAG_S) })
     }
 
-    /// The lag where it was told, in rising time.
+    /// The lags at the ranges, in rising time.
     pub fn lags(&self) -> &[Lag] {
         &self.lags
     }
 
-    /// The lag at a time, seconds; outside, that of the nearest.
+    /// The interpolated lag at a time, seconds; outside, the nearest.
     pub fn at(&self, time_s: f64) -> Lag {
         let later = self.lags.partition_point(|lag| lag.time_s < time_s);
         let (a, b) = (self.lags[later.saturating_sub(1)], self.lags[later.min(self.lags.len() - 1)]);
@@ -144,9 +155,11 @@ impl LagCurve {
         Lag { time_s, lag_s: mix(a.lag_s, b.lag_s), sigma_s: mix(a.sigma_s, b.sigma_s) }
     }
 
-    /// Poses with the lag taken out of their stamps; `start_ns` is the first sweep's time. Their order stays.
+    /// Poses with the lag removed from their timestamps, in the same order; `start_ns` is the first
+    /// sweep's time.
     pub fn corrected(&self, poses: &[PoseSample], start_ns: i64) -> Vec<PoseSample> {
-        // Stamps rise with the time they belong to; where the curve would have them fall, they wait.
+        // Timestamps must rise with the sweep time; points of the curve at which they would fall
+        // are skipped.
         let mut stamped: Vec<(f64, f64)> = Vec::with_capacity(self.lags.len());
         for lag in &self.lags {
             let stamp_s = lag.time_s + lag.lag_s;
@@ -180,7 +193,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Distances every few milliseconds, for who asks for them at many times; NaN where there is none.
+/// Distances resampled every few milliseconds, for many look-ups; NaN where there is none.
 struct ResampledSeries {
     first_ns: i64,
     values_m: Vec<f64>,
@@ -207,7 +220,7 @@ impl ResampledSeries {
     }
 }
 
-/// The cheapest way, as a lag at each range.
+/// The cheapest path, as a lag at each range.
 fn coarse_lags(radar: &[(i64, f64)], poses: &ResampledSeries, bias_m: f64) -> Vec<f64> {
     let cells = ((MAX_LAG_S - MIN_LAG_S) / GRID_S).round() as usize + 1;
     let lag_s = |cell: usize| MIN_LAG_S + cell as f64 * GRID_S;
@@ -245,7 +258,7 @@ fn coarse_lags(radar: &[(i64, f64)], poses: &ResampledSeries, bias_m: f64) -> Ve
         way[step] = lag_s(cell);
         cell = usize::from(from[step * cells + cell]);
     }
-    // From step to step in straight lines.
+    // Interpolates linearly between steps.
     let at = |time_ns: i64| {
         let place = (time_ns - first_ns) as f64 / STEP_NS as f64 - 0.5;
         let before = (place.max(0.0) as usize).min(steps - 1);
@@ -255,7 +268,8 @@ fn coarse_lags(radar: &[(i64, f64)], poses: &ResampledSeries, bias_m: f64) -> Ve
     radar.iter().map(|(t, _)| at(*t)).collect()
 }
 
-/// A range about the way: what is left of it, how it changes with the lag, and the distance, metres.
+/// A range linearised about the current path: its residual, its change with the lag, and the
+/// distance, metres.
 #[derive(Debug, Clone, Copy)]
 struct LinearisedRange {
     residual_m: f64,
@@ -264,7 +278,7 @@ struct LinearisedRange {
 }
 
 impl LinearisedRange {
-    /// `None`: no distance there.
+    /// `None`: there is no distance at this time.
     fn of(reading: &(i64, f64), poses: &[(i64, f64)], lag_s: f64) -> Option<Self> {
         let stamp_ns = reading.0.saturating_add(ns(lag_s));
         let at = |by_ns: i64| value_at(poses, stamp_ns.saturating_add(by_ns));
@@ -274,7 +288,8 @@ impl LinearisedRange {
     }
 }
 
-/// What the smoother remembers of a step: the state predicted and corrected with their covariances, and how it came from the step before.
+/// A step of the filter: the predicted and the corrected state with their covariances, and the
+/// transition from the step before.
 struct FilterStep {
     predicted: (DVec4, DMat4),
     corrected: (DVec4, DMat4),
@@ -286,7 +301,7 @@ fn kalman_smooth(radar: &[(i64, f64)], poses: &[(i64, f64)], way: &[f64], bias_m
         radar.iter().zip(way).map(|(reading, lag_s)| LinearisedRange::of(reading, poses, *lag_s)).collect();
     let noise_m = noise_m(&about);
     let middle_m = median(about.iter().flatten().map(|about| about.distance_m));
-    // State: the lag itself, its rate, b, c.
+    // State: lag, its rate, b, c.
     let mut state = DVec4::new(way[0], 0.0, bias_m, 0.0);
     let priors = DVec4::new(1.0, RATE_PRIOR_SIGMA, BIAS_PRIOR_SIGMA_M, SLOPE_PRIOR_SIGMA);
     let mut covariance = DMat4::from_diagonal(priors * priors);
@@ -308,7 +323,7 @@ fn kalman_smooth(radar: &[(i64, f64)], poses: &[(i64, f64)], way: &[f64], bias_m
             let shared = covariance * by;
             let off = residual_m + rate * way[n] - by.dot(state);
             let spread = (by.dot(shared) + noise_m * noise_m).sqrt();
-            // What lies far off counts as if it had more noise (Huber).
+            // Outliers get more noise (Huber).
             let extra = ((off.abs() / spread) / HUBER_SIGMAS).max(1.0);
             let total = by.dot(shared) + noise_m * noise_m * extra * extra;
             state += shared * (off / total);
@@ -325,7 +340,7 @@ fn kalman_smooth(radar: &[(i64, f64)], poses: &[(i64, f64)], way: &[f64], bias_m
     radar.iter().zip(&rts_smooth(&steps)).map(told).collect()
 }
 
-/// What a state grows uncertain by over a step.
+/// Process noise of a step.
 fn process_noise(h: f64, since_s: f64) -> DMat4 {
     let restless = (START_RATE_WALK * math::exp(-(since_s / START_DECAY_S).powi(2)) + STEADY_RATE_WALK).powi(2);
     DMat4::from_cols(
@@ -336,7 +351,7 @@ fn process_noise(h: f64, since_s: f64) -> DMat4 {
     )
 }
 
-/// From the end to the start: each state with what came after it.
+/// The backward pass of the Rauch–Tung–Striebel smoother.
 fn rts_smooth(steps: &[FilterStep]) -> Vec<(DVec4, DMat4)> {
     let Some(last) = steps.last() else { return Vec::new() };
     let mut all = vec![last.corrected; steps.len()];
@@ -351,7 +366,7 @@ fn rts_smooth(steps: &[FilterStep]) -> Vec<(DVec4, DMat4)> {
     all
 }
 
-/// Noise of a range by how it differs from its neighbours, metres.
+/// Noise of a range from the differences of neighbours, metres.
 fn noise_m(about: &[Option<LinearisedRange>]) -> f64 {
     let pairs = about.windows(2).filter_map(|pair| Some((pair[1]?.residual_m - pair[0]?.residual_m).abs()));
     (1.4826 / 2f64.sqrt() * median(pairs)).max(MIN_NOISE_M)
@@ -367,9 +382,9 @@ mod tests {
         0.8 + moving * (0.2 * (3.1 * t).sin() + 0.1 * (5.3 * t + 1.0).cos())
     }
 
-    /// Ranges every 8 ms and distances every 5 ms, whose stamps lag.
+    /// Ranges every 8 ms and distances every 5 ms with lagging timestamps.
     fn series(lag_s: impl Fn(f64) -> f64, bias_m: f64) -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
-        // Noise that repeats: half a millimetre.
+        // Repeatable noise of half a millimetre.
         let noise = |n: usize| 0.5e-3 * ((n * n % 1009) as f64 / 504.0 - 1.0);
         let radar = (0..1250).map(|n| n as f64 * 8e-3).map(|t| [t, distance_m(t) + bias_m]).enumerate();
         let radar = radar.map(|(n, [t, r])| [t, r + noise(n)]).collect();

@@ -1,13 +1,18 @@
-//! The trial of the thesis' 3.5.4 on a recording: are poses and sweeps stamped with the same time, from the start and later?
+//! The synchronisation test of the thesis (3.5.4) on a recording: do the timestamps of poses and
+//! sweeps agree, at the start and later?
 //!
-//! The sensor moves towards something that stands still and away from it. Its distance by the tracked poses and its range by
-//! radar, laid over each other, coincide when the streams do. The offset is told twice, over the whole recording and in
-//! windows: by the estimator that the pipeline uses (ranges and phases of all echoes), and, as a check that shares nothing
-//! with it but the ranges of one reflector, by correlating how fast distance and range change.
+//! The sensor moves towards a stationary reflector and away from it. Its distance by poses and its
+//! radar range coincide over time when the streams are synchronous. The offset is estimated in two
+//! ways, over the whole recording and in windows: by the pipeline's estimator (ranges and phases of
+//! all echoes), and, as a check that shares only the ranges of one reflector with it, by
+//! correlating the rates of distance and range.
 //!
-//! The first window holds the first two seconds of motion, so that a lag at the start shows. Limits: the estimator reaches
-//! 0.1 s around where it looks; where the rates correlate well farther off, up to a second, it looks there. Both take the offset to be
-//! constant within a window; [`LagCurve`] follows one that changes.
+//! The first window contains the first two seconds of motion, so that a lag at the start becomes
+//! visible.
+//!
+//! Limits: the estimator searches 0.1 s around its centre. Where the rates correlate well farther
+//! off, up to a second, the centre is moved there. Both methods assume a constant offset within a
+//! window; [`LagCurve`] follows a changing one.
 
 mod lag_curve;
 mod ranges;
@@ -29,111 +34,114 @@ use radar_sar::{TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
 use ranges::RangeReader;
 use rates::{RateSeries, offset_by_rates};
 
-/// Length of the first window, and of the others where there are not too many, seconds.
+/// Length of the first window, and of the others where there are not too many, seconds. Choice.
 const WINDOW_S: f64 = 2.0;
-/// Windows after the first at most: longer recordings have longer ones.
+/// Largest number of windows after the first; longer recordings get longer windows. Choice.
 const MAX_WINDOWS: f64 = 20.0;
-/// Estimates of the whole are made of parts of at most this length, seconds: the estimator's memory.
+/// The estimate of the whole recording combines parts of at most this length, seconds: the
+/// estimator's memory.
 const MAX_PART_S: f64 = 20.0;
-/// Things that are tried as the reflector.
+/// Obstacles tried as the reflector. Choice.
 const MAX_REFLECTORS: usize = 6;
-/// Faster than this is motion, m/s.
+/// Least speed that counts as motion, m/s. Choice.
 const MOVING_M_PER_S: f64 = 0.1;
-/// The path around a window that its sweeps may belong to, seconds.
+/// Margin of the path around a window, seconds: its sweeps may belong to it. Choice.
 const PATH_MARGIN_S: f64 = 0.25;
-/// Rates that correlate so well say where to look, when that is farther off than the estimator sees well, seconds.
+/// Correlation from which on the rates move the estimator's centre, when they differ by more than
+/// this, seconds. Choice.
 const TRUSTED_CORRELATION: f64 = 0.9;
 const NEAR_S: f64 = 0.07;
-/// A lag is told when it is this many 1σ, and this much, seconds.
+/// A lag is significant from this many 1σ and from this many seconds on. Choice.
 const SIGNIFICANT: f64 = 3.0;
 const MIN_SIGNIFICANT_LAG_S: f64 = 1e-3;
 
-/// Why a recording tells nothing.
+/// Why a recording gives no result.
 #[derive(Debug, thiserror::Error)]
 pub enum SynchronisationError {
     /// No sweep has a pose.
     #[error("no sweep has a pose, so nothing can be compared: `radar-chaperone info` tells what the recording holds")]
     NoPoses,
-    /// Nothing to measure to.
+    /// There is no reflector.
     #[error(
-        "nothing that stands still was found to measure the range of: move the sensor towards a strong reflector and back"
+        "no stationary reflector was found to measure the range of: move the sensor towards a strong reflector and back"
     )]
     NoReflector,
-    /// Its echo is hardly ever there.
+    /// Its echo is rarely visible.
     #[error("the reflector's echo was read {0} times: too few to compare")]
     FewRanges(usize),
 }
 
-/// An offset by rates of change.
+/// An offset estimated from rates.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RateOffset {
     /// Time of a sweep's pose minus time of the sweep, seconds.
     pub offset_s: f64,
     /// Its 1σ, seconds.
     pub sigma_s: f64,
-    /// How well the rates agree there: 1 wholly.
+    /// Correlation of the rates at this offset; 1 is perfect.
     pub correlation: f64,
 }
 
-/// What a part of the recording says.
+/// Offset of a part of the recording.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct OffsetWindow {
-    /// Since the recording's first sweep, seconds.
+    /// Start since the recording's first sweep, seconds.
     pub from_s: f64,
-    /// See `from_s`.
+    /// End, likewise.
     pub to_s: f64,
-    /// By ranges and phases of all echoes; `None`: they tell nothing.
+    /// From ranges and phases of all echoes; `None`: no result.
     pub estimate: Option<TimeOffset>,
-    /// By the rates of one reflector; `None`: they tell nothing.
+    /// From the rates of one reflector; `None`: no result.
     pub by_rates: Option<RateOffset>,
 }
 
-/// How far the first seconds of motion are off from the rest.
+/// Lag of the first seconds of motion relative to the rest.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct StartLag {
     /// Offset of the first window minus offset of the others, seconds.
     pub lag_s: f64,
     /// Its 1σ, seconds.
     pub sigma_s: f64,
-    /// Beyond what chance makes.
+    /// Larger than chance explains.
     pub is_significant: bool,
 }
 
-/// What the trial shows.
+/// Result of the synchronisation test.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Synchronisation {
-    /// Place of the reflector, tracking frame, metres.
+    /// Position of the reflector, tracking frame, metres.
     pub reflector_m: DVec3,
-    /// The offset that the settings name, seconds.
+    /// The offset in the settings, seconds.
     pub set_offset_s: f64,
     /// The whole recording.
     pub whole: OffsetWindow,
-    /// The first two seconds of motion, then the rest, window by window.
+    /// The first two seconds of motion, then the rest in windows.
     pub windows: Vec<OffsetWindow>,
-    /// The first window against the others; `None`: not both tell.
+    /// The first window relative to the others; `None`: not both have a result.
     pub start_lag: Option<StartLag>,
-    /// Spread of radar range minus pose distance, as a standard deviation, with the offset set and with the one found, metres.
+    /// Spread of radar range minus pose distance with the offset in the settings, as a standard
+    /// deviation, metres.
     pub spread_as_set_m: f64,
-    /// See `spread_as_set_m`; `None`: none was found.
+    /// The same with the estimated offset; `None`: there is none.
     pub spread_corrected_m: Option<f64>,
     /// Range of the reflector by radar: seconds since the first sweep, metres.
     #[serde(skip)]
     pub radar_range_m: Vec<[f64; 2]>,
-    /// Distance of the reflector by poses, at the poses' own times as they are stamped.
+    /// Distance of the reflector by poses, at the timestamps of the poses.
     #[serde(skip)]
     pub pose_range_m: Vec<[f64; 2]>,
 }
 
-/// Streams joined: what is compared.
+/// The joined streams.
 struct JoinedStreams {
     path: Vec<SensorState>,
     observations: Vec<Observation>,
 }
 
-/// Holds the trial over a recording at hand as a whole.
+/// Runs the test on a recording in memory.
 ///
 /// # Errors
-/// No sweep has a pose; nothing stands still; its echo is hardly ever there.
+/// No sweep has a pose; there is no stationary reflector; its echo is rarely visible.
 pub fn synchronisation(
     config: &SensorConfig,
     head_from_sensor: &Pose,
@@ -170,17 +178,18 @@ pub fn synchronisation(
     })
 }
 
-/// One reflector by radar and by poses: what a [`LagCurve`] is made of.
+/// One reflector by radar and by poses: the input of a [`LagCurve`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReflectorSeries {
     /// Its range by radar: seconds since the first sweep, metres.
     pub radar_range_m: Vec<[f64; 2]>,
-    /// Its distance by poses, at the poses' own times as they are stamped.
+    /// Its distance by poses, at the timestamps of the poses.
     pub pose_range_m: Vec<[f64; 2]>,
 }
 
-/// The two series that [`synchronisation`] compares, without comparing them. The reflector is placed by the later half alone, so that streams
-/// that are out of step at the start do not misplace it.
+/// The two series that [`synchronisation`] compares, without the comparison. The reflector's
+/// position comes from the later half only, so that streams out of step at the start do not
+/// displace it.
 ///
 /// # Errors
 /// As [`synchronisation`].
@@ -202,7 +211,7 @@ fn since(start_ns: i64, series: &[(i64, f64)]) -> Vec<[f64; 2]> {
     series.iter().map(|(time_ns, range_m)| [(time_ns - start_ns) as f64 * 1e-9, *range_m]).collect()
 }
 
-/// From the first sweep with a pose to the last.
+/// Times of the first and the last sweep with a pose.
 fn span(joined: &JoinedStreams) -> Result<(i64, i64), SynchronisationError> {
     let (Some(first), Some(last)) = (joined.observations.first(), joined.observations.last()) else {
         return Err(SynchronisationError::NoPoses);
@@ -210,7 +219,7 @@ fn span(joined: &JoinedStreams) -> Result<(i64, i64), SynchronisationError> {
     Ok((first.mid_time_ns, last.mid_time_ns))
 }
 
-/// The reflector that is followed best, with ranges enough to compare.
+/// The reflector whose echo is tracked best, with enough ranges to compare.
 fn track_reflector(
     joined: &JoinedStreams,
     config: &SensorConfig,
@@ -258,14 +267,15 @@ fn join_streams(
     joined
 }
 
-/// A place, its range by radar and its distance by poses.
+/// A position with its radar ranges and its distances by poses.
 struct TrackedReflector {
     place: DVec3,
     radar: Vec<(i64, f64)>,
     by_poses: Vec<(i64, f64)>,
 }
 
-/// The place whose strongest echo follows its distance most often: what stands out from all around it.
+/// The position whose strongest echo follows its distance most often, so that it stands out from
+/// its surroundings.
 fn best_reflector(places: &[DVec3], joined: &JoinedStreams, settings: &MappingSettings) -> Option<TrackedReflector> {
     let followed = |place: &DVec3| {
         let distance_m = |at: &SensorState| (at.time_ns, at.tracking_from_sensor.translation.distance(*place));
@@ -274,12 +284,12 @@ fn best_reflector(places: &[DVec3], joined: &JoinedStreams, settings: &MappingSe
         let count = ranges::count_following(&radar, &by_poses, settings.tracking.time_offset_s);
         (count, TrackedReflector { place: *place, radar, by_poses })
     };
-    // Of equals the first, which is the strongest.
+    // Among equals the first, which is the strongest.
     let best = places.iter().map(followed).reduce(|best, next| if next.0 > best.0 { next } else { best });
     best.map(|(_, followed)| followed)
 }
 
-/// The strongest things that the pipeline finds.
+/// The strongest obstacles that the pipeline finds.
 fn reflectors(
     config: &SensorConfig,
     head_from_sensor: &Pose,
@@ -297,11 +307,11 @@ fn reflectors(
     }
     frames.for_each(|frame| pipeline.push_frame(frame.clone()));
     pipeline.finish();
-    // By falling evidence.
+    // Obstacles are sorted by falling evidence.
     pipeline.scene().obstacles.iter().take(MAX_REFLECTORS).map(|obstacle| obstacle.position_m).collect()
 }
 
-/// A part of the recording, in the sweeps' time.
+/// A part of the recording, in sweep time.
 #[derive(Debug, Clone, Copy)]
 struct Span {
     from_ns: i64,
@@ -315,7 +325,7 @@ impl Span {
     }
 }
 
-/// The whole, the first two seconds of motion, and what comes after in equal parts.
+/// The whole, the first two seconds of motion, and the rest in equal parts.
 fn spans(path: &[SensorState], start_ns: i64, end_ns: i64) -> Vec<Span> {
     let is_motion = |at: &&SensorState| at.time_ns >= start_ns && at.velocity_m_per_s.length() > MOVING_M_PER_S;
     let moving_ns = path.iter().find(is_motion).map_or(start_ns, |at| at.time_ns).min(end_ns);
@@ -329,7 +339,7 @@ fn spans(path: &[SensorState], start_ns: i64, end_ns: i64) -> Vec<Span> {
     spans
 }
 
-/// Puts the estimates of windows into them.
+/// Estimates the offset of each window.
 fn estimate(windows: &mut [OffsetWindow], joined: &JoinedStreams, start_ns: i64, settings: &MappingSettings) {
     for window in windows {
         let middle_s = middle_s(window, settings.tracking.time_offset_s);
@@ -349,13 +359,14 @@ fn estimate(windows: &mut [OffsetWindow], joined: &JoinedStreams, start_ns: i64,
     }
 }
 
-/// Where the estimator looks.
+/// Centre of the estimator's search.
 fn middle_s(window: &OffsetWindow, set_s: f64) -> f64 {
     let far = |rates: &RateOffset| rates.correlation >= TRUSTED_CORRELATION && (rates.offset_s - set_s).abs() > NEAR_S;
     window.by_rates.filter(far).map_or(set_s, |rates| rates.offset_s)
 }
 
-/// The estimate of the whole: of parts that the estimator remembers, weighed by their variances.
+/// The estimate of the whole: of parts as long as the estimator's memory, weighted by their
+/// variances.
 fn estimate_whole(whole: &mut OffsetWindow, joined: &JoinedStreams, start_ns: i64, settings: &MappingSettings) {
     let parts = ((whole.to_s - whole.from_s) / MAX_PART_S).ceil().max(1.0);
     let edge_s = |n: f64| whole.from_s + (whole.to_s - whole.from_s) * n / parts;
@@ -375,7 +386,8 @@ fn estimate_whole(whole: &mut OffsetWindow, joined: &JoinedStreams, start_ns: i6
     };
 }
 
-/// Mean by variance with its 1σ, which is no less than the values' own spread says; `None` without values.
+/// Inverse-variance weighted mean and its 1σ, which is at least what the spread of the values
+/// implies; `None` without values.
 fn mean(values: impl Iterator<Item = (f64, f64)> + Clone) -> Option<(f64, f64)> {
     let weight = |sigma_s: f64| sigma_s.max(1e-9).powi(-2);
     let total: f64 = values.clone().map(|(_, sigma_s)| weight(sigma_s)).sum();
@@ -386,7 +398,7 @@ fn mean(values: impl Iterator<Item = (f64, f64)> + Clone) -> Option<(f64, f64)> 
     (count > 0.0).then(|| (mean, (spread / total).sqrt()))
 }
 
-/// The first window against the others.
+/// The first window relative to the others.
 fn start_lag(windows: &[OffsetWindow]) -> Option<StartLag> {
     let told = |window: &OffsetWindow| -> Option<(f64, f64)> {
         let by_rates =

@@ -1,4 +1,5 @@
-//! The range of one reflector by radar: the strongest echo near where it should be, every few milliseconds.
+//! Radar range of one reflector: the strongest echo near its expected range, every few
+//! milliseconds.
 
 use glam::DVec3;
 use num_complex::Complex32;
@@ -8,20 +9,21 @@ use radar_sar::math;
 use radar_sar::{Beam, Observation};
 use radar_sar::{RangeCompressor, sweep_noise_rms};
 
-/// Sweeps of this time are read as one, nanoseconds.
+/// Sweeps within this time are combined, nanoseconds. Choice.
 const GROUP_NS: i64 = 8_000_000;
-/// The echo is looked for so far around where the poses have it, metres: a second's lag at half a metre a second.
+/// Half width of the gate around the expected range, metres. Choice: a lag of one second at 0.5
+/// m/s.
 const GATE_M: f64 = 0.5;
-/// An echo's mean |z|²/σ².
+/// Least mean power |z|²/σ² of an echo. Choice.
 const MIN_POWER: f64 = 12.0;
-/// Two-way amplitude of the beam from which on it is looked for.
+/// Least two-way amplitude of the beam at the reflector. Choice.
 const MIN_AMPLITUDE: f64 = 0.1;
-/// Nearest range read, metres: the antenna's own leakage lies below.
+/// Least range, metres: direct leakage of the antenna lies below.
 const MIN_RANGE_M: f64 = 0.2;
-/// Ranges that are enough to compare.
+/// Least number of ranges to compare. Choice.
 pub(super) const MIN_RANGES: usize = 50;
 
-/// Reads the ranges of a place.
+/// Reads the ranges of a position.
 pub(super) struct RangeReader<'a> {
     place: DVec3,
     beam: &'a Beam,
@@ -32,7 +34,7 @@ impl<'a> RangeReader<'a> {
         Self { place, beam: &settings.radar.beam }
     }
 
-    /// Times and ranges, metres, from the first subsweep that has the place in its range.
+    /// Times and ranges, metres, from the first subsweep whose range covers the position.
     pub fn read(&self, observations: &[Observation]) -> Vec<(i64, f64)> {
         let subsweep = observations.iter().filter(|o| self.sees(o)).map(|o| o.geometry.subsweep).min();
         let Some(subsweep) = subsweep else { return Vec::new() };
@@ -56,7 +58,8 @@ impl<'a> RangeReader<'a> {
             && self.beam.amplitude(observation.cos_off_boresight(self.place)) >= MIN_AMPLITUDE
     }
 
-    /// The strongest peak of a group's mean power in the gate, and when its point was measured.
+    /// Range of the strongest peak of a group's mean power in the gate, and the time when that
+    /// point was measured.
     fn range(&self, group: &[&Observation], compressor: &RangeCompressor) -> Option<(i64, f64)> {
         let middle = group[group.len() / 2];
         if !self.sees(middle) {
@@ -91,24 +94,25 @@ fn is_peak(three: &[f64]) -> bool {
     three[1] > three[0] && three[1] >= three[2] && three[0] > 0.0 && three[2] > 0.0
 }
 
-/// Where the parabola through three logarithms peaks, from the middle one.
+/// Vertex of the parabola through three logarithms, relative to the middle one.
 fn vertex(three: &[f64]) -> f64 {
     let [a, b, c] = [math::ln(three[0]), math::ln(three[1]), math::ln(three[2])];
     (0.5 * (c - a) / (2.0 * b - a - c)).clamp(-0.5, 0.5)
 }
 
-/// Ranges this near to their median difference from the distances follow the place, metres.
+/// A range follows the position when its residual is this close to the median, metres. Choice.
 const MAX_FOLLOWING_M: f64 = 0.03;
 
-/// How many ranges follow the distances.
+/// Number of ranges that follow the distances.
 pub(super) fn count_following(radar: &[(i64, f64)], by_poses: &[(i64, f64)], offset_s: f64) -> usize {
     let residuals = residuals(radar, by_poses, offset_s);
     let middle = median(&residuals);
     residuals.iter().filter(|r| (*r - middle).abs() <= MAX_FOLLOWING_M).count()
 }
 
-/// Spread of range minus distance when poses are this much later than sweeps, as a standard deviation: 1.48 times the median
-/// of what is left without the median, so that other echoes do not count; NaN when they never meet.
+/// Spread of range minus distance when poses are this much later than sweeps, as a standard
+/// deviation: 1.48 times the median absolute deviation, so that other echoes do not count; NaN
+/// without common times.
 pub(super) fn spread_m(radar: &[(i64, f64)], by_poses: &[(i64, f64)], offset_s: f64) -> f64 {
     let residuals = residuals(radar, by_poses, offset_s);
     let middle = median(&residuals);
@@ -128,7 +132,7 @@ fn residuals(radar: &[(i64, f64)], by_poses: &[(i64, f64)], offset_s: f64) -> Ve
     radar.iter().filter_map(residual).collect()
 }
 
-/// A series between its entries, never across a pause.
+/// Interpolates a series, but not across a gap.
 pub(super) fn value_at(series: &[(i64, f64)], time_ns: i64) -> Option<f64> {
     const LONGEST_STEP_NS: i64 = 50_000_000;
     let later = series.partition_point(|(t, _)| *t < time_ns);

@@ -1,25 +1,27 @@
-//! The offset by how fast two distances change: where their rates correlate best.
+//! Offset estimate from rates of change: the offset at which the rates of two distances correlate
+//! best.
 //!
-//! Rates are slopes of straight lines over a tenth of a second, the same for both, so that what the slopes smooth cancels. A
-//! reflector that is a little elsewhere than thought changes the rates little, and a constant error of range not at all.
+//! Rates are slopes of straight lines over 0.1 s, computed alike for both series, so that their
+//! smoothing cancels. A position error of the reflector changes the rates little, and a constant
+//! range error not at all.
 
 use super::RateOffset;
 use super::ranges::value_at;
 
-/// A slope is told from what lies within this, nanoseconds.
+/// Half of the interval of a slope, nanoseconds. Choice.
 const HALF_NS: i64 = 50_000_000;
-/// Entries that a slope needs, and how much of the time they must span.
+/// Least number of entries of a slope, and least time that they must span. Choice.
 const MIN_ENTRIES: usize = 4;
 const MIN_SPAN_NS: i64 = HALF_NS;
-/// Offsets are tried this far to both sides, in these steps, nanoseconds.
+/// Offsets searched to both sides, and their step, nanoseconds. Choice.
 const SEARCH_NS: i64 = 1_000_000_000;
 const STEP_NS: i64 = 2_000_000;
-/// Share of a window's rates that must have one of the other series.
+/// Least share of a window's rates that need a counterpart in the other series. Choice.
 const MIN_SHARE: f64 = 0.6;
-/// Rates fewer or slower than this, rms, say nothing, m/s.
+/// Least number of rates, and least rms rate, m/s. Choice.
 const MIN_RATES: usize = 30;
 const MIN_RATE_M_PER_S: f64 = 0.05;
-/// Rates that correlate less, or tell the offset less well than this 1σ, seconds, say nothing.
+/// Least correlation and largest 1σ, seconds, of a result. Choice.
 const MIN_CORRELATION: f64 = 0.8;
 const MAX_SIGMA_S: f64 = 0.02;
 
@@ -38,7 +40,7 @@ impl RateSeries {
     }
 }
 
-/// Slope of the line through entries, at their mean time.
+/// Slope of the regression line, at the entries' mean time.
 fn slope(entries: &[(i64, f64)]) -> Option<(i64, f64)> {
     let (first, last) = (entries.first()?, entries.last()?);
     if entries.len() < MIN_ENTRIES || last.0 - first.0 < MIN_SPAN_NS {
@@ -53,7 +55,7 @@ fn slope(entries: &[(i64, f64)]) -> Option<(i64, f64)> {
     (below > 0.0).then(|| (first.0 + mean_ns, above / below))
 }
 
-/// How much later the poses' rates come than the radar's, of the radar's rates from and to a time.
+/// Delay of the poses' rates relative to the radar's, from the radar's rates within a time span.
 pub(super) fn offset_by_rates(
     radar: &RateSeries,
     poses: &RateSeries,
@@ -82,7 +84,7 @@ pub(super) fn offset_by_rates(
     (sigma_s <= MAX_SIGMA_S).then_some(RateOffset { offset_s: offset_ns as f64 * 1e-9, sigma_s, correlation: b })
 }
 
-/// Pairs of a radar's rate and the poses' that much later.
+/// Pairs of a radar rate and the pose rate this much later.
 fn pairs<'a>(
     window: &'a [(i64, f64)],
     poses: &'a RateSeries,
@@ -91,7 +93,7 @@ fn pairs<'a>(
     window.iter().filter_map(move |(t, rate)| Some((*t, *rate, value_at(&poses.0, t.saturating_add(offset_ns))?)))
 }
 
-/// Of −1 to 1; −1 when too few meet.
+/// Correlation from −1 to 1; −1 when too few pairs exist.
 fn correlation(window: &[(i64, f64)], poses: &RateSeries, offset_ns: i64) -> f64 {
     let (mut count, mut both, mut ours, mut theirs) = (0.0, 0.0, 0.0, 0.0);
     for (_, rate, other) in pairs(window, poses, offset_ns) {
@@ -104,7 +106,8 @@ fn correlation(window: &[(i64, f64)], poses: &RateSeries, offset_ns: i64) -> f64
     if count >= MIN_SHARE * window.len() as f64 && correlation.is_finite() { correlation } else { -1.0 }
 }
 
-/// What the misfit of the rates makes of the offset: neighbours within a slope's time are one.
+/// 1σ of the offset from the residuals of the rates; neighbours within the time of a slope count as
+/// one.
 fn sigma_s(window: &[(i64, f64)], poses: &RateSeries, offset_ns: i64) -> f64 {
     let step_ns = HALF_NS / 5;
     let (mut count, mut misfit, mut steep) = (0.0, 0.0, 0.0);
@@ -124,7 +127,7 @@ fn sigma_s(window: &[(i64, f64)], poses: &RateSeries, offset_ns: i64) -> f64 {
 mod tests {
     use super::*;
 
-    /// A distance every `step_ms`, read this much later than it was.
+    /// A distance every `step_ms`, read this much later.
     fn series(step_ms: f64, late_s: f64) -> Vec<(i64, f64)> {
         let distance = |t: f64| 0.8 + 0.2 * (3.1 * t).sin() + 0.1 * (5.3 * t + 1.0).cos();
         (0..(6000.0 / step_ms) as i64)

@@ -1,8 +1,9 @@
-//! Local maxima of a field, look by look: bricks around which nothing changed since the last look are not looked through
-//! again.
+//! Local maxima of a field, found incrementally: bricks in whose neighbourhood nothing changed
+//! since the last search are not searched again.
 //!
-//! A brick's strong voxels are taken out, then each is held against its neighbours within the radius. Most have a greater one
-//! beside them: of 2 × 2 × 2 voxels only the greatest is held against others at all, and first against the nearest.
+//! A brick's strong voxels are extracted, then each is compared with its neighbours within the
+//! radius. Most have a greater one next to them: of each 2 × 2 × 2 voxels only the greatest is
+//! compared at all, and with its nearest neighbours first.
 
 use glam::{DVec3, IVec3};
 use rayon::prelude::*;
@@ -12,7 +13,7 @@ use super::{Brick, EDGE, EDGE_LOG2, Field, VOXELS, in_brick, index_in_brick};
 
 /// Neighbours that share a face.
 const NEAREST: usize = 6;
-/// Voxels of a layer's row, which lie one after the other.
+/// Voxels in a row of a layer; they are contiguous.
 const COLUMNS: usize = 4;
 
 /// A local maximum of the score.
@@ -24,24 +25,26 @@ pub struct Peak {
     pub score: f64,
 }
 
-/// Scores of a brick's voxels; −∞ below what is asked for.
+/// Scores of a brick's voxels; −∞ below the least score searched.
 type Strong = Box<[f32; VOXELS]>;
 
-/// Strong voxels and maxima of a brick, kept from one look to the next: a score changes only when a block adds to it.
+/// Strong voxels and maxima of a brick, kept between searches: a score changes only when a
+/// sub-aperture is added.
 #[derive(Debug, Default)]
 pub(super) struct BrickPeaks {
-    /// Nothing was added since.
+    /// Nothing was added since the last search.
     pub is_current: bool,
-    /// Scores of at least the least score asked for, seen since the time asked for; `None` without any.
+    /// Scores of at least the least score searched, in the beam since the time searched; `None`
+    /// without any.
     strong: Option<Strong>,
-    /// When the strong voxel was seen that was not seen for longest.
+    /// Earliest last-seen time among the strong voxels, ticks.
     oldest: i32,
-    /// `strong` is not what it was in the look before.
+    /// `strong` changed in the last search.
     has_changed: bool,
     peaks: Vec<Peak>,
 }
 
-/// What maxima were looked for.
+/// Parameters of a search for maxima.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PeakQuery {
     min_score: f64,
@@ -50,15 +53,16 @@ pub(super) struct PeakQuery {
 }
 
 impl PeakQuery {
-    /// What was found for the one asked before can serve.
+    /// Whether the results of search `before` can be reused.
     fn follows(&self, before: &Self) -> bool {
         self.min_score == before.min_score && self.radius_m == before.radius_m && self.since >= before.since
     }
 }
 
 impl Field {
-    /// Local maxima: voxels of [`Field::above`] with no greater one within `radius_m`, by falling score. Bricks around which
-    /// nothing changed since they were last asked for are not looked through again.
+    /// Local maxima: voxels of [`Field::above`] with no greater one within `radius_m`, by falling
+    /// score. Bricks in whose neighbourhood nothing changed since the last search are not searched
+    /// again.
     pub fn peaks(&mut self, min_score: f64, radius_m: f64, since_ns: i64) -> Vec<Peak> {
         let since = self.ticks_at(since_ns);
         let asked = PeakQuery { min_score, radius_m, since };
@@ -75,7 +79,7 @@ impl Field {
             }
             peaks.extend(&brick.found.peaks);
         }
-        // Equal scores fall back to the place, so that the order is always the same.
+        // Ties are broken by position, so the order is deterministic.
         peaks.sort_by(|p, q| {
             let (a, b) = (p.position_m, q.position_m);
             let by_place = || a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
@@ -88,7 +92,7 @@ impl Field {
         Some(&self.bricks[*self.index.get(&key.to_array())?])
     }
 
-    /// The brick's maxima, if they may be others than before.
+    /// The brick's maxima, if they may have changed.
     fn new_peaks(&self, brick: &Brick) -> Option<Vec<Peak>> {
         let Some(strong) = &brick.found.strong else {
             return (!brick.found.peaks.is_empty()).then(Vec::new);
@@ -101,7 +105,7 @@ impl Field {
         let around = around.map(|brick| brick?.found.strong.as_deref());
         let mut peaks = Vec::new();
         let mut test = |n: usize, score: f32| {
-            // Of equal neighbours the one that comes first counts as the greater.
+            // Of equal neighbours the first one counts as the greater.
             let greater = |neighbor: &Neighbor| {
                 around[usize::from(neighbor.brick)].is_some_and(|scores| {
                     let other = scores[usize::from(neighbor.voxel)];
@@ -121,7 +125,7 @@ impl Field {
 }
 
 impl Brick {
-    /// Brings the strong voxels up to date.
+    /// Updates the strong voxels.
     fn find_strong(&mut self, min_score: f32, since: i32) {
         let holds = self.found.is_current && (self.found.strong.is_none() || self.found.oldest >= since);
         self.found.has_changed = false;
@@ -133,13 +137,13 @@ impl Brick {
         }
     }
 
-    /// Scores of at least that much, seen since then, and when the one was seen that was not seen for longest; `None` without
-    /// any.
+    /// Scores of at least `min_score` in the beam since then, and the earliest last-seen time among
+    /// them; `None` without any.
     pub(super) fn strong_scores(&self, min_score: f32, since: i32) -> Option<(Strong, i32)> {
         if self.newest < since {
             return None;
         }
-        // Few layers have a strong voxel; the others' voxels are not even read.
+        // Few layers have a strong voxel; voxels of the others are not read.
         let least2 = min_score * min_score.abs();
         let may_be = |greatest2: f32| greatest2 + 1e-5 * (greatest2.abs() + least2.abs()) >= least2;
         if !self.greatest2.iter().any(|greatest2| may_be(*greatest2)) {
@@ -161,7 +165,8 @@ impl Brick {
     }
 }
 
-/// The greatest voxel of each 2 × 2 × 2 of a brick, of equal ones the first: no other can be a maximum over more than that.
+/// The greatest voxel of each 2 × 2 × 2 of a brick, the first of equals: no other can be a maximum
+/// within a larger radius.
 fn greatest_of_cubes(scores: &[f32; VOXELS], mut each: impl FnMut(usize, f32)) {
     for (pair, layers) in scores.chunks_exact(2 * LANES).enumerate() {
         let (low, high) = layers.split_at(LANES);
@@ -198,7 +203,8 @@ fn comes_first(offset: IVec3) -> bool {
     (offset.z, offset.y, offset.x) < (0, 0, 0)
 }
 
-/// A voxel near another: in which of the 27 bricks around (as [`cube`] numbers them), where there, and whether it comes first.
+/// A voxel near another: in which of the 27 surrounding bricks (as [`cube`] numbers them), its
+/// index there, and whether it comes first.
 #[derive(Debug, Clone, Copy)]
 struct Neighbor {
     brick: u8,
@@ -206,10 +212,11 @@ struct Neighbor {
     comes_first: bool,
 }
 
-/// Those near every voxel of a brick, in the order in which voxels are stored.
+/// Neighbours of every voxel of a brick, in storage order.
 #[derive(Debug, Default)]
 pub(super) struct Neighbors {
-    /// The nearest, apart from the others: most voxels have a greater one among them, and these few stay in the cache.
+    /// The nearest ones, separate from the others: most voxels have a greater one among them, and
+    /// these few stay in the cache.
     nearest: Vec<[Neighbor; NEAREST]>,
     others: Vec<Vec<Neighbor>>,
     /// All of 2 × 2 × 2 voxels are neighbours of each other.
@@ -217,8 +224,8 @@ pub(super) struct Neighbors {
 }
 
 impl Neighbors {
-    /// Those at these offsets, nearest first, each within a brick's edge; where there are too few, the voxel itself, which
-    /// is not greater than itself.
+    /// Neighbours at these offsets, nearest first, each within a brick's edge. Where there are too
+    /// few, the voxel itself fills up: it is not greater than itself.
     fn at(offsets: &[IVec3]) -> Self {
         let of = |n: usize| offsets.iter().map(move |offset| neighbor(n, *offset));
         let nearest = |n: usize| std::array::from_fn(|k| of(n).nth(k).unwrap_or_else(|| neighbor(n, IVec3::ZERO)));
@@ -230,7 +237,7 @@ impl Neighbors {
     }
 }
 
-/// What lies at an offset of a voxel.
+/// The neighbour at an offset of a voxel.
 fn neighbor(n: usize, offset: IVec3) -> Neighbor {
     let voxel = (in_brick(n) + offset).to_array();
     // −1, 0 or 1 along each axis.

@@ -1,4 +1,5 @@
-//! What a block has in its beam: balls at a glance, layers of voxels one by one.
+//! Which points a sub-aperture has in its beam: bounding spheres first, then layers of voxels one
+//! by one.
 
 use glam::DVec3;
 
@@ -7,7 +8,7 @@ use super::super::{Subaperture, SubapertureSettings};
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{InstructionSet, has};
 
-/// How much of a ball a block has in its beam.
+/// How much of a sphere is in the beam of a sub-aperture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Coverage {
     None,
@@ -15,10 +16,10 @@ pub(super) enum Coverage {
     All,
 }
 
-/// A block and what it has in its beam.
+/// A sub-aperture and its beam.
 pub(super) struct BeamView<'a> {
     pub block: &'a Subaperture,
-    /// No nearer and no farther than the block's range axis goes.
+    /// Limited to the sub-aperture's range axis.
     pub settings: SubapertureSettings,
     min_cos: f64,
     /// Sine of the widest angle in the beam.
@@ -33,13 +34,13 @@ impl<'a> BeamView<'a> {
         Self { block, settings, min_cos, max_sin, forward: block.middle.forward() }
     }
 
-    /// Never says `None` or `All` wrongly.
+    /// Conservative: `None` and `All` are certain.
     pub fn sphere_coverage(&self, middle: DVec3, radius_m: f64) -> Coverage {
         let radius_m = radius_m + 1e-9;
         let to = middle - self.block.middle.translation;
         let (distance_m, along_m) = (to.length(), to.dot(self.forward));
         let across_m = (distance_m * distance_m - along_m * along_m).max(0.0).sqrt();
-        // How far outside the beam's cone, by its surface.
+        // Distance outside the beam's cone, from its surface.
         let outside_m = across_m * self.min_cos - along_m * self.max_sin;
         let SubapertureSettings { min_range_m, max_range_m, .. } = self.settings;
         if outside_m > radius_m || distance_m > max_range_m + radius_m || distance_m + radius_m < min_range_m {
@@ -53,7 +54,8 @@ impl<'a> BeamView<'a> {
 }
 
 impl BeamView<'_> {
-    /// Which voxels of a layer are in the beam, lane 0 at `corner`: [`SubapertureSettings::sees`] sixteen at a time.
+    /// Which voxels of a layer are in the beam, lane 0 at `corner`: [`SubapertureSettings::sees`] for
+    /// sixteen at a time.
     #[inline(always)]
     fn lane_coverage(&self, corner: DVec3) -> [bool; LANES] {
         let SubapertureSettings { voxel_m, min_range_m, max_range_m, .. } = self.settings;
@@ -70,7 +72,7 @@ impl BeamView<'_> {
         seen
     }
 
-    /// The same, compiled for what the processor has.
+    /// The same, compiled for the processor's instructions.
     pub fn layer_coverage(&self, corner: DVec3) -> [bool; LANES] {
         #[cfg(target_arch = "x86_64")]
         {
@@ -79,7 +81,8 @@ impl BeamView<'_> {
                 view.lane_coverage(corner)
             }
             if has(InstructionSet::Avx512) {
-                // SAFETY: the processor has the instructions that this copy of the code is compiled for.
+                // SAFETY: the processor has the instructions that this copy of the code is compiled
+                // for.
                 return unsafe { avx512(self, corner) };
             }
         }
@@ -87,6 +90,6 @@ impl BeamView<'_> {
     }
 }
 
-/// Where in a layer of 4 × 4 a lane lies.
+/// Position of a lane in a layer of 4 × 4.
 const COLUMN: [f64; LANES] = [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0];
 const ROW: [f64; LANES] = [0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0];

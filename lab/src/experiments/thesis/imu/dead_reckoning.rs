@@ -1,4 +1,4 @@
-//! Dead reckoning from the end of a rest on: by what the unit reports, and by the thesis' script.
+//! Dead reckoning from the end of a rest on, and the thesis' script.
 
 use crate::inertial::true_state;
 use glam::DVec3;
@@ -7,14 +7,14 @@ use crate::inertial::{GRAVITY_M_PER_S2, ImuSample, NavState, Strapdown};
 use radar_sar::geometry::Pose;
 use radar_simulation::TruePath;
 
-/// A sample less what the unit reported at rest, where its pose was known.
+/// Offsets that the IMU shows at rest, where its pose is known.
 struct RestOffsets {
     rate: DVec3,
     force: DVec3,
 }
 
 impl RestOffsets {
-    /// By the samples up to a time.
+    /// From the samples up to a time.
     fn of(samples: &[ImuSample], until_ns: i64, pose: &Pose) -> Self {
         let rest: Vec<&ImuSample> = samples.iter().take_while(|sample| sample.time_ns <= until_ns).collect();
         let mean = |of: fn(&ImuSample) -> DVec3| rest.iter().map(|s| of(s)).sum::<DVec3>() / rest.len().max(1) as f64;
@@ -31,7 +31,7 @@ impl RestOffsets {
     }
 }
 
-/// Dead reckoning from the end of the rest on, offsets told at rest or not.
+/// Dead reckoning from the end of the rest on, with or without removal of the offsets.
 pub(super) fn dead_reckon(samples: &[ImuSample], path: &TruePath, until_ns: i64, is_zeroed: bool) -> Vec<NavState> {
     let start = true_state(path, until_ns);
     let none = RestOffsets { rate: DVec3::ZERO, force: DVec3::ZERO };
@@ -41,7 +41,8 @@ pub(super) fn dead_reckon(samples: &[ImuSample], path: &TruePath, until_ns: i64,
     later.map(|sample| *strapdown.push(&zero.corrected(sample))).collect()
 }
 
-/// The thesis' script: twice the integral of what the accelerometer reports less what it reported before, whatever its attitude.
+/// The thesis' script: double integral of the accelerometer minus its mean at rest, without regard
+/// to attitude.
 pub(super) fn thesis_script(samples: &[ImuSample], until_ns: i64) -> Vec<NavState> {
     let zero = RestOffsets::of(samples, until_ns, &Pose::IDENTITY);
     let mut state = NavState::at_rest(until_ns, Pose::IDENTITY);
@@ -56,7 +57,7 @@ pub(super) fn thesis_script(samples: &[ImuSample], until_ns: i64) -> Vec<NavStat
     samples.iter().filter(|sample| sample.time_ns > until_ns).map(step).collect()
 }
 
-/// Distance from the truth so long after a time, metres.
+/// Distance from the truth some time after another, metres.
 pub(super) fn drift_m(states: &[NavState], from_ns: i64, after_s: f64, truth: impl Fn(i64) -> DVec3) -> f64 {
     let at = states.partition_point(|state| state.time_ns < from_ns + (after_s * 1e9) as i64);
     let state = states.get(at.min(states.len().saturating_sub(1)));

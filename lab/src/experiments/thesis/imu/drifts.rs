@@ -1,4 +1,4 @@
-//! How far an IMU drifts by itself, at rest and on the arm.
+//! Drift of an IMU alone, at rest and on the swinging arm.
 
 use crate::inertial::{simulated_imu, true_state};
 use glam::DVec3;
@@ -10,13 +10,13 @@ use crate::inertial::NavState;
 use radar_chaperone::report::{Chart, Series, Table};
 use radar_simulation::TruePath;
 
-/// A way of reckoning, and the median drift after each of [`DRIFT_TIMES_S`], metres.
+/// A method, and its median drift after each of [`DRIFT_TIMES_S`], metres.
 pub(super) struct Drift {
     way: String,
     drift_m: Vec<f64>,
 }
 
-/// At rest and on the arm, for each part.
+/// Drift at rest and on the arm, for each IMU.
 pub(super) fn drifts(trials: &Trials) -> Result<Vec<Drift>, ExperimentError> {
     let duration_s = REST_S + DRIFT_TIMES_S[DRIFT_TIMES_S.len() - 1] + 0.1;
     let mut drifts = Vec::new();
@@ -24,7 +24,8 @@ pub(super) fn drifts(trials: &Trials) -> Result<Vec<Drift>, ExperimentError> {
         let paths = (1..=trials.seeds).map(|seed| Ok(scenario(motion, duration_s, seed)?.path()?));
         let paths = paths.collect::<Result<Vec<TruePath>, ExperimentError>>()?;
         for part in &IMU_PARTS {
-            // Three ways: as it comes, zeroed, and the script.
+            // Three methods: dead reckoning without calibration, with offsets removed, and the
+            // thesis' script.
             let mut rows = [Vec::new(), Vec::new(), Vec::new()];
             for path in &paths {
                 let samples = simulated_imu(path, part);
@@ -67,7 +68,12 @@ pub(super) fn drift_findings(outcome: &mut Outcome, drifts: &[Drift]) {
     outcome.add_finding(
         "Accurate poses by an IMU take calibration, initialisation and filtering.",
         zeroed < 0.5 * raw,
-        format!("MPU-6050 on the arm, 2 s of dead reckoning: {} cm off as it comes, {} cm with the offsets it showed at rest taken off", cm(raw), cm(zeroed)),
+        format!(
+            "MPU-6050 on the arm, 2 s of dead reckoning: {} cm off uncalibrated, {} cm with the offsets measured \
+            at rest removed",
+            cm(raw),
+            cm(zeroed)
+        ),
     );
     let names: Vec<String> = std::iter::once("unit and way".to_owned())
         .chain(DRIFT_TIMES_S.iter().map(|s| format!("after {s} s (cm)")))
@@ -76,7 +82,9 @@ pub(super) fn drift_findings(outcome: &mut Outcome, drifts: &[Drift]) {
     outcome.tables.push(Table {
         head: names,
         rows: drifts.iter().map(row).collect(),
-        caption: "Distance from where it really is, without any other poses. Zeroed: offsets told during the rest. The script knows no turns.".into(),
+        caption: "Distance from the true position, without any other poses. Zeroed: offsets estimated during the \
+            rest. The script ignores rotation."
+            .into(),
     });
     let shown = [
         "MPU-6050, at rest, the script",
@@ -89,7 +97,7 @@ pub(super) fn drift_findings(outcome: &mut Outcome, drifts: &[Drift]) {
         Series { name: way.into(), points, joined: true }
     });
     let chart = Chart {
-        title: "Drift of an IMU by itself".into(),
+        title: "Drift of an IMU alone".into(),
         x_label: "time since the last known pose (s)".into(),
         y_label: "distance from the truth (cm)".into(),
         x_log: true,

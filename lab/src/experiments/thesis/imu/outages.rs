@@ -1,4 +1,4 @@
-//! Inertia beside a tracker that goes away for a while.
+//! Inertia beside a tracker with outages.
 
 use super::super::{Outcome, cm, head, mm};
 use super::dead_reckoning::drift_m;
@@ -13,7 +13,7 @@ use crate::inertial::{simulated_imu, true_state};
 use radar_chaperone::report::{Chart, Series, Table};
 use radar_sar::PoseSample;
 
-/// All fused states, of poses that go away at a time.
+/// Fused states of a recording whose optical poses end at the outage.
 fn fused_states(swung: &SwingTrial, part: &ImuSpec) -> Vec<NavState> {
     let mut fusion = PoseFusion::new(FusionSettings::of(*part));
     let lost_ns = swung.ns(OUTAGE_START_S);
@@ -21,7 +21,7 @@ fn fused_states(swung: &SwingTrial, part: &ImuSpec) -> Vec<NavState> {
     let mut states = Vec::new();
     for sample in &simulated_imu(&swung.path, part) {
         while let Some(pose) = poses.next_if(|pose| pose.time_ns <= sample.time_ns) {
-            // What is refused is no pose, and there are none such here.
+            // Errors mean refused poses; the simulation has none.
             let _ = fusion.push_pose(pose);
         }
         let _ = fusion.push_imu(sample);
@@ -30,11 +30,11 @@ fn fused_states(swung: &SwingTrial, part: &ImuSpec) -> Vec<NavState> {
     states
 }
 
-/// Medians of a part for each of [`OUTAGE_DURATIONS_S`].
+/// Medians of one IMU for each of [`OUTAGE_DURATIONS_S`].
 struct OutageResults {
     pose_m: Vec<f64>,
     worst_m: Vec<f64>,
-    /// As [`image_errors()`] has them.
+    /// Columns as in [`image_errors()`].
     images: Vec<Vec<f64>>,
 }
 
@@ -56,7 +56,7 @@ impl OutageResults {
         Self { pose_m: share(0.5), worst_m: share(1.0), images: images.iter().map(|rows| medians(rows)).collect() }
     }
 
-    /// The longest outage up to which every image is sharp, seconds.
+    /// Longest outage up to which every image is sharp, seconds.
     fn sharp_s(&self) -> f64 {
         let is_sharp = |image: &&Vec<f64>| image[2] <= SHARP_M && image[1] <= SHARP_RATIO * self.images[0][1];
         let sharp = self.images.iter().take_while(is_sharp).count();
@@ -84,7 +84,7 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[SwingTri
     let alone = tracker_alone(swung);
     for (lost_s, image) in OUTAGE_DURATIONS_S.iter().zip(&alone) {
         rows.push(vec![
-            "none: the tracker alone".into(),
+            "none: tracker alone".into(),
             format!("{lost_s}"),
             "–".into(),
             "–".into(),
@@ -99,9 +99,14 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[SwingTri
         "Combined with other sensors an IMU improves accuracy and robustness (2.6.1).",
         phone.images[one_s][2] <= SHARP_M && phone.images[one_s][2] < alone[one_s][2],
         format!(
-            "the tracker gone for 1 s of the {WINDOW_S:.0} s that are imaged: the reflector {} mm off with an ICM-42688-P beside it and {} mm by the sweeps that are left without one; gone \
-             for 3 s: {} mm with it and {} mm without; for 5 s {} mm with it, and without no sweep has a pose",
-            mm(phone.images[one_s][2]), mm(alone[one_s][2]), mm(phone.images[one_s + 1][2]), mm(alone[one_s + 1][2]), mm(phone.images[five_s][2])
+            "tracker outage of 1 s in the {WINDOW_S:.0} s that are imaged: the reflector {} mm off with an \
+             ICM-42688-P and {} mm from the remaining sweeps without one; outage of 3 s: {} mm with it and {} mm \
+             without; of 5 s: {} mm with it, and without one no sweep has a pose",
+            mm(phone.images[one_s][2]),
+            mm(alone[one_s][2]),
+            mm(phone.images[one_s + 1][2]),
+            mm(alone[one_s + 1][2]),
+            mm(phone.images[five_s][2])
         ),
     );
     let by_itself_m = drift_of(drifts, "ICM-42688-P, swinging, zeroed")[3];
@@ -109,21 +114,35 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[SwingTri
         "More realistic than an IMU by itself is one together with another positioning system (5.7).",
         phone.pose_m[five_s] < 0.5 * by_itself_m,
         format!(
-            "5 s without optical poses: {} cm off by an ICM-42688-P that knows its rest, {} cm by one that was fused with the tracker before; sharp for up to {} s with an MPU-6050, {} s with \
-             an ICM-42688-P, {} s with tactical grade, of the outages tried",
-            cm(by_itself_m), cm(phone.pose_m[five_s]), sharp[0], sharp[1], sharp[2]
+            "5 s without optical poses: {} cm off with an ICM-42688-P zeroed at rest, {} cm with one that was fused \
+             with the tracker before; sharp for outages of up to {} s with an MPU-6050, {} s with an ICM-42688-P, {} s \
+             with tactical grade, of the durations tried",
+            cm(by_itself_m),
+            cm(phone.pose_m[five_s]),
+            sharp[0],
+            sharp[1],
+            sharp[2]
         ),
     );
     outcome.tables.push(Table {
-        head: head(&["unit beside the tracker", "tracker gone (s)", "pose error (mm)", "at most (mm)", "thesis: error (cm)", "footprint (l)", "ours: error (mm)"]),
+        head: head(&[
+            "IMU beside the tracker",
+            "outage (s)",
+            "pose error (mm)",
+            "maximum (mm)",
+            "thesis: error (cm)",
+            "footprint (l)",
+            "ours: error (mm)",
+        ]),
         rows,
         caption: format!(
-            "Pose: at the end of the outage, median and greatest. Images: of the last {WINDOW_S:.0} s before the tracker is back, {SWEEPS} sweeps, medians; – where no sweep has a pose. Sharp: the reflector within {:.0} cm \
-             and the footprint at most {SHARP_RATIO} times what it is without an outage.",
+            "Pose: at the end of the outage, median and maximum. Images: of the last {WINDOW_S:.0} s before the \
+             tracker returns, {SWEEPS} sweeps, medians; – where no sweep has a pose. Sharp: the reflector within {:.0} \
+             cm and the footprint at most {SHARP_RATIO} times that without an outage.",
             SHARP_M * 100.0
         ),
     });
-    // On a logarithmic axis no outage has no place.
+    // A logarithmic axis has no place for an outage of 0.
     let series = |name: &str, values: Vec<f64>| Series {
         name: name.into(),
         points: OUTAGE_DURATIONS_S.iter().zip(values).skip(1).map(|(s, v)| [*s, v]).collect(),
@@ -131,7 +150,7 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[SwingTri
     };
     let chart = |title: &str, y_label: &str, series: Vec<Series>| Chart {
         title: title.into(),
-        x_label: "optical poses gone for (s)".into(),
+        x_label: "outage of optical poses (s)".into(),
         y_label: y_label.into(),
         x_log: true,
         y_log: true,
@@ -142,7 +161,7 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[SwingTri
     };
     let scaled = |values: &[f64], by: f64| values.iter().map(|v| v * by).collect::<Vec<f64>>();
     let pose = chart(
-        "Inertia while the tracker is gone: error of the pose",
+        "Inertia during a tracker outage: pose error",
         "pose error at the end (mm)",
         each(&|lost| scaled(&lost.pose_m, 1e3)),
     );
@@ -150,20 +169,31 @@ pub(super) fn outages(outcome: &mut Outcome, drifts: &[Drift], swung: &[SwingTri
     let column =
         |images: &[Vec<f64>], n: usize, by: f64| images.iter().map(|image| image[n] * by).collect::<Vec<f64>>();
     let mut places = each(&|lost| column(&lost.images, 2, 1e3));
-    places.push(series("the tracker alone", column(&alone, 2, 1e3)));
-    let place =
-        chart("Inertia while the tracker is gone: error of the reflector", "error of the reflector (mm)", places);
-    outcome.draw("outage-reflector", place.draw(), "The reflector's place by the last four seconds before the tracker is back. The tracker alone has sweeps from before the outage only, and none when that lasts longer.");
+    places.push(series("tracker alone", column(&alone, 2, 1e3)));
+    let place = chart("Inertia during a tracker outage: error of the reflector", "error of the reflector (mm)", places);
+    outcome.draw(
+        "outage-reflector",
+        place.draw(),
+        "Position of the reflector from the last four seconds before the \
+        tracker returns. The tracker alone has only sweeps from before the outage, and none when the outage lasts \
+        longer.",
+    );
     let mut sizes = each(&|lost| column(&lost.images, 1, 1.0));
-    sizes.push(series("the tracker alone", column(&alone, 1, 1.0)));
+    sizes.push(series("tracker alone", column(&alone, 1, 1.0)));
     let size = Chart {
         y_log: false,
-        ..chart("Inertia while the tracker is gone: footprint of the image", "footprint (l)", sizes)
+        ..chart("Inertia during a tracker outage: footprint of the image", "footprint (l)", sizes)
     };
-    outcome.draw("outage-footprint", size.draw(), "What at least half of the greatest value fills, least squares over voxels of 4 cm. A drift of centimetres shifts such an image; it hardly blurs it, since the pulse is 14 cm long.");
+    outcome.draw(
+        "outage-footprint",
+        size.draw(),
+        "Volume of the voxels of at least half of the greatest value, \
+        least squares, voxels of 4 cm. A drift of centimetres shifts such an image; it hardly blurs it, since the \
+        pulse is 14 cm long.",
+    );
 }
 
-/// Medians of [`image_errors()`] for each of [`OUTAGE_DURATIONS_S`] without any unit.
+/// Medians of [`image_errors()`] for each of [`OUTAGE_DURATIONS_S`] without an IMU.
 fn tracker_alone(swung: &[SwingTrial]) -> Vec<Vec<f64>> {
     let of = |lost_s: &f64| {
         let until_s = OUTAGE_START_S + lost_s;

@@ -1,4 +1,4 @@
-//! Images of the swing with poses by dead reckoning alone.
+//! Images of the swing with poses from dead reckoning alone.
 
 use crate::inertial::{simulated_imu, true_state};
 use glam::DVec3;
@@ -67,9 +67,18 @@ pub(super) fn swing_images(outcome: &mut Outcome, swung: &[SwingTrial]) -> Swing
         SWING_DURATIONS_S.iter().zip(of_times).map(each).collect()
     };
     outcome.tables.push(Table {
-        head: head(&["poses by", "first seconds of the swing", "thesis: error (cm)", "footprint (l)", "ours: error (mm)"]),
+        head: head(&[
+            "poses by",
+            "first seconds of the swing",
+            "thesis: error (cm)",
+            "footprint (l)",
+            "ours: error (mm)",
+        ]),
         rows: figures.iter().flat_map(row).collect(),
-        caption: format!("Images from {SWEEPS} sweeps, poses by dead reckoning alone since the rest. Footprint: what at least half of the greatest value of least squares fills, in voxels of 4 cm."),
+        caption: format!(
+            "Images from {SWEEPS} sweeps, poses from dead reckoning alone since the rest. Footprint: \
+            volume of the voxels of at least half of the greatest value, least squares, voxels of 4 cm."
+        ),
     });
     figures
 }
@@ -78,10 +87,16 @@ pub(super) fn swing_findings(outcome: &mut Outcome, drifts: &[Drift], of_swing: 
     let figure = |source: usize, time: usize, which: usize| of_swing[source].1[time][which];
     outcome.add_finding(
         "Noise and drift make the IMU impossible to use for imaging.",
-        (figure(1, 3, 2) > 0.1).then_some(true).or((figure(1, 0, 2) < SHARP_M && figure(1, 3, 2) < SHARP_M).then_some(false)),
+        (figure(1, 3, 2) > 0.1)
+            .then_some(true)
+            .or((figure(1, 0, 2) < SHARP_M && figure(1, 3, 2) < SHARP_M).then_some(false)),
         format!(
-            "MPU-6050 alone, the reflector's error: {} mm by the first second of the swing, {} mm by four, {} mm by eight; the arm's own angle gives {} mm",
-            mm(figure(1, 0, 2)), mm(figure(1, 2, 2)), mm(figure(1, 3, 2)), mm(figure(0, 3, 2))
+            "MPU-6050 alone, the reflector's error: {} mm from the first second of the swing, {} mm from four, {} mm \
+             from eight; the arm's own angle gives {} mm",
+            mm(figure(1, 0, 2)),
+            mm(figure(1, 2, 2)),
+            mm(figure(1, 3, 2)),
+            mm(figure(0, 3, 2))
         ),
     );
     let after_5_s = IMU_PARTS.map(|part| drift_of(drifts, &format!("{}, swinging, zeroed", part.name))[3]);
@@ -89,7 +104,8 @@ pub(super) fn swing_findings(outcome: &mut Outcome, drifts: &[Drift], of_swing: 
         "An improved IMU gives accurate positions for longer, and a second of sweeps suffices: it could still be feasible (5.7).",
         after_5_s[1] < 0.5 * after_5_s[0] && figure(2, 0, 2) < SHARP_M,
         format!(
-            "after 5 s on the arm {} cm off with an MPU-6050, {} cm with an ICM-42688-P; by one second of sweeps the latter places the reflector {} mm off",
+            "after 5 s on the arm {} cm off with an MPU-6050, {} cm with an ICM-42688-P; from one second of sweeps \
+             the latter locates the reflector {} mm off",
             cm(after_5_s[0]), cm(after_5_s[1]), mm(figure(2, 0, 2))
         ),
     );
@@ -97,8 +113,15 @@ pub(super) fn swing_findings(outcome: &mut Outcome, drifts: &[Drift], of_swing: 
         "Accurate tracking by inertia alone takes sophisticated and expensive IMUs (2.6.1).",
         figure(3, 3, 2) < SHARP_M && figure(2, 3, 2) > SHARP_M,
         format!(
-            "the reflector's error by four and by eight seconds of swing: MPU-6050 {} and {} mm, ICM-42688-P {} and {} mm, tactical grade {} and {} mm; enough would be {} mm by eight",
-            mm(figure(1, 2, 2)), mm(figure(1, 3, 2)), mm(figure(2, 2, 2)), mm(figure(2, 3, 2)), mm(figure(3, 2, 2)), mm(figure(3, 3, 2)), mm(SHARP_M)
+            "the reflector's error from four and from eight seconds of swing: MPU-6050 {} and {} mm, ICM-42688-P {} \
+             and {} mm, tactical grade {} and {} mm; sufficient would be {} mm from eight",
+            mm(figure(1, 2, 2)),
+            mm(figure(1, 3, 2)),
+            mm(figure(2, 2, 2)),
+            mm(figure(2, 3, 2)),
+            mm(figure(3, 2, 2)),
+            mm(figure(3, 3, 2)),
+            mm(SHARP_M)
         ),
     );
 }

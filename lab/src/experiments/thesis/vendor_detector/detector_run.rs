@@ -1,4 +1,4 @@
-//! A recording as the vendor's detector sees it, look by look beside the truth, and as ours does.
+//! A recording processed by the vendor's detector window by window, with the truth, and by ours.
 
 use glam::DVec3;
 use num_complex::Complex;
@@ -16,13 +16,13 @@ use radar_sar::math;
 use radar_sar::{Refined, Selection};
 use radar_simulation::{Scenario, ScenarioError, TrackingErrors};
 
-/// One look beside the truth.
+/// One detector window with the truth.
 pub(super) struct WindowWithTruth {
-    /// Since the recording's begin, seconds.
+    /// Time since the start of the recording, seconds.
     pub time_s: f64,
-    /// The sensor at the middle of the window as it was, without tracking errors.
+    /// True sensor state at the middle of the window, without tracking errors.
     pub sensor: Observation,
-    /// Its velocity as tracking tells it, m/s.
+    /// Tracked velocity, m/s.
     pub tracked_m_per_s: DVec3,
     pub look: DetectorResult,
 }
@@ -36,7 +36,7 @@ impl WindowWithTruth {
         (place - self.sensor.tracking_from_sensor.translation).normalize_or_zero()
     }
 
-    /// At which the distance grows.
+    /// Rate at which the distance to a point grows, m/s.
     pub fn velocity_m_per_s(&self, place: DVec3) -> f64 {
         -self.sensor.velocity_m_per_s.dot(self.toward(place))
     }
@@ -45,7 +45,7 @@ impl WindowWithTruth {
         self.sensor.velocity_m_per_s.length()
     }
 
-    /// Between the way and a place.
+    /// Angle between the path and a point.
     pub fn angle_deg(&self, place: DVec3) -> f64 {
         angle_deg(self.sensor.velocity_m_per_s, self.toward(place))
     }
@@ -54,12 +54,12 @@ impl WindowWithTruth {
         angle_deg(self.sensor.tracking_from_sensor.forward(), self.toward(place))
     }
 
-    /// The strongest reflection, if it is at the range of a place.
+    /// The strongest reflection, if it is at the range of a point.
     pub fn found(&self, place: DVec3) -> Option<&Reflection> {
         self.look.reflections.first().filter(|found| (found.distance_m - self.distance_m(place)).abs() < RANGE_MATCH_M)
     }
 
-    /// Whether a reflection is what a place should give.
+    /// Whether a reflection matches a point in range and speed.
     pub fn matches(&self, found: &Reflection, place: DVec3) -> bool {
         (found.distance_m - self.distance_m(place)).abs() < RANGE_MATCH_M
             && (found.velocity_m_per_s - self.velocity_m_per_s(place)).abs() < SPEED_MATCH_M_PER_S
@@ -70,7 +70,7 @@ pub(super) fn angle_deg(a: DVec3, b: DVec3) -> f64 {
     math::acos(a.normalize_or_zero().dot(b).clamp(-1.0, 1.0)).to_degrees()
 }
 
-/// A recording as the detector sees it, and as ours does.
+/// A recording as processed by the detector and by ours.
 pub(super) struct DetectorRun {
     seed: u64,
     windows: Vec<WindowWithTruth>,
@@ -122,7 +122,8 @@ impl DetectorRun {
         })
     }
 
-    /// Looks at which a thing can be asked for: within the ranges, in the beam, the sensor moving.
+    /// Windows in which an object is expected to be seen: within range, in the beam, the sensor
+    /// moving.
     pub fn detectable(&self, config: &DetectorConfig, place: DVec3) -> impl Iterator<Item = &WindowWithTruth> {
         let [near_m, far_m] = config.range_m;
         self.windows.iter().filter(move |sight| {
@@ -132,7 +133,7 @@ impl DetectorRun {
         })
     }
 
-    /// Ours from the sweeps up to a time.
+    /// Our position from the sweeps up to a time.
     pub fn located_until(&self, time_s: f64) -> Option<Refined> {
         let until_ns = self.begin_ns + (time_s * 1e9) as i64;
         let before = self.recorded.observations.iter().filter(|o| o.mid_time_ns <= until_ns);
@@ -141,7 +142,7 @@ impl DetectorRun {
     }
 }
 
-/// Sweeps of an empty space, as a calibration takes them.
+/// Sweeps of an empty space, for the detector's calibration.
 fn empty(scenario: &Scenario) -> Result<Vec<Vec<Complex<i16>>>, ScenarioError> {
     let empty = Scenario {
         scene: "nothing".into(),

@@ -1,4 +1,4 @@
-//! As a head goes: the algorithm of a straight way where the motion is free.
+//! Head motion: the detector, made for straight paths, with free motion.
 
 use super::super::imaging_methods::observed;
 use super::super::{ExperimentError, Outcome, Trials, head, mm};
@@ -9,7 +9,7 @@ use crate::baselines::cone_angle_rad;
 use crate::experiments::trial_recording::quantile;
 use radar_chaperone::report::{Chart, Series, Table};
 
-/// Both motions, pictures, the finding. `right`: how right the detector is on a straight way.
+/// Evaluates both head motions. `right`: the detector's accuracy on a straight path.
 pub(super) fn free(trials: &Trials, outcome: &mut Outcome, right: DetectorAccuracy) -> Result<(), ExperimentError> {
     let (mut rows, mut told) = (Vec::new(), Vec::new());
     let (mut as_it_is, mut with_way, mut rings, mut boxes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -41,7 +41,7 @@ pub(super) fn free(trials: &Trials, outcome: &mut Outcome, right: DetectorAccura
                 ahead.push((cone - sight.off_boresight_deg(place)).abs());
                 let true_angle = angle_deg(sight.tracked_m_per_s, sight.toward(place));
                 along.push((cone - true_angle).abs());
-                // Every fourth is enough to see.
+                // Every fourth point is enough for the plot.
                 if motion == FREE_MOTIONS[0].0 && cones % 4 == 0 {
                     as_it_is.push([sight.off_boresight_deg(place), cone]);
                     with_way.push([true_angle, cone]);
@@ -77,8 +77,8 @@ pub(super) fn free(trials: &Trials, outcome: &mut Outcome, right: DetectorAccura
             known.to_owned(),
         ]);
         told.push(format!(
-            "{words}: {ahead_off:.0}° off as it is, {along_off:.1}° about the way from tracking, which leaves a ring of {length:.1} m; ours is {} mm off \
-             and leaves {} mm",
+            "{words}: cone {ahead_off:.0}° off about the boresight, {along_off:.1}° off about the tracked path, \
+             which leaves a ring of {length:.1} m; ours is {} mm off and leaves {} mm",
             mm(own_mid),
             mm(own_length)
         ));
@@ -88,28 +88,25 @@ pub(super) fn free(trials: &Trials, outcome: &mut Outcome, right: DetectorAccura
     let dots = |name: &str, points: Vec<[f64; 2]>| Series { name: name.into(), points, joined: false };
     let line = Series { name: "truth".into(), points: vec![[0.0, 0.0], [180.0, 180.0]], joined: true };
     let chart = Chart {
-        title: "The same algorithm on a head: within a sphere of 50 cm".into(),
-        x_label: "true angle, to what the cone is taken about (degrees)".into(),
+        title: "The same algorithm with head motion: within a sphere of 50 cm".into(),
+        x_label: "true angle to the cone's axis (degrees)".into(),
         y_label: "measured angle (degrees)".into(),
-        series: vec![
-            line,
-            dots("as it is: about the boresight", as_it_is),
-            dots("about the way that tracking tells", with_way),
-        ],
+        series: vec![line, dots("unmodified: about the boresight", as_it_is), dots("about the tracked path", with_way)],
         ..Chart::default()
     };
     outcome.draw(
         "angle-free",
         chart.draw(),
-        "A head does not go where it looks: about the boresight the cone means nothing. Green far from the line: too fast, the speed is ambiguous.",
+        "A head does not move along its boresight: a cone about the boresight is meaningless. Green far from the \
+         line: too fast, the speed is ambiguous.",
     );
     let chart = Chart {
-        title: "How much space is left within one standard deviation, sensor within a sphere of 50 cm".into(),
+        title: "Uncertainty volume within one standard deviation, sensor within a sphere of 50 cm".into(),
         x_label: "time since the recording began (s)".into(),
-        y_label: "space left (cm³)".into(),
+        y_label: "uncertainty volume (cm³)".into(),
         y_log: true,
         series: vec![
-            dots("vendor's detector, look by look", rings),
+            dots("vendor's detector, each window", rings),
             Series { name: "ours, from all sweeps so far".into(), points: boxes, joined: true },
         ],
         ..Chart::default()
@@ -117,7 +114,7 @@ pub(super) fn free(trials: &Trials, outcome: &mut Outcome, right: DetectorAccura
     outcome.draw(
         "space-left",
         chart.draw(),
-        "The detector's cone stays a ring around the way; ours gathers what all ways tell.",
+        "The detector's cone remains a ring around the path; ours combines the information of all sweeps.",
     );
     outcome.add_finding(
         "The detector is a simpler predecessor; where the motion is unpredictable more is needed (1, 2.5).",
@@ -127,26 +124,27 @@ pub(super) fn free(trials: &Trials, outcome: &mut Outcome, right: DetectorAccura
     outcome.tables.push(Table {
         head: head(&[
             "motion",
-            "looks",
+            "windows",
             "seen (%)",
             "with an angle (%)",
             "about the boresight: off (°)",
-            "about the tracked way: off (°)",
+            "about the tracked path: off (°)",
             "95 % (°)",
-            "too fast for it (%)",
-            "its ring (m)",
-            "of space (cm³)",
+            "too fast (%)",
+            "ring (m)",
+            "volume (cm³)",
             "ours: off (mm)",
             "longest axis (mm)",
-            "of space (cm³)",
+            "volume (cm³)",
             "observed",
         ]),
         rows,
         caption: format!(
-            "As a head goes. Looks: those in which the reflector is within range and {MAX_OFF_BORESIGHT_DEG:.0}° of the boresight and the sensor faster than \
-             {MIN_SPEED_M_PER_S} m/s. Medians. About the boresight: as the algorithm takes it. Too fast: its speed is ambiguous. Ring: how long the circle is, within \
-             the beam, on which the look leaves the thing; its space, and that of our covariance after {FREE_DURATION_S:.0} s, is that within one standard \
-             deviation either way (of the detector {} mm and {} mm/s, from the straight way).",
+            "Head motion. Windows: those in which the reflector is within range and {MAX_OFF_BORESIGHT_DEG:.0}° of the boresight \
+             and the sensor faster than {MIN_SPEED_M_PER_S} m/s. Medians. About the boresight: the unmodified algorithm. \
+             Too fast: its speed is ambiguous. Ring: length, within the beam, of the circle of possible positions; its \
+             volume, and that of our covariance after {FREE_DURATION_S:.0} s, is that within ± one standard deviation (of the \
+             detector {} mm and {} mm/s, from the straight path).",
             mm(right.distance_m),
             mm(right.velocity_m_per_s)
         ),

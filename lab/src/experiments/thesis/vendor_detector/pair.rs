@@ -1,4 +1,4 @@
-//! Two things at the same range: by the vendor's detector, and by the joint fit of two places.
+//! Two objects at the same range: the vendor's detector, and the joint fit of two positions.
 
 use glam::DVec3;
 
@@ -13,16 +13,17 @@ use radar_chaperone::report::Table;
 use radar_sar::Beam;
 use radar_sar::{PositionErrors, RangePower, Selection, split};
 
-/// Straight on and freely, the finding.
+/// Evaluates robot and head motion.
 pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), ExperimentError> {
     let trips = [
-        (ROBOT.0, "straight on at 0.3 m/s", DetectorConfig::default(), ROBOT_DURATION_S),
+        (ROBOT.0, "straight ahead at 0.3 m/s", DetectorConfig::default(), ROBOT_DURATION_S),
         (FREE_MOTIONS[0].0, FREE_MOTIONS[0].1, FREE_CONFIG, FREE_DURATION_S),
     ];
     let (mut rows, mut told, mut both_shares, mut split_pair) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (motion, words, config, duration_s) in trips {
         let (mut looks, mut both, mut wrong) = (0usize, 0usize, 0usize);
-        // Looks, and those that show both, by whether the speeds are at least two bins apart.
+        // Number of windows, and of those that show both objects, by whether the speeds are at
+        // least two bins apart.
         let mut by_speed = [[0usize; 2]; 2];
         let (mut two, mut off) = (0usize, Vec::new());
         for seed in 1..=trials.seeds {
@@ -74,7 +75,8 @@ pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experim
             mm(off_m),
         ]);
         told.push(format!(
-            "{words}: both in {:.0} % of the detector's looks ({}); ours parts them in {two} of {} recordings, {} mm off",
+            "{words}: both in {:.0} % of the detector's windows ({}); ours separates them in {two} of {} recordings, \
+             {} mm off",
             share(both),
             match by_speed[1][0] {
                 0 => "their speeds are nowhere two bins apart".to_owned(),
@@ -87,31 +89,33 @@ pub(super) fn pair(trials: &Trials, outcome: &mut Outcome) -> Result<(), Experim
         split_pair.push(two as u64 == trials.seeds && off_m < 0.05);
     }
     outcome.add_finding(
-        "Each bin of the transform is another speed to the robot (2.5): so two things at one range are two by their speeds.",
+        "Each bin of the transform is another speed relative to the robot (2.5): two objects at one range are \
+         separated by their speeds.",
         both_shares.iter().all(|share| *share > 50.0),
         told.join("; "),
     );
     outcome.tables.push(Table {
         head: head(&[
             "motion",
-            "looks",
+            "windows",
             "vendor: both seen (%)",
-            "speeds alike (%)",
+            "similar speeds (%)",
             "two bins apart (%)",
-            "something that is neither (%)",
-            "ours: parted",
-            "farther one off (mm)",
+            "spurious reflection (%)",
+            "ours: separated",
+            "greater error (mm)",
         ]),
         rows,
-        caption: "Two equal corner reflectors 20 cm apart across the first line of sight, looks in which both are within range and in the beam. \
-            Seen: a reflection within 5 cm and 5 cm/s. Ours: the joint fit of two places, from all sweeps."
+        caption: "Two equal corner reflectors 20 cm apart across the first line of sight; windows in which both are \
+            within range and in the beam. Seen: a reflection within 5 cm and 5 cm/s. Ours: the joint fit of two \
+            positions, from all sweeps."
             .into(),
     });
     Ok(())
 }
 
 impl DetectorRun {
-    /// Ours of two: the place, split where the sweeps say that there are two.
+    /// Our two positions: the refined one, split where the sweeps support two.
     fn split_pair(&self, time_s: f64) -> Option<[DVec3; 2]> {
         let refined = self.located_until(time_s)?;
         let sweeps = chosen(&self.recorded, SWEEPS, Selection::FarthestPoint);

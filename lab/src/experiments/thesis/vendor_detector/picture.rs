@@ -1,4 +1,4 @@
-//! A window of the vendor's detector as a picture: range and speed.
+//! Range–speed picture of one window of the vendor's detector.
 
 use glam::DVec3;
 
@@ -7,7 +7,7 @@ use super::detector_run::WindowWithTruth;
 use radar_chaperone::report::HeatChart;
 use radar_sar::math;
 
-/// A window as a picture, with what is there and what was found.
+/// Draws a window with the true and the detected reflections.
 pub(super) fn draw_look(outcome: &mut Outcome, name: &str, title: &str, sight: &WindowWithTruth, things_m: &[DVec3]) {
     let spectrum = &sight.look.spectrum;
     let count = spectrum.bins.len();
@@ -23,7 +23,7 @@ pub(super) fn draw_look(outcome: &mut Outcome, name: &str, title: &str, sight: &
         title: title.into(),
         x_label: "range (m)".into(),
         y_label: "speed, away from the sensor (m/s)".into(),
-        quantity: "magnitude against the greatest (dB)".into(),
+        quantity: "magnitude relative to the greatest (dB)".into(),
         x: [axis.first_m - half_m, axis.last_m() + half_m],
         y: [slowest, slowest + count as f64 * spectrum.bin_m_per_s],
         columns: axis.points,

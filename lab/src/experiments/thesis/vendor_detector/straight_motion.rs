@@ -1,4 +1,4 @@
-//! Past a reflector beside a straight way, as a robot goes.
+//! Robot motion: past a reflector beside a straight path.
 
 use super::super::imaging_methods::observed;
 use super::super::{ExperimentError, Outcome, Trials, head, mm};
@@ -10,7 +10,7 @@ use crate::baselines::{DetectorConfig, cone_angle_rad};
 use crate::experiments::trial_recording::quantile;
 use radar_chaperone::report::{Chart, Series, Table};
 
-/// Figures at each angle to the way, a picture, the findings; how right the detector is there.
+/// Figures at each angle to the path; returns the detector's accuracy.
 pub(super) fn straight(trials: &Trials, outcome: &mut Outcome) -> Result<DetectorAccuracy, ExperimentError> {
     let config = DetectorConfig::default();
     let watched =
@@ -75,31 +75,25 @@ pub(super) fn straight(trials: &Trials, outcome: &mut Outcome) -> Result<Detecto
         all_range.extend(range);
         all_speed.extend(speed);
     }
-    // Two in three of all errors lie below one standard deviation.
+    // 68.3 % of the errors lie below one standard deviation.
     let right =
         DetectorAccuracy { distance_m: quantile(&all_range, 0.683), velocity_m_per_s: quantile(&all_speed, 0.683) };
     if let Some(first) = watched.first() {
         let place = first.recorded.truth_m;
         let near = |sight: &&WindowWithTruth| (sight.angle_deg(place) - 45.0).abs();
         if let Some(sight) = first.detectable(&config, place).min_by(|a, b| near(a).total_cmp(&near(b))) {
-            draw_look(
-                outcome,
-                "range-and-speed",
-                "What a window shows: one reflector, 45° off the way",
-                sight,
-                &[place],
-            );
+            draw_look(outcome, "range-and-speed", "One window: one reflector, 45° off the path", sight, &[place]);
         }
     }
     let line = Series { name: "truth".into(), points: vec![[28.0, 28.0], [62.0, 62.0]], joined: true };
     let dots = |name: &str, points: Vec<[f64; 2]>| Series { name: name.into(), points, joined: false };
     let chart = Chart {
-        title: "Straight on at 0.3 m/s: the angle between the way and the reflector".into(),
+        title: "Straight ahead at 0.3 m/s: the angle between the path and the reflector".into(),
         x_label: "true angle (degrees)".into(),
         y_label: "measured angle (degrees)".into(),
         series: vec![
             line,
-            dots("vendor's detector, look by look", measured),
+            dots("vendor's detector, each window", measured),
             dots("ours, from all sweeps so far", by_ours),
         ],
         ..Chart::default()
@@ -107,39 +101,44 @@ pub(super) fn straight(trials: &Trials, outcome: &mut Outcome) -> Result<Detecto
     outcome.draw("angle-straight", chart.draw(), "The cone's angle as a robot drives past: on the line it is right.");
     let (r, s) = (quantile(&all_range, 0.5), quantile(&all_speed, 0.5));
     outcome.add_finding(
-        "The transform over the sweeps of an even motion shows each thing's range and its speed to the robot (2.5, figure 2.4).",
+        "The transform over the sweeps of a uniform motion shows each object's range and its speed relative to the \
+         robot (2.5, figure 2.4).",
         least_seen >= 0.95 && r < 0.01 && s < 0.02,
         format!(
-            "straight on at 0.3 m/s: seen in at least {:.0} % of the looks, {} mm and {} mm/s off in the median; besides it {extra} reflections of nothing in {all_looks} looks",
+            "straight ahead at 0.3 m/s: seen in at least {:.0} % of the windows, {} mm and {} mm/s off in the \
+             median; also {extra} spurious reflections in {all_looks} windows",
             least_seen * 100.0,
             mm(r),
             mm(s)
         ),
     );
     outcome.add_finding(
-        "Simple trigonometry gives the angle to every thing from its speed and the robot's (2.5).",
+        "Simple trigonometry gives the angle to every object from its speed and the robot's (2.5).",
         worst_angle < 5.0,
-        format!("straight on: the cone is off by {worst_angle:.1}° or less in the median at 30° to 60°, and is open all around the way"),
+        format!(
+            "straight ahead: the cone is off by {worst_angle:.1}° or less in the median at 30° to 60°; the \
+            direction around the path stays open"
+        ),
     );
     outcome.tables.push(Table {
         head: head(&[
-            "angle to the way (°)",
-            "looks",
+            "angle to the path (°)",
+            "windows",
             "seen (%)",
             "vendor: range off (mm)",
             "speed off (mm/s)",
             "cone off (°)",
             "95 % (°)",
             "no angle",
-            "others a look",
+            "others per window",
             "ours: range off (mm)",
             "cone off (°)",
             "observed",
         ]),
         rows,
-        caption: "Straight on past one reflector. Medians. No angle: the measured speed is above the robot's. Others: \
-            reflections where nothing is, feet of the range filter under a strong echo. Ours: once a seed, at the last of \
-            those looks, from all sweeps so far."
+        caption: "Straight ahead past one reflector. Medians. No angle: the measured speed is above the robot's. \
+            Others: spurious reflections, sidelobes of the range filter under a strong echo. Ours: once per seed, at \
+            the last of those windows, from all sweeps so far."
             .into(),
     });
     Ok(right)

@@ -1,4 +1,4 @@
-//! How much room a look of the vendor's detector leaves to a thing, and how much our covariance does.
+//! Uncertainty volume of one window of the vendor's detector, and of our covariance.
 
 use glam::DVec3;
 
@@ -7,19 +7,19 @@ use super::detector_run::{WindowWithTruth, angle_deg};
 use radar_sar::math;
 use radar_sar::{Refined, eigen};
 
-/// How right the detector is on a straight way, one standard deviation.
+/// Accuracy of the detector on a straight path, one standard deviation.
 #[derive(Clone, Copy)]
 pub(super) struct DetectorAccuracy {
     pub distance_m: f64,
     pub velocity_m_per_s: f64,
 }
 
-/// What a look leaves open: a ring around the way, as far as it lies in the beam.
+/// Possible positions after one window: a ring around the path, as far as it lies in the beam.
 #[derive(Clone, Copy)]
 pub(super) struct UncertaintyRing {
-    /// Its length, metres.
+    /// Length, metres.
     pub length_m: f64,
-    /// Space within one standard deviation of range and speed, cm³.
+    /// Volume within one standard deviation of range and speed, cm³.
     pub cm3: f64,
 }
 
@@ -45,7 +45,7 @@ pub(super) fn ring(sight: &WindowWithTruth, place: DVec3, right: DetectorAccurac
     }
 }
 
-/// Space within one standard deviation of a place along each of the covariance's axes, cm³.
+/// Volume within one standard deviation along each of the covariance's axes, cm³.
 pub(super) fn box_cm3(refined: &Refined) -> f64 {
     8.0 * refined.covariance_m2.determinant().max(0.0).sqrt() * 1e6
 }
@@ -69,11 +69,12 @@ mod tests {
         let place = watched.recorded.truth_m;
         let sight = watched.detectable(&config, place).last().unwrap();
         let right = DetectorAccuracy { distance_m: 0.01, velocity_m_per_s: 0.003 };
-        // 0.3 m/s: the cosine is told to ±0.01; the whole ring is in the beam, since the robot looks where it goes.
+        // At 0.3 m/s the cosine is known to ±0.01. The whole ring is in the beam, since the robot
+        // faces its path.
         let cm3 = std::f64::consts::TAU * 0.02 * sight.distance_m(place).powi(2) * 0.02 * 1e6;
         let ring = ring(sight, place, right);
         assert!((ring.cm3 / cm3 - 1.0).abs() < 1e-6);
-        // The reflector stands 30 cm beside the way.
+        // The reflector is 30 cm beside the path.
         assert!((ring.length_m - std::f64::consts::TAU * 0.3).abs() < 0.01);
         assert!((sight.angle_deg(place) - sight.off_boresight_deg(place)).abs() < 0.1);
     }
