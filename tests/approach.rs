@@ -5,7 +5,8 @@ use a121::preset;
 use glam::DVec3;
 use radar_chaperone::settings::Settings;
 use radar_chaperone::warning::{PanelKind, warn};
-use radar_mapping::Pipeline;
+use radar_mapping::Mapper;
+use radar_mapping::in_time_order;
 use radar_sar::geometry::Pose;
 use radar_sar::truth::TruthObstacle;
 use radar_simulation::Scenario;
@@ -27,20 +28,14 @@ fn warned_from_m(scene: &str, seed: u64) -> Option<f64> {
     let simulated = scenario.run().unwrap();
     let chair = simulated.truth.obstacles.iter().find(|thing| thing.name.contains("chair")).unwrap();
     let settings = Settings::default();
-    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
-    let mut frames = simulated.frames.iter().peekable();
-    let mut looked = 0;
-    for pose in &simulated.poses {
-        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
-            pipeline.push_frame(frame.clone());
-        }
-        pipeline.push_pose(pose);
-        let looks = pipeline.counters().engine.rooms.looks;
-        if std::mem::replace(&mut looked, looks) == looks {
+    let mut mapper = Mapper::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
+    for event in in_time_order(simulated.frames.iter().cloned(), simulated.poses.iter().copied()) {
+        mapper.push(event).unwrap();
+        if mapper.poll_scene().is_none() {
             continue;
         }
-        let head = pose.tracking_from_head().unwrap();
-        if panel_stands_at(&pipeline, &head, chair, &settings) {
+        let (_, head) = mapper.head().unwrap();
+        if panel_stands_at(&mapper, &head, chair, &settings) {
             return Some(away_m(chair, head.translation));
         }
     }
@@ -48,8 +43,8 @@ fn warned_from_m(scene: &str, seed: u64) -> Option<f64> {
 }
 
 /// Whether a sufficiently bright panel stands at the chair.
-fn panel_stands_at(pipeline: &Pipeline, head: &Pose, chair: &TruthObstacle, settings: &Settings) -> bool {
-    let warnings = warn(&pipeline.scene(), head, &settings.warning);
+fn panel_stands_at(mapper: &Mapper, head: &Pose, chair: &TruthObstacle, settings: &Settings) -> bool {
+    let warnings = warn(&mapper.scene(), head, &settings.warning);
     let objects = warnings.panels.iter().filter(|panel| panel.kind == PanelKind::Object && panel.alpha > 0.02);
     objects.into_iter().any(|panel| away_m(chair, panel.tracking_from_panel.translation) < 0.25)
 }

@@ -1,10 +1,11 @@
-//! Moving targets in play sessions, through the whole pipeline: a visitor is shown, nobody else is,
+//! Moving targets in play sessions, through the whole mapper: a visitor is shown, nobody else is,
 //! and the rest of the scene does not change.
 
 use a121::preset;
 use glam::DVec3;
 use radar_chaperone::settings::Settings;
-use radar_mapping::Pipeline;
+use radar_mapping::Mapper;
+use radar_mapping::in_time_order;
 use radar_mapping::{MovingTarget, Scene};
 use radar_simulation::{PlaySession, Session};
 
@@ -19,19 +20,12 @@ fn played(session: &Session, changes: &[&str], mut look: impl FnMut(f64, Scene))
     let changes: Vec<String> = changes.iter().map(|change| (*change).to_owned()).collect();
     let settings = Settings::from_toml("", &changes).unwrap();
     let play = session.play();
-    let mut pipeline = Pipeline::new(&play.config, &play.head_from_sensor, &settings.mapping());
-    let mut frames = session.frames(0..session.frame_count()).into_iter().peekable();
-    let mut seen_ns = None;
-    for pose in session.poses() {
-        while let Some(frame) = frames.next_if(|frame| frame.host_time_ns <= pose.time_ns) {
-            pipeline.push_frame(frame);
-        }
-        pipeline.push_pose(&pose);
-        let evidence_ns = pipeline.engine().evidence_ns();
-        if evidence_ns != seen_ns {
-            seen_ns = evidence_ns;
-            let time_s = (evidence_ns.unwrap_or(0) - Session::host_ns(0.0)) as f64 * 1e-9;
-            look(time_s, pipeline.scene());
+    let mut mapper = Mapper::new(&play.config, &play.head_from_sensor, &settings.mapping());
+    for event in in_time_order(session.frames(0..session.frame_count()), session.poses()) {
+        mapper.push(event).unwrap();
+        if let Some(scene) = mapper.poll_scene() {
+            let evidence_ns = mapper.evidence_ns().unwrap_or(0);
+            look((evidence_ns - Session::host_ns(0.0)) as f64 * 1e-9, scene);
         }
     }
 }

@@ -1,12 +1,13 @@
-//! The reconstruction thread: it gives the pipeline's scene, its queues are bounded, it can be
+//! The reconstruction thread: it gives the mapper's scene, its queues are bounded, it can be
 //! reset, and it ends.
 
+use radar_mapping::{Event, in_time_order};
 use std::time::{Duration, Instant};
 
 use a121::preset;
 use radar_chaperone::live::{Reconstruction, ReconstructionOptions};
 use radar_chaperone::settings::Settings;
-use radar_mapping::Pipeline;
+use radar_mapping::Mapper;
 use radar_mapping::Scene;
 use radar_simulation::{Scenario, Simulated};
 
@@ -30,16 +31,9 @@ fn start(scenario: &Scenario, settings: &Settings, options: &ReconstructionOptio
 }
 
 fn replayed(scenario: &Scenario, simulated: &Simulated) -> Scene {
-    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings().mapping());
-    let mut frames = simulated.frames.iter().peekable();
-    for pose in &simulated.poses {
-        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
-            pipeline.push_frame(frame.clone());
-        }
-        pipeline.push_pose(pose);
-    }
-    pipeline.finish();
-    pipeline.scene()
+    let mut mapper = Mapper::new(&scenario.config, &scenario.head_from_sensor, &settings().mapping());
+    mapper.push_all(in_time_order(simulated.frames.iter().cloned(), simulated.poses.iter().copied()));
+    mapper.scene()
 }
 
 fn until(mut there: impl FnMut() -> bool) {
@@ -62,8 +56,8 @@ fn concurrent_streams_give_the_scene_of_a_replay() {
     let reconstruction =
         start(&scenario, &settings(), &ReconstructionOptions { threads: Some(2), ..Default::default() });
     std::thread::scope(|scope| {
-        scope.spawn(|| simulated.frames.iter().for_each(|frame| reconstruction.push_frame(frame.clone())));
-        scope.spawn(|| simulated.poses.iter().for_each(|pose| reconstruction.push_pose(*pose)));
+        scope.spawn(|| simulated.frames.iter().for_each(|frame| reconstruction.push(Event::Frame(frame.clone()))));
+        scope.spawn(|| simulated.poses.iter().for_each(|pose| reconstruction.push(Event::Pose(*pose))));
     });
     let last_ns = simulated.frames.last().unwrap().host_time_ns;
     until(all_frames_processed(&reconstruction, last_ns));
@@ -73,7 +67,7 @@ fn concurrent_streams_give_the_scene_of_a_replay() {
     assert_eq!(*scene, expected);
     let frames = simulated.frames.len() as u64;
     assert_eq!((counters.frames_dropped, counters.poses_dropped, counters.outdated), (0, 0, 0));
-    assert_eq!((counters.pipeline.streams.frames, counters.processed.count), (frames, frames));
+    assert_eq!((counters.mapper.streams.frames, counters.processed.count), (frames, frames));
     assert!(counters.scenes >= 8 && counters.scenes <= counters.published, "{counters:?}");
     // Simulated stamps lie long in the past: the ages are meaningless, but each frame has one.
     assert!((frames - 8..=frames).contains(&counters.evidence_age.count), "{counters:?}");
@@ -84,8 +78,8 @@ fn data_from_before_forget_is_discarded() {
     let (scenario, simulated) = room(3.5);
     let reconstruction = start(&scenario, &settings(), &ReconstructionOptions::default());
     let push = |simulated: &Simulated| {
-        simulated.poses.iter().for_each(|pose| reconstruction.push_pose(*pose));
-        simulated.frames.iter().for_each(|frame| reconstruction.push_frame(frame.clone()));
+        simulated.poses.iter().for_each(|pose| reconstruction.push(Event::Pose(*pose)));
+        simulated.frames.iter().for_each(|frame| reconstruction.push(Event::Frame(frame.clone())));
     };
     let last_ns = simulated.frames.last().unwrap().host_time_ns;
     push(&simulated);
@@ -102,7 +96,7 @@ fn data_from_before_forget_is_discarded() {
     assert_eq!((counters.epoch, scene.as_ref()), (1, &replayed(&scenario, &simulated)));
     assert!(!scene.obstacles.is_empty());
     assert!(counters.outdated > 0, "{counters:?}");
-    assert_eq!(counters.pipeline.streams.frames, simulated.frames.len() as u64);
+    assert_eq!(counters.mapper.streams.frames, simulated.frames.len() as u64);
 }
 
 #[test]
@@ -111,14 +105,14 @@ fn overload_drops_the_oldest_and_counts_them() {
     let options = ReconstructionOptions { max_frames: 8, max_poses: 8, ..Default::default() };
     let reconstruction = start(&scenario, &settings(), &options);
     for _ in 0..2000 {
-        simulated.frames.iter().for_each(|frame| reconstruction.push_frame(frame.clone()));
-        simulated.poses.iter().for_each(|pose| reconstruction.push_pose(*pose));
+        simulated.frames.iter().for_each(|frame| reconstruction.push(Event::Frame(frame.clone())));
+        simulated.poses.iter().for_each(|pose| reconstruction.push(Event::Pose(*pose)));
     }
     let begin = Instant::now();
     let (counters, _) = reconstruction.finish();
     assert!(begin.elapsed() < PATIENCE);
-    let frames = counters.pipeline.streams.frames + counters.frames_dropped;
-    let poses = counters.pipeline.streams.poses + counters.poses_dropped;
+    let frames = counters.mapper.streams.frames + counters.frames_dropped;
+    let poses = counters.mapper.streams.poses + counters.poses_dropped;
     let (all_frames, all_poses) = (simulated.frames.len() as u64 * 2000, simulated.poses.len() as u64 * 2000);
     assert!(counters.frames_dropped > 0 && counters.poses_dropped > 0, "{counters:?}");
     assert_eq!((frames, poses), (all_frames, all_poses));
@@ -130,7 +124,7 @@ fn reconstruction_ends_when_dropped_and_without_any_data() {
     for n in 0..20 {
         let reconstruction = start(&scenario, &Settings::default(), &ReconstructionOptions::default());
         assert!(reconstruction.is_alive());
-        simulated.poses.iter().take(n).for_each(|pose| reconstruction.push_pose(*pose));
+        simulated.poses.iter().take(n).for_each(|pose| reconstruction.push(Event::Pose(*pose)));
         match n % 2 {
             0 => drop(reconstruction),
             _ => assert_eq!(*reconstruction.finish().1, Scene::default()),

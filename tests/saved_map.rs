@@ -3,10 +3,11 @@
 
 use a121::preset;
 use glam::DVec3;
+use radar_mapping::Event;
+use radar_mapping::Mapper;
 use radar_mapping::MappingSettings;
-use radar_mapping::Pipeline;
 use radar_mapping::{HandsSample, SavedMap, Scene};
-use radar_recording::{Event, Header, Recording, RecordingWriter};
+use radar_recording::{Header, Recording, RecordingWriter};
 use radar_simulation::{Scenario, Simulated};
 
 fn room(duration_s: f64) -> (Scenario, Simulated) {
@@ -15,8 +16,8 @@ fn room(duration_s: f64) -> (Scenario, Simulated) {
     (scenario, simulated)
 }
 
-fn pipeline(scenario: &Scenario) -> Pipeline {
-    Pipeline::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default())
+fn mapper(scenario: &Scenario) -> Mapper {
+    Mapper::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default())
 }
 
 /// Frames and poses by time.
@@ -27,22 +28,15 @@ fn events(simulated: &Simulated) -> Vec<Event> {
     events
 }
 
-fn feed(mut pipeline: Pipeline, events: impl IntoIterator<Item = Event>) -> Pipeline {
-    for event in events {
-        match event {
-            Event::Frame(frame) => pipeline.push_frame(frame),
-            Event::Pose(pose) => pipeline.push_pose(&pose),
-            Event::Hands(hands) => pipeline.push_hands(hands.time_ns, hands.hands_m),
-        }
-    }
-    pipeline.finish();
-    pipeline
+fn feed(mut mapper: Mapper, events: impl IntoIterator<Item = Event>) -> Mapper {
+    mapper.push_all(events);
+    mapper
 }
 
 #[test]
 fn present_objects_are_confirmed_under_their_id_and_absent_ones_removed() {
     let (scenario, simulated) = room(7.0);
-    let known = feed(pipeline(&scenario), events(&simulated)).saved_map();
+    let known = feed(mapper(&scenario), events(&simulated)).saved_map();
     assert!(known.places.len() >= 3 && !known.walls.is_empty(), "{known:?}");
     let text = serde_json::to_string(&known).unwrap();
     assert_eq!(serde_json::from_str::<SavedMap>(&text).unwrap(), known, "must be bit-identical");
@@ -60,9 +54,9 @@ fn present_objects_are_confirmed_under_their_id_and_absent_ones_removed() {
     with_more.places.push(gone);
 
     let begin = || {
-        let mut pipeline = pipeline(&scenario);
-        pipeline.restore(&with_more).unwrap();
-        pipeline
+        let mut mapper = mapper(&scenario);
+        mapper.restore(&with_more).unwrap();
+        mapper
     };
     let at_once = begin().scene();
     assert!(
@@ -109,8 +103,8 @@ fn recorded_hands_equal_pushed_hands() {
     let summary = writer.finish().unwrap();
     assert_eq!(summary.hands_tracked, [0, summary.hands.count]);
 
-    let pushed = feed(pipeline(&scenario), with_hands).scene();
-    let replayed = feed(pipeline(&scenario), Recording::open(&path).unwrap()).scene();
+    let pushed = feed(mapper(&scenario), with_hands).scene();
+    let replayed = feed(mapper(&scenario), Recording::open(&path).unwrap()).scene();
     assert_eq!(replayed, pushed);
-    assert_ne!(feed(pipeline(&scenario), plain).scene(), pushed, "hands change what is found");
+    assert_ne!(feed(mapper(&scenario), plain).scene(), pushed, "hands change what is found");
 }

@@ -7,7 +7,8 @@ use num_complex::Complex;
 use radar_chaperone::settings::Settings;
 use radar_sar::geometry::Pose;
 use a121::{Frame, SensorConfig, Subsweep};
-use radar_recording::{Event, Header, RecordingWriter};
+use radar_mapping::Event;
+use radar_recording::{Header, RecordingWriter};
 use radar_sar::PoseSample;
 
 use crate::board::{Board, result, setup};

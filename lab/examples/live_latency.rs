@@ -8,6 +8,7 @@
 //! include it: the wait for the next pose, the processing, and the wait for the display frame. The
 //! age of the evidence comes on top and is printed separately.
 
+use radar_mapping::Event;
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -45,14 +46,14 @@ fn main() {
                 frame.host_time_ns += shift_ns;
                 wait_until(frame.host_time_ns + LINK_NS);
                 let _ = arrived.send((frame.host_time_ns, now_ns()));
-                reconstruction.push_frame(frame);
+                reconstruction.push(Event::Frame(frame));
             }
         });
         scope.spawn(move || {
             for pose in poses {
                 let pose = radar_sar::PoseSample { time_ns: pose.time_ns + shift_ns, ..*pose };
                 wait_until(pose.time_ns);
-                reconstruction.push_pose(pose);
+                reconstruction.push(Event::Pose(pose));
             }
         });
         scope.spawn(move || frame_loop(reconstruction, &settings, begin_ns, duration_s, &arrivals)).join()
@@ -72,7 +73,7 @@ fn main() {
         100.0 * counters.cpu_s / counters.running_s,
         counters.frames_dropped,
         counters.poses_dropped,
-        counters.pipeline.time_offset
+        counters.mapper.time_offset
     );
 }
 

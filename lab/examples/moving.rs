@@ -109,10 +109,10 @@ fn play(session: &Session, options: &Options, figures: &mut Figures) {
             let Some(frame) = frames.next_if(|f: &a121::Frame| f.host_time_ns <= pose.time_ns) else {
                 break;
             };
-            observer.push_frame(frame);
+            let _ = observer.push_frame(frame);
         }
         watch.push_hands(pose.time_ns);
-        observer.push_pose(&pose);
+        let _ = observer.push_pose(&pose);
         for observation in observer.take_ready() {
             if let Some(block) = builder.push(observation) {
                 watch.take(&block, figures);

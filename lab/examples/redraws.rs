@@ -2,6 +2,7 @@
 //! thread's time), during play in the demo's furnished room: `cargo run --release --example redraws
 //! [SECONDS]`.
 
+use radar_mapping::{Event, in_time_order};
 use std::collections::BTreeMap;
 
 use a121::preset;
@@ -9,7 +10,7 @@ use radar_chaperone::live::thread_cpu_ns;
 use radar_chaperone::render::{EyeView, Renderer, StereoScene, Window};
 use radar_chaperone::settings::Settings;
 use radar_chaperone::warning::{WarningTracker, Wearer};
-use radar_mapping::Pipeline;
+use radar_mapping::Mapper;
 use radar_mapping::Scene;
 use radar_sar::geometry::Pose;
 use radar_simulation::{Scenario, Simulated};
@@ -19,22 +20,20 @@ const FRAME_NS: i64 = 11_111_111;
 
 /// A head pose for every display frame, and the scene when it has changed.
 fn frames(played: Simulated, scenario: &Scenario, settings: &Settings) -> Vec<(Pose, Option<Scene>)> {
-    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
-    let mut sweeps = played.frames.into_iter().peekable();
+    let mut mapper = Mapper::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
     let mut next_ns = i64::MIN;
     let mut known = Scene::default();
     let mut frames = Vec::new();
-    for sample in &played.poses {
-        pipeline.push_pose(sample);
-        while let Some(frame) = sweeps.next_if(|frame| frame.host_time_ns <= sample.time_ns) {
-            pipeline.push_frame(frame);
-        }
+    for event in in_time_order(played.frames, played.poses) {
+        let pose = if let Event::Pose(pose) = &event { Some(*pose) } else { None };
+        let _ = mapper.push(event);
+        let Some(sample) = pose else { continue };
         let Ok(head) = sample.tracking_from_head() else { continue };
         if sample.time_ns < next_ns {
             continue;
         }
         next_ns = next_ns.max(sample.time_ns - FRAME_NS) + FRAME_NS;
-        let scene = pipeline.scene();
+        let scene = mapper.scene();
         let is_new = scene.obstacles != known.obstacles || scene.walls != known.walls;
         frames.push((head, is_new.then(|| scene.clone())));
         known = scene;

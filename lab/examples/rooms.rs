@@ -3,18 +3,19 @@
 //!     cargo run --release --example rooms -- [FIRST..END] [SCENE] [--each] \
 //!         [--poses-hz=250] [rooms.explain.min_score=3 …]
 //!
-//! Runs 30 s with preset d16 through the whole pipeline for every seed and scores the scene against
+//! Runs 30 s with preset d16 through the whole mapper for every seed and scores the scene against
 //! the truth, as `replay` does. Objects that came within 1 m are due. Found: a report within 10 cm
 //! of one of their points. False: a report farther than 25 cm from every point and wall. In
 //! brackets: only objects that were in the beam for 0.75 s. Settings are named as in `--set`;
 //! `--each` prints every score in full.
 
+use radar_mapping::in_time_order;
 use std::time::Instant;
 
 use a121::preset;
 use radar_chaperone::report::{Limits, Score, score};
 use radar_chaperone::settings::Settings;
-use radar_mapping::Pipeline;
+use radar_mapping::Mapper;
 use radar_simulation::Scenario;
 
 const DURATION_S: f64 = 30.0;
@@ -50,16 +51,9 @@ fn play(scene: &str, seed: u64, poses_hz: Option<f64>, settings: &Settings) -> S
     let mut scenario = Scenario::new(scene, "natural", preset("d16").expect("d16 exists"), DURATION_S, seed);
     scenario.errors.rate_hz = poses_hz.unwrap_or(scenario.errors.rate_hz);
     let simulated = scenario.run().unwrap_or_else(|error| panic!("{error}"));
-    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
-    let mut frames = simulated.frames.into_iter().peekable();
-    for pose in &simulated.poses {
-        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
-            pipeline.push_frame(frame);
-        }
-        pipeline.push_pose(pose);
-    }
-    pipeline.finish();
-    score(&pipeline.scene(), &simulated.truth, &Limits::default())
+    let mut mapper = Mapper::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
+    mapper.push_all(in_time_order(simulated.frames, simulated.poses));
+    score(&mapper.scene(), &simulated.truth, &Limits::default())
 }
 
 fn line(scores: &[Score]) -> String {

@@ -8,20 +8,21 @@
 //! by itself, in CPU time of all threads (Linux; elsewhere wall time): joining the streams;
 //! sub-apertures (range compression and tables); the score field at 5 cm and 2.5 cm; planes; the
 //! time-offset estimate once a second; the fine field of 1 cm wherever the mapper opens it, updated
-//! four times a second; and the whole pipeline, with and without the time-offset estimate. What the
-//! pipeline takes beyond these stages are the map updates. In the pipeline most fine bricks are
+//! four times a second; and the whole mapper, with and without the time-offset estimate. What the
+//! mapper takes beyond these stages are the map updates. In the mapper most fine bricks are
 //! never read and so never computed.
 //!
 //! Each stage is repeated and the minimum counts. Updates are (voxel in the beam, sweep) pairs. At
 //! the end the fine field is compared with a dense one of 1 cm voxels. With `whole` only the
-//! pipeline is timed.
+//! mapper is timed.
 
+use radar_mapping::{Event, in_time_order};
 use std::time::Instant;
 
 use a121::preset;
 use radar_chaperone::settings::Settings;
 use radar_mapping::RoomMapper;
-use radar_mapping::{Counters, Pipeline};
+use radar_mapping::{Mapper, MapperCounters};
 use radar_mapping::{Observer, ObserverSettings, SensorState};
 use radar_sar::Observation;
 use radar_sar::subaperture::{
@@ -95,9 +96,9 @@ fn pipelines(scenario: &Scenario, simulated: &Simulated, settings: &Settings, du
     let mut as_set = settings.clone();
     as_set.tracking.estimate_time_offset = false;
     let (whole_s, _) = timed(|| whole(scenario, simulated, &as_set));
-    line("the whole pipeline, time offset as set", whole_s, duration_s);
+    line("the whole mapper, time offset as set", whole_s, duration_s);
     let (whole_s, counters) = timed(|| whole(scenario, simulated, settings));
-    line("the whole pipeline", whole_s, duration_s);
+    line("the whole mapper", whole_s, duration_s);
     println!("      {:?}", counters.engine.rooms);
     println!("      {:?}", counters.time_offset);
 }
@@ -109,13 +110,13 @@ fn joined(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> (V
         time_offset_s: settings.tracking.time_offset_s,
     };
     let mut observer = Observer::new(&scenario.config, observer);
-    let mut frames = simulated.frames.iter().peekable();
     let (mut observations, mut path) = (Vec::new(), Vec::new());
-    for pose in &simulated.poses {
-        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
-            observer.push_frame(frame.clone());
-        }
-        observer.push_pose(pose);
+    for event in in_time_order(simulated.frames.iter().cloned(), simulated.poses.iter().copied()) {
+        let _ = match event {
+            Event::Frame(frame) => observer.push_frame(frame),
+            Event::Pose(pose) => observer.push_pose(&pose),
+            Event::Hands(_) => Ok(()),
+        };
         observations.extend(observer.take_ready());
         path.extend(observer.take_path());
     }
@@ -233,17 +234,10 @@ fn blocks(observations: &[Observation], settings: SubapertureSettings) -> Vec<Su
     blocks
 }
 
-fn whole(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> Counters {
-    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
-    let mut frames = simulated.frames.iter().peekable();
-    for pose in &simulated.poses {
-        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
-            pipeline.push_frame(frame.clone());
-        }
-        pipeline.push_pose(pose);
-    }
-    pipeline.finish();
-    pipeline.counters()
+fn whole(scenario: &Scenario, simulated: &Simulated, settings: &Settings) -> MapperCounters {
+    let mut mapper = Mapper::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
+    mapper.push_all(in_time_order(simulated.frames.iter().cloned(), simulated.poses.iter().copied()));
+    mapper.counters()
 }
 
 /// Minimum CPU time of the repetitions, and the result.

@@ -1,16 +1,17 @@
-//! How long single steps of the pipeline block the stream: natural play in a furnished room, preset
+//! How long single steps of the mapper block the stream: natural play in a furnished room, preset
 //! d16. Arguments: seconds, seed, threads of the pool.
 //!
 //! A step is the processing that one pushed pose triggers: the sweeps that it completes, usually
 //! nothing else; sometimes a sub-aperture, an update of the map, or an estimate of the time offset.
 //! Steps are sorted by what they triggered. The scene is timed separately.
 
+use radar_mapping::in_time_order;
 use std::time::Instant;
 
 use a121::preset;
 use radar_chaperone::live::Latency;
 use radar_mapping::MappingSettings;
-use radar_mapping::{Counters, Pipeline};
+use radar_mapping::{Mapper, MapperCounters};
 use radar_simulation::Scenario;
 
 fn main() {
@@ -21,24 +22,20 @@ fn main() {
     let scenario = Scenario::new("furnished-room", "natural", config, duration_s, seed);
     let simulated = scenario.run().unwrap_or_else(|error| panic!("{error}"));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default());
-    let mut frames = simulated.frames.into_iter().peekable();
+    let mut mapper = Mapper::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default());
     let names = ["sweeps only", "sub-aperture", "with update", "estimate", "scene"];
     let mut times = names.map(|_| Latency::default());
     let begin = Instant::now();
-    for pose in &simulated.poses {
-        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
-            pipeline.push_frame(frame);
-        }
-        let before = pipeline.counters();
+    for event in in_time_order(simulated.frames, simulated.poses) {
+        let before = mapper.counters();
         let step = Instant::now();
-        pool.install(|| pipeline.push_pose(pose));
+        let _ = pool.install(|| mapper.push(event));
         let took_ns = step.elapsed().as_nanos() as i64;
-        let kind = kind(&before, &pipeline.counters());
+        let kind = kind(&before, &mapper.counters());
         times[kind].push(took_ns);
         if kind == 2 {
             let step = Instant::now();
-            pool.install(|| std::hint::black_box(pipeline.scene()));
+            pool.install(|| std::hint::black_box(mapper.scene()));
             times[4].push(step.elapsed().as_nanos() as i64);
         }
     }
@@ -56,8 +53,8 @@ fn main() {
     }
 }
 
-fn kind(before: &Counters, after: &Counters) -> usize {
-    let rose = |of: fn(&Counters) -> u64| of(after) > of(before);
+fn kind(before: &MapperCounters, after: &MapperCounters) -> usize {
+    let rose = |of: fn(&MapperCounters) -> u64| of(after) > of(before);
     if rose(|c| c.time_offset.estimates) {
         return 3;
     }

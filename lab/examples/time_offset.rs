@@ -18,7 +18,8 @@
 use a121::preset;
 use radar_chaperone::report::{Limits, score};
 use radar_chaperone::settings::Settings;
-use radar_mapping::Pipeline;
+use radar_mapping::Mapper;
+use radar_mapping::in_time_order;
 use radar_sar::TimeOffset;
 use radar_simulation::{Scenario, Simulated};
 
@@ -112,20 +113,13 @@ fn simulated(
     (scenario, simulated)
 }
 
-/// The whole recording through the pipeline.
-fn replayed(scenario: &Scenario, simulated: Simulated, estimate: bool) -> Pipeline {
+/// The whole recording through the mapper.
+fn replayed(scenario: &Scenario, simulated: Simulated, estimate: bool) -> Mapper {
     let change = format!("tracking.estimate_time_offset={estimate}");
     let settings = Settings::from_toml("", &[change]).unwrap_or_else(|error| panic!("{error}"));
-    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
-    let mut frames = simulated.frames.into_iter().peekable();
-    for pose in &simulated.poses {
-        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
-            pipeline.push_frame(frame);
-        }
-        pipeline.push_pose(pose);
-    }
-    pipeline.finish();
-    pipeline
+    let mut mapper = Mapper::new(&scenario.config, &scenario.head_from_sensor, &settings.mapping());
+    mapper.push_all(in_time_order(simulated.frames, simulated.poses));
+    mapper
 }
 
 /// Estimates after the given durations of the recording.

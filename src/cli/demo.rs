@@ -1,6 +1,6 @@
-//! `radar-chaperone demo [--out DIR] [--view]`: the whole pipeline without hardware.
+//! `radar-chaperone demo [--out DIR] [--view]`: the whole mapper without hardware.
 //!
-//! Six scenes: each is simulated and recorded, replayed from its recording through the pipeline,
+//! Six scenes: each is simulated and recorded, replayed from its recording through the mapper,
 //! imaged, scored against the truth and rendered for both eyes. The result is one self-contained
 //! report.html.
 
@@ -26,9 +26,9 @@ use crate::settings::Settings;
 use crate::warning::{Warnings, warn};
 use a121::preset;
 use radar_mapping::Scene;
+use radar_mapping::{Mapper, cube_ahead};
 use radar_mapping::{ObserverSettings, observe_all};
-use radar_mapping::{Pipeline, cube_ahead};
-use radar_recording::{Event, Header, Recording};
+use radar_recording::{Header, Recording};
 use radar_sar::Observation;
 use radar_sar::backprojection::{BrickGrid, SweepStack, dense_volume};
 use radar_sar::geometry::{Aabb, Pose};
@@ -73,7 +73,7 @@ enum Image {
     Ls(usize),
     /// Sub-aperture scores of the whole recording, in the cube ahead.
     Subaperture,
-    /// Sub-aperture scores of the obstacles that the pipeline found, in the room.
+    /// Sub-aperture scores of the obstacles that the mapper found, in the room.
     Found,
 }
 
@@ -222,7 +222,7 @@ impl Demo {
         let mut report = Report::new("Radar chaperone: demo")
             .intro(format!(
                 "A simulated 60 GHz radar on a headset (seed {}): every scene was recorded, replayed from its recording \
-                 through the pipeline, and compared with the truth. {drawn_by}",
+                 through the mapper, and compared with the truth. {drawn_by}",
                 self.seed
             ))
             .section(Section::new("At a glance").table(table));
@@ -238,23 +238,23 @@ impl Demo {
         std::fs::create_dir_all(&folder)?;
         self.record(act, &file)?;
         bar.inc(1);
-        let (header, settings, pipeline) = replay(&file)?;
-        let scene = pipeline.scene();
-        write_obstacles(&folder.join("obstacles.json"), &scene, &pipeline)?;
+        let (header, settings, mapper) = replay(&file)?;
+        let scene = mapper.scene();
+        write_obstacles(&folder.join("obstacles.json"), &scene, &mapper)?;
         let truth = header.truth.clone().ok_or_else(|| anyhow!("the recording lost its truth"))?;
         bar.inc(1);
-        let image = volume(act.image, &file, &settings, &pipeline, &truth)?;
+        let image = volume(act.image, &file, &settings, &mapper, &truth)?;
         bar.inc(1);
         let score = score(&scene, &truth, &Limits::default());
         let mut section = Section::new(act.heading)
             .text(act.text)
-            .preformatted(result_text(&scene, &pipeline))
+            .preformatted(result_text(&scene, &mapper))
             .preformatted(score.to_string());
-        for figure in figures(act, &folder, &image, &scene, &truth, &pipeline)? {
+        for figure in figures(act, &folder, &image, &scene, &truth, &mapper)? {
             section = section.figure(figure);
         }
         if let Some(renderer) = renderer {
-            for figure in eye_previews(renderer, &folder, &scene, &truth, &pipeline, &header, &settings)? {
+            for figure in eye_previews(renderer, &folder, &scene, &truth, &mapper, &header, &settings)? {
                 section = section.figure(figure);
             }
         }
@@ -281,36 +281,29 @@ impl Demo {
     }
 }
 
-/// Runs the recording through the pipeline, as `replay` does.
-fn replay(file: &Path) -> Result<(Header, Settings, Pipeline)> {
+/// Runs the recording through the mapper, as `replay` does.
+fn replay(file: &Path) -> Result<(Header, Settings, Mapper)> {
     let mut recording = Recording::open(file)?;
     let header = recording.header().clone();
     let settings = Settings::from_toml(&header.settings, &[])?;
-    let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings.mapping());
-    for event in &mut recording {
-        match event {
-            Event::Frame(frame) => pipeline.push_frame(frame),
-            Event::Pose(pose) => pipeline.push_pose(&pose),
-            Event::Hands(hands) => pipeline.push_hands(hands.time_ns, hands.hands_m),
-        }
-    }
-    pipeline.finish();
-    Ok((header, settings, pipeline))
+    let mut mapper = Mapper::new(&header.config, &header.head_from_sensor, &settings.mapping());
+    mapper.push_all(&mut recording);
+    Ok((header, settings, mapper))
 }
 
 /// The evidence volume of a scene.
-fn volume(image: Image, file: &Path, settings: &Settings, pipeline: &Pipeline, truth: &Truth) -> Result<Volume> {
+fn volume(image: Image, file: &Path, settings: &Settings, mapper: &Mapper, truth: &Truth) -> Result<Volume> {
     if image == Image::Found {
         let walls = truth.walls.iter().flat_map(|w| [w.extent.min, w.extent.max]);
         let room = Aabb::around(walls).unwrap_or_else(|| cube_ahead(&Pose::IDENTITY));
-        return Ok(volume_of_shapes(&room, &pipeline.scene()));
+        return Ok(volume_of_shapes(&room, &mapper.scene()));
     }
     let (recording, frames, poses) = read_streams(file)?;
     let header = recording.header();
     let observer = ObserverSettings {
         history: settings.tracking.history,
         head_from_sensor: header.head_from_sensor,
-        time_offset_s: pipeline.time_offset_s(),
+        time_offset_s: mapper.time_offset_s(),
     };
     let (observations, _) = observe_all(&header.config, observer, &frames, &poses);
     let region = cube_ahead(&observations.first().map_or(Pose::IDENTITY, |o| o.tracking_from_sensor));
@@ -353,7 +346,7 @@ fn figures(
     image: &Volume,
     scene: &Scene,
     truth: &Truth,
-    pipeline: &Pipeline,
+    mapper: &Mapper,
 ) -> Result<Vec<Figure>> {
     let mut image = image.clone();
     let (quantity, floor) = match act.image {
@@ -366,7 +359,7 @@ fn figures(
     image.values.iter_mut().for_each(|v| *v = (*v - floor).max(0.0));
     let truth_m: Vec<DVec3> = truth.obstacles.iter().flat_map(|o| o.points_m.clone()).collect();
     let found_m: Vec<DVec3> = scene.obstacles.iter().map(|o| o.position_m).collect();
-    let path_m = sensor_path(pipeline);
+    let path_m = sensor_path(mapper);
     let marks = Marks { truth_m: &truth_m, found_m: &found_m, path_m: &path_m };
     let sections = cross_sections(&image, act.heading, quantity, &marks);
     let share = if act.image == Image::Found { 0.0 } else { 0.3 };
@@ -389,12 +382,12 @@ fn eye_previews(
     folder: &Path,
     scene: &Scene,
     truth: &Truth,
-    pipeline: &Pipeline,
+    mapper: &Mapper,
     header: &Header,
     settings: &Settings,
 ) -> Result<Vec<Figure>> {
     let sensor_from_head = header.head_from_sensor.inverse();
-    let heads = pipeline.sensor_path().iter().map(|(_, pose)| *pose * sensor_from_head);
+    let heads = mapper.sensor_path().iter().map(|(_, pose)| *pose * sensor_from_head);
     let brightness = |head: &Pose| brightness_ahead(&warn(scene, head, &settings.warning), head);
     let Some(head) = heads.max_by(|a, b| brightness(a).total_cmp(&brightness(b))) else { return Ok(Vec::new()) };
     let warnings = warn(scene, &head, &settings.warning);

@@ -7,7 +7,8 @@ use clap::Args;
 
 use crate::settings::Settings;
 use a121::Frame;
-use radar_recording::{Event, Recording};
+use radar_mapping::Event;
+use radar_recording::Recording;
 use radar_sar::PoseSample;
 
 /// Command-line arguments of the settings.

@@ -14,9 +14,7 @@ use super::sensor::{FrameIntake, SensorArguments, Until};
 use super::stop::stop_flag;
 use crate::live::HeadPoses;
 use crate::openvr::{Role, Runtime, RuntimePaths};
-use radar_mapping::HandsSample;
-use radar_recording::Event;
-use radar_sar::PoseSample;
+use radar_mapping::Event;
 
 /// Bound of the poses of headset and hands that wait to be written: about four seconds. Choice.
 pub(super) const MAX_WAITING_POSES: usize = 1536;
@@ -73,11 +71,10 @@ impl Record {
         let until = Until::Recorded(self.duration_s.map(Duration::from_secs_f64));
         let over = AtomicBool::new(false);
         // Poses are dropped when the channel is full, which takes a disk that is seconds behind.
-        let sink = |sample: &PoseSample| drop(sender.try_send(Event::Pose(*sample)));
-        let hand_sink = |hands: &HandsSample| drop(sender.try_send(Event::Hands(*hands)));
+        let sink = |event: Event| drop(sender.try_send(event));
         std::thread::scope(|scope| {
             if let Some(runtime) = &runtime {
-                scope.spawn(|| HeadPoses::new(runtime).read(POSES_HZ, &sink, &hand_sink, &over));
+                scope.spawn(|| HeadPoses::new(runtime).read(POSES_HZ, &sink, &over));
             }
             let stream = sensor.open();
             let recorded = stream.and_then(|stream| {

@@ -10,7 +10,8 @@ use anyhow::Result;
 use crate::live::{EventMerger, PoseTail, now_ns};
 use a121::SensorConfig;
 use a121::{SetupReply, SystemInfo};
-use radar_recording::{Event, Header, RecordingSummary, RecordingWriter, SensorMetadata};
+use radar_mapping::Event;
+use radar_recording::{Header, RecordingSummary, RecordingWriter, SensorMetadata};
 use radar_sar::geometry::Pose;
 
 /// How long frames wait for poses, which another program or thread delivers later. Choice.

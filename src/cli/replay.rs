@@ -1,4 +1,4 @@
-//! `radar-chaperone replay FILE [--out DIR] [--view]`: runs the whole pipeline over a recording.
+//! `radar-chaperone replay FILE [--out DIR] [--view]`: runs the whole mapper over a recording.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -16,11 +16,12 @@ use crate::report::{
 };
 use crate::settings::Settings;
 use crate::view::Recorder;
-use radar_mapping::Pipeline;
+use radar_mapping::Event;
+use radar_mapping::Mapper;
 use radar_mapping::{Observed, Scene};
-use radar_recording::{Event, MapFile, Recording, RecordingSummary};
+use radar_recording::{MapFile, Recording, RecordingSummary};
 
-/// Runs the pipeline over a recording and writes what it finds
+/// Runs the mapper over a recording and writes what it finds
 ///
 /// Prints the obstacles; with --out writes obstacles.json, a map (map.png) and report.html there,
 /// and for tools that read point clouds obstacles.ply (positions with evidence and covariance) and
@@ -61,65 +62,65 @@ impl Replay {
         let recording = Recording::open(&self.file)?;
         let settings = self.settings.over_recorded(&recording.header().settings)?;
         let header = recording.header().clone();
-        let mut pipeline = Pipeline::new(&header.config, &header.head_from_sensor, &settings.mapping());
+        let mut mapper = Mapper::new(&header.config, &header.head_from_sensor, &settings.mapping());
         if let Some(path) = &self.map {
-            restore_map(&mut pipeline, path, summary.frames.first_ns.unwrap_or(0))?;
+            restore_map(&mut mapper, path, summary.frames.first_ns.unwrap_or(0))?;
         }
         let ended = if self.view.is_wanted() {
-            let about = self.view.about(&summary, &settings, pipeline.engine().search());
-            self.view.show(about, |recorder| self.work(recording, pipeline, &summary, &settings, Some(recorder)))??
+            let about = self.view.about(&summary, &settings, mapper.kind());
+            self.view.show(about, |recorder| self.work(recording, mapper, &summary, &settings, Some(recorder)))??
         } else {
-            self.work(recording, pipeline, &summary, &settings, None)?
+            self.work(recording, mapper, &summary, &settings, None)?
         };
         match ended {
-            ReplayEnd::Done(pipeline, scene) => self.report(&summary, &pipeline, &scene),
+            ReplayEnd::Done(mapper, scene) => self.report(&summary, &mapper, &scene),
             ReplayEnd::Closed => Ok(outln!("The view was closed before the recording was processed.")?),
         }
     }
 
-    /// Runs the recording through the pipeline, to its end unless nobody needs the result any more.
+    /// Runs the recording through the mapper, to its end unless nobody needs the result any more.
     fn work(
         &self,
         mut recording: Recording,
-        mut pipeline: Pipeline,
+        mut mapper: Mapper,
         summary: &RecordingSummary,
         settings: &Settings,
         mut recorder: Option<Recorder>,
     ) -> Result<ReplayEnd> {
         let mut results = match &self.results {
-            Some(path) => Some(Results::create(path, &summary.header, settings, pipeline.engine().search())?),
+            Some(path) => Some(Results::create(path, &summary.header, settings, mapper.kind())?),
             None => None,
         };
         let events = summary.frames.count + summary.poses.count + summary.hands.count;
-        if !self.feed(&mut recording, &mut pipeline, events, results.as_mut(), recorder.as_mut())? {
+        if !self.feed(&mut recording, &mut mapper, events, results.as_mut(), recorder.as_mut())? {
             return Ok(ReplayEnd::Closed);
         }
         warn_of_damage(&recording);
         let spinner = progress::spinner("looking for obstacles");
-        pipeline.finish();
-        let scene = pipeline.scene();
+        mapper.finish();
+        let scene = mapper.scene();
         if let Some(recorder) = &mut recorder {
-            recorder.finish(&pipeline);
+            recorder.finish(&mapper, scene.clone());
         }
         if let Some(results) = results {
-            results.finish(&pipeline)?;
+            results.finish(&mapper, &scene)?;
         }
         spinner.finish_and_clear();
-        Ok(ReplayEnd::Done(Box::new(pipeline), scene))
+        Ok(ReplayEnd::Done(Box::new(mapper), scene))
     }
 
     /// Prints the result and writes it where requested.
-    fn report(&self, summary: &RecordingSummary, pipeline: &Pipeline, scene: &Scene) -> Result<()> {
+    fn report(&self, summary: &RecordingSummary, mapper: &Mapper, scene: &Scene) -> Result<()> {
         let header = &summary.header;
-        outln!("{}", result_text(scene, pipeline).trim_end())?;
+        outln!("{}", result_text(scene, mapper).trim_end())?;
         let scored = header.truth.as_ref().map(|truth| score(scene, truth, &Limits::default()));
         if let Some(score) = &scored {
             outln!("\nAgainst the truth in the recording:\n{score}")?;
         }
         if let Some(out) = &self.out {
-            write_obstacles(&out.join("obstacles.json"), scene, pipeline)?;
+            write_obstacles(&out.join("obstacles.json"), scene, mapper)?;
             write_clouds(out, scene)?;
-            let path = sensor_path(pipeline);
+            let path = sensor_path(mapper);
             let truth = header.truth.as_ref();
             let map = room_map(&RoomMap { title: &header.source, scene, truth, path_m: &path });
             map.write(&out.join("map.png"))?;
@@ -133,10 +134,10 @@ impl Replay {
                 section = section.preformatted(score.to_string());
             }
             let counters = Section::new("What was taken and left out")
-                .preformatted(serde_json::to_string_pretty(&pipeline.counters())?);
+                .preformatted(serde_json::to_string_pretty(&mapper.counters())?);
             let recording = Section::new("The recording").preformatted(summary.to_string());
             Report::new(&header.source)
-                .intro("The pipeline's result over one recording.")
+                .intro("The mapper's result over one recording.")
                 .section(section)
                 .section(counters)
                 .section(recording)
@@ -155,7 +156,7 @@ impl Replay {
     fn feed(
         &self,
         recording: &mut Recording,
-        pipeline: &mut Pipeline,
+        mapper: &mut Mapper,
         events: u64,
         mut results: Option<&mut Results>,
         mut recorder: Option<&mut Recorder>,
@@ -178,12 +179,15 @@ impl Replay {
             }
             let (time_ns, is_frame) = (event.time_ns(), matches!(event, Event::Frame(_)));
             let frame_ns = is_frame.then_some(time_ns);
-            feed(pipeline, event);
+            if let Err(refusal) = mapper.push(event) {
+                log::debug!("left out: {refusal}");
+            }
+            let scene = mapper.poll_scene();
             if let Some(results) = results.as_mut() {
-                results.update(pipeline, time_ns)?;
+                results.update(mapper, scene.as_ref(), time_ns)?;
             }
             if let Some(recorder) = recorder.as_mut() {
-                recorder.record(pipeline, frame_ns);
+                recorder.record(mapper, scene, frame_ns);
             }
             bar.inc(1);
         }
@@ -199,31 +203,22 @@ impl Replay {
 
 /// Restores a saved map as if it had been saved when the recording begins, so that no result
 /// depends on the time of the replay.
-fn restore_map(pipeline: &mut Pipeline, path: &Path, begin_ns: i64) -> Result<()> {
+fn restore_map(mapper: &mut Mapper, path: &Path, begin_ns: i64) -> Result<()> {
     let MapFile { map, standing_from_raw, .. } = MapFile::read(path)?;
-    Ok(pipeline.restore(&map.moved(&standing_from_raw).later_by_ns(begin_ns))?)
-}
-
-/// Pushes one event into the pipeline.
-pub(super) fn feed(pipeline: &mut Pipeline, event: Event) {
-    match event {
-        Event::Frame(frame) => pipeline.push_frame(frame),
-        Event::Pose(pose) => pipeline.push_pose(&pose),
-        Event::Hands(hands) => pipeline.push_hands(hands.time_ns, hands.hands_m),
-    }
+    Ok(mapper.restore(&map.moved(&standing_from_raw).later_by_ns(begin_ns))?)
 }
 
 /// Path of the sensor, metres.
-pub(super) fn sensor_path(pipeline: &Pipeline) -> Vec<glam::DVec3> {
-    pipeline.sensor_path().iter().map(|(_, pose)| pose.translation).collect()
+pub(super) fn sensor_path(mapper: &Mapper) -> Vec<glam::DVec3> {
+    mapper.sensor_path().iter().map(|(_, pose)| pose.translation).collect()
 }
 
 /// Writes obstacles.json with all counters.
-pub(super) fn write_obstacles(path: &Path, scene: &Scene, pipeline: &Pipeline) -> Result<()> {
-    let counters = serde_json::to_value(pipeline.counters())?;
-    let estimate = pipeline.time_offset_estimate();
+pub(super) fn write_obstacles(path: &Path, scene: &Scene, mapper: &Mapper) -> Result<()> {
+    let counters = serde_json::to_value(mapper.counters())?;
+    let estimate = mapper.time_offset_estimate();
     let offset = StreamOffset {
-        offset_s: pipeline.time_offset_s(),
+        offset_s: mapper.time_offset_s(),
         sigma_s: estimate.map(|e| e.sigma_s),
         observable: estimate.is_some_and(|e| e.observable),
     };
@@ -244,9 +239,9 @@ fn write_clouds(folder: &Path, scene: &Scene) -> Result<()> {
 }
 
 /// The result of a replay as text.
-pub(super) fn result_text(scene: &Scene, pipeline: &Pipeline) -> String {
+pub(super) fn result_text(scene: &Scene, mapper: &Mapper) -> String {
     use std::fmt::Write;
-    let streams = pipeline.counters().streams;
+    let streams = mapper.counters().streams;
     let mut text = format!(
         "{} frames, {} poses: {} sweeps imaged, {} frames without a pose skipped\n",
         streams.frames, streams.poses, streams.observations, streams.frames_without_pose
@@ -292,17 +287,17 @@ pub(super) fn result_text(scene: &Scene, pipeline: &Pipeline) -> String {
             n.x, n.y, n.z, wall.plane.offset_m, wall.evidence
         );
     }
-    let _ = writeln!(text, "{}", time_offset(pipeline));
+    let _ = writeln!(text, "{}", time_offset(mapper));
     text
 }
 
 /// The time offset between the streams, in use and as estimated.
-fn time_offset(pipeline: &Pipeline) -> String {
-    let in_force = format!("{:+.1} ms", pipeline.time_offset_s() * 1e3);
-    let found = match pipeline.time_offset_estimate() {
+fn time_offset(mapper: &Mapper) -> String {
+    let in_force = format!("{:+.1} ms", mapper.time_offset_s() * 1e3);
+    let found = match mapper.time_offset_estimate() {
         Some(e) if e.observable => format!("the data say {:+.1} ± {:.1} ms", e.offset_s * 1e3, e.sigma_s * 1e3),
         Some(_) => "not observable: this motion does not separate it from depth".into(),
-        None if pipeline.counters().time_offset.estimates > 0 => "not estimated from the data".into(),
+        None if mapper.counters().time_offset.estimates > 0 => "not estimated from the data".into(),
         None => "as set".into(),
     };
     format!("time offset {in_force}; {found}")

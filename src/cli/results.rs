@@ -1,4 +1,4 @@
-//! `replay --results FILE.mcap`: writes the pipeline's results into a copy of the recording.
+//! `replay --results FILE.mcap`: writes the mapper's results into a copy of the recording.
 
 use std::path::Path;
 
@@ -6,13 +6,13 @@ use anyhow::Result;
 
 use crate::settings::Settings;
 use crate::view::RecordingInfo;
-use radar_mapping::{Counters, MapperKind, Pipeline};
-use radar_recording::{BeamCone, Event, Header, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
+use radar_mapping::{Event, Scene};
+use radar_mapping::{Mapper, MapperCounters, MapperKind};
+use radar_recording::{BeamCone, Header, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};
 
 /// The copy of the recording with a result for every map update.
 pub(super) struct Results {
     writer: ResultsWriter,
-    looks: u64,
     /// Time of the newest event.
     newest_ns: Option<i64>,
 }
@@ -23,55 +23,48 @@ impl Results {
         let beam = BeamCone { cut_off_rad: about.beam_rad, ranges_m: about.ranges_m };
         // The beam is drawn at the mount of the settings.
         let header = Header { head_from_sensor: about.head_from_sensor, ..header.clone() };
-        Ok(Self { writer: ResultsWriter::create(path, &header, beam)?, looks: 0, newest_ns: None })
+        Ok(Self { writer: ResultsWriter::create(path, &header, beam)?, newest_ns: None })
     }
 
-    /// Writes an event; call it before the pipeline takes the event.
+    /// Writes an event; call it before the mapper takes the event.
     pub fn write(&mut self, event: &Event) -> Result<()> {
         Ok(self.writer.write(event)?)
     }
 
-    /// Call it after the pipeline has taken an event of that time.
-    pub fn update(&mut self, pipeline: &Pipeline, time_ns: i64) -> Result<()> {
+    /// Call it after the mapper has taken an event of that time, with the scene of a new map update.
+    /// Single reflectors are searched at the end.
+    pub fn update(&mut self, mapper: &Mapper, scene: Option<&Scene>, time_ns: i64) -> Result<()> {
         self.newest_ns = Some(time_ns);
-        // The search for single reflectors covers the whole recording at once: its scene is written
-        // at the end.
-        let looks = pipeline.counters().engine.rooms.looks;
-        if pipeline.engine().search() == MapperKind::Rooms && looks != self.looks {
-            self.looks = looks;
-            self.snapshot(pipeline, time_ns)?;
-        }
-        Ok(())
+        scene.map_or(Ok(()), |scene| self.snapshot(mapper, scene, time_ns))
     }
 
-    fn snapshot(&mut self, pipeline: &Pipeline, time_ns: i64) -> Result<()> {
-        let scene = pipeline.scene();
-        let evidence = pipeline.engine().evidence(ResultsWriter::MAX_EVIDENCE);
-        let estimate = pipeline.time_offset_estimate().filter(|estimate| estimate.observable);
+    fn snapshot(&mut self, mapper: &Mapper, scene: &Scene, time_ns: i64) -> Result<()> {
+        let evidence = mapper.evidence(ResultsWriter::MAX_EVIDENCE);
+        let estimate = mapper.time_offset_estimate().filter(|estimate| estimate.observable);
         let snapshot = Snapshot {
             time_ns,
-            head: pipeline.head().map(|(_, head)| head),
-            scene: &scene,
+            head: mapper.head().map(|(_, head)| head),
+            scene,
             evidence: &evidence,
-            evidence_ns: pipeline.engine().evidence_ns(),
-            time_offset_s: pipeline.time_offset_s(),
+            evidence_ns: mapper.evidence_ns(),
+            time_offset_s: mapper.time_offset_s(),
             estimate: estimate.map(|e| OffsetEstimate { offset_s: e.offset_s, sigma_s: e.sigma_s }),
-            counted: results_counters(&pipeline.counters()),
+            counted: results_counters(&mapper.counters()),
         };
         Ok(self.writer.write_snapshot(&snapshot)?)
     }
 
-    /// Call it after the pipeline has finished.
-    pub fn finish(mut self, pipeline: &Pipeline) -> Result<()> {
+    /// Call it after the mapper has finished.
+    pub fn finish(mut self, mapper: &Mapper, scene: &Scene) -> Result<()> {
         let time_ns = self.newest_ns.unwrap_or(0);
-        self.snapshot(pipeline, time_ns)?;
+        self.snapshot(mapper, scene, time_ns)?;
         self.writer.finish()?;
         Ok(())
     }
 }
 
-fn results_counters(counters: &Counters) -> ResultsCounters {
-    let Counters { streams, engine, .. } = counters;
+fn results_counters(counters: &MapperCounters) -> ResultsCounters {
+    let MapperCounters { streams, engine, .. } = counters;
     ResultsCounters {
         frames: streams.frames,
         sweeps: streams.observations,

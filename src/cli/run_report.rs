@@ -43,7 +43,7 @@ impl RunReport {
                 "poses_dropped": counters.poses_dropped,
                 "outdated": counters.outdated,
                 "epoch": counters.epoch,
-                "counters": counters.pipeline,
+                "counters": counters.mapper,
             })
         });
         let report = json!({

@@ -66,7 +66,7 @@ impl ViewUpdater<'_> {
         let (Some(header), Some(reconstruction)) = (self.supervisor.sensor(), self.supervisor.reconstruction()) else {
             return;
         };
-        let search = reconstruction.counters().pipeline.engine.search;
+        let search = reconstruction.counters().mapper.engine.search;
         if let Some(settings) = self.store.newer_than(&mut self.version) {
             self.view.record_info(RecordingInfo::live(header, &settings, search));
             reconstruction.request_evidence(VOXELS);
@@ -86,7 +86,7 @@ impl ViewUpdater<'_> {
 }
 
 fn health(published: &PublishedMap, reconstruction: &Reconstruction) -> Health {
-    let counters = reconstruction.counters().pipeline;
+    let counters = reconstruction.counters().mapper;
     let tracks = counters.time_offset;
     let estimate = published.time_offset_sigma_s.map(|sigma_s| TimeOffset {
         offset_s: published.time_offset_s,

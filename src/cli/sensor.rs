@@ -202,7 +202,7 @@ impl<'a> FrameIntake<'a> {
                     self.losses.push(frame.frame.tick);
                     (self.on_frame)(&frame.frame);
                     if let Some(file) = &mut self.file {
-                        file.push(radar_recording::Event::Frame(frame.frame));
+                        file.push(radar_mapping::Event::Frame(frame.frame));
                     }
                 }
             }

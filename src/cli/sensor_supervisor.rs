@@ -15,8 +15,8 @@ use super::sensor::{ChosenSensor, FrameIntake, SensorArguments, Until};
 use crate::live::{FrameLossCounter, FrameReport, HeadsetStatus, Reconstruction, ReconstructionOptions, SensorCount};
 use crate::settings::Settings;
 use a121::{Frame, frame_timing};
-use radar_mapping::HandsSample;
-use radar_recording::{Event, Header};
+use radar_mapping::Event;
+use radar_recording::Header;
 use radar_sar::PoseSample;
 
 /// Interval of searches for a board. Choice.
@@ -130,28 +130,18 @@ impl SensorSupervisor {
         (pose, (frame_ns != 0).then_some(frame_ns))
     }
 
-    /// Takes a head pose; never waits.
-    pub fn push_pose(&self, sample: &PoseSample) {
+    /// Takes a head pose or the positions of the wearer's hands; never waits.
+    pub fn push(&self, event: Event) {
         // A reader that holds the lock gets the next pose.
-        if let Ok(mut newest) = self.newest_pose.try_lock() {
+        if let (Event::Pose(sample), Ok(mut newest)) = (&event, self.newest_pose.try_lock()) {
             *newest = Some(*sample);
         }
         if let Some(reconstruction) = self.reconstruction() {
-            reconstruction.push_pose(*sample);
+            reconstruction.push(event.clone());
         }
         if let Some(recorded) = &self.recorded_poses {
             // A disk that is four seconds behind loses poses, but does not delay the frame loop.
-            let _ = recorded.try_send(Event::Pose(*sample));
-        }
-    }
-
-    /// Takes the positions of the wearer's hands; never waits.
-    pub fn push_hands(&self, hands: &HandsSample) {
-        if let Some(reconstruction) = self.reconstruction() {
-            reconstruction.push_hands(*hands);
-        }
-        if let Some(recorded) = &self.recorded_poses {
-            let _ = recorded.try_send(Event::Hands(*hands));
+            let _ = recorded.try_send(event);
         }
     }
 
@@ -171,7 +161,7 @@ impl SensorSupervisor {
                 self.sweeps.fetch_add(sweeps_per_frame, Ordering::Relaxed);
                 self.sweeps_lost.store(lost_before + losses.borrow().lost() * sweeps_per_frame, Ordering::Relaxed);
                 self.newest_frame_ns.store(frame.host_time_ns, Ordering::Relaxed);
-                reconstruction.push_frame(frame.clone());
+                reconstruction.push(Event::Frame(frame.clone()));
             };
             // A recording ends with the stream with which it began.
             let is_recording = file.is_some();

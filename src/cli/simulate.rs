@@ -12,9 +12,9 @@ use super::progress;
 use super::serve::Serve;
 use crate::settings::Settings;
 use a121::{PRESETS, SensorConfig, preset};
+use radar_mapping::in_time_order;
 use radar_recording::{Header, RecordingSummary, RecordingWriter, SensorMetadata};
 use radar_sar::Beam;
-use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
 use radar_simulation::{MOTIONS, PlaySession, SCENES, Scenario, Simulated, TrackingErrors};
 
@@ -190,15 +190,8 @@ fn write_simulated(
         ..Header::new(source, config.clone(), *head_from_sensor)
     };
     let mut writer = RecordingWriter::create(path, &header)?;
-    let mut poses = simulated.poses.iter().peekable();
-    for frame in &simulated.frames {
-        while let Some(pose) = poses.next_if(|p: &&PoseSample| p.time_ns <= frame.host_time_ns) {
-            writer.write_pose(pose)?;
-        }
-        writer.write_frame(frame)?;
-    }
-    for pose in poses {
-        writer.write_pose(pose)?;
+    for event in in_time_order(simulated.frames.iter().cloned(), simulated.poses.iter().copied()) {
+        writer.write(&event)?;
     }
     Ok(writer.finish()?)
 }

@@ -9,7 +9,7 @@ use crate::settings::Settings;
 use crate::view;
 use crate::view::{Recorder, RecordingInfo};
 use radar_mapping::Scene;
-use radar_mapping::{MapperKind, Pipeline};
+use radar_mapping::{Mapper, MapperKind};
 use radar_recording::{RecordingSummary, StreamSummary};
 
 /// Arguments of the view.
@@ -27,8 +27,8 @@ pub(super) struct ViewArguments {
 
 /// How a replay ended.
 pub(super) enum ReplayEnd {
-    /// Completed: the pipeline and the last scene.
-    Done(Box<Pipeline>, Scene),
+    /// Completed: the mapper and the last scene.
+    Done(Box<Mapper>, Scene),
     /// The view was closed.
     Closed,
 }

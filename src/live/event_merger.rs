@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use radar_recording::Event;
+use radar_mapping::Event;
 
 /// Largest number of waiting events; beyond, the earliest are emitted at once. Choice.
 pub const MAX_WAITING: usize = 65_536;

@@ -22,8 +22,8 @@ pub use core_wait::CoreWait;
 pub use event_merger::{EventMerger, MAX_WAITING};
 pub use frame_loss::FrameLossCounter;
 pub use headset::{
-    Ending, FrameLoop, FrameReport, HandSink, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, MapStore,
-    PoseSink, RetainedGraphics, SensorCount,
+    Ending, EventSink, FrameLoop, FrameReport, HeadPoses, HeadsetError, HeadsetReport, HeadsetStatus, MapStore,
+    RetainedGraphics, SensorCount,
 };
 pub use host_clock::{now_ns, thread_cpu_ns};
 pub use latency::{Latency, LatencyReport};

@@ -5,7 +5,7 @@ use super::sys;
 
 /// An event that this program handles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Event {
+pub enum RuntimeEvent {
     /// SteamVR quits: exit within seconds.
     Quit,
     /// The user recentred or set up the room again: the standing universe has moved, or the
@@ -23,7 +23,7 @@ pub enum Event {
     Other,
 }
 
-impl Event {
+impl RuntimeEvent {
     fn of(kind: u32) -> Self {
         match kind as sys::EVREventType {
             sys::EVREventType_VREvent_Quit => Self::Quit,
@@ -46,16 +46,16 @@ impl Event {
 
 impl Runtime {
     /// The next event, if any.
-    pub fn next_event(&self) -> Option<Event> {
+    pub fn next_event(&self) -> Option<RuntimeEvent> {
         let mut event = std::mem::MaybeUninit::<sys::VREvent_t>::zeroed();
         let length = size_of::<sys::VREvent_t>() as u32;
         let is_there = call!(self.system, PollNextEvent(event.as_mut_ptr(), length));
         // SAFETY: all zeros is an event of kind 0, and the kind is a plain number whatever the
         // runtime wrote.
-        is_there.then(|| Event::of(unsafe { (*event.as_ptr()).eventType }))
+        is_there.then(|| RuntimeEvent::of(unsafe { (*event.as_ptr()).eventType }))
     }
 
-    /// Tells the runtime, after [`Event::Quit`], that this program is exiting and need not be
+    /// Tells the runtime, after [`RuntimeEvent::Quit`], that this program is exiting and need not be
     /// killed.
     pub fn acknowledge_quit(&self) {
         call!(self.system, AcknowledgeQuit_Exiting());
@@ -68,11 +68,11 @@ mod tests {
 
     #[test]
     fn event_numbers_match_the_manual() {
-        assert_eq!(Event::of(700), Event::Quit);
-        assert_eq!(Event::of(801), Event::UniverseMoved);
-        assert_eq!(Event::of(808), Event::UniverseMoved);
-        assert_eq!(Event::of(803), Event::ChaperoneChanged);
-        assert_eq!(Event::of(108), Event::DevicesChanged);
-        assert_eq!(Event::of(u32::MAX), Event::Other);
+        assert_eq!(RuntimeEvent::of(700), RuntimeEvent::Quit);
+        assert_eq!(RuntimeEvent::of(801), RuntimeEvent::UniverseMoved);
+        assert_eq!(RuntimeEvent::of(808), RuntimeEvent::UniverseMoved);
+        assert_eq!(RuntimeEvent::of(803), RuntimeEvent::ChaperoneChanged);
+        assert_eq!(RuntimeEvent::of(108), RuntimeEvent::DevicesChanged);
+        assert_eq!(RuntimeEvent::of(u32::MAX), RuntimeEvent::Other);
     }
 }

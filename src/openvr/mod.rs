@@ -26,7 +26,7 @@ pub use chaperone::Chaperone;
 pub use dashboard::{DashboardTab, TabEvent};
 pub use display::{DisplayTiming, HeadsetEye};
 pub use error::OpenVrError;
-pub use events::Event;
+pub use events::RuntimeEvent;
 pub use overlay::{EyeSide, Overlay};
 pub use poses::{DevicePose, Hands, Poses, TrackingState, Universe};
 pub use runtime::{Role, Runtime};

@@ -13,7 +13,7 @@ use glam::DVec3;
 
 use super::decimated_series::DecimatedSeries;
 use super::player::Extent;
-use radar_mapping::Counters;
+use radar_mapping::MapperCounters;
 use radar_mapping::{Evidence, Scene};
 use radar_sar::TimeOffset;
 use radar_sar::geometry::{Aabb, Pose};
@@ -31,11 +31,11 @@ const FRAMES: usize = 1 << 20;
 /// Limit of marks.
 const MARKS: usize = 1024;
 
-/// Counters and time offset at one time.
+/// MapperCounters and time offset at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Health {
-    /// Counters of the pipeline.
-    pub counters: Counters,
+    /// MapperCounters of the mapper.
+    pub counters: MapperCounters,
     /// The active time offset, seconds.
     pub time_offset_s: f64,
     /// The latest estimate of the time offset.
@@ -65,7 +65,7 @@ pub struct Moment {
     /// Earlier positions of the head, oldest first: seconds from the beginning, and position in
     /// metres.
     pub path: Vec<(f64, DVec3)>,
-    /// Counters and time offset.
+    /// MapperCounters and time offset.
     pub health: Option<Health>,
 }
 
@@ -215,12 +215,12 @@ mod tests {
     use super::*;
     use a121::preset;
     use glam::DMat3;
-    use radar_mapping::Pipeline;
+    use radar_mapping::Mapper;
     use radar_mapping::{Observed, Obstacle};
 
     fn health() -> Health {
-        let pipeline = Pipeline::new(&preset("d16").unwrap(), &Pose::IDENTITY, &MappingSettings::default());
-        Health { counters: pipeline.counters(), time_offset_s: 0.0, estimate: None }
+        let mapper = Mapper::new(&preset("d16").unwrap(), &Pose::IDENTITY, &MappingSettings::default());
+        Health { counters: mapper.counters(), time_offset_s: 0.0, estimate: None }
     }
 
     fn scene(time_ns: i64, ids: &[u64]) -> Scene {

@@ -203,7 +203,7 @@ mod tests {
     use super::*;
     use crate::settings::Settings;
     use a121::preset;
-    use radar_mapping::Pipeline;
+    use radar_mapping::Mapper;
     use radar_recording::Header;
     use radar_sar::TimeOffset;
     use radar_sar::geometry::Pose;
@@ -212,8 +212,8 @@ mod tests {
     fn unhealthy_values_are_flagged() {
         let header = Header::new("test", preset("d16").unwrap(), Pose::IDENTITY);
         let about = RecordingInfo::new(&header, &Settings::default(), MapperKind::Rooms, 1.0);
-        let pipeline = Pipeline::new(&header.config, &Pose::IDENTITY, &MappingSettings::default());
-        let mut counters = pipeline.counters();
+        let mapper = Mapper::new(&header.config, &Pose::IDENTITY, &MappingSettings::default());
+        let mut counters = mapper.counters();
         counters.streams.observations = (about.sweeps_per_s * 2.0) as u64 * about.subsweeps as u64;
         counters.streams.poses = 100;
         let mut health = Health { counters, time_offset_s: 0.0042, estimate: None };

@@ -1,5 +1,5 @@
-//! Stores the state of a pipeline in the history. Call it after every event; the pipeline does not
-//! depend on it. Callers whose pipeline runs elsewhere can store its published state.
+//! Stores the state of a mapper in the history. Call it after every event; the mapper does not
+//! depend on it. Callers whose mapper runs elsewhere can store its published state.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use super::history::{Health, History, VOXELS};
 use super::recording_info::RecordingInfo;
 use radar_mapping::{Evidence, Scene};
-use radar_mapping::{MapperKind, Pipeline};
+use radar_mapping::{Mapper, MapperKind};
 use radar_sar::geometry::Pose;
 
 /// Search modes without map updates: the first image is made after this time, nanoseconds, and the
@@ -58,11 +58,10 @@ impl SharedHistory {
     }
 }
 
-/// Stores the state of a pipeline.
+/// Stores the state of a mapper.
 #[derive(Debug)]
 pub struct Recorder {
     history: SharedHistory,
-    updates: u64,
     start_ns: Option<i64>,
     next_ns: i64,
 }
@@ -70,7 +69,7 @@ pub struct Recorder {
 impl Recorder {
     /// Stores into this history.
     pub fn new(history: &SharedHistory) -> Self {
-        Self { history: history.clone(), updates: 0, start_ns: None, next_ns: i64::MIN }
+        Self { history: history.clone(), start_ns: None, next_ns: i64::MIN }
     }
 
     /// Whether the view is closed.
@@ -78,9 +77,9 @@ impl Recorder {
         self.history.is_closed()
     }
 
-    /// Call after every event of the pipeline. `frame_ns`: time of the frame, if the event was one.
-    pub fn record(&mut self, pipeline: &Pipeline, frame_ns: Option<i64>) {
-        let Some((now_ns, head)) = pipeline.head() else { return };
+    /// Call after every event of the mapper. `scene`: of a new map update; `frame_ns`: time of the frame, if the event was one.
+    pub fn record(&mut self, mapper: &Mapper, scene: Option<Scene>, frame_ns: Option<i64>) {
+        let Some((now_ns, head)) = mapper.head() else { return };
         {
             let mut history = self.history.lock();
             history.push_head(now_ns, head);
@@ -90,12 +89,12 @@ impl Recorder {
                 history.push_frame(frame_ns);
             }
         }
-        let is_new = match pipeline.engine().search() {
-            MapperKind::Rooms => pipeline.engine().counters().rooms.looks != self.updates,
-            MapperKind::Reflectors => self.is_due(now_ns),
-        };
-        if is_new {
-            self.record_now(pipeline, now_ns);
+        let scene = scene.or_else(|| {
+            let is_due = mapper.kind() == MapperKind::Reflectors && self.is_due(now_ns);
+            is_due.then(|| mapper.scene())
+        });
+        if let Some(scene) = scene {
+            self.record_now(mapper, scene, now_ns);
         }
     }
 
@@ -136,24 +135,22 @@ impl Recorder {
         is_due
     }
 
-    fn record_now(&mut self, pipeline: &Pipeline, now_ns: i64) {
-        self.updates = pipeline.engine().counters().rooms.looks;
-        let scene = pipeline.scene();
-        let evidence = pipeline.engine().evidence(VOXELS);
+    fn record_now(&mut self, mapper: &Mapper, scene: Scene, now_ns: i64) {
+        let evidence = mapper.evidence(VOXELS);
         let health = Health {
-            counters: pipeline.counters(),
-            time_offset_s: pipeline.time_offset_s(),
-            estimate: pipeline.time_offset_estimate(),
+            counters: mapper.counters(),
+            time_offset_s: mapper.time_offset_s(),
+            estimate: mapper.time_offset_estimate(),
         };
         let mut history = self.history.lock();
         history.push_update(now_ns, scene, health);
         history.push_evidence(now_ns, evidence);
     }
 
-    /// Call when the pipeline has finished.
-    pub fn finish(&mut self, pipeline: &Pipeline) {
-        if let Some((now_ns, _)) = pipeline.head() {
-            self.record_now(pipeline, pipeline.engine().newest_sweep_ns().unwrap_or(now_ns).max(now_ns));
+    /// Call when the mapper has finished.
+    pub fn finish(&mut self, mapper: &Mapper, scene: Scene) {
+        if let Some((now_ns, _)) = mapper.head() {
+            self.record_now(mapper, scene, mapper.newest_sweep_ns().unwrap_or(now_ns).max(now_ns));
         }
     }
 }

@@ -5,7 +5,8 @@
 //! and flags as stored.
 
 use a121::Frame;
-use radar_recording::{Event, Recording};
+use radar_mapping::Event;
+use radar_recording::Recording;
 
 use crate::common::Folder;
 use crate::found::{counter, obstacles_of, only};

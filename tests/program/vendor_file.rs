@@ -6,7 +6,8 @@ use std::fmt::Write;
 use a121::{Frame, SensorConfig, preset};
 use glam::DVec3;
 use hdf5_pure::{CompoundTypeBuilder, FileBuilder, GroupBuilder};
-use radar_recording::{Event, Recording};
+use radar_mapping::Event;
+use radar_recording::Recording;
 use radar_simulation::{Scenario, Simulated};
 
 use crate::common::Folder;

@@ -1,11 +1,12 @@
-//! Streams of invalid frames and poses through the pipeline: they are counted, the scene stays
+//! Streams of invalid frames and poses through the mapper: they are counted, the scene stays
 //! finite, and valid data among them give the same scene as alone.
 
 use a121::{Frame, FrameLayout, SensorConfig, frame_timing, preset};
 use glam::DVec3;
 use num_complex::{Complex, Complex64};
 use radar_chaperone::settings::Settings;
-use radar_mapping::{Mode, Pipeline};
+use radar_mapping::Event;
+use radar_mapping::{Mapper, Mode};
 use radar_mapping::{ObserverCounters, range_axis};
 use radar_sar::PoseSample;
 use radar_sar::TrackingResult;
@@ -70,13 +71,6 @@ fn sound_streams(config: &SensorConfig, duration_s: f64, seed: u64) -> (Vec<Fram
     (frames, (-30..(duration_s * 120.0) as i64 + 60).map(pose).collect())
 }
 
-/// An event of a stream.
-#[derive(Debug, Clone, PartialEq)]
-enum Event {
-    Pose(PoseSample),
-    Frame(Frame),
-}
-
 /// Both streams merged by time.
 fn sound_events(config: &SensorConfig, duration_s: f64, seed: u64) -> Vec<Event> {
     let (frames, poses) = sound_streams(config, duration_s, seed);
@@ -86,26 +80,24 @@ fn sound_events(config: &SensorConfig, duration_s: f64, seed: u64) -> Vec<Event>
     events.into_iter().map(|e| e.1).collect()
 }
 
-fn run(config: &SensorConfig, mode: Mode, events: &[Event]) -> Pipeline {
+fn run(config: &SensorConfig, mode: Mode, events: &[Event]) -> Mapper {
     let mut settings = Settings::default();
     settings.processing.mode = mode;
     settings.reflectors.voxel_m = 0.2;
     settings.reflectors.max_reflectors = 3;
-    let mut pipeline = Pipeline::new(config, &Pose::IDENTITY, &settings.mapping());
+    let mut mapper = Mapper::new(config, &Pose::IDENTITY, &settings.mapping());
     for event in events {
-        match event {
-            Event::Pose(pose) => pipeline.push_pose(pose),
-            Event::Frame(frame) => pipeline.push_frame(frame.clone()),
-        }
+        // What is refused is counted.
+        let _ = mapper.push(event.clone());
     }
-    pipeline.finish();
-    pipeline
+    mapper.finish();
+    mapper
 }
 
-/// The results of a pipeline that are not finite.
-fn not_finite(pipeline: &Pipeline) -> Vec<String> {
+/// The results of a mapper that are not finite.
+fn not_finite(mapper: &Mapper) -> Vec<String> {
     let mut wrong = Vec::new();
-    let scene = pipeline.scene();
+    let scene = mapper.scene();
     for o in &scene.obstacles {
         let finite = o.position_m.is_finite() && o.covariance_m2.is_finite() && o.extent_m.is_finite();
         let shape = o.shape.iter().all(|(place, value)| place.is_finite() && value.is_finite());
@@ -119,16 +111,16 @@ fn not_finite(pipeline: &Pipeline) -> Vec<String> {
             wrong.push(format!("{w:?}"));
         }
     }
-    if let Some(estimate) = pipeline.time_offset_estimate() {
+    if let Some(estimate) = mapper.time_offset_estimate() {
         let sound = estimate.offset_s.is_finite() && estimate.sigma_s >= 0.0;
         if !sound || (estimate.observable && !estimate.sigma_s.is_finite()) {
             wrong.push(format!("{estimate:?}"));
         }
     }
-    if !pipeline.time_offset_s().is_finite() || pipeline.time_offset_s().abs() > 0.11 {
-        wrong.push(format!("applied time offset of {} s", pipeline.time_offset_s()));
+    if !mapper.time_offset_s().is_finite() || mapper.time_offset_s().abs() > 0.11 {
+        wrong.push(format!("applied time offset of {} s", mapper.time_offset_s()));
     }
-    if let Some((time_ns, pose)) = pipeline.sensor_path().iter().find(|(_, pose)| !pose.translation.is_finite()) {
+    if let Some((time_ns, pose)) = mapper.sensor_path().iter().find(|(_, pose)| !pose.translation.is_finite()) {
         wrong.push(format!("sensor at {time_ns} ns at {pose:?}"));
     }
     wrong
@@ -222,8 +214,8 @@ fn bad_streams_are_counted_and_the_scene_stays_finite() {
             if (events == sound) != (damage == "nothing") {
                 wrong.push(format!("{what}: no damage was done"));
             }
-            let pipeline = run(&config, mode, &events);
-            let counters = pipeline.counters().streams;
+            let mapper = run(&config, mode, &events);
+            let counters = mapper.counters().streams;
             let poses = events.iter().filter(|e| matches!(e, Event::Pose(_))).count() as u64;
             if (counters.poses, counters.frames) != (poses, events.len() as u64 - poses) {
                 wrong.push(format!("{what}: {counters:?}"));
@@ -231,14 +223,13 @@ fn bad_streams_are_counted_and_the_scene_stays_finite() {
             if tells.is_some_and(|told| told(&counters) == 0) {
                 wrong.push(format!("{what}: not counted, {counters:?}"));
             }
-            let engine = pipeline.counters().engine.observations;
+            let engine = mapper.counters().engine.observations;
             if engine != counters.observations {
                 wrong.push(format!("{what}: {engine} observations imaged of {}", counters.observations));
             }
-            wrong.extend(not_finite(&pipeline).into_iter().map(|of| format!("{what}: {of}")));
+            wrong.extend(not_finite(&mapper).into_iter().map(|of| format!("{what}: {of}")));
             if damage == "nothing" {
-                let nearest =
-                    pipeline.scene().obstacles.iter().map(|o| o.position_m.distance(CHAIR)).fold(9.0, f64::min);
+                let nearest = mapper.scene().obstacles.iter().map(|o| o.position_m.distance(CHAIR)).fold(9.0, f64::min);
                 if nearest > 0.15 {
                     wrong.push(format!("{what}: the chair is {nearest} m from the nearest obstacle"));
                 }
@@ -259,6 +250,7 @@ fn valid_data_among_bad_data_give_the_same_scene() {
                 Event::Pose(PoseSample { position_m: [50.0; 3], ..pose }),
                 Event::Pose(PoseSample { time_ns: i64::MIN, quaternion_xyzw: [0.0; 4], ..pose }),
             ],
+            Event::Hands(_) => Vec::new(),
             Event::Frame(frame) => {
                 let loud = vec![Complex::new(i16::MAX, i16::MIN); frame.samples.len()];
                 vec![

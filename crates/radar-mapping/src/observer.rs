@@ -12,8 +12,8 @@ use glam::DVec3;
 use num_complex::Complex32;
 use serde::{Deserialize, Serialize};
 
-use super::range_axis;
 use super::timestamps::{TimestampFilter, TimestampVerdict};
+use super::{Event, Refusal, in_time_order, range_axis};
 use a121::{Frame, FrameLayout, SensorConfig, Sweep};
 use radar_sar::geometry::Pose;
 use radar_sar::{HistorySettings, NoPose, PoseHistory, PoseRefusal, PoseSample};
@@ -201,38 +201,59 @@ impl Observer {
     }
 
     /// Adds a pose. A bad one is counted and ignored.
-    pub fn push_pose(&mut self, sample: &PoseSample) {
+    ///
+    /// # Errors
+    /// Why it is ignored.
+    pub fn push_pose(&mut self, sample: &PoseSample) -> Result<(), Refusal> {
         self.counters.poses += 1;
         match self.pose_timestamps.classify(sample.time_ns) {
             TimestampVerdict::Next => {}
-            TimestampVerdict::NotRising => return self.counters.poses_time_not_rising += 1,
-            TimestampVerdict::Jump => return self.counters.poses_time_leapt += 1,
+            TimestampVerdict::NotRising => {
+                self.counters.poses_time_not_rising += 1;
+                return Err(Refusal::PoseTimeNotRising(sample.time_ns));
+            }
+            TimestampVerdict::Jump => {
+                self.counters.poses_time_leapt += 1;
+                return Err(Refusal::PoseTimeLeapt(sample.time_ns));
+            }
             TimestampVerdict::Restart => {
                 self.counters.poses_time_leapt += 1;
                 self.history.keep_newest(0);
                 self.next_path_ns = None;
             }
         }
-        match self.history.push(sample) {
+        let pushed = self.history.push(sample);
+        self.history.keep_newest(MAX_POSES);
+        match pushed {
             Ok(()) => {}
             Err(PoseRefusal::Invalid | PoseRefusal::Result(_)) => self.counters.poses_invalid += 1,
             Err(PoseRefusal::Numbers(_)) => self.counters.poses_bad_numbers += 1,
             Err(PoseRefusal::TimeNotRising { .. }) => self.counters.poses_time_not_rising += 1,
         }
-        self.history.keep_newest(MAX_POSES);
+        Ok(pushed?)
     }
 
     /// Adds a frame. A bad one is counted and ignored.
-    pub fn push_frame(&mut self, frame: Frame) {
+    ///
+    /// # Errors
+    /// Why it is ignored.
+    pub fn push_frame(&mut self, frame: Frame) -> Result<(), Refusal> {
         self.counters.frames += 1;
-        if frame.samples.len() != self.layout.samples_per_frame() {
+        let (samples, expected) = (frame.samples.len(), self.layout.samples_per_frame());
+        if samples != expected {
             self.counters.frames_wrong_length += 1;
-            return;
+            return Err(Refusal::FrameLength { samples, expected });
         }
         match self.frame_timestamps.classify(frame.host_time_ns) {
             TimestampVerdict::Next => {}
-            TimestampVerdict::NotRising => return self.counters.frames_time_not_rising += 1,
-            TimestampVerdict::Jump => return self.counters.frames_time_leapt += 1,
+            TimestampVerdict::NotRising => {
+                self.counters.frames_time_not_rising += 1;
+                return Err(Refusal::FrameTimeNotRising(frame.host_time_ns));
+            }
+            TimestampVerdict::Jump => {
+                self.counters.frames_time_leapt += 1;
+                return Err(Refusal::FrameTimeLeapt(frame.host_time_ns));
+            }
             TimestampVerdict::Restart => {
                 self.counters.frames_time_leapt += 1;
                 self.waiting.clear();
@@ -240,7 +261,7 @@ impl Observer {
         }
         if frame.data_saturated {
             self.counters.frames_saturated += 1;
-            return;
+            return Err(Refusal::FrameSaturated(frame.host_time_ns));
         }
         self.waiting.push_back(frame);
         if self.waiting.len() > MAX_WAITING_FRAMES
@@ -248,6 +269,7 @@ impl Observer {
         {
             self.observe(&oldest);
         }
+        Ok(())
     }
 
     /// Observations of all frames whose poses are complete.
@@ -308,16 +330,13 @@ pub fn observe_all(
 ) -> (Vec<Observation>, ObserverCounters) {
     let mut observer = Observer::new(config, settings);
     let mut observations = Vec::new();
-    let mut frames = frames.iter().peekable();
-    for pose in poses {
-        while let Some(frame) = frames.next_if(|f| f.host_time_ns <= pose.time_ns) {
-            observer.push_frame(frame.clone());
-        }
-        observer.push_pose(pose);
-        observations.append(&mut observer.take_ready());
-    }
-    for frame in frames {
-        observer.push_frame(frame.clone());
+    for event in in_time_order(frames.iter().cloned(), poses.iter().copied()) {
+        // What is refused is counted.
+        let _ = match event {
+            Event::Frame(frame) => observer.push_frame(frame),
+            Event::Pose(pose) => observer.push_pose(&pose),
+            Event::Hands(_) => Ok(()),
+        };
         observations.append(&mut observer.take_ready());
     }
     observations.append(&mut observer.take_rest());
@@ -390,9 +409,9 @@ mod tests {
         let mut observer = observer(mount, 0.020);
         for i in 0..60 {
             let head = Pose::new(DVec3::new(i as f64 * 0.01, 1.6, 0.0), DQuat::from_rotation_y(0.5));
-            observer.push_pose(&PoseSample::valid(i * 10 * MS, &head));
+            observer.push_pose(&PoseSample::valid(i * 10 * MS, &head)).unwrap();
         }
-        observer.push_frame(frame(300 * MS));
+        observer.push_frame(frame(300 * MS)).unwrap();
         let observed = observer.take_ready();
         assert_eq!(observed.len(), 1);
         let observation = &observed[0];
@@ -405,17 +424,30 @@ mod tests {
     }
 
     #[test]
-    fn bad_frames_are_counted_and_skipped() {
+    fn bad_frames_are_refused_with_their_reason_and_counted() {
         let mut observer = observer(Pose::IDENTITY, 0.0);
         for i in 0..60 {
-            observer.push_pose(&PoseSample::valid(i * 10 * MS, &Pose::IDENTITY));
+            observer.push_pose(&PoseSample::valid(i * 10 * MS, &Pose::IDENTITY)).unwrap();
         }
-        observer.push_frame(Frame { samples: vec![], ..frame(100 * MS) });
-        observer.push_frame(Frame { data_saturated: true, ..frame(110 * MS) });
-        observer.push_frame(frame(120 * MS));
-        observer.push_frame(frame(120 * MS));
-        observer.push_frame(frame(90 * MS));
-        observer.push_frame(frame(900 * MS));
+        let frames = [
+            Frame { samples: vec![], ..frame(100 * MS) },
+            Frame { data_saturated: true, ..frame(110 * MS) },
+            frame(120 * MS),
+            frame(120 * MS),
+            frame(90 * MS),
+            frame(900 * MS),
+        ];
+        let expected = frame(0).samples.len();
+        let results = frames.map(|frame| observer.push_frame(frame).err());
+        let refusals = [
+            Some(Refusal::FrameLength { samples: 0, expected }),
+            Some(Refusal::FrameSaturated(110 * MS)),
+            None,
+            Some(Refusal::FrameTimeNotRising(120 * MS)),
+            Some(Refusal::FrameTimeNotRising(90 * MS)),
+            None,
+        ];
+        assert_eq!(results, refusals);
         assert_eq!(observer.take_ready().len(), 1);
         assert_eq!(observer.take_rest().len(), 0);
         let counters = observer.counters();
@@ -434,15 +466,15 @@ mod tests {
             let (mut observed, mut path) = (0, 0);
             for i in 0..60 {
                 if i == bad_frame {
-                    observer.push_frame(frame(far));
+                    let _ = observer.push_frame(frame(far));
                 }
                 if i == bad_pose {
-                    observer.push_pose(&PoseSample::valid(far + MS, &Pose::IDENTITY));
+                    let _ = observer.push_pose(&PoseSample::valid(far + MS, &Pose::IDENTITY));
                     observed += observer.take_ready().len();
                     path += observer.take_path().len();
                 }
-                observer.push_frame(frame(1000 * MS + i * 10 * MS));
-                observer.push_pose(&PoseSample::valid(1000 * MS + i * 10 * MS, &Pose::IDENTITY));
+                let _ = observer.push_frame(frame(1000 * MS + i * 10 * MS));
+                let _ = observer.push_pose(&PoseSample::valid(1000 * MS + i * 10 * MS, &Pose::IDENTITY));
                 observed += observer.take_ready().len();
                 path += observer.take_path().len();
             }
@@ -459,7 +491,7 @@ mod tests {
     fn waiting_frames_are_bounded_and_counted() {
         let mut observer = observer(Pose::IDENTITY, 0.0);
         for i in 0..1000 {
-            observer.push_frame(frame((i + 1) * MS));
+            observer.push_frame(frame((i + 1) * MS)).unwrap();
         }
         assert_eq!(observer.waiting.len(), MAX_WAITING_FRAMES);
         assert_eq!(observer.counters().frames_without_pose, 1000 - MAX_WAITING_FRAMES as u64);

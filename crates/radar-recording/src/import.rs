@@ -1,10 +1,11 @@
 //! Imports a recording of the vendor's exploration tool, optionally with a pose track, as a
 //! recording of this program.
 
+use radar_mapping::{Event, in_time_order};
 use std::path::Path;
 
 use super::track::read_track;
-use super::{Event, Header, ImportError, RecordingError, RecordingSummary, RecordingWriter, vendor_h5};
+use super::{Header, ImportError, RecordingError, RecordingSummary, RecordingWriter, vendor_h5};
 use a121::Frame;
 use radar_sar::PoseSample;
 use radar_sar::geometry::Pose;
@@ -61,19 +62,7 @@ pub fn import_h5(frames: &Path, poses: Option<&Path>, options: &ImportOptions) -
 impl Imported {
     /// Frames and poses by time. Each stream keeps its own order even if its times run backwards.
     pub fn events(&self) -> impl Iterator<Item = Event> + '_ {
-        let mut frames = self.frames.iter().peekable();
-        let mut poses = self.poses.iter().peekable();
-        std::iter::from_fn(move || {
-            let pose_first = match (poses.peek(), frames.peek()) {
-                (Some(pose), Some(frame)) => pose.time_ns <= frame.host_time_ns,
-                (Some(_), None) => true,
-                (None, _) => false,
-            };
-            match pose_first {
-                true => poses.next().copied().map(Event::Pose),
-                false => frames.next().cloned().map(Event::Frame),
-            }
-        })
+        in_time_order(self.frames.iter().cloned(), self.poses.iter().copied())
     }
 
     /// Writes it as a recording.

@@ -44,7 +44,6 @@ pub use error::{ImportError, RecordingError};
 pub use header::{FORMAT_VERSION, Header, SensorMetadata};
 pub use import::{ImportOptions, Imported, import_h5};
 pub use map_file::{MAX_ROOMS, MapFile, MapFileError, MapFolder};
-pub use message::Event;
 pub use reader::Recording;
 pub use results::wire as results_messages;
 pub use results::{BeamCone, OffsetEstimate, ResultsCounters, ResultsWriter, Snapshot};

@@ -39,29 +39,6 @@ pub(super) const POSE_SCHEMA: &str = "radar_chaperone.TrackedPose";
 pub(super) const HANDS_TOPIC: &str = "/tracking/hands_raw";
 pub(super) const HANDS_SCHEMA: &str = "radar_chaperone.TrackedHands";
 
-/// An event of a recording, in the order of the file.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Event {
-    /// A raw frame.
-    Frame(Frame),
-    /// A raw pose of the head, valid or not.
-    Pose(PoseSample),
-    /// Positions of the player's hands.
-    Hands(HandsSample),
-}
-
-impl Event {
-    /// Time on the host's monotonic clock, nanoseconds: the end of a frame, the time of a pose or
-    /// of hands.
-    pub fn time_ns(&self) -> i64 {
-        match self {
-            Self::Frame(frame) => frame.host_time_ns,
-            Self::Pose(pose) => pose.time_ns,
-            Self::Hands(hands) => hands.time_ns,
-        }
-    }
-}
-
 pub(super) fn encode_frame(frame: &Frame) -> Vec<u8> {
     let sample_bytes = |s: &Complex<i16>| {
         let ([a, b], [c, d]) = (s.re.to_le_bytes(), s.im.to_le_bytes());

@@ -4,6 +4,7 @@
 //! in the file is trusted: records beyond [`MAX_RECORD_BYTES`] are rejected before memory is
 //! allocated for them.
 
+use radar_mapping::Event;
 use std::collections::{HashMap, VecDeque};
 use std::fs::File;
 use std::io::{self, BufReader, Read};
@@ -12,7 +13,7 @@ use std::path::{Path, PathBuf};
 use super::chunk::{MAX_RECORD_BYTES, unpack};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
-    Event, FRAME_CHANNEL, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING,
+    FRAME_CHANNEL, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING,
     MOUNT_CHANNEL, POSE_CHANNEL, POSE_TOPIC, decode_frame, decode_hands, decode_pose,
 };
 use super::record::{Fields, channel, message, metadata, op};

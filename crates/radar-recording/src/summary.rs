@@ -1,9 +1,10 @@
 //! Summary of a recording, as printed by `radar-chaperone info FILE`.
 
+use radar_mapping::Event;
 use std::fmt;
 use std::path::Path;
 
-use super::{Damage, Event, Header, Recording, RecordingError};
+use super::{Damage, Header, Recording, RecordingError};
 use a121::{Frame, Subsweep, frame_timing};
 use radar_mapping::HandsSample;
 use radar_mapping::range_axis;

@@ -1,12 +1,13 @@
 //! Files for the tests of this module: small generated ones, and real recordings if available.
 
+use radar_mapping::Event;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use glam::{DQuat, DVec3};
 use num_complex::Complex;
 
-use super::{Event, Header, RecordingWriter};
+use super::{Header, RecordingWriter};
 use a121::{Frame, preset};
 use radar_sar::PoseSample;
 use radar_sar::TrackingResult;

@@ -2,6 +2,7 @@
 //! system when it is complete, so a crash loses at most the last second. The same input gives the
 //! same bytes.
 
+use radar_mapping::Event;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -15,9 +16,9 @@ use mcap::{Compression, McapError, McapResult, WriteOptions};
 use super::foxglove_messages::{hand_pose, head_transform, mount_transform};
 use super::header::{HEADER_RECORD, Header, TRUTH_RECORD};
 use super::message::{
-    DESCRIPTORS, Event, FRAME_CHANNEL, FRAME_SCHEMA, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_SCHEMA,
-    HANDS_TOPIC, HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame,
-    encode_hands, encode_pose,
+    DESCRIPTORS, FRAME_CHANNEL, FRAME_SCHEMA, FRAME_TOPIC, HAND_CHANNELS, HANDS_CHANNEL, HANDS_SCHEMA, HANDS_TOPIC,
+    HEAD_CHANNEL, MESSAGE_ENCODING, MOUNT_CHANNEL, POSE_CHANNEL, POSE_SCHEMA, POSE_TOPIC, encode_frame, encode_hands,
+    encode_pose,
 };
 use super::{RecordingError, RecordingSummary};
 use a121::Frame;

@@ -15,19 +15,16 @@ use super::pose_thread::{RoomFrame, SharedFrame, read_poses};
 use super::runtime_monitor::RuntimeMonitor;
 use super::samples::{HandSampler, poses_now, sample, wearer};
 use crate::live::{CoreWait, Reconstruction, SettingsStore, now_ns, thread_cpu_ns};
-use crate::openvr::{DisplayTiming, Event, Hands, OpenVrError, Poses, Runtime, Universe};
+use crate::openvr::{DisplayTiming, Hands, OpenVrError, Poses, Runtime, RuntimeEvent, Universe};
 use crate::render::RenderError;
 use crate::settings::Settings;
 use crate::warning::WarningTracker;
-use radar_mapping::{HandsSample, Scene};
-use radar_sar::PoseSample;
+use radar_mapping::{Event, Scene};
 use radar_sar::geometry::Pose;
 
-/// Takes every head pose, in the session frame; must not block.
-pub type PoseSink<'a> = &'a (dyn Fn(&PoseSample) + Sync);
-
-/// Takes the positions of the wearer's hands, in the session frame; must not block.
-pub type HandSink<'a> = &'a (dyn Fn(&HandsSample) + Sync);
+/// Takes every head pose and the positions of the wearer's hands, in the session frame; must not
+/// block.
+pub type EventSink<'a> = &'a (dyn Fn(Event) + Sync);
 
 /// Interval of checks of the standing universe, nanoseconds; an event triggers one at once. Choice.
 const CHECK_INTERVAL_NS: i64 = 100_000_000;
@@ -112,10 +109,8 @@ pub struct FrameLoop<'a> {
     pub sensor_period_ns: &'a (dyn Fn() -> i64 + Sync),
     /// What the sensor has sent so far, once there is one.
     pub sensor: &'a (dyn Fn() -> Option<SensorCount> + Sync),
-    /// Target of the poses.
-    pub pose_sink: PoseSink<'a>,
-    /// Target of the hand positions.
-    pub hand_sink: HandSink<'a>,
+    /// Target of poses and hands.
+    pub sink: EventSink<'a>,
     /// Where maps are saved from one start to the next; `None`: nowhere.
     pub maps: Option<&'a MapStore>,
     /// Settings, which may change at any time.
@@ -146,7 +141,7 @@ impl FrameLoop<'_> {
             // It ends with the state.
             scope.spawn(move || panel.run(&PanelSources { store, reconstruction }));
             if poses_hz > 0.0 {
-                let (runtime, frame, sink, done) = (self.runtime, &frame, self.pose_sink, &done);
+                let (runtime, frame, sink, done) = (self.runtime, &frame, self.sink, &done);
                 scope.spawn(move || read_poses(runtime, frame, poses_hz, sink, done));
             }
             if let Some(maps) = self.maps {
@@ -292,18 +287,18 @@ impl<'s, 'a> LoopState<'s, 'a> {
     fn take_events(&mut self) -> bool {
         while let Some(event) = self.with.runtime.next_event() {
             match event {
-                Event::Quit => {
+                RuntimeEvent::Quit => {
                     self.with.runtime.acknowledge_quit();
                     return true;
                 }
-                Event::UniverseMoved => {
+                RuntimeEvent::UniverseMoved => {
                     self.checked_ns = i64::MIN;
                     // The play area may have changed.
                     self.with.settings.recompose();
                 }
-                Event::ChaperoneChanged => self.with.settings.recompose(),
-                Event::DevicesChanged => self.hands = self.with.runtime.hands(),
-                Event::Standby | Event::Awake | Event::Other => {}
+                RuntimeEvent::ChaperoneChanged => self.with.settings.recompose(),
+                RuntimeEvent::DevicesChanged => self.hands = self.with.runtime.hands(),
+                RuntimeEvent::Standby | RuntimeEvent::Awake | RuntimeEvent::Other => {}
             }
         }
         false
@@ -333,10 +328,10 @@ impl<'s, 'a> LoopState<'s, 'a> {
         self.watch_for_leaps(time_ns, &poses);
         let Some(anchor) = self.anchor else { return };
         if self.settings.headset.poses_hz <= 0.0 {
-            (self.with.pose_sink)(&sample(time_ns, &poses.head, &anchor.session_from_raw()));
+            (self.with.sink)(Event::Pose(sample(time_ns, &poses.head, &anchor.session_from_raw())));
         }
         if let Some(hands) = self.hand_sampler.next(time_ns, &poses, &anchor.session_from_raw()) {
-            (self.with.hand_sink)(&hands);
+            (self.with.sink)(Event::Hands(hands));
         }
         self.status.is_tracked = poses.head.valid_pose().is_some();
     }

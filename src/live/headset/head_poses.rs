@@ -1,10 +1,11 @@
 //! Reads the poses of head and hands only, for a recording without a frame loop.
 
+use radar_mapping::Event;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::anchor::{Anchor, AnchorChange, LeapDetector};
-use super::frames::{HandSink, PoseSink};
+use super::frames::EventSink;
 use super::samples::{HandSampler, poses_now, sample};
 use crate::live::now_ns;
 use crate::openvr::{Hands, Runtime};
@@ -30,12 +31,12 @@ impl<'a> HeadPoses<'a> {
     }
 
     /// Reads poses at this rate until told to stop.
-    pub fn read(mut self, rate_hz: f64, sink: PoseSink, hand_sink: HandSink, stop: &AtomicBool) {
+    pub fn read(mut self, rate_hz: f64, sink: EventSink, stop: &AtomicBool) {
         let period = Duration::from_secs_f64(1.0 / rate_hz);
         while !stop.load(Ordering::Relaxed) {
             let start_ns = now_ns();
             self.update_anchor(start_ns);
-            self.read_one(sink, hand_sink);
+            self.read_one(sink);
             // SteamVR's events are not used, but their queue must be emptied.
             while self.runtime.next_event().is_some() {}
             let took = Duration::from_nanos(now_ns().saturating_sub(start_ns).max(0) as u64);
@@ -43,7 +44,7 @@ impl<'a> HeadPoses<'a> {
         }
     }
 
-    fn read_one(&mut self, sink: PoseSink, hand_sink: HandSink) {
+    fn read_one(&mut self, sink: EventSink) {
         let (Some(anchor), Some((time_ns, poses))) = (&mut self.anchor, poses_now(self.runtime, self.hands)) else {
             return;
         };
@@ -55,9 +56,9 @@ impl<'a> HeadPoses<'a> {
             }
             Some(_) => {}
         }
-        sink(&sample(time_ns, &poses.head, &anchor.session_from_raw()));
+        sink(Event::Pose(sample(time_ns, &poses.head, &anchor.session_from_raw())));
         if let Some(hands) = self.hand_sampler.next(time_ns, &poses, &anchor.session_from_raw()) {
-            hand_sink(&hands);
+            sink(Event::Hands(hands));
         }
     }
 

@@ -20,7 +20,7 @@ mod runtime_monitor;
 mod samples;
 
 pub use dashboard::SensorCount;
-pub use frames::{Ending, FrameLoop, HandSink, HeadsetError, HeadsetReport, HeadsetStatus, PoseSink, RetainedGraphics};
+pub use frames::{Ending, EventSink, FrameLoop, HeadsetError, HeadsetReport, HeadsetStatus, RetainedGraphics};
 pub use head_poses::HeadPoses;
 pub use map_autosave::MapStore;
 pub use meter::FrameReport;

@@ -2,11 +2,12 @@
 //! give a more accurate path of the head. Runs in its own thread, because the frame loop sleeps in
 //! the runtime meanwhile.
 
+use radar_mapping::Event;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
-use super::frames::PoseSink;
+use super::frames::EventSink;
 use super::samples::{poses_now, sample};
 use crate::live::now_ns;
 use crate::openvr::{Hands, Runtime};
@@ -32,7 +33,7 @@ pub(super) type SharedFrame = Mutex<Option<RoomFrame>>;
 
 /// Reads head poses at this rate until told to stop. Skips poses that took too long to read, and
 /// all poses before the session frame is defined.
-pub(super) fn read_poses(runtime: &Runtime, frame: &SharedFrame, rate_hz: f64, sink: PoseSink, stop: &AtomicBool) {
+pub(super) fn read_poses(runtime: &Runtime, frame: &SharedFrame, rate_hz: f64, sink: EventSink, stop: &AtomicBool) {
     let period_ns = (1e9 / rate_hz) as i64;
     let mut next_ns = now_ns();
     while !stop.load(Ordering::Relaxed) {
@@ -45,7 +46,7 @@ pub(super) fn read_poses(runtime: &Runtime, frame: &SharedFrame, rate_hz: f64, s
         // Held until the pose has been pushed, so that nobody changes the frame in between.
         let frame = frame.lock().unwrap_or_else(PoisonError::into_inner);
         if let (Some(frame), Some((time_ns, poses))) = (&*frame, poses_now(runtime, Hands::NONE)) {
-            sink(&sample(time_ns, &poses.head, &frame.session_from_raw));
+            sink(Event::Pose(sample(time_ns, &poses.head, &frame.session_from_raw)));
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The reconstruction: a pipeline in its own thread and thread pool, at lower priority than the
+//! The reconstruction: a mapper in its own thread and thread pool, at lower priority than the
 //! frame loop.
 //!
 //! Inputs: poses, hands and frames, from any thread, each stream in its own order. Output: the
@@ -17,12 +17,11 @@ use std::thread::{Builder, JoinHandle};
 use super::queue::{MapperInput, Queue};
 use super::{LatencyReport, lower_priority_of_this_thread, now_ns};
 use crate::settings::Settings;
-use a121::{Frame, SensorConfig};
-use radar_mapping::Counters;
-use radar_mapping::{Evidence, HandsSample, SavedMap, Scene};
-use radar_sar::PoseSample;
+use a121::SensorConfig;
+use radar_mapping::MapperCounters;
+use radar_mapping::{Event, Evidence, SavedMap, Scene};
 use radar_sar::geometry::Pose;
-use worker::{PipelineSpec, Worker};
+use worker::{MapperSpec, Worker};
 
 /// Channels of the queue.
 const FRAMES: usize = 0;
@@ -96,11 +95,11 @@ impl PublishedMap {
     }
 }
 
-/// Counters of the reconstruction.
+/// MapperCounters of the reconstruction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReconstructionCounters {
-    /// The pipeline's counters since the last reset.
-    pub pipeline: Counters,
+    /// The mapper's counters since the last reset.
+    pub mapper: MapperCounters,
     /// Number of resets.
     pub epoch: u64,
     /// Frames dropped because the queue was full.
@@ -129,12 +128,12 @@ pub struct ReconstructionCounters {
     pub running_s: f64,
 }
 
-/// Messages to the thread, with the epoch in which they were pushed.
-enum Input {
-    Pose(u64, PoseSample),
-    Hands(u64, HandsSample),
-    /// With its arrival, host nanoseconds.
-    Frame(u64, Frame, i64),
+/// A message to the thread, with the epoch in which it was pushed.
+struct Input {
+    epoch: u64,
+    event: Event,
+    /// Host nanoseconds.
+    arrived_ns: i64,
 }
 
 /// State shared by both sides.
@@ -149,7 +148,7 @@ struct Shared {
     /// Number of evidence voxels requested, and those of the newest scene.
     evidence_wanted: AtomicUsize,
     evidence: Mutex<Option<Arc<Evidence>>>,
-    /// Settings for the next pipeline, where they have changed.
+    /// Settings for the next mapper, where they have changed.
     next_settings: Mutex<Option<Settings>>,
     is_alive: AtomicBool,
     /// Discard everything and stop.
@@ -187,12 +186,12 @@ impl Reconstruction {
         options: &ReconstructionOptions,
     ) -> Result<Self, ReconstructionError> {
         let settings = with_max_ahead(settings, options.max_ahead_s);
-        let begin = PipelineSpec { config: config.clone(), head_from_sensor: *head_from_sensor, settings };
-        let pipeline = begin.pipeline();
-        let shared = Arc::new(Shared::new(pipeline.counters()));
+        let begin = MapperSpec { config: config.clone(), head_from_sensor: *head_from_sensor, settings };
+        let mapper = begin.mapper();
+        let shared = Arc::new(Shared::new(mapper.counters()));
         let queue = Arc::new(Queue::new([options.max_frames, options.max_poses, MAX_HANDS]));
         let pool = pool(options)?;
-        let worker = Worker::new(pipeline, begin, Arc::clone(&shared), Arc::clone(&queue));
+        let worker = Worker::new(mapper, begin, Arc::clone(&shared), Arc::clone(&queue));
         let (told, nice) = (Arc::clone(&shared), options.nice);
         let run = move || {
             lower_priority_of_this_thread(nice);
@@ -212,20 +211,15 @@ impl Reconstruction {
         })
     }
 
-    /// Takes a head pose; never waits.
-    pub fn push_pose(&self, sample: PoseSample) {
-        self.poses.push(Input::Pose(self.epoch(), sample));
-    }
-
-    /// Takes the positions of the wearer's hands, in the frame of the poses; never waits. Samples
-    /// are dropped when the queue is full.
-    pub fn push_hands(&self, hands: HandsSample) {
-        self.hands.push(Input::Hands(self.epoch(), hands));
-    }
-
-    /// Takes a frame that has just arrived; never waits.
-    pub fn push_frame(&self, frame: Frame) {
-        self.frames.push(Input::Frame(self.epoch(), frame, now_ns()));
+    /// Takes an event of any stream, hands and poses in the same frame; never waits. When a stream's
+    /// channel is full, its oldest messages are dropped and counted.
+    pub fn push(&self, event: Event) {
+        let channel = match &event {
+            Event::Frame(_) => &self.frames,
+            Event::Pose(_) => &self.poses,
+            Event::Hands(_) => &self.hands,
+        };
+        channel.push(Input { epoch: self.epoch(), event, arrived_ns: now_ns() });
     }
 
     /// The newest map; never waits for work.
@@ -295,7 +289,7 @@ impl Reconstruction {
         self.shared.is_alive.load(Ordering::SeqCst)
     }
 
-    /// Counters, at most 0.1 s old. May wait for a moment: not for the frame loop.
+    /// MapperCounters, at most 0.1 s old. May wait for a moment: not for the frame loop.
     pub fn counters(&self) -> ReconstructionCounters {
         let [frames, poses, _] = self.queue.dropped();
         ReconstructionCounters {
@@ -332,9 +326,9 @@ impl Drop for Reconstruction {
 }
 
 impl Shared {
-    fn new(pipeline: Counters) -> Self {
+    fn new(mapper: MapperCounters) -> Self {
         let counters = ReconstructionCounters {
-            pipeline,
+            mapper,
             epoch: 0,
             frames_dropped: 0,
             poses_dropped: 0,
@@ -402,12 +396,12 @@ mod tests {
 
     use super::*;
     use a121::preset;
-    use radar_mapping::Pipeline;
+    use radar_mapping::Mapper;
 
     #[test]
     fn panic_ends_only_the_reconstruction() {
         let config = preset("fine").unwrap();
-        let shared = Shared::new(Pipeline::new(&config, &Pose::IDENTITY, &MappingSettings::default()).counters());
+        let shared = Shared::new(Mapper::new(&config, &Pose::IDENTITY, &MappingSettings::default()).counters());
         let pool = pool(&ReconstructionOptions { threads: Some(1), ..Default::default() }).unwrap();
         run_guarded(&shared, || pool.install(|| panic!("on purpose")));
         assert!(!shared.is_alive.load(Ordering::SeqCst));

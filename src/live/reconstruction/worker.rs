@@ -9,9 +9,9 @@ use crate::live::latency_tracker::LatencyTracker;
 use crate::live::queue::Queue;
 use crate::live::{Latency, Received, now_ns, thread_cpu_ns};
 use crate::settings::Settings;
-use a121::{Frame, SensorConfig};
-use radar_mapping::Scene;
-use radar_mapping::{MapperKind, Pipeline};
+use a121::SensorConfig;
+use radar_mapping::{Event, Scene};
+use radar_mapping::{Mapper, MapperKind};
 use radar_sar::geometry::Pose;
 
 /// Longest wait for input: bounds the reaction time to stop and reset. Choice.
@@ -25,26 +25,26 @@ const SAVED_MAP_INTERVAL_NS: i64 = 1_000_000_000;
 const MIN_REFLECTORS_INTERVAL_NS: i64 = 1_000_000_000;
 const REFLECTORS_IDLE_RATIO: i64 = 4;
 
-/// What a new pipeline is built from.
-pub(super) struct PipelineSpec {
+/// What a new mapper is built from.
+pub(super) struct MapperSpec {
     pub config: SensorConfig,
     pub head_from_sensor: Pose,
     pub settings: Settings,
 }
 
-impl PipelineSpec {
-    /// A new pipeline that defers its work until no input waits.
-    pub fn pipeline(&self) -> Pipeline {
-        let mut pipeline = Pipeline::new(&self.config, &self.head_from_sensor, &self.settings.mapping());
-        pipeline.defer();
-        pipeline
+impl MapperSpec {
+    /// A new mapper that defers its work until no input waits.
+    pub fn mapper(&self) -> Mapper {
+        let mut mapper = Mapper::new(&self.config, &self.head_from_sensor, &self.settings.mapping());
+        mapper.defer();
+        mapper
     }
 }
 
 /// State of the thread.
 pub(super) struct Worker {
-    pipeline: Pipeline,
-    spec: PipelineSpec,
+    mapper: Mapper,
+    spec: MapperSpec,
     shared: Arc<Shared>,
     queue: Arc<Queue<Input, 3>>,
     epoch: u64,
@@ -62,10 +62,10 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    pub fn new(pipeline: Pipeline, spec: PipelineSpec, shared: Arc<Shared>, queue: Arc<Queue<Input, 3>>) -> Self {
+    pub fn new(mapper: Mapper, spec: MapperSpec, shared: Arc<Shared>, queue: Arc<Queue<Input, 3>>) -> Self {
         let now_ns = now_ns();
         Self {
-            pipeline,
+            mapper,
             spec,
             shared,
             queue,
@@ -87,7 +87,7 @@ impl Worker {
     pub fn run(mut self) {
         while !self.shared.stop.load(Ordering::SeqCst) && !self.is_late() {
             // Input has precedence over deferred work: a map update delays no sweep.
-            let received = self.queue.receive(if self.pipeline.has_work() { Duration::ZERO } else { POLL_INTERVAL });
+            let received = self.queue.receive(if self.mapper.has_work() { Duration::ZERO } else { POLL_INTERVAL });
             self.apply_epoch();
             self.restore_map();
             match received {
@@ -100,7 +100,7 @@ impl Worker {
         }
         if !self.shared.stop.load(Ordering::SeqCst) {
             self.apply_epoch();
-            self.pipeline.finish();
+            self.mapper.finish();
             self.publish(true);
         }
         self.publish_counters(0);
@@ -111,7 +111,7 @@ impl Worker {
         now_ns() as u64 >= self.shared.finish_by_ns.load(Ordering::SeqCst)
     }
 
-    /// Starts a new pipeline after a reset.
+    /// Starts a new mapper after a reset.
     fn apply_epoch(&mut self) {
         let epoch = self.shared.epoch.load(Ordering::SeqCst);
         if epoch == self.epoch {
@@ -121,7 +121,7 @@ impl Worker {
         if let Some(settings) = lock(&self.shared.next_settings).take() {
             self.spec.settings = settings;
         }
-        self.pipeline = self.spec.pipeline();
+        self.mapper = self.spec.mapper();
         self.latencies.reset();
         self.evidence_ns = None;
         self.publish_map(PublishedMap { number: self.published.number, ..PublishedMap::nothing(epoch) });
@@ -138,12 +138,12 @@ impl Worker {
         else {
             return;
         };
-        if let Err(error) = self.pipeline.restore(&remembered) {
+        if let Err(error) = self.mapper.restore(&remembered) {
             log::warn!("the saved map of the room is ignored: {error}");
         }
         self.publish_saved_map(0);
-        if self.pipeline.engine().search() == MapperKind::Rooms {
-            let scene = Arc::new(self.pipeline.scene());
+        if self.mapper.kind() == MapperKind::Rooms {
+            let scene = Arc::new(self.mapper.scene());
             self.scenes += 1;
             self.publish_map(PublishedMap { scene, ..self.published.clone() });
         }
@@ -156,7 +156,7 @@ impl Worker {
             return;
         }
         self.saved_map_ns = now_ns;
-        let remembered = Some((self.epoch, Arc::new(self.pipeline.saved_map())));
+        let remembered = Some((self.epoch, Arc::new(self.mapper.saved_map())));
         let before = std::mem::replace(&mut *lock(&self.shared.saved_map), remembered);
         // Dropped after the lock is released.
         drop(before);
@@ -164,12 +164,10 @@ impl Worker {
 
     fn take(&mut self, input: Input) {
         let (begin_ns, without_pose) = (now_ns(), self.without_pose());
-        match input {
-            Input::Pose(epoch, pose) if epoch == self.epoch => self.pipeline.push_pose(&pose),
-            Input::Hands(epoch, hands) if epoch == self.epoch => self.pipeline.push_hands(hands.time_ns, hands.hands_m),
-            Input::Frame(epoch, frame, arrived_ns) if epoch == self.epoch => self.take_frame(frame, arrived_ns),
-            _ => return self.outdated += 1,
+        if input.epoch != self.epoch {
+            return self.outdated += 1;
         }
+        self.push(input);
         self.latencies.drop_oldest(self.without_pose() - without_pose);
         self.publish(false);
         self.step.push(now_ns().saturating_sub(begin_ns));
@@ -178,50 +176,44 @@ impl Worker {
     /// Does a part of the deferred work.
     fn work(&mut self) {
         let begin_ns = now_ns();
-        if self.pipeline.work() {
+        if self.mapper.work() {
             self.publish(false);
             self.step.push(now_ns().saturating_sub(begin_ns));
         }
     }
 
-    fn take_frame(&mut self, frame: Frame, arrived_ns: i64) {
-        let (end_ns, refused) = (frame.host_time_ns, self.refused());
-        self.pipeline.push_frame(frame);
-        if self.refused() == refused {
-            self.latencies.frame_accepted(end_ns, arrived_ns);
+    fn push(&mut self, input: Input) {
+        let frame_end_ns = if let Event::Frame(frame) = &input.event { Some(frame.host_time_ns) } else { None };
+        match (self.mapper.push(input.event), frame_end_ns) {
+            (Ok(_), Some(end_ns)) => self.latencies.frame_accepted(end_ns, input.arrived_ns),
+            (Ok(_), None) => {}
+            (Err(refusal), _) => log::debug!("left out: {refusal}"),
         }
-        self.pipeline.process_late();
+        if frame_end_ns.is_some() {
+            self.mapper.process_late();
+        }
     }
 
     /// Frames for which no pose was found.
     fn without_pose(&self) -> u64 {
-        self.pipeline.counters().streams.frames_without_pose
-    }
-
-    /// Frames that the pipeline rejected.
-    fn refused(&self) -> u64 {
-        let streams = self.pipeline.counters().streams;
-        streams.frames_saturated
-            + streams.frames_wrong_length
-            + streams.frames_time_not_rising
-            + streams.frames_time_leapt
+        self.mapper.counters().streams.frames_without_pose
     }
 
     /// Publishes what has changed.
     fn publish(&mut self, is_last: bool) {
-        let newest_sweep_ns = self.pipeline.engine().newest_sweep_ns().unwrap_or(0);
+        let newest_sweep_ns = self.mapper.newest_sweep_ns().unwrap_or(0);
         let scene = self.new_scene(is_last);
         if newest_sweep_ns == self.published.newest_sweep_ns && scene.is_none() {
             return;
         }
-        self.pipeline.forget_sensor_path();
+        self.mapper.clear_sensor_path();
         self.scenes += u64::from(scene.is_some());
-        let estimate = self.pipeline.time_offset_estimate().filter(|estimate| estimate.observable);
+        let estimate = self.mapper.time_offset_estimate().filter(|estimate| estimate.observable);
         self.publish_map(PublishedMap {
             number: self.published.number,
             scene: scene.map_or_else(|| Arc::clone(&self.published.scene), Arc::new),
             newest_sweep_ns,
-            time_offset_s: self.pipeline.time_offset_s(),
+            time_offset_s: self.mapper.time_offset_s(),
             time_offset_sigma_s: estimate.map(|estimate| estimate.sigma_s),
             epoch: self.epoch,
         });
@@ -242,14 +234,13 @@ impl Worker {
 
     /// The scene, when it may have changed.
     fn new_scene(&mut self, is_last: bool) -> Option<Scene> {
-        let engine = self.pipeline.engine();
-        let evidence_ns = engine.evidence_ns();
+        let evidence_ns = self.mapper.evidence_ns();
         let begin_ns = now_ns();
-        let is_due = engine.search() == MapperKind::Rooms || begin_ns >= self.next_reflectors_ns;
+        let is_due = self.mapper.kind() == MapperKind::Rooms || begin_ns >= self.next_reflectors_ns;
         if !is_last && (evidence_ns == self.evidence_ns || !is_due) {
             return None;
         }
-        let scene = self.pipeline.scene();
+        let scene = self.mapper.scene();
         let end_ns = now_ns();
         self.next_reflectors_ns = end_ns + MIN_REFLECTORS_INTERVAL_NS.max(REFLECTORS_IDLE_RATIO * (end_ns - begin_ns));
         self.evidence_ns = evidence_ns;
@@ -261,7 +252,7 @@ impl Worker {
     fn publish_evidence(&self) {
         let most = self.shared.evidence_wanted.load(Ordering::Relaxed);
         if most > 0 {
-            let evidence = Arc::new(self.pipeline.engine().evidence(most));
+            let evidence = Arc::new(self.mapper.evidence(most));
             let before = lock(&self.shared.evidence).replace(evidence);
             // Dropped after the lock is released.
             drop(before);
@@ -277,7 +268,7 @@ impl Worker {
         self.counters_ns = now_ns;
         let cpu_s = rayon::broadcast(|_| thread_cpu_ns()).into_iter().sum::<i64>() as f64 * 1e-9;
         let mut counters = lock(&self.shared.counters);
-        counters.pipeline = self.pipeline.counters();
+        counters.mapper = self.mapper.counters();
         counters.epoch = self.epoch;
         counters.outdated = self.outdated;
         counters.published = self.published.number;

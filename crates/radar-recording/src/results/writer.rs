@@ -1,6 +1,7 @@
 //! Writes a recording together with its results. A snapshot is written after the event that led to
 //! it, with the time of the event, so the file is ordered by time if the recording is.
 
+use radar_mapping::Event;
 use std::path::Path;
 
 use foxglove::Encode;
@@ -11,7 +12,7 @@ use prost::Message;
 
 use super::super::foxglove_messages::{SENSOR, TRACKING, timestamp, transform};
 use super::super::writer::Topic;
-use super::super::{Event, Header, RecordingError, RecordingSummary, RecordingWriter};
+use super::super::{Header, RecordingError, RecordingSummary, RecordingWriter};
 use super::beam::BeamCone;
 use super::cloud::{Dot, cloud, heat};
 use super::entities::{beam_update, scene_update};

@@ -1,6 +1,7 @@
-//! Plays sessions through the whole chain: frames and poses into the pipeline, its scenes into the
+//! Plays sessions through the whole chain: frames and poses into the mapper, its scenes into the
 //! warnings, scored against the truth thirty times a second.
 
+use radar_mapping::{Event, in_time_order};
 use rayon::prelude::*;
 
 use super::figures::Figures;
@@ -8,7 +9,7 @@ use super::scorer::{Scorer, ShownWarnings};
 use a121::{Frame, frame_timing};
 use radar_chaperone::settings::Settings;
 use radar_chaperone::warning::{PanelKind, WarningTracker, Warnings, Wearer};
-use radar_mapping::Pipeline;
+use radar_mapping::Mapper;
 use radar_mapping::{HandsM, Scene, ScoredCandidate};
 use radar_simulation::{PlaySession, Session, SessionError};
 
@@ -64,7 +65,7 @@ pub(in crate::experiments) fn for_each_update(
 struct SessionRunner<'s, L> {
     session: &'s Session,
     trial: &'s PlayTrial,
-    pipeline: Pipeline,
+    mapper: Mapper,
     tracker: WarningTracker,
     scene: Scene,
     evidence_ns: Option<i64>,
@@ -78,7 +79,7 @@ impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
         Self {
             session,
             trial,
-            pipeline: Pipeline::new(&play.config, &play.head_from_sensor, &trial.settings.mapping()),
+            mapper: Mapper::new(&play.config, &play.head_from_sensor, &trial.settings.mapping()),
             tracker: WarningTracker::new(),
             scene: Scene::default(),
             evidence_ns: None,
@@ -88,20 +89,23 @@ impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
     }
 
     fn play(mut self) -> Figures {
-        let mut frames = Frames::new(self.session);
         let start_ns = Session::host_ns(0.0);
         let end_ns = Session::host_ns(self.session.play().duration_s);
-        for (n, pose) in self.session.poses().enumerate() {
-            while let Some(frame) = frames.next_until(pose.time_ns) {
-                self.pipeline.push_frame(frame);
+        let mut poses = 0;
+        for event in in_time_order(Frames::new(self.session), self.session.poses()) {
+            let (time_ns, is_pose) = (event.time_ns(), matches!(event, Event::Pose(_)));
+            if let Some(hands_m) = self.tracked_hands(time_ns).filter(|_| is_pose) {
+                let _ = self.mapper.push(Event::hands(time_ns, hands_m));
             }
-            if let Some(hands_m) = self.tracked_hands(pose.time_ns) {
-                self.pipeline.push_hands(pose.time_ns, hands_m);
+            // What is refused is counted.
+            let _ = self.mapper.push(event);
+            if !is_pose {
+                continue;
             }
-            self.pipeline.push_pose(&pose);
-            if n % POSES_PER_STEP == 0 && (start_ns..end_ns).contains(&pose.time_ns) {
-                self.step(pose.time_ns, (pose.time_ns - start_ns) as f64 * 1e-9);
+            if poses % POSES_PER_STEP == 0 && (start_ns..end_ns).contains(&time_ns) {
+                self.step(time_ns, (time_ns - start_ns) as f64 * 1e-9);
             }
+            poses += 1;
         }
         let reports = self.scene.obstacles.len();
         self.scorer.end(reports)
@@ -115,14 +119,14 @@ impl<'s, L: FnMut(f64, &[ScoredCandidate])> SessionRunner<'s, L> {
     }
 
     fn step(&mut self, time_ns: i64, time_s: f64) {
-        let evidence_ns = self.pipeline.engine().evidence_ns();
+        let evidence_ns = self.mapper.evidence_ns();
         if evidence_ns != self.evidence_ns {
             self.evidence_ns = evidence_ns;
-            self.scene = self.pipeline.scene();
-            (self.on_update)(time_s, self.pipeline.engine().weighed());
+            self.scene = self.mapper.scene();
+            (self.on_update)(time_s, self.mapper.scored_candidates());
             self.tracker.update(&self.scene);
         }
-        let Some((_, tracking_from_head)) = self.pipeline.head() else { return };
+        let Some((_, tracking_from_head)) = self.mapper.head() else { return };
         let hands_m = self.tracked_hands(time_ns).unwrap_or_default();
         let player = Wearer { time_ns, tracking_from_head, hands_m };
         let warnings = self.tracker.warn(&player, &self.trial.settings.warning);
@@ -148,20 +152,11 @@ struct Frames<'s> {
     session: &'s Session,
     next: u64,
     batch: std::vec::IntoIter<Frame>,
-    pending: Option<Frame>,
 }
 
 impl<'s> Frames<'s> {
     fn new(session: &'s Session) -> Self {
-        Self { session, next: 0, batch: Vec::new().into_iter(), pending: None }
-    }
-
-    /// The next frame, if it was measured by then.
-    fn next_until(&mut self, time_ns: i64) -> Option<Frame> {
-        if self.pending.is_none() {
-            self.pending = self.batch.next().or_else(|| self.simulate());
-        }
-        self.pending.take_if(|frame| frame.host_time_ns <= time_ns)
+        Self { session, next: 0, batch: Vec::new().into_iter() }
     }
 
     fn simulate(&mut self) -> Option<Frame> {
@@ -170,5 +165,13 @@ impl<'s> Frames<'s> {
         self.batch = self.session.frames(self.next..until).into_iter();
         self.next = until;
         self.batch.next()
+    }
+}
+
+impl Iterator for Frames<'_> {
+    type Item = Frame;
+
+    fn next(&mut self) -> Option<Frame> {
+        self.batch.next().or_else(|| self.simulate())
     }
 }

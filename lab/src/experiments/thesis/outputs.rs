@@ -1,6 +1,7 @@
 //! Thesis experiment "outputs": volumes and point clouds for other tools, written, read back by
 //! independent readers, and compared.
 
+use radar_mapping::in_time_order;
 use std::path::Path;
 
 use glam::DVec3;
@@ -12,8 +13,8 @@ use a121::preset;
 use radar_chaperone::report::{
     CloudPoint, Marks, Table, cloud_bytes, cloud_of, ply_bytes, point_cloud, points_above, volume_of,
 };
+use radar_mapping::Mapper;
 use radar_mapping::MappingSettings;
-use radar_mapping::Pipeline;
 use radar_mapping::{Obstacle, ReflectorSettings, find_reflectors};
 use radar_sar::Beam;
 use radar_sar::geometry::Aabb;
@@ -138,17 +139,9 @@ fn chairs(outcome: &mut Outcome, compared: &mut Vec<RoundTrip>) -> Result<(), Ex
 /// Obstacles that the program reports after a recording.
 fn detected_obstacles(scenario: &Scenario) -> Result<Vec<Obstacle>, ExperimentError> {
     let simulated = scenario.run()?;
-    let mut pipeline = Pipeline::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default());
-    let mut frames = simulated.frames.into_iter().peekable();
-    for pose in &simulated.poses {
-        while let Some(frame) = frames.next_if(|frame| frame.host_time_ns <= pose.time_ns) {
-            pipeline.push_frame(frame);
-        }
-        pipeline.push_pose(pose);
-    }
-    frames.for_each(|frame| pipeline.push_frame(frame));
-    pipeline.finish();
-    Ok(pipeline.scene().obstacles)
+    let mut mapper = Mapper::new(&scenario.config, &scenario.head_from_sensor, &MappingSettings::default());
+    mapper.push_all(in_time_order(simulated.frames, simulated.poses));
+    Ok(mapper.scene().obstacles)
 }
 
 /// Points as voxels of an image's grid, to be drawn.

@@ -101,7 +101,7 @@ pub(super) fn view(
     rates: &mut Rates,
 ) -> PanelView {
     let counters = reconstruction.map(Reconstruction::counters);
-    let poses = counters.map_or(0, |counters| counters.pipeline.streams.poses);
+    let poses = counters.map_or(0, |counters| counters.mapper.streams.poses);
     rates.update(now_ns, facts.sensor, poses);
     let published = reconstruction.map(Reconstruction::latest);
     let mut health = Health {

@@ -21,8 +21,8 @@ mod rates;
 use glam::DVec3;
 use serde::Serialize;
 
-use super::Pipeline;
 use crate::MappingSettings;
+use crate::{Event, Mapper, in_time_order};
 use crate::{Observer, ObserverSettings, SensorState};
 use a121::{Frame, SensorConfig};
 pub use lag_curve::{Lag, LagCurve};
@@ -253,16 +253,16 @@ fn join_streams(
         },
     );
     let mut joined = JoinedStreams { path: Vec::new(), observations: Vec::new() };
-    let mut frames = frames.iter().peekable();
-    for pose in poses {
-        while let Some(frame) = frames.next_if(|frame| frame.host_time_ns <= pose.time_ns) {
-            observer.push_frame(frame.clone());
-        }
-        observer.push_pose(pose);
+    for event in in_time_order(frames.iter().cloned(), poses.iter().copied()) {
+        // What is refused is counted.
+        let _ = match event {
+            Event::Frame(frame) => observer.push_frame(frame),
+            Event::Pose(pose) => observer.push_pose(&pose),
+            Event::Hands(_) => Ok(()),
+        };
         joined.path.append(&mut observer.take_path());
         joined.observations.append(&mut observer.take_ready());
     }
-    frames.for_each(|frame| observer.push_frame(frame.clone()));
     joined.observations.append(&mut observer.take_rest());
     joined
 }
@@ -297,18 +297,10 @@ fn reflectors(
     frames: &[Frame],
     poses: &[PoseSample],
 ) -> Vec<DVec3> {
-    let mut pipeline = Pipeline::new(config, head_from_sensor, settings);
-    let mut frames = frames.iter().peekable();
-    for pose in poses {
-        while let Some(frame) = frames.next_if(|frame| frame.host_time_ns <= pose.time_ns) {
-            pipeline.push_frame(frame.clone());
-        }
-        pipeline.push_pose(pose);
-    }
-    frames.for_each(|frame| pipeline.push_frame(frame.clone()));
-    pipeline.finish();
+    let mut mapper = Mapper::new(config, head_from_sensor, settings);
+    mapper.push_all(in_time_order(frames.iter().cloned(), poses.iter().copied()));
     // Obstacles are sorted by falling evidence.
-    pipeline.scene().obstacles.iter().take(MAX_REFLECTORS).map(|obstacle| obstacle.position_m).collect()
+    mapper.scene().obstacles.iter().take(MAX_REFLECTORS).map(|obstacle| obstacle.position_m).collect()
 }
 
 /// A part of the recording, in sweep time.

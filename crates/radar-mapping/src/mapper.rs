@@ -1,0 +1,346 @@
+//! The mapper: frames, poses and hands in, scene out.
+//!
+//! The observer gives each sweep the sensor's pose at its own time; the search maps the sweeps; the
+//! time-offset control corrects the time between the streams. There is no clock, no I/O and no
+//! randomness: the same events and settings give the same scene, byte for byte.
+
+use a121::SensorConfig;
+use glam::DVec3;
+use radar_sar::geometry::Pose;
+use radar_sar::{Observation, TimeOffset};
+use serde::{Deserialize, Serialize};
+
+use super::search::Search;
+use super::time_offset_control::{TimeOffsetControl, TimeOffsetCounters};
+use super::{
+    Accepted, Event, Evidence, MapperKind, MappingSettings, Observer, ObserverCounters, ObserverSettings, Refusal,
+    RoomMapperCounters, SavedMap, SavedMapError, Scene, ScoredCandidate,
+};
+
+/// Interval of the recorded sensor path, nanoseconds. Choice.
+const PATH_STEP_NS: i64 = 20_000_000;
+
+/// All counters of the mapper.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MapperCounters {
+    /// Counters of joining the streams.
+    pub streams: ObserverCounters,
+    /// Counters of the search.
+    pub engine: SearchCounters,
+    /// Counters of the time offset.
+    pub time_offset: TimeOffsetCounters,
+}
+
+/// Counters of the search.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SearchCounters {
+    /// How it maps.
+    pub search: MapperKind,
+    /// Observations taken.
+    pub observations: u64,
+    /// Observations dropped to bound memory (single reflectors only).
+    pub observations_thinned: u64,
+    /// Observations that got a new pose from a new time offset.
+    pub observations_reposed: u64,
+    /// Observations for which the new time offset gives no pose.
+    pub observations_lost: u64,
+    /// How often the room mapper restarted because its poses had been wrong.
+    pub searches_begun_again: u64,
+    /// Counters of the room mapper.
+    pub rooms: RoomMapperCounters,
+}
+
+/// Maps the surroundings of one sensor from its frames and the poses of the head.
+///
+/// Push events in order of time, then poll the scene. A wrong input is refused with its reason and
+/// counted; nothing of it reaches the map.
+#[derive(Debug)]
+pub struct Mapper {
+    settings: MappingSettings,
+    observer: Observer,
+    search: Search,
+    time_offset: TimeOffsetControl,
+    /// Time and `tracking_from_sensor`, every 20 ms.
+    sensor_path: Vec<(i64, Pose)>,
+    /// Time of the newest observation, and the end of its sweep.
+    newest_ns: Option<(i64, i64)>,
+    counts: Counts,
+    polled_updates: u64,
+    is_deferred: bool,
+    is_estimate_due: bool,
+}
+
+/// What happened to observations.
+#[derive(Debug, Clone, Copy, Default)]
+struct Counts {
+    observations: u64,
+    reposed: u64,
+    lost: u64,
+    restarts: u64,
+}
+
+impl Mapper {
+    /// For a valid configuration. `head_from_sensor`: the mount; one in the settings has precedence.
+    pub fn new(config: &SensorConfig, head_from_sensor: &Pose, settings: &MappingSettings) -> Self {
+        let tracking = &settings.tracking;
+        let observer_settings = ObserverSettings {
+            history: tracking.history,
+            head_from_sensor: tracking.mount.unwrap_or(*head_from_sensor),
+            time_offset_s: tracking.time_offset_s,
+        };
+        let (mut observer, search) = (Observer::new(config, observer_settings), Search::new(config, settings));
+        let time_offset = TimeOffsetControl::new(tracking);
+        if time_offset.is_estimated() {
+            observer.keep_poses_s(search.pose_retention_s(settings));
+        }
+        Self {
+            settings: settings.clone(),
+            observer,
+            search,
+            time_offset,
+            sensor_path: Vec::new(),
+            newest_ns: None,
+            counts: Counts::default(),
+            polled_updates: 0,
+            is_deferred: false,
+            is_estimate_due: false,
+        }
+    }
+
+    /// From now on [`push`](Self::push) only stores sweeps, so that the stream is never delayed for
+    /// long, and [`work`](Self::work) processes them. The scene is the same, except that
+    /// time-offset estimates may come later.
+    pub fn defer(&mut self) {
+        self.is_deferred = true;
+    }
+
+    /// Does a part of the deferred work; false when nothing is left.
+    pub fn work(&mut self) -> bool {
+        if self.search.work() {
+            return true;
+        }
+        let is_due = std::mem::take(&mut self.is_estimate_due);
+        if is_due {
+            self.update_time_offset();
+            self.time_offset.schedule(self.observer.newest_pose_ns().unwrap_or(i64::MIN));
+        }
+        is_due
+    }
+
+    /// Whether [`work`](Self::work) has something to do.
+    pub fn has_work(&self) -> bool {
+        self.search.has_work() || self.is_estimate_due
+    }
+
+    /// Takes an event. Events should come in order of time: see [`in_time_order`](super::in_time_order).
+    ///
+    /// # Errors
+    /// Why the event was left out. Later events are not affected.
+    pub fn push(&mut self, event: Event) -> Result<Accepted, Refusal> {
+        match event {
+            Event::Frame(frame) => self.observer.push_frame(frame).map(|()| Accepted::default()),
+            Event::Hands(hands) => {
+                self.search.push_hands(&hands);
+                Ok(Accepted::default())
+            }
+            Event::Pose(pose) => {
+                let pushed = self.observer.push_pose(&pose);
+                let observations = self.process_ready(false);
+                self.schedule_time_offset();
+                pushed.map(|()| Accepted { observations })
+            }
+        }
+    }
+
+    /// Takes all events and ends the input. Refused events are counted.
+    pub fn push_all(&mut self, events: impl IntoIterator<Item = Event>) {
+        for event in events {
+            let _ = self.push(event);
+        }
+        self.finish();
+    }
+
+    /// Processes frames that arrived after the poses they needed. Not necessary when events are
+    /// pushed in time order.
+    pub fn process_late(&mut self) {
+        self.process_ready(false);
+    }
+
+    /// Ends the input: what waits is processed.
+    pub fn finish(&mut self) {
+        self.process_ready(true);
+        self.update_time_offset();
+        self.search.finish();
+    }
+
+    /// Processes the observations whose poses are complete, all of them with `rest`; returns how
+    /// many.
+    fn process_ready(&mut self, rest: bool) -> usize {
+        let path = self.observer.take_path();
+        let observations = if rest { self.observer.take_rest() } else { self.observer.take_ready() };
+        self.time_offset.push(&path, &observations);
+        let count = observations.len();
+        for observation in observations {
+            self.map(observation);
+        }
+        count
+    }
+
+    fn map(&mut self, observation: Observation) {
+        let time_ns = observation.mid_time_ns;
+        if self.sensor_path.last().is_none_or(|last| time_ns.saturating_sub(last.0) >= PATH_STEP_NS) {
+            self.sensor_path.push((time_ns, observation.tracking_from_sensor));
+        }
+        // Sweeps may get their poses before these have their final smoothing.
+        if self.settings.tracking.history.is_early() {
+            let observer = &self.observer;
+            let sensor_at = |sweep_ns: i64| -> Option<(Pose, DVec3)> {
+                let sensor = observer.smoothed_sensor_at(sweep_ns, time_ns).ok()?;
+                Some((sensor.tracking_from_sensor, sensor.velocity_m_per_s))
+            };
+            self.search.update_poses_before(&observation, sensor_at);
+        }
+        self.counts.observations += 1;
+        self.newest_ns = Some((time_ns, observation.end_ns()));
+        self.search.push(observation);
+        while !self.is_deferred && self.search.work() {}
+    }
+
+    fn schedule_time_offset(&mut self) {
+        let Some(now_ns) = self.observer.newest_pose_ns() else { return };
+        if !self.time_offset.is_due(now_ns) {
+            return;
+        }
+        // The first time there are no data yet.
+        let has_data = self.time_offset.is_scheduled();
+        self.is_estimate_due |= self.is_deferred && has_data;
+        if has_data && !self.is_deferred {
+            self.update_time_offset();
+        }
+        self.time_offset.schedule(now_ns);
+    }
+
+    fn update_time_offset(&mut self) {
+        let now_ns = self.observer.newest_pose_ns().unwrap_or(i64::MIN);
+        let search = &self.search;
+        let Some(change_s) = self.time_offset.update(now_ns, |change_s| search.is_invalidated_by(change_s)) else {
+            return;
+        };
+        self.observer.set_time_offset_s(self.time_offset.in_use_s());
+        self.repose(change_s);
+    }
+
+    /// Gives the search's observations the poses of the new time offset.
+    fn repose(&mut self, change_s: f64) {
+        let offset_ns = (self.time_offset.in_use_s() * 1e9).round() as i64;
+        let (observer, counts) = (&self.observer, &mut self.counts);
+        let repose = |observation: &mut Observation| {
+            let sensor = observer.sensor_at(observation.mid_time_ns.saturating_add(offset_ns)).ok();
+            if let Some(sensor) = sensor {
+                observation.tracking_from_sensor = sensor.tracking_from_sensor;
+                observation.velocity_m_per_s = sensor.velocity_m_per_s;
+            }
+            counts.reposed += u64::from(sensor.is_some());
+            counts.lost += u64::from(sensor.is_none());
+            sensor.is_some()
+        };
+        if self.search.repose(change_s, repose) {
+            self.counts.restarts += 1;
+            while !self.is_deferred && self.search.work() {}
+        }
+    }
+
+    /// The scene after a new map update, once for each; `None` when there was none since the last
+    /// call. Single reflectors have no updates: they are searched by [`scene`](Self::scene).
+    pub fn poll_scene(&mut self) -> Option<Scene> {
+        let updates = self.search.updates();
+        let is_new = updates != self.polled_updates;
+        self.polled_updates = updates;
+        is_new.then(|| self.scene())
+    }
+
+    /// The obstacles, walls and moving targets found so far. For single reflectors this does the
+    /// search.
+    pub fn scene(&self) -> Scene {
+        self.search.scene(self.newest_ns.map_or(0, |(time_ns, _)| time_ns))
+    }
+
+    /// How it maps.
+    pub fn kind(&self) -> MapperKind {
+        self.search.kind()
+    }
+
+    /// End of the newest sweep taken, host nanoseconds.
+    pub fn newest_sweep_ns(&self) -> Option<i64> {
+        self.newest_ns.map(|(_, end_ns)| end_ns)
+    }
+
+    /// End of the newest sweep contained in [`scene`](Self::scene), host nanoseconds: of the last
+    /// map update, or of the newest sweep for single reflectors.
+    pub fn evidence_ns(&self) -> Option<i64> {
+        self.search.evidence_ns(self.newest_sweep_ns())
+    }
+
+    /// The `most` strongest voxels with evidence: sub-aperture scores from 2 on, which noise
+    /// reaches; for single reflectors the excess over noise.
+    pub fn evidence(&self, most: usize) -> Evidence {
+        self.search.evidence(most)
+    }
+
+    /// Candidates scored in the last map update, for training the classifier.
+    pub fn scored_candidates(&self) -> &[ScoredCandidate] {
+        self.search.scored_candidates()
+    }
+
+    /// The map for saving; empty for single reflectors.
+    pub fn saved_map(&self) -> SavedMap {
+        self.search.saved_map()
+    }
+
+    /// Restores a saved map, in the tracking frame, as provisional; ignored for single reflectors.
+    ///
+    /// # Errors
+    /// Numbers that are not valid for a room; nothing is restored then.
+    pub fn restore(&mut self, saved: &SavedMap) -> Result<(), SavedMapError> {
+        self.search.restore(saved)
+    }
+
+    /// The time offset in use: time of a sweep's pose minus time of the sweep, seconds.
+    pub fn time_offset_s(&self) -> f64 {
+        self.time_offset.in_use_s()
+    }
+
+    /// The last estimate of the time offset, applied or not; `None` when there was none.
+    pub fn time_offset_estimate(&self) -> Option<TimeOffset> {
+        self.time_offset.estimate()
+    }
+
+    /// The newest valid head pose and its time.
+    pub fn head(&self) -> Option<(i64, Pose)> {
+        self.observer.head()
+    }
+
+    /// The sensor path, every 20 ms: time and `tracking_from_sensor`.
+    pub fn sensor_path(&self) -> &[(i64, Pose)] {
+        &self.sensor_path
+    }
+
+    /// Clears the recorded sensor path, for long runs that do not draw it.
+    pub fn clear_sensor_path(&mut self) {
+        self.sensor_path.clear();
+    }
+
+    /// All counters so far.
+    pub fn counters(&self) -> MapperCounters {
+        let engine = SearchCounters {
+            search: self.search.kind(),
+            observations: self.counts.observations,
+            observations_thinned: self.search.thinned(),
+            observations_reposed: self.counts.reposed,
+            observations_lost: self.counts.lost,
+            searches_begun_again: self.counts.restarts,
+            rooms: self.search.room_counters(),
+        };
+        MapperCounters { streams: *self.observer.counters(), engine, time_offset: self.time_offset.counters() }
+    }
+}

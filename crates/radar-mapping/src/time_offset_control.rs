@@ -1,0 +1,163 @@
+//! When the time offset between frames and poses is estimated, and when an estimate is applied.
+//!
+//! Once a second the offset is estimated, every ten seconds while estimates confirm the one in use.
+//! An estimate is applied when it is accurate and differs significantly.
+
+use radar_sar::{Observation, TimeOffset, TimeOffsetEstimator, TimeOffsetSettings};
+use serde::{Deserialize, Serialize};
+
+use super::offset_guard::OffsetGuard;
+use super::{SensorState, TrackingSettings};
+
+/// Interval of estimates, nanoseconds, and the interval while the offset in use is confirmed.
+/// Choice.
+const ESTIMATE_NS: i64 = 1_000_000_000;
+const SETTLED_ESTIMATE_NS: i64 = 10_000_000_000;
+/// While it is confirmed, an estimate uses only sweeps of this time before it, nanoseconds. Choice.
+const SETTLED_WINDOW_NS: i64 = 2_500_000_000;
+/// The offset is changed when it is wrong by this many 1σ and by this many seconds. Choice.
+const SIGNIFICANT: f64 = 3.0;
+const MIN_CHANGE_S: f64 = 0.5e-3;
+/// An estimated offset is also refined once the 1σ has fallen to this share, which bounds the
+/// number of changes. Choice.
+const SHARPER_SIGMA_RATIO: f64 = 0.5;
+
+/// Counters of the time offset between the streams.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TimeOffsetCounters {
+    /// Estimates made.
+    pub estimates: u64,
+    /// How often the offset in use was changed.
+    pub changes: u64,
+    /// Tracks used for the last estimate.
+    pub tracks: u64,
+    /// Tracks excluded from the last estimate: they moved, or contradicted the others.
+    pub tracks_left_out: u64,
+}
+
+/// Estimates the offset and decides what to do with the estimates.
+#[derive(Debug)]
+pub(crate) struct TimeOffsetControl {
+    /// `None`: the offset is not estimated.
+    estimator: Option<TimeOffsetEstimator>,
+    max_sigma_s: f64,
+    /// The offset in use, seconds.
+    in_use_s: f64,
+    /// 1σ of the estimate in use; `None` while the settings' offset is in use.
+    applied_sigma_s: Option<f64>,
+    estimate: Option<TimeOffset>,
+    guard: OffsetGuard,
+    next_estimate_ns: Option<i64>,
+    /// Sweeps from this time on are used for the next estimate.
+    listen_from_ns: i64,
+    counters: TimeOffsetCounters,
+}
+
+impl TimeOffsetControl {
+    pub fn new(tracking: &TrackingSettings) -> Self {
+        let settings = TimeOffsetSettings { middle_s: tracking.time_offset_s, errors: tracking.errors };
+        Self {
+            estimator: tracking.estimate_time_offset.then(|| TimeOffsetEstimator::new(settings)),
+            max_sigma_s: tracking.max_time_offset_sigma_s,
+            in_use_s: tracking.time_offset_s,
+            applied_sigma_s: None,
+            estimate: None,
+            guard: OffsetGuard::default(),
+            next_estimate_ns: None,
+            listen_from_ns: i64::MIN,
+            counters: TimeOffsetCounters::default(),
+        }
+    }
+
+    /// Whether the offset is estimated at all.
+    pub fn is_estimated(&self) -> bool {
+        self.estimator.is_some()
+    }
+
+    /// The offset in use, seconds.
+    pub fn in_use_s(&self) -> f64 {
+        self.in_use_s
+    }
+
+    /// The last estimate, applied or not.
+    pub fn estimate(&self) -> Option<TimeOffset> {
+        self.estimate
+    }
+
+    pub fn counters(&self) -> TimeOffsetCounters {
+        self.counters
+    }
+
+    /// Takes the sensor's path and new observations.
+    pub fn push(&mut self, path: &[SensorState], observations: &[Observation]) {
+        let Some(estimator) = &mut self.estimator else { return };
+        for sensor in path {
+            estimator.push_path(sensor.time_ns, sensor.tracking_from_sensor.translation, sensor.velocity_m_per_s);
+        }
+        let listened = observations.iter().filter(|observation| observation.mid_time_ns >= self.listen_from_ns);
+        listened.for_each(|observation| estimator.push_sweep(observation));
+    }
+
+    /// Whether an estimate is due at the time of the newest pose; schedules the next one.
+    pub fn is_due(&mut self, now_ns: i64) -> bool {
+        // A wrong time that was taken back must not delay the next estimate.
+        self.next_estimate_ns.take_if(|next_ns| next_ns.saturating_sub(now_ns) > SETTLED_ESTIMATE_NS);
+        // The first estimate has no data yet; a leap in time must not trigger a burst of estimates.
+        self.next_estimate_ns.is_none_or(|next_ns| now_ns >= next_ns)
+    }
+
+    /// Whether the first estimate has been scheduled.
+    pub fn is_scheduled(&self) -> bool {
+        self.next_estimate_ns.is_some()
+    }
+
+    /// Schedules the next estimate from the time of the newest pose.
+    pub fn schedule(&mut self, now_ns: i64) {
+        let settled = self.is_settled();
+        let next_ns = now_ns.saturating_add(if settled { SETTLED_ESTIMATE_NS } else { ESTIMATE_NS });
+        self.listen_from_ns = if settled { next_ns.saturating_sub(SETTLED_WINDOW_NS) } else { i64::MIN };
+        self.next_estimate_ns = Some(next_ns);
+    }
+
+    /// Estimates the offset. Returns the change to apply, seconds; from then on the new offset is in
+    /// use. `invalidates_map`: whether a change of so many seconds loses the map.
+    pub fn update(&mut self, now_ns: i64, invalidates_map: impl Fn(f64) -> bool) -> Option<f64> {
+        self.estimate = self.estimator.as_mut()?.estimate();
+        self.counters.estimates += 1;
+        let estimate = self.estimate?;
+        self.counters.tracks = estimate.tracks as u64;
+        self.counters.tracks_left_out = estimate.tracks_left_out as u64;
+        let is_known = estimate.observable && estimate.sigma_s <= self.max_sigma_s;
+        let change_s = estimate.offset_s - self.in_use_s;
+        if !(self.guard.allows(now_ns, is_known, invalidates_map(change_s)) && self.is_better(&estimate)) {
+            return None;
+        }
+        self.in_use_s = estimate.offset_s;
+        self.applied_sigma_s = Some(estimate.sigma_s);
+        self.guard = OffsetGuard::default();
+        self.counters.changes += 1;
+        Some(change_s)
+    }
+
+    /// Whether the last estimate is accurate and agrees with the offset in use, so that estimates
+    /// can be less frequent.
+    fn is_settled(&self) -> bool {
+        let agrees = |estimate: &TimeOffset| {
+            let wrong_s = (estimate.offset_s - self.in_use_s).abs();
+            estimate.observable
+                && estimate.sigma_s <= 0.5 * self.max_sigma_s
+                && wrong_s <= MIN_CHANGE_S.max(estimate.sigma_s)
+        };
+        self.estimate.as_ref().is_some_and(agrees)
+    }
+
+    /// Whether an estimate should replace the offset in use.
+    fn is_better(&self, estimate: &TimeOffset) -> bool {
+        let wrong_s = (estimate.offset_s - self.in_use_s).abs();
+        let sharper = self.applied_sigma_s.is_some_and(|sigma_s| estimate.sigma_s <= SHARPER_SIGMA_RATIO * sigma_s);
+        estimate.observable
+            && estimate.sigma_s <= self.max_sigma_s
+            && wrong_s >= MIN_CHANGE_S
+            && (wrong_s >= SIGNIFICANT * estimate.sigma_s || sharper)
+    }
+}
