@@ -40,6 +40,9 @@ struct Application {
     description: String,
     binary: String,
     arguments: String,
+    /// Path of its image; empty if the manifest names none.
+    #[serde(default)]
+    image: String,
     is_dashboard_overlay: bool,
     /// The last process that identified itself as this application.
     #[serde(default)]
@@ -110,6 +113,7 @@ fn application(manifest: &Path, entry: &Value, temporary: bool) -> Result<(Strin
         description: text("description"),
         binary: folder.join(binary).display().to_string(),
         arguments: field("arguments").unwrap_or_default().to_owned(),
+        image: field("image_path").map(|image| folder.join(image).display().to_string()).unwrap_or_default(),
         is_dashboard_overlay: entry["is_dashboard_overlay"].as_bool().unwrap_or(false),
         pid: 0,
     };
@@ -136,6 +140,9 @@ unsafe extern "C" fn add_manifest(path: *mut c_char, temporary: bool) -> u32 {
             return EXISTS;
         }
         for (key, mut application) in new {
+            if !application.image.is_empty() && !Path::new(&application.image).is_file() {
+                world.report.violation("manifest names a missing image", application.image.clone());
+            }
             application.autolaunch = applications.get(&key).is_some_and(|before| before.autolaunch);
             applications.insert(key, application);
         }
@@ -242,6 +249,7 @@ unsafe extern "C" fn text_property(
             sys::EVRApplicationProperty_VRApplicationProperty_Description_String => &application.description,
             sys::EVRApplicationProperty_VRApplicationProperty_BinaryPath_String => &application.binary,
             sys::EVRApplicationProperty_VRApplicationProperty_Arguments_String => &application.arguments,
+            sys::EVRApplicationProperty_VRApplicationProperty_ImagePath_String => &application.image,
             sys::EVRApplicationProperty_VRApplicationProperty_LaunchType_String => "binary",
             sys::EVRApplicationProperty_VRApplicationProperty_Source_String => "builtin",
             _ => return Err(NO_PROPERTY),

@@ -9,9 +9,12 @@ use super::check_run;
 use super::files::user_folder;
 use crate::openvr::{Registration, Role, Runtime, RuntimePaths, manifest};
 
+/// The picture that SteamVR shows beside the program's name.
+const ICON: &[u8] = include_bytes!("../../overlay_assets/icon.png");
+
 /// Has SteamVR start this program with the headset
 ///
-/// Writes a manifest into the user's folder and registers it with SteamVR; SteamVR then starts
+/// Writes a manifest and an icon into the user's folder and registers it with SteamVR; SteamVR then starts
 /// `radar-chaperone run`. Repeat it after moving the program. `radar-chaperone doctor` checks it;
 /// SteamVR shows the switch under Settings, Startup / Shutdown, Choose Startup Overlay Apps.
 #[derive(Debug, Args)]
@@ -35,10 +38,7 @@ impl Install {
         let place = RuntimePaths::find()?;
         let binary = own_path()?;
         let path = manifest_path()?;
-        let folder = path.parent().unwrap_or(Path::new("."));
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-        std::fs::write(&path, manifest(&binary, &self.run_arguments()))
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        write_files(&path, &binary, &self.run_arguments())?;
         let runtime = Runtime::start(&place, Role::Utility)?;
         runtime.register(&path)?;
         runtime.set_autolaunch(!self.no_autolaunch)?;
@@ -83,11 +83,8 @@ impl Uninstall {
             }
             runtime.unregister(&path)?;
         }
-        let had_file = path.exists();
-        if had_file {
-            std::fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
-        }
-        match was_known || had_file {
+        let had_files = remove_files(&path)?;
+        match was_known || had_files {
             true => outln!("SteamVR does not know this program any more; {} is gone", path.display()),
             false => outln!("SteamVR did not know this program: nothing to do"),
         }
@@ -112,6 +109,31 @@ pub(super) fn registration_trouble(registration: &Registration) -> Option<String
     }
 }
 
+/// Writes the manifest, and the icon that it names beside it.
+fn write_files(path: &Path, binary: &Path, arguments: &str) -> Result<()> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let icon = icon_path(path);
+    let text = manifest(binary, &icon, arguments);
+    // The icon first: SteamVR may read the manifest as soon as it is there.
+    for (path, bytes) in [(icon.as_path(), ICON), (path, text.as_bytes())] {
+        std::fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// Removes the manifest and its icon; returns whether any of them was there.
+fn remove_files(path: &Path) -> Result<bool> {
+    let mut were_there = false;
+    for path in [path, &icon_path(path)] {
+        if path.exists() {
+            std::fs::remove_file(path).with_context(|| format!("cannot remove {}", path.display()))?;
+            were_there = true;
+        }
+    }
+    Ok(were_there)
+}
+
 fn own_path() -> Result<PathBuf> {
     std::env::current_exe().context("cannot tell where this program is")
 }
@@ -120,4 +142,44 @@ fn own_path() -> Result<PathBuf> {
 pub(super) fn manifest_path() -> Result<PathBuf> {
     let folder = user_folder("XDG_DATA_HOME", ".local/share").context("there is no home folder: set HOME")?;
     Ok(folder.join("manifest.vrmanifest"))
+}
+
+/// Path of the icon that the manifest names.
+fn icon_path(manifest: &Path) -> PathBuf {
+    manifest.with_file_name("icon.png")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_written_together_and_removed_together() {
+        let folder = std::env::temp_dir().join(format!("radar-chaperone-install-{}", std::process::id()));
+        let path = folder.join("share").join("manifest.vrmanifest");
+        assert!(!remove_files(&path).unwrap());
+        for arguments in ["run", "run --port \"a b\""] {
+            write_files(&path, Path::new("/opt/radar-chaperone"), arguments).unwrap();
+            let manifest: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+            let application = &manifest["applications"][0];
+            assert_eq!(application["arguments"], arguments);
+            let icon = Path::new(application["image_path"].as_str().unwrap());
+            assert!(icon.is_absolute() && std::fs::read(icon).unwrap() == ICON, "{}", icon.display());
+        }
+        // Only the icon is left: it goes as well.
+        std::fs::remove_file(&path).unwrap();
+        assert!(remove_files(&path).unwrap() && !remove_files(&path).unwrap());
+        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 0);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn icon_is_a_square_with_transparent_corners() {
+        let icon = image::load_from_memory(ICON).unwrap().to_rgba8();
+        assert_eq!(icon.dimensions(), (256, 256));
+        for (x, y) in [(0, 0), (255, 0), (0, 255), (255, 255)] {
+            assert_eq!(icon.get_pixel(x, y)[3], 0, "({x}, {y})");
+        }
+        assert_eq!(icon.get_pixel(128, 128)[3], 255);
+    }
 }

@@ -4,7 +4,7 @@
 use std::ffi::{CStr, CString, c_char};
 use std::path::{Path, PathBuf};
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::error::OpenVrError;
 use super::runtime::{Runtime, call, string_from};
@@ -14,26 +14,24 @@ use super::sys;
 pub const APP_KEY: &str = "radar-chaperone.overlay";
 const KEY: &CStr = c"radar-chaperone.overlay";
 
-/// The manifest: which binary SteamVR starts, with which arguments, and its display name.
-pub fn manifest(binary: &Path, arguments: &str) -> String {
-    let path = binary.display().to_string();
-    let path_key = if cfg!(windows) { "binary_path_windows" } else { "binary_path_linux" };
-    let manifest = json!({
-        "source": "builtin",
-        "applications": [{
-            "app_key": APP_KEY,
-            "launch_type": "binary",
-            path_key: path,
-            "arguments": arguments,
-            "is_dashboard_overlay": true,
-            "strings": {
-                "en_us": {
-                    "name": "Radar chaperone",
-                    "description": "Warns of furniture, seen by a radar on the headset",
-                }
-            }
-        }]
-    });
+/// Template of the manifest. As it is, it serves a program in the same folder.
+const TEMPLATE: &str = include_str!("../../manifest.vrmanifest");
+
+/// The manifest: which binary SteamVR starts, with which arguments, its display name and its icon.
+pub fn manifest(binary: &Path, image: &Path, arguments: &str) -> String {
+    let Ok(mut manifest) = serde_json::from_str::<Value>(TEMPLATE) else {
+        unreachable!("the template inside the program is valid JSON");
+    };
+    let (own, other) = match cfg!(windows) {
+        true => ("binary_path_windows", "binary_path_linux"),
+        false => ("binary_path_linux", "binary_path_windows"),
+    };
+    if let Some(application) = manifest.pointer_mut("/applications/0").and_then(Value::as_object_mut) {
+        application.remove(other);
+        application.insert(own.to_owned(), json!(binary.display().to_string()));
+        application.insert("arguments".to_owned(), json!(arguments));
+        application.insert("image_path".to_owned(), json!(image.display().to_string()));
+    }
     format!("{manifest:#}\n")
 }
 
@@ -134,15 +132,36 @@ mod tests {
     use super::*;
 
     #[test]
-    fn manifest_names_binary_and_arguments() {
+    fn manifest_has_paths_and_arguments_filled_in() {
+        let (binary, image) = ("/opt/a \"b\"/radar-chaperone", "/home/a/icon.png");
+        let text = manifest(Path::new(binary), Path::new(image), "run --wait");
+        let (own, other) = match cfg!(windows) {
+            true => ("binary_path_windows", "binary_path_linux"),
+            false => ("binary_path_linux", "binary_path_windows"),
+        };
+        let mut expected: Value = serde_json::from_str(TEMPLATE).unwrap();
+        let application = expected["applications"][0].as_object_mut().unwrap();
+        assert!(application.remove(other).is_some());
+        for (key, value) in [(own, binary), ("image_path", image), ("arguments", "run --wait")] {
+            assert!(application.insert(key.to_owned(), json!(value)).is_some(), "{key}");
+        }
+        assert_eq!(serde_json::from_str::<Value>(&text).unwrap(), expected);
+    }
+
+    #[test]
+    fn template_is_a_manifest_of_this_program() {
         assert_eq!(KEY.to_str(), Ok(APP_KEY));
-        let text = manifest(Path::new("/opt/a \"b\"/radar-chaperone"), "run --wait");
-        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
-        let application = &json["applications"][0];
-        let key = if cfg!(windows) { "binary_path_windows" } else { "binary_path_linux" };
-        assert_eq!(application[key], "/opt/a \"b\"/radar-chaperone");
-        assert_eq!(application["arguments"], "run --wait");
+        let template: Value = serde_json::from_str(TEMPLATE).unwrap();
+        assert_eq!(template["source"], "builtin");
+        assert_eq!(template["applications"].as_array().unwrap().len(), 1);
+        let application = &template["applications"][0];
+        assert_eq!(application["app_key"], APP_KEY);
+        assert_eq!(application["launch_type"], "binary");
+        assert_eq!(application["arguments"], "run");
         assert_eq!(application["is_dashboard_overlay"], true);
-        assert_eq!(json["source"], "builtin");
+        assert_eq!(application["strings"]["en_us"]["name"], "Radar chaperone");
+        assert!(application["strings"]["en_us"]["description"].is_string());
+        let image = Path::new(env!("CARGO_MANIFEST_DIR")).join(application["image_path"].as_str().unwrap());
+        assert!(image.is_file(), "{}", image.display());
     }
 }

@@ -82,7 +82,7 @@ impl EyeRenderer {
     pub fn new(gpu: &Gpu) -> Self {
         let eye_layout = eye_layout(gpu);
         let image_layout = image_layout(gpu);
-        let module = gpu.device.create_shader_module(wgpu::include_wgsl!("shaders/view.wgsl"));
+        let module = gpu.device.create_shader_module(wgpu::include_wgsl!("../../overlay_assets/shaders/view.wgsl"));
         let part = |part| pipeline(gpu, &module, &[Some(&eye_layout), Some(&image_layout)], part);
         let corner = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x2, 2 => Float32];
         let dot = wgpu::vertex_attr_array![0 => Float32x4];

@@ -2,6 +2,8 @@
 
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont};
 
+/// Ubuntu Light, the font that egui draws the panel with.
+const FONT: &[u8] = include_bytes!("../../overlay_assets/fonts/Ubuntu-Light.ttf");
 /// Font height, texels. Choice.
 const FONT_PX: f32 = 40.0;
 /// Margin around the text and largest distance stored, texels. Choice.
@@ -19,7 +21,7 @@ pub(super) struct Label {
 impl Label {
     /// The text in one line. Empty if the font cannot be read.
     pub fn new(text: &str) -> Self {
-        let Ok(font) = FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT) else { return Self::default() };
+        let Ok(font) = FontRef::try_from_slice(FONT) else { return Self::default() };
         let font = font.as_scaled(PxScale::from(FONT_PX));
         let mut right = MARGIN_TEXELS as f32;
         let mut outlines = Vec::new();

@@ -72,8 +72,8 @@ impl Painter {
         let downsampler =
             wgpu::util::TextureBlitterBuilder::new(&gpu.device, FORMAT).sample_type(wgpu::FilterMode::Linear).build();
         Self {
-            panel: pipeline(gpu, wgpu::include_wgsl!("shaders/panel.wgsl")),
-            footprint: pipeline(gpu, wgpu::include_wgsl!("shaders/footprint.wgsl")),
+            panel: pipeline(gpu, wgpu::include_wgsl!("../../overlay_assets/shaders/panel.wgsl")),
+            footprint: pipeline(gpu, wgpu::include_wgsl!("../../overlay_assets/shaders/footprint.wgsl")),
             downsampler,
         }
     }

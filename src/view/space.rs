@@ -80,7 +80,7 @@ impl Space {
                 count: None,
             }],
         });
-        let module = device.create_shader_module(wgpu::include_wgsl!("shaders/space.wgsl"));
+        let module = device.create_shader_module(wgpu::include_wgsl!("../../overlay_assets/shaders/space.wgsl"));
         let part = |part| pipeline(device, &module, &layout, part);
         let corner = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x4];
         let ball = wgpu::vertex_attr_array![0 => Float32x4, 1 => Float32x4];

@@ -7,6 +7,8 @@
 //! one. They repeat faster with brightness, up to a limit, and thin out after some seconds at the
 //! same level.
 
+use std::sync::LazyLock;
+
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -18,8 +20,6 @@ const START_LEVEL: f64 = 0.55;
 const STOP_LEVEL: f64 = 0.40;
 /// Interval between starts of pulses, seconds: at the start level, and at full brightness. Choice.
 const PULSE_INTERVAL_S: (f64, f64) = (0.6, 0.2);
-/// Interval between starts of tones, seconds: at the start level, and at full brightness. Choice.
-const TONE_INTERVAL_S: (f64, f64) = (1.0, 0.3);
 /// Length of a pulse, nanoseconds. A pulse consists of ticks, one per frame. Choice.
 const PULSE_NS: i64 = 70_000_000;
 /// Least interval between ticks, nanoseconds. SteamVR accepts one every 5 ms at most.
@@ -27,16 +27,29 @@ const MIN_TICK_INTERVAL_NS: i64 = 6_000_000;
 /// Length of a tick at the start level and at full brightness, microseconds. A controller accepts
 /// less than 4000.
 const TICK_US: (f64, f64) = (900.0, 3500.0);
-/// Length of a tone, seconds. Choice.
-const TONE_S: f64 = 0.12;
-/// Pitch of a tone at the start level and at full brightness, hertz. Choice.
-const TONE_HZ: (f64, f64) = (440.0, 660.0);
 /// A cue thins out after this time at one level, nanoseconds. Choice.
 const THIN_OUT_AFTER_NS: i64 = 4_000_000_000;
 /// Interval of a thinned-out cue, seconds, and the rise of the level that ends the thinning.
 /// Choice.
 const THINNED_INTERVAL_S: f64 = 2.0;
 const ESCALATION_LEVEL: f64 = 0.15;
+
+/// Parameters of the tones.
+static TONES: LazyLock<ToneParameters> = LazyLock::new(|| {
+    let Ok(tones) = toml::from_str(include_str!("../../overlay_assets/tones.toml")) else {
+        unreachable!("the parameters inside the program are valid");
+    };
+    tones
+});
+
+/// Parameters of the tones; pairs are values at the start level and at full brightness.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ToneParameters {
+    length_s: f64,
+    pitch_hz: (f64, f64),
+    interval_s: (f64, f64),
+}
 
 /// Settings of the cues that accompany the drawn warnings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -95,6 +108,8 @@ pub struct CueScheduler {
 impl CueScheduler {
     /// Without any history.
     pub fn new() -> Self {
+        // Parsed here, not in the first frame with a warning.
+        LazyLock::force(&TONES);
         Self::default()
     }
 
@@ -122,11 +137,11 @@ impl CueScheduler {
             }
         }
         let worst = warnings.panels.iter().max_by(|a, b| a.alpha.total_cmp(&b.alpha).then(b.id.cmp(&a.id)));
-        let sounds = self.tones.update(now_ns, worst.map_or(0.0, level), TONE_INTERVAL_S);
+        let sounds = self.tones.update(now_ns, worst.map_or(0.0, level), TONES.interval_s);
         if let Some(panel) = worst.filter(|_| settings.sound && sounds == LastStart::Now) {
-            let hz = interpolate(TONE_HZ, level(panel)) as f32;
+            let hz = interpolate(TONES.pitch_hz, level(panel)) as f32;
             let volume = settings.volume as f32;
-            cue.tone = Some(Tone { pan: pan(panel, wearer), volume, hz, length_s: TONE_S as f32 });
+            cue.tone = Some(Tone { pan: pan(panel, wearer), volume, hz, length_s: TONES.length_s as f32 });
         }
         cue
     }
@@ -283,6 +298,22 @@ mod tests {
             }
         }
         assert!(last_ns.is_some());
+    }
+
+    #[test]
+    fn tone_parameters_are_audible_and_rise_with_brightness() {
+        let ToneParameters { length_s, pitch_hz, interval_s } = &*TONES;
+        assert!((0.02..=2.0).contains(length_s));
+        assert!(pitch_hz.0 > 100.0 && pitch_hz.1 > pitch_hz.0 && pitch_hz.1 < 4000.0, "{pitch_hz:?}");
+        assert!(interval_s.1 > *length_s && interval_s.0 > interval_s.1, "{interval_s:?}");
+    }
+
+    #[test]
+    fn tones_have_pitch_and_length_of_the_parameters() {
+        let tone = |level: f64| played(&BOTH, BodyPart::Torso, |_| level)[0].1.tone.unwrap();
+        let (soft, loud) = (tone(START_LEVEL + 1e-6), tone(1.0));
+        assert!((soft.hz - 440.0).abs() < 1e-2 && soft.length_s == 0.12, "{soft:?}");
+        assert!(loud.hz == 660.0 && loud.length_s == 0.12, "{loud:?}");
     }
 
     #[test]

@@ -8,6 +8,7 @@ use serde_json::json;
 use crate::rig::Rig;
 
 const MANIFEST: &str = "home/.local/share/radar-chaperone/manifest.vrmanifest";
+const ICON: &str = "home/.local/share/radar-chaperone/icon.png";
 
 #[test]
 fn install_and_uninstall_register_the_manifest() {
@@ -29,12 +30,14 @@ fn install_and_uninstall_register_the_manifest() {
     let application = &manifest["applications"][0];
     assert_eq!(application["binary_path_linux"], env!("CARGO_BIN_EXE_radar-chaperone"));
     assert_eq!(application["arguments"], "run --port \"a b\" --preset c16");
+    assert_eq!(application["image_path"], rig.path(ICON).display().to_string());
+    assert_eq!(fs::read(rig.path(ICON)).unwrap(), include_bytes!("../../overlay_assets/icon.png"));
     assert!(rig.run(&["install"]).code == Some(0), "installing twice must work");
     assert!(doctor(&rig).contains("SteamVR starts this program with the headset"));
 
     let removed = rig.run(&["uninstall"]);
     assert_eq!(removed.code, Some(0), "{}", removed.err);
-    assert!(!rig.path(MANIFEST).exists());
+    assert!(!rig.path(MANIFEST).exists() && !rig.path(ICON).exists());
     assert!(doctor(&rig).contains("SteamVR does not know this program"));
 }
 

@@ -354,3 +354,65 @@ impl Painter {
         PreparedPicture { device: self.number, commands, picture, texture }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use image::RgbaImage;
+
+    use super::*;
+    use crate::render::Renderer;
+
+    const ICON: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/overlay_assets/icon.png");
+    /// Drivers round differently, and the file has straight alpha.
+    const TOLERANCE: u8 = 4;
+
+    /// The button's picture as the worker draws it; `None` without a graphics adapter.
+    fn drawn_icon() -> Option<RgbaImage> {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.backends = wgpu::Backends::VULKAN;
+        let instance = wgpu::Instance::new(descriptor);
+        let adapter = pollster::block_on(instance.request_adapter(&Default::default())).ok()?;
+        let required_limits = crate::render::needed_limits(&adapter.limits());
+        let described = wgpu::DeviceDescriptor { required_limits, ..Default::default() };
+        let (device, queue) = pollster::block_on(adapter.request_device(&described)).unwrap();
+        let reader = Renderer::from_device(device.clone(), queue.clone(), "icon").unwrap();
+        let (_to_worker, inputs) = std::sync::mpsc::sync_channel(1);
+        let (to_loop, drawings) = std::sync::mpsc::sync_channel(1);
+        let mut worker = PanelWorker::new(inputs, to_loop, Arc::default(), Arc::default());
+        worker.take(WorkerInput::Device(1, device, queue.clone()));
+        worker.draw_thumbnail();
+        let picture = drawings.try_recv().unwrap();
+        queue.submit(picture.commands);
+        Some(reader.picture_of_texture(&picture.texture).unwrap())
+    }
+
+    fn premultiplied([r, g, b, a]: [u8; 4]) -> [u8; 4] {
+        let times = |v: u8| ((u16::from(v) * u16::from(a) + 127) / 255) as u8;
+        [times(r), times(g), times(b), a]
+    }
+
+    fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
+        let over = |v: u8| ((u16::from(v) * 255 + u16::from(a) / 2) / u16::from(a.max(1))).min(255) as u8;
+        [over(r), over(g), over(b), a]
+    }
+
+    #[test]
+    fn icon_file_shows_what_the_button_shows() {
+        let Some(drawn) = drawn_icon() else { return println!("skipped: no graphics adapter") };
+        let file = image::open(ICON).unwrap().to_rgba8();
+        assert_eq!(file.dimensions(), drawn.dimensions());
+        for ((x, y, filed), drawn) in file.enumerate_pixels().zip(drawn.pixels()) {
+            let filed = premultiplied(filed.0);
+            let is_near = filed.iter().zip(drawn.0).all(|(a, b)| a.abs_diff(b) <= TOLERANCE);
+            assert!(is_near, "({x}, {y}): {filed:?} in the file, {drawn:?} drawn");
+        }
+    }
+
+    #[test]
+    #[ignore = "writes overlay_assets/icon.png"]
+    fn write_icon_file() {
+        let mut drawn = drawn_icon().unwrap();
+        drawn.pixels_mut().for_each(|pixel| pixel.0 = straight(pixel.0));
+        drawn.save(ICON).unwrap();
+    }
+}
