@@ -37,7 +37,7 @@ fn binary_path(runtime: &Runtime) -> (String, u32) {
 
 #[test]
 fn applications_persist_across_sessions() {
-    alone("applications::applications_stay_from_session_to_session", &json!({}), |rig| {
+    alone("applications::applications_persist_across_sessions", &json!({}), |rig| {
         let runtime = Runtime::connected_as(sys::EVRApplicationType_VRApplication_Utility);
         let table = runtime.applications;
         let path = write(&rig.folder.join("test.vrmanifest"), &manifest("bin/program", "run --now"));
@@ -61,7 +61,7 @@ fn applications_persist_across_sessions() {
 
 #[test]
 fn utility_registers_without_a_server() {
-    alone("applications::a_utility_registers_without_a_server", &json!({}), |rig| {
+    alone("applications::utility_registers_without_a_server", &json!({}), |rig| {
         rig.kill_server();
         let runtime = Runtime::connected_as(sys::EVRApplicationType_VRApplication_Utility);
         let path = write(&rig.folder.join("test.vrmanifest"), &manifest("program", ""));
@@ -74,7 +74,7 @@ fn utility_registers_without_a_server() {
 
 #[test]
 fn bad_manifests_are_rejected() {
-    alone("applications::bad_manifests_are_refused", &json!({}), |rig| {
+    alone("applications::bad_manifests_are_rejected", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let add = |path: &CString| call!(runtime.applications, AddApplicationManifest, text(path), false);
         let missing = CString::new(rig.folder.join("missing.vrmanifest").display().to_string()).unwrap();

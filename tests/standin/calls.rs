@@ -17,7 +17,7 @@ const TIMED_OUT: u32 = sys::EVROverlayError_VROverlayError_TimedOut;
 
 #[test]
 fn overlay_properties_roundtrip() {
-    alone("calls::overlays_keep_what_is_set", &json!({}), |rig| {
+    alone("calls::overlay_properties_roundtrip", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let table = runtime.overlay;
         let handle = runtime.create(c"test.panel");
@@ -166,7 +166,7 @@ fn wrong_textures(runtime: &Runtime) -> Vec<(&'static str, u32, u32)> {
 
 #[test]
 fn wrong_calls_fail_and_are_reported() {
-    alone("calls::wrong_calls_fail_and_are_told", &json!({}), |rig| {
+    alone("calls::wrong_calls_fail_and_are_reported", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let calls: Vec<_> = wrong_calls(&runtime).into_iter().chain(wrong_textures(&runtime)).collect();
         // Violations that can only be detected at the end of a frame.
@@ -203,7 +203,7 @@ fn wrong_calls_fail_and_are_reported() {
 
 #[test]
 fn projections_need_both_eyes_and_overlays_are_limited() {
-    alone("calls::a_projection_wants_both_eyes_and_overlays_have_a_limit", &json!({}), |rig| {
+    alone("calls::projections_need_both_eyes_and_overlays_are_limited", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let mut matrix = to_matrix(placed(0.0, [0.0; 3]));
         let mut edges = sys::VROverlayProjection_t { fLeft: -1.0, fRight: 1.0, fTop: -1.0, fBottom: 1.0 };
@@ -228,7 +228,7 @@ fn projections_need_both_eyes_and_overlays_are_limited() {
 
 #[test]
 fn textures_from_a_second_thread_are_reported() {
-    alone("calls::textures_come_from_one_thread", &json!({}), |rig| {
+    alone("calls::textures_from_a_second_thread_are_reported", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let handle = runtime.create(c"test.panel");
         let table = runtime.overlay;
@@ -245,7 +245,7 @@ fn textures_from_a_second_thread_are_reported() {
 
 #[test]
 fn dashboard_tab_and_thumbnail_are_destroyed_together() {
-    alone("calls::a_tab_of_the_dashboard_has_a_thumbnail_and_goes_with_it", &json!({}), |rig| {
+    alone("calls::dashboard_tab_and_thumbnail_are_destroyed_together", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let (mut main, mut thumbnail) = (0, 0);
         let key = text(c"test.tab");
@@ -270,7 +270,7 @@ fn is_whole<T>(table: &T) -> bool {
 
 #[test]
 fn function_tables_have_no_null_pointers() {
-    alone("calls::no_table_has_a_hole", &json!({}), |rig| {
+    alone("calls::function_tables_have_no_null_pointers", &json!({}), |rig| {
         let runtime = Runtime::connected();
         assert!(is_whole(runtime.system) && is_whole(runtime.overlay) && is_whole(runtime.compositor));
         assert!(is_whole(runtime.applications) && is_whole(runtime.chaperone) && is_whole(runtime.settings));
@@ -284,7 +284,7 @@ fn function_tables_have_no_null_pointers() {
 
 #[test]
 fn sdk_version_is_recorded_from_c_and_cpp() {
-    alone("calls::the_version_of_the_sdk_is_told_in_c_and_in_cpp", &json!({}), |rig| {
+    alone("calls::sdk_version_is_recorded_from_c_and_cpp", &json!({}), |rig| {
         let runtime = Runtime::connected();
         assert_eq!(runtime.set_sdk_version_in_cpp([2, 14, 3]), 0);
         until("the report", || (rig.try_report()?["sdk_version"] == json!([2, 14, 3])).then_some(()));
@@ -296,7 +296,7 @@ fn sdk_version_is_recorded_from_c_and_cpp() {
 
 #[test]
 fn frames_are_sequential_and_missed_ones_counted() {
-    alone("calls::frames_come_one_by_one_and_missed_ones_are_counted", &json!({}), |rig| {
+    alone("calls::frames_are_sequential_and_missed_ones_counted", &json!({}), |rig| {
         let runtime = Runtime::connected();
         let mut error = 1;
         let asked = sys::ETrackedDeviceProperty_Prop_DisplayFrequency_Float;
@@ -324,7 +324,7 @@ fn frames_are_sequential_and_missed_ones_counted() {
 
 #[test]
 fn server_shutdown_is_requested_and_timed() {
-    alone("calls::the_end_of_the_server_is_asked_for_and_timed", &json!({}), |rig| {
+    alone("calls::server_shutdown_is_requested_and_timed", &json!({}), |rig| {
         let runtime = Runtime::connected();
         rig.end_server();
         until("the event", || runtime.event().filter(|event| event.eventType == sys::EVREventType_VREvent_Quit));
@@ -343,7 +343,7 @@ fn server_shutdown_is_requested_and_timed() {
 
 #[test]
 fn killed_server_fails_calls() {
-    alone("calls::a_killed_server_answers_nothing", &json!({}), |rig: &Rig| {
+    alone("calls::killed_server_fails_calls", &json!({}), |rig: &Rig| {
         let runtime = Runtime::connected();
         let handle = runtime.create(c"test.panel");
         assert!(runtime.poses(STANDING, 0.0)[0].bDeviceIsConnected);
@@ -374,7 +374,7 @@ fn killed_server_fails_calls() {
 #[test]
 fn scripted_failures_are_counted() {
     let config = json!({ "events": [{ "at_s": 0.0, "do": "fail", "function": "SetOverlayAlpha", "count": 3 }] });
-    alone("calls::functions_fail_as_often_as_a_script_says", &config, |_| {
+    alone("calls::scripted_failures_are_counted", &config, |_| {
         let runtime = Runtime::connected();
         let handle = runtime.create(c"test.panel");
         let fails = || (call!(runtime.overlay, SetOverlayAlpha, handle, 0.5) == FAILED).then_some(());
@@ -386,7 +386,7 @@ fn scripted_failures_are_counted() {
 
 #[test]
 fn play_area_and_color_follow_the_configuration() {
-    alone("calls::the_play_area_and_its_colour_are_the_users", &json!({ "chaperone": { "size_m": [2, 3] } }), |rig| {
+    alone("calls::play_area_and_color_follow_the_configuration", &json!({ "chaperone": { "size_m": [2, 3] } }), |rig| {
         let runtime = Runtime::connected();
         let (mut x, mut z) = (0.0, 0.0);
         assert!(call!(runtime.chaperone, GetPlayAreaSize, &mut x, &mut z));

@@ -202,7 +202,7 @@ fn quad_is_drawn_at_its_pose_and_moves_with_its_universe() {
 
 #[test]
 fn disparity_matches_distance() {
-    alone("pictures::a_thing_at_a_distance_has_its_disparity", &json!({ "display": { "shot_size": SIZE } }), |rig| {
+    alone("pictures::disparity_matches_distance", &json!({ "display": { "shot_size": SIZE } }), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         let quad = Quad { standing_from_overlay: placed(0.0, [0.1, 1.7, -1.5]), width_m: 0.4, height_m: 0.4 };
@@ -226,7 +226,7 @@ fn disparity_matches_distance() {
 
 #[test]
 fn side_by_side_halves_and_bounds_are_applied() {
-    alone("pictures::halves_go_to_their_eyes_and_bounds_cut", &config(), |rig| {
+    alone("pictures::side_by_side_halves_and_bounds_are_applied", &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         // 64 × 32 for both eyes: each has a square half, and texels twice as wide as high make it
@@ -291,7 +291,7 @@ fn quads_are_ordered_by_sort_order_then_distance() {
 
 #[test]
 fn premultiplied_flag_is_respected() {
-    alone("pictures::alpha_is_premultiplied_or_not_as_the_flag_says", &config(), |rig| {
+    alone("pictures::premultiplied_flag_is_respected", &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         let quad = ahead(0.8, 0.8, 1.6);
@@ -392,7 +392,7 @@ fn projection(rig: &Rig, direction: &str) {
 
 #[test]
 fn projections_are_drawn_in_their_directions() {
-    alone("pictures::projections_are_seen_in_their_directions", &config(), |rig| {
+    alone("pictures::projections_are_drawn_in_their_directions", &config(), |rig| {
         projection(rig, "eye_from_tracking");
     });
 }
@@ -401,14 +401,14 @@ fn projections_are_drawn_in_their_directions() {
 fn projection_matrix_direction_is_configurable() {
     let mut config = config();
     config["projection_matrix"] = json!("tracking_from_eye");
-    alone("pictures::the_matrix_of_a_projection_can_go_the_other_way", &config, |rig| {
+    alone("pictures::projection_matrix_direction_is_configurable", &config, |rig| {
         projection(rig, "tracking_from_eye");
     });
 }
 
 #[test]
 fn headset_gpu_is_selected_by_name() {
-    alone("pictures::the_gpu_that_drives_the_headset_is_named", &json!({}), |rig| {
+    alone("pictures::headset_gpu_is_selected_by_name", &json!({}), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         let (physical_device, instance) = gpu.physical_device_and_instance();
@@ -428,7 +428,7 @@ fn headset_gpu_is_selected_by_name() {
 
 #[test]
 fn texture_copies_reuse_memory() {
-    alone("pictures::many_textures_are_copied_without_growing", &config(), |rig| {
+    alone("pictures::texture_copies_reuse_memory", &config(), |rig| {
         let Some(gpu) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         let quad = ahead(0.8, 0.8, 1.6);
@@ -452,7 +452,7 @@ fn texture_copies_reuse_memory() {
 
 #[test]
 fn device_change_is_reported_and_continues() {
-    alone("pictures::another_device_in_the_middle_is_told_and_goes_on", &config(), |rig| {
+    alone("pictures::device_change_is_reported_and_continues", &config(), |rig| {
         let Some(first) = Gpu::open() else { return };
         let runtime = Runtime::connected();
         let quad = ahead(0.8, 0.8, 1.6);
