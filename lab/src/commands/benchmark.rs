@@ -70,8 +70,8 @@ fn markdown(rows: &[Row], machine: &str) -> String {
     let front: Vec<Row> = rows.iter().filter(|row| row.on_front).cloned().collect();
     format!(
         "# Run time against error\n\nMade by `cargo run --release -p lab -- benchmark --out DIR` on {machine}. Time: one \
-         image, from raw sweeps to the place. Error: distance from the truth, median and 95th percentile over seeds. `adaptive`: the voxels of \
-         at least half of the peak; `peak`: the greatest alone; `window`, `rolling`: the newest sweeps, after every sweep, \
+         image, from raw sweeps to the place. Error: distance from the truth, median and 95th percentile over seeds. \
+         `adaptive`: the voxels of at least half of the peak; `peak`: the greatest alone; `window`, `rolling`: the newest sweeps, after every sweep, \
          fresh or from the image before.\n\n![Run time against error](benchmark.png)\n\n## The front\n\n{}\n## All\n\n{}",
         present::table(&front).markdown(),
         present::table(rows).markdown()
