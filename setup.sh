@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Installs what building and testing need and this machine lacks. Run it as often as you like: where nothing is missing it
-# takes a second and changes nothing. Debian and Ubuntu; elsewhere it says what to install.
+# Installs the missing tools for building and testing. Run it as often as you like: if nothing is missing it takes a second
+# and changes nothing. Debian and Ubuntu; elsewhere it lists what to install.
 #
 #   a C compiler                 compresses recordings (zstd)
-#   libclang                     reads SteamVR's C header while building
-#   ALSA's library, pkg-config   sounds, of which the program plays none unless asked to
-#   Vulkan loader and a driver   pictures; Mesa's software renderer serves where there is no graphics card. Without them
-#                                everything else works, and tests that draw say that they were skipped.
+#   libclang                     reads SteamVR's C header while building the program
+#   ALSA's library, pkg-config   sounds of the program, which are off by default
+#   Vulkan loader and a driver   pictures; Mesa's software renderer if there is no graphics card. Without them everything
+#                                else works, and tests that draw print that they were skipped.
 #   Vulkan's validation layer    optional, with WITH_VALIDATION=1: one test runs the renderer under it
 #   Rust                         cargo as new as rust-version in Cargo.toml, with rustfmt and clippy
 set -euo pipefail
@@ -32,7 +32,7 @@ as_root() {
     fi
 }
 
-# True when cargo is there and at least as new as wanted.
+# True if cargo is installed and new enough.
 rust_is_enough() {
     local found
     have cargo || return 1
@@ -40,7 +40,7 @@ rust_is_enough() {
     [ -n "$found" ] && [ "$(printf '%s\n' "$rust_wanted" "$found" | sort -V | head -n1)" = "$rust_wanted" ]
 }
 
-# A libclang1-N that there is, the one tried here if possible: the plain name is no package everywhere.
+# An available libclang1-N, the tested version if possible: the plain name is not a package everywhere.
 libclang_package() {
     { apt-cache show libclang1-14 >/dev/null 2>&1 && echo libclang1-14; } ||
         apt-cache search --names-only "^libclang1-[0-9]+\$" 2>/dev/null | cut -d" " -f1 | sort -V | tail -n1 | grep . ||
@@ -84,7 +84,7 @@ install_rust() {
     link_rust
 }
 
-# Nothing here can change the PATH of the shell that called us; as root, Rust's programs are linked to where it looks.
+# This script cannot change the PATH of the calling shell; as root it links Rust's programs into /usr/local/bin.
 link_rust() {
     if [ "$(id -u)" = 0 ] && [ -d /usr/local/bin ]; then
         for program in cargo rustc rustdoc rustfmt cargo-fmt cargo-clippy clippy-driver rustup; do
@@ -95,7 +95,7 @@ link_rust() {
     fi
 }
 
-# What cannot be done without, checked at the end.
+# Checks the required tools at the end.
 check() {
     local fine=0
     have cc || { say "missing: a C compiler (cc)"; fine=1; }
@@ -103,7 +103,7 @@ check() {
     return $fine
 }
 
-# Rust may be installed without the calling shell knowing of it yet.
+# Rust may be installed but not yet in the PATH of the calling shell.
 if ! have cargo && [ -x "$rust_bin/cargo" ]; then
     PATH="$rust_bin:$PATH"
     link_rust

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# Makes docs/beside-steamvr.png: what both eyes see at a chair in the simulated room, for each display, by the real program between the
-# simulated sensor and the stand-in for SteamVR. Takes half a minute.
+# Makes docs/beside-steamvr.png: both eyes' views of a chair in the simulated room, for each display mode. Runs the real program with
+# the simulated sensor and the fake SteamVR runtime. Takes half a minute.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-cargo build --release --bin radar-chaperone --example standin_runtime --example standin_server --example steamvr_picture
+cargo build --release --bin radar-chaperone --example standin_runtime --example standin_server
+cargo build --release -p lab --example steamvr_picture
 folder=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; wait 2>/dev/null || true; rm -rf "$folder"' EXIT
 target=$PWD/target/release

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes docs/dashboard.png: the panel in the dashboard after a while of play in the simulated room, by the real program between the simulated
-# sensor and the stand-in for SteamVR. Takes a minute.
+# Makes docs/dashboard.png: the panel in the dashboard after 44 s of play in the simulated room. Runs the real program with the
+# simulated sensor and the fake SteamVR runtime. Takes a minute.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 cargo build --release --bin radar-chaperone --example standin_runtime --example standin_server

@@ -1,11 +1,11 @@
-"""Reads a recording with results by the public readers and checks every topic in it.
+"""Reads a recording with results with the public readers and checks every topic in it.
 
     pip install mcap mcap-protobuf-support foxglove-schemas-protobuf
     radar-chaperone replay walk.mcap --results results.mcap
     python docs/read_results.py results.mcap
 
-Prints a table of the topics; ends with an error at the first thing that is not as docs/results.md says.
-With `pip install rerun-sdk` as well, `--rerun` reads the file by Rerun and checks what Rerun makes of each topic.
+Prints a table of the topics; ends with an error at the first difference from docs/results.md. After
+`pip install rerun-sdk`, `--rerun` also reads the file with Rerun and checks which component it makes of each topic.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import struct
 import sys
 from collections import Counter, defaultdict
 
-# The schemas as their publisher ships them: what is read with the file's own schema must agree with these.
+# The published schemas: messages read with the schema in the file must agree with these.
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
@@ -44,7 +44,7 @@ PUBLISHED = {
     "foxglove.PointCloud": PointCloud,
     "foxglove.SceneUpdate": SceneUpdate,
 }
-# What Rerun 0.41 makes of each, by the component that it shows; none where it only lists the message.
+# The component that Rerun 0.41 makes of each topic; `message` where it only lists the message.
 RERUN = {
     "/tracking/head": "Transform3D:translation",
     "/tracking/mount": "Transform3D:translation",
@@ -58,25 +58,25 @@ RERUN = {
     "/beam": "foxglove.SceneUpdate:message",
     "/scene": "foxglove.SceneUpdate:message",
 }
-MOST_DOTS = {"/evidence": 2000, "/scene/points": 6000, "/scene/outlines": 12000, "/beam/outline": 12000}
+MAX_POINTS = {"/evidence": 2000, "/scene/points": 6000, "/scene/outlines": 12000, "/beam/outline": 12000}
 FRAMES = {"/beam/outline": "sensor", "/beam": "sensor"}
 
 
-def check(holds, *says):
+def check(holds, *details):
     if not holds:
-        sys.exit("WRONG: " + " ".join(str(part) for part in says))
+        sys.exit("WRONG: " + " ".join(str(part) for part in details))
 
 
-def check_turn(q, *says):
-    check(abs(math.sqrt(q.x**2 + q.y**2 + q.z**2 + q.w**2) - 1) < 1e-9, *says, "quaternion", q)
+def check_rotation(q, *details):
+    check(abs(math.sqrt(q.x**2 + q.y**2 + q.z**2 + q.w**2) - 1) < 1e-9, *details, "quaternion", q)
 
 
-def check_finite(v, *says):
-    check(all(math.isfinite(c) for c in (v.x, v.y, v.z)), *says, "not finite", v)
+def check_finite(v, *details):
+    check(all(math.isfinite(c) for c in (v.x, v.y, v.z)), *details, "not finite", v)
 
 
 def check_transform(topic, t, frames):
-    check_turn(t.rotation, topic)
+    check_rotation(t.rotation, topic)
     check_finite(t.translation, topic)
     parent = frames.setdefault(t.child_frame_id, t.parent_frame_id)
     check(parent == t.parent_frame_id, topic, "two parents of", t.child_frame_id)
@@ -87,32 +87,32 @@ def check_cloud(topic, cloud):
     names = [field.name for field in cloud.fields]
     check(names == ["x", "y", "z", "value", "red", "green", "blue", "alpha"], topic, "fields", names)
     count, rest = divmod(len(cloud.data), cloud.point_stride)
-    check(rest == 0 and count <= MOST_DOTS[topic], topic, "holds", count, "points and", rest, "bytes")
+    check(rest == 0 and count <= MAX_POINTS[topic], topic, "holds", count, "points and", rest, "bytes")
     for x, y, z, value, *_ in struct.iter_unpack("<4f4B", cloud.data):
         check(all(map(math.isfinite, (x, y, z, value))), topic, "not finite", x, y, z, value)
-        check(max(map(abs, (x, y, z))) < 100, topic, "100 m away", x, y, z)
+        check(max(map(abs, (x, y, z))) < 100, topic, "beyond 100 m", x, y, z)
     return count
 
 
-def check_scene(topic, update, standing):
-    """Applies an update to the names that stand in the scene."""
+def check_scene(topic, update, present):
+    """Applies an update to the names of the entities in the scene."""
     for deletion in update.deletions:
         check(deletion.type == SceneEntityDeletion.MATCHING_ID, topic, "deletes all")
-        check(deletion.id in standing, topic, "deletes what never stood:", deletion.id)
-        standing.discard(deletion.id)
+        check(deletion.id in present, topic, "deletes an entity that does not exist:", deletion.id)
+        present.discard(deletion.id)
     names = [entity.id for entity in update.entities]
-    check(len(names) == len(set(names)), topic, "the same name twice")
-    standing.update(names)
-    check(standing == set(names), topic, "left standing:", standing - set(names))
+    check(len(names) == len(set(names)), topic, "has two entities of the same name")
+    present.update(names)
+    check(present == set(names), topic, "not deleted:", present - set(names))
     for entity in update.entities:
         check(entity.frame_id == FRAMES.get(topic, "tracking"), topic, "frame", entity.frame_id)
         for shape in [*entity.cubes, *entity.spheres]:
-            check_turn(shape.pose.orientation, topic, entity.id)
+            check_rotation(shape.pose.orientation, topic, entity.id)
             check_finite(shape.pose.position, topic, entity.id)
-            check(min(shape.size.x, shape.size.y, shape.size.z) > 0, topic, entity.id, "without size")
-        for place in [p for part in [*entity.lines, *entity.triangles] for p in part.points]:
-            check_finite(place, topic, entity.id)
-        check(all(len(part.points) % 3 == 0 for part in entity.triangles), topic, entity.id, "broken triangle")
+            check(min(shape.size.x, shape.size.y, shape.size.z) > 0, topic, entity.id, "has no size")
+        for point in [p for part in [*entity.lines, *entity.triangles] for p in part.points]:
+            check_finite(point, topic, entity.id)
+        check(all(len(part.points) % 3 == 0 for part in entity.triangles), topic, entity.id, "has an incomplete triangle")
         if entity.id.startswith("obstacle "):
             check(len(entity.spheres) == 1 and len(entity.texts) == 1, topic, entity.id, "has no label")
             check(entity.texts[0].text.startswith("#" + entity.id.split()[1]), topic, entity.texts[0].text)
@@ -133,7 +133,7 @@ def check_figures(figures, scene_names):
 
 def read(path):
     counts, sizes, last = Counter(), Counter(), defaultdict(int)
-    frames, standing, beam, found, dots = {}, set(), set(), set(), Counter()
+    frames, present, beam, found, points = {}, set(), set(), set(), Counter()
     with open(path, "rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
@@ -142,7 +142,7 @@ def read(path):
             check(SCHEMAS.get(topic, name) == name, topic, "has the schema", name)
         for missing in set(SCHEMAS) - set(schemas) - {"/log"}:
             check(False, "no topic", missing)
-        # In the order of the file: it is to be the order of time.
+        # In the order of the file, which must be the order of time.
         for schema, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
             topic = channel.topic
             check(message.log_time >= last[topic], topic, "goes back in time at", message.log_time)
@@ -152,33 +152,33 @@ def read(path):
             if schema.name in PUBLISHED:
                 again = PUBLISHED[schema.name].FromString(message.data)
                 check(again.SerializeToString(deterministic=True) == decoded.SerializeToString(deterministic=True),
-                      topic, "reads otherwise with the published schema")
+                      topic, "differs when read with the published schema")
                 decoded = again
             if schema.name == "foxglove.FrameTransform":
                 check_transform(topic, decoded, frames)
-            elif schema.name == "foxglove.PointCloud" and topic in MOST_DOTS:
-                dots[topic] += check_cloud(topic, decoded)
+            elif schema.name == "foxglove.PointCloud" and topic in MAX_POINTS:
+                points[topic] += check_cloud(topic, decoded)
             elif topic == "/beam":
                 check_scene(topic, decoded, beam)
             elif topic == "/scene":
-                check_scene(topic, decoded, standing)
-                found |= standing
+                check_scene(topic, decoded, present)
+                found |= present
             elif topic == "/figures":
-                check_figures(decoded, standing)
+                check_figures(decoded, present)
             elif topic == "/log":
                 words = decoded.message.split()
                 if words[2:3] == ["found"]:
                     check(" ".join(words[:2]) in found, "/log", decoded.message)
     for child, parent in {"tracking": "room", "head": "tracking", "sensor": "head"}.items():
         check(frames.get(child) == parent, "frames", frames)
-    for once in ("/room", "/beam", "/beam/outline", "/tracking/mount"):
-        check(counts[once] == 1, once, counts[once], "times")
-    check(counts["/scene"] == counts["/figures"] > 0, "looks", counts)
-    return schemas, counts, sizes, dots
+    for topic in ("/room", "/beam", "/beam/outline", "/tracking/mount"):
+        check(counts[topic] == 1, topic, counts[topic], "messages instead of 1")
+    check(counts["/scene"] == counts["/figures"] > 0, "numbers of updates", counts)
+    return schemas, counts, sizes, points
 
 
 def check_rerun(path):
-    """Reads by Rerun and looks for what it understood."""
+    """Reads with Rerun and checks the components that it made."""
     from rerun.chunk import McapReader
 
     schema = McapReader(path).stream().collect().schema()
@@ -191,15 +191,15 @@ def check_rerun(path):
 def main():
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     arguments.add_argument("file")
-    arguments.add_argument("--rerun", action="store_true", help="check what Rerun makes of it as well")
+    arguments.add_argument("--rerun", action="store_true", help="also check the components that Rerun makes")
     arguments = arguments.parse_args()
-    schemas, counts, sizes, dots = read(arguments.file)
+    schemas, counts, sizes, points = read(arguments.file)
     print(f"{'topic':20} {'schema':34} {'messages':>8} {'bytes':>10} {'points':>8}")
     for topic in sorted(schemas):
-        print(f"{topic:20} {schemas[topic]:34} {counts[topic]:8} {sizes[topic]:10} {dots[topic] or '':>8}")
+        print(f"{topic:20} {schemas[topic]:34} {counts[topic]:8} {sizes[topic]:10} {points[topic] or '':>8}")
     if arguments.rerun:
         check_rerun(arguments.file)
-    print("all as it should be")
+    print("no differences")
 
 
 main()

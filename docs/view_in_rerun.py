@@ -2,10 +2,10 @@
 
     pip install rerun-sdk
     python docs/view_in_rerun.py results.mcap
-    python docs/view_in_rerun.py results.mcap --save results.rrd     instead of opening it
+    python docs/view_in_rerun.py results.mcap --save results.rrd     to save a file instead
 
-Rerun opens the file without this script too (`rerun results.mcap`); the script lays out the views and plots the figures,
-which Rerun does not do by itself for schemas that are not its own.
+Rerun also opens the file without this script (`rerun results.mcap`). The script lays out the views and plots the figures;
+Rerun alone does not plot schemas that it does not know.
 """
 
 import argparse
@@ -22,7 +22,7 @@ PLOTS = {
     },
     "obstacles and walls known": {"obstacles": (255, 140, 26), "walls": (77, 153, 255)},
     "sweeps a second": {"sweeps_per_s": (90, 220, 150)},
-    "time offset, in force and as the data tell (ms)": {
+    "time offset, applied and estimated (ms)": {
         "time_offset_ms": (230, 230, 230),
         "time_offset_estimate_ms": (255, 230, 90),
     },

@@ -15,3 +15,8 @@ pub mod settings;
 pub mod view;
 #[cfg_attr(not(test), warn(clippy::disallowed_methods))]
 pub mod warning;
+
+/// The examples of the README compile.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExamples;

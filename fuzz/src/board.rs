@@ -1,8 +1,8 @@
 //! A correct board, and set-ups for it. Written from the protocol, independently of the code under
 //! test.
 
-use a121::{SensorSetup, Setup};
 use a121::{IdleState, SensorConfig, Subsweep};
+use a121::{SensorSetup, Setup};
 
 /// Ticks of the board's clock per second.
 pub const TICKS_PER_SECOND: u32 = 1_000_000;

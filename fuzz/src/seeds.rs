@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
+use a121::{Frame, SensorConfig, Subsweep};
 use hdf5_pure::{CompoundTypeBuilder, FileBuilder};
 use num_complex::Complex;
 use radar_chaperone::settings::Settings;
-use radar_sar::geometry::Pose;
-use a121::{Frame, SensorConfig, Subsweep};
 use radar_mapping::Event;
 use radar_recording::{Header, RecordingWriter};
 use radar_sar::PoseSample;
+use radar_sar::geometry::Pose;
 
 use crate::board::{Board, result, setup};
 

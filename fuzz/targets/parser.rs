@@ -4,8 +4,8 @@
 //! the set-up; buffered and allocated bytes are bounded; after noise the next line is parsed.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
 use a121::{MAX_LINE_BYTES, Message, Parser, Received, Reply, ResultLayout};
+use libfuzzer_sys::fuzz_target;
 use radar_chaperone_fuzz::{board, memory, script::Script, seeds};
 
 /// Largest allocation, bytes: the lists that the longest line can describe, which grow by doubling.

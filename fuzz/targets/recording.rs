@@ -5,8 +5,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radar_recording::Recording;
 use radar_chaperone_fuzz::{file, memory, seeds};
+use radar_recording::Recording;
 
 /// Limits for an unpacked record of 32 MiB and its content, bytes.
 const PEAK_BYTES: usize = 256 << 20;

@@ -6,8 +6,8 @@
 //! works correctly.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
 use a121::{Action, Event, Link, Session, SessionError};
+use libfuzzer_sys::fuzz_target;
 use radar_chaperone_fuzz::board::{self, Board, TICKS_PER_SECOND};
 use radar_chaperone_fuzz::{memory, script::Script, seeds};
 

@@ -4,8 +4,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radar_recording::read_track;
 use radar_chaperone_fuzz::{file, memory, seeds};
+use radar_recording::read_track;
 
 fuzz_target!(init: seeds::write("track"), |data: &[u8]| {
     let path = file::temp_file_with(data);

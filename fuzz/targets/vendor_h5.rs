@@ -5,8 +5,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radar_recording::{ImportOptions, import_h5};
 use radar_chaperone_fuzz::{file, memory, seeds};
+use radar_recording::{ImportOptions, import_h5};
 
 const PEAK_BYTES: usize = 1 << 30;
 

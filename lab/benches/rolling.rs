@@ -1,6 +1,6 @@
 //! Rolling image of 600³ voxels of 5 mm at 120 sweeps a second: time per sweep.
 //!
-//!     cargo bench --bench rolling
+//!     cargo bench -p lab --bench rolling
 //!
 //! A corner reflector at 1 m depth in a 3 m cube, preset `fine`, 20 dB, a 50 cm sphere, window of
 //! 200 sweeps, 30 s. At the end the image is compared with a fresh search over the window: same

@@ -1,7 +1,7 @@
 //! Adaptive search: work and time for the voxels above half of the peak, compared with a dense
 //! volume.
 //!
-//!     cargo bench --bench search
+//!     cargo bench -p lab --bench search
 //!
 //! A corner reflector at 1 m depth in a 3 m cube, 200 sweeps of 10 s from a 50 cm sphere, preset
 //! `fine`, 20 dB, default tracking error. Seed 1; `ls` at 1.2 cm voxels on seeds 1 to 5.

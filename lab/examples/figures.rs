@@ -1,6 +1,9 @@
-//! Draws every figure of a report from synthetic data and prints the time each takes. `cargo run
-//! --release --example figures [DIR]` writes PNGs, a volume, a point cloud, obstacles.json and
-//! report.html; without DIR into the temporary folder.
+//! Draws every figure of a report from synthetic data and prints the time each takes.
+//!
+//!     cargo run --release -p lab --example figures -- [DIR]
+//!
+//! Writes PNGs, a volume, a point cloud, obstacles.json and report.html; without DIR into the
+//! temporary folder.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;

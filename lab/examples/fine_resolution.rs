@@ -1,6 +1,6 @@
 //! Resolution of the coherent image: widths of a point target at half power, against sums of power.
 //!
-//!     cargo run --release --example fine_resolution -- [SEEDS]
+//!     cargo run --release -p lab --example fine_resolution -- [SEEDS]
 //!
 //! A corner reflector at about 1 m, preset d16, the thesis' 50 cm sphere for 2 s, default tracking
 //! errors, images of 5 mm voxels; medians over the seeds (5 by default). Also prints the time for a

@@ -1,8 +1,8 @@
-//! Latency of the reconstruction beside a frame loop, in real time: natural play in a furnished
+//! Latency of the reconstruction next to a frame loop, in real time: natural play in a furnished
 //! room, preset d16. Frames arrive 2 ms after their end, poses at the display's rate or another
 //! one; the frame loop takes the newest scene at every display frame and computes its warnings.
 //!
-//!     cargo run --release --example live_latency -- [SECONDS] [SEED] [POSES_HZ] [THREADS]
+//!     cargo run --release -p lab --example live_latency -- [SECONDS] [SEED] [POSES_HZ] [THREADS]
 //!
 //! "Sweep to frame" is the time from a frame's arrival to the display frame drawn from data that
 //! include it: the wait for the next pose, the processing, and the wait for the display frame. The

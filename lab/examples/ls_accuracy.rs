@@ -1,7 +1,7 @@
 //! Accuracy of a single reflector's position against the Cramér–Rao bound, and consistency of its
 //! covariance.
 //!
-//!     cargo run --release --example ls_accuracy -- [seeds=FIRST..END] [motion=NAME] \
+//!     cargo run --release -p lab --example ls_accuracy -- [seeds=FIRST..END] [motion=NAME] \
 //!         [sweeps=N] [snr=DB] [without=jitter|wander|rotation|mount|all] [near] [detail]
 //!
 //! Each row: a motion, the number of sweeps used, SNR at 1 m on the axis. Columns, mm: median and

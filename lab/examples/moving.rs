@@ -1,6 +1,6 @@
 //! Accuracy of moving targets (people crossing a room) in play sessions.
 //!
-//!     cargo run --release --example moving -- [FIRST..END] [--seconds=20] [--preset=d16] \
+//!     cargo run --release -p lab --example moving -- [FIRST..END] [--seconds=20] [--preset=d16] \
 //!         [--controllers] [--no-visitor] [--no-hands] [--each] [rooms.moving.confirm_blocks=4 …]
 //!
 //! Each session is processed into sub-apertures and moving targets only, without the rest of the

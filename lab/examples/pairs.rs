@@ -1,10 +1,11 @@
 //! Two reflectors 20 cm apart across range, and a single one that must not be split.
 //!
-//!     cargo run --release --example pairs -- calibrate|verify|split [seeds=FIRST..END]
+//!     cargo run --release -p lab --example pairs -- calibrate|verify|split [seeds=FIRST..END]
 //!
 //! `calibrate` (seeds 0..20): for one corner reflector, over motions, numbers of sweeps and SNR,
 //! the largest gain of a second one as a share of the first one's power and in standard deviations
-//! of noise; for the pair, the smallest. The threshold in `imaging/refine/pair.rs` lies between.
+//! of noise; for the pair, the smallest. The threshold in `radar-sar`'s `refine/pair.rs` lies
+//! between.
 //!
 //! `split` (seeds 100..300): how often one reflector is reported as more than one by the whole
 //! search.

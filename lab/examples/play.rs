@@ -1,7 +1,6 @@
-//! Play sessions with any settings, for tuning: the tables of `radar-chaperone benchmark --play`,
-//! and every false report.
+//! Play sessions with any settings, for tuning: the tables of `lab play`, and every false report.
 //!
-//!     cargo run --release --example play -- [FIRST..END] [--minutes=10] [--preset=d16] \
+//!     cargo run --release -p lab --example play -- [FIRST..END] [--minutes=10] [--preset=d16] \
 //!         [--controllers] [--walls-db=20] [--no-hands] [--silent-hands] \
 //!         [--no-visitor] [--square] [--each] [rooms.map.confirm_score=6 …]
 

@@ -1,6 +1,8 @@
 //! Pictures of both eyes' views of a chair 0.9 m ahead and a wall to the right, as PNG files:
 //! panels in a dark room, the windows of the display mode `stereo`, and the eye textures of the
-//! display mode `projection`. `cargo run --release --example preview DIR`.
+//! display mode `projection`.
+//!
+//!     cargo run --release -p lab --example preview -- DIR
 
 use std::time::Instant;
 

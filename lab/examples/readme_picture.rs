@@ -1,5 +1,6 @@
-//! `cargo run --release --example readme_picture [DEMO_FOLDER]`: an eye preview of the demo beside
-//! its map, for README.md.
+//! The picture in README.md: an eye preview of the demo next to its map.
+//!
+//!     cargo run --release -p lab --example readme_picture -- [DEMO_FOLDER]
 
 use std::fs::File;
 use std::io::BufWriter;

@@ -1,6 +1,7 @@
 //! How often panels are redrawn, and the CPU time per frame of each display mode's drawing (this
-//! thread's time), during play in the demo's furnished room: `cargo run --release --example redraws
-//! [SECONDS]`.
+//! thread's time), during play in the demo's furnished room.
+//!
+//!     cargo run --release -p lab --example redraws -- [SECONDS]
 
 use radar_mapping::{Event, in_time_order};
 use std::collections::BTreeMap;

@@ -1,7 +1,8 @@
 //! False-alarm rates of the room mapper on receiver noise alone, for every preset, and scores that
 //! keep stated rates.
 //!
-//!     cargo run --release --example room_false_alarms -- [FIRST..END] [--minutes=M] [PRESET …]
+//!     cargo run --release -p lab --example room_false_alarms -- \
+//!         [FIRST..END] [--minutes=M] [PRESET …]
 //!
 //! Simulates natural head motion in empty space for M minutes per preset (default 40), divided
 //! among the seeds (default 1..17), through the whole mapper. An alarm is a score above a

@@ -1,6 +1,6 @@
 //! Detection of furniture and false reports in simulated rooms.
 //!
-//!     cargo run --release --example rooms -- [FIRST..END] [SCENE] [--each] \
+//!     cargo run --release -p lab --example rooms -- [FIRST..END] [SCENE] [--each] \
 //!         [--poses-hz=250] [rooms.explain.min_score=3 …]
 //!
 //! Runs 30 s with preset d16 through the whole mapper for every seed and scores the scene against

@@ -1,7 +1,7 @@
 //! Selection of sweeps: how accurately a corner reflector is located from a few sweeps, by
 //! selection method.
 //!
-//!     cargo run --release --example selection -- [FIRST..END] [MOTION]
+//!     cargo run --release -p lab --example selection -- [FIRST..END] [MOTION]
 //!
 //! 20 dB at 1 m, default tracking errors, motion sphere-50cm by default, 10 s at 120 sweeps per
 //! second, seeds 100..130. For each selection and number of sweeps: median / 95th percentile of the

@@ -1,7 +1,7 @@
 //! Cost of each stage of room imaging with preset d16: CPU seconds per second of data, as a share
 //! of one core.
 //!
-//!     cargo run --release --example blocks_speed -- [SECONDS] [SEED] [SCENE …] [whole] \
+//!     cargo run --release -p lab --example stage_times -- [SECONDS] [SEED] [SCENE …] [whole] \
 //!         [rooms.blocks.memory_s=2 …]
 //!
 //! Simulates a furnished and an empty room (natural play, 10 s by default), then times each stage

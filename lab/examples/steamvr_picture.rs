@@ -1,4 +1,4 @@
-//! `beside_picture OUT.png SHOT…`: shots of the fake SteamVR runtime side by side, left and right
+//! `steamvr_picture OUT.png SHOT…`: shots of the fake SteamVR runtime side by side, left and right
 //! eye of each, cropped to where warnings are visible. `docs/beside-steamvr.sh` makes the picture
 //! of the live display with it.
 

@@ -1,5 +1,7 @@
 //! How long single steps of the mapper block the stream: natural play in a furnished room, preset
-//! d16. Arguments: seconds, seed, threads of the pool.
+//! d16.
+//!
+//!     cargo run --release -p lab --example step_times -- [SECONDS] [SEED] [THREADS]
 //!
 //! A step is the processing that one pushed pose triggers: the sweeps that it completes, usually
 //! nothing else; sometimes a sub-aperture, an update of the map, or an estimate of the time offset.

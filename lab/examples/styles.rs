@@ -1,5 +1,7 @@
 //! The four warning styles side by side, as one eye sees them over a dark and over a bright,
-//! detailed game picture: `cargo run --release --example styles FILE.png`.
+//! detailed game picture.
+//!
+//!     cargo run --release -p lab --example styles -- FILE.png
 
 use anyhow::{Context, Result, anyhow};
 use glam::{DMat3, DQuat, DVec2, DVec3};

@@ -1,7 +1,8 @@
 //! Accuracy of the estimated time offset between the pose stream and the sweep stream, and the
 //! benefit of correcting it.
 //!
-//!     cargo run --release --example time_offset -- [FIRST..END] [SCENE or MOTION …] [rooms]
+//!     cargo run --release -p lab --example time_offset -- \
+//!         [FIRST..END] [SCENE or MOTION …] [rooms]
 //!
 //! First table: a corner reflector (20 dB at 1 m, 120 sweeps per second, default tracking errors),
 //! −20, 0 and +20 ms between the streams, seeds 100..120. For each motion and each time since the

@@ -1,10 +1,10 @@
 //! Trains the classifier that separates objects from artefacts, and scores it on other rooms:
 //!
-//!     cargo run --release --example acceptance -- train 20..50 > new.json
-//!     cargo run --release --example acceptance -- score 2000..2006 > scored.json
+//!     cargo run --release -p lab --example train_classifier -- train 20..50 > new.json
+//!     cargo run --release -p lab --example train_classifier -- score 2000..2006 > scored.json
 //!
-//! The output replaces the model file of `obstacles::Model`. `score` prints the program's own model
-//! with the score in its card.
+//! The output replaces the model file of `radar_mapping::Model`. `score` prints the program's own
+//! model with the score in its card.
 //!
 //! Each room is played for four minutes; from another seed for one minute, since little is known at
 //! a session's start; from a third for three minutes with the slower preset c16; and from a fourth
@@ -23,14 +23,14 @@ use radar_simulation::PlaySession;
 /// Preset, minutes, extra reflection of the walls in dB, and offset of these sessions' seeds.
 const SESSIONS: [(&str, f64, f64, u64); 4] =
     [("d16", 4.0, 0.0, 0), ("d16", 1.0, 0.0, 100_000), ("c16", 3.0, 0.0, 200_000), ("d16", 2.0, 20.0, 300_000)];
-const USAGE: &str = "usage: acceptance train|score FIRST..END (seeds)";
+const USAGE: &str = "usage: train_classifier train|score FIRST..END (seeds)";
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [what, seeds] = &arguments[..] else { panic!("{USAGE}") };
     let (first, end) = seeds.split_once("..").expect(USAGE);
     let seeds = first.parse().expect(USAGE)..end.parse().expect(USAGE);
-    let command = format!("cargo run --release --example train_classifier -- {}", arguments.join(" "));
+    let command = format!("cargo run --release -p lab --example train_classifier -- {}", arguments.join(" "));
     let sessions = training_set(&seeds);
     let model = match what.as_str() {
         "train" => {

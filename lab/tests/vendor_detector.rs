@@ -8,8 +8,9 @@ use radar_mapping::range_axis;
 use radar_recording::{ImportOptions, import_h5};
 use radar_sar::PoseSample;
 
-/// The vendor's own way on the vendor's own recording: the reflector in the tank slides along the boresight, and the track beside the
-/// recording tells how fast, from another subsweep's envelope. Frames of one sweep make the windows.
+/// The vendor's method on the vendor's recording: the reflector in the tank slides along the
+/// boresight; the track that comes with the recording gives its speed, from another subsweep's
+/// envelope. Frames of one sweep make the windows.
 #[test]
 #[ignore = "needs the vendor's recordings in ../shared/recordings"]
 fn vendor_detector_measures_range_and_speed_of_the_tank_reflector() {

@@ -24,11 +24,11 @@ use radar_sar::{Preselection, Preselector, Selection, Statistic, Volume, subaper
 /// the axes and the unit of the values. With --cloud the strongest voxels are also written as
 /// points (.ply), for tools that read point clouds.
 ///
-/// Statistics: thesis-full (eq. 3.1), thesis (eq. 3.2), ls, log, glrt, coherent, blocks.
+/// Statistics: thesis-full (eq. 3.1), thesis (eq. 3.2), ls, log, glrt, coherent, subaperture.
 ///
 /// `--search adaptive` finds the voxels at or above `--threshold-share` of the greatest value, the
 /// same voxels with the same values as `dense`, with a small part of its work; the others are 0 in
-/// the volume. It supports all statistics but blocks.
+/// the volume. It supports all statistics but subaperture.
 #[derive(Debug, Args)]
 pub(super) struct Reconstruct {
     /// Recording (.mcap)

@@ -1,5 +1,5 @@
-//! Every fault on the sensor's line, 40 times each; `examples/a121_faults` does the same a thousand
-//! times.
+//! Every fault on the sensor's line, 40 times each; the example `a121_faults` of `crates/a121` does
+//! the same a thousand times.
 
 #[path = "../../crates/a121/examples/a121_faults/trial.rs"]
 mod trial;

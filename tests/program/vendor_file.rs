@@ -16,8 +16,8 @@ use crate::found::{obstacles_of, only};
 #[test]
 fn imported_corner_reflector_is_as_accurate_as_simulated() {
     let folder = Folder::new("vendor_file");
-    // Five seeds keep the test short; `examples/ls_accuracy.rs` measured a median of 3.5 mm over
-    // twenty.
+    // Five seeds keep the test short; `lab/examples/ls_accuracy.rs` measured a median of 3.5 mm
+    // over twenty.
     let mut errors_m: Vec<f64> = (1..=5).map(|seed| error_of_import_m(&folder, seed)).collect();
     errors_m.sort_by(f64::total_cmp);
     assert!(errors_m[2] <= 0.005 && errors_m[4] <= 0.012, "{errors_m:?} m");

@@ -386,35 +386,39 @@ fn scripted_failures_are_counted() {
 
 #[test]
 fn play_area_and_color_follow_the_configuration() {
-    alone("calls::play_area_and_color_follow_the_configuration", &json!({ "chaperone": { "size_m": [2, 3] } }), |rig| {
-        let runtime = Runtime::connected();
-        let (mut x, mut z) = (0.0, 0.0);
-        assert!(call!(runtime.chaperone, GetPlayAreaSize, &mut x, &mut z));
-        assert_eq!((x, z), (2.0, 3.0));
-        let black = sys::HmdColor_t { r: 0.0, g: 0.0, b: 0.0, a: 0.0 };
-        let color = || {
-            let (mut color, mut camera) = (black, black);
-            call!(runtime.chaperone, GetBoundsColor, &mut color, 1, 0.5, &mut camera);
-            [color.r, color.g, color.b, color.a].map(|part| (part * 255.0).round() as i32)
-        };
-        assert_eq!(color(), [0, 255, 255, 153]);
-        rig.command(&json!({ "do": "color", "r": 200, "g": 10, "b": 20, "a": 99 }));
-        until("the event", || {
-            let kind = sys::EVREventType_VREvent_ChaperoneSettingsHaveChanged;
-            runtime.event().filter(|event| event.eventType == kind)
-        });
-        assert_eq!(color(), [200, 10, 20, 99]);
-        let section = text(sys::k_pch_CollisionBounds_Section);
-        let mut error = 9;
-        let fade = text(sys::k_pch_CollisionBounds_FadeDistance_Float);
-        assert_eq!(call!(runtime.settings, GetFloat, section, fade, &mut error), 0.7);
-        assert_eq!(error, 0);
-        call!(runtime.settings, SetFloat, section, fade, 1.25, &mut error);
-        assert_eq!(call!(runtime.settings, GetFloat, section, fade, &mut error), 1.25);
-        call!(runtime.settings, GetFloat, section, text(c"NoSuchKey"), &mut error);
-        assert_eq!(error, sys::EVRSettingsError_VRSettingsError_UnsetSettingHasNoDefault);
-        runtime.cleanup();
-    });
+    alone(
+        "calls::play_area_and_color_follow_the_configuration",
+        &json!({ "chaperone": { "size_m": [2, 3] } }),
+        |rig| {
+            let runtime = Runtime::connected();
+            let (mut x, mut z) = (0.0, 0.0);
+            assert!(call!(runtime.chaperone, GetPlayAreaSize, &mut x, &mut z));
+            assert_eq!((x, z), (2.0, 3.0));
+            let black = sys::HmdColor_t { r: 0.0, g: 0.0, b: 0.0, a: 0.0 };
+            let color = || {
+                let (mut color, mut camera) = (black, black);
+                call!(runtime.chaperone, GetBoundsColor, &mut color, 1, 0.5, &mut camera);
+                [color.r, color.g, color.b, color.a].map(|part| (part * 255.0).round() as i32)
+            };
+            assert_eq!(color(), [0, 255, 255, 153]);
+            rig.command(&json!({ "do": "color", "r": 200, "g": 10, "b": 20, "a": 99 }));
+            until("the event", || {
+                let kind = sys::EVREventType_VREvent_ChaperoneSettingsHaveChanged;
+                runtime.event().filter(|event| event.eventType == kind)
+            });
+            assert_eq!(color(), [200, 10, 20, 99]);
+            let section = text(sys::k_pch_CollisionBounds_Section);
+            let mut error = 9;
+            let fade = text(sys::k_pch_CollisionBounds_FadeDistance_Float);
+            assert_eq!(call!(runtime.settings, GetFloat, section, fade, &mut error), 0.7);
+            assert_eq!(error, 0);
+            call!(runtime.settings, SetFloat, section, fade, 1.25, &mut error);
+            assert_eq!(call!(runtime.settings, GetFloat, section, fade, &mut error), 1.25);
+            call!(runtime.settings, GetFloat, section, text(c"NoSuchKey"), &mut error);
+            assert_eq!(error, sys::EVRSettingsError_VRSettingsError_UnsetSettingHasNoDefault);
+            runtime.cleanup();
+        },
+    );
 }
 
 #[test]

@@ -1,10 +1,12 @@
 //! Accuracy of sweep times estimated from sensor ticks and late arrivals: rms error after 2 s
 //! against the truth, over seeds.
 //!
-//! Use: `cargo run --release --example a121_clock [SEEDS]` (20 by default). The simulated boards'
-//! clocks drift by 40 ppm and change as they warm up. Frames are regular to 10 µs. Results arrive
-//! 0.1 ms late on average, plus a delay by the reading process: `stalls`: polls of 1 ms, one in ten
-//! with a stall of up to 30 ms; `bursts`: one burst every 30 ms.
+//!     cargo run --release -p a121 --features simulated-board --example a121_clock -- [SEEDS]
+//!
+//! 20 seeds by default. The simulated boards' clocks drift by 40 ppm and change as they warm up.
+//! Frames are regular to 10 µs. Results arrive 0.1 ms late on average, plus a delay by the reading
+//! process: `stalls`: polls of 1 ms, one in ten with a stall of up to 30 ms; `bursts`: one burst
+//! every 30 ms.
 
 #[path = "../src/clock_simulation.rs"]
 mod clock_simulation;

@@ -3,8 +3,8 @@
 //!
 //! The pure part takes bytes and host times, and returns bytes to send and events. Only `port` (the
 //! line), `find` (available ports) and `remedy` (why a port cannot be opened) do I/O; threads and
-//! clocks are in `live`. The server stamps frames with ticks and sends no checksums, so every file
-//! here considers transmission faults.
+//! clocks are the program's. The server stamps frames with ticks and sends no checksums, so every
+//! file here considers transmission faults.
 
 #![warn(missing_docs)]
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

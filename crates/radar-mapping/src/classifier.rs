@@ -6,9 +6,8 @@
 //! score without the best moment, the spread of the strengths, the position in the beam, the
 //! clutter at the same range, whether an echo elsewhere explains as much, what was seen there
 //! before, and the distance to walls, floor and known objects. Gradient-boosted trees combine these
-//! (Friedman 2001, Annals of Statistics 29:1189). The model is a data file
-//! that is compiled in. `examples/acceptance.rs` makes it, from rooms that no published figure is
-//! taken from.
+//! (Friedman 2001, Annals of Statistics 29:1189). The model is a data file that is compiled in.
+//! `lab/examples/train_classifier.rs` makes it, from rooms that no published figure is taken from.
 
 mod model;
 

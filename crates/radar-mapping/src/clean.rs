@@ -45,7 +45,7 @@ pub struct CleanSettings {
     pub min_score: f64,
     /// Least score of a maximum of the field that becomes a candidate. Receiver noise alone reaches
     /// it less than three times an hour in every preset, and it never reaches what confirms
-    /// (measured: `examples/room_false_alarms.rs`).
+    /// (measured: `lab/examples/room_false_alarms.rs`).
     pub min_candidate_score: f64,
     /// Most candidates per update; the ones with the highest scores are used.
     pub max_candidates: usize,

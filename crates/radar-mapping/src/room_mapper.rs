@@ -8,33 +8,40 @@
 //! with the ranges of all other detections masked. Both estimates are weighted by their
 //! covariances.
 
+mod config;
+mod imaging;
+mod intake;
+mod objects;
 mod refinement;
-mod restore;
 mod screening;
 mod shapes;
 mod walls;
+mod window;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::classifier::ScoredCandidate;
-use super::existence::Existence;
-use super::history::History;
-use super::saved_map::SavedMap;
 use super::{
     CleanSettings, CleanWindow, Detection, Evidence, HandTrail, HandsM, MapSettings, MovingTarget, MovingTargetTracker,
-    MtiSettings, ResponseCache, TrackList, same_plane, same_point,
+    MtiSettings, Obstacle, ResponseCache, SavedMap, SavedMapError, Wall,
 };
+use config::RoomConfig;
+use imaging::Imaging;
+use intake::SweepIntake;
+use objects::ObjectMap;
 use radar_sar::PositionErrors;
-use radar_sar::geometry::{Aabb, Plane, Pose};
+use radar_sar::geometry::{Plane, Pose};
 use radar_sar::subaperture::{
-    Field, FineCounters, FineField, FineSettings, Peak, PlaneField, PlanePeak, Subaperture, SubapertureBuilder,
-    SubapertureSettings,
+    FineCounters, FineField, FineSettings, Peak, PlanePeak, Subaperture, SubapertureSettings,
 };
 use radar_sar::{Beam, Observation};
-use shapes::Shape;
+use refinement::Refinement;
+use screening::{CandidateLog, Screening};
+use walls::{Facing, WallMap};
+use window::Window;
 
 /// Parameters of the mapper.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -95,14 +102,6 @@ pub struct Update {
     pub wall_hits: usize,
 }
 
-/// The refined position of a track.
-#[derive(Debug, Clone)]
-struct RefinedPoint {
-    position_m: DVec3,
-    covariance_m2: DMat3,
-    shape: Shape,
-}
-
 /// The next stage of the work.
 #[derive(Debug)]
 enum Stage {
@@ -119,55 +118,26 @@ enum Stage {
 /// Maps a room.
 #[derive(Debug)]
 pub struct RoomMapper {
-    settings: RoomMapperSettings,
-    errors: PositionErrors,
-    beam: Beam,
-    min_cos: f64,
-    builders: BTreeMap<usize, SubapertureBuilder>,
-    field: Field,
-    fine: FineField,
-    planes: PlaneField,
-    window: VecDeque<Subaperture>,
-    /// Sub-apertures that have left the window.
-    history: History,
+    config: RoomConfig,
+    intake: SweepIntake,
+    imaging: Imaging,
+    window: Window,
     response_cache: ResponseCache,
-    /// Sweeps of the window, for the refinement.
-    sweeps: VecDeque<Observation>,
-    next_update_ns: Option<i64>,
-    middle: Option<DVec3>,
-    points: TrackList<DVec3>,
-    walls: TrackList<Plane>,
-    /// By track: its refined position and the quality that it was refined at.
-    refined: BTreeMap<u64, (f64, RefinedPoint)>,
-    /// By confirmed track: whether it still exists.
-    existences: BTreeMap<u64, Existence>,
+    objects: ObjectMap,
+    walls: WallMap,
     /// Positions of the wearer's hands.
     hands: HandTrail,
-    /// Position of the sensor at the newest sweep.
-    sensor_m: Option<DVec3>,
     /// Tracker of moving targets.
     mti: MovingTargetTracker,
-    /// By wall: feet of the perpendiculars that it was seen at.
-    wall_feet: BTreeMap<u64, Aabb>,
-    /// By wall: updates since its last detection in which it should have been seen.
-    missed_updates: BTreeMap<u64, u32>,
-    /// What was restored from a saved map.
-    restored: SavedMap,
-    /// The next stage of the work of the last sub-aperture, and the number of sweeps taken since.
+    candidates: CandidateLog,
+    /// The next stage of the work of the last sub-aperture.
     pending: Option<Stage>,
-    sweeps_since: usize,
-    /// Sweeps that are processed first after a restart.
-    backlog: VecDeque<Observation>,
+    next_update_ns: Option<i64>,
     /// End of the newest sub-aperture of the last update, host nanoseconds.
     evidence_ns: Option<i64>,
-    /// Middle of the first sub-aperture, host nanoseconds.
-    first_ns: Option<i64>,
-    /// Candidates that the last update scored.
-    scored: Vec<ScoredCandidate>,
-    /// Candidates that the last updates scored and that may be new.
-    recent_candidates: VecDeque<Vec<DVec3>>,
     /// Results of the last update.
     update: Update,
+    /// Sub-apertures, updates and removals; the stages count the rest.
     counters: RoomMapperCounters,
     /// Work done before the last restart.
     counters_before_restart: RoomMapperCounters,
@@ -176,42 +146,28 @@ pub struct RoomMapper {
 impl RoomMapper {
     /// An empty map.
     pub fn new(settings: RoomMapperSettings, beam: &Beam, errors: PositionErrors) -> Self {
-        let min_cos = settings.blocks.min_cos(beam);
+        Self::begin(RoomConfig::new(settings, beam, errors), VecDeque::new())
+    }
+
+    /// An empty map; `backlog`: sweeps to process first.
+    fn begin(config: RoomConfig, backlog: VecDeque<Observation>) -> Self {
         Self {
-            field: Field::new(settings.blocks, min_cos),
-            fine: FineField::new(settings.fine, settings.blocks, min_cos),
-            planes: PlaneField::new(settings.blocks, settings.blocks.mirror_min_cos(beam)),
-            settings,
-            errors,
-            beam: beam.clone(),
-            min_cos,
-            builders: BTreeMap::new(),
-            window: VecDeque::new(),
-            history: History::default(),
+            intake: SweepIntake::new(config.settings.blocks, backlog),
+            imaging: Imaging::new(&config),
+            window: Window::default(),
             response_cache: ResponseCache::default(),
-            sweeps: VecDeque::new(),
-            next_update_ns: None,
-            middle: None,
-            points: TrackList::default(),
-            walls: TrackList::default(),
-            refined: BTreeMap::new(),
-            existences: BTreeMap::new(),
+            objects: ObjectMap::default(),
+            walls: WallMap::default(),
             hands: HandTrail::default(),
-            sensor_m: None,
-            mti: MovingTargetTracker::new(settings.moving, beam),
-            wall_feet: BTreeMap::new(),
-            missed_updates: BTreeMap::new(),
-            restored: SavedMap::default(),
+            mti: MovingTargetTracker::new(config.settings.moving, &config.beam),
+            candidates: CandidateLog::default(),
             pending: None,
-            sweeps_since: 0,
-            backlog: VecDeque::new(),
+            next_update_ns: None,
             evidence_ns: None,
-            first_ns: None,
-            scored: Vec::new(),
-            recent_candidates: VecDeque::new(),
             update: Update::default(),
             counters: RoomMapperCounters::default(),
             counters_before_restart: RoomMapperCounters::default(),
+            config,
         }
     }
 
@@ -220,26 +176,27 @@ impl RoomMapper {
     /// [`work`](Self::work), before any new ones.
     pub fn restart(&mut self, mut keep: impl FnMut(&mut Observation) -> bool) {
         let counters_before_restart = self.counters();
-        let mut backlog = std::mem::take(&mut self.sweeps);
-        backlog.append(&mut self.backlog);
+        let mut backlog = self.intake.take_sweeps();
         backlog.retain_mut(|sweep| keep(sweep));
-        let (hands, remembered) = (std::mem::take(&mut self.hands), self.still_saved());
-        *self = Self { counters_before_restart, backlog, hands, ..Self::new(self.settings, &self.beam, self.errors) };
-        // It was valid when it was restored.
-        let _ = self.restore(&remembered);
+        let hands = std::mem::take(&mut self.hands);
+        let (points, walls) = (self.objects.take_restored(), self.walls.take_restored());
+        *self = Self { counters_before_restart, hands, ..Self::begin(self.config.clone(), backlog) };
+        self.objects.restore(&points, self.config.settings.map.match_m);
+        self.walls.restore(&walls, self.window.middle());
     }
 
     /// Work done so far.
     pub fn counters(&self) -> RoomMapperCounters {
-        let dropped: u64 = self.builders.values().map(|b| b.dropped_sweeps).sum();
+        let before = &self.counters_before_restart;
+        let (voxel_updates, bricks) = self.imaging.work();
         RoomMapperCounters {
-            blocks: self.counters_before_restart.blocks + self.counters.blocks,
-            sweeps_without_block: self.counters_before_restart.sweeps_without_block + dropped,
-            voxel_updates: self.counters_before_restart.voxel_updates + self.field.updates,
-            bricks: self.counters_before_restart.bricks + self.field.brick_count() as u64,
-            looks: self.counters_before_restart.looks + self.counters.looks,
-            forgotten: self.counters_before_restart.forgotten + self.counters.forgotten,
-            fine: self.counters_before_restart.fine.and(&self.fine.counters()),
+            blocks: before.blocks + self.counters.blocks,
+            sweeps_without_block: before.sweeps_without_block + self.intake.dropped_sweeps(),
+            voxel_updates: before.voxel_updates + voxel_updates,
+            bricks: before.bricks + bricks,
+            looks: before.looks + self.counters.looks,
+            forgotten: before.forgotten + self.counters.forgotten,
+            fine: before.fine.and(&self.imaging.fine().counters()),
         }
     }
 
@@ -250,7 +207,7 @@ impl RoomMapper {
 
     /// Candidates that the last update scored.
     pub fn scored_candidates(&self) -> &[ScoredCandidate] {
-        &self.scored
+        self.candidates.scored()
     }
 
     /// Results of the last update.
@@ -260,19 +217,51 @@ impl RoomMapper {
 
     /// Every voxel that was ever seen and scores at least `min_score`, the `most` highest.
     pub fn evidence(&self, min_score: f64, most: usize) -> Evidence {
-        let peaks = self.field.above(min_score, i64::MIN);
-        let voxels = peaks.into_iter().map(|peak| (peak.position_m, peak.score as f32)).collect();
-        Evidence::strongest(self.settings.blocks.voxel_m, voxels, most)
+        self.imaging.evidence(min_score, most)
     }
 
     /// The scores on fine voxels, where something is.
     pub fn fine(&self) -> &FineField {
-        &self.fine
+        self.imaging.fine()
+    }
+
+    /// Confirmed obstacles, by falling evidence. Tracks near each other belong to one obstacle,
+    /// which has the position of the strongest.
+    pub fn obstacles(&self) -> Vec<Obstacle> {
+        self.objects.obstacles(&self.imaging)
+    }
+
+    /// Confirmed walls, by falling evidence.
+    pub fn walls(&self) -> Vec<Wall> {
+        self.walls.walls(self.window.middle())
+    }
+
+    /// Confirmed moving targets, the longest tracked first.
+    pub fn moving_targets(&self) -> Vec<MovingTarget> {
+        self.mti.targets()
+    }
+
+    /// Restores a saved map of this room as provisional. Objects already known are left as they
+    /// are.
+    ///
+    /// # Errors
+    /// A value is not valid for a room; nothing is restored then.
+    pub fn restore(&mut self, saved: &SavedMap) -> Result<(), SavedMapError> {
+        saved.check()?;
+        self.objects.restore(&saved.places, self.config.settings.map.match_m);
+        self.walls.restore(&saved.walls, self.window.middle());
+        Ok(())
+    }
+
+    /// What is known of the room, by id: confirmed objects observed since, and restored ones that
+    /// still exist.
+    pub fn saved_map(&self) -> SavedMap {
+        SavedMap { places: self.objects.saved(&self.imaging), walls: self.walls.saved(self.window.middle()) }
     }
 
     /// Adds positions of the wearer's hands.
     pub fn push_hands(&mut self, time_ns: i64, hands_m: HandsM) {
-        self.hands.push(time_ns, hands_m, self.sensor_m);
+        self.hands.push(time_ns, hands_m, self.intake.sensor_m());
     }
 
     /// Adds a sweep. Images the sub-aperture that it closes and, four times a second, updates the
@@ -284,10 +273,8 @@ impl RoomMapper {
 
     /// Adds a sweep and leaves its work to [`work`](Self::work).
     pub fn push_deferred(&mut self, observation: Observation) {
-        self.sensor_m = Some(observation.tracking_from_sensor.translation);
-        match self.backlog.is_empty() {
-            true => self.accept(observation),
-            false => self.backlog.push_back(observation),
+        if let Some(observation) = self.intake.receive(observation) {
+            self.accept(observation);
         }
     }
 
@@ -295,51 +282,44 @@ impl RoomMapper {
     /// sensor poses and velocities that `sensor_at` returns for their times. Call it before the
     /// sweep is added.
     pub fn update_poses_before(&mut self, next: &Observation, sensor_at: impl Fn(i64) -> Option<(Pose, DVec3)>) {
-        let subsweep = next.geometry.subsweep;
-        let builder = self.builders.get_mut(&subsweep).filter(|builder| builder.is_closed_by(next.mid_time_ns));
-        let Some(sweeps) = builder.filter(|_| self.backlog.is_empty()).map(SubapertureBuilder::sweeps_mut) else {
-            return;
-        };
-        let Some(first_ns) = sweeps.first().map(|sweep| sweep.mid_time_ns) else { return };
-        // The sweeps kept for the refinement are copies of these.
-        let kept = self.sweeps.iter_mut().rev().take_while(|sweep| sweep.mid_time_ns >= first_ns);
-        for sweep in sweeps.iter_mut().chain(kept.filter(|sweep| sweep.geometry.subsweep == subsweep)) {
-            if let Some((tracking_from_sensor, velocity_m_per_s)) = sensor_at(sweep.mid_time_ns) {
-                (sweep.tracking_from_sensor, sweep.velocity_m_per_s) = (tracking_from_sensor, velocity_m_per_s);
-            }
-        }
+        self.intake.update_poses_before(next, sensor_at);
     }
 
     fn accept(&mut self, observation: Observation) {
-        let settings = self.settings.blocks;
-        self.sweeps.push_back(observation.clone());
-        self.sweeps_since += 1;
-        let subsweep = observation.geometry.subsweep;
-        if self.builders.get(&subsweep).is_some_and(|builder| builder.is_closed_by(observation.mid_time_ns)) {
+        if self.intake.keep(&observation) {
             // The known walls must include the results of the sub-apertures before.
             while self.run_next_stage() {}
-            self.cancel_walls();
+            self.intake.cancel_walls(&self.walls.planes());
         }
-        let builder = self.builders.entry(subsweep).or_insert_with(|| SubapertureBuilder::new(settings));
-        if let Some(block) = builder.push(observation) {
-            (self.pending, self.sweeps_since) = (Some(Stage::Image(Box::new(block))), 0);
+        if let Some(completed) = self.intake.add(observation) {
+            self.pending = Some(Stage::Image(Box::new(completed)));
         }
-    }
-
-    /// Makes the following sub-apertures cancel the walls known now.
-    fn cancel_walls(&mut self) {
-        let mirrors: Vec<Plane> = self.walls.confirmed().map(|wall| wall.estimate).collect();
-        self.builders.values_mut().for_each(|builder| builder.cancel_walls(&mirrors));
     }
 
     /// Does a part of the work; false when there is none.
     pub fn work(&mut self) -> bool {
         while self.pending.is_none()
-            && let Some(sweep) = self.backlog.pop_front()
+            && let Some(sweep) = self.intake.next_of_backlog()
         {
             self.accept(sweep);
         }
         self.run_next_stage()
+    }
+
+    /// Whether [`work`](Self::work) has something to do.
+    pub fn has_work(&self) -> bool {
+        self.pending.is_some() || self.intake.has_backlog()
+    }
+
+    /// Images the rest and updates the map a last time.
+    pub fn finish(&mut self) {
+        while self.work() {}
+        self.intake.cancel_walls(&self.walls.planes());
+        let last_stages = self.intake.close().into_iter().map(|last| Stage::Image(Box::new(last)));
+        for stage in last_stages.chain([Stage::Candidates]) {
+            self.pending = Some(stage);
+            while self.run_next_stage() {}
+        }
     }
 
     /// Does the next stage of the last sub-aperture's work; false when there is none.
@@ -351,55 +331,29 @@ impl RoomMapper {
         true
     }
 
-    /// Whether [`work`](Self::work) has something to do.
-    pub fn has_work(&self) -> bool {
-        self.pending.is_some() || !self.backlog.is_empty()
-    }
-
-    /// Images the rest and updates the map a last time.
-    pub fn finish(&mut self) {
-        while self.work() {}
-        self.cancel_walls();
-        let last: Vec<Subaperture> = self.builders.values_mut().filter_map(SubapertureBuilder::close).collect();
-        let last_stages = last.into_iter().map(|block| Stage::Image(Box::new(block)));
-        for stage in last_stages.chain([Stage::Candidates]) {
-            self.pending = Some(stage);
-            while self.run_next_stage() {}
-        }
-    }
-
     /// Does a stage and returns the next.
     fn run_stage(&mut self, stage: Stage) -> Option<Stage> {
         match stage {
-            Stage::Image(block) => self.process_subaperture(*block).then_some(Stage::Candidates),
-            Stage::Candidates => self.candidates(),
+            Stage::Image(subaperture) => self.image(*subaperture).then_some(Stage::Candidates),
+            Stage::Candidates => self.find_candidates(),
             Stage::Detect { planes, peaks } => Some(self.detect(&planes, &peaks)),
             Stage::Refine { walls, points } => {
-                self.refine_positions(&walls, &points);
+                self.refine(&walls, &points);
                 None
             }
         }
     }
 
     /// Images a sub-aperture. Returns whether an update is due.
-    fn process_subaperture(&mut self, block: Subaperture) -> bool {
+    fn image(&mut self, subaperture: Subaperture) -> bool {
         self.counters.blocks += 1;
-        self.middle.get_or_insert(block.middle.translation);
-        self.first_ns.get_or_insert(block.mid_time_ns);
-        self.field.add(&block);
-        self.fine.push_subaperture(&block);
-        self.planes.add(block.uncancelled());
-        self.mti.push(block.uncancelled(), &self.hands, self.settings.map.hands_reach_m);
-        let now_ns = block.mid_time_ns;
-        self.window.push_back(block);
-        let since_ns = now_ns - self.window_ns();
-        while let Some(old) = self.window.pop_front_if(|b| b.mid_time_ns < since_ns) {
-            self.fine.pop_subaperture(&old);
-            self.history.push(&old);
-        }
-        while self.sweeps.front().is_some_and(|o| o.mid_time_ns < since_ns) {
-            self.sweeps.pop_front();
-        }
+        self.imaging.add(&subaperture);
+        self.mti.push(subaperture.uncancelled(), &self.hands, self.config.settings.map.hands_reach_m);
+        let now_ns = subaperture.mid_time_ns;
+        self.window.push(subaperture);
+        let since_ns = now_ns - self.config.window_ns();
+        self.window.drop_before(since_ns, |old| self.imaging.leave(old));
+        self.intake.drop_before(since_ns);
         let is_due = now_ns >= *self.next_update_ns.get_or_insert(now_ns);
         if is_due {
             self.next_update_ns = Some(now_ns + UPDATE_NS);
@@ -407,72 +361,56 @@ impl RoomMapper {
         is_due
     }
 
-    fn window_ns(&self) -> i64 {
-        (self.settings.explain.window_s * 1e9) as i64
-    }
-
     /// Begins an update: candidate planes and points.
-    fn candidates(&mut self) -> Option<Stage> {
-        let since_ns = self.window.back()?.mid_time_ns - self.window_ns();
+    fn find_candidates(&mut self) -> Option<Stage> {
+        let since_ns = self.window.newest()?.mid_time_ns - self.config.window_ns();
         self.counters.looks += 1;
-        let explain = self.settings.explain;
-        let planes = self.planes.peaks(explain.plane_min_score, explain.plane_min_blocks, since_ns);
-        let peaks = self.field.peaks(explain.min_candidate_score, PEAK_RADIUS_M, since_ns);
-        let stage = Stage::Detect {
-            planes: planes.iter().map(|p| p.plane).collect(),
-            peaks: peaks.iter().take(explain.max_candidates).map(|p| p.position_m).collect(),
-        };
-        self.update = Update { peaks, plane_peaks: planes, ..Update::default() };
-        Some(stage)
+        let (plane_peaks, peaks) = self.imaging.peaks(&self.config, since_ns);
+        let (planes, points) = imaging::candidates(&plane_peaks, &peaks, &self.config);
+        self.update = Update { peaks, plane_peaks, ..Update::default() };
+        Some(Stage::Detect { planes, peaks: points })
     }
 
     /// Detects in the window's sub-apertures and updates the tracks.
     fn detect(&mut self, planes: &[Plane], peaks: &[DVec3]) -> Stage {
-        let explain = self.settings.explain;
-        let (blocks, memory) = (&self.settings.blocks, &mut self.response_cache);
-        let mut window = CleanWindow::new(self.window.iter(), &self.hands, &explain, blocks, &self.beam, memory);
+        let RoomMapperSettings { blocks, explain, map, .. } = &self.config.settings;
+        let (beam, cache) = (&self.config.beam, &mut self.response_cache);
+        let mut clean = CleanWindow::new(self.window.iter(), &self.hands, explain, blocks, beam, cache);
         // Known objects mask before new ones do.
-        let known_walls: Vec<Plane> = self.walls.confirmed().map(|w| w.estimate).collect();
-        let (ids, known_points): (Vec<u64>, Vec<DVec3>) = self.points.confirmed().map(|p| (p.id, p.estimate)).unzip();
-        let known = window.detect_known(&known_walls, &known_points);
-        let new = window.detect(planes, peaks);
-        let likelihoods = window.likelihoods(&known_points, &known.responses);
-        drop(window);
-        self.update_existence(&ids, &likelihoods);
-        let there = self.new_detections(&new);
+        let (ids, known_points): (Vec<u64>, Vec<DVec3>) = self.objects.confirmed().map(|p| (p.id, p.estimate)).unzip();
+        let known = clean.detect_known(&self.walls.planes(), &known_points);
+        let new = clean.detect(planes, peaks);
+        let likelihoods = clean.likelihoods(&known_points, &known.responses);
+        drop(clean);
+        let removed = self.objects.update_existence(&ids, &likelihoods, &self.window, &map.forget);
+        self.counters.forgotten += removed.count;
+        let now_ns = self.window.now_ns();
+        removed.positions_m.iter().for_each(|at| self.window.history.mark_removed(*at, now_ns));
+        let screening = self.screening();
+        let (known_there, new_there) = (screening.known_detections(&known), screening.new_detections(&new));
+        let (points, scored): (Vec<_>, Vec<_>) = known_there.into_iter().chain(new_there).unzip();
         (self.update.places, self.update.planes) = (new.places, new.planes.clone());
-        let (points, scored): (Vec<_>, Vec<_>) = self.known_detections(&known).into_iter().chain(there).unzip();
         let walls = [known.planes, new.planes].concat();
-        self.record_candidates(scored);
-        let map = self.settings.map;
-        self.update.wall_hits = walls.iter().filter(|wall| map.for_planes().is_hit(wall)).count();
-        self.walls.update(&walls, &map.for_planes(), same_plane(self.middle.unwrap_or(DVec3::ZERO)));
-        self.update.point_hits = points.iter().filter(|point| map.is_hit(point)).count();
-        self.points.update(&points, &map, same_point(map.match_m));
-        self.confirm_provisional_tracks();
-        self.remove_missed_walls(&walls);
+        self.candidates.record(scored);
+        self.update.wall_hits = self.walls.update(&walls, map, self.window.middle());
+        self.update.point_hits = self.objects.update(&points, map);
+        let facing = Facing { window: &self.window, hands: &self.hands, min_cos: self.config.min_cos };
+        self.walls.remove_missed(&walls, facing);
         Stage::Refine { walls, points }
     }
 
+    fn screening(&self) -> Screening<'_> {
+        let Self { config, window, hands, objects, walls, candidates, .. } = self;
+        Screening { config, window, hands, objects, walls, candidates }
+    }
+
     /// Ends the update: refines the positions.
-    fn refine_positions(&mut self, walls: &[Detection<Plane>], points: &[Detection<DVec3>]) {
-        self.request_fine_imaging(points);
-        self.update_feet(walls);
-        self.refine_new(walls, points);
-        self.evidence_ns = self.window.back().map(|block| block.end_ns);
-    }
-
-    /// Keeps the fine field around known objects and around detections that may soon be confirmed:
-    /// those that are observable and strong enough.
-    fn request_fine_imaging(&mut self, detections: &[Detection<DVec3>]) {
-        let strong =
-            detections.iter().filter(|p| p.observable && p.score >= self.settings.fine.min_score).map(|p| p.estimate);
-        let places: Vec<DVec3> = self.points.confirmed().map(|p| p.estimate).chain(strong).collect();
-        self.fine.request(&places, FINE_EDGE_M);
-    }
-
-    /// Confirmed moving targets, the longest tracked first.
-    pub fn moving_targets(&self) -> Vec<MovingTarget> {
-        self.mti.targets()
+    fn refine(&mut self, walls: &[Detection<Plane>], points: &[Detection<DVec3>]) {
+        self.imaging.request_fine(self.objects.confirmed().map(|p| p.estimate), points, &self.config);
+        let facing = Facing { window: &self.window, hands: &self.hands, min_cos: self.config.min_cos };
+        self.walls.update_feet(walls, facing);
+        let Self { config, window, intake, objects, imaging, .. } = self;
+        Refinement { config, window, intake, walls, points }.update(objects, imaging);
+        self.evidence_ns = self.window.newest().map(|newest| newest.end_ns);
     }
 }

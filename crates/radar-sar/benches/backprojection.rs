@@ -1,7 +1,7 @@
 //! Dense backprojection, (voxel, sweep) updates per second: the workload of optimised near-field
 //! backprojection.
 //!
-//!     cargo bench --bench backprojection [-- <part of a name>]
+//!     cargo bench -p radar-sar --bench backprojection [-- <part of a name>]
 //!
 //! `box/…`: a box of 0.8 m in front of the sensor, sweeps of 321 points 5 mm apart from 0.2 m on,
 //! from a winding path with changing directions. `room/…`: the thesis's workload, a cube of 3 m in

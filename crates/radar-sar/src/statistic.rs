@@ -1,5 +1,5 @@
-//! Statistics of evidence over sweeps. Definitions: the table in ARCHITECTURE.md; computed
-//! literally in `oracle`.
+//! Statistics of evidence over sweeps. Definitions: the table in docs/method.md; computed literally
+//! in `oracle`.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,5 @@
-//! `radar-chaperone benchmark [--json FILE] [--out DIR] [--quick]`: run time against error, as a
-//! table and a plot. `… --play`: play sessions.
+//! `lab benchmark [--json FILE] [--out DIR] [--quick]`: run time against error, as a table and a
+//! plot.
 
 use std::path::PathBuf;
 
@@ -20,15 +20,13 @@ use radar_sar::backprojection::instruction_set;
 /// with the truth. The time is that of one image on all cores, from raw sweeps over tables and
 /// search to the position, including refinement where it is done; choosing the sweeps is not
 /// included. Time and error are medians over the seeds. Rows with a * are on the Pareto front: no
-/// other row is both faster and more accurate. Takes one to two minutes. With --play: simulated
-/// players in furnished rooms instead, and how well the warnings serve them.
+/// other row is both faster and more accurate. Takes one to two minutes.
 #[derive(Debug, Args)]
 pub struct BenchmarkCommand {
     /// Writes the rows as a JSON list
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Folder for benchmark.png and benchmark.md; with --play for play.md and, with --odds,
-    /// play.png
+    /// Folder for benchmark.png and benchmark.md
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Only a few cases and seeds: seconds
@@ -71,9 +69,9 @@ impl BenchmarkCommand {
 fn markdown(rows: &[Row], machine: &str) -> String {
     let front: Vec<Row> = rows.iter().filter(|row| row.on_front).cloned().collect();
     format!(
-        "# Run time against error\n\nMade by `lab benchmark --out DIR` on {machine}. Time: one image, from raw \
-         sweeps to the place. Error: distance from the truth, median and 95th percentile over seeds. `adaptive`: the voxels of \
-         at least half of the peak; `peak`: the greatest alone; `window`, `rolling`: the newest sweeps, after every sweep, \
+        "# Run time against error\n\nMade by `cargo run --release -p lab -- benchmark --out DIR` on {machine}. Time: one \
+         image, from raw sweeps to the place. Error: distance from the truth, median and 95th percentile over seeds. \
+         `adaptive`: the voxels of at least half of the peak; `peak`: the greatest alone; `window`, `rolling`: the newest sweeps, after every sweep, \
          fresh or from the image before.\n\n![Run time against error](benchmark.png)\n\n## The front\n\n{}\n## All\n\n{}",
         present::table(&front).markdown(),
         present::table(rows).markdown()

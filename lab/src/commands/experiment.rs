@@ -1,4 +1,4 @@
-//! `radar-chaperone experiment`: repeats the thesis' experiments, with figures.
+//! `lab experiment`: repeats the thesis' experiments, with figures.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;

@@ -1,4 +1,4 @@
-//! The commands: one file each; a command's head is its manual.
+//! The lab's commands: one file each.
 
 mod benchmark;
 mod experiment;
@@ -12,7 +12,8 @@ pub use benchmark::BenchmarkCommand;
 pub use experiment::ExperimentCommand;
 pub use play_sessions::PlaySessions;
 
-/// Refuses what cannot be written before minutes of work: `json` may not be one of the files that `out` will hold.
+/// Refuses targets that cannot be written, before minutes of work: `json` may not be one of the
+/// files that `out` will hold.
 fn check_targets(json: Option<&Path>, out: Option<&Path>, names_in_out: &[&str]) -> Result<()> {
     if let Some(folder) = out {
         make_folder(folder)?;

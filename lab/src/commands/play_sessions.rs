@@ -1,5 +1,4 @@
-//! `radar-chaperone benchmark --play`: simulated players in furnished rooms, and how well the
-//! warnings serve them.
+//! `lab play`: simulated players in furnished rooms, and how well the warnings serve them.
 
 use std::path::PathBuf;
 
@@ -16,7 +15,7 @@ use radar_chaperone::report::{Chart, Series, Table, write_atomically};
 use radar_chaperone::settings::Settings;
 use radar_simulation::PlaySession;
 
-/// Arguments of the play sessions.
+/// Simulates play sessions in furnished rooms and scores the warnings
 #[derive(Debug, Args)]
 pub struct PlaySessions {
     /// Writes the figures as a JSON list
@@ -34,7 +33,7 @@ pub struct PlaySessions {
     /// Minutes in each [default: 10, with --quick 1]
     #[arg(long)]
     minutes: Option<f64>,
-    /// Seed of the first room, with --play; the others follow
+    /// Seed of the first room; the others follow
     #[arg(long, default_value_t = 1000)]
     seed: u64,
     /// Sensor presets; one after the other
@@ -47,14 +46,14 @@ pub struct PlaySessions {
     /// Added to the reflection of the walls, dB
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     walls_db: f64,
-    /// Plays the same at each of these values of rooms.map.confirm_odds, with --play: the curve of
-    /// detections against false reports
+    /// Plays the same at each of these values of rooms.map.confirm_odds: the curve of detections
+    /// against false reports
     #[arg(long, value_name = "ODDS", value_delimiter = ',', allow_hyphen_values = true)]
     odds: Vec<f64>,
     /// Settings file
     #[arg(long, value_name = "FILE")]
     settings: Option<std::path::PathBuf>,
-    /// A setting, with --play; may be repeated
+    /// A setting; may be repeated
     #[arg(long, value_name = "NAME=VALUE")]
     set: Vec<String>,
 }
@@ -143,7 +142,7 @@ impl PlaySessions {
     }
 
     fn markdown(&self, played: &[PlayResult]) -> String {
-        let mut text = String::from("# Play sessions\n\nMade by `lab play --out DIR`.\n");
+        let mut text = String::from("# Play sessions\n\nMade by `cargo run --release -p lab -- play --out DIR`.\n");
         if played.len() > 1 || !self.odds.is_empty() {
             let all = all_of(played);
             text += &format!("\n## All\n\n{}\n{}\n", all.markdown(), all.caption);

@@ -3,14 +3,14 @@
 //!
 //! The noise comes from the simulated receiver, so sub-apertures, their noise estimates and all
 //! later stages work as with a sensor in empty space. Alarms are counted: scores above a threshold
-//! that are nearer than [`SAME_ALARM_M`] and [`SAME_ALARM_S`] to each other are one alarm, since a voxel keeps
-//! most of its score from one update to the next.
+//! that are nearer than [`SAME_ALARM_M`] and [`SAME_ALARM_S`] to each other are one alarm, since a
+//! voxel keeps most of its score from one update to the next.
 //!
 //! The rate at which noise exceeds a score is the tail of a coherence score on noise
 //! ([`NoiseTail`]) times the number of independent cells per hour. That number depends on beam,
 //! range axis, pulse and path and has no closed form; it is estimated from the alarms at a low
-//! score ([`RoomNoise::independent_cells_per_h`]). With it every score has a rate and every rate a score,
-//! far beyond what a simulation can reach.
+//! score ([`RoomNoise::independent_cells_per_h`]). With it every score has a rate and every rate a
+//! score, far beyond what a simulation can reach.
 
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
@@ -287,7 +287,7 @@ mod tests {
     use a121::preset;
 
     /// Preset, duration in seconds, and independent cells per hour by the alarms above [`SCORE`],
-    /// measured on 24 minutes of other seeds (`examples/room_false_alarms.rs`).
+    /// measured on 24 minutes of other seeds (`lab/examples/room_false_alarms.rs`).
     const CALIBRATED: [(&str, f64, f64); 4] =
         [("d16", 40.0, 2.8e8), ("c16", 40.0, 3.5e8), ("far", 80.0, 2.2e8), ("close", 400.0, 1.8e7)];
     const SCORE: f64 = 1.75;

@@ -18,8 +18,9 @@ const RECOVERY_TIMEOUT_NS: i64 = 120 * S;
 /// A session has recovered when no frame was missed for this long, nanoseconds. Choice.
 const STABLE_NS: i64 = 2 * S;
 /// Accuracy required of times. After `SETTLED_S` seconds of frames: the greater of `SIGMAS` stated
-/// standard deviations and one tick, plus `BOARD_DELAY_S` seconds for differences between the board's
-/// own delays. Before: `UNSETTLED_TOLERANCE_S` seconds, the longest delay that is simulated.
+/// standard deviations and one tick, plus `BOARD_DELAY_S` seconds for differences between the
+/// board's own delays. Before: `UNSETTLED_TOLERANCE_S` seconds, the longest delay that is
+/// simulated.
 const SETTLED_S: f64 = 2.0;
 const SIGMAS: f64 = 5.0;
 const BOARD_DELAY_S: f64 = 0.1e-3;

@@ -3,11 +3,15 @@
 
 use glam::{DMat3, DVec3};
 
-use super::super::Detection;
-use super::shapes::Shape;
-use super::{FINE_EDGE_M, PEAK_RADIUS_M, RefinedPoint, RoomMapper};
+use super::PEAK_RADIUS_M;
+use super::config::RoomConfig;
+use super::imaging::Imaging;
+use super::intake::SweepIntake;
+use super::objects::{ObjectMap, RefinedPoint};
+use super::window::Window;
+use crate::Detection;
 use radar_sar::Observation;
-use radar_sar::geometry::{Aabb, Plane};
+use radar_sar::geometry::Plane;
 use radar_sar::{RangePower, Refined, farthest_points, refine};
 
 /// Most sweeps of the window used by `ls` for one point, chosen by farthest point (choice).
@@ -15,57 +19,54 @@ const REFINE_SWEEPS: usize = 150;
 /// Farthest that `ls` may move a point, metres (choice): a voxel and a half.
 const REFINE_REACH_M: f64 = 0.075;
 
-impl RoomMapper {
-    /// The greatest fine voxel around a point and the shape around it, when the point is imaged
-    /// finely.
-    fn fine_maximum(&mut self, at: DVec3) -> Option<(DVec3, Shape)> {
-        let around = Aabb { min: at - FINE_EDGE_M * 0.5, max: at + FINE_EDGE_M * 0.5 };
-        let voxels = self.fine.above_within(&around, 0.0, &self.window.iter().collect::<Vec<_>>())?;
-        let greatest = voxels.iter().reduce(|a, b| if b.score > a.score { b } else { a })?;
-        Some((greatest.position_m, Shape::of_fine(&voxels)))
-    }
+/// What positions are refined from.
+pub(super) struct Refinement<'a> {
+    pub config: &'a RoomConfig,
+    pub window: &'a Window,
+    pub intake: &'a SweepIntake,
+    /// Detections of the update, whose ranges are masked for each other.
+    pub walls: &'a [Detection<Plane>],
+    pub points: &'a [Detection<DVec3>],
+}
 
+impl Refinement<'_> {
     /// Refines confirmed tracks whose quality has improved.
-    pub(super) fn refine_new(&mut self, walls: &[Detection<Plane>], points: &[Detection<DVec3>]) {
-        let stale: Vec<(u64, DVec3, f64, f64)> = self
-            .points
-            .confirmed()
-            .filter(|s| self.refined.get(&s.id).is_none_or(|(quality, _)| *quality < s.quality))
-            .map(|s| (s.id, s.estimate, s.quality, s.score))
-            .collect();
-        for (id, at, quality, score) in stale {
-            let (at, shape) = self.fine_maximum(at).unwrap_or_else(|| (at, self.coarse_shape(at, score)));
-            let (position_m, covariance_m2) = self.refined_position(at, walls, points);
-            self.refined.insert(id, (quality, RefinedPoint { position_m, covariance_m2, shape }));
+    pub fn update(&self, objects: &mut ObjectMap, imaging: &mut Imaging) {
+        for track in objects.stale() {
+            let coarse = |imaging: &Imaging| (track.estimate, imaging.coarse_shape(track.estimate, track.score));
+            let found = imaging.fine_maximum(track.estimate, self.window);
+            let (at, shape) = found.unwrap_or_else(|| coarse(imaging));
+            let (position_m, covariance_m2) = self.refined_position(at);
+            objects.set_refined(&track, RefinedPoint { position_m, covariance_m2, shape });
         }
     }
 
     /// The position of the sub-aperture score and that of `ls`, weighted by their covariances.
-    fn refined_position(&self, at: DVec3, walls: &[Detection<Plane>], points: &[Detection<DVec3>]) -> (DVec3, DMat3) {
-        let block_variance = (self.settings.blocks.voxel_m * 0.5).powi(2);
+    fn refined_position(&self, at: DVec3) -> (DVec3, DMat3) {
+        let block_variance = (self.config.settings.blocks.voxel_m * 0.5).powi(2);
         let by_blocks = (at, DMat3::from_diagonal(DVec3::splat(block_variance)));
-        let Some(by_ls) = self.refined_by_ls(at, walls, points) else { return by_blocks };
+        let Some(by_ls) = self.refined_by_ls(at) else { return by_blocks };
         let (block_information, ls_information) = (by_blocks.1.inverse(), by_ls.covariance_m2.inverse());
         let covariance_m2 = (block_information + ls_information).inverse();
         let position_m = covariance_m2 * (block_information * at + ls_information * by_ls.position_m);
         (position_m, (covariance_m2 + covariance_m2.transpose()) * 0.5)
     }
 
-    fn refined_by_ls(&self, at: DVec3, walls: &[Detection<Plane>], points: &[Detection<DVec3>]) -> Option<Refined> {
-        let blocks = &self.settings.blocks;
-        let sees = |o: &&Observation| blocks.within(&o.geometry.axis).sees(&o.tracking_from_sensor, self.min_cos, at);
-        let sweeps = self.sweeps.iter().take(self.sweeps.len() - self.sweeps_since.min(self.sweeps.len()));
-        let seen: Vec<&Observation> = sweeps.filter(sees).collect();
+    fn refined_by_ls(&self, at: DVec3) -> Option<Refined> {
+        let blocks = &self.config.settings.blocks;
+        let sees =
+            |o: &&Observation| blocks.within(&o.geometry.axis).sees(&o.tracking_from_sensor, self.config.min_cos, at);
+        let seen: Vec<&Observation> = self.intake.window_sweeps().filter(sees).collect();
         let positions: Vec<DVec3> = seen.iter().map(|o| o.tracking_from_sensor.translation).collect();
         let chosen: Vec<Observation> =
             farthest_points(&positions, REFINE_SWEEPS).into_iter().map(|n| seen[n].clone()).collect();
-        let mut power = RangePower::new(&chosen, &self.beam, self.settings.blocks.min_range_m);
-        for other in points.iter().filter(|p| p.estimate.distance(at) > PEAK_RADIUS_M) {
+        let mut power = RangePower::new(&chosen, &self.config.beam, self.config.settings.blocks.min_range_m);
+        for other in self.points.iter().filter(|p| p.estimate.distance(at) > PEAK_RADIUS_M) {
             power.mask_point(other.estimate);
         }
-        for wall in walls {
+        for wall in self.walls {
             power.mask_plane(&wall.estimate);
         }
-        refine(&power, at, Some(REFINE_REACH_M), &self.errors)
+        refine(&power, at, Some(REFINE_REACH_M), &self.config.errors)
     }
 }

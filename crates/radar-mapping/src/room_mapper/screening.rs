@@ -1,4 +1,4 @@
-//! Screening of detections: removes known objects that no longer exist, and scores new detections.
+//! Screening of detections: which may count, and how likely each is an object.
 
 use std::collections::VecDeque;
 
@@ -7,8 +7,11 @@ use glam::DVec3;
 use super::super::classifier::{HistorySummary, ScoredCandidate, Surroundings, features, log_odds, raise_if_certain};
 use super::super::existence::{Existence, Likelihood};
 use super::super::responses::{Response, information, sigma_m};
-use super::super::{Detection, Detections, Track, same_point};
-use super::RoomMapper;
+use super::super::{Detection, Detections, HandTrail, Track, same_point};
+use super::config::RoomConfig;
+use super::objects::{ObjectMap, with_subaperture};
+use super::walls::WallMap;
+use super::window::Window;
 use radar_sar::math;
 use radar_sar::subaperture::Subaperture;
 
@@ -28,77 +31,43 @@ const AT_SURFACE_M: f64 = 0.25;
 const HAND_EXCLUSION_M: f64 = 0.25;
 /// The hand has left when it was not there for this long, nanoseconds (choice).
 const HAND_EXCLUSION_NS: i64 = 10_000_000_000;
-/// Objects this near to each other horizontally may be of one piece, metres; one that was seen
-/// within this time before the other turned out to be gone is not weakened, nanoseconds (choice).
-const LATERAL_M: f64 = 0.6;
-const RECENT_SUPPORT_NS: i64 = 1_000_000_000;
 /// Updates whose candidates are kept (choice): two seconds.
 const CANDIDATE_HISTORY_UPDATES: usize = 8;
-
-/// The responses of sub-apertures that have a point in their beam.
-fn with_subaperture<'b>(
-    window: &'b VecDeque<Subaperture>,
-    likelihoods: impl Iterator<Item = Option<Likelihood>> + 'b,
-) -> impl Iterator<Item = (&'b Subaperture, Likelihood)> {
-    window.iter().zip(likelihoods).filter_map(|(block, likelihood)| Some((block, likelihood?)))
-}
 
 /// For a point for which the history was not queried.
 fn no_history(place: &Detection<DVec3>) -> HistorySummary {
     HistorySummary { log_odds: 0.0, sigma_m: place.sigma_m, significant: 0 }
 }
 
-impl RoomMapper {
-    /// Removes known objects that no longer exist, by the sub-apertures' responses to each.
-    pub(super) fn update_existence(&mut self, ids: &[u64], likelihoods: &[Vec<Option<Likelihood>>]) {
-        let settings = &self.settings.map.forget;
-        for (&id, likelihoods) in ids.iter().zip(likelihoods) {
-            let is_new = !self.existences.contains_key(&id);
-            let existence = self.existences.entry(id).or_insert_with(Existence::new);
-            existence.update(with_subaperture(&self.window, likelihoods.iter().copied()), settings);
-            if let Some(new) = self.points.confirmed().find(|point| is_new && point.id == id) {
-                existence.limit_initial_log_odds(settings.newly * new.log_odds);
-            }
-        }
-        let gone: Vec<u64> = self.existences.iter().filter(|(_, e)| e.log_odds() <= 0.0).map(|(id, _)| *id).collect();
-        self.counters.forgotten += gone.len() as u64;
-        let now_ns = self.window.back().map_or(i64::MIN, |block| block.mid_time_ns);
-        for known in self.points.confirmed().filter(|known| gone.contains(&known.id)) {
-            self.history.mark_removed(known.estimate, now_ns);
-            if !self.existences.get(&known.id).is_some_and(Existence::reached_max_log_odds) {
-                continue;
-            }
-            let is_beside = |other: &&Track<DVec3>| (other.estimate - known.estimate).with_y(0.0).length() <= LATERAL_M;
-            for other in self.points.confirmed().filter(is_beside) {
-                if let Some(existence) = self.existences.get_mut(&other.id) {
-                    existence.weaken(now_ns.saturating_sub(RECENT_SUPPORT_NS), settings);
-                }
-            }
-        }
-        self.points.retain(|point| !gone.contains(&point.id));
-        for id in gone {
-            self.existences.remove(&id);
-            self.refined.remove(&id);
-        }
-    }
+/// What detections are screened with.
+#[derive(Clone, Copy)]
+pub(super) struct Screening<'a> {
+    pub config: &'a RoomConfig,
+    pub window: &'a Window,
+    pub hands: &'a HandTrail,
+    pub objects: &'a ObjectMap,
+    pub walls: &'a WallMap,
+    pub candidates: &'a CandidateLog,
+}
 
+impl Screening<'_> {
     /// Confirmed objects that still exist. Objects just removed are excluded, so the same
     /// sub-apertures cannot confirm them again.
-    pub(super) fn known_detections(&self, detections: &Detections) -> Vec<(Detection<DVec3>, ScoredCandidate)> {
-        let is_same = same_point(self.settings.map.match_m);
-        let is_known = |place: DVec3| self.points.confirmed().any(|known| is_same(&known.estimate, &place));
+    pub fn known_detections(&self, detections: &Detections) -> Vec<(Detection<DVec3>, ScoredCandidate)> {
+        let is_same = same_point(self.config.settings.map.match_m);
+        let is_known = |place: DVec3| self.objects.confirmed().any(|known| is_same(&known.estimate, &place));
         let known = detections.places.iter().filter(|place| is_known(place.estimate));
         known.map(|place| self.score_candidate(place, no_history(place))).collect()
     }
 
     /// New detections that still exist by the newest sub-apertures that could see them.
-    pub(super) fn new_detections(&self, new: &Detections) -> Vec<(Detection<DVec3>, ScoredCandidate)> {
-        let settings = &self.settings.map.forget;
+    pub fn new_detections(&self, new: &Detections) -> Vec<(Detection<DVec3>, ScoredCandidate)> {
+        let settings = &self.config.settings.map.forget;
         let is_there = |responses: &[Option<Response>]| {
             let mut existence = Existence::new();
             let likelihoods =
                 responses.iter().map(|response| response.map(|response| Likelihood { response, is_masked: false }));
-            existence.update(with_subaperture(&self.window, likelihoods), settings);
+            existence.update(with_subaperture(self.window, likelihoods), settings);
             existence.log_odds() >= settings.confirm
         };
         let places = new.places.iter().zip(&new.query_indices);
@@ -125,12 +94,12 @@ impl RoomMapper {
     /// hand, what it holds, or an artefact. A touched object was mostly known before; if not, it is
     /// detected once the hand has left.
     fn is_near_recent_hand(&self, place: DVec3) -> bool {
-        let now_ns = self.window.back().map_or(i64::MIN, |block| block.mid_time_ns);
+        let now_ns = self.window.now_ns();
         self.hands.came_near(place, HAND_EXCLUSION_M, now_ns.saturating_sub(HAND_EXCLUSION_NS))
     }
 
     /// A detection with its log odds, from its surroundings and the history.
-    pub(super) fn score_candidate(
+    fn score_candidate(
         &self,
         place: &Detection<DVec3>,
         history: HistorySummary,
@@ -143,15 +112,14 @@ impl RoomMapper {
     }
 
     fn surroundings(&self, place: DVec3, history: HistorySummary) -> Surroundings {
-        let is_same = same_point(self.settings.map.match_m);
+        let is_same = same_point(self.config.settings.map.match_m);
         let level = |to: DVec3| to.with_y(0.0).length();
-        let others = || self.points.confirmed().filter(|known| !is_same(&known.estimate, &place));
+        let others = || self.objects.confirmed().filter(|known| !is_same(&known.estimate, &place));
         let distance_m = |known: &&Track<DVec3>| known.estimate.distance(place);
         let nearest = others().min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
-        let strength = |known: &Track<DVec3>| self.existences.get(&known.id).map(Existence::greatest_strength);
+        let strength = |known: &Track<DVec3>| self.objects.greatest_strength(known.id);
         let upright = self.walls.confirmed().filter(|wall| wall.estimate.is_upright());
-        let to_sensor = self.window.back().map_or(DVec3::ZERO, |block| place - block.middle.translation);
-        let times_ns = self.first_ns.zip(self.window.back().map(|block| block.mid_time_ns));
+        let to_sensor = self.window.newest().map_or(DVec3::ZERO, |block| place - block.middle.translation);
         Surroundings {
             nearest_track_m: nearest.map_or(f64::INFINITY, |known| distance_m(&known)),
             nearest_track_horizontal_m: others()
@@ -162,18 +130,14 @@ impl RoomMapper {
             history,
             sensor_m: to_sensor.length(),
             sensor_horizontal_m: level(to_sensor),
-            age_s: times_ns.map_or(0.0, |(first_ns, now_ns)| (now_ns - first_ns) as f64 * 1e-9),
-            recent_updates: self
-                .recent_candidates
-                .iter()
-                .filter(|look| look.iter().any(|other| is_same(other, &place)))
-                .count(),
+            age_s: self.window.age_s(),
+            recent_updates: self.candidates.recent_updates(|other| is_same(other, &place)),
         }
     }
 
     /// Whether a detection may be a new object, within the limits of the settings.
     fn may_be_new(&self, place: &Detection<DVec3>) -> bool {
-        self.is_new(place) && place.farthest_m >= self.settings.map.hands_reach_m
+        self.is_new(place) && place.farthest_m >= self.config.settings.map.hands_reach_m
     }
 
     /// Whether it is observable and not a known object.
@@ -183,10 +147,10 @@ impl RoomMapper {
 
     /// Whether it would be new if it were observable.
     fn would_be_new(&self, place: &Detection<DVec3>) -> bool {
-        let map = &self.settings.map;
+        let map = &self.config.settings.map;
         let is_same = same_point(map.match_m);
         place.score >= map.confirm_score
-            && !self.points.confirmed().any(|known| is_same(&known.estimate, &place.estimate))
+            && !self.objects.confirmed().any(|known| is_same(&known.estimate, &place.estimate))
     }
 
     /// A detection that would be new, with the history's evidence: how likely it is and, where the
@@ -200,32 +164,57 @@ impl RoomMapper {
         if !self.would_be_new(place) {
             return (*place, no_history(place));
         }
-        let evidence =
-            self.history.evidence_at(place.estimate, responses, (&self.settings.blocks, self.min_cos), &self.beam);
+        let evidence = self.window.history.evidence_at(
+            place.estimate,
+            responses,
+            (&self.config.settings.blocks, self.config.min_cos),
+            &self.config.beam,
+        );
         let seen = self.window.iter().zip(responses).filter_map(|(block, response)| Some((block, response.as_ref()?)));
         let significant = seen.filter(|(_, response)| response.is_significant());
         let sigma_m = sigma_m(&information(evidence.information, significant).inverse());
-        let is_determined = evidence.log_odds > 0.0 && sigma_m <= self.settings.explain.max_sigma_m;
+        let is_determined = evidence.log_odds > 0.0 && sigma_m <= self.config.settings.explain.max_sigma_m;
         let history = HistorySummary { log_odds: evidence.log_odds, sigma_m, significant: evidence.significant };
         (Detection { observable: place.observable || is_determined, ..*place }, history)
+    }
+}
+
+/// Candidates that updates have scored.
+#[derive(Debug, Default)]
+pub(super) struct CandidateLog {
+    /// Those of the last update.
+    scored: Vec<ScoredCandidate>,
+    /// Positions of those of the last updates that may be new.
+    recent: VecDeque<Vec<DVec3>>,
+}
+
+impl CandidateLog {
+    /// Those of the last update.
+    pub fn scored(&self) -> &[ScoredCandidate] {
+        &self.scored
     }
 
     /// Keeps the scored candidates of an update, and for some updates the positions of those that
     /// may be new.
-    pub(super) fn record_candidates(&mut self, scored: Vec<ScoredCandidate>) {
-        let recent_candidates = scored.iter().filter(|scored| scored.may_be_new).map(|scored| scored.position_m);
-        self.recent_candidates.push_back(recent_candidates.collect());
-        if self.recent_candidates.len() > CANDIDATE_HISTORY_UPDATES {
-            self.recent_candidates.pop_front();
+    pub fn record(&mut self, scored: Vec<ScoredCandidate>) {
+        let new = scored.iter().filter(|scored| scored.may_be_new).map(|scored| scored.position_m);
+        self.recent.push_back(new.collect());
+        if self.recent.len() > CANDIDATE_HISTORY_UPDATES {
+            self.recent.pop_front();
         }
         self.scored = scored;
+    }
+
+    /// Number of recent updates that scored a candidate there that may be new.
+    fn recent_updates(&self, is_there: impl Fn(&DVec3) -> bool) -> usize {
+        self.recent.iter().filter(|update| update.iter().any(&is_there)).count()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{CleanWindow, ResponseCache, RoomMapperSettings};
+    use crate::{CleanWindow, ResponseCache, RoomMapper, RoomMapperSettings};
     use radar_sar::Beam;
     use radar_sar::PositionErrors;
     use radar_sar::test_data::{Echo, sweeps, winding};
@@ -237,33 +226,12 @@ mod tests {
         for sweep in sweeps(1.0, winding, &[], 3) {
             search.push(sweep);
         }
-        let now_ns = search.window.back().unwrap().mid_time_ns;
+        let now_ns = search.window.now_ns();
         search.push_hands(now_ns, [Some(place + DVec3::Y * 0.2), Some(place + DVec3::X * 0.5)]);
-        assert!(search.is_near_recent_hand(place));
-        assert!(!search.is_near_recent_hand(place + DVec3::Z), "elsewhere");
-        search.window.iter_mut().for_each(|block| block.mid_time_ns += HAND_EXCLUSION_NS + 1);
-        assert!(!search.is_near_recent_hand(place), "the hand left long ago");
-    }
-
-    #[test]
-    fn removing_certain_object_weakens_only_its_neighbours() {
-        let beside = |gone: Existence| {
-            let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
-            for sweep in sweeps(1.0, winding, &[], 3) {
-                search.push(sweep);
-            }
-            for (id, at_m) in [(1, 0.0), (2, 0.9 * LATERAL_M), (3, 1.1 * LATERAL_M)] {
-                search.points.restore(id, DVec3::new(at_m, 0.5, -1.0), 5.0, [0, 0], same_point(0.1)).unwrap();
-                search.existences.insert(id, Existence::restored([1.0; 16]));
-            }
-            search.existences.insert(1, gone);
-            search.update_existence(&[], &[]);
-            assert!(search.points.confirmed().all(|point| point.id != 1), "it is gone");
-            [2, 3].map(|id| search.existences[&id].log_odds())
-        };
-        let known = Existence::restored([1.0; 16]).log_odds();
-        assert_eq!(beside(Existence::known_and_gone()), [RoomMapperSettings::default().map.forget.beside, known]);
-        assert_eq!(beside(Existence::new()), [known, known], "it may never have been a real object");
+        assert!(search.screening().is_near_recent_hand(place));
+        assert!(!search.screening().is_near_recent_hand(place + DVec3::Z), "elsewhere");
+        search.window.shift_ns(HAND_EXCLUSION_NS + 1);
+        assert!(!search.screening().is_near_recent_hand(place), "the hand left long ago");
     }
 
     #[test]
@@ -279,13 +247,19 @@ mod tests {
                     search.push(sweep);
                 }
             }
-            let (settings, mut memory) = (search.settings, ResponseCache::default());
+            let (settings, mut memory) = (search.config.settings, ResponseCache::default());
             let window = search.window.iter();
-            let mut window =
-                CleanWindow::new(window, &search.hands, &settings.explain, &settings.blocks, &search.beam, &mut memory);
+            let mut window = CleanWindow::new(
+                window,
+                &search.hands,
+                &settings.explain,
+                &settings.blocks,
+                &search.config.beam,
+                &mut memory,
+            );
             let detections = window.detect(&[], &[thing]);
             let place = detections.places[0];
-            (place.observable, search.with_history(&place, &detections.responses[0]).0.observable)
+            (place.observable, search.screening().with_history(&place, &detections.responses[0]).0.observable)
         };
         assert_eq!(glimpsed([level, upright]), (false, true));
         assert_eq!(glimpsed([upright, upright]), (false, false), "the same range circle twice");
@@ -298,12 +272,15 @@ mod tests {
         let echoes = [(Echo::Point(DVec3::new(0.0, 1.5, -1.2)), 2.0)];
         sweeps(1.0, way, &echoes, 3).into_iter().for_each(|sweep| search.push(sweep));
         let below = way(0.9).with_y(0.0);
-        assert!(search.is_floor_below(below, 0.9) && search.is_floor_below(below + DVec3::new(0.2, -0.1, 0.1), 0.9));
+        assert!(
+            search.screening().is_floor_below(below, 0.9)
+                && search.screening().is_floor_below(below + DVec3::new(0.2, -0.1, 0.1), 0.9)
+        );
         let elsewhere = [DVec3::Y * 0.4, DVec3::X * 1.5, DVec3::NEG_Z * 1.5];
-        assert!(elsewhere.iter().all(|offset| !search.is_floor_below(below + *offset, 0.2)));
+        assert!(elsewhere.iter().all(|offset| !search.screening().is_floor_below(below + *offset, 0.2)));
         let ahead = below + DVec3::NEG_Z * 0.6;
         assert!(
-            search.is_floor_below(ahead, 0.2) && !search.is_floor_below(ahead, 0.9),
+            search.screening().is_floor_below(ahead, 0.2) && !search.screening().is_floor_below(ahead, 0.9),
             "a chair's foot is seen away from the beam's edge"
         );
     }

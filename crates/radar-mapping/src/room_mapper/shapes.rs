@@ -1,4 +1,4 @@
-//! Obstacles from tracks: tracks near each other are one obstacle, with the shapes of all.
+//! Shapes of tracks.
 //!
 //! The shape of a track is the fine voxels around its position that score at least three quarters
 //! of the greatest. This image is coherent within each sub-aperture and summed over the window. It
@@ -7,19 +7,13 @@
 //! drawn.
 
 use std::cmp::Ordering;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 
-use glam::{DMat3, DVec3, IVec3};
-
-use super::{RefinedPoint, RoomMapper};
-use crate::{Observed, Obstacle, Track};
-use radar_sar::geometry::Aabb;
+use glam::{DVec3, IVec3};
 use radar_sar::subaperture::Peak;
 
-/// Tracks nearer to each other than this are one obstacle, metres (choice).
-const CLUSTER_M: f64 = 0.30;
 /// Edge of a shape's cell, metres (choice).
-const CELL_M: f64 = 0.04;
+pub(super) const CELL_M: f64 = 0.04;
 /// Share of the greatest score that a voxel of the shape has at least (choice).
 const MIN_SCORE_SHARE: f64 = 0.75;
 
@@ -35,6 +29,15 @@ impl Shape {
         let greatest = voxels.iter().map(|voxel| voxel.score).fold(0.0, f64::max);
         let strong = voxels.iter().filter(|voxel| voxel.score >= MIN_SCORE_SHARE * greatest);
         Self::of_cells(strong.map(|voxel| (cell_of(voxel.position_m), voxel.score)))
+    }
+
+    /// Of the coarse voxels of this edge around a point that score at least three quarters of its
+    /// score.
+    pub fn around(point: DVec3, score: f64, voxel_m: f64, score_at: impl Fn(DVec3) -> Option<f64>) -> Self {
+        let offset = |n: i32| DVec3::new(f64::from(n % 3 - 1), f64::from(n / 3 % 3 - 1), f64::from(n / 9 - 1));
+        let center = |n| ((point / voxel_m).floor() + offset(n) + 0.5) * voxel_m;
+        let scores = (0..27).map(center).filter_map(|center| Some((center, score_at(center)?)));
+        Self::of_voxels(scores.filter(|(_, here)| *here >= MIN_SCORE_SHARE * score), voxel_m)
     }
 
     /// Of voxels of this edge: the cells whose centres lie in one, at least one for each voxel and
@@ -68,96 +71,19 @@ impl Shape {
 }
 
 /// The cell that contains a point.
-fn cell_of(place: DVec3) -> IVec3 {
+pub(super) fn cell_of(place: DVec3) -> IVec3 {
     (place / CELL_M).floor().as_ivec3()
 }
 
-fn center_of(cell: IVec3) -> DVec3 {
+/// Centre of a cell.
+pub(super) fn center_of(cell: IVec3) -> DVec3 {
     (cell.as_dvec3() + 0.5) * CELL_M
 }
 
 /// Higher score first, equal scores by position.
-fn by_falling_score(a: &(DVec3, f32), b: &(DVec3, f32)) -> Ordering {
+pub(super) fn by_falling_score(a: &(DVec3, f32), b: &(DVec3, f32)) -> Ordering {
     let by_place = |a: &DVec3, b: &DVec3| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z));
     b.1.total_cmp(&a.1).then_with(|| by_place(&a.0, &b.0))
-}
-
-impl RoomMapper {
-    /// The voxels around a track that score at least three quarters of its score, for where no fine
-    /// voxels are at hand.
-    pub(super) fn coarse_shape(&self, place: DVec3, score: f64) -> Shape {
-        let voxel_m = self.settings.blocks.voxel_m;
-        let offset = |n: i32| DVec3::new(f64::from(n % 3 - 1), f64::from(n / 3 % 3 - 1), f64::from(n / 9 - 1));
-        let center = |n| ((place / voxel_m).floor() + offset(n) + 0.5) * voxel_m;
-        let scores = (0..27).map(center).filter_map(|center| Some((center, self.field.score_at(center)?)));
-        Shape::of_voxels(scores.filter(|(_, here)| *here >= MIN_SCORE_SHARE * score), voxel_m)
-    }
-
-    /// The refined position of a track, or a coarse one if it was not refined.
-    pub(super) fn refined_point_of(&self, track: &Track<DVec3>) -> RefinedPoint {
-        let unrefined = || RefinedPoint {
-            position_m: track.estimate,
-            covariance_m2: DMat3::from_diagonal(DVec3::splat(self.settings.blocks.voxel_m.powi(2))),
-            shape: self.coarse_shape(track.estimate, track.score),
-        };
-        self.refined.get(&track.id).map_or_else(unrefined, |(_, place)| place.clone())
-    }
-
-    /// Confirmed obstacles, by falling evidence. Tracks near each other belong to one obstacle,
-    /// which has the position of the strongest.
-    pub fn obstacles(&self) -> Vec<Obstacle> {
-        let mut tracks: Vec<_> = self.points.confirmed().collect();
-        tracks.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
-        let mut obstacles: Vec<Obstacle> = Vec::new();
-        for track in tracks {
-            let place = self.refined_point_of(track);
-            let near = |o: &&mut Obstacle| o.position_m.distance(place.position_m) <= CLUSTER_M;
-            let Some(obstacle) = obstacles.iter_mut().find(near) else {
-                obstacles.push(obstacle_from_track(track, place));
-                continue;
-            };
-            obstacle.provisional &= track.provisional;
-            obstacle.shape.extend(cells(track, &place));
-            obstacle.first_seen_ns = obstacle.first_seen_ns.min(track.first_ns);
-            obstacle.last_seen_ns = obstacle.last_seen_ns.max(track.last_ns);
-        }
-        obstacles.into_iter().map(with_extent).collect()
-    }
-}
-
-/// The obstacle of a single track.
-fn obstacle_from_track(track: &Track<DVec3>, place: RefinedPoint) -> Obstacle {
-    Obstacle {
-        id: track.id,
-        position_m: place.position_m,
-        covariance_m2: place.covariance_m2,
-        observed: Observed::Position,
-        extent_m: DVec3::ZERO,
-        evidence: track.score,
-        shape: cells(track, &place),
-        provisional: track.provisional,
-        first_seen_ns: track.first_ns,
-        last_seen_ns: track.last_ns,
-    }
-}
-
-/// A track's cells; the one that contains its position when it has none.
-fn cells(track: &Track<DVec3>, place: &RefinedPoint) -> Vec<(DVec3, f32)> {
-    match place.shape.cells.is_empty() {
-        true => vec![(center_of(cell_of(place.position_m)), track.score as f32)],
-        false => place.shape.cells.clone(),
-    }
-}
-
-/// With each cell once, the highest score first, and the box around all cells.
-fn with_extent(mut obstacle: Obstacle) -> Obstacle {
-    obstacle.shape.sort_by(by_falling_score);
-    let mut taken = HashSet::new();
-    obstacle.shape.retain(|(center, _)| taken.insert(cell_of(*center)));
-    if let Some(around) = Aabb::around(obstacle.shape.iter().map(|s| s.0)) {
-        obstacle.extent_m = around.size() + CELL_M;
-    }
-    obstacle
 }
 
 #[cfg(test)]

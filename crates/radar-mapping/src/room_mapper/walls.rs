@@ -4,11 +4,13 @@
 //! normal within the beam. If the sensor faces it again, where it was seen, for some seconds
 //! without any sign of it, it is not there: it was an artefact, or a door that is open now.
 
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 
-use super::{Detection, RoomMapper, same_plane};
+use super::window::Window;
 use crate::clean::hand_masks;
-use crate::{Track, Wall};
+use crate::{Detection, HandTrail, MapSettings, SavedMap, SavedWall, Track, TrackList, Wall, same_plane};
 use radar_sar::geometry::{Aabb, Plane};
 use radar_sar::subaperture::Subaperture;
 
@@ -18,53 +20,28 @@ const MAX_MISSED_UPDATES: u32 = 24;
 /// A wall is expected where it was seen, and this far beyond, metres (choice).
 const LATERAL_M: f64 = 0.6;
 
-impl RoomMapper {
-    /// Confirmed walls, by falling evidence.
-    pub fn walls(&self) -> Vec<Wall> {
-        let wall = |track: &Track<Plane>| {
-            let foot = track.estimate.foot(self.middle.unwrap_or_default());
-            Wall {
-                id: track.id,
-                plane: track.estimate,
-                evidence: track.score,
-                seen_at: self.wall_feet.get(&track.id).copied().unwrap_or(Aabb { min: foot, max: foot }),
-                provisional: track.provisional,
-                first_seen_ns: track.first_ns,
-                last_seen_ns: track.last_ns,
-            }
-        };
-        let mut walls: Vec<Wall> = self.walls.confirmed().map(wall).collect();
-        walls.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.id.cmp(&b.id)));
-        walls
-    }
+/// What walls are judged from: the window, the hands in it, and the cosine from which on a normal is in
+/// the beam.
+#[derive(Clone, Copy)]
+pub(super) struct Facing<'a> {
+    pub window: &'a Window,
+    pub hands: &'a HandTrail,
+    pub min_cos: f64,
+}
 
-    /// Updates the extents of the known walls that were detected in this update.
-    pub(super) fn update_feet(&mut self, detections: &[Detection<Plane>]) {
-        let is_same = same_plane(self.middle.unwrap_or_default());
-        let is_seen = |wall: &&Track<Plane>| detections.iter().any(|other| is_same(&other.estimate, &wall.estimate));
-        for wall in self.walls.confirmed().filter(is_seen) {
-            // A new wall was seen by any of the sub-apertures of the window.
-            let blocks = if self.wall_feet.contains_key(&wall.id) { 1 } else { self.window.len() };
-            let wall_feet =
-                self.window.iter().rev().take(blocks).filter_map(|block| self.foot_seen_by(block, &wall.estimate));
-            let Some(seen) = Aabb::around(wall_feet) else { continue };
-            let known = self.wall_feet.entry(wall.id).or_insert(seen);
-            *known = Aabb { min: known.min.min(seen.min), max: known.max.max(seen.max) };
-        }
-    }
-
+impl Facing<'_> {
     /// The foot of the perpendicular on a wall that the newest sub-aperture faces, within range.
     fn foot_in_view(&self, wall: &Plane) -> Option<DVec3> {
-        self.foot_seen_by(self.window.back()?, wall)
+        self.foot_seen_by(self.window.newest()?, wall)
     }
 
     /// Whether a tracked hand masks the wall in the newest sub-aperture.
     fn is_masked_by_hand(&self, wall: &Plane) -> bool {
         let is_hidden = |block: &Subaperture| {
             let range_m = wall.distance(block.middle.translation);
-            hand_masks(block, &self.hands).iter().any(|mask| mask.covers(range_m, 0.0))
+            hand_masks(block, self.hands).iter().any(|mask| mask.covers(range_m, 0.0))
         };
-        self.window.back().is_some_and(is_hidden)
+        self.window.newest().is_some_and(is_hidden)
     }
 
     fn foot_seen_by(&self, block: &Subaperture, wall: &Plane) -> Option<DVec3> {
@@ -72,30 +49,128 @@ impl RoomMapper {
         let in_range = block.geometry().axis.contains(wall.distance(block.middle.translation));
         (squarely && in_range).then(|| wall.foot(block.middle.translation))
     }
+}
+
+/// Plane tracks and where each was seen.
+#[derive(Debug, Default)]
+pub(super) struct WallMap {
+    tracks: TrackList<Plane>,
+    /// By wall: feet of the perpendiculars that it was seen at.
+    feet: BTreeMap<u64, Aabb>,
+    /// By wall: updates since its last detection in which it should have been seen.
+    missed_updates: BTreeMap<u64, u32>,
+    /// What was restored from a saved map.
+    restored: Vec<SavedWall>,
+}
+
+impl WallMap {
+    /// Confirmed tracks.
+    pub fn confirmed(&self) -> impl Iterator<Item = &Track<Plane>> {
+        self.tracks.confirmed()
+    }
+
+    /// The confirmed planes.
+    pub fn planes(&self) -> Vec<Plane> {
+        self.tracks.confirmed().map(|wall| wall.estimate).collect()
+    }
+
+    /// Updates the tracks with an update's detections; returns how many of these counted as hits.
+    pub fn update(&mut self, walls: &[Detection<Plane>], settings: &MapSettings, middle: DVec3) -> usize {
+        let settings = settings.for_planes();
+        self.tracks.update(walls, &settings, same_plane(middle));
+        walls.iter().filter(|wall| settings.is_hit(wall)).count()
+    }
+
+    /// Confirmed walls, by falling evidence.
+    pub fn walls(&self, middle: DVec3) -> Vec<Wall> {
+        let wall = |track: &Track<Plane>| {
+            let foot = track.estimate.foot(middle);
+            Wall {
+                id: track.id,
+                plane: track.estimate,
+                evidence: track.score,
+                seen_at: self.feet.get(&track.id).copied().unwrap_or(Aabb { min: foot, max: foot }),
+                provisional: track.provisional,
+                first_seen_ns: track.first_ns,
+                last_seen_ns: track.last_ns,
+            }
+        };
+        let mut walls: Vec<Wall> = self.tracks.confirmed().map(wall).collect();
+        walls.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.id.cmp(&b.id)));
+        walls
+    }
+
+    /// Updates the extents of the known walls that were detected in this update.
+    pub fn update_feet(&mut self, detections: &[Detection<Plane>], facing: Facing) {
+        let is_same = same_plane(facing.window.middle());
+        let is_seen = |wall: &&Track<Plane>| detections.iter().any(|other| is_same(&other.estimate, &wall.estimate));
+        for wall in self.tracks.confirmed().filter(is_seen) {
+            // A new wall was seen by any of the sub-apertures of the window.
+            let blocks = if self.feet.contains_key(&wall.id) { 1 } else { facing.window.len() };
+            let wall_feet =
+                facing.window.iter().rev().take(blocks).filter_map(|block| facing.foot_seen_by(block, &wall.estimate));
+            let Some(seen) = Aabb::around(wall_feet) else { continue };
+            let known = self.feet.entry(wall.id).or_insert(seen);
+            *known = Aabb { min: known.min.min(seen.min), max: known.max.max(seen.max) };
+        }
+    }
 
     /// Removes walls that were faced in vain. `detections` are the planes detected in this update.
-    pub(super) fn remove_missed_walls(&mut self, detections: &[Detection<Plane>]) {
-        let is_same = same_plane(self.middle.unwrap_or_default());
-        let known: Vec<(u64, Plane)> = self.walls.confirmed().map(|wall| (wall.id, wall.estimate)).collect();
+    pub fn remove_missed(&mut self, detections: &[Detection<Plane>], facing: Facing) {
+        let is_same = same_plane(facing.window.middle());
+        let known: Vec<(u64, Plane)> = self.tracks.confirmed().map(|wall| (wall.id, wall.estimate)).collect();
         for (id, plane) in &known {
             let is_believed = detections.iter().any(|other| is_same(&other.estimate, plane));
-            let is_looked_at = self.foot_in_view(plane).is_some_and(|foot| self.was_seen_near(*id, foot))
-                && !self.is_masked_by_hand(plane);
+            let is_looked_at = facing.foot_in_view(plane).is_some_and(|foot| self.was_seen_near(*id, foot))
+                && !facing.is_masked_by_hand(plane);
             let unseen = self.missed_updates.entry(*id).or_default();
             *unseen = if is_believed { 0 } else { *unseen + u32::from(is_looked_at) };
         }
         let missed_updates = &self.missed_updates;
         let stays = |id: u64| missed_updates.get(&id).is_none_or(|unseen| *unseen < MAX_MISSED_UPDATES);
-        self.walls.retain(|wall| stays(wall.id));
-        self.wall_feet.retain(|id, _| stays(*id));
+        self.tracks.retain(|wall| stays(wall.id));
+        self.feet.retain(|id, _| stays(*id));
         self.missed_updates
             .retain(|id, unseen| *unseen < MAX_MISSED_UPDATES && known.iter().any(|(other, _)| other == id));
+    }
+
+    /// Restores saved walls as provisional. Walls already known are left as they are.
+    pub fn restore(&mut self, saved: &[SavedWall], middle: DVec3) {
+        let is_same = same_plane(middle);
+        for wall in saved {
+            let times = [wall.first_ns, wall.last_ns];
+            let Some(id) = self.tracks.restore(wall.id, wall.plane, wall.score, times, &is_same) else { continue };
+            self.feet.insert(id, wall.seen_at);
+            self.restored.push(SavedWall { id, ..wall.clone() });
+        }
+    }
+
+    /// The walls to save, by id.
+    pub fn saved(&self, middle: DVec3) -> Vec<SavedWall> {
+        let walls = self.walls(middle).into_iter().take(SavedMap::MAX_WALLS).map(|wall| SavedWall {
+            id: wall.id,
+            plane: wall.plane,
+            score: wall.evidence,
+            seen_at: wall.seen_at,
+            first_ns: wall.first_seen_ns,
+            last_ns: wall.last_seen_ns,
+        });
+        let mut walls: Vec<SavedWall> = walls.collect();
+        walls.sort_by_key(|wall| wall.id);
+        walls
+    }
+
+    /// The restored walls that still exist, as they were, for a restart.
+    pub fn take_restored(&mut self) -> Vec<SavedWall> {
+        let mut restored = std::mem::take(&mut self.restored);
+        restored.retain(|wall| self.tracks.confirmed().any(|known| known.id == wall.id));
+        restored
     }
 
     /// Whether a wall was seen near a foot. A wall of unknown extent counts anywhere, else it would
     /// stay for ever.
     fn was_seen_near(&self, wall: u64, foot: DVec3) -> bool {
-        self.wall_feet.get(&wall).is_none_or(|seen_at| {
+        self.feet.get(&wall).is_none_or(|seen_at| {
             seen_at.min.cmple(foot + LATERAL_M).all() && seen_at.max.cmpge(foot - LATERAL_M).all()
         })
     }
@@ -104,7 +179,7 @@ impl RoomMapper {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RoomMapperSettings;
+    use crate::{RoomMapper, RoomMapperSettings};
     use radar_sar::Beam;
     use radar_sar::PositionErrors;
     use radar_sar::test_data::{Echo, sweeps, winding};
@@ -145,9 +220,9 @@ mod tests {
 
     #[test]
     fn wall_without_recorded_feet_can_be_missed_anywhere() {
-        let mut search = RoomMapper::new(RoomMapperSettings::default(), &Beam::Lensless, PositionErrors::default());
+        let mut search = WallMap::default();
         assert!(search.was_seen_near(7, DVec3::new(3.0, 1.0, -2.0)), "else it would never be removed");
-        search.wall_feet.insert(7, Aabb { min: DVec3::ZERO, max: DVec3::X });
+        search.feet.insert(7, Aabb { min: DVec3::ZERO, max: DVec3::X });
         assert!(search.was_seen_near(7, DVec3::new(1.0 + 0.9 * LATERAL_M, 0.0, 0.0)));
         assert!(!search.was_seen_near(7, DVec3::new(1.0 + 1.1 * LATERAL_M, 0.0, 0.0)));
     }

@@ -8,12 +8,12 @@
 //! sweep must be compensated too, because it turns the phase over the pulse: at 0.5 m/s it looks
 //! like a second reflector with up to 4 % of the power.
 //!
-//! Calibration (`examples/pairs.rs calibrate seeds=0..6`; 10 s at 120 sweeps a second, 50, 200 and
-//! all sweeps, 10 to 40 dB, default pose errors). Gain as a share of the first reflector's power:
-//! one corner reflector at most 0.0004 in any of four motions; two equal ones 20 cm apart across
-//! range at least 0.030 (50 cm sphere), 0.069 (50 cm along x), 0.013 (straight approach), 0.0008 to
-//! 0.005 (10 cm sphere, from 20 dB on). The threshold is four times what pose errors leave
-//! unexplained of a pulse, 0.0014 with default errors, and eight sigma of noise.
+//! Calibration (`lab/examples/pairs.rs`, `calibrate seeds=0..6`; 10 s at 120 sweeps a second, 50,
+//! 200 and all sweeps, 10 to 40 dB, default pose errors). Gain as a share of the first reflector's
+//! power: one corner reflector at most 0.0004 in any of four motions; two equal ones 20 cm apart
+//! across range at least 0.030 (50 cm sphere), 0.069 (50 cm along x), 0.013 (straight approach),
+//! 0.0008 to 0.005 (10 cm sphere, from 20 dB on). The threshold is four times what pose errors
+//! leave unexplained of a pulse, 0.0014 with default errors, and eight sigma of noise.
 
 use glam::DVec3;
 

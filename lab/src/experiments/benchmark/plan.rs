@@ -96,7 +96,7 @@ pub struct Plan {
     pub rolling_seeds: u64,
 }
 
-/// Statistics of the benchmark. Not `blocks`: it needs a faster sensor than the preset `fine`.
+/// Statistics of the benchmark. Not `subaperture`: it needs a faster sensor than the preset `fine`.
 const STATISTICS: [Statistic; 5] =
     [Statistic::Thesis, Statistic::Ls, Statistic::Log, Statistic::Glrt, Statistic::Coherent];
 /// Dense volumes with more updates are left out to save time. The second limit applies to `ls`.

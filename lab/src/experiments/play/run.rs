@@ -52,8 +52,8 @@ pub fn play(trial: &PlayTrial, seeds: &[u64], done: impl Fn(u64, &Figures) + Syn
     seeds.par_iter().map(play_one).collect()
 }
 
-/// Plays one session. `on_update` is called after each update of the map with the time, seconds, and the
-/// scored detections.
+/// Plays one session. `on_update` is called after each update of the map with the time, seconds,
+/// and the scored detections.
 pub(in crate::experiments) fn for_each_update(
     session: &Session,
     trial: &PlayTrial,

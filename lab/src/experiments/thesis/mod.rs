@@ -97,8 +97,8 @@ pub const ALL: &[Experiment] = &[
 ];
 
 impl Experiment {
-    /// Runs it with this number of seeds. `progress` is called from time to time with the share that is
-    /// done, 0 to 1.
+    /// Runs it with this number of seeds. `progress` is called from time to time with the share
+    /// that is done, 0 to 1.
     ///
     /// # Errors
     /// A scenario that cannot be simulated.

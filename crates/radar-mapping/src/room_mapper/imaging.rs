@@ -1,0 +1,109 @@
+//! Second stage: the score fields that sub-apertures are summed into.
+
+use glam::DVec3;
+use radar_sar::geometry::{Aabb, Plane};
+use radar_sar::subaperture::{Field, FineField, Peak, PlaneField, PlanePeak, Subaperture};
+
+use super::config::RoomConfig;
+use super::shapes::Shape;
+use super::window::Window;
+use super::{FINE_EDGE_M, PEAK_RADIUS_M};
+use crate::{Detection, Evidence};
+
+/// Coarse, fine and plane scores.
+#[derive(Debug)]
+pub(super) struct Imaging {
+    field: Field,
+    fine: FineField,
+    planes: PlaneField,
+    voxel_m: f64,
+}
+
+impl Imaging {
+    pub fn new(config: &RoomConfig) -> Self {
+        let (settings, min_cos) = (&config.settings, config.min_cos);
+        Self {
+            field: Field::new(settings.blocks, min_cos),
+            fine: FineField::new(settings.fine, settings.blocks, min_cos),
+            planes: PlaneField::new(settings.blocks, settings.blocks.mirror_min_cos(&config.beam)),
+            voxel_m: settings.blocks.voxel_m,
+        }
+    }
+
+    /// (voxel, sweep) pairs summed, and bricks ever in the beam.
+    pub fn work(&self) -> (u64, u64) {
+        (self.field.updates, self.field.brick_count() as u64)
+    }
+
+    /// The scores on fine voxels, where something is.
+    pub fn fine(&self) -> &FineField {
+        &self.fine
+    }
+
+    /// Adds a sub-aperture.
+    pub fn add(&mut self, subaperture: &Subaperture) {
+        self.field.add(subaperture);
+        self.fine.push_subaperture(subaperture);
+        // Walls are looked for in the sub-aperture as it was measured, with the known ones in it.
+        self.planes.add(subaperture.uncancelled());
+    }
+
+    /// A sub-aperture has left the window.
+    pub fn leave(&mut self, subaperture: &Subaperture) {
+        self.fine.pop_subaperture(subaperture);
+    }
+
+    /// Local maxima of planes and points since a time, by falling score.
+    pub fn peaks(&mut self, config: &RoomConfig, since_ns: i64) -> (Vec<PlanePeak>, Vec<Peak>) {
+        let clean = config.settings.explain;
+        let planes = self.planes.peaks(clean.plane_min_score, clean.plane_min_blocks, since_ns);
+        (planes, self.field.peaks(clean.min_candidate_score, PEAK_RADIUS_M, since_ns))
+    }
+
+    /// Every voxel that was ever seen and scores at least `min_score`, the `most` highest.
+    pub fn evidence(&self, min_score: f64, most: usize) -> Evidence {
+        let peaks = self.field.above(min_score, i64::MIN);
+        let voxels = peaks.into_iter().map(|peak| (peak.position_m, peak.score as f32)).collect();
+        Evidence::strongest(self.voxel_m, voxels, most)
+    }
+
+    /// Keeps the fine field around known objects and around detections that may soon be confirmed:
+    /// those that are observable and strong enough.
+    pub fn request_fine(
+        &mut self,
+        known: impl Iterator<Item = DVec3>,
+        detections: &[Detection<DVec3>],
+        config: &RoomConfig,
+    ) {
+        let min_score = config.settings.fine.min_score;
+        let strong = detections.iter().filter(|p| p.observable && p.score >= min_score).map(|p| p.estimate);
+        let points: Vec<DVec3> = known.chain(strong).collect();
+        self.fine.request(&points, FINE_EDGE_M);
+    }
+
+    /// The greatest fine voxel around a point and the shape around it, when the point is imaged
+    /// finely.
+    pub fn fine_maximum(&mut self, at: DVec3, window: &Window) -> Option<(DVec3, Shape)> {
+        let around = Aabb { min: at - FINE_EDGE_M * 0.5, max: at + FINE_EDGE_M * 0.5 };
+        let voxels = self.fine.above_within(&around, 0.0, &window.iter().collect::<Vec<_>>())?;
+        let greatest = voxels.iter().reduce(|a, b| if b.score > a.score { b } else { a })?;
+        Some((greatest.position_m, Shape::of_fine(&voxels)))
+    }
+
+    /// The voxels around a track that score at least three quarters of its score, for where no fine
+    /// voxels are at hand.
+    pub fn coarse_shape(&self, point: DVec3, score: f64) -> Shape {
+        Shape::around(point, score, self.voxel_m, |center| self.field.score_at(center))
+    }
+
+    /// Edge of a coarse voxel, metres.
+    pub fn voxel_m(&self) -> f64 {
+        self.voxel_m
+    }
+}
+
+/// The planes and points to test, of an update's maxima.
+pub(super) fn candidates(planes: &[PlanePeak], peaks: &[Peak], config: &RoomConfig) -> (Vec<Plane>, Vec<DVec3>) {
+    let most = config.settings.explain.max_candidates;
+    (planes.iter().map(|p| p.plane).collect(), peaks.iter().take(most).map(|p| p.position_m).collect())
+}
